@@ -1,0 +1,53 @@
+"""The command line: ``python -m benchmarks [--quick] [--only NAME] [--json] [--side both|ours|c]``."""
+
+import argparse
+import json
+import subprocess
+import sys
+from typing import Any
+
+from benchmarks.cases import CASES, run_case
+from benchmarks.harness import table
+from benchmarks.references import NoCompilerError, compiler
+
+SIDES = {"both": ("ours", "c"), "ours": ("ours",), "c": ("c",)}
+
+
+def _parse(argv: list[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser("python -m benchmarks", description="Our times against hand-written C.")
+    parser.add_argument("--quick", action="store_true", help="shorter runs, fewer rounds")
+    parser.add_argument("--only", metavar="NAME", choices=list(CASES), help=f"one of {', '.join(CASES)}")
+    parser.add_argument("--json", action="store_true", help="rows as JSON on standard output, nothing else there")
+    parser.add_argument("--side", choices=list(SIDES), default="both", help="time one side alone")
+    return parser.parse_args(argv)
+
+
+def _row_of_child(name: str, quick: bool, side: str) -> dict[str, Any]:
+    """Run one case in a fresh process: its first call and its peak memory are then its own."""
+    command = [sys.executable, "-m", "benchmarks", "--only", name, "--side", side, "--json"]
+    done = subprocess.run(command + ["--quick"] * quick, stdout=subprocess.PIPE, text=True, check=True)
+    return json.loads(done.stdout)[0]
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the benchmarks; returns the exit status."""
+    options = _parse(argv)
+    side = options.side
+    if side != "ours":
+        try:
+            compiler()
+        except NoCompilerError as reason:
+            print(f"benchmarks: {reason}", file=sys.stderr)
+            if side == "c":
+                return 1
+            side = "ours"
+    if options.only:
+        rows = [run_case(options.only, options.quick, SIDES[side])]
+    else:
+        rows = [_row_of_child(name, options.quick, side) for name in CASES]
+    print(json.dumps(rows) if options.json else table(rows))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

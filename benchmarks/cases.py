@@ -1,0 +1,83 @@
+"""The cases: what is run, how long, and both sides of it.
+
+Lengths make one run of the C take about half a second; ``--quick`` divides them by eight.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from benchmarks import references
+from benchmarks.harness import Make, compare
+
+QUICK = 8
+ROUNDS, QUICK_ROUNDS = 9, 3
+
+
+class Case(NamedTuple):
+    """One row of the table."""
+
+    unit: str
+    t1: float
+    ours: Callable[[float], Make]
+    reference: Callable[[float], Make]
+
+
+def _ours(name: str, *arguments) -> Callable[[float], Make]:
+    """Our side by name: importing it imports JAX, which the process that only collects rows has no use for."""
+
+    def bind(t1: float) -> Make:
+        from benchmarks import ours
+
+        return getattr(ours, name)(*arguments, t1)
+
+    return bind
+
+
+def _reference(run: Callable[..., references.Result], work: str, *arguments) -> Callable[[float], Make]:
+    """The C side; `work` is the field of the result that counts units."""
+
+    def bind(t1: float) -> Make:
+        def warm() -> dict[str, Any]:
+            result = run(t1, *arguments)
+            exponents = np.sort(result.exponents)[::-1].tolist()
+            return {"exponents": exponents, "events": result.events, "steps": result.steps}
+
+        return lambda: (warm, getattr(run(t1, *arguments), work))
+
+    return bind
+
+
+def _lorenz(every: int, t1: float) -> Case:
+    return Case("step", t1, _ours("lorenz", every), _reference(references.run_lorenz, "steps", every))
+
+
+def _impact(adaptive: bool, t1: float) -> Case:
+    return Case("time", t1, _ours("impact", adaptive), _reference(references.run_impact, "time", adaptive))
+
+
+CASES = {
+    "lorenz_every1": _lorenz(1, 4e4),
+    "lorenz_every10": _lorenz(10, 1e5),
+    "impact_fixed": _impact(False, 8e4),
+    "impact_adaptive": _impact(True, 5e4),
+    "hard_disks_n4": Case("collision", 8e4, _ours("hard_disks"), _reference(references.run_hard_disks, "steps")),
+}
+
+
+def run_case(name: str, quick: bool, sides: tuple[str, ...] = ("ours", "c")) -> dict[str, Any]:
+    """Time one case in this process and return its row.
+
+    Raises:
+        ValueError: if there is no such case.
+    """
+    if name not in CASES:
+        raise ValueError(f"no case {name!r}; the cases are {', '.join(CASES)}.")
+    case = CASES[name]
+    t1 = case.t1 / QUICK if quick else case.t1
+    available = {"ours": case.ours, "c": case.reference}
+    makes = {side: available[side](t1) for side in sides}
+    if "c" in sides:
+        references.library()  # compiled outside the times
+    return compare(name, case.unit, makes, QUICK_ROUNDS if quick else ROUNDS)

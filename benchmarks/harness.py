@@ -1,0 +1,107 @@
+"""Timing: two sides in turn, A B A B …, so that both see the same noise of the machine.
+
+A side is a callable ``make() -> (run, work)``: `make` builds everything and makes the first call, `run` is a warm
+call that returns only when its result is there, `work` is how many units (steps, collisions, units of time) one
+run does. `run` returns a dictionary of what it found, to be shown next to the times.
+"""
+
+import platform
+import resource
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+Run = Callable[[], dict[str, Any]]
+Make = Callable[[], tuple[Run, float]]
+
+
+class Timing(NamedTuple):
+    """Seconds of the warm runs of one side."""
+
+    seconds: list[float]
+    first_call: float
+    work: float
+    found: dict[str, Any]
+
+    @property
+    def minimum(self) -> float:
+        """The fastest run, in ns per unit of work."""
+        return 1e9 * min(self.seconds) / self.work
+
+    @property
+    def median(self) -> float:
+        """The median run, in ns per unit of work."""
+        return 1e9 * statistics.median(self.seconds) / self.work
+
+    def summary(self) -> dict[str, Any]:
+        """As plain data."""
+        return {
+            "ns_min": self.minimum,
+            "ns_median": self.median,
+            "seconds": self.seconds,
+            "first_call_s": self.first_call,
+            "work": self.work,
+            **self.found,
+        }
+
+
+def time_interleaved(makes: dict[str, Make], rounds: int) -> dict[str, Timing]:
+    """Make every side, then time `rounds` warm runs of each, in turn."""
+    runs, works, first_calls, found = {}, {}, {}, {}
+    for name, make in makes.items():
+        start = time.perf_counter()
+        runs[name], works[name] = make()
+        first_calls[name] = time.perf_counter() - start
+    seconds: dict[str, list[float]] = {name: [] for name in makes}
+    for _ in range(rounds):
+        for name, run in runs.items():
+            start = time.perf_counter()
+            found[name] = run()
+            seconds[name].append(time.perf_counter() - start)
+    return {name: Timing(seconds[name], first_calls[name], works[name], found[name]) for name in makes}
+
+
+def peak_memory() -> float:
+    """Peak resident memory of this process so far, in MB."""
+    kilobytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return kilobytes / (1e6 if sys.platform == "darwin" else 1e3)
+
+
+def compare(name: str, unit: str, makes: dict[str, Make], rounds: int) -> dict[str, Any]:
+    """Time the sides "ours" and "c", or the one that is there, and return a row of the table as plain data."""
+    timings = time_interleaved(makes, rounds)
+    row: dict[str, Any] = {"case": name, "unit": unit, "rounds": rounds}
+    row |= {side: timing.summary() for side, timing in timings.items()}
+    if {"ours", "c"} <= timings.keys():
+        row["ratio_min"] = timings["ours"].minimum / timings["c"].minimum
+        row["ratio_median"] = timings["ours"].median / timings["c"].median
+    row["peak_memory_mb"] = peak_memory()
+    row["python"], row["machine"] = platform.python_version(), platform.machine()
+    return row
+
+
+_COLUMNS = ("case", "unit", "ours min", "ours med", "C min", "C med", "ratio min", "ratio med", "1st call s", "MB")
+
+
+def _cells(row: dict[str, Any]) -> list[str]:
+    def number(side: str, key: str, form: str) -> str:
+        return format(row[side][key], form) if side in row else "-"
+
+    times = [number(side, key, ".1f") for side in ("ours", "c") for key in ("ns_min", "ns_median")]
+    ratios = [format(row[key], ".2f") if key in row else "-" for key in ("ratio_min", "ratio_median")]
+    return [row["case"], row["unit"], *times, *ratios, number("ours", "first_call_s", ".2f"), f"{row['peak_memory_mb']:.0f}"]
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """The rows as text; times in ns per unit of work."""
+    lines = [list(_COLUMNS), *map(_cells, rows)]
+    widths = [max(len(line[i]) for line in lines) for i in range(len(_COLUMNS))]
+
+    def aligned(line: list[str]) -> str:
+        left = [cell.ljust(width) for cell, width in zip(line[:2], widths[:2], strict=True)]
+        right = [cell.rjust(width) for cell, width in zip(line[2:], widths[2:], strict=True)]
+        return "  ".join(left + right)
+
+    return "\n".join(map(aligned, lines))

@@ -1,0 +1,95 @@
+"""Our side of the benchmarks: the public interface and nothing else, each run a whole call."""
+
+import functools
+
+import lyaphybrid as lh  # before any use of JAX: it sets the compiler switch
+
+import jax  # isort: skip
+import jax.numpy as jnp  # isort: skip
+import numpy as np
+
+from benchmarks import problems
+from benchmarks.harness import Make, Run
+
+jax.config.update("jax_enable_x64", True)
+
+
+def _found(spectrum) -> dict:
+    """What a run found, as plain data; waits for it."""
+    exponents = np.asarray(jax.block_until_ready(spectrum.exponents))
+    return {"exponents": exponents.tolist(), "events": int(np.asarray(spectrum.jumps)), "status": str(spectrum.status)}
+
+
+def _runner(system, x0, args, **keywords) -> Run:
+    """A call of `lyapunov_spectrum` with everything bound."""
+    spectrum = functools.partial(lh.lyapunov_spectrum, system, jnp.array(x0), args, **keywords)
+    return lambda: _found(spectrum())
+
+
+def lorenz(every: int, t1: float) -> Make:
+    """Lorenz63 by RK4; the work is counted in steps."""
+
+    def make():
+        sigma, rho, beta = problems.LORENZ_PARAMETERS
+        problem = lh.zoo.lorenz63(sigma=sigma, rho=rho, beta=beta)
+        method = lh.RungeKutta(tableau="rk4", dt=problems.LORENZ_DT)
+        run = _runner(
+            problem.system, problems.LORENZ_START, problem.args, t1=t1, transient=0.0, method=method, every=every
+        )
+        run()
+        return run, t1 / problems.LORENZ_DT
+
+    return make
+
+
+def _oscillate(t, x, args):
+    acceleration = jnp.cos(args["omega"] * t) - 2 * args["zeta"] * x[1] - x[0]
+    return jnp.stack([x[1], acceleration])
+
+
+def _gap(t, x, args):
+    return -x[0]
+
+
+def _rebound(t, x, args):
+    return jnp.stack([x[0], -args["restitution"] * x[1]])
+
+
+def impact(adaptive: bool, t1: float) -> Make:
+    """The impact oscillator by RK4 or Dormand–Prince; the work is counted in units of time."""
+
+    def make():
+        # Written out instead of taken from the zoo: the C fixes the signs and the start.
+        system = lh.Hybrid(_oscillate, [lh.Transition(_gap, _rebound)])
+        if adaptive:
+            method = lh.RungeKutta(tableau="dopri5", rtol=problems.IMPACT_RTOL, atol=problems.IMPACT_ATOL)
+            every = problems.IMPACT_EVERY_TIME
+        else:
+            method = lh.RungeKutta(tableau="rk4", dt=problems.IMPACT_DT)
+            every = problems.IMPACT_EVERY
+        run = _runner(
+            system, problems.IMPACT_START, problems.IMPACT_PARAMETERS, t1=t1, transient=0.0, method=method, every=every
+        )
+        run()
+        return run, t1
+
+    return make
+
+
+def hard_disks(t1: float) -> Make:
+    """Four hard disks; the work is counted in collisions."""
+
+    def make():
+        problem = lh.zoo.hard_disks(n=4, density=0.7)
+        run = _runner(
+            problem.system,
+            problems.DISKS_START,
+            problem.args,
+            t1=t1,
+            transient=0.0,
+            method=problem.method,
+            every=problems.DISKS_EVERY,
+        )
+        return run, run()["events"]
+
+    return make

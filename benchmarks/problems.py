@@ -1,0 +1,33 @@
+"""The numbers of the benchmark problems: what both sides, ours and the C, compute."""
+
+import numpy as np
+
+LORENZ_PARAMETERS = (10.0, 28.0, 8 / 3)  # sigma, rho, beta
+LORENZ_START = (1.0, 1.0, 1.0)
+LORENZ_DT = 0.01
+
+# x'' + 2 zeta x' + x = cos(omega t), x <= 0; at the wall v -> -restitution v
+IMPACT_PARAMETERS = {"zeta": 0.05, "omega": 2.8, "restitution": 0.8}
+IMPACT_START = (0.0, -0.5)
+IMPACT_DT = 0.01
+IMPACT_RTOL = 1e-9
+IMPACT_ATOL = 1e-12
+IMPACT_EVERY = 10  # accepted steps; the C counts them with error control too, …
+IMPACT_EVERY_TIME = 0.25  # … ours goes by time there: ten of its steps
+
+# Four disks of diameter and mass 1, kinetic energy 4, total momentum 0, number density 0.7, L_x / L_y = √3/2:
+# (q_0x, q_0y, …, q_3y, p_0x, …, p_3y)
+DISKS_BOX = (2.2245711031688638, 2.5687134504920124)
+DISKS_EVERY = 10  # collisions
+DISKS_START = (
+    *(0.27807138789610797, 0.32108918131150155, 0.27807138789610797, 1.6054459065575077),
+    *(1.3903569394805397, 0.9632675439345046, 1.3903569394805397, 2.247624269180511),
+    *(1.474617456934273, 0.49153915231142425, -0.8192319205190405, 1.3107710728304647),
+    *(-1.1469246887266566, -0.9830783046228485, 0.49153915231142425, -0.8192319205190405),
+)
+
+
+def paired_frame(n: int) -> np.ndarray:
+    """The frame (2n, 2n) with columns e_q1 … e_qn, e_pn … e_p1 that Hamiltonian systems start from."""
+    identity = np.eye(2 * n)
+    return np.concatenate([identity[:, :n], identity[:, : n - 1 : -1]], axis=1)

@@ -1,0 +1,198 @@
+"""The C references: compiled at first use, called through ctypes, checked against known values by `validate`.
+
+Each ``run_…`` function starts from the problem's start and returns a `Result`; nothing is kept between calls.
+"""
+
+import ctypes
+import functools
+import os
+import pathlib
+import shutil
+import subprocess
+import tempfile
+from typing import NamedTuple
+
+import numpy as np
+
+from benchmarks import problems
+
+SOURCES = pathlib.Path(__file__).parent / "c"
+# sqrt of a negative number is never taken here; having to set errno for it would keep loops from vectorising.
+FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-shared", "-fPIC")
+
+_Array = np.ctypeslib.ndpointer(dtype=np.float64, flags="C_CONTIGUOUS")
+_Counts = np.ctypeslib.ndpointer(dtype=np.int64, flags="C_CONTIGUOUS")
+_SIGNATURES = {
+    "lorenz": [ctypes.c_int64] * 2 + [ctypes.c_double] + [_Array] * 4,
+    "impact_fixed": [ctypes.c_double] * 2 + [_Array] * 5 + [_Counts],
+    "impact_adaptive": [ctypes.c_double] * 4 + [_Array] * 5 + [_Counts],
+    "hard_disks": [ctypes.c_double, ctypes.c_int64] + [_Array] * 4 + [ctypes.c_int64, _Array, _Counts],
+}
+
+
+class NoCompilerError(RuntimeError):
+    """There is no C compiler: our times can be measured, ratios cannot."""
+
+
+class Result(NamedTuple):
+    """What one run of a reference returns."""
+
+    sums: np.ndarray  # (k,) Σ ln R_ii
+    x: np.ndarray  # (n,)
+    time: float
+    steps: int  # steps taken, or collisions
+    events: int = 0
+    rejected: int = 0
+    log: tuple = ()  # hard disks: times (m,) and pairs (m, 2) of the first collisions
+
+    @property
+    def exponents(self) -> np.ndarray:
+        """Exponents (k,) per unit time, in the order of the columns."""
+        return self.sums / self.time
+
+
+def compiler() -> str:
+    """The C compiler: $CC, or cc.
+
+    Raises:
+        NoCompilerError: if there is none.
+    """
+    found = shutil.which(os.environ.get("CC", "cc"))
+    if found is None:
+        raise NoCompilerError(
+            "no C compiler was found (cc, or what the environment variable CC names), so that there is nothing"
+            " to compare with: only our own times are reported."
+        )
+    return found
+
+
+@functools.cache
+def library() -> ctypes.CDLL:
+    """The references, compiled for this processor into a folder that is gone once they are loaded."""
+    sources = sorted(str(path) for path in SOURCES.glob("*.c"))
+    with tempfile.TemporaryDirectory() as folder:
+        target = os.path.join(folder, "references.so")
+        done = subprocess.run([compiler(), *FLAGS, *sources, "-o", target, "-lm"], capture_output=True, text=True)
+        if done.returncode != 0:
+            raise RuntimeError(f"the C references do not compile:\n{done.stderr}")
+        loaded = ctypes.CDLL(target)
+    for name, arguments in _SIGNATURES.items():
+        function = getattr(loaded, name)
+        function.argtypes = arguments
+        function.restype = ctypes.c_int64
+    return loaded
+
+
+def run_lorenz(t1: float, every: int, dt: float = problems.LORENZ_DT) -> Result:
+    """Lorenz63 by RK4, with all three columns."""
+    x, frame, sums = np.array(problems.LORENZ_START), np.eye(3), np.zeros(3)
+    parameters = np.array(problems.LORENZ_PARAMETERS)
+    steps = library().lorenz(round(t1 / dt), every, dt, parameters, x, frame, sums)
+    return Result(sums, x, steps * dt, steps)
+
+
+def run_impact(t1: float, adaptive: bool, dt: float = problems.IMPACT_DT) -> Result:
+    """The impact oscillator: RK4 at dt, or Dormand–Prince 5(4) with dt as the first step."""
+    time, x, frame, sums = np.zeros(1), np.array(problems.IMPACT_START), np.eye(2), np.zeros(2)
+    counts = np.zeros(2, dtype=np.int64)
+    parameters = np.array([problems.IMPACT_PARAMETERS[name] for name in ("zeta", "omega", "restitution")])
+    if adaptive:
+        tolerances = (problems.IMPACT_RTOL, problems.IMPACT_ATOL)
+        steps = library().impact_adaptive(t1, dt, *tolerances, parameters, time, x, frame, sums, counts)
+    else:
+        steps = library().impact_fixed(t1, dt, parameters, time, x, frame, sums, counts)
+    return Result(sums, x, float(time[0]), steps, events=int(counts[0]), rejected=int(counts[1]))
+
+
+def run_hard_disks(t1: float, frame: np.ndarray | None = None, log_size: int = 0) -> Result:
+    """Four hard disks, with all sixteen columns; `frame` (16, 16) defaults to the paired one."""
+    x, sums = np.array(problems.DISKS_START), np.zeros(16)
+    frame = np.array(problems.paired_frame(8) if frame is None else frame)
+    times, pairs = np.zeros(log_size), np.zeros((log_size, 2), dtype=np.int64)
+    every, box = problems.DISKS_EVERY, np.array(problems.DISKS_BOX)
+    collisions = library().hard_disks(t1, every, box, x, frame, sums, log_size, times, pairs)
+    return Result(sums, x, t1, collisions, events=collisions, log=(times, pairs))
+
+
+class Check(NamedTuple):
+    """A number of a reference against what is known about it."""
+
+    name: str
+    values: np.ndarray
+    expected: np.ndarray
+    tolerance: float
+
+    @property
+    def passed(self) -> bool:
+        """Whether every value is within the tolerance."""
+        return bool(np.all(np.abs(np.asarray(self.values) - self.expected) <= self.tolerance))
+
+
+def _check_lorenz(every: int) -> list[Check]:
+    exponents = run_lorenz(4e4, every).exponents
+    divergence = -(10 + 1 + 8 / 3)
+    return [
+        Check(f"lorenz, every {every}: exponents", exponents, np.array([0.9059, 0.0, -14.5725]), 0.01),
+        Check(f"lorenz, every {every}: sum", exponents.sum(), np.array(divergence), 5e-4),  # RK4 leaves 1e-4
+    ]
+
+
+def _check_impact(adaptive: bool) -> list[Check]:
+    run = run_impact(1e5, adaptive)
+    name = "impact, adaptive" if adaptive else "impact, fixed"
+    zeta, restitution = problems.IMPACT_PARAMETERS["zeta"], problems.IMPACT_PARAMETERS["restitution"]
+    sum_rule = -2 * zeta + 2 * np.log(restitution) * run.events / run.time
+    return [
+        Check(f"{name}: exponents", run.exponents, np.array([0.15766, -0.47592]), 0.01),
+        Check(f"{name}: sum rule", run.exponents.sum(), np.array(sum_rule), 1e-8),
+    ]
+
+
+def _check_impact_methods() -> list[Check]:
+    fixed, adaptive = run_impact(30.0, adaptive=False, dt=0.001), run_impact(30.0, adaptive=True)
+    return [
+        Check("impact, two methods: state at 30", fixed.x, adaptive.x, 1e-5),
+        Check("impact, two methods: growth to 30", fixed.sums, adaptive.sums, 1e-5),
+    ]
+
+
+# Collisions and the tangent map to 60 digits (mpmath, event by event): ln R_ii of the tangent map over one
+# time unit, from the columns e_1 … e_16.
+_FIRST_TIMES = (
+    *(0.094546778655600907763, 0.13515294243252095216, 0.20491825007574360327, 0.29322262940852650161),
+    *(0.33181681041478999581, 0.37752687442417581174, 0.49745279476951014507, 0.60425429003847874033),
+    *(0.69729993041774298841, 0.77805834514671427261),
+)
+_FIRST_PAIRS = ((0, 2), (1, 3), (0, 1), (1, 3), (0, 2), (1, 2), (1, 2), (1, 2), (0, 1), (2, 3))
+_GROWTH_TO_1 = (
+    *(4.187355042836, 4.592081178211, 3.135435700382, 2.941587785004),
+    *(0.7526395040939, 1.586110901968, 0.6344774675339, 0.5324156025306),
+    *(-0.3148290882603, -0.6473142215733, -0.6030518783066, -1.324248637349),
+    *(-2.830556304074, -4.014463914409, -3.793412449721, -4.834226688866),
+)
+_DISKS_POSITIVE = (4.8824, 4.1314, 3.5469, 3.0547, 2.6269)
+
+
+def _check_hard_disks() -> list[Check]:
+    short, long = run_hard_disks(1.0, np.eye(16), log_size=10), run_hard_disks(1000.0)
+    times, pairs = short.log
+    expected = np.array([*_DISKS_POSITIVE, *[0.0] * 6, *(-np.array(_DISKS_POSITIVE[::-1]))])
+    return [
+        Check("hard disks: first collision times", times, np.array(_FIRST_TIMES), 1e-13),
+        Check("hard disks: first pairs", pairs, np.array(_FIRST_PAIRS), 0),
+        Check("hard disks: growth to 1", short.sums, np.array(_GROWTH_TO_1), 1e-9),
+        # The standard deviation of a run of this length is 0.03.
+        Check("hard disks: exponents", long.exponents, expected, 0.15),
+    ]
+
+
+def validate() -> list[Check]:
+    """Checks of every reference against known values; a few seconds."""
+    return [
+        *_check_lorenz(every=1),
+        *_check_lorenz(every=10),
+        *_check_impact(adaptive=False),
+        *_check_impact(adaptive=True),
+        *_check_impact_methods(),
+        *_check_hard_disks(),
+    ]

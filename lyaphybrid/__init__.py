@@ -1,0 +1,11 @@
+"""Lyapunov exponents of systems that flow and jump."""
+
+from ._compiler import request_single_kernel_loops
+
+request_single_kernel_loops()
+
+from .methods import Diffrax, RungeKutta  # noqa: E402
+from .results import RunFailed, Spectrum  # noqa: E402
+from .spectra import lyapunov_spectrum  # noqa: E402
+from .statuses import STATUS  # noqa: E402
+from .systems import EventDriven, Flow, Hybrid, Map, Transition  # noqa: E402

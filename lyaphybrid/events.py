@@ -1,0 +1,226 @@
+"""Events: which guard, where in the step, and on which side of zero a guard stands after a jump.
+
+Every transition is expanded at construction into *slots*: one falling guard each (direction +1 is negated;
+direction 0 keeps both directions and is never fired by a jump), one list of slots per mode. A slot's `side` is
+the sign that the guard has or is about to have. The guarantee: with at most one extremum of a guard inside an
+accepted step no crossing is missed, because a step is cut at an extremum that might lie beyond zero, so that
+every crossing shows as a change of sign between the ends of a step.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .systems import Hybrid
+
+__all__ = ["Wiring", "by_mode", "arm", "hermite_root", "turning_point", "wire"]
+
+EPS = 2.220446049250313e-16
+
+
+class Wiring(NamedTuple):
+    """A hybrid system's modes and slots; tables have shape (modes, slots) or (modes, clocks)."""
+
+    fields: tuple[Callable, ...]  # per mode: (t, x) -> dx/dt
+    guards: tuple[Callable, ...]  # per mode: (t, x) -> (slots,), all falling
+    projections: tuple[Callable, ...]  # per mode: (t, x, dx) -> dx
+    directed: np.ndarray  # fires only when falling
+    transition: np.ndarray  # transition of a slot
+    component: np.ndarray  # component of a vector guard
+    clocks: tuple[int, ...]  # transitions that are clocks
+    armed: np.ndarray  # (modes, clocks): is the clock armed in the mode
+    resets: tuple[Callable, ...]  # per transition: (t, x, which) -> x
+    targets: tuple[Callable, ...]  # per transition: (mode, t, x, which) -> mode
+    whens: tuple[Callable, ...]  # per mode: (t, x) -> (slots,) bool
+    shared: bool  # some transition asks `when`
+
+    @property
+    def modes(self) -> int:
+        """Number of modes."""
+        return len(self.fields)
+
+    @property
+    def slots(self) -> int:
+        """Number of slots of a mode (the modes with fewer are padded with a guard that is always 1)."""
+        return self.directed.shape[1]
+
+
+def by_mode(mode, functions, *operands):
+    """The function of the present mode: a plain call where there is one mode, else a switch."""
+    if len(functions) == 1:
+        return functions[0](*operands)
+    return jax.lax.switch(mode, functions, *operands)
+
+
+def wire(system: Hybrid, t, x, args) -> Wiring:
+    """Expand a hybrid system into slots; guards are asked for their shapes, nothing is computed."""
+    names, transitions = system.mode_names, system.transitions
+    widths = [_width(j, tr.guard, t, x, args) for j, tr in enumerate(transitions)]
+    per_mode = [
+        [j for j, tr in enumerate(transitions) if not tr.is_clock and _armed(tr, name)] for name in names
+    ]
+    slots = max(1, *(sum(max(1, widths[j]) for j in own) for own in per_mode))
+    directed = np.ones((len(names), slots), bool)
+    transition, component = np.zeros((len(names), slots), np.int32), np.zeros((len(names), slots), np.int32)
+    for q, own in enumerate(per_mode):
+        expanded = [(j, c) for j in own for c in range(max(1, widths[j]))]
+        for i, (j, c) in enumerate(expanded):
+            directed[q, i], transition[q, i], component[q, i] = transitions[j].direction != 0, j, c
+    clocks = tuple(j for j, tr in enumerate(transitions) if tr.is_clock)
+    return Wiring(
+        tuple(_bind_field(field, args) for field in system.fields),
+        tuple(_bind_guards([transitions[j] for j in own], slots, args) for own in per_mode),
+        tuple(_bind_projection(project, args) for project in system.tangent),
+        directed,
+        transition,
+        component,
+        clocks,
+        np.array([[_armed(transitions[j], name) for j in clocks] for name in names], bool).reshape(len(names), -1),
+        tuple(_bind_reset(tr, width, args) for tr, width in zip(transitions, widths, strict=True)),
+        tuple(_bind_target(tr, width, names, args) for tr, width in zip(transitions, widths, strict=True)),
+        tuple(
+            _bind_when([(transitions[j], max(1, widths[j])) for j in own], slots, args) for own in per_mode
+        ),
+        any(tr.when is not None for tr in transitions),
+    )
+
+
+def _armed(transition, name) -> bool:
+    return transition.source is None or name in transition.source
+
+
+def _width(j, guard, t, x, args) -> int:
+    """0 for a scalar guard or a clock, m for a vector guard."""
+    if guard is None:
+        return 0
+    shape = jax.eval_shape(guard, t, x, args).shape
+    if len(shape) > 1 or shape == (0,):
+        raise ValueError(f"The guard of transition {j} must return a scalar or (m,), m ≥ 1; got shape {shape}.")
+    return shape[0] if shape else 0
+
+
+def _bind_field(field, args):
+    return lambda t, x: field(t, x, args)
+
+
+def _bind_guards(transitions, slots, args):
+    def guards(t, x):
+        values = [
+            jnp.atleast_1d(tr.guard(t, x, args)) * (-1.0 if tr.direction > 0 else 1.0) for tr in transitions
+        ]
+        short = slots - sum(v.shape[0] for v in values)
+        return jnp.concatenate([*values, jnp.ones(short, x.dtype)]) if short or len(values) > 1 else values[0]
+
+    return guards
+
+
+def _bind_projection(project, args):
+    return (lambda t, x, dx: dx) if project is None else (lambda t, x, dx: project(t, x, args, dx))
+
+
+def _bind_reset(transition, width, args):
+    if transition.reset is None:
+        return lambda t, x, which: x
+    if width:
+        return lambda t, x, which: transition.reset(t, x, args, which)
+    return lambda t, x, which: transition.reset(t, x, args)
+
+
+def _bind_target(transition, width, names, args):
+    target = transition.target
+    if target is None:
+        return lambda mode, t, x, which: mode
+    if isinstance(target, str):
+        return lambda mode, t, x, which: jnp.full_like(mode, names.index(target))
+    if width:
+        return lambda mode, t, x, which: jnp.asarray(target(t, x, args, which)).astype(mode.dtype)
+    return lambda mode, t, x, which: jnp.asarray(target(t, x, args)).astype(mode.dtype)
+
+
+def _bind_when(transitions, slots, args):
+    def when(t, x):
+        values = [
+            jnp.full(width, True) if tr.when is None else jnp.full(width, tr.when(t, x, args))
+            for tr, width in transitions
+        ]
+        short = slots - sum(v.shape[0] for v in values)
+        return jnp.concatenate([*values, jnp.full(short, True)])
+
+    return when
+
+
+def rates(guards, t, x, f):
+    """The guards (slots,) and their rates along the flow f."""
+    return jax.jvp(guards, (t, x), (jnp.ones_like(t), f))
+
+
+def jets(guards, field, t, x):
+    """The guards, their first and second time derivatives along the field: (slots,) each."""
+
+    def first(t, x):
+        return rates(guards, t, x, field(t, x))
+
+    (g, rate), (_, second) = jax.jvp(first, (t, x), (jnp.ones_like(t), field(t, x)))
+    return g, rate, second
+
+
+def arm(g, rate, second, h, t, fired) -> tuple[Any, Any]:
+    """The side (slots,) on which each guard stands or is about to stand, and the guards with zeros made exact.
+
+    A guard that is zero up to rounding takes its side from its rate, and where that is zero too from its
+    second derivative: the exit from a stick has v = v̇ = 0.
+
+    Args:
+        g, rate, second: the guards' jets.
+        h: the step of the controller, the local scale of time.
+        t: the time, whose rounding enters moving guards.
+        fired: which slot has just fired here (its own root was only found to the accuracy of the flow).
+    """
+    noise = 64 * EPS * jnp.abs(t)
+    loose = jnp.where(fired, 1e-9, 1e-12)
+    curve = 0.5 * jnp.abs(second) * h * h
+    zero = jnp.abs(g) <= loose * jnp.maximum(jnp.abs(rate) * h, curve) + noise * jnp.abs(rate)
+    flat = zero & (jnp.abs(rate) * h <= 1e-8 * curve + noise * jnp.abs(second) * h)
+    side = jnp.where(flat, jnp.sign(second), jnp.where(zero, jnp.sign(rate), jnp.sign(g)))
+    return side, jnp.where(zero, 0.0, g), flat
+
+
+def cubic(theta, g0, d0, g1, d1):
+    """Value and slope at theta of the cubic with values g0, g1 and slopes d0, d1 at theta = 0 and 1."""
+    a = d0 + d1 - 2 * (g1 - g0)
+    b = g1 - g0 - d0 - a
+    return g0 + theta * (d0 + theta * (b + theta * a)), d0 + theta * (2 * b + theta * 3 * a)
+
+
+def turning_point(g0, d0, g1, d1):
+    """The extremum theta in (0, 1) of the cubic whose end slopes differ in sign."""
+    a = 3 * (d0 + d1 - 2 * (g1 - g0))
+    b = 2 * (3 * (g1 - g0) - 2 * d0 - d1)
+    root = jnp.sqrt(jnp.maximum(b * b - 4 * a * d0, 1e-300))
+    q = -0.5 * (b + jnp.where(b >= 0, root, -root))
+    # d0 / q and q / a are the two roots of a θ² + b θ + d0; the slopes' signs say which one lies inside.
+    first = d0 / jnp.where(q == 0, 1e-300, q)
+    second = q / jnp.where(a == 0, 1e-300, a)
+    inside = (first >= 0) & (first <= 1)
+    return jnp.clip(jnp.where(inside, first, second), 0.0, 1.0)
+
+
+def hermite_root(lo, g0, d0, g1, d1):
+    """The root in (lo, 1) of the cubic, by Newton steps kept inside a shrinking bracket."""
+    falling = jnp.sign(g1)  # the sign beyond the root
+
+    def narrow(_, state):
+        left, right, theta = state
+        value, slope = cubic(theta, g0, d0, g1, d1)
+        beyond = value * falling >= 0
+        left, right = jnp.where(beyond, left, theta), jnp.where(beyond, theta, right)
+        newton = theta - value / jnp.where(slope == 0, 1e-300, slope)
+        good = (newton > left) & (newton < right)
+        return left, right, jnp.where(good, newton, 0.5 * (left + right))
+
+    chord = g0 / jnp.where(g0 == g1, 1.0, g0 - g1)
+    start = jnp.where((chord > lo) & (chord < 1), chord, 0.5 * (lo + 1))
+    return jax.lax.fori_loop(0, 12, narrow, (lo, jnp.ones_like(lo), start))[2]

@@ -1,0 +1,6 @@
+"""How a tangent is carried over one step: each method knows its step, and nothing of systems or exponents."""
+
+from .diffrax_solver import Diffrax
+from .runge_kutta import RungeKutta
+
+__all__ = ["Diffrax", "RungeKutta"]

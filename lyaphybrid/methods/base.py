@@ -1,0 +1,73 @@
+"""What a method of integration supplies: one step, its error, and a value inside the step."""
+
+import abc
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+Field = Callable[[Any, Array], Array]  # (t, x) -> dx/dt, args bound
+
+
+class Step(NamedTuple):
+    """One step of a method from (t, x) over h."""
+
+    x: Array  # (n,) at t + h
+    f: Array  # (n,) the field there
+    error: Array  # (estimates, n), linear in the stages: its tangents are the frame's errors
+    dense: Any  # what `Method.inside` needs
+
+
+class Method(eqx.Module):
+    """A one-step method. `step` is a pure function of x, so its derivative is the tangent of the step."""
+
+    rtol: eqx.AbstractVar[Any]
+    atol: eqx.AbstractVar[Any]
+
+    @property
+    @abc.abstractmethod
+    def adaptive(self) -> bool:
+        """Whether the error estimate controls h."""
+
+    @property
+    @abc.abstractmethod
+    def error_order(self) -> int:
+        """The power of h by which the error estimate falls."""
+
+    @abc.abstractmethod
+    def step(self, field: Field, t, x, f, h) -> Step:
+        """One step over h from (t, x), where f = field(t, x)."""
+
+    @abc.abstractmethod
+    def inside(self, dense, theta) -> Array:
+        """The solution (n,) at the fraction theta of the step."""
+
+    @abc.abstractmethod
+    def divergence(self, field: Field, t, x, h) -> Array:
+        """∫ tr Df dt over the step, by a quadrature of the method's order."""
+
+    def ratio(self, error, scale):
+        """The error estimate over what is allowed, as a root mean square; a step passes below 1."""
+        return jnp.sqrt(jnp.mean((error[0] / scale) ** 2) + 1e-40)
+
+    def state_ratio(self, step: Step, x):
+        """`ratio` of the state's error."""
+        return self.ratio(step.error, self.atol + self.rtol * jnp.maximum(jnp.abs(x), jnp.abs(step.x)))
+
+    def frame_ratio(self, errors, frame, new):
+        """The largest `ratio` among the columns, each measured against its own length."""
+
+        def column(error, before, after):
+            length = jnp.sqrt(jnp.mean(jnp.maximum(before**2, after**2)) + 1e-40)
+            return self.ratio(error, jnp.full(before.shape, self.rtol * length + 1e-300))
+
+        return jnp.max(jax.vmap(column, in_axes=-1)(errors, frame, new))
+
+
+def trace(field: Field, t, x):
+    """tr Df at (t, x)."""
+    jacobian = jax.jacfwd(lambda y: field(t, y))(x)
+    return jnp.trace(jacobian)

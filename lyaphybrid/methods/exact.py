@@ -1,0 +1,130 @@
+"""How a tangent moves where the flow is known in closed form and the next event is known exactly."""
+
+import dataclasses
+from typing import Any, ClassVar, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from .. import frames
+from ..propagation import Carry, Clock, Events, Settings, log_event, stop
+from ..saltations import advance_to_instant, instant, push, return_along
+from ..statuses import STATUS
+from ..systems import EventDriven
+
+__all__ = ["Exact"]
+
+
+class Flight(NamedTuple):
+    """Time to the next event, and what it is."""
+
+    dt: Array
+    which: Any
+
+
+@dataclasses.dataclass(frozen=True)
+class Exact:
+    """The mover of event-driven systems: fly to the end of the block, or to the next event and through it."""
+
+    system: EventDriven
+    args: Any
+
+    may_lose_rank: ClassVar[bool] = True
+    loses_rank_between_events: ClassVar[bool] = True
+
+    def begin(self, t, x, mode, h):
+        """The next event is predicted anew from every state; (4,): memory of the events, see `_remember`."""
+        del mode, h
+        return jnp.zeros(4, x.dtype) + 0 * t
+
+    def rebase(self, own, s):
+        """The time of the last event is local to the block."""
+        return own.at[0].add(-s)
+
+    def which_shape(self, t, x):
+        """What an event log stores as `which`: what the user's `next_event` calls it."""
+        return jax.eval_shape(lambda t, x: _integers(self.system.next_event(t, x, self.args)[1]), t, x)
+
+    def branches(self, settings: Settings, clock: Clock):
+        """Fly on, or land."""
+        return [
+            lambda c, flight: self._fly(settings, clock, c),
+            lambda c, flight: self._land(settings, clock, c, flight),
+        ]
+
+    def attempt(self, c: Carry, clock: Clock):
+        """When is the next event?"""
+        dt, which = self.system.next_event(clock.base + c.s, c.x, self.args)
+        dt, which = jnp.asarray(dt, c.x.dtype), _integers(which)
+        # nan is no time: it goes to the landing, which reports it.
+        lands = ~(dt > clock.length - c.s)
+        return lands.astype(jnp.int32), Flight(dt, which)
+
+    def _carried(self, c: Carry, clock: Clock, dt):
+        """The closed-form flow over dt and its tangent."""
+        t = clock.base + c.s
+        x, linear = jax.linearize(lambda x: self.system.flow(dt, t, x, self.args), c.x)
+        return x, jax.vmap(linear, in_axes=-1, out_axes=-1)(c.frame)
+
+    def _count(self, settings: Settings, since, dt, jumps):
+        return since + {"steps": 1.0, "time": dt, "jumps": jumps, "never": 0.0}[settings.cadence.unit]
+
+    def _fly(self, settings: Settings, clock: Clock, c: Carry) -> Carry:
+        dt = clock.length - c.s
+        x, frame = self._carried(c, clock, dt)
+        volume = None if c.volume is None else c.volume + self._flux(c, clock, dt)
+        since = self._count(settings, c.since, dt, 0.0)
+        return c._replace(s=clock.length, x=x, frame=frame, since=since, volume=volume)
+
+    def _flux(self, c: Carry, clock: Clock, dt):
+        """ln|det Dφ| of the flow over dt, which is ∫ tr Df."""
+        matrix = jax.jacfwd(lambda x: self.system.flow(dt, clock.base + c.s, x, self.args))(c.x)
+        return frames.log_abs_det(matrix)
+
+    def _velocity(self, t, x):
+        """The field that the closed-form flow solves: its derivative at dt = 0."""
+        zero = jnp.zeros_like(t)
+        return jax.jvp(lambda dt: self.system.flow(dt, t, x, self.args), (zero,), (jnp.ones_like(t),))[1]
+
+    def _land(self, settings: Settings, clock: Clock, c: Carry, flight: Flight) -> Carry:
+        system, args, which = self.system, self.args, flight.which
+        x, frame = self._carried(c, clock, flight.dt)
+        s = c.s + flight.dt
+        t, n, k = clock.base + s, x.shape[0], frame.shape[1]
+        columns = jnp.concatenate([frame, jnp.eye(n, dtype=x.dtype)], axis=1) if settings.sum_rule else frame
+        before = self._velocity(t, x)
+        gradient, _, rate = instant(lambda t, x: system.guard(t, x, args, which), t, x, before)
+        columns, shift = advance_to_instant(columns, gradient, rate, before)
+        new, columns = push(lambda t, x: system.jump(t, x, args, which), t, x, columns, shift)
+        columns = return_along(columns, self._velocity(t, new), shift)
+        volume = c.volume
+        if volume is not None:
+            volume = volume + self._flux(c, clock, flight.dt) + frames.log_abs_det(columns[:, k:])
+        zero = jnp.asarray(0, jnp.int32)
+        entry = Events(None, t, zero, which, zero, zero, x, new)
+        landed = c._replace(
+            s=s,
+            x=new,
+            frame=columns[:, :k],
+            since=self._count(settings, c.since, flight.dt, 1.0),
+            jumps=c.jumps + 1,
+            volume=volume,
+            log=log_event(c.log, entry),
+        )
+        return self._remember(landed, flight.dt)
+
+    def _remember(self, c: Carry, dt) -> Carry:
+        """Accumulating events (interval, longest interval, streak of short ones), and states gone wrong."""
+        _, _, longest, streak = c.own
+        longest = jnp.maximum(longest, dt)
+        streak = jnp.where(dt < 1e-9 * longest, streak + 1, 0.0)
+        own = jax.lax.stop_gradient(jnp.stack([c.s, dt, longest, streak]))
+        c = stop(c._replace(own=own), STATUS.zeno, streak > 30)
+        return stop(c, STATUS.nonfinite, ~(jnp.all(jnp.isfinite(c.x)) & (dt >= -1e-9 * longest)))
+
+
+def _integers(which):
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf).astype(jnp.int32), which)
+
+

@@ -1,0 +1,53 @@
+"""How a tangent moves under a map: every attempt is one iteration."""
+
+import dataclasses
+from collections.abc import Callable
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+
+from .. import frames
+from ..propagation import Carry, Clock, Settings, stop
+from ..statuses import STATUS
+
+__all__ = ["Iterating"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Iterating:
+    """The mover of maps, and of hybrid systems that only jump. Time counts the iterations."""
+
+    rule: Callable  # (t, x) -> x
+
+    may_lose_rank: ClassVar[bool] = True
+    loses_rank_between_events: ClassVar[bool] = True
+
+    def begin(self, t, x, mode, h):
+        """A map remembers nothing."""
+        del t, x, mode, h
+
+    def rebase(self, own, s):
+        """Nothing is local to the block."""
+        del s
+        return own
+
+    def which_shape(self, t, x):
+        """What an event log stores as `which`."""
+        del t, x
+        return jax.ShapeDtypeStruct((), jnp.int32)
+
+    def branches(self, settings: Settings, clock: Clock):
+        """A map only advances."""
+        return [lambda c, _: self._advance(settings, clock, c)]
+
+    def _advance(self, settings: Settings, clock: Clock, c: Carry) -> Carry:
+        t = clock.base + c.s
+        x, linear = jax.linearize(lambda x: self.rule(t, x), c.x)
+        frame = jax.vmap(linear, in_axes=-1, out_axes=-1)(c.frame)
+        since = c.since + (0.0 if settings.cadence.unit == "never" else 1.0)
+        volume = c.volume
+        if volume is not None:
+            volume = volume + frames.log_abs_det(jax.vmap(linear, out_axes=-1)(jnp.eye(x.shape[0], dtype=x.dtype)))
+        c = c._replace(s=c.s + 1.0, x=x, frame=frame, since=since, jumps=c.jumps + 1, volume=volume)
+        return stop(c, STATUS.nonfinite, ~jnp.all(jnp.isfinite(x)))

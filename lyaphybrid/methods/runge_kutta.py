@@ -1,0 +1,159 @@
+"""Explicit Runge–Kutta methods, stages unrolled so that XLA sees one straight line of arithmetic."""
+
+from typing import Any, NamedTuple
+
+import diffrax
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from . import tableaux
+from .base import Field, Method, Step, trace
+
+__all__ = ["TABLEAUX", "RungeKutta"]
+
+
+class Tableau(NamedTuple):
+    """Coefficients of an explicit method; ``errors`` holds one or two rows of weights of error estimates."""
+
+    a: tuple
+    b: np.ndarray
+    c: tuple
+    errors: tuple
+    order: int  # of the error estimate, as a power of h
+    last_is_next: bool  # the last stage is the field at the end of the step (FSAL)
+
+
+def _from_diffrax(solver: type, order: int) -> Tableau:
+    table = solver.tableau
+    return Tableau(table.a_lower, table.b_sol, tuple(table.c), (table.b_error,), order, table.fsal)
+
+
+TABLEAUX = {
+    "dopri5": _from_diffrax(diffrax.Dopri5, 5),
+    "tsit5": _from_diffrax(diffrax.Tsit5, 5),
+    "dopri8": _from_diffrax(diffrax.Dopri8, 8),
+    "dop853": Tableau(
+        tableaux.DOP853_A,
+        tableaux.DOP853_B,
+        tableaux.DOP853_C,
+        (tableaux.DOP853_E5, tableaux.DOP853_E3),
+        8,
+        False,
+    ),
+    "rk4": Tableau(tableaux.RK4_A, np.array(tableaux.RK4_B), tableaux.RK4_C, (), 4, False),
+}
+
+
+class RungeKutta(Method):
+    """An explicit Runge–Kutta method, adaptive (PI control) or with a fixed step.
+
+    Args:
+        tableau: "dopri5", "tsit5", "dopri8" (Prince–Dormand 8(7)), "dop853" (8(5,3)) or "rk4".
+        rtol: relative tolerance of the local error.
+        atol: absolute tolerance of the local error, in units of x.
+        dt: a fixed step, in units of time; None: adaptive. Steps are still cut at events.
+        control: "xY", the frame's errors are controlled too; "x", the state's alone.
+
+    Raises:
+        ValueError: on an unknown tableau or control, on tolerances or a step that are not positive, and on
+            "rk4" without dt (it has no error estimate).
+
+    Source:
+        J. R. Dormand & P. J. Prince, J. Comput. Appl. Math. 6 (1980) 19, doi:10.1016/0771-050X(80)90013-3;
+        Ch. Tsitouras, Comput. Math. Appl. 62 (2011) 770, doi:10.1016/j.camwa.2011.06.002;
+        E. Hairer, S. P. Nørsett & G. Wanner, Solving ODEs I (1993), doi:10.1007/978-3-540-78862-1.
+
+    Example:
+        >>> import lyaphybrid as lh
+        >>> lh.RungeKutta("rk4", dt=0.01).adaptive
+        False
+    """
+
+    tableau: str = eqx.field(static=True)
+    control: str = eqx.field(static=True)
+    rtol: Any
+    atol: Any
+    dt: Any
+
+    def __init__(
+        self,
+        tableau: str = "dopri5",
+        rtol: Any = 1e-9,
+        atol: Any = 1e-12,
+        dt: Any = None,
+        control: str = "xY",
+    ):
+        if tableau not in TABLEAUX:
+            raise ValueError(f"Unknown tableau {tableau!r}; the tableaux are {sorted(TABLEAUX)}.")
+        if control not in ("x", "xY"):
+            raise ValueError(f"control must be 'xY' (state and frame) or 'x' (state alone); got {control!r}.")
+        if dt is None and not TABLEAUX[tableau].errors:
+            raise ValueError(f"{tableau!r} has no error estimate: give a fixed step, RungeKutta({tableau!r}, dt=…).")
+        for name, value in (("rtol", rtol), ("atol", atol), ("dt", dt)):
+            if isinstance(value, int | float) and not 0 < value < float("inf"):
+                raise ValueError(f"{name} must be positive and finite; got {value!r}.")
+        self.tableau, self.control, self.rtol, self.atol, self.dt = tableau, control, rtol, atol, dt
+
+    @property
+    def adaptive(self) -> bool:
+        """Whether the error estimate controls h."""
+        return self.dt is None
+
+    @property
+    def error_order(self) -> int:
+        """The power of h by which the error estimate falls."""
+        return TABLEAUX[self.tableau].order
+
+    def _stages(self, field: Field, t, x, f, h):
+        """The slopes k_i, and the points (t_i, X_i) where they are taken."""
+        table = TABLEAUX[self.tableau]
+        slopes, points = [f], [(t, x)]
+        for row, c in zip(table.a, table.c, strict=True):
+            point = (t + c * h, x + h * _weigh(row, slopes))
+            points.append(point)
+            slopes.append(field(*point))
+        return slopes, points
+
+    def step(self, field: Field, t, x, f, h) -> Step:
+        """One step over h from (t, x), where f = field(t, x)."""
+        table = TABLEAUX[self.tableau]
+        slopes, points = self._stages(field, t, x, f, h)
+        if table.last_is_next:
+            new, slope = points[-1][1], slopes[-1]
+        else:
+            new = x + h * _weigh(table.b, slopes)
+            slope = field(t + h, new)
+        error = jnp.stack([h * _weigh(row, slopes) for row in table.errors]) if self.adaptive else x[None, :0]
+        return Step(new, slope, error, (x, f, new, slope, h))
+
+    def inside(self, dense, theta):
+        """The cubic Hermite interpolant of the step at the fraction theta."""
+        x0, f0, x1, f1, h = dense
+        return hermite(theta, x0, h * f0, x1, h * f1)
+
+    def ratio(self, error, scale):
+        """The error estimate over what is allowed; for DOP853 the combination of its two estimates."""
+        if len(TABLEAUX[self.tableau].errors) == 1:
+            return super().ratio(error, scale)
+        fifth, third = jnp.mean((error[0] / scale) ** 2), jnp.mean((error[1] / scale) ** 2)
+        return fifth / jnp.sqrt(fifth + 0.01 * third + 1e-40)
+
+    def divergence(self, field: Field, t, x, h):
+        """∫ tr Df dt over the step by the weights b at the stages."""
+        _, points = self._stages(field, t, x, field(t, x), h)
+        traces = [
+            (b, trace(field, *point)) for b, point in zip(TABLEAUX[self.tableau].b, points, strict=True) if b != 0
+        ]
+        return h * sum(float(b) * value for b, value in traces)
+
+
+def hermite(theta, x0, d0, x1, d1):
+    """The cubic with values x0, x1 and slopes d0, d1 (per unit theta) at theta = 0 and 1."""
+    other = 1 - theta
+    return other**2 * ((1 + 2 * theta) * x0 + theta * d0) + theta**2 * ((3 - 2 * theta) * x1 - other * d1)
+
+
+def _weigh(weights, slopes):
+    terms = [float(w) * k for w, k in zip(weights, slopes, strict=False) if w != 0]
+    return sum(terms[1:], terms[0])

@@ -1,0 +1,321 @@
+"""The one loop: Tangent -> step -> event? -> cross -> orthonormalise -> collect.
+
+    block     until its end                      } `advance`: one compiled function, many blocks
+      span    until an orthonormalisation is due }   (LAPACK stands here, outside the innermost loop)
+        step  one attempt of the mover: a real branch per case (reject, advance, locate, land)
+
+A *mover* knows how its kind of system moves: `Stepping` (a field under guards), `Exact` (the next event is
+known), `Iterating` (a map). Everything that needs tangents calls `advance` and says what to collect. Time is
+local to the block: the global time only enters where the user's functions ask for it.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from . import frames
+from .statuses import OK, RUNNING
+
+__all__ = ["Carry", "Cadence", "Events", "Record", "Settings", "advance", "begin", "restart"]
+
+
+class Cadence(NamedTuple):
+    """When an orthonormalisation is due: after so much of a unit since the last one."""
+
+    unit: str  # "steps" | "time" | "jumps" | "never"
+    automatic: bool  # lengthen and shorten the interval from the growth that is seen
+
+
+class Settings(NamedTuple):
+    """What is fixed at compile time."""
+
+    mover: Any
+    cadence: Cadence
+    kind: str  # of orthonormalisation
+    sum_rule: bool  # ∫ tr Df and Σ ln|det S| are collected
+    log: int  # room for so many events; 0: none are kept
+    count_jumps: bool  # a block may end by its number of jumps
+    collect: Callable  # (t, carry) -> what is recorded at the end of a block
+
+
+class Events(NamedTuple):
+    """The log of events, `count` of which are filled; time is local until the block's end."""
+
+    count: Array
+    t: Array
+    transition: Array
+    which: Any
+    mode_before: Array
+    mode_after: Array
+    x_before: Array
+    x_after: Array
+
+
+class Carry(NamedTuple):
+    """The state of the innermost loop. What a run does not need is None, and costs nothing."""
+
+    s: Array  # time since the start of the block
+    x: Array  # (n,)
+    frame: Array  # (n, k)
+    since: Array  # steps, time or jumps since the last orthonormalisation
+    budget: Array  # attempts left before control returns to the host; 0 also where the run has ended
+    status: Array
+    jumps: Array
+    growth: Array  # (k,) Σ ln R_ii of the block
+    volume: Array | None  # ∫ tr Df + Σ ln|det S| of the block
+    losses: Array | None  # (k,)
+    first_loss: Array | None  # (k,), time of the first loss of each column, nan before
+    order: Array | None  # (k, k) permutation of the columns within the block
+    own: Any  # the mover's
+    log: Events | None
+
+
+class Journey(NamedTuple):
+    """What changes only from block to block."""
+
+    carry: Carry
+    base: Array  # (2,) time at the start of the block: rounded, and what rounding left over
+    elapsed: Array  # time since the run began
+    block: Array  # number of blocks done
+    interval: Array  # between orthonormalisations
+    spread: Array  # largest ln(R_11 / R_kk) of one orthonormalisation
+
+
+class Record(NamedTuple):
+    """One block's harvest; `valid` is False where the block was not finished in this call."""
+
+    valid: Array
+    duration: Array
+    jumps: Array
+    growth: Array
+    volume: Any
+    losses: Any
+    order: Any
+    collected: Any
+
+
+class Clock(NamedTuple):
+    """What the mover sees of time: the base of the block, its length, and its last jump."""
+
+    base: Array
+    rest: Array  # what rounding the base left over
+    length: Array
+    last_jump: Array
+
+
+def begin(settings: Settings, t0, x, frame, mode, h, interval) -> Journey:
+    """The start of a run at (t0, x) with the given frame and mode; h: the mover's first step (None: guessed)."""
+    k = frame.shape[1]
+    zero, none = jnp.zeros_like(t0), jnp.zeros(k, x.dtype)
+    tracks = settings.mover.may_lose_rank and k > 0
+    carry = Carry(
+        s=zero,
+        x=x,
+        frame=frame,
+        since=zero,
+        budget=jnp.asarray(0, jnp.int32),
+        status=jnp.asarray(RUNNING, jnp.int32),
+        jumps=jnp.asarray(0, jnp.int32),
+        growth=none,
+        volume=zero if settings.sum_rule else None,
+        losses=jnp.zeros(k, jnp.int32) if tracks else None,
+        first_loss=jnp.full(k, jnp.nan, x.dtype) if tracks else None,
+        order=jnp.eye(k, dtype=x.dtype) if tracks else None,
+        own=settings.mover.begin(t0, x, mode, h),
+        log=_empty_log(settings, t0, x) if settings.log else None,
+    )
+    return Journey(carry, jnp.stack([t0, zero]), zero, jnp.asarray(0, jnp.int32), interval, zero)
+
+
+def _empty_log(settings: Settings, t, x) -> Events:
+    room = settings.log
+    integers = jnp.zeros(room, jnp.int32)
+    which = jax.tree.map(lambda leaf: jnp.zeros(room, leaf.dtype), settings.mover.which_shape(t, x))
+    points = jnp.zeros((room, *x.shape), x.dtype)
+    times = jnp.zeros(room, x.dtype)
+    return Events(jnp.asarray(0, jnp.int32), times, integers, which, integers, integers, points, points)
+
+
+def advance(settings: Settings, journey: Journey, ends, last_jumps, budget) -> tuple[Journey, Record]:
+    """Go on with the blocks that are not done, until they are, or the budget of attempts is spent.
+
+    Args:
+        settings: static.
+        journey: where the run stands.
+        ends: (blocks,) end of each block, in time since the run began (inf where jumps alone end it).
+        last_jumps: (blocks,) number of jumps, counted from the start, that ends the block too.
+        budget: attempts.
+    """
+    budget = jnp.where(_running(journey), budget, 0)
+    journey = journey._replace(carry=journey.carry._replace(budget=budget))
+
+    def one(journey, block):
+        return _block(settings, journey, *block)
+
+    return jax.lax.scan(one, journey, (jnp.arange(ends.shape[0]), ends, last_jumps))
+
+
+def _running(journey: Journey):
+    return journey.carry.status == RUNNING
+
+
+def _block(settings: Settings, journey: Journey, index, end, last_jump):
+    """One block; or nothing where it was done before, the budget is spent or the run is over."""
+    clock = Clock(journey.base[0], journey.base[1], end - journey.elapsed, last_jump)
+    todo = (journey.block == index) & (journey.carry.budget > 0)
+
+    def inside(carry):
+        within = carry.s < clock.length
+        if settings.count_jumps:
+            within = within & (carry.jumps < clock.last_jump)
+        return within & (carry.budget > 0)
+
+    def span(state):
+        carry, interval, spread = state
+        carry = jax.lax.while_loop(
+            lambda c: inside(c) & _not_due(settings, c, interval), lambda c: _attempt(settings, c, clock), carry
+        )
+        return _tidy(settings, carry, clock, interval, spread)
+
+    # A block always runs once through: what is not to be done is stopped by the budget.
+    start = journey.carry._replace(budget=jnp.where(todo, journey.carry.budget, 0))
+    state = (start, journey.interval, journey.spread)
+    carry, interval, spread = jax.lax.while_loop(lambda s: inside(s[0]), span, state)
+    over = carry.s >= clock.length
+    if settings.count_jumps:
+        over = over | (carry.jumps >= clock.last_jump)
+    done = todo & ((over & (carry.status == RUNNING)) | (carry.status > OK))
+    record = Record(
+        done,
+        carry.s,
+        carry.jumps,
+        carry.growth,
+        carry.volume,
+        carry.losses,
+        carry.order,
+        settings.collect(clock.base + carry.s, carry),
+    )
+    carry = carry._replace(budget=jnp.where(todo, carry.budget, journey.carry.budget))
+    here = Journey(carry, journey.base, journey.elapsed, journey.block, interval, spread)
+    return _select(done, _next_block(settings, here), here), record
+
+
+def _select(condition, yes, no):
+    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
+
+
+def _not_due(settings: Settings, carry: Carry, interval):
+    return True if settings.cadence.unit == "never" else carry.since < interval
+
+
+def _attempt(settings: Settings, carry: Carry, clock: Clock) -> Carry:
+    """One attempt of the mover, then the branch of its case: a real branch for one lane, a select under vmap."""
+    branches = settings.mover.branches(settings, clock)
+    carry = carry._replace(budget=carry.budget - 1)
+    if len(branches) == 1:
+        return branches[0](carry, None)
+    case, trial = settings.mover.attempt(carry, clock)
+    return jax.lax.switch(case, branches, carry, trial)
+
+
+def _tidy(settings: Settings, carry: Carry, clock: Clock, interval, spread):
+    """Orthonormalise where it is due, and at the end of the block so that the sum rule closes."""
+    if settings.cadence.unit == "never" or carry.frame.shape[1] == 0:
+        return carry, interval, spread
+    before = carry.growth
+    lost_below = frames.LOST if settings.mover.loses_rank_between_events else 0.0
+    carry = harvest(settings, carry, lambda v: v, clock.base + carry.s, lost_below)
+    gained = carry.growth - before
+    seen = jnp.max(gained) - jnp.min(gained)
+    spread = jnp.maximum(spread, seen)
+    if settings.cadence.automatic:
+        # Aim at a spread of e^4 per orthonormalisation: eight digits are left for the smallest exponent.
+        full = carry.since >= interval
+        wanted = jnp.clip(4.0 * interval / jnp.maximum(seen, 1e-3), 0.5 * interval, 2 * interval)
+        wanted = jax.lax.stop_gradient(wanted)
+        interval = jnp.where(full | (wanted < interval), jnp.clip(jnp.floor(wanted), 1.0, 1000.0), interval)
+    return carry._replace(since=jnp.zeros_like(carry.since)), interval, spread
+
+
+def harvest(settings: Settings, carry: Carry, project, t, lost_below: float) -> Carry:
+    """Orthonormalise the frame and add ln R_ii to the growth; count what was lost and replace it."""
+    kind = settings.kind if lost_below == 0.0 or settings.kind != "cholesky" else "mgs"
+    frame, log_r, lost = frames.orthonormalise(carry.frame, kind, lost_below)
+    carry = carry._replace(frame=frame, growth=carry.growth + log_r)
+    if carry.losses is None:
+        return carry
+    live = jnp.sum(frame * frame, axis=0) > 0.5
+
+    def replace(carry, lost, live):
+        frame, permutation = frames.refill(carry.frame, project, live)
+        count = jnp.sum(live)
+        places = jnp.arange(live.shape[0])
+        now = (places >= count) & (places < count + jnp.sum(lost))
+        first = jnp.where(jnp.isnan(carry.first_loss) & now, t, carry.first_loss)
+        return carry._replace(
+            frame=frame,
+            growth=jnp.sum(permutation * carry.growth[None, :], axis=1),
+            losses=carry.losses + now,
+            first_loss=first,
+            order=jnp.sum(permutation[:, :, None] * carry.order[None, :, :], axis=1),
+        )
+
+    return jax.lax.cond(jnp.all(live), lambda c, *_: c, replace, carry, lost, live)
+
+
+def _next_block(settings: Settings, journey: Journey) -> Journey:
+    """Rebase time to the end of the block (two-sum: no digit is lost) and start new sums."""
+    carry, (high, low) = journey.carry, (journey.base[0], journey.base[1])
+    total = high + carry.s
+    back = total - high
+    low = low + ((high - (total - back)) + (carry.s - back))
+    def cleared(sums):
+        return None if sums is None else jnp.zeros_like(sums)
+
+    carry = carry._replace(
+        s=jnp.zeros_like(carry.s),
+        growth=cleared(carry.growth),
+        volume=cleared(carry.volume),
+        order=None if carry.order is None else jnp.eye(carry.order.shape[0], dtype=carry.order.dtype),
+        own=settings.mover.rebase(carry.own, carry.s),
+    )
+    base, elapsed = jnp.stack([total, low]), journey.elapsed + journey.carry.s
+    return Journey(carry, base, elapsed, journey.block + 1, journey.interval, journey.spread)
+
+
+def restart(journey: Journey) -> Journey:
+    """Forget what was counted so far (time, jumps, losses): a new run begins where this one stands.
+
+    The status stays: what has ended stays ended.
+    """
+    carry = journey.carry._replace(jumps=jnp.zeros_like(journey.carry.jumps))
+    if carry.losses is not None:
+        carry = carry._replace(
+            losses=jnp.zeros_like(carry.losses), first_loss=jnp.full_like(carry.first_loss, jnp.nan)
+        )
+    nothing = jnp.zeros_like(journey.elapsed)
+    return Journey(carry, journey.base, nothing, jnp.zeros_like(journey.block), journey.interval, nothing)
+
+
+def log_event(log: Events | None, entry: Events) -> Events | None:
+    """Append one event (its `count` is ignored); the caller sees to it that there is room."""
+    if log is None:
+        return None
+
+    def put(buffer, value):
+        return buffer.at[log.count].set(value)
+
+    filled = jax.tree.map(put, log._replace(count=None), entry._replace(count=None))
+    return filled._replace(count=log.count + 1)
+
+
+def stop(carry: Carry, status, when=True) -> Carry:
+    """End the run with a status where `when` holds."""
+    ends = jnp.asarray(when) & (carry.status == RUNNING)
+    return carry._replace(
+        status=jnp.where(ends, jnp.asarray(status, jnp.int32), carry.status),
+        budget=jnp.where(ends, 0, carry.budget),
+    )

@@ -1,0 +1,195 @@
+"""Results: the Lyapunov spectrum with its error bars, its history and the verdict on the run."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from .statuses import STATUS
+
+__all__ = ["History", "RunFailed", "Spectrum"]
+
+UNRESOLVED = 25.0  # ln(R_11/R_kk) per orthonormalisation beyond which R_kk is rounding (facts: e^25 of 1/ε)
+
+
+class RunFailed(RuntimeError):
+    """A run ended before its time; ``.result`` holds everything computed so far."""
+
+    def __init__(self, status: STATUS, detail: str, result: Any):
+        super().__init__(f"{status}. {detail} The result so far is in `.result` of this error; throw=False returns it.")
+        self.status, self.result = status, result
+
+
+class History(eqx.Module):
+    """How a spectrum converged, block by block; nan where a block was not reached."""
+
+    time: Array  # (blocks,) in units of the clock, counted from the end of the transient
+    exponents: Array  # (blocks, k) running
+    growth: Array  # (blocks, k) Σ ln R_ii of each block
+
+
+class Spectrum(eqx.Module):
+    """Lyapunov exponents, their errors, and what else a run has to say.
+
+    Attributes:
+        exponents: (k,) per unit of the clock, descending; -inf where a jump destroyed the direction.
+        stderr: (k,) one standard error; `error_kind` says from what: "blocks" or "replicates".
+        time, jumps: length of the run after the transient (of several runs, the mean).
+        upper, lower: (k,) bounds of the running exponents over the second half.
+        losses, loss_rate, first_loss: (k,) how often a column was lost (all runs), per time, and when first (nan: never).
+        finite_exponents: (k,) the growth without the moments of loss; equal to `exponents` where nothing was lost.
+        min_transversality: least |sin| of the angle between flow and guard at an event; inf without events.
+        history: time, exponents (running), growth (per block).
+        x, t, mode, frame: the state at the end: a run goes on from there.
+        replicates: (m, k) exponents of each run, or None.
+    """
+
+    exponents: Array
+    stderr: Array
+    finite_exponents: Array
+    time: Array
+    jumps: Array
+    upper: Array
+    lower: Array
+    losses: Array
+    first_loss: Array
+    history: History
+    x: Array
+    t: Array
+    mode: Array
+    frame: Array
+    replicates: Array | None
+    min_transversality: Array
+    accumulation_time: Array
+    status_code: Array
+    flags: Array  # (3,) grazing, simultaneous, interrupted
+    spread: Array
+    residual: Array | None
+    error_kind: str = eqx.field(static=True)
+    clock: str = eqx.field(static=True)
+    mode_names: tuple[str, ...] = eqx.field(static=True)
+
+    @property
+    def status(self) -> STATUS | Array:
+        """The verdict; of several runs the gravest. Under a transformation the bare code."""
+        code = jnp.max(self.status_code)
+        return code if isinstance(code, jax.core.Tracer) else STATUS(int(code))
+
+    @property
+    def notes(self) -> frozenset[str]:
+        """Information that comes with any verdict."""
+        grazing, simultaneous, interrupted = np.any(np.atleast_2d(self.flags), axis=0)
+        found = {
+            "rank_lost": bool(np.any(np.asarray(self.losses) > 0)),
+            "grazing": bool(grazing),
+            "simultaneous": bool(simultaneous),
+            "interrupted": bool(interrupted),
+            "unresolved": bool(np.any(np.asarray(self.spread) > UNRESOLVED)),
+        }
+        return frozenset(name for name, seen in found.items() if seen)
+
+    @property
+    def loss_rate(self) -> Array:
+        """(k,) losses per unit of the clock, of all runs together."""
+        runs = 1 if self.replicates is None else self.replicates.shape[0]
+        return self.losses / (runs * self.time)
+
+    @property
+    def sum_rule_residual(self) -> Array | None:
+        """|Σ λ - (mean divergence + mean ln|det S|)|; None where k < n or something was lost."""
+        if self.residual is None:
+            return None
+        if not isinstance(self.losses, jax.core.Tracer) and np.any(np.asarray(self.losses) > 0):
+            return None
+        return self.residual
+
+    def kaplan_yorke_dimension(self) -> Array:
+        """j + Σ_{i≤j} λ_i / |λ_{j+1}| with the largest j whose sum is not negative (Kaplan & Yorke 1979)."""
+        sums = jnp.cumsum(jnp.where(jnp.isfinite(self.exponents), self.exponents, -1e300))
+        j = jnp.sum(jnp.cumprod(sums >= 0))
+        k = self.exponents.shape[0]
+        last = jnp.where(j > 0, sums[jnp.maximum(j - 1, 0)], 0.0)
+        following = jnp.abs(self.exponents[jnp.minimum(j, k - 1)])
+        return jnp.where(j >= k, float(k), j + jnp.where(j > 0, last / following, 0.0))
+
+    def ks_entropy(self) -> Array:
+        """The sum of the positive exponents (Pesin: the Kolmogorov–Sinai entropy of an SRB measure)."""
+        return jnp.sum(jnp.where(self.exponents > 0, self.exponents, 0.0))
+
+    def per_jump(self) -> Array:
+        """(k,) exponents per jump instead of per unit of the clock."""
+        return self.exponents * jnp.mean(self.time) / jnp.mean(self.jumps)
+
+    def plot(self, ax=None, kind: str = "spectrum"):
+        """The spectrum against its index, or (kind="convergence") its history in time."""
+        from . import plots
+
+        return plots.convergence(self, ax) if kind == "convergence" else plots.spectrum(self, ax)
+
+    def to_xarray(self):
+        """The spectrum as an `xarray.Dataset` (extra "sweep")."""
+        try:
+            import xarray
+        except ImportError as error:
+            raise ImportError("Spectrum.to_xarray needs xarray: pip install 'lyaphybrid[sweep]'.") from error
+        index = np.arange(1, self.exponents.shape[0] + 1)
+        variables = {
+            name: ("exponent", np.asarray(getattr(self, name)))
+            for name in ("exponents", "stderr", "finite_exponents", "upper", "lower", "losses", "first_loss")
+        }
+        variables["history"] = (("block", "exponent"), np.asarray(self.history.exponents))
+        coordinates = {"exponent": index, "time": ("block", np.asarray(self.history.time))}
+        attributes = {
+            "status": str(self.status),
+            "notes": sorted(self.notes),
+            "error_kind": self.error_kind,
+            "clock": self.clock,
+            "time": float(jnp.mean(self.time)),
+            "jumps": float(jnp.mean(self.jumps)),
+        }
+        return xarray.Dataset(variables, coordinates, attributes)
+
+    def __str__(self) -> str:
+        if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(self)):
+            return "Spectrum(under a transformation)"
+        return _table(self)
+
+    __repr__ = __str__
+
+
+UNIT = {"time": "unit of time", "jumps": "jump", "hybrid": "unit of max(t, j)"}
+
+
+def _table(s: Spectrum) -> str:
+    """A spectrum as a physicist writes it: value(error in the last digits)."""
+    runs = "" if s.replicates is None else f", {s.replicates.shape[0]} runs"
+    length = f"t = {float(jnp.mean(s.time)):.6g}, {float(jnp.mean(s.jumps)):.6g} jumps{runs}"
+    lines = [f"Lyapunov spectrum per {UNIT[s.clock]} ({length}; errors from {s.error_kind})"]
+    values, errors, losses = (np.asarray(a) for a in (s.exponents, s.stderr, s.losses))
+    for i, (value, error) in enumerate(zip(values, errors, strict=True)):
+        line = f"  λ{i + 1:<3d} {with_error(value, error):>18s}"
+        if losses[i] > 0:
+            rate, finite = np.asarray(s.loss_rate)[i], np.asarray(s.finite_exponents)[i]
+            line += f"   lost {losses[i]:.0f} times, {rate:.4g} per unit; finite part {finite:.6g}"
+        lines.append(line)
+    total = f"  sum {float(jnp.sum(s.exponents)):.6g}"
+    if s.sum_rule_residual is not None:
+        total += f", sum rule to {float(jnp.max(s.sum_rule_residual)):.1e}"
+    lines.append(f"{total}; Kaplan–Yorke dimension {float(s.kaplan_yorke_dimension()):.4f}")
+    lines.append(f"  status {s.status}" + (f"; notes: {', '.join(sorted(s.notes))}" if s.notes else ""))
+    return "\n".join(lines)
+
+
+def with_error(value: float, error: float) -> str:
+    """0.90587(15): two digits of the error, in units of the last digits shown."""
+    if not np.isfinite(value):
+        return "-inf" if value < 0 else str(value)
+    if not np.isfinite(error) or error <= 0:
+        return f"{value:.12g}"
+    digits = max(0, 1 - int(np.floor(np.log10(error))))
+    if digits > 12:
+        return f"{value:.12f}"
+    return f"{value:.{digits}f}({error * 10**digits:.0f})" if digits else f"{value:.0f}({error:.0f})"

@@ -1,0 +1,314 @@
+"""Runs: from a system and its arguments to the one compiled loop, and the host that drives it.
+
+Eager, the host calls the compiled `advance` again and again with a budget of attempts that takes about a third
+of a second: between two calls there is room for progress, Ctrl-C and checks, and nothing computed is lost.
+Traced (under jit, vmap, grad) it is called once.
+"""
+
+import time
+import warnings
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from . import propagation
+from .events import Wiring, wire
+from .methods import Diffrax, RungeKutta
+from .methods.base import Method
+from .methods.exact import Exact
+from .methods.iterate import Iterating
+from .methods.stepping import Stepping
+from .propagation import Cadence, Journey, Settings
+from .statuses import STATUS
+from .systems import EventDriven, Flow, Hybrid, Map
+
+__all__ = ["Plan", "Problem", "drive", "prepare", "start", "mode_names"]
+
+FOREVER = 2**31 - 1
+SECONDS_PER_CALL = 0.3
+
+
+class Problem(NamedTuple):
+    """What is computed: traced where it is an array, static where it is a function."""
+
+    system: Any
+    method: Any
+    args: Any
+
+
+class Plan(NamedTuple):
+    """How it is computed: all static."""
+
+    cadence: Cadence
+    kind: str
+    sum_rule: bool
+    log: int
+    count_jumps: bool
+    batched: bool
+    collect: Callable
+
+
+def nothing(t, carry):
+    """Collect nothing at the ends of blocks."""
+    del t, carry
+
+
+def first_losses(t, carry):
+    """Collect when each column was first lost; None where nothing can be."""
+    del t
+    return carry.first_loss
+
+
+def point(t, carry):
+    """Collect the time, the state, the mode and the number of jumps at the ends of blocks."""
+    return t, carry.x, mode_of(carry), carry.jumps
+
+
+def mode_of(carry):
+    """The index of the present mode."""
+    mode = getattr(carry.own, "mode", None)
+    return jnp.zeros((), jnp.int32) if mode is None else mode
+
+
+def mode_names(system) -> tuple[str, ...]:
+    """The names of a system's modes."""
+    return system.mode_names if isinstance(system, Hybrid) else ("flow",)
+
+
+def prepare(system, x0, args, t0, method, mode) -> tuple[Problem, Any, Any, Any]:
+    """Check what the user gave, before any computing; -> problem, x0, t0, index of the mode."""
+    if not isinstance(system, Flow | Map | Hybrid | EventDriven):
+        raise ValueError(
+            f"system must be an lh.Flow, lh.Map, lh.Hybrid or lh.EventDriven; got {type(system).__name__}. "
+            "Wrap a function: lh.Flow(field)."
+        )
+    x0 = _state(x0)
+    t0 = jnp.asarray(t0, x0.dtype)
+    problem = Problem(system, _method_for(system, method), args)
+    _check_functions(system, jax.ShapeDtypeStruct(x0.shape[-1:], x0.dtype), args)
+    return problem, x0, t0, _mode_index(system, mode)
+
+
+def _state(x0):
+    if any(np.iscomplexobj(leaf) for leaf in jax.tree.leaves(x0)):
+        raise ValueError("x0 must be real; write a complex state as its real and imaginary parts.")
+    x0 = jnp.asarray(x0)
+    x0 = x0 if jnp.issubdtype(x0.dtype, jnp.floating) else x0.astype(float)
+    if x0.ndim not in (1, 2) or 0 in x0.shape:
+        raise ValueError(f"x0 must have shape (n,), or (m, n) for m runs at once; got {x0.shape}.")
+    if not isinstance(x0, jax.core.Tracer) and not np.all(np.isfinite(x0)):
+        raise ValueError(f"x0 must be finite; got {x0}.")
+    if x0.dtype == jnp.float32:
+        warnings.warn(
+            "x0 is float32: exponents will carry about four digits and events may be missed. For float64 set "
+            "jax.config.update('jax_enable_x64', True) before the first array is made.",
+            stacklevel=4,
+        )
+    return x0
+
+
+def _method_for(system, method):
+    if isinstance(system, Flow) or (isinstance(system, Hybrid) and system.fields is not None):
+        if method is None:
+            return RungeKutta()
+        if not isinstance(method, Method):
+            raise ValueError(f"A system that flows needs lh.RungeKutta or lh.Diffrax as method; got {method!r}.")
+        return method
+    if method is not None:
+        kind = "A map is iterated" if isinstance(system, Map | Hybrid) else "An lh.EventDriven flow is exact"
+        raise ValueError(f"{kind}: it takes no method; got {method!r}. Leave method=None.")
+    return None
+
+
+def _mode_index(system, mode):
+    names = mode_names(system)
+    if mode is None:
+        if len(names) > 1:
+            raise ValueError(f"This system has the modes {list(names)}: say which one it starts in, mode=….")
+        return 0
+    if isinstance(mode, str):
+        if mode not in names:
+            raise ValueError(f"Unknown mode {mode!r}; the modes are {list(names)}.")
+        return names.index(mode)
+    if isinstance(mode, int) and not 0 <= mode < len(names):
+        raise ValueError(f"mode {mode} is out of range; the modes are {list(names)}.")
+    return mode
+
+
+def _check_functions(system, x, args) -> None:
+    """Ask the user's functions for the shapes they return."""
+    t = jax.ShapeDtypeStruct((), x.dtype)
+    named: list[tuple[str, Callable]] = []
+    if isinstance(system, Flow):
+        named = [("field", system.field)]
+    elif isinstance(system, Map):
+        named = [("rule", system.rule)]
+    elif isinstance(system, Hybrid) and system.fields is not None:
+        named = [(f"field of mode {m!r}", f) for m, f in zip(system.mode_names, system.fields, strict=True)]
+    for name, function in named:
+        shape = getattr(jax.eval_shape(function, t, x, args), "shape", None)
+        if shape != x.shape:
+            raise ValueError(f"The {name} must return an array of x's shape {x.shape}; it returned {shape}.")
+
+
+def mover_of(problem: Problem, t, x):
+    """The mover of a problem, made while tracing: its functions have `args` bound."""
+    system, method, args = problem
+    if isinstance(system, Map):
+        return Iterating(lambda n, x: system.rule(n, x, args))
+    if isinstance(system, EventDriven):
+        return Exact(system, args)
+    if isinstance(system, Flow):
+        empty = np.zeros((1, 0), np.int32)
+        fields = (lambda t, x: system.field(t, x, args),)
+        wiring = Wiring(fields, (), (), empty, empty, empty, (), empty, (), (), (), False)
+        return Stepping(wiring, method, (), (), 0)
+    if system.fields is None:
+        reset = system.transitions[0].reset
+        return Iterating(lambda n, x: reset(n, x, args))
+    wiring = wire(system, t, x, args)
+    clocks = tuple(
+        (_number(system.transitions[j].every, args), _number(system.transitions[j].phase, args))
+        for j in wiring.clocks
+    )
+    terminal = tuple(tr.terminal for tr in system.transitions)
+    return Stepping(wiring, method, clocks, terminal, system.max_cascade)
+
+
+def _number(value, args):
+    return value(args) if callable(value) else value
+
+
+def settings_of(problem: Problem, plan: Plan, t, x) -> Settings:
+    """Bind a plan to a problem, while tracing."""
+    mover = mover_of(problem, t, x)
+    return Settings(mover, plan.cadence, plan.kind, plan.sum_rule, plan.log, plan.count_jumps, plan.collect)
+
+
+@eqx.filter_jit
+def start(problem: Problem, plan: Plan, t0, x0, frame, mode, interval) -> Journey:
+    """The journey at its start; x0 (n,), or (m, n) where the plan is batched."""
+
+    def one(x, frame):
+        settings = settings_of(problem, plan, t0, x)
+        return propagation.begin(settings, t0, x, frame, mode, None, jnp.asarray(interval, x.dtype))
+
+    if not plan.batched:
+        return one(x0, frame)
+    frames = jnp.broadcast_to(frame, (x0.shape[0], *frame.shape)) if frame.ndim == 2 else frame
+    return jax.vmap(one)(x0, frames)
+
+
+@eqx.filter_jit
+def _advance(problem: Problem, plan: Plan, journey: Journey, ends, last_jumps, budget):
+    def one(journey):
+        settings = settings_of(problem, plan, journey.base[0], journey.carry.x)
+        return propagation.advance(settings, journey, ends, last_jumps, budget)
+
+    if not plan.batched:
+        return one(journey)
+    # On a CPU one lane after the other keeps real branches; a vmap of them would compute every case for all.
+    if jax.default_backend() == "cpu":
+        return jax.lax.map(one, journey)
+    return jax.vmap(one)(journey)
+
+
+def summary_of(problem: Problem, journey: Journey):
+    """(transversality, grazing, simultaneous, accumulation) of a journey, whatever its mover."""
+    memory = getattr(journey.carry.own, "memory", None)
+    if memory is None:
+        zero = jnp.zeros_like(journey.carry.s)
+        return zero + jnp.inf, zero, zero, zero + jnp.nan
+    return memory[..., 4], memory[..., 5], memory[..., 6], memory[..., 7]
+
+
+class Outcome(NamedTuple):
+    """Where a run ended, and its records."""
+
+    journey: Journey
+    records: Any  # propagation.Record with leading axes ([m,] blocks)
+    status: Any
+    interrupted: bool
+
+
+def drive(problem: Problem, plan: Plan, journey: Journey, ends, last_jumps, max_steps=None, progress=None) -> Outcome:
+    """Run all blocks: in one call where traced, else call by call.
+
+    Args:
+        problem, plan: what, and how.
+        journey: from `start`, or `restart` of an earlier outcome's.
+        ends: (blocks,) of the blocks, in time since the run began.
+        last_jumps: (blocks,) number of jumps that ends each block; ignored unless plan.count_jumps.
+        max_steps: most attempts; None: no limit.
+        progress: None, True for a bar, or a function of the fraction done.
+    """
+    limit = FOREVER if max_steps is None else max_steps
+    leaves = jax.tree.leaves((journey, problem, ends, last_jumps))
+    if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+        journey, records = _advance(problem, plan, journey, ends, last_jumps, limit)
+        return Outcome(journey, records, _verdict(journey, ends), False)
+    blocks, records, budget, given, interrupted = ends.shape[0], None, 2000, 0, False
+    report = _reporter(progress)
+    try:
+        while not _finished(journey, blocks) and (max_steps is None or given < limit):
+            allowed = budget if max_steps is None else min(budget, limit - given)
+            clock = time.perf_counter()
+            journey, fresh = jax.block_until_ready(
+                _advance(problem, plan, journey, ends, last_jumps, jnp.asarray(allowed, jnp.int32))
+            )
+            records = fresh if records is None else _merge(records, fresh)
+            given += allowed
+            seconds = max(time.perf_counter() - clock, 1e-4)
+            # The first call compiles; its time says little.
+            budget = int(min(max(budget * min(8.0, SECONDS_PER_CALL / seconds), 2000), 1e8)) if given > 2000 else 20000
+            report(float(np.mean(np.asarray(journey.block))) / blocks)
+    except KeyboardInterrupt:
+        if records is None:
+            raise
+        warnings.warn("interrupted: the result holds what was computed until then.", stacklevel=3)
+        interrupted = True
+    report(None)
+    status = journey.carry.status if interrupted else _verdict(journey, ends)
+    return Outcome(journey, records, status, interrupted)
+
+
+def _finished(journey: Journey, blocks: int) -> bool:
+    running = np.asarray(journey.carry.status) == 0
+    return not bool(np.any(running & (np.asarray(journey.block) < blocks)))
+
+
+def _verdict(journey: Journey, ends):
+    short = (journey.carry.status == 0) & (journey.block < ends.shape[0])
+    return jnp.where(short, int(STATUS.max_steps), journey.carry.status)
+
+
+def _merge(old, new):
+    """Records of an earlier call, overwritten where a later call finished a block."""
+
+    def leaf(a, b):
+        valid = new.valid.reshape(new.valid.shape + (1,) * (b.ndim - new.valid.ndim))
+        return jnp.where(valid, b, a)
+
+    return jax.tree.map(leaf, old, new)
+
+
+def _reporter(progress):
+    if progress is None or progress is False:
+        return lambda fraction: None
+    if callable(progress):
+        return lambda fraction: None if fraction is None else progress(fraction)
+    from tqdm.auto import tqdm
+
+    bar = tqdm(total=100, unit="%", bar_format="{l_bar}{bar}| {elapsed}<{remaining}")
+
+    def report(fraction):
+        if fraction is None:
+            bar.close()
+        else:
+            bar.update(round(100 * fraction) - bar.n)
+
+    return report

@@ -1,0 +1,237 @@
+"""`lyapunov_spectrum`: exponents of maps, flows and hybrid systems, with honest error bars."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from . import averages, frames, propagation, runs
+from .methods.base import Method
+from .propagation import Cadence
+from .results import RunFailed, Spectrum
+from .statuses import STATUS
+from .systems import EventDriven, Flow, Hybrid, Map
+
+__all__ = ["lyapunov_spectrum"]
+
+CLOCKS = ("time", "jumps", "hybrid")
+AVERAGES = ("uniform", "birkhoff", "birkhoff-regular")
+SUM_RULE_UP_TO = 16  # dimension; the exact volume of an event-driven jump costs n³ each, so 6 there
+SUM_RULE_EXACT = 6
+
+
+def lyapunov_spectrum(
+    system: Flow | Map | Hybrid | EventDriven,
+    x0,
+    args: Any = None,
+    *,
+    t1,
+    t0=0.0,
+    transient=0.0,
+    mode: str | int | None = None,
+    k: int | None = None,
+    frame=None,
+    method: Method | None = None,
+    every=None,
+    orthonormalise: str = "auto",
+    clock: str = "time",
+    blocks: int = 64,
+    times=None,
+    averaging: str = "uniform",
+    count_start: bool = False,
+    replicates: int | None = None,
+    until: float | None = None,
+    max_steps: int | None = None,
+    key=None,
+    progress=None,
+    throw: bool = True,
+) -> Spectrum:
+    """The k leading Lyapunov exponents of a system that flows, jumps, or both.
+
+    λ_i = lim (1/t) Σ ln R_ii, the growth that orthonormalisations of k tangent vectors throw away; at events
+    the vectors cross by the saltation matrix.
+
+    Args:
+        system: an `lh.Flow`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
+        x0: start, shape (n,); or (m, n) for m runs at once.
+        args: pytree of parameters handed to the user's functions.
+        t1: length of the run after the transient, in units of the clock (iterations for a map).
+        t0: time at the start.
+        transient: length of the run before growth is counted; the frame evolves too.
+        mode: name or index of the mode at the start; needed where there are several.
+        k: number of exponents; None: n.
+        frame: (n, k) initial columns; None: unit vectors.
+        method: `lh.RungeKutta` (default, adaptive dopri5) or `lh.Diffrax`; None for maps and event-driven systems.
+        every: orthonormalise each so many iterations (maps), steps (fixed dt), units of time (adaptive) or jumps
+            (event-driven); None: from the growth, so that no exponent drowns in rounding.
+        orthonormalise: "auto", "mgs" (modified Gram–Schmidt), "lapack", "cholesky".
+        clock: "time", "jumps", or "hybrid": max(t, j).
+        blocks: the run is recorded in so many equal blocks; they give the history and the error.
+        times: ends of the blocks instead, increasing, or "log".
+        averaging: "uniform"; "birkhoff", smooth weights over the blocks; "birkhoff-regular", the same on the local
+            exponent less 1/t, for conservative regular motion.
+        count_start: count ln R of the initial frame too.
+        replicates: run m times from x0 perturbed by a relative 1e-6 with `key`; the error is sd/√m.
+        until: go on, t1 at a time, until every finite exponent's standard error is below this.
+        max_steps: most attempts of a step; None: no limit (Ctrl-C returns what is computed).
+        key: a `jax.random.key` for `replicates`.
+        progress: True for a bar, or a function of the fraction done.
+        throw: raise where the run failed; False returns the result with its status.
+
+    Returns:
+        A `Spectrum`. Its `status` is ok, terminated, max_steps, zeno, deadlock, nonfinite or step_underflow; its
+        `notes` may hold rank_lost, grazing, simultaneous, unresolved, interrupted.
+
+    Raises:
+        ValueError: on arguments that do not fit, before any computing.
+        RunFailed: where the run failed and `throw`; it carries the result so far.
+
+    Source:
+        G. Benettin, L. Galgani, A. Giorgilli & J.-M. Strelcyn, Meccanica 15 (1980) 9 and 21,
+        doi:10.1007/BF02128236; J. Dinius, Computing Lyapunov Exponents of Hybrid Dynamical Systems (2011).
+
+    Example:
+        >>> import lyaphybrid as lh
+        >>> s = lh.lyapunov_spectrum(lh.Map(lambda n, x, r: r * x * (1 - x)), [0.3], 4.0, t1=20_000)
+        >>> abs(float(s.exponents[0]) - 0.6931) < 0.01
+        True
+    """
+    _check_words(clock, averaging, orthonormalise, blocks, k, until, replicates, key, max_steps)
+    problem, x0, t0, mode = runs.prepare(system, x0, args, t0, method, mode)
+    x0 = _starts(x0, replicates, key)
+    n = x0.shape[-1]
+    frame, initial = _frame(frame, n, k, x0.dtype)
+    k = frame.shape[-1]
+    kind = frames.kind_for(k) if orthonormalise == "auto" else orthonormalise
+    cadence, interval = _cadence(problem, every)
+    limit = SUM_RULE_EXACT if isinstance(system, EventDriven) else SUM_RULE_UP_TO
+    plan = runs.Plan(cadence, kind, k == n <= limit, 0, clock != "time", x0.ndim == 2, runs.first_losses)
+    ends = _ends(t1, blocks, times, x0.dtype, "t1")
+    discrete = isinstance(system, Map) or (isinstance(system, Hybrid) and system.fields is None)
+    journey = runs.start(problem, plan, t0, x0, frame, mode, interval)
+    if not _is_zero(transient):
+        quiet = _targets(_ends(transient, blocks, None, x0.dtype, "transient"), clock, discrete)
+        journey = runs.drive(problem, plan, journey, *quiet, max_steps).journey
+    targets = _targets(ends, clock, discrete)
+    outcomes: list[runs.Outcome] = []
+    while True:
+        journey = propagation.restart(journey)
+        outcomes.append(runs.drive(problem, plan, journey, *targets, max_steps, progress))
+        journey = outcomes[-1].journey
+        growth = initial if count_start else jnp.zeros_like(initial)
+        spectrum = averages.summarise(outcomes, problem, clock, growth, averaging)
+        if until is None or _good_enough(spectrum, until):
+            return _deliver(spectrum, throw)
+
+
+def _require(condition: bool, message: str) -> None:
+    if not condition:
+        raise ValueError(message)
+
+
+def _check_words(clock, averaging, orthonormalise, blocks, k, until, replicates, key, max_steps) -> None:
+    _require(clock in CLOCKS, f"clock must be one of {CLOCKS}; got {clock!r}.")
+    _require(averaging in AVERAGES, f"averaging must be one of {AVERAGES}; got {averaging!r}.")
+    kinds = ("auto", *frames.KINDS)
+    _require(orthonormalise in kinds, f"orthonormalise must be one of {kinds}; got {orthonormalise!r}.")
+    _require(_whole(blocks) and blocks >= 2, f"blocks must be an integer of at least 2; got {blocks!r}.")
+    _require(k is None or (_whole(k) and k >= 1), f"k must be a positive integer; got {k!r}.")
+    _require(until is None or until > 0, f"until, a standard error, must be positive; got {until!r}.")
+    _require(max_steps is None or max_steps > 0, f"max_steps must be positive; got {max_steps!r}.")
+    if replicates is not None:
+        _require(_whole(replicates) and replicates >= 2, f"replicates must be at least 2; got {replicates!r}.")
+        _require(key is not None, "replicates needs key=jax.random.key(seed), to perturb the start of each run.")
+
+
+def _whole(value) -> bool:
+    return isinstance(value, int | np.integer) and not isinstance(value, bool)
+
+
+def _is_zero(value) -> bool:
+    return not isinstance(value, jax.core.Tracer) and float(value) == 0
+
+
+def _starts(x0, replicates, key):
+    """The starts of the replicates: x0 perturbed by a relative 1e-6, enough for chaos to forget it."""
+    if replicates is None:
+        return x0
+    _require(x0.ndim == 1, f"replicates and an x0 of shape (m, n) exclude each other; x0 has {x0.shape}.")
+    noise = jax.random.normal(key, (replicates, *x0.shape), x0.dtype)
+    return x0[None, :] + 1e-6 * jnp.maximum(1.0, jnp.abs(x0))[None, :] * noise
+
+
+def _frame(frame, n, k, dtype):
+    """The initial columns, orthonormal, and the ln R_ii of what the user gave."""
+    if frame is None:
+        frame = jnp.eye(n, k or n, dtype=dtype)
+    frame = jnp.asarray(frame, dtype)
+    _require(
+        frame.ndim == 2 and frame.shape[0] == n and frame.shape[1] == (k or frame.shape[1]) and 1 <= frame.shape[1] <= n,
+        f"frame must have shape (n, k) = ({n}, {k or 'k'}) with 1 ≤ k ≤ n; got {frame.shape}."
+        if frame.shape[1:] != (k,) or k is None or k <= n
+        else f"k must be at most n = {n}; got {k}.",
+    )
+    columns, log_r, lost = frames.orthonormalise(frame, "mgs", frames.LOST)
+    concrete = not isinstance(lost, jax.core.Tracer)
+    _require(not (concrete and bool(jnp.any(lost))), "frame must have linearly independent columns.")
+    return columns, log_r
+
+
+def _cadence(problem: runs.Problem, every) -> tuple[Cadence, float]:
+    """When to orthonormalise: the unit of `every` for this kind of system, and the first interval."""
+    system, method, _ = problem
+    if isinstance(system, EventDriven):
+        unit = "jumps"
+    elif method is None or not method.adaptive:
+        unit = "steps"
+    else:
+        unit = "steps" if every is None else "time"
+    if every is None:
+        return Cadence(unit, True), 1.0
+    _require(isinstance(every, jax.core.Tracer) or every > 0, f"every must be positive; got {every!r}.")
+    return Cadence(unit, False), every
+
+
+def _ends(length, blocks, times, dtype, name):
+    """The ends of the blocks, counted from the start of the run."""
+    if not isinstance(length, jax.core.Tracer):
+        _require(np.ndim(length) == 0 and 0 < float(length) < np.inf, f"{name}, a length, must be positive and finite; got {length!r}.")
+    length = jnp.asarray(length, dtype)
+    if times is None:
+        return length * jnp.arange(1, blocks + 1, dtype=dtype) / blocks
+    if isinstance(times, str):
+        _require(times == "log", f"times must be an increasing array or 'log'; got {times!r}.")
+        return length * 10.0 ** jnp.linspace(-3.0, 0.0, blocks, dtype=dtype)
+    times = np.asarray(times, float)
+    rising = times.ndim == 1 and len(times) > 1 and times[0] > 0 and bool(np.all(np.diff(times) > 0))
+    _require(rising, f"times must be a positive, increasing array of at least two; got {times!r}.")
+    _require(isinstance(length, jax.core.Tracer) or np.isclose(times[-1], float(length)), f"times must end at t1 = {length}; the last is {times[-1]}.")
+    return jnp.asarray(times, dtype)
+
+
+def _targets(ends, clock, discrete):
+    """Where each block ends, in time and in jumps."""
+    if discrete:
+        whole = jnp.ceil(ends - 1e-9)
+        return whole, whole
+    return jnp.full_like(ends, jnp.inf) if clock == "jumps" else ends, jnp.ceil(ends - 1e-9)
+
+
+def _good_enough(spectrum: Spectrum, until: float) -> bool:
+    if isinstance(spectrum.stderr, jax.core.Tracer):
+        raise ValueError("until=… decides from the values whether to go on: it cannot be used under jit, vmap or grad.")
+    finite = np.isfinite(np.asarray(spectrum.exponents))
+    reached = bool(np.all(np.asarray(spectrum.stderr)[finite] <= until))
+    return reached or spectrum.status != STATUS.ok or "interrupted" in spectrum.notes
+
+
+def _deliver(spectrum: Spectrum, throw: bool) -> Spectrum:
+    """Raise on the host where the run failed and the values are concrete."""
+    status = spectrum.status
+    if not throw or not isinstance(status, STATUS) or not status.failed:
+        return spectrum
+    reached = f"It stood at t = {float(jnp.max(spectrum.t)):.10g} after {float(jnp.mean(spectrum.jumps)):.6g} jumps."
+    if status == STATUS.zeno:
+        reached += f" The events seem to accumulate at t = {float(jnp.nanmean(spectrum.accumulation_time)):.10g}."
+    raise RunFailed(status, reached, spectrum)

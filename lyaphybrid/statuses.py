@@ -1,0 +1,58 @@
+"""STATUS: the verdict on a run. Data, not crashes."""
+
+import enum
+
+__all__ = ["OK", "RUNNING", "STATUS"]
+
+
+class STATUS(enum.IntEnum):
+    """How a run ended. ``str(status)`` is the name and what it means."""
+
+    ok = 0
+    terminated = 1
+    max_steps = 2
+    zeno = 3
+    deadlock = 4
+    nonfinite = 5
+    inconsistent_start = 6
+    singular_dae = 7
+    constraint_drift = 8
+    step_underflow = 9
+
+    def __str__(self) -> str:
+        return f"{self.name}: {MEANINGS[self]}"
+
+    @property
+    def failed(self) -> bool:
+        """Whether the run did not reach its end for a reason other than a terminal transition."""
+        return self not in (STATUS.ok, STATUS.terminated)
+
+
+RUNNING = 0
+OK = 0
+
+MEANINGS = {
+    STATUS.ok: "the run reached its end",
+    STATUS.terminated: "a terminal transition ended the run",
+    STATUS.max_steps: "max_steps attempts were made before the end; raise max_steps or loosen the tolerances",
+    STATUS.zeno: (
+        "events accumulate: (a) the motion itself has infinitely many jumps in finite time, as a ball that comes "
+        "to rest; end the run with a terminal transition, or give the rest a mode of its own; (b) a cascade went "
+        "beyond max_cascade, resets that throw the state from guard to guard"
+    ),
+    STATUS.deadlock: (
+        "neither flow nor jump is possible: (a) after a reset the guard has zero rate and the flow leaves through "
+        "it; (b) every `when` of the transitions that share the guard said no; (c) repelling sliding"
+    ),
+    STATUS.nonfinite: (
+        "the state became infinite or nan: (a) the solution escapes; (b) a user function divides by zero or takes "
+        "a root of a negative number near this state"
+    ),
+    STATUS.inconsistent_start: "the start does not satisfy the constraints",
+    STATUS.singular_dae: "the leading matrix with the constraints' derivative is singular",
+    STATUS.constraint_drift: "the constraints are no longer satisfied",
+    STATUS.step_underflow: (
+        "the step size went below the resolution of the time: (a) the field jumps, give each smooth piece a mode; "
+        "(b) the flow is stiff, use lh.Diffrax(diffrax.Kvaerno5()); (c) the tolerances are below rounding"
+    ),
+}

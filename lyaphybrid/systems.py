@@ -1,0 +1,252 @@
+"""Systems: mathematics, no numerics.
+
+A system says what moves (a field, a rule, a closed-form flow), what interrupts the motion (guards, clocks,
+the next event) and what happens then (resets). User functions are pure JAX functions of ``(t, x, args)``;
+``args`` is any pytree of parameters and ``x`` has shape ``(n,)``. Nobody writes a Jacobian.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+
+__all__ = ["EventDriven", "Flow", "Hybrid", "Map", "System", "Transition"]
+
+
+def _require_callable(name: str, got: Any, signature: str) -> None:
+    if not callable(got):
+        raise ValueError(f"{name} must be a function {signature}; got {got!r}.")
+
+
+class Flow(eqx.Module):
+    """A smooth flow, dx/dt = field(t, x, args).
+
+    Args:
+        field: ``(t, x, args) -> dx/dt``, x and dx/dt of shape (n,).
+
+    Raises:
+        ValueError: if ``field`` is not callable.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> lh.Flow(lambda t, x, args: -args * x)  # doctest: +ELLIPSIS
+        Flow(...)
+    """
+
+    field: Callable
+
+    def __check_init__(self):
+        _require_callable("field", self.field, "(t, x, args) -> dx/dt")
+
+
+class Map(eqx.Module):
+    """An iterated map, x⁺ = rule(n, x, args), n the number of the iteration as a float.
+
+    Args:
+        rule: ``(n, x, args) -> x⁺``, both of shape (n,).
+
+    Raises:
+        ValueError: if ``rule`` is not callable.
+
+    Example:
+        >>> import lyaphybrid as lh
+        >>> logistic = lh.Map(lambda n, x, r: r * x * (1 - x))
+    """
+
+    rule: Callable
+
+    def __check_init__(self):
+        _require_callable("rule", self.rule, "(n, x, args) -> next x")
+
+
+class Transition(eqx.Module):
+    """A jump: where a guard crosses zero, or at the ticks of a clock, x⁺ = reset(t, x, args).
+
+    ``Transition(guard, reset)`` fires where ``guard`` crosses zero; ``Transition(every=T, reset=…)`` fires at
+    t = phase + kT for every integer k with t later than the start.
+
+    Args:
+        guard: ``(t, x, args) -> scalar``, continuously differentiable within its source modes; or ``-> (m,)``
+            for m contacts, pairs or neurons at once.
+        reset: ``(t, x, args) -> x⁺``; for a vector guard ``(t, x, args, which) -> x⁺``. None: x stays.
+        every: period of a clock: a number, or ``args -> number``. Excludes ``guard``.
+        phase: time of one of the clock's ticks: a number, or ``args -> number``.
+        source: mode (or tuple of modes) in which the transition is armed. None: every mode.
+        target: mode after the jump: None (stays), a name, or ``(t, x, args) -> index`` (with ``which`` last for
+            a vector guard), evaluated at the state before the jump.
+        direction: -1 the guard falls through 0, +1 it rises, 0 both.
+        when: ``(t, x, args) -> bool``, asked at the root (before the jump). Several transitions may share one
+            guard and be told apart by it; if none says yes the run ends as ``deadlock``.
+        terminal: the run ends here with status ``terminated``, after the reset.
+
+    Raises:
+        ValueError: on anything but exactly one of ``guard`` and ``every``; on a direction outside {-1, 0, 1}; on
+            a period that is not positive.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> bounce = lh.Transition(lambda t, x, r: x[0], lambda t, x, r: jnp.array([x[0], -r * x[1]]))
+        >>> sample = lh.Transition(every=0.5, reset=lambda t, x, r: x)
+    """
+
+    guard: Callable | None
+    reset: Callable | None
+    source: tuple[str, ...] | None = eqx.field(static=True)
+    target: str | Callable | None
+    direction: int = eqx.field(static=True)
+    when: Callable | None
+    terminal: bool = eqx.field(static=True)
+    every: Any
+    phase: Any
+
+    def __init__(
+        self,
+        guard: Callable | None = None,
+        reset: Callable | None = None,
+        *,
+        every: Any = None,
+        phase: Any = 0.0,
+        source: str | Sequence[str] | None = None,
+        target: str | Callable | None = None,
+        direction: int = -1,
+        when: Callable | None = None,
+        terminal: bool = False,
+    ):
+        if (guard is None) == (every is None):
+            raise ValueError(
+                "Transition needs exactly one of guard (a function that crosses zero) and every (a clock's "
+                f"period); got guard={guard!r}, every={every!r}."
+            )
+        if guard is not None:
+            _require_callable("guard", guard, "(t, x, args) -> scalar or (m,)")
+        for name, function in (("reset", reset), ("when", when)):
+            if function is not None:
+                _require_callable(name, function, "(t, x, args) -> …")
+        if direction not in (-1, 0, 1):
+            raise ValueError(
+                f"direction must be -1 (falls), +1 (rises) or 0 (both); got {direction!r}."
+            )
+        if isinstance(every, int | float) and not every > 0:
+            raise ValueError(f"every, the clock's period, must be positive; got {every!r}.")
+        if target is not None and not isinstance(target, str) and not callable(target):
+            raise ValueError(f"target must be None, a mode name or (t, x, args) -> index; got {target!r}.")
+        self.guard, self.reset, self.target, self.when = guard, reset, target, when
+        self.source = (source,) if isinstance(source, str) else None if source is None else tuple(source)
+        self.direction, self.terminal, self.every, self.phase = int(direction), bool(terminal), every, phase
+
+    @property
+    def is_clock(self) -> bool:
+        """Whether the instants of this transition come from a clock rather than from a guard."""
+        return self.every is not None
+
+
+class Hybrid(eqx.Module):
+    """A hybrid system: one or several modes that flow, and transitions between them.
+
+    Args:
+        fields: one field (a callable ``(t, x, args) -> dx/dt`` or a ``Flow``), or ``{"mode": field, …}``; the
+            order of the dictionary is the order of the mode indices. None: jumps only, the flow set is empty
+            and the first transition's reset is iterated.
+        transitions: one ``Transition`` or a sequence of them.
+        tangent: ``{"mode": (t, x, args, dx) -> dx}``, the projection onto the tangent space of a mode in which
+            the motion is constrained.
+        max_cascade: that many jumps at one instant are a cascade; one more ends the run as ``zeno``.
+
+    Raises:
+        ValueError: on no transition, on an unknown mode name, on a field that is no function.
+
+    Source:
+        R. Goebel, R. Sanfelice & A. Teel, Hybrid Dynamical Systems, IEEE Control Systems 29 (2009) 28,
+        doi:10.1109/MCS.2008.931718.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> ball = lh.Hybrid(
+        ...     lambda t, x, args: jnp.array([x[1], -1.0]),
+        ...     lh.Transition(lambda t, x, args: x[0], lambda t, x, args: jnp.array([x[0], -0.8 * x[1]])),
+        ... )
+        >>> ball.mode_names
+        ('flow',)
+    """
+
+    fields: tuple[Callable, ...] | None
+    transitions: tuple[Transition, ...]
+    tangent: tuple[Callable | None, ...]
+    mode_names: tuple[str, ...] = eqx.field(static=True)
+    max_cascade: int = eqx.field(static=True)
+
+    def __init__(
+        self,
+        fields: Any,
+        transitions: Transition | Sequence[Transition],
+        tangent: Mapping[str, Callable] | None = None,
+        max_cascade: int = 16,
+    ):
+        named = fields if isinstance(fields, Mapping) else {"jump" if fields is None else "flow": fields}
+        self.mode_names = tuple(named)
+        self.fields = None if fields is None else tuple(_as_field(k, v) for k, v in named.items())
+        self.transitions = (transitions,) if isinstance(transitions, Transition) else tuple(transitions)
+        self.tangent = tuple((tangent or {}).get(name) for name in self.mode_names)
+        self.max_cascade = max_cascade
+        if isinstance(max_cascade, bool) or not isinstance(max_cascade, int) or max_cascade < 1:
+            raise ValueError(f"max_cascade must be a positive integer; got {max_cascade!r}.")
+        for transition in self.transitions:
+            if not isinstance(transition, Transition):
+                raise ValueError(f"transitions must be lh.Transition objects; got {transition!r}.")
+            target = (transition.target,) if isinstance(transition.target, str) else ()
+            self._require_modes("source or target", (*(transition.source or ()), *target))
+        self._require_modes("tangent", tuple(tangent or ()))
+        if not self.transitions:
+            raise ValueError("Hybrid needs at least one Transition; a system without jumps is an lh.Flow.")
+        if self.fields is None and (len(self.transitions) != 1 or self.transitions[0].reset is None):
+            raise ValueError("fields=None (jumps only) needs exactly one Transition, with a reset to iterate.")
+
+    def _require_modes(self, role: str, names: tuple[str, ...]) -> None:
+        unknown = [name for name in names if name not in self.mode_names]
+        if unknown:
+            raise ValueError(f"Unknown mode {unknown[0]!r} as {role}; the modes are {list(self.mode_names)}.")
+
+
+def _as_field(name: str, field: Any) -> Callable:
+    field = field.field if isinstance(field, Flow) else field
+    _require_callable(f"The field of mode {name!r}", field, "(t, x, args) -> dx/dt, or an lh.Flow")
+    return field
+
+
+class EventDriven(eqx.Module):
+    """A system whose flow is known in closed form and whose next event is known exactly.
+
+    Args:
+        flow: ``(dt, t, x, args) -> x`` after the time dt without an event, from state x at time t.
+        next_event: ``(t, x, args) -> (dt, which)``: the time to the next event (inf: none) and what it is, an
+            integer or any pytree of integers (which pair, which wall).
+        jump: ``(t, x, args, which) -> x⁺``.
+        guard: ``(t, x, args, which) -> scalar`` that falls through zero at the event: it supplies the derivative
+            of the event's time.
+
+    Raises:
+        ValueError: if one of the four is not callable.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> ball = lh.EventDriven(
+        ...     flow=lambda dt, t, x, g: jnp.array([x[0] + x[1] * dt - g * dt**2 / 2, x[1] - g * dt]),
+        ...     next_event=lambda t, x, g: ((x[1] + jnp.sqrt(x[1] ** 2 + 2 * g * x[0])) / g, 0),
+        ...     jump=lambda t, x, g, which: jnp.array([0 * x[0], -0.8 * x[1]]),
+        ...     guard=lambda t, x, g, which: x[0],
+        ... )
+    """
+
+    flow: Callable
+    next_event: Callable
+    jump: Callable
+    guard: Callable
+
+    def __check_init__(self):
+        _require_callable("flow", self.flow, "(dt, t, x, args) -> x")
+        _require_callable("next_event", self.next_event, "(t, x, args) -> (dt, which)")
+        _require_callable("jump", self.jump, "(t, x, args, which) -> x")
+        _require_callable("guard", self.guard, "(t, x, args, which) -> scalar")
+
+
+System = Flow | Map | Hybrid | EventDriven

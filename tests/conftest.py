@@ -1,0 +1,66 @@
+"""One setting for all tests: float64, nothing promoted silently, every warning an error (pyproject.toml)."""
+
+import gc
+import os
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # threads only fight over small matrices
+
+import jaxtyping
+
+with jaxtyping.install_import_hook("lyaphybrid", "beartype.beartype"):  # shapes and types checked at run time
+    import lyaphybrid  # noqa: F401  before any JAX backend exists: it sets the compiler switch
+
+import hypothesis
+import jax
+import matplotlib
+import pytest
+
+import references
+
+jax.config.update("jax_enable_x64", True)
+jax.config.update("jax_numpy_dtype_promotion", "strict")
+jax.config.update("jax_numpy_rank_promotion", "raise")
+matplotlib.use("Agg")
+hypothesis.settings.register_profile("fixed", deadline=None, derandomize=True, print_blob=True)
+hypothesis.settings.load_profile("fixed")
+
+CACHE_LIMIT = 1.5e9  # bytes
+
+
+def _resident_bytes() -> int:
+    statm = Path("/proc/self/statm")  # Linux; elsewhere the caches stay
+    return int(statm.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") if statm.exists() else 0
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _bounded_caches():
+    yield
+    if _resident_bytes() > CACHE_LIMIT:
+        jax.clear_caches()
+        gc.collect()
+
+
+@pytest.fixture(scope="session")
+def automata() -> dict:
+    return references.load_automata()
+
+
+@pytest.fixture(scope="session")
+def event_driven() -> dict:
+    return references.load_event_driven()
+
+
+@pytest.fixture(scope="session")
+def nonsmooth() -> dict:
+    return references.load_nonsmooth()
+
+
+@pytest.fixture(scope="session")
+def maps_and_flows() -> dict:
+    return references.load_maps_and_flows()
+
+
+@pytest.fixture(scope="session")
+def gradients() -> dict:
+    return references.load_gradients()

@@ -1,0 +1,59 @@
+"""Execute the notebooks, each in a fresh kernel: `python tests/run_notebooks.py [NAME …] [--write]`.
+
+Exit status 1 where a cell fails. Names are parts of file names; none: all.
+"""
+
+import argparse
+import asyncio
+import sys
+import time
+from pathlib import Path
+
+import nbformat
+from nbclient import NotebookClient
+from nbclient.exceptions import CellExecutionError, CellTimeoutError, DeadKernelError
+
+FOLDER = Path(__file__).parent.parent / "notebooks"
+TIMEOUT = 600  # seconds a notebook
+
+
+async def execute(notebook: nbformat.NotebookNode) -> None:
+    """Fill in the outputs of `notebook`."""
+    client = NotebookClient(
+        notebook,
+        kernel_name="python3",
+        timeout=TIMEOUT,
+        record_timing=False,  # so that outputs differ only where results do
+        resources={"metadata": {"path": str(FOLDER)}},
+    )
+    await asyncio.wait_for(client.async_execute(), TIMEOUT)
+
+
+def main() -> int:
+    """Run the notebooks asked for."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("names", nargs="*")
+    parser.add_argument("--write", action="store_true", help="store the outputs in place")
+    options = parser.parse_args()
+    names = options.names or [""]
+    paths = [p for p in sorted(FOLDER.glob("*.ipynb")) if any(n in p.name for n in names)]
+    failed = 0
+    for path in paths:
+        notebook = nbformat.read(path, as_version=4)
+        checks = sum("check" in cell.metadata.get("tags", ()) for cell in notebook.cells)
+        start, verdict = time.perf_counter(), "ok"
+        try:
+            asyncio.run(execute(notebook))
+        except (CellExecutionError, CellTimeoutError, DeadKernelError, TimeoutError) as error:
+            print(error or f"more than {TIMEOUT} s", file=sys.stderr)
+            verdict, failed = "FAILED", failed + 1
+        else:
+            if options.write:
+                nbformat.write(notebook, path)
+        print(f"{path.name}: {verdict}, {checks} checks, {time.perf_counter() - start:.1f} s", flush=True)
+    print(f"notebooks: {len(paths) - failed} passed, {failed} failed")
+    return 1 if failed or not paths else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,115 @@
+"""The compiler switch: set on import, never over the user's choice, and worth having."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+from jax._src import xla_bridge
+
+from lyaphybrid._compiler import request_single_kernel_loops
+
+OPTION = "xla_cpu_small_while_loop_byte_threshold=16777216"
+SWITCH = f"--xla_backend_extra_options={OPTION}"
+LOOP = """
+import jax, jax.numpy as jnp
+from lyaphybrid._compiler import compiles_to_one_kernel
+def loop(f):
+    return lambda m: jax.lax.while_loop(lambda c: c[0] < 9, lambda c: (c[0] + 1, f(c[1])), (0, m))[1]
+def nest(finish, n=12):  # 12: too large for the default threshold, which takes (3, 3)
+    inner = loop(lambda m: m * 1.01 + m.T)
+    return compiles_to_one_kernel(jax.jit(loop(lambda m: finish(inner(m)))).lower(jnp.eye(n)).compile())
+normalise = lambda m: m / jnp.sqrt(1 + jnp.sum(m * m))
+"""
+
+
+def python(code: str, **environment: str) -> subprocess.CompletedProcess:
+    """Run `code` where no JAX backend exists yet."""
+    inherited = {k: v for k, v in os.environ.items() if k not in ("XLA_FLAGS", "LYAPHYBRID_KEEP_XLA_FLAGS")}
+    environment = inherited | {"JAX_PLATFORMS": "cpu"} | environment
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done
+
+
+def test_import_sets_the_switch_and_loops_become_one_kernel():
+    done = python("import os, jax, lyaphybrid" + LOOP + "print(os.environ['XLA_FLAGS'], nest(normalise))")
+    assert done.stdout.split() == [SWITCH, "True"]
+
+
+def test_opting_out_leaves_the_loops_as_they_were():
+    code = "import os, lyaphybrid" + LOOP + "print(os.environ.get('XLA_FLAGS'), nest(normalise))"
+    done = python(code, LYAPHYBRID_KEEP_XLA_FLAGS="1")
+    assert done.stdout.split() == ["None", "False"]
+
+
+def test_xla_takes_the_merged_flags():
+    user = "--xla_backend_extra_options='xla_cpu_mine=1' --xla_force_host_platform_device_count=2"
+    done = python("import lyaphybrid" + LOOP + "print(nest(normalise), jax.device_count())", XLA_FLAGS=user)
+    assert done.stdout.split() == ["True", "2"]
+
+
+def test_a_loop_with_lapack_inside_is_not_one_kernel():
+    done = python("import lyaphybrid" + LOOP + "print(nest(lambda m: jnp.linalg.qr(m)[0]))")
+    assert done.stdout.split() == ["False"]
+
+
+def test_too_late_warns_once_and_says_what_to_do():
+    code = "import jax, os; jax.devices(); import lyaphybrid; print(os.environ.get('XLA_FLAGS'))"
+    done = python(code)
+    assert done.stdout.split() == ["None"]
+    assert done.stderr.count("UserWarning") == 1
+    assert "import lyaphybrid before the first JAX computation" in done.stderr
+    assert SWITCH in done.stderr
+    assert "<string>:1: UserWarning" in done.stderr  # points at the user's line
+    assert "UserWarning" not in python(code, LYAPHYBRID_KEEP_XLA_FLAGS="1").stderr
+    assert "UserWarning" not in python(code, XLA_FLAGS=SWITCH).stderr
+
+
+@pytest.fixture
+def no_backend(monkeypatch):
+    monkeypatch.setattr(xla_bridge, "backends_are_initialized", lambda: False)
+    monkeypatch.delenv("LYAPHYBRID_KEEP_XLA_FLAGS", raising=False)
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ("", SWITCH),
+        ("--xla_dump_to=dump", f"--xla_dump_to=dump {SWITCH}"),
+        ("--xla_backend_extra_options=a=1,b --x=2", f"--xla_backend_extra_options={OPTION},a=1,b --x=2"),
+        ('--xla_backend_extra_options="a=1"', f'--xla_backend_extra_options="{OPTION},a=1"'),
+        (SWITCH.replace("16777216", "0"), SWITCH.replace("16777216", "0")),
+        (SWITCH, SWITCH),
+    ],
+)
+def test_merging_with_the_users_flags(no_backend, monkeypatch, before, after):
+    monkeypatch.setenv("XLA_FLAGS", before)
+    request_single_kernel_loops()
+    assert os.environ["XLA_FLAGS"] == after
+
+
+def test_a_flags_file_is_left_alone(no_backend, monkeypatch, tmp_path):
+    file = tmp_path / "flags"
+    file.write_text("--xla_cpu_enable_fast_math=false")
+    monkeypatch.setenv("XLA_FLAGS", str(file))
+    with pytest.warns(UserWarning, match="to the file that XLA_FLAGS names"):
+        request_single_kernel_loops()
+    file.write_text(SWITCH)
+    request_single_kernel_loops()
+    assert os.environ["XLA_FLAGS"] == str(file)
+
+
+def test_only_a_cpu_is_warned_about(no_backend, monkeypatch):
+    monkeypatch.delenv("XLA_FLAGS", raising=False)
+    monkeypatch.setattr(xla_bridge, "backends_are_initialized", lambda: True)
+    monkeypatch.setattr("jax.default_backend", lambda: "gpu")
+    request_single_kernel_loops()
+    assert "XLA_FLAGS" not in os.environ
+
+
+def test_an_old_jax_is_left_alone(no_backend, monkeypatch):
+    monkeypatch.delenv("XLA_FLAGS", raising=False)
+    monkeypatch.setattr("jax.__version_info__", (0, 7, 2))
+    request_single_kernel_loops()
+    assert "XLA_FLAGS" not in os.environ
