@@ -1,1 +1,1 @@
-"""Our times against hand-written C of the same algorithms: ``python -m benchmarks [--quick] [--only NAME] [--json]``."""
+"""Our times against C of the same algorithms: ``python -m benchmarks [--quick] [--only NAME]``."""

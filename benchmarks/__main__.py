@@ -17,7 +17,7 @@ def _parse(argv: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser("python -m benchmarks", description="Our times against hand-written C.")
     parser.add_argument("--quick", action="store_true", help="shorter runs, fewer rounds")
     parser.add_argument("--only", metavar="NAME", choices=list(CASES), help=f"one of {', '.join(CASES)}")
-    parser.add_argument("--json", action="store_true", help="rows as JSON on standard output, nothing else there")
+    parser.add_argument("--json", action="store_true", help="rows as JSON, nothing else on standard output")
     parser.add_argument("--side", choices=list(SIDES), default="both", help="time one side alone")
     return parser.parse_args(argv)
 

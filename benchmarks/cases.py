@@ -25,7 +25,7 @@ class Case(NamedTuple):
 
 
 def _ours(name: str, *arguments) -> Callable[[float], Make]:
-    """Our side by name: importing it imports JAX, which the process that only collects rows has no use for."""
+    """Our side by name: importing it imports JAX, which the process that collects the rows does not need."""
 
     def bind(t1: float) -> Make:
         from benchmarks import ours
@@ -57,12 +57,16 @@ def _impact(adaptive: bool, t1: float) -> Case:
     return Case("time", t1, _ours("impact", adaptive), _reference(references.run_impact, "time", adaptive))
 
 
+def _hard_disks(t1: float) -> Case:
+    return Case("collision", t1, _ours("hard_disks"), _reference(references.run_hard_disks, "steps"))
+
+
 CASES = {
     "lorenz_every1": _lorenz(1, 4e4),
     "lorenz_every10": _lorenz(10, 1e5),
     "impact_fixed": _impact(False, 8e4),
     "impact_adaptive": _impact(True, 5e4),
-    "hard_disks_n4": Case("collision", 8e4, _ours("hard_disks"), _reference(references.run_hard_disks, "steps")),
+    "hard_disks_n4": _hard_disks(8e4),
 }
 
 

@@ -1,8 +1,8 @@
 """Timing: two sides in turn, A B A B …, so that both see the same noise of the machine.
 
-A side is a callable ``make() -> (run, work)``: `make` builds everything and makes the first call, `run` is a warm
-call that returns only when its result is there, `work` is how many units (steps, collisions, units of time) one
-run does. `run` returns a dictionary of what it found, to be shown next to the times.
+A side is a callable ``make() -> (run, work)``: `make` builds everything and makes the first call, `run` is a
+warm call that returns only when its result is there, `work` is how many units (steps, collisions, units of
+time) one run does. `run` returns a dictionary of what it found, to be shown next to the times.
 """
 
 import platform
@@ -70,7 +70,7 @@ def peak_memory() -> float:
 
 
 def compare(name: str, unit: str, makes: dict[str, Make], rounds: int) -> dict[str, Any]:
-    """Time the sides "ours" and "c", or the one that is there, and return a row of the table as plain data."""
+    """Time the sides "ours" and "c", or the one that is given; returns a row of the table as plain data."""
     timings = time_interleaved(makes, rounds)
     row: dict[str, Any] = {"case": name, "unit": unit, "rounds": rounds}
     row |= {side: timing.summary() for side, timing in timings.items()}
@@ -82,7 +82,7 @@ def compare(name: str, unit: str, makes: dict[str, Make], rounds: int) -> dict[s
     return row
 
 
-_COLUMNS = ("case", "unit", "ours min", "ours med", "C min", "C med", "ratio min", "ratio med", "1st call s", "MB")
+_COLUMNS = "case,unit,ours min,ours med,C min,C med,ratio min,ratio med,1st call s,MB".split(",")
 
 
 def _cells(row: dict[str, Any]) -> list[str]:
@@ -91,12 +91,13 @@ def _cells(row: dict[str, Any]) -> list[str]:
 
     times = [number(side, key, ".1f") for side in ("ours", "c") for key in ("ns_min", "ns_median")]
     ratios = [format(row[key], ".2f") if key in row else "-" for key in ("ratio_min", "ratio_median")]
-    return [row["case"], row["unit"], *times, *ratios, number("ours", "first_call_s", ".2f"), f"{row['peak_memory_mb']:.0f}"]
+    first_call, memory = number("ours", "first_call_s", ".2f"), format(row["peak_memory_mb"], ".0f")
+    return [row["case"], row["unit"], *times, *ratios, first_call, memory]
 
 
 def table(rows: list[dict[str, Any]]) -> str:
     """The rows as text; times in ns per unit of work."""
-    lines = [list(_COLUMNS), *map(_cells, rows)]
+    lines = [_COLUMNS, *map(_cells, rows)]
     widths = [max(len(line[i]) for line in lines) for i in range(len(_COLUMNS))]
 
     def aligned(line: list[str]) -> str:

@@ -2,12 +2,11 @@
 
 import functools
 
-import lyaphybrid as lh  # before any use of JAX: it sets the compiler switch
-
-import jax  # isort: skip
-import jax.numpy as jnp  # isort: skip
+import jax
+import jax.numpy as jnp
 import numpy as np
 
+import lyaphybrid as lh
 from benchmarks import problems
 from benchmarks.harness import Make, Run
 
@@ -17,12 +16,13 @@ jax.config.update("jax_enable_x64", True)
 def _found(spectrum) -> dict:
     """What a run found, as plain data; waits for it."""
     exponents = np.asarray(jax.block_until_ready(spectrum.exponents))
-    return {"exponents": exponents.tolist(), "events": int(np.asarray(spectrum.jumps)), "status": str(spectrum.status)}
+    events = int(np.asarray(spectrum.jumps))
+    return {"exponents": exponents.tolist(), "events": events, "status": str(spectrum.status)}
 
 
 def _runner(system, x0, args, **keywords) -> Run:
     """A call of `lyapunov_spectrum` with everything bound."""
-    spectrum = functools.partial(lh.lyapunov_spectrum, system, jnp.array(x0), args, **keywords)
+    spectrum = functools.partial(lh.lyapunov_spectrum, system, jnp.array(x0), args, transient=0.0, **keywords)
     return lambda: _found(spectrum())
 
 
@@ -33,9 +33,8 @@ def lorenz(every: int, t1: float) -> Make:
         sigma, rho, beta = problems.LORENZ_PARAMETERS
         problem = lh.zoo.lorenz63(sigma=sigma, rho=rho, beta=beta)
         method = lh.RungeKutta(tableau="rk4", dt=problems.LORENZ_DT)
-        run = _runner(
-            problem.system, problems.LORENZ_START, problem.args, t1=t1, transient=0.0, method=method, every=every
-        )
+        start = problems.LORENZ_START
+        run = _runner(problem.system, start, problem.args, t1=t1, method=method, every=every)
         run()
         return run, t1 / problems.LORENZ_DT
 
@@ -67,9 +66,8 @@ def impact(adaptive: bool, t1: float) -> Make:
         else:
             method = lh.RungeKutta(tableau="rk4", dt=problems.IMPACT_DT)
             every = problems.IMPACT_EVERY
-        run = _runner(
-            system, problems.IMPACT_START, problems.IMPACT_PARAMETERS, t1=t1, transient=0.0, method=method, every=every
-        )
+        start, args = problems.IMPACT_START, problems.IMPACT_PARAMETERS
+        run = _runner(system, start, args, t1=t1, method=method, every=every)
         run()
         return run, t1
 
@@ -81,15 +79,8 @@ def hard_disks(t1: float) -> Make:
 
     def make():
         problem = lh.zoo.hard_disks(n=4, density=0.7)
-        run = _runner(
-            problem.system,
-            problems.DISKS_START,
-            problem.args,
-            t1=t1,
-            transient=0.0,
-            method=problem.method,
-            every=problems.DISKS_EVERY,
-        )
+        start, every = problems.DISKS_START, problems.DISKS_EVERY
+        run = _runner(problem.system, start, problem.args, t1=t1, method=problem.method, every=every)
         return run, run()["events"]
 
     return make

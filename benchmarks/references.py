@@ -60,8 +60,8 @@ def compiler() -> str:
     found = shutil.which(os.environ.get("CC", "cc"))
     if found is None:
         raise NoCompilerError(
-            "no C compiler was found (cc, or what the environment variable CC names), so that there is nothing"
-            " to compare with: only our own times are reported."
+            "no C compiler was found (cc, or what the environment variable CC names): there is nothing to"
+            " compare with, and only our own times are reported."
         )
     return found
 
@@ -72,7 +72,8 @@ def library() -> ctypes.CDLL:
     sources = sorted(str(path) for path in SOURCES.glob("*.c"))
     with tempfile.TemporaryDirectory() as folder:
         target = os.path.join(folder, "references.so")
-        done = subprocess.run([compiler(), *FLAGS, *sources, "-o", target, "-lm"], capture_output=True, text=True)
+        command = [compiler(), *FLAGS, *sources, "-o", target, "-lm"]
+        done = subprocess.run(command, capture_output=True, text=True)
         if done.returncode != 0:
             raise RuntimeError(f"the C references do not compile:\n{done.stderr}")
         loaded = ctypes.CDLL(target)

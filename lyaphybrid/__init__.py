@@ -9,3 +9,4 @@ from .results import RunFailed, Spectrum  # noqa: E402
 from .spectra import lyapunov_spectrum  # noqa: E402
 from .statuses import STATUS  # noqa: E402
 from .systems import EventDriven, Flow, Hybrid, Map, Transition  # noqa: E402
+from .trajectories import TangentMap, Trajectory, tangent_map, trajectory  # noqa: E402

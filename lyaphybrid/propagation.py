@@ -19,6 +19,8 @@ from jaxtyping import Array
 from . import frames
 from .statuses import OK, RUNNING
 
+MOST_AT_ONCE = 64  # jumps at one instant that an event log must have room for
+
 __all__ = ["Carry", "Cadence", "Events", "Record", "Settings", "advance", "begin", "restart"]
 
 
@@ -171,6 +173,8 @@ def _block(settings: Settings, journey: Journey, index, end, last_jump):
         within = carry.s < clock.length
         if settings.count_jumps:
             within = within & (carry.jumps < clock.last_jump)
+        if carry.log is not None:  # one event, with its cascade, must find room
+            within = within & (carry.log.count <= settings.log - MOST_AT_ONCE)
         return within & (carry.budget > 0)
 
     def span(state):

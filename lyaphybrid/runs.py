@@ -233,6 +233,7 @@ class Outcome(NamedTuple):
     records: Any  # propagation.Record with leading axes ([m,] blocks)
     status: Any
     interrupted: bool
+    logs: tuple = ()  # of events, to be joined
 
 
 def drive(problem: Problem, plan: Plan, journey: Journey, ends, last_jumps, max_steps=None, progress=None) -> Outcome:
@@ -250,8 +251,10 @@ def drive(problem: Problem, plan: Plan, journey: Journey, ends, last_jumps, max_
     leaves = jax.tree.leaves((journey, problem, ends, last_jumps))
     if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
         journey, records = _advance(problem, plan, journey, ends, last_jumps, limit)
-        return Outcome(journey, records, _verdict(journey, ends), False)
+        logs = () if journey.carry.log is None else (journey.carry.log,)
+        return Outcome(journey, records, _verdict(journey, ends), False, logs)
     blocks, records, budget, given, interrupted = ends.shape[0], None, 2000, 0, False
+    logs: list[propagation.Events] = []
     report = _reporter(progress)
     try:
         while not _finished(journey, blocks) and (max_steps is None or given < limit):
@@ -261,6 +264,7 @@ def drive(problem: Problem, plan: Plan, journey: Journey, ends, last_jumps, max_
                 _advance(problem, plan, journey, ends, last_jumps, jnp.asarray(allowed, jnp.int32))
             )
             records = fresh if records is None else _merge(records, fresh)
+            journey = _drain(journey, logs)
             given += allowed
             seconds = max(time.perf_counter() - clock, 1e-4)
             # The first call compiles; its time says little.
@@ -273,7 +277,17 @@ def drive(problem: Problem, plan: Plan, journey: Journey, ends, last_jumps, max_
         interrupted = True
     report(None)
     status = journey.carry.status if interrupted else _verdict(journey, ends)
-    return Outcome(journey, records, status, interrupted)
+    return Outcome(journey, records, status, interrupted, tuple(logs))
+
+
+def _drain(journey: Journey, logs: list) -> Journey:
+    """Take the events out of the log: a run pauses where it is full."""
+    log = journey.carry.log
+    if log is None:
+        return journey
+    logs.append(jax.tree.map(lambda leaf, upto=int(log.count): leaf[:upto], log._replace(count=None)))
+    emptied = log._replace(count=jnp.zeros_like(log.count))
+    return journey._replace(carry=journey.carry._replace(log=emptied))
 
 
 def _finished(journey: Journey, blocks: int) -> bool:
@@ -312,3 +326,4 @@ def _reporter(progress):
             bar.update(round(100 * fraction) - bar.n)
 
     return report
+

@@ -1,0 +1,245 @@
+"""Trajectories with their events, the tangent map of a stretch of motion, and exponents without derivatives."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from . import runs
+from .methods.base import Method
+from .propagation import Cadence
+from .results import RunFailed
+from .statuses import STATUS
+from .systems import EventDriven, Flow, Hybrid, Map
+
+__all__ = ["Events", "TangentMap", "Trajectory", "tangent_map", "trajectory"]
+
+ROOM = 1024  # events kept in one compiled call; a fuller log is drained and the run goes on
+
+
+class Events(eqx.Module):
+    """The jumps of a trajectory, in order.
+
+    Attributes:
+        t: (e,) times.
+        transition: (e,) index of the transition; `which`: (e,) component of a vector guard (0 for a scalar one).
+        mode_before, mode_after: (e,) indices of modes.
+        x_before, x_after: (e, n).
+    """
+
+    t: Array
+    transition: Array
+    which: Any
+    mode_before: Array
+    mode_after: Array
+    x_before: Array
+    x_after: Array
+
+    def __len__(self) -> int:
+        return self.t.shape[0]
+
+
+class Trajectory(eqx.Module):
+    """A trajectory at n times, and its events.
+
+    Attributes:
+        t: (n,) times after t0, the last is t0 + t1; nan where the run ended before.
+        x: (n, dim) states; mode: (n,) indices; j: (n,) jumps made so far.
+        events: an `Events` log.
+        status: the verdict.
+    """
+
+    t: Array
+    x: Array
+    mode: Array
+    j: Array
+    events: Events
+    status_code: Array
+    mode_names: tuple[str, ...] = eqx.field(static=True)
+
+    @property
+    def status(self) -> STATUS | Array:
+        """The verdict; under a transformation the bare code."""
+        code = self.status_code
+        return code if isinstance(code, jax.core.Tracer) else STATUS(int(code))
+
+    def plot(self, ax=None, **options):
+        """The components against time, with events and modes."""
+        from . import plots
+
+        return plots.trajectory(self, ax, **options)
+
+
+def trajectory(
+    system: Flow | Map | Hybrid | EventDriven,
+    x0,
+    args: Any = None,
+    *,
+    t1,
+    t0=0.0,
+    n: int = 1000,
+    method: Method | None = None,
+    mode: str | int | None = None,
+    max_steps: int | None = None,
+    throw: bool = True,
+) -> Trajectory:
+    """The motion from x0 over a length t1, at n equal times, with every event on the way.
+
+    Args:
+        system: an `lh.Flow`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
+        x0: (dim,) start.
+        args: pytree of parameters.
+        t1: length in time (iterations for a map).
+        t0: time at the start.
+        n: number of samples, at t0 + i t1/n, i = 1…n.
+        method: `lh.RungeKutta` (default) or `lh.Diffrax`.
+        mode: mode at the start, where there are several.
+        max_steps: most attempts of a step.
+        throw: raise where the run failed.
+
+    Returns:
+        A `Trajectory`; under a transformation at most 1024 events are kept (rows beyond the last are zero).
+
+    Raises:
+        ValueError: on arguments that do not fit, before any computing.
+        RunFailed: where the run failed and `throw`.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> ball = lh.Hybrid(
+        ...     lambda t, x, args: jnp.array([x[1], -1.0]),
+        ...     lh.Transition(lambda t, x, args: x[0], lambda t, x, args: jnp.array([x[0], -x[1]])),
+        ... )
+        >>> fall = lh.trajectory(ball, [0.5, 0.0], t1=2.5)
+        >>> len(fall.events), round(float(fall.events.t[0]), 9)
+        (1, 1.0)
+    """
+    _require_length(t1)
+    if not isinstance(n, int) or n < 1:
+        raise ValueError(f"n, the number of samples, must be a positive integer; got {n!r}.")
+    problem, x0, t0, mode = runs.prepare(system, x0, args, t0, method, mode)
+    _require_one(x0)
+    discrete = isinstance(system, Map) or (isinstance(system, Hybrid) and system.fields is None)
+    ends = jnp.asarray(t1, x0.dtype) * jnp.arange(1, n + 1, dtype=x0.dtype) / n
+    ends = jnp.ceil(ends - 1e-9) if discrete else ends
+    room = 0 if discrete or isinstance(system, Flow) else ROOM
+    plan = runs.Plan(Cadence("never", False), "mgs", False, room, False, False, runs.point)
+    journey = runs.start(problem, plan, t0, x0, jnp.zeros((x0.shape[0], 0), x0.dtype), mode, 1.0)
+    outcome = runs.drive(problem, plan, journey, ends, ends, max_steps)
+    t, x, modes, jumps = outcome.records.collected
+    valid = outcome.records.valid
+    result = Trajectory(
+        jnp.where(valid, t, jnp.nan),
+        jnp.where(valid[:, None], x, jnp.nan),
+        modes,
+        jumps,
+        _joined(outcome.logs, x0),
+        outcome.status,
+        runs.mode_names(system),
+    )
+    return _deliver(result, throw)
+
+
+def _require_length(t1) -> None:
+    if not isinstance(t1, jax.core.Tracer) and not (np.ndim(t1) == 0 and 0 < float(t1) < np.inf):
+        raise ValueError(f"t1, a length of time, must be positive and finite; got {t1!r}.")
+
+
+def _require_one(x0) -> None:
+    if x0.ndim != 1:
+        raise ValueError(f"x0 must have shape (n,) here; got {x0.shape}. Use jax.vmap for several starts.")
+
+
+def _joined(logs, x0) -> Events:
+    """One log out of those of several calls."""
+    if not logs:
+        none = jnp.zeros(0, jnp.int32)
+        point = jnp.zeros((0, x0.shape[0]), x0.dtype)
+        return Events(jnp.zeros(0, x0.dtype), none, none, none, none, point, point)
+    joined = jax.tree.map(lambda *parts: jnp.concatenate(parts), *(log._replace(count=None) for log in logs))
+    return Events(*joined[1:])
+
+
+def _deliver(result, throw: bool):
+    status = result.status
+    if throw and isinstance(status, STATUS) and status.failed:
+        raise RunFailed(status, "", result)
+    return result
+
+
+class TangentMap(eqx.Module):
+    """The end of a stretch of motion and its derivative with respect to the start.
+
+    Attributes:
+        x: (n,) the end; matrix: (n, n) dx(t0 + t1)/dx(t0), jumps included; mode: index at the end.
+        status: the verdict.
+    """
+
+    x: Array
+    matrix: Array
+    mode: Array
+    jumps: Array
+    status_code: Array
+
+    @property
+    def status(self) -> STATUS | Array:
+        """The verdict; under a transformation the bare code."""
+        code = self.status_code
+        return code if isinstance(code, jax.core.Tracer) else STATUS(int(code))
+
+
+def tangent_map(
+    system: Flow | Map | Hybrid | EventDriven,
+    x0,
+    args: Any = None,
+    *,
+    t1,
+    t0=0.0,
+    mode: str | int | None = None,
+    method: Method | None = None,
+    max_steps: int | None = None,
+    throw: bool = True,
+) -> TangentMap:
+    """dx(t0 + t1)/dx(t0), the fundamental matrix with the saltation matrices of the jumps on the way.
+
+    M(t) = Φ S_m Φ … S_1 Φ, carried as n columns that are not orthonormalised; t0 is held fixed.
+
+    Args:
+        system: an `lh.Flow`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
+        x0: (n,) start.
+        args: pytree of parameters.
+        t1: length in time (iterations for a map).
+        t0: time at the start.
+        mode: mode at the start, where there are several.
+        method: `lh.RungeKutta` (default) or `lh.Diffrax`.
+        max_steps: most attempts of a step.
+        throw: raise where the run failed.
+
+    Returns:
+        A `TangentMap` with `.x` (n,) and `.matrix` (n, n).
+
+    Raises:
+        ValueError: on arguments that do not fit, before any computing.
+        RunFailed: where the run failed and `throw`.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> decay = lh.Flow(lambda t, x, args: -x)
+        >>> print(jnp.round(lh.tangent_map(decay, [1.0, 2.0], t1=1.0).matrix, 6))
+        [[0.367879 0.      ]
+         [0.       0.367879]]
+    """
+    _require_length(t1)
+    problem, x0, t0, mode = runs.prepare(system, x0, args, t0, method, mode)
+    _require_one(x0)
+    plan = runs.Plan(Cadence("never", False), "mgs", False, 0, False, False, runs.nothing)
+    journey = runs.start(problem, plan, t0, x0, jnp.eye(x0.shape[0], dtype=x0.dtype), mode, 1.0)
+    ends = jnp.asarray(t1, x0.dtype)[None]
+    outcome = runs.drive(problem, plan, journey, ends, ends, max_steps)
+    carry = outcome.journey.carry
+    return _deliver(TangentMap(carry.x, carry.frame, runs.mode_of(carry), carry.jumps, outcome.status), throw)
+
+
