@@ -78,7 +78,7 @@ class RungeKutta(Method):
 
     def __init__(
         self,
-        tableau: str = "dopri5",
+        tableau: str = "dopri8",
         rtol: Any = 1e-9,
         atol: Any = 1e-12,
         dt: Any = None,
@@ -136,8 +136,8 @@ class RungeKutta(Method):
         """The error estimate over what is allowed; for DOP853 the combination of its two estimates."""
         if len(TABLEAUX[self.tableau].errors) == 1:
             return super().ratio(error, scale)
-        fifth, third = jnp.mean((error[0] / scale) ** 2), jnp.mean((error[1] / scale) ** 2)
-        return fifth / jnp.sqrt(fifth + 0.01 * third + 1e-40)
+        fifth, third = (error[0] / scale) ** 2, (error[1] / scale) ** 2
+        return jnp.max(fifth / jnp.sqrt(fifth + 0.01 * third + 1e-40))
 
     def divergence(self, field: Field, t, x, h):
         """∫ tr Df dt over the step by the weights b at the stages."""

@@ -1,0 +1,58 @@
+"""Named problems: a system, a start, sensible lengths, and a value to compare with, each with its source.
+
+``zoo.lorenz63(rho=30)`` is a `Problem`; ``zoo.names()`` lists them all; ``problem.spectrum()`` computes.
+Parameters that are numbers travel in `args`: changing them does not compile again.
+"""
+
+from .disks import hard_disks, sinai_billiard
+from .impacts import bouncing_ball, impact_oscillator, kicked_ball, zaslavsky
+from .maps import baker_map, cat_map, henon_map, kaplan_yorke_map, logistic_map, standard_map
+from .neurons import integrate_and_fire
+from .piecewise import beta_clock, conewise_linear, grow_reset, skew_tent_roof
+from .problem import Problem, Reference, get, unknown
+from .smooth import lorenz63, rossler
+
+__all__ = [
+    "Problem",
+    "Reference",
+    "get",
+    "names",
+    # maps
+    "henon_map",
+    "logistic_map",
+    "cat_map",
+    "standard_map",
+    "baker_map",
+    "kaplan_yorke_map",
+    # smooth flows
+    "lorenz63",
+    "rossler",
+    # flows with jumps
+    "bouncing_ball",
+    "kicked_ball",
+    "zaslavsky",
+    "impact_oscillator",
+    "integrate_and_fire",
+    "conewise_linear",
+    "beta_clock",
+    "skew_tent_roof",
+    "grow_reset",
+    # the next event known exactly
+    "hard_disks",
+    "sinai_billiard",
+]
+
+
+def names() -> list[str]:
+    """The names of the zoo's problems, maps first.
+
+    Example:
+        >>> from lyaphybrid import zoo
+        >>> "hard_disks" in zoo.names()
+        True
+    """
+    return __all__[4:]
+
+
+def __getattr__(name: str):
+    raise AttributeError(unknown(name))
