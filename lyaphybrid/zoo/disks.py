@@ -1,10 +1,10 @@
 """Hard disks in a periodic box, and one disk among fixed ones: the closed-form flow is a straight line.
 
 The next contact of a pair may be with any periodic image. While a pair's displacement changes by less than
-1.5 L − σ, L the shorter side, only the images next to the nearest one can be met. Where no contact comes
-before that, `next_event` returns the time at which it would have to look again, with which = -1: nobody
-meets, the jump is the identity. Of the 3×3 images those behind the motion cannot be met if L ≥ 2σ: then 2×2
-are looked at.
+1.5 L − σ, L the shorter side, only the 3×3 images round the nearest one can be met; and of these not those
+behind the motion, because the nearest one is at least as close to the partner at all later times: 2×2 are
+left. Where no contact comes within that horizon, `next_event` returns the time at which it has to look again,
+with which = -1: nobody meets, the jump is the identity.
 
 One pair is picked by sums over signed masks instead of slices: under `vmap` a dynamic slice becomes a gather.
 """
@@ -40,15 +40,12 @@ def _nearest(displacement, side):
     return displacement - lax.stop_gradient(side * jnp.round(displacement / side))
 
 
-def _contact_times(dx, dy, vx, vy, width, height, diameter, around):
+def _contact_times(dx, dy, vx, vy, width, height, diameter):
     """Time (pairs,) until |d + v t| falls to the diameter, over the images that may be met; inf: never."""
     dx, dy = _nearest(dx, width), _nearest(dy, height)
     speed2 = vx * vx + vy * vy
-    if around:
-        shifts_x, shifts_y = (0.0, -width, width), (0.0, -height, height)
-    else:
-        shifts_x = (0.0, jnp.where(vx > 0, -width, width))
-        shifts_y = (0.0, jnp.where(vy > 0, -height, height))
+    shifts_x = (0.0, jnp.where(vx > 0, -width, width))
+    shifts_y = (0.0, jnp.where(vy > 0, -height, height))
     soonest = jnp.full_like(dx, jnp.inf)
     for shift_x in shifts_x:
         for shift_y in shifts_y:
@@ -73,7 +70,7 @@ def _look_again(t):
 
 
 @functools.cache
-def _disks(n: int, around: bool) -> EventDriven:
+def _disks(n: int) -> EventDriven:
     """Return n disks, x = (q₁, …, q_n, p₁, …, p_n); which = n·first + second of the pair, or -1."""
     particle, is_x = np.arange(4 * n) % (2 * n) // 2, np.arange(4 * n) % 2 == 0
     is_momentum = np.arange(4 * n) >= 2 * n
@@ -95,7 +92,7 @@ def _disks(n: int, around: bool) -> EventDriven:
     def next_event(t, x, args):
         dx, dy, px, py = (differences(u) for u in components(x))
         box = args["width"], args["height"], args["diameter"]
-        times, speed2 = _contact_times(dx, dy, px / args["mass"], py / args["mass"], *box, around)
+        times, speed2 = _contact_times(dx, dy, px / args["mass"], py / args["mass"], *box)
         soonest, horizon = jnp.min(times), _horizon(speed2, *box)
         pair = jnp.max(jnp.where(times == soonest, jnp.asarray(names), -1))
         again = soonest > horizon
@@ -140,7 +137,7 @@ def _ray(dt, t, x, args):
 
 def _next_scatterer(t, x, args):
     dx, dy, vx, vy = (x[i : i + 1] for i in range(4))
-    times, speed2 = _contact_times(dx, dy, vx, vy, 1.0, 1.0, args["radius"], around=False)
+    times, speed2 = _contact_times(dx, dy, vx, vy, 1.0, 1.0, args["radius"])
     horizon = _horizon(speed2, 1.0, 1.0, args["radius"])
     again = times[0] > horizon
     return jnp.where(again, horizon, times[0]), jnp.where(again, -1, 0)
@@ -291,7 +288,7 @@ def hard_disks(
     momenta = momenta - jnp.mean(momenta, axis=0, keepdims=True)
     momenta = momenta * jnp.sqrt(2 * mass * energy / jnp.sum(momenta**2))
     return Problem(
-        system=_disks(n, around=min(width, height) < 2 * diameter),
+        system=_disks(n),
         x0=jnp.concatenate([jnp.asarray(sites.ravel(), dtype=float), momenta.ravel()]),
         args={"width": width, "height": height, "diameter": diameter, "mass": mass},
         t1=1000.0,

@@ -93,11 +93,14 @@ def bouncing_ball(*, restitution: Real = 0.5, gravity: Real = 1.0, velocity: Rea
     """
     require("restitution", restitution, lambda r: 0 < r < 1, "between 0 and 1")
     positive(gravity=gravity, velocity=velocity)
+    # so many bounces make the velocity a thousand times smaller; the first ones turn the frame onto the field
+    thousand = 20 if traced(restitution) else math.ceil(math.log(1e-3) / math.log(restitution))
     return Problem(
         system=BOUNCING,
         x0=state(0.0, velocity),
         args={"restitution": restitution, "gravity": gravity},
-        t1=30,
+        t1=thousand,
+        transient=thousand,
         clock="jumps",
         reference=None
         if traced(restitution)

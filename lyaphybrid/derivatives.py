@@ -1,0 +1,324 @@
+"""Derivatives to look at and to use: the saltation matrix at a point of a guard, and the Jacobians behind it."""
+
+import operator
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from . import runs
+from .events import EPS, by_mode, wire
+from .methods.exact import Exact
+from .saltations import advance_to_instant, instant, push, return_along
+from .systems import EventDriven, Flow, Hybrid, Map
+
+__all__ = ["Jacobians", "jacobians", "saltation_matrix"]
+
+ON_GUARD = 1e-6  # a point is on a guard up to this, relative to what makes up the guard's value and rate
+
+
+class Jacobians(NamedTuple):
+    """What automatic differentiation supplied at a point; tuples have one entry a transition.
+
+    Attributes:
+        Df: (n, n) of the field (of a map's rule); None where there is no flow.
+        Dg: (n, n) of each reset; (m, n, n) for a vector guard of m components.
+        Dh: (n,) of each guard; (m, n) for a vector guard. A clock is the guard h = tick - t: zeros.
+        dg_dt: (n,) or (m, n), partial derivative of each reset by time.
+        dh_dt: () or (m,), partial derivative of each guard by time; -1 for a clock.
+    """
+
+    Df: Array | None
+    Dg: tuple[Array, ...]
+    Dh: tuple[Array, ...]
+    dg_dt: tuple[Array, ...]
+    dh_dt: tuple[Array, ...]
+
+
+def jacobians(
+    system: Flow | Map | Hybrid | EventDriven,
+    t,
+    x,
+    args: Any = None,
+    *,
+    mode: str | int | None = None,
+    which: Any = None,
+) -> Jacobians:
+    """The Jacobians of field, resets and guards at (t, x), as automatic differentiation supplies them.
+
+    Df = ∂f/∂x of the mode, Dg_j = ∂g_j/∂x of every reset, Dh_j = ∂h_j/∂x of every guard, whether the mode
+    listens to it or not. With ∂g_j/∂t and ∂h_j/∂t they are what a saltation matrix is made of.
+
+    Args:
+        system: an `lh.Flow`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
+        t: time (the number of the iteration for a map).
+        x: (n,) state.
+        args: pytree of parameters.
+        mode: name or index of the mode whose field is differentiated; needed where there are several.
+        which: for an `lh.EventDriven`: which event; None: the next one from (t, x).
+
+    Returns:
+        `Jacobians` with `.Df` (n, n), `.Dg` and `.Dh` (a tuple each, one entry a transition), `.dg_dt`, `.dh_dt`.
+        An `lh.EventDriven` has one transition, and its field is the velocity of the closed-form flow.
+
+    Raises:
+        ValueError: on a system, state or mode that does not fit.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> ball = lh.Hybrid(
+        ...     lambda t, x, args: jnp.array([x[1], -1.0]),
+        ...     lh.Transition(lambda t, x, args: x[0], lambda t, x, args: jnp.array([x[0], -0.8 * x[1]])),
+        ... )
+        >>> at_impact = lh.jacobians(ball, 1.0, [0.0, -1.0])
+        >>> print(at_impact.Df)
+        [[0. 1.]
+         [0. 0.]]
+        >>> print(at_impact.Dh[0])
+        [1. 0.]
+    """
+    x, t, mode = _checked(system, x, args, t, mode)
+    return _jacobians(system, t, x, args, mode, _integers(which))
+
+
+@eqx.filter_jit
+def _jacobians(system, t, x, args, mode, which) -> Jacobians:
+    if isinstance(system, Flow | Map):
+        function = system.field if isinstance(system, Flow) else system.rule
+        return Jacobians(jax.jacfwd(function, argnums=1)(t, x, args), (), (), (), ())
+    if isinstance(system, EventDriven):
+        which = _integers(system.next_event(t, x, args)[1]) if which is None else which
+        widths = (0,)
+    else:
+        widths = _widths(system, t, x, args)
+    parts = []
+    for j, width in enumerate(widths):
+
+        def component(i, j=j):
+            crossing = _crossing(system, t, x, args, (j,), (i,))
+            return _of_event(crossing.guard, crossing.jumps[0][0], t, x)
+
+        event = which if isinstance(system, EventDriven) else jnp.asarray(0)
+        parts.append(jax.vmap(component)(jnp.arange(width)) if width else component(event))
+    velocity = _crossing(system, t, x, args, (0,), (0,)).velocity
+    flow = None if velocity is None else jax.jacfwd(lambda x: velocity(mode, t, x))(x)
+    return Jacobians(flow, *zip(*parts, strict=True))
+
+
+def _of_event(guard, reset, t, x):
+    """Dg, Dh, ∂ₜg and ∂ₜh."""
+    dg_dt, dg = jax.jacfwd(reset, argnums=(0, 1))(t, x)
+    dh_dt, dh = jax.grad(guard, argnums=(0, 1))(t, x)
+    return dg, dh, dg_dt, dh_dt
+
+
+def saltation_matrix(
+    system: Hybrid | EventDriven,
+    t,
+    x,
+    args: Any = None,
+    *,
+    transition: Any = 0,
+    mode: str | int | None = None,
+    which: Any = None,
+) -> Array:
+    """How a perturbation crosses an event: dx⁺ = S dx at a point (t, x) on a guard, x before the jump.
+
+    S = Dg + (f⁺ - Dg f⁻ - ∂ₜg) ∇h / (∂ₜh + ∇h·f⁻)
+
+    with the field f⁻ of the mode before and f⁺ of the mode after the jump. At the tick of a clock, and where
+    there is no flow, S = Dg. In a cascade the instant belongs to the first guard h₁ alone:
+    S ← Dg₂ S + (f⁺⁺ - Dg₂ f⁺ - ∂ₜg₂) ∇h₁ / (∂ₜh₁ + ∇h₁·f⁻) for each further reset.
+
+    Args:
+        system: an `lh.Hybrid` or `lh.EventDriven`.
+        t: time of the event.
+        x: (n,) state just before the jump, on the guard.
+        args: pytree of parameters.
+        transition: index of the transition; or several, in order, for a cascade at one instant.
+        mode: name or index of the mode before the jump; None: the only one, or the transition's only source.
+        which: for a vector guard the component that fires (one each, where `transition` is several); for an
+            `lh.EventDriven` the event, as its `next_event` calls it.
+
+    Returns:
+        S (n, n). Under a transformation nothing is checked, and S is nan where the rate of the guard is 0.
+
+    Raises:
+        ValueError: if the point is not on the guard, |h| > 1e-6 (|∇h| (|x| + |f⁻|) + |∂ₜh|); if the contact is
+            tangential, ∂ₜh + ∇h·f⁻ = 0; on a transition or mode that does not exist or do not belong together; on a
+            missing `which`.
+
+    Source:
+        M. di Bernardo, C. Budd, A. Champneys & P. Kowalczyk, Piecewise-smooth Dynamical Systems (Springer 2008),
+        section 2.5, doi:10.1007/978-1-84628-708-4.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> ball = lh.Hybrid(
+        ...     lambda t, x, args: jnp.array([x[1], -1.0]),
+        ...     lh.Transition(lambda t, x, args: x[0], lambda t, x, args: jnp.array([x[0], -0.5 * x[1]])),
+        ... )
+        >>> print(lh.saltation_matrix(ball, 1.0, [0.0, -2.0]))
+        [[-0.5   0.  ]
+         [ 0.75 -0.5 ]]
+    """
+    if not isinstance(system, Hybrid | EventDriven):
+        raise ValueError(
+            f"saltation_matrix needs a system that jumps, an lh.Hybrid or lh.EventDriven; got {type(system).__name__}."
+        )
+    if isinstance(system, EventDriven):
+        if which is None:
+            raise ValueError(
+                "An lh.EventDriven needs which=…, the event as its next_event(t, x, args) -> (dt, which) calls it."
+            )
+        x, t, mode = _checked(system, x, args, t, mode)
+        sequence, components = (0,), (_integers(which),)
+    else:
+        sequence = _sequence(system, transition)
+        x, t, mode = _checked(system, x, args, t, _only_source(system, sequence[0]) if mode is None else mode)
+        _require_armed(system, sequence[0], mode)
+        components = _components(system, t, x, args, sequence, which)
+    matrix, contact = _saltation(system, t, x, args, mode, sequence, components)
+    if contact is not None and not isinstance(matrix, jax.core.Tracer):
+        _require_on_guard(*map(float, contact))
+    return matrix
+
+
+class Crossing(NamedTuple):
+    """One instant of a system, its parameters bound."""
+
+    guard: Any  # (t, x) -> scalar, of the first transition
+    ticks: bool  # it is a clock: its instant does not depend on the state
+    jumps: tuple  # for each reset: (t, x) -> x, and (mode, t, x) -> mode
+    velocity: Any  # (mode, t, x) -> dx/dt; None where there is no flow
+
+
+def _crossing(system, t, x, args, sequence, which) -> Crossing:
+    """Bind the transitions of a sequence, `which` one component or event each."""
+    if isinstance(system, EventDriven):
+        exact, event = Exact(system, args), which[0]
+        jump = (lambda t, x: system.jump(t, x, args, event), lambda mode, t, x: mode)
+        velocity = lambda mode, t, x: exact._velocity(t, x)  # noqa: E731
+        return Crossing(lambda t, x: system.guard(t, x, args, event), False, (jump,), velocity)
+    first = system.transitions[sequence[0]]
+    if first.is_clock:
+        guard = lambda t, x: -t + 0 * jnp.sum(x)  # noqa: E731
+    else:
+        guard = lambda t, x: jnp.atleast_1d(first.guard(t, x, args))[which[0]]  # noqa: E731
+    if system.fields is None:
+        jump = (lambda t, x: first.reset(t, x, args), lambda mode, t, x: mode)
+        return Crossing(guard, True, (jump,), None)
+    wiring = wire(system, t, x, args)
+    jumps = [
+        (
+            lambda t, x, i=i, j=j: wiring.resets[j](t, x, which[i]),
+            lambda mode, t, x, i=i, j=j: wiring.targets[j](mode, t, x, which[i]),
+        )
+        for i, j in enumerate(sequence)
+    ]
+    return Crossing(guard, first.is_clock, tuple(jumps), lambda mode, t, x: by_mode(mode, wiring.fields, t, x))
+
+
+@eqx.filter_jit
+def _saltation(system, t, x, args, mode, sequence, which):
+    """S; and what tells whether the point is on the guard: h, ḣ, and the sizes of what makes them up."""
+    crossing = _crossing(system, t, x, args, sequence, which)
+    mode, n = jnp.asarray(mode, jnp.int32), x.shape[0]
+    columns, shift, contact = jnp.eye(n, dtype=x.dtype), jnp.zeros_like(x), None
+    if not crossing.ticks:
+        f = crossing.velocity(mode, t, x)
+        gradient, moving, rate = instant(crossing.guard, t, x, f)
+        columns, shift = advance_to_instant(columns, gradient, rate, f)
+        shift = jnp.where(rate == 0, jnp.nan, shift)
+        slope, moving = jnp.sqrt(jnp.sum(gradient**2)), jnp.abs(moving)
+        speed, size = jnp.sqrt(jnp.sum(f**2)), jnp.sqrt(jnp.sum(x**2))
+        contact = (crossing.guard(t, x), rate, slope * (size + speed) + moving, slope * speed + moving)
+    for reset, move in crossing.jumps:
+        after = move(mode, t, x)
+        x, columns = push(reset, t, x, columns, shift)
+        mode = after
+    if crossing.velocity is not None:
+        columns = return_along(columns, crossing.velocity(mode, t, x), shift)
+    return columns, contact
+
+
+def _require_on_guard(h: float, rate: float, near: float, terms: float) -> None:
+    if not abs(h) <= ON_GUARD * near:
+        raise ValueError(
+            f"(t, x) is not on the guard: there it is {h:.6g}, and zero would be below {ON_GUARD * near:.2g}. Take t and "
+            "x_before of an event of lh.trajectory."
+        )
+    if abs(rate) <= 64 * EPS * terms:
+        raise ValueError(
+            f"The contact is tangential: the guard's rate along the flow, ∂ₜh + ∇h·f⁻, is {rate:.2g}, where there is "
+            "no saltation matrix (its entries grow like 1/rate)."
+        )
+
+
+def _sequence(system: Hybrid, transition) -> tuple[int, ...]:
+    """The transitions of one instant, as indices that exist."""
+    several = transition if isinstance(transition, Sequence) else (transition,)
+    count = len(system.transitions)
+    for index in several:
+        whole = isinstance(index, int | np.integer | Array) and not isinstance(index, bool)
+        if not whole or not 0 <= operator.index(index) < count:
+            raise ValueError(f"transition must be an index from 0 to {count - 1}, or several in order; got {transition!r}.")
+    if not several:
+        raise ValueError("transition must name at least one transition; got none.")
+    return tuple(map(operator.index, several))
+
+
+def _only_source(system: Hybrid, index: int) -> str | None:
+    source = system.transitions[index].source
+    return source[0] if source is not None and len(source) == 1 else None
+
+
+def _require_armed(system: Hybrid, index: int, mode) -> None:
+    source = system.transitions[index].source
+    if source is None or isinstance(mode, jax.core.Tracer):
+        return
+    name = system.mode_names[int(mode)]
+    if name not in source:
+        raise ValueError(f"Transition {index} leaves the modes {list(source)}, not {name!r}.")
+
+
+def _widths(system: Hybrid, t, x, args) -> list[int]:
+    """0 for a scalar guard, a clock or a system of jumps only; m for a vector guard."""
+    if system.fields is None:
+        return [0]
+    shapes = [() if tr.is_clock else jax.eval_shape(tr.guard, t, x, args).shape for tr in system.transitions]
+    return [shape[0] if shape else 0 for shape in shapes]
+
+
+def _components(system: Hybrid, t, x, args, sequence, which) -> tuple:
+    """One component each: given where the guard is a vector, 0 where it is a scalar."""
+    given = which if len(sequence) > 1 and isinstance(which, Sequence) else (which,) * len(sequence)
+    if len(given) != len(sequence):
+        raise ValueError(f"which must have one entry for each of the transitions {sequence}; got {which!r}.")
+    widths = _widths(system, t, x, args)
+    for index, component in zip(sequence, given, strict=True):
+        most = max(widths[index], 1) - 1
+        if component is None and widths[index]:
+            raise ValueError(
+                f"The guard of transition {index} has {most + 1} components: say which one fires, which=0 to {most}."
+            )
+        traced = isinstance(component, jax.core.Tracer)
+        if component is not None and not traced and not 0 <= operator.index(component) <= most:
+            raise ValueError(f"The components of transition {index}'s guard are 0 to {most}; got which={component!r}.")
+    return tuple(_integers(0 if component is None else component) for component in given)
+
+
+def _integers(which):
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf).astype(jnp.int32), which)
+
+
+def _checked(system, x, args, t, mode):
+    """The state, the time and the index of the mode, as arrays."""
+    _, x, t, mode = runs.prepare(system, x, args, t, None, mode)
+    if x.ndim != 1:
+        raise ValueError(f"x must have shape (n,) here; got {x.shape}. Use jax.vmap for several points.")
+    return x, t, mode
