@@ -1,4 +1,4 @@
-"""Derivatives to look at and to use: the saltation matrix at a point of a guard, and the Jacobians behind it."""
+"""Derivatives to look at and to use: the saltation matrix at a point, and the Jacobians it is made of."""
 
 import operator
 from collections.abc import Sequence
@@ -62,7 +62,7 @@ def jacobians(
         which: for an `lh.EventDriven`: which event; None: the next one from (t, x).
 
     Returns:
-        `Jacobians` with `.Df` (n, n), `.Dg` and `.Dh` (a tuple each, one entry a transition), `.dg_dt`, `.dh_dt`.
+        `Jacobians` with `.Df` (n, n); `.Dg`, `.Dh`, `.dg_dt` and `.dh_dt`, tuples with one entry a transition.
         An `lh.EventDriven` has one transition, and its field is the velocity of the closed-form flow.
 
     Raises:
@@ -100,7 +100,7 @@ def _jacobians(system, t, x, args, mode, which) -> Jacobians:
 
         def component(i, j=j):
             crossing = _crossing(system, t, x, args, (j,), (i,))
-            return _of_event(crossing.guard, crossing.jumps[0][0], t, x)
+            return _of_event(crossing.guard, crossing.jumps[0].reset, t, x)
 
         event = which if isinstance(system, EventDriven) else jnp.asarray(0)
         parts.append(jax.vmap(component)(jnp.arange(width)) if width else component(event))
@@ -148,13 +148,13 @@ def saltation_matrix(
         S (n, n). Under a transformation nothing is checked, and S is nan where the rate of the guard is 0.
 
     Raises:
-        ValueError: if the point is not on the guard, |h| > 1e-6 (|∇h| (|x| + |f⁻|) + |∂ₜh|); if the contact is
-            tangential, ∂ₜh + ∇h·f⁻ = 0; on a transition or mode that does not exist or do not belong together; on a
-            missing `which`.
+        ValueError: if the point is not on the guard, |h| > 1e-6 (|∇h| (|x| + |f⁻|) + |∂ₜh|); if the contact
+            is tangential, ∂ₜh + ∇h·f⁻ = 0; on a transition, mode or component that does not exist or fit; on
+            a missing `which`.
 
     Source:
-        M. di Bernardo, C. Budd, A. Champneys & P. Kowalczyk, Piecewise-smooth Dynamical Systems (Springer 2008),
-        section 2.5, doi:10.1007/978-1-84628-708-4.
+        M. di Bernardo, C. Budd, A. Champneys & P. Kowalczyk, Piecewise-smooth Dynamical Systems (Springer
+        2008), section 2.5, doi:10.1007/978-1-84628-708-4.
 
     Example:
         >>> import jax.numpy as jnp, lyaphybrid as lh
@@ -168,12 +168,13 @@ def saltation_matrix(
     """
     if not isinstance(system, Hybrid | EventDriven):
         raise ValueError(
-            f"saltation_matrix needs a system that jumps, an lh.Hybrid or lh.EventDriven; got {type(system).__name__}."
+            "saltation_matrix needs a system that jumps, an lh.Hybrid or lh.EventDriven; got "
+            f"{type(system).__name__}."
         )
     if isinstance(system, EventDriven):
         if which is None:
             raise ValueError(
-                "An lh.EventDriven needs which=…, the event as its next_event(t, x, args) -> (dt, which) calls it."
+                "An EventDriven needs which=…, the event as its next_event (t, x, args) -> (dt, which) calls it."
             )
         x, t, mode = _checked(system, x, args, t, mode)
         sequence, components = (0,), (_integers(which),)
@@ -188,47 +189,65 @@ def saltation_matrix(
     return matrix
 
 
+class Jump(NamedTuple):
+    """One reset of an instant."""
+
+    reset: Any  # (t, x) -> x
+    move: Any  # (mode, t, x) -> mode
+
+
 class Crossing(NamedTuple):
     """One instant of a system, its parameters bound."""
 
     guard: Any  # (t, x) -> scalar, of the first transition
-    ticks: bool  # it is a clock: its instant does not depend on the state
-    jumps: tuple  # for each reset: (t, x) -> x, and (mode, t, x) -> mode
+    ticks: bool  # its instant does not depend on the state
+    jumps: tuple[Jump, ...]
     velocity: Any  # (mode, t, x) -> dx/dt; None where there is no flow
 
 
 def _crossing(system, t, x, args, sequence, which) -> Crossing:
     """Bind the transitions of a sequence, `which` one component or event each."""
     if isinstance(system, EventDriven):
-        exact, event = Exact(system, args), which[0]
-        jump = (lambda t, x: system.jump(t, x, args, event), lambda mode, t, x: mode)
-        velocity = lambda mode, t, x: exact._velocity(t, x)  # noqa: E731
-        return Crossing(lambda t, x: system.guard(t, x, args, event), False, (jump,), velocity)
+        return _crossing_of_event(system, args, which[0])
     first = system.transitions[sequence[0]]
-    if first.is_clock:
-        guard = lambda t, x: -t + 0 * jnp.sum(x)  # noqa: E731
-    else:
-        guard = lambda t, x: jnp.atleast_1d(first.guard(t, x, args))[which[0]]  # noqa: E731
+
+    def guard(t, x):
+        if first.is_clock:
+            return -t + 0 * jnp.sum(x)  # of the coming tick, up to a constant
+        return jnp.atleast_1d(first.guard(t, x, args))[which[0]]
+
     if system.fields is None:
-        jump = (lambda t, x: first.reset(t, x, args), lambda mode, t, x: mode)
+        jump = Jump(lambda t, x: first.reset(t, x, args), lambda mode, t, x: mode)
         return Crossing(guard, True, (jump,), None)
     wiring = wire(system, t, x, args)
-    jumps = [
-        (
-            lambda t, x, i=i, j=j: wiring.resets[j](t, x, which[i]),
-            lambda mode, t, x, i=i, j=j: wiring.targets[j](mode, t, x, which[i]),
+
+    def jump_of(j, i):
+        return Jump(
+            lambda t, x: wiring.resets[j](t, x, i), lambda mode, t, x: wiring.targets[j](mode, t, x, i)
         )
-        for i, j in enumerate(sequence)
-    ]
-    return Crossing(guard, first.is_clock, tuple(jumps), lambda mode, t, x: by_mode(mode, wiring.fields, t, x))
+
+    def velocity(mode, t, x):
+        return by_mode(mode, wiring.fields, t, x)
+
+    return Crossing(guard, first.is_clock, tuple(map(jump_of, sequence, which)), velocity)
+
+
+def _crossing_of_event(system: EventDriven, args, event) -> Crossing:
+    exact = Exact(system, args)
+    jump = Jump(lambda t, x: system.jump(t, x, args, event), lambda mode, t, x: mode)
+
+    def velocity(mode, t, x):
+        del mode
+        return exact._velocity(t, x)
+
+    return Crossing(lambda t, x: system.guard(t, x, args, event), False, (jump,), velocity)
 
 
 @eqx.filter_jit
 def _saltation(system, t, x, args, mode, sequence, which):
     """S; and what tells whether the point is on the guard: h, ḣ, and the sizes of what makes them up."""
     crossing = _crossing(system, t, x, args, sequence, which)
-    mode, n = jnp.asarray(mode, jnp.int32), x.shape[0]
-    columns, shift, contact = jnp.eye(n, dtype=x.dtype), jnp.zeros_like(x), None
+    columns, shift, contact = jnp.eye(x.shape[0], dtype=x.dtype), jnp.zeros_like(x), None
     if not crossing.ticks:
         f = crossing.velocity(mode, t, x)
         gradient, moving, rate = instant(crossing.guard, t, x, f)
@@ -249,13 +268,13 @@ def _saltation(system, t, x, args, mode, sequence, which):
 def _require_on_guard(h: float, rate: float, near: float, terms: float) -> None:
     if not abs(h) <= ON_GUARD * near:
         raise ValueError(
-            f"(t, x) is not on the guard: there it is {h:.6g}, and zero would be below {ON_GUARD * near:.2g}. Take t and "
-            "x_before of an event of lh.trajectory."
+            f"(t, x) is not on the guard: its value there is {h:.6g}; below {ON_GUARD * near:.2g} it counts as "
+            "zero. Give t and x_before of an event, as lh.trajectory lists them."
         )
     if abs(rate) <= 64 * EPS * terms:
         raise ValueError(
-            f"The contact is tangential: the guard's rate along the flow, ∂ₜh + ∇h·f⁻, is {rate:.2g}, where there is "
-            "no saltation matrix (its entries grow like 1/rate)."
+            f"The contact is tangential: the guard's rate along the flow, ∂ₜh + ∇h·f⁻, is {rate:.2g}, and the "
+            "saltation matrix grows like 1/rate."
         )
 
 
@@ -266,7 +285,9 @@ def _sequence(system: Hybrid, transition) -> tuple[int, ...]:
     for index in several:
         whole = isinstance(index, int | np.integer | Array) and not isinstance(index, bool)
         if not whole or not 0 <= operator.index(index) < count:
-            raise ValueError(f"transition must be an index from 0 to {count - 1}, or several in order; got {transition!r}.")
+            raise ValueError(
+                f"transition must be an index from 0 to {count - 1}, or several in order; got {transition!r}."
+            )
     if not several:
         raise ValueError("transition must name at least one transition; got none.")
     return tuple(map(operator.index, several))
@@ -304,11 +325,14 @@ def _components(system: Hybrid, t, x, args, sequence, which) -> tuple:
         most = max(widths[index], 1) - 1
         if component is None and widths[index]:
             raise ValueError(
-                f"The guard of transition {index} has {most + 1} components: say which one fires, which=0 to {most}."
+                f"The guard of transition {index} has {most + 1} components: say which one fires, which=0 to "
+                f"{most}."
             )
         traced = isinstance(component, jax.core.Tracer)
         if component is not None and not traced and not 0 <= operator.index(component) <= most:
-            raise ValueError(f"The components of transition {index}'s guard are 0 to {most}; got which={component!r}.")
+            raise ValueError(
+                f"The components of transition {index}'s guard are 0 to {most}; got which={component!r}."
+            )
     return tuple(_integers(0 if component is None else component) for component in given)
 
 
@@ -318,7 +342,9 @@ def _integers(which):
 
 def _checked(system, x, args, t, mode):
     """The state, the time and the index of the mode, as arrays."""
+    if isinstance(mode, Array | np.integer) and not isinstance(mode, jax.core.Tracer):
+        mode = operator.index(mode)
     _, x, t, mode = runs.prepare(system, x, args, t, None, mode)
     if x.ndim != 1:
         raise ValueError(f"x must have shape (n,) here; got {x.shape}. Use jax.vmap for several points.")
-    return x, t, mode
+    return x, t, jnp.asarray(mode, jnp.int32)

@@ -1,12 +1,14 @@
 """The one loop: Tangent -> step -> event? -> cross -> orthonormalise -> collect.
 
-    block     until its end                      } `advance`: one compiled function, many blocks
-      span    until an orthonormalisation is due }   (LAPACK stands here, outside the innermost loop)
-        step  one attempt of the mover: a real branch per case (reject, advance, locate, land)
+    block     until its end
+      span    until something rare is due: an event to locate and land on, an orthonormalisation
+        step  look ahead by a trial; keep it and carry the tangent, or try again smaller
 
-A *mover* knows how its kind of system moves: `Stepping` (a field under guards), `Exact` (the next event is
-known), `Iterating` (a map). Everything that needs tangents calls `advance` and says what to collect. Time is
-local to the block: the global time only enters where the user's functions ask for it.
+The innermost loop is straight-line code with a small state, so that XLA makes one native kernel of it; what is
+rare stands one loop further out. A *mover* knows how its kind of system moves: `Stepping` (a field under
+guards), `Exact` (the next event is known), `Iterating` (a map). Everything that needs tangents calls `advance`
+and says what to collect. Time is local to the block: the global time only enters where the user's functions ask
+for it.
 """
 
 from collections.abc import Callable
@@ -169,25 +171,20 @@ def _block(settings: Settings, journey: Journey, index, end, last_jump):
     clock = Clock(journey.base[0], journey.base[1], end - journey.elapsed, last_jump)
     todo = (journey.block == index) & (journey.carry.budget > 0)
 
-    def inside(carry):
-        within = carry.s < clock.length
+    def within(carry):
+        inside = carry.s < clock.length
         if settings.count_jumps:
-            within = within & (carry.jumps < clock.last_jump)
+            inside = inside & (carry.jumps < clock.last_jump)
         if carry.log is not None:  # one event, with its cascade, must find room
-            within = within & (carry.log.count <= settings.log - MOST_AT_ONCE)
-        return within & (carry.budget > 0)
-
-    def span(state):
-        carry, interval, spread = state
-        carry = jax.lax.while_loop(
-            lambda c: inside(c) & _not_due(settings, c, interval), lambda c: _attempt(settings, c, clock), carry
-        )
-        return _tidy(settings, carry, clock, interval, spread)
+            inside = inside & (carry.log.count <= settings.log - MOST_AT_ONCE)
+        return inside & (carry.budget > 0)
 
     # A block always runs once through: what is not to be done is stopped by the budget.
     start = journey.carry._replace(budget=jnp.where(todo, journey.carry.budget, 0))
-    state = (start, journey.interval, journey.spread)
-    carry, interval, spread = jax.lax.while_loop(lambda s: inside(s[0]), span, state)
+    state = (start, settings.mover.look(start, clock), journey.interval, journey.spread)
+    carry, _, interval, spread = jax.lax.while_loop(
+        lambda state: within(state[0]), lambda state: _span(settings, clock, within, *state), state
+    )
     over = carry.s >= clock.length
     if settings.count_jumps:
         over = over | (carry.jumps >= clock.last_jump)
@@ -211,24 +208,38 @@ def _select(condition, yes, no):
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
 
 
-def _not_due(settings: Settings, carry: Carry, interval):
-    return True if settings.cadence.unit == "never" else carry.since < interval
+def _span(settings: Settings, clock: Clock, within, carry: Carry, ahead, interval, spread):
+    """Steps, until something rare is due; then that."""
+    mover, frequent = settings.mover, settings.cadence.unit != "never" and carry.frame.shape[1] > 0
+
+    def goes_on(state):
+        carry, ahead = state
+        return within(carry) & mover.common(ahead) & ((carry.since < interval) if frequent else True)
+
+    def step(state):
+        carry, ahead = state
+        carry = mover.step(settings, clock, carry._replace(budget=carry.budget - 1), ahead)
+        return carry, mover.look(carry, clock)
+
+    carry, ahead = jax.lax.while_loop(goes_on, step, (carry, ahead))
+    if mover.has_events:
+        rare = within(carry) & ~mover.common(ahead)
+        carry, ahead = jax.lax.cond(
+            rare, lambda c, a: mover.settle(settings, clock, c, a), lambda c, a: (c, a), carry, ahead
+        )
+    if not frequent:
+        return carry, ahead, interval, spread
+    due = (carry.since >= interval) | (carry.s >= clock.length)
+    if not mover.has_events and not settings.count_jumps:  # then nothing but this ends a span
+        return *_tidy(settings, clock, carry, ahead, interval, spread),
+    tidied = jax.lax.cond(
+        due, lambda *state: _tidy(settings, clock, *state), lambda *state: state, carry, ahead, interval, spread
+    )
+    return tidied
 
 
-def _attempt(settings: Settings, carry: Carry, clock: Clock) -> Carry:
-    """One attempt of the mover, then the branch of its case: a real branch for one lane, a select under vmap."""
-    branches = settings.mover.branches(settings, clock)
-    carry = carry._replace(budget=carry.budget - 1)
-    if len(branches) == 1:
-        return branches[0](carry, None)
-    case, trial = settings.mover.attempt(carry, clock)
-    return jax.lax.switch(case, branches, carry, trial)
-
-
-def _tidy(settings: Settings, carry: Carry, clock: Clock, interval, spread):
-    """Orthonormalise where it is due, and at the end of the block so that the sum rule closes."""
-    if settings.cadence.unit == "never" or carry.frame.shape[1] == 0:
-        return carry, interval, spread
+def _tidy(settings: Settings, clock: Clock, carry: Carry, ahead, interval, spread):
+    """Orthonormalise: where it is due, and at the end of a block so that the sum rule closes."""
     before = carry.growth
     lost_below = frames.LOST if settings.mover.loses_rank_between_events else 0.0
     carry = harvest(settings, carry, lambda v: v, clock.base + carry.s, lost_below)
@@ -241,7 +252,7 @@ def _tidy(settings: Settings, carry: Carry, clock: Clock, interval, spread):
         wanted = jnp.clip(4.0 * interval / jnp.maximum(seen, 1e-3), 0.5 * interval, 2 * interval)
         wanted = jax.lax.stop_gradient(wanted)
         interval = jnp.where(full | (wanted < interval), jnp.clip(jnp.floor(wanted), 1.0, 1000.0), interval)
-    return carry._replace(since=jnp.zeros_like(carry.since)), interval, spread
+    return carry._replace(since=jnp.zeros_like(carry.since)), ahead, interval, spread
 
 
 def harvest(settings: Settings, carry: Carry, project, t, lost_below: float) -> Carry:

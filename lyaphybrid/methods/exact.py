@@ -21,6 +21,7 @@ class Flight(NamedTuple):
 
     dt: Array
     which: Any
+    lands: Array  # before the block's end
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,6 +33,7 @@ class Exact:
 
     may_lose_rank: ClassVar[bool] = True
     loses_rank_between_events: ClassVar[bool] = True
+    has_events: ClassVar[bool] = True
 
     def begin(self, t, x, mode, h):
         """The next event is predicted anew from every state; (4,): memory of the events, see `_remember`."""
@@ -46,20 +48,16 @@ class Exact:
         """What an event log stores as `which`: what the user's `next_event` calls it."""
         return jax.eval_shape(lambda t, x: _integers(self.system.next_event(t, x, self.args)[1]), t, x)
 
-    def branches(self, settings: Settings, clock: Clock):
-        """Fly on, or land."""
-        return [
-            lambda c, flight: self._fly(settings, clock, c),
-            lambda c, flight: self._land(settings, clock, c, flight),
-        ]
-
-    def attempt(self, c: Carry, clock: Clock):
+    def look(self, c: Carry, clock: Clock) -> Flight:
         """When is the next event?"""
         dt, which = self.system.next_event(clock.base + c.s, c.x, self.args)
         dt, which = jnp.asarray(dt, c.x.dtype), _integers(which)
         # nan is no time: it goes to the landing, which reports it.
-        lands = ~(dt > clock.length - c.s)
-        return lands.astype(jnp.int32), Flight(dt, which)
+        return Flight(dt, which, ~(dt > clock.length - c.s))
+
+    def common(self, ahead: Flight):
+        """The usual thing is to land; to fly on to the end of the block is rare."""
+        return ahead.lands
 
     def _carried(self, c: Carry, clock: Clock, dt):
         """The closed-form flow over dt and its tangent."""
@@ -70,12 +68,13 @@ class Exact:
     def _count(self, settings: Settings, since, dt, jumps):
         return since + {"steps": 1.0, "time": dt, "jumps": jumps, "never": 0.0}[settings.cadence.unit]
 
-    def _fly(self, settings: Settings, clock: Clock, c: Carry) -> Carry:
+    def settle(self, settings: Settings, clock: Clock, c: Carry, ahead: Flight) -> tuple[Carry, Flight]:
+        """Fly on to the end of the block."""
         dt = clock.length - c.s
         x, frame = self._carried(c, clock, dt)
         volume = None if c.volume is None else c.volume + self._flux(c, clock, dt)
         since = self._count(settings, c.since, dt, 0.0)
-        return c._replace(s=clock.length, x=x, frame=frame, since=since, volume=volume)
+        return c._replace(s=clock.length, x=x, frame=frame, since=since, volume=volume), ahead
 
     def _flux(self, c: Carry, clock: Clock, dt):
         """ln|det Dφ| of the flow over dt, which is ∫ tr Df."""
@@ -87,7 +86,8 @@ class Exact:
         zero = jnp.zeros_like(t)
         return jax.jvp(lambda dt: self.system.flow(dt, t, x, self.args), (zero,), (jnp.ones_like(t),))[1]
 
-    def _land(self, settings: Settings, clock: Clock, c: Carry, flight: Flight) -> Carry:
+    def step(self, settings: Settings, clock: Clock, c: Carry, flight: Flight) -> Carry:
+        """Fly to the event and through it."""
         system, args, which = self.system, self.args, flight.which
         x, frame = self._carried(c, clock, flight.dt)
         s = c.s + flight.dt

@@ -22,6 +22,7 @@ class Iterating:
 
     may_lose_rank: ClassVar[bool] = True
     loses_rank_between_events: ClassVar[bool] = True
+    has_events: ClassVar[bool] = False
 
     def begin(self, t, x, mode, h):
         """A map remembers nothing."""
@@ -37,11 +38,19 @@ class Iterating:
         del t, x
         return jax.ShapeDtypeStruct((), jnp.int32)
 
-    def branches(self, settings: Settings, clock: Clock):
-        """A map only advances."""
-        return [lambda c, _: self._advance(settings, clock, c)]
+    def look(self, c: Carry, clock: Clock):
+        """There is nothing to foresee."""
+        del c, clock
+        return ()
 
-    def _advance(self, settings: Settings, clock: Clock, c: Carry) -> Carry:
+    def common(self, ahead):
+        """A map only steps."""
+        del ahead
+        return True
+
+    def step(self, settings: Settings, clock: Clock, c: Carry, ahead) -> Carry:
+        """One iteration of the rule and of its tangent."""
+        del ahead
         t = clock.base + c.s
         x, linear = jax.linearize(lambda x: self.rule(t, x), c.x)
         frame = jax.vmap(linear, in_axes=-1, out_axes=-1)(c.frame)

@@ -1,4 +1,4 @@
-"""How a tangent moves under a field and its guards: reject, advance, locate, land.
+"""How a tangent moves under a field and its guards: advance or reject; locate and land.
 
 A trial step of the state alone decides what happens; the tangent is carried for steps that are kept. To locate
 an event nothing is advanced: the next trial starts from the same base and ends at the estimated root, so the
@@ -21,6 +21,8 @@ from ..statuses import STATUS
 from .base import Method
 
 __all__ = ["Memory", "Stepping"]
+
+REJECT, ADVANCE, LOCATE, LAND, FAIL = range(5)  # what a trial says
 
 SAFETY, SHRINK, GROW = 0.85, 0.2, 10.0  # of the PI controller
 NEAR = 1e-6  # a trial lands when the root is nearer than this, relative to the controller's step
@@ -55,8 +57,6 @@ class Stepper(NamedTuple):
     g: Array | None  # (slots,) guards at the start of the step, and their rates
     rate: Array | None
     side: Array | None
-    target: Array | None  # (3,) length of the next trial, where the guard is known to be beyond, relocations
-    pending: Array | None  # the slot whose root the next trial aims at; -1: none
     ticks: Array | None  # (clocks,) number of the next tick
     memory: Array | None
 
@@ -64,19 +64,35 @@ class Stepper(NamedTuple):
 class Trial(NamedTuple):
     """One trial step of the state, and what it says about the guards."""
 
+    case: Array  # REJECT, ADVANCE, LOCATE, LAND or FAIL
     h: Array
     x: Array
     f: Array
-    dense: Any
-    ratio: Any
+    ratio: Any  # error over tolerance
     final: Any  # ends the block
     g: Any = None
     rate: Any = None
-    crossed: Any = None
-    turn: Any = None  # (slots,) a guard turns towards zero and may be beyond it there
-    theta: Any = None  # where
+    miss: Any = None  # (slots,) by how much the cubic of a guard is off
     tick: Any = None  # the clock that ticks at the end of the step; -1: none
-    lands: Any = None  # (slots,) guards whose root is here
+
+
+class Aim(NamedTuple):
+    """What a trial aims at while an event is located."""
+
+    h: Any  # length of the trial
+    beyond: Any  # where the guard is known to be beyond its root
+    slot: Any  # whose root; -1: a turning point, or nothing
+    tries: Any
+
+
+class Signs(NamedTuple):
+    """What the guards did during a trial: (slots,) each."""
+
+    crossed: Array
+    turn: Array  # turns towards zero inside the step, and may be beyond it there
+    theta: Array  # where it turns
+    lands: Array  # has its root at the end of the trial
+    ahead: Array  # time from there to its root
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,7 +108,7 @@ class Stepping:
     @property
     def may_lose_rank(self) -> bool:
         """Resets can destroy directions."""
-        return self.guarded or bool(self.wiring.clocks)
+        return self.has_events or bool(self.wiring.clocks)
 
     @property
     def loses_rank_between_events(self) -> bool:
@@ -100,7 +116,7 @@ class Stepping:
         return False
 
     @property
-    def guarded(self) -> bool:
+    def has_events(self) -> bool:
         """Whether there are transitions at all (a plain flow has none)."""
         return bool(self.wiring.resets)
 
@@ -118,14 +134,13 @@ class Stepping:
 
     def begin(self, t, x, mode, h) -> Stepper:
         """The mover's part of the carry at (t, x)."""
-        trial = self.guarded or self.rejects
-        if not trial:
-            return Stepper(*(None,) * 11)
+        if not self.has_events and not self.rejects:
+            return Stepper(*(None,) * 9)
         w, mode = self.wiring, jnp.asarray(mode, jnp.int32)
         f = by_mode(mode, w.fields, t, x)
         h = self._first_step(x, f) if h is None else h
-        state = Stepper(f, h, jnp.zeros_like(h), mode if w.modes > 1 else None, *(None,) * 7)
-        if not self.guarded:
+        state = Stepper(f, h, jnp.zeros_like(h), mode if w.modes > 1 else None, *(None,) * 5)
+        if not self.has_events:
             return state
         g, rate, second = by_mode(mode, [_jets_of(w, q) for q in range(w.modes)], t, x)
         side, g, _ = arm(g, rate, second, h, t, jnp.zeros(w.slots, bool))
@@ -140,8 +155,6 @@ class Stepping:
             g,
             rate,
             side,
-            jnp.stack([one * jnp.inf, one * jnp.inf, zero]),
-            jnp.asarray(-1, jnp.int32),
             jnp.stack(ticks) if ticks else None,
             jnp.stack(memory),
         )
@@ -158,57 +171,41 @@ class Stepping:
         """Carry local times over to a block that starts s later."""
         return own if own.memory is None else own._replace(memory=own.memory.at[0].add(-s))
 
-    # --- one attempt -----------------------------------------------------------------------------------------
+    # --- looking ahead ---------------------------------------------------------------------------------------
 
-    def branches(self, settings: Settings, clock: Clock):
-        """The cases of an attempt; a plain flow with a fixed step has only one."""
-        if not (self.guarded or self.rejects):
-            return [lambda c, _: self._march(settings, clock, c)]
-        cases = [
-            lambda c, tr: self._reject(clock, c, tr),
-            lambda c, tr: self._advance(settings, clock, c, tr),
-        ]
-        if self.guarded:
-            cases += [
-                lambda c, tr: self._locate(c, tr),
-                lambda c, tr: self._land(settings, clock, c, tr),
-            ]
-        return cases
-
-    def attempt(self, c: Carry, clock: Clock):
-        """A trial step of the state, and the case that it makes."""
-        own, t = c.own, clock.base + c.s
-        h, final, tick = self._length(c, clock)
-        w = self.wiring
+    def look(self, c: Carry, clock: Clock, aim: Aim | None = None):
+        """A trial step of the state, and the case that it makes; a plain fixed-step flow needs no trial."""
+        own, t, w = c.own, clock.base + c.s, self.wiring
+        if own.f is None:
+            return ()
+        h, final, tick = self._length(c, clock, aim)
 
         def trial(q):
             def of_mode(t, x, f, h):
                 step = self.method.step(w.fields[q], t, x, f, h)
                 ratio = self.method.state_ratio(step, x) if self.rejects else jnp.zeros_like(h)
-                if not self.guarded:
+                if not self.has_events:
                     return step, ratio, None, None, None
                 g, rate = rates(w.guards[q], t + h, step.x, step.f)
-                probe = self.method.inside(step.dense, PROBE)
-                at = t + PROBE * h
+                at, probe = t + PROBE * h, self.method.inside(step.dense, PROBE)
                 _, slope = rates(w.guards[q], at, probe, w.fields[q](at, probe))
                 return step, ratio, g, rate, slope
 
             return of_mode
 
-        step, ratio, g, rate, slope = by_mode(
-            own.mode, [trial(q) for q in range(w.modes)], t, c.x, own.f, h
-        )
-        ratio = jax.lax.stop_gradient(ratio)
-        tr = Trial(h, step.x, step.f, step.dense, ratio, final)
-        if not self.guarded:
-            return jnp.where(ratio <= 1.0, 1, 0), tr
-        return self._inspect(own, tr._replace(g=g, rate=rate, tick=tick), slope)
+        step, ratio, g, rate, slope = by_mode(own.mode, [trial(q) for q in range(w.modes)], t, c.x, own.f, h)
+        tr = Trial(None, h, step.x, step.f, jax.lax.stop_gradient(ratio), final, g, rate, None, tick)
+        return self._judge(c, clock, tr, slope, aim)
 
-    def _length(self, c: Carry, clock: Clock):
-        """How long the next trial is: the controller's step, cut at the block's end, a root, a tick."""
+    def common(self, ahead):
+        """Rejecting and advancing are common."""
+        return True if ahead == () else ahead.case <= ADVANCE
+
+    def _length(self, c: Carry, clock: Clock, aim: Aim | None):
+        """How long the next trial is: the controller's step, cut at the block's end, a tick, a root."""
         own, rest = c.own, clock.length - c.s
         h = jax.lax.stop_gradient(own.h)
-        tick = jnp.asarray(-1, jnp.int32) if self.guarded else None
+        tick = jnp.asarray(-1, jnp.int32) if own.ticks is not None else None
         final = rest <= h * (1 + 1e-9)
         h = jnp.where(final, rest, h)
         if own.ticks is not None:
@@ -217,9 +214,10 @@ class Stepping:
             ticks = until[first] <= h * (1 + 1e-9)
             h, tick = jnp.where(ticks, until[first], h), jnp.where(ticks, first.astype(jnp.int32), tick)
             final = final & ~ticks
-        if self.guarded:
-            cut = own.target[0] < h
-            h, tick, final = jnp.where(cut, own.target[0], h), jnp.where(cut, -1, tick), final & ~cut
+        if aim is not None:
+            cut = aim.h < h
+            h, final = jnp.where(cut, aim.h, h), final & ~cut
+            tick = None if tick is None else jnp.where(cut, -1, tick)
         return h, final, tick
 
     def _until_ticks(self, own: Stepper, s, clock: Clock):
@@ -232,73 +230,65 @@ class Stepping:
         listening = jnp.asarray(armed[0]) if own.mode is None else jnp.asarray(armed)[own.mode]
         return jnp.where(listening, jnp.maximum(jnp.stack(times), 0.0), jnp.inf)
 
-    def _inspect(self, own: Stepper, tr: Trial, slope):
-        """What the guards did during the trial, and the case that follows."""
-        h = tr.h
+    def _judge(self, c: Carry, clock: Clock, tr: Trial, slope, aim: Aim | None) -> Trial:
+        """The case that a trial makes."""
+        own, ratio = c.own, tr.ratio
+        event, lands = jnp.asarray(False), jnp.asarray(False)
+        if self.has_events:
+            # The cubic errs like θ²(1-θ)²; its slope errs most at the probe, 3.08 times its error in the middle.
+            d0, d1 = tr.h * own.rate, tr.h * tr.rate
+            miss = jnp.abs(tr.h * slope - cubic(PROBE, own.g, d0, tr.g, d1)[1]) / 3.0792
+            tr = tr._replace(miss=miss)
+            if self.rejects:
+                size = jnp.abs(own.g) + jnp.abs(tr.g) + 0.25 * (jnp.abs(d0) + jnp.abs(d1))
+                allowed = GUARD_RESOLUTION * size + 1e3 * self.method.atol
+                ratio = jnp.maximum(ratio, jax.lax.stop_gradient(jnp.max(miss / allowed)))
+            signs = self._signs(own, tr, aim)
+            event = jnp.any(signs.crossed | signs.turn)
+            if aim is not None:
+                event = event | (aim.slot >= 0)
+                given_up = aim.tries > PATIENCE
+                far = jnp.any((signs.crossed & ~signs.lands) | signs.turn)
+                lands = jnp.any(signs.lands) & (~far | given_up)
+                event = event & ~(given_up & ~jnp.any(signs.crossed))
+                ratio = jnp.where((aim.slot >= 0) & jnp.isfinite(ratio), 0.0, ratio)
+            if tr.tick is not None:
+                lands = lands | ((tr.tick >= 0) & ~event)
+        case = jnp.where(lands, LAND, jnp.where(event, LOCATE, ADVANCE))
+        # An infinite or undefined state spoils the estimate; without an estimate the state itself is asked.
+        passed = ratio <= 1.0 if self.rejects else jnp.all(jnp.isfinite(tr.x))
+        failed = tr.h <= self._least_step(c, clock) if self.rejects else True
+        case = jnp.where(passed, case, jnp.where(failed & (tr.h > 0), FAIL, REJECT))
+        return tr._replace(case=case.astype(jnp.int32), ratio=ratio)
+
+    def _least_step(self, c: Carry, clock: Clock):
+        """A step below the resolution of time goes nowhere."""
+        return 1e-3 * EPS * jnp.abs(clock.base + c.s) + 1e-150
+
+    def _signs(self, own: Stepper, tr: Trial, aim: Aim | None) -> Signs:
+        """Which guards crossed zero during a trial, turned towards it, or have their root at its end."""
         directed = self._table(own.mode, self.wiring.directed)
         fires = (own.side > 0) | (~directed & (own.side != 0))
         crossed = fires & (own.side * tr.g <= 0)
-        d0, d1 = h * own.rate, h * tr.rate
-        # The cubic errs like θ²(1-θ)²; its slope errs most at the probe, 3.08 times its error in the middle.
-        miss = jnp.abs(h * slope - cubic(PROBE, own.g, d0, tr.g, d1)[1]) / 3.0792
-        size = jnp.abs(own.g) + jnp.abs(tr.g) + 0.25 * (jnp.abs(d0) + jnp.abs(d1))
-        ratio = tr.ratio
-        if self.rejects:
-            floor = 1e3 * self.method.atol
-            ratio = jnp.maximum(ratio, jnp.max(miss / (GUARD_RESOLUTION * size + floor)))
-        # A guard that turns back inside the step: cut the step there if it may have been beyond zero.
+        # A guard that turns back inside the step: the step is cut there if it may have been beyond zero.
+        d0, d1 = tr.h * own.rate, tr.h * tr.rate
         turns = (d0 * d1 < 0) & (own.side * d0 < 0) & (own.side * tr.g > 0)
         theta = turning_point(own.g, d0, tr.g, d1)
         extreme, _ = cubic(theta, own.g, d0, tr.g, d1)
         drop = jnp.minimum(jnp.abs(own.g - extreme), jnp.abs(tr.g - extreme))
-        doubt = 0.2 * drop + 64.0 * (theta * (1 - theta)) ** 2 * miss
+        doubt = 0.2 * drop + 64.0 * (theta * (1 - theta)) ** 2 * tr.miss
         turn = turns & (own.side * extreme <= doubt) & (theta > 1e-9) & (theta < 1 - 1e-9)
-        # Where the next root is, counted from the end of the trial, for guards that cross or are about to.
+        if aim is None:  # the root of a guard is never taken from a first trial
+            return Signs(crossed, turn, theta, jnp.zeros_like(crossed), jnp.zeros_like(tr.g))
         ahead = -tr.g / jnp.where(tr.rate == 0, 1e-300, tr.rate)
-        near = NEAR * own.h
-        aimed = jnp.arange(self.wiring.slots) == own.pending
-        close = fires & (own.side * tr.rate < 0) & (jnp.abs(ahead) <= near)
-        far = (crossed & ~close) | turn
-        given_up = own.target[2] > PATIENCE
-        aiming = own.pending >= 0
-        lands = jnp.where(aiming | jnp.any(crossed), close, False) | (given_up & (crossed | aimed))
-        event = jnp.any(crossed) | aiming | jnp.any(turn)
-        land = jnp.any(lands) & (~jnp.any(far) | given_up)
-        ticking = (tr.tick >= 0) & ~event
-        finite = jnp.all(jnp.isfinite(tr.x)) & jnp.all(jnp.isfinite(tr.g))
-        passed = (ratio <= 1.0) | (aiming & finite)
-        passed = passed & finite if not self.rejects else passed
-        case = jnp.where(land | ticking, 3, jnp.where(event & ~(given_up & ~jnp.any(crossed)), 2, 1))
-        case = jnp.where(passed, case, 0)
-        return case, tr._replace(ratio=ratio, crossed=crossed, turn=turn, theta=theta, lands=lands)
+        close = fires & (own.side * tr.rate < 0) & (jnp.abs(ahead) <= NEAR * own.h)
+        aimed = jnp.arange(self.wiring.slots) == aim.slot
+        lands = close & ((aim.slot >= 0) | jnp.any(crossed))
+        lands = lands | ((aim.tries > PATIENCE) & (crossed | aimed))
+        return Signs(crossed, turn, theta, lands, ahead)
 
     def _table(self, mode, table: np.ndarray):
         return jnp.asarray(table[0]) if mode is None else jnp.asarray(table)[mode]
-
-    # --- reject ----------------------------------------------------------------------------------------------
-
-    def _reject(self, clock: Clock, c: Carry, tr: Trial) -> Carry:
-        """Too large an error: the same step again, smaller."""
-        finite = jnp.isfinite(tr.ratio) & jnp.all(jnp.isfinite(tr.x))
-        factor = jnp.clip(SAFETY * jnp.where(finite, tr.ratio, 1e9) ** (-1.0 / self._order), SHRINK, SAFETY)
-        h = jax.lax.stop_gradient(tr.h) * factor if self.rejects else c.own.h
-        c = _with(c, h=h, **self._no_target(c.own))
-        # A step below the resolution of time goes nowhere; 1e-300 is the limit for an autonomous system at t=0.
-        t = jnp.abs(clock.base + c.s)
-        under = (h <= 4 * EPS * t * 1e-3) | (h < 1e-200) if self.rejects else jnp.asarray(True)
-        under = under | (~finite & (h <= 1e-14 * (1 + t)))
-        return stop(c, jnp.where(finite & self.rejects, STATUS.step_underflow, STATUS.nonfinite), under)
-
-    @property
-    def _order(self) -> int:
-        return self.method.error_order
-
-    def _no_target(self, own: Stepper):
-        """Aim at nothing."""
-        if own.target is None:
-            return {}
-        clear = jnp.asarray([np.inf, np.inf, 0.0], own.target.dtype)
-        return {"target": clear, "pending": jnp.full_like(own.pending, -1)}
 
     # --- advance ---------------------------------------------------------------------------------------------
 
@@ -327,75 +317,103 @@ class Stepping:
 
         return by_mode(mode, [tangent(q) for q in range(w.modes)], t, c.x, c.frame, h)
 
+    def _commit(self, settings: Settings, c: Carry, s, h, x, frame, flux) -> Carry:
+        since = c.since + {"steps": 1.0, "time": h, "jumps": 0.0, "never": 0.0}[settings.cadence.unit]
+        volume = c.volume if flux is None else c.volume + flux
+        return c._replace(s=s, x=x, frame=frame, since=since, volume=volume)
+
+    def step(self, settings: Settings, clock: Clock, c: Carry, tr) -> Carry:
+        """Keep the trial and carry the frame; or, where an error is too large, only make h smaller."""
+        if tr == ():
+            return self._march(settings, clock, c)
+        own, ratio, frame, flux = c.own, tr.ratio, c.frame, None
+        if frame.shape[1]:
+            _, frame, frame_ratio, flux = self._carried(c, clock, tr.h, own.mode)
+            ratio = jnp.maximum(ratio, frame_ratio)
+        kept = self._commit(settings, c, jnp.where(tr.final, clock.length, c.s + tr.h), tr.h, tr.x, frame, flux)
+        kept = _with(kept, f=tr.f)
+        if self.has_events:
+            kept = _with(kept, g=tr.g, rate=tr.rate, side=jnp.where(tr.g == 0, own.side, jnp.sign(tr.g)))
+        if not self.rejects:
+            return kept
+        # The frame's error may fail a step that the state's has passed.
+        passed = ratio <= 1.0
+        kept = jax.tree.map(lambda a, b: a if a is b else jnp.where(passed, a, b), kept, c)
+        h, log_ratio = self._next_h(own, tr, ratio, passed)
+        return _with(kept, h=h, log_ratio=log_ratio)
+
     def _march(self, settings: Settings, clock: Clock, c: Carry) -> Carry:
         """A fixed step of a plain flow: no trial, no guard."""
         rest, dt = clock.length - c.s, self.method.dt
         final = rest <= dt * (1 + 1e-9)
         h = jnp.where(final, rest, dt)
         new, frame, _, flux = self._carried(c, clock, h, None)
-        c = self._commit(settings, c, jnp.where(final, clock.length, c.s + h), h, new, frame, flux)
-        return c
+        return self._commit(settings, c, jnp.where(final, clock.length, c.s + h), h, new, frame, flux)
 
-    def _commit(self, settings: Settings, c: Carry, s, h, x, frame, flux) -> Carry:
-        since = c.since + {"steps": 1.0, "time": h, "jumps": 0.0, "never": 0.0}[settings.cadence.unit]
-        volume = c.volume if flux is None else c.volume + flux
-        return c._replace(s=s, x=x, frame=frame, since=since, volume=volume)
-
-    def _advance(self, settings: Settings, clock: Clock, c: Carry, tr: Trial) -> Carry:
-        """No guard was crossed: keep the step, carry the frame, choose the next h."""
-        own, ratio, frame, flux = c.own, tr.ratio, c.frame, None
-        if frame.shape[1]:
-            _, frame, frame_ratio, flux = self._carried(c, clock, tr.h, own.mode)
-            ratio = jnp.maximum(ratio, frame_ratio)
-        moved = _with(c, f=tr.f, **self._no_target(own))
-        if self.rejects:
-            h, log_ratio = self._next_h(own, tr, ratio)
-            moved = _with(moved, h=h, log_ratio=log_ratio)
-        moved = self._commit(settings, moved, jnp.where(tr.final, clock.length, c.s + tr.h), tr.h, tr.x, frame, flux)
-        if self.guarded:
-            side = jnp.where(tr.g == 0, own.side, jnp.sign(tr.g))
-            moved = _with(moved, g=tr.g, rate=tr.rate, side=side)
-        if not self.rejects:
-            return moved
-        # The frame's error may still fail the step.
-        failed = self._reject(clock, c, tr._replace(ratio=ratio))
-        return jax.lax.cond(ratio <= 1.0, lambda a, b: a, lambda a, b: b, moved, failed)
-
-    def _next_h(self, own: Stepper, tr: Trial, ratio):
+    def _next_h(self, own: Stepper, tr: Trial, ratio, passed):
         """PI control (Gustafsson; Hairer & Wanner, Solving ODEs II, section IV.2): 0.7/p and 0.4/p."""
-        log_ratio = jnp.log(jnp.maximum(ratio, 1e-10))
-        exponent = -(0.7 / self._order) * log_ratio + (0.4 / self._order) * own.log_ratio
+        order = self.method.error_order
+        log_ratio = jnp.log(jnp.clip(ratio, 1e-10, 1e10))  # nan, from a state out of bounds, stays nan
+        exponent = -(0.7 / order) * log_ratio + (0.4 / order) * own.log_ratio
         factor = jnp.clip(SAFETY * jnp.exp(exponent), SHRINK, GROW)
+        smaller = jnp.maximum(SAFETY * jnp.exp(-log_ratio / order), SHRINK)
+        smaller = jnp.where(jnp.isfinite(ratio), jnp.minimum(smaller, SAFETY), SHRINK)
         whole = tr.h >= 0.99 * own.h
         # A step that was cut at an event, a tick or the block's end says nothing against the controller's h.
         h = jnp.where(whole, tr.h * factor, jnp.maximum(own.h, tr.h * factor))
-        return jax.lax.stop_gradient(h), jnp.where(whole, log_ratio, own.log_ratio)
+        h = jnp.where(passed, h, tr.h * smaller)
+        return jax.lax.stop_gradient(h), jnp.where(whole & passed, log_ratio, own.log_ratio)
 
-    # --- locate ----------------------------------------------------------------------------------------------
+    # --- what is rare ----------------------------------------------------------------------------------------
 
-    def _locate(self, c: Carry, tr: Trial) -> Carry:
-        """A guard was crossed, or may have been: the next trial ends at the earliest root or turning point."""
-        own, h = c.own, tr.h
+    def settle(self, settings: Settings, clock: Clock, c: Carry, tr: Trial) -> tuple[Carry, Trial]:
+        """Locate an event and land on it; or end the run."""
+        if self.has_events:
+            c, tr = self._locate(clock, c, tr)
+            landed = lambda c, tr: self._land(settings, clock, c, tr)  # noqa: E731
+            c = jax.lax.cond(tr.case == LAND, landed, lambda c, tr: c, c, tr)
+        c = stop(c, jnp.where(self._finite(tr), STATUS.step_underflow, STATUS.nonfinite), tr.case == FAIL)
+        again = tr.case >= LAND
+        return c, jax.lax.cond(again, lambda c, tr: self.look(c, clock), lambda c, tr: tr, c, tr)
+
+    def _finite(self, tr: Trial):
+        return jnp.all(jnp.isfinite(tr.x)) & jnp.isfinite(tr.ratio)
+
+    def _locate(self, clock: Clock, c: Carry, tr: Trial) -> tuple[Carry, Trial]:
+        """Trials from the same base, until one ends at the root, or nothing is left to be located."""
+        infinity, none = jnp.asarray(jnp.inf, c.x.dtype), jnp.asarray(-1, jnp.int32)
+        aim = Aim(infinity, infinity, none, jnp.asarray(0, jnp.int32))
+
+        def closer(state):
+            c, tr, aim = state
+            aim = self._aim(c.own, tr, aim)
+            c = c._replace(budget=jnp.maximum(c.budget - 1, 1))
+            return c, self.look(c, clock, aim), aim
+
+        c, tr, _ = jax.lax.while_loop(lambda state: state[1].case == LOCATE, closer, (c, tr, aim))
+        return c, tr
+
+    def _aim(self, own: Stepper, tr: Trial, aim: Aim) -> Aim:
+        """A guard was crossed, or may have been: aim at the earliest root or turning point."""
+        signs, h = self._signs(own, tr, aim), tr.h
         d0, d1 = h * own.rate, h * tr.rate
         # A guard that starts at zero first leaves it: its root lies beyond the extremum between.
-        leaves = own.g == 0
-        lo = jnp.where(leaves & (d0 * d1 < 0), turning_point(own.g, d0, tr.g, d1), 0.0)
-        roots = jnp.where(tr.crossed, h * hermite_root(lo, own.g, d0, tr.g, d1), jnp.inf)
+        lo = jnp.where((own.g == 0) & (d0 * d1 < 0), turning_point(own.g, d0, tr.g, d1), 0.0)
+        roots = jnp.where(signs.crossed, h * hermite_root(lo, own.g, d0, tr.g, d1), jnp.inf)
         slot = jnp.argmin(roots)
-        cut = jnp.min(jnp.where(tr.turn, h * tr.theta, jnp.inf))
+        cut = jnp.min(jnp.where(signs.turn, h * signs.theta, jnp.inf))
         # An undershoot of the slot aimed at: one Newton step, kept below where the guard is known to be beyond.
-        aimed = jnp.maximum(own.pending, 0)
-        ahead = h - tr.g[aimed] / jnp.where(tr.rate[aimed] == 0, 1e-300, tr.rate[aimed])
-        inside = (ahead > h) & (ahead < own.target[1])
-        ahead = jnp.where(inside, ahead, 0.5 * (h + own.target[1]))
-        undershot = (own.pending >= 0) & ~jnp.any(tr.crossed)
-        root = jnp.where(undershot, ahead, roots[slot])
+        aimed = jnp.maximum(aim.slot, 0)
+        newton = h + signs.ahead[aimed]
+        newton = jnp.where((newton > h) & (newton < aim.beyond), newton, 0.5 * (h + aim.beyond))
+        undershot = (aim.slot >= 0) & ~jnp.any(signs.crossed)
+        root = jnp.where(undershot, newton, roots[slot])
         slot = jnp.where(undershot, aimed, slot).astype(jnp.int32)
-        beyond = jnp.where(undershot, own.target[1], h)
-        # Newton's method from the end of the step may be closer than the cubic, but bisect when it stagnates.
-        root = jnp.where((own.target[2] > 10) & ~undershot, 0.5 * (root + h), root)
-        target = jnp.stack([jnp.minimum(root, cut), beyond, own.target[2] + 1])
-        return _with(c, target=jax.lax.stop_gradient(target), pending=jnp.where(cut < root, -1, slot))
+        # The cubic's root may stagnate at one end where it is very flat: then bisect.
+        root = jnp.where((aim.tries > 10) & ~undershot, 0.5 * root, root)
+        target = jax.lax.stop_gradient(jnp.minimum(root, cut))
+        beyond = jax.lax.stop_gradient(jnp.where(undershot, aim.beyond, h))
+        return Aim(target, beyond, jnp.where(cut < root, -1, slot), aim.tries + 1)
 
     # --- land ------------------------------------------------------------------------------------------------
 
@@ -407,14 +425,16 @@ class Stepping:
         if frame.shape[1]:
             _, frame, _, flux = self._carried(c, clock, tr.h, own.mode)
         c = self._commit(settings, c, c.s + tr.h, tr.h, tr.x, frame, flux)
-        ticking = ~jnp.any(tr.lands)
-        ahead = jnp.where(tr.lands, -tr.g / jnp.where(tr.rate == 0, 1e-300, tr.rate), jnp.inf)
+        ahead = -tr.g / jnp.where(tr.rate == 0, 1e-300, tr.rate)
+        lands = self._at_root(own, tr, ahead)
+        ticking = ~jnp.any(lands)
+        ahead = jnp.where(lands, ahead, jnp.inf)
         slot = jnp.argmin(ahead).astype(jnp.int32)
         c = self._polish(clock, c, slot, ticking)
         t = clock.base + c.s
         c = harvest(settings, c, lambda v: v, t, 0.0) if self._orthonormalises(settings, c) else c
         # Which transition: the first of those at this instant whose `when` says yes.
-        together = tr.lands & (ahead <= ahead[slot] + SAME * (own.h + jnp.abs(t)))
+        together = lands & (ahead <= ahead[slot] + SAME * (own.h + jnp.abs(t)))
         allowed = together & by_mode(mode, w.whens, t, c.x) if w.shared else together
         blocked = ~ticking & ~jnp.any(allowed)
         slot = jnp.argmax(allowed).astype(jnp.int32)
@@ -422,11 +442,20 @@ class Stepping:
         which = self._table(own.mode, w.component)[slot]
         if w.clocks:
             clocks = jnp.asarray(w.clocks, jnp.int32)
-            transition = jnp.where(ticking, clocks[jnp.maximum(tr.tick, 0)], transition)
+            transition = jnp.where(ticking, clocks[tr.tick], transition)
             which = jnp.where(ticking, 0, which)
         crossed = self._cross(settings, clock, c, mode, transition, which, jnp.where(ticking, -1, slot), allowed)
         crossed = self._keep_clocks(clock, crossed, tr, ticking)
         return _choose(blocked, stop(c, STATUS.deadlock), crossed)
+
+    def _at_root(self, own: Stepper, tr: Trial, ahead):
+        """The guards whose root is at the end of a trial that lands."""
+        ticking = jnp.asarray(False) if tr.tick is None else tr.tick >= 0
+        directed = self._table(own.mode, self.wiring.directed)
+        fires = (own.side > 0) | (~directed & (own.side != 0))
+        crossed = fires & (own.side * tr.g <= 0)
+        close = fires & (own.side * tr.rate < 0) & (jnp.abs(ahead) <= NEAR * own.h)
+        return jnp.where(ticking, False, jnp.where(jnp.any(close), close, crossed))
 
     def _orthonormalises(self, settings: Settings, c: Carry) -> bool:
         return settings.cadence.unit != "never" and c.frame.shape[1] > 0
@@ -478,7 +507,7 @@ class Stepping:
             log=landing.log,
         )
         arrival = {"f": landing.f, "g": landing.g, "rate": landing.rate, "side": landing.side}
-        c = _with(c, mode=None if c.own.mode is None else landing.mode, **arrival, **self._no_target(c.own))
+        c = _with(c, mode=None if c.own.mode is None else landing.mode, **arrival)
         if self._orthonormalises(settings, c):
             c = harvest(settings, c, self._projection(landing.mode, t, landing.x), t, frames.LOST)
         c = self._remember(c, landing, clock)
