@@ -62,7 +62,7 @@ def jacobians(
         which: for an `lh.EventDriven`: which event; None: the next one from (t, x).
 
     Returns:
-        `Jacobians` with `.Df` (n, n); `.Dg`, `.Dh`, `.dg_dt` and `.dh_dt`, tuples with one entry a transition.
+        `Jacobians` with `.Df` (n, n); `.Dg`, `.Dh`, `.dg_dt`, `.dh_dt`, tuples with one entry a transition.
         An `lh.EventDriven` has one transition, and its field is the velocity of the closed-form flow.
 
     Raises:
@@ -174,7 +174,7 @@ def saltation_matrix(
     if isinstance(system, EventDriven):
         if which is None:
             raise ValueError(
-                "An EventDriven needs which=…, the event as its next_event (t, x, args) -> (dt, which) calls it."
+                "An EventDriven needs which=…, the event as next_event(t, x, args) -> (dt, which) calls it."
             )
         x, t, mode = _checked(system, x, args, t, mode)
         sequence, components = (0,), (_integers(which),)
@@ -268,13 +268,13 @@ def _saltation(system, t, x, args, mode, sequence, which):
 def _require_on_guard(h: float, rate: float, near: float, terms: float) -> None:
     if not abs(h) <= ON_GUARD * near:
         raise ValueError(
-            f"(t, x) is not on the guard: its value there is {h:.6g}; below {ON_GUARD * near:.2g} it counts as "
-            "zero. Give t and x_before of an event, as lh.trajectory lists them."
+            f"(t, x) is not on the guard: its value is {h:.6g}, and zero is what is below "
+            f"{ON_GUARD * near:.2g}. Give t and x_before of an event, as lh.trajectory lists them."
         )
     if abs(rate) <= 64 * EPS * terms:
         raise ValueError(
-            f"The contact is tangential: the guard's rate along the flow, ∂ₜh + ∇h·f⁻, is {rate:.2g}, and the "
-            "saltation matrix grows like 1/rate."
+            f"The contact is tangential: the guard's rate along the flow, ∂ₜh + ∇h·f⁻, is {rate:.2g}, and "
+            "the saltation matrix grows like 1/rate."
         )
 
 

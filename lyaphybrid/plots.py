@@ -90,9 +90,10 @@ def convergence(spectrum: Spectrum, ax=None):
     _label_ends(ax, values, errors, finite)
     lost = [f"λ$_{{{i + 1}}}$" for i in np.flatnonzero(np.isneginf(values))]
     if lost:
-        ax.text(0.98, 0.03, f"{', '.join(lost)} = −∞", transform=ax.transAxes, ha="right", color=COLOURS[1])
+        ax.text(0.98, 0.03, f"{', '.join(lost)} = −∞", transform=ax.transAxes, ha="right", color="0.25")
     if np.all(time > 0) and len(time) > 4 and time[len(time) // 2] < 0.25 * time[-1]:
         ax.set_xscale("log")
+        ax.set_xlim(time[0], time[-1])
     else:
         ax.set_xlim(0.0, time[-1])
     ax.set_xlabel({"time": "time t", "jumps": "jumps j", "hybrid": "max(t, j)"}[spectrum.clock])
@@ -103,7 +104,7 @@ def convergence(spectrum: Spectrum, ax=None):
 def _label_ends(ax, values, errors, finite) -> None:
     """Names at the right margin: with their values while they are few, else neighbours share one."""
     low, high = ax.get_ylim()
-    apart = 0.045 * (high - low)
+    apart = 0.035 * (high - low)
     few = len(finite) <= len(COLOURS)
     clusters: list[list[int]] = []
     for i in finite:
@@ -191,7 +192,8 @@ def phase(trajectory: Trajectory, ax=None, i: int = 0, j: int = 1):
     Args:
         trajectory: a `Trajectory`.
         ax: matplotlib axes; None: those of a new figure.
-        i, j: indices of the components.
+        i: index of the component to the right.
+        j: index of the component upwards.
 
     Returns:
         The axes.
@@ -220,7 +222,7 @@ def _draw_jumps(ax, events, i, j) -> None:
         return
     ends = np.stack([before, after, np.full_like(before, np.nan)], axis=1).reshape(-1, before.shape[1])
     ax.plot(ends[:, i], ends[:, j], color="0.6", linewidth=0.6, linestyle=":", zorder=1)
-    ax.plot(before[:, i], before[:, j], "o", markersize=3.5, color="0.35", fillstyle="none", markeredgewidth=0.7)
+    ax.plot(before[:, i], before[:, j], "o", markersize=3.5, color="0.35", fillstyle="none", mew=0.7)
     ax.plot(after[:, i], after[:, j], "o", markersize=2.5, color="0.35")
 
 

@@ -260,7 +260,7 @@ def harvest(settings: Settings, carry: Carry, project, t, lost_below: float) -> 
     kind = settings.kind if lost_below == 0.0 or settings.kind != "cholesky" else "mgs"
     frame, log_r, lost = frames.orthonormalise(carry.frame, kind, lost_below)
     carry = carry._replace(frame=frame, growth=carry.growth + log_r)
-    if carry.losses is None:
+    if lost_below == 0.0:
         return carry
     live = jnp.sum(frame * frame, axis=0) > 0.5
 

@@ -187,6 +187,8 @@ class Stepping:
                 if not self.has_events:
                     return step, ratio, None, None, None
                 g, rate = rates(w.guards[q], t + h, step.x, step.f)
+                if not self.rejects:
+                    return step, ratio, g, rate, None
                 at, probe = t + PROBE * h, self.method.inside(step.dense, PROBE)
                 _, slope = rates(w.guards[q], at, probe, w.fields[q](at, probe))
                 return step, ratio, g, rate, slope
@@ -235,22 +237,12 @@ class Stepping:
         own, ratio = c.own, tr.ratio
         event, lands = jnp.asarray(False), jnp.asarray(False)
         if self.has_events:
-            # The cubic errs like θ²(1-θ)²; its slope errs most at the probe, 3.08 times its error in the middle.
-            d0, d1 = tr.h * own.rate, tr.h * tr.rate
-            miss = jnp.abs(tr.h * slope - cubic(PROBE, own.g, d0, tr.g, d1)[1]) / 3.0792
-            tr = tr._replace(miss=miss)
-            if self.rejects:
-                size = jnp.abs(own.g) + jnp.abs(tr.g) + 0.25 * (jnp.abs(d0) + jnp.abs(d1))
-                allowed = GUARD_RESOLUTION * size + 1e3 * self.method.atol
-                ratio = jnp.maximum(ratio, jax.lax.stop_gradient(jnp.max(miss / allowed)))
-            signs = self._signs(own, tr, aim)
-            event = jnp.any(signs.crossed | signs.turn)
-            if aim is not None:
-                event = event | (aim.slot >= 0)
-                given_up = aim.tries > PATIENCE
-                far = jnp.any((signs.crossed & ~signs.lands) | signs.turn)
-                lands = jnp.any(signs.lands) & (~far | given_up)
-                event = event & ~(given_up & ~jnp.any(signs.crossed))
+            tr = self._resolve(own, tr, slope)
+            ratio = tr.ratio
+            if aim is None:
+                event = self._suspects(own, tr)
+            else:
+                event, lands = self._finds(own, tr, aim)
                 ratio = jnp.where((aim.slot >= 0) & jnp.isfinite(ratio), 0.0, ratio)
             if tr.tick is not None:
                 lands = lands | ((tr.tick >= 0) & ~event)
@@ -261,14 +253,45 @@ class Stepping:
         case = jnp.where(passed, case, jnp.where(failed & (tr.h > 0), FAIL, REJECT))
         return tr._replace(case=case.astype(jnp.int32), ratio=ratio)
 
+    def _resolve(self, own: Stepper, tr: Trial, slope) -> Trial:
+        """How well the cubic of each guard follows the guard; it must, for events to be seen."""
+        if slope is None:
+            return tr._replace(miss=jnp.zeros_like(tr.g))
+        # The cubic errs like θ²(1-θ)²; its slope errs most at the probe, 3.08 times its error in the middle.
+        d0, d1 = tr.h * own.rate, tr.h * tr.rate
+        miss = jnp.abs(tr.h * slope - cubic(PROBE, own.g, d0, tr.g, d1)[1]) / 3.0792
+        size = jnp.abs(own.g) + jnp.abs(tr.g) + 0.25 * (jnp.abs(d0) + jnp.abs(d1))
+        allowed = GUARD_RESOLUTION * size + 1e3 * self.method.atol
+        return tr._replace(miss=miss, ratio=jnp.maximum(tr.ratio, jax.lax.stop_gradient(jnp.max(miss / allowed))))
+
+    def _fires(self, own: Stepper):
+        """The slots that a change of sign would fire."""
+        directed = self._table(own.mode, self.wiring.directed)
+        return (own.side > 0) | (~directed & (own.side != 0))
+
+    def _suspects(self, own: Stepper, tr: Trial):
+        """Whether a guard may have been crossed: cheap, and never wrong in saying no."""
+        crossed = self._fires(own) & (own.side * tr.g <= 0)
+        turns = (own.rate * tr.rate < 0) & (own.side * own.rate < 0) & (own.side * tr.g > 0)
+        reach = tr.h * jnp.maximum(jnp.abs(own.rate), jnp.abs(tr.rate)) + 4.0 * tr.miss
+        near = jnp.minimum(jnp.abs(own.g), jnp.abs(tr.g)) <= reach
+        return jnp.any(crossed | (turns & near))
+
+    def _finds(self, own: Stepper, tr: Trial, aim: Aim):
+        """Whether there is an event to be located still, and whether the trial ends at one."""
+        signs, given_up = self._signs(own, tr, aim), aim.tries > PATIENCE
+        found = jnp.any(signs.crossed | signs.turn)
+        event = (found | (aim.slot >= 0)) & ~(given_up & ~jnp.any(signs.crossed))
+        far = jnp.any((signs.crossed & ~signs.lands) | signs.turn)
+        return event, jnp.any(signs.lands) & (~far | given_up)
+
     def _least_step(self, c: Carry, clock: Clock):
         """A step below the resolution of time goes nowhere."""
         return 1e-3 * EPS * jnp.abs(clock.base + c.s) + 1e-150
 
-    def _signs(self, own: Stepper, tr: Trial, aim: Aim | None) -> Signs:
+    def _signs(self, own: Stepper, tr: Trial, aim: Aim) -> Signs:
         """Which guards crossed zero during a trial, turned towards it, or have their root at its end."""
-        directed = self._table(own.mode, self.wiring.directed)
-        fires = (own.side > 0) | (~directed & (own.side != 0))
+        fires = self._fires(own)
         crossed = fires & (own.side * tr.g <= 0)
         # A guard that turns back inside the step: the step is cut there if it may have been beyond zero.
         d0, d1 = tr.h * own.rate, tr.h * tr.rate
@@ -278,8 +301,6 @@ class Stepping:
         drop = jnp.minimum(jnp.abs(own.g - extreme), jnp.abs(tr.g - extreme))
         doubt = 0.2 * drop + 64.0 * (theta * (1 - theta)) ** 2 * tr.miss
         turn = turns & (own.side * extreme <= doubt) & (theta > 1e-9) & (theta < 1 - 1e-9)
-        if aim is None:  # the root of a guard is never taken from a first trial
-            return Signs(crossed, turn, theta, jnp.zeros_like(crossed), jnp.zeros_like(tr.g))
         ahead = -tr.g / jnp.where(tr.rate == 0, 1e-300, tr.rate)
         close = fires & (own.side * tr.rate < 0) & (jnp.abs(ahead) <= NEAR * own.h)
         aimed = jnp.arange(self.wiring.slots) == aim.slot
@@ -390,6 +411,10 @@ class Stepping:
             c = c._replace(budget=jnp.maximum(c.budget - 1, 1))
             return c, self.look(c, clock, aim), aim
 
+        # The first trial was only suspected; look closely at what it shows.
+        event, _ = self._finds(c.own, tr, aim)
+        harmless = ADVANCE if tr.tick is None else jnp.where(tr.tick >= 0, LAND, ADVANCE)
+        tr = tr._replace(case=jnp.where((tr.case == LOCATE) & ~event, harmless, tr.case))
         c, tr, _ = jax.lax.while_loop(lambda state: state[1].case == LOCATE, closer, (c, tr, aim))
         return c, tr
 
@@ -451,8 +476,7 @@ class Stepping:
     def _at_root(self, own: Stepper, tr: Trial, ahead):
         """The guards whose root is at the end of a trial that lands."""
         ticking = jnp.asarray(False) if tr.tick is None else tr.tick >= 0
-        directed = self._table(own.mode, self.wiring.directed)
-        fires = (own.side > 0) | (~directed & (own.side != 0))
+        fires = self._fires(own)
         crossed = fires & (own.side * tr.g <= 0)
         close = fires & (own.side * tr.rate < 0) & (jnp.abs(ahead) <= NEAR * own.h)
         return jnp.where(ticking, False, jnp.where(jnp.any(close), close, crossed))

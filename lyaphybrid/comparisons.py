@@ -1,0 +1,374 @@
+"""The largest exponent with no derivative at all: two trajectories, and how they separate."""
+
+import warnings
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from . import propagation, runs
+from .methods.base import Method
+from .propagation import Cadence
+from .results import UNIT, History, RunFailed, with_error
+from .statuses import RUNNING, STATUS
+from .systems import EventDriven, Flow, Hybrid, Map
+
+__all__ = ["TwoTrajectories", "two_trajectories"]
+
+PLAN = runs.Plan(Cadence("never", False), "mgs", False, 0, False, False, runs.nothing)
+FIRST = 1e-6  # of a block: an interval to begin with
+WANTED, SHORTER, LONGER = 1.0, 0.5, 1.2  # ln of the growth in an interval; how fast the interval adapts
+PATIENCE = 4  # so often an interval is lengthened until both trajectories have made the same jumps
+SKIPPED = 0.01  # a fraction of intervals that is worth a warning
+
+
+class TwoTrajectories(eqx.Module):
+    """The largest Lyapunov exponent as two neighbouring trajectories show it.
+
+    Attributes:
+        exponent: () per unit of time (per iteration of a map); -inf where the trajectories met.
+        stderr: () one standard error, from the blocks.
+        time: () length after the transient.
+        intervals: () number of renormalisations; skipped: () how many intervals among them did not count.
+        history: time, exponents (running) and growth of the blocks, each (blocks,); nan where not reached.
+        x, t, mode: the state of the first trajectory at the end.
+        separation: the distance to which the second one was brought back.
+    """
+
+    exponent: Array
+    stderr: Array
+    time: Array
+    intervals: Array
+    skipped: Array
+    history: History
+    x: Array
+    t: Array
+    mode: Array
+    separation: Array
+    status_code: Array
+    unit: str = eqx.field(static=True)
+
+    @property
+    def status(self) -> STATUS | Array:
+        """The verdict; under a transformation the bare code."""
+        code = self.status_code
+        return code if isinstance(code, jax.core.Tracer) else STATUS(int(code))
+
+    def __str__(self) -> str:
+        if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(self)):
+            return "TwoTrajectories(under a transformation)"
+        value = with_error(float(self.exponent), float(self.stderr))
+        return (
+            f"λ1 {value} per {self.unit}, from two trajectories {float(self.separation):.2g} apart\n"
+            f"  t = {float(self.time):.6g}, {int(self.intervals)} intervals, {int(self.skipped)} of them "
+            f"skipped; status {self.status}"
+        )
+
+    __repr__ = __str__
+
+
+class Pair(NamedTuple):
+    """Two trajectories between renormalisations, and the sums of the present block."""
+
+    elapsed: Array  # since the start of the run
+    x: Array  # (n,) of the first
+    direction: Array  # (n,) unit vector to the second
+    mode: Array
+    h: Array | None  # the controller's step
+    interval: Array
+    growth: Array  # Σ ln of the growth
+    length: Array  # time that counts
+    intervals: Array
+    skipped: Array
+    status: Array
+
+
+def two_trajectories(
+    system: Flow | Map | Hybrid | EventDriven,
+    x0,
+    args: Any = None,
+    *,
+    t1,
+    t0=0.0,
+    transient=0.0,
+    separation: Any = 1e-8,
+    renormalise_every=None,
+    mode: str | int | None = None,
+    method: Method | None = None,
+    blocks: int = 64,
+    key=None,
+    throw: bool = True,
+) -> TwoTrajectories:
+    """The largest Lyapunov exponent from two trajectories, with no derivative: an independent check.
+
+    λ₁ ≈ Σ_i ln(d_i / d₀) / Σ_i τ_i: after each interval τ_i the distance d_i is read, and the second
+    trajectory is brought back to the distance d₀ along the present separation.
+
+    Nothing of the tangent dynamics is used, no Jacobian and no saltation matrix; the two trajectories meet
+    their events each at its own instant. An interval that ends when one has jumped and the other has not is
+    lengthened until both have made the same jumps. Where they never do (one grazes, the other passes), or the
+    distance leaves the linear regime, d_i > √(d₀ max(1, |x|)), the interval does not count and the second
+    trajectory starts anew.
+
+    Args:
+        system: an `lh.Flow`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
+        x0: (n,) start.
+        args: pytree of parameters.
+        t1: length after the transient (iterations for a map).
+        t0: time at the start.
+        transient: length before growth is counted.
+        separation: d₀, in units of x (Euclidean norm): small against the attractor, large against rounding.
+        renormalise_every: τ; None: lengthened and shortened with the growth that is seen.
+        mode: mode at the start, where there are several.
+        method: `lh.RungeKutta` (default) or `lh.Diffrax`; None for maps and event-driven systems.
+        blocks: the run is recorded in so many blocks, at least 2; they give the error.
+        key: a `jax.random.key` for the direction of the first separation; None: a fixed one.
+        throw: raise where the run failed; False returns the result with its status.
+
+    Returns:
+        A `TwoTrajectories` with `.exponent`, `.stderr`, `.history`, `.status`.
+
+    Raises:
+        ValueError: on arguments that do not fit, before any computing.
+        RunFailed: where the run failed and `throw`; it carries the result so far.
+
+    Source:
+        G. Benettin, L. Galgani & J.-M. Strelcyn, Phys. Rev. A 14 (1976) 2338, doi:10.1103/PhysRevA.14.2338.
+
+    Example:
+        >>> import lyaphybrid as lh
+        >>> s = lh.two_trajectories(lh.Map(lambda n, x, r: r * x * (1 - x)), [0.3], 4.0, t1=20_000)
+        >>> abs(float(s.exponent) - 0.6931) < 0.01
+        True
+    """
+    _require_numbers(t1, transient, separation, renormalise_every, blocks)
+    problem, x0, t0, mode = runs.prepare(system, x0, args, t0, method, mode)
+    _require_start(x0, separation)
+    whole = _iterates(system)
+    length, separation = jnp.asarray(t1, x0.dtype), jnp.asarray(separation, x0.dtype)
+    ends = length * jnp.arange(1, blocks + 1, dtype=x0.dtype) / blocks
+    every = None if renormalise_every is None else jnp.asarray(renormalise_every, x0.dtype)
+    key = jax.random.key(0) if key is None else key
+    pair = _start(problem, t0, x0, mode, key, length / blocks * FIRST if every is None else every)
+    if isinstance(transient, jax.core.Tracer) or float(transient) > 0:
+        quiet = jnp.asarray(transient, x0.dtype)
+        pair = _block(problem, t0, pair, jnp.ceil(quiet - 1e-9) if whole else quiet, every, separation)
+        pair = _restarted(pair)
+    ends = pair.elapsed + (jnp.ceil(ends - 1e-9) if whole else ends)
+    pair, records = _all_blocks(problem, t0, pair, ends, every, separation)
+    return _deliver(_summarise(t0, pair, records, separation, whole), throw)
+
+
+def _require_numbers(t1, transient, separation, every, blocks) -> None:
+    """Check the numbers that are known."""
+    wanted = {"t1": t1, "separation": separation} | ({} if every is None else {"renormalise_every": every})
+    for name, value in wanted.items():
+        known = not isinstance(value, jax.core.Tracer)
+        if known and not (np.ndim(value) == 0 and 0 < float(value) < np.inf):
+            raise ValueError(f"{name} must be a positive, finite number; got {value!r}.")
+    if not isinstance(transient, jax.core.Tracer) and not 0 <= float(transient) < np.inf:
+        raise ValueError(f"transient, a length, must be finite and not negative; got {transient!r}.")
+    if isinstance(blocks, bool) or not isinstance(blocks, int) or blocks < 2:
+        raise ValueError(f"blocks must be an integer of at least 2; got {blocks!r}.")
+
+
+def _require_start(x0, separation) -> None:
+    if x0.ndim != 1:
+        raise ValueError(f"x0 must have shape (n,) here; got {x0.shape}. Use jax.vmap for several starts.")
+    if isinstance(x0, jax.core.Tracer) or isinstance(separation, jax.core.Tracer):
+        return
+    rounding = float(jnp.finfo(x0.dtype).eps * jnp.max(jnp.abs(x0)))
+    if separation < 100 * rounding:
+        raise ValueError(
+            f"separation must be large against the rounding of x0, {rounding:.1e}; got {separation!r}."
+        )
+
+
+def _iterates(system) -> bool:
+    """Whether time is counted in iterations."""
+    return isinstance(system, Map) or (isinstance(system, Hybrid) and system.fields is None)
+
+
+def _begin(problem: runs.Problem, t, x, mode, h) -> propagation.Journey:
+    """One trajectory at its start, without a frame."""
+    settings = runs.settings_of(problem, PLAN, t, x)
+    none = jnp.zeros((x.shape[0], 0), x.dtype)
+    return propagation.begin(settings, t, x, none, mode, h, jnp.ones_like(t))
+
+
+@eqx.filter_jit
+def _start(problem: runs.Problem, t0, x0, mode, key, interval) -> Pair:
+    """The pair at its start, in a random direction."""
+    carry = _begin(problem, t0, x0, mode, None).carry
+    direction = jax.random.normal(key, x0.shape, x0.dtype)
+    direction = direction / jnp.sqrt(jnp.sum(direction**2))
+    zero, none = jnp.zeros_like(t0), jnp.asarray(0, jnp.int32)
+    interval = jnp.maximum(jnp.floor(interval), 1.0) if _iterates(problem.system) else interval
+    step = getattr(carry.own, "h", None)
+    return Pair(
+        zero, x0, direction, runs.mode_of(carry), step, interval, zero, zero, none, none, none + RUNNING
+    )
+
+
+def _restarted(pair: Pair) -> Pair:
+    """The pair with new sums."""
+    zero, none = jnp.zeros_like(pair.growth), jnp.zeros_like(pair.intervals)
+    return pair._replace(growth=zero, length=zero, intervals=none, skipped=none)
+
+
+def _all_blocks(problem: runs.Problem, t0, pair: Pair, ends, every, separation):
+    """Block by block: under a transformation in one loop, else on the host, where Ctrl-C finds room."""
+
+    def one(pair, end):
+        pair = _block(problem, t0, _restarted(pair), end, every, separation)
+        return pair, (pair.elapsed, pair.growth, pair.length, pair.intervals, pair.skipped)
+
+    leaves = jax.tree.leaves((problem, t0, pair, ends, every, separation))
+    if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+        return jax.lax.scan(one, pair, ends)
+    records = []
+    for end in np.asarray(ends):
+        pair, record = one(pair, jnp.asarray(end))
+        records.append(record)
+    return pair, jax.tree.map(lambda *parts: jnp.stack(parts), *records)
+
+
+@eqx.filter_jit
+def _block(problem: runs.Problem, t0, pair: Pair, end, every, separation) -> Pair:
+    """Interval after interval until the end of the block."""
+
+    def goes_on(pair):
+        return (end - pair.elapsed > 1e-12 * end) & (pair.status == RUNNING)
+
+    def interval(pair):
+        return _interval(problem, t0, pair, end, every is None, separation)
+
+    return jax.lax.while_loop(goes_on, interval, pair)
+
+
+def _interval(problem: runs.Problem, t0, pair: Pair, end, automatic: bool, separation) -> Pair:
+    """Both trajectories over one interval, and the second one brought back."""
+    t, rest = t0 + pair.elapsed, end - pair.elapsed
+    length = jnp.where(rest <= pair.interval * (1 + 1e-9), rest, pair.interval)
+    starts = jnp.stack([pair.x, pair.x + separation * pair.direction])
+    # Both begin with the same step: then their errors are the same, and cancel in the difference.
+    journeys = jax.vmap(lambda x: _begin(problem, t, x, pair.mode, pair.h))(starts)
+    journeys = _until_they_agree(problem, journeys, length)
+    first, modes = journeys.carry, runs.mode_of(journeys.carry)
+    status = jnp.max(first.status)
+    apart = first.x[1] - first.x[0]
+    distance = jnp.sqrt(jnp.sum(apart**2))
+    size = jnp.maximum(1.0, jnp.sqrt(jnp.sum(first.x[0] ** 2)))
+    good = _agree(journeys) & (status == RUNNING) & (distance <= jnp.sqrt(separation * size))
+    growth = jnp.log(distance / separation)
+    met = distance == 0
+    interval = pair.interval
+    if automatic:
+        seen = jnp.where(good, jnp.abs(growth), jnp.inf)
+        wanted = _wanted(interval, seen, _iterates(problem.system))
+        interval = jnp.where((length >= interval) | (wanted < interval), wanted, interval)
+    step = getattr(first.own, "h", None)
+    return Pair(
+        pair.elapsed + journeys.elapsed[0],
+        first.x[0],
+        jnp.where(good & ~met, apart / jnp.where(met, 1.0, distance), pair.direction),
+        jnp.broadcast_to(modes, (2,))[0],
+        None if step is None else step[0],
+        interval,
+        pair.growth + jnp.where(good, growth, 0.0),
+        pair.length + jnp.where(good, journeys.elapsed[0], 0.0),
+        pair.intervals + 1,
+        pair.skipped + ~good,
+        status,
+    )
+
+
+def _wanted(interval, seen, whole: bool):
+    """The interval that the growth seen in this one suggests."""
+    wanted = WANTED * interval / jnp.maximum(seen, 1e-3)
+    if whole:
+        return jnp.maximum(jnp.round(jnp.clip(wanted, SHORTER * interval, interval + 1)), 1.0)
+    return jnp.clip(wanted, SHORTER * interval, LONGER * interval)
+
+
+def _agree(journeys):
+    """Whether both trajectories have made the same number of jumps and are in the same mode."""
+    modes, jumps = jnp.broadcast_to(runs.mode_of(journeys.carry), (2,)), journeys.carry.jumps
+    return (jumps[0] == jumps[1]) & (modes[0] == modes[1])
+
+
+def _until_they_agree(problem: runs.Problem, journeys: propagation.Journey, length):
+    """Over the length; and on by a hundredth, a tenth, one of it while one has jumped and the other not."""
+    forever = jnp.asarray(runs.FOREVER, jnp.int32)
+
+    def fly(journey, until):
+        settings = runs.settings_of(problem, PLAN, journey.base[0], journey.carry.x)
+        journey = journey._replace(block=jnp.zeros_like(journey.block))
+        ends = until[None]
+        return propagation.advance(settings, journey, ends, ends, forever)[0]
+
+    def goes_on(state):
+        journeys, _, tries = state
+        apart = (tries == 0) | ~_agree(journeys)
+        return apart & (tries < PATIENCE) & jnp.all(journeys.carry.status == RUNNING)
+
+    def go(state):
+        journeys, until, tries = state
+        more = jnp.where(tries == 0, 1.0, 10.0 ** (tries - PATIENCE + 1).astype(length.dtype))
+        until = until + length * more
+        if jax.default_backend() == "cpu":  # one after the other keeps real branches: see `runs`
+            journeys = jax.lax.map(lambda journey: fly(journey, until), journeys)
+        else:
+            journeys = jax.vmap(lambda journey: fly(journey, until))(journeys)
+        return journeys, until, tries + 1
+
+    start = (journeys, jnp.zeros_like(length), jnp.asarray(0, jnp.int32))
+    return jax.lax.while_loop(goes_on, go, start)[0]
+
+
+def _summarise(t0, pair: Pair, records, separation, whole: bool) -> TwoTrajectories:
+    """From the sums of the blocks to the exponent and its error."""
+    elapsed, growth, length, intervals, skipped = records
+    before = jnp.concatenate([elapsed[:1] - length[:1], elapsed[:-1]])
+    reached = elapsed > before
+    total = jnp.sum(length)
+    running = jnp.cumsum(growth) / jnp.where(jnp.cumsum(length) == 0, jnp.nan, jnp.cumsum(length))
+    exponent, count = running[-1], jnp.maximum(jnp.sum(reached), 2)
+    scatter = jnp.sum((growth - exponent * length) ** 2)
+    return TwoTrajectories(
+        exponent=exponent,
+        stderr=jnp.sqrt(scatter * count / (count - 1)) / total,
+        time=total,
+        intervals=jnp.sum(intervals),
+        skipped=jnp.sum(skipped),
+        history=History(
+            jnp.where(reached, jnp.cumsum(length), jnp.nan),
+            jnp.where(reached, running, jnp.nan),
+            jnp.where(reached, growth, jnp.nan),
+        ),
+        x=pair.x,
+        t=t0 + pair.elapsed,
+        mode=pair.mode,
+        separation=separation,
+        status_code=pair.status,
+        unit="iteration" if whole else UNIT["time"],
+    )
+
+
+def _deliver(result: TwoTrajectories, throw: bool) -> TwoTrajectories:
+    """Raise or warn on the host, where the values are known."""
+    status = result.status
+    if not isinstance(status, STATUS):
+        return result
+    if throw and status.failed:
+        raise RunFailed(status, f"It stood at t = {float(result.t):.10g}.", result)
+    if result.skipped > max(2, SKIPPED * result.intervals):
+        warnings.warn(
+            f"{int(result.skipped)} of {int(result.intervals)} intervals did not count: (a) the distance "
+            "leaves the linear regime within one, shorten renormalise_every; (b) the motion often grazes.",
+            stacklevel=3,
+        )
+    return result
