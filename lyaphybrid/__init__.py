@@ -5,6 +5,7 @@ from ._compiler import request_single_kernel_loops
 request_single_kernel_loops()
 
 from .comparisons import TwoTrajectories, two_trajectories  # noqa: E402
+from . import zoo  # noqa: E402
 from .derivatives import Jacobians, jacobians, saltation_matrix  # noqa: E402
 from .methods import Diffrax, RungeKutta  # noqa: E402
 from .results import RunFailed, Spectrum  # noqa: E402

@@ -281,7 +281,7 @@ def _interval(problem: runs.Problem, t0, pair: Pair, end, automatic: bool, separ
         pair.growth + jnp.where(good, growth, 0.0),
         pair.length + jnp.where(good, journeys.elapsed[0], 0.0),
         pair.intervals + 1,
-        pair.skipped + ~good,
+        pair.skipped + jnp.where(good, 0, 1),
         status,
     )
 

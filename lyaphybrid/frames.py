@@ -14,7 +14,8 @@ __all__ = ["KINDS", "orthonormalise", "refill"]
 KINDS = ("mgs", "lapack", "cholesky")
 UNROLL = 6  # up to so many columns Gram–Schmidt is unrolled; beyond, it is a loop of matrix–vector products
 LAPACK_FROM = 32  # from so many columns on LAPACK is faster (measured: n=16 half, n=64 3.5 times as fast)
-LOST = 1e-12  # a column is lost at an event where its residual is below this, relative to max(1, norm)
+LOST = 1e-12  # a column is lost at a jump where its residual is below this, relative to its length before
+DEPENDENT = 1e-13  # and after several jumps where its residual is below this, relative to its length now
 TINY = 1e-290
 
 
@@ -24,14 +25,14 @@ def kind_for(k: int) -> str:
 
 
 def orthonormalise(
-    frame: Float[Array, "n k"], kind: str = "mgs", lost_below: float = 0.0
+    frame: Float[Array, "n k"], kind: str = "mgs", absolute: float = 0.0, relative: float = 0.0
 ) -> tuple[Float[Array, "n k"], Float[Array, " k"], Array]:
     """Orthonormal columns spanning the same nested subspaces, and ln R_ii.
 
     Args:
         frame: (n, k), k ≤ n.
         kind: "mgs", modified Gram–Schmidt; "lapack", Householder QR; "cholesky", two Cholesky QR passes.
-        lost_below: a column whose residual is at most lost_below · max(1, its norm) is lost.
+        absolute, relative: a column whose residual is at most absolute + relative · its norm is lost.
 
     Returns:
         The columns (n, k), zero where lost; ln R_ii (k,), zero where lost; and which columns were lost (k,).
@@ -40,7 +41,7 @@ def orthonormalise(
         columns, norms, residuals = (_unrolled if frame.shape[1] <= UNROLL else _looped)(frame)
     else:
         columns, norms, residuals = (_householder if kind == "lapack" else _cholesky)(frame)
-    lost = (residuals <= lost_below * jnp.maximum(1.0, norms)) & (norms > 0)
+    lost = residuals <= absolute + relative * norms
     alive = ~lost & (residuals > TINY)
     log_r = jnp.where(alive, jnp.log(jnp.where(alive, residuals, 1.0)), 0.0)
     return jnp.where(alive[None, :], columns, 0.0), log_r, lost

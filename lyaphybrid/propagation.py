@@ -181,7 +181,7 @@ def _block(settings: Settings, journey: Journey, index, end, last_jump):
 
     # A block always runs once through: what is not to be done is stopped by the budget.
     start = journey.carry._replace(budget=jnp.where(todo, journey.carry.budget, 0))
-    state = (start, settings.mover.look(start, clock), journey.interval, journey.spread)
+    state = (start, settings.mover.enter(start, clock), journey.interval, journey.spread)
     carry, _, interval, spread = jax.lax.while_loop(
         lambda state: within(state[0]), lambda state: _span(settings, clock, within, *state), state
     )
@@ -223,9 +223,10 @@ def _span(settings: Settings, clock: Clock, within, carry: Carry, ahead, interva
 
     carry, ahead = jax.lax.while_loop(goes_on, step, (carry, ahead))
     if mover.has_events:
-        rare = within(carry) & ~mover.common(ahead)
-        carry, ahead = jax.lax.cond(
-            rare, lambda c, a: mover.settle(settings, clock, c, a), lambda c, a: (c, a), carry, ahead
+        carry, ahead = jax.lax.while_loop(
+            lambda state: within(state[0]) & ~mover.common(state[1]),
+            lambda state: mover.settle(settings, clock, *state),
+            (carry, ahead),
         )
     if not frequent:
         return carry, ahead, interval, spread
@@ -241,31 +242,46 @@ def _span(settings: Settings, clock: Clock, within, carry: Carry, ahead, interva
 def _tidy(settings: Settings, clock: Clock, carry: Carry, ahead, interval, spread):
     """Orthonormalise: where it is due, and at the end of a block so that the sum rule closes."""
     before = carry.growth
-    lost_below = frames.LOST if settings.mover.loses_rank_between_events else 0.0
-    carry = harvest(settings, carry, lambda v: v, clock.base + carry.s, lost_below)
+    if settings.mover.jumps_uncontrolled:
+        absolute = jnp.where(carry.since <= 1, frames.LOST, 0.0)
+        carry = harvest(settings, carry, clock.base + carry.s, absolute, frames.DEPENDENT)
+    else:
+        carry = harvest(settings, carry, clock.base + carry.s)
     gained = carry.growth - before
-    seen = jnp.max(gained) - jnp.min(gained)
+    seen = jnp.maximum(jnp.max(gained), 0.0) - jnp.minimum(jnp.min(gained), 0.0)
     spread = jnp.maximum(spread, seen)
     if settings.cadence.automatic:
-        # Aim at a spread of e^4 per orthonormalisation: eight digits are left for the smallest exponent.
+        # Aim at a spread of e^4 per orthonormalisation. Growth varies, so an interval is never long: that of a map
+        # or a jump may do anything, that of a step is bounded by its error control.
+        longest = 4.0 if settings.mover.jumps_uncontrolled else 20.0
         full = carry.since >= interval
         wanted = jnp.clip(4.0 * interval / jnp.maximum(seen, 1e-3), 0.5 * interval, 2 * interval)
         wanted = jax.lax.stop_gradient(wanted)
-        interval = jnp.where(full | (wanted < interval), jnp.clip(jnp.floor(wanted), 1.0, 1000.0), interval)
+        interval = jnp.where(full | (wanted < interval), jnp.clip(jnp.floor(wanted), 1.0, longest), interval)
     return carry._replace(since=jnp.zeros_like(carry.since)), ahead, interval, spread
 
 
-def harvest(settings: Settings, carry: Carry, project, t, lost_below: float) -> Carry:
-    """Orthonormalise the frame and add ln R_ii to the growth; count what was lost and replace it."""
-    kind = settings.kind if lost_below == 0.0 or settings.kind != "cholesky" else "mgs"
-    frame, log_r, lost = frames.orthonormalise(carry.frame, kind, lost_below)
+def harvest(settings: Settings, carry: Carry, t, absolute=0.0, relative=0.0, project=None, was_live=True) -> Carry:
+    """Orthonormalise the frame and add ln R_ii to the growth.
+
+    Where a tolerance is given columns may be lost: they are counted, and replaced.
+
+    Args:
+        settings: static.
+        carry: with the frame.
+        t: the time, for the record.
+        absolute, relative: tolerances of `frames.orthonormalise`.
+        project: onto the tangent space of the mode; None: there is no constraint.
+        was_live: (k,), columns that were not empty before.
+    """
+    frame, log_r, lost = frames.orthonormalise(carry.frame, settings.kind, absolute, relative)
     carry = carry._replace(frame=frame, growth=carry.growth + log_r)
-    if lost_below == 0.0:
+    if relative == 0.0:
         return carry
-    live = jnp.sum(frame * frame, axis=0) > 0.5
+    live, lost = ~lost, lost & was_live
 
     def replace(carry, lost, live):
-        frame, permutation = frames.refill(carry.frame, project, live)
+        frame, permutation = frames.refill(carry.frame, project or (lambda dx: dx), live)
         count = jnp.sum(live)
         places = jnp.arange(live.shape[0])
         now = (places >= count) & (places < count + jnp.sum(lost))
@@ -315,8 +331,8 @@ def restart(journey: Journey) -> Journey:
     return Journey(carry, journey.base, nothing, jnp.zeros_like(journey.block), journey.interval, nothing)
 
 
-def log_event(log: Events | None, entry: Events) -> Events | None:
-    """Append one event (its `count` is ignored); the caller sees to it that there is room."""
+def log_event(log: Events | None, entry: Events, real=True) -> Events | None:
+    """Append one event (its `count` is ignored), if it is real; there is room for it."""
     if log is None:
         return None
 
@@ -324,7 +340,7 @@ def log_event(log: Events | None, entry: Events) -> Events | None:
         return buffer.at[log.count].set(value)
 
     filled = jax.tree.map(put, log._replace(count=None), entry._replace(count=None))
-    return filled._replace(count=log.count + 1)
+    return filled._replace(count=log.count + jnp.asarray(real, jnp.int32))
 
 
 def stop(carry: Carry, status, when=True) -> Carry:

@@ -88,9 +88,15 @@ def prepare(system, x0, args, t0, method, mode) -> tuple[Problem, Any, Any, Any]
         )
     x0 = _state(x0)
     t0 = jnp.asarray(t0, x0.dtype)
-    problem = Problem(system, _method_for(system, method), args)
+    # Python floats would be compiled in as constants: as arrays they may change without compiling again.
+    args, method = _as_arrays(args, x0.dtype), _as_arrays(_method_for(system, method), x0.dtype)
+    problem = Problem(system, method, args)
     _check_functions(system, jax.ShapeDtypeStruct(x0.shape[-1:], x0.dtype), args)
     return problem, x0, t0, _mode_index(system, mode)
+
+
+def _as_arrays(tree, dtype):
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype) if isinstance(leaf, float) else leaf, tree)
 
 
 def _state(x0):

@@ -172,7 +172,7 @@ def _frame(frame, n, k, dtype):
         if frame.shape[1:] != (k,) or k is None or k <= n
         else f"k must be at most n = {n}; got {k}.",
     )
-    columns, log_r, lost = frames.orthonormalise(frame, "mgs", frames.LOST)
+    columns, log_r, lost = frames.orthonormalise(frame, "mgs", frames.LOST, frames.LOST)
     concrete = not isinstance(lost, jax.core.Tracer)
     _require(not (concrete and bool(jnp.any(lost))), "frame must have linearly independent columns.")
     return columns, log_r

@@ -219,7 +219,8 @@ class EventDriven(eqx.Module):
     Args:
         flow: ``(dt, t, x, args) -> x`` after the time dt without an event, from state x at time t.
         next_event: ``(t, x, args) -> (dt, which)``: the time to the next event (inf: none) and what it is, an
-            integer or any pytree of integers (which pair, which wall).
+            integer or any pytree of integers (which pair, which wall). A negative one (the first leaf) means that
+            nothing happens then and the prediction is to be made anew; it is not counted as a jump.
         jump: ``(t, x, args, which) -> x⁺``.
         guard: ``(t, x, args, which) -> scalar`` that falls through zero at the event: it supplies the derivative
             of the event's time.

@@ -32,7 +32,7 @@ class Exact:
     args: Any
 
     may_lose_rank: ClassVar[bool] = True
-    loses_rank_between_events: ClassVar[bool] = True
+    jumps_uncontrolled: ClassVar[bool] = True
     has_events: ClassVar[bool] = True
 
     def begin(self, t, x, mode, h):
@@ -54,6 +54,8 @@ class Exact:
         dt, which = jnp.asarray(dt, c.x.dtype), _integers(which)
         # nan is no time: it goes to the landing, which reports it.
         return Flight(dt, which, ~(dt > clock.length - c.s))
+
+    enter = look
 
     def common(self, ahead: Flight):
         """The usual thing is to land; to fly on to the end of the block is rare."""
@@ -101,6 +103,7 @@ class Exact:
         volume = c.volume
         if volume is not None:
             volume = volume + self._flux(c, clock, flight.dt) + frames.log_abs_det(columns[:, k:])
+        real = _is_event(which)
         zero = jnp.asarray(0, jnp.int32)
         entry = Events(None, t, zero, which, zero, zero, x, new)
         landed = c._replace(
@@ -108,9 +111,9 @@ class Exact:
             x=new,
             frame=columns[:, :k],
             since=self._count(settings, c.since, flight.dt, 1.0),
-            jumps=c.jumps + 1,
+            jumps=c.jumps + real,
             volume=volume,
-            log=log_event(c.log, entry),
+            log=log_event(c.log, entry, real),
         )
         return self._remember(landed, flight.dt)
 
@@ -128,3 +131,8 @@ def _integers(which):
     return jax.tree.map(lambda leaf: jnp.asarray(leaf).astype(jnp.int32), which)
 
 
+
+
+def _is_event(which):
+    """A negative `which` says that nothing happens there: the prediction is only to be made anew."""
+    return jax.tree.leaves(which)[0] >= 0

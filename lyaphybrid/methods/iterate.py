@@ -21,7 +21,7 @@ class Iterating:
     rule: Callable  # (t, x) -> x
 
     may_lose_rank: ClassVar[bool] = True
-    loses_rank_between_events: ClassVar[bool] = True
+    jumps_uncontrolled: ClassVar[bool] = True
     has_events: ClassVar[bool] = False
 
     def begin(self, t, x, mode, h):
@@ -42,6 +42,8 @@ class Iterating:
         """There is nothing to foresee."""
         del c, clock
         return ()
+
+    enter = look
 
     def common(self, ahead):
         """A map only steps."""

@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 import diffrax
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -142,10 +143,11 @@ class RungeKutta(Method):
     def divergence(self, field: Field, t, x, h):
         """∫ tr Df dt over the step by the weights b at the stages."""
         _, points = self._stages(field, t, x, field(t, x), h)
-        traces = [
-            (b, trace(field, *point)) for b, point in zip(TABLEAUX[self.tableau].b, points, strict=True) if b != 0
-        ]
-        return h * sum(float(b) * value for b, value in traces)
+        b = TABLEAUX[self.tableau].b
+        used = [(float(weight), *point) for weight, point in zip(b, points, strict=True) if weight != 0]
+        weights, times, states = zip(*used, strict=True)
+        traces = jax.vmap(lambda t, x: trace(field, t, x))(jnp.stack(times), jnp.stack(states))
+        return h * jnp.sum(jnp.asarray(weights, x.dtype) * traces)
 
 
 def hermite(theta, x0, d0, x1, d1):

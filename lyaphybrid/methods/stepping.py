@@ -22,7 +22,7 @@ from .base import Method
 
 __all__ = ["Memory", "Stepping"]
 
-REJECT, ADVANCE, LOCATE, LAND, FAIL = range(5)  # what a trial says
+REJECT, ADVANCE, LOCATE, LAND, FAIL, NONE = range(6)  # what a trial says; NONE: there is none yet
 
 SAFETY, SHRINK, GROW = 0.85, 0.2, 10.0  # of the PI controller
 NEAR = 1e-6  # a trial lands when the root is nearer than this, relative to the controller's step
@@ -64,7 +64,7 @@ class Stepper(NamedTuple):
 class Trial(NamedTuple):
     """One trial step of the state, and what it says about the guards."""
 
-    case: Array  # REJECT, ADVANCE, LOCATE, LAND or FAIL
+    case: Any  # REJECT, ADVANCE, LOCATE, LAND, FAIL or NONE
     h: Array
     x: Array
     f: Array
@@ -74,6 +74,7 @@ class Trial(NamedTuple):
     rate: Any = None
     miss: Any = None  # (slots,) by how much the cubic of a guard is off
     tick: Any = None  # the clock that ticks at the end of the step; -1: none
+    aim: Any = None  # of the trials that locate an event
 
 
 class Aim(NamedTuple):
@@ -111,8 +112,8 @@ class Stepping:
         return self.has_events or bool(self.wiring.clocks)
 
     @property
-    def loses_rank_between_events(self) -> bool:
-        """A flow never does."""
+    def jumps_uncontrolled(self) -> bool:
+        """Every jump is followed by an orthonormalisation of its own: nothing is lost between."""
         return False
 
     @property
@@ -173,6 +174,15 @@ class Stepping:
 
     # --- looking ahead ---------------------------------------------------------------------------------------
 
+    def enter(self, c: Carry, clock: Clock):
+        """At the start of a block a system with events has no trial yet: `settle` makes the first."""
+        if not self.has_events:
+            return self.look(c, clock)
+        h, zeros = jnp.zeros_like(c.s), jnp.zeros(self.wiring.slots, c.x.dtype)
+        tick = None if c.own.ticks is None else jnp.asarray(-1, jnp.int32)
+        none = jnp.asarray(NONE, jnp.int32)
+        return Trial(none, h, c.x, c.own.f, h, jnp.asarray(False), zeros, zeros, zeros, tick, _no_aim(h))
+
     def look(self, c: Carry, clock: Clock, aim: Aim | None = None):
         """A trial step of the state, and the case that it makes; a plain fixed-step flow needs no trial."""
         own, t, w = c.own, clock.base + c.s, self.wiring
@@ -196,7 +206,8 @@ class Stepping:
             return of_mode
 
         step, ratio, g, rate, slope = by_mode(own.mode, [trial(q) for q in range(w.modes)], t, c.x, own.f, h)
-        tr = Trial(None, h, step.x, step.f, jax.lax.stop_gradient(ratio), final, g, rate, None, tick)
+        kept = aim if aim is not None else _no_aim(jnp.zeros_like(h)) if self.has_events else None
+        tr = Trial(None, h, step.x, step.f, jax.lax.stop_gradient(ratio), final, g, rate, None, tick, kept)
         return self._judge(c, clock, tr, slope, aim)
 
     def common(self, ahead):
@@ -388,39 +399,35 @@ class Stepping:
     # --- what is rare ----------------------------------------------------------------------------------------
 
     def settle(self, settings: Settings, clock: Clock, c: Carry, tr: Trial) -> tuple[Carry, Trial]:
-        """Locate an event and land on it; or end the run."""
-        if self.has_events:
-            c, tr = self._locate(clock, c, tr)
-            landed = lambda c, tr: self._land(settings, clock, c, tr)  # noqa: E731
-            c = jax.lax.cond(tr.case == LAND, landed, lambda c, tr: c, c, tr)
-        c = stop(c, jnp.where(self._finite(tr), STATUS.step_underflow, STATUS.nonfinite), tr.case == FAIL)
-        again = tr.case >= LAND
-        return c, jax.lax.cond(again, lambda c, tr: self.look(c, clock), lambda c, tr: tr, c, tr)
+        """One trial more: aimed at an event, after having landed on one, or the first of a block."""
+
+        def land(c, tr):
+            return self._land(settings, clock, c, tr), _no_aim(tr.h)
+
+        def aim(c, tr):
+            return c, self._aim(c.own, tr)
+
+        def neither(c, tr):
+            failure = jnp.where(self._finite(tr), STATUS.step_underflow, STATUS.nonfinite)
+            return stop(c, failure, tr.case == FAIL), _no_aim(tr.h)
+
+        if not self.has_events:
+            return neither(c, tr)[0], tr
+        c = c._replace(budget=jnp.maximum(c.budget - 1, 1))
+        which = jnp.where(tr.case == LOCATE, 0, jnp.where(tr.case == LAND, 1, 2))
+        c, target = jax.lax.switch(which, [aim, land, neither], c, tr)
+        return c, self.look(c, clock, target)
 
     def _finite(self, tr: Trial):
         return jnp.all(jnp.isfinite(tr.x)) & jnp.isfinite(tr.ratio)
 
-    def _locate(self, clock: Clock, c: Carry, tr: Trial) -> tuple[Carry, Trial]:
-        """Trials from the same base, until one ends at the root, or nothing is left to be located."""
-        infinity, none = jnp.asarray(jnp.inf, c.x.dtype), jnp.asarray(-1, jnp.int32)
-        aim = Aim(infinity, infinity, none, jnp.asarray(0, jnp.int32))
+    def _aim(self, own: Stepper, tr: Trial) -> Aim:
+        """A guard was crossed, or may have been: aim at the earliest root or turning point.
 
-        def closer(state):
-            c, tr, aim = state
-            aim = self._aim(c.own, tr, aim)
-            c = c._replace(budget=jnp.maximum(c.budget - 1, 1))
-            return c, self.look(c, clock, aim), aim
-
-        # The first trial was only suspected; look closely at what it shows.
-        event, _ = self._finds(c.own, tr, aim)
-        harmless = ADVANCE if tr.tick is None else jnp.where(tr.tick >= 0, LAND, ADVANCE)
-        tr = tr._replace(case=jnp.where((tr.case == LOCATE) & ~event, harmless, tr.case))
-        c, tr, _ = jax.lax.while_loop(lambda state: state[1].case == LOCATE, closer, (c, tr, aim))
-        return c, tr
-
-    def _aim(self, own: Stepper, tr: Trial, aim: Aim) -> Aim:
-        """A guard was crossed, or may have been: aim at the earliest root or turning point."""
-        signs, h = self._signs(own, tr, aim), tr.h
+        A first trial was only suspected: where a close look finds nothing the aim is the same step again.
+        """
+        aim, h = tr.aim, tr.h
+        signs = self._signs(own, tr, aim)
         d0, d1 = h * own.rate, h * tr.rate
         # A guard that starts at zero first leaves it: its root lies beyond the extremum between.
         lo = jnp.where((own.g == 0) & (d0 * d1 < 0), turning_point(own.g, d0, tr.g, d1), 0.0)
@@ -433,12 +440,12 @@ class Stepping:
         newton = jnp.where((newton > h) & (newton < aim.beyond), newton, 0.5 * (h + aim.beyond))
         undershot = (aim.slot >= 0) & ~jnp.any(signs.crossed)
         root = jnp.where(undershot, newton, roots[slot])
-        slot = jnp.where(undershot, aimed, slot).astype(jnp.int32)
+        slot = jnp.where(undershot, aimed, jnp.where(jnp.any(signs.crossed), slot, -1))
         # The cubic's root may stagnate at one end where it is very flat: then bisect.
         root = jnp.where((aim.tries > 10) & ~undershot, 0.5 * root, root)
         target = jax.lax.stop_gradient(jnp.minimum(root, cut))
         beyond = jax.lax.stop_gradient(jnp.where(undershot, aim.beyond, h))
-        return Aim(target, beyond, jnp.where(cut < root, -1, slot), aim.tries + 1)
+        return Aim(target, beyond, jnp.where(root <= cut, slot, -1).astype(jnp.int32), aim.tries + 1)
 
     # --- land ------------------------------------------------------------------------------------------------
 
@@ -457,7 +464,7 @@ class Stepping:
         slot = jnp.argmin(ahead).astype(jnp.int32)
         c = self._polish(clock, c, slot, ticking)
         t = clock.base + c.s
-        c = harvest(settings, c, lambda v: v, t, 0.0) if self._orthonormalises(settings, c) else c
+        c = harvest(settings, c, t) if self._orthonormalises(settings, c) else c
         # Which transition: the first of those at this instant whose `when` says yes.
         together = lands & (ahead <= ahead[slot] + SAME * (own.h + jnp.abs(t)))
         allowed = together & by_mode(mode, w.whens, t, c.x) if w.shared else together
@@ -514,12 +521,10 @@ class Stepping:
     def _cross(self, settings, clock: Clock, c: Carry, mode, transition, which, slot, together) -> Carry:
         """Through the event and the cascade it sets off; then orthonormalise and arm the guards."""
         t, h, k = clock.base + c.s, c.own.h, c.frame.shape[1]
-        columns = c.frame
+        columns, was_live = c.frame, jnp.sum(c.frame * c.frame, axis=0) > 0.5
         if settings.sum_rule:  # n more columns, the identity: they come out as the saltation matrix
             columns = jnp.concatenate([columns, jnp.eye(c.x.shape[0], dtype=c.x.dtype)], axis=1)
-        landing = self._cascade(t, h, c.x, columns, mode, transition, which, slot, together, c.log)
-        if self.wiring.slots > 1:
-            landing = self._compare_orders(t, h, c, columns, mode, transition, slot, together, landing)
+        landing = self._in_each_order(t, h, c, columns, mode, transition, which, slot, together)
         since = c.since + landing.count if settings.cadence.unit == "jumps" else c.since
         volume = frames.log_abs_det(landing.columns[:, k:]) if settings.sum_rule else None
         c = c._replace(
@@ -533,7 +538,8 @@ class Stepping:
         arrival = {"f": landing.f, "g": landing.g, "rate": landing.rate, "side": landing.side}
         c = _with(c, mode=None if c.own.mode is None else landing.mode, **arrival)
         if self._orthonormalises(settings, c):
-            c = harvest(settings, c, self._projection(landing.mode, t, landing.x), t, frames.LOST)
+            project = self._projection(landing.mode, t, landing.x)
+            c = harvest(settings, c, t, frames.LOST, frames.LOST, project, was_live)
         c = self._remember(c, landing, clock)
         c = stop(c, STATUS.terminated, landing.terminal)
         c = stop(c, STATUS.deadlock, landing.stuck)
@@ -545,21 +551,25 @@ class Stepping:
         projections = [lambda dx, p=p: p(t, x, dx) for p in self.wiring.projections]
         return lambda dx: by_mode(mode, projections, dx)
 
-    def _cascade(self, t, h, x, columns, mode, transition, which, slot, together, log) -> "Landing":
-        """The reset of the located event, and of every guard on whose fired side it ends."""
-        w, n = self.wiring, x.shape[0]
+    def _start_cascade(self, t, c, columns, mode, transition, which, slot, together) -> "Landing":
+        """On the guard, before the first jump: each column moved to its own instant."""
+        w, x = self.wiring, c.x
         f = by_mode(mode, w.fields, t, x)
         gradient, moving, rate = self._instant(mode, t, x, f, slot)
-        columns, shift = advance_to_instant(columns, gradient, rate, f)
-        shift = jnp.where(slot < 0, 0.0, shift)
+        moved, shift = advance_to_instant(columns, gradient, rate, f)
+        ticking = slot < 0  # the instant of a clock is everybody's
         size = jnp.sqrt(jnp.sum(gradient**2) * jnp.sum(f**2) + 1e-300) + jnp.abs(moving)
-        transverse = jnp.where(slot < 0, jnp.inf, jnp.abs(rate) / size)
-        slots = jnp.zeros(w.slots, x.dtype)
-        no = jnp.asarray(False)
-        landing = Landing(
-            x, columns, shift, mode, f, slots, slots, slots, transition, which, slot, jnp.asarray(0, jnp.int32),
-            jnp.asarray(True), no, no, transverse, together, log,
+        slots, no = jnp.zeros(w.slots, x.dtype), jnp.asarray(False)
+        return Landing(
+            x=x, columns=jnp.where(ticking, columns, moved), shift=jnp.where(ticking, 0.0, shift), mode=mode, f=f,
+            g=slots, rate=slots, side=slots, transition=transition, which=which, slot=slot,
+            count=jnp.asarray(0, jnp.int32), again=jnp.asarray(True), terminal=no, stuck=no,
+            transversality=jnp.where(ticking, jnp.inf, jnp.abs(rate) / size), together=together, log=c.log,
         )
+
+    def _cascade(self, t, h, landing: "Landing") -> "Landing":
+        """The reset of the located event, and of every guard on whose fired side it ends."""
+        w = self.wiring
 
         def jump(state: Landing) -> Landing:
             x, columns = jax.lax.switch(
@@ -595,7 +605,6 @@ class Stepping:
             columns=return_along(landing.columns, landing.f, landing.shift),
             count=landing.count + over,
         )
-        del n
         return landing
 
     def _still_fires(self, landing: "Landing"):
@@ -616,21 +625,25 @@ class Stepping:
         moved, own = advance_to_instant(return_along(columns, f, shift), gradient, rate, f)
         return jnp.where(itself, own, shift), jnp.where(itself, moved, columns)
 
-    def _compare_orders(self, t, h, c, columns, mode, transition, slot, together, landing: "Landing"):
-        """Several guards at one instant: take them in the other order too; different results are a note."""
+    def _in_each_order(self, t, h, c, columns, mode, transition, which, slot, together) -> "Landing":
+        """Where several guards meet at one instant: take them in the other order too, and compare."""
+        first = self._start_cascade(t, c, columns, mode, transition, which, slot, together)
+        if self.wiring.slots == 1:
+            return self._cascade(t, h, first)._replace(together=jnp.asarray(False))
         other = jnp.argmax(together & (jnp.arange(self.wiring.slots) != slot)).astype(jnp.int32)
-        second = self._table(c.own.mode, self.wiring.transition)[other]
-        which = self._table(c.own.mode, self.wiring.component)[other]
+        swapped = self._table(c.own.mode, self.wiring.transition)[other], self._table(c.own.mode, self.wiring.component)[other]
         several = (jnp.sum(together) > 1) & (slot >= 0)
+        second = self._start_cascade(t, c, columns, mode, *swapped, other, together)
 
-        def compare():
-            swapped = self._cascade(t, h, c.x, columns, mode, second, which, other, together, None)
-            gap = jnp.max(jnp.abs(swapped.columns - landing.columns), initial=0.0)
-            gap = gap / (1.0 + jnp.max(jnp.abs(landing.columns), initial=0.0))
-            apart = jnp.max(jnp.abs(swapped.x - landing.x)) / (1.0 + jnp.max(jnp.abs(landing.x)))
-            return (gap > 1e-9) | (apart > 1e-9) | (swapped.mode != landing.mode)
+        def run(state):
+            turn, kept, differs = state
+            landing = self._cascade(t, h, _choose(turn == 0, first, second))
+            differs = (turn == 1) & _apart(landing, kept)
+            return turn + 1, _choose(turn == 0, landing, kept), differs
 
-        differs = jax.lax.cond(several, compare, lambda: jnp.asarray(False))
+        start = (jnp.asarray(0), first, jnp.asarray(False))
+        last = jnp.where(several, 2, 1)
+        _, landing, differs = jax.lax.while_loop(lambda state: state[0] < last, run, start)
         return landing._replace(together=differs)
 
     def _keep_clocks(self, clock: Clock, c: Carry, tr: Trial, ticking) -> Carry:
@@ -654,7 +667,6 @@ class Stepping:
         shrink = jnp.clip(interval / jnp.where(m.interval > 0, m.interval, 1.0), 0.0, 1 - 1e-9)
         ahead = clock.base + c.s + interval * shrink / (1 - shrink)
         zeno = streak > PATIENCE
-        note = landing.together if landing.together.ndim == 0 else jnp.asarray(False)
         memory = Memory(
             c.s,
             interval,
@@ -662,7 +674,7 @@ class Stepping:
             streak,
             jnp.minimum(m.transversality, landing.transversality),
             jnp.maximum(m.grazing, landing.transversality < GRAZING),
-            jnp.maximum(m.simultaneous, note),
+            jnp.maximum(m.simultaneous, landing.together),
             jnp.where(zeno, ahead, m.accumulation),
         )
         memory = jax.lax.stop_gradient(jnp.stack([jnp.asarray(v, c.x.dtype) for v in memory]))
@@ -697,6 +709,14 @@ def _gradient(guard, t, x, f):
     return gradient, rate - jnp.sum(gradient * f), rate
 
 
+def _apart(a: Landing, b: Landing):
+    """Whether two orders of the same events end differently, in the state or in the tangent."""
+    size = 1.0 + jnp.max(jnp.abs(b.columns), initial=0.0)
+    columns = jnp.max(jnp.abs(a.columns - b.columns), initial=0.0) > 1e-9 * size
+    states = jnp.max(jnp.abs(a.x - b.x)) > 1e-9 * (1.0 + jnp.max(jnp.abs(b.x)))
+    return columns | states | (a.mode != b.mode)
+
+
 def _pusher(reset):
     def pushed(t, x, columns, shift, which):
         return push(lambda t, x: reset(t, x, which), t, x, columns, shift)
@@ -710,6 +730,11 @@ def _jets_of(w: Wiring, q: int):
 
 def _arrival(w: Wiring, q: int):
     return lambda t, x: (w.fields[q](t, x), *jets(w.guards[q], w.fields[q], t, x))
+
+
+def _no_aim(h) -> Aim:
+    infinity = jnp.full_like(h, jnp.inf)
+    return Aim(infinity, infinity, jnp.asarray(-1, jnp.int32), jnp.asarray(0, jnp.int32))
 
 
 def _with(c: Carry, **changes) -> Carry:

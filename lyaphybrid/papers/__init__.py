@@ -22,9 +22,7 @@ def get(name: str):
         ValueError: on another name.
     """
     if name in ANNOUNCED:
-        raise ValueError(
-            f"The paper {name!r} is not in this version; there are: {', '.join(AVAILABLE)}."
-        )
+        raise ValueError(f"The paper {name!r} is not in this version; there are: {', '.join(AVAILABLE)}.")
     if name not in AVAILABLE:
         raise ValueError(f"There is no paper {name!r}; there are: {', '.join(AVAILABLE)}.")
     return importlib.import_module(f"{__name__}.{name}")

@@ -1,0 +1,275 @@
+"""The command line: `lyaphybrid`, `lyaphybrid list`, `lyaphybrid spectrum NAME`, `lyaphybrid papers dinius`.
+
+Exit status: 0 it worked, 1 the run or a check failed, 2 what was asked for does not exist or fit.
+"""
+
+import argparse
+import ast
+import inspect
+import json
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+WORKED, FAILED, ASKED_WRONG, INTERRUPTED = 0, 1, 2, 130
+OUT = "lyaphybrid-out"
+
+
+class Refused(Exception):
+    """What was asked for does not exist or does not fit; the message says what would."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command and return its exit status.
+
+    Args:
+        argv: the arguments; None: those of the process.
+
+    Example:
+        >>> from lyaphybrid.__main__ import main
+        >>> main(["papers", "fu"])
+        2
+    """
+    try:
+        options = _parser().parse_args(sys.argv[1:] if argv is None else list(argv))
+    except SystemExit as end:  # argparse has printed help, the version or what is wrong
+        return int(end.code or 0)
+    _set_up()
+    try:
+        return options.run(options)
+    except Refused as refused:
+        print(f"lyaphybrid: {refused}", file=sys.stderr)
+        return ASKED_WRONG
+    except KeyboardInterrupt:
+        print("lyaphybrid: interrupted", file=sys.stderr)
+        return INTERRUPTED
+
+
+def _set_up() -> None:
+    """Compute in float64, draw without a display: before the first array and the first figure."""
+    import os
+
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    os.environ.setdefault("MPLBACKEND", "Agg")
+
+
+def _parser() -> argparse.ArgumentParser:
+    from importlib.metadata import version
+
+    parser = argparse.ArgumentParser(
+        prog="lyaphybrid",
+        description="Lyapunov exponents of hybrid dynamical systems.",
+        epilog=f"Without a command: the hard disks of Dinius, Table I and Fig. 2, into ./{OUT}.",
+    )
+    parser.add_argument("--version", action="version", version=f"%(prog)s {version('lyaphybrid')}")
+    parser.set_defaults(run=_papers, paper="dinius", quick=False, out=Path(OUT))
+    commands = parser.add_subparsers(metavar="COMMAND")
+
+    list_ = commands.add_parser(
+        "list", help="the named problems", description="The named problems of the zoo."
+    )
+    list_.set_defaults(run=_list)
+
+    spectrum = commands.add_parser(
+        "spectrum",
+        help="the exponents of a named problem",
+        description="The Lyapunov exponents of a named problem; lengths are in the problem's own unit.",
+    )
+    spectrum.set_defaults(run=_spectrum)
+    spectrum.add_argument("name", metavar="NAME", help="one of `lyaphybrid list`")
+    spectrum.add_argument(
+        "--set", metavar="KEY=VALUE", action="append", default=[], help="a parameter; repeatable"
+    )
+    spectrum.add_argument("--t1", type=float, help="length of the run")
+    spectrum.add_argument("--transient", type=float, help="length before growth is counted")
+    spectrum.add_argument("--k", type=int, help="number of exponents (default: all)")
+    spectrum.add_argument("--replicates", type=int, help="so many runs at once; they give the error")
+    spectrum.add_argument("--seed", type=int, default=0, help="of random starts (default: 0)")
+    spectrum.add_argument("--rtol", type=float, help="relative tolerance of the integration")
+    spectrum.add_argument("--atol", type=float, help="absolute tolerance of the integration")
+    spectrum.add_argument(
+        "--every", type=float, help="orthonormalise each so many steps, jumps or units of time"
+    )
+    spectrum.add_argument("--max-steps", type=int, help="most attempts of a step")
+    spectrum.add_argument("--json", action="store_true", help="one JSON object instead of a table")
+
+    papers = commands.add_parser(
+        "papers", help="a paper's tables and figures", description="Reproduce a paper."
+    )
+    papers.set_defaults(run=_papers)
+    papers.add_argument("paper", metavar="PAPER", help="dinius")
+    papers.add_argument("--quick", action="store_true", help="shorter runs, nothing else")
+    papers.add_argument("--out", type=Path, default=Path(OUT), metavar="DIR", help=f"folder (default: {OUT})")
+    return parser
+
+
+def _list(options) -> int:
+    from . import zoo
+
+    width = max(map(len, zoo.names()))
+    for name in zoo.names():
+        build = zoo.get(name)
+        summary = inspect.cleandoc(build.__doc__ or "").splitlines()[0].rstrip(".")
+        reference = build().reference
+        print(f"{name:<{width}}  {summary}.")
+        print(f"{'':<{width}}  reference: {reference if reference is not None else 'none'}")
+    return WORKED
+
+
+def _spectrum(options) -> int:
+    problem = _problem(options)
+    overrides = _overrides(options, problem)
+    try:
+        spectrum = problem.spectrum(throw=False, **overrides)
+    except ValueError as error:
+        raise Refused(str(error)) from error
+    status = spectrum.status
+    if options.json:
+        print(json.dumps(_as_json(problem, spectrum, overrides), allow_nan=False))
+    else:
+        print(problem)
+        print(spectrum)
+    if status.failed:
+        print(f"lyaphybrid: {status}", file=sys.stderr)
+        return FAILED
+    return INTERRUPTED if "interrupted" in spectrum.notes else WORKED
+
+
+def _problem(options):
+    """The problem with its parameters, or a message with what there is."""
+    import jax
+
+    from . import zoo
+
+    parameters = {}
+    for setting in options.set:
+        key, equals, value = setting.partition("=")
+        if not equals or not key:
+            raise Refused(f"--set takes KEY=VALUE; got {setting!r}.")
+        parameters[key] = _literal(value)
+    try:
+        build = zoo.get(options.name)
+        if "key" in parameters:
+            raise Refused("Random starts are chosen by --seed, not by --set key=….")
+        if "key" in inspect.signature(build).parameters:
+            parameters["key"] = jax.random.key(options.seed)
+        return build(**parameters)
+    except ValueError as error:
+        raise Refused(str(error)) from error
+
+
+def _literal(text: str) -> Any:
+    """A number, a word of Python (True, None, a tuple), or the text itself."""
+    try:
+        return ast.literal_eval(text)
+    except (ValueError, SyntaxError):
+        try:
+            return float(text)  # inf, nan: the problem says what it thinks of them
+        except ValueError:
+            return text
+
+
+def _overrides(options, problem) -> dict[str, Any]:
+    """What the options say differently from the problem."""
+    import jax
+
+    names = ("t1", "transient", "k", "replicates", "every", "max_steps")
+    overrides = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
+    if options.replicates is not None:
+        overrides["key"] = jax.random.key(options.seed)
+    tolerances = {
+        name: getattr(options, name) for name in ("rtol", "atol") if getattr(options, name) is not None
+    }
+    if tolerances:
+        overrides["method"] = _method(problem, tolerances)
+    return overrides
+
+
+def _method(problem, tolerances: dict[str, float]):
+    """The problem's method with other tolerances."""
+    import equinox as eqx
+
+    from .methods import RungeKutta
+    from .systems import EventDriven, Flow, Hybrid
+
+    system = problem.system
+    flows = isinstance(system, Flow) or (isinstance(system, Hybrid) and system.fields is not None)
+    if not flows:
+        kind = "is exact" if isinstance(system, EventDriven) else "is a map"
+        raise Refused(f"{problem.name} {kind}: there is no tolerance to set.")
+    for name, value in tolerances.items():
+        if not 0 < value < math.inf:
+            raise Refused(f"--{name} must be positive and finite; got {value!r}.")
+    if problem.method is None:
+        return RungeKutta(**tolerances)
+    names = tuple(tolerances)
+    return eqx.tree_at(
+        lambda method: [getattr(method, name) for name in names], problem.method, list(tolerances.values())
+    )
+
+
+def _as_json(problem, spectrum, overrides: dict[str, Any]) -> dict[str, Any]:
+    """The contract's keys; −inf is "-inf", what is not a number is null."""
+    import numpy as np
+
+    reference = problem.reference
+    return {
+        "name": problem.name,
+        "parameters": {key: _plain(value) for key, value in problem.parameters.items()},
+        "exponents": _plain(np.asarray(spectrum.exponents).tolist()),
+        "stderr": _plain(np.asarray(spectrum.stderr).tolist()),
+        "error_kind": spectrum.error_kind,
+        "t1": float(overrides.get("t1", problem.t1)),
+        "jumps": float(np.mean(np.asarray(spectrum.jumps))),
+        "status": spectrum.status.name,
+        "notes": sorted(spectrum.notes),
+        "reference": None
+        if reference is None
+        else {
+            "exponents": _plain(list(reference.exponents)),
+            "stderr": _plain(list(reference.stderr)),
+            "exact": reference.exact,
+            "clock": reference.clock,
+            "source": reference.source,
+        },
+    }
+
+
+def _plain(value: Any) -> Any:
+    """What JSON can hold."""
+    match value:
+        case None | bool() | int() | str():
+            return value
+        case list() | tuple():
+            return [_plain(v) for v in value]
+        case float():
+            if math.isnan(value):
+                return None
+            return value if math.isfinite(value) else ("-inf" if value < 0 else "inf")
+    return str(value)
+
+
+def _papers(options) -> int:
+    from . import papers
+
+    try:
+        paper = papers.get(options.paper)
+    except ValueError as error:
+        raise Refused(str(error)) from error
+    try:
+        options.out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise Refused(f"The folder {options.out} cannot be made: {error.strerror}.") from error
+    result = paper.reproduce(quick=options.quick)
+    print(result)
+    for file in paper.write(result, options.out):
+        print(f"wrote {file}")
+    return WORKED if result.passed else FAILED
+
+
+if __name__ == "__main__":
+    sys.exit(main())
