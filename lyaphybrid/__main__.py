@@ -48,31 +48,24 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _set_up() -> None:
-    """Compute in float64, draw without a display: before the first array and the first figure."""
-    import os
-
+    """Compute in float64: said before the first array. Figures are made without pyplot: no display is needed."""
     import jax
 
     jax.config.update("jax_enable_x64", True)
-    os.environ.setdefault("MPLBACKEND", "Agg")
 
 
 def _parser() -> argparse.ArgumentParser:
-    from importlib.metadata import version
-
     parser = argparse.ArgumentParser(
         prog="lyaphybrid",
         description="Lyapunov exponents of hybrid dynamical systems.",
         epilog=f"Without a command: the hard disks of Dinius, Table I and Fig. 2, into ./{OUT}.",
     )
-    parser.add_argument("--version", action="version", version=f"%(prog)s {version('lyaphybrid')}")
+    parser.add_argument("--version", action="version", version=f"%(prog)s {_version()}")
     parser.set_defaults(run=_papers, paper="dinius", quick=False, out=Path(OUT))
     commands = parser.add_subparsers(metavar="COMMAND")
 
-    list_ = commands.add_parser(
-        "list", help="the named problems", description="The named problems of the zoo."
-    )
-    list_.set_defaults(run=_list)
+    listing = commands.add_parser("list", help="the named problems", description="The named problems.")
+    listing.set_defaults(run=_list)
 
     spectrum = commands.add_parser(
         "spectrum",
@@ -80,31 +73,37 @@ def _parser() -> argparse.ArgumentParser:
         description="The Lyapunov exponents of a named problem; lengths are in the problem's own unit.",
     )
     spectrum.set_defaults(run=_spectrum)
-    spectrum.add_argument("name", metavar="NAME", help="one of `lyaphybrid list`")
-    spectrum.add_argument(
-        "--set", metavar="KEY=VALUE", action="append", default=[], help="a parameter; repeatable"
-    )
-    spectrum.add_argument("--t1", type=float, help="length of the run")
-    spectrum.add_argument("--transient", type=float, help="length before growth is counted")
-    spectrum.add_argument("--k", type=int, help="number of exponents (default: all)")
-    spectrum.add_argument("--replicates", type=int, help="so many runs at once; they give the error")
-    spectrum.add_argument("--seed", type=int, default=0, help="of random starts (default: 0)")
-    spectrum.add_argument("--rtol", type=float, help="relative tolerance of the integration")
-    spectrum.add_argument("--atol", type=float, help="absolute tolerance of the integration")
-    spectrum.add_argument(
-        "--every", type=float, help="orthonormalise each so many steps, jumps or units of time"
-    )
-    spectrum.add_argument("--max-steps", type=int, help="most attempts of a step")
-    spectrum.add_argument("--json", action="store_true", help="one JSON object instead of a table")
+    option = spectrum.add_argument
+    option("name", metavar="NAME", help="one of `lyaphybrid list`")
+    option("--set", metavar="KEY=VALUE", action="append", default=[], help="a parameter; may be repeated")
+    option("--t1", type=float, help="length of the run")
+    option("--transient", type=float, help="length before growth is counted")
+    option("--k", type=int, help="number of exponents (default: all)")
+    option("--replicates", type=int, help="so many runs at once; they give the error")
+    option("--seed", type=int, default=0, help="of random starts (default: 0)")
+    option("--rtol", type=float, help="relative tolerance of the integration")
+    option("--atol", type=float, help="absolute tolerance of the integration")
+    option("--every", type=float, help="orthonormalise each so many steps or jumps, or so much time")
+    option("--max-steps", type=int, help="most attempts of a step")
+    option("--json", action="store_true", help="one JSON object instead of a table")
 
     papers = commands.add_parser(
-        "papers", help="a paper's tables and figures", description="Reproduce a paper."
+        "papers", help="a paper's tables and figures", description="A paper's tables and figures."
     )
     papers.set_defaults(run=_papers)
     papers.add_argument("paper", metavar="PAPER", help="dinius")
     papers.add_argument("--quick", action="store_true", help="shorter runs, nothing else")
     papers.add_argument("--out", type=Path, default=Path(OUT), metavar="DIR", help=f"folder (default: {OUT})")
     return parser
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("lyaphybrid")
+    except PackageNotFoundError:
+        return "(a source tree that is not installed)"
 
 
 def _list(options) -> int:
@@ -181,9 +180,8 @@ def _overrides(options, problem) -> dict[str, Any]:
     overrides = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
     if options.replicates is not None:
         overrides["key"] = jax.random.key(options.seed)
-    tolerances = {
-        name: getattr(options, name) for name in ("rtol", "atol") if getattr(options, name) is not None
-    }
+    tolerances = {name: getattr(options, name) for name in ("rtol", "atol")}
+    tolerances = {name: value for name, value in tolerances.items() if value is not None}
     if tolerances:
         overrides["method"] = _method(problem, tolerances)
     return overrides
@@ -206,6 +204,8 @@ def _method(problem, tolerances: dict[str, float]):
             raise Refused(f"--{name} must be positive and finite; got {value!r}.")
     if problem.method is None:
         return RungeKutta(**tolerances)
+    if not problem.method.adaptive:
+        raise Refused(f"{problem.name} is integrated with a fixed step: there is no tolerance to set.")
     names = tuple(tolerances)
     return eqx.tree_at(
         lambda method: [getattr(method, name) for name in names], problem.method, list(tolerances.values())
@@ -216,7 +216,7 @@ def _as_json(problem, spectrum, overrides: dict[str, Any]) -> dict[str, Any]:
     """The contract's keys; −inf is "-inf", what is not a number is null."""
     import numpy as np
 
-    reference = problem.reference
+    reference, jumps = problem.reference, float(np.mean(np.asarray(spectrum.jumps)))
     return {
         "name": problem.name,
         "parameters": {key: _plain(value) for key, value in problem.parameters.items()},
@@ -224,7 +224,7 @@ def _as_json(problem, spectrum, overrides: dict[str, Any]) -> dict[str, Any]:
         "stderr": _plain(np.asarray(spectrum.stderr).tolist()),
         "error_kind": spectrum.error_kind,
         "t1": float(overrides.get("t1", problem.t1)),
-        "jumps": float(np.mean(np.asarray(spectrum.jumps))),
+        "jumps": int(jumps) if jumps.is_integer() else jumps,
         "status": spectrum.status.name,
         "notes": sorted(spectrum.notes),
         "reference": None

@@ -1,10 +1,11 @@
 """From the records of a run to exponents: means, weights, error bars, history."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 
 from . import runs
-from .propagation import Record
+from .propagation import Journey, Record
 from .results import History, Spectrum
 
 __all__ = ["summarise"]
@@ -21,18 +22,27 @@ def summarise(outcomes: list[runs.Outcome], problem, clock: str, initial, averag
         averaging: "uniform", "birkhoff" or "birkhoff-regular".
     """
     last = outcomes[-1]
-    batched = last.journey.carry.x.ndim == 2
-    chain = [_chained(o.records, batched) for o in outcomes]
-    records = jax.tree.map(lambda *parts: jnp.concatenate(parts, axis=1 if batched else 0), *chain)
+    records = tuple(outcome.records for outcome in outcomes)
+    names, interrupted = runs.mode_names(problem.system), jnp.asarray(last.interrupted)
+    return _summary(records, last.journey, last.status, interrupted, initial, clock, averaging, names)
+
+
+@eqx.filter_jit
+def _summary(records, journey, status, interrupted, initial, clock, averaging, names) -> Spectrum:
+    batched = journey.carry.x.ndim == 2
+    chain = [_chained(part, batched) for part in records]
+    blocks = jax.tree.map(lambda *parts: jnp.concatenate(parts, axis=1 if batched else 0), *chain)
+    end = _end(journey, status, interrupted)
     if not batched:
-        run = _one_run(records, clock, initial, averaging)
-        return _spectrum(run, run["stderr"], None, "blocks", last, problem, clock)
-    run = jax.vmap(lambda r: _one_run(r, clock, initial, averaging))(records)
+        run = _one_run(blocks, clock, initial, averaging)
+        return _spectrum(run, run["stderr"], None, end, "blocks", clock, names)
+    run = jax.vmap(lambda r: _one_run(r, clock, initial, averaging))(blocks)
     m, replicates = run["exponents"].shape[0], run["exponents"]
     spread = jnp.std(run["finite"], axis=0, ddof=1) / m**0.5 if m > 1 else jnp.full_like(run["finite"][0], jnp.nan)
     mean = {name: jnp.mean(value, axis=0) for name, value in run.items()}
-    mean |= {"losses": jnp.sum(run["losses"], axis=0), "first": jnp.nanmin(run["first"], axis=0)}
-    return _spectrum(mean, spread, replicates, "replicates", last, problem, clock)
+    first = jnp.min(jnp.where(jnp.isnan(run["first"]), jnp.inf, run["first"]), axis=0)
+    mean |= {"losses": jnp.sum(run["losses"], axis=0), "first": jnp.where(jnp.isinf(first), jnp.nan, first)}
+    return _spectrum(mean, spread, replicates, end, "replicates", clock, names)
 
 
 def _chained(records: Record, batched: bool) -> Record:
@@ -123,15 +133,26 @@ def _birkhoff(growth, length, reading, valid, regular: bool):
     return jnp.sum(weight[:, None] * local, axis=0) / _safe(jnp.sum(weight))
 
 
-def _spectrum(run: dict, stderr, replicates, error_kind, outcome: runs.Outcome, problem, clock) -> Spectrum:
+def _end(journey: Journey, status, interrupted) -> dict:
+    """What is known where the run stands."""
+    transversality, grazing, simultaneous, accumulation = runs.summary_of(journey)
+    flags = [grazing, simultaneous, jnp.full_like(grazing, interrupted)]
+    return {
+        "x": journey.carry.x,
+        "t": journey.base[..., 0] + journey.base[..., 1],
+        "mode": runs.mode_of(journey.carry),
+        "frame": journey.carry.frame,
+        "min_transversality": jnp.min(transversality),
+        "accumulation_time": accumulation,
+        "status_code": status,
+        "flags": jnp.stack(flags, axis=-1),
+        "spread": journey.spread,
+    }
+
+
+def _spectrum(run: dict, stderr, replicates, end: dict, error_kind, clock, names) -> Spectrum:
     """Assemble the result, exponents descending."""
-    carry = outcome.journey.carry
     rank = jnp.argsort(-jnp.where(jnp.isfinite(run["exponents"]), run["exponents"], -1e300), stable=True)
-    transversality, grazing, simultaneous, accumulation = runs.summary_of(problem, outcome.journey)
-    flags = jnp.stack(
-        [grazing, simultaneous, jnp.full_like(grazing, outcome.interrupted)], axis=-1
-    )
-    history = History(run["history_time"], run["history"][:, rank], run["growth"][:, rank])
     return Spectrum(
         exponents=run["exponents"][rank],
         stderr=stderr[rank],
@@ -142,19 +163,11 @@ def _spectrum(run: dict, stderr, replicates, error_kind, outcome: runs.Outcome, 
         lower=run["lower"][rank],
         losses=run["losses"][rank],
         first_loss=run["first"][rank],
-        history=history,
-        x=carry.x,
-        t=outcome.journey.base[..., 0] + outcome.journey.base[..., 1],
-        mode=runs.mode_of(carry),
-        frame=carry.frame,
+        history=History(run["history_time"], run["history"][:, rank], run["growth"][:, rank]),
         replicates=None if replicates is None else replicates[:, rank],
-        min_transversality=jnp.min(transversality),
-        accumulation_time=accumulation,
-        status_code=outcome.status,
-        flags=flags,
-        spread=outcome.journey.spread,
         residual=run.get("residual"),
         error_kind=error_kind,
         clock=clock,
-        mode_names=runs.mode_names(problem.system),
+        mode_names=names,
+        **end,
     )

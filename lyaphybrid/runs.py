@@ -223,7 +223,7 @@ def _advance(problem: Problem, plan: Plan, journey: Journey, ends, last_jumps, b
     return jax.vmap(one)(journey)
 
 
-def summary_of(problem: Problem, journey: Journey):
+def summary_of(journey: Journey):
     """(transversality, grazing, simultaneous, accumulation) of a journey, whatever its mover."""
     memory = getattr(journey.carry.own, "memory", None)
     if memory is None:
