@@ -48,7 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _set_up() -> None:
-    """Compute in float64: said before the first array. Figures are made without pyplot: no display is needed."""
+    """Compute in float64, which must be said before the first array. Figures are drawn without a display."""
     import jax
 
     jax.config.update("jax_enable_x64", True)
@@ -130,8 +130,10 @@ def _spectrum(options) -> int:
     if options.json:
         print(json.dumps(_as_json(problem, spectrum, overrides), allow_nan=False))
     else:
-        print(problem)
+        parameters = ", ".join(f"{key}={_plain(value)}" for key, value in problem.parameters.items())
+        print(f"{problem.name}({parameters})")
         print(spectrum)
+        print(f"  reference {problem.reference or 'none for these parameters'}")
     if status.failed:
         print(f"lyaphybrid: {status}", file=sys.stderr)
         return FAILED

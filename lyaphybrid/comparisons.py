@@ -336,7 +336,7 @@ def _summarise(t0, pair: Pair, records, separation, whole: bool) -> TwoTrajector
     reached = elapsed > before
     total = jnp.sum(length)
     running = jnp.cumsum(growth) / jnp.where(jnp.cumsum(length) == 0, jnp.nan, jnp.cumsum(length))
-    exponent, count = running[-1], jnp.maximum(jnp.sum(reached), 2)
+    exponent, count = running[-1], jnp.maximum(jnp.sum(reached), 2).astype(growth.dtype)
     scatter = jnp.sum((growth - exponent * length) ** 2)
     return TwoTrajectories(
         exponent=exponent,
@@ -365,7 +365,7 @@ def _deliver(result: TwoTrajectories, throw: bool) -> TwoTrajectories:
         return result
     if throw and status.failed:
         raise RunFailed(status, f"It stood at t = {float(result.t):.10g}.", result)
-    if result.skipped > max(2, SKIPPED * result.intervals):
+    if int(result.skipped) > max(2, SKIPPED * int(result.intervals)):
         warnings.warn(
             f"{int(result.skipped)} of {int(result.intervals)} intervals did not count: (a) the distance "
             "leaves the linear regime within one, shorten renormalise_every; (b) the motion often grazes.",

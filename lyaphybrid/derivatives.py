@@ -14,7 +14,7 @@ from . import runs
 from .events import EPS, by_mode, wire
 from .methods.exact import Exact
 from .saltations import advance_to_instant, instant, push, return_along
-from .systems import EventDriven, Flow, Hybrid, Map
+from .systems import EventDriven, Flow, Hybrid, Map, System
 
 __all__ = ["Jacobians", "jacobians", "saltation_matrix"]
 
@@ -40,12 +40,12 @@ class Jacobians(NamedTuple):
 
 
 def jacobians(
-    system: Flow | Map | Hybrid | EventDriven,
+    system: System,
     t,
     x,
     args: Any = None,
     *,
-    mode: str | int | None = None,
+    mode: Any = None,
     which: Any = None,
 ) -> Jacobians:
     """The Jacobians of field, resets and guards at (t, x), as automatic differentiation supplies them.
@@ -117,13 +117,13 @@ def _of_event(guard, reset, t, x):
 
 
 def saltation_matrix(
-    system: Hybrid | EventDriven,
+    system: System,
     t,
     x,
     args: Any = None,
     *,
     transition: Any = 0,
-    mode: str | int | None = None,
+    mode: Any = None,
     which: Any = None,
 ) -> Array:
     """How a perturbation crosses an event: dx⁺ = S dx at a point (t, x) on a guard, x before the jump.

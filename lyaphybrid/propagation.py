@@ -276,7 +276,7 @@ def harvest(settings: Settings, carry: Carry, t, absolute=0.0, relative=0.0, pro
     """
     frame, log_r, lost = frames.orthonormalise(carry.frame, settings.kind, absolute, relative)
     carry = carry._replace(frame=frame, growth=carry.growth + log_r)
-    if relative == 0.0:
+    if not frames.tracked(relative):
         return carry
     live, lost = ~lost, lost & was_live
 

@@ -109,8 +109,8 @@ def _disks(n: int) -> EventDriven:
         here = jnp.arange(n, dtype=first.dtype)
         sign = (here == second).astype(x.dtype) - (here == first).astype(x.dtype)
         qx, qy, px, py = components(x)
-        dx, dy = _nearest(jnp.sum(sign * qx), args["width"]), _nearest(jnp.sum(sign * qy), args["height"])
-        return dx, dy, jnp.sum(sign * px), jnp.sum(sign * py)
+        dx, dy = _nearest(sign @ qx, args["width"]), _nearest(sign @ qy, args["height"])
+        return dx, dy, sign @ px, sign @ py
 
     def jump(t, x, args, which):
         first, second = partners(which)

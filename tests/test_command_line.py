@@ -1,0 +1,242 @@
+"""The command line: what it prints and where, its exit status, its files."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+
+import pytest
+
+from lyaphybrid import zoo
+from lyaphybrid.__main__ import main
+from lyaphybrid.papers import dinius
+
+KEYS = [
+    "name",
+    "parameters",
+    "exponents",
+    "stderr",
+    "error_kind",
+    "t1",
+    "jumps",
+    "status",
+    "notes",
+    "reference",
+]
+
+
+def run_alone(*arguments, **keywords) -> subprocess.CompletedProcess:
+    """The command in a process of its own, in which nobody has set the precision."""
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("JAX_")}
+    command = [sys.executable, "-m", "lyaphybrid", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, env=environment, check=False, **keywords)
+
+
+def parsed(capsys) -> dict:
+    """The one JSON object on standard output."""
+    captured = capsys.readouterr()
+    assert captured.out.count("\n") == 1
+    return json.loads(captured.out, parse_constant=lambda word: pytest.fail(f"{word} is not JSON"))
+
+
+def test_list_names_every_problem_with_its_reference(capsys):
+    assert main(["list"]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    for name in zoo.names():
+        assert f"\n{name} " in f"\n{out}"
+    assert "0.9624236501" in out
+    assert out.count("reference: ") == len(zoo.names())
+
+
+def test_a_spectrum_prints_its_table(capsys):
+    assert main(["spectrum", "henon_map", "--set", "a=1.3", "--set", "b=0.3", "--t1", "500"]) == 0
+    out, err = capsys.readouterr()
+    assert "henon_map(a=1.3, b=0.3)" in out
+    assert "λ2" in out
+    assert "status ok" in out
+    assert err == ""
+
+
+def test_json_has_exactly_the_contract_s_keys(capsys):
+    assert main(["spectrum", "henon_map", "--t1", "500", "--json"]) == 0
+    data = parsed(capsys)
+    assert list(data) == KEYS
+    assert data["name"] == "henon_map"
+    assert data["parameters"] == {"a": 1.4, "b": 0.3}
+    assert (data["t1"], data["jumps"], data["status"], data["error_kind"]) == (500.0, 500, "ok", "blocks")
+    assert sum(data["exponents"]) == pytest.approx(-1.2039728043, abs=1e-9)
+    assert len(data["stderr"]) == 2
+    assert data["reference"]["exponents"] == list(zoo.henon_map().reference.exponents)
+    assert data["notes"] == []
+
+
+def test_minus_infinity_is_a_string(capsys):
+    assert main(["spectrum", "grow_reset", "--set", "q=0", "--t1", "20", "--transient", "0", "--json"]) == 0
+    data = parsed(capsys)
+    assert data["exponents"][-1] == "-inf"
+    assert data["stderr"][-1] is None
+    assert data["reference"]["exponents"][-1] == "-inf"
+    assert data["notes"] == ["rank_lost"]
+
+
+def test_a_run_that_fails_says_so_and_gives_what_it_has(capsys):
+    assert main(["spectrum", "henon_map", "--set", "a=3", "--t1", "500", "--transient", "0", "--json"]) == 1
+    captured = capsys.readouterr()
+    data = json.loads(captured.out)
+    assert data["status"] == "nonfinite"
+    assert data["reference"] is None
+    assert "nonfinite" in captured.err
+
+
+def test_replicates_are_seeded(capsys):
+    def run(seed):
+        assert (
+            main(["spectrum", "henon_map", "--t1", "500", "--replicates", "3", "--seed", seed, "--json"]) == 0
+        )
+        return parsed(capsys)
+
+    first, again, other = run("1"), run("1"), run("2")
+    assert first["error_kind"] == "replicates"
+    assert first == again
+    assert first["exponents"] != other["exponents"]
+
+
+def test_the_seed_chooses_a_random_start(capsys):
+    def run(seed):
+        assert main(["spectrum", "hard_disks", "--t1", "5", "--k", "1", "--seed", seed, "--json"]) == 0
+        return parsed(capsys)["exponents"]
+
+    assert len(run("1")) == 1
+    assert run("1") != run("2")
+
+
+def test_a_tolerance_reaches_the_method(capsys):
+    def run(*tolerance):
+        assert (
+            main(["spectrum", "lorenz63", "--t1", "2", "--transient", "0", "--k", "1", *tolerance, "--json"])
+            == 0
+        )
+        return parsed(capsys)["exponents"][0]
+
+    tight, loose = run("--rtol", "1e-11"), run("--rtol", "1e-3", "--atol", "1e-3")
+    assert tight == pytest.approx(run(), abs=1e-6)
+    assert abs(loose - tight) > 1e-6
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["spectrum", "lorentz63"], "lorenz63"),
+        (["spectrum", "lorenz63", "--set", "ro=30"], "'rho'"),
+        (["spectrum", "lorenz63", "--set", "rho=many"], "rho must be a finite real number"),
+        (["spectrum", "lorenz63", "--set", "rho=nan"], "rho must be a finite real number"),
+        (["spectrum", "lorenz63", "--set", "rho"], "KEY=VALUE"),
+        (["spectrum", "hard_disks", "--set", "n=2.5"], "n must be a whole number"),
+        (["spectrum", "hard_disks", "--set", "key=1"], "--seed"),
+        (["spectrum", "lorenz63", "--t1", "0"], "t1"),
+        (["spectrum", "lorenz63", "--t1", "inf"], "t1"),
+        (["spectrum", "lorenz63", "--t1", "long"], "--t1"),
+        (["spectrum", "lorenz63", "--k", "4"], "k must be at most n = 3"),
+        (["spectrum", "lorenz63", "--replicates", "1"], "replicates must be at least 2"),
+        (["spectrum", "lorenz63", "--rtol", "-1"], "--rtol must be positive"),
+        (["spectrum", "henon_map", "--rtol", "1e-6"], "henon_map is a map"),
+        (["spectrum", "hard_disks", "--atol", "1e-6"], "hard_disks is exact"),
+        (["spectrum"], "NAME"),
+        (["papers", "fu"], "not in this version; there are: dinius"),
+        (["papers", "dinious"], "there are: dinius"),
+        (["papers"], "PAPER"),
+        (["sweep", "lorenz63"], "'list', 'spectrum', 'papers'"),
+        (["--rapid"], "--rapid"),
+    ],
+)
+def test_what_does_not_exist_is_refused_with_what_does(arguments, says, capsys):
+    assert main(arguments) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert says in err
+    assert "Traceback" not in err
+
+
+def test_a_folder_that_cannot_be_made_is_refused_before_computing(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(dinius, "reproduce", lambda **_: pytest.fail("it computed"))
+    file = tmp_path / "taken"
+    file.write_text("")
+    assert main(["papers", "dinius", "--out", str(file)]) == 2
+    assert "cannot be made" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("option", ["--help", "--version"])
+def test_help_and_version_are_no_failures(option, capsys):
+    assert main([option]) == 0
+    assert capsys.readouterr().out.startswith("usage: lyaphybrid" if option == "--help" else "lyaphybrid ")
+
+
+def test_help_keeps_silent_about_what_is_not_there(capsys):
+    main(["--help"])
+    assert "sweep" not in capsys.readouterr().out
+
+
+class Stub:
+    """Stands for a result of `dinius.reproduce`."""
+
+    def __init__(self, passed):
+        self.passed = passed
+
+    def __str__(self):
+        return "the table"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "quick", "folder"),
+    [([], False, "lyaphybrid-out"), (["papers", "dinius", "--quick", "--out", "a/b"], True, "a/b")],
+)
+@pytest.mark.parametrize("passed", [True, False])
+def test_the_main_job(arguments, quick, folder, passed, monkeypatch, tmp_path, capsys):
+    asked = {}
+
+    def reproduce(**keywords):
+        asked.update(keywords)
+        return Stub(passed)
+
+    def write(result, out):
+        (out / "dinius.json").write_text("{}")
+        return [out / "dinius.json"]
+
+    monkeypatch.setattr(dinius, "reproduce", reproduce)
+    monkeypatch.setattr(dinius, "write", write)
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == (0 if passed else 1)
+    assert asked == {"quick": quick}
+    assert (tmp_path / folder / "dinius.json").exists()
+    assert "the table" in capsys.readouterr().out
+
+
+def test_interrupted(monkeypatch, tmp_path, capsys):
+    def interrupt(**_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(dinius, "reproduce", interrupt)
+    monkeypatch.chdir(tmp_path)
+    assert main([]) == 130
+    assert "interrupted" in capsys.readouterr().err
+
+
+def test_it_sets_double_precision_itself_and_prints_nothing_else():
+    done = run_alone("spectrum", "cat_map", "--t1", "200", "--json")
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    data = json.loads(done.stdout)
+    assert data["exponents"][0] == pytest.approx(data["reference"]["exponents"][0], abs=1e-9)
+
+
+@pytest.mark.slow
+def test_the_main_job_itself(tmp_path):
+    start = time.perf_counter()
+    done = run_alone(cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert time.perf_counter() - start < 60
+    assert "passed" in done.stdout
+    files = {file.name for file in (tmp_path / "lyaphybrid-out").iterdir()}
+    assert files == {"dinius.png", "dinius.pdf", "dinius.json"}

@@ -1,0 +1,212 @@
+"""Pictures: what is drawn is what was computed."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from matplotlib import pyplot
+from matplotlib.colors import to_hex
+
+import lyaphybrid as lh
+from lyaphybrid import plots
+from lyaphybrid.results import History, Spectrum
+from lyaphybrid.trajectories import Events, Trajectory
+
+
+@pytest.fixture(autouse=True)
+def _no_figures_left():
+    pyplot.close("all")
+    yield
+    for number in pyplot.get_fignums():
+        pyplot.figure(number).canvas.draw()  # a warning here (a missing glyph, a failed layout) is an error
+    pyplot.close("all")
+
+
+def a_spectrum(exponents, stderr=None, times=None, clock="time") -> Spectrum:
+    values = jnp.asarray(exponents, float)
+    k = len(exponents)
+    stderr = jnp.full(k, 0.1) if stderr is None else jnp.asarray(stderr, float)
+    times = jnp.arange(1.0, 11.0) if times is None else jnp.asarray(times, float)
+    finite = jnp.where(jnp.isfinite(values), values, -5.0)
+    running = finite[None, :] + 1.0 / times[:, None]
+    zero = jnp.zeros(())
+    return Spectrum(
+        exponents=values,
+        stderr=stderr,
+        finite_exponents=finite,
+        time=times[-1],
+        jumps=zero,
+        upper=values,
+        lower=values,
+        losses=jnp.isneginf(values).astype(jnp.int32),
+        first_loss=jnp.full(k, jnp.nan),
+        history=History(times, running, running),
+        x=jnp.zeros(k),
+        t=times[-1],
+        mode=jnp.zeros((), jnp.int32),
+        frame=jnp.eye(k),
+        replicates=None,
+        min_transversality=zero,
+        accumulation_time=zero,
+        status_code=jnp.zeros((), jnp.int32),
+        flags=jnp.zeros(3),
+        spread=zero,
+        residual=None,
+        error_kind="blocks",
+        clock=clock,
+        mode_names=("flow",),
+    )
+
+
+def a_trajectory() -> Trajectory:
+    """Two modes; one event at t = 1, where a sample lies too, and a cascade of two at t = 2.5."""
+    points = jnp.array([[0.0, 1.0], [1.0, 1.0], [2.0, 1.0], [3.0, -1.0]])
+    events = Events(
+        t=jnp.array([1.0, 2.5, 2.5]),
+        transition=jnp.zeros(3, jnp.int32),
+        which=jnp.zeros(3, jnp.int32),
+        mode_before=jnp.array([0, 1, 0], jnp.int32),
+        mode_after=jnp.array([1, 0, 1], jnp.int32),
+        x_before=jnp.array([[10.0, 0.0], [20.0, 0.0], [30.0, 0.0]]),
+        x_after=jnp.array([[11.0, 0.0], [21.0, 0.0], [31.0, 0.0]]),
+    )
+    mode, jumps = jnp.array([0, 1, 1, 1], jnp.int32), jnp.array([0, 1, 1, 3], jnp.int32)
+    times, status = jnp.array([0.5, 1.0, 2.0, 3.0]), jnp.zeros((), jnp.int32)
+    return Trajectory(times, points, mode, jumps, events, status, ("free", "held"))
+
+
+def texts(ax) -> list[str]:
+    return [text.get_text() for text in ax.texts if text.get_text()]
+
+
+def test_the_spectrum_shows_values_errors_and_zero():
+    ax = plots.spectrum(a_spectrum([0.9, 0.0, -14.5], [0.1, 0.2, 0.3]))
+    points, _, (bars,) = ax.containers[0].lines
+    np.testing.assert_allclose(points.get_xydata(), [[1, 0.9], [2, 0.0], [3, -14.5]])
+    spans = [np.ptp(segment[:, 1]) for segment in bars.get_segments()]
+    np.testing.assert_allclose(spans, [0.2, 0.4, 0.6])
+    assert ax.lines[0].get_ydata()[0] == 0.0
+    assert "time" in ax.get_ylabel()
+    assert texts(ax) == []
+
+
+@pytest.mark.parametrize("exponents", [[0.5, -np.inf, -np.inf], [-np.inf]])
+def test_minus_infinity_is_a_labelled_arrow_at_the_foot(exponents):
+    ax = plots.spectrum(a_spectrum(exponents))
+    lost = [i + 1 for i, value in enumerate(exponents) if value == -np.inf]
+    labels = [text for text in ax.texts if text.get_text() == "−∞"]
+    assert [label.xy[0] for label in labels] == lost
+    arrows = [text for text in ax.texts if text.arrow_patch is not None]
+    assert [arrow.xy[0] for arrow in arrows] == lost
+    assert all(arrow.xy[1] < 0.05 < arrow.xyann[1] < 0.2 for arrow in arrows)
+    drawn = ax.containers[0].lines[0].get_ydata()
+    low, high = ax.get_ylim()
+    above = low + 0.15 * (high - low)  # the arrow's own room
+    assert np.all(np.asarray(drawn) > above)
+
+
+def test_what_was_not_computed_is_not_drawn():
+    ax = plots.spectrum(a_spectrum([0.5, np.nan], [0.1, np.nan]))
+    assert len(ax.containers[0].lines[0].get_xydata()) == 1
+    assert texts(ax) == []
+
+
+def test_errors_that_are_unknown_leave_the_points():
+    ax = plots.spectrum(a_spectrum([0.5, 0.1], [np.nan, np.nan]))
+    assert len(ax.containers[0].lines[0].get_xydata()) == 2
+
+
+def test_convergence_draws_the_history_and_the_final_band():
+    spectrum = a_spectrum([0.9, 0.0, -np.inf], [0.1, 0.2, np.nan])
+    ax = plots.convergence(spectrum)
+    curves = [line for line in ax.lines if len(line.get_xdata()) == 10]
+    assert len(curves) == 2
+    for i, curve in enumerate(curves):
+        np.testing.assert_allclose(curve.get_ydata(), spectrum.history.exponents[:, i])
+    bands = [(patch.get_y(), patch.get_height()) for patch in ax.patches]
+    np.testing.assert_allclose(bands, [(0.8, 0.2), (-0.2, 0.4)])
+    assert any("3" in text and "−∞" in text for text in texts(ax))
+    assert any("0.90(10)" in text for text in texts(ax))
+    assert ax.get_xscale() == "linear"
+
+
+def test_convergence_in_logarithmic_time():
+    ax = plots.convergence(a_spectrum([1.0, 0.0], times=np.geomspace(1, 1000, 32)))
+    assert ax.get_xscale() == "log"
+
+
+def test_many_exponents_share_labels_where_they_are_close():
+    values = [5.0, 3.0, 0.0, 0.0, 0.0, 0.0, -3.0, -5.0]
+    ax = plots.convergence(a_spectrum(values))
+    assert texts(ax) == ["λ$_{1}$", "λ$_{2}$", "λ$_{3–6}$", "λ$_{7}$", "λ$_{8}$"]
+    colours = {to_hex(line.get_color()) for line in ax.lines[1:]}
+    assert len(colours) == len(values)
+
+
+def test_the_clock_is_on_the_axes():
+    assert plots.convergence(a_spectrum([1.0], clock="jumps")).get_xlabel() == "jumps j"
+    assert "jump" in plots.spectrum(a_spectrum([1.0], clock="jumps")).get_ylabel()
+
+
+def test_a_trajectory_breaks_at_its_events_in_their_order():
+    ax = plots.trajectory(a_trajectory())
+    times, first = ax.lines[0].get_data()
+    # At t = 1 the sample has the jump behind it; at 2.5 two jumps happen one after the other.
+    expected = [(0.5, 0), (1, 10), (1, np.nan), (1, 11), (1, 1), (2, 2)]
+    expected += [(2.5, 20), (2.5, np.nan), (2.5, 21), (2.5, 30), (2.5, np.nan), (2.5, 31), (3, 3)]
+    np.testing.assert_allclose(np.stack([times, first], axis=1), expected)
+
+
+def test_a_trajectory_names_its_modes_and_marks_its_events():
+    ax = plots.trajectory(a_trajectory(), components=[1])
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["free", "held", "$x_{2}$"]
+    marks = ax.collections[-1].get_segments()
+    np.testing.assert_allclose([mark[0, 0] for mark in marks], [1.0, 2.5, 2.5])
+    assert marks[0][:, 1].tolist() == [0.0, 1.0]
+    shades = [collection.get_paths() for collection in ax.collections[:2]]
+    held = np.concatenate([path.vertices[:, 0] for path in shades[1]])
+    assert {held.min(), held.max()} == {1.0, 3.0}
+
+
+def test_many_events_are_ticks_at_the_foot():
+    ball = lh.Hybrid(
+        lambda t, x, args: jnp.stack([x[1], -jnp.ones_like(x[1])]),
+        lh.Transition(lambda t, x, args: x[0], lambda t, x, args: jnp.stack([x[0], -x[1]])),
+    )
+    trajectory = lh.trajectory(ball, [0.5, 0.0], t1=200.0, n=300)
+    assert len(trajectory.events) == 100
+    ax = trajectory.plot()
+    assert ax.collections[-1].get_segments()[0][1, 1] < 0.1
+    plots.phase(trajectory)
+
+
+def test_phase_shows_one_path_for_each_mode_and_the_jumps():
+    ax = plots.phase(a_trajectory(), i=1, j=0)
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["free", "held"]
+    rings, dots = ax.lines[-2:]
+    np.testing.assert_allclose(rings.get_xydata(), [[0, 10], [0, 20], [0, 30]])
+    np.testing.assert_allclose(dots.get_xydata(), [[0, 11], [0, 21], [0, 31]])
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("$x_{2}$", "$x_{1}$")
+
+
+def test_iterates_of_a_map_are_points():
+    trajectory = lh.trajectory(lh.Map(lambda n, x, r: r * x * (1 - x)), [0.3], 4.0, t1=20, n=20)
+    ax = plots.trajectory(trajectory)
+    assert ax.lines[0].get_linestyle() == "None"
+    assert ax.get_xlabel() == "iteration"
+
+
+def test_axes_that_are_given_are_used_and_nothing_else():
+    figure, axes = pyplot.subplots(2, 2)
+    spectrum, trajectory = a_spectrum([1.0, -1.0]), a_trajectory()
+    current = pyplot.gca()
+    assert plots.spectrum(spectrum, axes[0, 0]) is axes[0, 0]
+    assert spectrum.plot(axes[0, 1], kind="convergence") is axes[0, 1]
+    assert trajectory.plot(axes[1, 0]) is axes[1, 0]
+    assert plots.phase(trajectory, axes[1, 1]) is axes[1, 1]
+    assert pyplot.get_fignums() == [figure.number]
+    assert pyplot.gca() is current
+
+
+def test_without_axes_there_is_one_new_figure():
+    ax = a_spectrum([1.0, -1.0]).plot()
+    assert pyplot.get_fignums() == [ax.figure.number]
