@@ -222,17 +222,12 @@ def _span(settings: Settings, clock: Clock, within, carry: Carry, ahead, interva
         return carry, mover.look(carry, clock)
 
     carry, ahead = jax.lax.while_loop(goes_on, step, (carry, ahead))
-    if mover.has_events:
-        carry, ahead = jax.lax.while_loop(
-            lambda state: within(state[0]) & ~mover.common(state[1]),
-            lambda state: mover.settle(settings, clock, *state),
-            (carry, ahead),
-        )
+    carry, ahead = mover.settle(settings, clock, within, carry, ahead)
     if not frequent:
         return carry, ahead, interval, spread
     due = (carry.since >= interval) | (carry.s >= clock.length)
-    if not mover.has_events and not settings.count_jumps:  # then nothing but this ends a span
-        return *_tidy(settings, clock, carry, ahead, interval, spread),
+    if mover.always_common and not settings.count_jumps:  # then nothing but this ends a span
+        return _tidy(settings, clock, carry, ahead, interval, spread)
     tidied = jax.lax.cond(
         due, lambda *state: _tidy(settings, clock, *state), lambda *state: state, carry, ahead, interval, spread
     )

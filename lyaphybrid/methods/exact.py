@@ -33,7 +33,7 @@ class Exact:
 
     may_lose_rank: ClassVar[bool] = True
     jumps_uncontrolled: ClassVar[bool] = True
-    has_events: ClassVar[bool] = True
+    always_common: ClassVar[bool] = False
 
     def begin(self, t, x, mode, h):
         """The next event is predicted anew from every state; (4,): memory of the events, see `_remember`."""
@@ -70,13 +70,17 @@ class Exact:
     def _count(self, settings: Settings, since, dt, jumps):
         return since + {"steps": 1.0, "time": dt, "jumps": jumps, "never": 0.0}[settings.cadence.unit]
 
-    def settle(self, settings: Settings, clock: Clock, c: Carry, ahead: Flight) -> tuple[Carry, Flight]:
-        """Fly on to the end of the block."""
+    def settle(self, settings: Settings, clock: Clock, within, c: Carry, ahead: Flight) -> tuple[Carry, Flight]:
+        """Fly on to the end of the block, where no event comes before."""
+        rare = within(c) & ~ahead.lands
+        return jax.lax.cond(rare, lambda c: self._fly(settings, clock, c), lambda c: c, c), ahead
+
+    def _fly(self, settings: Settings, clock: Clock, c: Carry) -> Carry:
         dt = clock.length - c.s
         x, frame = self._carried(c, clock, dt)
         volume = None if c.volume is None else c.volume + self._flux(c, clock, dt)
         since = self._count(settings, c.since, dt, 0.0)
-        return c._replace(s=clock.length, x=x, frame=frame, since=since, volume=volume), ahead
+        return c._replace(s=clock.length, x=x, frame=frame, since=since, volume=volume)
 
     def _flux(self, c: Carry, clock: Clock, dt):
         """ln|det Dφ| of the flow over dt, which is ∫ tr Df."""

@@ -22,7 +22,7 @@ class Iterating:
 
     may_lose_rank: ClassVar[bool] = True
     jumps_uncontrolled: ClassVar[bool] = True
-    has_events: ClassVar[bool] = False
+    always_common: ClassVar[bool] = True
 
     def begin(self, t, x, mode, h):
         """A map remembers nothing."""
@@ -49,6 +49,11 @@ class Iterating:
         """A map only steps."""
         del ahead
         return True
+
+    def settle(self, settings: Settings, clock: Clock, within, c: Carry, ahead):
+        """Nothing is rare."""
+        del settings, clock, within
+        return c, ahead
 
     def step(self, settings: Settings, clock: Clock, c: Carry, ahead) -> Carry:
         """One iteration of the rule and of its tangent."""

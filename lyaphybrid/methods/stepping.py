@@ -74,7 +74,6 @@ class Trial(NamedTuple):
     rate: Any = None
     miss: Any = None  # (slots,) by how much the cubic of a guard is off
     tick: Any = None  # the clock that ticks at the end of the step; -1: none
-    aim: Any = None  # of the trials that locate an event
 
 
 class Aim(NamedTuple):
@@ -122,6 +121,11 @@ class Stepping:
         return bool(self.wiring.resets)
 
     @property
+    def always_common(self) -> bool:
+        """Whether nothing rare can happen: a plain flow with a fixed step."""
+        return not self.has_events and not self.rejects
+
+    @property
     def rejects(self) -> bool:
         """Whether a trial can fail."""
         return self.method.adaptive
@@ -135,7 +139,7 @@ class Stepping:
 
     def begin(self, t, x, mode, h) -> Stepper:
         """The mover's part of the carry at (t, x)."""
-        if not self.has_events and not self.rejects:
+        if self.always_common:
             return Stepper(*(None,) * 9)
         w, mode = self.wiring, jnp.asarray(mode, jnp.int32)
         f = by_mode(mode, w.fields, t, x)
@@ -181,7 +185,8 @@ class Stepping:
         h, zeros = jnp.zeros_like(c.s), jnp.zeros(self.wiring.slots, c.x.dtype)
         tick = None if c.own.ticks is None else jnp.asarray(-1, jnp.int32)
         none = jnp.asarray(NONE, jnp.int32)
-        return Trial(none, h, c.x, c.own.f, h, jnp.asarray(False), zeros, zeros, zeros, tick, _no_aim(h))
+        ratio, miss = (h, zeros) if self.rejects else (None, None)
+        return Trial(none, h, c.x, c.own.f, ratio, jnp.asarray(False), zeros, zeros, miss, tick)
 
     def look(self, c: Carry, clock: Clock, aim: Aim | None = None):
         """A trial step of the state, and the case that it makes; a plain fixed-step flow needs no trial."""
@@ -193,7 +198,7 @@ class Stepping:
         def trial(q):
             def of_mode(t, x, f, h):
                 step = self.method.step(w.fields[q], t, x, f, h)
-                ratio = self.method.state_ratio(step, x) if self.rejects else jnp.zeros_like(h)
+                ratio = jax.lax.stop_gradient(self.method.state_ratio(step, x)) if self.rejects else None
                 if not self.has_events:
                     return step, ratio, None, None, None
                 g, rate = rates(w.guards[q], t + h, step.x, step.f)
@@ -206,8 +211,7 @@ class Stepping:
             return of_mode
 
         step, ratio, g, rate, slope = by_mode(own.mode, [trial(q) for q in range(w.modes)], t, c.x, own.f, h)
-        kept = aim if aim is not None else _no_aim(jnp.zeros_like(h)) if self.has_events else None
-        tr = Trial(None, h, step.x, step.f, jax.lax.stop_gradient(ratio), final, g, rate, None, tick, kept)
+        tr = Trial(None, h, step.x, step.f, ratio, final, g, rate, None, tick)
         return self._judge(c, clock, tr, slope, aim)
 
     def common(self, ahead):
@@ -254,7 +258,8 @@ class Stepping:
                 event = self._suspects(own, tr)
             else:
                 event, lands = self._finds(own, tr, aim)
-                ratio = jnp.where((aim.slot >= 0) & jnp.isfinite(ratio), 0.0, ratio)
+                if self.rejects:  # a shorter piece of a step that has passed passes too
+                    ratio = jnp.where((aim.slot >= 0) & jnp.isfinite(ratio), 0.0, ratio)
             if tr.tick is not None:
                 lands = lands | ((tr.tick >= 0) & ~event)
         case = jnp.where(lands, LAND, jnp.where(event, LOCATE, ADVANCE))
@@ -267,7 +272,7 @@ class Stepping:
     def _resolve(self, own: Stepper, tr: Trial, slope) -> Trial:
         """How well the cubic of each guard follows the guard; it must, for events to be seen."""
         if slope is None:
-            return tr._replace(miss=jnp.zeros_like(tr.g))
+            return tr
         # The cubic errs like θ²(1-θ)²; its slope errs most at the probe, 3.08 times its error in the middle.
         d0, d1 = tr.h * own.rate, tr.h * tr.rate
         miss = jnp.abs(tr.h * slope - cubic(PROBE, own.g, d0, tr.g, d1)[1]) / 3.0792
@@ -284,7 +289,7 @@ class Stepping:
         """Whether a guard may have been crossed: cheap, and never wrong in saying no."""
         crossed = self._fires(own) & (own.side * tr.g <= 0)
         turns = (own.rate * tr.rate < 0) & (own.side * own.rate < 0) & (own.side * tr.g > 0)
-        reach = tr.h * jnp.maximum(jnp.abs(own.rate), jnp.abs(tr.rate)) + 4.0 * tr.miss
+        reach = tr.h * jnp.maximum(jnp.abs(own.rate), jnp.abs(tr.rate)) + 4.0 * _miss(tr)
         near = jnp.minimum(jnp.abs(own.g), jnp.abs(tr.g)) <= reach
         return jnp.any(crossed | (turns & near))
 
@@ -310,7 +315,7 @@ class Stepping:
         theta = turning_point(own.g, d0, tr.g, d1)
         extreme, _ = cubic(theta, own.g, d0, tr.g, d1)
         drop = jnp.minimum(jnp.abs(own.g - extreme), jnp.abs(tr.g - extreme))
-        doubt = 0.2 * drop + 64.0 * (theta * (1 - theta)) ** 2 * tr.miss
+        doubt = 0.2 * drop + 64.0 * (theta * (1 - theta)) ** 2 * _miss(tr)
         turn = turns & (own.side * extreme <= doubt) & (theta > 1e-9) & (theta < 1 - 1e-9)
         ahead = -tr.g / jnp.where(tr.rate == 0, 1e-300, tr.rate)
         close = fires & (own.side * tr.rate < 0) & (jnp.abs(ahead) <= NEAR * own.h)
@@ -361,7 +366,7 @@ class Stepping:
         own, ratio, frame, flux = c.own, tr.ratio, c.frame, None
         if frame.shape[1]:
             _, frame, frame_ratio, flux = self._carried(c, clock, tr.h, own.mode)
-            ratio = jnp.maximum(ratio, frame_ratio)
+            ratio = jnp.maximum(ratio, frame_ratio) if self.rejects else None
         kept = self._commit(settings, c, jnp.where(tr.final, clock.length, c.s + tr.h), tr.h, tr.x, frame, flux)
         kept = _with(kept, f=tr.f)
         if self.has_events:
@@ -398,36 +403,49 @@ class Stepping:
 
     # --- what is rare ----------------------------------------------------------------------------------------
 
-    def settle(self, settings: Settings, clock: Clock, c: Carry, tr: Trial) -> tuple[Carry, Trial]:
-        """One trial more: aimed at an event, after having landed on one, or the first of a block."""
+    def settle(self, settings: Settings, clock: Clock, within, c: Carry, tr) -> tuple[Carry, Trial]:
+        """Trials that are aimed at events and land on them, until a common one comes out; or the run's end."""
 
-        def land(c, tr):
+        def land(c, tr, aim):
             return self._land(settings, clock, c, tr), _no_aim(tr.h)
 
-        def aim(c, tr):
-            return c, self._aim(c.own, tr)
+        def aim_at(c, tr, aim):
+            return c, self._aim(c.own, tr, aim)
 
-        def neither(c, tr):
-            failure = jnp.where(self._finite(tr), STATUS.step_underflow, STATUS.nonfinite)
-            return stop(c, failure, tr.case == FAIL), _no_aim(tr.h)
+        def neither(c, tr, aim):
+            return self._fail(c, tr), _no_aim(tr.h)
 
+        def again(state):
+            c, tr, aim = state
+            c = c._replace(budget=jnp.maximum(c.budget - 1, 1))
+            which = jnp.where(tr.case == LOCATE, 0, jnp.where(tr.case == LAND, 1, 2))
+            c, aim = jax.lax.switch(which, [aim_at, land, neither], c, tr, aim)
+            return c, self.look(c, clock, aim), aim
+
+        if self.always_common:
+            return c, tr
         if not self.has_events:
-            return neither(c, tr)[0], tr
-        c = c._replace(budget=jnp.maximum(c.budget - 1, 1))
-        which = jnp.where(tr.case == LOCATE, 0, jnp.where(tr.case == LAND, 1, 2))
-        c, target = jax.lax.switch(which, [aim, land, neither], c, tr)
-        return c, self.look(c, clock, target)
+            return jax.lax.cond(tr.case == FAIL, self._fail, lambda c, tr: c, c, tr), tr
+        c, tr, _ = jax.lax.while_loop(
+            lambda state: within(state[0]) & ~self.common(state[1]), again, (c, tr, _no_aim(tr.h))
+        )
+        return c, tr
+
+    def _fail(self, c: Carry, tr: Trial) -> Carry:
+        """No step can be made: because the state is not finite, or because it would be too small."""
+        status = jnp.where(self._finite(tr), STATUS.step_underflow, STATUS.nonfinite)
+        return stop(c, status, tr.case == FAIL)
 
     def _finite(self, tr: Trial):
-        return jnp.all(jnp.isfinite(tr.x)) & jnp.isfinite(tr.ratio)
+        finite = jnp.all(jnp.isfinite(tr.x))
+        return finite if tr.ratio is None else finite & jnp.isfinite(tr.ratio)
 
-    def _aim(self, own: Stepper, tr: Trial) -> Aim:
+    def _aim(self, own: Stepper, tr: Trial, aim: Aim) -> Aim:
         """A guard was crossed, or may have been: aim at the earliest root or turning point.
 
         A first trial was only suspected: where a close look finds nothing the aim is the same step again.
         """
-        aim, h = tr.aim, tr.h
-        signs = self._signs(own, tr, aim)
+        signs, h = self._signs(own, tr, aim), tr.h
         d0, d1 = h * own.rate, h * tr.rate
         # A guard that starts at zero first leaves it: its root lies beyond the extremum between.
         lo = jnp.where((own.g == 0) & (d0 * d1 < 0), turning_point(own.g, d0, tr.g, d1), 0.0)
@@ -730,6 +748,11 @@ def _jets_of(w: Wiring, q: int):
 
 def _arrival(w: Wiring, q: int):
     return lambda t, x: (w.fields[q](t, x), *jets(w.guards[q], w.fields[q], t, x))
+
+
+def _miss(tr: Trial):
+    """By how much the cubics of the guards are off; unknown, and taken as 0, where steps are fixed."""
+    return jnp.zeros_like(tr.g) if tr.miss is None else tr.miss
 
 
 def _no_aim(h) -> Aim:

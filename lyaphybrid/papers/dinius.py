@@ -51,6 +51,11 @@ class Mistake:
         jump: factor of the jump of δq: 1 is right, 0 forgets it.
         shift: factor of δτ in δq_c: 1 is right, 0 forgets it, −1 has the wrong sign.
         exponents: (16,) that the independent reference found with it.
+
+    Example:
+        >>> from lyaphybrid.papers import dinius
+        >>> [mistake.name for mistake in dinius.MISTAKES]
+        ['no time shift at all', 'δq for δq_c', 'jump of δq forgotten', 'wrong sign of δτ']
     """
 
     name: str
@@ -309,11 +314,6 @@ def reproduce(*, quick: bool = False, key=None, progress=None) -> Reproduction:
 
     Returns:
         A `Reproduction`.
-
-    Example:
-        >>> from lyaphybrid.papers import dinius
-        >>> dinius.reproduce(quick=True).zeros  # doctest: +SKIP
-        6
     """
     t1, t1_mistakes = (T1_QUICK, T1_MISTAKES_QUICK) if quick else (T1, T1_MISTAKES)
     _starts_for(key, REPLICATES)  # compiles what both threads need
