@@ -120,6 +120,8 @@ def _list(options) -> int:
 
 
 def _spectrum(options) -> int:
+    from .statuses import STATUS
+
     problem = _problem(options)
     overrides = _overrides(options, problem)
     try:
@@ -127,6 +129,7 @@ def _spectrum(options) -> int:
     except ValueError as error:
         raise Refused(str(error)) from error
     status = spectrum.status
+    assert isinstance(status, STATUS)
     if options.json:
         print(json.dumps(_as_json(problem, spectrum, overrides), allow_nan=False))
     else:
@@ -204,14 +207,11 @@ def _method(problem, tolerances: dict[str, float]):
     for name, value in tolerances.items():
         if not 0 < value < math.inf:
             raise Refused(f"--{name} must be positive and finite; got {value!r}.")
-    if problem.method is None:
-        return RungeKutta(**tolerances)
-    if not problem.method.adaptive:
+    method = RungeKutta() if problem.method is None else problem.method
+    if not method.adaptive:
         raise Refused(f"{problem.name} is integrated with a fixed step: there is no tolerance to set.")
     names = tuple(tolerances)
-    return eqx.tree_at(
-        lambda method: [getattr(method, name) for name in names], problem.method, list(tolerances.values())
-    )
+    return eqx.tree_at(lambda m: [getattr(m, name) for name in names], method, list(tolerances.values()))
 
 
 def _as_json(problem, spectrum, overrides: dict[str, Any]) -> dict[str, Any]:

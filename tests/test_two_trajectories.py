@@ -1,4 +1,4 @@
-"""The derivative-free exponent: against exact values, references, and the tangent's exponent on the same orbit."""
+"""The derivative-free exponent: against exact values, references and the tangent on the same orbit."""
 
 import jax
 import jax.numpy as jnp

@@ -24,7 +24,7 @@ __all__ = ["Memory", "Stepping"]
 
 REJECT, ADVANCE, LOCATE, LAND, FAIL, NONE = range(6)  # what a trial says; NONE: there is none yet
 
-SAFETY, SHRINK, GROW = 0.85, 0.2, 10.0  # of the PI controller
+SAFETY, SHRINK, GROW = 0.8, 0.2, 10.0  # of the PI controller
 NEAR = 1e-6  # a trial lands when the root is nearer than this, relative to the controller's step
 SAME = 1e-13  # roots nearer than this, relative to the controller's step or the time, are simultaneous
 PROBE = 0.21132486540518713  # (3 - √3)/6 of a step, where the slope of a cubic interpolant errs most
