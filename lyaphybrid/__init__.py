@@ -1,11 +1,17 @@
-"""Lyapunov exponents of systems that flow and jump."""
+"""Lyapunov exponents of systems that flow and jump, from pure JAX functions.
+
+The names stand in the order of the data path: systems, methods, what is computed, results. Importing this package
+asks XLA, where it is still possible, to compile whole loops into single CPU kernels (see the README); nothing else
+is set behind your back. For float64 say so yourself: ``jax.config.update("jax_enable_x64", True)``.
+"""
 
 from ._compiler import request_single_kernel_loops
 
 request_single_kernel_loops()
 
-from .comparisons import TwoTrajectories, two_trajectories  # noqa: E402
+# Only now: importing these may make arrays, and with the first array it is too late for the switch.
 from . import zoo  # noqa: E402
+from .comparisons import TwoTrajectories, two_trajectories  # noqa: E402
 from .derivatives import Jacobians, jacobians, saltation_matrix  # noqa: E402
 from .methods import Diffrax, RungeKutta  # noqa: E402
 from .results import RunFailed, Spectrum  # noqa: E402
@@ -13,3 +19,29 @@ from .spectra import lyapunov_spectrum  # noqa: E402
 from .statuses import STATUS  # noqa: E402
 from .systems import EventDriven, Flow, Hybrid, Map, Transition  # noqa: E402
 from .trajectories import TangentMap, Trajectory, tangent_map, trajectory  # noqa: E402
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "Flow",
+    "Map",
+    "Hybrid",
+    "Transition",
+    "EventDriven",
+    "RungeKutta",
+    "Diffrax",
+    "lyapunov_spectrum",
+    "trajectory",
+    "tangent_map",
+    "saltation_matrix",
+    "jacobians",
+    "two_trajectories",
+    "Spectrum",
+    "Trajectory",
+    "TangentMap",
+    "Jacobians",
+    "TwoTrajectories",
+    "STATUS",
+    "RunFailed",
+    "zoo",
+]

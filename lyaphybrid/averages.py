@@ -50,7 +50,11 @@ def _chained(records: Record, batched: bool) -> Record:
     axis = 1 if batched else 0
 
     def per_block(total):
-        return None if total is None else jnp.diff(total, axis=axis, prepend=jnp.zeros_like(jnp.take(total, jnp.array([0]), axis)))
+        return (
+            None
+            if total is None
+            else jnp.diff(total, axis=axis, prepend=jnp.zeros_like(jnp.take(total, jnp.array([0]), axis)))
+        )
 
     return records._replace(jumps=per_block(records.jumps), losses=per_block(records.losses))
 
@@ -70,7 +74,11 @@ def _one_run(records: Record, clock: str, initial, averaging: str) -> dict:
         finite = running[-1]
     else:
         finite = _birkhoff(growth, length, reading, valid, regular=averaging == "birkhoff-regular")
-    losses = jnp.zeros(finite.shape) if records.losses is None else jnp.sum(jnp.where(valid[:, None], records.losses, 0), axis=0)
+    losses = (
+        jnp.zeros(finite.shape)
+        if records.losses is None
+        else jnp.sum(jnp.where(valid[:, None], records.losses, 0), axis=0)
+    )
     count = jnp.maximum(jnp.sum(valid), 2)
     scatter = jnp.sum(jnp.where(valid[:, None], growth - finite[None, :] * length[:, None], 0.0) ** 2, axis=0)
     stderr = jnp.sqrt(scatter * count / (count - 1)) / _safe(reading[-1])

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array
 
 from . import propagation, runs
+from ._tracing import traced
 from .methods.base import Method
 from .propagation import Cadence
 from .results import UNIT, History, RunFailed, with_error
@@ -55,10 +56,10 @@ class TwoTrajectories(eqx.Module):
     def status(self) -> STATUS | Array:
         """The verdict; under a transformation the bare code."""
         code = self.status_code
-        return code if isinstance(code, jax.core.Tracer) else STATUS(int(code))
+        return code if traced(code) else STATUS(int(code))
 
     def __str__(self) -> str:
-        if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(self)):
+        if traced(self):
             return "TwoTrajectories(under a transformation)"
         value = with_error(float(self.exponent), float(self.stderr))
         return (
@@ -153,7 +154,7 @@ def two_trajectories(
     every = None if renormalise_every is None else jnp.asarray(renormalise_every, x0.dtype)
     key = jax.random.key(0) if key is None else key
     pair = _start(problem, t0, x0, mode, key, length / blocks * FIRST if every is None else every)
-    if isinstance(transient, jax.core.Tracer) or float(transient) > 0:
+    if traced(transient) or float(transient) > 0:
         quiet = jnp.asarray(transient, x0.dtype)
         pair = _block(problem, t0, pair, jnp.ceil(quiet - 1e-9) if whole else quiet, every, separation)
         pair = _restarted(pair)
@@ -166,10 +167,10 @@ def _require_numbers(t1, transient, separation, every, blocks) -> None:
     """Check the numbers that are known."""
     wanted = {"t1": t1, "separation": separation} | ({} if every is None else {"renormalise_every": every})
     for name, value in wanted.items():
-        known = not isinstance(value, jax.core.Tracer)
+        known = not traced(value)
         if known and not (np.ndim(value) == 0 and 0 < float(value) < np.inf):
             raise ValueError(f"{name} must be a positive, finite number; got {value!r}.")
-    if not isinstance(transient, jax.core.Tracer) and not 0 <= float(transient) < np.inf:
+    if not traced(transient) and not 0 <= float(transient) < np.inf:
         raise ValueError(f"transient, a length, must be finite and not negative; got {transient!r}.")
     if isinstance(blocks, bool) or not isinstance(blocks, int) or blocks < 2:
         raise ValueError(f"blocks must be an integer of at least 2; got {blocks!r}.")
@@ -178,13 +179,11 @@ def _require_numbers(t1, transient, separation, every, blocks) -> None:
 def _require_start(x0, separation) -> None:
     if x0.ndim != 1:
         raise ValueError(f"x0 must have shape (n,) here; got {x0.shape}. Use jax.vmap for several starts.")
-    if isinstance(x0, jax.core.Tracer) or isinstance(separation, jax.core.Tracer):
+    if traced(x0) or traced(separation):
         return
     rounding = float(jnp.finfo(x0.dtype).eps * jnp.max(jnp.abs(x0)))
     if separation < 100 * rounding:
-        raise ValueError(
-            f"separation must be large against the rounding of x0, {rounding:.1e}; got {separation!r}."
-        )
+        raise ValueError(f"separation must be large against the rounding of x0, {rounding:.1e}; got {separation!r}.")
 
 
 def _iterates(system) -> bool:
@@ -208,9 +207,7 @@ def _start(problem: runs.Problem, t0, x0, mode, key, interval) -> Pair:
     zero, none = jnp.zeros_like(t0), jnp.asarray(0, jnp.int32)
     interval = jnp.maximum(jnp.floor(interval), 1.0) if _iterates(problem.system) else interval
     step = getattr(carry.own, "h", None)
-    return Pair(
-        zero, x0, direction, runs.mode_of(carry), step, interval, zero, zero, none, none, none + RUNNING
-    )
+    return Pair(zero, x0, direction, runs.mode_of(carry), step, interval, zero, zero, none, none, none + RUNNING)
 
 
 def _restarted(pair: Pair) -> Pair:
@@ -227,7 +224,7 @@ def _all_blocks(problem: runs.Problem, t0, pair: Pair, ends, every, separation):
         return pair, (pair.elapsed, pair.growth, pair.length, pair.intervals, pair.skipped)
 
     leaves = jax.tree.leaves((problem, t0, pair, ends, every, separation))
-    if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+    if traced(leaves):
         return jax.lax.scan(one, pair, ends)
     records = []
     for end in np.asarray(ends):

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array
 
 from . import runs
+from ._tracing import traced
 from .events import EPS, by_mode, wire
 from .methods.exact import Exact
 from .saltations import advance_to_instant, instant, push, return_along
@@ -168,8 +169,7 @@ def saltation_matrix(
     """
     if not isinstance(system, Hybrid | EventDriven):
         raise ValueError(
-            "saltation_matrix needs a system that jumps, an lh.Hybrid or lh.EventDriven; got "
-            f"{type(system).__name__}."
+            f"saltation_matrix needs a system that jumps, an lh.Hybrid or lh.EventDriven; got {type(system).__name__}."
         )
     if isinstance(system, EventDriven):
         if which is None:
@@ -184,7 +184,7 @@ def saltation_matrix(
         _require_armed(system, sequence[0], mode)
         components = _components(system, t, x, args, sequence, which)
     matrix, contact = _saltation(system, t, x, args, mode, sequence, components)
-    if contact is not None and not isinstance(matrix, jax.core.Tracer):
+    if contact is not None and not traced(matrix):
         _require_on_guard(*map(float, contact))
     return matrix
 
@@ -222,9 +222,7 @@ def _crossing(system, t, x, args, sequence, which) -> Crossing:
     wiring = wire(system, t, x, args)
 
     def jump_of(j, i):
-        return Jump(
-            lambda t, x: wiring.resets[j](t, x, i), lambda mode, t, x: wiring.targets[j](mode, t, x, i)
-        )
+        return Jump(lambda t, x: wiring.resets[j](t, x, i), lambda mode, t, x: wiring.targets[j](mode, t, x, i))
 
     def velocity(mode, t, x):
         return by_mode(mode, wiring.fields, t, x)
@@ -300,7 +298,7 @@ def _only_source(system: Hybrid, index: int) -> str | None:
 
 def _require_armed(system: Hybrid, index: int, mode) -> None:
     source = system.transitions[index].source
-    if source is None or isinstance(mode, jax.core.Tracer):
+    if source is None or traced(mode):
         return
     name = system.mode_names[int(mode)]
     if name not in source:
@@ -325,14 +323,10 @@ def _components(system: Hybrid, t, x, args, sequence, which) -> tuple:
         most = max(widths[index], 1) - 1
         if component is None and widths[index]:
             raise ValueError(
-                f"The guard of transition {index} has {most + 1} components: say which one fires, which=0 to "
-                f"{most}."
+                f"The guard of transition {index} has {most + 1} components: say which one fires, which=0 to {most}."
             )
-        traced = isinstance(component, jax.core.Tracer)
-        if component is not None and not traced and not 0 <= operator.index(component) <= most:
-            raise ValueError(
-                f"The components of transition {index}'s guard are 0 to {most}; got which={component!r}."
-            )
+        if component is not None and not traced(component) and not 0 <= operator.index(component) <= most:
+            raise ValueError(f"The components of transition {index}'s guard are 0 to {most}; got which={component!r}.")
     return tuple(_integers(0 if component is None else component) for component in given)
 
 
@@ -342,7 +336,7 @@ def _integers(which):
 
 def _checked(system, x, args, t, mode):
     """The state, the time and the index of the mode, as arrays."""
-    if isinstance(mode, Array | np.integer) and not isinstance(mode, jax.core.Tracer):
+    if isinstance(mode, Array | np.integer) and not traced(mode):
         mode = operator.index(mode)
     _, x, t, mode = runs.prepare(system, x, args, t, None, mode)
     if x.ndim != 1:

@@ -59,9 +59,7 @@ def wire(system: Hybrid, t, x, args) -> Wiring:
     """Expand a hybrid system into slots; guards are asked for their shapes, nothing is computed."""
     names, transitions = system.mode_names, system.transitions
     widths = [_width(j, tr.guard, t, x, args) for j, tr in enumerate(transitions)]
-    per_mode = [
-        [j for j, tr in enumerate(transitions) if not tr.is_clock and _armed(tr, name)] for name in names
-    ]
+    per_mode = [[j for j, tr in enumerate(transitions) if not tr.is_clock and _armed(tr, name)] for name in names]
     slots = max(1, *(sum(max(1, widths[j]) for j in own) for own in per_mode))
     directed = np.ones((len(names), slots), bool)
     transition, component = np.zeros((len(names), slots), np.int32), np.zeros((len(names), slots), np.int32)
@@ -81,9 +79,7 @@ def wire(system: Hybrid, t, x, args) -> Wiring:
         np.array([[_armed(transitions[j], name) for j in clocks] for name in names], bool).reshape(len(names), -1),
         tuple(_bind_reset(tr, width, args) for tr, width in zip(transitions, widths, strict=True)),
         tuple(_bind_target(tr, width, names, args) for tr, width in zip(transitions, widths, strict=True)),
-        tuple(
-            _bind_when([(transitions[j], max(1, widths[j])) for j in own], slots, args) for own in per_mode
-        ),
+        tuple(_bind_when([(transitions[j], max(1, widths[j])) for j in own], slots, args) for own in per_mode),
         any(tr.when is not None for tr in transitions),
     )
 
@@ -108,9 +104,7 @@ def _bind_field(field, args):
 
 def _bind_guards(transitions, slots, args):
     def guards(t, x):
-        values = [
-            jnp.atleast_1d(tr.guard(t, x, args)) * (-1.0 if tr.direction > 0 else 1.0) for tr in transitions
-        ]
+        values = [jnp.atleast_1d(tr.guard(t, x, args)) * (-1.0 if tr.direction > 0 else 1.0) for tr in transitions]
         short = slots - sum(v.shape[0] for v in values)
         return jnp.concatenate([*values, jnp.ones(short, x.dtype)]) if short or len(values) > 1 else values[0]
 
@@ -174,7 +168,9 @@ def arm(g, rate, second, h, t, fired) -> tuple[Any, Any]:
     second derivative: the exit from a stick has v = v̇ = 0.
 
     Args:
-        g, rate, second: the guards' jets.
+        g: the guards.
+        rate: their first derivatives in time.
+        second: their second derivatives.
         h: the step of the controller, the local scale of time.
         t: the time, whose rounding enters moving guards.
         fired: which slot has just fired here (its own root was only found to the accuracy of the flow).

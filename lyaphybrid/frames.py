@@ -32,7 +32,8 @@ def orthonormalise(
     Args:
         frame: (n, k), k ≤ n.
         kind: "mgs", modified Gram–Schmidt; "lapack", Householder QR; "cholesky", two Cholesky QR passes.
-        absolute, relative: a column whose residual is at most absolute + relative · its norm is lost.
+        absolute: a column whose residual is at most absolute + relative · its norm is lost.
+        relative: see absolute; 0 (static) asks for no such test.
 
     Returns:
         The columns (n, k), zero where lost; ln R_ii (k,), zero where lost; and which columns were lost (k,).
@@ -128,9 +129,7 @@ def _cholesky(frame):
     return q, first * second
 
 
-def refill(
-    frame: Float[Array, "n k"], project, live: Array
-) -> tuple[Float[Array, "n k"], Float[Array, "k k"]]:
+def refill(frame: Float[Array, "n k"], project, live: Array) -> tuple[Float[Array, "n k"], Float[Array, "k k"]]:
     """Move the live columns to the front and fill the empty ones with new directions, where there is room.
 
     A direction that is gone stays gone for its exponent; its column goes on with a fresh direction of the

@@ -38,9 +38,7 @@ def spectrum(spectrum: Spectrum, ax=None):
     finite = np.isfinite(values)
     ax.axhline(0.0, color="0.6", linewidth=0.8, zorder=0)
     errors = np.where(np.isfinite(errors), errors, 0.0)
-    ax.errorbar(
-        index[finite], values[finite], errors[finite], fmt="o", markersize=4, capsize=2.5, color=COLOURS[0]
-    )
+    ax.errorbar(index[finite], values[finite], errors[finite], fmt="o", markersize=4, capsize=2.5, color=COLOURS[0])
     ax.margins(y=0.08)
     _arrows(ax, index[np.isneginf(values)], finite)
     ax.set_xlabel("index i")

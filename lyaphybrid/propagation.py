@@ -229,7 +229,13 @@ def _span(settings: Settings, clock: Clock, within, carry: Carry, ahead, interva
     if mover.always_common and not settings.count_jumps:  # then nothing but this ends a span
         return _tidy(settings, clock, carry, ahead, interval, spread)
     tidied = jax.lax.cond(
-        due, lambda *state: _tidy(settings, clock, *state), lambda *state: state, carry, ahead, interval, spread
+        due,
+        lambda *state: _tidy(settings, clock, *state),
+        lambda *state: state,
+        carry,
+        ahead,
+        interval,
+        spread,
     )
     return tidied
 
@@ -265,7 +271,8 @@ def harvest(settings: Settings, carry: Carry, t, absolute=0.0, relative=0.0, pro
         settings: static.
         carry: with the frame.
         t: the time, for the record.
-        absolute, relative: tolerances of `frames.orthonormalise`.
+        absolute: tolerance of `frames.orthonormalise`.
+        relative: the same.
         project: onto the tangent space of the mode; None: there is no constraint.
         was_live: (k,), columns that were not empty before.
     """
@@ -298,6 +305,7 @@ def _next_block(settings: Settings, journey: Journey) -> Journey:
     total = high + carry.s
     back = total - high
     low = low + ((high - (total - back)) + (carry.s - back))
+
     def cleared(sums):
         return None if sums is None else jnp.zeros_like(sums)
 
@@ -319,9 +327,7 @@ def restart(journey: Journey) -> Journey:
     """
     carry = journey.carry._replace(jumps=jnp.zeros_like(journey.carry.jumps))
     if carry.losses is not None:
-        carry = carry._replace(
-            losses=jnp.zeros_like(carry.losses), first_loss=jnp.full_like(carry.first_loss, jnp.nan)
-        )
+        carry = carry._replace(losses=jnp.zeros_like(carry.losses), first_loss=jnp.full_like(carry.first_loss, jnp.nan))
     nothing = jnp.zeros_like(journey.elapsed)
     return Journey(carry, journey.base, nothing, jnp.zeros_like(journey.block), journey.interval, nothing)
 

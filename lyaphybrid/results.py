@@ -3,11 +3,11 @@
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from ._tracing import traced
 from .statuses import STATUS
 
 __all__ = ["History", "RunFailed", "Spectrum"]
@@ -39,7 +39,7 @@ class Spectrum(eqx.Module):
         stderr: (k,) one standard error; `error_kind` says from what: "blocks" or "replicates".
         time, jumps: length of the run after the transient (of several runs, the mean).
         upper, lower: (k,) bounds of the running exponents over the second half.
-        losses, loss_rate, first_loss: (k,) how often a column was lost (all runs), per time, and when first (nan: never).
+        losses, loss_rate, first_loss: (k,) how often a column was lost (all runs), per time, and first (nan: never).
         finite_exponents: (k,) the growth without the moments of loss; equal to `exponents` where nothing was lost.
         min_transversality: least |sin| of the angle between flow and guard at an event; inf without events.
         history: time, exponents (running), growth (per block).
@@ -76,7 +76,7 @@ class Spectrum(eqx.Module):
     def status(self) -> STATUS | Array:
         """The verdict; of several runs the gravest. Under a transformation the bare code."""
         code = jnp.max(self.status_code)
-        return code if isinstance(code, jax.core.Tracer) else STATUS(int(code))
+        return code if traced(code) else STATUS(int(code))
 
     @property
     def notes(self) -> frozenset[str]:
@@ -102,18 +102,19 @@ class Spectrum(eqx.Module):
         """|Σ λ - (mean divergence + mean ln|det S|)|; None where k < n or something was lost."""
         if self.residual is None:
             return None
-        if not isinstance(self.losses, jax.core.Tracer) and np.any(np.asarray(self.losses) > 0):
+        if not traced(self.losses) and np.any(np.asarray(self.losses) > 0):
             return None
         return self.residual
 
     def kaplan_yorke_dimension(self) -> Array:
-        """j + Σ_{i≤j} λ_i / |λ_{j+1}| with the largest j whose sum is not negative (Kaplan & Yorke 1979)."""
+        """J + Σ_{i≤j} λ_i / |λ_{j+1}| with the largest j whose sum is not negative (Kaplan & Yorke 1979)."""
         sums = jnp.cumsum(jnp.where(jnp.isfinite(self.exponents), self.exponents, -1e300))
         j = jnp.sum(jnp.cumprod(sums >= 0))
         k = self.exponents.shape[0]
         last = jnp.where(j > 0, sums[jnp.maximum(j - 1, 0)], 0.0)
         following = jnp.abs(self.exponents[jnp.minimum(j, k - 1)])
-        return jnp.where(j >= k, float(k), j + jnp.where(j > 0, last / following, 0.0))
+        fraction = jnp.where(j > 0, last / following, 0.0)
+        return jnp.where(j >= k, float(k), j.astype(fraction.dtype) + fraction)
 
     def ks_entropy(self) -> Array:
         """The sum of the positive exponents (Pesin: the Kolmogorov–Sinai entropy of an SRB measure)."""
@@ -153,7 +154,7 @@ class Spectrum(eqx.Module):
         return xarray.Dataset(variables, coordinates, attributes)
 
     def __str__(self) -> str:
-        if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(self)):
+        if traced(self):
             return "Spectrum(under a transformation)"
         return _table(self)
 

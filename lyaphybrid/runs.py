@@ -16,8 +16,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from . import propagation
+from ._tracing import traced
 from .events import Wiring, wire
-from .methods import Diffrax, RungeKutta
+from .methods import RungeKutta
 from .methods.base import Method
 from .methods.exact import Exact
 from .methods.iterate import Iterating
@@ -106,7 +107,7 @@ def _state(x0):
     x0 = x0 if jnp.issubdtype(x0.dtype, jnp.floating) else x0.astype(float)
     if x0.ndim not in (1, 2) or 0 in x0.shape:
         raise ValueError(f"x0 must have shape (n,), or (m, n) for m runs at once; got {x0.shape}.")
-    if not isinstance(x0, jax.core.Tracer) and not np.all(np.isfinite(x0)):
+    if not traced(x0) and not np.all(np.isfinite(x0)):
         raise ValueError(f"x0 must be finite; got {x0}.")
     if x0.dtype == jnp.float32:
         warnings.warn(
@@ -178,8 +179,7 @@ def mover_of(problem: Problem, t, x):
         return Iterating(lambda n, x: reset(n, x, args))
     wiring = wire(system, t, x, args)
     clocks = tuple(
-        (_number(system.transitions[j].every, args), _number(system.transitions[j].phase, args))
-        for j in wiring.clocks
+        (_number(system.transitions[j].every, args), _number(system.transitions[j].phase, args)) for j in wiring.clocks
     )
     terminal = tuple(tr.terminal for tr in system.transitions)
     return Stepping(wiring, method, clocks, terminal, system.max_cascade)
@@ -246,7 +246,8 @@ def drive(problem: Problem, plan: Plan, journey: Journey, ends, last_jumps, max_
     """Run all blocks: in one call where traced, else call by call.
 
     Args:
-        problem, plan: what, and how.
+        problem: what.
+        plan: how.
         journey: from `start`, or `restart` of an earlier outcome's.
         ends: (blocks,) of the blocks, in time since the run began.
         last_jumps: (blocks,) number of jumps that ends each block; ignored unless plan.count_jumps.
@@ -255,7 +256,7 @@ def drive(problem: Problem, plan: Plan, journey: Journey, ends, last_jumps, max_
     """
     limit = FOREVER if max_steps is None else max_steps
     leaves = jax.tree.leaves((journey, problem, ends, last_jumps))
-    if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+    if traced(leaves):
         journey, records = _advance(problem, plan, journey, ends, last_jumps, limit)
         logs = () if journey.carry.log is None else (journey.carry.log,)
         return Outcome(journey, records, _verdict(journey, ends), False, logs)
@@ -332,4 +333,3 @@ def _reporter(progress):
             bar.update(round(100 * fraction) - bar.n)
 
     return report
-

@@ -24,9 +24,7 @@ def instant(guard, t, x, f):
     return gradient, rate_of_time, rate_of_time + jnp.sum(gradient * f)
 
 
-def advance_to_instant(
-    frame: Float[Array, "n k"], gradient, rate, f
-) -> tuple[Float[Array, "n k"], Float[Array, " k"]]:
+def advance_to_instant(frame: Float[Array, "n k"], gradient, rate, f) -> tuple[Float[Array, "n k"], Float[Array, " k"]]:
     """Each column moved to its own instant, dx + f⁻ δτ; and δτ (k,)."""
     shift = -(gradient @ frame) / jnp.where(rate == 0, 1.0, rate)
     return frame + f[:, None] * shift[None, :], shift

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from . import averages, frames, propagation, runs
+from ._tracing import traced
 from .methods.base import Method
 from .propagation import Cadence
 from .results import RunFailed, Spectrum
@@ -149,7 +150,7 @@ def _whole(value) -> bool:
 
 
 def _is_zero(value) -> bool:
-    return not isinstance(value, jax.core.Tracer) and float(value) == 0
+    return not traced(value) and float(value) == 0
 
 
 def _starts(x0, replicates, key):
@@ -167,13 +168,16 @@ def _frame(frame, n, k, dtype):
         frame = jnp.eye(n, k or n, dtype=dtype)
     frame = jnp.asarray(frame, dtype)
     _require(
-        frame.ndim == 2 and frame.shape[0] == n and frame.shape[1] == (k or frame.shape[1]) and 1 <= frame.shape[1] <= n,
+        frame.ndim == 2
+        and frame.shape[0] == n
+        and frame.shape[1] == (k or frame.shape[1])
+        and 1 <= frame.shape[1] <= n,
         f"frame must have shape (n, k) = ({n}, {k or 'k'}) with 1 ≤ k ≤ n; got {frame.shape}."
         if frame.shape[1:] != (k,) or k is None or k <= n
         else f"k must be at most n = {n}; got {k}.",
     )
     columns, log_r, lost = frames.orthonormalise(frame, "mgs", frames.LOST, frames.LOST)
-    concrete = not isinstance(lost, jax.core.Tracer)
+    concrete = not traced(lost)
     _require(not (concrete and bool(jnp.any(lost))), "frame must have linearly independent columns.")
     return columns, log_r
 
@@ -189,14 +193,17 @@ def _cadence(problem: runs.Problem, every) -> tuple[Cadence, float]:
         unit = "steps" if every is None else "time"
     if every is None:
         return Cadence(unit, True), 1.0
-    _require(isinstance(every, jax.core.Tracer) or every > 0, f"every must be positive; got {every!r}.")
+    _require(traced(every) or every > 0, f"every must be positive; got {every!r}.")
     return Cadence(unit, False), every
 
 
 def _ends(length, blocks, times, dtype, name):
     """The ends of the blocks, counted from the start of the run."""
-    if not isinstance(length, jax.core.Tracer):
-        _require(np.ndim(length) == 0 and 0 < float(length) < np.inf, f"{name}, a length, must be positive and finite; got {length!r}.")
+    if not traced(length):
+        _require(
+            np.ndim(length) == 0 and 0 < float(length) < np.inf,
+            f"{name}, a length, must be positive and finite; got {length!r}.",
+        )
     length = jnp.asarray(length, dtype)
     if times is None:
         return length * jnp.arange(1, blocks + 1, dtype=dtype) / blocks
@@ -206,7 +213,10 @@ def _ends(length, blocks, times, dtype, name):
     times = np.asarray(times, float)
     rising = times.ndim == 1 and len(times) > 1 and times[0] > 0 and bool(np.all(np.diff(times) > 0))
     _require(rising, f"times must be a positive, increasing array of at least two; got {times!r}.")
-    _require(isinstance(length, jax.core.Tracer) or np.isclose(times[-1], float(length)), f"times must end at t1 = {length}; the last is {times[-1]}.")
+    _require(
+        traced(length) or np.isclose(times[-1], float(length)),
+        f"times must end at t1 = {length}; the last is {times[-1]}.",
+    )
     return jnp.asarray(times, dtype)
 
 
@@ -219,7 +229,7 @@ def _targets(ends, clock, discrete):
 
 
 def _good_enough(spectrum: Spectrum, until: float) -> bool:
-    if isinstance(spectrum.stderr, jax.core.Tracer):
+    if traced(spectrum.stderr):
         raise ValueError("until=… decides from the values whether to go on: it cannot be used under jit, vmap or grad.")
     finite = np.isfinite(np.asarray(spectrum.exponents))
     reached = bool(np.all(np.asarray(spectrum.stderr)[finite] <= until))

@@ -123,9 +123,7 @@ class Transition(eqx.Module):
             if function is not None:
                 _require_callable(name, function, "(t, x, args) -> …")
         if direction not in (-1, 0, 1):
-            raise ValueError(
-                f"direction must be -1 (falls), +1 (rises) or 0 (both); got {direction!r}."
-            )
+            raise ValueError(f"direction must be -1 (falls), +1 (rises) or 0 (both); got {direction!r}.")
         if isinstance(every, int | float) and not every > 0:
             raise ValueError(f"every, the clock's period, must be positive; got {every!r}.")
         if target is not None and not isinstance(target, str) and not callable(target):

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array
 
 from . import runs
+from ._tracing import traced
 from .methods.base import Method
 from .propagation import Cadence
 from .results import RunFailed
@@ -64,7 +65,7 @@ class Trajectory(eqx.Module):
     def status(self) -> STATUS | Array:
         """The verdict; under a transformation the bare code."""
         code = self.status_code
-        return code if isinstance(code, jax.core.Tracer) else STATUS(int(code))
+        return code if traced(code) else STATUS(int(code))
 
     def plot(self, ax=None, **options):
         """The components against time, with events and modes."""
@@ -144,7 +145,7 @@ def trajectory(
 
 
 def _require_length(t1) -> None:
-    if not isinstance(t1, jax.core.Tracer) and not (np.ndim(t1) == 0 and 0 < float(t1) < np.inf):
+    if not traced(t1) and not (np.ndim(t1) == 0 and 0 < float(t1) < np.inf):
         raise ValueError(f"t1, a length of time, must be positive and finite; got {t1!r}.")
 
 
@@ -188,7 +189,7 @@ class TangentMap(eqx.Module):
     def status(self) -> STATUS | Array:
         """The verdict; under a transformation the bare code."""
         code = self.status_code
-        return code if isinstance(code, jax.core.Tracer) else STATUS(int(code))
+        return code if traced(code) else STATUS(int(code))
 
 
 def tangent_map(
@@ -241,5 +242,3 @@ def tangent_map(
     outcome = runs.drive(problem, plan, journey, ends, ends, max_steps)
     carry = outcome.journey.carry
     return _deliver(TangentMap(carry.x, carry.frame, runs.mode_of(carry), carry.jumps, outcome.status), throw)
-
-

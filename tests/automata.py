@@ -218,8 +218,9 @@ def _periods(system: dict) -> int:
         return 64
     sizes = np.sort([np.hypot(*m) for m in system["extra"]["multipliers"]])[::-1]
     ratios = sizes[1:] / sizes[:-1]
+    pairs = np.any(ratios >= 1 - 1e-9)  # these turn for ever
     slowest = np.max(ratios[ratios < 1 - 1e-9])
-    return max(512, int(2 * np.log(1e-10) / np.log(slowest)))
+    return max(4096 if pairs else 128, int(2 * np.log(1e-10) / np.log(slowest)))
 
 
 def _smooth_mean(values: np.ndarray) -> np.ndarray:

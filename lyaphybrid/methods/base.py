@@ -69,7 +69,7 @@ class Method(eqx.Module):
 
 
 def trace(field: Field, t, x):
-    """tr Df at (t, x)."""
+    """Tr Df at (t, x)."""
     n = x.shape[0]
     if n > 4:
         return jnp.trace(jax.jacfwd(lambda y: field(t, y))(x))

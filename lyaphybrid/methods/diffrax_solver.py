@@ -70,7 +70,7 @@ class Diffrax(Method):
         return Step(new, field(t + h, new), error[None], (t, h, dense))
 
     def inside(self, dense, theta):
-        """diffrax's own dense output at the fraction theta of the step."""
+        """Diffrax's own dense output at the fraction theta of the step."""
         t, h, info = dense
         interpolation = self.solver.interpolation_cls(t0=t, t1=t + h, **info)
         return interpolation.evaluate(t + theta * h)
@@ -79,8 +79,7 @@ class Diffrax(Method):
         """∫ tr Df dt over the step by Gauss–Legendre on the dense output."""
         dense = self.step(field, t, x, None, h).dense
         return h * sum(
-            w * trace(field, t + node * h, self.inside(dense, node))
-            for node, w in zip(_NODES, _WEIGHTS, strict=True)
+            w * trace(field, t + node * h, self.inside(dense, node)) for node, w in zip(_NODES, _WEIGHTS, strict=True)
         )
 
 

@@ -135,8 +135,6 @@ def _integers(which):
     return jax.tree.map(lambda leaf: jnp.asarray(leaf).astype(jnp.int32), which)
 
 
-
-
 def _is_event(which):
     """A negative `which` says that nothing happens there: the prediction is only to be made anew."""
     return jax.tree.leaves(which)[0] >= 0

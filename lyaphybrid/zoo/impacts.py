@@ -105,8 +105,7 @@ def bouncing_ball(*, restitution: Real = 0.5, gravity: Real = 1.0, velocity: Rea
         reference=None
         if traced(restitution)
         else exact(0.0, 2 * math.log(restitution), source="cycle matrix", clock="jumps"),
-        source="R. Goebel, R. Sanfelice & A. Teel, IEEE Control Systems 29 (2009) 28, "
-        "doi:10.1109/MCS.2008.931718",
+        source="R. Goebel, R. Sanfelice & A. Teel, IEEE Control Systems 29 (2009) 28, doi:10.1109/MCS.2008.931718",
         parameters={"restitution": restitution, "gravity": gravity, "velocity": velocity},
     )
 

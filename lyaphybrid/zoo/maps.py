@@ -86,9 +86,7 @@ def henon_map(*, a: Real = 1.4, b: Real = 0.3) -> Problem:
         t1=200_000,
         transient=1000,
         clock="jumps",
-        reference=computed(
-            (0.41919054, -1.62316334), (3.7e-5, 3.7e-5), source="1e8 iterations in C", clock="jumps"
-        )
+        reference=computed((0.41919054, -1.62316334), (3.7e-5, 3.7e-5), source="1e8 iterations in C", clock="jumps")
         if known
         else None,
         source="M. Hénon, Commun. Math. Phys. 50 (1976) 69, doi:10.1007/BF01608556",
@@ -194,9 +192,7 @@ def standard_map(*, K: Real = 6.9115) -> Problem:
     reference = None
     for kick, value, stderr in ((6.9115, 1.26354, 2.7e-4), (6.9, 1.26413, 8.4e-4)):
         if near(K, kick):
-            reference = computed(
-                (value, -value), (stderr, stderr), source="1e8 iterations in C", clock="jumps"
-            )
+            reference = computed((value, -value), (stderr, stderr), source="1e8 iterations in C", clock="jumps")
     return Problem(
         system=STANDARD,
         x0=state(1.0, 2.0),

@@ -44,15 +44,11 @@ EXACT = EventDriven(flow=_charge_for, next_event=_next_to_fire, jump=_fire, guar
 
 def _potentials(n: int) -> list[float]:
     """Distinct starts in [0, 1), for more than two spread by the golden mean."""
-    return (
-        [0.6326296498429654, 0.46839295794497127] if n == 2 else [0.618033988749895 * i % 1 for i in range(n)]
-    )
+    return [0.6326296498429654, 0.46839295794497127] if n == 2 else [0.618033988749895 * i % 1 for i in range(n)]
 
 
 @problem
-def integrate_and_fire(
-    *, n: int = 2, current: Real = 2.0, coupling: Real = -0.1, form: str = "hybrid"
-) -> Problem:
+def integrate_and_fire(*, n: int = 2, current: Real = 2.0, coupling: Real = -0.1, form: str = "hybrid") -> Problem:
     """Leaky neurons, n of them: x_i' = I − x_i; where x_i reaches 1 it falls to 0 and the others get ε.
 
     Two neurons that inhibit each other (ε < 0) fire in turn: u = I − x of the waiting one, just after the

@@ -126,9 +126,7 @@ def conewise_linear(
         },
         mode="right",
         t1=40 * turn,
-        reference=None
-        if traced(turn, growth)
-        else exact(growth / turn, growth / turn, source="growth over a turn"),
+        reference=None if traced(turn, growth) else exact(growth / turn, growth / turn, source="growth over a turn"),
         source="P. C. Müller, Chaos, Solitons & Fractals 5 (1995) 1671, doi:10.1016/0960-0779(94)00170-U",
     )
 

@@ -8,12 +8,11 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any, ParamSpec, TypeAlias
 
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, Float
 
+from .._tracing import traced
 from ..systems import System
 
 __all__ = ["Problem", "Real", "Reference", "get", "problem", "unknown"]
@@ -177,8 +176,7 @@ def problem(function: Callable[P, Problem]) -> Callable[P, Problem]:
         for key in parameters:
             if key not in defaults:
                 raise ValueError(
-                    f"{name} has no parameter {key!r}; the nearest is {nearest(key, defaults)[0]!r} of "
-                    f"{name}({valid})."
+                    f"{name} has no parameter {key!r}; the nearest is {nearest(key, defaults)[0]!r} of {name}({valid})."
                 )
         checked = {k: _as_kind_of(defaults[k], k, v) for k, v in parameters.items()}
         made = function(**checked)  # type: ignore[call-arg]
@@ -218,11 +216,6 @@ def nearest(name: str, valid) -> list[str]:
 
 
 # What the zoo's functions check their parameters with. A traced value has no value yet: it passes.
-
-
-def traced(*values: Any) -> bool:
-    """Whether any of the values is known only while a compiled function runs."""
-    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(values))
 
 
 def number(name: str, value: Any) -> Any:
@@ -268,9 +261,7 @@ def one_of(name: str, value: Any, choices: tuple[str, ...]) -> None:
 def near(value: Any, *wanted: Any) -> bool:
     """Whether the value (a number or several) is known and equal to what is wanted up to rounding."""
     given = value if isinstance(value, tuple) else (value,)
-    return not traced(given) and all(
-        math.isclose(a, b, rel_tol=1e-12) for a, b in zip(given, wanted, strict=True)
-    )
+    return not traced(given) and all(math.isclose(a, b, rel_tol=1e-12) for a, b in zip(given, wanted, strict=True))
 
 
 def state(*components: Any) -> Float[Array, " n"]:

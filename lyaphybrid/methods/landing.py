@@ -1,0 +1,354 @@
+"""Landing: from a trial that ends at an event, through the jumps of that instant, to guards armed anew."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from .. import frames
+from ..events import Wiring, arm, by_mode, jets, rates
+from ..propagation import Carry, Clock, Events, Settings, harvest, log_event, stop
+from ..saltations import advance_to_instant, instant, push, return_along
+from ..statuses import STATUS
+from .trials import NEAR, PATIENCE, Memory, Stepper, Trial, changed, firing, table
+
+__all__ = ["land"]
+
+SAME = 1e-13  # roots nearer than this, relative to the controller's step or the time, are simultaneous
+GRAZING = 1e-3  # sine of the angle between flow and guard below which a crossing is called grazing
+SHORT = 1e-5  # an interval between events is short below this, relative to the step and the longest interval
+
+
+class Landing(NamedTuple):
+    """The state on its way through the jumps of one instant."""
+
+    x: Array
+    columns: Array
+    shift: Array  # (columns,) δτ of each
+    mode: Array
+    f: Array  # of the new mode
+    g: Array
+    rate: Array
+    side: Array
+    transition: Array
+    which: Array
+    slot: Array
+    count: Array
+    again: Array
+    terminal: Array
+    stuck: Array
+    transversality: Array
+    together: Array  # slots that the flow brought to zero at this instant; afterwards: does their order matter
+    log: Events | None
+
+
+def land(mover, settings: Settings, clock: Clock, c: Carry, tr: Trial) -> Carry:
+    """The trial ends at an event: polish, cross, orthonormalise at once, re-arm the guards."""
+    own, w = c.own, mover.wiring
+    mode = jnp.asarray(0, jnp.int32) if own.mode is None else own.mode
+    frame, flux = c.frame, None
+    if frame.shape[1]:
+        _, frame, _, flux = mover.carried(c, clock, tr.h, own.mode)
+    c = mover.commit(settings, c, c.s + tr.h, tr.h, tr.x, frame, flux)
+    ahead = -tr.g / jnp.where(tr.rate == 0, 1e-300, tr.rate)
+    lands = _at_root(mover, own, tr, ahead)
+    ticking = ~jnp.any(lands)
+    ahead = jnp.where(lands, ahead, jnp.inf)
+    slot = jnp.argmin(ahead).astype(jnp.int32)
+    c = _polish(mover, clock, c, slot, ticking)
+    t = clock.base + c.s
+    c = harvest(settings, c, t) if _orthonormalises(mover, settings, c) else c
+    # Which transition: the first of those at this instant whose `when` says yes.
+    together = lands & (ahead <= ahead[slot] + SAME * (own.h + jnp.abs(t)))
+    allowed = together & by_mode(mode, w.whens, t, c.x) if w.shared else together
+    blocked = ~ticking & ~jnp.any(allowed)
+    slot = jnp.argmax(allowed).astype(jnp.int32)
+    transition = table(mover, own.mode, w.transition)[slot]
+    which = table(mover, own.mode, w.component)[slot]
+    if w.clocks:
+        clocks = jnp.asarray(w.clocks, jnp.int32)
+        transition = jnp.where(ticking, clocks[tr.tick], transition)
+        which = jnp.where(ticking, 0, which)
+    crossed = _cross(mover, settings, clock, c, mode, transition, which, jnp.where(ticking, -1, slot), allowed)
+    crossed = _keep_clocks(mover, clock, crossed, tr, ticking)
+    return _choose(blocked, stop(c, STATUS.deadlock), crossed)
+
+
+def _at_root(mover, own: Stepper, tr: Trial, ahead):
+    """The guards whose root is at the end of a trial that lands."""
+    ticking = jnp.asarray(False) if tr.tick is None else tr.tick >= 0
+    fires = firing(mover, own)
+    crossed = fires & (own.side * tr.g <= 0)
+    close = fires & (own.side * tr.rate < 0) & (jnp.abs(ahead) <= NEAR * own.h)
+    return jnp.where(ticking, False, jnp.where(jnp.any(close), close, crossed))
+
+
+def _orthonormalises(mover, settings: Settings, c: Carry) -> bool:
+    return settings.cadence.unit != "never" and c.frame.shape[1] > 0
+
+
+def _polish(mover, clock: Clock, c: Carry, slot, ticking) -> Carry:
+    """Two second-order steps onto the guard; they are differentiable, the location of the root was not."""
+    w = mover.wiring
+
+    def of_mode(q):
+        def polish(t, x, frame):
+            def once(_, state):
+                t, x, frame, shift = state
+                f, second = jax.jvp(w.fields[q], (t, x), (jnp.ones_like(t), w.fields[q](t, x)))
+                g, rate = rates(w.guards[q], t, x, f)
+                step = -g[slot] / jnp.where(rate[slot] == 0, 1.0, rate[slot])
+                step = jnp.where(ticking | (rate[slot] == 0), 0.0, step)
+
+                def slope(dx):
+                    return jax.jvp(lambda y: w.fields[q](t, y), (x,), (dx,))[1]
+
+                frame = frame + step * jax.vmap(slope, in_axes=-1, out_axes=-1)(frame)
+                return t + step, x + step * (f + 0.5 * step * second), frame, shift + step
+
+            return jax.lax.fori_loop(0, 2, once, (t, x, frame, jnp.zeros_like(t)))
+
+        return polish
+
+    start = (clock.base + c.s, c.x, c.frame)
+    _, x, frame, shift = by_mode(c.own.mode, [of_mode(q) for q in range(w.modes)], *start)
+    return c._replace(s=c.s + shift, x=x, frame=frame)
+
+
+def _cross(mover, settings, clock: Clock, c: Carry, mode, transition, which, slot, together) -> Carry:
+    """Through the event and the cascade it sets off; then orthonormalise and arm the guards."""
+    t, h, k = clock.base + c.s, c.own.h, c.frame.shape[1]
+    columns, was_live = c.frame, jnp.sum(c.frame * c.frame, axis=0) > 0.5
+    if settings.sum_rule:  # n more columns, the identity: they come out as the saltation matrix
+        columns = jnp.concatenate([columns, jnp.eye(c.x.shape[0], dtype=c.x.dtype)], axis=1)
+    landing = _in_each_order(mover, t, h, c, columns, mode, transition, which, slot, together)
+    since = c.since + landing.count if settings.cadence.unit == "jumps" else c.since
+    volume = frames.log_abs_det(landing.columns[:, k:]) if settings.sum_rule else None
+    c = c._replace(
+        x=landing.x,
+        frame=landing.columns[:, :k],
+        since=since,
+        jumps=c.jumps + landing.count,
+        volume=None if volume is None else c.volume + volume,
+        log=landing.log,
+    )
+    arrival = {"f": landing.f, "g": landing.g, "rate": landing.rate, "side": landing.side}
+    c = changed(c, mode=None if c.own.mode is None else landing.mode, **arrival)
+    if _orthonormalises(mover, settings, c):
+        project = _projection(mover, landing.mode, t, landing.x)
+        c = harvest(settings, c, t, frames.LOST, frames.LOST, project, was_live)
+    c = _remember(mover, c, landing, clock)
+    c = stop(c, STATUS.terminated, landing.terminal)
+    c = stop(c, STATUS.deadlock, landing.stuck)
+    finite = jnp.all(jnp.isfinite(c.x)) & jnp.all(jnp.isfinite(c.frame))
+    c = stop(c, STATUS.nonfinite, ~finite)
+    return stop(c, STATUS.zeno, landing.count > mover.max_cascade)
+
+
+def _projection(mover, mode, t, x):
+    projections = [lambda dx, p=p: p(t, x, dx) for p in mover.wiring.projections]
+    return lambda dx: by_mode(mode, projections, dx)
+
+
+def _start_cascade(mover, t, c, columns, mode, transition, which, slot, together) -> "Landing":
+    """On the guard, before the first jump: each column moved to its own instant."""
+    w, x = mover.wiring, c.x
+    f = by_mode(mode, w.fields, t, x)
+    gradient, moving, rate = _instant(mover, mode, t, x, f, slot)
+    moved, shift = advance_to_instant(columns, gradient, rate, f)
+    ticking = slot < 0  # the instant of a clock is everybody's
+    size = jnp.sqrt(jnp.sum(gradient**2) * jnp.sum(f**2) + 1e-300) + jnp.abs(moving)
+    slots, no = jnp.zeros(w.slots, x.dtype), jnp.asarray(False)
+    return Landing(
+        x=x,
+        columns=jnp.where(ticking, columns, moved),
+        shift=jnp.where(ticking, 0.0, shift),
+        mode=mode,
+        f=f,
+        g=slots,
+        rate=slots,
+        side=slots,
+        transition=transition,
+        which=which,
+        slot=slot,
+        count=jnp.asarray(0, jnp.int32),
+        again=jnp.asarray(True),
+        terminal=no,
+        stuck=no,
+        transversality=jnp.where(ticking, jnp.inf, jnp.abs(rate) / size),
+        together=together,
+        log=c.log,
+    )
+
+
+def _cascade(mover, t, h, landing: "Landing") -> "Landing":
+    """The reset of the located event, and of every guard on whose fired side it ends."""
+    w = mover.wiring
+
+    def jump(state: Landing) -> Landing:
+        x, columns = jax.lax.switch(
+            state.transition,
+            [_pusher(reset) for reset in w.resets],
+            t,
+            state.x,
+            state.columns,
+            state.shift,
+            state.which,
+        )
+        mode = jax.lax.switch(state.transition, w.targets, state.mode, t, state.x, state.which)
+        f, g, rate, second = by_mode(mode, [_arrival(w, q) for q in range(w.modes)], t, x)
+        fired = (jnp.arange(w.slots) == state.slot) & (mode == state.mode)
+        side, g, flat = arm(g, rate, second, h, t, fired)
+        entry = Events(None, t, state.transition, state.which, state.mode, mode, state.x, x)
+        terminal = state.terminal | jnp.asarray(mover.terminal)[state.transition]
+        # A guard on its fired side fires now; the one that has just fired is exempt in its own mode.
+        directed = table(mover, mode if w.modes > 1 else None, w.directed)
+        follows = directed & (side < 0) & ~fired
+        follows = follows & by_mode(mode, w.whens, t, x) if w.shared else follows
+        slot = jnp.argmax(follows).astype(jnp.int32)
+        again = jnp.any(follows) & ~terminal & (state.count < mover.max_cascade)
+        stuck = jnp.any(fired & flat & (side < 0) & directed) & ~again
+        # A guard that the flow itself brought to zero at this instant has an instant of its own.
+        itself = again & state.together[slot] & (mode == state.mode)
+        shift, columns = _own_instant(mover, itself, mode, t, x, f, slot, columns, state.shift)
+        transition = jnp.where(again, table(mover, mode if w.modes > 1 else None, w.transition)[slot], state.transition)
+        which = table(mover, mode if w.modes > 1 else None, w.component)[slot]
+        return Landing(
+            x,
+            columns,
+            shift,
+            mode,
+            f,
+            g,
+            rate,
+            side,
+            transition,
+            which,
+            slot,
+            state.count + 1,
+            again,
+            terminal,
+            stuck | state.stuck,
+            state.transversality,
+            state.together,
+            log_event(state.log, entry),
+        )
+
+    landing = jax.lax.while_loop(lambda s: s.again, jump, landing)
+    over = (landing.count >= mover.max_cascade) & _still_firing(mover, landing)
+    landing = landing._replace(
+        columns=return_along(landing.columns, landing.f, landing.shift),
+        count=landing.count + over,
+    )
+    return landing
+
+
+def _still_firing(mover, landing: "Landing"):
+    directed = table(mover, landing.mode if mover.wiring.modes > 1 else None, mover.wiring.directed)
+    fired = jnp.arange(mover.wiring.slots) == landing.slot
+    return jnp.any(directed & (landing.side < 0) & ~fired)
+
+
+def _instant(mover, mode, t, x, f, slot):
+    """∇h, ∂ₜh and ḣ of a slot of the present mode."""
+
+    def of_mode(guards):
+        return lambda t, x, f: _gradient(lambda t, x: guards(t, x)[slot], t, x, f)
+
+    return by_mode(mode, [of_mode(g) for g in mover.wiring.guards], t, x, f)
+
+
+def _own_instant(mover, itself, mode, t, x, f, slot, columns, shift):
+    gradient, _, rate = _instant(mover, mode, t, x, f, slot)
+    moved, own = advance_to_instant(return_along(columns, f, shift), gradient, rate, f)
+    return jnp.where(itself, own, shift), jnp.where(itself, moved, columns)
+
+
+def _in_each_order(mover, t, h, c, columns, mode, transition, which, slot, together) -> "Landing":
+    """Where several guards meet at one instant: take them in the other order too, and compare."""
+    first = _start_cascade(mover, t, c, columns, mode, transition, which, slot, together)
+    if mover.wiring.slots == 1:
+        return _cascade(mover, t, h, first)._replace(together=jnp.asarray(False))
+    other = jnp.argmax(together & (jnp.arange(mover.wiring.slots) != slot)).astype(jnp.int32)
+    swapped = (
+        table(mover, c.own.mode, mover.wiring.transition)[other],
+        table(mover, c.own.mode, mover.wiring.component)[other],
+    )
+    several = (jnp.sum(together) > 1) & (slot >= 0)
+    second = _start_cascade(mover, t, c, columns, mode, *swapped, other, together)
+
+    def run(state):
+        turn, kept, differs = state
+        landing = _cascade(mover, t, h, _choose(turn == 0, first, second))
+        differs = (turn == 1) & _apart(landing, kept)
+        return turn + 1, _choose(turn == 0, landing, kept), differs
+
+    start = (jnp.asarray(0), first, jnp.asarray(False))
+    last = jnp.where(several, 2, 1)
+    _, landing, differs = jax.lax.while_loop(lambda state: state[0] < last, run, start)
+    return landing._replace(together=differs)
+
+
+def _keep_clocks(mover, clock: Clock, c: Carry, tr: Trial, ticking) -> Carry:
+    """The clock that has ticked goes on; clocks that were not listened to catch up."""
+    if not mover.wiring.clocks:
+        return c
+    t = clock.base + c.s
+    ticked = ticking & (jnp.arange(len(mover.clock_times)) == tr.tick)
+    number = c.own.ticks + ticked
+    now = jnp.stack([jnp.floor((t - phase) / period + 1e-9) for period, phase in mover.clock_times])
+    number = jnp.where(number < now - 1e-3, now + 1, number)
+    return changed(c, ticks=number)
+
+
+def _remember(mover, c: Carry, landing: "Landing", clock: Clock) -> Carry:
+    """Intervals between events, for Zeno; transversality and notes."""
+    m = Memory(*c.own.memory)
+    interval = c.s - m.last
+    longest = jnp.maximum(m.longest, interval)
+    short = interval < SHORT * jnp.minimum(c.own.h, longest)
+    streak = jnp.where(short, m.streak + 1, 0.0)
+    shrink = jnp.clip(interval / jnp.where(m.interval > 0, m.interval, 1.0), 0.0, 1 - 1e-9)
+    ahead = clock.base + c.s + interval * shrink / (1 - shrink)
+    zeno = streak > PATIENCE
+    memory = Memory(
+        c.s,
+        interval,
+        longest,
+        streak,
+        jnp.minimum(m.transversality, landing.transversality),
+        jnp.maximum(m.grazing, landing.transversality < GRAZING),
+        jnp.maximum(m.simultaneous, landing.together),
+        jnp.where(zeno, ahead, m.accumulation),
+    )
+    memory = jax.lax.stop_gradient(jnp.stack([jnp.asarray(v, c.x.dtype) for v in memory]))
+    return stop(changed(c, memory=memory), STATUS.zeno, zeno)
+
+
+def _choose(condition, yes, no):
+    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
+
+
+def _gradient(guard, t, x, f):
+    gradient, rate = instant(guard, t, x, f)[::2]
+    return gradient, rate - jnp.sum(gradient * f), rate
+
+
+def _apart(a: Landing, b: Landing):
+    """Whether two orders of the same events end differently, in the state or in the tangent."""
+    size = 1.0 + jnp.max(jnp.abs(b.columns), initial=0.0)
+    columns = jnp.max(jnp.abs(a.columns - b.columns), initial=0.0) > 1e-9 * size
+    states = jnp.max(jnp.abs(a.x - b.x)) > 1e-9 * (1.0 + jnp.max(jnp.abs(b.x)))
+    return columns | states | (a.mode != b.mode)
+
+
+def _pusher(reset):
+    def pushed(t, x, columns, shift, which):
+        return push(lambda t, x: reset(t, x, which), t, x, columns, shift)
+
+    return pushed
+
+
+def _arrival(w: Wiring, q: int):
+    return lambda t, x: (w.fields[q](t, x), *jets(w.guards[q], w.fields[q], t, x))

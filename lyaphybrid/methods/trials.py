@@ -1,0 +1,182 @@
+"""Trials: what a trial step says about the guards, and where the next one has to end to locate an event."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from ..events import cubic, hermite_root, turning_point
+from ..propagation import Carry
+
+REJECT, ADVANCE, LOCATE, LAND, FAIL, NONE = range(6)  # what a trial says; NONE: there is none yet
+
+NEAR = 1e-6  # a trial lands when the root is nearer than this, relative to the controller's step
+PROBE = 0.21132486540518713  # (3 - √3)/6 of a step, where the slope of a cubic interpolant errs most
+GUARD_RESOLUTION = 0.02  # how well the cubic of a guard must agree with the guard in the middle of a step
+PATIENCE = 30  # relocations of one event before the landing is forced
+
+
+class Memory(NamedTuple):
+    """Numbers that only events need, in one vector of the carry."""
+
+    last: Any  # time of the last event, local to the block
+    interval: Any  # between the last two events
+    longest: Any  # interval so far
+    streak: Any  # short intervals in a row
+    transversality: Any  # least so far
+    grazing: Any  # seen? 0 or 1, as the next
+    simultaneous: Any
+    accumulation: Any  # estimated end of an accumulation of events
+
+
+class Stepper(NamedTuple):
+    """The mover's part of the carry."""
+
+    f: Array | None  # the field at the start of the step
+    h: Array | None  # the controller's step
+    log_ratio: Array | None  # of the last accepted step, for the PI controller
+    mode: Array | None
+    g: Array | None  # (slots,) guards at the start of the step, and their rates
+    rate: Array | None
+    side: Array | None
+    ticks: Array | None  # (clocks,) number of the next tick
+    memory: Array | None
+
+
+class Trial(NamedTuple):
+    """One trial step of the state, and what it says about the guards."""
+
+    case: Any  # REJECT, ADVANCE, LOCATE, LAND, FAIL or NONE
+    h: Array
+    x: Array
+    f: Array
+    ratio: Any  # error over tolerance
+    final: Any  # ends the block
+    g: Any = None
+    rate: Any = None
+    miss: Any = None  # (slots,) by how much the cubic of a guard is off
+    tick: Any = None  # the clock that ticks at the end of the step; -1: none
+
+
+class Aim(NamedTuple):
+    """What a trial aims at while an event is located."""
+
+    h: Any  # length of the trial
+    beyond: Any  # where the guard is known to be beyond its root
+    slot: Any  # whose root; -1: a turning point, or nothing
+    tries: Any
+
+
+class Signs(NamedTuple):
+    """What the guards did during a trial: (slots,) each."""
+
+    crossed: Array
+    turn: Array  # turns towards zero inside the step, and may be beyond it there
+    theta: Array  # where it turns
+    lands: Array  # has its root at the end of the trial
+    ahead: Array  # time from there to its root
+
+
+def miss(tr: Trial):
+    """By how much the cubics of the guards are off; unknown, and taken as 0, where steps are fixed."""
+    return jnp.zeros_like(tr.g) if tr.miss is None else tr.miss
+
+
+def no_aim(h) -> Aim:
+    """Aim at nothing."""
+    infinity = jnp.full_like(h, jnp.inf)
+    return Aim(infinity, infinity, jnp.asarray(-1, jnp.int32), jnp.asarray(0, jnp.int32))
+
+
+def changed(c: Carry, **changes) -> Carry:
+    """The carry with changes in the mover's part."""
+    return c._replace(own=c.own._replace(**changes))
+
+
+def resolve(mover, own: Stepper, tr: Trial, slope) -> Trial:
+    """How well the cubic of each guard follows the guard; it must, for events to be seen."""
+    if slope is None:
+        return tr
+    # The cubic errs like θ²(1-θ)²; its slope errs most at the probe, 3.08 times its error in the middle.
+    d0, d1 = tr.h * own.rate, tr.h * tr.rate
+    miss = jnp.abs(tr.h * slope - cubic(PROBE, own.g, d0, tr.g, d1)[1]) / 3.0792
+    size = jnp.abs(own.g) + jnp.abs(tr.g) + 0.25 * (jnp.abs(d0) + jnp.abs(d1))
+    allowed = GUARD_RESOLUTION * size + 1e3 * mover.method.atol
+    return tr._replace(miss=miss, ratio=jnp.maximum(tr.ratio, jax.lax.stop_gradient(jnp.max(miss / allowed))))
+
+
+def firing(mover, own: Stepper):
+    """The slots that a change of sign would fire."""
+    directed = table(mover, own.mode, mover.wiring.directed)
+    return (own.side > 0) | (~directed & (own.side != 0))
+
+
+def suspects(mover, own: Stepper, tr: Trial):
+    """Whether a guard may have been crossed: cheap, and never wrong in saying no."""
+    crossed = firing(mover, own) & (own.side * tr.g <= 0)
+    turns = (own.rate * tr.rate < 0) & (own.side * own.rate < 0) & (own.side * tr.g > 0)
+    reach = tr.h * jnp.maximum(jnp.abs(own.rate), jnp.abs(tr.rate)) + 4.0 * miss(tr)
+    near = jnp.minimum(jnp.abs(own.g), jnp.abs(tr.g)) <= reach
+    return jnp.any(crossed | (turns & near))
+
+
+def finds(mover, own: Stepper, tr: Trial, aim: Aim):
+    """Whether there is an event to be located still, and whether the trial ends at one."""
+    signs, given_up = read_signs(mover, own, tr, aim), aim.tries > PATIENCE
+    found = jnp.any(signs.crossed | signs.turn)
+    event = (found | (aim.slot >= 0)) & ~(given_up & ~jnp.any(signs.crossed))
+    far = jnp.any((signs.crossed & ~signs.lands) | signs.turn)
+    return event, jnp.any(signs.lands) & (~far | given_up)
+
+
+def read_signs(mover, own: Stepper, tr: Trial, aim: Aim) -> Signs:
+    """Which guards crossed zero during a trial, turned towards it, or have their root at its end."""
+    fires = firing(mover, own)
+    crossed = fires & (own.side * tr.g <= 0)
+    # A guard that turns back inside the step: the step is cut there if it may have been beyond zero.
+    d0, d1 = tr.h * own.rate, tr.h * tr.rate
+    turns = (d0 * d1 < 0) & (own.side * d0 < 0) & (own.side * tr.g > 0)
+    theta = turning_point(own.g, d0, tr.g, d1)
+    extreme, _ = cubic(theta, own.g, d0, tr.g, d1)
+    drop = jnp.minimum(jnp.abs(own.g - extreme), jnp.abs(tr.g - extreme))
+    doubt = 0.2 * drop + 64.0 * (theta * (1 - theta)) ** 2 * miss(tr)
+    turn = turns & (own.side * extreme <= doubt) & (theta > 1e-9) & (theta < 1 - 1e-9)
+    ahead = -tr.g / jnp.where(tr.rate == 0, 1e-300, tr.rate)
+    close = fires & (own.side * tr.rate < 0) & (jnp.abs(ahead) <= NEAR * own.h)
+    aimed = jnp.arange(mover.wiring.slots) == aim.slot
+    lands = close & ((aim.slot >= 0) | jnp.any(crossed))
+    lands = lands | ((aim.tries > PATIENCE) & (crossed | aimed))
+    return Signs(crossed, turn, theta, lands, ahead)
+
+
+def table(mover, mode, table: np.ndarray):
+    """The row of a table for the present mode."""
+    return jnp.asarray(table[0]) if mode is None else jnp.asarray(table)[mode]
+
+
+def next_aim(mover, own: Stepper, tr: Trial, aim: Aim) -> Aim:
+    """A guard was crossed, or may have been: aim at the earliest root or turning point.
+
+    A first trial was only suspected: where a close look finds nothing the aim is the same step again.
+    """
+    signs, h = read_signs(mover, own, tr, aim), tr.h
+    d0, d1 = h * own.rate, h * tr.rate
+    # A guard that starts at zero first leaves it: its root lies beyond the extremum between.
+    lo = jnp.where((own.g == 0) & (d0 * d1 < 0), turning_point(own.g, d0, tr.g, d1), 0.0)
+    roots = jnp.where(signs.crossed, h * hermite_root(lo, own.g, d0, tr.g, d1), jnp.inf)
+    slot = jnp.argmin(roots)
+    cut = jnp.min(jnp.where(signs.turn, h * signs.theta, jnp.inf))
+    # An undershoot of the slot aimed at: one Newton step, kept below where the guard is known to be beyond.
+    aimed = jnp.maximum(aim.slot, 0)
+    newton = h + signs.ahead[aimed]
+    newton = jnp.where((newton > h) & (newton < aim.beyond), newton, 0.5 * (h + aim.beyond))
+    undershot = (aim.slot >= 0) & ~jnp.any(signs.crossed)
+    root = jnp.where(undershot, newton, roots[slot])
+    slot = jnp.where(undershot, aimed, jnp.where(jnp.any(signs.crossed), slot, -1))
+    # The cubic's root may stagnate at one end where it is very flat: then bisect.
+    root = jnp.where((aim.tries > 10) & ~undershot, 0.5 * root, root)
+    target = jax.lax.stop_gradient(jnp.minimum(root, cut))
+    beyond = jax.lax.stop_gradient(jnp.where(undershot, aim.beyond, h))
+    return Aim(target, beyond, jnp.where(root <= cut, slot, -1).astype(jnp.int32), aim.tries + 1)
