@@ -309,7 +309,7 @@ def _widths(system: Hybrid, t, x, args) -> list[int]:
     """0 for a scalar guard, a clock or a system of jumps only; m for a vector guard."""
     if system.fields is None:
         return [0]
-    shapes = [() if tr.is_clock else jax.eval_shape(tr.guard, t, x, args).shape for tr in system.transitions]
+    shapes = [() if tr.guard is None else jax.eval_shape(tr.guard, t, x, args).shape for tr in system.transitions]
     return [shape[0] if shape else 0 for shape in shapes]
 
 

@@ -57,7 +57,7 @@ def by_mode(mode, functions, *operands):
 
 def wire(system: Hybrid, t, x, args) -> Wiring:
     """Expand a hybrid system into slots; guards are asked for their shapes, nothing is computed."""
-    names, transitions = system.mode_names, system.transitions
+    names, transitions, fields = system.mode_names, system.transitions, system.fields or ()
     widths = [_width(j, tr.guard, t, x, args) for j, tr in enumerate(transitions)]
     per_mode = [[j for j, tr in enumerate(transitions) if not tr.is_clock and _armed(tr, name)] for name in names]
     slots = max(1, *(sum(max(1, widths[j]) for j in own) for own in per_mode))
@@ -69,7 +69,7 @@ def wire(system: Hybrid, t, x, args) -> Wiring:
             directed[q, i], transition[q, i], component[q, i] = transitions[j].direction != 0, j, c
     clocks = tuple(j for j, tr in enumerate(transitions) if tr.is_clock)
     return Wiring(
-        tuple(_bind_field(field, args) for field in system.fields),
+        tuple(_bind_field(field, args) for field in fields),
         tuple(_bind_guards([transitions[j] for j in own], slots, args) for own in per_mode),
         tuple(_bind_projection(project, args) for project in system.tangent),
         directed,
@@ -161,8 +161,8 @@ def jets(guards, field, t, x):
     return g, rate, second
 
 
-def arm(g, rate, second, h, t, fired) -> tuple[Any, Any]:
-    """The side (slots,) on which each guard stands or is about to stand, and the guards with zeros made exact.
+def arm(g, rate, second, h, t, fired) -> tuple[Any, Any, Any]:
+    """The side (slots,) where each guard stands or is about to, the guards with zeros made exact, and which are flat.
 
     A guard that is zero up to rounding takes its side from its rate, and where that is zero too from its
     second derivative: the exit from a stick has v = v̇ = 0.

@@ -48,7 +48,7 @@ class Settings(NamedTuple):
 class Events(NamedTuple):
     """The log of events, `count` of which are filled; time is local until the block's end."""
 
-    count: Array
+    count: Any
     t: Array
     transition: Array
     which: Any
@@ -69,10 +69,10 @@ class Carry(NamedTuple):
     status: Array
     jumps: Array
     growth: Array  # (k,) Σ ln R_ii of the block
-    volume: Array | None  # ∫ tr Df + Σ ln|det S| of the block
-    losses: Array | None  # (k,)
-    first_loss: Array | None  # (k,), time of the first loss of each column, nan before
-    order: Array | None  # (k, k) permutation of the columns within the block
+    volume: Any  # ∫ tr Df + Σ ln|det S| of the block
+    losses: Any  # (k,)
+    first_loss: Any  # (k,), time of the first loss of each column, nan before
+    order: Any  # (k, k) permutation of the columns within the block
     own: Any  # the mover's
     log: Events | None
 
@@ -262,7 +262,7 @@ def _tidy(settings: Settings, clock: Clock, carry: Carry, ahead, interval, sprea
     return carry._replace(since=jnp.zeros_like(carry.since)), ahead, interval, spread
 
 
-def harvest(settings: Settings, carry: Carry, t, absolute=0.0, relative=0.0, project=None, was_live=True) -> Carry:
+def harvest(settings: Settings, carry: Carry, t, absolute: Any = 0.0, relative=0.0, project=None, was_live: Any = True) -> Carry:
     """Orthonormalise the frame and add ln R_ii to the growth.
 
     Where a tolerance is given columns may be lost: they are counted, and replaced.
@@ -332,7 +332,7 @@ def restart(journey: Journey) -> Journey:
     return Journey(carry, journey.base, nothing, jnp.zeros_like(journey.block), journey.interval, nothing)
 
 
-def log_event(log: Events | None, entry: Events, real=True) -> Events | None:
+def log_event(log: Events | None, entry: Events, real: Any = True) -> Events | None:
     """Append one event (its `count` is ignored), if it is real; there is room for it."""
     if log is None:
         return None
@@ -344,7 +344,7 @@ def log_event(log: Events | None, entry: Events, real=True) -> Events | None:
     return filled._replace(count=log.count + jnp.asarray(real, jnp.int32))
 
 
-def stop(carry: Carry, status, when=True) -> Carry:
+def stop(carry: Carry, status, when: Any = True) -> Carry:
     """End the run with a status where `when` holds."""
     ends = jnp.asarray(when) & (carry.status == RUNNING)
     return carry._replace(

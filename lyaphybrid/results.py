@@ -137,7 +137,7 @@ class Spectrum(eqx.Module):
         except ImportError as error:
             raise ImportError("Spectrum.to_xarray needs xarray: pip install 'lyaphybrid[sweep]'.") from error
         index = np.arange(1, self.exponents.shape[0] + 1)
-        variables = {
+        variables: dict[str, Any] = {
             name: ("exponent", np.asarray(getattr(self, name)))
             for name in ("exponents", "stderr", "finite_exponents", "upper", "lower", "losses", "first_loss")
         }

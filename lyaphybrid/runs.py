@@ -258,8 +258,8 @@ def drive(problem: Problem, plan: Plan, journey: Journey, ends, last_jumps, max_
     leaves = jax.tree.leaves((journey, problem, ends, last_jumps))
     if traced(leaves):
         journey, records = _advance(problem, plan, journey, ends, last_jumps, limit)
-        logs = () if journey.carry.log is None else (journey.carry.log,)
-        return Outcome(journey, records, _verdict(journey, ends), False, logs)
+        kept = () if journey.carry.log is None else (journey.carry.log,)
+        return Outcome(journey, records, _verdict(journey, ends), False, kept)
     blocks, records, budget, given, interrupted = ends.shape[0], None, 2000, 0, False
     logs: list[propagation.Events] = []
     report = _reporter(progress)

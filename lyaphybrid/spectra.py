@@ -233,7 +233,7 @@ def _good_enough(spectrum: Spectrum, until: float) -> bool:
         raise ValueError("until=… decides from the values whether to go on: it cannot be used under jit, vmap or grad.")
     finite = np.isfinite(np.asarray(spectrum.exponents))
     reached = bool(np.all(np.asarray(spectrum.stderr)[finite] <= until))
-    return reached or spectrum.status != STATUS.ok or "interrupted" in spectrum.notes
+    return reached or bool(spectrum.status != STATUS.ok) or "interrupted" in spectrum.notes
 
 
 def _deliver(spectrum: Spectrum, throw: bool) -> Spectrum:

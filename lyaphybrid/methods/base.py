@@ -27,11 +27,17 @@ class Method(eqx.Module):
 
     rtol: eqx.AbstractVar[Any]
     atol: eqx.AbstractVar[Any]
+    control: eqx.AbstractVar[str]
 
     @property
     @abc.abstractmethod
+    def fixed_step(self) -> Any:
+        """The fixed step; None where the error estimate controls h."""
+
+    @property
     def adaptive(self) -> bool:
         """Whether the error estimate controls h."""
+        return self.fixed_step is None
 
     @property
     @abc.abstractmethod

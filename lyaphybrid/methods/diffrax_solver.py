@@ -49,9 +49,9 @@ class Diffrax(Method):
         self.solver, self.rtol, self.atol, self.control = solver, rtol, atol, control
 
     @property
-    def adaptive(self) -> bool:
-        """Whether the error estimate controls h."""
-        return True
+    def fixed_step(self) -> Any:
+        """The fixed step; None where the error estimate controls h."""
+        return None
 
     @property
     def error_order(self) -> int:

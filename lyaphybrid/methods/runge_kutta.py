@@ -97,9 +97,9 @@ class RungeKutta(Method):
         self.tableau, self.control, self.rtol, self.atol, self.dt = tableau, control, rtol, atol, dt
 
     @property
-    def adaptive(self) -> bool:
-        """Whether the error estimate controls h."""
-        return self.dt is None
+    def fixed_step(self) -> Any:
+        """The fixed step; None where the error estimate controls h."""
+        return self.dt
 
     @property
     def error_order(self) -> int:

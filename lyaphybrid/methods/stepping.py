@@ -112,7 +112,7 @@ class Stepping:
 
     def _first_step(self, x, f):
         if not self.method.adaptive:
-            return jnp.asarray(self.method.dt, x.dtype)
+            return jnp.asarray(self.method.fixed_step, x.dtype)
         scale = self.method.atol + self.method.rtol * jnp.abs(x)
         size, speed = jnp.sqrt(jnp.mean((x / scale) ** 2)), jnp.sqrt(jnp.mean((f / scale) ** 2))
         usual = 0.01 * size / jnp.maximum(speed, 1e-300)
@@ -168,14 +168,14 @@ class Stepping:
         """How long the next trial is: the controller's step, cut at the block's end, a tick, a root."""
         own, rest = c.own, clock.length - c.s
         h = jax.lax.stop_gradient(own.h)
-        tick = jnp.asarray(-1, jnp.int32) if own.ticks is not None else None
+        tick: Any = None
         final = rest <= h * (1 + 1e-9)
         h = jnp.where(final, rest, h)
         if own.ticks is not None:
             until = self._until_ticks(own, c.s, clock)
             first = jnp.argmin(until)
             ticks = until[first] <= h * (1 + 1e-9)
-            h, tick = jnp.where(ticks, until[first], h), jnp.where(ticks, first.astype(jnp.int32), tick)
+            h, tick = jnp.where(ticks, until[first], h), jnp.where(ticks, first.astype(jnp.int32), -1)
             final = final & ~ticks
         if aim is not None:
             cut = aim.h < h
@@ -267,14 +267,16 @@ class Stepping:
         if not self.rejects:
             return kept
         # The frame's error may fail a step that the state's has passed.
-        passed = ratio <= 1.0
+        passed = jnp.asarray(ratio) <= 1.0
         kept = jax.tree.map(lambda a, b: a if a is b else jnp.where(passed, a, b), kept, c)
         h, log_ratio = self._next_h(own, tr, ratio, passed)
-        return changed(kept, h=h, log_ratio=log_ratio)
+        kept = changed(kept, h=h, log_ratio=log_ratio)
+        hopeless = ~passed & (tr.h <= self._least_step(c, clock))
+        return stop(kept, jnp.where(jnp.isfinite(ratio), STATUS.step_underflow, STATUS.nonfinite), hopeless)
 
     def _march(self, settings: Settings, clock: Clock, c: Carry) -> Carry:
         """A fixed step of a plain flow: no trial, no guard."""
-        rest, dt = clock.length - c.s, self.method.dt
+        rest, dt = clock.length - c.s, self.method.fixed_step
         final = rest <= dt * (1 + 1e-9)
         h = jnp.where(final, rest, dt)
         new, frame, _, flux = self.carried(c, clock, h, None)

@@ -34,15 +34,15 @@ class Memory(NamedTuple):
 class Stepper(NamedTuple):
     """The mover's part of the carry."""
 
-    f: Array | None  # the field at the start of the step
-    h: Array | None  # the controller's step
-    log_ratio: Array | None  # of the last accepted step, for the PI controller
-    mode: Array | None
-    g: Array | None  # (slots,) guards at the start of the step, and their rates
-    rate: Array | None
-    side: Array | None
-    ticks: Array | None  # (clocks,) number of the next tick
-    memory: Array | None
+    f: Any  # the field at the start of the step
+    h: Any  # the controller's step
+    log_ratio: Any  # of the last accepted step, for the PI controller
+    mode: Any
+    g: Any  # (slots,) guards at the start of the step, and their rates
+    rate: Any
+    side: Any
+    ticks: Any  # (clocks,) number of the next tick
+    memory: Any
 
 
 class Trial(NamedTuple):
