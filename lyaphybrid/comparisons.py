@@ -20,7 +20,8 @@ from .systems import EventDriven, Flow, Hybrid, Map
 __all__ = ["TwoTrajectories", "two_trajectories"]
 
 PLAN = runs.Plan(Cadence("never", False), "mgs", False, 0, False, False, runs.nothing)
-FIRST = 1e-6  # of a block: an interval to begin with
+SHORTEST, LONGEST = 1e-6, 0.5  # interval, of a block; it begins with the shortest
+GOLDEN = 0.6180339887498949  # of a fixed interval is the first: no round time coincides with an event then
 WANTED, SHORTER, LONGER = 1.0, 0.5, 1.2  # ln of the growth in an interval; how fast the interval adapts
 PATIENCE = 4  # so often an interval is lengthened until both trajectories have made the same jumps
 SKIPPED = 0.01  # a fraction of intervals that is worth a warning
@@ -87,6 +88,16 @@ class Pair(NamedTuple):
     status: Array
 
 
+class Recipe(NamedTuple):
+    """How the second trajectory is brought back."""
+
+    whole: bool  # time is counted in iterations
+    separation: Array
+    every: Array | None  # None: by the growth that is seen
+    shortest: Array
+    longest: Array
+
+
 def two_trajectories(
     system: Flow | Map | Hybrid | EventDriven,
     x0,
@@ -149,18 +160,17 @@ def two_trajectories(
     problem, x0, t0, mode = runs.prepare(system, x0, args, t0, method, mode)
     _require_start(x0, separation)
     whole = _iterates(system)
-    length, separation = jnp.asarray(t1, x0.dtype), jnp.asarray(separation, x0.dtype)
-    ends = length * jnp.arange(1, blocks + 1, dtype=x0.dtype) / blocks
-    every = None if renormalise_every is None else jnp.asarray(renormalise_every, x0.dtype)
-    key = jax.random.key(0) if key is None else key
-    pair = _start(problem, t0, x0, mode, key, length / blocks * FIRST if every is None else every)
-    if traced(transient) or float(transient) > 0:
+    length = jnp.asarray(t1, x0.dtype)
+    recipe = _recipe(whole, length / blocks, separation, renormalise_every)
+    pair = _start(problem, t0, x0, mode, jax.random.key(0) if key is None else key, recipe)
+    if isinstance(transient, jax.core.Tracer) or float(transient) > 0:
         quiet = jnp.asarray(transient, x0.dtype)
-        pair = _block(problem, t0, pair, jnp.ceil(quiet - 1e-9) if whole else quiet, every, separation)
-        pair = _restarted(pair)
+        quiet = jnp.ceil(quiet - 1e-9) if whole else quiet
+        pair = _restarted(_block(problem, recipe, t0, pair, quiet, quiet if whole else jnp.inf * quiet))
+    ends = length * jnp.arange(1, blocks + 1, dtype=x0.dtype) / blocks
     ends = pair.elapsed + (jnp.ceil(ends - 1e-9) if whole else ends)
-    pair, records = _all_blocks(problem, t0, pair, ends, every, separation)
-    return _deliver(_summarise(t0, pair, records, separation, whole), throw)
+    pair, records = _all_blocks(problem, recipe, t0, pair, ends)
+    return _deliver(_summarise(t0, pair, records, recipe.separation, whole), throw)
 
 
 def _require_numbers(t1, transient, separation, every, blocks) -> None:
@@ -191,6 +201,14 @@ def _iterates(system) -> bool:
     return isinstance(system, Map) or (isinstance(system, Hybrid) and system.fields is None)
 
 
+def _recipe(whole: bool, block, separation, every) -> Recipe:
+    shortest, longest = SHORTEST * block, LONGEST * block
+    if whole:
+        shortest, longest = jnp.ones_like(block), jnp.maximum(jnp.floor(longest), 1.0)
+    every = None if every is None else jnp.asarray(every, block.dtype)
+    return Recipe(whole, jnp.asarray(separation, block.dtype), every, shortest, longest)
+
+
 def _begin(problem: runs.Problem, t, x, mode, h) -> propagation.Journey:
     """One trajectory at its start, without a frame."""
     settings = runs.settings_of(problem, PLAN, t, x)
@@ -199,13 +217,14 @@ def _begin(problem: runs.Problem, t, x, mode, h) -> propagation.Journey:
 
 
 @eqx.filter_jit
-def _start(problem: runs.Problem, t0, x0, mode, key, interval) -> Pair:
+def _start(problem: runs.Problem, t0, x0, mode, key, recipe: Recipe) -> Pair:
     """The pair at its start, in a random direction."""
     carry = _begin(problem, t0, x0, mode, None).carry
     direction = jax.random.normal(key, x0.shape, x0.dtype)
     direction = direction / jnp.sqrt(jnp.sum(direction**2))
     zero, none = jnp.zeros_like(t0), jnp.asarray(0, jnp.int32)
-    interval = jnp.maximum(jnp.floor(interval), 1.0) if _iterates(problem.system) else interval
+    interval = recipe.shortest if recipe.every is None else recipe.every * GOLDEN
+    interval = jnp.maximum(jnp.round(interval), 1.0) if recipe.whole else interval
     step = getattr(carry.own, "h", None)
     return Pair(zero, x0, direction, runs.mode_of(carry), step, interval, zero, zero, none, none, none + RUNNING)
 
@@ -216,15 +235,17 @@ def _restarted(pair: Pair) -> Pair:
     return pair._replace(growth=zero, length=zero, intervals=none, skipped=none)
 
 
-def _all_blocks(problem: runs.Problem, t0, pair: Pair, ends, every, separation):
+def _all_blocks(problem: runs.Problem, recipe: Recipe, t0, pair: Pair, ends):
     """Block by block: under a transformation in one loop, else on the host, where Ctrl-C finds room."""
+    last = ends[-1]
 
     def one(pair, end):
-        pair = _block(problem, t0, _restarted(pair), end, every, separation)
+        stop = end if recipe.whole else last
+        pair = _block(problem, recipe, t0, _restarted(pair), end, stop)
         return pair, (pair.elapsed, pair.growth, pair.length, pair.intervals, pair.skipped)
 
-    leaves = jax.tree.leaves((problem, t0, pair, ends, every, separation))
-    if traced(leaves):
+    leaves = jax.tree.leaves((problem, recipe, t0, pair, ends))
+    if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
         return jax.lax.scan(one, pair, ends)
     records = []
     for end in np.asarray(ends):
@@ -234,21 +255,22 @@ def _all_blocks(problem: runs.Problem, t0, pair: Pair, ends, every, separation):
 
 
 @eqx.filter_jit
-def _block(problem: runs.Problem, t0, pair: Pair, end, every, separation) -> Pair:
-    """Interval after interval until the end of the block."""
+def _block(problem: runs.Problem, recipe: Recipe, t0, pair: Pair, end, stop) -> Pair:
+    """Interval after interval until one ends the block; where the run stops, at `stop`, the last is cut.
+
+    A start on a guard would miss its event, and round times are where clockwork has its events: so no
+    interval is cut at the end of another block.
+    """
 
     def goes_on(pair):
         return (end - pair.elapsed > 1e-12 * end) & (pair.status == RUNNING)
 
-    def interval(pair):
-        return _interval(problem, t0, pair, end, every is None, separation)
-
-    return jax.lax.while_loop(goes_on, interval, pair)
+    return jax.lax.while_loop(goes_on, lambda pair: _interval(problem, recipe, t0, pair, stop), pair)
 
 
-def _interval(problem: runs.Problem, t0, pair: Pair, end, automatic: bool, separation) -> Pair:
+def _interval(problem: runs.Problem, recipe: Recipe, t0, pair: Pair, stop) -> Pair:
     """Both trajectories over one interval, and the second one brought back."""
-    t, rest = t0 + pair.elapsed, end - pair.elapsed
+    t, rest, separation = t0 + pair.elapsed, stop - pair.elapsed, recipe.separation
     length = jnp.where(rest <= pair.interval * (1 + 1e-9), rest, pair.interval)
     starts = jnp.stack([pair.x, pair.x + separation * pair.direction])
     # Both begin with the same step: then their errors are the same, and cancel in the difference.
@@ -262,11 +284,9 @@ def _interval(problem: runs.Problem, t0, pair: Pair, end, automatic: bool, separ
     good = _agree(journeys) & (status == RUNNING) & (distance <= jnp.sqrt(separation * size))
     growth = jnp.log(distance / separation)
     met = distance == 0
-    interval = pair.interval
-    if automatic:
-        seen = jnp.where(good, jnp.abs(growth), jnp.inf)
-        wanted = _wanted(interval, seen, _iterates(problem.system))
-        interval = jnp.where((length >= interval) | (wanted < interval), wanted, interval)
+    interval = recipe.every
+    if interval is None:
+        interval = _adapted(recipe, pair.interval, jnp.where(good, jnp.abs(growth), jnp.inf))
     step = getattr(first.own, "h", None)
     return Pair(
         pair.elapsed + journeys.elapsed[0],
@@ -283,12 +303,12 @@ def _interval(problem: runs.Problem, t0, pair: Pair, end, automatic: bool, separ
     )
 
 
-def _wanted(interval, seen, whole: bool):
+def _adapted(recipe: Recipe, interval, seen):
     """The interval that the growth seen in this one suggests."""
     wanted = WANTED * interval / jnp.maximum(seen, 1e-3)
-    if whole:
-        return jnp.maximum(jnp.round(jnp.clip(wanted, SHORTER * interval, interval + 1)), 1.0)
-    return jnp.clip(wanted, SHORTER * interval, LONGER * interval)
+    longer = jnp.maximum(LONGER * interval, interval + 1) if recipe.whole else LONGER * interval
+    wanted = jnp.clip(jnp.clip(wanted, SHORTER * interval, longer), recipe.shortest, recipe.longest)
+    return jnp.round(wanted) if recipe.whole else wanted
 
 
 def _agree(journeys):

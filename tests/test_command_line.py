@@ -92,9 +92,7 @@ def test_a_run_that_fails_says_so_and_gives_what_it_has(capsys):
 
 def test_replicates_are_seeded(capsys):
     def run(seed):
-        assert (
-            main(["spectrum", "henon_map", "--t1", "500", "--replicates", "3", "--seed", seed, "--json"]) == 0
-        )
+        assert main(["spectrum", "henon_map", "--t1", "500", "--replicates", "3", "--seed", seed, "--json"]) == 0
         return parsed(capsys)
 
     first, again, other = run("1"), run("1"), run("2")

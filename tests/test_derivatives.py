@@ -165,9 +165,7 @@ def test_in_a_cascade_the_instant_belongs_to_the_first_guard(seed):
 def test_a_clock_crosses_by_the_derivative_of_the_reset():
     case, t, x, _ = random_case(np.random.default_rng(1), 3)
     system = lh.Hybrid(MODES, lh.Transition(every=0.5, reset=reset(0), source="before", target="after"))
-    assert_allclose(
-        lh.saltation_matrix(system, t, x, jax.tree.map(jnp.asarray, case)), case["R"][0], rtol=1e-14
-    )
+    assert_allclose(lh.saltation_matrix(system, t, x, jax.tree.map(jnp.asarray, case)), case["R"][0], rtol=1e-14)
 
 
 def test_the_engine_applies_this_matrix():
@@ -354,9 +352,7 @@ def test_jacobians_make_up_the_saltation_matrix():
     case, t, x, _ = random_case(np.random.default_rng(3), 3)
     args = jax.tree.map(jnp.asarray, case)
     j = jax.tree.map(np.asarray, lh.jacobians(FALLING, t, x, args, mode="before"))
-    before, after = (
-        np.asarray(f(t, x, args)) for f in (field(0), lambda t, x, a: field(1)(t, reset(0)(t, x, a), a))
-    )
+    before, after = (np.asarray(f(t, x, args)) for f in (field(0), lambda t, x, a: field(1)(t, reset(0)(t, x, a), a)))
     jump = after - j.Dg[0] @ before - j.dg_dt[0]
     expected = j.Dg[0] + np.outer(jump, j.Dh[0]) / (j.dh_dt[0] + j.Dh[0] @ before)
     assert_allclose(lh.saltation_matrix(FALLING, t, x, args), expected, rtol=1e-10)
@@ -390,9 +386,7 @@ def test_jit_and_vmap():
     jitted = jax.jit(lambda x, args: lh.saltation_matrix(FALLING, t, x, args))
     assert_allclose(jitted(x, args), eager, rtol=1e-13)
     assert_allclose(jax.vmap(jitted, (0, None))(jnp.stack([x, x]), args)[1], eager, rtol=1e-13)
-    assert_allclose(
-        jax.jit(lambda x: lh.jacobians(FALLING, t, x, args, mode=0).Dg[0])(x), case["R"][0], rtol=1e-13
-    )
+    assert_allclose(jax.jit(lambda x: lh.jacobians(FALLING, t, x, args, mode=0).Dg[0])(x), case["R"][0], rtol=1e-13)
 
 
 def test_under_jit_a_tangential_contact_is_nan():

@@ -26,9 +26,7 @@ VARIANTS = [
     ("logistic_map", {"r": 2.5}),
     ("standard_map", {"K": 6.9}),
 ]
-variants = pytest.mark.parametrize(
-    ("name", "parameters"), VARIANTS, ids=[f"{n}{p or ''}" for n, p in VARIANTS]
-)
+variants = pytest.mark.parametrize(("name", "parameters"), VARIANTS, ids=[f"{n}{p or ''}" for n, p in VARIANTS])
 
 
 # Every entry.
@@ -126,9 +124,7 @@ def test_the_energy_of_disks_may_be_traced():
 
 def test_spectrum_hands_over_what_the_problem_says(monkeypatch):
     calls = []
-    monkeypatch.setattr(
-        lyaphybrid.spectra, "lyapunov_spectrum", lambda *a, **k: calls.append((a, k)) or "spectrum"
-    )
+    monkeypatch.setattr(lyaphybrid.spectra, "lyapunov_spectrum", lambda *a, **k: calls.append((a, k)) or "spectrum")
     problem = zoo.conewise_linear()
     assert problem.spectrum(transient=3.0, x0=[1.0, 2.0], k=1) == "spectrum"
     (system, x0, args), keywords = calls[0]
@@ -249,9 +245,7 @@ def test_references_of_impacts(event_driven, nonsmooth):
     assert zoo.impact_oscillator(omega=2).reference.exponents == pytest.approx(known["exponents"])
     chaos = zoo.impact_oscillator().reference
     other = nonsmooth["impact chaos"]  # the same system by another program
-    assert np.all(
-        np.abs(np.subtract(chaos.exponents, other["exponents"])) < 3 * np.hypot(chaos.stderr, other["se"])
-    )
+    assert np.all(np.abs(np.subtract(chaos.exponents, other["exponents"])) < 3 * np.hypot(chaos.stderr, other["se"]))
 
 
 def test_references_of_disks_and_billiards(event_driven):
@@ -290,10 +284,7 @@ def test_references_go_with_the_parameters():
 
 def test_the_kicked_ball_starts_on_its_orbit(event_driven):
     phase = 1.214222261943226  # of the bounce: reference/event_driven.json
-    assert (
-        "tau0=acos((1-al) pi/(1+al))=1.214222261943226"
-        in event_driven["exact"]["bouncing_ball_period1"]["ic"]
-    )
+    assert "tau0=acos((1-al) pi/(1+al))=1.214222261943226" in event_driven["exact"]["bouncing_ball_period1"]["ic"]
     x, v = zoo.kicked_ball().x0
     np.testing.assert_allclose(x + v * phase - phase**2 / 2, math.sin(phase), atol=1e-14)
     np.testing.assert_allclose(v - phase, -math.pi, atol=1e-14)

@@ -1,5 +1,6 @@
 """Any diffrax solver as the method of one step: the implicit ones make stiff flows and their events possible."""
 
+import dataclasses
 from typing import Any
 
 import diffrax
@@ -45,7 +46,9 @@ class Diffrax(Method):
         if control not in ("x", "xY"):
             raise ValueError(f"control must be 'xY' (state and frame) or 'x' (state alone); got {control!r}.")
         if isinstance(solver, diffrax.AbstractImplicitSolver):
-            solver = _with_tight_root_finder(solver, rtol, atol)
+            solver = _with_root_finder(solver, rtol, atol)
+        if hasattr(solver, "scan_kind"):  # diffrax's own loop over the stages has no forward mode; lax's has
+            solver = dataclasses.replace(solver, scan_kind="lax")  # pyright: ignore[reportCallIssue]
         self.solver, self.rtol, self.atol, self.control = solver, rtol, atol, control
 
     @property
@@ -83,7 +86,7 @@ class Diffrax(Method):
         )
 
 
-def _with_tight_root_finder(solver, rtol, atol):
-    """Newton well below the error tolerance: what it leaves over would enter the tangent as noise."""
-    finder = diffrax.VeryChord(rtol=1e-3 * rtol, atol=1e-3 * atol)
+def _with_root_finder(solver, rtol, atol):
+    """Newton to a hundredth of the tolerances; much tighter it fails more often than it converges."""
+    finder = diffrax.VeryChord(rtol=rtol, atol=atol)
     return eqx.tree_at(lambda s: s.root_finder, solver, finder, is_leaf=lambda x: x is None)

@@ -1,0 +1,69 @@
+"""Our engine against an outer scan over diffrax (diffrax_events.py): events, tangent map, exponents."""
+
+import diffrax
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import lyaphybrid as lh
+from diffrax_events import Options, diffrax_spectrum
+from lyaphybrid import zoo
+
+TIGHT = {"rtol": 1e-12, "atol": 1e-13}
+OURS = lh.RungeKutta("dopri8", **TIGHT)
+
+CASES = {
+    "impact_oscillator": (zoo.impact_oscillator(), 20.0, 8),
+    "moving_table": (zoo.kicked_ball(restitution=0.5, amplitude=1.75), 20.0, 2),
+    "zaslavsky": (zoo.zaslavsky(), 60.0, 4),
+    "bouncing_ball": (zoo.bouncing_ball(restitution=0.8), 9.0, 8),
+}
+
+
+@pytest.fixture(params=CASES, scope="module")
+def case(request):
+    return CASES[request.param]
+
+
+def theirs(problem, t1, **options):
+    transition = problem.system.transitions[0]
+    return diffrax_spectrum(
+        problem.system.fields[0],
+        transition.guard,
+        transition.reset,
+        problem.x0,
+        problem.args,
+        t1=t1,
+        solver=diffrax.Dopri8(),
+        options=Options(**TIGHT, segments_per_call=32, **options),
+    )
+
+
+def test_same_events_and_tangent_map(case):
+    problem, t1, at_least = case
+    other = theirs(problem, t1, orthonormalise=False)
+    run = lh.trajectory(problem.system, problem.x0, problem.args, t1=t1, n=1, method=OURS)
+    growth = max(1.0, np.abs(other.columns).max())  # of the errors on the way
+    assert len(run.events) == len(other.t) >= at_least
+    assert_allclose(run.events.t, other.t, rtol=0, atol=1e-8)
+    assert_allclose(run.events.x_before, other.x_before, rtol=0, atol=1e-8)
+    assert_allclose(run.events.x_after, other.x_after, rtol=0, atol=1e-8)
+    assert_allclose(run.x[-1], other.x, rtol=0, atol=1e-9 * growth)
+    ours = lh.tangent_map(problem.system, problem.x0, problem.args, t1=t1, method=OURS)
+    assert_allclose(ours.matrix, other.columns, rtol=0, atol=1e-7 * growth)
+
+
+def test_same_exponents_over_the_same_time(case):
+    problem, t1, _ = case
+    other = theirs(problem, t1)
+    ours = lh.lyapunov_spectrum(problem.system, problem.x0, problem.args, t1=t1, blocks=8, method=OURS)
+    assert int(ours.jumps) == len(other.t)
+    assert_allclose(ours.exponents, np.sort(other.exponents)[::-1], rtol=0, atol=1e-7)
+
+
+def test_bounces_are_where_the_closed_form_has_them():
+    problem = CASES["bouncing_ball"][0]
+    other = theirs(problem, 9.0)
+    flights = 2 * 0.8 ** np.arange(len(other.t))
+    assert_allclose(other.t, np.cumsum(flights), rtol=0, atol=1e-9)
+    assert_allclose(other.x_after[:, 1], 0.8 ** np.arange(1, len(other.t) + 1), rtol=0, atol=1e-9)
