@@ -79,7 +79,7 @@ def _one_run(records: Record, clock: str, initial, averaging: str) -> dict:
         if records.losses is None
         else jnp.sum(jnp.where(valid[:, None], records.losses, 0), axis=0)
     )
-    count = jnp.maximum(jnp.sum(valid), 2)
+    count = jnp.maximum(jnp.sum(valid), 2).astype(growth.dtype)
     scatter = jnp.sum(jnp.where(valid[:, None], growth - finite[None, :] * length[:, None], 0.0) ** 2, axis=0)
     stderr = jnp.sqrt(scatter * count / (count - 1)) / _safe(reading[-1])
     late = (reading >= 0.5 * reading[-1]) & valid

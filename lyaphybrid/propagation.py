@@ -159,7 +159,7 @@ def advance(settings: Settings, journey: Journey, ends, last_jumps, budget) -> t
     def one(journey, block):
         return _block(settings, journey, *block)
 
-    return jax.lax.scan(one, journey, (jnp.arange(ends.shape[0]), ends, last_jumps))
+    return jax.lax.scan(one, journey, (jnp.arange(ends.shape[0], dtype=jnp.int32), ends, last_jumps))
 
 
 def _running(journey: Journey):
@@ -291,7 +291,7 @@ def harvest(settings: Settings, carry: Carry, t, absolute: Any = 0.0, relative=0
         return carry._replace(
             frame=frame,
             growth=jnp.sum(permutation * carry.growth[None, :], axis=1),
-            losses=carry.losses + now,
+            losses=carry.losses + now.astype(jnp.int32),
             first_loss=first,
             order=jnp.sum(permutation[:, :, None] * carry.order[None, :, :], axis=1),
         )

@@ -95,7 +95,7 @@ class Spectrum(eqx.Module):
     def loss_rate(self) -> Array:
         """(k,) losses per unit of the clock, of all runs together."""
         runs = 1 if self.replicates is None else self.replicates.shape[0]
-        return self.losses / (runs * self.time)
+        return self.losses.astype(self.time.dtype) / (runs * self.time)
 
     @property
     def sum_rule_residual(self) -> Array | None:

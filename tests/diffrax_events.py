@@ -106,32 +106,35 @@ def _segments(functions, solver, options: Options, args, state, end, longest):
     return jax.lax.scan(one, state, None, length=options.segments_per_call)
 
 
-def _fly(functions, solver, options: Options, args, t, x, columns, end):
-    """State and columns together to the event or the end; whether it was an event."""
+def _fly(functions, solver, options: Options, args, base, x, columns, end):
+    """State and columns together to the event or the end; whether it was an event.
+
+    In time local to the segment: a root finder that compares its residual with 1e-12 fails at t = 4000 else.
+    """
     field, guard, _ = functions
 
-    def variational(t, y, args):
+    def variational(s, y, args):
         x, columns = y
-        return field(t, x, args), jax.jacfwd(field, argnums=1)(t, x, args) @ columns
+        return field(base + s, x, args), jax.jacfwd(field, argnums=1)(base + s, x, args) @ columns
 
     def condition(t, y, args, **_):
-        return guard(t, y[0], args)
+        return guard(base + t, y[0], args)
 
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(variational),
         solver,
-        t,
-        end,
+        jnp.zeros_like(base),
+        end - base,
         options.dt0,
         (x, columns),
         args,
         stepsize_controller=diffrax.PIDController(options.rtol, options.atol),
-        event=diffrax.Event(condition, optimistix.Newton(1e-13, 1e-13), direction=False),
+        event=diffrax.Event(condition, optimistix.Newton(1e-12, 1e-12), direction=False),
         adjoint=diffrax.ForwardMode(),
         max_steps=None,
     )
     x, columns = jax.tree.map(lambda leaf: leaf[-1], solution.ys)
-    return solution.ts[-1], x, columns, solution.event_mask
+    return base + solution.ts[-1], x, columns, solution.event_mask
 
 
 def _saltation(functions, args, t, x):

@@ -15,14 +15,7 @@ OURS = lh.RungeKutta("dopri8", **TIGHT)
 CASES = {
     "impact_oscillator": (zoo.impact_oscillator(), 20.0, 8),
     "moving_table": (zoo.kicked_ball(restitution=0.5, amplitude=1.75), 20.0, 2),
-    "zaslavsky": (zoo.zaslavsky(), 60.0, 4),
-    "bouncing_ball": (zoo.bouncing_ball(restitution=0.8), 9.0, 8),
 }
-
-
-@pytest.fixture(params=CASES, scope="module")
-def case(request):
-    return CASES[request.param]
 
 
 def theirs(problem, t1, **options):
@@ -39,8 +32,9 @@ def theirs(problem, t1, **options):
     )
 
 
-def test_same_events_and_tangent_map(case):
-    problem, t1, at_least = case
+@pytest.mark.parametrize("name", CASES)
+def test_same_events_and_tangent_map(name):
+    problem, t1, at_least = CASES[name]
     other = theirs(problem, t1, orthonormalise=False)
     run = lh.trajectory(problem.system, problem.x0, problem.args, t1=t1, n=1, method=OURS)
     growth = max(1.0, np.abs(other.columns).max())  # of the errors on the way
@@ -53,8 +47,8 @@ def test_same_events_and_tangent_map(case):
     assert_allclose(ours.matrix, other.columns, rtol=0, atol=1e-7 * growth)
 
 
-def test_same_exponents_over_the_same_time(case):
-    problem, t1, _ = case
+def test_same_exponents_over_the_same_time():
+    problem, t1, _ = CASES["impact_oscillator"]
     other = theirs(problem, t1)
     ours = lh.lyapunov_spectrum(problem.system, problem.x0, problem.args, t1=t1, blocks=8, method=OURS)
     assert int(ours.jumps) == len(other.t)
@@ -62,8 +56,9 @@ def test_same_exponents_over_the_same_time(case):
 
 
 def test_bounces_are_where_the_closed_form_has_them():
-    problem = CASES["bouncing_ball"][0]
+    problem = zoo.bouncing_ball(restitution=0.8)
     other = theirs(problem, 9.0)
+    assert len(other.t) == 10
     flights = 2 * 0.8 ** np.arange(len(other.t))
     assert_allclose(other.t, np.cumsum(flights), rtol=0, atol=1e-9)
     assert_allclose(other.x_after[:, 1], 0.8 ** np.arange(1, len(other.t) + 1), rtol=0, atol=1e-9)

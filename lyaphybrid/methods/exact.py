@@ -115,7 +115,7 @@ class Exact:
             x=new,
             frame=columns[:, :k],
             since=self._count(settings, c.since, flight.dt, 1.0),
-            jumps=c.jumps + real,
+            jumps=c.jumps + real.astype(jnp.int32),
             volume=volume,
             log=log_event(c.log, entry, real),
         )

@@ -123,7 +123,7 @@ def _cross(mover, settings, clock: Clock, c: Carry, mode, transition, which, slo
     if settings.sum_rule:  # n more columns, the identity: they come out as the saltation matrix
         columns = jnp.concatenate([columns, jnp.eye(c.x.shape[0], dtype=c.x.dtype)], axis=1)
     landing = _in_each_order(mover, t, h, c, columns, mode, transition, which, slot, together)
-    since = c.since + landing.count if settings.cadence.unit == "jumps" else c.since
+    since = c.since + landing.count.astype(c.since.dtype) if settings.cadence.unit == "jumps" else c.since
     volume = frames.log_abs_det(landing.columns[:, k:]) if settings.sum_rule else None
     c = c._replace(
         x=landing.x,
@@ -198,7 +198,7 @@ def _cascade(mover, t, h, landing: "Landing") -> "Landing":
         )
         mode = jax.lax.switch(state.transition, w.targets, state.mode, t, state.x, state.which)
         f, g, rate, second = by_mode(mode, [_arrival(w, q) for q in range(w.modes)], t, x)
-        fired = (jnp.arange(w.slots) == state.slot) & (mode == state.mode)
+        fired = (jnp.arange(w.slots, dtype=jnp.int32) == state.slot) & (mode == state.mode)
         side, g, flat = arm(g, rate, second, h, t, fired)
         entry = Events(None, t, state.transition, state.which, state.mode, mode, state.x, x)
         terminal = state.terminal | jnp.asarray(mover.terminal)[state.transition]
@@ -239,14 +239,14 @@ def _cascade(mover, t, h, landing: "Landing") -> "Landing":
     over = (landing.count >= mover.max_cascade) & _still_firing(mover, landing)
     landing = landing._replace(
         columns=return_along(landing.columns, landing.f, landing.shift),
-        count=landing.count + over,
+        count=landing.count + over.astype(jnp.int32),
     )
     return landing
 
 
 def _still_firing(mover, landing: "Landing"):
     directed = table(mover, landing.mode if mover.wiring.modes > 1 else None, mover.wiring.directed)
-    fired = jnp.arange(mover.wiring.slots) == landing.slot
+    fired = jnp.arange(mover.wiring.slots, dtype=jnp.int32) == landing.slot
     return jnp.any(directed & (landing.side < 0) & ~fired)
 
 
@@ -270,7 +270,7 @@ def _in_each_order(mover, t, h, c, columns, mode, transition, which, slot, toget
     first = _start_cascade(mover, t, c, columns, mode, transition, which, slot, together)
     if mover.wiring.slots == 1:
         return _cascade(mover, t, h, first)._replace(together=jnp.asarray(False))
-    other = jnp.argmax(together & (jnp.arange(mover.wiring.slots) != slot)).astype(jnp.int32)
+    other = jnp.argmax(together & (jnp.arange(mover.wiring.slots, dtype=jnp.int32) != slot)).astype(jnp.int32)
     swapped = (
         table(mover, c.own.mode, mover.wiring.transition)[other],
         table(mover, c.own.mode, mover.wiring.component)[other],
@@ -295,8 +295,8 @@ def _keep_clocks(mover, clock: Clock, c: Carry, tr: Trial, ticking) -> Carry:
     if not mover.wiring.clocks:
         return c
     t = clock.base + c.s
-    ticked = ticking & (jnp.arange(len(mover.clock_times)) == tr.tick)
-    number = c.own.ticks + ticked
+    ticked = ticking & (jnp.arange(len(mover.clock_times), dtype=jnp.int32) == tr.tick)
+    number = c.own.ticks + ticked.astype(c.own.ticks.dtype)
     now = jnp.stack([jnp.floor((t - phase) / period + 1e-9) for period, phase in mover.clock_times])
     number = jnp.where(number < now - 1e-3, now + 1, number)
     return changed(c, ticks=number)
@@ -318,8 +318,8 @@ def _remember(mover, c: Carry, landing: "Landing", clock: Clock) -> Carry:
         longest,
         streak,
         jnp.minimum(m.transversality, landing.transversality),
-        jnp.maximum(m.grazing, landing.transversality < GRAZING),
-        jnp.maximum(m.simultaneous, landing.together),
+        jnp.maximum(m.grazing, (landing.transversality < GRAZING).astype(c.x.dtype)),
+        jnp.maximum(m.simultaneous, landing.together.astype(c.x.dtype)),
         jnp.where(zeno, ahead, m.accumulation),
     )
     memory = jax.lax.stop_gradient(jnp.stack([jnp.asarray(v, c.x.dtype) for v in memory]))

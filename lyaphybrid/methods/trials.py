@@ -145,7 +145,7 @@ def read_signs(mover, own: Stepper, tr: Trial, aim: Aim) -> Signs:
     turn = turns & (own.side * extreme <= doubt) & (theta > 1e-9) & (theta < 1 - 1e-9)
     ahead = -tr.g / jnp.where(tr.rate == 0, 1e-300, tr.rate)
     close = fires & (own.side * tr.rate < 0) & (jnp.abs(ahead) <= NEAR * own.h)
-    aimed = jnp.arange(mover.wiring.slots) == aim.slot
+    aimed = jnp.arange(mover.wiring.slots, dtype=jnp.int32) == aim.slot
     lands = close & ((aim.slot >= 0) | jnp.any(crossed))
     lands = lands | ((aim.tries > PATIENCE) & (crossed | aimed))
     return Signs(crossed, turn, theta, lands, ahead)
@@ -166,7 +166,7 @@ def next_aim(mover, own: Stepper, tr: Trial, aim: Aim) -> Aim:
     # A guard that starts at zero first leaves it: its root lies beyond the extremum between.
     lo = jnp.where((own.g == 0) & (d0 * d1 < 0), turning_point(own.g, d0, tr.g, d1), 0.0)
     roots = jnp.where(signs.crossed, h * hermite_root(lo, own.g, d0, tr.g, d1), jnp.inf)
-    slot = jnp.argmin(roots)
+    slot = jnp.argmin(roots).astype(jnp.int32)
     cut = jnp.min(jnp.where(signs.turn, h * signs.theta, jnp.inf))
     # An undershoot of the slot aimed at: one Newton step, kept below where the guard is known to be beyond.
     aimed = jnp.maximum(aim.slot, 0)

@@ -1,0 +1,377 @@
+"""Each status and each note, produced once; and whatever was computed before a failure is kept."""
+
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import lyaphybrid as lh
+from lyaphybrid import STATUS
+
+# One ball under a ceiling, one compiled function: its parameters lead to every status that a flow with events has.
+BLOCKS = 8
+METHOD = lh.RungeKutta("dopri5")
+
+
+def _ball(t, x, args):
+    dry = args["dry"] * jnp.sign(x[1])  # a field that jumps, which no method can integrate
+    return jnp.stack([x[1], args["escape"] * x[0] ** 3 - args["gravity"] - dry])
+
+
+BALL = lh.Hybrid(
+    _ball,
+    [
+        lh.Transition(
+            lambda t, x, args: x[0],
+            lambda t, x, args: jnp.stack([x[0], -args["restitution"] * x[1]]),
+            when=lambda t, x, args: args["floor"] > 0,
+        ),
+        lh.Transition(lambda t, x, args: args["ceiling"] - x[0], terminal=True),
+    ],
+)
+
+
+def parameters(**changes) -> dict:
+    usual = {"gravity": 1.0, "restitution": 1.0, "floor": 1.0, "ceiling": 100.0, "escape": 0.0, "dry": 0.0}
+    return usual | changes
+
+
+def ball(x0=(0.5, 0.0), *, throw=False, t1=20.0, **changes):
+    options = {"blocks": BLOCKS, "method": METHOD, "throw": throw, "max_steps": None, "t0": 0.0}
+    options |= {name: changes.pop(name) for name in tuple(changes) if name in options}
+    return lh.lyapunov_spectrum(BALL, list(x0), parameters(**changes), t1=t1, **options)
+
+
+def computed(spectrum) -> int:
+    """The number of blocks with a history, which must be finite and stand at the front."""
+    reached = np.isfinite(np.asarray(spectrum.history.time))
+    count = int(reached.sum())
+    assert reached[:count].all()
+    assert np.isfinite(spectrum.history.growth[:count]).all()
+    assert np.isnan(spectrum.history.growth[count:]).all()
+    assert np.isclose(spectrum.history.time[count - 1], spectrum.time, rtol=1e-12)
+    return count
+
+
+def test_ok():
+    spectrum = ball(throw=True)
+    assert spectrum.status is STATUS.ok
+    assert spectrum.notes == frozenset()
+    assert computed(spectrum) == BLOCKS
+    assert spectrum.jumps == 10  # a period is 2: up and down from 1/2 with gravity 1
+
+
+def test_terminated():
+    spectrum = ball(gravity=-1.0, ceiling=0.6, throw=True)  # no error: this is how the run was meant to end
+    assert spectrum.status is STATUS.terminated
+    assert float(spectrum.t) == pytest.approx(math.sqrt(0.2), abs=1e-12)
+    assert float(spectrum.x[0]) == pytest.approx(0.6, abs=1e-12)
+    assert computed(spectrum) == 1
+
+
+def test_a_terminal_transition_resets_before_the_end():
+    stop = lh.Transition(
+        lambda t, x, args: 1 - x[0], lambda t, x, args: 5 * x, target="after", terminal=True, source="before"
+    )
+    rise = lambda t, x, args: jnp.ones_like(x)  # noqa: E731
+    system = lh.Hybrid({"before": rise, "after": rise}, stop)
+    path = lh.trajectory(system, [0.0], t1=3.0, n=3, mode="before", method=METHOD)
+    assert path.status is STATUS.terminated
+    assert path.events.x_after[0] == pytest.approx(5.0, rel=1e-12)
+    assert path.events.mode_after[0] == 1
+    assert np.isnan(path.x[1:]).all()
+
+
+def test_max_steps():
+    spectrum = ball(t1=2000.0, max_steps=2000)
+    assert spectrum.status is STATUS.max_steps
+    count = computed(spectrum)
+    assert 0 < count < BLOCKS
+    assert np.all(np.diff(spectrum.history.time[:count]) > 0)
+
+
+@pytest.mark.parametrize("start", [0.5, 1.0])
+def test_zeno_tells_the_time_of_accumulation(start):
+    r, first = 0.8, math.sqrt(2 * start)  # flights first, 2 r first, 2 r² first, …
+    exact = first * (1 + r) / (1 - r)
+    spectrum = ball((start, 0.0), restitution=r)
+    assert spectrum.status is STATUS.zeno
+    assert float(spectrum.t) <= exact
+    assert float(spectrum.accumulation_time) == pytest.approx(exact, rel=1e-7)
+    assert 50 < spectrum.jumps < 200
+    assert computed(spectrum) == math.ceil(exact / (20 / BLOCKS))
+
+
+def test_zeno_of_an_exact_flow():
+    def flight(t, x, args):
+        return (x[1] + jnp.sqrt(x[1] ** 2 + 2 * x[0])), 0
+
+    exactly = lh.EventDriven(
+        flow=lambda dt, t, x, args: jnp.stack([x[0] + x[1] * dt - dt**2 / 2, x[1] - dt]),
+        next_event=flight,
+        jump=lambda t, x, args, which: jnp.stack([0 * x[0], -0.8 * x[1]]),
+        guard=lambda t, x, args, which: x[0],
+    )
+    spectrum = lh.lyapunov_spectrum(exactly, [1.0, 0.0], t1=20.0, blocks=BLOCKS, throw=False)
+    assert spectrum.status is STATUS.zeno
+    assert float(spectrum.t) == pytest.approx(12.727922061357857, rel=1e-8)
+    assert computed(spectrum) == math.ceil(12.73 / 2.5)
+
+
+def test_zeno_of_a_cascade_without_end():
+    """Each reset throws the state onto the other guard; three at one instant are allowed."""
+
+    def onto(x0, x1):
+        return lambda t, x, args: jnp.stack([0 * x[0] + x0, 0 * x[1] + x1])
+
+    def system(most):
+        left = lh.Transition(lambda t, x, args: x[0], onto(1.0, -1.0))
+        right = lh.Transition(lambda t, x, args: x[1], onto(-1.0, 1.0))
+        return lh.Hybrid(lambda t, x, args: -jnp.ones_like(x), [left, right], max_cascade=most)
+
+    spectrum = lh.lyapunov_spectrum(
+        system(3), [0.5, 1.0], t1=2.0, k=1, blocks=BLOCKS, method=METHOD, throw=False
+    )
+    assert spectrum.status is STATUS.zeno
+    assert float(spectrum.t) == pytest.approx(0.5, abs=1e-12)
+    assert computed(spectrum) == 2
+
+
+def test_deadlock_where_no_transition_applies():
+    spectrum = ball(floor=0.0)
+    assert spectrum.status is STATUS.deadlock
+    assert np.allclose(spectrum.x, [0, -1], rtol=0, atol=1e-12)  # at the guard, before any jump
+    assert spectrum.jumps == 0
+    assert computed(spectrum) == 1
+
+
+def test_deadlock_of_a_ball_that_does_not_rebound():
+    spectrum = ball(restitution=0.0)
+    assert spectrum.status is STATUS.deadlock
+    assert np.allclose(spectrum.x, 0, rtol=0, atol=1e-12)
+    assert float(spectrum.t) == pytest.approx(1.0, abs=1e-12)
+    assert spectrum.jumps == 1
+
+
+def test_nonfinite_where_the_solution_escapes():
+    spectrum = ball(gravity=0.0, escape=1.0, ceiling=1e300, t1=10.0)
+    assert spectrum.status is STATUS.nonfinite
+    assert np.isfinite(spectrum.x).all()  # the last state that was one
+    assert 1 <= computed(spectrum) < BLOCKS
+
+
+ESCAPE = lh.Flow(lambda t, x, args: args * x * x)
+
+
+@pytest.mark.parametrize("method", [None, lh.RungeKutta("rk4", dt=0.001)], ids=["adaptive", "fixed"])
+def test_nonfinite_of_a_flow_without_events(method):
+    """x' = x², x = 1/(1 - t), δx ∝ x²."""
+    spectrum = lh.lyapunov_spectrum(ESCAPE, [1.0], 1.0, t1=2.0, blocks=16, method=method, throw=False)
+    assert spectrum.status is STATUS.nonfinite
+    assert float(spectrum.t) == pytest.approx(1.0, abs=0.01)
+    assert computed(spectrum) in (8, 9)
+    done = np.arange(1, 8)
+    grown = -2 * np.log(1 - done / 8) / (done / 8)
+    assert np.allclose(spectrum.history.exponents[:7, 0], grown, rtol=1e-6)
+
+
+def test_nonfinite_where_the_field_is_undefined():
+    root = lh.Flow(lambda t, x, args: jnp.sqrt(args - t) + 0 * x)
+    spectrum = lh.lyapunov_spectrum(root, [1.0], 1.0, t1=2.0, blocks=16, throw=False)
+    assert spectrum.status is STATUS.nonfinite
+    assert float(spectrum.t) == pytest.approx(1.0, abs=1e-9)
+    assert computed(spectrum) in (8, 9)
+
+
+def test_nonfinite_of_a_map():
+    logistic = lh.Map(lambda n, x, r: r * x * (1 - x))
+    spectrum = lh.lyapunov_spectrum(logistic, [1.3], 5.0, t1=64, blocks=BLOCKS, throw=False)
+    assert spectrum.status is STATUS.nonfinite
+    assert "rank_lost" not in spectrum.notes  # an overflow is no loss of rank
+    assert float(spectrum.t) < 15
+    assert np.isfinite(spectrum.history.growth[0]).all()
+
+
+def test_nonfinite_of_an_exact_flow():
+    broken = lh.EventDriven(
+        flow=lambda dt, t, x, args: x - dt,
+        next_event=lambda t, x, args: (x[0], 0),
+        jump=lambda t, x, args, which: x + jnp.where(t < 2.5, 1.0, jnp.nan),
+        guard=lambda t, x, args, which: x[0],
+    )
+    spectrum = lh.lyapunov_spectrum(broken, [1.0], t1=8.0, blocks=BLOCKS, throw=False)
+    assert spectrum.status is STATUS.nonfinite
+    assert float(spectrum.t) == pytest.approx(3.0, abs=1e-12)
+    assert 1 <= computed(spectrum) <= 3
+
+
+def test_step_underflow_where_the_field_jumps():
+    """Friction that jumps at v = 0, without a mode of its own: the ball slides there, and no step is short enough."""
+    spectrum = ball((0.5, 1.0), t0=1.0, dry=1e9)
+    assert spectrum.status is STATUS.step_underflow
+    assert abs(float(spectrum.x[1])) < 1e-9
+    assert computed(spectrum) == 1
+
+
+def test_a_failure_in_the_transient_leaves_no_answer():
+    def after(transient, **options):
+        return lh.lyapunov_spectrum(
+            ESCAPE, [1.0], 1.0, t1=1.0, transient=transient, blocks=16, throw=False, **options
+        )
+
+    for spectrum, status in (
+        (after(2.0), STATUS.nonfinite),
+        (after(0.9, max_steps=3), STATUS.max_steps),
+    ):
+        assert spectrum.status is status
+        assert float(spectrum.time) == 0
+        assert np.isnan(spectrum.exponents).all()
+        assert np.isnan(spectrum.history.time).all()
+
+
+def test_failures_raise_with_the_result_and_the_causes():
+    with pytest.raises(lh.RunFailed) as caught:
+        ball((1.0, 0.0), restitution=0.8, throw=True)
+    error = caught.value
+    assert error.status is STATUS.zeno
+    assert error.result.status is STATUS.zeno
+    assert computed(error.result) == 6
+    for part in ("zeno: events accumulate", "(a)", "(b)", "It stood at t = 12.7279", "throw=False", "accumulate at"):
+        assert part in str(error)
+    with pytest.raises(lh.RunFailed, match="max_steps") as caught:
+        lh.trajectory(ESCAPE, [1.0], 1.0, t1=0.9, n=4, max_steps=5)
+    assert np.isnan(caught.value.result.x[-1]).all()
+    with pytest.raises(lh.RunFailed, match="nonfinite") as caught:
+        lh.tangent_map(ESCAPE, [1.0], 1.0, t1=2.0)
+    assert caught.value.result.status is STATUS.nonfinite
+    assert lh.tangent_map(ESCAPE, [1.0], 1.0, t1=2.0, throw=False).status is STATUS.nonfinite
+
+
+@pytest.mark.parametrize("status", list(STATUS), ids=lambda status: status.name)
+def test_every_status_says_its_name(status):
+    assert str(status).startswith(f"{status.name}: ")
+    assert len(str(status)) > len(status.name) + 12
+    assert status.failed == (status.name not in ("ok", "terminated"))
+
+
+# --- notes -------------------------------------------------------------------------------------------------------
+
+
+def test_rank_lost():
+    """The second component is thrown away at every tick."""
+    forget = lh.Hybrid(
+        lambda t, x, args: jnp.stack([0.5 * x[0], -0.1 * x[1]]),
+        lh.Transition(every=1.0, reset=lambda t, x, args: jnp.stack([x[0], args * x[1]])),
+    )
+
+    def run(factor):
+        return lh.lyapunov_spectrum(forget, [1.0, 1.0], factor, t1=8.0, blocks=BLOCKS, method=METHOD)
+
+    lost, kept = run(0.0), run(0.5)
+    assert lost.notes == {"rank_lost"}
+    assert float(lost.exponents[0]) == pytest.approx(0.5, abs=1e-9)
+    assert lost.exponents[1] == -math.inf
+    assert math.isnan(lost.stderr[1])
+    assert lost.losses.tolist() == [0, 8]
+    assert float(lost.loss_rate[1]) == pytest.approx(1.0, abs=1e-12)
+    assert float(lost.first_loss[1]) == pytest.approx(1.0, abs=1e-9)
+    assert math.isnan(lost.first_loss[0])
+    assert lost.sum_rule_residual is None
+    assert kept.notes == frozenset()
+    assert np.allclose(kept.exponents, [0.5, -0.1 + math.log(0.5)], rtol=0, atol=1e-9)
+    assert np.isnan(kept.first_loss).all()
+
+
+def test_grazing():
+    """x = cos t meets a wall a little below its maximum: the sine of the angle at the wall tells how little."""
+    oscillator = lh.Hybrid(
+        lambda t, x, args: jnp.stack([x[1], -x[0]]),
+        lh.Transition(lambda t, x, args: args - x[0], lambda t, x, args: jnp.stack([x[0], -x[1]])),
+    )
+
+    def run(wall):
+        return lh.lyapunov_spectrum(
+            oscillator, [0.0, 1.0], wall, t1=4.0, k=1, blocks=BLOCKS, method=lh.RungeKutta(rtol=1e-12)
+        )
+
+    slanting, grazing, missing = run(0.8), run(1 - 1e-8), run(1 + 1e-8)
+    assert slanting.notes == frozenset()
+    assert float(slanting.min_transversality) == pytest.approx(0.6, abs=1e-9)  # v / √(v² + x²)
+    assert grazing.notes == {"grazing"}
+    assert float(grazing.min_transversality) == pytest.approx(math.sqrt(2e-8), rel=1e-3)
+    assert missing.notes == frozenset()
+    assert missing.min_transversality == math.inf
+    assert (int(slanting.jumps), int(grazing.jumps), int(missing.jumps)) == (1, 1, 0)
+
+
+def test_simultaneous_only_where_the_order_matters():
+    """Two clocks of sand run out together; one adds 1 to a counter, the other multiplies it."""
+
+    def turned(i):
+        def reset(t, x, args):
+            count = x[2] + 1 if i == 0 else args * x[2]
+            return jnp.stack([x[0] + float(i == 0), x[1] + float(i == 1), count])
+
+        return lh.Transition(lambda t, x, args: x[i], reset)
+
+    sand = lh.Hybrid(lambda t, x, args: jnp.stack([0 * x[0] - 1, 0 * x[1] - 1, 0 * x[2]]), [turned(0), turned(1)])
+
+    def run(factor, second=0.5):
+        return lh.lyapunov_spectrum(
+            sand, [0.5, second, 1.0], factor, t1=0.8, k=1, blocks=BLOCKS, method=METHOD
+        )
+
+    matters, equal, apart = run(2.0), run(1.0), run(2.0, 0.4)
+    assert matters.jumps == equal.jumps == apart.jumps == 2
+    assert matters.notes == {"simultaneous"}
+    assert equal.notes == apart.notes == frozenset()
+    assert float(matters.x[2]) == pytest.approx(4.0, abs=1e-12)  # the first transition goes first
+
+
+def test_unresolved():
+    saddle = lh.Flow(lambda t, x, args: jnp.stack([x[0], -x[1]]))
+    rare, often = (
+        lh.lyapunov_spectrum(saddle, [0.0, 0.0], t1=40.0, every=every, blocks=2) for every in (100.0, 1.0)
+    )
+    assert rare.notes == {"unresolved"}
+    assert often.notes == frozenset()
+    assert np.allclose(often.exponents, [1, -1], atol=1e-8)
+
+
+def test_interrupted_keeps_what_is_computed():
+    logistic = lh.Map(lambda n, x, r: r * x * (1 - x))
+    seen = []
+
+    def stop(fraction):
+        seen.append(fraction)
+        if fraction > 0:
+            raise KeyboardInterrupt
+
+    with pytest.warns(UserWarning, match="interrupted"):
+        spectrum = lh.lyapunov_spectrum(logistic, [0.3], 4.0, t1=50_000_000, blocks=4096, progress=stop)
+    assert spectrum.notes == {"interrupted"}
+    assert spectrum.status is STATUS.ok
+    assert 0 < seen[-1] < 1
+    count = computed(spectrum)
+    assert 0 < count < 4096
+    assert abs(float(spectrum.exponents[0]) - math.log(2)) < 0.1
+
+
+def test_several_runs_report_the_gravest_status():
+    starts = jnp.asarray([[0.5, 0.0], [0.4, 0.0]])
+    args = parameters(floor=0.0)
+    spectrum = lh.lyapunov_spectrum(BALL, starts, args, t1=20.0, blocks=BLOCKS, method=METHOD, throw=False)
+    assert spectrum.status is STATUS.deadlock
+    assert spectrum.status_code.shape == (2,)
+
+
+def test_under_a_transformation_the_status_is_a_number_and_nothing_raises():
+    @jax.jit
+    def code(restitution):
+        args = parameters(restitution=restitution)
+        return lh.lyapunov_spectrum(BALL, [0.5, 0.0], args, t1=20.0, blocks=BLOCKS, method=METHOD).status
+
+    assert STATUS(int(code(jnp.asarray(0.8)))) is STATUS.zeno
+    assert STATUS(int(code(jnp.asarray(1.0)))) is STATUS.ok
