@@ -5,6 +5,8 @@ made of (Benettin et al., Meccanica 15 (1980) 9, doi:10.1007/BF02128236). A colu
 on the ones before it is *lost*: its ln R_ii is -inf in truth, and it is reported as lost rather than summed.
 """
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -25,7 +27,7 @@ def kind_for(k: int) -> str:
 
 
 def orthonormalise(
-    frame: Float[Array, "n k"], kind: str = "mgs", absolute: float = 0.0, relative: float = 0.0
+    frame: Float[Array, "n k"], kind: str = "mgs", absolute: Any = 0.0, relative: float = 0.0
 ) -> tuple[Float[Array, "n k"], Float[Array, " k"], Array]:
     """Orthonormal columns spanning the same nested subspaces, and ln R_ii.
 

@@ -174,7 +174,7 @@ def _block(settings: Settings, journey: Journey, index, end, last_jump):
     def within(carry):
         inside = carry.s < clock.length
         if settings.count_jumps:
-            inside = inside & (carry.jumps < clock.last_jump)
+            inside = inside & (carry.jumps.astype(carry.s.dtype) < clock.last_jump)
         if carry.log is not None:  # one event, with its cascade, must find room
             inside = inside & (carry.log.count <= settings.log - MOST_AT_ONCE)
         return inside & (carry.budget > 0)
@@ -187,7 +187,7 @@ def _block(settings: Settings, journey: Journey, index, end, last_jump):
     )
     over = carry.s >= clock.length
     if settings.count_jumps:
-        over = over | (carry.jumps >= clock.last_jump)
+        over = over | (carry.jumps.astype(carry.s.dtype) >= clock.last_jump)
     done = todo & ((over & (carry.status == RUNNING)) | (carry.status > OK))
     record = Record(
         done,

@@ -1,0 +1,247 @@
+"""Values that are known otherwise: closed forms as far as they are exact, the rest within its error bars.
+
+Where an orbit's statistics decide, |value − reference| ≤ 5 combined standard errors, and the standard error
+itself is below a gate, so that noise cannot buy a pass.
+"""
+
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import lyaphybrid as lh
+from lyaphybrid import zoo
+
+ANTIPHASE = 0.3819215677837863  # time between the firings of two neurons that inhibit each other
+
+
+def agree(spectrum, reference, gate):
+    """Within 5 standard errors, and these below the gate."""
+    values, errors = np.asarray(spectrum.exponents), np.asarray(spectrum.stderr)
+    finite = np.isfinite(reference.exponents)
+    assert np.array_equal(np.isneginf(values), ~finite)
+    known, known_errors = np.array(reference.exponents)[finite], np.array(reference.stderr)[finite]
+    off = np.abs(values[finite] - known) / np.maximum(np.hypot(errors[finite], known_errors), 1e-9)
+    print(spectrum, f"reference {reference}", f"off by {off} standard errors", sep="\n")
+    assert np.max(errors[finite]) <= gate
+    assert np.all(off <= 5)
+
+
+STATISTICAL = [  # problem, parameters, keywords, gate, sum rule to
+    ("henon_map", {}, {"t1": 4_000_000}, 3e-4, 1e-12),
+    ("logistic_map", {}, {"t1": 2_000_000}, 3e-5, 1e-12),
+    ("standard_map", {}, {"t1": 4_000_000}, 1.2e-3, 1e-12),
+    ("baker_map", {}, {"t1": 4_000_000}, 3e-4, 1e-12),
+    ("lorenz63", {}, {"t1": 40_000.0}, 1.2e-3, 1e-9),
+    ("rossler", {}, {"t1": 60_000.0}, 1.2e-3, 1e-9),
+    ("skew_tent_roof", {}, {"t1": 400_000.0}, 7e-4, 1e-9),
+    ("grow_reset", {}, {"t1": 400_000.0, "transient": 200.0}, 9e-4, 1e-8),
+    ("grow_reset", {"q": 0}, {"t1": 400_000.0}, 9e-4, None),
+    ("kicked_ball", {"restitution": 0.5, "amplitude": 1.75}, {"t1": 200_000.0}, 4e-4, 1e-8),
+    ("zaslavsky", {}, {"t1": 1_000_000.0}, 6e-4, 1e-8),
+    ("impact_oscillator", {}, {}, 4e-3, 1e-8),
+    ("sinai_billiard", {}, {"t1": 50_000.0}, 1.2e-2, 1e-9),
+]
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters", "keywords", "gate", "closes"),
+    STATISTICAL,
+    ids=[f"{name}{parameters or ''}" for name, parameters, *_ in STATISTICAL],
+)
+def test_known_values(name, parameters, keywords, gate, closes):
+    problem = zoo.get(name)(**parameters)
+    spectrum = problem.spectrum(**keywords)
+    assert spectrum.status == lh.STATUS.ok
+    agree(spectrum, problem.reference, gate)
+    assert spectrum.sum_rule_residual is None if closes is None else spectrum.sum_rule_residual <= closes
+
+
+LONG = [
+    ("lorenz63", {}, {"t1": 1_000_000.0}, 3e-4),
+    ("rossler", {}, {"t1": 1_000_000.0}, 2e-4),
+    ("impact_oscillator", {}, {"t1": 2_000_000.0}, 4e-4),
+    ("sinai_billiard", {}, {"t1": 1_000_000.0}, 2.5e-3),
+    ("hard_disks", {"n": 2, "density": 0.32, "aspect": 1}, {"t1": 400_000.0}, 3.5e-3),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "parameters", "keywords", "gate"), LONG, ids=[name for name, *_ in LONG])
+def test_known_values_in_long_runs(name, parameters, keywords, gate):
+    problem = zoo.get(name)(**parameters)
+    agree(problem.spectrum(**keywords), problem.reference, gate)
+
+
+# Exact for every orbit, or up to the first turn of the frame.
+
+
+def test_beta_clock_is_exact():
+    problem = zoo.beta_clock()
+    spectrum = problem.spectrum()
+    assert_allclose(spectrum.exponents, problem.reference.exponents, atol=1e-12)
+    assert spectrum.sum_rule_residual < 1e-8
+    assert spectrum.jumps == 1000
+
+
+def test_conewise_linear_is_exact_at_every_turn():
+    problem = zoo.conewise_linear()
+    assert_allclose(problem.spectrum().exponents, problem.reference.exponents, atol=1e-10)
+
+
+@pytest.mark.parametrize("form", ["map", "jumps"])
+def test_cat_map_is_exact(form):
+    problem = zoo.cat_map(form=form)
+    spectrum = problem.spectrum()
+    assert_allclose(spectrum.exponents, problem.reference.exponents, atol=1e-13)
+    assert spectrum.jumps == spectrum.time == 10_000
+
+
+def test_kaplan_yorke_map_is_exact_but_for_the_first_turn():
+    problem = zoo.kaplan_yorke_map()
+    spectrum = problem.spectrum(t1=1_000_000)
+    assert_allclose(spectrum.exponents, problem.reference.exponents, atol=5e-6)
+    assert_allclose(np.sum(spectrum.exponents), np.sum(problem.reference.exponents), atol=1e-12)
+
+
+def test_skew_tent_exponents_go_together():
+    """Per jump both are linear in the fraction of left branches, whatever the orbit does."""
+    spectrum, c = zoo.skew_tent_roof().spectrum(t1=100_000.0), 0.3
+    growth, zero, decay = np.asarray(spectrum.per_jump())
+    left = (growth + math.log(1 - c)) / (math.log(1 - c) - math.log(c))
+    assert_allclose(decay, left * math.log(0.25) + (1 - left) * math.log(0.4), atol=1e-4)
+    assert_allclose(zero, 0, atol=1e-4)
+
+
+def test_grow_reset_decays_between_jumps_and_at_them():
+    spectrum = zoo.grow_reset().spectrum(t1=100_000.0, transient=200.0)
+    _, zero, decay = np.asarray(spectrum.exponents)
+    assert_allclose(decay, 0.25 + math.log(0.5) * float(spectrum.jumps / spectrum.time), atol=1e-4)
+    assert_allclose(zero, 0, atol=1e-4)
+
+
+def test_a_reset_that_kills_a_direction_gives_minus_infinity():
+    problem = zoo.grow_reset(q=0)
+    spectrum = problem.spectrum(transient=0.0, t1=1000.0)
+    assert spectrum.exponents[2] == -jnp.inf
+    assert "rank_lost" in spectrum.notes
+    assert_allclose(spectrum.losses, [0, 0, spectrum.jumps])  # refilled, and killed again at every jump
+    assert_allclose(spectrum.first_loss[2], 0.5 + problem.x0[0], rtol=1e-9)  # at the first jump
+    assert np.all(np.isnan(spectrum.first_loss[:2]))
+    assert_allclose(spectrum.loss_rate[2], spectrum.jumps / spectrum.time)
+    assert spectrum.sum_rule_residual is None
+
+
+def test_period_1_of_the_kicked_ball():
+    """Complex multipliers turn for ever: a smooth average makes both exponents ln(r)/T."""
+    problem, period = zoo.kicked_ball(), 2 * math.pi
+    spectrum = problem.spectrum(t1=2000 * period, transient=100 * period, blocks=2000, averaging="birkhoff")
+    assert_allclose(spectrum.exponents, problem.reference.exponents, atol=1e-11)
+    assert spectrum.jumps == 2000
+    assert spectrum.sum_rule_residual < 1e-8
+    uniform = problem.spectrum(t1=2000 * period, transient=100 * period, blocks=2000)
+    assert_allclose(np.mean(uniform.exponents), math.log(0.8) / period, atol=1e-11)  # the sum does not turn
+
+
+@pytest.mark.parametrize("form", ["hybrid", "event_driven"])
+def test_two_neurons_in_antiphase(form):
+    problem = zoo.integrate_and_fire(form=form)
+    spectrum = problem.spectrum(t1=2000 * ANTIPHASE, transient=400 * ANTIPHASE)
+    assert_allclose(spectrum.exponents, problem.reference.exponents, atol=1e-11)
+    assert spectrum.jumps == 2000
+    assert spectrum.sum_rule_residual < 1e-8
+    per_jump = problem.spectrum(t1=2000, transient=400, clock="jumps")
+    assert_allclose(per_jump.time, 2000 * ANTIPHASE, rtol=1e-11)
+    assert_allclose(per_jump.exponents / ANTIPHASE, problem.reference.exponents, atol=1e-11)
+
+
+# Zeno.
+
+
+def test_the_bouncing_ball_has_exponents_per_jump():
+    """The frame starts along the field (v, −g), which one cycle maps onto (rv, −g)."""
+    problem = zoo.bouncing_ball()
+    frame = jnp.array([[1.0, 0.0], [-1.0, 1.0]])
+    spectrum = problem.spectrum(frame=frame, transient=15, t1=12)
+    assert spectrum.status == lh.STATUS.ok
+    assert_allclose(spectrum.exponents, problem.reference.exponents, atol=1e-9)
+    assert_allclose(spectrum.t + spectrum.x[1], 4 - spectrum.x[1], atol=1e-9)  # v = 2^-27, two v to go
+
+
+@pytest.mark.parametrize("restitution", [0.5, 0.8])
+def test_in_time_the_bouncing_ball_accumulates(restitution):
+    problem, end = zoo.bouncing_ball(restitution=restitution), 2 / (1 - restitution)
+    with pytest.raises(lh.RunFailed, match="accumulate at t = ") as failed:
+        problem.spectrum(clock="time", t1=end + 5, transient=0)
+    result = failed.value.result
+    assert result.status == lh.STATUS.zeno
+    assert_allclose(result.accumulation_time, end, rtol=1e-9)
+    assert result.t <= end
+
+
+# Clocks.
+
+
+def test_clocks_read_the_same_run():
+    """Of a system with more jumps than units of time, and of one with fewer."""
+    neurons = zoo.integrate_and_fire(form="event_driven").spectrum
+    jumps, time, hybrid = (
+        neurons(t1=length, transient=0.0, clock=clock)
+        for clock, length in (("jumps", 1000), ("time", 1000 * ANTIPHASE), ("hybrid", 1000))
+    )
+    assert jumps.jumps == hybrid.jumps == 1000
+    assert_allclose(hybrid.exponents, jumps.exponents, rtol=1e-12, atol=1e-14)
+    assert_allclose(hybrid.per_jump(), hybrid.exponents, rtol=1e-12, atol=1e-14)
+    assert_allclose(jumps.time, time.time, rtol=1e-3)  # the start is off the orbit
+    assert_allclose(time.per_jump(), jumps.exponents, atol=1e-3)
+    assert [s.clock for s in (jumps, time, hybrid)] == ["jumps", "time", "hybrid"]
+
+    ball = zoo.kicked_ball().spectrum  # one jump in 2π
+    jumps, time, hybrid = (
+        ball(t1=length, transient=0.0, clock=clock)
+        for clock, length in (("jumps", 100), ("time", 200 * math.pi), ("hybrid", 200 * math.pi))
+    )
+    assert jumps.jumps == time.jumps == hybrid.jumps == 100
+    assert_allclose(hybrid.exponents, time.exponents, rtol=1e-12)
+    assert_allclose(np.sum(jumps.exponents), 2 * math.log(0.8), rtol=1e-12)
+    assert_allclose(np.sum(time.exponents), 2 * math.log(0.8) / (2 * math.pi), rtol=1e-12)
+
+
+def test_the_sum_rule_of_the_impact_oscillator_in_both_clocks():
+    problem = zoo.impact_oscillator()
+    for clock, t1 in (("time", 4000.0), ("jumps", 2000)):
+        spectrum = problem.spectrum(clock=clock, t1=t1)
+        rate = spectrum.jumps / spectrum.time
+        expected = -2 * 0.05 + 2 * math.log(0.8) * rate
+        total = np.sum(spectrum.exponents) * (1 if clock == "time" else rate)
+        assert_allclose(total, expected, atol=1e-8)
+        assert spectrum.sum_rule_residual < 1e-8
+
+
+def test_the_periodic_impact_oscillator():
+    """No average is needed at omega = 2: many periods are one."""
+    problem = zoo.impact_oscillator(omega=2.0)
+    period = math.pi
+    spectrum = problem.spectrum(t1=4000 * period, transient=400 * period, blocks=4000, averaging="birkhoff")
+    assert_allclose(spectrum.exponents, problem.reference.exponents, atol=5e-6)  # the reference's error is 1e-6
+
+
+# Billiards.
+
+
+def test_two_disks_are_a_sinai_billiard(event_driven):
+    """Their relative coordinate is one: λ = (2√K/L) λ_Sinai(σ/L)."""
+    known, side = event_driven["billiards"]["sq", 0.4], 2.5
+    scale = 2 * math.sqrt(2) / side
+    problem = zoo.hard_disks(n=2, density=0.32, aspect=1)
+    assert_allclose(problem.args["width"], side)
+    spectrum = problem.spectrum(t1=20_000.0, every=1)
+    values, error = np.asarray(spectrum.exponents), float(spectrum.stderr[0]) / scale
+    assert error < 0.015
+    assert abs(values[0] / scale - known["lam_time_best"]) <= 5 * math.hypot(error, known["se_best"])
+    assert_allclose(values + values[::-1], 0, atol=1e-9)
+    assert_allclose(values[1:-1], 0, atol=1e-10)
+    assert jax.tree.all(jax.tree.map(lambda v: v == 0, spectrum.losses))
