@@ -1,6 +1,6 @@
 """The cases: what is run, how long, and both sides of it.
 
-Lengths make one run of the C take about half a second; ``--quick`` divides them by eight.
+Lengths make one run of the other side take about half a second; ``--quick`` divides them by eight.
 """
 
 from collections.abc import Callable
@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks import references
+from benchmarks import problems, references
 from benchmarks.harness import Make, compare
 
 QUICK = 8
@@ -22,6 +22,7 @@ class Case(NamedTuple):
     t1: float
     ours: Callable[[float], Make]
     reference: Callable[[float], Make]
+    against: str = "c"
 
 
 def _ours(name: str, *arguments) -> Callable[[float], Make]:
@@ -49,12 +50,30 @@ def _reference(run: Callable[..., references.Result], work: str, *arguments) -> 
     return bind
 
 
+def _diffrax(t1: float) -> Make:
+    """The impact oscillator by an outer scan over `diffrax.diffeqsolve`, see tests/diffrax_events.py."""
+
+    def make():
+        from benchmarks import ours, rivals
+
+        run = rivals.diffrax_events(ours.oscillate, ours.gap, ours.rebound, t1)
+        run()
+        return run, t1
+
+    return make
+
+
+def _impact_diffrax(t1: float) -> Case:
+    return Case("time", t1, _ours("impact", True, problems.IMPACT_EVERY_EVENT), _diffrax, against="diffrax")
+
+
 def _lorenz(every: int, t1: float) -> Case:
     return Case("step", t1, _ours("lorenz", every), _reference(references.run_lorenz, "steps", every))
 
 
 def _impact(adaptive: bool, t1: float) -> Case:
-    return Case("time", t1, _ours("impact", adaptive), _reference(references.run_impact, "time", adaptive))
+    every = problems.IMPACT_EVERY_TIME if adaptive else problems.IMPACT_EVERY
+    return Case("time", t1, _ours("impact", adaptive, every), _reference(references.run_impact, "time", adaptive))
 
 
 def _hard_disks(t1: float) -> Case:
@@ -67,11 +86,12 @@ CASES = {
     "impact_fixed": _impact(False, 8e4),
     "impact_adaptive": _impact(True, 5e4),
     "hard_disks_n4": _hard_disks(8e4),
+    "impact_diffrax": _impact_diffrax(1e4),
 }
 
 
 def run_case(name: str, quick: bool, sides: tuple[str, ...] = ("ours", "c")) -> dict[str, Any]:
-    """Time one case in this process and return its row.
+    """Time one case in this process and return its row; the side "c" is whatever the case is against.
 
     Raises:
         ValueError: if there is no such case.
@@ -80,8 +100,8 @@ def run_case(name: str, quick: bool, sides: tuple[str, ...] = ("ours", "c")) -> 
         raise ValueError(f"no case {name!r}; the cases are {', '.join(CASES)}.")
     case = CASES[name]
     t1 = case.t1 / QUICK if quick else case.t1
-    available = {"ours": case.ours, "c": case.reference}
-    makes = {side: available[side](t1) for side in sides}
-    if "c" in sides:
+    available = {"ours": ("ours", case.ours), "c": (case.against, case.reference)}
+    makes = {name: make(t1) for name, make in (available[side] for side in sides)}
+    if "c" in makes:
         references.library()  # compiled outside the times
     return compare(name, case.unit, makes, QUICK_ROUNDS if quick else ROUNDS)

@@ -1,8 +1,9 @@
 """Timing: two sides in turn, A B A B …, so that both see the same noise of the machine.
 
-A side is a callable ``make() -> (run, work)``: `make` builds everything and makes the first call, `run` is a
-warm call that returns only when its result is there, `work` is how many units (steps, collisions, units of
-time) one run does. `run` returns a dictionary of what it found, to be shown next to the times.
+One side is "ours", the other one of `AGAINST`. A side is a callable ``make() -> (run, work)``: `make` builds
+everything and makes the first call, `run` is a warm call that returns only when its result is there, `work` is
+how many units (steps, collisions, units of time) one run does. `run` returns a dictionary of what it found, to
+be shown next to the times.
 """
 
 import platform
@@ -13,6 +14,7 @@ import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+AGAINST = ("c", "diffrax")
 Run = Callable[[], dict[str, Any]]
 Make = Callable[[], tuple[Run, float]]
 
@@ -70,29 +72,32 @@ def peak_memory() -> float:
 
 
 def compare(name: str, unit: str, makes: dict[str, Make], rounds: int) -> dict[str, Any]:
-    """Time the sides "ours" and "c", or the one that is given; returns a row of the table as plain data."""
+    """Time both sides, ours and the other one, or the one that is given; returns a row of the table."""
     timings = time_interleaved(makes, rounds)
     row: dict[str, Any] = {"case": name, "unit": unit, "rounds": rounds}
     row |= {side: timing.summary() for side, timing in timings.items()}
-    if {"ours", "c"} <= timings.keys():
-        row["ratio_min"] = timings["ours"].minimum / timings["c"].minimum
-        row["ratio_median"] = timings["ours"].median / timings["c"].median
+    others = [timing for side, timing in timings.items() if side != "ours"]
+    if "ours" in timings and others:
+        row["ratio_min"] = timings["ours"].minimum / others[0].minimum
+        row["ratio_median"] = timings["ours"].median / others[0].median
     row["peak_memory_mb"] = peak_memory()
     row["python"], row["machine"] = platform.python_version(), platform.machine()
     return row
 
 
-_COLUMNS = "case,unit,ours min,ours med,C min,C med,ratio min,ratio med,1st call s,MB".split(",")
+_COLUMNS = "case,unit,against,ours min,ours med,its min,its med,ratio min,ratio med,1st call s,MB".split(",")
 
 
 def _cells(row: dict[str, Any]) -> list[str]:
+    other = next((side for side in AGAINST if side in row), "-")
+
     def number(side: str, key: str, form: str) -> str:
         return format(row[side][key], form) if side in row else "-"
 
-    times = [number(side, key, ".1f") for side in ("ours", "c") for key in ("ns_min", "ns_median")]
+    times = [number(side, key, ".1f") for side in ("ours", other) for key in ("ns_min", "ns_median")]
     ratios = [format(row[key], ".2f") if key in row else "-" for key in ("ratio_min", "ratio_median")]
     first_call, memory = number("ours", "first_call_s", ".2f"), format(row["peak_memory_mb"], ".0f")
-    return [row["case"], row["unit"], *times, *ratios, first_call, memory]
+    return [row["case"], row["unit"], other, *times, *ratios, first_call, memory]
 
 
 def table(rows: list[dict[str, Any]]) -> str:
@@ -101,8 +106,8 @@ def table(rows: list[dict[str, Any]]) -> str:
     widths = [max(len(line[i]) for line in lines) for i in range(len(_COLUMNS))]
 
     def aligned(line: list[str]) -> str:
-        left = [cell.ljust(width) for cell, width in zip(line[:2], widths[:2], strict=True)]
-        right = [cell.rjust(width) for cell, width in zip(line[2:], widths[2:], strict=True)]
+        left = [cell.ljust(width) for cell, width in zip(line[:3], widths[:3], strict=True)]
+        right = [cell.rjust(width) for cell, width in zip(line[3:], widths[3:], strict=True)]
         return "  ".join(left + right)
 
     return "\n".join(map(aligned, lines))

@@ -41,31 +41,32 @@ def lorenz(every: int, t1: float) -> Make:
     return make
 
 
-def _oscillate(t, x, args):
+def oscillate(t, x, args):
+    """The field of the impact oscillator."""
     acceleration = jnp.cos(args["omega"] * t) - 2 * args["zeta"] * x[1] - x[0]
     return jnp.stack([x[1], acceleration])
 
 
-def _gap(t, x, args):
+def gap(t, x, args):
+    """Its guard."""
     return -x[0]
 
 
-def _rebound(t, x, args):
+def rebound(t, x, args):
+    """Its reset."""
     return jnp.stack([x[0], -args["restitution"] * x[1]])
 
 
-def impact(adaptive: bool, t1: float) -> Make:
+def impact(adaptive: bool, every: float, t1: float) -> Make:
     """The impact oscillator by RK4 or Dormand–Prince; the work is counted in units of time."""
 
     def make():
         # Written out instead of taken from the zoo: the C fixes the signs and the start.
-        system = lh.Hybrid(_oscillate, [lh.Transition(_gap, _rebound)])
+        system = lh.Hybrid(oscillate, [lh.Transition(gap, rebound)])
         if adaptive:
             method = lh.RungeKutta(tableau="dopri5", rtol=problems.IMPACT_RTOL, atol=problems.IMPACT_ATOL)
-            every = problems.IMPACT_EVERY_TIME
         else:
             method = lh.RungeKutta(tableau="rk4", dt=problems.IMPACT_DT)
-            every = problems.IMPACT_EVERY
         start, args = problems.IMPACT_START, problems.IMPACT_PARAMETERS
         run = _runner(system, start, args, t1=t1, method=method, every=every)
         run()

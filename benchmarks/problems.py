@@ -14,6 +14,7 @@ IMPACT_RTOL = 1e-9
 IMPACT_ATOL = 1e-12
 IMPACT_EVERY = 10  # accepted steps; the C counts them with error control too, …
 IMPACT_EVERY_TIME = 0.25  # … ours goes by time there: ten of its steps
+IMPACT_EVERY_EVENT = 10.0  # against diffrax: at events alone, this long after the last one at the latest
 
 # Four disks of diameter and mass 1, kinetic energy 4, total momentum 0, number density 0.7, L_x / L_y = √3/2:
 # (q_0x, q_0y, …, q_3y, p_0x, …, p_3y)

@@ -163,7 +163,7 @@ def two_trajectories(
     length = jnp.asarray(t1, x0.dtype)
     recipe = _recipe(whole, length / blocks, separation, renormalise_every)
     pair = _start(problem, t0, x0, mode, jax.random.key(0) if key is None else key, recipe)
-    if isinstance(transient, jax.core.Tracer) or float(transient) > 0:
+    if traced(transient) or float(transient) > 0:
         quiet = jnp.asarray(transient, x0.dtype)
         quiet = jnp.ceil(quiet - 1e-9) if whole else quiet
         pair = _restarted(_block(problem, recipe, t0, pair, quiet, quiet if whole else jnp.inf * quiet))
@@ -245,7 +245,7 @@ def _all_blocks(problem: runs.Problem, recipe: Recipe, t0, pair: Pair, ends):
         return pair, (pair.elapsed, pair.growth, pair.length, pair.intervals, pair.skipped)
 
     leaves = jax.tree.leaves((problem, recipe, t0, pair, ends))
-    if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+    if traced(leaves):
         return jax.lax.scan(one, pair, ends)
     records = []
     for end in np.asarray(ends):

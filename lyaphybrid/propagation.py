@@ -262,7 +262,9 @@ def _tidy(settings: Settings, clock: Clock, carry: Carry, ahead, interval, sprea
     return carry._replace(since=jnp.zeros_like(carry.since)), ahead, interval, spread
 
 
-def harvest(settings: Settings, carry: Carry, t, absolute: Any = 0.0, relative=0.0, project=None, was_live: Any = True) -> Carry:
+def harvest(
+    settings: Settings, carry: Carry, t, absolute: Any = 0.0, relative=0.0, project=None, was_live: Any = True
+) -> Carry:
     """Orthonormalise the frame and add ln R_ii to the growth.
 
     Where a tolerance is given columns may be lost: they are counted, and replaced.

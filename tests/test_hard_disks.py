@@ -4,9 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from references import load_event_driven
 
 import lyaphybrid as lh
+from references import load_event_driven
 
 DISKS = load_event_driven()["hard_disks"]
 TABLE = DISKS["N4_rho0.7_TableI"]
@@ -72,9 +72,7 @@ def test_table_one_to_three_thousandths():
     """A total time of 1.6e5."""
     problem = lh.zoo.hard_disks()
     x0 = starts(32, seed=1)
-    spectrum = lh.lyapunov_spectrum(
-        problem.system, x0, problem.args, t1=5000.0, transient=50.0, frame=PAIRED, every=10
-    )
+    spectrum = lh.lyapunov_spectrum(problem.system, x0, problem.args, t1=5000.0, transient=50.0, frame=PAIRED, every=10)
     check_table(spectrum, 0.003)
     rate = float(spectrum.jumps / spectrum.time)
     assert abs(rate - TABLE["collision_rate"]) < 5 * 0.068 / np.sqrt(160)  # 0.068: scatter of runs of t = 1000

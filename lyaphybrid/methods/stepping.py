@@ -272,7 +272,9 @@ class Stepping:
         h, log_ratio = self._next_h(own, tr, ratio, passed)
         kept = changed(kept, h=h, log_ratio=log_ratio)
         hopeless = ~passed & (tr.h <= self._least_step(c, clock))
-        return stop(kept, jnp.where(jnp.isfinite(jnp.asarray(ratio)), STATUS.step_underflow, STATUS.nonfinite), hopeless)
+        return stop(
+            kept, jnp.where(jnp.isfinite(jnp.asarray(ratio)), STATUS.step_underflow, STATUS.nonfinite), hopeless
+        )
 
     def _march(self, settings: Settings, clock: Clock, c: Carry) -> Carry:
         """A fixed step of a plain flow: no trial, no guard."""

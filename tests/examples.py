@@ -1,0 +1,71 @@
+"""Systems that several test files share, so that their functions are compiled once."""
+
+import jax.numpy as jnp
+
+import lyaphybrid as lh
+
+# --- a ball between a floor and a ceiling: its parameters lead to every status of a flow with events ---------------
+
+BALL_METHOD = lh.RungeKutta("dopri5")
+BALL_BLOCKS = 8
+
+
+def _fly(t, x, args):
+    dry = args["dry"] * jnp.sign(x[1])  # a field that jumps, which no method can integrate
+    return jnp.stack([x[1], args["escape"] * x[0] ** 3 - args["gravity"] - dry])
+
+
+BALL = lh.Hybrid(
+    _fly,
+    [
+        lh.Transition(
+            lambda t, x, args: x[0],
+            lambda t, x, args: jnp.stack([x[0], -args["restitution"] * x[1]]),
+            when=lambda t, x, args: args["floor"] > 0,
+        ),
+        lh.Transition(lambda t, x, args: args["ceiling"] - x[0], terminal=True),
+    ],
+)
+
+
+def ball_args(**changes) -> dict:
+    """An elastic ball with gravity 1 under a ceiling out of reach, but for the changes."""
+    usual = {"gravity": 1.0, "restitution": 1.0, "floor": 1.0, "ceiling": 100.0, "escape": 0.0, "dry": 0.0}
+    return usual | changes
+
+
+def ball_spectrum(x0=(0.5, 0.0), *, t1=20.0, args=None, **changes):
+    """The spectrum of the ball; options of `lyapunov_spectrum` and parameters of the ball by name."""
+    options = {"blocks": BALL_BLOCKS, "method": BALL_METHOD, "throw": False, "max_steps": None, "t0": 0.0}
+    options |= {name: changes.pop(name) for name in tuple(changes) if name in options}
+    return lh.lyapunov_spectrum(BALL, x0, ball_args(**changes) if args is None else args, t1=t1, **options)
+
+
+# --- a ball on a table that moves, kicked by a clock: guard, reset and clock depend on time and parameters ---------
+
+TABLE_METHOD = lh.RungeKutta("dopri5", dt=0.05)
+TABLE_ARGS = {"gravity": 1.0, "restitution": 0.8, "amplitude": 0.2, "omega": 1.3, "period": 0.9, "kick": 0.1}
+
+
+def _above(t, x, args):
+    return x[0] - args["amplitude"] * jnp.sin(args["omega"] * t)
+
+
+def _bounce(t, x, args):
+    table = args["amplitude"] * args["omega"] * jnp.cos(args["omega"] * t)
+    return jnp.stack([x[0], table - args["restitution"] * (x[1] - table)])
+
+
+def _kick(t, x, args):
+    return jnp.stack([x[0], x[1] + args["kick"] * jnp.cos(x[0]) * jnp.sin(t)])
+
+
+TABLE = lh.Hybrid(
+    lambda t, x, args: jnp.stack([x[1], -args["gravity"] - 0.05 * x[1] + 0.1 * jnp.cos(t)]),
+    [lh.Transition(_above, _bounce), lh.Transition(every=lambda args: args["period"], phase=0.3, reset=_kick)],
+)
+
+# --- smooth systems ------------------------------------------------------------------------------------------------
+
+LOGISTIC = lh.Map(lambda n, x, r: r * x * (1 - x))
+HENON = lh.Map(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]]))
