@@ -182,7 +182,7 @@ def _frame(frame, n, k, dtype):
     return columns, log_r
 
 
-def _cadence(problem: runs.Problem, every) -> tuple[Cadence, float]:
+def _cadence(problem: runs.Problem, every) -> tuple[Cadence, Any]:
     """When to orthonormalise: the unit of `every` for this kind of system, and the first interval."""
     system, method, _ = problem
     if isinstance(system, EventDriven):

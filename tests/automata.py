@@ -309,7 +309,9 @@ def main(argv=None) -> int:
     import references
 
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--batch", choices=("vmap", "map"), default="vmap", help="all lanes at once, or one by one")
+    parser.add_argument(
+        "--batch", choices=("map", "vmap"), default="map", help="one lane after the other, or all at once"
+    )
     parser.add_argument("--shapes", nargs="*", help="only these shapes, n_m_K")
     parser.add_argument("--figure", metavar="PATH", help="draw what fixed steps miss instead (PNG)")
     options = parser.parse_args(argv)

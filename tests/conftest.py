@@ -6,10 +6,7 @@ from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # threads only fight over small matrices
 
-import jaxtyping
-
-with jaxtyping.install_import_hook("lyaphybrid", "beartype.beartype"):  # shapes and types checked at run time
-    import lyaphybrid  # noqa: F401  before any JAX backend exists: it sets the compiler switch
+import lyaphybrid  # noqa: F401  isort: skip  before any JAX backend exists: it sets the compiler switch
 
 import hypothesis
 import jax

@@ -2,13 +2,12 @@
 
 import math
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import lyaphybrid as lh
-from examples import BALL, BALL_BLOCKS, BALL_METHOD, LOGISTIC, ball_args, ball_spectrum
+from examples import BALL_BLOCKS, BALL_METHOD, LOGISTIC, ball_spectrum
 from lyaphybrid import STATUS
 
 BLOCKS = BALL_BLOCKS
@@ -318,21 +317,3 @@ def test_interrupted_keeps_what_is_computed():
     count = computed(spectrum)
     assert 0 < count < 4096
     assert abs(float(spectrum.exponents[0]) - math.log(2)) < 0.1
-
-
-def test_several_runs_report_the_gravest_status():
-    starts = jnp.asarray([[0.5, 0.0], [0.4, 0.0]])
-    args = ball_args(floor=0.0)
-    spectrum = lh.lyapunov_spectrum(BALL, starts, args, t1=20.0, blocks=BLOCKS, method=METHOD, throw=False)
-    assert spectrum.status is STATUS.deadlock
-    assert spectrum.status_code.shape == (2,)
-
-
-def test_under_a_transformation_the_status_is_a_number_and_nothing_raises():
-    @jax.jit
-    def code(restitution):
-        args = ball_args(restitution=restitution)
-        return lh.lyapunov_spectrum(BALL, [0.5, 0.0], args, t1=20.0, blocks=BLOCKS, method=METHOD).status
-
-    assert STATUS(int(code(jnp.asarray(0.8)))) is STATUS.zeno
-    assert STATUS(int(code(jnp.asarray(1.0)))) is STATUS.ok

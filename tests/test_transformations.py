@@ -1,4 +1,6 @@
-"""The same numbers under jit and vmap as without; derivatives as central differences."""
+"""The same numbers under jit and vmap as without; derivatives as central differences; compiled once."""
+
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -6,78 +8,250 @@ import numpy as np
 import pytest
 
 import lyaphybrid as lh
+from examples import (
+    BALL,
+    BALL_BLOCKS,
+    BALL_METHOD,
+    HENON,
+    LOGISTIC,
+    TABLE,
+    TABLE_ARGS,
+    TABLE_METHOD,
+    ball_args,
+    ball_spectrum,
+)
+from lyaphybrid import STATUS
 
-PROBLEM = lh.zoo.impact_oscillator()
-OMEGAS = jnp.array([2.0, 2.8, 1e-3])  # the last one hardly meets the wall within the run
+# Lanes of one compiled function: without an event, with different numbers of them, and failing in every way.
+LANES = [
+    ({"gravity": 0.0}, STATUS.ok, 0),
+    ({}, STATUS.ok, 10),
+    ({"gravity": 2.5}, STATUS.ok, 16),
+    ({"restitution": 0.95}, STATUS.ok, 11),
+    ({"restitution": 0.8}, STATUS.zeno, None),
+    ({"floor": 0.0}, STATUS.deadlock, 0),
+    ({"gravity": -1.0, "ceiling": 0.6}, STATUS.terminated, 1),
+    ({"gravity": 0.0, "escape": 1.0, "ceiling": 1e300}, STATUS.nonfinite, 0),
+    ({"dry": 1e9}, STATUS.step_underflow, 0),
+]
+START = (0.5, 0.1)
+COMPARED = ("exponents", "stderr", "time", "jumps", "upper", "lower", "x", "t", "frame", "losses", "status_code")
 
 
-def exponents(omega, t1=30.0):
-    """Exponents of a short run of the impact oscillator."""
-    args = {**PROBLEM.args, "omega": omega}
-    run = lh.lyapunov_spectrum(PROBLEM.system, PROBLEM.x0, args, t1=t1, blocks=8, throw=False)
-    return run.exponents, run.status_code, run.jumps
+def lane(args):
+    """A spectrum as its parameters decide; it starts at t = 1, where a step can be too short."""
+    return ball_spectrum(START, args=args, t0=1.0)
 
 
-def end(omega):
-    """The state after a few impacts."""
-    return lh.trajectory(PROBLEM.system, PROBLEM.x0, {**PROBLEM.args, "omega": omega}, t1=6.0, n=1, throw=False).x[-1]
+@functools.cache
+def single(i: int) -> lh.Spectrum:
+    return lane(ball_args(**LANES[i][0]))
 
 
-def test_jit_equals_eager():
-    """The driver's many calls and the one traced call do the same arithmetic."""
-    eager, _, _ = exponents(OMEGAS[1])
-    traced, _, _ = jax.jit(exponents)(OMEGAS[1])
-    np.testing.assert_allclose(traced, eager, rtol=0, atol=1e-12)
+def same(one, other, atol=1e-12):
+    """Two results agree in everything that is compared; the scale of a value is its own size."""
+    for name in COMPARED:
+        a, b = np.asarray(getattr(one, name), float), np.asarray(getattr(other, name), float)
+        scale = np.maximum(1.0, np.max(np.abs(b), initial=0.0, where=np.isfinite(b)))
+        np.testing.assert_allclose(a / scale, b / scale, rtol=0, atol=atol, err_msg=name)
+    np.testing.assert_allclose(one.history.exponents, other.history.exponents, rtol=1e-9, atol=atol)
+
+
+@pytest.mark.parametrize("i", range(len(LANES)))
+def test_the_lanes_do_what_their_parameters_say(i):
+    _, status, jumps = LANES[i]
+    assert single(i).status is status
+    assert jumps is None or single(i).jumps == jumps
+
+
+def test_vmap_equals_a_loop():
+    args = [ball_args(**changes) for changes, *_ in LANES]
+    stacked = {name: jnp.asarray([a[name] for a in args]) for name in args[0]}
+    batch = jax.vmap(lane)(stacked)
+    for i in range(len(LANES)):
+        same(jax.tree.map(lambda leaf, i=i: leaf[i], batch), single(i))
+
+
+def test_jit_equals_eager_and_reports_the_status():
+    jitted = jax.jit(lane)
+    for i in (1, 4, 5):
+        same(jitted(jax.tree.map(jnp.asarray, ball_args(**LANES[i][0]))), single(i))
+
+
+def test_starts_of_shape_m_n_are_m_runs():
+    starts = jnp.asarray([[0.5, 0.0], [0.4, 0.0], [2.0, 0.0]])
+    args = ball_args(restitution=0.85)
+    together = lh.lyapunov_spectrum(BALL, starts, args, t1=12.0, blocks=BALL_BLOCKS, method=BALL_METHOD, throw=False)
+    alone = [ball_spectrum(x, t1=12.0, restitution=0.85) for x in starts]
+    assert together.status_code.tolist() == [int(run.status) for run in alone]
+    assert len(set(together.status_code.tolist())) == 2
+    assert together.status is STATUS.zeno  # the gravest
+    np.testing.assert_allclose(together.replicates, [run.exponents for run in alone], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(together.x, [run.x for run in alone], rtol=0, atol=1e-12)
+
+
+def test_several_runs_have_the_mean_and_its_error():
+    starts = jnp.asarray([[0.1, 0.1], [0.2, 0.1], [-0.3, 0.2]])
+    together = lh.lyapunov_spectrum(HENON, starts, 1.4, t1=1000)
+    alone = np.array([lh.lyapunov_spectrum(HENON, x, 1.4, t1=1000).exponents for x in starts])
+    np.testing.assert_allclose(together.replicates, alone, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(together.exponents, alone.mean(axis=0), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(together.stderr, alone.std(axis=0, ddof=1) / np.sqrt(3), rtol=1e-10)
+    assert together.error_kind == "replicates"
+
+
+# --- derivatives -------------------------------------------------------------------------------------------------
+
+# What is varied: the start, every parameter (of field, guard, reset and clock), the length of the run.
+POINT = {"x0": jnp.asarray([1.0, 0.2]), "args": jax.tree.map(jnp.asarray, TABLE_ARGS), "t1": jnp.asarray(6.0)}
+
+
+def path_end(p):
+    return lh.trajectory(TABLE, p["x0"], p["args"], t1=p["t1"], n=2, method=TABLE_METHOD).x[-1]
+
+
+def matrix(p):
+    return lh.tangent_map(TABLE, p["x0"], p["args"], t1=p["t1"], method=TABLE_METHOD).matrix
+
+
+def exponents(p):
+    run = lh.lyapunov_spectrum(TABLE, p["x0"], p["args"], t1=p["t1"], blocks=2, every=3, method=TABLE_METHOD)
+    return run.exponents
+
+
+def test_the_varied_run_has_ticks_and_impacts():
+    events = lh.trajectory(TABLE, POINT["x0"], POINT["args"], t1=6.0, n=2, method=TABLE_METHOD).events
+    assert set(np.asarray(events.transition).tolist()) == {0, 1}
+    assert len(events) > 8
+
+
+@pytest.mark.parametrize("function", [path_end, matrix, exponents], ids=["trajectory", "tangent_map", "exponents"])
+def test_jvp_equals_central_differences(function):
+    """Each direction by itself; with a fixed step the numerical motion is smooth, so that eight digits agree."""
+    tangent = jax.jit(lambda p, dp: jax.jvp(function, (p,), (dp,))[1])
+    leaves, tree = jax.tree.flatten(POINT)
+    eps = 1e-5
+    for i, leaf in enumerate(leaves):
+        for j in range(leaf.size):
+            unit = jnp.zeros(leaf.size).at[j].set(1.0).reshape(leaf.shape)
+            direction = jax.tree.unflatten(tree, [unit if i == m else jnp.zeros_like(o) for m, o in enumerate(leaves)])
+
+            def moved(step, direction=direction):
+                return function(jax.tree.map(lambda a, d: a + step * d, POINT, direction))
+
+            difference = (moved(eps) - moved(-eps)) / (2 * eps)
+            slope = tangent(POINT, direction)
+            assert np.isfinite(slope).all()  # nothing leaks out of branches that are not taken
+            np.testing.assert_allclose(slope, difference, rtol=1e-6, atol=1e-6 * np.max(np.abs(difference)))
+
+
+def test_the_tangent_map_is_the_jacobian_of_the_trajectory():
+    jacobian = jax.jacfwd(lambda x0: path_end(POINT | {"x0": x0}))(POINT["x0"])
+    np.testing.assert_allclose(matrix(POINT), jacobian, rtol=1e-9, atol=1e-9)
+
+
+def test_no_nan_from_branches_that_are_not_taken():
+    """A field at rest, a frame that is lost, a guard at zero rate: derivatives stay finite."""
+
+    def lost(r):
+        run = ball_spectrum((0.5, 0.0), t1=0.9, args=ball_args(restitution=r))
+        return run.finite_exponents, run.x
+
+    values, tangents = jax.jvp(lost, (jnp.asarray(0.0),), (jnp.asarray(1.0),))
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves((values, tangents)))
+    still = lh.Flow(lambda t, x, a: a * x)  # x = 0: the error estimate is zero
+    _, slope = jax.jvp(
+        lambda a: lh.lyapunov_spectrum(still, jnp.zeros(2), a, t1=1.0, blocks=2).exponents,
+        (jnp.asarray(-0.5),),
+        (jnp.asarray(1.0),),
+    )
+    np.testing.assert_allclose(slope, [1.0, 1.0], rtol=0, atol=1e-9)
+
+
+# --- compiled once -----------------------------------------------------------------------------------------------
+
+COMPILED = []
+jax.monitoring.register_event_duration_secs_listener(
+    lambda name, *_, **__: COMPILED.append(name) if name.endswith("backend_compile_duration") else None
+)
+
+
+@pytest.mark.parametrize("first", [0])
+def test_numbers_change_without_compiling_or_tracing_again(first):
+    traced = []
+
+    def field(t, x, args):
+        traced.append("field")
+        return -args["rate"] * x
+
+    def reset(t, x, args):
+        traced.append("reset")
+        return 0.5 * x + args["gain"]
+
+    system = lh.Hybrid(field, lh.Transition(lambda t, x, args: x[0] - 0.5, reset))
+
+    def run(i):
+        s = 1 + 0.1 * i
+        args = {"rate": s, "gain": s}
+        method = lh.RungeKutta("tsit5", rtol=1e-8 / s, atol=1e-10 / s)
+        lh.lyapunov_spectrum(system, [s], args, t0=s, t1=3 * s, transient=s, every=s, blocks=4, method=method)
+        fixed = lh.RungeKutta("rk4", dt=0.1 * s)
+        lh.tangent_map(system, [s], args, t0=s, t1=s, method=fixed)
+        lh.trajectory(system, [s], args, t0=s, t1=s, n=3, method=fixed)
+
+    run(first)
+    assert set(traced) == {"field", "reset"}
+    compilations, tracings = len(COMPILED), len(traced)
+    assert compilations > 0
+    run(first + 1)
+    assert len(COMPILED) == compilations
+    # Asked for the shape that it returns, before any computing, the field is traced as a shape only.
+    assert traced[tracings:].count("reset") == 0
+    assert traced[tracings:].count("field") <= 3
+
+
+# --- going on where a run ended ----------------------------------------------------------------------------------
+
+
+def test_a_spectrum_goes_on_exactly_where_it_ended():
+    """Steps of 1/16 and blocks of whole steps: the two halves are the whole, to the last digits."""
+    method = lh.RungeKutta("dopri5", dt=1 / 16)
+    options = {"every": 1, "blocks": 4, "method": method}
+    whole = lh.lyapunov_spectrum(TABLE, [1.0, 0.2], TABLE_ARGS, t1=8.0, **options)
+    first = lh.lyapunov_spectrum(TABLE, [1.0, 0.2], TABLE_ARGS, t1=4.0, **options)
+    second = lh.lyapunov_spectrum(
+        TABLE, first.x, TABLE_ARGS, t0=first.t, mode=first.mode, frame=first.frame, t1=4.0, **options
+    )
+    assert first.jumps + second.jumps == whole.jumps
+    np.testing.assert_allclose(second.x, whole.x, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(second.frame, whole.frame, rtol=0, atol=1e-12)
+    assert float(second.t) == float(whole.t)
+    halves = first.history.growth.sum(axis=0) + second.history.growth.sum(axis=0)
+    np.testing.assert_allclose(halves, whole.history.growth.sum(axis=0), rtol=0, atol=1e-12)
+
+
+def test_a_map_goes_on_bitwise():
+    whole = lh.lyapunov_spectrum(LOGISTIC, [0.3], 3.9, t1=128, blocks=4)
+    first = lh.lyapunov_spectrum(LOGISTIC, [0.3], 3.9, t1=64, blocks=4)
+    second = lh.lyapunov_spectrum(LOGISTIC, first.x, 3.9, t0=first.t, frame=first.frame, t1=64, blocks=4)
+    assert second.x.tolist() == whole.x.tolist()
+    assert float(second.t) == 128
+
+
+# --- slow: the default method, chaos, on the engine's widest path --------------------------------------------------
 
 
 @pytest.mark.slow
-def test_vmap_equals_a_loop_over_lanes_with_different_numbers_of_events():
-    """Lanes that wait for others are not disturbed."""
-    batch, codes, jumps = jax.vmap(exponents)(OMEGAS)
-    single = [exponents(omega) for omega in OMEGAS]
-    np.testing.assert_allclose(batch, np.array([s[0] for s in single]), atol=1e-11)
-    assert [int(c) for c in codes] == [int(s[1]) for s in single]
-    assert len({int(j) for j in jumps}) == len(OMEGAS)
-    assert [int(j) for j in jumps] == [int(s[2]) for s in single]
+def test_vmap_of_a_chaotic_impact_oscillator_equals_a_loop():
+    problem = lh.zoo.impact_oscillator()
 
+    def run(omega):
+        return lh.lyapunov_spectrum(
+            problem.system, problem.x0, {**problem.args, "omega": omega}, t1=30.0, blocks=8, throw=False
+        )
 
-def test_derivatives_across_impacts_are_central_differences():
-    """The event's time depends on the parameter: the polish carries that derivative."""
-    h, omega = 1e-6, OMEGAS[1]
-    _, tangent = jax.jvp(end, (omega,), (jnp.ones(()),))
-    np.testing.assert_allclose(tangent, (end(omega + h) - end(omega - h)) / (2 * h), rtol=1e-6)
-
-
-def test_derivatives_of_exponents_of_a_short_run():
-    """QR, saltation and event times are all differentiable."""
-    h, omega = 1e-6, OMEGAS[1]
-
-    def short(omega):
-        return exponents(omega, t1=6.0)[0]
-
-    _, tangent = jax.jvp(short, (omega,), (jnp.ones(()),))
-    np.testing.assert_allclose(tangent, (short(omega + h) - short(omega - h)) / (2 * h), rtol=1e-5)
-
-
-def test_numbers_may_change_without_compiling_again():
-    """Numbers are data: args, x0, t0, t1 and tolerances."""
-    compiled = []
-    jax.monitoring.register_event_duration_secs_listener(
-        lambda name, *_, **__: compiled.append(name) if name.endswith("backend_compile_duration") else None
-    )
-    system = lh.Flow(lambda t, x, a: -a * x)
-    for a, t1, rtol in ((1.0, 2.0, 1e-8), (1.5, 3.0, 1e-9)):
-        before = len(compiled)
-        lh.lyapunov_spectrum(system, [1.0 + a], a, t1=t1, t0=a, blocks=4, method=lh.RungeKutta(rtol=rtol))
-    assert len(compiled) == before
-
-
-def test_several_starts_are_several_runs():
-    """x0 of shape (m, n)."""
-    starts = jnp.array([[0.1, 0.1], [0.2, 0.1], [-0.3, 0.2]])
-    henon = lh.zoo.henon_map()
-    together = lh.lyapunov_spectrum(henon.system, starts, henon.args, t1=2000)
-    alone = [lh.lyapunov_spectrum(henon.system, x, henon.args, t1=2000).exponents for x in starts]
-    np.testing.assert_allclose(together.replicates, np.array(alone), atol=1e-12)
-    np.testing.assert_allclose(together.exponents, np.mean(alone, axis=0), atol=1e-12)
-    assert together.error_kind == "replicates"
+    omegas = jnp.asarray([2.0, 2.8, 1e-3])  # the last one hardly meets the wall within the run
+    batch = jax.vmap(run)(omegas)
+    assert len(set(np.asarray(batch.jumps).tolist())) == 3
+    for i, omega in enumerate(omegas):
+        same(jax.tree.map(lambda leaf, i=i: leaf[i], batch), run(omega), atol=1e-10)
