@@ -180,8 +180,8 @@ def test_in_time_the_bouncing_ball_accumulates(restitution):
         problem.spectrum(clock="time", t1=end + 5, transient=0)
     result = failed.value.result
     assert result.status == lh.STATUS.zeno
-    assert_allclose(result.accumulation_time, end, rtol=1e-9)
-    assert result.t <= end
+    assert_allclose(result.accumulation_time, end, rtol=1e-8)
+    assert_allclose(result.t, end, rtol=1e-6)
 
 
 # Clocks.

@@ -67,6 +67,30 @@ def test_table_one_from_sixteen_replicates():
     )
 
 
+def test_nine_times_the_energy_is_three_times_the_speed():
+    """The same paths: M in units of its own momenta is the same, so exponents scale as √K."""
+    slow, fast = (lh.zoo.hard_disks(kinetic_energy=energy) for energy in (4.0, 36.0))
+    units = np.repeat([1.0, 3.0], 8)
+    np.testing.assert_allclose(fast.x0, units * np.asarray(slow.x0), rtol=1e-14)
+    one = lh.tangent_map(slow.system, slow.x0, slow.args, t1=1.5)
+    other = lh.tangent_map(fast.system, fast.x0, fast.args, t1=0.5)
+    assert one.jumps == other.jumps > 10
+    scaled = units[:, None] * np.asarray(one.matrix) / units[None, :]
+    np.testing.assert_allclose(other.matrix, scaled, rtol=0, atol=1e-9 * np.max(np.abs(scaled)))
+    np.testing.assert_allclose(fast.reference.exponents, 3 * np.array(slow.reference.exponents), rtol=1e-14)
+
+
+@pytest.mark.slow
+def test_exponents_scale_as_the_root_of_the_energy():
+    """K = 36, the exponents of the table times three."""
+    problem = lh.zoo.hard_disks()
+    x0 = starts(16, seed=2) * jnp.repeat(jnp.array([1.0, 3.0]), 8)[None, :]
+    spectrum = lh.lyapunov_spectrum(problem.system, x0, problem.args, t1=1000.0, frame=PAIRED, every=10)
+    errors = np.hypot(spectrum.stderr[:5] / 3, TABLE["se"])
+    assert np.all(errors < 0.008)
+    assert np.all(np.abs(spectrum.exponents[:5] / 3 - np.array(TABLE["lambda_positive"])) <= 5 * errors)
+
+
 @pytest.mark.slow
 def test_table_one_to_three_thousandths():
     """A total time of 1.6e5."""
