@@ -69,7 +69,7 @@ def _one_run(records: Record, clock: str, initial, averaging: str) -> dict:
     reading = {"time": time, "jumps": jumped, "hybrid": jnp.maximum(time, jumped)}[clock]
     length = jnp.diff(reading, prepend=0.0)
     totals = _running_totals(growth, records.order, valid, initial)
-    running = totals / _safe(reading)[:, None]
+    running = totals / _or_nan(reading)[:, None]
     if averaging == "uniform":
         finite = running[-1]
     else:
@@ -81,10 +81,10 @@ def _one_run(records: Record, clock: str, initial, averaging: str) -> dict:
     )
     count = jnp.maximum(jnp.sum(valid), 2).astype(growth.dtype)
     scatter = jnp.sum(jnp.where(valid[:, None], growth - finite[None, :] * length[:, None], 0.0) ** 2, axis=0)
-    stderr = jnp.sqrt(scatter * count / (count - 1)) / _safe(reading[-1])
-    late = (reading >= 0.5 * reading[-1]) & valid
+    stderr = jnp.sqrt(scatter * count / (count - 1)) / _or_nan(reading[-1])
+    late = (reading >= 0.5 * reading[-1]) & (valid | ~jnp.any(valid))
     volume = None if records.volume is None else jnp.sum(jnp.where(valid, records.volume, 0.0))
-    residual = None if volume is None else jnp.abs(jnp.sum(growth) - volume) / _safe(reading[-1])
+    residual = None if volume is None else jnp.abs(jnp.sum(growth) - volume) / _or_nan(reading[-1])
     run = {
         "exponents": jnp.where(losses > 0, -jnp.inf, finite),
         "finite": finite,
@@ -108,6 +108,11 @@ def _first_losses(records: Record, losses):
 
 def _safe(length):
     return jnp.where(length == 0, 1.0, length)
+
+
+def _or_nan(length):
+    """Without a length there is no answer."""
+    return jnp.where(length == 0, jnp.nan, length)
 
 
 def _running_totals(growth, order, valid, initial):
@@ -138,7 +143,7 @@ def _birkhoff(growth, length, reading, valid, regular: bool):
         earlier = reading - length
         slope = jnp.log(_safe(reading) / jnp.where(earlier > 0, earlier, 1.0)) / _safe(length)
         local = local - jnp.sign(local) * jnp.where(earlier > 0, slope, 0.0)[:, None]
-    return jnp.sum(weight[:, None] * local, axis=0) / _safe(jnp.sum(weight))
+    return jnp.sum(weight[:, None] * local, axis=0) / _or_nan(jnp.sum(weight))
 
 
 def _end(journey: Journey, status, interrupted) -> dict:

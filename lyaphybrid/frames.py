@@ -46,10 +46,9 @@ def orthonormalise(
     else:
         columns, lengths = (_householder if kind == "lapack" else _cholesky)(frame)
     tolerance = absolute + relative * _norm(frame) if tracked(relative) else 0.0
-    lost = lengths <= tolerance
-    alive = ~lost & (lengths > TINY)
-    log_r = jnp.where(alive, jnp.log(jnp.where(alive, lengths, 1.0)), 0.0)
-    return jnp.where(alive[None, :], columns, 0.0), log_r, lost
+    lost = (lengths <= tolerance) & jnp.isfinite(tolerance)  # an overflow is no loss
+    log_r = jnp.log(jnp.where(lost, 1.0, jnp.maximum(lengths, TINY)))
+    return jnp.where(lost[None, :], 0.0, columns), log_r, lost
 
 
 def tracked(relative: float) -> bool:

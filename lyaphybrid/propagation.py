@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from . import frames
-from .statuses import OK, RUNNING
+from .statuses import OK, RUNNING, STATUS
 
 MOST_AT_ONCE = 64  # jumps at one instant that an event log must have room for
 
@@ -185,6 +185,7 @@ def _block(settings: Settings, journey: Journey, index, end, last_jump):
     carry, _, interval, spread = jax.lax.while_loop(
         lambda state: within(state[0]), lambda state: _span(settings, clock, within, *state), state
     )
+    carry = stop(carry, STATUS.nonfinite, ~jnp.all(jnp.isfinite(carry.x)))
     over = carry.s >= clock.length
     if settings.count_jumps:
         over = over | (carry.jumps.astype(carry.s.dtype) >= clock.last_jump)
@@ -250,7 +251,9 @@ def _tidy(settings: Settings, clock: Clock, carry: Carry, ahead, interval, sprea
         carry = harvest(settings, carry, clock.base + carry.s)
     gained = carry.growth - before
     seen = jnp.maximum(jnp.max(gained), 0.0) - jnp.minimum(jnp.min(gained), 0.0)
-    spread = jnp.maximum(spread, seen)
+    sane = jnp.isfinite(seen)
+    carry = stop(carry._replace(growth=jnp.where(sane, carry.growth, before)), STATUS.nonfinite, ~sane)
+    spread = jnp.maximum(spread, jnp.where(sane, seen, 0.0))
     if settings.cadence.automatic:
         # Aim at a spread of e^4 per orthonormalisation. Growth varies, so an interval is never long: that of a map
         # or a jump may do anything, that of a step is bounded by its error control.

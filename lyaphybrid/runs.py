@@ -242,7 +242,16 @@ class Outcome(NamedTuple):
     logs: tuple = ()  # of events, to be joined
 
 
-def drive(problem: Problem, plan: Plan, journey: Journey, ends, last_jumps, max_steps=None, progress=None) -> Outcome:
+def drive(
+    problem: Problem,
+    plan: Plan,
+    journey: Journey,
+    ends,
+    last_jumps,
+    max_steps=None,
+    progress=None,
+    interrupted: bool = False,
+) -> Outcome:
     """Run all blocks: in one call where traced, else call by call.
 
     Args:
@@ -253,19 +262,20 @@ def drive(problem: Problem, plan: Plan, journey: Journey, ends, last_jumps, max_
         last_jumps: (blocks,) number of jumps that ends each block; ignored unless plan.count_jumps.
         max_steps: most attempts; None: no limit.
         progress: None, True for a bar, or a function of the fraction done.
+        interrupted: before it began: nothing is computed.
     """
-    limit = FOREVER if max_steps is None else max_steps
+    limit = 0 if interrupted else FOREVER if max_steps is None else max_steps
     leaves = jax.tree.leaves((journey, problem, ends, last_jumps))
     if traced(leaves):
         journey, records = _advance(problem, plan, journey, ends, last_jumps, limit)
         kept = () if journey.carry.log is None else (journey.carry.log,)
         return Outcome(journey, records, _verdict(journey, ends), False, kept)
-    blocks, records, budget, given, interrupted = ends.shape[0], None, 2000, 0, False
+    blocks, records, budget, given = ends.shape[0], None, 2000, 0
     logs: list[propagation.Events] = []
     report = _reporter(progress)
     try:
-        while not _finished(journey, blocks) and (max_steps is None or given < limit):
-            allowed = budget if max_steps is None else min(budget, limit - given)
+        while records is None or (not _finished(journey, blocks) and (limit == FOREVER or given < limit)):
+            allowed = budget if limit == FOREVER else min(budget, limit - given)
             clock = time.perf_counter()
             journey, fresh = jax.block_until_ready(
                 _advance(problem, plan, journey, ends, last_jumps, jnp.asarray(allowed, jnp.int32))
@@ -285,6 +295,12 @@ def drive(problem: Problem, plan: Plan, journey: Journey, ends, last_jumps, max_
     report(None)
     status = journey.carry.status if interrupted else _verdict(journey, ends)
     return Outcome(journey, records, status, interrupted, tuple(logs))
+
+
+def sealed(outcome: Outcome) -> Journey:
+    """The journey of an outcome that did not reach its end stays where it is, with its verdict."""
+    journey = outcome.journey
+    return journey._replace(carry=journey.carry._replace(status=outcome.status))
 
 
 def _drain(journey: Journey, logs: list) -> Journey:

@@ -110,15 +110,16 @@ def lyapunov_spectrum(
     plan = runs.Plan(cadence, kind, k == n <= limit, 0, clock != "time", x0.ndim == 2, runs.first_losses)
     ends = _ends(t1, blocks, times, x0.dtype, "t1")
     discrete = isinstance(system, Map) or (isinstance(system, Hybrid) and system.fields is None)
-    journey = runs.start(problem, plan, t0, x0, frame, mode, interval)
+    journey, interrupted = runs.start(problem, plan, t0, x0, frame, mode, jnp.asarray(interval, x0.dtype)), False
     if not _is_zero(transient):
         quiet = _targets(_ends(transient, blocks, None, x0.dtype, "transient"), clock, discrete)
-        journey = runs.drive(problem, plan, journey, *quiet, max_steps).journey
+        before = runs.drive(problem, plan, journey, *quiet, max_steps)
+        journey, interrupted = runs.sealed(before), before.interrupted
     targets = _targets(ends, clock, discrete)
     outcomes: list[runs.Outcome] = []
     while True:
         journey = propagation.restart(journey)
-        outcomes.append(runs.drive(problem, plan, journey, *targets, max_steps, progress))
+        outcomes.append(runs.drive(problem, plan, journey, *targets, max_steps, progress, interrupted))
         journey = outcomes[-1].journey
         growth = initial if count_start else jnp.zeros_like(initial)
         spectrum = averages.summarise(outcomes, problem, clock, growth, averaging)

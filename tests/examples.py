@@ -43,7 +43,7 @@ def ball_spectrum(x0=(0.5, 0.0), *, t1=20.0, args=None, **changes):
 
 # --- a ball on a table that moves, kicked by a clock: guard, reset and clock depend on time and parameters ---------
 
-TABLE_METHOD = lh.RungeKutta("dopri5", dt=0.05)
+TABLE_METHOD = lh.RungeKutta("rk4", dt=0.05)
 TABLE_ARGS = {"gravity": 1.0, "restitution": 0.8, "amplitude": 0.2, "omega": 1.3, "period": 0.9, "kick": 0.1}
 
 

@@ -311,7 +311,8 @@ def _remember(mover, c: Carry, landing: "Landing", clock: Clock) -> Carry:
     streak = jnp.where(short, m.streak + 1, 0.0)
     shrink = jnp.clip(interval / jnp.where(m.interval > 0, m.interval, 1.0), 0.0, 1 - 1e-9)
     ahead = clock.base + c.s + interval * shrink / (1 - shrink)
-    zeno = streak > PATIENCE
+    # Bounces that have shrunk below what can be told from rest are an accumulation too.
+    zeno = (streak > PATIENCE) | (landing.stuck & short)
     memory = Memory(
         c.s,
         interval,

@@ -217,7 +217,8 @@ class Stepping:
 
     def _least_step(self, c: Carry, clock: Clock):
         """A step below the resolution of time goes nowhere."""
-        return 1e-3 * EPS * jnp.abs(clock.base + c.s) + 1e-150
+        length = jnp.where(jnp.isfinite(clock.length), clock.length, 0.0)
+        return 1e-3 * EPS * jnp.maximum(jnp.abs(clock.base + c.s), length) + 1e-150
 
     # --- advance ---------------------------------------------------------------------------------------------
 

@@ -27,7 +27,7 @@ LANES = [
     ({"gravity": 0.0}, STATUS.ok, 0),
     ({}, STATUS.ok, 10),
     ({"gravity": 2.5}, STATUS.ok, 16),
-    ({"restitution": 0.95}, STATUS.ok, 11),
+    ({"restitution": 0.95}, STATUS.ok, 14),
     ({"restitution": 0.8}, STATUS.zeno, None),
     ({"floor": 0.0}, STATUS.deadlock, 0),
     ({"gravity": -1.0, "ceiling": 0.6}, STATUS.terminated, 1),
@@ -52,9 +52,22 @@ def same(one, other, atol=1e-12):
     """Two results agree in everything that is compared; the scale of a value is its own size."""
     for name in COMPARED:
         a, b = np.asarray(getattr(one, name), float), np.asarray(getattr(other, name), float)
-        scale = np.maximum(1.0, np.max(np.abs(b), initial=0.0, where=np.isfinite(b)))
-        np.testing.assert_allclose(a / scale, b / scale, rtol=0, atol=atol, err_msg=name)
-    np.testing.assert_allclose(one.history.exponents, other.history.exponents, rtol=1e-9, atol=atol)
+        np.testing.assert_allclose(a, b, rtol=atol, atol=atol, err_msg=name)
+    np.testing.assert_allclose(one.history.exponents, other.history.exponents, rtol=atol, atol=atol)
+
+
+def same_lane(one, i):
+    """As `same`; where rounding is amplified without end, by an escape or an accumulation, up to the last block."""
+    other = single(i)
+    if LANES[i][1] not in (STATUS.zeno, STATUS.nonfinite):
+        return same(one, other)
+    assert int(one.status_code) == int(other.status_code)
+    before = np.isfinite(other.history.time).sum() - 1
+    for name in ("time", "exponents", "growth"):
+        a, b = (np.asarray(getattr(run.history, name)) for run in (one, other))
+        np.testing.assert_allclose(a[:before], b[:before], rtol=1e-12, atol=1e-12)
+        assert np.array_equal(np.isnan(a), np.isnan(b))
+    np.testing.assert_allclose(one.t, other.t, rtol=1e-7)
 
 
 @pytest.mark.parametrize("i", range(len(LANES)))
@@ -69,25 +82,24 @@ def test_vmap_equals_a_loop():
     stacked = {name: jnp.asarray([a[name] for a in args]) for name in args[0]}
     batch = jax.vmap(lane)(stacked)
     for i in range(len(LANES)):
-        same(jax.tree.map(lambda leaf, i=i: leaf[i], batch), single(i))
+        same_lane(jax.tree.map(lambda leaf, i=i: leaf[i], batch), i)
 
 
 def test_jit_equals_eager_and_reports_the_status():
     jitted = jax.jit(lane)
     for i in (1, 4, 5):
-        same(jitted(jax.tree.map(jnp.asarray, ball_args(**LANES[i][0]))), single(i))
+        same_lane(jitted(jax.tree.map(jnp.asarray, ball_args(**LANES[i][0]))), i)
 
 
 def test_starts_of_shape_m_n_are_m_runs():
-    starts = jnp.asarray([[0.5, 0.0], [0.4, 0.0], [2.0, 0.0]])
-    args = ball_args(restitution=0.85)
-    together = lh.lyapunov_spectrum(BALL, starts, args, t1=12.0, blocks=BALL_BLOCKS, method=BALL_METHOD, throw=False)
-    alone = [ball_spectrum(x, t1=12.0, restitution=0.85) for x in starts]
-    assert together.status_code.tolist() == [int(run.status) for run in alone]
-    assert len(set(together.status_code.tolist())) == 2
-    assert together.status is STATUS.zeno  # the gravest
-    np.testing.assert_allclose(together.replicates, [run.exponents for run in alone], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(together.x, [run.x for run in alone], rtol=0, atol=1e-12)
+    """One of them escapes: it has its own status, and the whole the gravest."""
+    starts = jnp.asarray([[0.3], [1.3], [0.4]])
+    together, *alone = (lh.lyapunov_spectrum(LOGISTIC, x, 4.0, t1=64, blocks=8, throw=False) for x in (starts, *starts))
+    assert together.status_code.tolist() == [0, int(STATUS.nonfinite), 0]
+    assert together.status is STATUS.nonfinite
+    assert [int(run.status) for run in alone] == together.status_code.tolist()
+    np.testing.assert_allclose(together.replicates, [run.exponents for run in alone], rtol=1e-13)
+    np.testing.assert_allclose(together.x, [run.x for run in alone], rtol=0, atol=1e-13)
 
 
 def test_several_runs_have_the_mean_and_its_error():
@@ -110,8 +122,9 @@ def path_end(p):
     return lh.trajectory(TABLE, p["x0"], p["args"], t1=p["t1"], n=2, method=TABLE_METHOD).x[-1]
 
 
-def matrix(p):
-    return lh.tangent_map(TABLE, p["x0"], p["args"], t1=p["t1"], method=TABLE_METHOD).matrix
+def end_and_matrix(p):
+    end = lh.tangent_map(TABLE, p["x0"], p["args"], t1=p["t1"], method=TABLE_METHOD)
+    return jnp.concatenate([end.x, end.matrix.ravel()])
 
 
 def exponents(p):
@@ -119,15 +132,13 @@ def exponents(p):
     return run.exponents
 
 
-def test_the_varied_run_has_ticks_and_impacts():
-    events = lh.trajectory(TABLE, POINT["x0"], POINT["args"], t1=6.0, n=2, method=TABLE_METHOD).events
-    assert set(np.asarray(events.transition).tolist()) == {0, 1}
-    assert len(events) > 8
-
-
-@pytest.mark.parametrize("function", [path_end, matrix, exponents], ids=["trajectory", "tangent_map", "exponents"])
+@pytest.mark.parametrize(
+    "function",
+    [end_and_matrix, *(pytest.param(function, marks=pytest.mark.slow) for function in (exponents, path_end))],
+    ids=lambda function: function.__name__,
+)
 def test_jvp_equals_central_differences(function):
-    """Each direction by itself; with a fixed step the numerical motion is smooth, so that eight digits agree."""
+    """Each direction by itself; with a fixed step the numerical motion is smooth, so that six digits agree."""
     tangent = jax.jit(lambda p, dp: jax.jvp(function, (p,), (dp,))[1])
     leaves, tree = jax.tree.flatten(POINT)
     eps = 1e-5
@@ -145,27 +156,40 @@ def test_jvp_equals_central_differences(function):
             np.testing.assert_allclose(slope, difference, rtol=1e-6, atol=1e-6 * np.max(np.abs(difference)))
 
 
+def test_the_varied_run_has_ticks_and_impacts():
+    short = POINT | {"t1": jnp.asarray(0.2)}  # no tick, no impact
+    assert np.any(end_and_matrix(POINT) != end_and_matrix(short))
+    with_kicks = end_and_matrix(POINT)
+    without = end_and_matrix(POINT | {"args": POINT["args"] | {"kick": jnp.asarray(0.0)}})
+    assert np.max(np.abs(with_kicks - without)) > 1e-3
+    run = lh.tangent_map(TABLE, POINT["x0"], POINT["args"], t1=POINT["t1"], method=TABLE_METHOD)
+    assert run.jumps > 8  # seven ticks, and impacts
+
+
+@pytest.mark.slow
 def test_the_tangent_map_is_the_jacobian_of_the_trajectory():
     jacobian = jax.jacfwd(lambda x0: path_end(POINT | {"x0": x0}))(POINT["x0"])
-    np.testing.assert_allclose(matrix(POINT), jacobian, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(end_and_matrix(POINT)[2:].reshape(2, 2), jacobian, rtol=1e-9, atol=1e-9)
 
 
 def test_no_nan_from_branches_that_are_not_taken():
-    """A field at rest, a frame that is lost, a guard at zero rate: derivatives stay finite."""
-
-    def lost(r):
-        run = ball_spectrum((0.5, 0.0), t1=0.9, args=ball_args(restitution=r))
-        return run.finite_exponents, run.x
-
-    values, tangents = jax.jvp(lost, (jnp.asarray(0.0),), (jnp.asarray(1.0),))
-    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves((values, tangents)))
-    still = lh.Flow(lambda t, x, a: a * x)  # x = 0: the error estimate is zero
+    """A field at rest, where the error estimate is zero; a frame that is lost."""
+    still = lh.Flow(lambda t, x, a: a * x)
     _, slope = jax.jvp(
         lambda a: lh.lyapunov_spectrum(still, jnp.zeros(2), a, t1=1.0, blocks=2).exponents,
         (jnp.asarray(-0.5),),
         (jnp.asarray(1.0),),
     )
     np.testing.assert_allclose(slope, [1.0, 1.0], rtol=0, atol=1e-9)
+
+    forget = lh.Map(lambda n, x, r: jnp.stack([2.0 * x[0] + r, r * x[1]]))
+
+    def lost(r):
+        run = lh.lyapunov_spectrum(forget, jnp.zeros(2), r, t1=8, blocks=4)
+        return run.finite_exponents, run.x, run.frame
+
+    values, tangents = jax.jvp(lost, (jnp.asarray(0.0),), (jnp.asarray(1.0),))
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves((values, tangents)))
 
 
 # --- compiled once -----------------------------------------------------------------------------------------------
@@ -176,8 +200,7 @@ jax.monitoring.register_event_duration_secs_listener(
 )
 
 
-@pytest.mark.parametrize("first", [0])
-def test_numbers_change_without_compiling_or_tracing_again(first):
+def test_numbers_change_without_compiling_or_tracing_again():
     traced = []
 
     def field(t, x, args):
@@ -197,27 +220,23 @@ def test_numbers_change_without_compiling_or_tracing_again(first):
         lh.lyapunov_spectrum(system, [s], args, t0=s, t1=3 * s, transient=s, every=s, blocks=4, method=method)
         fixed = lh.RungeKutta("rk4", dt=0.1 * s)
         lh.tangent_map(system, [s], args, t0=s, t1=s, method=fixed)
-        lh.trajectory(system, [s], args, t0=s, t1=s, n=3, method=fixed)
 
-    run(first)
+    run(0)
     assert set(traced) == {"field", "reset"}
     compilations, tracings = len(COMPILED), len(traced)
     assert compilations > 0
-    run(first + 1)
+    run(1)
     assert len(COMPILED) == compilations
-    # Asked for the shape that it returns, before any computing, the field is traced as a shape only.
-    assert traced[tracings:].count("reset") == 0
-    assert traced[tracings:].count("field") <= 3
+    assert len(traced) == tracings
 
 
 # --- going on where a run ended ----------------------------------------------------------------------------------
 
 
 def test_a_spectrum_goes_on_exactly_where_it_ended():
-    """Steps of 1/16 and blocks of whole steps: the two halves are the whole, to the last digits."""
-    method = lh.RungeKutta("dopri5", dt=1 / 16)
-    options = {"every": 1, "blocks": 4, "method": method}
-    whole = lh.lyapunov_spectrum(TABLE, [1.0, 0.2], TABLE_ARGS, t1=8.0, **options)
+    """Steps of 1/16 and the same blocks of 16 steps: the two halves are the whole, to the last digits."""
+    options = {"every": 1, "blocks": 4, "method": lh.RungeKutta("rk4", dt=1 / 16)}
+    whole = lh.lyapunov_spectrum(TABLE, [1.0, 0.2], TABLE_ARGS, t1=8.0, **(options | {"blocks": 8}))
     first = lh.lyapunov_spectrum(TABLE, [1.0, 0.2], TABLE_ARGS, t1=4.0, **options)
     second = lh.lyapunov_spectrum(
         TABLE, first.x, TABLE_ARGS, t0=first.t, mode=first.mode, frame=first.frame, t1=4.0, **options
@@ -226,8 +245,9 @@ def test_a_spectrum_goes_on_exactly_where_it_ended():
     np.testing.assert_allclose(second.x, whole.x, rtol=0, atol=1e-12)
     np.testing.assert_allclose(second.frame, whole.frame, rtol=0, atol=1e-12)
     assert float(second.t) == float(whole.t)
-    halves = first.history.growth.sum(axis=0) + second.history.growth.sum(axis=0)
-    np.testing.assert_allclose(halves, whole.history.growth.sum(axis=0), rtol=0, atol=1e-12)
+    # Each result lists its columns by its own exponents: the blocks are compared as sets.
+    halves = np.concatenate([first.history.growth, second.history.growth])
+    np.testing.assert_allclose(np.sort(halves), np.sort(whole.history.growth), rtol=0, atol=1e-12)
 
 
 def test_a_map_goes_on_bitwise():
@@ -255,3 +275,16 @@ def test_vmap_of_a_chaotic_impact_oscillator_equals_a_loop():
     assert len(set(np.asarray(batch.jumps).tolist())) == 3
     for i, omega in enumerate(omegas):
         same(jax.tree.map(lambda leaf, i=i: leaf[i], batch), run(omega), atol=1e-10)
+
+
+@pytest.mark.slow
+def test_starts_of_a_hybrid_system_are_m_runs():
+    starts = jnp.asarray([[0.5, 0.0], [0.4, 0.0], [2.0, 0.0]])
+    args = ball_args(restitution=0.85)
+    together = lh.lyapunov_spectrum(BALL, starts, args, t1=12.0, blocks=BALL_BLOCKS, method=BALL_METHOD, throw=False)
+    alone = [ball_spectrum(x, t1=12.0, restitution=0.85) for x in starts]
+    assert together.status_code.tolist() == [int(run.status) for run in alone]
+    assert len(set(together.status_code.tolist())) == 2
+    assert together.status is STATUS.zeno  # the gravest
+    np.testing.assert_allclose(together.replicates, [run.exponents for run in alone], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(together.x, [run.x for run in alone], rtol=0, atol=1e-12)
