@@ -21,6 +21,8 @@ from jaxtyping import Array
 from . import frames
 from .statuses import OK, RUNNING, STATUS
 
+LONGEST = 20.0  # steps between two orthonormalisations, where the interval is automatic
+LONGEST_BLIND = 4.0  # jumps, each of which may destroy a direction
 MOST_AT_ONCE = 64  # jumps at one instant that an event log must have room for
 
 __all__ = ["Carry", "Cadence", "Events", "Record", "Settings", "advance", "begin", "restart"]
@@ -245,7 +247,8 @@ def _tidy(settings: Settings, clock: Clock, carry: Carry, ahead, interval, sprea
     """Orthonormalise: where it is due, and at the end of a block so that the sum rule closes."""
     before = carry.growth
     if settings.mover.jumps_uncontrolled:
-        absolute = jnp.where(carry.since <= 1, frames.LOST, 0.0)
+        # After many jumps rounding alone makes columns dependent: that is unresolved, not lost.
+        absolute = jnp.where(carry.since <= 1, frames.LOST, jnp.where(carry.since <= LONGEST_BLIND, 0.0, -jnp.inf))
         carry = harvest(settings, carry, clock.base + carry.s, absolute, frames.DEPENDENT)
     else:
         carry = harvest(settings, carry, clock.base + carry.s)
@@ -257,7 +260,7 @@ def _tidy(settings: Settings, clock: Clock, carry: Carry, ahead, interval, sprea
     if settings.cadence.automatic:
         # Aim at a spread of e^4 per orthonormalisation. Growth varies, so an interval is never long: that of a map
         # or a jump may do anything, that of a step is bounded by its error control.
-        longest = 4.0 if settings.mover.jumps_uncontrolled else 20.0
+        longest = LONGEST_BLIND if settings.mover.jumps_uncontrolled else LONGEST
         full = carry.since >= interval
         wanted = jnp.clip(4.0 * interval / jnp.maximum(seen, 1e-3), 0.5 * interval, 2 * interval)
         wanted = jax.lax.stop_gradient(wanted)

@@ -92,10 +92,16 @@ class Spectrum(eqx.Module):
         return frozenset(name for name, seen in found.items() if seen)
 
     @property
+    def _length(self) -> Array:
+        """The length of the run by its own clock, the mean of several."""
+        time, jumps = jnp.mean(self.time), jnp.mean(self.jumps)
+        return {"time": time, "jumps": jumps, "hybrid": jnp.maximum(time, jumps)}[self.clock]
+
+    @property
     def loss_rate(self) -> Array:
         """(k,) losses per unit of the clock, of all runs together."""
         runs = 1 if self.replicates is None else self.replicates.shape[0]
-        return self.losses.astype(self.time.dtype) / (runs * self.time)
+        return self.losses.astype(self.time.dtype) / (runs * self._length)
 
     @property
     def sum_rule_residual(self) -> Array | None:
@@ -122,7 +128,7 @@ class Spectrum(eqx.Module):
 
     def per_jump(self) -> Array:
         """(k,) exponents per jump instead of per unit of the clock."""
-        return self.exponents * jnp.mean(self.time) / jnp.mean(self.jumps)
+        return self.exponents * self._length / jnp.mean(self.jumps)
 
     def plot(self, ax=None, kind: str = "spectrum"):
         """The spectrum against its index, or (kind="convergence") its history in time."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import lyaphybrid as lh
-from examples import BALL_BLOCKS, BALL_METHOD, LOGISTIC, ball_spectrum
+from examples import BALL_BLOCKS, BALL_METHOD, LOGISTIC, TABLE, TABLE_ARGS, ball_spectrum
 from lyaphybrid import STATUS
 
 BLOCKS = BALL_BLOCKS
@@ -72,6 +72,15 @@ def test_zeno_tells_the_time_of_accumulation(start):
     assert float(spectrum.accumulation_time) == pytest.approx(exact, rel=1e-7)
     assert 50 < spectrum.jumps < 200
     assert computed(spectrum) == math.ceil(exact / (20 / BLOCKS))
+
+
+def test_zeno_on_a_moving_table_whose_rounding_hides_the_last_bounces():
+    """At height 0.2 a bounce slower than 1e-8 is lower than the last digit: the ball would fall through the table."""
+    spectrum = lh.lyapunov_spectrum(TABLE, [1.0, 0.2], TABLE_ARGS, t1=30.0, blocks=BLOCKS, throw=False)
+    assert spectrum.status is STATUS.zeno
+    height = spectrum.x[0] - 0.2 * math.sin(1.3 * float(spectrum.t))
+    assert abs(float(height)) < 1e-12
+    assert 0 < float(spectrum.accumulation_time - spectrum.t) < 1e-5
 
 
 def test_zeno_of_an_exact_flow():

@@ -274,7 +274,8 @@ def test_vmap_of_a_chaotic_impact_oscillator_equals_a_loop():
     batch = jax.vmap(run)(omegas)
     assert len(set(np.asarray(batch.jumps).tolist())) == 3
     for i, omega in enumerate(omegas):
-        same(jax.tree.map(lambda leaf, i=i: leaf[i], batch), run(omega), atol=1e-10)
+        # Rounding differs; chaos and chatter amplify it, to at most the tolerance of the steps.
+        same(jax.tree.map(lambda leaf, i=i: leaf[i], batch), run(omega), atol=1e-8)
 
 
 @pytest.mark.slow

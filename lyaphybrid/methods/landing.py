@@ -7,16 +7,18 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from .. import frames
-from ..events import Wiring, arm, by_mode, jets, rates
+from ..events import EPS, Wiring, arm, by_mode, jets, rates
 from ..propagation import Carry, Clock, Events, Settings, harvest, log_event, stop
 from ..saltations import advance_to_instant, instant, push, return_along
 from ..statuses import STATUS
+from .base import trace
 from .trials import NEAR, PATIENCE, Memory, Stepper, Trial, changed, firing, table
 
 __all__ = ["land"]
 
 SAME = 1e-13  # roots nearer than this, relative to the controller's step or the time, are simultaneous
 GRAZING = 1e-3  # sine of the angle between flow and guard below which a crossing is called grazing
+BLUR = 64 * EPS  # rounding of a guard, relative to its terms
 SHORT = 1e-5  # an interval between events is short below this, relative to the step and the longest interval
 
 
@@ -39,6 +41,7 @@ class Landing(NamedTuple):
     terminal: Array
     stuck: Array
     transversality: Array
+    shortest: Array  # flight from the guard and back that rounding of the guard does not hide
     together: Array  # slots that the flow brought to zero at this instant; afterwards: does their order matter
     log: Events | None
 
@@ -93,9 +96,9 @@ def _polish(mover, clock: Clock, c: Carry, slot, ticking) -> Carry:
     w = mover.wiring
 
     def of_mode(q):
-        def polish(t, x, frame):
+        def polish(t, x, frame, volume):
             def once(_, state):
-                t, x, frame, shift = state
+                t, x, frame, volume, shift = state
                 f, second = jax.jvp(w.fields[q], (t, x), (jnp.ones_like(t), w.fields[q](t, x)))
                 g, rate = rates(w.guards[q], t, x, f)
                 step = -g[slot] / jnp.where(rate[slot] == 0, 1.0, rate[slot])
@@ -105,15 +108,16 @@ def _polish(mover, clock: Clock, c: Carry, slot, ticking) -> Carry:
                     return jax.jvp(lambda y: w.fields[q](t, y), (x,), (dx,))[1]
 
                 frame = frame + step * jax.vmap(slope, in_axes=-1, out_axes=-1)(frame)
-                return t + step, x + step * (f + 0.5 * step * second), frame, shift + step
+                volume = None if volume is None else volume + step * trace(w.fields[q], t, x)
+                return t + step, x + step * (f + 0.5 * step * second), frame, volume, shift + step
 
-            return jax.lax.fori_loop(0, 2, once, (t, x, frame, jnp.zeros_like(t)))
+            return jax.lax.fori_loop(0, 2, once, (t, x, frame, volume, jnp.zeros_like(t)))
 
         return polish
 
-    start = (clock.base + c.s, c.x, c.frame)
-    _, x, frame, shift = by_mode(c.own.mode, [of_mode(q) for q in range(w.modes)], *start)
-    return c._replace(s=c.s + shift, x=x, frame=frame)
+    start = (clock.base + c.s, c.x, c.frame, c.volume)
+    _, x, frame, volume, shift = by_mode(c.own.mode, [of_mode(q) for q in range(w.modes)], *start)
+    return c._replace(s=c.s + shift, x=x, frame=frame, volume=volume)
 
 
 def _cross(mover, settings, clock: Clock, c: Carry, mode, transition, which, slot, together) -> Carry:
@@ -138,7 +142,7 @@ def _cross(mover, settings, clock: Clock, c: Carry, mode, transition, which, slo
     if _orthonormalises(mover, settings, c):
         project = _projection(mover, landing.mode, t, landing.x)
         c = harvest(settings, c, t, frames.LOST, frames.LOST, project, was_live)
-    c = _remember(mover, c, landing, clock)
+    c = _remember(mover, c, landing, clock, slot)
     c = stop(c, STATUS.terminated, landing.terminal)
     c = stop(c, STATUS.deadlock, landing.stuck)
     finite = jnp.all(jnp.isfinite(c.x)) & jnp.all(jnp.isfinite(c.frame))
@@ -159,6 +163,7 @@ def _start_cascade(mover, t, c, columns, mode, transition, which, slot, together
     moved, shift = advance_to_instant(columns, gradient, rate, f)
     ticking = slot < 0  # the instant of a clock is everybody's
     size = jnp.sqrt(jnp.sum(gradient**2) * jnp.sum(f**2) + 1e-300) + jnp.abs(moving)
+    rounding = BLUR * (jnp.sum(jnp.abs(gradient * x)) + jnp.abs(moving * t))
     slots, no = jnp.zeros(w.slots, x.dtype), jnp.asarray(False)
     return Landing(
         x=x,
@@ -177,6 +182,7 @@ def _start_cascade(mover, t, c, columns, mode, transition, which, slot, together
         terminal=no,
         stuck=no,
         transversality=jnp.where(ticking, jnp.inf, jnp.abs(rate) / size),
+        shortest=jnp.where(ticking, 0.0, 4 * rounding / jnp.where(rate == 0, 1e-300, jnp.abs(rate))),
         together=together,
         log=c.log,
     )
@@ -231,6 +237,7 @@ def _cascade(mover, t, h, landing: "Landing") -> "Landing":
             terminal,
             stuck | state.stuck,
             state.transversality,
+            state.shortest,
             state.together,
             log_event(state.log, entry),
         )
@@ -302,17 +309,19 @@ def _keep_clocks(mover, clock: Clock, c: Carry, tr: Trial, ticking) -> Carry:
     return changed(c, ticks=number)
 
 
-def _remember(mover, c: Carry, landing: "Landing", clock: Clock) -> Carry:
+def _remember(mover, c: Carry, landing: "Landing", clock: Clock, slot) -> Carry:
     """Intervals between events, for Zeno; transversality and notes."""
-    m = Memory(*c.own.memory)
+    m, first = Memory(*c.own.memory), slot.astype(c.x.dtype)
     interval = c.s - m.last
     longest = jnp.maximum(m.longest, interval)
     short = interval < SHORT * jnp.minimum(c.own.h, longest)
     streak = jnp.where(short, m.streak + 1, 0.0)
     shrink = jnp.clip(interval / jnp.where(m.interval > 0, m.interval, 1.0), 0.0, 1 - 1e-9)
     ahead = clock.base + c.s + interval * shrink / (1 - shrink)
-    # Bounces that have shrunk below what can be told from rest are an accumulation too.
-    zeno = (streak > PATIENCE) | (landing.stuck & short)
+    # Bounces may shrink below what can be told from rest, or from rounding, before there are so many of them.
+    shrunk = (m.interval > 0) & (interval < 1e-3 * c.own.h)
+    hidden = (m.streak > 0) & (m.slot == first) & (interval < landing.shortest)
+    zeno = (streak > PATIENCE) | (landing.stuck & shrunk) | hidden
     memory = Memory(
         c.s,
         interval,
@@ -322,6 +331,7 @@ def _remember(mover, c: Carry, landing: "Landing", clock: Clock) -> Carry:
         jnp.maximum(m.grazing, (landing.transversality < GRAZING).astype(c.x.dtype)),
         jnp.maximum(m.simultaneous, landing.together.astype(c.x.dtype)),
         jnp.where(zeno, ahead, m.accumulation),
+        first,
     )
     memory = jax.lax.stop_gradient(jnp.stack([jnp.asarray(v, c.x.dtype) for v in memory]))
     return stop(changed(c, memory=memory), STATUS.zeno, zeno)

@@ -34,6 +34,7 @@ from .trials import (
     no_aim,
     resolve,
     suspects,
+    table,
 )
 
 __all__ = ["Stepping"]
@@ -95,9 +96,11 @@ class Stepping:
             return state
         g, rate, second = by_mode(mode, [_jets_of(w, q) for q in range(w.modes)], t, x)
         side, g, _ = arm(g, rate, second, h, t, jnp.zeros(w.slots, bool))
+        # On a guard and about to go through it: it has not fired yet, and does so at once.
+        side = jnp.where(table(self, state.mode, w.directed) & (g == 0) & (side < 0), 1.0, side)
         ticks = [jnp.floor((t - phase) / period + 1e-9) + 1 for period, phase in self.clock_times]
         zero, one = jnp.zeros_like(t), jnp.ones_like(t)
-        memory = Memory(zero, zero, zero, zero, one * jnp.inf, zero, zero, one * jnp.nan)
+        memory = Memory(zero, zero, zero, zero, one * jnp.inf, zero, zero, one * jnp.nan, -one)
         return Stepper(
             f,
             h,

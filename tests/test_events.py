@@ -1,0 +1,241 @@
+"""Where and when events happen: the rules, each on the smallest system that shows it."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import lyaphybrid as lh
+from lyaphybrid import STATUS
+
+METHODS = [lh.RungeKutta(), lh.RungeKutta("rk4", dt=0.05)]
+
+
+def ones(t, x, args):
+    """Time as a state: x' = 1."""
+    return jnp.ones_like(x)
+
+
+def counter(t, x, args, which=0):
+    """Stay, and count: the second component is a number of events."""
+    return x.at[1].add(1.0)
+
+
+def clockwork(t, x, args):
+    """x[0] is the time, x[1] a counter."""
+    return jnp.stack([jnp.ones_like(x[0]), jnp.zeros_like(x[1])])
+
+
+def times(system, x0, args=None, *, t1, **options):
+    return np.asarray(lh.trajectory(system, x0, args, t1=t1, n=2, **options).events.t)
+
+
+FALLING = lh.Hybrid(
+    lambda t, x, args: jnp.stack([x[1], -jnp.ones_like(x[0])]),
+    lh.Transition(lambda t, x, args: x[0], lambda t, x, args: jnp.stack([0 * x[0], -args * x[1]])),
+)
+
+
+# --- how precisely ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("t0", [0.0, 1e6])
+def test_event_times_to_the_last_digits_at_any_time(t0):
+    """Sine against a level, 40 roots; the local scale of time is 1, the resolution of t = 1e6 is 1.2e-10."""
+    wave = lh.Hybrid(
+        lambda t, x, args: jnp.stack([x[1], -x[0], 0 * x[2]]),
+        lh.Transition(lambda t, x, args: x[0] - 0.3, lambda t, x, args: x.at[2].add(1.0), direction=0),
+    )
+    log = lh.trajectory(wave, [0.0, 1.0, 0.0], t0=t0, t1=130.0, n=2, method=lh.RungeKutta(rtol=1e-13)).events
+    first = np.arcsin(0.3)
+    exact = np.sort(np.concatenate([first + 2 * np.pi * np.arange(21), np.pi - first + 2 * np.pi * np.arange(21)]))
+    exact = exact[exact < 130]
+    assert len(log) == len(exact)
+    rounding = 2e-10 if t0 else 0.0
+    assert_allclose(np.asarray(log.t) - t0, exact, rtol=0, atol=2e-11 + rounding)  # 1e-13 a step, for 20 periods
+    assert_allclose(np.asarray(log.x_before)[:, 0], 0.3, rtol=0, atol=1e-14)  # the root itself does not drift
+
+
+@pytest.mark.parametrize("t0", [0.0, 1e6])
+def test_a_single_root_to_1e_12_of_the_local_scale_of_time(t0):
+    """x = ln(1 + s), a root at s = 1; time is local, so that t = 1e6 costs the state no digit."""
+    slow = lh.Hybrid(
+        lambda t, x, args: jnp.exp(-x), lh.Transition(lambda t, x, args: np.log(2) - x[0], lambda t, x, args: 0 * x)
+    )
+    path = lh.trajectory(slow, [0.0], t0=t0, t1=7.5, n=1, method=lh.RungeKutta(rtol=1e-13, atol=1e-15))
+    assert len(path.events) == 7
+    assert_allclose(path.x[-1, 0], np.log(1.5), rtol=0, atol=1e-11)  # seven unit flights and a half, wherever t began
+    if t0 == 0:
+        assert_allclose(path.events.t, np.arange(1, 8), rtol=0, atol=1e-12)
+
+
+# --- which -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", METHODS, ids=["adaptive", "fixed"])
+def test_the_earliest_of_several_in_one_step(method):
+    """Five guards cross within 0.02 of time, in an order unlike their numbers."""
+    levels = jnp.asarray([0.513, 0.507, 0.519, 0.501, 0.510])
+    system = lh.Hybrid(
+        lambda t, x, args: jnp.ones_like(x),
+        lh.Transition(lambda t, x, args: args - x[0], lambda t, x, args, which: x, direction=0),
+    )
+    log = lh.trajectory(system, [0.0], levels, t1=1.0, n=2, method=method).events
+    assert np.asarray(log.which).tolist() == [3, 1, 4, 0, 2]
+    assert_allclose(log.t, np.sort(levels), rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("depth", [1e-2, 1e-4, 1e-6])
+@pytest.mark.parametrize("method", METHODS, ids=["adaptive", "fixed"])
+def test_a_guard_that_dips_below_zero_and_comes_back_inside_a_step(depth, method):
+    """h = (t - c)² - depth: one extremum between two roots, far nearer than a step."""
+    system = lh.Hybrid(clockwork, lh.Transition(lambda t, x, args: (x[0] - 0.777) ** 2 - args, counter), max_cascade=4)
+    found = times(system, [0.0, 0.0], depth, t1=2.0, method=method)
+    assert_allclose(found, [0.777 - depth**0.5], rtol=0, atol=1e-12 / depth**0.5)
+    assert times(system, [0.0, 0.0], -depth, t1=2.0, method=method).size == 0
+
+
+@pytest.mark.parametrize(("direction", "expected"), [(-1, [np.pi]), (1, [0.0, 2 * np.pi]), (0, [np.pi, 2 * np.pi])])
+def test_directions(direction, expected):
+    """sin t from t = 0, where it rises: that is a crossing for +1, the unfired side for -1, neither for 0."""
+    system = lh.Hybrid(clockwork, lh.Transition(lambda t, x, args: jnp.sin(x[0]), counter, direction=direction))
+    assert_allclose(times(system, [0.0, 0.0], t1=7.0), expected, rtol=0, atol=1e-11)
+
+
+def test_guards_that_move_and_resets_that_depend_on_time():
+    """A falling guard x - vt overtaken at x0/(v - 1); the reset puts x ahead by a multiple of t."""
+    system = lh.Hybrid(ones, lh.Transition(lambda t, x, v: x[0] - v * t, lambda t, x, v: x + 0.5 * t))
+    # x = 1 + t meets 1.5 t at t = 2, jumps from 3 to 4: 4 + (t - 2) = 1.5 t at t = 4, to 8 …
+    assert_allclose(times(system, [1.0], 1.5, t1=20.0), [2, 4, 8, 16], rtol=1e-12)
+
+
+@pytest.mark.parametrize("says", [True, False])
+def test_transitions_that_share_a_guard_are_told_apart_by_when(says):
+    first = lh.Transition(lambda t, x, a: 1 - x[0], lambda t, x, a: x - 1.0, when=lambda t, x, a: a)
+    second = lh.Transition(lambda t, x, a: 1 - x[0], lambda t, x, a: x - 2.0, when=lambda t, x, a: ~a)
+    log = lh.trajectory(lh.Hybrid(ones, [first, second]), [0.0], jnp.asarray(says), t1=1.5, n=2).events
+    assert np.asarray(log.transition).tolist() == [0 if says else 1]
+
+
+# --- on a guard ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", METHODS, ids=["adaptive", "fixed"])
+@pytest.mark.parametrize("t0", [0.0, 1e4])
+def test_a_start_on_the_guard(t0, method):
+    """Rising it leaves the floor and does not fire; falling it fires at once; at rest there is no way on."""
+
+    def run(velocity):
+        return lh.trajectory(FALLING, [0.0, velocity], 0.5, t0=t0, t1=1.2, n=3, method=method, throw=False)
+
+    rising, falling, resting = run(1.0), run(-1.0), run(0.0)
+    assert rising.status is falling.status is STATUS.ok
+    assert rising.events.t.size == 0
+    assert_allclose(falling.events.t - t0, [0.0, 1.0], rtol=0, atol=1e-11)
+    assert_allclose(falling.x[-1], [0.25 * 0.2 - 0.2**2 / 2, 0.25 - 0.2], rtol=0, atol=1e-10)
+    assert resting.status is STATUS.deadlock
+
+
+def test_the_tangent_map_of_a_start_on_the_guard_includes_the_jump():
+    both = lh.tangent_map(FALLING, [0.0, -1.0], 0.5, t1=0.5)
+    assert both.jumps == 1
+    # S = [[-r, 0], [(1 + r) g / v, -r]] with g = 1, v = -1 … by the formula; then half a unit of free flight.
+    saltation = lh.saltation_matrix(FALLING, 0.0, [0.0, -1.0], 0.5)
+    flight = np.array([[1.0, 0.5], [0.0, 1.0]])
+    assert_allclose(both.matrix, flight @ saltation, rtol=0, atol=1e-11)
+
+
+def test_a_start_beyond_the_guard_fires_when_it_has_come_back():
+    """Half a wave beyond zero is no crossing."""
+    system = lh.Hybrid(clockwork, lh.Transition(lambda t, x, args: jnp.sin(x[0]), counter))
+    assert_allclose(times(system, [4.0, 0.0], t1=8.0), [3 * np.pi - 4.0], rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("method", METHODS, ids=["adaptive", "fixed"])
+def test_leaving_a_guard_after_a_reset_neither_fires_again_nor_is_lost(method):
+    """Flights of every length from 2 down to 2e-6, each begins and ends on the guard."""
+    found = times(FALLING, [0.0, 1.0], 0.5, t1=4 - 4 * 0.5**20, method=method)
+    assert_allclose(found, 4 * (1 - 0.5 ** np.arange(1, 20)), rtol=0, atol=1e-9)
+
+
+# --- cascades ------------------------------------------------------------------------------------------------------
+
+
+def test_a_cascade_goes_through_in_order_at_one_instant():
+    """Each reset throws the state beyond the next guard; the digits of the last component tell the order."""
+
+    def gate(i):
+        def reset(t, x, args):
+            x = x.at[i].set(1.0).at[3].set(10 * x[3] + i + 1)
+            return x.at[i + 1].set(-0.1) if i < 2 else x
+
+        return lh.Transition(lambda t, x, args: x[i], reset)
+
+    system = lh.Hybrid(lambda t, x, args: jnp.stack([-1.0 + 0 * x[0], *(0 * x[1:])]), [gate(i) for i in (2, 0, 1)])
+    log = lh.trajectory(system, [0.5, 1.0, 1.0, 0.0], t1=1.0, n=2).events
+    assert np.asarray(log.transition).tolist() == [1, 2, 0]
+    assert_allclose(log.t, [0.5, 0.5, 0.5], rtol=0, atol=1e-13)
+    assert_allclose(log.x_after[-1], [1.0, 1.0, 1.0, 123.0], rtol=0, atol=1e-12)
+
+
+def test_guards_of_both_directions_are_never_fired_by_a_jump():
+    through = lh.Transition(lambda t, x, args: x[0] - 2.0, counter, direction=0)
+    over = lh.Transition(lambda t, x, args: 1.0 - x[0], lambda t, x, args: x.at[0].add(5.0))
+    log = lh.trajectory(lh.Hybrid(clockwork, [through, over]), [0.0, 0.0], t1=3.0, n=2).events
+    assert np.asarray(log.transition).tolist() == [1]
+
+
+# --- modes and clocks ----------------------------------------------------------------------------------------------
+
+
+def test_clocks_tick_only_in_the_modes_that_listen():
+    """Ticks at 0.25 + k/2; in "deaf" (from 1.1 to 2.1) they are lost, and the next is in phase."""
+    fields = {"hears": clockwork, "deaf": clockwork}
+    system = lh.Hybrid(
+        fields,
+        [
+            lh.Transition(every=0.5, phase=0.25, reset=counter, source="hears"),
+            lh.Transition(lambda t, x, a: 1.1 - x[0], source="hears", target="deaf", direction=0),
+            lh.Transition(lambda t, x, a: 2.1 - x[0], source="deaf", target="hears", direction=0),
+        ],
+    )
+    log = lh.trajectory(system, [0.0, 0.0], t1=3.0, n=2, mode="hears").events
+    ticks = np.asarray(log.t)[np.asarray(log.transition) == 0]
+    assert_allclose(ticks, [0.25, 0.75, 2.25, 2.75], rtol=0, atol=1e-13)
+
+
+def test_clocks_do_not_drift():
+    """A million ticks of 0.1 after t = 1e5 stand at 0.1 k, to the resolution of t."""
+    system = lh.Hybrid(lambda t, x, a: 0 * x, lh.Transition(every=0.1, reset=lambda t, x, a: x.at[0].set(t)))
+    path = lh.trajectory(system, [0.0], t0=1e5, t1=100.01, n=1)
+    assert path.j[-1] == 1000
+    assert_allclose(path.x[-1, 0], 100100.0, rtol=0, atol=2e-11)
+
+
+def test_a_chosen_target_and_a_vector_guard():
+    """`which` reaches reset and target; modes are counted in the order of the dictionary."""
+    fields = {name: ones for name in ("a", "b", "c")}
+    jump = lh.Transition(
+        lambda t, x, args: args - x[0],
+        lambda t, x, args, which: 0 * x,
+        target=lambda t, x, args, which: which + 1,
+        source="a",
+    )
+    path = lh.trajectory(lh.Hybrid(fields, jump), [0.0], jnp.asarray([0.7, 0.4]), t1=1.0, n=2, mode="a")
+    assert path.mode[-1] == 2
+    assert_allclose(path.x[-1], [0.6], rtol=0, atol=1e-12)
+
+
+# --- under transformation ------------------------------------------------------------------------------------------
+
+
+def test_the_derivative_of_an_event_time():
+    """Impact at τ = √(2 x0), rebound r τ: x(t) = r τ (t - τ) - (t - τ)²/2, differentiated by hand."""
+
+    def height(x0):
+        return lh.trajectory(FALLING, jnp.stack([x0, jnp.zeros_like(x0)]), 0.5, t1=1.4, n=2).x[-1, 0]
+
+    value, slope = jax.jvp(height, (jnp.asarray(0.5),), (jnp.asarray(1.0),))
+    assert_allclose(value, 0.5 * 0.4 - 0.4**2 / 2, rtol=0, atol=1e-11)
+    assert_allclose(slope, 0.5 * 0.4 - 0.5 * 1.0 + 0.4, rtol=0, atol=1e-9)  # dτ/dx0 = 1/τ = 1
