@@ -1,0 +1,71 @@
+"""The public names: a docstring with its sections, an example that runs, a source where there is one."""
+
+import doctest
+import importlib
+import inspect
+import pkgutil
+
+import jax
+import pytest
+
+import lyaphybrid as lh
+
+PUBLIC = {name: getattr(lh, name) for name in lh.__all__ if name not in ("zoo", "STATUS")}
+RESULTS = ("Spectrum", "Trajectory", "TangentMap", "Jacobians", "TwoTrajectories", "RunFailed")
+MODULES = [m.name for m in pkgutil.walk_packages(lh.__path__, "lyaphybrid.") if not m.name.endswith("__main__")]
+
+
+def examples():
+    """The doctests of every module, by name."""
+    finder = doctest.DocTestFinder(exclude_empty=True)
+    for name in MODULES:
+        for test in finder.find(importlib.import_module(name), name):
+            if test.examples:
+                yield pytest.param(test, id=test.name.removeprefix("lyaphybrid."))
+
+
+@pytest.mark.parametrize("test", list(examples()))
+def test_the_examples_print_what_they_say(test, tmp_path, monkeypatch):
+    """As a user runs them, whose promotion of types is not strict."""
+    monkeypatch.chdir(tmp_path)
+    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+        failed, tried = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE).run(test)
+    assert tried > 0
+    assert failed == 0
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_every_public_name_is_documented(name):
+    """What a result has; of everything else what goes in, what can go wrong, and an example."""
+    described = inspect.getdoc(PUBLIC[name])
+    assert described
+    first = described.splitlines()[0]
+    assert first.endswith(".")
+    if name in RESULTS:
+        return
+    assert "Args:" in described
+    assert "Example:" in described
+    assert ">>>" in described
+    for parameter in inspect.signature(PUBLIC[name]).parameters:
+        assert f"{parameter}" in described
+
+
+@pytest.mark.parametrize(
+    "name", ["lyapunov_spectrum", "trajectory", "tangent_map", "saltation_matrix", "jacobians", "two_trajectories"]
+)
+def test_every_verb_says_what_comes_back_and_what_can_go_wrong(name):
+    described = inspect.getdoc(PUBLIC[name])
+    assert "Returns:" in described
+    assert "Raises:" in described
+
+
+def test_the_modules_name_their_public_names_and_nothing_else():
+    for module in map(importlib.import_module, MODULES):
+        for name in getattr(module, "__all__", ()):
+            assert hasattr(module, name)
+
+
+def test_importing_again_changes_nothing():
+    before = dict(jax.config.values)
+    importlib.reload(lh)
+    assert dict(jax.config.values) == before
