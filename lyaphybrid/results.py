@@ -198,5 +198,5 @@ def with_error(value: float, error: float) -> str:
         return f"{value:.12g}"
     digits = max(0, 1 - int(np.floor(np.log10(error))))
     if digits > 12:
-        return f"{value:.12f}"
+        return f"{value:.12f}" if abs(value) >= 1e-12 else f"{value:.0e}"
     return f"{value:.{digits}f}({error * 10**digits:.0f})" if digits else f"{value:.0f}({error:.0f})"
