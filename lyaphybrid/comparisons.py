@@ -11,6 +11,7 @@ from jaxtyping import Array
 
 from . import propagation, runs
 from ._tracing import traced
+from .checks import positive, real, require, whole
 from .methods.base import Method
 from .propagation import Cadence
 from .results import UNIT, History, RunFailed, with_error
@@ -174,16 +175,13 @@ def two_trajectories(
 
 
 def _require_numbers(t1, transient, separation, every, blocks) -> None:
-    """Check the numbers that are known."""
-    wanted = {"t1": t1, "separation": separation} | ({} if every is None else {"renormalise_every": every})
-    for name, value in wanted.items():
-        known = not traced(value)
-        if known and not (np.ndim(value) == 0 and 0 < float(value) < np.inf):
-            raise ValueError(f"{name} must be a positive, finite number; got {value!r}.")
-    if not traced(transient) and not 0 <= float(transient) < np.inf:
-        raise ValueError(f"transient, a length, must be finite and not negative; got {transient!r}.")
-    if isinstance(blocks, bool) or not isinstance(blocks, int) or blocks < 2:
-        raise ValueError(f"blocks must be an integer of at least 2; got {blocks!r}.")
+    positive("t1", t1)
+    positive("separation", separation)
+    if every is not None:
+        positive("renormalise_every", every)
+    real("transient, a length,", transient)
+    require(traced(transient) or transient >= 0, f"transient, a length, must not be negative; got {transient!r}.")
+    whole("blocks", blocks, least=2)
 
 
 def _require_start(x0, separation) -> None:

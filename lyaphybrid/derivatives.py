@@ -236,7 +236,7 @@ def _crossing_of_event(system: EventDriven, args, event) -> Crossing:
 
     def velocity(mode, t, x):
         del mode
-        return exact._velocity(t, x)
+        return exact.velocity(t, x)
 
     return Crossing(lambda t, x: system.guard(t, x, args, event), False, (jump,), velocity)
 
@@ -338,7 +338,7 @@ def _checked(system, x, args, t, mode):
     """The state, the time and the index of the mode, as arrays."""
     if isinstance(mode, Array | np.integer) and not traced(mode):
         mode = operator.index(mode)
-    _, x, t, mode = runs.prepare(system, x, args, t, None, mode)
+    _, x, t, mode = runs.prepare(system, x, args, t, None, mode, "x")
     if x.ndim != 1:
         raise ValueError(f"x must have shape (n,) here; got {x.shape}. Use jax.vmap for several points.")
     return x, t, jnp.asarray(mode, jnp.int32)

@@ -58,7 +58,7 @@ def by_mode(mode, functions, *operands):
 def wire(system: Hybrid, t, x, args) -> Wiring:
     """Expand a hybrid system into slots; guards are asked for their shapes, nothing is computed."""
     names, transitions, fields = system.mode_names, system.transitions, system.fields or ()
-    widths = [_width(j, tr.guard, t, x, args) for j, tr in enumerate(transitions)]
+    widths = [_width(tr.guard, t, x, args) for tr in transitions]
     per_mode = [[j for j, tr in enumerate(transitions) if not tr.is_clock and _armed(tr, name)] for name in names]
     slots = max(1, *(sum(max(1, widths[j]) for j in own) for own in per_mode))
     directed = np.ones((len(names), slots), bool)
@@ -88,13 +88,11 @@ def _armed(transition, name) -> bool:
     return transition.source is None or name in transition.source
 
 
-def _width(j, guard, t, x, args) -> int:
+def _width(guard, t, x, args) -> int:
     """0 for a scalar guard or a clock, m for a vector guard."""
     if guard is None:
         return 0
     shape = jax.eval_shape(guard, t, x, args).shape
-    if len(shape) > 1 or shape == (0,):
-        raise ValueError(f"The guard of transition {j} must return a scalar or (m,), m ≥ 1; got shape {shape}.")
     return shape[0] if shape else 0
 
 

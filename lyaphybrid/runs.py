@@ -17,6 +17,7 @@ import numpy as np
 
 from . import propagation
 from ._tracing import traced
+from .checks import check_functions, real
 from .events import Wiring, wire
 from .methods import RungeKutta
 from .methods.base import Method
@@ -80,19 +81,23 @@ def mode_names(system) -> tuple[str, ...]:
     return system.mode_names if isinstance(system, Hybrid) else ("flow",)
 
 
-def prepare(system, x0, args, t0, method, mode) -> tuple[Problem, Any, Any, Any]:
-    """Check what the user gave, before any computing; -> problem, x0, t0, index of the mode."""
+def prepare(system, x0, args, t0, method, mode, name: str = "x0") -> tuple[Problem, Any, Any, Any]:
+    """Check what the user gave, before any computing; -> problem, x0, t0, index of the mode.
+
+    `name` is what the caller's user calls the state.
+    """
     if not isinstance(system, Flow | Map | Hybrid | EventDriven):
         raise ValueError(
             f"system must be an lh.Flow, lh.Map, lh.Hybrid or lh.EventDriven; got {type(system).__name__}. "
             "Wrap a function: lh.Flow(field)."
         )
-    x0 = _state(x0)
+    x0 = _state(x0, name)
+    real("t0" if name == "x0" else "t", t0)
     t0 = jnp.asarray(t0, x0.dtype)
     # Python floats would be compiled in as constants: as arrays they may change without compiling again.
     args, method = _as_arrays(args, x0.dtype), _as_arrays(_method_for(system, method), x0.dtype)
     problem = Problem(system, method, args)
-    _check_functions(system, jax.ShapeDtypeStruct(x0.shape[-1:], x0.dtype), args)
+    check_functions(system, jax.ShapeDtypeStruct(x0.shape[-1:], x0.dtype), args)
     return problem, x0, t0, _mode_index(system, mode)
 
 
@@ -100,18 +105,21 @@ def _as_arrays(tree, dtype):
     return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype) if isinstance(leaf, float) else leaf, tree)
 
 
-def _state(x0):
+def _state(x0, name):
+    numbers = all(np.asarray(leaf).dtype.kind in "biufc" for leaf in jax.tree.leaves(x0) if not traced(leaf))
+    if not numbers or not jax.tree.leaves(x0):
+        raise ValueError(f"{name} must be an array of numbers; got {x0!r}.")
     if any(np.iscomplexobj(leaf) for leaf in jax.tree.leaves(x0)):
-        raise ValueError("x0 must be real; write a complex state as its real and imaginary parts.")
+        raise ValueError(f"{name} must be real; write a complex state as its real and imaginary parts.")
     x0 = jnp.asarray(x0)
     x0 = x0 if jnp.issubdtype(x0.dtype, jnp.floating) else x0.astype(float)
     if x0.ndim not in (1, 2) or 0 in x0.shape:
-        raise ValueError(f"x0 must have shape (n,), or (m, n) for m runs at once; got {x0.shape}.")
+        raise ValueError(f"{name} must have shape (n,), or (m, n) for m runs at once; got {x0.shape}.")
     if not traced(x0) and not np.all(np.isfinite(x0)):
-        raise ValueError(f"x0 must be finite; got {x0}.")
+        raise ValueError(f"{name} must be finite; got {x0}.")
     if x0.dtype == jnp.float32:
         warnings.warn(
-            "x0 is float32: exponents will carry about four digits and events may be missed. For float64 set "
+            f"{name} is float32: exponents will carry about four digits and events may be missed. For float64 set "
             "jax.config.update('jax_enable_x64', True) before the first array is made.",
             stacklevel=4,
         )
@@ -144,22 +152,6 @@ def _mode_index(system, mode):
     if isinstance(mode, int) and not 0 <= mode < len(names):
         raise ValueError(f"mode {mode} is out of range; the modes are {list(names)}.")
     return mode
-
-
-def _check_functions(system, x, args) -> None:
-    """Ask the user's functions for the shapes they return."""
-    t = jax.ShapeDtypeStruct((), x.dtype)
-    named: list[tuple[str, Callable]] = []
-    if isinstance(system, Flow):
-        named = [("field", system.field)]
-    elif isinstance(system, Map):
-        named = [("rule", system.rule)]
-    elif isinstance(system, Hybrid) and system.fields is not None:
-        named = [(f"field of mode {m!r}", f) for m, f in zip(system.mode_names, system.fields, strict=True)]
-    for name, function in named:
-        shape = getattr(jax.eval_shape(function, t, x, args), "shape", None)
-        if shape != x.shape:
-            raise ValueError(f"The {name} must return an array of x's shape {x.shape}; it returned {shape}.")
 
 
 def mover_of(problem: Problem, t, x):

@@ -8,6 +8,7 @@ import numpy as np
 
 from . import averages, frames, propagation, runs
 from ._tracing import traced
+from .checks import positive, require, whole
 from .methods.base import Method
 from .propagation import Cadence
 from .results import RunFailed, Spectrum
@@ -74,7 +75,7 @@ def lyapunov_spectrum(
             exponent less 1/t, for conservative regular motion.
         count_start: count ln R of the initial frame too.
         replicates: run m times from x0 perturbed by a relative 1e-6 with `key`; the error is sd/√m.
-        until: go on, t1 at a time, until every finite exponent's standard error is below this.
+        until: go on, by multiples of t1, until every finite exponent's standard error is below this.
         max_steps: most attempts of a step; None: no limit (Ctrl-C returns what is computed).
         key: a `jax.random.key` for `replicates`.
         progress: True for a bar, or a function of the fraction done.
@@ -100,6 +101,7 @@ def lyapunov_spectrum(
     """
     _check_words(clock, averaging, orthonormalise, blocks, k, until, replicates, key, max_steps)
     problem, x0, t0, mode = runs.prepare(system, x0, args, t0, method, mode)
+    require(not isinstance(system, Flow) or clock != "jumps", "clock='jumps' would never end: an lh.Flow has no jumps.")
     x0 = _starts(x0, replicates, key)
     n = x0.shape[-1]
     frame, initial = _frame(frame, n, k, x0.dtype)
@@ -108,57 +110,57 @@ def lyapunov_spectrum(
     cadence, interval = _cadence(problem, every)
     limit = SUM_RULE_EXACT if isinstance(system, EventDriven) else SUM_RULE_UP_TO
     plan = runs.Plan(cadence, kind, k == n <= limit, 0, clock != "time", x0.ndim == 2, runs.first_losses)
-    ends = _ends(t1, blocks, times, x0.dtype, "t1")
+    _ends(t1, blocks, times, x0.dtype, "t1")  # refused before anything is computed
     discrete = isinstance(system, Map) or (isinstance(system, Hybrid) and system.fields is None)
     journey, interrupted = runs.start(problem, plan, t0, x0, frame, mode, jnp.asarray(interval, x0.dtype)), False
     if not _is_zero(transient):
         quiet = _targets(_ends(transient, blocks, None, x0.dtype, "transient"), clock, discrete)
         before = runs.drive(problem, plan, journey, *quiet, max_steps)
         journey, interrupted = runs.sealed(before), before.interrupted
-    targets = _targets(ends, clock, discrete)
     outcomes: list[runs.Outcome] = []
+    done, more = 0, 1  # in units of t1
     while True:
-        journey = propagation.restart(journey)
+        journey, done = propagation.restart(journey), done + more
+        targets = _targets(_ends(more * t1, blocks, times, x0.dtype, "t1"), clock, discrete)
         outcomes.append(runs.drive(problem, plan, journey, *targets, max_steps, progress, interrupted))
         journey = outcomes[-1].journey
         growth = initial if count_start else jnp.zeros_like(initial)
         spectrum = averages.summarise(outcomes, problem, clock, growth, averaging)
         if until is None or _good_enough(spectrum, until):
             return _deliver(spectrum, throw)
-
-
-def _require(condition: bool, message: str) -> None:
-    if not condition:
-        raise ValueError(message)
+        more = _missing(spectrum, until, done) if times is None else 1
 
 
 def _check_words(clock, averaging, orthonormalise, blocks, k, until, replicates, key, max_steps) -> None:
-    _require(clock in CLOCKS, f"clock must be one of {CLOCKS}; got {clock!r}.")
-    _require(averaging in AVERAGES, f"averaging must be one of {AVERAGES}; got {averaging!r}.")
+    require(clock in CLOCKS, f"clock must be one of {CLOCKS}; got {clock!r}.")
+    require(averaging in AVERAGES, f"averaging must be one of {AVERAGES}; got {averaging!r}.")
     kinds = ("auto", *frames.KINDS)
-    _require(orthonormalise in kinds, f"orthonormalise must be one of {kinds}; got {orthonormalise!r}.")
-    _require(_whole(blocks) and blocks >= 2, f"blocks must be an integer of at least 2; got {blocks!r}.")
-    _require(k is None or (_whole(k) and k >= 1), f"k must be a positive integer; got {k!r}.")
-    _require(until is None or until > 0, f"until, a standard error, must be positive; got {until!r}.")
-    _require(max_steps is None or max_steps > 0, f"max_steps must be positive; got {max_steps!r}.")
+    require(orthonormalise in kinds, f"orthonormalise must be one of {kinds}; got {orthonormalise!r}.")
+    whole("blocks", blocks, least=2)
+    if k is not None:
+        whole("k", k, least=1)
+    if until is not None:
+        positive("until, a standard error,", until)
+    if max_steps is not None and not traced(max_steps):
+        whole("max_steps", max_steps, least=1)
     if replicates is not None:
-        _require(_whole(replicates) and replicates >= 2, f"replicates must be at least 2; got {replicates!r}.")
-        _require(key is not None, "replicates needs key=jax.random.key(seed), to perturb the start of each run.")
+        whole("replicates", replicates, least=2)
+        require(_is_key(key), f"replicates needs key=jax.random.key(seed), to perturb the starts; got {key!r}.")
 
 
-def _whole(value) -> bool:
-    return isinstance(value, int | np.integer) and not isinstance(value, bool)
+def _is_key(key) -> bool:
+    return hasattr(key, "dtype") and (jnp.issubdtype(key.dtype, jax.dtypes.prng_key) or key.dtype == jnp.uint32)
 
 
 def _is_zero(value) -> bool:
-    return not traced(value) and float(value) == 0
+    return isinstance(value, int | float) and value == 0
 
 
 def _starts(x0, replicates, key):
     """The starts of the replicates: x0 perturbed by a relative 1e-6, enough for chaos to forget it."""
     if replicates is None:
         return x0
-    _require(x0.ndim == 1, f"replicates and an x0 of shape (m, n) exclude each other; x0 has {x0.shape}.")
+    require(x0.ndim == 1, f"replicates and an x0 of shape (m, n) exclude each other; x0 has {x0.shape}.")
     noise = jax.random.normal(key, (replicates, *x0.shape), x0.dtype)
     return x0[None, :] + 1e-6 * jnp.maximum(1.0, jnp.abs(x0))[None, :] * noise
 
@@ -168,7 +170,7 @@ def _frame(frame, n, k, dtype):
     if frame is None:
         frame = jnp.eye(n, k or n, dtype=dtype)
     frame = jnp.asarray(frame, dtype)
-    _require(
+    require(
         frame.ndim == 2
         and frame.shape[0] == n
         and frame.shape[1] == (k or frame.shape[1])
@@ -179,7 +181,7 @@ def _frame(frame, n, k, dtype):
     )
     columns, log_r, lost = frames.orthonormalise(frame, "mgs", frames.LOST, frames.LOST)
     concrete = not traced(lost)
-    _require(not (concrete and bool(jnp.any(lost))), "frame must have linearly independent columns.")
+    require(not (concrete and bool(jnp.any(lost))), "frame must have linearly independent columns.")
     return columns, log_r
 
 
@@ -194,27 +196,23 @@ def _cadence(problem: runs.Problem, every) -> tuple[Cadence, Any]:
         unit = "steps" if every is None else "time"
     if every is None:
         return Cadence(unit, True), 1.0
-    _require(traced(every) or every > 0, f"every must be positive; got {every!r}.")
+    positive("every", every)
     return Cadence(unit, False), every
 
 
 def _ends(length, blocks, times, dtype, name):
     """The ends of the blocks, counted from the start of the run."""
-    if not traced(length):
-        _require(
-            np.ndim(length) == 0 and 0 < float(length) < np.inf,
-            f"{name}, a length, must be positive and finite; got {length!r}.",
-        )
+    positive(f"{name}, a length,", length)
     length = jnp.asarray(length, dtype)
     if times is None:
         return length * jnp.arange(1, blocks + 1, dtype=dtype) / blocks
     if isinstance(times, str):
-        _require(times == "log", f"times must be an increasing array or 'log'; got {times!r}.")
+        require(times == "log", f"times must be an increasing array or 'log'; got {times!r}.")
         return length * 10.0 ** jnp.linspace(-3.0, 0.0, blocks, dtype=dtype)
     times = np.asarray(times, float)
     rising = times.ndim == 1 and len(times) > 1 and times[0] > 0 and bool(np.all(np.diff(times) > 0))
-    _require(rising, f"times must be a positive, increasing array of at least two; got {times!r}.")
-    _require(
+    require(rising, f"times must be a positive, increasing array of at least two; got {times!r}.")
+    require(
         traced(length) or np.isclose(times[-1], float(length)),
         f"times must end at t1 = {length}; the last is {times[-1]}.",
     )
@@ -235,6 +233,12 @@ def _good_enough(spectrum: Spectrum, until: float) -> bool:
     finite = np.isfinite(np.asarray(spectrum.exponents))
     reached = bool(np.all(np.asarray(spectrum.stderr)[finite] <= until))
     return reached or bool(spectrum.status != STATUS.ok) or "interrupted" in spectrum.notes
+
+
+def _missing(spectrum: Spectrum, until: float, done: int) -> int:
+    """How long to go on, in units of the first run, if errors fall like 1/√t; at most 64 at a time."""
+    worst = np.nanmax(np.where(np.isfinite(np.asarray(spectrum.exponents)), np.asarray(spectrum.stderr), 0.0))
+    return int(np.clip(np.ceil(done * ((worst / until) ** 2 - 1)), 1, 64))
 
 
 def _deliver(spectrum: Spectrum, throw: bool) -> Spectrum:

@@ -5,11 +5,11 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array
 
 from . import runs
 from ._tracing import traced
+from .checks import positive, whole
 from .methods.base import Method
 from .propagation import Cadence
 from .results import RunFailed
@@ -118,9 +118,9 @@ def trajectory(
         >>> len(fall.events), round(float(fall.events.t[0]), 9)
         (1, 1.0)
     """
-    _require_length(t1)
-    if not isinstance(n, int) or n < 1:
-        raise ValueError(f"n, the number of samples, must be a positive integer; got {n!r}.")
+    positive("t1, a length of time,", t1)
+    whole("n, the number of samples,", n, least=1)
+    _require_steps(max_steps)
     problem, x0, t0, mode = runs.prepare(system, x0, args, t0, method, mode)
     _require_one(x0)
     discrete = isinstance(system, Map) or (isinstance(system, Hybrid) and system.fields is None)
@@ -144,9 +144,9 @@ def trajectory(
     return _deliver(result, throw)
 
 
-def _require_length(t1) -> None:
-    if not traced(t1) and not (np.ndim(t1) == 0 and 0 < float(t1) < np.inf):
-        raise ValueError(f"t1, a length of time, must be positive and finite; got {t1!r}.")
+def _require_steps(max_steps) -> None:
+    if max_steps is not None and not traced(max_steps):
+        whole("max_steps", max_steps, least=1)
 
 
 def _require_one(x0) -> None:
@@ -233,7 +233,8 @@ def tangent_map(
         [[0.367879 0.      ]
          [0.       0.367879]]
     """
-    _require_length(t1)
+    positive("t1, a length of time,", t1)
+    _require_steps(max_steps)
     problem, x0, t0, mode = runs.prepare(system, x0, args, t0, method, mode)
     _require_one(x0)
     plan = runs.Plan(Cadence("never", False), "mgs", False, 0, False, False, runs.nothing)

@@ -22,13 +22,12 @@ def test_the_reference_is_complete(automata):
     assert families == {"gen": 202} | dict.fromkeys("abcdefghi", 22)
 
 
-@pytest.mark.parametrize("shape", ["2_3_1", "3_1_1"])  # among them all families but b and c
-def test_every_event_in_order_and_the_tangent_map(automata, shape):
-    check(shapes.run(automata, shapes.members(automata, shape)))
+def test_every_event_in_order_and_the_tangent_map(automata):
+    check(shapes.run(automata, shapes.members(automata, "3_1_1")))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("shape", [s for s in SHAPES if s not in ("2_3_1", "3_1_1")])
+@pytest.mark.parametrize("shape", [s for s in SHAPES if s != "3_1_1"])
 def test_every_event_in_order_and_the_tangent_map_in_other_shapes(automata, shape):
     check(shapes.run(automata, shapes.members(automata, shape)))
 

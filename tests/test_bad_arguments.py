@@ -1,5 +1,6 @@
 """Bad arguments are refused before anything is computed, with what was given, what was wanted and what to do."""
 
+import diffrax
 import jax
 import jax.numpy as jnp
 import pytest
@@ -42,6 +43,9 @@ CONSTRUCTIONS = {
     "rtol must be positive": lambda: lh.RungeKutta(rtol=-1.0),
     "dt must be positive": lambda: lh.RungeKutta(dt=0.0),
     "must be a diffrax solver": lambda: lh.Diffrax("Kvaerno5"),
+    "with an error estimate": lambda: lh.Diffrax(diffrax.Euler()),
+    "atol must be positive and finite; got '1e-9'": lambda: lh.Diffrax(diffrax.Kvaerno5(), atol="1e-9"),
+    "rtol must be positive and finite; got nan": lambda: lh.RungeKutta(rtol=float("nan")),
 }
 
 
@@ -63,14 +67,14 @@ CALLS = {
     "averaging must be one of": (DECAY, [1.0], {"averaging": "none"}),
     "orthonormalise must be one of": (DECAY, [1.0], {"orthonormalise": "qr"}),
     "blocks must be": (DECAY, [1.0], {"blocks": 1}),
-    "k must be a positive integer": (DECAY, [1.0], {"k": 0}),
+    "k must be an integer of at least 1": (DECAY, [1.0], {"k": 0}),
     "k must be at most n = 1": (DECAY, [1.0], {"k": 2}),
     "frame must have shape": (DECAY, [1.0, 2.0], {"frame": jnp.ones((3, 1))}),
     "linearly independent": (DECAY, [1.0, 2.0], {"frame": jnp.ones((2, 2))}),
     "every must be positive": (DECAY, [1.0], {"every": 0}),
     "until, a standard error": (DECAY, [1.0], {"until": 0.0}),
-    "max_steps must be positive": (DECAY, [1.0], {"max_steps": 0}),
-    "replicates must be at least 2": (DECAY, [1.0], {"replicates": 1}),
+    "max_steps must be an integer of at least 1": (DECAY, [1.0], {"max_steps": 0}),
+    "replicates must be an integer of at least 2": (DECAY, [1.0], {"replicates": 1}),
     "replicates needs key": (DECAY, [1.0], {"replicates": 2}),
     "exclude each other": (DECAY, [[1.0], [2.0]], {"replicates": 2, "key": jax.random.key(0)}),
     "times must be": (DECAY, [1.0], {"times": "linear"}),
@@ -81,7 +85,11 @@ CALLS = {
     "mode 5 is out of range": (TWO_MODES, [1.0], {"mode": 5}),
     "needs lh.RungeKutta or lh.Diffrax": (DECAY, [1.0], {"method": "dopri5"}),
     "A map is iterated": (HENON.system, [0.1, 0.1], {"method": lh.RungeKutta()}),
-    "must return an array of x's shape": (lh.Flow(lambda t, x, a: x[0]), [1.0], {}),
+    "t0 must be a finite number": (DECAY, [1.0], {"t0": float("inf")}),
+    "got True": (DECAY, [1.0], {"t1": True}),
+    "x0 must be an array of numbers; got 'abc'": (DECAY, "abc", {}),
+    "an lh.Flow has no jumps": (DECAY, [1.0], {"clock": "jumps"}),
+    "got 5": (DECAY, [1.0], {"replicates": 3, "key": 5}),
 }
 
 
@@ -91,6 +99,64 @@ def test_calls_are_refused(message):
     system, x0, keywords = CALLS[message]
     with pytest.raises(ValueError, match=message):
         lh.lyapunov_spectrum(system, x0, HENON.args, **({"t1": 1.0} | keywords))
+
+
+def jump(guard=guard, **parts):
+    return lh.Hybrid(DECAY, lh.Transition(guard, **parts))
+
+
+def two(target):
+    return lh.Hybrid({"up": DECAY, "down": DECAY}, lh.Transition(guard, source="up", target=target))
+
+
+def flight(**parts):
+    usual = {
+        "flow": lambda dt, t, x, a: x - dt,
+        "next_event": lambda t, x, a: (x[0], 0),
+        "jump": lambda t, x, a, which: x + 1.0,
+        "guard": lambda t, x, a, which: x[0],
+    }
+    return lh.EventDriven(**(usual | parts))
+
+
+FUNCTIONS = {
+    "field must return an array of x's shape": lh.Flow(lambda t, x, a: x[0]),
+    "Put components together": lh.Flow(lambda t, x, a: [x[0], x[1]]),
+    "field must return float64, the type of x; it returned int": lh.Flow(lambda t, x, a: jnp.array([1, 2])),
+    r"field is called with \(t, x, args\): too many": lh.Flow(lambda t, x: x),
+    "rule must return an array": lh.Map(lambda n, x, a: x[0]),
+    "guard of transition 0 must return a scalar or .*shape \\(2, 2\\)": jump(lambda t, x, a: jnp.ones((2, 2))),
+    "crosses zero; got shape .* of bool": jump(lambda t, x, a: x[0] > 0),
+    "crosses zero; got None": jump(lambda t, x, a: None),
+    "reset of transition 0 must return an array": jump(reset=lambda t, x, a: x[:1]),
+    "reset of transition 0 is called with .*which": jump(lambda t, x, a: x, reset=lambda t, x, a: x),
+    "when of transition 0 must return a single truth value": jump(when=lambda t, x, a: x > 0),
+    "target of transition 0 must return the index": two(lambda t, x, a: x[0]),
+    "every of transition 0 must be positive and finite; got -1.0": lh.Hybrid(
+        DECAY, lh.Transition(every=lambda a: -1.0)
+    ),
+    "tangent of mode 'flow' must return": lh.Hybrid(
+        DECAY, lh.Transition(guard), tangent={"flow": lambda t, x, a, dx: dx[:1]}
+    ),
+    "flow must return an array": flight(flow=lambda dt, t, x, a: x[0]),
+    "next_event must return": flight(next_event=lambda t, x, a: x[0]),
+    "dt of next_event must be a float": flight(next_event=lambda t, x, a: (jnp.asarray(1), 0)),
+    "which of next_event must be an integer": flight(next_event=lambda t, x, a: (x[0], 0.5)),
+    "jump must return an array": flight(jump=lambda t, x, a, which: x[0]),
+    "guard must return a single number": flight(guard=lambda t, x, a, which: x),
+}
+
+
+@pytest.mark.parametrize("message", FUNCTIONS)
+def test_functions_that_return_something_else_are_named(message):
+    """By what they were asked for."""
+    system = FUNCTIONS[message]
+    with pytest.raises(ValueError, match=message):
+        lh.lyapunov_spectrum(system, [1.0, 2.0], t1=1.0, mode="up" if len(modes_of(system)) > 1 else None)
+
+
+def modes_of(system):
+    return getattr(system, "mode_names", ("flow",))
 
 
 def test_trajectory_and_tangent_map_refuse_too():

@@ -134,7 +134,7 @@ def test_a_tolerance_reaches_the_method(capsys):
         (["spectrum", "lorenz63", "--t1", "inf"], "t1"),
         (["spectrum", "lorenz63", "--t1", "long"], "--t1"),
         (["spectrum", "lorenz63", "--k", "4"], "k must be at most n = 3"),
-        (["spectrum", "lorenz63", "--replicates", "1"], "replicates must be at least 2"),
+        (["spectrum", "lorenz63", "--replicates", "1"], "replicates must be an integer of at least 2"),
         (["spectrum", "lorenz63", "--rtol", "-1"], "--rtol must be positive"),
         (["spectrum", "henon_map", "--rtol", "1e-6"], "henon_map is a map"),
         (["spectrum", "hard_disks", "--atol", "1e-6"], "hard_disks is exact"),

@@ -44,9 +44,12 @@ STATISTICAL = [  # problem, parameters, keywords, gate, sum rule to
 ]
 
 
+SLOW = ("standard_map", "skew_tent_roof", "sinai_billiard")
+
+
 @pytest.mark.parametrize(
     ("name", "parameters", "keywords", "gate", "closes"),
-    STATISTICAL,
+    [pytest.param(*case, marks=pytest.mark.slow if case[0] in SLOW else ()) for case in STATISTICAL],
     ids=[f"{name}{parameters or ''}" for name, parameters, *_ in STATISTICAL],
 )
 def test_known_values(name, parameters, keywords, gate, closes):

@@ -28,7 +28,7 @@ def test_a_linear_flow_has_the_real_parts_of_its_eigenvalues():
     assert run.sum_rule_residual < 1e-9
 
 
-@pytest.mark.parametrize("n", [2, 5, 18, 40])
+@pytest.mark.parametrize("n", [2, 5, *(pytest.param(n, marks=pytest.mark.slow) for n in (18, 40))])
 def test_a_linear_map_has_the_logarithms_of_its_multipliers(n):
     """k = 2, 5, 18, 40 columns: Gram–Schmidt by columns, in stages and as a loop; LAPACK."""
     sizes = np.geomspace(3.0, 0.2, n)
@@ -84,7 +84,10 @@ def test_the_sum_rule_sees_what_rounding_has_spoilt():
 # --- order, and two methods --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("tableau", "order"), [("rk4", 4), ("dopri5", 5), ("tsit5", 5), ("dopri8", 8), ("dop853", 8)])
+SLOW_ORDERS = [pytest.param(*case, marks=pytest.mark.slow) for case in (("tsit5", 5), ("dopri8", 8), ("dop853", 8))]
+
+
+@pytest.mark.parametrize(("tableau", "order"), [("rk4", 4), ("dopri5", 5), *SLOW_ORDERS])
 def test_the_order_of_a_method_holds_for_state_and_tangent_across_impacts(tableau, order):
     """Halving the step divides the error by 2^order: forced oscillator, three impacts, against a fine run."""
     problem = zoo.impact_oscillator()
@@ -216,6 +219,7 @@ def test_times_of_the_history_are_as_asked_for(times):
     assert_allclose(run.history.time, wanted, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_error_bars_are_honest():
     """The logistic map's exponent is ln 2: the error bar covers the true error in most of 40 runs."""
     starts = jnp.linspace(0.1, 0.45, 40)[:, None]

@@ -32,7 +32,7 @@ def theirs(problem, t1, **options):
     )
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", ["impact_oscillator", pytest.param("moving_table", marks=pytest.mark.slow)])
 def test_same_events_and_tangent_map(name):
     problem, t1, at_least = CASES[name]
     other = theirs(problem, t1, orthonormalise=False)

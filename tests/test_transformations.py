@@ -132,11 +132,8 @@ def exponents(p):
     return run.exponents
 
 
-@pytest.mark.parametrize(
-    "function",
-    [end_and_matrix, *(pytest.param(function, marks=pytest.mark.slow) for function in (exponents, path_end))],
-    ids=lambda function: function.__name__,
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("function", [end_and_matrix, exponents, path_end], ids=lambda function: function.__name__)
 def test_jvp_equals_central_differences(function):
     """Each direction by itself; with a fixed step the numerical motion is smooth, so that six digits agree."""
     tangent = jax.jit(lambda p, dp: jax.jvp(function, (p,), (dp,))[1])

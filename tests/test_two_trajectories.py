@@ -180,11 +180,11 @@ LOGISTIC = lh.Map(lambda n, x, r: r * x * (1 - x))
 @pytest.mark.parametrize(
     ("keywords", "message"),
     [
-        ({"t1": -1}, "t1 must be a positive, finite number; got -1"),
-        ({"separation": 0.0}, "separation must be a positive, finite number; got 0.0"),
+        ({"t1": -1}, "t1 must be positive and finite; got -1"),
+        ({"separation": 0.0}, "separation must be positive and finite; got 0.0"),
         ({"separation": 1e-16}, r"separation must be large against the rounding of x0.*got 1e-16"),
-        ({"renormalise_every": np.inf}, "renormalise_every must be a positive, finite number; got inf"),
-        ({"transient": -2.0}, "transient, a length, must be finite and not negative; got -2.0"),
+        ({"renormalise_every": np.inf}, "renormalise_every must be positive and finite; got inf"),
+        ({"transient": -2.0}, "transient, a length, must not be negative; got -2.0"),
         ({"blocks": 1}, "blocks must be an integer of at least 2; got 1"),
         ({"method": lh.RungeKutta()}, "A map is iterated"),
         ({"x0": [[0.3]]}, r"x0 must have shape \(n,\) here; got \(1, 1\)"),

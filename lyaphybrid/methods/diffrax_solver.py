@@ -7,6 +7,7 @@ import diffrax
 import equinox as eqx
 import jax.numpy as jnp
 
+from ..checks import positive
 from .base import Field, Method, Step, trace
 
 __all__ = ["Diffrax"]
@@ -25,7 +26,7 @@ class Diffrax(Method):
         atol: absolute tolerance of the local error, in units of x.
 
     Raises:
-        ValueError: if ``solver`` is no diffrax solver.
+        ValueError: if ``solver`` is no diffrax solver with an error estimate; on tolerances that are not positive.
 
     Source:
         P. Kidger, On Neural Differential Equations, thesis (Oxford 2021), arXiv:2202.02435.
@@ -41,10 +42,14 @@ class Diffrax(Method):
     control: str = eqx.field(static=True)
 
     def __init__(self, solver: diffrax.AbstractSolver, rtol: Any = 1e-9, atol: Any = 1e-12, control: str = "xY"):
-        if not isinstance(solver, diffrax.AbstractSolver):
-            raise ValueError(f"solver must be a diffrax solver such as diffrax.Kvaerno5(); got {solver!r}.")
+        if not isinstance(solver, diffrax.AbstractAdaptiveSolver):
+            raise ValueError(
+                f"solver must be a diffrax solver with an error estimate, such as diffrax.Kvaerno5(); got {solver!r}."
+            )
         if control not in ("x", "xY"):
             raise ValueError(f"control must be 'xY' (state and frame) or 'x' (state alone); got {control!r}.")
+        positive("rtol", rtol)
+        positive("atol", atol)
         if isinstance(solver, diffrax.AbstractImplicitSolver):
             solver = _with_root_finder(solver, rtol, atol)
         if hasattr(solver, "scan_kind"):  # diffrax's own loop over the stages has no forward mode; lax's has

@@ -87,7 +87,7 @@ class Exact:
         matrix = jax.jacfwd(lambda x: self.system.flow(dt, clock.base + c.s, x, self.args))(c.x)
         return frames.log_abs_det(matrix)
 
-    def _velocity(self, t, x):
+    def velocity(self, t, x):
         """The field that the closed-form flow solves: its derivative at dt = 0."""
         zero = jnp.zeros_like(t)
         return jax.jvp(lambda dt: self.system.flow(dt, t, x, self.args), (zero,), (jnp.ones_like(t),))[1]
@@ -99,11 +99,11 @@ class Exact:
         s = c.s + flight.dt
         t, n, k = clock.base + s, x.shape[0], frame.shape[1]
         columns = jnp.concatenate([frame, jnp.eye(n, dtype=x.dtype)], axis=1) if settings.sum_rule else frame
-        before = self._velocity(t, x)
+        before = self.velocity(t, x)
         gradient, _, rate = instant(lambda t, x: system.guard(t, x, args, which), t, x, before)
         columns, shift = advance_to_instant(columns, gradient, rate, before)
         new, columns = push(lambda t, x: system.jump(t, x, args, which), t, x, columns, shift)
-        columns = return_along(columns, self._velocity(t, new), shift)
+        columns = return_along(columns, self.velocity(t, new), shift)
         volume = c.volume
         if volume is not None:
             volume = volume + self._flux(c, clock, flight.dt) + frames.log_abs_det(columns[:, k:])

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..checks import positive
 from . import tableaux
 from .base import Field, Method, Step, trace
 
@@ -91,9 +92,10 @@ class RungeKutta(Method):
             raise ValueError(f"control must be 'xY' (state and frame) or 'x' (state alone); got {control!r}.")
         if dt is None and not TABLEAUX[tableau].errors:
             raise ValueError(f"{tableau!r} has no error estimate: give a fixed step, RungeKutta({tableau!r}, dt=…).")
-        for name, value in (("rtol", rtol), ("atol", atol), ("dt", dt)):
-            if isinstance(value, int | float) and not 0 < value < float("inf"):
-                raise ValueError(f"{name} must be positive and finite; got {value!r}.")
+        positive("rtol", rtol)
+        positive("atol", atol)
+        if dt is not None:
+            positive("dt", dt)
         self.tableau, self.control, self.rtol, self.atol, self.dt = tableau, control, rtol, atol, dt
 
     @property

@@ -1,0 +1,163 @@
+"""What users hand over, checked before any computing: what was given, what was wanted, what to do."""
+
+import inspect
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ._tracing import traced
+from .systems import EventDriven, Flow, Hybrid, Map, Transition
+
+__all__ = ["check_functions", "positive", "real", "require", "whole"]
+
+
+def require(condition: bool, message: str) -> None:
+    """Raise a ValueError unless the condition holds."""
+    if not condition:
+        raise ValueError(message)
+
+
+def real(name: str, value: Any) -> None:
+    """A finite real number, if its value is known already."""
+    if not traced(value):
+        require(_is_number(value) and abs(float(value)) < np.inf, f"{name} must be a finite number; got {value!r}.")
+
+
+def positive(name: str, value: Any) -> None:
+    """A finite positive number, if its value is known already."""
+    if not traced(value):
+        good = _is_number(value) and 0 < float(value) < np.inf
+        require(good, f"{name} must be positive and finite; got {value!r}.")
+
+
+def whole(name: str, value: Any, least: int) -> None:
+    """An integer of at least `least`."""
+    good = isinstance(value, int | np.integer) and not isinstance(value, bool) and int(value) >= least
+    require(good, f"{name} must be an integer of at least {least}; got {value!r}.")
+
+
+def _is_number(value) -> bool:
+    if isinstance(value, bool | str | bytes | type(None)):
+        return False
+    array = np.asarray(value)
+    return array.ndim == 0 and array.dtype.kind in "iuf"
+
+
+# --- the functions of a system -----------------------------------------------------------------------------------
+
+
+def check_functions(system: Any, x: jax.ShapeDtypeStruct, args: Any) -> None:
+    """Ask each of the user's functions what it takes and returns; nothing is computed.
+
+    Raises:
+        ValueError: on a function with the wrong number of arguments, or the wrong shape or kind of result.
+    """
+    t = jax.ShapeDtypeStruct((), x.dtype)
+    if isinstance(system, Flow):
+        _returns_state("field", system.field, x, "t, x, args", t, x, args)
+    elif isinstance(system, Map):
+        _returns_state("rule", system.rule, x, "n, x, args", t, x, args)
+    elif isinstance(system, EventDriven):
+        _check_event_driven(system, t, x, args)
+    else:
+        _check_hybrid(system, t, x, args)
+
+
+def _check_hybrid(system: Hybrid, t, x, args) -> None:
+    for name, field in zip(system.mode_names, system.fields or (), strict=False):
+        _returns_state(f"field of mode {name!r}", field, x, "t, x, args", t, x, args)
+    for name, project in zip(system.mode_names, system.tangent, strict=True):
+        if project is not None:
+            _returns_state(f"tangent of mode {name!r}", project, x, "t, x, args, dx", t, x, args, x)
+    for j, transition in enumerate(system.transitions):
+        _check_transition(j, transition, t, x, args)
+
+
+def _check_transition(j: int, transition: Transition, t, x, args) -> None:
+    which: tuple = ()
+    given = "t, x, args"
+    if transition.guard is not None:
+        guard = _result(f"guard of transition {j}", transition.guard, given, t, x, args)
+        shaped = _floating(guard) and len(guard.shape) < 2 and guard.shape != (0,)
+        require(
+            shaped,
+            f"The guard of transition {j} must return a scalar or (m,), m ≥ 1, a smooth function that crosses zero; "
+            f"got {_described(guard)}.",
+        )
+        which = (jax.ShapeDtypeStruct((), jnp.int32),) if guard.shape else ()
+    else:
+        _check_clock(f"every of transition {j}", transition.every, args, positive)
+        _check_clock(f"phase of transition {j}", transition.phase, args, real)
+    if transition.when is not None:
+        when = _result(f"when of transition {j}", transition.when, given, t, x, args)
+        _require_scalar(f"when of transition {j}", when, jnp.bool_, "a single truth value")
+    given += ", which" if which else ""
+    if transition.reset is not None:
+        _returns_state(f"reset of transition {j}", transition.reset, x, given, t, x, args, *which)
+    if callable(transition.target):
+        target = _result(f"target of transition {j}", transition.target, given, t, x, args, *which)
+        _require_scalar(f"target of transition {j}", target, jnp.integer, "the index of a mode, one integer")
+
+
+def _check_clock(name: str, value, args, good: Callable) -> None:
+    good(name, value(args) if callable(value) else value)
+
+
+def _check_event_driven(system: EventDriven, t, x, args) -> None:
+    _returns_state("flow", system.flow, x, "dt, t, x, args", t, t, x, args)
+    found = _result("next_event", system.next_event, "t, x, args", t, x, args)
+    pair = isinstance(found, tuple) and len(found) == 2 and getattr(found[0], "shape", None) == ()
+    require(pair, f"next_event must return (dt, which), dt a single number; got {_described(found)}.")
+    dt, which = found
+    require(_floating(dt), f"The dt of next_event must be a float (inf: no event); got {_described(dt)}.")
+    integers = [jnp.issubdtype(leaf.dtype, jnp.integer) for leaf in jax.tree.leaves(which)]
+    good = bool(integers) and all(integers)
+    require(good, f"The which of next_event must be an integer, or a pytree of integers; got {_described(which)}.")
+    which = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, jnp.int32), which)
+    _returns_state("jump", system.jump, x, "t, x, args, which", t, x, args, which)
+    guard = _result("guard", system.guard, "t, x, args, which", t, x, args, which)
+    _require_scalar("guard", guard, jnp.floating, "a single number that falls through zero")
+
+
+def _result(name: str, function: Callable, given: str, *arguments) -> Any:
+    """The shapes that a function returns."""
+    try:
+        inspect.signature(function).bind(*arguments)
+    except TypeError as error:
+        raise ValueError(f"The {name} is called with ({given}): {error}.") from None
+    except ValueError:  # a builtin without a signature
+        pass
+    return jax.eval_shape(function, *arguments)
+
+
+def _returns_state(name: str, function: Callable, x, given: str, *arguments) -> None:
+    result = _result(name, function, given, *arguments)
+    shape = getattr(result, "shape", None)
+    require(
+        shape == x.shape,
+        f"The {name} must return an array of x's shape {x.shape}; it returned {_described(result)}. "
+        "Put components together with jnp.array([…]) or jnp.stack([…]).",
+    )
+    require(
+        result.dtype == x.dtype,
+        f"The {name} must return {x.dtype}, the type of x; it returned {result.dtype}. Write 1.0 for 1.",
+    )
+
+
+def _floating(result) -> bool:
+    return hasattr(result, "dtype") and jnp.issubdtype(result.dtype, jnp.floating)
+
+
+def _require_scalar(name: str, result, kind, wanted: str) -> None:
+    good = getattr(result, "shape", None) == () and jnp.issubdtype(result.dtype, kind)
+    require(good, f"The {name} must return {wanted}; got {_described(result)}.")
+
+
+def _described(result) -> str:
+    """Shapes and types, as JAX writes them."""
+    if hasattr(result, "shape"):
+        return f"shape {result.shape} of {result.dtype}"
+    return f"{jax.tree.map(_described, result)}" if jax.tree.leaves(result) else repr(result)
