@@ -215,6 +215,9 @@ def _advance(problem: Problem, plan: Plan, journey: Journey, ends, last_jumps, b
     return jax.vmap(one)(journey)
 
 
+restart = jax.jit(propagation.restart)
+
+
 def summary_of(journey: Journey):
     """(transversality, grazing, simultaneous, accumulation) of a journey, whatever its mover."""
     memory = getattr(journey.carry.own, "memory", None)
@@ -310,6 +313,7 @@ def _finished(journey: Journey, blocks: int) -> bool:
     return not bool(np.any(running & (np.asarray(journey.block) < blocks)))
 
 
+@jax.jit
 def _verdict(journey: Journey, ends):
     short = (journey.carry.status == 0) & (journey.block < ends.shape[0])
     return jnp.where(short, int(STATUS.max_steps), journey.carry.status)

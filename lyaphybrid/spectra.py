@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from . import averages, frames, propagation, runs
+from . import averages, frames, runs
 from ._tracing import traced
 from .checks import positive, require, whole
 from .methods.base import Method
@@ -110,21 +110,21 @@ def lyapunov_spectrum(
     cadence, interval = _cadence(problem, every)
     limit = SUM_RULE_EXACT if isinstance(system, EventDriven) else SUM_RULE_UP_TO
     plan = runs.Plan(cadence, kind, k == n <= limit, 0, clock != "time", x0.ndim == 2, runs.first_losses)
-    _ends(t1, blocks, times, x0.dtype, "t1")  # refused before anything is computed
+    _ends(t1, blocks, times, "t1")  # refused before anything is computed
     discrete = isinstance(system, Map) or (isinstance(system, Hybrid) and system.fields is None)
     journey, interrupted = runs.start(problem, plan, t0, x0, frame, mode, jnp.asarray(interval, x0.dtype)), False
     if not _is_zero(transient):
-        quiet = _targets(_ends(transient, blocks, None, x0.dtype, "transient"), clock, discrete)
+        quiet = _targets(_ends(transient, blocks, None, "transient"), clock, discrete, x0.dtype)
         before = runs.drive(problem, plan, journey, *quiet, max_steps)
         journey, interrupted = runs.sealed(before), before.interrupted
     outcomes: list[runs.Outcome] = []
     done, more = 0, 1  # in units of t1
     while True:
-        journey, done = propagation.restart(journey), done + more
-        targets = _targets(_ends(more * t1, blocks, times, x0.dtype, "t1"), clock, discrete)
+        journey, done = runs.restart(journey), done + more
+        targets = _targets(_ends(more * t1, blocks, times, "t1"), clock, discrete, x0.dtype)
         outcomes.append(runs.drive(problem, plan, journey, *targets, max_steps, progress, interrupted))
         journey = outcomes[-1].journey
-        growth = initial if count_start else jnp.zeros_like(initial)
+        growth = initial if count_start else 0.0 * initial
         spectrum = averages.summarise(outcomes, problem, clock, growth, averaging)
         if until is None or _good_enough(spectrum, until):
             return _deliver(spectrum, throw)
@@ -167,22 +167,22 @@ def _starts(x0, replicates, key):
 
 def _frame(frame, n, k, dtype):
     """The initial columns, orthonormal, and the ln R_ii of what the user gave."""
+    require(k is None or k <= n, f"k must be at most n = {n}; got {k}.")
     if frame is None:
-        frame = jnp.eye(n, k or n, dtype=dtype)
+        return jnp.asarray(np.eye(n, k or n), dtype), jnp.asarray(np.zeros(k or n), dtype)
     frame = jnp.asarray(frame, dtype)
-    require(
-        frame.ndim == 2
-        and frame.shape[0] == n
-        and frame.shape[1] == (k or frame.shape[1])
-        and 1 <= frame.shape[1] <= n,
-        f"frame must have shape (n, k) = ({n}, {k or 'k'}) with 1 ≤ k ≤ n; got {frame.shape}."
-        if frame.shape[1:] != (k,) or k is None or k <= n
-        else f"k must be at most n = {n}; got {k}.",
+    fits = (
+        frame.ndim == 2 and frame.shape[0] == n and 1 <= frame.shape[1] <= n and frame.shape[1] == (k or frame.shape[1])
     )
-    columns, log_r, lost = frames.orthonormalise(frame, "mgs", frames.LOST, frames.LOST)
-    concrete = not traced(lost)
-    require(not (concrete and bool(jnp.any(lost))), "frame must have linearly independent columns.")
+    require(fits, f"frame must have shape (n, k) = ({n}, {k or 'k'}) with 1 ≤ k ≤ n; got {frame.shape}.")
+    columns, log_r, lost = _orthonormal(frame)
+    require(traced(lost) or not bool(np.any(np.asarray(lost))), "frame must have linearly independent columns.")
     return columns, log_r
+
+
+@jax.jit
+def _orthonormal(frame):
+    return frames.orthonormalise(frame, "mgs", frames.LOST, frames.LOST)
 
 
 def _cadence(problem: runs.Problem, every) -> tuple[Cadence, Any]:
@@ -200,31 +200,28 @@ def _cadence(problem: runs.Problem, every) -> tuple[Cadence, Any]:
     return Cadence(unit, False), every
 
 
-def _ends(length, blocks, times, dtype, name):
+def _ends(length, blocks, times, name):
     """The ends of the blocks, counted from the start of the run."""
     positive(f"{name}, a length,", length)
-    length = jnp.asarray(length, dtype)
     if times is None:
-        return length * jnp.arange(1, blocks + 1, dtype=dtype) / blocks
+        return length * (np.arange(1, blocks + 1) / blocks)
     if isinstance(times, str):
         require(times == "log", f"times must be an increasing array or 'log'; got {times!r}.")
-        return length * 10.0 ** jnp.linspace(-3.0, 0.0, blocks, dtype=dtype)
+        return length * np.geomspace(1e-3, 1.0, blocks)
     times = np.asarray(times, float)
     rising = times.ndim == 1 and len(times) > 1 and times[0] > 0 and bool(np.all(np.diff(times) > 0))
     require(rising, f"times must be a positive, increasing array of at least two; got {times!r}.")
-    require(
-        traced(length) or np.isclose(times[-1], float(length)),
-        f"times must end at t1 = {length}; the last is {times[-1]}.",
-    )
-    return jnp.asarray(times, dtype)
+    matches = traced(length) or bool(np.isclose(times[-1], float(length)))
+    require(matches, f"times must end at t1 = {length}; the last is {times[-1]}.")
+    return times
 
 
-def _targets(ends, clock, discrete):
+def _targets(ends, clock, discrete, dtype):
     """Where each block ends, in time and in jumps."""
-    if discrete:
-        whole = jnp.ceil(ends - 1e-9)
-        return whole, whole
-    return jnp.full_like(ends, jnp.inf) if clock == "jumps" else ends, jnp.ceil(ends - 1e-9)
+    xp = jnp if traced(ends) else np  # numbers that are known are computed without compiling anything
+    whole = xp.ceil(ends - 1e-9)
+    times = whole if discrete else xp.full_like(ends, np.inf) if clock == "jumps" else ends
+    return jnp.asarray(times, dtype), jnp.asarray(whole, dtype)
 
 
 def _good_enough(spectrum: Spectrum, until: float) -> bool:

@@ -5,6 +5,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from . import runs
@@ -102,7 +103,8 @@ def trajectory(
         throw: raise where the run failed.
 
     Returns:
-        A `Trajectory`; under a transformation at most 1024 events are kept (rows beyond the last are zero).
+        A `Trajectory`. Under a transformation the log has room for about 1000 events: rows beyond the last are
+        zero, and a run with more of them ends as ``max_steps``.
 
     Raises:
         ValueError: on arguments that do not fit, before any computing.
@@ -124,11 +126,11 @@ def trajectory(
     problem, x0, t0, mode = runs.prepare(system, x0, args, t0, method, mode)
     _require_one(x0)
     discrete = isinstance(system, Map) or (isinstance(system, Hybrid) and system.fields is None)
-    ends = jnp.asarray(t1, x0.dtype) * jnp.arange(1, n + 1, dtype=x0.dtype) / n
-    ends = jnp.ceil(ends - 1e-9) if discrete else ends
+    ends = t1 * (np.arange(1, n + 1) / n)
+    ends = jnp.asarray(jnp.ceil(ends - 1e-9) if discrete else ends, x0.dtype)
     room = 0 if discrete or isinstance(system, Flow) else ROOM
     plan = runs.Plan(Cadence("never", False), "mgs", False, room, False, False, runs.point)
-    journey = runs.start(problem, plan, t0, x0, jnp.zeros((x0.shape[0], 0), x0.dtype), mode, 1.0)
+    journey = runs.start(problem, plan, t0, x0, jnp.asarray(np.zeros((len(x0), 0)), x0.dtype), mode, 1.0)
     outcome = runs.drive(problem, plan, journey, ends, ends, max_steps)
     t, x, modes, jumps = outcome.records.collected
     valid = outcome.records.valid
@@ -238,8 +240,8 @@ def tangent_map(
     problem, x0, t0, mode = runs.prepare(system, x0, args, t0, method, mode)
     _require_one(x0)
     plan = runs.Plan(Cadence("never", False), "mgs", False, 0, False, False, runs.nothing)
-    journey = runs.start(problem, plan, t0, x0, jnp.eye(x0.shape[0], dtype=x0.dtype), mode, 1.0)
-    ends = jnp.asarray(t1, x0.dtype)[None]
+    journey = runs.start(problem, plan, t0, x0, jnp.asarray(np.eye(len(x0)), x0.dtype), mode, 1.0)
+    ends = jnp.asarray(t1, x0.dtype).reshape(1)
     outcome = runs.drive(problem, plan, journey, ends, ends, max_steps)
     carry = outcome.journey.carry
     return _deliver(TangentMap(carry.x, carry.frame, runs.mode_of(carry), carry.jumps, outcome.status), throw)

@@ -165,7 +165,7 @@ def hermite(theta, x0, d0, x1, d1):
 
 
 def _along(x, h, weights, slopes):
-    """x + h Σ w k."""
+    """The state x + h Σ w k."""
     return x + h * _weigh(weights, slopes)
 
 

@@ -218,6 +218,15 @@ def _lattice(n: int, width: float, height: float) -> tuple[np.ndarray, float]:
     return best
 
 
+@jax.jit
+def _start(key, sites, square):
+    """Sites and normal momenta of sum zero whose squares have this sum: (4n,)."""
+    momenta = jax.random.normal(key, sites.shape, sites.dtype)
+    momenta = momenta - jnp.mean(momenta, axis=0, keepdims=True)
+    momenta = momenta * jnp.sqrt(square / jnp.sum(momenta**2))
+    return jnp.concatenate([sites.ravel(), momenta.ravel()])
+
+
 @problem
 def hard_disks(
     *,
@@ -284,12 +293,10 @@ def hard_disks(
             f"in a box {width:.4g} × {height:.4g}: neighbours would be {spacing:.4g} apart. The density must "
             f"be below {density * (spacing / diameter) ** 2:.4g} for this n and aspect."
         )
-    momenta = jax.random.normal(jax.random.key(0) if key is None else key, (n, 2), dtype=float)
-    momenta = momenta - jnp.mean(momenta, axis=0, keepdims=True)
-    momenta = momenta * jnp.sqrt(2 * mass * energy / jnp.sum(momenta**2))
+    start = _start(jax.random.key(0) if key is None else key, jnp.asarray(sites, float), 2 * mass * energy)
     return Problem(
         system=_disks(n),
-        x0=jnp.concatenate([jnp.asarray(sites.ravel(), dtype=float), momenta.ravel()]),
+        x0=start,
         args={"width": width, "height": height, "diameter": diameter, "mass": mass},
         t1=1000.0,
         transient=20.0,

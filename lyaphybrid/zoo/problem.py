@@ -266,4 +266,6 @@ def near(value: Any, *wanted: Any) -> bool:
 
 def state(*components: Any) -> Float[Array, " n"]:
     """A state vector in JAX's present default precision."""
+    if not traced(*components):
+        return jnp.asarray(np.array([float(c) for c in components]), dtype=float)  # compiles nothing
     return jnp.stack([jnp.asarray(c, dtype=float) for c in components])
