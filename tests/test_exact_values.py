@@ -230,9 +230,9 @@ def test_two_disks_are_a_sinai_billiard(event_driven):
     scale = 2 * math.sqrt(2) / side
     problem = zoo.hard_disks(n=2, density=0.32, aspect=1)
     assert_allclose(problem.args["width"], side)
-    spectrum = problem.spectrum(t1=20_000.0, every=1)
+    spectrum = problem.spectrum(t1=320_000.0, every=1)  # long free flights: the errors of short runs scatter widely
     values, error = np.asarray(spectrum.exponents), float(spectrum.stderr[0]) / scale
-    assert error < 0.015
+    assert error < 0.01
     assert abs(values[0] / scale - known["lam_time_best"]) <= 5 * math.hypot(error, known["se_best"])
     assert_allclose(values + values[::-1], 0, atol=1e-9)
     assert_allclose(values[1:-1], 0, atol=1e-10)
