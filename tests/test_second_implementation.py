@@ -1,7 +1,9 @@
 """Our engine against an outer scan over diffrax (diffrax_events.py): events, tangent map, exponents."""
 
 import diffrax
+import jax.numpy as jnp
 import numpy as np
+import optimistix
 import pytest
 from numpy.testing import assert_allclose
 
@@ -62,3 +64,28 @@ def test_bounces_are_where_the_closed_form_has_them():
     flights = 2 * 0.8 ** np.arange(len(other.t))
     assert_allclose(other.t, np.cumsum(flights), rtol=0, atol=1e-9)
     assert_allclose(other.x_after[:, 1], 0.8 ** np.arange(1, len(other.t) + 1), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("depth", "reported"), [(1e-2, 7.712442), (1e-4, None)])
+def test_signs_at_the_ends_of_steps_miss_a_peak_between_them(depth, reported):
+    """Where sin t first passes 1 - depth: what the README says of ours, and of diffrax with Dopri8."""
+
+    def turn(t, x, args):
+        return jnp.stack([x[1], -x[0]])
+
+    wall = lh.Transition(lambda t, x, args: 1 - args - x[0], terminal=True)
+    ours = lh.trajectory(lh.Hybrid(turn, wall), [0.0, 1.0], depth, t1=10.0, n=1)
+    assert_allclose(ours.events.t, [np.arcsin(1 - depth)], rtol=0, atol=1e-8)
+    theirs = diffrax.diffeqsolve(
+        diffrax.ODETerm(turn),
+        diffrax.Dopri8(),
+        0.0,
+        10.0,
+        None,
+        jnp.asarray([0.0, 1.0]),
+        stepsize_controller=diffrax.PIDController(rtol=1e-9, atol=1e-12),
+        event=diffrax.Event(lambda t, y, args, **_: 1 - depth - y[0], optimistix.Newton(1e-10, 1e-10)),
+    )
+    found = theirs.result == diffrax.RESULTS.event_occurred
+    assert bool(found) is (reported is not None)
+    assert_allclose(theirs.ts[-1], reported or 10.0, rtol=0, atol=1e-6)
