@@ -11,6 +11,7 @@ import numpy as np
 from ..checks import positive
 from . import tableaux
 from .base import Field, Method, Step, trace
+from .forcing import at_times
 
 __all__ = ["TABLEAUX", "RungeKutta"]
 
@@ -113,26 +114,26 @@ class RungeKutta(Method):
         """The power of h by which the error estimate falls."""
         return TABLEAUX[self.tableau].order
 
-    def _stages(self, field: Field, t, x, f, h):
-        """The slopes k_i, and the points (t_i, X_i) where they are taken."""
+    def _stages(self, at: dict, t, x, f, h):
+        """The slopes k_i, and the points (t_i, X_i) where they are taken, of the field `at` the times of a step."""
         table = TABLEAUX[self.tableau]
         slopes, points = [f], [(t, x)]
         along = _along_each if x.shape[0] * len(table.b) <= FEW else _along
         for row, c in zip(table.a, table.c, strict=True):
-            point = (t + c * h, along(x, h, row, slopes))
-            points.append(point)
-            slopes.append(field(*point))
+            points.append((t + c * h, along(x, h, row, slopes)))
+            slopes.append(at[float(c)](points[-1][1]))
         return slopes, points
 
     def step(self, field: Field, t, x, f, h) -> Step:
         """One step over h from (t, x), where f = field(t, x)."""
         table = TABLEAUX[self.tableau]
-        slopes, points = self._stages(field, t, x, f, h)
+        at = at_times(field, t, x, h, (*table.c, 1.0))
+        slopes, points = self._stages(at, t, x, f, h)
         if table.last_is_next:
             new, slope = points[-1][1], slopes[-1]
         else:
             new = _along(x, h, table.b, slopes)
-            slope = field(t + h, new)
+            slope = at[1.0](new)
         error = jnp.stack([h * _weigh(row, slopes) for row in table.errors]) if self.adaptive else x[None, :0]
         return Step(new, slope, error, (x, f, new, slope, h))
 
@@ -150,8 +151,9 @@ class RungeKutta(Method):
 
     def divergence(self, field: Field, t, x, h):
         """∫ tr Df dt over the step by the weights b at the stages."""
-        _, points = self._stages(field, t, x, field(t, x), h)
-        b = TABLEAUX[self.tableau].b
+        table = TABLEAUX[self.tableau]
+        _, points = self._stages(at_times(field, t, x, h, table.c), t, x, field(t, x), h)
+        b = table.b
         used = [(float(weight), *point) for weight, point in zip(b, points, strict=True) if weight != 0]
         weights, times, states = zip(*used, strict=True)
         traces = jax.vmap(lambda t, x: trace(field, t, x))(jnp.stack(times), jnp.stack(states))

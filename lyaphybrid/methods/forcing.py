@@ -1,0 +1,75 @@
+"""What a field takes from time alone, computed once for each time of a step.
+
+XLA counts sin, cos and tan as cheap and repeats them wherever a fusion uses them: a Runge–Kutta step of a forced
+oscillator that needs two cosines computes more, each as costly as the rest of a stage. So the part of a field
+that depends on time alone is found in its jaxpr, evaluated at all times of the step at once, and kept behind a
+conditional, which XLA does not repeat.
+"""
+
+from collections.abc import Callable, Iterable
+
+import jax
+import jax.numpy as jnp
+from jax.extend.core import ClosedJaxpr, Literal, jaxpr_as_fun
+from jaxtyping import Array
+
+from .base import Field
+
+__all__ = ["at_times"]
+
+REPEATED = {"sin", "cos", "tan"}  # XLA takes them for cheap; it does not repeat exp, log, pow, …
+
+
+def at_times(field: Field, t, x, h, fractions: Iterable[float]) -> dict[float, Callable[[Array], Array]]:
+    """The field at the times t + c h as a function of x, for each of the fractions c."""
+    times = {float(c): t + c * h for c in fractions}
+    closed = jax.make_jaxpr(field)(t, x)
+    fixed, early, late = _by_what_is_known(closed)
+    if not any(_is_repeated(eqn) for eqn in early):
+        return {c: lambda x, at=at: field(at, x) for c, at in times.items()}
+    time, point = closed.jaxpr.invars
+    kept = [v for eqn in early for v in eqn.outvars if any(v in _needs(user) for user in late)]
+    forcing = _part(closed, [*fixed, *early], [time], kept)
+    rest = _part(closed, [*fixed, *late], [time, *kept, point], closed.jaxpr.outvars)
+
+    def nothing(times):
+        return [jnp.zeros(times.shape + v.aval.shape, v.aval.dtype) for v in kept]
+
+    values = jax.lax.cond(h == h, jax.vmap(forcing), nothing, jnp.stack(list(times.values())))
+    values = dict(zip(times, zip(*values, strict=True), strict=True))
+    return {c: lambda x, at=at, now=values[c]: rest(at, *now, x)[0] for c, at in times.items()}
+
+
+def _needs(eqn) -> set:
+    return {v for v in eqn.invars if not isinstance(v, Literal)}
+
+
+def _by_what_is_known(closed: ClosedJaxpr):
+    """The equations that need constants alone; those that need the time, but not the point; and the others."""
+    fixed, early, late = [], [], []
+    constant = set(closed.jaxpr.constvars)
+    timed = {closed.jaxpr.invars[0]}
+    for eqn in closed.jaxpr.eqns:
+        needs = _needs(eqn)
+        if needs <= constant:
+            fixed.append(eqn)
+            constant.update(eqn.outvars)
+        elif needs <= constant | timed:
+            early.append(eqn)
+            timed.update(eqn.outvars)
+        else:
+            late.append(eqn)
+    return fixed, early, late
+
+
+def _is_repeated(eqn) -> bool:
+    """Whether an equation is, or holds, a function that XLA would repeat."""
+    inner = [getattr(value, "jaxpr", value) for value in eqn.params.values()]
+    nested = [one for jaxpr in inner for one in getattr(jaxpr, "eqns", [])]
+    return eqn.primitive.name in REPEATED or any(_is_repeated(one) for one in nested)
+
+
+def _part(closed: ClosedJaxpr, equations, inputs, outputs) -> Callable[..., list]:
+    """Some of the equations as a function."""
+    part = closed.jaxpr.replace(eqns=equations, invars=inputs, outvars=outputs)
+    return jaxpr_as_fun(ClosedJaxpr(part, closed.consts))
