@@ -197,11 +197,10 @@ def _method(problem, tolerances: dict[str, float]):
     import equinox as eqx
 
     from .methods import RungeKutta
-    from .systems import EventDriven, Flow, Hybrid
+    from .systems import EventDriven, iterates
 
     system = problem.system
-    flows = isinstance(system, Flow) or (isinstance(system, Hybrid) and system.fields is not None)
-    if not flows:
+    if isinstance(system, EventDriven) or iterates(system):
         kind = "is exact" if isinstance(system, EventDriven) else "is a map"
         raise Refused(f"{problem.name} {kind}: there is no tolerance to set.")
     for name, value in tolerances.items():

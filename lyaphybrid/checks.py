@@ -11,7 +11,7 @@ import numpy as np
 from ._tracing import traced
 from .systems import EventDriven, Flow, Hybrid, Map, Transition
 
-__all__ = ["check_functions", "positive", "real", "require", "whole"]
+__all__ = ["attempts", "check_functions", "positive", "real", "require", "whole"]
 
 
 def require(condition: bool, message: str) -> None:
@@ -37,6 +37,12 @@ def whole(name: str, value: Any, least: int) -> None:
     """An integer of at least `least`."""
     good = isinstance(value, int | np.integer) and not isinstance(value, bool) and int(value) >= least
     require(good, f"{name} must be an integer of at least {least}; got {value!r}.")
+
+
+def attempts(max_steps: Any) -> None:
+    """A limit on the attempts of a step: a positive integer, or None for no limit."""
+    if max_steps is not None and not traced(max_steps):
+        whole("max_steps", max_steps, least=1)
 
 
 def _is_number(value) -> bool:

@@ -16,7 +16,7 @@ from .methods.base import Method
 from .propagation import Cadence
 from .results import UNIT, History, RunFailed, with_error
 from .statuses import RUNNING, STATUS
-from .systems import EventDriven, Flow, Hybrid, Map
+from .systems import EventDriven, Flow, Hybrid, Map, iterates
 
 __all__ = ["TwoTrajectories", "two_trajectories"]
 
@@ -160,7 +160,7 @@ def two_trajectories(
     _require_numbers(t1, transient, separation, renormalise_every, blocks)
     problem, x0, t0, mode = runs.prepare(system, x0, args, t0, method, mode)
     _require_start(x0, separation)
-    whole = _iterates(system)
+    whole = iterates(system)
     length = jnp.asarray(t1, x0.dtype)
     recipe = _recipe(whole, length / blocks, separation, renormalise_every)
     pair = _start(problem, t0, x0, mode, jax.random.key(0) if key is None else key, recipe)
@@ -192,11 +192,6 @@ def _require_start(x0, separation) -> None:
     rounding = float(jnp.finfo(x0.dtype).eps * jnp.max(jnp.abs(x0)))
     if separation < 100 * rounding:
         raise ValueError(f"separation must be large against the rounding of x0, {rounding:.1e}; got {separation!r}.")
-
-
-def _iterates(system) -> bool:
-    """Whether time is counted in iterations."""
-    return isinstance(system, Map) or (isinstance(system, Hybrid) and system.fields is None)
 
 
 def _recipe(whole: bool, block, separation, every) -> Recipe:

@@ -8,12 +8,12 @@ import numpy as np
 
 from . import averages, frames, runs
 from ._tracing import traced
-from .checks import positive, require, whole
+from .checks import attempts, positive, require, whole
 from .methods.base import Method
 from .propagation import Cadence
 from .results import RunFailed, Spectrum
 from .statuses import STATUS
-from .systems import EventDriven, Flow, Hybrid, Map
+from .systems import EventDriven, Flow, Hybrid, Map, iterates
 
 __all__ = ["lyapunov_spectrum"]
 
@@ -111,7 +111,7 @@ def lyapunov_spectrum(
     limit = SUM_RULE_EXACT if isinstance(system, EventDriven) else SUM_RULE_UP_TO
     plan = runs.Plan(cadence, kind, k == n <= limit, 0, clock != "time", x0.ndim == 2, runs.first_losses)
     _ends(t1, blocks, times, "t1")  # refused before anything is computed
-    discrete = isinstance(system, Map) or (isinstance(system, Hybrid) and system.fields is None)
+    discrete = iterates(system)
     journey, interrupted = runs.start(problem, plan, t0, x0, frame, mode, jnp.asarray(interval, x0.dtype)), False
     if not _is_zero(transient):
         quiet = _targets(_ends(transient, blocks, None, "transient"), clock, discrete, x0.dtype)
@@ -141,8 +141,7 @@ def _check_words(clock, averaging, orthonormalise, blocks, k, until, replicates,
         whole("k", k, least=1)
     if until is not None:
         positive("until, a standard error,", until)
-    if max_steps is not None and not traced(max_steps):
-        whole("max_steps", max_steps, least=1)
+    attempts(max_steps)
     if replicates is not None:
         whole("replicates", replicates, least=2)
         require(_is_key(key), f"replicates needs key=jax.random.key(seed), to perturb the starts; got {key!r}.")

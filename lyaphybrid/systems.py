@@ -10,7 +10,7 @@ from typing import Any
 
 import equinox as eqx
 
-__all__ = ["EventDriven", "Flow", "Hybrid", "Map", "System", "Transition"]
+__all__ = ["EventDriven", "Flow", "Hybrid", "Map", "System", "Transition", "iterates"]
 
 
 def _require_callable(name: str, got: Any, signature: str) -> None:
@@ -249,3 +249,8 @@ class EventDriven(eqx.Module):
 
 
 System = Flow | Map | Hybrid | EventDriven
+
+
+def iterates(system: System) -> bool:
+    """Whether time counts iterations: a map, or a hybrid system that only jumps."""
+    return isinstance(system, Map) or (isinstance(system, Hybrid) and system.fields is None)

@@ -10,12 +10,12 @@ from jaxtyping import Array
 
 from . import runs
 from ._tracing import traced
-from .checks import positive, whole
+from .checks import attempts, positive, whole
 from .methods.base import Method
 from .propagation import Cadence
 from .results import RunFailed
 from .statuses import STATUS
-from .systems import EventDriven, Flow, Hybrid, Map
+from .systems import EventDriven, Flow, Hybrid, Map, iterates
 
 __all__ = ["Events", "TangentMap", "Trajectory", "tangent_map", "trajectory"]
 
@@ -122,10 +122,10 @@ def trajectory(
     """
     positive("t1, a length of time,", t1)
     whole("n, the number of samples,", n, least=1)
-    _require_steps(max_steps)
+    attempts(max_steps)
     problem, x0, t0, mode = runs.prepare(system, x0, args, t0, method, mode)
     _require_one(x0)
-    discrete = isinstance(system, Map) or (isinstance(system, Hybrid) and system.fields is None)
+    discrete = iterates(system)
     ends = t1 * (np.arange(1, n + 1) / n)
     ends = jnp.asarray(jnp.ceil(ends - 1e-9) if discrete else ends, x0.dtype)
     room = 0 if discrete or isinstance(system, Flow) else ROOM
@@ -144,11 +144,6 @@ def trajectory(
         runs.mode_names(system),
     )
     return _deliver(result, throw)
-
-
-def _require_steps(max_steps) -> None:
-    if max_steps is not None and not traced(max_steps):
-        whole("max_steps", max_steps, least=1)
 
 
 def _require_one(x0) -> None:
@@ -236,7 +231,7 @@ def tangent_map(
          [0.       0.367879]]
     """
     positive("t1, a length of time,", t1)
-    _require_steps(max_steps)
+    attempts(max_steps)
     problem, x0, t0, mode = runs.prepare(system, x0, args, t0, method, mode)
     _require_one(x0)
     plan = runs.Plan(Cadence("never", False), "mgs", False, 0, False, False, runs.nothing)

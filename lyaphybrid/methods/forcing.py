@@ -25,10 +25,11 @@ def at_times(field: Field, t, x, h, fractions: Iterable[float]) -> dict[float, C
     times = {float(c): t + c * h for c in fractions}
     closed = jax.make_jaxpr(field)(t, x)
     fixed, early, late = _by_what_is_known(closed)
-    if not any(_is_repeated(eqn) for eqn in early):
+    used = set().union(_variables(closed.jaxpr.outvars), *(_variables(eqn.invars) for eqn in late))
+    kept = [v for eqn in early for v in eqn.outvars if v in used]
+    if not kept or not any(_is_repeated(eqn) for eqn in early):
         return {c: lambda x, at=at: field(at, x) for c, at in times.items()}
     time, point = closed.jaxpr.invars
-    kept = [v for eqn in early for v in eqn.outvars if any(v in _needs(user) for user in late)]
     forcing = _part(closed, [*fixed, *early], [time], kept)
     rest = _part(closed, [*fixed, *late], [time, *kept, point], closed.jaxpr.outvars)
 
@@ -40,8 +41,8 @@ def at_times(field: Field, t, x, h, fractions: Iterable[float]) -> dict[float, C
     return {c: lambda x, at=at, now=values[c]: rest(at, *now, x)[0] for c, at in times.items()}
 
 
-def _needs(eqn) -> set:
-    return {v for v in eqn.invars if not isinstance(v, Literal)}
+def _variables(atoms) -> set:
+    return {v for v in atoms if not isinstance(v, Literal)}
 
 
 def _by_what_is_known(closed: ClosedJaxpr):
@@ -50,7 +51,7 @@ def _by_what_is_known(closed: ClosedJaxpr):
     constant = set(closed.jaxpr.constvars)
     timed = {closed.jaxpr.invars[0]}
     for eqn in closed.jaxpr.eqns:
-        needs = _needs(eqn)
+        needs = _variables(eqn.invars)
         if needs <= constant:
             fixed.append(eqn)
             constant.update(eqn.outvars)

@@ -167,15 +167,21 @@ def hermite(theta, x0, d0, x1, d1):
 
 
 def _along(x, h, weights, slopes):
-    """The state x + h Σ w k."""
-    return x + h * _weigh(weights, slopes)
+    """The state x + h Σ w k, summed so that the last slope, the latest to be known, needs one multiply–add."""
+    steps = [(float(w) * h, k) for w, k in zip(weights, slopes, strict=False) if w != 0]
+    *early, (last, latest) = steps
+    base = x + _sum([step * k for step, k in early]) if early else x
+    return base + last * latest
 
 
 def _along_each(x, h, weights, slopes):
     """The same, component by component."""
-    return jnp.stack([x[i] + h * _weigh(weights, [k[i] for k in slopes]) for i in range(x.shape[0])])
+    return jnp.stack([_along(x[i], h, weights, [k[i] for k in slopes]) for i in range(x.shape[0])])
 
 
 def _weigh(weights, slopes):
-    terms = [float(w) * k for w, k in zip(weights, slopes, strict=False) if w != 0]
+    return _sum([float(w) * k for w, k in zip(weights, slopes, strict=False) if w != 0])
+
+
+def _sum(terms):
     return sum(terms[1:], terms[0])

@@ -1,0 +1,91 @@
+"""The part of a field that depends on time alone is computed once for each time, and nothing else changes."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import lyaphybrid as lh
+from lyaphybrid.methods.forcing import at_times
+
+FRACTIONS = (0.5, 1.0)
+T, H, X = 0.7, 0.1, np.array([0.3, -0.4])
+
+
+def forced(t, x, args):
+    return jnp.stack([x[1], jnp.cos(args * t) - x[0]])
+
+
+def twice_forced(t, x, args):
+    force = jnp.array([jnp.sin(args * t), 0.5]) * jnp.exp(-t)
+    return force * x[0] + jnp.tan(0.1 * t) * x
+
+
+@jax.jit
+def compiled(t, x, args):
+    return jnp.stack([x[1], jnp.sinc(args * t) - jnp.sin(x[0])])
+
+
+def branching(t, x, args):
+    return jnp.where(t > 0.75, jnp.sin(args * t), jnp.cos(t)) * x
+
+
+def only_time(t, x, args):
+    return jnp.sin(jnp.array([t, args * t]))
+
+
+def vain(t, x, args):
+    jnp.sin(t)
+    return -x
+
+
+def constant(t, x, args):
+    return jnp.array([1.0, 2.0])
+
+
+def autonomous(t, x, args):
+    return jnp.stack([x[1], -jnp.sin(x[0])])
+
+
+FIELDS = [forced, twice_forced, compiled, branching, only_time, vain, constant, autonomous]
+
+
+@pytest.mark.parametrize("field", FIELDS, ids=lambda f: getattr(f, "__name__", "compiled"))
+def test_the_field_is_the_same(field):
+    def both(x, args, h):
+        bound = lambda t, x: field(t, x, args)  # noqa: E731
+        here = at_times(bound, jnp.asarray(T), x, h, FRACTIONS)
+        return jnp.stack([here[c](x) for c in FRACTIONS]), jnp.stack([bound(T + c * h, x) for c in FRACTIONS])
+
+    for run in (both, jax.jit(both)):
+        ours, plain = run(jnp.asarray(X), jnp.asarray(2.8), jnp.asarray(H))
+        np.testing.assert_allclose(ours, plain, rtol=1e-15, atol=1e-16)
+    for derivative in (jax.jacfwd, jax.jacrev):
+        ours, plain = derivative(both, argnums=(0, 1, 2))(jnp.asarray(X), jnp.asarray(2.8), jnp.asarray(H))
+        for a, b in zip(ours, plain, strict=True):
+            np.testing.assert_allclose(a, b, rtol=1e-13, atol=1e-15)
+    lanes = jnp.array([0.1, 0.2, 0.3])
+    ours, plain = jax.vmap(both, in_axes=(None, None, 0))(jnp.asarray(X), jnp.asarray(2.8), lanes)
+    np.testing.assert_allclose(ours, plain, rtol=1e-15, atol=1e-16)
+
+
+def test_a_step_takes_each_cosine_once():
+    """RK4 sees two new times a step: two cosines in one vector, kept from repetition; plainly written it is four."""
+    method = lh.RungeKutta("rk4", dt=H)
+
+    def step(x):
+        field = lambda t, x: forced(t, x, 2.8)  # noqa: E731
+        done = method.step(field, jnp.asarray(T), x, field(T, x), jnp.asarray(H))
+        return done.x, done.f
+
+    jaxpr = jax.make_jaxpr(step)(jnp.asarray(X))
+    names = [eqn.primitive.name for eqn in jaxpr.eqns]
+    assert names.count("cos") == 1, "the one at the start of the step, of the field itself"
+    assert names.count("cond") == 1
+
+
+def test_a_field_without_forcing_stays_as_it_is():
+    jaxpr = jax.make_jaxpr(
+        lambda x: at_times(lambda t, x: autonomous(t, x, None), jnp.asarray(T), x, H, FRACTIONS)[1.0](x)
+    )(jnp.asarray(X))
+    assert "cond" not in [eqn.primitive.name for eqn in jaxpr.eqns]
