@@ -214,8 +214,8 @@ class Stepping:
         case = jnp.where(lands, LAND, jnp.where(event, LOCATE, ADVANCE))
         # An infinite or undefined state spoils the estimate; without an estimate the state itself is asked.
         passed = ratio <= 1.0 if self.rejects else jnp.all(jnp.isfinite(tr.x))
-        failed = tr.h <= self._least_step(c, clock) if self.rejects else True
-        case = jnp.where(passed, case, jnp.where(failed & (tr.h > 0), FAIL, REJECT))
+        failed = (tr.h > 0) & (tr.h <= self._least_step(c, clock)) if self.rejects else True
+        case = jnp.where(passed, case, jnp.where(failed, FAIL, REJECT))
         return tr._replace(case=case.astype(jnp.int32), ratio=ratio)
 
     def _least_step(self, c: Carry, clock: Clock):
@@ -267,7 +267,8 @@ class Stepping:
         kept = self.commit(settings, c, jnp.where(tr.final, clock.length, c.s + tr.h), tr.h, tr.x, frame, flux)
         kept = changed(kept, f=tr.f)
         if self.has_events:
-            kept = changed(kept, g=tr.g, rate=tr.rate, side=jnp.where(tr.g == 0, own.side, jnp.sign(tr.g)))
+            side = jnp.where(tr.g > 0, 1.0, jnp.where(tr.g < 0, -1.0, own.side))
+            kept = changed(kept, g=tr.g, rate=tr.rate, side=side)
         if not self.rejects:
             return kept
         # The frame's error may fail a step that the state's has passed.
