@@ -260,7 +260,7 @@ def test_a_map_goes_on_bitwise():
 
 @pytest.mark.slow
 def test_vmap_of_a_chaotic_impact_oscillator_equals_a_loop():
-    """Chaos and chatter amplify rounding: the two may differ by what a start shaken by rounding does, not by more."""
+    """Chatter amplifies rounding: there the two may differ by what rounding the start does, and not by more."""
     problem = lh.zoo.impact_oscillator()
 
     def run(omega, shake=0.0):
@@ -275,12 +275,16 @@ def test_vmap_of_a_chaotic_impact_oscillator_equals_a_loop():
     batch = jax.vmap(run)(omegas)
     assert len(set(np.asarray(batch.jumps).tolist())) == 3
     for i, omega in enumerate(omegas):
-        alone = numbers(run(omega))
+        one, other = jax.tree.map(lambda leaf, i=i: leaf[i], batch), run(omega)
+        if other.status is not STATUS.zeno:
+            same(one, other, atol=1e-8)
+            continue
+        lane, alone = numbers(one), numbers(other)
         shaken = [numbers(run(omega, shake)) for shake in (-1e-15, -2e-16, 2e-16, 1e-15)]
-        for name, lane in numbers(jax.tree.map(lambda leaf, i=i: leaf[i], batch)).items():
-            moved = max(float(np.max(np.abs(other[name] - alone[name]), initial=0.0)) for other in shaken)
+        for name in COMPARED:
+            moved = max(float(np.max(np.abs(start[name] - alone[name]), initial=0.0)) for start in shaken)
             assert moved < 1e-6, f"{name} is too sensitive to compare"
-            np.testing.assert_allclose(lane, alone[name], rtol=0, atol=1e-12 + 10 * moved, err_msg=name)
+            np.testing.assert_allclose(lane[name], alone[name], rtol=1e-8, atol=max(1e-8, moved), err_msg=name)
 
 
 @pytest.mark.slow
