@@ -17,8 +17,9 @@ import numpy as np
 from benchmarks import problems
 
 SOURCES = pathlib.Path(__file__).parent / "c"
-# sqrt of a negative number is never taken here; having to set errno for it would keep loops from vectorising.
-FLAGS = ("-O3", "-march=native", "-shared", "-fPIC")
+# sqrt of a negative number is never taken here; having to set errno for it would keep loops from vectorising:
+# without -fno-math-errno the hard disks take 2.7 times as long, Lorenz every ten steps 1.4 times.
+FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-shared", "-fPIC")
 
 _Array = np.ctypeslib.ndpointer(dtype=np.float64, flags="C_CONTIGUOUS")
 _Counts = np.ctypeslib.ndpointer(dtype=np.int64, flags="C_CONTIGUOUS")

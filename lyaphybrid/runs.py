@@ -319,6 +319,7 @@ def _verdict(journey: Journey, ends):
     return jnp.where(short, int(STATUS.max_steps), journey.carry.status)
 
 
+@jax.jit
 def _merge(old, new):
     """Records of an earlier call, overwritten where a later call finished a block."""
 
