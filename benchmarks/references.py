@@ -67,16 +67,20 @@ def compiler() -> str:
     return found
 
 
+def build(target: str, flags: tuple[str, ...] = FLAGS) -> None:
+    """Compile the references into the shared library `target`."""
+    sources = sorted(str(path) for path in SOURCES.glob("*.c"))
+    done = subprocess.run([compiler(), *flags, *sources, "-o", target, "-lm"], capture_output=True, text=True)
+    if done.returncode != 0:
+        raise RuntimeError(f"the C references do not compile:\n{done.stderr}")
+
+
 @functools.cache
 def library() -> ctypes.CDLL:
     """The references, compiled for this processor into a folder that is gone once they are loaded."""
-    sources = sorted(str(path) for path in SOURCES.glob("*.c"))
     with tempfile.TemporaryDirectory() as folder:
         target = os.path.join(folder, "references.so")
-        command = [compiler(), *FLAGS, *sources, "-o", target, "-lm"]
-        done = subprocess.run(command, capture_output=True, text=True)
-        if done.returncode != 0:
-            raise RuntimeError(f"the C references do not compile:\n{done.stderr}")
+        build(target)
         loaded = ctypes.CDLL(target)
     for name, arguments in _SIGNATURES.items():
         function = getattr(loaded, name)

@@ -17,7 +17,7 @@ from lyaphybrid import zoo
 ANTIPHASE = 0.3819215677837863  # time between the firings of two neurons that inhibit each other
 
 
-def agree(spectrum, reference, gate):
+def assert_agrees(spectrum, reference, gate):
     """Within 5 standard errors, and these below the gate."""
     values, errors = np.asarray(spectrum.exponents), np.asarray(spectrum.stderr)
     finite = np.isfinite(reference.exponents)
@@ -56,7 +56,7 @@ def test_known_values(name, parameters, keywords, gate, closes):
     problem = zoo.get(name)(**parameters)
     spectrum = problem.spectrum(**keywords)
     assert spectrum.status == lh.STATUS.ok
-    agree(spectrum, problem.reference, gate)
+    assert_agrees(spectrum, problem.reference, gate)
     assert spectrum.sum_rule_residual is None if closes is None else spectrum.sum_rule_residual <= closes
 
 
@@ -74,7 +74,7 @@ LONG = [
 @pytest.mark.parametrize(("name", "parameters", "keywords", "gate"), LONG, ids=[name for name, *_ in LONG])
 def test_known_values_in_long_runs(name, parameters, keywords, gate):
     problem = zoo.get(name)(**parameters)
-    agree(problem.spectrum(**keywords), problem.reference, gate)
+    assert_agrees(problem.spectrum(**keywords), problem.reference, gate)
 
 
 # Exact for every orbit, or up to the first turn of the frame.

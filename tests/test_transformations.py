@@ -48,7 +48,7 @@ def single(i: int) -> lh.Spectrum:
     return lane(ball_args(**LANES[i][0]))
 
 
-def same(one, other, atol=1e-12):
+def assert_same(one, other, atol=1e-12):
     """Two results agree in everything that is compared; the scale of a value is its own size."""
     for name in COMPARED:
         a, b = np.asarray(getattr(one, name), float), np.asarray(getattr(other, name), float)
@@ -56,11 +56,11 @@ def same(one, other, atol=1e-12):
     np.testing.assert_allclose(one.history.exponents, other.history.exponents, rtol=atol, atol=atol)
 
 
-def same_lane(one, i):
-    """As `same`; where rounding is amplified without end, by an escape or an accumulation, up to the last block."""
+def assert_same_lane(one, i):
+    """As `assert_same`, but up to the last block where an escape or an accumulation amplifies rounding without end."""
     other = single(i)
     if LANES[i][1] not in (STATUS.zeno, STATUS.nonfinite):
-        return same(one, other)
+        return assert_same(one, other)
     assert int(one.status_code) == int(other.status_code)
     before = np.isfinite(other.history.time).sum() - 1
     for name in ("time", "exponents", "growth"):
@@ -82,13 +82,13 @@ def test_vmap_equals_a_loop():
     stacked = {name: jnp.asarray([a[name] for a in args]) for name in args[0]}
     batch = jax.vmap(lane)(stacked)
     for i in range(len(LANES)):
-        same_lane(jax.tree.map(lambda leaf, i=i: leaf[i], batch), i)
+        assert_same_lane(jax.tree.map(lambda leaf, i=i: leaf[i], batch), i)
 
 
 def test_jit_equals_eager_and_reports_the_status():
     jitted = jax.jit(lane)
     for i in (1, 4, 5):
-        same_lane(jitted(jax.tree.map(jnp.asarray, ball_args(**LANES[i][0]))), i)
+        assert_same_lane(jitted(jax.tree.map(jnp.asarray, ball_args(**LANES[i][0]))), i)
 
 
 def test_starts_of_shape_m_n_are_m_runs():
@@ -277,7 +277,7 @@ def test_vmap_of_a_chaotic_impact_oscillator_equals_a_loop():
     for i, omega in enumerate(omegas):
         one, other = jax.tree.map(lambda leaf, i=i: leaf[i], batch), run(omega)
         if other.status is not STATUS.zeno:
-            same(one, other, atol=1e-8)
+            assert_same(one, other, atol=1e-8)
             continue
         lane, alone = numbers(one), numbers(other)
         shaken = [numbers(run(omega, shake)) for shake in (-1e-15, -2e-16, 2e-16, 1e-15)]
