@@ -1,10 +1,13 @@
-"""The one compiler switch of this library: on a CPU, compile a whole `while` nest into one native kernel.
+"""The compiler switch of this library: on a CPU, compile a whole `while` nest into one native, vectorised kernel.
 
 By default XLA does so only for loops that touch about 1 kB an iteration; larger ones are dispatched operation
-by operation, at 3 to 30 times the cost of hand-written C. `jit(compiler_options=…)` does not take the
-threshold: it must stand in `XLA_FLAGS` before JAX creates its first backend.
+by operation, at 3 to 30 times the cost of hand-written C. And LLVM unrolls short loops altogether before it looks
+for vectors, which it finds in loops alone: rows of four columns stay scalar code unless it unrolls only up to
+three turns. `jit(compiler_options=…)` does not take these options: they must stand in `XLA_FLAGS` before JAX
+creates its first backend.
 """
 
+import importlib.util
 import os
 import re
 import warnings
@@ -15,7 +18,8 @@ from jax._src import xla_bridge
 
 OPT_OUT = "LYAPHYBRID_KEEP_XLA_FLAGS"
 _THRESHOLD = "xla_cpu_small_while_loop_byte_threshold"
-_OPTION = f"{_THRESHOLD}=16777216"  # bytes; no penalty was seen up to 1e9
+_KERNELS = f"{_THRESHOLD}=16777216"  # bytes; no penalty was seen up to 1e9
+_VECTORS = "-unroll-full-max-count=3"  # LLVM's own
 _FLAG = "--xla_backend_extra_options="
 
 
@@ -31,15 +35,16 @@ def request_single_kernel_loops() -> None:
     in_file = flags != "" and not flags.startswith("-")  # XLA then reads its flags from the file of that name
     if _THRESHOLD in (_text(flags) if in_file else flags):
         return
+    options = _options()
     too_late = xla_bridge.backends_are_initialized()
     if too_late and jax.default_backend() != "cpu":
         return
     if too_late or in_file:
         remedy = (
-            f"add {_FLAG}{_OPTION} to the file that XLA_FLAGS names"
+            f"add {_FLAG}{options} to the file that XLA_FLAGS names"
             if in_file
             else "import lyaphybrid before the first JAX computation, or set "
-            f'XLA_FLAGS="{_FLAG}{_OPTION}" before Python starts'
+            f'XLA_FLAGS="{_FLAG}{options}" before Python starts'
         )
         warnings.warn(
             f"loops will not compile to single CPU kernels and may run several times slower: {remedy}. "
@@ -47,7 +52,7 @@ def request_single_kernel_loops() -> None:
             stacklevel=3,  # the line that imports lyaphybrid
         )
         return
-    os.environ["XLA_FLAGS"] = _with_option(flags)
+    os.environ["XLA_FLAGS"] = _merged(flags, options)
 
 
 def compiles_to_one_kernel(compiled: jax.stages.Compiled) -> bool:
@@ -57,10 +62,15 @@ def compiles_to_one_kernel(compiled: jax.stages.Compiled) -> bool:
     return 'xla_cpu_small_call="true"' in text and " while(" not in entry
 
 
-def _with_option(flags: str) -> str:
+def _options() -> str:
+    """Both options; where a plugin for another device is installed, not LLVM's: it would reach that device's code."""
+    return _KERNELS if importlib.util.find_spec("jax_plugins") else f"{_KERNELS},{_VECTORS}"
+
+
+def _merged(flags: str, options: str) -> str:
     if _FLAG in flags:
-        return re.sub(rf"""({_FLAG}["']?)""", rf"\g<1>{_OPTION},", flags, count=1)
-    return f"{flags} {_FLAG}{_OPTION}".lstrip()
+        return re.sub(rf"""({_FLAG}["']?)""", rf"\g<1>{options},", flags, count=1)
+    return f"{flags} {_FLAG}{options}".lstrip()
 
 
 def _text(file: str) -> str:

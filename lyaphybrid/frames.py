@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-__all__ = ["KINDS", "orthonormalise", "refill"]
+__all__ = ["KINDS", "orthonormalise", "refill", "widened"]
 
 KINDS = ("mgs", "lapack", "cholesky")
 UNROLL = 16  # up to so many columns Gram–Schmidt is unrolled: twice as fast as a loop, but longer to compile
@@ -128,6 +128,11 @@ def _cholesky(frame):
     q, first = one_pass(frame)
     q, second = one_pass(q)
     return q, first * second
+
+
+def widened(frame: Float[Array, "n k"]) -> Float[Array, "n m"]:
+    """Three columns as four, the last one zero: a row is then one vector register (Lorenz: 1.4 times as fast)."""
+    return jnp.pad(frame, ((0, 0), (0, 1))) if frame.shape[1] == 3 else frame
 
 
 def refill(frame: Float[Array, "n k"], project, live: Array) -> tuple[Float[Array, "n k"], Float[Array, "k k"]]:

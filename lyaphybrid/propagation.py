@@ -224,7 +224,10 @@ def _span(settings: Settings, clock: Clock, within, carry: Carry, ahead, interva
         carry = mover.step(settings, clock, carry._replace(budget=carry.budget - 1), ahead)
         return carry, mover.look(carry, clock)
 
+    k = carry.frame.shape[1]
+    carry = carry._replace(frame=frames.widened(carry.frame))
     carry, ahead = jax.lax.while_loop(goes_on, step, (carry, ahead))
+    carry = carry._replace(frame=carry.frame[:, :k])
     carry, ahead = mover.settle(settings, clock, within, carry, ahead)
     if not frequent:
         return carry, ahead, interval, spread

@@ -9,7 +9,8 @@ from jax._src import xla_bridge
 
 from lyaphybrid._compiler import request_single_kernel_loops
 
-OPTION = "xla_cpu_small_while_loop_byte_threshold=16777216"
+KERNELS = "xla_cpu_small_while_loop_byte_threshold=16777216"
+OPTION = f"{KERNELS},-unroll-full-max-count=3"
 SWITCH = f"--xla_backend_extra_options={OPTION}"
 LOOP = """
 import jax, jax.numpy as jnp
@@ -106,6 +107,13 @@ def test_only_a_cpu_is_warned_about(no_backend, monkeypatch):
     monkeypatch.setattr("jax.default_backend", lambda: "gpu")
     request_single_kernel_loops()
     assert "XLA_FLAGS" not in os.environ
+
+
+def test_other_devices_do_not_get_llvms_option(no_backend, monkeypatch):
+    monkeypatch.delenv("XLA_FLAGS", raising=False)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: name == "jax_plugins")
+    request_single_kernel_loops()
+    assert os.environ["XLA_FLAGS"] == f"--xla_backend_extra_options={KERNELS}"
 
 
 def test_an_old_jax_is_left_alone(no_backend, monkeypatch):

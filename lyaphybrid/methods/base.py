@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array
 
 Field = Callable[[Any, Array], Array]  # (t, x) -> dx/dt, args bound
@@ -72,14 +71,3 @@ class Method(eqx.Module):
             return self.ratio(error, jnp.full(before.shape, self.rtol * length + 1e-300))
 
         return jnp.max(jax.vmap(column, in_axes=-1)(errors, frame, new))
-
-
-def trace(field: Field, t, x):
-    """Tr Df at (t, x)."""
-    n = x.shape[0]
-    if n > 4:
-        return jnp.trace(jax.jacfwd(lambda y: field(t, y))(x))
-    # Few dimensions: written out, only the diagonal is computed.
-    units = np.eye(n)
-    diagonal = [jax.jvp(lambda y: field(t, y), (x,), (jnp.asarray(units[i], x.dtype),))[1][i] for i in range(n)]
-    return sum(diagonal[1:], diagonal[0])

@@ -8,7 +8,8 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from ..checks import positive
-from .base import Field, Method, Step, trace
+from .base import Field, Method, Step
+from .divergences import trace
 
 __all__ = ["Diffrax"]
 

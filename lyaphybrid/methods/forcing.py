@@ -15,7 +15,7 @@ from jaxtyping import Array
 
 from .base import Field
 
-__all__ = ["at_times"]
+__all__ = ["at_times", "part_of"]
 
 REPEATED = {"sin", "cos", "tan"}  # XLA takes them for cheap; it does not repeat exp, log, pow, …
 
@@ -30,8 +30,8 @@ def at_times(field: Field, t, x, h, fractions: Iterable[float]) -> dict[float, C
     if not kept or not any(_is_repeated(eqn) for eqn in early):
         return {c: lambda x, at=at: field(at, x) for c, at in times.items()}
     time, point = closed.jaxpr.invars
-    forcing = _part(closed, [*fixed, *early], [time], kept)
-    rest = _part(closed, [*fixed, *late], [time, *kept, point], closed.jaxpr.outvars)
+    forcing = part_of(closed, [*fixed, *early], [time], kept)
+    rest = part_of(closed, [*fixed, *late], [time, *kept, point], closed.jaxpr.outvars)
 
     def nothing(times):
         return [jnp.zeros(times.shape + v.aval.shape, v.aval.dtype) for v in kept]
@@ -70,7 +70,7 @@ def _is_repeated(eqn) -> bool:
     return eqn.primitive.name in REPEATED or any(_is_repeated(one) for one in nested)
 
 
-def _part(closed: ClosedJaxpr, equations, inputs, outputs) -> Callable[..., list]:
+def part_of(closed: ClosedJaxpr, equations, inputs, outputs) -> Callable[..., list]:
     """Some of the equations as a function."""
     part = closed.jaxpr.replace(eqns=equations, invars=inputs, outvars=outputs)
     return jaxpr_as_fun(ClosedJaxpr(part, closed.consts))

@@ -11,7 +11,7 @@ from ..events import EPS, Wiring, arm, by_mode, jets, rates
 from ..propagation import Carry, Clock, Events, Settings, harvest, log_event, stop
 from ..saltations import advance_to_instant, instant, push, return_along
 from ..statuses import STATUS
-from .base import trace
+from .divergences import trace
 from .trials import NEAR, PATIENCE, Memory, Stepper, Trial, changed, firing, table
 
 __all__ = ["land"]

@@ -4,13 +4,13 @@ from typing import Any, NamedTuple
 
 import diffrax
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from ..checks import positive
 from . import tableaux
-from .base import Field, Method, Step, trace
+from .base import Field, Method, Step
+from .divergences import trace
 from .forcing import at_times
 
 __all__ = ["TABLEAUX", "RungeKutta"]
@@ -155,9 +155,7 @@ class RungeKutta(Method):
         _, points = self._stages(at_times(field, t, x, h, table.c), t, x, field(t, x), h)
         b = table.b
         used = [(float(weight), *point) for weight, point in zip(b, points, strict=True) if weight != 0]
-        weights, times, states = zip(*used, strict=True)
-        traces = jax.vmap(lambda t, x: trace(field, t, x))(jnp.stack(times), jnp.stack(states))
-        return h * jnp.sum(jnp.asarray(weights, x.dtype) * traces)
+        return h * _sum([weight * trace(field, time, point) for weight, time, point in used])
 
 
 def hermite(theta, x0, d0, x1, d1):

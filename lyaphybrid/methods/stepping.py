@@ -138,10 +138,10 @@ class Stepping:
         return Trial(none, h, c.x, c.own.f, ratio, jnp.asarray(False), zeros, zeros, miss, tick)
 
     def look(self, c: Carry, clock: Clock, aim: Aim | None = None):
-        """A trial step of the state, and the case that it makes; a plain fixed-step flow needs no trial."""
+        """A trial step of the state, and the case that it makes; a plain fixed-step flow needs only its length."""
         own, t, w = c.own, clock.base + c.s, self.wiring
-        if own.f is None:
-            return ()
+        if self.always_common:
+            return self._cut(clock.length - c.s, self.method.fixed_step)
         h, final, tick = self._length(c, clock, aim)
 
         def trial(q):
@@ -165,15 +165,14 @@ class Stepping:
 
     def common(self, ahead):
         """Rejecting and advancing are common."""
-        return True if ahead == () else ahead.case <= ADVANCE
+        return True if self.always_common else ahead.case <= ADVANCE
 
     def _length(self, c: Carry, clock: Clock, aim: Aim | None):
         """How long the next trial is: the controller's step, cut at the block's end, a tick, a root."""
         own, rest = c.own, clock.length - c.s
-        h = jax.lax.stop_gradient(own.h)
+        h = self._cut(rest, jax.lax.stop_gradient(own.h))
         tick: Any = None
-        final = rest <= h * (1 + 1e-9)
-        h = jnp.where(final, rest, h)
+        final = rest <= h
         if own.ticks is not None:
             until = self._until_ticks(own, c.s, clock)
             first = jnp.argmin(until)
@@ -185,6 +184,11 @@ class Stepping:
             h, final = jnp.where(cut, aim.h, h), final & ~cut
             tick = None if tick is None else jnp.where(cut, -1, tick)
         return h, final, tick
+
+    @staticmethod
+    def _cut(rest, h):
+        """A step of h, or all that is left where this is hardly more (h alone, times a constant, would be hoisted)."""
+        return jnp.where(rest * (1 - 1e-9) <= h, rest, h)
 
     def _until_ticks(self, own: Stepper, s, clock: Clock):
         """Time to the next tick of each clock; inf where the mode does not listen to it."""
@@ -258,8 +262,8 @@ class Stepping:
 
     def step(self, settings: Settings, clock: Clock, c: Carry, tr) -> Carry:
         """Keep the trial and carry the frame; or, where an error is too large, only make h smaller."""
-        if tr == ():
-            return self._march(settings, clock, c)
+        if self.always_common:
+            return self._march(settings, clock, c, tr)
         own, ratio, frame, flux = c.own, tr.ratio, c.frame, None
         if frame.shape[1]:
             _, frame, frame_ratio, flux = self.carried(c, clock, tr.h, own.mode)
@@ -281,12 +285,10 @@ class Stepping:
             kept, jnp.where(jnp.isfinite(jnp.asarray(ratio)), STATUS.step_underflow, STATUS.nonfinite), hopeless
         )
 
-    def _march(self, settings: Settings, clock: Clock, c: Carry) -> Carry:
+    def _march(self, settings: Settings, clock: Clock, c: Carry, h) -> Carry:
         """A fixed step of a plain flow: no trial, no guard."""
-        rest, dt = clock.length - c.s, self.method.fixed_step
-        final = rest <= dt * (1 + 1e-9)
-        h = jnp.where(final, rest, dt)
         new, frame, _, flux = self.carried(c, clock, h, None)
+        final = clock.length - c.s <= h
         return self.commit(settings, c, jnp.where(final, clock.length, c.s + h), h, new, frame, flux)
 
     def _next_h(self, own: Stepper, tr: Trial, ratio, passed):
