@@ -14,7 +14,7 @@ from . import runs
 from ._tracing import traced
 from .events import EPS, by_mode, wire
 from .methods.exact import Exact
-from .saltations import advance_to_instant, instant, push, return_along
+from .saltations import delays, instant, push, return_along
 from .systems import EventDriven, Flow, Hybrid, Map, System
 
 __all__ = ["Jacobians", "jacobians", "saltation_matrix"]
@@ -245,21 +245,21 @@ def _crossing_of_event(system: EventDriven, args, event) -> Crossing:
 def _saltation(system, t, x, args, mode, sequence, which):
     """S; and what tells whether the point is on the guard: h, ḣ, and the sizes of what makes them up."""
     crossing = _crossing(system, t, x, args, sequence, which)
-    columns, shift, contact = jnp.eye(x.shape[0], dtype=x.dtype), jnp.zeros_like(x), None
+    columns, contact = jnp.eye(x.shape[0], dtype=x.dtype), None
+    direction = delay = jnp.zeros_like(x)
     if not crossing.ticks:
         f = crossing.velocity(mode, t, x)
         gradient, moving, rate = instant(crossing.guard, t, x, f)
-        columns, shift = advance_to_instant(columns, gradient, rate, f)
-        shift = jnp.where(rate == 0, jnp.nan, shift)
+        direction, delay = f, jnp.where(rate == 0, jnp.nan, delays(columns, gradient, rate))
         slope, moving = jnp.sqrt(jnp.sum(gradient**2)), jnp.abs(moving)
         speed, size = jnp.sqrt(jnp.sum(f**2)), jnp.sqrt(jnp.sum(x**2))
         contact = (crossing.guard(t, x), rate, slope * (size + speed) + moving, slope * speed + moving)
     for reset, move in crossing.jumps:
         after = move(mode, t, x)
-        x, columns = push(reset, t, x, columns, shift)
+        x, columns, direction = push(reset, t, x, columns, direction)
         mode = after
     if crossing.velocity is not None:
-        columns = return_along(columns, crossing.velocity(mode, t, x), shift)
+        columns = return_along(columns, direction, crossing.velocity(mode, t, x), delay)
     return columns, contact
 
 

@@ -42,7 +42,7 @@ def orthonormalise(
     """
     k = frame.shape[1]
     if kind == "mgs":
-        columns, lengths = (_by_columns if k <= 3 else _in_stages if k <= UNROLL else _in_a_loop)(frame)
+        columns, lengths = (_by_columns if k <= 3 else _unrolled if k <= UNROLL else _in_a_loop)(frame)
     else:
         columns, lengths = (_householder if kind == "lapack" else _cholesky)(frame)
     tolerance = absolute + relative * _norm(frame) if tracked(relative) else 0.0
@@ -87,16 +87,13 @@ def _remove(rest, column, j: int | Array):
     return rest - column[:, None] * share[None, :], square
 
 
-def _in_stages(frame):
-    """The same, one column against all later ones; four at a time are finished and left behind."""
-    rest, done, squares = frame, [], []
-    while rest.shape[1]:
-        for j in range(min(4, rest.shape[1])):
-            rest, square = _remove(rest, rest[:, j], j)
-            squares.append(square)
-        done.append(rest[:, :4])
-        rest = rest[:, 4:]
-    return _scaled(jnp.concatenate(done, axis=1), jnp.stack(squares))
+def _unrolled(frame):
+    """The same, one column against all later ones."""
+    squares = []
+    for j in range(frame.shape[1]):
+        frame, square = _remove(frame, frame[:, j], j)
+        squares.append(square)
+    return _scaled(frame, jnp.stack(squares))
 
 
 def _in_a_loop(frame):

@@ -7,15 +7,17 @@ it through the reset, and come back along the new flow:
     S   = Dg + (f⁺ - Dg f⁻ - ∂ₜg) ∇h / (∂ₜh + ∇h·f⁻)        (with the sign of δτ absorbed)
 
 M. di Bernardo, C. Budd, A. Champneys & P. Kowalczyk, Piecewise-smooth Dynamical Systems (Springer 2008),
-section 2.5, doi:10.1007/978-1-84628-708-4. In a cascade the instant belongs to the first guard: only the push
-is repeated. Nothing here forms an n×n matrix: columns are carried by `jax.jvp`.
+section 2.5, doi:10.1007/978-1-84628-708-4. All neighbours are moved along one and the same direction: f⁻, which
+the reset turns into Dg f⁻ + ∂ₜg. It is pushed through by itself, and the columns without it. In a cascade the
+instant belongs to the first guard: only the push is repeated. Nothing here forms an n×n matrix: columns are
+carried by `jax.jvp`.
 """
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-__all__ = ["advance_to_instant", "instant", "push", "return_along"]
+__all__ = ["delays", "instant", "push", "return_along"]
 
 
 def instant(guard, t, x, f):
@@ -24,21 +26,21 @@ def instant(guard, t, x, f):
     return gradient, rate_of_time, rate_of_time + jnp.sum(gradient * f)
 
 
-def advance_to_instant(frame: Float[Array, "n k"], gradient, rate, f) -> tuple[Float[Array, "n k"], Float[Array, " k"]]:
-    """Each column moved to its own instant, dx + f⁻ δτ; and δτ (k,)."""
-    shift = -(gradient @ frame) / jnp.where(rate == 0, 1.0, rate)
-    return frame + f[:, None] * shift[None, :], shift
+def delays(frame: Float[Array, "n k"], gradient, rate) -> Float[Array, " k"]:
+    """By how much later each column meets the guard: δτ."""
+    return -(gradient @ frame) / jnp.where(rate == 0, 1.0, rate)
 
 
-def push(reset, t, x, columns: Float[Array, "n k"], shift: Float[Array, " k"]):
-    """x⁺ = reset(t, x), and the columns through Dg dx + ∂ₜg δτ."""
+def push(reset, t, x, columns: Float[Array, "n k"], direction: Float[Array, " n"]):
+    """x⁺ = reset(t, x); the columns, Dg dx; and the direction of the moves, Dg f + ∂ₜg."""
 
-    def column(dx, dt):
-        return jax.jvp(reset, (t, x), (dt, dx))[1]
+    def column(dx):
+        return jax.jvp(lambda x: reset(t, x), (x,), (dx,))[1]
 
-    return reset(t, x), jax.vmap(column, in_axes=(-1, 0), out_axes=-1)(columns, shift)
+    new, direction = jax.jvp(reset, (t, x), (jnp.ones_like(t), direction))
+    return new, jax.vmap(column, in_axes=-1, out_axes=-1)(columns), direction
 
 
-def return_along(columns: Float[Array, "n k"], f, shift: Float[Array, " k"]) -> Float[Array, "n k"]:
-    """Back from the instants of the neighbours to that of the orbit, along the new flow: dx - f⁺ δτ."""
-    return columns - f[:, None] * shift[None, :]
+def return_along(columns: Float[Array, "n k"], direction, f, delay: Float[Array, " k"]) -> Float[Array, "n k"]:
+    """From the instants of the neighbours, dx + direction δτ, to that of the orbit along the new flow: - f⁺ δτ."""
+    return columns + (direction - f)[:, None] * delay[None, :]

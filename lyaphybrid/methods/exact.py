@@ -9,7 +9,7 @@ from jaxtyping import Array
 
 from .. import frames
 from ..propagation import Carry, Clock, Events, Settings, log_event, stop
-from ..saltations import advance_to_instant, instant, push, return_along
+from ..saltations import delays, instant, push, return_along
 from ..statuses import STATUS
 from ..systems import EventDriven
 
@@ -101,9 +101,9 @@ class Exact:
         columns = jnp.concatenate([frame, jnp.eye(n, dtype=x.dtype)], axis=1) if settings.sum_rule else frame
         before = self.velocity(t, x)
         gradient, _, rate = instant(lambda t, x: system.guard(t, x, args, which), t, x, before)
-        columns, shift = advance_to_instant(columns, gradient, rate, before)
-        new, columns = push(lambda t, x: system.jump(t, x, args, which), t, x, columns, shift)
-        columns = return_along(columns, self.velocity(t, new), shift)
+        delay = delays(columns, gradient, rate)
+        new, columns, direction = push(lambda t, x: system.jump(t, x, args, which), t, x, columns, before)
+        columns = return_along(columns, direction, self.velocity(t, new), delay)
         volume = c.volume
         if volume is not None:
             volume = volume + self._flux(c, clock, flight.dt) + frames.log_abs_det(columns[:, k:])

@@ -9,7 +9,7 @@ from jaxtyping import Array
 from .. import frames
 from ..events import EPS, Wiring, arm, by_mode, jets, rates
 from ..propagation import Carry, Clock, Events, Settings, harvest, log_event, stop
-from ..saltations import advance_to_instant, instant, push, return_along
+from ..saltations import delays, instant, push, return_along
 from ..statuses import STATUS
 from .divergences import trace
 from .trials import NEAR, PATIENCE, Memory, Stepper, Trial, changed, firing, table
@@ -27,7 +27,8 @@ class Landing(NamedTuple):
 
     x: Array
     columns: Array
-    shift: Array  # (columns,) δτ of each
+    direction: Array  # (n,) along which the columns are moved to their own instants …
+    delay: Array  # … by δτ (columns,)
     mode: Array
     f: Array  # of the new mode
     g: Array
@@ -156,19 +157,19 @@ def _projection(mover, mode, t, x):
 
 
 def _start_cascade(mover, t, c, columns, mode, transition, which, slot, together) -> "Landing":
-    """On the guard, before the first jump: each column moved to its own instant."""
+    """On the guard, before the first jump: the own instant of each column."""
     w, x = mover.wiring, c.x
     f = by_mode(mode, w.fields, t, x)
     gradient, moving, rate = _instant(mover, mode, t, x, f, slot)
-    moved, shift = advance_to_instant(columns, gradient, rate, f)
     ticking = slot < 0  # the instant of a clock is everybody's
     size = jnp.sqrt(jnp.sum(gradient**2) * jnp.sum(f**2) + 1e-300) + jnp.abs(moving)
     rounding = BLUR * (jnp.sum(jnp.abs(gradient * x)) + jnp.abs(moving * t))
     slots, no = jnp.zeros(w.slots, x.dtype), jnp.asarray(False)
     return Landing(
         x=x,
-        columns=jnp.where(ticking, columns, moved),
-        shift=jnp.where(ticking, 0.0, shift),
+        columns=columns,
+        direction=f,
+        delay=jnp.where(ticking, 0.0, delays(columns, gradient, rate)),
         mode=mode,
         f=f,
         g=slots,
@@ -193,13 +194,13 @@ def _cascade(mover, t, h, landing: "Landing") -> "Landing":
     w = mover.wiring
 
     def jump(state: Landing) -> Landing:
-        x, columns = jax.lax.switch(
+        x, columns, direction = jax.lax.switch(
             state.transition,
             [_pusher(reset) for reset in w.resets],
             t,
             state.x,
             state.columns,
-            state.shift,
+            state.direction,
             state.which,
         )
         mode = jax.lax.switch(state.transition, w.targets, state.mode, t, state.x, state.which)
@@ -217,13 +218,15 @@ def _cascade(mover, t, h, landing: "Landing") -> "Landing":
         stuck = jnp.any(fired & flat & (side < 0) & directed) & ~again
         # A guard that the flow itself brought to zero at this instant has an instant of its own.
         itself = again & state.together[slot] & (mode == state.mode)
-        shift, columns = _own_instant(mover, itself, mode, t, x, f, slot, columns, state.shift)
+        moves = columns, direction, state.delay
+        columns, direction, delay = _own_instant(mover, itself, mode, t, x, f, slot, moves)
         transition = jnp.where(again, table(mover, mode if w.modes > 1 else None, w.transition)[slot], state.transition)
         which = table(mover, mode if w.modes > 1 else None, w.component)[slot]
         return Landing(
             x,
             columns,
-            shift,
+            direction,
+            delay,
             mode,
             f,
             g,
@@ -245,7 +248,7 @@ def _cascade(mover, t, h, landing: "Landing") -> "Landing":
     landing = jax.lax.while_loop(lambda s: s.again, jump, landing)
     over = (landing.count >= mover.max_cascade) & _still_firing(mover, landing)
     landing = landing._replace(
-        columns=return_along(landing.columns, landing.f, landing.shift),
+        columns=return_along(landing.columns, landing.direction, landing.f, landing.delay),
         count=landing.count + over.astype(jnp.int32),
     )
     return landing
@@ -266,10 +269,11 @@ def _instant(mover, mode, t, x, f, slot):
     return by_mode(mode, [of_mode(g) for g in mover.wiring.guards], t, x, f)
 
 
-def _own_instant(mover, itself, mode, t, x, f, slot, columns, shift):
+def _own_instant(mover, itself, mode, t, x, f, slot, moves):
     gradient, _, rate = _instant(mover, mode, t, x, f, slot)
-    moved, own = advance_to_instant(return_along(columns, f, shift), gradient, rate, f)
-    return jnp.where(itself, own, shift), jnp.where(itself, moved, columns)
+    columns, direction, delay = moves
+    back = return_along(columns, direction, f, delay)
+    return _choose(itself, (back, f, delays(back, gradient, rate)), moves)
 
 
 def _in_each_order(mover, t, h, c, columns, mode, transition, which, slot, together) -> "Landing":
@@ -355,8 +359,8 @@ def _apart(a: Landing, b: Landing):
 
 
 def _pusher(reset):
-    def pushed(t, x, columns, shift, which):
-        return push(lambda t, x: reset(t, x, which), t, x, columns, shift)
+    def pushed(t, x, columns, direction, which):
+        return push(lambda t, x: reset(t, x, which), t, x, columns, direction)
 
     return pushed
 
