@@ -121,8 +121,8 @@ def _running_totals(growth, order, valid, initial):
         return initial[None, :] + jnp.cumsum(growth, axis=0)
 
     def add(total, block):
-        gained, permutation, good = block
-        total = jnp.where(good, jnp.sum(permutation * total[None, :], axis=1) + gained, total)
+        gained, source, good = block
+        total = jnp.where(good, total[source] + gained, total)
         return total, total
 
     return jax.lax.scan(add, initial, (growth, order, valid))[1]

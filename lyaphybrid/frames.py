@@ -9,7 +9,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 __all__ = ["KINDS", "orthonormalise", "refill", "widened"]
 
@@ -132,7 +132,7 @@ def widened(frame: Float[Array, "n k"]) -> Float[Array, "n m"]:
     return jnp.pad(frame, ((0, 0), (0, 1))) if frame.shape[1] == 3 else frame
 
 
-def refill(frame: Float[Array, "n k"], project, live: Array) -> tuple[Float[Array, "n k"], Float[Array, "k k"]]:
+def refill(frame: Float[Array, "n k"], project, live: Array) -> tuple[Float[Array, "n k"], Int[Array, " k"]]:
     """Move the live columns to the front and fill the empty ones with new directions, where there is room.
 
     A direction that is gone stays gone for its exponent; its column goes on with a fresh direction of the
@@ -144,13 +144,13 @@ def refill(frame: Float[Array, "n k"], project, live: Array) -> tuple[Float[Arra
         live: (k,), which columns are not empty.
 
     Returns:
-        The frame, and the permutation matrix (k, k) that sorted it: new = permutation @ old along the columns.
+        The frame, and where each of its columns was before: new[i] came from old[source[i]].
     """
     n, k = frame.shape
     count = jnp.sum(live)
     place = jnp.where(live, jnp.cumsum(live) - 1, count + jnp.cumsum(~live) - 1)
-    permutation = (place[None, :] == jnp.arange(k)[:, None]).astype(frame.dtype)
-    frame = jnp.sum(frame[:, None, :] * permutation[None, :, :], axis=-1)
+    source = jnp.argmax(place[None, :] == jnp.arange(k)[:, None], axis=1).astype(jnp.int32)
+    frame = frame[:, source]
     basis = jax.vmap(project)(jnp.eye(n, dtype=frame.dtype))  # rows: projected unit vectors
 
     def fill(j, frame):
@@ -164,7 +164,7 @@ def refill(frame: Float[Array, "n k"], project, live: Array) -> tuple[Float[Arra
         wanted = (j >= count) & (lengths[best] > 1e-6)
         return jnp.where(wanted & (jnp.arange(k) == j)[None, :], fresh[:, None], frame)
 
-    return jax.lax.fori_loop(0, k, fill, frame), permutation
+    return jax.lax.fori_loop(0, k, fill, frame), source
 
 
 def log_abs_det(matrix: Float[Array, "n n"]) -> Float[Array, ""]:

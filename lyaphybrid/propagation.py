@@ -74,7 +74,7 @@ class Carry(NamedTuple):
     volume: Any  # ∫ tr Df + Σ ln|det S| of the block
     losses: Any  # (k,)
     first_loss: Any  # (k,), time of the first loss of each column, nan before
-    order: Any  # (k, k) permutation of the columns within the block
+    order: Any  # (k,) where each column stood at the start of the block
     own: Any  # the mover's
     log: Events | None
 
@@ -129,7 +129,7 @@ def begin(settings: Settings, t0, x, frame, mode, h, interval) -> Journey:
         volume=zero if settings.sum_rule else None,
         losses=jnp.zeros(k, jnp.int32) if tracks else None,
         first_loss=jnp.full(k, jnp.nan, x.dtype) if tracks else None,
-        order=jnp.eye(k, dtype=x.dtype) if tracks else None,
+        order=jnp.arange(k, dtype=jnp.int32) if tracks else None,
         own=settings.mover.begin(t0, x, mode, h),
         log=_empty_log(settings, t0, x) if settings.log else None,
     )
@@ -294,17 +294,17 @@ def harvest(
     live, lost = ~lost, lost & was_live
 
     def replace(carry, lost, live):
-        frame, permutation = frames.refill(carry.frame, project or (lambda dx: dx), live)
+        frame, source = frames.refill(carry.frame, project or (lambda dx: dx), live)
         count = jnp.sum(live)
         places = jnp.arange(live.shape[0])
         now = (places >= count) & (places < count + jnp.sum(lost))
         first = jnp.where(jnp.isnan(carry.first_loss) & now, t, carry.first_loss)
         return carry._replace(
             frame=frame,
-            growth=jnp.sum(permutation * carry.growth[None, :], axis=1),
+            growth=carry.growth[source],
             losses=carry.losses + now.astype(jnp.int32),
             first_loss=first,
-            order=jnp.sum(permutation[:, :, None] * carry.order[None, :, :], axis=1),
+            order=carry.order[source],
         )
 
     return jax.lax.cond(jnp.all(live), lambda c, *_: c, replace, carry, lost, live)
@@ -324,7 +324,7 @@ def _next_block(settings: Settings, journey: Journey) -> Journey:
         s=jnp.zeros_like(carry.s),
         growth=cleared(carry.growth),
         volume=cleared(carry.volume),
-        order=None if carry.order is None else jnp.eye(carry.order.shape[0], dtype=carry.order.dtype),
+        order=None if carry.order is None else jnp.arange(carry.order.shape[0], dtype=jnp.int32),
         own=settings.mover.rebase(carry.own, carry.s),
     )
     base, elapsed = jnp.stack([total, low]), journey.elapsed + journey.carry.s
