@@ -38,6 +38,20 @@ def test_import_sets_the_switch_and_loops_become_one_kernel():
     assert done.stdout.split() == [SWITCH, "True"]
 
 
+def test_three_columns_become_vector_code(tmp_path):
+    """Vector operations in the kernel of a Lorenz spectrum: with both options, and with the first alone."""
+    code = "import lyaphybrid as lh; lh.zoo.lorenz63().spectrum(t1=1.0, method=lh.RungeKutta('rk4', dt=0.01))"
+
+    def vectors(name, options):
+        flags = f"{options} --xla_dump_to={tmp_path / name} --xla_dump_hlo_as_text".strip()
+        python(code, XLA_FLAGS=flags, JAX_ENABLE_X64="1")
+        (kernel,) = (tmp_path / name).glob("*_advance*call*computation_kernel_module.ir-with-opt.ll")
+        return kernel.read_text().count(" x double>")
+
+    both, first = vectors("both", ""), vectors("first", f"--xla_backend_extra_options={KERNELS}")
+    assert both > 2 * first + 50
+
+
 def test_opting_out_leaves_the_loops_as_they_were():
     code = "import os, lyaphybrid" + LOOP + "print(os.environ.get('XLA_FLAGS'), nest(normalise))"
     done = python(code, LYAPHYBRID_KEEP_XLA_FLAGS="1")
