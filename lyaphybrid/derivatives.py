@@ -250,7 +250,7 @@ def _saltation(system, t, x, args, mode, sequence, which):
     if not crossing.ticks:
         f = crossing.velocity(mode, t, x)
         gradient, moving, rate = instant(crossing.guard, t, x, f)
-        direction, delay = f, jnp.where(rate == 0, jnp.nan, delays(columns, gradient, rate))
+        direction, delay = f, jnp.where(rate == 0, jnp.nan, delays(gradient @ columns, rate))
         slope, moving = jnp.sqrt(jnp.sum(gradient**2)), jnp.abs(moving)
         speed, size = jnp.sqrt(jnp.sum(f**2)), jnp.sqrt(jnp.sum(x**2))
         contact = (crossing.guard(t, x), rate, slope * (size + speed) + moving, slope * speed + moving)

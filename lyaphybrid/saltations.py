@@ -17,6 +17,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .columns import each_column
+
 __all__ = ["delays", "instant", "push", "return_along"]
 
 
@@ -26,9 +28,9 @@ def instant(guard, t, x, f):
     return gradient, rate_of_time, rate_of_time + jnp.sum(gradient * f)
 
 
-def delays(frame: Float[Array, "n k"], gradient, rate) -> Float[Array, " k"]:
-    """By how much later each column meets the guard: δτ."""
-    return -(gradient @ frame) / jnp.where(rate == 0, 1.0, rate)
+def delays(slopes: Float[Array, " k"], rate) -> Float[Array, " k"]:
+    """By how much later each column meets the guard, δτ, from ∇h·dx and the guard's rate."""
+    return -slopes / jnp.where(rate == 0, 1.0, rate)
 
 
 def push(reset, t, x, columns: Float[Array, "n k"], direction: Float[Array, " n"]):
@@ -38,7 +40,7 @@ def push(reset, t, x, columns: Float[Array, "n k"], direction: Float[Array, " n"
         return jax.jvp(lambda x: reset(t, x), (x,), (dx,))[1]
 
     new, direction = jax.jvp(reset, (t, x), (jnp.ones_like(t), direction))
-    return new, jax.vmap(column, in_axes=-1, out_axes=-1)(columns), direction
+    return new, each_column(column, columns), direction
 
 
 def return_along(columns: Float[Array, "n k"], direction, f, delay: Float[Array, " k"]) -> Float[Array, "n k"]:

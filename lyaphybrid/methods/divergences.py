@@ -4,8 +4,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from .._jaxprs import part_of
 from .base import Field
-from .forcing import part_of
 
 __all__ = ["trace"]
 

@@ -8,8 +8,9 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from .. import frames
+from ..columns import each_column
 from ..propagation import Carry, Clock, Events, Settings, log_event, stop
-from ..saltations import delays, instant, push, return_along
+from ..saltations import delays, push, return_along
 from ..statuses import STATUS
 from ..systems import EventDriven
 
@@ -65,7 +66,7 @@ class Exact:
         """The closed-form flow over dt and its tangent."""
         t = clock.base + c.s
         x, linear = jax.linearize(lambda x: self.system.flow(dt, t, x, self.args), c.x)
-        return x, jax.vmap(linear, in_axes=-1, out_axes=-1)(c.frame)
+        return x, each_column(linear, c.frame)
 
     def _count(self, settings: Settings, since, dt, jumps):
         return since + {"steps": 1.0, "time": dt, "jumps": jumps, "never": 0.0}[settings.cadence.unit]
@@ -99,15 +100,13 @@ class Exact:
         s = c.s + flight.dt
         t, n, k = clock.base + s, x.shape[0], frame.shape[1]
         columns = jnp.concatenate([frame, jnp.eye(n, dtype=x.dtype)], axis=1) if settings.sum_rule else frame
-        before = self.velocity(t, x)
-        gradient, _, rate = instant(lambda t, x: system.guard(t, x, args, which), t, x, before)
-        delay = delays(columns, gradient, rate)
+        before, real = self.velocity(t, x), _is_event(which)
+        delay = self._delays(t, x, which, columns, before)
         new, columns, direction = push(lambda t, x: system.jump(t, x, args, which), t, x, columns, before)
         columns = return_along(columns, direction, self.velocity(t, new), delay)
         volume = c.volume
         if volume is not None:
             volume = volume + self._flux(c, clock, flight.dt) + frames.log_abs_det(columns[:, k:])
-        real = _is_event(which)
         zero = jnp.asarray(0, jnp.int32)
         entry = Events(None, t, zero, which, zero, zero, x, new)
         landed = c._replace(
@@ -120,6 +119,18 @@ class Exact:
             log=log_event(c.log, entry, real),
         )
         return self._remember(landed, flight.dt)
+
+    def _delays(self, t, x, which, columns, velocity):
+        """Where nothing happens nobody is late; and behind a condition XLA keeps them, once for all rows."""
+
+        def guard(t, x):
+            return self.system.guard(t, x, self.args, which)
+
+        def late(columns):
+            slopes = each_column(lambda dx: jax.jvp(lambda x: guard(t, x), (x,), (dx,))[1], columns)
+            return delays(slopes, jax.jvp(guard, (t, x), (jnp.ones_like(t), velocity))[1])
+
+        return jax.lax.cond(_is_event(which), late, lambda columns: jnp.zeros_like(columns[0]), columns)
 
     def _remember(self, c: Carry, dt) -> Carry:
         """Accumulating events (interval, longest interval, streak of short ones), and states gone wrong."""

@@ -10,12 +10,13 @@ from collections.abc import Callable, Iterable
 
 import jax
 import jax.numpy as jnp
-from jax.extend.core import ClosedJaxpr, Literal, jaxpr_as_fun
+from jax.extend.core import ClosedJaxpr, Literal
 from jaxtyping import Array
 
+from .._jaxprs import part_of
 from .base import Field
 
-__all__ = ["at_times", "part_of"]
+__all__ = ["at_times"]
 
 REPEATED = {"sin", "cos", "tan"}  # XLA takes them for cheap; it does not repeat exp, log, pow, …
 
@@ -68,9 +69,3 @@ def _is_repeated(eqn) -> bool:
     inner = [getattr(value, "jaxpr", value) for value in eqn.params.values()]
     nested = [one for jaxpr in inner for one in getattr(jaxpr, "eqns", [])]
     return eqn.primitive.name in REPEATED or any(_is_repeated(one) for one in nested)
-
-
-def part_of(closed: ClosedJaxpr, equations, inputs, outputs) -> Callable[..., list]:
-    """Some of the equations as a function."""
-    part = closed.jaxpr.replace(eqns=equations, invars=inputs, outvars=outputs)
-    return jaxpr_as_fun(ClosedJaxpr(part, closed.consts))

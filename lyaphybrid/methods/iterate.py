@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from .. import frames
+from ..columns import each_column
 from ..propagation import Carry, Clock, Settings, stop
 from ..statuses import STATUS
 
@@ -60,10 +61,10 @@ class Iterating:
         del ahead
         t = clock.base + c.s
         x, linear = jax.linearize(lambda x: self.rule(t, x), c.x)
-        frame = jax.vmap(linear, in_axes=-1, out_axes=-1)(c.frame)
+        frame = each_column(linear, c.frame)
         since = c.since + (0.0 if settings.cadence.unit == "never" else 1.0)
         volume = c.volume
         if volume is not None:
-            volume = volume + frames.log_abs_det(jax.vmap(linear, out_axes=-1)(jnp.eye(x.shape[0], dtype=x.dtype)))
+            volume = volume + frames.log_abs_det(each_column(linear, jnp.eye(x.shape[0], dtype=x.dtype)))
         c = c._replace(s=c.s + 1.0, x=x, frame=frame, since=since, jumps=c.jumps + 1, volume=volume)
         return stop(c, STATUS.nonfinite, ~jnp.all(jnp.isfinite(x)))

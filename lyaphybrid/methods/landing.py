@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from .. import frames
+from ..columns import each_column
 from ..events import EPS, Wiring, arm, by_mode, jets, rates
 from ..propagation import Carry, Clock, Events, Settings, harvest, log_event, stop
 from ..saltations import delays, instant, push, return_along
@@ -108,7 +109,7 @@ def _polish(mover, clock: Clock, c: Carry, slot, ticking) -> Carry:
                 def slope(dx):
                     return jax.jvp(lambda y: w.fields[q](t, y), (x,), (dx,))[1]
 
-                frame = frame + step * jax.vmap(slope, in_axes=-1, out_axes=-1)(frame)
+                frame = frame + step * each_column(slope, frame)
                 volume = None if volume is None else volume + step * trace(w.fields[q], t, x)
                 return t + step, x + step * (f + 0.5 * step * second), frame, volume, shift + step
 
@@ -169,7 +170,7 @@ def _start_cascade(mover, t, c, columns, mode, transition, which, slot, together
         x=x,
         columns=columns,
         direction=f,
-        delay=jnp.where(ticking, 0.0, delays(columns, gradient, rate)),
+        delay=jnp.where(ticking, 0.0, delays(gradient @ columns, rate)),
         mode=mode,
         f=f,
         g=slots,
@@ -273,7 +274,7 @@ def _own_instant(mover, itself, mode, t, x, f, slot, moves):
     gradient, _, rate = _instant(mover, mode, t, x, f, slot)
     columns, direction, delay = moves
     back = return_along(columns, direction, f, delay)
-    return _choose(itself, (back, f, delays(back, gradient, rate)), moves)
+    return _choose(itself, (back, f, delays(gradient @ back, rate)), moves)
 
 
 def _in_each_order(mover, t, h, c, columns, mode, transition, which, slot, together) -> "Landing":

@@ -11,6 +11,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from ..columns import each_column
 from ..events import EPS, Wiring, arm, by_mode, jets, rates
 from ..propagation import Carry, Clock, Settings, stop
 from ..statuses import STATUS
@@ -242,7 +243,7 @@ class Stepping:
                     return done.x, done.error
 
                 (new, _), linear = jax.linearize(step, x)
-                moved, errors = jax.vmap(linear, in_axes=-1, out_axes=-1)(frame)
+                moved, errors = each_column(linear, frame)
                 if self.rejects and self.method.control == "xY":
                     ratio = jax.lax.stop_gradient(self.method.frame_ratio(errors, frame, moved))
                 else:

@@ -5,8 +5,6 @@ The next contact of a pair may be with any periodic image. While a pair's displa
 behind the motion, because the nearest one is at least as close to the partner at all later times: 2×2 are
 left. Where no contact comes within that horizon, `next_event` returns the time at which it has to look again,
 with which = -1: nobody meets, the jump is the identity.
-
-One pair is picked by sums over signed masks instead of slices: under `vmap` a dynamic slice becomes a gather.
 """
 
 import functools
@@ -58,6 +56,10 @@ def _contact_times(dx, dy, vx, vy, width, height, diameter):
     return soonest, speed2
 
 
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1]
+
+
 def _horizon(speed2, width, height, diameter):
     """The time for which the images next to the nearest one are all that can be met."""
     fastest = jnp.sqrt(jnp.maximum(jnp.max(speed2), jnp.finfo(speed2.dtype).tiny))
@@ -72,8 +74,6 @@ def _look_again(t):
 @functools.cache
 def _disks(n: int) -> EventDriven:
     """Return n disks, x = (q₁, …, q_n, p₁, …, p_n); which = n·first + second of the pair, or -1."""
-    particle, is_x = np.arange(4 * n) % (2 * n) // 2, np.arange(4 * n) % 2 == 0
-    is_momentum = np.arange(4 * n) >= 2 * n
     offsets = range(1, n // 2 + 1)  # pairs (i, i + offset mod n): slices of a doubled vector, no gather
     one = np.tile(np.arange(n), len(offsets))
     other = np.concatenate([(np.arange(n) + offset) % n for offset in offsets])
@@ -105,28 +105,30 @@ def _disks(n: int) -> EventDriven:
         return lax.div(pair, size), lax.rem(pair, size)
 
     def relative(x, args, first, second):
-        """Displacement and momentum, second minus first, at the nearest image."""
-        here = jnp.arange(n, dtype=first.dtype)
-        sign = (here == second).astype(x.dtype) - (here == first).astype(x.dtype)
-        qx, qy, px, py = components(x)
-        dx, dy = _nearest(sign @ qx, args["width"]), _nearest(sign @ qy, args["height"])
-        return dx, dy, sign @ px, sign @ py
+        """Displacement (2,) to the nearest image, and momentum (2,), second minus first."""
+
+        def difference(start):
+            there = lax.dynamic_slice_in_dim(x, start + 2 * second, 2)
+            return there - lax.dynamic_slice_in_dim(x, start + 2 * first, 2)
+
+        return _nearest(difference(0), jnp.stack([args["width"], args["height"]])), difference(2 * n)
 
     def jump(t, x, args, which):
         first, second = partners(which)
-        dx, dy, px, py = relative(x, args, first, second)
-        transfer = (dx * px + dy * py) / args["diameter"] ** 2
-        who = jnp.asarray(particle, first.dtype)
-        sign = jnp.where(
-            jnp.asarray(is_momentum), (who == second).astype(x.dtype) - (who == first).astype(x.dtype), 0.0
-        )
-        along = sign * jnp.asarray(is_x, x.dtype), sign * jnp.asarray(~is_x, x.dtype)
-        return x - (along[0] * (transfer * dx) + along[1] * (transfer * dy))
+
+        def transfer(x):
+            q, p = relative(x, args, first, second)
+            return (_dot(p, q) / args["diameter"] ** 2) * q
+
+        # Also so that XLA computes the transfer once, and not for every component anew.
+        kick = lax.cond(jnp.asarray(which) >= 0, transfer, lambda x: jnp.zeros_like(x[:2]), x)
+        here = jnp.arange(n, dtype=first.dtype)
+        sign = (here == first).astype(x.dtype) - (here == second).astype(x.dtype)
+        return x + jnp.concatenate([jnp.zeros(2 * n, x.dtype), jnp.outer(sign, kick).ravel()])
 
     def guard(t, x, args, which):
-        dx, dy, _, _ = relative(x, args, *partners(which))
-        overlap = (dx * dx + dy * dy - args["diameter"] ** 2) / 2
-        return jnp.where(jnp.asarray(which) < 0, _look_again(t), overlap)
+        q, _ = relative(x, args, *partners(which))
+        return jnp.where(jnp.asarray(which) < 0, _look_again(t), (_dot(q, q) - args["diameter"] ** 2) / 2)
 
     return EventDriven(flow=flow, next_event=next_event, jump=jump, guard=guard)
 
