@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ._jaxprs import settled
 from .systems import Hybrid
 
 __all__ = ["Wiring", "by_mode", "arm", "hermite_root", "turning_point", "wire"]
@@ -69,8 +70,8 @@ def wire(system: Hybrid, t, x, args) -> Wiring:
             directed[q, i], transition[q, i], component[q, i] = transitions[j].direction != 0, j, c
     clocks = tuple(j for j, tr in enumerate(transitions) if tr.is_clock)
     return Wiring(
-        tuple(_bind_field(field, args) for field in fields),
-        tuple(_bind_guards([transitions[j] for j in own], slots, args) for own in per_mode),
+        tuple(settled(_bind_field(field, args), t, x) for field in fields),
+        tuple(settled(_bind_guards([transitions[j] for j in own], slots, args), t, x) for own in per_mode),
         tuple(_bind_projection(project, args) for project in system.tangent),
         directed,
         transition,

@@ -10,10 +10,9 @@ from collections.abc import Callable, Iterable
 
 import jax
 import jax.numpy as jnp
-from jax.extend.core import ClosedJaxpr, Literal
 from jaxtyping import Array
 
-from .._jaxprs import part_of
+from .._jaxprs import divided, part_of
 from .base import Field
 
 __all__ = ["at_times"]
@@ -25,14 +24,12 @@ def at_times(field: Field, t, x, h, fractions: Iterable[float]) -> dict[float, C
     """The field at the times t + c h as a function of x, for each of the fractions c."""
     times = {float(c): t + c * h for c in fractions}
     closed = jax.make_jaxpr(field)(t, x)
-    fixed, early, late = _by_what_is_known(closed)
-    used = set().union(_variables(closed.jaxpr.outvars), *(_variables(eqn.invars) for eqn in late))
-    kept = [v for eqn in early for v in eqn.outvars if v in used]
+    time, point = closed.jaxpr.invars
+    early, late, kept = divided(closed, [time])
     if not kept or not any(_is_repeated(eqn) for eqn in early):
         return {c: lambda x, at=at: field(at, x) for c, at in times.items()}
-    time, point = closed.jaxpr.invars
-    forcing = part_of(closed, [*fixed, *early], [time], kept)
-    rest = part_of(closed, [*fixed, *late], [time, *kept, point], closed.jaxpr.outvars)
+    forcing = part_of(closed, early, [time], kept)
+    rest = part_of(closed, late, [time, *kept, point], closed.jaxpr.outvars)
 
     def nothing(times):
         return [jnp.zeros(times.shape + v.aval.shape, v.aval.dtype) for v in kept]
@@ -40,28 +37,6 @@ def at_times(field: Field, t, x, h, fractions: Iterable[float]) -> dict[float, C
     values = jax.lax.cond(h == h, jax.vmap(forcing), nothing, jnp.stack(list(times.values())))
     values = dict(zip(times, zip(*values, strict=True), strict=True))
     return {c: lambda x, at=at, now=values[c]: rest(at, *now, x)[0] for c, at in times.items()}
-
-
-def _variables(atoms) -> set:
-    return {v for v in atoms if not isinstance(v, Literal)}
-
-
-def _by_what_is_known(closed: ClosedJaxpr):
-    """The equations that need constants alone; those that need the time, but not the point; and the others."""
-    fixed, early, late = [], [], []
-    constant = set(closed.jaxpr.constvars)
-    timed = {closed.jaxpr.invars[0]}
-    for eqn in closed.jaxpr.eqns:
-        needs = _variables(eqn.invars)
-        if needs <= constant:
-            fixed.append(eqn)
-            constant.update(eqn.outvars)
-        elif needs <= constant | timed:
-            early.append(eqn)
-            timed.update(eqn.outvars)
-        else:
-            late.append(eqn)
-    return fixed, early, late
 
 
 def _is_repeated(eqn) -> bool:

@@ -116,11 +116,11 @@ def firing(mover, own: Stepper):
 
 def suspects(mover, own: Stepper, tr: Trial):
     """Whether a guard may have been crossed: cheap, and never wrong in saying no."""
-    crossed = firing(mover, own) & (own.side * tr.g <= 0)
-    turns = (own.rate * tr.rate < 0) & (own.side * own.rate < 0) & (own.side * tr.g > 0)
-    reach = tr.h * jnp.maximum(jnp.abs(own.rate), jnp.abs(tr.rate)) + 4.0 * miss(tr)
-    near = jnp.minimum(jnp.abs(own.g), jnp.abs(tr.g)) <= reach
-    return jnp.any(crossed | (turns & near))
+    before, after = own.side * own.g, own.side * tr.g
+    crossed = firing(mover, own) & (after <= 0)
+    turns = (own.side * own.rate < 0) & (own.side * tr.rate > 0) & (after > 0)
+    reach = tr.h * jnp.abs(tr.rate - own.rate) + 4.0 * miss(tr)
+    return jnp.any(crossed | (turns & ((before <= reach) | (after <= reach))))
 
 
 def finds(mover, own: Stepper, tr: Trial, aim: Aim):
