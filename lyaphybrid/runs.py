@@ -319,13 +319,12 @@ def _verdict(journey: Journey, ends):
     return jnp.where(short, int(STATUS.max_steps), journey.carry.status)
 
 
-@jax.jit
 def _merge(old, new):
-    """Records of an earlier call, overwritten where a later call finished a block."""
+    """Records of an earlier call, overwritten where a later call finished a block; on the host: nothing to compile."""
+    finished = np.asarray(new.valid)
 
     def leaf(a, b):
-        valid = new.valid.reshape(new.valid.shape + (1,) * (b.ndim - new.valid.ndim))
-        return jnp.where(valid, b, a)
+        return np.where(finished.reshape(finished.shape + (1,) * (b.ndim - finished.ndim)), b, a)
 
     return jax.tree.map(leaf, old, new)
 
