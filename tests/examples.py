@@ -1,4 +1,4 @@
-"""Systems that several test files share, so that their functions are compiled once."""
+"""What several test files share: systems, so that their functions are compiled once; a look into jaxprs."""
 
 import jax.numpy as jnp
 
@@ -69,3 +69,16 @@ TABLE = lh.Hybrid(
 
 LOGISTIC = lh.Map(lambda n, x, r: r * x * (1 - x))
 HENON = lh.Map(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]]))
+
+
+# --- what a traced function is made of ------------------------------------------------------------------------------
+
+
+def primitives(equations) -> set[str]:
+    """The names of all operations in equations of a jaxpr, those inside calls, loops and branches included."""
+    names = {eqn.primitive.name for eqn in equations}
+    for eqn in equations:
+        for value in eqn.params.values():
+            for one in value if isinstance(value, tuple) else (value,):
+                names |= primitives(getattr(one, "eqns", ()))
+    return names

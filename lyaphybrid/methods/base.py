@@ -18,7 +18,7 @@ class Step(NamedTuple):
     x: Array  # (n,) at t + h
     f: Array  # (n,) the field there
     error: Array  # (estimates, n), linear in the stages: its tangents are the frame's errors
-    dense: Any  # what `Method.inside` needs
+    dense: Any  # what `Method.inside` and `Method.divergence` need
 
 
 class Method(eqx.Module):
@@ -52,7 +52,7 @@ class Method(eqx.Module):
         """The solution (n,) at the fraction theta of the step."""
 
     @abc.abstractmethod
-    def divergence(self, field: Field, t, x, h) -> Array:
+    def divergence(self, field: Field, dense, h) -> Array:
         """∫ tr Df dt over the step, by a quadrature of the method's order."""
 
     def ratio(self, error, scale):

@@ -84,9 +84,9 @@ class Diffrax(Method):
         interpolation = self.solver.interpolation_cls(t0=t, t1=t + h, **info)
         return interpolation.evaluate(t + theta * h)
 
-    def divergence(self, field: Field, t, x, h):
+    def divergence(self, field: Field, dense, h):
         """∫ tr Df dt over the step by Gauss–Legendre on the dense output."""
-        dense = self.step(field, t, x, None, h).dense
+        t, _, _ = dense
         return h * sum(
             w * trace(field, t + node * h, self.inside(dense, node)) for node, w in zip(_NODES, _WEIGHTS, strict=True)
         )

@@ -135,11 +135,11 @@ class RungeKutta(Method):
             new = _along(x, h, table.b, slopes)
             slope = at[1.0](new)
         error = jnp.stack([h * _weigh(row, slopes) for row in table.errors]) if self.adaptive else x[None, :0]
-        return Step(new, slope, error, (x, f, new, slope, h))
+        return Step(new, slope, error, (x, f, new, slope, h, points))
 
     def inside(self, dense, theta):
         """The cubic Hermite interpolant of the step at the fraction theta."""
-        x0, f0, x1, f1, h = dense
+        x0, f0, x1, f1, h, _ = dense
         return hermite(theta, x0, h * f0, x1, h * f1)
 
     def ratio(self, error, scale):
@@ -149,11 +149,9 @@ class RungeKutta(Method):
         fifth, third = (error[0] / scale) ** 2, (error[1] / scale) ** 2
         return jnp.max(fifth / jnp.sqrt(fifth + 0.01 * third + 1e-40))
 
-    def divergence(self, field: Field, t, x, h):
+    def divergence(self, field: Field, dense, h):
         """∫ tr Df dt over the step by the weights b at the stages."""
-        table = TABLEAUX[self.tableau]
-        _, points = self._stages(at_times(field, t, x, h, table.c), t, x, field(t, x), h)
-        b = table.b
+        points, b = dense[-1], TABLEAUX[self.tableau].b
         used = [(float(weight), *point) for weight, point in zip(b, points, strict=True) if weight != 0]
         return h * _sum([weight * trace(field, time, point) for weight, time, point in used])
 

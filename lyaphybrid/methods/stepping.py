@@ -240,15 +240,15 @@ class Stepping:
 
                 def step(x):
                     done = self.method.step(field, t, x, field(t, x), h)
-                    return done.x, done.error
+                    return (done.x, done.error), done.dense
 
-                (new, _), linear = jax.linearize(step, x)
+                (new, _), linear, dense = jax.linearize(step, x, has_aux=True)
                 moved, errors = each_column(linear, frame)
                 if self.rejects and self.method.control == "xY":
                     ratio = jax.lax.stop_gradient(self.method.frame_ratio(errors, frame, moved))
                 else:
                     ratio = jnp.zeros_like(h)
-                flux = self.method.divergence(field, t, x, h) if c.volume is not None else None
+                flux = self.method.divergence(field, dense, h) if c.volume is not None else None
                 return new, moved, ratio, flux
 
             return of_mode
