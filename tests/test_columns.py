@@ -21,7 +21,7 @@ LINEAR = {
     "a scalar choice": lambda dx: lax.select(WHICH > 1, dx, 2 * dx),
     "a sum of two uses": lambda dx: jax.linear_transpose(lambda x: (-x, x), dx)((dx, 2 * dx))[0],
     "components": lambda dx: jnp.stack([dx[1], dx[0] - dx[2], 3.0 * dx[5]]),
-    "slices": lambda dx: jnp.concatenate([dx[3:], 0 * dx[:1], dx[:6:2]]),
+    "slices": lambda dx: jnp.concatenate([dx[3:], 0 * dx[:1], lax.slice(dx, (0,), (6,), (2,))]),
     "neighbours": lambda dx: jnp.roll(dx, 1) - jnp.roll(dx, -2),
     "a part replaced": lambda dx: lax.dynamic_update_slice(dx, 2 * dx[:2], (WHICH,)),
     "a part of a constant replaced": lambda dx: lax.dynamic_update_slice(jnp.ones(N) * 0, dx[:2], (WHICH,)),
@@ -68,7 +68,7 @@ def test_every_rule_is_used_above():
     used = set()
     for function in LINEAR.values():
         used |= primitives(jax.make_jaxpr(function)(jnp.zeros(N)).eqns)
-    assert {*MIXED, *OF_FIRST} <= used
+    assert {*MIXED, *OF_FIRST} - used <= {"stack"}  # a primitive in newer versions of JAX only
 
 
 @pytest.mark.parametrize("name", ["neighbours", "slices", "a part replaced", "an index"])
