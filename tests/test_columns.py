@@ -42,7 +42,7 @@ LINEAR = {
     "running sums": jnp.cumsum,
     "the same for all columns": lambda dx: jnp.zeros(2),
     "a tree": lambda dx: {"half": dx / 2, "pair": (dx[0], jnp.ones(2) * 0)},
-    "half precision": lambda dx: dx.astype(jnp.float32),
+    "single precision": lambda dx: dx.astype(jnp.float32),
     "inside a jit": jax.jit(lambda dx: 2 * dx),
     "a conditional": lambda dx: lax.cond(WHICH > 1, lambda dx: 2 * dx[::-1], lambda dx: 0 * dx, dx),
     "a conditional with a constant branch": lambda dx: lax.cond(WHICH < 1, lambda dx: dx, lambda dx: jnp.zeros(N), dx),

@@ -101,7 +101,7 @@ class Exact:
         t, n, k = clock.base + s, x.shape[0], frame.shape[1]
         columns = jnp.concatenate([frame, jnp.eye(n, dtype=x.dtype)], axis=1) if settings.sum_rule else frame
         before, real = self.velocity(t, x), _is_event(which)
-        delay = self._delays(t, x, which, columns, before)
+        delay = self._delays(real, t, x, which, columns, before)
         new, columns, direction = push(lambda t, x: system.jump(t, x, args, which), t, x, columns, before)
         columns = return_along(columns, direction, self.velocity(t, new), delay)
         volume = c.volume
@@ -120,7 +120,7 @@ class Exact:
         )
         return self._remember(landed, flight.dt)
 
-    def _delays(self, t, x, which, columns, velocity):
+    def _delays(self, real, t, x, which, columns, velocity):
         """Where nothing happens nobody is late; and behind a condition XLA keeps them, once for all rows."""
 
         def guard(t, x):
@@ -130,7 +130,7 @@ class Exact:
             slopes = each_column(lambda dx: jax.jvp(lambda x: guard(t, x), (x,), (dx,))[1], columns)
             return delays(slopes, jax.jvp(guard, (t, x), (jnp.ones_like(t), velocity))[1])
 
-        return jax.lax.cond(_is_event(which), late, lambda columns: jnp.zeros_like(columns[0]), columns)
+        return jax.lax.cond(real, late, lambda columns: jnp.zeros_like(columns[0]), columns)
 
     def _remember(self, c: Carry, dt) -> Carry:
         """Accumulating events (interval, longest interval, streak of short ones), and states gone wrong."""
