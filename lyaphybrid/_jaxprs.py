@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable
 import jax
 from jax.extend.core import ClosedJaxpr, Literal, jaxpr_as_fun
 
-__all__ = ["divided", "part_of", "settled"]
+__all__ = ["divided", "needed", "part_of", "settled"]
 
 
 def part_of(closed: ClosedJaxpr, equations, inputs, outputs) -> Callable[..., list]:
@@ -25,6 +25,15 @@ def divided(closed: ClosedJaxpr, known: Iterable) -> tuple[list, list, list]:
             late.append(eqn)
     used = _variables(closed.jaxpr.outvars).union(*(_variables(eqn.invars) for eqn in late))
     return early, late, [v for eqn in early for v in eqn.outvars if v in used]
+
+
+def needed(closed: ClosedJaxpr) -> set:
+    """The variables that its outputs need."""
+    found = _variables(closed.jaxpr.outvars)
+    for eqn in reversed(closed.jaxpr.eqns):
+        if found.intersection(eqn.outvars):
+            found |= _variables(eqn.invars)
+    return found
 
 
 def _variables(atoms) -> set:

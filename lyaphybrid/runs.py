@@ -23,7 +23,7 @@ from .methods import RungeKutta
 from .methods.base import Method
 from .methods.exact import Exact
 from .methods.iterate import Iterating
-from .methods.stepping import Stepping
+from .methods.stepping import Stepping, are_curved
 from .propagation import Cadence, Journey, Settings
 from .statuses import STATUS
 from .systems import EventDriven, Flow, Hybrid, Map
@@ -165,7 +165,7 @@ def mover_of(problem: Problem, t, x):
         empty = np.zeros((1, 0), np.int32)
         fields = (lambda t, x: system.field(t, x, args),)
         wiring = Wiring(fields, (), (), empty, empty, empty, (), empty, (), (), (), False)
-        return Stepping(wiring, method, (), (), 0)
+        return Stepping(wiring, method, (), (), 0, are_curved(fields, t, x))
     if system.fields is None:
         reset = system.transitions[0].reset
         return Iterating(lambda n, x: reset(n, x, args))
@@ -174,7 +174,8 @@ def mover_of(problem: Problem, t, x):
         (_number(system.transitions[j].every, args), _number(system.transitions[j].phase, args)) for j in wiring.clocks
     )
     terminal = tuple(tr.terminal for tr in system.transitions)
-    return Stepping(wiring, method, clocks, terminal, system.max_cascade)
+    curved = are_curved(wiring.fields, t, x)
+    return Stepping(wiring, method, clocks, terminal, system.max_cascade, curved)
 
 
 def _number(value, args):

@@ -19,6 +19,7 @@ class Step(NamedTuple):
     f: Array  # (n,) the field there
     error: Array  # (estimates, n), linear in the stages: its tangents are the frame's errors
     dense: Any  # what `Method.inside` and `Method.divergence` need
+    stages: tuple[Array, ...] = ()  # (n,) each: points on the way that are used more than once
 
 
 class Method(eqx.Module):
@@ -37,6 +38,11 @@ class Method(eqx.Module):
     def adaptive(self) -> bool:
         """Whether the error estimate controls h."""
         return self.fixed_step is None
+
+    def kept_stages(self, n: int) -> int:
+        """How many `Step.stages` there are in n components."""
+        del n
+        return 0
 
     @property
     @abc.abstractmethod

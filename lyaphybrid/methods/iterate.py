@@ -29,6 +29,11 @@ class Iterating:
         """A map remembers nothing."""
         del t, x, mode, h
 
+    def no_stages(self, x, frame):
+        """There is nothing between two points."""
+        del x, frame
+        return ()
+
     def rebase(self, own, s):
         """Nothing is local to the block."""
         del s

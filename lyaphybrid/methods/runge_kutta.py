@@ -31,6 +31,11 @@ class Tableau(NamedTuple):
     order: int  # of the error estimate, as a power of h
     last_is_next: bool  # the last stage is the field at the end of the step (FSAL)
 
+    @property
+    def chained(self) -> bool:
+        """Whether each stage takes only the slope of the stage before it."""
+        return not any(np.any(row[:-1]) for row in self.a)
+
 
 def _from_diffrax(solver: type, order: int) -> Tableau:
     table = solver.tableau
@@ -124,18 +129,24 @@ class RungeKutta(Method):
             slopes.append(at[float(c)](points[-1][1]))
         return slopes, points
 
+    def kept_stages(self, n: int) -> int:
+        """The points of all stages but the first; in the plane they are cheaper to compute again than to keep."""
+        return len(TABLEAUX[self.tableau].b) - 1 if n > 2 else 0
+
     def step(self, field: Field, t, x, f, h) -> Step:
         """One step over h from (t, x), where f = field(t, x)."""
         table = TABLEAUX[self.tableau]
         at = at_times(field, t, x, h, (*table.c, 1.0))
         slopes, points = self._stages(at, t, x, f, h)
+        kept = tuple(point for _, point in points[1 : self.kept_stages(x.shape[0]) + 1])
         if table.last_is_next:
             new, slope = points[-1][1], slopes[-1]
         else:
-            new = _along(x, h, table.b, slopes)
+            chain = kept and table.chained
+            new = _from_points(x, h, table, kept, slopes[-1]) if chain else _along(x, h, table.b, slopes)
             slope = at[1.0](new)
         error = jnp.stack([h * _weigh(row, slopes) for row in table.errors]) if self.adaptive else x[None, :0]
-        return Step(new, slope, error, (x, f, new, slope, h, points))
+        return Step(new, slope, error, (x, f, new, slope, h, points), kept)
 
     def inside(self, dense, theta):
         """The cubic Hermite interpolant of the step at the fraction theta."""
@@ -173,6 +184,14 @@ def _along(x, h, weights, slopes):
 def _along_each(x, h, weights, slopes):
     """The same, component by component."""
     return jnp.stack([_along(x[i], h, weights, [k[i] for k in slopes]) for i in range(x.shape[0])])
+
+
+def _from_points(x, h, table: Tableau, points, last):
+    """The same from the points X_i = x + h a_i k_(i-1) of a chain: a slope is then used once, and never stored."""
+    shares = [float(b / row[-1]) for b, row in zip(table.b[:-1], table.a, strict=True)]
+    return _sum([share * point for share, point in zip(shares, points, strict=True)]) + (
+        (1 - sum(shares)) * x + float(table.b[-1]) * h * last
+    )
 
 
 def _weigh(weights, slopes):

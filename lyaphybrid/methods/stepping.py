@@ -6,16 +6,18 @@ event found is a root along the numerical flow itself, to rounding.
 """
 
 import dataclasses
+from collections.abc import Iterable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 
+from .._jaxprs import needed
 from ..columns import each_column
 from ..events import EPS, Wiring, arm, by_mode, jets, rates
 from ..propagation import Carry, Clock, Settings, stop
 from ..statuses import STATUS
-from .base import Method
+from .base import Field, Method
 from .landing import land
 from .trials import (
     ADVANCE,
@@ -38,7 +40,7 @@ from .trials import (
     table,
 )
 
-__all__ = ["Stepping"]
+__all__ = ["Stepping", "are_curved"]
 
 SAFETY, SHRINK, GROW = 0.8, 0.2, 10.0  # of the PI controller
 
@@ -52,6 +54,7 @@ class Stepping:
     clock_times: tuple[tuple[Any, Any], ...]  # (period, phase)
     terminal: tuple[bool, ...]
     max_cascade: int
+    curved: bool  # Df depends on x in some mode
 
     @property
     def may_lose_rank(self) -> bool:
@@ -122,6 +125,11 @@ class Stepping:
         usual = 0.01 * size / jnp.maximum(speed, 1e-300)
         return jax.lax.stop_gradient(jnp.where((size > 1e-5) & (speed > 1e-5), usual, 1e-6))
 
+    def no_stages(self, x, frame):
+        """Room for the stages of a step: its points, where Df depends on them, and their tangents."""
+        room = self.method.kept_stages(x.shape[0]) if frame.shape[1] else 0
+        return (jnp.zeros_like(x),) * (room if self.curved else 0), (jnp.zeros_like(frame),) * room
+
     def rebase(self, own: Stepper, s) -> Stepper:
         """Carry local times over to a block that starts s later."""
         return own if own.memory is None else own._replace(memory=own.memory.at[0].add(-s))
@@ -139,10 +147,10 @@ class Stepping:
         return Trial(none, h, c.x, c.own.f, ratio, jnp.asarray(False), zeros, zeros, miss, tick)
 
     def look(self, c: Carry, clock: Clock, aim: Aim | None = None):
-        """A trial step of the state, and the case that it makes; a plain fixed-step flow needs only its length."""
+        """A trial step of the state, and the case that it makes; a plain fixed-step flow needs none."""
         own, t, w = c.own, clock.base + c.s, self.wiring
         if self.always_common:
-            return self._cut(clock.length - c.s, self.method.fixed_step)
+            return ()
         h, final, tick = self._length(c, clock, aim)
 
         def trial(q):
@@ -231,7 +239,7 @@ class Stepping:
     # --- advance ---------------------------------------------------------------------------------------------
 
     def carried(self, c: Carry, clock: Clock, h, mode):
-        """The step's tangent: the frame at its end, the frame's error ratio, ∫ tr Df over it."""
+        """The step's tangent: the frame at its end, the frame's error ratio, ∫ tr Df over it, its `Carry.stages`."""
         t, w = clock.base + c.s, self.wiring
 
         def tangent(q):
@@ -240,16 +248,16 @@ class Stepping:
 
                 def step(x):
                     done = self.method.step(field, t, x, field(t, x), h)
-                    return (done.x, done.error), done.dense
+                    return (done.x, done.error, done.stages), done.dense
 
-                (new, _), linear, dense = jax.linearize(step, x, has_aux=True)
-                moved, errors = each_column(linear, frame)
+                (new, _, points), linear, dense = jax.linearize(step, x, has_aux=True)
+                moved, errors, tangents = each_column(linear, frame)
                 if self.rejects and self.method.control == "xY":
                     ratio = jax.lax.stop_gradient(self.method.frame_ratio(errors, frame, moved))
                 else:
                     ratio = jnp.zeros_like(h)
                 flux = self.method.divergence(field, dense, h) if c.volume is not None else None
-                return new, moved, ratio, flux
+                return new, moved, ratio, flux, (points if self.curved else (), tangents)
 
             return of_mode
 
@@ -264,10 +272,10 @@ class Stepping:
     def step(self, settings: Settings, clock: Clock, c: Carry, tr) -> Carry:
         """Keep the trial and carry the frame; or, where an error is too large, only make h smaller."""
         if self.always_common:
-            return self._march(settings, clock, c, tr)
-        own, ratio, frame, flux = c.own, tr.ratio, c.frame, None
+            return self._march(settings, clock, c)
+        own, ratio, frame, flux, stages = c.own, tr.ratio, c.frame, None, c.stages
         if frame.shape[1]:
-            _, frame, frame_ratio, flux = self.carried(c, clock, tr.h, own.mode)
+            _, frame, frame_ratio, flux, stages = self.carried(c, clock, tr.h, own.mode)
             ratio = jnp.maximum(ratio, frame_ratio) if self.rejects else None
         kept = self.commit(settings, c, jnp.where(tr.final, clock.length, c.s + tr.h), tr.h, tr.x, frame, flux)
         kept = changed(kept, f=tr.f)
@@ -275,22 +283,23 @@ class Stepping:
             side = jnp.where(tr.g > 0, 1.0, jnp.where(tr.g < 0, -1.0, own.side))
             kept = changed(kept, g=tr.g, rate=tr.rate, side=side)
         if not self.rejects:
-            return kept
+            return kept._replace(stages=stages)
         # The frame's error may fail a step that the state's has passed.
         passed = jnp.asarray(ratio) <= 1.0
         kept = jax.tree.map(lambda a, b: a if a is b else jnp.where(passed, a, b), kept, c)
         h, log_ratio = self._next_h(own, tr, ratio, passed)
         kept = changed(kept, h=h, log_ratio=log_ratio)
         hopeless = ~passed & (tr.h <= self._least_step(c, clock))
-        return stop(
-            kept, jnp.where(jnp.isfinite(jnp.asarray(ratio)), STATUS.step_underflow, STATUS.nonfinite), hopeless
-        )
+        underflow = jnp.where(jnp.isfinite(jnp.asarray(ratio)), STATUS.step_underflow, STATUS.nonfinite)
+        return stop(kept._replace(stages=stages), underflow, hopeless)
 
-    def _march(self, settings: Settings, clock: Clock, c: Carry, h) -> Carry:
+    def _march(self, settings: Settings, clock: Clock, c: Carry) -> Carry:
         """A fixed step of a plain flow: no trial, no guard."""
-        new, frame, _, flux = self.carried(c, clock, h, None)
-        final = clock.length - c.s <= h
-        return self.commit(settings, c, jnp.where(final, clock.length, c.s + h), h, new, frame, flux)
+        rest = clock.length - c.s
+        h = self._cut(rest, self.method.fixed_step)
+        new, frame, _, flux, stages = self.carried(c, clock, h, None)
+        s = jnp.where(rest <= h, clock.length, c.s + h)
+        return self.commit(settings, c, s, h, new, frame, flux)._replace(stages=stages)
 
     def _next_h(self, own: Stepper, tr: Trial, ratio, passed):
         """PI control (Gustafsson; Hairer & Wanner, Solving ODEs II, section IV.2): 0.7/p and 0.4/p."""
@@ -344,6 +353,19 @@ class Stepping:
     def _finite(self, tr: Trial):
         finite = jnp.all(jnp.isfinite(tr.x))
         return finite if tr.ratio is None else finite & jnp.isfinite(tr.ratio)
+
+
+def are_curved(fields: Iterable[Field], t, x) -> bool:
+    """Whether Df depends on x for one of the fields; where that is not seen, it is taken to."""
+
+    def curved(field: Field) -> bool:
+        def along(x, dx):
+            return jax.jvp(lambda x: field(t, x), (x,), (dx,))[1]
+
+        closed = jax.make_jaxpr(along)(x, x)
+        return closed.jaxpr.invars[0] in needed(closed)
+
+    return any(curved(field) for field in fields)
 
 
 def _jets_of(w: Wiring, q: int):
