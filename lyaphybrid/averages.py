@@ -1,14 +1,29 @@
 """From the records of a run to exponents: means, weights, error bars, history."""
 
+from types import ModuleType
+from typing import Any, NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from . import runs
+from ._tracing import traced
 from .propagation import Journey, Record
 from .results import History, Spectrum
 
 __all__ = ["summarise"]
+
+
+class Found(NamedTuple):
+    """What a run left."""
+
+    records: tuple[Record, ...]  # of successive calls of `runs.drive`
+    journey: Journey
+    status: Any
+    interrupted: Any
+    initial: Any  # (k,) ln R_ii of the initial frame
 
 
 def summarise(outcomes: list[runs.Outcome], problem, clock: str, initial, averaging: str) -> Spectrum:
@@ -23,149 +38,165 @@ def summarise(outcomes: list[runs.Outcome], problem, clock: str, initial, averag
     """
     last = outcomes[-1]
     records = tuple(outcome.records for outcome in outcomes)
-    names, interrupted = runs.mode_names(problem.system), jnp.asarray(last.interrupted)
-    return _summary(records, last.journey, last.status, interrupted, initial, clock, averaging, names)
+    found = Found(records, last.journey, last.status, np.asarray(last.interrupted), initial)
+    how = (clock, averaging, runs.mode_names(problem.system))
+    if last.journey.carry.x.ndim == 2 or traced(found):
+        return _compiled(found, *how)
+    # Of one run on the host: compiled for one use the same would take most of a second.
+    dtype = last.journey.carry.x.dtype
+    with np.errstate(all="ignore"):
+        spectrum = _of_one(np, jax.tree.map(np.asarray, found), *how)
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype if np.asarray(leaf).dtype.kind == "f" else None), spectrum)
 
 
 @eqx.filter_jit
-def _summary(records, journey, status, interrupted, initial, clock, averaging, names) -> Spectrum:
-    batched = journey.carry.x.ndim == 2
-    chain = [_chained(part, batched) for part in records]
-    blocks = jax.tree.map(lambda *parts: jnp.concatenate(parts, axis=1 if batched else 0), *chain)
-    end = _end(journey, status, interrupted)
-    if not batched:
-        run = _one_run(blocks, clock, initial, averaging)
-        return _spectrum(run, run["stderr"], None, end, "blocks", clock, names)
-    run = jax.vmap(lambda r: _one_run(r, clock, initial, averaging))(blocks)
+def _compiled(found, clock, averaging, names) -> Spectrum:
+    several = found.journey.carry.x.ndim == 2
+    return _of_several(found, clock, averaging, names) if several else _of_one(jnp, found, clock, averaging, names)
+
+
+def _of_one(xp: ModuleType, found: Found, clock, averaging, names) -> Spectrum:
+    records, journey, status, interrupted, initial = found
+    chain = [_chained(xp, part, 0) for part in records]
+    blocks = jax.tree.map(lambda *parts: xp.concatenate(parts), *chain)
+    run = _one_run(xp, blocks, clock, initial, averaging)
+    return _spectrum(xp, run, run["stderr"], None, _end(xp, journey, status, interrupted), "blocks", clock, names)
+
+
+def _of_several(found: Found, clock, averaging, names) -> Spectrum:
+    records, journey, status, interrupted, initial = found
+    chain = [_chained(jnp, part, 1) for part in records]
+    blocks = jax.tree.map(lambda *parts: jnp.concatenate(parts, axis=1), *chain)
+    end = _end(jnp, journey, status, interrupted)
+    run = jax.vmap(lambda r: _one_run(jnp, r, clock, initial, averaging))(blocks)
     m, replicates = run["exponents"].shape[0], run["exponents"]
     spread = jnp.std(run["finite"], axis=0, ddof=1) / m**0.5 if m > 1 else jnp.full_like(run["finite"][0], jnp.nan)
     mean = {name: jnp.mean(value, axis=0) for name, value in run.items()}
     first = jnp.min(jnp.where(jnp.isnan(run["first"]), jnp.inf, run["first"]), axis=0)
     mean |= {"losses": jnp.sum(run["losses"], axis=0), "first": jnp.where(jnp.isinf(first), jnp.nan, first)}
-    return _spectrum(mean, spread, replicates, end, "replicates", clock, names)
+    return _spectrum(jnp, mean, spread, replicates, end, "replicates", clock, names)
 
 
-def _chained(records: Record, batched: bool) -> Record:
+def _chained(xp: ModuleType, records: Record, axis: int) -> Record:
     """Jumps and losses are counted from the start of a run: here, those of each block."""
-    axis = 1 if batched else 0
 
     def per_block(total):
-        return (
-            None
-            if total is None
-            else jnp.diff(total, axis=axis, prepend=jnp.zeros_like(jnp.take(total, jnp.array([0]), axis)))
-        )
+        if total is None:
+            return None
+        return xp.diff(total, axis=axis, prepend=xp.zeros_like(xp.take(total, np.array([0]), axis)))
 
     return records._replace(jumps=per_block(records.jumps), losses=per_block(records.losses))
 
 
-def _one_run(records: Record, clock: str, initial, averaging: str) -> dict:
+def _one_run(xp: ModuleType, records: Record, clock: str, initial, averaging: str) -> dict:
     """Exponents, errors and history of one run from its blocks."""
     valid = records.valid
-    growth = jnp.where(valid[:, None], records.growth, 0.0)
-    duration = jnp.where(valid, records.duration, 0.0)
-    jumps = jnp.where(valid, records.jumps, 0).astype(duration.dtype)
-    time, jumped = jnp.cumsum(duration), jnp.cumsum(jumps)
-    reading = {"time": time, "jumps": jumped, "hybrid": jnp.maximum(time, jumped)}[clock]
-    length = jnp.diff(reading, prepend=0.0)
-    totals = _running_totals(growth, records.order, valid, initial)
-    running = totals / _or_nan(reading)[:, None]
+    growth = xp.where(valid[:, None], records.growth, 0.0)
+    duration = xp.where(valid, records.duration, 0.0)
+    jumps = xp.where(valid, records.jumps, 0).astype(duration.dtype)
+    time, jumped = xp.cumsum(duration), xp.cumsum(jumps)
+    reading = {"time": time, "jumps": jumped, "hybrid": xp.maximum(time, jumped)}[clock]
+    length = xp.diff(reading, prepend=0.0)
+    totals = _running_totals(xp, growth, records.order, valid, initial)
+    running = totals / _or_nan(xp, reading)[:, None]
     if averaging == "uniform":
         finite = running[-1]
     else:
-        finite = _birkhoff(growth, length, reading, valid, regular=averaging == "birkhoff-regular")
+        finite = _birkhoff(xp, growth, length, reading, valid, regular=averaging == "birkhoff-regular")
     losses = (
-        jnp.zeros(finite.shape)
+        xp.zeros(finite.shape)
         if records.losses is None
-        else jnp.sum(jnp.where(valid[:, None], records.losses, 0), axis=0)
+        else xp.sum(xp.where(valid[:, None], records.losses, 0), axis=0)
     )
-    count = jnp.maximum(jnp.sum(valid), 2).astype(growth.dtype)
-    scatter = jnp.sum(jnp.where(valid[:, None], growth - finite[None, :] * length[:, None], 0.0) ** 2, axis=0)
-    stderr = jnp.sqrt(scatter * count / (count - 1)) / _or_nan(reading[-1])
-    late = (reading >= 0.5 * reading[-1]) & (valid | ~jnp.any(valid))
-    volume = None if records.volume is None else jnp.sum(jnp.where(valid, records.volume, 0.0))
-    residual = None if volume is None else jnp.abs(jnp.sum(growth) - volume) / _or_nan(reading[-1])
+    count = xp.maximum(xp.sum(valid), 2).astype(growth.dtype)
+    scatter = xp.sum(xp.where(valid[:, None], growth - finite[None, :] * length[:, None], 0.0) ** 2, axis=0)
+    stderr = xp.sqrt(scatter * count / (count - 1)) / _or_nan(xp, reading[-1])
+    late = (reading >= 0.5 * reading[-1]) & (valid | ~xp.any(valid))
+    volume = None if records.volume is None else xp.sum(xp.where(valid, records.volume, 0.0))
+    residual = None if volume is None else xp.abs(xp.sum(growth) - volume) / _or_nan(xp, reading[-1])
     run = {
-        "exponents": jnp.where(losses > 0, -jnp.inf, finite),
+        "exponents": xp.where(losses > 0, -xp.inf, finite),
         "finite": finite,
-        "stderr": jnp.where(losses > 0, jnp.nan, stderr),
-        "upper": jnp.max(jnp.where(late[:, None], running, -jnp.inf), axis=0),
-        "lower": jnp.min(jnp.where(late[:, None], running, jnp.inf), axis=0),
+        "stderr": xp.where(losses > 0, xp.nan, stderr),
+        "upper": xp.max(xp.where(late[:, None], running, -xp.inf), axis=0),
+        "lower": xp.min(xp.where(late[:, None], running, xp.inf), axis=0),
         "losses": losses,
-        "first": _first_losses(records, losses),
+        "first": _first_losses(xp, records, losses),
         "time": time[-1],
         "jumps": jumped[-1],
-        "history_time": jnp.where(valid, reading, jnp.nan),
-        "history": jnp.where(valid[:, None], running, jnp.nan),
-        "growth": jnp.where(valid[:, None], growth, jnp.nan),
+        "history_time": xp.where(valid, reading, xp.nan),
+        "history": xp.where(valid[:, None], running, xp.nan),
+        "growth": xp.where(valid[:, None], growth, xp.nan),
     }
     return run if residual is None else run | {"residual": residual}
 
 
-def _first_losses(records: Record, losses):
-    return jnp.full(losses.shape, jnp.nan) if records.collected is None else records.collected[-1]
+def _first_losses(xp: ModuleType, records: Record, losses):
+    return xp.full(losses.shape, xp.nan) if records.collected is None else records.collected[-1]
 
 
-def _safe(length):
-    return jnp.where(length == 0, 1.0, length)
+def _safe(xp: ModuleType, length):
+    return xp.where(length == 0, 1.0, length)
 
 
-def _or_nan(length):
+def _or_nan(xp: ModuleType, length):
     """Without a length there is no answer."""
-    return jnp.where(length == 0, jnp.nan, length)
+    return xp.where(length == 0, xp.nan, length)
 
 
-def _running_totals(growth, order, valid, initial):
+def _running_totals(xp: ModuleType, growth, order, valid, initial):
     """Σ growth up to each block; where columns changed places the sums change places with them."""
     if order is None:
-        return initial[None, :] + jnp.cumsum(growth, axis=0)
+        return initial[None, :] + xp.cumsum(growth, axis=0)
 
     def add(total, block):
         gained, source, good = block
-        total = jnp.where(good, total[source] + gained, total)
+        total = xp.where(good, total[source] + gained, total)
         return total, total
 
-    return jax.lax.scan(add, initial, (growth, order, valid))[1]
+    if xp is jnp:
+        return jax.lax.scan(add, initial, (growth, order, valid))[1]
+    return np.stack([initial := add(initial, block)[0] for block in zip(growth, order, valid, strict=True)])
 
 
-def _birkhoff(growth, length, reading, valid, regular: bool):
+def _birkhoff(xp: ModuleType, growth, length, reading, valid, regular: bool):
     """Means with the weights w ∝ exp(-1/(s(1-s))), s the fraction of the run, at the middle of each block.
 
     S. Das, Y. Saiki, E. Sander & J. Yorke, Nonlinearity 30 (2017) 4111, doi:10.1088/1361-6544/aa84c2. For
     conservative regular motion the growth is linear in time, so the local exponent is 1/t, and is subtracted.
     """
-    s = (reading - 0.5 * length) / _safe(reading[-1])
+    s = (reading - 0.5 * length) / _safe(xp, reading[-1])
     inside = valid & (s > 1e-3) & (s < 1 - 1e-3)
-    s = jnp.where(inside, s, 0.5)
-    weight = jnp.where(inside, jnp.exp(-1 / (s * (1 - s))), 0.0) * length
-    local = growth / _safe(length)[:, None]
+    s = xp.where(inside, s, 0.5)
+    weight = xp.where(inside, xp.exp(-1 / (s * (1 - s))), 0.0) * length
+    local = growth / _safe(xp, length)[:, None]
     if regular:
         earlier = reading - length
-        slope = jnp.log(_safe(reading) / jnp.where(earlier > 0, earlier, 1.0)) / _safe(length)
-        local = local - jnp.sign(local) * jnp.where(earlier > 0, slope, 0.0)[:, None]
-    return jnp.sum(weight[:, None] * local, axis=0) / _or_nan(jnp.sum(weight))
+        slope = xp.log(_safe(xp, reading) / xp.where(earlier > 0, earlier, 1.0)) / _safe(xp, length)
+        local = local - xp.sign(local) * xp.where(earlier > 0, slope, 0.0)[:, None]
+    return xp.sum(weight[:, None] * local, axis=0) / _or_nan(xp, xp.sum(weight))
 
 
-def _end(journey: Journey, status, interrupted) -> dict:
+def _end(xp: ModuleType, journey: Journey, status, interrupted) -> dict:
     """What is known where the run stands."""
-    transversality, grazing, simultaneous, accumulation = runs.summary_of(journey)
-    flags = [grazing, simultaneous, jnp.full_like(grazing, interrupted)]
+    transversality, grazing, simultaneous, accumulation = runs.summary_of(xp, journey)
+    flags = [grazing, simultaneous, xp.full_like(grazing, interrupted)]
     return {
         "x": journey.carry.x,
         "t": journey.base[..., 0] + journey.base[..., 1],
-        "mode": runs.mode_of(journey.carry),
+        "mode": runs.mode_of(journey.carry, xp),
         "frame": journey.carry.frame,
-        "min_transversality": jnp.min(transversality),
+        "min_transversality": xp.min(transversality),
         "accumulation_time": accumulation,
         "status_code": status,
-        "flags": jnp.stack(flags, axis=-1),
+        "flags": xp.stack(flags, axis=-1),
         "spread": journey.spread,
     }
 
 
-def _spectrum(run: dict, stderr, replicates, end: dict, error_kind, clock, names) -> Spectrum:
+def _spectrum(xp: ModuleType, run: dict, stderr, replicates, end: dict, error_kind, clock, names) -> Spectrum:
     """Assemble the result, exponents descending."""
-    rank = jnp.argsort(-jnp.where(jnp.isfinite(run["exponents"]), run["exponents"], -1e300), stable=True)
+    rank = xp.argsort(-xp.where(xp.isfinite(run["exponents"]), run["exponents"], -1e300), stable=True)
     return Spectrum(
         exponents=run["exponents"][rank],
         stderr=stderr[rank],

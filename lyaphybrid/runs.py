@@ -8,6 +8,7 @@ Traced (under jit, vmap, grad) it is called once.
 import time
 import warnings
 from collections.abc import Callable
+from types import ModuleType
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -70,10 +71,10 @@ def point(t, carry):
     return t, carry.x, mode_of(carry), carry.jumps
 
 
-def mode_of(carry):
+def mode_of(carry, xp: ModuleType = jnp):
     """The index of the present mode."""
     mode = getattr(carry.own, "mode", None)
-    return jnp.zeros((), jnp.int32) if mode is None else mode
+    return xp.zeros((), np.int32) if mode is None else mode
 
 
 def mode_names(system) -> tuple[str, ...]:
@@ -219,12 +220,12 @@ def _advance(problem: Problem, plan: Plan, journey: Journey, ends, last_jumps, b
 restart = jax.jit(propagation.restart)
 
 
-def summary_of(journey: Journey):
+def summary_of(xp: ModuleType, journey: Journey):
     """(transversality, grazing, simultaneous, accumulation) of a journey, whatever its mover."""
     memory = getattr(journey.carry.own, "memory", None)
     if memory is None:
-        zero = jnp.zeros_like(journey.carry.s)
-        return zero + jnp.inf, zero, zero, zero + jnp.nan
+        zero = xp.zeros_like(journey.carry.s)
+        return zero + np.inf, zero, zero, zero + np.nan
     return memory[..., 4], memory[..., 5], memory[..., 6], memory[..., 7]
 
 

@@ -1,0 +1,83 @@
+"""The stages of a step: kept so that each is computed once, and without any effect on what comes out."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import lyaphybrid as lh
+from lyaphybrid import runs
+from lyaphybrid.methods.stepping import are_curved
+
+
+def lorenz96(t, x, args):
+    """Each component takes three of its neighbours."""
+    return (jnp.roll(x, -1) - jnp.roll(x, 2)) * jnp.roll(x, 1) - x + 8.0
+
+
+def forced(t, x):
+    """A linear oscillator under a force."""
+    return jnp.stack([x[1], jnp.cos(t) - 0.1 * x[1] - x[0]])
+
+
+def multiplications(monkeypatch, method) -> int:
+    """How many stand in the compiled loop of a Lorenz-96 system."""
+    seen, advance = [], runs._advance
+
+    def spy(*operands):
+        seen.append(operands)
+        return advance(*operands)
+
+    monkeypatch.setattr(runs, "_advance", spy)
+    x0 = jnp.array([8.0, 8.1, 7.9, 8.2, 7.7])
+    lh.lyapunov_spectrum(lh.Flow(lorenz96), x0, t1=0.02, blocks=2, transient=0.0, method=method, throw=False)
+    monkeypatch.undo()
+    return advance.lower(*seen[0]).compile().compiled.as_text().count(" multiply(")
+
+
+def test_a_stage_is_computed_once_and_not_for_each_neighbour(monkeypatch):
+    class Forgetful(lh.RungeKutta):
+        def kept_stages(self, n):
+            return 0
+
+    kept = multiplications(monkeypatch, lh.RungeKutta("rk4", dt=0.01))
+    assert multiplications(monkeypatch, Forgetful("rk4", dt=0.01)) > 2 * kept
+
+
+@pytest.mark.parametrize("n", [2, 3, 5])
+def test_a_step_from_its_points_is_the_step_of_the_textbook(n):
+    x, h, t = jnp.linspace(7.0, 9.0, n), 0.01, 0.3
+
+    def field(t, x):
+        return lorenz96(t, x, None) + jnp.sin(t)
+
+    k1 = field(t, x)
+    k2 = field(t + h / 2, x + h / 2 * k1)
+    k3 = field(t + h / 2, x + h / 2 * k2)
+    k4 = field(t + h, x + h * k3)
+    got = lh.RungeKutta("rk4", dt=h).step(field, t, x, k1, h)
+    np.testing.assert_allclose(got.x, x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4), rtol=1e-15)
+    assert len(got.stages) == (0 if n == 2 else 3)
+
+
+def test_curvature_is_seen():
+    x = jnp.array([0.1, 0.2])
+    assert not are_curved([forced], 0.0, x)
+    assert are_curved([forced, lambda t, x: forced(t, x) * x[0]], 0.0, x)
+    assert are_curved([lambda t, x: lorenz96(t, x, None)], 0.0, jnp.ones(5))
+
+
+def test_a_rejected_stage_that_is_no_number_ends_nothing():
+    def field(t, x, args):
+        return jnp.stack(
+            [jnp.where(x[0] > 0, -1.0, jnp.nan), x[0] * x[2], -x[0] * x[1]]
+        )  # the run has no way beyond x0 = 0
+
+    reached = [1.0]
+    for attempts in range(1, 40):
+        found = lh.lyapunov_spectrum(
+            lh.Flow(field), jnp.array([1.0, 1.0, 0.0]), t1=2.0, transient=0.0, blocks=2, max_steps=attempts, throw=False
+        )
+        assert found.status == lh.STATUS.max_steps
+        assert np.all(np.isfinite(found.x))
+        reached.append(float(found.x[0]))
+    assert 0.0 in np.diff(reached)  # a step was rejected
