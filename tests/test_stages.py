@@ -68,9 +68,7 @@ def test_curvature_is_seen():
 
 def test_a_rejected_stage_that_is_no_number_ends_nothing():
     def field(t, x, args):
-        return jnp.stack(
-            [jnp.where(x[0] > 0, -1.0, jnp.nan), x[0] * x[2], -x[0] * x[1]]
-        )  # the run has no way beyond x0 = 0
+        return jnp.stack([jnp.where(x[0] > 0, -1.0, jnp.nan), x[0] * x[2], -x[0] * x[1]])  # no way beyond x0 = 0
 
     reached = [1.0]
     for attempts in range(1, 40):
