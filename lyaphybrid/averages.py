@@ -46,7 +46,8 @@ def summarise(outcomes: list[runs.Outcome], problem, clock: str, initial, averag
     dtype = last.journey.carry.x.dtype
     with np.errstate(all="ignore"):
         spectrum = _of_one(np, jax.tree.map(np.asarray, found), *how)
-    return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype if np.asarray(leaf).dtype.kind == "f" else None), spectrum)
+    real = jax.tree.map(lambda leaf: leaf.astype(dtype) if leaf.dtype.kind == "f" else leaf, spectrum)
+    return jax.device_put(real)
 
 
 @eqx.filter_jit
