@@ -43,6 +43,15 @@ def test_a_stage_is_computed_once_and_not_for_each_neighbour(monkeypatch):
     assert multiplications(monkeypatch, Forgetful("rk4", dt=0.01)) > 2 * kept
 
 
+def textbook(field, t, x, h):
+    """One step of the classical Runge–Kutta method."""
+    k1 = field(t, x)
+    k2 = field(t + h / 2, x + h / 2 * k1)
+    k3 = field(t + h / 2, x + h / 2 * k2)
+    k4 = field(t + h, x + h * k3)
+    return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+
+
 @pytest.mark.parametrize("n", [2, 3, 5])
 def test_a_step_from_its_points_is_the_step_of_the_textbook(n):
     x, h, t = jnp.linspace(7.0, 9.0, n), 0.01, 0.3
@@ -50,13 +59,17 @@ def test_a_step_from_its_points_is_the_step_of_the_textbook(n):
     def field(t, x):
         return lorenz96(t, x, None) + jnp.sin(t)
 
-    k1 = field(t, x)
-    k2 = field(t + h / 2, x + h / 2 * k1)
-    k3 = field(t + h / 2, x + h / 2 * k2)
-    k4 = field(t + h, x + h * k3)
-    got = lh.RungeKutta("rk4", dt=h).step(field, t, x, k1, h)
-    np.testing.assert_allclose(got.x, x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4), rtol=1e-15)
+    got = lh.RungeKutta("rk4", dt=h).step(field, t, x, field(t, x), h)
+    np.testing.assert_allclose(got.x, textbook(field, t, x, h), rtol=1e-15)
     assert len(got.stages) == (0 if n == 2 else 3)
+
+
+def test_a_state_alone_steps_too():
+    x, h = jnp.array([8.0, 8.1, 7.9, 8.2, 7.7]), 0.01
+    found = lh.trajectory(lh.Flow(lorenz96), x, t1=20 * h, n=20, method=lh.RungeKutta("rk4", dt=h))
+    for _ in range(20):
+        x = textbook(lambda t, x: lorenz96(t, x, None), 0.0, x, h)
+    np.testing.assert_allclose(found.x[-1], x, rtol=1e-13)
 
 
 def test_curvature_is_seen():

@@ -127,7 +127,7 @@ class Stepping:
 
     def no_stages(self, x, frame):
         """Room for the stages of a step: its points, where Df depends on them, and their tangents."""
-        room = self.method.kept_stages(x.shape[0]) if frame.shape[1] else 0
+        room = self.method.kept_stages(x.shape[0])
         return (jnp.zeros_like(x),) * (room if self.curved else 0), (jnp.zeros_like(frame),) * room
 
     def rebase(self, own: Stepper, s) -> Stepper:
