@@ -180,7 +180,7 @@ def _birkhoff(xp: ModuleType, growth, length, reading, valid, regular: bool):
 
 def _end(xp: ModuleType, journey: Journey, status, interrupted) -> dict:
     """What is known where the run stands."""
-    transversality, grazing, simultaneous, accumulation = runs.summary_of(xp, journey)
+    transversality, grazing, simultaneous, accumulation = runs.summary_of(journey, xp)
     flags = [grazing, simultaneous, xp.full_like(grazing, interrupted)]
     return {
         "x": journey.carry.x,

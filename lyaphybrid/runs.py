@@ -220,7 +220,7 @@ def _advance(problem: Problem, plan: Plan, journey: Journey, ends, last_jumps, b
 restart = jax.jit(propagation.restart)
 
 
-def summary_of(xp: ModuleType, journey: Journey):
+def summary_of(journey: Journey, xp: ModuleType = jnp):
     """(transversality, grazing, simultaneous, accumulation) of a journey, whatever its mover."""
     memory = getattr(journey.carry.own, "memory", None)
     if memory is None:

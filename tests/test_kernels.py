@@ -4,7 +4,7 @@ import jax
 import pytest
 
 import lyaphybrid as lh
-from lyaphybrid import runs
+from examples import compiled_loop
 from lyaphybrid._compiler import compiles_to_one_kernel
 
 CASES = {
@@ -18,14 +18,7 @@ CASES = {
 def test_the_loop_is_one_kernel(case, monkeypatch):
     """What the driver calls, compiled, holds no loop that is dispatched operation by operation."""
     name, keywords = CASES[case]
-    problem, seen = getattr(lh.zoo, name)(), []
-    advance = runs._advance
-
-    def spy(*operands):
-        seen.append(operands)
-        return advance(*operands)
-
-    monkeypatch.setattr(runs, "_advance", spy)
-    lh.lyapunov_spectrum(problem.system, problem.x0, problem.args, t1=2.0, blocks=4, throw=False, **keywords)
+    problem = getattr(lh.zoo, name)()
+    loop = compiled_loop(monkeypatch, problem.system, problem.x0, problem.args, t1=2.0, blocks=4, **keywords)
     assert jax.default_backend() == "cpu"
-    assert compiles_to_one_kernel(advance.lower(*seen[0]).compile().compiled)
+    assert compiles_to_one_kernel(loop)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import lyaphybrid as lh
-from lyaphybrid import runs
+from examples import compiled_loop
 from lyaphybrid.methods.stepping import are_curved
 
 
@@ -21,17 +21,10 @@ def forced(t, x):
 
 def multiplications(monkeypatch, method) -> int:
     """How many stand in the compiled loop of a Lorenz-96 system."""
-    seen, advance = [], runs._advance
-
-    def spy(*operands):
-        seen.append(operands)
-        return advance(*operands)
-
-    monkeypatch.setattr(runs, "_advance", spy)
     x0 = jnp.array([8.0, 8.1, 7.9, 8.2, 7.7])
-    lh.lyapunov_spectrum(lh.Flow(lorenz96), x0, t1=0.02, blocks=2, transient=0.0, method=method, throw=False)
-    monkeypatch.undo()
-    return advance.lower(*seen[0]).compile().compiled.as_text().count(" multiply(")
+    system = lh.Flow(lorenz96)
+    loop = compiled_loop(monkeypatch, system, x0, t1=0.02, blocks=2, transient=0.0, method=method)
+    return loop.as_text().count(" multiply(")
 
 
 def test_a_stage_is_computed_once_and_not_for_each_neighbour(monkeypatch):
