@@ -14,10 +14,7 @@ class STATUS(enum.IntEnum):
     zeno = 3
     deadlock = 4
     nonfinite = 5
-    inconsistent_start = 6
-    singular_dae = 7
-    constraint_drift = 8
-    step_underflow = 9
+    step_underflow = 9  # 6 to 8 are those of differential–algebraic systems, and come with them
 
     def __str__(self) -> str:
         return f"{self.name}: {MEANINGS[self]}"
@@ -48,9 +45,6 @@ MEANINGS = {
         "the state became infinite or nan: (a) the solution escapes; (b) a user function divides by zero or takes "
         "a root of a negative number near this state"
     ),
-    STATUS.inconsistent_start: "the start does not satisfy the constraints",
-    STATUS.singular_dae: "the leading matrix with the constraints' derivative is singular",
-    STATUS.constraint_drift: "the constraints are no longer satisfied",
     STATUS.step_underflow: (
         "the step size went below the resolution of the time: (a) the field jumps, give each smooth piece a mode; "
         "(b) the flow is stiff, use lh.Diffrax(diffrax.Kvaerno5()); (c) the tolerances are below rounding"

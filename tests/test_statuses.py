@@ -228,6 +228,7 @@ def test_every_status_says_its_name(status):
     assert str(status).startswith(f"{status.name}: ")
     assert len(str(status)) > len(status.name) + 12
     assert status.failed == (status.name not in ("ok", "terminated"))
+    assert any(name.startswith(f"test_{status.name}") for name in globals()), "a status without a test that produces it"
 
 
 # --- notes -------------------------------------------------------------------------------------------------------
@@ -308,6 +309,23 @@ def test_unresolved():
     assert rare.notes == {"unresolved"}
     assert often.notes == frozenset()
     assert np.allclose(often.exponents, [1, -1], atol=1e-8)
+
+
+@pytest.mark.parametrize("transitions", [None, lh.Transition(lambda t, x, args: 1.0 + x[0])], ids=["flow", "hybrid"])
+def test_unresolved_from_the_step_on_that_the_interval_allows(transitions):
+    """Rates ±100, a step of 0.01: RK4 spreads two columns by 1.977 a step, and e²⁵ is passed at the thirteenth."""
+
+    def field(t, x, args):
+        return args * x * jnp.array([1.0, -1.0])
+
+    system = lh.Flow(field) if transitions is None else lh.Hybrid(field, transitions)
+    method = lh.RungeKutta("rk4", dt=0.01)
+
+    def notes(every):  # 12 000 steps in two blocks: several calls, none of them a multiple of 13
+        return lh.lyapunov_spectrum(system, [0.0, 0.0], 100.0, t1=120.0, blocks=2, method=method, every=every).notes
+
+    assert notes(12) == frozenset()
+    assert notes(13) == {"unresolved"}
 
 
 def test_interrupted_keeps_what_is_computed():
