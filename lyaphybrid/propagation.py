@@ -178,13 +178,13 @@ def _block(settings: Settings, journey: Journey, index, end, last_jump):
     clock = Clock(journey.base[0], journey.base[1], end - journey.elapsed, last_jump)
     todo = (journey.block == index) & (journey.carry.budget > 0)
 
-    def within(carry, floor=0):
+    def within(carry):
         inside = carry.s < clock.length
         if settings.count_jumps:
             inside = inside & (carry.jumps.astype(carry.s.dtype) < clock.last_jump)
         if carry.log is not None:  # one event, with its cascade, must find room
             inside = inside & (carry.log.count <= settings.log - MOST_AT_ONCE)
-        return inside & (carry.budget > floor)
+        return inside & (carry.budget > 0)
 
     # A block always runs once through: what is not to be done is stopped by the budget.
     start = journey.carry._replace(budget=jnp.where(todo, journey.carry.budget, 0))
@@ -228,30 +228,20 @@ def _select(condition, yes, no):
 def _span(settings: Settings, clock: Clock, within, carry: Carry, ahead, interval, spread):
     """Steps, until something rare is due; then that."""
     mover, frequent = settings.mover, settings.cadence.unit != "never" and carry.frame.shape[1] > 0
-    # Where every attempt is a step the budget counts them: the loop carries one counter less.
-    counted = frequent and settings.cadence.unit == "steps" and mover.always_steps
-    budget, floor = carry.budget, 0
-    if counted:
-        left = jnp.clip(jnp.ceil(interval - carry.since), 0.0, 1e9).astype(jnp.int32)
-        floor = budget - jnp.minimum(left, budget)
 
     def goes_on(state):
         carry, ahead = state
-        more = carry.since < interval if frequent and not counted else True
-        return within(carry, floor) & mover.common(ahead) & more
+        return within(carry) & mover.common(ahead) & ((carry.since < interval) if frequent else True)
 
     def step(state):
         carry, ahead = state
-        new = mover.step(settings, clock, carry._replace(budget=carry.budget - 1), ahead)
-        new = new._replace(since=carry.since) if counted else new
-        return new, mover.look(new, clock)
+        carry = mover.step(settings, clock, carry._replace(budget=carry.budget - 1), ahead)
+        return carry, mover.look(carry, clock)
 
     k = carry.frame.shape[1]
     carry = carry._replace(frame=frames.widened(carry.frame))
     carry, ahead = jax.lax.while_loop(goes_on, step, (carry, ahead))
     carry = carry._replace(frame=carry.frame[:, :k])
-    if counted:
-        carry = carry._replace(since=carry.since + (budget - carry.budget).astype(carry.since.dtype))
     carry, ahead = mover.settle(settings, clock, within, carry, ahead)
     if not frequent:
         return carry, ahead, interval, spread

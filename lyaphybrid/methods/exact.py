@@ -35,7 +35,6 @@ class Exact:
     may_lose_rank: ClassVar[bool] = True
     jumps_uncontrolled: ClassVar[bool] = True
     always_common: ClassVar[bool] = False
-    always_steps: ClassVar[bool] = False  # it may stop in the middle of an attempt
 
     def begin(self, t, x, mode, h):
         """The next event is predicted anew from every state; (4,): memory of the events, see `_remember`."""

@@ -24,7 +24,6 @@ class Iterating:
     may_lose_rank: ClassVar[bool] = True
     jumps_uncontrolled: ClassVar[bool] = True
     always_common: ClassVar[bool] = True
-    always_steps: ClassVar[bool] = False  # it may stop in the middle of an attempt
 
     def begin(self, t, x, mode, h):
         """A map remembers nothing."""

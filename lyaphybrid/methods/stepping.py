@@ -77,11 +77,6 @@ class Stepping:
         return not self.has_events and not self.rejects
 
     @property
-    def always_steps(self) -> bool:
-        """Whether every common attempt is a step that is kept."""
-        return not self.rejects
-
-    @property
     def rejects(self) -> bool:
         """Whether a trial can fail."""
         return self.method.adaptive
