@@ -11,7 +11,7 @@ import numpy as np
 from ._tracing import traced
 from .systems import EventDriven, Flow, Hybrid, Map, Transition
 
-__all__ = ["attempts", "check_functions", "positive", "real", "require", "whole"]
+__all__ = ["attempts", "check_clocks", "check_functions", "positive", "real", "require", "whole"]
 
 
 def require(condition: bool, message: str) -> None:
@@ -55,8 +55,22 @@ def _is_number(value) -> bool:
 # --- the functions of a system -----------------------------------------------------------------------------------
 
 
+def check_clocks(system: Any, args: Any) -> None:
+    """The periods and phases of the clocks, where their values are known already."""
+    for j, transition in enumerate(system.transitions if isinstance(system, Hybrid) else ()):
+        if transition.guard is None:
+            _check_clock(f"every of transition {j}", transition.every, args, positive)
+            _check_clock(f"phase of transition {j}", transition.phase, args, real)
+
+
+def _check_clock(name: str, value, args, good: Callable) -> None:
+    good(name, value(args) if callable(value) else value)
+
+
 def check_functions(system: Any, x: jax.ShapeDtypeStruct, args: Any) -> None:
     """Ask each of the user's functions what it takes and returns; nothing is computed.
+
+    Asking takes a millisecond or two: it is done where functions are traced, and so once for many calls.
 
     Raises:
         ValueError: on a function with the wrong number of arguments, or the wrong shape or kind of result.
@@ -94,9 +108,6 @@ def _check_transition(j: int, transition: Transition, t, x, args) -> None:
             f"got {_described(guard)}.",
         )
         which = (jax.ShapeDtypeStruct((), jnp.int32),) if guard.shape else ()
-    else:
-        _check_clock(f"every of transition {j}", transition.every, args, positive)
-        _check_clock(f"phase of transition {j}", transition.phase, args, real)
     if transition.when is not None:
         when = _result(f"when of transition {j}", transition.when, given, t, x, args)
         _require_scalar(f"when of transition {j}", when, jnp.bool_, "a single truth value")
@@ -106,10 +117,6 @@ def _check_transition(j: int, transition: Transition, t, x, args) -> None:
     if callable(transition.target):
         target = _result(f"target of transition {j}", transition.target, given, t, x, args, *which)
         _require_scalar(f"target of transition {j}", target, jnp.integer, "the index of a mode, one integer")
-
-
-def _check_clock(name: str, value, args, good: Callable) -> None:
-    good(name, value(args) if callable(value) else value)
 
 
 def _check_event_driven(system: EventDriven, t, x, args) -> None:

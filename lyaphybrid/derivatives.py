@@ -12,6 +12,7 @@ from jaxtyping import Array
 
 from . import runs
 from ._tracing import traced
+from .checks import check_functions
 from .events import EPS, by_mode, wire
 from .methods.exact import Exact
 from .saltations import delays, instant, push, return_along
@@ -341,4 +342,5 @@ def _checked(system, x, args, t, mode):
     _, x, t, mode = runs.prepare(system, x, args, t, None, mode, "x")
     if x.ndim != 1:
         raise ValueError(f"x must have shape (n,) here; got {x.shape}. Use jax.vmap for several points.")
+    check_functions(system, jax.ShapeDtypeStruct(x.shape, x.dtype), args)
     return x, t, jnp.asarray(mode, jnp.int32)

@@ -17,8 +17,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from . import propagation
-from ._tracing import traced
-from .checks import check_functions, real
+from ._tracing import array, traced
+from .checks import check_clocks, check_functions, real
 from .events import Wiring, wire
 from .methods import RungeKutta
 from .methods.base import Method
@@ -33,6 +33,8 @@ __all__ = ["Plan", "Problem", "drive", "prepare", "start", "mode_names"]
 
 FOREVER = 2**31 - 1
 SECONDS_PER_CALL = 0.3
+FIRST, FEWEST, MOST = 2000, 100, 10**8  # attempts in a call …
+MOST_FASTER = 64.0  # … and how many times as many the next call may have
 
 
 class Problem(NamedTuple):
@@ -94,16 +96,14 @@ def prepare(system, x0, args, t0, method, mode, name: str = "x0") -> tuple[Probl
         )
     x0 = _state(x0, name)
     real("t0" if name == "x0" else "t", t0)
-    t0 = jnp.asarray(t0, x0.dtype)
     # Python floats would be compiled in as constants: as arrays they may change without compiling again.
     args, method = _as_arrays(args, x0.dtype), _as_arrays(_method_for(system, method), x0.dtype)
-    problem = Problem(system, method, args)
-    check_functions(system, jax.ShapeDtypeStruct(x0.shape[-1:], x0.dtype), args)
-    return problem, x0, t0, _mode_index(system, mode)
+    check_clocks(system, args)
+    return Problem(system, method, args), x0, array(t0, x0.dtype), _mode_index(system, mode)
 
 
 def _as_arrays(tree, dtype):
-    return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype) if isinstance(leaf, float) else leaf, tree)
+    return jax.tree.map(lambda leaf: array(leaf, dtype) if isinstance(leaf, float) else leaf, tree)
 
 
 def _state(x0, name):
@@ -156,8 +156,9 @@ def _mode_index(system, mode):
 
 
 def mover_of(problem: Problem, t, x):
-    """The mover of a problem, made while tracing: its functions have `args` bound."""
+    """The mover of a problem, made while tracing: its functions are checked and have `args` bound."""
     system, method, args = problem
+    check_functions(system, jax.ShapeDtypeStruct(x.shape, x.dtype), args)
     if isinstance(system, Map):
         return Iterating(lambda n, x: system.rule(n, x, args))
     if isinstance(system, EventDriven):
@@ -267,7 +268,7 @@ def drive(
         journey, records = _advance(problem, plan, journey, ends, last_jumps, limit)
         kept = () if journey.carry.log is None else (journey.carry.log,)
         return Outcome(journey, records, _verdict(journey, ends), False, kept)
-    blocks, records, budget, given = ends.shape[0], None, 2000, 0
+    blocks, records, budget, given = ends.shape[0], None, FIRST, 0
     logs: list[propagation.Events] = []
     report = _reporter(progress)
     try:
@@ -275,14 +276,14 @@ def drive(
             allowed = budget if limit == FOREVER else min(budget, limit - given)
             clock = time.perf_counter()
             journey, fresh = jax.block_until_ready(
-                _advance(problem, plan, journey, ends, last_jumps, jnp.asarray(allowed, jnp.int32))
+                _advance(problem, plan, journey, ends, last_jumps, np.int32(allowed))
             )
             records = fresh if records is None else _merge(records, fresh)
             journey = _drain(journey, logs)
             given += allowed
-            seconds = max(time.perf_counter() - clock, 1e-4)
-            # The first call compiles; its time says little.
-            budget = int(min(max(budget * min(8.0, SECONDS_PER_CALL / seconds), 2000), 1e8)) if given > 2000 else 20000
+            # A first call that compiled is slow, and is followed by a short one: that costs a millisecond.
+            faster = SECONDS_PER_CALL / (time.perf_counter() - clock)
+            budget = int(np.clip(budget * min(faster, MOST_FASTER), FEWEST, MOST))
             report(float(np.mean(np.asarray(journey.block))) / blocks)
     except KeyboardInterrupt:
         if records is None:

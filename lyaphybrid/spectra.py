@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from . import averages, frames, runs
-from ._tracing import traced
+from ._tracing import array, traced
 from .checks import attempts, positive, require, whole
 from .methods.base import Method
 from .propagation import Cadence
@@ -112,7 +112,7 @@ def lyapunov_spectrum(
     plan = runs.Plan(cadence, kind, k == n <= limit, 0, clock != "time", x0.ndim == 2, runs.first_losses)
     _ends(t1, blocks, times, "t1")  # refused before anything is computed
     discrete = iterates(system)
-    journey, interrupted = runs.start(problem, plan, t0, x0, frame, mode, jnp.asarray(interval, x0.dtype)), False
+    journey, interrupted = runs.start(problem, plan, t0, x0, frame, mode, array(interval, x0.dtype)), False
     if not _is_zero(transient):
         quiet = _targets(_ends(transient, blocks, None, "transient"), clock, discrete, x0.dtype)
         before = runs.drive(problem, plan, journey, *quiet, max_steps)
@@ -168,7 +168,7 @@ def _frame(frame, n, k, dtype):
     """The initial columns, orthonormal, and the ln R_ii of what the user gave."""
     require(k is None or k <= n, f"k must be at most n = {n}; got {k}.")
     if frame is None:
-        return jnp.asarray(np.eye(n, k or n), dtype), jnp.asarray(np.zeros(k or n), dtype)
+        return np.eye(n, k or n, dtype=dtype), np.zeros(k or n, dtype)
     frame = jnp.asarray(frame, dtype)
     fits = (
         frame.ndim == 2 and frame.shape[0] == n and 1 <= frame.shape[1] <= n and frame.shape[1] == (k or frame.shape[1])
@@ -220,7 +220,7 @@ def _targets(ends, clock, discrete, dtype):
     xp = jnp if traced(ends) else np  # numbers that are known are computed without compiling anything
     whole = xp.ceil(ends - 1e-9)
     times = whole if discrete else xp.full_like(ends, np.inf) if clock == "jumps" else ends
-    return jnp.asarray(times, dtype), jnp.asarray(whole, dtype)
+    return array(times, dtype), array(whole, dtype)
 
 
 def _good_enough(spectrum: Spectrum, until: float) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array
 
 from . import runs
-from ._tracing import traced
+from ._tracing import array, traced
 from .checks import attempts, positive, whole
 from .methods.base import Method
 from .propagation import Cadence
@@ -127,10 +127,10 @@ def trajectory(
     _require_one(x0)
     discrete = iterates(system)
     ends = t1 * (np.arange(1, n + 1) / n)
-    ends = jnp.asarray(jnp.ceil(ends - 1e-9) if discrete else ends, x0.dtype)
+    ends = array(jnp.ceil(ends - 1e-9) if discrete else ends, x0.dtype)
     room = 0 if discrete or isinstance(system, Flow) else ROOM
     plan = runs.Plan(Cadence("never", False), "mgs", False, room, False, False, runs.point)
-    journey = runs.start(problem, plan, t0, x0, jnp.asarray(np.zeros((len(x0), 0)), x0.dtype), mode, 1.0)
+    journey = runs.start(problem, plan, t0, x0, np.zeros((len(x0), 0), x0.dtype), mode, 1.0)
     outcome = runs.drive(problem, plan, journey, ends, ends, max_steps)
     t, x, modes, jumps = outcome.records.collected
     valid = outcome.records.valid
@@ -235,8 +235,8 @@ def tangent_map(
     problem, x0, t0, mode = runs.prepare(system, x0, args, t0, method, mode)
     _require_one(x0)
     plan = runs.Plan(Cadence("never", False), "mgs", False, 0, False, False, runs.nothing)
-    journey = runs.start(problem, plan, t0, x0, jnp.asarray(np.eye(len(x0)), x0.dtype), mode, 1.0)
-    ends = jnp.asarray(t1, x0.dtype).reshape(1)
+    journey = runs.start(problem, plan, t0, x0, np.eye(len(x0), dtype=x0.dtype), mode, 1.0)
+    ends = array(t1, x0.dtype).reshape(1)
     outcome = runs.drive(problem, plan, journey, ends, ends, max_steps)
     carry = outcome.journey.carry
     return _deliver(TangentMap(carry.x, carry.frame, runs.mode_of(carry), carry.jumps, outcome.status), throw)
