@@ -1,17 +1,41 @@
 """Parts of what a user's function is made of: some of the equations of its jaxpr, as a function."""
 
 from collections.abc import Callable, Iterable
+from typing import Any
 
 import jax
+import jax.numpy as jnp
 from jax.extend.core import ClosedJaxpr, Literal, jaxpr_as_fun
 
-__all__ = ["divided", "needed", "part_of", "settled"]
+__all__ = ["applied", "divided", "evaluated", "needed", "part_of", "settled"]
 
 
 def part_of(closed: ClosedJaxpr, equations, inputs, outputs) -> Callable[..., list]:
     """Some of the equations as a function."""
     part = closed.jaxpr.replace(eqns=equations, invars=inputs, outvars=outputs)
     return jaxpr_as_fun(ClosedJaxpr(part, closed.consts))
+
+
+def evaluated(closed: ClosedJaxpr, inputs: list, rule: Callable[..., list]) -> list:
+    """The outputs, where each equation is done by rule(closed, equation, operands) -> results."""
+    jaxpr = closed.jaxpr
+    known = dict(zip([*jaxpr.constvars, *jaxpr.invars], [*closed.consts, *inputs], strict=True))
+
+    def read(atom):
+        if isinstance(atom, Literal):
+            kind: Any = atom.aval
+            return jnp.asarray(atom.val, kind.dtype)
+        return known[atom]
+
+    for eqn in jaxpr.eqns:
+        known.update(zip(eqn.outvars, rule(closed, eqn, [read(atom) for atom in eqn.invars]), strict=True))
+    return [read(atom) for atom in jaxpr.outvars]
+
+
+def applied(closed: ClosedJaxpr, eqn, operands) -> list:
+    """The equation with these operands; what is written into it as a number stays."""
+    known = {atom: one for atom, one in zip(eqn.invars, operands, strict=True) if not isinstance(atom, Literal)}
+    return part_of(closed, [eqn], list(known), eqn.outvars)(*known.values())
 
 
 def divided(closed: ClosedJaxpr, known: Iterable) -> tuple[list, list, list]:

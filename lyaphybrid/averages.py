@@ -153,8 +153,7 @@ def _or_nan(xp: ModuleType, length):
 
 def _running_totals(xp: ModuleType, growth, order, valid, initial):
     """Σ growth up to each block; where columns changed places the sums change places with them."""
-    unmoved = order is None or (xp is np and bool(np.all(order == np.arange(order.shape[1]))))
-    if unmoved:
+    if order is None or (xp is np and bool(np.all(order == np.arange(order.shape[1])))):
         return initial[None, :] + xp.cumsum(growth, axis=0)
 
     def add(total, block):

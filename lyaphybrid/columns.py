@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jax.extend.core import ClosedJaxpr, Literal
+from jax.extend.core import ClosedJaxpr
 from jaxtyping import Array, Float
 
-from ._jaxprs import part_of
+from ._jaxprs import applied, evaluated
 
 __all__ = ["each_column"]
 
@@ -45,24 +45,12 @@ def each_column(function: Callable, frame: Float[Array, "n k"]) -> Any:
 
 def _through(closed: ClosedJaxpr, inputs: list, k: int) -> list:
     """The outputs of a jaxpr, as `Columns` where they depend on inputs that are."""
-    jaxpr = closed.jaxpr
-    known = dict(zip([*jaxpr.constvars, *jaxpr.invars], [*closed.consts, *inputs], strict=True))
-
-    def read(atom):
-        if isinstance(atom, Literal):
-            kind: Any = atom.aval
-            return jnp.asarray(atom.val, kind.dtype)
-        return known[atom]
-
-    for eqn in jaxpr.eqns:
-        found = _through_equation(closed, eqn, [read(atom) for atom in eqn.invars], k)
-        known.update(zip(eqn.outvars, found, strict=True))
-    return [read(atom) for atom in jaxpr.outvars]
+    return evaluated(closed, inputs, lambda closed, eqn, operands: _through_equation(closed, eqn, operands, k))
 
 
 def _through_equation(closed: ClosedJaxpr, eqn, operands: list, k: int) -> list:
     if not any(isinstance(operand, Columns) for operand in operands):
-        return _bound(closed, eqn, operands)
+        return applied(closed, eqn, operands)
     name = eqn.primitive.name
     if name in ("jit", "pjit"):
         return _through(eqn.params["jaxpr"], operands, k)
@@ -74,13 +62,7 @@ def _through_equation(closed: ClosedJaxpr, eqn, operands: list, k: int) -> list:
         return [Columns(rule(eqn.params, k, *operands))]
     arrays = [one.array if isinstance(one, Columns) else one for one in operands]
     axes = [-1 if isinstance(one, Columns) else None for one in operands]
-    return [Columns(one) for one in jax.vmap(lambda *each: _bound(closed, eqn, each), axes, -1)(*arrays)]
-
-
-def _bound(closed: ClosedJaxpr, eqn, operands) -> list:
-    """The equation with these operands; what is written into it as a number stays."""
-    known = {atom: one for atom, one in zip(eqn.invars, operands, strict=True) if not isinstance(atom, Literal)}
-    return part_of(closed, [eqn], list(known), eqn.outvars)(*known.values())
+    return [Columns(one) for one in jax.vmap(lambda *each: applied(closed, eqn, each), axes, -1)(*arrays)]
 
 
 def _through_branches(eqn, operands, k) -> list:

@@ -19,6 +19,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from . import frames
+from .components import by_components, joined, split
 from .statuses import OK, RUNNING, STATUS
 
 LONGEST = 20.0  # steps between two orthonormalisations, where the interval is automatic
@@ -240,7 +241,7 @@ def _span(settings: Settings, clock: Clock, within, carry: Carry, ahead, interva
 
     k = carry.frame.shape[1]
     carry = carry._replace(frame=frames.widened(carry.frame))
-    carry, ahead = jax.lax.while_loop(goes_on, step, (carry, ahead))
+    carry, ahead = _repeated(goes_on, step, (carry, ahead), mover.does_little(carry.x.shape[0]))
     carry = carry._replace(frame=carry.frame[:, :k])
     carry, ahead = mover.settle(settings, clock, within, carry, ahead)
     if not frequent:
@@ -258,6 +259,15 @@ def _span(settings: Settings, clock: Clock, within, carry: Carry, ahead, interva
         spread,
     )
     return tidied
+
+
+def _repeated(goes_on, step, state, little: bool):
+    """The innermost loop; where there is little to do in a step, written in numbers and rows instead of arrays."""
+    if not little:
+        return jax.lax.while_loop(goes_on, step, state)
+    body = by_components(step, state)
+    leaves = jax.lax.while_loop(lambda leaves: goes_on(joined(leaves, state)), body, split(state))
+    return joined(leaves, state)
 
 
 def _tidy(settings: Settings, clock: Clock, carry: Carry, ahead, interval, spread):

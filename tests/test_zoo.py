@@ -417,17 +417,20 @@ def brute_force(x, n, args, images=40):
     """The earliest contact over many images, without any shortcut: (t, first, second)."""
     q, p = np.asarray(x)[: 2 * n].reshape(n, 2), np.asarray(x)[2 * n :].reshape(n, 2)
     far = np.arange(-images, images + 1)
-    shifts = np.stack(np.meshgrid(far * args["width"], far * args["height"]), axis=-1).reshape(-1, 2)
+    box = np.array([args["width"], args["height"]])
+    shifts = np.stack(np.meshgrid(far * box[0], far * box[1]), axis=-1).reshape(-1, 2)
     best = (np.inf, -1, -1)
     for k in range(n):
         for m in range(k + 1, n):
-            d, v = q[m] - q[k] + shifts, (p[m] - p[k]) / args["mass"]
+            apart, v = q[m] - q[k], (p[m] - p[k]) / args["mass"]
+            d = apart - box * np.round(apart / box) + shifts  # positions are not wrapped
             b, c = d @ v, np.sum(d * d, axis=1) - args["diameter"] ** 2
             meets = (b < 0) & (b * b - v @ v * c > 0)
             if meets.any():
                 t = np.min((-b - np.sqrt(np.where(meets, b * b - v @ v * c, 0)))[meets] / (v @ v))
                 best = min(best, (t, k, m))
-    return best
+    # Along a corridor a flight may be longer: what meets early is met in a near image.
+    return best if best[1] >= 0 else brute_force(x, n, args, 4 * images)
 
 
 @pytest.mark.parametrize(
@@ -457,7 +460,9 @@ def test_no_contact_is_missed_through_any_image(parameters):
         np.testing.assert_allclose(flown, expected, rtol=1e-9, atol=1e-11)
         assert abs(guard(t, x, args, which)) < 1e-11
         x = jump(t, x, args, which)
-    np.testing.assert_allclose(energy(x, args), before, rtol=1e-12)
+    # Each jump rounds like the positions, which a dilute pair takes dozens of boxes away.
+    reach = float(jnp.max(jnp.abs(x[: 2 * n]))) / args["diameter"]
+    np.testing.assert_allclose(energy(x, args), before, rtol=60 * np.finfo(float).eps * max(reach, 60.0))
     assert looks > 0 or parameters["density"] > 0.2
 
 

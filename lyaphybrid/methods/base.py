@@ -44,6 +44,11 @@ class Method(eqx.Module):
         del n
         return 0
 
+    def does_little(self, n: int) -> bool:
+        """Whether a step in n components is so little work that a loop of them is best written in numbers."""
+        del n
+        return False
+
     @property
     @abc.abstractmethod
     def error_order(self) -> int:

@@ -36,6 +36,11 @@ class Exact:
     jumps_uncontrolled: ClassVar[bool] = True
     always_common: ClassVar[bool] = False
 
+    def does_little(self, n: int) -> bool:
+        """Arrays are as good as numbers here."""
+        del n
+        return False
+
     def begin(self, t, x, mode, h):
         """The next event is predicted anew from every state; (4,): memory of the events, see `_remember`."""
         del mode, h

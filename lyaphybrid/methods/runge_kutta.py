@@ -16,9 +16,7 @@ from .forcing import at_times
 __all__ = ["TABLEAUX", "RungeKutta"]
 
 
-# Up to so many components times stages (RK4 in the plane) a stage is written component by component: XLA's
-# fusion then repeats less arithmetic. With more, vectors are faster (measured on either side: Lorenz, dopri5).
-FEW = 8
+LITTLE = 8  # components times stages: RK4 in the plane, but not dopri5, nor the Lorenz system (measured)
 
 
 class Tableau(NamedTuple):
@@ -123,15 +121,18 @@ class RungeKutta(Method):
         """The slopes k_i, and the points (t_i, X_i) where they are taken, of the field `at` the times of a step."""
         table = TABLEAUX[self.tableau]
         slopes, points = [f], [(t, x)]
-        along = _along_each if x.shape[0] * len(table.b) <= FEW else _along
         for row, c in zip(table.a, table.c, strict=True):
-            points.append((t + c * h, along(x, h, row, slopes)))
+            points.append((t + c * h, _along(x, h, row, slopes)))
             slopes.append(at[float(c)](points[-1][1]))
         return slopes, points
 
     def kept_stages(self, n: int) -> int:
         """The points of all stages but the first; in the plane they are cheaper to compute again than to keep."""
         return len(TABLEAUX[self.tableau].b) - 1 if n > 2 else 0
+
+    def does_little(self, n: int) -> bool:
+        """Few stages of few components."""
+        return n * len(TABLEAUX[self.tableau].b) <= LITTLE
 
     def step(self, field: Field, t, x, f, h) -> Step:
         """One step over h from (t, x), where f = field(t, x)."""
@@ -179,11 +180,6 @@ def _along(x, h, weights, slopes):
     *early, (last, latest) = steps
     base = x + _sum([step * k for step, k in early]) if early else x
     return base + last * latest
-
-
-def _along_each(x, h, weights, slopes):
-    """The same, component by component."""
-    return jnp.stack([_along(x[i], h, weights, [k[i] for k in slopes]) for i in range(x.shape[0])])
 
 
 def _from_points(x, h, table: Tableau, points, last):

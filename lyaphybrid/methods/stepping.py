@@ -66,6 +66,10 @@ class Stepping:
         """Every jump is followed by an orthonormalisation of its own: nothing is lost between."""
         return False
 
+    def does_little(self, n: int) -> bool:
+        """Whether the innermost loop is best written in numbers."""
+        return self.method.does_little(n)
+
     @property
     def has_events(self) -> bool:
         """Whether there are transitions at all (a plain flow has none)."""
