@@ -93,17 +93,23 @@ def _restored(leaves, shapes) -> list:
 
 
 def _equation(closed: ClosedJaxpr, eqn, operands: list) -> list:
-    name, shape = eqn.primitive.name, eqn.outvars[0].aval.shape
+    name = eqn.primitive.name
     if name in ("jit", "pjit"):
         return evaluated(eqn.params["jaxpr"], operands, _equation)
     touched = any(isinstance(one, Parts) for one in operands) or name in OF_NUMBERS
-    if touched and (not shape or _is_small(shape)):
-        if name in ENTRYWISE:
-            return [_entrywise(eqn, operands, shape)]
-        found = RULES[name](eqn.params, shape, *operands) if name in RULES else None
-        if found is not None:
-            return [found]
-    return applied(closed, eqn, [_put_together(one) for one in operands])
+    found = _by_rule(eqn, operands) if touched else None
+    return applied(closed, eqn, [_put_together(one) for one in operands]) if found is None else [found]
+
+
+def _by_rule(eqn, operands: list):
+    """What comes out of an equation; None where there is no rule for it, or for arrays of this size."""
+    name = eqn.primitive.name
+    if name not in ENTRYWISE and name not in RULES:
+        return None
+    shape = eqn.outvars[0].aval.shape
+    if shape and not _is_small(shape):
+        return None
+    return _entrywise(eqn, operands, shape) if name in ENTRYWISE else RULES[name](eqn.params, shape, *operands)
 
 
 def _entrywise(eqn, operands, shape) -> Parts:
@@ -149,7 +155,8 @@ def _slice(params, shape, operand):
 
 
 def _reshape(params, shape, operand):
-    del params
+    if params.get("new_sizes") and params["dimensions"]:  # transposed first
+        return None
     if operand.rows and len(shape) > 1 and operand.shape[-1] == shape[-1]:
         return Parts(shape, operand.entries.flat)
     if operand.entries.size == 1 and shape == operand.shape[1:]:  # a number, or a row
@@ -171,12 +178,12 @@ def _stack(params, shape, *operands):
 
 
 def _reduced(fold, along):
-    """Over some axes: `fold` of two entries, `along` a row."""
+    """Over some axes: `fold` of two entries, `along` a row (None: arrays have to do)."""
 
     def rule(params, shape, operand):
         axes, entries = params["axes"], operand.entries
         over_rows = operand.rows and entries.ndim in axes
-        if over_rows and len(shape) > 1:
+        if over_rows and (len(shape) > 1 or along is None):
             return None
         gone = [axis for axis in axes if axis < entries.ndim]
         stay = [axis for axis in range(entries.ndim) if axis not in gone]
@@ -199,11 +206,11 @@ OF_NUMBERS = {"broadcast_in_dim", "stack"}  # what makes an array of numbers, or
 RULES: dict[str, Callable] = {
     "broadcast_in_dim": _broadcast,
     "concatenate": _concatenate,
-    "reduce_and": _reduced(operator.and_, jnp.all),
+    "reduce_and": _reduced(operator.and_, None),
     "reduce_max": _reduced(jnp.maximum, jnp.max),
     "reduce_min": _reduced(jnp.minimum, jnp.min),
-    "reduce_or": _reduced(operator.or_, jnp.any),
-    "reduce_sum": _reduced(operator.add, jnp.sum),
+    "reduce_or": _reduced(operator.or_, None),
+    "reduce_sum": _reduced(operator.add, lambda row: jnp.sum(row, dtype=row.dtype)),
     "reshape": _reshape,
     "slice": _slice,
     "squeeze": _reshape,

@@ -42,6 +42,9 @@ FUNCTIONS = {
     "conditional": lambda s: s | {"x": jax.lax.cond(s["h"] > 0, jnp.sin, jnp.cos, s["x"])},
     "rolled": lambda s: s | {"x": jnp.roll(s["x"], 1), "frame": jnp.roll(s["frame"], 1, axis=1)},
     "flattened": lambda s: s | {"frame": s["frame"].reshape(-1)[::-1].reshape(2, 3)},
+    "by columns": lambda s: s | {"frame": s["frame"].reshape((2, 3), order="F") * s["h"]},
+    "by columns, a vector": lambda s: s | {"x": s["frame"][:, :2].reshape(4, order="F")[1:3]},
+    "integers": lambda s: s | {"h": s["h"] * jnp.sum(jnp.sign(s["frame"]).astype(jnp.int32)).astype(s["h"].dtype)},
     "nothing": lambda s: s | {"x": s["x"] + jnp.sum(s["frame"][:, :0], axis=1)},
     "alone": lambda s: s | {"x": jnp.concatenate([s["x"][1:], jnp.array([2.0])])},
     "norms": lambda s: s | {"frame": s["frame"] / jnp.linalg.norm(s["frame"], axis=0)[None, :]},
@@ -69,6 +72,16 @@ def test_by_components_can_be_differentiated_and_mapped():
     np.testing.assert_allclose(jax.jacfwd(of_x)(STATE["x"]), direct(STATE["x"]), rtol=1e-15)
     several = jnp.stack([STATE["x"], 2 * STATE["x"], -STATE["x"]])
     np.testing.assert_allclose(jax.vmap(of_x)(several), jnp.stack([of_x(x) for x in several]), rtol=1e-15)
+
+
+def test_effects_stay(capfd):
+    def told(s):
+        jax.debug.print("h is {}", s["h"])
+        return s
+
+    by_components(told, STATE)(split(STATE))
+    jax.effects_barrier()
+    assert capfd.readouterr().out == "h is 0.01\n"
 
 
 class InArrays(lh.RungeKutta):
