@@ -24,6 +24,7 @@ from .statuses import OK, RUNNING, STATUS
 
 LONGEST = 20.0  # steps between two orthonormalisations, where the interval is automatic
 LONGEST_BLIND = 4.0  # jumps, each of which may destroy a direction
+STRETCHED = 100.0  # a larger entry of a frame ends the interval there: a grazing jump must not look like a loss
 MOST_AT_ONCE = 64  # jumps at one instant that an event log must have room for
 
 __all__ = ["Carry", "Cadence", "Events", "Record", "Settings", "advance", "begin", "restart"]
@@ -230,9 +231,15 @@ def _span(settings: Settings, clock: Clock, within, carry: Carry, ahead, interva
     """Steps, until something rare is due; then that."""
     mover, frequent = settings.mover, settings.cadence.unit != "never" and carry.frame.shape[1] > 0
 
+    def is_due(carry):
+        enough = carry.since >= interval
+        if settings.cadence.automatic and mover.jumps_uncontrolled:
+            enough = enough | (jnp.max(jnp.abs(carry.frame)) > STRETCHED)
+        return enough
+
     def goes_on(state):
         carry, ahead = state
-        return within(carry) & mover.common(ahead) & ((carry.since < interval) if frequent else True)
+        return within(carry) & mover.common(ahead) & (~is_due(carry) if frequent else True)
 
     def step(state):
         carry, ahead = state
@@ -246,7 +253,7 @@ def _span(settings: Settings, clock: Clock, within, carry: Carry, ahead, interva
     carry, ahead = mover.settle(settings, clock, within, carry, ahead)
     if not frequent:
         return carry, ahead, interval, spread
-    due = (carry.since >= interval) | (carry.s >= clock.length)
+    due = is_due(carry) | (carry.s >= clock.length)
     if mover.always_common and not settings.count_jumps:  # then nothing but this ends a span
         return _tidy(settings, clock, carry, ahead, interval, spread)
     tidied = jax.lax.cond(
