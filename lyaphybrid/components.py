@@ -129,8 +129,7 @@ def _entrywise(eqn, operands, shape) -> Parts:
 # numbers.
 
 
-def _broadcast(params, shape, operand, *sizes):
-    del sizes  # none: the shapes of a loop's body are known
+def _broadcast(params, shape, operand):
     dimensions, last = params["broadcast_dimensions"], len(shape) - 1
     if not isinstance(operand, Parts):
         row = len(shape) == 2 and dimensions == (1,) and np.shape(operand) == shape[1:]
