@@ -128,12 +128,9 @@ def _cholesky(frame):
 
 
 def widened(frame: Float[Array, "n k"]) -> Float[Array, "n m"]:
-    """Three columns as four, the last one zero: a row is then one vector register (Lorenz: 57 ns, not 72).
-
-    So are two, from three components on; in the plane that costs more than it saves.
-    """
+    """Two or three columns as four, the others zero: a row is then one vector register (Lorenz: 57 ns, not 72)."""
     k = frame.shape[1]
-    return jnp.pad(frame, ((0, 0), (0, 4 - k))) if k in (2, 3) and frame.shape[0] > 2 else frame
+    return jnp.pad(frame, ((0, 0), (0, 4 - k))) if k in (2, 3) else frame
 
 
 def refill(frame: Float[Array, "n k"], project, live: Array) -> tuple[Float[Array, "n k"], Int[Array, " k"]]:

@@ -35,6 +35,7 @@ class Cadence(NamedTuple):
 
     unit: str  # "steps" | "time" | "jumps" | "never"
     automatic: bool  # lengthen and shorten the interval from the growth that is seen
+    each: bool = False  # after each step: where nothing is rare, a span is then one step, and needs no loop
 
 
 class Settings(NamedTuple):
@@ -190,7 +191,7 @@ def _block(settings: Settings, journey: Journey, index, end, last_jump):
 
     # A block always runs once through: what is not to be done is stopped by the budget.
     start = journey.carry._replace(budget=jnp.where(todo, journey.carry.budget, 0))
-    start = start._replace(stages=settings.mover.no_stages(start.x, frames.widened(start.frame)))
+    start = start._replace(stages=settings.mover.no_stages(start.x, _widened(settings, start.frame)))
     state = (start, settings.mover.enter(start, clock), journey.interval, journey.spread)
     carry, _, interval, spread = jax.lax.while_loop(
         lambda state: within(state[0]), lambda state: _span(settings, clock, within, *state), state
@@ -247,8 +248,11 @@ def _span(settings: Settings, clock: Clock, within, carry: Carry, ahead, interva
         return carry, mover.look(carry, clock)
 
     k = carry.frame.shape[1]
-    carry = carry._replace(frame=frames.widened(carry.frame))
-    carry, ahead = _repeated(goes_on, step, (carry, ahead), mover.does_little(carry.x.shape[0]))
+    carry = carry._replace(frame=_widened(settings, carry.frame))
+    if mover.always_common and settings.cadence.each:
+        carry, ahead = step((carry, ahead))
+    else:
+        carry, ahead = _repeated(goes_on, step, (carry, ahead), mover.does_little(carry.x.shape[0]))
     carry = carry._replace(frame=carry.frame[:, :k])
     carry, ahead = mover.settle(settings, clock, within, carry, ahead)
     if not frequent:
@@ -266,6 +270,11 @@ def _span(settings: Settings, clock: Clock, within, carry: Carry, ahead, interva
         spread,
     )
     return tidied
+
+
+def _widened(settings: Settings, frame):
+    """Rows that fill a vector register; for a map of the plane, which soon orthonormalises, that is not worth it."""
+    return frame if settings.mover.jumps_uncontrolled and frame.shape[0] < 3 else frames.widened(frame)
 
 
 def _repeated(goes_on, step, state, little: bool):

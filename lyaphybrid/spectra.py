@@ -196,7 +196,7 @@ def _cadence(problem: runs.Problem, every) -> tuple[Cadence, Any]:
     if every is None:
         return Cadence(unit, True), 1.0
     positive("every", every)
-    return Cadence(unit, False), every
+    return Cadence(unit, False, each=unit == "steps" and not traced(every) and every == 1), every
 
 
 def _ends(length, blocks, times, name):
