@@ -2,8 +2,8 @@
 
 XLA counts sin, cos and tan as cheap and repeats them wherever a fusion uses them: a Runge–Kutta step of a forced
 oscillator that needs two cosines computes more, each as costly as the rest of a stage. So the part of a field
-that depends on time alone is found in its jaxpr, evaluated at all times of the step at once, and kept behind a
-conditional, which XLA does not repeat.
+that depends on time alone is found in its jaxpr, evaluated at all times of the step at once, in vector registers,
+and kept behind a conditional, which XLA does not repeat.
 """
 
 from collections.abc import Callable, Iterable
@@ -14,6 +14,7 @@ from jaxtyping import Array
 
 from .._jaxprs import divided, part_of
 from .base import Field
+from .circular import LANES, in_lanes
 
 __all__ = ["at_times"]
 
@@ -31,11 +32,16 @@ def at_times(field: Field, t, x, h, fractions: Iterable[float]) -> dict[float, C
     forcing = part_of(closed, early, [time], kept)
     rest = part_of(closed, late, [time, *kept, point], closed.jaxpr.outvars)
 
-    def nothing(times):
-        return [jnp.zeros(times.shape + v.aval.shape, v.aval.dtype) for v in kept]
+    shares = [*times, *[1.0] * (-len(times) % LANES)]  # full registers
 
-    values = jax.lax.cond(h == h, jax.vmap(forcing), nothing, jnp.stack(list(times.values())))
-    values = dict(zip(times, zip(*values, strict=True), strict=True))
+    def present(t, h):
+        return in_lanes(jax.vmap(forcing))(t + jnp.asarray(shares, t.dtype) * h)
+
+    def nothing(t, h):
+        return [jnp.zeros((len(shares), *v.aval.shape), v.aval.dtype) for v in kept]
+
+    values = jax.lax.cond(h == h, present, nothing, t, jnp.asarray(h, t.dtype))
+    values = dict(zip(times, zip(*values, strict=True), strict=False))
     return {c: lambda x, at=at, now=values[c]: rest(at, *now, x)[0] for c, at in times.items()}
 
 
