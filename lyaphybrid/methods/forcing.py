@@ -35,12 +35,12 @@ def at_times(field: Field, t, x, h, fractions: Iterable[float]) -> dict[float, C
     shares = [*times, *[1.0] * (-len(times) % LANES)]  # full registers
 
     def present(t, h):
-        return in_lanes(jax.vmap(forcing))(t + jnp.asarray(shares, t.dtype) * h)
+        return in_lanes(jax.vmap(forcing))(t + jnp.asarray(shares, x.dtype) * h)
 
     def nothing(t, h):
         return [jnp.zeros((len(shares), *v.aval.shape), v.aval.dtype) for v in kept]
 
-    values = jax.lax.cond(h == h, present, nothing, t, jnp.asarray(h, t.dtype))
+    values = jax.lax.cond(h == h, present, nothing, jnp.asarray(t, x.dtype), jnp.asarray(h, x.dtype))
     values = dict(zip(times, zip(*values, strict=True), strict=False))
     return {c: lambda x, at=at, now=values[c]: rest(at, *now, x)[0] for c, at in times.items()}
 
