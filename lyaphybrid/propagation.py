@@ -249,7 +249,7 @@ def _span(settings: Settings, clock: Clock, within, carry: Carry, ahead, interva
 
     k = carry.frame.shape[1]
     carry = carry._replace(frame=_widened(settings, carry.frame))
-    if mover.always_common and settings.cadence.each:
+    if _step_by_step(settings):
         carry, ahead = step((carry, ahead))
     else:
         carry, ahead = _repeated(goes_on, step, (carry, ahead), mover.does_little(carry.x.shape[0]))
@@ -272,9 +272,15 @@ def _span(settings: Settings, clock: Clock, within, carry: Carry, ahead, interva
     return tidied
 
 
+def _step_by_step(settings: Settings) -> bool:
+    """Whether each span is one step."""
+    return settings.mover.always_common and settings.cadence.each
+
+
 def _widened(settings: Settings, frame):
-    """Rows that fill a vector register; for a map of the plane, which soon orthonormalises, that is not worth it."""
-    return frame if settings.mover.jumps_uncontrolled and frame.shape[0] < 3 else frames.widened(frame)
+    """Rows that fill a vector register: not worth it for one step, nor for the few of a map of the plane."""
+    few = _step_by_step(settings) or (settings.mover.jumps_uncontrolled and frame.shape[0] < 3)
+    return frame if few else frames.widened(frame)
 
 
 def _repeated(goes_on, step, state, little: bool):
