@@ -21,7 +21,7 @@ from .._jaxprs import applied, evaluated
 __all__ = ["LANES", "LARGEST", "cosine", "in_lanes", "sine"]
 
 LANES = 4  # float64 numbers in a vector register
-LARGEST = 1.6e6  # 2²⁰ π/2
+LARGEST = 1.6e6  # below 2²⁰ π/2
 HALF_PI = (1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21)
 INTEGER = 1.5 * 2.0**52  # added to an integer k, it leaves k in the last bits
 SINE = (  # (sin r - r) / r³ in powers of r²
@@ -77,6 +77,7 @@ def _is_moderate(x):
 
 def _turned(x, quarters: int):
     """The sine of x + quarters · π/2."""
+    # Not (2 x / π + INTEGER) - INTEGER: XLA would simplify that to 2 x / π.
     k = jax.lax.round(x * (2 / jnp.pi), jax.lax.RoundingMethod.TO_NEAREST_EVEN)
     first, second, third = HALF_PI
     r = ((x - k * first) - k * second) - k * third
