@@ -4,7 +4,7 @@ By default XLA does so only for loops that touch about 1 kB an iteration; larger
 by operation, at 3 to 30 times the cost of hand-written C. And LLVM unrolls short loops altogether before it looks
 for vectors, which it finds in loops alone: rows of four columns stay scalar code unless it unrolls only up to
 three turns. Once it has found them it reads a row back from memory unless it was written or read at most six
-instructions before; it is told to look further (Lorenz: a fifth of the time). `jit(compiler_options=…)` does not
+instructions before; it is told to look further (Lorenz: a sixth of the time). `jit(compiler_options=…)` does not
 take these options: they must stand in `XLA_FLAGS` before JAX creates its first backend.
 """
 

@@ -5,7 +5,7 @@ what it can follow: a number, or a row of them, by itself, but not the parts of 
 place and taken apart in another. So an innermost loop with little work is written in numbers and rows: an array (n,)
 is n numbers, an array (n, k) is n rows, and each equation of the loop's jaxpr is done for each of them. What has no
 rule below is done with arrays, put together for it. (By RK4 an oscillator with impacts gains 7 % of the time, the
-Lorenz system a fifth with LLVM's options of `_compiler`. With more work in a step, by dopri5, it takes 8 % longer.)
+Lorenz system a sixth with LLVM's options of `_compiler`. With more work in a step, by dopri5, it takes 8 % longer.)
 """
 
 import functools

@@ -35,6 +35,7 @@ def at_times(field: Field, t, x, h, fractions: Iterable[float]) -> dict[float, C
     shares = [*times, *[1.0] * (-len(times) % LANES)]  # full registers
 
     def present(t, h):
+        # Times made here, as a vector: stacked from numbers they would have to reach memory before they are read.
         return in_lanes(jax.vmap(forcing))(t + jnp.asarray(shares, x.dtype) * h)
 
     def nothing(t, h):
