@@ -9,9 +9,10 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
-__all__ = ["KINDS", "orthonormalise", "refill", "widened"]
+__all__ = ["KINDS", "orthonormalise", "refill", "unit_vectors", "widened"]
 
 KINDS = ("mgs", "lapack", "cholesky")
 UNROLL = 16  # up to so many columns Gram–Schmidt is unrolled: 1.2 to 1.5 times as fast as a loop, but longer to compile
@@ -24,6 +25,12 @@ TINY = 1e-290
 def kind_for(k: int) -> str:
     """The orthonormalisation that ``"auto"`` stands for, by the number of columns."""
     return "mgs" if k < LAPACK_FROM else "lapack"
+
+
+def unit_vectors(n: int, k: int, dtype, paired: bool = False) -> np.ndarray:
+    """The first k unit vectors (n, k); paired: of e_q1 … e_qm, e_pm … e_p1, n = 2m, x = (q, p)."""
+    m = n // 2 if paired else n
+    return np.eye(n, dtype=dtype)[:, [*range(m), *reversed(range(m, n))][:k]]
 
 
 def orthonormalise(

@@ -63,7 +63,7 @@ def lyapunov_spectrum(
         transient: length of the run before growth is counted; the frame evolves too.
         mode: name or index of the mode at the start; needed where there are several.
         k: number of exponents; None: n.
-        frame: (n, k) initial columns; None: unit vectors.
+        frame: (n, k) initial columns; None: unit vectors, in the paired order where the system is canonical.
         method: `lh.RungeKutta` (default, adaptive dopri5) or `lh.Diffrax`; None for maps and event-driven systems.
         every: orthonormalise each so many iterations (maps), steps (fixed dt), units of time (adaptive) or jumps
             (event-driven); None: from the growth, so that no exponent drowns in rounding.
@@ -104,7 +104,7 @@ def lyapunov_spectrum(
     require(not isinstance(system, Flow) or clock != "jumps", "clock='jumps' would never end: an lh.Flow has no jumps.")
     x0 = _starts(x0, replicates, key)
     n = x0.shape[-1]
-    frame, initial = _frame(frame, n, k, x0.dtype)
+    frame, initial = _frame(system, frame, n, k, x0.dtype)
     k = frame.shape[-1]
     kind = frames.kind_for(k) if orthonormalise == "auto" else orthonormalise
     cadence, interval = _cadence(problem, every)
@@ -164,11 +164,12 @@ def _starts(x0, replicates, key):
     return x0[None, :] + 1e-6 * jnp.maximum(1.0, jnp.abs(x0))[None, :] * noise
 
 
-def _frame(frame, n, k, dtype):
+def _frame(system, frame, n, k, dtype):
     """The initial columns, orthonormal, and the ln R_ii of what the user gave."""
     require(k is None or k <= n, f"k must be at most n = {n}; got {k}.")
     if frame is None:
-        return np.eye(n, k or n, dtype=dtype), np.zeros(k or n, dtype)
+        canonical = getattr(system, "canonical", False)
+        return frames.unit_vectors(n, k or n, dtype, paired=canonical), np.zeros(k or n, dtype)
     frame = jnp.asarray(frame, dtype)
     fits = (
         frame.ndim == 2 and frame.shape[0] == n and 1 <= frame.shape[1] <= n and frame.shape[1] == (k or frame.shape[1])

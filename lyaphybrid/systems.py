@@ -222,6 +222,8 @@ class EventDriven(eqx.Module):
         jump: ``(t, x, args, which) -> x⁺``.
         guard: ``(t, x, args, which) -> scalar`` that falls through zero at the event: it supplies the derivative
             of the event's time.
+        canonical: x = (q, p), and flow and jump keep dq∧dp. The frame that runs start from is then the paired one, e_q1
+            … e_qn, e_pn … e_p1, with which λ_i + λ_{2n+1−i} = 0 up to rounding at all times.
 
     Raises:
         ValueError: if one of the four is not callable.
@@ -240,6 +242,7 @@ class EventDriven(eqx.Module):
     next_event: Callable
     jump: Callable
     guard: Callable
+    canonical: bool = eqx.field(static=True, default=False)
 
     def __check_init__(self):
         _require_callable("flow", self.flow, "(dt, t, x, args) -> x")

@@ -10,7 +10,6 @@ from references import load_event_driven
 
 DISKS = load_event_driven()["hard_disks"]
 TABLE = DISKS["N4_rho0.7_TableI"]
-PAIRED = np.eye(16)[:, [*range(8), *reversed(range(8, 16))]]
 
 
 def sixty_digits():
@@ -62,9 +61,7 @@ def check_table(spectrum, gate):
 def test_table_one_from_sixteen_replicates():
     """t = 1000 each; six zeros, pairing, sum."""
     problem = lh.zoo.hard_disks()
-    check_table(
-        lh.lyapunov_spectrum(problem.system, starts(16), problem.args, t1=1000.0, frame=PAIRED, every=10), 0.012
-    )
+    check_table(lh.lyapunov_spectrum(problem.system, starts(16), problem.args, t1=1000.0, every=10), 0.012)
 
 
 def test_nine_times_the_energy_is_three_times_the_speed():
@@ -85,7 +82,7 @@ def test_exponents_scale_as_the_root_of_the_energy():
     """K = 36, the exponents of the table times three."""
     problem = lh.zoo.hard_disks()
     x0 = starts(16, seed=2) * jnp.repeat(jnp.array([1.0, 3.0]), 8)[None, :]
-    spectrum = lh.lyapunov_spectrum(problem.system, x0, problem.args, t1=1000.0, frame=PAIRED, every=10)
+    spectrum = lh.lyapunov_spectrum(problem.system, x0, problem.args, t1=1000.0, every=10)
     errors = np.hypot(spectrum.stderr[:5] / 3, TABLE["se"])
     assert np.all(errors < 0.008)
     assert np.all(np.abs(spectrum.exponents[:5] / 3 - np.array(TABLE["lambda_positive"])) <= 5 * errors)
@@ -96,7 +93,7 @@ def test_table_one_to_three_thousandths():
     """A total time of 1.6e5."""
     problem = lh.zoo.hard_disks()
     x0 = starts(32, seed=1)
-    spectrum = lh.lyapunov_spectrum(problem.system, x0, problem.args, t1=5000.0, transient=50.0, frame=PAIRED, every=10)
+    spectrum = lh.lyapunov_spectrum(problem.system, x0, problem.args, t1=5000.0, transient=50.0, every=10)
     check_table(spectrum, 0.003)
     rate = float(spectrum.jumps / spectrum.time)
     assert abs(rate - TABLE["collision_rate"]) < 5 * 0.068 / np.sqrt(160)  # 0.068: scatter of runs of t = 1000

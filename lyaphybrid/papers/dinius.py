@@ -47,11 +47,6 @@ def _by_rule() -> EventDriven:
     return crossing_by(collide, system)
 
 
-def paired_frame(n: int) -> np.ndarray:
-    """Return e_q1 … e_qn, e_pn … e_p1 in dimension 2n: λ_i + λ_{2n+1−i} = 0 to rounding at all times."""
-    return np.eye(2 * n)[:, [*range(n), *reversed(range(n, 2 * n))]]
-
-
 def generic_frame(n: int) -> np.ndarray:
     """Orthonormal columns in dimension n that lie in no invariant subspace.
 
@@ -78,8 +73,7 @@ def spectrum(*, t1: float, key=None, replicates: int = REPLICATES, progress=None
         replicates: number of runs.
         progress: as in `lh.lyapunov_spectrum`.
     """
-    system, frame = _problem().system, paired_frame(2 * N)
-    return _run(system, {}, replicates, key, t1=t1, transient=20.0, frame=frame, progress=progress)
+    return _run(_problem().system, {}, replicates, key, t1=t1, transient=20.0, progress=progress)
 
 
 def spectrum_by(mistake: Mistake, *, t1: float, key=None, replicates: int = REPLICATES) -> Spectrum:

@@ -130,7 +130,7 @@ def _disks(n: int) -> EventDriven:
         q, _ = relative(x, args, *partners(which))
         return jnp.where(jnp.asarray(which) < 0, _look_again(t), (_dot(q, q) - args["diameter"] ** 2) / 2)
 
-    return EventDriven(flow=flow, next_event=next_event, jump=jump, guard=guard)
+    return EventDriven(flow=flow, next_event=next_event, jump=jump, guard=guard, canonical=True)
 
 
 def _ray(dt, t, x, args):
@@ -157,7 +157,7 @@ def _outside(t, x, args, which):
     return jnp.where(jnp.asarray(which) < 0, _look_again(t), outside)
 
 
-SINAI = EventDriven(flow=_ray, next_event=_next_scatterer, jump=_reflect, guard=_outside)
+SINAI = EventDriven(flow=_ray, next_event=_next_scatterer, jump=_reflect, guard=_outside, canonical=True)
 
 # by radius: the exponent per unit time and its standard error
 _SINAI_VALUES = {
