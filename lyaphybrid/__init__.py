@@ -17,7 +17,7 @@ from .methods import Diffrax, RungeKutta  # noqa: E402
 from .results import RunFailed, Spectrum  # noqa: E402
 from .spectra import lyapunov_spectrum  # noqa: E402
 from .statuses import STATUS  # noqa: E402
-from .systems import EventDriven, Flow, Hybrid, Map, Transition  # noqa: E402
+from .systems import EventDriven, Flow, Hybrid, Map, Schedule, Transition  # noqa: E402
 from .trajectories import TangentMap, Trajectory, tangent_map, trajectory  # noqa: E402
 
 __version__ = "0.1.0"
@@ -28,6 +28,7 @@ __all__ = [
     "Hybrid",
     "Transition",
     "EventDriven",
+    "Schedule",
     "RungeKutta",
     "Diffrax",
     "lyapunov_spectrum",

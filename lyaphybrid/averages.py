@@ -41,13 +41,20 @@ def summarise(outcomes: list[runs.Outcome], problem, clock: str, initial, averag
     found = Found(records, last.journey, last.status, np.asarray(last.interrupted), initial)
     how = (clock, averaging, runs.mode_names(problem.system))
     if last.journey.carry.x.ndim == 2 or traced(found):
-        return _compiled(found, *how)
+        return _in_rows(problem, _compiled(found, *how))
     # Of one run on the host: compiled for one use the same would take most of a second.
     dtype = last.journey.carry.x.dtype
     with np.errstate(all="ignore"):
         spectrum = _of_one(np, jax.tree.map(np.asarray, found), *how)
     real = jax.tree.map(lambda leaf: leaf.astype(dtype) if leaf.dtype.kind == "f" else leaf, spectrum)
-    return _on_device(real)
+    return _in_rows(problem, _on_device(real))
+
+
+def _in_rows(problem, spectrum: Spectrum) -> Spectrum:
+    """The state at the end in the shape in which the user gave it."""
+    if len(problem.shape) == 1:
+        return spectrum
+    return eqx.tree_at(lambda s: s.x, spectrum, runs.in_rows(problem, spectrum.x))
 
 
 @jax.jit

@@ -81,7 +81,7 @@ def check_functions(system: Any, x: jax.ShapeDtypeStruct, args: Any) -> None:
     elif isinstance(system, Map):
         _returns_state("rule", system.rule, x, "n, x, args", t, x, args)
     elif isinstance(system, EventDriven):
-        _check_event_driven(system, t, x, args)
+        (_check_event_driven if system.schedule is None else _check_scheduled)(system, t, x, args)
     else:
         _check_hybrid(system, t, x, args)
 
@@ -121,15 +121,46 @@ def _check_transition(j: int, transition: Transition, t, x, args) -> None:
 
 def _check_event_driven(system: EventDriven, t, x, args) -> None:
     _returns_state("flow", system.flow, x, "dt, t, x, args", t, t, x, args)
-    found = _result("next_event", system.next_event, "t, x, args", t, x, args)
+    which = _predicted("next_event", "dt", _result("next_event", system.next_event, "t, x, args", t, x, args))
+    _check_jump(system, t, x, args, which)
+
+
+def _check_scheduled(system: EventDriven, t, y, args) -> None:
+    schedule = system.schedule
+    _returns_state("flow", system.flow, y, "dt, y, args", t, y, args)
+    cache = _result("init of the schedule", schedule.init, "t, y, args", t, y, args)
+    which = _predicted("next of the schedule", "t", _result("next of the schedule", schedule.next, "cache", cache))
+    updated = _result("update of the schedule", schedule.update, "cache, t, y, args, which", cache, t, y, args, which)
+    shifted = _result("shift of the schedule", schedule.shift, "cache, dt", cache, t)
+    for name, other in (("update", updated), ("shift", shifted)):
+        same = jax.tree.structure(other) == jax.tree.structure(cache) and all(
+            (a.shape, a.dtype) == (b.shape, b.dtype)
+            for a, b in zip(jax.tree.leaves(other), jax.tree.leaves(cache), strict=True)
+        )
+        require(
+            same,
+            f"The {name} of the schedule must return a cache like that of init, {_described(cache)}; it returned "
+            f"{_described(other)}.",
+        )
+    rows = _result("touch of the schedule", schedule.touch, "which", which)
+    listed = len(getattr(rows, "shape", ())) == 1 and jnp.issubdtype(rows.dtype, jnp.integer)
+    require(listed, f"The touch of the schedule must return a list of row indices (r,); got {_described(rows)}.")
+    _check_jump(system, t, jax.ShapeDtypeStruct((rows.shape[0], *y.shape[1:]), y.dtype), args, which)
+
+
+def _predicted(name: str, time: str, found):
+    """What a prediction calls its event."""
     pair = isinstance(found, tuple) and len(found) == 2 and getattr(found[0], "shape", None) == ()
-    require(pair, f"next_event must return (dt, which), dt a single number; got {_described(found)}.")
-    dt, which = found
-    require(_floating(dt), f"The dt of next_event must be a float (inf: no event); got {_described(dt)}.")
+    require(pair, f"{name} must return ({time}, which), {time} a single number; got {_described(found)}.")
+    moment, which = found
+    require(_floating(moment), f"The {time} of {name} must be a float (inf: no event); got {_described(moment)}.")
     integers = [jnp.issubdtype(leaf.dtype, jnp.integer) for leaf in jax.tree.leaves(which)]
     good = bool(integers) and all(integers)
-    require(good, f"The which of next_event must be an integer, or a pytree of integers; got {_described(which)}.")
-    which = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, jnp.int32), which)
+    require(good, f"The which of {name} must be an integer, or a pytree of integers; got {_described(which)}.")
+    return jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, jnp.int32), which)
+
+
+def _check_jump(system: EventDriven, t, x, args, which) -> None:
     _returns_state("jump", system.jump, x, "t, x, args, which", t, x, args, which)
     guard = _result("guard", system.guard, "t, x, args, which", t, x, args, which)
     _require_scalar("guard", guard, jnp.floating, "a single number that falls through zero")

@@ -171,6 +171,7 @@ def two_trajectories(
     ends = length * jnp.arange(1, blocks + 1, dtype=x0.dtype) / blocks
     ends = pair.elapsed + (jnp.ceil(ends - 1e-9) if whole else ends)
     pair, records = _all_blocks(problem, recipe, t0, pair, ends)
+    pair = pair._replace(x=runs.in_rows(problem, pair.x))
     return _deliver(_summarise(t0, pair, records, recipe.separation, whole), throw)
 
 

@@ -15,6 +15,7 @@ from ._tracing import traced
 from .checks import check_functions
 from .events import EPS, by_mode, wire
 from .methods.exact import Exact
+from .methods.scheduled import predicting_anew
 from .saltations import delays, instant, push, return_along
 from .systems import EventDriven, Flow, Hybrid, Map, System
 
@@ -83,7 +84,7 @@ def jacobians(
         >>> print(at_impact.Dh[0])
         [1. 0.]
     """
-    x, t, mode = _checked(system, x, args, t, mode)
+    system, x, t, mode = _checked(system, x, args, t, mode)
     return _jacobians(system, t, x, args, mode, _integers(which))
 
 
@@ -177,11 +178,11 @@ def saltation_matrix(
             raise ValueError(
                 "An EventDriven needs which=…, the event as next_event(t, x, args) -> (dt, which) calls it."
             )
-        x, t, mode = _checked(system, x, args, t, mode)
+        system, x, t, mode = _checked(system, x, args, t, mode)
         sequence, components = (0,), (_integers(which),)
     else:
         sequence = _sequence(system, transition)
-        x, t, mode = _checked(system, x, args, t, _only_source(system, sequence[0]) if mode is None else mode)
+        _, x, t, mode = _checked(system, x, args, t, _only_source(system, sequence[0]) if mode is None else mode)
         _require_armed(system, sequence[0], mode)
         components = _components(system, t, x, args, sequence, which)
     matrix, contact = _saltation(system, t, x, args, mode, sequence, components)
@@ -336,11 +337,12 @@ def _integers(which):
 
 
 def _checked(system, x, args, t, mode):
-    """The state, the time and the index of the mode, as arrays."""
+    """The system as functions of a flat state; the state, the time and the index of the mode, as arrays."""
     if isinstance(mode, Array | np.integer) and not traced(mode):
         mode = operator.index(mode)
-    _, x, t, mode = runs.prepare(system, x, args, t, None, mode, "x")
+    problem, x, t, mode = runs.prepare(system, x, args, t, None, mode, "x")
     if x.ndim != 1:
         raise ValueError(f"x must have shape (n,) here; got {x.shape}. Use jax.vmap for several points.")
-    check_functions(system, jax.ShapeDtypeStruct(x.shape, x.dtype), args)
-    return x, t, jnp.asarray(mode, jnp.int32)
+    check_functions(system, jax.ShapeDtypeStruct(problem.shape, x.dtype), args)
+    flat = predicting_anew(system, problem.shape) if isinstance(system, EventDriven) else system
+    return flat, x, t, jnp.asarray(mode, jnp.int32)

@@ -139,7 +139,7 @@ def trajectory(trajectory: Trajectory, ax=None, components: Sequence[int] | None
         The axes.
     """
     ax = _axes(ax)
-    dimension = trajectory.x.shape[1]
+    dimension = int(np.prod(trajectory.x.shape[1:]))
     shown = range(min(SHOWN, dimension)) if components is None else components
     discrete = _is_discrete(trajectory)
     t, x, mode = _broken(trajectory)
@@ -214,8 +214,14 @@ def phase(trajectory: Trajectory, ax=None, i: int = 0, j: int = 1):
     return ax
 
 
+def _flat(states) -> np.ndarray:
+    """States (m, n), also where they are given in rows (m, N, d)."""
+    states = np.asarray(states)
+    return states.reshape(len(states), -1) if states.size else states.reshape(0, 0)
+
+
 def _draw_jumps(ax, events, i, j) -> None:
-    before, after = np.asarray(events.x_before), np.asarray(events.x_after)
+    before, after = _flat(events.x_before), _flat(events.x_after)
     if not 0 < len(before) <= MARKED:
         return
     ends = np.stack([before, after, np.full_like(before, np.nan)], axis=1).reshape(-1, before.shape[1])
@@ -230,13 +236,14 @@ def _broken(trajectory: Trajectory):
     Returns times (m,), states (m, n) and the mode of each (m,).
     """
     events = trajectory.events
-    t, x, mode, jumps = (np.asarray(a) for a in (trajectory.t, trajectory.x, trajectory.mode, trajectory.j))
+    t, mode, jumps = (np.asarray(a) for a in (trajectory.t, trajectory.mode, trajectory.j))
+    x = _flat(trajectory.x)
     reached = np.isfinite(t)
     t, x, mode, jumps = t[reached], x[reached], mode[reached], jumps[reached]
     if _is_discrete(trajectory) or not len(events):
         return t, x, mode
     when, count = np.asarray(events.t), len(events)
-    before, after = np.asarray(events.x_before), np.asarray(events.x_after)
+    before, after = _flat(events.x_before), _flat(events.x_after)
     times = np.concatenate([t, when, when, when])
     states = np.concatenate([x, before, np.full_like(before, np.nan), after])
     modes = np.concatenate([mode, events.mode_before, events.mode_before, events.mode_after])

@@ -6,11 +6,12 @@
 
 The innermost loop is straight-line code with a small state, so that XLA makes one native kernel of it; what is
 rare stands one loop further out. A *mover* knows how its kind of system moves: `Stepping` (a field under
-guards), `Exact` (the next event is known), `Iterating` (a map). Everything that needs tangents calls `advance`
-and says what to collect. Time is local to the block: the global time only enters where the user's functions ask
-for it.
+guards), `Exact` (the next event is known), `Scheduled` (the same for many bodies), `Iterating` (a map). Everything
+that needs tangents calls `advance` and says what to collect. Time is local to the block: the global time only enters
+where the user's functions ask for it.
 """
 
+import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -22,8 +23,7 @@ from . import frames
 from .components import by_components, joined, split
 from .statuses import OK, RUNNING, STATUS
 
-LONGEST = 20.0  # steps between two orthonormalisations, where the interval is automatic
-LONGEST_BLIND = 4.0  # jumps, each of which may destroy a direction
+LONGEST_BLIND = 4.0  # jumps between two orthonormalisations, where each may destroy a direction
 STRETCHED = 100.0  # a larger entry of a frame ends the interval there: a grazing jump must not look like a loss
 MOST_AT_ONCE = 64  # jumps at one instant that an event log must have room for
 
@@ -181,13 +181,15 @@ def _block(settings: Settings, journey: Journey, index, end, last_jump):
     clock = Clock(journey.base[0], journey.base[1], end - journey.elapsed, last_jump)
     todo = (journey.block == index) & (journey.carry.budget > 0)
 
-    def within(carry):
+    def within(carry, in_span=False):
         inside = carry.s < clock.length
         if settings.count_jumps:
             inside = inside & (carry.jumps.astype(carry.s.dtype) < clock.last_jump)
         if carry.log is not None:  # one event, with its cascade, must find room
             inside = inside & (carry.log.count <= settings.log - MOST_AT_ONCE)
-        return inside & (carry.budget > 0)
+        # Where spans change the state's rounding, how the host divides the work must not decide where they end.
+        whole = in_span and settings.mover.whole_spans
+        return inside & ((carry.status == RUNNING) if whole else (carry.budget > 0))
 
     # A block always runs once through: what is not to be done is stopped by the budget.
     start = journey.carry._replace(budget=jnp.where(todo, journey.carry.budget, 0))
@@ -235,12 +237,12 @@ def _span(settings: Settings, clock: Clock, within, carry: Carry, ahead, interva
     def is_due(carry):
         enough = carry.since >= interval
         if settings.cadence.automatic and mover.jumps_uncontrolled:
-            enough = enough | (jnp.max(jnp.abs(carry.frame)) > STRETCHED)
+            enough = enough | mover.stretched(carry)
         return enough
 
     def goes_on(state):
         carry, ahead = state
-        return within(carry) & mover.common(ahead) & (~is_due(carry) if frequent else True)
+        return within(carry, in_span=True) & mover.common(ahead) & (~is_due(carry) if frequent else True)
 
     def step(state):
         carry, ahead = state
@@ -254,7 +256,7 @@ def _span(settings: Settings, clock: Clock, within, carry: Carry, ahead, interva
     else:
         carry, ahead = _repeated(goes_on, step, (carry, ahead), mover.does_little(carry.x.shape[0]))
     carry = carry._replace(frame=carry.frame[:, :k])
-    carry, ahead = mover.settle(settings, clock, within, carry, ahead)
+    carry, ahead = mover.settle(settings, clock, functools.partial(within, in_span=True), carry, ahead)
     if not frequent:
         return carry, ahead, interval, spread
     due = is_due(carry) | (carry.s >= clock.length)
@@ -295,7 +297,7 @@ def _repeated(goes_on, step, state, little: bool):
 def _tidy(settings: Settings, clock: Clock, carry: Carry, ahead, interval, spread):
     """Orthonormalise: where it is due, and at the end of a block so that the sum rule closes."""
     before = carry.growth
-    if settings.mover.jumps_uncontrolled:
+    if settings.mover.jumps_uncontrolled and settings.mover.may_lose_rank:
         # After many jumps rounding alone makes columns dependent: that is unresolved, not lost.
         absolute = jnp.where(carry.since <= 1, frames.LOST, jnp.where(carry.since <= LONGEST_BLIND, 0.0, -jnp.inf))
         carry = harvest(settings, carry, clock.base + carry.s, absolute, frames.DEPENDENT)
@@ -307,14 +309,19 @@ def _tidy(settings: Settings, clock: Clock, carry: Carry, ahead, interval, sprea
     carry = stop(carry._replace(growth=jnp.where(sane, carry.growth, before)), STATUS.nonfinite, ~sane)
     spread = jnp.maximum(spread, jnp.where(sane, seen, 0.0))
     if settings.cadence.automatic:
-        # Aim at a spread of e^4 per orthonormalisation. Growth varies, so an interval is never long: that of a map
-        # or a jump may do anything, that of a step is bounded by its error control.
-        longest = LONGEST_BLIND if settings.mover.jumps_uncontrolled else LONGEST
+        # Growth varies, so an interval is never long: that of a map or a jump may do anything, that of a step is
+        # bounded by its error control. Only where there are many bodies a jump does little to the whole.
+        longest, aim = settings.mover.longest_interval, settings.mover.spread_wanted
         full = carry.since >= interval
-        wanted = jnp.clip(4.0 * interval / jnp.maximum(seen, 1e-3), 0.5 * interval, 2 * interval)
+        wanted = jnp.clip(aim * interval / jnp.maximum(seen, 1e-3), 0.5 * interval, 2 * interval)
         wanted = jax.lax.stop_gradient(wanted)
         interval = jnp.where(full | (wanted < interval), jnp.clip(jnp.floor(wanted), 1.0, longest), interval)
     return carry._replace(since=jnp.zeros_like(carry.since)), ahead, interval, spread
+
+
+def stretched(carry: Carry):
+    """Whether jumps have stretched a column so much that it must be orthonormalised at once."""
+    return jnp.max(jnp.abs(carry.frame)) > STRETCHED
 
 
 def harvest(

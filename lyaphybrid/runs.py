@@ -5,6 +5,7 @@ of a second: between two calls there is room for progress, Ctrl-C and checks, an
 Traced (under jit, vmap, grad) it is called once.
 """
 
+import math
 import time
 import warnings
 from collections.abc import Callable
@@ -24,6 +25,7 @@ from .methods import RungeKutta
 from .methods.base import Method
 from .methods.exact import Exact
 from .methods.iterate import Iterating
+from .methods.scheduled import Scheduled
 from .methods.stepping import Stepping, are_curved
 from .propagation import Cadence, Journey, Settings
 from .statuses import STATUS
@@ -43,6 +45,7 @@ class Problem(NamedTuple):
     system: Any
     method: Any
     args: Any
+    shape: tuple[int, ...]  # of a state, which is flat within a run
 
 
 class Plan(NamedTuple):
@@ -94,19 +97,25 @@ def prepare(system, x0, args, t0, method, mode, name: str = "x0") -> tuple[Probl
             f"system must be an lh.Flow, lh.Map, lh.Hybrid or lh.EventDriven; got {type(system).__name__}. "
             "Wrap a function: lh.Flow(field)."
         )
-    x0 = _state(x0, name)
+    x0, shape = _state(system, x0, name)
     real("t0" if name == "x0" else "t", t0)
     # Python floats would be compiled in as constants: as arrays they may change without compiling again.
     args, method = _as_arrays(args, x0.dtype), _as_arrays(_method_for(system, method), x0.dtype)
     check_clocks(system, args)
-    return Problem(system, method, args), x0, array(t0, x0.dtype), _mode_index(system, mode)
+    return Problem(system, method, args, shape), x0, array(t0, x0.dtype), _mode_index(system, mode)
 
 
 def _as_arrays(tree, dtype):
     return jax.tree.map(lambda leaf: array(leaf, dtype) if isinstance(leaf, float) else leaf, tree)
 
 
-def _state(x0, name):
+def in_rows(problem: Problem, x):
+    """States of a run, flat there, in the shape in which the user gave them."""
+    return x.reshape(*x.shape[:-1], *problem.shape)
+
+
+def _state(system, x0, name):
+    """The states (n,) or (m, n), and the shape of one as the user gives it: (N, d) for many bodies."""
     numbers = all(np.asarray(leaf).dtype.kind in "biufc" for leaf in jax.tree.leaves(x0) if not traced(leaf))
     if not numbers or not jax.tree.leaves(x0):
         raise ValueError(f"{name} must be an array of numbers; got {x0!r}.")
@@ -114,8 +123,11 @@ def _state(x0, name):
         raise ValueError(f"{name} must be real; write a complex state as its real and imaginary parts.")
     x0 = jnp.asarray(x0)
     x0 = x0 if jnp.issubdtype(x0.dtype, jnp.floating) else x0.astype(float)
-    if x0.ndim not in (1, 2) or 0 in x0.shape:
-        raise ValueError(f"{name} must have shape (n,), or (m, n) for m runs at once; got {x0.shape}.")
+    rows = isinstance(system, EventDriven) and system.schedule is not None and not system.schedule.flat
+    one = 2 if rows else 1
+    if x0.ndim not in (one, one + 1) or 0 in x0.shape:
+        several, single = ("(m, N, d)", "(N, d), one row a body") if rows else ("(m, n)", "(n,)")
+        raise ValueError(f"{name} must have shape {single}, or {several} for m runs at once; got {x0.shape}.")
     if not traced(x0) and not np.all(np.isfinite(x0)):
         raise ValueError(f"{name} must be finite; got {x0}.")
     if x0.dtype == jnp.float32:
@@ -124,7 +136,8 @@ def _state(x0, name):
             "jax.config.update('jax_enable_x64', True) before the first array is made.",
             stacklevel=4,
         )
-    return x0
+    shape = x0.shape[-one:]
+    return x0.reshape(*x0.shape[:-one], math.prod(shape)), shape
 
 
 def _method_for(system, method):
@@ -157,12 +170,12 @@ def _mode_index(system, mode):
 
 def mover_of(problem: Problem, t, x):
     """The mover of a problem, made while tracing: its functions are checked and have `args` bound."""
-    system, method, args = problem
-    check_functions(system, jax.ShapeDtypeStruct(x.shape, x.dtype), args)
+    system, method, args, _ = problem
+    check_functions(system, jax.ShapeDtypeStruct(problem.shape, x.dtype), args)
     if isinstance(system, Map):
         return Iterating(lambda n, x: system.rule(n, x, args))
     if isinstance(system, EventDriven):
-        return Exact(system, args)
+        return Exact(system, args) if system.schedule is None else Scheduled(system, args, problem.shape)
     if isinstance(system, Flow):
         empty = np.zeros((1, 0), np.int32)
         fields = (lambda t, x: system.field(t, x, args),)

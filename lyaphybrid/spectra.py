@@ -187,7 +187,7 @@ def _orthonormal(frame):
 
 def _cadence(problem: runs.Problem, every) -> tuple[Cadence, Any]:
     """When to orthonormalise: the unit of `every` for this kind of system, and the first interval."""
-    system, method, _ = problem
+    system, method, *_ = problem
     if isinstance(system, EventDriven):
         unit = "jumps"
     elif method is None or not method.adaptive:

@@ -136,10 +136,10 @@ def trajectory(
     valid = outcome.records.valid
     result = Trajectory(
         jnp.where(valid, t, jnp.nan),
-        jnp.where(valid[:, None], x, jnp.nan),
+        runs.in_rows(problem, jnp.where(valid[:, None], x, jnp.nan)),
         modes,
         jumps,
-        _joined(outcome.logs, x0),
+        _joined(outcome.logs, problem, x0),
         outcome.status,
         runs.mode_names(system),
     )
@@ -151,14 +151,15 @@ def _require_one(x0) -> None:
         raise ValueError(f"x0 must have shape (n,) here; got {x0.shape}. Use jax.vmap for several starts.")
 
 
-def _joined(logs, x0) -> Events:
+def _joined(logs, problem, x0) -> Events:
     """One log out of those of several calls."""
     if not logs:
         none = jnp.zeros(0, jnp.int32)
-        point = jnp.zeros((0, x0.shape[0]), x0.dtype)
+        point = jnp.zeros((0, *problem.shape), x0.dtype)
         return Events(jnp.zeros(0, x0.dtype), none, none, none, none, point, point)
     joined = jax.tree.map(lambda *parts: jnp.concatenate(parts), *(log._replace(count=None) for log in logs))
-    return Events(*joined[1:])
+    *named, before, after = joined[1:]
+    return Events(*named, runs.in_rows(problem, before), runs.in_rows(problem, after))
 
 
 def _deliver(result, throw: bool):
@@ -239,4 +240,5 @@ def tangent_map(
     ends = array(t1, x0.dtype).reshape(1)
     outcome = runs.drive(problem, plan, journey, ends, ends, max_steps)
     carry = outcome.journey.carry
-    return _deliver(TangentMap(carry.x, carry.frame, runs.mode_of(carry), carry.jumps, outcome.status), throw)
+    x = runs.in_rows(problem, carry.x)
+    return _deliver(TangentMap(x, carry.frame, runs.mode_of(carry), carry.jumps, outcome.status), throw)

@@ -9,6 +9,7 @@ import pytest
 
 import lyaphybrid as lh
 from lyaphybrid import zoo
+from lyaphybrid.methods.scheduled import predicting_anew
 from lyaphybrid.papers import dinius
 
 RIGHT = dinius.Mistake("none", 1.0, 1.0, ())
@@ -144,7 +145,7 @@ def test_a_rule_leaves_the_motion_alone():
     problem = zoo.hard_disks()
     args = problem.args | {"jump": jnp.array(0.0), "shift": jnp.array(-1.0)}
     x, which = problem.x0, jnp.array(1, jnp.int32)
-    changed, kept = dinius._by_rule(), problem.system
+    changed, kept = dinius._by_rule(), predicting_anew(problem.system, x.shape)
     t = jnp.array(0.0)
     np.testing.assert_array_equal(changed.jump(t, x, args, which), kept.jump(t, x, args, which))
     assert (changed.flow, changed.next_event, changed.guard) == (kept.flow, kept.next_event, kept.guard)

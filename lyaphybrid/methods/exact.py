@@ -9,7 +9,7 @@ from jaxtyping import Array
 
 from .. import frames
 from ..columns import each_column
-from ..propagation import Carry, Clock, Events, Settings, log_event, stop
+from ..propagation import LONGEST_BLIND, Carry, Clock, Events, Settings, log_event, stop, stretched
 from ..saltations import delays, push, return_along
 from ..statuses import STATUS
 from ..systems import EventDriven
@@ -32,9 +32,16 @@ class Exact:
     system: EventDriven
     args: Any
 
-    may_lose_rank: ClassVar[bool] = True
     jumps_uncontrolled: ClassVar[bool] = True
     always_common: ClassVar[bool] = False
+    whole_spans: ClassVar[bool] = False
+    longest_interval: ClassVar[float] = LONGEST_BLIND
+    spread_wanted: ClassVar[float] = 4.0
+
+    @property
+    def may_lose_rank(self) -> bool:
+        """What keeps dq∧dp destroys no direction."""
+        return not self.system.canonical
 
     def does_little(self, n: int) -> bool:
         """Arrays are as good as numbers here."""
@@ -71,6 +78,10 @@ class Exact:
     def common(self, ahead: Flight):
         """The usual thing is to land; to fly on to the end of the block is rare."""
         return ahead.lands
+
+    def stretched(self, c: Carry):
+        """Whether the frame must be orthonormalised at once."""
+        return stretched(c)
 
     def _carried(self, c: Carry, clock: Clock, dt):
         """The closed-form flow over dt and its tangent."""

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from .. import frames
 from ..columns import each_column
-from ..propagation import Carry, Clock, Settings, stop
+from ..propagation import LONGEST_BLIND, Carry, Clock, Settings, stop, stretched
 from ..statuses import STATUS
 
 __all__ = ["Iterating"]
@@ -24,6 +24,9 @@ class Iterating:
     may_lose_rank: ClassVar[bool] = True
     jumps_uncontrolled: ClassVar[bool] = True
     always_common: ClassVar[bool] = True
+    whole_spans: ClassVar[bool] = False
+    longest_interval: ClassVar[float] = LONGEST_BLIND
+    spread_wanted: ClassVar[float] = 4.0
 
     def does_little(self, n: int) -> bool:
         """Arrays are as good as numbers here."""
@@ -60,6 +63,10 @@ class Iterating:
         """A map only steps."""
         del ahead
         return True
+
+    def stretched(self, c: Carry):
+        """Whether the frame must be orthonormalised at once."""
+        return stretched(c)
 
     def settle(self, settings: Settings, clock: Clock, within, c: Carry, ahead):
         """Nothing is rare."""

@@ -7,7 +7,7 @@ event found is a root along the numerical flow itself, to rounding.
 
 import dataclasses
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -55,6 +55,10 @@ class Stepping:
     terminal: tuple[bool, ...]
     max_cascade: int
     curved: bool  # Df depends on x in some mode
+
+    whole_spans: ClassVar[bool] = False
+    longest_interval: ClassVar[float] = 20.0
+    spread_wanted: ClassVar[float] = 4.0
 
     @property
     def may_lose_rank(self) -> bool:

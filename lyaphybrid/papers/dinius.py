@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .. import plots, zoo
+from ..methods.scheduled import predicting_anew
 from ..results import Spectrum, with_error
 from ..spectra import lyapunov_spectrum
 from ..systems import EventDriven
@@ -44,7 +45,7 @@ def _problem() -> zoo.Problem:
 def _by_rule() -> EventDriven:
     system = _problem().system
     assert isinstance(system, EventDriven)
-    return crossing_by(collide, system)
+    return crossing_by(collide, predicting_anew(system, (4 * N,)))
 
 
 def generic_frame(n: int) -> np.ndarray:

@@ -4,7 +4,8 @@
 Parameters that are numbers travel in `args`: changing them does not compile again.
 """
 
-from .disks import hard_disks, sinai_billiard
+from .disks import sinai_billiard
+from .hard_particles import hard_disks, hard_spheres
 from .impacts import bouncing_ball, impact_oscillator, kicked_ball, zaslavsky
 from .maps import baker_map, cat_map, henon_map, kaplan_yorke_map, logistic_map, standard_map
 from .neurons import integrate_and_fire
@@ -39,6 +40,7 @@ __all__ = [
     "grow_reset",
     # the next event known exactly
     "hard_disks",
+    "hard_spheres",
     "sinai_billiard",
 ]
 

@@ -18,6 +18,7 @@ from ..systems import System
 __all__ = ["Problem", "Real", "Reference", "get", "problem", "unknown"]
 
 P = ParamSpec("P")
+SEVERAL = ("diameter", "mass")  # parameters that may be arrays: what `several` checks
 Real: TypeAlias = Any  # a number, or a traced scalar under jit, vmap and grad
 
 
@@ -230,8 +231,23 @@ def number(name: str, value: Any) -> Any:
     return float(value)
 
 
+def several(name: str, value: Any, n: int) -> Any:
+    """A finite real number; or n of them, as an array."""
+    if np.ndim(value) == 0:
+        return number(name, value)
+    if traced(value):
+        values = value
+    else:
+        values = np.asarray(value)
+        if values.dtype.kind not in "iuf" or not np.all(np.isfinite(values)):
+            raise ValueError(f"{name} must be finite real numbers; got {value!r}.")
+    if values.shape != (n,):
+        raise ValueError(f"{name} must be a number, or one for each of the n = {n} bodies; got shape {values.shape}.")
+    return jnp.asarray(values, float)
+
+
 def _as_kind_of(default: Any, name: str, value: Any) -> Any:
-    if isinstance(default, float):
+    if isinstance(default, float) and name not in SEVERAL:
         return number(name, value)
     if isinstance(default, int):
         if isinstance(value, bool) or not isinstance(value, int | np.integer):
@@ -249,7 +265,7 @@ def require(name: str, value: Any, holds: Callable[[Any], bool], wanted: str) ->
 def positive(**values: Any) -> None:
     """Raise where one of the values is known and not above 0."""
     for name, value in values.items():
-        require(name, value, lambda v: v > 0, "positive")
+        require(name, value, lambda v: np.all(np.asarray(v) > 0), "positive")
 
 
 def one_of(name: str, value: Any, choices: tuple[str, ...]) -> None:

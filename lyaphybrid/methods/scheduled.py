@@ -1,0 +1,269 @@
+"""How a tangent moves in a system of many bodies whose next events are kept in a schedule.
+
+From one rebasing to the next state and frame are comoving: a flight changes nothing, an event a few rows. Along them
+f = 0, and the saltation matrix of the touched rows is the whole of it: S = Dg - ∂ₜg ∇h / ∂ₜh. At the end of a span,
+where frames are orthonormalised, all is brought to the present.
+"""
+
+import dataclasses
+import functools
+from typing import Any, ClassVar, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from .. import frames
+from ..columns import each_column
+from ..propagation import STRETCHED, Carry, Clock, Events, Settings, log_event, stop
+from ..saltations import delays, push, return_along
+from ..statuses import STATUS
+from ..systems import EventDriven
+
+__all__ = ["Scheduled", "predicting_anew"]
+
+LONGEST = 4096  # events from one rebasing to the next, and so between two orthonormalisations
+
+
+class Own(NamedTuple):
+    """What the mover remembers."""
+
+    cache: Any  # of the schedule; its times count from the last rebasing
+    start: Array  # of the span: time of the last rebasing, local to the block
+    events: Array  # of the span
+    stretch: Array  # the largest entry of a saltation matrix of the span
+    longest: Array  # between two events
+    streak: Array  # of short intervals
+
+
+class Flight(NamedTuple):
+    """Time of the next event, counted from the rebasing, and what it is."""
+
+    t: Array
+    which: Any
+    lands: Array  # before the block's end
+    full: Array  # the span is long enough
+
+
+class Rows(NamedTuple):
+    """A state as the user's functions see it: as it is, or in rows of this shape."""
+
+    system: EventDriven
+    args: Any
+    shape: tuple[int, ...]  # of the state
+
+    def flow(self, dt, y):
+        """Comoving (n,) to ordinary (n,)."""
+        return self.system.flow(dt, y.reshape(self.shape), self.args).reshape(y.shape)
+
+    def components(self, which) -> Array:
+        """The components of the touched rows."""
+        rows = jnp.asarray(self.system.schedule.touch(which)).astype(jnp.int32)
+        if self.system.schedule.flat:
+            return rows
+        width = jnp.arange(self.shape[1], dtype=jnp.int32)
+        return (rows[:, None] * self.shape[1] + width[None, :]).ravel()
+
+    def _touched(self, rows):
+        return rows if self.system.schedule.flat else rows.reshape(-1, self.shape[1])
+
+    def jump(self, t, rows, which):
+        """The touched components after the event."""
+        return self.system.jump(t, self._touched(rows), self.args, which).ravel()
+
+    def guard(self, t, rows, which):
+        """The guard of the event, from the touched components."""
+        return self.system.guard(t, self._touched(rows), self.args, which)
+
+
+@dataclasses.dataclass(frozen=True)
+class Scheduled:
+    """The mover of systems with a schedule: from event to event, each of which touches a few rows."""
+
+    system: EventDriven
+    args: Any
+    shape: tuple[int, ...]
+
+    jumps_uncontrolled: ClassVar[bool] = True
+    always_common: ClassVar[bool] = False
+    whole_spans: ClassVar[bool] = True
+    longest_interval: ClassVar[float] = float(LONGEST)
+    spread_wanted: ClassVar[float] = 8.0
+
+    @property
+    def may_lose_rank(self) -> bool:
+        """What keeps dq∧dp destroys no direction."""
+        return not self.system.canonical
+
+    @property
+    def rows(self) -> Rows:
+        """The user's functions of flat states."""
+        return Rows(self.system, self.args, self.shape)
+
+    def does_little(self, n: int) -> bool:
+        """Arrays are as good as numbers here."""
+        del n
+        return False
+
+    def begin(self, t, x, mode, h) -> Own:
+        """All predictions."""
+        del mode, h
+        zero = jnp.zeros_like(t)
+        cache = self.system.schedule.init(zero, x.reshape(self.shape), self.args)
+        return Own(jax.tree.map(jnp.asarray, cache), zero, jnp.asarray(0, jnp.int32), zero, zero, zero)
+
+    def no_stages(self, x, frame):
+        """There is nothing between two points."""
+        del x, frame
+        return ()
+
+    def rebase(self, own: Own, s) -> Own:
+        """The start of the span is local to the block."""
+        return own._replace(start=own.start - s)
+
+    def which_shape(self, t, x):
+        """What an event log stores as `which`: what the user's schedule calls it."""
+        del t
+        return jax.eval_shape(lambda x: _integers(self.system.schedule.next(self.begin(x[0], x, 0, 0).cache)[1]), x)
+
+    def look(self, c: Carry, clock: Clock) -> Flight:
+        """When is the next event?"""
+        t, which = self.system.schedule.next(c.own.cache)
+        # nan is no time: it goes to the landing, which reports it.
+        lands = ~(t > clock.length - c.own.start)
+        return Flight(t, _integers(which), lands, c.own.events >= LONGEST)
+
+    enter = look
+
+    def common(self, ahead: Flight):
+        """The usual thing is to land; to fly on to the end of the block is rare."""
+        return ahead.lands & ~ahead.full
+
+    def stretched(self, c: Carry):
+        """Whether an event of this span stretched perturbations so much that they have to be orthonormalised."""
+        return c.own.stretch > STRETCHED
+
+    def step(self, settings: Settings, clock: Clock, c: Carry, flight: Flight) -> Carry:
+        """Through the next event: the rows that it touches change, and what was predicted for them."""
+        t, which, own = flight.t, flight.which, c.own
+        index = self.rows.components(which)
+        rows, real = c.x[index], _is_event(which)
+        new, matrix = self._crossing(t, rows, which)
+        x = _with_rows(c.x, index, new)
+        s = jnp.maximum(own.start + t, c.s)
+        dt = s - c.s
+        entry = None if c.log is None else self._entry(clock, s, t, which, c.x, x)
+        stretch = own.stretch
+        if settings.cadence.automatic:
+            stretch = jnp.maximum(stretch, jax.lax.stop_gradient(jnp.max(jnp.abs(matrix))))
+        longest = jnp.maximum(own.longest, dt)
+        own = Own(
+            cache=self.system.schedule.update(own.cache, t, x.reshape(self.shape), self.args, which),
+            start=own.start,
+            events=own.events + 1,
+            stretch=stretch,
+            longest=longest,
+            streak=jnp.where(dt < 1e-9 * longest, own.streak + 1, 0.0),
+        )
+        c = c._replace(
+            s=s,
+            x=x,
+            frame=_pushed(c.frame, index, matrix),
+            since=c.since + (0.0 if settings.cadence.unit == "never" else 1.0),
+            jumps=c.jumps + real.astype(jnp.int32),
+            volume=None if c.volume is None else c.volume + frames.log_abs_det(matrix),
+            own=own,
+            log=c.log if entry is None else log_event(c.log, entry, real),
+        )
+        c = stop(c, STATUS.zeno, own.streak > 30)
+        return stop(c, STATUS.nonfinite, ~(jnp.all(jnp.isfinite(new)) & jnp.isfinite(t)))
+
+    def _crossing(self, t, rows, which):
+        """The touched components after the event, and S: dy⁺ = S dy."""
+        rest, still = jnp.eye(rows.shape[0], dtype=rows.dtype), jnp.zeros_like(rows)
+        rate, gradient = jax.grad(self.rows.guard, argnums=(0, 1))(t, rows, which)
+        delay = delays(gradient, rate)
+        new, matrix, direction = push(lambda t, rows: self.rows.jump(t, rows, which), t, rows, rest, still)
+        return new, return_along(matrix, direction, still, delay)
+
+    def _entry(self, clock: Clock, s, t, which, before, after) -> Events:
+        zero = jnp.asarray(0, jnp.int32)
+        before, after = self.rows.flow(t, before), self.rows.flow(t, after)
+        return Events(None, clock.base + s, zero, which, zero, zero, before, after)
+
+    def settle(self, settings: Settings, clock: Clock, within, c: Carry, ahead: Flight) -> tuple[Carry, Flight]:
+        """Fly on to the end of the block where no event comes before, and bring all to the present."""
+        del settings
+        end = jnp.where(within(c) & ~ahead.lands, clock.length, c.s)
+        dt = end - c.own.start
+        x, linear = jax.linearize(lambda y: self.rows.flow(dt, y), c.x)
+        zero = jnp.zeros_like(end)
+        cache = self.system.schedule.shift(c.own.cache, dt)
+        own = c.own._replace(cache=cache, start=end, events=jnp.zeros_like(c.own.events), stretch=zero)
+        volume = c.volume
+        if volume is not None:
+            volume = volume + frames.log_abs_det(each_column(linear, jnp.eye(x.shape[0], dtype=x.dtype)))
+        c = c._replace(s=end, x=x, frame=each_column(linear, c.frame), volume=volume, own=own)
+        return c, ahead._replace(t=ahead.t - dt, full=jnp.asarray(False))
+
+
+def _with_rows(array: Array, index: Array, rows) -> Array:
+    """The array with some rows replaced, one after the other: a scatter would not be one kernel.
+
+    And in a loop, before which all new rows have to be there: else XLA reads rows while it writes others, and copies
+    the array.
+    """
+
+    def put(i, array):
+        return jax.lax.dynamic_update_index_in_dim(array, rows[i], index[i], 0)
+
+    return jax.lax.fori_loop(0, index.shape[0], put, array)
+
+
+def _pushed(frame: Array, index: Array, matrix) -> Array:
+    """The touched rows of the frame after the event: S times what they were."""
+    if frame.shape[1] == 0:
+        return frame
+    rows = [jax.lax.dynamic_index_in_dim(frame, index[i], 0, keepdims=False) for i in range(index.shape[0])]
+    new = jnp.stack([sum(matrix[i, j] * row for j, row in enumerate(rows)) for i in range(len(rows))])
+    return _with_rows(frame, index, new)
+
+
+def _integers(which):
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf).astype(jnp.int32), which)
+
+
+def _is_event(which):
+    """A negative `which` says that nothing happens there: the prediction is only to be made anew."""
+    return jax.tree.leaves(which)[0] >= 0
+
+
+@functools.cache
+def predicting_anew(system: EventDriven, shape: tuple[int, ...]) -> EventDriven:
+    """The same system without its schedule: functions of the whole state (n,), every prediction made anew.
+
+    At the instant of a rebasing comoving coordinates are ordinary ones: t = 0 there.
+    """
+    if system.schedule is None:
+        return system
+
+    def flow(dt, t, x, args):
+        del t
+        return Rows(system, args, shape).flow(dt, x)
+
+    def next_event(t, x, args):
+        zero = jnp.zeros_like(t)
+        return system.schedule.next(system.schedule.init(zero, x.reshape(shape), args))
+
+    def jump(t, x, args, which):
+        rows = Rows(system, args, shape)
+        index = rows.components(which)
+        return _with_rows(x, index, rows.jump(jnp.zeros_like(t), x[index], which))
+
+    def guard(t, x, args, which):
+        rows = Rows(system, args, shape)
+        # Also where nothing happens the guard falls.
+        standing = rows.guard(jnp.zeros_like(t), x[rows.components(which)], which)
+        return jnp.where(_is_event(which), standing, jax.lax.stop_gradient(t) - t)
+
+    return EventDriven(flow, next_event, jump, guard, canonical=system.canonical)

@@ -1,0 +1,146 @@
+"""Many bodies: the schedule against brute force, conserved quantities, pairing, zeros, reference values."""
+
+import itertools
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import brute_force
+import lyaphybrid as lh
+from lyaphybrid.methods.scheduled import predicting_anew
+from references import load_event_driven
+
+DISKS = load_event_driven()["hard_disks"]
+SIZES = np.random.default_rng(1)
+KINDS = {
+    "disks": lambda: lh.zoo.hard_disks(n=16),
+    "thin disks": lambda: lh.zoo.hard_disks(n=6, density=0.05, aspect=3.0),
+    "two disks": lambda: lh.zoo.hard_disks(n=2, density=0.32, aspect=1.0),
+    "mixture": lambda: lh.zoo.hard_disks(
+        n=9, density=0.5, aspect=1.0, diameter=SIZES.uniform(0.5, 1.0, 9), mass=SIZES.uniform(0.2, 5.0, 9)
+    ),
+    "disks in a box": lambda: lh.zoo.hard_disks(n=9, density=0.5, walls="hard"),
+    "spheres": lambda: lh.zoo.hard_spheres(),
+    "long box": lambda: lh.zoo.hard_spheres(n=11, density=0.3, aspect=(0.5, 2.0), mass=3.0, kinetic_energy=7.0),
+    "spheres in a box": lambda: lh.zoo.hard_spheres(n=8, density=0.4, walls="hard"),
+}
+QUICK = ("mixture", "disks in a box", "spheres")
+kinds = pytest.mark.parametrize(
+    "problem",
+    [pytest.param(make(), id=name, marks=() if name in QUICK else pytest.mark.slow) for name, make in KINDS.items()],
+)
+
+
+def box_of(problem):
+    return [float(problem.args[side]) for side in ("width", "height", "depth") if side in problem.args]
+
+
+def body_count(problem):
+    return problem.parameters["n"]
+
+
+def masses(problem):
+    return np.broadcast_to(np.asarray(problem.args["mass"]), body_count(problem))
+
+
+def brute(problem, count):
+    args, walls = problem.args, problem.parameters["walls"] == "hard"
+    return brute_force.events(
+        problem.x0, body_count(problem), box_of(problem), args["diameter"], args["mass"], walls, count
+    )
+
+
+@kinds
+def test_the_first_two_hundred_events_by_brute_force(problem):
+    """Chaos multiplies rounding until two exact programs differ: compared as far as they agree on what is next."""
+    times, names, _ = brute(problem, 200)
+    found = lh.trajectory(problem.system, problem.x0, problem.args, t1=float(times[-1]) * 1.01, n=1).events
+    both = min(200, len(found))
+    which, t = np.asarray(found.which)[:both], np.asarray(found.t)
+    same = int(np.argmin(np.append(which == names[:both], False)))
+    rounding = np.abs(t[:same] - times[:same]) / times[:same]
+    assert same >= 10
+    assert np.all(rounding[:10] < 1e-9)
+    # Where they part, the times had grown apart before.
+    assert same == 200 or same == both or rounding[same - 1] > 1e-6, same
+
+
+@kinds
+def test_the_schedule_and_predicting_anew_agree(problem):
+    """The same system, every pair at each event: the naive form."""
+    naive = predicting_anew(problem.system, problem.x0.shape)
+    t1 = float(np.mean(brute(problem, 16)[0][-2:]))
+    fast, slow = (lh.trajectory(s, problem.x0, problem.args, t1=t1, n=1).events for s in (problem.system, naive))
+    assert len(fast) == len(slow) == 15
+    np.testing.assert_array_equal(fast.which, slow.which)
+    np.testing.assert_allclose(fast.t, slow.t, rtol=0, atol=1e-6 * t1)
+
+
+@kinds
+def test_energy_momentum_and_distances(problem):
+    n, d = body_count(problem), len(box_of(problem))
+    end = lh.trajectory(problem.system, problem.x0, problem.args, t1=60.0, n=4).x[-1]
+    q, p = np.asarray(end).reshape(2, n, d)
+    energy = float(np.sum(p**2 / masses(problem)[:, None])) / 2
+    np.testing.assert_allclose(energy, problem.parameters["kinetic_energy"], rtol=1e-11)
+    sizes = np.broadcast_to(np.asarray(problem.args["diameter"]), n)
+    if problem.parameters["walls"] == "hard":
+        inside = np.minimum(q, np.array(box_of(problem)) - q) - sizes[:, None] / 2
+        assert np.min(inside) > -1e-9
+    else:
+        assert np.max(np.abs(np.sum(p, axis=0))) < 1e-10
+    for a, b in itertools.combinations(range(n), 2):
+        apart = q[b] - q[a]
+        if problem.parameters["walls"] != "hard":
+            apart = apart - np.array(box_of(problem)) * np.round(apart / np.array(box_of(problem)))
+        assert np.linalg.norm(apart) > (sizes[a] + sizes[b]) / 2 - 1e-9
+
+
+@kinds
+def test_the_tangent_map_is_the_derivative(problem):
+    """Central differences along two directions, over a stretch with several events."""
+    t1 = float(brute(problem, 6)[0][5]) + 1e-3
+    matrix = lh.tangent_map(problem.system, problem.x0, problem.args, t1=t1).matrix
+    for seed in range(2):
+        dx = np.random.default_rng(seed).normal(size=problem.x0.shape)
+        h = 1e-7
+        ends = [lh.trajectory(problem.system, problem.x0 + sign * h * dx, problem.args, t1=t1, n=1) for sign in (1, -1)]
+        assert len(ends[0].events) == len(ends[1].events) >= 6
+        difference = (ends[0].x[-1] - ends[1].x[-1]) / (2 * h)
+        np.testing.assert_allclose(matrix @ dx, difference, rtol=0, atol=1e-4 * float(jnp.max(jnp.abs(difference))))
+
+
+@kinds
+def test_zeros_and_pairs(problem):
+    """Energy and momenta with their partners are zeros; every λ has its -λ."""
+    d, free = len(box_of(problem)), problem.parameters["walls"] != "hard"
+    spectrum = problem.spectrum(t1=60.0, transient=0.0)
+    exponents = np.asarray(spectrum.exponents)
+    assert np.max(np.abs(exponents + exponents[::-1])) < 1e-9
+    # A frame in general position: only ln(t)/t is left of the zeros.
+    frame = np.linalg.qr(np.random.default_rng(0).normal(size=(len(exponents),) * 2))[0]
+    generic = np.sort(np.abs(problem.spectrum(t1=600.0, transient=20.0, frame=frame).exponents))
+    zeros = 2 * d + 2 if free else 2
+    assert generic[zeros - 1] < min(0.05, 0.4 * generic[zeros])
+
+
+def test_four_times_the_energy_is_twice_the_speed():
+    """K → 4K multiplies every number of a run by a power of two: not one bit may differ."""
+    slow, fast = (lh.zoo.hard_spheres(kinetic_energy=energy) for energy in (8.0, 32.0))
+    units = np.repeat([1.0, 2.0], 24)
+    np.testing.assert_array_equal(fast.x0, units * np.asarray(slow.x0))
+    one, other = (lh.trajectory(p.system, p.x0, p.args, t1=t1, n=1) for p, t1 in ((slow, 8.0), (fast, 4.0)))
+    assert len(one.events) == len(other.events) > 100
+    np.testing.assert_array_equal(2 * other.events.t, one.events.t)
+    np.testing.assert_array_equal(other.x, units * np.asarray(one.x))
+    one, other = (lh.tangent_map(p.system, p.x0, p.args, t1=t1).matrix for p, t1 in ((slow, 1.0), (fast, 0.5)))
+    np.testing.assert_array_equal(other, units[:, None] * np.asarray(one) / units[None, :])
+
+
+def test_exponents_go_as_the_root_of_the_energy_over_the_mass():
+    """K → 4K with m → m/4 leaves the momenta, and so the metric of the frame, as they are: λ → 4λ exactly."""
+    slow, fast = (lh.zoo.hard_spheres(kinetic_energy=8.0 * c, mass=1.0 / c) for c in (1.0, 4.0))
+    one, other = slow.spectrum(t1=32.0, transient=4.0), fast.spectrum(t1=8.0, transient=1.0)
+    assert one.jumps == other.jumps > 500
+    np.testing.assert_allclose(np.asarray(other.exponents), 4 * np.asarray(one.exponents), rtol=1e-12, atol=1e-12)
