@@ -1,0 +1,402 @@
+/* Hard disks of diameter and mass 1 in a periodic box, any number of them, with k tangent vectors: an event-driven
+ * algorithm that does as little as it can.
+ *
+ * Comoving coordinates. Between rebasings the position of a disk is q + t p, and q, p are what is stored: free flight
+ * changes nothing, neither in the state nor in the frame, and a collision changes the rows of two disks only.
+ *
+ * Lazy schedule. Every disk has a row of predicted contacts with all disks, the time since when the row is good
+ * (`made`), its rank among the predictions (`rank`), and the first event of the row. Of the two predictions for a pair
+ * the later one holds: where the partner of a disk's first event has been predicted anew since, the disk takes the
+ * first of those partners that have not; the others have it in their rows. Only the colliders' rows are predicted anew.
+ *
+ * State first, frame later. The collisions do not depend on the frame, so BATCH of them are found before the frame
+ * follows, a tile of columns after the other: a tile stays in the cache for all of them and for the flight at the end.
+ *
+ * frame[i][j] is component i of column j; rows are padded to whole vectors. The frame's QR is, for small frames, a
+ * block Gram-Schmidt by vectors, for large ones LAPACK's (given as pointers: the same that JAX calls on CPUs).
+ */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#if defined(__AVX512F__) && defined(__GNUC__) && !defined(__clang__)
+#pragma GCC target("prefer-vector-width=512") /* compilers hesitate, because of processors of 2017 */
+#endif
+
+#ifndef TILE
+#define TILE 8
+#endif
+enum { LANES = 8, BATCH = 64 };
+
+#define SIGMA 1.0
+
+typedef double Vec __attribute__((vector_size(LANES * sizeof(double)), may_alias));
+typedef long Mask __attribute__((vector_size(LANES * sizeof(long)), may_alias));
+
+typedef void Factorise(int *, int *, double *, int *, double *, double *, int *, int *);
+typedef void Generate(int *, int *, int *, double *, int *, double *, double *, int *, int *);
+
+typedef struct {
+    double t, q[2], p[2], approach; /* q, p: b minus a, before; approach = q.p */
+    long a, b;
+} Collision;
+
+typedef struct {
+    long n, lanes; /* lanes: n in whole vectors */
+    double box[2], horizon;
+    double *q[2], *p[2]; /* lanes each; the lanes without a disk have p = NaN and meet nobody */
+    double *times;       /* n rows of lanes: predicted contacts, from `made` on */
+    double *made, *rank, *next; /* next: the time of the first event */
+    long *partner;              /* of the first event; -1: nobody comes within the horizon */
+    double predictions;
+    long made_full, made_scan;
+} Disks;
+
+typedef struct {
+    long rows, k, stride; /* stride: doubles from row to row */
+    double *y, *tau, *work;
+    int work_size;
+    Factorise *gelqf;
+    Generate *orglq;
+} Frame;
+
+static inline Vec pick(Mask where, Vec yes, Vec no)
+{
+    return (Vec)((where & (Mask)yes) | (~where & (Mask)no));
+}
+
+static inline Vec fill(double value)
+{
+    return value - (Vec){0};
+}
+
+static void *doubles(long count)
+{
+    const size_t bytes = (count * sizeof(double) + 63) / 64 * 64;
+    return memset(aligned_alloc(64, bytes), 0, bytes);
+}
+
+/* Times from t on to the contacts of disk i with all others, when no two images of a disk overlap as obstacles (sides
+ * of at least 2 sigma).
+ *
+ * Within the horizon the nearest image can be met, and per axis the one that the motion heads to. Obstacles that do
+ * not overlap are met in the order of their centres along the path, so that the first that is hit is known before any
+ * root is taken. It is hit if |q x p| < sigma |p| and q.p < 0. No branches: all lanes do the same. A disk has no speed
+ * relative to itself, and is not met. */
+static inline void contacts(const Disks *d, long i, double t, double *restrict times)
+{
+    const double *restrict qx = __builtin_assume_aligned(d->q[0], 64), *restrict px = __builtin_assume_aligned(d->p[0], 64);
+    const double *restrict qy = __builtin_assume_aligned(d->q[1], 64), *restrict py = __builtin_assume_aligned(d->p[1], 64);
+    times = __builtin_assume_aligned(times, 64);
+    const double width = d->box[0], height = d->box[1], per_width = 1 / width, per_height = 1 / height;
+    const double qx_i = qx[i], qy_i = qy[i], px_i = px[i], py_i = py[i];
+    const long lanes = d->lanes / LANES * LANES;
+    for (long j = 0; j < lanes; j++) {
+        const double vx = px[j] - px_i, vy = py[j] - py_i;
+        double x = qx[j] - qx_i + vx * t, y = qy[j] - qy_i + vy * t;
+        x -= width * rint(x * per_width);
+        y -= height * rint(y * per_height);
+        const double x_back = x - copysign(width, vx), y_back = y - copysign(height, vy);
+        const double limit = SIGMA * SIGMA * (vx * vx + vy * vy);
+        const double along = x * vx, along_back = x_back * vx, up = y * vy, up_back = y_back * vy;
+        const double cross = x * vy, cross_back = x_back * vy, turn = y * vx, turn_back = y_back * vx;
+        const double c00 = cross - turn, c10 = cross_back - turn, c01 = cross - turn_back, c11 = cross_back - turn_back;
+        const int hit00 = (c00 * c00 < limit) & (along + up < 0);
+        const int hit10 = (c10 * c10 < limit) & (along_back + up < 0);
+        const int hit01 = (c01 * c01 < limit) & (along + up_back < 0);
+        const int hit11 = c11 * c11 < limit;
+        const int first10 = hit10 & !(hit01 & (along + up_back > along_back + up));
+        const int neither = !(hit10 | hit01);
+        const double qx_hit = !hit00 & (first10 | neither) ? x_back : x;
+        const double qy_hit = !hit00 & !first10 ? y_back : y;
+        const double approach = qx_hit * vx + qy_hit * vy, c = qx_hit * vy - qy_hit * vx;
+        const double gap = qx_hit * qx_hit + qy_hit * qy_hit - SIGMA * SIGMA;
+        const double discriminant = limit - c * c;
+        /* Not (-approach - root) / speed2: that cancels. Disks that overlap by rounding meet at once. */
+        const double time = gap / (sqrt(discriminant > 0 ? discriminant : 0) - approach);
+        times[j] = hit00 | hit10 | hit01 | hit11 ? (time > 0 ? time : 0) : INFINITY;
+    }
+}
+
+/* The same for smaller boxes, where obstacles overlap: the earliest of four roots. */
+static void contacts_crowded(const Disks *d, long i, double t, double *restrict times)
+{
+    const double *qx = d->q[0], *qy = d->q[1], *px = d->p[0], *py = d->p[1];
+    for (long j = 0; j < d->lanes; j++) {
+        const double vx = px[j] - px[i], vy = py[j] - py[i], limit = SIGMA * SIGMA * (vx * vx + vy * vy);
+        double x = qx[j] - qx[i] + vx * t, y = qy[j] - qy[i] + vy * t, earliest = INFINITY;
+        x -= d->box[0] * rint(x / d->box[0]);
+        y -= d->box[1] * rint(y / d->box[1]);
+        for (int image = 0; image < 4; image++) {
+            const double x_hit = image & 1 ? x - copysign(d->box[0], vx) : x;
+            const double y_hit = image & 2 ? y - copysign(d->box[1], vy) : y;
+            const double approach = x_hit * vx + y_hit * vy, c = x_hit * vy - y_hit * vx;
+            const double gap = x_hit * x_hit + y_hit * y_hit - SIGMA * SIGMA, discriminant = limit - c * c;
+            const double time = gap / (sqrt(discriminant > 0 ? discriminant : 0) - approach);
+            if (approach < 0 && discriminant > 0 && time < earliest) earliest = time > 0 ? time : 0;
+        }
+        times[j] = earliest;
+    }
+}
+
+/* The first lane of the smallest value and that value. */
+typedef struct {
+    double value;
+    long index;
+} Least;
+
+static inline Least least_lane(Vec best, Mask at)
+{
+    Least least = {best[0], at[0] * LANES};
+    for (int l = 1; l < LANES; l++) {
+        const int better = best[l] < least.value;
+        least.index = better ? at[l] * LANES + l : least.index;
+        least.value = better ? best[l] : least.value;
+    }
+    return least;
+}
+
+/* The first event in the row of disk i, among the partners that were not predicted after it. */
+static inline void choose(Disks *d, long i)
+{
+    const Vec *times = (Vec *)(d->times + i * d->lanes), *rank = (Vec *)d->rank, own = fill(d->rank[i]);
+    Vec best = fill(INFINITY);
+    Mask at = {0};
+    for (long j = 0; j < d->lanes / LANES; j++) {
+        const Mask better = (times[j] < best) & (rank[j] <= own);
+        best = pick(better, times[j], best);
+        at = (better & j) | (~better & at);
+    }
+    const Least first = least_lane(best, at);
+    const int within = first.value < d->horizon;
+    d->next[i] = d->made[i] + (within ? first.value : d->horizon);
+    d->partner[i] = within ? first.index : -1;
+}
+
+static inline void predict(Disks *d, long i, double t)
+{
+    double *times = d->times + i * d->lanes;
+    if (d->box[0] >= 2 * SIGMA && d->box[1] >= 2 * SIGMA)
+        contacts(d, i, t, times);
+    else
+        contacts_crowded(d, i, t, times);
+    d->made[i] = t;
+    d->rank[i] = ++d->predictions;
+    d->made_full++;
+}
+
+static inline long first_disk(const Disks *d)
+{
+    const Vec *next = (Vec *)d->next;
+    Vec best = next[0];
+    Mask at = {0};
+    for (long j = 1; j < d->lanes / LANES; j++) {
+        const Mask better = next[j] < best;
+        best = pick(better, next[j], best);
+        at = (better & j) | (~better & at);
+    }
+    return least_lane(best, at).index;
+}
+
+/* From disk a to the image of disk b that it touches at time t. In small boxes this need not be the nearest. */
+static inline void displacement(const Disks *d, long a, long b, double t, double q[2])
+{
+    double nearest[2], p[2];
+    for (int i = 0; i < 2; i++) {
+        p[i] = d->p[i][b] - d->p[i][a];
+        const double apart = d->q[i][b] - d->q[i][a] + t * p[i];
+        q[i] = nearest[i] = apart - d->box[i] * rint(apart / d->box[i]);
+    }
+    if (d->box[0] >= 2 * SIGMA && d->box[1] >= 2 * SIGMA) return;
+    double miss = INFINITY;
+    for (int image = 0; image < 9; image++) {
+        const double x = nearest[0] + (image / 3 - 1) * d->box[0], y = nearest[1] + (image % 3 - 1) * d->box[1];
+        const double off = fabs(x * x + y * y - SIGMA * SIGMA);
+        if (x * p[0] + y * p[1] < 0 && off < miss) miss = off, q[0] = x, q[1] = y;
+    }
+}
+
+/* Elastic reflection, in comoving coordinates: p_a += (p.q) q and q_a -= t (p.q) q, and the opposite for b. */
+static inline Collision collide(Disks *d, long a, long b, double t)
+{
+    Collision c = {.t = t, .a = a, .b = b};
+    displacement(d, a, b, t, c.q);
+    for (int i = 0; i < 2; i++) c.p[i] = d->p[i][b] - d->p[i][a];
+    c.approach = c.q[0] * c.p[0] + c.q[1] * c.p[1];
+    for (int i = 0; i < 2; i++) {
+        const double kick = c.approach * c.q[i];
+        d->p[i][a] += kick;
+        d->p[i][b] -= kick;
+        d->q[i][a] -= t * kick;
+        d->q[i][b] += t * kick;
+    }
+    return c;
+}
+
+/* At most `most` collisions before t1, into `done`. Returns how many. */
+static long advance(Disks *d, double t1, long most, Collision *done)
+{
+    long count = 0;
+    while (count < most) {
+        const long i = first_disk(d), j = d->partner[i];
+        const double t = d->next[i];
+        if (t >= t1) break;
+        if (j < 0) {
+            predict(d, i, t);
+            choose(d, i);
+        } else if (d->rank[j] > d->rank[i]) {
+            choose(d, i);
+            d->made_scan++;
+        } else {
+            const long a = i < j ? i : j, b = i < j ? j : i;
+            done[count++] = collide(d, a, b, t);
+            predict(d, a, t);
+            predict(d, b, t);
+            choose(d, a);
+            choose(d, b);
+        }
+    }
+    return count;
+}
+
+/* The saltation matrix on columns: in ordinary coordinates
+ *     dq_a += (q.dq) q,  dp_a += (dp.q + dq_c.p) q + (p.q) dq_c =: u,  dq_c = dq - p (dq.q) / (p.q)
+ * and the opposite for b (q, p, dq, dp are b minus a, sigma = m = 1); in comoving ones dq = dq_0 + t dp before, and
+ * t u is to be taken from the new dq_a. */
+static inline void jump(const Collision *c, const Frame *f, long from, long to)
+{
+    const long row = f->stride / LANES, half = f->rows / 2 * row;
+    Vec *qa = (Vec *)f->y + 2 * c->a * row, *qb = (Vec *)f->y + 2 * c->b * row;
+    const double t = c->t, q0 = c->q[0], q1 = c->q[1], p0 = c->p[0], p1 = c->p[1];
+    const double approach = c->approach, inverse = 1 / approach;
+    for (long j = from; j < to; j++) {
+        const Vec dp0 = qb[half + j] - qa[half + j], dp1 = qb[half + row + j] - qa[half + row + j];
+        const Vec dq0 = qb[j] - qa[j] + t * dp0, dq1 = qb[row + j] - qa[row + j] + t * dp1;
+        const Vec normal = q0 * dq0 + q1 * dq1, delay = -inverse * normal;
+        const Vec c0 = dq0 + p0 * delay, c1 = dq1 + p1 * delay;
+        const Vec kick = q0 * dp0 + q1 * dp1 + p0 * c0 + p1 * c1;
+        const Vec u0 = q0 * kick + approach * c0, u1 = q1 * kick + approach * c1;
+        const Vec move0 = q0 * normal - t * u0, move1 = q1 * normal - t * u1;
+        qa[j] += move0;
+        qa[row + j] += move1;
+        qb[j] -= move0;
+        qb[row + j] -= move1;
+        qa[half + j] += u0;
+        qa[half + row + j] += u1;
+        qb[half + j] -= u0;
+        qb[half + row + j] -= u1;
+    }
+}
+
+/* The frame follows the collisions and the flight to t, and is in ordinary coordinates then. */
+static void follow(Frame *f, const Collision *done, long count, double t)
+{
+    const long row = f->stride / LANES, last = (f->k + LANES - 1) / LANES, half = f->rows / 2 * row;
+    for (long from = 0; from < last; from += TILE) {
+        const long to = from + TILE < last ? from + TILE : last;
+        for (long event = 0; event < count; event++) jump(done + event, f, from, to);
+        for (Vec *y = (Vec *)f->y; y < (Vec *)f->y + half; y += row)
+            for (long j = from; j < to; j++) y[j] += t * y[half + j];
+    }
+}
+
+/* The state flies to t, and time starts there. */
+static void rebase(Disks *d, double t)
+{
+    for (int i = 0; i < 2; i++)
+        for (long j = 0; j < d->n; j++) d->q[i][j] += t * d->p[i][j];
+    for (long j = 0; j < d->n; j++) {
+        d->made[j] -= t;
+        d->next[j] -= t;
+    }
+}
+
+#include "qr.h"
+
+static Disks new_disks(long n, const double box[2], const double *x)
+{
+    const long lanes = (n + LANES - 1) / LANES * LANES;
+    Disks d = {.n = n, .lanes = lanes, .box = {box[0], box[1]}};
+    double energy = 0;
+    for (int i = 0; i < 2; i++) {
+        d.q[i] = doubles(lanes);
+        d.p[i] = doubles(lanes);
+        for (long j = 0; j < lanes; j++) {
+            d.q[i][j] = j < n ? x[2 * j + i] : 0;
+            d.p[i][j] = j < n ? x[2 * (n + j) + i] : NAN;
+            if (j < n) energy += d.p[i][j] * d.p[i][j] / 2;
+        }
+    }
+    /* No relative displacement may exceed 1.5 L_min - sigma; no relative speed exceeds 2 sqrt(energy). */
+    d.horizon = (1.5 * fmin(box[0], box[1]) - SIGMA) / (2 * sqrt(energy));
+    d.times = doubles(n * lanes);
+    d.made = doubles(lanes);
+    d.rank = doubles(lanes);
+    d.next = doubles(lanes);
+    d.partner = doubles(lanes);
+    for (long j = 0; j < lanes; j++) d.next[j] = INFINITY;
+    for (long j = 0; j < n; j++) predict(&d, j, 0);
+    for (long j = 0; j < n; j++) choose(&d, j);
+    return d;
+}
+
+static void free_disks(Disks *d, double *x)
+{
+    for (int i = 0; i < 2; i++) {
+        for (long j = 0; j < d->n; j++) {
+            x[2 * j + i] = d->q[i][j];
+            x[2 * (d->n + j) + i] = d->p[i][j];
+        }
+        free(d->q[i]);
+        free(d->p[i]);
+    }
+    free(d->times);
+    free(d->made);
+    free(d->rank);
+    free(d->next);
+    free(d->partner);
+}
+
+long stat_full, stat_scan;
+
+/* Runs for a time t1 or for `most` collisions, whichever is first, orthonormalising after each `every` collisions and
+ * at the end; every = 0: never.
+ *
+ * x (4n), frame (4n x k, row by row) and sums (k) are updated, time (1) is set; the first `log_size` collisions are
+ * written to log_times and log_pairs. Positions are not wrapped. Returns the number of collisions. */
+long many_disks(
+    long n, long k, double t1, long most, long every, const double box[2], double *x, double *frame, double *sums,
+    double *time, long log_size, double *log_times, long *log_pairs, Factorise *gelqf, Generate *orglq)
+{
+    Disks d = new_disks(n, box, x);
+    Frame f = new_frame(4 * n, k, frame, gelqf, orglq);
+    Collision done[BATCH];
+    double start = 0;
+    long collisions = 0, since = 0;
+    for (int running = 1; running;) {
+        long room = most - collisions < BATCH ? most - collisions : BATCH;
+        if (every > 0 && every - since < room) room = every - since;
+        const long count = advance(&d, t1 - start, room, done);
+        const double t = count < room ? t1 - start : done[count - 1].t;
+        follow(&f, done, count, t);
+        rebase(&d, t);
+        for (long event = 0; event < count && collisions + event < log_size; event++) {
+            log_times[collisions + event] = start + done[event].t;
+            log_pairs[2 * (collisions + event)] = done[event].a;
+            log_pairs[2 * (collisions + event) + 1] = done[event].b;
+        }
+        start += t;
+        collisions += count;
+        since += count;
+        running = count == room && collisions < most;
+        if (every > 0 && (since == every || !running)) {
+            orthonormalise(&f, sums);
+            since = 0;
+        }
+    }
+    *time = start;
+    stat_full = d.made_full, stat_scan = d.made_scan;
+    free_disks(&d, x);
+    free_frame(&f, frame);
+    return collisions;
+}
