@@ -23,10 +23,12 @@
 #pragma GCC target("prefer-vector-width=512") /* compilers hesitate, because of processors of 2017 */
 #endif
 
-#ifndef TILE
-#define TILE 8
+#ifdef __AVX512F__
+enum { LANES = 8 };
+#else
+enum { LANES = 4 };
 #endif
-enum { LANES = 8, BATCH = 64 };
+enum { BATCH = 64, WIDTH = 2, COLUMNS = WIDTH * LANES };
 
 #define SIGMA 1.0
 
@@ -52,12 +54,16 @@ typedef struct {
     long made_full, made_scan;
 } Disks;
 
+typedef Vec Row[WIDTH];
+
 typedef struct {
-    long rows, k, stride; /* stride: doubles from row to row */
-    double *y, *tau, *work;
+    long rows, k, strips;
+    Row *y;          /* strips of COLUMNS columns, one after the other; the last one is filled up with zeros */
+    double *columns; /* the frame column by column, for LAPACK, with its tau and workspace */
+    double *tau, *work;
     int work_size;
-    Factorise *gelqf;
-    Generate *orglq;
+    Factorise *geqrf;
+    Generate *orgqr;
 } Frame;
 
 static inline Vec pick(Mask where, Vec yes, Vec no)
@@ -259,44 +265,43 @@ static long advance(Disks *d, double t1, long most, Collision *done)
     return count;
 }
 
-/* The saltation matrix on columns: in ordinary coordinates
+/* The saltation matrix on the columns of a strip: in ordinary coordinates
  *     dq_a += (q.dq) q,  dp_a += (dp.q + dq_c.p) q + (p.q) dq_c =: u,  dq_c = dq - p (dq.q) / (p.q)
  * and the opposite for b (q, p, dq, dp are b minus a, sigma = m = 1); in comoving ones dq = dq_0 + t dp before, and
  * t u is to be taken from the new dq_a. */
-static inline void jump(const Collision *c, const Frame *f, long from, long to)
+static inline void jump(const Collision *c, Row *strip, long half)
 {
-    const long row = f->stride / LANES, half = f->rows / 2 * row;
-    Vec *qa = (Vec *)f->y + 2 * c->a * row, *qb = (Vec *)f->y + 2 * c->b * row;
+    Row *qa = strip + 2 * c->a, *qb = strip + 2 * c->b, *pa = qa + half, *pb = qb + half;
     const double t = c->t, q0 = c->q[0], q1 = c->q[1], p0 = c->p[0], p1 = c->p[1];
     const double approach = c->approach, inverse = 1 / approach;
-    for (long j = from; j < to; j++) {
-        const Vec dp0 = qb[half + j] - qa[half + j], dp1 = qb[half + row + j] - qa[half + row + j];
-        const Vec dq0 = qb[j] - qa[j] + t * dp0, dq1 = qb[row + j] - qa[row + j] + t * dp1;
+    for (int j = 0; j < WIDTH; j++) {
+        const Vec dp0 = pb[0][j] - pa[0][j], dp1 = pb[1][j] - pa[1][j];
+        const Vec dq0 = qb[0][j] - qa[0][j] + t * dp0, dq1 = qb[1][j] - qa[1][j] + t * dp1;
         const Vec normal = q0 * dq0 + q1 * dq1, delay = -inverse * normal;
         const Vec c0 = dq0 + p0 * delay, c1 = dq1 + p1 * delay;
         const Vec kick = q0 * dp0 + q1 * dp1 + p0 * c0 + p1 * c1;
         const Vec u0 = q0 * kick + approach * c0, u1 = q1 * kick + approach * c1;
         const Vec move0 = q0 * normal - t * u0, move1 = q1 * normal - t * u1;
-        qa[j] += move0;
-        qa[row + j] += move1;
-        qb[j] -= move0;
-        qb[row + j] -= move1;
-        qa[half + j] += u0;
-        qa[half + row + j] += u1;
-        qb[half + j] -= u0;
-        qb[half + row + j] -= u1;
+        qa[0][j] += move0;
+        qa[1][j] += move1;
+        qb[0][j] -= move0;
+        qb[1][j] -= move1;
+        pa[0][j] += u0;
+        pa[1][j] += u1;
+        pb[0][j] -= u0;
+        pb[1][j] -= u1;
     }
 }
 
 /* The frame follows the collisions and the flight to t, and is in ordinary coordinates then. */
 static void follow(Frame *f, const Collision *done, long count, double t)
 {
-    const long row = f->stride / LANES, last = (f->k + LANES - 1) / LANES, half = f->rows / 2 * row;
-    for (long from = 0; from < last; from += TILE) {
-        const long to = from + TILE < last ? from + TILE : last;
-        for (long event = 0; event < count; event++) jump(done + event, f, from, to);
-        for (Vec *y = (Vec *)f->y; y < (Vec *)f->y + half; y += row)
-            for (long j = from; j < to; j++) y[j] += t * y[half + j];
+    const long half = f->rows / 2;
+    for (long s = 0; s < f->strips; s++) {
+        Row *strip = f->y + s * f->rows;
+        for (long event = 0; event < count; event++) jump(done + event, strip, half);
+        for (long i = 0; i < half; i++)
+            for (int j = 0; j < WIDTH; j++) strip[i][j] += t * strip[half + i][j];
     }
 }
 
@@ -366,10 +371,10 @@ long stat_full, stat_scan;
  * written to log_times and log_pairs. Positions are not wrapped. Returns the number of collisions. */
 long many_disks(
     long n, long k, double t1, long most, long every, const double box[2], double *x, double *frame, double *sums,
-    double *time, long log_size, double *log_times, long *log_pairs, Factorise *gelqf, Generate *orglq)
+    double *time, long log_size, double *log_times, long *log_pairs, Factorise *geqrf, Generate *orgqr)
 {
     Disks d = new_disks(n, box, x);
-    Frame f = new_frame(4 * n, k, frame, gelqf, orglq);
+    Frame f = new_frame(4 * n, k, frame, geqrf, orgqr);
     Collision done[BATCH];
     double start = 0;
     long collisions = 0, since = 0;

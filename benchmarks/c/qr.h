@@ -1,39 +1,45 @@
-#ifndef QR
-#define QR 0 /* 0 block GS, 1 LQ, 2 QR with transposition, 3 block GS with panels twice */
-#endif
-#ifndef WIDE
-#define WIDE 2
-#endif
 
-static Frame new_frame(long rows, long k, const double *frame, Factorise *gelqf, Generate *orglq)
+static double *element(const Frame *f, long i, long j)
 {
-    Frame f = {.rows = rows, .k = k, .stride = (k + LANES - 1) / LANES * LANES, .gelqf = gelqf, .orglq = orglq};
-#ifndef NOPAD
-    if (f.stride % 64 == 0) f.stride += LANES; /* rows a multiple of 512 bytes apart evict each other */
-#endif
-    f.y = doubles(rows * f.stride);
+    return (double *)(f->y + j / COLUMNS * f->rows + i) + j % COLUMNS;
+}
+
+static Frame new_frame(long rows, long k, const double *frame, Factorise *geqrf, Generate *orgqr)
+{
+    Frame f = {.rows = rows, .k = k, .strips = (k + COLUMNS - 1) / COLUMNS, .geqrf = geqrf, .orgqr = orgqr};
+    f.y = doubles(rows * f.strips * COLUMNS);
+    for (long i = 0; i < rows; i++)
+        for (long j = 0; j < k; j++) *element(&f, i, j) = frame[i * k + j];
+    if (!geqrf) return f;
+    f.columns = doubles(rows * k);
     f.tau = doubles(k);
-    f.work_size = 64 * (rows + k);
-    f.work = doubles(f.work_size + (QR == 2 ? rows * (k+8) : 0));
-    for (long i = 0; i < rows; i++) memcpy(f.y + i * f.stride, frame + i * k, k * sizeof(double));
+    f.work_size = 64 * k;
+    f.work = doubles(f.work_size);
     return f;
 }
 
 static void free_frame(Frame *f, double *frame)
 {
-    for (long i = 0; i < f->rows; i++) memcpy(frame + i * f->k, f->y + i * f->stride, f->k * sizeof(double));
+    for (long i = 0; i < f->rows; i++)
+        for (long j = 0; j < f->k; j++) frame[i * f->k + j] = *element(f, i, j);
     free(f->y);
+    free(f->columns);
     free(f->tau);
     free(f->work);
 }
 
-/* Modified Gram-Schmidt of the `width` columns of a panel: step c removes column c from all later ones at once, and
- * finds the overlaps of the next one on the way. Adds ln R_cc to sums. */
-static inline void panel_gs(Vec *y, long rows, long row, long width, double *sums)
+static inline double lane(const Row *y, int w, long c)
 {
-    Vec sum[4] = {0};
+    return ((const double *)&(*y)[w])[c];
+}
+
+/* Modified Gram-Schmidt of `width` columns, vector w of a strip: step c removes column c from all later ones at once,
+ * and finds the overlaps of the next one on the way. Adds ln R_cc to sums. */
+static inline void panel_gs(Row *y, int w, long rows, long width, double *sums)
+{
+    Vec sum[4] = {0}; /* several sums: less waiting for additions; rows = 4n */
     for (long i = 0; i < rows; i += 4)
-        for (int u = 0; u < 4; u++) sum[u] += y[(i + u) * row] * ((double *)(y + (i + u) * row))[0];
+        for (int u = 0; u < 4; u++) sum[u] += y[i + u][w] * lane(y + i + u, w, 0);
     for (long c = 0; c < width; c++) {
         Vec remove = (sum[0] + sum[1]) + (sum[2] + sum[3]);
         const double square = remove[c], length = sqrt(square), inverse = 1 / square;
@@ -44,70 +50,59 @@ static inline void panel_gs(Vec *y, long rows, long row, long width, double *sum
         for (int u = 0; u < 4; u++) sum[u] = (Vec){0};
         for (long i = 0; i < rows; i += 4)
             for (int u = 0; u < 4; u++) {
-                Vec *v = y + (i + u) * row;
-                const Vec left = *v - remove * ((double *)v)[c];
-                *v = left;
-                sum[u] += left * ((double *)v)[next];
+                Row *v = y + i + u;
+                const Vec left = (*v)[w] - remove * lane(v, w, c);
+                (*v)[w] = left;
+                sum[u] += left * lane(v, w, next);
             }
     }
 }
 
-/* y -= P (P^T y) for WIDE vectors of columns. */
-static inline void project(const Vec *panel, Vec *y, long rows, long row, int wide)
+/* y -= P (P^T y): takes the orthonormal columns P, vector v of a strip, out of the vectors from w on of another. */
+static inline void project(const Row *panel, int v, Row *y, int w, long rows)
 {
-    Vec overlap[LANES][WIDE] = {0};
+    Vec overlap[LANES][WIDTH] = {0};
     for (long i = 0; i < rows; i++)
         for (int c = 0; c < LANES; c++)
-            for (int l = 0; l < wide; l++) overlap[c][l] += ((double *)(panel + i * row))[c] * y[i * row + l];
+            for (int j = w; j < WIDTH; j++) overlap[c][j] += lane(panel + i, v, c) * y[i][j];
     for (long i = 0; i < rows; i++)
-        for (int l = 0; l < wide; l++) {
-            Vec even = {0}, odd = {0};
-            for (int c = 0; c < LANES; c += 2) {
-                even += ((double *)(panel + i * row))[c] * overlap[c][l];
-                odd += ((double *)(panel + i * row))[c + 1] * overlap[c + 1][l];
-            }
-            y[i * row + l] -= even + odd;
+        for (int j = w; j < WIDTH; j++) {
+            Vec left = y[i][j];
+            for (int c = 0; c < LANES; c++) left -= lane(panel + i, v, c) * overlap[c][j];
+            y[i][j] = left;
         }
 }
 
 static void block_gs(Frame *f, double *sums)
 {
-    const long row = f->stride / LANES, last = (f->k + LANES - 1) / LANES;
-    Vec *y = (Vec *)f->y;
-    for (long j = 0; j < last; j++) {
-        const long width = f->k - j * LANES < LANES ? f->k - j * LANES : LANES;
-        panel_gs(y + j, f->rows, row, width, sums + j * LANES);
-        if (QR == 3) panel_gs(y + j, f->rows, row, width, sums + j * LANES);
-        long l = j + 1;
-        for (; l + WIDE <= last; l += WIDE) project(y + j, y + l, f->rows, row, WIDE);
-        for (; l < last; l++) project(y + j, y + l, f->rows, row, 1);
+    for (long s = 0; s < f->strips; s++) {
+        Row *y = f->y + s * f->rows;
+        for (long before = 0; before < s; before++)
+            for (int v = 0; v < WIDTH; v++) project(f->y + before * f->rows, v, y, 0, f->rows);
+        for (int w = 0; w < WIDTH; w++) {
+            const long from = s * COLUMNS + w * LANES, left = f->k - from;
+            if (w == 1) project(y, 0, y, 1, f->rows);
+            if (left > 0) panel_gs(y, w, f->rows, left < LANES ? left : LANES, sums + from);
+        }
     }
 }
 
-static void lq(Frame *f, double *sums)
+static void lapack_qr(Frame *f, double *sums)
 {
-    int k = f->k, rows = f->rows, stride = f->stride, info;
-    f->gelqf(&k, &rows, f->y, &stride, f->tau, f->work, &f->work_size, &info);
-    for (long j = 0; j < f->k; j++) sums[j] += log(fabs(f->y[j * f->stride + j]));
-    f->orglq(&k, &rows, &k, f->y, &stride, f->tau, f->work, &f->work_size, &info);
-}
-
-static void transposed_qr(Frame *f, double *sums)
-{
-    int k = f->k, rows = f->rows, ld = rows + 8, info;
-    double *z = f->work + f->work_size;
-    for (long i = 0; i < rows; i += 8) for (long j = 0; j < k; j += 8)
-        for (int u = 0; u < 8; u++) for (int v = 0; v < 8; v++) z[(j + v) * ld + i + u] = f->y[(i + u) * f->stride + j + v];
-    f->gelqf(&rows, &k, z, &ld, f->tau, f->work, &f->work_size, &info);
-    for (long j = 0; j < f->k; j++) sums[j] += log(fabs(z[j * ld + j]));
-    f->orglq(&rows, &k, &k, z, &ld, f->tau, f->work, &f->work_size, &info);
-    for (long i = 0; i < rows; i += 8) for (long j = 0; j < k; j += 8)
-        for (int u = 0; u < 8; u++) for (int v = 0; v < 8; v++) f->y[(i + u) * f->stride + j + v] = z[(j + v) * ld + i + u];
+    int k = f->k, rows = f->rows, info;
+    for (long j = 0; j < k; j++)
+        for (long i = 0; i < rows; i++) f->columns[j * rows + i] = *element(f, i, j);
+    f->geqrf(&rows, &k, f->columns, &rows, f->tau, f->work, &f->work_size, &info);
+    for (long j = 0; j < k; j++) sums[j] += log(fabs(f->columns[j * rows + j]));
+    f->orgqr(&rows, &k, &k, f->columns, &rows, f->tau, f->work, &f->work_size, &info);
+    for (long j = 0; j < k; j++)
+        for (long i = 0; i < rows; i++) *element(f, i, j) = f->columns[j * rows + i];
 }
 
 static void orthonormalise(Frame *f, double *sums)
 {
-    if (QR == 0 || QR == 3) block_gs(f, sums);
-    if (QR == 1) lq(f, sums);
-    if (QR == 2) transposed_qr(f, sums);
+    if (f->geqrf)
+        lapack_qr(f, sums);
+    else
+        block_gs(f, sums);
 }
