@@ -140,9 +140,9 @@ def _growth(columns: np.ndarray) -> np.ndarray:
 
 
 def _check_events(n: int, start: tuple[np.ndarray, np.ndarray], collisions: int) -> list[Check]:
-    """Against all pairs and images at each event; t1 cuts between events."""
+    """Against all pairs and images at each event."""
     times, pairs = _brute_force(*start, collisions)
-    found = run_many_disks(n, 0, t1=times[-1] + 1e-9, collisions=collisions, log_size=collisions, k=1, start=start)
+    found = run_many_disks(n, 0, collisions=collisions, log_size=collisions, k=1, start=start)
     name = f"many disks, {n} in {start[1][0]:.2f} × {start[1][1]:.2f}"
     return [
         Check(f"{name}: times by brute force", found.log[0], times, 1e-7),
@@ -171,7 +171,12 @@ def _check_conservation(n: int, collisions: int) -> list[Check]:
 def _check_sixteen() -> list[Check]:
     """Sixteen disks: both ways to orthonormalise, all events by brute force."""
     ours, lapack = (run_many_disks(16, 64, collisions=256, lapack=lapack) for lapack in (False, True))
+    _, box = lattice_start(16)
+    whole, half = run_many_disks(16, 16, t1=1.0), run_many_disks(16, 16, t1=0.5)
+    rest = run_many_disks(16, 16, t1=0.5, frame=half.frame, start=(half.x, box))
     return [
+        Check("many disks, 16: state in two parts", rest.x, whole.x, 1e-10),
+        Check("many disks, 16: growth in two parts", half.sums + rest.sums, whole.sums, 1e-10),
         Check("many disks, 16: growth by LAPACK's QR", ours.sums, lapack.sums, 1e-7),
         *_check_events(16, lattice_start(16), 200),
         *_check_conservation(16, 6400),
@@ -182,18 +187,19 @@ def _check_small_boxes() -> list[Check]:
     """Boxes with sides below two diameters, where the contacts with several images of a disk overlap."""
     first = (np.array([0.3, 0.3, 1.1, 1.2, 0.8, 0.6, -0.8, -0.6]), np.array([1.6, 1.7]))
     second = (np.array([0.3, 0.3, 1.0, 1.9, 0.4, -0.9, -0.4, 0.9]), np.array([1.4, 3.2]))
-    return [*_check_events(2, first, 25), *_check_events(2, second, 25)]
+    return [*_check_events(2, first, 15), *_check_events(2, second, 15)]
 
 
 def _check_sixty_four() -> list[Check]:
-    """Sixty-four disks: the known values, within what a run of t = 68 allows (standard deviations over seeds)."""
+    """Sixty-four disks: the known values, within what a run of t = 68 allows (standard deviations over seeds: 2.4
+    collisions per time, 0.06, 0.026 and 0.026)."""
     run = run_many_disks(64, 64, collisions=20_000, start=_settled(64))
     rate, positive = run.events / run.time, run.exponents[:125]
     return [
-        Check("many disks, 64: collisions per time", np.array(rate), np.array(295.4), 3.0),
+        Check("many disks, 64: collisions per time", np.array(rate), np.array(295.4), 12.0),
         Check("many disks, 64: largest exponent", positive[0], np.array(5.213), 0.3),
-        Check("many disks, 64: smallest positive exponent", positive[-1], np.array(1.592), 0.05),
-        Check("many disks, 64: h_KS per disk", positive.sum() / 64, np.array(5.957), 0.05),
+        Check("many disks, 64: smallest positive exponent", positive[-1], np.array(1.592), 0.12),
+        Check("many disks, 64: h_KS per disk", positive.sum() / 64, np.array(5.957), 0.12),
         *_check_conservation(64, 2560),
     ]
 

@@ -43,13 +43,14 @@ typedef void Factorise(int *, int *, double *, int *, double *, double *, int *,
 typedef void Generate(int *, int *, int *, double *, int *, double *, double *, int *, int *);
 
 typedef struct {
-    double t, q[2], p[2], approach; /* q, p: b minus a, before; approach = q.p */
+    double t, q[2], p[2], approach, inverse; /* q, p: b minus a, before; approach = q.p; inverse = 1 / approach */
     long a, b;
 } Collision;
 
 typedef struct {
     long n, lanes; /* lanes: n in whole vectors */
-    double box[2], horizon;
+    double box[2], per_box[2], horizon;
+    int crowded; /* a side is shorter than 2 sigma: a disk's images overlap as obstacles */
     double *q[2], *p[2]; /* lanes each; the lanes without a disk have p = NaN and meet nobody */
     double *times;       /* n rows of lanes: predicted contacts, from `made` on */
     double *made, *rank, *next; /* next: the time of the first event */
@@ -123,7 +124,7 @@ static inline void contacts(const Disks *d, long i, double t, double *restrict t
     const double *restrict qx = __builtin_assume_aligned(d->q[0], 64), *restrict px = __builtin_assume_aligned(d->p[0], 64);
     const double *restrict qy = __builtin_assume_aligned(d->q[1], 64), *restrict py = __builtin_assume_aligned(d->p[1], 64);
     times = __builtin_assume_aligned(times, 64);
-    const double width = d->box[0], height = d->box[1], per_width = 1 / width, per_height = 1 / height;
+    const double width = d->box[0], height = d->box[1], per_width = d->per_box[0], per_height = d->per_box[1];
     const double qx_i = qx[i], qy_i = qy[i], px_i = px[i], py_i = py[i];
     const long lanes = d->lanes / LANES * LANES;
     for (long j = 0; j < lanes; j++) {
@@ -142,8 +143,8 @@ static inline void contacts(const Disks *d, long i, double t, double *restrict t
         const int hit11 = c11 * c11 < limit;
         const int first10 = hit10 & !(hit01 & (along + up_back > along_back + up));
         const int neither = !(hit10 | hit01);
-        const double qx_hit = !hit00 & (first10 | neither) ? x_back : x;
-        const double qy_hit = !hit00 & !first10 ? y_back : y;
+        const double qx_hit = (!hit00) & (first10 | neither) ? x_back : x;
+        const double qy_hit = (!hit00) & (!first10) ? y_back : y;
         const double approach = qx_hit * vx + qy_hit * vy, c = qx_hit * vy - qy_hit * vx;
         const double gap = qx_hit * qx_hit + qy_hit * qy_hit - SIGMA * SIGMA;
         const double discriminant = limit - c * c;
@@ -213,10 +214,10 @@ static inline void choose(Disks *d, long i)
 static inline void predict(Disks *d, long i, double t)
 {
     double *times = d->times + i * d->lanes;
-    if (d->box[0] >= 2 * SIGMA && d->box[1] >= 2 * SIGMA)
-        contacts(d, i, t, times);
-    else
+    if (d->crowded)
         contacts_crowded(d, i, t, times);
+    else
+        contacts(d, i, t, times);
     d->made[i] = t;
     put(d->rank, i, ++d->predictions);
 }
@@ -241,9 +242,9 @@ static inline void displacement(const Disks *d, long a, long b, double t, double
     for (int i = 0; i < 2; i++) {
         p[i] = d->p[i][b] - d->p[i][a];
         const double apart = d->q[i][b] - d->q[i][a] + t * p[i];
-        q[i] = nearest[i] = apart - d->box[i] * rint(apart / d->box[i]);
+        q[i] = nearest[i] = apart - d->box[i] * rint(apart * d->per_box[i]);
     }
-    if (d->box[0] >= 2 * SIGMA && d->box[1] >= 2 * SIGMA) return;
+    if (!d->crowded) return;
     double miss = INFINITY;
     for (int image = 0; image < 9; image++) {
         const double x = nearest[0] + (image / 3 - 1) * d->box[0], y = nearest[1] + (image % 3 - 1) * d->box[1];
@@ -259,6 +260,7 @@ static inline Collision collide(Disks *d, long a, long b, double t)
     displacement(d, a, b, t, c.q);
     for (int i = 0; i < 2; i++) c.p[i] = d->p[i][b] - d->p[i][a];
     c.approach = c.q[0] * c.p[0] + c.q[1] * c.p[1];
+    c.inverse = 1 / c.approach;
     for (int i = 0; i < 2; i++) {
         const double kick = c.approach * c.q[i];
         put(d->p[i], a, d->p[i][a] + kick);
@@ -302,7 +304,7 @@ static inline void jump(const Collision *c, Row *strip, long half)
 {
     Row *qa = strip + 2 * c->a, *qb = strip + 2 * c->b, *pa = qa + half, *pb = qb + half;
     const double t = c->t, q0 = c->q[0], q1 = c->q[1], p0 = c->p[0], p1 = c->p[1];
-    const double approach = c->approach, inverse = 1 / approach;
+    const double approach = c->approach, inverse = c->inverse;
     for (int j = 0; j < WIDTH; j++) {
         const Vec dp0 = pb[0][j] - pa[0][j], dp1 = pb[1][j] - pa[1][j];
         const Vec dq0 = qb[0][j] - qa[0][j] + t * dp0, dq1 = qb[1][j] - qa[1][j] + t * dp1;
@@ -481,6 +483,8 @@ static Disks new_disks(long n, const double box[2], const double *x)
     Disks d = {.n = n, .lanes = lanes, .box = {box[0], box[1]}};
     double energy = 0;
     for (int i = 0; i < 2; i++) {
+        d.per_box[i] = 1 / box[i];
+        d.crowded |= box[i] < 2 * SIGMA;
         d.q[i] = doubles(lanes);
         d.p[i] = doubles(lanes);
         for (long j = 0; j < lanes; j++) {
