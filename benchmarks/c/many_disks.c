@@ -15,6 +15,7 @@
  * frame[i][j] is component i of column j; rows are padded to whole vectors. The frame's QR is, for small frames, a
  * block Gram-Schmidt by vectors, for large ones LAPACK's (given as pointers: the same that JAX calls on CPUs).
  */
+#include <limits.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -86,6 +87,29 @@ static inline Vec fill(double value)
     return value - (Vec){0};
 }
 
+static inline Vec square_roots(Vec v)
+{
+    double x[LANES] __attribute__((aligned(64)));
+    memcpy(x, &v, sizeof v);
+    for (int l = 0; l < LANES; l++) x[l] = sqrt(x[l]);
+    memcpy(&v, x, sizeof v);
+    return v;
+}
+
+static inline Vec nearest_integers(Vec v)
+{
+    double x[LANES] __attribute__((aligned(64)));
+    memcpy(x, &v, sizeof v);
+    for (int l = 0; l < LANES; l++) x[l] = rint(x[l]);
+    memcpy(&v, x, sizeof v);
+    return v;
+}
+
+static inline Vec with_sign(double size, Vec sign)
+{
+    return (Vec)(((Mask)sign & LONG_MIN) | (Mask)fill(size));
+}
+
 /* Lane l of the result is lane l ^ width of v. */
 static inline Vec swap(Vec v, int width)
 {
@@ -119,38 +143,33 @@ static void *doubles(long count)
  * not overlap are met in the order of their centres along the path, so that the first that is hit is known before any
  * root is taken. It is hit if |q x p| < sigma |p| and q.p < 0. No branches: all lanes do the same. A disk has no speed
  * relative to itself, and is not met. */
-static inline void contacts(const Disks *d, long i, double t, double *restrict times)
+static inline void contacts(const Disks *d, long i, double t, Vec *restrict times)
 {
-    const double *restrict qx = __builtin_assume_aligned(d->q[0], 64), *restrict px = __builtin_assume_aligned(d->p[0], 64);
-    const double *restrict qy = __builtin_assume_aligned(d->q[1], 64), *restrict py = __builtin_assume_aligned(d->p[1], 64);
-    times = __builtin_assume_aligned(times, 64);
+    const Vec *restrict qx = (Vec *)d->q[0], *restrict qy = (Vec *)d->q[1];
+    const Vec *restrict px = (Vec *)d->p[0], *restrict py = (Vec *)d->p[1];
+    const long vectors = d->lanes / LANES;
+    const double qx_i = d->q[0][i], qy_i = d->q[1][i], px_i = d->p[0][i], py_i = d->p[1][i];
     const double width = d->box[0], height = d->box[1], per_width = d->per_box[0], per_height = d->per_box[1];
-    const double qx_i = qx[i], qy_i = qy[i], px_i = px[i], py_i = py[i];
-    const long lanes = d->lanes / LANES * LANES;
-    for (long j = 0; j < lanes; j++) {
-        const double vx = px[j] - px_i, vy = py[j] - py_i;
-        double x = qx[j] - qx_i + vx * t, y = qy[j] - qy_i + vy * t;
-        x -= width * rint(x * per_width);
-        y -= height * rint(y * per_height);
-        const double x_back = x - copysign(width, vx), y_back = y - copysign(height, vy);
-        const double limit = SIGMA * SIGMA * (vx * vx + vy * vy);
-        const double along = x * vx, along_back = x_back * vx, up = y * vy, up_back = y_back * vy;
-        const double cross = x * vy, cross_back = x_back * vy, turn = y * vx, turn_back = y_back * vx;
-        const double c00 = cross - turn, c10 = cross_back - turn, c01 = cross - turn_back, c11 = cross_back - turn_back;
-        const int hit00 = (c00 * c00 < limit) & (along + up < 0);
-        const int hit10 = (c10 * c10 < limit) & (along_back + up < 0);
-        const int hit01 = (c01 * c01 < limit) & (along + up_back < 0);
-        const int hit11 = c11 * c11 < limit;
-        const int first10 = hit10 & !(hit01 & (along + up_back > along_back + up));
-        const int neither = !(hit10 | hit01);
-        const double qx_hit = (!hit00) & (first10 | neither) ? x_back : x;
-        const double qy_hit = (!hit00) & (!first10) ? y_back : y;
-        const double approach = qx_hit * vx + qy_hit * vy, c = qx_hit * vy - qy_hit * vx;
-        const double gap = qx_hit * qx_hit + qy_hit * qy_hit - SIGMA * SIGMA;
-        const double discriminant = limit - c * c;
-        /* Not (-approach - root) / speed2: that cancels. Disks that overlap by rounding meet at once. */
-        const double time = gap / (sqrt(discriminant > 0 ? discriminant : 0) - approach);
-        times[j] = hit00 | hit10 | hit01 | hit11 ? (time > 0 ? time : 0) : INFINITY;
+    for (long j = 0; j < vectors; j++) {
+        const Vec vx = px[j] - px_i, vy = py[j] - py_i, limit = SIGMA * SIGMA * (vx * vx + vy * vy);
+        Vec x = qx[j] - qx_i + vx * t, y = qy[j] - qy_i + vy * t;
+        x -= width * nearest_integers(x * per_width);
+        y -= height * nearest_integers(y * per_height);
+        const Vec x_back = x - with_sign(width, vx), y_back = y - with_sign(height, vy);
+        const Vec along = x * vx, along_back = x_back * vx, up = y * vy, up_back = y_back * vy;
+        const Vec cross = x * vy, cross_back = x_back * vy, turn = y * vx, turn_back = y_back * vx;
+        const Vec c00 = cross - turn, c10 = cross_back - turn, c01 = cross - turn_back;
+        const Mask hit00 = (c00 * c00 < limit) & (along + up < 0);
+        const Mask hit10 = (c10 * c10 < limit) & (along_back + up < 0);
+        const Mask hit01 = (c01 * c01 < limit) & (along + up_back < 0);
+        const Mask first10 = hit10 & ~(hit01 & (along + up_back > along_back + up));
+        const Vec qx_hit = pick(hit00 | (hit01 & ~first10), x, x_back);
+        const Vec qy_hit = pick(hit00 | first10, y, y_back);
+        const Vec approach = qx_hit * vx + qy_hit * vy, c = qx_hit * vy - qy_hit * vx;
+        const Vec gap = qx_hit * qx_hit + qy_hit * qy_hit - SIGMA * SIGMA, discriminant = limit - c * c;
+        /* Not (-approach - root) / speed2: that cancels. Where the discriminant is negative, its sign does not matter. */
+        const Vec contact = gap / (square_roots((Vec)((Mask)discriminant & LONG_MAX)) - approach);
+        times[j] = pick((approach < 0) & (discriminant > 0), contact, fill(INFINITY));
     }
 }
 
@@ -169,7 +188,7 @@ static void contacts_crowded(const Disks *d, long i, double t, double *restrict 
             const double approach = x_hit * vx + y_hit * vy, c = x_hit * vy - y_hit * vx;
             const double gap = x_hit * x_hit + y_hit * y_hit - SIGMA * SIGMA, discriminant = limit - c * c;
             const double time = gap / (sqrt(discriminant > 0 ? discriminant : 0) - approach);
-            if (approach < 0 && discriminant > 0 && time < earliest) earliest = time > 0 ? time : 0;
+            if (approach < 0 && discriminant > 0 && time < earliest) earliest = time;
         }
         times[j] = earliest;
     }
@@ -207,7 +226,8 @@ static inline void choose(Disks *d, long i)
     }
     const Least first = least_lane(best, at);
     const int within = first.value < d->horizon;
-    put(d->next, i, d->made[i] + (within ? first.value : d->horizon));
+    const double dt = within ? first.value : d->horizon;
+    put(d->next, i, d->made[i] + (dt > 0 ? dt : 0)); /* disks that overlap by rounding meet at once */
     d->partner[i] = within ? first.index : -1;
 }
 
@@ -217,7 +237,7 @@ static inline void predict(Disks *d, long i, double t)
     if (d->crowded)
         contacts_crowded(d, i, t, times);
     else
-        contacts(d, i, t, times);
+        contacts(d, i, t, (Vec *)times);
     d->made[i] = t;
     put(d->rank, i, ++d->predictions);
 }
