@@ -13,9 +13,9 @@
  * follows, in strips of COLUMNS columns: a strip stays in the cache for all of them and for the flight at the end.
  *
  * Orthonormalisation. Block Gram-Schmidt by vectors, faster than LAPACK's QR (dgeqrf, dorgqr) by a factor of ten at 16
- * columns, of three to four at 64 and 256 and of 1.5 to 2 at 1024; it loses orthogonality in proportion to the condition
- * of the frame, as all Gram-Schmidt does. With pointers to LAPACK's functions, which is what JAX calls on CPUs, these are
- * used instead.
+ * columns, of three to four at 64 and 256 and of 1.5 to 2 at 1024; it loses orthogonality in proportion to the
+ * condition of the frame, as all Gram-Schmidt does. With pointers to LAPACK's functions, which is what JAX calls on
+ * CPUs, these are used instead.
  *
  * Explicit vectors, because what the compiler vectorises by itself depends on its version and the slightest change.
  */
