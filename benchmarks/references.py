@@ -28,6 +28,12 @@ _SIGNATURES = {
     "impact_fixed": [ctypes.c_double] * 2 + [_Array] * 5 + [_Counts],
     "impact_adaptive": [ctypes.c_double] * 4 + [_Array] * 5 + [_Counts],
     "hard_disks": [ctypes.c_double, ctypes.c_int64] + [_Array] * 4 + [ctypes.c_int64, _Array, _Counts],
+    "many_disks": [ctypes.c_int64] * 2
+    + [ctypes.c_double]
+    + [ctypes.c_int64] * 2
+    + [_Array] * 5
+    + [ctypes.c_int64, _Array, _Counts]
+    + [ctypes.c_void_p] * 2,
 }
 
 
@@ -45,6 +51,7 @@ class Result(NamedTuple):
     events: int = 0
     rejected: int = 0
     log: tuple = ()  # hard disks: times (m,) and pairs (m, 2) of the first collisions
+    frame: np.ndarray = np.empty((0, 0))  # many disks: (4n, k), at the end
 
     @property
     def exponents(self) -> np.ndarray:
@@ -164,29 +171,29 @@ def _check_impact_methods() -> list[Check]:
 
 # Collisions and the tangent map to 60 digits (mpmath, event by event): ln R_ii of the tangent map over one
 # time unit, from the columns e_1 … e_16.
-_FIRST_TIMES = (
+FIRST_TIMES = (
     *(0.094546778655600907763, 0.13515294243252095216, 0.20491825007574360327, 0.29322262940852650161),
     *(0.33181681041478999581, 0.37752687442417581174, 0.49745279476951014507, 0.60425429003847874033),
     *(0.69729993041774298841, 0.77805834514671427261),
 )
-_FIRST_PAIRS = ((0, 2), (1, 3), (0, 1), (1, 3), (0, 2), (1, 2), (1, 2), (1, 2), (0, 1), (2, 3))
-_GROWTH_TO_1 = (
+FIRST_PAIRS = ((0, 2), (1, 3), (0, 1), (1, 3), (0, 2), (1, 2), (1, 2), (1, 2), (0, 1), (2, 3))
+GROWTH_TO_1 = (
     *(4.187355042836, 4.592081178211, 3.135435700382, 2.941587785004),
     *(0.7526395040939, 1.586110901968, 0.6344774675339, 0.5324156025306),
     *(-0.3148290882603, -0.6473142215733, -0.6030518783066, -1.324248637349),
     *(-2.830556304074, -4.014463914409, -3.793412449721, -4.834226688866),
 )
-_DISKS_POSITIVE = (4.8824, 4.1314, 3.5469, 3.0547, 2.6269)
+DISKS_POSITIVE = (4.8824, 4.1314, 3.5469, 3.0547, 2.6269)
 
 
 def _check_hard_disks() -> list[Check]:
     short, long = run_hard_disks(1.0, np.eye(16), log_size=10), run_hard_disks(1000.0)
     times, pairs = short.log
-    expected = np.array([*_DISKS_POSITIVE, *[0.0] * 6, *(-np.array(_DISKS_POSITIVE[::-1]))])
+    expected = np.array([*DISKS_POSITIVE, *[0.0] * 6, *(-np.array(DISKS_POSITIVE[::-1]))])
     return [
-        Check("hard disks: first collision times", times, np.array(_FIRST_TIMES), 1e-13),
-        Check("hard disks: first pairs", pairs, np.array(_FIRST_PAIRS), 0),
-        Check("hard disks: growth to 1", short.sums, np.array(_GROWTH_TO_1), 1e-9),
+        Check("hard disks: first collision times", times, np.array(FIRST_TIMES), 1e-13),
+        Check("hard disks: first pairs", pairs, np.array(FIRST_PAIRS), 0),
+        Check("hard disks: growth to 1", short.sums, np.array(GROWTH_TO_1), 1e-9),
         # The standard deviation of a run of this length is 0.03.
         Check("hard disks: exponents", long.exponents, expected, 0.15),
     ]

@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks import references
+from benchmarks import many_disks, references
 
 
 @pytest.fixture(autouse=True)
@@ -16,6 +16,10 @@ def needs_a_compiler():
 
 def test_the_c_computes_what_is_known():
     assert [check.name for check in references.validate() if not check.passed] == []
+
+
+def test_the_c_of_many_disks_computes_what_is_known():
+    assert [check.name for check in many_disks.validate() if not check.passed] == []
 
 
 def test_the_c_takes_square_roots_by_an_instruction(tmp_path):
