@@ -16,6 +16,7 @@ The state is x = (q₁, …, q_n, p₁, …, p_n), d components each. Between re
 
 import functools
 import itertools
+import math
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -35,13 +36,17 @@ class Predictions(NamedTuple):
 
     time: Array  # (n,) of each body's next event, counted from the rebasing
     partner: Array  # (n,) with whom: another body, n + 2·axis + (0 low, 1 high) for a wall, or `NEVER`
-    seen: Array  # (n,) the partner's number of events when it was predicted
-    events: Array  # (n,) of each body so far
+    looked: Array  # (n,) the number of the event after which each body was looked at
+    known: Array  # (n, n + 1) times of all events of a body as of that look; the last: a wall, or to look again
+    other: Array  # (n,) the partner that the last one stands for
+    events: Array  # so far
     first: Array  # whose event is next
     q: Array  # (d, n) comoving
     v: Array  # (d, n)
     diameter: Array  # (n,)
     box: Array  # (d,)
+    roomy: Array  # whether the images of a body keep clear of each other
+    horizon: Array  # for so long no displacement changes by more than 1.5 L - σ
 
 
 class Kind(NamedTuple):
@@ -188,107 +193,161 @@ def _gap(kind: Kind, t, rows, args, which):
 
 
 def _look_at_all(kind: Kind, t, x, args) -> Predictions:
-    half = kind.n * kind.d
-    mass = _each(kind, args["mass"])
-    none = jnp.zeros(kind.n, jnp.int32)
-    diameter = _each(kind, args["diameter"]).astype(x.dtype)
-    q, v = x[:half].reshape(kind.n, kind.d).T, (x[half:].reshape(kind.n, kind.d) / mass[:, None]).T
-    box = _box(kind, args).astype(x.dtype)
-    start = Predictions(jnp.zeros_like(diameter), none, none, none, none[0], q, v, diameter, box)
-    every = lax.fori_loop(0, kind.n, lambda body, known: _look_at(kind, known, body, t), start)
-    return every._replace(first=_argmin(every.time))
+    n, half = kind.n, kind.n * kind.d
+    diameter, none = _each(kind, args["diameter"]).astype(x.dtype), jnp.zeros(n, jnp.int32)
+    q, v = x[:half].reshape(n, kind.d).T, (x[half:].reshape(n, kind.d) / _each(kind, args["mass"])[:, None]).T
+    widest, box = jnp.max(diameter), _box(kind, args).astype(x.dtype)
+    # No two bodies part faster than two of the lightest that have all the energy.
+    fastest = jnp.sqrt(2 * jnp.sum(x[half:].reshape(n, kind.d).T * v) / jnp.min(_each(kind, args["mass"])))
+    start = Predictions(
+        time=jnp.zeros_like(diameter),
+        partner=none,
+        looked=none,
+        known=jnp.zeros((n, n + 1), x.dtype),
+        other=none,
+        events=none[0],
+        first=none[0],
+        q=q,
+        v=v,
+        diameter=diameter,
+        box=box,
+        roomy=jnp.min(box) >= 2 * widest,
+        horizon=(1.5 * jnp.min(box) - widest) / jnp.maximum(fastest, jnp.finfo(x.dtype).tiny),
+    )
+    every = lax.fori_loop(0, n, lambda body, cache: _look_at(kind, cache, (body,), t), start)
+    return every._replace(first=_first(every.time)[1])
 
 
-def _next(kind: Kind, known: Predictions):
-    body = known.first
-    partner, n = known.partner[body], kind.n
+def _next(kind: Kind, cache: Predictions):
+    body, n = cache.first, kind.n
+    partner = cache.partner[body]
     pair = n * jnp.minimum(body, partner) + jnp.maximum(body, partner)
     wall = n * n + kind.faces * body + (partner - n)
-    return known.time[body], jnp.where(partner == NEVER, -1 - body, jnp.where(partner < n, pair, wall))
+    return cache.time[body], jnp.where(partner == NEVER, -1 - body, jnp.where(partner < n, pair, wall))
 
 
-def _shift(known: Predictions, dt) -> Predictions:
-    return known._replace(time=known.time - dt, q=known.q + dt * known.v)
+def _shift(cache: Predictions, dt) -> Predictions:
+    return cache._replace(time=cache.time - dt, known=cache.known - dt, q=cache.q + dt * cache.v)
 
 
-def _update(kind: Kind, known: Predictions, t, x, args, which) -> Predictions:
-    """Look again at the two bodies of the event, and then at whoever is next but counted on one who has changed."""
-    time, events, q, v = known.time, known.events, known.q, known.v
-    mass, half = _each(kind, args["mass"]), kind.n * kind.d
-    for body in _bodies(kind, which):
-        time = time.at[body].set(-jnp.inf)
-        events = events.at[body].add(1)
-        q = lax.dynamic_update_slice(
-            q, lax.dynamic_slice(x, (kind.d * body,), (kind.d,))[:, None], (jnp.zeros_like(body), body)
-        )
-        p = lax.dynamic_slice(x, (half + kind.d * body,), (kind.d,))
-        v = lax.dynamic_update_slice(v, (p / mass[body])[:, None], (jnp.zeros_like(body), body))
-    known = known._replace(time=time, events=events, q=q, v=v, first=_bodies(kind, which)[0])
+def _update(kind: Kind, cache: Predictions, t, x, args, which) -> Predictions:
+    """Look again at the two bodies of the event, and then at what is known of whoever is next but counted on one."""
+    q, v, half = cache.q, cache.v, kind.n * kind.d
+    bodies = _bodies(kind, which)
+    for body in bodies:
+        place, column = (kind.d * body,), (jnp.zeros_like(body), body)
+        position = lax.dynamic_slice(x, place, (kind.d,))
+        momentum = lax.dynamic_slice(x[half:], place, (kind.d,))
+        q = lax.dynamic_update_slice(q, position[:, None], column)
+        v = lax.dynamic_update_slice(v, (momentum / _each(kind, args["mass"])[body])[:, None], column)
+    cache = _look_at(kind, cache._replace(q=q, v=v, events=cache.events + 1), bodies, t)
 
-    def is_void(known):
-        body = known.first
-        partner = known.partner[body]
-        counted = (partner >= 0) & (partner < kind.n)
-        changed = known.events[jnp.clip(partner, 0, kind.n - 1)] != known.seen[body]
-        return (counted & changed) | (known.time[body] == -jnp.inf)
+    def is_void(state):
+        """Whether the next event's partner has been looked at since it was predicted."""
+        _, partner, body = state
+        known = (partner[body] >= 0) & (partner[body] < kind.n)
+        return known & (cache.looked[jnp.clip(partner[body], 0, kind.n - 1)] > cache.looked[body])
 
-    def look(known):
-        known = _look_at(kind, known, known.first, t)
-        return known._replace(first=_argmin(known.time))
+    def choose_again(state):
+        """From what is known of the body, less what has changed since."""
+        time, partner, body = state
+        changed = jnp.append(cache.looked > cache.looked[body], False)
+        soonest, whom = _first(jnp.where(changed, jnp.inf, cache.known[body]))
+        whom = jnp.where(whom == kind.n, cache.other[body], whom)
+        time, partner = time.at[body].set(soonest), partner.at[body].set(whom)
+        return time, partner, _first(time)[1]
 
-    return lax.while_loop(is_void, look, known)
+    state = (cache.time, cache.partner, _first(cache.time)[1])
+    time, partner, first = lax.while_loop(is_void, choose_again, state)
+    return cache._replace(time=time, partner=partner, first=first)
 
 
-def _argmin(values) -> Array:
-    """The index of the smallest."""
+LANES = 128
+
+
+def _first(values) -> tuple[Array, Array]:
+    """The smallest value and its index: by halves, for a loop would wait for each comparison."""
+    n = values.shape[0]
+    whole = -n % LANES if n > LANES else 2 ** math.ceil(math.log2(n)) - n
+    values = jnp.pad(values, (0, whole), constant_values=jnp.inf)
     places = jnp.arange(values.shape[0], dtype=jnp.int32)
-    return jnp.min(jnp.where(values == jnp.min(values), places, values.shape[0] - 1))
+
+    def smaller(one, other):
+        less = other[0] < one[0]
+        return jnp.where(less, other[0], one[0]), jnp.where(less, other[1], one[1])
+
+    pairs = values, places
+    if n > LANES:
+        rows = values.reshape(-1, LANES), places.reshape(-1, LANES)
+        start = rows[0][0], rows[1][0]
+        pairs = lax.fori_loop(1, rows[0].shape[0], lambda i, best: smaller(best, (rows[0][i], rows[1][i])), start)
+    while pairs[0].shape[0] > 1:
+        half = pairs[0].shape[0] // 2
+        pairs = smaller(*(tuple(part[side] for part in pairs) for side in (slice(None, half), slice(half, None))))
+    return pairs[0][0], pairs[1][0]
 
 
-def _look_at(kind: Kind, known: Predictions, body, t) -> Predictions:
-    """Predict the next event of a body from the time t on."""
-    apart = (known.q - known.q[:, body][:, None]) + t * (known.v - known.v[:, body][:, None])
-    velocity = known.v - known.v[:, body][:, None]
-    reach = (known.diameter + known.diameter[body]) / 2
-    dt, partner = _soonest(kind, apart, velocity, reach, known.box)
+def _look_at(kind: Kind, cache: Predictions, bodies, t) -> Predictions:
+    """Predict the next events of bodies from the time t on."""
+    for body, (dt, other) in zip(bodies, _ahead(kind, cache, bodies, t), strict=True):
+        known = lax.dynamic_update_slice(cache.known, t + dt[None], (body, jnp.zeros_like(body)))
+        soonest, whom = _first(t + dt)
+        cache = cache._replace(
+            time=cache.time.at[body].set(soonest),
+            partner=cache.partner.at[body].set(jnp.where(whom == kind.n, other, whom)),
+            looked=cache.looked.at[body].set(cache.events),
+            known=known,
+            other=cache.other.at[body].set(other),
+        )
+    return cache
+
+
+def _ahead(kind: Kind, cache: Predictions, bodies, t):
+    """For each body: times (n + 1,) to its contacts and, last, to something else; and what that is."""
+    found = []
+    for body in bodies:
+        velocity = cache.v - cache.v[:, body][:, None]
+        apart = (cache.q - cache.q[:, body][:, None]) + t * velocity
+        found.append((apart, velocity, (cache.diameter + cache.diameter[body]) / 2))
+    apart, velocity, reach = (jnp.stack(part, axis=-2) for part in zip(*found, strict=True))
+    contacts = _contacts(kind, apart, velocity, reach, cache.box, cache.roomy)
     if kind.walls:
-        q = known.q[:, body] + t * known.v[:, body]
-        at_wall, face = _soonest_wall(kind, q, known.v[:, body], known.diameter[body] / 2, known.box)
-        partner = jnp.where(at_wall < dt, face, partner)
-        dt = jnp.minimum(at_wall, dt)
-    seen = known.events[jnp.clip(partner, 0, kind.n - 1)]
-    return known._replace(
-        time=known.time.at[body].set(t + dt),
-        partner=known.partner.at[body].set(partner),
-        seen=known.seen.at[body].set(seen),
-    )
+        last = [
+            _wall(kind, cache.q[:, b] + t * cache.v[:, b], cache.v[:, b], cache.diameter[b] / 2, cache.box)
+            for b in bodies
+        ]
+    else:
+        last = [(cache.horizon, jnp.asarray(NEVER, jnp.int32)) for _ in bodies]
+    return [(jnp.append(dt, time), other) for dt, (time, other) in zip(contacts, last, strict=True)]
 
 
-def _soonest(kind: Kind, apart, velocity, reach, box):
-    """Time to the first contact and with whom, or to when all partners have to be looked at again.
-
-    apart, velocity: (d, n) of the partners relative to the body.
-    """
+def _contacts(kind: Kind, apart, velocity, reach, box, roomy):
+    """Times (b, n) to the contacts of b bodies with n partners; apart, velocity: (d, b, n), of the partners."""
+    speed2 = jnp.sum(velocity**2, axis=0)
+    if kind.walls:
+        return _contact(jnp.sum(apart * velocity, axis=0), jnp.sum(apart**2, axis=0) - reach**2, speed2)
     # Along each axis: the nearest image, and the next one ahead; its share of the scalar products q·w and q².
     shares = []
     for axis in range(kind.d):
-        images = [apart[axis]]
-        if not kind.walls:
-            nearest = _nearest(apart[axis], box[axis])
-            images = [nearest, nearest + jnp.where(velocity[axis] > 0, -box[axis], box[axis])]
-        shares.append([(q * velocity[axis], q * q) for q in images])
-    speed2, contact = jnp.sum(velocity**2, axis=0), jnp.full_like(reach, jnp.inf)
-    for image in itertools.product(*shares):
-        approach, square = (sum(parts) for parts in zip(*image, strict=True))
-        contact = jnp.minimum(contact, _contact(approach, square - reach**2, speed2))
-    partners, time = jnp.arange(kind.n, dtype=jnp.int32), contact
-    if not kind.walls:
-        # Until then the displacement changes by less than 1.5 L - σ.
-        tiny = jnp.finfo(speed2.dtype).tiny
-        horizon = (1.5 * jnp.min(box) - reach) / jnp.sqrt(jnp.maximum(speed2, tiny))
-        time, partners = jnp.minimum(contact, horizon), jnp.where(contact > horizon, NEVER, partners)
-    soonest = jnp.min(time)
-    return soonest, jnp.max(jnp.where(time == soonest, partners, NEVER))
+        nearest = _nearest(apart[axis], box[axis])
+        ahead = nearest + jnp.where(velocity[axis] > 0, -box[axis], box[axis])
+        shares.append([(q * velocity[axis], q * q) for q in (nearest, ahead)])
+    images = [tuple(sum(parts) for parts in zip(*image, strict=True)) for image in itertools.product(*shares)]
+    images = [(approach, square - reach**2) for approach, square in images]
+
+    def soonest():
+        return functools.reduce(jnp.minimum, [_contact(*image, speed2) for image in images])
+
+    def nearest_first():
+        """Obstacles that do not overlap are met in the order of their centres: one root is enough."""
+        approach, excess = -jnp.inf, jnp.zeros_like(speed2)
+        for one, other in images:
+            meets = (one < 0) & (one * one > speed2 * other) & (one > approach)
+            approach, excess = jnp.where(meets, one, approach), jnp.where(meets, other, excess)
+        met = approach > -jnp.inf
+        return jnp.where(met, _contact(jnp.where(met, approach, -1.0), excess, speed2), jnp.inf)
+
+    return lax.cond(roomy, nearest_first, soonest)
 
 
 def _contact(approach, excess, speed2):
@@ -299,7 +358,7 @@ def _contact(approach, excess, speed2):
     return jnp.where(meets, excess / (root - approach), jnp.inf)
 
 
-def _soonest_wall(kind: Kind, q, v, radius, box):
+def _wall(kind: Kind, q, v, radius, box):
     """Time to the first wall, and which."""
     room = jnp.where(v > 0, box - radius - q, q - radius)
     moving = v != 0
