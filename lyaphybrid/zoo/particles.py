@@ -358,9 +358,11 @@ def _contact(approach, excess, speed2):
     return jnp.where(meets, excess / (root - approach), jnp.inf)
 
 
-def _wall(kind: Kind, q, v, radius, box):
+def _wall(kind: Kind, cache: Predictions, body, t):
     """Time to the first wall, and which."""
-    room = jnp.where(v > 0, box - radius - q, q - radius)
+    v, radius = cache.v[:, body], cache.diameter[body] / 2
+    q = cache.q[:, body] + t * v
+    room = jnp.where(v > 0, cache.box - radius - q, q - radius)
     moving = v != 0
     times = jnp.where(moving, room / jnp.where(moving, jnp.abs(v), 1.0), jnp.inf)
     faces = kind.n + 2 * jnp.arange(kind.d, dtype=jnp.int32) + (v > 0).astype(jnp.int32)
