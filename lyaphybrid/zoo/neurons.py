@@ -1,4 +1,4 @@
-"""Networks of neurons that integrate, fire and kick each other: three models of a neuron, three topologies, two forms."""
+"""Networks of neurons that integrate, fire and kick each other: three models, three topologies, two forms."""
 
 import functools
 import math
@@ -28,7 +28,7 @@ class Neuron(NamedTuple):
 
 
 def _linear(slope: float) -> Neuron:
-    """x' = I + γx with γ = ±1: x + γI grows as e^γt."""
+    """The neuron x' = I + γx, γ = ±1: x + γI goes as e^γt."""
 
     def wait(x, current):
         ratio = (1 + slope * current) / (x + slope * current)

@@ -1,0 +1,200 @@
+"""Networks of neurons: two forms of each, avalanches, states in which they fire in turn, stable and unstable chaos."""
+
+import itertools
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import lyaphybrid as lh
+from lyaphybrid import zoo
+
+MODELS = ("leaky", "xif", "qif")
+BY_HAND = {"leaky": lambda x: 2 - x, "xif": lambda x: 2 + x, "qif": lambda v: v * v + 2}  # x' at I = 2
+
+
+def random_matrix(key, n, strength, connected):
+    """Each of the others reaches a neuron with that probability; connected 1: all of them, unequally."""
+    first, second = jax.random.split(jax.random.key(key))
+    there = jax.random.bernoulli(first, connected, (n, n)) & ~jnp.eye(n, dtype=bool)
+    return jnp.where(there, strength * jax.random.uniform(second, (n, n), minval=0.5, maxval=1.5), 0.0)
+
+
+def both(**parameters):
+    return [zoo.integrate_and_fire(form=form, **parameters) for form in ("hybrid", "event_driven")]
+
+
+def run_both(length, **parameters):
+    """Each spectrum orthonormalises at every spike, so that a loss is seen by both where it happens."""
+    hybrid, closed = both(**parameters)
+    return hybrid.spectrum(t1=length, transient=0.0), closed.spectrum(t1=length, transient=0.0, every=1)
+
+
+def assert_same(hybrid, closed):
+    assert hybrid.status == closed.status == lh.STATUS.ok
+    assert_allclose(closed.exponents, hybrid.exponents, rtol=0, atol=1e-9)
+    assert_allclose(closed.x, hybrid.x, rtol=0, atol=1e-7)
+    assert np.asarray(closed.losses).tolist() == np.asarray(hybrid.losses).tolist()
+    assert ("rank_lost" in closed.notes) == ("rank_lost" in hybrid.notes) == bool(jnp.any(hybrid.losses))
+
+
+# One neuron, and one spike.
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_the_neurons_solve_their_equations(model):
+    """The flow by AD, in the potential V of the equation, and from just above reset to threshold in the time said."""
+    system = zoo.integrate_and_fire(model=model, form="event_driven").system
+    field = zoo.integrate_and_fire(model=model).system.fields[0]
+    args, x = {"current": jnp.asarray(2.0), "coupling": jnp.asarray(-0.1)}, jnp.array([0.3, -0.2])
+
+    def potential(x):
+        return math.sqrt(2) * jnp.tan(x / 2) if model == "qif" else x
+
+    def moved(dt):
+        return system.flow(dt, 0.0, x, args)
+
+    later, velocity = jax.jvp(moved, (0.2,), (1.0,))
+    assert_allclose(velocity, field(0.0, later, args), rtol=1e-14)
+    assert_allclose(jax.jvp(potential, (later,), (velocity,))[1], BY_HAND[model](potential(later)), rtol=1e-14)
+    dt, which = system.next_event(0.0, later, args)
+    assert which == 0
+    landed = system.flow(dt, 0.0, later, args)
+    assert_allclose(landed[0], math.pi if model == "qif" else 1.0, rtol=1e-14)
+    assert_allclose(system.guard(0.0, landed, args, which), 0.0, atol=1e-14)
+
+
+def test_a_pulse_adds_to_the_potential_of_a_quadratic_neuron():
+    """Also next to threshold and reset, where V is infinite, and by rounding beyond."""
+    fire = zoo.integrate_and_fire(model="qif", n=3).system.transitions[0].reset
+
+    def kicked(phase, strength):
+        args = {"current": jnp.asarray(2.0), "coupling": jnp.asarray(strength)}
+        return fire(0.0, jnp.array([math.pi, phase, 0.1]), args, jnp.asarray(0, jnp.int32))[1]
+
+    for phase, strength in itertools.product([-2.0, 0.3, 3.0], [-5.0, 0.5]):
+        expected = 2 * math.atan(math.tan(phase / 2) + strength / math.sqrt(2))
+        assert_allclose(kicked(phase, strength), expected, rtol=1e-14)
+    for phase in (math.pi + 1e-14, math.pi - 1e-14, -math.pi):
+        assert_allclose(kicked(phase, 3.0), phase, rtol=1e-13)
+
+
+@pytest.mark.parametrize("model", ["leaky", "xif"])
+def test_an_anti_leaky_neuron_thrown_beyond_its_fixed_point_never_fires(model):
+    problem = zoo.integrate_and_fire(model=model, form="event_driven")
+    dt, _ = problem.system.next_event(0.0, jnp.array([-2.1, -2.5]), problem.args)
+    assert np.isposinf(dt) == (model == "xif")
+
+
+SPIKES = [  # coupling, topology, of neuron 2: what the others get
+    (0.2, "all", [0.2, 0.2, 0.2, 0.2]),
+    (-0.2, "ring", [0.0, -0.2, -0.2, 0.0]),
+    (0.01 * (np.arange(25.0).reshape(5, 5) * (1 - np.eye(5))), "all", [0.02, 0.07, 0.17, 0.22]),
+]
+
+
+@pytest.mark.parametrize("form", ["hybrid", "event_driven"])
+@pytest.mark.parametrize(("coupling", "topology", "expected"), SPIKES, ids=["all", "ring", "matrix"])
+def test_whom_a_spike_reaches(form, coupling, topology, expected):
+    problem = zoo.integrate_and_fire(n=5, coupling=coupling, topology=topology, form=form)
+    fire = problem.system.jump if form == "event_driven" else problem.system.transitions[0].reset
+    x = jnp.array([0.1, 0.2, 1.0, 0.3, 0.4])
+    after = np.asarray(fire(0.0, x, problem.args, jnp.asarray(2, jnp.int32)))
+    assert after[2] == 0
+    assert_allclose(np.delete(after - x, 2), expected, atol=1e-15)
+
+
+def test_a_ring_closes():
+    problem = zoo.integrate_and_fire(n=5, topology="ring", form="event_driven")
+    after = problem.system.jump(0.0, jnp.array([1.0, 0.5, 0.5, 0.5, 0.5]), problem.args, jnp.asarray(0, jnp.int32))
+    assert_allclose(after, [0, 0.4, 0.5, 0.5, 0.4], atol=1e-15)
+
+
+# Avalanches.
+
+
+def by_hand(x, first, matrix):
+    """Mirollo & Strogatz: each fires once at most and stays at reset, in plain Python."""
+    x, fired, which = np.array(x), set(), first
+    while True:
+        fired.add(which)
+        for i in range(len(x)):
+            x[i] = 0.0 if i in fired else x[i] + matrix[i, which]
+        above = np.flatnonzero(x > 1)
+        if not len(above):
+            return x, fired
+        which = int(above[0])
+
+
+def test_an_avalanche_in_closed_form_and_as_a_cascade():
+    """Of all sizes, through a matrix of both signs, where the order decides; the engine's and that of the jump."""
+    n = 6
+    rng = np.random.default_rng(1)
+    sizes = set()
+    for _ in range(12):
+        matrix = rng.uniform(-0.1, 0.4, (n, n)) * (1 - np.eye(n))
+        x = rng.uniform(0.3, 0.95, n)
+        first = int(np.argmax(x))
+        hybrid, closed = both(n=n, coupling=matrix)
+        x += (1 - 1e-9) - x[first]  # just below threshold
+        expected, fired = by_hand(x, first, matrix)
+        sizes.add(len(fired))
+        jump = closed.system.jump(0.0, jnp.asarray(x).at[first].set(1.0), closed.args, jnp.asarray(first, jnp.int32))
+        assert_allclose(jump, expected, atol=1e-8)
+        log = lh.trajectory(hybrid.system, x, hybrid.args, t1=1e-6, n=2).events
+        assert set(np.asarray(log.which).tolist()) == fired
+        assert len(log) == len(fired)
+        assert_allclose(log.x_after[-1], expected, atol=1e-8)
+    assert {1, n} <= sizes
+    assert len(sizes) >= 4
+
+
+def test_the_derivative_through_an_avalanche():
+    """Both tangent maps are those of central differences, and lose one direction less than fire."""
+    n, h = 5, 1e-6
+    x = np.array([0.3, 0.9, 0.25, 0.85, 0.8])
+    hybrid, closed = both(n=n, coupling=0.12)
+    found = [lh.tangent_map(p.system, x, p.args, t1=0.2) for p in (hybrid, closed)]
+
+    def end(x):
+        return np.asarray(lh.tangent_map(closed.system, x, closed.args, t1=0.2).x)
+
+    differences = np.stack([(end(x + h * e) - end(x - h * e)) / (2 * h) for e in np.eye(n)], axis=1)
+    for tangent in found:
+        assert_allclose(tangent.matrix, differences, atol=1e-8)
+    assert_allclose(found[0].matrix, found[1].matrix, atol=1e-13)
+    assert np.linalg.matrix_rank(found[0].matrix, tol=1e-9) == n - 2
+
+
+# The two forms.
+
+ALIKE = [  # model, n, coupling, topology, length
+    ("leaky", 5, -0.1, "ring", 10.0),
+    ("leaky", 5, 0.1, "ring", 10.0),
+    ("qif", 5, -0.5, "all", 10.0),
+]
+
+
+def assert_alike(model, n, coupling, topology, length):
+    assert_same(*run_both(length, model=model, n=n, coupling=coupling, topology=topology))
+
+
+@pytest.mark.parametrize(("model", "n", "coupling", "topology", "length"), ALIKE)
+def test_both_forms_have_the_same_exponents(model, n, coupling, topology, length):
+    assert_alike(model, n, coupling, topology, length)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sign", [-1, 1])
+@pytest.mark.parametrize("topology", ["all", "ring", "matrix"])
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("n", [2, 3, 8, 20])
+def test_both_forms_have_the_same_exponents_everywhere(model, topology, sign, n):
+    """Over few spikes of a neuron where neighbours separate: rounding must not decide who fires."""
+    strength = sign * {"leaky": 0.5, "xif": 0.3, "qif": 1.0}[model] / n
+    coupling = strength if topology != "matrix" else random_matrix(n, n, 2 * strength, 0.5)
+    length = {"leaky": 8.0, "xif": 3.0, "qif": 15.0}[model]
+    assert_alike(model, n, coupling, "ring" if topology == "ring" else "all", length)
