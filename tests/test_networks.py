@@ -172,19 +172,15 @@ def test_the_derivative_through_an_avalanche():
 # The two forms.
 
 ALIKE = [  # model, n, coupling, topology, length
-    ("leaky", 5, -0.1, "ring", 10.0),
-    ("leaky", 5, 0.1, "ring", 10.0),
-    ("qif", 5, -0.5, "all", 10.0),
+    ("leaky", 4, -0.1, "ring", 10.0),
+    ("leaky", 4, 0.1, "ring", 10.0),
+    ("qif", 3, -0.5, "all", 10.0),
 ]
-
-
-def assert_alike(model, n, coupling, topology, length):
-    assert_same(*run_both(length, model=model, n=n, coupling=coupling, topology=topology))
 
 
 @pytest.mark.parametrize(("model", "n", "coupling", "topology", "length"), ALIKE)
 def test_both_forms_have_the_same_exponents(model, n, coupling, topology, length):
-    assert_alike(model, n, coupling, topology, length)
+    assert_same(*run_both(length, model=model, n=n, coupling=coupling, topology=topology))
 
 
 @pytest.mark.slow
@@ -197,4 +193,166 @@ def test_both_forms_have_the_same_exponents_everywhere(model, topology, sign, n)
     strength = sign * {"leaky": 0.5, "xif": 0.3, "qif": 1.0}[model] / n
     coupling = strength if topology != "matrix" else random_matrix(n, n, 2 * strength, 0.5)
     length = {"leaky": 8.0, "xif": 3.0, "qif": 15.0}[model]
-    assert_alike(model, n, coupling, "ring" if topology == "ring" else "all", length)
+    parameters = {"model": model, "n": n, "coupling": coupling, "topology": "ring" if topology == "ring" else "all"}
+    hybrid, closed = run_both(length, **parameters)
+    if model == "qif" or sign < 0 or topology == "all":
+        assert_same(hybrid, closed)
+        assert "unresolved" not in hybrid.notes | closed.notes
+        return
+    # Unequal excitation nearly kills directions before it does: what is lost is then a matter of rounding. But not
+    # the product of all derivatives, nor the exponent of which most is left.
+    hybrid_map, closed_map = (lh.tangent_map(p.system, p.x0, p.args, t1=length) for p in both(**parameters))
+    assert_allclose(closed_map.matrix, hybrid_map.matrix, atol=1e-9 * np.max(np.abs(hybrid_map.matrix)))
+    assert_allclose(closed.exponents[0], hybrid.exponents[0], atol=1e-9)
+    assert np.any(np.asarray(closed.losses)) == np.any(np.asarray(hybrid.losses))
+
+
+# States that are known.
+
+
+PAIRS = [("leaky", -0.1), ("leaky", 0.1), ("xif", 0.1), ("qif", -0.1), ("qif", 0.1)]
+
+
+@pytest.mark.parametrize(("model", "coupling"), PAIRS)
+def test_the_reference_of_a_pair(model, coupling):
+    """Over whole periods of the orbit, so that nothing is left over."""
+    problem = zoo.integrate_and_fire(model=model, coupling=coupling, form="event_driven")
+    spectrum = problem.spectrum(clock="jumps", transient=1000, t1=1000)
+    per_time = np.asarray(spectrum.exponents * spectrum.jumps / spectrum.time)
+    # Of "qif" neighbours have other periods: they separate like t, and exponents go to 0 like ln t/t.
+    slack = 2e-11 if model != "qif" else math.log(1000) / float(spectrum.time)
+    assert_allclose(per_time, problem.reference.exponents, atol=slack)
+    assert spectrum.losses[1] == (1000 if np.isneginf(per_time[1]) else 0)
+    if model == "qif":
+        assert_allclose(np.sum(per_time), 0, atol=1e-4)
+
+
+def test_the_pair_that_is_known_in_closed_form():
+    """The quadratic equation of the docstring, for both kinds of linear neuron."""
+    for model, slope, coupling in (("leaky", -1, -0.3), ("xif", 1, 0.15)):
+        current = 1.7
+        threshold, reset = 1 + slope * current, slope * current
+        waiting = (coupling + slope * math.sqrt(coupling**2 + 4 * threshold * reset)) / 2
+        period = slope * math.log(threshold / waiting)
+        problem = zoo.integrate_and_fire(model=model, coupling=coupling, current=current)
+        expected = 2 * slope + math.log(reset / threshold) / period
+        assert_allclose(problem.reference.exponents, [0, expected], rtol=1e-13)
+
+
+def test_an_anti_leaky_pair_too_strongly_excited_fires_together():
+    assert zoo.integrate_and_fire(model="xif", coupling=0.18).reference
+    problem = zoo.integrate_and_fire(model="xif", coupling=0.2, form="event_driven")
+    assert problem.reference is None
+    assert zoo.integrate_and_fire(model="xif", coupling=-0.1).reference is None
+    assert problem.spectrum(clock="jumps", t1=10, transient=0).exponents[1] == -jnp.inf
+
+
+def after_spikes(problem, count):
+    """In the middle between two spikes, and the time between them."""
+    system, args = problem.system, problem.args
+
+    def fly_and_fire(_, x):
+        dt, which = system.next_event(0.0, x, args)
+        return system.jump(0.0, system.flow(dt, 0.0, x, args), args, which)
+
+    x = jax.lax.fori_loop(0, count, fly_and_fire, problem.x0)
+    dt, _ = system.next_event(0.0, x, args)
+    return system.flow(dt / 2, 0.0, x, args), float(dt)
+
+
+def test_the_splay_state_of_inhibited_leaky_neurons():
+    """The multipliers of its whole period, n spikes: complex, so that a run's exponents turn for ever."""
+    problem = zoo.integrate_and_fire(n=5, form="event_driven")
+    x, interval = after_spikes(problem, 3000)
+    whole = lh.tangent_map(problem.system, x, problem.args, t1=5 * interval)
+    assert_allclose(whole.x, x, atol=1e-12)
+    multipliers = np.abs(np.linalg.eigvals(whole.matrix))
+    expected = np.exp(5 * interval * np.array(problem.reference.exponents))
+    assert_allclose(np.sort(multipliers)[::-1], expected, atol=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("n", "current", "coupling"), [(3, 1.935, -0.4853), (6, 4.0, -0.2), (10, 1.423, -0.9807)])
+def test_inhibited_leaky_neurons_end_in_the_splay_state(n, current, coupling):
+    problem = zoo.integrate_and_fire(n=n, current=current, coupling=coupling, form="event_driven")
+    spectrum = problem.spectrum(t1=300.0, transient=300.0, averaging="birkhoff")
+    assert_allclose(spectrum.exponents, problem.reference.exponents, atol=2e-3)
+
+
+def test_excited_leaky_neurons_end_in_synchrony():
+    problem = zoo.integrate_and_fire(n=5, coupling=0.1, form="event_driven")
+    spectrum = problem.spectrum(clock="jumps", transient=1000, t1=100)
+    assert_allclose(spectrum.exponents, problem.reference.exponents, atol=1e-12)
+    assert np.asarray(spectrum.losses)[1:].tolist() == [100] * 4
+    assert_allclose(spectrum.time, 100 * math.log(2), rtol=1e-12)
+
+
+def test_no_splay_state_where_pulses_change_the_order():
+    assert zoo.integrate_and_fire(n=3, coupling=-0.5).reference
+    assert zoo.integrate_and_fire(n=3, coupling=-1.5).reference is None
+    assert zoo.integrate_and_fire(n=3, coupling=0.0).reference is None
+
+
+def test_quadratic_neurons_all_to_all_keep_their_cross_ratios():
+    """Each spike moves the phases of all by one Möbius map of V (Watanabe & Strogatz)."""
+    problem = zoo.integrate_and_fire(model="qif", n=4, coupling=-0.5, form="event_driven")
+
+    def ratio(x):
+        a, b, c, d = np.tan(np.asarray(x) / 2)
+        return (a - c) * (b - d) / ((a - d) * (b - c))
+
+    x, _ = after_spikes(problem, 101)
+    assert np.max(np.abs(x - problem.x0)) > 1
+    assert_allclose(ratio(x), ratio(problem.x0 + 0.1), rtol=1e-11)  # moved on, as infinity is no number
+
+
+# Many neurons.
+
+
+def strongly_diluted(model, n, strength):
+    """About ten inputs each, all of one strength."""
+    there = jax.random.bernoulli(jax.random.key(0), 10 / n, (n, n)) & ~jnp.eye(n, dtype=bool)
+    coupling = jnp.where(there, strength, 0.0)
+    current = 2.0 if model == "leaky" else 1.0
+    return zoo.integrate_and_fire(model=model, n=n, coupling=coupling, current=current, form="event_driven")
+
+
+@pytest.mark.parametrize("n", [50, pytest.param(200, marks=pytest.mark.slow)])
+def test_inhibited_leaky_neurons_are_stable_though_irregular(n):
+    """Stable chaos: next to the zero of the flow all exponents are negative (Zillmer, Livi, Politi & Torcini 2006)."""
+    spectrum = strongly_diluted("leaky", n, -0.2).spectrum(t1=100.0, transient=20.0, k=2)
+    assert spectrum.jumps > 20 * n
+    assert abs(spectrum.exponents[0]) < 0.01
+    assert spectrum.exponents[1] + 5 * spectrum.stderr[1] < 0
+    assert not np.any(np.asarray(spectrum.losses))
+
+
+@pytest.mark.parametrize("n", [50, pytest.param(200, marks=pytest.mark.slow)])
+def test_inhibited_quadratic_neurons_are_chaotic(n):
+    """Monteforte & Wolf, Phys. Rev. Lett. 105 (2010) 268104."""
+    problem = strongly_diluted("qif", n, -1.0)
+    spectrum = problem.spectrum(t1=200.0, transient=50.0, k=2)
+    assert spectrum.stderr[0] < 0.06
+    assert spectrum.exponents[0] > 0.3
+
+
+# Numbers travel in args.
+
+
+def test_networks_of_one_structure_are_one_system():
+    def system(**parameters):
+        return zoo.integrate_and_fire(**{"n": 4, "form": "event_driven"} | parameters).system
+
+    assert system() is system(current=3.0, coupling=0.2)
+    assert system(coupling=random_matrix(0, 4, 0.1, 1.0)) is system(coupling=random_matrix(1, 4, 0.1, 1.0))
+    structures = [{}, {"topology": "ring"}, {"model": "qif"}, {"n": 5}, {"coupling": np.zeros((4, 4))}]
+    assert len({id(system(**parameters)) for parameters in structures}) == len(structures)
+
+
+def test_a_matrix_may_be_traced_and_is_described_by_its_shape():
+    def after(matrix):
+        problem = zoo.integrate_and_fire(n=2, coupling=matrix, form="event_driven")
+        return problem.system.jump(0.0, jnp.array([1.0, 0.3]), problem.args, jnp.asarray(0, jnp.int32))[1]
+
+    assert_allclose(jax.jacfwd(after)(jnp.zeros((2, 2))), [[0, 0], [1, 0]])
+    assert "coupling=an array (2, 2)" in repr(zoo.integrate_and_fire(coupling=np.zeros((2, 2))))

@@ -88,7 +88,7 @@ def _firing(neuron: Neuron, topology: str) -> Callable:
     def fire(t, x, args, which):
         which = jnp.asarray(which)
         kicked = neuron.pulse(x, PULSES[topology](args["coupling"], which, x), args["current"])
-        kicked = jnp.where(jnp.abs(x - neuron.reset) <= SAME, x, kicked)
+        kicked = jnp.where(jnp.abs(x - neuron.reset) <= SAME, x, kicked)  # x, not the constant: neighbours keep theirs
         return jnp.where(_is(which, x), neuron.reset, kicked)
 
     return fire
@@ -171,8 +171,16 @@ def _reference(model: str, current: float, coupling: Any, topology: str, n: int)
         return exact(0.0, 0.0, source="every orbit is periodic and neutral") if n == 2 else None
     if model == "leaky" and coupling > 0:
         return exact(0.0, *[-math.inf] * (n - 1), source="synchrony")
+    if model == "xif" and (n > 2 or _lifted_at_once(current, coupling)):
+        return None
     splay = _splay(SLOPES[model], current, coupling, n) if coupling else None
     return splay and exact(*splay, source="the antiphase orbit" if n == 2 else "the splay state")
+
+
+def _lifted_at_once(current: float, coupling: float) -> bool:
+    """Whether the first spike of an "xif" pair lifts the other over the threshold; if not, then no later one does."""
+    first, second = _potentials(2)
+    return (second + current) / (first + current) * (1 + current) - current + coupling >= 1
 
 
 def _potentials(n: int) -> list[float]:
@@ -227,8 +235,8 @@ def integrate_and_fire(
 
     Known, with v = x + γI, γ = −1 ("leaky") or 1 ("xif"): two neurons with γε > 0 fire in turn, every T, with v of the
     waiting one just after the other fired a root of v² − εv = v_reset v_threshold and T = γ ln(v_threshold/v); the
-    exponents are 0 and 2γ + ln(v_reset/v_threshold)/T. More neurons of that kind, all to all, have a splay state.
-    Leaky neurons with ε > 0, all to all, synchronise. Two "qif" neurons have 0 and 0: V of the waiting one just
+    exponents are 0 and 2γ + ln(v_reset/v_threshold)/T. More leaky neurons with ε < 0, all to all, end in a splay state,
+    those with ε > 0 in synchrony. Two "qif" neurons have 0 and 0: V of the waiting one just
     after a spike is V, ε − V, V, …
 
     Args:

@@ -145,6 +145,8 @@ class Problem:
 
 
 def _short(value: Any) -> str:
+    if np.ndim(value) > 0:
+        return f"an array {np.shape(value)}"
     return f"{value:.10g}" if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
 
 
