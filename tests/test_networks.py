@@ -16,11 +16,11 @@ MODELS = ("leaky", "xif", "qif")
 BY_HAND = {"leaky": lambda x: 2 - x, "xif": lambda x: 2 + x, "qif": lambda v: v * v + 2}  # x' at I = 2
 
 
-def random_matrix(key, n, strength, connected):
+def random_matrix(seed, n, strength, connected):
     """Each of the others reaches a neuron with that probability; connected 1: all of them, unequally."""
-    first, second = jax.random.split(jax.random.key(key))
-    there = jax.random.bernoulli(first, connected, (n, n)) & ~jnp.eye(n, dtype=bool)
-    return jnp.where(there, strength * jax.random.uniform(second, (n, n), minval=0.5, maxval=1.5), 0.0)
+    rng = np.random.default_rng(seed)
+    there = (rng.random((n, n)) < connected) & ~np.eye(n, dtype=bool)
+    return np.where(there, strength * rng.uniform(0.5, 1.5, (n, n)), 0.0)
 
 
 def both(**parameters):
@@ -28,9 +28,7 @@ def both(**parameters):
 
 
 def run_both(length, **parameters):
-    """Each spectrum orthonormalises at every spike, so that a loss is seen by both where it happens."""
-    hybrid, closed = both(**parameters)
-    return hybrid.spectrum(t1=length, transient=0.0), closed.spectrum(t1=length, transient=0.0, every=1)
+    return [problem.spectrum(t1=length, transient=0.0) for problem in both(**parameters)]
 
 
 def assert_same(hybrid, closed):
@@ -171,16 +169,10 @@ def test_the_derivative_through_an_avalanche():
 
 # The two forms.
 
-ALIKE = [  # model, n, coupling, topology, length
-    ("leaky", 4, -0.1, "ring", 10.0),
-    ("leaky", 4, 0.1, "ring", 10.0),
-    ("qif", 3, -0.5, "all", 10.0),
-]
 
-
-@pytest.mark.parametrize(("model", "n", "coupling", "topology", "length"), ALIKE)
-def test_both_forms_have_the_same_exponents(model, n, coupling, topology, length):
-    assert_same(*run_both(length, model=model, n=n, coupling=coupling, topology=topology))
+@pytest.mark.parametrize("coupling", [-0.1, 0.1])
+def test_both_forms_have_the_same_exponents(coupling):
+    assert_same(*run_both(10.0, n=4, coupling=coupling, topology="ring"))
 
 
 @pytest.mark.slow
@@ -279,6 +271,7 @@ def test_inhibited_leaky_neurons_end_in_the_splay_state(n, current, coupling):
     assert_allclose(spectrum.exponents, problem.reference.exponents, atol=2e-3)
 
 
+@pytest.mark.slow
 def test_excited_leaky_neurons_end_in_synchrony():
     problem = zoo.integrate_and_fire(n=5, coupling=0.1, form="event_driven")
     spectrum = problem.spectrum(clock="jumps", transient=1000, t1=100)

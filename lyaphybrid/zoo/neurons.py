@@ -183,6 +183,11 @@ def _lifted_at_once(current: float, coupling: float) -> bool:
     return (second + current) / (first + current) * (1 + current) - current + coupling >= 1
 
 
+def _loses(model: str, coupling: Any) -> bool:
+    """Whether avalanches may kill directions: that is seen for sure only right after each of them."""
+    return model != "qif" and (traced(coupling) or bool(np.any(np.asarray(coupling) > 0)))
+
+
 def _potentials(n: int) -> list[float]:
     """Distinct starts in [0, 1), for more than two spread by the golden mean."""
     return [0.6326296498429654, 0.46839295794497127] if n == 2 else [0.618033988749895 * i % 1 for i in range(n)]
@@ -283,6 +288,7 @@ def integrate_and_fire(
         args={"current": current, "coupling": strengths},
         t1=1000.0,
         transient=100.0,
+        options={"every": 1} if form == "event_driven" and _loses(model, coupling) else {},
         reference=None if traced(current, coupling) else _reference(model, current, coupling, topology, n),
         source="R. E. Mirollo & S. H. Strogatz, SIAM J. Appl. Math. 50 (1990) 1645, doi:10.1137/0150098",
     )
