@@ -174,7 +174,9 @@ def _reference(model: str, current: float, coupling: Any, topology: str, n: int)
     if model == "xif" and (n > 2 or _lifted_at_once(current, coupling)):
         return None
     splay = _splay(SLOPES[model], current, coupling, n) if coupling else None
-    return splay and exact(*splay, source="the antiphase orbit" if n == 2 else "the splay state")
+    if splay is None:
+        return None
+    return exact(*splay, source="the antiphase orbit" if n == 2 else "the splay state")
 
 
 def _lifted_at_once(current: float, coupling: float) -> bool:

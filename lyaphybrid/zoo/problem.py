@@ -144,8 +144,12 @@ class Problem:
         )
 
 
+def _is_array(value: Any) -> bool:
+    return np.ndim(value) > 0
+
+
 def _short(value: Any) -> str:
-    if np.ndim(value) > 0:
+    if _is_array(value):
         return f"an array {np.shape(value)}"
     return f"{value:.10g}" if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
 
@@ -184,7 +188,7 @@ def problem(function: Callable[P, Problem]) -> Callable[P, Problem]:
                     f"{name} has no parameter {key!r}; the nearest is {nearest(key, defaults)[0]!r} of {name}({valid})."
                 )
         checked = {
-            k: v if k in arrays and np.ndim(v) > 0 else _as_kind_of(defaults[k], k, v) for k, v in parameters.items()
+            k: v if k in arrays and _is_array(v) else _as_kind_of(defaults[k], k, v) for k, v in parameters.items()
         }
         made = function(**checked)  # type: ignore[call-arg]
         return dataclasses.replace(made, name=name, parameters=made.parameters or {**defaults, **checked})
