@@ -179,6 +179,27 @@ def test_a_cascade_goes_through_in_order_at_one_instant():
     assert_allclose(log.x_after[-1], [1.0, 1.0, 1.0, 123.0], rtol=0, atol=1e-12)
 
 
+def test_who_is_thrown_beyond_zero_fires_with_the_first_though_the_flow_brought_both_there():
+    """Two clocks run out together and each sets off the other: so they do in every neighbour, as the first runs out."""
+
+    def set_off(t, x, args, which):
+        fires = jnp.arange(2, dtype=which.dtype) == which
+        return jnp.where(fires, 0.0, jnp.where(x == 0, x, x + args))
+
+    pair = lh.Hybrid(ones, lh.Transition(lambda t, x, args: 1 - x, set_off))
+
+    def after(args, x):
+        found = lh.tangent_map(pair, x, args, t1=0.8)
+        return np.asarray(found.x), np.asarray(found.matrix)
+
+    x, together = after(0.1, [0.5, 0.5])
+    ahead, _ = after(0.1, [0.5 + 1e-3, 0.5])
+    assert_allclose(ahead - x, [1e-3, 1e-3], atol=1e-12)
+    assert_allclose(together, [[1, 0], [1, 0]], atol=1e-12)
+    _, apart = after(0.0, [0.5, 0.5])
+    assert_allclose(apart, np.eye(2), atol=1e-12)  # left at zero by the other, each has an instant of its own
+
+
 def test_guards_of_both_directions_are_never_fired_by_a_jump():
     through = lh.Transition(lambda t, x, args: x[0] - 2.0, counter, direction=0)
     over = lh.Transition(lambda t, x, args: 1.0 - x[0], lambda t, x, args: x.at[0].add(5.0))

@@ -18,6 +18,10 @@ VARIANTS = [
     *((name, {}) for name in zoo.names()),
     ("cat_map", {"form": "jumps"}),
     ("integrate_and_fire", {"form": "event_driven"}),
+    ("integrate_and_fire", {"n": 5, "coupling": 0.1}),
+    ("integrate_and_fire", {"n": 7, "form": "event_driven"}),
+    ("integrate_and_fire", {"model": "xif", "coupling": 0.1}),
+    ("integrate_and_fire", {"model": "qif", "topology": "ring", "form": "event_driven"}),
     ("kicked_ball", {"restitution": 0.5, "amplitude": 1.75}),
     ("grow_reset", {"q": 0}),
     ("impact_oscillator", {"omega": 2.0}),
@@ -186,7 +190,18 @@ def test_unknown_names_list_the_valid_ones_nearest_first():
         (lambda: zoo.integrate_and_fire(n=1), r"n must be at least 2; got 1"),
         (lambda: zoo.integrate_and_fire(n=2.0), r"n must be a whole number; got 2.0"),
         (lambda: zoo.integrate_and_fire(current=1), r"current must be above the threshold 1"),
-        (lambda: zoo.integrate_and_fire(coupling=0.1, form="event_driven"), r"coupling must be at most 0"),
+        (lambda: zoo.integrate_and_fire(model="xif", current=0), r"current must be positive; got 0"),
+        (lambda: zoo.integrate_and_fire(model="lif"), r"model must be one of 'leaky', 'xif', 'qif'; got 'lif'"),
+        (lambda: zoo.integrate_and_fire(topology="line"), r"topology must be one of 'all', 'ring'; got 'line'"),
+        (lambda: zoo.integrate_and_fire(coupling="all"), r"coupling must be a finite real number; got 'all'"),
+        (lambda: zoo.integrate_and_fire(current=np.ones(2)), r"current must be a finite real number; got array"),
+        (lambda: zoo.integrate_and_fire(coupling=np.zeros((3, 3))), r"\(n, n\) = \(2, 2\); got \(3, 3\).*as n"),
+        (lambda: zoo.integrate_and_fire(coupling=np.eye(2)), r"coupling must be 0 on the diagonal.*got array"),
+        (lambda: zoo.integrate_and_fire(coupling=np.full((2, 2), np.nan)), r"coupling must be finite"),
+        (
+            lambda: zoo.integrate_and_fire(coupling=np.zeros((2, 2)), topology="ring"),
+            r"topology must be \"all\" where coupling is a matrix.*got 'ring'",
+        ),
         (lambda: zoo.conewise_linear(omega_left=-1), r"omega_left must be positive"),
         (lambda: zoo.beta_clock(rate=0), r"rate must be positive"),
         (lambda: zoo.skew_tent_roof(peak=0), r"peak must be between 0 and 1"),
@@ -335,7 +350,7 @@ def test_integrate_and_fire_in_closed_form_is_the_hybrid_one():
 
 
 def test_many_neurons():
-    problem = zoo.integrate_and_fire(n=7)
+    problem = zoo.integrate_and_fire(n=7, topology="ring")
     assert problem.reference is None
     assert len(set(np.asarray(problem.x0))) == 7
     assert problem.system.transitions[0].guard(0.0, problem.x0, problem.args).shape == (7,)

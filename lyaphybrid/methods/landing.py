@@ -217,8 +217,8 @@ def _cascade(mover, t, h, landing: "Landing") -> "Landing":
         slot = jnp.argmax(follows).astype(jnp.int32)
         again = jnp.any(follows) & ~terminal & (state.count < mover.max_cascade)
         stuck = jnp.any(fired & flat & (side < 0) & directed) & ~again
-        # A guard that the flow itself brought to zero at this instant has an instant of its own.
-        itself = again & state.together[slot] & (mode == state.mode)
+        # A guard that the flow itself brought to zero at this instant, and the reset left there, has one of its own.
+        itself = again & state.together[slot] & (g[slot] == 0) & (mode == state.mode)
         moves = columns, direction, state.delay
         columns, direction, delay = _own_instant(mover, itself, mode, t, x, f, slot, moves)
         transition = jnp.where(again, table(mover, mode if w.modes > 1 else None, w.transition)[slot], state.transition)

@@ -145,7 +145,13 @@ class Problem:
         )
 
 
+def _is_array(value: Any) -> bool:
+    return np.ndim(value) > 0
+
+
 def _short(value: Any) -> str:
+    if _is_array(value):
+        return f"an array {np.shape(value)}"
     return f"{value:.10g}" if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
 
 
@@ -164,10 +170,13 @@ _ZOO: dict[str, Callable[..., Problem]] = {}
 def problem(function: Callable[P, Problem]) -> Callable[P, Problem]:
     """Put a function of keyword parameters into the zoo; unknown and ill-typed parameters become ValueErrors.
 
-    A parameter takes the kind of its default: a float, a whole number, or anything else unchecked.
+    A parameter takes the kind of its default: a float, a whole number, or anything else unchecked. Where it is more
+    than `Real` an array goes to the function unchecked.
     """
     name = function.__name__
-    defaults = {k: p.default for k, p in inspect.signature(function).parameters.items()}
+    signature = inspect.signature(function).parameters
+    defaults = {k: p.default for k, p in signature.items()}
+    arrays = {k for k, p in signature.items() if isinstance(p.default, float) and p.annotation is not Real}
 
     @functools.wraps(function)
     def build(*positional: P.args, **parameters: P.kwargs) -> Problem:
@@ -179,7 +188,9 @@ def problem(function: Callable[P, Problem]) -> Callable[P, Problem]:
                 raise ValueError(
                     f"{name} has no parameter {key!r}; the nearest is {nearest(key, defaults)[0]!r} of {name}({valid})."
                 )
-        checked = {k: _as_kind_of(defaults[k], k, v) for k, v in parameters.items()}
+        checked = {
+            k: v if k in arrays and _is_array(v) else _as_kind_of(defaults[k], k, v) for k, v in parameters.items()
+        }
         made = function(**checked)  # type: ignore[call-arg]
         return dataclasses.replace(made, name=name, parameters=made.parameters or {**defaults, **checked})
 
