@@ -4,7 +4,8 @@
 Parameters that are numbers travel in `args`: changing them does not compile again.
 """
 
-from .disks import hard_disks, sinai_billiard
+from .billiards import ellipse, lorentz_gas, mean_free_path, sinai_billiard, stadium, wedge
+from .disks import hard_disks
 from .impacts import bouncing_ball, impact_oscillator, kicked_ball, zaslavsky
 from .maps import baker_map, cat_map, henon_map, kaplan_yorke_map, logistic_map, standard_map
 from .neurons import integrate_and_fire
@@ -16,6 +17,7 @@ __all__ = [
     "Problem",
     "Reference",
     "get",
+    "mean_free_path",
     "names",
     # maps
     "henon_map",
@@ -39,7 +41,12 @@ __all__ = [
     "grow_reset",
     # the next event known exactly
     "hard_disks",
+    # billiards
     "sinai_billiard",
+    "lorentz_gas",
+    "stadium",
+    "ellipse",
+    "wedge",
 ]
 
 
@@ -51,7 +58,7 @@ def names() -> list[str]:
         >>> "hard_disks" in zoo.names()
         True
     """
-    return __all__[4:]
+    return __all__[__all__.index("names") + 1 :]
 
 
 def __getattr__(name: str):

@@ -1,4 +1,4 @@
-"""Hard disks in a periodic box, and one disk among fixed ones: the closed-form flow is a straight line.
+"""Hard disks in a periodic box: the closed-form flow is a straight line.
 
 The next contact of a pair may be with any periodic image. While a pair's displacement changes by less than
 1.5 L − σ, L the shorter side, only the 3×3 images round the nearest one can be met; and of these not those
@@ -26,7 +26,6 @@ from .problem import (
     positive,
     problem,
     require,
-    state,
     traced,
 )
 
@@ -132,32 +131,6 @@ def _disks(n: int) -> EventDriven:
 
     return EventDriven(flow=flow, next_event=next_event, jump=jump, guard=guard, canonical=True)
 
-
-def _ray(dt, t, x, args):
-    return jnp.concatenate([x[:2] + dt * x[2:], x[2:]])
-
-
-def _next_scatterer(t, x, args):
-    dx, dy, vx, vy = (x[i : i + 1] for i in range(4))
-    times, speed2 = _contact_times(dx, dy, vx, vy, 1.0, 1.0, args["radius"])
-    horizon = _horizon(speed2, 1.0, 1.0, args["radius"])
-    again = times[0] > horizon
-    return jnp.where(again, horizon, times[0]), jnp.where(again, -1, 0)
-
-
-def _reflect(t, x, args, which):
-    d, v = _nearest(x[:2], 1.0), x[2:]
-    turned = v - (2 * jnp.sum(d * v) / args["radius"] ** 2) * d
-    return jnp.concatenate([x[:2], jnp.where(jnp.asarray(which) < 0, v, turned)])
-
-
-def _outside(t, x, args, which):
-    d = _nearest(x[:2], 1.0)
-    outside = (jnp.sum(d * d) - args["radius"] ** 2) / 2
-    return jnp.where(jnp.asarray(which) < 0, _look_again(t), outside)
-
-
-SINAI = EventDriven(flow=_ray, next_event=_next_scatterer, jump=_reflect, guard=_outside, canonical=True)
 
 # by radius: the exponent per unit time and its standard error
 _SINAI_VALUES = {
@@ -313,42 +286,4 @@ def hard_disks(
             "mass": mass,
             "kinetic_energy": energy,
         },
-    )
-
-
-@problem
-def sinai_billiard(*, radius: Real = 0.4) -> Problem:
-    """A point of speed 1 among fixed disks: one of this radius at each corner of a periodic unit square.
-
-    State x = (q, v), shape (4,). Exponents λ, 0, 0, −λ. Two hard disks of diameter σ in a square of side L
-    are this billiard for their relative coordinate, with radius σ/L.
-
-    Args:
-        radius: of the scatterers, in units of the side, in (0, 1/2).
-
-    Returns:
-        A `Problem`, with a reference at radius 0.4 (2.73875(11)) and 0.2 (1.470071(50)).
-
-    Source:
-        Ya. G. Sinai, Dynamical systems with elastic reflections, Russ. Math. Surv. 25 (1970) 137,
-        doi:10.1070/RM1970v025n02ABEH003794.
-
-    Example:
-        >>> from lyaphybrid import zoo
-        >>> print(zoo.sinai_billiard().reference)
-        2.73875(11), 0, 0, -2.73875(11) per unit time (ray tracing in C)
-    """
-    require("radius", radius, lambda r: 0 < r < 0.5, "between 0 and 1/2 of the side")
-    reference = None
-    for known, (value, stderr) in _SINAI_VALUES.items():
-        if near(radius, known):
-            reference = _paired([value], [stderr], 4, "ray tracing in C")
-    return Problem(
-        system=SINAI,
-        x0=state(0.5, 0.45, math.cos(0.7), math.sin(0.7)),
-        args={"radius": radius},
-        t1=10_000.0,
-        transient=20.0,
-        reference=reference,
-        source="Ya. G. Sinai, Russ. Math. Surv. 25 (1970) 137, doi:10.1070/RM1970v025n02ABEH003794",
     )
