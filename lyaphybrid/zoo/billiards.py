@@ -208,7 +208,7 @@ def lorentz_gas(*, gap: Real = 0.3, field: Real = 0.0) -> Problem:
     positive(gap=gap)
     return Problem(
         **_in_field(LORENTZ, field, gap=gap),
-        x0=_start((2 + gap) / 2, (2 + gap) / math.sqrt(12)),  # amid three disks
+        x0=_start((2 + gap) / 2, (2 + gap) / 3),  # between three disks
         t1=10_000.0,
         transient=20.0,
         reference=_reference("lorentz_gas", gap, field),

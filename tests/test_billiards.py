@@ -1,0 +1,316 @@
+"""Billiards: contacts against brute force, exponents and free paths against what is known, laws, fields."""
+
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import lyaphybrid as lh
+from lyaphybrid import zoo
+
+STRAIGHT = [
+    ("sinai_billiard", {"radius": 0.2}),
+    ("lorentz_gas", {}),
+    ("stadium", {"side": 1.5, "radius": 0.7}),
+    ("ellipse", {}),
+    ("wedge", {"angle": 1.1}),
+]
+MAGNETIC = [
+    ("sinai_billiard", {"field": 0.7}),
+    ("sinai_billiard", {"field": -9.0}),  # gyration circles smaller than the disks: hops along them
+    ("lorentz_gas", {"gap": 0.8, "field": 0.6}),
+    ("stadium", {"field": -0.4}),
+    ("stadium", {"side": 2.0, "field": 3.0}),  # arcs that cross a line and come back, or meet no wall
+]
+ALL = STRAIGHT + MAGNETIC
+
+
+def each(cases):
+    return pytest.mark.parametrize(("name", "parameters"), cases, ids=[f"{n}{p or ''}" for n, p in cases])
+
+
+# The walls, written anew: how far inside all of them a point is; one row a point.
+
+
+def disks(q, centres, radius):
+    """Distance to the nearest of the disks."""
+    return np.min(np.linalg.norm(q[:, None] - centres[None], axis=-1), axis=1) - radius
+
+
+def lattice(a, b, reach):
+    i, j = np.meshgrid(np.arange(-reach, reach + 1), np.arange(-reach, reach + 1))
+    return i.reshape(-1, 1) * np.array(a) + j.reshape(-1, 1) * np.array(b)
+
+
+def clearance(problem, q):
+    name, p = problem.name, problem.parameters
+    x, y = q.T
+    if name == "sinai_billiard":
+        return disks(q - np.round(q), lattice((1, 0), (0, 1), 1), p["radius"])
+    if name == "lorentz_gas":
+        spacing, up = 2 + p["gap"], math.sqrt(3) / 2
+        row = np.round(y / (spacing * up))
+        home = np.stack([x - spacing * np.round(x / spacing - row / 2) - spacing * row / 2, y - spacing * up * row], 1)
+        return disks(home, spacing * lattice((1, 0), (0.5, up), 2), 1.0)
+    if name == "stadium":
+        return p["radius"] - np.hypot(np.maximum(np.abs(x) - p["side"] / 2, 0), y)
+    if name == "ellipse":
+        return 1 - np.hypot(x / p["a"], y / p["b"])
+    return y * math.sin(p["angle"]) - np.abs(x) * math.cos(p["angle"])
+
+
+def path(problem, x, t):
+    """Positions (times, 2), by complex numbers and by Galilei."""
+    q, v, t = complex(*x[:2]), complex(*x[2:]), np.asarray(t)
+    field = problem.parameters.get("field", 0.0)
+    if field:
+        z = q + v * (np.exp(1j * field * t) - 1) / (1j * field)
+    else:
+        z = q + v * t - (0.5j * t**2 if problem.name == "wedge" else 0)
+    return np.stack([z.real, z.imag], axis=1)
+
+
+def first_contact(problem, x, longest, n=8000):
+    """Dense sampling, then bisection; inf where nothing comes within the longest time."""
+    t = np.linspace(0, longest, n + 1)[1:]
+    behind = np.flatnonzero(clearance(problem, path(problem, x, t)) < 0)
+    if behind.size == 0:
+        return np.inf
+    low, high = t[behind[0]] - t[0], t[behind[0]]
+    for _ in range(60):
+        middle = (low + high) / 2
+        outside = clearance(problem, path(problem, x, [middle]))[0] < 0
+        low, high = (low, middle) if outside else (middle, high)
+    return low
+
+
+def random_states(problem, count, seed):
+    """Points between the walls, at least 1e-3 off, and directions."""
+    rng, states = np.random.default_rng(seed), []
+    while len(states) < count:
+        q = rng.uniform(-3, 3, (1, 2))
+        if clearance(problem, q)[0] > 1e-3:
+            angle = rng.uniform(0, 2 * math.pi)
+            states.append([*q[0], math.cos(angle), math.sin(angle)])
+    return np.array(states)
+
+
+def contacts(problem, states):
+    """Up to the first wall (or 40 looks), for all states: time, which, state after the flight and after the jump."""
+    system, args = problem.system, problem.args
+
+    def flight(x):
+        def look(carry):
+            x, flown, _, looks = carry
+            dt, which = system.next_event(0.0, x, args)
+            return system.flow(jnp.where(dt < jnp.inf, dt, 0.0), 0.0, x, args), flown + dt, which, looks + 1
+
+        x, flown, which, _ = jax.lax.while_loop(
+            lambda c: (c[2] < 0) & (c[3] < 40) & (c[1] < jnp.inf), look, (x, 0.0, jnp.asarray(-1), 0)
+        )
+        return flown, which, x, system.jump(0.0, x, args, which)
+
+    return [np.asarray(a) for a in jax.jit(jax.vmap(flight))(jnp.asarray(states))]
+
+
+FAR = 40.0  # not followed further by brute force
+
+
+def assert_first(problem, x, dt):
+    """The brute force finds this contact and no earlier one."""
+    expected = first_contact(problem, x, min(dt, FAR) * 1.001)
+    if dt < FAR:
+        assert_allclose(dt, expected, atol=1e-9)
+    else:
+        assert expected == np.inf
+
+
+@each(ALL)
+def test_the_first_contact_is_that_of_brute_force(name, parameters):
+    problem = zoo.get(name)(**parameters)
+    states = random_states(problem, 150, seed=1)
+    times, which, _, _ = contacts(problem, states)
+    for x, dt in zip(states, times, strict=True):
+        assert_first(problem, x, dt)
+    assert np.all(which[times < np.inf] >= 0)
+
+
+@each(ALL)
+def test_after_a_reflection_too(name, parameters):
+    """From the wall itself: the start is left before sampling begins, and no wall is left out."""
+    problem = zoo.get(name)(**parameters)
+    states = random_states(problem, 150, seed=2)
+    for _ in range(3):
+        times, _, _, after = contacts(problem, states)
+        states = after[times < np.inf]
+    times, _, landed, _ = contacts(problem, states)
+    finite = times < np.inf
+    assert np.all(times > 0)
+    assert np.max(np.abs(clearance(problem, landed[finite, :2]))) < 1e-12
+    for x, dt in zip(states, times, strict=True):
+        t = min(dt, FAR) * np.linspace(1e-3, 1 - 1e-3, 4000)
+        assert np.all(clearance(problem, path(problem, x, t)) > -1e-13)
+
+
+@each([("stadium", {}), ("ellipse", {}), ("sinai_billiard", {"field": 9.0}), ("stadium", {"field": 0.4})])
+@pytest.mark.parametrize("angle", [1e-2, 1e-4, 1e-6])
+def test_whispers_along_a_wall(name, parameters, angle):
+    """Many hops of twice the angle at which the wall is left, times the radius."""
+    problem = zoo.get(name)(**parameters)
+    system, args = problem.system, problem.args
+    q = {"stadium": [1.5, 0.0], "ellipse": [2.0, 0.0], "sinai_billiard": [0.4, 0.0]}[name]
+    inward = 1 if name == "sinai_billiard" else -1
+    x, hops = jnp.array([*q, inward * math.sin(angle), math.cos(angle)]), []
+    next_event, flow, jump = jax.jit(system.next_event), jax.jit(system.flow), jax.jit(system.jump)
+    for _ in range(50):
+        dt, which = next_event(0.0, x, args)
+        x = jump(0.0, flow(dt, 0.0, x, args), args, which)
+        hops.append(float(dt))
+        assert abs(clearance(problem, np.asarray(x)[None, :2])[0]) < 1e-13
+    curvature = {"stadium": 1.0, "ellipse": 2.0, "sinai_billiard": 1 / 0.4}[name] - parameters.get("field", 0.0)
+    assert_allclose(hops[0], 2 * angle / abs(curvature), rtol=1e-3)
+    assert_allclose(hops[:5] if name == "ellipse" else hops[: int(1 / hops[0])], hops[0], rtol=0.02)
+
+
+def test_no_disk_is_missed_along_open_corridors():
+    """Gap 1: rays that fly far, against all disks of a large patch at once."""
+    problem = zoo.lorentz_gas(gap=1.0)
+    states = random_states(problem, 400, seed=3)
+    states[::2, 2:] = [1.0, 0.0]  # along a corridor, slightly off
+    states[::2, 3] = np.linspace(-0.2, 0.2, 200)
+    states[:, 2:] /= np.linalg.norm(states[:, 2:], axis=1, keepdims=True)
+    times, which, _, _ = contacts(problem, states)
+    centres = 3.0 * lattice((1, 0), (0.5, math.sqrt(3) / 2), 60)
+    d = centres[None] - states[:, None, :2]
+    along = np.einsum("snk,sk->sn", d, states[:, 2:])
+    off = np.sum(d * d, axis=2) - along**2
+    expected = np.min(np.where((off < 1) & (along > 0), along - np.sqrt(np.maximum(1 - off, 0)), np.inf), axis=1)
+    near = expected < 50
+    assert np.sum((expected > 10) & near) > 20
+    assert np.all(which[near] == 0)
+    assert_allclose(times[near], expected[near], rtol=1e-10, atol=1e-10)
+
+
+def test_a_finite_horizon_is_one():
+    """The bound 4/√3 − 2: no straight path is longer below it, and some are above."""
+    longest = []
+    for gap in (0.3, 0.35):
+        problem = zoo.lorentz_gas(gap=gap)
+        times = contacts(problem, random_states(problem, 20_000, seed=4))[0]
+        longest.append(np.max(times))
+    assert longest[0] < 6 < 12 < longest[1]
+
+
+# Laws.
+
+
+def returns(problem, x, events, args):
+    """The state after so many looks and half of the next flight."""
+    for _ in range(events):
+        dt, which = problem.system.next_event(0.0, x, args)
+        x = problem.system.jump(0.0, problem.system.flow(dt, 0.0, x, args), args, which)
+    return x
+
+
+@each(ALL)
+def test_the_tangent_map_is_that_of_the_trajectory(name, parameters):
+    """Central differences over several reflections, and the derivative through next_event itself."""
+    problem = zoo.get(name)(**parameters)
+    system, args, t1 = problem.system, problem.args, {"sinai_billiard": 2.2, "stadium": 6.0}.get(name, 5.0)
+    found = lh.tangent_map(system, problem.x0, args, t1=t1)
+    assert found.jumps >= 2
+
+    @jax.jit
+    def end(x):
+        def go(carry):
+            x, left = carry
+            dt, which = system.next_event(0.0, x, args)
+            return system.jump(0.0, system.flow(dt, 0.0, x, args), args, which), left - dt
+
+        x, left = jax.lax.while_loop(lambda c: system.next_event(0.0, c[0], args)[0] < c[1], go, (x, jnp.asarray(t1)))
+        return system.flow(left, 0.0, x, args)
+
+    scale, h = np.max(np.abs(found.matrix)), 1e-6
+    assert_allclose(found.x, end(problem.x0), atol=1e-11 * scale)
+    assert_allclose(found.matrix, jax.jacfwd(end)(problem.x0), atol=1e-9 * scale)
+    differences = [(end(problem.x0 + h * e) - end(problem.x0 - h * e)) / (2 * h) for e in np.eye(4)]
+    assert_allclose(found.matrix, np.array(differences).T, atol=1e-5 * scale)
+
+
+@each(ALL)
+def test_energy_is_conserved(name, parameters):
+    problem = zoo.get(name)(**parameters)
+    run = lh.trajectory(problem.system, problem.x0, problem.args, t1=200.0, n=50)
+    q, v = np.asarray(run.x)[:, :2], np.asarray(run.x)[:, 2:]
+    energy = np.sum(v * v, axis=1) / 2 + (q[:, 1] if name == "wedge" else 0)
+    assert len(run.events) > 30
+    assert_allclose(energy, energy[0], rtol=1e-12)
+
+
+def test_the_ellipse_conserves_the_product_of_two_angular_momenta():
+    problem = zoo.ellipse(a=1.7, b=1.1)
+    run = lh.trajectory(problem.system, problem.x0, problem.args, t1=1000.0, n=200)
+    x, y, vx, vy = np.asarray(run.x).T
+    focus = math.sqrt(1.7**2 - 1.1**2)
+    product = ((x - focus) * vy - y * vx) * ((x + focus) * vy - y * vx)
+    assert abs(product[0]) > 0.01
+    assert_allclose(product, product[0], atol=1e-10)
+
+
+def test_one_unit_of_length_is_as_good_as_another():
+    """A stadium three times as large has exponents a third as large."""
+    small, large = zoo.stadium(), zoo.stadium(side=3.0, radius=3.0)
+    one, other = (lh.tangent_map(p.system, p.x0, p.args, t1=t) for p, t in ((small, 6.0), (large, 18.0)))
+    units = np.array([3.0, 3.0, 1.0, 1.0])
+    assert_allclose(other.x, units * np.asarray(one.x), rtol=1e-10)
+    assert_allclose(other.matrix, units[:, None] * np.asarray(one.matrix) / units, rtol=1e-8, atol=1e-8)
+
+
+# Fields.
+
+
+@each([(name, {}) for name in ("sinai_billiard", "lorentz_gas", "stadium")])
+def test_a_weak_field_is_none(name, parameters):
+    """A traced field may be 0: the same as without; its derivative there is that of small fields."""
+    build = zoo.get(name)
+    straight = build()
+
+    @jax.jit
+    def end(field):
+        problem = build(field=field)
+        return returns(problem, straight.x0, 4, problem.args)
+
+    at_zero, slope = jax.jvp(end, (0.0,), (1.0,))
+    assert_allclose(at_zero, returns(straight, straight.x0, 4, straight.args), atol=1e-13)
+    assert np.max(np.abs(slope)) > 0.1
+    assert_allclose(slope, (end(1e-6) - end(-1e-6)) / 2e-6, rtol=1e-6, atol=1e-5 * np.max(np.abs(slope)))
+    for field in (1e-14, 1e-10, 1e-5):
+        assert_allclose(jax.jvp(end, (field,), (1.0,))[1], slope, rtol=1e-3)
+        assert_allclose(end(field), at_zero + field * slope, atol=1e3 * field**2 + 1e-12)
+
+
+def test_another_field_does_not_compile_again():
+    a, b = zoo.stadium(field=0.3), zoo.stadium(field=-2.0)
+    assert a.system is b.system is not zoo.stadium().system
+    assert not a.system.canonical
+    assert zoo.stadium().system.canonical
+
+
+def test_a_point_that_meets_no_wall_turns_for_ever():
+    for name in ("sinai_billiard", "stadium"):
+        problem = zoo.get(name)(field=20.0)
+        assert problem.system.next_event(0.0, problem.x0, problem.args)[0] == jnp.inf
+        run = lh.tangent_map(problem.system, problem.x0, problem.args, t1=20 * math.pi)
+        assert run.jumps == 0
+        assert_allclose(run.x, problem.x0, atol=1e-12)  # 200 turns
+
+
+# Exponents and free paths.
+
+
+def starts(problem, count, seed=0):
+    """Independent points and directions, spread uniformly."""
+    return jnp.asarray(random_states(problem, count, seed))
