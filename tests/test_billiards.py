@@ -1,5 +1,6 @@
 """Billiards: contacts against brute force, exponents and free paths against what is known, laws, fields."""
 
+import functools
 import math
 
 import jax
@@ -73,7 +74,7 @@ def path(problem, x, t):
     return np.stack([z.real, z.imag], axis=1)
 
 
-def first_contact(problem, x, longest, n=8000):
+def first_contact(problem, x, longest, n=3000):
     """Dense sampling, then bisection; inf where nothing comes within the longest time."""
     t = np.linspace(0, longest, n + 1)[1:]
     behind = np.flatnonzero(clearance(problem, path(problem, x, t)) < 0)
@@ -89,13 +90,11 @@ def first_contact(problem, x, longest, n=8000):
 
 def random_states(problem, count, seed):
     """Points between the walls, at least 1e-3 off, and directions."""
-    rng, states = np.random.default_rng(seed), []
-    while len(states) < count:
-        q = rng.uniform(-3, 3, (1, 2))
-        if clearance(problem, q)[0] > 1e-3:
-            angle = rng.uniform(0, 2 * math.pi)
-            states.append([*q[0], math.cos(angle), math.sin(angle)])
-    return np.array(states)
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(-3, 3, (40 * count, 2))
+    q = q[clearance(problem, q) > 1e-3][:count]
+    angle = rng.uniform(0, 2 * math.pi, count)
+    return np.stack([*q.T, np.cos(angle), np.sin(angle)], axis=1)
 
 
 def contacts(problem, states):
@@ -131,27 +130,27 @@ def assert_first(problem, x, dt):
 @each(ALL)
 def test_the_first_contact_is_that_of_brute_force(name, parameters):
     problem = zoo.get(name)(**parameters)
-    states = random_states(problem, 150, seed=1)
+    states = random_states(problem, 60, seed=1)
     times, which, _, _ = contacts(problem, states)
     for x, dt in zip(states, times, strict=True):
         assert_first(problem, x, dt)
-    assert np.all(which[times < np.inf] >= 0)
+    assert np.all(which[times < FAR] >= 0)
 
 
 @each(ALL)
 def test_after_a_reflection_too(name, parameters):
     """From the wall itself: the start is left before sampling begins, and no wall is left out."""
     problem = zoo.get(name)(**parameters)
-    states = random_states(problem, 150, seed=2)
+    states = random_states(problem, 60, seed=2)
     for _ in range(3):
         times, _, _, after = contacts(problem, states)
-        states = after[times < np.inf]
+        states = after[times < FAR]
     times, _, landed, _ = contacts(problem, states)
-    finite = times < np.inf
+    met = times < FAR
     assert np.all(times > 0)
-    assert np.max(np.abs(clearance(problem, landed[finite, :2]))) < 1e-12
+    assert np.max(np.abs(clearance(problem, landed[met, :2]))) < 1e-12
     for x, dt in zip(states, times, strict=True):
-        t = min(dt, FAR) * np.linspace(1e-3, 1 - 1e-3, 4000)
+        t = min(dt, FAR) * np.linspace(1e-3, 1 - 1e-3, 2000)
         assert np.all(clearance(problem, path(problem, x, t)) > -1e-13)
 
 
@@ -189,7 +188,7 @@ def test_no_disk_is_missed_along_open_corridors():
     off = np.sum(d * d, axis=2) - along**2
     expected = np.min(np.where((off < 1) & (along > 0), along - np.sqrt(np.maximum(1 - off, 0)), np.inf), axis=1)
     near = expected < 50
-    assert np.sum((expected > 10) & near) > 20
+    assert np.sum((expected > 10) & near) > 10
     assert np.all(which[near] == 0)
     assert_allclose(times[near], expected[near], rtol=1e-10, atol=1e-10)
 
@@ -207,43 +206,46 @@ def test_a_finite_horizon_is_one():
 # Laws.
 
 
-def returns(problem, x, events, args):
-    """The state after so many looks and half of the next flight."""
-    for _ in range(events):
-        dt, which = problem.system.next_event(0.0, x, args)
-        x = problem.system.jump(0.0, problem.system.flow(dt, 0.0, x, args), args, which)
-    return x
+def start(problem):
+    """Where the problem starts; in a strong field near a wall, for in the middle no wall is met."""
+    near = {-9.0: [0.45, 0.0, -1.0, 0.0], 3.0: [0.1, 0.9, 0.6, 0.8]}
+    return jnp.asarray(near.get(problem.parameters.get("field"), problem.x0))
 
 
-@each(ALL)
-def test_the_tangent_map_is_that_of_the_trajectory(name, parameters):
-    """Central differences over several reflections, and the derivative through next_event itself."""
-    problem = zoo.get(name)(**parameters)
-    system, args, t1 = problem.system, problem.args, {"sinai_billiard": 2.2, "stadium": 6.0}.get(name, 5.0)
-    found = lh.tangent_map(system, problem.x0, args, t1=t1)
-    assert found.jumps >= 2
+@functools.cache
+def end(system):
+    """(x, args, t1) -> the state at t1, by nothing but the system's own functions."""
 
-    @jax.jit
-    def end(x):
+    def run(x, args, t1):
         def go(carry):
             x, left = carry
             dt, which = system.next_event(0.0, x, args)
             return system.jump(0.0, system.flow(dt, 0.0, x, args), args, which), left - dt
 
-        x, left = jax.lax.while_loop(lambda c: system.next_event(0.0, c[0], args)[0] < c[1], go, (x, jnp.asarray(t1)))
+        x, left = jax.lax.while_loop(lambda c: system.next_event(0.0, c[0], args)[0] < c[1], go, (x, t1))
         return system.flow(left, 0.0, x, args)
 
-    scale, h = np.max(np.abs(found.matrix)), 1e-6
-    assert_allclose(found.x, end(problem.x0), atol=1e-11 * scale)
-    assert_allclose(found.matrix, jax.jacfwd(end)(problem.x0), atol=1e-9 * scale)
-    differences = [(end(problem.x0 + h * e) - end(problem.x0 - h * e)) / (2 * h) for e in np.eye(4)]
-    assert_allclose(found.matrix, np.array(differences).T, atol=1e-5 * scale)
+    return jax.jit(jax.vmap(run, (0, None, None)))
+
+
+@each(ALL)
+def test_the_tangent_map_is_that_of_the_trajectory(name, parameters):
+    """Central differences over several reflections."""
+    problem = zoo.get(name)(**parameters)
+    x0, t1, h = start(problem), {"sinai_billiard": 2.0, "lorentz_gas": 3.5}.get(name, 6.0), 1e-6
+    found = lh.tangent_map(problem.system, x0, problem.args, t1=t1)
+    assert found.jumps >= 3
+    around = x0[None, :] + h * np.concatenate([np.zeros((1, 4)), np.eye(4), -np.eye(4)])
+    ends = np.asarray(end(problem.system)(around, problem.args, t1))
+    scale = np.max(np.abs(found.matrix))
+    assert_allclose(found.x, ends[0], atol=1e-12 * scale)
+    assert_allclose(found.matrix, (ends[1:5] - ends[5:]).T / (2 * h), atol=1e-5 * scale)
 
 
 @each(ALL)
 def test_energy_is_conserved(name, parameters):
     problem = zoo.get(name)(**parameters)
-    run = lh.trajectory(problem.system, problem.x0, problem.args, t1=200.0, n=50)
+    run = lh.trajectory(problem.system, start(problem), problem.args, t1=200.0, n=50)
     q, v = np.asarray(run.x)[:, :2], np.asarray(run.x)[:, 2:]
     energy = np.sum(v * v, axis=1) / 2 + (q[:, 1] if name == "wedge" else 0)
     assert len(run.events) > 30
@@ -274,22 +276,32 @@ def test_one_unit_of_length_is_as_good_as_another():
 
 @each([(name, {}) for name in ("sinai_billiard", "lorentz_gas", "stadium")])
 def test_a_weak_field_is_none(name, parameters):
-    """A traced field may be 0: the same as without; its derivative there is that of small fields."""
+    """A traced field may be 0: the same as without; its derivative, also of the contacts, is that of small fields."""
     build = zoo.get(name)
     straight = build()
 
-    @jax.jit
-    def end(field):
-        problem = build(field=field)
-        return returns(problem, straight.x0, 4, problem.args)
+    def bounce(_, x, system, args):
+        dt, which = system.next_event(0.0, x, args)
+        return system.jump(0.0, system.flow(dt, 0.0, x, args), args, which)
 
-    at_zero, slope = jax.jvp(end, (0.0,), (1.0,))
-    assert_allclose(at_zero, returns(straight, straight.x0, 4, straight.args), atol=1e-13)
-    assert np.max(np.abs(slope)) > 0.1
-    assert_allclose(slope, (end(1e-6) - end(-1e-6)) / 2e-6, rtol=1e-6, atol=1e-5 * np.max(np.abs(slope)))
-    for field in (1e-14, 1e-10, 1e-5):
-        assert_allclose(jax.jvp(end, (field,), (1.0,))[1], slope, rtol=1e-3)
-        assert_allclose(end(field), at_zero + field * slope, atol=1e3 * field**2 + 1e-12)
+    def run(field):
+        problem = build(field=field)
+        step = functools.partial(bounce, system=problem.system, args=problem.args)
+        return jax.lax.fori_loop(0, 4, step, straight.x0)
+
+    def with_slope(field):
+        return jax.jvp(run, (field,), (1.0,))
+
+    fields = jnp.array([0.0, 1e-6, -1e-6, 1e-14, 1e-10, 1e-5])
+    ends, slopes = map(np.asarray, jax.jit(jax.vmap(with_slope))(fields))
+    expected = straight.x0
+    for _ in range(4):
+        expected = bounce(0, expected, straight.system, straight.args)
+    assert_allclose(ends[0], expected, atol=1e-13)
+    scale = np.max(np.abs(slopes[0]))
+    assert scale > 0.1
+    assert_allclose(slopes[0], (ends[1] - ends[2]) / 2e-6, atol=1e-5 * scale)
+    assert_allclose(slopes[3:], np.tile(slopes[0], (3, 1)), atol=1e-3 * scale)
 
 
 def test_another_field_does_not_compile_again():
