@@ -97,22 +97,28 @@ def random_states(problem, count, seed):
     return np.stack([*q.T, np.cos(angle), np.sin(angle)], axis=1)
 
 
-def contacts(problem, states):
-    """Up to the first wall (or 40 looks), for all states: time, which, state after the flight and after the jump."""
-    system, args = problem.system, problem.args
+@functools.cache
+def flights(system):
+    """(states, args) -> up to the first wall or 40 looks: time, which, states after the flight and after the jump."""
 
-    def flight(x):
+    def flight(x, args):
         def look(carry):
             x, flown, _, looks = carry
             dt, which = system.next_event(0.0, x, args)
             return system.flow(jnp.where(dt < jnp.inf, dt, 0.0), 0.0, x, args), flown + dt, which, looks + 1
 
-        x, flown, which, _ = jax.lax.while_loop(
-            lambda c: (c[2] < 0) & (c[3] < 40) & (c[1] < jnp.inf), look, (x, 0.0, jnp.asarray(-1), 0)
-        )
+        def on(carry):
+            _, flown, which, looks = carry
+            return (which < 0) & (looks < 40) & (flown < jnp.inf)
+
+        x, flown, which, _ = jax.lax.while_loop(on, look, (x, 0.0, jnp.asarray(-1), 0))
         return flown, which, x, system.jump(0.0, x, args, which)
 
-    return [np.asarray(a) for a in jax.jit(jax.vmap(flight))(jnp.asarray(states))]
+    return jax.jit(jax.vmap(flight, (0, None)))
+
+
+def contacts(problem, states):
+    return [np.asarray(a) for a in flights(problem.system)(jnp.asarray(states), problem.args)]
 
 
 FAR = 40.0  # not followed further by brute force
@@ -129,24 +135,18 @@ def assert_first(problem, x, dt):
 
 @each(ALL)
 def test_the_first_contact_is_that_of_brute_force(name, parameters):
+    """From anywhere; and from the wall itself, which is left before sampling begins."""
     problem = zoo.get(name)(**parameters)
     states = random_states(problem, 60, seed=1)
-    times, which, _, _ = contacts(problem, states)
+    times, which, _, after = contacts(problem, states)
+    assert np.all(which[times < FAR] >= 0)
     for x, dt in zip(states, times, strict=True):
         assert_first(problem, x, dt)
-    assert np.all(which[times < FAR] >= 0)
-
-
-@each(ALL)
-def test_after_a_reflection_too(name, parameters):
-    """From the wall itself: the start is left before sampling begins, and no wall is left out."""
-    problem = zoo.get(name)(**parameters)
-    states = random_states(problem, 60, seed=2)
     for _ in range(3):
-        times, _, _, after = contacts(problem, states)
-        states = after[times < FAR]
-    times, _, landed, _ = contacts(problem, states)
+        states = np.where((times < FAR)[:, None], after, states)
+        times, _, landed, after = contacts(problem, states)
     met = times < FAR
+    assert np.sum(met) > 20
     assert np.all(times > 0)
     assert np.max(np.abs(clearance(problem, landed[met, :2]))) < 1e-12
     for x, dt in zip(states, times, strict=True):
@@ -228,11 +228,19 @@ def end(system):
     return jax.jit(jax.vmap(run, (0, None, None)))
 
 
-@each(ALL)
+QUICK = (("sinai_billiard", {"radius": 0.2}), ("stadium", {"field": -0.4}))
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters"),
+    [pytest.param(*case, marks=() if case in QUICK else pytest.mark.slow) for case in ALL],
+    ids=[f"{n}{p or ''}" for n, p in ALL],
+)
 def test_the_tangent_map_is_that_of_the_trajectory(name, parameters):
-    """Central differences over several reflections."""
+    """Central differences over several reflections; and energy is conserved."""
     problem = zoo.get(name)(**parameters)
-    x0, t1, h = start(problem), {"sinai_billiard": 2.0, "lorentz_gas": 3.5}.get(name, 6.0), 1e-6
+    x0, h = start(problem), 1e-6
+    t1 = {"sinai_billiard": 5.0 if "radius" in parameters else 2.0, "lorentz_gas": 3.5}.get(name, 8.0)
     found = lh.tangent_map(problem.system, x0, problem.args, t1=t1)
     assert found.jumps >= 3
     around = x0[None, :] + h * np.concatenate([np.zeros((1, 4)), np.eye(4), -np.eye(4)])
@@ -240,42 +248,41 @@ def test_the_tangent_map_is_that_of_the_trajectory(name, parameters):
     scale = np.max(np.abs(found.matrix))
     assert_allclose(found.x, ends[0], atol=1e-12 * scale)
     assert_allclose(found.matrix, (ends[1:5] - ends[5:]).T / (2 * h), atol=1e-5 * scale)
+    late = np.asarray(end(problem.system)(around, problem.args, 500.0))
+    assert_allclose(energy(problem, late), energy(problem, around), rtol=1e-12)
 
 
-@each(ALL)
-def test_energy_is_conserved(name, parameters):
-    problem = zoo.get(name)(**parameters)
-    run = lh.trajectory(problem.system, start(problem), problem.args, t1=200.0, n=50)
-    q, v = np.asarray(run.x)[:, :2], np.asarray(run.x)[:, 2:]
-    energy = np.sum(v * v, axis=1) / 2 + (q[:, 1] if name == "wedge" else 0)
-    assert len(run.events) > 30
-    assert_allclose(energy, energy[0], rtol=1e-12)
+def energy(problem, x):
+    return np.sum(x[:, 2:] ** 2, axis=1) / 2 + (x[:, 1] if problem.name == "wedge" else 0)
 
 
 def test_the_ellipse_conserves_the_product_of_two_angular_momenta():
     problem = zoo.ellipse(a=1.7, b=1.1)
-    run = lh.trajectory(problem.system, problem.x0, problem.args, t1=1000.0, n=200)
-    x, y, vx, vy = np.asarray(run.x).T
     focus = math.sqrt(1.7**2 - 1.1**2)
-    product = ((x - focus) * vy - y * vx) * ((x + focus) * vy - y * vx)
-    assert abs(product[0]) > 0.01
-    assert_allclose(product, product[0], atol=1e-10)
+
+    def product(states):
+        x, y, vx, vy = np.asarray(states).T
+        return ((x - focus) * vy - y * vx) * ((x + focus) * vy - y * vx)
+
+    states = random_states(problem, 9, seed=5)
+    assert np.ptp(product(states)) > 1
+    assert_allclose(product(end(problem.system)(states, problem.args, 1000.0)), product(states), atol=1e-10)
 
 
-def test_one_unit_of_length_is_as_good_as_another():
-    """A stadium three times as large has exponents a third as large."""
-    small, large = zoo.stadium(), zoo.stadium(side=3.0, radius=3.0)
-    one, other = (lh.tangent_map(p.system, p.x0, p.args, t1=t) for p, t in ((small, 6.0), (large, 18.0)))
-    units = np.array([3.0, 3.0, 1.0, 1.0])
-    assert_allclose(other.x, units * np.asarray(one.x), rtol=1e-10)
-    assert_allclose(other.matrix, units[:, None] * np.asarray(one.matrix) / units, rtol=1e-8, atol=1e-8)
+def test_the_wedge_conserves_energy():
+    problem = zoo.wedge(angle=1.1)
+    states = random_states(problem, 9, seed=6)
+    late = np.asarray(end(problem.system)(states, problem.args, 1000.0))
+    assert_allclose(energy(problem, late), energy(problem, states), rtol=1e-12)
 
 
 # Fields.
 
 
-@each([(name, {}) for name in ("sinai_billiard", "lorentz_gas", "stadium")])
-def test_a_weak_field_is_none(name, parameters):
+@pytest.mark.parametrize(
+    "name", ["stadium", *(pytest.param(name, marks=pytest.mark.slow) for name in ("sinai_billiard", "lorentz_gas"))]
+)
+def test_a_weak_field_is_none(name):
     """A traced field may be 0: the same as without; its derivative, also of the contacts, is that of small fields."""
     build = zoo.get(name)
     straight = build()
@@ -315,14 +322,88 @@ def test_a_point_that_meets_no_wall_turns_for_ever():
     for name in ("sinai_billiard", "stadium"):
         problem = zoo.get(name)(field=20.0)
         assert problem.system.next_event(0.0, problem.x0, problem.args)[0] == jnp.inf
-        run = lh.tangent_map(problem.system, problem.x0, problem.args, t1=20 * math.pi)
-        assert run.jumps == 0
-        assert_allclose(run.x, problem.x0, atol=1e-12)  # 200 turns
+        late = end(problem.system)(jnp.tile(problem.x0, (9, 1)), problem.args, 20 * math.pi)
+        assert_allclose(late[0], problem.x0, atol=1e-12)  # after 200 turns
 
 
 # Exponents and free paths.
 
 
-def starts(problem, count, seed=0):
-    """Independent points and directions, spread uniformly."""
-    return jnp.asarray(random_states(problem, count, seed))
+def assert_within(value, error, known, known_error, deviations, gate, what):
+    off = (value - known) / math.hypot(error, known_error)
+    print(f"{what}: {value:.6g} ± {error:.2g}, known {known:.6g} ± {known_error:.2g}: off by {off:.2f} standard errors")
+    assert error <= gate * known
+    assert abs(off) <= deviations
+
+
+slow = pytest.mark.slow
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters", "key", "jumps"),
+    [
+        ("lorentz_gas", {"gap": 0.3}, ("tri", 0.3), 4000),
+        pytest.param("sinai_billiard", {"radius": 0.4}, ("sq", 0.4), 20_000, marks=slow),
+        pytest.param("sinai_billiard", {"radius": 0.2}, ("sq", 0.2), 20_000, marks=slow),
+        pytest.param("stadium", {"side": 1.0}, ("stad", 1), 20_000, marks=slow),
+        pytest.param("lorentz_gas", {"gap": 0.8}, None, 20_000, marks=slow),  # open corridors
+        pytest.param("sinai_billiard", {"radius": 0.4, "field": 0.5}, None, 20_000, marks=slow),
+    ],
+)
+def test_exponents_and_free_paths(event_driven, name, parameters, key, jumps):
+    """Sixteen independent starts, each with the same number of reflections."""
+    problem, m = zoo.get(name)(**parameters), 16
+    run = problem.spectrum(x0=random_states(problem, m, seed=7), t1=jumps, transient=0, clock="jumps")
+    paths, per_jump = np.asarray(run.t) / jumps, np.asarray(run.replicates[:, 0])
+
+    def error(values):
+        return np.std(values, ddof=1) / math.sqrt(m)
+
+    free_path, values = zoo.mean_free_path(problem), np.asarray(run.exponents)
+    assert_within(np.mean(paths), error(paths), free_path, 0.0, 3, 0.01, "mean free path")
+    assert_allclose(values[1:-1], 0, atol=10 * math.log(jumps) / jumps)
+    assert_allclose(values + values[::-1], 0, atol=1e-9 if problem.system.canonical else 1e-3)
+    if key is None:
+        return
+    known = event_driven["billiards"][key]
+    assert_allclose(free_path, known["mfp_exact"], rtol=1e-11)
+    reference = problem.reference
+    assert (reference.exponents[0], reference.stderr[0]) == (known["lam_time_best"], known["se_best"])
+    per_time = per_jump / paths
+    assert_within(values[0], error(per_jump), known["lam_coll"], known["se_coll"], 5, 0.01, "per reflection")
+    assert_within(np.mean(per_time), error(per_time), known["lam_time_best"], known["se_best"], 5, 0.01, "per time")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("build", [zoo.ellipse, zoo.wedge])
+def test_integrable_billiards_have_zero_exponents(build):
+    """They decay like ln t/t."""
+    problem = build()
+    early, late = (np.asarray(problem.spectrum(t1=t1, transient=0.0).exponents) for t1 in (1000.0, 30_000.0))
+    assert_allclose(late, problem.reference.exponents, atol=1e-3)
+    assert np.max(late) < np.max(early) / 10
+
+
+@pytest.mark.slow
+def test_a_wide_wedge_is_chaotic():
+    """And four times the energy halves the exponent."""
+    problem = zoo.wedge(angle=1.1)
+    near = jnp.tile(problem.x0, (8, 1)) * (1 + 1e-6 * jnp.arange(8.0)[:, None])
+    one = problem.spectrum(x0=near, t1=5000.0)
+    other = problem.spectrum(x0=near * jnp.array([[4.0, 4.0, 2.0, 2.0]]), t1=5000.0)
+    assert one.exponents[0] > 0.3
+    assert_allclose(one.exponents + one.exponents[::-1], 0, atol=1e-9)
+    error = math.hypot(one.stderr[0], 2 * other.stderr[0])
+    assert error < 0.01
+    assert abs(one.exponents[0] - 2 * other.exponents[0]) < 5 * error
+
+
+def test_mean_free_paths_are_known_for_some():
+    expected = math.pi * (2 + math.pi / 4) / (4 + math.pi)
+    assert_allclose(zoo.mean_free_path(zoo.stadium(side=2.0, radius=0.5)), expected)
+    slope = jax.grad(lambda r: zoo.mean_free_path(zoo.sinai_billiard(radius=r)))(0.4)
+    assert_allclose(slope, -1 / 0.32 - math.pi / 2)
+    with pytest.raises(
+        ValueError, match="the problem must be one of 'sinai_billiard', 'lorentz_gas', 'stadium'; got 'w"
+    ):
+        zoo.mean_free_path(zoo.wedge())

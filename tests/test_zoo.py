@@ -189,6 +189,12 @@ def test_unknown_names_list_the_valid_ones_nearest_first():
             r"density, aspect and diameter decide",
         ),
         (lambda: zoo.sinai_billiard(radius=0.5), r"radius must be between 0 and 1/2"),
+        (lambda: zoo.sinai_billiard(field=math.inf), r"field must be a finite real number"),
+        (lambda: zoo.lorentz_gas(gap=0), r"gap must be positive; got 0"),
+        (lambda: zoo.stadium(side=-1), r"side must be positive; got -1"),
+        (lambda: zoo.stadium(radius=0), r"radius must be positive; got 0"),
+        (lambda: zoo.ellipse(b=0), r"b must be positive; got 0"),
+        (lambda: zoo.wedge(angle=1.6), r"angle must be between 0 and π/2; got 1.6"),
     ],
 )
 def test_bad_parameters_are_refused(call, message):
