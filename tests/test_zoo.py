@@ -26,7 +26,19 @@ VARIANTS = [
     ("logistic_map", {"r": 2.5}),
     ("standard_map", {"K": 6.9}),
 ]
-variants = pytest.mark.parametrize(("name", "parameters"), VARIANTS, ids=[f"{n}{p or ''}" for n, p in VARIANTS])
+WITHOUT_REFERENCE = [
+    ("sinai_billiard", {"field": 0.5}),
+    ("lorentz_gas", {"field": 0.5}),
+    ("stadium", {"field": 0.5}),
+    ("wedge", {"angle": 1.1}),
+]
+
+
+def parametrize(cases):
+    return pytest.mark.parametrize(("name", "parameters"), cases, ids=[f"{n}{p or ''}" for n, p in cases])
+
+
+variants, all_variants = parametrize(VARIANTS), parametrize(VARIANTS + WITHOUT_REFERENCE)
 
 
 # Every entry.
@@ -61,7 +73,7 @@ def test_every_problem_is_documented(name):
     assert set(names) - {"key"} == set(function().parameters)
 
 
-@variants
+@all_variants
 def test_functions_return_the_shape_of_the_state(name, parameters):
     problem = zoo.get(name)(**parameters)
     system, x, args, t = problem.system, problem.x0, problem.args, jnp.asarray(0.1)
@@ -90,7 +102,7 @@ def test_functions_return_the_shape_of_the_state(name, parameters):
     assert all(y.shape == x.shape and y.dtype == x.dtype and bool(jnp.all(jnp.isfinite(y))) for y in shapes)
 
 
-@variants
+@all_variants
 def test_parameters_that_are_numbers_do_not_change_the_system(name, parameters):
     build = zoo.get(name)
     a = build(**parameters)
@@ -266,6 +278,8 @@ def test_references_of_disks_and_billiards(event_driven):
         known = event_driven["billiards"]["sq", radius]
         reference = zoo.sinai_billiard(radius=radius).reference
         assert (reference.exponents[0], reference.stderr[0]) == (known["lam_time_best"], known["se_best"])
+        assert zoo.sinai_billiard(radius=radius, field=0.1).reference is None
+    assert zoo.stadium(side=2).reference is zoo.stadium(radius=2).reference is zoo.wedge(angle=1).reference is None
     pair, known = (
         zoo.hard_disks(n=2, density=0.32, aspect=1).reference,
         event_driven["hard_disks"]["N2_square_L2.5"],
