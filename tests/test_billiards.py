@@ -56,7 +56,7 @@ def clearance(problem, q):
         spacing, up = 2 + p["gap"], math.sqrt(3) / 2
         row = np.round(y / (spacing * up))
         home = np.stack([x - spacing * np.round(x / spacing - row / 2) - spacing * row / 2, y - spacing * up * row], 1)
-        return disks(home, spacing * lattice((1, 0), (0.5, up), 2), 1.0)
+        return disks(home, spacing * lattice((1, 0), (0.5, up), 1), 1.0)
     if name == "stadium":
         return p["radius"] - np.hypot(np.maximum(np.abs(x) - p["side"] / 2, 0), y)
     if name == "ellipse":
@@ -225,7 +225,7 @@ def end(system):
     return jax.jit(jax.vmap(run, (0, None, None)))
 
 
-QUICK = (("sinai_billiard", {"radius": 0.2}), ("stadium", {"field": -0.4}))
+QUICK = [("stadium", {"field": -0.4})]
 
 
 @pytest.mark.parametrize(
@@ -236,7 +236,7 @@ QUICK = (("sinai_billiard", {"radius": 0.2}), ("stadium", {"field": -0.4}))
 def test_the_tangent_map_is_that_of_the_trajectory(name, parameters):
     """Central differences over several reflections; and energy is conserved."""
     problem = zoo.get(name)(**parameters)
-    x0, h = start(problem), 1e-6
+    x0, h = start(problem), 1e-7
     t1 = {"sinai_billiard": 2.0, "lorentz_gas": 3.5}.get(name, 8.0) * (1.0 if "gap" not in parameters else 2.5)
     t1 = 5.0 if "radius" in parameters and name == "sinai_billiard" else t1
     found = lh.tangent_map(problem.system, x0, problem.args, t1=t1)
