@@ -221,7 +221,7 @@ def test_clocks_read_the_same_run():
     jumps = ray(t1=6, transient=0.0, clock="jumps")
     time, hybrid = (ray(t1=jumps.time * (1 + 1e-9), transient=0.0, clock=clock) for clock in ("time", "hybrid"))
     assert jumps.jumps == time.jumps == hybrid.jumps == 6
-    assert_allclose(hybrid.exponents, time.exponents, rtol=1e-12, atol=1e-12)
+    assert_allclose(hybrid.exponents, time.exponents, rtol=1e-8, atol=1e-8)  # two programs may round differently
     assert_allclose(time.per_jump(), jumps.exponents, rtol=1e-6, atol=1e-6)
 
 

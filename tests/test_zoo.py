@@ -31,7 +31,19 @@ VARIANTS = [
     ("logistic_map", {"r": 2.5}),
     ("standard_map", {"K": 6.9}),
 ]
-variants = pytest.mark.parametrize(("name", "parameters"), VARIANTS, ids=[f"{n}{p or ''}" for n, p in VARIANTS])
+WITHOUT_REFERENCE = [
+    ("sinai_billiard", {"field": 0.5}),
+    ("lorentz_gas", {"field": 0.5}),
+    ("stadium", {"field": 0.5}),
+    ("wedge", {"angle": 1.1}),
+]
+
+
+def parametrize(cases):
+    return pytest.mark.parametrize(("name", "parameters"), cases, ids=[f"{n}{p or ''}" for n, p in cases])
+
+
+variants, all_variants = parametrize(VARIANTS), parametrize(VARIANTS + WITHOUT_REFERENCE)
 
 
 def whole(problem):
@@ -75,7 +87,7 @@ def test_every_problem_is_documented(name):
     assert set(names) - {"key"} == set(function().parameters)
 
 
-@variants
+@all_variants
 def test_functions_return_the_shape_of_the_state(name, parameters):
     problem = zoo.get(name)(**parameters)
     system, x, args, t = whole(problem), problem.x0, problem.args, jnp.asarray(0.1)
@@ -104,7 +116,7 @@ def test_functions_return_the_shape_of_the_state(name, parameters):
     assert all(y.shape == x.shape and y.dtype == x.dtype and bool(jnp.all(jnp.isfinite(y))) for y in shapes)
 
 
-@variants
+@all_variants
 def test_parameters_that_are_numbers_do_not_change_the_system(name, parameters):
     build = zoo.get(name)
     a = build(**parameters)
@@ -214,6 +226,12 @@ def test_unknown_names_list_the_valid_ones_nearest_first():
             r"density, aspect and diameter decide",
         ),
         (lambda: zoo.sinai_billiard(radius=0.5), r"radius must be between 0 and 1/2"),
+        (lambda: zoo.sinai_billiard(field=math.inf), r"field must be a finite real number"),
+        (lambda: zoo.lorentz_gas(gap=0), r"gap must be positive; got 0"),
+        (lambda: zoo.stadium(side=-1), r"side must be positive; got -1"),
+        (lambda: zoo.stadium(radius=0), r"radius must be positive; got 0"),
+        (lambda: zoo.ellipse(b=0), r"b must be positive; got 0"),
+        (lambda: zoo.wedge(angle=1.6), r"angle must be between 0 and π/2; got 1.6"),
     ],
 )
 def test_bad_parameters_are_refused(call, message):
@@ -285,6 +303,8 @@ def test_references_of_disks_and_billiards(event_driven):
         known = event_driven["billiards"]["sq", radius]
         reference = zoo.sinai_billiard(radius=radius).reference
         assert (reference.exponents[0], reference.stderr[0]) == (known["lam_time_best"], known["se_best"])
+        assert zoo.sinai_billiard(radius=radius, field=0.1).reference is None
+    assert zoo.stadium(side=2).reference is zoo.stadium(radius=2).reference is zoo.wedge(angle=1).reference is None
     pair, known = (
         zoo.hard_disks(n=2, density=0.32, aspect=1).reference,
         event_driven["hard_disks"]["N2_square_L2.5"],

@@ -4,7 +4,7 @@
 Parameters that are numbers travel in `args`: changing them does not compile again.
 """
 
-from .disks import sinai_billiard
+from .billiards import ellipse, lorentz_gas, mean_free_path, sinai_billiard, stadium, wedge
 from .hard_particles import hard_disks, hard_spheres
 from .impacts import bouncing_ball, impact_oscillator, kicked_ball, zaslavsky
 from .maps import baker_map, cat_map, henon_map, kaplan_yorke_map, logistic_map, standard_map
@@ -17,6 +17,7 @@ __all__ = [
     "Problem",
     "Reference",
     "get",
+    "mean_free_path",
     "names",
     # maps
     "henon_map",
@@ -41,7 +42,12 @@ __all__ = [
     # the next event known exactly
     "hard_disks",
     "hard_spheres",
+    # billiards
     "sinai_billiard",
+    "lorentz_gas",
+    "stadium",
+    "ellipse",
+    "wedge",
 ]
 
 
@@ -53,7 +59,7 @@ def names() -> list[str]:
         >>> "hard_disks" in zoo.names()
         True
     """
-    return __all__[4:]
+    return __all__[__all__.index("names") + 1 :]
 
 
 def __getattr__(name: str):

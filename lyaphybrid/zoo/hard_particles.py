@@ -8,7 +8,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
+from .billiards import known_reference
 from .particles import SIDES, hard_particles
 from .problem import (
     Problem,
@@ -32,11 +34,6 @@ SOURCE = (
     "Computing Lyapunov Exponents of Hybrid Dynamical Systems"
 )
 
-# Two disks in a square are a Sinai billiard. By diameter over side: its exponent per unit time, standard error
-_SINAI_VALUES = {
-    0.4: (2.738746203850052, 1.1002418984596302e-4),
-    0.2: (1.4700714947236198, 5.032388602553726e-05),
-}
 # by (n, density σ², aspect): positive exponents in units of √(K/(m n))/σ, standard errors, how
 _DISK_VALUES = {
     (4, 0.7, TRIANGULAR): (
@@ -62,10 +59,11 @@ def _disk_reference(n, density, aspect, diameter, mass, energy) -> Reference | N
         if count == n and near((density * diameter**2, aspect), number_density, shape):
             return _paired([v * rate for v in values], [e * rate for e in stderr], 4 * n, how)
     side = math.sqrt(n / density)
-    for ratio, (value, error) in _SINAI_VALUES.items():
-        if n == 2 and near((aspect, diameter / side), 1.0, ratio):
-            speed = 2 * math.sqrt(energy / mass) / side  # relative to the box
-            return _paired([value * speed], [error * speed], 8, "equals the Sinai billiard, ray tracing in C")
+    billiard = known_reference("sinai_billiard", diameter / side, 0.0)
+    if n == 2 and near(aspect, 1.0) and billiard:  # of their relative coordinate
+        speed = 2 * math.sqrt(energy / mass) / side  # relative to the box
+        value, error = billiard.exponents[0] * speed, billiard.stderr[0] * speed
+        return _paired([value], [error], 8, "equals the Sinai billiard, ray tracing in C")
     return None
 
 
@@ -161,8 +159,8 @@ def hard_disks(
     n: int = 4,
     density: Real = 0.7,
     aspect: Real = TRIANGULAR,
-    diameter: Any = 1.0,
-    mass: Any = 1.0,
+    diameter: Real | Float[Array, " n"] = 1.0,
+    mass: Real | Float[Array, " n"] = 1.0,
     kinetic_energy: Real | None = None,
     walls: str = "periodic",
     key: jax.Array | None = None,
@@ -235,8 +233,8 @@ def hard_spheres(
     n: int = 8,
     density: Real = 0.5,
     aspect: tuple[float, float] = (1.0, 1.0),
-    diameter: Any = 1.0,
-    mass: Any = 1.0,
+    diameter: Real | Float[Array, " n"] = 1.0,
+    mass: Real | Float[Array, " n"] = 1.0,
     kinetic_energy: Real | None = None,
     walls: str = "periodic",
     key: jax.Array | None = None,

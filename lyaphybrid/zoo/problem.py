@@ -18,7 +18,6 @@ from ..systems import System
 __all__ = ["Problem", "Real", "Reference", "get", "problem", "unknown"]
 
 P = ParamSpec("P")
-SEVERAL = ("diameter", "mass")  # parameters that may be arrays: what `several` checks
 Real: TypeAlias = Any  # a number, or a traced scalar under jit, vmap and grad
 
 
@@ -258,7 +257,7 @@ def several(name: str, value: Any, n: int) -> Any:
 
 
 def _as_kind_of(default: Any, name: str, value: Any) -> Any:
-    if isinstance(default, float) and name not in SEVERAL:
+    if isinstance(default, float):
         return number(name, value)
     if isinstance(default, int):
         if isinstance(value, bool) or not isinstance(value, int | np.integer):
