@@ -105,7 +105,7 @@ def lyapunov_spectrum(
     x0 = _starts(x0, replicates, key)
     n = x0.shape[-1]
     frame, initial = _frame(system, frame, n, k, x0.dtype)
-    k = frame.shape[-1]
+    k = int(frame.shape[-1])
     kind = frames.kind_for(k) if orthonormalise == "auto" else orthonormalise
     cadence, interval = _cadence(problem, every)
     limit = SUM_RULE_EXACT if isinstance(system, EventDriven) else SUM_RULE_UP_TO

@@ -303,10 +303,10 @@ class EventDriven(eqx.Module):
     """
 
     flow: Callable
-    next_event: Callable | None
+    next_event: Any  # a function; None where there is a schedule
     jump: Callable
     guard: Callable
-    schedule: Schedule | None = None
+    schedule: Any = None
     canonical: bool = eqx.field(static=True, default=False)
 
     def __check_init__(self):

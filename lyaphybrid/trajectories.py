@@ -158,8 +158,9 @@ def _joined(logs, problem, x0) -> Events:
         point = jnp.zeros((0, *problem.shape), x0.dtype)
         return Events(jnp.zeros(0, x0.dtype), none, none, none, none, point, point)
     joined = jax.tree.map(lambda *parts: jnp.concatenate(parts), *(log._replace(count=None) for log in logs))
-    *named, before, after = joined[1:]
-    return Events(*named, runs.in_rows(problem, before), runs.in_rows(problem, after))
+    t, transition, which, mode_before, mode_after, before, after = joined[1:]
+    before, after = runs.in_rows(problem, before), runs.in_rows(problem, after)
+    return Events(t, transition, which, mode_before, mode_after, before, after)
 
 
 def _deliver(result, throw: bool):

@@ -312,10 +312,7 @@ def _ahead(kind: Kind, cache: Predictions, bodies, t):
     apart, velocity, reach = (jnp.stack(part, axis=-2) for part in zip(*found, strict=True))
     contacts = _contacts(kind, apart, velocity, reach, cache.box, cache.roomy)
     if kind.walls:
-        last = [
-            _wall(kind, cache.q[:, b] + t * cache.v[:, b], cache.v[:, b], cache.diameter[b] / 2, cache.box)
-            for b in bodies
-        ]
+        last = [_wall(kind, cache, body, t) for body in bodies]
     else:
         last = [(cache.horizon, jnp.asarray(NEVER, jnp.int32)) for _ in bodies]
     return [(jnp.append(dt, time), other) for dt, (time, other) in zip(contacts, last, strict=True)]

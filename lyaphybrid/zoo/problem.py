@@ -275,7 +275,7 @@ def require(name: str, value: Any, holds: Callable[[Any], bool], wanted: str) ->
 def positive(**values: Any) -> None:
     """Raise where one of the values is known and not above 0."""
     for name, value in values.items():
-        require(name, value, lambda v: np.all(np.asarray(v) > 0), "positive")
+        require(name, value, lambda v: bool(np.all(np.asarray(v) > 0)), "positive")
 
 
 def one_of(name: str, value: Any, choices: tuple[str, ...]) -> None:
