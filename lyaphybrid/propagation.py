@@ -188,7 +188,7 @@ def _block(settings: Settings, journey: Journey, index, end, last_jump):
         if carry.log is not None:  # one event, with its cascade, must find room
             inside = inside & (carry.log.count <= settings.log - MOST_AT_ONCE)
         # Where spans change the state's rounding, how the host divides the work must not decide where they end.
-        whole = in_span and settings.mover.whole_spans
+        whole = in_span and settings.mover.by_rows
         return inside & ((carry.status == RUNNING) if whole else (carry.budget > 0))
 
     # A block always runs once through: what is not to be done is stopped by the budget.
@@ -281,6 +281,8 @@ def _step_by_step(settings: Settings) -> bool:
 
 def _widened(settings: Settings, frame):
     """Rows that fill a vector register: not worth it for one step, nor for the few of a map of the plane."""
+    if settings.mover.by_rows:
+        return frames.staggered(frame)
     few = _step_by_step(settings) or (settings.mover.jumps_uncontrolled and frame.shape[0] < 3)
     return frame if few else frames.widened(frame)
 

@@ -34,7 +34,7 @@ class Exact:
 
     jumps_uncontrolled: ClassVar[bool] = True
     always_common: ClassVar[bool] = False
-    whole_spans: ClassVar[bool] = False
+    by_rows: ClassVar[bool] = False
     longest_interval: ClassVar[float] = LONGEST_BLIND
     spread_wanted: ClassVar[float] = 4.0
 

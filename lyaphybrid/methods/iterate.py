@@ -24,7 +24,7 @@ class Iterating:
     may_lose_rank: ClassVar[bool] = True
     jumps_uncontrolled: ClassVar[bool] = True
     always_common: ClassVar[bool] = True
-    whole_spans: ClassVar[bool] = False
+    by_rows: ClassVar[bool] = False
     longest_interval: ClassVar[float] = LONGEST_BLIND
     spread_wanted: ClassVar[float] = 4.0
 

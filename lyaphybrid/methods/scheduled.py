@@ -16,7 +16,7 @@ from jaxtyping import Array
 from .. import frames
 from ..columns import each_column
 from ..propagation import STRETCHED, Carry, Clock, Events, Settings, log_event, stop
-from ..saltations import delays, push, return_along
+from ..saltations import delays
 from ..statuses import STATUS
 from ..systems import EventDriven
 
@@ -86,7 +86,7 @@ class Scheduled:
 
     jumps_uncontrolled: ClassVar[bool] = True
     always_common: ClassVar[bool] = False
-    whole_spans: ClassVar[bool] = True
+    by_rows: ClassVar[bool] = True
     longest_interval: ClassVar[float] = float(LONGEST)
     spread_wanted: ClassVar[float] = 8.0
 
@@ -149,13 +149,15 @@ class Scheduled:
         index = self.rows.components(which)
         rows, real = c.x[index], _is_event(which)
         new, matrix = self._crossing(t, rows, which)
-        x = _with_rows(c.x, index, new)
+        x, frame = _with_rows(c.x, index, new), c.frame
+        if frame.shape[1] > 0:
+            frame = _with_rows(frame, index, _pushed(real, frame, index, matrix))
         s = jnp.maximum(own.start + t, c.s)
         dt = s - c.s
         entry = None if c.log is None else self._entry(clock, s, t, which, c.x, x)
         stretch = own.stretch
         if settings.cadence.automatic:
-            stretch = jnp.maximum(stretch, jax.lax.stop_gradient(jnp.max(jnp.abs(matrix))))
+            stretch = jnp.maximum(stretch, jax.lax.stop_gradient(functools.reduce(jnp.maximum, map(_largest, matrix))))
         longest = jnp.maximum(own.longest, dt)
         own = Own(
             cache=self.system.schedule.update(own.cache, t, x.reshape(self.shape), self.args, which),
@@ -168,23 +170,39 @@ class Scheduled:
         c = c._replace(
             s=s,
             x=x,
-            frame=_pushed(c.frame, index, matrix),
+            frame=frame,
             since=c.since + (0.0 if settings.cadence.unit == "never" else 1.0),
             jumps=c.jumps + real.astype(jnp.int32),
-            volume=None if c.volume is None else c.volume + frames.log_abs_det(matrix),
+            volume=None if c.volume is None else c.volume + frames.log_abs_det(jnp.stack(matrix)),
             own=own,
             log=c.log if entry is None else log_event(c.log, entry, real),
         )
         c = stop(c, STATUS.zeno, own.streak > 30)
-        return stop(c, STATUS.nonfinite, ~(jnp.all(jnp.isfinite(new)) & jnp.isfinite(t)))
+        return stop(c, STATUS.nonfinite, ~jnp.isfinite(functools.reduce(jnp.add, new, t)))
 
     def _crossing(self, t, rows, which):
-        """The touched components after the event, and S: dy⁺ = S dy."""
-        rest, still = jnp.eye(rows.shape[0], dtype=rows.dtype), jnp.zeros_like(rows)
-        rate, gradient = jax.grad(self.rows.guard, argnums=(0, 1))(t, rows, which)
-        delay = delays(gradient, rate)
-        new, matrix, direction = push(lambda t, rows: self.rows.jump(t, rows, which), t, rows, rest, still)
-        return new, return_along(matrix, direction, still, delay)
+        """The touched components after the event, and the rows of S: dy⁺ = S dy.
+
+        In lists of components: XLA would put an array together entry by entry.
+        """
+        m = rows.shape[0]
+
+        def guard(t, rows):
+            return self.rows.guard(t, rows, which)
+
+        def jump(t, rows):
+            after = self.rows.jump(t, rows, which)
+            return [after[i] for i in range(m)]
+
+        def by_rows(function):
+            return each_column(
+                lambda dy: jax.jvp(lambda rows: function(t, rows), (rows,), (dy,))[1], jnp.eye(m, dtype=rows.dtype)
+            )
+
+        moving, still = jnp.ones_like(t), jnp.zeros_like(rows)
+        delay = delays(by_rows(guard), jax.jvp(guard, (t, rows), (moving, still))[1])
+        new, shift = jax.jvp(jump, (t, rows), (moving, still))
+        return new, [pushed + late * delay for pushed, late in zip(by_rows(jump), shift, strict=True)]
 
     def _entry(self, clock: Clock, s, t, which, before, after) -> Events:
         zero = jnp.asarray(0, jnp.int32)
@@ -208,25 +226,30 @@ class Scheduled:
 
 
 def _with_rows(array: Array, index: Array, rows) -> Array:
-    """The array with some rows replaced, one after the other: a scatter would not be one kernel.
+    """The array with some rows replaced, one after the other: a scatter would not be one kernel."""
+    for i, row in enumerate(rows):
+        array = jax.lax.dynamic_update_index_in_dim(array, row, index[i], 0)
+    return array
 
-    And in a loop, before which all new rows have to be there: else XLA reads rows while it writes others, and copies
-    the array.
+
+def _pushed(real, frame: Array, index: Array, matrix) -> list[Array]:
+    """The touched rows of the frame after the event: S times what they were.
+
+    In a branch, whose results are there before anything is written: else XLA reads some rows while it writes others,
+    and copies the frame.
     """
 
-    def put(i, array):
-        return jax.lax.dynamic_update_index_in_dim(array, rows[i], index[i], 0)
+    def rows():
+        return [jax.lax.dynamic_index_in_dim(frame, index[i], 0, keepdims=False) for i in range(len(matrix))]
 
-    return jax.lax.fori_loop(0, index.shape[0], put, array)
+    def push():
+        return [functools.reduce(jnp.add, [row[j] * dy for j, dy in enumerate(rows())]) for row in matrix]
+
+    return jax.lax.cond(real, push, rows)
 
 
-def _pushed(frame: Array, index: Array, matrix) -> Array:
-    """The touched rows of the frame after the event: S times what they were."""
-    if frame.shape[1] == 0:
-        return frame
-    rows = [jax.lax.dynamic_index_in_dim(frame, index[i], 0, keepdims=False) for i in range(index.shape[0])]
-    new = jnp.stack([sum(matrix[i, j] * row for j, row in enumerate(rows)) for i in range(len(rows))])
-    return _with_rows(frame, index, new)
+def _largest(row):
+    return jnp.max(jnp.abs(row))
 
 
 def _integers(which):
@@ -258,7 +281,7 @@ def predicting_anew(system: EventDriven, shape: tuple[int, ...]) -> EventDriven:
     def jump(t, x, args, which):
         rows = Rows(system, args, shape)
         index = rows.components(which)
-        return _with_rows(x, index, rows.jump(jnp.zeros_like(t), x[index], which))
+        return _with_rows(x, index, list(rows.jump(jnp.zeros_like(t), x[index], which)))
 
     def guard(t, x, args, which):
         rows = Rows(system, args, shape)

@@ -56,7 +56,7 @@ class Stepping:
     max_cascade: int
     curved: bool  # Df depends on x in some mode
 
-    whole_spans: ClassVar[bool] = False
+    by_rows: ClassVar[bool] = False
     longest_interval: ClassVar[float] = 20.0
     spread_wanted: ClassVar[float] = 4.0
 

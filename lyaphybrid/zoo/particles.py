@@ -37,8 +37,9 @@ class Predictions(NamedTuple):
     time: Array  # (n,) of each body's next event, counted from the rebasing
     partner: Array  # (n,) with whom: another body, n + 2·axis + (0 low, 1 high) for a wall, or `NEVER`
     looked: Array  # (n,) the number of the event after which each body was looked at
-    known: Array  # (n, n + 1) times of all events of a body as of that look; the last: a wall, or to look again
-    other: Array  # (n,) the partner that the last one stands for
+    known: Array  # (n, n) times of the contacts of each body as of that look
+    aside: Array  # (n,) and of what is not a contact: a wall, or to look again
+    face: Array  # (n,) which of these
     events: Array  # so far
     first: Array  # whose event is next
     q: Array  # (d, n) comoving
@@ -128,25 +129,27 @@ def _nearest(displacement, box):
 
 
 class Pair(NamedTuple):
-    """Two bodies at the time t."""
+    """Two bodies at the time t, component by component: numbers that XLA need not put together."""
 
-    q: Array  # (2, d) positions at present
-    p: Array  # (2, d)
-    mass: Array  # (2,)
-    apart: Array  # (d,) from the first to the second, or to the image of it that is met
-
-    @property
-    def velocity(self) -> Array:
-        """(d,) of the second relative to the first."""
-        return self.p[1] / self.mass[1] - self.p[0] / self.mass[0]
+    q: tuple[list, list]  # positions at present
+    p: tuple[list, list]
+    mass: tuple[Any, Any]
+    apart: list  # from the first to the second, or to the image of it that is met
 
 
 def _pair(kind: Kind, t, rows, args, which) -> Pair:
-    mass = jnp.stack([_each(kind, args["mass"])[body] for body in _bodies(kind, which)])
-    q, p = rows.reshape(2, 2, kind.d)
-    q = q + (t / mass)[:, None] * p
-    apart = q[1] - q[0]
-    return Pair(q, p, mass, apart if kind.walls else _nearest(apart, _box(kind, args)))
+    d, bodies = kind.d, _bodies(kind, which)
+    mass = tuple(_each(kind, args["mass"])[body] for body in bodies)
+    p = tuple([rows[(2 + i) * d + axis] for axis in range(d)] for i in range(2))
+    q = tuple([rows[i * d + axis] + t / mass[i] * p[i][axis] for axis in range(d)] for i in range(2))
+    apart = [there - here for here, there in zip(*q, strict=True)]
+    if not kind.walls:
+        apart = [_nearest(apart[axis], args[SIDES[axis]]) for axis in range(d)]
+    return Pair(q, p, mass, apart)
+
+
+def _dot(a, b):
+    return functools.reduce(jnp.add, [one * other for one, other in zip(a, b, strict=True)])
 
 
 def _collide(kind: Kind, t, rows, args, which):
@@ -155,38 +158,42 @@ def _collide(kind: Kind, t, rows, args, which):
     μ is the reduced mass. What a kick changes in a momentum it changes in the comoving position, times -t/m.
     """
     pair = _pair(kind, t, rows, args, which)
-    reduced = pair.mass[0] * pair.mass[1] / (pair.mass[0] + pair.mass[1])
-    square = jnp.sum(pair.apart**2)
-    kick = 2 * reduced * jnp.sum(pair.velocity * pair.apart) / square * pair.apart
-    kicks = jnp.stack([kick, -kick])
+    (one, other), d = pair.mass, kind.d
+    # 2μ w = 2 (m₁ p₂ - m₂ p₁)/(m₁ + m₂)
+    relative = [2 * (one * there - other * here) / (one + other) for here, there in zip(*pair.p, strict=True)]
+    share = _dot(relative, pair.apart) / _dot(pair.apart, pair.apart)
+    kicks = [[sign * share * q for q in pair.apart] for sign in (1, -1)]
     if kind.walls:
-        kicks = jnp.where(which >= kind.n**2, _turned(kind, pair, which), kicks)
-    kicks = jnp.where(which < 0, 0.0, kicks)
-    q, p = rows.reshape(2, 2, kind.d)
-    return jnp.stack([q - (t / pair.mass)[:, None] * kicks, p + kicks]).ravel()
+        at_wall = which >= kind.n**2
+        turned = _turned(kind, pair, which)
+        kicks = [[jnp.where(at_wall, turned[i][a], kicks[i][a]) for a in range(d)] for i in range(2)]
+    kicks = [[jnp.where(which < 0, 0.0, kick) for kick in of] for of in kicks]
+    q = [rows[i * d + axis] - t / pair.mass[i] * kicks[i][axis] for i in range(2) for axis in range(d)]
+    p = [pair.p[i][axis] + kicks[i][axis] for i in range(2) for axis in range(d)]
+    return jnp.stack(q + p)
 
 
 def _turned(kind: Kind, pair: Pair, which):
     """The kicks at a wall: the first body's momentum along the axis turns round."""
     axis = ((which - kind.n**2) % kind.faces) // 2
-    here = jnp.arange(kind.d, dtype=axis.dtype) == axis
-    return jnp.stack([jnp.where(here, -2 * pair.p[0], 0.0), jnp.zeros_like(pair.p[1])])
+    return [[jnp.where(axis == a, -2 * pair.p[0][a], 0.0) for a in range(kind.d)], [0 * p for p in pair.p[1]]]
 
 
 def _gap(kind: Kind, t, rows, args, which):
-    """(q² - σ²)/2 of the two; or the distance of the first from the wall; falls where nothing happens, too."""
+    """(q² - σ²)/2 of the two; or the distance of the first from the wall."""
     pair = _pair(kind, t, rows, args, which)
-    diameter = jnp.stack([_each(kind, args["diameter"])[body] for body in _bodies(kind, which)])
-    gap = (jnp.sum(pair.apart**2) - (diameter[0] + diameter[1]) ** 2 / 4) / 2
+    diameter = [_each(kind, args["diameter"])[body] for body in _bodies(kind, which)]
+    gap = (_dot(pair.apart, pair.apart) - (diameter[0] + diameter[1]) ** 2 / 4) / 2
     if not kind.walls:
         return gap
     face = (which - kind.n**2) % kind.faces
-    axis, high = face // 2, face % 2 == 1
-    here = jnp.arange(kind.d, dtype=axis.dtype) == axis
-    position = jnp.sum(jnp.where(here, pair.q[0], 0.0))
-    side = jnp.sum(jnp.where(here, _box(kind, args), 0.0))
-    distance = jnp.where(high, side - position, position) - diameter[0] / 2
-    return jnp.where(which >= kind.n**2, distance, gap)
+    distances = [_to_wall(pair.q[0][a], args[SIDES[a]], high) for a in range(kind.d) for high in (False, True)]
+    distance = functools.reduce(jnp.add, [jnp.where(face == i, one, 0.0) for i, one in enumerate(distances)])
+    return jnp.where(which >= kind.n**2, distance - diameter[0] / 2, gap)
+
+
+def _to_wall(position, side, high: bool):
+    return side - position if high else position
 
 
 # Predictions.
@@ -203,8 +210,9 @@ def _look_at_all(kind: Kind, t, x, args) -> Predictions:
         time=jnp.zeros_like(diameter),
         partner=none,
         looked=none,
-        known=jnp.zeros((n, n + 1), x.dtype),
-        other=none,
+        known=jnp.zeros((n, n), x.dtype),
+        aside=jnp.zeros_like(diameter),
+        face=none,
         events=none[0],
         first=none[0],
         q=q,
@@ -227,7 +235,9 @@ def _next(kind: Kind, cache: Predictions):
 
 
 def _shift(cache: Predictions, dt) -> Predictions:
-    return cache._replace(time=cache.time - dt, known=cache.known - dt, q=cache.q + dt * cache.v)
+    return cache._replace(
+        time=cache.time - dt, known=cache.known - dt, aside=cache.aside - dt, q=cache.q + dt * cache.v
+    )
 
 
 def _update(kind: Kind, cache: Predictions, t, x, args, which) -> Predictions:
@@ -251,9 +261,8 @@ def _update(kind: Kind, cache: Predictions, t, x, args, which) -> Predictions:
     def choose_again(state):
         """From what is known of the body, less what has changed since."""
         time, partner, body = state
-        changed = jnp.append(cache.looked > cache.looked[body], False)
-        soonest, whom = _first(jnp.where(changed, jnp.inf, cache.known[body]))
-        whom = jnp.where(whom == kind.n, cache.other[body], whom)
+        changed = cache.looked > cache.looked[body]
+        soonest, whom = _earliest(cache, body, jnp.where(changed, jnp.inf, cache.known[body]))
         time, partner = time.at[body].set(soonest), partner.at[body].set(whom)
         return time, partner, _first(time)[1]
 
@@ -287,50 +296,48 @@ def _first(values) -> tuple[Array, Array]:
     return pairs[0][0], pairs[1][0]
 
 
+def _earliest(cache: Predictions, body, contacts) -> tuple[Array, Array]:
+    """The first of these contacts of a body, or what else comes before."""
+    soonest, whom = _first(contacts)
+    aside = cache.aside[body]
+    return jnp.minimum(soonest, aside), jnp.where(aside < soonest, cache.face[body], whom)
+
+
 def _look_at(kind: Kind, cache: Predictions, bodies, t) -> Predictions:
     """Predict the next events of bodies from the time t on."""
-    for body, (dt, other) in zip(bodies, _ahead(kind, cache, bodies, t), strict=True):
-        known = lax.dynamic_update_slice(cache.known, t + dt[None], (body, jnp.zeros_like(body)))
-        soonest, whom = _first(t + dt)
+    for body in bodies:
+        dt, face = _wall(kind, cache, body, t) if kind.walls else (cache.horizon, NEVER)
+        contacts = t + _contacts(kind, cache, body, t)
         cache = cache._replace(
-            time=cache.time.at[body].set(soonest),
-            partner=cache.partner.at[body].set(jnp.where(whom == kind.n, other, whom)),
             looked=cache.looked.at[body].set(cache.events),
-            known=known,
-            other=cache.other.at[body].set(other),
+            known=lax.dynamic_update_index_in_dim(cache.known, contacts, body, 0),
+            aside=cache.aside.at[body].set(t + dt),
+            face=cache.face.at[body].set(face),
         )
+        soonest, whom = _earliest(cache, body, contacts)
+        time, partner = cache.time.at[body].set(soonest), cache.partner.at[body].set(whom)
+        cache = cache._replace(time=time, partner=partner)
     return cache
 
 
-def _ahead(kind: Kind, cache: Predictions, bodies, t):
-    """For each body: times (n + 1,) to its contacts and, last, to something else; and what that is."""
-    found = []
-    for body in bodies:
-        velocity = cache.v - cache.v[:, body][:, None]
-        apart = (cache.q - cache.q[:, body][:, None]) + t * velocity
-        found.append((apart, velocity, (cache.diameter + cache.diameter[body]) / 2))
-    apart, velocity, reach = (jnp.stack(part, axis=-2) for part in zip(*found, strict=True))
-    contacts = _contacts(kind, apart, velocity, reach, cache.box, cache.roomy)
+def _contacts(kind: Kind, cache: Predictions, body, t):
+    """Times (n,) to the contacts of a body with all others."""
+    velocity = [v - v[body] for v in cache.v]
+    apart = [(q - q[body]) + t * w for q, w in zip(cache.q, velocity, strict=True)]
+    reach2, speed2 = ((cache.diameter + cache.diameter[body]) / 2) ** 2, _dot(velocity, velocity)
     if kind.walls:
-        last = [_wall(kind, cache, body, t) for body in bodies]
-    else:
-        last = [(cache.horizon, jnp.asarray(NEVER, jnp.int32)) for _ in bodies]
-    return [(jnp.append(dt, time), other) for dt, (time, other) in zip(contacts, last, strict=True)]
-
-
-def _contacts(kind: Kind, apart, velocity, reach, box, roomy):
-    """Times (b, n) to the contacts of b bodies with n partners; apart, velocity: (d, b, n), of the partners."""
-    speed2 = jnp.sum(velocity**2, axis=0)
-    if kind.walls:
-        return _contact(jnp.sum(apart * velocity, axis=0), jnp.sum(apart**2, axis=0) - reach**2, speed2)
+        return _contact(_dot(apart, velocity), _dot(apart, apart) - reach2, speed2)
     # Along each axis: the nearest image, and the next one ahead; its share of the scalar products q·w and q².
     shares = []
-    for axis in range(kind.d):
-        nearest = _nearest(apart[axis], box[axis])
-        ahead = nearest + jnp.where(velocity[axis] > 0, -box[axis], box[axis])
-        shares.append([(q * velocity[axis], q * q) for q in (nearest, ahead)])
-    images = [tuple(sum(parts) for parts in zip(*image, strict=True)) for image in itertools.product(*shares)]
-    images = [(approach, square - reach**2) for approach, square in images]
+    for displacement, w, side in zip(apart, velocity, cache.box, strict=True):
+        nearest = _nearest(displacement, side)
+        ahead = nearest + jnp.where(w > 0, -side, side)
+        shares.append([(q * w, q * q) for q in (nearest, ahead)])
+    images = [
+        tuple(functools.reduce(jnp.add, part) for part in zip(*image, strict=True))
+        for image in itertools.product(*shares)
+    ]
+    images = [(approach, square - reach2) for approach, square in images]
 
     def soonest():
         return functools.reduce(jnp.minimum, [_contact(*image, speed2) for image in images])
@@ -344,7 +351,7 @@ def _contacts(kind: Kind, apart, velocity, reach, box, roomy):
         met = approach > -jnp.inf
         return jnp.where(met, _contact(jnp.where(met, approach, -1.0), excess, speed2), jnp.inf)
 
-    return lax.cond(roomy, nearest_first, soonest)
+    return lax.cond(cache.roomy, nearest_first, soonest)
 
 
 def _contact(approach, excess, speed2):
