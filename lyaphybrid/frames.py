@@ -50,15 +50,30 @@ def orthonormalise(
     Returns:
         The columns (n, k), zero where lost; ln R_ii (k,), zero where lost; and which columns were lost (k,).
     """
-    k = frame.shape[1]
-    if kind == "mgs":
-        columns, lengths = (_by_columns if k <= 3 else _unrolled if k <= UNROLL else _in_a_loop)(frame)
-    else:
-        columns, lengths = (_householder if kind == "lapack" else _cholesky)(frame)
     tolerance = absolute + relative * _norm(frame) if tracked(relative) else 0.0
-    lost = (lengths <= tolerance) & jnp.isfinite(tolerance)  # an overflow is no loss
+    tolerance = jnp.where(jnp.isfinite(tolerance), jnp.maximum(tolerance, 0.0), -1.0)  # an overflow is no loss
+    columns, lengths = _columns_and_lengths(frame, kind, tolerance if tracked(relative) else None)
+    lost = lengths <= tolerance
     log_r = jnp.log(jnp.where(lost, 1.0, jnp.maximum(lengths, TINY)))
     return jnp.where(lost[None, :], 0.0, columns), log_r, lost
+
+
+def _columns_and_lengths(frame, kind: str, tolerance):
+    """By the way asked for. What is left of a lost column is rounding: later ones must not lose its direction."""
+    if kind == "mgs":
+        k = frame.shape[1]
+        way = _by_columns if k <= 3 else _unrolled if k <= UNROLL else _in_a_loop
+        return way(frame, None if tolerance is None else _floors(tolerance))
+    found = (_householder if kind == "lapack" else _cholesky)(frame)
+    if tolerance is None:
+        return found
+    again = jnp.any(found[1] <= tolerance)
+    return jax.lax.cond(again, lambda _: _in_a_loop(frame, _floors(tolerance)), lambda found: found, found)
+
+
+def _floors(tolerance):
+    """The squares up to which columns are lost."""
+    return jnp.where(tolerance < 0, -1.0, tolerance**2)
 
 
 def tracked(relative: float) -> bool:
@@ -78,41 +93,47 @@ def _scaled(columns, squares):
     return columns / jnp.maximum(lengths, TINY)[None, :], lengths
 
 
-def _by_columns(frame):
+def _inverse(square, floors, j):
+    """1/|column j|²; 0 where the column is lost."""
+    inverse = 1 / jnp.maximum(square, TINY)
+    return inverse if floors is None else jnp.where(square > floors[j], inverse, 0.0)
+
+
+def _by_columns(frame, floors=None):
     """Modified Gram–Schmidt as it stands in books, written out pair by pair."""
     y = [frame[:, j] for j in range(frame.shape[1])]
     squares = []
     for j, q in enumerate(y):
         squares.append(q @ q)
         for i in range(j + 1, len(y)):
-            y[i] = y[i] - (q @ y[i] / jnp.maximum(squares[j], TINY)) * q
+            y[i] = y[i] - (q @ y[i] * _inverse(squares[j], floors, j)) * q
     return _scaled(jnp.stack(y, axis=1), jnp.stack(squares))
 
 
-def _remove(rest, column, j: int | Array):
+def _remove(rest, column, j: int | Array, floors):
     """Take the direction of column j out of all later columns; also |column j|²."""
     overlap = column @ rest
     square = overlap[j]
-    share = jnp.where(jnp.arange(rest.shape[1]) > j, overlap / jnp.maximum(square, TINY), 0.0)
+    share = jnp.where(jnp.arange(rest.shape[1]) > j, overlap * _inverse(square, floors, j), 0.0)
     return rest - column[:, None] * share[None, :], square
 
 
-def _unrolled(frame):
+def _unrolled(frame, floors=None):
     """The same, one column against all later ones."""
     squares = []
     for j in range(frame.shape[1]):
-        frame, square = _remove(frame, frame[:, j], j)
+        frame, square = _remove(frame, frame[:, j], j, floors)
         squares.append(square)
     return _scaled(frame, jnp.stack(squares))
 
 
-def _in_a_loop(frame):
+def _in_a_loop(frame, floors=None):
     """The same as a loop, for many columns."""
 
     def remove(j, state):
         rest, squares = state
         column = jax.lax.dynamic_index_in_dim(rest, j, axis=1, keepdims=False)
-        rest, square = _remove(rest, column, j)
+        rest, square = _remove(rest, column, j, floors)
         return rest, squares.at[j].set(square)
 
     k = frame.shape[1]
