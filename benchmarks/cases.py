@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks import problems, references
+from benchmarks import many_disks, problems, references
 from benchmarks.harness import Make, compare
 
 QUICK = 4
@@ -82,12 +82,27 @@ def _hard_disks(t1: float) -> Case:
     return Case("collision", t1, _ours("hard_disks"), _reference(references.run_hard_disks, "steps"))
 
 
+def _many_disks(n: int, every: int, collisions: int, lapack: bool = False) -> Case:
+    """Disks in number; the C orthonormalises by its own block Gram–Schmidt, or by the LAPACK that JAX uses."""
+
+    def run(collisions: float) -> references.Result:
+        return many_disks.run_many_disks(n, every, collisions=round(collisions), lapack=lapack)
+
+    return Case("collision", collisions, _ours("many_disks", n, every), _reference(run, "steps"))
+
+
 CASES = {
     "lorenz_every1": _lorenz(1, 1e4),
     "lorenz_every10": _lorenz(10, 2.5e4),
     "impact_fixed": _impact(False, 2e4),
     "impact_adaptive": _impact(True, 1.25e4),
     "hard_disks_n4": _hard_disks(2e4),
+    "disks_n4": _many_disks(4, 10, 80_000),
+    "disks_n16": _many_disks(16, 64, 40_960),
+    "disks_n16_lapack": _many_disks(16, 64, 40_960, lapack=True),
+    "disks_n64": _many_disks(64, 64, 2560),
+    "disks_n64_lapack": _many_disks(64, 64, 2560, lapack=True),
+    "disks_n256_lapack": _many_disks(256, 64, 256, lapack=True),
     "impact_diffrax": _impact_diffrax(2.5e3),
 }
 

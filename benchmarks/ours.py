@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import lyaphybrid as lh
+from benchmarks import many_disks as many
 from benchmarks import problems
 from benchmarks.harness import Make, Run
 
@@ -71,6 +72,19 @@ def impact(adaptive: bool, every: float, t1: float) -> Make:
         run = _runner(system, start, args, t1=t1, method=method, every=every)
         run()
         return run, t1
+
+    return make
+
+
+def many_disks(n: int, every: int, collisions: float) -> Make:
+    """Hard disks in number, all columns."""
+
+    def make():
+        x0, (width, height) = many.lattice_start(n)
+        problem = lh.zoo.hard_disks(n=n, density=0.7)
+        args = problem.args | {"width": float(width), "height": float(height)}
+        run = _runner(problem.system, x0, args, t1=collisions, clock="jumps", every=float(every), blocks=2)
+        return run, run()["events"]
 
     return make
 
