@@ -43,7 +43,7 @@ def orthonormalise(
     Args:
         frame: (n, k), k ≤ n.
         kind: "mgs", modified Gram–Schmidt; "lapack", Householder QR; "cholesky", block Gram–Schmidt with
-            Cholesky panels, and Householder's way where these are ill-conditioned.
+            Cholesky panels, and column by column where these are ill-conditioned.
         absolute: a column whose residual is at most absolute + relative · its norm is lost.
         relative: see absolute; 0 (static) asks for no such test.
 
@@ -152,11 +152,11 @@ def _cholesky(frame):
 
     Nearly all of it are products of matrices: half the time of Householder's way at 64 and 256 columns. A panel loses
     its orthogonality as the square of its condition number; a panel for which that matters is rare, for its columns
-    are neighbours, and is left to Householder.
+    are neighbours, and then all is done column by column.
     """
     columns, lengths, uneven = _halved(frame)
     good = (uneven < UNEVEN) & jnp.all(jnp.isfinite(columns))
-    return jax.lax.cond(good, lambda _: (columns, lengths), _householder, frame)
+    return jax.lax.cond(good, lambda _: (columns, lengths), _in_a_loop, frame)
 
 
 def _halved(frame):
