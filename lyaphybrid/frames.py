@@ -199,7 +199,7 @@ def staggered(frame: Float[Array, "n k"]) -> Float[Array, "n m"]:
 
     64 disks with all columns: what an event does to the frame takes two thirds of the time.
     """
-    return jnp.pad(frame, ((0, 0), (0, 4))) if frame.shape[1] % 16 == 0 else frame
+    return jnp.pad(frame, ((0, 0), (0, 4))) if frame.shape[1] % 32 == 0 else frame
 
 
 def refill(frame: Float[Array, "n k"], project, live: Array) -> tuple[Float[Array, "n k"], Int[Array, " k"]]:
