@@ -157,8 +157,12 @@ def _joined(logs, problem, x0) -> Events:
         none = jnp.zeros(0, jnp.int32)
         point = jnp.zeros((0, *problem.shape), x0.dtype)
         return Events(jnp.zeros(0, x0.dtype), none, none, none, none, point, point)
-    joined = jax.tree.map(lambda *parts: jnp.concatenate(parts), *(log._replace(count=None) for log in logs))
-    *named, before, after = joined[1:]
+    if traced(logs):
+        (log,) = logs
+    else:
+        # To put NumPy's arrays on the device compiles nothing, whatever the number of events.
+        log = jax.device_put(jax.tree.map(lambda *parts: np.concatenate(parts), *logs))
+    *named, before, after = log[1:]
     return Events(*named, runs.in_rows(problem, before), runs.in_rows(problem, after))
 
 
