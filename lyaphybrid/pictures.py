@@ -20,7 +20,6 @@ EDGE = "#7A7A7A"
 ARROWS = (("δq", "#000000"), ("δp", "#0072B2"))
 LEGEND = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "ncols": 2, "frameon": False, "borderaxespad": 0.1}
 LONGEST = 0.9  # of an arrow, in mean diameters
-COLOURS = 40  # of a GIF
 
 
 class Followed(NamedTuple):
@@ -151,19 +150,20 @@ def animate(problem: Problem, followed: Followed, ax=None, *, interval: float = 
     ax = _axes(ax, figsize=_size(box))
     scene = _Scene(ax, box, True)
     title = ax.set_title("t = 0.00", fontsize="medium", loc="left")
+    figure: Any = ax.figure
     # Ticks, and a layout that is found anew, would take most of the time of every frame.
     ax.set(xticks=[], yticks=[], xlabel="", ylabel="")
-    ax.figure.draw_without_rendering()
-    ax.figure.set_layout_engine("none")
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
 
     def show(frame: int) -> list:
         title.set_text(f"t = {followed.t[frame]:.2f}")
         return [title, *scene.show(followed.x[frame], followed.perturbation[frame])]
 
-    return FuncAnimation(ax.figure, show, frames=len(followed.t), init_func=lambda: show(0), interval=interval)
+    return FuncAnimation(figure, show, frames=len(followed.t), init_func=lambda: show(0), interval=interval)
 
 
-def gif(animation, *, fps: float = 15.0, dpi: float = 72.0) -> bytes:
+def gif(animation, *, fps: int = 15, dpi: float = 72.0) -> bytes:
     """An animation as a GIF of few colours, small enough for a notebook; closes its figure.
 
     Args:
@@ -184,8 +184,8 @@ def gif(animation, *, fps: float = 15.0, dpi: float = 72.0) -> bytes:
         """Keeps the frames."""
 
         def setup(self, fig, outfile, dpi=None):
-            """What is abstract there does all that is needed."""
-            super().setup(fig, outfile, dpi)
+            """What the frames are taken of."""
+            self.fig, self.outfile, self.dpi = fig, outfile, dpi or fig.dpi
 
         def grab_frame(self, **options):
             """As the figure looks now."""
@@ -199,11 +199,22 @@ def gif(animation, *, fps: float = 15.0, dpi: float = 72.0) -> bytes:
     animation.save("film.gif", writer=Writer(fps=fps), dpi=dpi)
     pyplot.close(animation._fig)
     # One palette for all frames, and no dithering: so most of a frame is as it was in the one before.
-    palette = images[0].quantize(COLOURS, method=Image.Quantize.MAXCOVERAGE)
+    palette = Image.new("P", (1, 1))
+    palette.putpalette(_palette())
     first, *others = (image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images)
     film = io.BytesIO()
     first.save(film, format="GIF", save_all=True, append_images=others, duration=1000 / fps, loop=0)
     return film.getvalue()
+
+
+def _palette() -> bytes:
+    """The colours of a film, red green blue and so on: fills, lines, and lines at half strength on some fills."""
+    from matplotlib.colors import LinearSegmentedColormap, to_rgb
+
+    fills = [(1.0, 1.0, 1.0), *LinearSegmentedColormap.from_list("share", FILL)(np.linspace(0, 1, 13))[:, :3]]
+    lines = [to_rgb(colour) for colour in (EDGE, *(colour for _, colour in ARROWS))]
+    mixed = [np.add(fill, line) / 2 for fill in fills[::3] for line in lines]
+    return np.uint8(np.round(255 * np.array([*fills, *lines, *mixed]))).tobytes()
 
 
 class _Scene:

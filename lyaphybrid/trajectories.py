@@ -162,8 +162,9 @@ def _joined(logs, problem, x0) -> Events:
     else:
         # To put NumPy's arrays on the device compiles nothing, whatever the number of events.
         log = jax.device_put(jax.tree.map(lambda *parts: np.concatenate(parts), *logs))
-    *named, before, after = log[1:]
-    return Events(*named, runs.in_rows(problem, before), runs.in_rows(problem, after))
+    _, t, transition, which, mode_before, mode_after, *states = log
+    before, after = (runs.in_rows(problem, x) for x in states)
+    return Events(t, transition, which, mode_before, mode_after, before, after)
 
 
 def _deliver(result, throw: bool):

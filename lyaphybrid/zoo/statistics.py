@@ -52,10 +52,10 @@ class CollisionStatistics:
         kick: the mean of J/√μ, J the modulus of the exchanged momentum, μ the reduced mass; `kick_by_energy` is exact.
         pressure: by the virial, per length in the plane, per area in space.
         compressibility: Z = d P V/(2K), which is 1 for an ideal gas: P V/(n k T) with d n k T = 2K.
-        wall_rate: contacts with hard walls per unit time; None in a periodic box.
-        wall_pressure: the momentum given to hard walls per time and area, the mean over the axes; None likewise.
         time: length of the run.
         collisions: of two bodies.
+        wall_rate: contacts with hard walls per unit time; None in a periodic box.
+        wall_pressure: the momentum given to hard walls per time and area, the mean over the axes; None likewise.
     """
 
     rate: Measured
@@ -64,16 +64,16 @@ class CollisionStatistics:
     kick: Measured
     pressure: Measured
     compressibility: Measured
-    wall_rate: Measured | None
-    wall_pressure: Measured | None
     time: float
     collisions: int
+    wall_rate: Measured | None = None
+    wall_pressure: Measured | None = None
 
     def __str__(self) -> str:
         lines = [f"Collisions of hard bodies (t = {self.time:g}, {self.collisions} collisions)"]
-        for field in dataclasses.fields(self)[:-2]:
+        for field in dataclasses.fields(self):
             value = getattr(self, field.name)
-            if value is not None:
+            if isinstance(value, Measured):
                 lines.append(f"  {field.name.replace('_', ' '):16s} {value}")
         return "\n".join(lines)
 
@@ -149,9 +149,7 @@ def collision_statistics(
     measured = {
         name: Measured(value, _jackknife([part[name] for part in left_out])) for name, value in quantities.items()
     }
-    if not bodies.walls:
-        measured |= {"wall_rate": None, "wall_pressure": None}
-    return CollisionStatistics(**measured, time=float(t1), collisions=int(sums.collisions))
+    return CollisionStatistics(time=float(t1), collisions=int(sums.collisions), **measured)
 
 
 def kick_by_energy(kinetic_energy: float, freedom: int) -> float:
