@@ -142,22 +142,14 @@ def spectra(spectra: Mapping[int, Spectrum], ax=None):
     """
     ax = _axes(ax)
     ax.axhline(0.0, color="0.6", linewidth=0.8, zorder=0)
-    for (n, found), colour, marker in zip(
-        spectra.items(), _colours(len(spectra)), itertools.cycle("os^Dv"), strict=False
-    ):
+    markers = itertools.cycle("os^Dv")
+    for (n, found), colour, marker in zip(spectra.items(), _colours(len(spectra)), markers, strict=False):
         half = found.x.shape[-1] // 2
         values, errors = (np.asarray(a)[:half] for a in (found.exponents, found.stderr))
-        ax.errorbar(
-            np.arange(1, len(values) + 1) / n,
-            values,
-            np.where(np.isfinite(errors), errors, 0.0),
-            label=f"N = {n}",
-            color=colour,
-            marker=marker,
-            markersize=3 + 3 / np.sqrt(len(values) / 8),
-            linewidth=0.8,
-            elinewidth=0.8,
-        )
+        errors = np.where(np.isfinite(errors), errors, 0.0)
+        size = 3.0 + 9.0 / np.sqrt(len(values))
+        style = {"color": colour, "marker": marker, "markersize": size, "linestyle": "none", "elinewidth": 0.8}
+        ax.errorbar(np.arange(1, len(values) + 1) / n, values, errors, label=f"N = {n}", **style)
     ax.set_xlim(left=0.0)
     ax.set_xlabel("i/N")
     clock = next(iter(spectra.values())).clock

@@ -147,7 +147,8 @@ def collision_statistics(
     quantities = _quantities(bodies, sums)
     left_out = [_quantities(bodies, Totals(*(np.array(sums) - part))) for part in parts]
     measured = {
-        name: Measured(value, _jackknife([part[name] for part in left_out])) for name, value in quantities.items()
+        name: Measured(float(value), _jackknife([part[name] for part in left_out]))
+        for name, value in quantities.items()
     }
     return CollisionStatistics(time=float(t1), collisions=int(sums.collisions), **measured)
 
