@@ -4,7 +4,8 @@ Every function draws into the axes it is given, or makes a figure of its own, an
 Colours are those of Okabe and Ito, which colour-blind readers can tell apart.
 """
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from .results import UNIT, Spectrum, with_error
 from .trajectories import Trajectory
 
-__all__ = ["convergence", "phase", "spectrum", "trajectory"]
+__all__ = ["against_density", "convergence", "phase", "spectra", "spectrum", "trajectory"]
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 SHADES = ("#FFFFFF", "#E8E8E8", "#DCEBF7", "#FBEBDD", "#DDF2EA", "#F6E4EE", "#FBF6D5")  # behind modes
@@ -125,6 +126,76 @@ def _label_ends(ax, values, errors, finite) -> None:
             va="center",
             fontsize="small",
         )
+
+
+def spectra(spectra: Mapping[int, Spectrum], ax=None):
+    """Spectra of systems of n bodies against i/n on one axes: as n grows they approach one curve.
+
+    Of paired spectra the upper half tells all; it is drawn, with error bars of one standard error.
+
+    Args:
+        spectra: by n, the number of bodies.
+        ax: matplotlib axes; None: those of a new figure.
+
+    Returns:
+        The axes.
+    """
+    ax = _axes(ax)
+    ax.axhline(0.0, color="0.6", linewidth=0.8, zorder=0)
+    markers = itertools.cycle("os^Dv")
+    for (n, found), colour, marker in zip(spectra.items(), _colours(len(spectra)), markers, strict=False):
+        half = found.x.shape[-1] // 2
+        values, errors = (np.asarray(a)[:half] for a in (found.exponents, found.stderr))
+        errors = np.where(np.isfinite(errors), errors, 0.0)
+        size = 3.0 + 9.0 / np.sqrt(len(values))
+        style = {"color": colour, "marker": marker, "markersize": size, "linestyle": "none", "elinewidth": 0.8}
+        ax.errorbar(np.arange(1, len(values) + 1) / n, values, errors, label=f"N = {n}", **style)
+    ax.set_xlim(left=0.0)
+    ax.set_xlabel("i/N")
+    clock = next(iter(spectra.values())).clock
+    ax.set_ylabel(f"exponent λ$_i$ per {UNIT[clock]}")
+    ax.legend(frameon=False)
+    return ax
+
+
+def against_density(densities: Sequence[float], spectra: Sequence[Spectrum], n: int, ax=None):
+    """The largest exponent, and the entropy h a body (the sum of the positive ones over n), against density.
+
+    Args:
+        densities: one a spectrum.
+        spectra: of systems of n bodies.
+        n: number of bodies.
+        ax: matplotlib axes; None: those of a new figure.
+
+    Returns:
+        The axes; error bars of one standard error.
+    """
+    ax = _axes(ax)
+    first = np.array([(float(s.exponents[0]), float(s.stderr[0])) for s in spectra])
+    entropy = np.array([_entropy(s) for s in spectra]) / n
+    for series, label, colour, marker in (
+        (first, "λ$_1$", COLOURS[0], "o"),
+        (entropy, f"h$_{{KS}}$/N, N = {n}", COLOURS[1], "s"),
+    ):
+        style = {"color": colour, "marker": marker, "markersize": 5, "linewidth": 1.0, "capsize": 2.5}
+        ax.errorbar(densities, *series.T, label=label, **style)
+    ax.set_xlim(left=0.0)
+    ax.set_ylim(bottom=0.0)
+    ax.set_xlabel("number density ρσ$^d$")
+    ax.set_ylabel(f"per {UNIT[spectra[0].clock]}")
+    ax.legend(frameon=False, loc="upper left")
+    return ax
+
+
+def _entropy(found: Spectrum) -> tuple[float, float]:
+    """The sum of the positive exponents, and its standard error: from the runs, or from the blocks of one."""
+    up = np.asarray(found.exponents) > 0
+    if found.replicates is not None:
+        values = np.sum(np.asarray(found.replicates)[:, up], axis=1)
+    else:
+        durations = np.diff(np.asarray(found.history.time), prepend=0.0)
+        values = np.sum(np.asarray(found.history.growth)[:, up], axis=1) / durations
+    return float(found.ks_entropy()), float(np.std(values, ddof=1) / len(values) ** 0.5)
 
 
 def trajectory(trajectory: Trajectory, ax=None, components: Sequence[int] | None = None):
@@ -260,12 +331,12 @@ def _is_discrete(trajectory: Trajectory) -> bool:
     return len(trajectory.events) == 0 and int(np.max(trajectory.j)) > 0
 
 
-def _axes(ax):
+def _axes(ax, figsize: tuple[float, float] = (6.4, 4.0)):
     if ax is not None:
         return ax
     from matplotlib import pyplot
 
-    return pyplot.subplots(figsize=(6.4, 4.0), layout="constrained")[1]
+    return pyplot.subplots(figsize=figsize, layout="constrained")[1]
 
 
 def _colours(count: int) -> list:

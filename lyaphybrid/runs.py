@@ -319,7 +319,8 @@ def _drain(journey: Journey, logs: list) -> Journey:
     log = journey.carry.log
     if log is None:
         return journey
-    logs.append(jax.tree.map(lambda leaf, upto=int(log.count): leaf[:upto], log._replace(count=None)))
+    # NumPy's, for JAX would compile a slice for every number of events.
+    logs.append(jax.tree.map(lambda leaf, upto=int(log.count): np.array(leaf)[:upto], log._replace(count=None)))
     emptied = log._replace(count=jnp.zeros_like(log.count))
     return journey._replace(carry=journey.carry._replace(log=emptied))
 

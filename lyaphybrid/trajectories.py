@@ -157,9 +157,13 @@ def _joined(logs, problem, x0) -> Events:
         none = jnp.zeros(0, jnp.int32)
         point = jnp.zeros((0, *problem.shape), x0.dtype)
         return Events(jnp.zeros(0, x0.dtype), none, none, none, none, point, point)
-    joined = jax.tree.map(lambda *parts: jnp.concatenate(parts), *(log._replace(count=None) for log in logs))
-    t, transition, which, mode_before, mode_after, before, after = joined[1:]
-    before, after = runs.in_rows(problem, before), runs.in_rows(problem, after)
+    if traced(logs):
+        (log,) = logs
+    else:
+        # To put NumPy's arrays on the device compiles nothing, whatever the number of events.
+        log = jax.device_put(jax.tree.map(lambda *parts: np.concatenate(parts), *logs))
+    _, t, transition, which, mode_before, mode_after, *states = log
+    before, after = (runs.in_rows(problem, x) for x in states)
     return Events(t, transition, which, mode_before, mode_after, before, after)
 
 

@@ -1,5 +1,6 @@
 """Pictures: what is drawn is what was computed."""
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -210,3 +211,35 @@ def test_axes_that_are_given_are_used_and_nothing_else():
 def test_without_axes_there_is_one_new_figure():
     ax = a_spectrum([1.0, -1.0]).plot()
     assert pyplot.get_fignums() == [ax.figure.number]
+
+
+def of_bodies(n, per_n, replicates=None) -> Spectrum:
+    """A paired spectrum of n bodies in the plane, exponents per_n(i/n)."""
+    up = [per_n(i / n) for i in range(1, 2 * n + 1)]
+    found = a_spectrum([*up, *(-value for value in reversed(up))])
+    return eqx.tree_at(lambda s: s.replicates, found, replicates, is_leaf=lambda leaf: leaf is None)
+
+
+def test_spectra_of_several_sizes_lie_on_one_curve():
+    ax = plots.spectra({n: of_bodies(n, lambda s: 4.0 - 2.0 * s) for n in (2, 8)})
+    small, large = (container.lines[0].get_xydata() for container in ax.containers)
+    np.testing.assert_allclose(small, [[0.5, 3.0], [1.0, 2.0], [1.5, 1.0], [2.0, 0.0]])
+    assert len(large) == 16
+    np.testing.assert_allclose(large[:, 1], 4.0 - 2.0 * large[:, 0], atol=1e-12)
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["N = 2", "N = 8"]
+
+
+def test_exponent_and_entropy_against_density():
+    """Errors of the entropy: of four runs, or of the blocks of one."""
+    runs = jnp.array([[3.0, 1.0, 0.0, 0.0, 0.0, 0.0, -1.0, -3.0]]) * jnp.array([[0.9], [1.1], [0.9], [1.1]])
+    several = of_bodies(2, lambda s: [3.0, 1.0, 0.0, 0.0][round(2 * s) - 1], runs)
+    one = of_bodies(2, lambda s: [6.0, 2.0, 0.0, 0.0][round(2 * s) - 1])
+    ax = plots.against_density([0.1, 0.5], [several, one], 2)
+    first, entropy = ax.containers
+    np.testing.assert_allclose(first.lines[0].get_xydata(), [[0.1, 3.0], [0.5, 6.0]])
+    np.testing.assert_allclose(entropy.lines[0].get_xydata(), [[0.1, 2.0], [0.5, 4.0]])
+    spans = [np.ptp(segment[:, 1]) / 2 for segment in entropy.lines[2][0].get_segments()]
+    np.testing.assert_allclose(spans[0], np.std([3.6, 4.4, 3.6, 4.4], ddof=1) / 2 / 2)
+    growth = np.asarray(one.history.growth)[:, :2].sum(axis=1)
+    np.testing.assert_allclose(spans[1], np.std(growth, ddof=1) / 10**0.5 / 2)
+    assert "density" in ax.get_xlabel()

@@ -1,6 +1,7 @@
 """Named problems: a system, a start, sensible lengths, and a value to compare with, each with its source.
 
 ``zoo.lorenz63(rho=30)`` is a `Problem`; ``zoo.names()`` lists them all; ``problem.spectrum()`` computes.
+``zoo.collision_statistics(problem)`` takes the rate of collisions and the pressure of hard disks and spheres.
 Parameters that are numbers travel in `args`: changing them does not compile again.
 """
 
@@ -12,6 +13,7 @@ from .neurons import integrate_and_fire
 from .piecewise import beta_clock, conewise_linear, grow_reset, skew_tent_roof
 from .problem import Problem, Reference, get, unknown
 from .smooth import lorenz63, rossler
+from .statistics import CollisionStatistics, collision_statistics
 
 __all__ = [
     "Problem",
@@ -19,6 +21,9 @@ __all__ = [
     "get",
     "mean_free_path",
     "names",
+    # what the collisions of hard bodies say
+    "CollisionStatistics",
+    "collision_statistics",
     # maps
     "henon_map",
     "logistic_map",
@@ -59,7 +64,7 @@ def names() -> list[str]:
         >>> "hard_disks" in zoo.names()
         True
     """
-    return __all__[__all__.index("names") + 1 :]
+    return __all__[__all__.index("henon_map") :]
 
 
 def __getattr__(name: str):

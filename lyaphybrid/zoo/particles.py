@@ -131,9 +131,9 @@ def _nearest(displacement, box):
 class Pair(NamedTuple):
     """Two bodies at the time t, component by component: numbers that XLA need not put together."""
 
-    q: tuple[list, list]  # positions at present
-    p: tuple[list, list]
-    mass: tuple[Any, Any]
+    q: Any  # of each, positions at present
+    p: Any  # of each, momenta
+    mass: Any  # of each
     apart: list  # from the first to the second, or to the image of it that is met
 
 

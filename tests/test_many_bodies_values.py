@@ -1,0 +1,124 @@
+"""Many bodies: spectra against event-driven C, memory, sizes.
+
+Pairs are closed to 1e-9 where frames are orthonormalised often enough: the rounding of the smallest exponents is
+multiplied by what the largest have stretched meanwhile, e^20 now and then where `every` is left to the growth.
+"""
+
+import subprocess
+import sys
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import lyaphybrid as lh
+from references import load_event_driven
+
+DISKS = load_event_driven()["hard_disks"]
+SIXTY_FOUR = DISKS["N64_rho0.7"]
+RATE_SCATTER = SIXTY_FOUR["collision_rate_se"] * SIXTY_FOUR["total_time"] ** 0.5  # of a run, times √t
+
+
+def starts(count, seed=0, **parameters):
+    """Of independent momenta, (count, 4n)."""
+    keys = jax.random.split(jax.random.key(seed), count)
+    return jnp.stack([lh.zoo.hard_disks(key=key, **parameters).x0 for key in keys])
+
+
+def agree(found, stderr, reference, reference_stderr, gate):
+    """Within five combined standard errors, ours below a gate."""
+    found, stderr = np.asarray(found), np.asarray(stderr)
+    assert np.all((0 < stderr) & (stderr < gate)), stderr
+    deviations = (found - reference) / np.hypot(stderr, reference_stderr)
+    assert np.all(np.abs(deviations) <= 5), deviations
+
+
+@pytest.mark.parametrize(
+    ("runs", "t1", "seed", "gate"),
+    [(16, 500.0, 0, 0.02), pytest.param(32, 4000.0, 1, 0.004, marks=pytest.mark.slow)],
+)
+def test_four_disks_at_a_low_density(runs, t1, seed, gate):
+    """All sixteen: five positive, their negatives, six zeros."""
+    problem = lh.zoo.hard_disks(n=4, density=0.2)
+    x0 = starts(runs, seed, n=4, density=0.2)
+    spectrum = problem.spectrum(x0=x0, t1=t1, transient=50.0, every=4)
+    reference, errors = np.array(problem.reference.exponents), np.array(problem.reference.stderr)
+    np.testing.assert_array_equal(reference[:5], DISKS["N4_rho0.2"]["lambda_positive"])
+    exponents, moving = np.asarray(spectrum.exponents), reference != 0
+    assert np.sum(moving) == 10
+    agree(exponents[moving], spectrum.stderr[moving], reference[moving], errors[moving], gate)
+    assert np.sum(np.abs(exponents) < 0.01) == 6
+    assert np.max(np.abs(exponents + exponents[::-1])) < 1e-9
+    entropy = np.sum(np.asarray(spectrum.replicates)[:, :5], axis=1) / 4
+    expected = DISKS["N4_rho0.2"]["hKS_per_particle"], DISKS["N4_rho0.2"]["hKS_per_particle_se"]
+    agree(np.mean(entropy), np.std(entropy, ddof=1) / runs**0.5, *expected, gate)
+
+
+@pytest.mark.parametrize(
+    ("t1", "seed"),
+    [(100.0, 0), pytest.param(400.0, 1, marks=pytest.mark.slow), pytest.param(1600.0, 2, marks=pytest.mark.slow)],
+)
+def test_sixty_four_disks(t1, seed):
+    """The largest, the smallest positive one, the entropy, the rate of collisions; all 256 in pairs."""
+    problem = lh.zoo.hard_disks(n=64, key=jax.random.key(seed))
+    spectrum = problem.spectrum(t1=t1, transient=10.0, every=128)
+    exponents = np.asarray(spectrum.exponents)
+    assert exponents.shape == (256,)
+    assert np.max(np.abs(exponents + exponents[::-1])) < 1e-9
+    assert np.sum(np.abs(exponents) < 0.01) == 6
+    values, errors = np.array(SIXTY_FOUR["lambda_positive"]), np.array(SIXTY_FOUR["se"])
+    assert len(values) == 125
+    gate = 0.7 / t1**0.5
+    agree(exponents[:125], spectrum.stderr[:125], values, errors, gate)
+    duration = t1 / len(spectrum.history.time)
+    entropy = np.sum(np.asarray(spectrum.history.growth)[:, :125], axis=1) / duration / 64
+    stderr = np.std(entropy, ddof=1) / len(entropy) ** 0.5
+    agree(np.mean(entropy), stderr, SIXTY_FOUR["hKS_per_particle"], SIXTY_FOUR["hKS_per_particle_se"], gate)
+    rate = float(spectrum.jumps / spectrum.time)
+    agree(rate, RATE_SCATTER / t1**0.5, SIXTY_FOUR["collision_rate"], SIXTY_FOUR["collision_rate_se"], 1.7)
+
+
+PEAK = """
+import resource
+import lyaphybrid as lh
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+import jax
+jax.config.update("jax_enable_x64", True)
+assert len(lh.zoo.hard_disks(n=64).spectrum(t1=20.0, transient=1.0).exponents) == 256
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="ru_maxrss is in kB on Linux only")
+def test_memory_of_sixty_four_disks():
+    """Peak resident memory above what the import takes; a frame of 256 columns is half a MB."""
+    run = subprocess.run([sys.executable, "-c", PEAK], capture_output=True, text=True, check=True, timeout=300)
+    assert int(run.stdout) / 1000 <= 150
+
+
+@pytest.mark.slow
+def test_a_thousand_disks():
+    """Sixteen columns of 4096: the largest exponents are those of 64 disks, and some (λ₁ grows with n like ln n/n)."""
+    problem = lh.zoo.hard_disks(n=1024)
+    spectrum = problem.spectrum(t1=2.0, transient=2.0, k=16)
+    exponents = np.asarray(spectrum.exponents)
+    assert exponents.shape == (16,)
+    assert np.all((exponents > SIXTY_FOUR["lambda_positive"][15] - 0.2) & (exponents < 7))
+    per_body = float(spectrum.jumps / spectrum.time) / 1024
+    assert abs(per_body / (SIXTY_FOUR["collision_rate"] / 64) - 1) < 0.05
+
+
+def test_eight_spheres():
+    """Exactly eight zeros from a generic frame, and pairs from the paired one; both have the same values."""
+    problem = lh.zoo.hard_spheres(n=8)
+    paired = problem.spectrum(t1=300.0, every=16)
+    exponents = np.asarray(paired.exponents)
+    assert np.max(np.abs(exponents + exponents[::-1])) < 1e-9
+    assert np.sum(np.abs(exponents) < 1e-9) == 8
+    frame = np.linalg.qr(np.random.default_rng(3).normal(size=(48, 48)))[0]
+    generic = problem.spectrum(t1=300.0, frame=frame, every=16)
+    assert np.sum(np.abs(generic.exponents) < 0.05) == 8
+    assert exponents[19] > 0.3
+    agree(generic.exponents[:20], generic.stderr[:20], exponents[:20], paired.stderr[:20], 0.05)
