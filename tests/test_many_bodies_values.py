@@ -92,7 +92,7 @@ def test_sixty_four_disks(t1, seed):
     agree(rate, RATE_SCATTER / t1**0.5, SIXTY_FOUR["collision_rate"], SIXTY_FOUR["collision_rate_se"], 1.7)
 
 
-# VmHWM belongs to the program alone; ru_maxrss counts what the process was before it became this program, pytest itself.
+# VmHWM belongs to this program alone; ru_maxrss also counts what the process was before: a fork of pytest.
 PEAKS = """
 def peak():
     with open("/proc/self/status") as status:
