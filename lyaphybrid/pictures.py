@@ -1,6 +1,6 @@
 """Pictures of hard disks: where they are, which of them the fastest perturbation lives on, how both move.
 
-The perturbation of many disks that grows fastest is localised: at any time a few neighbours carry most of it.
+The perturbation of many disks that grows fastest is localised: at most times half of it is on a few of them.
 """
 
 import io

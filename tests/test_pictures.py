@@ -29,7 +29,8 @@ def _no_figures_left():
 def gas():
     """Four disks after a while, in a box 2.2 × 2.6."""
     problem = lh.zoo.hard_disks(n=4)
-    return problem, problem.spectrum(t1=5.0, k=1)
+    frame = np.random.default_rng(0).normal(size=(16, 1))
+    return problem, problem.spectrum(t1=5.0, transient=0.0, frame=frame, blocks=2)  # as `follow` compiles it
 
 
 def bodies(ax) -> EllipseCollection:

@@ -227,6 +227,20 @@ def test_numbers_change_without_compiling_or_tracing_again():
     assert len(traced) == tracings
 
 
+def test_any_number_of_events_compiles_once():
+    """Logs of other lengths, emptied once or several times, cost no compilation."""
+    bounce = lh.Transition(lambda t, x, args: x[0], lambda t, x, args: jnp.stack([x[0], -x[1]]))
+    ball = lh.Hybrid(lambda t, x, args: jnp.stack([x[1], -jnp.ones_like(x[1])]), bounce)
+
+    def count(t1):
+        return len(lh.trajectory(ball, [0.5, 0.0], t1=t1, n=4, method=lh.RungeKutta("rk4", dt=0.1)).events)
+
+    assert count(4.5) == 2
+    compilations = len(COMPILED)
+    assert [count(t1) for t1 in (0.5, 10.5, 2100.5)] == [0, 5, 1050]
+    assert len(COMPILED) == compilations
+
+
 # --- going on where a run ended ----------------------------------------------------------------------------------
 
 

@@ -88,7 +88,7 @@ class Scheduled:
     always_common: ClassVar[bool] = False
     by_rows: ClassVar[bool] = True
     longest_interval: ClassVar[float] = float(LONGEST)
-    spread_wanted: ClassVar[float] = 8.0
+    spread_wanted: ClassVar[float] = 4.0
 
     @property
     def may_lose_rank(self) -> bool:
