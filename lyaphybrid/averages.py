@@ -94,12 +94,15 @@ def _of_several(found: Found, clock, averaging, names) -> Spectrum:
 def _chained(xp: ModuleType, records: Record, axis: int) -> Record:
     """Jumps and losses are counted from the start of a run: here, those of each block."""
 
-    def per_block(total):
-        if total is None:
-            return None
-        return xp.diff(total, axis=axis, prepend=xp.zeros_like(xp.take(total, np.array([0]), axis)))
+    def before(total):
+        start = xp.zeros_like(xp.take(total, np.array([0]), axis))
+        return xp.concatenate([start, xp.take(total, np.arange(total.shape[axis] - 1), axis)], axis)
 
-    return records._replace(jumps=per_block(records.jumps), losses=per_block(records.losses))
+    records = records._replace(jumps=records.jumps - before(records.jumps))
+    if records.losses is None:
+        return records
+    # What was lost before stands where its column stands at the end of the block.
+    return records._replace(losses=records.losses - xp.take_along_axis(before(records.losses), records.order, -1))
 
 
 def _one_run(xp: ModuleType, records: Record, clock: str, initial, averaging: str) -> dict:
@@ -120,7 +123,9 @@ def _one_run(xp: ModuleType, records: Record, clock: str, initial, averaging: st
     losses = (
         xp.zeros(finite.shape)
         if records.losses is None
-        else xp.sum(xp.where(valid[:, None], records.losses, 0), axis=0)
+        else _running_totals(
+            xp, xp.where(valid[:, None], records.losses, 0), records.order, valid, 0 * records.losses[0]
+        )[-1]
     )
     count = xp.maximum(xp.sum(valid), 2).astype(growth.dtype)
     scatter = xp.sum(xp.where(valid[:, None], growth - finite[None, :] * length[:, None], 0.0) ** 2, axis=0)

@@ -256,10 +256,11 @@ def _span(settings: Settings, clock: Clock, within, carry: Carry, ahead, interva
     else:
         carry, ahead = _repeated(goes_on, step, (carry, ahead), mover.does_little(carry.x.shape[0]))
     carry = carry._replace(frame=carry.frame[:, :k])
+    due = frequent and mover.by_rows and is_due(carry)  # to settle such a span is to forget what it did to the frame
     carry, ahead = mover.settle(settings, clock, functools.partial(within, in_span=True), carry, ahead)
     if not frequent:
         return carry, ahead, interval, spread
-    due = is_due(carry) | (carry.s >= clock.length)
+    due = due | is_due(carry) | (carry.s >= clock.length)
     if mover.always_common and not settings.count_jumps:  # then nothing but this ends a span
         return _tidy(settings, clock, carry, ahead, interval, spread)
     tidied = jax.lax.cond(
@@ -353,11 +354,12 @@ def harvest(
         count = jnp.sum(live)
         places = jnp.arange(live.shape[0])
         now = (places >= count) & (places < count + jnp.sum(lost))
-        first = jnp.where(jnp.isnan(carry.first_loss) & now, t, carry.first_loss)
+        first = carry.first_loss[source]
+        first = jnp.where(jnp.isnan(first) & now, t, first)
         return carry._replace(
             frame=frame,
             growth=carry.growth[source],
-            losses=carry.losses + now.astype(jnp.int32),
+            losses=carry.losses[source] + now.astype(jnp.int32),
             first_loss=first,
             order=carry.order[source],
         )

@@ -7,6 +7,7 @@ where frames are orthonormalised, all is brought to the present.
 
 import dataclasses
 import functools
+import math
 from typing import Any, ClassVar, NamedTuple
 
 import jax
@@ -31,7 +32,7 @@ class Own(NamedTuple):
     cache: Any  # of the schedule; its times count from the last rebasing
     start: Array  # of the span: time of the last rebasing, local to the block
     events: Array  # of the span
-    stretch: Array  # the largest entry of a saltation matrix of the span
+    stretch: Array  # of the span, see `_stretch`
     longest: Array  # between two events
     streak: Array  # of short intervals
 
@@ -140,8 +141,8 @@ class Scheduled:
         return ahead.lands & ~ahead.full
 
     def stretched(self, c: Carry):
-        """Whether an event of this span stretched perturbations so much that they have to be orthonormalised."""
-        return c.own.stretch > STRETCHED
+        """Whether the events of this span stretched perturbations so much that they have to be orthonormalised."""
+        return c.own.stretch > math.log(STRETCHED)
 
     def step(self, settings: Settings, clock: Clock, c: Carry, flight: Flight) -> Carry:
         """Through the next event: the rows that it touches change, and what was predicted for them."""
@@ -157,7 +158,7 @@ class Scheduled:
         entry = None if c.log is None else self._entry(clock, s, t, which, c.x, x)
         stretch = own.stretch
         if settings.cadence.automatic:
-            stretch = jnp.maximum(stretch, jax.lax.stop_gradient(functools.reduce(jnp.maximum, map(_largest, matrix))))
+            stretch = stretch + _stretch(matrix, x.shape[0])
         longest = jnp.maximum(own.longest, dt)
         own = Own(
             cache=self.system.schedule.update(own.cache, t, x.reshape(self.shape), self.args, which),
@@ -248,8 +249,13 @@ def _pushed(real, frame: Array, index: Array, matrix) -> list[Array]:
     return jax.lax.cond(real, push, rows)
 
 
-def _largest(row):
-    return jnp.max(jnp.abs(row))
+def _stretch(matrix, n: int):
+    """The logarithm of what an event does to perturbations, shared among all bodies; but a grazing one is too much.
+
+    With two bodies all events stretch the same perturbation, with many each another one.
+    """
+    largest = jax.lax.stop_gradient(functools.reduce(jnp.maximum, [jnp.max(jnp.abs(row)) for row in matrix]))
+    return jnp.where(largest > STRETCHED, jnp.inf, jnp.log(jnp.maximum(largest, 1.0)) * len(matrix) / n)
 
 
 def _integers(which):
