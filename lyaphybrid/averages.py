@@ -120,13 +120,10 @@ def _one_run(xp: ModuleType, records: Record, clock: str, initial, averaging: st
         finite = running[-1]
     else:
         finite = _birkhoff(xp, growth, length, reading, valid, regular=averaging == "birkhoff-regular")
-    losses = (
-        xp.zeros(finite.shape)
-        if records.losses is None
-        else _running_totals(
-            xp, xp.where(valid[:, None], records.losses, 0), records.order, valid, 0 * records.losses[0]
-        )[-1]
-    )
+    losses = xp.zeros(finite.shape)
+    if records.losses is not None:
+        counts = xp.where(valid[:, None], records.losses, 0)
+        losses = _running_totals(xp, counts, records.order, valid, 0 * counts[0])[-1]
     count = xp.maximum(xp.sum(valid), 2).astype(growth.dtype)
     scatter = xp.sum(xp.where(valid[:, None], growth - finite[None, :] * length[:, None], 0.0) ** 2, axis=0)
     stderr = xp.sqrt(scatter * count / (count - 1)) / _or_nan(xp, reading[-1])

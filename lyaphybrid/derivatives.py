@@ -14,7 +14,7 @@ from . import runs
 from ._tracing import traced
 from .checks import check_functions
 from .events import EPS, by_mode, wire
-from .methods.exact import Exact
+from .methods.exact import Exact, integers
 from .methods.scheduled import predicting_anew
 from .saltations import delays, instant, push, return_along
 from .systems import EventDriven, Flow, Hybrid, Map, System
@@ -85,7 +85,7 @@ def jacobians(
         [1. 0.]
     """
     system, x, t, mode = _checked(system, x, args, t, mode)
-    return _jacobians(system, t, x, args, mode, _integers(which))
+    return _jacobians(system, t, x, args, mode, integers(which))
 
 
 @eqx.filter_jit
@@ -94,7 +94,7 @@ def _jacobians(system, t, x, args, mode, which) -> Jacobians:
         function = system.field if isinstance(system, Flow) else system.rule
         return Jacobians(jax.jacfwd(function, argnums=1)(t, x, args), (), (), (), ())
     if isinstance(system, EventDriven):
-        which = _integers(system.next_event(t, x, args)[1]) if which is None else which
+        which = integers(system.next_event(t, x, args)[1]) if which is None else which
         widths = (0,)
     else:
         widths = _widths(system, t, x, args)
@@ -179,7 +179,7 @@ def saltation_matrix(
                 "An EventDriven needs which=…, the event as next_event(t, x, args) -> (dt, which) calls it."
             )
         system, x, t, mode = _checked(system, x, args, t, mode)
-        sequence, components = (0,), (_integers(which),)
+        sequence, components = (0,), (integers(which),)
     else:
         sequence = _sequence(system, transition)
         _, x, t, mode = _checked(system, x, args, t, _only_source(system, sequence[0]) if mode is None else mode)
@@ -329,11 +329,7 @@ def _components(system: Hybrid, t, x, args, sequence, which) -> tuple:
             )
         if component is not None and not traced(component) and not 0 <= operator.index(component) <= most:
             raise ValueError(f"The components of transition {index}'s guard are 0 to {most}; got which={component!r}.")
-    return tuple(_integers(0 if component is None else component) for component in given)
-
-
-def _integers(which):
-    return jax.tree.map(lambda leaf: jnp.asarray(leaf).astype(jnp.int32), which)
+    return tuple(integers(0 if component is None else component) for component in given)
 
 
 def _checked(system, x, args, t, mode):

@@ -261,6 +261,8 @@ def _span(settings: Settings, clock: Clock, within, carry: Carry, ahead, interva
     if not frequent:
         return carry, ahead, interval, spread
     due = due | is_due(carry) | (carry.s >= clock.length)
+    if settings.count_jumps:
+        due = due | (carry.jumps.astype(carry.s.dtype) >= clock.last_jump)
     if mover.always_common and not settings.count_jumps:  # then nothing but this ends a span
         return _tidy(settings, clock, carry, ahead, interval, spread)
     tidied = jax.lax.cond(

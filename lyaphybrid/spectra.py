@@ -76,7 +76,8 @@ def lyapunov_spectrum(
         count_start: count ln R of the initial frame too.
         replicates: run m times from x0 perturbed by a relative 1e-6 with `key`; the error is sd/√m.
         until: go on, by multiples of t1, until every finite exponent's standard error is below this.
-        max_steps: most attempts of a step; None: no limit (Ctrl-C returns what is computed).
+        max_steps: most attempts of a step; None: no limit (Ctrl-C returns what is computed). Where there is a schedule
+            the run ends with the interval in which they are spent.
         key: a `jax.random.key` for `replicates`.
         progress: True for a bar, or a function of the fraction done.
         throw: raise where the run failed; False returns the result with its status.

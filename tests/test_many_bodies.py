@@ -125,6 +125,49 @@ def test_zeros_and_pairs(problem):
     assert generic[zeros - 1] < min(0.05, 0.4 * generic[zeros])
 
 
+def test_a_state_in_rows_goes_in_and_comes_out():
+    """Rows (position, momentum) of balls between two walls that do not see each other: a schedule written by a user."""
+
+    def wall_ahead(t, y):
+        q, v = y[:, 0] + t * y[:, 1], y[:, 1]
+        return t + jnp.where(v > 0, 1 - q, -q) / v
+
+    def room(t, rows, args, which):
+        q = rows[0, 0] + t * rows[0, 1]
+        return q * (1 - q)
+
+    schedule = lh.Schedule(
+        init=lambda t, y, args: wall_ahead(t, y),
+        next=lambda times: (jnp.min(times), jnp.argmin(times)),
+        update=lambda times, t, y, args, which: times.at[which].set(wall_ahead(t, y)[which]),
+        shift=lambda times, dt: times - dt,
+        touch=lambda which: which[None],
+    )
+    balls = lh.EventDriven(
+        lambda dt, y, args: jnp.stack([y[:, 0] + dt * y[:, 1], y[:, 1]], axis=1),
+        None,
+        lambda t, rows, args, which: jnp.stack([rows[:, 0] + 2 * t * rows[:, 1], -rows[:, 1]], axis=1),
+        room,
+        schedule=schedule,
+    )
+    x0 = np.array([[0.5, 1.0], [0.25, -0.7], [0.1, 0.3]])
+    path = lh.trajectory(balls, x0, t1=10.0, n=5)
+    assert path.x.shape == (5, 3, 2)
+    folded = np.mod(x0[:, 0] + 10.0 * x0[:, 1], 2)
+    np.testing.assert_allclose(path.x[-1, :, 0], np.where(folded > 1, 2 - folded, folded), atol=1e-12)
+    several = lh.lyapunov_spectrum(balls, np.stack([x0, x0 / 2]), t1=50.0)
+    one = lh.lyapunov_spectrum(balls, x0, t1=50.0)
+    assert (one.x.shape, several.x.shape, one.frame.shape) == ((3, 2), (2, 3, 2), (6, 6))
+    np.testing.assert_allclose(several.x[0], one.x, atol=1e-12)
+    np.testing.assert_allclose(several.replicates[0], one.exponents, atol=1e-12)
+    assert np.max(np.abs(one.exponents)) < 0.2  # ln t/t
+    assert one.sum_rule_residual < 1e-12
+    matrix = lh.saltation_matrix(balls, 0.0, [[0.5, 1.0], [0.0, -0.7], [0.1, 0.3]], which=1)
+    np.testing.assert_allclose(matrix, np.diag([1, 1, -1, -1, 1, 1]), atol=1e-15)
+    with pytest.raises(ValueError, match=r"\(N, d\), one row a body"):
+        lh.trajectory(balls, x0.ravel(), t1=1.0)
+
+
 def test_four_times_the_energy_is_twice_the_speed():
     """K → 4K multiplies every number of a run by a power of two: not one bit may differ."""
     slow, fast = (lh.zoo.hard_spheres(kinetic_energy=energy) for energy in (8.0, 32.0))

@@ -191,6 +191,15 @@ def test_both_forms_have_the_same_exponents_everywhere(model, topology, sign, n)
     assert "unresolved" not in hybrid.notes | closed.notes
 
 
+def test_what_is_lost_stays_lost_when_another_direction_is_lost():
+    """A second column is lost behind the place of a first one that had been replaced: neither is finite."""
+    parameters = {"n": 8, "coupling": 1 / 16, "topology": "ring"}
+    frame = np.linalg.qr(np.random.default_rng(0).normal(size=(8, 8)))[0]  # in no invariant subspace
+    hybrid, closed = (p.spectrum(t1=8.0, transient=0.0, frame=frame) for p in both(**parameters))
+    assert_same(hybrid, closed)
+    assert np.sum(np.isneginf(hybrid.exponents)) == 4
+
+
 # States that are known.
 
 

@@ -14,7 +14,7 @@ from ..saltations import delays, push, return_along
 from ..statuses import STATUS
 from ..systems import EventDriven
 
-__all__ = ["Exact"]
+__all__ = ["Exact", "integers", "is_event"]
 
 
 class Flight(NamedTuple):
@@ -64,12 +64,12 @@ class Exact:
 
     def which_shape(self, t, x):
         """What an event log stores as `which`: what the user's `next_event` calls it."""
-        return jax.eval_shape(lambda t, x: _integers(self.system.next_event(t, x, self.args)[1]), t, x)
+        return jax.eval_shape(lambda t, x: integers(self.system.next_event(t, x, self.args)[1]), t, x)
 
     def look(self, c: Carry, clock: Clock) -> Flight:
         """When is the next event?"""
         dt, which = self.system.next_event(clock.base + c.s, c.x, self.args)
-        dt, which = jnp.asarray(dt, c.x.dtype), _integers(which)
+        dt, which = jnp.asarray(dt, c.x.dtype), integers(which)
         # nan is no time: it goes to the landing, which reports it.
         return Flight(dt, which, ~(dt > clock.length - c.s))
 
@@ -121,7 +121,7 @@ class Exact:
         s = c.s + flight.dt
         t, n, k = clock.base + s, x.shape[0], frame.shape[1]
         columns = jnp.concatenate([frame, jnp.eye(n, dtype=x.dtype)], axis=1) if settings.sum_rule else frame
-        before, real = self.velocity(t, x), _is_event(which)
+        before, real = self.velocity(t, x), is_event(which)
         delay = self._delays(real, t, x, which, columns, before)
         new, columns, direction = push(lambda t, x: system.jump(t, x, args, which), t, x, columns, before)
         columns = return_along(columns, direction, self.velocity(t, new), delay)
@@ -163,10 +163,11 @@ class Exact:
         return stop(c, STATUS.nonfinite, ~(jnp.all(jnp.isfinite(c.x)) & (dt >= -1e-9 * longest)))
 
 
-def _integers(which):
+def integers(which):
+    """What an event is called, with entries of one type."""
     return jax.tree.map(lambda leaf: jnp.asarray(leaf).astype(jnp.int32), which)
 
 
-def _is_event(which):
+def is_event(which):
     """A negative `which` says that nothing happens there: the prediction is only to be made anew."""
     return jax.tree.leaves(which)[0] >= 0

@@ -20,6 +20,7 @@ from ..propagation import STRETCHED, Carry, Clock, Events, Settings, log_event, 
 from ..saltations import delays
 from ..statuses import STATUS
 from ..systems import EventDriven
+from .exact import integers, is_event
 
 __all__ = ["Scheduled", "predicting_anew"]
 
@@ -125,14 +126,14 @@ class Scheduled:
     def which_shape(self, t, x):
         """What an event log stores as `which`: what the user's schedule calls it."""
         del t
-        return jax.eval_shape(lambda x: _integers(self.system.schedule.next(self.begin(x[0], x, 0, 0).cache)[1]), x)
+        return jax.eval_shape(lambda x: integers(self.system.schedule.next(self.begin(x[0], x, 0, 0).cache)[1]), x)
 
     def look(self, c: Carry, clock: Clock) -> Flight:
         """When is the next event?"""
         t, which = self.system.schedule.next(c.own.cache)
         # nan is no time: it goes to the landing, which reports it.
         lands = ~(t > clock.length - c.own.start)
-        return Flight(t, _integers(which), lands, c.own.events >= LONGEST)
+        return Flight(t, integers(which), lands, c.own.events >= LONGEST)
 
     enter = look
 
@@ -148,7 +149,7 @@ class Scheduled:
         """Through the next event: the rows that it touches change, and what was predicted for them."""
         t, which, own = flight.t, flight.which, c.own
         index = self.rows.components(which)
-        rows, real = c.x[index], _is_event(which)
+        rows, real = c.x[index], is_event(which)
         new, matrix = self._crossing(t, rows, which)
         x, frame = _with_rows(c.x, index, new), c.frame
         if frame.shape[1] > 0:
@@ -258,15 +259,6 @@ def _stretch(matrix, n: int):
     return jnp.where(largest > STRETCHED, jnp.inf, jnp.log(jnp.maximum(largest, 1.0)) * len(matrix) / n)
 
 
-def _integers(which):
-    return jax.tree.map(lambda leaf: jnp.asarray(leaf).astype(jnp.int32), which)
-
-
-def _is_event(which):
-    """A negative `which` says that nothing happens there: the prediction is only to be made anew."""
-    return jax.tree.leaves(which)[0] >= 0
-
-
 @functools.cache
 def predicting_anew(system: EventDriven, shape: tuple[int, ...]) -> EventDriven:
     """The same system without its schedule: functions of the whole state (n,), every prediction made anew.
@@ -293,6 +285,6 @@ def predicting_anew(system: EventDriven, shape: tuple[int, ...]) -> EventDriven:
         rows = Rows(system, args, shape)
         # Also where nothing happens the guard falls.
         standing = rows.guard(jnp.zeros_like(t), x[rows.components(which)], which)
-        return jnp.where(_is_event(which), standing, jax.lax.stop_gradient(t) - t)
+        return jnp.where(is_event(which), standing, jax.lax.stop_gradient(t) - t)
 
     return EventDriven(flow, next_event, jump, guard, canonical=system.canonical)

@@ -6,7 +6,7 @@ Parameters that are numbers travel in `args`: changing them does not compile aga
 """
 
 from .billiards import ellipse, lorentz_gas, mean_free_path, sinai_billiard, stadium, wedge
-from .hard_particles import hard_disks, hard_spheres
+from .disks_and_spheres import hard_disks, hard_spheres
 from .impacts import bouncing_ball, impact_oscillator, kicked_ball, zaslavsky
 from .maps import baker_map, cat_map, henon_map, kaplan_yorke_map, logistic_map, standard_map
 from .neurons import integrate_and_fire

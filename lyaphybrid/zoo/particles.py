@@ -28,6 +28,7 @@ from ..systems import EventDriven, Schedule
 __all__ = ["SIDES", "hard_particles"]
 
 SIDES = ("width", "height", "depth")  # names of the box's sides in args
+LANES = 128  # so many numbers are compared at once; more in a loop, to keep the code short
 NEVER = -1  # the partner of a body that is only to be looked at again
 
 
@@ -269,9 +270,6 @@ def _update(kind: Kind, cache: Predictions, t, x, args, which) -> Predictions:
     state = (cache.time, cache.partner, _first(cache.time)[1])
     time, partner, first = lax.while_loop(is_void, choose_again, state)
     return cache._replace(time=time, partner=partner, first=first)
-
-
-LANES = 128
 
 
 def _first(values) -> tuple[Array, Array]:
