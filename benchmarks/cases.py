@@ -98,6 +98,7 @@ CASES = {
     "impact_adaptive": _impact(True, 1.25e4),
     "hard_disks_n4": _hard_disks(2e4),
     "disks_n4": _many_disks(4, 10, 80_000),
+    "disks_n4_lapack": _many_disks(4, 10, 80_000, lapack=True),
     "disks_n16": _many_disks(16, 64, 40_960),
     "disks_n16_lapack": _many_disks(16, 64, 40_960, lapack=True),
     "disks_n64": _many_disks(64, 64, 2560),

@@ -6,22 +6,33 @@ for vectors, which it finds in loops alone: rows of four columns stay scalar cod
 three turns. Once it has found them it reads a row back from memory unless it was written or read at most six
 instructions before; it is told to look further (Lorenz: a sixth of the time). `jit(compiler_options=…)` does not
 take these options: they must stand in `XLA_FLAGS` before JAX creates its first backend.
+
+What does not fit into one kernel becomes a hundred small ones. XLA's newer way to make these takes more time to
+compile, and twice the memory (64 hard disks: 215 MB above the import, against 100), for loops that run no faster:
+`lean_jit` asks for the older one.
 """
 
+import functools
 import importlib.util
 import os
 import re
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 
+import equinox as eqx
 import jax
+import jax.numpy as jnp
 from jax._src import xla_bridge
+
+from ._tracing import traced
 
 OPT_OUT = "LYAPHYBRID_KEEP_XLA_FLAGS"
 _THRESHOLD = "xla_cpu_small_while_loop_byte_threshold"
 _KERNELS = f"{_THRESHOLD}=16777216"  # bytes; no penalty was seen up to 1e9
 _VECTORS = "-unroll-full-max-count=3,-available-load-scan-limit=1000"  # LLVM's own
 _FLAG = "--xla_backend_extra_options="
+_LEAN = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_parallel_codegen_split_count": 1}
 
 
 def request_single_kernel_loops() -> None:
@@ -54,6 +65,26 @@ def request_single_kernel_loops() -> None:
         )
         return
     os.environ["XLA_FLAGS"] = _merged(flags, options)
+
+
+def lean_jit(function: Callable) -> Callable:
+    """`eqx.filter_jit` for large functions; within other transformations JAX takes no options, and it goes without."""
+    plain = eqx.filter_jit(function)
+    lean = eqx.filter_jit(function, compiler_options=_LEAN)  # pyright: ignore[reportCallIssue]
+
+    @functools.wraps(function)
+    def call(*args):
+        if traced(args, jnp.zeros(())):  # within a jit new arrays are traced, whatever the arguments are
+            return plain(*args)
+        try:
+            return lean(*args)
+        except jax.errors.JaxRuntimeError as error:
+            if "No such compile option" not in str(error):  # an XLA that knows one way only
+                raise
+            return plain(*args)
+
+    call.lower = lean.lower  # type: ignore[attr-defined]
+    return call
 
 
 def compiles_to_one_kernel(compiled: jax.stages.Compiled) -> bool:

@@ -305,10 +305,9 @@ def _tidy(settings: Settings, clock: Clock, carry: Carry, ahead, interval, sprea
     if settings.mover.jumps_uncontrolled and settings.mover.may_lose_rank:
         # After many jumps rounding alone makes columns dependent: that is unresolved, not lost.
         absolute = jnp.where(carry.since <= 1, frames.LOST, jnp.where(carry.since <= LONGEST_BLIND, 0.0, -jnp.inf))
-        carry = harvest(settings, carry, clock.base + carry.s, absolute, frames.DEPENDENT)
+        carry, gained = harvest(settings, carry, clock.base + carry.s, absolute, frames.DEPENDENT)
     else:
-        carry = harvest(settings, carry, clock.base + carry.s)
-    gained = carry.growth - before
+        carry, gained = harvest(settings, carry, clock.base + carry.s)
     seen = jnp.maximum(jnp.max(gained), 0.0) - jnp.minimum(jnp.min(gained), 0.0)
     sane = jnp.isfinite(seen)
     carry = stop(carry._replace(growth=jnp.where(sane, carry.growth, before)), STATUS.nonfinite, ~sane)
@@ -331,8 +330,8 @@ def stretched(carry: Carry):
 
 def harvest(
     settings: Settings, carry: Carry, t, absolute: Any = 0.0, relative=0.0, project=None, was_live: Any = True
-) -> Carry:
-    """Orthonormalise the frame and add ln R_ii to the growth.
+) -> tuple[Carry, Array]:
+    """Orthonormalise the frame and add ln R_ii to the growth; also returns ln R_ii of the columns as they stood.
 
     Where a tolerance is given columns may be lost: they are counted, and replaced.
 
@@ -348,7 +347,7 @@ def harvest(
     frame, log_r, lost = frames.orthonormalise(carry.frame, settings.kind, absolute, relative)
     carry = carry._replace(frame=frame, growth=carry.growth + log_r)
     if not frames.tracked(relative):
-        return carry
+        return carry, log_r
     live, lost = ~lost, lost & was_live
 
     def replace(carry, lost, live):
@@ -366,7 +365,7 @@ def harvest(
             order=carry.order[source],
         )
 
-    return jax.lax.cond(jnp.all(live), lambda c, *_: c, replace, carry, lost, live)
+    return jax.lax.cond(jnp.all(live), lambda c, *_: c, replace, carry, lost, live), log_r
 
 
 def _next_block(settings: Settings, journey: Journey) -> Journey:

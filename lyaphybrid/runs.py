@@ -12,12 +12,12 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from . import propagation
+from ._compiler import lean_jit
 from ._tracing import array, traced
 from .checks import check_clocks, check_functions, real
 from .events import Wiring, wire
@@ -203,7 +203,7 @@ def settings_of(problem: Problem, plan: Plan, t, x) -> Settings:
     return Settings(mover, plan.cadence, plan.kind, plan.sum_rule, plan.log, plan.count_jumps, plan.collect)
 
 
-@eqx.filter_jit
+@lean_jit
 def start(problem: Problem, plan: Plan, t0, x0, frame, mode, interval) -> Journey:
     """The journey at its start; x0 (n,), or (m, n) where the plan is batched."""
 
@@ -217,7 +217,7 @@ def start(problem: Problem, plan: Plan, t0, x0, frame, mode, interval) -> Journe
     return jax.vmap(one)(x0, frames)
 
 
-@eqx.filter_jit
+@lean_jit
 def _advance(problem: Problem, plan: Plan, journey: Journey, ends, last_jumps, budget):
     def one(journey):
         settings = settings_of(problem, plan, journey.base[0], journey.carry.x)

@@ -126,7 +126,6 @@ def test_memory_does_not_grow_with_the_length(peaks):
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(reason="2026-11-22: 226 MB, for 4 disks already 147 MB: the compiler's, not the frame's (0.5 MB)")
 def test_memory_above_the_import(peaks):
     assert peaks[-1] - peaks[0] <= 150
 

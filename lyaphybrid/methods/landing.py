@@ -63,7 +63,7 @@ def land(mover, settings: Settings, clock: Clock, c: Carry, tr: Trial) -> Carry:
     slot = jnp.argmin(ahead).astype(jnp.int32)
     c = _polish(mover, clock, c, slot, ticking)
     t = clock.base + c.s
-    c = harvest(settings, c, t) if _orthonormalises(mover, settings, c) else c
+    c = harvest(settings, c, t)[0] if _orthonormalises(mover, settings, c) else c
     # Which transition: the first of those at this instant whose `when` says yes.
     together = lands & (ahead <= ahead[slot] + SAME * (own.h + jnp.abs(t)))
     allowed = together & by_mode(mode, w.whens, t, c.x) if w.shared else together
@@ -143,7 +143,7 @@ def _cross(mover, settings, clock: Clock, c: Carry, mode, transition, which, slo
     c = changed(c, mode=None if c.own.mode is None else landing.mode, **arrival)
     if _orthonormalises(mover, settings, c):
         project = _projection(mover, landing.mode, t, landing.x)
-        c = harvest(settings, c, t, frames.LOST, frames.LOST, project, was_live)
+        c, _ = harvest(settings, c, t, frames.LOST, frames.LOST, project, was_live)
     c = _remember(mover, c, landing, clock, slot)
     c = stop(c, STATUS.terminated, landing.terminal)
     c = stop(c, STATUS.deadlock, landing.stuck)
@@ -214,13 +214,14 @@ def _cascade(mover, t, h, landing: "Landing") -> "Landing":
         directed = table(mover, mode if w.modes > 1 else None, w.directed)
         follows = directed & (side < 0) & ~fired
         follows = follows & by_mode(mode, w.whens, t, x) if w.shared else follows
-        slot = jnp.argmax(follows).astype(jnp.int32)
+        # One that the flow itself brought to zero at this instant, and the jump left there, comes after all that the
+        # jump pushed through: had it been later, these would have been first.
+        alone = state.together & (g == 0) & (mode == state.mode)
+        slot = jnp.argmax(jnp.where(follows, jnp.where(alone, 1, 2), 0)).astype(jnp.int32)
         again = jnp.any(follows) & ~terminal & (state.count < mover.max_cascade)
         stuck = jnp.any(fired & flat & (side < 0) & directed) & ~again
-        # A guard that the flow itself brought to zero at this instant, and the reset left there, has one of its own.
-        itself = again & state.together[slot] & (g[slot] == 0) & (mode == state.mode)
         moves = columns, direction, state.delay
-        columns, direction, delay = _own_instant(mover, itself, mode, t, x, f, slot, moves)
+        columns, direction, delay = _own_instant(mover, again & alone[slot], mode, t, x, f, slot, moves)
         transition = jnp.where(again, table(mover, mode if w.modes > 1 else None, w.transition)[slot], state.transition)
         which = table(mover, mode if w.modes > 1 else None, w.component)[slot]
         return Landing(
@@ -270,11 +271,12 @@ def _instant(mover, mode, t, x, f, slot):
     return by_mode(mode, [of_mode(g) for g in mover.wiring.guards], t, x, f)
 
 
-def _own_instant(mover, itself, mode, t, x, f, slot, moves):
+def _own_instant(mover, alone, mode, t, x, f, slot, moves):
+    """Columns whose instant was another guard's, at that of a guard that no jump brought to zero."""
     gradient, _, rate = _instant(mover, mode, t, x, f, slot)
     columns, direction, delay = moves
     back = return_along(columns, direction, f, delay)
-    return _choose(itself, (back, f, delays(gradient @ back, rate)), moves)
+    return _choose(alone, (back, f, delays(gradient @ back, rate)), moves)
 
 
 def _in_each_order(mover, t, h, c, columns, mode, transition, which, slot, together) -> "Landing":

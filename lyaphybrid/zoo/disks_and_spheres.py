@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._compiler import lean_jit
 from .billiards import known_reference
 from .particles import SIDES, hard_particles
 from .problem import (
@@ -102,7 +103,7 @@ def _cells(n: int, sides: Sequence[float]):
         yield (*counts, -(-n // math.prod(counts)))
 
 
-@jax.jit
+@lean_jit
 def _start(key, sites, mass, energy):
     """Sites and normal momenta of sum zero with this kinetic energy: (2nd,)."""
     share = jnp.broadcast_to(mass, sites.shape[:1])[:, None]

@@ -320,28 +320,16 @@ def _look_at(kind: Kind, cache: Predictions, bodies, t) -> Predictions:
 
 def _contacts(kind: Kind, cache: Predictions, body, t):
     """Times (n,) to the contacts of a body with all others."""
-    velocity = [v - v[body] for v in cache.v]
-    apart = [(q - q[body]) + t * w for q, w in zip(cache.q, velocity, strict=True)]
-    reach2, speed2 = ((cache.diameter + cache.diameter[body]) / 2) ** 2, _dot(velocity, velocity)
     if kind.walls:
-        return _contact(_dot(apart, velocity), _dot(apart, apart) - reach2, speed2)
-    # Along each axis: the nearest image, and the next one ahead; its share of the scalar products q·w and q².
-    shares = []
-    for displacement, w, side in zip(apart, velocity, cache.box, strict=True):
-        nearest = _nearest(displacement, side)
-        ahead = nearest + jnp.where(w > 0, -side, side)
-        shares.append([(q * w, q * q) for q in (nearest, ahead)])
-    images = [
-        tuple(functools.reduce(jnp.add, part) for part in zip(*image, strict=True))
-        for image in itertools.product(*shares)
-    ]
-    images = [(approach, square - reach2) for approach, square in images]
+        return _contact(*_approach(cache, body, t))
 
     def soonest():
+        images, speed2 = _images(cache, body, t)
         return functools.reduce(jnp.minimum, [_contact(*image, speed2) for image in images])
 
     def nearest_first():
         """Obstacles that do not overlap are met in the order of their centres: one root is enough."""
+        images, speed2 = _images(cache, body, t)
         approach, excess = -jnp.inf, jnp.zeros_like(speed2)
         for one, other in images:
             meets = (one < 0) & (one * one > speed2 * other) & (one > approach)
@@ -350,6 +338,37 @@ def _contacts(kind: Kind, cache: Predictions, body, t):
         return jnp.where(met, _contact(jnp.where(met, approach, -1.0), excess, speed2), jnp.inf)
 
     return lax.cond(cache.roomy, nearest_first, soonest)
+
+
+def _relative(cache: Predictions, body, t):
+    """By axis: displacements (n,) of all from a body at the time t, and their velocities; and the squared reaches."""
+    velocity = [v - v[body] for v in cache.v]
+    apart = [(q - q[body]) + t * w for q, w in zip(cache.q, velocity, strict=True)]
+    return apart, velocity, ((cache.diameter + cache.diameter[body]) / 2) ** 2
+
+
+def _approach(cache: Predictions, body, t):
+    """q·w, q² - σ² and w² of all with a body; q is from it to them, w the relative velocity."""
+    apart, velocity, reach2 = _relative(cache, body, t)
+    return _dot(apart, velocity), _dot(apart, apart) - reach2, _dot(velocity, velocity)
+
+
+def _images(cache: Predictions, body, t):
+    """The same for the images that can be met: (q·w, q² - σ²) of each, and w² of all.
+
+    Along each axis: the nearest image, and the next one ahead.
+    """
+    apart, velocity, reach2 = _relative(cache, body, t)
+    shares = []  # of the scalar products
+    for displacement, w, side in zip(apart, velocity, cache.box, strict=True):
+        nearest = _nearest(displacement, side)
+        ahead = nearest + jnp.where(w > 0, -side, side)
+        shares.append([(q * w, q * q) for q in (nearest, ahead)])
+    images = [
+        tuple(functools.reduce(jnp.add, part) for part in zip(*image, strict=True))
+        for image in itertools.product(*shares)
+    ]
+    return [(approach, square - reach2) for approach, square in images], _dot(velocity, velocity)
 
 
 def _contact(approach, excess, speed2):
