@@ -1,5 +1,6 @@
 """Many bodies: the schedule against brute force, conserved quantities, pairing, zeros, reference values."""
 
+import dataclasses
 import itertools
 
 import jax.numpy as jnp
@@ -9,10 +10,24 @@ import pytest
 import brute_force
 import lyaphybrid as lh
 from lyaphybrid.methods.scheduled import predicting_anew
+from lyaphybrid.zoo.particles import hard_particles
 from references import load_event_driven
 
 DISKS = load_event_driven()["hard_disks"]
 SIZES = np.random.default_rng(1)
+
+
+def in_cells(problem):
+    """The same problem, its bodies looked for in cells of the box, as it would be with more of them."""
+    parameters, sides = problem.parameters, len(box_of(problem))
+    system = hard_particles(parameters["n"], sides, parameters["walls"] == "hard", in_cells=True)
+    return dataclasses.replace(problem, system=system)
+
+
+def box_of(problem):
+    return [float(problem.args[side]) for side in ("width", "height", "depth") if side in problem.args]
+
+
 KINDS = {
     "disks": lambda: lh.zoo.hard_disks(n=16),
     "thin disks": lambda: lh.zoo.hard_disks(n=6, density=0.05, aspect=3.0),
@@ -24,16 +39,24 @@ KINDS = {
     "spheres": lambda: lh.zoo.hard_spheres(),
     "long box": lambda: lh.zoo.hard_spheres(n=11, density=0.3, aspect=(0.5, 2.0), mass=3.0, kinetic_energy=7.0),
     "spheres in a box": lambda: lh.zoo.hard_spheres(n=8, density=0.4, walls="hard"),
+    "disks in cells": lambda: in_cells(lh.zoo.hard_disks(n=16)),
+    "thin disks in cells": lambda: in_cells(lh.zoo.hard_disks(n=16, density=0.05, aspect=1.2)),
+    "mixture in cells": lambda: in_cells(
+        lh.zoo.hard_disks(n=16, density=0.5, diameter=SIZES.uniform(0.3, 1.0, 16), mass=SIZES.uniform(0.2, 5.0, 16))
+    ),
+    "disks in cells in a box": lambda: in_cells(lh.zoo.hard_disks(n=12, density=0.5, walls="hard")),
+    "spheres in cells": lambda: in_cells(lh.zoo.hard_spheres(n=40, density=0.25)),
 }
-QUICK = ("mixture", "disks in a box", "spheres")
-kinds = pytest.mark.parametrize(
-    "problem",
-    [pytest.param(make(), id=name, marks=() if name in QUICK else pytest.mark.slow) for name, make in KINDS.items()],
-)
+QUICK = ("mixture", "disks in a box", "spheres", "disks in cells in a box")
 
 
-def box_of(problem):
-    return [float(problem.args[side]) for side in ("width", "height", "depth") if side in problem.args]
+def of_problems(names):
+    return pytest.mark.parametrize(
+        "problem", [pytest.param(KINDS[n](), id=n, marks=() if n in QUICK else pytest.mark.slow) for n in names]
+    )
+
+
+kinds = of_problems(KINDS)
 
 
 def body_count(problem):
@@ -111,7 +134,7 @@ def test_the_tangent_map_is_the_derivative(problem):
         np.testing.assert_allclose(matrix @ dx, difference, rtol=0, atol=1e-4 * float(jnp.max(jnp.abs(difference))))
 
 
-@kinds
+@of_problems([name for name in KINDS if "cells" not in name])
 def test_zeros_and_pairs(problem):
     """Energy and momenta with their partners are zeros; every λ has its -λ."""
     d, free = len(box_of(problem)), problem.parameters["walls"] != "hard"
@@ -123,6 +146,27 @@ def test_zeros_and_pairs(problem):
     generic = np.sort(np.abs(problem.spectrum(t1=600.0, transient=20.0, frame=frame).exponents))
     zeros = 2 * d + 2 if free else 2
     assert generic[zeros - 1] < min(0.05, 0.4 * generic[zeros])
+
+
+def test_a_box_too_small_for_cells_is_refused():
+    """With three cells an axis the nearest image would not always be the one that is met."""
+    problem = in_cells(lh.zoo.hard_disks(n=9, density=0.7))
+    spectrum = problem.spectrum(t1=1.0, throw=False)
+    assert (spectrum.status, int(spectrum.jumps)) == (lh.STATUS.nonfinite, 0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("make", [lh.zoo.hard_disks, lh.zoo.hard_spheres])
+def test_many_are_looked_for_in_cells_and_meet_as_all_do(make):
+    problem = make(n=400)
+    parameters = problem.parameters
+    all_partners = hard_particles(400, len(box_of(problem)), parameters["walls"] == "hard")
+    assert problem.system is not all_partners
+    cells, rows = (lh.trajectory(s, problem.x0, problem.args, t1=1.0, n=1) for s in (problem.system, all_partners))
+    there = np.asarray(rows.events.which) >= 0  # the others only look again
+    assert len(cells.events) > 1000
+    np.testing.assert_array_equal(cells.events.which, rows.events.which[there])
+    np.testing.assert_allclose(cells.events.t, rows.events.t[there], rtol=0, atol=1e-6)
 
 
 def test_a_state_in_rows_goes_in_and_comes_out():

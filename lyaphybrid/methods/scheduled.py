@@ -167,7 +167,8 @@ class Scheduled:
             events=own.events + 1,
             stretch=stretch,
             longest=longest,
-            streak=jnp.where(dt < 1e-9 * longest, own.streak + 1, 0.0),
+            # At one instant many bodies may be looked at again: that is no accumulation, unless it goes on.
+            streak=jnp.where(dt < 1e-9 * longest, own.streak + jnp.where(real, 1.0, 1 / x.shape[0]), 0.0),
         )
         c = c._replace(
             s=s,

@@ -12,7 +12,8 @@ from jaxtyping import Array, Float
 
 from .._compiler import lean_jit
 from .billiards import known_reference
-from .particles import SIDES, hard_particles
+from .contacts import SIDES
+from .particles import better_in_cells, hard_particles
 from .problem import (
     Problem,
     Real,
@@ -128,7 +129,7 @@ def _particles(n, density, sides, diameter, mass, energy, walls, key, **more) ->
         jax.random.key(0) if key is None else key, jnp.asarray(sites, float), jnp.asarray(mass, float), energy
     )
     return Problem(
-        system=hard_particles(n, len(sides), walls == "hard"),
+        system=hard_particles(n, len(sides), walls == "hard", better_in_cells(n, sides, widest)),
         x0=start,
         args=dict(zip(SIDES, sides, strict=False)) | {"diameter": diameter, "mass": mass},
         t1=1000.0,
@@ -176,9 +177,10 @@ def hard_disks(
     density · σ² and aspect.
 
     The event's `which` is n·k + l with k < l; n² + 4k + 2·axis + side where k meets a wall, side 0 the low one;
-    negative where nothing happens but a prediction is to be made anew. The start is a lattice with normally
-    distributed momenta, their sum taken away, scaled to the kinetic energy. Other keys give other starts of the
-    same ensemble.
+    negative where nothing happens but a prediction is to be made anew. From 256 disks on only neighbours are looked
+    for, in cells of the box: a changed diameter or box must then leave it four diameters in each direction. The start
+    is a lattice with normally distributed momenta, their sum taken away, scaled to the kinetic energy. Other keys give
+    other starts of the same ensemble.
 
     Args:
         n: number of disks, at least 2.

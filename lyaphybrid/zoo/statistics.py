@@ -22,7 +22,7 @@ import numpy as np
 from ..checks import positive, whole
 from ..results import with_error
 from ..trajectories import Events, trajectory
-from .particles import SIDES
+from .contacts import SIDES
 from .problem import Problem
 
 __all__ = ["CollisionStatistics", "Measured", "collision_statistics", "kick_by_energy"]

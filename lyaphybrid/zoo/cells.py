@@ -1,0 +1,254 @@
+"""The schedule of many bodies: only those in the same cell of the box or in one next to it are looked at.
+
+Cells are at least as wide as the largest body, so that bodies meet only where their cells touch. To leave a cell is an
+event of its own, at which a body is looked at again; it changes nothing but the schedule, which goes on to the next
+one by itself (D. C. Rapaport, J. Comput. Phys. 34 (1980) 184, doi:10.1016/0021-9991(80)90104-7). So an event costs a
+look at some ten neighbours, whatever the number of bodies.
+
+What is predicted for a body is void when its partner has changed since; then the body is looked at again.
+"""
+
+import itertools
+import math
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array
+
+from .contacts import Kind, bodies_of, contact, each, of_axes, smallest, time_to_wall
+
+__all__ = ["CELLS_AN_AXIS", "Predictions", "along", "look_at_all", "predicted", "shifted", "update"]
+
+CELLS_AN_AXIS = 4  # at least: then the nearest image is the one that can be met
+NOBODY = -1
+LEAVES = -2  # the partner of a body that leaves its cell through border b is LEAVES - b
+
+
+class Cells(NamedTuple):
+    """Who is where: lists that begin with `head` and go on with `after`."""
+
+    counts: Array  # (d,) cells along each axis
+    head: Array  # (cells,) a body of each cell
+    after: Array  # (n,) the next body of the same cell
+    before: Array  # (n,)
+    place: Array  # (d, n) cell of each body, along each axis
+
+
+class Predictions(NamedTuple):
+    """The cache of the schedule; positions and velocities by axis."""
+
+    time: Array  # (n,) of each body's next event, counted from the rebasing
+    partner: Array  # (n,) with whom: another body, n + 2·axis + side for a wall, or `LEAVES`
+    looked: Array  # (n,) the number of the event after which each body was looked at
+    changed: Array  # (n,) and of the event that last changed its motion
+    events: Array  # so far
+    first: Array  # whose event is next
+    q: Array  # (d, n) comoving
+    v: Array  # (d, n)
+    diameter: Array  # (n,)
+    box: Array  # (d,)
+    cells: Cells
+
+
+# Cells.
+
+
+def _index(counts, place):
+    """The cell at a place (d,)."""
+    index = place[0]
+    for axis in range(1, place.shape[0]):
+        index = index * counts[axis] + place[axis]
+    return index
+
+
+def along(side, n: int, sides, widest):
+    """Cells along a side of the box: as wide as the largest body, and on the whole not more than two a body."""
+    return jnp.minimum(side / widest, side * (2 * n / math.prod(sides)) ** (1 / len(sides)))
+
+
+def _counts(kind: Kind, box, widest):
+    return jnp.stack([jnp.floor(along(side, kind.n, list(box), widest)).astype(jnp.int32) for side in box])
+
+
+def _filled(kind: Kind, q, box, widest) -> Cells:
+    counts = jnp.maximum(_counts(kind, box, widest), 1)
+    share = q / box[:, None]
+    place = jnp.floor((share - jnp.floor(share)) * counts[:, None].astype(q.dtype)).astype(jnp.int32)
+    place = jnp.minimum(place, counts[:, None] - 1)
+    nobody = jnp.full(kind.n, NOBODY, jnp.int32)
+    empty = Cells(counts, jnp.full(2 * kind.n, NOBODY, jnp.int32), nobody, nobody, place)
+    return lax.fori_loop(0, kind.n, lambda body, cells: _entered(cells, body), empty)
+
+
+def _entered(cells: Cells, body) -> Cells:
+    """With a body at the head of the list of its cell."""
+    body = jnp.asarray(body, jnp.int32)
+    cell = _index(cells.counts, cells.place[:, body])
+    follower = cells.head[cell]
+    return cells._replace(
+        head=cells.head.at[cell].set(body),
+        after=cells.after.at[body].set(follower),
+        before=_where_somebody(cells.before, follower, body).at[body].set(NOBODY),
+    )
+
+
+def _left(cells: Cells, body) -> Cells:
+    """Without a body in the list of its cell."""
+    cell = _index(cells.counts, cells.place[:, body])
+    ahead, follower = cells.before[body], cells.after[body]
+    return cells._replace(
+        head=cells.head.at[cell].set(jnp.where(ahead < 0, follower, cells.head[cell])),
+        after=_where_somebody(cells.after, ahead, follower),
+        before=_where_somebody(cells.before, follower, ahead),
+    )
+
+
+def _where_somebody(links, body, value):
+    """Set the link of a body, if it is one."""
+    safe = jnp.maximum(body, 0)
+    return links.at[safe].set(jnp.where(body < 0, links[safe], value))
+
+
+def _moved(cells: Cells, body, border) -> Cells:
+    """The body goes through a border 2·axis + (0 low, 1 high)."""
+    cells = _left(cells, body)
+    step = jnp.where(jnp.arange(cells.counts.shape[0], dtype=jnp.int32) == border // 2, 2 * (border % 2) - 1, 0)
+    place = (cells.place[:, body] + step) % cells.counts
+    place = lax.dynamic_update_slice(cells.place, place[:, None], (jnp.zeros_like(body), body))
+    return _entered(cells._replace(place=place), body)
+
+
+# Predictions.
+
+
+def look_at_all(kind: Kind, t, x, args) -> Predictions:
+    """All predictions from the time t on."""
+    n, half = kind.n, kind.n * kind.d
+    diameter, none = each(kind, args["diameter"]).astype(x.dtype), jnp.zeros(n, jnp.int32)
+    q, v = x[:half].reshape(n, kind.d).T, (x[half:].reshape(n, kind.d) / each(kind, args["mass"])[:, None]).T
+    box = of_axes(kind, args).astype(x.dtype)
+    start = Predictions(
+        time=jnp.zeros_like(diameter),
+        partner=none,
+        looked=none,
+        changed=none,
+        events=none[0],
+        first=none[0],
+        q=q,
+        v=v,
+        diameter=diameter,
+        box=box,
+        cells=_filled(kind, q, box, jnp.max(diameter)),
+    )
+    every = lax.fori_loop(0, n, lambda body, cache: _look_at(kind, cache, jnp.asarray(body, jnp.int32), t), start)
+    # Fewer cells than asked for would hide neighbours: no time is better than a wrong one.
+    enough = jnp.all(_counts(kind, box, jnp.max(diameter)) >= CELLS_AN_AXIS)
+    every = every._replace(time=jnp.where(enough, every.time, jnp.nan))
+    return _go_on(kind, every._replace(first=smallest(every.time)[1]), t)
+
+
+def predicted(kind: Kind, cache: Predictions):
+    """When the next event is, and its name."""
+    body, n = cache.first, kind.n
+    partner = cache.partner[body]
+    pair = n * jnp.minimum(body, partner) + jnp.maximum(body, partner)
+    return cache.time[body], jnp.where(partner < n, pair, n * n + kind.faces * body + (partner - n))
+
+
+def shifted(cache: Predictions, dt) -> Predictions:
+    """All times become less by dt."""
+    return cache._replace(time=cache.time - dt, q=cache.q + dt * cache.v)
+
+
+def update(kind: Kind, cache: Predictions, t, x, args, which) -> Predictions:
+    """Look again at the two bodies of the event, and then at those who leave a cell or counted on one of them."""
+    q, v, changed, half = cache.q, cache.v, cache.changed, kind.n * kind.d
+    bodies, events = bodies_of(kind, which), cache.events + 1
+    for body in bodies:
+        place, column = (kind.d * body,), (jnp.zeros_like(body), body)
+        momentum = lax.dynamic_slice(x[half:], place, (kind.d,))
+        q = lax.dynamic_update_slice(q, lax.dynamic_slice(x, place, (kind.d,))[:, None], column)
+        v = lax.dynamic_update_slice(v, (momentum / each(kind, args["mass"])[body])[:, None], column)
+        changed = changed.at[body].set(events)
+    cache = cache._replace(q=q, v=v, events=events, changed=changed)
+    for body in bodies:
+        cache = _look_at(kind, cache, body, t)
+    return _go_on(kind, cache._replace(first=smallest(cache.time)[1]), t)
+
+
+def _go_on(kind: Kind, cache: Predictions, t) -> Predictions:
+    """From the time t to the next event at which something happens."""
+
+    def only_of_the_schedule(state):
+        cache, _ = state
+        partner = cache.partner[cache.first]
+        changed = cache.changed[jnp.clip(partner, 0, kind.n - 1)] > cache.looked[cache.first]
+        return (partner <= LEAVES) | ((partner >= 0) & (partner < kind.n) & changed)
+
+    def look_again(state):
+        cache, now = state
+        body = cache.first
+        partner = cache.partner[body]
+        leaves = partner <= LEAVES
+        now = jnp.where(leaves, cache.time[body], now)
+        cells = lax.cond(leaves, lambda: _moved(cache.cells, body, LEAVES - partner), lambda: cache.cells)
+        cache = _look_at(kind, cache._replace(cells=cells), body, now)
+        return cache._replace(first=smallest(cache.time)[1]), now
+
+    return lax.while_loop(only_of_the_schedule, look_again, (cache, t))[0]
+
+
+def _look_at(kind: Kind, cache: Predictions, body, t) -> Predictions:
+    """Predict the next event of a body from the time t on: the first of a contact, a wall and the end of its cell."""
+    dt, partner = _neighbours(kind, cache, body, t)
+    if kind.walls:
+        wall, face = time_to_wall(kind, cache, body, t)
+        dt, partner = jnp.minimum(dt, wall), jnp.where(wall < dt, face, partner)
+    leave, border = _leaves(cache, body, t)
+    partner = jnp.where(leave < dt, LEAVES - border, partner)
+    return cache._replace(
+        time=cache.time.at[body].set(t + jnp.minimum(dt, leave)),
+        partner=cache.partner.at[body].set(partner),
+        looked=cache.looked.at[body].set(cache.events),
+    )
+
+
+def _neighbours(kind: Kind, cache: Predictions, body, t):
+    """Time to the first contact with a body of this cell or of one next to it, and with whom."""
+    d, cells = kind.d, cache.cells
+    around = jnp.asarray(list(itertools.product((-1, 0, 1), repeat=d)), jnp.int32)
+    here, own_v, own_diameter = [cache.q[a, body] for a in range(d)], cache.v[:, body], cache.diameter[body]
+
+    def meet(state):
+        other, soonest, whom = state
+        w = [cache.v[a, other] - own_v[a] for a in range(d)]
+        apart = [(cache.q[a, other] - here[a]) + t * w[a] for a in range(d)]
+        if not kind.walls:
+            apart = [apart[a] - cache.box[a] * jnp.round(apart[a] / cache.box[a]) for a in range(d)]
+        reach = (cache.diameter[other] + own_diameter) / 2
+        approach, square, speed2 = (
+            sum(one * two for one, two in zip(*pair, strict=True)) for pair in ((apart, w), (apart, apart), (w, w))
+        )
+        dt = contact(approach, square - reach**2, speed2)
+        return cells.after[other], jnp.minimum(dt, soonest), jnp.where(dt < soonest, other, whom)
+
+    def in_cell(i, state):
+        cell = _index(cells.counts, (cells.place[:, body] + around[i]) % cells.counts)
+        _, *best = lax.while_loop(lambda state: state[0] >= 0, meet, (cells.head[cell], *state))
+        return tuple(best)
+
+    never = jnp.full_like(t, jnp.inf), jnp.asarray(NOBODY, jnp.int32)
+    return lax.fori_loop(0, around.shape[0], in_cell, never)
+
+
+def _leaves(cache: Predictions, body, t):
+    """Time until a body leaves its cell, and through which border 2·axis + (0 low, 1 high)."""
+    v, side = cache.v[:, body], cache.box / cache.cells.counts.astype(cache.box.dtype)
+    inside = cache.q[:, body] + t * v - cache.cells.place[:, body].astype(side.dtype) * side
+    inside = inside - cache.box * jnp.round((inside - side / 2) / cache.box)
+    moving = v != 0
+    room = jnp.maximum(jnp.where(v > 0, side - inside, inside), 0.0)
+    times = jnp.where(moving, room / jnp.where(moving, jnp.abs(v), 1.0), jnp.inf)
+    axis = jnp.argmin(times).astype(jnp.int32)
+    return times[axis], 2 * axis + (v[axis] > 0).astype(jnp.int32)

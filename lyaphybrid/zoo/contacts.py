@@ -1,0 +1,98 @@
+"""What the schedules of many bodies have in common: who takes part, when two meet, when one meets a wall."""
+
+import functools
+import math
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array
+
+__all__ = ["SIDES", "Kind", "bodies_of", "contact", "dot", "each", "nearest", "of_axes", "smallest", "time_to_wall"]
+
+SIDES = ("width", "height", "depth")  # names of the box's sides in args
+LANES = 128  # so many numbers are compared at once; more in a loop, to keep the code short
+
+
+class Kind(NamedTuple):
+    """What is fixed when a system is made."""
+
+    n: int
+    d: int
+    walls: bool
+
+    @property
+    def faces(self) -> int:
+        """Names of walls that one body needs."""
+        return 2 * self.d
+
+
+def each(kind: Kind, value) -> Array:
+    """A property of the bodies, (n,)."""
+    return jnp.broadcast_to(jnp.asarray(value), (kind.n,))
+
+
+def of_axes(kind: Kind, args) -> Array:
+    """The sides of the box, (d,)."""
+    return jnp.stack([jnp.asarray(args[side]) for side in SIDES[: kind.d]])
+
+
+def bodies_of(kind: Kind, which) -> tuple[Any, Any]:
+    """The two bodies of an event; at a wall, or where nothing happens, the second is any other one."""
+    n = kind.n
+    pair, at_wall, idle = which, (which - n * n) // kind.faces, -1 - which
+    alone = jnp.where(which < 0, idle, at_wall)
+    single = (which < 0) | (which >= n * n)
+    return jnp.where(single, alone, pair // n), jnp.where(single, (alone + 1) % n, pair % n)
+
+
+def nearest(displacement, box):
+    """The displacement to the nearest image; the choice of the image has no derivative."""
+    return displacement - lax.stop_gradient(box * jnp.round(displacement / box))
+
+
+def dot(a, b):
+    """The scalar product of lists of components."""
+    return functools.reduce(jnp.add, [one * other for one, other in zip(a, b, strict=True)])
+
+
+def contact(approach, excess, speed2):
+    """When q + w t is as long as the reach: q² - σ² = excess, q·w = approach, w² = speed2; inf: never."""
+    discriminant = approach * approach - speed2 * excess
+    meets = (approach < 0) & (discriminant > 0)
+    root = jnp.sqrt(jnp.where(meets, discriminant, 1.0))
+    return jnp.where(meets, excess / (root - approach), jnp.inf)
+
+
+def smallest(values) -> tuple[Array, Array]:
+    """The smallest value and its index: by halves, for a loop would wait for each comparison."""
+    n = values.shape[0]
+    whole = -n % LANES if n > LANES else 2 ** math.ceil(math.log2(n)) - n
+    values = jnp.pad(values, (0, whole), constant_values=jnp.inf)
+    places = jnp.arange(values.shape[0], dtype=jnp.int32)
+
+    def smaller(one, other):
+        less = other[0] < one[0]
+        return jnp.where(less, other[0], one[0]), jnp.where(less, other[1], one[1])
+
+    pairs = values, places
+    if n > LANES:
+        rows = values.reshape(-1, LANES), places.reshape(-1, LANES)
+        start = rows[0][0], rows[1][0]
+        pairs = lax.fori_loop(1, rows[0].shape[0], lambda i, best: smaller(best, (rows[0][i], rows[1][i])), start)
+    while pairs[0].shape[0] > 1:
+        half = pairs[0].shape[0] // 2
+        pairs = smaller(*(tuple(part[side] for part in pairs) for side in (slice(None, half), slice(half, None))))
+    return pairs[0][0], pairs[1][0]
+
+
+def time_to_wall(kind: Kind, cache: Any, body, t):
+    """Time to the first wall, and which."""
+    v, radius = cache.v[:, body], cache.diameter[body] / 2
+    q = cache.q[:, body] + t * v
+    room = jnp.where(v > 0, cache.box - radius - q, q - radius)
+    moving = v != 0
+    times = jnp.where(moving, room / jnp.where(moving, jnp.abs(v), 1.0), jnp.inf)
+    faces = kind.n + 2 * jnp.arange(kind.d, dtype=jnp.int32) + (v > 0).astype(jnp.int32)
+    soonest = jnp.min(times)
+    return soonest, jnp.max(jnp.where(times == soonest, faces, 0))

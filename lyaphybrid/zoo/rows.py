@@ -1,0 +1,201 @@
+"""The schedule of up to some hundred bodies: each is looked at against all others, side by side in vectors.
+
+Every body knows when it next meets another one (or a wall), as of when it was last looked at: the earliest contact over
+all partners and their periodic images. An event changes two bodies; these are looked at again. Others may have counted
+on one of them: that is seen when their turn comes, because the partner's number of events is not what it was, and
+only then do they choose again from what is known of them (B. D. Lubachevsky, J. Comput. Phys. 94 (1991) 255). So an
+event costs two looks at n partners, whatever the number of pairs.
+
+A pair can meet through any periodic image. While its displacement changes by less than 1.5 L - σ, L the shortest side,
+only the images next to the nearest one can be met; and of these not those behind the motion, because the nearest one
+is at least as close to the partner at all later times: two an axis are left. Where no contact comes within that
+horizon, the body has to be looked at again then: an event with a negative name, at which nothing happens.
+"""
+
+import functools
+import itertools
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array
+
+from .contacts import Kind, bodies_of, contact, dot, each, nearest, of_axes, smallest, time_to_wall
+
+__all__ = ["Predictions", "look_at_all", "predicted", "shifted", "update"]
+
+NEVER = -1  # the partner of a body that is only to be looked at again
+
+
+class Predictions(NamedTuple):
+    """The cache of the schedule; positions and velocities by axis, so that n partners are one vector."""
+
+    time: Array  # (n,) of each body's next event, counted from the rebasing
+    partner: Array  # (n,) with whom: another body, n + 2·axis + (0 low, 1 high) for a wall, or `NEVER`
+    looked: Array  # (n,) the number of the event after which each body was looked at
+    since: Array  # (n,) the time of that look
+    known: Array  # (n, n) and from it on the times to the contacts of each body
+    aside: Array  # (n,) and of what is not a contact: a wall, or to look again
+    face: Array  # (n,) which of these
+    events: Array  # so far
+    first: Array  # whose event is next
+    q: Array  # (d, n) comoving
+    v: Array  # (d, n)
+    diameter: Array  # (n,)
+    box: Array  # (d,)
+    roomy: Array  # whether the images of a body keep clear of each other
+    horizon: Array  # for so long no displacement changes by more than 1.5 L - σ
+
+
+def look_at_all(kind: Kind, t, x, args) -> Predictions:
+    """All predictions from the time t on."""
+    n, half = kind.n, kind.n * kind.d
+    diameter, none = each(kind, args["diameter"]).astype(x.dtype), jnp.zeros(n, jnp.int32)
+    q, v = x[:half].reshape(n, kind.d).T, (x[half:].reshape(n, kind.d) / each(kind, args["mass"])[:, None]).T
+    widest, box = jnp.max(diameter), of_axes(kind, args).astype(x.dtype)
+    # No two bodies part faster than two of the lightest that have all the energy.
+    fastest = jnp.sqrt(2 * jnp.sum(x[half:].reshape(n, kind.d).T * v) / jnp.min(each(kind, args["mass"])))
+    start = Predictions(
+        time=jnp.zeros_like(diameter),
+        partner=none,
+        looked=none,
+        since=jnp.zeros_like(diameter),
+        known=jnp.zeros((n, n), x.dtype),
+        aside=jnp.zeros_like(diameter),
+        face=none,
+        events=none[0],
+        first=none[0],
+        q=q,
+        v=v,
+        diameter=diameter,
+        box=box,
+        roomy=jnp.min(box) >= 2 * widest,
+        horizon=(1.5 * jnp.min(box) - widest) / jnp.maximum(fastest, jnp.finfo(x.dtype).tiny),
+    )
+    every = lax.fori_loop(0, n, lambda body, cache: _look_at(kind, cache, (body,), t), start)
+    return every._replace(first=smallest(every.time)[1])
+
+
+def predicted(kind: Kind, cache: Predictions):
+    """When the next event is, and its name."""
+    body, n = cache.first, kind.n
+    partner = cache.partner[body]
+    pair = n * jnp.minimum(body, partner) + jnp.maximum(body, partner)
+    wall = n * n + kind.faces * body + (partner - n)
+    return cache.time[body], jnp.where(partner == NEVER, -1 - body, jnp.where(partner < n, pair, wall))
+
+
+def shifted(cache: Predictions, dt) -> Predictions:
+    """All times become less by dt."""
+    return cache._replace(
+        time=cache.time - dt, since=cache.since - dt, aside=cache.aside - dt, q=cache.q + dt * cache.v
+    )
+
+
+def update(kind: Kind, cache: Predictions, t, x, args, which) -> Predictions:
+    """Look again at the two bodies of the event, and then at what is known of whoever is next but counted on one."""
+    q, v, half = cache.q, cache.v, kind.n * kind.d
+    bodies = bodies_of(kind, which)
+    for body in bodies:
+        place, column = (kind.d * body,), (jnp.zeros_like(body), body)
+        position = lax.dynamic_slice(x, place, (kind.d,))
+        momentum = lax.dynamic_slice(x[half:], place, (kind.d,))
+        q = lax.dynamic_update_slice(q, position[:, None], column)
+        v = lax.dynamic_update_slice(v, (momentum / each(kind, args["mass"])[body])[:, None], column)
+    cache = _look_at(kind, cache._replace(q=q, v=v, events=cache.events + 1), bodies, t)
+
+    def is_void(state):
+        """Whether the next event's partner has been looked at since it was predicted."""
+        _, partner, body = state
+        known = (partner[body] >= 0) & (partner[body] < kind.n)
+        return known & (cache.looked[jnp.clip(partner[body], 0, kind.n - 1)] > cache.looked[body])
+
+    def choose_again(state):
+        """From what is known of the body, less what has changed since."""
+        time, partner, body = state
+        changed = cache.looked > cache.looked[body]
+        soonest, whom = _earliest(cache, body, jnp.where(changed, jnp.inf, cache.known[body]))
+        time, partner = time.at[body].set(soonest), partner.at[body].set(whom)
+        return time, partner, smallest(time)[1]
+
+    state = (cache.time, cache.partner, smallest(cache.time)[1])
+    time, partner, first = lax.while_loop(is_void, choose_again, state)
+    return cache._replace(time=time, partner=partner, first=first)
+
+
+def _earliest(cache: Predictions, body, contacts) -> tuple[Array, Array]:
+    """The first of these contacts of a body, or what else comes before."""
+    soonest, whom = smallest(contacts)
+    contact, aside = cache.since[body] + soonest, cache.aside[body]
+    return jnp.minimum(contact, aside), jnp.where(aside < contact, cache.face[body], whom)
+
+
+def _look_at(kind: Kind, cache: Predictions, bodies, t) -> Predictions:
+    """Predict the next events of bodies from the time t on."""
+    for body in bodies:
+        dt, face = time_to_wall(kind, cache, body, t) if kind.walls else (cache.horizon, NEVER)
+        contacts = _contacts(kind, cache, body, t)
+        cache = cache._replace(
+            looked=cache.looked.at[body].set(cache.events),
+            since=cache.since.at[body].set(t),
+            known=lax.dynamic_update_index_in_dim(cache.known, contacts, body, 0),
+            aside=cache.aside.at[body].set(t + dt),
+            face=cache.face.at[body].set(face),
+        )
+        soonest, whom = _earliest(cache, body, contacts)
+        time, partner = cache.time.at[body].set(soonest), cache.partner.at[body].set(whom)
+        cache = cache._replace(time=time, partner=partner)
+    return cache
+
+
+def _contacts(kind: Kind, cache: Predictions, body, t):
+    """Times (n,) to the contacts of a body with all others."""
+    if kind.walls:
+        return contact(*_approach(cache, body, t))
+
+    def soonest():
+        images, speed2 = _images(cache, body, t)
+        return functools.reduce(jnp.minimum, [contact(*image, speed2) for image in images])
+
+    def nearest_first():
+        """Obstacles that do not overlap are met in the order of their centres: one root is enough."""
+        images, speed2 = _images(cache, body, t)
+        approach, excess = -jnp.inf, jnp.zeros_like(speed2)
+        for one, other in images:
+            meets = (one < 0) & (one * one > speed2 * other) & (one > approach)
+            approach, excess = jnp.where(meets, one, approach), jnp.where(meets, other, excess)
+        met = approach > -jnp.inf
+        return jnp.where(met, contact(jnp.where(met, approach, -1.0), excess, speed2), jnp.inf)
+
+    return lax.cond(cache.roomy, nearest_first, soonest)
+
+
+def _relative(cache: Predictions, body, t):
+    """By axis: displacements (n,) of all from a body at the time t, and their velocities; and the squared reaches."""
+    velocity = [v - v[body] for v in cache.v]
+    apart = [(q - q[body]) + t * w for q, w in zip(cache.q, velocity, strict=True)]
+    return apart, velocity, ((cache.diameter + cache.diameter[body]) / 2) ** 2
+
+
+def _approach(cache: Predictions, body, t):
+    """q·w, q² - σ² and w² of all with a body; q is from it to them, w the relative velocity."""
+    apart, velocity, reach2 = _relative(cache, body, t)
+    return dot(apart, velocity), dot(apart, apart) - reach2, dot(velocity, velocity)
+
+
+def _images(cache: Predictions, body, t):
+    """The same for the images that can be met: (q·w, q² - σ²) of each, and w² of all.
+
+    Along each axis: the nearest image, and the next one ahead.
+    """
+    apart, velocity, reach2 = _relative(cache, body, t)
+    shares = []  # of the scalar products
+    for displacement, w, side in zip(apart, velocity, cache.box, strict=True):
+        near = nearest(displacement, side)
+        ahead = near + jnp.where(w > 0, -side, side)
+        shares.append([(q * w, q * q) for q in (near, ahead)])
+    images = [
+        tuple(functools.reduce(jnp.add, part) for part in zip(*image, strict=True))
+        for image in itertools.product(*shares)
+    ]
+    return [(approach, square - reach2) for approach, square in images], dot(velocity, velocity)
