@@ -83,7 +83,7 @@ def test_sixty_four_disks(t1, seed):
     assert np.sum(np.abs(exponents) < 0.01) == 6
     values, errors = np.array(SIXTY_FOUR["lambda_positive"]), np.array(SIXTY_FOUR["se"])
     assert len(values) == 125
-    gate = 0.7 / t1**0.5
+    gate = 0.9 / t1**0.5  # λ₁ of such runs scatters by 0.64/√t, and 64 blocks tell that to 9 %
     agree(exponents[:125], spectrum.stderr[:125], values, errors, gate)
     found = entropies(spectrum, 64, 125)
     stderr = np.std(found, ddof=1) / len(found) ** 0.5
