@@ -8,7 +8,7 @@ instructions before; it is told to look further (Lorenz: a sixth of the time). `
 take these options: they must stand in `XLA_FLAGS` before JAX creates its first backend.
 
 What does not fit into one kernel becomes a hundred small ones. XLA's newer way to make these takes more time to
-compile, and twice the memory (64 hard disks: 215 MB above the import, against 100), for loops that run no faster:
+compile, and more memory (64 hard disks: 226 MB above the import, against 144 to 146), for loops that run no faster:
 `lean_jit` asks for the older one.
 """
 

@@ -16,7 +16,20 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array
 
-from .contacts import Kind, bodies_of, contact, each, of_axes, smallest, time_to_wall
+from .contacts import (
+    Kind,
+    bodies_of,
+    contact,
+    dot,
+    each,
+    motion,
+    name_of,
+    nearest,
+    of_axes,
+    smallest,
+    time_to_wall,
+    with_motion_of,
+)
 
 __all__ = ["CELLS_AN_AXIS", "Predictions", "along", "look_at_all", "predicted", "shifted", "update"]
 
@@ -124,9 +137,9 @@ def _moved(cells: Cells, body, border) -> Cells:
 
 def look_at_all(kind: Kind, t, x, args) -> Predictions:
     """All predictions from the time t on."""
-    n, half = kind.n, kind.n * kind.d
+    n = kind.n
     diameter, none = each(kind, args["diameter"]).astype(x.dtype), jnp.zeros(n, jnp.int32)
-    q, v = x[:half].reshape(n, kind.d).T, (x[half:].reshape(n, kind.d) / each(kind, args["mass"])[:, None]).T
+    q, v = motion(kind, x, args)
     box = of_axes(kind, args).astype(x.dtype)
     start = Predictions(
         time=jnp.zeros_like(diameter),
@@ -150,10 +163,7 @@ def look_at_all(kind: Kind, t, x, args) -> Predictions:
 
 def predicted(kind: Kind, cache: Predictions):
     """When the next event is, and its name."""
-    body, n = cache.first, kind.n
-    partner = cache.partner[body]
-    pair = n * jnp.minimum(body, partner) + jnp.maximum(body, partner)
-    return cache.time[body], jnp.where(partner < n, pair, n * n + kind.faces * body + (partner - n))
+    return cache.time[cache.first], name_of(kind, cache.first, cache.partner[cache.first])
 
 
 def shifted(cache: Predictions, dt) -> Predictions:
@@ -163,15 +173,10 @@ def shifted(cache: Predictions, dt) -> Predictions:
 
 def update(kind: Kind, cache: Predictions, t, x, args, which) -> Predictions:
     """Look again at the two bodies of the event, and then at those who leave a cell or counted on one of them."""
-    q, v, changed, half = cache.q, cache.v, cache.changed, kind.n * kind.d
-    bodies, events = bodies_of(kind, which), cache.events + 1
+    bodies, events, changed = bodies_of(kind, which), cache.events + 1, cache.changed
     for body in bodies:
-        place, column = (kind.d * body,), (jnp.zeros_like(body), body)
-        momentum = lax.dynamic_slice(x[half:], place, (kind.d,))
-        q = lax.dynamic_update_slice(q, lax.dynamic_slice(x, place, (kind.d,))[:, None], column)
-        v = lax.dynamic_update_slice(v, (momentum / each(kind, args["mass"])[body])[:, None], column)
         changed = changed.at[body].set(events)
-    cache = cache._replace(q=q, v=v, events=events, changed=changed)
+    cache = with_motion_of(kind, bodies, cache._replace(events=events, changed=changed), x, args)
     for body in bodies:
         cache = _look_at(kind, cache, body, t)
     return _go_on(kind, cache._replace(first=smallest(cache.time)[1]), t)
@@ -225,12 +230,9 @@ def _neighbours(kind: Kind, cache: Predictions, body, t):
         w = [cache.v[a, other] - own_v[a] for a in range(d)]
         apart = [(cache.q[a, other] - here[a]) + t * w[a] for a in range(d)]
         if not kind.walls:
-            apart = [apart[a] - cache.box[a] * jnp.round(apart[a] / cache.box[a]) for a in range(d)]
+            apart = [nearest(apart[a], cache.box[a]) for a in range(d)]
         reach = (cache.diameter[other] + own_diameter) / 2
-        approach, square, speed2 = (
-            sum(one * two for one, two in zip(*pair, strict=True)) for pair in ((apart, w), (apart, apart), (w, w))
-        )
-        dt = contact(approach, square - reach**2, speed2)
+        dt = contact(dot(apart, w), dot(apart, apart) - reach**2, dot(w, w))
         return cells.after[other], jnp.minimum(dt, soonest), jnp.where(dt < soonest, other, whom)
 
     def in_cell(i, state):

@@ -8,7 +8,21 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array
 
-__all__ = ["SIDES", "Kind", "bodies_of", "contact", "dot", "each", "nearest", "of_axes", "smallest", "time_to_wall"]
+__all__ = [
+    "SIDES",
+    "Kind",
+    "bodies_of",
+    "contact",
+    "dot",
+    "each",
+    "motion",
+    "name_of",
+    "nearest",
+    "of_axes",
+    "smallest",
+    "time_to_wall",
+    "with_motion_of",
+]
 
 SIDES = ("width", "height", "depth")  # names of the box's sides in args
 LANES = 128  # so many numbers are compared at once; more in a loop, to keep the code short
@@ -44,6 +58,29 @@ def bodies_of(kind: Kind, which) -> tuple[Any, Any]:
     alone = jnp.where(which < 0, idle, at_wall)
     single = (which < 0) | (which >= n * n)
     return jnp.where(single, alone, pair // n), jnp.where(single, (alone + 1) % n, pair % n)
+
+
+def name_of(kind: Kind, body, partner):
+    """The name of an event of a body: with another one, or n + 2·axis + side for a wall."""
+    pair = kind.n * jnp.minimum(body, partner) + jnp.maximum(body, partner)
+    return jnp.where(partner < kind.n, pair, kind.n**2 + kind.faces * body + (partner - kind.n))
+
+
+def motion(kind: Kind, x, args) -> tuple[Array, Array]:
+    """Positions (d, n) and velocities (d, n) of all."""
+    q, p = x.reshape(2, kind.n, kind.d)
+    return q.T, (p / each(kind, args["mass"])[:, None]).T
+
+
+def with_motion_of(kind: Kind, bodies, cache: Any, x, args) -> Any:
+    """The cache with positions and velocities of these bodies anew."""
+    q, v, half = cache.q, cache.v, kind.n * kind.d
+    for body in bodies:
+        place, column = (kind.d * body,), (jnp.zeros_like(body), body)
+        position, momentum = (lax.dynamic_slice(part, place, (kind.d,)) for part in (x, x[half:]))
+        q = lax.dynamic_update_slice(q, position[:, None], column)
+        v = lax.dynamic_update_slice(v, (momentum / each(kind, args["mass"])[body])[:, None], column)
+    return cache._replace(q=q, v=v)
 
 
 def nearest(displacement, box):

@@ -20,7 +20,20 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array
 
-from .contacts import Kind, bodies_of, contact, dot, each, nearest, of_axes, smallest, time_to_wall
+from .contacts import (
+    Kind,
+    bodies_of,
+    contact,
+    dot,
+    each,
+    motion,
+    name_of,
+    nearest,
+    of_axes,
+    smallest,
+    time_to_wall,
+    with_motion_of,
+)
 
 __all__ = ["Predictions", "look_at_all", "predicted", "shifted", "update"]
 
@@ -49,12 +62,12 @@ class Predictions(NamedTuple):
 
 def look_at_all(kind: Kind, t, x, args) -> Predictions:
     """All predictions from the time t on."""
-    n, half = kind.n, kind.n * kind.d
+    n = kind.n
     diameter, none = each(kind, args["diameter"]).astype(x.dtype), jnp.zeros(n, jnp.int32)
-    q, v = x[:half].reshape(n, kind.d).T, (x[half:].reshape(n, kind.d) / each(kind, args["mass"])[:, None]).T
+    mass, (q, v) = each(kind, args["mass"]), motion(kind, x, args)
     widest, box = jnp.max(diameter), of_axes(kind, args).astype(x.dtype)
     # No two bodies part faster than two of the lightest that have all the energy.
-    fastest = jnp.sqrt(2 * jnp.sum(x[half:].reshape(n, kind.d).T * v) / jnp.min(each(kind, args["mass"])))
+    fastest = jnp.sqrt(2 * jnp.sum(mass[None, :] * v * v) / jnp.min(mass))
     start = Predictions(
         time=jnp.zeros_like(diameter),
         partner=none,
@@ -78,11 +91,8 @@ def look_at_all(kind: Kind, t, x, args) -> Predictions:
 
 def predicted(kind: Kind, cache: Predictions):
     """When the next event is, and its name."""
-    body, n = cache.first, kind.n
-    partner = cache.partner[body]
-    pair = n * jnp.minimum(body, partner) + jnp.maximum(body, partner)
-    wall = n * n + kind.faces * body + (partner - n)
-    return cache.time[body], jnp.where(partner == NEVER, -1 - body, jnp.where(partner < n, pair, wall))
+    body, partner = cache.first, cache.partner[cache.first]
+    return cache.time[body], jnp.where(partner == NEVER, -1 - body, name_of(kind, body, partner))
 
 
 def shifted(cache: Predictions, dt) -> Predictions:
@@ -94,15 +104,9 @@ def shifted(cache: Predictions, dt) -> Predictions:
 
 def update(kind: Kind, cache: Predictions, t, x, args, which) -> Predictions:
     """Look again at the two bodies of the event, and then at what is known of whoever is next but counted on one."""
-    q, v, half = cache.q, cache.v, kind.n * kind.d
     bodies = bodies_of(kind, which)
-    for body in bodies:
-        place, column = (kind.d * body,), (jnp.zeros_like(body), body)
-        position = lax.dynamic_slice(x, place, (kind.d,))
-        momentum = lax.dynamic_slice(x[half:], place, (kind.d,))
-        q = lax.dynamic_update_slice(q, position[:, None], column)
-        v = lax.dynamic_update_slice(v, (momentum / each(kind, args["mass"])[body])[:, None], column)
-    cache = _look_at(kind, cache._replace(q=q, v=v, events=cache.events + 1), bodies, t)
+    cache = with_motion_of(kind, bodies, cache._replace(events=cache.events + 1), x, args)
+    cache = _look_at(kind, cache, bodies, t)
 
     def is_void(state):
         """Whether the next event's partner has been looked at since it was predicted."""
