@@ -6,6 +6,7 @@ Parameters that are numbers travel in `args`: changing them does not compile aga
 """
 
 from .billiards import ellipse, lorentz_gas, mean_free_path, sinai_billiard, stadium, wedge
+from .circuits import boost_converter, buck_converter, chua, corron_oscillator
 from .disks_and_spheres import hard_disks, hard_spheres
 from .impacts import bouncing_ball, impact_oscillator, kicked_ball, zaslavsky
 from .maps import baker_map, cat_map, henon_map, kaplan_yorke_map, logistic_map, standard_map
@@ -44,6 +45,11 @@ __all__ = [
     "beta_clock",
     "skew_tent_roof",
     "grow_reset",
+    # circuits
+    "chua",
+    "buck_converter",
+    "boost_converter",
+    "corron_oscillator",
     # the next event known exactly
     "hard_disks",
     "hard_spheres",
