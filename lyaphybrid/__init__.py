@@ -13,6 +13,7 @@ request_single_kernel_loops()
 from . import zoo  # noqa: E402
 from .comparisons import TwoTrajectories, two_trajectories  # noqa: E402
 from .derivatives import Jacobians, jacobians, saltation_matrix  # noqa: E402
+from .filippov import filippov  # noqa: E402
 from .methods import Diffrax, RungeKutta  # noqa: E402
 from .results import RunFailed, Spectrum  # noqa: E402
 from .spectra import lyapunov_spectrum  # noqa: E402
@@ -27,6 +28,7 @@ __all__ = [
     "Map",
     "Hybrid",
     "Transition",
+    "filippov",
     "EventDriven",
     "Schedule",
     "RungeKutta",

@@ -268,7 +268,7 @@ def _interval(problem: runs.Problem, recipe: Recipe, t0, pair: Pair, stop) -> Pa
     length = jnp.where(rest <= pair.interval * (1 + 1e-9), rest, pair.interval)
     starts = jnp.stack([pair.x, pair.x + separation * pair.direction])
     # Both begin with the same step: then their errors are the same, and cancel in the difference.
-    journeys = jax.vmap(lambda x: _begin(problem, t, x, pair.mode, pair.h))(starts)
+    journeys = jax.vmap(lambda x, mode: _begin(problem, t, x, mode, pair.h))(starts, _modes(problem, t, pair, starts))
     journeys = _until_they_agree(problem, journeys, length)
     first, modes = journeys.carry, runs.mode_of(journeys.carry)
     status = jnp.max(first.status)
@@ -295,6 +295,15 @@ def _interval(problem: runs.Problem, recipe: Recipe, t0, pair: Pair, stop) -> Pa
         pair.skipped + jnp.where(good, 0, 1),
         status,
     )
+
+
+def _modes(problem: runs.Problem, t, pair: Pair, starts):
+    """The modes (2,) of both: a neighbour of a point on a surface is not on it."""
+    mode = jnp.asarray(pair.mode, jnp.int32)
+    if getattr(problem.system, "initial_mode", None) is None:
+        return jnp.stack([mode, mode])
+    settings = runs.settings_of(problem, PLAN, t, starts[1])
+    return jnp.stack([mode, settings.mover.initial_mode(t, starts[1])])
 
 
 def _adapted(recipe: Recipe, interval, seen):

@@ -340,5 +340,7 @@ def _checked(system, x, args, t, mode):
     if x.ndim != 1:
         raise ValueError(f"x must have shape (n,) here; got {x.shape}. Use jax.vmap for several points.")
     check_functions(system, jax.ShapeDtypeStruct(problem.shape, x.dtype), args)
+    if mode is None:
+        mode = system.initial_mode(t, x, args)
     flat = predicting_anew(system, problem.shape) if isinstance(system, EventDriven) else system
     return flat, x, t, jnp.asarray(mode, jnp.int32)

@@ -17,9 +17,10 @@ import numpy as np
 from ._jaxprs import settled
 from .systems import Hybrid
 
-__all__ = ["Wiring", "by_mode", "arm", "hermite_root", "turning_point", "wire"]
+__all__ = ["Wiring", "by_mode", "arm", "hermite_root", "rounding", "turning_point", "wire"]
 
 EPS = 2.220446049250313e-16
+BLUR = 64 * EPS  # rounding of a guard, relative to its terms
 
 
 class Wiring(NamedTuple):
@@ -27,7 +28,7 @@ class Wiring(NamedTuple):
 
     fields: tuple[Callable, ...]  # per mode: (t, x) -> dx/dt
     guards: tuple[Callable, ...]  # per mode: (t, x) -> (slots,), all falling
-    projections: tuple[Callable, ...]  # per mode: (t, x, dx) -> dx
+    projections: tuple[Callable | None, ...]  # per mode: (t, x, dx) -> dx
     directed: np.ndarray  # fires only when falling
     transition: np.ndarray  # transition of a slot
     component: np.ndarray  # component of a vector guard
@@ -37,6 +38,7 @@ class Wiring(NamedTuple):
     targets: tuple[Callable, ...]  # per transition: (mode, t, x, which) -> mode
     whens: tuple[Callable, ...]  # per mode: (t, x) -> (slots,) bool
     shared: bool  # some transition asks `when`
+    initial_mode: Callable | None = None  # (t, x) -> mode
 
     @property
     def modes(self) -> int:
@@ -82,6 +84,7 @@ def wire(system: Hybrid, t, x, args) -> Wiring:
         tuple(_bind_target(tr, width, names, args) for tr, width in zip(transitions, widths, strict=True)),
         tuple(_bind_when([(transitions[j], max(1, widths[j])) for j in own], slots, args) for own in per_mode),
         any(tr.when is not None for tr in transitions),
+        _bind_initial_mode(system.initial_mode, args),
     )
 
 
@@ -111,7 +114,7 @@ def _bind_guards(transitions, slots, args):
 
 
 def _bind_projection(project, args):
-    return (lambda t, x, dx: dx) if project is None else (lambda t, x, dx: project(t, x, args, dx))
+    return None if project is None else (lambda t, x, dx: project(t, x, args, dx))
 
 
 def _bind_reset(transition, width, args):
@@ -133,6 +136,10 @@ def _bind_target(transition, width, names, args):
     return lambda mode, t, x, which: jnp.asarray(target(t, x, args)).astype(mode.dtype)
 
 
+def _bind_initial_mode(initial_mode, args):
+    return None if initial_mode is None else (lambda t, x: initial_mode(t, x, args))
+
+
 def _bind_when(transitions, slots, args):
     def when(t, x):
         values = [
@@ -150,6 +157,12 @@ def rates(guards, t, x, f):
     return jax.jvp(guards, (t, x), (jnp.ones_like(t), f))
 
 
+def rounding(guards, t, x):
+    """The rounding of the guards (slots,): of the time and of the state, as the guards feel them."""
+    moving, gradient = jax.jacfwd(guards, argnums=(0, 1))(t, x)
+    return BLUR * (jnp.abs(moving * t) + jnp.sum(jnp.abs(gradient * x[None, :]), axis=1))
+
+
 def jets(guards, field, t, x):
     """The guards, their first and second time derivatives along the field: (slots,) each."""
 
@@ -160,7 +173,7 @@ def jets(guards, field, t, x):
     return g, rate, second
 
 
-def arm(g, rate, second, h, t, fired) -> tuple[Any, Any, Any]:
+def arm(g, rate, second, blur, h, t, fired) -> tuple[Any, Any, Any]:
     """The side (slots,) where each guard stands or is about to, the guards with zeros made exact, and which are flat.
 
     A guard that is zero up to rounding takes its side from its rate, and where that is zero too from its
@@ -170,15 +183,15 @@ def arm(g, rate, second, h, t, fired) -> tuple[Any, Any, Any]:
         g: the guards.
         rate: their first derivatives in time.
         second: their second derivatives.
+        blur: their rounding.
         h: the step of the controller, the local scale of time.
-        t: the time, whose rounding enters moving guards.
+        t: the time, whose rounding enters the rates.
         fired: which slot has just fired here (its own root was only found to the accuracy of the flow).
     """
-    noise = 64 * EPS * jnp.abs(t)
     loose = jnp.where(fired, 1e-9, 1e-12)
     curve = 0.5 * jnp.abs(second) * h * h
-    zero = jnp.abs(g) <= loose * jnp.maximum(jnp.abs(rate) * h, curve) + noise * jnp.abs(rate)
-    flat = zero & (jnp.abs(rate) * h <= 1e-8 * curve + noise * jnp.abs(second) * h)
+    zero = jnp.abs(g) <= loose * jnp.maximum(jnp.abs(rate) * h, curve) + blur
+    flat = zero & (jnp.abs(rate) * h <= 1e-8 * curve + BLUR * jnp.abs(t * second) * h)
     side = jnp.where(flat, jnp.sign(second), jnp.where(zero, jnp.sign(rate), jnp.sign(g)))
     return side, jnp.where(zero, 0.0, g), flat
 

@@ -20,6 +20,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from . import frames
+from .columns import each_column
 from .components import by_components, joined, split
 from .statuses import OK, RUNNING, STATUS
 
@@ -121,8 +122,21 @@ class Clock(NamedTuple):
 
 
 def begin(settings: Settings, t0, x, frame, mode, h, interval) -> Journey:
-    """The start of a run at (t0, x) with the given frame and mode; h: the mover's first step (None: guessed)."""
+    """The start of a run at (t0, x) with the given frame.
+
+    Args:
+        settings: static.
+        t0: time.
+        x: (n,) state.
+        frame: (n, k); what is not in the tangent space of the mode is taken out of it.
+        mode: index; None: the mode to which the state belongs. A negative one is a deadlock.
+        h: the mover's first step; None: guessed.
+        interval: between orthonormalisations.
+    """
     k = frame.shape[1]
+    mode = settings.mover.initial_mode(t0, x) if mode is None else jnp.asarray(mode, jnp.int32)
+    possible = mode >= 0
+    mode = jnp.maximum(mode, 0)
     zero, none = jnp.zeros_like(t0), jnp.zeros(k, x.dtype)
     tracks = settings.mover.may_lose_rank and k > 0
     carry = Carry(
@@ -141,7 +155,21 @@ def begin(settings: Settings, t0, x, frame, mode, h, interval) -> Journey:
         own=settings.mover.begin(t0, x, mode, h),
         log=_empty_log(settings, t0, x) if settings.log else None,
     )
+    carry = stop(_within_mode(settings, carry, t0, mode) if k else carry, STATUS.deadlock, ~possible)
     return Journey(carry, jnp.stack([t0, zero]), zero, jnp.asarray(0, jnp.int32), interval, zero)
+
+
+def _within_mode(settings: Settings, carry: Carry, t, mode) -> Carry:
+    """A frame of the tangent space of the mode: what is lost of it here is no loss of the motion."""
+    project = settings.mover.onto_mode(mode, t, carry.x)
+    if project is None:
+        return carry
+    carry = carry._replace(frame=each_column(project, carry.frame))
+    if settings.cadence.unit == "never":
+        return carry
+    kept = carry.growth, carry.order
+    carry, _ = harvest(settings, carry, t, frames.LOST, frames.LOST, project, was_live=False)
+    return carry._replace(growth=kept[0], order=kept[1])
 
 
 def _empty_log(settings: Settings, t, x) -> Events:

@@ -90,7 +90,7 @@ def mode_names(system) -> tuple[str, ...]:
 def prepare(system, x0, args, t0, method, mode, name: str = "x0") -> tuple[Problem, Any, Any, Any]:
     """Check what the user gave, before any computing; -> problem, x0, t0, index of the mode.
 
-    `name` is what the caller's user calls the state.
+    `name` is what the caller's user calls the state. The mode is None where each start says in which it begins.
     """
     if not isinstance(system, Flow | Map | Hybrid | EventDriven):
         raise ValueError(
@@ -156,6 +156,8 @@ def _method_for(system, method):
 def _mode_index(system, mode):
     names = mode_names(system)
     if mode is None:
+        if isinstance(system, Hybrid) and system.initial_mode is not None:
+            return None
         if len(names) > 1:
             raise ValueError(f"This system has the modes {list(names)}: say which one it starts in, mode=….")
         return 0

@@ -148,6 +148,8 @@ class Hybrid(eqx.Module):
         transitions: one ``Transition`` or a sequence of them.
         tangent: ``{"mode": (t, x, args, dx) -> dx}``, the projection onto the tangent space of a mode in which
             the motion is constrained.
+        initial_mode: ``(t, x, args) -> index`` of the mode to which a state belongs, for runs that are not told one;
+            negative where no mode can go on from there (``deadlock``). None: the only mode.
         max_cascade: that many jumps at one instant are a cascade; one more ends the run as ``zeno``.
 
     Raises:
@@ -170,6 +172,7 @@ class Hybrid(eqx.Module):
     fields: tuple[Callable, ...] | None
     transitions: tuple[Transition, ...]
     tangent: tuple[Callable | None, ...]
+    initial_mode: Callable | None
     mode_names: tuple[str, ...] = eqx.field(static=True)
     max_cascade: int = eqx.field(static=True)
 
@@ -179,13 +182,17 @@ class Hybrid(eqx.Module):
         transitions: Transition | Sequence[Transition],
         tangent: Mapping[str, Callable] | None = None,
         max_cascade: int = 16,
+        *,
+        initial_mode: Callable | None = None,
     ):
         named = fields if isinstance(fields, Mapping) else {"jump" if fields is None else "flow": fields}
         self.mode_names = tuple(named)
         self.fields = None if fields is None else tuple(_as_field(k, v) for k, v in named.items())
         self.transitions = (transitions,) if isinstance(transitions, Transition) else tuple(transitions)
         self.tangent = tuple((tangent or {}).get(name) for name in self.mode_names)
-        self.max_cascade = max_cascade
+        self.initial_mode, self.max_cascade = initial_mode, max_cascade
+        if initial_mode is not None:
+            _require_callable("initial_mode", initial_mode, "(t, x, args) -> index of a mode")
         if isinstance(max_cascade, bool) or not isinstance(max_cascade, int) or max_cascade < 1:
             raise ValueError(f"max_cascade must be a positive integer; got {max_cascade!r}.")
         for transition in self.transitions:

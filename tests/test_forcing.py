@@ -84,8 +84,16 @@ def test_a_step_takes_each_cosine_once():
     assert names.count("cond") == 1
 
 
-def test_a_field_without_forcing_stays_as_it_is():
-    jaxpr = jax.make_jaxpr(
-        lambda x: at_times(lambda t, x: autonomous(t, x, None), jnp.asarray(T), x, H, FRACTIONS)[1.0](x)
-    )(jnp.asarray(X))
-    assert "cond" not in [eqn.primitive.name for eqn in jaxpr.eqns]
+def conditionals_of_a_stage(field):
+    jaxpr = jax.make_jaxpr(lambda x: at_times(field, jnp.asarray(T), x, H, FRACTIONS)[1.0](x))(jnp.asarray(X))
+    return [eqn.primitive.name for eqn in jaxpr.eqns].count("cond")
+
+
+def test_a_field_of_cheap_functions_stays_as_it_is():
+    assert conditionals_of_a_stage(lambda t, x: jnp.stack([x[1], -x[0] * x[1]])) == 0
+
+
+def test_a_stage_takes_each_sine_of_the_state_once():
+    """A sine of the state is behind a conditional with the rest of the field; one of time behind another."""
+    assert conditionals_of_a_stage(lambda t, x: jnp.stack([x[1], -jnp.sin(x[0])])) == 1
+    assert conditionals_of_a_stage(lambda t, x: jnp.stack([x[1], jnp.cos(t) - jnp.sin(x[0])])) == 2

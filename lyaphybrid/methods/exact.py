@@ -48,6 +48,10 @@ class Exact:
         del n
         return False
 
+    def onto_mode(self, mode, t, x):
+        """There are no modes, and no constraints."""
+        del mode, t, x
+
     def begin(self, t, x, mode, h):
         """The next event is predicted anew from every state; (4,): memory of the events, see `_remember`."""
         del mode, h

@@ -33,6 +33,10 @@ class Iterating:
         del n
         return False
 
+    def onto_mode(self, mode, t, x):
+        """There are no modes, and no constraints."""
+        del mode, t, x
+
     def begin(self, t, x, mode, h):
         """A map remembers nothing."""
         del t, x, mode, h

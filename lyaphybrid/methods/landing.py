@@ -8,7 +8,7 @@ from jaxtyping import Array
 
 from .. import frames
 from ..columns import each_column
-from ..events import EPS, Wiring, arm, by_mode, jets, rates
+from ..events import BLUR, Wiring, arm, by_mode, jets, rates, rounding
 from ..propagation import Carry, Clock, Events, Settings, harvest, log_event, stop
 from ..saltations import delays, instant, push, return_along
 from ..statuses import STATUS
@@ -19,7 +19,6 @@ __all__ = ["land"]
 
 SAME = 1e-13  # roots nearer than this, relative to the controller's step or the time, are simultaneous
 GRAZING = 1e-3  # sine of the angle between flow and guard below which a crossing is called grazing
-BLUR = 64 * EPS  # rounding of a guard, relative to its terms
 SHORT = 1e-5  # an interval between events is short below this, relative to the step and the longest interval
 
 
@@ -131,9 +130,10 @@ def _cross(mover, settings, clock: Clock, c: Carry, mode, transition, which, slo
     landing = _in_each_order(mover, t, h, c, columns, mode, transition, which, slot, together)
     since = c.since + landing.count.astype(c.since.dtype) if settings.cadence.unit == "jumps" else c.since
     volume = frames.log_abs_det(landing.columns[:, k:]) if settings.sum_rule else None
+    project, frame = mover.onto_mode(landing.mode, t, landing.x), landing.columns[:, :k]
     c = c._replace(
         x=landing.x,
-        frame=landing.columns[:, :k],
+        frame=frame if project is None or not k else each_column(project, frame),
         since=since,
         jumps=c.jumps + landing.count,
         volume=None if volume is None else c.volume + volume,
@@ -142,19 +142,13 @@ def _cross(mover, settings, clock: Clock, c: Carry, mode, transition, which, slo
     arrival = {"f": landing.f, "g": landing.g, "rate": landing.rate, "side": landing.side}
     c = changed(c, mode=None if c.own.mode is None else landing.mode, **arrival)
     if _orthonormalises(mover, settings, c):
-        project = _projection(mover, landing.mode, t, landing.x)
         c, _ = harvest(settings, c, t, frames.LOST, frames.LOST, project, was_live)
-    c = _remember(mover, c, landing, clock, slot)
+    c = _remember(mover, c, landing, clock, jnp.where(slot < 0, -1, slot + mover.wiring.slots * mode))
     c = stop(c, STATUS.terminated, landing.terminal)
     c = stop(c, STATUS.deadlock, landing.stuck)
     finite = jnp.all(jnp.isfinite(c.x)) & jnp.all(jnp.isfinite(c.frame))
     c = stop(c, STATUS.nonfinite, ~finite)
     return stop(c, STATUS.zeno, landing.count > mover.max_cascade)
-
-
-def _projection(mover, mode, t, x):
-    projections = [lambda dx, p=p: p(t, x, dx) for p in mover.wiring.projections]
-    return lambda dx: by_mode(mode, projections, dx)
 
 
 def _start_cascade(mover, t, c, columns, mode, transition, which, slot, together) -> "Landing":
@@ -164,7 +158,7 @@ def _start_cascade(mover, t, c, columns, mode, transition, which, slot, together
     gradient, moving, rate = _instant(mover, mode, t, x, f, slot)
     ticking = slot < 0  # the instant of a clock is everybody's
     size = jnp.sqrt(jnp.sum(gradient**2) * jnp.sum(f**2) + 1e-300) + jnp.abs(moving)
-    rounding = BLUR * (jnp.sum(jnp.abs(gradient * x)) + jnp.abs(moving * t))
+    blur = BLUR * (jnp.sum(jnp.abs(gradient * x)) + jnp.abs(moving * t))
     slots, no = jnp.zeros(w.slots, x.dtype), jnp.asarray(False)
     return Landing(
         x=x,
@@ -184,7 +178,7 @@ def _start_cascade(mover, t, c, columns, mode, transition, which, slot, together
         terminal=no,
         stuck=no,
         transversality=jnp.where(ticking, jnp.inf, jnp.abs(rate) / size),
-        shortest=jnp.where(ticking, 0.0, 4 * rounding / jnp.where(rate == 0, 1e-300, jnp.abs(rate))),
+        shortest=jnp.where(ticking, 0.0, 4 * blur / jnp.where(rate == 0, 1e-300, jnp.abs(rate))),
         together=together,
         log=c.log,
     )
@@ -205,9 +199,9 @@ def _cascade(mover, t, h, landing: "Landing") -> "Landing":
             state.which,
         )
         mode = jax.lax.switch(state.transition, w.targets, state.mode, t, state.x, state.which)
-        f, g, rate, second = by_mode(mode, [_arrival(w, q) for q in range(w.modes)], t, x)
+        f, g, rate, second, blur = by_mode(mode, [_arrival(w, q) for q in range(w.modes)], t, x)
         fired = (jnp.arange(w.slots, dtype=jnp.int32) == state.slot) & (mode == state.mode)
-        side, g, flat = arm(g, rate, second, h, t, fired)
+        side, g, flat = arm(g, rate, second, blur, h, t, fired)
         entry = Events(None, t, state.transition, state.which, state.mode, mode, state.x, x)
         terminal = state.terminal | jnp.asarray(mover.terminal)[state.transition]
         # A guard on its fired side fires now; the one that has just fired is exempt in its own mode.
@@ -316,9 +310,9 @@ def _keep_clocks(mover, clock: Clock, c: Carry, tr: Trial, ticking) -> Carry:
     return changed(c, ticks=number)
 
 
-def _remember(mover, c: Carry, landing: "Landing", clock: Clock, slot) -> Carry:
-    """Intervals between events, for Zeno; transversality and notes."""
-    m, first = Memory(*c.own.memory), slot.astype(c.x.dtype)
+def _remember(mover, c: Carry, landing: "Landing", clock: Clock, guard) -> Carry:
+    """Intervals between events, for Zeno; transversality and notes. `guard` counts slots over all modes."""
+    m, first = Memory(*c.own.memory), guard.astype(c.x.dtype)
     interval = c.s - m.last
     longest = jnp.maximum(m.longest, interval)
     short = interval < SHORT * jnp.minimum(c.own.h, longest)
@@ -369,4 +363,5 @@ def _pusher(reset):
 
 
 def _arrival(w: Wiring, q: int):
-    return lambda t, x: (w.fields[q](t, x), *jets(w.guards[q], w.fields[q], t, x))
+    guards, field = w.guards[q], w.fields[q]
+    return lambda t, x: (field(t, x), *jets(guards, field, t, x), rounding(guards, t, x))

@@ -107,6 +107,10 @@ class Scheduled:
         del n
         return False
 
+    def onto_mode(self, mode, t, x):
+        """There are no modes, and no constraints."""
+        del mode, t, x
+
     def begin(self, t, x, mode, h) -> Own:
         """All predictions."""
         del mode, h

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 
 from .._jaxprs import needed
 from ..columns import each_column
-from ..events import EPS, Wiring, arm, by_mode, jets, rates
+from ..events import EPS, Wiring, arm, by_mode, jets, rates, rounding
 from ..propagation import Carry, Clock, Settings, stop
 from ..statuses import STATUS
 from .base import Field, Method
@@ -96,6 +96,20 @@ class Stepping:
 
     # --- the beginning ---------------------------------------------------------------------------------------
 
+    def initial_mode(self, t, x):
+        """The mode to which a state belongs; negative where none can go on from it."""
+        of_state = self.wiring.initial_mode
+        assert of_state is not None, "runs.prepare asks for a mode where the system knows none"
+        return jnp.asarray(of_state(t, x)).astype(jnp.int32)
+
+    def onto_mode(self, mode, t, x):
+        """The projection onto the tangent space of a mode; None where no mode has one."""
+        w = self.wiring
+        if all(project is None for project in w.projections):
+            return None
+        given = [project or (lambda t, x, dx: dx) for project in w.projections]
+        return lambda dx: by_mode(mode, [lambda dx, p=p: p(t, x, dx) for p in given], dx)
+
     def begin(self, t, x, mode, h) -> Stepper:
         """The mover's part of the carry at (t, x)."""
         if self.always_common:
@@ -106,8 +120,8 @@ class Stepping:
         state = Stepper(f, h, jnp.zeros_like(h), mode if w.modes > 1 else None, *(None,) * 5)
         if not self.has_events:
             return state
-        g, rate, second = by_mode(mode, [_jets_of(w, q) for q in range(w.modes)], t, x)
-        side, g, _ = arm(g, rate, second, h, t, jnp.zeros(w.slots, bool))
+        g, rate, second, blur = by_mode(mode, [_jets_of(w, q) for q in range(w.modes)], t, x)
+        side, g, _ = arm(g, rate, second, blur, h, t, jnp.zeros(w.slots, bool))
         # On a guard and about to go through it: it has not fired yet, and does so at once.
         side = jnp.where(table(self, state.mode, w.directed) & (g == 0) & (side < 0), 1.0, side)
         ticks = [jnp.floor((t - phase) / period + 1e-9) + 1 for period, phase in self.clock_times]
@@ -377,4 +391,4 @@ def are_curved(fields: Iterable[Field], t, x) -> bool:
 
 
 def _jets_of(w: Wiring, q: int):
-    return lambda t, x: jets(w.guards[q], w.fields[q], t, x)
+    return lambda t, x: (*jets(w.guards[q], w.fields[q], t, x), rounding(w.guards[q], t, x))

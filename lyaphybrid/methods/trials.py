@@ -29,7 +29,7 @@ class Memory(NamedTuple):
     grazing: Any  # seen? 0 or 1, as the next
     simultaneous: Any
     accumulation: Any  # estimated end of an accumulation of events
-    slot: Any  # whose event was the last; -1: a clock's
+    slot: Any  # whose event was the last, counted over all modes; -1: a clock's
 
 
 class Stepper(NamedTuple):
