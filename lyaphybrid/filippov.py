@@ -6,8 +6,8 @@ With v± = ∂ₜh + ∇h·f±, the rates of the surface's function h along the 
     v₊ < 0 < v₋        both fields point at the surface: it slides,      S = I + (fₛ − f₊) ∇h / v₊, of rank n − 1
     v₊ > 0 > v₋        both point away: it cannot be continued in one way, `deadlock`
 
-fₛ = (v₋ f₊ − v₊ f₋) / (v₋ − v₊) is the convex combination of both that stays on the surface. It is left where v₊ or v₋
-reaches zero, tangentially: there fₛ is f₊ or f₋, and S = I. Where stiction exceeds the kinetic friction the motion stays
+fₛ = (v₋ f₊ − v₊ f₋) / (v₋ − v₊) is the convex combination of both that stays on the surface. It is left where v₊ or
+v₋ reaches zero, tangentially: there fₛ is f₊ or f₋, and S = I. Where stiction exceeds kinetic friction the motion stays
 on the surface longer, in a *stick* set that is larger, and fₛ is no combination of the two: both can be given.
 
 A. F. Filippov, Differential Equations with Discontinuous Righthand Sides (Kluwer 1988), doi:10.1007/978-94-015-7793-9.
