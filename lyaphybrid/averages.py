@@ -73,7 +73,7 @@ def _of_one(xp: ModuleType, found: Found, clock, averaging, names) -> Spectrum:
     records, journey, status, interrupted, initial = found
     chain = [_chained(xp, part, 0) for part in records]
     blocks = jax.tree.map(lambda *parts: xp.concatenate(parts), *chain)
-    run = _one_run(xp, blocks, clock, initial, averaging)
+    run = _one_run(xp, blocks, journey.carry.frame, clock, initial, averaging)
     return _spectrum(xp, run, run["stderr"], None, _end(xp, journey, status, interrupted), "blocks", clock, names)
 
 
@@ -82,7 +82,7 @@ def _of_several(found: Found, clock, averaging, names) -> Spectrum:
     chain = [_chained(jnp, part, 1) for part in records]
     blocks = jax.tree.map(lambda *parts: jnp.concatenate(parts, axis=1), *chain)
     end = _end(jnp, journey, status, interrupted)
-    run = jax.vmap(lambda r: _one_run(jnp, r, clock, initial, averaging))(blocks)
+    run = jax.vmap(lambda r, frame: _one_run(jnp, r, frame, clock, initial, averaging))(blocks, journey.carry.frame)
     m, replicates = run["exponents"].shape[0], run["exponents"]
     spread = jnp.std(run["finite"], axis=0, ddof=1) / m**0.5 if m > 1 else jnp.full_like(run["finite"][0], jnp.nan)
     mean = {name: jnp.mean(value, axis=0) for name, value in run.items()}
@@ -105,8 +105,8 @@ def _chained(xp: ModuleType, records: Record, axis: int) -> Record:
     return records._replace(losses=records.losses - xp.take_along_axis(before(records.losses), records.order, -1))
 
 
-def _one_run(xp: ModuleType, records: Record, clock: str, initial, averaging: str) -> dict:
-    """Exponents, errors and history of one run from its blocks."""
+def _one_run(xp: ModuleType, records: Record, frame, clock: str, initial, averaging: str) -> dict:
+    """Exponents, errors and history of one run from its blocks, and its frame at the end."""
     valid = records.valid
     growth = xp.where(valid[:, None], records.growth, 0.0)
     duration = xp.where(valid, records.duration, 0.0)
@@ -124,6 +124,8 @@ def _one_run(xp: ModuleType, records: Record, clock: str, initial, averaging: st
     if records.losses is not None:
         counts = xp.where(valid[:, None], records.losses, 0)
         losses = _running_totals(xp, counts, records.order, valid, 0 * counts[0])[-1]
+    # A direction is gone where it was lost, and where the constraint that the motion ends in never had room for it.
+    gone = (losses > 0) | (xp.all(frame == 0, axis=0) & xp.any(valid))
     count = xp.maximum(xp.sum(valid), 2).astype(growth.dtype)
     scatter = xp.sum(xp.where(valid[:, None], growth - finite[None, :] * length[:, None], 0.0) ** 2, axis=0)
     stderr = xp.sqrt(scatter * count / (count - 1)) / _or_nan(xp, reading[-1])
@@ -131,9 +133,9 @@ def _one_run(xp: ModuleType, records: Record, clock: str, initial, averaging: st
     volume = None if records.volume is None else xp.sum(xp.where(valid, records.volume, 0.0))
     residual = None if volume is None else xp.abs(xp.sum(growth) - volume) / _or_nan(xp, reading[-1])
     run = {
-        "exponents": xp.where(losses > 0, -xp.inf, finite),
+        "exponents": xp.where(gone, -xp.inf, finite),
         "finite": finite,
-        "stderr": xp.where(losses > 0, xp.nan, stderr),
+        "stderr": xp.where(gone, xp.nan, stderr),
         "upper": xp.max(xp.where(late[:, None], running, -xp.inf), axis=0),
         "lower": xp.min(xp.where(late[:, None], running, xp.inf), axis=0),
         "losses": losses,

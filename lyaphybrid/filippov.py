@@ -285,8 +285,7 @@ class _Start(eqx.Module):
         """On the surface i: by the two fields."""
         side, (above, below) = self.sides[i], self.where[i]
         v_plus, v_minus = side.rates(t, x, args)
-        leaves = jnp.where((v_plus < 0) & (v_minus < 0), below, above)
-        leaves = jnp.where((v_plus > 0) & (v_minus < 0), -1, leaves)
+        leaves = jnp.where((v_plus > 0) & (v_minus < 0), -1, jnp.where(v_plus + v_minus < 0, below, above))
         return jnp.where(side.holds(t, x, args), self.regions + i, leaves)
 
 

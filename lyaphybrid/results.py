@@ -83,7 +83,7 @@ class Spectrum(eqx.Module):
         """Information that comes with any verdict."""
         grazing, simultaneous, interrupted = np.any(np.atleast_2d(self.flags), axis=0)
         found = {
-            "rank_lost": bool(np.any(np.asarray(self.losses) > 0)),
+            "rank_lost": bool(np.any(np.isneginf(np.asarray(self.exponents)))),
             "grazing": bool(grazing),
             "simultaneous": bool(simultaneous),
             "interrupted": bool(interrupted),
@@ -108,7 +108,7 @@ class Spectrum(eqx.Module):
         """|Σ λ - (mean divergence + mean ln|det S|)|; None where k < n or something was lost."""
         if self.residual is None:
             return None
-        if not traced(self.losses) and np.any(np.asarray(self.losses) > 0):
+        if not traced(self.exponents) and np.any(np.isneginf(np.asarray(self.exponents))):
             return None
         return self.residual
 

@@ -8,6 +8,7 @@ Parameters that are numbers travel in `args`: changing them does not compile aga
 from .billiards import ellipse, lorentz_gas, mean_free_path, sinai_billiard, stadium, wedge
 from .circuits import boost_converter, buck_converter, chua, corron_oscillator
 from .disks_and_spheres import hard_disks, hard_spheres
+from .friction import block_on_plate, friction_pendulum, relay_feedback, stick_slip_belt
 from .impacts import bouncing_ball, impact_oscillator, kicked_ball, zaslavsky
 from .maps import baker_map, cat_map, henon_map, kaplan_yorke_map, logistic_map, standard_map
 from .neurons import integrate_and_fire
@@ -45,6 +46,11 @@ __all__ = [
     "beta_clock",
     "skew_tent_roof",
     "grow_reset",
+    # dry friction and relays
+    "friction_pendulum",
+    "block_on_plate",
+    "stick_slip_belt",
+    "relay_feedback",
     # circuits
     "chua",
     "buck_converter",
