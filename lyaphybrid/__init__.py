@@ -16,6 +16,7 @@ from .derivatives import Jacobians, jacobians, saltation_matrix  # noqa: E402
 from .filippov import filippov  # noqa: E402
 from .methods import Diffrax, RungeKutta  # noqa: E402
 from .results import RunFailed, Spectrum  # noqa: E402
+from .rigid_contacts import impact  # noqa: E402
 from .spectra import lyapunov_spectrum  # noqa: E402
 from .statuses import STATUS  # noqa: E402
 from .systems import EventDriven, Flow, Hybrid, Map, Schedule, Transition  # noqa: E402
@@ -31,6 +32,7 @@ __all__ = [
     "filippov",
     "EventDriven",
     "Schedule",
+    "impact",
     "RungeKutta",
     "Diffrax",
     "lyapunov_spectrum",

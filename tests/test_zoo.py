@@ -25,6 +25,7 @@ VARIANTS = [
     ("kicked_ball", {"restitution": 0.5, "amplitude": 1.75}),
     ("grow_reset", {"q": 0}),
     ("impact_oscillator", {"omega": 2.0}),
+    ("impact_oscillator", {"omega": 0.5, "gap": -0.5, "restitution": 0.3, "sticking": True}),
     ("hard_disks", {"density": 0.2}),
     ("hard_disks", {"n": 2, "density": 0.32, "aspect": 1}),
     ("sinai_billiard", {"radius": 0.2}),

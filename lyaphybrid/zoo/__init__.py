@@ -14,8 +14,10 @@ from .maps import baker_map, cat_map, henon_map, kaplan_yorke_map, logistic_map,
 from .neurons import integrate_and_fire
 from .piecewise import beta_clock, conewise_linear, grow_reset, skew_tent_roof
 from .problem import Problem, Reference, get, unknown
+from .rattling import gear_rattle, rocking_block
 from .smooth import lorenz63, rossler
 from .statistics import CollisionStatistics, collision_statistics
+from .walkers import rimless_wheel, simplest_walker
 
 __all__ = [
     "Problem",
@@ -56,6 +58,12 @@ __all__ = [
     "buck_converter",
     "boost_converter",
     "corron_oscillator",
+    # impacts to and fro
+    "rocking_block",
+    "gear_rattle",
+    # walkers
+    "rimless_wheel",
+    "simplest_walker",
     # the next event known exactly
     "hard_disks",
     "hard_spheres",

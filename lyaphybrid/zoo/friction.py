@@ -261,8 +261,8 @@ def relay_feedback(*, form: str = "crossing", slope: Real = 0.5) -> Problem:
 
     "crossing": y = 1/(s + 1)³ u, x₁' = x₂ − x₁, x₂' = x₃ − x₂, x₃' = u − x₃, y = x₁. The limit cycle crosses y = 0
     every 1.83988; the exponents sum to −3, the divergence.
-    "sliding": y = (s + c)/s² u, x₁' = x₂, x₂' = u, y = c x₁ + x₂. Where c|x₂| < 1 both fields point at y = 0: the motion
-    slides into the origin as x₁' = −c x₁, and the exponents are −c and −inf.
+    "sliding": y = (s + c)/s² u, x₁' = x₂, x₂' = u, y = c x₁ + x₂. Where c|x₂| < 1 both fields point at y = 0: the
+    motion slides into the origin as x₁' = −c x₁, and the exponents are −c and −inf.
 
     Args:
         form: "crossing" or "sliding".

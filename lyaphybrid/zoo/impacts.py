@@ -60,10 +60,55 @@ def _gap(t, x, args):
     return args["gap"] - x[0]
 
 
+def _pressing(t, x, args):
+    return args["amplitude"] * jnp.cos(args["omega"] * t) - args["gap"]
+
+
+def _bounces_on(t, x, args):
+    return ~_chatter_ends(t, x, args)
+
+
+def _chatter_ends(t, x, args):
+    """Whether the impact is slow, and all further ones come before the acceleration has changed much."""
+    r, v, press = args["restitution"], x[1], _pressing(t, x, args)
+    swing = args["amplitude"] * args["omega"]  # largest rate of the acceleration
+    lasts = press**2 * (1 - r) > 8 * r * v * swing  # the further bounces take the time 2rv / ((1 − r) press)
+    return (v < SLOW * args["amplitude"]) & (press > 0) & lasts
+
+
+def _put_on_wall(t, x, args):
+    return jnp.stack([0 * x[0] + args["gap"], 0 * x[1]])
+
+
+def _stand(t, x, args):
+    return 0 * x
+
+
+def _nothing_moves(t, x, args, dx):
+    return 0 * dx
+
+
+def _velocity(t, x, args):
+    return x[1]
+
+
+SLOW = 1e-5  # velocity below which a pressed impact ends a chatter, times the amplitude
+
 BOUNCING = Hybrid(_fall, Transition(_height, _rebound))
 KICKED = Hybrid(_fall, Transition(_height_above_table, _rebound_from_table))
 ZASLAVSKY = Hybrid(_fall_in_own_units, Transition(_height, _kick))
 IMPACTING = Hybrid(_oscillate, Transition(_gap, _rebound))
+STICKING = Hybrid(
+    {"free": _oscillate, "stuck": _stand, "leaving": _oscillate},
+    [
+        Transition(_gap, _rebound, source="free", when=_bounces_on),
+        Transition(_gap, _put_on_wall, source="free", target="stuck", when=_chatter_ends),
+        Transition(_pressing, source="stuck", target="leaving"),
+        # On leaving, the gap and its first two derivatives are zero: it is not asked before the mass turns back.
+        Transition(_velocity, source="leaving", target="free", direction=+1),
+    ],
+    tangent={"stuck": _nothing_moves},
+)
 
 
 @problem
@@ -257,11 +302,19 @@ def impact_oscillator(
     restitution: Real = 0.8,
     gap: Real = 0.0,
     amplitude: Real = 1.0,
+    sticking: bool = False,
 ) -> Problem:
     """A forced oscillator at a rigid wall: x'' + 2ζx' + x = A cos ωt for x ≤ gap, v⁺ = −r v⁻ at x = gap.
 
     The exponents sum to −2ζ + 2 ln r · (impacts per unit time) exactly. Time is explicit: two exponents, and
     a third, 0, for those who count the phase as a variable.
+
+    Where the force presses the mass against the wall, impacts may follow each other faster and faster: a complete
+    chatter, infinitely many in a finite time. Such a run ends as `zeno`. With `sticking` it goes on: an impact that
+    presses and is slower than 10⁻⁵ A puts the mass to rest on the wall, mode "stuck", until A cos ωt − gap, its
+    acceleration there, falls through 0; then it goes off, "leaving" until it turns back, "free" after that. At rest
+    it knows nothing of where it came from, both exponents are −inf, and it leaves at the same phase whatever happened:
+    that the last bounces are left out, some 10⁻⁵ of time, changes nothing later.
 
     Args:
         omega: ω, frequency of the forcing over the oscillator's own.
@@ -269,14 +322,17 @@ def impact_oscillator(
         restitution: r, in (0, 1].
         gap: position of the wall, length.
         amplitude: A, length.
+        sticking: complete a chatter into a rest on the wall.
 
     Returns:
         A `Problem`, with the reference 0.15784(20), −0.47616(19) at the default parameters (chaos), and one
-        at ω = 2 (periodic).
+        at ω = 2 (periodic); none with sticking.
 
     Source:
         A. B. Nordmark, Non-periodic motion caused by grazing incidence in an impact oscillator, J. Sound Vib.
-        145 (1991) 279, doi:10.1016/0022-460X(91)90592-8.
+        145 (1991) 279, doi:10.1016/0022-460X(91)90592-8; chatter: A. B. Nordmark & P. T. Piiroinen, Simulation and
+        stability analysis of impacting systems with complete chattering, Nonlinear Dynamics 58 (2009) 85,
+        doi:10.1007/s11071-008-9463-y.
 
     Example:
         >>> from lyaphybrid import zoo
@@ -287,10 +343,11 @@ def impact_oscillator(
     require("restitution", restitution, lambda r: 0 < r <= 1, "in (0, 1]")
     reference = None
     for parameters, exponents, stderr, how in _IMPACT_VALUES:
-        if near((omega, zeta, restitution), *parameters) and near(gap, 0.0):
+        if near((omega, zeta, restitution), *parameters) and near(gap, 0.0) and not sticking:
             reference = computed(exponents, stderr, source=how)
     return Problem(
-        system=IMPACTING,
+        system=STICKING if sticking else IMPACTING,
+        mode="free" if sticking else None,
         x0=state(gap, -0.5 * amplitude),
         args={"omega": omega, "zeta": zeta, "restitution": restitution, "gap": gap, "amplitude": amplitude},
         t1=20_000.0,

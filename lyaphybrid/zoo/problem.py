@@ -169,8 +169,8 @@ _ZOO: dict[str, Callable[..., Problem]] = {}
 def problem(function: Callable[P, Problem]) -> Callable[P, Problem]:
     """Put a function of keyword parameters into the zoo; unknown and ill-typed parameters become ValueErrors.
 
-    A parameter takes the kind of its default: a float, a whole number, or anything else unchecked. Where it is more
-    than `Real` an array goes to the function unchecked.
+    A parameter takes the kind of its default: a truth value, a float, a whole number, or anything else unchecked. Where
+    it is more than `Real` an array goes to the function unchecked.
     """
     name = function.__name__
     signature = inspect.signature(function).parameters
@@ -257,6 +257,10 @@ def several(name: str, value: Any, n: int) -> Any:
 
 
 def _as_kind_of(default: Any, name: str, value: Any) -> Any:
+    if isinstance(default, bool):
+        if not isinstance(value, bool | np.bool_):
+            raise ValueError(f"{name} must be True or False; got {value!r}.")
+        return bool(value)
     if isinstance(default, float):
         return number(name, value)
     if isinstance(default, int):
