@@ -15,7 +15,9 @@ from .comparisons import TwoTrajectories, two_trajectories  # noqa: E402
 from .derivatives import Jacobians, jacobians, saltation_matrix  # noqa: E402
 from .filippov import filippov  # noqa: E402
 from .methods import Diffrax, RungeKutta  # noqa: E402
+from .periodic_orbits import Floquet, NoPeriodicOrbit, floquet  # noqa: E402
 from .results import RunFailed, Spectrum  # noqa: E402
+from .return_maps import return_map  # noqa: E402
 from .rigid_contacts import impact  # noqa: E402
 from .spectra import lyapunov_spectrum  # noqa: E402
 from .statuses import STATUS  # noqa: E402
@@ -41,11 +43,15 @@ __all__ = [
     "saltation_matrix",
     "jacobians",
     "two_trajectories",
+    "floquet",
+    "return_map",
     "Spectrum",
     "Trajectory",
     "TangentMap",
     "Jacobians",
     "TwoTrajectories",
+    "Floquet",
+    "NoPeriodicOrbit",
     "STATUS",
     "RunFailed",
     "zoo",

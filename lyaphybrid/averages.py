@@ -73,7 +73,7 @@ def _of_one(xp: ModuleType, found: Found, clock, averaging, names) -> Spectrum:
     records, journey, status, interrupted, initial = found
     chain = [_chained(xp, part, 0) for part in records]
     blocks = jax.tree.map(lambda *parts: xp.concatenate(parts), *chain)
-    run = _one_run(xp, blocks, journey.carry.frame, clock, initial, averaging)
+    run = _one_run(xp, blocks, _empty(xp, journey), clock, initial, averaging)
     return _spectrum(xp, run, run["stderr"], None, _end(xp, journey, status, interrupted), "blocks", clock, names)
 
 
@@ -82,7 +82,7 @@ def _of_several(found: Found, clock, averaging, names) -> Spectrum:
     chain = [_chained(jnp, part, 1) for part in records]
     blocks = jax.tree.map(lambda *parts: jnp.concatenate(parts, axis=1), *chain)
     end = _end(jnp, journey, status, interrupted)
-    run = jax.vmap(lambda r, frame: _one_run(jnp, r, frame, clock, initial, averaging))(blocks, journey.carry.frame)
+    run = jax.vmap(lambda r, empty: _one_run(jnp, r, empty, clock, initial, averaging))(blocks, _empty(jnp, journey))
     m, replicates = run["exponents"].shape[0], run["exponents"]
     spread = jnp.std(run["finite"], axis=0, ddof=1) / m**0.5 if m > 1 else jnp.full_like(run["finite"][0], jnp.nan)
     mean = {name: jnp.mean(value, axis=0) for name, value in run.items()}
@@ -105,8 +105,14 @@ def _chained(xp: ModuleType, records: Record, axis: int) -> Record:
     return records._replace(losses=records.losses - xp.take_along_axis(before(records.losses), records.order, -1))
 
 
-def _one_run(xp: ModuleType, records: Record, frame, clock: str, initial, averaging: str) -> dict:
-    """Exponents, errors and history of one run from its blocks, and its frame at the end."""
+def _empty(xp: ModuleType, journey: Journey):
+    """Which columns are empty at the end, (k,): there is no room for them in the mode that the motion ends in."""
+    x, frame = journey.carry.x, journey.carry.frame
+    return xp.all(frame == 0, axis=-2) & xp.all(xp.isfinite(x), axis=-1)[..., None]
+
+
+def _one_run(xp: ModuleType, records: Record, empty, clock: str, initial, averaging: str) -> dict:
+    """Exponents, errors and history of one run from its blocks, and the columns (k,) that are empty at its end."""
     valid = records.valid
     growth = xp.where(valid[:, None], records.growth, 0.0)
     duration = xp.where(valid, records.duration, 0.0)
@@ -124,8 +130,7 @@ def _one_run(xp: ModuleType, records: Record, frame, clock: str, initial, averag
     if records.losses is not None:
         counts = xp.where(valid[:, None], records.losses, 0)
         losses = _running_totals(xp, counts, records.order, valid, 0 * counts[0])[-1]
-    # A direction is gone where it was lost, and where the constraint that the motion ends in never had room for it.
-    gone = (losses > 0) | (xp.all(frame == 0, axis=0) & xp.any(valid))
+    gone = (losses > 0) | (empty & xp.any(valid))  # lost before growth was counted, and never replaced
     count = xp.maximum(xp.sum(valid), 2).astype(growth.dtype)
     scatter = xp.sum(xp.where(valid[:, None], growth - finite[None, :] * length[:, None], 0.0) ** 2, axis=0)
     stderr = xp.sqrt(scatter * count / (count - 1)) / _or_nan(xp, reading[-1])

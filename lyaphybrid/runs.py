@@ -31,7 +31,7 @@ from .propagation import Cadence, Journey, Settings
 from .statuses import STATUS
 from .systems import EventDriven, Flow, Hybrid, Map
 
-__all__ = ["Plan", "Problem", "drive", "prepare", "start", "mode_names"]
+__all__ = ["Plan", "Problem", "as_arrays", "drive", "mode_names", "number", "prepare", "start"]
 
 FOREVER = 2**31 - 1
 SECONDS_PER_CALL = 0.3
@@ -100,12 +100,13 @@ def prepare(system, x0, args, t0, method, mode, name: str = "x0") -> tuple[Probl
     x0, shape = _state(system, x0, name)
     real("t0" if name == "x0" else "t", t0)
     # Python floats would be compiled in as constants: as arrays they may change without compiling again.
-    args, method = _as_arrays(args, x0.dtype), _as_arrays(_method_for(system, method), x0.dtype)
+    args, method = as_arrays(args, x0.dtype), as_arrays(_method_for(system, method), x0.dtype)
     check_clocks(system, args)
     return Problem(system, method, args, shape), x0, array(t0, x0.dtype), _mode_index(system, mode)
 
 
-def _as_arrays(tree, dtype):
+def as_arrays(tree, dtype):
+    """The tree with arrays for Python's floats, which would be compiled in as constants."""
     return jax.tree.map(lambda leaf: array(leaf, dtype) if isinstance(leaf, float) else leaf, tree)
 
 
@@ -188,14 +189,15 @@ def mover_of(problem: Problem, t, x):
         return Iterating(lambda n, x: reset(n, x, args))
     wiring = wire(system, t, x, args)
     clocks = tuple(
-        (_number(system.transitions[j].every, args), _number(system.transitions[j].phase, args)) for j in wiring.clocks
+        (number(system.transitions[j].every, args), number(system.transitions[j].phase, args)) for j in wiring.clocks
     )
     terminal = tuple(tr.terminal for tr in system.transitions)
     curved = are_curved(wiring.fields, t, x)
     return Stepping(wiring, method, clocks, terminal, system.max_cascade, curved)
 
 
-def _number(value, args):
+def number(value, args):
+    """The period or the phase of a clock."""
     return value(args) if callable(value) else value
 
 

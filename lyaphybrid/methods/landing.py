@@ -13,7 +13,7 @@ from ..propagation import Carry, Clock, Events, Settings, harvest, log_event, st
 from ..saltations import delays, instant, push, return_along
 from ..statuses import STATUS
 from .divergences import trace
-from .trials import NEAR, PATIENCE, Memory, Stepper, Trial, changed, firing, table
+from .trials import NEAR, PATIENCE, Memory, Stepper, Trial, changed, firing, is_beyond, table
 
 __all__ = ["land"]
 
@@ -34,6 +34,7 @@ class Landing(NamedTuple):
     g: Array
     rate: Array
     side: Array
+    blur: Array
     transition: Array
     which: Array
     slot: Array
@@ -83,7 +84,7 @@ def _at_root(mover, own: Stepper, tr: Trial, ahead):
     """The guards whose root is at the end of a trial that lands."""
     ticking = jnp.asarray(False) if tr.tick is None else tr.tick >= 0
     fires = firing(mover, own)
-    crossed = fires & (own.side * tr.g <= 0)
+    crossed = fires & is_beyond(own, tr)
     close = fires & (own.side * tr.rate < 0) & (jnp.abs(ahead) <= NEAR * own.h)
     return jnp.where(ticking, False, jnp.where(jnp.any(close), close, crossed))
 
@@ -139,7 +140,7 @@ def _cross(mover, settings, clock: Clock, c: Carry, mode, transition, which, slo
         volume=None if volume is None else c.volume + volume,
         log=landing.log,
     )
-    arrival = {"f": landing.f, "g": landing.g, "rate": landing.rate, "side": landing.side}
+    arrival = {"f": landing.f, "g": landing.g, "rate": landing.rate, "side": landing.side, "blur": landing.blur}
     c = changed(c, mode=None if c.own.mode is None else landing.mode, **arrival)
     if _orthonormalises(mover, settings, c):
         c, _ = harvest(settings, c, t, frames.LOST, frames.LOST, project, was_live)
@@ -170,6 +171,7 @@ def _start_cascade(mover, t, c, columns, mode, transition, which, slot, together
         g=slots,
         rate=slots,
         side=slots,
+        blur=slots,
         transition=transition,
         which=which,
         slot=slot,
@@ -228,6 +230,7 @@ def _cascade(mover, t, h, landing: "Landing") -> "Landing":
             g,
             rate,
             side,
+            blur,
             transition,
             which,
             slot,

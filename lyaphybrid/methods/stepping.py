@@ -36,6 +36,7 @@ from .trials import (
     next_aim,
     no_aim,
     resolve,
+    stays,
     suspects,
     table,
 )
@@ -55,6 +56,7 @@ class Stepping:
     terminal: tuple[bool, ...]
     max_cascade: int
     curved: bool  # Df depends on x in some mode
+    just_fired: int | None = None  # the transition that has brought the state to where it starts
 
     by_rows: ClassVar[bool] = False
     longest_interval: ClassVar[float] = 20.0
@@ -113,17 +115,20 @@ class Stepping:
     def begin(self, t, x, mode, h) -> Stepper:
         """The mover's part of the carry at (t, x)."""
         if self.always_common:
-            return Stepper(*(None,) * 9)
+            return Stepper(*(None,) * 10)
         w, mode = self.wiring, jnp.asarray(mode, jnp.int32)
         f = by_mode(mode, w.fields, t, x)
         h = self._first_step(x, f) if h is None else h
-        state = Stepper(f, h, jnp.zeros_like(h), mode if w.modes > 1 else None, *(None,) * 5)
+        state = Stepper(f, h, jnp.zeros_like(h), mode if w.modes > 1 else None, *(None,) * 6)
         if not self.has_events:
             return state
         g, rate, second, blur = by_mode(mode, [_jets_of(w, q) for q in range(w.modes)], t, x)
-        side, g, _ = arm(g, rate, second, blur, h, t, jnp.zeros(w.slots, bool))
+        fired = jnp.zeros(w.slots, bool)
+        if self.just_fired is not None:
+            fired = table(self, state.mode, w.transition == self.just_fired)
+        side, g, _ = arm(g, rate, second, blur, h, t, fired)
         # On a guard and about to go through it: it has not fired yet, and does so at once.
-        side = jnp.where(table(self, state.mode, w.directed) & (g == 0) & (side < 0), 1.0, side)
+        side = jnp.where(table(self, state.mode, w.directed) & (g == 0) & (side < 0) & ~fired, 1.0, side)
         ticks = [jnp.floor((t - phase) / period + 1e-9) + 1 for period, phase in self.clock_times]
         zero, one = jnp.zeros_like(t), jnp.ones_like(t)
         memory = Memory(zero, zero, zero, zero, one * jnp.inf, zero, zero, one * jnp.nan, -one)
@@ -135,6 +140,7 @@ class Stepping:
             g,
             rate,
             side,
+            blur,
             jnp.stack(ticks) if ticks else None,
             jnp.stack(memory),
         )
@@ -302,8 +308,8 @@ class Stepping:
         kept = self.commit(settings, c, jnp.where(tr.final, clock.length, c.s + tr.h), tr.h, tr.x, frame, flux)
         kept = changed(kept, f=tr.f)
         if self.has_events:
-            side = jnp.where(tr.g > 0, 1.0, jnp.where(tr.g < 0, -1.0, own.side))
-            kept = changed(kept, g=tr.g, rate=tr.rate, side=side)
+            side, g = stays(self, own, tr)
+            kept = changed(kept, g=g, rate=tr.rate, side=side)
         if not self.rejects:
             return kept._replace(stages=stages)
         # The frame's error may fail a step that the state's has passed.

@@ -42,6 +42,7 @@ class Stepper(NamedTuple):
     g: Any  # (slots,) guards at the start of the step, and their rates
     rate: Any
     side: Any
+    blur: Any  # (slots,) rounding of the guards
     ticks: Any  # (clocks,) number of the next tick
     memory: Any
 
@@ -114,6 +115,18 @@ def firing(mover, own: Stepper):
     return (own.side > 0) | (~directed & (own.side != 0))
 
 
+def is_beyond(own: Stepper, tr: Trial):
+    """The guards on or beyond zero at the end of a trial; one that starts at zero may have left it by rounding only."""
+    after = own.side * tr.g
+    return jnp.where(own.g == 0, after < -own.blur, after <= 0)
+
+
+def stays(mover, own: Stepper, tr: Trial) -> tuple[Any, Any]:
+    """Sides and guards after a step without an event: what seems to have fired there is at zero up to rounding."""
+    side = jnp.where(firing(mover, own), own.side, jnp.where(tr.g == 0, own.side, jnp.sign(tr.g)))
+    return side, jnp.where(side * tr.g < 0, 0.0, tr.g)
+
+
 def suspects(mover, own: Stepper, tr: Trial):
     """Whether a guard may have been crossed: cheap, and never wrong in saying no."""
     before, after = own.side * own.g, own.side * tr.g
@@ -135,7 +148,7 @@ def finds(mover, own: Stepper, tr: Trial, aim: Aim):
 def read_signs(mover, own: Stepper, tr: Trial, aim: Aim) -> Signs:
     """Which guards crossed zero during a trial, turned towards it, or have their root at its end."""
     fires = firing(mover, own)
-    crossed = fires & (own.side * tr.g <= 0)
+    crossed = fires & is_beyond(own, tr)
     # A guard that turns back inside the step: the step is cut there if it may have been beyond zero.
     d0, d1 = tr.h * own.rate, tr.h * tr.rate
     turns = (d0 * d1 < 0) & (own.side * d0 < 0) & (own.side * tr.g > 0)

@@ -1,0 +1,445 @@
+"""Periodic orbits and their Floquet multipliers, through all jumps on the way.
+
+An orbit of period T is a root of φ_T(x) − x. Newton's method needs the fundamental matrix M = dφ_T/dx that it is after
+anyway: its eigenvalues are the multipliers μ, and the exponents ln|μ|/T. Multiple shooting cuts the orbit at nodes
+x_0, …, x_{m−1} and asks that each piece ends where the next begins; of an autonomous system the period is one more
+unknown, and f(x_0)·δx_0 = 0 one more equation, so that the point does not slide along the orbit.
+"""
+
+import functools
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from . import frames, runs
+from ._tracing import array, traced
+from .checks import positive, real, require, whole
+from .methods import RungeKutta
+from .methods.base import Method
+from .propagation import Cadence
+from .results import RunFailed
+from .return_maps import depends_on_time
+from .statuses import STATUS
+from .systems import Flow, Hybrid, Map
+
+__all__ = ["Floquet", "NoPeriodicOrbit", "floquet"]
+
+CONVERGED = 1e-9  # residual, relative to the orbit, that a periodic orbit must reach
+FINISHED = 1e-13  # and at which there is nothing left to gain
+HALVINGS = 8  # of a Newton step that makes the residual larger
+CLEAR = 0.02  # of the period, which nodes keep between themselves and events, where they can
+NEAR = 1e-6  # of the period: an event that stands at x0 is found within this
+CLOSE = 0.1  # of the orbit's size: a return is nearer than this
+DOUBLINGS = 14  # of the time in which a return is looked for
+SAMPLES = 1000  # points of a piece
+EVENTS = 1024  # room for so many in one compiled call; a fuller log is drained and the run goes on
+
+
+class NoPeriodicOrbit(RuntimeError):
+    """Newton's method did not arrive at a periodic orbit; ``.result`` is where it stood."""
+
+    def __init__(self, message: str, result: Any):
+        super().__init__(message)
+        self.result = result
+
+
+class Floquet(eqx.Module):
+    """A periodic orbit and its multipliers.
+
+    Attributes:
+        x0: (n,) the point of the orbit at t0 (of an autonomous system: the one nearest to the start that was given).
+        period: T.
+        multipliers: complex (n,), the largest first; exactly 0 where a direction is destroyed on the way.
+        exponents: (n,) ln|μ|/T, descending; -inf where μ = 0.
+        stable: whether all multipliers, but the 1 along the flow of an autonomous system, are inside the unit circle.
+        residual: largest |φ_T(x) − x| over the nodes, relative to the size of the orbit.
+        monodromy: (n, n), dx(T)/dx(0) at a point of the orbit that may be another than x0, away from events.
+        mode: index of the mode at x0.
+        events: number of jumps in a period.
+    """
+
+    x0: Array
+    period: float = eqx.field(static=True)
+    multipliers: Array
+    exponents: Array
+    stable: bool = eqx.field(static=True)
+    residual: float = eqx.field(static=True)
+    monodromy: Array
+    mode: int = eqx.field(static=True)
+    events: int = eqx.field(static=True)
+
+    def __str__(self) -> str:
+        lines = [f"Periodic orbit, T = {self.period:.12g}, {self.events} jumps, residual {self.residual:.1e}"]
+        for mu, rate in zip(np.asarray(self.multipliers), np.asarray(self.exponents), strict=True):
+            value = f"{mu.real:.9g}" + (f" {'-' if mu.imag < 0 else '+'} {abs(mu.imag):.9g}i" if mu.imag else "")
+            lines.append(f"  μ = {value:<28s} λ = {rate:.12g}")
+        return "\n".join([*lines, f"  {'stable' if self.stable else 'unstable'}"])
+
+    __repr__ = __str__
+
+
+def floquet(
+    system: Flow | Map | Hybrid,
+    x0,
+    args: Any = None,
+    *,
+    period=None,
+    t0=0.0,
+    mode: str | int | None = None,
+    method: Method | None = None,
+    transient=0.0,
+    segments: int = 1,
+    max_iterations: int = 30,
+    throw: bool = True,
+) -> Floquet:
+    """The periodic orbit near x0, and its Floquet multipliers.
+
+    Args:
+        system: an `lh.Flow`, `lh.Hybrid` (sliding modes included) or `lh.Map`.
+        x0: (n,) a point near the orbit; far from it give a transient, where the orbit attracts.
+        args: pytree of parameters.
+        period: of a system that depends on time: a multiple of its own period, a number or ``args -> number`` (of a map
+            the number of iterations). None: unknown, for autonomous systems; it is taken from the first close return.
+        t0: the time at x0.
+        mode: mode at x0, where there are several.
+        method: `lh.RungeKutta` or `lh.Diffrax`; None: the default with rtol = 1e-12.
+        transient: run for so long before, in whole periods where the period is given.
+        segments: of multiple shooting: more for orbits that are long and unstable.
+        max_iterations: of Newton's method.
+        throw: raise where it does not converge; False returns what there is, with its residual.
+
+    Returns:
+        A `Floquet`.
+
+    Raises:
+        ValueError: on arguments that do not fit; without a period, on a system that depends on time.
+        NoPeriodicOrbit: where Newton's method does not converge, or no close return was found, and `throw`.
+        RunFailed: where the motion from x0 itself fails.
+
+    Source:
+        R. Seydel, Practical Bifurcation and Stability Analysis (Springer 2010), chapter 7,
+        doi:10.1007/978-1-4419-1740-9; for jumps R. I. Leine & H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth
+        Mechanical Systems (Springer 2004), doi:10.1007/978-3-540-44398-8.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> def van_der_pol(t, x, mu):
+        ...     return jnp.stack([x[1], mu * (1 - x[0] ** 2) * x[1] - x[0]])
+        >>> orbit = lh.floquet(lh.Flow(van_der_pol), [2.0, 0.0], 1.0)
+        >>> round(orbit.period, 6), orbit.stable
+        (6.663287, True)
+    """
+    require(isinstance(system, Flow | Hybrid | Map), f"floquet needs an lh.Flow, lh.Hybrid or lh.Map; got {system!r}.")
+    whole("segments", segments, least=1)
+    whole("max_iterations", max_iterations, least=1)
+    require(not traced((x0, args, t0)), "floquet decides from values: it cannot be used under jit, vmap or grad.")
+    discrete = isinstance(system, Map)
+    if method is None and not discrete:
+        method = RungeKutta(rtol=1e-12, atol=1e-14)
+    problem, start, time, index = runs.prepare(system, x0, args, t0, method, mode)
+    require(start.ndim == 1, f"x0 must have shape (n,) here; got {start.shape}.")
+    flow = _Motion(problem)
+    point = Node(float(time), start, index)
+    period = period(args) if callable(period) else period
+    _require_period(flow, period, start)
+    real("transient, a length,", transient)
+    if transient > 0:
+        run = flow.piece(point, float(transient if period is None else np.ceil(transient / period) * period))
+        point = Node(point.t, run.x, run.mode)
+    autonomous = period is None
+    guess = _first_return(flow, point) if period is None else float(np.asarray(period))
+    nodes, offset = _placed(flow, point, guess, segments)
+    orbit = _newton(flow, nodes, guess, autonomous, max_iterations)
+    result = _result(flow, orbit, point, offset, autonomous)
+    if throw and not result.residual <= CONVERGED:
+        raise NoPeriodicOrbit(
+            f"Newton's method stands at a residual of {result.residual:.1e} after {orbit.iterations} iterations, "
+            f"period {result.period:.6g}: (a) x0 is too far from a periodic orbit, give a transient; (b) the orbit is "
+            "unstable and long, give segments; (c) the period is not one of this motion.",
+            result,
+        )
+    return result
+
+
+class Node(NamedTuple):
+    """A point of an orbit."""
+
+    t: float
+    x: Any  # (n,)
+    mode: Any  # index; None: the state tells
+
+
+class Piece(NamedTuple):
+    """A stretch of motion."""
+
+    start: Node
+    length: float
+    x: Any  # (n,) the end
+    mode: int  # there
+    matrix: np.ndarray  # (n, n) dx(end)/dx(start), jumps included
+    jumps: int
+    times: np.ndarray  # (samples,) since the start
+    points: np.ndarray  # (samples, n)
+    events: Any  # columns as in `propagation.Events`, times since the start
+
+    @property
+    def end(self) -> Node:
+        """The point at the end."""
+        return Node(self.start.t + self.length, self.x, self.mode)
+
+
+class Orbit(NamedTuple):
+    """Where Newton's method stands."""
+
+    nodes: list[Node]
+    pieces: list[Piece]
+    period: float
+    residual: float
+    iterations: int
+
+
+class _Motion(NamedTuple):
+    """The motion of a point and of its neighbours."""
+
+    problem: runs.Problem
+
+    def piece(self, node: Node, length: float) -> Piece:
+        """A stretch of motion from a point."""
+        x0, discrete = jnp.asarray(node.x), isinstance(self.problem.system, Map)
+        hybrid = isinstance(self.problem.system, Hybrid)
+        plan = runs.Plan(Cadence("never", False), "mgs", False, EVENTS * hybrid, False, False, runs.point)
+        t0, ends = array(node.t, x0.dtype), length * np.arange(1, SAMPLES + 1) / SAMPLES
+        ends = array(np.arange(1, length + 1) if discrete else ends, x0.dtype)
+        frame = np.eye(len(x0), dtype=x0.dtype)
+        journey = runs.start(self.problem, plan, t0, x0, frame, node.mode, 1.0)
+        outcome = runs.drive(self.problem, plan, journey, ends, ends)
+        status = STATUS(int(outcome.status))
+        if status != STATUS.ok:
+            raise RunFailed(status, f"On a piece of length {length:.6g} from t = {node.t:.6g}.", None)
+        carry, (t, x, _, _) = outcome.journey.carry, outcome.records.collected
+        logs = jax.tree.map(lambda *parts: np.concatenate(parts), *outcome.logs) if hybrid else None
+        logs = None if logs is None else logs._replace(t=logs.t - node.t)
+        shown = np.asarray(t) - node.t, np.asarray(x)
+        mode, matrix = int(runs.mode_of(carry)), np.asarray(carry.frame)
+        return Piece(node, length, carry.x, mode, matrix, int(carry.jumps), *shown, logs)
+
+    def velocity(self, node: Node) -> np.ndarray:
+        """Dx/dt at a point."""
+        system, args, t = self.problem.system, self.problem.args, jnp.asarray(node.t, node.x.dtype)
+        fields = (system.fields or ()) if isinstance(system, Hybrid) else (system.field,)
+        return np.asarray(fields[self.mode(node)](t, node.x, args))
+
+    def mode(self, node: Node) -> int:
+        """The mode at a point."""
+        if node.mode is not None:
+            return int(node.mode)
+        t = jnp.asarray(node.t, node.x.dtype)
+        return max(int(self.problem.system.initial_mode(t, node.x, self.problem.args)), 0)
+
+
+def _require_period(flow: _Motion, period, x) -> None:
+    if isinstance(flow.problem.system, Map):
+        whole("period, of a map its number of iterations,", period, least=1)
+    elif period is not None:
+        positive("period", period)
+    else:
+        require(
+            not depends_on_time(flow.problem.system, x, flow.problem.args),
+            "This system depends on time: give period, that of its forcing or a multiple of it.",
+        )
+
+
+def _first_return(flow: _Motion, start: Node) -> float:
+    """The time of the first close return: a near minimum of the distance, once the orbit has been away."""
+    x0, speed = np.asarray(start.x), np.linalg.norm(flow.velocity(start))
+    horizon = (np.linalg.norm(x0) + 1e-3) / max(speed, 1e-12)
+    for _ in range(DOUBLINGS):
+        times, points = _points(flow.piece(start, horizon))
+        distance = np.linalg.norm(points - x0, axis=1)
+        size = np.maximum.accumulate(distance)
+        inner = np.flatnonzero((distance[1:-1] <= distance[:-2]) & (distance[1:-1] <= distance[2:])) + 1
+        # An orbit that has only begun to leave has its minimum at the start.
+        close = [i for i in inner if distance[i] < CLOSE * size[i] and np.argmax(distance[: i + 1]) > 0]
+        if close:
+            return float(times[close[0]])
+        horizon *= 2
+    raise NoPeriodicOrbit(
+        f"The motion from x0 did not come back to it within a time of {horizon / 2:.6g}: (a) x0 is far from a periodic "
+        "orbit, give a transient; (b) it moves towards a fixed point; (c) give the period.",
+        None,
+    )
+
+
+def _points(piece: Piece) -> tuple[np.ndarray, np.ndarray]:
+    """Times and states of a piece, those after its jumps among them."""
+    if piece.events is None:
+        return piece.times, piece.points
+    times = np.concatenate([piece.times, piece.events.t])
+    points = np.concatenate([piece.points, piece.events.x_after])
+    order = np.argsort(times, kind="stable")
+    return times[order], points[order]
+
+
+def _placed(flow: _Motion, start: Node, period: float, segments: int) -> tuple[list[Node], float]:
+    """The nodes, away from events; and the time from x0 to the first of them."""
+    if isinstance(flow.problem.system, Map):
+        return [start], 0.0
+    whole = flow.piece(start, period * (1 + CLEAR))  # an event that ends the period must be seen
+    events = np.zeros(0) if whole.events is None else np.unique(whole.events.t % period)
+    clear = [_away(at, events, period) for at in period * np.arange(segments) / segments]
+    nodes = [start if at == 0 else flow.piece(start, float(at)).end for at in clear]
+    return nodes, float(clear[0])
+
+
+def _away(at: float, events: np.ndarray, period: float) -> float:
+    """A time near the one wanted that keeps away from events: the middle of the next gap where it does not."""
+    if not len(events):
+        return at
+    distance = np.abs((events - at + period / 2) % period - period / 2)
+    if np.min(distance) > CLEAR * period:
+        return at
+    after = np.sort((events - at - 1e-9 * period) % period)
+    after = after[after > CLEAR * period]
+    gaps = np.diff(np.concatenate([[0.0], after, [period]]))
+    ends = np.concatenate([after, [period]])
+    wide = np.flatnonzero(gaps > 2 * CLEAR * period)
+    i = wide[0] if len(wide) else int(np.argmax(gaps))
+    return float((at + ends[i] - gaps[i] / 2) % period)
+
+
+def _newton(flow: _Motion, nodes: list[Node], period: float, autonomous: bool, most: int) -> Orbit:
+    """Newton's method, its steps halved while they lead away."""
+    shares = _shares(nodes, period)
+    orbit = _shot(flow, nodes, shares, period, 0)
+    for iteration in range(1, most + 1):
+        if orbit.residual <= FINISHED:
+            break
+        steps, change = _newton_step(flow, orbit, shares, autonomous)
+        better = None
+        for halving in range(HALVINGS):
+            factor = 0.5**halving
+            moved = [node._replace(x=node.x + factor * step) for node, step in zip(orbit.nodes, steps, strict=True)]
+            at = period + 0.0 if not autonomous else orbit.period + factor * change
+            if at <= 0.1 * period or at >= 10 * period:
+                continue
+            try:
+                trial = _shot(flow, _retimed(moved, shares, at), shares, at, iteration)
+            except RunFailed:
+                continue
+            if trial.residual < orbit.residual:
+                better = trial
+                break
+        if better is None:
+            break
+        orbit = better
+    return orbit
+
+
+def _shares(nodes: list[Node], period: float) -> np.ndarray:
+    """The lengths of the pieces, as parts of the period."""
+    times = np.array([node.t for node in nodes])
+    return np.diff(np.append(times, times[0] + period)) / period
+
+
+def _retimed(nodes: list[Node], shares, period: float) -> list[Node]:
+    """The nodes at the times that belong to another period."""
+    times = nodes[0].t + period * np.concatenate([[0.0], np.cumsum(shares)[:-1]])
+    return [node._replace(t=float(t)) for node, t in zip(nodes, times, strict=True)]
+
+
+def _shot(flow: _Motion, nodes: list[Node], shares, period: float, iteration: int) -> Orbit:
+    """All pieces, from the nodes as they stand."""
+    pieces = [flow.piece(node, float(share * period)) for node, share in zip(nodes, shares, strict=True)]
+    size = 1e-300 + max(np.max(np.abs(piece.x)) for piece in pieces)
+    residual = max(np.max(np.abs(gap)) for gap in _gaps(pieces)) / size
+    return Orbit(nodes, pieces, period, float(residual), iteration)
+
+
+def _gaps(pieces: list[Piece]) -> list[np.ndarray]:
+    """From where each piece ends to where the next begins."""
+    following = [*pieces[1:], pieces[0]]
+    return [np.asarray(a.x) - np.asarray(b.start.x) for a, b in zip(pieces, following, strict=True)]
+
+
+def _newton_step(flow: _Motion, orbit: Orbit, shares, autonomous: bool) -> tuple[list[np.ndarray], float]:
+    """The changes of the nodes and of the period."""
+    m, n = len(orbit.nodes), len(orbit.nodes[0].x)
+    system, gaps = np.zeros((m * n + autonomous, m * n + autonomous)), np.zeros(m * n + autonomous)
+    gaps[: m * n] = np.concatenate(_gaps(orbit.pieces))
+    for i, piece in enumerate(orbit.pieces):
+        rows, after = slice(i * n, (i + 1) * n), (i + 1) % m
+        system[rows, rows] += piece.matrix
+        system[rows, after * n : (after + 1) * n] -= np.eye(n)
+        if autonomous:
+            system[rows, -1] = shares[i] * flow.velocity(piece.end)
+    if autonomous:
+        system[-1, :n] = flow.velocity(orbit.nodes[0])
+    # Of least norm: a family of orbits (a block that may lie anywhere) leaves the matrix singular.
+    change = np.linalg.lstsq(system, -gaps, rcond=1e-11)[0]
+    return list(change[: m * n].reshape(m, n)), float(change[-1]) if autonomous else 0.0
+
+
+def _result(flow: _Motion, orbit: Orbit, start: Node, offset: float, autonomous: bool) -> Floquet:
+    n, base = len(start.x), orbit.nodes[0]
+    matrices = [piece.matrix for piece in orbit.pieces]
+    monodromy = functools.reduce(lambda product, matrix: matrix @ product, matrices)
+    multipliers = np.linalg.eigvals(monodromy).astype(complex)
+    multipliers = multipliers[np.argsort(-np.abs(multipliers), kind="stable")]
+    destroyed = _destroyed(matrices)
+    multipliers[n - destroyed :] = 0.0
+    sizes = np.abs(multipliers)
+    exponents = np.where(sizes > 0, np.log(np.where(sizes > 0, sizes, 1.0)) / orbit.period, -np.inf)
+    others = np.delete(sizes, np.argmin(np.abs(multipliers - 1))) if autonomous else sizes
+    point = base if offset == 0 else _back_at_start(flow, base, start, orbit.period, offset)
+    return Floquet(
+        x0=jnp.asarray(point.x),
+        period=orbit.period,
+        multipliers=jnp.asarray(multipliers),
+        exponents=jnp.asarray(exponents),
+        stable=bool(np.all(others < 1)),
+        residual=orbit.residual,
+        monodromy=jnp.asarray(monodromy),
+        mode=0 if isinstance(flow.problem.system, Map) else flow.mode(point),
+        events=sum(piece.jumps for piece in orbit.pieces),
+    )
+
+
+def _destroyed(matrices: list[np.ndarray]) -> int:
+    """How many directions the orbit destroys, over as many turns as it may take.
+
+    Each piece is judged by itself, like a jump in `frames`: contraction over a whole period may be as strong as
+    rounding, within one piece it must not be.
+    """
+    n = len(matrices[0])
+    columns = np.eye(n)
+    for matrix in matrices * n:
+        moved = matrix @ columns
+        scale = frames.LOST * max(1.0, float(np.max(np.abs(matrix))))
+        columns = _independent(moved, scale)
+    return int(np.sum(np.all(columns == 0, axis=0)))
+
+
+def _independent(columns: np.ndarray, scale: float) -> np.ndarray:
+    """Orthonormal columns, zero where one depends on those before."""
+    out = np.zeros_like(columns)
+    for j, column in enumerate(columns.T):
+        for _ in range(2):
+            column = column - out @ (out.T @ column)
+        length = np.linalg.norm(column)
+        out[:, j] = column / length if length > scale else 0.0
+    return out
+
+
+def _back_at_start(flow: _Motion, base: Node, start: Node, period: float, offset: float) -> Node:
+    """The point of the orbit at t0; where an event stands there, before or after it as x0 is."""
+    length = period - offset
+    ends = [flow.piece(base, length).end]
+    events = flow.piece(base, length + NEAR * period).events
+    for i in np.flatnonzero(np.abs(events.t - length) < NEAR * period):
+        ends.append(Node(start.t, jnp.asarray(events.x_before[i]), int(events.mode_before[i])))
+        ends.append(Node(start.t, jnp.asarray(events.x_after[i]), int(events.mode_after[i])))
+    return min(ends, key=lambda node: float(np.linalg.norm(np.asarray(node.x) - np.asarray(start.x))))
