@@ -78,6 +78,11 @@ def _impact(adaptive: bool, t1: float) -> Case:
     return Case("time", t1, _ours("impact", adaptive, every), _reference(references.run_impact, "time", adaptive))
 
 
+def _friction(adaptive: bool, t1: float) -> Case:
+    every = problems.FRICTION_EVERY_TIME if adaptive else problems.FRICTION_EVERY
+    return Case("time", t1, _ours("friction", adaptive, every), _reference(references.run_friction, "time", adaptive))
+
+
 def _hard_disks(t1: float) -> Case:
     return Case("collision", t1, _ours("hard_disks"), _reference(references.run_hard_disks, "steps"))
 
@@ -96,6 +101,8 @@ CASES = {
     "lorenz_every10": _lorenz(10, 2.5e4),
     "impact_fixed": _impact(False, 2e4),
     "impact_adaptive": _impact(True, 1.25e4),
+    "friction_fixed": _friction(False, 1.6e4),
+    "friction_adaptive": _friction(True, 8e3),
     "hard_disks_n4": _hard_disks(2e4),
     "disks_n4": _many_disks(4, 10, 80_000),
     "disks_n4_lapack": _many_disks(4, 10, 80_000, lapack=True),

@@ -76,6 +76,40 @@ def impact(adaptive: bool, every: float, t1: float) -> Make:
     return make
 
 
+def _rubbed(sign: float):
+    """The field of the pendulum with dry friction where its velocity has a sign."""
+
+    def field(t, x, args):
+        drive = args["amplitude"] * jnp.sin(args["omega"] * t)
+        return jnp.stack([x[1], drive - args["beta"] * x[1] - args["stiffness"] * jnp.sin(x[0]) - sign * args["alpha"]])
+
+    return field
+
+
+def velocity(t, x, args):
+    """The surface on which its friction jumps."""
+    return x[1]
+
+
+RUBBED = lh.filippov(_rubbed(1.0), _rubbed(-1.0), velocity)
+
+
+def friction(adaptive: bool, every: float, t1: float) -> Make:
+    """The pendulum with dry friction by RK4 or Dormand–Prince; the work is counted in units of time."""
+
+    def make():
+        if adaptive:
+            method = lh.RungeKutta(tableau="dopri5", rtol=problems.FRICTION_RTOL, atol=problems.FRICTION_ATOL)
+        else:
+            method = lh.RungeKutta(tableau="rk4", dt=problems.FRICTION_DT)
+        start, args = problems.FRICTION_START, problems.FRICTION_PARAMETERS
+        run = _runner(RUBBED, start, args, t1=t1, method=method, every=every)
+        run()
+        return run, t1
+
+    return make
+
+
 def many_disks(n: int, every: int, collisions: float) -> Make:
     """Hard disks in number, all columns."""
 

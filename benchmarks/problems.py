@@ -16,6 +16,16 @@ IMPACT_EVERY = 10  # accepted steps; the C counts them with error control too, �
 IMPACT_EVERY_TIME = 0.25  # … ours goes by time there: ten of its steps
 IMPACT_EVERY_EVENT = 10.0  # against diffrax: at events alone, this long after the last one at the latest
 
+# theta'' + beta theta' + stiffness sin(theta) + alpha sgn(theta') = amplitude sin(omega t)
+FRICTION_PARAMETERS = {"beta": 0.052, "alpha": 0.01, "stiffness": 0.87, "amplitude": 0.586, "omega": 0.666}
+FRICTION_PERIOD = 2 * np.pi / FRICTION_PARAMETERS["omega"]
+FRICTION_START = (0.3, 0.5)
+FRICTION_DT = 0.02
+FRICTION_RTOL = 1e-9
+FRICTION_ATOL = 1e-12
+FRICTION_EVERY = 10  # as for the impacts
+FRICTION_EVERY_TIME = 0.3
+
 # Four disks of diameter and mass 1, kinetic energy 4, total momentum 0, number density 0.7, L_x / L_y = √3/2:
 # (q_0x, q_0y, …, q_3y, p_0x, …, p_3y)
 DISKS_BOX = (2.2245711031688638, 2.5687134504920124)

@@ -27,6 +27,8 @@ _SIGNATURES = {
     "lorenz": [ctypes.c_int64] * 2 + [ctypes.c_double] + [_Array] * 4,
     "impact_fixed": [ctypes.c_double] * 2 + [_Array] * 5 + [_Counts],
     "impact_adaptive": [ctypes.c_double] * 4 + [_Array] * 5 + [_Counts],
+    "friction_fixed": [ctypes.c_double] * 2 + [_Array] * 5 + [_Counts],
+    "friction_adaptive": [ctypes.c_double] * 4 + [_Array] * 5 + [_Counts],
     "hard_disks": [ctypes.c_double, ctypes.c_int64] + [_Array] * 4 + [ctypes.c_int64, _Array, _Counts],
     "many_disks": [ctypes.c_int64] * 2
     + [ctypes.c_double]
@@ -50,6 +52,7 @@ class Result(NamedTuple):
     steps: int  # steps taken, or collisions
     events: int = 0
     rejected: int = 0
+    losses: int = 0  # friction: of the second column
     log: tuple = ()  # hard disks: times (m,) and pairs (m, 2) of the first collisions
     frame: np.ndarray = np.empty((0, 0))  # many disks: (4n, k), at the end
 
@@ -106,15 +109,33 @@ def run_lorenz(t1: float, every: int, dt: float = problems.LORENZ_DT) -> Result:
 
 def run_impact(t1: float, adaptive: bool, dt: float = problems.IMPACT_DT) -> Result:
     """The impact oscillator: RK4 at dt, or Dormand–Prince 5(4) with dt as the first step."""
-    time, x, frame, sums = np.zeros(1), np.array(problems.IMPACT_START), np.eye(2), np.zeros(2)
-    counts = np.zeros(2, dtype=np.int64)
+    x, tolerances = np.array(problems.IMPACT_START), (problems.IMPACT_RTOL, problems.IMPACT_ATOL)
     parameters = np.array([problems.IMPACT_PARAMETERS[name] for name in ("zeta", "omega", "restitution")])
-    if adaptive:
-        tolerances = (problems.IMPACT_RTOL, problems.IMPACT_ATOL)
-        steps = library().impact_adaptive(t1, dt, *tolerances, parameters, time, x, frame, sums, counts)
-    else:
-        steps = library().impact_fixed(t1, dt, parameters, time, x, frame, sums, counts)
-    return Result(sums, x, float(time[0]), steps, events=int(counts[0]), rejected=int(counts[1]))
+    return _run_planar("impact", t1, dt, tolerances if adaptive else (), parameters, np.zeros(1), x, np.eye(2))
+
+
+def run_friction(
+    t1: float,
+    adaptive: bool,
+    dt: float = problems.FRICTION_DT,
+    args: dict[str, float] = problems.FRICTION_PARAMETERS,
+    transient: float = 0.0,
+) -> Result:
+    """The pendulum with dry friction: RK4 at dt, or Dormand–Prince 5(4) with dt as the first step."""
+    x, tolerances = np.array(problems.FRICTION_START), (problems.FRICTION_RTOL, problems.FRICTION_ATOL)
+    parameters = np.array([args[name] for name in ("beta", "alpha", "stiffness", "amplitude", "omega")])
+    start = dt, tolerances if adaptive else (), parameters, np.zeros(1), x, np.eye(2)
+    _run_planar("friction", transient, *start)
+    return _run_planar("friction", t1, *start)
+
+
+def _run_planar(name: str, t1: float, dt: float, tolerances, parameters, time, x, frame) -> Result:
+    """What includes planar.h: goes on from time, x and frame, which move."""
+    run = getattr(library(), f"{name}_adaptive" if tolerances else f"{name}_fixed")
+    sums, counts, begin = np.zeros(2), np.zeros(3, dtype=np.int64), float(time[0])
+    steps = run(t1, dt, *tolerances, parameters, time, x, frame, sums, counts)
+    events, losses, rejected = counts.tolist()
+    return Result(sums, x, float(time[0]) - begin, steps, events, rejected, losses)
 
 
 def run_hard_disks(t1: float, frame: np.ndarray | None = None, log_size: int = 0) -> Result:
@@ -169,6 +190,38 @@ def _check_impact_methods() -> list[Check]:
     ]
 
 
+# The pendulum with dry friction: a periodic orbit that slips always (two exponents of this value), one that sticks
+# twice a period, and chaos that sticks once in 2700 periods (of its second exponent, what is finite).
+FRICTION_SLIPS, FRICTION_STICKS = -0.152604511216, -0.028474432538
+FRICTION_CHAOS, FRICTION_CROSSINGS = (0.12031, -0.17727), 1.6422
+
+
+def _check_friction(adaptive: bool) -> list[Check]:
+    name, period = "friction, adaptive" if adaptive else "friction, fixed", problems.FRICTION_PERIOD
+    known = problems.FRICTION_PARAMETERS
+    slips = run_friction(200 * period, adaptive, args=known | {"beta": 0.3}, transient=200 * period)
+    sticks = run_friction(200 * period, adaptive, args=known | {"alpha": 0.5}, transient=200 * period)
+    periods = 5_000
+    chaos = run_friction(periods * period, adaptive)
+    crossings = (chaos.events - 2 * chaos.losses) / periods
+    return [
+        Check(f"{name}: exponents of an orbit that slips", slips.exponents.mean(), np.array(FRICTION_SLIPS), 1e-8),
+        Check(f"{name}: exponent of an orbit that sticks", sticks.exponents[0], np.array(FRICTION_STICKS), 1e-7),
+        Check(f"{name}: losses of an orbit that sticks", np.array(sticks.losses), np.array(400), 1),
+        # The standard deviations of a run of this length are 3e-3 and 0.015.
+        Check(f"{name}: exponents in chaos", chaos.exponents, np.array(FRICTION_CHAOS), 0.012),
+        Check(f"{name}: crossings in chaos", np.array(crossings), np.array(FRICTION_CROSSINGS), 0.06),
+    ]
+
+
+def _check_friction_methods() -> list[Check]:
+    fixed, adaptive = run_friction(60.0, adaptive=False, dt=0.002), run_friction(60.0, adaptive=True)
+    return [
+        Check("friction, two methods: state at 60", fixed.x, adaptive.x, 1e-5),
+        Check("friction, two methods: growth to 60", fixed.sums, adaptive.sums, 1e-5),
+    ]
+
+
 # Collisions and the tangent map to 60 digits (mpmath, event by event): ln R_ii of the tangent map over one
 # time unit, from the columns e_1 … e_16.
 FIRST_TIMES = (
@@ -207,5 +260,8 @@ def validate() -> list[Check]:
         *_check_impact(adaptive=False),
         *_check_impact(adaptive=True),
         *_check_impact_methods(),
+        *_check_friction(adaptive=False),
+        *_check_friction(adaptive=True),
+        *_check_friction_methods(),
         *_check_hard_disks(),
     ]

@@ -1,8 +1,10 @@
 """The C that the benchmarks compare with is fair: what it is compiled to, not only what is said about it."""
 
+import numpy as np
 import pytest
 
-from benchmarks import many_disks, references
+import lyaphybrid as lh
+from benchmarks import many_disks, problems, references
 
 
 @pytest.fixture(autouse=True)
@@ -20,6 +22,22 @@ def test_the_c_computes_what_is_known():
 
 def test_the_c_of_many_disks_computes_what_is_known():
     assert [check.name for check in many_disks.validate() if not check.passed] == []
+
+
+@pytest.mark.parametrize("adaptive", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_both_sides_of_the_friction_pendulum_agree(adaptive):
+    from benchmarks import ours
+
+    if adaptive:
+        method, every = lh.RungeKutta("dopri5", problems.FRICTION_RTOL, problems.FRICTION_ATOL), 0.3
+    else:
+        method, every = lh.RungeKutta("rk4", dt=problems.FRICTION_DT), problems.FRICTION_EVERY
+    start, args = np.array(problems.FRICTION_START), problems.FRICTION_PARAMETERS
+    found = lh.lyapunov_spectrum(ours.RUBBED, start, args, t1=30.0, transient=0.0, method=method, every=every)
+    other = references.run_friction(30.0, adaptive)
+    assert found.jumps == other.events == 3
+    np.testing.assert_allclose(found.x, other.x, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(found.exponents, other.exponents, rtol=0, atol=1e-7)
 
 
 def test_the_c_takes_square_roots_by_an_instruction(tmp_path):
