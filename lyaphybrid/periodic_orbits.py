@@ -77,7 +77,7 @@ class Floquet(eqx.Module):
         for mu, rate in zip(np.asarray(self.multipliers), np.asarray(self.exponents), strict=True):
             value = f"{mu.real:.9g}" + (f" {'-' if mu.imag < 0 else '+'} {abs(mu.imag):.9g}i" if mu.imag else "")
             lines.append(f"  μ = {value:<28s} λ = {rate:.12g}")
-        return "\n".join([*lines, f"  {'stable' if self.stable else 'unstable'}"])
+        return "\n".join([*lines, f"  {'stable' if self.stable else 'not asymptotically stable'}"])
 
     __repr__ = __str__
 
@@ -151,10 +151,13 @@ def floquet(
         run = flow.piece(point, float(transient if period is None else np.ceil(transient / period) * period))
         point = Node(point.t, run.x, run.mode)
     autonomous = period is None
-    guess = _first_return(flow, point) if period is None else float(np.asarray(period))
+    given = point
+    point, guess = _first_return(flow, point) if period is None else (point, float(np.asarray(period)))
     nodes, offset = _placed(flow, point, guess, segments)
     orbit = _newton(flow, nodes, guess, autonomous, max_iterations)
-    result = _result(flow, orbit, point, offset, autonomous)
+    base = orbit.nodes[0]
+    end = _nearest(flow, base, orbit.period, start) if autonomous else _at_start(flow, base, given, guess, offset)
+    result = _result(flow, orbit, end, autonomous)
     if throw and not result.residual <= CONVERGED:
         raise NoPeriodicOrbit(
             f"Newton's method stands at a residual of {result.residual:.1e} after {orbit.iterations} iterations, "
@@ -184,6 +187,7 @@ class Piece(NamedTuple):
     jumps: int
     times: np.ndarray  # (samples,) since the start
     points: np.ndarray  # (samples, n)
+    modes: np.ndarray  # (samples,)
     events: Any  # columns as in `propagation.Events`, times since the start
 
     @property
@@ -220,10 +224,10 @@ class _Motion(NamedTuple):
         status = STATUS(int(outcome.status))
         if status != STATUS.ok:
             raise RunFailed(status, f"On a piece of length {length:.6g} from t = {node.t:.6g}.", None)
-        carry, (t, x, _, _) = outcome.journey.carry, outcome.records.collected
+        carry, (t, x, modes, _) = outcome.journey.carry, outcome.records.collected
         logs = jax.tree.map(lambda *parts: np.concatenate(parts), *outcome.logs) if hybrid else None
         logs = None if logs is None else logs._replace(t=logs.t - node.t)
-        shown = np.asarray(t) - node.t, np.asarray(x)
+        shown = np.asarray(t) - node.t, np.asarray(x), np.asarray(modes)
         mode, matrix = int(runs.mode_of(carry)), np.asarray(carry.frame)
         return Piece(node, length, carry.x, mode, matrix, int(carry.jumps), *shown, logs)
 
@@ -253,23 +257,25 @@ def _require_period(flow: _Motion, period, x) -> None:
         )
 
 
-def _first_return(flow: _Motion, start: Node) -> float:
-    """The time of the first close return: a near minimum of the distance, once the orbit has been away."""
-    x0, speed = np.asarray(start.x), np.linalg.norm(flow.velocity(start))
-    horizon = (np.linalg.norm(x0) + 1e-3) / max(speed, 1e-12)
+def _first_return(flow: _Motion, start: Node) -> tuple[Node, float]:
+    """A point and the time after which it comes back close to itself, once it has been away.
+
+    Stretch after stretch, each twice as long as the one before: a motion that approaches its orbit comes closer.
+    """
+    horizon = (np.linalg.norm(start.x) + 1e-3) / max(float(np.linalg.norm(flow.velocity(start))), 1e-12)
     for _ in range(DOUBLINGS):
-        times, points = _points(flow.piece(start, horizon))
-        distance = np.linalg.norm(points - x0, axis=1)
+        stretch = flow.piece(start, float(horizon))
+        times, points = _points(stretch)
+        distance = np.linalg.norm(points - np.asarray(start.x), axis=1)
         size = np.maximum.accumulate(distance)
         inner = np.flatnonzero((distance[1:-1] <= distance[:-2]) & (distance[1:-1] <= distance[2:])) + 1
-        # An orbit that has only begun to leave has its minimum at the start.
-        close = [i for i in inner if distance[i] < CLOSE * size[i] and np.argmax(distance[: i + 1]) > 0]
-        if close:
-            return float(times[close[0]])
-        horizon *= 2
+        close = inner[distance[inner] < CLOSE * size[inner]]
+        if len(close):
+            return start, float(times[close[0]])
+        start, horizon = Node(start.t, stretch.x, stretch.mode), 2 * horizon
     raise NoPeriodicOrbit(
-        f"The motion from x0 did not come back to it within a time of {horizon / 2:.6g}: (a) x0 is far from a periodic "
-        "orbit, give a transient; (b) it moves towards a fixed point; (c) give the period.",
+        f"The motion from x0 did not come back to itself, looked for over a time of {horizon / 2:.6g}: (a) it is far "
+        "from a periodic orbit, give a transient; (b) it moves towards a fixed point; (c) give the period.",
         None,
     )
 
@@ -383,8 +389,8 @@ def _newton_step(flow: _Motion, orbit: Orbit, shares, autonomous: bool) -> tuple
     return list(change[: m * n].reshape(m, n)), float(change[-1]) if autonomous else 0.0
 
 
-def _result(flow: _Motion, orbit: Orbit, start: Node, offset: float, autonomous: bool) -> Floquet:
-    n, base = len(start.x), orbit.nodes[0]
+def _result(flow: _Motion, orbit: Orbit, point: Node, autonomous: bool) -> Floquet:
+    n = len(point.x)
     matrices = [piece.matrix for piece in orbit.pieces]
     monodromy = functools.reduce(lambda product, matrix: matrix @ product, matrices)
     multipliers = np.linalg.eigvals(monodromy).astype(complex)
@@ -394,7 +400,6 @@ def _result(flow: _Motion, orbit: Orbit, start: Node, offset: float, autonomous:
     sizes = np.abs(multipliers)
     exponents = np.where(sizes > 0, np.log(np.where(sizes > 0, sizes, 1.0)) / orbit.period, -np.inf)
     others = np.delete(sizes, np.argmin(np.abs(multipliers - 1))) if autonomous else sizes
-    point = base if offset == 0 else _back_at_start(flow, base, start, orbit.period, offset)
     return Floquet(
         x0=jnp.asarray(point.x),
         period=orbit.period,
@@ -434,8 +439,23 @@ def _independent(columns: np.ndarray, scale: float) -> np.ndarray:
     return out
 
 
-def _back_at_start(flow: _Motion, base: Node, start: Node, period: float, offset: float) -> Node:
-    """The point of the orbit at t0; where an event stands there, before or after it as x0 is."""
+def _nearest(flow: _Motion, base: Node, period: float, x) -> Node:
+    """The point of an orbit that is nearest to a state; where it jumps, before or after the jump."""
+    turn = flow.piece(base, period * (1 + NEAR))  # a jump that ends the period must be seen
+    times, points, modes = [turn.times], [turn.points], [turn.modes]
+    if turn.events is not None:
+        times += [turn.events.t, turn.events.t]
+        points += [turn.events.x_before, turn.events.x_after]
+        modes += [turn.events.mode_before, turn.events.mode_after]
+    points = np.concatenate(points)
+    i = int(np.argmin(np.linalg.norm(points - np.asarray(x), axis=1)))
+    return Node(base.t + float(np.concatenate(times)[i]), jnp.asarray(points[i]), int(np.concatenate(modes)[i]))
+
+
+def _at_start(flow: _Motion, base: Node, start: Node, period: float, offset: float) -> Node:
+    """The point of a forced orbit at t0; where it jumps there, before or after the jump as x0 is."""
+    if offset == 0:
+        return base
     length = period - offset
     ends = [flow.piece(base, length).end]
     events = flow.piece(base, length + NEAR * period).events
