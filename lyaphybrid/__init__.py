@@ -13,12 +13,14 @@ request_single_kernel_loops()
 from . import zoo  # noqa: E402
 from .comparisons import TwoTrajectories, two_trajectories  # noqa: E402
 from .derivatives import Jacobians, jacobians, saltation_matrix  # noqa: E402
+from .diagrams import BifurcationDiagram, bifurcation_diagram  # noqa: E402
 from .filippov import filippov  # noqa: E402
 from .methods import Diffrax, RungeKutta  # noqa: E402
 from .periodic_orbits import Floquet, NoPeriodicOrbit, floquet  # noqa: E402
 from .results import RunFailed, Spectrum  # noqa: E402
 from .return_maps import return_map  # noqa: E402
 from .rigid_contacts import impact  # noqa: E402
+from .sections import PoincareSection, poincare_section  # noqa: E402
 from .spectra import lyapunov_spectrum  # noqa: E402
 from .statuses import STATUS  # noqa: E402
 from .systems import EventDriven, Flow, Hybrid, Map, Schedule, Transition  # noqa: E402
@@ -45,6 +47,8 @@ __all__ = [
     "two_trajectories",
     "floquet",
     "return_map",
+    "poincare_section",
+    "bifurcation_diagram",
     "Spectrum",
     "Trajectory",
     "TangentMap",
@@ -52,6 +56,8 @@ __all__ = [
     "TwoTrajectories",
     "Floquet",
     "NoPeriodicOrbit",
+    "PoincareSection",
+    "BifurcationDiagram",
     "STATUS",
     "RunFailed",
     "zoo",

@@ -13,7 +13,7 @@ from ._tracing import traced
 from .propagation import Journey, Record
 from .results import History, Spectrum
 
-__all__ = ["summarise"]
+__all__ = ["empty_columns", "one_run", "summarise"]
 
 
 class Found(NamedTuple):
@@ -73,7 +73,7 @@ def _of_one(xp: ModuleType, found: Found, clock, averaging, names) -> Spectrum:
     records, journey, status, interrupted, initial = found
     chain = [_chained(xp, part, 0) for part in records]
     blocks = jax.tree.map(lambda *parts: xp.concatenate(parts), *chain)
-    run = _one_run(xp, blocks, _empty(xp, journey), clock, initial, averaging)
+    run = one_run(xp, blocks, empty_columns(xp, journey), clock, initial, averaging)
     return _spectrum(xp, run, run["stderr"], None, _end(xp, journey, status, interrupted), "blocks", clock, names)
 
 
@@ -82,7 +82,8 @@ def _of_several(found: Found, clock, averaging, names) -> Spectrum:
     chain = [_chained(jnp, part, 1) for part in records]
     blocks = jax.tree.map(lambda *parts: jnp.concatenate(parts, axis=1), *chain)
     end = _end(jnp, journey, status, interrupted)
-    run = jax.vmap(lambda r, empty: _one_run(jnp, r, empty, clock, initial, averaging))(blocks, _empty(jnp, journey))
+    empty = empty_columns(jnp, journey)
+    run = jax.vmap(lambda r, empty: one_run(jnp, r, empty, clock, initial, averaging))(blocks, empty)
     m, replicates = run["exponents"].shape[0], run["exponents"]
     spread = jnp.std(run["finite"], axis=0, ddof=1) / m**0.5 if m > 1 else jnp.full_like(run["finite"][0], jnp.nan)
     mean = {name: jnp.mean(value, axis=0) for name, value in run.items()}
@@ -105,13 +106,13 @@ def _chained(xp: ModuleType, records: Record, axis: int) -> Record:
     return records._replace(losses=records.losses - xp.take_along_axis(before(records.losses), records.order, -1))
 
 
-def _empty(xp: ModuleType, journey: Journey):
+def empty_columns(xp: ModuleType, journey: Journey):
     """Which columns are empty at the end, (k,): there is no room for them in the mode that the motion ends in."""
     x, frame = journey.carry.x, journey.carry.frame
     return xp.all(frame == 0, axis=-2) & xp.all(xp.isfinite(x), axis=-1)[..., None]
 
 
-def _one_run(xp: ModuleType, records: Record, empty, clock: str, initial, averaging: str) -> dict:
+def one_run(xp: ModuleType, records: Record, empty, clock: str, initial, averaging: str) -> dict:
     """Exponents, errors and history of one run from its blocks, and the columns (k,) that are empty at its end."""
     valid = records.valid
     growth = xp.where(valid[:, None], records.growth, 0.0)

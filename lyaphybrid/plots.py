@@ -10,12 +10,25 @@ from typing import Any
 
 import numpy as np
 
+from ._axes import COLOURS
+from ._axes import axes_of as _axes
+from ._diagram_plots import bifurcations, diagram, largest_exponent, section
 from .results import UNIT, Spectrum, with_error
 from .trajectories import Trajectory
 
-__all__ = ["against_density", "convergence", "phase", "spectra", "spectrum", "trajectory"]
+__all__ = [
+    "against_density",
+    "bifurcations",
+    "convergence",
+    "diagram",
+    "largest_exponent",
+    "phase",
+    "section",
+    "spectra",
+    "spectrum",
+    "trajectory",
+]
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 SHADES = ("#FFFFFF", "#E8E8E8", "#DCEBF7", "#FBEBDD", "#DDF2EA", "#F6E4EE", "#FBF6D5")  # behind modes
 MARKED = 60  # events that still get a line each; more are ticks at the foot
 SHOWN = 4  # components drawn where none were asked for
@@ -329,14 +342,6 @@ def _broken(trajectory: Trajectory):
 def _is_discrete(trajectory: Trajectory) -> bool:
     """Whether these are iterates of a map: one jump a sample and no log of events."""
     return len(trajectory.events) == 0 and int(np.max(trajectory.j)) > 0
-
-
-def _axes(ax, figsize: tuple[float, float] = (6.4, 4.0)):
-    if ax is not None:
-        return ax
-    from matplotlib import pyplot
-
-    return pyplot.subplots(figsize=figsize, layout="constrained")[1]
 
 
 def _colours(count: int) -> list:

@@ -287,7 +287,7 @@ def drive(
         return Outcome(journey, records, _verdict(journey, ends), False, kept)
     blocks, records, budget, given = ends.shape[0], None, FIRST, 0
     logs: list[propagation.Events] = []
-    report = _reporter(progress)
+    report = reporter(progress)
     try:
         while records is None or (not _finished(journey, blocks) and (limit == FOREVER or given < limit)):
             allowed = budget if limit == FOREVER else min(budget, limit - given)
@@ -350,7 +350,7 @@ def _merge(old, new):
     return jax.tree.map(leaf, old, new)
 
 
-def _reporter(progress):
+def reporter(progress):
     if progress is None or progress is False:
         return lambda fraction: None
     if callable(progress):

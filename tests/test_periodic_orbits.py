@@ -53,7 +53,7 @@ def test_an_unstable_cycle_is_found_and_called_so():
 
 @pytest.mark.parametrize("period", [np.pi, lambda args: np.pi])
 def test_a_forced_oscillator(period):
-    """The response at ω = 2 is (A/D) (…): its amplitude and phase are known; the multipliers are those of the unforced."""
+    """Its response is known in closed form; the multipliers are those of the free oscillator."""
     orbit = lh.floquet(lh.Flow(driven), [0.0, 0.0], {"amplitude": 1.0}, period=period, t0=0.4)
     response = 1.0 / (1 - 4 + 0.6j)
     x = (response * np.exp(0.8j)).real, (2j * response * np.exp(0.8j)).real

@@ -11,7 +11,18 @@ import pytest
 import lyaphybrid as lh
 
 PUBLIC = {name: getattr(lh, name) for name in lh.__all__ if name not in ("zoo", "STATUS")}
-RESULTS = ("Spectrum", "Trajectory", "TangentMap", "Jacobians", "TwoTrajectories", "RunFailed")
+RESULTS = (
+    "Spectrum",
+    "Trajectory",
+    "TangentMap",
+    "Floquet",
+    "NoPeriodicOrbit",
+    "Jacobians",
+    "TwoTrajectories",
+    "PoincareSection",
+    "BifurcationDiagram",
+    "RunFailed",
+)
 MODULES = [m.name for m in pkgutil.walk_packages(lh.__path__, "lyaphybrid.") if not m.name.endswith("__main__")]
 
 
@@ -51,7 +62,20 @@ def test_every_public_name_is_documented(name):
 
 
 @pytest.mark.parametrize(
-    "name", ["lyapunov_spectrum", "trajectory", "tangent_map", "saltation_matrix", "jacobians", "two_trajectories"]
+    "name",
+    [
+        "lyapunov_spectrum",
+        "trajectory",
+        "tangent_map",
+        "saltation_matrix",
+        "jacobians",
+        "two_trajectories",
+        "floquet",
+        "return_map",
+        "filippov",
+        "poincare_section",
+        "bifurcation_diagram",
+    ],
 )
 def test_every_verb_says_what_comes_back_and_what_can_go_wrong(name):
     described = inspect.getdoc(PUBLIC[name])

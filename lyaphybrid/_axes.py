@@ -1,0 +1,12 @@
+"""What all pictures share: axes, and colours that colour-blind readers can tell apart (Okabe and Ito)."""
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+
+
+def axes_of(ax, figsize: tuple[float, float] = (6.4, 4.0)):
+    """The axes that were given, or those of a new figure."""
+    if ax is not None:
+        return ax
+    from matplotlib import pyplot
+
+    return pyplot.subplots(figsize=figsize, layout="constrained")[1]

@@ -1,0 +1,244 @@
+"""Lanes: many runs of one compiled function.
+
+On a CPU one lane follows the other, so that a branch that is not taken costs nothing (under `vmap` every lane computes
+all of them: 9 to 17 times as long), and each thread has lanes of its own. Elsewhere all lanes go side by side.
+
+A *chain* is a sequence of lanes in which each may begin where the one before has ended. Chains are cut into pieces
+that take about a third of a second: between two there is room for progress and Ctrl-C. How they are cut, and which
+thread takes which, changes no result: each lane is computed alone, by the same compiled loop.
+"""
+
+import concurrent.futures
+import itertools
+import os
+import threading
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ._compiler import lean_jit
+from .runs import reporter
+
+__all__ = ["map_lanes", "run_chains", "short_chains"]
+
+ROOM = 64  # lanes in one compiled call at most
+SECONDS_PER_CALL = 0.3
+SIDE_BY_SIDE = 4096  # lanes in one call where they go side by side
+
+
+def map_lanes(function: Callable, shared: Any, lanes: Any, *, progress: Any = None, threads: int | None = None):
+    """Apply a function to every lane: independent runs.
+
+    Args:
+        function: ``(shared, lane) -> result``, pytrees of arrays; a lane that fails says so in its result.
+        shared: what all lanes see: arrays are traced, everything else is static.
+        lanes: pytree of arrays (m, …), one row a lane.
+        progress: None, True for a bar, or a function of the fraction done.
+        threads: None: one for each processor.
+
+    Returns:
+        The results, NumPy arrays (m, …), and (m,) which of them were computed: all, but after Ctrl-C.
+    """
+    chains = short_chains((), lanes, threads)
+    results, done = run_chains(_Alone(function), shared, chains, progress=progress, threads=threads)
+    return jax.tree.map(lambda *parts: np.concatenate(parts), *results), np.concatenate(done)
+
+
+def short_chains(state: Any, lanes: Any, threads: int | None = None) -> list[tuple[Any, Any]]:
+    """Lanes that do not depend on each other, as chains between which threads can share the work."""
+    count = len(jax.tree.leaves(lanes)[0])
+    size = 1 if _side_by_side() else max(1, min(ROOM, count // (4 * _threads(threads))))
+    return [(state, _rows(lanes, first, first + size)) for first in range(0, count, size)]
+
+
+class _Alone(eqx.Module):
+    """A function of a lane as one that hands nothing on."""
+
+    function: Callable
+
+    def __call__(self, shared, state, lane):
+        return state, self.function(shared, lane)
+
+
+def run_chains(
+    function: Callable,
+    shared: Any,
+    chains: Sequence[tuple[Any, Any]],
+    *,
+    progress: Any = None,
+    threads: int | None = None,
+) -> tuple[list, list]:
+    """Run chains of lanes; those that are given first begin first.
+
+    Args:
+        function: ``(shared, state, lane) -> (state, result)``, pytrees of arrays.
+        shared: what all lanes see: arrays are traced, everything else is static.
+        chains: (state before the first lane, lanes): a lane's arrays have a leading axis, as long as the chain is.
+        progress: None, True for a bar, or a function of the fraction done.
+        threads: None: one for each processor.
+
+    Returns:
+        For each chain the results, NumPy arrays with the leading axis of its lanes, and which of them were computed.
+    """
+    if _side_by_side():
+        return _run_side_by_side(function, shared, chains, progress)
+    pool = _Pool(function, shared, chains, progress)
+    with concurrent.futures.ThreadPoolExecutor(_threads(threads)) as executor:
+        running = [executor.submit(pool.run, i) for i in range(len(chains))]
+        try:
+            while concurrent.futures.wait(running, 0.1, concurrent.futures.FIRST_EXCEPTION).not_done:
+                pool.report(pool.fraction)
+                if any(future.done() and future.exception() for future in running):
+                    break
+        except KeyboardInterrupt:
+            warnings.warn("interrupted: the result holds what was computed until then.", stacklevel=3)
+        finally:
+            pool.stopped = True
+            executor.shutdown(cancel_futures=True)
+    for future in running:
+        if not future.cancelled():
+            future.result()
+    pool.report(pool.fraction)
+    pool.report(None)
+    return pool.results, pool.done
+
+
+def _side_by_side() -> bool:
+    return jax.default_backend() != "cpu"
+
+
+def _threads(threads: int | None) -> int:
+    return threads or os.cpu_count() or 1
+
+
+def _rows(tree, first, last):
+    return jax.tree.map(lambda leaf: np.asarray(leaf)[first:last], tree)
+
+
+def _length(chain) -> int:
+    return len(jax.tree.leaves(chain[1])[0])
+
+
+@lean_jit
+def _piece(function: Callable, shared, state, lanes, count):
+    """The first `count` lanes of so many."""
+    shapes = eqx.filter_eval_shape(function, shared, state, _lane(lanes, 0))[1]
+    room = len(jax.tree.leaves(lanes)[0])
+    empty = jax.tree.map(lambda leaf: jnp.zeros((room, *leaf.shape), leaf.dtype), shapes)
+
+    def one(carry):
+        i, state, results = carry
+        state, result = function(shared, state, _lane(lanes, i))
+        return i + 1, state, jax.tree.map(lambda all, new: all.at[i].set(new), results, result)
+
+    return jax.lax.while_loop(lambda carry: carry[0] < count, one, (jnp.zeros_like(count), state, empty))[1:]
+
+
+def _lane(lanes, i):
+    return jax.tree.map(lambda leaf: leaf[i], lanes)
+
+
+class _Pool:
+    """The pieces of all chains, and what has come out of them."""
+
+    def __init__(self, function, shared, chains, progress):
+        self.chains, self.report = chains, reporter(progress)
+        self.lanes = sum(map(_length, chains))
+        self.done = [np.zeros(_length(chain), bool) for chain in chains]
+        self.ready, self.stopped, self.size, self.lock = 0, False, 1.0, threading.Lock()
+        # Compiled once and here: threads would each compile, and in a thread JAX's own settings are the global ones.
+        state, lanes = chains[0]
+        operands = (function, shared, _arrays(state), _full(lanes, 0), np.int32(0))
+        self.compiled = _piece.lower(*operands).compile()
+        self.call = lambda *changing: self.compiled(function, shared, *changing)
+        empty = jax.tree.map(np.asarray, self.call(*operands[2:])[1])
+        self.results = [_blank(empty, done) for done in self.done]
+
+    @property
+    def fraction(self) -> float:
+        return self.ready / self.lanes
+
+    def run(self, index: int) -> None:
+        """One chain, piece after piece."""
+        state, lanes = self.chains[index]
+        state, first, length = _arrays(state), 0, _length(self.chains[index])
+        while first < length and not self.stopped:
+            count = min(length - first, ROOM, max(1, int(self.size)))
+            clock = time.perf_counter()
+            state, results = self.call(state, _full(lanes, first), np.int32(count))
+            results = jax.tree.map(np.asarray, results)
+            seconds = time.perf_counter() - clock
+            with self.lock:
+                for into, new in zip(jax.tree.leaves(self.results[index]), jax.tree.leaves(results), strict=True):
+                    into[first : first + count] = new[:count]
+                self.done[index][first : first + count] = True
+                self.ready += count
+                self.size = min(ROOM, 4 * count, count * SECONDS_PER_CALL / seconds)
+            first += count
+
+
+def _blank(like, done):
+    """Room for the results of one chain."""
+    return jax.tree.map(lambda leaf: np.zeros((len(done), *leaf.shape[1:]), leaf.dtype), like)
+
+
+def _arrays(tree):
+    """As a compiled call returns them, so that what goes in is always of one kind."""
+    return jax.tree.map(jnp.asarray, tree)
+
+
+def _full(lanes, first):
+    """Rows from `first` on, so many as one call takes; behind the end stands the last one again, not to be run."""
+
+    def rows(leaf):
+        leaf = np.asarray(leaf)
+        return leaf[np.minimum(np.arange(first, first + ROOM), len(leaf) - 1)]
+
+    return jax.tree.map(rows, lanes)
+
+
+@eqx.filter_jit
+def _together(function: Callable, shared, states, lanes):
+    """Chains of one length, side by side."""
+
+    def chain(state, lanes):
+        return jax.lax.scan(lambda state, lane: function(shared, state, lane), state, lanes)[1]
+
+    return jax.vmap(chain)(states, lanes)
+
+
+def _stacked(trees):
+    return jax.tree.map(lambda *rows: np.stack(rows), *trees)
+
+
+def _run_side_by_side(function, shared, chains, progress) -> tuple[list, list]:
+    report, ready, results = reporter(progress), 0, [None] * len(chains)
+    done = [np.zeros(_length(chain), bool) for chain in chains]
+    by_length = sorted(range(len(chains)), key=lambda i: _length(chains[i]))
+    try:
+        for _, group in itertools.groupby(by_length, key=lambda i: _length(chains[i])):
+            members = list(group)
+            for batch in (members[i : i + SIDE_BY_SIDE] for i in range(0, len(members), SIDE_BY_SIDE)):
+                states, rows = (_stacked([chains[i][part] for i in batch]) for part in (0, 1))
+                found = jax.tree.map(np.asarray, _together(function, shared, states, rows))
+                for row, i in enumerate(batch):
+                    results[i] = jax.tree.map(lambda leaf, row=row: leaf[row], found)
+                    done[i][:] = True
+                    ready += len(done[i])
+                report(ready / sum(map(len, done)))
+    except KeyboardInterrupt:
+        missing = [i for i, result in enumerate(results) if result is None]
+        if len(missing) == len(chains):
+            raise
+        warnings.warn("interrupted: the result holds what was computed until then.", stacklevel=4)
+        like = next(result for result in results if result is not None)
+        for i in missing:
+            results[i] = _blank(like, done[i])
+    report(None)
+    return results, done

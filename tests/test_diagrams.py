@@ -1,0 +1,522 @@
+"""Bifurcation diagrams and Poincaré sections against what is known exactly, and against single runs."""
+
+import csv
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from matplotlib import pyplot
+
+import lyaphybrid as lh
+import references
+from lyaphybrid import attractors, lanes, plots
+
+LOGISTIC = lh.Map(lambda n, x, args: args["r"] * x * (1 - x))
+UNIT = [[0.01], [0.99]]
+
+
+def _duffing(t, x, args):
+    return jnp.stack([x[1], x[0] - x[0] ** 3 - 0.3 * x[1] + args["force"] * jnp.cos(1.2 * t)])
+
+
+DUFFING = lh.Flow(_duffing)
+PERIOD = 2 * np.pi / 1.2
+RK4 = lh.RungeKutta("rk4", dt=PERIOD / 100)
+
+
+def logistic(values, **options):
+    return lh.bifurcation_diagram(LOGISTIC, {"r": values}, UNIT, {"r": 0.0}, **options)
+
+
+# --- against what is known ----------------------------------------------------------------------------------------
+
+
+def test_the_period_doublings_of_the_logistic_map():
+    found = logistic([2.95, 3.4, 3.5, 3.55, 3.83, 3.86, 4.0], t1=4000)
+    assert found.attractors() == ["P1w0:4", "P2w0:4", "P4w0:4", "P8w0:4", "P3w0:4", "chaos:4", "chaos:4"]
+    exact = {0: np.log(abs(2 - 2.95)), 1: np.log(abs(4 + 2 * 3.4 - 3.4**2)) / 2, 6: np.log(2)}
+    for i, value in exact.items():
+        error = np.maximum(found.stderr[i, :, 0], 1e-3)
+        assert np.all(np.abs(found.exponents[i, :, 0] - value) < 5 * error)
+        assert np.all(error < 0.02)
+
+
+def test_period_two_begins_at_three_and_four_at_one_plus_root_six():
+    doublings = np.array([3.0, 1 + np.sqrt(6)])
+    found = logistic(np.concatenate([doublings - 0.002, doublings + 0.002]), transient=20_000, starts=2)
+    assert found.attractors() == ["P1w0:2", "P2w0:2", "P2w0:2", "P4w0:2"]
+
+
+def test_a_motion_still_on_its_way_to_a_shorter_period_is_not_taken_for_a_longer_one():
+    """At the doubling x_{j+2} - x_j falls like j^(-3/2): it is small long before x_{j+1} - x_j, like j^(-1/2), is."""
+    found = logistic([3.0], transient=5000)
+    assert found.attractors() == ["aperiodic/slow:4"]
+
+
+def test_up_and_down_differ_between_the_folds():
+    """Of x' = a + x - x³ two equilibria are stable for |a| < 2/(3√3) = 0.3849."""
+    cubic = lh.Flow(lambda t, x, args: args["a"] + x - x**3)
+    values = np.linspace(-0.6, 0.6, 61)
+    method = lh.RungeKutta("rk4", dt=0.05)
+    found = lh.bifurcation_diagram(
+        cubic,
+        {"a": values},
+        [[-2.0], [2.0]],
+        {"a": 0.0},
+        period=1.0,
+        starts=6,
+        transient=60,
+        t1=64,
+        method=method,
+    )
+    assert set(found.labels.ravel()) == {"P1w0"}
+    up, down = found.points[:, -2, -1, 0], found.points[:, -1, -1, 0]
+    assert found.kinds[-2:] == ("up", "down")
+    fold = 2 / (3 * np.sqrt(3))
+    np.testing.assert_array_equal(np.abs(up - down) > 0.5, np.abs(values) < fold)
+    np.testing.assert_allclose(values + up - up**3, 0.0, atol=1e-6)
+    np.testing.assert_allclose(found.exponents[:, -2, 0], 1 - 3 * up**2, atol=1e-4)
+    both = np.ptp(found.points[:, :6, -1, 0], axis=1) > 0.5
+    assert not np.any(both[np.abs(values) > fold])
+    assert np.mean(both[np.abs(values) < 0.2]) > 0.8
+
+
+def test_a_continuation_keeps_the_mode():
+    """A relay: on, x' = a + 1 - x, until x falls below -1/2; off, x' = a - 1 - x, until it rises above 1/2."""
+    relay = lh.Hybrid(
+        {"on": lambda t, x, args: args["a"] + 1.0 - x, "off": lambda t, x, args: args["a"] - 1.0 - x},
+        [
+            lh.Transition(lambda t, x, args: x[0] + 0.5, source="on", target="off"),
+            lh.Transition(lambda t, x, args: x[0] - 0.5, source="off", target="on", direction=1),
+        ],
+    )
+    values = np.linspace(-2.05, 2.05, 42)
+    options = {"period": 1.0, "transient": 30, "t1": 32, "samples": 4, "method": lh.RungeKutta("rk4", dt=0.1)}
+    found = lh.bifurcation_diagram(relay, {"a": values}, [[-1.0], [0.0]], {"a": 0.0}, mode="off", starts=1, **options)
+    end = found.points[:, :, -1, 0] - values[:, None]
+    np.testing.assert_allclose(end[:, 1], np.where(values > 1.5, 1.0, -1.0), atol=1e-6)
+    np.testing.assert_allclose(end[:, 2], np.where(values < -1.5, -1.0, 1.0), atol=1e-6)
+    np.testing.assert_allclose(found.exponents, -1.0, atol=1e-6)
+
+
+def test_directions_that_are_lost():
+    """Once a unit of time the second component is forgotten."""
+    forgetful = lh.Hybrid(
+        lambda t, x, args: jnp.stack([-args["a"] * x[0], -0.01 * x[1]]),
+        lh.Transition(every=1.0, phase=0.5, reset=lambda t, x, args: jnp.stack([x[0], 0.0 * x[1]])),
+    )
+    method = lh.RungeKutta("rk4", dt=0.1)
+    box = [[0.5, 0.5], [1.0, 1.0]]
+    found = lh.bifurcation_diagram(
+        forgetful, {"a": [0.1, 0.2]}, box, {"a": 0.0}, starts=2, period=1.0, t1=100, transient=10, method=method
+    )
+    np.testing.assert_allclose(found.exponents[..., 0], [[-0.1] * 4, [-0.2] * 4], atol=1e-6)
+    assert np.isneginf(found.exponents[..., 1]).all()
+    np.testing.assert_allclose(found.losses[..., 1], found.time)  # one a unit of time
+    assert not found.losses[..., 0].any()
+
+
+def _open_tent():
+    """Leaves [0, 1] where it exceeds 1; what is out is drawn to -1, the slope there being a half."""
+
+    def rule(n, x, args):
+        inside = (x >= 0) & (x <= 1)
+        outside = 0.5 * x - jnp.where(x > 1, 1.5, 0.5)
+        return jnp.where(inside, args["slope"] * (0.5 - jnp.abs(x - 0.5)), outside)
+
+    return lh.Map(rule)
+
+
+def test_the_escape_rate_of_an_open_tent_map():
+    """The density stays uniform, and of each unit of it 1 - 2/slope leaves at every iteration."""
+    tent = _open_tent()
+    slope = np.array([2.0 + 1e-4, 2.01, 2.05])
+    found = lh.bifurcation_diagram(
+        tent,
+        {"slope": slope},
+        UNIT,
+        {"slope": 0.0},
+        starts=400,
+        directions=("random",),
+        t1=400,
+        transient=20,
+        escape=True,
+    )
+    mean, error = found.mean_lifetimes()
+    exact = 1 / (1 - 2 / slope)
+    assert np.all(np.abs(mean[1:] - exact[1:]) < 5 * error[1:])
+    assert np.all(error[1:] < 0.12 * exact[1:])
+    assert np.sum(found.escaped[0]) < 40
+    assert found.escaped[2].mean() > 0.99
+    assert found.attractors()[2].startswith("P1w0:")
+
+
+def test_exponents_of_a_run_that_has_settled_are_those_of_its_cycle():
+    """What chaos came before does not count: the slope at the fixed point -1 of the open tent map is a half."""
+    tent = _open_tent()
+    found = lh.bifurcation_diagram(
+        tent,
+        {"slope": [2.05]},
+        UNIT,
+        {"slope": 0.0},
+        starts=20,
+        directions=("random",),
+        t1=500,
+        transient=1,
+        escape=True,
+    )
+    assert np.max(found.lifetimes) > 50
+    np.testing.assert_allclose(found.exponents, np.log(0.5), atol=1e-12)
+    np.testing.assert_allclose(found.time, 501 - np.maximum(found.lifetimes, 1))
+
+
+# --- the same as single runs --------------------------------------------------------------------------------------
+
+
+def test_a_lane_is_a_single_run():
+    starts = np.array([[0.3, 0.1], [-1.1, 0.2], [0.8, -0.4]])
+    values = np.array([0.1, 0.2, 0.5])  # periodic, periodic, chaotic
+    options = {"period": PERIOD, "method": RK4, "transient": 100, "t1": 64, "samples": 16, "directions": ("random",)}
+
+    def diagram(values, starts):
+        return lh.bifurcation_diagram(DUFFING, {"force": values}, starts[0], {"force": 0.0}, starts=starts, **options)
+
+    found = diagram(values, starts)
+    for i in range(3):
+        for j in range(3):
+            alone = diagram(values[i : i + 1], starts[j : j + 1])
+            for name in ("exponents", "stderr", "points", "time"):
+                np.testing.assert_array_equal(getattr(found, name)[i, j], getattr(alone, name)[0, 0])
+    np.testing.assert_allclose(np.sum(found.exponents, axis=-1), -0.3, atol=1e-6)
+    assert found.time == pytest.approx(64 * PERIOD)
+
+
+def test_a_lane_agrees_with_the_verbs_for_single_runs():
+    start, args = np.array([0.3, 0.1]), {"force": 0.2}
+    options = {"period": PERIOD, "method": RK4}
+    found = lh.bifurcation_diagram(
+        DUFFING, {"force": [0.2]}, start, args, starts=start[None], transient=100, t1=64, samples=16, **options
+    )
+    points = lh.poincare_section(DUFFING, start, args, n=16, transient=148, **options)
+    np.testing.assert_allclose(found.points[0, 0], points.x, atol=1e-9)
+    whole = lh.lyapunov_spectrum(DUFFING, start, args, t1=64 * PERIOD, transient=100 * PERIOD, method=RK4)
+    np.testing.assert_allclose(found.exponents[0, 0], whole.exponents, atol=1e-6)
+
+
+def test_threads_and_chunks_change_nothing(monkeypatch):
+    values = np.linspace(3.5, 4.0, 9)
+    first = logistic(values)
+    monkeypatch.setattr(lanes.os, "cpu_count", lambda: 1)
+    monkeypatch.setattr(lanes, "SECONDS_PER_CALL", 1e-6)
+    second = logistic(values)
+    for name in ("exponents", "stderr", "points", "labels", "status"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
+
+
+def test_side_by_side_finds_the_same(monkeypatch):
+    values = np.array([2.8, 3.2, 3.5])
+    options = {"starts": 2, "directions": ("random",), "samples": 16}
+    first = logistic(values, **options)
+    monkeypatch.setattr(lanes, "_side_by_side", lambda: True)
+    second = logistic(values, **options)
+    assert (first.labels == second.labels).all()
+    np.testing.assert_allclose(first.exponents, second.exponents, atol=1e-9)
+
+
+def test_runs_that_fail_hold_their_status_and_nan():
+    found = logistic([3.2, 5.0, 3.3], directions=("random", "up", "down"))
+    assert found.attractors() == ["P2w0:4", "nonfinite:4", "P2w0:4"]
+    assert (found.labels[1] == "nonfinite").all()
+    assert (found.labels[[0, 2], -2:] == "P2w0").all()  # up and down go on from their own start
+    assert np.isnan(found.exponents[1]).all()
+    assert np.isnan(found.points[1]).all()
+    alone = logistic([3.2, 3.25, 3.3], directions=("random", "up", "down"))
+    np.testing.assert_array_equal(found.exponents[[0, 2], :4], alone.exponents[[0, 2], :4])
+    assert "4 failed" not in str(alone)
+    assert "6 failed" in str(found)
+
+
+def test_too_few_steps_are_a_status():
+    found = lh.bifurcation_diagram(
+        DUFFING, {"force": [0.3]}, UNIT * np.ones(2), {"force": 0.0}, period=PERIOD, method=RK4, max_steps=500
+    )
+    assert found.attractors() == ["max_steps:4"]
+
+
+# --- options ------------------------------------------------------------------------------------------------------
+
+
+def test_angles_turn():
+    """Half a turn in each period of π: without being told so the first component never repeats."""
+    turning = lh.Flow(lambda t, x, args: jnp.stack([1.0 + 0.0 * x[0], args["rate"] * (jnp.sin(t) - x[1])]))
+    options = {"period": np.pi, "method": lh.RungeKutta("rk4", dt=0.1), "transient": 50}
+    found = lh.bifurcation_diagram(
+        turning, {"rate": [1.0]}, [[-3.0, 0.0], [3.0, 1.0]], {"rate": 0.0}, angles=(0,), **options
+    )
+    assert found.attractors() == ["P2w1:4"]
+    assert np.ptp(found.points[0, 0, :, 0]) == pytest.approx(63 * np.pi)
+    free = lh.bifurcation_diagram(turning, {"rate": [1.0]}, [[-3.0, 0.0], [3.0, 1.0]], {"rate": 0.0}, **options)
+    assert free.attractors() == ["aperiodic/slow:4"]
+
+
+def test_a_section_counts_crossings():
+    """The van der Pol oscillator has one limit cycle, of period 6.6633 at μ = 1."""
+    van_der_pol = lh.Flow(lambda t, x, args: jnp.stack([x[1], args["mu"] * (1 - x[0] ** 2) * x[1] - x[0]]))
+    box = [[0.5, 0.5], [2.0, 2.0]]
+    options = {"section": lambda t, x, args: x[0], "transient": 20, "t1": 40, "samples": 16}
+    method = lh.RungeKutta("rk4", dt=0.05)
+    found = lh.bifurcation_diagram(
+        van_der_pol, {"mu": [1.0]}, box, {"mu": 0.0}, starts=2, method=method, directions=("random",), **options
+    )
+    assert found.attractors() == ["P1w0:2"]
+    assert found.time == pytest.approx(40 * 6.663286859, rel=1e-6)
+    assert np.max(np.abs(found.points[..., 0])) < 1e-9
+
+
+def test_parameters_within_parameters():
+    nested = lh.Map(lambda n, x, args: args["a"]["r"] * x * (1 - x))
+    found = lh.bifurcation_diagram(nested, {"a.r": [3.2]}, UNIT, {"a": {"r": 1, "s": 2.0}})
+    assert found.attractors() == ["P2w0:4"]
+
+
+def test_the_key_draws_the_starts():
+    first, second = (logistic([4.0], key=jax.random.key(i), t1=64).points for i in (1, 2))
+    assert not np.any(first == second)
+    np.testing.assert_array_equal(first, logistic([4.0], key=jax.random.key(1), t1=64).points)
+
+
+# --- labels -------------------------------------------------------------------------------------------------------
+
+
+def labelled(points, exponent=-0.1, error=0.01, length=1000.0, angles=()):
+    points = np.asarray(points, float)[None]
+    given = (np.array([v]) for v in (0, exponent, error, length))
+    status, *numbers = given
+    return attractors.labels(points, angles, status, *numbers)[0]
+
+
+def test_labels():
+    steps = np.arange(64.0)[:, None]
+    assert labelled(np.zeros((64, 1))) == "P1w0"
+    assert labelled(np.cos(np.pi * steps)) == "P2w0"
+    assert labelled(np.cos(2 * np.pi * steps / 24)) == "P24w0"
+    assert labelled(np.cos(2 * np.pi * steps / 25)) == "aperiodic/slow"
+    assert labelled(np.cos(steps), 0.1) == "chaos"
+    assert labelled(np.cos(steps), 0.1, error=0.03) == "aperiodic/slow"
+    assert labelled(np.cos(steps), 0.1, length=200.0) == "aperiodic/slow"
+    assert labelled(2 * np.pi * 5 / 3 * steps, angles=(0,)) == "P3w5"
+    assert labelled(-2 * np.pi * 5 / 3 * steps) == "aperiodic/slow"
+
+
+def test_lifetimes():
+    wild = np.random.default_rng(0).uniform(-1, 1, (100, 1))
+    cycle = 0.5 * np.cos(np.pi * np.arange(200.0))[:, None]
+    points = np.concatenate([wild, [[-0.9]], cycle])
+    turns = attractors.turns_of(1, ())
+    assert attractors.lifetime(np, points, np.arange(1, len(points) + 1), turns, 64) == 101
+    assert np.isnan(attractors.lifetime(np, wild, np.arange(1, 101), turns, 64))
+
+
+# --- Poincaré sections --------------------------------------------------------------------------------------------
+
+BALL = lh.Hybrid(
+    lambda t, x, args: jnp.stack([x[1], jnp.full_like(x[0], -1.0)]),
+    lh.Transition(lambda t, x, args: x[0], lambda t, x, args: jnp.stack([x[0], -x[1]])),
+)
+
+
+def test_crossings_of_a_circle():
+    circle = lh.Flow(lambda t, x, args: jnp.stack([x[1], -x[0]]))
+    for direction, first, step in ((1, 1.5, 2.0), (0, 0.5, 1.0)):
+        found = lh.poincare_section(circle, [1.0, 0.0], section=lambda t, x, args: x[0], n=5, direction=direction)
+        np.testing.assert_allclose(found.t, np.pi * (first + step * np.arange(5)), atol=1e-7)
+        assert np.max(np.abs(found.x[:, 0])) < 1e-12
+        assert found.status == lh.STATUS.ok
+    later = lh.poincare_section(circle, [1.0, 0.0], section=lambda t, x, args: x[0], n=2, transient=3)
+    np.testing.assert_allclose(later.t, np.pi * np.array([6.5, 8.5]), atol=1e-7)  # falling: direction=-1
+
+
+def test_a_section_on_a_guard_of_the_system_shows_the_state_before_the_jump():
+    found = lh.poincare_section(BALL, [0.5, 0.0], section=lambda t, x, args: x[0], n=4)
+    np.testing.assert_allclose(found.t, [1.0, 3.0, 5.0, 7.0], atol=1e-9)
+    np.testing.assert_allclose(found.x[:, 1], -1.0, atol=1e-9)
+
+
+def test_a_jump_across_the_section_is_no_crossing():
+    """The velocity falls through zero at the top, and jumps from below to above at the floor."""
+    found = lh.poincare_section(
+        BALL, [0.5, 0.1], section=lambda t, x, args: x[1], n=3, direction=1, max_steps=1000, throw=False
+    )
+    assert np.isnan(found.t).all()
+    assert found.status == lh.STATUS.max_steps
+    both = lh.poincare_section(BALL, [0.5, 0.1], section=lambda t, x, args: x[1], n=3, direction=0)
+    assert float(both.t[0]) == pytest.approx(0.1)
+    np.testing.assert_allclose(np.diff(both.t), 2 * np.sqrt(1.01), atol=1e-9)
+
+
+def test_the_section_does_not_change_the_motion():
+    modes = lh.poincare_section(BALL, [0.5, 0.0], section=lambda t, x, args: x[0] - 0.25, n=40, direction=0)
+    plain = lh.trajectory(BALL, [0.5, 0.0], t1=float(modes.t[-1]), n=1)
+    np.testing.assert_allclose(modes.x[-1], plain.x[-1], atol=1e-8)
+    assert modes.mode_names == BALL.mode_names
+
+
+def test_once_a_period():
+    found = lh.poincare_section(BALL, [0.5, 0.0], period=lambda args: args["T"], args={"T": 2.0}, n=3, transient=1)
+    np.testing.assert_allclose(found.t, [4.0, 6.0, 8.0])
+    np.testing.assert_allclose(found.x, [[0.5, 0.0]] * 3, atol=1e-9)
+    orbit = lh.poincare_section(LOGISTIC, [0.3], {"r": 3.2}, period=2, n=5, transient=500)
+    assert np.ptp(orbit.x) < 1e-9
+
+
+def test_a_terminal_transition_ends_the_points():
+    floor = lh.Hybrid(BALL.fields[0], lh.Transition(lambda t, x, args: x[0] + 10.0, terminal=True))
+    found = lh.poincare_section(floor, [0.5, 0.0], section=lambda t, x, args: x[0], n=2)
+    assert found.status == lh.STATUS.terminated
+    assert np.isfinite(found.t).tolist() == [True, False]
+
+
+# --- bad arguments ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"over": {"r": [1.0], "s": [2.0]}}, "one parameter"),
+        ({"over": {"r": [[1.0]]}}, "finite numbers"),
+        ({"over": {"r": [np.nan]}}, "finite numbers"),
+        ({"over": {"s": [1.0]}}, "no parameter 's'"),
+        ({"x0": [0.1]}, "two corners of a box"),
+        ({"starts": 0}, "at least 1"),
+        ({"starts": [[0.1, 0.2]], "x0": [0.1]}, r"points \(m, n\)"),
+        ({"t1": 10}, "samples must be at most t1"),
+        ({"t1": 10.5}, "integer"),
+        ({"directions": "up"}, "directions must be some of"),
+        ({"directions": ("left",)}, "directions must be some of"),
+        ({"section": lambda t, x, args: x[0]}, "no section"),
+        ({"period": 0.5}, "whole"),
+        ({"angles": (3,)}, "angles"),
+        ({"max_steps": 0}, "max_steps"),
+        ({"k": 3}, "k must be at most"),
+    ],
+)
+def test_bad_arguments(changed, message):
+    given = {"over": {"r": [3.2]}, "x0": UNIT, "args": {"r": 0.0}} | changed
+    with pytest.raises(ValueError, match=message):
+        lh.bifurcation_diagram(LOGISTIC, **given)
+
+
+def test_bad_arguments_of_flows():
+    box = np.ones((2, 2))
+    with pytest.raises(ValueError, match="exactly one of period"):
+        lh.bifurcation_diagram(DUFFING, {"force": [0.1]}, box, {"force": 0.0})
+    with pytest.raises(ValueError, match="period must be positive"):
+        lh.bifurcation_diagram(DUFFING, {"force": [0.1]}, box, {"force": 0.0}, period=-1.0)
+    with pytest.raises(ValueError, match="section is for an lh.Flow"):
+        lh.bifurcation_diagram(BALL, {"force": [0.1]}, box, {"force": 0.0}, section=lambda t, x, args: x[0])
+    with pytest.raises(ValueError, match="escape=True"):
+        logistic([3.2]).mean_lifetimes()
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({}, "exactly one of section"),
+        ({"period": 1.0, "section": lambda t, x, args: x[0]}, "exactly one of section"),
+        ({"period": 0.0}, "period must be positive"),
+        ({"period": 1.0, "n": 0}, "at least 1"),
+        ({"period": 1.0, "transient": -1}, "at least 0"),
+        ({"section": lambda t, x, args: x[0], "direction": 2}, "direction must be"),
+    ],
+)
+def test_bad_arguments_of_sections(changed, message):
+    with pytest.raises(ValueError, match=message):
+        lh.poincare_section(BALL, [0.5, 0.0], **changed)
+
+
+def test_a_map_has_no_section():
+    with pytest.raises(ValueError, match="crossed by a flow"):
+        lh.poincare_section(LOGISTIC, [0.3], {"r": 3.2}, section=lambda t, x, args: x[0])
+
+
+# --- pictures -----------------------------------------------------------------------------------------------------
+
+
+def test_pictures():
+    found = logistic([2.8, 3.2, 5.0, 3.5])
+    upper, lower = found.plot()
+    drawn = {line.get_label(): line.get_xydata() for line in upper.get_lines()}
+    assert len(drawn["random starts"]) == 4 * 4 * 64
+    assert len(drawn["followed up"]) == 4 * 64
+    np.testing.assert_array_equal(drawn["followed down"][:, 1], found.points[:, -1, :, 0].ravel())
+    crosses = [line for line in lower.get_lines() if line.get_marker() == "x"]
+    assert crosses[0].get_xdata().tolist() == [5.0]
+    lower.figure.canvas.draw()
+    ax = plots.section(lh.poincare_section(BALL, [0.5, 0.0], period=0.3, n=20))
+    assert len(ax.get_lines()[0].get_xdata()) == 20
+    ax = lh.poincare_section(LOGISTIC, [0.3], {"r": 4.0}, period=1, n=20).plot()
+    x, y = ax.get_lines()[0].get_data()
+    np.testing.assert_allclose(y, 4 * x * (1 - x), atol=1e-12)
+    pyplot.close("all")
+
+
+def test_angles_are_drawn_within_one_turn():
+    turning = lh.Flow(lambda t, x, args: args["rate"] + 0.0 * x)
+    options = {"period": 1.0, "method": lh.RungeKutta("rk4", dt=0.1), "angles": (0,), "directions": ("up",)}
+    found = lh.bifurcation_diagram(turning, {"rate": [1.0]}, [[0.0], [1.0]], {"rate": 0.0}, **options)
+    heights = plots.bifurcations(found).get_lines()[0].get_ydata()
+    assert np.ptp(found.points) > 60
+    assert -np.pi < np.min(heights) < -3
+    assert 3 < np.max(heights) <= np.pi
+    pyplot.close("all")
+
+
+# --- the friction pendulum ----------------------------------------------------------------------------------------
+
+
+def _side(sign):
+    def field(t, x, args):
+        force = args["A"] * jnp.sin(args["omega"] * t) - args["lam"] * jnp.sin(x[0])
+        return jnp.stack([x[1], force - args["beta"] * x[1] - sign * args["alpha"]])
+
+    return field
+
+
+PENDULUM = lh.filippov(_side(1.0), _side(-1.0), lambda t, x, args: x[1])
+PENDULUM_ARGS = {"A": 0.586, "omega": 0.666, "lam": 0.87, "alpha": 0.01, "beta": 0.0}
+PENDULUM_BOX = [[-np.pi, -2.0], [np.pi, 2.0]]
+
+
+def pendulum(values, **options):
+    period = {"period": lambda args: 2 * np.pi / args["omega"], "angles": (0,)}
+    return lh.bifurcation_diagram(PENDULUM, {"beta": values}, PENDULUM_BOX, PENDULUM_ARGS, **period, **options)
+
+
+@pytest.mark.slow
+def test_the_friction_pendulum_is_that_of_the_reference():
+    with (references.DATA / "friction_beta_sweep.csv").open() as file:
+        rows = {float(row["beta"]): row for row in csv.DictReader(file)}
+    values = np.array([0.02, 0.052, 0.056, 0.12, 0.144, 0.148, 0.152, 0.212, 0.3])
+    found = pendulum(values, starts=8, directions=("random", "down"), transient=300, t1=1000)
+    assert np.all(found.status == 0)
+    for i, value in enumerate(values):
+        row = rows[value]
+        label, wanted, error = row["class_majority"], float(row["lambda_max_majority"]), float(row["se"])
+        same = found.labels[i] == label
+        assert same.any(), (value, found.labels[i])
+        mean = np.mean(found.exponents[i, same, 0])
+        own = np.sqrt(np.mean(found.stderr[i, same, 0] ** 2) / same.sum())
+        assert own < 0.005
+        assert abs(mean - wanted) < 5 * np.hypot(max(own, 1e-4), error)
+    for value, coexisting in ((0.144, {"P3w0", "P2w0"}), (0.148, {"P3w0", "P1w0"}), (0.152, {"P3w0", "P1w0"})):
+        assert set(found.labels[np.argmin(np.abs(values - value)), :8]) == coexisting
+
+
+@pytest.mark.slow
+def test_chaos_of_the_friction_pendulum_is_transient():
+    found = pendulum([0.004], starts=64, directions=("random",), transient=100, t1=7900, escape=True)
+    mean, error = found.mean_lifetimes()
+    assert 6300 / 2 < mean[0] < 6300 * 2
+    assert error[0] < 0.3 * mean[0]
+    assert 20 < found.escaped.sum() < 64

@@ -1,0 +1,127 @@
+"""Lanes: the same as single runs, however they are shared out."""
+
+import threading
+import time
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from lyaphybrid import lanes
+
+
+def orbit(r, lane):
+    """So many steps of the logistic map; a lane that leaves the interval is marked and holds nan."""
+    steps, x = lane
+    x = jax.lax.fori_loop(0, steps, lambda _, x: r * x * (1 - x), x)
+    failed = ~(jnp.abs(x) < 2)
+    return jnp.where(failed, jnp.nan, x), failed
+
+
+def add(shared, total, lane):
+    """Hands on a running total."""
+    total = shared * total + lane
+    return total, total
+
+
+STEPS = np.arange(150) % 37
+STARTS = np.linspace(0.05, 0.95, 150)
+
+
+@pytest.mark.parametrize("threads", [1, 2, 5])
+@pytest.mark.parametrize("count", [1, 7, 150])
+def test_lanes_are_single_runs_exactly(threads, count):
+    (x, failed), done = lanes.map_lanes(orbit, jnp.asarray(3.9), (STEPS[:count], STARTS[:count]), threads=threads)
+    single = jax.jit(orbit)
+    expected = [single(jnp.asarray(3.9), lane)[0] for lane in zip(STEPS[:count], STARTS[:count], strict=True)]
+    assert done.all()
+    assert not failed.any()
+    np.testing.assert_array_equal(x, np.array(expected))
+
+
+def test_the_order_of_lanes_does_not_matter():
+    order = np.random.default_rng(1).permutation(150)
+    (x, _), _ = lanes.map_lanes(orbit, jnp.asarray(3.9), (STEPS, STARTS))
+    (y, _), _ = lanes.map_lanes(orbit, jnp.asarray(3.9), (STEPS[order], STARTS[order]))
+    np.testing.assert_array_equal(x[order], y)
+
+
+def test_a_lane_that_fails_leaves_its_neighbours_alone():
+    outside = np.where(np.arange(150) == 70, 30.0, STARTS)
+    steps = np.full(150, 36)
+    (x, failed), _ = lanes.map_lanes(orbit, jnp.asarray(3.9), (steps, STARTS))
+    (y, other), _ = lanes.map_lanes(orbit, jnp.asarray(3.9), (steps, outside))
+    assert not failed.any()
+    assert np.flatnonzero(other).tolist() == [70]
+    assert np.isnan(y[70])
+    np.testing.assert_array_equal(np.delete(x, 70), np.delete(y, 70))
+
+
+@pytest.mark.parametrize("side_by_side", [False, True])
+def test_a_lane_of_a_chain_begins_where_the_one_before_has_ended(monkeypatch, side_by_side):
+    monkeypatch.setattr(lanes, "_side_by_side", lambda: side_by_side)
+    chains = [(0.0, np.arange(200.0)), (100.0, np.arange(3.0)), (1.0, np.ones(200))]
+    results, done = lanes.run_chains(add, jnp.asarray(1.0), chains)
+    assert all(each.all() for each in done)
+    np.testing.assert_array_equal(results[0], np.cumsum(np.arange(200.0)))
+    np.testing.assert_array_equal(results[1], [100.0, 101.0, 103.0])
+    np.testing.assert_array_equal(results[2], 2.0 + np.arange(200.0))
+
+
+def test_side_by_side_is_one_after_the_other(monkeypatch):
+    (x, _), _ = lanes.map_lanes(orbit, jnp.asarray(3.7), (STEPS, STARTS))
+    monkeypatch.setattr(lanes, "_side_by_side", lambda: True)
+    monkeypatch.setattr(lanes, "SIDE_BY_SIDE", 64)
+    (y, _), done = lanes.map_lanes(orbit, jnp.asarray(3.7), (STEPS, STARTS))
+    assert done.all()
+    np.testing.assert_allclose(x, y, atol=1e-6)  # other kernels round otherwise; 36 steps of chaos amplify it
+
+
+def test_it_is_compiled_once():
+    traced = []
+
+    def noted(shared, lane):
+        traced.append(threading.get_ident())
+        return shared * lane
+
+    lanes.map_lanes(noted, jnp.asarray(2.0), np.arange(100.0), threads=4)
+    once = len(traced)
+    assert set(traced) == {threading.get_ident()}
+    lanes.map_lanes(noted, jnp.asarray(3.0), np.arange(11.0), threads=2)
+    assert len(traced) == once
+
+
+def test_progress_rises_to_one():
+    seen = []
+    lanes.map_lanes(orbit, jnp.asarray(3.9), (STEPS, STARTS), progress=seen.append)
+    assert seen == sorted(seen)
+    assert seen[-1] == 1.0
+
+
+def test_an_interrupted_map_says_what_it_has(monkeypatch):
+    monkeypatch.setattr(lanes, "SECONDS_PER_CALL", 1e-6)  # pieces of one lane
+
+    seen = []
+
+    def interrupt(fraction):
+        seen.append(fraction)
+        if len(seen) == 5:
+            raise KeyboardInterrupt
+
+    lane = (np.full(600, 4_000_000), np.linspace(0.1, 0.9, 600))
+    begun = time.perf_counter()
+    with pytest.warns(UserWarning, match="interrupted"):
+        (x, _), done = lanes.map_lanes(orbit, jnp.asarray(3.9), lane, progress=interrupt)
+    assert time.perf_counter() - begun < 5.0
+    assert 0 < done.sum() < 600
+    assert np.all(x[done] != 0)
+    assert np.all(x[~done] == 0)
+
+
+def test_an_error_of_the_function_comes_out():
+    def wrong(shared, lane):
+        raise ValueError("no such thing")
+
+    with pytest.raises(ValueError, match="no such thing"):
+        lanes.map_lanes(wrong, None, np.arange(3.0))
