@@ -103,7 +103,7 @@ def test_a_direction_across_the_surface_does_not_live_on_while_sliding():
 
 @pytest.mark.parametrize("velocity", [1.0, 1e-2, 1e-4])
 def test_the_saltation_matrix_grows_like_one_over_the_velocity(velocity):
-    """An oscillator at a wall at x = 0: S = [[−r, 0], [(a⁺ + r a⁻)/v, −r]] with the accelerations a± = cos ωt − 2ζv±."""
+    """An oscillator at a wall, x = 0: S = [[−r, 0], [(a⁺ + r a⁻)/v, −r]], accelerations a± = cos ωt − 2ζv±."""
     problem = zoo.impact_oscillator()
     zeta, r, omega, t = 0.05, 0.8, 2.8, 0.3
     found = np.asarray(lh.saltation_matrix(problem.system, t, [0.0, velocity], problem.args))
