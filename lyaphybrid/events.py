@@ -50,6 +50,11 @@ class Wiring(NamedTuple):
         """Number of slots of a mode (the modes with fewer are padded with a guard that is always 1)."""
         return self.directed.shape[1]
 
+    def of_mode(self, q: int) -> "Wiring":
+        """What concerns one mode, as if there were no other."""
+        of_modes = "fields", "guards", "projections", "directed", "transition", "component", "armed", "whens"
+        return self._replace(**{name: getattr(self, name)[q : q + 1] for name in of_modes})
+
 
 def by_mode(mode, functions, *operands):
     """The function of the present mode: a plain call where there is one mode, else a switch."""

@@ -22,6 +22,7 @@ from jaxtyping import Array
 from . import frames
 from .columns import each_column
 from .components import by_components, joined, split
+from .events import by_mode
 from .statuses import OK, RUNNING, STATUS
 
 LONGEST_BLIND = 4.0  # jumps between two orthonormalisations, where each may destroy a direction
@@ -272,17 +273,22 @@ def _span(settings: Settings, clock: Clock, within, carry: Carry, ahead, interva
         carry, ahead = state
         return within(carry, in_span=True) & mover.common(ahead) & (~is_due(carry) if frequent else True)
 
-    def step(state):
-        carry, ahead = state
-        carry = mover.step(settings, clock, carry._replace(budget=carry.budget - 1), ahead)
-        return carry, mover.look(carry, clock)
+    def stepping(mover):
+        def step(state):
+            carry, ahead = state
+            carry = mover.step(settings, clock, carry._replace(budget=carry.budget - 1), ahead)
+            return carry, mover.look(carry, clock)
+
+        return step
 
     k = carry.frame.shape[1]
     carry = carry._replace(frame=_widened(settings, carry.frame))
     if _step_by_step(settings):
-        carry, ahead = step((carry, ahead))
+        carry, ahead = stepping(mover)((carry, ahead))
     else:
-        carry, ahead = _repeated(goes_on, step, (carry, ahead), mover.does_little(carry.x.shape[0]))
+        little, movers = mover.does_little(carry.x.shape[0]), mover.in_each_mode()
+        loops = [lambda state, one=one: _repeated(goes_on, stepping(one), state, little) for one in movers]
+        carry, ahead = by_mode(getattr(carry.own, "mode", None), loops, (carry, ahead))
     carry = carry._replace(frame=carry.frame[:, :k])
     due = frequent and mover.by_rows and is_due(carry)  # to settle such a span is to forget what it did to the frame
     carry, ahead = mover.settle(settings, clock, functools.partial(within, in_span=True), carry, ahead)

@@ -24,6 +24,7 @@ from .events import Wiring, wire
 from .methods import RungeKutta
 from .methods.base import Method
 from .methods.exact import Exact
+from .methods.forcing import takes_sines
 from .methods.iterate import Iterating
 from .methods.scheduled import Scheduled
 from .methods.stepping import Stepping, are_curved
@@ -183,7 +184,7 @@ def mover_of(problem: Problem, t, x):
         empty = np.zeros((1, 0), np.int32)
         fields = (lambda t, x: system.field(t, x, args),)
         wiring = Wiring(fields, (), (), empty, empty, empty, (), empty, (), (), (), False)
-        return Stepping(wiring, method, (), (), 0, are_curved(fields, t, x))
+        return Stepping(wiring, method, (), (), 0, *_kinds(fields, t, x))
     if system.fields is None:
         reset = system.transitions[0].reset
         return Iterating(lambda n, x: reset(n, x, args))
@@ -192,8 +193,13 @@ def mover_of(problem: Problem, t, x):
         (number(system.transitions[j].every, args), number(system.transitions[j].phase, args)) for j in wiring.clocks
     )
     terminal = tuple(tr.terminal for tr in system.transitions)
-    curved = are_curved(wiring.fields, t, x)
-    return Stepping(wiring, method, clocks, terminal, system.max_cascade, curved)
+    return Stepping(wiring, method, clocks, terminal, system.max_cascade, *_kinds(wiring.fields, t, x))
+
+
+def _kinds(fields, t, x) -> tuple[bool, bool]:
+    """`Stepping.curved` and `Stepping.dear`."""
+    curved = are_curved(fields, t, x)
+    return curved, takes_sines(fields, t, x)
 
 
 def number(value, args):

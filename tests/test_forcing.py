@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import lyaphybrid as lh
-from lyaphybrid.methods.forcing import at_times
+from lyaphybrid.methods.forcing import at_times, takes_sines
 
 FRACTIONS = (0.5, 1.0)
 T, H, X = 0.7, 0.1, np.array([0.3, -0.4])
@@ -97,3 +97,76 @@ def test_a_stage_takes_each_sine_of_the_state_once():
     """A sine of the state is behind a conditional with the rest of the field; one of time behind another."""
     assert conditionals_of_a_stage(lambda t, x: jnp.stack([x[1], -jnp.sin(x[0])])) == 1
     assert conditionals_of_a_stage(lambda t, x: jnp.stack([x[1], jnp.cos(t) - jnp.sin(x[0])])) == 2
+
+
+# --- tangents at the points of a trial ------------------------------------------------------------------------------
+
+
+def pendulum(t, x):
+    return jnp.stack([x[1], jnp.cos(t) - jnp.sin(x[0]) * (1 + 0.1 * jnp.cos(2 * t)) - 0.1 * x[1]])
+
+
+def swung(t, x):
+    return jnp.sin(jnp.roll(x, 1) * t) * x - jnp.tan(0.1 * x)
+
+
+def cubed(t, x):
+    return x - x**3
+
+
+WAYS = {"rk4": {"dt": H}, "dopri5": {}, "dopri8": {}, "dop853": {}, "tsit5": {}}
+
+
+@pytest.mark.parametrize("tableau", WAYS)
+@pytest.mark.parametrize(("field", "n"), [(pendulum, 2), (swung, 2), (swung, 3), (cubed, 3)])
+def test_the_tangent_at_known_points_is_the_derivative_of_the_step(tableau, field, n):
+    method, t, h = lh.RungeKutta(tableau, **WAYS[tableau]), jnp.asarray(T), jnp.asarray(H)
+    x, frame = jnp.linspace(0.3, -0.4, n), jnp.cos(jnp.arange(4.0 * n).reshape(n, 4))
+
+    def flux(found):
+        return method.divergence(field, found.nodes, h)
+
+    def along(x):
+        way = method.step(field, t, x, field(t, x), h).way
+        assert len(way) == method.way_points
+        return method.tangent(field, t, x, h, frame, way)
+
+    known, derived = jax.jit(along)(x), method.tangent(field, t, x, h, frame)
+    np.testing.assert_allclose(known.frame, derived.frame, rtol=1e-13, atol=1e-14)
+    np.testing.assert_allclose(known.errors, derived.errors, rtol=1e-11, atol=1e-14)
+    np.testing.assert_allclose(flux(known), flux(derived), rtol=1e-13)
+    assert [len(part) for part in known.stages] == [0, len(derived.stages[1])]
+    for a, b in zip(known.stages[1], derived.stages[1], strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-13, atol=1e-14)
+    # The points on the way depend on the start themselves: second derivatives are right too.
+    ours, plain = (
+        jax.jacfwd(lambda x: along(x).frame)(x),
+        jax.jacfwd(lambda x: method.tangent(field, t, x, h, frame).frame)(x),
+    )
+    np.testing.assert_allclose(ours, plain, rtol=1e-11, atol=1e-12)
+
+
+def test_a_tangent_takes_the_sines_of_all_points_at_once():
+    """One conditional holds all cosines; a plain derivative asks for each, and for the sines."""
+    method = lh.RungeKutta("rk4", dt=H)
+
+    def names(way):
+        tangent = lambda x, frame, way: method.tangent(autonomous_pendulum, 0.7, x, H, frame, way).frame  # noqa: E731
+        jaxpr = jax.make_jaxpr(tangent)(jnp.asarray(X), jnp.eye(2), way)
+        return [eqn.primitive.name for eqn in jaxpr.eqns]
+
+    at_points = names((jnp.asarray(X),) * method.way_points)
+    assert at_points.count("cond") == 1
+    assert not {"sin", "cos"}.intersection(at_points)
+    assert names(()).count("cond") > 1
+
+
+def autonomous_pendulum(t, x):
+    return jnp.stack([x[1], -jnp.sin(x[0])])
+
+
+def test_sines_of_the_state_are_seen():
+    x = jnp.asarray(X)
+    assert takes_sines([autonomous_pendulum], T, x)
+    assert takes_sines([cubed, pendulum], T, x)
+    assert not takes_sines([lambda t, x: forced(t, x, 2.8), cubed], T, x)

@@ -6,7 +6,7 @@ import pytest
 
 import lyaphybrid as lh
 from examples import compiled_loop
-from lyaphybrid.methods.stepping import are_curved
+from lyaphybrid.methods.stepping import Stepping, are_curved
 
 
 def lorenz96(t, x, args):
@@ -85,3 +85,44 @@ def test_a_rejected_stage_that_is_no_number_ends_nothing():
         assert np.all(np.isfinite(found.x))
         reached.append(float(found.x[0]))
     assert 0.0 in np.diff(reached)  # a step was rejected
+
+
+def wells(steepness):
+    return lambda t, x, args: jnp.stack([x[1], 0.3 * jnp.cos(t) - steepness * jnp.sin(x[0]) - 0.1 * x[1]])
+
+
+def spectrum_of_three_modes(method):
+    """A new system each time, so that it is compiled anew."""
+    system = lh.Hybrid(
+        {"left": wells(1.0), "middle": wells(0.2), "right": wells(1.5)},
+        [
+            lh.Transition(lambda t, x, args: x[0] + 0.4, source="left", target="middle", direction=1),
+            lh.Transition(lambda t, x, args: x[0] + 0.4, source="middle", target="left", direction=-1),
+            lh.Transition(lambda t, x, args: 0.4 - x[0], source="middle", target="right", direction=-1),
+            lh.Transition(lambda t, x, args: x[0] - 0.4, source="right", target="middle", direction=-1),
+        ],
+    )
+    found = lh.lyapunov_spectrum(system, [0.1, 1.2], t1=30.0, transient=0.0, blocks=3, method=method, mode="middle")
+    assert found.jumps > 10
+    return found
+
+
+def test_a_loop_for_each_mode_is_one_loop_with_a_switch(monkeypatch):
+    method = lh.RungeKutta("rk4", dt=0.05)
+    loops = spectrum_of_three_modes(method)
+    monkeypatch.setattr(Stepping, "in_each_mode", lambda mover: (mover,))
+    switch = spectrum_of_three_modes(method)
+    assert loops.jumps == switch.jumps
+    np.testing.assert_allclose(loops.x, switch.x, rtol=1e-11)
+    np.testing.assert_allclose(loops.exponents, switch.exponents, rtol=1e-10)
+
+
+@pytest.mark.slow
+def test_tangents_at_known_points_are_those_of_the_steps_of_a_run(monkeypatch):
+    method = lh.RungeKutta("dopri5")
+    known = spectrum_of_three_modes(method)
+    monkeypatch.setattr(Stepping, "revisits", property(lambda mover: False))
+    derived = spectrum_of_three_modes(method)
+    assert known.jumps == derived.jumps
+    np.testing.assert_allclose(known.x, derived.x, rtol=1e-10)
+    np.testing.assert_allclose(known.exponents, derived.exponents, rtol=1e-9)

@@ -9,6 +9,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from ..columns import each_column
+
 Field = Callable[[Any, Array], Array]  # (t, x) -> dx/dt, args bound
 
 
@@ -18,8 +20,20 @@ class Step(NamedTuple):
     x: Array  # (n,) at t + h
     f: Array  # (n,) the field there
     error: Array  # (estimates, n), linear in the stages: its tangents are the frame's errors
-    dense: Any  # what `Method.inside` and `Method.divergence` need
+    dense: Any  # what `Method.inside` needs
+    nodes: Any  # what `Method.divergence` needs
     stages: tuple[Array, ...] = ()  # (n,) each: points on the way that are used more than once
+    way: tuple[Array, ...] = ()  # (n,) each: all points on the way, where `Method.tangent` can go on from them
+
+
+class Tangent(NamedTuple):
+    """What the derivative of a step does to a frame (n, k)."""
+
+    x: Any  # (n,) the end of the step; None where it was known before
+    frame: Array  # (n, k) at t + h
+    errors: Array  # (estimates, n, k)
+    nodes: Any  # what `Method.divergence` needs
+    stages: tuple[tuple[Array, ...], tuple[Array, ...]]  # those of the step, and their tangents
 
 
 class Method(eqx.Module):
@@ -44,6 +58,11 @@ class Method(eqx.Module):
         del n
         return 0
 
+    @property
+    def way_points(self) -> int:
+        """How many points there are in `Step.way`."""
+        return 0
+
     def does_little(self, n: int) -> bool:
         """Whether a step in n components is so little work that a loop of them is best written in numbers."""
         del n
@@ -62,8 +81,20 @@ class Method(eqx.Module):
     def inside(self, dense, theta) -> Array:
         """The solution (n,) at the fraction theta of the step."""
 
+    def tangent(self, field: Field, t, x, h, frame, way: tuple[Array, ...] = ()) -> Tangent:
+        """The derivative of the step over h from (t, x), applied to a frame; its `Step.way` may be known."""
+        del way
+
+        def step(x):
+            done = self.step(field, t, x, field(t, x), h)
+            return (done.x, done.error, done.stages), done.nodes
+
+        (new, _, points), linear, nodes = jax.linearize(step, x, has_aux=True)
+        moved, errors, tangents = each_column(linear, frame)
+        return Tangent(new, moved, errors, nodes, (points, tangents))
+
     @abc.abstractmethod
-    def divergence(self, field: Field, dense, h) -> Array:
+    def divergence(self, field: Field, nodes, h) -> Array:
         """∫ tr Df dt over the step, by a quadrature of the method's order."""
 
     def ratio(self, error, scale):

@@ -76,7 +76,8 @@ class Diffrax(Method):
         # A root finder that failed makes the step fail, by an error that no tolerance passes.
         failed = result != diffrax.RESULTS.successful
         error = jnp.where(failed, jnp.inf, 0.0) + (jnp.zeros_like(x) if error is None else error)
-        return Step(new, field(t + h, new), error[None], (t, h, dense))
+        dense = t, h, dense
+        return Step(new, field(t + h, new), error[None], dense, dense)
 
     def inside(self, dense, theta):
         """Diffrax's own dense output at the fraction theta of the step."""
@@ -84,11 +85,11 @@ class Diffrax(Method):
         interpolation = self.solver.interpolation_cls(t0=t, t1=t + h, **info)
         return interpolation.evaluate(t + theta * h)
 
-    def divergence(self, field: Field, dense, h):
+    def divergence(self, field: Field, nodes, h):
         """∫ tr Df dt over the step by Gauss–Legendre on the dense output."""
-        t, _, _ = dense
+        t, _, _ = nodes
         return h * sum(
-            w * trace(field, t + node * h, self.inside(dense, node)) for node, w in zip(_NODES, _WEIGHTS, strict=True)
+            w * trace(field, t + node * h, self.inside(nodes, node)) for node, w in zip(_NODES, _WEIGHTS, strict=True)
         )
 
 

@@ -57,6 +57,10 @@ class Exact:
         del mode, h
         return jnp.zeros(4, x.dtype) + 0 * t
 
+    def in_each_mode(self):
+        """There are no modes."""
+        return (self,)
+
     def no_stages(self, x, frame):
         """There is nothing between two points."""
         del x, frame

@@ -4,31 +4,42 @@ XLA counts sin, cos and tan as cheap and repeats them wherever a fusion uses the
 oscillator that needs two cosines computes more, each as costly as the rest of a stage. So the part of a field
 that depends on time alone is found in its jaxpr, evaluated at all times of the step at once, in vector registers,
 and kept behind a conditional, which XLA does not repeat. A field that needs such functions of the state is evaluated
-behind one itself: each stage enters all later ones (a pendulum with dry friction took two thirds of the time).
+behind one itself: each stage enters all later ones (a pendulum with dry friction took two thirds of the time). And the
+tangent of a step does not repeat what its trial has done: the trial leaves the points where it evaluated the field, and
+what Df takes from them is computed for all at once (the same pendulum: two thirds again).
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from .._jaxprs import divided, part_of
+from .._jaxprs import divided, needed, part_of
+from ..columns import each_column
 from .base import Field
 from .circular import LANES, in_lanes
 
-__all__ = ["at_times"]
+__all__ = ["at_times", "linear_along", "takes_sines"]
 
 REPEATED = {"sin", "cos", "tan"}  # XLA takes them for cheap; it does not repeat exp, log, pow, …
 
 
-def at_times(field: Field, t, x, h, fractions: Iterable[float]) -> dict[float, Callable[[Array], Array]]:
-    """The field at the times t + c h as a function of x, for each of the fractions c."""
+def at_times(field: Field, t, x, h, fractions: Iterable[float], little: bool = False) -> dict[float, Callable]:
+    """The field at the times t + c h as a function of x (n,), for each of the fractions c.
+
+    With `little` to do in a step even the calls for single sines are too much: they are written out (RK4 in the plane:
+    a twentieth of the time). With more stages nothing is gained, and the loop takes a third longer to compile.
+    """
     times = {float(c): t + c * h for c in fractions}
     closed = jax.make_jaxpr(field)(t, x)
     time, point = closed.jaxpr.invars
     early, late, kept = divided(closed, [time])
-    once = _behind_a_conditional if any(_is_repeated(eqn) for eqn in late) else lambda rest: rest
+    dear = any(_is_repeated(eqn) for eqn in late)
+
+    def once(rest):
+        return _behind_a_conditional(_in_line(rest) if little else rest) if dear else rest
+
     if not kept or not any(_is_repeated(eqn) for eqn in early):
         return {c: lambda x, at=at: once(field)(at, x) for c, at in times.items()}
     forcing = part_of(closed, early, [time], kept)
@@ -49,6 +60,44 @@ def at_times(field: Field, t, x, h, fractions: Iterable[float]) -> dict[float, C
     return {c: lambda x, at=at, now=values[c]: rest(at, *now, x) for c, at in times.items()}
 
 
+def linear_along(field: Field, times: Sequence, points: Sequence[Array], h) -> list[Callable[[Array], Array]]:
+    """Frames (n, k) ↦ Df frame at points that are known; what Df takes from all of these is computed at once."""
+    t, x = jnp.asarray(times[0], points[0].dtype), points[0]
+    closed = jax.make_jaxpr(lambda t, x, dx: jax.jvp(lambda x: field(t, x), (x,), (dx,))[1])(t, x, x)
+    time, point, along = closed.jaxpr.invars
+    early, late, kept = divided(closed, [time, point])
+    wanted = needed(closed)
+    early, kept = [eqn for eqn in early if wanted.intersection(eqn.outvars)], [v for v in kept if v in wanted]
+    residuals = part_of(closed, early, [time, point], kept)
+    whole = part_of(closed, late, [time, point, *kept, along], closed.jaxpr.outvars)
+    room = len(times) + -len(times) % LANES
+
+    def present(times, points):
+        more = room - len(times)
+        lanes = jnp.stack([*times, *times[:1] * more]), jnp.stack([*points, *points[:1] * more])
+        return in_lanes(jax.vmap(residuals))(*lanes)
+
+    def nothing(times, points):
+        return [jnp.zeros((room, *v.aval.shape), v.aval.dtype) for v in kept]
+
+    values = jax.lax.cond(h == h, present, nothing, [jnp.asarray(t, x.dtype) for t in times], list(points))
+
+    def linear(t, x, *known):
+        return lambda frame: each_column(lambda dx: whole(t, x, *known, dx)[0], frame)
+
+    return [linear(*at) for at in zip(times, points, *values, strict=False)]
+
+
+def takes_sines(fields: Iterable[Field], t, x) -> bool:
+    """Whether one of the fields needs functions of the state that are dear: its values are then worth keeping."""
+
+    def of_state(field: Field) -> bool:
+        closed = jax.make_jaxpr(field)(t, x)
+        return any(_is_repeated(eqn) for eqn in divided(closed, [closed.jaxpr.invars[0]])[1])
+
+    return any(of_state(field) for field in fields)
+
+
 def _behind_a_conditional(rest: Callable[..., Array]) -> Callable[..., Array]:
     """The function of a time, other things, and last a point; XLA does not know that time is always a number."""
 
@@ -56,6 +105,10 @@ def _behind_a_conditional(rest: Callable[..., Array]) -> Callable[..., Array]:
         return jnp.zeros_like(operands[-1])
 
     return lambda t, *operands: jax.lax.cond(t == t, rest, nothing, t, *operands)
+
+
+def _in_line(rest: Callable[..., Array]) -> Callable[..., Array]:
+    return lambda *operands: in_lanes(lambda *operands: [rest(*operands)])(*operands)[0]
 
 
 def _is_repeated(eqn) -> bool:

@@ -41,6 +41,10 @@ class Iterating:
         """A map remembers nothing."""
         del t, x, mode, h
 
+    def in_each_mode(self):
+        """There are no modes."""
+        return (self,)
+
     def no_stages(self, x, frame):
         """There is nothing between two points."""
         del x, frame

@@ -54,7 +54,7 @@ def land(mover, settings: Settings, clock: Clock, c: Carry, tr: Trial) -> Carry:
     mode = jnp.asarray(0, jnp.int32) if own.mode is None else own.mode
     frame, flux = c.frame, None
     if frame.shape[1]:
-        _, frame, _, flux, _ = mover.carried(c, clock, tr.h, own.mode)
+        _, frame, _, flux, _ = mover.carried(c, clock, tr.h, own.mode, tr.way)
     c = mover.commit(settings, c, c.s + tr.h, tr.h, tr.x, frame, flux)
     ahead = -tr.g / jnp.where(tr.rate == 0, 1e-300, tr.rate)
     lands = _at_root(mover, own, tr, ahead)

@@ -9,9 +9,9 @@ import numpy as np
 
 from ..checks import positive
 from . import tableaux
-from .base import Field, Method, Step
+from .base import Field, Method, Step, Tangent
 from .divergences import trace
-from .forcing import at_times
+from .forcing import at_times, linear_along
 
 __all__ = ["TABLEAUX", "RungeKutta"]
 
@@ -117,15 +117,6 @@ class RungeKutta(Method):
         """The power of h by which the error estimate falls."""
         return TABLEAUX[self.tableau].order
 
-    def _stages(self, at: dict, t, x, f, h):
-        """The slopes k_i, and the points (t_i, X_i) where they are taken, of the field `at` the times of a step."""
-        table = TABLEAUX[self.tableau]
-        slopes, points = [f], [(t, x)]
-        for row, c in zip(table.a, table.c, strict=True):
-            points.append((t + c * h, _along(x, h, row, slopes)))
-            slopes.append(at[float(c)](points[-1][1]))
-        return slopes, points
-
     def kept_stages(self, n: int) -> int:
         """The points of all stages but the first; in the plane they are cheaper to compute again than to keep."""
         return len(TABLEAUX[self.tableau].b) - 1 if n > 2 else 0
@@ -134,24 +125,50 @@ class RungeKutta(Method):
         """Few stages of few components."""
         return n * len(TABLEAUX[self.tableau].b) <= LITTLE
 
+    @property
+    def way_points(self) -> int:
+        """The points of all stages but the first, which is where the step starts."""
+        return len(TABLEAUX[self.tableau].a)
+
     def step(self, field: Field, t, x, f, h) -> Step:
         """One step over h from (t, x), where f = field(t, x)."""
         table = TABLEAUX[self.tableau]
-        at = at_times(field, t, x, h, (*table.c, 1.0))
-        slopes, points = self._stages(at, t, x, f, h)
-        kept = tuple(point for _, point in points[1 : self.kept_stages(x.shape[0]) + 1])
+        at = at_times(field, t, x, h, (*table.c, 1.0), self.does_little(x.shape[0]))
+        points, slopes = _through(table, x, h, f, [at[float(c)] for c in table.c])
+        new, kept = self._end(x, h, points, slopes)
+        slope = slopes[-1] if table.last_is_next else at[1.0](new)
+        error = self._errors(h, slopes) if self.adaptive else x[None, :0]
+        return Step(new, slope, error, (x, f, new, slope, h), self._nodes(t, h, points), kept, points[1:])
+
+    def tangent(self, field: Field, t, x, h, frame, way=()) -> Tangent:
+        """The derivative of the step: the same method, for the linear field dx ↦ Df dx at the points on the way."""
+        if not way:
+            return super().tangent(field, t, x, h, frame)
+        points = x, *way
+        first, *later = linear_along(field, [t, *(t + c * h for c in TABLEAUX[self.tableau].c)], points, h)
+        tangents, slopes = _through(TABLEAUX[self.tableau], frame, h, first(frame), later)
+        moved, kept = self._end(frame, h, tangents, slopes)
+        errors = self._errors(h, slopes) if self.adaptive else frame[None, :0]
+        return Tangent(None, moved, errors, self._nodes(t, h, points), ((), kept))
+
+    def _end(self, x, h, points, slopes):
+        """Where a step ends, and the points that are `kept_stages`; of a frame as well as of a state."""
+        table, kept = TABLEAUX[self.tableau], points[1 : self.kept_stages(x.shape[0]) + 1]
         if table.last_is_next:
-            new, slope = points[-1][1], slopes[-1]
-        else:
-            chain = kept and table.chained
-            new = _from_points(x, h, table, kept, slopes[-1]) if chain else _along(x, h, table.b, slopes)
-            slope = at[1.0](new)
-        error = jnp.stack([h * _weigh(row, slopes) for row in table.errors]) if self.adaptive else x[None, :0]
-        return Step(new, slope, error, (x, f, new, slope, h, points), kept)
+            return points[-1], kept
+        return _from_points(x, h, table, kept, slopes[-1]) if kept and table.chained else _along(
+            x, h, table.b, slopes
+        ), kept
+
+    def _errors(self, h, slopes):
+        return jnp.stack([h * _weigh(row, slopes) for row in TABLEAUX[self.tableau].errors])
+
+    def _nodes(self, t, h, points):
+        return list(zip((t, *(t + c * h for c in TABLEAUX[self.tableau].c)), points, strict=True))
 
     def inside(self, dense, theta):
         """The cubic Hermite interpolant of the step at the fraction theta."""
-        x0, f0, x1, f1, h, _ = dense
+        x0, f0, x1, f1, h = dense
         return hermite(theta, x0, h * f0, x1, h * f1)
 
     def ratio(self, error, scale):
@@ -161,10 +178,9 @@ class RungeKutta(Method):
         fifth, third = (error[0] / scale) ** 2, (error[1] / scale) ** 2
         return jnp.max(fifth / jnp.sqrt(fifth + 0.01 * third + 1e-40))
 
-    def divergence(self, field: Field, dense, h):
+    def divergence(self, field: Field, nodes, h):
         """∫ tr Df dt over the step by the weights b at the stages."""
-        points, b = dense[-1], TABLEAUX[self.tableau].b
-        used = [(float(weight), *point) for weight, point in zip(b, points, strict=True) if weight != 0]
+        used = [(float(b), *node) for b, node in zip(TABLEAUX[self.tableau].b, nodes, strict=True) if b != 0]
         return h * _sum([weight * trace(field, time, point) for weight, time, point in used])
 
 
@@ -172,6 +188,15 @@ def hermite(theta, x0, d0, x1, d1):
     """The cubic with values x0, x1 and slopes d0, d1 (per unit theta) at theta = 0 and 1."""
     other = 1 - theta
     return other**2 * ((1 + 2 * theta) * x0 + theta * d0) + theta**2 * ((3 - 2 * theta) * x1 - other * d1)
+
+
+def _through(table: Tableau, x, h, first, fields):
+    """The points of all stages, and the slopes there: `first` at x, then by the fields of the later stages."""
+    points, slopes = (x,), [first]
+    for row, field in zip(table.a, fields, strict=True):
+        points += (_along(x, h, row, slopes),)
+        slopes.append(field(points[-1]))
+    return points, slopes
 
 
 def _along(x, h, weights, slopes):

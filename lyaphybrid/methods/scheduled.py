@@ -118,6 +118,10 @@ class Scheduled:
         cache = self.system.schedule.init(zero, x.reshape(self.shape), self.args)
         return Own(jax.tree.map(jnp.asarray, cache), zero, jnp.asarray(0, jnp.int32), zero, zero, zero)
 
+    def in_each_mode(self):
+        """There are no modes."""
+        return (self,)
+
     def no_stages(self, x, frame):
         """There is nothing between two points."""
         del x, frame

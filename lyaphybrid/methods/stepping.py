@@ -13,7 +13,6 @@ import jax
 import jax.numpy as jnp
 
 from .._jaxprs import needed
-from ..columns import each_column
 from ..events import EPS, Wiring, arm, by_mode, jets, rates, rounding
 from ..propagation import Carry, Clock, Settings, stop
 from ..statuses import STATUS
@@ -56,6 +55,7 @@ class Stepping:
     terminal: tuple[bool, ...]
     max_cascade: int
     curved: bool  # Df depends on x in some mode
+    dear: bool  # … and the fields take sines of x
     just_fired: int | None = None  # the transition that has brought the state to where it starts
 
     by_rows: ClassVar[bool] = False
@@ -90,6 +90,20 @@ class Stepping:
     def rejects(self) -> bool:
         """Whether a trial can fail."""
         return self.method.adaptive
+
+    @property
+    def revisits(self) -> bool:
+        """Whether a tangent is taken at the points that its trial went through, instead of going there again."""
+        return self.curved and self.dear and not self.always_common and self.method.way_points > 0
+
+    def in_each_mode(self) -> tuple["Stepping", ...]:
+        """The movers of the innermost loop, one for each mode: only events change it, and they come further out.
+
+        No step then asks for the mode. Where lanes go together, on a GPU, the loops would run one after the other.
+        """
+        if self.wiring.modes == 1 or jax.default_backend() != "cpu":
+            return (self,)
+        return tuple(dataclasses.replace(self, wiring=self.wiring.of_mode(q)) for q in range(self.wiring.modes))
 
     def which_shape(self, t, x):
         """What an event log stores as `which`."""
@@ -156,7 +170,8 @@ class Stepping:
     def no_stages(self, x, frame):
         """Room for the stages of a step: its points, where Df depends on them, and their tangents."""
         room = self.method.kept_stages(x.shape[0])
-        return (jnp.zeros_like(x),) * (room if self.curved else 0), (jnp.zeros_like(frame),) * room
+        points = room if self.curved and not self.revisits else 0
+        return (jnp.zeros_like(x),) * points, (jnp.zeros_like(frame),) * room
 
     def rebase(self, own: Stepper, s) -> Stepper:
         """Carry local times over to a block that starts s later."""
@@ -172,7 +187,8 @@ class Stepping:
         tick = None if c.own.ticks is None else jnp.asarray(-1, jnp.int32)
         none = jnp.asarray(NONE, jnp.int32)
         ratio, miss = (h, zeros) if self.rejects else (None, None)
-        return Trial(none, h, c.x, c.own.f, ratio, jnp.asarray(False), zeros, zeros, miss, tick)
+        way = (c.x,) * (self.method.way_points if self.revisits and c.frame.shape[1] else 0)
+        return Trial(none, h, c.x, c.own.f, ratio, jnp.asarray(False), zeros, zeros, miss, tick, way)
 
     def look(self, c: Carry, clock: Clock, aim: Aim | None = None):
         """A trial step of the state, and the case that it makes; a plain fixed-step flow needs none."""
@@ -197,7 +213,8 @@ class Stepping:
             return of_mode
 
         step, ratio, g, rate, slope = by_mode(own.mode, [trial(q) for q in range(w.modes)], t, c.x, own.f, h)
-        tr = Trial(None, h, step.x, step.f, ratio, final, g, rate, None, tick)
+        way = step.way if self.revisits and c.frame.shape[1] else ()
+        tr = Trial(None, h, step.x, step.f, ratio, final, g, rate, None, tick, way)
         return self._judge(c, clock, tr, slope, aim)
 
     def common(self, ahead):
@@ -233,9 +250,7 @@ class Stepping:
             (phase + period * own.ticks[i] - clock.base) - clock.rest - s
             for i, (period, phase) in enumerate(self.clock_times)
         ]
-        armed = self.wiring.armed
-        listening = jnp.asarray(armed[0]) if own.mode is None else jnp.asarray(armed)[own.mode]
-        return jnp.where(listening, jnp.maximum(jnp.stack(times), 0.0), jnp.inf)
+        return jnp.where(table(self, own.mode, self.wiring.armed), jnp.maximum(jnp.stack(times), 0.0), jnp.inf)
 
     def _judge(self, c: Carry, clock: Clock, tr: Trial, slope, aim: Aim | None) -> Trial:
         """The case that a trial makes."""
@@ -266,30 +281,24 @@ class Stepping:
 
     # --- advance ---------------------------------------------------------------------------------------------
 
-    def carried(self, c: Carry, clock: Clock, h, mode):
+    def carried(self, c: Carry, clock: Clock, h, mode, way=()):
         """The step's tangent: the frame at its end, the frame's error ratio, ∫ tr Df over it, its `Carry.stages`."""
         t, w = clock.base + c.s, self.wiring
 
         def tangent(q):
-            def of_mode(t, x, frame, h):
+            def of_mode(t, x, frame, h, way):
                 field = w.fields[q]
-
-                def step(x):
-                    done = self.method.step(field, t, x, field(t, x), h)
-                    return (done.x, done.error, done.stages), done.dense
-
-                (new, _, points), linear, dense = jax.linearize(step, x, has_aux=True)
-                moved, errors, tangents = each_column(linear, frame)
+                new, moved, errors, nodes, (points, tangents) = self.method.tangent(field, t, x, h, frame, way)
                 if self.rejects and self.method.control == "xY":
                     ratio = jax.lax.stop_gradient(self.method.frame_ratio(errors, frame, moved))
                 else:
                     ratio = jnp.zeros_like(h)
-                flux = self.method.divergence(field, dense, h) if c.volume is not None else None
+                flux = self.method.divergence(field, nodes, h) if c.volume is not None else None
                 return new, moved, ratio, flux, (points if self.curved else (), tangents)
 
             return of_mode
 
-        return by_mode(mode, [tangent(q) for q in range(w.modes)], t, c.x, c.frame, h)
+        return by_mode(mode, [tangent(q) for q in range(w.modes)], t, c.x, c.frame, h, way)
 
     def commit(self, settings: Settings, c: Carry, s, h, x, frame, flux) -> Carry:
         """The carry after a step that is kept."""
@@ -303,7 +312,7 @@ class Stepping:
             return self._march(settings, clock, c)
         own, ratio, frame, flux, stages = c.own, tr.ratio, c.frame, None, c.stages
         if frame.shape[1]:
-            _, frame, frame_ratio, flux, stages = self.carried(c, clock, tr.h, own.mode)
+            _, frame, frame_ratio, flux, stages = self.carried(c, clock, tr.h, own.mode, tr.way)
             ratio = jnp.maximum(ratio, frame_ratio) if self.rejects else None
         kept = self.commit(settings, c, jnp.where(tr.final, clock.length, c.s + tr.h), tr.h, tr.x, frame, flux)
         kept = changed(kept, f=tr.f)

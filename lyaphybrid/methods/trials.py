@@ -60,6 +60,7 @@ class Trial(NamedTuple):
     rate: Any = None
     miss: Any = None  # (slots,) by how much the cubic of a guard is off
     tick: Any = None  # the clock that ticks at the end of the step; -1: none
+    way: tuple[Array, ...] = ()  # (n,) each: the points on the way, where the tangent is to be taken at them
 
 
 class Aim(NamedTuple):
@@ -167,7 +168,7 @@ def read_signs(mover, own: Stepper, tr: Trial, aim: Aim) -> Signs:
 
 def table(mover, mode, table: np.ndarray):
     """The row of a table for the present mode."""
-    return jnp.asarray(table[0]) if mode is None else jnp.asarray(table)[mode]
+    return jnp.asarray(table[0]) if len(table) == 1 else jnp.asarray(table)[mode]
 
 
 def next_aim(mover, own: Stepper, tr: Trial, aim: Aim) -> Aim:
