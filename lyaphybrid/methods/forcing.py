@@ -22,6 +22,7 @@ from .circular import LANES, in_lanes
 
 __all__ = ["at_times", "linear_along", "takes_sines"]
 
+FEW, LONG = 4, 30  # components of a small Df; equations in dx that are more work than to multiply by it
 REPEATED = {"sin", "cos", "tan"}  # XLA takes them for cheap; it does not repeat exp, log, pow, …
 
 
@@ -61,9 +62,15 @@ def at_times(field: Field, t, x, h, fractions: Iterable[float], little: bool = F
 
 
 def linear_along(field: Field, times: Sequence, points: Sequence[Array], h) -> list[Callable[[Array], Array]]:
-    """Frames (n, k) ↦ Df frame at points that are known; what Df takes from all of these is computed at once."""
+    """Frames (n, k) ↦ Df frame at points that are known; what Df takes from all of these is computed at once.
+
+    Where what is left would be much (a sliding field: 50 equations in dx), Df itself is computed so: stages enter all
+    later ones, and XLA would write these equations out for each way from one to another.
+    """
     t, x = jnp.asarray(times[0], points[0].dtype), points[0]
     closed = jax.make_jaxpr(lambda t, x, dx: jax.jvp(lambda x: field(t, x), (x,), (dx,))[1])(t, x, x)
+    if x.shape[0] <= FEW and len(divided(closed, closed.jaxpr.invars[:2])[1]) > LONG:
+        closed = jax.make_jaxpr(lambda t, x, dx: jnp.sum(jax.jacfwd(field, 1)(t, x) * dx[None, :], axis=1))(t, x, x)
     time, point, along = closed.jaxpr.invars
     early, late, kept = divided(closed, [time, point])
     wanted = needed(closed)

@@ -10,7 +10,7 @@ import numpy as np
 from ..checks import positive
 from . import tableaux
 from .base import Field, Method, Step, Tangent
-from .divergences import trace
+from .divergences import quadrature
 from .forcing import at_times, linear_along
 
 __all__ = ["TABLEAUX", "RungeKutta"]
@@ -180,8 +180,7 @@ class RungeKutta(Method):
 
     def divergence(self, field: Field, nodes, h):
         """∫ tr Df dt over the step by the weights b at the stages."""
-        used = [(float(b), *node) for b, node in zip(TABLEAUX[self.tableau].b, nodes, strict=True) if b != 0]
-        return h * _sum([weight * trace(field, time, point) for weight, time, point in used])
+        return h * quadrature(field, TABLEAUX[self.tableau].b, *zip(*nodes, strict=True))
 
 
 def hermite(theta, x0, d0, x1, d1):
