@@ -178,11 +178,12 @@ def jets(guards, field, t, x):
     return g, rate, second
 
 
-def arm(g, rate, second, blur, h, t, fired) -> tuple[Any, Any, Any]:
-    """The side (slots,) where each guard stands or is about to, the guards with zeros made exact, and which are flat.
+def arm(g, rate, second, blur, h, t, fired) -> tuple[Any, Any, Any, Any]:
+    """The side (slots,) where each guard stands or is about to, guards and rates with zeros made exact, which are flat.
 
     A guard that is zero up to rounding takes its side from its rate, and where that is zero too from its
-    second derivative: the exit from a stick has v = v̇ = 0.
+    second derivative: the exit from a stick has v = v̇ = 0. A rate that is rounding must not be kept: late, when an
+    instant is blurred, it would show a guard that first turns back through zero.
 
     Args:
         g: the guards.
@@ -198,7 +199,7 @@ def arm(g, rate, second, blur, h, t, fired) -> tuple[Any, Any, Any]:
     zero = jnp.abs(g) <= loose * jnp.maximum(jnp.abs(rate) * h, curve) + blur
     flat = zero & (jnp.abs(rate) * h <= 1e-8 * curve + BLUR * jnp.abs(t * second) * h)
     side = jnp.where(flat, jnp.sign(second), jnp.where(zero, jnp.sign(rate), jnp.sign(g)))
-    return side, jnp.where(zero, 0.0, g), flat
+    return side, jnp.where(zero, 0.0, g), jnp.where(flat, 0.0, rate), flat
 
 
 def cubic(theta, g0, d0, g1, d1):

@@ -111,3 +111,17 @@ def test_the_saltation_matrix_grows_like_one_over_the_velocity(velocity):
     after = np.cos(omega * t) + 2 * zeta * r * velocity
     exact = np.array([[-r, 0.0], [(after + r * before) / velocity, -r]])
     np.testing.assert_allclose(found, exact, rtol=1e-12, atol=1e-13)
+
+
+def test_late_in_a_run_a_stick_ends_once():
+    """The instant is blurred by 6e-11, and the force at it: the motion must not be thrown to and fro between modes."""
+    problem = zoo.friction_pendulum()
+    theta, breaks_away = 656.1150770428819, 450600.46537728485
+    for before in (1e-3, 3e-3, 1e-2, 2e-2):
+        start = np.array([theta, 0.0])
+        run = lh.trajectory(
+            problem.system, start, problem.args, t0=breaks_away - before, t1=0.5, n=5, mode="sliding", throw=False
+        )
+        assert run.status == lh.STATUS.ok
+        assert len(run.events) == 1
+        assert abs(float(run.events.t[0]) - breaks_away) < 2e-9

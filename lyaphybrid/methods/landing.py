@@ -203,7 +203,7 @@ def _cascade(mover, t, h, landing: "Landing") -> "Landing":
         mode = jax.lax.switch(state.transition, w.targets, state.mode, t, state.x, state.which)
         f, g, rate, second, blur = by_mode(mode, [_arrival(w, q) for q in range(w.modes)], t, x)
         fired = (jnp.arange(w.slots, dtype=jnp.int32) == state.slot) & (mode == state.mode)
-        side, g, flat = arm(g, rate, second, blur, h, t, fired)
+        side, g, rate, flat = arm(g, rate, second, blur, h, t, fired)
         entry = Events(None, t, state.transition, state.which, state.mode, mode, state.x, x)
         terminal = state.terminal | jnp.asarray(mover.terminal)[state.transition]
         # A guard on its fired side fires now; the one that has just fired is exempt in its own mode.

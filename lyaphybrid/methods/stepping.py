@@ -140,7 +140,7 @@ class Stepping:
         fired = jnp.zeros(w.slots, bool)
         if self.just_fired is not None:
             fired = table(self, state.mode, w.transition == self.just_fired)
-        side, g, _ = arm(g, rate, second, blur, h, t, fired)
+        side, g, rate, _ = arm(g, rate, second, blur, h, t, fired)
         # On a guard and about to go through it: it has not fired yet, and does so at once.
         side = jnp.where(table(self, state.mode, w.directed) & (g == 0) & (side < 0) & ~fired, 1.0, side)
         ticks = [jnp.floor((t - phase) / period + 1e-9) + 1 for period, phase in self.clock_times]

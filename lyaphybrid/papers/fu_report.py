@@ -1,0 +1,245 @@
+"""The table and the numbers of the reproduction of Fu, Wang & Wang."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..results import with_error
+from . import transfer_matrices
+
+if TYPE_CHECKING:
+    from . import fu
+
+__all__ = ["numbers", "table"]
+
+HEADS = ("paper", "exact", "ours", "its scheme, Euler", "its scheme, RK4", "two trajectories")
+WIDTHS = (9, 15, 18, 19, 17, 18)
+DIGITS = 6
+
+
+def _signed(text: str) -> str:
+    return text.replace("-inf", "−∞").replace("-", "−")
+
+
+def _of_cycle(value: float) -> str:
+    return _signed("-inf" if np.isneginf(value) else f"{value:.6f}")
+
+
+def _rows(found: "fu.Found") -> list[list[str]]:
+    """The zero first, then the two exponents of (θ, θ')."""
+    from . import fu
+
+    exact, s, two = fu._exact(found.case), found.spectrum, found.two
+    schemes = []
+    for run in found.schemes.values():
+        order = np.argsort(np.abs(run.exponents))
+        # The smallest in modulus is that of z = t: nothing is coupled to it.
+        rest = [i for i in range(3) if i != order[0]]
+        errors = run.stderr if not found.case.cycle else np.zeros(3)
+        schemes.append([_zero(float(run.exponents[order[0]]))] + [_scheme(run.exponents[i], errors[i]) for i in rest])
+    ours = [
+        _of_cycle(float(value)) if found.case.cycle else _signed(with_error(float(value), float(error)))
+        for value, error in zip(s.exponents, s.stderr, strict=True)
+    ]
+    values = [_number(v, e, found.case.cycle) for v, e in zip(exact.exponents, exact.stderr, strict=True)]
+    apart = _signed(with_error(float(two.exponent), float(two.stderr)))
+    columns = [
+        ["0", *values],
+        [_zero(found.zero), *ours],
+        schemes[0],
+        schemes[1],
+        ["", apart if not found.case.cycle else _of_cycle(float(two.exponent)), ""],
+    ]
+    return [[found.case.says[i], *(column[i] for column in columns)] for i in range(3)]
+
+
+def _zero(value: float) -> str:
+    return "0" if abs(value) < 1e-12 else _signed(f"{value:.0e}")
+
+
+def _scheme(value: float, error: float) -> str:
+    return _signed(with_error(value, error) if error > 0 else f"{value:.5f}")
+
+
+def _number(value: float, error: float, cycle: bool) -> str:
+    if np.isneginf(value):
+        return "−∞"
+    return _signed(f"{value:.12f}" if cycle else with_error(value, error))
+
+
+def table(r: "fu.Reproduction") -> str:
+    """The result as a table."""
+    from . import fu
+
+    lines = [
+        "Fu, Wang & Wang: θ'' + βθ' + 0.87 sin θ + α Sgn(θ') ∋ 0.586 sin 0.666 t, exponents per unit of time",
+        "the paper tells signs only; in brackets one standard error in units of the last digits",
+        "",
+        "        " + " ".join(f"{head:>{width}s}" for head, width in zip(HEADS, WIDTHS, strict=True)),
+    ]
+    for found in r.found:
+        lines += [
+            "",
+            f"Fig. {found.case.figure}  β = {found.case.beta:g}, α = {found.case.alpha:g}: {found.case.motion}",
+        ]
+        for name, row in zip(("z = t", "λ1", "λ2"), _rows(found), strict=True):
+            lines.append(f"  {name:<6s}" + " ".join(f"{cell:>{w}s}" for cell, w in zip(row, WIDTHS, strict=True)))
+        lines += _remarks(found)
+    lines += ["", *_about_the_scheme(r), "", *_about_the_diagram(r.diagram)]
+    failed = [name for name, holds in r.checks.items() if not holds]
+    verdict = f"FAILED: {'; '.join(failed)}" if failed else f"passed: all {len(r.checks)} checks hold"
+    return "\n".join([*lines, "", verdict, f"(one period is 2π/ω = {fu.PERIOD:.6f})"])
+
+
+def _remarks(found: "fu.Found") -> list[str]:
+    from . import fu
+
+    s, orbit = found.spectrum, found.orbit
+    periods = float(np.mean(np.asarray(s.time))) / fu.PERIOD
+    if orbit is not None:
+        values = ", ".join(_number(float(v), 0.0, True) for v in orbit.exponents)
+        point = ", ".join(f"{float(v):.12f}" for v in orbit.x0)
+        return [
+            f"  multipliers of the cycle: λ = {values}; at t = 0 (θ, θ') = ({_signed(point)})",
+            f"  {found.losses:.4g} directions lost a period, in {periods:.0f} periods",
+        ]
+    counted, finite = found.losses * periods, float(s.finite_exponents[1])
+    rate, error = found.losses, found.losses / max(counted, 1.0) ** 0.5
+    return [
+        f"  λ2 without the moments of loss {_signed(with_error(finite, fu._finite_error(s)))}, reference "
+        f"{_signed(with_error(fu.FINITE_PART, fu.FINITE_PART_ERROR))}; {counted:.0f} directions lost in {periods:.0f} "
+        "periods,",
+        f"  {rate:.2e} ± {error:.1e} a period, reference {fu.STICKS:.2e} ± {fu.STICKS_ERROR:.1e}".replace("e-0", "e−"),
+    ]
+
+
+def _about_the_scheme(r: "fu.Reproduction") -> list[str]:
+    from . import fu
+
+    rk4 = r.found[1].schemes["rk4"].exponents
+    kept = transfer_matrices.fourth_order(-1.0)
+    return [
+        f"The paper's scheme, {fu.STEPS} steps a period. RK4 keeps P₄(−1) = {kept:g} of what a stick destroys, at any "
+        "step: in Fig. 2 the",
+        f"two exponents then have the sum {_signed(f'{fu.sum_of_the_scheme():.5f}')} as Δt → 0, here "
+        f"{_signed(f'{rk4[1] + rk4[2]:.5f}')}; the truth is −∞. Euler destroys it; its λ2 is the rounding that",
+        "Gram–Schmidt finds in the third vector, and its λ1 is off by its step.",
+    ]
+
+
+def _about_the_diagram(diagram) -> list[str]:
+    several = [float(v) for v, kind in zip(diagram.values, outcomes(diagram), strict=True) if kind == "coexisting"]
+    beside = [float(v) for v, kind in zip(diagram.values, outcomes(diagram), strict=True) if kind == "beside chaos"]
+    count = f"{len(diagram.values)} values of β in [0, 0.3], {len(diagram.kinds)} runs each"
+    return [
+        f"Fig. 4: {count}; several cycles at β = {_ranges(several, diagram)};",
+        f"chaos in some runs and a cycle in others (which coexist, or the chaos is transient) at β = "
+        f"{_ranges(beside, diagram)}",
+    ]
+
+
+def outcomes(diagram) -> list[str]:
+    """For each value "one", "coexisting" (several cycles) or "beside chaos" (a cycle in some runs, chaos in others)."""
+    kinds = []
+    for row in diagram.labels:
+        cycles = {label for label in row if label.startswith("P")}
+        kinds.append("beside chaos" if cycles and "chaos" in row else "coexisting" if len(cycles) > 1 else "one")
+    return kinds
+
+
+def _ranges(values, diagram) -> str:
+    """0.1, 0.14–0.16: neighbours in the grid together."""
+    step, groups = 1.5 * (diagram.values[1] - diagram.values[0]), []
+    for value in values:
+        if groups and value - groups[-1][-1] < step:
+            groups[-1].append(value)
+        else:
+            groups.append([value])
+    names = [f"{g[0]:g}" if len(g) == 1 else f"{g[0]:g}–{g[-1]:g}" for g in groups]
+    return ", ".join(names) or "none"
+
+
+def numbers(r: "fu.Reproduction") -> dict[str, Any]:
+    """All numbers, ready for JSON: −∞ is "-inf", what is not a number is null."""
+    from . import fu
+
+    return {
+        "paper": "Fu Shihui, Wang Qi & Wang Shimin, Numerical calculation of Lyapunov exponents of discontinuous "
+        "systems with dry friction, Journal of Dynamics and Control 2 (2004)",
+        "period": fu.PERIOD,
+        "figures": [_figure(found) for found in r.found],
+        "scheme": {
+            "steps_a_period": fu.STEPS,
+            "sum_in_fig_2": float(np.sum(r.found[1].schemes["rk4"].exponents[1:])),
+            "predicted": fu.sum_of_the_scheme(),
+        },
+        "figure_4": _diagram(r.diagram),
+        "bifurcations": [{"beta": beta, "what": what} for beta, what in fu.BIFURCATIONS],
+        "checks": {name: bool(holds) for name, holds in r.checks.items()},
+        "passed": bool(r.passed),
+    }
+
+
+def _figure(found: "fu.Found") -> dict[str, Any]:
+    from . import fu
+
+    case, s, exact, orbit = found.case, found.spectrum, fu._exact(found.case), found.orbit
+    return {
+        "figure": case.figure,
+        "beta": case.beta,
+        "alpha": case.alpha,
+        "paper": list(case.says),
+        "exact": {"exponents": _plain(exact.exponents), "stderr": _plain(exact.stderr), "source": exact.source},
+        "ours": {
+            "time": float(np.mean(np.asarray(s.time))),
+            "status": str(s.status),
+            "exponents": _plain(s.exponents),
+            "stderr": _plain(s.stderr),
+            "finite_exponents": _plain(s.finite_exponents),
+            "losses_a_period": found.losses,
+        },
+        "three_exponents": {
+            "exponents": _plain(found.autonomous.exponents),
+            "time": _plain(found.autonomous.history.time),
+            "running": _plain(found.autonomous.history.exponents),
+        },
+        "cycle": None
+        if orbit is None
+        else {
+            "x0": _plain(orbit.x0),
+            "multipliers": [[float(m.real), float(m.imag)] for m in np.asarray(orbit.multipliers)],
+            "exponents": _plain(orbit.exponents),
+        },
+        "two_trajectories": {"exponent": float(found.two.exponent), "stderr": float(found.two.stderr)},
+        "scheme": {
+            name: {"exponents": _plain(run.exponents), "stderr": _plain(run.stderr), "periods": len(run.growth)}
+            for name, run in found.schemes.items()
+        },
+        "poincare": _plain(np.round(np.asarray(found.section.x), DIGITS)),
+    }
+
+
+def _diagram(diagram) -> dict[str, Any]:
+    lifetimes, errors = diagram.mean_lifetimes()
+    return {
+        "beta": _plain(diagram.values),
+        "kinds": list(diagram.kinds),
+        "labels": diagram.labels.tolist(),
+        "outcomes": outcomes(diagram),
+        "exponents": _plain(diagram.exponents),
+        "stderr": _plain(diagram.stderr),
+        "finite_exponents": _plain(diagram.finite_exponents),
+        "losses": _plain(diagram.losses),
+        "mean_lifetimes": {"periods": _plain(lifetimes), "stderr": _plain(errors)},
+        "theta": _plain(np.round(diagram.points[..., 0], DIGITS - 1)),
+    }
+
+
+def _plain(values) -> Any:
+    """Nested lists that JSON can hold."""
+    if isinstance(values, list | tuple) or np.ndim(values):
+        return [_plain(value) for value in np.asarray(values).tolist()]
+    value = float(values)
+    if np.isfinite(value):
+        return value
+    return None if np.isnan(value) else "-inf" if value < 0 else "inf"

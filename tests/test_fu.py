@@ -1,0 +1,204 @@
+"""Fu, Wang & Wang: equations (5) to (10), the scheme that is wrong at every stick, and Figs. 1 to 4."""
+
+import csv
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import lyaphybrid as lh
+import references
+from lyaphybrid import zoo
+from lyaphybrid.__main__ import main
+from lyaphybrid.papers import fu, fu_report
+from lyaphybrid.papers import transfer_matrices as tm
+
+PLUS, MINUS, STICK = range(3)  # in `tm.FIELDS`
+MODES = ("plus", "minus", "sliding")  # the same in the zoo
+STEPS = (1e-1, 1e-3, 1e-6)
+
+
+def pendulum(alpha):
+    problem = zoo.friction_pendulum(beta=0.052, alpha=alpha, form="autonomous")
+    return problem.system, {name: jnp.asarray(value, float) for name, value in problem.args.items()}
+
+
+def force(x, args):
+    return float(args["amplitude"] * jnp.sin(args["omega"] * x[2]) - args["gravity"] * jnp.sin(x[0]))
+
+
+def at_force(wanted, args, z=1.0):
+    """A state at rest where A sin ωz − λ sin θ has this value."""
+    theta = np.arcsin((float(args["amplitude"]) * np.sin(float(args["omega"]) * z) - wanted) / float(args["gravity"]))
+    return jnp.array([theta, 0.0, z])
+
+
+def crossing(name):
+    """(fields before and after, guard, state, args), and the modes, of the three kinds of transition."""
+    _, args = pendulum(0.5)
+    if name == "slip to stick":  # t₁ of the paper
+        return (PLUS, STICK), tm.GUARDS[0], at_force(0.2, args), args
+    if name == "stick to slip":  # t₂
+        return (STICK, PLUS), tm.GUARDS[1], at_force(0.5, args), args
+    return (PLUS, MINUS), tm.GUARDS[0], at_force(-0.3, args), args | {"alpha": jnp.asarray(0.1)}
+
+
+NAMES = ("slip to stick", "stick to slip", "slip to slip")
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("dt", STEPS)
+def test_an_euler_step_of_the_transfer_matrix_is_s_after_a_step_of_the_old_field(name, dt):
+    """Equations (5) to (10)."""
+    (before, after), guard, x, args = crossing(name)
+    before, after = tm.FIELDS[before], tm.FIELDS[after]
+    matrix = tm.transfer_matrix(before, after, guard, x, args, dt)
+    s, old = tm.saltation(before, after, guard, x, args), jnp.eye(3) + dt * jax.jacfwd(before)(x, args)
+    np.testing.assert_allclose(tm.step_matrix(matrix, dt, "euler"), s @ old, rtol=0, atol=1e-14)
+
+
+def test_the_two_transfer_matrices_that_are_printed():
+    dt = 1e-3
+    for name, jac, one_and_jac in (
+        ("slip to stick", np.diag([0.0, -1.0, 0.0]), np.diag([1.0, 0.0, 1.0])),
+        ("stick to slip", np.zeros((3, 3)), np.eye(3)),
+    ):
+        (before, after), guard, x, args = crossing(name)
+        found = tm.transfer_matrix(tm.FIELDS[before], tm.FIELDS[after], guard, x, args, dt)
+        printed = jac / dt + one_and_jac @ np.asarray(jax.jacfwd(tm.FIELDS[before])(x, args))
+        np.testing.assert_allclose(found, printed, rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_saltation_of_the_paper_is_that_of_the_package(name):
+    modes, guard, x, args = crossing(name)
+    system, _ = pendulum(0.5)
+    event = {"transition": modes[0], "which": 0 if name == "stick to slip" else None}
+    before, after = (tm.FIELDS[mode] for mode in modes)
+    theirs = tm.saltation(before, after, guard, x, args)
+    ours = lh.saltation_matrix(system, 0.0, x, args, mode=MODES[modes[0]], **event)
+    f, r = force(x, args), 0.0
+    if name == "slip to slip":
+        r = (f + 0.1) / (f - 0.1)
+        assert 0 < r < 1
+    expected = np.eye(3) if name == "stick to slip" else np.diag([1.0, r, 1.0])
+    np.testing.assert_allclose(theirs, expected, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(ours, expected, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("dt", STEPS)
+@pytest.mark.parametrize(("r", "kept"), [(0.0, 0.375), (0.5, 0.607), (1.0, 1.0)])
+def test_rk4_applies_a_polynomial_instead_of_r(r, kept, dt):
+    matrix = jnp.diag(jnp.array([0.0, r - 1, 0.0])) / dt
+    found = float(tm.step_matrix(matrix, dt, "rk4")[1, 1])
+    assert abs(found - tm.fourth_order(r - 1)) < 1e-14
+    assert abs(found - kept) < 1e-3
+    assert abs(float(tm.step_matrix(matrix, dt, "euler")[1, 1]) - r) < 1e-14
+
+
+def test_step_matrix_is_a_step_of_each_method():
+    def rates(x, u):
+        return x * 0, J @ u
+
+    J = jnp.array([[0.3, -1.0], [2.0, 0.1]])
+    for method in tm.METHODS:
+        _, u = tm._integrated(rates, jnp.zeros(2), jnp.eye(2), 0.1, method)
+        np.testing.assert_allclose(u, tm.step_matrix(J, 0.1, method), rtol=0, atol=1e-15)
+
+
+@pytest.fixture(scope="module")
+def schemes():
+    _, args = pendulum(0.5)
+    start = zoo.friction_pendulum(beta=0.052, alpha=0.5, form="autonomous").x0
+    cases = [("rk4", 500), ("rk4", 1000), ("euler", 1000)]
+    return {case: tm.run(start, args, method=case[0], steps=case[1], periods=128, transient=20) for case in cases}
+
+
+def test_the_scheme_sticks_twice_a_period(schemes):
+    assert all(run.sticks == 2 * 128 and run.crossings == 0 for run in schemes.values())
+
+
+@pytest.mark.parametrize("steps", [500, 1000])
+def test_rk4_keeps_what_a_stick_destroys_at_any_step(schemes, steps):
+    exponents = schemes["rk4", steps].exponents
+    assert abs(exponents[0]) < 1e-12
+    assert np.all(np.isfinite(exponents))
+    assert abs(exponents[1] + exponents[2] - fu.sum_of_the_scheme()) < 3e-4
+    assert abs(exponents[1] + 0.028474432538) > 0.02  # the finite one is wrong too
+
+
+def test_euler_finds_the_finite_exponent_up_to_its_step(schemes):
+    assert 5e-4 < abs(schemes["euler", 1000].exponents[1] + 0.028474432538) < 3e-3
+
+
+def test_the_scheme_knows_its_methods():
+    with pytest.raises(ValueError, match="euler"):
+        tm.run(jnp.zeros(3), {}, method="rk5", steps=10, periods=1)
+
+
+def test_the_parameters_and_bifurcations_are_those_of_the_reference():
+    nonsmooth = json.loads((references.DATA / "nonsmooth.json").read_text())
+    listed = {round(entry["beta"], 9) for entry in nonsmooth["bifurcations_alpha001"]}
+    assert {round(beta, 9) for beta, _ in fu.BIFURCATIONS} == listed
+    entries = {entry["id"]: entry for entry in nonsmooth["entries"]}
+    for case in fu.CASES:
+        parameters = entries[f"fu_fig{case.figure}"]["params"]
+        assert (case.beta, case.alpha) == (parameters["beta"], parameters["alpha"])
+    chaos = entries["fu_fig3"]
+    assert (fu.FINITE_PART, fu.STICKS) == (chaos["lambda2_finite_part"], chaos["sticks_per_period"])
+    with (references.DATA / "friction_beta_sweep.csv").open() as file:
+        rows = {float(row["beta"]): row for row in csv.DictReader(file)}
+    for beta, (label, exponent) in fu.SWEEP.items():
+        assert rows[beta]["class_majority"] == label
+        assert abs(float(rows[beta]["lambda_max_majority"]) - exponent) < 1e-9
+
+
+def test_cycles_are_those_of_the_reference():
+    """The multipliers that the table shows, by the same call."""
+    for case in fu.CASES[:2]:
+        orbit = lh.floquet(*fu._problem(case), period=fu.PERIOD)
+        exact = np.array(fu._exact(case).exponents)
+        assert fu._near(np.asarray(orbit.exponents), exact, 1e-9)
+        assert not fu._near(np.asarray(orbit.exponents) + 1e-8, exact, 1e-9)
+        assert np.max(np.abs(orbit.x0 - fu._problem(case)[1])) < 1e-9
+
+
+def test_near_asks_for_minus_infinity_where_it_is():
+    exact = np.array([-0.1, -np.inf])
+    assert fu._near(np.array([-0.1, -np.inf]), exact, 1e-9)
+    assert not fu._near(np.array([-0.1, -30.0]), exact, 1e-9)
+    assert not fu._near(np.array([-np.inf, -np.inf]), exact, 1e-9)
+
+
+class Diagram:
+    """As much of a diagram as the report asks for."""
+
+    values = np.array([0.0, 0.1, 0.2, 0.3])
+    labels = np.array([["chaos", "P3w0"], ["P1w0", "P1w0"], ["P1w0", "P2w1"], ["P2w1", "P1w0"]], object)
+
+
+def test_outcomes_of_a_diagram():
+    assert fu_report.outcomes(Diagram) == ["beside chaos", "one", "coexisting", "coexisting"]
+    assert fu_report._ranges([0.2, 0.3], Diagram) == "0.2–0.3"
+    assert fu_report._ranges([0.0, 0.3], Diagram) == "0, 0.3"
+    assert fu_report._ranges([], Diagram) == "none"
+
+
+def test_what_json_cannot_hold_is_named():
+    assert fu_report._plain([1.0, -np.inf, np.nan]) == [1.0, "-inf", None]
+
+
+@pytest.mark.slow
+def test_the_figures_by_the_command_line(tmp_path, capsys):
+    assert main(["papers", "fu", "--quick", "--out", str(tmp_path)]) == 0
+    out = capsys.readouterr().out
+    assert "passed: all" in out
+    names = [f"fu-{number}.{kind}" for number in (1, 2, 3, 4) for kind in ("png", "pdf")]
+    assert sorted(file.name for file in tmp_path.iterdir()) == sorted([*names, "fu.json"])
+    data = json.loads((tmp_path / "fu.json").read_text())
+    assert data["passed"]
+    assert all(data["checks"].values())
+    assert data["figures"][1]["ours"]["exponents"][1] == "-inf"
+    assert abs(data["figures"][0]["cycle"]["exponents"][0] + 0.152604511216) < 1e-9
