@@ -177,10 +177,14 @@ class Diagram:
 
     values = np.array([0.0, 0.1, 0.2, 0.3])
     labels = np.array([["chaos", "P3w0"], ["P1w0", "P1w0"], ["P1w0", "P2w1"], ["P2w1", "P1w0"]], object)
+    lifetimes = np.array([[np.nan, 3.0], [0.0, 1.0], [5.0, 0.0], [2.0, 300.0]])
 
 
 def test_outcomes_of_a_diagram():
     assert fu_report.outcomes(Diagram) == ["beside chaos", "one", "coexisting", "coexisting"]
+    late = Diagram()
+    late.lifetimes = Diagram.lifetimes + 200
+    assert fu_report.outcomes(late)[0] == "transient"
     assert fu_report._ranges([0.2, 0.3], Diagram) == "0.2–0.3"
     assert fu_report._ranges([0.0, 0.3], Diagram) == "0, 0.3"
     assert fu_report._ranges([], Diagram) == "none"
@@ -188,6 +192,20 @@ def test_outcomes_of_a_diagram():
 
 def test_what_json_cannot_hold_is_named():
     assert fu_report._plain([1.0, -np.inf, np.nan]) == [1.0, "-inf", None]
+
+
+@pytest.mark.parametrize("passed", [True, False])
+def test_the_command_line_finds_the_paper(passed, tmp_path, capsys, monkeypatch):
+    class Stub(str):
+        def __init__(self, _):
+            self.passed = passed
+
+    asked = {}
+    monkeypatch.setattr(fu, "reproduce", lambda **keywords: asked.update(keywords) or Stub("the table"))
+    monkeypatch.setattr(fu, "write", lambda result, out: [out / "fu.json"])
+    assert main(["papers", "fu", "--quick", "--out", str(tmp_path)]) == (0 if passed else 1)
+    assert asked == {"quick": True}
+    assert capsys.readouterr().out.splitlines() == ["the table", f"wrote {tmp_path / 'fu.json'}"]
 
 
 @pytest.mark.slow

@@ -370,5 +370,5 @@ def write(result: Reproduction, folder: Path) -> list[Path]:
         figure.savefig(files[-2], dpi=150)
         figure.savefig(files[-1])
     files.append(folder / "fu.json")
-    files[-1].write_text(json.dumps(result.data(), indent=1, allow_nan=False) + "\n")
+    files[-1].write_text(json.dumps(result.data(), allow_nan=False) + "\n")
     return files

@@ -13,7 +13,11 @@ if TYPE_CHECKING:
 __all__ = ["bifurcations", "motion"]
 
 WINDOW = 12  # periods of velocity that are shown
-OUTCOMES = {"coexisting": (COLOURS[2], "several cycles"), "beside chaos": (COLOURS[4], "cycles and chaos")}
+BANDS = {
+    "coexisting": (COLOURS[2], "several cycles"),
+    "beside chaos": (COLOURS[4], "cycles and chaos"),
+    "transient": (COLOURS[3], "chaos that ended"),
+}
 
 
 def motion(found: "fu.Found"):
@@ -85,8 +89,6 @@ def _section(found, ax) -> None:
         loop = np.asarray(found.motion.x)[-len(np.asarray(found.motion.t)) // WINDOW :]
         ax.plot(loop[:, 0], loop[:, 1], color="0.7", linewidth=1.0, label="the cycle")
         ax.plot(theta[-1:], x[-1:, 1], "o", color=COLOURS[0], markersize=6)
-        text = f"({theta[-1]:.6f}, {x[-1, 1]:.6f})".replace("-", "−")
-        ax.annotate(text, (theta[-1], x[-1, 1]), xytext=(12, 8), textcoords="offset points", fontsize="small")
     else:
         ax.plot(theta, x[:, 1], linestyle="none", marker=".", markersize=2, mew=0, color=COLOURS[0], rasterized=True)
     ax.set_xlim(-np.pi, np.pi)
@@ -95,7 +97,8 @@ def _section(found, ax) -> None:
         ax.legend(frameon=False, loc="upper right", fontsize="small")
     ax.set_xlabel("θ mod 2π")
     ax.set_ylabel("velocity θ'")
-    ax.set_title("Poincaré map, t = 0 mod 2π/ω", fontsize="small", loc="left")
+    point = f": ({theta[-1]:.6f}, {x[-1, 1]:.6f})".replace("-", "−") if found.case.cycle else ""
+    ax.set_title("Poincaré map, t = 0 mod 2π/ω" + point, fontsize="small", loc="left")
 
 
 def bifurcations(diagram):
@@ -121,7 +124,7 @@ def bifurcations(diagram):
     if legend is not None:
         legend.remove()
     bands, names = strip.get_legend_handles_labels()
-    options = {"loc": "outside lower center", "ncols": 5, "frameon": False, "fontsize": "small", "markerscale": 3}
+    options = {"loc": "outside lower center", "ncols": 6, "frameon": False, "fontsize": "small", "markerscale": 3}
     figure.legend([*handles, *bands], [*labels, *names], **options)
     upper.set_ylabel("θ at t = 0 mod 2π/ω")
     upper.tick_params(labelbottom=False)
@@ -154,7 +157,7 @@ def _names(ax, bifurcations) -> None:
 def _strip(ax, diagram) -> None:
     """A band that tells where not all runs ended on the same."""
     found, half = outcomes(diagram), 0.5 * (diagram.values[1] - diagram.values[0])
-    for name, (colour, label) in OUTCOMES.items():
+    for name, (colour, label) in BANDS.items():
         for beta in diagram.values[[kind == name for kind in found]]:
             ax.axvspan(beta - half, beta + half, color=colour, linewidth=0, label=label)
             label = None

@@ -1,5 +1,6 @@
 """The table and the numbers of the reproduction of Fu, Wang & Wang."""
 
+import textwrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,11 +11,12 @@ from . import transfer_matrices
 if TYPE_CHECKING:
     from . import fu
 
-__all__ = ["numbers", "table"]
+__all__ = ["OUTCOMES", "numbers", "outcomes", "table"]
 
 HEADS = ("paper", "exact", "ours", "its scheme, Euler", "its scheme, RK4", "two trajectories")
 WIDTHS = (9, 15, 18, 19, 17, 18)
 DIGITS = 6
+LATE = 100  # periods: more than a motion near a cycle needs to settle, mostly
 
 
 def _signed(text: str) -> str:
@@ -88,7 +90,7 @@ def table(r: "fu.Reproduction") -> str:
     lines += ["", *_about_the_scheme(r), "", *_about_the_diagram(r.diagram)]
     failed = [name for name, holds in r.checks.items() if not holds]
     verdict = f"FAILED: {'; '.join(failed)}" if failed else f"passed: all {len(r.checks)} checks hold"
-    return "\n".join([*lines, "", verdict, f"(one period is 2π/ω = {fu.PERIOD:.6f})"])
+    return "\n".join([*(line.rstrip() for line in lines), "", verdict, f"(one period is 2π/ω = {fu.PERIOD:.6f})"])
 
 
 def _remarks(found: "fu.Found") -> list[str]:
@@ -128,22 +130,31 @@ def _about_the_scheme(r: "fu.Reproduction") -> list[str]:
 
 
 def _about_the_diagram(diagram) -> list[str]:
-    several = [float(v) for v, kind in zip(diagram.values, outcomes(diagram), strict=True) if kind == "coexisting"]
-    beside = [float(v) for v, kind in zip(diagram.values, outcomes(diagram), strict=True) if kind == "beside chaos"]
-    count = f"{len(diagram.values)} values of β in [0, 0.3], {len(diagram.kinds)} runs each"
-    return [
-        f"Fig. 4: {count}; several cycles at β = {_ranges(several, diagram)};",
-        f"chaos in some runs and a cycle in others (which coexist, or the chaos is transient) at β = "
-        f"{_ranges(beside, diagram)}",
-    ]
+    kinds = np.array(outcomes(diagram))
+    found = {kind: _ranges([float(v) for v in diagram.values[kinds == kind]], diagram) for kind in OUTCOMES}
+    return textwrap.wrap(
+        f"Fig. 4: {len(diagram.values)} values of β in [0, 0.3], {len(diagram.kinds)} runs each. "
+        + " ".join(f"{OUTCOMES[kind].capitalize()}: β = {where}." for kind, where in found.items()),
+        118,
+    )
+
+
+OUTCOMES = {
+    "coexisting": "several cycles",
+    "beside chaos": "cycles in some runs, chaos in others",
+    "transient": f"the same, and runs left chaos for a cycle after more than {LATE} periods",
+}
 
 
 def outcomes(diagram) -> list[str]:
-    """For each value "one", "coexisting" (several cycles) or "beside chaos" (a cycle in some runs, chaos in others)."""
+    """For each value "one", or one of `OUTCOMES`."""
     kinds = []
-    for row in diagram.labels:
-        cycles = {label for label in row if label.startswith("P")}
-        kinds.append("beside chaos" if cycles and "chaos" in row else "coexisting" if len(cycles) > 1 else "one")
+    for row, lifetimes in zip(diagram.labels, diagram.lifetimes, strict=True):
+        periodic = np.array([label.startswith("P") for label in row])
+        if "chaos" in row and np.any(periodic):
+            kinds.append("transient" if np.any(lifetimes[periodic] > LATE) else "beside chaos")
+        else:
+            kinds.append("coexisting" if len(set(row[periodic])) > 1 else "one")
     return kinds
 
 
@@ -173,7 +184,7 @@ def numbers(r: "fu.Reproduction") -> dict[str, Any]:
             "sum_in_fig_2": float(np.sum(r.found[1].schemes["rk4"].exponents[1:])),
             "predicted": fu.sum_of_the_scheme(),
         },
-        "figure_4": _diagram(r.diagram),
+        "fig_4": _diagram(r.diagram),
         "bifurcations": [{"beta": beta, "what": what} for beta, what in fu.BIFURCATIONS],
         "checks": {name: bool(holds) for name, holds in r.checks.items()},
         "passed": bool(r.passed),

@@ -12,6 +12,7 @@ has P₄(r − 1) however small Δt is: 0.375 for r = 0 (a stick, which destroys
 It is here to show that, and nothing else should use it. What is printed is kept, but where it could not run or is a
 misprint: eq. (11) gets its logarithm and eq. (7) its factors u; the printed f₄ at θ' = 0 is the old field where the
 motion crosses, so that f₁ or f₂ stand for it; and θ' is set to 0 where the motion stops, for f₃ keeps what it finds.
+Where it crosses θ' stays: set to 0 at a time of the grid, numerical orbits lock onto cycles that are not there.
 """
 
 from typing import Any, NamedTuple
