@@ -156,7 +156,19 @@ class _Side(eqx.Module):
         """Whether a motion on the surface stays on it."""
         v_plus, v_minus = self.rates(t, x, args)
         attracts = (v_plus < 0) & (v_minus > 0)
-        return attracts if self.stick is None else attracts | jnp.all(self.stick(t, x, args) > 0)
+        return attracts if self.stick is None else attracts | jnp.all(self.margins(t, x, args) > 0)
+
+    def margins(self, t, x, args):
+        """What the user's stick set leaves before it is left."""
+        assert self.stick is not None
+        margins = jnp.asarray(self.stick(t, x, args))
+        if not jnp.issubdtype(margins.dtype, jnp.floating):
+            raise ValueError(
+                "stick must return margins, smooth numbers that are positive while the motion sticks and fall through "
+                f"zero where it breaks away; it returned {margins.dtype}. For |F| <= F_s write "
+                "jnp.stack([F_s - F, F_s + F])."
+            )
+        return margins
 
     def onto(self, t, x, args):
         """The state moved onto the surface along ∇h: only rounding is taken away, so dx⁺ = dx."""
@@ -214,14 +226,7 @@ class _Margins(eqx.Module):
 
     def __call__(self, t, x, args):
         if self.side.stick is not None:
-            margins = jnp.asarray(self.side.stick(t, x, args))
-            if not jnp.issubdtype(margins.dtype, jnp.floating):
-                raise ValueError(
-                    "stick must return margins, smooth numbers that are positive while the motion sticks and fall "
-                    f"through zero where it breaks away; it returned {margins.dtype}. For |F| <= F_s write "
-                    "jnp.stack([F_s - F, F_s + F])."
-                )
-            return margins
+            return self.side.margins(t, x, args)
         v_plus, v_minus = self.side.rates(t, x, args)
         return jnp.stack([-v_plus, v_minus])
 
