@@ -155,6 +155,7 @@ def test_the_parameters_and_bifurcations_are_those_of_the_reference():
         assert abs(float(rows[beta]["lambda_max_majority"]) - exponent) < 1e-9
 
 
+@pytest.mark.slow
 def test_cycles_are_those_of_the_reference():
     """The multipliers that the table shows, by the same call."""
     for case in fu.CASES[:2]:
