@@ -93,6 +93,10 @@ class Method(eqx.Module):
         moved, errors, tangents = each_column(linear, frame)
         return Tangent(new, moved, errors, nodes, (points, tangents))
 
+    def rare_tangent(self, field: Field, t, x, h, frame, way: tuple[Array, ...] = ()) -> Tangent:
+        """`tangent` where it is asked for so seldom that little code is better than fast code."""
+        return self.tangent(field, t, x, h, frame, way)
+
     @abc.abstractmethod
     def divergence(self, field: Field, nodes, h) -> Array:
         """∫ tr Df dt over the step, by a quadrature of the method's order."""

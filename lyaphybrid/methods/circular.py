@@ -14,11 +14,12 @@ from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
+from jax.extend.core import jaxpr_as_fun
 from jaxtyping import Array, Float64
 
 from .._jaxprs import applied, evaluated
 
-__all__ = ["LANES", "LARGEST", "cosine", "in_lanes", "sine"]
+__all__ = ["LANES", "LARGEST", "cosine", "behind_a_conditional", "in_lanes", "sine"]
 
 LANES = 4  # float64 numbers in a vector register
 LARGEST = 1.6e6  # below 2²⁰ π/2
@@ -36,14 +37,14 @@ COSINE = (  # (cos r - 1 + r²/2) / r⁴ in powers of r²
 
 @jax.custom_jvp
 def sine(x: Float64[Array, "..."]) -> Float64[Array, "..."]:
-    """Sin x, to 2.3e-16."""
-    return jax.lax.cond(_is_moderate(x), lambda x: _turned(x, 0), jnp.sin, x)
+    """Sin x, to 2.3e-16, for |x| < LARGEST."""
+    return _turned(x, 0)
 
 
 @jax.custom_jvp
 def cosine(x: Float64[Array, "..."]) -> Float64[Array, "..."]:
-    """Cos x, to 2.3e-16."""
-    return jax.lax.cond(_is_moderate(x), lambda x: _turned(x, 1), jnp.cos, x)
+    """Cos x, to 2.3e-16, for |x| < LARGEST."""
+    return _turned(x, 1)
 
 
 sine.defjvps(lambda dx, _, x: cosine(x) * dx)
@@ -52,27 +53,40 @@ OURS: dict[str, Callable] = {"sin": sine, "cos": cosine}
 
 
 def in_lanes(function: Callable) -> Callable:
-    """The function of arrays (LANES,), float64, with its sines and cosines computed here: on a CPU."""
-    if jax.default_backend() != "cpu":
-        return function
+    """The function, with its sines and cosines of float64 computed here where all their angles allow it; on a CPU.
 
-    def with_ours(*operands):
-        return evaluated(jax.make_jaxpr(function)(*operands), list(operands), _equation)
+    It stands behind a conditional, which XLA does not repeat. What is made of numbers inside the function becomes a
+    vector in the register that needs it; made outside it would have to reach memory before it is read.
+    """
 
-    return with_ours
+    def chosen(*operands):
+        closed, shape = jax.make_jaxpr(function, return_shape=True)(*operands)
+        leaves, angles = jax.tree.leaves(operands), []
+        if jax.default_backend() == "cpu":
+            _with_ours(closed, leaves, angles)
+        if not angles:
+            return behind_a_conditional(function)(*operands)
+        # What the angles do not need, XLA removes here.
+        moderate = jnp.stack([jnp.all(jnp.abs(angle) < LARGEST) for angle in angles]).all()
+        results = jax.lax.cond(moderate, lambda *leaves: _with_ours(closed, leaves, []), jaxpr_as_fun(closed), *leaves)
+        return jax.tree.unflatten(jax.tree.structure(shape), results)
+
+    return chosen
 
 
-def _equation(closed, eqn, operands: list) -> list:
-    name = eqn.primitive.name
-    if name in ("jit", "pjit"):
-        return evaluated(eqn.params["jaxpr"], operands, _equation)
-    if name in OURS and eqn.outvars[0].aval.dtype == jnp.float64:
-        return [OURS[name](operands[0])]
-    return applied(closed, eqn, operands)
+def _with_ours(closed, leaves, angles: list) -> list:
+    """What the function gives with our sines; collects their angles."""
 
+    def rule(closed, eqn, operands):
+        name = eqn.primitive.name
+        if name in ("jit", "pjit"):
+            return evaluated(eqn.params["jaxpr"], operands, rule)
+        if name in OURS and eqn.outvars[0].aval.dtype == jnp.float64:
+            angles.append(operands[0])
+            return [OURS[name](operands[0])]
+        return applied(closed, eqn, operands)
 
-def _is_moderate(x):
-    return jnp.all(jnp.abs(x) < LARGEST)
+    return evaluated(closed, list(leaves), rule)
 
 
 def _turned(x, quarters: int):
@@ -88,6 +102,22 @@ def _turned(x, quarters: int):
     value = jnp.where((quadrant & 1) == 1, cos, sin)
     sign = (quadrant & 2) << 62  # the first bit of a number
     return jax.lax.bitcast_convert_type(_bits(value) ^ sign, x.dtype)
+
+
+def behind_a_conditional(function: Callable) -> Callable:
+    """The function of numbers or arrays; XLA does not know that the first is always a number, and never repeats it."""
+
+    def chosen(*operands):
+        first = jax.tree.leaves(operands)[0]
+        shapes = jax.eval_shape(function, *operands)
+
+        def nothing(*operands):
+            del operands
+            return jax.tree.map(lambda one: jnp.zeros(one.shape, one.dtype), shapes)
+
+        return jax.lax.cond(jnp.all(first == first), function, nothing, *operands)
+
+    return chosen
 
 
 def _polynomial(coefficients, x):

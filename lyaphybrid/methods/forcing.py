@@ -18,7 +18,7 @@ from jaxtyping import Array
 from .._jaxprs import divided, needed, part_of
 from ..columns import each_column
 from .base import Field
-from .circular import LANES, in_lanes
+from .circular import LANES, behind_a_conditional, in_lanes
 
 __all__ = ["at_times", "linear_along", "takes_sines"]
 
@@ -39,7 +39,7 @@ def at_times(field: Field, t, x, h, fractions: Iterable[float], little: bool = F
     dear = any(_is_repeated(eqn) for eqn in late)
 
     def once(rest):
-        return _behind_a_conditional(_in_line(rest) if little else rest) if dear else rest
+        return (in_lanes if little else behind_a_conditional)(rest) if dear else rest
 
     if not kept or not any(_is_repeated(eqn) for eqn in early):
         return {c: lambda x, at=at: once(field)(at, x) for c, at in times.items()}
@@ -50,18 +50,14 @@ def at_times(field: Field, t, x, h, fractions: Iterable[float], little: bool = F
     shares = [*times, *[1.0] * (-len(times) % LANES)]  # full registers
 
     def present(t, h):
-        # Times made here, as a vector: stacked from numbers they would have to reach memory before they are read.
-        return in_lanes(jax.vmap(forcing))(t + jnp.asarray(shares, x.dtype) * h)
+        return jax.vmap(forcing)(t + jnp.asarray(shares, x.dtype) * h)
 
-    def nothing(t, h):
-        return [jnp.zeros((len(shares), *v.aval.shape), v.aval.dtype) for v in kept]
-
-    values = jax.lax.cond(h == h, present, nothing, jnp.asarray(t, x.dtype), jnp.asarray(h, x.dtype))
+    values = in_lanes(present)(jnp.asarray(t, x.dtype), jnp.asarray(h, x.dtype))
     values = dict(zip(times, zip(*values, strict=True), strict=False))
     return {c: lambda x, at=at, now=values[c]: rest(at, *now, x) for c, at in times.items()}
 
 
-def linear_along(field: Field, times: Sequence, points: Sequence[Array], h) -> list[Callable[[Array], Array]]:
+def linear_along(field: Field, times: Sequence, points: Sequence[Array]) -> list[Callable[[Array], Array]]:
     """Frames (n, k) ↦ Df frame at points that are known; what Df takes from all of these is computed at once.
 
     Where what is left would be much (a sliding field: 50 equations in dx), Df itself is computed so: stages enter all
@@ -80,14 +76,9 @@ def linear_along(field: Field, times: Sequence, points: Sequence[Array], h) -> l
     room = len(times) + -len(times) % LANES
 
     def present(times, points):
-        more = room - len(times)
-        lanes = jnp.stack([*times, *times[:1] * more]), jnp.stack([*points, *points[:1] * more])
-        return in_lanes(jax.vmap(residuals))(*lanes)
+        return jax.vmap(residuals)(_side_by_side(times, room), _side_by_side(points, room))
 
-    def nothing(times, points):
-        return [jnp.zeros((room, *v.aval.shape), v.aval.dtype) for v in kept]
-
-    values = jax.lax.cond(h == h, present, nothing, [jnp.asarray(t, x.dtype) for t in times], list(points))
+    values = in_lanes(present)([jnp.asarray(t, x.dtype) for t in times], list(points))
 
     def linear(t, x, *known):
         return lambda frame: each_column(lambda dx: whole(t, x, *known, dx)[0], frame)
@@ -105,17 +96,17 @@ def takes_sines(fields: Iterable[Field], t, x) -> bool:
     return any(of_state(field) for field in fields)
 
 
-def _behind_a_conditional(rest: Callable[..., Array]) -> Callable[..., Array]:
-    """The function of a time, other things, and last a point; XLA does not know that time is always a number."""
+def _side_by_side(values: Sequence[Array], room: int) -> Array:
+    """The values as rows, with others below to fill registers. In one register they do without memory: each goes there.
 
-    def nothing(t, *operands):
-        return jnp.zeros_like(operands[-1])
-
-    return lambda t, *operands: jax.lax.cond(t == t, rest, nothing, t, *operands)
-
-
-def _in_line(rest: Callable[..., Array]) -> Callable[..., Array]:
-    return lambda *operands: in_lanes(lambda *operands: [rest(*operands)])(*operands)[0]
+    (In more of them a row would be written to each, and all but one thrown away.)
+    """
+    if room > LANES:
+        return jnp.stack([*values, *values[:1] * (room - len(values))])
+    lane, rows = jnp.arange(room).reshape(room, *[1] * values[0].ndim), values[0][None]
+    for i, value in enumerate(values[1:], 1):
+        rows = jnp.where(lane == i, value, rows)
+    return rows
 
 
 def _is_repeated(eqn) -> bool:

@@ -52,9 +52,7 @@ def land(mover, settings: Settings, clock: Clock, c: Carry, tr: Trial) -> Carry:
     """The trial ends at an event: polish, cross, orthonormalise at once, re-arm the guards."""
     own, w = c.own, mover.wiring
     mode = jnp.asarray(0, jnp.int32) if own.mode is None else own.mode
-    frame, flux = c.frame, None
-    if frame.shape[1]:
-        _, frame, _, flux, _ = mover.carried(c, clock, tr.h, own.mode, tr.way)
+    frame, flux = mover.landed(c, clock, tr)
     c = mover.commit(settings, c, c.s + tr.h, tr.h, tr.x, frame, flux)
     ahead = -tr.g / jnp.where(tr.rate == 0, 1e-300, tr.rate)
     lands = _at_root(mover, own, tr, ahead)
@@ -278,26 +276,31 @@ def _own_instant(mover, alone, mode, t, x, f, slot, moves):
 
 def _in_each_order(mover, t, h, c, columns, mode, transition, which, slot, together) -> "Landing":
     """Where several guards meet at one instant: take them in the other order too, and compare."""
-    first = _start_cascade(mover, t, c, columns, mode, transition, which, slot, together)
+
+    def start(transition, which, slot):
+        return _start_cascade(mover, t, c, columns, mode, transition, which, slot, together)
+
+    given = transition, which, slot
     if mover.wiring.slots == 1:
-        return _cascade(mover, t, h, first)._replace(together=jnp.asarray(False))
+        return _cascade(mover, t, h, start(*given))._replace(together=jnp.asarray(False))
     other = jnp.argmax(together & (jnp.arange(mover.wiring.slots, dtype=jnp.int32) != slot)).astype(jnp.int32)
     swapped = (
         table(mover, c.own.mode, mover.wiring.transition)[other],
         table(mover, c.own.mode, mover.wiring.component)[other],
+        other,
     )
     several = (jnp.sum(together) > 1) & (slot >= 0)
-    second = _start_cascade(mover, t, c, columns, mode, *swapped, other, together)
 
     def run(state):
         turn, kept, differs = state
-        landing = _cascade(mover, t, h, _choose(turn == 0, first, second))
+        landing = _cascade(mover, t, h, start(*_choose(turn == 0, given, swapped)))
         differs = (turn == 1) & _apart(landing, kept)
         return turn + 1, _choose(turn == 0, landing, kept), differs
 
-    start = (jnp.asarray(0), first, jnp.asarray(False))
+    nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(start, *given))
     last = jnp.where(several, 2, 1)
-    _, landing, differs = jax.lax.while_loop(lambda state: state[0] < last, run, start)
+    begin = (jnp.asarray(0), nothing, jnp.asarray(False))
+    _, landing, differs = jax.lax.while_loop(lambda state: state[0] < last, run, begin)
     return landing._replace(together=differs)
 
 

@@ -281,14 +281,21 @@ class Stepping:
 
     # --- advance ---------------------------------------------------------------------------------------------
 
-    def carried(self, c: Carry, clock: Clock, h, mode, way=()):
+    def landed(self, c: Carry, clock: Clock, tr: Trial):
+        """The frame at the end of a trial that ends at an event, and ∫ tr Df over it."""
+        if not c.frame.shape[1]:
+            return c.frame, None
+        return self.carried(c, clock, tr.h, c.own.mode, tr.way, self.method.rare_tangent)[1:4:2]
+
+    def carried(self, c: Carry, clock: Clock, h, mode, way=(), of_method=None):
         """The step's tangent: the frame at its end, the frame's error ratio, ∫ tr Df over it, its `Carry.stages`."""
+        of_method = of_method or self.method.tangent
         t, w = clock.base + c.s, self.wiring
 
         def tangent(q):
             def of_mode(t, x, frame, h, way):
                 field = w.fields[q]
-                new, moved, errors, nodes, (points, tangents) = self.method.tangent(field, t, x, h, frame, way)
+                new, moved, errors, nodes, (points, tangents) = of_method(field, t, x, h, frame, way)
                 if self.rejects and self.method.control == "xY":
                     ratio = jax.lax.stop_gradient(self.method.frame_ratio(errors, frame, moved))
                 else:
