@@ -58,22 +58,28 @@ def rebound(t, x, args):
     return jnp.stack([x[0], -args["restitution"] * x[1]])
 
 
-def impact(adaptive: bool, every: float, t1: float) -> Make:
-    """The impact oscillator by RK4 or Dormand–Prince; the work is counted in units of time."""
+def _oscillator(system, start, args, adaptive: bool, dt: float, rtol: float, atol: float, **keywords) -> Make:
+    """By RK4 or Dormand–Prince; the work is counted in units of time."""
 
     def make():
-        # Written out instead of taken from the zoo: the C fixes the signs and the start.
-        system = lh.Hybrid(oscillate, [lh.Transition(gap, rebound)])
-        if adaptive:
-            method = lh.RungeKutta(tableau="dopri5", rtol=problems.IMPACT_RTOL, atol=problems.IMPACT_ATOL)
-        else:
-            method = lh.RungeKutta(tableau="rk4", dt=problems.IMPACT_DT)
-        start, args = problems.IMPACT_START, problems.IMPACT_PARAMETERS
-        run = _runner(system, start, args, t1=t1, method=method, every=every)
+        fixed, controlled = {"tableau": "rk4", "dt": dt}, {"tableau": "dopri5", "rtol": rtol, "atol": atol}
+        method = lh.RungeKutta(**(controlled if adaptive else fixed))
+        run = _runner(system, start, args, method=method, **keywords)
         run()
-        return run, t1
+        return run, keywords["t1"]
 
     return make
+
+
+def impact(adaptive: bool, every: float, t1: float) -> Make:
+    """The impact oscillator, written out instead of taken from the zoo: the C fixes the signs and the start."""
+    system, start, args = (
+        lh.Hybrid(oscillate, [lh.Transition(gap, rebound)]),
+        problems.IMPACT_START,
+        problems.IMPACT_PARAMETERS,
+    )
+    method = problems.IMPACT_DT, problems.IMPACT_RTOL, problems.IMPACT_ATOL
+    return _oscillator(system, start, args, adaptive, *method, t1=t1, every=every)
 
 
 def _rubbed(sign: float):
@@ -95,19 +101,10 @@ RUBBED = lh.filippov(_rubbed(1.0), _rubbed(-1.0), velocity)
 
 
 def friction(adaptive: bool, every: float, t1: float) -> Make:
-    """The pendulum with dry friction by RK4 or Dormand–Prince; the work is counted in units of time."""
-
-    def make():
-        if adaptive:
-            method = lh.RungeKutta(tableau="dopri5", rtol=problems.FRICTION_RTOL, atol=problems.FRICTION_ATOL)
-        else:
-            method = lh.RungeKutta(tableau="rk4", dt=problems.FRICTION_DT)
-        start, args = problems.FRICTION_START, problems.FRICTION_PARAMETERS
-        run = _runner(RUBBED, start, args, t1=t1, method=method, every=every)
-        run()
-        return run, t1
-
-    return make
+    """The pendulum with dry friction."""
+    method = problems.FRICTION_DT, problems.FRICTION_RTOL, problems.FRICTION_ATOL
+    start, args = problems.FRICTION_START, problems.FRICTION_PARAMETERS
+    return _oscillator(RUBBED, start, args, adaptive, *method, t1=t1, every=every)
 
 
 def many_disks(n: int, every: int, collisions: float) -> Make:

@@ -16,11 +16,12 @@ from .derivatives import Jacobians, jacobians, saltation_matrix  # noqa: E402
 from .diagrams import BifurcationDiagram, bifurcation_diagram  # noqa: E402
 from .filippov import filippov  # noqa: E402
 from .methods import Diffrax, RungeKutta  # noqa: E402
-from .periodic_orbits import Floquet, NoPeriodicOrbit, floquet  # noqa: E402
+from .periodic_orbits import Floquet, floquet  # noqa: E402
 from .results import RunFailed, Spectrum  # noqa: E402
 from .return_maps import return_map  # noqa: E402
 from .rigid_contacts import impact  # noqa: E402
 from .sections import PoincareSection, poincare_section  # noqa: E402
+from .shooting import NoPeriodicOrbit  # noqa: E402
 from .spectra import lyapunov_spectrum  # noqa: E402
 from .statuses import STATUS  # noqa: E402
 from .systems import EventDriven, Flow, Hybrid, Map, Schedule, Transition  # noqa: E402

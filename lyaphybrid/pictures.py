@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ._axes import axes_of as _axes
 from .checks import positive, whole
-from .plots import _axes
 from .zoo.problem import Problem
 
 __all__ = ["Followed", "animate", "disks", "follow", "gif"]

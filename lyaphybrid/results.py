@@ -41,6 +41,7 @@ class Spectrum(eqx.Module):
         upper, lower: (k,) bounds of the running exponents over the second half.
         losses, loss_rate, first_loss: (k,) how often a column was lost (all runs), per time, and first (nan: never).
         finite_exponents: (k,) the growth without the moments of loss; equal to `exponents` where nothing was lost.
+            A lost direction starts anew with length 1: where losses are frequent this depends on the coordinates.
         min_transversality: least |sin| of the angle between flow and guard at an event; inf without events.
         history: time, exponents (running), growth (per block).
         x, t, mode, frame: the state at the end: a run goes on from there.

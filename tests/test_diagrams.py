@@ -1,7 +1,5 @@
 """Bifurcation diagrams and Poincaré sections against what is known exactly, and against single runs."""
 
-import csv
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,7 +7,6 @@ import pytest
 from matplotlib import pyplot
 
 import lyaphybrid as lh
-import references
 from lyaphybrid import attractors, lanes, plots
 
 LOGISTIC = lh.Map(lambda n, x, args: args["r"] * x * (1 - x))
@@ -470,53 +467,3 @@ def test_angles_are_drawn_within_one_turn():
     assert -np.pi < np.min(heights) < -3
     assert 3 < np.max(heights) <= np.pi
     pyplot.close("all")
-
-
-# --- the friction pendulum ----------------------------------------------------------------------------------------
-
-
-def _side(sign):
-    def field(t, x, args):
-        force = args["A"] * jnp.sin(args["omega"] * t) - args["lam"] * jnp.sin(x[0])
-        return jnp.stack([x[1], force - args["beta"] * x[1] - sign * args["alpha"]])
-
-    return field
-
-
-PENDULUM = lh.filippov(_side(1.0), _side(-1.0), lambda t, x, args: x[1])
-PENDULUM_ARGS = {"A": 0.586, "omega": 0.666, "lam": 0.87, "alpha": 0.01, "beta": 0.0}
-PENDULUM_BOX = [[-np.pi, -2.0], [np.pi, 2.0]]
-
-
-def pendulum(values, **options):
-    period = {"period": lambda args: 2 * np.pi / args["omega"], "angles": (0,)}
-    return lh.bifurcation_diagram(PENDULUM, {"beta": values}, PENDULUM_BOX, PENDULUM_ARGS, **period, **options)
-
-
-@pytest.mark.slow
-def test_the_friction_pendulum_is_that_of_the_reference():
-    with (references.DATA / "friction_beta_sweep.csv").open() as file:
-        rows = {float(row["beta"]): row for row in csv.DictReader(file)}
-    values = np.array([0.02, 0.052, 0.056, 0.12, 0.144, 0.148, 0.152, 0.212, 0.3])
-    found = pendulum(values, starts=8, directions=("random", "down"), transient=300, t1=1000)
-    assert np.all(found.status == 0)
-    for i, value in enumerate(values):
-        row = rows[value]
-        label, wanted, error = row["class_majority"], float(row["lambda_max_majority"]), float(row["se"])
-        same = found.labels[i] == label
-        assert same.any(), (value, found.labels[i])
-        mean = np.mean(found.exponents[i, same, 0])
-        own = np.sqrt(np.mean(found.stderr[i, same, 0] ** 2) / same.sum())
-        assert own < 0.005
-        assert abs(mean - wanted) < 5 * np.hypot(max(own, 1e-4), error)
-    for value, coexisting in ((0.144, {"P3w0", "P2w0"}), (0.148, {"P3w0", "P1w0"}), (0.152, {"P3w0", "P1w0"})):
-        assert set(found.labels[np.argmin(np.abs(values - value)), :8]) == coexisting
-
-
-@pytest.mark.slow
-def test_chaos_of_the_friction_pendulum_is_transient():
-    found = pendulum([0.004], starts=64, directions=("random",), transient=100, t1=7900, escape=True)
-    mean, error = found.mean_lifetimes()
-    assert 6300 / 2 < mean[0] < 6300 * 2
-    assert error[0] < 0.3 * mean[0]
-    assert 20 < found.escaped.sum() < 64

@@ -102,7 +102,7 @@ def _side_by_side(values: Sequence[Array], room: int) -> Array:
     (In more of them a row would be written to each, and all but one thrown away.)
     """
     if room > LANES:
-        return jnp.stack([*values, *values[:1] * (room - len(values))])
+        return jnp.stack([*values, *[values[0]] * (room - len(values))])
     lane, rows = jnp.arange(room).reshape(room, *[1] * values[0].ndim), values[0][None]
     for i, value in enumerate(values[1:], 1):
         rows = jnp.where(lane == i, value, rows)

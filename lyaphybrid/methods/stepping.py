@@ -32,6 +32,7 @@ from .trials import (
     Trial,
     changed,
     finds,
+    grazes,
     next_aim,
     no_aim,
     resolve,
@@ -378,7 +379,10 @@ class Stepping:
             c = c._replace(budget=jnp.maximum(c.budget - 1, 1))
             which = jnp.where(tr.case == LOCATE, 0, jnp.where(tr.case == LAND, 1, 2))
             c, aim = jax.lax.switch(which, [aim_at, landed, neither], c, tr, aim)
-            return c, self.look(c, clock, aim), aim
+            tr = self.look(c, clock, aim)
+            seen = Memory._fields.index("grazing")
+            memory = c.own.memory.at[seen].max(grazes(self, c.own, tr, aim).astype(c.x.dtype))
+            return changed(c, memory=memory), tr, aim
 
         if self.always_common:
             return c, tr

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ..events import cubic, hermite_root, turning_point
+from ..events import BLUR, cubic, hermite_root, turning_point
 from ..propagation import Carry
 
 REJECT, ADVANCE, LOCATE, LAND, FAIL, NONE = range(6)  # what a trial says; NONE: there is none yet
@@ -15,6 +15,7 @@ REJECT, ADVANCE, LOCATE, LAND, FAIL, NONE = range(6)  # what a trial says; NONE:
 NEAR = 1e-6  # a trial lands when the root is nearer than this, relative to the controller's step
 PROBE = 0.21132486540518713  # (3 - √3)/6 of a step, where the slope of a cubic interpolant errs most
 GUARD_RESOLUTION = 0.02  # how well the cubic of a guard must agree with the guard in the middle of a step
+TURNED, NEARLY = 1e-3, 10.0  # part of a guard's rate that is left where it turns; tolerances within which it grazes
 PATIENCE = 30  # relocations of one event before the landing is forced
 
 
@@ -164,6 +165,16 @@ def read_signs(mover, own: Stepper, tr: Trial, aim: Aim) -> Signs:
     lands = close & ((aim.slot >= 0) | jnp.any(crossed))
     lands = lands | ((aim.tries > PATIENCE) & (crossed | aimed))
     return Signs(crossed, turn, theta, lands, ahead)
+
+
+def grazes(mover, own: Stepper, tr: Trial, aim: Aim):
+    """Whether a guard turned back at the end of a trial that was cut there, off zero by less than the tolerance."""
+    bend = (tr.rate - own.rate) / tr.h
+    least = own.side * (tr.g - 0.5 * tr.rate**2 / jnp.where(bend == 0, 1e-300, bend))
+    turned = (own.side * own.rate < 0) & (jnp.abs(tr.rate) <= TURNED * jnp.abs(own.rate))
+    tolerance = NEARLY * (mover.method.atol + mover.method.rtol * (own.blur / BLUR))
+    close = firing(mover, own) & turned & (jnp.abs(least) <= tolerance)
+    return (tr.case == ADVANCE) & (aim.tries > 0) & (aim.slot < 0) & jnp.any(close)
 
 
 def table(mover, mode, table: np.ndarray):

@@ -1,0 +1,284 @@
+"""Multiple shooting: Newton's method for the points of a periodic orbit, through all jumps on the way.
+
+An orbit of period T is a root of φ_T(x) − x. Multiple shooting cuts it at nodes x_0, …, x_{m−1} and asks that each
+piece ends where the next begins; of an autonomous system the period is one more unknown, and f(x_0)·δx_0 = 0 one more
+equation, so that the point does not slide along the orbit.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from . import runs
+from ._tracing import array
+from .propagation import Cadence
+from .results import RunFailed
+from .statuses import STATUS
+from .systems import Hybrid, Map
+
+__all__ = [
+    "Motion",
+    "NoPeriodicOrbit",
+    "Node",
+    "Orbit",
+    "Piece",
+    "at_start",
+    "close_return",
+    "nearest",
+    "newton",
+    "placed",
+]
+
+FINISHED = 1e-13  # residual, relative to the orbit, at which there is nothing left to gain
+HALVINGS = 8  # of a Newton step that makes the residual larger
+CLEAR = 0.02  # of the period, which nodes keep between themselves and events, where they can
+NEAR = 1e-6  # of the period: an event that stands at x0 is found within this
+CLOSE = 0.1  # of the orbit's size: a return is nearer than this
+DOUBLINGS = 14  # of the time in which a return is looked for
+SAMPLES = 1000  # points of a piece
+EVENTS = 1024  # room for so many in one compiled call; a fuller log is drained and the run goes on
+
+
+class NoPeriodicOrbit(RuntimeError):
+    """Newton's method did not arrive at a periodic orbit; ``.result`` is where it stood."""
+
+    def __init__(self, message: str, result: Any):
+        super().__init__(message)
+        self.result = result
+
+
+class Node(NamedTuple):
+    """A point of an orbit."""
+
+    t: float
+    x: Any  # (n,)
+    mode: Any  # index; None: the state tells
+
+
+class Piece(NamedTuple):
+    """A stretch of motion."""
+
+    start: Node
+    length: float
+    x: Any  # (n,) the end
+    mode: int  # there
+    matrix: np.ndarray  # (n, n) dx(end)/dx(start), jumps included
+    jumps: int
+    times: np.ndarray  # (samples,) since the start
+    points: np.ndarray  # (samples, n)
+    modes: np.ndarray  # (samples,)
+    events: Any  # columns as in `propagation.Events`, times since the start
+
+    @property
+    def end(self) -> Node:
+        """The point at the end."""
+        return Node(self.start.t + self.length, self.x, self.mode)
+
+
+class Orbit(NamedTuple):
+    """Where Newton's method stands."""
+
+    nodes: list[Node]
+    pieces: list[Piece]
+    period: float
+    residual: float
+    iterations: int
+
+
+class Motion(NamedTuple):
+    """The motion of a point and of its neighbours."""
+
+    problem: runs.Problem
+
+    def piece(self, node: Node, length: float) -> Piece:
+        """A stretch of motion from a point."""
+        x0, discrete = jnp.asarray(node.x), isinstance(self.problem.system, Map)
+        hybrid = isinstance(self.problem.system, Hybrid)
+        plan = runs.Plan(Cadence("never", False), "mgs", False, EVENTS * hybrid, False, False, runs.point)
+        t0, ends = array(node.t, x0.dtype), length * np.arange(1, SAMPLES + 1) / SAMPLES
+        ends = array(np.arange(1, length + 1) if discrete else ends, x0.dtype)
+        frame = np.eye(len(x0), dtype=x0.dtype)
+        journey = runs.start(self.problem, plan, t0, x0, frame, node.mode, 1.0)
+        outcome = runs.drive(self.problem, plan, journey, ends, ends)
+        status = STATUS(int(outcome.status))
+        if status != STATUS.ok:
+            raise RunFailed(status, f"On a piece of length {length:.6g} from t = {node.t:.6g}.", None)
+        carry, (t, x, modes, _) = outcome.journey.carry, outcome.records.collected
+        logs = jax.tree.map(lambda *parts: np.concatenate(parts), *outcome.logs) if hybrid else None
+        logs = None if logs is None else logs._replace(t=logs.t - node.t)
+        shown = np.asarray(t) - node.t, np.asarray(x), np.asarray(modes)
+        mode, matrix = int(runs.mode_of(carry)), np.asarray(carry.frame)
+        return Piece(node, length, carry.x, mode, matrix, int(carry.jumps), *shown, logs)
+
+    def velocity(self, node: Node) -> np.ndarray:
+        """Dx/dt at a point."""
+        system, args, t = self.problem.system, self.problem.args, jnp.asarray(node.t, node.x.dtype)
+        fields = (system.fields or ()) if isinstance(system, Hybrid) else (system.field,)
+        return np.asarray(fields[self.mode(node)](t, node.x, args))
+
+    def mode(self, node: Node) -> int:
+        """The mode at a point."""
+        if node.mode is not None:
+            return int(node.mode)
+        t = jnp.asarray(node.t, node.x.dtype)
+        return max(int(self.problem.system.initial_mode(t, node.x, self.problem.args)), 0)
+
+
+def close_return(flow: Motion, start: Node) -> tuple[Node, float]:
+    """A point and the time after which it comes back close to itself, once it has been away.
+
+    Stretch after stretch, each twice as long as the one before: a motion that approaches its orbit comes closer.
+    """
+    horizon = (np.linalg.norm(start.x) + 1e-3) / max(float(np.linalg.norm(flow.velocity(start))), 1e-12)
+    for _ in range(DOUBLINGS):
+        stretch = flow.piece(start, float(horizon))
+        times, points = _points(stretch)
+        distance = np.linalg.norm(points - np.asarray(start.x), axis=1)
+        size = np.maximum.accumulate(distance)
+        inner = np.flatnonzero((distance[1:-1] <= distance[:-2]) & (distance[1:-1] <= distance[2:])) + 1
+        close = inner[distance[inner] < CLOSE * size[inner]]
+        if len(close):
+            return start, float(times[close[0]])
+        start, horizon = Node(start.t, stretch.x, stretch.mode), 2 * horizon
+    raise NoPeriodicOrbit(
+        f"The motion from x0 did not come back to itself, looked for over a time of {horizon / 2:.6g}: (a) it is far "
+        "from a periodic orbit, give a transient; (b) it moves towards a fixed point; (c) give the period.",
+        None,
+    )
+
+
+def _points(piece: Piece) -> tuple[np.ndarray, np.ndarray]:
+    """Times and states of a piece, those after its jumps among them."""
+    if piece.events is None:
+        return piece.times, piece.points
+    times = np.concatenate([piece.times, piece.events.t])
+    points = np.concatenate([piece.points, piece.events.x_after])
+    order = np.argsort(times, kind="stable")
+    return times[order], points[order]
+
+
+def placed(flow: Motion, start: Node, period: float, segments: int) -> tuple[list[Node], float]:
+    """The nodes, away from events; and the time from x0 to the first of them."""
+    if isinstance(flow.problem.system, Map):
+        return [start], 0.0
+    whole = flow.piece(start, period * (1 + CLEAR))  # an event that ends the period must be seen
+    events = np.zeros(0) if whole.events is None else np.unique(whole.events.t % period)
+    clear = [_away(at, events, period) for at in period * np.arange(segments) / segments]
+    nodes = [start if at == 0 else flow.piece(start, float(at)).end for at in clear]
+    return nodes, float(clear[0])
+
+
+def _away(at: float, events: np.ndarray, period: float) -> float:
+    """A time near the one wanted that keeps away from events: the middle of the next gap where it does not."""
+    if not len(events):
+        return at
+    distance = np.abs((events - at + period / 2) % period - period / 2)
+    if np.min(distance) > CLEAR * period:
+        return at
+    after = np.sort((events - at - 1e-9 * period) % period)
+    after = after[after > CLEAR * period]
+    gaps = np.diff(np.concatenate([[0.0], after, [period]]))
+    ends = np.concatenate([after, [period]])
+    wide = np.flatnonzero(gaps > 2 * CLEAR * period)
+    i = wide[0] if len(wide) else int(np.argmax(gaps))
+    return float((at + ends[i] - gaps[i] / 2) % period)
+
+
+def newton(flow: Motion, nodes: list[Node], period: float, autonomous: bool, most: int) -> Orbit:
+    """Newton's method, its steps halved while they lead away."""
+    shares = _shares(nodes, period)
+    orbit = _shot(flow, nodes, shares, period, 0)
+    for iteration in range(1, most + 1):
+        if orbit.residual <= FINISHED:
+            break
+        steps, change = _newton_step(flow, orbit, shares, autonomous)
+        better = None
+        for halving in range(HALVINGS):
+            factor = 0.5**halving
+            moved = [node._replace(x=node.x + factor * step) for node, step in zip(orbit.nodes, steps, strict=True)]
+            at = period + 0.0 if not autonomous else orbit.period + factor * change
+            if at <= 0.1 * period or at >= 10 * period:
+                continue
+            try:
+                trial = _shot(flow, _retimed(moved, shares, at), shares, at, iteration)
+            except RunFailed:
+                continue
+            if trial.residual < orbit.residual:
+                better = trial
+                break
+        if better is None:
+            break
+        orbit = better
+    return orbit
+
+
+def _shares(nodes: list[Node], period: float) -> np.ndarray:
+    """The lengths of the pieces, as parts of the period."""
+    times = np.array([node.t for node in nodes])
+    return np.diff(np.append(times, times[0] + period)) / period
+
+
+def _retimed(nodes: list[Node], shares, period: float) -> list[Node]:
+    """The nodes at the times that belong to another period."""
+    times = nodes[0].t + period * np.concatenate([[0.0], np.cumsum(shares)[:-1]])
+    return [node._replace(t=float(t)) for node, t in zip(nodes, times, strict=True)]
+
+
+def _shot(flow: Motion, nodes: list[Node], shares, period: float, iteration: int) -> Orbit:
+    """All pieces, from the nodes as they stand."""
+    pieces = [flow.piece(node, float(share * period)) for node, share in zip(nodes, shares, strict=True)]
+    size = 1e-300 + max(np.max(np.abs(piece.x)) for piece in pieces)
+    residual = max(np.max(np.abs(gap)) for gap in _gaps(pieces)) / size
+    return Orbit(nodes, pieces, period, float(residual), iteration)
+
+
+def _gaps(pieces: list[Piece]) -> list[np.ndarray]:
+    """From where each piece ends to where the next begins."""
+    following = [*pieces[1:], pieces[0]]
+    return [np.asarray(a.x) - np.asarray(b.start.x) for a, b in zip(pieces, following, strict=True)]
+
+
+def _newton_step(flow: Motion, orbit: Orbit, shares, autonomous: bool) -> tuple[list[np.ndarray], float]:
+    """The changes of the nodes and of the period."""
+    m, n = len(orbit.nodes), len(orbit.nodes[0].x)
+    system, gaps = np.zeros((m * n + autonomous, m * n + autonomous)), np.zeros(m * n + autonomous)
+    gaps[: m * n] = np.concatenate(_gaps(orbit.pieces))
+    for i, piece in enumerate(orbit.pieces):
+        rows, after = slice(i * n, (i + 1) * n), (i + 1) % m
+        system[rows, rows] += piece.matrix
+        system[rows, after * n : (after + 1) * n] -= np.eye(n)
+        if autonomous:
+            system[rows, -1] = shares[i] * flow.velocity(piece.end)
+    if autonomous:
+        system[-1, :n] = flow.velocity(orbit.nodes[0])
+    # Of least norm: a family of orbits (a block that may lie anywhere) leaves the matrix singular.
+    change = np.linalg.lstsq(system, -gaps, rcond=1e-11)[0]
+    return list(change[: m * n].reshape(m, n)), float(change[-1]) if autonomous else 0.0
+
+
+def nearest(flow: Motion, base: Node, period: float, x) -> Node:
+    """The point of an orbit that is nearest to a state; where it jumps, before or after the jump."""
+    turn = flow.piece(base, period * (1 + NEAR))  # a jump that ends the period must be seen
+    times, points, modes = [turn.times], [turn.points], [turn.modes]
+    if turn.events is not None:
+        times += [turn.events.t, turn.events.t]
+        points += [turn.events.x_before, turn.events.x_after]
+        modes += [turn.events.mode_before, turn.events.mode_after]
+    points = np.concatenate(points)
+    i = int(np.argmin(np.linalg.norm(points - np.asarray(x), axis=1)))
+    return Node(base.t + float(np.concatenate(times)[i]), jnp.asarray(points[i]), int(np.concatenate(modes)[i]))
+
+
+def at_start(flow: Motion, base: Node, start: Node, period: float, offset: float) -> Node:
+    """The point of a forced orbit at t0; where it jumps there, before or after the jump as x0 is."""
+    if offset == 0:
+        return base
+    length = period - offset
+    ends = [flow.piece(base, length).end]
+    events = flow.piece(base, length + NEAR * period).events
+    for i in np.flatnonzero(np.abs(events.t - length) < NEAR * period):
+        ends.append(Node(start.t, jnp.asarray(events.x_before[i]), int(events.mode_before[i])))
+        ends.append(Node(start.t, jnp.asarray(events.x_after[i]), int(events.mode_after[i])))
+    return min(ends, key=lambda node: float(np.linalg.norm(np.asarray(node.x) - np.asarray(start.x))))
