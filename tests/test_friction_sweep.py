@@ -138,8 +138,3 @@ def test_the_cycle_that_chaos_escapes_to_is_followed_up_to_its_fold(escapes):
     found = diagram(values, start, starts=start[None], directions=("up",), transient=100, t1=7900)
     np.testing.assert_array_equal(found.labels[values < beta, 0], "P1w3")
     assert not np.any(found.labels[values > beta, 0] == "P1w3")
-
-
-def test_without_damping_chaos_escapes_to_a_cycle_of_period_three():
-    """Two of the six starts of the reference did."""
-    assert "P3w0" in diagram([0.0], starts=32, directions=("random",), transient=1000, t1=1000).labels

@@ -380,6 +380,7 @@ class Stepping:
             which = jnp.where(tr.case == LOCATE, 0, jnp.where(tr.case == LAND, 1, 2))
             c, aim = jax.lax.switch(which, [aim_at, landed, neither], c, tr, aim)
             tr = self.look(c, clock, aim)
+            assert isinstance(tr, Trial), "a plain flow does not come here"
             seen = Memory._fields.index("grazing")
             memory = c.own.memory.at[seen].max(grazes(self, c.own, tr, aim).astype(c.x.dtype))
             return changed(c, memory=memory), tr, aim
