@@ -22,6 +22,7 @@ matplotlib.use("Agg")
 hypothesis.settings.register_profile("fixed", deadline=None, derandomize=True, print_blob=True)
 hypothesis.settings.load_profile("fixed")
 
+gc.set_threshold(100_000, 50, 50)  # tracing makes many small objects, and few cycles of them
 CACHE_LIMIT = 1.5e9  # bytes
 
 
@@ -36,6 +37,16 @@ def _bounded_caches():
     if _resident_bytes() > CACHE_LIMIT:
         jax.clear_caches()
         gc.collect()
+
+
+@pytest.fixture(autouse=True)
+def _optimisation(request):
+    if request.node.get_closest_marker("unoptimised") is None:
+        yield
+        return
+    jax.config.update("jax_disable_most_optimizations", True)
+    yield
+    jax.config.update("jax_disable_most_optimizations", False)
 
 
 @pytest.fixture(scope="session")

@@ -31,6 +31,7 @@ def test_a_block_slips_and_sticks():
 
 
 @pytest.mark.slow
+@pytest.mark.unoptimised
 @pytest.mark.parametrize("form", ["forced", "autonomous"])
 def test_slip_to_and_fro(form):
     problem = zoo.friction_pendulum(beta=0.3, form=form)

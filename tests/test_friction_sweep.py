@@ -71,15 +71,17 @@ def test_the_largest_exponent_is_that_of_the_reference(sweep):
 def test_every_attractor_of_two_starts_is_found(sweep):
     several = 0
     for row in rows_of_the_reference():
-        labels = sweep.labels[at(sweep, row["beta"])]
-        wanted = [label for label, count in classes_of(row).items() if count >= 2]
         if float(row["beta"]) < TRANSIENT:
             continue
+        labels = sweep.labels[at(sweep, row["beta"])]
+        wanted = [label for label, count in classes_of(row).items() if count >= 2]
         several += len(wanted) > 1
         for label in wanted:
             alike = [is_chaotic(one) if is_chaotic(label) else one == label for one in labels]
             assert any(alike), (row["beta"], label, labels)
     assert several == 7
+    for beta, only in ((0.144, {"P3w0", "P2w0"}), (0.148, {"P3w0", "P1w0"}), (0.152, {"P3w0", "P1w0"})):
+        assert set(sweep.labels[at(sweep, beta)]) == only
 
 
 CYCLES = {"P1": "P1w0", "P3": "P3w0", "P5": "P5w0", "P5b": "P5w0", "P5c": "P5w0"}

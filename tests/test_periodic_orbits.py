@@ -9,6 +9,8 @@ import lyaphybrid as lh
 from lyaphybrid import zoo
 from lyaphybrid.return_maps import depends_on_time
 
+pytestmark = pytest.mark.unoptimised
+
 FORCED = 2 * np.pi / 0.666
 
 

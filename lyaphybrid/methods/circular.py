@@ -7,21 +7,15 @@ cost a third of the time. Here they are arithmetic like the rest, four numbers i
 With x = k π/2 + r, |r| ≤ π/4, the value is ± sin r or ± cos r by k mod 4. π/2 is taken off in three parts, the first
 two of 33 bits: for |k| < 2²⁰ their products are exact (W. J. Cody & W. Waite, Software Manual for the Elementary
 Functions, 1980). The polynomials, and the parts of π/2, are those of fdlibm 5.3 (k_sin.c, k_cos.c, e_rem_pio2.c; Sun
-Microsystems, 1993). Numbers that are larger than that, and what is not finite, go to XLA.
+Microsystems, 1993). What is larger than that, or not finite, is not for these functions.
 """
-
-from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
-from jax.extend.core import jaxpr_as_fun
 from jaxtyping import Array, Float64
 
-from .._jaxprs import applied, evaluated
+__all__ = ["LARGEST", "cosine", "sine"]
 
-__all__ = ["LANES", "LARGEST", "cosine", "behind_a_conditional", "in_lanes", "sine"]
-
-LANES = 4  # float64 numbers in a vector register
 LARGEST = 1.6e6  # below 2²⁰ π/2
 HALF_PI = (1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21)
 INTEGER = 1.5 * 2.0**52  # added to an integer k, it leaves k in the last bits
@@ -49,44 +43,6 @@ def cosine(x: Float64[Array, "..."]) -> Float64[Array, "..."]:
 
 sine.defjvps(lambda dx, _, x: cosine(x) * dx)
 cosine.defjvps(lambda dx, _, x: -sine(x) * dx)
-OURS: dict[str, Callable] = {"sin": sine, "cos": cosine}
-
-
-def in_lanes(function: Callable) -> Callable:
-    """The function, with its sines and cosines of float64 computed here where all their angles allow it; on a CPU.
-
-    It stands behind a conditional, which XLA does not repeat. What is made of numbers inside the function becomes a
-    vector in the register that needs it; made outside it would have to reach memory before it is read.
-    """
-
-    def chosen(*operands):
-        closed, shape = jax.make_jaxpr(function, return_shape=True)(*operands)
-        leaves, angles = jax.tree.leaves(operands), []
-        if jax.default_backend() == "cpu":
-            _with_ours(closed, leaves, angles)
-        if not angles:
-            return behind_a_conditional(function)(*operands)
-        # What the angles do not need, XLA removes here.
-        moderate = jnp.stack([jnp.all(jnp.abs(angle) < LARGEST) for angle in angles]).all()
-        results = jax.lax.cond(moderate, lambda *leaves: _with_ours(closed, leaves, []), jaxpr_as_fun(closed), *leaves)
-        return jax.tree.unflatten(jax.tree.structure(shape), results)
-
-    return chosen
-
-
-def _with_ours(closed, leaves, angles: list) -> list:
-    """What the function gives with our sines; collects their angles."""
-
-    def rule(closed, eqn, operands):
-        name = eqn.primitive.name
-        if name in ("jit", "pjit"):
-            return evaluated(eqn.params["jaxpr"], operands, rule)
-        if name in OURS and eqn.outvars[0].aval.dtype == jnp.float64:
-            angles.append(operands[0])
-            return [OURS[name](operands[0])]
-        return applied(closed, eqn, operands)
-
-    return evaluated(closed, list(leaves), rule)
 
 
 def _turned(x, quarters: int):
@@ -102,22 +58,6 @@ def _turned(x, quarters: int):
     value = jnp.where((quadrant & 1) == 1, cos, sin)
     sign = (quadrant & 2) << 62  # the first bit of a number
     return jax.lax.bitcast_convert_type(_bits(value) ^ sign, x.dtype)
-
-
-def behind_a_conditional(function: Callable) -> Callable:
-    """The function of numbers or arrays; XLA does not know that the first is always a number, and never repeats it."""
-
-    def chosen(*operands):
-        first = jax.tree.leaves(operands)[0]
-        shapes = jax.eval_shape(function, *operands)
-
-        def nothing(*operands):
-            del operands
-            return jax.tree.map(lambda one: jnp.zeros(one.shape, one.dtype), shapes)
-
-        return jax.lax.cond(jnp.all(first == first), function, nothing, *operands)
-
-    return chosen
 
 
 def _polynomial(coefficients, x):

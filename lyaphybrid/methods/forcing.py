@@ -18,7 +18,7 @@ from jaxtyping import Array
 from .._jaxprs import divided, needed, part_of
 from ..columns import each_column
 from .base import Field
-from .circular import LANES, behind_a_conditional, in_lanes
+from .conditionals import LANES, behind_a_conditional, in_lanes
 
 __all__ = ["at_times", "linear_along", "takes_sines"]
 
@@ -97,9 +97,10 @@ def takes_sines(fields: Iterable[Field], t, x) -> bool:
 
 
 def _side_by_side(values: Sequence[Array], room: int) -> Array:
-    """The values as rows, with others below to fill registers. In one register they do without memory: each goes there.
+    """The values as rows, with the first again below them until `room` rows are full.
 
-    (In more of them a row would be written to each, and all but one thrown away.)
+    In one register this does without memory. With more, each row would be written into all registers, and thrown away
+    in all but one: stacking is less work.
     """
     if room > LANES:
         return jnp.stack([*values, *[values[0]] * (room - len(values))])

@@ -286,7 +286,8 @@ class Stepping:
         """The frame at the end of a trial that ends at an event, and ∫ tr Df over it."""
         if not c.frame.shape[1]:
             return c.frame, None
-        return self.carried(c, clock, tr.h, c.own.mode, tr.way, self.method.rare_tangent)[1:4:2]
+        _, frame, _, flux, _ = self.carried(c, clock, tr.h, c.own.mode, tr.way, self.method.rare_tangent)
+        return frame, flux
 
     def carried(self, c: Carry, clock: Clock, h, mode, way=(), of_method=None):
         """The step's tangent: the frame at its end, the frame's error ratio, ∫ tr Df over it, its `Carry.stages`."""
