@@ -64,7 +64,7 @@ def lyapunov_spectrum(
         mode: name or index of the mode at the start; needed where there are several.
         k: number of exponents; None: n.
         frame: (n, k) initial columns; None: unit vectors, in the paired order where the system is canonical.
-        method: `lh.RungeKutta` (default, adaptive dopri5) or `lh.Diffrax`; None for maps and event-driven systems.
+        method: `lh.RungeKutta` (default, adaptive dopri8) or `lh.Diffrax`; None for maps and event-driven systems.
         every: orthonormalise each so many iterations (maps), steps (fixed dt), units of time (adaptive) or jumps
             (event-driven); None: from the growth, so that no exponent drowns in rounding.
         orthonormalise: "auto", "mgs" (modified Gram–Schmidt), "lapack", "cholesky".

@@ -1,4 +1,4 @@
-"""Execute the notebooks, each in a fresh kernel: `python tests/run_notebooks.py [NAME …] [--write]`.
+"""Execute the notebooks, each in a fresh kernel, two at a time: `python tests/run_notebooks.py [NAME …] [--write]`.
 
 Exit status 1 where a cell fails. Names are parts of file names; none: all.
 """
@@ -15,6 +15,7 @@ from nbclient.exceptions import CellExecutionError, CellTimeoutError, DeadKernel
 
 FOLDER = Path(__file__).parent.parent / "notebooks"
 TIMEOUT = 600  # seconds a notebook
+AT_ONCE = 2
 
 
 async def execute(notebook: nbformat.NotebookNode) -> None:
@@ -29,6 +30,30 @@ async def execute(notebook: nbformat.NotebookNode) -> None:
     await asyncio.wait_for(client.async_execute(), TIMEOUT)
 
 
+async def passes(path: Path, room: asyncio.Semaphore, write: bool) -> bool:
+    """Execute the notebook of a path, and say how it went."""
+    async with room:
+        notebook = nbformat.read(path, as_version=4)
+        checks = sum("check" in cell.metadata.get("tags", ()) for cell in notebook.cells)
+        start, verdict = time.perf_counter(), "ok"
+        try:
+            await execute(notebook)
+        except (CellExecutionError, CellTimeoutError, DeadKernelError, TimeoutError) as error:
+            print(f"{path.name}: {error or f'more than {TIMEOUT} s'}", file=sys.stderr)
+            verdict = "FAILED"
+        else:
+            if write:
+                nbformat.write(notebook, path)
+        print(f"{path.name}: {verdict}, {checks} checks, {time.perf_counter() - start:.1f} s", flush=True)
+        return verdict == "ok"
+
+
+async def run_all(paths: list[Path], write: bool) -> list[bool]:
+    """Which of the notebooks pass."""
+    room = asyncio.Semaphore(AT_ONCE)
+    return await asyncio.gather(*(passes(path, room, write) for path in paths))
+
+
 def main() -> int:
     """Run the notebooks asked for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -37,22 +62,9 @@ def main() -> int:
     options = parser.parse_args()
     names = options.names or [""]
     paths = [p for p in sorted(FOLDER.glob("*.ipynb")) if any(n in p.name for n in names)]
-    failed = 0
-    for path in paths:
-        notebook = nbformat.read(path, as_version=4)
-        checks = sum("check" in cell.metadata.get("tags", ()) for cell in notebook.cells)
-        start, verdict = time.perf_counter(), "ok"
-        try:
-            asyncio.run(execute(notebook))
-        except (CellExecutionError, CellTimeoutError, DeadKernelError, TimeoutError) as error:
-            print(error or f"more than {TIMEOUT} s", file=sys.stderr)
-            verdict, failed = "FAILED", failed + 1
-        else:
-            if options.write:
-                nbformat.write(notebook, path)
-        print(f"{path.name}: {verdict}, {checks} checks, {time.perf_counter() - start:.1f} s", flush=True)
-    print(f"notebooks: {len(paths) - failed} passed, {failed} failed")
-    return 1 if failed or not paths else 0
+    passed = sum(asyncio.run(run_all(paths, options.write)))
+    print(f"notebooks: {passed} passed, {len(paths) - passed} failed")
+    return 0 if paths and passed == len(paths) else 1
 
 
 if __name__ == "__main__":
