@@ -70,8 +70,8 @@ def test_in_lanes_takes_ours_for_float64_alone():
     t = jnp.linspace(0.0, 3.0, 4)
     conditional = jax.make_jaxpr(in_lanes(function))(t).eqns[-1]
     assert conditional.primitive.name == "cond"
-    plain, with_ours = ([eqn.primitive.name for eqn in one.jaxpr.eqns] for one in conditional.params["branches"])
-    assert plain.count("custom_jvp_call") == 0
+    as_it_is, with_ours = ([eqn.primitive.name for eqn in one.jaxpr.eqns] for one in conditional.params["branches"])
+    assert as_it_is.count("custom_jvp_call") == 0
     assert with_ours.count("custom_jvp_call") == 2
     assert with_ours.count("cos") == 1, "that of float32"
     for ours, plain in zip(in_lanes(function)(t), function(t), strict=True):
