@@ -73,6 +73,10 @@ def _lorenz(every: int, t1: float) -> Case:
     return Case("step", t1, _ours("lorenz", every), _reference(references.run_lorenz, "steps", every))
 
 
+def _henon_heiles(every: int, t1: float) -> Case:
+    return Case("step", t1, _ours("henon_heiles", every), _reference(references.run_henon_heiles, "steps", every))
+
+
 def _impact(adaptive: bool, t1: float) -> Case:
     every = problems.IMPACT_EVERY_TIME if adaptive else problems.IMPACT_EVERY
     return Case("time", t1, _ours("impact", adaptive, every), _reference(references.run_impact, "time", adaptive))
@@ -99,6 +103,8 @@ def _many_disks(n: int, every: int, collisions: int, lapack: bool = False) -> Ca
 CASES = {
     "lorenz_every1": _lorenz(1, 1e4),
     "lorenz_every10": _lorenz(10, 2.5e4),
+    "henon_heiles_every1": _henon_heiles(1, 5e4),
+    "henon_heiles_every10": _henon_heiles(10, 2e5),
     "impact_fixed": _impact(False, 2e4),
     "impact_adaptive": _impact(True, 1.25e4),
     "friction_fixed": _friction(False, 1.6e4),

@@ -42,6 +42,19 @@ def lorenz(every: int, t1: float) -> Make:
     return make
 
 
+def henon_heiles(every: int, t1: float) -> Make:
+    """The tangent map of SBAB2C; the work is counted in steps."""
+
+    def make():
+        problem, dt = lh.zoo.henon_heiles(), problems.HENON_HEILES_DT
+        method = lh.Symplectic("SBAB2C", dt=dt)
+        run = _runner(problem.system, problems.HENON_HEILES_START, None, t1=t1, method=method, every=every)
+        run()
+        return run, t1 / dt
+
+    return make
+
+
 def oscillate(t, x, args):
     """The field of the impact oscillator."""
     acceleration = jnp.cos(args["omega"] * t) - 2 * args["zeta"] * x[1] - x[0]

@@ -6,6 +6,10 @@ LORENZ_PARAMETERS = (10.0, 28.0, 8 / 3)  # sigma, rho, beta
 LORENZ_START = (1.0, 1.0, 1.0)
 LORENZ_DT = 0.01
 
+# H = (px² + py²)/2 + (x² + y²)/2 + x²y − y³/3 = 1/8: the orbit C1 of Skokos and Gerlach, in the big chaotic sea
+HENON_HEILES_START = (0.0, -0.016, 0.49974120235711333, 0.0)
+HENON_HEILES_DT = 0.05
+
 # x'' + 2 zeta x' + x = cos(omega t), x <= 0; at the wall v -> -restitution v
 IMPACT_PARAMETERS = {"zeta": 0.05, "omega": 2.8, "restitution": 0.8}
 IMPACT_START = (0.0, -0.5)

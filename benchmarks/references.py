@@ -25,6 +25,7 @@ _Array = np.ctypeslib.ndpointer(dtype=np.float64, flags="C_CONTIGUOUS")
 _Counts = np.ctypeslib.ndpointer(dtype=np.int64, flags="C_CONTIGUOUS")
 _SIGNATURES = {
     "lorenz": [ctypes.c_int64] * 2 + [ctypes.c_double] + [_Array] * 4,
+    "henon_heiles": [ctypes.c_int64] * 2 + [ctypes.c_double] + [_Array] * 3,
     "impact_fixed": [ctypes.c_double] * 2 + [_Array] * 5 + [_Counts],
     "impact_adaptive": [ctypes.c_double] * 4 + [_Array] * 5 + [_Counts],
     "friction_fixed": [ctypes.c_double] * 2 + [_Array] * 5 + [_Counts],
@@ -107,6 +108,13 @@ def run_lorenz(t1: float, every: int, dt: float = problems.LORENZ_DT) -> Result:
     return Result(sums, x, steps * dt, steps)
 
 
+def run_henon_heiles(t1: float, every: int, dt: float = problems.HENON_HEILES_DT) -> Result:
+    """Hénon and Heiles' system by SBAB2 with its corrector, with the tangent map of all four columns."""
+    x, frame, sums = np.array(problems.HENON_HEILES_START), np.ascontiguousarray(problems.paired_frame(2)), np.zeros(4)
+    steps = library().henon_heiles(round(t1 / dt), every, dt, x, frame, sums)
+    return Result(sums, x, steps * dt, steps, frame=frame)
+
+
 def run_impact(t1: float, adaptive: bool, dt: float = problems.IMPACT_DT) -> Result:
     """The impact oscillator: RK4 at dt, or Dormand–Prince 5(4) with dt as the first step."""
     x, tolerances = np.array(problems.IMPACT_START), (problems.IMPACT_RTOL, problems.IMPACT_ATOL)
@@ -168,6 +176,18 @@ def _check_lorenz(every: int) -> list[Check]:
     return [
         Check(f"lorenz, every {every}: exponents", exponents, np.array([0.9059, 0.0, -14.5725]), 0.01),
         Check(f"lorenz, every {every}: sum", exponents.sum(), np.array(divergence), 5e-4),  # RK4 leaves 1e-4
+    ]
+
+
+def _check_henon_heiles() -> list[Check]:
+    run = run_henon_heiles(2e5, every=10)
+    x, y, px, py = run.x
+    energy = (px * px + py * py + x * x + y * y) / 2 + x * x * y - y**3 / 3
+    return [
+        Check("Hénon and Heiles: energy", np.array(energy), np.array(0.125), 1e-7),
+        Check("Hénon and Heiles: pairs", run.exponents + run.exponents[::-1], np.zeros(4), 1e-12),
+        # The standard deviation of a run of this length is 2e-3.
+        Check("Hénon and Heiles: exponents", run.exponents, np.array([0.04434, 0.0, 0.0, -0.04434]), 0.01),
     ]
 
 
@@ -257,6 +277,7 @@ def validate() -> list[Check]:
     return [
         *_check_lorenz(every=1),
         *_check_lorenz(every=10),
+        *_check_henon_heiles(),
         *_check_impact(adaptive=False),
         *_check_impact(adaptive=True),
         *_check_impact_methods(),

@@ -15,7 +15,19 @@ from .comparisons import TwoTrajectories, two_trajectories  # noqa: E402
 from .derivatives import Jacobians, jacobians, saltation_matrix  # noqa: E402
 from .diagrams import BifurcationDiagram, bifurcation_diagram  # noqa: E402
 from .filippov import filippov  # noqa: E402
-from .methods import Diffrax, RungeKutta  # noqa: E402
+from .hamiltonians import Hamiltonian, canonical_flow  # noqa: E402
+from .indicators import (  # noqa: E402
+    Alignment,
+    CovariantVectors,
+    Growth,
+    covariant_vectors,
+    fli,
+    gali,
+    megno,
+    ofli,
+    sali,
+)
+from .methods import Diffrax, RungeKutta, Splitting, Symplectic, TangentHamiltonian  # noqa: E402
 from .periodic_orbits import Floquet, floquet  # noqa: E402
 from .results import RunFailed, Spectrum  # noqa: E402
 from .return_maps import return_map  # noqa: E402
@@ -37,15 +49,26 @@ __all__ = [
     "filippov",
     "EventDriven",
     "Schedule",
+    "Hamiltonian",
+    "canonical_flow",
     "impact",
     "RungeKutta",
     "Diffrax",
+    "Symplectic",
+    "Splitting",
+    "TangentHamiltonian",
     "lyapunov_spectrum",
     "trajectory",
     "tangent_map",
     "saltation_matrix",
     "jacobians",
     "two_trajectories",
+    "gali",
+    "sali",
+    "megno",
+    "fli",
+    "ofli",
+    "covariant_vectors",
     "floquet",
     "return_map",
     "poincare_section",
@@ -55,6 +78,9 @@ __all__ = [
     "TangentMap",
     "Jacobians",
     "TwoTrajectories",
+    "Alignment",
+    "Growth",
+    "CovariantVectors",
     "Floquet",
     "NoPeriodicOrbit",
     "PoincareSection",

@@ -10,3 +10,12 @@ def axes_of(ax, figsize: tuple[float, float] = (6.4, 4.0)):
     from matplotlib import pyplot
 
     return pyplot.subplots(figsize=figsize, layout="constrained")[1]
+
+
+def colours(count: int) -> list:
+    """Colours for so many curves: single ones while they suffice, then a scale."""
+    if count <= len(COLOURS):
+        return list(COLOURS[:count])
+    from matplotlib import colormaps
+
+    return [colormaps["viridis"](0.92 * i / (count - 1)) for i in range(count)]

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jax.extend.core import ClosedJaxpr, Literal, jaxpr_as_fun
 
-__all__ = ["applied", "divided", "evaluated", "needed", "part_of", "settled"]
+__all__ = ["applied", "divided", "evaluated", "is_affine", "needed", "part_of", "settled"]
 
 
 def part_of(closed: ClosedJaxpr, equations, inputs, outputs) -> Callable[..., list]:
@@ -58,6 +58,16 @@ def needed(closed: ClosedJaxpr) -> set:
         if found.intersection(eqn.outvars):
             found |= _variables(eqn.invars)
     return found
+
+
+def is_affine(function: Callable, x) -> bool:
+    """Whether the derivative of a function of x is seen not to depend on x."""
+
+    def along(x, dx):
+        return jax.jvp(function, (x,), (dx,))[1]
+
+    closed = jax.make_jaxpr(along)(x, x)
+    return closed.jaxpr.invars[0] not in needed(closed)
 
 
 def _variables(atoms) -> set:

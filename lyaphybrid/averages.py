@@ -187,7 +187,8 @@ def _birkhoff(xp: ModuleType, growth, length, reading, valid, regular: bool):
     """Means with the weights w ∝ exp(-1/(s(1-s))), s the fraction of the run, at the middle of each block.
 
     S. Das, Y. Saiki, E. Sander & J. Yorke, Nonlinearity 30 (2017) 4111, doi:10.1088/1361-6544/aa84c2. For
-    conservative regular motion the growth is linear in time, so the local exponent is 1/t, and is subtracted.
+    conservative regular motion columns grow with a power of the time, so the local exponent is that power over t: it is
+    subtracted.
     """
     s = (reading - 0.5 * length) / _safe(xp, reading[-1])
     inside = valid & (s > 1e-3) & (s < 1 - 1e-3)
@@ -197,8 +198,17 @@ def _birkhoff(xp: ModuleType, growth, length, reading, valid, regular: bool):
     if regular:
         earlier = reading - length
         slope = xp.log(_safe(xp, reading) / xp.where(earlier > 0, earlier, 1.0)) / _safe(xp, length)
-        local = local - xp.sign(local) * xp.where(earlier > 0, slope, 0.0)[:, None]
+        power = _power(xp, growth, reading, valid)
+        local = local - power * xp.where(earlier > 0, slope, 0.0)[:, None]
     return xp.sum(weight[:, None] * local, axis=0) / _or_nan(xp, xp.sum(weight))
+
+
+def _power(xp: ModuleType, growth, reading, valid):
+    """The whole number (k,) to whose power of the time columns have grown: 1, −1, or 0 in special directions."""
+    log_time = xp.log(_safe(xp, reading))
+    count = xp.maximum(xp.sum(valid), 1)
+    log_time = xp.where(valid, log_time - xp.sum(xp.where(valid, log_time, 0.0)) / count, 0.0)
+    return xp.round(log_time @ xp.cumsum(growth, axis=0) / _safe(xp, xp.sum(log_time**2)))
 
 
 def _end(xp: ModuleType, journey: Journey, status, interrupted) -> dict:

@@ -96,9 +96,28 @@ def _equation(closed: ClosedJaxpr, eqn, operands: list) -> list:
     name = eqn.primitive.name
     if name in ("jit", "pjit"):
         return evaluated(eqn.params["jaxpr"], operands, _equation)
+    if name == "while":
+        return _while(eqn, operands)
     touched = any(isinstance(one, Parts) for one in operands) or name in OF_NUMBERS
     found = _by_rule(eqn, operands) if touched else None
     return applied(closed, eqn, [_put_together(one) for one in operands]) if found is None else [found]
+
+
+def _while(eqn, operands: list) -> list:
+    """A loop within: its state is carried in parts."""
+    conditions, bodies = eqn.params["cond_nconsts"], eqn.params["body_nconsts"]
+    asked, used, start = operands[:conditions], operands[conditions:][:bodies], operands[conditions + bodies :]
+    shapes = [atom.aval.shape for atom in eqn.outvars]
+
+    def goes_on(leaves):
+        return evaluated(eqn.params["cond_jaxpr"], [*asked, *_restored(leaves, shapes)], _equation)[0]
+
+    def once(leaves):
+        found = evaluated(eqn.params["body_jaxpr"], [*used, *_restored(leaves, shapes)], _equation)
+        return [_listed(_taken_apart(one)) for one in found]
+
+    leaves = [_listed(_taken_apart(one)) for one in start]
+    return _restored(jax.lax.while_loop(goes_on, once, leaves), shapes)
 
 
 def _by_rule(eqn, operands: list):
@@ -148,14 +167,18 @@ def _broadcast(params, shape, operand):
 
 def _slice(params, shape, operand):
     ranges = list(zip(params["start_indices"], params["limit_indices"], strict=True))
-    if params["strides"] is not None or (operand.rows and ranges.pop() != (0, operand.shape[-1])):
+    if params["strides"] is not None and any(stride != 1 for stride in params["strides"]):
         return None
-    return Parts(shape, operand.entries[tuple(slice(*one) for one in ranges)].flat)
+    along = slice(*ranges.pop()) if operand.rows else None
+    entries = operand.entries[tuple(slice(*one) for one in ranges)].flat
+    return Parts(shape, entries if along in (None, slice(0, operand.shape[-1])) else [row[along] for row in entries])
 
 
 def _reshape(params, shape, operand):
     if params.get("new_sizes") and params["dimensions"]:  # transposed first
         return None
+    if operand.rows and operand.shape[-1] == 1 and shape == operand.shape[:-1] and len(shape) == 1:  # of rows of one
+        return Parts(shape, [row[0] for row in operand.entries.flat])
     if operand.rows and len(shape) > 1 and operand.shape[-1] == shape[-1]:
         return Parts(shape, operand.entries.flat)
     if operand.entries.size == 1 and shape == operand.shape[1:]:  # a number, or a row
@@ -168,6 +191,34 @@ def _concatenate(params, shape, *operands):
     if not all(isinstance(one, Parts) for one in parts) or (rows and params["dimension"] == len(shape) - 1):
         return None
     return Parts(shape, np.concatenate([one.entries for one in parts], params["dimension"]).flat)
+
+
+def _pad(params, shape, operand, filling):
+    """What is added around the entries, or taken away; a slice has this as its transpose."""
+    around, rows = list(params["padding_config"]), operand.rows
+    if any(inside for *_, inside in around) or (rows and around.pop() != (0, 0, 0)):
+        return None
+    filling = jnp.broadcast_to(filling, shape[-1:]) if rows else filling
+    result = Parts(shape, [filling] * math.prod(_lead(shape)))
+    kept = operand.entries[_within(around, operand.entries.shape, -1)]
+    result.entries[_within(around, result.entries.shape, 1)] = kept
+    return result
+
+
+def _within(around, sizes, sign: int) -> tuple[slice, ...]:
+    """Without what padding of this sign adds or takes away at both ends."""
+    ends = [(max(0, sign * low), max(0, sign * high)) for low, high, _ in around]
+    return tuple(slice(low, size - high) for (low, high), size in zip(ends, sizes, strict=True))
+
+
+def _dot(params, shape, left, right):
+    """Numbers times numbers, or numbers times rows."""
+    (contracted, batch), left, right = params["dimension_numbers"], _taken_apart(left), _taken_apart(right)
+    simple = contracted == ((0,), (0,)) and batch == ((), ())
+    if not simple or not isinstance(left, Parts) or not isinstance(right, Parts) or left.rows:
+        return None
+    del shape
+    return functools.reduce(operator.add, [a * b for a, b in zip(left.entries, right.entries, strict=True)])
 
 
 def _stack(params, shape, *operands):
@@ -205,6 +256,8 @@ OF_NUMBERS = {"broadcast_in_dim", "stack"}  # what makes an array of numbers, or
 RULES: dict[str, Callable] = {
     "broadcast_in_dim": _broadcast,
     "concatenate": _concatenate,
+    "dot_general": _dot,
+    "pad": _pad,
     "reduce_and": _reduced(operator.and_, None),
     "reduce_max": _reduced(jnp.maximum, jnp.max),
     "reduce_min": _reduced(jnp.minimum, jnp.min),

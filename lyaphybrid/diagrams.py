@@ -10,10 +10,11 @@ import numpy as np
 
 from . import attractors, lanes, runs
 from ._tracing import array, traced
+from .blocks import cadence_for
 from .checks import attempts, positive, require, whole
 from .methods.base import Method
 from .sections import with_section
-from .spectra import _cadence, _frame
+from .spectra import _frame
 from .statuses import OK, STATUS
 from .strobes import Found, Lane, State, at, placed, run, schedule
 from .systems import EventDriven, Flow, Hybrid, Map, iterates
@@ -276,7 +277,7 @@ def _shared(system, problem, how, period, t0, mode, k, max_steps, dtype):
     if k is not None:
         whole("k", k, least=1)
     frame, _ = _frame(system, None, problem.shape[0], k, dtype)
-    cadence, interval = _cadence(problem, None)
+    cadence, interval = cadence_for(problem, None)
     plan = runs.Plan(cadence, "mgs", False, 0, period is None, False, runs.nothing)
     limit = PATIENCE * how.ends[-1] if max_steps is None and period is None else max_steps
     limit = np.int32(runs.FOREVER if limit is None else min(limit, runs.FOREVER))

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ._jaxprs import settled
-from .systems import Hybrid
+from .systems import Bound, Hybrid
 
 __all__ = ["Wiring", "by_mode", "arm", "hermite_root", "rounding", "turning_point", "wire"]
 
@@ -77,7 +77,7 @@ def wire(system: Hybrid, t, x, args) -> Wiring:
             directed[q, i], transition[q, i], component[q, i] = transitions[j].direction != 0, j, c
     clocks = tuple(j for j, tr in enumerate(transitions) if tr.is_clock)
     return Wiring(
-        tuple(settled(_bind_field(field, args), t, x) for field in fields),
+        tuple(_bind_field(field, args, t, x) for field in fields),
         tuple(settled(_bind_guards([transitions[j] for j in own], slots, args), t, x) for own in per_mode),
         tuple(_bind_projection(project, args) for project in system.tangent),
         directed,
@@ -105,8 +105,8 @@ def _width(guard, t, x, args) -> int:
     return shape[0] if shape else 0
 
 
-def _bind_field(field, args):
-    return lambda t, x: field(t, x, args)
+def _bind_field(field, args, t, x):
+    return Bound(field, args, settled(Bound(field, args), t, x))
 
 
 def _bind_guards(transitions, slots, args):

@@ -137,15 +137,16 @@ def _cleared(rest, column, j: int | Array, squares, floors):
 
 def _unrolled(frame, floors=None):
     """The same, one column against all others."""
-    squares = jnp.zeros(frame.shape[1], frame.dtype)
+    squares: list = []
     for j in range(frame.shape[1]):
         column = frame[:, j]
         if floors is not None and j > 0:
-            column = _cleared(frame, column, j, squares, floors)
+            known = jnp.stack([*squares, *[jnp.zeros_like(squares[0])] * (frame.shape[1] - j)])
+            column = _cleared(frame, column, j, known, floors)
             frame = frame.at[:, j].set(column)
         frame, square = _remove(frame, column, j, floors)
-        squares = squares.at[j].set(square)
-    return _scaled(frame, squares)
+        squares.append(square)
+    return _scaled(frame, jnp.stack(squares))
 
 
 def _in_a_loop(frame, floors=None):
@@ -218,9 +219,9 @@ def _by_gram_matrix(panel):
 
 
 def widened(frame: Float[Array, "n k"]) -> Float[Array, "n m"]:
-    """Two or three columns as four, the others zero: a row is then one vector register (Lorenz: 57 ns, not 72)."""
+    """Up to three columns as four, the others zero: a row is then one vector register (Lorenz: 57 ns, not 72)."""
     k = frame.shape[1]
-    return jnp.pad(frame, ((0, 0), (0, 4 - k))) if k in (2, 3) else frame
+    return jnp.pad(frame, ((0, 0), (0, 4 - k))) if 0 < k < 4 else frame
 
 
 def staggered(frame: Float[Array, "n k"]) -> Float[Array, "n m"]:

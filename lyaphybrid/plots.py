@@ -10,17 +10,20 @@ from typing import Any
 
 import numpy as np
 
-from ._axes import COLOURS
+from ._axes import COLOURS, colours
 from ._axes import axes_of as _axes
 from ._diagram_plots import bifurcations, diagram, largest_exponent, section
+from ._indicator_plots import alignment, growth
 from .results import UNIT, Spectrum, with_error
 from .trajectories import Trajectory
 
 __all__ = [
     "against_density",
+    "alignment",
     "bifurcations",
     "convergence",
     "diagram",
+    "growth",
     "largest_exponent",
     "phase",
     "section",
@@ -95,7 +98,7 @@ def convergence(spectrum: Spectrum, ax=None):
     time = np.nanmean(np.atleast_2d(time), axis=0)
     finite = np.flatnonzero(np.isfinite(values))
     ax.axhline(0.0, color="0.6", linewidth=0.8, zorder=0)
-    for i, colour in zip(finite, _colours(len(finite)), strict=True):
+    for i, colour in zip(finite, colours(len(finite)), strict=True):
         ax.plot(time, running[:, i], color=colour, linewidth=1.2)
         if np.isfinite(errors[i]):
             ax.axhspan(values[i] - errors[i], values[i] + errors[i], color=colour, alpha=0.18, linewidth=0)
@@ -156,7 +159,7 @@ def spectra(spectra: Mapping[int, Spectrum], ax=None):
     ax = _axes(ax)
     ax.axhline(0.0, color="0.6", linewidth=0.8, zorder=0)
     markers = itertools.cycle("os^Dv")
-    for (n, found), colour, marker in zip(spectra.items(), _colours(len(spectra)), markers, strict=False):
+    for (n, found), colour, marker in zip(spectra.items(), colours(len(spectra)), markers, strict=False):
         half = found.x.shape[-1] // 2
         values, errors = (np.asarray(a)[:half] for a in (found.exponents, found.stderr))
         errors = np.where(np.isfinite(errors), errors, 0.0)
@@ -230,7 +233,7 @@ def trajectory(trajectory: Trajectory, ax=None, components: Sequence[int] | None
     _shade(ax, t, mode, trajectory.mode_names)
     _mark(ax, np.asarray(trajectory.events.t))
     style: dict[str, Any] = {"linestyle": "none", "marker": "."} if discrete else {"linewidth": 1.3}
-    for i, colour in zip(shown, _colours(len(shown)), strict=True):
+    for i, colour in zip(shown, colours(len(shown)), strict=True):
         ax.plot(t, x[:, i], color=colour, label=f"$x_{{{i + 1}}}$", **style)
     ax.set_xlabel("iteration" if discrete else "time t")
     ax.set_ylabel("state" if len(shown) > 1 else f"$x_{{{shown[0] + 1}}}$")
@@ -286,7 +289,7 @@ def phase(trajectory: Trajectory, ax=None, i: int = 0, j: int = 1):
     if _is_discrete(trajectory):
         ax.plot(x[:, i], x[:, j], linestyle="none", marker=".", markersize=2, color=COLOURS[0])
     else:
-        for index, (name, colour) in enumerate(zip(names, _colours(len(names)), strict=True)):
+        for index, (name, colour) in enumerate(zip(names, colours(len(names)), strict=True)):
             own = (mode == index)[:, None]
             path = np.where(own, x, np.nan)
             ax.plot(path[:, i], path[:, j], color=colour, linewidth=1.0, label=name)
@@ -342,15 +345,6 @@ def _broken(trajectory: Trajectory):
 def _is_discrete(trajectory: Trajectory) -> bool:
     """Whether these are iterates of a map: one jump a sample and no log of events."""
     return len(trajectory.events) == 0 and int(np.max(trajectory.j)) > 0
-
-
-def _colours(count: int) -> list:
-    """Colours for so many curves: single ones while they suffice, then a scale."""
-    if count <= len(COLOURS):
-        return list(COLOURS[:count])
-    from matplotlib import colormaps
-
-    return [colormaps["viridis"](level) for level in np.linspace(0.0, 0.92, count)]
 
 
 def _whole_ticks(ax) -> None:

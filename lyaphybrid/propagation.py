@@ -13,7 +13,7 @@ where the user's functions ask for it.
 
 import functools
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -29,7 +29,7 @@ LONGEST_BLIND = 4.0  # jumps between two orthonormalisations, where each may des
 STRETCHED = 100.0  # a larger entry of a frame ends the interval there: a grazing jump must not look like a loss
 MOST_AT_ONCE = 64  # jumps at one instant that an event log must have room for
 
-__all__ = ["Carry", "Cadence", "Events", "Record", "Settings", "advance", "begin", "restart"]
+__all__ = ["Carry", "Cadence", "Events", "Record", "Seen", "Settings", "Watch", "advance", "begin", "restart"]
 
 
 class Cadence(NamedTuple):
@@ -38,6 +38,37 @@ class Cadence(NamedTuple):
     unit: str  # "steps" | "time" | "jumps" | "never"
     automatic: bool  # lengthen and shorten the interval from the growth that is seen
     each: bool = False  # after each step: where nothing is rare, a span is then one step, and needs no loop
+
+
+class Seen(NamedTuple):
+    """One orthonormalisation."""
+
+    t: Array
+    before: Array  # (n, k) the frame before
+    frame: Array  # (n, k) after it; zero where lost
+    log_r: Array  # (k,) ln R_ii; zero where lost
+    lost: Array  # (k,)
+    velocity: Callable  # () -> (n,) the flow's, where there is one
+
+
+class Watch(Protocol):
+    """What indicators follow from one orthonormalisation to the next, as a state of arrays."""
+
+    def begin(self, t, frame) -> Any:
+        """The state at the start of a run, or of its part that counts."""
+        ...
+
+    def update(self, state: Any, seen: Seen) -> Any:
+        """The state after an orthonormalisation."""
+        ...
+
+    def moved(self, state: Any, source) -> Any:
+        """The state after the columns of the frame have changed places: new[i] came from old[source[i]]."""
+        ...
+
+    def next_block(self, state: Any) -> Any:
+        """The state at the start of the next block."""
+        ...
 
 
 class Settings(NamedTuple):
@@ -50,6 +81,7 @@ class Settings(NamedTuple):
     log: int  # room for so many events; 0: none are kept
     count_jumps: bool  # a block may end by its number of jumps
     collect: Callable  # (t, carry) -> what is recorded at the end of a block
+    watch: Any = None  # a `Watch`: what follows the orthonormalisations
 
 
 class Events(NamedTuple):
@@ -86,6 +118,7 @@ class Carry(NamedTuple):
     order: Any  # (k,) where each column stood at the start of the block
     own: Any  # the mover's
     log: Events | None
+    watch: Any = None  # the state of a `Watch`
     stages: Any = ()  # within a block: the points and tangents that the last step went through
 
 
@@ -157,6 +190,8 @@ def begin(settings: Settings, t0, x, frame, mode, h, interval) -> Journey:
         log=_empty_log(settings, t0, x) if settings.log else None,
     )
     carry = stop(_within_mode(settings, carry, t0, mode) if k else carry, STATUS.deadlock, ~possible)
+    if settings.watch is not None:
+        carry = carry._replace(watch=settings.watch.begin(t0, carry.frame))
     return Journey(carry, jnp.stack([t0, zero]), zero, jnp.asarray(0, jnp.int32), interval, zero)
 
 
@@ -169,7 +204,8 @@ def _within_mode(settings: Settings, carry: Carry, t, mode) -> Carry:
     if settings.cadence.unit == "never":
         return carry
     kept = carry.growth, carry.order
-    carry, _ = harvest(settings, carry, t, frames.LOST, frames.LOST, project, was_live=False)
+    unwatched = settings._replace(watch=None)
+    carry, _ = harvest(unwatched, carry, t, frames.LOST, frames.LOST, project, was_live=False)
     return carry._replace(growth=kept[0], order=kept[1])
 
 
@@ -224,8 +260,11 @@ def _block(settings: Settings, journey: Journey, index, end, last_jump):
     start = journey.carry._replace(budget=jnp.where(todo, journey.carry.budget, 0))
     start = start._replace(stages=settings.mover.no_stages(start.x, _widened(settings, start.frame)))
     state = (start, settings.mover.enter(start, clock), journey.interval, journey.spread)
-    carry, _, interval, spread = jax.lax.while_loop(
-        lambda state: within(state[0]), lambda state: _span(settings, clock, within, *state), state
+    carry, _, interval, spread = _repeated(
+        lambda state: within(state[0]),
+        lambda state: _span(settings, clock, within, *state),
+        state,
+        settings.mover.always_common and settings.mover.does_little(start.x.shape[0]),
     )
     carry = _without_stages(carry)
     carry = stop(carry, STATUS.nonfinite, ~jnp.all(jnp.isfinite(carry.x)))
@@ -286,7 +325,8 @@ def _span(settings: Settings, clock: Clock, within, carry: Carry, ahead, interva
     if _step_by_step(settings):
         carry, ahead = stepping(mover)((carry, ahead))
     else:
-        little, movers = mover.does_little(carry.x.shape[0]), mover.in_each_mode()
+        # Where nothing is rare, the spans are written in numbers too.
+        little, movers = mover.does_little(carry.x.shape[0]) and not mover.always_common, mover.in_each_mode()
         loops = [lambda state, one=one: _repeated(goes_on, stepping(one), state, little) for one in movers]
         carry, ahead = by_mode(getattr(carry.own, "mode", None), loops, (carry, ahead))
     carry = carry._replace(frame=carry.frame[:, :k])
@@ -325,7 +365,7 @@ def _widened(settings: Settings, frame):
 
 
 def _repeated(goes_on, step, state, little: bool):
-    """The innermost loop; where there is little to do in a step, written in numbers and rows instead of arrays."""
+    """A loop; where there is little to do in a step, written in numbers and rows instead of arrays."""
     if not little:
         return jax.lax.while_loop(goes_on, step, state)
     body = by_components(step, state)
@@ -378,7 +418,11 @@ def harvest(
         project: onto the tangent space of the mode; None: there is no constraint.
         was_live: (k,), columns that were not empty before.
     """
-    frame, log_r, lost = frames.orthonormalise(carry.frame, settings.kind, absolute, relative)
+    before = carry.frame
+    frame, log_r, lost = frames.orthonormalise(before, settings.kind, absolute, relative)
+    if settings.watch is not None:
+        seen = Seen(t, before, frame, log_r, lost, lambda: settings.mover.velocity(t, carry.x, carry.own))
+        carry = carry._replace(watch=settings.watch.update(carry.watch, seen))
     carry = carry._replace(frame=frame, growth=carry.growth + log_r)
     if not frames.tracked(relative):
         return carry, log_r
@@ -397,6 +441,7 @@ def harvest(
             losses=carry.losses[source] + now.astype(jnp.int32),
             first_loss=first,
             order=carry.order[source],
+            watch=None if settings.watch is None else settings.watch.moved(carry.watch, source),
         )
 
     return jax.lax.cond(jnp.all(live), lambda c, *_: c, replace, carry, lost, live), log_r
@@ -418,12 +463,13 @@ def _next_block(settings: Settings, journey: Journey) -> Journey:
         volume=cleared(carry.volume),
         order=None if carry.order is None else jnp.arange(carry.order.shape[0], dtype=jnp.int32),
         own=settings.mover.rebase(carry.own, carry.s),
+        watch=None if settings.watch is None else settings.watch.next_block(carry.watch),
     )
     base, elapsed = jnp.stack([total, low]), journey.elapsed + journey.carry.s
     return Journey(carry, base, elapsed, journey.block + 1, journey.interval, journey.spread)
 
 
-def restart(journey: Journey) -> Journey:
+def restart(journey: Journey, watch: Watch | None = None) -> Journey:
     """Forget what was counted so far (time, jumps, losses): a new run begins where this one stands.
 
     The status stays: what has ended stays ended.
@@ -431,6 +477,8 @@ def restart(journey: Journey) -> Journey:
     carry = journey.carry._replace(jumps=jnp.zeros_like(journey.carry.jumps))
     if carry.losses is not None:
         carry = carry._replace(losses=jnp.zeros_like(carry.losses), first_loss=jnp.full_like(carry.first_loss, jnp.nan))
+    if watch is not None:
+        carry = carry._replace(watch=watch.begin(journey.base[0] + journey.base[1], carry.frame))
     nothing = jnp.zeros_like(journey.elapsed)
     return Journey(carry, journey.base, nothing, jnp.zeros_like(journey.block), journey.interval, nothing)
 

@@ -5,6 +5,7 @@ of a second: between two calls there is room for progress, Ctrl-C and checks, an
 Traced (under jit, vmap, grad) it is called once.
 """
 
+import functools
 import math
 import time
 import warnings
@@ -28,9 +29,9 @@ from .methods.forcing import takes_sines
 from .methods.iterate import Iterating
 from .methods.scheduled import Scheduled
 from .methods.stepping import Stepping, are_curved
-from .propagation import Cadence, Journey, Settings
+from .propagation import Cadence, Journey, Settings, Watch
 from .statuses import STATUS
-from .systems import EventDriven, Flow, Hybrid, Map
+from .systems import Bound, EventDriven, Flow, Hybrid, Map
 
 __all__ = ["Plan", "Problem", "as_arrays", "drive", "mode_names", "number", "prepare", "start"]
 
@@ -59,6 +60,7 @@ class Plan(NamedTuple):
     count_jumps: bool
     batched: bool
     collect: Callable
+    watch: Watch | None = None
 
 
 def nothing(t, carry):
@@ -147,7 +149,7 @@ def _method_for(system, method):
         if method is None:
             return RungeKutta()
         if not isinstance(method, Method):
-            raise ValueError(f"A system that flows needs lh.RungeKutta or lh.Diffrax as method; got {method!r}.")
+            raise ValueError(f"A system that flows needs a method such as lh.RungeKutta(); got {method!r}.")
         return method
     if method is not None:
         kind = "A map is iterated" if isinstance(system, Map | Hybrid) else "An lh.EventDriven flow is exact"
@@ -182,13 +184,16 @@ def mover_of(problem: Problem, t, x):
         return Exact(system, args) if system.schedule is None else Scheduled(system, args, problem.shape)
     if isinstance(system, Flow):
         empty = np.zeros((1, 0), np.int32)
-        fields = (lambda t, x: system.field(t, x, args),)
+        fields = (Bound(system.field, args),)
+        method.require(fields[0], t, x)
         wiring = Wiring(fields, (), (), empty, empty, empty, (), empty, (), (), (), False)
         return Stepping(wiring, method, (), (), 0, *_kinds(fields, t, x))
     if system.fields is None:
         reset = system.transitions[0].reset
         return Iterating(lambda n, x: reset(n, x, args))
     wiring = wire(system, t, x, args)
+    for field in wiring.fields:
+        method.require(field, t, x)
     clocks = tuple(
         (number(system.transitions[j].every, args), number(system.transitions[j].phase, args)) for j in wiring.clocks
     )
@@ -210,7 +215,7 @@ def number(value, args):
 def settings_of(problem: Problem, plan: Plan, t, x) -> Settings:
     """Bind a plan to a problem, while tracing."""
     mover = mover_of(problem, t, x)
-    return Settings(mover, plan.cadence, plan.kind, plan.sum_rule, plan.log, plan.count_jumps, plan.collect)
+    return Settings(mover, plan.cadence, plan.kind, plan.sum_rule, plan.log, plan.count_jumps, plan.collect, plan.watch)
 
 
 @lean_jit
@@ -241,7 +246,11 @@ def _advance(problem: Problem, plan: Plan, journey: Journey, ends, last_jumps, b
     return jax.vmap(one)(journey)
 
 
-restart = jax.jit(propagation.restart)
+@functools.partial(jax.jit, static_argnames=("watch", "batched"))
+def restart(journey: Journey, watch: Watch | None = None, batched: bool = False) -> Journey:
+    """`propagation.restart`, of one journey or of several."""
+    one = functools.partial(propagation.restart, watch=watch)
+    return jax.vmap(one)(journey) if batched else one(journey)
 
 
 def summary_of(journey: Journey, xp: ModuleType = jnp):

@@ -8,9 +8,9 @@ import numpy as np
 
 from . import averages, frames, runs
 from ._tracing import array, traced
+from .blocks import cadence_for, ends_of_blocks, is_zero, targets_for
 from .checks import attempts, positive, require, whole
 from .methods.base import Method
-from .propagation import Cadence
 from .results import RunFailed, Spectrum
 from .statuses import STATUS
 from .systems import EventDriven, Flow, Hybrid, Map, iterates
@@ -108,21 +108,21 @@ def lyapunov_spectrum(
     frame, initial = _frame(system, frame, n, k, x0.dtype)
     k = int(frame.shape[-1])
     kind = frames.kind_for(k) if orthonormalise == "auto" else orthonormalise
-    cadence, interval = _cadence(problem, every)
+    cadence, interval = cadence_for(problem, every)
     limit = SUM_RULE_EXACT if isinstance(system, EventDriven) else SUM_RULE_UP_TO
     plan = runs.Plan(cadence, kind, k == n <= limit, 0, clock != "time", x0.ndim == 2, runs.first_losses)
-    _ends(t1, blocks, times, "t1")  # refused before anything is computed
+    ends_of_blocks(t1, blocks, times, "t1")  # refused before anything is computed
     discrete = iterates(system)
     journey, interrupted = runs.start(problem, plan, t0, x0, frame, mode, array(interval, x0.dtype)), False
-    if not _is_zero(transient):
-        quiet = _targets(_ends(transient, blocks, None, "transient"), clock, discrete, x0.dtype)
+    if not is_zero(transient):
+        quiet = targets_for(ends_of_blocks(transient, blocks, None, "transient"), clock, discrete, x0.dtype)
         before = runs.drive(problem, plan, journey, *quiet, max_steps)
         journey, interrupted = runs.sealed(before), before.interrupted
     outcomes: list[runs.Outcome] = []
     done, more = 0, 1  # in units of t1
     while True:
         journey, done = runs.restart(journey), done + more
-        targets = _targets(_ends(more * t1, blocks, times, "t1"), clock, discrete, x0.dtype)
+        targets = targets_for(ends_of_blocks(more * t1, blocks, times, "t1"), clock, discrete, x0.dtype)
         outcomes.append(runs.drive(problem, plan, journey, *targets, max_steps, progress, interrupted))
         journey = outcomes[-1].journey
         growth = initial if count_start else 0.0 * initial
@@ -150,10 +150,6 @@ def _check_words(clock, averaging, orthonormalise, blocks, k, until, replicates,
 
 def _is_key(key) -> bool:
     return hasattr(key, "dtype") and (jnp.issubdtype(key.dtype, jax.dtypes.prng_key) or key.dtype == jnp.uint32)
-
-
-def _is_zero(value) -> bool:
-    return isinstance(value, int | float) and value == 0
 
 
 def _starts(x0, replicates, key):
@@ -184,45 +180,6 @@ def _frame(system, frame, n, k, dtype):
 @jax.jit
 def _orthonormal(frame):
     return frames.orthonormalise(frame, "mgs", frames.LOST, frames.LOST)
-
-
-def _cadence(problem: runs.Problem, every) -> tuple[Cadence, Any]:
-    """When to orthonormalise: the unit of `every` for this kind of system, and the first interval."""
-    system, method, *_ = problem
-    if isinstance(system, EventDriven):
-        unit = "jumps"
-    elif method is None or not method.adaptive:
-        unit = "steps"
-    else:
-        unit = "steps" if every is None else "time"
-    if every is None:
-        return Cadence(unit, True), 1.0
-    positive("every", every)
-    return Cadence(unit, False, each=unit == "steps" and not traced(every) and every == 1), every
-
-
-def _ends(length, blocks, times, name):
-    """The ends of the blocks, counted from the start of the run."""
-    positive(f"{name}, a length,", length)
-    if times is None:
-        return length * (np.arange(1, blocks + 1) / blocks)
-    if isinstance(times, str):
-        require(times == "log", f"times must be an increasing array or 'log'; got {times!r}.")
-        return length * np.geomspace(1e-3, 1.0, blocks)
-    times = np.asarray(times, float)
-    rising = times.ndim == 1 and len(times) > 1 and times[0] > 0 and bool(np.all(np.diff(times) > 0))
-    require(rising, f"times must be a positive, increasing array of at least two; got {times!r}.")
-    matches = traced(length) or bool(np.isclose(times[-1], float(length)))
-    require(matches, f"times must end at t1 = {length}; the last is {times[-1]}.")
-    return times
-
-
-def _targets(ends, clock, discrete, dtype):
-    """Where each block ends, in time and in jumps."""
-    xp = jnp if traced(ends) else np  # numbers that are known are computed without compiling anything
-    whole = xp.ceil(ends - 1e-9)
-    times = whole if discrete else xp.full_like(ends, np.inf) if clock == "jumps" else ends
-    return array(times, dtype), array(whole, dtype)
 
 
 def _good_enough(spectrum: Spectrum, until: float) -> bool:

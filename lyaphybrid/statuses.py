@@ -2,7 +2,11 @@
 
 import enum
 
-__all__ = ["OK", "RUNNING", "STATUS"]
+import jax.numpy as jnp
+
+from ._tracing import traced
+
+__all__ = ["OK", "RUNNING", "STATUS", "status_of"]
 
 
 class STATUS(enum.IntEnum):
@@ -23,6 +27,12 @@ class STATUS(enum.IntEnum):
     def failed(self) -> bool:
         """Whether the run did not reach its end for a reason other than a terminal transition."""
         return self not in (STATUS.ok, STATUS.terminated)
+
+
+def status_of(code):
+    """The gravest verdict of one or several runs; under a transformation its bare code."""
+    gravest = jnp.max(code)
+    return gravest if traced(gravest) else STATUS(int(gravest))
 
 
 RUNNING = 0

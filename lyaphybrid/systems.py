@@ -10,12 +10,36 @@ from typing import Any
 
 import equinox as eqx
 
-__all__ = ["EventDriven", "Flow", "Hybrid", "Map", "Schedule", "System", "Transition", "iterates"]
+__all__ = [
+    "Bound",
+    "EventDriven",
+    "Flow",
+    "Hybrid",
+    "Map",
+    "Schedule",
+    "System",
+    "Transition",
+    "iterates",
+    "require_callable",
+]
 
 
-def _require_callable(name: str, got: Any, signature: str) -> None:
+def require_callable(name: str, got: Any, signature: str) -> None:
+    """Raise a ValueError unless `got` can be called."""
     if not callable(got):
         raise ValueError(f"{name} must be a function {signature}; got {got!r}.")
+
+
+class Bound:
+    """A field with its parameters, (t, x) -> dx/dt; methods that need more than its values find its parts here."""
+
+    def __init__(self, field: Callable, args: Any, values: Callable | None = None):
+        self.field, self.args = field, args
+        self.values = values or (lambda t, x: field(t, x, args))
+
+    def __call__(self, t, x):
+        """The field at (t, x)."""
+        return self.values(t, x)
 
 
 class Flow(eqx.Module):
@@ -36,7 +60,7 @@ class Flow(eqx.Module):
     field: Callable
 
     def __check_init__(self):
-        _require_callable("field", self.field, "(t, x, args) -> dx/dt")
+        require_callable("field", self.field, "(t, x, args) -> dx/dt")
 
 
 class Map(eqx.Module):
@@ -56,7 +80,7 @@ class Map(eqx.Module):
     rule: Callable
 
     def __check_init__(self):
-        _require_callable("rule", self.rule, "(n, x, args) -> next x")
+        require_callable("rule", self.rule, "(n, x, args) -> next x")
 
 
 class Transition(eqx.Module):
@@ -118,10 +142,10 @@ class Transition(eqx.Module):
                 f"period); got guard={guard!r}, every={every!r}."
             )
         if guard is not None:
-            _require_callable("guard", guard, "(t, x, args) -> scalar or (m,)")
+            require_callable("guard", guard, "(t, x, args) -> scalar or (m,)")
         for name, function in (("reset", reset), ("when", when)):
             if function is not None:
-                _require_callable(name, function, "(t, x, args) -> …")
+                require_callable(name, function, "(t, x, args) -> …")
         if direction not in (-1, 0, 1):
             raise ValueError(f"direction must be -1 (falls), +1 (rises) or 0 (both); got {direction!r}.")
         if isinstance(every, int | float) and not every > 0:
@@ -192,7 +216,7 @@ class Hybrid(eqx.Module):
         self.tangent = tuple((tangent or {}).get(name) for name in self.mode_names)
         self.initial_mode, self.max_cascade = initial_mode, max_cascade
         if initial_mode is not None:
-            _require_callable("initial_mode", initial_mode, "(t, x, args) -> index of a mode")
+            require_callable("initial_mode", initial_mode, "(t, x, args) -> index of a mode")
         if isinstance(max_cascade, bool) or not isinstance(max_cascade, int) or max_cascade < 1:
             raise ValueError(f"max_cascade must be a positive integer; got {max_cascade!r}.")
         for transition in self.transitions:
@@ -214,7 +238,7 @@ class Hybrid(eqx.Module):
 
 def _as_field(name: str, field: Any) -> Callable:
     field = field.field if isinstance(field, Flow) else field
-    _require_callable(f"The field of mode {name!r}", field, "(t, x, args) -> dx/dt, or an lh.Flow")
+    require_callable(f"The field of mode {name!r}", field, "(t, x, args) -> dx/dt, or an lh.Flow")
     return field
 
 
@@ -271,11 +295,11 @@ class Schedule(eqx.Module):
     flat: bool = eqx.field(static=True, default=False)
 
     def __check_init__(self):
-        _require_callable("init", self.init, "(t, y, args) -> cache")
-        _require_callable("next", self.next, "cache -> (t, which)")
-        _require_callable("update", self.update, "(cache, t, y, args, which) -> cache")
-        _require_callable("shift", self.shift, "(cache, dt) -> cache")
-        _require_callable("touch", self.touch, "which -> row indices")
+        require_callable("init", self.init, "(t, y, args) -> cache")
+        require_callable("next", self.next, "cache -> (t, which)")
+        require_callable("update", self.update, "(cache, t, y, args, which) -> cache")
+        require_callable("shift", self.shift, "(cache, dt) -> cache")
+        require_callable("touch", self.touch, "which -> row indices")
 
 
 class EventDriven(eqx.Module):
@@ -323,14 +347,14 @@ class EventDriven(eqx.Module):
                 f"bodies); got next_event={self.next_event!r}, schedule={self.schedule!r}."
             )
         if self.schedule is None:
-            _require_callable("flow", self.flow, "(dt, t, x, args) -> x")
-            _require_callable("next_event", self.next_event, "(t, x, args) -> (dt, which)")
+            require_callable("flow", self.flow, "(dt, t, x, args) -> x")
+            require_callable("next_event", self.next_event, "(t, x, args) -> (dt, which)")
         else:
-            _require_callable("flow", self.flow, "(dt, y, args) -> x")
+            require_callable("flow", self.flow, "(dt, y, args) -> x")
             if not isinstance(self.schedule, Schedule):
                 raise ValueError(f"schedule must be an lh.Schedule; got {self.schedule!r}.")
-        _require_callable("jump", self.jump, "(t, x, args, which) -> x")
-        _require_callable("guard", self.guard, "(t, x, args, which) -> scalar")
+        require_callable("jump", self.jump, "(t, x, args, which) -> x")
+        require_callable("guard", self.guard, "(t, x, args, which) -> scalar")
 
 
 System = Flow | Map | Hybrid | EventDriven

@@ -24,6 +24,14 @@ def test_the_c_of_many_disks_computes_what_is_known():
     assert [check.name for check in many_disks.validate() if not check.passed] == []
 
 
+def test_both_sides_of_henon_and_heiles_agree():
+    method, start = lh.Symplectic("SBAB2C", dt=problems.HENON_HEILES_DT), np.array(problems.HENON_HEILES_START)
+    found = lh.zoo.henon_heiles().spectrum(x0=start, t1=60.0, method=method, every=10, blocks=2)
+    other = references.run_henon_heiles(60.0, every=10)
+    np.testing.assert_allclose(found.x, other.x, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(found.exponents, np.sort(other.exponents)[::-1], rtol=0, atol=1e-10)
+
+
 @pytest.mark.parametrize("adaptive", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_both_sides_of_the_friction_pendulum_agree(adaptive):
     from benchmarks import ours

@@ -2,5 +2,7 @@
 
 from .diffrax_solver import Diffrax
 from .runge_kutta import RungeKutta
+from .symplectic import Splitting, Symplectic
+from .tangent_hamiltonians import TangentHamiltonian
 
-__all__ = ["Diffrax", "RungeKutta"]
+__all__ = ["Diffrax", "RungeKutta", "Splitting", "Symplectic", "TangentHamiltonian"]

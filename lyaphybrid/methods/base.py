@@ -73,6 +73,10 @@ class Method(eqx.Module):
     def error_order(self) -> int:
         """The power of h by which the error estimate falls."""
 
+    def require(self, field: Field, t, x) -> None:
+        """Raise a ValueError where the method cannot take this field; nothing is computed."""
+        del field, t, x
+
     @abc.abstractmethod
     def step(self, field: Field, t, x, f, h) -> Step:
         """One step over h from (t, x), where f = field(t, x)."""

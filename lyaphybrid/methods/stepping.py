@@ -6,13 +6,14 @@ event found is a root along the numerical flow itself, to rounding.
 """
 
 import dataclasses
+import functools
 from collections.abc import Iterable
 from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
 
-from .._jaxprs import needed
+from .._jaxprs import is_affine
 from ..events import EPS, Wiring, arm, by_mode, jets, rates, rounding
 from ..propagation import Carry, Clock, Settings, stop
 from ..statuses import STATUS
@@ -118,6 +119,10 @@ class Stepping:
         of_state = self.wiring.initial_mode
         assert of_state is not None, "runs.prepare asks for a mode where the system knows none"
         return jnp.asarray(of_state(t, x)).astype(jnp.int32)
+
+    def velocity(self, t, x, own: Stepper):
+        """The field (n,) of the present mode."""
+        return by_mode(own.mode, self.wiring.fields, t, x)
 
     def onto_mode(self, mode, t, x):
         """The projection onto the tangent space of a mode; None where no mode has one."""
@@ -225,7 +230,7 @@ class Stepping:
     def _length(self, c: Carry, clock: Clock, aim: Aim | None):
         """How long the next trial is: the controller's step, cut at the block's end, a tick, a root."""
         own, rest = c.own, clock.length - c.s
-        h = self._cut(rest, jax.lax.stop_gradient(own.h))
+        h, _ = self._cut(rest, jax.lax.stop_gradient(own.h))
         tick: Any = None
         final = rest <= h
         if own.ticks is not None:
@@ -243,7 +248,8 @@ class Stepping:
     @staticmethod
     def _cut(rest, h):
         """A step of h, or all that is left where this is hardly more (h alone, times a constant, would be hoisted)."""
-        return jnp.where(rest * (1 - 1e-9) <= h, rest, h)
+        last = rest * (1 - 1e-9) <= h
+        return jnp.where(last, rest, h), last
 
     def _until_ticks(self, own: Stepper, s, clock: Clock):
         """Time to the next tick of each clock; inf where the mode does not listen to it."""
@@ -341,10 +347,10 @@ class Stepping:
 
     def _march(self, settings: Settings, clock: Clock, c: Carry) -> Carry:
         """A fixed step of a plain flow: no trial, no guard."""
-        rest = clock.length - c.s
-        h = self._cut(rest, self.method.fixed_step)
+        rest, step = clock.length - c.s, self.method.fixed_step
+        h, last = self._cut(rest, step)
         new, frame, _, flux, stages = self.carried(c, clock, h, None)
-        s = jnp.where(rest <= h, clock.length, c.s + h)
+        s = jnp.where(last, clock.length, c.s + step)
         return self.commit(settings, c, s, h, new, frame, flux)._replace(stages=stages)
 
     def _next_h(self, own: Stepper, tr: Trial, ratio, passed):
@@ -407,15 +413,7 @@ class Stepping:
 
 def are_curved(fields: Iterable[Field], t, x) -> bool:
     """Whether Df depends on x for one of the fields; where that is not seen, it is taken to."""
-
-    def curved(field: Field) -> bool:
-        def along(x, dx):
-            return jax.jvp(lambda x: field(t, x), (x,), (dx,))[1]
-
-        closed = jax.make_jaxpr(along)(x, x)
-        return closed.jaxpr.invars[0] in needed(closed)
-
-    return any(curved(field) for field in fields)
+    return not all(is_affine(functools.partial(field, t), x) for field in fields)
 
 
 def _jets_of(w: Wiring, q: int):

@@ -12,6 +12,7 @@ from .friction import block_on_plate, friction_pendulum, relay_feedback, stick_s
 from .impacts import bouncing_ball, impact_oscillator, kicked_ball, zaslavsky
 from .maps import baker_map, cat_map, henon_map, kaplan_yorke_map, logistic_map, standard_map
 from .neurons import integrate_and_fire
+from .oscillators import fpu_alpha, fpu_beta, hamiltonian_3d, henon_heiles
 from .piecewise import beta_clock, conewise_linear, grow_reset, skew_tent_roof
 from .problem import Problem, Reference, get, unknown
 from .rattling import gear_rattle, rocking_block
@@ -38,6 +39,11 @@ __all__ = [
     # smooth flows
     "lorenz63",
     "rossler",
+    # Hamiltonian systems
+    "henon_heiles",
+    "hamiltonian_3d",
+    "fpu_beta",
+    "fpu_alpha",
     # flows with jumps
     "bouncing_ball",
     "kicked_ball",

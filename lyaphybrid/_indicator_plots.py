@@ -1,0 +1,54 @@
+"""Pictures of the indicators of chaos."""
+
+import numpy as np
+
+from ._axes import COLOURS, colours
+from ._axes import axes_of as _axes
+from .indicators import Alignment, Growth
+
+__all__ = ["alignment", "growth"]
+
+
+def alignment(found: Alignment, ax=None):
+    """GALI_k or SALI against time, both logarithmic; what is below the smallest float is drawn from its logarithm.
+
+    Args:
+        found: of `lh.gali` or `lh.sali`, of one run.
+        ax: matplotlib axes; None: those of a new figure.
+
+    Returns:
+        The axes.
+    """
+    ax = _axes(ax)
+    time, logs = np.asarray(found.time), np.asarray(found.log_values).reshape(len(found.time), -1) / np.log(10)
+    names = [f"GALI$_{{{k}}}$" for k in found.orders] or ["SALI"]
+    for column, name, colour in zip(logs.T, names, colours(len(names)), strict=True):
+        ax.plot(time, column, color=colour, linewidth=1.2, label=name)
+    ax.set_xscale("log")
+    ax.set_xlabel("time t")
+    ax.set_ylabel("log$_{10}$ " + ("GALI$_k$" if found.orders else "SALI"))
+    if found.orders:
+        ax.legend(fontsize="small")
+    return ax
+
+
+def growth(found: Growth, ax=None):
+    """MEGNO with its mean, FLI or OFLI against time.
+
+    Args:
+        found: of `lh.megno`, `lh.fli` or `lh.ofli`, of one run.
+        ax: matplotlib axes; None: those of a new figure.
+
+    Returns:
+        The axes.
+    """
+    ax = _axes(ax)
+    ax.plot(found.time, found.values, color=COLOURS[0], linewidth=1.0, label="Y" if found.mean is not None else None)
+    if found.mean is not None:
+        ax.plot(found.time, found.mean, color=COLOURS[1], linewidth=1.4, label="its mean over time")
+        ax.axhline(2.0, color="0.6", linewidth=0.8, zorder=0)
+        ax.legend(fontsize="small")
+    ax.set_xscale("log")
+    ax.set_xlabel("time t")
+    ax.set_ylabel(found.name)
+    return ax

@@ -1,0 +1,65 @@
+"""How a run is cut into blocks, and how often its frame is orthonormalised."""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from . import runs
+from ._tracing import array, traced
+from .checks import positive, require
+from .propagation import Cadence
+from .systems import EventDriven
+
+__all__ = ["cadence_for", "each_step_of", "ends_of_blocks", "is_zero", "targets_for"]
+
+
+def is_zero(value) -> bool:
+    """Whether a length is the number 0, for which nothing need be run."""
+    return isinstance(value, int | float) and value == 0
+
+
+def cadence_for(problem: runs.Problem, every) -> tuple[Cadence, Any]:
+    """When to orthonormalise: the unit of `every` for this kind of system, and the first interval."""
+    system, method, *_ = problem
+    if isinstance(system, EventDriven):
+        unit = "jumps"
+    elif method is None or not method.adaptive:
+        unit = "steps"
+    else:
+        unit = "steps" if every is None else "time"
+    if every is None:
+        return Cadence(unit, True), 1.0
+    positive("every", every)
+    return Cadence(unit, False, each=unit == "steps" and not traced(every) and every == 1), every
+
+
+def each_step_of(problem: runs.Problem) -> tuple[Cadence, Any]:
+    """The same after each step; of event-driven systems after each flight."""
+    method = problem.method
+    unit = "jumps" if isinstance(problem.system, EventDriven) else "steps"
+    return Cadence(unit, False, each=unit == "steps" and (method is None or not method.adaptive)), 1.0
+
+
+def ends_of_blocks(length, blocks, times, name):
+    """The ends of the blocks, counted from the start of the run."""
+    positive(f"{name}, a length,", length)
+    if times is None:
+        return length * (np.arange(1, blocks + 1) / blocks)
+    if isinstance(times, str):
+        require(times == "log", f"times must be an increasing array or 'log'; got {times!r}.")
+        return length * np.geomspace(1e-3, 1.0, blocks)
+    times = np.asarray(times, float)
+    rising = times.ndim == 1 and len(times) > 1 and times[0] > 0 and bool(np.all(np.diff(times) > 0))
+    require(rising, f"times must be a positive, increasing array of at least two; got {times!r}.")
+    matches = traced(length) or bool(np.isclose(times[-1], float(length)))
+    require(matches, f"times must end at t1 = {length}; the last is {times[-1]}.")
+    return times
+
+
+def targets_for(ends, clock, discrete, dtype):
+    """Where each block ends, in time and in jumps."""
+    xp = jnp if traced(ends) else np  # numbers that are known are computed without compiling anything
+    whole = xp.ceil(ends - 1e-9)
+    times = whole if discrete else xp.full_like(ends, np.inf) if clock == "jumps" else ends
+    return array(times, dtype), array(whole, dtype)

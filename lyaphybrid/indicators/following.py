@@ -1,0 +1,101 @@
+"""One run with a `Watch`: what all indicators have in common."""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from .. import frames, runs
+from .._tracing import array, traced
+from ..blocks import cadence_for, each_step_of, ends_of_blocks, is_zero, targets_for
+from ..checks import attempts, require, whole
+from ..propagation import Watch
+from ..results import RunFailed
+from ..statuses import STATUS
+from ..systems import iterates
+
+__all__ = ["Followed", "follow", "generic_frame", "verdict_of"]
+
+
+class Followed(NamedTuple):
+    """What a run leaves: the leading axes are ([m,] blocks)."""
+
+    time: Any  # at the ends of the blocks, since the start of the part that counts; nan where not reached
+    collected: Any
+    status: Any
+    interrupted: bool
+    journey: Any
+
+
+def follow(
+    watch: Watch,
+    collect,
+    system,
+    x0,
+    args,
+    *,
+    k: int,
+    t1,
+    t0,
+    transient,
+    times,
+    blocks,
+    mode,
+    frame,
+    method,
+    max_steps,
+    progress,
+    every=None,
+    each_step: bool = False,
+) -> Followed:
+    """Run a system with k deviation vectors, and let `watch` see every orthonormalisation.
+
+    `collect` says what is recorded at the ends of the blocks; `frame` None: orthonormal vectors of no special
+    direction; `each_step`: orthonormalise after each step, or each flight between events. The rest as for
+    `lyapunov_spectrum`.
+    """
+    whole("blocks", blocks, least=2)
+    attempts(max_steps)
+    problem, x0, t0, mode = runs.prepare(system, x0, args, t0, method, mode)
+    n = x0.shape[-1]
+    require(k <= n, f"{k} deviation vectors were asked for, in a space of {n} dimensions.")
+    frame = generic_frame(n, k, x0.dtype) if frame is None else _checked(frame, n, k, x0.dtype)
+    cadence, interval = each_step_of(problem) if each_step else cadence_for(problem, every)
+    plan = runs.Plan(cadence, frames.kind_for(k), False, 0, False, x0.ndim == 2, collect, watch)
+    limits = ends_of_blocks(t1, blocks, times, "t1")
+    discrete, interrupted = iterates(problem.system), False
+    journey = runs.start(problem, plan, t0, x0, frame, mode, array(interval, x0.dtype))
+    if not is_zero(transient):
+        quiet = targets_for(ends_of_blocks(transient, 2, None, "transient"), "time", discrete, x0.dtype)
+        before = runs.drive(problem, plan, journey, *quiet, max_steps)
+        journey, interrupted = runs.restart(runs.sealed(before), watch, plan.batched), before.interrupted
+    outcome = runs.drive(
+        problem, plan, journey, *targets_for(limits, "time", discrete, x0.dtype), max_steps, progress, interrupted
+    )
+    valid, durations = outcome.records.valid, outcome.records.duration
+    xp = jnp if traced(durations) else np
+    time = xp.where(valid, xp.cumsum(xp.where(valid, durations, 0.0), axis=-1), xp.nan)
+    return Followed(time, outcome.records.collected, outcome.status, outcome.interrupted, outcome.journey)
+
+
+def generic_frame(n: int, k: int, dtype) -> np.ndarray:
+    """K orthonormal vectors of n components, always the same, in no special direction."""
+    q, r = np.linalg.qr(np.random.default_rng(20101).standard_normal((n, k)))
+    return (q * np.sign(np.diag(r))).astype(dtype)
+
+
+def _checked(frame, n, k, dtype):
+    """The user's vectors, each of length 1: indicators are volumes of unit vectors."""
+    frame = jnp.asarray(frame, dtype)
+    require(frame.shape == (n, k), f"frame must have shape (n, k) = ({n}, {k}); got {frame.shape}.")
+    return frame / jnp.linalg.norm(frame, axis=0, keepdims=True)
+
+
+def verdict_of(followed: Followed, result, throw: bool):
+    """The result; or an error where the run failed, the values are known and `throw`."""
+    if throw and not traced(followed.status):
+        status = STATUS(int(np.max(np.asarray(followed.status))))
+        if status.failed:
+            reached = float(np.nanmax(np.nan_to_num(np.asarray(followed.time))))
+            raise RunFailed(status, f"It reached t = {reached:.6g} after its start.", result)
+    return result

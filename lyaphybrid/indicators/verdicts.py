@@ -1,0 +1,79 @@
+"""Regular, chaotic or undecided: what an indicator says, and why."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+__all__ = ["Verdict", "of_alignment", "of_fli", "of_megno"]
+
+FEWEST = 8  # times, for a verdict
+STEEP = 8.0  # a power of t beyond which GALI_2 and SALI of regular motion do not fall (t^-2 with one degree of freedom)
+TWO = 0.25  # how near the mean MEGNO of regular motion is to 2
+CLEARLY = 6.0  # a mean MEGNO that regular motion does not have
+
+
+class Verdict(NamedTuple):
+    """What an indicator says of an orbit, with the time it has been followed."""
+
+    kind: str  # "regular" | "chaotic" | "undecided"
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.kind}: {self.reason}"
+
+
+def _late(time, values):
+    """The points of the second half, in the logarithm of the time."""
+    good = np.isfinite(time) & (time > 0)
+    time, values = time[good], values[good]
+    if len(time) < FEWEST:
+        return time[:0], values[:0]
+    late = np.log(time) >= 0.5 * (np.log(time[0]) + np.log(time[-1]))
+    return time[late], values[late]
+
+
+def of_alignment(time: np.ndarray, logs: np.ndarray) -> Verdict:
+    """From ln GALI_2 or ln SALI (times,): a power of the time, or an exponential."""
+    t, y = _late(time, logs)
+    if len(t) < FEWEST // 2:
+        return Verdict("undecided", f"fewer than {FEWEST} times")
+    if np.any(np.isneginf(y)):
+        return Verdict(
+            "undecided", "a jump destroyed a direction: deviation vectors are aligned whatever the motion is"
+        )
+    power = -np.polyfit(np.log(t), y, 1)[0]
+    rate = -np.polyfit(t, y, 1)[0]
+    fell = y[0] - y[-1]
+    if power > STEEP and fell > STEEP * np.log(t[-1] / t[0]):
+        return Verdict("chaotic", f"it falls like exp(-{rate:.3g} t), faster than any power that regular motion has")
+    if power < 3.0:
+        return Verdict("regular", f"over the second half it goes like t^{-power:+.2f}: no exponential decay")
+    return Verdict("undecided", f"it falls like t^{-power:.1f}: follow the orbit for longer")
+
+
+def of_megno(time: np.ndarray, means: np.ndarray) -> Verdict:
+    """From the mean MEGNO (times,): 2 for quasiperiodic motion, λt/2 in chaos."""
+    t, y = _late(time, means)
+    if len(t) < FEWEST // 2:
+        return Verdict("undecided", f"fewer than {FEWEST} times")
+    if not np.all(np.isfinite(y)):
+        return Verdict("undecided", "a jump destroyed the deviation vector")
+    rate, last = np.polyfit(t, y, 1)[0], y[-1]
+    if last > CLEARLY and rate * t[-1] > 0.5 * last:
+        return Verdict("chaotic", f"its mean grows like {rate:.3g} t")
+    if abs(last - 2) < TWO or last < 2:
+        return Verdict("regular", f"its mean stands at {last:.2f}")
+    return Verdict("undecided", f"its mean stands at {last:.2f}: follow the orbit for longer")
+
+
+def of_fli(time: np.ndarray, values: np.ndarray) -> Verdict:
+    """From the FLI or OFLI (times,): the logarithm of a power of the time, or linear in time."""
+    t, y = _late(time, values)
+    if len(t) < FEWEST // 2:
+        return Verdict("undecided", f"fewer than {FEWEST} times")
+    power, rate = np.polyfit(np.log(t), y, 1)[0], np.polyfit(t, y, 1)[0]
+    if power > STEEP:
+        return Verdict("chaotic", f"it grows like {rate:.3g} t")
+    if power < 3.0:
+        return Verdict("regular", f"it grows like {power:.2f} ln t")
+    return Verdict("undecided", f"it grows like {power:.1f} ln t: follow the orbit for longer")

@@ -1,0 +1,182 @@
+"""Coefficients of symplectic schemes for H = A + B, in one table: what order each has, and where it comes from.
+
+A scheme is a product of flows of A (for H = T(p) + V(q): drifts, q += a h ∇T) and of B (kicks, p −= b h ∇V), read from
+left to right. All are symmetric, so half of the coefficients says everything.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+__all__ = ["SCHEMES", "Scheme"]
+
+A, B = 0, 1
+
+
+class Scheme(NamedTuple):
+    """A symmetric splitting scheme of H = A + B."""
+
+    parts: tuple[tuple[int, float], ...]  # (A or B, fraction of the step), in the order in which they act
+    order: int
+    source: str
+    corrector: float = 0.0  # g of exp(-(g/2) h³ C) before and after, C = {{A, B}, B}; 0: none
+    quadratic: bool = False  # holds for a kinetic energy that is quadratic in p only
+
+
+def _alternating(first: int, *coefficients: float) -> tuple[tuple[int, float], ...]:
+    """A and B in turn from `first` on."""
+    return tuple(((first + i) % 2, float(c)) for i, c in enumerate(coefficients))
+
+
+def _mirrored(first: int, outer, inner) -> tuple[tuple[int, float], ...]:
+    """The scheme that starts and ends with `first`, from the first half of both rows of coefficients.
+
+    The last number of one of the two rows is the middle of the scheme; None stands for what makes its row sum to 1.
+    """
+    longer = len(outer) > len(inner)
+    outer, inner = (_completed(row, middle) for row, middle in ((outer, longer), (inner, not longer)))
+    row = [c for pair in zip(outer, inner, strict=False) for c in pair] + ([outer[-1]] if longer else [])
+    return _alternating(first, *row, *row[-2::-1])
+
+
+def _completed(row, middle: bool) -> list[float]:
+    """The row with a number for None: it occurs once in the middle of the scheme, else twice."""
+    known = [c for c in row if c is not None]
+    return list(row) if None not in row else [*known, 1 - 2 * sum(known) if middle else 0.5 - sum(known)]
+
+
+def _composed(*weights: float) -> tuple[tuple[int, float], ...]:
+    """Leapfrogs of weights w₁ … w_m … w₁, one after the other; the drifts where two meet are one drift."""
+    weights = (*weights, *weights[-2::-1])
+    drifts = [0.5 * (a + b) for a, b in zip((0.0, *weights), (*weights, 0.0), strict=True)]
+    return _alternating(A, *[c for pair in zip(drifts, weights, strict=False) for c in pair], drifts[-1])
+
+
+# SABAₙ and SBABₙ: the nodes of a quadrature are where one part stands, its weights how far the other part acts there.
+
+
+def _quadrature_scheme(nodes, weights, first: int) -> tuple[tuple[int, float], ...]:
+    """Kicks of the weights at the nodes in [0, 1], with drifts in between."""
+    if first == A:
+        drifts = np.diff([0.0, *nodes, 1.0])
+        return _alternating(A, *[c for pair in zip(drifts, weights, strict=False) for c in pair], drifts[-1])
+    drifts = np.diff(nodes)
+    return _alternating(B, *[c for pair in zip(weights, drifts, strict=False) for c in pair], weights[-1])
+
+
+def _corrector(nodes, weights) -> float:
+    """G = 1/12 − ¼ ΣΣ wᵢwⱼ|xᵢ − xⱼ|: what is left of {{A, B}, B} h³, for kicks of weights w at the nodes x."""
+    return float(1 / 12 - 0.25 * weights @ np.abs(nodes[:, None] - nodes[None, :]) @ weights)
+
+
+def gauss_legendre(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and weights of Gauss's quadrature on [0, 1]."""
+    nodes, weights = np.polynomial.legendre.leggauss(n)
+    return 0.5 * (1 + nodes), 0.5 * weights
+
+
+def gauss_lobatto(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and weights of Lobatto's quadrature of n ≥ 2 points on [0, 1], both ends among them."""
+    legendre = np.polynomial.legendre.Legendre.basis(n - 1)
+    inner = np.sort(np.real(legendre.deriv().roots())) if n > 2 else np.empty(0)
+    nodes = np.concatenate([[-1.0], inner, [1.0]])
+    return 0.5 * (1 + nodes), 1 / (n * (n - 1) * legendre(nodes) ** 2)
+
+
+LASKAR_ROBUTEL = (
+    "J. Laskar & P. Robutel, High order symplectic integrators for perturbed Hamiltonian systems, "
+    "Celest. Mech. Dyn. Astron. 80 (2001) 39, doi:10.1023/A:1012098603882"
+)
+FARRES = (
+    "A. Farrés, J. Laskar, S. Blanes, F. Casas, J. Makazaga & A. Murua, High precision symplectic integrators for the "
+    "Solar System, Celest. Mech. Dyn. Astron. 116 (2013) 141, doi:10.1007/s10569-013-9479-6"
+)
+BLANES = (
+    "S. Blanes, F. Casas, A. Farrés, J. Laskar, J. Makazaga & A. Murua, New families of symplectic splitting methods "
+    "for numerical integration in dynamical astronomy, Appl. Numer. Math. 68 (2013) 58, "
+    "doi:10.1016/j.apnum.2013.01.003"
+)
+BLANES_MOAN = (
+    "S. Blanes & P. C. Moan, Practical symplectic partitioned Runge–Kutta and Runge–Kutta–Nyström methods, "
+    "J. Comput. Appl. Math. 142 (2002) 313, doi:10.1016/S0377-0427(01)00492-7"
+)
+FOREST_RUTH = (
+    "E. Forest & R. D. Ruth, Fourth-order symplectic integration, Physica D 43 (1990) 105, "
+    "doi:10.1016/0167-2789(90)90019-L"
+)
+YOSHIDA = (
+    "H. Yoshida, Construction of higher order symplectic integrators, Phys. Lett. A 150 (1990) 262, "
+    "doi:10.1016/0375-9601(90)90092-3"
+)
+SUZUKI_UMENO = (
+    "M. Suzuki & K. Umeno, in: Computer Simulation Studies in Condensed-Matter Physics VI (1993) 74, "
+    "doi:10.1007/978-3-642-78448-4_7"
+)
+VERLET = "L. Verlet, Computer “experiments” on classical fluids, Phys. Rev. 159 (1967) 98, doi:10.1103/PhysRev.159.98"
+
+# Sources above give the rows below to so many digits; None is what the rest leaves over.
+
+_FOREST_RUTH = 1 / (2 - 2 ** (1 / 3))
+_YOSHIDA6 = (0.784513610477557263819497633866, 0.235573213359358133684793182979, -1.177679984178871006946415680964)
+_SUZUKI_UMENO8 = (
+    0.74167036435061295344822780, -0.40910082580003159399730010, 0.19075471029623837995387626,
+    -0.57386247111608226665638773, 0.29906418130365592384446354, 0.33462491824529818378495798,
+    0.31529309239676659663205666,
+)  # fmt: skip
+_ABA864 = (
+    (0.0711334264982231177779387300061549964174, 0.241153427956640098736487795326289649618,
+     0.521411761772814789212136078067994229991, -0.333698616227678005726562603400438876027),
+    (0.183083687472197221961703757166430291072, 0.310782859898574869507522291054262796375,
+     -0.0265646185119588006972121379164987592663, 0.0653961422823734184559721793911134363710),
+)  # fmt: skip
+_ABA1064 = (
+    (0.03809449742241219545697532230863756534060, 0.1452987161169137492940200726606637497442,
+     0.2076276957255412507162056113249882065158, 0.4359097036515261592231548624010651844006,
+     -0.6538612258327867093807117373907094120024),
+    (0.09585888083707521061077150377145884776921, 0.2044461531429987806805077839164344779763,
+     0.2170703479789911017143385924306336714532, -0.01737538195906509300561788011852699719871),
+)  # fmt: skip
+_BM4 = (
+    (0.0792036964311957, 0.353172906049774, -0.0420650803577195, None),
+    (0.209515106613362, -0.143851773179818, None),
+)
+_BM6 = (
+    (0.0502627644003922, 0.413514300428344, 0.0450798897943977, -0.188054853819569, 0.541960678450780, None),
+    (0.148816447901042, -0.132385865767784, 0.067307604692185, 0.432666402578175, None),
+)
+_SRKN11B = (
+    (0.0414649985182624, 0.198128671918067, -0.0400061921041533, 0.0752539843015807, -0.0115113874206879, None),
+    (0.123229775946271, 0.290553797799558, -0.127049212625417, -0.246331761062075, 0.357208872795928, None),
+)
+_SRKN14A = (
+    (0.0378593198406116, 0.102635633102435, -0.0258678882665587, 0.314241403071447, -0.130144459517415,
+     0.106417700369543, -0.00879424312851058, None),
+    (0.09171915262446165, 0.183983170005006, -0.05653436583288827, 0.004914688774712854, 0.143761127168358,
+     0.328567693746804, None),
+)  # fmt: skip
+
+
+def _table() -> dict[str, Scheme]:
+    schemes = {"leapfrog": Scheme(_alternating(A, 0.5, 1.0, 0.5), 2, VERLET)}
+    for n in range(1, 11):
+        for name, first, (nodes, weights) in (
+            (f"SABA{n}", A, gauss_legendre(n)),
+            (f"SBAB{n}", B, gauss_lobatto(n + 1)),
+        ):
+            parts = _quadrature_scheme(nodes, weights, first)
+            schemes[name] = Scheme(parts, 2, LASKAR_ROBUTEL)
+            schemes[f"{name}C"] = Scheme(parts, 4 if n > 1 else 2, LASKAR_ROBUTEL, _corrector(nodes, weights), True)
+    return schemes | {
+        "ForestRuth": Scheme(_composed(_FOREST_RUTH, 1 - 2 * _FOREST_RUTH), 4, FOREST_RUTH),
+        "Yoshida6": Scheme(_composed(*_YOSHIDA6, 1 - 2 * sum(_YOSHIDA6)), 6, YOSHIDA),
+        "SuzukiUmeno8": Scheme(_composed(*_SUZUKI_UMENO8, 1 - 2 * sum(_SUZUKI_UMENO8)), 8, SUZUKI_UMENO),
+        "ABA864": Scheme(_mirrored(A, *_ABA864), 4, BLANES),
+        "ABA1064": Scheme(_mirrored(A, *_ABA1064), 4, BLANES),
+        "BlanesMoan4": Scheme(_mirrored(A, *_BM4), 4, BLANES_MOAN),
+        "BlanesMoan6": Scheme(_mirrored(A, *_BM6), 6, BLANES_MOAN),
+        "SRKN11b": Scheme(_mirrored(B, *_SRKN11B), 6, BLANES_MOAN, quadratic=True),
+        "SRKN14a": Scheme(_mirrored(A, *_SRKN14A), 6, BLANES_MOAN, quadratic=True),
+    }
+
+
+SCHEMES = _table()

@@ -1,0 +1,200 @@
+"""Symplectic schemes for H = A + B; the derivative of their step is the tangent-map method.
+
+Each part is moved exactly, in turn. For H = T(p) + V(q) these moves are drifts and kicks (`Symplectic`); any two flows
+that are known in closed form will do (`Splitting`).
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from ..checks import positive, require
+from ..frames import log_abs_det
+from ..hamiltonians import Separable, halves
+from .base import Method, Step
+from .runge_kutta import hermite
+from .splittings import SCHEMES, A, Scheme
+
+__all__ = ["Composition", "Splitting", "Symplectic", "moved", "separable"]
+
+
+LITTLE = 4  # components, up to which a loop of steps is best written in numbers (measured)
+
+
+class Composition(Method):
+    """What methods have in common that make steps of one length out of exact moves."""
+
+    dt: eqx.AbstractVar[Any]
+    rtol: ClassVar[float] = 0.0
+    atol: ClassVar[float] = 0.0
+    control: ClassVar[str] = "x"
+
+    @property
+    def fixed_step(self) -> Any:
+        """The step, in units of time."""
+        return self.dt
+
+    @property
+    def error_order(self) -> int:
+        """There is no error estimate that could fall."""
+        return 1
+
+    def inside(self, dense, theta):
+        """The cubic Hermite interpolant of the step at the fraction theta."""
+        x0, f0, x1, f1, h = dense
+        return hermite(theta, x0, h * f0, x1, h * f1)
+
+    def _arrived(self, field: Any, t, x, f, h, new) -> Step:
+        slope = field(t + h, new)
+        return Step(new, slope, x[None, :0], (x, f, new, slope, h), (t, x))
+
+
+class Symplectic(Composition):
+    """A symplectic scheme for an `lh.Hamiltonian`, H = T(p) + V(q), with a fixed step.
+
+    The tangent map is the derivative of the step itself, one Hessian–vector product for each kick and column; so it is
+    symplectic too, and exponents come in pairs.
+
+    Args:
+        scheme: "leapfrog", "ForestRuth", "SABA1" … "SABA10", "SBAB1" … "SBAB10", the same with a corrector ("SABA2C",
+            …), "ABA864", "ABA1064", "BlanesMoan4", "BlanesMoan6", "SRKN11b", "SRKN14a", "Yoshida6", "SuzukiUmeno8".
+            Correctors and SRKN need a kinetic energy that is quadratic in p.
+        dt: the step, in units of time. It is shortened at events and at the ends of blocks.
+
+    Raises:
+        ValueError: on an unknown scheme, on a step that is not positive; and, where it is used, on a system that is
+            no `lh.Hamiltonian`, or whose kinetic energy the scheme does not fit.
+
+    Source:
+        Ch. Skokos & E. Gerlach, Phys. Rev. E 82 (2010) 036704, doi:10.1103/PhysRevE.82.036704; that of each scheme is
+        in ``lyaphybrid.methods.splittings.SCHEMES[scheme].source``.
+
+    Example:
+        >>> import lyaphybrid as lh
+        >>> lh.Symplectic("SBAB2C", dt=0.05).adaptive
+        False
+    """
+
+    scheme: str = eqx.field(static=True)
+    dt: Any
+
+    def __init__(self, scheme: str = "SRKN14a", dt: Any = None):
+        require(scheme in SCHEMES, f"Unknown scheme {scheme!r}; the schemes are {', '.join(SCHEMES)}.")
+        require(dt is not None, f"A symplectic scheme needs its step: lh.Symplectic({scheme!r}, dt=…).")
+        positive("dt", dt)
+        self.scheme, self.dt = scheme, dt
+
+    def require(self, field, t, x) -> None:
+        """Raise where a field is not that of an `lh.Hamiltonian`, or its kinetic energy does not fit."""
+        parts = separable(field, x, f"lh.Symplectic({self.scheme!r})")
+        if SCHEMES[self.scheme].quadratic:
+            parts.require_quadratic(field.args, halves(x)[1], f"lh.Symplectic({self.scheme!r})")
+
+    def does_little(self, n: int) -> bool:
+        """Few components."""
+        return n <= LITTLE
+
+    def step(self, field: Any, t, x, f, h) -> Step:
+        """One step over h from (t, x)."""
+        return self._arrived(field, t, x, f, h, moved(SCHEMES[self.scheme], field, x, h))
+
+    def divergence(self, field, nodes, h):
+        """Canonical motion keeps volumes."""
+        return jnp.zeros_like(h)
+
+
+def moved(scheme: Scheme, field: Any, x, h):
+    """The state (2m,) after a step over h of a scheme, under a field T + V."""
+    parts, args = field.field, field.args
+    q, p = halves(x)
+
+    def corrected(p):
+        return p + (scheme.corrector * h**3) * parts.slope_of_bracket(q, args) if scheme.corrector else p
+
+    for i, (part, share) in enumerate(scheme.parts):
+        if part == A:
+            p = corrected(p) if i == 0 else p
+            q = q + (share * h) * parts.velocity(p, args)
+        else:
+            p = p + (share * h) * parts.force(q, args)
+            p = corrected(p) if i == 0 else p  # both are kicks at this place: what is known last comes last
+    return jnp.concatenate([q, corrected(p)])
+
+
+def separable(field: Any, x, name: str) -> Separable:
+    """The parts T and V of a field; a ValueError where it has none."""
+    parts = field.field
+    require(
+        isinstance(parts, Separable),
+        f"{name} moves the two parts of lh.Hamiltonian(kinetic, potential) in turn; got another field. For that take "
+        "lh.RungeKutta, or lh.Splitting with the flows of two parts.",
+    )
+    require(x.shape[0] % 2 == 0, f"The state of an lh.Hamiltonian is (q, p), an even number; got {x.shape[0]}.")
+    return parts
+
+
+class Splitting(Composition):
+    """A splitting scheme for H = A + B, or any dx/dt = a(x) + b(x), whose parts both flow in closed form.
+
+    Args:
+        flows: two functions ``(dt, t, x, args) -> x`` after the time dt under one of the parts alone.
+        coefficients: the name of a scheme as for `lh.Symplectic`, without corrector; or a sequence of pairs (which
+            of the flows, fraction of the step), in the order in which they act.
+        dt: the step, in units of time.
+
+    Raises:
+        ValueError: if the flows are not two functions, on an unknown scheme or one with a corrector or for T + V
+            only, on fractions of a flow that do not sum to 1, on a step that is not positive.
+
+    Source:
+        J. Laskar & P. Robutel, Celest. Mech. Dyn. Astron. 80 (2001) 39, doi:10.1023/A:1012098603882.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> drift = lambda dt, t, x, args: jnp.stack([x[0] + dt * x[1], x[1]])
+        >>> kick = lambda dt, t, x, args: jnp.stack([x[0], x[1] - dt * jnp.sin(x[0])])
+        >>> method = lh.Splitting((drift, kick), "ABA864", dt=0.1)
+        >>> pendulum = lh.Flow(lambda t, x, args: jnp.stack([x[1], -jnp.sin(x[0])]))
+        >>> lh.trajectory(pendulum, [1.0, 0.0], t1=10.0, method=method).x.shape
+        (1000, 2)
+    """
+
+    flows: tuple[Callable, Callable]
+    parts: tuple[tuple[int, float], ...] = eqx.field(static=True)
+    dt: Any
+
+    def __init__(self, flows: Sequence[Callable], coefficients: str | Sequence[tuple[int, float]], dt: Any):
+        require(len(flows) == 2 and all(map(callable, flows)), f"flows must be two functions; got {flows!r}.")
+        positive("dt", dt)
+        self.flows, self.dt = (flows[0], flows[1]), dt
+        self.parts = _parts(coefficients)
+
+    def step(self, field: Any, t, x, f, h) -> Step:
+        """One step over h from (t, x)."""
+        new = x
+        for part, share in self.parts:
+            new = self.flows[part](share * h, t, new, field.args)
+        return self._arrived(field, t, x, f, h, new)
+
+    def divergence(self, field, nodes, h):
+        """ln|det| of the step: what its parts do to the volume is known to them alone."""
+        t, x = nodes
+        return log_abs_det(jax.jacfwd(lambda x: self.step(field, t, x, field(t, x), h).x)(x))
+
+
+def _parts(coefficients) -> tuple[tuple[int, float], ...]:
+    if isinstance(coefficients, str):
+        fit = [name for name, scheme in SCHEMES.items() if not scheme.corrector and not scheme.quadratic]
+        require(
+            coefficients in fit, f"No scheme {coefficients!r} for two general parts; the schemes are {', '.join(fit)}."
+        )
+        return SCHEMES[coefficients].parts
+    parts = tuple((int(part), float(share)) for part, share in coefficients)
+    for flow in (0, 1):
+        total = sum(share for part, share in parts if part == flow)
+        require(abs(total - 1) < 1e-9, f"The fractions of flow {flow} must sum to 1; they sum to {total}.")
+    require(all(part in (0, 1) for part, _ in parts), f"coefficients name the flows 0 and 1; got {coefficients!r}.")
+    return parts

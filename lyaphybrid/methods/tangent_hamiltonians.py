@@ -1,0 +1,165 @@
+"""The rivals of the tangent map: the tangent dynamics Hamiltonian, with D²V frozen at points of the orbit.
+
+H_T(δq, δp, t) = ½ δpᵀ T'' δp + ½ δqᵀ D²V(q(t)) δq: the orbit comes first, by SBAB2 with its corrector, and D²V(q) is
+known at its points alone. These methods are here to be compared with: their tangent is not the derivative of their
+step, and λ₁ of a regular orbit levels off at a value above 0 that falls with the step only.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import jax.scipy.linalg
+
+from ..checks import positive, require
+from ..columns import each_column
+from ..hamiltonians import halves
+from .base import Step, Tangent
+from .splittings import SCHEMES, A, Scheme
+from .symplectic import Composition, moved, separable
+
+__all__ = ["TangentHamiltonian"]
+
+ORBIT = "SBAB2C"
+SCHEME_AND_KICKS = {  # by which scheme, and the point of the orbit at which D²V is taken for each of its kicks
+    "cc": ("SBAB2C", (0, 0, 0)),
+    "eps": ("SBAB2C", (0, 1, 2)),
+    "eps-kick": ("SBAB1", (0, 1)),
+    "eps-drift": ("SABA1", (1,)),
+}
+VARIANTS = (*SCHEME_AND_KICKS, "es")
+TWO_STEPS = ("eps", "eps-drift")
+
+
+class TangentHamiltonian(Composition):
+    """The variational equations as those of a Hamiltonian whose coefficients are constant for a while.
+
+    Args:
+        variant: where D²V is taken, and what is done with it:
+
+            - "cc": at the start of the step; then the scheme of the orbit, SBAB2 with its corrector.
+            - "es": at the start of the step; then the exact solution, by the eigenvectors.
+            - "eps": in extended phase space, SBAB2 with its corrector, D²V at the start, in the middle and at the end;
+              equation (40) of the paper.
+            - "eps-kick": kick, drift, kick, D²V at the start and at the end; (38).
+            - "eps-drift": drift, kick, drift, D²V in the middle; (39).
+        dt: the step of the tangent, in units of time; the orbit takes two of half the length where D²V is wanted in
+            the middle.
+
+    Raises:
+        ValueError: on an unknown variant, on a step that is not positive; and, where it is used, on a system that is
+            no `lh.Hamiltonian` with a kinetic energy that is quadratic in p.
+
+    Source:
+        Ch. Skokos & E. Gerlach, Phys. Rev. E 82 (2010) 036704, doi:10.1103/PhysRevE.82.036704.
+
+    Example:
+        >>> import lyaphybrid as lh
+        >>> lh.TangentHamiltonian("eps", dt=0.05).adaptive
+        False
+    """
+
+    variant: str = eqx.field(static=True)
+    dt: Any
+
+    def __init__(self, variant: str, dt: Any):
+        require(variant in VARIANTS, f"Unknown variant {variant!r}; the variants are {', '.join(VARIANTS)}.")
+        positive("dt", dt)
+        self.variant, self.dt = variant, dt
+
+    def require(self, field, t, x) -> None:
+        """Raise where a field is not that of an `lh.Hamiltonian` that is quadratic in p."""
+        name = f"lh.TangentHamiltonian({self.variant!r})"
+        separable(field, x, name).require_quadratic(field.args, halves(x)[1], name)
+
+    def _orbit(self, field: Any, x, h) -> list:
+        """The points of the orbit over a step: its start, the middle where there are two steps, its end."""
+        steps = 2 if self.variant in TWO_STEPS else 1
+        points = [x]
+        for _ in range(steps):
+            points.append(moved(SCHEMES[ORBIT], field, points[-1], h / steps))
+        return points
+
+    def step(self, field: Any, t, x, f, h) -> Step:
+        """One step over h from (t, x)."""
+        return self._arrived(field, t, x, f, h, self._orbit(field, x, h)[-1])
+
+    def divergence(self, field, nodes, h):
+        """Canonical motion keeps volumes."""
+        return jnp.zeros_like(h)
+
+    def tangent(self, field: Any, t, x, h, frame, way=()) -> Tangent:
+        """The frame under the quadratic Hamiltonians of the step."""
+        del way
+        points = self._orbit(field, x, h)
+        forms = [Form(field, point) for point in points]
+        dq, dp = jnp.split(frame, 2)
+        if self.variant == "es":
+            dq, dp = forms[0].solved(dq, dp, h)
+        else:
+            scheme, kicks = SCHEME_AND_KICKS[self.variant]
+            dq, dp = _composed(SCHEMES[scheme], [forms[i] for i in kicks], dq, dp, h)
+        return Tangent(points[-1], jnp.concatenate([dq, dp]), frame[None, :0], (t, x), ((), ()))
+
+
+class Form:
+    """The quadratic Hamiltonian ½ δpᵀ T'' δp + ½ δqᵀ D²V δq at a point; perturbations are columns (m, k)."""
+
+    def __init__(self, field: Any, point):
+        self.parts, self.args, (self.q, self.p) = field.field, field.args, halves(point)
+
+    def stiffness(self, dq):
+        """D²V δq."""
+        return each_column(lambda dq: jax.jvp(lambda q: -self.parts.force(q, self.args), (self.q,), (dq,))[1], dq)
+
+    def velocity(self, dp):
+        """T'' δp."""
+        return each_column(lambda dp: jax.jvp(lambda p: self.parts.velocity(p, self.args), (self.p,), (dp,))[1], dp)
+
+    def bracket(self, dq):
+        """Half the derivative of C = (D²V δq)ᵀ T'' (D²V δq)."""
+        return self.stiffness(self.velocity(self.stiffness(dq)))
+
+    def solved(self, dq, dp, h):
+        """The exact solution: with T'' = L Lᵀ, δq = L y and δp = L⁻ᵀ y', y'' = −Lᵀ D²V L y = −W diag(w) Wᵀ y."""
+        unit = jnp.eye(dq.shape[0], dtype=dq.dtype)
+        lower = jnp.linalg.cholesky(self.velocity(unit))
+        w, vectors = _eigenvectors(lower.T @ self.stiffness(unit) @ lower)
+        to_q, to_p = lower @ vectors, jax.scipy.linalg.solve_triangular(lower.T, vectors, lower=False)
+        y, rate = to_p.T @ dq, to_q.T @ dp
+        c, s = _cosine_and_sine(w * h**2)
+        c, s = c[:, None], h * s[:, None]
+        return to_q @ (c * y + s * rate), to_p @ (c * rate - w[:, None] * s * y)
+
+
+def _composed(scheme: Scheme, forms: list[Form], dq, dp, h):
+    """A step over h of a scheme, whose kicks take one form after the other."""
+    strength, waiting = scheme.corrector * h**3, iter(forms)
+    dp = dp + strength * forms[0].bracket(dq)
+    for part, share in scheme.parts:
+        if part == A:
+            dq = dq + share * h * forms[0].velocity(dp)
+        else:
+            dp = dp - share * h * next(waiting).stiffness(dq)
+    return dq, dp + strength * forms[-1].bracket(dq)
+
+
+def _eigenvectors(matrix):
+    """Eigenvalues and eigenvectors of a symmetric matrix; in the plane by a rotation."""
+    if matrix.shape[0] != 2:
+        return jnp.linalg.eigh(matrix)
+    (a, b), (_, d) = matrix
+    angle = 0.5 * jnp.arctan2(2 * b, a - d)
+    c, s = jnp.cos(angle), jnp.sin(angle)
+    w = jnp.stack([a * c * c + 2 * b * c * s + d * s * s, a * s * s - 2 * b * c * s + d * c * c])
+    return w, jnp.stack([jnp.stack([c, -s]), jnp.stack([s, c])])
+
+
+def _cosine_and_sine(z):
+    """Cos √z and sin √z / √z, entire functions of z: hyperbolic where z is negative."""
+    small = jnp.abs(z) < 1e-8
+    root = jnp.sqrt(jnp.where(small, 1.0, jnp.abs(z)))
+    c = jnp.where(z > 0, jnp.cos(root), jnp.cosh(root))
+    s = jnp.where(z > 0, jnp.sin(root), jnp.sinh(root)) / root
+    return jnp.where(small, 1 - z / 2, c), jnp.where(small, 1 - z / 6, s)

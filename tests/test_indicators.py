@@ -1,0 +1,345 @@
+"""Indicators of chaos against closed forms, brute force and each other; for maps, flows and systems that jump."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.linalg
+from numpy.testing import assert_allclose
+
+import lyaphybrid as lh
+from lyaphybrid import zoo
+
+CAT = np.array([[3.0, 2.0], [1.0, 1.0]])
+cat = lh.Map(lambda n, x, args: jnp.stack([3 * x[0] + 2 * x[1], x[0] + x[1]]) % 1.0)
+STEP = 0.05
+
+
+def torus(**more):
+    return zoo.henon_heiles(y=0.55, **more)
+
+
+def sea():
+    return zoo.henon_heiles()
+
+
+# GALI and SALI.
+
+
+def brute_force(matrices, vectors):
+    """ln of the volumes of the first 2, 3, … unit vectors, from the fundamental matrix at each time."""
+    found = []
+    for matrix in matrices:
+        moved = np.asarray(matrix) @ vectors
+        moved = moved / np.linalg.norm(moved, axis=0)
+        k = vectors.shape[1]
+        found.append([np.sum(np.log(np.linalg.svd(moved[:, :j], compute_uv=False))) for j in range(2, k + 1)])
+    return np.array(found)
+
+
+def test_gali_is_the_product_of_singular_values():
+    problem, times = torus(), np.array([3.0, 10.0, 31.0, 60.0])
+    vectors = np.linalg.qr(np.random.default_rng(5).standard_normal((4, 4)))[0]
+    vectors[:, 2] += 0.7 * vectors[:, 0]  # they need not be orthogonal
+    vectors = vectors / np.linalg.norm(vectors, axis=0)
+    ours = lh.gali(
+        problem.system, problem.x0, t1=60.0, times=times, orders=(2, 3, 4), frame=vectors, method=problem.method
+    )
+    matrices = [lh.tangent_map(problem.system, problem.x0, t1=t, method=problem.method).matrix for t in times]
+    assert ours.orders == (2, 3, 4)
+    assert ours.values.shape == (4, 3)
+    assert_allclose(ours.log_values, brute_force(matrices, vectors), rtol=0, atol=1e-8)
+
+
+def test_gali_through_impacts_is_the_product_of_singular_values():
+    problem = zoo.impact_oscillator(omega=2.0)
+    options = {"mode": problem.mode, "method": lh.RungeKutta(rtol=1e-11, atol=1e-13)}
+    times, vectors = np.array([4.0, 11.0, 20.0]), np.array([[0.8, -0.3], [0.6, 0.95393920141]])
+    vectors = vectors / np.linalg.norm(vectors, axis=0)
+    ours = lh.gali(problem.system, problem.x0, problem.args, t1=20.0, times=times, frame=vectors, **options)
+    matrices = [lh.tangent_map(problem.system, problem.x0, problem.args, t1=t, **options).matrix for t in times]
+    assert_allclose(ours.log_values, brute_force(matrices, vectors), rtol=0, atol=1e-6)
+
+
+def test_gali_far_below_the_smallest_float():
+    """The cat map: ln GALI_2 falls by the difference of the exponents at every step."""
+    found = lh.gali(cat, [0.1, 0.2], t1=4000, times=np.arange(100, 4001, 100))
+    gap = 2 * np.log(2 + np.sqrt(3))
+    assert_allclose(np.diff(np.asarray(found.log_values)[:, 0]), -100 * gap, rtol=1e-11)
+    assert float(found.log_values[-1, 0]) < -10_000
+    assert float(found.values[-1, 0]) == 0.0
+
+
+def test_sali_is_the_shorter_diagonal():
+    problem, times = sea(), np.array([5.0, 20.0, 80.0])
+    vectors = np.linalg.qr(np.random.default_rng(6).standard_normal((4, 2)))[0]
+    ours = lh.sali(problem.system, problem.x0, t1=80.0, times=times, frame=vectors, method=problem.method)
+    for t, value in zip(times, np.asarray(ours.values), strict=True):
+        moved = np.asarray(lh.tangent_map(problem.system, problem.x0, t1=t, method=problem.method).matrix) @ vectors
+        a, b = (moved / np.linalg.norm(moved, axis=0)).T
+        assert_allclose(value, min(np.linalg.norm(a + b), np.linalg.norm(a - b)), rtol=1e-7)
+
+
+def test_several_starts_at_once_and_under_jit():
+    problem = torus()
+    starts = jnp.stack([problem.x0, sea().x0])
+    together = lh.gali(problem.system, starts, t1=200.0, method=problem.method, blocks=8)
+    alone = [lh.gali(problem.system, x, t1=200.0, method=problem.method, blocks=8) for x in starts]
+    assert together.log_values.shape == (2, 8, 3)
+    compiled = jax.jit(lambda x: lh.gali(problem.system, x, t1=200.0, method=problem.method, blocks=8).log_values)
+    for i in range(2):
+        assert_allclose(together.log_values[i], alone[i].log_values, rtol=0, atol=1e-9)
+        assert_allclose(compiled(starts[i]), alone[i].log_values, rtol=0, atol=1e-9)
+
+
+def test_a_direction_that_a_jump_destroys():
+    """A reset that kills a direction makes all volumes 0 for ever."""
+    system = lh.Hybrid(
+        lambda t, x, args: jnp.stack([x[1], -x[0], 0.1 * x[2]]),
+        lh.Transition(every=1.0, phase=0.5, reset=lambda t, x, args: jnp.stack([x[0], 0 * x[1], x[2]])),
+    )
+    found = lh.gali(system, [1.0, 0.0, 0.1], t1=4.0, times=[0.4, 1.0, 4.0])
+    values = np.asarray(found.log_values)
+    assert np.all(np.isfinite(values[0]))
+    assert np.all(np.isneginf(values[1:, 1]))  # three vectors in a plane
+    assert found.verdict.kind == "undecided"
+
+
+# What grows.
+
+
+def test_a_shear_in_closed_form():
+    """w(t) = (1, t): ln ‖w‖ = ½ ln(1 + t²), and its integral is known."""
+    shear = lh.Flow(lambda t, x, args: jnp.stack([x[1], 0 * x[1]]))
+    frame, t = np.array([[0.0], [1.0]]), 50.0
+    method = lh.RungeKutta("rk4", dt=0.005)
+    length = 0.5 * np.log(1 + t * t)
+    area = t * length - t + np.arctan(t)
+    found = lh.megno(shear, [0.0, 1.0], t1=t, frame=frame, method=method)
+    assert_allclose(found.values[-1], 2 * (length - area / t), rtol=0, atol=1e-6)
+    assert_allclose(lh.fli(shear, [0.0, 1.0], t1=t, frame=frame, method=method).values[-1], length, rtol=0, atol=1e-12)
+    across = lh.ofli(shear, [0.0, 1.0], t1=t, frame=frame, method=method)
+    assert_allclose(across.values[-1], 0.0, rtol=0, atol=1e-12)  # the part across the flow (1, 0) stays 1
+
+
+def test_megno_of_a_map_in_closed_form():
+    """Y = (2/t) Σ (s − ½) λ = λ t for a vector that grows by the same factor at each step."""
+    _, vectors = np.linalg.eigh(CAT @ CAT.T)
+    eigenvalues, right = np.linalg.eig(CAT)
+    frame = right[:, [np.argmax(eigenvalues)]]
+    growth = np.log(np.max(eigenvalues))
+    found = lh.megno(cat, [0.1, 0.2], t1=400, frame=frame, times=[100.0, 200.0, 400.0])
+    assert_allclose(found.values, growth * np.array([100.0, 200.0, 400.0]), rtol=1e-12)
+    assert_allclose(found.mean, growth * np.array([100.0, 200.0, 400.0]) / 2, rtol=1e-3)
+    assert vectors.shape == (2, 2)
+
+
+VERDICTS = [
+    ("a torus", torus, "regular"),
+    ("the sea", sea, "chaotic"),
+]
+
+
+@pytest.mark.parametrize(("name", "make", "kind"), VERDICTS, ids=[name for name, *_ in VERDICTS])
+@pytest.mark.parametrize("indicator", [lh.gali, lh.sali, lh.megno, lh.fli, lh.ofli], ids=lambda f: f.__name__)
+def test_verdicts(indicator, name, make, kind):
+    problem = make()
+    verdict = indicator(problem.system, problem.x0, t1=10_000.0, method=problem.method).verdict
+    print(name, verdict)
+    assert verdict.kind == kind
+    assert verdict.kind in str(verdict)
+
+
+def test_a_short_run_decides_nothing():
+    problem = sea()
+    found = lh.gali(problem.system, problem.x0, t1=30.0, method=problem.method)
+    assert found.verdict.kind != "chaotic"
+    assert lh.fli(problem.system, problem.x0, t1=30.0, blocks=4, method=problem.method).verdict.kind == "undecided"
+
+
+def test_hybrid_chaos_and_hybrid_order():
+    for parameters, kind in (({}, "chaotic"), ({"omega": 2.0}, "regular")):
+        problem = zoo.impact_oscillator(**parameters)
+        found = lh.fli(problem.system, problem.x0, problem.args, t1=2000.0, mode=problem.mode)
+        print(found.verdict)
+        assert found.verdict.kind == kind
+
+
+REFUSED = [
+    (lambda: lh.gali(cat, [0.1, 0.2], t1=10, orders=(3,)), "orders must be"),
+    (lambda: lh.gali(cat, [0.1, 0.2], t1=10, frame=np.eye(3)), "frame must have shape"),
+    (lambda: lh.sali(cat, [0.1, 0.2], t1=10, orders=(2,)), "orders are for gali"),
+    (lambda: lh.ofli(cat, [0.1, 0.2], t1=10), "needs an lh.Flow"),
+    (lambda: lh.megno(cat, [0.1, 0.2], t1=10, orders=(2,)), "megno takes"),
+    (lambda: lh.covariant_vectors(cat, [0.1, 0.2], t1=10, k=3), "deviation vectors were asked for"),
+    (lambda: lh.covariant_vectors(cat, [0.1, 0.2], t1=-10), "must be positive"),
+]
+
+
+@pytest.mark.parametrize(("call", "says"), REFUSED, ids=[says for _, says in REFUSED])
+def test_bad_arguments_are_refused(call, says):
+    with pytest.raises(ValueError, match=says):
+        call()
+
+
+def test_a_run_that_fails_says_so_and_keeps_what_it_has():
+    blowing_up = lh.Flow(lambda t, x, args: x**2)
+    with pytest.raises(lh.RunFailed) as failure:
+        lh.fli(blowing_up, [1.0], t1=2.0)
+    assert failure.value.status in (lh.STATUS.nonfinite, lh.STATUS.step_underflow)
+    found = lh.fli(blowing_up, [1.0], t1=2.0, throw=False)
+    assert found.status.failed
+    assert np.isfinite(found.values[0])
+    assert np.isnan(found.values[-1])
+
+
+# Covariant vectors.
+
+
+def test_the_angle_of_the_cat_map():
+    found = lh.covariant_vectors(cat, [0.1, 0.2], t1=100, blocks=100)
+    assert_allclose(np.degrees(found.angles), 73.89788624801, rtol=0, atol=1e-8)
+    assert_allclose(found.exponents, np.log([2 + np.sqrt(3), 2 - np.sqrt(3)]), rtol=0, atol=1e-12)
+    assert_allclose(found.time, np.arange(101))
+
+
+def test_vectors_of_the_henon_map_are_carried_along():
+    problem = zoo.henon_map()
+    found = lh.covariant_vectors(
+        problem.system, problem.x0, problem.args, t1=2000, blocks=2000, transient=500, settle=500
+    )
+    jacobian = jax.vmap(lambda x: jax.jacfwd(lambda x: problem.system.rule(0.0, x, problem.args))(x))(found.x)
+    moved = np.einsum("tij,tjk->tik", np.asarray(jacobian), np.asarray(found.vectors))[:-1]
+    lengths = np.linalg.norm(moved, axis=1)
+    assert_allclose(np.log(lengths), found.growth, rtol=0, atol=1e-7)
+    along = np.abs(np.sum(moved / lengths[:, None, :] * np.asarray(found.vectors)[1:], axis=1))
+    assert_allclose(along, 1.0, rtol=0, atol=1e-9)
+    exponents = problem.spectrum(t1=2000, transient=500).exponents
+    assert_allclose(found.exponents, exponents, rtol=0, atol=2e-2)
+    assert_allclose(jnp.sum(found.exponents), np.log(0.3), rtol=0, atol=2e-2)
+
+
+@pytest.mark.parametrize("k", [3, 2])
+def test_the_neutral_vector_of_lorenz_is_the_flow(k):
+    problem = zoo.lorenz63()
+    lengths = {"t1": 50.0, "blocks": 1000, "transient": 50.0, "settle": 50.0}
+    found = lh.covariant_vectors(problem.system, problem.x0, problem.args, k=k, **lengths)
+    assert found.vectors.shape == (1001, 3, k)
+    assert found.angles.shape == (1001, k * (k - 1) // 2)
+    flow = np.asarray(jax.vmap(lambda x: problem.system.field(0.0, x, problem.args))(found.x))
+    flow = flow / np.linalg.norm(flow, axis=1)[:, None]
+    neutral = np.asarray(found.vectors)[:, :, 1]
+    off = np.arcsin(np.minimum(1.0, np.linalg.norm(neutral - np.sum(neutral * flow, axis=1)[:, None] * flow, axis=1)))
+    print(np.quantile(off, [0.5, 0.9, 0.99, 1.0]))
+    assert np.mean(off < 1e-2) >= 0.99
+
+
+def test_vectors_through_impacts():
+    """With the phase as a third component the flow itself is a covariant vector; it maps to itself across impacts."""
+    omega, zeta, restitution = 2.8, 0.05, 0.8
+
+    def field(t, x, args):
+        return jnp.stack([x[1], jnp.cos(x[2]) - 2 * zeta * x[1] - x[0], omega + 0 * x[2]])
+
+    flip = jnp.array([1.0, -restitution, 1.0])
+    system = lh.Hybrid(field, lh.Transition(lambda t, x, args: -x[0], lambda t, x, args: flip * x))
+    method = lh.RungeKutta(rtol=1e-12, atol=1e-14)
+    found = lh.covariant_vectors(
+        system, [-0.1, 0.5, 0.0], t1=200.0, blocks=800, transient=200.0, settle=200.0, method=method
+    )
+    flow = np.asarray(jax.vmap(lambda x: field(0.0, x, None))(found.x))
+    flow = flow / np.linalg.norm(flow, axis=1)[:, None]
+    apart = 1 - np.abs(np.einsum("ti,tik->tk", flow, np.asarray(found.vectors)))
+    neutral = np.argmin(np.median(apart, axis=0))
+    exponents = np.asarray(found.exponents)
+    print(exponents, np.max(apart, axis=0))
+    assert abs(exponents[neutral]) < 1e-2
+    off = np.sqrt(2 * np.maximum(apart[:, neutral], 0.0))
+    assert np.quantile(off, 0.99) < 1e-6
+
+
+def test_a_direction_that_is_lost_at_each_period():
+    """One direction is killed at each tick; those that go on are the vectors of what is left."""
+    matrix = np.array([[0.1, 0.4, 0.2], [0.0, -0.3, 0.5], [0.3, 0.1, -0.2]])
+    system = lh.Hybrid(
+        lambda t, x, args: jnp.asarray(matrix) @ x,
+        lh.Transition(every=1.0, phase=0.5, reset=lambda t, x, args: jnp.array([1.0, 1.0, 0.0]) * x),
+    )
+    lengths = {"t1": 20.0, "blocks": 20, "transient": 60.0, "settle": 60.0}
+    method = lh.RungeKutta(rtol=1e-12, atol=1e-14)
+    found = lh.covariant_vectors(system, [1.0, 0.5, 0.2], method=method, **lengths)
+    half = scipy.linalg.expm(0.5 * matrix)
+    period = half @ np.diag([1.0, 1.0, 0.0]) @ half
+    eigenvalues, right = np.linalg.eig(period)
+    order = np.argsort(-np.abs(eigenvalues))
+    assert np.all(np.isreal(eigenvalues))
+    assert_allclose(found.exponents[:2], np.log(np.abs(eigenvalues[order[:2]])), rtol=0, atol=1e-9)
+    assert np.isneginf(found.exponents[2])
+    for i in range(3):
+        vector = np.real(right[:, order[i]])
+        along = np.abs(np.asarray(found.vectors)[:-1, :, i] @ (vector / np.linalg.norm(vector)))
+        assert_allclose(along, 1.0, rtol=0, atol=1e-9)
+
+
+# Long runs.
+
+
+def slopes(found, first, last):
+    """d ln GALI_k / d ln t by least squares over the times between."""
+    time = np.asarray(found.time)
+    chosen = (time >= first) & (time <= last * (1 + 1e-9))
+    assert np.sum(chosen) >= 30
+    return np.polyfit(np.log(time[chosen]), np.asarray(found.log_values)[chosen], 1)[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "parameters", "orders", "expected", "first", "within"),
+    [
+        ("henon_heiles", {"y": 0.55}, range(2, 5), [0, -2, -4], 1e4, 0.3),
+        ("hamiltonian_3d", {}, range(2, 7), [0, 0, -2, -4, -6], 1e4, 0.3),
+        ("fpu_beta", {}, range(2, 17), [-max(0, k - 4) if k <= 12 else -2 * (k - 8) for k in range(2, 17)], 1e5, 0.5),
+    ],
+    ids=["R1", "R2", "R3"],
+)
+def test_slopes_on_tori(name, parameters, orders, expected, first, within):
+    problem = zoo.get(name)(**parameters)
+    times = np.geomspace(first / 10, 1e6, 100)
+    method = lh.Symplectic("SBAB2C", dt=STEP)
+    found = lh.gali(problem.system, problem.x0, problem.args, t1=1e6, times=times, orders=orders, method=method)
+    seen = slopes(found, first, 1e6)
+    print(name, np.round(seen, 2))
+    assert_allclose(seen, expected, rtol=0, atol=within)
+
+
+@pytest.mark.slow
+def test_slopes_in_chaos_are_differences_of_exponents():
+    problem = sea()
+    times = np.linspace(2e3, 2e5, 100)
+    found = lh.gali(problem.system, problem.x0, t1=2e5, times=times, orders=(2, 3, 4), method=problem.method)
+    exponents = np.asarray(problem.spectrum(t1=2e5).exponents)
+    expected = [-np.sum(exponents[0] - exponents[1:k]) for k in (2, 3, 4)]
+    seen = np.polyfit(times, np.asarray(found.log_values), 1)[0]
+    print(seen, expected)
+    assert_allclose(np.asarray(found.log_values)[-1] / 2e5, expected, rtol=0.03)
+    assert_allclose(seen, expected, rtol=0.1)
+
+
+@pytest.mark.slow
+def test_megno_of_a_torus_and_of_the_sea():
+    problem = torus()
+    found = lh.megno(problem.system, problem.x0, t1=1e5, method=problem.method)
+    assert abs(float(found.mean[-1]) - 1.97) < 0.05
+    problem = sea()
+    found = lh.megno(problem.system, problem.x0, t1=1e5, method=problem.method)
+    growth = lh.fli(problem.system, problem.x0, t1=1e5, method=problem.method).values[-1]
+    print(found.mean[-1], growth / 2)
+    assert abs(float(found.mean[-1]) / float(growth / 2) - 1) < 0.15
+
+
+@pytest.mark.slow
+def test_birkhoff_weights_on_a_torus():
+    problem = torus()
+    spectrum = problem.spectrum(t1=1e5, averaging="birkhoff-regular", blocks=2000, k=2)
+    print(spectrum.exponents)
+    assert abs(float(spectrum.exponents[0])) <= 1e-7
