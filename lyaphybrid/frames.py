@@ -33,7 +33,9 @@ def kind_for(k: int) -> str:
 def unit_vectors(n: int, k: int, dtype, paired: bool = False) -> np.ndarray:
     """The first k unit vectors (n, k); paired: of e_q1 … e_qm, e_pm … e_p1, n = 2m, x = (q, p)."""
     m = n // 2 if paired else n
-    return np.eye(n, dtype=dtype)[:, [*range(m), *reversed(range(m, n))][:k]]
+    frame = np.zeros((n, k), dtype)
+    frame[[*range(m), *reversed(range(m, n))][:k], range(k)] = 1
+    return frame
 
 
 def orthonormalise(

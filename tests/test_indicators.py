@@ -165,6 +165,20 @@ def test_hybrid_chaos_and_hybrid_order():
         assert found.verdict.kind == kind
 
 
+def test_pictures_show_each_order():
+    problem = torus()
+    options = {"t1": 50.0, "blocks": 8, "method": problem.method}
+    found = lh.gali(problem.system, problem.x0, **options)
+    ax = found.plot()
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["GALI$_{2}$", "GALI$_{3}$", "GALI$_{4}$"]
+    for line, logs in zip(ax.get_lines(), np.asarray(found.log_values).T, strict=True):
+        assert_allclose(line.get_ydata(), logs / np.log(10))
+    assert lh.sali(problem.system, problem.x0, **options).plot().get_ylabel().endswith("SALI")
+    mean = lh.megno(problem.system, problem.x0, **options)
+    assert_allclose(mean.plot().get_lines()[1].get_ydata(), mean.mean)
+    assert len(lh.fli(problem.system, problem.x0, **options).plot().get_lines()) == 1
+
+
 REFUSED = [
     (lambda: lh.gali(cat, [0.1, 0.2], t1=10, orders=(3,)), "orders must be"),
     (lambda: lh.gali(cat, [0.1, 0.2], t1=10, frame=np.eye(3)), "frame must have shape"),

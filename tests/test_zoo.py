@@ -36,6 +36,12 @@ VARIANTS = [
     ("block_on_plate", {"alpha": 0.6}),
     ("stick_slip_belt", {"force": 0.5}),
     ("relay_feedback", {"form": "sliding"}),
+    ("henon_heiles", {"y": 0.55}),
+    ("fpu_beta", {"n": 16}),
+    ("kepler", {"eccentricity": 0.0}),
+    ("restricted_three_body", {"mu": 0.5, "jacobi": 3.0}),
+    ("coupled_standard_maps", {"n": 2}),
+    ("lorenz96", {"n": 4}),
 ]
 WITHOUT_REFERENCE = [
     ("sinai_billiard", {"field": 0.5}),
@@ -238,6 +244,20 @@ def test_unknown_names_list_the_valid_ones_nearest_first():
         (lambda: zoo.stadium(radius=0), r"radius must be positive; got 0"),
         (lambda: zoo.ellipse(b=0), r"b must be positive; got 0"),
         (lambda: zoo.wedge(angle=1.6), r"angle must be between 0 and π/2; got 1.6"),
+        (lambda: zoo.lorenz96(n=3), r"n must be at least 4; got 3"),
+        (lambda: zoo.coupled_standard_maps(n=1), r"n must be at least 2; got 1"),
+        (lambda: zoo.henon_heiles(energy=0.01, y=0.5), r"energy must be large enough for the start"),
+        (lambda: zoo.hamiltonian_3d(energy=0), r"energy must be large enough for the start"),
+        (lambda: zoo.fpu_beta(n=1), r"n must be at least 2; got 1"),
+        (lambda: zoo.fpu_alpha(n=1), r"n must be at least 2; got 1"),
+        (lambda: zoo.fpu_alpha(alpha=0), r"alpha must be positive; got 0"),
+        (lambda: zoo.double_pendulum(gravity=0), r"gravity must be positive; got 0"),
+        (lambda: zoo.kepler(eccentricity=1), r"eccentricity must be at least 0 and below 1; got 1"),
+        (lambda: zoo.kepler(eccentricity=-0.1), r"eccentricity must be at least 0 and below 1; got -0.1"),
+        (lambda: zoo.restricted_three_body(mu=0.6), r"mu must be above 0 and at most 1/2; got 0.6"),
+        (lambda: zoo.restricted_three_body(mu=0.25, x=0.75), r"x must be at a distance from both bodies; got 0.0"),
+        (lambda: zoo.restricted_three_body(mu=0.25, x=-0.25), r"x must be at a distance from both bodies; got 0.0"),
+        (lambda: zoo.restricted_three_body(jacobi=9), r"jacobi must be small enough for the start"),
     ],
 )
 def test_bad_parameters_are_refused(call, message):

@@ -6,7 +6,9 @@ Parameters that are numbers travel in `args`: changing them does not compile aga
 """
 
 from .billiards import ellipse, lorentz_gas, mean_free_path, sinai_billiard, stadium, wedge
+from .celestial import double_pendulum, kepler, restricted_three_body
 from .circuits import boost_converter, buck_converter, chua, corron_oscillator
+from .coupled_maps import coupled_standard_maps, froeschle_map
 from .disks_and_spheres import hard_disks, hard_spheres
 from .friction import block_on_plate, friction_pendulum, relay_feedback, stick_slip_belt
 from .impacts import bouncing_ball, impact_oscillator, kicked_ball, zaslavsky
@@ -16,7 +18,7 @@ from .oscillators import fpu_alpha, fpu_beta, hamiltonian_3d, henon_heiles
 from .piecewise import beta_clock, conewise_linear, grow_reset, skew_tent_roof
 from .problem import Problem, Reference, get, unknown
 from .rattling import gear_rattle, rocking_block
-from .smooth import lorenz63, rossler
+from .smooth import lorenz63, lorenz96, rossler
 from .statistics import CollisionStatistics, collision_statistics
 from .walkers import rimless_wheel, simplest_walker
 
@@ -36,14 +38,20 @@ __all__ = [
     "standard_map",
     "baker_map",
     "kaplan_yorke_map",
+    "froeschle_map",
+    "coupled_standard_maps",
     # smooth flows
     "lorenz63",
     "rossler",
+    "lorenz96",
     # Hamiltonian systems
     "henon_heiles",
     "hamiltonian_3d",
     "fpu_beta",
     "fpu_alpha",
+    "double_pendulum",
+    "kepler",
+    "restricted_three_body",
     # flows with jumps
     "bouncing_ball",
     "kicked_ball",

@@ -132,7 +132,7 @@ class Problem:
         parameters = ", ".join(f"{name}={_short(value)}" for name, value in self.parameters.items())
         mode = f" in mode {self.mode!r}" if self.mode else ""
         unit = "" if self.clock == "time" else " " + self.clock
-        kind = type(self.system).__name__
+        kind = next(c.__name__ for c in type(self.system).__mro__ if not c.__name__.startswith("_"))
         return "\n".join(
             [
                 f"{self.name}({parameters})",

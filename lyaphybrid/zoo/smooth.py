@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 
 from ..systems import Flow
-from .problem import Problem, Real, computed, near, problem, state
+from .problem import Problem, Real, computed, near, problem, require, state
 
 
 def _lorenz(t, x, args):
@@ -15,8 +15,13 @@ def _rossler(t, x, args):
     return jnp.stack([-x[1] - x[2], x[0] + args["a"] * x[1], args["b"] + x[2] * (x[0] - args["c"])])
 
 
+def _lorenz96(t, x, args):
+    return (jnp.roll(x, -1) - jnp.roll(x, 2)) * jnp.roll(x, 1) - x + args["forcing"]
+
+
 LORENZ = Flow(_lorenz)
 ROSSLER = Flow(_rossler)
+LORENZ96 = Flow(_lorenz96)
 
 
 @problem
@@ -92,4 +97,42 @@ def rossler(*, a: Real = 0.2, b: Real = 0.2, c: Real = 5.7) -> Problem:
         if known
         else None,
         source="O. E. Rössler, Phys. Lett. A 57 (1976) 397, doi:10.1016/0375-9601(76)90101-8",
+    )
+
+
+@problem
+def lorenz96(*, n: int = 40, forcing: Real = 8.0) -> Problem:
+    """Lorenz' ring of n sites on a circle of latitude: x_i' = (x_{i+1} − x_{i−2}) x_{i−1} − x_i + F, indices mod n.
+
+    The exponents sum to −n exactly; by default λ₁ = 1.669(16) over t = 2000. Starts at the fixed point x_i = F, but for
+    x_1 = F + 0.01.
+
+    Args:
+        n: number of sites.
+        forcing: F; the motion is chaotic at 8 for n = 40.
+
+    Returns:
+        A `Problem`.
+
+    Raises:
+        ValueError: on fewer than four sites.
+
+    Source:
+        E. N. Lorenz, Predictability: a problem partly solved, ECMWF Seminar on Predictability 1 (1996) 1; E. N. Lorenz
+        & K. A. Emanuel, J. Atmos. Sci. 55 (1998) 399, doi:10.1175/1520-0469(1998)055<0399:OSFSWO>2.0.CO;2.
+
+    Example:
+        >>> from lyaphybrid import zoo
+        >>> zoo.lorenz96(n=8).x0.shape
+        (8,)
+    """
+    require("n", n, lambda n: n >= 4, "at least 4")
+    return Problem(
+        system=LORENZ96,
+        x0=state(forcing + 0.01, *[forcing] * (n - 1)),
+        args={"forcing": forcing},
+        t1=500.0,
+        transient=50.0,
+        source="E. N. Lorenz & K. A. Emanuel, J. Atmos. Sci. 55 (1998) 399, "
+        "doi:10.1175/1520-0469(1998)055<0399:OSFSWO>2.0.CO;2",
     )
