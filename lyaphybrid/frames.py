@@ -66,7 +66,9 @@ def _columns_and_lengths(frame, kind: str, tolerance):
     floors = None if tolerance is None else _floors(tolerance)
     if kind == "mgs":
         k = frame.shape[1]
-        return (_by_columns if k <= 3 else _unrolled if k <= UNROLL else _in_a_loop)(frame, floors)
+        if k <= 3 and floors is not None:
+            return _by_columns(frame, floors)
+        return (_unrolled if k <= UNROLL else _in_a_loop)(frame, floors)
     found = _householder(frame) if kind == "lapack" else _cholesky(frame, floors)
     if tolerance is None:
         return found

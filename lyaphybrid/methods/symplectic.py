@@ -111,17 +111,18 @@ def moved(scheme: Scheme, field: Any, x, h):
     parts, args = field.field, field.args
     q, p = halves(x)
 
-    def corrected(p):
-        return p + (scheme.corrector * h**3) * parts.slope_of_bracket(q, args) if scheme.corrector else p
+    def correction():
+        return (scheme.corrector * h**3) * parts.slope_of_bracket(q, args) if scheme.corrector else jnp.zeros_like(p)
 
+    if scheme.parts[0][0] == A:
+        p = p + correction()
     for i, (part, share) in enumerate(scheme.parts):
         if part == A:
-            p = corrected(p) if i == 0 else p
             q = q + (share * h) * parts.velocity(p, args)
         else:
-            p = p + (share * h) * parts.force(q, args)
-            p = corrected(p) if i == 0 else p  # both are kicks at this place: what is known last comes last
-    return jnp.concatenate([q, corrected(p)])
+            push = (share * h) * parts.force(q, args)
+            p = p + (push + correction() if i == 0 else push)
+    return jnp.concatenate([q, p + correction()])
 
 
 def separable(field: Any, x, name: str) -> Separable:

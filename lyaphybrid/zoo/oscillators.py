@@ -14,23 +14,23 @@ OMEGA = np.sqrt([1.0, 2.0, 3.0])
 
 def _unit_masses(p, args):
     del args
-    return 0.5 * jnp.sum(p * p)
+    return jnp.sum(p**2) / 2
 
 
 def _henon_heiles(q, args):
     del args
     x, y = q[0], q[1]
-    return 0.5 * (x * x + y * y) + x * x * y - y * y * y / 3
+    return (x**2 + y**2) / 2 + x**2 * y - y**3 / 3  # AD makes more of x * x than of x**2
 
 
 def _three_kinetic(p, args):
     del args
-    return 0.5 * jnp.sum(jnp.asarray(OMEGA, p.dtype) * p * p)
+    return jnp.sum(jnp.asarray(OMEGA, p.dtype) * p**2) / 2
 
 
 def _three_potential(q, args):
     del args
-    return 0.5 * jnp.sum(jnp.asarray(OMEGA, q.dtype) * q * q) + q[0] * q[0] * (q[1] + q[2])
+    return jnp.sum(jnp.asarray(OMEGA, q.dtype) * q**2) / 2 + q[0] ** 2 * (q[1] + q[2])
 
 
 def _stretches(q):
@@ -41,12 +41,12 @@ def _stretches(q):
 
 def _quartic_chain(q, args):
     r = _stretches(q)
-    return jnp.sum(0.5 * r * r + 0.25 * args["beta"] * r * r * r * r)
+    return jnp.sum(r**2 / 2 + args["beta"] * r**4 / 4)
 
 
 def _cubic_chain(q, args):
     r = _stretches(q)
-    return jnp.sum(0.5 * r * r + args["alpha"] / 3 * r * r * r)
+    return jnp.sum(r**2 / 2 + args["alpha"] * r**3 / 3)
 
 
 HENON_HEILES = Hamiltonian(_unit_masses, _henon_heiles)
