@@ -12,7 +12,7 @@ import lyaphybrid as lh
 import references
 from lyaphybrid import zoo
 from lyaphybrid.__main__ import main
-from lyaphybrid.papers import fu, fu_report
+from lyaphybrid.papers import fu, fu_report, output
 from lyaphybrid.papers import transfer_matrices as tm
 
 PLUS, MINUS, STICK = range(3)  # in `tm.FIELDS`
@@ -192,7 +192,7 @@ def test_outcomes_of_a_diagram():
 
 
 def test_what_json_cannot_hold_is_named():
-    assert fu_report._plain([1.0, -np.inf, np.nan]) == [1.0, "-inf", None]
+    assert output.plain([1.0, -np.inf, np.nan]) == [1.0, "-inf", None]
 
 
 @pytest.mark.parametrize("passed", [True, False])

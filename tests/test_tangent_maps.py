@@ -119,16 +119,27 @@ def test_the_rivals_are_the_matrices_written_by_hand(variant):
     assert_allclose(matrix, rival(variant, points, h), rtol=0, atol=1e-14)
 
 
-def test_the_frozen_form_is_solved_exactly_for_any_masses_and_signs():
+@pytest.mark.parametrize("h", [0.3, 3.0])
+@pytest.mark.parametrize("x", [(0.3, -0.4), (-0.3, -0.4), (0.0, 0.2), (0.0, -0.2), (0.2, 0.0), (0.0, 0.0), (0.1, 0.9)])
+def test_the_frozen_form_is_solved_exactly_in_the_plane(h, x):
+    """All angles of the eigenvectors, equal eigenvalues, both signs; short steps by a series, long ones not."""
+    x = np.array([*x, 0.2, 0.1])
+    _, matrix = one_step(lh.TangentHamiltonian("es", dt=h), zoo.henon_heiles().system, x)
+    expected = scipy.linalg.expm(h * np.block([[np.zeros((2, 2)), np.eye(2)], [-hessian(x), np.zeros((2, 2))]]))
+    assert_allclose(matrix, expected, rtol=0, atol=3e-14 * np.max(np.abs(expected)))
+
+
+@pytest.mark.parametrize("h", [0.2, 2.0])
+def test_the_frozen_form_is_solved_exactly_for_any_masses_and_signs(h):
     """Three degrees of freedom: by LAPACK's eigenvectors; far out D²V has a negative eigenvalue."""
     problem = zoo.hamiltonian_3d()
-    method, x = lh.TangentHamiltonian("es", dt=0.3), np.array([0.9, -1.5, 0.4, 0.1, 0.2, 0.3])
+    method, x = lh.TangentHamiltonian("es", dt=h), np.array([0.9, -1.5, 0.4, 0.1, 0.2, 0.3])
     _, matrix = one_step(method, problem.system, x, problem.args)
     omega = np.sqrt([1.0, 2.0, 3.0])
     form = np.diag(omega) + np.array([[2 * (x[1] + x[2]), 2 * x[0], 2 * x[0]], [2 * x[0], 0, 0], [2 * x[0], 0, 0]])
     assert np.linalg.eigvalsh(form)[0] < -0.1
     generator = np.block([[np.zeros((3, 3)), np.diag(omega)], [-form, np.zeros((3, 3))]])
-    assert_allclose(matrix, scipy.linalg.expm(0.3 * generator), rtol=0, atol=1e-13)
+    assert_allclose(matrix, scipy.linalg.expm(h * generator), rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("scheme", ["SBAB2C", "ABA864", "SRKN14a"])

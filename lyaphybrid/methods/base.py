@@ -53,6 +53,11 @@ class Method(eqx.Module):
         """Whether the error estimate controls h."""
         return self.fixed_step is None
 
+    @property
+    def longest_step(self) -> Any:
+        """No adaptive step is longer; None: no limit."""
+        return None
+
     def kept_stages(self, n: int) -> int:
         """How many `Step.stages` there are in n components."""
         del n

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..checks import positive
+from ..checks import positive, require
 from ..columns import each_column
 from . import tableaux
 from .base import Field, Method, Step, Tangent
@@ -67,10 +67,11 @@ class RungeKutta(Method):
         atol: absolute tolerance of the local error, in units of x.
         dt: a fixed step, in units of time; None: adaptive. Steps are still cut at events.
         control: "xY", the frame's errors are controlled too; "x", the state's alone.
+        max_step: no adaptive step is longer, in units of time; None: no limit.
 
     Raises:
-        ValueError: on an unknown tableau or control, on tolerances or a step that are not positive, and on
-            "rk4" without dt (it has no error estimate).
+        ValueError: on an unknown tableau or control, on tolerances or steps that are not positive, on "rk4" without
+            dt (it has no error estimate), on max_step beside dt.
 
     Source:
         J. R. Dormand & P. J. Prince, J. Comput. Appl. Math. 6 (1980) 19, doi:10.1016/0771-050X(80)90013-3;
@@ -88,6 +89,7 @@ class RungeKutta(Method):
     rtol: Any
     atol: Any
     dt: Any
+    max_step: Any
 
     def __init__(
         self,
@@ -96,6 +98,7 @@ class RungeKutta(Method):
         atol: Any = 1e-12,
         dt: Any = None,
         control: str = "xY",
+        max_step: Any = None,
     ):
         if tableau not in TABLEAUX:
             raise ValueError(f"Unknown tableau {tableau!r}; the tableaux are {sorted(TABLEAUX)}.")
@@ -107,12 +110,21 @@ class RungeKutta(Method):
         positive("atol", atol)
         if dt is not None:
             positive("dt", dt)
-        self.tableau, self.control, self.rtol, self.atol, self.dt = tableau, control, rtol, atol, dt
+        if max_step is not None:
+            require(dt is None, "max_step is for adaptive steps; with dt every step has that length.")
+            positive("max_step", max_step)
+        self.tableau, self.control, self.rtol, self.atol = tableau, control, rtol, atol
+        self.dt, self.max_step = dt, max_step
 
     @property
     def fixed_step(self) -> Any:
         """The fixed step; None where the error estimate controls h."""
         return self.dt
+
+    @property
+    def longest_step(self) -> Any:
+        """No step is longer; None: no limit."""
+        return self.max_step
 
     @property
     def error_order(self) -> int:

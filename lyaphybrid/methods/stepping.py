@@ -171,7 +171,12 @@ class Stepping:
         scale = self.method.atol + self.method.rtol * jnp.abs(x)
         size, speed = jnp.sqrt(jnp.mean((x / scale) ** 2)), jnp.sqrt(jnp.mean((f / scale) ** 2))
         usual = 0.01 * size / jnp.maximum(speed, 1e-300)
-        return jax.lax.stop_gradient(jnp.where((size > 1e-5) & (speed > 1e-5), usual, 1e-6))
+        return self._bounded(jax.lax.stop_gradient(jnp.where((size > 1e-5) & (speed > 1e-5), usual, 1e-6)))
+
+    def _bounded(self, h):
+        """No step is longer than the method allows."""
+        longest = self.method.longest_step
+        return h if longest is None else jnp.minimum(h, longest)
 
     def no_stages(self, x, frame):
         """Room for the stages of a step: its points, where Df depends on them, and their tangents."""
@@ -364,7 +369,7 @@ class Stepping:
         whole = tr.h >= 0.99 * own.h
         # A step that was cut at an event, a tick or the block's end says nothing against the controller's h.
         h = jnp.where(whole, tr.h * factor, jnp.maximum(own.h, tr.h * factor))
-        h = jnp.where(passed, h, tr.h * smaller)
+        h = self._bounded(jnp.where(passed, h, tr.h * smaller))
         return jax.lax.stop_gradient(h), jnp.where(whole & passed, log_ratio, own.log_ratio)
 
     # --- what is rare ----------------------------------------------------------------------------------------

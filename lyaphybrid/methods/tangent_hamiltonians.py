@@ -5,6 +5,7 @@ known at its points alone. These methods are here to be compared with: their tan
 step, and λ₁ of a regular orbit levels off at a value above 0 that falls with the step only.
 """
 
+import math
 from typing import Any
 
 import equinox as eqx
@@ -30,6 +31,8 @@ SCHEME_AND_KICKS = {  # by which scheme, and the point of the orbit at which D²
 }
 VARIANTS = (*SCHEME_AND_KICKS, "es")
 TWO_STEPS = ("eps", "eps-drift")
+SMALL = 0.25  # what the series then leave out is below 0.25⁸/16! = 7e-19
+COSINE, SINE = ([1 / math.factorial(2 * k + odd) for k in reversed(range(8))] for odd in (0, 1))
 
 
 class TangentHamiltonian(Composition):
@@ -124,9 +127,9 @@ class Form:
     def solved(self, dq, dp, h):
         """The exact solution: with T'' = L Lᵀ, δq = L y and δp = L⁻ᵀ y', y'' = −Lᵀ D²V L y = −W diag(w) Wᵀ y."""
         unit = jnp.eye(dq.shape[0], dtype=dq.dtype)
-        lower = jnp.linalg.cholesky(self.velocity(unit))
+        lower, inverse = _factor(self.velocity(unit))
         w, vectors = _eigenvectors(lower.T @ self.stiffness(unit) @ lower)
-        to_q, to_p = lower @ vectors, jax.scipy.linalg.solve_triangular(lower.T, vectors, lower=False)
+        to_q, to_p = lower @ vectors, inverse.T @ vectors
         y, rate = to_p.T @ dq, to_q.T @ dp
         c, s = _cosine_and_sine(w * h**2)
         c, s = c[:, None], h * s[:, None]
@@ -145,19 +148,45 @@ def _composed(scheme: Scheme, forms: list[Form], dq, dp, h):
     return dq, dp + strength * forms[-1].bracket(dq)
 
 
+def _factor(matrix):
+    """The lower triangular L with L Lᵀ = matrix, and L⁻¹; in the plane in closed form, ten times as fast."""
+    if matrix.shape[0] != 2:
+        lower = jnp.linalg.cholesky(matrix)
+        return lower, jax.scipy.linalg.solve_triangular(lower, jnp.eye(len(matrix), dtype=matrix.dtype), lower=True)
+    (a, b), (_, d) = matrix
+    first, zero = jnp.sqrt(a), jnp.zeros_like(a)
+    low = b / first
+    last = jnp.sqrt(d - low**2)
+    lower = jnp.stack([jnp.stack([first, zero]), jnp.stack([low, last])])
+    return lower, jnp.stack([jnp.stack([1 / first, zero]), jnp.stack([-low / (first * last), 1 / last])])
+
+
 def _eigenvectors(matrix):
-    """Eigenvalues and eigenvectors of a symmetric matrix; in the plane by a rotation."""
+    """Eigenvalues and eigenvectors of a symmetric matrix; in the plane by a rotation, its angle from twice it."""
     if matrix.shape[0] != 2:
         return jnp.linalg.eigh(matrix)
     (a, b), (_, d) = matrix
-    angle = 0.5 * jnp.arctan2(2 * b, a - d)
-    c, s = jnp.cos(angle), jnp.sin(angle)
-    w = jnp.stack([a * c * c + 2 * b * c * s + d * s * s, a * s * s - 2 * b * c * s + d * c * c])
-    return w, jnp.stack([jnp.stack([c, -s]), jnp.stack([s, c])])
+    mean, half = 0.5 * (a + d), 0.5 * (a - d)
+    root = jnp.sqrt(half**2 + b**2)
+    away = jnp.where(root > 0, root, 1.0)
+    larger = jnp.sqrt(0.5 * (1 + jnp.where(root > 0, jnp.abs(half), 1.0) / away))  # of cos and sin of the angle
+    other = 0.5 * b / (away * larger)
+    c, s = jnp.where(half < 0, jnp.abs(other), larger), jnp.where(half < 0, jnp.copysign(larger, b), other)
+    return jnp.stack([mean + root, mean - root]), jnp.stack([jnp.stack([c, -s]), jnp.stack([s, c])])
 
 
 def _cosine_and_sine(z):
-    """Cos √z and sin √z / √z, entire functions of z: hyperbolic where z is negative."""
+    """Cos √z and sin √z / √z, entire functions of z: by their series where |z| is small, as in steps that follow it."""
+    return jax.lax.cond(jnp.all(jnp.abs(z) < SMALL), _by_series, _by_functions, z)
+
+
+def _by_series(z):
+    """Σ (−z)ᵏ / (2k)! and Σ (−z)ᵏ / (2k + 1)!, to rounding."""
+    return tuple(jnp.polyval(jnp.asarray(c, z.dtype), -z) for c in (COSINE, SINE))
+
+
+def _by_functions(z):
+    """Hyperbolic where z is negative."""
     small = jnp.abs(z) < 1e-8
     root = jnp.sqrt(jnp.where(small, 1.0, jnp.abs(z)))
     c = jnp.where(z > 0, jnp.cos(root), jnp.cosh(root))

@@ -8,8 +8,8 @@ import importlib
 
 __all__ = ["AVAILABLE", "ANNOUNCED", "get"]
 
-AVAILABLE = ("dinius", "fu")
-ANNOUNCED = ("skokos", "linh")  # of later versions
+AVAILABLE = ("dinius", "fu", "skokos")
+ANNOUNCED = ("linh",)  # of later versions
 
 
 def get(name: str):

@@ -8,7 +8,6 @@ reference (event-driven C, total time 2.8e7), and what four wrong rules for pert
 
 import dataclasses
 import functools
-import json
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -22,6 +21,7 @@ from ..results import Spectrum, with_error
 from ..spectra import lyapunov_spectrum
 from ..systems import EventDriven
 from .collisions import MISTAKES, Mistake, collide, crossing_by
+from .output import plain, save
 
 __all__ = ["MISTAKES", "Mistake", "Reproduction", "reproduce", "spectrum", "spectrum_by", "write"]
 
@@ -211,12 +211,7 @@ def reproduce(*, quick: bool = False, key=None, progress=None) -> Reproduction:
 
 def write(result: Reproduction, folder: Path) -> list[Path]:
     """Figure (PNG, PDF) and numbers (JSON) into a folder; returns the files."""
-    figure = result.figure()
-    files = [folder / f"dinius.{kind}" for kind in ("png", "pdf", "json")]
-    figure.savefig(files[0], dpi=150)
-    figure.savefig(files[1])
-    files[2].write_text(json.dumps(result.data(), indent=1, allow_nan=False) + "\n")
-    return files
+    return save(folder, "dinius", {"dinius": result.figure()}, result.data())
 
 
 def _reference() -> tuple[np.ndarray, np.ndarray]:
@@ -287,9 +282,6 @@ def _cell(found: Spectrum, mistake: Mistake, i: int) -> str:
 
 def _data(r: Reproduction) -> dict:
     values, errors = _reference()
-
-    def plain(array) -> list:
-        return [None if np.isnan(v) else float(v) for v in np.asarray(array)]
 
     return {
         "paper": "J. Dinius, Computing Lyapunov Exponents of Hybrid Dynamical Systems, Table I",

@@ -8,7 +8,6 @@ two trajectories), and the paper's own scheme (`transfer_matrices`), which is wr
 
 import dataclasses
 import functools
-import json
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -25,6 +24,7 @@ from ..spectra import lyapunov_spectrum
 from ..systems import Hybrid
 from ..trajectories import Trajectory, trajectory
 from . import fu_report, transfer_matrices
+from .output import save
 
 __all__ = ["BIFURCATIONS", "CASES", "FULL", "QUICK", "Case", "Found", "Lengths", "Reproduction", "reproduce", "write"]
 
@@ -363,12 +363,4 @@ def reproduce(*, quick: bool = False, progress=None) -> Reproduction:
 
 def write(result: Reproduction, folder: Path) -> list[Path]:
     """Figures (PNG, PDF) and numbers (JSON) into a folder; returns the files."""
-    files = []
-    for number in (1, 2, 3, 4):
-        figure = result.figure(number)
-        files += [folder / f"fu-{number}.{kind}" for kind in ("png", "pdf")]
-        figure.savefig(files[-2], dpi=150)
-        figure.savefig(files[-1])
-    files.append(folder / "fu.json")
-    files[-1].write_text(json.dumps(result.data(), allow_nan=False) + "\n")
-    return files
+    return save(folder, "fu", {f"fu-{number}": result.figure(number) for number in (1, 2, 3, 4)}, result.data())

@@ -7,6 +7,7 @@ import numpy as np
 
 from ..results import with_error
 from . import transfer_matrices
+from .output import plain
 
 if TYPE_CHECKING:
     from . import fu
@@ -200,57 +201,47 @@ def _figure(found: "fu.Found") -> dict[str, Any]:
         "beta": case.beta,
         "alpha": case.alpha,
         "paper": list(case.says),
-        "exact": {"exponents": _plain(exact.exponents), "stderr": _plain(exact.stderr), "source": exact.source},
+        "exact": {"exponents": plain(exact.exponents), "stderr": plain(exact.stderr), "source": exact.source},
         "ours": {
             "time": float(np.mean(np.asarray(s.time))),
             "status": str(s.status),
-            "exponents": _plain(s.exponents),
-            "stderr": _plain(s.stderr),
-            "finite_exponents": _plain(s.finite_exponents),
+            "exponents": plain(s.exponents),
+            "stderr": plain(s.stderr),
+            "finite_exponents": plain(s.finite_exponents),
             "losses_a_period": found.losses,
         },
         "three_exponents": {
-            "exponents": _plain(found.autonomous.exponents),
-            "time": _plain(found.autonomous.history.time),
-            "running": _plain(found.autonomous.history.exponents),
+            "exponents": plain(found.autonomous.exponents),
+            "time": plain(found.autonomous.history.time),
+            "running": plain(found.autonomous.history.exponents),
         },
         "cycle": None
         if orbit is None
         else {
-            "x0": _plain(orbit.x0),
+            "x0": plain(orbit.x0),
             "multipliers": [[float(m.real), float(m.imag)] for m in np.asarray(orbit.multipliers)],
-            "exponents": _plain(orbit.exponents),
+            "exponents": plain(orbit.exponents),
         },
         "two_trajectories": {"exponent": float(found.two.exponent), "stderr": float(found.two.stderr)},
         "scheme": {
-            name: {"exponents": _plain(run.exponents), "stderr": _plain(run.stderr), "periods": len(run.growth)}
+            name: {"exponents": plain(run.exponents), "stderr": plain(run.stderr), "periods": len(run.growth)}
             for name, run in found.schemes.items()
         },
-        "poincare": _plain(np.round(np.asarray(found.section.x), DIGITS)),
+        "poincare": plain(np.round(np.asarray(found.section.x), DIGITS)),
     }
 
 
 def _diagram(diagram) -> dict[str, Any]:
     lifetimes, errors = diagram.mean_lifetimes()
     return {
-        "beta": _plain(diagram.values),
+        "beta": plain(diagram.values),
         "kinds": list(diagram.kinds),
         "labels": diagram.labels.tolist(),
         "outcomes": outcomes(diagram),
-        "exponents": _plain(diagram.exponents),
-        "stderr": _plain(diagram.stderr),
-        "finite_exponents": _plain(diagram.finite_exponents),
-        "losses": _plain(diagram.losses),
-        "mean_lifetimes": {"periods": _plain(lifetimes), "stderr": _plain(errors)},
-        "theta": _plain(np.round(diagram.points[..., 0], DIGITS - 1)),
+        "exponents": plain(diagram.exponents),
+        "stderr": plain(diagram.stderr),
+        "finite_exponents": plain(diagram.finite_exponents),
+        "losses": plain(diagram.losses),
+        "mean_lifetimes": {"periods": plain(lifetimes), "stderr": plain(errors)},
+        "theta": plain(np.round(diagram.points[..., 0], DIGITS - 1)),
     }
-
-
-def _plain(values) -> Any:
-    """Nested lists that JSON can hold."""
-    if isinstance(values, list | tuple) or np.ndim(values):
-        return [_plain(value) for value in np.asarray(values).tolist()]
-    value = float(values)
-    if np.isfinite(value):
-        return value
-    return None if np.isnan(value) else "-inf" if value < 0 else "inf"
