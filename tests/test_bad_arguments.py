@@ -45,6 +45,8 @@ CONSTRUCTIONS = {
     "give a fixed step": lambda: lh.RungeKutta("rk4"),
     "rtol must be positive": lambda: lh.RungeKutta(rtol=-1.0),
     "dt must be positive": lambda: lh.RungeKutta(dt=0.0),
+    "max_step is for adaptive steps": lambda: lh.RungeKutta(dt=0.1, max_step=0.2),
+    "max_step must be positive": lambda: lh.RungeKutta(max_step=-1.0),
     "must be a diffrax solver": lambda: lh.Diffrax("Kvaerno5"),
     "with an error estimate": lambda: lh.Diffrax(diffrax.Euler()),
     "atol must be positive and finite; got '1e-9'": lambda: lh.Diffrax(diffrax.Kvaerno5(), atol="1e-9"),

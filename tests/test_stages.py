@@ -128,3 +128,13 @@ def test_tangents_at_known_points_are_those_of_the_steps_of_a_run(monkeypatch):
     assert known.jumps == derived.jumps
     np.testing.assert_allclose(known.x, derived.x, rtol=1e-10)
     np.testing.assert_allclose(known.exponents, derived.exponents, rtol=1e-9)
+
+
+def test_no_step_is_longer_than_is_allowed():
+    """A pulse after a long rest is missed by steps that have grown, and seen by steps that may not."""
+    pulse = lh.Flow(lambda t, x, args: jnp.exp(-(((t - 37.3) / 0.05) ** 2)) + 0 * x)
+    area = 0.05 * np.sqrt(np.pi)
+    missed = lh.trajectory(pulse, [0.0], t1=100.0, n=2).x[-1, 0]
+    seen = lh.trajectory(pulse, [0.0], t1=100.0, n=2, method=lh.RungeKutta(max_step=0.1)).x[-1, 0]
+    assert abs(missed) < 1e-3 * area
+    assert abs(seen - area) < 1e-8

@@ -129,6 +129,16 @@ def test_the_frozen_form_is_solved_exactly_in_the_plane(h, x):
     assert_allclose(matrix, expected, rtol=0, atol=3e-14 * np.max(np.abs(expected)))
 
 
+def test_the_frozen_form_takes_coupled_masses():
+    """T = p₀²/2 + 0.6 p₀p₁ + p₁²: its factor is no diagonal matrix."""
+    mass = np.array([[1.0, 0.6], [0.6, 2.0]])
+    system = lh.Hamiltonian(lambda p, args: p @ jnp.asarray(mass) @ p / 2, zoo.henon_heiles().system.field.potential)
+    x = np.array([0.3, -0.4, 0.2, 0.1])
+    _, matrix = one_step(lh.TangentHamiltonian("es", dt=0.3), system, x)
+    generator = np.block([[np.zeros((2, 2)), mass], [-hessian(x), np.zeros((2, 2))]])
+    assert_allclose(matrix, scipy.linalg.expm(0.3 * generator), rtol=0, atol=1e-14)
+
+
 @pytest.mark.parametrize("h", [0.2, 2.0])
 def test_the_frozen_form_is_solved_exactly_for_any_masses_and_signs(h):
     """Three degrees of freedom: by LAPACK's eigenvectors; far out D²V has a negative eigenvalue."""
