@@ -357,3 +357,22 @@ def test_birkhoff_weights_on_a_torus():
     spectrum = problem.spectrum(t1=1e5, averaging="birkhoff-regular", blocks=2000, k=2)
     print(spectrum.exponents)
     assert abs(float(spectrum.exponents[0])) <= 1e-7
+
+
+@pytest.mark.slow
+def test_a_map_of_stability_is_settled_early():
+    """Hénon and Heiles: SALI at t = 3000 says the same of the starts of a section as at t = 10 000."""
+    n, limit = 70, np.log(1e-4)
+    y, py = np.meshgrid(np.linspace(-0.5, 0.75, n), np.linspace(-0.55, 0.55, n))
+    square = 0.25 - py**2 - y**2 + 2 * y**3 / 3
+    inside = square >= 0
+    starts = np.stack([0 * y, y, np.sqrt(np.where(inside, square, 0.0)), py], axis=-1)[inside]
+    chaotic = {}
+    for t1 in (3000.0, 10_000.0):
+        method = lh.Symplectic("SBAB2C", dt=0.1)
+        found = lh.sali(sea().system, starts, t1=t1, blocks=2, times=None, method=method)
+        chaotic[t1] = np.asarray(found.log_values)[:, -1] < limit
+    same = np.mean(chaotic[3000.0] == chaotic[10_000.0])
+    print(len(starts), np.mean(chaotic[10_000.0]), same)
+    assert 0.4 < np.mean(chaotic[10_000.0]) < 0.7
+    assert same >= 0.97
