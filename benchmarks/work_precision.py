@@ -29,8 +29,9 @@ COMPARED = (
 )  # fmt: skip
 KICKS = np.geomspace(3.0, 200.0, 10)  # a unit of time: of each scheme the same, so that long schemes take long steps
 LENGTH, TANGENT, ROUNDS = 1000.0, 50.0, 3  # of the runs; the tangent map's
+LASTING = 0.03  # seconds, of the shorter one of two runs whose times are subtracted
 LOOKS = 200  # at the energy; all are ends of steps
-USEFUL = 1e-2  # error of the energy; coarser steps are left out
+USEFUL = 1e-3  # error of the energy; coarser steps are left out
 TARGETS = (1e-4, 1e-6, 1e-8, 1e-10)  # of the energy
 
 
@@ -81,17 +82,25 @@ def tangent_error(name: str, problem: zoo.Problem, method) -> float:
 
 
 def cost(problem: zoo.Problem, method) -> float:
-    """Seconds for a unit of time of the orbit and all its deviation vectors, without what each call costs."""
+    """Seconds for a unit of time of the orbit and all its deviation vectors, without what each call costs.
+
+    Infinite if the orbit escapes in the longer run.
+    """
 
     def fastest(t1: float) -> float:
         taken = []
         for _ in range(ROUNDS + 1):
             start = time.perf_counter()
-            problem.spectrum(method=method, t1=t1, blocks=2)
+            lost = problem.spectrum(method=method, t1=t1, blocks=2, throw=False).status.failed
+            if lost:  # by coarse steps, in the long run
+                return np.inf
             taken.append(time.perf_counter() - start)
         return min(taken[1:])
 
-    return (fastest(5 * LENGTH) - fastest(LENGTH)) / (4 * LENGTH)
+    t1 = LENGTH
+    while (short := fastest(t1)) < LASTING:
+        t1 *= 4
+    return (fastest(4 * t1) - short) / (3 * t1) if short < np.inf else np.inf
 
 
 def measure(name: str, scheme: str) -> list[Point]:
@@ -100,8 +109,9 @@ def measure(name: str, scheme: str) -> list[Point]:
     for dt in steps(scheme):
         method = lh.Symplectic(scheme, dt=dt)
         error = energy_error(problem, method)
-        if error < USEFUL:
-            points.append(Point(dt, cost(problem, method), error, tangent_error(name, problem, method)))
+        seconds = cost(problem, method) if error < USEFUL else np.inf
+        if seconds < np.inf:
+            points.append(Point(dt, seconds, error, tangent_error(name, problem, method)))
     jax.clear_caches()
     return points
 
