@@ -48,8 +48,7 @@ class Orbit:
         name: R1, C1, C2, R2 or R3.
         problem: which of the zoo; parameters: its parameters.
         motion: what it does.
-        freedoms: N; torus: on which it moves, None in chaos.
-        orders: of the GALIs that are shown.
+        freedoms: N; torus: dimension of that on which it moves, None in chaos.
     """
 
     name: str

@@ -115,8 +115,11 @@ def _layer(r: "skokos.Reproduction"):
 
 def _exponents(r: "skokos.Reproduction", orbit: str, methods, number: int):
     """Those that are not negative above, the sums of pairs below."""
-    runs = r.of(orbit)
-    title, size = f"Fig. {number}: exponents of {orbit}, τ = 0.05; dashed: 1/t", (2.3 * len(methods) + 0.8, 5.2)
+    from . import skokos
+
+    runs, motion = r.of(orbit), skokos.ORBITS[orbit].motion
+    title = f"Fig. {number}: exponents of {orbit} ({motion}), τ = 0.05; dashed: 1/t"
+    size = (2.3 * len(methods) + 0.8, 5.2)
     made, axes = _grid(2, len(methods), title, size, sharex=True, sharey="row")
     for i, method in enumerate(methods):
         run, upper, lower = runs[method], axes[0, i], axes[1, i]
@@ -229,7 +232,9 @@ def _indices(r: "skokos.Reproduction", orbit: str, methods, number: int):
     from . import skokos
 
     which, found = skokos.ORBITS[orbit], r.indices[orbit]
-    title = f"Fig. {number}: GALIs of {orbit}, τ = 0.05" + ("; dashed: the powers of t" if which.torus else "")
+    title = f"Fig. {number}: GALIs of {orbit} ({which.motion}), τ = 0.05" + (
+        "; dashed: the powers of t" if which.torus else ""
+    )
     size = (2.3 * len(methods) + 0.8, 3.6)
     made, [axes] = _grid(1, len(methods), title, size, sharex=True, sharey=True)
     for i, (ax, method) in enumerate(zip(axes, methods, strict=True)):
