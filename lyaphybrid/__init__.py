@@ -20,12 +20,14 @@ from .indicators import (  # noqa: E402
     Alignment,
     CovariantVectors,
     Growth,
+    SpectralIntervals,
     covariant_vectors,
     fli,
     gali,
     megno,
     ofli,
     sali,
+    spectral_intervals,
 )
 from .methods import Diffrax, RungeKutta, Splitting, Symplectic, TangentHamiltonian  # noqa: E402
 from .periodic_orbits import Floquet, floquet  # noqa: E402
@@ -69,6 +71,7 @@ __all__ = [
     "fli",
     "ofli",
     "covariant_vectors",
+    "spectral_intervals",
     "floquet",
     "return_map",
     "poincare_section",
@@ -81,6 +84,7 @@ __all__ = [
     "Alignment",
     "Growth",
     "CovariantVectors",
+    "SpectralIntervals",
     "Floquet",
     "NoPeriodicOrbit",
     "PoincareSection",

@@ -4,9 +4,9 @@ import numpy as np
 
 from ._axes import COLOURS, colours
 from ._axes import axes_of as _axes
-from .indicators import Alignment, Growth
+from .indicators import Alignment, Growth, SpectralIntervals
 
-__all__ = ["alignment", "growth"]
+__all__ = ["alignment", "growth", "intervals"]
 
 
 def alignment(found: Alignment, ax=None):
@@ -52,3 +52,35 @@ def growth(found: Growth, ax=None):
     ax.set_xlabel("time t")
     ax.set_ylabel(found.name)
     return ax
+
+
+def intervals(found: SpectralIntervals, axes=None):
+    """Running averages and averages over windows against time, with the intervals that hold them.
+
+    Args:
+        found: of `lh.spectral_intervals`.
+        axes: two matplotlib axes; None: those of a new figure.
+
+    Returns:
+        The two axes.
+    """
+    if axes is None:
+        from matplotlib import pyplot
+
+        axes = pyplot.subplots(2, 1, figsize=(6.4, 5.6), layout="constrained", sharex=True)[1]
+    running, windows = axes
+    for time, values, bounds, ax in (
+        (found.time, found.running, found.lyapunov, running),
+        (found.start, found.windows, found.sacker_sell, windows),
+    ):
+        names = [f"λ$_{{{i + 1}}}$" for i in range(bounds.shape[0])]
+        for i, colour in enumerate(colours(len(names))):
+            ax.plot(time, values[:, i], color=colour, linewidth=1.1, label=names[i])
+            if np.all(np.isfinite(bounds[i])):
+                ax.axhspan(float(bounds[i, 0]), float(bounds[i, 1]), color=colour, alpha=0.12, linewidth=0)
+        ax.set_xscale("symlog", linthresh=found.window)
+    running.set_ylabel(f"average over [0, t]\nper {found.unit}")
+    windows.set_ylabel(f"average over [t, t + {found.window:g}]\nper {found.unit}")
+    windows.set_xlabel("time t")
+    running.legend(fontsize="small", frameon=False)
+    return axes

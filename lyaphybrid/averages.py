@@ -127,7 +127,7 @@ def one_run(xp: ModuleType, records: Record, empty, clock: str, initial, averagi
         finite = running[-1]
     else:
         finite = _birkhoff(xp, growth, length, reading, valid, regular=averaging == "birkhoff-regular")
-    losses = xp.zeros(finite.shape)
+    losses, counts = xp.zeros(finite.shape), xp.zeros(growth.shape)
     if records.losses is not None:
         counts = xp.where(valid[:, None], records.losses, 0)
         losses = _running_totals(xp, counts, records.order, valid, 0 * counts[0])[-1]
@@ -151,6 +151,7 @@ def one_run(xp: ModuleType, records: Record, empty, clock: str, initial, averagi
         "history_time": xp.where(valid, reading, xp.nan),
         "history": xp.where(valid[:, None], running, xp.nan),
         "growth": xp.where(valid[:, None], growth, xp.nan),
+        "history_losses": counts,
     }
     return run if residual is None else run | {"residual": residual}
 
@@ -241,7 +242,9 @@ def _spectrum(xp: ModuleType, run: dict, stderr, replicates, end: dict, error_ki
         lower=run["lower"][rank],
         losses=run["losses"][rank],
         first_loss=run["first"][rank],
-        history=History(run["history_time"], run["history"][:, rank], run["growth"][:, rank]),
+        history=History(
+            run["history_time"], run["history"][:, rank], run["growth"][:, rank], run["history_losses"][:, rank]
+        ),
         replicates=None if replicates is None else replicates[:, rank],
         residual=run.get("residual"),
         error_kind=error_kind,

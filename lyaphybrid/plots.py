@@ -13,7 +13,7 @@ import numpy as np
 from ._axes import COLOURS, colours
 from ._axes import axes_of as _axes
 from ._diagram_plots import bifurcations, diagram, largest_exponent, section
-from ._indicator_plots import alignment, growth
+from ._indicator_plots import alignment, growth, intervals
 from .results import UNIT, Spectrum, with_error
 from .trajectories import Trajectory
 
@@ -24,6 +24,7 @@ __all__ = [
     "convergence",
     "diagram",
     "growth",
+    "intervals",
     "largest_exponent",
     "phase",
     "section",

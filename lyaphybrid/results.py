@@ -29,6 +29,7 @@ class History(eqx.Module):
     time: Array  # (blocks,) in units of the clock, counted from the end of the transient
     exponents: Array  # (blocks, k) running
     growth: Array  # (blocks, k) Σ ln R_ii of each block
+    losses: Array | None = None  # (blocks, k) how often a column was lost in each block
 
 
 class Spectrum(eqx.Module):

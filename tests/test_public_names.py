@@ -22,6 +22,7 @@ RESULTS = (
     "Alignment",
     "Growth",
     "CovariantVectors",
+    "SpectralIntervals",
     "PoincareSection",
     "BifurcationDiagram",
     "RunFailed",

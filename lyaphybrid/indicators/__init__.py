@@ -3,12 +3,14 @@
 from .alignment import Alignment, gali, sali
 from .covariant import CovariantVectors, covariant_vectors
 from .growth import Growth, fli, megno, ofli
+from .intervals import SpectralIntervals, spectral_intervals
 from .verdicts import Verdict
 
 __all__ = [
     "Alignment",
     "CovariantVectors",
     "Growth",
+    "SpectralIntervals",
     "Verdict",
     "covariant_vectors",
     "fli",
@@ -16,4 +18,5 @@ __all__ = [
     "megno",
     "ofli",
     "sali",
+    "spectral_intervals",
 ]
