@@ -12,6 +12,8 @@ request_single_kernel_loops()
 # Only now: importing these may make arrays, and with the first array it is too late for the switch.
 from . import zoo  # noqa: E402
 from .comparisons import TwoTrajectories, two_trajectories  # noqa: E402
+from .consistency import consistent_start  # noqa: E402
+from .daes import DAE  # noqa: E402
 from .derivatives import Jacobians, jacobians, saltation_matrix  # noqa: E402
 from .diagrams import BifurcationDiagram, bifurcation_diagram  # noqa: E402
 from .filippov import filippov  # noqa: E402
@@ -29,7 +31,7 @@ from .indicators import (  # noqa: E402
     sali,
     spectral_intervals,
 )
-from .methods import Diffrax, RungeKutta, Splitting, Symplectic, TangentHamiltonian  # noqa: E402
+from .methods import ESDIRK, ContinuousQR, Diffrax, HalfExplicit, RungeKutta, Splitting, Symplectic, TangentHamiltonian  # noqa: E402
 from .periodic_orbits import Floquet, floquet  # noqa: E402
 from .results import RunFailed, Spectrum  # noqa: E402
 from .return_maps import return_map  # noqa: E402
@@ -52,6 +54,7 @@ __all__ = [
     "EventDriven",
     "Schedule",
     "Hamiltonian",
+    "DAE",
     "canonical_flow",
     "impact",
     "RungeKutta",
@@ -59,6 +62,10 @@ __all__ = [
     "Symplectic",
     "Splitting",
     "TangentHamiltonian",
+    "HalfExplicit",
+    "ESDIRK",
+    "ContinuousQR",
+    "consistent_start",
     "lyapunov_spectrum",
     "trajectory",
     "tangent_map",

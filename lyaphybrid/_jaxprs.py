@@ -5,9 +5,12 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.extend.core import ClosedJaxpr, Literal, jaxpr_as_fun
 
-__all__ = ["applied", "divided", "evaluated", "is_affine", "needed", "part_of", "settled"]
+from ._tracing import traced
+
+__all__ = ["applied", "constant", "divided", "evaluated", "is_affine", "needed", "part_of", "settled"]
 
 
 def part_of(closed: ClosedJaxpr, equations, inputs, outputs) -> Callable[..., list]:
@@ -72,6 +75,15 @@ def is_affine(function: Callable, x) -> bool:
 
 def _variables(atoms) -> set:
     return {v for v in atoms if not isinstance(v, Literal)}
+
+
+def constant(function: Callable, *example) -> Any:
+    """The value of the function: NumPy's where it is the same for all inputs, and so is known here and now."""
+    closed = jax.make_jaxpr(function)(*example)
+    if not needed(closed).isdisjoint(closed.jaxpr.invars) or traced(closed.consts):
+        return function(*example)
+    with jax.ensure_compile_time_eval():
+        return np.asarray(function(*(np.zeros(one.aval.shape, one.aval.dtype) for one in closed.jaxpr.invars)))
 
 
 def settled(function: Callable, *example) -> Callable:

@@ -8,6 +8,7 @@ import numpy as np
 from . import runs
 from ._tracing import array, traced
 from .checks import positive, require
+from .methods.base import Method
 from .propagation import Cadence
 from .systems import EventDriven
 
@@ -29,7 +30,7 @@ def cadence_for(problem: runs.Problem, every) -> tuple[Cadence, Any]:
     else:
         unit = "steps" if every is None else "time"
     if every is None:
-        return Cadence(unit, True), 1.0
+        return Cadence(unit, not (isinstance(method, Method) and method.each_step)), 1.0
     positive("every", every)
     return Cadence(unit, False, each=unit == "steps" and not traced(every) and every == 1), every
 

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ._tracing import traced
+from .daes import Constrained
 from .systems import EventDriven, Flow, Hybrid, Map, Transition
 
 __all__ = ["attempts", "check_clocks", "check_functions", "positive", "real", "require", "whole"]
@@ -77,7 +78,7 @@ def check_functions(system: Any, x: jax.ShapeDtypeStruct, args: Any) -> None:
     """
     t = jax.ShapeDtypeStruct((), x.dtype)
     if isinstance(system, Flow):
-        _returns_state("field", system.field, x, "t, x, args", t, x, args)
+        _check_field("field", system.field, t, x, args)
     elif isinstance(system, Map):
         _returns_state("rule", system.rule, x, "n, x, args", t, x, args)
     elif isinstance(system, EventDriven):
@@ -86,9 +87,26 @@ def check_functions(system: Any, x: jax.ShapeDtypeStruct, args: Any) -> None:
         _check_hybrid(system, t, x, args)
 
 
+def _check_field(name: str, field: Callable, t, x, args) -> None:
+    if not isinstance(field, Constrained):
+        return _returns_state(name, field, x, "t, x, args", t, x, args)
+    leading = _result(f"leading of the {name}", field.leading, "t, args", t, args)
+    square = getattr(leading, "shape", None) == (*x.shape, *x.shape) and _floating(leading)
+    require(
+        square,
+        f"The leading of the {name} must return E, a matrix of floats {(*x.shape, *x.shape)} for x of shape {x.shape}; "
+        f"got {_described(leading)}.",
+    )
+    _returns_state(f"residual of the {name}", field.residual, x, "t, x, args", t, x, args)
+    require(
+        field.n_differential <= x.shape[0],
+        f"n_differential must be at most the number of components, {x.shape[0]}; got {field.n_differential}.",
+    )
+
+
 def _check_hybrid(system: Hybrid, t, x, args) -> None:
     for name, field in zip(system.mode_names, system.fields or (), strict=False):
-        _returns_state(f"field of mode {name!r}", field, x, "t, x, args", t, x, args)
+        _check_field(f"field of mode {name!r}", field, t, x, args)
     for name, project in zip(system.mode_names, system.tangent, strict=True):
         if project is not None:
             _returns_state(f"tangent of mode {name!r}", project, x, "t, x, args, dx", t, x, args, x)

@@ -1,5 +1,6 @@
 """Derivatives to look at and to use: the saltation matrix at a point, and the Jacobians it is made of."""
 
+import functools
 import operator
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -16,6 +17,7 @@ from .checks import check_functions
 from .events import EPS, by_mode, wire
 from .methods.exact import Exact, integers
 from .methods.scheduled import predicting_anew
+from .methods.stepping import landing_of
 from .saltations import delays, instant, push, return_along
 from .systems import EventDriven, Flow, Hybrid, Map, System
 
@@ -205,6 +207,7 @@ class Crossing(NamedTuple):
     ticks: bool  # its instant does not depend on the state
     jumps: tuple[Jump, ...]
     velocity: Any  # (mode, t, x) -> dx/dt; None where there is no flow
+    land: Any = None  # (mode, t, x) -> x on the constraints of the mode; None where there are none
 
 
 def _crossing(system, t, x, args, sequence, which) -> Crossing:
@@ -226,10 +229,14 @@ def _crossing(system, t, x, args, sequence, which) -> Crossing:
     def jump_of(j, i):
         return Jump(lambda t, x: wiring.resets[j](t, x, i), lambda mode, t, x: wiring.targets[j](mode, t, x, i))
 
+    def land(mode, t, x):
+        return by_mode(mode, [landing_of(field) for field in wiring.fields], t, x)
+
     def velocity(mode, t, x):
         return by_mode(mode, wiring.fields, t, x)
 
-    return Crossing(guard, first.is_clock, tuple(map(jump_of, sequence, which)), velocity)
+    jumps = tuple(map(jump_of, sequence, which))
+    return Crossing(guard, first.is_clock, jumps, velocity, land if wiring.constrained else None)
 
 
 def _crossing_of_event(system: EventDriven, args, event) -> Crossing:
@@ -259,6 +266,8 @@ def _saltation(system, t, x, args, mode, sequence, which):
     for reset, move in crossing.jumps:
         after = move(mode, t, x)
         x, columns, direction = push(reset, t, x, columns, direction)
+        if crossing.land is not None:
+            x, columns, direction = push(functools.partial(crossing.land, after), t, x, columns, direction)
         mode = after
     if crossing.velocity is not None:
         columns = return_along(columns, direction, crossing.velocity(mode, t, x), delay)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from . import attractors, lanes, runs
@@ -14,7 +15,7 @@ from .blocks import cadence_for
 from .checks import attempts, positive, require, whole
 from .methods.base import Method
 from .sections import with_section
-from .spectra import _frame
+from .spectra import initial_frame
 from .statuses import OK, STATUS
 from .strobes import Found, Lane, State, at, placed, run, schedule
 from .systems import EventDriven, Flow, Hybrid, Map, iterates
@@ -208,8 +209,8 @@ def bifurcation_diagram(
     require(all(i in range(n) for i in angles), f"angles must be components, 0 to {n - 1}; got {angles!r}.")
     angles = tuple(map(int, angles))
     how = schedule(name, angles, transient, t1, samples)
-    shared = _shared(system, problem, how, period, t0, mode, k, max_steps, given.dtype)
     random = np.asarray(given, given.dtype).reshape(len(values), -1, problem.shape[0])
+    shared = _shared(problem, how, period, t0, mode, k, max_steps, random[0, 0])
     follow_from = random[:, 0] if first is None else np.broadcast_to(first, random[:, 0].shape)
     chains = _chains(values.astype(given.dtype), random, follow_from, kinds)
     results, done = lanes.run_chains(run, shared, [chain for _, chain in chains], progress=progress)
@@ -272,12 +273,12 @@ def _check_parameter(args, name, values, period) -> None:
             positive("period", period(placed(args, name.split("."), value)) if callable(period) else period)
 
 
-def _shared(system, problem, how, period, t0, mode, k, max_steps, dtype):
+def _shared(problem, how, period, t0, mode, k, max_steps, start):
     """What all lanes see."""
     if k is not None:
         whole("k", k, least=1)
-    frame, _ = _frame(system, None, problem.shape[0], k, dtype)
-    cadence, interval = cadence_for(problem, None)
+    frame, _ = initial_frame(problem, t0, jnp.asarray(start), None, k)
+    dtype, (cadence, interval) = frame.dtype, cadence_for(problem, None)
     plan = runs.Plan(cadence, "mgs", False, 0, period is None, False, runs.nothing)
     limit = PATIENCE * how.ends[-1] if max_steps is None and period is None else max_steps
     limit = np.int32(runs.FOREVER if limit is None else min(limit, runs.FOREVER))

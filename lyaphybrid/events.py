@@ -15,9 +15,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from ._jaxprs import settled
+from .daes import Constrained, is_constrained
 from .systems import Bound, Hybrid
 
-__all__ = ["Wiring", "by_mode", "arm", "hermite_root", "rounding", "turning_point", "wire"]
+__all__ = ["Wiring", "by_mode", "arm", "hermite_root", "projection", "rounding", "turning_point", "wire"]
 
 EPS = 2.220446049250313e-16
 BLUR = 64 * EPS  # rounding of a guard, relative to its terms
@@ -39,6 +40,11 @@ class Wiring(NamedTuple):
     whens: tuple[Callable, ...]  # per mode: (t, x) -> (slots,) bool
     shared: bool  # some transition asks `when`
     initial_mode: Callable | None = None  # (t, x) -> mode
+
+    @property
+    def constrained(self) -> bool:
+        """Whether there are algebraic equations in some mode."""
+        return any(is_constrained(field) for field in self.fields)
 
     @property
     def modes(self) -> int:
@@ -79,7 +85,7 @@ def wire(system: Hybrid, t, x, args) -> Wiring:
     return Wiring(
         tuple(_bind_field(field, args, t, x) for field in fields),
         tuple(settled(_bind_guards([transitions[j] for j in own], slots, args), t, x) for own in per_mode),
-        tuple(_bind_projection(project, args) for project in system.tangent),
+        tuple(projection(field, project, args) for field, project in zip(fields, system.tangent, strict=False)),
         directed,
         transition,
         component,
@@ -118,7 +124,13 @@ def _bind_guards(transitions, slots, args):
     return guards
 
 
-def _bind_projection(project, args):
+def projection(field: Any, project: Callable | None, args: Any) -> Callable | None:
+    """Onto the tangent space of a mode: that of the algebraic equations, and what the user says of it."""
+    field = field.field if isinstance(field, Bound) else field
+    if isinstance(field, Constrained):
+        if project is None:
+            return lambda t, x, dx: field.onto(t, x, args, dx)
+        return lambda t, x, dx: field.onto(t, x, args, project(t, x, args, dx))
     return None if project is None else (lambda t, x, dx: project(t, x, args, dx))
 
 

@@ -15,7 +15,8 @@ from jaxtyping import Array
 from . import frames, runs
 from ._tracing import traced
 from .checks import positive, real, require, whole
-from .methods import RungeKutta
+from .daes import Constrained, fields_of
+from .methods import HalfExplicit, RungeKutta
 from .methods.base import Method
 from .return_maps import depends_on_time
 from .shooting import Motion, Node, NoPeriodicOrbit, Orbit, at_start, close_return, nearest, newton, placed
@@ -32,7 +33,8 @@ class Floquet(eqx.Module):
     Attributes:
         x0: (n,) the point of the orbit at t0 (of an autonomous system: the one nearest to the start that was given).
         period: T.
-        multipliers: complex (n,), the largest first; exactly 0 where a direction is destroyed on the way.
+        multipliers: complex (n,), the largest first; exactly 0 where a direction is destroyed on the way. Of
+            an `lh.DAE` there are n_differential.
         exponents: (n,) ln|μ|/T, descending; -inf where μ = 0.
         stable: whether all multipliers, but the 1 along the flow of an autonomous system, are inside the unit circle.
         residual: largest |φ_T(x) − x| over the nodes, relative to the size of the orbit.
@@ -85,7 +87,7 @@ def floquet(
             the number of iterations). None: unknown, for autonomous systems; it is taken from the first close return.
         t0: the time at x0.
         mode: mode at x0, where there are several.
-        method: `lh.RungeKutta` or `lh.Diffrax`; None: the default with rtol = 1e-12.
+        method: one that is right for the system; None: the default with rtol = 1e-12.
         transient: run for so long before, in whole periods where the period is given.
         segments: of multiple shooting: more for orbits that are long and unstable.
         max_iterations: of Newton's method.
@@ -118,7 +120,8 @@ def floquet(
     require(not traced((x0, args, t0)), "floquet decides from values: it cannot be used under jit, vmap or grad.")
     discrete = isinstance(system, Map)
     if method is None and not discrete:
-        method = RungeKutta(rtol=1e-12, atol=1e-14)
+        constrained = any(isinstance(field, Constrained) for field in fields_of(system))
+        method = HalfExplicit(rtol=1e-12, tableau="dopri8") if constrained else RungeKutta(rtol=1e-12, atol=1e-14)
     problem, start, time, index = runs.prepare(system, x0, args, t0, method, mode)
     require(start.ndim == 1, f"x0 must have shape (n,) here; got {start.shape}.")
     flow = Motion(problem)
@@ -164,9 +167,10 @@ def _result(flow: Motion, orbit: Orbit, point: Node, autonomous: bool) -> Floque
     matrices = [piece.matrix for piece in orbit.pieces]
     monodromy = functools.reduce(lambda product, matrix: matrix @ product, matrices)
     multipliers = np.linalg.eigvals(monodromy).astype(complex)
-    multipliers = multipliers[np.argsort(-np.abs(multipliers), kind="stable")]
-    destroyed = _destroyed(matrices)
-    multipliers[n - destroyed :] = 0.0
+    # Constraints leave fewer directions than there are components: the others are none that the orbit destroys.
+    free = flow.degrees_of_freedom(point)
+    multipliers = multipliers[np.argsort(-np.abs(multipliers), kind="stable")][:free]
+    multipliers[n - _destroyed(matrices) :] = 0.0
     sizes = np.abs(multipliers)
     exponents = np.where(sizes > 0, np.log(np.where(sizes > 0, sizes, 1.0)) / orbit.period, -np.inf)
     others = np.delete(sizes, np.argmin(np.abs(multipliers - 1))) if autonomous else sizes

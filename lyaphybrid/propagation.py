@@ -171,6 +171,7 @@ def begin(settings: Settings, t0, x, frame, mode, h, interval) -> Journey:
     mode = settings.mover.initial_mode(t0, x) if mode is None else jnp.asarray(mode, jnp.int32)
     possible = mode >= 0
     mode = jnp.maximum(mode, 0)
+    x, wrong = settings.mover.admitted(t0, x, mode)
     zero, none = jnp.zeros_like(t0), jnp.zeros(k, x.dtype)
     tracks = settings.mover.may_lose_rank and k > 0
     carry = Carry(
@@ -190,6 +191,7 @@ def begin(settings: Settings, t0, x, frame, mode, h, interval) -> Journey:
         log=_empty_log(settings, t0, x) if settings.log else None,
     )
     carry = stop(_within_mode(settings, carry, t0, mode) if k else carry, STATUS.deadlock, ~possible)
+    carry = stop(carry, STATUS.inconsistent_start, wrong)
     if settings.watch is not None:
         carry = carry._replace(watch=settings.watch.begin(t0, carry.frame))
     return Journey(carry, jnp.stack([t0, zero]), zero, jnp.asarray(0, jnp.int32), interval, zero)
@@ -205,7 +207,8 @@ def _within_mode(settings: Settings, carry: Carry, t, mode) -> Carry:
         return carry
     kept = carry.growth, carry.order
     unwatched = settings._replace(watch=None)
-    carry, _ = harvest(unwatched, carry, t, frames.LOST, frames.LOST, project, was_live=False)
+    least = 0.0 if carry.losses is None else frames.LOST
+    carry, _ = harvest(unwatched, carry, t, least, least, project, was_live=False)
     return carry._replace(growth=kept[0], order=kept[1])
 
 
@@ -268,6 +271,7 @@ def _block(settings: Settings, journey: Journey, index, end, last_jump):
     )
     carry = _without_stages(carry)
     carry = stop(carry, STATUS.nonfinite, ~jnp.all(jnp.isfinite(carry.x)))
+    carry = settings.mover.inspected(carry, clock)
     over = carry.s >= clock.length
     if settings.count_jumps:
         over = over | (carry.jumps.astype(carry.s.dtype) >= clock.last_jump)

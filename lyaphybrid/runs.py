@@ -21,8 +21,9 @@ from . import propagation
 from ._compiler import lean_jit
 from ._tracing import array, traced
 from .checks import check_clocks, check_functions, real
-from .events import Wiring, wire
-from .methods import RungeKutta
+from .daes import Constrained, fields_of
+from .events import Wiring, projection, wire
+from .methods import HalfExplicit, RungeKutta
 from .methods.base import Method
 from .methods.exact import Exact
 from .methods.forcing import takes_sines
@@ -147,7 +148,8 @@ def _state(system, x0, name):
 def _method_for(system, method):
     if isinstance(system, Flow) or (isinstance(system, Hybrid) and system.fields is not None):
         if method is None:
-            return RungeKutta()
+            constrained = any(isinstance(field, Constrained) for field in fields_of(system))
+            return HalfExplicit() if constrained else RungeKutta()
         if not isinstance(method, Method):
             raise ValueError(f"A system that flows needs a method such as lh.RungeKutta(); got {method!r}.")
         return method
@@ -186,7 +188,8 @@ def mover_of(problem: Problem, t, x):
         empty = np.zeros((1, 0), np.int32)
         fields = (Bound(system.field, args),)
         method.require(fields[0], t, x)
-        wiring = Wiring(fields, (), (), empty, empty, empty, (), empty, (), (), (), False)
+        onto = (projection(fields[0], None, args),)
+        wiring = Wiring(fields, (), onto, empty, empty, empty, (), empty, (), (), (), False)
         return Stepping(wiring, method, (), (), 0, *_kinds(fields, t, x))
     if system.fields is None:
         reset = system.transitions[0].reset

@@ -13,6 +13,8 @@ import numpy as np
 
 from . import runs
 from ._tracing import array
+from .consistency import put_on_constraints
+from .daes import Constrained, fields_of
 from .propagation import Cadence
 from .results import RunFailed
 from .statuses import STATUS
@@ -114,9 +116,23 @@ class Motion(NamedTuple):
 
     def velocity(self, node: Node) -> np.ndarray:
         """Dx/dt at a point."""
-        system, args, t = self.problem.system, self.problem.args, jnp.asarray(node.t, node.x.dtype)
-        fields = (system.fields or ()) if isinstance(system, Hybrid) else (system.field,)
-        return np.asarray(fields[self.mode(node)](t, node.x, args))
+        return np.asarray(self._field(node)(jnp.asarray(node.t, node.x.dtype), node.x, self.problem.args))
+
+    def _field(self, node: Node):
+        return fields_of(self.problem.system)[self.mode(node)]
+
+    def degrees_of_freedom(self, node: Node) -> int:
+        """How many perturbations there are at a point."""
+        if isinstance(self.problem.system, Map):
+            return len(node.x)
+        return getattr(self._field(node), "n_differential", len(node.x))
+
+    def consistent(self, node: Node) -> Node:
+        """The point with the same content that lies on the constraints of its mode."""
+        if isinstance(self.problem.system, Map) or not isinstance(self._field(node), Constrained):
+            return node
+        t = jnp.asarray(node.t, node.x.dtype)
+        return node._replace(x=put_on_constraints(self._field(node), t, node.x, self.problem.args))
 
     def mode(self, node: Node) -> int:
         """The mode at a point."""
@@ -228,6 +244,7 @@ def _retimed(nodes: list[Node], shares, period: float) -> list[Node]:
 
 def _shot(flow: Motion, nodes: list[Node], shares, period: float, iteration: int) -> Orbit:
     """All pieces, from the nodes as they stand."""
+    nodes = [flow.consistent(node) for node in nodes]
     pieces = [flow.piece(node, float(share * period)) for node, share in zip(nodes, shares, strict=True)]
     size = 1e-300 + max(np.max(np.abs(piece.x)) for piece in pieces)
     residual = max(np.max(np.abs(gap)) for gap in _gaps(pieces)) / size

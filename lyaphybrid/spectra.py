@@ -10,12 +10,14 @@ from . import averages, frames, runs
 from ._tracing import array, traced
 from .blocks import cadence_for, ends_of_blocks, is_zero, targets_for
 from .checks import attempts, positive, require, whole
+from .consistency import onto_constraints, tangent_frame
+from .daes import DAE, degrees_of_freedom
 from .methods.base import Method
 from .results import RunFailed, Spectrum
 from .statuses import STATUS
 from .systems import EventDriven, Flow, Hybrid, Map, iterates
 
-__all__ = ["lyapunov_spectrum"]
+__all__ = ["initial_frame", "lyapunov_spectrum"]
 
 CLOCKS = ("time", "jumps", "hybrid")
 AVERAGES = ("uniform", "birkhoff", "birkhoff-regular")
@@ -64,7 +66,8 @@ def lyapunov_spectrum(
         mode: name or index of the mode at the start; needed where there are several.
         k: number of exponents; None: n.
         frame: (n, k) initial columns; None: unit vectors, in the paired order where the system is canonical.
-        method: `lh.RungeKutta` (default, adaptive dopri8) or `lh.Diffrax`; None for maps and event-driven systems.
+        method: None: adaptive `lh.RungeKutta`, for an `lh.DAE` `lh.HalfExplicit`; maps and event-driven systems
+            have none.
         every: orthonormalise each so many iterations (maps), steps (fixed dt), units of time (adaptive) or jumps
             (event-driven); None: from the growth, so that no exponent drowns in rounding.
         orthonormalise: "auto", "mgs" (modified Gram–Schmidt), "lapack", "cholesky".
@@ -103,14 +106,15 @@ def lyapunov_spectrum(
     _check_words(clock, averaging, orthonormalise, blocks, k, until, replicates, key, max_steps)
     problem, x0, t0, mode = runs.prepare(system, x0, args, t0, method, mode)
     require(not isinstance(system, Flow) or clock != "jumps", "clock='jumps' would never end: an lh.Flow has no jumps.")
-    x0 = _starts(x0, replicates, key)
     n = x0.shape[-1]
-    frame, initial = _frame(system, frame, n, k, x0.dtype)
+    x0 = _starts(problem, t0, x0, replicates, key)
+    frame, initial = initial_frame(problem, t0, x0, frame, k)
     k = int(frame.shape[-1])
     kind = frames.kind_for(k) if orthonormalise == "auto" else orthonormalise
     cadence, interval = cadence_for(problem, every)
     limit = SUM_RULE_EXACT if isinstance(system, EventDriven) else SUM_RULE_UP_TO
-    plan = runs.Plan(cadence, kind, k == n <= limit, 0, clock != "time", x0.ndim == 2, runs.first_losses)
+    closes = k == n <= limit
+    plan = runs.Plan(cadence, kind, closes, 0, clock != "time", x0.ndim == 2, runs.first_losses)
     ends_of_blocks(t1, blocks, times, "t1")  # refused before anything is computed
     discrete = iterates(system)
     journey, interrupted = runs.start(problem, plan, t0, x0, frame, mode, array(interval, x0.dtype)), False
@@ -152,26 +156,36 @@ def _is_key(key) -> bool:
     return hasattr(key, "dtype") and (jnp.issubdtype(key.dtype, jax.dtypes.prng_key) or key.dtype == jnp.uint32)
 
 
-def _starts(x0, replicates, key):
+def _starts(problem, t0, x0, replicates, key):
     """The starts of the replicates: x0 perturbed by a relative 1e-6, enough for chaos to forget it."""
     if replicates is None:
         return x0
     require(x0.ndim == 1, f"replicates and an x0 of shape (m, n) exclude each other; x0 has {x0.shape}.")
     noise = jax.random.normal(key, (replicates, *x0.shape), x0.dtype)
-    return x0[None, :] + 1e-6 * jnp.maximum(1.0, jnp.abs(x0))[None, :] * noise
+    noise = 1e-6 * jnp.maximum(1.0, jnp.abs(x0))[None, :] * noise
+    if isinstance(problem.system, DAE):
+        noise = onto_constraints(problem.system, t0, x0, problem.args, noise.T).T
+    return x0[None, :] + noise
 
 
-def _frame(system, frame, n, k, dtype):
-    """The initial columns, orthonormal, and the ln R_ii of what the user gave."""
-    require(k is None or k <= n, f"k must be at most n = {n}; got {k}.")
+def initial_frame(problem, t0, x0, frame, k):
+    """The initial columns, orthonormal, and the ln R_ii of what the user gave; of a DAE, of the columns of Ē⁻¹."""
+    system, n, dtype = problem.system, x0.shape[-1], x0.dtype
+    most = degrees_of_freedom(system, n)
+    require(k is None or k <= most, f"k must be at most {'n' if most == n else 'n_differential'} = {most}; got {k}.")
+    k = k or (most if frame is None else None)
     if frame is None:
-        canonical = getattr(system, "canonical", False)
-        return frames.unit_vectors(n, k or n, dtype, paired=canonical), np.zeros(k or n, dtype)
+        assert k is not None
+        if not isinstance(system, DAE):
+            canonical = getattr(system, "canonical", False)
+            return frames.unit_vectors(n, k, dtype, paired=canonical), np.zeros(k, dtype)
+        frame = tangent_frame(system, t0, x0 if x0.ndim == 1 else x0[0], problem.args)[:, :k]
     frame = jnp.asarray(frame, dtype)
-    fits = (
-        frame.ndim == 2 and frame.shape[0] == n and 1 <= frame.shape[1] <= n and frame.shape[1] == (k or frame.shape[1])
-    )
-    require(fits, f"frame must have shape (n, k) = ({n}, {k or 'k'}) with 1 ≤ k ≤ n; got {frame.shape}.")
+    fits = frame.ndim == 2 and frame.shape[0] == n and 1 <= frame.shape[1] <= most
+    fits = fits and k in (None, frame.shape[1])
+    require(fits, f"frame must have shape (n, k) = ({n}, {k or 'k'}) with 1 ≤ k ≤ {most}; got {frame.shape}.")
+    if isinstance(system, DAE) and x0.ndim == 1:
+        frame = onto_constraints(system, t0, x0, problem.args, frame)
     columns, log_r, lost = _orthonormal(frame)
     require(traced(lost) or not bool(np.any(np.asarray(lost))), "frame must have linearly independent columns.")
     return columns, log_r

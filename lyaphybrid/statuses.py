@@ -18,7 +18,10 @@ class STATUS(enum.IntEnum):
     zeno = 3
     deadlock = 4
     nonfinite = 5
-    step_underflow = 9  # 6 to 8 are those of differential–algebraic systems, and come with them
+    inconsistent_start = 6
+    singular_dae = 7
+    constraint_drift = 8
+    step_underflow = 9
 
     def __str__(self) -> str:
         return f"{self.name}: {MEANINGS[self]}"
@@ -54,6 +57,17 @@ MEANINGS = {
     STATUS.nonfinite: (
         "the state became infinite or nan: (a) the solution escapes; (b) a user function divides by zero or takes "
         "a root of a negative number near this state"
+    ),
+    STATUS.inconsistent_start: (
+        "the start does not satisfy the algebraic equations; make it with lh.consistent_start(dae, x0, args, t0=…)"
+    ),
+    STATUS.singular_dae: (
+        "[E₁; ∂f₂/∂x] became singular, or a row of E that should be zero did not stay so: (a) the solution ends there; "
+        "(b) the rank of E changes; (c) a hidden constraint, the differentiation index is above one"
+    ),
+    STATUS.constraint_drift: (
+        "the state has left the algebraic equations: (a) take lh.HalfExplicit or lh.ESDIRK, which keep them in each "
+        "step; (b) tighten the tolerances"
     ),
     STATUS.step_underflow: (
         "the step size went below the resolution of the time: (a) the field jumps, give each smooth piece a mode; "

@@ -116,6 +116,69 @@ def test_zeno_of_a_cascade_without_end():
     assert computed(spectrum) == 2
 
 
+def fold(sink):
+    """X falls at the rate `sink`; z = √x ends where x does."""
+    return lh.DAE(
+        lambda t, args: jnp.diag(jnp.array([1.0, 0.0])),
+        lambda t, x, args: jnp.stack([-sink + 0 * x[0], x[1] ** 2 - x[0]]),
+        n_differential=1,
+    )
+
+
+def test_inconsistent_start():
+    spectrum = lh.lyapunov_spectrum(fold(1.0), [1.0, 0.9], t1=0.5, blocks=BLOCKS, throw=False)
+    assert spectrum.status is STATUS.inconsistent_start
+    assert np.isnan(spectrum.exponents).all()
+    with pytest.raises(lh.RunFailed, match="lh.consistent_start"):
+        lh.trajectory(fold(1.0), [1.0, 0.9], t1=0.5)
+    assert lh.trajectory(fold(1.0), lh.consistent_start(fold(1.0), [1.0, 0.9]), t1=0.5).status is STATUS.ok
+
+
+def test_singular_dae_where_the_constraint_folds():
+    spectrum = lh.lyapunov_spectrum(fold(1.0), [1.0, 1.0], t1=2.0, blocks=BLOCKS, throw=False)
+    assert spectrum.status is STATUS.singular_dae
+    assert float(spectrum.t) == pytest.approx(1.0, abs=1e-9)
+    assert computed(spectrum) == math.ceil(1.0 / (2.0 / BLOCKS))
+
+
+def test_singular_dae_where_the_rank_of_e_falls():
+    """(1 - t) x' = -x: x = 1 - t goes on smoothly, but nothing says so."""
+    falling = lh.DAE(
+        lambda t, args: jnp.diag(jnp.stack([1 - t, 0 * t])),
+        lambda t, x, args: jnp.stack([-x[0], x[1] - x[0]]),
+        n_differential=1,
+    )
+    path = lh.trajectory(falling, [1.0, 1.0], t1=3.0, n=4, throw=False)
+    assert path.status is STATUS.singular_dae
+    assert np.allclose(path.x[0], [0.25, 0.25], rtol=0, atol=1e-6)
+
+
+def test_singular_dae_where_the_rank_of_e_rises():
+    rising = lh.DAE(
+        lambda t, args: jnp.diag(jnp.stack([1 + 0 * t, jnp.maximum(t - 1, 0.0)])),
+        lambda t, x, args: jnp.stack([-x[0], x[1] - x[0]]),
+        n_differential=1,
+    )
+    path = lh.trajectory(rising, [1.0, 1.0], t1=3.0, n=12, throw=False)
+    assert path.status is STATUS.singular_dae
+    assert 1.0 < np.nanmax(path.t) <= 1.5
+
+
+def test_constraint_drift():
+    """A method for ordinary equations integrates x' and forgets the constraints."""
+    turning = lh.DAE(
+        lambda t, args: jnp.diag(jnp.array([1.0, 0.0])),
+        lambda t, x, args: jnp.stack([x[1], x[1] - jnp.cos(5 * t) * (2 + jnp.sin(x[0]))]),
+        n_differential=1,
+    )
+    start, method = jnp.array([0.0, 2.0]), lh.RungeKutta("dopri5", rtol=1e-4, atol=1e-4)
+    spectrum = lh.lyapunov_spectrum(turning, start, t1=50.0, blocks=BLOCKS, method=method, throw=False)
+    assert spectrum.status is STATUS.constraint_drift
+    careful = lh.RungeKutta(rtol=1e-11, atol=1e-11)
+    assert lh.lyapunov_spectrum(turning, start, t1=50.0, blocks=BLOCKS, method=careful).status is STATUS.ok
+    assert lh.lyapunov_spectrum(turning, start, t1=50.0, blocks=BLOCKS).status is STATUS.ok
+
+
 def test_deadlock_where_no_transition_applies():
     spectrum = ball_spectrum(floor=0.0)
     assert spectrum.status is STATUS.deadlock

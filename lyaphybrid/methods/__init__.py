@@ -1,8 +1,19 @@
 """How a tangent is carried over one step: each method knows its step, and nothing of systems or exponents."""
 
+from .continuous_qr import ContinuousQR
 from .diffrax_solver import Diffrax
+from .half_explicit import ESDIRK, HalfExplicit
 from .runge_kutta import RungeKutta
 from .symplectic import Splitting, Symplectic
 from .tangent_hamiltonians import TangentHamiltonian
 
-__all__ = ["Diffrax", "RungeKutta", "Splitting", "Symplectic", "TangentHamiltonian"]
+__all__ = [
+    "ESDIRK",
+    "ContinuousQR",
+    "Diffrax",
+    "HalfExplicit",
+    "RungeKutta",
+    "Splitting",
+    "Symplectic",
+    "TangentHamiltonian",
+]

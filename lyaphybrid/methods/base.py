@@ -2,7 +2,7 @@
 
 import abc
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -14,6 +14,19 @@ from ..columns import each_column
 Field = Callable[[Any, Array], Array]  # (t, x) -> dx/dt, args bound
 
 
+class Controller(NamedTuple):
+    """How the next step follows from the error r (1: the most allowed), h ← h safety · r^(-now/p) · r_last^(last/p).
+
+    The default is PI control (Gustafsson; Hairer & Wanner, Solving ODEs II, section IV.2).
+    """
+
+    safety: float = 0.8
+    shrink: float = 0.2  # by no more than this
+    grow: float = 10.0
+    now: float = 0.7
+    last: float = 0.4
+
+
 class Step(NamedTuple):
     """One step of a method from (t, x) over h."""
 
@@ -23,7 +36,7 @@ class Step(NamedTuple):
     dense: Any  # what `Method.inside` needs
     nodes: Any  # what `Method.divergence` needs
     stages: tuple[Array, ...] = ()  # (n,) each: points on the way that are used more than once
-    way: tuple[Array, ...] = ()  # (n,) each: all points on the way, where `Method.tangent` can go on from them
+    way: tuple[Array, ...] = ()  # the points on the way, where `Method.tangent` can go on from them
 
 
 class Tangent(NamedTuple):
@@ -34,6 +47,7 @@ class Tangent(NamedTuple):
     errors: Array  # (estimates, n, k)
     nodes: Any  # what `Method.divergence` needs
     stages: tuple[tuple[Array, ...], tuple[Array, ...]]  # those of the step, and their tangents
+    growth: Any = None  # (k,) logarithms of what the method itself has taken out of the columns
 
 
 class Method(eqx.Module):
@@ -42,6 +56,10 @@ class Method(eqx.Module):
     rtol: eqx.AbstractVar[Any]
     atol: eqx.AbstractVar[Any]
     control: eqx.AbstractVar[str]
+
+    controller: ClassVar[Controller] = Controller()
+    each_step: ClassVar[bool] = False  # frames are orthonormalised after each step, unless users say when
+    solves: ClassVar[bool] = False  # stages solve equations: where they ended is worth keeping for the tangent
 
     @property
     @abc.abstractmethod
@@ -67,6 +85,10 @@ class Method(eqx.Module):
     def way_points(self) -> int:
         """How many points there are in `Step.way`."""
         return 0
+
+    def blank_way(self, x) -> tuple[Array, ...]:
+        """Room for `Step.way`."""
+        return (x,) * self.way_points
 
     def does_little(self, n: int) -> bool:
         """Whether a step in n components is so little work that a loop of them is best written in numbers."""

@@ -13,6 +13,7 @@ from ..propagation import LONGEST_BLIND, Carry, Clock, Events, Settings, log_eve
 from ..saltations import delays, push, return_along
 from ..statuses import STATUS
 from ..systems import EventDriven
+from .unconstrained import Unconstrained
 
 __all__ = ["Exact", "integers", "is_event"]
 
@@ -26,7 +27,7 @@ class Flight(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class Exact:
+class Exact(Unconstrained):
     """The mover of event-driven systems: fly to the end of the block, or to the next event and through it."""
 
     system: EventDriven
@@ -43,28 +44,10 @@ class Exact:
         """What keeps dq∧dp destroys no direction."""
         return not self.system.canonical
 
-    def does_little(self, n: int) -> bool:
-        """Arrays are as good as numbers here."""
-        del n
-        return False
-
-    def onto_mode(self, mode, t, x):
-        """There are no modes, and no constraints."""
-        del mode, t, x
-
     def begin(self, t, x, mode, h):
         """The next event is predicted anew from every state; (4,): memory of the events, see `_remember`."""
         del mode, h
         return jnp.zeros(4, x.dtype) + 0 * t
-
-    def in_each_mode(self):
-        """There are no modes."""
-        return (self,)
-
-    def no_stages(self, x, frame):
-        """There is nothing between two points."""
-        del x, frame
-        return ()
 
     def rebase(self, own, s):
         """The time of the last event is local to the block."""

@@ -11,12 +11,13 @@ from .. import frames
 from ..columns import each_column
 from ..propagation import LONGEST_BLIND, Carry, Clock, Settings, stop, stretched
 from ..statuses import STATUS
+from .unconstrained import Unconstrained
 
 __all__ = ["Iterating"]
 
 
 @dataclasses.dataclass(frozen=True)
-class Iterating:
+class Iterating(Unconstrained):
     """The mover of maps, and of hybrid systems that only jump. Time counts the iterations."""
 
     rule: Callable  # (t, x) -> x
@@ -28,27 +29,9 @@ class Iterating:
     longest_interval: ClassVar[float] = LONGEST_BLIND
     spread_wanted: ClassVar[float] = 4.0
 
-    def does_little(self, n: int) -> bool:
-        """Arrays are as good as numbers here."""
-        del n
-        return False
-
-    def onto_mode(self, mode, t, x):
-        """There are no modes, and no constraints."""
-        del mode, t, x
-
     def begin(self, t, x, mode, h):
         """A map remembers nothing."""
         del t, x, mode, h
-
-    def in_each_mode(self):
-        """There are no modes."""
-        return (self,)
-
-    def no_stages(self, x, frame):
-        """There is nothing between two points."""
-        del x, frame
-        return ()
 
     def rebase(self, own, s):
         """Nothing is local to the block."""

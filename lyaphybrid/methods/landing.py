@@ -1,5 +1,6 @@
 """Landing: from a trial that ends at an event, through the jumps of that instant, to guards armed anew."""
 
+import functools
 from typing import NamedTuple
 
 import jax
@@ -52,8 +53,7 @@ def land(mover, settings: Settings, clock: Clock, c: Carry, tr: Trial) -> Carry:
     """The trial ends at an event: polish, cross, orthonormalise at once, re-arm the guards."""
     own, w = c.own, mover.wiring
     mode = jnp.asarray(0, jnp.int32) if own.mode is None else own.mode
-    frame, flux = mover.landed(c, clock, tr)
-    c = mover.commit(settings, c, c.s + tr.h, tr.h, tr.x, frame, flux)
+    c = mover.commit(settings, c, c.s + tr.h, tr.h, tr.x, mover.landed(c, clock, tr))
     ahead = -tr.g / jnp.where(tr.rate == 0, 1e-300, tr.rate)
     lands = _at_root(mover, own, tr, ahead)
     ticking = ~jnp.any(lands)
@@ -199,6 +199,9 @@ def _cascade(mover, t, h, landing: "Landing") -> "Landing":
             state.which,
         )
         mode = jax.lax.switch(state.transition, w.targets, state.mode, t, state.x, state.which)
+        if w.constrained:  # what a jump leaves undecided is that the new constraints hold
+            onto = functools.partial(mover.onto_constraints, mode)
+            x, columns, direction = push(onto, t, x, columns, direction)
         f, g, rate, second, blur = by_mode(mode, [_arrival(w, q) for q in range(w.modes)], t, x)
         fired = (jnp.arange(w.slots, dtype=jnp.int32) == state.slot) & (mode == state.mode)
         side, g, rate, flat = arm(g, rate, second, blur, h, t, fired)

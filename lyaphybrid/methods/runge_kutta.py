@@ -7,6 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from ..checks import positive, require
 from ..columns import each_column
@@ -15,7 +16,7 @@ from .base import Field, Method, Step, Tangent
 from .divergences import quadrature
 from .forcing import at_times, linear_along
 
-__all__ = ["TABLEAUX", "RungeKutta"]
+__all__ = ["TABLEAUX", "RungeKutta", "Tableau", "along", "hermite", "summed", "tabulated"]
 
 
 LITTLE = 12  # components times stages: RK4 in two and three dimensions, but not dopri5 in the plane (measured)
@@ -30,6 +31,7 @@ class Tableau(NamedTuple):
     errors: tuple
     order: int  # of the error estimate, as a power of h
     last_is_next: bool  # the last stage is the field at the end of the step (FSAL)
+    diagonal: float = 0.0  # of the stages after the first; not 0: each is the solution of equations
 
     @property
     def chained(self) -> bool:
@@ -117,6 +119,15 @@ class RungeKutta(Method):
         self.dt, self.max_step = dt, max_step
 
     @property
+    def table(self) -> Tableau:
+        """The coefficients."""
+        return TABLEAUX[self.tableau]
+
+    def times(self, t, h) -> list:
+        """Those of the stages."""
+        return [t, *(t + c * h for c in self.table.c)]
+
+    @property
     def fixed_step(self) -> Any:
         """The fixed step; None where the error estimate controls h."""
         return self.dt
@@ -129,74 +140,75 @@ class RungeKutta(Method):
     @property
     def error_order(self) -> int:
         """The power of h by which the error estimate falls."""
-        return TABLEAUX[self.tableau].order
+        return self.table.order
 
     def kept_stages(self, n: int) -> int:
         """The points of all stages but the first; in the plane they are cheaper to compute again than to keep."""
-        return len(TABLEAUX[self.tableau].b) - 1 if n > 2 else 0
+        return len(self.table.b) - 1 if n > 2 else 0
 
     def does_little(self, n: int) -> bool:
         """Few stages of few components."""
-        return n * len(TABLEAUX[self.tableau].b) <= LITTLE
+        return n * len(self.table.b) <= LITTLE
 
     @property
     def way_points(self) -> int:
         """The points of all stages but the first, which is where the step starts."""
-        return len(TABLEAUX[self.tableau].a)
+        return len(self.table.a)
 
     def step(self, field: Field, t, x, f, h) -> Step:
         """One step over h from (t, x), where f = field(t, x)."""
-        table = TABLEAUX[self.tableau]
+        table = self.table
         at = at_times(field, t, x, h, (*table.c, 1.0), self.does_little(x.shape[0]))
         points, slopes = _through(table, x, h, f, [at[float(c)] for c in table.c])
         new, kept = self._end(x, h, points, slopes)
         slope = slopes[-1] if table.last_is_next else at[1.0](new)
         error = self._errors(h, slopes) if self.adaptive else x[None, :0]
-        return Step(new, slope, error, (x, f, new, slope, h), self._nodes(t, h, points), kept, points[1:])
+        return Step(new, slope, error, (x, f, new, slope, h), self.nodes_of(t, h, x, points[1:]), kept, points[1:])
 
     def tangent(self, field: Field, t, x, h, frame, way=()) -> Tangent:
         """The derivative of the step: the same method, for the linear field dx ↦ Df dx at the points on the way."""
         if not way:
             return super().tangent(field, t, x, h, frame)
         points = x, *way
-        first, *later = linear_along(field, [t, *(t + c * h for c in TABLEAUX[self.tableau].c)], points)
-        tangents, slopes = _through(TABLEAUX[self.tableau], frame, h, first(frame), later)
+        first, *later = linear_along(field, self.times(t, h), points)
+        tangents, slopes = _through(self.table, frame, h, first(frame), later)
         moved, kept = self._end(frame, h, tangents, slopes)
         errors = self._errors(h, slopes) if self.adaptive else frame[None, :0]
-        return Tangent(None, moved, errors, self._nodes(t, h, points), ((), kept))
+        return Tangent(None, moved, errors, self.nodes_of(t, h, x, points[1:]), ((), kept))
 
     def rare_tangent(self, field: Field, t, x, h, frame, way=()) -> Tangent:
         """The same with a loop over the stages: written out they took a quarter of the time to compile a pendulum."""
         if not way:
             return super().rare_tangent(field, t, x, h, frame)
-        table, nodes = TABLEAUX[self.tableau], self._nodes(t, h, (x, *way))
-        times, points = (jnp.stack(each) for each in zip(*nodes, strict=True))
-        before = jnp.asarray(np.stack([np.pad(row, (0, len(nodes) - len(row))) for row in ((), *table.a)]), x.dtype)
+        table, nodes = self.table, self.nodes_of(t, h, x, way)
+        times, points = (jnp.stack(each) for each in nodes)
+        before = jnp.asarray(np.stack([np.pad(row, (0, len(times) - len(row))) for row in ((), *table.a)]), x.dtype)
 
         def stage(i, slopes):
-            def along(dx):
+            def change(dx):
                 return jax.jvp(lambda x: field(times[i], x), (points[i],), (dx,))[1]
 
-            return slopes.at[i].set(each_column(along, frame + h * jnp.tensordot(before[i], slopes, 1)))
+            return slopes.at[i].set(each_column(change, frame + h * jnp.tensordot(before[i], slopes, 1)))
 
-        slopes = jax.lax.fori_loop(0, len(nodes), stage, jnp.zeros((len(nodes), *frame.shape), frame.dtype))
+        slopes = jax.lax.fori_loop(0, len(times), stage, jnp.zeros((len(times), *frame.shape), frame.dtype))
         errors = self._errors(h, slopes) if self.adaptive else frame[None, :0]
-        return Tangent(None, _along(frame, h, table.b, slopes), errors, nodes, ((), ()))
+        return Tangent(None, along(frame, h, table.b, slopes), errors, nodes, ((), ()))
 
     def _end(self, x, h, points, slopes):
         """Where a step ends, and the points that are `kept_stages`; of a frame as well as of a state."""
-        table, kept = TABLEAUX[self.tableau], points[1 : self.kept_stages(x.shape[0]) + 1]
+        table, kept = self.table, points[1 : self.kept_stages(x.shape[0]) + 1]
         if table.last_is_next:
             return points[-1], kept
         if kept and table.chained:
             return _from_points(x, h, table, kept, slopes[-1]), kept
-        return _along(x, h, table.b, slopes), kept
+        return along(x, h, table.b, slopes), kept
 
     def _errors(self, h, slopes):
-        return jnp.stack([h * _weigh(row, slopes) for row in TABLEAUX[self.tableau].errors])
+        return jnp.stack([h * _weigh(row, slopes) for row in self.table.errors])
 
-    def _nodes(self, t, h, points):
-        return list(zip((t, *(t + c * h for c in TABLEAUX[self.tableau].c)), points, strict=True))
+    def nodes_of(self, t, h, x, way):
+        """Times and points of the stages."""
+        return self.times(t, h), [x, *way]
 
     def inside(self, dense, theta):
         """The cubic Hermite interpolant of the step at the fraction theta."""
@@ -205,14 +217,14 @@ class RungeKutta(Method):
 
     def ratio(self, error, scale):
         """The error estimate over what is allowed; for DOP853 the combination of its two estimates."""
-        if len(TABLEAUX[self.tableau].errors) == 1:
+        if len(self.table.errors) == 1:
             return super().ratio(error, scale)
         fifth, third = (error[0] / scale) ** 2, (error[1] / scale) ** 2
         return jnp.max(fifth / jnp.sqrt(fifth + 0.01 * third + 1e-40))
 
     def divergence(self, field: Field, nodes, h):
         """∫ tr Df dt over the step by the weights b at the stages."""
-        return h * quadrature(field, TABLEAUX[self.tableau].b, *zip(*nodes, strict=True))
+        return h * quadrature(field, self.table.b, *nodes)
 
 
 def hermite(theta, x0, d0, x1, d1):
@@ -221,16 +233,29 @@ def hermite(theta, x0, d0, x1, d1):
     return other**2 * ((1 + 2 * theta) * x0 + theta * d0) + theta**2 * ((3 - 2 * theta) * x1 - other * d1)
 
 
+def tabulated(table: Tableau, t, h):
+    """For the stages but the first, and the end where it is none of them: weights of the slopes before, and times."""
+    rows, kind = [*table.a, *([] if table.last_is_next else [table.b])], jnp.result_type(h)
+    weights = np.stack([np.pad(row, (0, len(rows) + 1 - len(row))) for row in rows])
+    fractions = np.array([*table.c, 1.0][: len(rows)])
+    return jnp.asarray(weights, kind), t + jnp.asarray(fractions, kind) * h
+
+
+def summed(weights, slopes: Array) -> Array:
+    """Σ w k over the slopes (stages, …) of the stages that have weights."""
+    return jnp.tensordot(jnp.asarray(weights, slopes.dtype), slopes[: len(weights)], 1)
+
+
 def _through(table: Tableau, x, h, first, fields):
     """The points of all stages, and the slopes there: `first` at x, then by the fields of the later stages."""
     points, slopes = (x,), [first]
     for row, field in zip(table.a, fields, strict=True):
-        points += (_along(x, h, row, slopes),)
+        points += (along(x, h, row, slopes),)
         slopes.append(field(points[-1]))
     return points, slopes
 
 
-def _along(x, h, weights, slopes):
+def along(x, h, weights, slopes):
     """The state x + h Σ w k, summed so that the last slope, the latest to be known, needs one multiply–add."""
     steps = [(float(w) * h, k) for w, k in zip(weights, slopes, strict=False) if w != 0]
     *early, (last, latest) = steps
@@ -247,6 +272,7 @@ def _from_points(x, h, table: Tableau, points, last):
 
 
 def _weigh(weights, slopes):
+    """Σ w k."""
     return _sum([float(w) * k for w, k in zip(weights, slopes, strict=False) if w != 0])
 
 

@@ -21,6 +21,7 @@ from ..saltations import delays
 from ..statuses import STATUS
 from ..systems import EventDriven
 from .exact import integers, is_event
+from .unconstrained import Unconstrained
 
 __all__ = ["Scheduled", "predicting_anew"]
 
@@ -79,7 +80,7 @@ class Rows(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class Scheduled:
+class Scheduled(Unconstrained):
     """The mover of systems with a schedule: from event to event, each of which touches a few rows."""
 
     system: EventDriven
@@ -102,30 +103,12 @@ class Scheduled:
         """The user's functions of flat states."""
         return Rows(self.system, self.args, self.shape)
 
-    def does_little(self, n: int) -> bool:
-        """Arrays are as good as numbers here."""
-        del n
-        return False
-
-    def onto_mode(self, mode, t, x):
-        """There are no modes, and no constraints."""
-        del mode, t, x
-
     def begin(self, t, x, mode, h) -> Own:
         """All predictions."""
         del mode, h
         zero = jnp.zeros_like(t)
         cache = self.system.schedule.init(zero, x.reshape(self.shape), self.args)
         return Own(jax.tree.map(jnp.asarray, cache), zero, jnp.asarray(0, jnp.int32), zero, zero, zero)
-
-    def in_each_mode(self):
-        """There are no modes."""
-        return (self,)
-
-    def no_stages(self, x, frame):
-        """There is nothing between two points."""
-        del x, frame
-        return ()
 
     def rebase(self, own: Own, s) -> Own:
         """The start of the span is local to the block."""

@@ -8,12 +8,13 @@ event found is a root along the numerical flow itself, to rounding.
 import dataclasses
 import functools
 from collections.abc import Iterable
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
 from .._jaxprs import is_affine
+from ..daes import is_constrained, landed
 from ..events import EPS, Wiring, arm, by_mode, jets, rates, rounding
 from ..propagation import Carry, Clock, Settings, stop
 from ..statuses import STATUS
@@ -42,9 +43,21 @@ from .trials import (
     table,
 )
 
-__all__ = ["Stepping", "are_curved"]
+__all__ = ["Stepping", "are_curved", "landing_of"]
 
-SAFETY, SHRINK, GROW = 0.8, 0.2, 10.0  # of the PI controller
+NEAR_CONSTRAINTS = 1e-6  # a start is consistent up to this, relative to 1 + |x|
+DRIFT = 1e-5  # the same for the ends of blocks
+
+
+class Carried(NamedTuple):
+    """What a step does to the frame."""
+
+    x: Any = None  # (n,) its end, where no trial has found it before
+    frame: Any = None  # (n, k)
+    ratio: Any = None  # the frame's error over what is allowed
+    flux: Any = None  # ∫ tr Df
+    growth: Any = None  # (k,) `Tangent.growth`
+    stages: Any = ()  # `Carry.stages`
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,7 +109,8 @@ class Stepping:
     @property
     def revisits(self) -> bool:
         """Whether a tangent is taken at the points that its trial went through, instead of going there again."""
-        return self.curved and self.dear and not self.always_common and self.method.way_points > 0
+        worth_it = self.method.solves or (self.curved and self.dear)
+        return worth_it and not self.always_common and self.method.way_points > 0
 
     def in_each_mode(self) -> tuple["Stepping", ...]:
         """The movers of the innermost loop, one for each mode: only events change it, and they come further out.
@@ -131,6 +145,38 @@ class Stepping:
             return None
         given = [project or (lambda t, x, dx: dx) for project in w.projections]
         return lambda dx: by_mode(mode, [lambda dx, p=p: p(t, x, dx) for p in given], dx)
+
+    def onto_constraints(self, mode, t, x):
+        """The point with the same content that lies on the constraints of a mode."""
+        return by_mode(mode, [landing_of(field) for field in self.wiring.fields], t, x)
+
+    def admitted(self, t, x, mode):
+        """A start, put onto the constraints of its mode; and whether it was too far from them."""
+        if not self.wiring.constrained:
+            return x, False
+        new = self.onto_constraints(mode, t, x)
+        wrong = ~(jnp.max(jnp.abs(new - x) / (1 + jnp.abs(x))) <= NEAR_CONSTRAINTS)
+        return jnp.where(wrong, x, new), wrong
+
+    def inspected(self, c: Carry, clock: Clock) -> Carry:
+        """At the end of a block: whether the motion has left the constraints, or run into a singular point."""
+        if not self.wiring.constrained:
+            return c
+
+        def of_mode(field):
+            if not is_constrained(field):
+                return lambda t, x: (jnp.zeros_like(t), jnp.asarray(False))
+            dae, args = field.field, field.args
+            return lambda t, x: (dae.distance(t, x, args), dae.is_singular(t, x, args))
+
+        mode = None if self.wiring.modes == 1 else c.own.mode
+        off, singular = by_mode(mode, [of_mode(field) for field in self.wiring.fields], clock.base + c.s, c.x)
+        # What ended for want of a step did so because of the singular point.
+        ended = (c.status == STATUS.step_underflow) | (c.status == STATUS.nonfinite)
+        singular = singular & jnp.all(jnp.isfinite(c.x))
+        c = c._replace(status=jnp.where(ended & singular, jnp.asarray(STATUS.singular_dae, jnp.int32), c.status))
+        c = stop(c, STATUS.singular_dae, singular)
+        return stop(c, STATUS.constraint_drift, off > DRIFT)
 
     def begin(self, t, x, mode, h) -> Stepper:
         """The mover's part of the carry at (t, x)."""
@@ -198,7 +244,7 @@ class Stepping:
         tick = None if c.own.ticks is None else jnp.asarray(-1, jnp.int32)
         none = jnp.asarray(NONE, jnp.int32)
         ratio, miss = (h, zeros) if self.rejects else (None, None)
-        way = (c.x,) * (self.method.way_points if self.revisits and c.frame.shape[1] else 0)
+        way = self.method.blank_way(c.x) if self.revisits and c.frame.shape[1] else ()
         return Trial(none, h, c.x, c.own.f, ratio, jnp.asarray(False), zeros, zeros, miss, tick, way)
 
     def look(self, c: Carry, clock: Clock, aim: Aim | None = None):
@@ -293,54 +339,55 @@ class Stepping:
 
     # --- advance ---------------------------------------------------------------------------------------------
 
-    def landed(self, c: Carry, clock: Clock, tr: Trial):
-        """The frame at the end of a trial that ends at an event, and ∫ tr Df over it."""
+    def landed(self, c: Carry, clock: Clock, tr: Trial) -> Carried:
+        """What a trial that ends at an event does to the frame."""
         if not c.frame.shape[1]:
-            return c.frame, None
-        _, frame, _, flux, _ = self.carried(c, clock, tr.h, c.own.mode, tr.way, self.method.rare_tangent)
-        return frame, flux
+            return Carried(frame=c.frame, stages=c.stages)
+        return self.carried(c, clock, tr.h, c.own.mode, tr.way, self.method.rare_tangent)
 
-    def carried(self, c: Carry, clock: Clock, h, mode, way=(), of_method=None):
-        """The step's tangent: the frame at its end, the frame's error ratio, ∫ tr Df over it, its `Carry.stages`."""
+    def carried(self, c: Carry, clock: Clock, h, mode, way=(), of_method=None) -> Carried:
+        """What a step over h does to the frame."""
         of_method = of_method or self.method.tangent
         t, w = clock.base + c.s, self.wiring
 
         def tangent(q):
             def of_mode(t, x, frame, h, way):
                 field = w.fields[q]
-                new, moved, errors, nodes, (points, tangents) = of_method(field, t, x, h, frame, way)
+                new, moved, errors, nodes, (points, tangents), growth = of_method(field, t, x, h, frame, way)
                 if self.rejects and self.method.control == "xY":
                     ratio = jax.lax.stop_gradient(self.method.frame_ratio(errors, frame, moved))
                 else:
                     ratio = jnp.zeros_like(h)
                 flux = self.method.divergence(field, nodes, h) if c.volume is not None else None
-                return new, moved, ratio, flux, (points if self.curved else (), tangents)
+                return Carried(new, moved, ratio, flux, growth, (points if self.curved else (), tangents))
 
             return of_mode
 
         return by_mode(mode, [tangent(q) for q in range(w.modes)], t, c.x, c.frame, h, way)
 
-    def commit(self, settings: Settings, c: Carry, s, h, x, frame, flux) -> Carry:
+    def commit(self, settings: Settings, c: Carry, s, h, x, kept: Carried) -> Carry:
         """The carry after a step that is kept."""
         since = c.since + {"steps": 1.0, "time": h, "jumps": 0.0, "never": 0.0}[settings.cadence.unit]
-        volume = c.volume if flux is None else c.volume + flux
-        return c._replace(s=s, x=x, frame=frame, since=since, volume=volume)
+        volume = c.volume if kept.flux is None else c.volume + kept.flux
+        # Rows that were widened have more columns than there are.
+        growth = c.growth if kept.growth is None else c.growth + kept.growth[: c.growth.shape[0]]
+        return c._replace(s=s, x=x, frame=kept.frame, since=since, volume=volume, growth=growth)
 
     def step(self, settings: Settings, clock: Clock, c: Carry, tr) -> Carry:
         """Keep the trial and carry the frame; or, where an error is too large, only make h smaller."""
         if self.always_common:
             return self._march(settings, clock, c)
-        own, ratio, frame, flux, stages = c.own, tr.ratio, c.frame, None, c.stages
-        if frame.shape[1]:
-            _, frame, frame_ratio, flux, stages = self.carried(c, clock, tr.h, own.mode, tr.way)
-            ratio = jnp.maximum(ratio, frame_ratio) if self.rejects else None
-        kept = self.commit(settings, c, jnp.where(tr.final, clock.length, c.s + tr.h), tr.h, tr.x, frame, flux)
+        own, ratio, along = c.own, tr.ratio, Carried(frame=c.frame, stages=c.stages)
+        if c.frame.shape[1]:
+            along = self.carried(c, clock, tr.h, own.mode, tr.way)
+            ratio = jnp.maximum(ratio, along.ratio) if self.rejects else None
+        kept = self.commit(settings, c, jnp.where(tr.final, clock.length, c.s + tr.h), tr.h, tr.x, along)
         kept = changed(kept, f=tr.f)
         if self.has_events:
             side, g = stays(self, own, tr)
             kept = changed(kept, g=g, rate=tr.rate, side=side)
         if not self.rejects:
-            return kept._replace(stages=stages)
+            return kept._replace(stages=along.stages)
         # The frame's error may fail a step that the state's has passed.
         passed = jnp.asarray(ratio) <= 1.0
         kept = jax.tree.map(lambda a, b: a if a is b else jnp.where(passed, a, b), kept, c)
@@ -348,24 +395,24 @@ class Stepping:
         kept = changed(kept, h=h, log_ratio=log_ratio)
         hopeless = ~passed & (tr.h <= self._least_step(c, clock))
         underflow = jnp.where(jnp.isfinite(jnp.asarray(ratio)), STATUS.step_underflow, STATUS.nonfinite)
-        return stop(kept._replace(stages=stages), underflow, hopeless)
+        return stop(kept._replace(stages=along.stages), underflow, hopeless)
 
     def _march(self, settings: Settings, clock: Clock, c: Carry) -> Carry:
         """A fixed step of a plain flow: no trial, no guard."""
         rest, step = clock.length - c.s, self.method.fixed_step
         h, last = self._cut(rest, step)
-        new, frame, _, flux, stages = self.carried(c, clock, h, None)
+        along = self.carried(c, clock, h, None)
         s = jnp.where(last, clock.length, c.s + step)
-        return self.commit(settings, c, s, h, new, frame, flux)._replace(stages=stages)
+        return self.commit(settings, c, s, h, along.x, along)._replace(stages=along.stages)
 
     def _next_h(self, own: Stepper, tr: Trial, ratio, passed):
-        """PI control (Gustafsson; Hairer & Wanner, Solving ODEs II, section IV.2): 0.7/p and 0.4/p."""
-        order = self.method.error_order
+        """What the method's controller asks for, in the order in which its error estimate falls."""
+        order, by = self.method.error_order, self.method.controller
         log_ratio = jnp.log(jnp.clip(ratio, 1e-10, 1e10))  # nan, from a state out of bounds, stays nan
-        exponent = -(0.7 / order) * log_ratio + (0.4 / order) * own.log_ratio
-        factor = jnp.clip(SAFETY * jnp.exp(exponent), SHRINK, GROW)
-        smaller = jnp.maximum(SAFETY * jnp.exp(-log_ratio / order), SHRINK)
-        smaller = jnp.where(jnp.isfinite(ratio), jnp.minimum(smaller, SAFETY), SHRINK)
+        exponent = -(by.now / order) * log_ratio + (by.last / order) * own.log_ratio
+        factor = jnp.clip(by.safety * jnp.exp(exponent), by.shrink, by.grow)
+        smaller = jnp.maximum(by.safety * jnp.exp(-log_ratio / order), by.shrink)
+        smaller = jnp.where(jnp.isfinite(ratio), jnp.minimum(smaller, by.safety), by.shrink)
         whole = tr.h >= 0.99 * own.h
         # A step that was cut at an event, a tick or the block's end says nothing against the controller's h.
         h = jnp.where(whole, tr.h * factor, jnp.maximum(own.h, tr.h * factor))
@@ -414,6 +461,13 @@ class Stepping:
     def _finite(self, tr: Trial):
         finite = jnp.all(jnp.isfinite(tr.x))
         return finite if tr.ratio is None else finite & jnp.isfinite(tr.ratio)
+
+
+def landing_of(field: Field):
+    """(t, x) -> the point with the same content on the constraints of a field; x where it has none."""
+    if not is_constrained(field):
+        return lambda t, x: x
+    return lambda t, x: landed(field.field, field.args, t, x)
 
 
 def are_curved(fields: Iterable[Field], t, x) -> bool:

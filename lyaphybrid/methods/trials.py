@@ -61,7 +61,7 @@ class Trial(NamedTuple):
     rate: Any = None
     miss: Any = None  # (slots,) by how much the cubic of a guard is off
     tick: Any = None  # the clock that ticks at the end of the step; -1: none
-    way: tuple[Array, ...] = ()  # (n,) each: the points on the way, where the tangent is to be taken at them
+    way: tuple[Array, ...] = ()  # the points on the way, where the tangent is to be taken at them
 
 
 class Aim(NamedTuple):

@@ -8,6 +8,7 @@ Parameters that are numbers travel in `args`: changing them does not compile aga
 from .billiards import ellipse, lorentz_gas, mean_free_path, sinai_billiard, stadium, wedge
 from .celestial import double_pendulum, kepler, restricted_three_body
 from .circuits import boost_converter, buck_converter, chua, corron_oscillator
+from .constrained import diode_circuit, lorenz_dae, pendulum_dae, rotated_dae, spring_damper_dae, swing_dae
 from .coupled_maps import coupled_standard_maps, froeschle_map
 from .disks_and_spheres import hard_disks, hard_spheres
 from .friction import block_on_plate, friction_pendulum, relay_feedback, stick_slip_belt
@@ -72,6 +73,13 @@ __all__ = [
     "buck_converter",
     "boost_converter",
     "corron_oscillator",
+    # differential–algebraic systems
+    "spring_damper_dae",
+    "rotated_dae",
+    "lorenz_dae",
+    "pendulum_dae",
+    "diode_circuit",
+    "swing_dae",
     # impacts to and fro
     "rocking_block",
     "gear_rattle",

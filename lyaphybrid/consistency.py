@@ -1,0 +1,87 @@
+"""Consistent points of differential–algebraic equations: found from guesses, and asked for where runs start."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix
+from jaxtyping import Array, Float
+
+from ._tracing import traced
+from .checks import check_functions, require
+from .daes import DAE, Constrained, landed, solved
+
+__all__ = ["consistent_start", "onto_constraints", "put_on_constraints", "tangent_frame"]
+
+
+def consistent_start(dae: DAE, x0, args: Any = None, *, t0: Any = 0.0) -> Float[Array, " n"]:
+    """The point with the content E₁ x₀ of a guess that satisfies the constraints.
+
+    Args:
+        dae: an `lh.DAE`.
+        x0: (n,) guess; of semi-explicit equations the differential components are kept, and the others found.
+        args: pytree of parameters.
+        t0: time.
+
+    Returns:
+        x (n,) with E₁ x = E₁ x₀ and f₂(t0, x) = 0.
+
+    Raises:
+        ValueError: if no such point is found from there; on arguments that do not fit.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> circle = lh.DAE(
+        ...     lambda t, args: jnp.diag(jnp.array([1.0, 0.0])),
+        ...     lambda t, x, args: jnp.array([x[1], x[0] ** 2 + x[1] ** 2 - 1]),
+        ...     n_differential=1,
+        ... )
+        >>> [round(float(value), 12) for value in lh.consistent_start(circle, [0.6, 1.0])]
+        [0.6, 0.8]
+    """
+    require(isinstance(dae, DAE), f"consistent_start needs an lh.DAE; got {type(dae).__name__}.")
+    x0 = jnp.asarray(x0, float)
+    require(x0.ndim == 1 and bool(np.all(np.isfinite(x0))), f"x0 must be a finite state (n,); got {x0!r}.")
+    check_functions(dae, jax.ShapeDtypeStruct(x0.shape, x0.dtype), args)
+    x, off = _consistent(dae.field, x0, args, jnp.asarray(t0, x0.dtype))
+    if not traced(x):
+        found = bool(np.all(np.isfinite(x))) and float(off) < 1e-6
+        require(
+            found,
+            f"No consistent point with the content of {x0} was found: equations are off by {float(off):.3g}. Start "
+            "nearer to one, and look whether ∂f₂/∂x and E₁ together are nonsingular there.",
+        )
+    return x
+
+
+@eqx.filter_jit
+def _consistent(dae: Constrained, x0, args, t0):
+    """First roughly, from far away; then to rounding."""
+    content = dae.content(t0, x0, args)
+
+    def off(x, _):
+        return jnp.concatenate([dae.content(t0, x, args) - content, dae.constraint(t0, x, args)])
+
+    rough = optimistix.root_find(off, optimistix.Dogleg(1e-6, 1e-6), x0, max_steps=256, throw=False).value
+    x, _ = solved(dae, args, t0, content, rough, jnp.asarray(1e-14, x0.dtype))
+    return x, jnp.max(jnp.abs(off(x, None)), initial=0.0)
+
+
+@eqx.filter_jit
+def tangent_frame(dae: DAE, t0, x0, args) -> Float[Array, "n d"]:
+    """The perturbations that change one component of the content each: the first columns of Ē⁻¹."""
+    return dae.field.lifts(t0, x0, args).content
+
+
+@eqx.filter_jit
+def onto_constraints(dae: DAE, t0, x0, args, frame: Float[Array, "n k"]) -> Float[Array, "n k"]:
+    """Columns, projected onto the tangent space of the constraints at x0 (n,)."""
+    return dae.field.onto(t0, x0, args, frame)
+
+
+@eqx.filter_jit
+def put_on_constraints(field: Constrained, t, x, args) -> Float[Array, " n"]:
+    """The point with the content of x that lies on the constraints."""
+    return landed(field, args, t, x)

@@ -1,0 +1,217 @@
+"""Runge–Kutta methods for E(t) x' = f(t, x): half-explicit, and diagonally implicit with an explicit first stage.
+
+They integrate the content, (E₁ x)' = E₁' x + f₁, and each stage solves for the state that has it and lies on the
+constraints. So they keep the order that they have for ordinary differential equations. Applied to E x' = f as it
+stands they would lose it where E depends on time.
+
+V. H. Linh & N. D. Truong, Electron. Trans. Numer. Anal. 48 (2018) 131, doi:10.1553/etna_vol48s131.
+"""
+
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..checks import positive, require
+from ..daes import parts_of, solved
+from .base import Controller, Field, Method, Step, Tangent
+from .divergences import quadrature
+from .implicit_tableaux import IMPLICIT
+from .linearised import linearised
+from .runge_kutta import TABLEAUX, Tableau, hermite, summed, tabulated
+
+__all__ = ["ESDIRK", "HalfExplicit"]
+
+EXPLICIT = tuple(name for name, table in TABLEAUX.items() if len(table.errors) == 1)
+
+
+class OnConstraints(Method):
+    """What the two kinds have in common."""
+
+    rtol: eqx.AbstractVar[Any]
+    control: eqx.AbstractVar[str]
+    tableau: eqx.AbstractVar[str]
+
+    controller: ClassVar[Controller] = Controller(safety=0.9, shrink=0.2, grow=5.0, now=1.0, last=0.0)  # (13), (14)
+    solves: ClassVar[bool] = True
+    each_step: ClassVar[bool] = True  # what is left of a column beside the others is then known to the tolerance
+
+    @property
+    def table(self) -> Tableau:
+        """The coefficients."""
+        return TABLEAUX[self.tableau] if self.tableau in TABLEAUX else IMPLICIT[self.tableau]
+
+    @property
+    def atol(self) -> Any:
+        """Errors are measured against rtol (1 + |x|)."""
+        return self.rtol
+
+    @property
+    def fixed_step(self) -> Any:
+        """The error estimate controls h."""
+        return None
+
+    @property
+    def error_order(self) -> int:
+        """The power of h by which the error estimate falls."""
+        return self.table.order
+
+    @property
+    def way_points(self) -> int:
+        """The points of all stages but the first, and the end where it is none of them."""
+        return len(self.table.a) + (not self.table.last_is_next)
+
+    def stages(self, t, h):
+        """For these points: weights of the slopes before, times, and shares of their own slopes (None: none have)."""
+        weights, times = tabulated(self.table, t, h)
+        own = np.arange(self.way_points) < len(self.table.a)
+        return weights, times, self.table.diagonal * h * jnp.asarray(own, times.dtype) if self.table.diagonal else None
+
+    def step(self, field: Field, t, x, f, h) -> Step:
+        """One step over h from (t, x)."""
+        dae, args = parts_of(field, x.shape[0])
+        start, slope, lifts = dae.content(t, x, args), dae.slope(t, x, args), dae.lifts(t, x, args)
+        sign = lifts.sign
+
+        def stage(state, given):
+            point, lifts, slopes, last, same = state
+            i, weights, at, share = given
+            base = start + h * (weights @ slopes)
+            ahead = base if share is None else base + share * last
+            guess = point + lifts.content @ (ahead - dae.content(at, point, args))
+            point, lifts = solved(dae, args, at, base, guess, self.rtol, share)
+            slope = dae.slope(at, point, args)
+            # Where det Ē changes its sign on the way there was a singular point: that is no step.
+            same = same & ((lifts.sign == sign) if share is None else True)
+            return (point, lifts, slopes.at[i].set(slope), slope, same), point
+
+        slopes = jnp.zeros((self.way_points + 1, *slope.shape), slope.dtype).at[0].set(slope)
+        given = jnp.arange(1, self.way_points + 1), *self.stages(t, h)
+        (new, lifts, slopes, _, same), way = jax.lax.scan(stage, (x, lifts, slopes, slope, jnp.asarray(True)), given)
+        error = jnp.where(same, lifts.content @ (h * summed(self.table.errors[0], slopes)), jnp.inf)
+        slope = field(t + h, new)
+        return Step(new, slope, error[None], (x, f, new, slope, h), self.nodes_of(t, h, x, (way,)), (), (way,))
+
+    def tangent(self, field: Field, t, x, h, frame, way=()) -> Tangent:
+        """The same method for the linearised equations, in the same stages."""
+        (way,), new = (way, None) if way else self._on_the_way(field, t, x, h)
+        first = linearised(field, t, x)
+        start, slope = first.content(frame), first.slope(frame)
+
+        def stage(state, given):
+            _, _, slopes = state
+            i, (weights, at, share), point = given
+            here = linearised(field, at, point, share)
+            moved = here.lift @ (start + h * jnp.tensordot(weights, slopes, 1))
+            return (moved, here.lift, slopes.at[i].set(here.slope(moved))), None
+
+        slopes = jnp.zeros((self.way_points + 1, *slope.shape), slope.dtype).at[0].set(slope)
+        given = jnp.arange(1, self.way_points + 1), self.stages(t, h), way
+        (moved, lift, slopes), _ = jax.lax.scan(stage, (frame, first.lift, slopes), given)
+        errors = lift @ (h * summed(self.table.errors[0], slopes))
+        return Tangent(new, moved, errors[None], self.nodes_of(t, h, x, (way,)), ((), ()))
+
+    def _on_the_way(self, field, t, x, h):
+        done = self.step(field, t, x, field(t, x), h)
+        return done.way, done.x
+
+    def blank_way(self, x):
+        """Room for the points on the way."""
+        return (jnp.zeros((self.way_points, *x.shape), x.dtype),)
+
+    def nodes_of(self, t, h, x, way):
+        """Times and points of the stages."""
+        times = [t, *(t + c * h for c in self.table.c)]
+        return times, [x, *way[0][: len(times) - 1]]
+
+    def inside(self, dense, theta):
+        """The cubic Hermite interpolant of the step at the fraction theta."""
+        x0, f0, x1, f1, h = dense
+        return hermite(theta, x0, h * f0, x1, h * f1)
+
+    def divergence(self, field: Field, nodes, h):
+        """∫ tr Df dt over the step by the weights b at the stages."""
+        return h * quadrature(field, self.table.b, *nodes)
+
+    def state_ratio(self, step: Step, x):
+        """The largest error of a component, over rtol (1 + |x|) (13)."""
+        del x
+        return self.ratio(step.error, self.rtol * (1 + jnp.abs(step.x)))
+
+    def frame_ratio(self, errors, frame, new):
+        """The same of the columns, taken in units of their length at the start."""
+        length = jnp.sqrt(jnp.sum(frame**2, axis=0) + 1e-40)
+        return self.ratio(errors, self.rtol * (length[None, :] + jnp.abs(new)))
+
+
+class HalfExplicit(OnConstraints):
+    """An explicit Runge–Kutta method for an `lh.DAE`, with error control; the constraints hold in every stage.
+
+    A step passes where max |error_i| / (1 + |x_i|) ≤ rtol, for the state and, with control="xY", for each column of the
+    frame in units of its length; h ← 0.9 h (rtol/error)^(1/p), by no more than a factor of 5.
+
+    Args:
+        rtol: the tolerance.
+        control: "xY", the frame's errors are controlled too; "x", the state's alone.
+        tableau: "dopri5", "tsit5" or "dopri8".
+
+    Raises:
+        ValueError: on an unknown tableau or control, on a tolerance that is not positive.
+
+    Source:
+        V. H. Linh & V. Mehrmann, J. Comput. Appl. Math. 262 (2014) 346, doi:10.1016/j.cam.2013.09.049.
+
+    Example:
+        >>> import lyaphybrid as lh
+        >>> lh.HalfExplicit(rtol=1e-6).tableau
+        'dopri5'
+    """
+
+    tableau: str = eqx.field(static=True)
+    control: str = eqx.field(static=True)
+    rtol: Any
+
+    def __init__(self, rtol: Any = 1e-9, control: str = "xY", tableau: str = "dopri5"):
+        _check(rtol, control, tableau, EXPLICIT)
+        self.rtol, self.control, self.tableau = rtol, control, tableau
+
+
+class ESDIRK(OnConstraints):
+    """A singly diagonally implicit Runge–Kutta method with an explicit first stage, for a stiff `lh.DAE` or `lh.Flow`.
+
+    Errors and steps as for `lh.HalfExplicit`.
+
+    Args:
+        tableau: "esdirk34" (Jørgensen, Kristensen & Thomsen; it goes on by its weights of order 4), "kvaerno3",
+            "kvaerno4" or "kvaerno5".
+        rtol: the tolerance.
+        control: "xY", the frame's errors are controlled too; "x", the state's alone.
+
+    Raises:
+        ValueError: on an unknown tableau or control, on a tolerance that is not positive.
+
+    Source:
+        J. B. Jørgensen, M. R. Kristensen & P. G. Thomsen, A family of ESDIRK integration methods (2018),
+        arXiv:1803.01613; A. Kværnø, BIT 44 (2004) 489, doi:10.1023/B:BITN.0000046811.70614.38.
+
+    Example:
+        >>> import lyaphybrid as lh
+        >>> lh.ESDIRK("kvaerno5", rtol=1e-8).error_order
+        5
+    """
+
+    tableau: str = eqx.field(static=True)
+    control: str = eqx.field(static=True)
+    rtol: Any
+
+    def __init__(self, tableau: str = "kvaerno5", rtol: Any = 1e-8, control: str = "xY"):
+        _check(rtol, control, tableau, tuple(IMPLICIT))
+        self.rtol, self.control, self.tableau = rtol, control, tableau
+
+
+def _check(rtol, control, tableau, known) -> None:
+    require(tableau in known, f"Unknown tableau {tableau!r}; the tableaux are {', '.join(known)}.")
+    require(control in ("x", "xY"), f"control must be 'xY' (state and frame) or 'x' (state alone); got {control!r}.")
+    positive("rtol", rtol)

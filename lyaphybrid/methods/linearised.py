@@ -1,0 +1,57 @@
+"""A field linearised at a point on the way of a step: what frames need of it, constraints or not."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from ..columns import each_column
+from ..daes import Constrained, is_constrained, parts_of
+from ..linear_systems import times
+
+__all__ = ["Along", "linearised"]
+
+
+class Along(NamedTuple):
+    """Linear functions of frames (n, k)."""
+
+    lift: Array  # (n, d), times E₁ Y is Y
+    content: Callable  # Y ↦ E₁ Y
+    slope: Callable  # Y ↦ (E₁ Y)' = E₁' Y + A₁ Y
+    derivative: Callable  # Y ↦ Y' = Ē⁻¹ [A₁; −A₂'] Y
+
+
+def linearised(field: Any, t, x: Array, share: Any = None) -> Along:
+    """A field linearised at (t, x); with a share the lift is that of an implicit stage."""
+    if share is None and not is_constrained(field):
+
+        def slope(frame):
+            return each_column(lambda dx: jax.jvp(lambda x: field(t, x), (x,), (dx,))[1], frame)
+
+        return Along(jnp.eye(x.shape[0], dtype=x.dtype), lambda frame: frame, slope, slope)
+    dae, args = parts_of(field, x.shape[0])
+    return _along(dae, args, t, x, share)
+
+
+def _along(dae: Constrained, args, t, x, share) -> Along:
+    lifts = dae.lifts(t, x, args, share)
+
+    def slope(frame):
+        return each_column(lambda dx: jax.jvp(lambda x: dae.slope(t, x, args), (x,), (dx,))[1], frame)
+
+    def derivative(frame):
+        onwards = jnp.ones_like(t), dae.velocity(lifts, t, x, args)
+
+        def rates(dx):
+            def below(t, x):  # A₂ dx
+                return jax.jvp(lambda x: dae.constraint(t, x, args), (x,), (dx,))[1]
+
+            rate = jax.jvp(lambda x: dae.residual(t, x, args), (x,), (dx,))[1]
+            return rate[: dae.n_differential], jax.jvp(below, (t, x), onwards)[1]
+
+        differential, turning = each_column(rates, frame)
+        return lifts.content @ differential - lifts.constraint @ turning
+
+    return Along(lifts.content, lambda frame: times(dae.rows(t, args), frame), slope, derivative)
