@@ -87,6 +87,26 @@ def _friction(adaptive: bool, t1: float) -> Case:
     return Case("time", t1, _ours("friction", adaptive, every), _reference(references.run_friction, "time", adaptive))
 
 
+def _spring_damper(continuous: bool, t1: float) -> Case:
+    run = references.run_spring_damper
+    return Case("time", t1, _ours("spring_damper", continuous), _reference(run, "time", continuous))
+
+
+def _spring_damper_sweep(lanes: float) -> Case:
+    def reference(lanes: float) -> Make:
+        def run() -> dict[str, Any]:
+            result = references.run_spring_damper_sweep(round(lanes))
+            return {"exponents": result.exponents.mean(axis=0).tolist(), "events": 0, "steps": result.steps}
+
+        def make():
+            run()
+            return run, lanes
+
+        return make
+
+    return Case("lane", lanes, _ours("spring_damper_sweep"), reference)
+
+
 def _hard_disks(t1: float) -> Case:
     return Case("collision", t1, _ours("hard_disks"), _reference(references.run_hard_disks, "steps"))
 
@@ -117,6 +137,9 @@ CASES = {
     "disks_n64": _many_disks(64, 64, 2560),
     "disks_n64_lapack": _many_disks(64, 64, 2560, lapack=True),
     "disks_n256_lapack": _many_disks(256, 64, 256, lapack=True),
+    "dae_discrete": _spring_damper(False, 7.5e4),
+    "dae_continuous": _spring_damper(True, 7.5e5),
+    "dae_sweep": _spring_damper_sweep(1000),
     "impact_diffrax": _impact_diffrax(2.5e3),
 }
 

@@ -120,6 +120,47 @@ def friction(adaptive: bool, every: float, t1: float) -> Make:
     return _oscillator(RUBBED, start, args, adaptive, *method, t1=t1, every=every)
 
 
+def spring_damper(continuous: bool, t1: float) -> Make:
+    """The DAE of the spring with a damper; the work is counted in units of time."""
+
+    def make():
+        problem = lh.zoo.spring_damper_dae(**problems.SPRING_PARAMETERS)
+        method = lh.HalfExplicit(rtol=problems.SPRING_TOL)
+        method = lh.ContinuousQR(method) if continuous else method
+        run = _runner(problem.system, problems.SPRING_START, problem.args, t1=t1, method=method, k=2)
+        run()
+        return run, t1
+
+    return make
+
+
+def dampings_swept(dampings):
+    """Exponents (lanes, 2) for each damping, one after the other; `jax.jit` makes one loop of it."""
+    method = lh.HalfExplicit(rtol=problems.SPRING_TOL)
+
+    def lane(damping):
+        problem = lh.zoo.spring_damper_dae(**(problems.SPRING_PARAMETERS | {"damping": damping}))
+        t1 = problems.SPRING_SWEEP_T1
+        return problem.spectrum(t1=t1, transient=0.0, k=2, method=method, blocks=2).exponents
+
+    return jax.lax.map(lane, dampings)
+
+
+def spring_damper_sweep(lanes: float) -> Make:
+    """Many dampings; the work is counted in lanes, and the exponents are means over them."""
+
+    def make():
+        swept, dampings = jax.jit(dampings_swept), jnp.linspace(*problems.SPRING_DAMPINGS, round(lanes))
+
+        def run():
+            return {"exponents": np.asarray(swept(dampings)).mean(axis=0).tolist(), "events": 0}
+
+        run()
+        return run, lanes
+
+    return make
+
+
 def many_disks(n: int, every: int, collisions: float) -> Make:
     """Hard disks in number, all columns."""
 

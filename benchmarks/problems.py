@@ -41,6 +41,15 @@ DISKS_START = (
     *(-1.1469246887266566, -0.9830783046228485, 0.49153915231142425, -0.8192319205190405),
 )
 
+# Example 5.1 of Linh, Truong & Tuyen, doi:10.52825/dae-p.v3i.2632; the columns lie in the tangent space at the start
+SPRING_PARAMETERS = {"stiffness": 1.0, "cubic": 1.0, "damping": 2.0, "radius": 2.0, "mass": 1.0, "inertia": 4.0}
+SPRING_START = (1.0, 1.0, 0.5, 0.0)
+SPRING_COLUMNS = ((1.0, 0.0), (0.0, 1.0), (0.0, 0.5), (2.0, -1.0))
+SPRING_TOL = 1e-6
+SPRING_T1 = (1000.0, 10_000.0)  # of the tables in the paper
+SPRING_DAMPINGS = (1.5, 2.5)  # of the sweep, the first and the last
+SPRING_SWEEP_T1 = 100.0
+
 
 def paired_frame(n: int) -> np.ndarray:
     """The frame (2n, 2n) with columns e_q1 … e_qn, e_pn … e_p1 that Hamiltonian systems start from."""

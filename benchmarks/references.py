@@ -31,6 +31,9 @@ _SIGNATURES = {
     "friction_fixed": [ctypes.c_double] * 2 + [_Array] * 5 + [_Counts],
     "friction_adaptive": [ctypes.c_double] * 4 + [_Array] * 5 + [_Counts],
     "hard_disks": [ctypes.c_double, ctypes.c_int64] + [_Array] * 4 + [ctypes.c_int64, _Array, _Counts],
+    "spring_damper_discrete": [ctypes.c_double] * 2 + [_Array] * 4 + [_Counts],
+    "spring_damper_continuous": [ctypes.c_double] * 2 + [_Array] * 4 + [_Counts],
+    "spring_damper_sweep": [ctypes.c_int64] + [ctypes.c_double] * 2 + [_Array] * 3 + [_Counts],
     "many_disks": [ctypes.c_int64] * 2
     + [ctypes.c_double]
     + [ctypes.c_int64] * 2
@@ -47,15 +50,15 @@ class NoCompilerError(RuntimeError):
 class Result(NamedTuple):
     """What one run of a reference returns."""
 
-    sums: np.ndarray  # (k,) Σ ln R_ii
-    x: np.ndarray  # (n,)
+    sums: np.ndarray  # (k,) Σ ln R_ii; of a sweep (lanes, k)
+    x: np.ndarray  # (n,) at the end; empty for a sweep
     time: float
     steps: int  # steps taken, or collisions
     events: int = 0
     rejected: int = 0
     losses: int = 0  # friction: of the second column
     log: tuple = ()  # hard disks: times (m,) and pairs (m, 2) of the first collisions
-    frame: np.ndarray = np.empty((0, 0))  # many disks: (4n, k), at the end
+    frame: np.ndarray = np.empty((0, 0))  # many disks (4n, k), spring (4, 2): at the end
 
     @property
     def exponents(self) -> np.ndarray:
@@ -154,6 +157,26 @@ def run_hard_disks(t1: float, frame: np.ndarray | None = None, log_size: int = 0
     every, box = problems.DISKS_EVERY, np.array(problems.DISKS_BOX)
     collisions = library().hard_disks(t1, every, box, x, frame, sums, log_size, times, pairs)
     return Result(sums, x, t1, collisions, events=collisions, log=(times, pairs))
+
+
+def run_spring_damper(t1: float, continuous: bool, tol: float = problems.SPRING_TOL) -> Result:
+    """The DAE of the spring with a damper, by the discrete or the continuous QR method; growth after the first QR."""
+    run = library().spring_damper_continuous if continuous else library().spring_damper_discrete
+    columns, triangle = np.linalg.qr(np.array(problems.SPRING_COLUMNS))
+    frame = np.ascontiguousarray(columns * np.sign(np.diagonal(triangle)))
+    x, sums, counts = np.array(problems.SPRING_START), np.zeros(2), np.zeros(1, dtype=np.int64)
+    parameters = np.array(list(problems.SPRING_PARAMETERS.values()))
+    steps = run(t1, tol, parameters, x, frame, sums, counts)
+    return Result(sums, x, t1, steps, rejected=int(counts[0]), frame=frame)
+
+
+def run_spring_damper_sweep(lanes: int, t1: float = problems.SPRING_SWEEP_T1) -> Result:
+    """The same by the discrete method, for `lanes` values of the damping one after the other."""
+    parameters = np.tile(list(problems.SPRING_PARAMETERS.values()), (lanes, 1))
+    parameters[:, list(problems.SPRING_PARAMETERS).index("damping")] = np.linspace(*problems.SPRING_DAMPINGS, lanes)
+    sums, counts, start = np.zeros((lanes, 2)), np.zeros(1, dtype=np.int64), np.array(problems.SPRING_START[:2])
+    steps = library().spring_damper_sweep(lanes, t1, problems.SPRING_TOL, parameters, start, sums, counts)
+    return Result(sums, np.empty(0), t1, steps, rejected=int(counts[0]))
 
 
 class Check(NamedTuple):
@@ -272,6 +295,32 @@ def _check_hard_disks() -> list[Check]:
     ]
 
 
+# The growth of orthonormalised columns over the paper's two times, to all digits; and the steps that Table 1 has for
+# the discrete method over the first of them.
+SPRING_EXPONENTS = ((-0.17982701889600464, -2.8206929901660955), (-0.17739461191053466, -2.822657388995675))
+SPRING_STEPS = 10_890
+
+
+def _check_spring_damper(continuous: bool) -> list[Check]:
+    name = "spring, continuous" if continuous else "spring, discrete"
+    runs = [run_spring_damper(t1, continuous) for t1 in problems.SPRING_T1]
+    checks = [
+        Check(f"{name}: exponents at {run.time:g}", run.exponents, np.array(known), 1e-5)
+        for run, known in zip(runs, SPRING_EXPONENTS, strict=True)
+    ]
+    fine = run_spring_damper(problems.SPRING_T1[0], continuous, tol=1e-10)
+    checks.append(Check(f"{name}: exponents, fine", fine.exponents, np.array(SPRING_EXPONENTS[0]), 1e-9))
+    checks.append(Check(f"{name}: orthonormal columns", fine.frame.T @ fine.frame, np.eye(2), 1e-14))
+    if not continuous:
+        checks.append(Check(f"{name}: steps", np.array(runs[0].steps), np.array(SPRING_STEPS), 0.03 * SPRING_STEPS))
+    return checks
+
+
+def _check_spring_damper_sweep() -> list[Check]:
+    sweep, alone = run_spring_damper_sweep(3), run_spring_damper(problems.SPRING_SWEEP_T1, continuous=False)
+    return [Check("spring, sweep: the middle lane", sweep.exponents[1], alone.exponents, 1e-12)]
+
+
 def validate() -> list[Check]:
     """Checks of every reference against known values; a few seconds."""
     return [
@@ -285,4 +334,7 @@ def validate() -> list[Check]:
         *_check_friction(adaptive=True),
         *_check_friction_methods(),
         *_check_hard_disks(),
+        *_check_spring_damper(continuous=False),
+        *_check_spring_damper(continuous=True),
+        *_check_spring_damper_sweep(),
     ]

@@ -11,9 +11,9 @@ from jaxtyping import Array, Float
 
 from ._tracing import traced
 from .checks import check_functions, require
-from .daes import DAE, Constrained, landed, solved
+from .daes import DAE, ILL, RANK, Constrained, fields_of, landed, solved
 
-__all__ = ["consistent_start", "onto_constraints", "put_on_constraints", "tangent_frame"]
+__all__ = ["check_constraints", "consistent_start", "onto_constraints", "put_on_constraints", "tangent_frame"]
 
 
 def consistent_start(dae: DAE, x0, args: Any = None, *, t0: Any = 0.0) -> Float[Array, " n"]:
@@ -54,6 +54,46 @@ def consistent_start(dae: DAE, x0, args: Any = None, *, t0: Any = 0.0) -> Float[
             "nearer to one, and look whether ∂f₂/∂x and E₁ together are nonsingular there.",
         )
     return x
+
+
+def check_constraints(system: Any, x, t0, args: Any) -> None:
+    """Ask, where values are known, whether E is as n_differential says, and a DAE strangeness-free at its start x (n,).
+
+    Raises:
+        ValueError: on a row of E that should be zero and is not, or the other way round; on a singular [E₁; ∂f₂/∂x].
+    """
+    fields = [field for field in fields_of(system) if isinstance(field, Constrained)]
+    if not fields or traced((x, t0, args)):
+        return
+    check_functions(system, jax.ShapeDtypeStruct(x.shape, x.dtype), args)
+    for field in fields:
+        leading, whole = map(np.asarray, _matrices(field, t0, x, args))
+        d, size = field.n_differential, max(float(np.max(np.abs(leading))), 1e-300)
+        below = np.flatnonzero(np.max(np.abs(leading[d:]), axis=1, initial=0.0) > RANK * size)
+        require(
+            len(below) == 0,
+            f"n_differential = {d}, but row {d + 1 + below[:1].sum()} of leading(t0, args) is not zero: put the "
+            "differential equations first; lh.DAE.reduced does it for any E of constant rank.",
+        )
+        rank = int(np.linalg.matrix_rank(leading[:d], tol=RANK * size))
+        require(
+            rank == d,
+            f"n_differential = {d}, but leading(t0, args) has rank {rank}. lh.DAE.reduced brings any E of constant "
+            "rank into the form that is wanted.",
+        )
+        if isinstance(system, DAE):
+            scaled = whole / np.maximum(np.linalg.norm(whole, axis=1, keepdims=True), 1e-300)
+            require(
+                np.linalg.cond(scaled) < ILL,
+                "[E₁; ∂f₂/∂x] must be nonsingular at the start: either constraints depend on each other there, or the "
+                "differentiation index is above one; differentiate the constraints until it is one.",
+            )
+
+
+@eqx.filter_jit
+def _matrices(field: Constrained, t, x, args):
+    """E and Ē."""
+    return field.leading(t, args), field.whole(t, x, args)
 
 
 @eqx.filter_jit

@@ -112,10 +112,14 @@ class Constrained(eqx.Module):
         correction = self.lifts(t, x, args).constraint @ self.constraint(t, x, args)
         return jnp.max(jnp.abs(correction) / (1 + jnp.abs(x)))
 
+    def whole(self, t, x, args):
+        """Ē (n, n)."""
+        below = jax.jacfwd(lambda x: self.constraint(t, x, args))(x)
+        return jnp.concatenate([jnp.asarray(self.rows(t, args), x.dtype), below])
+
     def is_singular(self, t, x, args):
         """Whether Ē is singular, or nearly; or a row of E that should be zero is not."""
-        below = jax.jacfwd(lambda x: self.constraint(t, x, args))(x)
-        whole = jnp.concatenate([jnp.asarray(self.rows(t, args), x.dtype), below])
+        whole = self.whole(t, x, args)
         size = jnp.sum(jnp.abs(whole), axis=1, keepdims=True)
         scaled = whole / jnp.where(size == 0, 1.0, size)
         backward, _ = inverse(scaled)

@@ -379,7 +379,7 @@ def _repeated(goes_on, step, state, little: bool):
 
 def _tidy(settings: Settings, clock: Clock, carry: Carry, ahead, interval, spread):
     """Orthonormalise: where it is due, and at the end of a block so that the sum rule closes."""
-    before = carry.growth
+    before, carry = carry.growth, settings.mover.kept_to_constraints(carry, clock)
     if settings.mover.jumps_uncontrolled and settings.mover.may_lose_rank:
         # After many jumps rounding alone makes columns dependent: that is unresolved, not lost.
         absolute = jnp.where(carry.since <= 1, frames.LOST, jnp.where(carry.since <= LONGEST_BLIND, 0.0, -jnp.inf))

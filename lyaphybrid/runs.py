@@ -21,6 +21,7 @@ from . import propagation
 from ._compiler import lean_jit
 from ._tracing import array, traced
 from .checks import check_clocks, check_functions, real
+from .consistency import check_constraints
 from .daes import Constrained, fields_of
 from .events import Wiring, projection, wire
 from .methods import HalfExplicit, RungeKutta
@@ -106,7 +107,9 @@ def prepare(system, x0, args, t0, method, mode, name: str = "x0") -> tuple[Probl
     # Python floats would be compiled in as constants: as arrays they may change without compiling again.
     args, method = as_arrays(args, x0.dtype), as_arrays(_method_for(system, method), x0.dtype)
     check_clocks(system, args)
-    return Problem(system, method, args, shape), x0, array(t0, x0.dtype), _mode_index(system, mode)
+    t0 = array(t0, x0.dtype)
+    check_constraints(system, x0 if x0.ndim == 1 else x0[0], t0, args)
+    return Problem(system, method, args, shape), x0, t0, _mode_index(system, mode)
 
 
 def as_arrays(tree, dtype):

@@ -48,6 +48,24 @@ def test_both_sides_of_the_friction_pendulum_agree(adaptive):
     np.testing.assert_allclose(found.exponents, other.exponents, rtol=0, atol=1e-7)
 
 
+@pytest.mark.parametrize("continuous", [False, True])
+def test_both_sides_of_the_spring_damper_agree(continuous):
+    method = lh.HalfExplicit(rtol=problems.SPRING_TOL)
+    problem = lh.zoo.spring_damper_dae(**problems.SPRING_PARAMETERS)
+    start, method = np.array(problems.SPRING_START), lh.ContinuousQR(method) if continuous else method
+    found = problem.spectrum(x0=start, t1=100.0, transient=0.0, k=2, method=method, blocks=2)
+    other = references.run_spring_damper(100.0, continuous)
+    np.testing.assert_allclose(found.exponents, other.exponents, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(np.abs(found.frame), np.abs(other.frame), rtol=0, atol=1e-6)
+
+
+def test_both_sides_of_the_spring_damper_sweep_agree():
+    from benchmarks import ours
+
+    found = ours.dampings_swept(np.linspace(*problems.SPRING_DAMPINGS, 3))
+    np.testing.assert_allclose(found, references.run_spring_damper_sweep(3).exponents, rtol=0, atol=1e-8)
+
+
 def test_the_c_takes_square_roots_by_an_instruction(tmp_path):
     # A call that may set errno in a loop costs the hard disks a factor of 2.7, and flattered our ratios once.
     careless = tuple(flag for flag in references.FLAGS if flag != "-fno-math-errno")

@@ -45,6 +45,18 @@ def test_intervals_approach_their_limits():
     assert_allclose(found.steklov, [3.0], rtol=0, atol=1e-2)
 
 
+@pytest.mark.slow
+def test_limits_by_large_steps():
+    """Up to t = 1e8 by the continuous QR method: a step may be as long as what is looked at."""
+    method = lh.ContinuousQR(lh.RungeKutta("dopri5", rtol=1e-6, atol=1e-9))
+    found = lh.spectral_intervals(SLOW, [0.0, 0.0], t1=1e8, window=1e5, tau=1e3, method=method)
+    print(found)
+    assert_allclose(found.lyapunov, [[-1, 1], [-6, -4]], rtol=0, atol=1e-2)
+    assert_allclose(found.sacker_sell, [[-ROOT, ROOT], [-5 - ROOT, -5 + ROOT]], rtol=0, atol=1e-2)
+    assert_allclose(found.steklov, [3.0], rtol=0, atol=1e-2)
+    assert found.separated
+
+
 def test_a_map_in_closed_form():
     """Growth by 2 for ten iterations, by 1/2 for the next ten."""
     halves = lh.Map(lambda n, x, args: x * jnp.where(n % 20 < 10, 2.0, 0.5))

@@ -58,6 +58,7 @@ class Method(eqx.Module):
     control: eqx.AbstractVar[str]
 
     controller: ClassVar[Controller] = Controller()
+    keeps_constraints: ClassVar[bool] = False  # states and frames stay on the constraints of a DAE
     each_step: ClassVar[bool] = False  # frames are orthonormalised after each step, unless users say when
     solves: ClassVar[bool] = False  # stages solve equations: where they ended is worth keeping for the tangent
 

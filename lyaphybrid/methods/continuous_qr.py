@@ -103,6 +103,11 @@ class ContinuousQR(Method):
         return True
 
     @property
+    def keeps_constraints(self) -> bool:
+        """As the method does."""
+        return self.method.keeps_constraints
+
+    @property
     def solves(self) -> bool:
         """Where the stages ended is where the field is linearised."""
         return True

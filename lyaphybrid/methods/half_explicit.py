@@ -36,6 +36,7 @@ class OnConstraints(Method):
 
     controller: ClassVar[Controller] = Controller(safety=0.9, shrink=0.2, grow=5.0, now=1.0, last=0.0)  # (13), (14)
     solves: ClassVar[bool] = True
+    keeps_constraints: ClassVar[bool] = True
     each_step: ClassVar[bool] = True  # what is left of a column beside the others is then known to the tolerance
 
     @property

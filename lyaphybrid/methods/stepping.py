@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 
 from .._jaxprs import is_affine
+from ..columns import each_column
 from ..daes import is_constrained, landed
 from ..events import EPS, Wiring, arm, by_mode, jets, rates, rounding
 from ..propagation import Carry, Clock, Settings, stop
@@ -145,6 +146,14 @@ class Stepping:
             return None
         given = [project or (lambda t, x, dx: dx) for project in w.projections]
         return lambda dx: by_mode(mode, [lambda dx, p=p: p(t, x, dx) for p in given], dx)
+
+    def kept_to_constraints(self, c: Carry, clock: Clock) -> Carry:
+        """The frame, where the method lets it leave the tangent space of the constraints: there it would not decay."""
+        if self.method.keeps_constraints or not self.wiring.constrained:
+            return c
+        project = self.onto_mode(c.own.mode, clock.base + c.s, c.x)
+        assert project is not None, "constraints have a projection"
+        return c._replace(frame=each_column(project, c.frame))
 
     def onto_constraints(self, mode, t, x):
         """The point with the same content that lies on the constraints of a mode."""
