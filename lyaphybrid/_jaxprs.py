@@ -10,7 +10,7 @@ from jax.extend.core import ClosedJaxpr, Literal, jaxpr_as_fun
 
 from ._tracing import traced
 
-__all__ = ["applied", "constant", "divided", "evaluated", "is_affine", "needed", "part_of", "settled"]
+__all__ = ["applied", "by_component", "constant", "divided", "evaluated", "is_affine", "needed", "part_of", "settled"]
 
 
 def part_of(closed: ClosedJaxpr, equations, inputs, outputs) -> Callable[..., list]:
@@ -75,6 +75,24 @@ def is_affine(function: Callable, x) -> bool:
 
 def _variables(atoms) -> set:
     return {v for v in atoms if not isinstance(v, Literal)}
+
+
+def by_component(function: Callable, t, x) -> Callable[[list], Any]:
+    """A function of (t, x) at t, as one of the list of the components of x.
+
+    Where the function itself reads x one component at a time, the list goes in as it is: a component that is held
+    fixed then has no derivative at all, instead of one that is zero, which XLA goes on multiplying with.
+    """
+    closed = jax.make_jaxpr(function)(t, x)
+    time, point = closed.jaxpr.invars
+    reads = [eqn for eqn in closed.jaxpr.eqns if point in eqn.invars]
+    rest = [eqn for eqn in closed.jaxpr.eqns if point not in eqn.invars]
+    one_by_one = all(eqn.primitive.name == "slice" and eqn.outvars[0].aval.shape == (1,) for eqn in reads)
+    if not one_by_one or point in closed.jaxpr.outvars:
+        return lambda components: function(t, jnp.stack(components))
+    of_reads = part_of(closed, rest, [time, *(eqn.outvars[0] for eqn in reads)], closed.jaxpr.outvars)
+    which = [eqn.params["start_indices"][0] for eqn in reads]
+    return lambda components: of_reads(t, *(components[i][None] for i in which))[0]
 
 
 def constant(function: Callable, *example) -> Any:

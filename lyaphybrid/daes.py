@@ -20,7 +20,7 @@ from jaxtyping import Array
 
 from ._jaxprs import constant
 from .frames import orthonormalise
-from .linear_systems import inverse, split, times
+from .linear_systems import inverse, product, split, times
 from .systems import Flow, require_callable
 
 __all__ = [
@@ -69,7 +69,8 @@ class Constrained(eqx.Module):
     def velocity(self, lifts: Lifts, t, x, args):
         """The same where Ē⁻¹ is known."""
         moving = jax.jvp(lambda t: self.constraint(t, x, args), (t,), (jnp.ones_like(t),))[1]
-        return lifts.content @ self.residual(t, x, args)[: self.n_differential] - lifts.constraint @ moving
+        slope = self.residual(t, x, args)[: self.n_differential]
+        return product(lifts.content, slope) - product(lifts.constraint, moving)
 
     def rows(self, t, args):
         """E₁ (d, n); a NumPy array where it is the same at all times and for all parameters."""
@@ -105,11 +106,11 @@ class Constrained(eqx.Module):
         _, along = jax.linearize(lambda x: self.constraint(t, x, args), x)
         turned, sign = inverse(_columns(along, kernel))
         falling = times(kernel, turned)
-        return Lifts(jnp.asarray(right, x.dtype) - falling @ _columns(along, right), falling, sign)
+        return Lifts(jnp.asarray(right, x.dtype) - product(falling, _columns(along, right)), falling, sign)
 
     def distance(self, t, x, args):
         """How far x is from the constraints, relative to 1 + |x|; nan where Ē is singular."""
-        correction = self.lifts(t, x, args).constraint @ self.constraint(t, x, args)
+        correction = product(self.lifts(t, x, args).constraint, self.constraint(t, x, args))
         return jnp.max(jnp.abs(correction) / (1 + jnp.abs(x)))
 
     def whole(self, t, x, args):
@@ -130,7 +131,7 @@ class Constrained(eqx.Module):
 
     def onto(self, t, x, args, dx):
         """The projection Ē⁻¹ [E₁ dx; 0] onto the tangent space of the constraint, which keeps the content."""
-        return self.lifts(t, x, args).content @ self.content(t, dx, args)
+        return product(self.lifts(t, x, args).content, self.content(t, dx, args))
 
 
 def _columns(along, matrix: np.ndarray):
@@ -277,7 +278,7 @@ def solved(dae: Constrained, args, t, base, guess, tolerance, share: Any = None)
         """Newton's, with what is left of the equations at x."""
         own = dae.content(t, x, args)
         own = own if share is None else own - share * dae.slope(t, x, args)
-        return lifts.content @ (base - own) - lifts.constraint @ dae.constraint(t, x, args)
+        return product(lifts.content, base - own) - product(lifts.constraint, dae.constraint(t, x, args))
 
     def again(state):
         tries, x, dx, _ = state

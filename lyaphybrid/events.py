@@ -16,9 +16,10 @@ import numpy as np
 
 from ._jaxprs import settled
 from .daes import Constrained, is_constrained
+from .eliminations import prepared
 from .systems import Bound, Hybrid
 
-__all__ = ["Wiring", "by_mode", "arm", "hermite_root", "projection", "rounding", "turning_point", "wire"]
+__all__ = ["Wiring", "bound", "by_mode", "arm", "hermite_root", "projection", "rounding", "turning_point", "wire"]
 
 EPS = 2.220446049250313e-16
 BLUR = 64 * EPS  # rounding of a guard, relative to its terms
@@ -83,7 +84,7 @@ def wire(system: Hybrid, t, x, args) -> Wiring:
             directed[q, i], transition[q, i], component[q, i] = transitions[j].direction != 0, j, c
     clocks = tuple(j for j, tr in enumerate(transitions) if tr.is_clock)
     return Wiring(
-        tuple(_bind_field(field, args, t, x) for field in fields),
+        tuple(bound(field, args, t, x) for field in fields),
         tuple(settled(_bind_guards([transitions[j] for j in own], slots, args), t, x) for own in per_mode),
         tuple(projection(field, project, args) for field, project in zip(fields, system.tangent, strict=False)),
         directed,
@@ -111,7 +112,9 @@ def _width(guard, t, x, args) -> int:
     return shape[0] if shape else 0
 
 
-def _bind_field(field, args, t, x):
+def bound(field, args, t, x) -> Bound:
+    """A field with its parameters, and what these alone decide computed here and now."""
+    field = prepared(field, t, x, args) if isinstance(field, Constrained) else field
     return Bound(field, args, settled(Bound(field, args), t, x))
 
 

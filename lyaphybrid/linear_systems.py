@@ -8,9 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-__all__ = ["inverse", "split", "times"]
+__all__ = ["inverse", "product", "split", "times"]
 
 UNROLLED = 12  # rows up to which the elimination is written out
+WRITTEN_OUT = 4  # terms of a product that are added one by one
 SPARSE = 0.5  # a known matrix with fewer nonzero entries than this part is applied entry by entry
 
 
@@ -66,10 +67,18 @@ def split(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.linalg.pinv(rows), directions[d:].T
 
 
+def product(a: Array, b: Array) -> Array:
+    """A @ b (n, m) @ (m,) or (m, k); of few terms written out, so that it is part of what comes before and after."""
+    if a.shape[1] > WRITTEN_OUT or a.shape[1] == 0:
+        return a @ b
+    rows = [a[:, j] * b[j] if b.ndim == 1 else a[:, j][:, None] * b[j][None, :] for j in range(a.shape[1])]
+    return sum(rows[1:], rows[0])
+
+
 def times(matrix, x):
     """Matrix @ x; where the matrix is known and mostly empty, without its zeros."""
     if not isinstance(matrix, np.ndarray):
-        return matrix @ x
+        return product(matrix, x)
     if matrix.shape[0] > UNROLLED or np.count_nonzero(matrix) > SPARSE * matrix.size:
         return jnp.asarray(matrix, x.dtype) @ x
     nothing = jnp.zeros(x.shape[1:], x.dtype)

@@ -23,7 +23,7 @@ from ._tracing import array, traced
 from .checks import check_clocks, check_functions, real
 from .consistency import check_constraints
 from .daes import Constrained, fields_of
-from .events import Wiring, projection, wire
+from .events import Wiring, bound, projection, wire
 from .methods import HalfExplicit, RungeKutta
 from .methods.base import Method
 from .methods.exact import Exact
@@ -189,7 +189,8 @@ def mover_of(problem: Problem, t, x):
         return Exact(system, args) if system.schedule is None else Scheduled(system, args, problem.shape)
     if isinstance(system, Flow):
         empty = np.zeros((1, 0), np.int32)
-        fields = (Bound(system.field, args),)
+        of_dae = isinstance(system.field, Constrained)
+        fields = (bound(system.field, args, t, x) if of_dae else Bound(system.field, args),)
         method.require(fields[0], t, x)
         onto = (projection(fields[0], None, args),)
         wiring = Wiring(fields, (), onto, empty, empty, empty, (), empty, (), (), (), False)

@@ -58,9 +58,9 @@ class Method(eqx.Module):
     control: eqx.AbstractVar[str]
 
     controller: ClassVar[Controller] = Controller()
+    takes_slope: ClassVar[bool] = True  # a step begins with the field where it starts
     keeps_constraints: ClassVar[bool] = False  # states and frames stay on the constraints of a DAE
     each_step: ClassVar[bool] = False  # frames are orthonormalised after each step, unless users say when
-    solves: ClassVar[bool] = False  # stages solve equations: where they ended is worth keeping for the tangent
 
     @property
     @abc.abstractmethod
@@ -86,6 +86,11 @@ class Method(eqx.Module):
     def way_points(self) -> int:
         """How many points there are in `Step.way`."""
         return 0
+
+    def solves(self, field: Field) -> bool:
+        """Whether stages solve equations: where they ended is then worth keeping for the tangent."""
+        del field
+        return False
 
     def blank_way(self, x) -> tuple[Array, ...]:
         """Room for `Step.way`."""

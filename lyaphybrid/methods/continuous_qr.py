@@ -17,6 +17,7 @@ from jaxtyping import Array
 from ..checks import require
 from ..daes import is_constrained
 from ..frames import kind_for, orthonormalise
+from ..linear_systems import product
 from .base import Controller, Field, Method, Step, Tangent
 from .half_explicit import HalfExplicit
 from .linearised import Along, linearised
@@ -103,13 +104,18 @@ class ContinuousQR(Method):
         return True
 
     @property
+    def takes_slope(self) -> bool:
+        """As the method does."""
+        return self.method.takes_slope
+
+    @property
     def keeps_constraints(self) -> bool:
         """As the method does."""
         return self.method.keeps_constraints
 
-    @property
-    def solves(self) -> bool:
+    def solves(self, field: Field) -> bool:
         """Where the stages ended is where the field is linearised."""
+        del field
         return True
 
     @property
@@ -161,7 +167,7 @@ class ContinuousQR(Method):
             _, _, slopes, rates = state
             i, weights, at, point = given
             here = linearised(field, at, point)
-            columns = here.lift @ (start + h * jnp.tensordot(weights, slopes, 1))
+            columns = product(here.lift, start + h * jnp.tensordot(weights, slopes, 1))
             slope, rate = _turned(here, columns)
             return (columns, here.lift, slopes.at[i].set(slope), rates.at[i].set(rate)), None
 
@@ -170,7 +176,7 @@ class ContinuousQR(Method):
         (columns, lift, slopes, rates), _ = jax.lax.scan(stage, (frame, first.lift, slopes, rates), given)
         growth, error = (h * summed(one, rates) for one in (table.b, table.errors[0]))
         size = jnp.abs(h) + jnp.max(jnp.abs(growth))  # exponents are means over time
-        errors = [lift @ (h * summed(table.errors[0], slopes)), (error / size)[None, :]]
+        errors = [product(lift, h * summed(table.errors[0], slopes)), (error / size)[None, :]]
         orthonormal, *_ = orthonormalise(columns, kind_for(frame.shape[1]))
         nodes = self.method.nodes_of(t, h, x, way)
         return Tangent(new, orthonormal, jnp.concatenate(errors)[None], nodes, ((), ()), growth)
@@ -178,6 +184,6 @@ class ContinuousQR(Method):
 
 def _turned(here: Along, columns):
     """(E₁ Q)' and the rates of growth w_ii."""
-    turning = columns.T @ here.derivative(columns)
+    turning = product(columns.T, here.derivative(columns))
     upper = jnp.triu(turning) + jnp.tril(turning, -1).T
-    return here.slope(columns) - here.content(columns) @ upper, jnp.diagonal(turning)
+    return here.slope(columns) - product(here.content(columns), upper), jnp.diagonal(turning)

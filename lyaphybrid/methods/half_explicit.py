@@ -15,12 +15,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..checks import positive, require
+from ..columns import each_column
 from ..daes import parts_of, solved
+from ..eliminations import Eliminated
+from ..linear_systems import product
 from .base import Controller, Field, Method, Step, Tangent
 from .divergences import quadrature
+from .forcing import at_times, linear_along, takes_sines
 from .implicit_tableaux import IMPLICIT
 from .linearised import linearised
-from .runge_kutta import TABLEAUX, Tableau, hermite, summed, tabulated
+from .runge_kutta import TABLEAUX, Tableau, along, hermite, summed, tabulated, through, weighed
 
 __all__ = ["ESDIRK", "HalfExplicit"]
 
@@ -35,8 +39,8 @@ class OnConstraints(Method):
     tableau: eqx.AbstractVar[str]
 
     controller: ClassVar[Controller] = Controller(safety=0.9, shrink=0.2, grow=5.0, now=1.0, last=0.0)  # (13), (14)
-    solves: ClassVar[bool] = True
     keeps_constraints: ClassVar[bool] = True
+    takes_slope: ClassVar[bool] = False
     each_step: ClassVar[bool] = True  # what is left of a column beside the others is then known to the tolerance
 
     @property
@@ -70,8 +74,18 @@ class OnConstraints(Method):
         own = np.arange(self.way_points) < len(self.table.a)
         return weights, times, self.table.diagonal * h * jnp.asarray(own, times.dtype) if self.table.diagonal else None
 
+    def solves(self, field: Field) -> bool:
+        """All do."""
+        del field
+        return True
+
+    def _is_direct(self, field: Field) -> bool:
+        return not self.table.diagonal and isinstance(getattr(field, "field", None), Eliminated)
+
     def step(self, field: Field, t, x, f, h) -> Step:
         """One step over h from (t, x)."""
+        if self._is_direct(field):
+            return self._directly(field, t, x, f, h)
         dae, args = parts_of(field, x.shape[0])
         start, slope, lifts = dae.content(t, x, args), dae.slope(t, x, args), dae.lifts(t, x, args)
         sign = lifts.sign
@@ -81,7 +95,7 @@ class OnConstraints(Method):
             i, weights, at, share = given
             base = start + h * (weights @ slopes)
             ahead = base if share is None else base + share * last
-            guess = point + lifts.content @ (ahead - dae.content(at, point, args))
+            guess = point + product(lifts.content, ahead - dae.content(at, point, args))
             point, lifts = solved(dae, args, at, base, guess, self.rtol, share)
             slope = dae.slope(at, point, args)
             # Where det Ē changes its sign on the way there was a singular point: that is no step.
@@ -91,13 +105,47 @@ class OnConstraints(Method):
         slopes = jnp.zeros((self.way_points + 1, *slope.shape), slope.dtype).at[0].set(slope)
         given = jnp.arange(1, self.way_points + 1), *self.stages(t, h)
         (new, lifts, slopes, _, same), way = jax.lax.scan(stage, (x, lifts, slopes, slope, jnp.asarray(True)), given)
-        error = jnp.where(same, lifts.content @ (h * summed(self.table.errors[0], slopes)), jnp.inf)
+        error = jnp.where(same, product(lifts.content, h * summed(self.table.errors[0], slopes)), jnp.inf)
         slope = field(t + h, new)
         return Step(new, slope, error[None], (x, f, new, slope, h), self.nodes_of(t, h, x, (way,)), (), (way,))
+
+    def _directly(self, field: Any, t, x, f, h) -> Step:
+        """The same where the constraints are solved by hand: the ordinary method for the content."""
+        dae, times = field.field, self.times(t, h)
+        new, error, contents = self._of_content(dae, t, dae.content(t, x, None), h)
+        x_new = jnp.stack(dae.components(t + h, new))
+        way = [jnp.stack(dae.components(at, w)) for at, w in zip(times[1:], contents[1:], strict=True)]
+        way = jnp.stack(way if self.table.last_is_next else [*way, x_new])
+        error, slope = dae.raised(dae.sensitivity(t + h, x_new), error), field(t + h, x_new)
+        return Step(x_new, slope, error[None], (x, f, x_new, slope, h), self.nodes_of(t, h, x, (way,)), (), (way,))
+
+    def _of_content(self, dae: Eliminated, t, content, h):
+        """The content after the step, its error, and what it was in all stages."""
+        table = self.table
+        at = at_times(dae.slope_of, t, content, h, table.c)
+        points, slopes = through(table, content, h, dae.slope_of(t, content), [at[float(c)] for c in table.c])
+        new = points[-1] if table.last_is_next else along(content, h, table.b, slopes)
+        return new, h * weighed(table.errors[0], slopes), list(points)
+
+    def _tangent_directly(self, field: Any, t, x, h, frame, way, new) -> Tangent:
+        dae = field.field
+
+        table, times = self.table, self.times(t, h)
+        contents = [dae.content(t, point, None) for point in (x, *way[: len(table.a)])]
+        first, *later = _linear(dae.slope_of, times, contents)
+        change = dae.content(t, frame, None)
+        changes, slopes = through(table, change, h, first(change), later)
+        moved = changes[-1] if table.last_is_next else along(change, h, table.b, slopes)
+        errors = h * weighed(table.errors[0], slopes)
+        sensitivity = dae.sensitivity(t + h, way[-1])
+        moved, errors = dae.raised(sensitivity, moved), dae.raised(sensitivity, errors)
+        return Tangent(new, moved, errors[None], self.nodes_of(t, h, x, (way,)), ((), ()))
 
     def tangent(self, field: Field, t, x, h, frame, way=()) -> Tangent:
         """The same method for the linearised equations, in the same stages."""
         (way,), new = (way, None) if way else self._on_the_way(field, t, x, h)
+        if self._is_direct(field):
+            return self._tangent_directly(field, t, x, h, frame, way, new)
         first = linearised(field, t, x)
         start, slope = first.content(frame), first.slope(frame)
 
@@ -105,13 +153,13 @@ class OnConstraints(Method):
             _, _, slopes = state
             i, (weights, at, share), point = given
             here = linearised(field, at, point, share)
-            moved = here.lift @ (start + h * jnp.tensordot(weights, slopes, 1))
+            moved = product(here.lift, start + h * jnp.tensordot(weights, slopes, 1))
             return (moved, here.lift, slopes.at[i].set(here.slope(moved))), None
 
         slopes = jnp.zeros((self.way_points + 1, *slope.shape), slope.dtype).at[0].set(slope)
         given = jnp.arange(1, self.way_points + 1), self.stages(t, h), way
         (moved, lift, slopes), _ = jax.lax.scan(stage, (frame, first.lift, slopes), given)
-        errors = lift @ (h * summed(self.table.errors[0], slopes))
+        errors = product(lift, h * summed(self.table.errors[0], slopes))
         return Tangent(new, moved, errors[None], self.nodes_of(t, h, x, (way,)), ((), ()))
 
     def _on_the_way(self, field, t, x, h):
@@ -122,10 +170,13 @@ class OnConstraints(Method):
         """Room for the points on the way."""
         return (jnp.zeros((self.way_points, *x.shape), x.dtype),)
 
+    def times(self, t, h) -> list:
+        """Those of the stages."""
+        return [t, *(t + c * h for c in self.table.c)]
+
     def nodes_of(self, t, h, x, way):
         """Times and points of the stages."""
-        times = [t, *(t + c * h for c in self.table.c)]
-        return times, [x, *way[0][: len(times) - 1]]
+        return self.times(t, h), [x, *way[0][: len(self.table.c)]]
 
     def inside(self, dense, theta):
         """The cubic Hermite interpolant of the step at the fraction theta."""
@@ -145,6 +196,17 @@ class OnConstraints(Method):
         """The same of the columns, taken in units of their length at the start."""
         length = jnp.sqrt(jnp.sum(frame**2, axis=0) + 1e-40)
         return self.ratio(errors, self.rtol * (length[None, :] + jnp.abs(new)))
+
+
+def _linear(slope, times, contents) -> list:
+    """The slope, linearised at the points of all stages; with sines these are taken for all at once."""
+    if takes_sines([slope], times[0], contents[0]):
+        return linear_along(slope, times, contents)
+
+    def at(t, w):
+        return lambda frame: each_column(lambda dw: jax.jvp(lambda w: slope(t, w), (w,), (dw,))[1], frame)
+
+    return [at(t, w) for t, w in zip(times, contents, strict=True)]
 
 
 class HalfExplicit(OnConstraints):

@@ -9,7 +9,7 @@ from jaxtyping import Array
 
 from ..columns import each_column
 from ..daes import Constrained, is_constrained, parts_of
-from ..linear_systems import times
+from ..linear_systems import product, times
 
 __all__ = ["Along", "linearised"]
 
@@ -52,6 +52,6 @@ def _along(dae: Constrained, args, t, x, share) -> Along:
             return rate[: dae.n_differential], jax.jvp(below, (t, x), onwards)[1]
 
         differential, turning = each_column(rates, frame)
-        return lifts.content @ differential - lifts.constraint @ turning
+        return product(lifts.content, differential) - product(lifts.constraint, turning)
 
     return Along(lifts.content, lambda frame: times(dae.rows(t, args), frame), slope, derivative)

@@ -16,7 +16,7 @@ from .base import Field, Method, Step, Tangent
 from .divergences import quadrature
 from .forcing import at_times, linear_along
 
-__all__ = ["TABLEAUX", "RungeKutta", "Tableau", "along", "hermite", "summed", "tabulated"]
+__all__ = ["TABLEAUX", "RungeKutta", "Tableau", "along", "hermite", "summed", "tabulated", "through", "weighed"]
 
 
 LITTLE = 12  # components times stages: RK4 in two and three dimensions, but not dopri5 in the plane (measured)
@@ -159,7 +159,7 @@ class RungeKutta(Method):
         """One step over h from (t, x), where f = field(t, x)."""
         table = self.table
         at = at_times(field, t, x, h, (*table.c, 1.0), self.does_little(x.shape[0]))
-        points, slopes = _through(table, x, h, f, [at[float(c)] for c in table.c])
+        points, slopes = through(table, x, h, f, [at[float(c)] for c in table.c])
         new, kept = self._end(x, h, points, slopes)
         slope = slopes[-1] if table.last_is_next else at[1.0](new)
         error = self._errors(h, slopes) if self.adaptive else x[None, :0]
@@ -171,7 +171,7 @@ class RungeKutta(Method):
             return super().tangent(field, t, x, h, frame)
         points = x, *way
         first, *later = linear_along(field, self.times(t, h), points)
-        tangents, slopes = _through(self.table, frame, h, first(frame), later)
+        tangents, slopes = through(self.table, frame, h, first(frame), later)
         moved, kept = self._end(frame, h, tangents, slopes)
         errors = self._errors(h, slopes) if self.adaptive else frame[None, :0]
         return Tangent(None, moved, errors, self.nodes_of(t, h, x, points[1:]), ((), kept))
@@ -204,7 +204,7 @@ class RungeKutta(Method):
         return along(x, h, table.b, slopes), kept
 
     def _errors(self, h, slopes):
-        return jnp.stack([h * _weigh(row, slopes) for row in self.table.errors])
+        return jnp.stack([h * weighed(row, slopes) for row in self.table.errors])
 
     def nodes_of(self, t, h, x, way):
         """Times and points of the stages."""
@@ -246,7 +246,7 @@ def summed(weights, slopes: Array) -> Array:
     return jnp.tensordot(jnp.asarray(weights, slopes.dtype), slopes[: len(weights)], 1)
 
 
-def _through(table: Tableau, x, h, first, fields):
+def through(table: Tableau, x, h, first, fields):
     """The points of all stages, and the slopes there: `first` at x, then by the fields of the later stages."""
     points, slopes = (x,), [first]
     for row, field in zip(table.a, fields, strict=True):
@@ -271,8 +271,8 @@ def _from_points(x, h, table: Tableau, points, last):
     )
 
 
-def _weigh(weights, slopes):
-    """Σ w k."""
+def weighed(weights, slopes):
+    """Σ w k over a list of slopes."""
     return _sum([float(w) * k for w, k in zip(weights, slopes, strict=False) if w != 0])
 
 

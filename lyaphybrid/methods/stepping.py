@@ -110,7 +110,8 @@ class Stepping:
     @property
     def revisits(self) -> bool:
         """Whether a tangent is taken at the points that its trial went through, instead of going there again."""
-        worth_it = self.method.solves or (self.curved and self.dear)
+        solved = any(self.method.solves(field) for field in self.wiring.fields)
+        worth_it = solved or (self.curved and self.dear)
         return worth_it and not self.always_common and self.method.way_points > 0
 
     def in_each_mode(self) -> tuple["Stepping", ...]:
@@ -280,7 +281,8 @@ class Stepping:
 
         step, ratio, g, rate, slope = by_mode(own.mode, [trial(q) for q in range(w.modes)], t, c.x, own.f, h)
         way = step.way if self.revisits and c.frame.shape[1] else ()
-        tr = Trial(None, h, step.x, step.f, ratio, final, g, rate, None, tick, way)
+        f = step.f if self.has_events or self.method.takes_slope else own.f  # what nobody needs is not computed
+        tr = Trial(None, h, step.x, f, ratio, final, g, rate, None, tick, way)
         return self._judge(c, clock, tr, slope, aim)
 
     def common(self, ahead):
