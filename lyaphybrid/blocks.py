@@ -30,7 +30,8 @@ def cadence_for(problem: runs.Problem, every) -> tuple[Cadence, Any]:
     else:
         unit = "steps" if every is None else "time"
     if every is None:
-        return Cadence(unit, not (isinstance(method, Method) and method.each_step)), 1.0
+        each = isinstance(method, Method) and method.each_step
+        return Cadence(unit, not each, each), 1.0
     positive("every", every)
     return Cadence(unit, False, each=unit == "steps" and not traced(every) and every == 1), every
 

@@ -35,6 +35,11 @@ class Eliminated(Constrained):
     solved: tuple[int, ...] = eqx.field(static=True)
     turned: Float[Array, "a a"]
 
+    def content(self, t, x, args):
+        """W: the differential components of a point, or of a frame."""
+        del t, args
+        return jnp.stack([x[i] for i in self.held])
+
     def components(self, t, content) -> list:
         """All components of the point with this content, as a list."""
         known = dict(zip(self.held, content, strict=True)) | dict.fromkeys(self.solved, jnp.zeros_like(content[0]))
@@ -52,8 +57,11 @@ class Eliminated(Constrained):
 
     def raised(self, sensitivity, change):
         """The change of all components with a change (d,) or (d, k) of the content."""
-        found = product(sensitivity, change)
-        rows = dict(zip(self.held, change, strict=True)) | dict(zip(self.solved, found, strict=True))
+        return self.put_together(change, product(sensitivity, change))
+
+    def put_together(self, held, solved):
+        """Components, or rows of a frame, in their order."""
+        rows = dict(zip(self.held, held, strict=True)) | dict(zip(self.solved, solved, strict=True))
         return jnp.stack(self._in_order(rows))
 
     def lifts(self, t, x, args, share: Any = None) -> Lifts:

@@ -313,26 +313,31 @@ def _span(settings: Settings, clock: Clock, within, carry: Carry, ahead, interva
         return enough
 
     def goes_on(state):
-        carry, ahead = state
+        carry, ahead, _ = state
         return within(carry, in_span=True) & mover.common(ahead) & (~is_due(carry) if frequent else True)
 
     def stepping(mover):
         def step(state):
-            carry, ahead = state
+            carry, ahead, spread = state
             carry = mover.step(settings, clock, carry._replace(budget=carry.budget - 1), ahead)
-            return carry, mover.look(carry, clock)
+            if frequent and _at_once(settings):
+                # A step that failed has left the frame orthonormal: nothing is gained or lost by doing it again.
+                carry = carry._replace(frame=carry.frame[:, :k])
+                carry, _, _, spread = _tidy(settings, clock, carry, ahead, interval, spread)
+                carry = carry._replace(frame=_widened(settings, carry.frame))
+            return carry, mover.look(carry, clock), spread
 
         return step
 
     k = carry.frame.shape[1]
     carry = carry._replace(frame=_widened(settings, carry.frame))
     if _step_by_step(settings):
-        carry, ahead = stepping(mover)((carry, ahead))
+        carry, ahead, spread = stepping(mover)((carry, ahead, spread))
     else:
         # Where nothing is rare, the spans are written in numbers too.
         little, movers = mover.does_little(carry.x.shape[0]) and not mover.always_common, mover.in_each_mode()
         loops = [lambda state, one=one: _repeated(goes_on, stepping(one), state, little) for one in movers]
-        carry, ahead = by_mode(getattr(carry.own, "mode", None), loops, (carry, ahead))
+        carry, ahead, spread = by_mode(getattr(carry.own, "mode", None), loops, (carry, ahead, spread))
     carry = carry._replace(frame=carry.frame[:, :k])
     due = frequent and mover.by_rows and is_due(carry)  # to settle such a span is to forget what it did to the frame
     carry, ahead = mover.settle(settings, clock, functools.partial(within, in_span=True), carry, ahead)
@@ -360,11 +365,19 @@ def _step_by_step(settings: Settings) -> bool:
     return settings.mover.always_common and settings.cadence.each
 
 
+def _at_once(settings: Settings) -> bool:
+    """Whether a step and its orthonormalisation are one: a span for each is half as much again."""
+    mover = settings.mover
+    alone = settings.watch is None and not mover.may_lose_rank and not mover.by_rows
+    return alone and settings.cadence.each and not mover.always_common
+
+
 def _widened(settings: Settings, frame):
     """Rows that fill a vector register: not worth it for one step, nor for the few of a map of the plane."""
     if settings.mover.by_rows:
         return frames.staggered(frame)
     few = _step_by_step(settings) or (settings.mover.jumps_uncontrolled and frame.shape[0] < 3)
+    few = few or settings.mover.compares_columns
     return frame if few else frames.widened(frame)
 
 

@@ -266,6 +266,7 @@ def test_many_components(turning):
     assert_allclose(s.exponents, grown.exponents, atol=3 / 20)
 
 
+@pytest.mark.slow
 def test_a_general_leading_matrix_is_reduced():
     """Rows of the semi-explicit problem, mixed by a matrix that turns with time."""
     problem, _ = EXAMPLES["5.1"]
@@ -356,6 +357,7 @@ def test_the_voltage_collapses_under_too_large_a_load():
 # --- options ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_methods_for_ordinary_equations_agree():
     """They integrate x' = Ē⁻¹ [f₁; −∂f₂/∂t]: an independent way to the same exponents."""
     problem, _ = EXAMPLES["5.2"]

@@ -118,8 +118,9 @@ static const double A[ADAPTIVE_STAGES][ADAPTIVE_STAGES - 1] = {
     {35.0 / 384, 0, 500.0 / 1113, 125.0 / 192, -2187.0 / 6784, 11.0 / 84}, /* the weights: FSAL */
 };
 static const double C[ADAPTIVE_STAGES] = {0, 1.0 / 5, 3.0 / 10, 4.0 / 5, 8.0 / 9, 1, 1};
+/* The estimate of diffrax, two thirds of Dormand and Prince's: by theirs the steps would be 8 % shorter than ours. */
 static const double E[ADAPTIVE_STAGES] = {
-    71.0 / 57600, 0, -71.0 / 16695, 71.0 / 1920, -17253.0 / 339200, 22.0 / 525, -1.0 / 40};
+    71.0 / 86400, 0, -142.0 / 50085, 71.0 / 2880, -5751.0 / 169600, 44.0 / 1575, -1.0 / 60};
 
 INLINE Trial dopri5(const System *p, const Point *a, double h)
 {

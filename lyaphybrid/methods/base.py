@@ -58,6 +58,7 @@ class Method(eqx.Module):
     control: eqx.AbstractVar[str]
 
     controller: ClassVar[Controller] = Controller()
+    compares_columns: ClassVar[bool] = False  # a step takes the products of each column with each
     takes_slope: ClassVar[bool] = True  # a step begins with the field where it starts
     keeps_constraints: ClassVar[bool] = False  # states and frames stay on the constraints of a DAE
     each_step: ClassVar[bool] = False  # frames are orthonormalised after each step, unless users say when

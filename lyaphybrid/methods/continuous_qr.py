@@ -8,7 +8,7 @@ orthonormal columns, 𝓔⁻¹Pᵀ = QᵀĒ⁻¹, and P and 𝓔 cancel. Their P
 L. Dieci, R. D. Russell & E. S. Van Vleck, SIAM J. Numer. Anal. 34 (1997) 402, doi:10.1137/S0036142993247311.
 """
 
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -21,7 +21,7 @@ from ..linear_systems import product
 from .base import Controller, Field, Method, Step, Tangent
 from .half_explicit import HalfExplicit
 from .linearised import Along, linearised
-from .runge_kutta import RungeKutta, summed, tabulated
+from .runge_kutta import RungeKutta, Tableau, summed, tabulated
 
 __all__ = ["ContinuousQR"]
 
@@ -53,6 +53,8 @@ class ContinuousQR(Method):
     """
 
     method: Any
+
+    compares_columns: ClassVar[bool] = True
 
     def __init__(self, method: Method):
         if not isinstance(method, HalfExplicit | RungeKutta):
@@ -158,28 +160,34 @@ class ContinuousQR(Method):
         if not way:
             done = self.method.step(field, t, x, field(t, x), h)
             way, new = done.way, done.x
-        weights, times = tabulated(table, t, h)
-        points = way[0] if is_constrained(field) else jnp.stack([*way, x])[: len(times)]
-        first = linearised(field, t, x)
-        start, (slope, rate) = first.content(frame), _turned(first, frame)
-
-        def stage(state, given):
-            _, _, slopes, rates = state
-            i, weights, at, point = given
-            here = linearised(field, at, point)
-            columns = product(here.lift, start + h * jnp.tensordot(weights, slopes, 1))
-            slope, rate = _turned(here, columns)
-            return (columns, here.lift, slopes.at[i].set(slope), rates.at[i].set(rate)), None
-
-        slopes, rates = (jnp.zeros((len(times) + 1, *one.shape), one.dtype).at[0].set(one) for one in (slope, rate))
-        given = jnp.arange(1, len(times) + 1), weights, times, points
-        (columns, lift, slopes, rates), _ = jax.lax.scan(stage, (frame, first.lift, slopes, rates), given)
+        columns, of_columns, rates = _through_stages(table, field, t, x, h, frame, way)
         growth, error = (h * summed(one, rates) for one in (table.b, table.errors[0]))
         size = jnp.abs(h) + jnp.max(jnp.abs(growth))  # exponents are means over time
-        errors = [product(lift, h * summed(table.errors[0], slopes)), (error / size)[None, :]]
         orthonormal, *_ = orthonormalise(columns, kind_for(frame.shape[1]))
-        nodes = self.method.nodes_of(t, h, x, way)
-        return Tangent(new, orthonormal, jnp.concatenate(errors)[None], nodes, ((), ()), growth)
+        nodes, errors = self.method.nodes_of(t, h, x, way), jnp.concatenate([of_columns, (error / size)[None, :]])
+        return Tangent(new, orthonormal, errors[None], nodes, ((), ()), growth)
+
+
+def _through_stages(table: Tableau, field, t, x, h, frame, way):
+    """Q after the step, its error, and the rates (stages, k). Written out, stages would be computed over and over."""
+    weights, times = tabulated(table, t, h)
+    # Those of the stages, and of the end; of an ordinary field nothing is asked there.
+    points = way[0] if is_constrained(field) else jnp.stack([*way, x])[: len(times)]
+    first = linearised(field, t, x)
+    start, (slope, rate) = first.content(frame), _turned(first, frame)
+
+    def stage(state, given):
+        _, _, slopes, rates = state
+        i, weights, at, point = given
+        here = linearised(field, at, point)
+        columns = product(here.lift, start + h * jnp.tensordot(weights, slopes, 1))
+        slope, rate = _turned(here, columns)
+        return (columns, here.lift, slopes.at[i].set(slope), rates.at[i].set(rate)), None
+
+    slopes, rates = (jnp.zeros((len(times) + 1, *one.shape), one.dtype).at[0].set(one) for one in (slope, rate))
+    given = jnp.arange(1, len(times) + 1), weights, times, points
+    (columns, lift, slopes, rates), _ = jax.lax.scan(stage, (frame, first.lift, slopes, rates), given)
+    return columns, product(lift, h * summed(table.errors[0], slopes)), rates
 
 
 def _turned(here: Along, columns):

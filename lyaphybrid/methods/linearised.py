@@ -9,6 +9,7 @@ from jaxtyping import Array
 
 from ..columns import each_column
 from ..daes import Constrained, is_constrained, parts_of
+from ..eliminations import Eliminated
 from ..linear_systems import product, times
 
 __all__ = ["Along", "linearised"]
@@ -32,6 +33,8 @@ def linearised(field: Any, t, x: Array, share: Any = None) -> Along:
 
         return Along(jnp.eye(x.shape[0], dtype=x.dtype), lambda frame: frame, slope, slope)
     dae, args = parts_of(field, x.shape[0])
+    if share is None and isinstance(dae, Eliminated):
+        return _along_content(dae, t, x)
     return _along(dae, args, t, x, share)
 
 
@@ -55,3 +58,23 @@ def _along(dae: Constrained, args, t, x, share) -> Along:
         return product(lifts.content, differential) - product(lifts.constraint, turning)
 
     return Along(lifts.content, lambda frame: times(dae.rows(t, args), frame), slope, derivative)
+
+
+def _along_content(dae: Eliminated, t, x) -> Along:
+    """The same in d numbers a column: Q = [dw; L dw] with dw' = D dw, and so Q' = [dw'; L dw' + L' dw]."""
+    w = dae.content(t, x, None)
+    onwards = jnp.ones_like(t), dae.slope_of(t, w)
+    fall, turning = jax.jvp(lambda t, w: dae.sensitivity(t, jnp.stack(dae.components(t, w))), (t, w), onwards)
+    slopes = jax.jacfwd(lambda w: dae.slope_of(t, w))(w)
+
+    def content(frame):
+        return dae.content(t, frame, None)
+
+    def slope(frame):
+        return product(slopes, content(frame))
+
+    def derivative(frame):
+        change = slope(frame)
+        return dae.put_together(change, product(fall, change) + product(turning, content(frame)))
+
+    return Along(dae.raised(fall, jnp.eye(len(w), dtype=x.dtype)), content, slope, derivative)

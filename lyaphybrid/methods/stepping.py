@@ -93,6 +93,11 @@ class Stepping:
         return self.method.does_little(n)
 
     @property
+    def compares_columns(self) -> bool:
+        """Columns that only fill a register would be no less work than others."""
+        return self.method.compares_columns
+
+    @property
     def has_events(self) -> bool:
         """Whether there are transitions at all (a plain flow has none)."""
         return bool(self.wiring.resets)

@@ -1,10 +1,14 @@
 """What movers without modes have in common: no constraints, and nothing between two points."""
 
+from typing import ClassVar
+
 __all__ = ["Unconstrained"]
 
 
 class Unconstrained:
     """Answers of a mover that knows no modes and no constraints."""
+
+    compares_columns: ClassVar[bool] = False
 
     def does_little(self, n: int) -> bool:
         """Arrays are as good as numbers here."""
