@@ -67,7 +67,8 @@ def check_constraints(system: Any, x, t0, args: Any) -> None:
         return
     check_functions(system, jax.ShapeDtypeStruct(x.shape, x.dtype), args)
     for field in fields:
-        leading, whole = map(np.asarray, _matrices(field, t0, x, args))
+        with jax.ensure_compile_time_eval():  # values that are known are known under jit, too
+            leading, whole = map(np.asarray, _matrices(field, t0, x, args))
         d, size = field.n_differential, max(float(np.max(np.abs(leading))), 1e-300)
         below = np.flatnonzero(np.max(np.abs(leading[d:]), axis=1, initial=0.0) > RANK * size)
         require(

@@ -387,6 +387,25 @@ def test_fewer_exponents_and_other_frames():
     assert_allclose(frame.exponents, two.exponents, atol=1e-6)
 
 
+def test_indicators_live_on_the_constraints():
+    """As many vectors as there are exponents, and what they say is what they say of the flow."""
+    constrained, smooth = zoo.lorenz_dae(), zoo.lorenz63()
+    volumes = lh.gali(constrained.system, constrained.x0, constrained.args, t1=30.0, transient=10.0, blocks=2)
+    assert volumes.orders == (2, 3)
+    plain = lh.gali(smooth.system, smooth.x0, smooth.args, t1=30.0, transient=10.0, blocks=2)
+    assert_allclose(volumes.log_values[-1, 1] / plain.log_values[-1, 1], 1.0, atol=0.1)  # the sum of three gaps
+    vectors = lh.covariant_vectors(
+        constrained.system, constrained.x0, constrained.args, t1=5.0, blocks=10, transient=20.0, settle=20.0
+    )
+    assert vectors.vectors.shape[1:] == (4, 3)
+    below = jax.vmap(jax.jacfwd(lambda x: constrained.system.field.constraint(0.0, x, constrained.args)))(vectors.x)
+    assert_allclose(below @ vectors.vectors, 0.0, atol=1e-6)
+    with pytest.raises(ValueError, match="in a space of 3 dimensions"):
+        lh.covariant_vectors(constrained.system, constrained.x0, constrained.args, t1=5.0, k=4)
+    found = lh.two_trajectories(constrained.system, constrained.x0, constrained.args, t1=200.0, transient=20.0)
+    assert abs(float(found.exponent) - 0.906) < 0.3
+
+
 def test_derivatives_pass_through():
     problem, _ = EXAMPLES["5.1"]
 
@@ -401,6 +420,8 @@ def test_derivatives_pass_through():
     assert_allclose(jax.jacfwd(end)(2.0), differences(1e-4), atol=1e-6)
     matrix = lh.tangent_map(problem.system, problem.x0, problem.args, t1=1.0, method=lh.HalfExplicit(1e-11)).matrix
     assert np.linalg.matrix_rank(matrix, tol=1e-9) == 2
+    steps = jax.jit(lambda n: problem.spectrum(t1=10.0, max_steps=n).exponents)(10**6)  # all else is known
+    assert bool(jnp.all(jnp.isfinite(steps)))
     compiled = jax.jit(lambda b: problem.spectrum(t1=100.0, args=problem.args | {"damping": b}).exponents)(2.0)
     assert_allclose(compiled, problem.spectrum(t1=100.0).exponents, atol=1e-10)
 

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array
 
 from ..checks import positive, require, whole
+from ..daes import degrees_of_freedom
 from ..propagation import Carry, Seen
 from ..statuses import status_of
 from ..systems import EventDriven, Flow, Hybrid, Map
@@ -163,7 +164,7 @@ def covariant_vectors(
     positive("t1, a length,", t1)
     n = np.shape(x0)[-1] if np.ndim(x0) else 1
     require(np.ndim(x0) == 1, f"x0 must have shape (n,); got {np.shape(x0)}.")
-    number = n if k is None else k
+    number = degrees_of_freedom(system, n) if k is None else k
     whole("k", number, least=1)
     transient, settle = (0.5 * t1 if length is None else length for length in (transient, settle))
     piece = t1 / blocks

@@ -9,6 +9,7 @@ from .. import frames, runs
 from .._tracing import array, traced
 from ..blocks import cadence_for, each_step_of, ends_of_blocks, is_zero, targets_for
 from ..checks import attempts, require, whole
+from ..daes import degrees_of_freedom
 from ..propagation import Watch
 from ..results import RunFailed
 from ..statuses import STATUS
@@ -58,7 +59,8 @@ def follow(
     attempts(max_steps)
     problem, x0, t0, mode = runs.prepare(system, x0, args, t0, method, mode)
     n = x0.shape[-1]
-    require(k <= n, f"{k} deviation vectors were asked for, in a space of {n} dimensions.")
+    most = degrees_of_freedom(system, n)
+    require(k <= most, f"{k} deviation vectors were asked for, in a space of {most} dimensions.")
     frame = generic_frame(n, k, x0.dtype) if frame is None else _checked(frame, n, k, x0.dtype)
     cadence, interval = each_step_of(problem) if each_step else cadence_for(problem, every)
     plan = runs.Plan(cadence, frames.kind_for(k), False, 0, False, x0.ndim == 2, collect, watch)
