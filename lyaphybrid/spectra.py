@@ -57,15 +57,17 @@ def lyapunov_spectrum(
     the vectors cross by the saltation matrix.
 
     Args:
-        system: an `lh.Flow`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
+        system: an `lh.Flow`, `lh.DAE`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
         x0: start, shape (n,); or (m, n) for m runs at once.
         args: pytree of parameters handed to the user's functions.
         t1: length of the run after the transient, in units of the clock (iterations for a map).
         t0: time at the start.
         transient: length of the run before growth is counted; the frame evolves too.
         mode: name or index of the mode at the start; needed where there are several.
-        k: number of exponents; None: n.
-        frame: (n, k) initial columns; None: unit vectors, in the paired order where the system is canonical.
+        k: number of exponents; None: n, or n_differential of an `lh.DAE`.
+        frame: (n, k) initial columns; None: unit vectors, in the paired order where the system is canonical. Of an
+            `lh.DAE` they are projected onto the tangent space of the constraints; None: the changes of one component of
+            the content E₁ x each.
         method: None: adaptive `lh.RungeKutta`, for an `lh.DAE` `lh.HalfExplicit`; maps and event-driven systems
             have none.
         every: orthonormalise each so many iterations (maps), steps (fixed dt), units of time (adaptive) or jumps
@@ -86,8 +88,9 @@ def lyapunov_spectrum(
         throw: raise where the run failed; False returns the result with its status.
 
     Returns:
-        A `Spectrum`. Its `status` is ok, terminated, max_steps, zeno, deadlock, nonfinite or step_underflow; its
-        `notes` may hold rank_lost, grazing, simultaneous, unresolved, interrupted.
+        A `Spectrum`. Its `status` is ok, terminated, max_steps, zeno, deadlock, nonfinite or step_underflow, of a DAE
+        also inconsistent_start, singular_dae or constraint_drift; its `notes` may hold rank_lost, grazing,
+        simultaneous, unresolved, interrupted.
 
     Raises:
         ValueError: on arguments that do not fit, before any computing.

@@ -166,9 +166,10 @@ class Hybrid(eqx.Module):
     """A hybrid system: one or several modes that flow, and transitions between them.
 
     Args:
-        fields: one field (a callable ``(t, x, args) -> dx/dt`` or a ``Flow``), or ``{"mode": field, …}``; the
-            order of the dictionary is the order of the mode indices. None: jumps only, the flow set is empty
-            and the first transition's reset is iterated.
+        fields: one field (a callable ``(t, x, args) -> dx/dt``, a ``Flow`` or a ``DAE``), or ``{"mode": field, …}``;
+            the order of the dictionary is the order of the mode indices. None: jumps only, the flow set is empty
+            and the first transition's reset is iterated. After a jump into a mode that is a DAE the state is put onto
+            its constraints, the content E₁ x being kept.
         transitions: one ``Transition`` or a sequence of them.
         tangent: ``{"mode": (t, x, args, dx) -> dx}``, the projection onto the tangent space of a mode in which
             the motion is constrained.
