@@ -29,7 +29,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     Example:
         >>> from lyaphybrid.__main__ import main
-        >>> main(["papers", "linh"])
+        >>> main(["papers", "dinious"])
         2
     """
     try:
@@ -91,7 +91,7 @@ def _parser() -> argparse.ArgumentParser:
         "papers", help="a paper's tables and figures", description="A paper's tables and figures."
     )
     papers.set_defaults(run=_papers)
-    papers.add_argument("paper", metavar="PAPER", help="dinius, fu or skokos")
+    papers.add_argument("paper", metavar="PAPER", help="dinius, fu, linh or skokos")
     papers.add_argument("--quick", action="store_true", help="shorter runs, nothing else")
     papers.add_argument("--out", type=Path, default=Path(OUT), metavar="DIR", help=f"folder (default: {OUT})")
     return parser

@@ -6,10 +6,9 @@
 
 import importlib
 
-__all__ = ["AVAILABLE", "ANNOUNCED", "get"]
+__all__ = ["AVAILABLE", "get"]
 
-AVAILABLE = ("dinius", "fu", "skokos")
-ANNOUNCED = ("linh",)  # of later versions
+AVAILABLE = ("dinius", "fu", "linh", "skokos")
 
 
 def get(name: str):
@@ -21,8 +20,6 @@ def get(name: str):
     Raises:
         ValueError: on another name.
     """
-    if name in ANNOUNCED:
-        raise ValueError(f"The paper {name!r} is not in this version; there are: {', '.join(AVAILABLE)}.")
     if name not in AVAILABLE:
         raise ValueError(f"There is no paper {name!r}; there are: {', '.join(AVAILABLE)}.")
     return importlib.import_module(f"{__name__}.{name}")

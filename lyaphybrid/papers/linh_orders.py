@@ -1,0 +1,86 @@
+"""Orders of the half-explicit method with and without the reformulation (9), (E x)' = E'x + f, by equal steps."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..daes import Constrained, landed
+from ..methods import HalfExplicit
+from ..methods.runge_kutta import TABLEAUX
+from ..systems import Bound
+from .linh_tables import problem_of
+
+__all__ = ["COUNTS", "ORDERS", "end", "errors_at_end", "unreformulated"]
+
+COUNTS = (8, 16, 32, 64, 128)  # of equal steps over a unit of time
+NEWTON = 6  # iterations, of the method without the reformulation
+ENOUGH = 2000  # of order 8, for the exact end
+
+
+def _advance(example: str, kind: str):
+    """One step, (t, x, h) -> x."""
+    system, _, args = problem_of(example)
+    field, dae = Bound(system.field, args), system.field
+    if kind == "unreformulated":
+        return functools.partial(unreformulated, dae, args)
+    method = HalfExplicit(rtol=1e-14, tableau="dopri8") if kind == "exact" else HalfExplicit(rtol=1e-13)
+
+    def advance(t, x, h):
+        done = method.step(field, t, x, field(t, x), h)
+        return landed(dae, args, t + h, done.x - done.error[0]) if kind == "embedded" else done.x
+
+    return advance
+
+
+def unreformulated(dae: Constrained, args, t, x, h):
+    """Dormand and Prince's step for E x' = f as it stands: E₁(T_i) K_i = f₁(T_i, U_i), and f₂ = 0 in the next stage."""
+    table, d, count = TABLEAUX["dopri5"], dae.n_differential, len(TABLEAUX["dopri5"].a)
+    weights = np.zeros((count, count))
+    for i, row in enumerate(table.a):
+        weights[i, : i + 1] = row
+    nodes = np.array([0.0, *table.c])
+
+    def stage(state, given):
+        point, slopes, guess = state
+        i, row, share, now, ahead = given
+        slope, rows = dae.residual(t + now * h, point, args)[:d], dae.leading(t + now * h, args)[:d]
+        base, share = x + h * (row @ slopes), h * share
+
+        def left(k):
+            return jnp.concatenate([rows @ k - slope, dae.constraint(t + ahead * h, base + share * k, args) / share])
+
+        k = jax.lax.fori_loop(0, NEWTON, lambda _, k: k - jnp.linalg.solve(jax.jacfwd(left)(k), left(k)), guess)
+        return (base + share * k, slopes.at[i].set(k), k), None
+
+    given = np.arange(count), np.tril(weights, -1), np.diag(weights), nodes[:-1], nodes[1:]
+    start = x, jnp.zeros((count, *x.shape), x.dtype), jnp.zeros_like(x)
+    return jax.lax.scan(stage, start, jax.tree.map(jnp.asarray, given))[0][0]
+
+
+def end(example: str, kind: str, counts) -> np.ndarray:
+    """X(1) by so many equal steps, for each of the counts."""
+    _, x0, _ = problem_of(example)
+    advance = _advance(example, kind)
+
+    @jax.jit
+    def run(count):
+        h = 1.0 / count.astype(x0.dtype)
+        return jax.lax.fori_loop(0, count, lambda i, x: advance(i.astype(x0.dtype) * h, x, h), x0)
+
+    return np.stack([np.asarray(run(jnp.asarray(count, jnp.int32))) for count in counts])
+
+
+ORDERS = {
+    "propagated": ("5.2", "propagated"),
+    "embedded": ("5.2", "embedded"),
+    "without (9)": ("5.2", "unreformulated"),
+    "without (9), constant E": ("5.1", "unreformulated"),
+}
+
+
+def errors_at_end(name: str) -> np.ndarray:
+    """Of x(1), largest component, for each of `COUNTS`; `name`: one of `ORDERS`."""
+    example, kind = ORDERS[name]
+    return np.max(np.abs(end(example, kind, COUNTS) - end(example, "exact", (ENOUGH,))), axis=1)

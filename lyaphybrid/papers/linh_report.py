@@ -1,0 +1,188 @@
+"""The tables and the numbers of the reproduction of Linh, Truong & Tuyen."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from . import linh_checks
+from .linh_orders import COUNTS
+from .linh_tables import EXAMPLES, SHORT, TABLES, TOLERANCES, Row, exact
+from .output import plain
+
+if TYPE_CHECKING:
+    from . import linh
+
+__all__ = ["numbers", "table"]
+
+HEADS = ("T", "TOL", "λ1 paper", "exact", "ours", "λ2 paper", "exact", "ours", "off", "ours", "steps", "ours", "ratio",
+         "CPU s", "ours")  # fmt: skip
+WIDTHS = (5, 5, 11, 11, 11, 11, 11, 11, 6, 5, 6, 7, 5, 8, 7)
+INTRODUCTION = """Linh, Truong & Tuyen: Lyapunov exponents of semi-linear DAEs by QR methods with error control
+
+Exact: λ_i + C_i/T, with C_i as the algorithm counts. off: the larger |λ − exact| over TOL, in the paper and ours.
+ratio: our steps over the paper's. CPU s: in the paper (Core i5, 2.7 GHz, Matlab R2022a), and ours on this machine,
+compiled before.
+Continuous: here the errors of φ are controlled too, hence up to three times the steps, and smaller errors."""
+CORRECTIONS = """Corrections:
+  1. Discrete tables count ln R(t0), continuous ones do not: they differ by ln R(t0)_ii/T, ln R(t0) = {initial}.
+  2. ESDIRK34 goes on by its weights of order 4, for these have the errors of Table 9; it is then not L-stable.
+  3. The errors of the continuous tables are those of φ += h w(t + h), the right rectangle rule, as far as shown below.
+  4. The errors at TOL = 1e-4 of Tables 1, 3, 5, 6 and 9 are those of the tolerance: with equations solved far
+     below it they are as large, and fall with it.
+  5. The coefficients of ESDIRK54b are in no source that could be found. Kværnø's 5/4a (kvaerno5) runs in its place in
+     Tables 4 and 10: its steps and errors are not to be compared with the paper's."""
+
+
+def table(r: "linh.Reproduction") -> str:
+    """Tables 1 to 10, and in a few lines what is beside them."""
+    lines = [INTRODUCTION]
+    for one in TABLES:
+        runs = "" if one.tableau in ("dopri5", "esdirk34") else ", ours by kvaerno5"
+        lines += ["", f"Table {one.number}: {EXAMPLES[one.example]}, {one.algorithm} QR, {one.pair}{runs}", ""]
+        lines += [_line(HEADS), *(_line(_row(row, found)) for row, found in r.of(one))]
+    initial = ", ".join(f"{v:.6f}" for v in r.initial)
+    lines += ["", CORRECTIONS.format(initial=initial), ""]
+    for part in (_rectangle, _accuracy, _ordinary, _theorem, _orders):
+        lines += [*part(r), ""]
+    failed = [name for name, holds in r.checks.items() if not holds]
+    lines.append(f"FAILED: {'; '.join(failed)}" if failed else f"passed: all {len(r.checks)} checks hold")
+    return "\n".join(line.rstrip() for line in lines)
+
+
+def _line(cells) -> str:
+    return " ".join(f"{cell:>{width}s}" for cell, width in zip(cells, WIDTHS, strict=True))
+
+
+def _signed(value: float, digits: int = 8) -> str:
+    return f"{value:.{digits}f}".replace("-", "−")
+
+
+def _power(tolerance: float) -> str:
+    return f"{tolerance:.0e}".replace("e-0", "e-")
+
+
+def _row(row: Row, found: "linh.Found") -> tuple[str, ...]:
+    values = (_signed(v) for i in (0, 1) for v in (row.exponents[i], row.exact[i], found.exponents[i]))
+    return (
+        str(row.length),
+        _power(row.tolerance),
+        *values,
+        f"{linh_checks.off(row, row.exponents):.1f}",
+        f"{linh_checks.off(row, found.exponents):.1f}",
+        str(row.steps),
+        str(found.steps),
+        f"{found.steps / row.steps:.2f}",
+        f"{row.seconds:.3f}",
+        f"{found.seconds:.4f}",
+    )
+
+
+def _rectangle(r: "linh.Reproduction"):
+    yield "λ1, λ2 less the exact ones at T = 1000, continuous: in the paper; ours by the right rectangle rule; ours"
+    truth = exact("continuous", SHORT)
+    for number, example in ((2, "5.1"), (7, "5.2"), (8, "5.2 fast")):
+        pairs = [pair for pair in zip(r.rows, r.found, strict=True) if pair[0] in linh_checks.rows_at(r, number)]
+        for (row, found), rule in zip(pairs, r.rectangle[example], strict=True):
+            parts = (_pair(np.asarray(one) - truth) for one in (row.exponents, rule, found.exponents))
+            yield f"  Table {number}, {_power(row.tolerance)}: {'; '.join(parts)}"
+
+
+def _pair(values) -> str:
+    return ", ".join(f"{v:+.1e}".replace("-", "−") for v in values)
+
+
+def _accuracy(r: "linh.Reproduction"):
+    yield f"The larger error over TOL, TOL = {', '.join(_power(tol) for tol in TOLERANCES)}:"
+    for (example, algorithm), errors in r.accuracy.items():
+        yield f"  {EXAMPLES[example]}, {algorithm}: {_few(np.max(errors, axis=1) / TOLERANCES, 2)}"
+
+
+def _ordinary(r: "linh.Reproduction"):
+    yield f"Remark 5.3: Example 5.1 as an ordinary equation (dopri5, discrete QR), T = {r.lengths[-1]}, beside the"
+    yield "DAEs of Tables 1 and 5 (in brackets over the ordinary equation's time). The constraints of Example 5.1 are"
+    yield "linear in x3 and x4, which are eliminated here too. The equations of Example 5.2 are solved by iteration."
+    for run in r.ordinary:
+        values = ", ".join(_signed(v) for v in run.exponents)
+        times = (
+            f"{name} {s:.4f} s ({s / run.seconds:.1f})" for name, s in (("5.1", run.of_dae), ("5.2", run.of_turning))
+        )
+        yield f"  {_power(run.tolerance)}: {values}; {run.seconds:.4f} s; {', '.join(times)}"
+
+
+def _theorem(r: "linh.Reproduction"):
+    found, slope = r.linearisation, linh_checks.slope_of_linearisation(r)
+    yield f"Theorem 4.1, Example 5.1: max |f_x(ψ) − f_x(φ)| ~ TOL^{slope:.2f}, and N ε with N = {found.bound[-1]:.3f}:"
+    for tolerance, distance, difference, bound in zip(
+        TOLERANCES, found.distance, found.difference, found.bound, strict=True
+    ):
+        yield f"  {_power(tolerance):>5s}: {difference:.2e} ≤ {bound * distance:.2e}"
+
+
+def _orders(r: "linh.Reproduction"):
+    yield "Orders of the half-explicit method of Dormand and Prince with equal steps, by the error at t = 1:"
+    names = {
+        "propagated": "reformulated as in (9), Example 5.2",
+        "embedded": "the same, embedded weights",
+        "without (9)": "without the reformulation, Example 5.2",
+        "without (9), constant E": "without the reformulation, Example 5.1 (E is constant)",
+    }
+    for name, text in names.items():
+        yield f"  {text}: {linh_checks.order(r.orders[name]):.2f}"
+
+
+def _few(values, digits: int) -> str:
+    return " ".join(f"{v:.{digits}f}" for v in values)
+
+
+def numbers(r: "linh.Reproduction") -> dict[str, Any]:
+    """All numbers, ready for JSON."""
+    return {
+        "paper": "V. H. Linh, N. D. Truong & P. Q. Tuyen, On computation of Lyapunov exponents by QR methods with "
+        "error control for semi-linear DAEs, DAE Panel 3 (2025), doi:10.52825/dae-p.v3i.2632",
+        "tables": [
+            {
+                "table": row.table.number,
+                "example": row.table.example,
+                "algorithm": row.table.algorithm,
+                "pair_in_the_paper": row.table.pair,
+                "pair": row.table.tableau,
+                "T": row.length,
+                "tolerance": row.tolerance,
+                "exact": plain(row.exact),
+                "in_the_paper": {"exponents": list(row.exponents), "steps": row.steps, "cpu_seconds": row.seconds},
+                "ours": {"exponents": plain(found.exponents), "steps": found.steps, "seconds": found.seconds},
+            }
+            for row, found in zip(r.rows, r.found, strict=True)
+        ],
+        "initial_log_r": plain(r.initial),
+        "right_rectangle": {example: plain(values) for example, values in r.rectangle.items()},
+        "tolerances": list(TOLERANCES),
+        "errors": {f"{example}, {name}": plain(errors) for (example, name), errors in r.accuracy.items()},
+        "running": {
+            name: {"time": plain(time), "exponents": plain(exponents)} for name, (time, exponents) in r.running.items()
+        },
+        "ordinary": [
+            {
+                "tolerance": run.tolerance,
+                "T": run.length,
+                "exponents": plain(run.exponents),
+                "seconds": run.seconds,
+                "seconds_of_example_5_1": run.of_dae,
+                "seconds_of_example_5_2": run.of_turning,
+            }
+            for run in r.ordinary
+        ],
+        "theorem_4_1": {
+            "distance": plain(r.linearisation.distance),
+            "difference": plain(r.linearisation.difference),
+            "bound": plain(r.linearisation.bound),
+            "slope": linh_checks.slope_of_linearisation(r),
+        },
+        "orders": {
+            "steps": list(COUNTS),
+            "errors": {name: plain(errors) for name, errors in r.orders.items()},
+            "slopes": {name: linh_checks.order(errors) for name, errors in r.orders.items()},
+        },
+        "checks": r.checks,
+        "passed": r.passed,
+    }
