@@ -16,6 +16,7 @@ from jaxtyping import Array, Float, Int
 __all__ = ["KINDS", "orthonormalise", "refill", "staggered", "unit_vectors", "widened"]
 
 KINDS = ("mgs", "lapack", "cholesky")
+FEW = 4  # up to so many rows a product is written out: no loop
 UNROLL = 16  # up to so many columns Gram–Schmidt is unrolled: 1.2 to 1.5 times as fast as a loop, but longer to compile
 BLOCKS_FROM = 32  # from so many columns on products of matrices are faster (n=64: 58 µs, column by column 148)
 PANEL = 32  # columns of a panel, at most
@@ -125,9 +126,16 @@ def _by_columns(frame, floors=None):
     return _scaled(jnp.stack(y, axis=1), jnp.stack(squares))
 
 
+def _overlaps(column, rest):
+    """Column @ rest."""
+    if len(column) > FEW:
+        return column @ rest
+    return functools.reduce(jnp.add, [one * row for one, row in zip(column, rest, strict=True)])
+
+
 def _remove(rest, column, j: int | Array, floors):
     """Take the direction of column j out of all later columns; also |column j|²."""
-    overlap = column @ rest
+    overlap = _overlaps(column, rest)
     square = overlap[j]
     share = jnp.where(jnp.arange(rest.shape[1]) > j, overlap * _inverse(square, floors, j), 0.0)
     return rest - column[:, None] * share[None, :], square

@@ -319,17 +319,19 @@ def _span(settings: Settings, clock: Clock, within, carry: Carry, ahead, interva
     def stepping(mover):
         def step(state):
             carry, ahead, spread = state
+            if at_once:  # the trial and its tangent side by side
+                ahead = mover.look(carry, clock)
             carry = mover.step(settings, clock, carry._replace(budget=carry.budget - 1), ahead)
-            if frequent and _at_once(settings):
+            if at_once:
                 # A step that failed has left the frame orthonormal: nothing is gained or lost by doing it again.
                 carry = carry._replace(frame=carry.frame[:, :k])
                 carry, _, _, spread = _tidy(settings, clock, carry, ahead, interval, spread)
                 carry = carry._replace(frame=_widened(settings, carry.frame))
-            return carry, mover.look(carry, clock), spread
+            return carry, ahead if at_once else mover.look(carry, clock), spread
 
         return step
 
-    k = carry.frame.shape[1]
+    k, at_once = carry.frame.shape[1], frequent and _at_once(settings)
     carry = carry._replace(frame=_widened(settings, carry.frame))
     if _step_by_step(settings):
         carry, ahead, spread = stepping(mover)((carry, ahead, spread))

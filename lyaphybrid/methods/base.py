@@ -36,7 +36,7 @@ class Step(NamedTuple):
     dense: Any  # what `Method.inside` needs
     nodes: Any  # what `Method.divergence` needs
     stages: tuple[Array, ...] = ()  # (n,) each: points on the way that are used more than once
-    way: tuple[Array, ...] = ()  # the points on the way, where `Method.tangent` can go on from them
+    way: tuple[Array, ...] = ()  # what `Method.tangent` can go on from: the points on the way, or their contents
 
 
 class Tangent(NamedTuple):

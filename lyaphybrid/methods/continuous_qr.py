@@ -101,11 +101,6 @@ class ContinuousQR(Method):
         return self.method.controller
 
     @property
-    def each_step(self) -> bool:
-        """Columns are orthonormal after each step in any case."""
-        return True
-
-    @property
     def takes_slope(self) -> bool:
         """As the method does."""
         return self.method.takes_slope
@@ -160,19 +155,21 @@ class ContinuousQR(Method):
         if not way:
             done = self.method.step(field, t, x, field(t, x), h)
             way, new = done.way, done.x
-        columns, of_columns, rates = _through_stages(table, field, t, x, h, frame, way)
+        points = self.method.points_on(field, t, h, way)
+        columns, of_columns, rates = _through_stages(table, field, t, x, h, frame, points)
         growth, error = (h * summed(one, rates) for one in (table.b, table.errors[0]))
         size = jnp.abs(h) + jnp.max(jnp.abs(growth))  # exponents are means over time
         orthonormal, *_ = orthonormalise(columns, kind_for(frame.shape[1]))
-        nodes, errors = self.method.nodes_of(t, h, x, way), jnp.concatenate([of_columns, (error / size)[None, :]])
+        nodes = self.method.nodes_of(field, t, h, x, way)
+        errors = jnp.concatenate([of_columns, (error / size)[None, :]])
         return Tangent(new, orthonormal, errors[None], nodes, ((), ()), growth)
 
 
-def _through_stages(table: Tableau, field, t, x, h, frame, way):
+def _through_stages(table: Tableau, field, t, x, h, frame, points):
     """Q after the step, its error, and the rates (stages, k). Written out, stages would be computed over and over."""
     weights, times = tabulated(table, t, h)
     # Those of the stages, and of the end; of an ordinary field nothing is asked there.
-    points = way[0] if is_constrained(field) else jnp.stack([*way, x])[: len(times)]
+    points = jnp.stack(points if is_constrained(field) else [*points, x])[: len(times)]
     first = linearised(field, t, x)
     start, (slope, rate) = first.content(frame), _turned(first, frame)
 

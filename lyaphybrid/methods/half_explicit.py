@@ -7,6 +7,7 @@ stands they would lose it where E depends on time.
 V. H. Linh & N. D. Truong, Electron. Trans. Numer. Anal. 48 (2018) 131, doi:10.1553/etna_vol48s131.
 """
 
+import functools
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -28,6 +29,7 @@ from .runge_kutta import TABLEAUX, Tableau, along, hermite, summed, tabulated, t
 
 __all__ = ["ESDIRK", "HalfExplicit"]
 
+FEW = 16  # rows that are compared one by one
 EXPLICIT = tuple(name for name, table in TABLEAUX.items() if len(table.errors) == 1)
 
 
@@ -107,17 +109,16 @@ class OnConstraints(Method):
         (new, lifts, slopes, _, same), way = jax.lax.scan(stage, (x, lifts, slopes, slope, jnp.asarray(True)), given)
         error = jnp.where(same, product(lifts.content, h * summed(self.table.errors[0], slopes)), jnp.inf)
         slope = field(t + h, new)
-        return Step(new, slope, error[None], (x, f, new, slope, h), self.nodes_of(t, h, x, (way,)), (), (way,))
+        return Step(new, slope, error[None], (x, f, new, slope, h), self.nodes_of(field, t, h, x, (way,)), (), (way,))
 
     def _directly(self, field: Any, t, x, f, h) -> Step:
-        """The same where the constraints are solved by hand: the ordinary method for the content."""
-        dae, times = field.field, self.times(t, h)
+        """The same where the constraints are solved by hand: the ordinary method for the content, which is its way."""
+        dae = field.field
         new, error, contents = self._of_content(dae, t, dae.content(t, x, None), h)
+        way = (jnp.stack(contents[1:] if self.table.last_is_next else [*contents[1:], new]),)
         x_new = jnp.stack(dae.components(t + h, new))
-        way = [jnp.stack(dae.components(at, w)) for at, w in zip(times[1:], contents[1:], strict=True)]
-        way = jnp.stack(way if self.table.last_is_next else [*way, x_new])
         error, slope = dae.raised(dae.sensitivity(t + h, x_new), error), field(t + h, x_new)
-        return Step(x_new, slope, error[None], (x, f, x_new, slope, h), self.nodes_of(t, h, x, (way,)), (), (way,))
+        return Step(x_new, slope, error[None], (x, f, x_new, slope, h), self.nodes_of(field, t, h, x, way), (), way)
 
     def _of_content(self, dae: Eliminated, t, content, h):
         """The content after the step, its error, and what it was in all stages."""
@@ -128,18 +129,16 @@ class OnConstraints(Method):
         return new, h * weighed(table.errors[0], slopes), list(points)
 
     def _tangent_directly(self, field: Any, t, x, h, frame, way, new) -> Tangent:
-        dae = field.field
-
-        table, times = self.table, self.times(t, h)
-        contents = [dae.content(t, point, None) for point in (x, *way[: len(table.a)])]
-        first, *later = _linear(dae.slope_of, times, contents)
+        dae, table = field.field, self.table
+        contents = [dae.content(t, x, None), *way[: len(table.a), : dae.n_differential]]
+        first, *later = _linear(dae.slope_of, self.times(t, h), contents)
         change = dae.content(t, frame, None)
         changes, slopes = through(table, change, h, first(change), later)
         moved = changes[-1] if table.last_is_next else along(change, h, table.b, slopes)
         errors = h * weighed(table.errors[0], slopes)
-        sensitivity = dae.sensitivity(t + h, way[-1])
+        sensitivity = dae.sensitivity(t + h, self.points_on(field, t, h, (way,))[-1])
         moved, errors = dae.raised(sensitivity, moved), dae.raised(sensitivity, errors)
-        return Tangent(new, moved, errors[None], self.nodes_of(t, h, x, (way,)), ((), ()))
+        return Tangent(new, moved, errors[None], self.nodes_of(field, t, h, x, (way,)), ((), ()))
 
     def tangent(self, field: Field, t, x, h, frame, way=()) -> Tangent:
         """The same method for the linearised equations, in the same stages."""
@@ -160,23 +159,30 @@ class OnConstraints(Method):
         given = jnp.arange(1, self.way_points + 1), self.stages(t, h), way
         (moved, lift, slopes), _ = jax.lax.scan(stage, (frame, first.lift, slopes), given)
         errors = product(lift, h * summed(self.table.errors[0], slopes))
-        return Tangent(new, moved, errors[None], self.nodes_of(t, h, x, (way,)), ((), ()))
+        return Tangent(new, moved, errors[None], self.nodes_of(field, t, h, x, (way,)), ((), ()))
 
     def _on_the_way(self, field, t, x, h):
         done = self.step(field, t, x, field(t, x), h)
         return done.way, done.x
 
     def blank_way(self, x):
-        """Room for the points on the way."""
+        """Room for the points on the way, or for their contents."""
         return (jnp.zeros((self.way_points, *x.shape), x.dtype),)
 
     def times(self, t, h) -> list:
         """Those of the stages."""
         return [t, *(t + c * h for c in self.table.c)]
 
-    def nodes_of(self, t, h, x, way):
+    def points_on(self, field, t, h, way) -> list:
+        """The points on the way."""
+        if not self._is_direct(field):
+            return list(way[0])
+        dae, times = field.field, [*self.times(t, h)[1:], t + h]
+        return [jnp.stack(dae.components(at, w)) for at, w in zip(times, way[0][:, : dae.n_differential], strict=False)]
+
+    def nodes_of(self, field, t, h, x, way):
         """Times and points of the stages."""
-        return self.times(t, h), [x, *way[0][: len(self.table.c)]]
+        return self.times(t, h), [x, *self.points_on(field, t, h, way)[: len(self.table.c)]]
 
     def inside(self, dense, theta):
         """The cubic Hermite interpolant of the step at the fraction theta."""
@@ -195,7 +201,12 @@ class OnConstraints(Method):
     def frame_ratio(self, errors, frame, new):
         """The same of the columns, taken in units of their length at the start."""
         length = jnp.sqrt(jnp.sum(frame**2, axis=0) + 1e-40)
-        return self.ratio(errors, self.rtol * (length[None, :] + jnp.abs(new)))
+        return _largest(jnp.abs(errors[0]) / (self.rtol * (length[None, :] + jnp.abs(new))))
+
+
+def _largest(ratios):
+    """Of all. Row by row: XLA would look for the largest of each row, which takes longer than all before."""
+    return jnp.max(functools.reduce(jnp.maximum, ratios) if len(ratios) <= FEW else ratios)
 
 
 def _linear(slope, times, contents) -> list:

@@ -163,7 +163,9 @@ class RungeKutta(Method):
         new, kept = self._end(x, h, points, slopes)
         slope = slopes[-1] if table.last_is_next else at[1.0](new)
         error = self._errors(h, slopes) if self.adaptive else x[None, :0]
-        return Step(new, slope, error, (x, f, new, slope, h), self.nodes_of(t, h, x, points[1:]), kept, points[1:])
+        return Step(
+            new, slope, error, (x, f, new, slope, h), self.nodes_of(field, t, h, x, points[1:]), kept, points[1:]
+        )
 
     def tangent(self, field: Field, t, x, h, frame, way=()) -> Tangent:
         """The derivative of the step: the same method, for the linear field dx ↦ Df dx at the points on the way."""
@@ -174,13 +176,13 @@ class RungeKutta(Method):
         tangents, slopes = through(self.table, frame, h, first(frame), later)
         moved, kept = self._end(frame, h, tangents, slopes)
         errors = self._errors(h, slopes) if self.adaptive else frame[None, :0]
-        return Tangent(None, moved, errors, self.nodes_of(t, h, x, points[1:]), ((), kept))
+        return Tangent(None, moved, errors, self.nodes_of(field, t, h, x, points[1:]), ((), kept))
 
     def rare_tangent(self, field: Field, t, x, h, frame, way=()) -> Tangent:
         """The same with a loop over the stages: written out they took a quarter of the time to compile a pendulum."""
         if not way:
             return super().rare_tangent(field, t, x, h, frame)
-        table, nodes = self.table, self.nodes_of(t, h, x, way)
+        table, nodes = self.table, self.nodes_of(field, t, h, x, way)
         times, points = (jnp.stack(each) for each in nodes)
         before = jnp.asarray(np.stack([np.pad(row, (0, len(times) - len(row))) for row in ((), *table.a)]), x.dtype)
 
@@ -206,8 +208,14 @@ class RungeKutta(Method):
     def _errors(self, h, slopes):
         return jnp.stack([h * weighed(row, slopes) for row in self.table.errors])
 
-    def nodes_of(self, t, h, x, way):
+    def points_on(self, field, t, h, way) -> list:
+        """The points on the way."""
+        del field, t, h
+        return list(way)
+
+    def nodes_of(self, field, t, h, x, way):
         """Times and points of the stages."""
+        del field
         return self.times(t, h), [x, *way]
 
     def inside(self, dense, theta):

@@ -19,7 +19,7 @@ from ..daes import is_constrained, landed
 from ..events import EPS, Wiring, arm, by_mode, jets, rates, rounding
 from ..propagation import Carry, Clock, Settings, stop
 from ..statuses import STATUS
-from .base import Field, Method
+from .base import Field, Method, Step
 from .landing import land
 from .trials import (
     ADVANCE,
@@ -271,7 +271,7 @@ class Stepping:
 
         def trial(q):
             def of_mode(t, x, f, h):
-                step = self.method.step(w.fields[q], t, x, f, h)
+                step = self._alike(self.method.step(w.fields[q], t, x, f, h), x)
                 ratio = jax.lax.stop_gradient(self.method.state_ratio(step, x)) if self.rejects else None
                 if not self.has_events:
                     return step, ratio, None, None, None
@@ -289,6 +289,16 @@ class Stepping:
         f = step.f if self.has_events or self.method.takes_slope else own.f  # what nobody needs is not computed
         tr = Trial(None, h, step.x, f, ratio, final, g, rate, None, tick, way)
         return self._judge(c, clock, tr, slope, aim)
+
+    def _alike(self, step: Step, x) -> Step:
+        """What is kept of the way takes the same room in all modes."""
+        if not (self.has_events and self.revisits):
+            return step
+
+        def fit(given, room):
+            return jnp.pad(given, [(0, wide - narrow) for narrow, wide in zip(given.shape, room.shape, strict=True)])
+
+        return step._replace(way=jax.tree.map(fit, step.way, self.method.blank_way(x)))
 
     def common(self, ahead):
         """Rejecting and advancing are common."""

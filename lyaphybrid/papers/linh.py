@@ -174,7 +174,8 @@ class RightRectangle(ContinuousQR):
     def tangent(self, field, t, x, h, frame, way=()):
         """Q after the step, and by how much φ has grown."""
         done = super().tangent(field, t, x, h, frame, way)
-        turning = linearised(field, t + h, way[0][-1] if way else done.x).derivative(done.frame)
+        end = self.method.points_on(field, t, h, way)[-1] if way else done.x
+        turning = linearised(field, t + h, end).derivative(done.frame)
         return done._replace(growth=h * jnp.sum(done.frame * turning, axis=0))
 
 

@@ -24,14 +24,15 @@ def _semi_explicit(d: int, n: int):
 
 def _spring_damper(t, x, args):
     a, b, c, force = x[0], x[1], x[2], x[3]
-    mass, radius, damping, lever = args["mass"], args["radius"], args["damping"], args["radius"] ** 2 / args["inertia"]
-    spring = (args["stiffness"] * a + args["cubic"] * a**3) / mass
+    radius, damping, push = args["radius"], args["damping"], 1 / args["mass"]
+    lever = radius**2 / args["inertia"]
+    spring = (args["stiffness"] * push + args["cubic"] * push * a**2) * a
     return jnp.stack(
         [
             b,
-            -spring - damping / mass * b + force / mass,
+            -spring - damping * push * b + push * force,
             b - radius * c,
-            -spring + (2 * lever - 1 / mass) * damping * b + (lever + 1 / mass) * force,
+            -spring + (2 * lever - push) * damping * b + (lever + push) * force,
         ]
     )
 
