@@ -297,10 +297,9 @@ def test_a_general_leading_matrix_is_reduced():
 @pytest.mark.slow
 def test_lorenz_as_a_dae():
     problem = zoo.lorenz_dae()
-    s = problem.spectrum(t1=4000.0, method=lh.HalfExplicit(1e-7), replicates=8, key=jax.random.key(3))
+    s = problem.spectrum(t1=40_000.0, method=lh.HalfExplicit(1e-7), replicates=8, key=jax.random.key(3))
     reference = np.array(problem.reference.exponents)
-    print(s)
-    assert np.max(np.asarray(s.stderr)) < 3e-3
+    assert np.max(np.asarray(s.stderr)) < 1e-3
     error = np.hypot(np.asarray(s.stderr), problem.reference.stderr)
     assert np.all(np.abs(s.exponents - reference) < 5 * error + np.array([0, 5e-4, 0]))
 
