@@ -17,6 +17,7 @@ from .daes import DAE  # noqa: E402
 from .derivatives import Jacobians, jacobians, saltation_matrix  # noqa: E402
 from .diagrams import BifurcationDiagram, bifurcation_diagram  # noqa: E402
 from .filippov import filippov  # noqa: E402
+from .gradients import Gradient, lyapunov_gradient  # noqa: E402
 from .hamiltonians import Hamiltonian, canonical_flow  # noqa: E402
 from .indicators import (  # noqa: E402
     Alignment,
@@ -80,6 +81,7 @@ __all__ = [
     "covariant_vectors",
     "spectral_intervals",
     "floquet",
+    "lyapunov_gradient",
     "return_map",
     "poincare_section",
     "bifurcation_diagram",
@@ -94,6 +96,7 @@ __all__ = [
     "SpectralIntervals",
     "Floquet",
     "NoPeriodicOrbit",
+    "Gradient",
     "PoincareSection",
     "BifurcationDiagram",
     "STATUS",

@@ -39,6 +39,7 @@ class Floquet(eqx.Module):
         stable: whether all multipliers, but the 1 along the flow of an autonomous system, are inside the unit circle.
         residual: largest |φ_T(x) − x| over the nodes, relative to the size of the orbit.
         monodromy: (n, n), dx(T)/dx(0) at a point of the orbit that may be another than x0, away from events.
+        base: that point, as its time, state and mode.
         mode: index of the mode at x0.
         events: number of jumps in a period.
     """
@@ -50,6 +51,7 @@ class Floquet(eqx.Module):
     stable: bool = eqx.field(static=True)
     residual: float = eqx.field(static=True)
     monodromy: Array
+    base: tuple[float, Array, int]
     mode: int = eqx.field(static=True)
     events: int = eqx.field(static=True)
 
@@ -163,7 +165,7 @@ def _require_period(flow: Motion, period, x) -> None:
 
 
 def _result(flow: Motion, orbit: Orbit, point: Node, autonomous: bool) -> Floquet:
-    n = len(point.x)
+    n, base = len(point.x), orbit.nodes[0]
     matrices = [piece.matrix for piece in orbit.pieces]
     monodromy = functools.reduce(lambda product, matrix: matrix @ product, matrices)
     multipliers = np.linalg.eigvals(monodromy).astype(complex)
@@ -182,6 +184,7 @@ def _result(flow: Motion, orbit: Orbit, point: Node, autonomous: bool) -> Floque
         stable=bool(np.all(others < 1)),
         residual=orbit.residual,
         monodromy=jnp.asarray(monodromy),
+        base=(base.t, jnp.asarray(base.x), 0 if isinstance(flow.problem.system, Map) else flow.mode(base)),
         mode=0 if isinstance(flow.problem.system, Map) else flow.mode(point),
         events=sum(piece.jumps for piece in orbit.pieces),
     )

@@ -34,6 +34,7 @@ __all__ = [
 ]
 
 FINISHED = 1e-13  # residual, relative to the orbit, at which there is nothing left to gain
+SMALL = 1e-6  # an orbit that is smaller is measured against this: it may be the origin
 HALVINGS = 8  # of a Newton step that makes the residual larger
 CLEAR = 0.02  # of the period, which nodes keep between themselves and events, where they can
 NEAR = 1e-6  # of the period: an event that stands at x0 is found within this
@@ -246,7 +247,7 @@ def _shot(flow: Motion, nodes: list[Node], shares, period: float, iteration: int
     """All pieces, from the nodes as they stand."""
     nodes = [flow.consistent(node) for node in nodes]
     pieces = [flow.piece(node, float(share * period)) for node, share in zip(nodes, shares, strict=True)]
-    size = 1e-300 + max(np.max(np.abs(piece.x)) for piece in pieces)
+    size = max(SMALL, *(np.max(np.abs(piece.x)) for piece in pieces))
     residual = max(np.max(np.abs(gap)) for gap in _gaps(pieces)) / size
     return Orbit(nodes, pieces, period, float(residual), iteration)
 

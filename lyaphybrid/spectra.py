@@ -17,7 +17,7 @@ from .results import RunFailed, Spectrum
 from .statuses import STATUS
 from .systems import EventDriven, Flow, Hybrid, Map, iterates
 
-__all__ = ["initial_frame", "lyapunov_spectrum"]
+__all__ = ["initial_frame", "lyapunov_spectrum", "starts"]
 
 CLOCKS = ("time", "jumps", "hybrid")
 AVERAGES = ("uniform", "birkhoff", "birkhoff-regular")
@@ -110,7 +110,9 @@ def lyapunov_spectrum(
     problem, x0, t0, mode = runs.prepare(system, x0, args, t0, method, mode)
     require(not isinstance(system, Flow) or clock != "jumps", "clock='jumps' would never end: an lh.Flow has no jumps.")
     n = x0.shape[-1]
-    x0 = _starts(problem, t0, x0, replicates, key)
+    if replicates is not None:
+        require(x0.ndim == 1, f"replicates and an x0 of shape (m, n) exclude each other; x0 has {x0.shape}.")
+        x0 = starts(problem.system, t0, x0, problem.args, replicates, key)
     frame, initial = initial_frame(problem, t0, x0, frame, k)
     k = int(frame.shape[-1])
     kind = frames.kind_for(k) if orthonormalise == "auto" else orthonormalise
@@ -159,15 +161,12 @@ def _is_key(key) -> bool:
     return hasattr(key, "dtype") and (jnp.issubdtype(key.dtype, jax.dtypes.prng_key) or key.dtype == jnp.uint32)
 
 
-def _starts(problem, t0, x0, replicates, key):
+def starts(system, t0, x0, args, replicates: int, key):
     """The starts of the replicates: x0 perturbed by a relative 1e-6, enough for chaos to forget it."""
-    if replicates is None:
-        return x0
-    require(x0.ndim == 1, f"replicates and an x0 of shape (m, n) exclude each other; x0 has {x0.shape}.")
     noise = jax.random.normal(key, (replicates, *x0.shape), x0.dtype)
     noise = 1e-6 * jnp.maximum(1.0, jnp.abs(x0))[None, :] * noise
-    if isinstance(problem.system, DAE):
-        noise = onto_constraints(problem.system, t0, x0, problem.args, noise.T).T
+    if isinstance(system, DAE):
+        noise = onto_constraints(system, t0, x0, args, noise.T).T
     return x0[None, :] + noise
 
 

@@ -16,6 +16,7 @@ RESULTS = (
     "Trajectory",
     "TangentMap",
     "Floquet",
+    "Gradient",
     "NoPeriodicOrbit",
     "Jacobians",
     "TwoTrajectories",

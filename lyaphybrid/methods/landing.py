@@ -92,17 +92,21 @@ def _orthonormalises(mover, settings: Settings, c: Carry) -> bool:
 
 
 def _polish(mover, clock: Clock, c: Carry, slot, ticking) -> Carry:
-    """Two second-order steps onto the guard; they are differentiable, the location of the root was not."""
+    """Two second-order steps onto the guard; the location of the root was not differentiable, the second of them is.
+
+    Frames move by first order alone: the derivative of a step is right where the step itself is nothing any more.
+    """
     w = mover.wiring
 
     def of_mode(q):
         def polish(t, x, frame, volume):
-            def once(_, state):
+            def once(i, state):
                 t, x, frame, volume, shift = state
                 f, second = jax.jvp(w.fields[q], (t, x), (jnp.ones_like(t), w.fields[q](t, x)))
                 g, rate = rates(w.guards[q], t, x, f)
                 step = -g[slot] / jnp.where(rate[slot] == 0, 1.0, rate[slot])
                 step = jnp.where(ticking | (rate[slot] == 0), 0.0, step)
+                step = jnp.where(i == 0, jax.lax.stop_gradient(step), step)
 
                 def slope(dx):
                     return jax.jvp(lambda y: w.fields[q](t, y), (x,), (dx,))[1]

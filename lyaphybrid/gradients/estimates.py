@@ -1,0 +1,80 @@
+"""What every way to a derivative of exponents takes, and what it finds."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..checks import require
+
+__all__ = ["ArgsOf", "Case", "Estimate", "case_of", "tree_of"]
+
+
+class Case(NamedTuple):
+    """Exponents as a function of the parameters, all of them in one vector θ."""
+
+    system: Any
+    x0: Any  # (n,)
+    theta: np.ndarray  # (p,)
+    args_of: "ArgsOf"  # (p,) ↦ args
+    names: tuple[str, ...]  # (p,) for messages: "rho", "spring[2]"
+    k: int
+    options: Mapping[str, Any]  # t1, t0, transient, mode, method, every, clock of `lyapunov_spectrum`
+
+
+class Estimate(NamedTuple):
+    """Exponents and their derivatives by one method."""
+
+    value: np.ndarray  # (k,)
+    value_stderr: np.ndarray  # (k,)
+    gradient: np.ndarray  # (k, p)
+    stderr: np.ndarray  # (k, p)
+    trust: bool
+    reasons: tuple[str, ...]  # why, or why not: each with the number that decided
+    cost: int  # runs of length t1, or what takes as long
+
+
+def case_of(system, x0, args, k: int, options: Mapping[str, Any]) -> Case:
+    """A case; every floating-point leaf of args is a parameter, all else stays as it is."""
+    args = jax.tree.map(lambda leaf: jnp.asarray(leaf) if isinstance(leaf, float) else leaf, args)
+    free, fixed = eqx.partition(args, eqx.is_inexact_array_like)
+    leaves, structure = jax.tree.flatten(free)
+    require(bool(leaves), "args has no floating-point leaf: there is nothing to differentiate by.")
+    theta = np.concatenate([np.ravel(leaf) for leaf in leaves])
+    return Case(system, x0, theta, ArgsOf(structure, tuple(map(np.shape, leaves)), fixed), _names(free), k, options)
+
+
+class ArgsOf(eqx.Module):
+    """θ ↦ args; two of the same structure are the same to a compiler."""
+
+    structure: Any = eqx.field(static=True)
+    shapes: tuple[tuple[int, ...], ...] = eqx.field(static=True)
+    fixed: Any
+
+    def __call__(self, theta):
+        """The args with these parameters."""
+        return eqx.combine(self.free(theta), self.fixed)
+
+    def free(self, values):
+        """The tree of the parameters alone, of values (…, p): leaves (…) + their shape."""
+        ends = np.cumsum([int(np.prod(shape)) for shape in self.shapes])[:-1]
+        parts = jnp.split(jnp.asarray(values), ends, axis=-1)
+        leaves = [part.reshape(*part.shape[:-1], *shape) for part, shape in zip(parts, self.shapes, strict=True)]
+        return jax.tree.unflatten(self.structure, leaves)
+
+
+def _names(free) -> tuple[str, ...]:
+    names = []
+    for path, leaf in jax.tree_util.tree_leaves_with_path(free):
+        name = jax.tree_util.keystr(path, simple=True, separator=".") or "args"
+        shape = np.shape(leaf)
+        names += [name + (str(list(index)) if shape else "") for index in np.ndindex(*shape)]
+    return tuple(names)
+
+
+def tree_of(case: Case, values: np.ndarray):
+    """Values (k, p) as a tree of args, leaves (k,) + leaf.shape; what is no parameter is None."""
+    return case.args_of.free(values)

@@ -1,0 +1,179 @@
+"""The derivative of exponents with respect to parameters, by the method that can be trusted with the motion."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._tracing import traced
+from ..checks import positive, real, require, whole
+from ..daes import degrees_of_freedom
+from ..methods.base import Method
+from ..systems import EventDriven, Flow, Hybrid, Map
+from .estimates import Case, Estimate, case_of, tree_of
+from .implicit import Untrusted, by_implicit
+from .regression import by_regression
+
+__all__ = ["Gradient", "lyapunov_gradient"]
+
+METHODS = ("auto", "implicit", "regression")
+
+
+class Gradient(eqx.Module):
+    """Exponents and their derivatives.
+
+    Attributes:
+        value: (k,) exponents, descending.
+        value_stderr: (k,) their standard errors.
+        gradient: dλ_i/dθ, a tree like args, each leaf (k,) + its shape; None where a leaf is no parameter.
+        stderr: the same of standard errors.
+        method: which was used.
+        trust: whether the result passed all checks of its method.
+        reasons: what was checked, with the numbers that decided.
+        names: of the parameters, in the order of the rows that `str` shows.
+    """
+
+    value: np.ndarray
+    value_stderr: np.ndarray
+    gradient: Any
+    stderr: Any
+    method: str = eqx.field(static=True)
+    trust: bool = eqx.field(static=True)
+    reasons: tuple[str, ...] = eqx.field(static=True)
+    names: tuple[str, ...] = eqx.field(static=True)
+
+    def __str__(self) -> str:
+        k = len(self.value)
+        slopes, errors = (np.concatenate([np.reshape(leaf, (k, -1)) for leaf in jax.tree.leaves(tree)], axis=1)
+                          for tree in (self.gradient, self.stderr))  # fmt: skip
+        lines = [f"Derivatives of {k} exponents by {self.method}: {'trusted' if self.trust else 'NOT to be trusted'}"]
+        for i, (value, error) in enumerate(zip(self.value, self.value_stderr, strict=True)):
+            lines.append(f"  λ{i + 1} = {value:.8g} ± {error:.1g}")
+            lines += [
+                f"    d/d {name} = {slope:.8g} ± {spread:.1g}"
+                for name, slope, spread in zip(self.names, slopes[i], errors[i], strict=True)
+            ]
+        return "\n".join([*lines, *(f"  {reason}" for reason in self.reasons)])
+
+    __repr__ = __str__
+
+
+def lyapunov_gradient(
+    system: Flow | Map | Hybrid | EventDriven,
+    x0,
+    args: Any,
+    *,
+    t1,
+    method: str = "auto",
+    period: Any = None,
+    key: Any = None,
+    k: int | None = None,
+    t0=0.0,
+    transient=None,
+    mode: str | int | None = None,
+    integrator: Method | None = None,
+    clock: str = "time",
+    window: Any = 0.1,
+    points: int | None = None,
+    replicates: int = 4,
+    degree: int = 3,
+    progress: Any = None,
+) -> Gradient:
+    """Derivatives of the exponents with respect to every floating-point leaf of args.
+
+    "implicit": the motion ends on a periodic orbit. It is found by Newton's method, through all jumps, and the
+    derivatives of its multipliers follow from the implicit function theorem, to about ten digits; guards and resets may
+    depend on the parameters. Of a complex pair, or of exponents that are nearly the same, it is that of their mean.
+
+    "regression": any motion, chaos with jumps and billiards included. Exponents of an ensemble over a window of
+    parameters are fitted by polynomials. The derivative is trusted where χ² agrees with the noise between replicates,
+    where two degrees agree, and where zero exponents have none.
+
+    "auto": implicit where there is a stable periodic orbit, else regression.
+
+    The derivative of a long chaotic trajectory is not that of its exponents: it grows as e^(λt). It is not offered.
+
+    Args:
+        system: an `lh.Flow`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
+        x0: (n,) start.
+        args: tree of parameters.
+        t1: length of the runs of a regression.
+        method: "auto", "implicit" or "regression".
+        period: of a system that is forced: as for `lh.floquet`. A function of args where it depends on them: else the
+            derivative with respect to a frequency is not right.
+        key: for the ensemble of a regression.
+        k: number of exponents; None: all.
+        t0: time at the start.
+        transient: length of the run before; None: t1/10.
+        mode: mode at the start, where there are several.
+        integrator: of the flow; None: the default (implicit: with rtol = 1e-12).
+        clock: of the exponents, as for `lyapunov_spectrum`.
+        window: half width of the window of parameters, relative to each, or an array of absolute ones.
+        points: of the window; None: enough for the degree.
+        replicates: runs at each point.
+        degree: of the polynomial; that with two more is compared.
+        progress: None, True for a bar, or a function of the fraction done.
+
+    Returns:
+        A `Gradient`.
+
+    Raises:
+        ValueError: on arguments that do not fit; where "implicit" is asked for and there is no periodic orbit.
+
+    Source:
+        R. Seydel, Practical Bifurcation and Stability Analysis (Springer 2010), doi:10.1007/978-1-4419-1740-9.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> logistic = lh.Map(lambda n, x, r: r * x * (1 - x))
+        >>> found = lh.lyapunov_gradient(logistic, [0.3], 2.9, t1=1000)  # λ = ln|2 − r|
+        >>> found.method, found.trust, round(float(found.gradient[0]), 6)
+        ('implicit', True, 1.111111)
+    """
+    require(method in METHODS, f"method must be one of {METHODS}; got {method!r}.")
+    require(not traced((x0, args, t0)), "lyapunov_gradient decides from values: it cannot be used under jit or vmap.")
+    positive("t1, a length,", t1)
+    real("t0", t0)
+    start = jnp.asarray(x0, float)
+    most = degrees_of_freedom(system, start.size)
+    if k is not None:
+        whole("k", k, least=1)
+        require(k <= most, f"k must be at most {most}; got {k}.")
+    options = {"t1": t1, "t0": t0, "transient": 0.1 * t1 if transient is None else transient, "mode": mode,
+               "method": integrator, "clock": clock}  # fmt: skip
+    case = case_of(system, start, args, k or most, options)
+    name, estimate = _estimate(case, method, period, key, (window, points, replicates, degree, progress))
+    return Gradient(
+        value=estimate.value,
+        value_stderr=estimate.value_stderr,
+        gradient=tree_of(case, estimate.gradient),
+        stderr=tree_of(case, estimate.stderr),
+        method=name,
+        trust=estimate.trust,
+        reasons=estimate.reasons,
+        names=case.names,
+    )
+
+
+def _estimate(case: Case, method: str, period, key, ensemble) -> tuple[str, Estimate]:
+    """The method that was used, and what it found."""
+    before: tuple[str, ...] = ()
+    if method != "regression":
+        try:
+            require(not isinstance(case.system, EventDriven), "implicit needs an lh.Flow, lh.Map or lh.Hybrid.")
+            found = by_implicit(case, period=period)
+            if method == "implicit" or found.trust:
+                return "implicit", found
+            before = ("implicit was not to be trusted: " + "; ".join(found.reasons),)
+        except (Untrusted, ValueError) as error:
+            if method == "implicit":
+                raise ValueError(str(error)) from error
+            before = (f"implicit: {error}",)
+    require(key is not None, f"regression needs key=jax.random.key(seed) for its ensemble. {' '.join(before)}".strip())
+    window, points, replicates, degree, progress = ensemble
+    found = by_regression(
+        case, key=key, window=window, points=points, replicates=replicates, degree=degree, progress=progress
+    )
+    return "regression", found._replace(reasons=(*before, *found.reasons))

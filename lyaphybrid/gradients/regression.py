@@ -1,0 +1,190 @@
+"""Derivatives of exponents by regression over an ensemble of parameters: any motion, whatever its orbits do.
+
+The exponent λ(θ) of chaotic motion may be smooth although no trajectory's derivative converges to dλ/dθ. Runs all over
+a window of parameters see λ itself, with noise that replicates measure, and a polynomial through them has its slope.
+Two degrees must agree, and χ² must be what the noise allows: where λ jumps between periodic windows it is not.
+
+D. J. Lea, M. R. Allen & T. W. N. Haine, Tellus A 52 (2000) 523, doi:10.3402/tellusa.v52i5.12283, on why the
+derivatives of trajectories do not serve.
+"""
+
+import itertools
+import math
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import numpy as np
+from scipy import stats
+
+from ..checks import require, whole
+from ..lanes import map_lanes
+from ..spectra import lyapunov_spectrum, starts
+from ..statuses import STATUS
+from .estimates import Case, Estimate
+
+__all__ = ["by_regression"]
+
+PER_TERM, LEAST = 2, 24  # points for each coefficient of the higher degree, and at all
+FURTHER = 2  # degrees are compared that are so far apart: over a symmetric design the next one has the same slope
+FLOOR = 1e-9  # of the noise, relative to 1 + |λ|: regular motion has next to none, and polynomials end somewhere
+UNLIKELY = 1e-4  # a χ² that noise exceeds more seldom is no noise
+AGREE = 3.0  # standard errors: of the slopes of two degrees
+NOTHING = 4.0  # … of the slope of an exponent that is zero
+LOST = 0.05  # part of the runs that may fail
+
+
+class Runs(NamedTuple):
+    """What came out of the ensemble: (points, replicates, …)."""
+
+    exponents: np.ndarray  # (points, replicates, k); nan where the run failed
+    failed: int
+
+
+class Fit(NamedTuple):
+    """A polynomial fit of one exponent."""
+
+    value: float
+    slope: np.ndarray  # (p,) in units of the half window
+    covariance: np.ndarray  # (1 + p, 1 + p) of both
+    chi2: float
+    freedom: int
+
+
+def by_regression(
+    case: Case, *, key, window: Any = 0.1, points: int | None = None, replicates: int = 4, degree: int = 3,
+    progress: Any = None,
+) -> Estimate:  # fmt: skip
+    """Exponents and their derivatives in the middle of a window of parameters.
+
+    Args:
+        case: with the options of `lyapunov_spectrum`.
+        key: for where the points lie and where the runs start.
+        window: half width, relative to each parameter; or an array (p,) of absolute half widths.
+        points: of the window; None: two for each coefficient of the higher degree, at least 24.
+        replicates: runs at each point, from starts that differ.
+        degree: of the polynomial in all parameters; that with two more is compared.
+        progress: None, True for a bar, or a function of the fraction done.
+    """
+    whole("replicates", replicates, least=2)
+    whole("degree", degree, least=1)
+    half, terms = _half_widths(case, window), math.comb(len(case.theta) + degree + FURTHER, len(case.theta))
+    points = max(LEAST, PER_TERM * terms) if points is None else points
+    whole("points", points, least=terms + 2)
+    at = _points(key, points, len(half))
+    runs = _ensemble(case, key, case.theta + half * at, replicates, progress)
+    judged = [_judged(i, _both(at, runs.exponents[..., i], degree), len(half)) for i in range(case.k)]
+    lost = runs.failed / runs.exponents[..., 0].size
+    reasons = [f"{runs.failed} of {runs.exponents[..., 0].size} runs failed"] * (runs.failed > 0)
+    value, slopes, errors = (np.array([one[i] for one in judged]) for i in (0, 2, 3))
+    return Estimate(
+        value=value,
+        value_stderr=np.array([one[1] for one in judged]),
+        gradient=slopes / half,
+        stderr=errors / half,
+        trust=bool(all(one[4] for one in judged) and lost <= LOST),
+        reasons=(*reasons, *itertools.chain.from_iterable(one[5] for one in judged)),
+        cost=len(at) * replicates,
+    )
+
+
+def _half_widths(case: Case, window) -> np.ndarray:
+    """The half widths (p,) of the window."""
+    given = np.asarray(window, float)
+    require(bool(np.all(np.isfinite(given)) and np.all(given > 0)), f"window must be positive; got {window!r}.")
+    if given.ndim:
+        require(given.shape == case.theta.shape, f"window must be one number or have shape {case.theta.shape}.")
+        return given
+    zero = [name for name, value in zip(case.names, case.theta, strict=True) if value == 0]
+    names = ", ".join(zero)
+    require(not zero, f"A relative window has no width where {names} = 0: give half widths, window=array (p,).")
+    return given * np.abs(case.theta)
+
+
+def _points(key, count: int, p: int) -> np.ndarray:
+    """Points (count, p) of [−1, 1]^p with their mirror images: even terms of λ then do not lean on the slope."""
+    most = (count + 1) // 2
+    if p == 1:
+        half = np.sin(0.5 * np.pi * (np.arange(most) + 0.5) / most)[:, None]
+    else:
+        random = np.random.default_rng(np.asarray(jax.random.bits(key, (4,), "uint32")))
+        half = 2 * (random.permuted(np.tile(np.arange(most), (p, 1)), axis=1).T + random.random((most, p))) / most - 1
+    return np.concatenate([half, -half])
+
+
+class Lane(eqx.Module):
+    """A run of the ensemble."""
+
+    k: int = eqx.field(static=True)
+    clock: str = eqx.field(static=True)
+    mode: Any = eqx.field(static=True)
+
+    def __call__(self, shared, lane):
+        system, args_of, method, times = shared
+        theta, x0 = lane
+        found = lyapunov_spectrum(
+            system, x0, args_of(theta), k=self.k, clock=self.clock, mode=self.mode, method=method, blocks=2,
+            throw=False, **times,
+        )  # fmt: skip
+        return found.exponents, found.status_code
+
+
+def _ensemble(case: Case, key, thetas: np.ndarray, replicates: int, progress) -> Runs:
+    options = dict(case.options)
+    lane = Lane(case.k, options.pop("clock", "time"), options.pop("mode", None))
+    method = options.pop("method", None)
+    x0 = np.asarray(starts(case.system, options.get("t0", 0.0), case.x0, case.args_of(case.theta), replicates, key))
+    shape = (len(thetas), replicates)
+    lanes = np.repeat(thetas, replicates, axis=0), np.concatenate([x0] * len(thetas))
+    (exponents, status), _ = map_lanes(lane, (case.system, case.args_of, method, options), lanes, progress=progress)
+    good = (status == int(STATUS.ok)) & ~np.any(np.isnan(exponents), axis=1)
+    require(bool(np.any(good)), f"All runs of the ensemble failed: {STATUS(int(status[0]))}.")
+    return Runs(np.where(good[:, None], exponents, np.nan).reshape(*shape, case.k), int(np.sum(~good)))
+
+
+def _both(at: np.ndarray, exponents: np.ndarray, degree: int) -> tuple[Fit, Fit] | None:
+    """Fits of both degrees to one exponent (points, replicates); None where it is −∞ somewhere."""
+    if np.any(np.isinf(exponents)):
+        return None
+    counts = np.sum(np.isfinite(exponents), axis=1)
+    kept = counts > 0
+    means = np.nanmean(exponents[kept], axis=1)
+    left = exponents[kept] - means[:, None]
+    spread = np.nansum(left**2) / max(1, int(np.sum(counts[kept] - 1)))  # between replicates, pooled
+    noise = np.sqrt(spread / counts[kept] + (FLOOR * (1 + np.abs(means))) ** 2)
+    return _fit(at[kept], means, noise, degree), _fit(at[kept], means, noise, degree + FURTHER)
+
+
+def _fit(at, means, noise, degree: int) -> Fit:
+    """Least squares with all monomials up to a total degree; the first are 1 and the coordinates."""
+    p = at.shape[1]
+    powers = [which for d in range(degree + 1) for which in itertools.combinations_with_replacement(range(p), d)]
+    matrix = np.stack([np.prod(at[:, which], axis=1) for which in map(list, powers)], axis=1) / noise[:, None]
+    solution = np.linalg.lstsq(matrix, means / noise, rcond=None)[0]
+    chi2 = float(np.sum((matrix @ solution - means / noise) ** 2))
+    covariance = np.linalg.pinv(matrix.T @ matrix)[: p + 1, : p + 1]
+    return Fit(float(solution[0]), solution[1 : p + 1], covariance, chi2, len(means) - len(powers))
+
+
+def _judged(i: int, both: tuple[Fit, Fit] | None, p: int):
+    """Value and slope with their errors, whether they are to be trusted, and why."""
+    if both is None:
+        return -np.inf, np.nan, np.full(p, np.nan), np.full(p, np.nan), True, [f"λ{i + 1}: −∞ has no derivative"]
+    low, high = both
+    name, widen = f"λ{i + 1}", max(1.0, low.chi2 / low.freedom)
+    errors = np.sqrt(np.diag(low.covariance) * widen)
+    apart = np.abs(high.slope - low.slope)
+    unsure = np.sqrt(np.diag(high.covariance)[1:] * max(1.0, high.chi2 / high.freedom)) + errors[1:]
+    likely = float(stats.chi2.sf(low.chi2, low.freedom))
+    reasons = [f"{name}: χ² = {low.chi2 / low.freedom:.3g} per degree of freedom"]
+    good = likely > UNLIKELY
+    if not good:
+        reasons[0] += ": more than noise, it is no smooth function in this window"
+    worst = float(np.max(apart / unsure))
+    reasons.append(f"{name}: slopes of two degrees differ by {worst:.2g} standard errors")
+    good = good and worst <= AGREE
+    if abs(low.value) <= 5 * errors[0] + FLOOR:
+        slope = float(np.max(np.abs(low.slope) / errors[1:]))
+        reasons.append(f"{name}: a zero exponent, its slope is {slope:.2g} standard errors")
+        good = good and slope <= NOTHING
+    return low.value, errors[0], low.slope, errors[1:], good, reasons

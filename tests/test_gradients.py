@@ -1,0 +1,191 @@
+"""Derivatives of exponents of periodic orbits against exact values, and what is refused."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import lyaphybrid as lh
+from lyaphybrid.gradients import implicit
+
+pytestmark = pytest.mark.unoptimised
+
+SHEAR = np.array([[1.0, 0.4, 0.2], [0.3, 1.2, -0.5], [0.1, 0.2, 0.9]])
+
+
+def forcing_period(args):
+    return 2 * jnp.pi / args["omega"]
+
+
+def impact_gradient(omega, **keywords):
+    problem = lh.zoo.impact_oscillator(omega=omega, zeta=0.02, restitution=0.8, gap=0.0)
+    keywords = {"t1": 1000.0, "transient": 300.0, "method": "implicit", "period": forcing_period} | keywords
+    return lh.lyapunov_gradient(problem.system, problem.x0, problem.args, **keywords)
+
+
+@pytest.fixture(scope="module")
+def impacts():
+    return {omega: impact_gradient(omega) for omega in (2.3, 2.65)}
+
+
+@pytest.mark.parametrize("omega", [2.3, 2.65])
+def test_sums_over_an_orbit_with_impacts(impacts, omega):
+    """λ₁ + λ₂ = −2ζ + 2 ln r/T."""
+    found = impacts[omega]
+    turn = 2 * np.pi / omega
+    exact = {"restitution": 2 / (0.8 * turn), "zeta": -2, "omega": np.log(0.8) / np.pi, "amplitude": 0, "gap": 0}
+    for name, value in exact.items():
+        assert_allclose(np.sum(found.gradient[name]), value, rtol=1e-10, atol=1e-10)
+    assert_allclose(np.sum(found.value), -0.04 + 2 * np.log(0.8) / turn, rtol=1e-12)
+    assert found.trust, found.reasons
+
+
+def test_a_complex_pair_has_the_derivative_of_its_mean(impacts):
+    found = impacts[2.3]
+    assert_allclose(found.value, -0.1016831182, atol=5e-11)
+    for slopes in found.gradient.values():
+        assert_allclose(slopes[0], slopes[1], rtol=1e-12)
+    assert any("mean" in reason for reason in found.reasons)
+
+
+def test_real_multipliers_with_impacts(impacts):
+    """Against an independent program."""
+    found = impacts[2.65]
+    assert_allclose(found.value, [-0.0799054366, -0.1483208792], atol=5e-11)
+    exact = {"restitution": -0.62349532, "zeta": -1.1113622, "omega": 30.823826, "gap": 63.364941}
+    for name, value in exact.items():
+        assert_allclose(found.gradient[name][0], value, rtol=1e-7)  # the digits of the reference
+        assert found.stderr[name][0] < 1e-9
+
+
+def complex_pair(n, x, theta):
+    size, angle, third = 0.9 * jnp.exp(-0.3 * theta), 1 + theta, 0.3 + 0.2 * theta
+    y = jnp.linalg.solve(SHEAR, x)
+    turned = [jnp.cos(angle) * y[0] - jnp.sin(angle) * y[1], jnp.sin(angle) * y[0] + jnp.cos(angle) * y[1]]
+    return SHEAR @ jnp.stack([size * turned[0], size * turned[1], third * y[2]])
+
+
+def test_a_fixed_point_at_the_origin():
+    found = lh.lyapunov_gradient(lh.Map(complex_pair), [0.1, 0.2, 0.3], 0.2, t1=1000, transient=100)
+    assert found.method == "implicit"
+    assert found.trust, found.reasons
+    assert_allclose(found.value, [-0.16536051565782628, -0.16536051565782628, -1.0788096613719298], rtol=1e-12)
+    assert_allclose(found.gradient, [-0.3, -0.3, 0.5882352941176471], rtol=1e-11)
+
+
+def sheared_hopf(t, u, mu):
+    a = np.array([[1.0, 0.5], [0.0, 1.3]])
+    z = a @ u
+    square = z @ z
+    turning = 1 + 0.7 * square
+    swirl = jnp.stack([(mu - square) * z[0] - turning * z[1], (mu - square) * z[1] + turning * z[0]])
+    return jnp.linalg.solve(a, swirl)
+
+
+def test_a_cycle_whose_period_depends_on_the_parameter():
+    found = lh.lyapunov_gradient(lh.Flow(sheared_hopf), [0.9, 0.0], 0.8, t1=500.0, transient=50.0)
+    assert found.trust, found.reasons
+    assert_allclose(found.value, [0, -1.6], atol=1e-10)
+    assert_allclose(found.gradient, [0, -2], atol=1e-10)
+    assert any("zero exponent" in reason for reason in found.reasons)
+
+
+def bouncing(speed):
+    """The impact oscillator with its time multiplied: x' = c f(c t, x)."""
+
+    def field(t, x, c):
+        return c * jnp.stack([x[1], -x[0] - 0.04 * x[1] + jnp.cos(2.65 * c * t)])
+
+    wall = lh.Transition(guard=lambda t, x, c: -x[0], reset=lambda t, x, c: x * jnp.array([1.0, -0.8]))
+    return lh.Hybrid(field, wall), [0.0, -0.5], speed
+
+
+def test_faster_time():
+    """F → c f multiplies all exponents by c, jumps or not."""
+    system, x0, args = bouncing(1.0)
+    turn = 2 * np.pi / 2.65
+    found = lh.lyapunov_gradient(
+        system, x0, args, t1=1000.0, transient=300.0, period=lambda c: turn / c, method="implicit"
+    )
+    assert found.trust, found.reasons
+    assert_allclose(found.gradient, found.value, rtol=1e-9)
+    assert_allclose(found.value, [-0.0799054366, -0.1483208792], atol=5e-11)
+
+
+def logistic(n, x, r):
+    return r * x * (1 - x)
+
+
+@pytest.mark.parametrize(("r", "exact", "slope"), [(2.9, np.log(0.9), 1 / 0.9), (3.3, None, None)])
+def test_cycles_of_the_logistic_map(r, exact, slope):
+    """|2 − r| at the fixed point; 4 + 2r − r² over two iterations."""
+    found = lh.lyapunov_gradient(lh.Map(logistic), [0.3], r, t1=1000)
+    exact, slope = (exact, slope) if exact else (0.5 * np.log(abs(4 + 2 * r - r**2)), (1 - r) / (4 + 2 * r - r**2))
+    assert found.trust, found.reasons
+    assert_allclose(found.value, exact, rtol=1e-11)
+    assert_allclose(found.gradient, slope, rtol=1e-10)
+
+
+def test_parameters_in_a_tree_keep_their_places():
+    def rule(n, x, args):
+        return args["rates"] * x + args["shift"]
+
+    args = {"rates": np.array([0.5, 0.25]), "shift": 0.1, "count": 3}
+    found = lh.lyapunov_gradient(lh.Map(rule), [1.0, 1.0], args, t1=100)
+    assert_allclose(found.gradient["rates"], [[2, 0], [0, 4]], atol=1e-12)
+    assert_allclose(found.gradient["shift"], 0, atol=1e-12)
+    assert found.gradient["count"] is None
+    assert found.names == ("rates[0]", "rates[1]", "shift")
+    assert "d/d rates[1]" in str(found)
+
+
+def test_what_is_destroyed_has_no_derivative():
+    found = lh.lyapunov_gradient(lh.Map(lambda n, x, a: a * jnp.stack([x[0], 0 * x[0]])), [1.0, 0.3], 0.5, t1=100)
+    assert found.value[1] == -np.inf
+    assert np.isnan(found.gradient[1])
+    assert_allclose(found.gradient[0], 2)
+    assert any("−∞" in reason for reason in found.reasons)
+
+
+def test_an_unstable_orbit_is_not_trusted():
+    """The fixed point of the logistic map in chaos: Newton finds it, the motion leaves it."""
+    found = lh.lyapunov_gradient(lh.Map(logistic), [0.75001], 4.0, t1=100, transient=0, period=1, method="implicit")
+    assert_allclose(found.value, np.log(2))
+    assert not found.trust
+    assert any("not stable" in reason for reason in found.reasons)
+
+
+def test_nearly_equal_multipliers_are_one_group():
+    assert implicit._groups(np.array([0.5, 0.5 + 1e-9, 0.2j, -0.2j, -0.5])) == [[0, 1], [2, 3], [4]]
+
+
+def test_chaos_is_no_periodic_orbit():
+    henon = lh.zoo.henon_map()
+    with pytest.raises(ValueError, match="does not come back"):
+        lh.lyapunov_gradient(henon.system, henon.x0, henon.args, t1=100, method="implicit")
+    with pytest.raises(ValueError, match="key=jax.random.key"):
+        lh.lyapunov_gradient(henon.system, henon.x0, henon.args, t1=100)
+
+
+@pytest.mark.parametrize(
+    ("keywords", "says"),
+    [
+        ({"method": "shadowing"}, "must be one of"),
+        ({"t1": -1.0}, "t1, a length"),
+        ({"k": 3}, "at most 1"),
+        ({"args": {"n": 3}}, "no floating-point leaf"),
+    ],
+)
+def test_bad_input(keywords, says):
+    given = {"args": 2.9, "t1": 100} | keywords
+    with pytest.raises(ValueError, match=says):
+        lh.lyapunov_gradient(lh.Map(logistic), [0.3], **given)
+
+
+def test_it_decides_from_values():
+    def under_jit(r):
+        return lh.lyapunov_gradient(lh.Map(logistic), jnp.stack([r]), 2.9, t1=100).value
+
+    with pytest.raises(ValueError, match="jit"):
+        jax.jit(under_jit)(0.3)

@@ -1,0 +1,195 @@
+"""Derivatives of chaotic exponents by regression against exact values and independent ones; and what is refused."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import lyaphybrid as lh
+from lyaphybrid.gradients import estimates, regression
+
+KEY = jax.random.key(1)
+CIRCLE = 2 * np.pi
+
+
+def solenoid(n, u, a):
+    """Over a Blaschke circle map, whose invariant density is constant."""
+    phi, y, z = u
+    turned = 2 * phi + 2 * jnp.arctan2(a * jnp.sin(phi), 1 - a * jnp.cos(phi))
+    along = 0.4 * y + 0.5 * jnp.cos(phi) + 0.3 * z + 0.1 * jnp.sin(phi)
+    return jnp.stack([jnp.mod(turned, CIRCLE), along, 0.25 * z + 0.5 * jnp.sin(phi)])
+
+
+def perturbed_cat(n, x, theta):
+    p, q = x
+    kick = theta * (jnp.sin(CIRCLE * p) + 0.5 * jnp.cos(CIRCLE * (p + q))) / CIRCLE
+    return jnp.mod(jnp.stack([2 * p + q + kick, p + q + 0.7 * kick + 0.1 * jnp.sin(CIRCLE * q) / CIRCLE]), 1.0)
+
+
+def baker(n, u, p):
+    x, y = u
+    return jnp.where(x < p, jnp.stack([x / p, p * y]), jnp.stack([(x - p) / (1 - p), p + (1 - p) * y]))
+
+
+def gradient(rule, x0, args, t1, **keywords):
+    return lh.lyapunov_gradient(lh.Map(rule), x0, args, t1=t1, method="regression", key=KEY, **keywords)
+
+
+def assert_within(found, exact, known=0.0, most=3.0):
+    assert np.all(np.abs(found.gradient - np.array(exact)) < most * np.hypot(found.stderr, np.array(known)) + 1e-9)
+    assert found.trust, found.reasons
+
+
+def test_a_discontinuity_that_moves():
+    """No trajectory's derivative sees it; λ₁ = −p ln p − (1−p) ln(1−p)."""
+    found = gradient(baker, [0.31234, 0.1], 0.3, 20_000, window=0.2)
+    slope = np.log(0.7 / 0.3)
+    assert_within(found, [slope, -slope])
+    assert found.stderr[0] < 0.03
+    assert_allclose(found.value[0], -0.3 * np.log(0.3) - 0.7 * np.log(0.7), atol=4 * found.value_stderr[0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("a", "window"), [(0.2, 0.8), (0.4, 0.4)])
+def test_the_solenoid(a, window):
+    root = np.sqrt(1 - a**2)
+    found = gradient(solenoid, [0.3, 0.1, 0.2], a, 1_000_000, window=window)
+    assert_within(found, [-a / (root * (1 + root)), 0, 0])
+    assert found.stderr[0] < 1e-3
+    assert_allclose(found.value[0], np.log(1 + root), atol=4 * found.value_stderr[0])
+
+
+@pytest.mark.slow
+def test_the_perturbed_cat_map():
+    found = gradient(perturbed_cat, [0.3, 0.1], 0.4, 800_000, window=0.25)
+    assert_within(found, [-0.04806, 0.01293], [0.00032, 0.00026])
+    assert np.max(found.stderr) < 1e-3
+
+
+@pytest.mark.slow
+def test_lorenz():
+    problem = lh.zoo.lorenz63()
+    sigma, beta = 10.0, 8 / 3
+
+    def field(t, x, rho):
+        return problem.system.field(t, x, {"sigma": sigma, "rho": rho, "beta": beta})
+
+    found = lh.lyapunov_gradient(
+        lh.Flow(field), problem.x0, 28.0, t1=3000.0, key=KEY, integrator=lh.RungeKutta("dopri5", rtol=1e-7, atol=1e-9)
+    )
+    assert found.method == "regression"
+    assert_within(found, [0.0242, 0, -0.0243], [2e-4, 0, 2e-4])
+    assert np.max(found.stderr) < 1e-3
+    assert_allclose(np.sum(found.gradient), 0, atol=1e-6)  # Σλ = −σ − 1 − β
+
+
+@pytest.mark.slow
+def test_lorenz_by_three_parameters_at_once():
+    problem = lh.zoo.lorenz63()
+    found = lh.lyapunov_gradient(
+        problem.system, problem.x0, problem.args, t1=300.0, key=KEY, degree=1, method="regression",
+        integrator=lh.RungeKutta("dopri5", rtol=1e-7, atol=1e-9),
+    )  # fmt: skip
+    for name, exact in {"sigma": -1, "rho": 0, "beta": -1}.items():
+        assert_allclose(np.sum(found.gradient[name]), exact, atol=1e-5)
+    assert any("zero exponent" in reason for reason in found.reasons)
+
+
+def test_henon_is_refused():
+    """Windows of periodic motion lie everywhere: λ is no smooth function of a."""
+
+    def henon(n, x, a):
+        return jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]])
+
+    found = gradient(henon, [0.1, 0.1], 1.4, 20_000, window=0.007)
+    assert not found.trust
+    assert any("χ²" in reason and "no smooth function" in reason for reason in found.reasons)
+
+
+def test_a_chaotic_impact_oscillator_is_refused():
+    """Periodic windows everywhere: χ² grows with the length of the runs."""
+
+    def field(t, x, omega):
+        return jnp.stack([x[1], -x[0] - 0.1 * x[1] + jnp.cos(omega * t)])
+
+    wall = lh.Transition(guard=lambda t, x, omega: -x[0], reset=lambda t, x, omega: x * jnp.array([1.0, -0.8]))
+    found = lh.lyapunov_gradient(
+        lh.Hybrid(field, wall), [0.0, -0.5], 2.8, t1=3000.0, method="regression", key=KEY, window=0.007,
+        integrator=lh.RungeKutta("dopri5", rtol=1e-7, atol=1e-9),
+    )  # fmt: skip
+    assert not found.trust
+    assert any("χ²" in reason and "no smooth function" in reason for reason in found.reasons)
+
+
+def test_two_degrees_must_agree():
+    """A bend that a cubic over this window cannot follow, without any noise."""
+
+    def rule(n, x, a):
+        return x * jnp.exp(jnp.tanh(20 * (a - 1)) - 3)
+
+    found = gradient(rule, [1e-3], 1.0, 50, window=0.5)
+    assert not found.trust
+
+
+def test_smooth_dependence_is_found_without_noise():
+    found = gradient(lambda n, x, a: x * a, [0.5], 0.5, 100, window=0.01, degree=5)
+    assert_allclose(found.gradient, 2.0, rtol=1e-6)
+    assert found.trust, found.reasons
+
+
+def test_several_parameters_at_once():
+    def rule(n, x, args):
+        return jnp.stack([args["rates"][0] * x[0], args["rates"][1] * x[1]])
+
+    found = gradient(rule, [0.5, 0.5], {"rates": np.array([0.6, 0.3])}, 100, window=np.array([0.01, 0.005]), degree=3)
+    assert_allclose(found.gradient["rates"], [[1 / 0.6, 0], [0, 1 / 0.3]], atol=1e-4)
+
+
+def test_an_exponent_of_minus_infinity():
+    found = gradient(lambda n, x, a: jnp.stack([a * x[0], 0 * x[1]]), [0.5, 0.5], 0.5, 100, window=0.01)
+    assert found.value[1] == -np.inf
+    assert np.isnan(found.gradient[1])
+    assert_allclose(found.gradient[0], 2.0, rtol=1e-5)
+    assert any("−∞" in reason for reason in found.reasons)
+
+
+def test_runs_that_fail_are_left_out_and_counted():
+    """x' = a + x² ends in a finite time for a > 0."""
+    runaway = lh.Flow(lambda t, x, a: a + x**2)
+    found = lh.lyapunov_gradient(runaway, [-0.5], -1e-3, t1=60.0, method="regression", key=KEY, window=np.array([0.01]))
+    assert not found.trust
+    assert "runs failed" in found.reasons[0]
+
+
+def test_designs_are_symmetric():
+    for p in (1, 3):
+        at = regression._points(KEY, 24, p)
+        assert at.shape == (24, p)
+        assert_allclose(at[:12], -at[12:], atol=1e-15)
+        assert np.min(np.abs(np.diff(np.sort(at[:, 0])))) > 0
+        assert np.max(np.abs(at)) <= 1
+
+
+@pytest.mark.parametrize(
+    ("keywords", "says"),
+    [
+        ({"replicates": 1}, "replicates"),
+        ({"window": 0.0}, "window must be positive"),
+        ({"window": np.ones(3)}, "have shape"),
+        ({"args": 0.0}, "has no width where args = 0"),
+        ({"points": 3}, "points"),
+        ({"degree": 0}, "degree"),
+        ({"key": None}, "key=jax.random.key"),
+    ],
+)
+def test_bad_input(keywords, says):
+    given = {"args": 0.5, "key": KEY} | keywords
+    with pytest.raises(ValueError, match=says):
+        lh.lyapunov_gradient(lh.Map(lambda n, x, a: a * x), [0.5], t1=100, method="regression", **given)
+
+
+def test_names_of_parameters():
+    case = estimates.case_of(None, None, {"a": 1.0, "b": np.ones(2), "n": 3}, 1, {})
+    assert case.names == ("a", "b[0]", "b[1]")
+    assert case.args_of(np.array([5.0, 6.0, 7.0]))["n"] == 3
