@@ -96,6 +96,42 @@ def test_lorenz_by_three_parameters_at_once():
     assert any("zero exponent" in reason for reason in found.reasons)
 
 
+@pytest.mark.slow
+def test_hard_disks_and_their_energy():
+    """λ ∝ √K: dλ₁/dK = λ₁/2K."""
+    disks = lh.zoo.hard_disks(n=4, density=0.7)
+    places, velocities = np.split(np.asarray(disks.x0), 2)
+
+    def start(args):
+        return jnp.concatenate([places, velocities * jnp.sqrt(args["energy"] / 4.0)])
+
+    found = lh.lyapunov_gradient(
+        disks.system, start, disks.args | {"energy": 4.0}, t1=4000.0, transient=50.0, key=KEY, k=1, free=["energy"],
+        window=0.5, degree=3,
+    )  # fmt: skip
+    slope, error = found.gradient["energy"][0], found.stderr["energy"][0]
+    exact = found.value[0] / 8
+    assert found.method == "regression"
+    assert found.trust, found.reasons
+    assert abs(slope - exact) < 3 * error
+    assert error < 0.02 * exact
+    assert found.gradient["mass"] is None
+
+
+def test_faster_time():
+    """F → c f multiplies all exponents by c."""
+    problem = lh.zoo.lorenz63()
+
+    def field(t, x, c):
+        return c * problem.system.field(t, x, {"sigma": 10.0, "rho": 28.0, "beta": 8 / 3})
+
+    found = lh.lyapunov_gradient(
+        lh.Flow(field), problem.x0, 1.0, t1=300.0, key=KEY, method="regression",
+        integrator=lh.RungeKutta("dopri5", rtol=1e-7, atol=1e-9),
+    )  # fmt: skip
+    assert_within(found, found.value)
+
+
 def test_henon_is_refused():
     """Windows of periodic motion lie everywhere: λ is no smooth function of a."""
 
@@ -181,6 +217,7 @@ def test_designs_are_symmetric():
         ({"points": 3}, "points"),
         ({"degree": 0}, "degree"),
         ({"key": None}, "key=jax.random.key"),
+        ({"free": ["mu"]}, "free must name some of args"),
     ],
 )
 def test_bad_input(keywords, says):

@@ -1,6 +1,6 @@
 """What every way to a derivative of exponents takes, and what it finds."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -17,7 +17,7 @@ class Case(NamedTuple):
     """Exponents as a function of the parameters, all of them in one vector θ."""
 
     system: Any
-    x0: Any  # (n,)
+    start: Callable  # args ↦ (n,)
     theta: np.ndarray  # (p,)
     args_of: "ArgsOf"  # (p,) ↦ args
     names: tuple[str, ...]  # (p,) for messages: "rho", "spring[2]"
@@ -37,14 +37,21 @@ class Estimate(NamedTuple):
     cost: int  # runs of length t1, or what takes as long
 
 
-def case_of(system, x0, args, k: int, options: Mapping[str, Any]) -> Case:
-    """A case; every floating-point leaf of args is a parameter, all else stays as it is."""
+def case_of(system, x0, args, k: int, options: Mapping[str, Any], free: Sequence[str] | None = None) -> Case:
+    """A case; the parameters are the floating-point leaves of args, or those named; all else stays as it is."""
     args = jax.tree.map(lambda leaf: jnp.asarray(leaf) if isinstance(leaf, float) else leaf, args)
-    free, fixed = eqx.partition(args, eqx.is_inexact_array_like)
-    leaves, structure = jax.tree.flatten(free)
-    require(bool(leaves), "args has no floating-point leaf: there is nothing to differentiate by.")
+    known = {_name(path): eqx.is_inexact_array_like(leaf) for path, leaf in jax.tree_util.tree_leaves_with_path(args)}
+    known = [name for name, floating in known.items() if floating]
+    require(bool(known), "args has no floating-point leaf: there is nothing to differentiate by.")
+    wanted = known if free is None else list(free)
+    wrong = [name for name in wanted if name not in known]
+    require(not wrong and bool(wanted), f"free must name some of {', '.join(known)}; got {free!r}.")
+    parts, fixed = eqx.partition(args, jax.tree_util.tree_map_with_path(lambda path, _: _name(path) in wanted, args))
+    leaves, structure = jax.tree.flatten(parts)
     theta = np.concatenate([np.ravel(leaf) for leaf in leaves])
-    return Case(system, x0, theta, ArgsOf(structure, tuple(map(np.shape, leaves)), fixed), _names(free), k, options)
+    args_of = ArgsOf(structure, tuple(map(np.shape, leaves)), fixed)
+    start = x0 if callable(x0) else lambda args: x0
+    return Case(system, start, theta, args_of, _names(parts), k, options)
 
 
 class ArgsOf(eqx.Module):
@@ -66,11 +73,14 @@ class ArgsOf(eqx.Module):
         return jax.tree.unflatten(self.structure, leaves)
 
 
+def _name(path) -> str:
+    return jax.tree_util.keystr(path, simple=True, separator=".") or "args"
+
+
 def _names(free) -> tuple[str, ...]:
     names = []
     for path, leaf in jax.tree_util.tree_leaves_with_path(free):
-        name = jax.tree_util.keystr(path, simple=True, separator=".") or "args"
-        shape = np.shape(leaf)
+        name, shape = _name(path), np.shape(leaf)
         names += [name + (str(list(index)) if shape else "") for index in np.ndindex(*shape)]
     return tuple(names)
 

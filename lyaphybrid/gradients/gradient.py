@@ -1,5 +1,6 @@
 """The derivative of exponents with respect to parameters, by the method that can be trusted with the motion."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -69,6 +70,7 @@ def lyapunov_gradient(
     method: str = "auto",
     period: Any = None,
     key: Any = None,
+    free: Sequence[str] | None = None,
     k: int | None = None,
     t0=0.0,
     transient=None,
@@ -81,7 +83,7 @@ def lyapunov_gradient(
     degree: int = 3,
     progress: Any = None,
 ) -> Gradient:
-    """Derivatives of the exponents with respect to every floating-point leaf of args.
+    """Derivatives of the exponents with respect to the floating-point leaves of args.
 
     "implicit": the motion ends on a periodic orbit. It is found by Newton's method, through all jumps, and the
     derivatives of its multipliers follow from the implicit function theorem, to about ten digits; guards and resets may
@@ -97,13 +99,14 @@ def lyapunov_gradient(
 
     Args:
         system: an `lh.Flow`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
-        x0: (n,) start.
+        x0: (n,) start, or a function of args that returns it (of a system whose energy is a parameter, say).
         args: tree of parameters.
         t1: length of the runs of a regression.
         method: "auto", "implicit" or "regression".
         period: of a system that is forced: as for `lh.floquet`. A function of args where it depends on them: else the
             derivative with respect to a frequency is not right.
         key: for the ensemble of a regression.
+        free: names of the leaves of args to differentiate by, "rho" or "spring.rate"; None: all that are floats.
         k: number of exponents; None: all.
         t0: time at the start.
         transient: length of the run before; None: t1/10.
@@ -136,14 +139,14 @@ def lyapunov_gradient(
     require(not traced((x0, args, t0)), "lyapunov_gradient decides from values: it cannot be used under jit or vmap.")
     positive("t1, a length,", t1)
     real("t0", t0)
-    start = jnp.asarray(x0, float)
-    most = degrees_of_freedom(system, start.size)
+    start = x0 if callable(x0) else jnp.asarray(x0, float)
+    most = degrees_of_freedom(system, jnp.asarray(x0(args) if callable(x0) else x0).size)
     if k is not None:
         whole("k", k, least=1)
         require(k <= most, f"k must be at most {most}; got {k}.")
     options = {"t1": t1, "t0": t0, "transient": 0.1 * t1 if transient is None else transient, "mode": mode,
                "method": integrator, "clock": clock}  # fmt: skip
-    case = case_of(system, start, args, k or most, options)
+    case = case_of(system, start, args, k or most, options, free)
     name, estimate = _estimate(case, method, period, key, (window, points, replicates, degree, progress))
     return Gradient(
         value=estimate.value,

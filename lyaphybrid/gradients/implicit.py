@@ -99,7 +99,8 @@ def _autonomous(case: Case, period) -> bool:
 
 def _orbit(case: Case, period) -> tuple[Floquet, Method | None]:
     options, discrete = case.options, isinstance(case.system, Map)
-    args, x0, transient = case.args_of(case.theta), case.x0, options.get("transient", 0.0)
+    args, transient = case.args_of(case.theta), options.get("transient", 0.0)
+    x0 = case.start(args)
     method = options.get("method")
     if method is None and not discrete:
         constrained = any(isinstance(field, Constrained) for field in fields_of(case.system))

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from scipy import stats
 
@@ -133,13 +134,20 @@ def _ensemble(case: Case, key, thetas: np.ndarray, replicates: int, progress) ->
     options = dict(case.options)
     lane = Lane(case.k, options.pop("clock", "time"), options.pop("mode", None))
     method = options.pop("method", None)
-    x0 = np.asarray(starts(case.system, options.get("t0", 0.0), case.x0, case.args_of(case.theta), replicates, key))
     shape = (len(thetas), replicates)
-    lanes = np.repeat(thetas, replicates, axis=0), np.concatenate([x0] * len(thetas))
+    lanes = np.repeat(thetas, replicates, axis=0), _starts(case, key, thetas, replicates)
     (exponents, status), _ = map_lanes(lane, (case.system, case.args_of, method, options), lanes, progress=progress)
     good = (status == int(STATUS.ok)) & ~np.any(np.isnan(exponents), axis=1)
     require(bool(np.any(good)), f"All runs of the ensemble failed: {STATUS(int(status[0]))}.")
     return Runs(np.where(good[:, None], exponents, np.nan).reshape(*shape, case.k), int(np.sum(~good)))
+
+
+def _starts(case: Case, key, thetas: np.ndarray, replicates: int) -> np.ndarray:
+    """Starts (points · replicates, n)."""
+    t0, found = case.options.get("t0", 0.0), []
+    for args, own in zip(map(case.args_of, thetas), jax.random.split(key, len(thetas)), strict=True):
+        found.append(np.asarray(starts(case.system, t0, jnp.asarray(case.start(args)), args, replicates, own)))
+    return np.concatenate(found)
 
 
 def _both(at: np.ndarray, exponents: np.ndarray, degree: int) -> tuple[Fit, Fit] | None:
