@@ -138,7 +138,8 @@ def test_henon_is_refused():
     def henon(n, x, a):
         return jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]])
 
-    found = gradient(henon, [0.1, 0.1], 1.4, 20_000, window=0.007)
+    # Of runs of 20_000 only every other ensemble is refused: their noise hides the windows.
+    found = gradient(henon, [0.1, 0.1], 1.4, 60_000, window=0.007)
     assert not found.trust
     assert any("χ²" in reason and "no smooth function" in reason for reason in found.reasons)
 
@@ -196,6 +197,66 @@ def test_runs_that_fail_are_left_out_and_counted():
     found = lh.lyapunov_gradient(runaway, [-0.5], -1e-3, t1=60.0, method="regression", key=KEY, window=np.array([0.01]))
     assert not found.trust
     assert "runs failed" in found.reasons[0]
+
+
+def test_smooth_dependence_may_ask_for_a_smaller_window():
+    """A cubic ends long before the noise of regular motion, of which there is none."""
+    found = gradient(lambda n, x, a: x * a, [0.5], 0.5, 100)
+    assert not found.trust
+    assert any("take a smaller one" in reason for reason in found.reasons)
+
+
+def test_good_cases_are_seldom_refused():
+    random, at = np.random.default_rng(0), regression._points(KEY, 24, 1)
+    refused, scores = 0, []
+    for _ in range(2000):
+        exponents = 1 + 0.1 * at + 1e-3 * random.standard_normal((24, 4))
+        _, _, slope, error, trust, _ = regression._judged(0, exponents, regression._both(at, exponents, 3), 1)
+        refused += not trust
+        scores.append((slope[0] - 0.1) / error[0])
+    assert refused < 25  # 0.4 % of 2000 are 8
+    assert_allclose(np.std(scores), 1.0, atol=0.2)
+
+
+def test_minus_infinity_in_a_part_of_the_window():
+    found = gradient(lambda n, x, a: jnp.stack([0.5 * x[0], jnp.where(a > 0.5, 0.3, 0.0) * x[1]]), [0.5, 0.5], 0.5, 100)
+    assert not found.trust
+    assert np.isnan(found.value[1])
+    assert any("48 of 96" in reason for reason in found.reasons)
+
+
+def test_too_few_points_are_left():
+    runaway = lh.Flow(lambda t, x, a: a + x**2)
+    found = lh.lyapunov_gradient(
+        runaway, [-0.5], -1e-3, t1=60.0, method="regression", key=KEY, window=np.array([0.01]), points=8
+    )
+    assert not found.trust
+    assert np.isnan(found.gradient[0])
+    assert any("too few points" in reason for reason in found.reasons)
+
+
+def test_lanes_that_were_not_computed_count_as_failed(monkeypatch):
+    """After Ctrl-C they hold zeros, which is also the code of a run that went well."""
+    whole = regression.map_lanes
+
+    def interrupted(*args, **keywords):
+        results, done = whole(*args, **keywords)
+        done[-30:] = False
+        for leaf in results:
+            leaf[-30:] = 0
+        return results, done
+
+    monkeypatch.setattr(regression, "map_lanes", interrupted)
+    found = gradient(lambda n, x, a: x * a, [0.5], 0.5, 100, window=0.01, degree=5)
+    assert not found.trust
+    assert_allclose(found.gradient, 2.0, rtol=1e-6)
+    assert "30 of 96 runs failed" in found.reasons
+
+
+def test_threads_change_nothing():
+    case = estimates.case_of(lh.Map(baker), jnp.array([0.31234, 0.1]), 0.3, 2, {"t1": 500})
+    one, two = (regression.by_regression(case, key=KEY, threads=threads) for threads in (1, 2))
+    assert np.array_equal(one.gradient, two.gradient)
 
 
 def test_designs_are_symmetric():
