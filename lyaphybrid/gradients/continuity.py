@@ -1,0 +1,55 @@
+"""Whether a rule or a field breaks: jumps and kinks that its derivatives do not show.
+
+Two points of the attractor, a little apart along the unstable direction, are compared by what a Taylor polynomial at the
+first says of the second: of the function, and of its slope. Where the function alone jumps, that may be a change of
+charts, as φ mod 2π is: it is one if the point that was found and the point that the polynomial says go on alike.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+__all__ = ["REACH", "breaks"]
+
+REACH = 1e-3  # how far apart the points are, over the size of the attractor
+SEEN = 1e-2  # a jump is seen from this part of the function's size on
+
+
+def breaks(function: Callable, x, direction, size, charts: bool) -> Any:
+    """Whether a function breaks between x and x + REACH size direction.
+
+    Args:
+        function: x (n,) -> (n,).
+        x: (n,) point.
+        direction: (n,) unit vector.
+        size: of the attractor.
+        charts: a jump may be a change of charts: the function is a map, and its values are points.
+    """
+
+    def values(x, direction):
+        return jax.jvp(function, (x,), (direction,))
+
+    reach = REACH * size
+    (here, slope), (_, bend) = jax.jvp(
+        lambda s: values(x + s * direction, direction), (0.0 * reach,), (0.0 * reach + 1,)
+    )
+    there, slope_there = values(x + reach * direction, direction)
+    foreseen = here + reach * slope
+    kink = _apart(slope_there, slope + reach * bend, size * _norm(bend))
+    jump = _apart(there, foreseen, size * _norm(slope))
+    if not charts:
+        return kink | jump
+    onwards = slope_there / _norm(slope_there)
+    found, expected = values(there, onwards), values(foreseen, onwards)
+    alike = ~_apart(found[0], expected[0], size * _norm(found[1])) & ~_apart(found[1], expected[1], 0.0)
+    return kink | (jump & ~alike)
+
+
+def _apart(one, other, scale):
+    return _norm(one - other) > SEEN * (_norm(one) + _norm(other) + scale)
+
+
+def _norm(vector):
+    return jnp.sqrt(jnp.sum(vector**2))

@@ -1,0 +1,332 @@
+"""Derivatives of chaotic exponents by linear response against exact values and independent ones; and what is refused."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy import stats
+
+import lyaphybrid as lh
+from lyaphybrid.gradients import continuity, jets, linear_response
+
+KEY = jax.random.key(1)
+CIRCLE = 2 * np.pi
+FIXED = lh.RungeKutta("rk4", dt=0.01)
+
+
+def blaschke(n, x, a):
+    """A circle map whose invariant density is constant: λ = ln(1 + √(1 − a²))."""
+    return jnp.mod(2 * x + 2 * jnp.arctan2(a * jnp.sin(x), 1 - a * jnp.cos(x)), CIRCLE)
+
+
+def solenoid(n, u, a):
+    """Over that circle map; its fibres contract by 0.4 and 0.25."""
+    phi, y, z = u
+    along = 0.4 * y + 0.5 * jnp.cos(phi) + 0.3 * z + 0.1 * jnp.sin(phi)
+    return jnp.stack([blaschke(n, phi, a), along, 0.25 * z + 0.5 * jnp.sin(phi)])
+
+
+def perturbed_cat(n, x, theta):
+    p, q = x
+    kick = theta * (jnp.sin(CIRCLE * p) + 0.5 * jnp.cos(CIRCLE * (p + q))) / CIRCLE
+    return jnp.mod(jnp.stack([2 * p + q + kick, p + q + 0.7 * kick + 0.1 * jnp.sin(CIRCLE * q) / CIRCLE]), 1.0)
+
+
+def warped(y, a):
+    return y + a * jnp.sin(y)
+
+
+def unwarped(x, a):
+    y = x
+    for _ in range(30):
+        y = y - (warped(y, a) - x) / (1 + a * jnp.cos(y))
+    return y
+
+
+def conjugate(n, x, a):
+    """Twice the angle, seen through x = y + a sin y: the density is 1/(1 + a cos y), and λ = ln 2 for every a."""
+    return warped(jnp.mod(2 * unwarped(x, a), CIRCLE), a)
+
+
+def baker(n, u, p):
+    x, y = u
+    return jnp.where(x < p, jnp.stack([x / p, p * y]), jnp.stack([(x - p) / (1 - p), p + (1 - p) * y]))
+
+
+def lorenz(**keywords):
+    problem = lh.zoo.lorenz63()
+    keywords = {"t1": 30.0, "transient": 30.0, "integrator": FIXED} | keywords
+    return lh.lyapunov_gradient(
+        problem.system, problem.x0, problem.args, method="linear_response", key=KEY, **keywords
+    )  # fmt: skip
+
+
+def gradient(rule, x0, args, t1, **keywords):
+    keywords = {"transient": 1000, "key": KEY} | keywords
+    return lh.lyapunov_gradient(lh.Map(rule), x0, args, t1=t1, method="linear_response", **keywords)
+
+
+def assert_within(found, exact, known=0.0, most=3.0):
+    assert np.all(np.abs(found.gradient - np.array(exact)) < most * np.hypot(found.stderr, np.array(known)) + 1e-9)
+    assert found.trust, found.reasons
+
+
+def of_solenoid(a):
+    root = np.sqrt(1 - a**2)
+    return [-a / (root * (1 + root)), 0, 0]
+
+
+@pytest.mark.parametrize("a", [0.2, 0.4])
+def test_the_solenoid(a):
+    found = gradient(solenoid, [0.3, 0.1, 0.2], a, 20_000)
+    assert_within(found, of_solenoid(a))
+    assert found.stderr[0] < 4e-3
+    assert np.max(found.stderr[1:]) < 2e-4
+    assert_allclose(found.value, [np.log(1 + np.sqrt(1 - a**2)), np.log(0.4), np.log(0.25)], atol=3e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("a", [0.2, 0.4])
+def test_the_solenoid_to_a_thousandth(a):
+    found = gradient(solenoid, [0.3, 0.1, 0.2], a, 300_000)
+    assert_within(found, of_solenoid(a))
+    assert found.stderr[0] < 1e-3
+
+
+@pytest.mark.parametrize("t1", [50_000, pytest.param(400_000, marks=pytest.mark.slow)])
+def test_the_perturbed_cat_map(t1):
+    found = gradient(perturbed_cat, [0.3, 0.1], 0.4, t1)
+    assert_within(found, [-0.04806, 0.01293], [0.00032, 0.00026])
+    assert np.max(found.stderr) < 1e-3
+
+
+@pytest.mark.parametrize("a", [0.3, 0.5])
+def test_a_change_of_coordinates_changes_no_exponent(a):
+    found = gradient(conjugate, [0.3], a, 10_000)
+    assert_within(found, [0.0])
+    assert found.stderr[0] < 3e-3
+
+
+def test_faster_time():
+    """f → c f multiplies all exponents by c: all of it is a shift of time."""
+    problem = lh.zoo.lorenz63()
+
+    def field(t, x, c):
+        return c * problem.system.field(t, x, {"sigma": 10.0, "rho": 28.0, "beta": 8 / 3})
+
+    found = lh.lyapunov_gradient(
+        lh.Flow(field), problem.x0, 1.0, t1=30.0, transient=30.0, method="linear_response", key=KEY, integrator=FIXED
+    )
+    assert_allclose(found.gradient[0], found.value[0] + found.value[1], rtol=1e-9)
+    assert found.gradient[1] == found.stderr[1] == 0
+    assert_allclose(found.gradient[2], found.value[2], rtol=1e-9)
+
+
+def test_the_volume_of_lorenz():
+    """λ₁ + λ₂ + λ₃ = −(σ + 1 + β)."""
+    found = lorenz()
+    for name, exact in {"sigma": -1, "rho": 0, "beta": -1}.items():
+        assert_allclose(np.sum(found.gradient[name]), exact, atol=1e-4)
+        assert found.gradient[name][1] == 0
+    assert any("zero exponent along the flow" in reason for reason in found.reasons)
+
+
+@pytest.mark.slow
+def test_lorenz():
+    found = lorenz(t1=2000.0, free=["rho"])
+    slopes, errors = found.gradient["rho"], found.stderr["rho"]
+    assert found.trust, found.reasons
+    assert errors[0] < 1e-3
+    assert abs(slopes[0] - 0.0242) < 3 * np.hypot(errors[0], 2e-4)
+    assert abs(slopes[2] + 0.0243) < 3 * np.hypot(errors[2], 2e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("rule", "x0", "a", "exact"), [(conjugate, [0.3], 0.4, 0.0), (blaschke, [0.3], 0.4, of_solenoid(0.4)[0])]
+)
+def test_errors_have_the_size_they_should(rule, x0, a, exact):
+    found = [gradient(rule, x0, a, 5000, key=jax.random.key(seed)) for seed in range(24)]
+    scores = [float((one.gradient[0] - exact) / one.stderr[0]) for one in found]
+    assert 0.7 < np.std(scores) < 1.5
+    assert abs(np.mean(scores)) < 0.8
+    assert sum(one.trust for one in found) >= 22
+
+
+def test_the_density_gradient_of_a_known_density():
+    """ρ = 1/(1 + a cos y): g = a sin y/(1 + a cos y)², and b = (∂_x∂_aφ)/φ' + a g."""
+    a = jnp.array([0.4])
+    motion = jets.Motion(lambda a, h, x: conjugate(0, x, a[0]), a, jnp.array(1.0), False)
+    jet = jets.jet_at(jnp.array([0.3]), jnp.ones((1, 1)), 1)
+    onward = jax.jit(lambda jet: jets.onward(motion, jet))
+    for _ in range(60):
+        before = jet.z.x[0]
+        jet, seen = onward(jet)
+    y = unwarped(jet.z.x[0], 0.4)
+    g = 0.4 * jnp.sin(y) / (1 + 0.4 * jnp.cos(y)) ** 2
+    assert_allclose(jet.g, g, rtol=1e-10)
+
+    def by_a(x):
+        return jax.grad(lambda a: conjugate(0, x, a))(0.4)
+
+    slope = jax.grad(lambda x: conjugate(0, x, 0.4))(before)
+    assert_allclose(seen.b[0], jax.grad(by_a)(before) / slope + by_a(before) * g, rtol=1e-9)
+    assert_allclose(jet.v.x, 0, atol=1e-14)
+
+
+def test_derivatives_along_the_unstable_direction():
+    """Those of u and v, against the difference between two points on one unstable curve."""
+    motion = jets.Motion(lambda a, h, x: solenoid(0, x, a[0]), jnp.array([0.4]), jnp.array(1.0), False)
+    onward = jax.jit(lambda jet: jets.onward(motion, jet)[0])
+    one = jets.jet_at(jnp.array([0.3, 0.1, 0.2]), jnp.eye(3), 1)
+    for _ in range(100):
+        one = onward(one)
+    apart = 1e-11
+    two = one._replace(z=jax.tree.map(lambda z, u: z + apart * u, one.z, one.u))
+    for _ in range(20):
+        apart = apart * float(jnp.linalg.norm(jax.jvp(lambda x: solenoid(0, x, 0.4), (one.z.x,), (one.u.x,))[1]))
+        one, two = onward(one), onward(two)
+    assert 1e-7 < apart < 1e-3
+    for name, along in {"u": one.u_along, "v": one.v_along}.items():
+        quotient = jax.tree.map(lambda a, b: (b - a) / apart, getattr(one, name), getattr(two, name))
+        for exact, near in zip(jax.tree.leaves(along), jax.tree.leaves(quotient), strict=True):
+            assert_allclose(near, exact, atol=1e-3 * float(jnp.max(jnp.abs(exact))) + 1e-6)
+
+
+def test_what_is_remembered_fades_smoothly():
+    """As the probability that eight geometric times together take longer than the lag."""
+    retained, stages = jnp.array([0.5, 0.9]), jnp.zeros((linear_response.STAGES, 2, 1))
+    for lag in range(200):
+        stages = linear_response.remembered(stages, jnp.full(1, float(lag == 0)), retained)
+        left = [stats.nbinom.sf(lag - linear_response.STAGES, linear_response.STAGES, 1 - r) for r in (0.5, 0.9)]
+        assert_allclose(jnp.sum(stages, axis=0)[:, 0], left, atol=1e-12)
+
+
+def lozi(n, x, a):
+    return jnp.stack([1 - a * jnp.abs(x[0]) + x[1], 0.3 * x[0]])
+
+
+def stretched(n, x, a):
+    """β x mod 1, β no whole number: 0 and 1 do not go on alike."""
+    return jnp.mod(2.3 * x + a * jnp.sin(CIRCLE * x) / CIRCLE, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("rule", "x0", "a"), [(baker, [0.31234, 0.1], 0.3), (lozi, [0.1, 0.1], 1.7), (stretched, [0.3], 0.2)]
+)
+def test_breaks_are_refused(rule, x0, a):
+    found = gradient(rule, x0, a, 5000)
+    assert not found.trust
+    assert any("how a discontinuity moves; use regression" in reason for reason in found.reasons)
+
+
+def test_a_field_with_a_kink_is_refused():
+    problem = lh.zoo.lorenz63()
+
+    def field(t, x, c):
+        return problem.system.field(t, x, {"sigma": 10.0, "rho": 28.0, "beta": 8 / 3}) + c * jnp.abs(x) * 0.1
+
+    found = lh.lyapunov_gradient(
+        lh.Flow(field), problem.x0, 1.0, t1=50.0, transient=30.0, method="linear_response", key=KEY, integrator=FIXED
+    )
+    assert not found.trust
+    assert any("discontinuity" in reason for reason in found.reasons)
+
+
+def test_henon_is_refused():
+    """The density along the unstable manifold is singular: its gradient's tail is so heavy that it has no mean."""
+    found = gradient(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]]), [0.1, 0.1], 1.4, 20_000)
+    assert not found.trust
+    assert any("of the density gradient: its square has no mean" in reason for reason in found.reasons)
+    assert not any("discontinuity" in reason for reason in found.reasons)
+
+
+def two_cats(n, x, a):
+    return jnp.concatenate([perturbed_cat(n, x[:2], a), perturbed_cat(n, x[2:], a)])
+
+
+def beside_a_rotation(n, x, a):
+    return jnp.concatenate([perturbed_cat(n, x[:2], a), jnp.mod(x[2:] + 0.1, 1.0)])
+
+
+@pytest.mark.parametrize(
+    ("rule", "x0", "says"),
+    [
+        (two_cats, [0.3, 0.1, 0.2, 0.7], "more than one unstable direction"),
+        (beside_a_rotation, [0.3, 0.1, 0.5], "or a neutral one"),
+        (lambda n, x, a: a * x, [0.3], "not chaotic"),
+        (lambda n, x, a: 3 + a * x**2, [0.3], "The runs failed: nonfinite"),
+    ],
+)
+def test_what_has_not_one_unstable_direction_is_refused(rule, x0, says):
+    found = gradient(rule, x0, 0.4, 5000)
+    assert not found.trust
+    assert says in found.reasons[0]
+    assert np.all(np.isnan(found.gradient))
+
+
+def smooth(x):
+    return jnp.stack([jnp.tanh(5 * x[0]) + x[1] ** 2, jnp.cos(x[0])])
+
+
+def kinked(x):
+    return jnp.stack([jnp.abs(x[0]), x[1]])
+
+
+def torn(x):
+    return jnp.stack([2.5 * x[0] + jnp.where(x[0] > 0, 0.5, 0.0), x[1]])
+
+
+def wound(x):
+    return jnp.stack([jnp.mod(2 * x[0], 1.0), 0.5 * x[1] + jnp.sin(CIRCLE * x[0])])
+
+
+@pytest.mark.parametrize(
+    ("function", "charts", "expected"),
+    [(smooth, True, False), (smooth, False, False), (kinked, True, True), (torn, True, True), (wound, True, False),
+     (wound, False, True)],
+)  # fmt: skip
+def test_breaks(function, charts, expected):
+    """Points 0.001 apart, on both sides of x = 0."""
+    found = continuity.breaks(function, jnp.array([-3e-4, 0.7]), jnp.array([0.8, 0.6]), 1.0, charts)
+    assert bool(found) == expected
+
+
+def test_runs_that_were_interrupted_are_left_out(monkeypatch):
+    whole = linear_response.run_chains
+
+    def interrupted(*args, **keywords):
+        results, done = whole(*args, **keywords)
+        for one in done[2:]:
+            one[-1] = False
+        return results, done
+
+    monkeypatch.setattr(linear_response, "run_chains", interrupted)
+    found = gradient(blaschke, [0.3], 0.4, 2000)
+    assert np.isfinite(found.gradient[0])
+    monkeypatch.setattr(linear_response, "run_chains", lambda *a, **k: (whole(*a, **k)[0], [np.zeros(2, bool)] * 16))
+    with pytest.raises(ValueError, match="interrupted before two runs were done"):
+        gradient(blaschke, [0.3], 0.4, 2000)
+
+
+FLOW = lh.Flow(lambda t, x, a: a * x)
+
+
+@pytest.mark.parametrize(
+    ("system", "keywords", "says"),
+    [
+        (lh.Hybrid(lambda t, x, a: a * x, lh.Transition(lambda t, x, a: x[0], lambda t, x, a: -x)), {}, "jumps.*'regression'"),
+        (lh.Hamiltonian(lambda p, a: a * jnp.sum(p**2), lambda q, a: jnp.sum(q**2)), {}, "conserved energy"),
+        (FLOW, {}, "must be fixed: integrator=lh.RungeKutta"),
+        (FLOW, {"integrator": lh.RungeKutta(rtol=1e-6)}, "must be fixed"),
+        (lh.Flow(lambda t, x, a: a * x + jnp.cos(t)), {"integrator": FIXED}, "does not depend on time"),
+        (lh.Map(lambda n, x, a: a * x + n), {}, "does not depend on time"),
+        (lh.Map(lambda n, x, a: a * x), {"key": None}, "key=jax.random.key"),
+        (lh.Map(lambda n, x, a: a * x), {"clock": "jumps"}, "clock='jumps'"),
+    ],
+)  # fmt: skip
+def test_bad_input(system, keywords, says):
+    keywords = {"key": KEY, "t1": 100} | keywords
+    with pytest.raises(ValueError, match=says):
+        lh.lyapunov_gradient(system, [0.5, 0.5], 0.5, method="linear_response", **keywords)
