@@ -93,7 +93,7 @@ def lyapunov_gradient(
     "linear_response": chaos of a flow or map that is smooth and has one unstable direction: from sixteen runs, at the
     parameters themselves, whatever their number. Trusted where the density gradient along the unstable direction has no
     heavy tail, where longer correlations add nothing, where no break of the system was met, and where the zero exponent
-    along a flow has no derivative. A break smaller than a hundredth of the system's size, or met more seldom than once
+    along a flow has no derivative. A break smaller than a thousandth of the system's size, or met more seldom than once
     in some ten thousand steps, goes unseen.
 
     "regression": any motion, chaos with jumps and billiards included. Exponents of an ensemble over a window of
