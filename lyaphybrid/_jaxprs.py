@@ -59,8 +59,17 @@ def needed(closed: ClosedJaxpr) -> set:
     found = _variables(closed.jaxpr.outvars)
     for eqn in reversed(closed.jaxpr.eqns):
         if found.intersection(eqn.outvars):
-            found |= _variables(eqn.invars)
+            found |= _variables(_read(eqn))
     return found
+
+
+def _read(eqn) -> list:
+    """The operands of an equation that it needs: a jit within takes all that it is given."""
+    if eqn.primitive.name not in ("jit", "pjit"):
+        return eqn.invars
+    inner = eqn.params["jaxpr"]
+    within = needed(inner)
+    return [outer for outer, own in zip(eqn.invars, inner.jaxpr.invars, strict=True) if own in within]
 
 
 def is_affine(function: Callable, x) -> bool:

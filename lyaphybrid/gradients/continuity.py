@@ -1,9 +1,9 @@
 """Whether a rule or a field breaks: jumps and kinks that its derivatives do not show.
 
-Between two points of the attractor, a little apart along the unstable direction, the function should change by the mean of
-the slopes at both, and the slope by the mean of their derivatives: up to a thousand millionth of third and fourth
-derivatives. Where the function alone jumps, that may be a change of charts, as φ mod 2π is: it is one if the point that
-was found and the point that the slopes foresee go on alike.
+Between two points of the attractor, a little apart along the unstable direction, the function should change by the
+mean of the slopes at both, and the slope by the mean of their derivatives: up to a thousand millionth of third and
+fourth derivatives. Where the function alone jumps, that may be a change of charts, as φ mod 2π is: it is one if the
+point that was found and the point that the slopes foresee go on alike.
 """
 
 from collections.abc import Callable

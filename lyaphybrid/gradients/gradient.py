@@ -90,11 +90,11 @@ def lyapunov_gradient(
     derivatives of its multipliers follow from the implicit function theorem, to about ten digits; guards and resets may
     depend on the parameters. Of a complex pair, or of exponents that are nearly the same, it is that of their mean.
 
-    "linear_response": chaos of a flow or map that is smooth and has one unstable direction: from sixteen runs, at the
+    "linear_response": chaos of a flow or map that is smooth and has one unstable direction. From 32 runs at the
     parameters themselves, whatever their number. Trusted where the density gradient along the unstable direction has no
     heavy tail, where longer correlations add nothing, where no break of the system was met, and where the zero exponent
-    along a flow has no derivative. A break smaller than a thousandth of the system's size, or met more seldom than once
-    in some ten thousand steps, goes unseen.
+    along a flow has no derivative. Unseen go breaks below a thousandth of the system's size, or that fewer than one in
+    thirty thousand steps come near to, and what parameters do only where the attractor ends.
 
     "regression": any motion, chaos with jumps and billiards included. Exponents of an ensemble over a window of
     parameters are fitted by polynomials. The derivative is trusted where χ² agrees with the noise between replicates,
@@ -118,8 +118,8 @@ def lyapunov_gradient(
         t0: time at the start.
         transient: length of the run before; None: t1/10.
         mode: mode at the start, where there are several.
-        integrator: of the flow; None: the default (implicit: with rtol = 1e-12). A linear response needs one with a fixed
-            step, `lh.RungeKutta("rk4", dt=…)`.
+        integrator: of the flow; None: the default (implicit: with rtol = 1e-12). A linear response needs a
+            fixed step, `lh.RungeKutta("rk4", dt=…)`.
         clock: of the exponents, as for `lyapunov_spectrum`.
         window: half width of the window of parameters, relative to each, or an array of absolute ones.
         points: of the window; None: enough for the degree.
@@ -132,7 +132,7 @@ def lyapunov_gradient(
 
     Raises:
         ValueError: on arguments that do not fit; where "implicit" is asked for and there is no periodic orbit; where
-            "linear_response" is asked for and the system jumps, has constraints, conserves its energy or depends on time.
+            "linear_response" is asked for and the system jumps, has constraints or an energy, or depends on time.
 
     Source:
         R. Seydel, Practical Bifurcation and Stability Analysis (Springer 2010), doi:10.1007/978-1-4419-1740-9.

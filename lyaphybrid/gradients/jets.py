@@ -11,8 +11,8 @@ has one too: u, whose part in x is the first column of Q, for fibres of frames c
     g' = (g − ∂_u ln α)/α                    the density gradient, g = ∂_u ln ρ of the invariant density on the curve
     b' = ∂_u a + a g'                        the divergence of a u on the curve
 
-where F is the velocity of a flow (c = 0 for a map), and ∂_u f of what belongs to the next point is the derivative of the
-whole step along u, over α. That takes second derivatives of φ, and third ones of a field.
+where F is the velocity of a flow (c = 0 for a map), and ∂_u of what belongs to the next point is the derivative of
+the whole step along u, over α. That takes second derivatives of φ, and third ones of a field.
 
 N. Chandramoorthy & Q. Wang, SIAM J. Appl. Dyn. Syst. 21 (2022) 735, doi:10.1137/21M1405599 (u, v, g and b for a map);
 A. Ni & Q. Wang, J. Comput. Phys. 347 (2017) 56, doi:10.1016/j.jcp.2017.06.033 (c for a flow).
@@ -142,5 +142,5 @@ def _velocity(motion: Motion, z: Point) -> tuple[Point, Array]:
 
 
 def _less(point: Point, factor: Any, other: Point) -> Point:
-    """point − factor · other."""
+    """What is left of a point without so much of another."""
     return jax.tree.map(lambda one, two: one - factor * two, point, other)
