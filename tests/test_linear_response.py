@@ -102,6 +102,29 @@ def test_a_change_of_coordinates_changes_no_exponent(c):
     assert found.stderr[0] < 3e-3
 
 
+def bent(n, x, a):
+    return jnp.mod(2 * x + a * jnp.sin(x), CIRCLE)
+
+
+def of_transfer_operator(a, modes=64, points=4096):
+    """λ of `bent` from its invariant density, the fixed point of the transfer operator in Fourier modes."""
+    x = CIRCLE * np.arange(points) / points
+    order = np.arange(-modes, modes + 1)
+    operator = np.exp(-1j * np.outer(order, 2 * x + a * np.sin(x))) @ np.exp(1j * np.outer(x, order)) / points
+    values, vectors = np.linalg.eig(operator)
+    density = np.exp(1j * np.outer(x, order)) @ vectors[:, np.argmin(np.abs(values - 1))]
+    return np.mean((density / np.mean(density)).real * np.log(2 + a * np.cos(x)))
+
+
+@pytest.mark.parametrize("a", [0.5, 0.9])
+def test_a_circle_map_against_its_transfer_operator(a):
+    found = gradient(bent, [0.3], a, 10_000)
+    exact = (of_transfer_operator(a + 1e-4) - of_transfer_operator(a - 1e-4)) / 2e-4
+    assert_within(found, [exact])
+    assert found.stderr[0] < 0.03 * abs(exact)
+    assert_allclose(found.value[0], of_transfer_operator(a), atol=4 * found.value_stderr[0])
+
+
 def lorenz_field(x):
     return lh.zoo.lorenz63().system.field(0.0, x, {"sigma": 10.0, "rho": 28.0, "beta": 8 / 3})
 
