@@ -238,7 +238,7 @@ def test_derivatives_along_the_unstable_direction():
         apart = apart * float(jnp.linalg.norm(jax.jvp(lambda x: solenoid(0, x, 0.4), (one.z.x,), (one.u.x,))[1]))
         one, two = onward(one), onward(two)
     assert 1e-7 < apart < 1e-3
-    for name, along in {"u": one.u_along, "v": one.v_along}.items():
+    for name, along in {"u": one.unstable.u, "v": one.unstable.v}.items():
         quotient = jax.tree.map(lambda a, b: (b - a) / apart, getattr(one, name), getattr(two, name))
         for exact, near in zip(jax.tree.leaves(along), jax.tree.leaves(quotient), strict=True):
             assert_allclose(near, exact, atol=1e-3 * float(jnp.max(jnp.abs(exact))) + 1e-6)

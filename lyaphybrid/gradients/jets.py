@@ -4,18 +4,20 @@ With one unstable direction, the motion of points and frames together,
 
     Φ(x, Q) = (φ(x), Q'),    Q' R = Dφ Q,    J_i = ln R_ii,
 
-has one too: u, whose part in x is the first column of Q, for fibres of frames contract. Along it
+has one too, u, for fibres of frames contract. Its part in x has length 1 and, in a flow, is perpendicular to the
+velocity F: what u has along F only shifts time, and where both are nearly parallel the two would be large and cancel.
 
-    DΦ u = α u',                             α = R_11
-    v' = DΦ v + ∂_θΦ − a u' − c F'           v ⟂ u, F in x: what the parameters do, less what grows or drifts
-    g' = (g − ∂_u ln α)/α                    the density gradient, g = ∂_u ln ρ of the invariant density on the curve
-    b' = ∂_u a + a g'                        the divergence of a u on the curve
+    DΦ u = α u' + κ F'
+    v' = DΦ v + ∂_θΦ − a u' − c F'           v ⟂ u, F in x: what parameters do, less what grows or drifts
+    ∂_u' = (∂_u − κ ∂_F)/α,  ∂_F' = ∂_F      of what belongs to the next point: of the whole step from this one
+    g' = (g − ∂_u' α − ∂_F' κ)/α             the density gradient: the divergence of u under the invariant measure
+    b' = ∂_u' a + a g'                       the divergence of a u
 
-where F is the velocity of a flow (c = 0 for a map), and ∂_u of what belongs to the next point is the derivative of
-the whole step along u, over α. That takes second derivatives of φ, and third ones of a field.
+In a map F = 0, and g = ∂_u ln ρ of the density on the unstable curve. The third line is the derivative of the second
+along a curve, and g' follows from the first, for Φ keeps the measure and with it divergences, and div F = 0.
 
-N. Chandramoorthy & Q. Wang, SIAM J. Appl. Dyn. Syst. 21 (2022) 735, doi:10.1137/21M1405599 (u, v, g and b for a map);
-A. Ni & Q. Wang, J. Comput. Phys. 347 (2017) 56, doi:10.1016/j.jcp.2017.06.033 (c for a flow).
+N. Chandramoorthy & Q. Wang, SIAM J. Appl. Dyn. Syst. 21 (2022) 735, doi:10.1137/21M1405599 (u, v, g and b of a map);
+A. Ni & Q. Wang, J. Comput. Phys. 347 (2017) 56, doi:10.1016/j.jcp.2017.06.033 (c of a flow).
 """
 
 from collections.abc import Callable
@@ -47,14 +49,22 @@ class Motion(NamedTuple):
     flows: bool  # h may change, and the velocity F is the derivative by it
 
 
+class Along(NamedTuple):
+    """A tangent of a point, and the derivatives of u and v along it."""
+
+    z: Point
+    u: Point
+    v: Point
+
+
 class Jet(NamedTuple):
     """All that is carried along."""
 
     z: Point
     u: Point
     v: Point  # (p, …), one for each parameter
-    u_along: Point  # ∂_u u
-    v_along: Point  # ∂_u v
+    unstable: Along  # along u
+    flow: Along  # along F
     g: Array
 
 
@@ -74,18 +84,17 @@ class Carried(NamedTuple):
     z: Point
     u: Point
     v: Point
-    growth: Array
-    direct: Array
+    alpha: Array
+    kappa: Array
     a: Array  # (p,)
-    c: Array  # (p,)
-    rate: Array
 
 
 def jet_at(x, frame, p: int) -> Jet:
     """A jet that knows nothing yet: it forgets that as fast as the stable directions contract."""
     nothing = Point(jnp.zeros_like(x), jnp.zeros_like(frame))
     each = jax.tree.map(lambda leaf: jnp.zeros((p, *leaf.shape), leaf.dtype), nothing)
-    return Jet(Point(x, frame), Point(frame[:, 0], nothing.frame), each, nothing, each, jnp.zeros((), x.dtype))
+    u, still = Point(frame[:, 0], nothing.frame), Along(nothing, nothing, each)
+    return Jet(Point(x, frame), u, each, still._replace(z=u), still, jnp.zeros((), x.dtype))
 
 
 def onward(motion: Motion, jet: Jet) -> tuple[Jet, Step]:
@@ -93,16 +102,14 @@ def onward(motion: Motion, jet: Jet) -> tuple[Jet, Step]:
 
     The one loop of `propagation` carries first derivatives alone; here a step of its method is differentiated further.
     """
-
-    def first(z, u, v):
-        return _carried(motion, z, u, v)
-
-    new, along = jax.jvp(first, (jet.z, jet.u, jet.v), (jet.u, jet.u_along, jet.v_along))
-    alpha = jnp.exp(new.growth[0])
-    g = (jet.g - along.growth[0]) / alpha
-    u_along, v_along = (jax.tree.map(lambda leaf: leaf / alpha, one) for one in (along.u, along.v))
-    b = along.a / alpha + new.a * g
-    return Jet(new.z, new.u, new.v, u_along, v_along, g), Step(new.growth, new.direct, b, new.c, new.rate)
+    new, derivative, (velocity, step) = jax.linearize(
+        lambda z, u, v: _carried(motion, z, u, v), jet.z, jet.u, jet.v, has_aux=True
+    )
+    by_flow = derivative(*jet.flow)
+    by_unstable = jax.tree.map(lambda one, two: (one - new.kappa * two) / new.alpha, derivative(*jet.unstable), by_flow)
+    g = (jet.g - by_unstable.alpha - by_flow.kappa) / new.alpha
+    unstable, flow = Along(new.u, by_unstable.u, by_unstable.v), Along(velocity, by_flow.u, by_flow.v)
+    return Jet(new.z, new.u, new.v, unstable, flow, g), step._replace(b=by_unstable.a + new.a * g)
 
 
 def _image(motion: Motion, theta, h, z: Point) -> tuple[Point, Array]:
@@ -112,25 +119,25 @@ def _image(motion: Motion, theta, h, z: Point) -> tuple[Point, Array]:
     return Point(x, frame), growth
 
 
-def _carried(motion: Motion, z: Point, u: Point, v: Point) -> Carried:
+def _carried(motion: Motion, z: Point, u: Point, v: Point) -> tuple[Carried, tuple[Point, Step]]:
+    """The step, with the velocity where it ends and what it shows but b."""
     theta, h = motion.theta, motion.h
     (new, growth), (stretched, _) = jax.jvp(lambda z: _image(motion, theta, h, z), (z,), (u,))
-    u = _less(stretched, 1 - jnp.exp(-growth[0]), stretched)
     velocity, rate = _velocity(motion, z)
-    unstable = new.frame[:, 0]
-    across = velocity.x - unstable * (unstable @ velocity.x)
-    square = across @ across if motion.flows else 1.0
+    square = velocity.x @ velocity.x if motion.flows else 1.0
+    kappa = stretched.x @ velocity.x / square
+    across = _less(stretched, kappa, velocity)
+    alpha = jnp.sqrt(across.x @ across.x)
+    u = jax.tree.map(lambda leaf: leaf / alpha, across)
 
     def of_parameter(turn, v):
         """∂_θΦ + DΦ v without its parts along F and u."""
         _, (moved, direct) = jax.jvp(lambda theta, z: _image(motion, theta, h, z), (theta, z), (turn, v))
-        c = across @ moved.x / square
-        moved = _less(moved, c, velocity)
-        a = unstable @ moved.x
-        return _less(moved, a, u), direct, a, c
+        c, a = velocity.x @ moved.x / square, u.x @ moved.x
+        return _less(_less(moved, c, velocity), a, u), direct, a, c
 
     v, direct, a, c = jax.vmap(of_parameter)(jnp.eye(theta.shape[0], dtype=theta.dtype), v)
-    return Carried(new, u, v, growth, direct, a, c, rate)
+    return Carried(new, u, v, alpha, kappa, a), (velocity, Step(growth, direct, jnp.zeros_like(a), c, rate))
 
 
 def _velocity(motion: Motion, z: Point) -> tuple[Point, Array]:
