@@ -71,8 +71,8 @@ def of_solenoid(a):
     return [-a / (root * (1 + root)), 0, 0]
 
 
-@pytest.mark.parametrize("a", [0.2, 0.4])
-def test_the_solenoid(a):
+def test_the_solenoid():
+    a = 0.4
     found = gradient(solenoid, [0.3, 0.1, 0.2], a, 10_000)
     assert_within(found, of_solenoid(a))
     assert found.stderr[0] < 4e-3
@@ -140,7 +140,7 @@ def of_field(field, parameter, t1):
 @pytest.mark.unoptimised
 def test_faster_time():
     """f → c f multiplies all exponents by c: all of it is a shift of time."""
-    found = of_field(lambda t, x, c: c * lorenz_field(x), 1.0, 30.0)
+    found = of_field(lambda t, x, c: c * lorenz_field(x), 1.0, 10.0)
     assert_allclose(found.gradient[0], found.value[0] + found.value[1], rtol=1e-9)
     assert found.gradient[1] == found.stderr[1] == 0
     assert_allclose(found.gradient[2], found.value[2], rtol=1e-9)
@@ -173,7 +173,7 @@ def test_a_change_of_coordinates_of_a_flow_changes_no_exponent():
     assert np.max(found.stderr) < 4e-3
 
 
-@pytest.mark.unoptimised
+@pytest.mark.slow
 def test_the_volume_of_lorenz():
     """λ₁ + λ₂ + λ₃ = −(σ + 1 + β)."""
     found = lorenz()
@@ -271,7 +271,7 @@ def test_breaks_are_refused(rule, x0, a):
     assert any("how a discontinuity moves; use regression" in reason for reason in found.reasons)
 
 
-@pytest.mark.unoptimised
+@pytest.mark.slow
 def test_a_field_with_a_kink_is_refused():
     found = of_field(lambda t, x, c: lorenz_field(x) + 0.3 * c * jnp.abs(x), 1.0, 50.0)
     assert not found.trust
