@@ -17,7 +17,7 @@ from .daes import DAE  # noqa: E402
 from .derivatives import Jacobians, jacobians, saltation_matrix  # noqa: E402
 from .diagrams import BifurcationDiagram, bifurcation_diagram  # noqa: E402
 from .filippov import filippov  # noqa: E402
-from .gradients import Gradient, lyapunov_gradient  # noqa: E402
+from .gradients import Design, Gradient, design, lyapunov_gradient  # noqa: E402
 from .hamiltonians import Hamiltonian, canonical_flow  # noqa: E402
 from .indicators import (  # noqa: E402
     Alignment,
@@ -81,6 +81,8 @@ __all__ = [
     "covariant_vectors",
     "spectral_intervals",
     "floquet",
+    "design",
+    "Design",
     "lyapunov_gradient",
     "return_map",
     "poincare_section",

@@ -1,0 +1,133 @@
+"""Parameters at which exponents are what is wanted, against exact values and independent runs."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+import pytest
+import scipy.optimize
+from numpy.testing import assert_allclose
+
+import lyaphybrid as lh
+
+pytestmark = pytest.mark.unoptimised
+
+LOGISTIC = lh.Map(lambda n, x, args: args["r"] * x * (1 - x))
+DIAGONAL = lh.Map(lambda n, x, args: jnp.stack([args["a"] * args["b"], args["b"]]) * x)
+ACCUMULATION = 3.5699456718709449  # of the doublings of the logistic map
+
+
+def logistic(target=-0.5, r=2.8, **keywords):
+    return lh.design(LOGISTIC, [0.3], {"r": r}, target, **{"t1": 1000, "free": "r"} | keywords)
+
+
+@pytest.mark.parametrize("bounds", [None, {"r": (2.5, 2.99)}, {"r": (2.5, None)}, {"r": (None, 2.99)}])
+def test_one_exponent_by_one_parameter(bounds):
+    """λ = ln|2 − r|."""
+    found = logistic(bounds=bounds)
+    assert (found.converged, found.trust) == (True, True), found
+    assert_allclose(found.parameters["r"], 2 + np.exp(-0.5), rtol=1e-12)
+    assert_allclose(found.exponents, [-0.5], rtol=1e-11)
+    assert found.args["r"] == found.parameters["r"]
+    assert_allclose(found.history[0], [2.8, np.log(0.8)], rtol=1e-12)
+
+
+def test_two_exponents_by_two_parameters():
+    found = lh.design(DIAGONAL, [0.1, 0.1], {"a": 0.8, "b": 0.5}, [-1.0, -2.0], t1=100, free=("a", "b"))
+    assert found.converged, found
+    values = sorted(np.log([found.parameters["a"] * found.parameters["b"], found.parameters["b"]]))
+    assert_allclose(values, [-2, -1], rtol=1e-11)
+
+
+def test_one_exponent_by_two_parameters_takes_the_shortest_way():
+    """λ₁ = ln b does not depend on a here: a stays."""
+    found = lh.design(DIAGONAL, [0.1, 0.1], {"a": 0.8, "b": 0.5}, -1.0, t1=100, free=("a", "b"))
+    assert_allclose([found.parameters["a"], found.parameters["b"]], [0.8, np.exp(-1)], rtol=1e-11)
+
+
+def test_a_target_that_is_not_reached():
+    """λ = ln|4 − r| of the cycle at r > 3 has its largest value, 0, at its ends."""
+    found = logistic(0.5, r=2.8, bounds={"r": (2.1, 2.95)}, steps=8)
+    assert not found.converged
+    assert found.exponents[0] < 0.5
+
+
+def test_an_objective():
+    """Of (λ + 1/2)² + (r − 2.7)², with λ = ln(r − 2): by the gradient that optax is handed."""
+
+    def objective(exponents, args):
+        return (exponents[0] + 0.5) ** 2 + (args["r"] - 2.7) ** 2
+
+    found = logistic(objective, optimiser=optax.sgd(0.2), steps=60)
+    r = scipy.optimize.brentq(lambda r: (np.log(r - 2) + 0.5) / (r - 2) + r - 2.7, 2.5, 2.9, xtol=1e-14)
+    assert_allclose(found.parameters["r"], r, rtol=1e-8)
+    assert found.converged
+
+
+def test_the_edge_of_chaos_by_bisection():
+    found = logistic(0.0, r=3.57, t1=200_000, bounds={"r": (3.55, 3.58)}, optimiser="bisection", steps=20)
+    assert found.converged, found
+    assert_allclose(found.parameters["r"], ACCUMULATION, atol=2e-5)
+    assert_allclose(found.exponents, [0], atol=2e-3)
+
+
+def test_bounds_on_one_side_are_no_bracket():
+    found = logistic(0.0, r=2.8, bounds={"r": (2.6, 2.9)}, optimiser="bisection")
+    assert (found.converged, found.trust) == (False, False)
+    assert "one side" in found.reasons[0]
+
+
+def test_chaos_that_has_no_derivative_ends_the_search():
+    found = logistic(0.3, r=3.9, key=jax.random.key(0), t1=20_000)
+    assert not found.converged
+    assert "not to be trusted" in found.reasons[0]
+
+
+@pytest.mark.parametrize(
+    ("keywords", "message"),
+    [
+        ({"target": np.nan}, "target"),
+        ({"free": "s"}, "free must name"),
+        ({"bounds": {"r": (3.0, 4.0)}}, "between the bounds"),
+        ({"bounds": {"q": (3.0, 4.0)}}, "bounds must name"),
+        ({"bounds": {"r": (3.0,)}}, "pairs"),
+        ({"optimiser": "newton"}, "bisection"),
+        ({"optimiser": 3}, "optax"),
+        ({"optimiser": "bisection"}, "both bounds"),
+        ({"optimiser": "bisection", "target": lambda e, a: e[0]}, "one number"),
+        ({"k": 2}, "k belongs"),
+        ({"t1": -1}, "t1"),
+    ],
+)
+def test_bad_input(keywords, message):
+    with pytest.raises(ValueError, match=message):
+        logistic(**keywords)
+
+
+@pytest.mark.slow
+def test_damping_of_an_impact_oscillator():
+    """A complex pair has λ = −ζ + ln r/T."""
+    problem = lh.zoo.impact_oscillator(omega=2.3, zeta=0.02, restitution=0.8, gap=0.0)
+    found = lh.design(
+        problem.system, problem.x0, problem.args, -0.05, t1=1000.0, transient=300.0, free="restitution",
+        bounds={"restitution": (0.0, 1.0)}, period=lambda args: 2 * jnp.pi / args["omega"],
+    )  # fmt: skip
+    assert found.converged, found
+    assert_allclose(found.parameters["restitution"], np.exp(2 * np.pi / 2.3 * (-0.05 + 0.02)), rtol=1e-10)
+
+
+@pytest.mark.slow
+def test_lorenz_at_one():
+    """By regression over ensembles; another ensemble at the end agrees."""
+    problem = lh.zoo.lorenz63()
+    found = lh.design(
+        problem.system, problem.x0, problem.args, 1.0, t1=2000.0, free="rho", bounds={"rho": (26.0, 45.0)},
+        method="regression", key=jax.random.key(3), window=0.05,
+    )  # fmt: skip
+    assert found.converged, found
+    again = lh.lyapunov_spectrum(
+        problem.system, problem.x0, found.args, t1=4000.0, transient=100.0, replicates=8, key=jax.random.key(77), k=1
+    )
+    spread = np.hypot(found.stderr[0], float(again.stderr[0]))
+    assert abs(float(again.exponents[0]) - found.exponents[0]) <= 3 * spread
+    assert abs(float(again.exponents[0]) - 1.0) <= 3 * np.hypot(found.stderr[0], float(again.stderr[0]))
