@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
 from lyaphybrid.gradients import estimates, regression
+from lyaphybrid.zoo.walls import LINE, billiard, falls
 
 KEY = jax.random.key(1)
 CIRCLE = 2 * np.pi
@@ -38,6 +39,11 @@ def gradient(rule, x0, args, t1, **keywords):
 
 def assert_within(found, exact, known=0.0, most=3.0):
     assert np.all(np.abs(found.gradient - np.array(exact)) < most * np.hypot(found.stderr, np.array(known)) + 1e-9)
+    assert found.trust, found.reasons
+
+
+def assert_within_one(found, name, exact, known=0.0):
+    assert abs(found.gradient[name][0] - exact) < 3 * np.hypot(found.stderr[name][0], known)
     assert found.trust, found.reasons
 
 
@@ -109,13 +115,41 @@ def test_hard_disks_and_their_energy():
         disks.system, start, disks.args | {"energy": 4.0}, t1=4000.0, transient=50.0, key=KEY, k=1, free=["energy"],
         window=0.5, degree=3,
     )  # fmt: skip
-    slope, error = found.gradient["energy"][0], found.stderr["energy"][0]
     exact = found.value[0] / 8
     assert found.method == "regression"
-    assert found.trust, found.reasons
-    assert abs(slope - exact) < 3 * error
-    assert error < 0.02 * exact
+    assert_within_one(found, "energy", exact)
+    assert found.stderr["energy"][0] < 0.02 * exact
     assert found.gradient["mass"] is None
+
+
+CELLS = np.stack(np.meshgrid(*2 * [np.arange(-2.0, 3.0)]), axis=-1).reshape(-1, 2)
+
+
+def heights(q, args):
+    """Above disks of two radii, those at the corners and those in the middle of unit squares."""
+    from_both = [q - jnp.round(q - place) - place - CELLS for place in (0.0, 0.5)]
+    radii = args["corner"], args["middle"]
+    return jnp.concatenate([(jnp.sum(d * d, axis=1) - r * r) / 2 for d, r in zip(from_both, radii, strict=True)])
+
+
+def next_event(t, x, args):
+    return jnp.min(falls(LINE, heights, x, args)), 0
+
+
+def test_the_mean_free_time_of_a_lorentz_gas():
+    """⟨τ⟩ = π area/perimeter (N. Chernov, J. Stat. Phys. 88 (1997) 1, doi:10.1007/BF02508462), the speed being 1."""
+    gas = billiard(LINE, next_event, lambda q, args, which: jnp.min(heights(q, args)))
+    found = lh.lyapunov_gradient(
+        gas, [0.5, 0.05, 0.6, 0.8], {"corner": 0.38, "middle": 0.3}, t1=10_000.0, transient=20.0, key=KEY, k=1,
+        free=["corner"], window=0.04,
+    )  # fmt: skip
+    assert found.method == "regression"
+    assert_within_one(found, "corner", 24.17, 0.1)
+    free = (1 - np.pi * (0.38**2 + 0.3**2)) / (2 * 0.68)
+    assert_within_one(found.time_per_jump, "corner", -(np.pi * 0.38 + free) / 0.68)
+    assert_allclose(found.time_per_jump.value, free, atol=4 * found.time_per_jump.value_stderr[0])
+    assert found.time_per_jump.stderr["corner"] < 0.03
+    assert "time per jump = 0.19" in str(found)
 
 
 def test_faster_time():
@@ -211,9 +245,9 @@ def test_good_cases_are_seldom_refused():
     refused, scores = 0, []
     for _ in range(2000):
         exponents = 1 + 0.1 * at + 1e-3 * random.standard_normal((24, 4))
-        _, _, slope, error, trust, _ = regression._judged(0, exponents, regression._both(at, exponents, 3), 1)
-        refused += not trust
-        scores.append((slope[0] - 0.1) / error[0])
+        found = regression._judged("λ1", exponents, at, 3)
+        refused += not found.good
+        scores.append((found.slope[0] - 0.1) / found.errors[0])
     assert refused < 25  # 0.4 % of 2000 are 8
     assert_allclose(np.std(scores), 1.0, atol=0.2)
 

@@ -39,6 +39,7 @@ class Estimate(NamedTuple):
     trust: bool
     reasons: tuple[str, ...]  # why, or why not: each with the number that decided
     cost: int  # runs of length t1, or what takes as long
+    time_per_jump: Any = None  # an Estimate with k = 1, where the system jumps and its method looks
 
 
 def case_of(system, x0, args, k: int, options: Mapping[str, Any], free: Sequence[str] | None = None) -> Case:

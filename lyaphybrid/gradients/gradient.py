@@ -37,6 +37,8 @@ class Gradient(eqx.Module):
         trust: whether the result passed all checks of its method.
         reasons: what was checked, with the numbers that decided.
         names: of the parameters, in the order of the rows that `str` shows.
+        cost: runs of length t1, or what takes as long.
+        time_per_jump: of a regression where the system jumps, the mean time between jumps: a `Gradient` with k = 1.
     """
 
     value: np.ndarray
@@ -47,21 +49,35 @@ class Gradient(eqx.Module):
     trust: bool = eqx.field(static=True)
     reasons: tuple[str, ...] = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)
+    cost: int = eqx.field(static=True)
+    time_per_jump: "Gradient | None" = None
 
     def __str__(self) -> str:
         k = len(self.value)
-        slopes, errors = (np.concatenate([np.reshape(leaf, (k, -1)) for leaf in jax.tree.leaves(tree)], axis=1)
+        lines = [f"Derivatives of {k} exponents by {self.method}: {self._verdict}"]
+        lines += self._rows([f"λ{i + 1}" for i in range(k)])
+        if self.time_per_jump is not None:
+            lines += [f"  and of the time per jump: {self.time_per_jump._verdict}"]
+            lines += self.time_per_jump._rows(["time per jump"])
+        return "\n".join(lines)
+
+    __repr__ = __str__
+
+    @property
+    def _verdict(self) -> str:
+        return "trusted" if self.trust else "NOT to be trusted"
+
+    def _rows(self, of: list[str]) -> list[str]:
+        lines = []
+        slopes, errors = (np.concatenate([np.reshape(leaf, (len(of), -1)) for leaf in jax.tree.leaves(tree)], axis=1)
                           for tree in (self.gradient, self.stderr))  # fmt: skip
-        lines = [f"Derivatives of {k} exponents by {self.method}: {'trusted' if self.trust else 'NOT to be trusted'}"]
-        for i, (value, error) in enumerate(zip(self.value, self.value_stderr, strict=True)):
-            lines.append(f"  λ{i + 1} = {value:.8g} ± {error:.1g}")
+        for i, what in enumerate(of):
+            lines.append(f"  {what} = {self.value[i]:.8g} ± {self.value_stderr[i]:.1g}")
             lines += [
                 f"    d/d {name} = {slope:.8g} ± {spread:.1g}"
                 for name, slope, spread in zip(self.names, slopes[i], errors[i], strict=True)
             ]
-        return "\n".join([*lines, *(f"  {reason}" for reason in self.reasons)])
-
-    __repr__ = __str__
+        return [*lines, *(f"  {reason}" for reason in self.reasons)]
 
 
 def lyapunov_gradient(
@@ -104,7 +120,8 @@ def lyapunov_gradient(
 
     "regression": any motion, chaos with jumps and billiards included. Exponents of an ensemble over a window of
     parameters are fitted by polynomials. The derivative is trusted where χ² agrees with the noise between replicates,
-    where two degrees agree, and where zero exponents have none.
+    where two degrees agree, and where zero exponents have none. Of a system that jumps it is found for the mean time
+    between jumps too: the mean free time of a billiard.
 
     "auto": implicit where there is a stable periodic orbit, else birkhoff where that is to be trusted, else regression.
 
@@ -165,15 +182,21 @@ def lyapunov_gradient(
                "method": integrator, "clock": clock}  # fmt: skip
     case = case_of(system, start, args, k or most, options, free)
     name, estimate = _estimate(case, method, period, key, (window, points, replicates, degree, progress))
+    return _gradient(case, name, estimate)
+
+
+def _gradient(case: Case, method: str, found: Estimate) -> Gradient:
     return Gradient(
-        value=estimate.value,
-        value_stderr=estimate.value_stderr,
-        gradient=tree_of(case, estimate.gradient),
-        stderr=tree_of(case, estimate.stderr),
-        method=name,
-        trust=estimate.trust,
-        reasons=estimate.reasons,
+        value=found.value,
+        value_stderr=found.value_stderr,
+        gradient=tree_of(case, found.gradient),
+        stderr=tree_of(case, found.stderr),
+        method=method,
+        trust=found.trust,
+        reasons=found.reasons,
         names=case.names,
+        cost=found.cost,
+        time_per_jump=None if found.time_per_jump is None else _gradient(case, method, found.time_per_jump),
     )
 
 

@@ -22,6 +22,7 @@ from ..checks import require, whole
 from ..lanes import map_lanes
 from ..spectra import lyapunov_spectrum, starts
 from ..statuses import STATUS
+from ..systems import iterates
 from .estimates import Case, Estimate
 
 __all__ = ["by_regression"]
@@ -39,6 +40,7 @@ class Runs(NamedTuple):
     """What came out of the ensemble: (points, replicates, …)."""
 
     exponents: np.ndarray  # (points, replicates, k); nan where the run failed
+    time_per_jump: np.ndarray  # (points, replicates); inf where nothing jumped
     failed: int
 
 
@@ -55,6 +57,17 @@ class Fit(NamedTuple):
     def excess(self) -> float:
         """χ² per degree of freedom."""
         return self.chi2 / self.freedom
+
+
+class Judged(NamedTuple):
+    """What the fits say of one mean, in units of the half window."""
+
+    value: float
+    error: float
+    slope: np.ndarray  # (p,)
+    errors: np.ndarray  # (p,)
+    good: bool
+    reasons: list[str]
 
 
 def by_regression(
@@ -80,20 +93,27 @@ def by_regression(
     whole("points", points, least=terms + 2)
     at = _points(key, points, len(half))
     runs = _ensemble(case, key, case.theta + half * at, replicates, threads, progress)
-    columns = [runs.exponents[..., i] for i in range(case.k)]
-    both = [None if np.any(np.isinf(one)) else _both(at, one, degree) for one in columns]
-    judged = [_judged(i, one, fits, len(half)) for i, (one, fits) in enumerate(zip(columns, both, strict=True))]
-    lost = runs.failed / runs.exponents[..., 0].size
-    reasons = [f"{runs.failed} of {runs.exponents[..., 0].size} runs failed"] * (runs.failed > 0)
-    value, slopes, errors = (np.array([one[i] for one in judged]) for i in (0, 2, 3))
+    judged = [_judged(f"λ{i + 1}", runs.exponents[..., i], at, degree) for i in range(case.k)]
+    lost = runs.failed / runs.time_per_jump.size
+    reasons = [f"{runs.failed} of {runs.time_per_jump.size} runs failed"] * (runs.failed > 0)
+    cost = len(at) * replicates
+    found = _together(judged, half, lost, reasons, cost)
+    if iterates(case.system) or np.any(np.isinf(runs.time_per_jump)):
+        return found
+    rare = _judged("time per jump", runs.time_per_jump, at, degree)
+    return found._replace(time_per_jump=_together([rare], half, lost, reasons, cost))
+
+
+def _together(judged: list["Judged"], half, lost: float, reasons: list[str], cost: int) -> Estimate:
+    """What was found for all columns, in units of the parameters."""
     return Estimate(
-        value=value,
-        value_stderr=np.array([one[1] for one in judged]),
-        gradient=slopes / half,
-        stderr=errors / half,
-        trust=bool(all(one[4] for one in judged) and lost <= LOST),
-        reasons=(*reasons, *itertools.chain.from_iterable(one[5] for one in judged)),
-        cost=len(at) * replicates,
+        value=np.array([one.value for one in judged]),
+        value_stderr=np.array([one.error for one in judged]),
+        gradient=np.array([one.slope for one in judged]) / half,
+        stderr=np.array([one.errors for one in judged]) / half,
+        trust=bool(all(one.good for one in judged) and lost <= LOST),
+        reasons=(*reasons, *itertools.chain.from_iterable(one.reasons for one in judged)),
+        cost=cost,
     )
 
 
@@ -135,7 +155,7 @@ class Lane(eqx.Module):
             system, x0, args_of(theta), k=self.k, clock=self.clock, mode=self.mode, method=method, blocks=2,
             throw=False, **times,
         )  # fmt: skip
-        return found.exponents, found.status_code
+        return found.exponents, found.time / found.jumps, found.status_code
 
 
 def _ensemble(case: Case, key, thetas: np.ndarray, replicates: int, threads, progress) -> Runs:
@@ -145,11 +165,15 @@ def _ensemble(case: Case, key, thetas: np.ndarray, replicates: int, threads, pro
     shape = (len(thetas), replicates)
     lanes = np.repeat(thetas, replicates, axis=0), _starts(case, key, thetas, replicates)
     shared = case.system, case.args_of, method, options
-    (exponents, status), done = map_lanes(lane, shared, lanes, threads=threads, progress=progress)
+    (exponents, apart, status), done = map_lanes(lane, shared, lanes, threads=threads, progress=progress)
     # After Ctrl-C the other lanes hold zeros, which is also the code of a run that went well.
     good = done & (status == int(STATUS.ok)) & ~np.any(np.isnan(exponents), axis=1)
     require(bool(np.any(good)), f"All runs of the ensemble failed: {STATUS(int(status[0]))}.")
-    return Runs(np.where(good[:, None], exponents, np.nan).reshape(*shape, case.k), int(np.sum(~good)))
+    return Runs(
+        exponents=np.where(good[:, None], exponents, np.nan).reshape(*shape, case.k),
+        time_per_jump=np.where(good, apart, np.nan).reshape(shape),
+        failed=int(np.sum(~good)),
+    )
 
 
 def _starts(case: Case, key, thetas: np.ndarray, replicates: int) -> np.ndarray:
@@ -184,16 +208,18 @@ def _fit(at, means, noise, degree: int) -> Fit:
     return Fit(float(solution[0]), solution[1 : p + 1], covariance, chi2, len(means) - len(powers))
 
 
-def _judged(i: int, exponents: np.ndarray, both: tuple[Fit, Fit] | None, p: int):
-    """Value and slope with their errors, whether they are to be trusted, and why."""
-    name, nothing = f"λ{i + 1}", np.full(p, np.nan)
-    destroyed, known = int(np.sum(np.isinf(exponents))), int(np.sum(~np.isnan(exponents)))
+def _judged(name: str, runs: np.ndarray, at: np.ndarray, degree: int) -> Judged:
+    """The mean (of an exponent, say) in the middle of the window, from runs (points, replicates), and its slope."""
+    nothing = np.full(at.shape[1], np.nan)
+    destroyed, known = int(np.sum(np.isinf(runs))), int(np.sum(~np.isnan(runs)))
     if destroyed:
         everywhere = destroyed == known
         where = "has no derivative" if everywhere else f"in {destroyed} of {known} runs, not in all of the window"
-        return -np.inf if everywhere else np.nan, np.nan, nothing, nothing, everywhere, [f"{name}: −∞ {where}"]
+        value = -np.inf if everywhere else np.nan
+        return Judged(value, np.nan, nothing, nothing, everywhere, [f"{name}: −∞ {where}"])
+    both = _both(at, runs, degree)
     if both is None:
-        return np.nan, np.nan, nothing, nothing, False, [f"{name}: too few points are left for the degree"]
+        return Judged(np.nan, np.nan, nothing, nothing, False, [f"{name}: too few points are left for the degree"])
     low, high = both
     errors = np.sqrt(np.diag(low.covariance) * max(1.0, low.excess))
     apart = np.abs(high.slope - low.slope)
@@ -205,7 +231,7 @@ def _judged(i: int, exponents: np.ndarray, both: tuple[Fit, Fit] | None, p: int)
         slope = float(np.max(np.abs(low.slope) / errors[1:]))
         reasons.append(f"{name}: a zero exponent, its slope is {slope:.2g} standard errors")
         good = good and slope <= NOTHING
-    return low.value, errors[0], low.slope, errors[1:], good, reasons
+    return Judged(low.value, errors[0], low.slope, errors[1:], good, reasons)
 
 
 def _smooth(fit: Fit) -> tuple[bool, str]:
