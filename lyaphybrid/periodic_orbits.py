@@ -22,7 +22,7 @@ from .return_maps import depends_on_time
 from .shooting import Motion, Node, NoPeriodicOrbit, Orbit, at_start, close_return, nearest, newton, placed
 from .systems import Flow, Hybrid, Map
 
-__all__ = ["Floquet", "floquet"]
+__all__ = ["CONVERGED", "Floquet", "floquet", "floquet_of"]
 
 CONVERGED = 1e-9  # residual, relative to the orbit, that a periodic orbit must reach
 
@@ -141,7 +141,7 @@ def floquet(
     orbit = newton(flow, nodes, guess, autonomous, max_iterations)
     base = orbit.nodes[0]
     end = nearest(flow, base, orbit.period, start) if autonomous else at_start(flow, base, given, guess, offset)
-    result = _result(flow, orbit, end, autonomous)
+    result = floquet_of(flow, orbit, end, autonomous)
     if throw and not result.residual <= CONVERGED:
         raise NoPeriodicOrbit(
             f"Newton's method stands at a residual of {result.residual:.1e} after {orbit.iterations} iterations, "
@@ -164,7 +164,8 @@ def _require_period(flow: Motion, period, x) -> None:
         )
 
 
-def _result(flow: Motion, orbit: Orbit, point: Node, autonomous: bool) -> Floquet:
+def floquet_of(flow: Motion, orbit: Orbit, point: Node, autonomous: bool) -> Floquet:
+    """The multipliers of an orbit that Newton's method found; `point` is the one to show of it."""
     n, base = len(point.x), orbit.nodes[0]
     matrices = [piece.matrix for piece in orbit.pieces]
     monodromy = functools.reduce(lambda product, matrix: matrix @ product, matrices)
