@@ -24,6 +24,7 @@ SHORTEST = 1e-4  # of the largest step
 NEXT = 1e-12  # how near to a change of the events the branch is followed
 SAME = 1e-3  # of a step: a fold this near to a branch point is that point
 ROOT = 1e-2  # of a test's values around: what is left at a root; more is a jump
+ASIDE = 0.01  # of a step: neighbours of a branch point
 CLEAR = 0.005  # of the period: a node nearer to an event is placed anew
 
 
@@ -148,7 +149,7 @@ def _crossings(equations: Equations, before: Point, after: Point) -> list[Found]
         if ends[0] * ends[1] >= 0:
             continue
         try:
-            place, point = _located(equations, before, after, total, test)
+            place, point = _located(equations, before, after, total, kind)
         except _Lost:
             return None
         if abs(test(equations, point)) > ROOT * max(np.abs(ends)):
@@ -164,25 +165,30 @@ class _Lost(Exception):
     """Newton's method found no point of the branch."""
 
 
-def _located(equations: Equations, before: Point, after: Point, total: float, test) -> tuple[float, Point]:
+def _located(equations: Equations, before: Point, after: Point, total: float, kind: str) -> tuple[float, Point]:
     """The point between two others where a test vanishes, by its place along the first tangent."""
     slopes = before.tangent, after.tangent / (before.tangent @ after.tangent)
     path = scipy.interpolate.CubicHermiteSpline([0.0, total], [before.u, after.u], slopes)
     known = {0.0: before, total: after}
 
-    def value(place: float) -> float:
+    def at(place: float) -> Point:
         if place not in known:
-            guess = path(place)
             level = float(before.tangent @ before.u + place)
-            point = equations.corrected(guess, before.orbit, before.tangent, level)
+            point = equations.corrected(path(place), before.orbit, before.tangent, level)
             if point is None:
                 raise _Lost
             known[place] = point
-        return test(equations, known[place])
+        return known[place]
+
+    def value(place: float) -> float:
+        return TESTS[kind](equations, at(place))
 
     place = float(scipy.optimize.brentq(value, 0.0, total, xtol=1e-14, rtol=8.9e-16))  # pyright: ignore[reportArgumentType]
-    value(place)
-    return place, known[place]
+    point = at(place)
+    if kind == "branch point":  # where the Jacobian has two null vectors, and only its neighbours know the tangent
+        chord = at(place + ASIDE * total).u - at(place - ASIDE * total).u
+        point = point._replace(tangent=chord / np.linalg.norm(chord))
+    return place, point
 
 
 def _found(equations: Equations, kind: str, point: Point) -> Found | None:
