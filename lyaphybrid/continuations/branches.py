@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from ..periodic_orbits import Floquet
-from .following import Change
+from .locating import Change
 
 __all__ = ["Continuation", "Special"]
 

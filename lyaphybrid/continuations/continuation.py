@@ -17,7 +17,8 @@ from ..shooting import Motion, NoPeriodicOrbit, Node, at_start, states_of
 from ..systems import Flow, Hybrid, Map, iterates
 from .branches import Continuation, Special
 from .equations import NONE, Equations, ParameterOf, Point
-from .following import Arc, Found, begun, follow, resumed
+from .following import Arc, begun, follow, resumed
+from .locating import Found
 
 __all__ = ["continuation"]
 
@@ -194,7 +195,9 @@ def _branched(equations: Equations, special: Special, within) -> tuple[Point, li
     arcs = []
     for side in (-1.0, 1.0) if special.turns == special.turns_there else (1.0,):
         for share in FIRST:
-            point = equations.corrected(u + share * step * side * along, orbit, side * along, side * along @ u + share * step)
+            point = equations.corrected(
+                u + share * step * side * along, orbit, side * along, side * along @ u + share * step
+            )
             if point is not None and low <= point.parameter <= high:
                 arcs.append(follow(equations, point, *within))
                 break

@@ -6,15 +6,14 @@ E. L. Allgower & K. Georg, Introduction to Numerical Continuation Methods (SIAM 
 from typing import NamedTuple
 
 import numpy as np
-import scipy.interpolate
-import scipy.optimize
 
 from ..shooting import Node, Orbit, states_of
-from .bifurcations import TESTS, branching, cycle_of_events, is_complex, of_doubling
+from .bifurcations import cycle_of_events
 from .equations import Equations, Point, tangent
+from .locating import Change, Found, change_of, crossings
 from .touching import touches
 
-__all__ = ["Arc", "Change", "Found", "begun", "follow", "resumed"]
+__all__ = ["Arc", "begun", "follow", "resumed"]
 
 TURN = 0.9  # cosine of the angle by which the tangent may turn in a step
 ASTRAY = 0.5  # of a step: a correction that is longer leads to another branch
@@ -22,27 +21,7 @@ GROWTH = 1.4  # of the step, where Newton's method is quick
 QUICK, LATE = 3, 5  # iterations of Newton's method
 SHORTEST = 1e-4  # of the largest step
 NEXT = 1e-12  # how near to a change of the events the branch is followed
-SAME = 1e-3  # of a step: a fold this near to a branch point is that point
-ROOT = 1e-2  # of a test's values around: what is left at a root; more is a jump
-ASIDE = 0.01  # of a step: neighbours of a branch point
 CLEAR = 0.005  # of the period: a node nearer to an event is placed anew
-
-
-class Change(NamedTuple):
-    """A direction from an orbit, at its first node."""
-
-    x: np.ndarray  # (n,)
-    period: float
-    parameter: float
-
-
-class Found(NamedTuple):
-    """A point of a branch at which something happens."""
-
-    kind: str
-    point: Point
-    change: Change | None  # towards another branch
-    turns: int  # of this orbit in one of that branch
 
 
 class Arc(NamedTuple):
@@ -94,7 +73,9 @@ def _closed(equations: Equations, points: list[Point]) -> bool:
     """Whether the last step passed by the start, to the same side."""
     first, before, last = (_signature(equations, point) for point in (points[0], *points[-2:]))
     along = points[0].tangent[-1] * points[-1].tangent[-1] > 0
-    return bool(along and max(np.linalg.norm(first - last), np.linalg.norm(first - before)) < np.linalg.norm(last - before))
+    return bool(
+        along and max(np.linalg.norm(first - last), np.linalg.norm(first - before)) < np.linalg.norm(last - before)
+    )
 
 
 def _signature(equations: Equations, point: Point) -> np.ndarray:
@@ -123,9 +104,9 @@ def _advanced(equations: Equations, last: Point, length: float, over) -> Point |
 def _between(equations: Equations, before: Point, after: Point, length: float) -> list[Found] | None:
     """What happens between two points; None where it cannot be told, and the step was too long."""
     if cycle_of_events(before) == cycle_of_events(after):
-        return _crossings(equations, before, after)
+        return crossings(equations, before, after)
     edge = _approached(equations, before, length)
-    first = [] if edge is before else _crossings(equations, before, edge)
+    first = [] if edge is before else crossings(equations, before, edge)
     return None if first is None else [*first, Found("grazing", edge, None, 1)]
 
 
@@ -138,76 +119,6 @@ def _approached(equations: Equations, last: Point, length: float) -> Point:
         if after is not None and cycle_of_events(after) == cycle:
             last = after
     return last
-
-
-def _crossings(equations: Equations, before: Point, after: Point) -> list[Found] | None:
-    """Where the tests change sign between two points, in their order; None where Newton's method fails there."""
-    total = float(before.tangent @ (after.u - before.u))
-    places: list[tuple[float, Found]] = []
-    for kind, test in TESTS.items():
-        ends = test(equations, before), test(equations, after)
-        if ends[0] * ends[1] >= 0:
-            continue
-        try:
-            place, point = _located(equations, before, after, total, kind)
-        except _Lost:
-            return None
-        if abs(test(equations, point)) > ROOT * max(np.abs(ends)):
-            continue
-        found = _found(equations, kind, point)
-        double = kind == "fold" and any(abs(place - other) < SAME * total for other, _ in places)
-        if found is not None and not double:
-            places.append((place, found))
-    return [found for _, found in sorted(places, key=lambda pair: pair[0])]
-
-
-class _Lost(Exception):
-    """Newton's method found no point of the branch."""
-
-
-def _located(equations: Equations, before: Point, after: Point, total: float, kind: str) -> tuple[float, Point]:
-    """The point between two others where a test vanishes, by its place along the first tangent."""
-    slopes = before.tangent, after.tangent / (before.tangent @ after.tangent)
-    path = scipy.interpolate.CubicHermiteSpline([0.0, total], [before.u, after.u], slopes)
-    known = {0.0: before, total: after}
-
-    def at(place: float) -> Point:
-        if place not in known:
-            level = float(before.tangent @ before.u + place)
-            point = equations.corrected(path(place), before.orbit, before.tangent, level)
-            if point is None:
-                raise _Lost
-            known[place] = point
-        return known[place]
-
-    def value(place: float) -> float:
-        return TESTS[kind](equations, at(place))
-
-    place = float(scipy.optimize.brentq(value, 0.0, total, xtol=1e-14, rtol=8.9e-16))  # pyright: ignore[reportArgumentType]
-    point = at(place)
-    if kind == "branch point":  # where the Jacobian has two null vectors, and only its neighbours know the tangent
-        chord = at(place + ASIDE * total).u - at(place - ASIDE * total).u
-        point = point._replace(tangent=chord / np.linalg.norm(chord))
-    return place, point
-
-
-def _found(equations: Equations, kind: str, point: Point) -> Found | None:
-    """What a change of sign means, and where it leads."""
-    if kind == "branch point":
-        other = branching(equations, point)
-        return Found(other.kind, point, change_of(equations, point, other.direction), 1)
-    if kind == "period doubling":
-        return Found(kind, point, Change(of_doubling(equations, point) * equations.size, 0.0, 0.0), 2)
-    if kind == "Neimark–Sacker" and not is_complex(equations, point):
-        return None
-    return Found(kind, point, None, 1)
-
-
-def change_of(equations: Equations, point: Point, direction: np.ndarray) -> Change:
-    """A direction of the unknowns, as it is seen at the first node."""
-    values = direction * equations.scales(point.orbit)
-    n = len(point.orbit.nodes[0].x)
-    return Change(values[:n], float(values[-2]) if equations.autonomous else 0.0, float(values[-1]))
 
 
 def resumed(equations: Equations, node: Node, p: float, period: float, change: Change) -> tuple[Orbit, np.ndarray]:
