@@ -19,16 +19,18 @@ class Special:
         parameter: its value there.
         orbit: an `lh.Floquet`.
         turns: multiple of the given period after which it closes.
-        change: towards another branch, None where there is none: how the orbit's `base` moves, its period, the parameter.
-        turns_there: that multiple on the other branch.
+        turns_there: that multiple on the branch that begins here.
+        change: towards that branch, how the orbit's `base`, its period and the parameter move; None where none begins.
+        largest: (n,) of each component over the orbit.
     """
 
     kind: str
     parameter: float
     orbit: Floquet
     turns: int
-    change: Change | None
     turns_there: int
+    change: Change | None
+    largest: np.ndarray
 
     @property
     def x0(self):

@@ -13,10 +13,10 @@ from ..gradients.estimates import parameters_of
 from ..methods import HalfExplicit, RungeKutta
 from ..methods.base import Method
 from ..periodic_orbits import Floquet, floquet, floquet_of
-from ..shooting import Motion, NoPeriodicOrbit, Node, at_start, states_of
+from ..shooting import Motion, Node, NoPeriodicOrbit, at_start, states_of
 from ..systems import Flow, Hybrid, Map, iterates
 from .branches import Continuation, Special
-from .equations import NONE, Equations, ParameterOf, Point
+from .equations import NONE, Equations, ParameterOf, Point, states_over
 from .following import Arc, begun, follow, resumed
 from .locating import Found
 
@@ -169,8 +169,8 @@ def _both(equations: Equations, orbit: Floquet, value: float, within) -> tuple[P
     require(
         singular[-1] > NONE * singular[0],
         "The orbit is one of a family at the same parameter, and there is no single branch through it: (a) something "
-        "is conserved, fix it and make it the parameter; (b) a position does not matter, leave it out; (c) the orbit is "
-        "a bifurcation, start beside it.",
+        "is conserved, fix it and make it the parameter; (b) a position does not matter, leave it out; (c) the orbit "
+        "is a bifurcation, start beside it.",
     )
     start = begun(equations, first, value, null[-1] * np.sign(null[-1, -1] or 1.0))
     if start is None:
@@ -193,11 +193,10 @@ def _branched(equations: Equations, special: Special, within) -> tuple[Point, li
     u = equations.vector(orbit, special.parameter)
     origin = Point(orbit, special.parameter, u, jacobian, along, 0)
     arcs = []
-    for side in (-1.0, 1.0) if special.turns == special.turns_there else (1.0,):
+    for side in (-along, along) if special.turns == special.turns_there else (along,):
         for share in FIRST:
-            point = equations.corrected(
-                u + share * step * side * along, orbit, side * along, side * along @ u + share * step
-            )
+            guess = u + share * step * side
+            point = equations.corrected(guess, orbit, side, float(side @ guess))
             if point is not None and low <= point.parameter <= high:
                 arcs.append(follow(equations, point, *within))
                 break
@@ -217,7 +216,7 @@ def _result(equations: Equations, name: str, orbit: Floquet, origin: Point, arcs
     points = [*reversed(before.points), origin, *after.points]
     found = [*reversed(before.found), *after.found]
     start = Node(t0, orbit.x0, orbit.mode)
-    states = [np.concatenate([states_of(piece)[1] for piece in point.orbit.pieces]) for point in points]
+    states = [states_over(point) for point in points]
     return Continuation(
         parameter=name,
         values=np.array([point.parameter for point in points]),
@@ -239,5 +238,5 @@ def _shown(equations: Equations, point: Point, start: Node) -> Floquet:
 
 def _special(equations: Equations, found: Found, start: Node) -> Special:
     orbit = _shown(equations, found.point, start)
-    turns = equations.turns
-    return Special(found.kind, found.point.parameter, orbit, turns, found.change, turns * found.turns)
+    largest, turns = np.max(states_over(found.point), axis=0), equations.turns
+    return Special(found.kind, found.point.parameter, orbit, turns, turns * found.turns, found.change, largest)

@@ -17,10 +17,10 @@ from .. import runs
 from ..gradients.implicit import Turn
 from ..periodic_orbits import CONVERGED
 from ..results import RunFailed
-from ..shooting import FINISHED, Motion, Node, Orbit, linearised, placed, retimed, shares_of, shot
+from ..shooting import FINISHED, Motion, Node, Orbit, linearised, placed, retimed, shares_of, shot, states_of
 from ..systems import Map
 
-__all__ = ["Equations", "ParameterOf", "Point"]
+__all__ = ["Equations", "ParameterOf", "Point", "states_over", "tangent"]
 
 GAIN = 0.25  # of the residual that a step of Newton's method leaves while there is more to gain
 ITERATIONS = 8
@@ -77,10 +77,12 @@ class Equations(NamedTuple):
         """The motion at this parameter."""
         return Motion(self.problem._replace(args=self.args_of(jnp.asarray(p, float))))
 
-    def length(self, p: float):
+    def length(self, p: float) -> float:
         """The time after which a forced orbit closes."""
-        own = self.period(self.args_of(jnp.asarray(p, float))) if callable(self.period) else self.period
-        return self.turns * (int(own) if self.discrete else float(own))
+        return self.turns * float(self._own_period(p))
+
+    def _own_period(self, p) -> Any:
+        return self.period(self.args_of(jnp.asarray(p, float))) if callable(self.period) else self.period
 
     def begin(self, node: Node, p: float, period: float) -> Orbit:
         """The motion from this node, over that time, cut into pieces away from events."""
@@ -99,7 +101,7 @@ class Equations(NamedTuple):
         return np.concatenate([*states, [orbit.period] * self.autonomous, [p]]) / self.scales(orbit)
 
     def shoot(self, u: np.ndarray, like: Orbit) -> tuple[Orbit, float]:
-        """The motion from the nodes that these unknowns mean, and the parameter; nodes at the same parts of a period."""
+        """The motion from the nodes that these unknowns mean, at the same parts of the period; and the parameter."""
         m, n = len(like.nodes), len(like.nodes[0].x)
         values = u * self.scales(like)
         p = float(values[-1])
@@ -125,8 +127,7 @@ class Equations(NamedTuple):
         """How the ends of the pieces change with the parameter, where the period is given with that too."""
         longer = 0.0
         if callable(self.period) and not self.discrete:
-            length = lambda p: jnp.asarray(self.period(self.args_of(p)), float)  # noqa: E731
-            longer = self.turns * float(jax.jacfwd(length)(jnp.asarray(p, float)))
+            longer = self.turns * float(jax.jacfwd(self._own_period)(jnp.asarray(p, float)))
         later = longer * np.concatenate([[0.0], np.cumsum(shares)[:-1]])
         still = np.zeros(len(orbit.nodes[0].x))
         return [
@@ -138,9 +139,8 @@ class Equations(NamedTuple):
         """The derivative (n,) of the motion's end along changes (dp, dt, dx, dlength) of how it began."""
         mode = 0 if self.discrete else self.motion(p).mode(node)
         turn = Turn(self.problem.system, self.args_of, None, None, self.method)
-        given = (p, node.t, node.x, length)
-        given, along = ([jnp.asarray(value, float) for value in values] for values in (given, along))
-        return np.asarray(_carried(turn, jnp.asarray(mode), given, along, self.discrete))
+        given, changes = ([jnp.asarray(value, float) for value in values] for values in ((p, *node[:2], length), along))
+        return np.asarray(_carried(turn, jnp.asarray(mode), given, changes, self.discrete))
 
     def corrected(self, guess: np.ndarray, like: Orbit, across: np.ndarray, level: float) -> Point | None:
         """The point of the branch near a guess on the hyperplane across·u = level; None where Newton finds none."""
@@ -160,6 +160,11 @@ class Equations(NamedTuple):
             change = solved(jacobian, across, np.append(-gaps, level - across @ u))
             u = u + change
         return None
+
+
+def states_over(point: Point) -> np.ndarray:
+    """States (samples, n) of the whole orbit."""
+    return np.concatenate([states_of(piece)[1] for piece in point.orbit.pieces])
 
 
 @eqx.filter_jit

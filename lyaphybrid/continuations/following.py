@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..shooting import Node, Orbit, states_of
+from ..shooting import Node, Orbit
 from .bifurcations import cycle_of_events
-from .equations import Equations, Point, tangent
+from .equations import Equations, Point, states_over, tangent
 from .locating import Change, Found, change_of, crossings
 from .touching import touches
 
@@ -42,7 +42,7 @@ def follow(equations: Equations, start: Point, over: tuple[float, float], step: 
             break
         after = _advanced(equations, last, length, over)
         met = None if after is None else _between(equations, last, after, length)
-        if met is None:
+        if after is None or met is None:
             length /= 2
             continue
         found += met
@@ -80,7 +80,7 @@ def _closed(equations: Equations, points: list[Point]) -> bool:
 
 def _signature(equations: Equations, point: Point) -> np.ndarray:
     """Numbers of an orbit that do not depend on where it begins."""
-    states = np.concatenate([states_of(piece)[1] for piece in point.orbit.pieces])
+    states = states_over(point)
     ends = np.concatenate([states.max(axis=0), states.min(axis=0)]) / equations.size
     return np.append(ends, [point.orbit.period / equations.time, point.parameter / equations.span])
 
@@ -88,7 +88,7 @@ def _signature(equations: Equations, point: Point) -> np.ndarray:
 def _advanced(equations: Equations, last: Point, length: float, over) -> Point | None:
     """The point of the branch a step further, or on the border of the range where the step goes beyond."""
     guess = last.u + length * last.tangent
-    after = equations.corrected(guess, last.orbit, last.tangent, last.tangent @ guess)
+    after = equations.corrected(guess, last.orbit, last.tangent, float(last.tangent @ guess))
     if after is None or after.tangent @ last.tangent < TURN or np.linalg.norm(after.u - guess) > ASTRAY * length:
         return None
     bound = float(np.clip(after.parameter, *over))

@@ -43,11 +43,12 @@ def _touched(flow: Motion, piece: Piece, j: int, transition: Transition) -> bool
 
 def _along(flow: Motion, transition: Transition, mode: int, times, states):
     """Values and rates (samples, m) of a guard along the motion in a mode."""
-    field, args = flow.problem.system.fields[mode], flow.problem.args
+    field, guard, args = flow.problem.system.fields[mode], transition.guard, flow.problem.args
+    assert guard is not None
 
     def one(t, x):
         velocity = field(t, x, args)
-        return jax.jvp(lambda t, x: jnp.ravel(transition.guard(t, x, args)), (t, x), (jnp.ones_like(t), velocity))
+        return jax.jvp(lambda t, x: jnp.ravel(guard(t, x, args)), (t, x), (jnp.ones_like(t), velocity))
 
     return [np.asarray(found) for found in jax.vmap(one)(jnp.asarray(times), jnp.asarray(states))]
 
