@@ -8,7 +8,7 @@ from .equations import Equations, Point
 
 __all__ = ["TESTS", "branching", "cycle_of_events", "is_complex", "monodromy", "of_doubling"]
 
-NUDGE = 1e-4  # by which unknowns are changed to see how the Jacobian does
+NUDGE = 1e-5  # by which unknowns are changed to see how the Jacobian does
 FLAT = 1e-4  # a direction whose share of the parameter is smaller than this has none
 REAL = 1e-6  # an imaginary part of a multiplier that is none
 
@@ -76,7 +76,7 @@ def is_complex(equations: Equations, point: Point) -> bool:
     multipliers = transverse(equations, point)
     i, j = np.triu_indices(len(multipliers), 1)
     at = int(np.argmin(np.abs(multipliers[i] * multipliers[j] - 1)))
-    return abs(multipliers[i[at]].imag) > REAL
+    return bool(abs(np.imag(multipliers[i[at]])) > REAL)
 
 
 class Branching(NamedTuple):
@@ -97,11 +97,7 @@ def branching(equations: Equations, point: Point) -> Branching:
     along = null.T @ (null @ point.tangent)
     along /= np.linalg.norm(along)
     across = null.T @ (np.array([[0.0, -1.0], [1.0, 0.0]]) @ (null @ along))
-    jacobians = []
-    for nudge in (NUDGE, -NUDGE):
-        orbit, p = equations.shoot(point.u + nudge * across, point.orbit)
-        jacobians.append(equations.linearised(orbit, p)[0])
-    change = psi @ (jacobians[0] - jacobians[1]) / (2 * NUDGE)
+    change = psi @ _derivative(equations, point, across)
     own, mixed = change @ across, change @ along
     direction = 2 * mixed * across - own * along
     direction /= np.linalg.norm(direction)
@@ -109,10 +105,21 @@ def branching(equations: Equations, point: Point) -> Branching:
     return Branching("pitchfork" if flat else "transcritical", direction)
 
 
+def _derivative(equations: Equations, point: Point, along: np.ndarray) -> np.ndarray:
+    """The derivative of the Jacobian (N, N + 1) along a direction: by differences, to the fourth order of the nudge."""
+
+    def difference(nudge: float) -> np.ndarray:
+        ends = (equations.shoot(point.u + side * nudge * along, point.orbit) for side in (1.0, -1.0))
+        ahead, behind = (equations.linearised(orbit, p)[0] for orbit, p in ends)
+        return (ahead - behind) / (2 * nudge)
+
+    return (4 * difference(NUDGE) - difference(2 * NUDGE)) / 3
+
+
 def of_doubling(equations: Equations, point: Point) -> np.ndarray:
     """How the first node (n,) moves on the orbit of twice the period: the eigenvector of the multiplier −1."""
     values, vectors = np.linalg.eig(monodromy(point))
-    vector = vectors[:, np.argmin(np.abs(values + 1))].real
+    vector = np.real(vectors[:, np.argmin(np.abs(values + 1))])
     return vector / np.linalg.norm(vector)
 
 

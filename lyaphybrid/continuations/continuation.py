@@ -176,12 +176,15 @@ def _both(equations: Equations, orbit: Floquet, value: float, within) -> tuple[P
     if start is None:
         raise NoPeriodicOrbit("Newton's method does not converge at the start, once nodes were placed.", orbit)
     back = start._replace(tangent=-start.tangent)
-    arcs = [follow(equations, one, *within) for one in (back, start)]
+    arcs = [follow(equations, back, *within)]
+    if arcs[0].end != "closed":
+        arcs.append(follow(equations, start, *within))
     return start, [arc._replace(points=arc.points[1:]) for arc in arcs]
 
 
 def _branched(equations: Equations, special: Special, within) -> tuple[Point, list[Arc]]:
     """The branch that begins at a special point: to both sides, but of a doubling, whose sides are the same orbits."""
+    assert special.change is not None
     (low, high), step, _ = within
     period = special.orbit.period * special.turns_there / special.turns
     node = Node(*special.orbit.base)
@@ -212,7 +215,7 @@ def _branched(equations: Equations, special: Special, within) -> tuple[Point, li
 def _result(equations: Equations, name: str, orbit: Floquet, origin: Point, arcs: list[Arc], t0: float) -> Continuation:
     """All arcs as one branch: the first of two backwards."""
     after = arcs[-1]
-    before = arcs[0] if len(arcs) == 2 else Arc([], [], "start")
+    before = arcs[0] if len(arcs) == 2 else Arc([], [], "closed" if after.end == "closed" else "start")
     points = [*reversed(before.points), origin, *after.points]
     found = [*reversed(before.found), *after.found]
     start = Node(t0, orbit.x0, orbit.mode)

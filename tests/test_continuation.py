@@ -1,0 +1,318 @@
+"""Branches of periodic orbits and their bifurcations, against closed forms and independent programs."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.integrate
+import scipy.linalg
+import scipy.optimize
+from numpy.testing import assert_allclose
+
+import lyaphybrid as lh
+from examples import HENON, LOGISTIC
+from lyaphybrid import plots, zoo
+
+pytestmark = pytest.mark.unoptimised
+
+FORCED = 2 * np.pi / 0.666
+
+
+def places(branch, kind):
+    return [special.parameter for special in branch.of_kind(kind)]
+
+
+def kinds(branch):
+    return [special.kind for special in branch.specials]
+
+
+# --- maps ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def cascade():
+    """The fixed point of the logistic map, its 2-cycle and its 4-cycle, each begun where the one before doubles."""
+    options = {"over": (1.5, 3.6), "period": 1}
+    found = [lh.continuation(LOGISTIC, [0.6], 2.5, "args", **options)]
+    for _ in range(2):
+        found.append(lh.continuation(LOGISTIC, found[-1].of_kind("period doubling")[0], 2.5, "args", **options))
+    return found
+
+
+def test_the_logistic_map_doubles_where_it_should(cascade):
+    exact = [3.0, 1 + np.sqrt(6), 3.5440903595519228536]  # the last: a root of a polynomial, OEIS A086181
+    for branch, value, turns in zip(cascade, exact, (1, 2, 4), strict=True):
+        assert kinds(branch) == ["period doubling"]
+        special = branch.specials[0]
+        assert special.parameter == pytest.approx(value, abs=1e-12)
+        assert complex(special.multipliers[0]) == pytest.approx(-1.0, abs=1e-10)
+        assert special.period == turns
+
+
+def test_the_whole_branch_is_the_closed_form(cascade):
+    fixed, cycle, _ = cascade
+    r = fixed.values
+    assert r[0] == 1.5
+    assert r[-1] == 3.6
+    assert_allclose(fixed.x0[:, 0], 1 - 1 / r, atol=1e-12)
+    assert_allclose(fixed.multipliers[:, 0], 2 - r, atol=1e-11)
+    assert np.all(fixed.stable == (r < 3))
+    assert fixed.ends == ("range", "range")
+    r = cycle.values[1:]
+    assert_allclose(cycle.multipliers[1:, 0], 4 + 2 * r - r**2, atol=1e-10)
+    assert_allclose(cycle.largest[1:, 0], (r + 1 + np.sqrt((r - 3) * (r + 1))) / (2 * r), atol=1e-12)
+    assert cycle.ends == ("start", "range")
+
+
+def test_the_window_of_period_three_begins_in_a_fold():
+    branch = lh.continuation(LOGISTIC, [0.1567], 3.84, "args", over=(3.8, 3.9), period=3)
+    assert places(branch, "fold") == pytest.approx([1 + np.sqrt(8)], abs=1e-12)
+    assert np.any(branch.stable)
+    assert not np.all(branch.stable)
+    assert np.min(branch.values) >= 1 + np.sqrt(8) - 1e-12
+
+
+def test_a_system_that_only_jumps_is_a_map():
+    jumps = lh.Hybrid(None, lh.Transition(lambda n, x, r: x[0], lambda n, x, r: r * x * (1 - x)))
+    branch = lh.continuation(jumps, [0.6], 2.5, "args", over=(2.0, 3.2), period=1)
+    assert places(branch, "period doubling") == pytest.approx([3.0], abs=1e-12)
+
+
+def henon_doubling(start, a, period):
+    """Where an orbit of Hénon's map has the multiplier −1, by Newton's method on its own."""
+
+    def misses(u):
+        x, y, matrix = u[0], u[1], np.eye(2)
+        for _ in range(period):
+            matrix = np.array([[-2 * u[2] * x, 1.0], [0.3, 0.0]]) @ matrix
+            x, y = 1 - u[2] * x**2 + y, 0.3 * x
+        return [x - u[0], y - u[1], np.linalg.det(matrix + np.eye(2))]
+
+    return scipy.optimize.fsolve(misses, [*start, a], xtol=1e-14)[2]
+
+
+def test_henon_map_folds_and_doubles():
+    """b = 0.3: fold at −(1 − b)²/4, doublings at 3(1 − b)²/4 and (1 − b)² + (1 + b)²/4."""
+    options = {"over": (-0.2, 1.2), "period": 1}
+    branch = lh.continuation(HENON, [0.8, 0.2], 0.2, "args", **options)
+    assert places(branch, "fold") == pytest.approx([-0.1225], abs=1e-12)
+    assert kinds(branch) == ["fold", "period doubling"]
+    exact = [0.3675, 0.9125, None, None]
+    for turns, value in zip((1, 2, 4, 8), exact, strict=True):
+        assert [special.orbit.period for special in branch.of_kind("period doubling")] == [turns]
+        special = branch.of_kind("period doubling")[0]
+        value = henon_doubling(special.x0, special.parameter + 1e-5, turns) if value is None else value
+        assert special.parameter == pytest.approx(value, abs=1e-10)
+        assert np.prod(special.multipliers) == pytest.approx((-0.3) ** turns, abs=1e-10)
+        branch = lh.continuation(HENON, special, 0.2, "args", **options)
+        assert branch.period[-1] == 2 * turns
+
+
+def henon(x, a=1.4):
+    return np.array([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]])
+
+
+@pytest.mark.slow
+def test_all_cycles_of_henon_map_up_to_period_eight():
+    """On the attractor there are 1, 0, 1, 0, 2, 4, 7 of the periods 2 to 8 (Biham & Wenzel 1989).
+
+    doi:10.1103/PhysRevLett.63.819; the exponents by the product of Jacobians around the cycle.
+    """
+    motion = [np.array([0.1, 0.1])]
+    for _ in range(40_000):
+        motion.append(henon(motion[-1]))
+    motion = np.array(motion[100:])
+    for period, count in zip(range(2, 9), (1, 0, 1, 0, 2, 4, 7), strict=True):
+        returns = np.linalg.norm(motion[period:] - motion[:-period], axis=1)
+        cycles = {}
+        for i in np.argsort(returns)[:150]:
+            try:
+                orbit = lh.floquet(HENON, motion[i], 1.4, period=period)
+            except lh.NoPeriodicOrbit:
+                continue
+            around, matrix = [np.asarray(orbit.x0)], np.eye(2)
+            for _ in range(period):
+                matrix = np.array([[-2.8 * around[-1][0], 1.0], [0.3, 0.0]]) @ matrix
+                around.append(henon(around[-1]))
+            around = np.array(around)
+            if any(np.linalg.norm(around[m] - around[0]) < 1e-6 for m in range(1, period)):
+                continue  # of a smaller period
+            sizes = np.sort(np.abs(np.linalg.eigvals(matrix)))[::-1]
+            assert_allclose(orbit.exponents, np.log(sizes) / period, atol=1e-9)
+            cycles[round(float(np.max(around[:, 0])), 7)] = orbit
+        assert len(cycles) == count, period
+
+
+def test_a_circle_is_born_in_the_delayed_logistic_map():
+    """X⁺ = r x (1 − y), y⁺ = x: at r = 2 the multipliers are exp(±iπ/3)."""
+    delayed = lh.Map(lambda n, x, r: jnp.stack([r * x[0] * (1 - x[1]), x[0]]))
+    branch = lh.continuation(delayed, [0.3, 0.3], 1.5, "args", over=(1.2, 2.5), period=1)
+    assert kinds(branch) == ["Neimark–Sacker"]
+    special = branch.specials[0]
+    assert special.parameter == pytest.approx(2.0, abs=1e-12)
+    assert_allclose(np.sort_complex(np.asarray(special.multipliers)), np.exp([-1j * np.pi / 3, 1j * np.pi / 3]))
+    with pytest.raises(ValueError, match="No branch begins at a Neimark–Sacker"):
+        lh.continuation(delayed, special, 1.5, "args", over=(1.2, 2.5), period=1)
+
+
+def test_two_real_multipliers_whose_product_is_one_are_nothing_special():
+    saddle = lh.Map(lambda n, x, p: jnp.stack([p * x[0] + 0.1, 0.5 * x[1]]))
+    branch = lh.continuation(saddle, [-0.2, 0.0], 1.5, "args", over=(1.2, 2.5), period=1)
+    assert kinds(branch) == []
+
+
+def test_a_fold_with_a_parameter_that_is_one_entry_of_an_array():
+    fold = lh.Map(lambda n, x, args: x + args["rates"][1] - x**2)
+    args = {"rates": np.array([7.0, 0.25]), "count": 3}
+    branch = lh.continuation(fold, [0.5], args, "rates[1]", over=(-0.5, 0.5), period=1)
+    assert places(branch, "fold") == pytest.approx([0.0], abs=1e-14)
+    assert_allclose(branch.x0[:, 0] ** 2, branch.values, atol=1e-12)
+    assert branch.ends == ("range", "range")
+
+
+def cubic(n, x, args):
+    return args["p"] * x - x**3
+
+
+def test_a_pitchfork_from_its_handle_and_from_a_prong():
+    options = {"over": (0.2, 2.5), "period": 1}
+    handle = lh.continuation(lh.Map(cubic), [0.0], {"p": 0.5}, "p", **options)
+    assert kinds(handle) == ["pitchfork"]
+    assert handle.specials[0].parameter == pytest.approx(1.0, abs=1e-12)
+    prongs = lh.continuation(lh.Map(cubic), handle.specials[0], {"p": 0.5}, "p", **options)
+    assert_allclose(prongs.x0[:, 0] ** 2, prongs.values - 1, atol=1e-10)
+    assert np.sign(prongs.x0[0, 0]) == -np.sign(prongs.x0[-1, 0])
+    assert places(prongs, "period doubling") == pytest.approx([2.0, 2.0], abs=1e-12)
+    arrived = lh.continuation(lh.Map(cubic), [1.0], {"p": 2.0}, "p", **options)
+    assert kinds(arrived) == ["period doubling", "pitchfork", "period doubling"]
+    back = lh.continuation(lh.Map(cubic), arrived.of_kind("pitchfork")[0], {"p": 2.0}, "p", **options)
+    assert_allclose(back.x0, 0.0, atol=1e-9)
+
+
+def test_two_branches_that_cross():
+    crossing = lh.Map(lambda n, x, p: (1 + p) * x - x**2)
+    options = {"over": (-0.9, 0.9), "period": 1}
+    first = lh.continuation(crossing, [0.0], -0.5, "args", **options)
+    assert kinds(first) == ["transcritical"]
+    assert first.specials[0].parameter == pytest.approx(0.0, abs=1e-12)
+    second = lh.continuation(crossing, first.specials[0], -0.5, "args", **options)
+    assert_allclose(second.x0[:, 0], second.values, atol=1e-12)
+    assert second.values[0] * second.values[-1] == pytest.approx(-0.81)
+
+
+def test_a_branch_that_closes():
+    circle = lh.Map(lambda n, x, p: x + 0.3 * (1 - p**2 - x**2))
+    branch = lh.continuation(circle, [1.0], 0.0, "args", over=(-2.0, 2.0), period=1)
+    assert branch.ends == ("closed", "closed")
+    assert sorted(places(branch, "fold")) == pytest.approx([-1.0, 1.0], abs=1e-12)
+    assert_allclose(branch.x0[:, 0] ** 2 + branch.values**2, 1.0, atol=1e-12)
+
+
+# --- flows ---------------------------------------------------------------------------------------------------------
+
+
+def hopf(t, x, args):
+    """Radius √m, frequency 1 + c m."""
+    square = x @ x
+    turn, growth = 1 + args["c"] * square, args["m"] - square
+    return jnp.stack([growth * x[0] - turn * x[1], turn * x[0] + growth * x[1]])
+
+
+def test_a_limit_cycle_whose_radius_and_period_are_known():
+    branch = lh.continuation(lh.Flow(hopf), [0.7, 0.0], {"m": 0.5, "c": 0.3}, "m", over=(0.2, 1.5))
+    m = branch.values
+    assert (np.min(m), np.max(m)) == (0.2, 1.5)
+    assert_allclose(np.linalg.norm(branch.x0, axis=1), np.sqrt(m), atol=1e-12)
+    assert_allclose(branch.period, 2 * np.pi / (1 + 0.3 * m), atol=1e-12)
+    assert_allclose(branch.exponents, np.stack([0 * m, -2 * m], axis=1), atol=1e-9)
+    assert kinds(branch) == []
+    assert np.all(branch.stable)
+
+
+def rotating(t, x, args):
+    """Z' = (−δ + i |z|²) z + F exp(iωt): the response is z = Z exp(iωt), with |Z|² (δ² + (ω − |Z|²)²) = F²."""
+    square, angle = x @ x, args["omega"] * t
+    force = args["force"] * jnp.stack([jnp.cos(angle), jnp.sin(angle)])
+    return -args["delta"] * x + square * jnp.stack([-x[1], x[0]]) + force
+
+
+@pytest.mark.parametrize("segments", [1, 2])
+def test_folds_of_a_response_in_its_frequency(segments):
+    args = {"omega": 0.5, "delta": 0.3, "force": 0.5}
+    branch = lh.continuation(lh.Flow(rotating), [0.5, 0.0], args, "omega", over=(0.4, 3.5), t0=0.2, transient=100.0,
+                             period=lambda args: 2 * jnp.pi / args["omega"], segments=segments)  # fmt: skip
+    square, omega = np.sum(branch.x0**2, axis=1), branch.values
+    assert_allclose(square * (0.09 + (omega - square) ** 2), 0.25, atol=1e-10)
+    assert_allclose(branch.period, 2 * np.pi / omega, rtol=1e-14)
+
+    def misses(u):
+        rho, w = u
+        return [rho * (0.09 + (w - rho) ** 2) - 0.25, 0.09 + (w - rho) ** 2 - 2 * rho * (w - rho)]
+
+    exact = [scipy.optimize.fsolve(misses, start, xtol=1e-14)[1] for start in ([2.7, 2.7], [0.5, 1.2])]
+    assert places(branch, "fold") == pytest.approx(exact, abs=1e-10)
+    assert branch.ends == ("range", "range")
+
+
+def variational(field, jacobian, x0, period):
+    """The end of a turn and the multipliers, by DOP853 and equations written by hand."""
+    n = len(x0)
+
+    def both(t, y):
+        return np.concatenate([field(y[:n]), (jacobian(y[:n]) @ y[n:].reshape(n, n)).ravel()])
+
+    start = np.concatenate([x0, np.eye(n).ravel()])
+    end = scipy.integrate.solve_ivp(both, (0, period), start, method="DOP853", rtol=1e-13, atol=1e-13).y[:, -1]
+    return end[:n], np.linalg.eigvals(end[n:].reshape(n, n))
+
+
+@pytest.mark.slow
+def test_doublings_of_an_autonomous_flow():
+    """Rössler's cycle doubles, and once more; at both places an independent integration has the multiplier −1."""
+    problem = zoo.rossler()
+    options = {"over": (2.0, 4.5), "transient": 300.0}
+    first = lh.continuation(problem.system, [0.0, -4.0, 0.02], problem.args | {"c": 2.5}, "c", **options)
+    second = lh.continuation(problem.system, first.specials[0], problem.args, "c", segments=2, **options)
+    for branch in (first, second):
+        assert kinds(branch) == ["period doubling"]
+        special = branch.specials[0]
+        c = special.parameter
+        end, multipliers = variational(
+            lambda x, c=c: np.array([-x[1] - x[2], x[0] + 0.2 * x[1], 0.2 + x[2] * (x[0] - c)]),
+            lambda x, c=c: np.array([[0.0, -1.0, -1.0], [1.0, 0.2, 0.0], [x[2], 0.0, x[0] - c]]),
+            np.asarray(special.x0),
+            special.period,
+        )
+        assert_allclose(end, special.x0, atol=1e-10)
+        assert np.min(np.abs(multipliers + 1)) < 1e-8
+
+
+# Starts near orbits by their turns about the left and the right fixed point, on which the first return is the orbit's;
+# periods of D. Viswanath, Nonlinearity 16 (2003) 1035, doi:10.1088/0951-7715/16/3/314.
+LORENZ = {
+    "LR": ([12.34, 19.11, 22.80], 1.5586522107161762),
+    "LLR": ([15.86, 11.79, 40.70], 2.3059072639398495),
+    "LLLR": ([16.39, 12.02, 41.69], 3.0235837034338604),
+    "LLRR": ([3.834, 6.276, 15.338], 3.0842767758220555),
+    "LLLRR": ([3.633, 5.998, 14.972], 3.8202541634367770),
+    "LLLLR": ([16.18, 9.490, 43.12], 3.7256417715557670),
+    "LLRRR": ([-3.842, -6.364, 14.830], 3.8202541634367755),
+}
+
+
+@pytest.mark.slow
+def test_unstable_periodic_orbits_of_lorenz():
+    problem = zoo.lorenz63()
+    for word, (start, period) in LORENZ.items():
+        orbit = lh.floquet(problem.system, start, problem.args)
+        assert orbit.period == pytest.approx(period, abs=1e-10), word
+        end, multipliers = variational(
+            lambda x: np.array([10 * (x[1] - x[0]), x[0] * (28 - x[2]) - x[1], x[0] * x[1] - 8 / 3 * x[2]]),
+            lambda x: np.array([[-10.0, 10.0, 0.0], [28 - x[2], -1.0, -x[0]], [x[1], x[0], -8 / 3]]),
+            np.asarray(orbit.x0),
+            orbit.period,
+        )
+        assert_allclose(end, orbit.x0, atol=1e-9)
+        leading = np.log(np.max(np.abs(multipliers))) / orbit.period
+        # The third is e^(−14 T) of the size of the first: the trace of the field gives it, −41/3 in all.
+        assert_allclose(orbit.exponents[:2], [leading, 0.0], atol=1e-8)
+        assert float(np.sum(orbit.exponents)) == pytest.approx(-41 / 3, abs=1e-8), word
