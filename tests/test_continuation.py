@@ -92,7 +92,7 @@ def henon_doubling(start, a, period):
 
 def test_henon_map_folds_and_doubles():
     """b = 0.3: fold at −(1 − b)²/4, doublings at 3(1 − b)²/4 and (1 − b)² + (1 + b)²/4."""
-    options = {"over": (-0.2, 1.2), "period": 1}
+    options = {"over": (-0.13, 1.1), "period": 1, "step": 0.1}
     branch = lh.continuation(HENON, [0.8, 0.2], 0.2, "args", **options)
     assert places(branch, "fold") == pytest.approx([-0.1225], abs=1e-12)
     assert kinds(branch) == ["fold", "period doubling"]
@@ -125,9 +125,8 @@ def test_all_cycles_of_henon_map_up_to_period_eight():
         returns = np.linalg.norm(motion[period:] - motion[:-period], axis=1)
         cycles = {}
         for i in np.argsort(returns)[:150]:
-            try:
-                orbit = lh.floquet(HENON, motion[i], 1.4, period=period)
-            except lh.NoPeriodicOrbit:
+            orbit = lh.floquet(HENON, motion[i], 1.4, period=period, throw=False)
+            if orbit.residual > 1e-12:
                 continue
             around, matrix = [np.asarray(orbit.x0)], np.eye(2)
             for _ in range(period):
@@ -174,7 +173,7 @@ def cubic(n, x, args):
 
 
 def test_a_pitchfork_from_its_handle_and_from_a_prong():
-    options = {"over": (0.2, 2.5), "period": 1}
+    options = {"over": (0.2, 2.5), "period": 1, "step": 0.1}
     handle = lh.continuation(lh.Map(cubic), [0.0], {"p": 0.5}, "p", **options)
     assert kinds(handle) == ["pitchfork"]
     assert handle.specials[0].parameter == pytest.approx(1.0, abs=1e-12)
@@ -182,9 +181,9 @@ def test_a_pitchfork_from_its_handle_and_from_a_prong():
     assert_allclose(prongs.x0[:, 0] ** 2, prongs.values - 1, atol=1e-10)
     assert np.sign(prongs.x0[0, 0]) == -np.sign(prongs.x0[-1, 0])
     assert places(prongs, "period doubling") == pytest.approx([2.0, 2.0], abs=1e-12)
-    arrived = lh.continuation(lh.Map(cubic), [1.0], {"p": 2.0}, "p", **options)
+    arrived = lh.continuation(lh.Map(cubic), [0.9], {"p": 1.8}, "p", **options)
     assert kinds(arrived) == ["period doubling", "pitchfork", "period doubling"]
-    back = lh.continuation(lh.Map(cubic), arrived.of_kind("pitchfork")[0], {"p": 2.0}, "p", **options)
+    back = lh.continuation(lh.Map(cubic), arrived.of_kind("pitchfork")[0], {"p": 1.8}, "p", **options)
     assert_allclose(back.x0, 0.0, atol=1e-9)
 
 
@@ -201,13 +200,17 @@ def test_two_branches_that_cross():
 
 def test_a_branch_that_closes():
     circle = lh.Map(lambda n, x, p: x + 0.3 * (1 - p**2 - x**2))
-    branch = lh.continuation(circle, [1.0], 0.0, "args", over=(-2.0, 2.0), period=1)
+    branch = lh.continuation(circle, [1.0], 0.0, "args", over=(-2.0, 2.0), period=1, step=0.05)
     assert branch.ends == ("closed", "closed")
     assert sorted(places(branch, "fold")) == pytest.approx([-1.0, 1.0], abs=1e-12)
     assert_allclose(branch.x0[:, 0] ** 2 + branch.values**2, 1.0, atol=1e-12)
 
 
 # --- flows ---------------------------------------------------------------------------------------------------------
+
+
+def turn_of(args):
+    return 2 * jnp.pi / args["omega"]
 
 
 def hopf(t, x, args):
@@ -235,20 +238,18 @@ def rotating(t, x, args):
     return -args["delta"] * x + square * jnp.stack([-x[1], x[0]]) + force
 
 
-@pytest.mark.parametrize("segments", [1, 2])
+@pytest.mark.parametrize("segments", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_folds_of_a_response_in_its_frequency(segments):
     args = {"omega": 0.5, "delta": 0.3, "force": 0.5}
-    branch = lh.continuation(lh.Flow(rotating), [0.5, 0.0], args, "omega", over=(0.4, 3.5), t0=0.2, transient=100.0,
-                             period=lambda args: 2 * jnp.pi / args["omega"], segments=segments)  # fmt: skip
+    options = {"over": (0.4, 3.5), "period": turn_of, "t0": 0.2, "transient": 100.0, "step": 0.1}
+    branch = lh.continuation(lh.Flow(rotating), [0.5, 0.0], args, "omega", segments=segments, **options)
     square, omega = np.sum(branch.x0**2, axis=1), branch.values
     assert_allclose(square * (0.09 + (omega - square) ** 2), 0.25, atol=1e-10)
     assert_allclose(branch.period, 2 * np.pi / omega, rtol=1e-14)
-
-    def misses(u):
-        rho, w = u
-        return [rho * (0.09 + (w - rho) ** 2) - 0.25, 0.09 + (w - rho) ** 2 - 2 * rho * (w - rho)]
-
-    exact = [scipy.optimize.fsolve(misses, start, xtol=1e-14)[1] for start in ([2.7, 2.7], [0.5, 1.2])]
+    # ω = ρ + √(F²/ρ − δ²), ρ = |Z|², turns where 4 F² ρ³ − 4 δ² ρ⁴ = F⁴.
+    rho = np.roots([-4 * 0.09, 4 * 0.25, 0.0, 0.0, -0.0625])
+    rho = np.sort(rho[np.isreal(rho) & (rho.real > 0)].real)[::-1]
+    exact = rho + np.sqrt(0.25 / rho - 0.09)
     assert places(branch, "fold") == pytest.approx(exact, abs=1e-10)
     assert branch.ends == ("range", "range")
 
@@ -316,3 +317,188 @@ def test_unstable_periodic_orbits_of_lorenz():
         # The third is e^(−14 T) of the size of the first: the trace of the field gives it, −41/3 in all.
         assert_allclose(orbit.exponents[:2], [leading, 0.0], atol=1e-8)
         assert float(np.sum(orbit.exponents)) == pytest.approx(-41 / 3, abs=1e-8), word
+
+
+# --- jumps ---------------------------------------------------------------------------------------------------------
+
+
+def test_an_orbit_ends_where_it_touches_the_wall():
+    """Without impacts the amplitude is A/√((1 − ω²)² + 4ζ²ω²), and it may not exceed the gap."""
+    problem = zoo.impact_oscillator(omega=2.0, gap=1.0)
+    branch = lh.continuation(problem.system, [-0.3, 0.0], problem.args, "amplitude", over=(0.5, 4.0), period=turn_of)
+    assert branch.ends == ("range", "grazing")
+    assert kinds(branch) == ["grazing"]
+    assert branch.specials[0].parameter == pytest.approx(np.sqrt(9 + 0.04), abs=1e-10)
+    assert_allclose(branch.largest[:, 0], branch.values / np.sqrt(9.04), rtol=1e-4)  # of a thousand points
+    assert_allclose(branch.exponents, -0.05, atol=1e-10)
+
+
+@pytest.mark.slow
+def test_an_orbit_with_impacts_doubles_and_ends_where_they_graze():
+    problem = zoo.impact_oscillator(omega=2.0)
+    branch = lh.continuation(problem.system, problem.x0, problem.args, "gap", over=(-0.1, 1.0), period=turn_of,
+                             transient=300.0)  # fmt: skip
+    assert kinds(branch) == ["period doubling", "grazing"]
+    assert branch.ends == ("range", "grazing")
+    impacts = np.array([orbit.events for orbit in branch.orbits])
+    assert np.all(impacts == 1)
+    product = np.exp(-0.1 * np.pi) * 0.8**2  # e^(−2ζT) r², whatever the orbit
+    assert_allclose(np.prod(branch.multipliers[:-1], axis=1), product, rtol=1e-7)
+    assert np.abs(branch.specials[-1].multipliers[0]) > 100  # it grows as one over the velocity of the impact
+
+
+def rolling(angle, slope):
+    """Θ' after an impact, and the time of a step."""
+    launch = 2 * np.sqrt(np.sin(slope) * np.sin(angle)) / np.tan(2 * angle)
+    start, end = slope - angle, slope + angle
+
+    def rate(theta):
+        return 1 / np.sqrt(launch**2 + 2 * (np.cos(start) - np.cos(theta)))
+
+    return launch, scipy.integrate.quad(rate, start, end, epsabs=1e-13, epsrel=1e-13)[0]
+
+
+@pytest.mark.slow
+def test_rimless_wheels_on_all_slopes():
+    problem = zoo.rimless_wheel()
+    branch = lh.continuation(problem.system, problem.x0, problem.args, "slope", over=(0.1, 0.4))
+    assert branch.ends == ("range", "range")
+    assert kinds(branch) == []
+    exact = np.array([rolling(np.pi / 8, slope) for slope in branch.values])
+    assert_allclose(branch.period, exact[:, 1], atol=1e-10)
+    assert_allclose(branch.multipliers, np.broadcast_to([1.0, 0.5], branch.multipliers.shape), atol=1e-9)
+    energy = branch.x0[:, 1] ** 2 / 2 + np.cos(branch.x0[:, 0])
+    wanted = exact[:, 0] ** 2 / 2 + np.cos(branch.values - np.pi / 8)
+    assert_allclose(energy, wanted, atol=1e-10)
+
+
+@pytest.mark.slow
+def test_the_pendulum_with_dry_friction_in_its_damping(nonsmooth):
+    known = {entry["what"]: entry["beta"] for entry in nonsmooth["bifurcations_alpha001"]}
+    problem, options = zoo.friction_pendulum(beta=0.3, alpha=0.01), {"over": (0.14, 0.3), "period": FORCED}
+    symmetric = lh.continuation(problem.system, problem.x0, problem.args, "beta", **options)
+    broken = symmetric.of_kind("pitchfork")[0]
+    assert broken.parameter == pytest.approx(0.19052195475, abs=1e-10)
+    lopsided = lh.continuation(problem.system, broken, problem.args, "beta", **options)
+    assert places(lopsided, "period doubling") == pytest.approx([0.14671901457] * 2, abs=1e-10)
+    b = problem.args | {"beta": 0.155}
+    third = lh.continuation(problem.system, [-6.71092484, -0.9236297], b, "beta", over=(0.144, 0.17), period=3 * FORCED)
+    assert places(third, "fold") == pytest.approx([known["symmetric P3 fold (birth)"]], abs=1e-9)
+    assert places(third, "pitchfork") == pytest.approx([known["P3 pitchfork"]], abs=1e-9)
+
+
+def buck_doubling():
+    """Where the buck converter's cycle doubles: exact flows of both positions of the switch, Newton on the rest.
+
+    A period T is off for d, until the ramp meets the control, then on. The multipliers follow from how d depends on
+    the state.
+    """
+    r, l, c, period, gain, wanted, low, high = 22.0, 20e-3, 47e-6, 400e-6, 8.4, 11.3, 3.8, 8.2  # noqa: E741
+    a = np.array([[-1 / (r * c), 1 / c], [-1 / l, 0.0]])
+
+    def misses(u):
+        v, i, share, voltage = u
+        source, d = np.array([0.0, voltage / l]), share * period
+        rest = -np.linalg.solve(a, source)
+        off, on = scipy.linalg.expm(a * d), scipy.linalg.expm(a * (period - d))
+        middle = off @ [v, i]
+        end = rest + on @ (middle - rest)
+        ramp = low + (high - low) * share
+        # h = gain (v − wanted) − ramp vanishes at d; the end depends on the start directly and through d.
+        along, slope = gain * off[0], gain * (a @ middle)[0] - (high - low) / period
+        by_d = on @ (a @ middle) - on @ (a @ (middle - rest))
+        matrix = on @ off - np.outer(by_d, along) / slope
+        return [end[0] - v, end[1] - i, gain * (middle[0] - wanted) - ramp, np.linalg.det(matrix + np.eye(2))]
+
+    found, _, _, message = scipy.optimize.fsolve(misses, [12.02, 0.6, 0.5, 24.5], xtol=1e-13, full_output=True)
+    assert np.max(np.abs(misses(found))) < 1e-9, message
+    return found
+
+
+@pytest.mark.slow
+def test_the_buck_converter_doubles():
+    """The model's periods are even and odd in turn: a doubling is the pitchfork of an orbit of two periods."""
+    problem = zoo.buck_converter(voltage=24.0)
+    branch = lh.continuation(problem.system, problem.x0, problem.args, "voltage", over=(23.0, 26.0), period=800e-6,
+                             mode=problem.mode, transient=problem.transient)  # fmt: skip
+    assert kinds(branch) == ["pitchfork"]
+    v, i, _, voltage = buck_doubling()
+    assert branch.specials[0].parameter == pytest.approx(voltage, abs=1e-8)
+    assert_allclose(branch.specials[0].x0, [v, i], atol=1e-8)
+    doubled = lh.continuation(problem.system, branch.specials[0], problem.args, "voltage", over=(23.0, 26.0),
+                              period=800e-6, mode=problem.mode)  # fmt: skip
+    assert np.all(doubled.stable[np.abs(doubled.values - 25.0) < 0.3])
+
+
+# --- what cannot be followed, and what cannot be right --------------------------------------------------------------
+
+
+def test_where_newton_fails_the_branch_ends_and_is_kept():
+    """X = 2 √(1 − p) ends at p = 1, and what is beyond is no number."""
+    ending = lh.Map(lambda n, x, p: x / 2 + jnp.sqrt(1 - p))
+    branch = lh.continuation(ending, [2.0], 0.0, "args", over=(-0.5, 2.0), period=1)
+    assert branch.ends == ("range", "no convergence")
+    assert 0.99 < branch.values[-1] <= 1
+    assert_allclose(branch.x0[:, 0], 2 * np.sqrt(1 - branch.values), atol=1e-8)
+    short = lh.continuation(LOGISTIC, [0.6], 2.5, "args", over=(1.5, 3.6), period=1, max_points=3)
+    assert short.ends == ("max_points", "max_points")
+    assert len(short.values) == 5
+
+
+def test_a_family_of_orbits_at_one_parameter_is_refused():
+    anywhere = lh.Map(lambda n, x, p: jnp.stack([x[0], 0.5 * x[1] + p]))
+    with pytest.raises(ValueError, match="one of a family at the same parameter"):
+        lh.continuation(anywhere, [0.3, 0.0], 0.1, "args", over=(0.0, 1.0), period=1)
+
+
+def test_nothing_near_the_start_is_said():
+    none = lh.Map(lambda n, x, p: x + 1 + 0 * p)
+    with pytest.raises(lh.NoPeriodicOrbit):
+        lh.continuation(none, [0.3], 0.1, "args", over=(0.0, 1.0), period=1)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ({"parameter": "q"}, "parameter must name some of p, rates, where; got"),
+        ({"parameter": 3}, "parameter must be the name of an entry of args; got 3"),
+        ({"parameter": "rates"}, r"parameter must be one number, such as 'rates\[0\]'; got 'rates'"),
+        ({"over": (0.4, 0.9)}, "p is 0.3: it must be in over, from 0.4 to 0.9"),
+        ({"over": (0.4, 0.1)}, "low < high"),
+        ({"over": 0.4}, r"over must be \(low, high\)"),
+        ({"over": (0.0, np.inf)}, "high, of over, must be a finite number"),
+        ({"step": 0.0}, "step must be positive"),
+        ({"max_points": 1}, "max_points must be an integer of at least 2"),
+        ({"segments": 0}, "segments must be an integer of at least 1"),
+        ({"period": None}, "period, of a map its number of iterations"),
+        ({"system": "map"}, "continuation needs an lh.Flow, lh.Hybrid or lh.Map; got 'map'"),
+    ],
+)
+def test_bad_arguments(arguments, says):
+    args = {"p": 0.3, "rates": np.array([1.0, 2.0]), "where": 1.0}
+    good = {"system": lh.Map(lambda n, x, args: 0.5 * x + args["p"]), "x0": [0.6], "args": args, "parameter": "p",
+            "over": (0.0, 1.0), "period": 1}  # fmt: skip
+    with pytest.raises(ValueError, match=says):
+        lh.continuation(**(good | arguments))
+
+
+# --- pictures ------------------------------------------------------------------------------------------------------
+
+
+def test_the_picture(cascade):
+    upper, lower = cascade[0].plot()
+    stable, unstable = upper.lines[:2]
+    assert stable.get_linestyle() == "-"
+    assert unstable.get_linestyle() == "--"
+    assert np.max(stable.get_xdata()) == pytest.approx(np.min(unstable.get_xdata()))
+    assert np.max(stable.get_xdata()) == pytest.approx(3.0, abs=0.1)
+    assert [text.get_text() for text in upper.get_legend().get_texts()] == ["period doubling"]
+    assert lower.get_xlabel() == "args"
+    together = plots.continuation(cascade)[0]
+    assert sum(line.get_marker() == "D" for line in together.lines) == 3
+
+
+def test_a_branch_prints_what_it_found(cascade):
+    lines = str(cascade[0]).splitlines()
+    assert lines[0].startswith("Branch of periodic orbits over args from 1.5 to 3.6: ")
+    assert lines[1] == "  period doubling at 3, T = 1"
