@@ -18,6 +18,7 @@ from .checks import positive, real, require, whole
 from .daes import Constrained, fields_of
 from .methods import HalfExplicit, RungeKutta
 from .methods.base import Method
+from .products import product_eigenvalues
 from .return_maps import depends_on_time
 from .shooting import Motion, Node, NoPeriodicOrbit, Orbit, at_start, close_return, nearest, newton, placed
 from .systems import Flow, Hybrid, Map
@@ -91,7 +92,8 @@ def floquet(
         mode: mode at x0, where there are several.
         method: one that is right for the system; None: the default with rtol = 1e-12.
         transient: run for so long before, in whole periods where the period is given.
-        segments: of multiple shooting: more for orbits that are long and unstable.
+        segments: of multiple shooting: more for orbits that are long and unstable, or whose smallest multipliers are
+            wanted: in the derivative of one piece they are hidden by the rounding of the largest.
         max_iterations: of Newton's method.
         throw: raise where it does not converge; False returns what there is, with its residual.
 
@@ -169,7 +171,7 @@ def floquet_of(flow: Motion, orbit: Orbit, point: Node, autonomous: bool) -> Flo
     n, base = len(point.x), orbit.nodes[0]
     matrices = [piece.matrix for piece in orbit.pieces]
     monodromy = functools.reduce(lambda product, matrix: matrix @ product, matrices)
-    multipliers = np.linalg.eigvals(monodromy).astype(complex)
+    multipliers = product_eigenvalues(matrices)
     # Constraints leave fewer directions than there are components: the others are none that the orbit destroys.
     free = flow.degrees_of_freedom(point)
     multipliers = multipliers[np.argsort(-np.abs(multipliers), kind="stable")][:free]

@@ -26,6 +26,7 @@ RESULTS = (
     "SpectralIntervals",
     "PoincareSection",
     "BifurcationDiagram",
+    "Continuation",
     "RunFailed",
 )
 MODULES = [m.name for m in pkgutil.walk_packages(lh.__path__, "lyaphybrid.") if not m.name.endswith("__main__")]
@@ -76,6 +77,7 @@ def test_every_public_name_is_documented(name):
         "jacobians",
         "two_trajectories",
         "floquet",
+        "continuation",
         "return_map",
         "filippov",
         "poincare_section",

@@ -106,7 +106,9 @@ def continuation(
     low, high = _range(over)
     args_of, value = _parameter(args, parameter)
     if isinstance(system, Hybrid) and iterates(system):
-        system = Map(system.transitions[0].reset)
+        reset = system.transitions[0].reset
+        assert reset is not None, "lh.Hybrid wants one where nothing flows"
+        system = Map(reset)
     if method is None and not isinstance(system, Map):
         constrained = any(isinstance(field, Constrained) for field in fields_of(system))
         method = HalfExplicit(rtol=1e-12, tableau="dopri8") if constrained else RungeKutta(rtol=1e-12, atol=1e-14)

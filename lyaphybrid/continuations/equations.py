@@ -151,6 +151,8 @@ class Equations(NamedTuple):
             except (RunFailed, ValueError):
                 return None
             jacobian, gaps = self.linearised(orbit, p)
+            if not np.all(np.isfinite(jacobian)):
+                return None
             u = self.vector(orbit, p)  # on the constraints, where there are some
             if orbit.residual <= CONVERGED and not FINISHED < orbit.residual < GAIN * before:
                 return Point(orbit, p, u, jacobian, tangent(jacobian, across), iteration)

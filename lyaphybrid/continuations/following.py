@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..results import RunFailed
 from ..shooting import Node, Orbit
 from .bifurcations import cycle_of_events
 from .equations import Equations, Point, states_over, tangent
@@ -147,5 +148,8 @@ def _clear(equations: Equations, point: Point) -> Point:
     if not any(np.any((t < near) | (length - t < near)) for t, length in times):
         return point
     change = change_of(equations, point, point.tangent)
-    orbit, along = resumed(equations, point.orbit.nodes[0], point.parameter, point.orbit.period, change)
+    try:
+        orbit, along = resumed(equations, point.orbit.nodes[0], point.parameter, point.orbit.period, change)
+    except RunFailed:
+        return point
     return begun(equations, orbit, point.parameter, along) or point

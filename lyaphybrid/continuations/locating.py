@@ -11,6 +11,7 @@ import numpy as np
 import scipy.interpolate
 import scipy.optimize
 
+from ..results import RunFailed
 from .bifurcations import TESTS, branching, is_complex, of_doubling
 from .equations import Equations, Point
 
@@ -48,11 +49,10 @@ def crossings(equations: Equations, before: Point, after: Point) -> list[Found] 
             continue
         try:
             place, point = _located(equations, before, after, total, kind)
-        except _Lost:
+            jump = abs(test(equations, point)) > ROOT * max(np.abs(ends))
+            found = None if jump else _found(equations, kind, point)
+        except (_Lost, RunFailed):
             return None
-        if abs(test(equations, point)) > ROOT * max(np.abs(ends)):
-            continue
-        found = _found(equations, kind, point)
         double = kind == "fold" and any(abs(place - other) < SAME * total for other, _ in places)
         if found is not None and not double:
             places.append((place, found))
