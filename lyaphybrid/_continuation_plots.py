@@ -16,6 +16,7 @@ MARKS = {
     "Neimark–Sacker": ("o", COLOURS[4]),
     "grazing": ("X", COLOURS[6]),
 }
+MARGIN = 1e-5  # by which a multiplier of 1 may be larger
 SHADES = (COLOURS[0], "0.35", COLOURS[5])  # of branches; more begin again
 
 
@@ -54,8 +55,9 @@ def continuation(branches: Any, axes=None, i: int = 0):
 
 
 def _lines(ax, branch, heights, colour) -> None:
-    """Full lines where both ends of a stretch attract, dashed ones elsewhere."""
-    both = branch.stable[:-1] & branch.stable[1:]
+    """Full lines where both ends of a stretch attract, or are about to lose that; dashed ones elsewhere."""
+    attracts = np.max(np.abs(branch.multipliers), axis=1) < 1 + MARGIN
+    both = attracts[:-1] & attracts[1:]
     edges = np.flatnonzero(both[1:] != both[:-1]) + 1
     for first, last in zip([0, *edges], [*edges, len(both)], strict=True):
         style = "-" if np.any(both[first:last]) else "--"

@@ -140,6 +140,14 @@ class Motion(NamedTuple):
         t = jnp.asarray(node.t, node.x.dtype)
         return node._replace(x=put_on_constraints(self._field(node), t, node.x, self.problem.args))
 
+    def moved(self, node: Node, dx) -> Node:
+        """The point, moved along what its mode leaves free: one that sticks goes on sticking, to the last bit."""
+        system, dx = self.problem.system, jnp.asarray(dx)
+        onto = system.tangent[self.mode(node)] if isinstance(system, Hybrid) else None
+        if onto is not None:
+            dx = onto(jnp.asarray(node.t, node.x.dtype), node.x, self.problem.args, dx)
+        return node._replace(x=node.x + dx)
+
     def mode(self, node: Node) -> int:
         """The mode at a point."""
         if node.mode is not None:
@@ -219,7 +227,7 @@ def newton(flow: Motion, nodes: list[Node], period: float, autonomous: bool, mos
         better = None
         for halving in range(HALVINGS):
             factor = 0.5**halving
-            moved = [node._replace(x=node.x + factor * step) for node, step in zip(orbit.nodes, steps, strict=True)]
+            moved = [flow.moved(node, factor * step) for node, step in zip(orbit.nodes, steps, strict=True)]
             at = period + 0.0 if not autonomous else orbit.period + factor * change
             if at <= 0.1 * period or at >= 10 * period:
                 continue

@@ -304,7 +304,7 @@ LORENZ = {
 def test_unstable_periodic_orbits_of_lorenz():
     problem = zoo.lorenz63()
     for word, (start, period) in LORENZ.items():
-        orbit = lh.floquet(problem.system, start, problem.args, segments=4)
+        orbit = lh.floquet(problem.system, lh.floquet(problem.system, start, problem.args).x0, problem.args, segments=4)
         assert orbit.period == pytest.approx(period, abs=1e-10), word
         end, multipliers = variational(
             lambda x: np.array([10 * (x[1] - x[0]), x[0] * (28 - x[2]) - x[1], x[0] * x[1] - 8 / 3 * x[2]]),

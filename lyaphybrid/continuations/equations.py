@@ -18,7 +18,7 @@ from ..gradients.implicit import Turn
 from ..periodic_orbits import CONVERGED
 from ..results import RunFailed
 from ..shooting import FINISHED, Motion, Node, Orbit, linearised, placed, retimed, shares_of, shot, states_of
-from ..systems import Map
+from ..systems import Hybrid, Map
 
 __all__ = ["Equations", "ParameterOf", "Point", "states_over", "tangent"]
 
@@ -85,9 +85,10 @@ class Equations(NamedTuple):
         return self.period(self.args_of(jnp.asarray(p, float))) if callable(self.period) else self.period
 
     def begin(self, node: Node, p: float, period: float) -> Orbit:
-        """The motion from this node, over that time, cut into pieces away from events."""
-        nodes = placed(self.motion(p), node, period, self.segments)[0]
-        return shot(self.motion(p), nodes, shares_of(nodes, period), period, 0)
+        """The motion through this node, over that time, cut into pieces away from events; the first where nothing sticks."""
+        flow = self.motion(p)
+        nodes = placed(flow, _free(flow, node, period), period, self.segments)[0]
+        return shot(flow, nodes, shares_of(nodes, period), period, 0)
 
     def scales(self, orbit: Orbit) -> np.ndarray:
         """(N + 1,) what each unknown is measured by."""
@@ -106,10 +107,10 @@ class Equations(NamedTuple):
         values = u * self.scales(like)
         p = float(values[-1])
         period = float(values[-2]) if self.autonomous else self.length(p)
-        states = values[: m * n].reshape(m, n)
-        nodes = [node._replace(x=jnp.asarray(x)) for node, x in zip(like.nodes, states, strict=True)]
+        flow, states = self.motion(p), values[: m * n].reshape(m, n)
+        nodes = [flow.moved(node, x - np.asarray(node.x)) for node, x in zip(like.nodes, states, strict=True)]
         shares = shares_of(like.nodes, like.period)
-        return shot(self.motion(p), retimed(nodes, shares, period), shares, period, 0), p
+        return shot(flow, retimed(nodes, shares, period), shares, period, 0), p
 
     def linearised(self, orbit: Orbit, p: float) -> tuple[np.ndarray, np.ndarray]:
         """The Jacobian (N, N + 1) of the equations by the unknowns, and what they miss (N,)."""
@@ -162,6 +163,20 @@ class Equations(NamedTuple):
             change = solved(jacobian, across, np.append(-gaps, level - across @ u))
             u = u + change
         return None
+
+
+def _free(flow: Motion, node: Node, period: float) -> Node:
+    """The middle of the longest stretch of an orbit on which nothing sticks, where it sticks at this node."""
+    system = flow.problem.system
+    if not isinstance(system, Hybrid) or system.tangent[flow.mode(node)] is None:
+        return node
+    turn = flow.piece(node, period)
+    bound = np.array([onto is not None for onto in system.tangent])[turn.modes]
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], bound, [True]]).astype(int)))
+    if not len(edges):
+        return node
+    first, last = max(edges.reshape(-1, 2), key=lambda ends: ends[1] - ends[0])
+    return flow.piece(node, float(turn.times[(first + last) // 2])).end
 
 
 def states_over(point: Point) -> np.ndarray:
