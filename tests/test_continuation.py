@@ -287,16 +287,16 @@ def test_doublings_of_an_autonomous_flow():
         assert np.min(np.abs(multipliers + 1)) < 1e-8
 
 
-# Starts near orbits by their turns about the left and the right fixed point, on which the first return is the orbit's;
-# periods of D. Viswanath, Nonlinearity 16 (2003) 1035, doi:10.1088/0951-7715/16/3/314.
+# Starts near orbits by their turns about the left and the right fixed point, such that the first close return is the
+# orbit's; periods and orbits: D. Viswanath, Nonlinearity 16 (2003) 1035, doi:10.1088/0951-7715/16/3/314.
 LORENZ = {
-    "LR": ([12.34, 19.11, 22.80], 1.5586522107161762),
-    "LLR": ([15.86, 11.79, 40.70], 2.3059072639398495),
-    "LLLR": ([16.39, 12.02, 41.69], 3.0235837034338604),
-    "LLRR": ([3.834, 6.276, 15.338], 3.0842767758220555),
-    "LLLRR": ([3.633, 5.998, 14.972], 3.8202541634367770),
-    "LLLLR": ([16.18, 9.490, 43.12], 3.7256417715557670),
-    "LLRRR": ([-3.842, -6.364, 14.830], 3.8202541634367755),
+    "LR": ([-2.1473, 2.078, 26.9999], 1.5586522107161762),
+    "LLR": ([-3.5021, -5.8858, 13.4435], 2.3059072639398495),
+    "LLLR": ([-10.8776, -5.7168, 35.1471], 3.0235837034338604),
+    "LLRR": ([-3.3569, 0.3628, 27.0009], 3.0842767758220555),
+    "LLLLR": ([-6.736089, -1.895018, 30.705185], 3.725641771555767),
+    "LLLRR": ([-4.2505, -1.0085, 27.0001], 3.820254163436777),
+    "LLRRR": ([-3.1624, 0.6485, 26.9993], 3.8202541634367755),
 }
 
 
@@ -304,7 +304,8 @@ LORENZ = {
 def test_unstable_periodic_orbits_of_lorenz():
     problem = zoo.lorenz63()
     for word, (start, period) in LORENZ.items():
-        orbit = lh.floquet(problem.system, lh.floquet(problem.system, start, problem.args).x0, problem.args, segments=4)
+        # Of the smallest multiplier, 1e-11 to 1e-26 of the largest, only the pieces know more than rounding.
+        orbit = lh.floquet(problem.system, start, problem.args, segments=6)
         assert orbit.period == pytest.approx(period, abs=1e-10), word
         end, multipliers = variational(
             lambda x: np.array([10 * (x[1] - x[0]), x[0] * (28 - x[2]) - x[1], x[0] * x[1] - 8 / 3 * x[2]]),
@@ -369,6 +370,23 @@ def test_rimless_wheels_on_all_slopes():
     energy = branch.x0[:, 1] ** 2 / 2 + np.cos(branch.x0[:, 0])
     wanted = exact[:, 0] ** 2 / 2 + np.cos(branch.values - np.pi / 8)
     assert_allclose(energy, wanted, atol=1e-10)
+
+
+@pytest.mark.slow
+def test_a_pendulum_that_sticks_from_some_friction_on():
+    """It does where the force at a reversal is no larger than the friction: where A sin ωt − λ sin θ = ±α there."""
+    problem = zoo.friction_pendulum(beta=0.052, alpha=0.5)
+    branch = lh.continuation(problem.system, problem.x0, problem.args, "alpha", over=(0.38, 0.55), period=FORCED,
+                             step=0.1)  # fmt: skip
+    assert kinds(branch) == ["fold", "fold", "grazing"]
+    onset = branch.of_kind("grazing")[0]
+    args = problem.args | {"alpha": onset.parameter}
+    motion = lh.trajectory(problem.system, onset.x0, args, t1=FORCED, method=lh.RungeKutta(rtol=1e-12, atol=1e-14))
+    force = 0.586 * np.sin(0.666 * motion.events.t) - 0.87 * np.sin(motion.events.x_before[:, 0])
+    assert np.min(np.abs(np.abs(force) - onset.parameter)) < 1e-8
+    sticks = np.array([orbit.events for orbit in branch.orbits]) == 4
+    assert np.all(branch.multipliers[sticks, 1] == 0)
+    assert np.all(branch.multipliers[~sticks, 1] != 0)
 
 
 @pytest.mark.slow

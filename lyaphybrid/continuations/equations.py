@@ -85,7 +85,7 @@ class Equations(NamedTuple):
         return self.period(self.args_of(jnp.asarray(p, float))) if callable(self.period) else self.period
 
     def begin(self, node: Node, p: float, period: float) -> Orbit:
-        """The motion through this node, over that time, cut into pieces away from events; the first where nothing sticks."""
+        """The motion through this node, over that time, cut away from events, and first where nothing sticks."""
         flow = self.motion(p)
         nodes = placed(flow, _free(flow, node, period), period, self.segments)[0]
         return shot(flow, nodes, shares_of(nodes, period), period, 0)
