@@ -87,7 +87,7 @@ def henon_doubling(start, a, period):
             x, y = 1 - u[2] * x**2 + y, 0.3 * x
         return [x - u[0], y - u[1], np.linalg.det(matrix + np.eye(2))]
 
-    return scipy.optimize.fsolve(misses, [*start, a], xtol=1e-14)[2]
+    return scipy.optimize.fsolve(misses, [*start, a], xtol=1e-12)[2]
 
 
 def test_henon_map_folds_and_doubles():
@@ -287,6 +287,31 @@ def test_doublings_of_an_autonomous_flow():
         assert np.min(np.abs(multipliers + 1)) < 1e-8
 
 
+@pytest.mark.slow
+def test_a_symmetric_cycle_of_lorenz_loses_its_symmetry_and_doubles():
+    """Near ρ = 313 and 229.4 (C. Sparrow, The Lorenz Equations, Springer 1982, doi:10.1007/978-1-4612-5767-7)."""
+    problem = zoo.lorenz63(rho=330.0)
+    options = {"over": (200.0, 350.0), "transient": 30.0}
+    symmetric = lh.continuation(problem.system, [30.0, 30.0, 320.0], problem.args, "rho", **options)
+    assert places(symmetric, "pitchfork") == pytest.approx([312.97], abs=0.01)
+    lopsided = lh.continuation(problem.system, symmetric.specials[0], problem.args, "rho", **options)
+    assert kinds(lopsided) == ["period doubling"] * 2
+    assert places(lopsided, "period doubling") == pytest.approx([229.4] * 2, abs=0.05)
+    assert np.max(lopsided.values) < 312.98
+    assert_allclose(lopsided.exponents[0], lopsided.exponents[-1], atol=1e-8)  # of each other's mirror images
+    for special, value in ((symmetric.specials[0], 1.0), (lopsided.specials[0], -1.0)):
+        _, multipliers = variational(*lorenz(special.parameter), np.asarray(special.x0), special.period)
+        less_the_trivial = np.delete(multipliers, np.argmin(np.abs(multipliers - 1)))
+        assert np.min(np.abs(less_the_trivial - value)) < 1e-4  # at the pitchfork both of two near 1 are off by a root
+
+
+def lorenz(rho):
+    """The field and its Jacobian."""
+    field = lambda x: np.array([10 * (x[1] - x[0]), x[0] * (rho - x[2]) - x[1], x[0] * x[1] - 8 / 3 * x[2]])  # noqa: E731
+    jacobian = lambda x: np.array([[-10.0, 10.0, 0.0], [rho - x[2], -1.0, -x[0]], [x[1], x[0], -8 / 3]])  # noqa: E731
+    return field, jacobian
+
+
 # Starts near orbits by their turns about the left and the right fixed point, such that the first close return is the
 # orbit's; periods and orbits: D. Viswanath, Nonlinearity 16 (2003) 1035, doi:10.1088/0951-7715/16/3/314.
 LORENZ = {
@@ -307,12 +332,7 @@ def test_unstable_periodic_orbits_of_lorenz():
         # Of the smallest multiplier, 1e-11 to 1e-26 of the largest, only the pieces know more than rounding.
         orbit = lh.floquet(problem.system, start, problem.args, segments=6)
         assert orbit.period == pytest.approx(period, abs=1e-10), word
-        end, multipliers = variational(
-            lambda x: np.array([10 * (x[1] - x[0]), x[0] * (28 - x[2]) - x[1], x[0] * x[1] - 8 / 3 * x[2]]),
-            lambda x: np.array([[-10.0, 10.0, 0.0], [28 - x[2], -1.0, -x[0]], [x[1], x[0], -8 / 3]]),
-            np.asarray(orbit.x0),
-            orbit.period,
-        )
+        end, multipliers = variational(*lorenz(28.0), np.asarray(orbit.x0), orbit.period)
         assert_allclose(end, orbit.x0, atol=1e-9)
         leading = np.log(np.max(np.abs(multipliers))) / orbit.period
         # Which multiplier is e^(−15 T) rounding hides from that integration; the trace of the field, −41/3, does not.

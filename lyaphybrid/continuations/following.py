@@ -14,7 +14,7 @@ from .equations import Equations, Point, states_over, tangent
 from .locating import Change, Found, change_of, crossings
 from .touching import touches
 
-__all__ = ["Arc", "begun", "follow", "resumed"]
+__all__ = ["Arc", "advanced", "begun", "follow", "resumed"]
 
 TURN = 0.9  # cosine of the angle by which the tangent may turn in a step
 ASTRAY = 0.5  # of a step: a correction that is longer leads to another branch
@@ -41,7 +41,7 @@ def follow(equations: Equations, start: Point, over: tuple[float, float], step: 
         end = _end(equations, points, over, most, length < SHORTEST * step)
         if end is not None:
             break
-        after = _advanced(equations, last, length, over)
+        after = advanced(equations, last, length, over)
         met = None if after is None else _between(equations, last, after, length)
         if after is None or met is None:
             length /= 2
@@ -86,7 +86,7 @@ def _signature(equations: Equations, point: Point) -> np.ndarray:
     return np.append(ends, [point.orbit.period / equations.time, point.parameter / equations.span])
 
 
-def _advanced(equations: Equations, last: Point, length: float, over) -> Point | None:
+def advanced(equations: Equations, last: Point, length: float, over) -> Point | None:
     """The point of the branch a step further, or on the border of the range where the step goes beyond."""
     guess = last.u + length * last.tangent
     after = equations.corrected(guess, last.orbit, last.tangent, float(last.tangent @ guess))
@@ -116,7 +116,7 @@ def _approached(equations: Equations, last: Point, length: float) -> Point:
     cycle, everywhere = cycle_of_events(last), (-np.inf, np.inf)
     while length > NEXT:
         length /= 2
-        after = _advanced(equations, last, length, everywhere)
+        after = advanced(equations, last, length, everywhere)
         if after is not None and cycle_of_events(after) == cycle:
             last = after
     return last

@@ -17,12 +17,12 @@ from ..shooting import Motion, Node, NoPeriodicOrbit, at_start, states_of
 from ..systems import Flow, Hybrid, Map, iterates
 from .branches import Continuation, Special
 from .equations import NONE, Equations, ParameterOf, Point, states_over
-from .following import Arc, begun, follow, resumed
+from .following import Arc, advanced, begun, follow, resumed
 from .locating import Found
 
 __all__ = ["continuation"]
 
-FIRST = (1.0, 0.5, 0.25, 2.0)  # of the largest step, on to another branch
+FIRST = 0.4 ** np.arange(9)  # of the largest step, on to another branch: first tries and later ones
 
 
 def continuation(
@@ -187,7 +187,7 @@ def _both(equations: Equations, orbit: Floquet, value: float, within) -> tuple[P
 def _branched(equations: Equations, special: Special, within) -> tuple[Point, list[Arc]]:
     """The branch that begins at a special point: to both sides, but of a doubling, whose sides are the same orbits."""
     assert special.change is not None
-    (low, high), step, _ = within
+    over, step, _ = within
     period = special.orbit.period * special.turns_there / special.turns
     node = Node(*special.orbit.base)
     orbit, along = resumed(equations, node, special.parameter, period, special.change)
@@ -199,12 +199,10 @@ def _branched(equations: Equations, special: Special, within) -> tuple[Point, li
     origin = Point(orbit, special.parameter, u, jacobian, along, 0)
     arcs = []
     for side in (-along, along) if special.turns == special.turns_there else (along,):
-        for share in FIRST:
-            guess = u + share * step * side
-            point = equations.corrected(guess, orbit, side, float(side @ guess))
-            if point is not None and low <= point.parameter <= high:
-                arcs.append(follow(equations, point, *within))
-                break
+        tries = (advanced(equations, origin._replace(tangent=side), float(share) * step, over) for share in FIRST)
+        first = next((point for point in tries if point is not None), None)
+        if first is not None:
+            arcs.append(follow(equations, first, *within))
     if not arcs:
         raise NoPeriodicOrbit(
             f"Newton's method did not arrive on the branch that begins at the {special.kind} at "
