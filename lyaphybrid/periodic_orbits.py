@@ -23,7 +23,7 @@ from .return_maps import depends_on_time
 from .shooting import Motion, Node, NoPeriodicOrbit, Orbit, at_start, close_return, nearest, newton, placed
 from .systems import Flow, Hybrid, Map
 
-__all__ = ["CONVERGED", "Floquet", "floquet", "floquet_of"]
+__all__ = ["CONVERGED", "Floquet", "floquet", "floquet_of", "require_period"]
 
 CONVERGED = 1e-9  # residual, relative to the orbit, that a periodic orbit must reach
 
@@ -131,7 +131,7 @@ def floquet(
     flow = Motion(problem)
     point = Node(float(time), start, index)
     period = period(args) if callable(period) else period
-    _require_period(flow, period, start)
+    require_period(flow, period, start)
     real("transient, a length,", transient)
     if transient > 0:
         run = flow.piece(point, float(transient if period is None else np.ceil(transient / period) * period))
@@ -154,7 +154,8 @@ def floquet(
     return result
 
 
-def _require_period(flow: Motion, period, x) -> None:
+def require_period(flow: Motion, period, x) -> None:
+    """Whether a period was given where there is one to give, and is one."""
     if isinstance(flow.problem.system, Map):
         whole("period, of a map its number of iterations,", period, least=1)
     elif period is not None:

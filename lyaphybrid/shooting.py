@@ -141,9 +141,9 @@ class Motion(NamedTuple):
         return node._replace(x=put_on_constraints(self._field(node), t, node.x, self.problem.args))
 
     def moved(self, node: Node, dx) -> Node:
-        """The point, moved along what its mode leaves free: one that sticks goes on sticking, to the last bit."""
+        """The point, moved along what its mode leaves free; where it may change the mode with the state, anywhere."""
         system, dx = self.problem.system, jnp.asarray(dx)
-        onto = system.tangent[self.mode(node)] if isinstance(system, Hybrid) else None
+        onto = system.tangent[node.mode] if isinstance(system, Hybrid) and node.mode is not None else None
         if onto is not None:
             dx = onto(jnp.asarray(node.t, node.x.dtype), node.x, self.problem.args, dx)
         return node._replace(x=node.x + dx)

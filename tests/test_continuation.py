@@ -153,6 +153,13 @@ def test_a_circle_is_born_in_the_delayed_logistic_map():
         lh.continuation(delayed, special, 1.5, "args", over=(1.2, 2.5), period=1)
 
 
+def test_a_branch_that_begins_at_a_doubling_needs_the_period_too(cascade):
+    with pytest.raises(ValueError, match="period, of a map its number of iterations"):
+        lh.continuation(LOGISTIC, cascade[0].specials[0], 2.5, "args", over=(2.0, 3.6))
+    with pytest.raises(ValueError, match="args is 3: it must be in over, from 3.2 to 3.6"):
+        lh.continuation(LOGISTIC, cascade[0].specials[0], 2.5, "args", over=(3.2, 3.6), period=1)
+
+
 def test_two_real_multipliers_whose_product_is_one_are_nothing_special():
     saddle = lh.Map(lambda n, x, p: jnp.stack([p * x[0] + 0.1, 0.5 * x[1]]))
     branch = lh.continuation(saddle, [-0.2, 0.0], 1.5, "args", over=(1.2, 2.5), period=1)

@@ -12,7 +12,7 @@ from ..daes import Constrained, fields_of
 from ..gradients.estimates import parameters_of
 from ..methods import HalfExplicit, RungeKutta
 from ..methods.base import Method
-from ..periodic_orbits import Floquet, floquet, floquet_of
+from ..periodic_orbits import Floquet, floquet, floquet_of, require_period
 from ..shooting import Motion, Node, NoPeriodicOrbit, at_start, states_of
 from ..systems import Flow, Hybrid, Map, iterates
 from .branches import Continuation, Special
@@ -153,14 +153,17 @@ def _parameter(args, parameter: str) -> tuple[ParameterOf, float]:
 
 
 def _equations(system, args_of, value: float, orbit: Floquet, turns: int, options, span: float) -> Equations:
-    problem, *_ = runs.prepare(
-        system, orbit.base[1], args_of(jnp.asarray(value)), options["t0"], options["method"], options["mode"]
+    """The equations of the branch through an orbit, with its size and its period for scales."""
+    args, (period, method, segments) = (
+        args_of(jnp.asarray(value)),
+        (options[o] for o in ("period", "method", "segments")),
     )
-    equations = Equations(
-        problem, args_of, options["method"], options["period"], turns, options["segments"], 1.0, orbit.period, span
-    )
-    size = float(np.max(np.abs(states_of(Motion(problem).piece(Node(*orbit.base), orbit.period))[1])))
-    return equations._replace(size=size if size > NONE else 1.0)
+    problem, x, *_ = runs.prepare(system, orbit.base[1], args, options["t0"], method, options["mode"])
+    flow = Motion(problem)
+    require_period(flow, period(args) if callable(period) else period, x)
+    size = float(np.max(np.abs(states_of(flow.piece(Node(*orbit.base), orbit.period))[1])))
+    size = size if size > NONE else 1.0
+    return Equations(problem, args_of, method, period, turns, segments, size, orbit.period, span)
 
 
 def _both(equations: Equations, orbit: Floquet, value: float, within) -> tuple[Point, list[Arc]]:
