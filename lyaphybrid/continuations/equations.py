@@ -18,7 +18,7 @@ from ..gradients.implicit import Turn
 from ..periodic_orbits import CONVERGED
 from ..results import RunFailed
 from ..shooting import FINISHED, Motion, Node, Orbit, linearised, placed, retimed, shares_of, shot, states_of
-from ..systems import Hybrid, Map
+from ..systems import Map
 
 __all__ = ["Equations", "ParameterOf", "Point", "states_over", "tangent"]
 
@@ -85,9 +85,9 @@ class Equations(NamedTuple):
         return self.period(self.args_of(jnp.asarray(p, float))) if callable(self.period) else self.period
 
     def begin(self, node: Node, p: float, period: float) -> Orbit:
-        """The motion through this node, over that time, cut away from events, and first where nothing sticks."""
+        """The motion from this node, over that time, cut into pieces away from events."""
         flow = self.motion(p)
-        nodes = placed(flow, _free(flow, node, period), period, self.segments)[0]
+        nodes = placed(flow, node, period, self.segments)[0]
         return shot(flow, nodes, shares_of(nodes, period), period, 0)
 
     def scales(self, orbit: Orbit) -> np.ndarray:
@@ -163,20 +163,6 @@ class Equations(NamedTuple):
             change = solved(jacobian, across, np.append(-gaps, level - across @ u))
             u = u + change
         return None
-
-
-def _free(flow: Motion, node: Node, period: float) -> Node:
-    """The middle of the longest stretch of an orbit on which nothing sticks, where it sticks at this node."""
-    system = flow.problem.system
-    if not isinstance(system, Hybrid) or system.tangent[flow.mode(node)] is None:
-        return node
-    turn = flow.piece(node, period)
-    bound = np.array([onto is not None for onto in system.tangent])[turn.modes]
-    edges = np.flatnonzero(np.diff(np.concatenate([[True], bound, [True]]).astype(int)))
-    if not len(edges):
-        return node
-    first, last = max(edges.reshape(-1, 2), key=lambda ends: ends[1] - ends[0])
-    return flow.piece(node, float(turn.times[(first + last) // 2])).end
 
 
 def states_over(point: Point) -> np.ndarray:
