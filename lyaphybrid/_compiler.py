@@ -73,15 +73,15 @@ def lean_jit(function: Callable) -> Callable:
     lean = eqx.filter_jit(function, compiler_options=_LEAN)  # pyright: ignore[reportCallIssue]
 
     @functools.wraps(function)
-    def call(*args):
+    def call(*args, **static):
         if traced(args, jnp.zeros(())):  # within a jit new arrays are traced, whatever the arguments are
-            return plain(*args)
+            return plain(*args, **static)
         try:
-            return lean(*args)
+            return lean(*args, **static)
         except jax.errors.JaxRuntimeError as error:
             if "No such compile option" not in str(error):  # an XLA that knows one way only
                 raise
-            return plain(*args)
+            return plain(*args, **static)
 
     call.lower = lean.lower  # type: ignore[attr-defined]
     return call

@@ -13,7 +13,7 @@ from ._tracing import traced
 from .propagation import Journey, Record
 from .results import History, Spectrum
 
-__all__ = ["empty_columns", "one_run", "summarise"]
+__all__ = ["birkhoff_weights", "empty_columns", "one_run", "summarise"]
 
 
 class Found(NamedTuple):
@@ -152,6 +152,7 @@ def one_run(xp: ModuleType, records: Record, empty, clock: str, initial, averagi
         "history": xp.where(valid[:, None], running, xp.nan),
         "growth": xp.where(valid[:, None], growth, xp.nan),
         "history_losses": counts,
+        "history_elapsed": xp.where(valid, time, xp.nan),
     }
     return run if residual is None else run | {"residual": residual}
 
@@ -185,16 +186,13 @@ def _running_totals(xp: ModuleType, growth, order, valid, initial):
 
 
 def _birkhoff(xp: ModuleType, growth, length, reading, valid, regular: bool):
-    """Means with the weights w ∝ exp(-1/(s(1-s))), s the fraction of the run, at the middle of each block.
+    """Means with Birkhoff's weights at the middle of each block.
 
-    S. Das, Y. Saiki, E. Sander & J. Yorke, Nonlinearity 30 (2017) 4111, doi:10.1088/1361-6544/aa84c2. For
-    conservative regular motion columns grow with a power of the time, so the local exponent is that power over t: it is
-    subtracted.
+    For conservative regular motion columns grow with a power of the time, so the local exponent is that power over t:
+    it is subtracted.
     """
     s = (reading - 0.5 * length) / _safe(xp, reading[-1])
-    inside = valid & (s > 1e-3) & (s < 1 - 1e-3)
-    s = xp.where(inside, s, 0.5)
-    weight = xp.where(inside, xp.exp(-1 / (s * (1 - s))), 0.0) * length
+    weight = xp.where(valid, birkhoff_weights(xp, s), 0.0) * length
     local = growth / _safe(xp, length)[:, None]
     if regular:
         earlier = reading - length
@@ -202,6 +200,16 @@ def _birkhoff(xp: ModuleType, growth, length, reading, valid, regular: bool):
         power = _power(xp, growth, reading, valid)
         local = local - power * xp.where(earlier > 0, slope, 0.0)[:, None]
     return xp.sum(weight[:, None] * local, axis=0) / _or_nan(xp, xp.sum(weight))
+
+
+def birkhoff_weights(xp: ModuleType, s):
+    """The weights w ∝ exp(-1/(s(1-s))) at fractions s of a run.
+
+    S. Das, Y. Saiki, E. Sander & J. Yorke, Nonlinearity 30 (2017) 4111, doi:10.1088/1361-6544/aa84c2.
+    """
+    inside = (s > 1e-3) & (s < 1 - 1e-3)
+    s = xp.where(inside, s, 0.5)
+    return xp.where(inside, xp.exp(-1 / (s * (1 - s))), 0.0)
 
 
 def _power(xp: ModuleType, growth, reading, valid):
@@ -243,7 +251,11 @@ def _spectrum(xp: ModuleType, run: dict, stderr, replicates, end: dict, error_ki
         losses=run["losses"][rank],
         first_loss=run["first"][rank],
         history=History(
-            run["history_time"], run["history"][:, rank], run["growth"][:, rank], run["history_losses"][:, rank]
+            run["history_time"],
+            run["history"][:, rank],
+            run["growth"][:, rank],
+            run["history_losses"][:, rank],
+            run["history_elapsed"],
         ),
         replicates=None if replicates is None else replicates[:, rank],
         residual=run.get("residual"),

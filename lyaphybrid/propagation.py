@@ -23,6 +23,7 @@ from . import frames
 from .columns import each_column
 from .components import by_components, joined, split
 from .events import by_mode
+from .reverse_mode import checkpointed
 from .statuses import OK, RUNNING, STATUS
 
 LONGEST_BLIND = 4.0  # jumps between two orthonormalisations, where each may destroy a direction
@@ -82,6 +83,7 @@ class Settings(NamedTuple):
     count_jumps: bool  # a block may end by its number of jumps
     collect: Callable  # (t, carry) -> what is recorded at the end of a block
     watch: Any = None  # a `Watch`: what follows the orthonormalisations
+    reverse: bool = False  # loops keep checkpoints, for a reverse pass
 
 
 class Events(NamedTuple):
@@ -237,6 +239,7 @@ def advance(settings: Settings, journey: Journey, ends, last_jumps, budget) -> t
     def one(journey, block):
         return _block(settings, journey, *block)
 
+    one = jax.checkpoint(one) if settings.reverse else one
     return jax.lax.scan(one, journey, (jnp.arange(ends.shape[0], dtype=jnp.int32), ends, last_jumps))
 
 
@@ -264,6 +267,7 @@ def _block(settings: Settings, journey: Journey, index, end, last_jump):
     start = start._replace(stages=settings.mover.no_stages(start.x, _widened(settings, start.frame)))
     state = (start, settings.mover.enter(start, clock), journey.interval, journey.spread)
     carry, _, interval, spread = _repeated(
+        settings,
         lambda state: within(state[0]),
         lambda state: _span(settings, clock, within, *state),
         state,
@@ -335,10 +339,13 @@ def _span(settings: Settings, clock: Clock, within, carry: Carry, ahead, interva
     carry = carry._replace(frame=_widened(settings, carry.frame))
     if _step_by_step(settings):
         carry, ahead, spread = stepping(mover)((carry, ahead, spread))
+    elif settings.reverse:  # the loop over spans is the one that keeps checkpoints
+        state = carry, ahead, spread
+        carry, ahead, spread = jax.lax.cond(goes_on(state), stepping(mover), lambda state: state, state)
     else:
         # Where nothing is rare, the spans are written in numbers too.
         little, movers = mover.does_little(carry.x.shape[0]) and not mover.always_common, mover.in_each_mode()
-        loops = [lambda state, one=one: _repeated(goes_on, stepping(one), state, little) for one in movers]
+        loops = [lambda state, one=one: _repeated(settings, goes_on, stepping(one), state, little) for one in movers]
         carry, ahead, spread = by_mode(getattr(carry.own, "mode", None), loops, (carry, ahead, spread))
     carry = carry._replace(frame=carry.frame[:, :k])
     due = frequent and mover.by_rows and is_due(carry)  # to settle such a span is to forget what it did to the frame
@@ -383,8 +390,10 @@ def _widened(settings: Settings, frame):
     return frame if few else frames.widened(frame)
 
 
-def _repeated(goes_on, step, state, little: bool):
+def _repeated(settings: Settings, goes_on, step, state, little: bool):
     """A loop; where there is little to do in a step, written in numbers and rows instead of arrays."""
+    if settings.reverse:
+        return checkpointed(goes_on, step, state)
     if not little:
         return jax.lax.while_loop(goes_on, step, state)
     body = by_components(step, state)

@@ -30,6 +30,7 @@ class History(eqx.Module):
     exponents: Array  # (blocks, k) running
     growth: Array  # (blocks, k) Σ ln R_ii of each block
     losses: Array | None = None  # (blocks, k) how often a column was lost in each block
+    elapsed: Array | None = None  # (blocks,) time, whatever the clock, since the end of the transient
 
 
 class Spectrum(eqx.Module):

@@ -19,7 +19,7 @@ import numpy as np
 
 from . import propagation
 from ._compiler import lean_jit
-from ._tracing import array, traced
+from ._tracing import array, enclosed, traced
 from .checks import check_clocks, check_functions, real
 from .consistency import check_constraints
 from .daes import Constrained, fields_of
@@ -32,6 +32,7 @@ from .methods.iterate import Iterating
 from .methods.scheduled import Scheduled
 from .methods.stepping import Stepping, are_curved
 from .propagation import Cadence, Journey, Settings, Watch
+from .reverse_mode import both_ways
 from .statuses import STATUS
 from .systems import Bound, EventDriven, Flow, Hybrid, Map
 
@@ -219,10 +220,11 @@ def number(value, args):
     return value(args) if callable(value) else value
 
 
-def settings_of(problem: Problem, plan: Plan, t, x) -> Settings:
+def settings_of(problem: Problem, plan: Plan, t, x, reverse: bool = False) -> Settings:
     """Bind a plan to a problem, while tracing."""
-    mover = mover_of(problem, t, x)
-    return Settings(mover, plan.cadence, plan.kind, plan.sum_rule, plan.log, plan.count_jumps, plan.collect, plan.watch)
+    own = plan._asdict()
+    del own["batched"]
+    return Settings(mover_of(problem, t, x), **own, reverse=reverse)
 
 
 @lean_jit
@@ -240,9 +242,9 @@ def start(problem: Problem, plan: Plan, t0, x0, frame, mode, interval) -> Journe
 
 
 @lean_jit
-def _advance(problem: Problem, plan: Plan, journey: Journey, ends, last_jumps, budget):
+def _advance(problem: Problem, plan: Plan, journey: Journey, ends, last_jumps, budget, reverse: bool = False):
     def one(journey):
-        settings = settings_of(problem, plan, journey.base[0], journey.carry.x)
+        settings = settings_of(problem, plan, journey.base[0], journey.carry.x, reverse)
         return propagation.advance(settings, journey, ends, last_jumps, budget)
 
     if not plan.batched:
@@ -251,6 +253,11 @@ def _advance(problem: Problem, plan: Plan, journey: Journey, ends, last_jumps, b
     if jax.default_backend() == "cpu":
         return jax.lax.map(one, journey)
     return jax.vmap(one)(journey)
+
+
+_advance_differentiably = both_ways(
+    functools.partial(_advance, reverse=False), functools.partial(_advance, reverse=True)
+)
 
 
 @functools.partial(jax.jit, static_argnames=("watch", "batched"))
@@ -288,6 +295,7 @@ def drive(
     max_steps=None,
     progress=None,
     interrupted: bool = False,
+    forward: bool = False,
 ) -> Outcome:
     """Run all blocks: in one call where traced, else call by call.
 
@@ -300,11 +308,14 @@ def drive(
         max_steps: most attempts; None: no limit.
         progress: None, True for a bar, or a function of the fraction done.
         interrupted: before it began: nothing is computed.
+        forward: only forward derivatives are asked for, which then cost no second loop for the value.
     """
     limit = 0 if interrupted else FOREVER if max_steps is None else max_steps
     leaves = jax.tree.leaves((journey, problem, ends, last_jumps))
     if traced(leaves):
-        journey, records = _advance(problem, plan, journey, ends, last_jumps, limit)
+        forward = forward or traced(enclosed(problem))  # what functions close over has no reverse derivatives
+        advance = _advance if forward else _advance_differentiably
+        journey, records = advance(problem, plan, journey, ends, last_jumps, limit)
         kept = () if journey.carry.log is None else (journey.carry.log,)
         return Outcome(journey, records, _verdict(journey, ends), False, kept)
     blocks, records, budget, given = ends.shape[0], None, FIRST, 0

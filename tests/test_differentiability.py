@@ -1,4 +1,4 @@
-"""Forward derivatives through what is computed of short and regular motion, jumps included."""
+"""Derivatives, forward and reverse, through what is computed of short and regular motion, jumps included."""
 
 import functools
 
@@ -74,17 +74,72 @@ def test_the_derivative_of_a_saltation_matrix():
     assert_allclose(abs(slope), 1.7 / 2.0, rtol=1e-12)
 
 
-def test_the_derivative_of_exponents_of_regular_motion():
+SHEAR = np.array([[1.0, 0.5], [0.2, 1.3]])
+
+
+def stretched(t, x, rate):
+    return SHEAR @ (jnp.stack([rate, -rate]) * jnp.linalg.solve(SHEAR, x))
+
+
+def rates_of_stretching(rate):
+    options = {"t1": 20.0, "transient": 40.0, "method": TIGHT, "blocks": 2, "throw": False}
+    return lh.lyapunov_spectrum(lh.Flow(stretched), jnp.zeros(2), rate, **options).exponents
+
+
+@pytest.mark.parametrize("derivative", [jax.jacfwd, jax.jacrev])
+def test_the_derivative_of_exponents_of_regular_motion(derivative):
     """Rates of a linear system in sheared coordinates; its columns align at a rate that has a derivative too."""
-    shear = np.array([[1.0, 0.5], [0.2, 1.3]])
+    assert_allclose(jax.jit(derivative(rates_of_stretching))(jnp.asarray(0.7)), [1, -1], rtol=1e-6)
 
-    def exponents(rate):
-        def field(t, x, args):
-            return shear @ (jnp.stack([args, -args]) * jnp.linalg.solve(shear, x))
 
-        found = lh.lyapunov_spectrum(
-            lh.Flow(field), jnp.zeros(2), rate, t1=20.0, transient=40.0, method=TIGHT, blocks=2, throw=False
-        )
-        return found.exponents
+def test_reverse_derivatives_of_motion_and_tangents():
+    """Through two impacts on a floor that moves: by rows as by columns."""
 
-    assert_allclose(jax.jit(functools.partial(jax.jacfwd(exponents)))(jnp.asarray(0.7)), [1, -1], rtol=1e-6)
+    def outcome(args, x0):
+        x, matrix = ends(args, x0)
+        return jnp.sum(x) + jnp.sum(jnp.sin(matrix))
+
+    args = jax.tree.map(jnp.asarray, ARGS)
+    forward = jax.jit(jax.jacfwd(outcome, argnums=(0, 1)))(args, START)
+    reverse = jax.grad(outcome, argnums=(0, 1))(args, START)
+    jax.tree.map(functools.partial(assert_allclose, rtol=1e-11), reverse, forward)
+
+
+def test_reverse_derivatives_of_a_trajectory():
+    def end(x0):
+        return lh.trajectory(BALL, x0, ARGS, t1=4.0, n=3, method=TIGHT).x[-1]
+
+    assert_allclose(jax.jacrev(end)(START), ends(ARGS, START)[1], rtol=1e-9)
+
+
+def test_the_reverse_derivative_of_a_saltation_matrix():
+    still = lh.Transition(guard=lambda t, x, g: x[0], reset=lambda t, x, g: jnp.stack([x[0], -0.7 * x[1]]))
+    ball = lh.Hybrid(lambda t, x, g: jnp.stack([x[1], -g]), still)
+
+    def entry(gravity, speed):
+        return lh.saltation_matrix(ball, 0.0, jnp.stack([jnp.zeros(()), -speed]), gravity)[1, 0]
+
+    slopes = jax.grad(entry, argnums=(0, 1))(jnp.asarray(9.0), jnp.asarray(2.0))
+    assert_allclose(np.abs(slopes), [1.7 / 2, 1.7 * 9 / 4], rtol=1e-12)
+
+
+def test_the_memory_of_a_reverse_pass_does_not_grow_with_the_steps():
+    """Of x(t) = cos ωt after 100 steps and after 100 000, by one program, whose memory is known beforehand."""
+
+    def end(omega, t1):
+        swing = lh.Flow(lambda t, x, omega: jnp.stack([x[1], -(omega**2) * x[0]]))
+        return lh.tangent_map(swing, jnp.array([1.0, 0.0]), omega, t1=t1, method=lh.RungeKutta("rk4", dt=0.01)).x[0]
+
+    one, many = jnp.asarray(1.0), jnp.asarray(1000.0)
+    program = jax.jit(jax.grad(end)).lower(one, one).compile()
+    assert program.memory_analysis().temp_size_in_bytes < 1e6
+    assert_allclose(program(one, one), -np.sin(1.0), rtol=1e-8)
+    assert_allclose(program(one, many), -1000 * np.sin(1000.0), rtol=1e-5)
+
+
+def test_what_a_function_closes_over_has_forward_derivatives():
+    def end(omega):
+        swing = lh.Flow(lambda t, x, args: jnp.stack([x[1], -(omega**2) * x[0]]))
+        return lh.tangent_map(swing, jnp.array([1.0, 0.0]), None, t1=1.0, method=TIGHT).x[0]
+
+    assert_allclose(jax.jacfwd(end)(jnp.asarray(1.0)), -np.sin(1.0), rtol=1e-8)

@@ -10,7 +10,11 @@ import numpy as np
 
 from ..checks import require
 
-__all__ = ["ArgsOf", "Case", "Estimate", "case_of", "parameters_of", "tree_of"]
+__all__ = ["ArgsOf", "Case", "Estimate", "Untrusted", "case_of", "parameters_of", "tree_of"]
+
+
+class Untrusted(Exception):
+    """A method does not apply to this motion."""
 
 
 class Case(NamedTuple):
@@ -40,7 +44,7 @@ class Estimate(NamedTuple):
 def case_of(system, x0, args, k: int, options: Mapping[str, Any], free: Sequence[str] | None = None) -> Case:
     """A case; the parameters are the floating-point leaves of args, or those named; all else stays as it is."""
     theta, args_of, names = parameters_of(args, free)
-    start = x0 if callable(x0) else lambda args: x0
+    start = x0 if callable(x0) else Fixed(x0)
     return Case(system, start, theta, args_of, names, k, options)
 
 
@@ -76,6 +80,16 @@ class ArgsOf(eqx.Module):
         parts = jnp.split(jnp.asarray(values), ends, axis=-1)
         leaves = [part.reshape(*part.shape[:-1], *shape) for part, shape in zip(parts, self.shapes, strict=True)]
         return jax.tree.unflatten(self.structure, leaves)
+
+
+class Fixed(eqx.Module):
+    """A start that does not depend on args."""
+
+    x0: Any
+
+    def __call__(self, args):
+        """The start."""
+        return self.x0
 
 
 def _name(path) -> str:

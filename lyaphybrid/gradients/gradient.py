@@ -1,5 +1,6 @@
 """The derivative of exponents with respect to parameters, by the method that can be trusted with the motion."""
 
+import functools
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,13 +14,14 @@ from ..checks import positive, real, require, whole
 from ..daes import degrees_of_freedom
 from ..methods.base import Method
 from ..systems import EventDriven, Flow, Hybrid, Map
-from .estimates import Case, Estimate, case_of, tree_of
-from .implicit import Untrusted, by_implicit
+from .birkhoff import by_birkhoff
+from .estimates import Case, Estimate, Untrusted, case_of, tree_of
+from .implicit import by_implicit
 from .regression import by_regression
 
 __all__ = ["Gradient", "lyapunov_gradient"]
 
-METHODS = ("auto", "implicit", "regression")
+METHODS = ("auto", "implicit", "birkhoff", "regression")
 
 
 class Gradient(eqx.Module):
@@ -89,11 +91,15 @@ def lyapunov_gradient(
     derivatives of its multipliers follow from the implicit function theorem, to about ten digits; guards and resets may
     depend on the parameters. Of a complex pair, or of exponents that are nearly the same, it is that of their mean.
 
+    "birkhoff": motion that is regular and on no isolated periodic orbit: tori, families of orbits. The derivative is
+    taken through one run, forward, or backward where there are many parameters, and averaged with Birkhoff's weights.
+    It is trusted where the run and its first half agree.
+
     "regression": any motion, chaos with jumps and billiards included. Exponents of an ensemble over a window of
     parameters are fitted by polynomials. The derivative is trusted where χ² agrees with the noise between replicates,
     where two degrees agree, and where zero exponents have none.
 
-    "auto": implicit where there is a stable periodic orbit, else regression.
+    "auto": implicit where there is a stable periodic orbit, else birkhoff where that is to be trusted, else regression.
 
     The derivative of a long chaotic trajectory is not that of its exponents: it grows as e^(λt). It is not offered.
 
@@ -101,8 +107,8 @@ def lyapunov_gradient(
         system: an `lh.Flow`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
         x0: (n,) start, or a function of args that returns it (of a system whose energy is a parameter, say).
         args: tree of parameters.
-        t1: length of the runs of a regression.
-        method: "auto", "implicit" or "regression".
+        t1: length of the run, or of each run of a regression.
+        method: "auto", "implicit", "birkhoff" or "regression".
         period: of a system that is forced: as for `lh.floquet`. A function of args where it depends on them: else the
             derivative with respect to a frequency is not right.
         key: for the ensemble of a regression.
@@ -111,7 +117,7 @@ def lyapunov_gradient(
         t0: time at the start.
         transient: length of the run before; None: t1/10.
         mode: mode at the start, where there are several.
-        integrator: of the flow; None: the default (implicit: with rtol = 1e-12).
+        integrator: of the flow; None: the default (implicit: with rtol = 1e-12, birkhoff: 1e-11).
         clock: of the exponents, as for `lyapunov_spectrum`.
         window: half width of the window of parameters, relative to each, or an array of absolute ones.
         points: of the window; None: enough for the degree.
@@ -123,7 +129,8 @@ def lyapunov_gradient(
         A `Gradient`.
 
     Raises:
-        ValueError: on arguments that do not fit; where "implicit" is asked for and there is no periodic orbit.
+        ValueError: on arguments that do not fit; where "implicit" is asked for and there is no periodic orbit, or
+            "birkhoff" and the motion is chaotic.
 
     Source:
         R. Seydel, Practical Bifurcation and Stability Analysis (Springer 2010), doi:10.1007/978-1-4419-1740-9.
@@ -161,22 +168,32 @@ def lyapunov_gradient(
 
 
 def _estimate(case: Case, method: str, period, key, ensemble) -> tuple[str, Estimate]:
-    """The method that was used, and what it found."""
-    before: tuple[str, ...] = ()
-    if method != "regression":
-        try:
-            require(not isinstance(case.system, EventDriven), "implicit needs an lh.Flow, lh.Map or lh.Hybrid.")
-            found = by_implicit(case, period=period)
-            if method == "implicit" or found.trust:
-                return "implicit", found
-            before = ("implicit was not to be trusted: " + "; ".join(found.reasons),)
-        except (Untrusted, ValueError) as error:
-            if method == "implicit":
-                raise ValueError(str(error)) from error
-            before = (f"implicit: {error}",)
-    require(key is not None, f"regression needs key=jax.random.key(seed) for its ensemble. {' '.join(before)}".strip())
+    """The method that was used, and what it found: of all that apply, the first that is to be trusted."""
     window, points, replicates, degree, progress = ensemble
+    before: list[str] = []
+    for name, one in (
+        ("implicit", functools.partial(_implicit, case, period)),
+        ("birkhoff", lambda: by_birkhoff(case)),
+    ):
+        if method not in ("auto", name):
+            continue
+        try:
+            found = one()
+        except (Untrusted, ValueError) as error:
+            if method == name:
+                raise ValueError(str(error)) from error
+            before.append(f"{name}: {error}")
+            continue
+        if method == name or found.trust:
+            return name, found._replace(reasons=(*before, *found.reasons))
+        before.append(f"{name} was not to be trusted: " + "; ".join(found.reasons))
+    require(key is not None, f"regression needs key=jax.random.key(seed) for its ensemble. {' '.join(before)}".strip())
     found = by_regression(
         case, key=key, window=window, points=points, replicates=replicates, degree=degree, progress=progress
     )
     return "regression", found._replace(reasons=(*before, *found.reasons))
+
+
+def _implicit(case: Case, period) -> Estimate:
+    require(not isinstance(case.system, EventDriven), "implicit needs an lh.Flow, lh.Map or lh.Hybrid.")
+    return by_implicit(case, period=period)

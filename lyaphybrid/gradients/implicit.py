@@ -31,20 +31,17 @@ from ..propagation import Cadence
 from ..results import RunFailed
 from ..shooting import NoPeriodicOrbit
 from ..systems import Map
-from .estimates import Case, Estimate
+from .estimates import Case, Estimate, Untrusted
 
-__all__ = ["Untrusted", "by_implicit"]
+__all__ = ["by_implicit"]
 
 LOOSER = 100.0  # times the tolerance: by how much the derivatives then differ is taken for their error
 CLOSE = 1e-6  # multipliers nearer to each other than this part of their size are one group
 WORST = 1e9  # condition number of the equations of the orbit
+SINGULAR = 1e300  # for an infinite one
 ALONG = 1e-6  # derivative of the exponent along the flow, over the largest of the others
 MOST = 64  # iterations of a map in a period that is looked for
 RETURNS = 1e-3  # how near they come to where they were; the rest is Newton's method's
-
-
-class Untrusted(Exception):
-    """There is no periodic orbit to differentiate."""
 
 
 class Turn(NamedTuple):
@@ -61,7 +58,7 @@ class Turn(NamedTuple):
         problem, x, t, mode = runs.prepare(self.system, x, self.args_of(theta), self.t, self.method, self.mode)
         plan = runs.Plan(Cadence("never", False), "mgs", False, 0, False, False, runs.nothing)
         ends = array(length, x.dtype).reshape(1)
-        outcome = runs.drive(problem, plan, runs.start(problem, plan, t, x, frame, mode, 1.0), ends, ends)
+        outcome = runs.drive(problem, plan, runs.start(problem, plan, t, x, frame, mode, 1.0), ends, ends, forward=True)
         return outcome.journey.carry.x, outcome.journey.carry.frame
 
 
@@ -148,7 +145,7 @@ def derivatives(turn: Turn, case: Case, orbit: Floquet, period) -> Derivatives:
     change = np.linalg.lstsq(system, right, rcond=None)[0]
     own = change[n] if autonomous else own
     _, moved = _along(turn, theta, x, length, np.eye(p), change[:n].T, own, k=n)
-    return Derivatives(np.asarray(matrix), np.asarray(moved), own, float(np.linalg.cond(system)))
+    return Derivatives(np.asarray(matrix), np.asarray(moved), own, min(float(np.linalg.cond(system)), SINGULAR))
 
 
 def _velocity(turn: Turn, theta, x):

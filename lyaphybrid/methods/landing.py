@@ -11,6 +11,7 @@ from .. import frames
 from ..columns import each_column
 from ..events import BLUR, Wiring, arm, by_mode, jets, rates, rounding
 from ..propagation import Carry, Clock, Events, Settings, harvest, log_event, stop
+from ..reverse_mode import rarely
 from ..saltations import delays, instant, push, return_along
 from ..statuses import STATUS
 from .divergences import trace
@@ -130,7 +131,7 @@ def _cross(mover, settings, clock: Clock, c: Carry, mode, transition, which, slo
     columns, was_live = c.frame, jnp.sum(c.frame * c.frame, axis=0) > 0.5
     if settings.sum_rule:  # n more columns, the identity: they come out as the saltation matrix
         columns = jnp.concatenate([columns, jnp.eye(c.x.shape[0], dtype=c.x.dtype)], axis=1)
-    landing = _in_each_order(mover, t, h, c, columns, mode, transition, which, slot, together)
+    landing = _in_each_order(mover, settings, t, h, c, columns, mode, transition, which, slot, together)
     since = c.since + landing.count.astype(c.since.dtype) if settings.cadence.unit == "jumps" else c.since
     volume = frames.log_abs_det(landing.columns[:, k:]) if settings.sum_rule else None
     project, frame = mover.onto_mode(landing.mode, t, landing.x), landing.columns[:, :k]
@@ -188,7 +189,7 @@ def _start_cascade(mover, t, c, columns, mode, transition, which, slot, together
     )
 
 
-def _cascade(mover, t, h, landing: "Landing") -> "Landing":
+def _cascade(mover, settings: Settings, t, h, landing: "Landing") -> "Landing":
     """The reset of the located event, and of every guard on whose fired side it ends."""
     w = mover.wiring
 
@@ -249,7 +250,8 @@ def _cascade(mover, t, h, landing: "Landing") -> "Landing":
             log_event(state.log, entry),
         )
 
-    landing = jax.lax.while_loop(lambda s: s.again, jump, landing)
+    loop = rarely if settings.reverse else jax.lax.while_loop
+    landing = loop(lambda s: s.again, jump, landing)
     over = (landing.count >= mover.max_cascade) & _still_firing(mover, landing)
     landing = landing._replace(
         columns=return_along(landing.columns, landing.direction, landing.f, landing.delay),
@@ -281,7 +283,7 @@ def _own_instant(mover, alone, mode, t, x, f, slot, moves):
     return _choose(alone, (back, f, delays(gradient @ back, rate)), moves)
 
 
-def _in_each_order(mover, t, h, c, columns, mode, transition, which, slot, together) -> "Landing":
+def _in_each_order(mover, settings: Settings, t, h, c, columns, mode, transition, which, slot, together) -> "Landing":
     """Where several guards meet at one instant: take them in the other order too, and compare."""
 
     def start(transition, which, slot):
@@ -289,7 +291,7 @@ def _in_each_order(mover, t, h, c, columns, mode, transition, which, slot, toget
 
     given = transition, which, slot
     if mover.wiring.slots == 1:
-        return _cascade(mover, t, h, start(*given))._replace(together=jnp.asarray(False))
+        return _cascade(mover, settings, t, h, start(*given))._replace(together=jnp.asarray(False))
     other = jnp.argmax(together & (jnp.arange(mover.wiring.slots, dtype=jnp.int32) != slot)).astype(jnp.int32)
     swapped = (
         table(mover, c.own.mode, mover.wiring.transition)[other],
@@ -300,14 +302,15 @@ def _in_each_order(mover, t, h, c, columns, mode, transition, which, slot, toget
 
     def run(state):
         turn, kept, differs = state
-        landing = _cascade(mover, t, h, start(*_choose(turn == 0, given, swapped)))
+        landing = _cascade(mover, settings, t, h, start(*_choose(turn == 0, given, swapped)))
         differs = (turn == 1) & _apart(landing, kept)
         return turn + 1, _choose(turn == 0, landing, kept), differs
 
     nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(start, *given))
     last = jnp.where(several, 2, 1)
     begin = (jnp.asarray(0), nothing, jnp.asarray(False))
-    _, landing, differs = jax.lax.while_loop(lambda state: state[0] < last, run, begin)
+    loop = rarely if settings.reverse else jax.lax.while_loop
+    _, landing, differs = loop(lambda state: state[0] < last, run, begin)
     return landing._replace(together=differs)
 
 

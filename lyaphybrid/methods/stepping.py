@@ -18,6 +18,7 @@ from ..columns import each_column
 from ..daes import is_constrained, landed
 from ..events import EPS, Wiring, arm, by_mode, jets, rates, rounding
 from ..propagation import Carry, Clock, Settings, stop
+from ..reverse_mode import rarely
 from ..statuses import STATUS
 from .base import Field, Method, Step
 from .landing import land
@@ -475,9 +476,8 @@ class Stepping:
             return c, tr
         if not self.has_events:
             return jax.lax.cond(tr.case == FAIL, self._fail, lambda c, tr: c, c, tr), tr
-        c, tr, _ = jax.lax.while_loop(
-            lambda state: within(state[0]) & ~self.common(state[1]), again, (c, tr, no_aim(tr.h))
-        )
+        loop = rarely if settings.reverse else jax.lax.while_loop
+        c, tr, _ = loop(lambda state: within(state[0]) & ~self.common(state[1]), again, (c, tr, no_aim(tr.h)))
         return c, tr
 
     def _fail(self, c: Carry, tr: Trial) -> Carry:
