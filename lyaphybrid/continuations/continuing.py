@@ -113,25 +113,21 @@ def continuation(
         constrained = any(isinstance(field, Constrained) for field in fields_of(system))
         method = HalfExplicit(rtol=1e-12, tableau="dopri8") if constrained else RungeKutta(rtol=1e-12, atol=1e-14)
     options = {"period": period, "t0": t0, "mode": mode, "method": method, "segments": segments}
-    if isinstance(x0, Special):
-        require(
-            x0.change is not None,
-            f"No branch begins at a {x0.kind}: give a pitchfork, transcritical point or period doubling.",
-        )
-        value, orbit = x0.parameter, x0.orbit
-    else:
-        orbit = None
+    special = x0 if isinstance(x0, Special) else None
+    if special is not None:
+        begins = f"No branch begins at a {special.kind}: give a pitchfork, transcritical point or period doubling."
+        require(special.change is not None, begins)
+        value = special.parameter
     require(low <= value <= high, f"{parameter} is {value:.6g}: it must be in over, from {low:.6g} to {high:.6g}.")
-    if orbit is None:
+    if special is None:
         orbit = floquet(system, jnp.asarray(x0, float), args_of(jnp.asarray(value)), transient=transient, **options)
-    turns = x0.turns_there if isinstance(x0, Special) else 1
+    else:
+        orbit = special.orbit
+    turns = 1 if special is None else special.turns_there
     equations = _equations(system, args_of, value, orbit, turns, options, high - low)
     within = (low, high), step, max_points
-    if isinstance(x0, Special):
-        origin, arcs = _branched(equations, x0, within)
-    else:
-        origin, arcs = _both(equations, orbit, value, within)
-    return _result(equations, parameter, orbit, origin, arcs, float(t0))
+    sides = _both(equations, orbit, value, within) if special is None else _branched(equations, special, within)
+    return _result(equations, parameter, orbit, *sides, float(t0))
 
 
 def _range(over) -> tuple[float, float]:
@@ -154,16 +150,13 @@ def _parameter(args, parameter: str) -> tuple[ParameterOf, float]:
 
 def _equations(system, args_of, value: float, orbit: Floquet, turns: int, options, span: float) -> Equations:
     """The equations of the branch through an orbit, with its size and its period for scales."""
-    args, (period, method, segments) = (
-        args_of(jnp.asarray(value)),
-        (options[o] for o in ("period", "method", "segments")),
-    )
+    args, period, method = args_of(jnp.asarray(value)), options["period"], options["method"]
     problem, x, *_ = runs.prepare(system, orbit.base[1], args, options["t0"], method, options["mode"])
     flow = Motion(problem)
     require_period(flow, period(args) if callable(period) else period, x)
     size = float(np.max(np.abs(states_of(flow.piece(Node(*orbit.base), orbit.period))[1])))
     size = size if size > NONE else 1.0
-    return Equations(problem, args_of, method, period, turns, segments, size, orbit.period, span)
+    return Equations(problem, args_of, method, period, turns, options["segments"], size, orbit.period, span)
 
 
 def _both(equations: Equations, orbit: Floquet, value: float, within) -> tuple[Point, list[Arc]]:
