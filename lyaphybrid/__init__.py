@@ -13,6 +13,7 @@ request_single_kernel_loops()
 from . import zoo  # noqa: E402
 from .comparisons import TwoTrajectories, two_trajectories  # noqa: E402
 from .consistency import consistent_start  # noqa: E402
+from .continuations import Continuation, continuation  # noqa: E402
 from .daes import DAE  # noqa: E402
 from .derivatives import Jacobians, jacobians, saltation_matrix  # noqa: E402
 from .diagrams import BifurcationDiagram, bifurcation_diagram  # noqa: E402
@@ -81,6 +82,7 @@ __all__ = [
     "covariant_vectors",
     "spectral_intervals",
     "floquet",
+    "continuation",
     "design",
     "Design",
     "lyapunov_gradient",
@@ -97,6 +99,7 @@ __all__ = [
     "CovariantVectors",
     "SpectralIntervals",
     "Floquet",
+    "Continuation",
     "NoPeriodicOrbit",
     "Gradient",
     "PoincareSection",

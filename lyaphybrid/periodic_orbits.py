@@ -18,11 +18,12 @@ from .checks import positive, real, require, whole
 from .daes import Constrained, fields_of
 from .methods import HalfExplicit, RungeKutta
 from .methods.base import Method
+from .products import product_eigenvalues
 from .return_maps import depends_on_time
 from .shooting import Motion, Node, NoPeriodicOrbit, Orbit, at_start, close_return, nearest, newton, placed
 from .systems import Flow, Hybrid, Map
 
-__all__ = ["Floquet", "floquet"]
+__all__ = ["CONVERGED", "Floquet", "floquet", "floquet_of", "require_period"]
 
 CONVERGED = 1e-9  # residual, relative to the orbit, that a periodic orbit must reach
 
@@ -91,7 +92,8 @@ def floquet(
         mode: mode at x0, where there are several.
         method: one that is right for the system; None: the default with rtol = 1e-12.
         transient: run for so long before, in whole periods where the period is given.
-        segments: of multiple shooting: more for orbits that are long and unstable.
+        segments: of multiple shooting: more for orbits that are long and unstable, or whose smallest multipliers are
+            wanted: in the derivative of one piece they are hidden by the rounding of the largest.
         max_iterations: of Newton's method.
         throw: raise where it does not converge; False returns what there is, with its residual.
 
@@ -129,7 +131,7 @@ def floquet(
     flow = Motion(problem)
     point = Node(float(time), start, index)
     period = period(args) if callable(period) else period
-    _require_period(flow, period, start)
+    require_period(flow, period, start)
     real("transient, a length,", transient)
     if transient > 0:
         run = flow.piece(point, float(transient if period is None else np.ceil(transient / period) * period))
@@ -141,7 +143,7 @@ def floquet(
     orbit = newton(flow, nodes, guess, autonomous, max_iterations)
     base = orbit.nodes[0]
     end = nearest(flow, base, orbit.period, start) if autonomous else at_start(flow, base, given, guess, offset)
-    result = _result(flow, orbit, end, autonomous)
+    result = floquet_of(flow, orbit, end, autonomous)
     if throw and not result.residual <= CONVERGED:
         raise NoPeriodicOrbit(
             f"Newton's method stands at a residual of {result.residual:.1e} after {orbit.iterations} iterations, "
@@ -152,7 +154,8 @@ def floquet(
     return result
 
 
-def _require_period(flow: Motion, period, x) -> None:
+def require_period(flow: Motion, period, x) -> None:
+    """Whether a period was given where there is one to give, and is one."""
     if isinstance(flow.problem.system, Map):
         whole("period, of a map its number of iterations,", period, least=1)
     elif period is not None:
@@ -164,11 +167,12 @@ def _require_period(flow: Motion, period, x) -> None:
         )
 
 
-def _result(flow: Motion, orbit: Orbit, point: Node, autonomous: bool) -> Floquet:
+def floquet_of(flow: Motion, orbit: Orbit, point: Node, autonomous: bool) -> Floquet:
+    """The multipliers of an orbit that Newton's method found; `point` is the one to show of it."""
     n, base = len(point.x), orbit.nodes[0]
     matrices = [piece.matrix for piece in orbit.pieces]
     monodromy = functools.reduce(lambda product, matrix: matrix @ product, matrices)
-    multipliers = np.linalg.eigvals(monodromy).astype(complex)
+    multipliers = product_eigenvalues(matrices)
     # Constraints leave fewer directions than there are components: the others are none that the orbit destroys.
     free = flow.degrees_of_freedom(point)
     multipliers = multipliers[np.argsort(-np.abs(multipliers), kind="stable")][:free]

@@ -12,6 +12,7 @@ import numpy as np
 
 from ._axes import COLOURS, colours
 from ._axes import axes_of as _axes
+from ._continuation_plots import continuation
 from ._diagram_plots import bifurcations, diagram, largest_exponent, section
 from ._indicator_plots import alignment, growth, intervals
 from .results import UNIT, Spectrum, with_error
@@ -21,6 +22,7 @@ __all__ = [
     "against_density",
     "alignment",
     "bifurcations",
+    "continuation",
     "convergence",
     "diagram",
     "growth",

@@ -28,9 +28,14 @@ __all__ = [
     "Piece",
     "at_start",
     "close_return",
+    "linearised",
     "nearest",
     "newton",
     "placed",
+    "retimed",
+    "shares_of",
+    "shot",
+    "states_of",
 ]
 
 FINISHED = 1e-13  # residual, relative to the orbit, at which there is nothing left to gain
@@ -135,6 +140,14 @@ class Motion(NamedTuple):
         t = jnp.asarray(node.t, node.x.dtype)
         return node._replace(x=put_on_constraints(self._field(node), t, node.x, self.problem.args))
 
+    def moved(self, node: Node, dx) -> Node:
+        """The point, moved along what its mode leaves free; where it may change the mode with the state, anywhere."""
+        system, dx = self.problem.system, jnp.asarray(dx)
+        onto = system.tangent[node.mode] if isinstance(system, Hybrid) and node.mode is not None else None
+        if onto is not None:
+            dx = onto(jnp.asarray(node.t, node.x.dtype), node.x, self.problem.args, dx)
+        return node._replace(x=node.x + dx)
+
     def mode(self, node: Node) -> int:
         """The mode at a point."""
         if node.mode is not None:
@@ -151,7 +164,7 @@ def close_return(flow: Motion, start: Node) -> tuple[Node, float]:
     horizon = (np.linalg.norm(start.x) + 1e-3) / max(float(np.linalg.norm(flow.velocity(start))), 1e-12)
     for _ in range(DOUBLINGS):
         stretch = flow.piece(start, float(horizon))
-        times, points = _points(stretch)
+        times, points = states_of(stretch)
         distance = np.linalg.norm(points - np.asarray(start.x), axis=1)
         size = np.maximum.accumulate(distance)
         inner = np.flatnonzero((distance[1:-1] <= distance[:-2]) & (distance[1:-1] <= distance[2:])) + 1
@@ -166,7 +179,7 @@ def close_return(flow: Motion, start: Node) -> tuple[Node, float]:
     )
 
 
-def _points(piece: Piece) -> tuple[np.ndarray, np.ndarray]:
+def states_of(piece: Piece) -> tuple[np.ndarray, np.ndarray]:
     """Times and states of a piece, those after its jumps among them."""
     if piece.events is None:
         return piece.times, piece.points
@@ -205,8 +218,8 @@ def _away(at: float, events: np.ndarray, period: float) -> float:
 
 def newton(flow: Motion, nodes: list[Node], period: float, autonomous: bool, most: int) -> Orbit:
     """Newton's method, its steps halved while they lead away."""
-    shares = _shares(nodes, period)
-    orbit = _shot(flow, nodes, shares, period, 0)
+    shares = shares_of(nodes, period)
+    orbit = shot(flow, nodes, shares, period, 0)
     for iteration in range(1, most + 1):
         if orbit.residual <= FINISHED:
             break
@@ -214,12 +227,12 @@ def newton(flow: Motion, nodes: list[Node], period: float, autonomous: bool, mos
         better = None
         for halving in range(HALVINGS):
             factor = 0.5**halving
-            moved = [node._replace(x=node.x + factor * step) for node, step in zip(orbit.nodes, steps, strict=True)]
+            moved = [flow.moved(node, factor * step) for node, step in zip(orbit.nodes, steps, strict=True)]
             at = period + 0.0 if not autonomous else orbit.period + factor * change
             if at <= 0.1 * period or at >= 10 * period:
                 continue
             try:
-                trial = _shot(flow, _retimed(moved, shares, at), shares, at, iteration)
+                trial = shot(flow, retimed(moved, shares, at), shares, at, iteration)
             except RunFailed:
                 continue
             if trial.residual < orbit.residual:
@@ -231,19 +244,19 @@ def newton(flow: Motion, nodes: list[Node], period: float, autonomous: bool, mos
     return orbit
 
 
-def _shares(nodes: list[Node], period: float) -> np.ndarray:
+def shares_of(nodes: list[Node], period: float) -> np.ndarray:
     """The lengths of the pieces, as parts of the period."""
     times = np.array([node.t for node in nodes])
     return np.diff(np.append(times, times[0] + period)) / period
 
 
-def _retimed(nodes: list[Node], shares, period: float) -> list[Node]:
+def retimed(nodes: list[Node], shares, period: float) -> list[Node]:
     """The nodes at the times that belong to another period."""
     times = nodes[0].t + period * np.concatenate([[0.0], np.cumsum(shares)[:-1]])
     return [node._replace(t=float(t)) for node, t in zip(nodes, times, strict=True)]
 
 
-def _shot(flow: Motion, nodes: list[Node], shares, period: float, iteration: int) -> Orbit:
+def shot(flow: Motion, nodes: list[Node], shares, period: float, iteration: int) -> Orbit:
     """All pieces, from the nodes as they stand."""
     nodes = [flow.consistent(node) for node in nodes]
     pieces = [flow.piece(node, float(share * period)) for node, share in zip(nodes, shares, strict=True)]
@@ -258,8 +271,8 @@ def _gaps(pieces: list[Piece]) -> list[np.ndarray]:
     return [np.asarray(a.x) - np.asarray(b.start.x) for a, b in zip(pieces, following, strict=True)]
 
 
-def _newton_step(flow: Motion, orbit: Orbit, shares, autonomous: bool) -> tuple[list[np.ndarray], float]:
-    """The changes of the nodes and of the period."""
+def linearised(flow: Motion, orbit: Orbit, shares, autonomous: bool) -> tuple[np.ndarray, np.ndarray]:
+    """The derivatives of all equations by all nodes, and by the period where it is unknown; and what they miss."""
     m, n = len(orbit.nodes), len(orbit.nodes[0].x)
     system, gaps = np.zeros((m * n + autonomous, m * n + autonomous)), np.zeros(m * n + autonomous)
     gaps[: m * n] = np.concatenate(_gaps(orbit.pieces))
@@ -271,7 +284,14 @@ def _newton_step(flow: Motion, orbit: Orbit, shares, autonomous: bool) -> tuple[
             system[rows, -1] = shares[i] * flow.velocity(piece.end)
     if autonomous:
         system[-1, :n] = flow.velocity(orbit.nodes[0])
+    return system, gaps
+
+
+def _newton_step(flow: Motion, orbit: Orbit, shares, autonomous: bool) -> tuple[list[np.ndarray], float]:
+    """The changes of the nodes and of the period."""
+    m, n = len(orbit.nodes), len(orbit.nodes[0].x)
     # Of least norm: a family of orbits (a block that may lie anywhere) leaves the matrix singular.
+    system, gaps = linearised(flow, orbit, shares, autonomous)
     change = np.linalg.lstsq(system, -gaps, rcond=1e-11)[0]
     return list(change[: m * n].reshape(m, n)), float(change[-1]) if autonomous else 0.0
 

@@ -30,6 +30,16 @@ def test_a_block_slips_and_sticks():
     assert sticking.sum_rule_residual is None
 
 
+@pytest.mark.unoptimised
+@pytest.mark.parametrize("angle", [-0.44, -0.45, -0.5])
+def test_a_start_at_rest_leaves_when_the_pull_exceeds_friction(angle):
+    """The field there is a difference of equal forces, some 1e-17: that is no speed to choose a step by."""
+    problem = zoo.friction_pendulum(beta=0.052, alpha=0.45)
+    run = lh.trajectory(problem.system, [angle, 0.0], problem.args, t1=0.3, n=3)
+    exact = np.arcsin((0.45 + 0.87 * np.sin(angle)) / 0.586) / 0.666
+    assert float(run.events.t[0]) == pytest.approx(exact, abs=1e-12)
+
+
 @pytest.mark.slow
 @pytest.mark.unoptimised
 @pytest.mark.parametrize("form", ["forced", "autonomous"])

@@ -26,6 +26,8 @@ RESULTS = (
     "SpectralIntervals",
     "PoincareSection",
     "BifurcationDiagram",
+    "Continuation",
+    "Design",
     "RunFailed",
 )
 MODULES = [m.name for m in pkgutil.walk_packages(lh.__path__, "lyaphybrid.") if not m.name.endswith("__main__")]
@@ -76,6 +78,8 @@ def test_every_public_name_is_documented(name):
         "jacobians",
         "two_trajectories",
         "floquet",
+        "continuation",
+        "design",
         "return_map",
         "filippov",
         "poincare_section",

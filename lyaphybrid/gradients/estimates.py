@@ -10,7 +10,7 @@ import numpy as np
 
 from ..checks import require
 
-__all__ = ["ArgsOf", "Case", "Estimate", "Untrusted", "case_of", "tree_of"]
+__all__ = ["ArgsOf", "Case", "Estimate", "Untrusted", "case_of", "parameters_of", "tree_of"]
 
 
 class Untrusted(Exception):
@@ -44,19 +44,24 @@ class Estimate(NamedTuple):
 
 def case_of(system, x0, args, k: int, options: Mapping[str, Any], free: Sequence[str] | None = None) -> Case:
     """A case; the parameters are the floating-point leaves of args, or those named; all else stays as it is."""
+    theta, args_of, names = parameters_of(args, free)
+    start = x0 if callable(x0) else Fixed(x0)
+    return Case(system, start, theta, args_of, names, k, options)
+
+
+def parameters_of(args, free: Sequence[str] | None, word: str = "free") -> tuple[np.ndarray, "ArgsOf", tuple[str, ...]]:
+    """Those leaves of args that are free: their values (p,), args as a function of them, their names."""
     args = jax.tree.map(lambda leaf: jnp.asarray(leaf) if isinstance(leaf, float) else leaf, args)
     known = {_name(path): eqx.is_inexact_array_like(leaf) for path, leaf in jax.tree_util.tree_leaves_with_path(args)}
     known = [name for name, floating in known.items() if floating]
     require(bool(known), "args has no floating-point leaf: there is nothing to differentiate by.")
     wanted = known if free is None else list(free)
     wrong = [name for name in wanted if name not in known]
-    require(not wrong and bool(wanted), f"free must name some of {', '.join(known)}; got {free!r}.")
+    require(not wrong and bool(wanted), f"{word} must name some of {', '.join(known)}; got {free!r}.")
     parts, fixed = eqx.partition(args, jax.tree_util.tree_map_with_path(lambda path, _: _name(path) in wanted, args))
     leaves, structure = jax.tree.flatten(parts)
     theta = np.concatenate([np.ravel(leaf) for leaf in leaves])
-    args_of = ArgsOf(structure, tuple(map(np.shape, leaves)), fixed)
-    start = x0 if callable(x0) else Fixed(x0)
-    return Case(system, start, theta, args_of, _names(parts), k, options)
+    return theta, ArgsOf(structure, tuple(map(np.shape, leaves)), fixed), _names(parts)
 
 
 class ArgsOf(eqx.Module):

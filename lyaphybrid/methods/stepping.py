@@ -232,7 +232,8 @@ class Stepping:
             return jnp.asarray(self.method.fixed_step, x.dtype)
         scale = self.method.atol + self.method.rtol * jnp.abs(x)
         size, speed = jnp.sqrt(jnp.mean((x / scale) ** 2)), jnp.sqrt(jnp.mean((f / scale) ** 2))
-        usual = 0.01 * size / jnp.maximum(speed, 1e-300)
+        # A state at rest is moved by rounding alone: that says nothing, and guards are judged on the scale of a step.
+        usual = jnp.minimum(0.01 * size / jnp.maximum(speed, 1e-300), 1.0)
         return self._bounded(jax.lax.stop_gradient(jnp.where((size > 1e-5) & (speed > 1e-5), usual, 1e-6)))
 
     def _bounded(self, h):

@@ -1,0 +1,196 @@
+"""The equations of a branch of periodic orbits: those of multiple shooting, with a parameter p as one more unknown.
+
+The unknowns u = (x_0, …, x_{m−1}, [T], p), each measured on the scale of the problem, have one equation less than there
+are of them. Its Jacobian J(u) has a null vector: the tangent of the branch. Newton's method stays on a hyperplane
+c·u = s, so that it goes round folds as it goes anywhere else.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .. import runs
+from ..gradients.implicit import Turn
+from ..periodic_orbits import CONVERGED
+from ..results import RunFailed
+from ..shooting import FINISHED, Motion, Node, Orbit, linearised, placed, retimed, shares_of, shot, states_of
+from ..systems import Map
+
+__all__ = ["Equations", "ParameterOf", "Point", "states_over", "tangent"]
+
+GAIN = 0.25  # of the residual that a step of Newton's method leaves while there is more to gain
+ITERATIONS = 8
+NONE = 1e-11  # singular values below this part of the largest are zero
+
+
+class ParameterOf(eqx.Module):
+    """p ↦ args; two of the same structure are the same to a compiler."""
+
+    args_of: Callable  # (q,) ↦ args
+    leaf: Any  # (q,) the values of the leaf of which p is an entry
+    entry: int = eqx.field(static=True)
+
+    def __call__(self, p):
+        """The args with this parameter."""
+        return self.args_of(jnp.asarray(self.leaf).at[self.entry].set(p))
+
+
+class Point(NamedTuple):
+    """A point of a branch."""
+
+    orbit: Orbit
+    parameter: float
+    u: np.ndarray  # (N + 1,)
+    jacobian: np.ndarray  # (N, N + 1)
+    tangent: np.ndarray  # (N + 1,) of length 1
+    iterations: int  # of Newton's method
+
+
+class Equations(NamedTuple):
+    """What the points of a branch have in common."""
+
+    problem: runs.Problem
+    args_of: ParameterOf
+    method: Any
+    period: Any  # None (unknown), a number, or args ↦ number
+    turns: int  # such periods after which the orbit closes
+    segments: int
+    size: float  # of the state
+    time: float  # of the period
+    span: float  # of the parameter
+
+    @property
+    def discrete(self) -> bool:
+        """Whether time counts iterations."""
+        return isinstance(self.problem.system, Map)
+
+    @property
+    def autonomous(self) -> bool:
+        """Whether the period is unknown."""
+        return self.period is None
+
+    def motion(self, p: float) -> Motion:
+        """The motion at this parameter."""
+        return Motion(self.problem._replace(args=self.args_of(jnp.asarray(p, float))))
+
+    def length(self, p: float) -> float:
+        """The time after which a forced orbit closes."""
+        return self.turns * float(self._own_period(p))
+
+    def _own_period(self, p) -> Any:
+        return self.period(self.args_of(jnp.asarray(p, float))) if callable(self.period) else self.period
+
+    def begin(self, node: Node, p: float, period: float) -> Orbit:
+        """The motion from this node, over that time, cut into pieces away from events."""
+        flow = self.motion(p)
+        nodes = placed(flow, node, period, self.segments)[0]
+        return shot(flow, nodes, shares_of(nodes, period), period, 0)
+
+    def scales(self, orbit: Orbit) -> np.ndarray:
+        """(N + 1,) what each unknown is measured by."""
+        nodes = orbit.nodes
+        states = np.full(len(nodes) * len(nodes[0].x), self.size * np.sqrt(len(nodes)))
+        return np.concatenate([states, [self.time] * self.autonomous, [self.span]])
+
+    def vector(self, orbit: Orbit, p: float) -> np.ndarray:
+        """The unknowns u (N + 1,) of an orbit."""
+        states = [np.asarray(node.x) for node in orbit.nodes]
+        return np.concatenate([*states, [orbit.period] * self.autonomous, [p]]) / self.scales(orbit)
+
+    def shoot(self, u: np.ndarray, like: Orbit) -> tuple[Orbit, float]:
+        """The motion from the nodes that these unknowns mean, at the same parts of the period; and the parameter."""
+        m, n = len(like.nodes), len(like.nodes[0].x)
+        values = u * self.scales(like)
+        p = float(values[-1])
+        period = float(values[-2]) if self.autonomous else self.length(p)
+        flow, states = self.motion(p), values[: m * n].reshape(m, n)
+        nodes = [flow.moved(node, x - np.asarray(node.x)) for node, x in zip(like.nodes, states, strict=True)]
+        shares = shares_of(like.nodes, like.period)
+        return shot(flow, retimed(nodes, shares, period), shares, period, 0), p
+
+    def linearised(self, orbit: Orbit, p: float) -> tuple[np.ndarray, np.ndarray]:
+        """The Jacobian (N, N + 1) of the equations by the unknowns, and what they miss (N,)."""
+        flow, shares = self.motion(p), shares_of(orbit.nodes, orbit.period)
+        system, gaps = linearised(flow, orbit, shares, self.autonomous)
+        column = np.zeros((len(gaps), 1))
+        states = len(gaps) - self.autonomous
+        column[:states, 0] = np.concatenate(self._by_parameter(orbit, shares, p))
+        rows = np.full(len(gaps), self.size)
+        if self.autonomous:
+            rows[-1] *= max(float(np.linalg.norm(system[-1])), np.finfo(float).tiny)
+        return np.hstack([system, column]) * self.scales(orbit) / rows[:, None], gaps / rows
+
+    def _by_parameter(self, orbit: Orbit, shares, p: float) -> list[np.ndarray]:
+        """How the ends of the pieces change with the parameter, where the period is given with that too."""
+        longer = 0.0
+        if callable(self.period) and not self.discrete:
+            longer = self.turns * float(jax.jacfwd(self._own_period)(jnp.asarray(p, float)))
+        later = longer * np.concatenate([[0.0], np.cumsum(shares)[:-1]])
+        still = np.zeros(len(orbit.nodes[0].x))
+        return [
+            self.carried(piece.start, piece.length, p, (1.0, dt, still, longer * share))
+            for piece, dt, share in zip(orbit.pieces, later, shares, strict=True)
+        ]
+
+    def carried(self, node: Node, length: float, p: float, along: tuple) -> np.ndarray:
+        """The derivative (n,) of the motion's end along changes (dp, dt, dx, dlength) of how it began."""
+        mode = 0 if self.discrete else self.motion(p).mode(node)
+        turn = Turn(self.problem.system, self.args_of, None, None, self.method)
+        given, changes = ([jnp.asarray(value, float) for value in values] for values in ((p, *node[:2], length), along))
+        return np.asarray(_carried(turn, jnp.asarray(mode), given, changes, self.discrete))
+
+    def corrected(self, guess: np.ndarray, like: Orbit, across: np.ndarray, level: float) -> Point | None:
+        """The point of the branch near a guess on the hyperplane across·u = level; None where Newton finds none."""
+        u, before = guess, np.inf
+        for iteration in range(ITERATIONS):
+            try:
+                orbit, p = self.shoot(u, like)
+            except (RunFailed, ValueError):
+                return None
+            jacobian, gaps = self.linearised(orbit, p)
+            if not np.all(np.isfinite(jacobian)):
+                return None
+            u = self.vector(orbit, p)  # on the constraints, where there are some
+            if orbit.residual <= CONVERGED and not FINISHED < orbit.residual < GAIN * before:
+                return Point(orbit, p, u, jacobian, tangent(jacobian, across), iteration)
+            if iteration > 1 and not orbit.residual < before:
+                return None
+            before = orbit.residual
+            change = solved(jacobian, across, np.append(-gaps, level - across @ u))
+            u = u + change
+        return None
+
+
+def states_over(point: Point) -> np.ndarray:
+    """States (samples, n) of the whole orbit."""
+    return np.concatenate([states_of(piece)[1] for piece in point.orbit.pieces])
+
+
+@eqx.filter_jit
+def _carried(turn: Turn, mode, given, along, discrete: bool):
+    n = given[2].shape[0]
+
+    def end(p, t, x, length):
+        return turn._replace(t=t, mode=mode).end(p, x, length, np.zeros((n, 0), x.dtype))[0]
+
+    if discrete:  # time counts: nothing can be differentiated by it
+        p, t, x, length = given
+        return jax.jvp(lambda p, x: end(p, t, x, length), (p, x), (along[0], along[2]))[1]
+    return jax.jvp(end, tuple(given), tuple(along))[1]
+
+
+def solved(jacobian: np.ndarray, across: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """The change (N + 1,) of the unknowns; of least norm where it is not determined, as in a branch point."""
+    return np.linalg.lstsq(np.vstack([jacobian, across]), right, rcond=NONE)[0]
+
+
+def tangent(jacobian: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """The unit null vector (N + 1,) of the Jacobian, to that side."""
+    last = np.zeros(len(along))
+    last[-1] = 1.0
+    found = solved(jacobian, along, last)
+    return found / np.linalg.norm(found)
