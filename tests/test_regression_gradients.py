@@ -127,7 +127,7 @@ CELLS = np.stack(np.meshgrid(*2 * [np.arange(-2.0, 3.0)]), axis=-1).reshape(-1, 
 
 def heights(q, args):
     """Above disks of two radii, those at the corners and those in the middle of unit squares."""
-    from_both = [q - jnp.round(q - place) - place - CELLS for place in (0.0, 0.5)]
+    from_both = [(q - jnp.round(q - place) - place)[None, :] - CELLS for place in (0.0, 0.5)]
     radii = args["corner"], args["middle"]
     return jnp.concatenate([(jnp.sum(d * d, axis=1) - r * r) / 2 for d, r in zip(from_both, radii, strict=True)])
 
