@@ -22,7 +22,7 @@ from .locating import Found
 
 __all__ = ["continuation"]
 
-FIRST = 0.4 ** np.arange(9)  # of the largest step, on to another branch: first tries and later ones
+FIRST = 0.4 ** np.arange(18)  # of the largest step, on to another branch: first tries and later ones
 
 
 def continuation(

@@ -143,8 +143,13 @@ class Equations(NamedTuple):
         given, changes = ([jnp.asarray(value, float) for value in values] for values in ((p, *node[:2], length), along))
         return np.asarray(_carried(turn, jnp.asarray(mode), given, changes, self.discrete))
 
-    def corrected(self, guess: np.ndarray, like: Orbit, across: np.ndarray, level: float) -> Point | None:
-        """The point of the branch near a guess on the hyperplane across·u = level; None where Newton finds none."""
+    def corrected(
+        self, guess: np.ndarray, like: Orbit, across: np.ndarray, level: float, reach: float = np.inf
+    ) -> Point | None:
+        """The point of the branch near a guess on the hyperplane across·u = level; None where Newton finds none.
+
+        Beyond `reach` nobody looks: far away the motion may be anything, and take for ever.
+        """
         u, before = guess, np.inf
         for iteration in range(ITERATIONS):
             try:
@@ -162,6 +167,8 @@ class Equations(NamedTuple):
             before = orbit.residual
             change = solved(jacobian, across, np.append(-gaps, level - across @ u))
             u = u + change
+            if not np.linalg.norm(u - guess) <= reach:
+                return None
         return None
 
 

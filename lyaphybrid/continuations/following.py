@@ -20,7 +20,7 @@ TURN = 0.9  # cosine of the angle by which the tangent may turn in a step
 ASTRAY = 0.5  # of a step: a correction that is longer leads to another branch
 GROWTH = 1.4  # of the step, where Newton's method is quick
 QUICK, LATE = 3, 5  # iterations of Newton's method
-SHORTEST = 1e-4  # of the largest step
+SHORTEST = 1e-7  # of the largest step
 NEXT = 1e-12  # how near to a change of the events the branch is followed
 CLEAR = 0.005  # of the period: a node nearer to an event is placed anew
 
@@ -89,7 +89,7 @@ def _signature(equations: Equations, point: Point) -> np.ndarray:
 def advanced(equations: Equations, last: Point, length: float, over) -> Point | None:
     """The point of the branch a step further, or on the border of the range where the step goes beyond."""
     guess = last.u + length * last.tangent
-    after = equations.corrected(guess, last.orbit, last.tangent, float(last.tangent @ guess))
+    after = equations.corrected(guess, last.orbit, last.tangent, float(last.tangent @ guess), reach=length)
     if after is None or after.tangent @ last.tangent < TURN or np.linalg.norm(after.u - guess) > ASTRAY * length:
         return None
     bound = float(np.clip(after.parameter, *over))

@@ -72,7 +72,7 @@ def _located(equations: Equations, before: Point, after: Point, total: float, ki
     def at(place: float) -> Point:
         if place not in known:
             level = float(before.tangent @ before.u + place)
-            point = equations.corrected(path(place), before.orbit, before.tangent, level)
+            point = equations.corrected(path(place), before.orbit, before.tangent, level, reach=total)
             if point is None:
                 raise _Lost
             known[place] = point
