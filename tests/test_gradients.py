@@ -7,11 +7,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
+from known_gradients import OF_IMPACTS, complex_pair, estimated, logistic, sheared_hopf
 from lyaphybrid.gradients import implicit
 
 pytestmark = pytest.mark.unoptimised
-
-SHEAR = np.array([[1.0, 0.4, 0.2], [0.3, 1.2, -0.5], [0.1, 0.2, 0.9]])
 
 
 def forcing_period(args):
@@ -53,17 +52,9 @@ def test_real_multipliers_with_impacts(impacts):
     """Against an independent program."""
     found = impacts[2.65]
     assert_allclose(found.value, [-0.0799054366, -0.1483208792], atol=5e-11)
-    exact = {"restitution": -0.62349532, "zeta": -1.1113622, "omega": 30.823826, "gap": 63.364941}
-    for name, value in exact.items():
+    for name, value in OF_IMPACTS.items():
         assert_allclose(found.gradient[name][0], value, rtol=1e-7)  # the digits of the reference
         assert found.stderr[name][0] < 1e-9
-
-
-def complex_pair(n, x, theta):
-    size, angle, third = 0.9 * jnp.exp(-0.3 * theta), 1 + theta, 0.3 + 0.2 * theta
-    y = jnp.linalg.solve(SHEAR, x)
-    turned = [jnp.cos(angle) * y[0] - jnp.sin(angle) * y[1], jnp.sin(angle) * y[0] + jnp.cos(angle) * y[1]]
-    return SHEAR @ jnp.stack([size * turned[0], size * turned[1], third * y[2]])
 
 
 def test_a_fixed_point_at_the_origin():
@@ -74,15 +65,6 @@ def test_a_fixed_point_at_the_origin():
     assert_allclose(found.gradient, [-0.3, -0.3, 0.5882352941176471], rtol=1e-11)
 
 
-def sheared_hopf(t, u, mu):
-    a = np.array([[1.0, 0.5], [0.0, 1.3]])
-    z = a @ u
-    square = z @ z
-    turning = 1 + 0.7 * square
-    swirl = jnp.stack([(mu - square) * z[0] - turning * z[1], (mu - square) * z[1] + turning * z[0]])
-    return jnp.linalg.solve(a, swirl)
-
-
 def test_a_cycle_whose_period_depends_on_the_parameter():
     found = lh.lyapunov_gradient(lh.Flow(sheared_hopf), [0.9, 0.0], 0.8, t1=500.0, transient=50.0)
     assert found.trust, found.reasons
@@ -91,30 +73,12 @@ def test_a_cycle_whose_period_depends_on_the_parameter():
     assert any("zero exponent" in reason for reason in found.reasons)
 
 
-def bouncing(speed):
-    """The impact oscillator with its time multiplied: x' = c f(c t, x)."""
-
-    def field(t, x, c):
-        return c * jnp.stack([x[1], -x[0] - 0.04 * x[1] + jnp.cos(2.65 * c * t)])
-
-    wall = lh.Transition(guard=lambda t, x, c: -x[0], reset=lambda t, x, c: x * jnp.array([1.0, -0.8]))
-    return lh.Hybrid(field, wall), [0.0, -0.5], speed
-
-
 def test_faster_time():
     """F → c f multiplies all exponents by c, jumps or not."""
-    system, x0, args = bouncing(1.0)
-    turn = 2 * np.pi / 2.65
-    found = lh.lyapunov_gradient(
-        system, x0, args, t1=1000.0, transient=300.0, period=lambda c: turn / c, method="implicit"
-    )
+    found = estimated("faster impact oscillator", "implicit")
     assert found.trust, found.reasons
     assert_allclose(found.gradient, found.value, rtol=1e-9)
     assert_allclose(found.value, [-0.0799054366, -0.1483208792], atol=5e-11)
-
-
-def logistic(n, x, r):
-    return r * x * (1 - x)
 
 
 @pytest.mark.parametrize(("r", "exact", "slope"), [(2.9, np.log(0.9), 1 / 0.9), (3.3, None, None)])

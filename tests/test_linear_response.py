@@ -8,44 +8,21 @@ from numpy.testing import assert_allclose
 from scipy import stats
 
 import lyaphybrid as lh
+from known_gradients import (
+    CIRCLE,
+    FIXED,
+    TORUS,
+    baker,
+    blaschke,
+    conjugate,
+    of_solenoid,
+    perturbed_cat,
+    solenoid,
+    torus,
+)
 from lyaphybrid.gradients import continuity, jets, responses
 
 KEY = jax.random.key(1)
-CIRCLE = 2 * np.pi
-FIXED = lh.RungeKutta("rk4", dt=0.01)
-
-
-def blaschke(n, x, a):
-    """A circle map whose invariant density is constant: λ = ln(1 + √(1 − a²))."""
-    return jnp.mod(2 * x + 2 * jnp.arctan2(a * jnp.sin(x), 1 - a * jnp.cos(x)), CIRCLE)
-
-
-def solenoid(n, u, a):
-    """Over that circle map; its fibres contract by 0.4 and 0.25."""
-    phi, y, z = u
-    along = 0.4 * y + 0.5 * jnp.cos(phi) + 0.3 * z + 0.1 * jnp.sin(phi)
-    return jnp.stack([blaschke(n, phi, a), along, 0.25 * z + 0.5 * jnp.sin(phi)])
-
-
-def perturbed_cat(n, x, theta):
-    p, q = x
-    kick = theta * (jnp.sin(CIRCLE * p) + 0.5 * jnp.cos(CIRCLE * (p + q))) / CIRCLE
-    return jnp.mod(jnp.stack([2 * p + q + kick, p + q + 0.7 * kick + 0.1 * jnp.sin(CIRCLE * q) / CIRCLE]), 1.0)
-
-
-def scaled(x, c):
-    """tan(x/2) → c tan(x/2)."""
-    return 2 * jnp.arctan2(c * jnp.sin(x / 2), jnp.cos(x / 2))
-
-
-def conjugate(n, x, c):
-    """Twice the angle, seen through that change of the circle: λ = ln 2 whatever c is."""
-    return scaled(2 * scaled(x, 1 / c), c)
-
-
-def baker(n, u, p):
-    x, y = u
-    return jnp.where(x < p, jnp.stack([x / p, p * y]), jnp.stack([(x - p) / (1 - p), p + (1 - p) * y]))
 
 
 def lorenz(**keywords):
@@ -64,11 +41,6 @@ def gradient(rule, x0, args, t1, **keywords):
 def assert_within(found, exact, known=0.0, most=3.0):
     assert np.all(np.abs(found.gradient - np.array(exact)) < most * np.hypot(found.stderr, np.array(known)) + 1e-9)
     assert found.trust, found.reasons
-
-
-def of_solenoid(a):
-    root = np.sqrt(1 - a**2)
-    return [-a / (root * (1 + root)), 0, 0]
 
 
 def test_the_solenoid():
@@ -140,7 +112,7 @@ def of_field(field, parameter, t1):
 @pytest.mark.unoptimised
 def test_faster_time():
     """f → c f multiplies all exponents by c: all of it is a shift of time."""
-    found = of_field(lambda t, x, c: c * lorenz_field(x), 1.0, 10.0)
+    found = of_field(lambda t, x, c: c * lorenz_field(x), 1.0, 30.0)
     assert_allclose(found.gradient[0], found.value[0] + found.value[1], rtol=1e-9)
     assert found.gradient[1] == found.stderr[1] == 0
     assert_allclose(found.gradient[2], found.value[2], rtol=1e-9)
@@ -300,6 +272,7 @@ def beside_a_rotation(n, x, a):
         (two_cats, [0.3, 0.1, 0.2, 0.7], "more than one unstable direction"),
         (beside_a_rotation, [0.3, 0.1, 0.5], "or a neutral one"),
         (lambda n, x, a: a * x, [0.3], "not chaotic"),
+        (lambda n, x, a: torus(n, x, TORUS | {"turn": a}), [0.3, 0.1], "no more than those of regular motion"),
         (lambda n, x, a: 3 + a * x**2, [0.3], "the runs failed: nonfinite"),
     ],
 )

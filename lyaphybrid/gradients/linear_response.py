@@ -39,7 +39,8 @@ TAIL = 200  # one in so many belongs to the tail
 HEAVY = 2.0  # tail index below which squares have no mean
 NONE = 100.0  # tail index from which there is no tail
 AGREE = 3.0  # standard errors: between memories, and of what is zero
-SURE = 4.0  # standard errors by which an exponent is negative
+SURE = 4.0  # standard errors by which an exponent is negative, or positive
+GROWN = 20.0  # λ₁t₁ of chaos at least: regular motion grows as a power of time and has no scatter
 RARE = 0.03  # breaks, over those that one surface across the attractor would show
 SMALL = 0.1  # part of an error that does not matter
 TINY = 1e-12  # no standard error is smaller
@@ -65,7 +66,7 @@ def by_linear_response(case: Case, *, key, progress: Any = None) -> Estimate:
     _check(case)
     pilot, unfit = _pilot(case, key)
     flows = isinstance(case.system, Flow)
-    unfit = unfit or _not_one_unstable(pilot, flows)
+    unfit = unfit or _not_one_unstable(pilot, flows, float(case.options["t1"]))
     if unfit:
         nothing = np.full((case.k, len(case.theta)), np.nan)
         value, error = pilot.exponents[: case.k], pilot.stderr[: case.k]
@@ -133,11 +134,16 @@ def _pilot(case: Case, key) -> tuple[Pilot, str]:
     return pilot, "" if np.all(np.isfinite(pilot.exponents)) else "an exponent that is −∞ has no derivative"
 
 
-def _not_one_unstable(pilot: Pilot, flows: bool) -> str:
+def _not_one_unstable(pilot: Pilot, flows: bool, t1: float) -> str:
     """Why the motion has not one unstable direction with stable ones beside it; empty where it has."""
     value, error, second = pilot.exponents, pilot.stderr, 1 + flows
     if value[0] <= SURE * error[0]:
         return f"λ1 = {value[0]:.3g} ± {error[0]:.1g} is not positive: the motion is not chaotic"
+    if value[0] * t1 <= GROWN:
+        return (
+            f"λ1 t1 = {value[0] * t1:.3g}: tangents grow no more than those of regular motion do; if the motion is "
+            f"chaotic, t1 of {1.5 * GROWN / value[0]:.3g} would show it"
+        )
     if len(value) <= second or value[second] < -SURE * error[second]:
         return ""
     beside = " beside the flow" if flows else ""

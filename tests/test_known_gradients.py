@@ -1,0 +1,20 @@
+"""No derivative of an exponent is trusted and wrong."""
+
+import pytest
+
+from known_gradients import KNOWN, METHODS, estimated, wrong_by
+
+pytestmark = [pytest.mark.slow, pytest.mark.unoptimised]
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_what_is_trusted_is_right(name):
+    found = {method: estimated(name, method) for method in METHODS}
+    trusted = {method: one for method, one in found.items() if one is not None and one.trust}
+    assert tuple(trusted) == KNOWN[name].trusted
+    for one in trusted.values():
+        assert wrong_by(name, one) < 4, one
+
+
+def test_there_are_enough_cases():
+    assert len(KNOWN) >= 12
