@@ -172,7 +172,7 @@ class _Pool:
 
     def __init__(self, program, chains, progress, finished):
         self.program, self.chains, self.finished = program, chains, finished
-        self.report = reporter(progress)
+        self.report, self.wide = reporter(progress), bool(jax.config.read("jax_enable_x64"))
         self.complete: queue.SimpleQueue[int] = queue.SimpleQueue()
         self.lanes = sum(map(_length, chains))
         self.done = [np.zeros(_length(chain), bool) for chain in chains]
@@ -200,6 +200,11 @@ class _Pool:
         ]
 
     def run(self, index: int) -> None:
+        """One chain, with the precision of the thread that asked."""
+        with jax.enable_x64(self.wide):
+            self._pieces(index)
+
+    def _pieces(self, index: int) -> None:
         """One chain, piece after piece."""
         state, lanes = self.chains[index]
         self.results[index] = _blank(self.program.empty, self.done[index])

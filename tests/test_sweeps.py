@@ -283,16 +283,18 @@ def test_what_is_interrupted_is_kept(tmp_path, counted):
     def slow(r):
         return jax.lax.fori_loop(0, 10_000_000, lambda _, x: r * x * (1 - x), 0.3)
 
+    first = iter([True])
+
     def stop(fraction):
-        raise KeyboardInterrupt
+        if next(first, False):
+            raise KeyboardInterrupt
 
     def of(progress):
         over = {"args": np.linspace(3.0, 4.0, 40)}
         return sweep(slow, over, args=3.0, chunk=1, store=tmp_path / "sweep.zarr", progress=progress)
 
-    with pytest.warns(UserWarning) as warned:
+    with pytest.warns(UserWarning, match="points were not computed|interrupted"):
         partial = of(stop)
-    assert any("points were not computed" in str(one.message) for one in warned)
     known = ~np.isnan(partial["value"].values)
     assert 0 < np.sum(known) < 40
     counted.clear()
