@@ -20,7 +20,6 @@ import jax.numpy as jnp
 import numpy as np
 
 import lyaphybrid as lh
-from lyaphybrid.sweeps import StoreFailed, sweep
 
 LOGISTIC = lh.Map(lambda n, x, r: r * x * (1 - x))
 POINTS, CHUNK = 400, 5
@@ -33,7 +32,7 @@ def run(r):
 
 def swept(**keywords):
     over = {"args": np.linspace(3.0, 4.1, POINTS)}
-    return sweep(run, over, args=3.0, **{"chunk": CHUNK, "progress": False} | keywords)
+    return lh.sweep(run, over, args=3.0, **{"chunk": CHUNK, "progress": False} | keywords)
 
 
 def whole_points(store: Path) -> int:
@@ -129,11 +128,11 @@ def full(folder: Path, expected) -> str:
     return f"{error}; {np.sum(known)} points kept"
 
 
-def refused(store: Path) -> StoreFailed:
+def refused(store: Path) -> lh.StoreFailed:
     """The error of a sweep into a store that cannot be written, which names it."""
     try:
         swept(store=store)
-    except StoreFailed as error:
+    except lh.StoreFailed as error:
         if str(store) in str(error):
             return error
     raise AssertionError("nothing was said")

@@ -14,7 +14,6 @@ from numpy.testing import assert_allclose
 import lyaphybrid as lh
 from examples import BALL_LANES, LOGISTIC, ball_args, ball_lane
 from lyaphybrid import lanes
-from lyaphybrid.sweeps import StoreFailed, sweep
 from lyaphybrid.sweeps.plans import plan
 
 pytestmark = pytest.mark.unoptimised
@@ -28,7 +27,7 @@ RATES = np.linspace(3.0, 4.2, 25)  # beyond 4 the motion escapes
 
 
 def swept(**keywords):
-    return sweep(logistic, {"args": RATES}, args=3.0, **{"chunk": 4, "progress": False} | keywords)
+    return lh.sweep(logistic, {"args": RATES}, args=3.0, **{"chunk": 4, "progress": False} | keywords)
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +53,7 @@ def test_every_point_is_a_single_run(whole):
 def test_points_that_fail_in_every_way_leave_their_neighbours_alone():
     cases = [ball_args(**changes) for changes, *_ in BALL_LANES]
     points = {name: np.array([float(case[name]) for case in cases]) for name in cases[0]}
-    found = sweep(ball_lane, points=points, args=ball_args(), progress=False)
+    found = lh.sweep(ball_lane, points=points, args=ball_args(), progress=False)
     assert found.status.dims == ("point",)
     for i, (changes, status, jumps) in enumerate(BALL_LANES):
         alone = ball_lane(ball_args(**changes))
@@ -73,7 +72,7 @@ def test_grids_are_products_in_the_order_given():
     args = {"sides": np.array([2.0, 3.0]), "deep": {"z": 0.0}}
     starts = np.array([[1.0, 0.0], [2.0, 5.0]])
     over = {"sides[1]": np.array([1.0, 2.0, 3.0]), "x0": starts}
-    found = sweep(area, over, points={"deep.z": np.array([0.0, 10.0])}, args=args, progress=False, chunk=5)
+    found = lh.sweep(area, over, points={"deep.z": np.array([0.0, 10.0])}, args=args, progress=False, chunk=5)
     assert found.area.dims == ("sides[1]", "x0", "point")
     by_hand = 2 * over["sides[1]"][:, None, None] + starts[None, :, None, 0] * np.array([0.0, 10.0])
     assert_allclose(found.area, by_hand)
@@ -84,21 +83,21 @@ def test_grids_are_products_in_the_order_given():
 
 def test_a_vector_is_an_axis_with_numbers():
     vectors = np.arange(6.0).reshape(3, 2)
-    found = sweep(lambda args: jnp.sum(args["a"]), {"a": vectors}, args={"a": np.zeros(2)}, progress=False)
+    found = lh.sweep(lambda args: jnp.sum(args["a"]), {"a": vectors}, args={"a": np.zeros(2)}, progress=False)
     assert_allclose(found["value"], vectors.sum(axis=1))
     assert_allclose(found["a_value"], vectors)
 
 
 def test_keys():
     keys = jax.random.split(jax.random.key(0), 5)
-    found = sweep(lambda args, key: args * jax.random.normal(key), {"key": keys}, args=2.0, progress=False)
+    found = lh.sweep(lambda args, key: args * jax.random.normal(key), {"key": keys}, args=2.0, progress=False)
     assert_allclose(found["value"], 2 * jax.vmap(jax.random.normal)(keys))
     assert found.sizes == {"key": 5, "key_0": 2}
 
 
 def test_a_problem_of_the_zoo_by_its_args():
     problem = lh.zoo.henon_map()
-    found = sweep(problem, {"a": np.array([1.0, 1.2, 1.4])}, progress=False)
+    found = lh.sweep(problem, {"a": np.array([1.0, 1.2, 1.4])}, progress=False)
     for a in (1.0, 1.4):
         alone = lh.zoo.henon_map(a=a).spectrum()
         assert_allclose(found.exponents.sel(a=a), alone.exponents, atol=1e-10)
@@ -106,7 +105,7 @@ def test_a_problem_of_the_zoo_by_its_args():
 
 
 def test_numbers_keep_their_kind():
-    found = sweep(lambda args: args["n"] + 1, {"n": np.arange(4)}, args={"n": 0}, progress=False)
+    found = lh.sweep(lambda args: args["n"] + 1, {"n": np.arange(4)}, args={"n": 0}, progress=False)
     assert found["value"].dtype.kind == "i"
 
 
@@ -130,7 +129,7 @@ def test_numbers_keep_their_kind():
 def test_bad_arguments(keywords, says):
     args = {"a": 1.0, "b": np.zeros(2)}
     with pytest.raises(ValueError, match=says):
-        sweep(**{"run": lambda args: args["a"], "args": args, "progress": False} | keywords)
+        lh.sweep(**{"run": lambda args: args["a"], "args": args, "progress": False} | keywords)
 
 
 # --- how it is computed --------------------------------------------------------------------------------------------
@@ -150,7 +149,7 @@ def test_it_is_compiled_once(monkeypatch):
         traces.append(1)
         return args**2
 
-    sweep(run, {"args": np.arange(100.0)}, args=0.0, chunk=3, progress=False)
+    lh.sweep(run, {"args": np.arange(100.0)}, args=0.0, chunk=3, progress=False)
     assert len(made) == 1
     assert len(traces) <= 4  # for shapes, for the hash, and for the program
 
@@ -226,9 +225,9 @@ def test_another_sweep_is_refused(tmp_path):
     store = tmp_path / "sweep.zarr"
     swept(store=store)
     with pytest.raises(ValueError, match="holds another sweep: its problem is"):
-        sweep(logistic, {"args": RATES + 1e-3}, args=3.0, store=store, progress=False)
+        lh.sweep(logistic, {"args": RATES + 1e-3}, args=3.0, store=store, progress=False)
     with pytest.raises(ValueError, match="holds another sweep"):
-        sweep(lambda r: logistic(r, (0.4,)), {"args": RATES}, args=3.0, store=store, progress=False)
+        lh.sweep(lambda r: logistic(r, (0.4,)), {"args": RATES}, args=3.0, store=store, progress=False)
     (tmp_path / "other").mkdir()
     with pytest.raises(ValueError, match="is there, and no store of a sweep"):
         swept(store=tmp_path / "other")
@@ -253,7 +252,7 @@ def test_a_second_process_is_refused(tmp_path):
 
 def test_where_nothing_can_be_written_is_said(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(StoreFailed, match="cannot be written"):
+    with pytest.raises(lh.StoreFailed, match="cannot be written"):
         swept(store=tmp_path / "file" / "sweep.zarr")
 
 
@@ -269,7 +268,7 @@ def test_a_store_that_fails_on_the_way_keeps_what_is_computed(whole, tmp_path, m
         await put(self, key, value)
 
     monkeypatch.setattr(zarr.storage.LocalStore, "set", full)
-    with pytest.raises(StoreFailed, match=f"{store}.*No space left") as failed:
+    with pytest.raises(lh.StoreFailed, match=f"{store}.*No space left") as failed:
         swept(store=store)
     monkeypatch.undo()
     partial = failed.value.dataset
@@ -291,7 +290,7 @@ def test_what_is_interrupted_is_kept(tmp_path, counted):
 
     def of(progress):
         over = {"args": np.linspace(3.0, 4.0, 40)}
-        return sweep(slow, over, args=3.0, chunk=1, store=tmp_path / "sweep.zarr", progress=progress)
+        return lh.sweep(slow, over, args=3.0, chunk=1, store=tmp_path / "sweep.zarr", progress=progress)
 
     with pytest.warns(UserWarning, match="points were not computed|interrupted"):
         partial = of(stop)
@@ -306,7 +305,7 @@ def test_what_is_interrupted_is_kept(tmp_path, counted):
 
 def test_a_result_that_is_called_as_an_axis_is_refused():
     with pytest.raises(ValueError, match="returns a, which is the name of an axis"):
-        sweep(lambda args: args, {"a": np.arange(3.0)}, args={"a": 0.0}, progress=False)
+        lh.sweep(lambda args: args, {"a": np.arange(3.0)}, args={"a": 0.0}, progress=False)
 
 
 def test_without_a_store_nothing_is_left(tmp_path, monkeypatch):

@@ -5,6 +5,7 @@ the process that asked, as without a cluster. dask tries a chunk again where its
 """
 
 import threading
+import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -32,10 +33,12 @@ def run_on(
 ) -> None:
     """Run chains of lanes on the workers of a client; the names of the tasks begin with `name`.
 
-    Raises:
-        Exception: what a task raised. All others are cancelled then, as by Ctrl-C.
+    Where a task raises, all others are cancelled, as by Ctrl-C; what has come until then has been handed over.
     """
-    from distributed import as_completed
+    try:
+        from distributed import as_completed
+    except ImportError as error:
+        raise ImportError("client= needs dask and distributed: pip install 'lyaphybrid[cluster]'.") from error
 
     problem = client.scatter(
         (name, function, shared, bool(jax.config.read("jax_enable_x64"))), broadcast=True, hash=False
@@ -49,6 +52,8 @@ def run_on(
             future.release()
             ready += 1
             report(ready / len(chains))
+    except KeyboardInterrupt:
+        warnings.warn("interrupted: the result holds what was computed until then.", stacklevel=5)
     finally:
         client.cancel(futures)
 

@@ -11,7 +11,6 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from .. import __version__
 from .._tracing import traced
 from ..checks import require, whole
 from ..lanes import run_chains
@@ -39,7 +38,52 @@ def sweep(
     client: Any = None,
     progress: Any = True,
 ):
-    """One run at each point of a grid, or of a list of points, as an `xarray.Dataset`."""
+    """One run at each point of a grid, or of a list of points, as an `xarray.Dataset`.
+
+    The run is compiled once. On a CPU each thread takes points of its own, and computes them one after the other: a
+    branch that a point does not take costs it nothing. Elsewhere many points go side by side. Either way each point is
+    what a single run gives.
+
+    A point that fails does not stop the others: it has its status, and nan for its exponents.
+
+    Args:
+        run: ``args -> result``, a `Spectrum` or any pytree of arrays; ``(args, x0)``, ``(args, key)`` or all three
+            where these are swept. Or a `Problem` of the zoo: its spectrum at other args.
+        over: {name: values (m, …)}: the grid of all combinations, a dimension each. A name is an entry of args, "rho",
+            "spring.rate" or "rates[2]"; "args" where args is a number; or "x0" (m, n), or "key" (m,) PRNG keys.
+        points: the same for entries that change together, along one dimension "point".
+        args: tree of parameters, which the entries are put into; None: those of the problem.
+        chunk: points that are computed, and kept, together; None: some hundreds, less where there are few.
+        store: path of a zarr store. Each chunk is written as soon as it is there; what a store holds of the same sweep
+            is not computed again, so that a sweep that was killed is taken up by the same call. A chunk that was
+            spoiled is computed anew. A store of another sweep is refused.
+        client: a `dask.distributed.Client`: chunks are tasks of its workers (extra "cluster").
+        progress: True for a bar with rate and time left, None, or a function of the fraction done.
+
+    Returns:
+        An `xarray.Dataset`. Of spectra: exponents, stderr, finite_exponents, losses (…, exponent), status, notes, time
+        and jumps (…); of other results their leaves by name. Attributes say what the numbers in status and notes mean,
+        the versions, a hash of the problem, and the seconds that it took. After Ctrl-C it holds what was computed, with
+        nan or -1 elsewhere, and a warning says how much is missing.
+
+    Raises:
+        ValueError: on names, shapes and values that do not fit; where the store holds another sweep, or is in use.
+        StoreFailed: (an OSError) where the store cannot be written: the disk is full, say. All that was computed is in
+            its ``.dataset``.
+        ImportError: without the extra "sweep" (or "cluster").
+
+    Example:
+        >>> import numpy as np
+        >>> import lyaphybrid as lh
+        >>> logistic = lh.Map(lambda n, x, r: r * x * (1 - x))
+        >>> def run(r):
+        ...     return lh.lyapunov_spectrum(logistic, [0.3], r, t1=1000)
+        >>> found = lh.sweep(run, {"args": np.array([2.9, 3.9, 4.1])}, args=3.0, progress=False)
+        >>> found.exponents.dims, [int(code) for code in found.status]  # beyond r = 4 the motion escapes
+        (('args', 'exponent'), [0, 0, 5])
+        >>> round(float(found.exponents.sel(args=2.9)[0]), 6)  # ln|2 − r|
+        -0.105361
+    """
     xarray = _xarray()
     require(not traced((over, points, args)), "sweep compiles by itself: it cannot be used under jit, vmap or grad.")
     args = run.args if args is None and isinstance(run, Problem) else args
@@ -168,6 +212,8 @@ class Work:
 
 
 def _attributes(run, work: Work) -> dict[str, Any]:
+    from .. import __version__  # known only when all of the package is
+
     name = getattr(run, "name", None) or getattr(run, "__qualname__", type(run).__name__)
     return {
         "run": name,
