@@ -214,7 +214,7 @@ def _cluster(workers: int):
         from distributed import Client, LocalCluster
     except ImportError as error:
         raise Refused("--workers needs dask and distributed: pip install 'lyaphybrid[cluster]'.") from error
-    return Client(LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None))
+    return Client(LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=":0"))
 
 
 def _say(found, over: dict[str, Any]) -> int:
