@@ -1,4 +1,4 @@
-"""The command line: `lyaphybrid`, `lyaphybrid list`, `lyaphybrid spectrum NAME`, `lyaphybrid papers PAPER`.
+"""The command line: `lyaphybrid`, and its commands `list`, `spectrum NAME`, `sweep NAME` and `papers PAPER`.
 
 Exit status: 0 it worked, 1 the run or a check failed, 2 what was asked for does not exist or fit.
 """
@@ -15,6 +15,7 @@ from typing import Any
 
 WORKED, FAILED, ASKED_WRONG, INTERRUPTED = 0, 1, 2, 130
 OUT = "lyaphybrid-out"
+LINES = 40  # points of a sweep that are printed one by one
 
 
 class Refused(Exception):
@@ -73,7 +74,36 @@ def _parser() -> argparse.ArgumentParser:
         description="The Lyapunov exponents of a named problem; lengths are in the problem's own unit.",
     )
     spectrum.set_defaults(run=_spectrum)
-    option = spectrum.add_argument
+    _add_lengths(spectrum)
+    spectrum.add_argument("--json", action="store_true", help="one JSON object instead of a table")
+
+    sweep = commands.add_parser(
+        "sweep",
+        help="the exponents of a named problem over a grid of its parameters",
+        description='The Lyapunov exponents of a named problem over a grid of its parameters (extra "sweep").',
+    )
+    sweep.set_defaults(run=_sweep)
+    _add_lengths(sweep)
+    option = sweep.add_argument
+    option("--over", metavar="KEY=LOW:HIGH:COUNT", action="append", default=[], help="an axis; may be repeated")
+    option("--store", type=Path, metavar="DIR", help="zarr store that keeps each chunk as soon as it is computed")
+    option("--resume", action="store_true", help="go on with the store of an earlier sweep")
+    option("--chunk", type=int, help="points that are computed and kept together")
+    option("--workers", type=int, help='processes of a local dask cluster (extra "cluster")')
+
+    papers = commands.add_parser(
+        "papers", help="a paper's tables and figures", description="A paper's tables and figures."
+    )
+    papers.set_defaults(run=_papers)
+    papers.add_argument("paper", metavar="PAPER", help="dinius, fu, linh or skokos")
+    papers.add_argument("--quick", action="store_true", help="shorter runs, nothing else")
+    papers.add_argument("--out", type=Path, default=Path(OUT), metavar="DIR", help=f"folder (default: {OUT})")
+    return parser
+
+
+def _add_lengths(command: argparse.ArgumentParser) -> None:
+    """What both a spectrum and a sweep of them take."""
+    option = command.add_argument
     option("name", metavar="NAME", help="one of `lyaphybrid list`")
     option("--set", metavar="KEY=VALUE", action="append", default=[], help="a parameter; may be repeated")
     option("--t1", type=float, help="length of the run")
@@ -85,16 +115,6 @@ def _parser() -> argparse.ArgumentParser:
     option("--atol", type=float, help="absolute tolerance of the integration")
     option("--every", type=float, help="orthonormalise each so many steps or jumps, or so much time")
     option("--max-steps", type=int, help="most attempts of a step")
-    option("--json", action="store_true", help="one JSON object instead of a table")
-
-    papers = commands.add_parser(
-        "papers", help="a paper's tables and figures", description="A paper's tables and figures."
-    )
-    papers.set_defaults(run=_papers)
-    papers.add_argument("paper", metavar="PAPER", help="dinius, fu, linh or skokos")
-    papers.add_argument("--quick", action="store_true", help="shorter runs, nothing else")
-    papers.add_argument("--out", type=Path, default=Path(OUT), metavar="DIR", help=f"folder (default: {OUT})")
-    return parser
 
 
 def _version() -> str:
@@ -141,6 +161,83 @@ def _spectrum(options) -> int:
         print(f"lyaphybrid: {status}", file=sys.stderr)
         return FAILED
     return INTERRUPTED if "interrupted" in spectrum.notes else WORKED
+
+
+def _sweep(options) -> int:
+    import contextlib
+
+    from .sweeps import StoreFailed, sweep
+
+    problem = _problem(options)
+    over = dict(_axis(text, problem) for text in options.over)
+    fixed = {name: value for name, value in problem.parameters.items() if name not in over}
+    overrides = _overrides(options, problem)
+    if options.store is not None and options.store.exists() and not options.resume:
+        raise Refused(f"{options.store} is there: --resume goes on with it, another --store begins anew.")
+
+    def run(swept):
+        from . import zoo
+
+        return zoo.get(problem.name)(**fixed, **swept).spectrum(throw=False, **overrides)
+
+    with contextlib.ExitStack() as stack:
+        try:
+            client = None if options.workers is None else stack.enter_context(_cluster(options.workers))
+            found = sweep(
+                run, over, args={name: 0.0 for name in over}, chunk=options.chunk, store=options.store, client=client
+            )
+        except (ValueError, ImportError) as error:
+            raise Refused(str(error)) from error
+        except StoreFailed as error:
+            print(f"lyaphybrid: {error}", file=sys.stderr)
+            return FAILED
+    return _say(found, over)
+
+
+def _axis(text: str, problem) -> tuple[str, Any]:
+    """KEY=LOW:HIGH:COUNT as a name and its values."""
+    import numpy as np
+
+    key, equals, numbers = text.partition("=")
+    parts = [_literal(part) for part in numbers.split(":")]
+    good = equals and len(parts) == 3 and isinstance(parts[2], int) and parts[2] > 0
+    if not good or not all(isinstance(part, int | float) for part in parts):
+        raise Refused(f"--over takes KEY=LOW:HIGH:COUNT, beta=0:0.3:151; got {text!r}.")
+    if not isinstance(problem.parameters.get(key), float):
+        known = ", ".join(name for name, value in problem.parameters.items() if isinstance(value, float))
+        raise Refused(f"{problem.name} has no parameter {key!r} that can be swept; it has {known or 'none'}.")
+    return key, np.linspace(float(parts[0]), float(parts[1]), parts[2])
+
+
+def _cluster(workers: int):
+    try:
+        from distributed import Client, LocalCluster
+    except ImportError as error:
+        raise Refused("--workers needs dask and distributed: pip install 'lyaphybrid[cluster]'.") from error
+    return Client(LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=":0"))
+
+
+def _say(found, over: dict[str, Any]) -> int:
+    """A line for each point, or, of many, what there is between."""
+    import numpy as np
+
+    from .statuses import STATUS
+
+    names, status = list(over), found.status.values.ravel()
+    exponents = found.exponents.values.reshape(len(status), -1)
+    if len(status) <= LINES:
+        grids = np.meshgrid(*over.values(), indexing="ij")
+        for point, row in enumerate(exponents):
+            place = ", ".join(f"{name}={grid.ravel()[point]:.6g}" for name, grid in zip(names, grids, strict=True))
+            verdict = STATUS(int(status[point])).name if status[point] >= 0 else "not computed"
+            print(f"{place}  {' '.join(f'{value: .6g}' for value in row)}  {verdict}")
+    elif np.any(np.isfinite(exponents)):
+        print(f"λ1 from {np.nanmin(exponents[:, 0]):.6g} to {np.nanmax(exponents[:, 0]):.6g}")
+    codes, counts = np.unique(status, return_counts=True)
+    pairs = zip(codes, counts, strict=True)
+    verdicts = (f"{count} {STATUS(int(code)).name if code >= 0 else 'not computed'}" for code, count in pairs)
+    print(f"{len(status)} points in {found.attrs['seconds']:.3g} s: {', '.join(verdicts)}")
+    return WORKED if np.all(status >= 0) else INTERRUPTED
 
 
 def _problem(options):

@@ -6,11 +6,22 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.extend.core import ClosedJaxpr, Literal, jaxpr_as_fun
+from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, jaxpr_as_fun
 
 from ._tracing import traced
 
-__all__ = ["applied", "by_component", "constant", "divided", "evaluated", "is_affine", "needed", "part_of", "settled"]
+__all__ = [
+    "applied",
+    "by_component",
+    "constant",
+    "constants",
+    "divided",
+    "evaluated",
+    "is_affine",
+    "needed",
+    "part_of",
+    "settled",
+]
 
 
 def part_of(closed: ClosedJaxpr, equations, inputs, outputs) -> Callable[..., list]:
@@ -70,6 +81,17 @@ def _read(eqn) -> list:
     inner = eqn.params["jaxpr"]
     within = needed(inner)
     return [outer for outer, own in zip(eqn.invars, inner.jaxpr.invars, strict=True) if own in within]
+
+
+def constants(closed: ClosedJaxpr) -> list:
+    """The arrays that are part of a function, and of those that it calls."""
+    found = list(closed.consts)
+    for eqn in closed.jaxpr.eqns:
+        for value in eqn.params.values():
+            for one in value if isinstance(value, tuple | list) else (value,):
+                inner = ClosedJaxpr(one, ()) if isinstance(one, Jaxpr) else one
+                found += constants(inner) if isinstance(inner, ClosedJaxpr) else []
+    return found
 
 
 def is_affine(function: Callable, x) -> bool:

@@ -11,6 +11,7 @@ thread takes which, changes no result: each lane is computed alone, by the same 
 import concurrent.futures
 import itertools
 import os
+import queue
 import threading
 import time
 import warnings
@@ -25,7 +26,7 @@ import numpy as np
 from ._compiler import lean_jit
 from .runs import reporter
 
-__all__ = ["map_lanes", "run_chains", "short_chains"]
+__all__ = ["Program", "map_lanes", "run_chains", "short_chains"]
 
 ROOM = 64  # lanes in one compiled call at most
 SECONDS_PER_CALL = 0.3
@@ -73,6 +74,8 @@ def run_chains(
     *,
     progress: Any = None,
     threads: int | None = None,
+    finished: Callable[[int, Any], None] | None = None,
+    program: "Program | None" = None,
 ) -> tuple[list, list]:
     """Run chains of lanes; those that are given first begin first.
 
@@ -82,17 +85,21 @@ def run_chains(
         chains: (state before the first lane, lanes): a lane's arrays have a leading axis, as long as the chain is.
         progress: None, True for a bar, or a function of the fraction done.
         threads: None: one for each processor.
+        finished: ``(index, results)`` takes what has come out of a chain as soon as all of it has, one after the other;
+            it is not kept then.
+        program: the function compiled before, for the same shared values and lanes of the same shapes.
 
     Returns:
         For each chain the results, NumPy arrays with the leading axis of its lanes, and which of them were computed.
     """
     if _side_by_side():
-        return _run_side_by_side(function, shared, chains, progress)
-    pool = _Pool(function, shared, chains, progress)
+        return _run_side_by_side(function, shared, chains, progress, finished)
+    pool = _Pool(program or Program(function, shared, chains[0]), chains, progress, finished)
     with concurrent.futures.ThreadPoolExecutor(_threads(threads)) as executor:
         running = [executor.submit(pool.run, i) for i in range(len(chains))]
         try:
             while concurrent.futures.wait(running, 0.1, concurrent.futures.FIRST_EXCEPTION).not_done:
+                pool.hand_over()
                 pool.report(pool.fraction)
                 if any(future.done() and future.exception() for future in running):
                     break
@@ -104,9 +111,10 @@ def run_chains(
     for future in running:
         if not future.cancelled():
             future.result()
+    pool.hand_over()
     pool.report(pool.fraction)
     pool.report(None)
-    return pool.results, pool.done
+    return pool.kept(), pool.done
 
 
 def _side_by_side() -> bool:
@@ -144,34 +152,67 @@ def _lane(lanes, i):
     return jax.tree.map(lambda leaf: leaf[i], lanes)
 
 
+class Program:
+    """A function of lanes, compiled once, and not in a thread, where JAX's own settings are the global ones."""
+
+    def __init__(self, function: Callable, shared: Any, chain: tuple[Any, Any]):
+        state, lanes = chain
+        self.fixed = function, shared
+        operands = (_arrays(state), _full(lanes, 0), np.int32(0))
+        self.compiled = _piece.lower(*self.fixed, *operands).compile()
+        self.empty = jax.tree.map(np.asarray, self(*operands)[1])
+
+    def __call__(self, state, lanes, count):
+        """The first `count` of these lanes."""
+        return self.compiled(*self.fixed, state, lanes, count)
+
+
 class _Pool:
     """The pieces of all chains, and what has come out of them."""
 
-    def __init__(self, function, shared, chains, progress):
-        self.chains, self.report = chains, reporter(progress)
+    def __init__(self, program, chains, progress, finished):
+        self.program, self.chains, self.finished = program, chains, finished
+        self.report, self.wide = reporter(progress), bool(jax.config.read("jax_enable_x64"))
+        self.complete: queue.SimpleQueue[int] = queue.SimpleQueue()
         self.lanes = sum(map(_length, chains))
         self.done = [np.zeros(_length(chain), bool) for chain in chains]
         self.ready, self.stopped, self.size, self.lock = 0, False, 1.0, threading.Lock()
-        # Compiled once and here: threads would each compile, and in a thread JAX's own settings are the global ones.
-        state, lanes = chains[0]
-        operands = (function, shared, _arrays(state), _full(lanes, 0), np.int32(0))
-        self.compiled = _piece.lower(*operands).compile()
-        self.call = lambda *changing: self.compiled(function, shared, *changing)
-        empty = jax.tree.map(np.asarray, self.call(*operands[2:])[1])
-        self.results = [_blank(empty, done) for done in self.done]
+        self.results: list[Any] = [None] * len(chains)
 
     @property
     def fraction(self) -> float:
         return self.ready / self.lanes
 
+    def hand_over(self) -> None:
+        """What is complete, to whoever asked for it."""
+        while self.finished is not None and not self.complete.empty():
+            index = self.complete.get()
+            results, self.results[index] = self.results[index], None
+            self.finished(index, results)
+
+    def kept(self) -> list:
+        """The results of all chains; room where none were computed."""
+        if self.finished is not None:
+            return self.results
+        return [
+            _blank(self.program.empty, done) if one is None else one
+            for one, done in zip(self.results, self.done, strict=True)
+        ]
+
     def run(self, index: int) -> None:
+        """One chain, with the precision of the thread that asked."""
+        with jax.enable_x64(self.wide):
+            self._pieces(index)
+
+    def _pieces(self, index: int) -> None:
         """One chain, piece after piece."""
         state, lanes = self.chains[index]
+        self.results[index] = _blank(self.program.empty, self.done[index])
         state, first, length = _arrays(state), 0, _length(self.chains[index])
         while first < length and not self.stopped:
             count = min(length - first, ROOM, max(1, int(self.size)))
             clock = time.perf_counter()
-            state, results = self.call(state, _full(lanes, first), np.int32(count))
+            state, results = self.program(state, _full(lanes, first), np.int32(count))
             results = jax.tree.map(np.asarray, results)
             seconds = time.perf_counter() - clock
             with self.lock:
@@ -181,6 +222,8 @@ class _Pool:
                 self.ready += count
                 self.size = min(ROOM, 4 * count, count * SECONDS_PER_CALL / seconds)
             first += count
+        if first == length:
+            self.complete.put(index)
 
 
 def _blank(like, done):
@@ -217,7 +260,7 @@ def _stacked(trees):
     return jax.tree.map(lambda *rows: np.stack(rows), *trees)
 
 
-def _run_side_by_side(function, shared, chains, progress) -> tuple[list, list]:
+def _run_side_by_side(function, shared, chains, progress, finished) -> tuple[list, list]:
     report, ready, results = reporter(progress), 0, [None] * len(chains)
     done = [np.zeros(_length(chain), bool) for chain in chains]
     by_length = sorted(range(len(chains)), key=lambda i: _length(chains[i]))
@@ -230,15 +273,18 @@ def _run_side_by_side(function, shared, chains, progress) -> tuple[list, list]:
                 for row, i in enumerate(batch):
                     results[i] = jax.tree.map(lambda leaf, row=row: leaf[row], found)
                     done[i][:] = True
+                    if finished is not None:
+                        finished(i, results[i])
+                        results[i] = None
                     ready += len(done[i])
                 report(ready / sum(map(len, done)))
     except KeyboardInterrupt:
-        missing = [i for i, result in enumerate(results) if result is None]
+        missing = [i for i in range(len(chains)) if not np.all(done[i])]
         if len(missing) == len(chains):
             raise
         warnings.warn("interrupted: the result holds what was computed until then.", stacklevel=4)
-        like = next(result for result in results if result is not None)
-        for i in missing:
+        like = next((result for result in results if result is not None), None)
+        for i in missing if finished is None else ():
             results[i] = _blank(like, done[i])
     report(None)
     return results, done

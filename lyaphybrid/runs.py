@@ -383,19 +383,21 @@ def _merge(old, new):
     return jax.tree.map(leaf, old, new)
 
 
-def reporter(progress):
+def reporter(progress, total: int = 100, unit: str = "%"):
+    """A function of the fraction done, None at the end, as `progress` says: None, True for a bar, or a function."""
     if progress is None or progress is False:
         return lambda fraction: None
     if callable(progress):
         return lambda fraction: None if fraction is None else progress(fraction)
     from tqdm.auto import tqdm
 
-    bar = tqdm(total=100, unit="%", bar_format="{l_bar}{bar}| {elapsed}<{remaining}")
+    rate = "" if unit == "%" else ", {rate_fmt}"
+    bar = tqdm(total=total, unit=unit, bar_format=f"{{l_bar}}{{bar}}| {{elapsed}}<{{remaining}}{rate}")
 
     def report(fraction):
         if fraction is None:
             bar.close()
         else:
-            bar.update(round(100 * fraction) - bar.n)
+            bar.update(round(total * fraction) - bar.n)
 
     return report

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 
 import lyaphybrid as lh
-from lyaphybrid import runs
+from lyaphybrid import STATUS, runs
 
 # --- a ball between a floor and a ceiling: its parameters lead to every status of a flow with events ---------------
 
@@ -40,6 +40,26 @@ def ball_spectrum(x0=(0.5, 0.0), *, t1=20.0, args=None, **changes):
     options = {"blocks": BALL_BLOCKS, "method": BALL_METHOD, "throw": False, "max_steps": None, "t0": 0.0}
     options |= {name: changes.pop(name) for name in tuple(changes) if name in options}
     return lh.lyapunov_spectrum(BALL, x0, ball_args(**changes) if args is None else args, t1=t1, **options)
+
+
+# Lanes of one compiled function: without an event, with different numbers of them, and failing in every way.
+BALL_LANES = [
+    ({"gravity": 0.0}, STATUS.ok, 0),
+    ({}, STATUS.ok, 10),
+    ({"gravity": 2.5}, STATUS.ok, 16),
+    ({"restitution": 0.95}, STATUS.ok, 14),
+    ({"restitution": 0.8}, STATUS.zeno, None),
+    ({"floor": 0.0}, STATUS.deadlock, 0),
+    ({"gravity": -1.0, "ceiling": 0.6}, STATUS.terminated, 1),
+    ({"gravity": 0.0, "escape": 1.0, "ceiling": 1e300}, STATUS.nonfinite, 0),
+    ({"dry": 1e9}, STATUS.step_underflow, 0),
+]
+BALL_START = (0.5, 0.1)
+
+
+def ball_lane(args):
+    """A spectrum as its parameters decide; it starts at t = 1, where a step can be too short."""
+    return ball_spectrum(BALL_START, args=args, t0=1.0)
 
 
 # --- a ball on a table that moves, kicked by a clock: guard, reset and clock depend on time and parameters ---------

@@ -234,3 +234,42 @@ def test_the_main_job_itself(tmp_path):
     assert "passed" in done.stdout
     files = {file.name for file in (tmp_path / "lyaphybrid-out").iterdir()}
     assert files == {"dinius.png", "dinius.pdf", "dinius.json"}
+
+
+def test_a_sweep_prints_its_points_and_is_taken_up(capsys, tmp_path):
+    command = ["sweep", "henon_map", "--over", "a=1.0:1.4:3", "--set", "b=0.3", "--t1", "500"]
+    store = ["--store", str(tmp_path / "sweep.zarr")]
+    assert main([*command, *store]) == 0
+    first = capsys.readouterr().out.splitlines()
+    assert len(first) == 4
+    assert first[0].startswith("a=1  ")
+    assert first[2].startswith("a=1.4  ")
+    assert "3 points in" in first[3]
+    assert "3 ok" in first[3]
+    assert main([*command, *store]) == 2
+    assert "--resume goes on with it" in capsys.readouterr().err
+    assert main([*command, *store, "--resume"]) == 0
+    assert capsys.readouterr().out.splitlines()[:3] == first[:3]
+    spectrum = zoo.henon_map(a=1.4, b=0.3).spectrum(t1=500)
+    assert f"{float(spectrum.exponents[0]): .6g}" in first[2]
+
+
+def test_a_sweep_of_many_points_says_what_there_is_between(capsys):
+    assert main(["sweep", "logistic_map", "--over", "r=3.6:4.4:41", "--t1", "200"]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("λ1 from ")
+    assert "nonfinite" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--over", "a=1:2"], "KEY=LOW:HIGH:COUNT"),
+        (["--over", "a=1:2:0"], "KEY=LOW:HIGH:COUNT"),
+        (["--over", "c=1:2:3"], "no parameter 'c' that can be swept; it has a, b"),
+        ([], "Nothing to sweep"),
+    ],
+)
+def test_a_sweep_that_does_not_fit_is_refused(arguments, says, capsys):
+    assert main(["sweep", "henon_map", *arguments]) == 2
+    assert says in capsys.readouterr().err

@@ -125,3 +125,10 @@ def test_an_error_of_the_function_comes_out():
 
     with pytest.raises(ValueError, match="no such thing"):
         lanes.map_lanes(wrong, None, np.arange(3.0))
+
+
+def test_threads_have_the_precision_of_their_caller():
+    with jax.enable_x64(False):
+        (found, _), _ = lanes.map_lanes(orbit, jnp.asarray(3.9), (STEPS.astype("int32"), STARTS.astype("float32")))
+    assert found.dtype == np.float32
+    assert np.all(np.isfinite(found))

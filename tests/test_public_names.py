@@ -29,6 +29,7 @@ RESULTS = (
     "Continuation",
     "Design",
     "RunFailed",
+    "StoreFailed",
 )
 MODULES = [m.name for m in pkgutil.walk_packages(lh.__path__, "lyaphybrid.") if not m.name.endswith("__main__")]
 

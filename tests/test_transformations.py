@@ -11,6 +11,7 @@ import lyaphybrid as lh
 from examples import (
     BALL,
     BALL_BLOCKS,
+    BALL_LANES,
     BALL_METHOD,
     HENON,
     LOGISTIC,
@@ -18,34 +19,17 @@ from examples import (
     TABLE_ARGS,
     TABLE_METHOD,
     ball_args,
+    ball_lane,
     ball_spectrum,
 )
 from lyaphybrid import STATUS
 
-# Lanes of one compiled function: without an event, with different numbers of them, and failing in every way.
-LANES = [
-    ({"gravity": 0.0}, STATUS.ok, 0),
-    ({}, STATUS.ok, 10),
-    ({"gravity": 2.5}, STATUS.ok, 16),
-    ({"restitution": 0.95}, STATUS.ok, 14),
-    ({"restitution": 0.8}, STATUS.zeno, None),
-    ({"floor": 0.0}, STATUS.deadlock, 0),
-    ({"gravity": -1.0, "ceiling": 0.6}, STATUS.terminated, 1),
-    ({"gravity": 0.0, "escape": 1.0, "ceiling": 1e300}, STATUS.nonfinite, 0),
-    ({"dry": 1e9}, STATUS.step_underflow, 0),
-]
-START = (0.5, 0.1)
 COMPARED = ("exponents", "stderr", "time", "jumps", "upper", "lower", "x", "t", "frame", "losses", "status_code")
-
-
-def lane(args):
-    """A spectrum as its parameters decide; it starts at t = 1, where a step can be too short."""
-    return ball_spectrum(START, args=args, t0=1.0)
 
 
 @functools.cache
 def single(i: int) -> lh.Spectrum:
-    return lane(ball_args(**LANES[i][0]))
+    return ball_lane(ball_args(**BALL_LANES[i][0]))
 
 
 def assert_same(one, other, atol=1e-12):
@@ -59,7 +43,7 @@ def assert_same(one, other, atol=1e-12):
 def assert_same_lane(one, i):
     """As `assert_same`, but up to the last block where an escape or an accumulation amplifies rounding without end."""
     other = single(i)
-    if LANES[i][1] not in (STATUS.zeno, STATUS.nonfinite):
+    if BALL_LANES[i][1] not in (STATUS.zeno, STATUS.nonfinite):
         return assert_same(one, other)
     assert int(one.status_code) == int(other.status_code)
     before = np.isfinite(other.history.time).sum() - 1
@@ -70,25 +54,25 @@ def assert_same_lane(one, i):
     np.testing.assert_allclose(one.t, other.t, rtol=1e-7)
 
 
-@pytest.mark.parametrize("i", range(len(LANES)))
+@pytest.mark.parametrize("i", range(len(BALL_LANES)))
 def test_the_lanes_do_what_their_parameters_say(i):
-    _, status, jumps = LANES[i]
+    _, status, jumps = BALL_LANES[i]
     assert single(i).status is status
     assert jumps is None or single(i).jumps == jumps
 
 
 def test_vmap_equals_a_loop():
-    args = [ball_args(**changes) for changes, *_ in LANES]
+    args = [ball_args(**changes) for changes, *_ in BALL_LANES]
     stacked = {name: jnp.asarray([a[name] for a in args]) for name in args[0]}
-    batch = jax.vmap(lane)(stacked)
-    for i in range(len(LANES)):
+    batch = jax.vmap(ball_lane)(stacked)
+    for i in range(len(BALL_LANES)):
         assert_same_lane(jax.tree.map(lambda leaf, i=i: leaf[i], batch), i)
 
 
 def test_jit_equals_eager_and_reports_the_status():
-    jitted = jax.jit(lane)
+    jitted = jax.jit(ball_lane)
     for i in (1, 4, 5):
-        assert_same_lane(jitted(jax.tree.map(jnp.asarray, ball_args(**LANES[i][0]))), i)
+        assert_same_lane(jitted(jax.tree.map(jnp.asarray, ball_args(**BALL_LANES[i][0]))), i)
 
 
 def test_starts_of_shape_m_n_are_m_runs():

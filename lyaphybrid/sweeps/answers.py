@@ -1,0 +1,63 @@
+"""What a run of a sweep returns, as named arrays."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..checks import require
+from ..results import UNRESOLVED, Spectrum
+from ..statuses import STATUS
+
+__all__ = ["NOTES", "dims_of", "missing", "named"]
+
+NOTES = ("grazing", "simultaneous", "interrupted", "unresolved", "rank_lost")
+KNOWN = {"exponents": "exponent", "stderr": "exponent", "finite_exponents": "exponent", "losses": "exponent"}
+
+
+def named(result: Any) -> dict[str, Any]:
+    """Arrays by name: of a `Spectrum` what matters, with nan where it failed; of any other pytree its leaves."""
+    if isinstance(result, Spectrum):
+        return _of_spectrum(result)
+    found = {}
+    for path, leaf in jax.tree_util.tree_leaves_with_path(result, is_leaf=lambda one: isinstance(one, Spectrum)):
+        name = jax.tree_util.keystr(path, simple=True, separator=".")
+        if isinstance(leaf, Spectrum):
+            found |= {f"{name}.{own}": value for own, value in _of_spectrum(leaf).items()}
+        else:
+            found[name or "value"] = jnp.asarray(leaf)
+    require(bool(found), f"A run must return a Spectrum or a pytree of arrays; got {result!r}.")
+    return found
+
+
+def _of_spectrum(spectrum: Spectrum) -> dict[str, Any]:
+    status = jnp.max(spectrum.status_code)
+    failed = (status != int(STATUS.ok)) & (status != int(STATUS.terminated))
+    flags = jnp.any(jnp.atleast_2d(spectrum.flags), axis=0)
+    seen = [*flags, jnp.any(spectrum.spread > UNRESOLVED), jnp.any(jnp.isneginf(spectrum.exponents))]
+    return {
+        "exponents": jnp.where(failed, jnp.nan, spectrum.exponents),
+        "stderr": jnp.where(failed, jnp.nan, spectrum.stderr),
+        "finite_exponents": jnp.where(failed, jnp.nan, spectrum.finite_exponents),
+        "losses": spectrum.losses,
+        "status": status.astype(jnp.int8),
+        "notes": sum(one.astype(jnp.int8) << i for i, one in enumerate(seen)),
+        "time": jnp.mean(spectrum.time),
+        "jumps": jnp.mean(spectrum.jumps),
+    }
+
+
+def dims_of(name: str, ndim: int) -> tuple[str, ...]:
+    """Names of the dimensions that a variable has at each point."""
+    last = name.rpartition(".")[2]
+    if last in KNOWN and ndim == 1:
+        return (KNOWN[last],)
+    return tuple(f"{name}_{i}" for i in range(ndim))
+
+
+def missing(kind: np.dtype) -> Any:
+    """What stands where nothing was computed."""
+    if np.issubdtype(kind, np.complexfloating) or np.issubdtype(kind, np.floating):
+        return np.nan
+    return False if kind == np.bool_ else -1 if np.issubdtype(kind, np.signedinteger) else np.iinfo(kind).max

@@ -1,0 +1,158 @@
+"""Which points a sweep visits: axes over entries of args, starts and keys, and the lanes that come of them."""
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..checks import require
+
+__all__ = ["Lane", "Plan", "plan", "raw"]
+
+EXTRAS = ("x0", "key")  # what a run may take besides args
+POINT = "point"
+
+
+class Axis(NamedTuple):
+    """Values of one entry."""
+
+    path: str
+    dim: str
+    values: Any  # (m, …), of keys typed
+
+
+class Plan(NamedTuple):
+    """All points of a sweep, in the order of a C array over its dimensions."""
+
+    dims: tuple[str, ...]
+    shape: tuple[int, ...]
+    axes: tuple[Axis, ...]
+
+    @property
+    def size(self) -> int:
+        """The number of points."""
+        return int(np.prod(self.shape))
+
+    def rows(self, points: np.ndarray) -> dict[str, Any]:
+        """What changes from point to point, at some points (m,): arrays (m, …) by path."""
+        indices = dict(zip(self.dims, np.unravel_index(points, self.shape), strict=True))
+        return {axis.path: raw(axis.values)[indices[axis.dim]] for axis in self.axes}
+
+    def coordinates(self) -> dict[str, tuple]:
+        """Of an `xarray.Dataset`: numbers label their dimension; of vectors and keys the index does."""
+        found: dict[str, tuple] = {}
+        for axis in self.axes:
+            values = raw(axis.values)
+            if values.ndim == 1 and not _is_key(axis.values):
+                found[axis.path] = ((axis.dim,), values)
+                continue
+            if axis.dim == axis.path:
+                found[axis.dim] = ((axis.dim,), np.arange(len(values)))
+            name = f"{axis.path}_value" if axis.dim == axis.path else axis.path
+            inner = tuple(f"{axis.path}_{i}" for i in range(values.ndim - 1))
+            found[name] = ((axis.dim, *inner), values)
+        if POINT in self.dims:
+            found.setdefault(POINT, ((POINT,), np.arange(self.shape[self.dims.index(POINT)])))
+        return found
+
+
+def plan(over: Mapping[str, Any] | None, points: Mapping[str, Any] | None, args: Any) -> Plan:
+    """The product of all axes of `over` and of the list `points`, whose entries change together.
+
+    Raises:
+        ValueError: where nothing is to be changed, an entry is not there, or arrays do not fit.
+    """
+    over, listed = dict(over or {}), dict(points or {})
+    require(bool(over or listed), "Nothing to sweep: give over={name: values} or points={name: values}.")
+    both = sorted(set(over) & set(listed))
+    require(not both, f"{', '.join(both)} cannot be in over and in points.")
+    axes = [_axis(path, path, values, args) for path, values in over.items()]
+    axes += [_axis(path, POINT, values, args) for path, values in listed.items()]
+    lengths: dict[str, int] = {}
+    for axis in axes:
+        known = lengths.setdefault(axis.dim, len(axis.values))
+        wanted = f"All of points must have one length; {axis.path} has {len(axis.values)}, others {known}."
+        require(known == len(axis.values), wanted)
+    return Plan(tuple(lengths), tuple(lengths.values()), tuple(axes))
+
+
+def _axis(path: str, dim: str, values, args) -> Axis:
+    require(isinstance(path, str), f"Names in over and points are strings; got {path!r}.")
+    if not _is_key(values):
+        values = np.asarray(values)
+        numeric = values.dtype.kind in "fiub" or (path == "key" and values.dtype.kind == "u")
+        require(numeric, f"{path} must be an array of numbers; got {values.dtype}.")
+        require(values.dtype.kind != "f" or bool(np.all(np.isfinite(values))), f"{path} must be finite.")
+    require(values.ndim >= 1 and len(values) > 0, f"{path} must be an array of at least one value; got {values!r}.")
+    places = _places(args)
+    if path in places:
+        wanted = np.shape(places[path].of(args))
+        inner = values.shape[1:]
+        require(inner == wanted, f"{path} has the shape {wanted}: values need (m, *{wanted}); got {values.shape}.")
+    else:
+        names = ", ".join(places) or "nothing"
+        known = f"args has {names}; x0 and key are given to a run that takes them"
+        require(path in EXTRAS, f"{path!r} is no entry of args: {known}.")
+    return Axis(path, dim, values)
+
+
+class Place(NamedTuple):
+    """An entry of args: a leaf, or one number in it."""
+
+    leaf: int
+    index: tuple[int, ...] | None
+
+    def of(self, args) -> Any:
+        """Its value."""
+        leaf = jax.tree.leaves(args)[self.leaf]
+        return leaf if self.index is None else np.asarray(leaf)[self.index]
+
+
+def _places(args) -> dict[str, Place]:
+    """All entries by name: "rho", "spring.rate", "rates" and "rates[2]"; "args" where args is a number."""
+    found: dict[str, Place] = {}
+    for i, (path, leaf) in enumerate(jax.tree_util.tree_leaves_with_path(args)):
+        if not eqx.is_array_like(leaf):
+            continue
+        name = jax.tree_util.keystr(path, simple=True, separator=".") or "args"
+        found[name] = Place(i, None)
+        found |= {f"{name}{list(at)}": Place(i, at) for at in np.ndindex(*np.shape(leaf)) if at}
+    return found
+
+
+def _is_key(values) -> bool:
+    return isinstance(values, jax.Array) and jnp.issubdtype(values.dtype, jax.dtypes.prng_key)
+
+
+def raw(values) -> np.ndarray:
+    """NumPy's array, of keys their data."""
+    return np.asarray(jax.random.key_data(values)) if _is_key(values) else np.asarray(values)
+
+
+class Lane(eqx.Module):
+    """One point of a sweep as a function of what changes."""
+
+    run: Callable
+    places: tuple[tuple[str, Place], ...] = eqx.field(static=True)
+    keys: tuple[str, ...] = eqx.field(static=True)  # paths of keys that are typed
+
+    @staticmethod
+    def of(run: Callable, plan: Plan, args: Any) -> "Lane":
+        """A run at the points of a plan."""
+        places = _places(args)
+        own = tuple((axis.path, places[axis.path]) for axis in plan.axes if axis.path in places)
+        return Lane(run, own, tuple(axis.path for axis in plan.axes if _is_key(axis.values)))
+
+    def __call__(self, args, row: Mapping[str, Any]):
+        """What the run returns."""
+        row = {path: jax.random.wrap_key_data(value) if path in self.keys else value for path, value in row.items()}
+        leaves, structure = jax.tree.flatten(args)
+        for path, place in self.places:
+            value, leaf = row.pop(path), leaves[place.leaf]
+            kind = jnp.result_type(leaf)
+            value = value if path in self.keys else jnp.asarray(value, kind if kind != jnp.result_type(0) else None)
+            leaves[place.leaf] = value if place.index is None else jnp.asarray(leaf).at[place.index].set(value)
+        return self.run(jax.tree.unflatten(structure, leaves), **row)

@@ -1,0 +1,174 @@
+"""Where a sweep keeps what it has computed: a zarr group, chunk by chunk, so that it can be killed at any moment.
+
+A chunk is written variable by variable, each file at once (zarr renames it into its place), and then its digest: what
+has no digest, or another one, counts as not computed. A lock of the operating system, which ends with the process,
+keeps a second one out.
+"""
+
+import contextlib
+import hashlib
+import os
+import re
+import shutil
+import uuid
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from .._jaxprs import constants
+from ..checks import require
+from .answers import dims_of
+
+__all__ = ["Store", "StoreFailed", "opened", "problem_hash"]
+
+FORMAT = 1
+DIGESTS = "digest"
+
+
+class StoreFailed(OSError):
+    """A store could not be written; ``.dataset`` holds all that was computed, in the store or not."""
+
+    dataset: Any = None
+
+
+def problem_hash(function: Callable, *example, data: Mapping[str, np.ndarray]) -> str:
+    """A hash of what is computed (the jaxpr of a function, with its constants) and of the points it is computed at."""
+    closed = jax.make_jaxpr(function)(*example)
+    digest = hashlib.sha256(re.sub(r"0x[0-9a-f]+", "", str(closed)).encode())  # less the addresses of functions
+    for constant in constants(closed):
+        digest.update(_bytes(np.asarray(constant)))
+    for name in sorted(data):
+        digest.update(name.encode() + _bytes(data[name]))
+    return digest.hexdigest()
+
+
+def _bytes(values: np.ndarray) -> bytes:
+    return f"{values.dtype.str}{values.shape}".encode() + np.ascontiguousarray(values).tobytes()
+
+
+@contextlib.contextmanager
+def opened(path: Any, header: Mapping[str, Any], variables: Mapping[str, np.ndarray], chunk: int) -> Iterator["Store"]:
+    """A store for these variables, (points, …) each: a new one, or that of an earlier run of the same problem.
+
+    Raises:
+        ValueError: where something else is there, or another process is at work.
+        StoreFailed: where it cannot be made.
+    """
+    import filelock
+
+    path = Path(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        lock = filelock.FileLock(f"{path}.lock")
+        lock.acquire(blocking=False)
+    except filelock.Timeout:
+        raise ValueError(
+            f"{path} is in use by another process (its lock is {path}.lock): wait for it, or take another store."
+        ) from None
+    except OSError as error:
+        raise _failed(path, error) from error
+    try:
+        try:
+            if not path.exists():
+                _make(path, header, variables, chunk)
+        except OSError as error:
+            raise _failed(path, error) from error
+        yield Store(path, header, variables)
+    finally:
+        lock.release()
+
+
+def _failed(path: Path, error: OSError) -> StoreFailed:
+    return StoreFailed(error.errno, f"the store {path} cannot be written ({error.strerror or error})")
+
+
+def _make(path: Path, header: Mapping[str, Any], variables: Mapping[str, np.ndarray], chunk: int) -> None:
+    """An empty store, in its place at once."""
+    import zarr
+
+    aside = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
+    try:
+        group = zarr.open_group(
+            str(aside), mode="w", zarr_format=3, attributes={**header, "format": FORMAT, "chunk": chunk}
+        )
+        for name, values in variables.items():
+            group.create_array(
+                name, shape=values.shape, chunks=(min(chunk, len(values)), *values.shape[1:]), dtype=values.dtype,
+                fill_value=_fill(values), dimension_names=("point", *dims_of(name, values.ndim - 1)),
+            )  # fmt: skip
+        count = -(-len(next(iter(variables.values()))) // chunk)
+        group.create_array(
+            DIGESTS, shape=(count,), chunks=(1,), dtype="uint64", fill_value=0, dimension_names=("chunk",)
+        )
+        os.rename(aside, path)
+    except BaseException:
+        shutil.rmtree(aside, ignore_errors=True)
+        raise
+
+
+def _fill(values: np.ndarray) -> Any:
+    return values.reshape(-1)[0].item()
+
+
+class Store:
+    """An open store."""
+
+    def __init__(self, path: Path, header: Mapping[str, Any], variables: Mapping[str, np.ndarray]):
+        import zarr
+
+        try:
+            self.group = zarr.open_group(str(path), mode="r+")
+        except (FileNotFoundError, ValueError, KeyError) as error:
+            raise ValueError(f"{path} is there, and no store of a sweep: take another path.") from error
+        self.path, attributes = path, dict(self.group.attrs)
+        require(attributes.get("format") == FORMAT, f"{path} is there, and no store of a sweep: take another path.")
+        for name, value in header.items():
+            require(
+                attributes.get(name) == value,
+                f"{path} holds another sweep: its {name} is {attributes.get(name)!r}, here it is {value!r}. "
+                "Take another path, or what it was made with.",
+            )
+        self.chunk = int(str(attributes["chunk"]))
+
+    def _array(self, name: str) -> Any:
+        return self.group[name]
+
+    def read(self, index: int, into: dict[str, np.ndarray]) -> bool:
+        """Fill in a chunk; whether it was there, whole and sound."""
+        rows = slice(index * self.chunk, (index + 1) * self.chunk)
+        try:
+            digest = int(np.asarray(self._array(DIGESTS)[index]))
+            found = {name: np.asarray(self._array(name)[rows]) for name in into} if digest else {}
+        except Exception:  # of whatever kind: what cannot be read was not computed
+            return False
+        if not digest or digest != _digest(found):
+            return False
+        for name, values in found.items():
+            into[name][rows] = values
+        return True
+
+    def write(self, index: int, results: Mapping[str, np.ndarray]) -> None:
+        """Keep a chunk.
+
+        Raises:
+            StoreFailed: where the file system does not.
+        """
+        rows = slice(index * self.chunk, (index + 1) * self.chunk)
+        try:
+            self._array(DIGESTS)[index] = 0  # while files of two computations may stand side by side
+            for name, values in results.items():
+                self._array(name)[rows] = values
+            self._array(DIGESTS)[index] = _digest(results)
+        except OSError as error:
+            raise _failed(self.path, error) from error
+
+
+def _digest(results: Mapping[str, np.ndarray]) -> int:
+    """Of a chunk; never 0."""
+    digest = hashlib.blake2b(digest_size=8)
+    for name in sorted(results):
+        digest.update(name.encode() + _bytes(np.asarray(results[name])))
+    return int.from_bytes(digest.digest(), "little") or 1
