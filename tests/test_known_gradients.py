@@ -7,7 +7,11 @@ from known_gradients import KNOWN, METHODS, estimated, wrong_by
 pytestmark = [pytest.mark.slow, pytest.mark.unoptimised]
 
 
-@pytest.mark.parametrize("name", KNOWN)
+# f → c f is a test of its own for every method; here it would cost three minutes.
+TESTED = [name for name in KNOWN if not name.startswith("faster")]
+
+
+@pytest.mark.parametrize("name", TESTED)
 def test_what_is_trusted_is_right(name):
     found = {method: estimated(name, method) for method in METHODS}
     trusted = {method: one for method, one in found.items() if one is not None and one.trust}
@@ -17,4 +21,4 @@ def test_what_is_trusted_is_right(name):
 
 
 def test_there_are_enough_cases():
-    assert len(KNOWN) >= 12
+    assert len(TESTED) >= 12

@@ -77,7 +77,7 @@ def sweep(
         >>> import lyaphybrid as lh
         >>> logistic = lh.Map(lambda n, x, r: r * x * (1 - x))
         >>> def run(r):
-        ...     return lh.lyapunov_spectrum(logistic, [0.3], r, t1=1000)
+        ...     return lh.lyapunov_spectrum(logistic, [0.3], r, transient=500, t1=1000)
         >>> found = lh.sweep(run, {"args": np.array([2.9, 3.9, 4.1])}, args=3.0, progress=False)
         >>> found.exponents.dims, [int(code) for code in found.status]  # beyond r = 4 the motion escapes
         (('args', 'exponent'), [0, 0, 5])
