@@ -169,6 +169,10 @@ def _sweep(options) -> int:
     from .sweeps import StoreFailed, sweep
 
     problem = _problem(options)
+    if not options.over:
+        raise Refused(
+            f"Nothing to sweep: give --over KEY=LOW:HIGH:COUNT; KEY is one of {', '.join(problem.parameters)}."
+        )
     over = dict(_axis(text, problem) for text in options.over)
     fixed = {name: value for name, value in problem.parameters.items() if name not in over}
     overrides = _overrides(options, problem)
