@@ -1,7 +1,8 @@
 """Lanes: many runs of one compiled function.
 
 On a CPU one lane follows the other, so that a branch that is not taken costs nothing (under `vmap` every lane computes
-all of them: 9 to 17 times as long), and each thread has lanes of its own. Elsewhere all lanes go side by side.
+all of them: 9 to 17 times as long), and each thread has lanes of its own. On accelerators they go side by side:
+`devices`.
 
 A *chain* is a sequence of lanes in which each may begin where the one before has ended. Chains are cut into pieces
 that take about a third of a second: between two there is room for progress and Ctrl-C. How they are cut, and which
@@ -9,7 +10,6 @@ thread takes which, changes no result: each lane is computed alone, by the same 
 """
 
 import concurrent.futures
-import itertools
 import os
 import queue
 import threading
@@ -23,6 +23,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from . import devices
 from ._compiler import lean_jit
 from .runs import reporter
 
@@ -30,7 +31,6 @@ __all__ = ["Program", "map_lanes", "run_chains", "short_chains"]
 
 ROOM = 64  # lanes in one compiled call at most
 SECONDS_PER_CALL = 0.3
-SIDE_BY_SIDE = 4096  # lanes in one call where they go side by side
 
 
 def map_lanes(function: Callable, shared: Any, lanes: Any, *, progress: Any = None, threads: int | None = None):
@@ -54,7 +54,9 @@ def map_lanes(function: Callable, shared: Any, lanes: Any, *, progress: Any = No
 def short_chains(state: Any, lanes: Any, threads: int | None = None) -> list[tuple[Any, Any]]:
     """Lanes that do not depend on each other, as chains between which threads can share the work."""
     count = len(jax.tree.leaves(lanes)[0])
-    size = 1 if _side_by_side() else max(1, min(ROOM, count // (4 * _threads(threads))))
+    size = max(1, min(ROOM, count // (4 * _threads(threads))))
+    if devices.are_wanted():  # there lanes that begin alike are one batch, and chains go side by side
+        size = 1 if jax.tree.leaves(state) else devices.lanes_at_once()
     return [(state, _rows(lanes, first, first + size)) for first in range(0, count, size)]
 
 
@@ -92,8 +94,8 @@ def run_chains(
     Returns:
         For each chain the results, NumPy arrays with the leading axis of its lanes, and which of them were computed.
     """
-    if _side_by_side():
-        return _run_side_by_side(function, shared, chains, progress, finished)
+    if devices.are_wanted():
+        return devices.run_on_devices(function, shared, chains, progress, finished)
     pool = _Pool(program or Program(function, shared, chains[0]), chains, progress, finished)
     with concurrent.futures.ThreadPoolExecutor(_threads(threads)) as executor:
         running = [executor.submit(pool.run, i) for i in range(len(chains))]
@@ -115,10 +117,6 @@ def run_chains(
     pool.report(pool.fraction)
     pool.report(None)
     return pool.kept(), pool.done
-
-
-def _side_by_side() -> bool:
-    return jax.default_backend() != "cpu"
 
 
 def _threads(threads: int | None) -> int:
@@ -244,47 +242,3 @@ def _full(lanes, first):
         return leaf[np.minimum(np.arange(first, first + ROOM), len(leaf) - 1)]
 
     return jax.tree.map(rows, lanes)
-
-
-@eqx.filter_jit
-def _together(function: Callable, shared, states, lanes):
-    """Chains of one length, side by side."""
-
-    def chain(state, lanes):
-        return jax.lax.scan(lambda state, lane: function(shared, state, lane), state, lanes)[1]
-
-    return jax.vmap(chain)(states, lanes)
-
-
-def _stacked(trees):
-    return jax.tree.map(lambda *rows: np.stack(rows), *trees)
-
-
-def _run_side_by_side(function, shared, chains, progress, finished) -> tuple[list, list]:
-    report, ready, results = reporter(progress), 0, [None] * len(chains)
-    done = [np.zeros(_length(chain), bool) for chain in chains]
-    by_length = sorted(range(len(chains)), key=lambda i: _length(chains[i]))
-    try:
-        for _, group in itertools.groupby(by_length, key=lambda i: _length(chains[i])):
-            members = list(group)
-            for batch in (members[i : i + SIDE_BY_SIDE] for i in range(0, len(members), SIDE_BY_SIDE)):
-                states, rows = (_stacked([chains[i][part] for i in batch]) for part in (0, 1))
-                found = jax.tree.map(np.asarray, _together(function, shared, states, rows))
-                for row, i in enumerate(batch):
-                    results[i] = jax.tree.map(lambda leaf, row=row: leaf[row], found)
-                    done[i][:] = True
-                    if finished is not None:
-                        finished(i, results[i])
-                        results[i] = None
-                    ready += len(done[i])
-                report(ready / sum(map(len, done)))
-    except KeyboardInterrupt:
-        missing = [i for i in range(len(chains)) if not np.all(done[i])]
-        if len(missing) == len(chains):
-            raise
-        warnings.warn("interrupted: the result holds what was computed until then.", stacklevel=4)
-        like = next((result for result in results if result is not None), None)
-        for i in missing if finished is None else ():
-            results[i] = _blank(like, done[i])
-    report(None)
-    return results, done

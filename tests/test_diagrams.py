@@ -7,7 +7,7 @@ import pytest
 from matplotlib import pyplot
 
 import lyaphybrid as lh
-from lyaphybrid import attractors, lanes, plots
+from lyaphybrid import attractors, devices, lanes, plots
 
 LOGISTIC = lh.Map(lambda n, x, args: args["r"] * x * (1 - x))
 UNIT = [[0.01], [0.99]]
@@ -215,7 +215,7 @@ def test_side_by_side_finds_the_same(monkeypatch):
     values = np.array([2.8, 3.2, 3.5])
     options = {"starts": 2, "directions": ("random",), "samples": 16}
     first = logistic(values, **options)
-    monkeypatch.setattr(lanes, "_side_by_side", lambda: True)
+    monkeypatch.setattr(devices, "are_wanted", lambda: True)
     second = logistic(values, **options)
     assert (first.labels == second.labels).all()
     np.testing.assert_allclose(first.exponents, second.exponents, atol=1e-9)

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from lyaphybrid import lanes
+from lyaphybrid import devices, lanes
 
 
 def orbit(r, lane):
@@ -60,7 +60,7 @@ def test_a_lane_that_fails_leaves_its_neighbours_alone():
 
 @pytest.mark.parametrize("side_by_side", [False, True])
 def test_a_lane_of_a_chain_begins_where_the_one_before_has_ended(monkeypatch, side_by_side):
-    monkeypatch.setattr(lanes, "_side_by_side", lambda: side_by_side)
+    monkeypatch.setattr(devices, "are_wanted", lambda: side_by_side)
     chains = [(0.0, np.arange(200.0)), (100.0, np.arange(3.0)), (1.0, np.ones(200))]
     results, done = lanes.run_chains(add, jnp.asarray(1.0), chains)
     assert all(each.all() for each in done)
@@ -71,8 +71,8 @@ def test_a_lane_of_a_chain_begins_where_the_one_before_has_ended(monkeypatch, si
 
 def test_side_by_side_is_one_after_the_other(monkeypatch):
     (x, _), _ = lanes.map_lanes(orbit, jnp.asarray(3.7), (STEPS, STARTS))
-    monkeypatch.setattr(lanes, "_side_by_side", lambda: True)
-    monkeypatch.setattr(lanes, "SIDE_BY_SIDE", 64)
+    monkeypatch.setattr(devices, "are_wanted", lambda: True)
+    monkeypatch.setattr(devices, "AT_ONCE", 64)
     (y, _), done = lanes.map_lanes(orbit, jnp.asarray(3.7), (STEPS, STARTS))
     assert done.all()
     np.testing.assert_allclose(x, y, atol=1e-6)  # other kernels round otherwise; 36 steps of chaos amplify it

@@ -11,6 +11,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from .. import devices
 from .._tracing import traced
 from ..checks import require, whole
 from ..lanes import run_chains
@@ -178,7 +179,8 @@ class Work:
         data = {f"over.{axis.path}": raw(axis.values) for axis in grid.axes}
         data |= {f"args.{i}": np.asarray(leaf) for i, leaf in enumerate(jax.tree.leaves(arrays))}
         hashed = problem_hash(lambda arrays, row: named(eqx.combine(arrays, fixed), (), row)[1], arrays, row, data=data)
-        chunk = chunk or max(1, min(CHUNK, -(-grid.size // (4 * (os.cpu_count() or 1)))))
+        at_once = devices.lanes_at_once() if devices.are_wanted() else CHUNK
+        chunk = chunk or max(1, min(at_once, -(-grid.size // (4 * (os.cpu_count() or 1)))))
         return Work(named, args, grid, chunk, variables, np.zeros(grid.size, bool), hashed)
 
     def pieces(self) -> list[np.ndarray]:
