@@ -2,8 +2,6 @@
 
 import os
 import shutil
-import subprocess
-import sys
 import threading
 
 import jax
@@ -14,7 +12,6 @@ import zarr
 from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
-import two_devices
 from examples import BALL_LANES, LOGISTIC, ball_args, ball_lane
 from lyaphybrid import lanes
 from lyaphybrid.sweeps.plans import plan
@@ -155,22 +152,6 @@ def test_it_is_compiled_once(monkeypatch):
     lh.sweep(run, {"args": np.arange(100.0)}, args=0.0, chunk=3, progress=False)
     assert len(made) == 1
     assert len(traces) <= 4  # for shapes, for the hash, and for the program
-
-
-@pytest.mark.slow
-def test_two_devices_give_the_same_dataset(tmp_path):
-    """Bit by bit; side by side, as on accelerators, other kernels round otherwise, and chaos amplifies it."""
-    one = two_devices.swept()
-    for way in ((), ("sharded",)):
-        command = [sys.executable, two_devices.__file__, tmp_path / "two.npz", *way]
-        subprocess.run(command, check=True)
-        two = np.load(tmp_path / "two.npz")
-        assert np.array_equal(one.status, two["status"])
-        if not way:
-            assert all(np.array_equal(one[name], two[name], equal_nan=True) for name in one.data_vars)
-        regular = one.exponents.values[..., 0] < -0.05
-        assert np.sum(regular) > 25
-        assert_allclose(two["exponents"][regular], one.exponents.values[regular], atol=1e-10)
 
 
 def test_plain_vmap_stays_right(whole):
