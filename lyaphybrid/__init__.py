@@ -42,7 +42,7 @@ from .sections import PoincareSection, poincare_section  # noqa: E402
 from .shooting import NoPeriodicOrbit  # noqa: E402
 from .spectra import lyapunov_spectrum  # noqa: E402
 from .statuses import STATUS  # noqa: E402
-from .sweeps import StoreFailed, sweep  # noqa: E402
+from .sweeps import StoreFailed, refine, sweep  # noqa: E402
 from .systems import EventDriven, Flow, Hybrid, Map, Schedule, Transition  # noqa: E402
 from .trajectories import TangentMap, Trajectory, tangent_map, trajectory  # noqa: E402
 
@@ -88,6 +88,7 @@ __all__ = [
     "Design",
     "lyapunov_gradient",
     "sweep",
+    "refine",
     "return_map",
     "poincare_section",
     "bifurcation_diagram",

@@ -5,6 +5,8 @@ of a second: between two calls there is room for progress, Ctrl-C and checks, an
 Traced (under jit, vmap, grad) it is called once.
 """
 
+import contextlib
+import contextvars
 import functools
 import math
 import time
@@ -36,7 +38,7 @@ from .reverse_mode import both_ways
 from .statuses import STATUS
 from .systems import Bound, EventDriven, Flow, Hybrid, Map
 
-__all__ = ["Plan", "Problem", "as_arrays", "drive", "mode_names", "number", "prepare", "start"]
+__all__ = ["Plan", "Problem", "as_arrays", "drive", "mode_names", "noticing", "number", "prepare", "start"]
 
 FOREVER = 2**31 - 1
 SECONDS_PER_CALL = 0.3
@@ -93,6 +95,20 @@ def mode_names(system) -> tuple[str, ...]:
     return system.mode_names if isinstance(system, Hybrid) else ("flow",)
 
 
+_noticed: contextvars.ContextVar[list | None] = contextvars.ContextVar("noticed", default=None)
+
+
+@contextlib.contextmanager
+def noticing():
+    """A list of (system, method) of each run that is prepared meanwhile."""
+    found: list[tuple[Any, Any]] = []
+    token = _noticed.set(found)
+    try:
+        yield found
+    finally:
+        _noticed.reset(token)
+
+
 def prepare(system, x0, args, t0, method, mode, name: str = "x0") -> tuple[Problem, Any, Any, Any]:
     """Check what the user gave, before any computing; -> problem, x0, t0, index of the mode.
 
@@ -106,7 +122,10 @@ def prepare(system, x0, args, t0, method, mode, name: str = "x0") -> tuple[Probl
     x0, shape = _state(system, x0, name)
     real("t0" if name == "x0" else "t", t0)
     # Python floats would be compiled in as constants: as arrays they may change without compiling again.
-    args, method = as_arrays(args, x0.dtype), as_arrays(_method_for(system, method), x0.dtype)
+    method, listener = _method_for(system, method), _noticed.get()
+    if listener is not None:
+        listener.append((system, method))
+    args, method = as_arrays(args, x0.dtype), as_arrays(method, x0.dtype)
     check_clocks(system, args)
     t0 = array(t0, x0.dtype)
     check_constraints(system, x0 if x0.ndim == 1 else x0[0], t0, args)

@@ -3,17 +3,20 @@
 import os
 import shutil
 import threading
+import warnings
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import xarray
 import zarr
 from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
 from examples import BALL_LANES, LOGISTIC, ball_args, ball_lane
 from lyaphybrid import lanes
+from lyaphybrid.sweeps import sweeping
 from lyaphybrid.sweeps.plans import plan
 
 pytestmark = pytest.mark.unoptimised
@@ -142,7 +145,7 @@ def test_chunks_change_nothing(whole):
 
 def test_it_is_compiled_once(monkeypatch):
     made = []
-    monkeypatch.setattr(lanes, "Program", lambda *given, make=lanes.Program: made.append(1) or make(*given))
+    monkeypatch.setattr(sweeping, "Program", lambda *given, make=lanes.Program: made.append(1) or make(*given))
     traces = []
 
     def run(args):
@@ -171,7 +174,20 @@ def test_attributes(whole):
     assert whole.attrs["seconds"] > 0
     assert "3: zeno" in whole.attrs["statuses"]
     assert whole.attrs["dims"] == ["args"]
+    assert whole.attrs["system"] == "Map"
+    assert whole.attrs["method"] == ""
     assert whole.exponent.values.tolist() == [1]
+
+
+def test_attributes_of_a_problem():
+    problem = lh.zoo.friction_pendulum()
+
+    def short(args):
+        return problem.spectrum(args=args, t1=1.0, transient=0.0)
+
+    found = lh.sweep(short, {"beta": np.array([0.1])}, args=problem.args, progress=False)
+    assert found.attrs["system"] == "Hybrid with the modes plus, minus, sliding"
+    assert found.attrs["method"].startswith("RungeKutta(")
 
 
 # --- stores --------------------------------------------------------------------------------------------------------
@@ -180,8 +196,6 @@ def test_attributes(whole):
 @pytest.fixture
 def counted(monkeypatch):
     """How many points are computed."""
-    from lyaphybrid.sweeps import sweeping
-
     computed = []
 
     def run_chains(function, shared, chains, **keywords):
@@ -219,6 +233,18 @@ def test_a_chunk_that_is_not_sound_is_computed_again(harm, whole, tmp_path, coun
     assert counted == [4]
     assert swept(store=store).equals(whole)
     assert counted == [4]
+
+
+def test_a_store_is_a_dataset_by_itself(whole, tmp_path):
+    store = tmp_path / "sweep.zarr"
+    swept(store=store)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of metadata that are not gathered
+        found = xarray.open_zarr(store)
+    assert_allclose(found.args, RATES)
+    assert "args" in found.coords
+    assert_allclose(found.exponents, whole.exponents)
+    assert found.attrs["statuses"] == whole.attrs["statuses"]
 
 
 def test_another_sweep_is_refused(tmp_path):

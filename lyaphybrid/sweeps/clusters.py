@@ -17,13 +17,14 @@ from ..lanes import Program, run_chains
 __all__ = ["run_on"]
 
 RETRIES = 5  # of a chunk whose worker dies
-_programs: dict[str, Program] = {}  # of this worker, by the hash of the problem
+_programs: dict[str, Program] = {}  # of this worker, by their hashes
 _compiling = threading.Lock()
 
 
 def run_on(
     client: Any,
     name: str,
+    program: str,
     function: Callable,
     shared: Any,
     chains: Sequence[tuple[Any, Any]],
@@ -33,6 +34,8 @@ def run_on(
 ) -> None:
     """Run chains of lanes on the workers of a client; the names of the tasks begin with `name`.
 
+    A worker compiles once what has the same hash, `program`.
+
     Where a task raises, all others are cancelled, as by Ctrl-C; what has come until then has been handed over.
     """
     try:
@@ -41,7 +44,7 @@ def run_on(
         raise ImportError("client= needs dask and distributed: pip install 'lyaphybrid[cluster]'.") from error
 
     problem = client.scatter(
-        (name, function, shared, bool(jax.config.read("jax_enable_x64"))), broadcast=True, hash=False
+        (program, function, shared, bool(jax.config.read("jax_enable_x64"))), broadcast=True, hash=False
     )
     keys = [f"{name}-points-{i}" for i in range(len(chains))]
     futures = client.map(_chunk, [problem] * len(chains), chains, key=keys, retries=RETRIES, pure=False)
@@ -60,12 +63,12 @@ def run_on(
 
 def _chunk(problem, chain):
     """On a worker: the results of one chunk, NumPy arrays."""
-    name, function, shared, wide = problem
+    own, function, shared, wide = problem
     with jax.enable_x64(wide):
         with _compiling:
-            if name not in _programs:
-                _programs[name] = Program(function, shared, chain)
-        results, done = run_chains(function, shared, [chain], threads=1, program=_programs[name])
+            if own not in _programs:
+                _programs[own] = Program(function, shared, chain)
+        results, done = run_chains(function, shared, [chain], threads=1, program=_programs[own])
     if not np.all(done[0]):
         raise RuntimeError("a worker was interrupted")
     return results[0]

@@ -8,21 +8,20 @@ keeps a second one out.
 import contextlib
 import hashlib
 import os
-import re
 import shutil
 import uuid
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 
-from .._jaxprs import constants
+from .._hashes import as_bytes
 from ..checks import require
 from .answers import dims_of
+from .plans import Plan
 
-__all__ = ["Store", "StoreFailed", "opened", "problem_hash"]
+__all__ = ["Store", "StoreFailed", "opened"]
 
 FORMAT = 1
 DIGESTS = "digest"
@@ -34,24 +33,13 @@ class StoreFailed(OSError):
     dataset: Any = None
 
 
-def problem_hash(function: Callable, *example, data: Mapping[str, np.ndarray]) -> str:
-    """A hash of what is computed (the jaxpr of a function, with its constants) and of the points it is computed at."""
-    closed = jax.make_jaxpr(function)(*example)
-    digest = hashlib.sha256(re.sub(r"0x[0-9a-f]+", "", str(closed)).encode())  # less the addresses of functions
-    for constant in constants(closed):
-        digest.update(_bytes(np.asarray(constant)))
-    for name in sorted(data):
-        digest.update(name.encode() + _bytes(data[name]))
-    return digest.hexdigest()
-
-
-def _bytes(values: np.ndarray) -> bytes:
-    return f"{values.dtype.str}{values.shape}".encode() + np.ascontiguousarray(values).tobytes()
-
-
 @contextlib.contextmanager
-def opened(path: Any, header: Mapping[str, Any], variables: Mapping[str, np.ndarray], chunk: int) -> Iterator["Store"]:
+def opened(
+    path: Any, attributes: Mapping[str, Any], grid: Plan, variables: Mapping[str, np.ndarray], chunk: int
+) -> Iterator["Store"]:
     """A store for these variables, (points, …) each: a new one, or that of an earlier run of the same problem.
+
+    With the values of its axes at each point it is a dataset by itself, which `xarray.open_zarr` reads.
 
     Raises:
         ValueError: where something else is there, or another process is at work.
@@ -73,10 +61,10 @@ def opened(path: Any, header: Mapping[str, Any], variables: Mapping[str, np.ndar
     try:
         try:
             if not path.exists():
-                _make(path, header, variables, chunk)
+                _make(path, attributes, grid, variables, chunk)
         except OSError as error:
             raise _failed(path, error) from error
-        yield Store(path, header, variables)
+        yield Store(path, attributes)
     finally:
         lock.release()
 
@@ -85,15 +73,20 @@ def _failed(path: Path, error: OSError) -> StoreFailed:
     return StoreFailed(error.errno, f"the store {path} cannot be written ({error.strerror or error})")
 
 
-def _make(path: Path, header: Mapping[str, Any], variables: Mapping[str, np.ndarray], chunk: int) -> None:
+def _make(
+    path: Path, attributes: Mapping[str, Any], grid: Plan, variables: Mapping[str, np.ndarray], chunk: int
+) -> None:
     """An empty store, in its place at once."""
     import zarr
 
     aside = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
+    where = grid.rows(np.arange(grid.size))
+    own = {"format": FORMAT, "chunk": chunk, "coordinates": " ".join(where)}
     try:
-        group = zarr.open_group(
-            str(aside), mode="w", zarr_format=3, attributes={**header, "format": FORMAT, "chunk": chunk}
-        )
+        group = zarr.open_group(str(aside), mode="w", zarr_format=3, attributes={**attributes, **own})
+        for name, values in where.items():
+            dims = ("point", *(f"{name}_{i}" for i in range(values.ndim - 1)))
+            group.create_array(name, data=values, dimension_names=dims)
         for name, values in variables.items():
             group.create_array(
                 name, shape=values.shape, chunks=(min(chunk, len(values)), *values.shape[1:]), dtype=values.dtype,
@@ -116,22 +109,22 @@ def _fill(values: np.ndarray) -> Any:
 class Store:
     """An open store."""
 
-    def __init__(self, path: Path, header: Mapping[str, Any], variables: Mapping[str, np.ndarray]):
+    def __init__(self, path: Path, attributes: Mapping[str, Any]):
         import zarr
 
         try:
             self.group = zarr.open_group(str(path), mode="r+")
         except (FileNotFoundError, ValueError, KeyError) as error:
             raise ValueError(f"{path} is there, and no store of a sweep: take another path.") from error
-        self.path, attributes = path, dict(self.group.attrs)
-        require(attributes.get("format") == FORMAT, f"{path} is there, and no store of a sweep: take another path.")
-        for name, value in header.items():
+        self.path, kept = path, dict(self.group.attrs)
+        require(kept.get("format") == FORMAT, f"{path} is there, and no store of a sweep: take another path.")
+        for name in ("problem", "dims", "shape"):
             require(
-                attributes.get(name) == value,
-                f"{path} holds another sweep: its {name} is {attributes.get(name)!r}, here it is {value!r}. "
+                kept.get(name) == attributes[name],
+                f"{path} holds another sweep: its {name} is {kept.get(name)!r}, here it is {attributes[name]!r}. "
                 "Take another path, or what it was made with.",
             )
-        self.chunk = int(str(attributes["chunk"]))
+        self.chunk = int(str(kept["chunk"]))
 
     def _array(self, name: str) -> Any:
         return self.group[name]
@@ -170,5 +163,5 @@ def _digest(results: Mapping[str, np.ndarray]) -> int:
     """Of a chunk; never 0."""
     digest = hashlib.blake2b(digest_size=8)
     for name in sorted(results):
-        digest.update(name.encode() + _bytes(np.asarray(results[name])))
+        digest.update(name.encode() + as_bytes(np.asarray(results[name])))
     return int.from_bytes(digest.digest(), "little") or 1

@@ -12,16 +12,17 @@ import jax
 import numpy as np
 
 from .. import devices
+from .._hashes import hash_of_arrays, hash_of_function
 from .._tracing import traced
 from ..checks import require, whole
-from ..lanes import run_chains
-from ..runs import reporter
+from ..lanes import Program, run_chains
+from ..runs import mode_names, noticing, reporter
 from ..statuses import STATUS
 from ..zoo.problem import Problem
 from .answers import NOTES, dims_of, missing, named
 from .clusters import run_on
 from .plans import Lane, Plan, plan, raw
-from .stores import StoreFailed, opened, problem_hash
+from .stores import StoreFailed, opened
 
 __all__ = ["sweep"]
 
@@ -85,45 +86,18 @@ def sweep(
         >>> round(float(found.exponents.sel(args=2.9)[0]), 6)  # ln|2 − r|
         -0.105361
     """
-    xarray = _xarray()
     require(not traced((over, points, args)), "sweep compiles by itself: it cannot be used under jit, vmap or grad.")
+    function, args = function_of(run, args)
+    work = Work.of(run, function, args, plan(over, points, args), chunk)
+    return work.dataset(store, client, progress)
+
+
+def function_of(run: Callable | Problem, args: Any) -> tuple[Callable, Any]:
+    """The function that is run, and its args."""
     args = run.args if args is None and isinstance(run, Problem) else args
     function = _OfProblem(run) if isinstance(run, Problem) else run
     require(callable(function), f"run must be a function of args, or a zoo problem; got {run!r}.")
-    grid = plan(over, points, args)
-    if chunk is not None:
-        whole("chunk", chunk, least=1)
-    started = time.perf_counter()
-    work = Work.of(Lane.of(function, grid, args), args, grid, chunk)
-    attributes = _attributes(run, work)
-
-    def dataset():
-        return _dataset(xarray, work, attributes | {"seconds": time.perf_counter() - started})
-
-    try:
-        if store is None:
-            work.compute(work.pieces(), lambda index, results: None, client, progress)
-        else:
-            _into(store, work, attributes, client, progress)
-    except StoreFailed as error:
-        error.dataset = dataset()
-        raise
-    if not np.all(work.done):
-        warnings.warn(f"{np.sum(~work.done)} of {grid.size} points were not computed.", stacklevel=2)
-    return dataset()
-
-
-def _into(store, work: "Work", attributes, client, progress) -> None:
-    """What a store lacks is computed and kept there."""
-    header = {name: attributes[name] for name in ("problem", "dims", "shape")}
-    with opened(store, header, work.variables, work.chunk) as kept:
-        work.chunk = kept.chunk
-        pieces = work.pieces()
-        here = [kept.read(index, work.variables) for index in range(len(pieces))]
-        for piece in (piece for piece, known in zip(pieces, here, strict=True) if known):
-            work.done[piece] = True
-        wanted = [index for index, known in enumerate(here) if not known]
-        work.compute([pieces[i] for i in wanted], lambda i, results: kept.write(wanted[i], results), client, progress)
+    return function, args
 
 
 def _xarray():
@@ -162,32 +136,66 @@ class Work:
     chunk: int
     variables: dict[str, np.ndarray]  # (points, …)
     done: np.ndarray  # (points,)
-    problem: str  # its hash
+    function: str  # the hash of what is computed at each point
+    problem: str  # … and of the points too
+    about: dict[str, str]
+    program: Program | None = None
 
     @staticmethod
-    def of(lane: Lane, args: Any, grid: Plan, chunk: int | None) -> "Work":
+    def of(run: Any, function: Callable, args: Any, grid: Plan, chunk: int | None) -> "Work":
         """Nothing computed yet: all variables hold what stands for none."""
-        named, row = _Named(lane), {path: values[0] for path, values in grid.rows(np.arange(1)).items()}
-        shapes = eqx.filter_eval_shape(named, args, (), row)[1]
+        if chunk is not None:
+            whole("chunk", chunk, least=1)
+        named, row = _Named(Lane.of(function, grid, args)), _row(grid)
+        with noticing() as runs:
+            shapes = eqx.filter_eval_shape(named, args, (), row)[1]
         twice = sorted(set(shapes) & set(grid.coordinates()))
         require(not twice, f"The run returns {', '.join(twice)}, which is the name of an axis: give it another name.")
         variables = {
             name: np.full((grid.size, *one.shape), missing(np.dtype(one.dtype)), one.dtype)
             for name, one in shapes.items()
         }
-        arrays, fixed = eqx.partition(args, eqx.is_array_like)
-        data = {f"over.{axis.path}": raw(axis.values) for axis in grid.axes}
-        data |= {f"args.{i}": np.asarray(leaf) for i, leaf in enumerate(jax.tree.leaves(arrays))}
-        hashed = problem_hash(lambda arrays, row: named(eqx.combine(arrays, fixed), (), row)[1], arrays, row, data=data)
-        at_once = devices.lanes_at_once() if devices.are_wanted() else CHUNK
-        chunk = chunk or max(1, min(at_once, -(-grid.size // (4 * (os.cpu_count() or 1)))))
-        return Work(named, args, grid, chunk, variables, np.zeros(grid.size, bool), hashed)
+        chunk = chunk or max(1, min(_at_once(), -(-grid.size // (4 * (os.cpu_count() or 1)))))
+        hashes = _hashes(named, args, grid)
+        return Work(named, args, grid, chunk, variables, np.zeros(grid.size, bool), *hashes, _about(run, runs))
 
     def pieces(self) -> list[np.ndarray]:
         """The points of each chunk."""
         return [np.arange(i, min(i + self.chunk, self.grid.size)) for i in range(0, self.grid.size, self.chunk)]
 
-    def compute(self, pieces: list[np.ndarray], keep: Callable[[int, Any], None], client, progress) -> None:
+    def dataset(self, store, client, progress):
+        """Compute what is missing; an `xarray.Dataset` of all."""
+        xarray, started = _xarray(), time.perf_counter()
+
+        def found():
+            return self._as_dataset(xarray, time.perf_counter() - started)
+
+        try:
+            if store is None:
+                self._compute(self.pieces(), lambda index, results: None, client, progress)
+            else:
+                self._into(store, client, progress)
+        except StoreFailed as error:
+            error.dataset = found()
+            raise
+        if not np.all(self.done):
+            warnings.warn(f"{np.sum(~self.done)} of {self.grid.size} points were not computed.", stacklevel=3)
+        return found()
+
+    def _into(self, store, client, progress) -> None:
+        """What a store lacks is computed and kept there."""
+        with opened(store, self._attributes(), self.grid, self.variables, self.chunk) as kept:
+            self.chunk = kept.chunk
+            pieces = self.pieces()
+            here = [kept.read(index, self.variables) for index in range(len(pieces))]
+            for piece in (piece for piece, known in zip(pieces, here, strict=True) if known):
+                self.done[piece] = True
+            wanted = [index for index, known in enumerate(here) if not known]
+            self._compute(
+                [pieces[i] for i in wanted], lambda i, results: kept.write(wanted[i], results), client, progress
+            )
+
+    def _compute(self, pieces: list[np.ndarray], keep: Callable[[int, Any], None], client, progress) -> None:
         """Fill in the points of these chunks; each is kept as soon as it is there."""
         if not pieces:
             return
@@ -204,24 +212,64 @@ class Work:
 
         chains = [((), self.grid.rows(piece)) for piece in pieces]
         try:
-            if client is None:
-                run_chains(self.lane, self.args, chains, progress=fraction, finished=finished)
-            else:
-                name = f"lyaphybrid-{self.problem[:8]}"
-                run_on(client, name, self.lane, self.args, chains, report=fraction, finished=finished)
+            if client is not None:
+                names = f"lyaphybrid-{self.problem[:8]}", self.function
+                run_on(client, *names, self.lane, self.args, chains, report=fraction, finished=finished)
+                return
+            if self.program is None and not devices.are_wanted():
+                self.program = Program(self.lane, self.args, chains[0])
+            run_chains(self.lane, self.args, chains, progress=fraction, finished=finished, program=self.program)
         finally:
             report(None)
 
+    def _attributes(self) -> dict[str, Any]:
+        grid = {"dims": list(self.grid.dims), "shape": list(self.grid.shape)}
+        return {**self.about, "function": self.function, "problem": self.problem, **grid}
 
-def _attributes(run, work: Work) -> dict[str, Any]:
+    def _as_dataset(self, xarray, seconds: float):
+        grid = self.grid
+        data = {
+            name: ((*grid.dims, *dims_of(name, values.ndim - 1)), values.reshape(*grid.shape, *values.shape[1:]))
+            for name, values in self.variables.items()
+        }
+        coordinates = grid.coordinates()
+        if "exponents" in data:
+            coordinates["exponent"] = (("exponent",), np.arange(1, data["exponents"][1].shape[-1] + 1))
+        return xarray.Dataset(data, coordinates, self._attributes() | {"seconds": seconds})
+
+
+def _at_once() -> int:
+    return devices.lanes_at_once() if devices.are_wanted() else CHUNK
+
+
+def _row(grid: Plan) -> dict[str, Any]:
+    """What changes, at the first point."""
+    return {path: values[0] for path, values in grid.rows(np.arange(1)).items()}
+
+
+def _hashes(named: _Named, args: Any, grid: Plan) -> tuple[str, str]:
+    """Of what is computed at each point; and of that and the points."""
+    arrays, fixed = eqx.partition(args, eqx.is_array_like)
+
+    def of_arrays(arrays, row):
+        return named(eqx.combine(arrays, fixed), (), row)[1]
+
+    leaves = {f"args.{i}": np.asarray(leaf) for i, leaf in enumerate(jax.tree.leaves(arrays))}
+    function = hash_of_arrays(leaves, begun=hash_of_function(of_arrays, arrays, _row(grid)))
+    return function, hash_of_arrays({axis.path: raw(axis.values) for axis in grid.axes}, begun=function)
+
+
+def _about(run, runs: list) -> dict[str, str]:
+    """What was run, in words."""
     from .. import __version__  # known only when all of the package is
 
-    name = getattr(run, "name", None) or getattr(run, "__qualname__", type(run).__name__)
+    def words(things) -> str:
+        return "; ".join(dict.fromkeys(" ".join(repr(one).split()) for one in things))
+
     return {
-        "run": name,
-        "problem": work.problem,
-        "dims": list(work.grid.dims),
-        "shape": list(work.grid.shape),
+        "run": getattr(run, "name", None) or getattr(run, "__qualname__", type(run).__name__),
+        "system": "; ".join(dict.fromkeys(_system(system) for system, _ in runs)),
+        "method": words(method for _, method in runs if method is not None),
         "lyaphybrid": __version__,
         "jax": jax.__version__,
         "notes": ", ".join(f"{1 << i}: {note}" for i, note in enumerate(NOTES)),
@@ -229,13 +277,6 @@ def _attributes(run, work: Work) -> dict[str, Any]:
     }
 
 
-def _dataset(xarray, work: Work, attributes):
-    grid = work.grid
-    data = {
-        name: ((*grid.dims, *dims_of(name, values.ndim - 1)), values.reshape(*grid.shape, *values.shape[1:]))
-        for name, values in work.variables.items()
-    }
-    coordinates = grid.coordinates()
-    if "exponents" in data:
-        coordinates["exponent"] = (("exponent",), np.arange(1, data["exponents"][1].shape[-1] + 1))
-    return xarray.Dataset(data, coordinates, attributes)
+def _system(system) -> str:
+    kind, modes = type(system).__name__, mode_names(system)
+    return f"{kind} with the modes {', '.join(modes)}" if len(modes) > 1 else kind

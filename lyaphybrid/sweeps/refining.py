@@ -1,0 +1,182 @@
+"""More points where a sweep's classification changes: `refine`."""
+
+import itertools
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..checks import require, whole
+from ..statuses import STATUS
+from ..zoo.problem import Problem
+from .plans import POINT, plan
+from .sweeping import Work, function_of
+
+__all__ = ["chaotic", "refine"]
+
+Site = tuple[int, ...]  # a point of the finest lattice
+
+
+def chaotic(dataset) -> np.ndarray:
+    """What `refine` tells apart: each way to fail, λ₁ > 0 by more than two standard errors, and all else."""
+    status, leading = dataset.status.values, dataset.exponents.isel(exponent=0).values
+    error = np.nan_to_num(dataset.stderr.isel(exponent=0).values)
+    over = (status == int(STATUS.ok)) | (status == int(STATUS.terminated))
+    return np.where(over, -1 - (leading > 2 * error), status)
+
+
+def refine(
+    dataset,
+    run: Callable | Problem,
+    *,
+    args: Any = None,
+    levels: int = 3,
+    classify: Callable[[Any], Any] = chaotic,
+    chunk: int | None = None,
+    store: Any = None,
+    client: Any = None,
+    progress: Any = True,
+):
+    """Points added to a sweep where a classification changes: borders as sharp as those of a much finer grid.
+
+    A cell of the grid whose corners are not of one class is cut into halves along each axis, and so are the parts of
+    it that are not of one class, `levels` times over. Where a new point on the border of a cell differs from what the
+    cell has, that cell is cut too. What is smaller than the cells of the grid, and touches no corner, is not seen.
+
+    Args:
+        dataset: of `lh.sweep` over a grid of numbers, one dimension each.
+        run: the same as there.
+        args: the same as there.
+        levels: how often a cell is halved: borders are found to 1/2^levels of the grid's distances.
+        classify: dataset with one dimension "point" -> classes (points,), of any kind that can be compared. As it is,
+            points are told apart by their status, and by λ₁ > 0 by more than two standard errors.
+        chunk: as for `lh.sweep`.
+        store: path of a directory, in which each step has a zarr store, so that it can be taken up again.
+        client: as for `lh.sweep`.
+        progress: True for a bar for each step, None, or a function of the fraction of a step done.
+
+    Returns:
+        An `xarray.Dataset` of all points, old and new, along the dimension "point", with the entries swept, and the
+        level at which it was added (0: of the grid), as coordinates. Its attribute "points_of_grid" is how many points
+        a grid as fine would have.
+
+    Raises:
+        ValueError: on a dataset that is not one of a grid, a run that is not the one it was made with, and what
+            `lh.sweep` refuses.
+        StoreFailed: as `lh.sweep`; what was computed before is in the stores.
+
+    Example:
+        >>> import numpy as np
+        >>> import lyaphybrid as lh
+        >>> logistic = lh.Map(lambda n, x, r: r * x * (1 - x))
+        >>> def run(r):
+        ...     return lh.lyapunov_spectrum(logistic, [0.3], r, transient=500, t1=1000)
+        >>> grid = lh.sweep(run, {"args": np.linspace(2.5, 3.7, 4)}, args=3.0, progress=False)
+        >>> found = lh.refine(grid, run, args=3.0, levels=7, progress=False)  # chaos begins at 3.5699
+        >>> float(found.args.where(found.exponents[:, 0] > 0).min()) < 3.58
+        True
+        >>> found.point.size, found.attrs["points_of_grid"]
+        (11, 385)
+    """
+    whole("levels", levels, least=1)
+    function, args = function_of(run, args)
+    axes = _axes_of(dataset)
+    lattice = Lattice(list(axes.values()), levels)
+    parts = [_as_points(dataset, axes)]
+    sites = [*itertools.product(*(range(0, size, lattice.step) for size in lattice.shape))]
+    classes = dict(zip(sites, _classes(classify, parts[0]), strict=True))
+    program, number = None, 0
+    for level, wanted in lattice.wanted(classes):
+        number += 1
+        points = dict(zip(axes, lattice.values(wanted).T, strict=True))
+        work = Work.of(run, function, args, plan(None, points, args), chunk)
+        same = work.function == dataset.attrs.get("function")
+        require(same, "This dataset was made with another run, other args or other versions: sweep again.")
+        work.program = program
+        own = None if store is None else Path(store) / f"{number:03d}.zarr"
+        found = work.dataset(own, client, progress)
+        program = work.program
+        parts.append(found.drop_vars(POINT).assign_coords(level=(POINT, np.full(len(wanted), level))))
+        classes |= zip(wanted, _classes(classify, parts[-1]), strict=True)
+        if not np.all(work.done):  # after Ctrl-C
+            break
+    return _joined(dataset, parts, lattice)
+
+
+def _axes_of(dataset) -> dict[str, np.ndarray]:
+    """The values of each axis of a grid."""
+    dims = dataset.attrs.get("dims")
+    require(dims is not None, "refine takes a dataset of lh.sweep; this one has no attribute 'dims'.")
+    require(POINT not in dims, "refine takes a sweep over a grid, over={…}; this one has a list of points.")
+    for dim in dims:
+        values = dataset[dim]
+        plain = f"{dim}_value" not in dataset.coords and dim in dataset.dims
+        require(
+            plain and values.size > 1, f"refine needs a grid of numbers, two or more along each axis; not so {dim}."
+        )
+    return {dim: dataset[dim].values for dim in dims}
+
+
+def _as_points(dataset, axes):
+    """The grid as a list."""
+    flat = dataset.stack({POINT: list(axes)}).reset_index(POINT).transpose(POINT, ...)
+    return flat.assign_coords(level=(POINT, np.zeros(flat.sizes[POINT], int)))
+
+
+def _classes(classify, dataset) -> list:
+    found = np.asarray(classify(dataset))
+    count = dataset.sizes[POINT]
+    require(found.shape == (count,), f"classify must return one class for each of {count} points; got {found.shape}.")
+    return found.tolist()
+
+
+def _joined(dataset, parts, lattice: "Lattice"):
+    import xarray
+
+    joined = xarray.concat(parts, POINT, combine_attrs="drop")
+    about = {name: value for name, value in dataset.attrs.items() if name not in ("dims", "shape", "problem")}
+    sizes = {"levels": lattice.levels, "points_of_grid": int(np.prod(lattice.shape))}
+    seconds = sum(part.attrs.get("seconds", 0.0) for part in parts)
+    return joined.assign_attrs(about | sizes | {"seconds": seconds})
+
+
+class Lattice:
+    """The finest lattice on which points may lie."""
+
+    def __init__(self, axes: Sequence[np.ndarray], levels: int):
+        self.axes, self.levels, self.step = axes, levels, 2**levels
+        self.shape = tuple(self.step * (len(axis) - 1) + 1 for axis in axes)
+
+    def values(self, sites: Sequence[Site]) -> np.ndarray:
+        """(sites, axes): evenly between the values of the grid."""
+        at = np.asarray(sites) / self.step
+        return np.stack([np.interp(at[:, i], np.arange(len(axis)), axis) for i, axis in enumerate(self.axes)], axis=1)
+
+    def wanted(self, classes: dict[Site, Any]) -> Iterator[tuple[int, list[Site]]]:
+        """Level and sites to be computed; `classes` must hold them when the next ones are asked for."""
+        cells = [*itertools.product(*(range(0, size - 1, self.step) for size in self.shape))]
+        for level in range(1, self.levels + 1):
+            half, divided = self.step >> level, []
+            while True:
+                mixed = [cell for cell in cells if _is_mixed(classes, cell, half)]
+                if not mixed:
+                    break
+                chosen = set(mixed)
+                divided, cells = divided + mixed, [cell for cell in cells if cell not in chosen]
+                sites = {site for cell in mixed for site in _sites(cell, half, 3)}
+                new = sorted(sites - classes.keys())
+                if new:
+                    yield level, new
+            cells = [part for cell in divided for part in _sites(cell, half, 2)]
+
+
+def _sites(cell: Site, half: int, count: int) -> list[Site]:
+    """The corners of the 2^d halves of a cell (count = 2), or all their points (3)."""
+    return [*itertools.product(*(range(low, low + count * half, half) for low in cell))]
+
+
+def _is_mixed(classes: dict[Site, Any], cell: Site, half: int) -> bool:
+    """Whether what is known of a cell, at its corners and halfway between, is not of one class."""
+    known = [classes[site] for site in _sites(cell, half, 3) if site in classes]
+    return any(one != known[0] for one in known)
