@@ -5,6 +5,7 @@ short and many, for on a shared machine quiet moments are short: a neighbour on 
 that keeps the core's units busy, and hardly any that waits for its own results, as the C of the Lorenz system does.
 """
 
+import importlib
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -27,13 +28,11 @@ class Case(NamedTuple):
     against: str = "c"
 
 
-def _ours(name: str, *arguments) -> Callable[[float], Make]:
+def _ours(name: str, *arguments, module: str = "ours") -> Callable[[float], Make]:
     """Our side by name: importing it imports JAX, which the process that collects the rows does not need."""
 
     def bind(t1: float) -> Make:
-        from benchmarks import ours
-
-        return getattr(ours, name)(*arguments, t1)
+        return getattr(importlib.import_module(f"benchmarks.{module}"), name)(*arguments, t1)
 
     return bind
 
@@ -107,6 +106,34 @@ def _spring_damper_sweep(lanes: float) -> Case:
     return Case("lane", lanes, _ours("spring_damper_sweep"), reference)
 
 
+def _swept(name: str, *arguments, lanes: int = 64) -> Case:
+    """Lanes on threads against the same lanes, one after the other, on one thread of the C."""
+
+    def reference(lanes: float) -> Make:
+        (parameter, first, last), run, work = getattr(problems, f"{name.upper()}_SWEEP"), *_lane(name, *arguments)
+        values = np.linspace(first, last, round(lanes))
+
+        def once() -> dict[str, Any]:
+            result = references.run_swept(lambda value: run({parameter: value}), values)
+            return {"exponents": np.sort(result.exponents)[::-1].tolist(), "events": result.events}
+
+        return lambda: (once, work * round(lanes))
+
+    return Case("step" if name == "lorenz" else "time", lanes, _ours(name, *arguments, module="swept"), reference)
+
+
+def _lane(name: str, *arguments) -> tuple[Callable[[dict[str, float]], references.Result], float]:
+    """One lane of the C by what is changed in it, and its work."""
+    steps, t1 = problems.LORENZ_SWEEP_STEPS, problems.OSCILLATORS_SWEEP_T1
+    if name == "lorenz":
+        sigma, _, beta = problems.LORENZ_PARAMETERS
+        dt = problems.LORENZ_DT
+        return lambda changed: references.run_lorenz(steps * dt, 10, parameters=(sigma, changed["rho"], beta)), steps
+    run, args = getattr(references, f"run_{name}"), getattr(problems, f"{name.upper()}_PARAMETERS")
+    adaptive, _ = arguments
+    return lambda changed: run(t1, adaptive, args=args | changed), t1
+
+
 def _hard_disks(t1: float) -> Case:
     return Case("collision", t1, _ours("hard_disks"), _reference(references.run_hard_disks, "steps"))
 
@@ -140,6 +167,16 @@ CASES = {
     "dae_discrete": _spring_damper(False, 7.5e4),
     "dae_continuous": _spring_damper(True, 7.5e5),
     "dae_sweep": _spring_damper_sweep(1000),
+    "sweep_lorenz": _swept("lorenz", 1),
+    "sweep_lorenz_2": _swept("lorenz", 2),
+    "sweep_impact_fixed": _swept("impact", False, 1),
+    "sweep_impact_fixed_2": _swept("impact", False, 2),
+    "sweep_impact_adaptive": _swept("impact", True, 1),
+    "sweep_impact_adaptive_2": _swept("impact", True, 2),
+    "sweep_friction_fixed": _swept("friction", False, 1),
+    "sweep_friction_fixed_2": _swept("friction", False, 2),
+    "sweep_friction_adaptive": _swept("friction", True, 1),
+    "sweep_friction_adaptive_2": _swept("friction", True, 2),
     "impact_diffrax": _impact_diffrax(2.5e3),
 }
 

@@ -51,6 +51,11 @@ SPRING_DAMPINGS = (1.5, 2.5)  # of the sweep, the first and the last
 SPRING_SWEEP_T1 = 100.0
 
 
+# Sweeps: the parameter, its first and last value (no lane ends early), and how long each lane is
+LORENZ_SWEEP, LORENZ_SWEEP_STEPS = ("rho", 26.0, 30.0), 20_000
+IMPACT_SWEEP, FRICTION_SWEEP, OSCILLATORS_SWEEP_T1 = ("restitution", 0.79, 0.81), ("beta", 0.05, 0.054), 500.0
+
+
 def paired_frame(n: int) -> np.ndarray:
     """The frame (2n, 2n) with columns e_q1 … e_qn, e_pn … e_p1 that Hamiltonian systems start from."""
     identity = np.eye(2 * n)

@@ -10,6 +10,7 @@ import pathlib
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -103,10 +104,12 @@ def library() -> ctypes.CDLL:
     return loaded
 
 
-def run_lorenz(t1: float, every: int, dt: float = problems.LORENZ_DT) -> Result:
+def run_lorenz(
+    t1: float, every: int, dt: float = problems.LORENZ_DT, parameters: Sequence[float] = problems.LORENZ_PARAMETERS
+) -> Result:
     """Lorenz63 by RK4, with all three columns."""
     x, frame, sums = np.array(problems.LORENZ_START), np.eye(3), np.zeros(3)
-    parameters = np.array(problems.LORENZ_PARAMETERS)
+    parameters = np.array(parameters)
     steps = library().lorenz(round(t1 / dt), every, dt, parameters, x, frame, sums)
     return Result(sums, x, steps * dt, steps)
 
@@ -118,10 +121,12 @@ def run_henon_heiles(t1: float, every: int, dt: float = problems.HENON_HEILES_DT
     return Result(sums, x, steps * dt, steps, frame=frame)
 
 
-def run_impact(t1: float, adaptive: bool, dt: float = problems.IMPACT_DT) -> Result:
+def run_impact(
+    t1: float, adaptive: bool, dt: float = problems.IMPACT_DT, args: dict[str, float] = problems.IMPACT_PARAMETERS
+) -> Result:
     """The impact oscillator: RK4 at dt, or Dormand–Prince 5(4) with dt as the first step."""
     x, tolerances = np.array(problems.IMPACT_START), (problems.IMPACT_RTOL, problems.IMPACT_ATOL)
-    parameters = np.array([problems.IMPACT_PARAMETERS[name] for name in ("zeta", "omega", "restitution")])
+    parameters = np.array([args[name] for name in ("zeta", "omega", "restitution")])
     return _run_planar("impact", t1, dt, tolerances if adaptive else (), parameters, np.zeros(1), x, np.eye(2))
 
 
@@ -177,6 +182,18 @@ def run_spring_damper_sweep(lanes: int, t1: float = problems.SPRING_SWEEP_T1) ->
     sums, counts, start = np.zeros((lanes, 2)), np.zeros(1, dtype=np.int64), np.array(problems.SPRING_START[:2])
     steps = library().spring_damper_sweep(lanes, t1, problems.SPRING_TOL, parameters, start, sums, counts)
     return Result(sums, np.empty(0), t1, steps, rejected=int(counts[0]))
+
+
+def run_swept(run: Callable[[float], Result], values: Sequence[float]) -> Result:
+    """Lanes, one after the other on one thread: the mean of their sums and times, and all their steps and events."""
+    lanes = [run(value) for value in values]
+    return Result(
+        np.mean([lane.sums for lane in lanes], axis=0),
+        np.empty(0),
+        float(np.mean([lane.time for lane in lanes])),
+        sum(lane.steps for lane in lanes),
+        sum(lane.events for lane in lanes),
+    )
 
 
 class Check(NamedTuple):
