@@ -106,7 +106,7 @@ def _spring_damper_sweep(lanes: float) -> Case:
     return Case("lane", lanes, _ours("spring_damper_sweep"), reference)
 
 
-def _swept(name: str, *arguments, lanes: int = 64) -> Case:
+def _swept(name: str, *arguments, lanes: int = 256) -> Case:
     """Lanes on threads against the same lanes, one after the other, on one thread of the C."""
 
     def reference(lanes: float) -> Make:

@@ -8,27 +8,23 @@ import numpy as np
 import lyaphybrid as lh
 from benchmarks import ours, problems
 from benchmarks.harness import Make
-from lyaphybrid.lanes import Program, run_chains
+from lyaphybrid.sweeps.plans import plan
+from lyaphybrid.sweeps.sweeping import Work
 
-CHAINS = 8
 
-
-def _swept(spectrum: Callable, first: float, last: float, lanes: int, threads: int, work: float) -> Make:
+def _swept(spectrum: Callable, name: str, first: float, last: float, lanes: int, threads: int, work: float) -> Make:
     """Exponents are means over the lanes; `work` is that of one."""
-    chains = [((), part) for part in np.array_split(np.linspace(first, last, lanes), CHAINS)]
-
-    def lane(shared, state, value):
-        found = spectrum(value)
-        return state, (found.exponents, found.jumps, found.status_code)
 
     def make():
-        program = Program(lane, None, chains[0])
+        grid = plan({name: np.linspace(first, last, lanes)}, None, {name: first})
+        sweep = Work.of(None, lambda args: spectrum(args[name]), {name: first}, grid, lanes // 8)
+        sweep.threads = threads
 
         def run():
-            results, _ = run_chains(lane, None, chains, threads=threads, program=program)
-            exponents, jumps, codes = (np.concatenate(parts) for parts in zip(*results, strict=True))
-            assert not codes.any(), "a lane has ended early"
-            return {"exponents": exponents.mean(axis=0).tolist(), "events": int(jumps.sum())}
+            sweep.compute(sweep.pieces(), lambda index, results: None, None, None)
+            found = sweep.variables
+            assert not found["status"].any(), "a lane has ended early"
+            return {"exponents": found["exponents"].mean(axis=0).tolist(), "events": int(found["jumps"].sum())}
 
         run()
         return run, work * lanes
@@ -38,7 +34,7 @@ def _swept(spectrum: Callable, first: float, last: float, lanes: int, threads: i
 
 def lorenz(threads: int, lanes: float) -> Make:
     """Lorenz63 by RK4 at many ρ; the work is counted in steps."""
-    (name, *ends), steps = problems.LORENZ_SWEEP, problems.LORENZ_SWEEP_STEPS
+    name, steps = problems.LORENZ_SWEEP[0], problems.LORENZ_SWEEP_STEPS
     problem, start = lh.zoo.lorenz63(), jnp.array(problems.LORENZ_START)
     method = lh.RungeKutta(tableau="rk4", dt=problems.LORENZ_DT)
 
@@ -46,7 +42,7 @@ def lorenz(threads: int, lanes: float) -> Make:
         how = {"t1": steps * problems.LORENZ_DT, "method": method, "every": 10, "blocks": 16}
         return lh.lyapunov_spectrum(problem.system, start, problem.args | {name: value}, **how)
 
-    return _swept(spectrum, *ends, round(lanes), threads, steps)
+    return _swept(spectrum, *problems.LORENZ_SWEEP, round(lanes), threads, steps)
 
 
 def impact(adaptive: bool, threads: int, lanes: float) -> Make:
@@ -71,9 +67,9 @@ def _method(adaptive: bool, dt: float, rtol: float, atol: float) -> lh.RungeKutt
 
 
 def _oscillators(system, start, args, swept, method, every, threads: int, lanes: float) -> Make:
-    (name, *ends), start, t1 = swept, jnp.array(start), problems.OSCILLATORS_SWEEP_T1
+    name, start, t1 = swept[0], jnp.array(start), problems.OSCILLATORS_SWEEP_T1
 
     def spectrum(value):
         return lh.lyapunov_spectrum(system, start, args | {name: value}, t1=t1, method=method, every=every, blocks=16)
 
-    return _swept(spectrum, *ends, round(lanes), threads, t1)
+    return _swept(spectrum, *swept, round(lanes), threads, t1)

@@ -94,6 +94,13 @@ def compiles_to_one_kernel(compiled: jax.stages.Compiled) -> bool:
     return 'xla_cpu_small_call="true"' in text and " while(" not in entry
 
 
+@functools.cache
+def has_wide_vectors() -> bool:
+    """Whether the CPU has vectors of eight numbers of 64 bits; where that is not known, it has not."""
+    about = Path("/proc/cpuinfo")
+    return about.is_file() and re.search(r"^flags\s*:.*\bavx512f\b", about.read_text(), re.MULTILINE) is not None
+
+
 def _options() -> str:
     """All options; where a plugin for another device is installed, not LLVM's: they would reach that device's code."""
     return _KERNELS if importlib.util.find_spec("jax_plugins") else f"{_KERNELS},{_VECTORS}"

@@ -151,13 +151,17 @@ def _lane(lanes, i):
 
 
 class Program:
-    """A function of lanes, compiled once, and not in a thread, where JAX's own settings are the global ones."""
+    """A function of lanes, compiled once, and not in a thread, where JAX's own settings are the global ones.
+
+    The function may have `compiler_options` of its own.
+    """
 
     def __init__(self, function: Callable, shared: Any, chain: tuple[Any, Any]):
         state, lanes = chain
         self.fixed = function, shared
         operands = (_arrays(state), _full(lanes, 0), np.int32(0))
-        self.compiled = _piece.lower(*self.fixed, *operands).compile()
+        options = getattr(function, "compiler_options", None)
+        self.compiled = _piece.lower(*self.fixed, *operands).compile(options)
         self.empty = jax.tree.map(np.asarray, self(*operands)[1])
 
     def __call__(self, state, lanes, count):

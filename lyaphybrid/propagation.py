@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from . import frames
+from . import frames, numbers
 from .columns import each_column
 from .components import by_components, joined, split
 from .events import by_mode
@@ -83,6 +83,7 @@ class Settings(NamedTuple):
     count_jumps: bool  # a block may end by its number of jumps
     collect: Callable  # (t, carry) -> what is recorded at the end of a block
     watch: Any = None  # a `Watch`: what follows the orthonormalisations
+    lanes: bool = False  # runs go side by side, all in the same steps: loops are written in numbers
     reverse: bool = False  # loops keep checkpoints, for a reverse pass
 
 
@@ -260,6 +261,8 @@ def _block(settings: Settings, journey: Journey, index, end, last_jump):
             inside = inside & (carry.log.count <= settings.log - MOST_AT_ONCE)
         # Where spans change the state's rounding, how the host divides the work must not decide where they end.
         whole = in_span and settings.mover.by_rows
+        if in_span and settings.lanes:  # the steps of all lanes are the same; one that is over loses nothing by them
+            return inside
         return inside & ((carry.status == RUNNING) if whole else (carry.budget > 0))
 
     # A block always runs once through: what is not to be done is stopped by the budget.
@@ -386,7 +389,7 @@ def _widened(settings: Settings, frame):
     if settings.mover.by_rows:
         return frames.staggered(frame)
     few = _step_by_step(settings) or (settings.mover.jumps_uncontrolled and frame.shape[0] < 3)
-    few = few or settings.mover.compares_columns
+    few = few or settings.mover.compares_columns or settings.lanes
     return frame if few else frames.widened(frame)
 
 
@@ -394,6 +397,8 @@ def _repeated(settings: Settings, goes_on, step, state, little: bool):
     """A loop; where there is little to do in a step, written in numbers and rows instead of arrays."""
     if settings.reverse:
         return checkpointed(goes_on, step, state)
+    if settings.lanes:
+        return numbers.while_loop(goes_on, step, state)
     if not little:
         return jax.lax.while_loop(goes_on, step, state)
     body = by_components(step, state)

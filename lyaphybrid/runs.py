@@ -38,7 +38,19 @@ from .reverse_mode import both_ways
 from .statuses import STATUS
 from .systems import Bound, EventDriven, Flow, Hybrid, Map
 
-__all__ = ["Plan", "Problem", "as_arrays", "drive", "mode_names", "noticing", "number", "prepare", "start"]
+__all__ = [
+    "Plan",
+    "Noticed",
+    "Problem",
+    "as_arrays",
+    "drive",
+    "mode_names",
+    "noticing",
+    "number",
+    "prepare",
+    "side_by_side",
+    "start",
+]
 
 FOREVER = 2**31 - 1
 SECONDS_PER_CALL = 0.3
@@ -66,6 +78,7 @@ class Plan(NamedTuple):
     batched: bool
     collect: Callable
     watch: Watch | None = None
+    lanes: bool = False
 
 
 def nothing(t, carry):
@@ -95,18 +108,43 @@ def mode_names(system) -> tuple[str, ...]:
     return system.mode_names if isinstance(system, Hybrid) else ("flow",)
 
 
+class Noticed(NamedTuple):
+    """A run that was prepared."""
+
+    system: Any
+    method: Any
+    shape: tuple[int, ...]  # of x0
+
+    @property
+    def suits_lanes(self) -> bool:
+        """Whether runs like this do the same steps, and few of them fit side by side into the vectors of a CPU."""
+        smooth = type(self.system) is Flow and isinstance(self.method, RungeKutta) and len(self.shape) == 1
+        return smooth and not self.method.adaptive and self.method.does_little(*self.shape)
+
+
 _noticed: contextvars.ContextVar[list | None] = contextvars.ContextVar("noticed", default=None)
+_side_by_side: contextvars.ContextVar[bool] = contextvars.ContextVar("side_by_side", default=False)
 
 
 @contextlib.contextmanager
 def noticing():
-    """A list of (system, method) of each run that is prepared meanwhile."""
-    found: list[tuple[Any, Any]] = []
+    """A list of all runs that are prepared meanwhile."""
+    found: list[Noticed] = []
     token = _noticed.set(found)
     try:
         yield found
     finally:
         _noticed.reset(token)
+
+
+@contextlib.contextmanager
+def side_by_side():
+    """Runs that are traced meanwhile, under `vmap`, are written for the vectors of a CPU."""
+    token = _side_by_side.set(True)
+    try:
+        yield
+    finally:
+        _side_by_side.reset(token)
 
 
 def prepare(system, x0, args, t0, method, mode, name: str = "x0") -> tuple[Problem, Any, Any, Any]:
@@ -124,7 +162,7 @@ def prepare(system, x0, args, t0, method, mode, name: str = "x0") -> tuple[Probl
     # Python floats would be compiled in as constants: as arrays they may change without compiling again.
     method, listener = _method_for(system, method), _noticed.get()
     if listener is not None:
-        listener.append((system, method))
+        listener.append(Noticed(system, method, jnp.shape(x0)))
     args, method = as_arrays(args, x0.dtype), as_arrays(method, x0.dtype)
     check_clocks(system, args)
     t0 = array(t0, x0.dtype)
@@ -330,6 +368,7 @@ def drive(
         forward: only forward derivatives are asked for, which then cost no second loop for the value.
     """
     limit = 0 if interrupted else FOREVER if max_steps is None else max_steps
+    plan = plan._replace(lanes=_side_by_side.get() and limit == FOREVER)
     leaves = jax.tree.leaves((journey, problem, ends, last_jumps))
     if traced(leaves):
         forward = forward or traced(enclosed(problem))  # what functions close over has no reverse derivatives
