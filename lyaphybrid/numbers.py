@@ -145,10 +145,12 @@ def _reshape(eqn, operand):
 
 
 def _pad(eqn, operand, filling):
-    around = eqn.params["padding_config"]
-    if any(inside for *_, inside in around) or any(low < 0 or high < 0 for low, high, _ in around):
+    around, shape = eqn.params["padding_config"], eqn.outvars[0].aval.shape
+    if any(inside or low < 0 or high < 0 for low, high, inside in around):
         return None
-    return np.pad(operand, [(low, high) for low, high, _ in around], constant_values=filling.item())
+    found = _array(shape, [filling.item()] * math.prod(shape))
+    found[tuple(slice(low, low + size) for (low, *_), size in zip(around, operand.shape, strict=True))] = operand
+    return found
 
 
 def _dot(eqn, left, right):
