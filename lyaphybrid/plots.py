@@ -15,6 +15,7 @@ from ._axes import axes_of as _axes
 from ._continuation_plots import continuation
 from ._diagram_plots import bifurcations, diagram, largest_exponent, section
 from ._indicator_plots import alignment, growth, intervals
+from ._sweep_plots import sweep_lines, sweep_map
 from .results import UNIT, Spectrum, with_error
 from .trajectories import Trajectory
 
@@ -32,6 +33,8 @@ __all__ = [
     "section",
     "spectra",
     "spectrum",
+    "sweep_lines",
+    "sweep_map",
     "trajectory",
 ]
 
