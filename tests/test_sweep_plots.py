@@ -138,6 +138,9 @@ def test_minus_infinity_is_at_the_foot_in_a_row_an_exponent():
     first, second = (line for line in ax.lines if line.get_marker() == "v")
     assert (first.get_color(), second.get_color()) == COLOURS[:2]
     assert 0 < first.get_ydata()[0] < second.get_ydata()[0] < 0.1  # of the height of the axes
+    low, high = ax.get_ylim()
+    lowest = np.min(values[np.isfinite(values)]) - 0.1
+    assert lowest > low + 2 * _sweep_plots.ROW * (high - low)
     assert np.isnan(curves(ax)[1][1:3, 1]).all()
 
 
