@@ -57,9 +57,9 @@ def refine(
         progress: True for a bar for each step, None, or a function of the fraction of a step done.
 
     Returns:
-        An `xarray.Dataset` of all points, old and new, along the dimension "point", with the entries swept, and the
-        level at which it was added (0: of the grid), as coordinates. Its attribute "points_of_grid" is how many points
-        a grid as fine would have.
+        An `xarray.Dataset` of all points, old and new, along the dimension "point", with the entries swept as
+        coordinates, and the variable "level", at which a point was added (0: of the grid). Its attribute
+        "points_of_grid" is how many points a grid as fine would have.
 
     Raises:
         ValueError: on a dataset that is not one of a grid, a run that is not the one it was made with, and what
@@ -97,7 +97,7 @@ def refine(
         own = None if store is None else Path(store) / f"{number:03d}.zarr"
         found = work.dataset(own, client, progress)
         program = work.program
-        parts.append(found.drop_vars(POINT).assign_coords(level=(POINT, np.full(len(wanted), level))))
+        parts.append(found.drop_vars(POINT).assign(level=(POINT, np.full(len(wanted), level))))
         classes |= zip(wanted, _classes(classify, parts[-1]), strict=True)
         if not np.all(work.done):  # after Ctrl-C
             break
@@ -121,7 +121,7 @@ def _axes_of(dataset) -> dict[str, np.ndarray]:
 def _as_points(dataset, axes):
     """The grid as a list."""
     flat = dataset.stack({POINT: list(axes)}).reset_index(POINT).transpose(POINT, ...)
-    return flat.assign_coords(level=(POINT, np.zeros(flat.sizes[POINT], int)))
+    return flat.assign(level=(POINT, np.zeros(flat.sizes[POINT], int)))
 
 
 def _classes(classify, dataset) -> list:
