@@ -259,10 +259,12 @@ def _block(settings: Settings, journey: Journey, index, end, last_jump):
             inside = inside & (carry.jumps.astype(carry.s.dtype) < clock.last_jump)
         if carry.log is not None:  # one event, with its cascade, must find room
             inside = inside & (carry.log.count <= settings.log - MOST_AT_ONCE)
-        # Where spans change the state's rounding, how the host divides the work must not decide where they end.
-        whole = in_span and settings.mover.by_rows
-        if in_span and settings.lanes:  # the steps of all lanes are the same; one that is over loses nothing by them
+        if not in_span:
+            return inside & (carry.budget > 0)
+        if settings.lanes:  # the steps of all lanes are the same; one that is over loses nothing by them
             return inside
+        # Where the end of a span changes rounding, how the host divides the work must not decide where spans end.
+        whole = settings.mover.by_rows or (settings.mover.always_common and settings.cadence.unit != "never")
         return inside & ((carry.status == RUNNING) if whole else (carry.budget > 0))
 
     # A block always runs once through: what is not to be done is stopped by the budget.

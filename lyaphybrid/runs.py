@@ -15,6 +15,7 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -22,6 +23,7 @@ import numpy as np
 from . import propagation
 from ._compiler import lean_jit
 from ._tracing import array, enclosed, traced
+from .checkpoints import Part
 from .checks import check_clocks, check_functions, real
 from .consistency import check_constraints
 from .daes import Constrained, fields_of
@@ -353,6 +355,7 @@ def drive(
     progress=None,
     interrupted: bool = False,
     forward: bool = False,
+    part: Part | None = None,
 ) -> Outcome:
     """Run all blocks: in one call where traced, else call by call.
 
@@ -366,6 +369,7 @@ def drive(
         progress: None, True for a bar, or a function of the fraction done.
         interrupted: before it began: nothing is computed.
         forward: only forward derivatives are asked for, which then cost no second loop for the value.
+        part: where it is kept on disk; of a run that has no log of events.
     """
     limit = 0 if interrupted else FOREVER if max_steps is None else max_steps
     plan = plan._replace(lanes=_side_by_side.get() and limit == FOREVER)
@@ -379,6 +383,10 @@ def drive(
     blocks, records, budget, given = ends.shape[0], None, FIRST, 0
     logs: list[propagation.Events] = []
     report = reporter(progress)
+    if part is not None:
+        journey, records, given = part.begun(
+            journey, lambda: eqx.filter_eval_shape(once, problem, plan, journey, ends, last_jumps, np.int32(0))[1]
+        )
     try:
         while records is None or (not _finished(journey, blocks) and (limit == FOREVER or given < limit)):
             allowed = budget if limit == FOREVER else min(budget, limit - given)
@@ -389,6 +397,8 @@ def drive(
             records = fresh if records is None else _merge(records, fresh)
             journey = _drain(journey, logs)
             given += allowed
+            if part is not None:
+                part.keep(journey, records, given)
             # A first call that compiled is slow, and is followed by a short one: that costs a millisecond.
             faster = SECONDS_PER_CALL / (time.perf_counter() - clock)
             budget = int(np.clip(budget * min(faster, MOST_FASTER), FEWEST, MOST))
@@ -399,8 +409,17 @@ def drive(
         warnings.warn("interrupted: the result holds what was computed until then.", stacklevel=3)
         interrupted = True
     report(None)
+    if part is not None:
+        part.keep(journey, records, given, now=True)
     status = journey.carry.status if interrupted else _verdict(journey, ends)
     return Outcome(journey, records, status, interrupted, tuple(logs))
+
+
+def once(
+    problem: Problem, plan: Plan, journey: Journey, ends, last_jumps, budget
+) -> tuple[Journey, propagation.Record]:
+    """So many attempts: the compiled loop."""
+    return _advance(problem, plan, journey, ends, last_jumps, budget)
 
 
 def sealed(outcome: Outcome) -> Journey:
@@ -447,7 +466,9 @@ def reporter(progress, total: int = 100, unit: str = "%"):
         return lambda fraction: None
     if callable(progress):
         return lambda fraction: None if fraction is None else progress(fraction)
-    from tqdm.auto import tqdm
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # in a notebook without ipywidgets the bar is text
+        from tqdm.auto import tqdm
 
     rate = "" if unit == "%" else ", {rate_fmt}"
     bar = tqdm(total=total, unit=unit, bar_format=f"{{l_bar}}{{bar}}| {{elapsed}}<{{remaining}}{rate}")

@@ -6,7 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from . import averages, frames, runs
+from . import averages, checkpoints, frames, runs
+from ._hashes import hash_of_arrays, hash_of_function
 from ._tracing import array, traced
 from .blocks import cadence_for, ends_of_blocks, is_zero, targets_for
 from .checks import attempts, positive, require, whole
@@ -50,6 +51,8 @@ def lyapunov_spectrum(
     key=None,
     progress=None,
     throw: bool = True,
+    checkpoint=None,
+    resume: bool = False,
 ) -> Spectrum:
     """The k leading Lyapunov exponents of a system that flows, jumps, or both.
 
@@ -81,11 +84,14 @@ def lyapunov_spectrum(
         count_start: count ln R of the initial frame too.
         replicates: run m times from x0 perturbed by a relative 1e-6 with `key`; the error is sd/√m.
         until: go on, by multiples of t1, until every finite exponent's standard error is below this.
-        max_steps: most attempts of a step; None: no limit (Ctrl-C returns what is computed). Where there is a schedule
-            the run ends with the interval in which they are spent.
+        max_steps: most attempts of a step; None: no limit (Ctrl-C returns what is computed). Where there is a schedule,
+            and in fixed steps, the run ends with the interval between orthonormalisations in which they are spent.
         key: a `jax.random.key` for `replicates`.
         progress: True for a bar, or a function of the fraction done.
         throw: raise where the run failed; False returns the result with its status.
+        checkpoint: path of a file that says every few seconds, after Ctrl-C and at the end where the run stands.
+        resume: go on from that file, if it is there: the result is bit by bit that of a run that never stopped. A run
+            that is finished goes on to a longer t1.
 
     Returns:
         A `Spectrum`. Its `status` is ok, terminated, max_steps, zeno, deadlock, nonfinite or step_underflow, of a DAE
@@ -93,8 +99,9 @@ def lyapunov_spectrum(
         simultaneous, unresolved, interrupted.
 
     Raises:
-        ValueError: on arguments that do not fit, before any computing.
+        ValueError: on arguments that do not fit, before any computing; where `checkpoint` is the file of another run.
         RunFailed: where the run failed and `throw`; it carries the result so far.
+        OSError: where `checkpoint` cannot be written from the start. Later that is a warning, and the run goes on.
 
     Source:
         G. Benettin, L. Galgani, A. Giorgilli & J.-M. Strelcyn, Meccanica 15 (1980) 9 and 21,
@@ -123,22 +130,56 @@ def lyapunov_spectrum(
     ends_of_blocks(t1, blocks, times, "t1")  # refused before anything is computed
     discrete = iterates(system)
     journey, interrupted = runs.start(problem, plan, t0, x0, frame, mode, array(interval, x0.dtype)), False
+    file, stretches = None, [(t1, blocks)]
+    if checkpoint is not None:
+        require(not traced((journey, problem)), "checkpoint=… is for runs on the host, not under jit, vmap or grad.")
+        about = _about(
+            problem, plan, journey, initial, transient, blocks, times, (clock, averaging, until, count_start)
+        )
+        file = checkpoints.opened(checkpoint, resume, about, t1, blocks, times is None and until is None)
+        stretches = file.stretches
     if not is_zero(transient):
         quiet = targets_for(ends_of_blocks(transient, blocks, None, "transient"), clock, discrete, x0.dtype)
-        before = runs.drive(problem, plan, journey, *quiet, max_steps)
+        before = runs.drive(problem, plan, journey, *quiet, max_steps, part=file and file.part(0))
         journey, interrupted = runs.sealed(before), before.interrupted
     outcomes: list[runs.Outcome] = []
     done, more = 0, 1  # in units of t1
     while True:
-        journey, done = runs.restart(journey), done + more
-        targets = targets_for(ends_of_blocks(more * t1, blocks, times, "t1"), clock, discrete, x0.dtype)
-        outcomes.append(runs.drive(problem, plan, journey, *targets, max_steps, progress, interrupted))
-        journey = outcomes[-1].journey
+        journey, done, number = runs.restart(journey), done + more, len(outcomes)
+        length, count = stretches[number] if number < len(stretches) else (more * t1, blocks)
+        targets = targets_for(ends_of_blocks(length, count, times, "t1"), clock, discrete, x0.dtype)
+        part = None if file is None or interrupted else file.part(number + 1)
+        outcomes.append(runs.drive(problem, plan, journey, *targets, max_steps, progress, interrupted, part=part))
+        journey, interrupted = outcomes[-1].journey, outcomes[-1].interrupted
+        if number + 1 < len(stretches) and not interrupted:
+            continue
         growth = initial if count_start else 0.0 * initial
         spectrum = averages.summarise(outcomes, problem, clock, growth, averaging)
         if until is None or _good_enough(spectrum, until):
+            if file is not None and not interrupted:
+                file.close()
             return _deliver(spectrum, throw)
         more = _missing(spectrum, until, done) if times is None else 1
+
+
+def _about(problem, plan, journey, initial, transient, blocks, times, words) -> dict[str, str]:
+    """Hashes of a run: what must be the same where it goes on."""
+    from . import __version__  # known only when all of the package is
+
+    one = np.ones(1, journey.base.dtype)
+
+    def advance(journey):
+        return runs.once(problem, plan, journey, one, one, np.int32(0))
+
+    start = {str(i): np.asarray(leaf) for i, leaf in enumerate(jax.tree.leaves((journey, initial)))}
+    ends = np.array([blocks]) if times is None else np.array([repr(times)] if isinstance(times, str) else times)
+    how = {"transient": np.asarray(transient, float), "ends": ends, "words": np.array(repr(words))}
+    return {
+        "system, args or method": hash_of_function(advance, journey),
+        "start": hash_of_arrays(start),
+        "length or averaging": hash_of_arrays(how),
+        "version": f"lyaphybrid {__version__}, jax {jax.__version__}",
+    }
 
 
 def _check_words(clock, averaging, orthonormalise, blocks, k, until, replicates, key, max_steps) -> None:

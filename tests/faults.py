@@ -61,6 +61,34 @@ def kills(folder: Path, expected, times: int) -> str:
     return f"points after each: {survived}"
 
 
+def checkpoints(folder: Path, expected, times: int) -> str:
+    """A long run with a checkpoint: SIGKILL at random moments."""
+    del expected
+    path, random_ = folder / "run.npz", random.Random(2)
+    for _ in range(times):
+        child = subprocess.Popen([sys.executable, __file__, "--checkpoint", str(path)])
+        before = changed(path)
+        while changed(path) == before and child.poll() is None:
+            time.sleep(0.01)
+        time.sleep(random_.uniform(0.0, 0.4))
+        assert child.poll() is None, "it was finished too soon"
+        child.send_signal(signal.SIGKILL)
+        child.wait()
+    found, whole = (jax.tree.leaves(long_run(**how)) for how in ({"checkpoint": path, "resume": True}, {}))
+    assert all(np.array_equal(a, b, equal_nan=True) for a, b in zip(found, whole, strict=True)), "the spectra differ"
+    return f"{times} kills, a file of {path.stat().st_size / 1e3:.0f} kB"
+
+
+def changed(path: Path) -> int:
+    """When a file was written."""
+    return path.stat().st_mtime_ns if path.exists() else 0
+
+
+def long_run(**keywords):
+    """Some five seconds of an impact oscillator."""
+    return lh.zoo.impact_oscillator().spectrum(t1=4e5, transient=1e4, **keywords)
+
+
 def workers(folder: Path, expected, times: int) -> str:
     """One of two dask workers is killed."""
     from dask.distributed import Client, LocalCluster
@@ -172,6 +200,7 @@ def main() -> int:
     """All faults, or one sweep into a store."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--into")
+    parser.add_argument("--checkpoint")
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--workers", type=int, default=5)
     options = parser.parse_args()
@@ -179,12 +208,18 @@ def main() -> int:
     if options.into:
         swept(store=options.into)
         return 0
+    if options.checkpoint:
+        from lyaphybrid import checkpoints as files
+
+        files.EVERY = 0.2
+        long_run(checkpoint=options.checkpoint, resume=True)
+        return 0
     expected, failures = swept(), 0
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for fault, arguments in (
             (kills, (options.kills,)), (workers, (options.workers,)), (corrupted, ()), (read_only, ()), (full, ()),
-            (both, ()),
+            (both, ()), (checkpoints, (10,)),
         ):  # fmt: skip
             start = time.perf_counter()
             try:

@@ -122,7 +122,7 @@ def test_a_limit_of_steps_is_kept(monkeypatch):
 
     def limited(args):
         return lh.lyapunov_spectrum(
-            LORENZ.system, LORENZ.x0, args, t1=1.0, method=FIXED, every=10, blocks=2, max_steps=95
+            LORENZ.system, LORENZ.x0, args, t1=1.0, method=FIXED, every=10, blocks=2, max_steps=85
         )
 
     found = lh.sweep(limited, {"rho": np.array([20.0, 21.0])}, args=LORENZ.args, progress=False)

@@ -226,6 +226,11 @@ class Work:
         """Fill in the points of these chunks; each is kept as soon as it is there."""
         if not pieces:
             return
+        arranged = _in_groups if self.wide else lambda rows: rows
+        lane = _SideBySide(self.lane) if self.wide else self.lane
+        chains = [((), arranged(self.grid.rows(piece))) for piece in pieces]
+        if client is None and self.program is None and not devices.are_wanted():
+            self.program = Program(lane, self.args, chains[0])  # before the bar begins to count
         report, before, more = reporter(progress, self.grid.size, "point"), np.mean(self.done), sum(map(len, pieces))
 
         def fraction(part: float) -> None:
@@ -240,18 +245,13 @@ class Work:
             self.done[pieces[index]] = True
             keep(index, results)
 
-        arranged = _in_groups if self.wide else lambda rows: rows
-        lane = _SideBySide(self.lane) if self.wide else self.lane
-        chains = [((), arranged(self.grid.rows(piece))) for piece in pieces]
         try:
-            if client is not None:
+            if client is None:
+                options = {"threads": self.threads, "program": self.program}
+                run_chains(lane, self.args, chains, progress=fraction, finished=finished, **options)
+            else:
                 names = f"lyaphybrid-{self.problem[:8]}", self.function
                 run_on(client, *names, lane, self.args, chains, report=fraction, finished=finished)
-                return
-            if self.program is None and not devices.are_wanted():
-                self.program = Program(lane, self.args, chains[0])
-            options = {"threads": self.threads, "program": self.program}
-            run_chains(lane, self.args, chains, progress=fraction, finished=finished, **options)
         finally:
             report(None)
 
