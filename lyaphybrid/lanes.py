@@ -160,8 +160,13 @@ class Program:
         state, lanes = chain
         self.fixed = function, shared
         operands = (_arrays(state), _full(lanes, 0), np.int32(0))
-        options = getattr(function, "compiler_options", None)
-        self.compiled = _piece.lower(*self.fixed, *operands).compile(options)
+        lowered, options = _piece.lower(*self.fixed, *operands), getattr(function, "compiler_options", None)
+        try:
+            self.compiled = lowered.compile(options)
+        except jax.errors.JaxRuntimeError as error:
+            if options is None or "No such compile option" not in str(error):  # an XLA without them
+                raise
+            self.compiled = lowered.compile()
         self.empty = jax.tree.map(np.asarray, self(*operands)[1])
 
     def __call__(self, state, lanes, count):

@@ -181,7 +181,7 @@ class Work:
             name: np.full((grid.size, *one.shape), missing(np.dtype(one.dtype)), one.dtype)
             for name, one in shapes.items()
         }
-        chunk = chunk or max(1, min(_at_once(), -(-grid.size // (4 * (os.cpu_count() or 1)))))
+        chunk = chunk or _chunk(grid.size)
         hashes = _hashes(named, args, grid)
         wide = bool(runs) and all(one.suits_lanes for one in runs) and has_wide_vectors() and not devices.are_wanted()
         return Work(named, args, grid, chunk, variables, np.zeros(grid.size, bool), *hashes, _about(run, runs), wide)
@@ -271,8 +271,11 @@ class Work:
         return xarray.Dataset(data, coordinates, self._attributes() | {"seconds": seconds})
 
 
-def _at_once() -> int:
-    return devices.lanes_at_once() if devices.are_wanted() else CHUNK
+def _chunk(points: int) -> int:
+    """Enough for all accelerators; of few points enough chunks to share them out among threads."""
+    if devices.are_wanted():
+        return min(points, devices.lanes_at_once())
+    return min(CHUNK, -(-points // (4 * (os.cpu_count() or 1))))
 
 
 def _row(grid: Plan) -> dict[str, Any]:
