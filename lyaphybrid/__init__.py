@@ -46,7 +46,7 @@ from .sweeps import StoreFailed, refine, sweep  # noqa: E402
 from .systems import EventDriven, Flow, Hybrid, Map, Schedule, Transition  # noqa: E402
 from .trajectories import TangentMap, Trajectory, tangent_map, trajectory  # noqa: E402
 
-__version__ = "0.1.0"
+__version__ = "0.2.0.dev0"
 
 __all__ = [
     "Flow",

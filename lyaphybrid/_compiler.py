@@ -9,13 +9,14 @@ take these options: they must stand in `XLA_FLAGS` before JAX creates its first 
 
 What does not fit into one kernel becomes a hundred small ones. XLA's newer way to make these takes more time to
 compile, and more memory (64 hard disks: 226 MB above the import, against 144 to 146), for loops that run no faster:
-`lean_jit` asks for the older one.
+`lean_jit` asks for the older one where the XLA still has it.
 """
 
 import functools
 import importlib.util
 import os
 import re
+import threading
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -32,7 +33,7 @@ _THRESHOLD = "xla_cpu_small_while_loop_byte_threshold"
 _KERNELS = f"{_THRESHOLD}=16777216"  # bytes; no penalty was seen up to 1e9
 _VECTORS = "-unroll-full-max-count=3,-available-load-scan-limit=1000"  # LLVM's own
 _FLAG = "--xla_backend_extra_options="
-_LEAN = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_parallel_codegen_split_count": 1}
+_LEAN = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_parallel_codegen_split_count": "1"}
 
 
 def request_single_kernel_loops() -> None:
@@ -70,21 +71,56 @@ def request_single_kernel_loops() -> None:
 def lean_jit(function: Callable) -> Callable:
     """`eqx.filter_jit` for large functions; within other transformations JAX takes no options, and it goes without."""
     plain = eqx.filter_jit(function)
-    lean = eqx.filter_jit(function, compiler_options=_LEAN)  # pyright: ignore[reportCallIssue]
+
+    @functools.cache
+    def lean():  # at the first call: an import must not create a backend
+        return eqx.filter_jit(function, compiler_options=_known_options())  # pyright: ignore[reportCallIssue]
 
     @functools.wraps(function)
     def call(*args, **static):
-        if traced(args, jnp.zeros(())):  # within a jit new arrays are traced, whatever the arguments are
-            return plain(*args, **static)
-        try:
-            return lean(*args, **static)
-        except jax.errors.JaxRuntimeError as error:
-            if "No such compile option" not in str(error):  # an XLA that knows one way only
-                raise
-            return plain(*args, **static)
+        # Within a jit new arrays are traced, whatever the arguments are.
+        return (plain if traced(args, jnp.zeros(())) else lean())(*args, **static)
 
-    call.lower = lean.lower  # type: ignore[attr-defined]
+    call.lower = lambda *args, **static: lean().lower(*args, **static)  # type: ignore[attr-defined]
     return call
+
+
+@functools.cache
+def _known_options() -> dict[str, str | bool]:
+    """Those of our options that this XLA knows, asked once: each refusal costs a compilation."""
+    return {option: value for option, value in _LEAN.items() if _is_known(option, value)}
+
+
+def _is_known(option: str, value: str | bool) -> bool:
+    try:
+        jax.jit(lambda: 0).lower().compile(compiler_options={option: value})
+    except jax.errors.JaxRuntimeError as error:
+        if "No such compile option" not in str(error):
+            raise
+        return False
+    return True
+
+
+class _Compilations(threading.local):
+    """A count for each thread: another thread may compile meanwhile."""
+
+    count = 0
+
+
+_compilations = _Compilations()
+
+
+def compilations() -> int:
+    """How many programs XLA has compiled in this thread so far."""
+    return _compilations.count
+
+
+def _listen(event: str, duration_secs: float, **kwargs: str | int) -> None:
+    del duration_secs, kwargs
+    _compilations.count += event == "/jax/core/compile/backend_compile_duration"
+
+
+jax.monitoring.register_event_duration_secs_listener(_listen)
 
 
 def compiles_to_one_kernel(compiled: jax.stages.Compiled) -> bool:

@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from . import propagation
-from ._compiler import lean_jit
+from ._compiler import compilations, lean_jit
 from ._tracing import array, enclosed, traced
 from .checkpoints import Part
 from .checks import check_clocks, check_functions, real
@@ -390,7 +390,7 @@ def drive(
     try:
         while records is None or (not _finished(journey, blocks) and (limit == FOREVER or given < limit)):
             allowed = budget if limit == FOREVER else min(budget, limit - given)
-            clock = time.perf_counter()
+            clock, compiled = time.perf_counter(), compilations()
             journey, fresh = jax.block_until_ready(
                 _advance(problem, plan, journey, ends, last_jumps, np.int32(allowed))
             )
@@ -399,9 +399,9 @@ def drive(
             given += allowed
             if part is not None:
                 part.keep(journey, records, given)
-            # A first call that compiled is slow, and is followed by a short one: that costs a millisecond.
-            faster = SECONDS_PER_CALL / (time.perf_counter() - clock)
-            budget = int(np.clip(budget * min(faster, MOST_FASTER), FEWEST, MOST))
+            if compilations() == compiled:  # the time of a call that compiled says nothing about the loop's speed
+                faster = SECONDS_PER_CALL / (time.perf_counter() - clock)
+                budget = int(np.clip(budget * min(faster, MOST_FASTER), FEWEST, MOST))
             report(float(np.mean(np.asarray(journey.block))) / blocks)
     except KeyboardInterrupt:
         if records is None:

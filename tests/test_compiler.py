@@ -1,13 +1,19 @@
 """The compiler switch: set on import, never over the user's choice, and worth having."""
 
+import functools
 import os
 import subprocess
 import sys
+import time
 
+import jax
+import numpy as np
 import pytest
 from jax._src import xla_bridge
 
-from lyaphybrid._compiler import request_single_kernel_loops
+import lyaphybrid as lh
+from lyaphybrid import _compiler, runs
+from lyaphybrid._compiler import compilations, lean_jit, request_single_kernel_loops
 
 KERNELS = "xla_cpu_small_while_loop_byte_threshold=16777216"
 UNROLLING = "-unroll-full-max-count=3"
@@ -42,7 +48,7 @@ def test_import_sets_the_switch_and_loops_become_one_kernel():
 def lorenz_kernel(folder, options=""):
     """The kernel of a Lorenz spectrum, in LLVM's language, with our options or with others."""
     code = "import lyaphybrid as lh; lh.zoo.lorenz63().spectrum(t1=1.0, method=lh.RungeKutta('rk4', dt=0.01))"
-    flags = f"--xla_dump_to={folder} --xla_dump_hlo_as_text"
+    flags = f"--xla_dump_to={folder} --xla_dump_hlo_as_text --xla_dump_emitter_re=llvm.*"
     python(code, XLA_FLAGS=f"--xla_backend_extra_options={options} {flags}" if options else flags, JAX_ENABLE_X64="1")
     (kernel,) = folder.glob("*_advance*call*computation_kernel_module.ir-with-opt.ll")
     return kernel.read_text()
@@ -58,10 +64,78 @@ def test_rows_are_not_read_back_from_memory(tmp_path):
     assert 2 * ours.count("load <4 x double>") < two.count("load <4 x double>")
 
 
-def test_opting_out_leaves_the_loops_as_they_were():
-    code = "import os, lyaphybrid" + LOOP + "print(os.environ.get('XLA_FLAGS'), nest(normalise))"
-    done = python(code, LYAPHYBRID_KEEP_XLA_FLAGS="1")
-    assert done.stdout.split() == ["None", "False"]
+def test_opting_out_leaves_the_flags_as_they_were():
+    done = python("import os, lyaphybrid; print(os.environ.get('XLA_FLAGS'))", LYAPHYBRID_KEEP_XLA_FLAGS="1")
+    assert done.stdout.split() == ["None"]
+
+
+def test_the_users_threshold_has_its_effect():
+    small = SWITCH.replace("16777216", "16")  # bytes: no loop of arrays is that small
+    done = python("import os, lyaphybrid" + LOOP + "print(os.environ['XLA_FLAGS'], nest(normalise))", XLA_FLAGS=small)
+    assert done.stdout.split() == [small, "False"]
+
+
+def test_a_refused_option_is_asked_for_once(monkeypatch):
+    monkeypatch.setattr("lyaphybrid._compiler._LEAN", {"xla_of_the_future": True} | _compiler._LEAN)
+    monkeypatch.setattr("lyaphybrid._compiler._known_options", functools.cache(_compiler._known_options.__wrapped__))
+    asked = []
+
+    def is_known(option, value, ask=_compiler._is_known):
+        asked.append(option)
+        return ask(option, value)
+
+    monkeypatch.setattr("lyaphybrid._compiler._is_known", is_known)
+    double, triple = lean_jit(lambda x: 2 * x), lean_jit(lambda x: 3 * x)
+    assert [double(2.0), double(3.0), triple(2.0), triple(np.ones(2)).tolist()] == [4, 6, 6, [3, 3]]
+    assert asked == list(_compiler._LEAN)
+    assert "xla_of_the_future" not in _compiler._known_options()
+
+
+SECOND_CALLS = {
+    "flow": ("lorenz63", {"t1": 5.0}),
+    "impacts": ("impact_oscillator", {"t1": 20.0}),
+    "map": ("henon_map", {"t1": 100}),
+    "disks": ("hard_disks", {"t1": 5.0}),
+}
+
+
+@pytest.mark.parametrize("name", SECOND_CALLS)
+def test_a_second_call_compiles_nothing(name):
+    problem, keywords = SECOND_CALLS[name]
+    problem = getattr(lh.zoo, problem)()
+    first = problem.spectrum(**keywords)
+    before = compilations()
+    second = problem.spectrum(**keywords)
+    longer = problem.spectrum(**(keywords | {"t1": 3 * keywords["t1"]}))
+    assert compilations() == before
+    np.testing.assert_array_equal(second.exponents, first.exponents)
+    assert longer.time > second.time
+
+
+def test_compilations_are_counted():
+    before = compilations()
+    fresh = jax.jit(lambda x: x * 1.25)
+    assert [float(fresh(2.0)), float(fresh(4.0)), compilations() - before] == [2.5, 5.0, 1]
+
+
+def test_compiling_does_not_make_calls_shorter(monkeypatch):
+    """A call that compiled took long for that reason: the next one has the same budget, not a smaller one."""
+    budgets = []
+
+    def slow_at_first(*args, advance=runs._advance):
+        budgets.append(int(args[-1]))
+        if len(budgets) == 1:
+            jax.jit(lambda x: x * 1.125)(2.0)  # compiles, and takes long
+            time.sleep(2 * runs.SECONDS_PER_CALL)
+        return advance(*args)
+
+    problem = lh.zoo.lorenz63()
+    keywords = {"t1": 400.0, "method": lh.RungeKutta("rk4", dt=0.01)}
+    problem.spectrum(**keywords)
+    monkeypatch.setattr(runs, "_advance", slow_at_first)
+    problem.spectrum(**keywords)
+    assert budgets[1] == budgets[0]
+    assert budgets[2] > 2 * budgets[1]
 
 
 def test_xla_takes_the_merged_flags():
