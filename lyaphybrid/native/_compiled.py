@@ -1,0 +1,86 @@
+"""A compiled program, called with NumPy's arrays."""
+
+import ctypes
+import time
+from collections.abc import Callable, Sequence
+
+import jax
+import numpy as np
+from jax.extend.core import ClosedJaxpr
+
+from . import _calls, _control, _entrywise, _indexing, _moving, _reductions, _sorting  # noqa: F401  the rules
+from ._costs import Plan, plan
+from ._lowering import lower
+from ._machine import Linked, object_code
+
+
+class Compiled:
+    """A program as machine code: a function of a flat list of arrays.
+
+    Attributes:
+        program: the closed jaxpr.
+        plan: how it was compiled.
+        text: the module, in LLVM's language.
+        seconds: what lowering, LLVM and linking took.
+    """
+
+    def __init__(
+        self,
+        program: ClosedJaxpr,
+        *,
+        columns: int = 0,
+        lanes: int = 1,
+        wide: Sequence[bool] = (),
+        checked: bool = False,
+        plan: Plan | None = None,
+    ):
+        self.program, self.lanes, self._wide = program, lanes, tuple(wide)
+        self.plan = _plan_of(program) if plan is None else plan
+        clock = time.perf_counter()
+        self.text = lower(program, self.plan.small, columns, lanes, wide, checked)
+        lowered = time.perf_counter()
+        code = object_code(self.text, self.plan.level)
+        compiled = time.perf_counter()
+        self._linked = Linked(code)
+        self._call = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(self._linked.address("call"))
+        self.seconds = {
+            "lowering": lowered - clock,
+            "LLVM": compiled - lowered,
+            "linking": time.perf_counter() - compiled,
+        }
+
+    def __call__(self, *operands) -> list[np.ndarray]:
+        """The results; other threads of Python run meanwhile. With lanes each result has a last axis for them."""
+        jaxpr = self.program.jaxpr
+        inputs = [
+            np.ascontiguousarray(np.asarray(x), dtype=variable.aval.dtype)
+            for x, variable in zip(operands, jaxpr.invars, strict=True)
+        ]
+        last = (self.lanes,) if self.lanes > 1 else ()
+        for i, (x, variable) in enumerate(zip(inputs, jaxpr.invars, strict=True)):
+            expected = (*variable.aval.shape, *(last if self._wide and self._wide[i] else ()))
+            if x.shape != expected and (x.size != 1 or expected != ()):  # ascontiguousarray makes scalars (1,)
+                raise ValueError(f"operand {i} must have shape {expected}; got {x.shape}.")
+        outputs = [np.empty((*atom.aval.shape, *last), atom.aval.dtype) for atom in jaxpr.outvars]
+        self._call(_pointers(inputs), _pointers(outputs))
+        return outputs
+
+
+def _plan_of(program: ClosedJaxpr) -> Plan:
+    return plan(program.jaxpr)
+
+
+def _pointers(arrays: Sequence[np.ndarray]):
+    return (ctypes.c_void_p * max(1, len(arrays)))(*(array.ctypes.data for array in arrays))
+
+
+def compile(function: Callable, *example, **options) -> Callable:
+    """A function of pytrees of arrays, compiled for arguments like these; `options` are those of `Compiled`."""
+    program, shapes = jax.make_jaxpr(function, return_shape=True)(*example)
+    compiled, tree = Compiled(program, **options), jax.tree.structure(shapes)
+
+    def call(*args):
+        return jax.tree.unflatten(tree, compiled(*jax.tree.leaves(args)))
+
+    call.compiled = compiled  # pyright: ignore[reportFunctionMemberAccess]
+    return call

@@ -1,0 +1,424 @@
+"""Rules for loops and branches: real ones.
+
+The state of a loop is held in registers (small arrays, rows) or in buffers of its own (large ones), which the body may
+write in place. With lanes a loop goes on while any lane does, and the others keep what they have; of branches that
+lanes do not share each is computed, and each lane takes its own.
+"""
+
+import contextlib
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from . import _arithmetic as a
+from ._emitter import Entry, is_wide, same
+from ._jax_versions import ClosedJaxpr, parts, scan_of
+from ._lowering import KEEPS_ROWS, Lowering, rule
+from ._types import INDEX, llvm_type
+from ._unsupported import Unsupported
+from ._values import Buffer, Entries, Rows, Value, filled, flat, memory_of, scalar
+
+KEEPS_ROWS |= {"while", "scan", "cond"}
+
+
+class _Aval(NamedTuple):
+    shape: tuple[int, ...]
+    dtype: np.dtype
+
+
+# --- the state of a loop ---------------------------------------------------------------------------------------------
+
+
+def _registers(value: Value) -> Entries | None:
+    """The entries or vectors of a value that is held in registers."""
+    return value if isinstance(value, np.ndarray) else value.vectors if isinstance(value, Rows) else None
+
+
+def _like(value: Value, registers: Entries) -> Value:
+    """A value held as this one is, with other registers."""
+    return Rows(registers, value.shape, value.dtype) if isinstance(value, Rows) else registers
+
+
+def _in_registers(b: Lowering, value: Value, aval) -> Entries | Rows:
+    return b.rows(value, aval.dtype) if b.holds_rows(aval.shape, aval.dtype) else b.entries(value)
+
+
+def _state(b: Lowering, values: Sequence[Value], avals) -> list[Value]:
+    """Values as a loop holds them."""
+    found = []
+    for place, (value, aval) in enumerate(zip(values, avals, strict=True)):
+        if b.is_small(aval.shape):
+            found.append(_in_registers(b, value, aval))
+        else:
+            others = [*values[:place], *values[place + 1 :], *found]
+            found.append(b.to_write(value, aval.dtype, others))
+    return found
+
+
+def _returned(b: Lowering, state: list[Value], results: Sequence[Value], avals) -> list[Value]:
+    """What the body returns, put where the state lies."""
+    settled, moves = [], []
+    places = {memory_of(value) for value in state} - {None}
+    for value, result, aval in zip(state, results, avals, strict=True):
+        if not isinstance(value, Buffer):
+            settled.append(_in_registers(b, result, aval))
+            continue
+        settled.append(value)
+        result = b.in_memory(result, aval.dtype)
+        if result.memory is value.memory:
+            continue
+        moves.append((value, b.copied(result) if result.memory in places else result))  # parts that change places
+    for value, result in moves:
+        b.settle_readers(value.memory)
+        b.copy_buffer(value, result)
+    return settled
+
+
+@contextlib.contextmanager
+def _kept(values: Sequence[Value]):
+    """Nothing in here may write over these values."""
+    memories = [memory for value in values if (memory := memory_of(value)) is not None]
+    for memory in memories:
+        memory.holders += 1
+    yield
+    for memory in memories:
+        memory.holders -= 1
+
+
+def _any_lane(b: Lowering, condition: Entry) -> Entry:
+    if not is_wide(condition):
+        return condition
+    bits, found = b.name(), b.name()
+    b.line(f"{bits} = bitcast <{b.width} x i1> {condition} to i{b.width}")
+    b.line(f"{found} = icmp ne i{b.width} {bits}, 0")
+    return found
+
+
+class _Checkpoint(NamedTuple):
+    """What is to be taken back where a loop must be written anew."""
+
+    lines: int
+    allocations: int
+    releases: int
+    constants: int
+    label: str
+    scope: int
+
+    @classmethod
+    def of(cls, b: Lowering):
+        return cls(len(b.lines), len(b.allocations), len(b.releases), len(b.constants), b.label, b.scope())
+
+    def restore(self, b: Lowering) -> None:
+        del b.lines[self.lines :], b.allocations[self.allocations :]
+        del b.releases[self.releases :], b.constants[self.constants :]
+        b.label = self.label
+        b.end_scope(self.scope)
+
+
+def _loop(
+    b: Lowering, state: list[Value], avals, goes_on: Callable, body: Callable, unchanged: Sequence[bool]
+) -> list[Value]:
+    """While goes_on(state): state = body(state). `unchanged`: parts of the state that stay as they are."""
+    registers = [_registers(value) for value in state]
+    start = [entry for r in registers if r is not None for entry in flat(r)]
+    types = [llvm_type(v.dtype) for r, v in zip(registers, avals, strict=True) if r is not None for _ in flat(r)]
+    fixed = [f for r, f in zip(registers, unchanged, strict=True) if r is not None for _ in flat(r)]
+    wide = [is_wide(entry) for entry in start]
+    checkpoint, outer = _Checkpoint.of(b), b.mask
+    while True:  # once; with lanes until it is known which values differ among them
+        before = b.label
+        head, inside, done = b.block_name(), b.block_name(), b.block_name()
+        firsts = [e if f else b.text(e, t, w) for e, t, w, f in zip(start, types, wide, fixed, strict=True)]
+        b.line(f"br label %{head}")
+        b.begin_block(head)
+        place = len(b.lines)
+        b.lines.append("")  # for the phis
+        phis = [e if f else b.name(w) for e, w, f in zip(start, wide, fixed, strict=True)]
+        scope = b.scope()
+        now = _refilled(state, phis)
+        condition = goes_on(now)
+        if outer is not None:
+            condition = b.logic("and", condition, outer)
+        b.line(f"br i1 {b.text(_any_lane(b, condition), 'i1')}, label %{inside}, label %{done}")
+        b.begin_block(inside)
+        inner_scope = b.scope()
+        b.mask = condition if is_wide(condition) else outer
+        results = _returned(b, state, body(now), avals)
+        ends = [e for value in results if (r := _registers(value)) is not None for e in flat(r)]
+        if is_wide(condition):  # a lane that has finished keeps what it has
+            if any(isinstance(value, Buffer) for value in state):
+                raise Unsupported("lanes in arrays of many elements")
+            ends = [
+                end if same(end, phi) else b.select(condition, t, end, phi)
+                for end, phi, t in zip(ends, phis, types, strict=True)
+            ]
+        b.mask = outer
+        grown = [w or (is_wide(end) and not f) for w, end, f in zip(wide, ends, fixed, strict=True)]
+        if grown != wide:
+            wide = grown
+            checkpoint.restore(b)
+            continue
+        lasts = [e if f else b.text(e, t, w) for e, t, w, f in zip(ends, types, wide, fixed, strict=True)]
+        b.line(f"br label %{head}")
+        lines = [
+            f"  {phi} = phi {b.type_text(t, w)} [ {first}, %{before} ], [ {last}, %{b.label} ]"
+            for phi, t, w, first, last, f in zip(phis, types, wide, firsts, lasts, fixed, strict=True)
+            if not f
+        ]
+        b.lines[place] = "\n".join(lines)
+        b.end_scope(inner_scope)
+        b.end_scope(scope)
+        b.begin_block(done)
+        return _refilled(state, phis)
+
+
+def _refilled(state: list[Value], entries: Sequence[Entry]) -> list[Value]:
+    """The state with these registers."""
+    found, rest = [], iter(entries)
+    for value in state:
+        registers = _registers(value)
+        if registers is None:
+            found.append(value)
+        else:
+            found.append(_like(value, filled(registers.shape, [next(rest) for _ in range(registers.size)])))
+    return found
+
+
+def _handed_on(body: ClosedJaxpr, carried: int, before: int) -> list[bool]:
+    """Which parts of the state a body returns as they came; its state stands after `before` other operands."""
+    inner, _ = parts(body)
+    return [out is given for out, given in zip(inner.outvars[:carried], inner.invars[before:], strict=False)]
+
+
+# --- while and scan --------------------------------------------------------------------------------------------------
+
+
+@rule("while")
+def while_(b, eqn, *values):
+    p, avals = eqn.params, [variable.aval for variable in eqn.outvars]
+    of_condition, of_body = p["cond_nconsts"], p["body_nconsts"]
+    consts = [b.at_hand(value) for value in values[: of_condition + of_body]]
+    in_condition, in_body = consts[:of_condition], consts[of_condition:]
+    with _kept(consts):
+        state = _state(b, values[of_condition + of_body :], avals)
+
+        def goes_on(now):
+            with _kept(now):
+                return b.entry_of(b.run(p["cond_jaxpr"], [*in_condition, *now])[0])
+
+        def body(now):
+            return b.run(p["body_jaxpr"], [*in_body, *now])
+
+        return _loop(b, state, avals, goes_on, body, _handed_on(p["body_jaxpr"], len(avals), of_body))
+
+
+@rule("scan")
+def scan(b, eqn, *values):
+    p, avals = scan_of(eqn), [variable.aval for variable in eqn.outvars]
+    consts = [b.at_hand(value) for value in values[: p.consts]]
+    start, xs = values[p.consts : p.consts + p.carry], values[p.consts + p.carry :]
+    x_avals = [atom.aval for atom in eqn.invars[p.consts + p.carry :]]
+    with _kept(consts):
+        if p.length <= _few_turns(b, p, avals, x_avals):
+            return _written_out(b, p, avals, consts, start, xs)
+        if p.length == 0:
+            return [*start, *(b.in_memory(filled(v.shape, []), v.dtype) for v in avals[p.carry :])]
+        xs = [b.in_memory(x, v.dtype) for x, v in zip(xs, x_avals, strict=True)]
+        with _kept(xs):
+            return _scanned(b, p, avals, consts, start, xs, x_avals)
+
+
+def _few_turns(b: Lowering, p, avals, x_avals) -> int:
+    """Scans of so many turns are written out: then their indices are known."""
+    small = all(b.is_small(aval.shape) for aval in (*avals, *x_avals))
+    return 4 if small and len(parts(p.body)[0].eqns) <= 50 else 0
+
+
+def _written_out(b, p, avals, consts, carry, xs):
+    carry, records = list(carry), [[] for _ in avals[p.carry :]]
+    xs = [b.entries(x) for x in xs]
+    for i in reversed(range(p.length)) if p.reverse else range(p.length):
+        now = [x[i] if isinstance(x[i], np.ndarray) else scalar(x[i]) for x in xs]
+        results = b.run(p.body, [*consts, *carry, *now])
+        carry = results[: p.carry]
+        for record, value in zip(records, results[p.carry :], strict=True):
+            record.append(b.entries(value))
+    if p.length == 0:
+        return [*carry, *(filled(aval.shape, []) for aval in avals[p.carry :])]
+    return [*carry, *(np.stack(record[:: -1 if p.reverse else 1]) for record in records)]
+
+
+def _scanned(b, p, avals, consts, start, xs, x_avals):
+    lanes = (b.lanes,) if b.lanes > 1 else ()
+    records = [b.new_buffer((*aval.shape, *lanes), aval.dtype) for aval in avals[p.carry :]]
+    state = [scalar(0), *_state(b, start, avals[: p.carry])]
+
+    def goes_on(now):
+        return a.compare(b, INDEX, "lt", b.entry_of(now[0]), p.length)
+
+    def body(now):
+        turn = b.entry_of(now[0])
+        place = b.index_sum(p.length - 1, b.index_times(turn, -1)) if p.reverse else turn
+        parts_ = [_part(b, x, aval, place) for x, aval in zip(xs, x_avals, strict=True)]
+        results = b.run(p.body, [*consts, *now[1:], *parts_])
+        for record, value, aval in zip(records, results[p.carry :], avals[p.carry :], strict=True):
+            _record(b, record, value, aval, place)
+        return [scalar(b.index_sum(turn, 1)), *results[: p.carry]]
+
+    handed_on = [False, *_handed_on(p.body, p.carry, p.consts)]
+    state_avals = [_Aval((), INDEX), *avals[: p.carry]]
+    carry = _loop(b, state, state_avals, goes_on, body, handed_on)[1:]
+    return [*carry, *(record if lanes else b.held(record) for record in records)]
+
+
+def _part(b: Lowering, x: Buffer, aval, place: Entry) -> Value:
+    """What a scan sees of x this time."""
+    shape = aval.shape[1:]
+    if b.is_small(shape):
+        return filled(shape, [b.load_element(x, [place, *i]) for i in np.ndindex(shape)])
+    return b.lazy(shape, aval.dtype, lambda i: b.load_element(x, [place, *i]), [x], cheap=True)
+
+
+def _record(b: Lowering, record: Buffer, value: Value, aval, place: Entry) -> None:
+    """Keep what a scan's body returns beside its carry."""
+    shape = aval.shape[1:]
+    if isinstance(value, Rows):
+        value = b.entries(value)
+    if b.lanes > 1:
+        type_ = llvm_type(aval.dtype)
+        for i in np.ndindex(shape):
+            at = b.index_times(b.linear_index([place, *i], aval.shape), b.lanes)
+            b.check_index(at, record.memory.size)
+            b.store(record.memory.pointer, type_, at, b.entries(value)[i], wide=True)
+    elif isinstance(value, np.ndarray):
+        for i in np.ndindex(shape):
+            b.store_element(record, [place, *i], value[i])
+    else:
+        b.for_each_index(shape, lambda i: b.store_element(record, [place, *i], b.element_at(value, i)))
+
+
+# --- branches --------------------------------------------------------------------------------------------------------
+
+
+@rule("cond")
+def cond(b, eqn, which, *values):
+    branches, avals = eqn.params["branches"], [variable.aval for variable in eqn.outvars]
+    dtype, index = eqn.invars[0].aval.dtype, b.entry_of(which)
+    if not isinstance(index, str):
+        return b.run(branches[min(max(int(index), 0), len(branches) - 1)], values)
+    values = [b.at_hand(value) for value in values]
+    if is_wide(index):
+        return _by_lanes(b, branches, index, dtype, values, avals)
+    for memory in {memory_of(value) for value in values} - {None}:
+        b.settle_readers(memory)  # here, not within the first branch that writes over it
+    labels, after = [b.block_name() for _ in branches], b.block_name()
+    _jump(b, index, dtype, labels)
+    ends = [_branch(b, label, after, branch, values, avals) for label, branch in zip(labels, branches, strict=True)]
+    results, phis = [], []
+    for place, aval in enumerate(avals):
+        results.append(_merged(b, [_Arm(end.values[place], end) for end in ends], aval, phis))
+    b.begin_block(after)
+    b.lines += phis
+    return results
+
+
+class _End(NamedTuple):
+    """The end of a branch."""
+
+    values: list[Value]
+    label: str
+    late: int  # the line before the branch's last jump, for what is found to be needed later
+
+
+class _Arm(NamedTuple):
+    value: Value
+    end: _End
+
+
+def _jump(b: Lowering, index: Entry, dtype, labels: list[str]) -> None:
+    if np.dtype(dtype).kind == "b":
+        b.line(f"br i1 {index}, label %{labels[1]}, label %{labels[0]}")
+        return
+    type_ = llvm_type(dtype)
+    inside = b.select(a.compare(b, dtype, "lt", index, 0), type_, 0, index)
+    cases = " ".join(f"{type_} {i}, label %{label}" for i, label in enumerate(labels[:-1]))
+    b.line(f"switch {type_} {inside}, label %{labels[-1]} [ {cases} ]")
+
+
+def _branch(b: Lowering, label: str, after: str, branch, values, avals) -> _End:
+    b.begin_block(label)
+    scope = b.scope()
+    found = []
+    for result, aval in zip(b.run(branch, values), avals, strict=True):
+        if b.is_small(aval.shape):
+            found.append(_in_registers(b, result, aval))
+        else:
+            found.append(b.in_memory(result, aval.dtype))
+    late = len(b.lines)
+    b.lines.append("")
+    end = _End(found, b.label, late)
+    b.line(f"br label %{after}")
+    b.end_scope(scope)
+    return end
+
+
+def _merged(b: Lowering, arms: list[_Arm], aval, phis: list[str]) -> Value:
+    """One value from those of all branches."""
+    first = arms[0].value
+    registers = [r for arm in arms if (r := _registers(arm.value)) is not None]
+    if not registers:
+        memories = [memory_of(arm.value) for arm in arms]
+        if all(memory is memories[0] for memory in memories):
+            return first
+        merged = b.new_buffer(aval.shape, aval.dtype)
+        for arm in arms:
+            _late(b, arm.end, lambda value=arm.value: b.copy_buffer(merged, value))
+        return merged
+    type_, found = llvm_type(aval.dtype), []
+    for each in zip(*(flat(r) for r in registers), strict=True):
+        if all(same(entry, each[0]) for entry in each):
+            found.append(each[0])
+            continue
+        wide, texts = any(map(is_wide, each)), []
+        for entry, arm in zip(each, arms, strict=True):
+            if wide and isinstance(entry, str) and not is_wide(entry):
+                entry = _late(b, arm.end, lambda e=entry: b.spread(e, type_))
+            texts.append(f"[ {b.text(entry, type_, wide)}, %{arm.end.label} ]")
+        found.append(b.name(wide))
+        phis.append(f"  {found[-1]} = phi {b.type_text(type_, wide)} {', '.join(texts)}")
+    return _like(first, filled(registers[0].shape, found))
+
+
+def _late(b: Lowering, end: _End, write: Callable):
+    """Write something at the end of a branch that was written before."""
+    kept, b.lines, scope = b.lines, [], b.scope()
+    found = write()
+    kept[end.late] += "\n".join(["", *b.lines])
+    b.lines = kept
+    b.end_scope(scope)
+    return found
+
+
+def _by_lanes(b: Lowering, branches, index: Entry, dtype, values, avals) -> list[Value]:
+    """Branches that lanes do not share: all are computed, and each lane takes its own."""
+    outer, results, conditions = b.mask, [], []
+    for i, branch in enumerate(branches):
+        if np.dtype(dtype).kind == "b":
+            mine = index if i else b.negation(index)
+        elif i == len(branches) - 1:
+            mine = a.compare(b, dtype, "ge", index, i)
+        else:
+            mine = a.compare(b, dtype, "le" if i == 0 else "eq", index, i)
+        b.mask = mine if outer is None else b.logic("and", mine, outer)
+        results.append([b.entries(value) for value in b.run(branch, values)])
+        conditions.append(mine)
+    b.mask = outer
+    found = []
+    for place, aval in enumerate(avals):
+        type_, entries = llvm_type(aval.dtype), flat(results[-1][place])
+        for i in range(len(branches) - 2, -1, -1):
+            each = zip(flat(results[i][place]), entries, strict=True)
+            entries = [b.select(conditions[i], type_, x, y) for x, y in each]
+        found.append(filled(aval.shape, entries))
+    return found

@@ -1,0 +1,67 @@
+"""What differs between versions of JAX in the parameters of a jaxpr's equations, read here and nowhere else.
+
+Tested with 0.8.0, 0.10.1 and 0.12.0.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
+
+_CALLED = ("jaxpr", "call_jaxpr", "fun_jaxpr")
+
+
+class Scan(NamedTuple):
+    """The parameters of a scan: consts, then carry, then what is scanned over."""
+
+    body: ClosedJaxpr
+    length: int
+    reverse: bool
+    consts: int
+    carry: int
+
+
+def scan_of(equation) -> Scan:
+    """The parameters of a `scan` equation."""
+    p = equation.params
+    body, length, reverse = p["jaxpr"], p["length"], p["reverse"]
+    if "num_consts" in p:
+        return Scan(body, length, reverse, p["num_consts"], p["num_carry"])
+    # From 0.12 on: trees (consts, carry, xs) of the operands.
+    consts, carry, _ = p["ft_in"].unpack()
+    return Scan(body, length, reverse, len(consts), len(carry))
+
+
+def called(equation) -> ClosedJaxpr | Jaxpr:
+    """The program that a call equation (`jit`, `custom_jvp_call`, …) holds."""
+    for name in _CALLED:
+        if (found := equation.params.get(name)) is not None:
+            return found
+    raise KeyError(f"{equation.primitive.name}: no jaxpr among the parameters {sorted(equation.params)}")
+
+
+def index_mode(equation) -> str:
+    """What becomes of indices out of bounds: "clip", "drop" (or "fill"), "promise"."""
+    name = getattr(equation.params["mode"], "name", str(equation.params["mode"])).lower()
+    return {"clip": "clip", "fill_or_drop": "drop", "promise_in_bounds": "promise"}.get(name, name)
+
+
+def literal_value(literal: Literal) -> np.ndarray:
+    """The number of a literal, in its type."""
+    aval: Any = literal.aval
+    return np.asarray(literal.val, aval.dtype)
+
+
+def parts(jaxpr: ClosedJaxpr | Jaxpr) -> tuple[Jaxpr, Any]:
+    """The jaxpr, and its constants."""
+    return (jaxpr.jaxpr, jaxpr.consts) if isinstance(jaxpr, ClosedJaxpr) else (jaxpr, ())
+
+
+def subprograms(equation) -> list[Jaxpr]:
+    """All programs within an equation's parameters."""
+    found = []
+    for parameter in equation.params.values():
+        for each in parameter if isinstance(parameter, tuple | list) else (parameter,):
+            if isinstance(each, ClosedJaxpr | Jaxpr):
+                found.append(parts(each)[0])
+    return found

@@ -1,0 +1,265 @@
+"""From a jaxpr to the text of one LLVM function: equation by equation, each by the rule of its primitive.
+
+A rule is a function `(b, eqn, *values) -> value`, or a list of values where the primitive has several results. `b` is
+this `Lowering`, the values are the operands in the forms of `_values`. `entrywise` rules see single entries instead:
+`(b, eqn, dtypes, *entries) -> entry`; they serve entries, rows and lazy arrays alike. `in_rows` adds what a primitive
+does to rows; where it returns None, or is missing, rows are taken apart first.
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ._jax_versions import ClosedJaxpr, Jaxpr, Literal, literal_value, parts
+from ._types import llvm_type
+from ._unsupported import Unsupported
+from ._values import Buffer, Entries, Lazy, Memory, Rows, Value, Values, filled, flat, memory_of, size
+
+RULES: dict[str, Callable] = {}
+ENTRYWISE: dict[str, Callable] = {}
+IN_ROWS: dict[str, Callable] = {}
+
+
+def rule(*primitives: str) -> Callable:
+    """Register a rule for these primitives."""
+    return _register(RULES, primitives)
+
+
+def entrywise(*primitives: str) -> Callable:
+    """Register a rule for single entries."""
+    return _register(ENTRYWISE, primitives)
+
+
+def in_rows(*primitives: str) -> Callable:
+    """Register what these primitives do to rows."""
+    return _register(IN_ROWS, primitives)
+
+
+def _register(registry: dict[str, Callable], primitives: Sequence[str]) -> Callable:
+    def decorate(function: Callable) -> Callable:
+        for primitive in primitives:
+            registry[primitive] = function
+        return function
+
+    return decorate
+
+
+class Lowering(Values):
+    """One function in the making."""
+
+    mask = None  # of the lanes that are still going, where lanes diverge
+
+    def constant_value(self, number) -> Value:
+        """A constant array."""
+        array = np.asarray(number)
+        llvm_type(array.dtype)
+        if self.is_small(array.shape):
+            return filled(array.shape, array.ravel().tolist())
+        return self.constant_buffer(array, array.dtype)
+
+    def run(self, jaxpr: ClosedJaxpr | Jaxpr, values: Sequence[Value]) -> list[Value]:
+        """The results of a jaxpr for these operands."""
+        inner, constants = parts(jaxpr)
+        last = _last_uses(inner)
+        held: dict = {}
+
+        def hold(variable, value):
+            held[variable] = value
+            if (memory := memory_of(value)) is not None:
+                memory.holders += 1
+
+        def release(variable):
+            if (memory := memory_of(held.pop(variable))) is not None:
+                memory.holders -= 1
+
+        def read(atom):
+            if isinstance(atom, Literal):
+                return self.constant_value(literal_value(atom))
+            return held[atom]
+
+        for variable, value in zip(
+            (*inner.constvars, *inner.invars), (*map(self.constant_value, constants), *values), strict=True
+        ):
+            if variable in last:
+                hold(variable, value)
+        del values
+        for place, eqn in enumerate(inner.eqns):
+            if not any(variable in last for variable in eqn.outvars) and not eqn.effects:
+                continue  # nobody needs it
+            operands = [read(atom) for atom in eqn.invars]
+            for variable in {v for v in eqn.invars if not isinstance(v, Literal) and last[v] == place}:
+                release(variable)
+            results = self.equation(eqn, operands)
+            del operands
+            for variable, value in zip(eqn.outvars, results, strict=True):
+                if variable not in last:
+                    continue
+                often = last.uses[variable] > 1
+                if isinstance(value, Lazy) and value.buffer is None and often and not value.cheap:
+                    value = self.in_memory(value)
+                hold(variable, value)
+            del results
+        results = [read(atom) for atom in inner.outvars]
+        for variable in list(held):
+            release(variable)
+        return results
+
+    def equation(self, eqn, operands: list[Value]) -> list[Value]:
+        """The results of one equation."""
+        name = eqn.primitive.name
+        if name in ENTRYWISE:
+            return [self._entry_by_entry(ENTRYWISE[name], eqn, operands)]
+        if name not in RULES:
+            raise Unsupported(f"the primitive {name}")
+        found = None
+        if any(isinstance(value, Rows) for value in operands):
+            if name in IN_ROWS:
+                found = IN_ROWS[name](self, eqn, *operands)
+            if found is None and name not in KEEPS_ROWS:
+                operands = [self.entries(value) if isinstance(value, Rows) else value for value in operands]
+        if found is None:
+            found = RULES[name](self, eqn, *operands)
+        return found if isinstance(found, list) else [found]
+
+    def _entry_by_entry(self, function: Callable, eqn, operands: list[Value]) -> Value:
+        result, dtypes = eqn.outvars[0].aval, [atom.aval.dtype for atom in eqn.invars]
+        llvm_type(result.dtype)
+        if any(isinstance(value, Rows) for value in operands):
+            lead = result.shape[:-1]
+            columns = [
+                np.broadcast_to(v if v.ndim == 0 else self.rows(v, d).vectors, lead).ravel()
+                if isinstance(v, np.ndarray)
+                else np.broadcast_to(self.rows(v, d).vectors, lead).ravel()
+                for v, d in zip(operands, dtypes, strict=True)
+            ]
+            vectors = filled(lead, [function(self, eqn, dtypes, *each) for each in zip(*columns, strict=True)])
+            return Rows(vectors, result.shape, result.dtype)
+        if self.is_small(result.shape):
+            columns = [np.broadcast_to(self.entries(v), result.shape).ravel() for v in operands]
+            return filled(result.shape, [function(self, eqn, dtypes, *each) for each in zip(*columns, strict=True)])
+        readable = [self.readable(v, d) for v, d in zip(operands, dtypes, strict=True)]
+
+        def at(indices):
+            each = [self.element_at(v, indices if v.shape else [], d) for v, d in zip(readable, dtypes, strict=True)]
+            return function(self, eqn, dtypes, *each)
+
+        return self.lazy(result.shape, result.dtype, at, readable)
+
+    def readable(self, value: Value, dtype) -> Value:
+        """A value whose elements are found at indices that are known at run time only, at little cost."""
+        if isinstance(value, np.ndarray) and value.ndim and value.size > 1:
+            return self.in_memory(value, dtype)
+        return value
+
+    def at_hand(self, value: Value) -> Value:
+        """A value that may be used within loops and branches: not lazy any more."""
+        return self.held(self.in_memory(value)) if isinstance(value, Lazy) else value
+
+
+KEEPS_ROWS: set[str] = set()  # primitives whose rules take rows as they are
+
+
+class _Uses(dict):
+    """The place of the last use of each variable, and how often it is used; results are used at the end."""
+
+    def __init__(self):
+        super().__init__()
+        self.uses: dict = {}
+
+    def note(self, atoms, place: int) -> None:
+        for atom in atoms:
+            if not isinstance(atom, Literal):
+                self[atom] = place
+                self.uses[atom] = self.uses.get(atom, 0) + 1
+
+
+def _last_uses(jaxpr: Jaxpr) -> _Uses:
+    """Of the variables that are needed: an equation whose results nobody needs uses nothing."""
+    needed = {atom for atom in jaxpr.outvars if not isinstance(atom, Literal)}
+    lives = []
+    for place in reversed(range(len(jaxpr.eqns))):
+        eqn = jaxpr.eqns[place]
+        if eqn.effects or any(variable in needed for variable in eqn.outvars):
+            needed |= {atom for atom in eqn.invars if not isinstance(atom, Literal)}
+            lives.append(place)
+    found = _Uses()
+    for place in reversed(lives):
+        found.note(jaxpr.eqns[place].invars, place)
+    found.note(jaxpr.outvars, len(jaxpr.eqns))
+    return found
+
+
+def lower(
+    closed: ClosedJaxpr, small: int, columns: int = 0, lanes: int = 1, wide: Sequence[bool] = (), checked: bool = False
+) -> str:
+    """The module's text; its function is `void @call(ptr inputs, ptr outputs)`, each an array of pointers to arrays.
+
+    Args:
+        closed: the program.
+        small: arrays of up to so many elements are held as entries.
+        columns: frames of so many columns are held in vectors.
+        lanes: so many runs go side by side; an input that is `wide`, and each output, has a last axis for them.
+        wide: for each input, whether the lanes differ in it.
+        checked: test each index against the size of its array.
+    """
+    b = Lowering(small, columns, lanes, checked)
+    jaxpr = closed.jaxpr
+    inputs = [
+        _input(b, place, variable.aval, lanes > 1 and bool(wide[place])) for place, variable in enumerate(jaxpr.invars)
+    ]
+    results = b.run(closed, inputs)
+    for place, (atom, value) in enumerate(zip(jaxpr.outvars, results, strict=True)):
+        _output(b, place, atom.aval, value)
+    body = [*b.allocations, *b.lines, *b.releases, "  ret void"]
+    head = "define void @call(ptr noalias readonly %inputs, ptr noalias readonly %outputs) nounwind {"
+    return "\n".join([*b.constants, *sorted(b.declarations), head, "entry:", *body, "}", "!0 = !{}", ""])
+
+
+def _pointer(b: Lowering, array: str, place: int) -> str:
+    address, pointer = b.name(), b.name()
+    b.line(f"{address} = getelementptr inbounds ptr, ptr %{array}, i64 {place}")
+    b.line(f"{pointer} = load ptr, ptr {address}, align 8, !invariant.load !0")
+    return pointer
+
+
+def _input(b: Lowering, place: int, aval, wide: bool) -> Value:
+    pointer, n, type_ = _pointer(b, "inputs", place), size(aval.shape), llvm_type(aval.dtype)
+    if wide:
+        return filled(aval.shape, [b.load(pointer, type_, i * b.lanes, wide=True) for i in range(n)])
+    return b.held(Buffer(Memory(pointer, n, False), aval.shape, aval.dtype))
+
+
+def _output(b: Lowering, place: int, aval, value: Value) -> None:
+    pointer, n, type_ = _pointer(b, "outputs", place), size(aval.shape), llvm_type(aval.dtype)
+    result = Buffer(Memory(pointer, n, True), aval.shape, aval.dtype)
+    if isinstance(value, Rows):
+        value = b.entries(value)
+    if b.lanes > 1 and isinstance(value, np.ndarray):
+        for i, entry in enumerate(flat(value)):
+            b.store(pointer, type_, i * b.lanes, entry, wide=True)
+    elif b.lanes > 1:  # recorded by a scan, with a last axis for the lanes
+        result.memory.size = n * b.lanes
+        b.copy_buffer(Buffer(result.memory, (*aval.shape, b.lanes), aval.dtype), b.in_memory(value))
+    elif isinstance(value, np.ndarray):
+        for i in np.ndindex(value.shape):
+            b.store_element(result, i, value[i])
+    elif isinstance(value, Lazy) and value.buffer is None:
+        b.for_each_index(value.shape, lambda i: b.store_element(result, i, value.at(i)))
+    else:
+        b.copy_buffer(result, b.in_memory(value))
+
+
+__all__ = [
+    "ENTRYWISE",
+    "IN_ROWS",
+    "RULES",
+    "Buffer",
+    "Entries",
+    "Lazy",
+    "Lowering",
+    "Rows",
+    "entrywise",
+    "in_rows",
+    "lower",
+    "rule",
+]

@@ -1,0 +1,59 @@
+"""Element types: what JAX calls float64 LLVM calls double; how numbers are written in LLVM's text."""
+
+import functools
+import struct
+
+import numpy as np
+
+from ._unsupported import Unsupported
+
+_LLVM = {
+    "bool": "i1",  # in registers; a byte in memory
+    "int8": "i8",
+    "uint8": "i8",
+    "int16": "i16",
+    "uint16": "i16",
+    "int32": "i32",
+    "uint32": "i32",
+    "int64": "i64",
+    "uint64": "i64",
+    "float32": "float",
+    "float64": "double",
+}
+BYTES = {"i1": 1, "i8": 1, "i16": 2, "i32": 4, "i64": 8, "float": 4, "double": 8}
+BITS = {"i1": 1, "i8": 8, "i16": 16, "i32": 32, "i64": 64}
+INDEX = np.dtype(np.int64)
+
+
+@functools.cache
+def llvm_type(dtype) -> str:
+    """The LLVM type of an element; `Unsupported` for complex numbers, half floats and keys."""
+    name = getattr(dtype, "name", None) or np.dtype(dtype).name
+    if name not in _LLVM:
+        raise Unsupported(f"elements of type {name}")
+    return _LLVM[name]
+
+
+def is_float(dtype) -> bool:
+    """Whether elements are floating-point numbers."""
+    return np.dtype(dtype).kind == "f"
+
+
+def kind(dtype) -> str:
+    """NumPy's letter: b(oolean), i(nteger), u(nsigned), f(loat)."""
+    return np.dtype(dtype).kind
+
+
+def in_memory(type_: str) -> str:
+    """The type that holds an element in memory."""
+    return "i8" if type_ == "i1" else type_
+
+
+def literal(number: bool | int | float, type_: str) -> str:
+    """A number as LLVM writes it: floats by their bits, so that nothing is rounded and nan and inf have a form."""
+    if type_ == "i1":
+        return "true" if number else "false"
+    if type_ in ("double", "float"):
+        exact = float(number) if type_ == "double" else float(np.float32(number))
+        return f"0x{struct.unpack('<Q', struct.pack('<d', exact))[0]:016X}"
+    return str(int(number))

@@ -1,0 +1,281 @@
+"""Arrays while they are compiled.
+
+An array is held in one of four ways:
+
+- Entries: few elements: each is an entry (a number, or an SSA value); moving them about costs nothing at run time
+- Rows: few elements, of which the last axis lies in a vector: the columns of a frame
+- Lazy: many elements that are not in memory yet: a function of the index, written out where it is used
+- Buffer: many elements in memory; written in place where nothing reads the old value any more
+"""
+
+import math
+import weakref
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ._emitter import Emitter, Entry, is_known, is_wide
+from ._types import BYTES, INDEX, is_float, llvm_type
+from ._unsupported import Unsupported
+
+Entries = np.ndarray  # of objects
+
+
+class Memory:
+    """Where a buffer's elements lie."""
+
+    def __init__(self, pointer: str, size: int, writable: bool):
+        self.pointer, self.size = pointer, size
+        self.writable = writable  # inputs and constants are not
+        self.holders = 0  # how many variables of the program still need what is there
+        self.readers: weakref.WeakSet[Lazy] = weakref.WeakSet()  # what is yet to be worked out from it
+
+
+class Buffer:
+    """An array in memory, row by row."""
+
+    def __init__(self, memory: Memory, shape: Sequence[int], dtype):
+        self.memory, self.shape, self.dtype = memory, tuple(shape), np.dtype(dtype)
+
+
+class Lazy:
+    """An array as a function of the index."""
+
+    def __init__(
+        self, shape: Sequence[int], dtype, at: Callable[[list[Entry]], Entry], sources: set[Memory], cheap: bool
+    ):
+        self.shape, self.dtype, self.at, self.sources = tuple(shape), np.dtype(dtype), at, sources
+        self.cheap = cheap  # may be worked out for each use: it only reads
+        self.buffer: Buffer | None = None  # once it was worked out
+
+
+class Rows:
+    """A small array whose last axis lies in vectors: `vectors` has one axis less."""
+
+    def __init__(self, vectors: np.ndarray, shape: Sequence[int], dtype):
+        self.vectors, self.shape, self.dtype = vectors, tuple(shape), np.dtype(dtype)
+
+
+Value = Entries | Rows | Lazy | Buffer
+
+
+def memory_of(value: Value) -> Memory | None:
+    """Where a value lies, if it lies in memory."""
+    buffer = value.buffer if isinstance(value, Lazy) else value
+    return buffer.memory if isinstance(buffer, Buffer) else None
+
+
+def scalar(entry: Entry) -> Entries:
+    """An array without axes."""
+    array = np.empty((), object)
+    array[()] = entry
+    return array
+
+
+def filled(shape: Sequence[int], entries: Sequence[Entry]) -> Entries:
+    """An array of entries, row by row."""
+    array = np.empty(len(entries), object)
+    for i, entry in enumerate(entries):  # not array[:] = entries, which would look into strings
+        array[i] = entry
+    return array.reshape(shape)
+
+
+def flat(array: Entries) -> list[Entry]:
+    """The entries, row by row."""
+    return array.ravel().tolist()
+
+
+def size(shape: Sequence[int]) -> int:
+    """How many elements."""
+    return math.prod(shape)
+
+
+def rows_available(shape: Sequence[int], dtype, columns: int) -> bool:
+    """Whether an array has the form of a frame: (n, columns) floating-point numbers."""
+    return columns > 1 and len(shape) == 2 and shape[-1] == columns and is_float(dtype)
+
+
+class Values(Emitter):
+    """The emitter, for arrays."""
+
+    def __init__(self, small: int = 16, columns: int = 0, lanes: int = 1, checked: bool = False):
+        """Up to `small` elements are entries; frames of so many columns are rows; `lanes` runs go side by side."""
+        if columns and lanes > 1:
+            raise ValueError("vectors hold either the columns of frames or lanes")
+        super().__init__(2 ** math.ceil(math.log2(columns)) if columns else lanes, checked)
+        self.small, self.columns, self.lanes = small, columns, lanes
+
+    def is_small(self, shape: Sequence[int]) -> bool:
+        """Whether an array of this shape is held as entries."""
+        return size(shape) <= self.small
+
+    def holds_rows(self, shape: Sequence[int], dtype) -> bool:
+        """Whether such an array is held in rows."""
+        return rows_available(shape, dtype, self.columns) and self.is_small(shape)
+
+    # --- elements --------------------------------------------------------------------------------------------
+
+    def entry_of(self, value: Value) -> Entry:
+        """The one element of an array without axes (or with one element)."""
+        return flat(self.entries(value))[0]
+
+    def element_at(self, value: Value, indices: Sequence[Entry], dtype=None) -> Entry:
+        """One element; the indices are numbers or SSA values, within bounds. `dtype`: of entries, which do not know."""
+        known = is_known(*indices)
+        if isinstance(value, Rows):
+            if known:
+                return self.element(value.vectors[tuple(indices[:-1])], int(indices[-1]), llvm_type(value.dtype))
+            value, dtype = self.entries(value), value.dtype
+        if isinstance(value, np.ndarray):
+            return value[tuple(indices)] if known else self._chosen(value, list(indices), llvm_type(dtype))
+        if isinstance(value, Lazy):
+            if value.buffer is None:
+                return value.at(list(indices))
+            value = value.buffer
+        return self.load_element(value, indices)
+
+    def _chosen(self, array: Entries, indices: list[Entry], type_: str) -> Entry:
+        """An element of entries at indices that are known at run time only: by comparisons."""
+        index, *rest = indices
+        if not isinstance(index, str):
+            return self._chosen(array[index], rest, type_) if rest else array[index]
+        parts = [self._chosen(array[i], rest, type_) if rest else array[i] for i in range(array.shape[0])]
+        found = parts[-1]
+        for i in range(len(parts) - 2, -1, -1):
+            found = self.select(self.binary("icmp eq", "i64", index, i), type_, parts[i], found)
+        return found
+
+    def load_element(self, buffer: Buffer, indices: Sequence[Entry]) -> str:
+        """An element from memory."""
+        place = self.linear_index(indices, buffer.shape)
+        self.check_index(place, buffer.memory.size)
+        return self.load(buffer.memory.pointer, llvm_type(buffer.dtype), place)
+
+    def store_element(self, buffer: Buffer, indices: Sequence[Entry], entry: Entry) -> None:
+        """An element into memory."""
+        if is_wide(entry):
+            raise Unsupported("lanes in arrays of many elements")
+        place = self.linear_index(indices, buffer.shape)
+        self.check_index(place, buffer.memory.size)
+        self.store(buffer.memory.pointer, llvm_type(buffer.dtype), place, entry)
+
+    # --- from one form to another ----------------------------------------------------------------------------
+
+    def entries(self, value: Value) -> Entries:
+        """A value of few elements as entries."""
+        if isinstance(value, np.ndarray):
+            return value
+        if isinstance(value, Rows):
+            type_ = llvm_type(value.dtype)
+            return filled(
+                value.shape,
+                [self.element(value.vectors[i[:-1]], i[-1], type_) for i in np.ndindex(value.shape)],
+            )
+        if isinstance(value, Lazy) and value.buffer is None:
+            return filled(value.shape, [value.at(list(i)) for i in np.ndindex(value.shape)])
+        return filled(value.shape, [self.element_at(value, i) for i in np.ndindex(value.shape)])
+
+    def rows(self, value: Value, dtype) -> Rows:
+        """A frame in rows."""
+        if isinstance(value, Rows):
+            return value
+        array, type_ = self.entries(value), llvm_type(dtype)
+        lead = array.shape[:-1]
+        return Rows(filled(lead, [self.vector(array[i].tolist(), type_) for i in np.ndindex(lead)]), array.shape, dtype)
+
+    def new_buffer(self, shape: Sequence[int], dtype) -> Buffer:
+        """An array in memory, not yet filled."""
+        n = size(shape)
+        return Buffer(Memory(self.allocate(llvm_type(dtype), n), n, True), shape, dtype)
+
+    def in_memory(self, value: Value, dtype=None) -> Buffer:
+        """A value in memory. `dtype`: of entries, which do not know."""
+        if isinstance(value, Buffer):
+            return value
+        if isinstance(value, Lazy):
+            if value.buffer is None:
+                buffer = self.new_buffer(value.shape, value.dtype)
+                self.for_each_index(value.shape, lambda i: self.store_element(buffer, i, value.at(i)))
+                value.buffer = buffer
+                for memory in value.sources:
+                    memory.readers.discard(value)
+            return value.buffer
+        if isinstance(value, Rows):
+            value, dtype = self.entries(value), value.dtype
+        numbers = flat(value)
+        if numbers and is_known(*numbers):
+            return self.constant_buffer(value, dtype)
+        buffer = self.new_buffer(value.shape, dtype)
+        for i in np.ndindex(value.shape):
+            self.store_element(buffer, i, value[i])
+        return buffer
+
+    def constant_buffer(self, array: np.ndarray, dtype) -> Buffer:
+        """A constant in memory."""
+        pointer = self.constant(array.ravel().tolist(), llvm_type(dtype))
+        return Buffer(Memory(pointer, array.size, False), array.shape, dtype)
+
+    def held(self, buffer: Buffer) -> Value:
+        """A result in memory: as entries if it is small."""
+        return self.entries(buffer) if self.is_small(buffer.shape) else buffer
+
+    def lazy(self, shape: Sequence[int], dtype, at: Callable, operands: Sequence[Value], cheap: bool = False) -> Lazy:
+        """A value that is worked out where it is used; `operands`: what it reads."""
+        sources: set[Memory] = set()
+        for value in operands:
+            if isinstance(value, Buffer):
+                sources.add(value.memory)
+            elif isinstance(value, Lazy):
+                sources |= value.sources if value.buffer is None else {value.buffer.memory}
+        found = Lazy(shape, dtype, at, sources, cheap)
+        for memory in sources:
+            memory.readers.add(found)
+        return found
+
+    def settle_readers(self, memory: Memory) -> None:
+        """Work out what still reads from memory that is about to be written."""
+        for reader in list(memory.readers):
+            self.in_memory(reader)
+
+    def copied(self, buffer: Buffer) -> Buffer:
+        """The same array in memory of its own."""
+        new = self.new_buffer(buffer.shape, buffer.dtype)
+        self.copy_buffer(new, buffer)
+        return new
+
+    def copy_buffer(self, to: Buffer, source: Buffer) -> None:
+        """Copy all elements."""
+        self.copy(to.memory.pointer, source.memory.pointer, size(source.shape) * BYTES[llvm_type(source.dtype)])
+
+    def to_write(self, value: Value, dtype, others: Sequence[Value] = ()) -> Buffer:
+        """A buffer with the value that may be written: the value's own where nobody needs the old one any more.
+
+        `others` are read while it is written.
+        """
+        private = isinstance(value, np.ndarray | Rows)
+        buffer = self.in_memory(value, dtype)
+        memory = buffer.memory
+        if memory.writable and (private or memory.holders == 0) and memory not in map(memory_of, others):
+            self.settle_readers(memory)
+            return buffer
+        return self.copied(buffer)
+
+    def write(self, buffer: Buffer, value: Value, corner: Sequence[Entry]) -> None:
+        """Put an array into a larger one, its first element at `corner`."""
+
+        def shifted(indices):
+            return [self.index_sum(i, start) for i, start in zip(indices, corner, strict=True)]
+
+        if isinstance(value, Rows):
+            value = self.entries(value)
+        if isinstance(value, np.ndarray):
+            for i in np.ndindex(value.shape):
+                self.store_element(buffer, shifted(i), value[i])
+        else:
+            self.for_each_index(
+                value.shape, lambda i: self.store_element(buffer, shifted(i), self.element_at(value, i))
+            )
+
+    def index_array(self, shape: Sequence[int]) -> Entries:
+        """The numbers 0, 1, 2, … in this shape."""
+        return filled(shape, np.arange(size(shape), dtype=INDEX).tolist())
