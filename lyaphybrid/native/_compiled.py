@@ -9,9 +9,11 @@ import numpy as np
 from jax.extend.core import ClosedJaxpr
 
 from . import _calls, _control, _entrywise, _indexing, _moving, _reductions, _sorting  # noqa: F401  the rules
+from ._cache import kept
 from ._costs import Plan, plan
+from ._handler import handler
 from ._lowering import lower
-from ._machine import Linked, object_code
+from ._machine import Linked, describe, object_code
 
 
 class Compiled:
@@ -22,6 +24,7 @@ class Compiled:
         plan: how it was compiled.
         text: the module, in LLVM's language.
         seconds: what lowering, LLVM and linking took.
+        address: where a function of the module begins: "call", or "handler" for XLA.
     """
 
     def __init__(
@@ -37,12 +40,16 @@ class Compiled:
         self.program, self.lanes, self._wide = program, lanes, tuple(wide)
         self.plan = _plan_of(program) if plan is None else plan
         clock = time.perf_counter()
+        jaxpr = program.jaxpr
         self.text = lower(program, self.plan.small, columns, lanes, wide, checked)
+        self.text += handler(len(jaxpr.invars), len(jaxpr.outvars))
         lowered = time.perf_counter()
-        code = object_code(self.text, self.plan.level)
+        level = self.plan.level
+        code = kept(f"{describe()}, level {level}\n{self.text}", lambda: object_code(self.text, level))
         compiled = time.perf_counter()
         self._linked = Linked(code)
-        self._call = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(self._linked.address("call"))
+        self.address = self._linked.address
+        self._call = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(self.address("call"))
         self.seconds = {
             "lowering": lowered - clock,
             "LLVM": compiled - lowered,

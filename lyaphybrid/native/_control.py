@@ -310,7 +310,7 @@ def cond(b, eqn, which, *values):
     values = [b.at_hand(value) for value in values]
     if is_wide(index):
         return _by_lanes(b, branches, index, dtype, values, avals)
-    for memory in {memory_of(value) for value in values} - {None}:
+    for memory in dict.fromkeys(memory for value in values if (memory := memory_of(value)) is not None):
         b.settle_readers(memory)  # here, not within the first branch that writes over it
     labels, after = [b.block_name() for _ in branches], b.block_name()
     _jump(b, index, dtype, labels)

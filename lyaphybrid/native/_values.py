@@ -8,6 +8,7 @@ An array is held in one of four ways:
 - Buffer: many elements in memory; written in place where nothing reads the old value any more
 """
 
+import itertools
 import math
 import weakref
 from collections.abc import Callable, Sequence
@@ -19,6 +20,9 @@ from ._types import BYTES, INDEX, is_float, llvm_type
 from ._unsupported import Unsupported
 
 Entries = np.ndarray  # of objects
+
+
+_numbers = itertools.count()
 
 
 class Memory:
@@ -47,6 +51,7 @@ class Lazy:
         self.shape, self.dtype, self.at, self.sources = tuple(shape), np.dtype(dtype), at, sources
         self.cheap = cheap  # may be worked out for each use: it only reads
         self.buffer: Buffer | None = None  # once it was worked out
+        self.number = next(_numbers)
 
 
 class Rows:
@@ -234,7 +239,7 @@ class Values(Emitter):
 
     def settle_readers(self, memory: Memory) -> None:
         """Work out what still reads from memory that is about to be written."""
-        for reader in list(memory.readers):
+        for reader in sorted(memory.readers, key=lambda lazy: lazy.number):  # always in the same order: see _cache
             self.in_memory(reader)
 
     def copied(self, buffer: Buffer) -> Buffer:

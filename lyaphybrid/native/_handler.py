@@ -1,0 +1,73 @@
+"""What XLA calls: a handler of its foreign function interface, written in LLVM's language.
+
+XLA hands over an `XLA_FFI_CallFrame`, a C structure whose layout (`xla/ffi/api/c_api.h`, shipped with JAX) is the same
+since version 0.1 of the interface. The numbers below are offsets in bytes on 64-bit machines.
+"""
+
+import functools
+import re
+from pathlib import Path
+
+import jax
+
+_EXTENSION, _ARGUMENTS, _RESULTS = 8, 72, 112  # in the frame: what it is asked for; arrays of pointers to buffers
+_IS_METADATA, _METADATA = 8, 24  # in the extension: 1 if the question is for metadata; where to put the answer
+_MAJOR, _MINOR, _TRAITS = 24, 28, 32  # in the metadata
+_DATA = 24  # in a buffer
+
+
+@functools.cache
+def _version() -> tuple[int, int]:
+    """The version of the interface that this JAX speaks."""
+    text = (Path(jax.ffi.include_dir()) / "xla/ffi/api/c_api.h").read_text()
+    major, minor = (re.search(rf"#define XLA_FFI_API_{part} (\d+)", text) for part in ("MAJOR", "MINOR"))
+    if major is None or minor is None:
+        raise RuntimeError(f"jax {jax.__version__}: no version in XLA's c_api.h")
+    return int(major[1]), int(minor[1])
+
+
+def handler(inputs: int, outputs: int) -> str:
+    """The text of the handler: it collects the addresses of the arrays and calls `@call`; a null pointer is success."""
+    major, minor = _version()
+    lines = [
+        "define ptr @handler(ptr %frame) {",
+        "entry:",
+        f"  %inputs = alloca [{max(1, inputs)} x ptr]",
+        f"  %outputs = alloca [{max(1, outputs)} x ptr]",
+        *_field("extension", "frame", _EXTENSION),
+        "  %extended = icmp ne ptr %extension, null",
+        "  br i1 %extended, label %asked, label %work",
+        "asked:",
+        f"  %kind.at = getelementptr i8, ptr %extension, i64 {_IS_METADATA}",
+        "  %kind = load i32, ptr %kind.at",
+        "  %is.metadata = icmp eq i32 %kind, 1",
+        "  br i1 %is.metadata, label %describe, label %work",
+        "describe:",
+        *_field("metadata", "extension", _METADATA),
+    ]
+    for name, offset, number in (("major", _MAJOR, major), ("minor", _MINOR, minor), ("traits", _TRAITS, 0)):
+        lines += [
+            f"  %{name}.at = getelementptr i8, ptr %metadata, i64 {offset}",
+            f"  store i32 {number}, ptr %{name}.at",
+        ]
+    lines += ["  ret ptr null", "work:"]
+    for array, source, offset, count in (
+        ("inputs", "arguments", _ARGUMENTS, inputs),
+        ("outputs", "results", _RESULTS, outputs),
+    ):
+        lines += _field(source, "frame", offset)
+        for i in range(count):
+            lines += [
+                f"  %{source}.{i}.at = getelementptr ptr, ptr %{source}, i64 {i}",
+                f"  %{source}.{i} = load ptr, ptr %{source}.{i}.at",
+                *_field(f"{source}.{i}.data", f"{source}.{i}", _DATA),
+                f"  %{array}.{i}.at = getelementptr ptr, ptr %{array}, i64 {i}",
+                f"  store ptr %{source}.{i}.data, ptr %{array}.{i}.at",
+            ]
+    lines += ["  call void @call(ptr %inputs, ptr %outputs)", "  ret ptr null", "}", ""]
+    return "\n".join(lines)
+
+
+def _field(name: str, of: str, offset: int) -> list[str]:
+    """A pointer that lies in a structure."""
+    return [f"  %{name}.in = getelementptr i8, ptr %{of}, i64 {offset}", f"  %{name} = load ptr, ptr %{name}.in"]
