@@ -132,11 +132,11 @@ def _shape_of(operand):
 def _batched(operands, axes, *, pushed, pulled, linear):
     """Over all changes at once; what does not depend on the lane stays one for all."""
     fixed = len(operands) - linear
-    (size,) = {one.shape[axis] for one, axis in zip(operands, axes, strict=True) if axis is not batching.not_mapped}
+    (size,) = {one.shape[axis] for one, axis in zip(operands, axes, strict=True) if axis is not None}
     changes = [
         batching.bdim_at_front(one, axis, size) for one, axis in zip(operands[fixed:], axes[fixed:], strict=True)
     ]
-    where = [None if axis is batching.not_mapped else axis for axis in axes[:fixed]]
+    where = list(axes[:fixed])
 
     def in_lanes(function):
         return lambda *given: jax.vmap(function, in_axes=(*where, *[0] * (len(given) - fixed)))(*given)

@@ -3,7 +3,7 @@
 An array of up to `small` elements is held as entries: its code is written out element by element, and moving elements
 about is free. That makes the fastest code for little work, but the code grows with the work, and LLVM's time with the
 code. So `small` is the largest of a few values for which the estimated code stays below a limit; a program that is too
-large even without entries is lowered all the same, as loops over memory. The estimate counts instructions in the
+large in any case is lowered with the value that makes it shortest. The estimate counts instructions in the
 jaxpr, each loop's body once.
 """
 
@@ -12,8 +12,8 @@ from typing import NamedTuple
 from ._jax_versions import Jaxpr, parts, scan_of, subprograms
 from ._values import size
 
-SMALL = (64, 32, 16, 8, 4, 1)
-LIMIT = 12_000  # instructions: a second or two of LLVM's time
+SMALL = (64, 32, 16, 8, 4)
+LIMIT = 25_000  # instructions estimated, of which about half remain: a second or two of LLVM's time
 _LOOP = 12  # instructions of a loop over memory
 
 
@@ -26,11 +26,9 @@ class Plan(NamedTuple):
 
 def plan(jaxpr: Jaxpr) -> Plan:
     """Of the values of `small` the largest for which the code stays short."""
-    for small in SMALL:
-        found = instructions(jaxpr, small)
-        if found <= LIMIT:
-            break
-    return Plan(small, 2)
+    estimates = {small: instructions(jaxpr, small) for small in SMALL}
+    short = [small for small in SMALL if estimates[small] <= LIMIT]
+    return Plan(short[0] if short else min(SMALL, key=estimates.__getitem__), 2)
 
 
 def instructions(jaxpr: Jaxpr, small: int) -> int:
