@@ -87,7 +87,7 @@ class Equations(NamedTuple):
     def begin(self, node: Node, p: float, period: float) -> Orbit:
         """The motion from this node, over that time, cut into pieces away from events."""
         flow = self.motion(p)
-        nodes = placed(flow, node, period, self.segments)[0]
+        nodes = placed(flow, node, period, self.segments)
         return shot(flow, nodes, shares_of(nodes, period), period, 0)
 
     def scales(self, orbit: Orbit) -> np.ndarray:
