@@ -18,8 +18,8 @@ from .checks import positive, real, require, whole
 from .daes import Constrained, fields_of
 from .methods import HalfExplicit, RungeKutta
 from .methods.base import Method
+from .periods import check_period, depends_on_time
 from .products import product_eigenvalues
-from .return_maps import depends_on_time
 from .shooting import Motion, Node, NoPeriodicOrbit, Orbit, at_start, close_return, nearest, newton, placed
 from .systems import Flow, Hybrid, Map
 
@@ -74,7 +74,7 @@ def floquet(
     x0,
     args: Any = None,
     *,
-    period=None,
+    period: Any = None,
     t0=0.0,
     mode: str | int | None = None,
     method: Method | None = None,
@@ -108,7 +108,8 @@ def floquet(
         A `Floquet`.
 
     Raises:
-        ValueError: on arguments that do not fit; without a period, on a system that depends on time.
+        ValueError: on arguments that do not fit; on a system that depends on time, without a period or with one after
+            which fields, guards, resets or clocks are not as before: it says which seems to be theirs.
         NoPeriodicOrbit: where Newton's method does not converge, or to what is no orbit (an equilibrium; what closes in
             another mode), and `throw`; where no close return was found.
         RunFailed: where the motion from x0 itself fails.
@@ -139,7 +140,7 @@ def floquet(
     flow = Motion(problem)
     point = Node(float(time), start, index)
     period = period(args) if callable(period) else period
-    require_period(flow, period, start)
+    require_period(flow, period, point)
     real("transient, a length,", transient)
     if transient > 0:
         run = flow.piece(point, float(transient if period is None else np.ceil(transient / period) * period))
@@ -191,17 +192,19 @@ def _goes_along(flow: Motion, orbit: Orbit) -> bool:
     )
 
 
-def require_period(flow: Motion, period, x) -> None:
-    """Whether a period was given where there is one to give, and is one."""
-    if isinstance(flow.problem.system, Map):
+def require_period(flow: Motion, period, point: Node, where: str = "") -> None:
+    """Whether a period was given where there is one to give, and is one from there on."""
+    system, args = flow.problem.system, flow.problem.args
+    if isinstance(system, Map):
         whole("period, of a map its number of iterations,", period, least=1)
     elif period is not None:
         positive("period", period)
-    else:
-        require(
-            not depends_on_time(flow.problem.system, x, flow.problem.args),
-            "This system depends on time: give period, that of its forcing or a multiple of it.",
-        )
+    if period is not None:
+        return check_period(system, period, point.x, args, point.t, where=where)
+    return require(
+        not depends_on_time(system, point.x, args),
+        "This system depends on time: give period, that of its forcing or a multiple of it.",
+    )
 
 
 def floquet_of(flow: Motion, orbit: Orbit, point: Node, autonomous: bool) -> Floquet:
