@@ -102,8 +102,9 @@ def seeming_period(system: Any, period: float, x, args, t: float) -> float | Non
     for step in [1.0] if discrete else period * SCALES / count:
         values = _followed(system, t + step * np.arange(count), x, args)
         apart = np.array([0.0, *(_distance(values[k : k + half], values[:half]) for k in range(1, half)), np.inf])
-        least = (apart[1:-1] <= apart[:-2]) & (apart[1:-1] <= apart[2:]) & (apart[1:-1] < ALIKE)
-        for k in 1 + np.flatnonzero(least)[:MINIMA]:
+        middle = apart[2:-1]  # after one step alone nothing has changed
+        least = (middle <= apart[1:-2]) & (middle <= apart[3:]) & (middle < ALIKE)
+        for k in 2 + np.flatnonzero(least)[:MINIMA]:
             own = float(k) if discrete else _refined(system, k * step, step, x, args, t)
             if own is not None and _misfit(system, own, x, args, t) is None:
                 return own
@@ -127,16 +128,20 @@ def _refined(system, period: float, bracket: float, x, args, t: float) -> float 
 
 def _misfit(system, period: float, x, args, t: float) -> Misfit | None:
     """Where a function differs most after some periods, beyond what a shift of rounding's size makes; None: nowhere."""
-    same, discrete, misfits = max(SAME, 64 * float(np.finfo(x.dtype).eps)), iterates(system), []
+    rounding = 64 * float(np.finfo(x.dtype).eps)
+    same, discrete, misfits = max(SAME, rounding), iterates(system), []
     times = t + (np.arange(SAMPLES) if discrete else period * SPREAD)
     later = times + TURNS * period
     shift = 0.0 if discrete else same * (np.abs(times) + TURNS * period)
     values = _values(system, np.concatenate([times, later, later - shift, later + shift]), _states(x), args)
+    values = {name: np.where(np.isfinite(rows), rows, np.nan) for name, rows in values.items()}
+    # What is left of forces that cancel is as large as the rounding of the forces.
+    largest = max((np.max(np.abs(np.nan_to_num(rows)), initial=0.0) for rows in values.values()), default=0.0)
     for name, rows in values.items():
-        now, then, before, after = np.split(np.where(np.isfinite(rows), rows, np.nan), 4)
+        now, then, before, after = np.split(rows, 4)
         size = np.nan_to_num(np.maximum(np.abs(now), np.abs(then))).max(axis=0)
         difference = np.nan_to_num(np.abs(then - now))
-        beyond = difference - np.nan_to_num(np.abs(after - before)) - same * size
+        beyond = difference - np.nan_to_num(np.abs(after - before)) - same * size - rounding * largest
         i, j = np.unravel_index(np.argmax(beyond), beyond.shape)
         if beyond[i, j] > 0:
             misfits.append(Misfit(name, times[i], TURNS[i], difference[i, j], size[j]))

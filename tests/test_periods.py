@@ -181,6 +181,11 @@ def test_what_is_traced_is_not_looked_at():
         asked(2.0)
 
 
+def test_the_rounding_of_forces_that_cancel_tells_nothing():
+    block = zoo.block_on_plate()
+    check_period(block.system, 2 * np.pi, block.x0, block.args)
+
+
 def test_values_that_are_no_numbers_tell_nothing():
     system = lh.Flow(lambda t, x, args: jnp.log(x) * jnp.stack([jnp.cos(t), 1.0]))
     check_period(system, 2 * np.pi, np.array([-1.0, 1.0]), None)
