@@ -14,6 +14,7 @@ from ._tracing import array, traced
 from .blocks import cadence_for
 from .checks import attempts, positive, require, whole
 from .methods.base import Method
+from .periods import check_period
 from .sections import with_section
 from .spectra import initial_frame
 from .statuses import OK, STATUS
@@ -204,7 +205,7 @@ def bifurcation_diagram(
     problem, given, t0, mode = runs.prepare(system, given, args, 0.0, method, mode, "x0")
     require(len(problem.shape) == 1, "Systems of many bodies have no bifurcation diagram.")
     require(not traced(problem, given, values), "bifurcation_diagram drives many runs: it cannot be used under jit.")
-    _check_parameter(problem.args, name, values, period)
+    _check_parameter(problem, name, values, period, given[0], transient)
     n = problem.shape[0]
     require(all(i in range(n) for i in angles), f"angles must be components, 0 to {n - 1}; got {angles!r}.")
     angles = tuple(map(int, angles))
@@ -262,15 +263,17 @@ def _starts(x0, starts, values: int, key):
     return np.tile(points, (values, 1)), x0.astype(float)
 
 
-def _check_parameter(args, name, values, period) -> None:
+def _check_parameter(problem, name, values, period, x, transient) -> None:
     try:
-        leaf = at(args, name.split("."))
+        leaf = at(problem.args, name.split("."))
     except (KeyError, AttributeError, TypeError):
-        raise ValueError(f"args has no parameter {name!r}; args: {args!r}.") from None
+        raise ValueError(f"args has no parameter {name!r}; args: {problem.args!r}.") from None
     require(np.shape(leaf) == (), f"The parameter {name!r} must be a single number; got shape {np.shape(leaf)}.")
-    for value in values[[0, -1]]:
-        if period is not None:
-            positive("period", period(placed(args, name.split("."), value)) if callable(period) else period)
+    for value in () if period is None else values[[0, -1]]:
+        args = placed(problem.args, name.split("."), value)
+        own = period(args) if callable(period) else period
+        positive("period", own)
+        check_period(problem.system, own, x, args, transient * own, where=f" at {name} = {value:.6g}", strobe=True)
 
 
 def _shared(problem, how, period, t0, mode, k, max_steps, start):

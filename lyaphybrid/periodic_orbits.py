@@ -18,14 +18,16 @@ from .checks import positive, real, require, whole
 from .daes import Constrained, fields_of
 from .methods import HalfExplicit, RungeKutta
 from .methods.base import Method
+from .periods import check_period, depends_on_time
 from .products import product_eigenvalues
-from .return_maps import depends_on_time
 from .shooting import Motion, Node, NoPeriodicOrbit, Orbit, at_start, close_return, nearest, newton, placed
 from .systems import Flow, Hybrid, Map
 
 __all__ = ["CONVERGED", "Floquet", "floquet", "floquet_of", "require_period"]
 
 CONVERGED = 1e-9  # residual, relative to the orbit, that a periodic orbit must reach
+ALONG = 1e-3  # of a velocity, by which it may be missed: what is no orbit misses it by as much as itself …
+ROUNDED = 1e-6  # … and of the largest that a derivative could make of it, where errors are as large
 
 
 class Floquet(eqx.Module):
@@ -38,7 +40,8 @@ class Floquet(eqx.Module):
             an `lh.DAE` there are n_differential.
         exponents: (n,) ln|μ|/T, descending; -inf where μ = 0.
         stable: whether all multipliers, but the 1 along the flow of an autonomous system, are inside the unit circle.
-        residual: largest |φ_T(x) − x| over the nodes, relative to the size of the orbit.
+        residual: largest |φ_T(x) − x| over the nodes, relative to the size of the orbit; inf of what is no orbit: where
+            the mode after T is another, or an autonomous system does not carry its velocity along to itself.
         monodromy: (n, n), dx(T)/dx(0) at a point of the orbit that may be another than x0, away from events.
         base: that point, as its time, state and mode.
         mode: index of the mode at x0.
@@ -71,7 +74,7 @@ def floquet(
     x0,
     args: Any = None,
     *,
-    period=None,
+    period: Any = None,
     t0=0.0,
     mode: str | int | None = None,
     method: Method | None = None,
@@ -81,6 +84,10 @@ def floquet(
     throw: bool = True,
 ) -> Floquet:
     """The periodic orbit near x0, and its Floquet multipliers.
+
+    After T the state is the same, and the mode; and of an autonomous system one multiplier is 1, as its velocity is
+    carried along to itself. Where Newton's method comes to a point whose motion ends in another mode it goes on from
+    there, by a turn of the motion.
 
     Args:
         system: an `lh.Flow`, `lh.Hybrid` (sliding modes included) or `lh.Map`.
@@ -101,8 +108,10 @@ def floquet(
         A `Floquet`.
 
     Raises:
-        ValueError: on arguments that do not fit; without a period, on a system that depends on time.
-        NoPeriodicOrbit: where Newton's method does not converge, or no close return was found, and `throw`.
+        ValueError: on arguments that do not fit; on a system that depends on time, without a period or with one after
+            which fields, guards, resets or clocks are not as before: it says which seems to be theirs.
+        NoPeriodicOrbit: where Newton's method does not converge, or to what is no orbit (an equilibrium; what closes in
+            another mode), and `throw`; where no close return was found.
         RunFailed: where the motion from x0 itself fails.
 
     Source:
@@ -131,7 +140,7 @@ def floquet(
     flow = Motion(problem)
     point = Node(float(time), start, index)
     period = period(args) if callable(period) else period
-    require_period(flow, period, start)
+    require_period(flow, period, point)
     real("transient, a length,", transient)
     if transient > 0:
         run = flow.piece(point, float(transient if period is None else np.ceil(transient / period) * period))
@@ -139,32 +148,63 @@ def floquet(
     autonomous = period is None
     given = point
     point, guess = close_return(flow, point) if period is None else (point, float(np.asarray(period)))
-    nodes, offset = placed(flow, point, guess, segments)
-    orbit = newton(flow, nodes, guess, autonomous, max_iterations)
+    orbit = newton(flow, placed(flow, point, guess, segments), guess, autonomous, max_iterations)
     base = orbit.nodes[0]
-    end = nearest(flow, base, orbit.period, start) if autonomous else at_start(flow, base, given, guess, offset)
+    end = nearest(flow, base, orbit.period, start) if autonomous else at_start(flow, base, given, guess)
     result = floquet_of(flow, orbit, end, autonomous)
     if throw and not result.residual <= CONVERGED:
-        raise NoPeriodicOrbit(
-            f"Newton's method stands at a residual of {result.residual:.1e} after {orbit.iterations} iterations, "
-            f"period {result.period:.6g}: (a) x0 is too far from a periodic orbit, give a transient; (b) the orbit is "
-            "unstable and long, give segments; (c) the period is not one of this motion.",
-            result,
-        )
+        raise NoPeriodicOrbit(_failure(flow, orbit, result), result)
     return result
 
 
-def require_period(flow: Motion, period, x) -> None:
-    """Whether a period was given where there is one to give, and is one."""
-    if isinstance(flow.problem.system, Map):
+def _failure(flow: Motion, orbit: Orbit, result: Floquet) -> str:
+    """What Newton's method found instead of an orbit."""
+    if orbit.torn:
+        wanted, found = (runs.mode_names(flow.problem.system)[mode] for mode in orbit.torn[0])
+        return (
+            f"No periodic orbit: after {orbit.period:.6g}, {orbit.iterations} iterations of Newton's method, the state "
+            f"is back to {orbit.gap:.1e} of its size, but in mode {found!r} where it should be in {wanted!r}: (a) x0 "
+            "is too far from a periodic orbit, give a transient or another mode; (b) there is none, the motion leaves "
+            "this cycle of events; (c) the period is not one of this motion."
+        )
+    if orbit.residual <= CONVERGED:
+        values = ", ".join(f"{mu:.6g}" for mu in np.asarray(result.multipliers))
+        return (
+            f"No periodic orbit: the state is back after {orbit.period:.6g}, but one multiplier of an autonomous "
+            f"system's orbit is 1, and those here are {values}: (a) it is an equilibrium, its speed is "
+            f"{np.linalg.norm(flow.velocity(orbit.nodes[0])):.1e}; (b) the method is too coarse, tighten its "
+            "tolerances; (c) the derivative of a reset, guard or field is not that of its values."
+        )
+    return (
+        f"Newton's method stands at a residual of {orbit.gap:.1e} after {orbit.iterations} iterations, "
+        f"period {orbit.period:.6g}: (a) x0 is too far from a periodic orbit, give a transient; (b) the orbit is "
+        "unstable and long, give segments; (c) the period is not one of this motion."
+    )
+
+
+def _goes_along(flow: Motion, orbit: Orbit) -> bool:
+    """Whether each piece carries its velocity to that of the next, M_i f(x_i) = f(x_{i+1}): then a multiplier is 1."""
+    speeds = [(piece.matrix, flow.velocity(piece.start), flow.velocity(node)) for piece, node in orbit.seams]
+    return all(
+        np.linalg.norm(matrix @ before - after)
+        < ALONG * np.linalg.norm(after) + ROUNDED * np.linalg.norm(matrix, 2) * np.linalg.norm(before)
+        for matrix, before, after in speeds
+    )
+
+
+def require_period(flow: Motion, period, point: Node, where: str = "") -> None:
+    """Whether a period was given where there is one to give, and is one from there on."""
+    system, args = flow.problem.system, flow.problem.args
+    if isinstance(system, Map):
         whole("period, of a map its number of iterations,", period, least=1)
     elif period is not None:
         positive("period", period)
-    else:
-        require(
-            not depends_on_time(flow.problem.system, x, flow.problem.args),
-            "This system depends on time: give period, that of its forcing or a multiple of it.",
-        )
+    if period is not None:
+        return check_period(system, period, point.x, args, point.t, where=where)
+    return require(
+        not depends_on_time(system, point.x, args),
+        "This system depends on time: give period, that of its forcing or a multiple of it.",
+    )
 
 
 def floquet_of(flow: Motion, orbit: Orbit, point: Node, autonomous: bool) -> Floquet:
@@ -186,7 +226,7 @@ def floquet_of(flow: Motion, orbit: Orbit, point: Node, autonomous: bool) -> Flo
         multipliers=jnp.asarray(multipliers),
         exponents=jnp.asarray(exponents),
         stable=bool(np.all(others < 1)),
-        residual=orbit.residual,
+        residual=orbit.residual if not autonomous or _goes_along(flow, orbit) else np.inf,
         monodromy=jnp.asarray(monodromy),
         base=(base.t, jnp.asarray(base.x), 0 if isinstance(flow.problem.system, Map) else flow.mode(base)),
         mode=0 if isinstance(flow.problem.system, Map) else flow.mode(point),

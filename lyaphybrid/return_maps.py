@@ -1,26 +1,22 @@
 """Return maps: from one firing of a transition to the next, as a map that everything made for maps can use."""
 
 import dataclasses
-from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from . import propagation, runs
 from ._compiler import lean_jit
-from ._jaxprs import needed
-from ._tracing import traced
 from .methods import RungeKutta
 from .methods.base import Method
+from .periods import depends_on_time
 from .propagation import Cadence
 from .statuses import STATUS
 from .systems import Hybrid, Map
 
-__all__ = ["depends_on_time", "return_map"]
+__all__ = ["return_map"]
 
-TRIED = (0.0, 0.1234, 1.3, 17.7)  # times
 MOST_STEPS = 1_000_000  # attempts of a step between two firings
 PLAN = runs.Plan(Cadence("never", False), "mgs", False, 0, False, False, runs.nothing)
 
@@ -122,35 +118,3 @@ def _returned(rule: _Return, n, x, args):
     done = (carry.status == int(wanted)) & (journey.block == 1)
     after = jnp.append(carry.x, journey.base[0] + journey.base[1]) if rule.with_time else carry.x
     return jnp.where(done, after, jnp.nan)
-
-
-def depends_on_time(system: Any, x, args) -> bool:
-    """Whether a field, guard or reset takes the time, or a clock ticks.
-
-    One that takes it may still give the same at all times, as a forcing of amplitude 0 does: where the parameters are
-    known, some times are tried.
-    """
-    functions = list(system.fields or ()) if isinstance(system, Hybrid) else [system.field]
-    which = jnp.asarray(0, jnp.int32)
-    for transition in system.transitions if isinstance(system, Hybrid) else ():
-        if transition.guard is None:
-            return True
-        vector = jax.eval_shape(transition.guard, jnp.zeros((), x.dtype), x, args).shape != ()
-        extra = (which,) if vector else ()
-        functions.append(transition.guard)
-        functions += [_with(f, extra) for f in (transition.reset, transition.target) if callable(f)]
-    return any(_takes_time(function, x, args) for function in functions)
-
-
-def _with(function, extra):
-    return lambda t, x, args: function(t, x, args, *extra)
-
-
-def _takes_time(function, x, args) -> bool:
-    closed = jax.make_jaxpr(lambda t: function(t, x, args))(jnp.zeros((), x.dtype))
-    if closed.jaxpr.invars[0] not in needed(closed):
-        return False
-    if traced((x, args)):
-        return True
-    values = [np.asarray(function(jnp.asarray(t, x.dtype), x, args)) for t in TRIED]
-    return not all(np.array_equal(value, values[0], equal_nan=True) for value in values)

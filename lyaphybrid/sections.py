@@ -11,6 +11,7 @@ from . import runs
 from ._tracing import array, traced
 from .checks import attempts, positive, require, whole
 from .methods.base import Method
+from .periods import check_period
 from .propagation import Cadence
 from .results import RunFailed
 from .statuses import STATUS
@@ -76,7 +77,8 @@ def poincare_section(
         args: pytree of parameters.
         section: ``(t, x, args) -> h``, a scalar, continuously differentiable. A jump that carries the state across
             is no crossing. Where a guard of the system is zero at the same instant the point is that before the jump.
-        period: T instead: a number, or ``args -> number``; whole for a map.
+        period: T instead: a number, or ``args -> number``; whole for a map. Of a forced system a multiple of its own;
+            where it has several frequencies, without a common period, any.
         n: number of points.
         transient: so many points before them are dropped.
         direction: of the crossing: −1, h falls; +1, h rises; 0, both.
@@ -115,7 +117,9 @@ def poincare_section(
         not traced(x0, problem, t0), "poincare_section decides from values how long to go on: not under jit or vmap."
     )
     if section is None:
-        found = _stroboscopic(problem, x0, t0, mode, _period(system, period, problem.args), n, transient, max_steps)
+        length = _period(system, period, problem.args)
+        check_period(system, length, x0, problem.args, float(t0) + transient * length, strobe=True)
+        found = _stroboscopic(problem, x0, t0, mode, length, n, transient, max_steps)
     else:
         found = _crossings(problem, x0, t0, mode, n, transient, max_steps)
     t, x, modes, status = found

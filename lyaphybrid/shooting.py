@@ -1,8 +1,12 @@
 """Multiple shooting: Newton's method for the points of a periodic orbit, through all jumps on the way.
 
 An orbit of period T is a root of φ_T(x) − x. Multiple shooting cuts it at nodes x_0, …, x_{m−1} and asks that each
-piece ends where the next begins; of an autonomous system the period is one more unknown, and f(x_0)·δx_0 = 0 one more
-equation, so that the point does not slide along the orbit.
+piece ends where the next begins, in the same mode; of an autonomous system the period is one more unknown, and
+f(x_0)·δx_0 = 0 one more equation, so that the point does not slide along the orbit.
+
+With the mode the cycle of events is the same too: what follows from a state in a mode is always the same. Without it
+there are roots that are no orbits: fields may be continued beyond the guards at which their modes end, and there a
+motion may meet itself in another mode.
 """
 
 from typing import Any, NamedTuple
@@ -91,8 +95,24 @@ class Orbit(NamedTuple):
     nodes: list[Node]
     pieces: list[Piece]
     period: float
-    residual: float
+    gap: float  # largest distance of states between pieces, relative to the orbit
     iterations: int
+
+    @property
+    def seams(self) -> list[tuple[Piece, Node]]:
+        """Each piece with the node at which it is to end."""
+        return list(zip(self.pieces, [*self.nodes[1:], self.nodes[0]], strict=True))
+
+    @property
+    def torn(self) -> list[tuple[int, int]]:
+        """The modes (wanted, found) where a piece ends in another than the next begins in."""
+        # Of a node without a mode the state tells it, and then the gap says all.
+        return [(int(node.mode), piece.mode) for piece, node in self.seams if node.mode not in (None, piece.mode)]
+
+    @property
+    def residual(self) -> float:
+        """What keeps the pieces from being an orbit: the gap; inf where they do not fit in mode."""
+        return np.inf if self.torn else self.gap
 
 
 class Motion(NamedTuple):
@@ -164,9 +184,10 @@ def close_return(flow: Motion, start: Node) -> tuple[Node, float]:
     horizon = (np.linalg.norm(start.x) + 1e-3) / max(float(np.linalg.norm(flow.velocity(start))), 1e-12)
     for _ in range(DOUBLINGS):
         stretch = flow.piece(start, float(horizon))
-        times, points = states_of(stretch)
+        times, points, modes = states_of(stretch)
         distance = np.linalg.norm(points - np.asarray(start.x), axis=1)
         size = np.maximum.accumulate(distance)
+        distance = np.where(modes == flow.mode(start), distance, np.inf)
         inner = np.flatnonzero((distance[1:-1] <= distance[:-2]) & (distance[1:-1] <= distance[2:])) + 1
         close = inner[distance[inner] < CLOSE * size[inner]]
         if len(close):
@@ -179,25 +200,26 @@ def close_return(flow: Motion, start: Node) -> tuple[Node, float]:
     )
 
 
-def states_of(piece: Piece) -> tuple[np.ndarray, np.ndarray]:
-    """Times and states of a piece, those after its jumps among them."""
+def states_of(piece: Piece) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times, states and modes of a piece, those after its jumps among them."""
     if piece.events is None:
-        return piece.times, piece.points
+        return piece.times, piece.points, piece.modes
     times = np.concatenate([piece.times, piece.events.t])
     points = np.concatenate([piece.points, piece.events.x_after])
+    modes = np.concatenate([piece.modes, piece.events.mode_after])
     order = np.argsort(times, kind="stable")
-    return times[order], points[order]
+    return times[order], points[order], modes[order]
 
 
-def placed(flow: Motion, start: Node, period: float, segments: int) -> tuple[list[Node], float]:
-    """The nodes, away from events; and the time from x0 to the first of them."""
+def placed(flow: Motion, start: Node, period: float, segments: int) -> list[Node]:
+    """The nodes, away from events."""
     if isinstance(flow.problem.system, Map):
-        return [start], 0.0
+        return [start]
     whole = flow.piece(start, period * (1 + CLEAR))  # an event that ends the period must be seen
     events = np.zeros(0) if whole.events is None else np.unique(whole.events.t % period)
-    clear = [_away(at, events, period) for at in period * np.arange(segments) / segments]
-    nodes = [start if at == 0 else flow.piece(start, float(at)).end for at in clear]
-    return nodes, float(clear[0])
+    clear = np.sort([_away(at, events, period) for at in period * np.arange(segments) / segments])
+    clear = clear[np.diff(clear, prepend=-period) > CLEAR * period]  # some may have come into the same gap
+    return [start if at == 0 else flow.piece(start, float(at)).end for at in clear]
 
 
 def _away(at: float, events: np.ndarray, period: float) -> float:
@@ -217,31 +239,46 @@ def _away(at: float, events: np.ndarray, period: float) -> float:
 
 
 def newton(flow: Motion, nodes: list[Node], period: float, autonomous: bool, most: int) -> Orbit:
-    """Newton's method, its steps halved while they lead away."""
-    shares = shares_of(nodes, period)
-    orbit = shot(flow, nodes, shares, period, 0)
+    """Newton's method, its steps halved while they lead away; carried on by the motion where modes do not fit."""
+    orbit = shot(flow, nodes, shares_of(nodes, period), period, 0)
     for iteration in range(1, most + 1):
         if orbit.residual <= FINISHED:
             break
-        steps, change = _newton_step(flow, orbit, shares, autonomous)
-        better = None
-        for halving in range(HALVINGS):
-            factor = 0.5**halving
-            moved = [flow.moved(node, factor * step) for node, step in zip(orbit.nodes, steps, strict=True)]
-            at = period + 0.0 if not autonomous else orbit.period + factor * change
-            if at <= 0.1 * period or at >= 10 * period:
-                continue
-            try:
-                trial = shot(flow, retimed(moved, shares, at), shares, at, iteration)
-            except RunFailed:
-                continue
-            if trial.residual < orbit.residual:
-                better = trial
+        trial = _stepped(flow, orbit, period, autonomous, iteration)
+        if not trial.residual < orbit.gap:
+            if not (orbit.torn or trial.torn):
                 break
-        if better is None:
-            break
-        orbit = better
+            # A mode ends on the way to the root: it is none, or there is no way to it from here.
+            nodes, period = _carried_on(flow, orbit, autonomous)
+            trial = shot(flow, nodes, shares_of(nodes, period), period, iteration)
+        orbit = trial
     return orbit
+
+
+def _stepped(flow: Motion, orbit: Orbit, period: float, autonomous: bool, iteration: int) -> Orbit:
+    """A step of Newton's method that comes nearer, in modes that fit; where none does, the shortest that was tried."""
+    shares, trial = shares_of(orbit.nodes, orbit.period), orbit
+    steps, change = _newton_step(flow, orbit, shares, autonomous)
+    for factor in [0.5**halving for halving in range(HALVINGS)]:
+        moved = [flow.moved(node, factor * step) for node, step in zip(orbit.nodes, steps, strict=True)]
+        at = orbit.period + factor * change
+        if at <= 0.1 * period or at >= 10 * period:
+            continue
+        try:
+            trial = shot(flow, retimed(moved, shares, at), shares, at, iteration)
+        except RunFailed:
+            continue
+        if trial.residual < orbit.gap:
+            break
+    return trial
+
+
+def _carried_on(flow: Motion, orbit: Orbit, autonomous: bool) -> tuple[list[Node], float]:
+    """Nodes on the motion after a turn, which is in a mode of its own there; and the period."""
+    end = orbit.pieces[-1].end
+    again = end._replace(t=orbit.nodes[0].t), orbit.period
+    start, period = close_return(flow, end) if autonomous else again
+    return placed(flow, start, period, len(orbit.nodes)), period
 
 
 def shares_of(nodes: list[Node], period: float) -> np.ndarray:
@@ -261,21 +298,20 @@ def shot(flow: Motion, nodes: list[Node], shares, period: float, iteration: int)
     nodes = [flow.consistent(node) for node in nodes]
     pieces = [flow.piece(node, float(share * period)) for node, share in zip(nodes, shares, strict=True)]
     size = max(SMALL, *(np.max(np.abs(piece.x)) for piece in pieces))
-    residual = max(np.max(np.abs(gap)) for gap in _gaps(pieces)) / size
-    return Orbit(nodes, pieces, period, float(residual), iteration)
+    orbit = Orbit(nodes, pieces, period, np.inf, iteration)
+    return orbit._replace(gap=float(np.max(np.abs(_gaps(orbit))) / size))
 
 
-def _gaps(pieces: list[Piece]) -> list[np.ndarray]:
-    """From where each piece ends to where the next begins."""
-    following = [*pieces[1:], pieces[0]]
-    return [np.asarray(a.x) - np.asarray(b.start.x) for a, b in zip(pieces, following, strict=True)]
+def _gaps(orbit: Orbit) -> np.ndarray:
+    """(m, n) from where each piece ends to where the next begins."""
+    return np.array([np.asarray(piece.x) - np.asarray(node.x) for piece, node in orbit.seams])
 
 
 def linearised(flow: Motion, orbit: Orbit, shares, autonomous: bool) -> tuple[np.ndarray, np.ndarray]:
     """The derivatives of all equations by all nodes, and by the period where it is unknown; and what they miss."""
     m, n = len(orbit.nodes), len(orbit.nodes[0].x)
     system, gaps = np.zeros((m * n + autonomous, m * n + autonomous)), np.zeros(m * n + autonomous)
-    gaps[: m * n] = np.concatenate(_gaps(orbit.pieces))
+    gaps[: m * n] = _gaps(orbit).ravel()
     for i, piece in enumerate(orbit.pieces):
         rows, after = slice(i * n, (i + 1) * n), (i + 1) % m
         system[rows, rows] += piece.matrix
@@ -309,9 +345,10 @@ def nearest(flow: Motion, base: Node, period: float, x) -> Node:
     return Node(base.t + float(np.concatenate(times)[i]), jnp.asarray(points[i]), int(np.concatenate(modes)[i]))
 
 
-def at_start(flow: Motion, base: Node, start: Node, period: float, offset: float) -> Node:
+def at_start(flow: Motion, base: Node, start: Node, period: float) -> Node:
     """The point of a forced orbit at t0; where it jumps there, before or after the jump as x0 is."""
-    if offset == 0:
+    offset = (base.t - start.t) % period
+    if offset == 0 or isinstance(flow.problem.system, Map):
         return base
     length = period - offset
     ends = [flow.piece(base, length).end]

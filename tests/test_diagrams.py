@@ -248,7 +248,7 @@ def test_too_few_steps_are_a_status():
 
 def test_angles_turn():
     """Half a turn in each period of π: without being told so the first component never repeats."""
-    turning = lh.Flow(lambda t, x, args: jnp.stack([1.0 + 0.0 * x[0], args["rate"] * (jnp.sin(t) - x[1])]))
+    turning = lh.Flow(lambda t, x, args: jnp.stack([1.0 + 0.0 * x[0], args["rate"] * (jnp.sin(2 * t) - x[1])]))
     options = {"period": np.pi, "method": lh.RungeKutta("rk4", dt=0.1), "transient": 50}
     found = lh.bifurcation_diagram(
         turning, {"rate": [1.0]}, [[-3.0, 0.0], [3.0, 1.0]], {"rate": 0.0}, angles=(0,), **options

@@ -7,7 +7,7 @@ import pytest
 
 import lyaphybrid as lh
 from lyaphybrid import zoo
-from lyaphybrid.return_maps import depends_on_time
+from lyaphybrid.periods import depends_on_time
 
 pytestmark = pytest.mark.unoptimised
 

@@ -124,7 +124,7 @@ def continuation(
     else:
         orbit = special.orbit
     turns = 1 if special is None else special.turns_there
-    equations = _equations(system, args_of, value, orbit, turns, options, high - low)
+    equations = _equations(system, args_of, (low, value, high), parameter, orbit, turns, options)
     within = (low, high), step, max_points
     sides = _both(equations, orbit, value, within) if special is None else _branched(equations, special, within)
     return _result(equations, parameter, orbit, *sides, float(t0))
@@ -148,15 +148,20 @@ def _parameter(args, parameter: str) -> tuple[ParameterOf, float]:
     return ParameterOf(args_of, jnp.asarray(leaf, float), entry), float(leaf[entry])
 
 
-def _equations(system, args_of, value: float, orbit: Floquet, turns: int, options, span: float) -> Equations:
+def _equations(system, args_of, values, parameter: str, orbit: Floquet, turns: int, options) -> Equations:
     """The equations of the branch through an orbit, with its size and its period for scales."""
-    args, period, method = args_of(jnp.asarray(value)), options["period"], options["method"]
-    problem, x, *_ = runs.prepare(system, orbit.base[1], args, options["t0"], method, options["mode"])
+    args, period, method = args_of(jnp.asarray(values[1])), options["period"], options["method"]
+    problem, *_ = runs.prepare(system, orbit.base[1], args, options["t0"], method, options["mode"])
+    base, scales = Node(*orbit.base), (orbit.period, values[2] - values[0])
     flow = Motion(problem)
-    require_period(flow, period(args) if callable(period) else period, x)
-    size = float(np.max(np.abs(states_of(flow.piece(Node(*orbit.base), orbit.period))[1])))
+    size = float(np.max(np.abs(states_of(flow.piece(base, orbit.period))[1])))
     size = size if size > NONE else 1.0
-    return Equations(problem, args_of, method, period, turns, options["segments"], size, orbit.period, span)
+    equations = Equations(problem, args_of, method, period, turns, options["segments"], size, *scales)
+    for p in values:
+        own = equations.own_period(p)
+        if p == values[1] or own is None or 0 < own < np.inf:  # beyond the branch there need be none
+            require_period(equations.motion(p), own, base, f" at {parameter} = {p:.6g}")
+    return equations
 
 
 def _both(equations: Equations, orbit: Floquet, value: float, within) -> tuple[Point, list[Arc]]:
@@ -230,8 +235,7 @@ def _result(equations: Equations, name: str, orbit: Floquet, origin: Point, arcs
 def _shown(equations: Equations, point: Point, start: Node) -> Floquet:
     """The orbit of a point with its multipliers; of a forced system as it is at t0."""
     flow, base = equations.motion(point.parameter), point.orbit.nodes[0]
-    offset = 0.0 if equations.autonomous or equations.discrete else (base.t - start.t) % point.orbit.period
-    shown = at_start(flow, base, start, point.orbit.period, offset)
+    shown = base if equations.autonomous else at_start(flow, base, start, point.orbit.period)
     return floquet_of(flow, point.orbit, shown, equations.autonomous)
 
 

@@ -79,15 +79,16 @@ class Equations(NamedTuple):
 
     def length(self, p: float) -> float:
         """The time after which a forced orbit closes."""
-        return self.turns * float(self._own_period(p))
+        return self.turns * float(self.own_period(p))
 
-    def _own_period(self, p) -> Any:
+    def own_period(self, p) -> Any:
+        """The period that was given, at this parameter."""
         return self.period(self.args_of(jnp.asarray(p, float))) if callable(self.period) else self.period
 
     def begin(self, node: Node, p: float, period: float) -> Orbit:
         """The motion from this node, over that time, cut into pieces away from events."""
         flow = self.motion(p)
-        nodes = placed(flow, node, period, self.segments)[0]
+        nodes = placed(flow, node, period, self.segments)
         return shot(flow, nodes, shares_of(nodes, period), period, 0)
 
     def scales(self, orbit: Orbit) -> np.ndarray:
@@ -128,7 +129,7 @@ class Equations(NamedTuple):
         """How the ends of the pieces change with the parameter, where the period is given with that too."""
         longer = 0.0
         if callable(self.period) and not self.discrete:
-            longer = self.turns * float(jax.jacfwd(self._own_period)(jnp.asarray(p, float)))
+            longer = self.turns * float(jax.jacfwd(self.own_period)(jnp.asarray(p, float)))
         later = longer * np.concatenate([[0.0], np.cumsum(shares)[:-1]])
         still = np.zeros(len(orbit.nodes[0].x))
         return [

@@ -9,10 +9,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .. import runs
 from .._tracing import traced
 from ..checks import positive, real, require, whole
 from ..daes import degrees_of_freedom
 from ..methods.base import Method
+from ..periods import check_period
 from ..systems import EventDriven, Flow, Hybrid, Map
 from .birkhoff import by_birkhoff
 from .estimates import Case, Estimate, Untrusted, case_of, tree_of
@@ -181,6 +183,10 @@ def lyapunov_gradient(
     options = {"t1": t1, "t0": t0, "transient": 0.1 * t1 if transient is None else transient, "mode": mode,
                "method": integrator, "clock": clock}  # fmt: skip
     case = case_of(system, start, args, k or most, options, free)
+    if period is not None:
+        now, own = runs.as_arrays(args, float), period(args) if callable(period) else period
+        positive("period", own)
+        check_period(system, own, case.start(now), now, t0)
     name, estimate = _estimate(case, method, period, key, (window, points, replicates, degree, progress))
     return _gradient(case, name, estimate)
 

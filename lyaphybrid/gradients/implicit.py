@@ -106,9 +106,7 @@ def _orbit(case: Case, period) -> tuple[Floquet, Method | None]:
         x0, period, transient = *_returning(case.system, x0, args, int(transient + options.get("t1", 0))), 0.0
     keywords = {name: options[name] for name in ("t0", "mode") if name in options}
     try:
-        return floquet(
-            case.system, x0, args, period=period, transient=transient, method=method, throw=False, **keywords
-        ), method
+        return floquet(case.system, x0, args, period=period, transient=transient, method=method, **keywords), method
     except (NoPeriodicOrbit, RunFailed) as failed:
         raise Untrusted(f"no periodic orbit: {str(failed).splitlines()[0]}") from failed
 
