@@ -26,8 +26,8 @@ from .systems import Flow, Hybrid, Map
 __all__ = ["CONVERGED", "Floquet", "floquet", "floquet_of", "require_period"]
 
 CONVERGED = 1e-9  # residual, relative to the orbit, that a periodic orbit must reach
-ALONG = 1e-3  # of a velocity, by which it may be missed: what is no orbit misses it by as much as itself …
-ROUNDED = 1e-6  # … and of the largest that a derivative could make of it, where errors are as large
+ALONG = 1e-6  # of a velocity, by which it may be missed: orbits miss it by rounding, all else by about itself …
+ROUNDED = 1e-9  # … and of the largest that a derivative could make of it, where errors are as large
 
 
 class Floquet(eqx.Module):
