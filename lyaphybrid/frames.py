@@ -23,6 +23,7 @@ PANEL = 32  # columns of a panel, at most
 UNEVEN = 300.0  # a larger ratio of lengths in a panel may cost more than 1e-11 of its orthogonality
 LOST = 1e-12  # a column is lost at a jump where its residual is below this, relative to its length before
 DEPENDENT = 1e-13  # and after several where it is below this, relative to its length now; always, to its own terms
+CLEARED = 4  # times, of the columns before it: then rows of 1e-60 of the others are right
 TINY = 1e-290
 
 
@@ -196,14 +197,15 @@ def _in_a_loop(frame, floors=None):
 def _entry_by_entry(frame, sizes, tolerance):
     """Column by column, with the size of what each entry is the sum of; also which columns are lost.
 
-    Rows may be of very different sizes, as behind a reset of what was fast before: twice is enough for the small ones
-    too, and so a column is judged by the entry that is known best.
+    Rows may be of very different sizes, as behind a reset of what was fast before, and a column is judged by the entry
+    that is known best. What a small row holds comes out where clearing leaves no more than that of the large ones:
+    each time leaves rounding of what was left before.
     """
 
     def clear(j, state):
         columns, known, lengths, lost = state
         y, size = frame[:, j], sizes[:, j]
-        for _ in range(2):
+        for _ in range(CLEARED):
             share = y @ columns
             y, size = y - columns @ share, size + known @ jnp.abs(share)
         length = _norm(y)

@@ -22,18 +22,23 @@ __all__ = ["land"]
 
 SAME = 1e-13  # roots nearer than this, relative to the controller's step or the time, are simultaneous
 GRAZING = 1e-3  # sine of the angle between flow and guard below which a crossing is called grazing
-SLOWED = 1e-8  # a flow that a jump slows down by more, without stopping it: to rounding that looks like a loss
 SHORT = 1e-5  # an interval between events is short below this, relative to the step and the longest interval
+
+
+class Moves(NamedTuple):
+    """Perturbations on their way through the jumps of one instant."""
+
+    columns: Array
+    direction: Array  # (n,) along which the columns are moved to their own instants …
+    delay: Array  # … by δτ (columns,)
+    sizes: Sizes | None  # of these three, for the columns of the frame; None where nothing is orthonormalised
 
 
 class Landing(NamedTuple):
     """The state on its way through the jumps of one instant."""
 
     x: Array
-    columns: Array
-    direction: Array  # (n,) along which the columns are moved to their own instants …
-    delay: Array  # … by δτ (columns,)
-    sizes: Sizes | None  # of these three, for the columns of the frame; None where nothing is orthonormalised
+    moves: Moves
     mode: Array
     f: Array  # of the new mode
     g: Array
@@ -137,9 +142,9 @@ def _cross(mover, settings, clock: Clock, c: Carry, mode, transition, which, slo
         columns = jnp.concatenate([columns, jnp.eye(c.x.shape[0], dtype=c.x.dtype)], axis=1)
     landing = _in_each_order(mover, settings, t, h, c, columns, mode, transition, which, slot, together)
     since = c.since + landing.count.astype(c.since.dtype) if settings.cadence.unit == "jumps" else c.since
-    volume = frames.log_abs_det(landing.columns[:, k:]) if settings.sum_rule else None
-    project, frame = mover.onto_mode(landing.mode, t, landing.x), landing.columns[:, :k]
-    sizes = None if landing.sizes is None else landing.sizes.columns
+    volume = frames.log_abs_det(landing.moves.columns[:, k:]) if settings.sum_rule else None
+    project, frame = mover.onto_mode(landing.mode, t, landing.x), landing.moves.columns[:, :k]
+    sizes = None if landing.moves.sizes is None else landing.moves.sizes.columns
     if project is not None and k:
         frame = each_column(project, frame)
         sizes = None if sizes is None else each_column(absolute(project), sizes)
@@ -156,8 +161,9 @@ def _cross(mover, settings, clock: Clock, c: Carry, mode, transition, which, slo
     doubtful = jnp.asarray(False)
     if _orthonormalises(mover, settings, c):
         losses, (c, _) = c.losses, harvest(settings, c, t, frames.LOST, frames.LOST, project, was_live, sizes)
-        speed = jnp.max(jnp.abs(landing.f))
-        doubtful = jnp.any(c.losses > losses) & (speed > 0) & (speed < SLOWED * landing.speed)
+        # The direction of the flow shrinks like its speed: so far that the rounding of the columns would hide it?
+        speed, hidden = jnp.max(jnp.abs(landing.f)), frames.DEPENDENT * jnp.max(sizes)
+        doubtful = jnp.any(c.losses > losses) & (speed > 0) & (speed < hidden * landing.speed)
     c = _remember(mover, c, landing, clock, jnp.where(slot < 0, -1, slot + mover.wiring.slots * mode), doubtful)
     c = stop(c, STATUS.terminated, landing.terminal)
     c = stop(c, STATUS.deadlock, landing.stuck)
@@ -181,10 +187,7 @@ def _start_cascade(mover, settings, t, c, columns, mode, transition, which, slot
     slots, no = jnp.zeros(w.slots, x.dtype), jnp.asarray(False)
     return Landing(
         x=x,
-        columns=columns,
-        direction=f,
-        delay=jnp.where(ticking, 0.0, delays(gradient @ columns, rate)),
-        sizes=sizes,
+        moves=Moves(columns, f, jnp.where(ticking, 0.0, delays(gradient @ columns, rate)), sizes),
         mode=mode,
         f=f,
         g=slots,
@@ -211,9 +214,8 @@ def _cascade(mover, settings: Settings, t, h, landing: "Landing") -> "Landing":
     w = mover.wiring
 
     def jump(state: Landing) -> Landing:
-        moves = state.columns, state.direction, state.delay, state.sizes
         pushers = [_pusher(reset) for reset in w.resets]
-        x, moves = jax.lax.switch(state.transition, pushers, t, state.x, moves, state.which)
+        x, moves = jax.lax.switch(state.transition, pushers, t, state.x, state.moves, state.which)
         mode = jax.lax.switch(state.transition, w.targets, state.mode, t, state.x, state.which)
         if w.constrained:  # what a jump leaves undecided is that the new constraints hold
             x, moves = _pushed(functools.partial(mover.onto_constraints, mode), t, x, moves)
@@ -237,7 +239,7 @@ def _cascade(mover, settings: Settings, t, h, landing: "Landing") -> "Landing":
         which = table(mover, mode if w.modes > 1 else None, w.component)[slot]
         return Landing(
             x,
-            *moves,
+            moves,
             mode,
             f,
             g,
@@ -261,8 +263,7 @@ def _cascade(mover, settings: Settings, t, h, landing: "Landing") -> "Landing":
     loop = rarely if settings.reverse else jax.lax.while_loop
     landing = loop(lambda s: s.again, jump, landing)
     over = (landing.count >= mover.max_cascade) & _still_firing(mover, landing)
-    moves = _returned(landing.f, (landing.columns, landing.direction, landing.delay, landing.sizes))
-    return landing._replace(columns=moves[0], sizes=moves[3], count=landing.count + over.astype(jnp.int32))
+    return landing._replace(moves=_returned(landing.f, landing.moves), count=landing.count + over.astype(jnp.int32))
 
 
 def _still_firing(mover, landing: "Landing"):
@@ -280,21 +281,21 @@ def _instant(mover, mode, t, x, f, slot):
     return by_mode(mode, [of_mode(g) for g in mover.wiring.guards], t, x, f)
 
 
-def _own_instant(mover, alone, mode, t, x, f, slot, moves):
+def _own_instant(mover, alone, mode, t, x, f, slot, moves: Moves) -> Moves:
     """Columns whose instant was another guard's, at that of a guard that no jump brought to zero."""
     gradient, moving, rate = _instant(mover, mode, t, x, f, slot)
     back, _, _, sizes = _returned(f, moves)
     if sizes is not None:
         sizes = sizes_at(sizes.columns, f, gradient, moving, rate)
-    return _choose(alone, (back, f, delays(gradient @ back, rate), sizes), moves)
+    return _choose(alone, Moves(back, f, delays(gradient @ back, rate), sizes), moves)
 
 
-def _returned(f, moves):
-    """Back to the instant of the orbit; moves are the columns, their direction and delay, and the sizes of these."""
+def _returned(f, moves: Moves) -> Moves:
+    """Back to the instant of the orbit."""
     columns, direction, delay, sizes = moves
     if sizes is not None:
         sizes = sizes._replace(columns=sizes_returned(sizes, f))
-    return return_along(columns, direction, f, delay), direction, delay, sizes
+    return moves._replace(columns=return_along(columns, direction, f, delay), sizes=sizes)
 
 
 def _in_each_order(mover, settings: Settings, t, h, c, columns, mode, transition, which, slot, together) -> "Landing":
@@ -380,8 +381,8 @@ def _gradient(guard, t, x, f):
 
 def _apart(a: Landing, b: Landing):
     """Whether two orders of the same events end differently, in the state or in the tangent."""
-    size = 1.0 + jnp.max(jnp.abs(b.columns), initial=0.0)
-    columns = jnp.max(jnp.abs(a.columns - b.columns), initial=0.0) > 1e-9 * size
+    size = 1.0 + jnp.max(jnp.abs(b.moves.columns), initial=0.0)
+    columns = jnp.max(jnp.abs(a.moves.columns - b.moves.columns), initial=0.0) > 1e-9 * size
     states = jnp.max(jnp.abs(a.x - b.x)) > 1e-9 * (1.0 + jnp.max(jnp.abs(b.x)))
     return columns | states | (a.mode != b.mode)
 
@@ -390,13 +391,13 @@ def _pusher(reset):
     return lambda t, x, moves, which: _pushed(lambda t, x: reset(t, x, which), t, x, moves)
 
 
-def _pushed(reset, t, x, moves):
-    """Through a reset: the point, the columns and their direction, and the sizes of these."""
+def _pushed(reset, t, x, moves: Moves) -> tuple[Array, Moves]:
+    """Through a reset."""
     columns, direction, delay, sizes = moves
     new, columns, direction = push(reset, t, x, columns, direction)
     if sizes is not None:
         sizes = sizes_pushed(reset, t, x, sizes, direction)
-    return new, (columns, direction, delay, sizes)
+    return new, Moves(columns, direction, delay, sizes)
 
 
 def _arrival(w: Wiring, q: int):

@@ -1,4 +1,7 @@
-"""Neurons: networks that integrate, fire and kick each other (three models, three topologies, two forms); one adapts."""
+"""Networks of neurons that integrate, fire and kick each other: three models, three topologies, two forms.
+
+And one neuron by itself that adapts to what it does.
+"""
 
 import functools
 import math
