@@ -2,7 +2,8 @@
 
 The diagonal R_ii that an orthonormalisation throws away is positive; its logarithms are what exponents are
 made of (Benettin et al., Meccanica 15 (1980) 9, doi:10.1007/BF02128236). A column that has become dependent
-on the ones before it is *lost*: its ln R_ii is -inf in truth, and it is reported as lost rather than summed.
+on the ones before it is *lost*: its ln R_ii is -inf in truth, and it is reported as lost rather than summed. One that
+a jump only makes short, if by 1e-20, is not: what tells them apart is the size of the terms that cancel.
 """
 
 import functools

@@ -159,11 +159,11 @@ def _cross(mover, settings, clock: Clock, c: Carry, mode, transition, which, slo
     arrival = {"f": landing.f, "g": landing.g, "rate": landing.rate, "side": landing.side, "blur": landing.blur}
     c = changed(c, mode=None if c.own.mode is None else landing.mode, **arrival)
     doubtful = jnp.asarray(False)
-    if _orthonormalises(mover, settings, c):
+    if sizes is not None:
         losses, (c, _) = c.losses, harvest(settings, c, t, frames.LOST, frames.LOST, project, was_live, sizes)
         # The direction of the flow shrinks like its speed: so far that the rounding of the columns would hide it?
-        speed, hidden = jnp.max(jnp.abs(landing.f)), frames.DEPENDENT * jnp.max(sizes)
-        doubtful = jnp.any(c.losses > losses) & (speed > 0) & (speed < hidden * landing.speed)
+        speed, terms = jnp.max(jnp.abs(landing.f)), jnp.minimum(jnp.max(sizes), 1.0)  # where they are known
+        doubtful = jnp.any(c.losses > losses) & (speed > 0) & (speed < frames.DEPENDENT * terms * landing.speed)
     c = _remember(mover, c, landing, clock, jnp.where(slot < 0, -1, slot + mover.wiring.slots * mode), doubtful)
     c = stop(c, STATUS.terminated, landing.terminal)
     c = stop(c, STATUS.deadlock, landing.stuck)
