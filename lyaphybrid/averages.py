@@ -222,7 +222,7 @@ def _power(xp: ModuleType, growth, reading, valid):
 
 def _end(xp: ModuleType, journey: Journey, status, interrupted) -> dict:
     """What is known where the run stands."""
-    transversality, grazing, simultaneous, accumulation = runs.summary_of(journey, xp)
+    transversality, grazing, simultaneous, accumulation, doubtful = runs.summary_of(journey, xp)
     flags = [grazing, simultaneous, xp.full_like(grazing, interrupted)]
     return {
         "x": journey.carry.x,
@@ -233,7 +233,7 @@ def _end(xp: ModuleType, journey: Journey, status, interrupted) -> dict:
         "accumulation_time": accumulation,
         "status_code": status,
         "flags": xp.stack(flags, axis=-1),
-        "spread": journey.spread,
+        "spread": xp.where(doubtful > 0, xp.inf, journey.spread),
     }
 
 

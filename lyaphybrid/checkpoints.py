@@ -24,7 +24,7 @@ from .checks import require
 __all__ = ["Checkpoint", "Part", "opened"]
 
 EVERY = 5.0  # seconds of computing between two writes
-FORMAT = 1
+FORMAT = 2
 
 
 class State(NamedTuple):

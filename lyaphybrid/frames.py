@@ -2,7 +2,8 @@
 
 The diagonal R_ii that an orthonormalisation throws away is positive; its logarithms are what exponents are
 made of (Benettin et al., Meccanica 15 (1980) 9, doi:10.1007/BF02128236). A column that has become dependent
-on the ones before it is *lost*: its ln R_ii is -inf in truth, and it is reported as lost rather than summed.
+on the ones before it is *lost*: its ln R_ii is -inf in truth, and it is reported as lost rather than summed. One that
+a jump only makes short, if by 1e-20, is not: what tells them apart is the size of the terms that cancel.
 """
 
 import functools
@@ -22,7 +23,8 @@ BLOCKS_FROM = 32  # from so many columns on products of matrices are faster (n=6
 PANEL = 32  # columns of a panel, at most
 UNEVEN = 300.0  # a larger ratio of lengths in a panel may cost more than 1e-11 of its orthogonality
 LOST = 1e-12  # a column is lost at a jump where its residual is below this, relative to its length before
-DEPENDENT = 1e-13  # and after several jumps where its residual is below this, relative to its length now
+DEPENDENT = 1e-13  # and after several where it is below this, relative to its length now; always, to its own terms
+CLEARED = 4  # times, of the columns before it: then rows of 1e-60 of the others are right
 TINY = 1e-290
 
 
@@ -40,7 +42,11 @@ def unit_vectors(n: int, k: int, dtype, paired: bool = False) -> np.ndarray:
 
 
 def orthonormalise(
-    frame: Float[Array, "n k"], kind: str = "mgs", absolute: Any = 0.0, relative: float = 0.0
+    frame: Float[Array, "n k"],
+    kind: str = "mgs",
+    absolute: Any = 0.0,
+    relative: float = 0.0,
+    sizes: Float[Array, "n k"] | None = None,
 ) -> tuple[Float[Array, "n k"], Float[Array, " k"], Array]:
     """Orthonormal columns spanning the same nested subspaces, and ln R_ii.
 
@@ -50,6 +56,9 @@ def orthonormalise(
             Cholesky panels, and column by column where these are ill-conditioned.
         absolute: a column whose residual is at most absolute + relative · its norm is lost.
         relative: see absolute; 0 (static) asks for no such test.
+        sizes: magnitude of the terms of each entry, where it is known: a column is then lost only if moreover every
+            entry of its residual is at most `DEPENDENT` · the terms that it is the sum of. What is short by itself,
+            and not by cancellation, is no rounding, however short.
 
     Returns:
         The columns (n, k), zero where lost; ln R_ii (k,), zero where lost; and which columns were lost (k,).
@@ -58,6 +67,15 @@ def orthonormalise(
     tolerance = jnp.where(jnp.isfinite(tolerance), jnp.maximum(tolerance, 0.0), -1.0)  # an overflow is no loss
     columns, lengths = _columns_and_lengths(frame, kind, tolerance if tracked(relative) else None)
     lost = lengths <= tolerance
+    if sizes is not None:
+        columns, lengths, lost = jax.lax.cond(
+            jnp.any(lost),
+            lambda *_: _entry_by_entry(frame, sizes, tolerance),
+            lambda *found: found,
+            columns,
+            lengths,
+            lost,
+        )
     log_r = jnp.log(jnp.where(lost, 1.0, jnp.maximum(lengths, TINY)))
     return jnp.where(lost[None, :], 0.0, columns), log_r, lost
 
@@ -175,6 +193,32 @@ def _in_a_loop(frame, floors=None):
 
     k = frame.shape[1]
     return _scaled(*jax.lax.fori_loop(0, k, remove, (frame, jnp.zeros(k, frame.dtype))))
+
+
+def _entry_by_entry(frame, sizes, tolerance):
+    """Column by column, with the size of what each entry is the sum of; also which columns are lost.
+
+    Rows may be of very different sizes, as behind a reset of what was fast before, and a column is judged by the entry
+    that is known best. What a small row holds comes out where clearing leaves no more than that of the large ones:
+    each time leaves rounding of what was left before.
+    """
+
+    def clear(j, state):
+        columns, known, lengths, lost = state
+        y, size = frame[:, j], sizes[:, j]
+        for _ in range(CLEARED):
+            share = y @ columns
+            y, size = y - columns @ share, size + known @ jnp.abs(share)
+        length = _norm(y)
+        gone = (length <= tolerance[j]) & jnp.all(jnp.abs(y) <= DEPENDENT * size)
+        inverse = jnp.where(gone, 0.0, 1 / jnp.maximum(length, TINY))
+        new = columns.at[:, j].set(y * inverse), known.at[:, j].set(size * inverse)
+        return *new, lengths.at[j].set(length), lost.at[j].set(gone)
+
+    k, nothing = frame.shape[1], jnp.zeros_like(frame)
+    start = nothing, nothing, nothing[0], jnp.zeros(k, bool)
+    columns, _, lengths, lost = jax.lax.fori_loop(0, k, clear, start)
+    return columns, lengths, lost
 
 
 def _householder(frame):

@@ -438,7 +438,14 @@ def stretched(carry: Carry):
 
 
 def harvest(
-    settings: Settings, carry: Carry, t, absolute: Any = 0.0, relative=0.0, project=None, was_live: Any = True
+    settings: Settings,
+    carry: Carry,
+    t,
+    absolute: Any = 0.0,
+    relative=0.0,
+    project=None,
+    was_live: Any = True,
+    sizes=None,
 ) -> tuple[Carry, Array]:
     """Orthonormalise the frame and add ln R_ii to the growth; also returns ln R_ii of the columns as they stood.
 
@@ -452,9 +459,10 @@ def harvest(
         relative: the same.
         project: onto the tangent space of the mode; None: there is no constraint.
         was_live: (k,), columns that were not empty before.
+        sizes: of `frames.orthonormalise`.
     """
     before = carry.frame
-    frame, log_r, lost = frames.orthonormalise(before, settings.kind, absolute, relative)
+    frame, log_r, lost = frames.orthonormalise(before, settings.kind, absolute, relative, sizes)
     if settings.watch is not None:
         seen = Seen(t, before, frame, log_r, lost, lambda: settings.mover.velocity(t, carry.x, carry.own))
         carry = carry._replace(watch=settings.watch.update(carry.watch, seen))

@@ -327,12 +327,12 @@ def restart(journey: Journey, watch: Watch | None = None, batched: bool = False)
 
 
 def summary_of(journey: Journey, xp: ModuleType = jnp):
-    """(transversality, grazing, simultaneous, accumulation) of a journey, whatever its mover."""
+    """(transversality, grazing, simultaneous, accumulation, doubtful) of a journey, whatever its mover."""
     memory = getattr(journey.carry.own, "memory", None)
     if memory is None:
         zero = xp.zeros_like(journey.carry.s)
-        return zero + np.inf, zero, zero, zero + np.nan
-    return memory[..., 4], memory[..., 5], memory[..., 6], memory[..., 7]
+        return zero + np.inf, zero, zero, zero + np.nan, zero
+    return tuple(memory[..., i] for i in (4, 5, 6, 7, 9))
 
 
 class Outcome(NamedTuple):

@@ -13,13 +13,24 @@ instant belongs to the first guard: only the push is repeated. Nothing here form
 carried by `jax.jvp`.
 """
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .columns import each_column
+from .magnitudes import absolute
 
-__all__ = ["delays", "instant", "push", "return_along"]
+__all__ = ["Sizes", "delays", "instant", "push", "return_along", "sizes_at", "sizes_pushed", "sizes_returned"]
+
+
+class Sizes(NamedTuple):
+    """The magnitudes of the terms that columns, direction and delays are made of, see `magnitudes`."""
+
+    columns: Array  # (n, k)
+    direction: Array  # (n,)
+    delay: Array  # (k,)
 
 
 def instant(guard, t, x, f):
@@ -46,3 +57,26 @@ def push(reset, t, x, columns: Float[Array, "n k"], direction: Float[Array, " n"
 def return_along(columns: Float[Array, "n k"], direction, f, delay: Float[Array, " k"]) -> Float[Array, "n k"]:
     """From the instants of the neighbours, dx + direction δτ, to that of the orbit along the new flow: - f⁺ δτ."""
     return columns + (direction - f)[:, None] * delay[None, :]
+
+
+def sizes_at(columns: Float[Array, "n k"], f, gradient, moving, rate) -> Sizes:
+    """Of columns on a guard with the derivatives ∇h, ∂ₜh and ḣ; a rate that nearly cancels makes all delays unsure."""
+    columns, f, gradient = (jax.lax.stop_gradient(jnp.abs(one)) for one in (columns, f, gradient))
+    moving, rate = (jax.lax.stop_gradient(jnp.abs(one)) for one in (moving, jnp.where(rate == 0, 1.0, rate)))
+    return Sizes(columns, f, gradient @ columns / rate * ((gradient @ f + moving) / rate))
+
+
+def sizes_pushed(reset, t, x, sizes: Sizes, direction: Float[Array, " n"]) -> Sizes:
+    """Of what `push` returns, the direction among it."""
+
+    def through(dx):
+        return jax.jvp(lambda x: reset(t, x), (x,), (dx,))[1]
+
+    both = each_column(absolute(through), jnp.concatenate([sizes.columns, sizes.direction[:, None]], axis=1))
+    columns, moved = jax.lax.stop_gradient((both[:, :-1], both[:, -1] + jnp.abs(direction)))
+    return Sizes(columns, moved, sizes.delay)
+
+
+def sizes_returned(sizes: Sizes, f) -> Float[Array, "n k"]:
+    """Of the columns that `return_along` returns."""
+    return sizes.columns + (sizes.direction + jax.lax.stop_gradient(jnp.abs(f)))[:, None] * sizes.delay[None, :]

@@ -95,8 +95,9 @@ def lyapunov_spectrum(
 
     Returns:
         A `Spectrum`. Its `status` is ok, terminated, max_steps, zeno, deadlock, nonfinite or step_underflow, of a DAE
-        also inconsistent_start, singular_dae or constraint_drift; its `notes` may hold rank_lost, grazing,
-        simultaneous, unresolved, interrupted.
+        also inconsistent_start, singular_dae or constraint_drift; its `notes` may hold rank_lost (an
+        exponent is -inf), grazing, simultaneous, unresolved (the smallest exponents, or a loss, may be rounding),
+        interrupted.
 
     Raises:
         ValueError: on arguments that do not fit, before any computing; where `checkpoint` is the file of another run.

@@ -10,9 +10,10 @@ from jaxtyping import Array
 from .. import frames
 from ..columns import each_column
 from ..events import BLUR, Wiring, arm, by_mode, jets, rates, rounding
+from ..magnitudes import absolute
 from ..propagation import Carry, Clock, Events, Settings, harvest, log_event, stop
 from ..reverse_mode import rarely
-from ..saltations import delays, instant, push, return_along
+from ..saltations import Sizes, delays, instant, push, return_along, sizes_at, sizes_pushed, sizes_returned
 from ..statuses import STATUS
 from .divergences import trace
 from .trials import NEAR, PATIENCE, Memory, Stepper, Trial, changed, firing, is_beyond, table
@@ -24,13 +25,20 @@ GRAZING = 1e-3  # sine of the angle between flow and guard below which a crossin
 SHORT = 1e-5  # an interval between events is short below this, relative to the step and the longest interval
 
 
+class Moves(NamedTuple):
+    """Perturbations on their way through the jumps of one instant."""
+
+    columns: Array
+    direction: Array  # (n,) along which the columns are moved to their own instants …
+    delay: Array  # … by δτ (columns,)
+    sizes: Sizes | None  # of these three, for the columns of the frame; None where nothing is orthonormalised
+
+
 class Landing(NamedTuple):
     """The state on its way through the jumps of one instant."""
 
     x: Array
-    columns: Array
-    direction: Array  # (n,) along which the columns are moved to their own instants …
-    delay: Array  # … by δτ (columns,)
+    moves: Moves
     mode: Array
     f: Array  # of the new mode
     g: Array
@@ -45,6 +53,7 @@ class Landing(NamedTuple):
     terminal: Array
     stuck: Array
     transversality: Array
+    speed: Array  # of the flow before, its largest component
     shortest: Array  # flight from the guard and back that rounding of the guard does not hide
     together: Array  # slots that the flow brought to zero at this instant; afterwards: does their order matter
     log: Events | None
@@ -133,11 +142,15 @@ def _cross(mover, settings, clock: Clock, c: Carry, mode, transition, which, slo
         columns = jnp.concatenate([columns, jnp.eye(c.x.shape[0], dtype=c.x.dtype)], axis=1)
     landing = _in_each_order(mover, settings, t, h, c, columns, mode, transition, which, slot, together)
     since = c.since + landing.count.astype(c.since.dtype) if settings.cadence.unit == "jumps" else c.since
-    volume = frames.log_abs_det(landing.columns[:, k:]) if settings.sum_rule else None
-    project, frame = mover.onto_mode(landing.mode, t, landing.x), landing.columns[:, :k]
+    volume = frames.log_abs_det(landing.moves.columns[:, k:]) if settings.sum_rule else None
+    project, frame = mover.onto_mode(landing.mode, t, landing.x), landing.moves.columns[:, :k]
+    sizes = None if landing.moves.sizes is None else landing.moves.sizes.columns
+    if project is not None and k:
+        frame = each_column(project, frame)
+        sizes = None if sizes is None else each_column(absolute(project), sizes)
     c = c._replace(
         x=landing.x,
-        frame=frame if project is None or not k else each_column(project, frame),
+        frame=frame,
         since=since,
         jumps=c.jumps + landing.count,
         volume=None if volume is None else c.volume + volume,
@@ -145,9 +158,13 @@ def _cross(mover, settings, clock: Clock, c: Carry, mode, transition, which, slo
     )
     arrival = {"f": landing.f, "g": landing.g, "rate": landing.rate, "side": landing.side, "blur": landing.blur}
     c = changed(c, mode=None if c.own.mode is None else landing.mode, **arrival)
-    if _orthonormalises(mover, settings, c):
-        c, _ = harvest(settings, c, t, frames.LOST, frames.LOST, project, was_live)
-    c = _remember(mover, c, landing, clock, jnp.where(slot < 0, -1, slot + mover.wiring.slots * mode))
+    doubtful = jnp.asarray(False)
+    if sizes is not None:
+        losses, (c, _) = c.losses, harvest(settings, c, t, frames.LOST, frames.LOST, project, was_live, sizes)
+        # The direction of the flow shrinks like its speed: so far that the rounding of the columns would hide it?
+        speed, terms = jnp.max(jnp.abs(landing.f)), jnp.minimum(jnp.max(sizes), 1.0)  # where they are known
+        doubtful = jnp.any(c.losses > losses) & (speed > 0) & (speed < frames.DEPENDENT * terms * landing.speed)
+    c = _remember(mover, c, landing, clock, jnp.where(slot < 0, -1, slot + mover.wiring.slots * mode), doubtful)
     c = stop(c, STATUS.terminated, landing.terminal)
     c = stop(c, STATUS.deadlock, landing.stuck)
     finite = jnp.all(jnp.isfinite(c.x)) & jnp.all(jnp.isfinite(c.frame))
@@ -155,7 +172,7 @@ def _cross(mover, settings, clock: Clock, c: Carry, mode, transition, which, slo
     return stop(c, STATUS.zeno, landing.count > mover.max_cascade)
 
 
-def _start_cascade(mover, t, c, columns, mode, transition, which, slot, together) -> "Landing":
+def _start_cascade(mover, settings, t, c, columns, mode, transition, which, slot, together) -> "Landing":
     """On the guard, before the first jump: the own instant of each column."""
     w, x = mover.wiring, c.x
     f = by_mode(mode, w.fields, t, x)
@@ -163,12 +180,14 @@ def _start_cascade(mover, t, c, columns, mode, transition, which, slot, together
     ticking = slot < 0  # the instant of a clock is everybody's
     size = jnp.sqrt(jnp.sum(gradient**2) * jnp.sum(f**2) + 1e-300) + jnp.abs(moving)
     blur = BLUR * (jnp.sum(jnp.abs(gradient * x)) + jnp.abs(moving * t))
+    sizes = None
+    if _orthonormalises(mover, settings, c):
+        sizes = sizes_at(c.frame, f, gradient, moving, rate)
+        sizes = sizes._replace(delay=jnp.where(ticking, 0.0, sizes.delay))
     slots, no = jnp.zeros(w.slots, x.dtype), jnp.asarray(False)
     return Landing(
         x=x,
-        columns=columns,
-        direction=f,
-        delay=jnp.where(ticking, 0.0, delays(gradient @ columns, rate)),
+        moves=Moves(columns, f, jnp.where(ticking, 0.0, delays(gradient @ columns, rate)), sizes),
         mode=mode,
         f=f,
         g=slots,
@@ -182,6 +201,7 @@ def _start_cascade(mover, t, c, columns, mode, transition, which, slot, together
         again=jnp.asarray(True),
         terminal=no,
         stuck=no,
+        speed=jnp.max(jnp.abs(f)),
         transversality=jnp.where(ticking, jnp.inf, jnp.abs(rate) / size),
         shortest=jnp.where(ticking, 0.0, 4 * blur / jnp.where(rate == 0, 1e-300, jnp.abs(rate))),
         together=together,
@@ -194,19 +214,11 @@ def _cascade(mover, settings: Settings, t, h, landing: "Landing") -> "Landing":
     w = mover.wiring
 
     def jump(state: Landing) -> Landing:
-        x, columns, direction = jax.lax.switch(
-            state.transition,
-            [_pusher(reset) for reset in w.resets],
-            t,
-            state.x,
-            state.columns,
-            state.direction,
-            state.which,
-        )
+        pushers = [_pusher(reset) for reset in w.resets]
+        x, moves = jax.lax.switch(state.transition, pushers, t, state.x, state.moves, state.which)
         mode = jax.lax.switch(state.transition, w.targets, state.mode, t, state.x, state.which)
         if w.constrained:  # what a jump leaves undecided is that the new constraints hold
-            onto = functools.partial(mover.onto_constraints, mode)
-            x, columns, direction = push(onto, t, x, columns, direction)
+            x, moves = _pushed(functools.partial(mover.onto_constraints, mode), t, x, moves)
         f, g, rate, second, blur = by_mode(mode, [_arrival(w, q) for q in range(w.modes)], t, x)
         fired = (jnp.arange(w.slots, dtype=jnp.int32) == state.slot) & (mode == state.mode)
         side, g, rate, flat = arm(g, rate, second, blur, h, t, fired)
@@ -222,15 +234,12 @@ def _cascade(mover, settings: Settings, t, h, landing: "Landing") -> "Landing":
         slot = jnp.argmax(jnp.where(follows, jnp.where(alone, 1, 2), 0)).astype(jnp.int32)
         again = jnp.any(follows) & ~terminal & (state.count < mover.max_cascade)
         stuck = jnp.any(fired & flat & (side < 0) & directed) & ~again
-        moves = columns, direction, state.delay
-        columns, direction, delay = _own_instant(mover, again & alone[slot], mode, t, x, f, slot, moves)
+        moves = _own_instant(mover, again & alone[slot], mode, t, x, f, slot, moves)
         transition = jnp.where(again, table(mover, mode if w.modes > 1 else None, w.transition)[slot], state.transition)
         which = table(mover, mode if w.modes > 1 else None, w.component)[slot]
         return Landing(
             x,
-            columns,
-            direction,
-            delay,
+            moves,
             mode,
             f,
             g,
@@ -245,6 +254,7 @@ def _cascade(mover, settings: Settings, t, h, landing: "Landing") -> "Landing":
             terminal,
             stuck | state.stuck,
             state.transversality,
+            state.speed,
             state.shortest,
             state.together,
             log_event(state.log, entry),
@@ -253,11 +263,7 @@ def _cascade(mover, settings: Settings, t, h, landing: "Landing") -> "Landing":
     loop = rarely if settings.reverse else jax.lax.while_loop
     landing = loop(lambda s: s.again, jump, landing)
     over = (landing.count >= mover.max_cascade) & _still_firing(mover, landing)
-    landing = landing._replace(
-        columns=return_along(landing.columns, landing.direction, landing.f, landing.delay),
-        count=landing.count + over.astype(jnp.int32),
-    )
-    return landing
+    return landing._replace(moves=_returned(landing.f, landing.moves), count=landing.count + over.astype(jnp.int32))
 
 
 def _still_firing(mover, landing: "Landing"):
@@ -275,19 +281,28 @@ def _instant(mover, mode, t, x, f, slot):
     return by_mode(mode, [of_mode(g) for g in mover.wiring.guards], t, x, f)
 
 
-def _own_instant(mover, alone, mode, t, x, f, slot, moves):
+def _own_instant(mover, alone, mode, t, x, f, slot, moves: Moves) -> Moves:
     """Columns whose instant was another guard's, at that of a guard that no jump brought to zero."""
-    gradient, _, rate = _instant(mover, mode, t, x, f, slot)
-    columns, direction, delay = moves
-    back = return_along(columns, direction, f, delay)
-    return _choose(alone, (back, f, delays(gradient @ back, rate)), moves)
+    gradient, moving, rate = _instant(mover, mode, t, x, f, slot)
+    back, _, _, sizes = _returned(f, moves)
+    if sizes is not None:
+        sizes = sizes_at(sizes.columns, f, gradient, moving, rate)
+    return _choose(alone, Moves(back, f, delays(gradient @ back, rate), sizes), moves)
+
+
+def _returned(f, moves: Moves) -> Moves:
+    """Back to the instant of the orbit."""
+    columns, direction, delay, sizes = moves
+    if sizes is not None:
+        sizes = sizes._replace(columns=sizes_returned(sizes, f))
+    return moves._replace(columns=return_along(columns, direction, f, delay), sizes=sizes)
 
 
 def _in_each_order(mover, settings: Settings, t, h, c, columns, mode, transition, which, slot, together) -> "Landing":
     """Where several guards meet at one instant: take them in the other order too, and compare."""
 
     def start(transition, which, slot):
-        return _start_cascade(mover, t, c, columns, mode, transition, which, slot, together)
+        return _start_cascade(mover, settings, t, c, columns, mode, transition, which, slot, together)
 
     given = transition, which, slot
     if mover.wiring.slots == 1:
@@ -326,7 +341,7 @@ def _keep_clocks(mover, clock: Clock, c: Carry, tr: Trial, ticking) -> Carry:
     return changed(c, ticks=number)
 
 
-def _remember(mover, c: Carry, landing: "Landing", clock: Clock, guard) -> Carry:
+def _remember(mover, c: Carry, landing: "Landing", clock: Clock, guard, doubtful) -> Carry:
     """Intervals between events, for Zeno; transversality and notes. `guard` counts slots over all modes."""
     m, first = Memory(*c.own.memory), guard.astype(c.x.dtype)
     interval = c.s - m.last
@@ -349,6 +364,7 @@ def _remember(mover, c: Carry, landing: "Landing", clock: Clock, guard) -> Carry
         jnp.maximum(m.simultaneous, landing.together.astype(c.x.dtype)),
         jnp.where(zeno, ahead, m.accumulation),
         first,
+        jnp.maximum(m.doubtful, doubtful.astype(c.x.dtype)),
     )
     memory = jax.lax.stop_gradient(jnp.stack([jnp.asarray(v, c.x.dtype) for v in memory]))
     return stop(changed(c, memory=memory), STATUS.zeno, zeno)
@@ -365,17 +381,23 @@ def _gradient(guard, t, x, f):
 
 def _apart(a: Landing, b: Landing):
     """Whether two orders of the same events end differently, in the state or in the tangent."""
-    size = 1.0 + jnp.max(jnp.abs(b.columns), initial=0.0)
-    columns = jnp.max(jnp.abs(a.columns - b.columns), initial=0.0) > 1e-9 * size
+    size = 1.0 + jnp.max(jnp.abs(b.moves.columns), initial=0.0)
+    columns = jnp.max(jnp.abs(a.moves.columns - b.moves.columns), initial=0.0) > 1e-9 * size
     states = jnp.max(jnp.abs(a.x - b.x)) > 1e-9 * (1.0 + jnp.max(jnp.abs(b.x)))
     return columns | states | (a.mode != b.mode)
 
 
 def _pusher(reset):
-    def pushed(t, x, columns, direction, which):
-        return push(lambda t, x: reset(t, x, which), t, x, columns, direction)
+    return lambda t, x, moves, which: _pushed(lambda t, x: reset(t, x, which), t, x, moves)
 
-    return pushed
+
+def _pushed(reset, t, x, moves: Moves) -> tuple[Array, Moves]:
+    """Through a reset."""
+    columns, direction, delay, sizes = moves
+    new, columns, direction = push(reset, t, x, columns, direction)
+    if sizes is not None:
+        sizes = sizes_pushed(reset, t, x, sizes, direction)
+    return new, Moves(columns, direction, delay, sizes)
 
 
 def _arrival(w: Wiring, q: int):

@@ -213,7 +213,7 @@ class Stepping:
         side = jnp.where(table(self, state.mode, w.directed) & (g == 0) & (side < 0) & ~fired, 1.0, side)
         ticks = [jnp.floor((t - phase) / period + 1e-9) + 1 for period, phase in self.clock_times]
         zero, one = jnp.zeros_like(t), jnp.ones_like(t)
-        memory = Memory(zero, zero, zero, zero, one * jnp.inf, zero, zero, one * jnp.nan, -one)
+        memory = Memory(zero, zero, zero, zero, one * jnp.inf, zero, zero, one * jnp.nan, -one, zero)
         return Stepper(
             f,
             h,

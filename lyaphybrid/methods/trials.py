@@ -31,6 +31,7 @@ class Memory(NamedTuple):
     simultaneous: Any
     accumulation: Any  # estimated end of an accumulation of events
     slot: Any  # whose event was the last, counted over all modes; -1: a clock's
+    doubtful: Any  # was a column lost where rounding may have done it? 0 or 1
 
 
 class Stepper(NamedTuple):

@@ -14,7 +14,7 @@ from .disks_and_spheres import hard_disks, hard_spheres
 from .friction import block_on_plate, friction_pendulum, relay_feedback, stick_slip_belt
 from .impacts import bouncing_ball, impact_oscillator, kicked_ball, zaslavsky
 from .maps import baker_map, cat_map, henon_map, kaplan_yorke_map, logistic_map, standard_map
-from .neurons import integrate_and_fire
+from .neurons import adex, integrate_and_fire
 from .oscillators import fpu_alpha, fpu_beta, hamiltonian_3d, henon_heiles
 from .piecewise import beta_clock, conewise_linear, grow_reset, skew_tent_roof
 from .problem import Problem, Reference, get, unknown
@@ -59,6 +59,7 @@ __all__ = [
     "zaslavsky",
     "impact_oscillator",
     "integrate_and_fire",
+    "adex",
     "conewise_linear",
     "beta_clock",
     "skew_tent_roof",

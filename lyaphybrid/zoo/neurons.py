@@ -1,4 +1,7 @@
-"""Networks of neurons that integrate, fire and kick each other: three models, three topologies, two forms."""
+"""Networks of neurons that integrate, fire and kick each other: three models, three topologies, two forms.
+
+And one neuron by itself that adapts to what it does.
+"""
 
 import functools
 import math
@@ -11,7 +14,20 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..systems import EventDriven, Hybrid, System, Transition
-from .problem import Problem, Real, Reference, exact, one_of, positive, problem, require, state, traced
+from .problem import (
+    Problem,
+    Real,
+    Reference,
+    computed,
+    exact,
+    near,
+    one_of,
+    positive,
+    problem,
+    require,
+    state,
+    traced,
+)
 
 SAME = 1e-12  # potentials nearer to threshold or reset than this are there, up to rounding
 
@@ -293,4 +309,104 @@ def integrate_and_fire(
         options={"every": 1} if form == "event_driven" and _loses(model, coupling) else {},
         reference=None if traced(current, coupling) else _reference(model, current, coupling, topology, n),
         source="R. E. Mirollo & S. H. Strogatz, SIAM J. Appl. Math. 50 (1990) 1645, doi:10.1137/0150098",
+    )
+
+
+# One neuron that adapts.
+
+
+def _adapting(t, x, args):
+    v, w = x[0], x[1]
+    away = v - args["rest"]
+    upstroke = args["slope"] * jnp.exp((v - args["threshold"]) / args["slope"])
+    charge = args["conductance"] * (upstroke - away) - w + args["current"]
+    return jnp.stack([charge / args["capacitance"], (args["a"] * away - w) / args["adaptation_time"]])
+
+
+ADEX = Hybrid(
+    _adapting,
+    Transition(
+        lambda t, x, args: args["peak"] - x[0],
+        lambda t, x, args: jnp.stack([args["reset"], x[1] + args["b"]]),
+    ),
+)
+
+
+@problem
+def adex(
+    *,
+    current: Real = 175.0,
+    peak: Real = 20.0,
+    reset: Real = -48.0,
+    a: Real = -11.0,
+    b: Real = 30.0,
+    adaptation_time: Real = 130.0,
+    capacitance: Real = 100.0,
+    conductance: Real = 12.0,
+    rest: Real = -60.0,
+    threshold: Real = -50.0,
+    slope: Real = 2.0,
+) -> Problem:
+    """The adaptive exponential neuron (AdEx): a spike runs away, is cut off, and leaves the neuron tired.
+
+    C V' = −g(V − E) + gΔ exp((V − V_T)/Δ) − w + I, τ w' = a(V − E) − w; at V_peak V falls to V_r, and w grows by b. In
+    pF, mV, ms, nS and pA; exponents per ms.
+
+    The field is e^((V_peak − V_T)/Δ) times as fast before the reset as after it: 1e15 by default. The reset is not
+    singular for that, and where spikes are cut off decides nothing: one exponent is 0, the other one that of the map
+    from w after a spike to w after the next. Irregular spiking of Naud et al.
+
+    Args:
+        current: I.
+        peak: V_peak, where a spike is cut off; above V_T.
+        reset: V_r; below V_peak.
+        a: coupling of the adaptation to the voltage.
+        b: adaptation by a spike.
+        adaptation_time: τ.
+        capacitance: C.
+        conductance: g of the leak.
+        rest: E of the leak.
+        threshold: V_T, at which spikes begin.
+        slope: Δ, over which they do.
+
+    Returns:
+        A `Problem`; at the default parameters, whatever the peak from −20 mV on, with the reference 0.01600(2), 0.
+
+    Source:
+        R. Brette & W. Gerstner, Adaptive exponential integrate-and-fire model as an effective description of
+        neuronal activity, J. Neurophysiol. 94 (2005) 3637, doi:10.1152/jn.00686.2005; the parameters: R. Naud, N.
+        Marcille, C. Clopath & W. Gerstner, Biol. Cybern. 99 (2008) 335, doi:10.1007/s00422-008-0264-7; its chaos: J.
+        Touboul & R. Brette, Biol. Cybern. 99 (2008) 319, doi:10.1007/s00422-008-0267-4.
+
+    Example:
+        >>> from lyaphybrid import zoo
+        >>> print(zoo.adex(peak=0).reference)
+        0.016000(20), 0 per unit time (the map from spike to spike)
+    """
+    positive(adaptation_time=adaptation_time, capacitance=capacitance, conductance=conductance, slope=slope)
+    args = {
+        "current": current,
+        "peak": peak,
+        "reset": reset,
+        "a": a,
+        "b": b,
+        "adaptation_time": adaptation_time,
+        "capacitance": capacitance,
+        "conductance": conductance,
+        "rest": rest,
+        "threshold": threshold,
+        "slope": slope,
+    }
+    if not traced(peak, reset, threshold):
+        require("peak", peak, lambda v: v > max(reset, threshold), "above reset and threshold")
+    others = tuple(value for name, value in args.items() if name != "peak")
+    known = near(others, 175, -48, -11, 30, 130, 100, 12, -60, -50, 2) and not traced(peak) and peak >= -20
+    return Problem(
+        system=ADEX,
+        x0=state(reset, 90.0),
+        args=args,
+        t1=50_000.0,
+        transient=1000.0,
+        reference=computed((0.016, 0.0), (2e-5, 0.0), source="the map from spike to spike") if known else None,
+        source="R. Brette & W. Gerstner, J. Neurophysiol. 94 (2005) 3637, doi:10.1152/jn.00686.2005",
     )
