@@ -140,7 +140,7 @@ def test_faster_time():
         return c * problem.system.field(t, x, {"sigma": 10.0, "rho": 28.0, "beta": 8 / 3})
 
     found = lh.lyapunov_gradient(
-        lh.Flow(field), problem.x0, 1.0, t1=300.0, key=KEY, method="regression",
+        lh.Flow(field), problem.x0, 1.0, t1=1000.0, key=KEY, method="regression",
         integrator=lh.RungeKutta("dopri5", rtol=1e-7, atol=1e-9),
     )  # fmt: skip
     assert_within(found, found.value)

@@ -84,7 +84,7 @@ def test_signs_at_the_ends_of_steps_miss_a_peak_between_them(depth, reported):
         None,
         jnp.asarray([0.0, 1.0]),
         stepsize_controller=diffrax.PIDController(rtol=1e-9, atol=1e-12),
-        event=diffrax.Event(lambda t, y, args, **_: 1 - depth - y[0], optimistix.Newton(1e-10, 1e-10)),
+        event=diffrax.Event(lambda t, y, args, **_: 1 - depth - y[0], optimistix.Bisection(1e-10, 1e-10)),
     )
     found = theirs.result == diffrax.RESULTS.event_occurred
     assert bool(found) is (reported is not None)
