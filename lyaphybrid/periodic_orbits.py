@@ -18,6 +18,7 @@ from .checks import positive, real, require, whole
 from .daes import Constrained, fields_of
 from .methods import HalfExplicit, RungeKutta
 from .methods.base import Method
+from .precision import digits
 from .products import product_eigenvalues
 from .return_maps import depends_on_time
 from .shooting import Motion, Node, NoPeriodicOrbit, Orbit, at_start, close_return, nearest, newton, placed
@@ -144,7 +145,7 @@ def floquet(
     base = orbit.nodes[0]
     end = nearest(flow, base, orbit.period, start) if autonomous else at_start(flow, base, given, guess, offset)
     result = floquet_of(flow, orbit, end, autonomous)
-    if throw and not result.residual <= CONVERGED:
+    if throw and not result.residual <= digits(CONVERGED, start):
         raise NoPeriodicOrbit(
             f"Newton's method stands at a residual of {result.residual:.1e} after {orbit.iterations} iterations, "
             f"period {result.period:.6g}: (a) x0 is too far from a periodic orbit, give a transient; (b) the orbit is "
@@ -204,7 +205,7 @@ def _destroyed(matrices: list[np.ndarray]) -> int:
     columns = np.eye(n)
     for matrix in matrices * n:
         moved = matrix @ columns
-        scale = frames.LOST * max(1.0, float(np.max(np.abs(matrix))))
+        scale = digits(frames.LOST, matrix) * max(1.0, float(np.max(np.abs(matrix))))
         columns = _independent(moved, scale)
     return int(np.sum(np.all(columns == 0, axis=0)))
 
