@@ -190,7 +190,7 @@ def saltation_matrix(
         components = _components(system, t, x, args, sequence, which)
     matrix, contact = _saltation(system, t, x, args, mode, sequence, components)
     if contact is not None and not traced(matrix):
-        _require_on_guard(*map(float, contact), digits(ON_GUARD, x), digits(BLUR, x))
+        _require_on_guard(x, *map(float, contact))
     return matrix
 
 
@@ -275,13 +275,14 @@ def _saltation(system, t, x, args, mode, sequence, which):
     return columns, contact
 
 
-def _require_on_guard(h: float, rate: float, near: float, terms: float, on: float, blur: float) -> None:
-    if not abs(h) <= on * near:
+def _require_on_guard(x, h: float, rate: float, near: float, terms: float) -> None:
+    on = digits(ON_GUARD, x) * near
+    if not abs(h) <= on:
         raise ValueError(
             f"(t, x) is not on the guard: its value is {h:.6g}, and zero is what is below "
-            f"{on * near:.2g}. Give t and x_before of an event, as lh.trajectory lists them."
+            f"{on:.2g}. Give t and x_before of an event, as lh.trajectory lists them."
         )
-    if abs(rate) <= blur * terms:
+    if abs(rate) <= digits(BLUR, x) * terms:
         raise ValueError(
             f"The contact is tangential: the guard's rate along the flow, ∂ₜh + ∇h·f⁻, is {rate:.2g}, and "
             "the saltation matrix grows like 1/rate."
