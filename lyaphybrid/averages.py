@@ -239,7 +239,7 @@ def _end(xp: ModuleType, journey: Journey, status, interrupted) -> dict:
 
 def _spectrum(xp: ModuleType, run: dict, stderr, replicates, end: dict, error_kind, clock, names) -> Spectrum:
     """Assemble the result, exponents descending."""
-    rank = xp.argsort(-xp.where(xp.isfinite(run["exponents"]), run["exponents"], -1e300), stable=True)
+    rank = xp.argsort(-xp.where(xp.isfinite(run["exponents"]), run["exponents"], -xp.inf), stable=True)
     return Spectrum(
         exponents=run["exponents"][rank],
         stderr=stderr[rank],

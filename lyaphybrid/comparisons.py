@@ -13,6 +13,7 @@ from . import propagation, runs
 from ._tracing import traced
 from .checks import positive, real, require, whole
 from .methods.base import Method
+from .precision import digits
 from .propagation import Cadence
 from .results import UNIT, History, RunFailed, with_error
 from .statuses import RUNNING, STATUS
@@ -257,7 +258,7 @@ def _block(problem: runs.Problem, recipe: Recipe, t0, pair: Pair, end, stop) -> 
     """
 
     def goes_on(pair):
-        return (end - pair.elapsed > 1e-12 * end) & (pair.status == RUNNING)
+        return (end - pair.elapsed > digits(1e-12, end) * end) & (pair.status == RUNNING)
 
     return jax.lax.while_loop(goes_on, lambda pair: _interval(problem, recipe, t0, pair, stop), pair)
 
@@ -265,7 +266,7 @@ def _block(problem: runs.Problem, recipe: Recipe, t0, pair: Pair, end, stop) -> 
 def _interval(problem: runs.Problem, recipe: Recipe, t0, pair: Pair, stop) -> Pair:
     """Both trajectories over one interval, and the second one brought back."""
     t, rest, separation = t0 + pair.elapsed, stop - pair.elapsed, recipe.separation
-    length = jnp.where(rest <= pair.interval * (1 + 1e-9), rest, pair.interval)
+    length = jnp.where(rest <= pair.interval * (1 + digits(1e-9, rest)), rest, pair.interval)
     starts = jnp.stack([pair.x, pair.x + separation * pair.direction])
     # Both begin with the same step: then their errors are the same, and cancel in the difference.
     journeys = jax.vmap(lambda x, mode: _begin(problem, t, x, mode, pair.h))(starts, _modes(problem, t, pair, starts))

@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 from ._tracing import traced
 from .checks import check_functions, require
 from .daes import DAE, ILL, RANK, Constrained, fields_of, landed, solved
+from .precision import require_double
 
 __all__ = ["check_constraints", "consistent_start", "onto_constraints", "put_on_constraints", "tangent_frame"]
 
@@ -43,6 +44,7 @@ def consistent_start(dae: DAE, x0, args: Any = None, *, t0: Any = 0.0) -> Float[
     """
     require(isinstance(dae, DAE), f"consistent_start needs an lh.DAE; got {type(dae).__name__}.")
     x0 = jnp.asarray(x0, float)
+    require_double("x0", x0, "consistent_start")
     require(x0.ndim == 1 and bool(np.all(np.isfinite(x0))), f"x0 must be a finite state (n,); got {x0!r}.")
     check_functions(dae, jax.ShapeDtypeStruct(x0.shape, x0.dtype), args)
     x, off = _consistent(dae.field, x0, args, jnp.asarray(t0, x0.dtype))

@@ -14,10 +14,11 @@ from jaxtyping import Array
 from . import runs
 from ._tracing import traced
 from .checks import check_functions
-from .events import EPS, by_mode, wire
+from .events import BLUR, by_mode, wire
 from .methods.exact import Exact, integers
 from .methods.scheduled import predicting_anew
 from .methods.stepping import landing_of
+from .precision import digits
 from .saltations import delays, instant, push, return_along
 from .systems import EventDriven, Flow, Hybrid, Map, System
 
@@ -189,7 +190,7 @@ def saltation_matrix(
         components = _components(system, t, x, args, sequence, which)
     matrix, contact = _saltation(system, t, x, args, mode, sequence, components)
     if contact is not None and not traced(matrix):
-        _require_on_guard(*map(float, contact))
+        _require_on_guard(x, *map(float, contact))
     return matrix
 
 
@@ -274,13 +275,14 @@ def _saltation(system, t, x, args, mode, sequence, which):
     return columns, contact
 
 
-def _require_on_guard(h: float, rate: float, near: float, terms: float) -> None:
-    if not abs(h) <= ON_GUARD * near:
+def _require_on_guard(x, h: float, rate: float, near: float, terms: float) -> None:
+    on = digits(ON_GUARD, x) * near
+    if not abs(h) <= on:
         raise ValueError(
             f"(t, x) is not on the guard: its value is {h:.6g}, and zero is what is below "
-            f"{ON_GUARD * near:.2g}. Give t and x_before of an event, as lh.trajectory lists them."
+            f"{on:.2g}. Give t and x_before of an event, as lh.trajectory lists them."
         )
-    if abs(rate) <= 64 * EPS * terms:
+    if abs(rate) <= digits(BLUR, x) * terms:
         raise ValueError(
             f"The contact is tangential: the guard's rate along the flow, ∂ₜh + ∇h·f⁻, is {rate:.2g}, and "
             "the saltation matrix grows like 1/rate."

@@ -17,12 +17,12 @@ import numpy as np
 from ._jaxprs import settled
 from .daes import Constrained, is_constrained
 from .eliminations import prepared
+from .precision import DOUBLE, digits, nonzero
 from .systems import Bound, Hybrid
 
 __all__ = ["Wiring", "bound", "by_mode", "arm", "hermite_root", "projection", "rounding", "turning_point", "wire"]
 
-EPS = 2.220446049250313e-16
-BLUR = 64 * EPS  # rounding of a guard, relative to its terms
+BLUR = 64 * DOUBLE  # rounding of a guard, relative to its terms
 
 
 class Wiring(NamedTuple):
@@ -180,7 +180,7 @@ def rates(guards, t, x, f):
 def rounding(guards, t, x):
     """The rounding of the guards (slots,): of the time and of the state, as the guards feel them."""
     moving, gradient = jax.jacfwd(guards, argnums=(0, 1))(t, x)
-    return BLUR * (jnp.abs(moving * t) + jnp.sum(jnp.abs(gradient * x[None, :]), axis=1))
+    return digits(BLUR, x) * (jnp.abs(moving * t) + jnp.sum(jnp.abs(gradient * x[None, :]), axis=1))
 
 
 def jets(guards, field, t, x):
@@ -209,10 +209,10 @@ def arm(g, rate, second, blur, h, t, fired) -> tuple[Any, Any, Any, Any]:
         t: the time, whose rounding enters the rates.
         fired: which slot has just fired here (its own root was only found to the accuracy of the flow).
     """
-    loose = jnp.where(fired, 1e-9, 1e-12)
+    loose = jnp.where(fired, digits(1e-9, g), digits(1e-12, g))
     curve = 0.5 * jnp.abs(second) * h * h
     zero = jnp.abs(g) <= loose * jnp.maximum(jnp.abs(rate) * h, curve) + blur
-    flat = zero & (jnp.abs(rate) * h <= 1e-8 * curve + BLUR * jnp.abs(t * second) * h)
+    flat = zero & (jnp.abs(rate) * h <= digits(1e-8, g) * curve + digits(BLUR, g) * jnp.abs(t * second) * h)
     side = jnp.where(flat, jnp.sign(second), jnp.where(zero, jnp.sign(rate), jnp.sign(g)))
     return side, jnp.where(zero, 0.0, g), jnp.where(flat, 0.0, rate), flat
 
@@ -228,11 +228,11 @@ def turning_point(g0, d0, g1, d1):
     """The extremum theta in (0, 1) of the cubic whose end slopes differ in sign."""
     a = 3 * (d0 + d1 - 2 * (g1 - g0))
     b = 2 * (3 * (g1 - g0) - 2 * d0 - d1)
-    root = jnp.sqrt(jnp.maximum(b * b - 4 * a * d0, 1e-300))
+    root = jnp.sqrt(jnp.maximum(b * b - 4 * a * d0, nonzero(1e-300, a)))
     q = -0.5 * (b + jnp.where(b >= 0, root, -root))
     # d0 / q and q / a are the two roots of a θ² + b θ + d0; the slopes' signs say which one lies inside.
-    first = d0 / jnp.where(q == 0, 1e-300, q)
-    second = q / jnp.where(a == 0, 1e-300, a)
+    first = d0 / jnp.where(q == 0, nonzero(1e-300, q), q)
+    second = q / jnp.where(a == 0, nonzero(1e-300, a), a)
     inside = (first >= 0) & (first <= 1)
     return jnp.clip(jnp.where(inside, first, second), 0.0, 1.0)
 
@@ -246,7 +246,7 @@ def hermite_root(lo, g0, d0, g1, d1):
         value, slope = cubic(theta, g0, d0, g1, d1)
         beyond = value * falling >= 0
         left, right = jnp.where(beyond, left, theta), jnp.where(beyond, theta, right)
-        newton = theta - value / jnp.where(slope == 0, 1e-300, slope)
+        newton = theta - value / jnp.where(slope == 0, nonzero(1e-300, slope), slope)
         good = (newton > left) & (newton < right)
         return left, right, jnp.where(good, newton, 0.5 * (left + right))
 

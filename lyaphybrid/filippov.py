@@ -20,12 +20,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from .events import EPS
+from .events import BLUR
+from .precision import digits
 from .systems import Flow, Hybrid, Transition
 
 __all__ = ["filippov"]
 
-ON_SURFACE = 64 * EPS  # a start is on a surface up to this, relative to what makes up the surface's value
 TWO_FOLD = 1e-8  # both fields are tangent to the surface where both rates are below this, relative to |∇h| |f|
 
 Function = Callable[..., Any]
@@ -253,7 +253,7 @@ class _HasASide(eqx.Module):
         v_minus, f_minus = self.side.rate(self.side.minus, t, x, args)
         normal = jax.grad(self.side.surface, argnums=1)(t, x, args)
         size = jnp.sum(jnp.abs(normal) * (jnp.abs(f_plus) + jnp.abs(f_minus)))
-        return jnp.abs(v_plus) + jnp.abs(v_minus) > TWO_FOLD * size
+        return jnp.abs(v_plus) + jnp.abs(v_minus) > digits(TWO_FOLD, size) * size
 
 
 def _transitions(side: _Side, names: list[str], above: int, below: int, slides: int) -> list[Transition]:
@@ -297,7 +297,8 @@ class _Start(eqx.Module):
 def _is_zero(side: _Side, value, t, x, args):
     """Whether a start is on the surface, up to the rounding of what makes up the surface's value."""
     moving, gradient = jax.grad(side.surface, argnums=(0, 1))(t, x, args)
-    return jnp.abs(value) <= ON_SURFACE * (jnp.sqrt(jnp.sum(gradient**2) * jnp.sum(x**2)) + jnp.abs(moving * t))
+    terms = jnp.sqrt(jnp.sum(gradient**2) * jnp.sum(x**2)) + jnp.abs(moving * t)
+    return jnp.abs(value) <= digits(BLUR, x) * terms
 
 
 def _or_one(value):

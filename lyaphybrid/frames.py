@@ -14,6 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from .precision import digits, eps, is_short, nonzero
+
 __all__ = ["KINDS", "orthonormalise", "refill", "staggered", "unit_vectors", "widened"]
 
 KINDS = ("mgs", "lapack", "cholesky")
@@ -24,8 +26,9 @@ PANEL = 32  # columns of a panel, at most
 UNEVEN = 300.0  # a larger ratio of lengths in a panel may cost more than 1e-11 of its orthogonality
 LOST = 1e-12  # a column is lost at a jump where its residual is below this, relative to its length before
 DEPENDENT = 1e-13  # and after several where it is below this, relative to its length now; always, to its own terms
+ROUNDING = 4  # what is left of a lost column in float32, in units of eps and its length
 CLEARED = 4  # times, of the columns before it: then rows of 1e-60 of the others are right
-TINY = 1e-290
+TINY = 1e-290  # a length
 
 
 def kind_for(k: int) -> str:
@@ -63,7 +66,7 @@ def orthonormalise(
     Returns:
         The columns (n, k), zero where lost; ln R_ii (k,), zero where lost; and which columns were lost (k,).
     """
-    tolerance = absolute + relative * _norm(frame) if tracked(relative) else 0.0
+    tolerance = _tolerance(frame, absolute, relative) if tracked(relative) else 0.0
     tolerance = jnp.where(jnp.isfinite(tolerance), jnp.maximum(tolerance, 0.0), -1.0)  # an overflow is no loss
     columns, lengths = _columns_and_lengths(frame, kind, tolerance if tracked(relative) else None)
     lost = lengths <= tolerance
@@ -76,8 +79,19 @@ def orthonormalise(
             lengths,
             lost,
         )
-    log_r = jnp.log(jnp.where(lost, 1.0, jnp.maximum(lengths, TINY)))
+    log_r = jnp.log(jnp.where(lost, 1.0, jnp.maximum(lengths, nonzero(TINY, lengths))))
     return jnp.where(lost[None, :], 0.0, columns), log_r, lost
+
+
+def _tolerance(frame, absolute, relative: float):
+    """Residuals up to which columns are lost.
+
+    In float32 what a strong stretch leaves of a column is not far above rounding: a column is lost only where it is
+    short against itself and against what it was.
+    """
+    if not is_short(frame):
+        return absolute + relative * _norm(frame)
+    return jnp.where(absolute < 0, -1.0, ROUNDING * eps(frame) * jnp.minimum(4.0, _norm(frame)))
 
 
 def _columns_and_lengths(frame, kind: str, tolerance):
@@ -114,12 +128,12 @@ def _norm(v):
 def _scaled(columns, squares):
     """Orthogonal columns made orthonormal, and their lengths."""
     lengths = jnp.where(squares > 0, jnp.sqrt(jnp.where(squares > 0, squares, 1.0)), 0.0)
-    return columns / jnp.maximum(lengths, TINY)[None, :], lengths
+    return columns / jnp.maximum(lengths, nonzero(TINY, lengths))[None, :], lengths
 
 
 def _inverse(square, floors, j):
     """1/|column j|²; 0 where the column is lost."""
-    inverse = 1 / jnp.maximum(square, TINY)
+    inverse = 1 / jnp.maximum(square, nonzero(TINY, square))
     return inverse if floors is None else jnp.where(square > floors[j], inverse, 0.0)
 
 
@@ -210,8 +224,8 @@ def _entry_by_entry(frame, sizes, tolerance):
             share = y @ columns
             y, size = y - columns @ share, size + known @ jnp.abs(share)
         length = _norm(y)
-        gone = (length <= tolerance[j]) & jnp.all(jnp.abs(y) <= DEPENDENT * size)
-        inverse = jnp.where(gone, 0.0, 1 / jnp.maximum(length, TINY))
+        gone = (length <= tolerance[j]) & jnp.all(jnp.abs(y) <= digits(DEPENDENT, y) * size)
+        inverse = jnp.where(gone, 0.0, 1 / jnp.maximum(length, nonzero(TINY, length)))
         new = columns.at[:, j].set(y * inverse), known.at[:, j].set(size * inverse)
         return *new, lengths.at[j].set(length), lost.at[j].set(gone)
 
@@ -316,8 +330,8 @@ def refill(frame: Float[Array, "n k"], project, live: Array) -> tuple[Float[Arra
             rest = rest - jnp.sum(overlap[:, None, :] * frame[None, :, :], axis=-1)
         lengths = _norm(rest.T)
         best = jnp.argmax(lengths)
-        fresh = rest[best] / jnp.maximum(lengths[best], TINY)
-        wanted = (j >= count) & (lengths[best] > 1e-6)
+        fresh = rest[best] / jnp.maximum(lengths[best], nonzero(TINY, lengths))
+        wanted = (j >= count) & (lengths[best] > digits(1e-6, lengths))
         return jnp.where(wanted & (jnp.arange(k) == j)[None, :], fresh[:, None], frame)
 
     return jax.lax.fori_loop(0, k, fill, frame), source
@@ -339,7 +353,8 @@ def log_abs_det(matrix: Float[Array, "n n"]) -> Float[Array, ""]:
         column = jax.lax.dynamic_index_in_dim(a, j, axis=1, keepdims=False)
         factor = jnp.where(index > j, column / jnp.where(value == 0, 1.0, value), 0.0)
         size = jnp.abs(value)
-        log = jnp.where(size > TINY, jnp.log(jnp.where(size > TINY, size, 1.0)), -jnp.inf)
+        regular = size > nonzero(TINY, size)
+        log = jnp.where(regular, jnp.log(jnp.where(regular, size, 1.0)), -jnp.inf)
         return a - factor[:, None] * row[None, :], total + log
 
     return jax.lax.fori_loop(0, n, eliminate, (matrix, jnp.zeros((), matrix.dtype)))[1]

@@ -19,6 +19,7 @@ from .daes import Constrained, fields_of
 from .methods import HalfExplicit, RungeKutta
 from .methods.base import Method
 from .periods import check_period, depends_on_time
+from .precision import digits
 from .products import product_eigenvalues
 from .shooting import Motion, Node, NoPeriodicOrbit, Orbit, at_start, close_return, nearest, newton, placed
 from .systems import Flow, Hybrid, Map
@@ -152,7 +153,7 @@ def floquet(
     base = orbit.nodes[0]
     end = nearest(flow, base, orbit.period, start) if autonomous else at_start(flow, base, given, guess)
     result = floquet_of(flow, orbit, end, autonomous)
-    if throw and not result.residual <= CONVERGED:
+    if throw and not result.residual <= digits(CONVERGED, start):
         raise NoPeriodicOrbit(_failure(flow, orbit, result), result)
     return result
 
@@ -167,7 +168,7 @@ def _failure(flow: Motion, orbit: Orbit, result: Floquet) -> str:
             "is too far from a periodic orbit, give a transient or another mode; (b) there is none, the motion leaves "
             "this cycle of events; (c) the period is not one of this motion."
         )
-    if orbit.residual <= CONVERGED:
+    if orbit.residual <= digits(CONVERGED, orbit.nodes[0].x):
         values = ", ".join(f"{mu:.6g}" for mu in np.asarray(result.multipliers))
         return (
             f"No periodic orbit: the state is back after {orbit.period:.6g}, but one multiplier of an autonomous "
@@ -184,10 +185,11 @@ def _failure(flow: Motion, orbit: Orbit, result: Floquet) -> str:
 
 def _goes_along(flow: Motion, orbit: Orbit) -> bool:
     """Whether each piece carries its velocity to that of the next, M_i f(x_i) = f(x_{i+1}): then a multiplier is 1."""
+    along, rounded = (digits(part, orbit.nodes[0].x) for part in (ALONG, ROUNDED))
     speeds = [(piece.matrix, flow.velocity(piece.start), flow.velocity(node)) for piece, node in orbit.seams]
     return all(
         np.linalg.norm(matrix @ before - after)
-        < ALONG * np.linalg.norm(after) + ROUNDED * np.linalg.norm(matrix, 2) * np.linalg.norm(before)
+        < along * np.linalg.norm(after) + rounded * np.linalg.norm(matrix, 2) * np.linalg.norm(before)
         for matrix, before, after in speeds
     )
 
@@ -244,7 +246,7 @@ def _destroyed(matrices: list[np.ndarray]) -> int:
     columns = np.eye(n)
     for matrix in matrices * n:
         moved = matrix @ columns
-        scale = frames.LOST * max(1.0, float(np.max(np.abs(matrix))))
+        scale = digits(frames.LOST, matrix) * max(1.0, float(np.max(np.abs(matrix))))
         columns = _independent(moved, scale)
     return int(np.sum(np.all(columns == 0, axis=0)))
 

@@ -23,6 +23,7 @@ from . import frames, numbers
 from .columns import each_column
 from .components import by_components, joined, split
 from .events import by_mode
+from .precision import is_short, share
 from .reverse_mode import checkpointed
 from .statuses import OK, RUNNING, STATUS
 
@@ -30,7 +31,7 @@ LONGEST_BLIND = 4.0  # jumps between two orthonormalisations, where each may des
 STRETCHED = 100.0  # a larger entry of a frame ends the interval there: a grazing jump must not look like a loss
 MOST_AT_ONCE = 64  # jumps at one instant that an event log must have room for
 
-__all__ = ["Carry", "Cadence", "Events", "Record", "Seen", "Settings", "Watch", "advance", "begin", "restart"]
+__all__ = ["Carry", "Cadence", "Events", "Record", "Seen", "Settings", "Watch", "added", "advance", "begin", "restart"]
 
 
 class Cadence(NamedTuple):
@@ -100,6 +101,14 @@ class Events(NamedTuple):
     x_after: Array
 
 
+class Left(NamedTuple):
+    """What rounding left over of the sums of a block: sums of thousands of terms cost float32 its digits."""
+
+    s: Array
+    growth: Array
+    volume: Any
+
+
 class Carry(NamedTuple):
     """The state of the innermost loop. What a run does not need is None, and costs nothing.
 
@@ -123,6 +132,7 @@ class Carry(NamedTuple):
     log: Events | None
     watch: Any = None  # the state of a `Watch`
     stages: Any = ()  # within a block: the points and tangents that the last step went through
+    left: Left | None = None  # None in float64
 
 
 class Journey(NamedTuple):
@@ -177,6 +187,7 @@ def begin(settings: Settings, t0, x, frame, mode, h, interval) -> Journey:
     x, wrong = settings.mover.admitted(t0, x, mode)
     zero, none = jnp.zeros_like(t0), jnp.zeros(k, x.dtype)
     tracks = settings.mover.may_lose_rank and k > 0
+    volume = zero if settings.sum_rule else None
     carry = Carry(
         s=zero,
         x=x,
@@ -186,12 +197,13 @@ def begin(settings: Settings, t0, x, frame, mode, h, interval) -> Journey:
         status=jnp.asarray(RUNNING, jnp.int32),
         jumps=jnp.asarray(0, jnp.int32),
         growth=none,
-        volume=zero if settings.sum_rule else None,
+        volume=volume,
         losses=jnp.zeros(k, jnp.int32) if tracks else None,
         first_loss=jnp.full(k, jnp.nan, x.dtype) if tracks else None,
         order=jnp.arange(k, dtype=jnp.int32) if tracks else None,
         own=settings.mover.begin(t0, x, mode, h),
         log=_empty_log(settings, t0, x) if settings.log else None,
+        left=Left(zero, none, volume) if is_short(x) else None,
     )
     carry = stop(_within_mode(settings, carry, t0, mode) if k else carry, STATUS.deadlock, ~possible)
     carry = stop(carry, STATUS.inconsistent_start, wrong)
@@ -208,11 +220,11 @@ def _within_mode(settings: Settings, carry: Carry, t, mode) -> Carry:
     carry = carry._replace(frame=each_column(project, carry.frame))
     if settings.cadence.unit == "never":
         return carry
-    kept = carry.growth, carry.order
+    kept = carry.growth, carry.order, carry.left
     unwatched = settings._replace(watch=None)
     least = 0.0 if carry.losses is None else frames.LOST
     carry, _ = harvest(unwatched, carry, t, least, least, project, was_live=False)
-    return carry._replace(growth=kept[0], order=kept[1])
+    return carry._replace(growth=kept[0], order=kept[1], left=kept[2])
 
 
 def _empty_log(settings: Settings, t, x) -> Events:
@@ -410,7 +422,7 @@ def _repeated(settings: Settings, goes_on, step, state, little: bool):
 
 def _tidy(settings: Settings, clock: Clock, carry: Carry, ahead, interval, spread):
     """Orthonormalise: where it is due, and at the end of a block so that the sum rule closes."""
-    before, carry = carry.growth, settings.mover.kept_to_constraints(carry, clock)
+    before, carry = (carry.growth, carry.left), settings.mover.kept_to_constraints(carry, clock)
     if settings.mover.jumps_uncontrolled and settings.mover.may_lose_rank:
         # After many jumps rounding alone makes columns dependent: that is unresolved, not lost.
         absolute = jnp.where(carry.since <= 1, frames.LOST, jnp.where(carry.since <= LONGEST_BLIND, 0.0, -jnp.inf))
@@ -419,7 +431,8 @@ def _tidy(settings: Settings, clock: Clock, carry: Carry, ahead, interval, sprea
         carry, gained = harvest(settings, carry, clock.base + carry.s)
     seen = jnp.maximum(jnp.max(gained), 0.0) - jnp.minimum(jnp.min(gained), 0.0)
     sane = jnp.isfinite(seen)
-    carry = stop(carry._replace(growth=jnp.where(sane, carry.growth, before)), STATUS.nonfinite, ~sane)
+    growth, left = _select(sane, (carry.growth, carry.left), before)
+    carry = stop(carry._replace(growth=growth, left=left), STATUS.nonfinite, ~sane)
     spread = jnp.maximum(spread, jnp.where(sane, seen, 0.0))
     if settings.cadence.automatic:
         # Growth varies, so an interval is never long: that of a map or a jump may do anything, that of a step is
@@ -434,7 +447,7 @@ def _tidy(settings: Settings, clock: Clock, carry: Carry, ahead, interval, sprea
 
 def stretched(carry: Carry):
     """Whether jumps have stretched a column so much that it must be orthonormalised at once."""
-    return jnp.max(jnp.abs(carry.frame)) > STRETCHED
+    return jnp.max(jnp.abs(carry.frame)) > STRETCHED ** share(carry.frame)
 
 
 def harvest(
@@ -466,7 +479,7 @@ def harvest(
     if settings.watch is not None:
         seen = Seen(t, before, frame, log_r, lost, lambda: settings.mover.velocity(t, carry.x, carry.own))
         carry = carry._replace(watch=settings.watch.update(carry.watch, seen))
-    carry = carry._replace(frame=frame, growth=carry.growth + log_r)
+    carry = added(carry._replace(frame=frame), growth=log_r)
     if not frames.tracked(relative):
         return carry, log_r
     live, lost = ~lost, lost & was_live
@@ -481,6 +494,7 @@ def harvest(
         return carry._replace(
             frame=frame,
             growth=carry.growth[source],
+            left=carry.left and carry.left._replace(growth=carry.left.growth[source]),
             losses=carry.losses[source] + now.astype(jnp.int32),
             first_loss=first,
             order=carry.order[source],
@@ -498,12 +512,13 @@ def _next_block(settings: Settings, journey: Journey) -> Journey:
     low = low + ((high - (total - back)) + (carry.s - back))
 
     def cleared(sums):
-        return None if sums is None else jnp.zeros_like(sums)
+        return jax.tree.map(jnp.zeros_like, sums)
 
     carry = carry._replace(
         s=jnp.zeros_like(carry.s),
         growth=cleared(carry.growth),
         volume=cleared(carry.volume),
+        left=cleared(carry.left),
         order=None if carry.order is None else jnp.arange(carry.order.shape[0], dtype=jnp.int32),
         own=settings.mover.rebase(carry.own, carry.s),
         watch=None if settings.watch is None else settings.watch.next_block(carry.watch),
@@ -536,6 +551,18 @@ def log_event(log: Events | None, entry: Events, real: Any = True) -> Events | N
 
     filled = jax.tree.map(put, log._replace(count=None), entry._replace(count=None))
     return filled._replace(count=log.count + jnp.asarray(real, jnp.int32))
+
+
+def added(carry: Carry, **terms) -> Carry:
+    """The carry with terms added to its sums `s`, `growth` and `volume`; what is None has no sum."""
+    terms = {name: term for name, term in terms.items() if term is not None and getattr(carry, name) is not None}
+    if carry.left is None:
+        return carry._replace(**{name: getattr(carry, name) + term for name, term in terms.items()})
+    terms = {name: term + getattr(carry.left, name) for name, term in terms.items()}
+    sums = {name: getattr(carry, name) + term for name, term in terms.items()}
+    # Kahan's: the sum takes in less, or more, than the term.
+    left = {name: term - (sums[name] - getattr(carry, name)) for name, term in terms.items()}
+    return carry._replace(**sums, left=carry.left._replace(**left))
 
 
 def stop(carry: Carry, status, when: Any = True) -> Carry:

@@ -8,11 +8,17 @@ import numpy as np
 from jaxtyping import Array
 
 from ._tracing import traced
+from .precision import share
 from .statuses import STATUS
 
-__all__ = ["History", "RunFailed", "Spectrum"]
+__all__ = ["History", "RunFailed", "Spectrum", "unresolved"]
 
 UNRESOLVED = 25.0  # ln(R_11/R_kk) per orthonormalisation beyond which R_kk is rounding (facts: e^25 of 1/ε)
+
+
+def unresolved(spread):
+    """Whether an orthonormalisation was so late that the last columns were rounding."""
+    return spread > UNRESOLVED * share(spread)
 
 
 class RunFailed(RuntimeError):
@@ -90,7 +96,7 @@ class Spectrum(eqx.Module):
             "grazing": bool(grazing),
             "simultaneous": bool(simultaneous),
             "interrupted": bool(interrupted),
-            "unresolved": bool(np.any(np.asarray(self.spread) > UNRESOLVED)),
+            "unresolved": bool(np.any(unresolved(np.asarray(self.spread)))),
         }
         return frozenset(name for name, seen in found.items() if seen)
 
@@ -117,7 +123,7 @@ class Spectrum(eqx.Module):
 
     def kaplan_yorke_dimension(self) -> Array:
         """J + Σ_{i≤j} λ_i / |λ_{j+1}| with the largest j whose sum is not negative (Kaplan & Yorke 1979)."""
-        sums = jnp.cumsum(jnp.where(jnp.isfinite(self.exponents), self.exponents, -1e300))
+        sums = jnp.cumsum(jnp.where(jnp.isfinite(self.exponents), self.exponents, -jnp.inf))
         j = jnp.sum(jnp.cumprod(sums >= 0))
         k = self.exponents.shape[0]
         last = jnp.where(j > 0, sums[jnp.maximum(j - 1, 0)], 0.0)

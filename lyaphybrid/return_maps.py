@@ -107,7 +107,7 @@ def _returned(rule: _Return, n, x, args):
                 "This system depends on time: its state at an event alone does not tell the next one. Ask for "
                 "return_map(…, with_time=True), whose state is (x, t)."
             )
-    problem = runs.Problem(rule.system, runs.as_arrays(rule.method, x.dtype), args, state.shape)
+    problem = runs.Problem(rule.system, runs.at_precision(rule.method, x), args, state.shape)
     settings = runs.settings_of(problem, PLAN, start, state)
     ends = tuple(j == rule.transition and not fired.is_clock for j in range(len(rule.system.transitions)))
     mover = dataclasses.replace(settings.mover, terminal=ends, just_fired=rule.transition)

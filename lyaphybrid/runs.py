@@ -24,7 +24,7 @@ from . import propagation
 from ._compiler import compilations, lean_jit
 from ._tracing import array, enclosed, traced
 from .checkpoints import Part
-from .checks import check_clocks, check_functions, real
+from .checks import check_clocks, check_functions, real, require
 from .consistency import check_constraints
 from .daes import Constrained, fields_of
 from .events import Wiring, bound, projection, wire
@@ -35,6 +35,7 @@ from .methods.forcing import takes_sines
 from .methods.iterate import Iterating
 from .methods.scheduled import Scheduled
 from .methods.stepping import Stepping, are_curved
+from .precision import CURE, LEAST, eps, is_short, require_double
 from .propagation import Cadence, Journey, Settings, Watch
 from .reverse_mode import both_ways
 from .statuses import STATUS
@@ -163,9 +164,10 @@ def prepare(system, x0, args, t0, method, mode, name: str = "x0") -> tuple[Probl
     real("t0" if name == "x0" else "t", t0)
     # Python floats would be compiled in as constants: as arrays they may change without compiling again.
     method, listener = _method_for(system, method), _noticed.get()
+    _check_precision(name, x0, system, method)
     if listener is not None:
         listener.append(Noticed(system, method, jnp.shape(x0)))
-    args, method = as_arrays(args, x0.dtype), as_arrays(method, x0.dtype)
+    args, method = as_arrays(args, x0.dtype), at_precision(method, x0)
     check_clocks(system, args)
     t0 = array(t0, x0.dtype)
     check_constraints(system, x0 if x0.ndim == 1 else x0[0], t0, args)
@@ -175,6 +177,29 @@ def prepare(system, x0, args, t0, method, mode, name: str = "x0") -> tuple[Probl
 def as_arrays(tree, dtype):
     """The tree with arrays for Python's floats, which would be compiled in as constants."""
     return jax.tree.map(lambda leaf: array(leaf, dtype) if isinstance(leaf, float) else leaf, tree)
+
+
+def at_precision(method, x):
+    """The method, with arrays for numbers, and with tolerances that can be kept in the precision of x."""
+    if method is not None and is_short(x):
+        method = method.loosened(LEAST * eps(x))
+    return as_arrays(method, x.dtype)
+
+
+def _check_precision(name: str, x, system, method) -> None:
+    """Refuse what float32 cannot do, and say what it does to the rest."""
+    if not is_short(x):
+        return
+    if any(isinstance(field, Constrained) for field in fields_of(system)):
+        require_double(name, x, "an lh.DAE")
+    require(x.dtype == jnp.float32, f"{name} is {x.dtype}: it must be float64, or float32. {CURE}")
+    steps, kept = "", at_precision(method, x)
+    if method is not None and method.adaptive and not traced(method) and kept.rtol > method.rtol:
+        steps = f" Steps are controlled to rtol = {kept.rtol:.2g} and not {method.rtol:.2g}."
+    warnings.warn(
+        f"{name} is float32: exponents will carry three to four digits, and events may be missed.{steps} {CURE}",
+        stacklevel=4,
+    )
 
 
 def in_rows(problem: Problem, x):
@@ -198,12 +223,6 @@ def _state(system, x0, name):
         raise ValueError(f"{name} must have shape {single}, or {several} for m runs at once; got {x0.shape}.")
     if not traced(x0) and not np.all(np.isfinite(x0)):
         raise ValueError(f"{name} must be finite; got {x0}.")
-    if x0.dtype == jnp.float32:
-        warnings.warn(
-            f"{name} is float32: exponents will carry about four digits and events may be missed. For float64 set "
-            "jax.config.update('jax_enable_x64', True) before the first array is made.",
-            stacklevel=4,
-        )
     shape = x0.shape[-one:]
     return x0.reshape(*x0.shape[:-one], math.prod(shape)), shape
 

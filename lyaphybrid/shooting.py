@@ -19,6 +19,7 @@ from . import runs
 from ._tracing import array
 from .consistency import put_on_constraints
 from .daes import Constrained, fields_of
+from .precision import digits
 from .propagation import Cadence
 from .results import RunFailed
 from .statuses import STATUS
@@ -242,7 +243,7 @@ def newton(flow: Motion, nodes: list[Node], period: float, autonomous: bool, mos
     """Newton's method, its steps halved while they lead away; carried on by the motion where modes do not fit."""
     orbit = shot(flow, nodes, shares_of(nodes, period), period, 0)
     for iteration in range(1, most + 1):
-        if orbit.residual <= FINISHED:
+        if orbit.residual <= digits(FINISHED, nodes[0].x):
             break
         trial = _stepped(flow, orbit, period, autonomous, iteration)
         if not trial.residual < orbit.gap:
@@ -328,13 +329,13 @@ def _newton_step(flow: Motion, orbit: Orbit, shares, autonomous: bool) -> tuple[
     m, n = len(orbit.nodes), len(orbit.nodes[0].x)
     # Of least norm: a family of orbits (a block that may lie anywhere) leaves the matrix singular.
     system, gaps = linearised(flow, orbit, shares, autonomous)
-    change = np.linalg.lstsq(system, -gaps, rcond=1e-11)[0]
+    change = np.linalg.lstsq(system, -gaps, rcond=digits(1e-11, orbit.nodes[0].x))[0]
     return list(change[: m * n].reshape(m, n)), float(change[-1]) if autonomous else 0.0
 
 
 def nearest(flow: Motion, base: Node, period: float, x) -> Node:
     """The point of an orbit that is nearest to a state; where it jumps, before or after the jump."""
-    turn = flow.piece(base, period * (1 + NEAR))  # a jump that ends the period must be seen
+    turn = flow.piece(base, period * (1 + digits(NEAR, base.x)))  # a jump that ends the period must be seen
     times, points, modes = [turn.times], [turn.points], [turn.modes]
     if turn.events is not None:
         times += [turn.events.t, turn.events.t]
@@ -350,10 +351,10 @@ def at_start(flow: Motion, base: Node, start: Node, period: float) -> Node:
     offset = (base.t - start.t) % period
     if offset == 0 or isinstance(flow.problem.system, Map):
         return base
-    length = period - offset
+    length, near = period - offset, digits(NEAR, base.x) * period
     ends = [flow.piece(base, length).end]
-    events = flow.piece(base, length + NEAR * period).events
-    for i in np.flatnonzero(np.abs(events.t - length) < NEAR * period):
+    events = flow.piece(base, length + near).events
+    for i in np.flatnonzero(np.abs(events.t - length) < near):
         ends.append(Node(start.t, jnp.asarray(events.x_before[i]), int(events.mode_before[i])))
         ends.append(Node(start.t, jnp.asarray(events.x_after[i]), int(events.mode_after[i])))
     return min(ends, key=lambda node: float(np.linalg.norm(np.asarray(node.x) - np.asarray(start.x))))

@@ -175,7 +175,7 @@ def _summary(how: How, records: Record, empty, status, points, lifetime) -> Foun
     run = averages.one_run(jnp, grouped, empty, "time", jnp.zeros(growth.shape[1], growth.dtype), "uniform")
     exponents = jnp.where(lost > 0, -jnp.inf, run["exponents"])
     stderr = jnp.where(lost > 0, jnp.nan, run["stderr"])
-    rank = jnp.argsort(-jnp.where(jnp.isfinite(exponents), exponents, -1e300), stable=True)
+    rank = jnp.argsort(-jnp.where(jnp.isfinite(exponents), exponents, -jnp.inf), stable=True)
     last = points[-how.samples :]
     time = run["time"]
     return Found(exponents[rank], stderr[rank], run["finite"][rank], lost[rank], time, status, last, lifetime)

@@ -13,6 +13,7 @@ from ..gradients.estimates import parameters_of
 from ..methods import HalfExplicit, RungeKutta
 from ..methods.base import Method
 from ..periodic_orbits import Floquet, floquet, floquet_of, require_period
+from ..precision import require_double
 from ..shooting import Motion, Node, NoPeriodicOrbit, at_start, states_of
 from ..systems import Flow, Hybrid, Map, iterates
 from .branches import Continuation, Special
@@ -114,6 +115,7 @@ def continuation(
         method = HalfExplicit(rtol=1e-12, tableau="dopri8") if constrained else RungeKutta(rtol=1e-12, atol=1e-14)
     options = {"period": period, "t0": t0, "mode": mode, "method": method, "segments": segments}
     special = x0 if isinstance(x0, Special) else None
+    require_double("x0", special.orbit.x0 if special else x0, "continuation")
     if special is not None:
         begins = f"No branch begins at a {special.kind}: give a pitchfork, transcritical point or period doubling."
         require(special.change is not None, begins)

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..checks import require
+from ..precision import require_double
 
 __all__ = ["ArgsOf", "Case", "Estimate", "Untrusted", "case_of", "parameters_of", "tree_of"]
 
@@ -46,6 +47,7 @@ def case_of(system, x0, args, k: int, options: Mapping[str, Any], free: Sequence
     """A case; the parameters are the floating-point leaves of args, or those named; all else stays as it is."""
     theta, args_of, names = parameters_of(args, free)
     start = x0 if callable(x0) else Fixed(x0)
+    require_double("x0", start(args), "a derivative of exponents")
     return Case(system, start, theta, args_of, names, k, options)
 
 

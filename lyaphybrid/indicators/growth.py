@@ -10,6 +10,7 @@ from jaxtyping import Array
 
 from .._tracing import traced
 from ..checks import require
+from ..precision import nonzero
 from ..propagation import Carry, Seen
 from ..statuses import status_of
 from ..systems import EventDriven, Flow, Hybrid, Map, iterates
@@ -70,7 +71,7 @@ def _log_across(w, f):
     square = jnp.sum(f**2)
     rest = w - f * (jnp.sum(w * f) / jnp.where(square > 0, square, 1.0))
     left = jnp.sum(rest**2)
-    return 0.5 * jnp.log(jnp.maximum(left, 1e-300))
+    return 0.5 * jnp.log(jnp.maximum(left, nonzero(1e-300, left)))
 
 
 def _state(t, carry: Carry):

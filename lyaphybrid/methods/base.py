@@ -1,15 +1,19 @@
 """What a method of integration supplies: one step, its error, and a value inside the step."""
 
 import abc
+import dataclasses
 from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
+from .._tracing import traced
 from ..columns import each_column
+from ..precision import nonzero
 
 Field = Callable[[Any, Array], Array]  # (t, x) -> dx/dt, args bound
 
@@ -107,6 +111,14 @@ class Method(eqx.Module):
     def error_order(self) -> int:
         """The power of h by which the error estimate falls."""
 
+    def loosened(self, least: float) -> "Method":
+        """The same method; where rtol is below the least that makes sense, it and atol are larger by one factor."""
+        names = {field.name for field in dataclasses.fields(self)} & {"rtol", "atol"}
+        if not names:
+            return self
+        factor = (jnp if traced(self.rtol) else np).maximum(1.0, least / self.rtol)
+        return dataclasses.replace(self, **{name: factor * getattr(self, name) for name in names})
+
     def require(self, field: Field, t, x) -> None:
         """Raise a ValueError where the method cannot take this field; nothing is computed."""
         del field, t, x
@@ -151,7 +163,7 @@ class Method(eqx.Module):
         """The largest `ratio` among the columns, each measured against its own length."""
 
         def column(error, before, after):
-            length = jnp.sqrt(jnp.mean(jnp.maximum(before**2, after**2)) + 1e-40)
-            return self.ratio(error, jnp.full(before.shape, self.rtol * length + 1e-300))
+            length = jnp.sqrt(jnp.mean(jnp.maximum(before**2, after**2)) + nonzero(1e-40, before))
+            return self.ratio(error, jnp.full(before.shape, self.rtol * length + nonzero(1e-300, before)))
 
         return jnp.max(jax.vmap(column, in_axes=-1)(errors, frame, new))

@@ -65,6 +65,10 @@ class ContinuousQR(Method):
         require(len(method.table.errors) == 1, f"ContinuousQR needs one error estimate; {method.tableau!r} has two.")
         self.method = method
 
+    def loosened(self, least: float) -> "ContinuousQR":
+        """With the method loosened."""
+        return ContinuousQR(self.method.loosened(least))
+
     @property
     def rtol(self) -> Any:
         """The method's."""

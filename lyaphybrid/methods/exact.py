@@ -9,7 +9,8 @@ from jaxtyping import Array
 
 from .. import frames
 from ..columns import each_column
-from ..propagation import LONGEST_BLIND, Carry, Clock, Events, Settings, log_event, stop, stretched
+from ..precision import digits
+from ..propagation import LONGEST_BLIND, Carry, Clock, Events, Settings, added, log_event, stop, stretched
 from ..saltations import delays, push, return_along
 from ..statuses import STATUS
 from ..systems import EventDriven
@@ -91,9 +92,9 @@ class Exact(Unconstrained):
     def _fly(self, settings: Settings, clock: Clock, c: Carry) -> Carry:
         dt = clock.length - c.s
         x, frame = self._carried(c, clock, dt)
-        volume = None if c.volume is None else c.volume + self._flux(c, clock, dt)
+        c = c if c.volume is None else added(c, volume=self._flux(c, clock, dt))
         since = self._count(settings, c.since, dt, 0.0)
-        return c._replace(s=clock.length, x=x, frame=frame, since=since, volume=volume)
+        return c._replace(s=clock.length, x=x, frame=frame, since=since)
 
     def _flux(self, c: Carry, clock: Clock, dt):
         """ln|det Dφ| of the flow over dt, which is ∫ tr Df."""
@@ -116,18 +117,15 @@ class Exact(Unconstrained):
         delay = self._delays(real, t, x, which, columns, before)
         new, columns, direction = push(lambda t, x: system.jump(t, x, args, which), t, x, columns, before)
         columns = return_along(columns, direction, self.velocity(t, new), delay)
-        volume = c.volume
-        if volume is not None:
-            volume = volume + self._flux(c, clock, flight.dt) + frames.log_abs_det(columns[:, k:])
+        if c.volume is not None:
+            c = added(added(c, volume=self._flux(c, clock, flight.dt)), volume=frames.log_abs_det(columns[:, k:]))
         zero = jnp.asarray(0, jnp.int32)
         entry = Events(None, t, zero, which, zero, zero, x, new)
-        landed = c._replace(
-            s=s,
+        landed = added(c, s=flight.dt)._replace(
             x=new,
             frame=columns[:, :k],
             since=self._count(settings, c.since, flight.dt, 1.0),
             jumps=c.jumps + real.astype(jnp.int32),
-            volume=volume,
             log=log_event(c.log, entry, real),
         )
         return self._remember(landed, flight.dt)
@@ -148,10 +146,11 @@ class Exact(Unconstrained):
         """Accumulating events (interval, longest interval, streak of short ones), and states gone wrong."""
         _, _, longest, streak = c.own
         longest = jnp.maximum(longest, dt)
-        streak = jnp.where(dt < 1e-9 * longest, streak + 1, 0.0)
+        nothing = digits(1e-9, dt) * longest
+        streak = jnp.where(dt < nothing, streak + 1, 0.0)
         own = jax.lax.stop_gradient(jnp.stack([c.s, dt, longest, streak]))
         c = stop(c._replace(own=own), STATUS.zeno, streak > 30)
-        return stop(c, STATUS.nonfinite, ~(jnp.all(jnp.isfinite(c.x)) & (dt >= -1e-9 * longest)))
+        return stop(c, STATUS.nonfinite, ~(jnp.all(jnp.isfinite(c.x)) & (dt >= -nothing)))
 
 
 def integers(which):

@@ -20,6 +20,7 @@ from ..columns import each_column
 from ..daes import parts_of, solved
 from ..eliminations import Eliminated
 from ..linear_systems import product
+from ..precision import nonzero
 from .base import Controller, Field, Method, Step, Tangent
 from .divergences import quadrature
 from .forcing import at_times, linear_along, takes_sines
@@ -200,7 +201,7 @@ class OnConstraints(Method):
 
     def frame_ratio(self, errors, frame, new):
         """The same of the columns, taken in units of their length at the start."""
-        length = jnp.sqrt(jnp.sum(frame**2, axis=0) + 1e-40)
+        length = jnp.sqrt(jnp.sum(frame**2, axis=0) + nonzero(1e-40, frame))
         return _largest(jnp.abs(errors[0]) / (self.rtol * (length[None, :] + jnp.abs(new))))
 
 

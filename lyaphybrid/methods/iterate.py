@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from .. import frames
 from ..columns import each_column
-from ..propagation import LONGEST_BLIND, Carry, Clock, Settings, stop, stretched
+from ..propagation import LONGEST_BLIND, Carry, Clock, Settings, added, stop, stretched
 from ..statuses import STATUS
 from .unconstrained import Unconstrained
 
@@ -71,8 +71,8 @@ class Iterating(Unconstrained):
         x, linear = jax.linearize(lambda x: self.rule(t, x), c.x)
         frame = each_column(linear, c.frame)
         since = c.since + (0.0 if settings.cadence.unit == "never" else 1.0)
-        volume = c.volume
-        if volume is not None:
-            volume = volume + frames.log_abs_det(each_column(linear, jnp.eye(x.shape[0], dtype=x.dtype)))
-        c = c._replace(s=c.s + 1.0, x=x, frame=frame, since=since, jumps=c.jumps + 1, volume=volume)
+        volume = None
+        if c.volume is not None:
+            volume = frames.log_abs_det(each_column(linear, jnp.eye(x.shape[0], dtype=x.dtype)))
+        c = added(c._replace(x=x, frame=frame, since=since, jumps=c.jumps + 1), s=1.0, volume=volume)
         return stop(c, STATUS.nonfinite, ~jnp.all(jnp.isfinite(x)))

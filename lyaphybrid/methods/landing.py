@@ -11,7 +11,8 @@ from .. import frames
 from ..columns import each_column
 from ..events import BLUR, Wiring, arm, by_mode, jets, rates, rounding
 from ..magnitudes import absolute
-from ..propagation import Carry, Clock, Events, Settings, harvest, log_event, stop
+from ..precision import digits, nonzero
+from ..propagation import Carry, Clock, Events, Settings, added, harvest, log_event, stop
 from ..reverse_mode import rarely
 from ..saltations import Sizes, delays, instant, push, return_along, sizes_at, sizes_pushed, sizes_returned
 from ..statuses import STATUS
@@ -63,8 +64,8 @@ def land(mover, settings: Settings, clock: Clock, c: Carry, tr: Trial) -> Carry:
     """The trial ends at an event: polish, cross, orthonormalise at once, re-arm the guards."""
     own, w = c.own, mover.wiring
     mode = jnp.asarray(0, jnp.int32) if own.mode is None else own.mode
-    c = mover.commit(settings, c, c.s + tr.h, tr.h, tr.x, mover.landed(c, clock, tr))
-    ahead = -tr.g / jnp.where(tr.rate == 0, 1e-300, tr.rate)
+    c = mover.commit(settings, c, tr.h, tr.x, mover.landed(c, clock, tr))
+    ahead = -tr.g / jnp.where(tr.rate == 0, nonzero(1e-300, tr.rate), tr.rate)
     lands = _at_root(mover, own, tr, ahead)
     ticking = ~jnp.any(lands)
     ahead = jnp.where(lands, ahead, jnp.inf)
@@ -73,7 +74,7 @@ def land(mover, settings: Settings, clock: Clock, c: Carry, tr: Trial) -> Carry:
     t = clock.base + c.s
     c = harvest(settings, c, t)[0] if _orthonormalises(mover, settings, c) else c
     # Which transition: the first of those at this instant whose `when` says yes.
-    together = lands & (ahead <= ahead[slot] + SAME * (own.h + jnp.abs(t)))
+    together = lands & (ahead <= ahead[slot] + digits(SAME, t) * (own.h + jnp.abs(t)))
     allowed = together & by_mode(mode, w.whens, t, c.x) if w.shared else together
     blocked = ~ticking & ~jnp.any(allowed)
     slot = jnp.argmax(allowed).astype(jnp.int32)
@@ -93,7 +94,7 @@ def _at_root(mover, own: Stepper, tr: Trial, ahead):
     ticking = jnp.asarray(False) if tr.tick is None else tr.tick >= 0
     fires = firing(mover, own)
     crossed = fires & is_beyond(own, tr)
-    close = fires & (own.side * tr.rate < 0) & (jnp.abs(ahead) <= NEAR * own.h)
+    close = fires & (own.side * tr.rate < 0) & (jnp.abs(ahead) <= digits(NEAR, ahead) * own.h)
     return jnp.where(ticking, False, jnp.where(jnp.any(close), close, crossed))
 
 
@@ -131,7 +132,7 @@ def _polish(mover, clock: Clock, c: Carry, slot, ticking) -> Carry:
 
     start = (clock.base + c.s, c.x, c.frame, c.volume)
     _, x, frame, volume, shift = by_mode(c.own.mode, [of_mode(q) for q in range(w.modes)], *start)
-    return c._replace(s=c.s + shift, x=x, frame=frame, volume=volume)
+    return added(c._replace(x=x, frame=frame, volume=volume), s=shift)
 
 
 def _cross(mover, settings, clock: Clock, c: Carry, mode, transition, which, slot, together) -> Carry:
@@ -153,9 +154,9 @@ def _cross(mover, settings, clock: Clock, c: Carry, mode, transition, which, slo
         frame=frame,
         since=since,
         jumps=c.jumps + landing.count,
-        volume=None if volume is None else c.volume + volume,
         log=landing.log,
     )
+    c = added(c, volume=volume)
     arrival = {"f": landing.f, "g": landing.g, "rate": landing.rate, "side": landing.side, "blur": landing.blur}
     c = changed(c, mode=None if c.own.mode is None else landing.mode, **arrival)
     doubtful = jnp.asarray(False)
@@ -163,7 +164,8 @@ def _cross(mover, settings, clock: Clock, c: Carry, mode, transition, which, slo
         losses, (c, _) = c.losses, harvest(settings, c, t, frames.LOST, frames.LOST, project, was_live, sizes)
         # The direction of the flow shrinks like its speed: so far that the rounding of the columns would hide it?
         speed, terms = jnp.max(jnp.abs(landing.f)), jnp.minimum(jnp.max(sizes), 1.0)  # where they are known
-        doubtful = jnp.any(c.losses > losses) & (speed > 0) & (speed < frames.DEPENDENT * terms * landing.speed)
+        hidden = digits(frames.DEPENDENT, c.x) * terms * landing.speed
+        doubtful = jnp.any(c.losses > losses) & (speed > 0) & (speed < hidden)
     c = _remember(mover, c, landing, clock, jnp.where(slot < 0, -1, slot + mover.wiring.slots * mode), doubtful)
     c = stop(c, STATUS.terminated, landing.terminal)
     c = stop(c, STATUS.deadlock, landing.stuck)
@@ -178,8 +180,8 @@ def _start_cascade(mover, settings, t, c, columns, mode, transition, which, slot
     f = by_mode(mode, w.fields, t, x)
     gradient, moving, rate = _instant(mover, mode, t, x, f, slot)
     ticking = slot < 0  # the instant of a clock is everybody's
-    size = jnp.sqrt(jnp.sum(gradient**2) * jnp.sum(f**2) + 1e-300) + jnp.abs(moving)
-    blur = BLUR * (jnp.sum(jnp.abs(gradient * x)) + jnp.abs(moving * t))
+    size = jnp.sqrt(jnp.sum(gradient**2) * jnp.sum(f**2) + nonzero(1e-300, f)) + jnp.abs(moving)
+    blur = digits(BLUR, x) * (jnp.sum(jnp.abs(gradient * x)) + jnp.abs(moving * t))
     sizes = None
     if _orthonormalises(mover, settings, c):
         sizes = sizes_at(c.frame, f, gradient, moving, rate)
@@ -203,7 +205,7 @@ def _start_cascade(mover, settings, t, c, columns, mode, transition, which, slot
         stuck=no,
         speed=jnp.max(jnp.abs(f)),
         transversality=jnp.where(ticking, jnp.inf, jnp.abs(rate) / size),
-        shortest=jnp.where(ticking, 0.0, 4 * blur / jnp.where(rate == 0, 1e-300, jnp.abs(rate))),
+        shortest=jnp.where(ticking, 0.0, 4 * blur / jnp.where(rate == 0, nonzero(1e-300, rate), jnp.abs(rate))),
         together=together,
         log=c.log,
     )
@@ -336,7 +338,7 @@ def _keep_clocks(mover, clock: Clock, c: Carry, tr: Trial, ticking) -> Carry:
     t = clock.base + c.s
     ticked = ticking & (jnp.arange(len(mover.clock_times), dtype=jnp.int32) == tr.tick)
     number = c.own.ticks + ticked.astype(c.own.ticks.dtype)
-    now = jnp.stack([jnp.floor((t - phase) / period + 1e-9) for period, phase in mover.clock_times])
+    now = jnp.stack([jnp.floor((t - phase) / period + digits(1e-9, t)) for period, phase in mover.clock_times])
     number = jnp.where(number < now - 1e-3, now + 1, number)
     return changed(c, ticks=number)
 
@@ -346,9 +348,9 @@ def _remember(mover, c: Carry, landing: "Landing", clock: Clock, guard, doubtful
     m, first = Memory(*c.own.memory), guard.astype(c.x.dtype)
     interval = c.s - m.last
     longest = jnp.maximum(m.longest, interval)
-    short = interval < SHORT * jnp.minimum(c.own.h, longest)
+    short = interval < digits(SHORT, interval) * jnp.minimum(c.own.h, longest)
     streak = jnp.where(short, m.streak + 1, 0.0)
-    shrink = jnp.clip(interval / jnp.where(m.interval > 0, m.interval, 1.0), 0.0, 1 - 1e-9)
+    shrink = jnp.clip(interval / jnp.where(m.interval > 0, m.interval, 1.0), 0.0, 1 - digits(1e-9, interval))
     ahead = clock.base + c.s + interval * shrink / (1 - shrink)
     # Bounces may shrink below what can be told from rest, or from rounding, before there are so many of them.
     shrunk = (m.interval > 0) & (interval < 1e-3 * c.own.h)
@@ -381,9 +383,10 @@ def _gradient(guard, t, x, f):
 
 def _apart(a: Landing, b: Landing):
     """Whether two orders of the same events end differently, in the state or in the tangent."""
+    alike = digits(1e-9, b.x)
     size = 1.0 + jnp.max(jnp.abs(b.moves.columns), initial=0.0)
-    columns = jnp.max(jnp.abs(a.moves.columns - b.moves.columns), initial=0.0) > 1e-9 * size
-    states = jnp.max(jnp.abs(a.x - b.x)) > 1e-9 * (1.0 + jnp.max(jnp.abs(b.x)))
+    columns = jnp.max(jnp.abs(a.moves.columns - b.moves.columns), initial=0.0) > alike * size
+    states = jnp.max(jnp.abs(a.x - b.x)) > alike * (1.0 + jnp.max(jnp.abs(b.x)))
     return columns | states | (a.mode != b.mode)
 
 

@@ -11,6 +11,7 @@ from jaxtyping import Array
 
 from ..checks import positive, require
 from ..columns import each_column
+from ..precision import nonzero
 from . import tableaux
 from .base import Field, Method, Step, Tangent
 from .divergences import quadrature
@@ -228,7 +229,7 @@ class RungeKutta(Method):
         if len(self.table.errors) == 1:
             return super().ratio(error, scale)
         fifth, third = (error[0] / scale) ** 2, (error[1] / scale) ** 2
-        return jnp.max(fifth / jnp.sqrt(fifth + 0.01 * third + 1e-40))
+        return jnp.max(fifth / jnp.sqrt(fifth + 0.01 * third + nonzero(1e-40, fifth)))
 
     def divergence(self, field: Field, nodes, h):
         """∫ tr Df dt over the step by the weights b at the stages."""

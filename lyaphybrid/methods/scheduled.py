@@ -16,7 +16,8 @@ from jaxtyping import Array
 
 from .. import frames
 from ..columns import each_column
-from ..propagation import STRETCHED, Carry, Clock, Events, Settings, log_event, stop
+from ..precision import digits, share
+from ..propagation import STRETCHED, Carry, Clock, Events, Settings, added, log_event, stop
 from ..saltations import delays
 from ..statuses import STATUS
 from ..systems import EventDriven
@@ -134,7 +135,7 @@ class Scheduled(Unconstrained):
 
     def stretched(self, c: Carry):
         """Whether the events of this span stretched perturbations so much that they have to be orthonormalised."""
-        return c.own.stretch > math.log(STRETCHED)
+        return c.own.stretch > share(c.x) * math.log(STRETCHED)
 
     def step(self, settings: Settings, clock: Clock, c: Carry, flight: Flight) -> Carry:
         """Through the next event: the rows that it touches change, and what was predicted for them."""
@@ -159,7 +160,7 @@ class Scheduled(Unconstrained):
             stretch=stretch,
             longest=longest,
             # At one instant many bodies may be looked at again: that is no accumulation, unless it goes on.
-            streak=jnp.where(dt < 1e-9 * longest, own.streak + jnp.where(real, 1.0, 1 / x.shape[0]), 0.0),
+            streak=jnp.where(dt < digits(1e-9, dt) * longest, own.streak + jnp.where(real, 1.0, 1 / x.shape[0]), 0.0),
         )
         c = c._replace(
             s=s,
@@ -167,10 +168,10 @@ class Scheduled(Unconstrained):
             frame=frame,
             since=c.since + (0.0 if settings.cadence.unit == "never" else 1.0),
             jumps=c.jumps + real.astype(jnp.int32),
-            volume=None if c.volume is None else c.volume + frames.log_abs_det(jnp.stack(matrix)),
             own=own,
             log=c.log if entry is None else log_event(c.log, entry, real),
         )
+        c = c if c.volume is None else added(c, volume=frames.log_abs_det(jnp.stack(matrix)))
         c = stop(c, STATUS.zeno, own.streak > 30)
         return stop(c, STATUS.nonfinite, ~jnp.isfinite(functools.reduce(jnp.add, new, t)))
 
@@ -212,10 +213,9 @@ class Scheduled(Unconstrained):
         zero = jnp.zeros_like(end)
         cache = self.system.schedule.shift(c.own.cache, dt)
         own = c.own._replace(cache=cache, start=end, events=jnp.zeros_like(c.own.events), stretch=zero)
-        volume = c.volume
-        if volume is not None:
-            volume = volume + frames.log_abs_det(each_column(linear, jnp.eye(x.shape[0], dtype=x.dtype)))
-        c = c._replace(s=end, x=x, frame=each_column(linear, c.frame), volume=volume, own=own)
+        if c.volume is not None:
+            c = added(c, volume=frames.log_abs_det(each_column(linear, jnp.eye(x.shape[0], dtype=x.dtype))))
+        c = c._replace(s=end, x=x, frame=each_column(linear, c.frame), own=own)
         return c, ahead._replace(t=ahead.t - dt, full=jnp.asarray(False))
 
 

@@ -16,8 +16,9 @@ import jax.numpy as jnp
 from .._jaxprs import is_affine
 from ..columns import each_column
 from ..daes import is_constrained, landed
-from ..events import EPS, Wiring, arm, by_mode, jets, rates, rounding
-from ..propagation import Carry, Clock, Settings, stop
+from ..events import Wiring, arm, by_mode, jets, rates, rounding
+from ..precision import digits, eps, nonzero
+from ..propagation import Carry, Clock, Settings, added, stop
 from ..reverse_mode import rarely
 from ..statuses import STATUS
 from .base import Field, Method, Step
@@ -211,7 +212,7 @@ class Stepping:
         side, g, rate, _ = arm(g, rate, second, blur, h, t, fired)
         # On a guard and about to go through it: it has not fired yet, and does so at once.
         side = jnp.where(table(self, state.mode, w.directed) & (g == 0) & (side < 0) & ~fired, 1.0, side)
-        ticks = [jnp.floor((t - phase) / period + 1e-9) + 1 for period, phase in self.clock_times]
+        ticks = [jnp.floor((t - phase) / period + digits(1e-9, t)) + 1 for period, phase in self.clock_times]
         zero, one = jnp.zeros_like(t), jnp.ones_like(t)
         memory = Memory(zero, zero, zero, zero, one * jnp.inf, zero, zero, one * jnp.nan, -one, zero)
         return Stepper(
@@ -233,7 +234,7 @@ class Stepping:
         scale = self.method.atol + self.method.rtol * jnp.abs(x)
         size, speed = jnp.sqrt(jnp.mean((x / scale) ** 2)), jnp.sqrt(jnp.mean((f / scale) ** 2))
         # A state at rest is moved by rounding alone: that says nothing, and guards are judged on the scale of a step.
-        usual = jnp.minimum(0.01 * size / jnp.maximum(speed, 1e-300), 1.0)
+        usual = jnp.minimum(0.01 * size / jnp.maximum(speed, nonzero(1e-300, x)), 1.0)
         return self._bounded(jax.lax.stop_gradient(jnp.where((size > 1e-5) & (speed > 1e-5), usual, 1e-6)))
 
     def _bounded(self, h):
@@ -315,7 +316,7 @@ class Stepping:
         if own.ticks is not None:
             until = self._until_ticks(own, c.s, clock)
             first = jnp.argmin(until)
-            ticks = until[first] <= h * (1 + 1e-9)
+            ticks = until[first] <= h * (1 + digits(1e-9, h))
             h, tick = jnp.where(ticks, until[first], h), jnp.where(ticks, first.astype(jnp.int32), -1)
             final = final & ~ticks
         if aim is not None:
@@ -327,7 +328,7 @@ class Stepping:
     @staticmethod
     def _cut(rest, h):
         """A step of h, or all that is left where this is hardly more (h alone, times a constant, would be hoisted)."""
-        last = rest * (1 - 1e-9) <= h
+        last = rest * (1 - digits(1e-9, rest)) <= h
         return jnp.where(last, rest, h), last
 
     def _until_ticks(self, own: Stepper, s, clock: Clock):
@@ -363,7 +364,7 @@ class Stepping:
     def _least_step(self, c: Carry, clock: Clock):
         """A step below the resolution of time goes nowhere."""
         length = jnp.where(jnp.isfinite(clock.length), clock.length, 0.0)
-        return 1e-3 * EPS * jnp.maximum(jnp.abs(clock.base + c.s), length) + 1e-150
+        return 1e-3 * eps(length) * jnp.maximum(jnp.abs(clock.base + c.s), length) + nonzero(1e-150, length)
 
     # --- advance ---------------------------------------------------------------------------------------------
 
@@ -393,13 +394,17 @@ class Stepping:
 
         return by_mode(mode, [tangent(q) for q in range(w.modes)], t, c.x, c.frame, h, way)
 
-    def commit(self, settings: Settings, c: Carry, s, h, x, kept: Carried) -> Carry:
+    def commit(self, settings: Settings, c: Carry, h, x, kept: Carried) -> Carry:
         """The carry after a step that is kept."""
         since = c.since + {"steps": 1.0, "time": h, "jumps": 0.0, "never": 0.0}[settings.cadence.unit]
-        volume = c.volume if kept.flux is None else c.volume + kept.flux
         # Rows that were widened have more columns than there are.
-        growth = c.growth if kept.growth is None else c.growth + kept.growth[: c.growth.shape[0]]
-        return c._replace(s=s, x=x, frame=kept.frame, since=since, volume=volume, growth=growth)
+        growth = None if kept.growth is None else kept.growth[: c.growth.shape[0]]
+        return added(c._replace(x=x, frame=kept.frame, since=since), s=h, volume=kept.flux, growth=growth)
+
+    @staticmethod
+    def _ended(c: Carry, clock: Clock, final) -> Carry:
+        """At the end of the block, where a step was the last: not beside it by rounding."""
+        return c._replace(s=jnp.where(final, clock.length, c.s))
 
     def step(self, settings: Settings, clock: Clock, c: Carry, tr) -> Carry:
         """Keep the trial and carry the frame; or, where an error is too large, only make h smaller."""
@@ -409,7 +414,7 @@ class Stepping:
         if c.frame.shape[1]:
             along = self.carried(c, clock, tr.h, own.mode, tr.way)
             ratio = jnp.maximum(ratio, along.ratio) if self.rejects else None
-        kept = self.commit(settings, c, jnp.where(tr.final, clock.length, c.s + tr.h), tr.h, tr.x, along)
+        kept = self._ended(self.commit(settings, c, tr.h, tr.x, along), clock, tr.final)
         kept = changed(kept, f=tr.f)
         if self.has_events:
             side, g = stays(self, own, tr)
@@ -430,8 +435,7 @@ class Stepping:
         rest, step = clock.length - c.s, self.method.fixed_step
         h, last = self._cut(rest, step)
         along = self.carried(c, clock, h, None)
-        s = jnp.where(last, clock.length, c.s + step)
-        return self.commit(settings, c, s, h, along.x, along)._replace(stages=along.stages)
+        return self._ended(self.commit(settings, c, h, along.x, along), clock, last)._replace(stages=along.stages)
 
     def _next_h(self, own: Stepper, tr: Trial, ratio, passed):
         """What the method's controller asks for, in the order in which its error estimate falls."""

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array
 
 from ..events import BLUR, cubic, hermite_root, turning_point
+from ..precision import digits, nonzero
 from ..propagation import Carry
 
 REJECT, ADVANCE, LOCATE, LAND, FAIL, NONE = range(6)  # what a trial says; NONE: there is none yet
@@ -158,10 +159,11 @@ def read_signs(mover, own: Stepper, tr: Trial, aim: Aim) -> Signs:
     theta = turning_point(own.g, d0, tr.g, d1)
     extreme, _ = cubic(theta, own.g, d0, tr.g, d1)
     drop = jnp.minimum(jnp.abs(own.g - extreme), jnp.abs(tr.g - extreme))
+    none = digits(1e-9, theta)
     doubt = 0.2 * drop + 64.0 * (theta * (1 - theta)) ** 2 * miss(tr)
-    turn = turns & (own.side * extreme <= doubt) & (theta > 1e-9) & (theta < 1 - 1e-9)
-    ahead = -tr.g / jnp.where(tr.rate == 0, 1e-300, tr.rate)
-    close = fires & (own.side * tr.rate < 0) & (jnp.abs(ahead) <= NEAR * own.h)
+    turn = turns & (own.side * extreme <= doubt) & (theta > none) & (theta < 1 - none)
+    ahead = -tr.g / jnp.where(tr.rate == 0, nonzero(1e-300, tr.rate), tr.rate)
+    close = fires & (own.side * tr.rate < 0) & (jnp.abs(ahead) <= digits(NEAR, ahead) * own.h)
     aimed = jnp.arange(mover.wiring.slots, dtype=jnp.int32) == aim.slot
     lands = close & ((aim.slot >= 0) | jnp.any(crossed))
     lands = lands | ((aim.tries > PATIENCE) & (crossed | aimed))
@@ -171,9 +173,9 @@ def read_signs(mover, own: Stepper, tr: Trial, aim: Aim) -> Signs:
 def grazes(mover, own: Stepper, tr: Trial, aim: Aim):
     """Whether a guard turned back at the end of a trial that was cut there, off zero by less than the tolerance."""
     bend = (tr.rate - own.rate) / tr.h
-    least = own.side * (tr.g - 0.5 * tr.rate**2 / jnp.where(bend == 0, 1e-300, bend))
+    least = own.side * (tr.g - 0.5 * tr.rate**2 / jnp.where(bend == 0, nonzero(1e-300, bend), bend))
     turned = (own.side * own.rate < 0) & (jnp.abs(tr.rate) <= TURNED * jnp.abs(own.rate))
-    tolerance = NEARLY * (mover.method.atol + mover.method.rtol * (own.blur / BLUR))
+    tolerance = NEARLY * (mover.method.atol + mover.method.rtol * (own.blur / digits(BLUR, own.blur)))
     close = firing(mover, own) & turned & (jnp.abs(least) <= tolerance)
     return (tr.case == ADVANCE) & (aim.tries > 0) & (aim.slot < 0) & jnp.any(close)
 

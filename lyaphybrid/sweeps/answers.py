@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..checks import require
-from ..results import UNRESOLVED, Spectrum
+from ..results import Spectrum, unresolved
 from ..statuses import STATUS
 
 __all__ = ["NOTES", "dims_of", "missing", "named"]
@@ -35,7 +35,7 @@ def _of_spectrum(spectrum: Spectrum) -> dict[str, Any]:
     status = jnp.max(spectrum.status_code)
     failed = (status != int(STATUS.ok)) & (status != int(STATUS.terminated))
     flags = jnp.any(jnp.atleast_2d(spectrum.flags), axis=0)
-    seen = [*flags, jnp.any(spectrum.spread > UNRESOLVED), jnp.any(jnp.isneginf(spectrum.exponents))]
+    seen = [*flags, jnp.any(unresolved(spectrum.spread)), jnp.any(jnp.isneginf(spectrum.exponents))]
     return {
         "exponents": jnp.where(failed, jnp.nan, spectrum.exponents),
         "stderr": jnp.where(failed, jnp.nan, spectrum.stderr),
