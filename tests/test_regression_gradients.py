@@ -302,6 +302,6 @@ def test_bad_input(keywords, says):
 
 
 def test_names_of_parameters():
-    case = estimates.case_of(None, None, {"a": 1.0, "b": np.ones(2), "n": 3}, 1, {})
-    assert case.names == ("a", "b[0]", "b[1]")
-    assert case.args_of(np.array([5.0, 6.0, 7.0]))["n"] == 3
+    _, args_of, names = estimates.parameters_of({"a": 1.0, "b": np.ones(2), "n": 3}, None)
+    assert names == ("a", "b[0]", "b[1]")
+    assert args_of(np.array([5.0, 6.0, 7.0]))["n"] == 3

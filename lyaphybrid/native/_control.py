@@ -103,7 +103,7 @@ class _Checkpoint(NamedTuple):
     releases: int
     constants: int
     label: str
-    scope: int
+    scope: tuple[int, int]
 
     @classmethod
     def of(cls, b: Lowering):

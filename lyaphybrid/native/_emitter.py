@@ -71,11 +71,11 @@ class Emitter:
         self.lines.append(f"{label}:")
         self.label = label
 
-    def scope(self) -> int:
+    def scope(self) -> Any:
         """Open a scope: expressions written from now on are forgotten at its end, for they may not be reached."""
         return len(self._order)
 
-    def end_scope(self, scope: int) -> None:
+    def end_scope(self, scope: Any) -> None:
         """Close a scope."""
         for key in self._order[scope:]:
             self._known.pop(key, None)

@@ -140,7 +140,10 @@ class Lowering(Values):
         readable = [self.readable(v, d) for v, d in zip(operands, dtypes, strict=True)]
 
         def at(indices):
-            each = [self.element_at(v, indices if v.shape else [], d) for v, d in zip(readable, dtypes, strict=True)]
+            each = []
+            for value, dtype in zip(readable, dtypes, strict=True):  # scalars and axes of length 1 are spread
+                own = [0 if n == 1 else i for i, n in zip(indices, value.shape, strict=False)]
+                each.append(self.element_at(value, own, dtype))
             return function(self, eqn, dtypes, *each)
 
         return self.lazy(result.shape, result.dtype, at, readable)

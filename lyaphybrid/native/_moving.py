@@ -50,6 +50,19 @@ def _(b, eqn, value, *lengths):
     return Rows(np.broadcast_to(value.vectors.reshape(shape), aval.shape[:-1]), aval.shape, aval.dtype)
 
 
+@rule("tile")
+def tile(b, eqn, value):
+    if isinstance(value, np.ndarray) and b.is_small(eqn.outvars[0].aval.shape):
+        return np.tile(value, eqn.params["reps"])
+    shape = value.shape
+    where = lambda indices: [_remainder(b, i, n) for i, n in zip(indices, shape, strict=True)]  # noqa: E731
+    return moved(b, eqn.outvars[0].aval, b.at_hand(value), where)
+
+
+def _remainder(b: Lowering, index, n: int):
+    return a.remainder(b, INDEX, index, n)
+
+
 @rule("reshape", "squeeze", "expand_dims")
 def reshape(b, eqn, value, *lengths):
     aval = eqn.outvars[0].aval
@@ -68,7 +81,7 @@ def reshape(b, eqn, value, *lengths):
 @in_rows("reshape", "squeeze", "expand_dims")
 def _(b, eqn, value, *lengths):
     aval = eqn.outvars[0].aval
-    gone = {axis % len(value.shape) for axis in eqn.params.get("dimensions", ())}
+    gone = {axis % len(value.shape) for axis in eqn.params.get("dimensions") or ()}
     squeezed = eqn.primitive.name == "squeeze" and len(value.shape) - 1 in gone
     if squeezed or not aval.shape or aval.shape[-1] != value.shape[-1]:
         return None

@@ -109,6 +109,24 @@ class Values(Emitter):
             raise ValueError("vectors hold either the columns of frames or lanes")
         super().__init__(2 ** math.ceil(math.log2(columns)) if columns else lanes, checked)
         self.small, self.columns, self.lanes = small, columns, lanes
+        self._lazies: list[weakref.ref[Lazy]] = []  # in the order in which they were made
+
+    def scope(self) -> tuple[int, int]:
+        """Open a scope: what is lazy in it cannot be worked out after its end, for its indices are known there only."""
+        return super().scope(), len(self._lazies)
+
+    def end_scope(self, scope: tuple[int, int]) -> None:
+        """Close a scope."""
+        expressions, lazies = scope
+        super().end_scope(expressions)
+        for reference in self._lazies[lazies:]:
+            if (lazy := reference()) is not None:
+                self._forget(lazy)
+        del self._lazies[lazies:]
+
+    def _forget(self, lazy: Lazy) -> None:
+        for memory in lazy.sources:
+            memory.readers.discard(lazy)
 
     def is_small(self, shape: Sequence[int]) -> bool:
         """Whether an array of this shape is held as entries."""
@@ -202,8 +220,7 @@ class Values(Emitter):
                 buffer = self.new_buffer(value.shape, value.dtype)
                 self.for_each_index(value.shape, lambda i: self.store_element(buffer, i, value.at(i)))
                 value.buffer = buffer
-                for memory in value.sources:
-                    memory.readers.discard(value)
+                self._forget(value)
             return value.buffer
         if isinstance(value, Rows):
             value, dtype = self.entries(value), value.dtype
@@ -235,6 +252,7 @@ class Values(Emitter):
         found = Lazy(shape, dtype, at, sources, cheap)
         for memory in sources:
             memory.readers.add(found)
+        self._lazies.append(weakref.ref(found))
         return found
 
     def settle_readers(self, memory: Memory) -> None:
