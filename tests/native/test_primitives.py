@@ -54,7 +54,8 @@ OF_A_FLOAT = [
     lambda x: lax.round(x, lax.RoundingMethod.AWAY_FROM_ZERO),
     lambda x: lax.integer_pow(x, 3), lambda x: lax.integer_pow(x, -2), lambda x: lax.integer_pow(x, 0),
     lambda x: x.astype(jnp.int32), lambda x: x.astype(jnp.int64), lambda x: x.astype(bool),
-    lambda x: x.astype(jnp.float32), lambda x: x.astype(jnp.float64), lambda x: lax.clamp(jnp.asarray(-1, x.dtype), x, jnp.asarray(5, x.dtype)),
+    lambda x: x.astype(jnp.float32), lambda x: x.astype(jnp.float64),
+    lambda x: lax.clamp(jnp.asarray(-1, x.dtype), x, jnp.asarray(5, x.dtype)),
 ]  # fmt: skip
 SMOOTH = [
     lax.sin, lax.cos, lax.tan, lax.exp, lax.exp2, lax.expm1, lax.logistic, lax.tanh, lax.sinh, lax.cosh, lax.atan,
