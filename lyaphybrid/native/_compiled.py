@@ -8,7 +8,7 @@ import jax
 import numpy as np
 from jax.extend.core import ClosedJaxpr
 
-from . import _calls, _control, _entrywise, _indexing, _moving, _reductions, _sorting  # noqa: F401  the rules
+from . import _calls, _control, _entrywise, _indexing, _linear_algebra, _moving, _reductions, _sorting  # noqa: F401  the rules
 from ._cache import kept
 from ._costs import Plan, plan
 from ._handler import handler

@@ -46,6 +46,14 @@ def index_mode(equation) -> str:
     return {"clip": "clip", "fill_or_drop": "drop", "promise_in_bounds": "promise"}.get(name, name)
 
 
+def linear_solve(equation) -> tuple[ClosedJaxpr, list[int]]:
+    """Of a `custom_linear_solve` the program that solves, and the places of its operands among the equation's."""
+    lengths, programs = equation.params["const_lengths"], equation.params["jaxprs"]
+    first = lengths.matvec + lengths.vecmat
+    constants = range(first, first + lengths.solve)
+    return programs.solve, [*constants, *range(sum(lengths), len(equation.invars))]
+
+
 def literal_value(literal: Literal) -> np.ndarray:
     """The number of a literal, in its type."""
     aval: Any = literal.aval

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from . import _arithmetic as a
+from ._linear_algebra import large_product
 from ._lowering import Lowering, in_rows, rule
 from ._types import INDEX, kind, llvm_type
 from ._values import Lazy, Rows, Value, filled, scalar, size
@@ -223,6 +224,8 @@ def dot(b, eqn, left, right):
             return a.zero(dtype) if found is None else found
 
         return filled(aval.shape, [entry(i) for i in np.ndindex(aval.shape)])
+    if (product := large_product(b, eqn, left, right)) is not None:
+        return product
     left, right = b.in_memory(left, dtypes[0]), b.in_memory(right, dtypes[1])
     result = b.new_buffer(aval.shape, dtype)
     b.for_each_index(aval.shape, lambda i: b.store_element(result, i, a.zero(dtype)))
