@@ -2,8 +2,11 @@
 
 import numpy as np
 
+from ._emitter import is_wide
 from ._jax_versions import called
 from ._lowering import KEEPS_ROWS, rule
+from ._types import llvm_type
+from ._values import filled, flat
 
 _CALLS = (
     "jit", "pjit", "closed_call", "core_call", "remat", "remat2", "checkpoint", "custom_jvp_call", "custom_vjp_call",
@@ -15,6 +18,20 @@ KEEPS_ROWS |= set(_CALLS)
 @rule(*_CALLS)
 def call(b, eqn, *values):
     return b.run(called(eqn), values)
+
+
+@rule("select_if_vmap")
+def select_if_vmap(b, eqn, condition, x, y):
+    """Of equinox's loops: `x`, for the condition holds; with lanes it may not hold for all."""
+    entry = b.entry_of(condition)
+    if not is_wide(entry):
+        return x
+    type_ = llvm_type(eqn.outvars[0].aval.dtype)
+    each = zip(flat(b.entries(x)), flat(b.entries(y)), strict=True)
+    return filled(x.shape, [b.select(entry, type_, p, q) for p, q in each])
+
+
+KEEPS_ROWS.add("select_if_vmap")
 
 
 @rule("platform_index")

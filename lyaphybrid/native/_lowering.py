@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ._jax_versions import ClosedJaxpr, Jaxpr, Literal, literal_value, parts
+from ._jax_versions import ClosedJaxpr, Jaxpr, Literal, literal_value, own_program, parts
 from ._types import llvm_type
 from ._unsupported import Unsupported
 from ._values import Buffer, Entries, Lazy, Memory, Rows, Value, Values, filled, flat, memory_of, size
@@ -110,7 +110,10 @@ class Lowering(Values):
         if name in ENTRYWISE:
             return [self._entry_by_entry(ENTRYWISE[name], eqn, operands)]
         if name not in RULES:
-            raise Unsupported(f"the primitive {name}")
+            program = own_program(eqn)
+            if program is None:
+                raise Unsupported(f"the primitive {name}")
+            return self.run(program, operands)
         found = None
         if any(isinstance(value, Rows) for value in operands):
             if name in IN_ROWS:
