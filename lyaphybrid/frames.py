@@ -122,12 +122,18 @@ def tracked(relative: float) -> bool:
 def _norm(v):
     """The Euclidean norm along the first axis, with a derivative at 0."""
     square = jnp.sum(v * v, axis=0)
-    return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
+    return _root(square)
+
+
+def _root(square):
+    """The square root, with a derivative at 0; nan stays, for a column that is no number must not look lost."""
+    nothing = square <= 0
+    return jnp.where(nothing, 0.0, jnp.sqrt(jnp.where(nothing, 1.0, square)))
 
 
 def _scaled(columns, squares):
     """Orthogonal columns made orthonormal, and their lengths."""
-    lengths = jnp.where(squares > 0, jnp.sqrt(jnp.where(squares > 0, squares, 1.0)), 0.0)
+    lengths = _root(squares)
     return columns / jnp.maximum(lengths, nonzero(TINY, lengths))[None, :], lengths
 
 

@@ -103,5 +103,7 @@ ALIKE = {  # … or it does with them what it does with the operands
     "split",
     "squeeze",
     "stack",
+    "tile",
     "transpose",
+    "unstack",
 }

@@ -125,7 +125,7 @@ CHAOTIC = {
         lambda: lh.lyapunov_spectrum(HENON, [0.1, 0.1], t1=100_000, transient=100),
         (0.41919, -1.62316), 0.002,
     ),
-    "billiard": (lambda: lh.zoo.sinai_billiard().spectrum(t1=2000.0), (2.738746, 0.0, 0.0, -2.738746), 0.05),
+    "billiard": (lambda: lh.zoo.sinai_billiard().spectrum(t1=8000.0), (2.738746, 0.0, 0.0, -2.738746), 0.05),
     "disks": (lambda: lh.zoo.hard_disks(n=8, density=0.5).spectrum(t1=50.0, k=2), (3.25, 3.05), 0.2),
 }  # fmt: skip
 

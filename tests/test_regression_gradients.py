@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 import lyaphybrid as lh
 from known_gradients import baker, of_solenoid, perturbed_cat, solenoid
 from lyaphybrid.gradients import estimates, regression
-from lyaphybrid.zoo.walls import LINE, billiard, falls
+from lyaphybrid.zoo.walls import LINE, billiard, falls, lowest
 
 KEY = jax.random.key(1)
 
@@ -118,7 +118,7 @@ def next_event(t, x, args):
 
 def test_the_mean_free_time_of_a_lorentz_gas():
     """⟨τ⟩ = π area/perimeter (N. Chernov, J. Stat. Phys. 88 (1997) 1, doi:10.1007/BF02508462), the speed being 1."""
-    gas = billiard(LINE, next_event, lambda q, args, which: jnp.min(heights(q, args)))
+    gas = billiard(LINE, next_event, lambda q, args, which: lowest(heights(q, args)))
     found = lh.lyapunov_gradient(
         gas, [0.5, 0.05, 0.6, 0.8], {"corner": 0.38, "middle": 0.3}, t1=10_000.0, transient=20.0, key=KEY, k=1,
         free=["corner"], window=0.04,

@@ -233,6 +233,40 @@ def test_nonfinite_of_a_map():
     assert np.isfinite(spectrum.history.growth[0]).all()
 
 
+def _without_derivative(x):
+    """0 up to 10, where the derivative that JAX finds is 0/0."""
+    return jnp.sqrt(jnp.maximum(x - 10.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("system", "method"),
+    [
+        (lh.Map(lambda n, x, args: 0.5 * x + _without_derivative(x)), None),
+        (lh.Flow(lambda t, x, args: -x + _without_derivative(x)), METHOD),
+        (lh.Flow(lambda t, x, args: -x + _without_derivative(x)), lh.RungeKutta("rk4", dt=0.1)),
+        (
+            lh.Hybrid(lambda t, x, args: -x, lh.Transition(every=1.0, reset=lambda t, x, args: _without_derivative(x))),
+            METHOD,
+        ),
+        (
+            lh.EventDriven(
+                flow=lambda dt, t, x, args: jnp.exp(-dt) * x,
+                next_event=lambda t, x, args: (1.0, 0),
+                jump=lambda t, x, args, which: x + _without_derivative(x),
+                guard=lambda t, x, args, which: x[0],
+            ),
+            None,
+        ),
+    ],
+    ids=["map", "flow", "fixed steps", "reset", "event-driven"],
+)
+def test_a_derivative_that_is_no_number_is_no_loss_of_rank(system, method):
+    """The state stays finite: only the frame says that something is wrong."""
+    spectrum = lh.lyapunov_spectrum(system, [1.0], t1=10, blocks=2, method=method, throw=False)
+    assert spectrum.status is STATUS.nonfinite
+    assert "rank_lost" not in spectrum.notes
+
+
 def test_nonfinite_of_an_exact_flow():
     broken = lh.EventDriven(
         flow=lambda dt, t, x, args: x - dt,

@@ -150,7 +150,8 @@ class Exact(Unconstrained):
         streak = jnp.where(dt < nothing, streak + 1, 0.0)
         own = jax.lax.stop_gradient(jnp.stack([c.s, dt, longest, streak]))
         c = stop(c._replace(own=own), STATUS.zeno, streak > 30)
-        return stop(c, STATUS.nonfinite, ~(jnp.all(jnp.isfinite(c.x)) & (dt >= -nothing)))
+        finite = jnp.all(jnp.isfinite(c.x)) & jnp.all(jnp.isfinite(c.frame))
+        return stop(c, STATUS.nonfinite, ~(finite & (dt >= -nothing)))
 
 
 def integers(which):

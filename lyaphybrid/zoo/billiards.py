@@ -25,7 +25,7 @@ from .problem import (
     state,
     traced,
 )
-from .walls import ARC, FALL, LINE, billiard, falls, first
+from .walls import ARC, FALL, LINE, billiard, falls, first, lowest
 
 SQUARE = ((1.0, 0.0), (0.0, 1.0))
 TRIANGULAR = ((1.0, 0.5), (0.0, math.sqrt(3) / 2))
@@ -46,7 +46,7 @@ def _lattice_gas(path, lattice, sizes):
         return (jnp.sum(d * d, axis=1) - radius * radius) / 2
 
     def nearest(q, args, which):
-        return jnp.min(heights(q, args))
+        return lowest(heights(q, args))
 
     def next_event(t, x, args):
         spacing, radius = sizes(args)

@@ -25,7 +25,7 @@ from jax import lax
 
 from ..systems import EventDriven
 
-__all__ = ["ARC", "FALL", "LINE", "Path", "billiard", "falls", "first"]
+__all__ = ["ARC", "FALL", "LINE", "Path", "billiard", "falls", "first", "lowest"]
 
 
 class Path(NamedTuple):
@@ -145,6 +145,15 @@ def falls(path: Path, heights: Callable, x, args, inside: Any = True):
 def first(times):
     """The first of the walls that are met: (dt, which)."""
     return jnp.min(times), jnp.argmin(times)
+
+
+def lowest(heights):
+    """The least of some heights, with the derivative of that one.
+
+    The derivative of `jnp.min` looks for the numbers that equal the least: where XLA works them out twice, with another
+    rounding, it finds none and is nan.
+    """
+    return heights[jnp.argmin(heights)]
 
 
 def billiard(path: Path, next_event: Callable, height: Callable) -> EventDriven:
