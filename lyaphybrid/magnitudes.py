@@ -40,7 +40,7 @@ def absolute(function: Callable) -> Callable:
 
     def magnitude(size):
         (found,) = _through(jax.make_jaxpr(function)(size), [Size(size)])
-        return jnp.minimum(found.array if isinstance(found, Size) else jnp.abs(found), UNKNOWN)
+        return jnp.minimum(found.array if isinstance(found, Size) else jnp.abs(found), _unknown(size.dtype))
 
     return magnitude
 
@@ -62,7 +62,12 @@ def _through_equation(closed: ClosedJaxpr, eqn, operands: list) -> list:
         return [Size(ENTRYWISE[name](*jnp.broadcast_arrays(*map(_magnitude, operands))))]
     if name in ALIKE and (name != "select_n" or not isinstance(first, Size)):
         return list(map(Size, applied(closed, eqn, list(map(_magnitude, operands)))))
-    return [Size(jnp.full(out.aval.shape, UNKNOWN, out.aval.dtype)) for out in eqn.outvars]
+    return [Size(jnp.full(out.aval.shape, _unknown(out.aval.dtype), out.aval.dtype)) for out in eqn.outvars]
+
+
+def _unknown(dtype) -> float:
+    """`UNKNOWN`, or in float32 what is as large there: products of two are finite."""
+    return min(UNKNOWN, float(jnp.finfo(dtype).max) ** 0.49) if jnp.issubdtype(dtype, jnp.floating) else 1.0
 
 
 def _magnitude(value):
