@@ -138,7 +138,7 @@ def _loop(
         scope = b.scope()
         now = _refilled(state, phis)
         condition = goes_on(now)
-        if outer is not None:
+        if outer is not None and is_wide(condition):  # else all lanes agree
             condition = b.logic("and", condition, outer)
         b.line(f"br i1 {b.text(_any_lane(b, condition), 'i1')}, label %{inside}, label %{done}")
         b.begin_block(inside)
@@ -223,7 +223,7 @@ def scan(b, eqn, *values):
         if p.length <= _few_turns(b, p, avals, x_avals):
             return _written_out(b, p, avals, consts, start, xs)
         if p.length == 0:
-            return [*start, *(b.in_memory(filled(v.shape, []), v.dtype) for v in avals[p.carry :])]
+            return [*start, *(filled(v.shape, []) for v in avals[p.carry :])]
         xs = [b.in_memory(x, v.dtype) for x, v in zip(xs, x_avals, strict=True)]
         with _kept(xs):
             return _scanned(b, p, avals, consts, start, xs, x_avals)
@@ -310,8 +310,9 @@ def cond(b, eqn, which, *values):
     values = [b.at_hand(value) for value in values]
     if is_wide(index):
         return _by_lanes(b, branches, index, dtype, values, avals)
-    for memory in {memory_of(value) for value in values} - {None}:
-        b.settle_readers(memory)  # here, not within the first branch that writes over it
+    for value in values:
+        if (memory := memory_of(value)) is not None:
+            b.settle_readers(memory)  # here, not within the first branch that writes over it
     labels, after = [b.block_name() for _ in branches], b.block_name()
     _jump(b, index, dtype, labels)
     ends = [_branch(b, label, after, branch, values, avals) for label, branch in zip(labels, branches, strict=True)]

@@ -9,6 +9,9 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from ._types import BYTES, in_memory, literal
+from ._unsupported import Unsupported
+
+_STACK = 2**18  # bytes on the stack at most: threads have as little as half a megabyte
 
 Entry = Any  # bool, int or float where it is known, else str
 
@@ -46,7 +49,7 @@ class Emitter:
         self.declarations: set[str] = set()
         self.label = "entry"
         self.flags = "contract"  # a*b + c may be one fused operation; else arithmetic is IEEE's
-        self._count = 0
+        self._count = self._on_stack = 0
         self._known: dict[tuple, Entry] = {}  # common expressions …
         self._order: list[tuple] = []  # … in the order in which they were written
 
@@ -314,21 +317,31 @@ class Emitter:
         self.begin_block(done)
         return new
 
-    def for_each_index(self, shape: Sequence[int], body: Callable[[list], None], indices: tuple = ()) -> None:
+    def for_each_index(self, shape: Sequence[int], body: Callable[[list], None]) -> None:
         """Nested loops: body(indices) for all indices of an array."""
-        if 0 in shape:
-            return
+        if 0 not in shape:
+            self.fold_indices(shape, lambda i, _: body(i), ())
+
+    def fold_indices(
+        self, shape: Sequence[int], body: Callable, start: Sequence[tuple[Entry, str]], indices: tuple = ()
+    ) -> list[Entry]:
+        """Nested loops: carried = body(indices, carried) for all indices; no length is zero."""
         if len(indices) == len(shape):
-            body(list(indices))
-            return
-        self.count_up(shape[len(indices)], lambda i, _: self.for_each_index(shape, body, (*indices, i)))
+            return list(body(list(indices), [entry for entry, _ in start]) or [])
+
+        def inner(i, carried):
+            now = [(entry, type_) for entry, (_, type_) in zip(carried, start, strict=True)]
+            return self.fold_indices(shape, body, now, (*indices, i))
+
+        return self.count_up(shape[len(indices)], inner, start)
 
     # --- memory ----------------------------------------------------------------------------------------------
 
     def allocate(self, type_: str, size: int) -> str:
         """Room for an array during the call: small ones on the stack, where LLVM may keep them in registers."""
         pointer, bytes_ = self.name(), size * BYTES[type_]
-        if bytes_ <= 16384:
+        if bytes_ <= 16384 and self._on_stack + bytes_ <= _STACK:
+            self._on_stack += bytes_
             self.allocations.append(f"  {pointer} = alloca [{max(size, 1)} x {in_memory(type_)}], align 64")
         else:
             self.declarations |= {
@@ -348,6 +361,8 @@ class Emitter:
 
     def address(self, pointer: str, type_: str, index: Entry) -> str:
         """Where an element lies."""
+        if is_wide(index):
+            raise Unsupported("lanes that index arrays of many elements")
         if not isinstance(index, str) and index == 0:
             return pointer
         name = self.name()

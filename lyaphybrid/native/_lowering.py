@@ -13,7 +13,7 @@ import numpy as np
 from ._jax_versions import ClosedJaxpr, Jaxpr, Literal, literal_value, parts
 from ._types import llvm_type
 from ._unsupported import Unsupported
-from ._values import Buffer, Entries, Lazy, Memory, Rows, Value, Values, filled, flat, memory_of, size
+from ._values import Buffer, Entries, Lazy, Memory, Rows, Value, Values, filled, flat, size, source_of
 
 RULES: dict[str, Callable] = {}
 ENTRYWISE: dict[str, Callable] = {}
@@ -64,13 +64,15 @@ class Lowering(Values):
         held: dict = {}
 
         def hold(variable, value):
+            if isinstance(value, Lazy) and last.uses[variable] > 1 and not value.cheap:
+                value = self.in_memory(value)
             held[variable] = value
-            if (memory := memory_of(value)) is not None:
-                memory.holders += 1
+            if (source := source_of(value)) is not None:
+                source.holders += 1
 
         def release(variable):
-            if (memory := memory_of(held.pop(variable))) is not None:
-                memory.holders -= 1
+            if (source := source_of(held.pop(variable))) is not None:
+                source.holders -= 1
 
         def read(atom):
             if isinstance(atom, Literal):
@@ -92,12 +94,8 @@ class Lowering(Values):
             results = self.equation(eqn, operands)
             del operands
             for variable, value in zip(eqn.outvars, results, strict=True):
-                if variable not in last:
-                    continue
-                often = last.uses[variable] > 1
-                if isinstance(value, Lazy) and value.buffer is None and often and not value.cheap:
-                    value = self.in_memory(value)
-                hold(variable, value)
+                if variable in last:
+                    hold(variable, value)
             del results
         results = [read(atom) for atom in inner.outvars]
         for variable in list(held):
@@ -137,16 +135,24 @@ class Lowering(Values):
         if self.is_small(result.shape):
             columns = [np.broadcast_to(self.entries(v), result.shape).ravel() for v in operands]
             return filled(result.shape, [function(self, eqn, dtypes, *each) for each in zip(*columns, strict=True)])
-        readable = [self.readable(v, d) for v, d in zip(operands, dtypes, strict=True)]
+        readable = [
+            self.readable(v, d, often=size(v.shape) < size(result.shape)) for v, d in zip(operands, dtypes, strict=True)
+        ]
 
-        def at(indices):
-            each = [self.element_at(v, indices if v.shape else [], d) for v, d in zip(readable, dtypes, strict=True)]
+        def at(indices):  # an operand may be a scalar, or have axes of length 1
+            places = ([0 if n == 1 else i for i, n in zip(indices, v.shape, strict=False)] for v in readable)
+            each = [self.element_at(v, i, d) for v, i, d in zip(readable, places, dtypes, strict=True)]
             return function(self, eqn, dtypes, *each)
 
         return self.lazy(result.shape, result.dtype, at, readable)
 
-    def readable(self, value: Value, dtype) -> Value:
-        """A value whose elements are found at indices that are known at run time only, at little cost."""
+    def readable(self, value: Value, dtype, often: bool = False) -> Value:
+        """A value whose elements are found at indices that are known at run time only, at little cost.
+
+        `often`: an element is asked for more than once.
+        """
+        if isinstance(value, Lazy) and often and not value.cheap:
+            return self.in_memory(value)
         if isinstance(value, np.ndarray) and value.ndim and value.size > 1:
             return self.in_memory(value, dtype)
         return value

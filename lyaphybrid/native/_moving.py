@@ -33,8 +33,7 @@ def broadcast(b, eqn, value, *lengths):
         for axis, n in zip(axes, value.shape, strict=True):
             shape[axis] = n
         return np.broadcast_to(value.reshape(shape), aval.shape)
-    if isinstance(value, Lazy) and not value.cheap and size(value.shape) < size(aval.shape):
-        value = b.in_memory(value)  # each entry is used more than once
+    value = b.readable(value, aval.dtype, often=size(value.shape) < size(aval.shape))
     own = value.shape
     return moved(b, aval, value, lambda i: [0 if n == 1 else i[axis] for axis, n in zip(axes, own, strict=True)])
 
@@ -155,9 +154,7 @@ def stack(b, eqn, *values):
             thick = np.expand_dims(value, axis)
         else:
             shape = (*value.shape[:axis], 1, *value.shape[axis:])
-            thick = Lazy(
-                shape, aval.dtype, lambda i, v=value: b.element_at(v, [*i[:axis], *i[axis + 1 :]]), set(), cheap=True
-            )
+            thick = Lazy(shape, aval.dtype, lambda i, v=value: b.element_at(v, [*i[:axis], *i[axis + 1 :]]))
         b.write(found, thick, [place if k == axis else 0 for k in range(len(aval.shape))])
     return found
 

@@ -21,14 +21,22 @@ from ._unsupported import Unsupported
 Entries = np.ndarray  # of objects
 
 
-class Memory:
+class Source:
+    """What variables hold, and what lazy values read: memory, or a lazy value, which may come to lie in memory."""
+
+    def __init__(self):
+        self.holders = 0  # how many variables of the program still need what is there
+        # What is yet to be worked out from it; in order, so that a program has one text.
+        self.readers: weakref.WeakKeyDictionary[Lazy, None] = weakref.WeakKeyDictionary()
+
+
+class Memory(Source):
     """Where a buffer's elements lie."""
 
     def __init__(self, pointer: str, size: int, writable: bool):
+        super().__init__()
         self.pointer, self.size = pointer, size
         self.writable = writable  # inputs and constants are not
-        self.holders = 0  # how many variables of the program still need what is there
-        self.readers: weakref.WeakSet[Lazy] = weakref.WeakSet()  # what is yet to be worked out from it
 
 
 class Buffer:
@@ -38,13 +46,21 @@ class Buffer:
         self.memory, self.shape, self.dtype = memory, tuple(shape), np.dtype(dtype)
 
 
-class Lazy:
+class Lazy(Source):
     """An array as a function of the index."""
 
     def __init__(
-        self, shape: Sequence[int], dtype, at: Callable[[list[Entry]], Entry], sources: set[Memory], cheap: bool
+        self,
+        shape: Sequence[int],
+        dtype,
+        at: Callable[[list[Entry]], Entry],
+        sources: Sequence[Source] = (),
+        cheap: bool = False,
     ):
-        self.shape, self.dtype, self.at, self.sources = tuple(shape), np.dtype(dtype), at, sources
+        super().__init__()
+        self.shape, self.dtype, self.at = tuple(shape), np.dtype(dtype), at
+        self.sources = sources  # all that it reads, also by way of other lazy values
+        self.depth = 1 + max((source.depth for source in sources if isinstance(source, Lazy)), default=0)
         self.cheap = cheap  # may be worked out for each use: it only reads
         self.buffer: Buffer | None = None  # once it was worked out
 
@@ -56,6 +72,8 @@ class Rows:
         self.vectors, self.shape, self.dtype = vectors, tuple(shape), np.dtype(dtype)
 
 
+_DEEP = 40  # lazy values that read lazy values: Python's stack is finite
+
 Value = Entries | Rows | Lazy | Buffer
 
 
@@ -63,6 +81,11 @@ def memory_of(value: Value) -> Memory | None:
     """Where a value lies, if it lies in memory."""
     buffer = value.buffer if isinstance(value, Lazy) else value
     return buffer.memory if isinstance(buffer, Buffer) else None
+
+
+def source_of(value: Value) -> Source | None:
+    """What counts who needs a value; None for entries and rows, which nothing overwrites."""
+    return value if isinstance(value, Lazy) and value.buffer is None else memory_of(value)
 
 
 def scalar(entry: Entry) -> Entries:
@@ -197,8 +220,7 @@ class Values(Emitter):
                 buffer = self.new_buffer(value.shape, value.dtype)
                 self.for_each_index(value.shape, lambda i: self.store_element(buffer, i, value.at(i)))
                 value.buffer = buffer
-                for memory in value.sources:
-                    memory.readers.discard(value)
+                buffer.memory.holders, buffer.memory.readers = value.holders, value.readers
             return value.buffer
         if isinstance(value, Rows):
             value, dtype = self.entries(value), value.dtype
@@ -221,15 +243,17 @@ class Values(Emitter):
 
     def lazy(self, shape: Sequence[int], dtype, at: Callable, operands: Sequence[Value], cheap: bool = False) -> Lazy:
         """A value that is worked out where it is used; `operands`: what it reads."""
-        sources: set[Memory] = set()
+        sources: dict[Source, None] = {}
         for value in operands:
-            if isinstance(value, Buffer):
-                sources.add(value.memory)
-            elif isinstance(value, Lazy):
-                sources |= value.sources if value.buffer is None else {value.buffer.memory}
-        found = Lazy(shape, dtype, at, sources, cheap)
-        for memory in sources:
-            memory.readers.add(found)
+            if (source := source_of(value)) is not None:
+                sources[source] = None
+            if isinstance(source, Lazy):
+                sources |= dict.fromkeys(source.sources)
+        found = Lazy(shape, dtype, at, tuple(sources), cheap)
+        for source in sources:
+            source.readers[found] = None
+        if found.depth > _DEEP:
+            self.in_memory(found)
         return found
 
     def settle_readers(self, memory: Memory) -> None:
