@@ -13,7 +13,7 @@ import numpy as np
 from ._jax_versions import ClosedJaxpr, Jaxpr, Literal, literal_value, parts
 from ._types import llvm_type
 from ._unsupported import Unsupported
-from ._values import Buffer, Entries, Lazy, Memory, Rows, Value, Values, filled, flat, size, source_of
+from ._values import Buffer, Entries, Lazy, Memory, Rows, Value, Values, filled, memory_of, size, source_of
 
 RULES: dict[str, Callable] = {}
 ENTRYWISE: dict[str, Callable] = {}
@@ -229,28 +229,15 @@ def _pointer(b: Lowering, array: str, place: int) -> str:
 
 
 def _input(b: Lowering, place: int, aval, wide: bool) -> Value:
-    pointer, n, type_ = _pointer(b, "inputs", place), size(aval.shape), llvm_type(aval.dtype)
-    if wide:
-        return filled(aval.shape, [b.load(pointer, type_, i * b.lanes, wide=True) for i in range(n)])
-    return b.held(Buffer(Memory(pointer, n, False), aval.shape, aval.dtype))
+    pointer, n = _pointer(b, "inputs", place), size(aval.shape)
+    return b.held(Buffer(Memory(pointer, n, False, wide), aval.shape, aval.dtype))
 
 
 def _output(b: Lowering, place: int, aval, value: Value) -> None:
-    pointer, n, type_ = _pointer(b, "outputs", place), size(aval.shape), llvm_type(aval.dtype)
-    result = Buffer(Memory(pointer, n, True), aval.shape, aval.dtype)
-    if isinstance(value, Rows):
-        value = b.entries(value)
-    if b.lanes > 1 and isinstance(value, np.ndarray):
-        for i, entry in enumerate(flat(value)):
-            b.store(pointer, type_, i * b.lanes, entry, wide=True)
-    elif b.lanes > 1:  # recorded by a scan, with a last axis for the lanes
-        result.memory.size = n * b.lanes
-        b.copy_buffer(Buffer(result.memory, (*aval.shape, b.lanes), aval.dtype), b.in_memory(value))
-    elif isinstance(value, np.ndarray):
-        for i in np.ndindex(value.shape):
-            b.store_element(result, i, value[i])
-    elif isinstance(value, Lazy) and value.buffer is None:
-        b.for_each_index(value.shape, lambda i: b.store_element(result, i, value.at(i)))
+    pointer, n = _pointer(b, "outputs", place), size(aval.shape)
+    result = Buffer(Memory(pointer, n, True, b.lanes > 1), aval.shape, aval.dtype)
+    if memory_of(value) is None:
+        b.write(result, value, [0] * len(aval.shape))
     else:
         b.copy_buffer(result, b.in_memory(value))
 

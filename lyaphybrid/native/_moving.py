@@ -150,13 +150,17 @@ def stack(b, eqn, *values):
         return np.stack([b.entries(value) for value in values], axis)
     found = b.new_buffer(aval.shape, aval.dtype)
     for place, value in enumerate(values):
-        if isinstance(value, np.ndarray):
-            thick = np.expand_dims(value, axis)
-        else:
-            shape = (*value.shape[:axis], 1, *value.shape[axis:])
-            thick = Lazy(shape, aval.dtype, lambda i, v=value: b.element_at(v, [*i[:axis], *i[axis + 1 :]]))
-        b.write(found, thick, [place if k == axis else 0 for k in range(len(aval.shape))])
+        b.write(found, with_axis(b, value, axis), [place if k == axis else 0 for k in range(len(aval.shape))])
     return found
+
+
+def with_axis(b: Lowering, value: Value, axis: int) -> Value:
+    """A value with one more axis, of length 1, to be written at once."""
+    if b.is_small(value.shape):
+        return np.expand_dims(b.entries(value), axis)
+    assert isinstance(value, Lazy | Buffer)
+    shape = (*value.shape[:axis], 1, *value.shape[axis:])
+    return Lazy(shape, value.dtype, lambda i: b.element_at(value, [*i[:axis], *i[axis + 1 :]]))
 
 
 @in_rows("concatenate", "stack")

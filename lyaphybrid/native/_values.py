@@ -14,9 +14,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ._emitter import Emitter, Entry, is_known, is_wide
+from ._emitter import Emitter, Entry, is_known
 from ._types import BYTES, INDEX, is_float, llvm_type
-from ._unsupported import Unsupported
 
 Entries = np.ndarray  # of objects
 
@@ -33,10 +32,11 @@ class Source:
 class Memory(Source):
     """Where a buffer's elements lie."""
 
-    def __init__(self, pointer: str, size: int, writable: bool):
+    def __init__(self, pointer: str, size: int, writable: bool, wide: bool = False):
         super().__init__()
         self.pointer, self.size = pointer, size
         self.writable = writable  # inputs and constants are not
+        self.wide = wide  # whether each element is a vector: one number for each lane
 
 
 class Buffer:
@@ -127,6 +127,7 @@ class Values(Emitter):
             raise ValueError("vectors hold either the columns of frames or lanes")
         super().__init__(2 ** math.ceil(math.log2(columns)) if columns else lanes, checked)
         self.small, self.columns, self.lanes = small, columns, lanes
+        self.carries_vectors = lanes > 1
 
     def is_small(self, shape: Sequence[int]) -> bool:
         """Whether an array of this shape is held as entries."""
@@ -171,16 +172,17 @@ class Values(Emitter):
     def load_element(self, buffer: Buffer, indices: Sequence[Entry]) -> str:
         """An element from memory."""
         place = self.linear_index(indices, buffer.shape)
-        self.check_index(place, buffer.memory.size)
-        return self.load(buffer.memory.pointer, llvm_type(buffer.dtype), place)
+        memory = buffer.memory
+        self.check_index(place, memory.size)
+        place = self.index_times(place, self.lanes) if memory.wide else place
+        return self.load(memory.pointer, llvm_type(buffer.dtype), place, memory.wide)
 
     def store_element(self, buffer: Buffer, indices: Sequence[Entry], entry: Entry) -> None:
         """An element into memory."""
-        if is_wide(entry):
-            raise Unsupported("lanes in arrays of many elements")
-        place = self.linear_index(indices, buffer.shape)
-        self.check_index(place, buffer.memory.size)
-        self.store(buffer.memory.pointer, llvm_type(buffer.dtype), place, entry)
+        place, memory = self.linear_index(indices, buffer.shape), buffer.memory
+        self.check_index(place, memory.size)
+        place = self.index_times(place, self.lanes) if memory.wide else place
+        self.store(memory.pointer, llvm_type(buffer.dtype), place, entry, memory.wide)
 
     # --- from one form to another ----------------------------------------------------------------------------
 
@@ -207,9 +209,10 @@ class Values(Emitter):
         return Rows(filled(lead, [self.vector(array[i].tolist(), type_) for i in np.ndindex(lead)]), array.shape, dtype)
 
     def new_buffer(self, shape: Sequence[int], dtype) -> Buffer:
-        """An array in memory, not yet filled."""
+        """An array in memory, not yet filled; with lanes each has its own numbers there."""
         n = size(shape)
-        return Buffer(Memory(self.allocate(llvm_type(dtype), n), n, True), shape, dtype)
+        pointer = self.allocate(llvm_type(dtype), n * self.lanes)
+        return Buffer(Memory(pointer, n, True, self.lanes > 1), shape, dtype)
 
     def in_memory(self, value: Value, dtype=None) -> Buffer:
         """A value in memory. `dtype`: of entries, which do not know."""
@@ -269,7 +272,11 @@ class Values(Emitter):
 
     def copy_buffer(self, to: Buffer, source: Buffer) -> None:
         """Copy all elements."""
-        self.copy(to.memory.pointer, source.memory.pointer, size(source.shape) * BYTES[llvm_type(source.dtype)])
+        if to.memory.wide == source.memory.wide:
+            bytes_ = BYTES[llvm_type(source.dtype)] * (self.lanes if to.memory.wide else 1)
+            self.copy(to.memory.pointer, source.memory.pointer, size(source.shape) * bytes_)
+        else:
+            self.for_each_index(source.shape, lambda i: self.store_element(to, i, self.load_element(source, i)))
 
     def to_write(self, value: Value, dtype, others: Sequence[Value] = ()) -> Buffer:
         """A buffer with the value that may be written: the value's own where nobody needs the old one any more.

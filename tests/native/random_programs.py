@@ -79,7 +79,9 @@ def _two(w, pool, _):
     x = w.pick(pool)
     y = w.like(pool, x)
     if not _is_float(x):
-        return ((x + y * 7) % 103, x ^ y, jnp.maximum(x, y), x - jnp.minimum(y, 50), (x * y) % 97, x // (y % 5 + 1))[w.choose(6)]
+        return ((x + y * 7) % 103, x ^ y, jnp.maximum(x, y), x - jnp.minimum(y, 50), (x * y) % 97, x // (y % 5 + 1))[
+            w.choose(6)
+        ]
     return (
         (x + y) * 0.5, jnp.sin(x * y), jnp.maximum(x, y), x / (2 + y * y), x - y * 0.5, jnp.arctan2(x, 1 + y * y), jnp.cos(x - y),
     )[w.choose(7)]  # fmt: skip
@@ -205,7 +207,9 @@ def _put(w, pool, _):
     if kind == 3 and i is not None:
         return x.at[i].max(part[None] if part.ndim else part, mode=mode)
     if kind == 4:
-        smaller = w.among(pool, lambda y: y.ndim == x.ndim and y.dtype == x.dtype and all(np.less_equal(y.shape, x.shape)))
+        smaller = w.among(
+            pool, lambda y: y.ndim == x.ndim and y.dtype == x.dtype and all(np.less_equal(y.shape, x.shape))
+        )
         return lax.dynamic_update_slice(x, smaller, [w.integer(pool) for _ in x.shape])
     return x.at[0].set(x[-1])
 
@@ -304,7 +308,7 @@ def random_program(choose: Callable[[int], int]):
     operands += [numbers.integers(0, 40, shape) for shape in ((), (n,), (m,))]
 
     def function(*operands):
-        pool = w.program(list(operands), 5 + choose(25), 2)
+        pool = w.program(list(operands), 3 + choose((8, 8, 8, 30)[choose(4)]), 2)
         return [w.pick(pool) for _ in range(2 + choose(6))]
 
     return jax.make_jaxpr(function)(*operands), operands

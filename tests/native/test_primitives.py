@@ -121,7 +121,14 @@ def test_denormal_numbers_are_kept():
     x = np.array([5e-324, 1e-310, -1e-310, 2.3e-308])
 
     def f(x):
-        return {"half": x / 2, "twice": x * 2, "sum": x + x, "sqrt": jnp.sqrt(jnp.abs(x)), "min": jnp.min(x), "<": x < 0}
+        return {
+            "half": x / 2,
+            "twice": x * 2,
+            "sum": x + x,
+            "sqrt": jnp.sqrt(jnp.abs(x)),
+            "min": jnp.min(x),
+            "<": x < 0,
+        }
 
     for plan in PLANS.values():
         got = native.compile(f, x, plan=plan)(x)
@@ -317,7 +324,10 @@ def _scans(x, n):
                     lambda c, a: (c * 0.5 + a.sum() + x[n], (c, a * x[n])), 1.0, xs, reverse=reverse
                 ),
                 f"array {length} {reverse}": lax.scan(
-                    lambda c, a: ((c[1], c[0] * 0.9 + a[0], c[2]), (c[0], c[2] * a[1])), (x, x + 1, x * 2), xs, reverse=reverse
+                    lambda c, a: ((c[1], c[0] * 0.9 + a[0], c[2]), (c[0], c[2] * a[1])),
+                    (x, x + 1, x * 2),
+                    xs,
+                    reverse=reverse,
                 ),
                 f"in place {length} {reverse}": lax.scan(
                     lambda c, i: (c.at[i % 12].add(c[(i + 1) % 12]), c.sum()), x, jnp.arange(length), reverse=reverse
@@ -340,7 +350,12 @@ def _whiles(x, n):
     def nested(c):
         i, a = c
         inner = lax.while_loop(lambda s: s[0] < i, lambda s: (s[0] + 1, s[1].at[s[0]].set(s[1].sum() * 0.1)), (0, a))[1]
-        return i + 1, lax.cond(i % 2 == 0, lambda a: a.at[0].add(1.0), lambda a: lax.scan(lambda c, _: (c[::-1], c.sum()), a, length=3)[0], inner)
+        return i + 1, lax.cond(
+            i % 2 == 0,
+            lambda a: a.at[0].add(1.0),
+            lambda a: lax.scan(lambda c, _: (c[::-1], c.sum()), a, length=3)[0],
+            inner,
+        )
 
     def old_still_needed(c):
         i, a = c
@@ -493,3 +508,114 @@ def test_arrays(case, plan):
     function, operands = ARRAYS[case]
     wrong = differences(function, *operands, plan=PLANS[plan], expected=_by_xla(case))
     assert not wrong, wrong
+
+
+# --- frames in vectors ----------------------------------------------------------------------------------------------
+
+
+def _frames(x, f, n):
+    """x: (3,), f: (3, k), n: 2."""
+    k = f.shape[1]
+    g = jnp.sin(f)
+    a = jnp.outer(x, x)
+    step = lambda c, i: (jnp.where(i % 2 == 0, c * 0.9, c[::-1]) + jnp.cos(c), (c[0], c.sum(), c))  # noqa: E731
+    return {
+        "entrywise": g * f + x[:, None] - jnp.maximum(f, 0.1), "with a row": f * jnp.arange(k * 1.0)[None],
+        "compared": (f > g) & (f < 1), "select": jnp.where(f > 0, f, g), "select of one": jnp.where(n > 1, f, g),
+        "rows": (f[0], f[1:], f[::2], f[n], f[::-1]), "columns": (f[:, 0], f[:, 1:], f[:, ::-1], f[:, n % k]),
+        "integers": (f * 10).astype(int) % 3, "float32": f.astype(np.float32) * 2, "division": f / x[:, None] ** 2,
+        "stack": jnp.stack([f[0], g[1], f[0] * g[2]]), "stack 1": jnp.stack([x] * k, 1) + f, "unstack": [r * 2 for r in f],
+        "concatenate": jnp.concatenate([f[1:], g[:1], f]), "concatenate 1": jnp.concatenate([f[:, :1], g], 1),
+        "split": jnp.split(f, [1]), "pad": (jnp.pad(f, ((1, 1), (0, 0))), jnp.pad(f, ((0, 0), (1, 0)))),
+        "dot": a @ f, "from the right": f @ jnp.ones((k, 2)), "square": f.T @ f, "vector": x @ f, "back": f @ f[0],
+        "both": jnp.einsum("ij,kl->ikjl", a, f), "with itself": jnp.einsum("ik,ik->k", f, g), "tensor": jnp.einsum("ij,jk,i->k", a, f, x),
+        "sums": (f.sum(), f.sum(0), f.sum(1)), "extrema": (f.max(0), f.min(1), f.prod(0), jnp.argmax(f, 0)), "any": (f > 0).any(0),
+        "cumsum": (jnp.cumsum(f, 0), jnp.cumsum(f, 1)), "sort": (jnp.sort(f, 0), jnp.sort(f, 1)), "transpose": (f.T, f.T * f.T),
+        "reshape": (f.reshape(-1), f.reshape(k, 3), f[None], f[:, None], f[:, :, None]), "roll": (jnp.roll(f, 1, 0), jnp.roll(f, 1, 1)),
+        "broadcast": jnp.broadcast_to(f[:, None], (3, 2, k)) * 2, "norms": f / jnp.sqrt((f * f).sum(0))[None],
+        "known": jnp.eye(3, k) + f, "only known": jnp.eye(3, k) * 2 + 1, "ones": jnp.ones((3, k)) @ f.T,
+        "put": (f.at[n].set(g[0]), f.at[:, 1].add(x), f.at[1, n % k].set(5.0)), "slice": lax.dynamic_slice(f, (n, 0), (1, k)),
+        "update": lax.dynamic_update_slice(f, g[:1], (n, 0)), "power": (f**2, f**-3, jnp.abs(f) ** 0.5, jnp.tanh(f)),
+        "scan": lax.scan(step, f, jnp.arange(9)), "short scan": lax.scan(step, f, jnp.arange(3)), "over rows": lax.scan(lambda c, r: (c + r, c * r), f[0], f),
+        "while": lax.while_loop(lambda c: c[0] < n + 3, lambda c: (c[0] + 1, c[2], c[1] + a @ c[2]), (0, f, g)),
+        "known start": lax.fori_loop(0, n, lambda i, c: c + f, jnp.zeros((3, k))),
+        "cond": lax.cond(n == 2, lambda a, b: (a, b[0]), lambda a, b: (b, a[1]), f, g),
+        "switch": lax.switch(n, [lambda a: a, lambda a: a * 0 + 1, lambda a: a[::-1]], f), "jit": jax.jit(lambda a: (a, a + 1))(f),
+        "barrier": lax.optimization_barrier((f, g)), "mixed cond": lax.cond(n == 1, lambda: jnp.ones((3, k)), lambda: f),
+        "jvp": jax.vmap(lambda v: jax.jvp(lambda x: jnp.sin(x) * x[::-1], (x,), (v,))[1], 1, 1)(f),
+        "triangle": lax.fori_loop(0, 3, lambda i, c: c.at[i].set(c[i] - c[i] @ c.T @ c * 0.1), f), "constants": (f * np.arange(3.0 * k).reshape(3, k)),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("columns", (2, 3, 4, 8))
+def test_frames_in_vectors(columns):
+    operands = _normal(3), _normal(3, columns), 2
+    wrong = differences(_frames, *operands, columns=columns, plan=Plan(32, 2))
+    wrong |= differences(_frames, *operands, columns=columns, plan=Plan(4, 1))
+    assert not wrong, wrong
+
+
+# --- lanes -----------------------------------------------------------------------------------------------------------
+
+
+def _lanes(x, n, p):
+    """x: (3,), n: an integer, p: a number; x and n differ among lanes, p does not."""
+    y = jnp.sin(x) * p
+    halve = lambda c: (c[0] + 1, jnp.where(c[0] % 2 == 0, c[1] * 0.5, c[1] + c[2]), c[1])  # noqa: E731
+    inner = lambda c: (c[0] + 1, lax.scan(lambda a, b: (a * 0.9 + b, a[0]), c[1], x)[0])  # noqa: E731
+    long = lambda c: (c[0] + 1, lax.fori_loop(0, 7, lambda i, a: a * 0.9 + i, c[1]))  # noqa: E731
+    return {
+        "entrywise": y * x - jnp.maximum(y, 0.1), "shared": jnp.cos(p), "known": jnp.arange(3), "compared": (x > y, n > 2),
+        "library": (jnp.tanh(x), jnp.exp(y)), "integers": (n // 3, n % 3, n << 2, n.astype(float)), "moves": (x[::-1], jnp.roll(x, n)),
+        "index": (x[n], x[n % 3], x.at[n].set(1.0), lax.dynamic_slice(x, (n,), (2,))), "sort": (jnp.sort(x), jnp.argsort(x)),
+        "reductions": (x.sum(), jnp.argmax(x), jnp.cumsum(x)), "dot": jnp.outer(x, y) @ x, "select": jnp.where(n > 2, x, y),
+        "while": lax.while_loop(lambda c: c[0] < n, halve, (0, x, y)), "same": lax.while_loop(lambda c: c[0] < 4, halve, (0, x, y)),
+        "until": lax.while_loop(lambda c: jnp.abs(c[1]).max() > 0.1, lambda c: (c[0] + 1, c[1] * 0.7), (n, x)),
+        "grows": lax.while_loop(lambda c: c[0] < 3, lambda c: (c[0] + 1, c[2], c[1] + n), (0, 0, 1)),
+        "nested": lax.while_loop(lambda c: c[0] < n, inner, (0, x)), "nested long": lax.while_loop(lambda c: c[0] < n, long, (0, x)),
+        "triangle": lax.while_loop(lambda c: c[0] < n, lambda c: (c[0] + 1, lax.while_loop(lambda d: d[0] < c[0], lambda d: (d[0] + 1, d[1] + 1), (0, c[1]))[1]), (0, 0)),
+        "scan": lax.scan(lambda c, i: (c * 0.9 + x, (c.sum(), c)), x, jnp.arange(20)), "short": lax.scan(lambda c, i: (c + i, c), n, jnp.arange(3)),
+        "back": lax.scan(lambda c, i: (c + i, c), n, jnp.arange(30), reverse=True), "cond": lax.cond(n > 2, lambda a, b: (a, b), lambda a, b: (b, -a), x, y),
+        "switch": lax.switch(n - 1, [lambda a: a, lambda a: a * 2, lambda a: a[::-1]], x), "shared cond": lax.cond(p > 1, lambda a: a, lambda a: a * 2, x),
+        "loop in cond": lax.cond(n > 2, lambda a: lax.while_loop(lambda c: c[0] < n, lambda c: (c[0] + 1, c[1] * 0.5), (0, a))[1], lambda a: lax.fori_loop(0, 9, lambda i, c: c + i, a), x),
+        "cond in loop": lax.fori_loop(0, 5, lambda i, c: lax.cond(i < n, lambda c: c + 1, lambda c: c * 2, c), x),
+        "fixed": lax.while_loop(lambda c: c[0] < n, lambda c: (c[0] + 1, c[1], c[2] + c[1]), (0, x, y)),
+        "summed records": lax.scan(lambda c, i: (c * 0.9 + x, c), x, jnp.arange(20))[1].sum(0),
+    }  # fmt: skip
+
+
+def _lanes_of_many(x, n, p):
+    """As above, with more entries than are held as such."""
+    y = jnp.sin(x) * p
+    m = jnp.outer(x, y)
+    return {
+        "entrywise": y * x, "moves": (x[::-1], m.T, m[1:], jnp.concatenate([x, y]), jnp.stack([x, y])), "sums": (x.sum(), m.sum(0), m.max(1)),
+        "cumsum": jnp.cumsum(x), "argmax": jnp.argmax(x), "dot": m @ x, "shared": jnp.arange(6) * 2, "put": x.at[2].set(n.astype(float)),
+        "scan": lax.scan(lambda c, a: (c.at[0].add(a) + x[::-1] * 0.1, c), y, x), "loop": lax.fori_loop(0, 9, lambda i, c: (c[1], c[0].at[i % 6].add(p)), (x, y)),
+        "cond": lax.cond(n > 2, lambda a: (a.at[1].set(0.0), a), lambda a: (a * 2, a[::-1]), y), "shared cond": lax.cond(p > 1, lambda a: a, lambda a: np.ones(6), x),
+        "same while": lax.while_loop(lambda c: c[0] < p * 5, lambda c: (c[0] + 1, c[1] * 0.5 + n.astype(float)), (0.0, y)), "kept": y,
+        "all": (x > 0).all(), "conditions": x > 0.5, "select": jnp.where(n > 2, x, y), "constants": x + np.arange(6.0),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("lanes", (2, 4))
+@pytest.mark.parametrize("function, length, small", [(_lanes, 3, 16), (_lanes_of_many, 6, 4)])
+def test_lanes(function, length, small, lanes):
+    x, n, p = _normal(lanes, length), np.arange(lanes) * 2 + 1, np.float64(1.5)
+    expected = jax.jit(jax.vmap(function, (0, 0, None)))(x, n, p)
+    compiled = native.compile(function, x[0], n[0], p, lanes=lanes, wide=(True, True, False), plan=Plan(small, 1))
+    got = compiled(np.moveaxis(x, 0, -1), n, p)
+    wrong = {
+        jax.tree_util.keystr(path): how
+        for (path, a), b in zip(jax.tree_util.tree_leaves_with_path(expected), jax.tree.leaves(got), strict=True)
+        if (how := difference(a, np.moveaxis(b, -1, 0))) is not None
+    }
+    assert not wrong, wrong
+
+
+def test_lanes_that_part_in_arrays_of_many_elements_are_refused():
+    wide = dict(lanes=4, wide=(True, True), plan=Plan(4, 1))
+    loop = lambda x, n: lax.fori_loop(0, n, lambda i, c: c.at[0].add(1.0), x)  # noqa: E731
+    for function in (lambda x, n: x[n], lambda x, n: x.at[n].set(1.0), loop):
+        with pytest.raises(native.Unsupported, match="lanes"):
+            native.compile(function, np.ones(9), 1, **wide)
