@@ -293,7 +293,7 @@ def cond(b, eqn, which, *values):
     if is_wide(index):
         return _by_lanes(b, branches, index, dtype, values, avals)
     for value in values:
-        if (memory := memory_of(value)) is not None:
+        if (memory := memory_of(value)) is not None and memory.is_free():
             b.settle_readers(memory)  # here, not within the first branch that writes over it
     labels, after = [b.block_name() for _ in branches], b.block_name()
     _jump(b, index, dtype, labels)

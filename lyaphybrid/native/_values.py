@@ -38,6 +38,10 @@ class Memory(Source):
         self.writable = writable  # inputs and constants are not
         self.wide = wide  # whether each element is a vector: one number for each lane
 
+    def is_free(self) -> bool:
+        """Whether it may be written: no variable needs what is there."""
+        return self.writable and self.holders == 0
+
 
 class Buffer:
     """An array in memory, row by row."""
@@ -286,7 +290,7 @@ class Values(Emitter):
         private = isinstance(value, np.ndarray | Rows)
         buffer = self.in_memory(value, dtype)
         memory = buffer.memory
-        if memory.writable and (private or memory.holders == 0) and memory not in map(memory_of, others):
+        if (private and memory.writable or memory.is_free()) and memory not in map(memory_of, others):
             self.settle_readers(memory)
             return buffer
         return self.copied(buffer)

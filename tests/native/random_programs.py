@@ -4,6 +4,8 @@ Floats stay within ±2 or so and no step multiplies differences by much, so that
 discrete (conditions, indices, orders) comes from integers, which are exact.
 """
 
+# ruff: noqa: E501  tables of programs
+
 from collections.abc import Callable, Sequence
 
 import jax

@@ -9,10 +9,10 @@ import jax
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from random_programs import random_program
 
 from lyaphybrid.native import Compiled
 from lyaphybrid.native._costs import Plan
-from random_programs import random_program
 
 WAYS = (
     dict(plan=Plan(1, 2)), dict(plan=Plan(8, 2)), dict(), dict(plan=Plan(8, 0), checked=True),
