@@ -1,6 +1,6 @@
 """Each primitive that the native compiler knows, against XLA: edge values, edge shapes, memory that is shared."""
 
-# ruff: noqa: E501  tables of programs
+
 
 import functools
 
