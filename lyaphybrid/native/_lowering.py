@@ -10,9 +10,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from ._expansion import implementation
 from ._jax_versions import ClosedJaxpr, Jaxpr, Literal, literal_value, parts
-from ._types import llvm_type
-from ._unsupported import Unsupported
+from ._types import as_numpy, llvm_type
 from ._values import Buffer, Entries, Lazy, Memory, Rows, Value, Values, filled, flat, memory_of, size
 
 RULES: dict[str, Callable] = {}
@@ -51,7 +51,7 @@ class Lowering(Values):
 
     def constant_value(self, number) -> Value:
         """A constant array."""
-        array = np.asarray(number)
+        array = as_numpy(number)
         llvm_type(array.dtype)
         if self.is_small(array.shape):
             return filled(array.shape, array.ravel().tolist())
@@ -110,7 +110,7 @@ class Lowering(Values):
         if name in ENTRYWISE:
             return [self._entry_by_entry(ENTRYWISE[name], eqn, operands)]
         if name not in RULES:
-            raise Unsupported(f"the primitive {name}")
+            return self.run(implementation(eqn), operands)
         found = None
         if any(isinstance(value, Rows) for value in operands):
             if name in IN_ROWS:
@@ -140,7 +140,7 @@ class Lowering(Values):
         readable = [self.readable(v, d) for v, d in zip(operands, dtypes, strict=True)]
 
         def at(indices):
-            each = [self.element_at(v, indices if v.shape else [], d) for v, d in zip(readable, dtypes, strict=True)]
+            each = [self.element_at(v, spread(indices, v.shape), d) for v, d in zip(readable, dtypes, strict=True)]
             return function(self, eqn, dtypes, *each)
 
         return self.lazy(result.shape, result.dtype, at, readable)
@@ -154,6 +154,11 @@ class Lowering(Values):
     def at_hand(self, value: Value) -> Value:
         """A value that may be used within loops and branches: not lazy any more."""
         return self.held(self.in_memory(value)) if isinstance(value, Lazy) else value
+
+
+def spread(indices: Sequence, shape: Sequence[int]) -> list:
+    """Where an operand is read for an element of a result that it is spread over: without axes, or with some of 1."""
+    return [0 if n == 1 else i for i, n in zip(indices[len(indices) - len(shape) :], shape, strict=True)]
 
 
 KEEPS_ROWS: set[str] = set()  # primitives whose rules take rows as they are

@@ -7,6 +7,8 @@ import sys
 
 import llvmlite.binding as llvm
 
+from . import _scipy
+
 llvm.initialize_native_target()
 llvm.initialize_native_asmprinter()
 
@@ -64,6 +66,7 @@ class Linked:
 
     def __init__(self, code: bytes):
         _symbols()
+        _scipy.register(code)
         self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _target_machine(0))
         self._engine.add_object_file(llvm.ObjectFileRef.from_data(code))
         self._engine.finalize_object()

@@ -53,6 +53,8 @@ def _(b, eqn, value, *lengths):
 @rule("reshape", "squeeze", "expand_dims")
 def reshape(b, eqn, value, *lengths):
     aval = eqn.outvars[0].aval
+    if eqn.primitive.name == "reshape" and (order := eqn.params["dimensions"]) is not None:
+        value = permuted(b, value, order, aval.dtype)
     if isinstance(value, np.ndarray):
         return value.reshape(aval.shape)
     if isinstance(value, Lazy) and value.buffer is None:
@@ -68,9 +70,10 @@ def reshape(b, eqn, value, *lengths):
 @in_rows("reshape", "squeeze", "expand_dims")
 def _(b, eqn, value, *lengths):
     aval = eqn.outvars[0].aval
-    gone = {axis % len(value.shape) for axis in eqn.params.get("dimensions", ())}
+    gone = {axis % len(value.shape) for axis in eqn.params.get("dimensions") or ()}
     squeezed = eqn.primitive.name == "squeeze" and len(value.shape) - 1 in gone
-    if squeezed or not aval.shape or aval.shape[-1] != value.shape[-1]:
+    turned = eqn.primitive.name == "reshape" and eqn.params["dimensions"] is not None
+    if squeezed or turned or not aval.shape or aval.shape[-1] != value.shape[-1]:
         return None
     return Rows(value.vectors.reshape(aval.shape[:-1]), aval.shape, aval.dtype)
 
@@ -102,10 +105,15 @@ def _(b, eqn, value):
 
 @rule("transpose")
 def transpose(b, eqn, value):
-    order = eqn.params["permutation"]
+    return permuted(b, value, eqn.params["permutation"], eqn.outvars[0].aval.dtype)
+
+
+def permuted(b: Lowering, value: Value, order, dtype) -> Value:
+    """An array with its axes in this order."""
     if isinstance(value, np.ndarray):
         return value.transpose(order)
-    return moved(b, eqn.outvars[0].aval, value, lambda i: [i[order.index(axis)] for axis in range(len(order))])
+    aval = aval_like([value.shape[axis] for axis in order], dtype)
+    return moved(b, aval, value, lambda i: [i[order.index(axis)] for axis in range(len(order))])
 
 
 @in_rows("transpose")

@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ._emitter import Emitter, Entry, is_known, is_wide
-from ._types import BYTES, INDEX, is_float, llvm_type
+from ._types import BYTES, INDEX, is_float, llvm_type, numpy_type
 from ._unsupported import Unsupported
 
 Entries = np.ndarray  # of objects
@@ -35,7 +35,7 @@ class Buffer:
     """An array in memory, row by row."""
 
     def __init__(self, memory: Memory, shape: Sequence[int], dtype):
-        self.memory, self.shape, self.dtype = memory, tuple(shape), np.dtype(dtype)
+        self.memory, self.shape, self.dtype = memory, tuple(shape), numpy_type(dtype)
 
 
 class Lazy:
@@ -44,7 +44,7 @@ class Lazy:
     def __init__(
         self, shape: Sequence[int], dtype, at: Callable[[list[Entry]], Entry], sources: set[Memory], cheap: bool
     ):
-        self.shape, self.dtype, self.at, self.sources = tuple(shape), np.dtype(dtype), at, sources
+        self.shape, self.dtype, self.at, self.sources = tuple(shape), numpy_type(dtype), at, sources
         self.cheap = cheap  # may be worked out for each use: it only reads
         self.buffer: Buffer | None = None  # once it was worked out
 
@@ -53,7 +53,7 @@ class Rows:
     """A small array whose last axis lies in vectors: `vectors` has one axis less."""
 
     def __init__(self, vectors: np.ndarray, shape: Sequence[int], dtype):
-        self.vectors, self.shape, self.dtype = vectors, tuple(shape), np.dtype(dtype)
+        self.vectors, self.shape, self.dtype = vectors, tuple(shape), numpy_type(dtype)
 
 
 Value = Entries | Rows | Lazy | Buffer
@@ -252,6 +252,10 @@ class Values(Emitter):
 
         `others` are read while it is written.
         """
+        if isinstance(value, Lazy):  # others may hold it, and nobody counts them
+            if value.buffer is not None:
+                return self.copied(value.buffer)
+            value = Lazy(value.shape, value.dtype, value.at, value.sources, value.cheap)
         private = isinstance(value, np.ndarray | Rows)
         buffer = self.in_memory(value, dtype)
         memory = buffer.memory
