@@ -8,8 +8,18 @@ import jax
 import numpy as np
 from jax.extend.core import ClosedJaxpr
 
-from . import _calls, _control, _entrywise, _indexing, _moving, _reductions, _sorting  # noqa: F401  the rules
-from . import _equinox, _linear_algebra, _random_bits  # noqa: F401  more of them; the second one wraps a rule
+from . import (  # noqa: F401  the rules  # noqa: F401  more of them; the second one wraps a rule
+    _calls,
+    _control,
+    _entrywise,
+    _equinox,
+    _indexing,
+    _linear_algebra,
+    _moving,
+    _random_bits,
+    _reductions,
+    _sorting,
+)
 from ._costs import Plan, plan
 from ._lowering import lower
 from ._machine import Linked, object_code

@@ -344,9 +344,7 @@ def dot_general(b, eqn, left, right):
     batch = [avals[0].shape[axis] for axis in left_batch]
     free = [
         [axis for axis in range(len(x.shape)) if axis not in (*contracted, *batched)]
-        for x, contracted, batched in zip(
-            avals, (left_over, right_over), (left_batch, right_batch), strict=True
-        )
+        for x, contracted, batched in zip(avals, (left_over, right_over), (left_batch, right_batch), strict=True)
     ]
     m, n = (size([x.shape[axis] for axis in axes]) for x, axes in zip(avals, free, strict=True))
     large = min(m, n) > 1 and m * n * over >= _LARGE_PRODUCT or min(m, n) == 1 and m * n * over >= _LARGE_MATRIX
@@ -383,5 +381,3 @@ def _matrix(b: Lowering, value: Value, dtype, batch, over, free) -> tuple[Buffer
             return b.in_memory(value, dtype), first
     order = (*batch, *free, *over)
     return b.in_memory(permuted(b, value, order, dtype), dtype), False
-
-

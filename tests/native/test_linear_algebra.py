@@ -19,7 +19,8 @@ def agree(function, *operands, plans=PLANS, tolerance=None):
         found = jax.tree.leaves(native.compile(function, *operands, plan=plan, checked=True)(*operands))
         for x, y in zip(found, expected, strict=True):
             y = np.asarray(y)
-            assert x.shape == y.shape and x.dtype == y.dtype
+            assert x.shape == y.shape
+            assert x.dtype == y.dtype
             scale = np.max(np.abs(y), initial=1.0, where=np.isfinite(y))
             if y.dtype.kind == "f":
                 limit = (tolerance or 200) * np.finfo(y.dtype).eps * scale

@@ -21,7 +21,8 @@ def agree(function, *operands, exactly=True, roundings=8):
     for plan in PLANS:
         found = jax.tree.leaves(native.compile(function, *operands, plan=plan, checked=True)(*operands))
         for x, y in zip(found, expected, strict=True):
-            assert x.shape == y.shape and x.dtype == y.dtype
+            assert x.shape == y.shape
+            assert x.dtype == y.dtype
             if exactly:
                 np.testing.assert_array_equal(words(x), words(y), err_msg=str(plan))
             else:
