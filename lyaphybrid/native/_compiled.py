@@ -8,7 +8,7 @@ import jax
 import numpy as np
 from jax.extend.core import ClosedJaxpr
 
-from . import (  # noqa: F401  the rules  # noqa: F401  more of them; the second one wraps a rule
+from . import (  # noqa: F401  the rules
     _calls,
     _control,
     _entrywise,

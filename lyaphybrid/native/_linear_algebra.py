@@ -12,8 +12,9 @@ import numpy as np
 
 from . import _arithmetic as a
 from ._emitter import Entry
-from ._lowering import RULES, Lowering, rule
+from ._lowering import Lowering, rule
 from ._moving import aval_like, moved, permuted
+from ._reductions import dot as written_out
 from ._scipy import symbol
 from ._types import INDEX, llvm_type
 from ._unsupported import Unsupported
@@ -333,7 +334,6 @@ def _own(b: Lowering, value: Value, dtype) -> Buffer:
 # operations a cycle, BLAS on large matrices up to 16. Below these numbers the call does not pay.
 _LARGE_PRODUCT = 32**3  # multiplications of matrix times matrix
 _LARGE_MATRIX = 64**2  # elements of a matrix that a vector is multiplied with
-_written_out = RULES["dot_general"]
 
 
 @rule("dot_general")
@@ -350,7 +350,7 @@ def dot_general(b, eqn, left, right):
     large = min(m, n) > 1 and m * n * over >= _LARGE_PRODUCT or min(m, n) == 1 and m * n * over >= _LARGE_MATRIX
     one_type = all(x.dtype == aval.dtype for x in avals) and aval.dtype in (np.float32, np.float64)
     if not large or not one_type or b.lanes > 1:
-        return _written_out(b, eqn, left, right)
+        return written_out(b, eqn, left, right)
     dtype = aval.dtype
     x, x_first = _matrix(b, left, dtype, left_batch, left_over, free[0])
     y, y_first = _matrix(b, right, dtype, right_batch, right_over, free[1])

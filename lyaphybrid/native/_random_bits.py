@@ -95,7 +95,7 @@ _MADE_OF_THREEFRY = {"random_bits": _bits, "random_split": _split, "random_fold_
 
 @rule(*_MADE_OF_THREEFRY)
 def made_of_threefry(b, eqn, *values):
-    """By JAX's own functions of arrays of words, so that both ways to count (`jax_threefry_partitionable`) are right."""
+    """By JAX's own functions of arrays of words, for both values of `jax_threefry_partitionable`."""
     for atom in (*eqn.invars, *eqn.outvars):
         llvm_type(atom.aval.dtype)  # no other keys than Threefry's
     function = partial(_MADE_OF_THREEFRY[eqn.primitive.name], **eqn.params)
@@ -103,8 +103,8 @@ def made_of_threefry(b, eqn, *values):
 
 
 # --- Threefry-2x32, 20 rounds ----------------------------------------------------------------------------------------
-# J. Salmon, M. Moraes, R. Dror & D. Shaw, Parallel random numbers: as easy as 1, 2, 3, SC'11,
-# doi:10.1145/2063384.2063405
+# J. Salmon, M. Moraes, R. Dror & D. Shaw, Parallel random numbers: as easy as 1, 2, 3, Proceedings of SC'11 (2011),
+# paper 16, doi:10.1145/2063384.2063405
 
 _ROTATIONS = ((13, 15, 26, 6), (17, 29, 16, 24))
 _PARITY = 0x1BD11BDA

@@ -59,7 +59,7 @@ def of_numpy(array: np.ndarray, dtype):
     if not _is_key(dtype):
         return array
     words = array.reshape(*array.shape, 1).view(np.uint32)
-    return jax.random.wrap_key_data(words, impl="threefry2x32")
+    return jax.random.wrap_key_data(jax.numpy.asarray(words), impl="threefry2x32")
 
 
 def is_float(dtype) -> bool:
