@@ -13,7 +13,7 @@ from ._jax_versions import Jaxpr, parts, scan_of, subprograms
 from ._values import size
 
 SMALL = (64, 32, 16, 8, 4)
-LIMIT = 25_000  # instructions estimated, of which about half remain: a second or two of LLVM's time
+LIMIT = 25_000  # instructions estimated, of which about half remain (impact oscillator: 13 076 for 6 847 lines)
 _LOOP = 12  # instructions of a loop over memory
 
 

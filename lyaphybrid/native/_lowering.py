@@ -13,7 +13,7 @@ import numpy as np
 from ._jax_versions import ClosedJaxpr, Jaxpr, Literal, literal_value, own_program, parts
 from ._types import llvm_type
 from ._unsupported import Unsupported
-from ._values import Buffer, Entries, Lazy, Memory, Rows, Value, Values, filled, flat, memory_of, size
+from ._values import Buffer, Lazy, Memory, Rows, Value, Values, filled, flat, memory_of, size
 
 RULES: dict[str, Callable] = {}
 ENTRYWISE: dict[str, Callable] = {}
@@ -253,19 +253,3 @@ def _output(b: Lowering, place: int, aval, value: Value) -> None:
         b.for_each_index(value.shape, lambda i: b.store_element(result, i, value.at(i)))
     else:
         b.copy_buffer(result, b.in_memory(value))
-
-
-__all__ = [
-    "ENTRYWISE",
-    "IN_ROWS",
-    "RULES",
-    "Buffer",
-    "Entries",
-    "Lazy",
-    "Lowering",
-    "Rows",
-    "entrywise",
-    "in_rows",
-    "lower",
-    "rule",
-]

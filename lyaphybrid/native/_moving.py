@@ -18,13 +18,6 @@ def moved(b: Lowering, aval, value: Value, where) -> Value:
     return b.lazy(aval.shape, aval.dtype, lambda i: b.element_at(value, where(i), aval.dtype), [value], cheap)
 
 
-def aval_like(shape, dtype):
-    """What `moved` asks of a result."""
-    import jax
-
-    return jax.ShapeDtypeStruct(tuple(shape), dtype)
-
-
 @rule("broadcast_in_dim")
 def broadcast(b, eqn, value, *lengths):
     aval, axes = eqn.outvars[0].aval, eqn.params["broadcast_dimensions"]

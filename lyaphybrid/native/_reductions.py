@@ -8,7 +8,7 @@ from . import _arithmetic as a
 from ._linear_algebra import large_product
 from ._lowering import Lowering, in_rows, rule
 from ._types import INDEX, kind, llvm_type
-from ._values import Lazy, Rows, Value, filled, scalar, size
+from ._values import Lazy, Rows, filled, scalar, size
 
 # name: (function of two entries, the entry that changes nothing)
 _FOLDS: dict[str, tuple[Callable, Callable]] = {
@@ -272,8 +272,3 @@ def _(b, eqn, left, right):
             total = product if total is None else a.add(b, aval.dtype, total, product)
         found.append(a.zero(aval.dtype) if total is None else total)
     return Rows(filled(lead, found), aval.shape, aval.dtype)
-
-
-def whole(b: Lowering, value: Value, fold: Callable, dtype, neutral: Callable) -> Value:
-    """One fold of all entries."""
-    return scalar(_folded(b, fold, dtype, b.entries(value), neutral))

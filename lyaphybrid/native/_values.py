@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ._emitter import Emitter, Entry, is_known, is_wide
-from ._types import BYTES, INDEX, is_float, llvm_type
+from ._types import BYTES, is_float, llvm_type
 from ._unsupported import Unsupported
 
 Entries = np.ndarray  # of objects
@@ -298,7 +298,3 @@ class Values(Emitter):
             self.for_each_index(
                 value.shape, lambda i: self.store_element(buffer, shifted(i), self.element_at(value, i))
             )
-
-    def index_array(self, shape: Sequence[int]) -> Entries:
-        """The numbers 0, 1, 2, … in this shape."""
-        return filled(shape, np.arange(size(shape), dtype=INDEX).tolist())

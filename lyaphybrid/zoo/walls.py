@@ -150,8 +150,8 @@ def first(times):
 def lowest(heights):
     """The least of some heights, with the derivative of that one.
 
-    The derivative of `jnp.min` looks for the numbers that equal the least: where XLA works them out twice, with another
-    rounding, it finds none and is nan.
+    Within a loop compiled by jax 0.12 the derivative of `jnp.min` was seen to be nan. It looks for the numbers that
+    equal the least, and finds none if a compiler works them out twice with another rounding: the likely cause.
     """
     return heights[jnp.argmin(heights)]
 
