@@ -58,7 +58,8 @@ def divide(b: Emitter, dtype, x: Entry, y: Entry) -> Entry:
     if kind(dtype) == "f":
         if is_known(x, y):
             return folded(dtype, np.divide, x, y)
-        if is_known(y) and y and abs(math.frexp(y)[0]) == 0.5 and 2.0**-1000 < abs(y) < 2.0**1000:
+        limits = np.finfo(dtype)
+        if is_known(y) and abs(math.frexp(y)[0]) == 0.5 and limits.tiny <= abs(y) <= 1 / limits.tiny:
             return multiply(b, dtype, x, 1 / y)  # by a power of two: exact
         return b.binary(f"fdiv {b.flags}", type_, x, y)
     return _integer_division(b, dtype, x, y, "div", lambda x: x)

@@ -31,7 +31,13 @@ def select_if_vmap(b, eqn, condition, x, y):
     return filled(x.shape, [b.select(entry, type_, p, q) for p, q in each])
 
 
-KEEPS_ROWS.add("select_if_vmap")
+KEEPS_ROWS |= {"select_if_vmap", "nondifferentiable_backward", "announce_jaxpr"}
+
+
+@rule("nondifferentiable_backward", "announce_jaxpr")
+def unchanged(b, eqn, *values):
+    """Of equinox's: what matters to transformations only."""
+    return list(values)
 
 
 @rule("platform_index")

@@ -8,12 +8,23 @@ import jax
 import numpy as np
 from jax.extend.core import ClosedJaxpr
 
-from . import _calls, _control, _entrywise, _indexing, _linear_algebra, _moving, _reductions, _sorting  # noqa: F401  the rules
+from . import (  # noqa: F401  the rules
+    _calls,
+    _control,
+    _entrywise,
+    _indexing,
+    _linear_algebra,
+    _moving,
+    _random_bits,
+    _reductions,
+    _sorting,
+)
 from ._cache import kept
 from ._costs import Plan, plan
 from ._handler import handler
 from ._lowering import lower
 from ._machine import Linked, describe, object_code
+from ._types import as_numpy, numpy_type, of_numpy
 
 
 class Compiled:
@@ -60,7 +71,7 @@ class Compiled:
         """The results; other threads of Python run meanwhile. With lanes each result has a last axis for them."""
         jaxpr = self.program.jaxpr
         inputs = [
-            np.ascontiguousarray(np.asarray(x), dtype=variable.aval.dtype)
+            np.ascontiguousarray(as_numpy(x), dtype=numpy_type(variable.aval.dtype))
             for x, variable in zip(operands, jaxpr.invars, strict=True)
         ]
         last = (self.lanes,) if self.lanes > 1 else ()
@@ -68,9 +79,9 @@ class Compiled:
             expected = (*variable.aval.shape, *(last if self._wide and self._wide[i] else ()))
             if x.shape != expected and (x.size != 1 or expected != ()):  # ascontiguousarray makes scalars (1,)
                 raise ValueError(f"operand {i} must have shape {expected}; got {x.shape}.")
-        outputs = [np.empty((*atom.aval.shape, *last), atom.aval.dtype) for atom in jaxpr.outvars]
+        outputs = [np.empty((*atom.aval.shape, *last), numpy_type(atom.aval.dtype)) for atom in jaxpr.outvars]
         self._call(_pointers(inputs), _pointers(outputs))
-        return outputs
+        return [of_numpy(x, atom.aval.dtype) for x, atom in zip(outputs, jaxpr.outvars, strict=True)]
 
 
 def _plan_of(program: ClosedJaxpr) -> Plan:

@@ -15,6 +15,7 @@ from . import _arithmetic as a
 from ._emitter import Entry, is_wide, same
 from ._jax_versions import ClosedJaxpr, parts, scan_of
 from ._lowering import KEEPS_ROWS, Lowering, rule
+from ._moving import with_axis
 from ._types import INDEX, llvm_type
 from ._unsupported import Unsupported
 from ._values import Buffer, Entries, Rows, Value, filled, flat, memory_of, scalar
@@ -138,7 +139,7 @@ def _loop(
         scope = b.scope()
         now = _refilled(state, phis)
         condition = goes_on(now)
-        if outer is not None:
+        if outer is not None and is_wide(condition):  # else all lanes agree
             condition = b.logic("and", condition, outer)
         b.line(f"br i1 {b.text(_any_lane(b, condition), 'i1')}, label %{inside}, label %{done}")
         b.begin_block(inside)
@@ -223,7 +224,7 @@ def scan(b, eqn, *values):
         if p.length <= _few_turns(b, p, avals, x_avals):
             return _written_out(b, p, avals, consts, start, xs)
         if p.length == 0:
-            return [*start, *(b.in_memory(filled(v.shape, []), v.dtype) for v in avals[p.carry :])]
+            return [*start, *(filled(v.shape, []) for v in avals[p.carry :])]
         xs = [b.in_memory(x, v.dtype) for x, v in zip(xs, x_avals, strict=True)]
         with _kept(xs):
             return _scanned(b, p, avals, consts, start, xs, x_avals)
@@ -250,8 +251,7 @@ def _written_out(b, p, avals, consts, carry, xs):
 
 
 def _scanned(b, p, avals, consts, start, xs, x_avals):
-    lanes = (b.lanes,) if b.lanes > 1 else ()
-    records = [b.new_buffer((*aval.shape, *lanes), aval.dtype) for aval in avals[p.carry :]]
+    records = [b.new_buffer(aval.shape, aval.dtype) for aval in avals[p.carry :]]
     state = [scalar(0), *_state(b, start, avals[: p.carry])]
 
     def goes_on(now):
@@ -262,14 +262,14 @@ def _scanned(b, p, avals, consts, start, xs, x_avals):
         place = b.index_sum(p.length - 1, b.index_times(turn, -1)) if p.reverse else turn
         parts_ = [_part(b, x, aval, place) for x, aval in zip(xs, x_avals, strict=True)]
         results = b.run(p.body, [*consts, *now[1:], *parts_])
-        for record, value, aval in zip(records, results[p.carry :], avals[p.carry :], strict=True):
-            _record(b, record, value, aval, place)
+        for record, value in zip(records, results[p.carry :], strict=True):
+            b.write(record, with_axis(b, value, 0), [place, *[0] * len(value.shape)])
         return [scalar(b.index_sum(turn, 1)), *results[: p.carry]]
 
     handed_on = [False, *_handed_on(p.body, p.carry, p.consts)]
     state_avals = [_Aval((), INDEX), *avals[: p.carry]]
     carry = _loop(b, state, state_avals, goes_on, body, handed_on)[1:]
-    return [*carry, *(record if lanes else b.held(record) for record in records)]
+    return [*carry, *map(b.held, records)]
 
 
 def _part(b: Lowering, x: Buffer, aval, place: Entry) -> Value:
@@ -278,24 +278,6 @@ def _part(b: Lowering, x: Buffer, aval, place: Entry) -> Value:
     if b.is_small(shape):
         return filled(shape, [b.load_element(x, [place, *i]) for i in np.ndindex(shape)])
     return b.lazy(shape, aval.dtype, lambda i: b.load_element(x, [place, *i]), [x], cheap=True)
-
-
-def _record(b: Lowering, record: Buffer, value: Value, aval, place: Entry) -> None:
-    """Keep what a scan's body returns beside its carry."""
-    shape = aval.shape[1:]
-    if isinstance(value, Rows):
-        value = b.entries(value)
-    if b.lanes > 1:
-        type_ = llvm_type(aval.dtype)
-        for i in np.ndindex(shape):
-            at = b.index_times(b.linear_index([place, *i], aval.shape), b.lanes)
-            b.check_index(at, record.memory.size)
-            b.store(record.memory.pointer, type_, at, b.entries(value)[i], wide=True)
-    elif isinstance(value, np.ndarray):
-        for i in np.ndindex(shape):
-            b.store_element(record, [place, *i], value[i])
-    else:
-        b.for_each_index(shape, lambda i: b.store_element(record, [place, *i], b.element_at(value, i)))
 
 
 # --- branches --------------------------------------------------------------------------------------------------------
@@ -310,7 +292,8 @@ def cond(b, eqn, which, *values):
     values = [b.at_hand(value) for value in values]
     if is_wide(index):
         return _by_lanes(b, branches, index, dtype, values, avals)
-    for memory in dict.fromkeys(memory for value in values if (memory := memory_of(value)) is not None):
+    free = (memory for value in values if (memory := memory_of(value)) is not None and memory.is_free())
+    for memory in dict.fromkeys(free):
         b.settle_readers(memory)  # here, not within the first branch that writes over it
     labels, after = [b.block_name() for _ in branches], b.block_name()
     _jump(b, index, dtype, labels)
@@ -354,7 +337,8 @@ def _branch(b: Lowering, label: str, after: str, branch, values, avals) -> _End:
         if b.is_small(aval.shape):
             found.append(_in_registers(b, result, aval))
         else:
-            found.append(b.in_memory(result, aval.dtype))
+            buffer = b.in_memory(result, aval.dtype)
+            found.append(buffer if buffer.memory.wide == (b.lanes > 1) else b.copied(buffer))  # to be copied as it is
     late = len(b.lines)
     b.lines.append("")
     end = _End(found, b.label, late)
@@ -411,14 +395,20 @@ def _by_lanes(b: Lowering, branches, index: Entry, dtype, values, avals) -> list
         else:
             mine = a.compare(b, dtype, "le" if i == 0 else "eq", index, i)
         b.mask = mine if outer is None else b.logic("and", mine, outer)
-        results.append([b.entries(value) for value in b.run(branch, values)])
+        with _kept(values):
+            results.append([b.at_hand(value) for value in b.run(branch, values)])
         conditions.append(mine)
     b.mask = outer
-    found = []
-    for place, aval in enumerate(avals):
-        type_, entries = llvm_type(aval.dtype), flat(results[-1][place])
-        for i in range(len(branches) - 2, -1, -1):
-            each = zip(flat(results[i][place]), entries, strict=True)
-            entries = [b.select(conditions[i], type_, x, y) for x, y in each]
-        found.append(filled(aval.shape, entries))
-    return found
+
+    def chosen(each, aval):
+        def at(indices):
+            found = b.element_at(each[-1], indices, aval.dtype)
+            for value, condition in zip(each[-2::-1], conditions[-2::-1], strict=True):
+                found = b.select(condition, llvm_type(aval.dtype), b.element_at(value, indices, aval.dtype), found)
+            return found
+
+        if b.is_small(aval.shape):
+            return filled(aval.shape, [at(i) for i in np.ndindex(aval.shape)])
+        return b.lazy(aval.shape, aval.dtype, at, each)
+
+    return [chosen(each, aval) for each, aval in zip(zip(*results, strict=True), avals, strict=True)]

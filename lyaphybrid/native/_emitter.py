@@ -9,6 +9,9 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from ._types import BYTES, in_memory, literal
+from ._unsupported import Unsupported
+
+_STACK = 2**18  # bytes on the stack at most: threads have as little as half a megabyte
 
 Entry = Any  # bool, int or float where it is known, else str
 
@@ -45,8 +48,9 @@ class Emitter:
         self.constants: list[str] = []
         self.declarations: set[str] = set()
         self.label = "entry"
+        self.carries_vectors = False  # whether what `count_up` carries are vectors
         self.flags = "contract"  # a*b + c may be one fused operation; else arithmetic is IEEE's
-        self._count = 0
+        self._count = self._on_stack = 0
         self._known: dict[tuple, Entry] = {}  # common expressions …
         self._order: list[tuple] = []  # … in the order in which they were written
 
@@ -289,46 +293,59 @@ class Emitter:
     def count_up(self, length: int, body: Callable, start: Sequence[tuple[Entry, str]] = ()) -> list[Entry]:
         """For i from 0 to length - 1: carried = body(i, carried); -> the last carried values.
 
-        `start` holds the first carried values, each with its type; they are scalars. The length is at least one.
+        `start` holds the first carried values, each with its type. The length is at least one.
         """
         if length == 1:
             return list(body(0, [entry for entry, _ in start]) or [])
         head, before = self.block_name(), self.label
+        firsts = [self.text(first, type_, self.carries_vectors) for first, type_ in start]
         self.line(f"br label %{head}")
         self.begin_block(head)
         place = len(self.lines)
         self.lines.append("")  # for the phis
-        i, carried = self.name(), [self.name() for _ in start]
+        wide = self.carries_vectors
+        i, carried = self.name(), [self.name(wide) for _ in start]
         scope = self.scope()
         new = list(body(i, list(carried)) or [])
+        lasts = [self.text(last, type_, wide) for last, (_, type_) in zip(new, start, strict=True)]
         self.end_scope(scope)
         after, again, done = self.name(), self.name(), self.block_name()
         self.line(f"{after} = add nuw nsw i64 {i}, 1")
         self.line(f"{again} = icmp ult i64 {after}, {length}")
         self.line(f"br i1 {again}, label %{head}, label %{done}")
         phis = [f"  {i} = phi i64 [ 0, %{before} ], [ {after}, %{self.label} ]"]
-        for phi, (first, type_), last in zip(carried, start, new, strict=True):
-            ends = f"[ {self.text(first, type_)}, %{before} ], [ {self.text(last, type_)}, %{self.label} ]"
-            phis.append(f"  {phi} = phi {type_} {ends}")
+        for phi, (_, type_), first, last in zip(carried, start, firsts, lasts, strict=True):
+            ends = f"[ {first}, %{before} ], [ {last}, %{self.label} ]"
+            phis.append(f"  {phi} = phi {self.type_text(type_, wide)} {ends}")
         self.lines[place] = "\n".join(phis)
         self.begin_block(done)
-        return new
+        return lasts if wide else new
 
-    def for_each_index(self, shape: Sequence[int], body: Callable[[list], None], indices: tuple = ()) -> None:
+    def for_each_index(self, shape: Sequence[int], body: Callable[[list], None]) -> None:
         """Nested loops: body(indices) for all indices of an array."""
-        if 0 in shape:
-            return
+        if 0 not in shape:
+            self.fold_indices(shape, lambda i, _: body(i), ())
+
+    def fold_indices(
+        self, shape: Sequence[int], body: Callable, start: Sequence[tuple[Entry, str]], indices: tuple = ()
+    ) -> list[Entry]:
+        """Nested loops: carried = body(indices, carried) for all indices; no length is zero."""
         if len(indices) == len(shape):
-            body(list(indices))
-            return
-        self.count_up(shape[len(indices)], lambda i, _: self.for_each_index(shape, body, (*indices, i)))
+            return list(body(list(indices), [entry for entry, _ in start]) or [])
+
+        def inner(i, carried):
+            now = [(entry, type_) for entry, (_, type_) in zip(carried, start, strict=True)]
+            return self.fold_indices(shape, body, now, (*indices, i))
+
+        return self.count_up(shape[len(indices)], inner, start)
 
     # --- memory ----------------------------------------------------------------------------------------------
 
     def allocate(self, type_: str, size: int) -> str:
         """Room for an array during the call: small ones on the stack, where LLVM may keep them in registers."""
         pointer, bytes_ = self.name(), size * BYTES[type_]
-        if bytes_ <= 16384:
+        if bytes_ <= 16384 and self._on_stack + bytes_ <= _STACK:
+            self._on_stack += bytes_
             self.allocations.append(f"  {pointer} = alloca [{max(size, 1)} x {in_memory(type_)}], align 64")
         else:
             self.declarations |= {
@@ -348,6 +365,8 @@ class Emitter:
 
     def address(self, pointer: str, type_: str, index: Entry) -> str:
         """Where an element lies."""
+        if is_wide(index):
+            raise Unsupported("lanes that index arrays of many elements")
         if not isinstance(index, str) and index == 0:
             return pointer
         name = self.name()

@@ -5,7 +5,6 @@ Tested with 0.8.0, 0.10.1 and 0.12.0.
 
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
 
@@ -59,25 +58,6 @@ def literal_value(literal: Literal) -> np.ndarray:
     """The number of a literal, in its type."""
     aval: Any = literal.aval
     return np.asarray(literal.val, aval.dtype)
-
-
-def own_program(equation) -> ClosedJaxpr | None:
-    """What a primitive's own implementation does, where that is made of other primitives; None where it is not.
-
-    So it is with equinox's primitives, and with those that a library defines for derivatives of its own.
-    """
-    primitive = equation.primitive
-
-    def implementation(*operands):
-        return primitive.impl(*operands, **equation.params)
-
-    structs = [jax.ShapeDtypeStruct(atom.aval.shape, atom.aval.dtype) for atom in equation.invars]
-    try:
-        program = jax.make_jaxpr(implementation)(*structs)
-    except Exception:  # an implementation may do anything with what is not a number
-        return None
-    inner = [eqn for eqn in program.jaxpr.eqns if eqn.primitive is primitive]
-    return None if inner else program  # JAX's own end in themselves
 
 
 def parts(jaxpr: ClosedJaxpr | Jaxpr) -> tuple[Jaxpr, Any]:

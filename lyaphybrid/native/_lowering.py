@@ -10,10 +10,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ._jax_versions import ClosedJaxpr, Jaxpr, Literal, literal_value, own_program, parts
-from ._types import llvm_type
-from ._unsupported import Unsupported
-from ._values import Buffer, Lazy, Memory, Rows, Value, Values, filled, flat, memory_of, size
+from ._expansion import implementation
+from ._jax_versions import ClosedJaxpr, Jaxpr, Literal, literal_value, parts
+from ._types import as_numpy, llvm_type
+from ._values import Buffer, Lazy, Memory, Rows, Value, Values, filled, memory_of, size, source_of
 
 RULES: dict[str, Callable] = {}
 ENTRYWISE: dict[str, Callable] = {}
@@ -51,7 +51,7 @@ class Lowering(Values):
 
     def constant_value(self, number) -> Value:
         """A constant array."""
-        array = np.asarray(number)
+        array = as_numpy(number)
         llvm_type(array.dtype)
         if self.is_small(array.shape):
             return filled(array.shape, array.ravel().tolist())
@@ -64,13 +64,15 @@ class Lowering(Values):
         held: dict = {}
 
         def hold(variable, value):
+            if isinstance(value, Lazy) and last.uses[variable] > 1 and not value.cheap:
+                value = self.in_memory(value)
             held[variable] = value
-            if (memory := memory_of(value)) is not None:
-                memory.holders += 1
+            if (source := source_of(value)) is not None:
+                source.holders += 1
 
         def release(variable):
-            if (memory := memory_of(held.pop(variable))) is not None:
-                memory.holders -= 1
+            if (source := source_of(held.pop(variable))) is not None:
+                source.holders -= 1
 
         def read(atom):
             if isinstance(atom, Literal):
@@ -92,12 +94,8 @@ class Lowering(Values):
             results = self.equation(eqn, operands)
             del operands
             for variable, value in zip(eqn.outvars, results, strict=True):
-                if variable not in last:
-                    continue
-                often = last.uses[variable] > 1
-                if isinstance(value, Lazy) and value.buffer is None and often and not value.cheap:
-                    value = self.in_memory(value)
-                hold(variable, value)
+                if variable in last:
+                    hold(variable, value)
             del results
         results = [read(atom) for atom in inner.outvars]
         for variable in list(held):
@@ -110,10 +108,7 @@ class Lowering(Values):
         if name in ENTRYWISE:
             return [self._entry_by_entry(ENTRYWISE[name], eqn, operands)]
         if name not in RULES:
-            program = own_program(eqn)
-            if program is None:
-                raise Unsupported(f"the primitive {name}")
-            return self.run(program, operands)
+            return self.run(implementation(eqn), operands)
         found = None
         if any(isinstance(value, Rows) for value in operands):
             if name in IN_ROWS:
@@ -140,19 +135,23 @@ class Lowering(Values):
         if self.is_small(result.shape):
             columns = [np.broadcast_to(self.entries(v), result.shape).ravel() for v in operands]
             return filled(result.shape, [function(self, eqn, dtypes, *each) for each in zip(*columns, strict=True)])
-        readable = [self.readable(v, d) for v, d in zip(operands, dtypes, strict=True)]
+        readable = [
+            self.readable(v, d, often=size(v.shape) < size(result.shape)) for v, d in zip(operands, dtypes, strict=True)
+        ]
 
         def at(indices):
-            each = []
-            for value, dtype in zip(readable, dtypes, strict=True):  # scalars and axes of length 1 are spread
-                own = [0 if n == 1 else i for i, n in zip(indices, value.shape, strict=False)]
-                each.append(self.element_at(value, own, dtype))
+            each = [self.element_at(v, spread(indices, v.shape), d) for v, d in zip(readable, dtypes, strict=True)]
             return function(self, eqn, dtypes, *each)
 
         return self.lazy(result.shape, result.dtype, at, readable)
 
-    def readable(self, value: Value, dtype) -> Value:
-        """A value whose elements are found at indices that are known at run time only, at little cost."""
+    def readable(self, value: Value, dtype, often: bool = False) -> Value:
+        """A value whose elements are found at indices that are known at run time only, at little cost.
+
+        `often`: an element is asked for more than once.
+        """
+        if isinstance(value, Lazy) and often and not value.cheap:
+            return self.in_memory(value)
         if isinstance(value, np.ndarray) and value.ndim and value.size > 1:
             return self.in_memory(value, dtype)
         return value
@@ -160,6 +159,11 @@ class Lowering(Values):
     def at_hand(self, value: Value) -> Value:
         """A value that may be used within loops and branches: not lazy any more."""
         return self.held(self.in_memory(value)) if isinstance(value, Lazy) else value
+
+
+def spread(indices: Sequence, shape: Sequence[int]) -> list:
+    """Where an operand is read for an element of a result that it is spread over: without axes, or with some of 1."""
+    return [0 if n == 1 else i for i, n in zip(indices[len(indices) - len(shape) :], shape, strict=True)]
 
 
 KEEPS_ROWS: set[str] = set()  # primitives whose rules take rows as they are
@@ -229,27 +233,14 @@ def _pointer(b: Lowering, array: str, place: int) -> str:
 
 
 def _input(b: Lowering, place: int, aval, wide: bool) -> Value:
-    pointer, n, type_ = _pointer(b, "inputs", place), size(aval.shape), llvm_type(aval.dtype)
-    if wide:
-        return filled(aval.shape, [b.load(pointer, type_, i * b.lanes, wide=True) for i in range(n)])
-    return b.held(Buffer(Memory(pointer, n, False), aval.shape, aval.dtype))
+    pointer, n = _pointer(b, "inputs", place), size(aval.shape)
+    return b.held(Buffer(Memory(pointer, n, False, wide), aval.shape, aval.dtype))
 
 
 def _output(b: Lowering, place: int, aval, value: Value) -> None:
-    pointer, n, type_ = _pointer(b, "outputs", place), size(aval.shape), llvm_type(aval.dtype)
-    result = Buffer(Memory(pointer, n, True), aval.shape, aval.dtype)
-    if isinstance(value, Rows):
-        value = b.entries(value)
-    if b.lanes > 1 and isinstance(value, np.ndarray):
-        for i, entry in enumerate(flat(value)):
-            b.store(pointer, type_, i * b.lanes, entry, wide=True)
-    elif b.lanes > 1:  # recorded by a scan, with a last axis for the lanes
-        result.memory.size = n * b.lanes
-        b.copy_buffer(Buffer(result.memory, (*aval.shape, b.lanes), aval.dtype), b.in_memory(value))
-    elif isinstance(value, np.ndarray):
-        for i in np.ndindex(value.shape):
-            b.store_element(result, i, value[i])
-    elif isinstance(value, Lazy) and value.buffer is None:
-        b.for_each_index(value.shape, lambda i: b.store_element(result, i, value.at(i)))
+    pointer, n = _pointer(b, "outputs", place), size(aval.shape)
+    result = Buffer(Memory(pointer, n, True, b.lanes > 1), aval.shape, aval.dtype)
+    if memory_of(value) is None:
+        b.write(result, value, [0] * len(aval.shape))
     else:
         b.copy_buffer(result, b.in_memory(value))

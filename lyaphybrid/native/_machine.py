@@ -6,8 +6,8 @@ import functools
 import sys
 
 import llvmlite.binding as llvm
-import scipy.linalg.cython_blas
-import scipy.linalg.cython_lapack
+
+from . import _scipy
 
 llvm.initialize_native_target()
 llvm.initialize_native_asmprinter()
@@ -19,17 +19,9 @@ _OF_FLOATS = (
 _LIBRARY = (*_OF_FLOATS, *(name + "f" for name in _OF_FLOATS), *"malloc free abort memcpy memset memmove".split())
 
 
-_FORTRAN = {"gemm", "trsm", "potrf", "getrf", "geqrf", "orgqr", "syevd"}
-
-_name = ctypes.pythonapi.PyCapsule_GetName
-_name.restype, _name.argtypes = ctypes.c_char_p, [ctypes.py_object]
-_pointer = ctypes.pythonapi.PyCapsule_GetPointer
-_pointer.restype, _pointer.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
-
-
 @functools.cache
 def _symbols() -> None:
-    """Tell LLVM where the functions of the C library and of SciPy's BLAS and LAPACK are."""
+    """Tell LLVM where the functions of the C library are."""
     names = ["ucrtbase"] if sys.platform == "win32" else [ctypes.util.find_library("m"), None]
     libraries = [ctypes.CDLL(name) for name in names if name is not None or sys.platform != "win32"]
     for function in _LIBRARY:
@@ -37,10 +29,6 @@ def _symbols() -> None:
             if (found := getattr(library, function, None)) is not None:
                 llvm.add_symbol(function, ctypes.cast(found, ctypes.c_void_p).value)
                 break
-    for module in (scipy.linalg.cython_blas, scipy.linalg.cython_lapack):
-        for name, capsule in module.__pyx_capi__.items():
-            if name[1:] in _FORTRAN and name[0] in "ds":
-                llvm.add_symbol(f"scipy_{name}", _pointer(capsule, _name(capsule)))
 
 
 def describe() -> str:
@@ -78,6 +66,7 @@ class Linked:
 
     def __init__(self, code: bytes):
         _symbols()
+        _scipy.register(code)
         self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _target_machine(0))
         self._engine.add_object_file(llvm.ObjectFileRef.from_data(code))
         self._engine.finalize_object()

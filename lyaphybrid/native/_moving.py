@@ -1,5 +1,6 @@
 """Rules that move entries about: nothing is computed, and of small arrays nothing is left to do at run time."""
 
+import jax
 import numpy as np
 
 from . import _arithmetic as a
@@ -26,8 +27,7 @@ def broadcast(b, eqn, value, *lengths):
         for axis, n in zip(axes, value.shape, strict=True):
             shape[axis] = n
         return np.broadcast_to(value.reshape(shape), aval.shape)
-    if isinstance(value, Lazy) and not value.cheap and size(value.shape) < size(aval.shape):
-        value = b.in_memory(value)  # each entry is used more than once
+    value = b.readable(value, aval.dtype, often=size(value.shape) < size(aval.shape))
     own = value.shape
     return moved(b, aval, value, lambda i: [0 if n == 1 else i[axis] for axis, n in zip(axes, own, strict=True)])
 
@@ -59,6 +59,8 @@ def _remainder(b: Lowering, index, n: int):
 @rule("reshape", "squeeze", "expand_dims")
 def reshape(b, eqn, value, *lengths):
     aval = eqn.outvars[0].aval
+    if eqn.primitive.name == "reshape" and (order := eqn.params["dimensions"]) is not None:
+        value = permuted(b, value, order, aval.dtype)
     if isinstance(value, np.ndarray):
         return value.reshape(aval.shape)
     if isinstance(value, Lazy) and value.buffer is None:
@@ -76,7 +78,8 @@ def _(b, eqn, value, *lengths):
     aval = eqn.outvars[0].aval
     gone = {axis % len(value.shape) for axis in eqn.params.get("dimensions") or ()}
     squeezed = eqn.primitive.name == "squeeze" and len(value.shape) - 1 in gone
-    if squeezed or not aval.shape or aval.shape[-1] != value.shape[-1]:
+    turned = eqn.primitive.name == "reshape" and eqn.params["dimensions"] is not None
+    if squeezed or turned or not aval.shape or aval.shape[-1] != value.shape[-1]:
         return None
     return Rows(value.vectors.reshape(aval.shape[:-1]), aval.shape, aval.dtype)
 
@@ -108,10 +111,15 @@ def _(b, eqn, value):
 
 @rule("transpose")
 def transpose(b, eqn, value):
-    order = eqn.params["permutation"]
+    return permuted(b, value, eqn.params["permutation"], eqn.outvars[0].aval.dtype)
+
+
+def permuted(b: Lowering, value: Value, order, dtype) -> Value:
+    """An array with its axes in this order."""
     if isinstance(value, np.ndarray):
         return value.transpose(order)
-    return moved(b, eqn.outvars[0].aval, value, lambda i: [i[order.index(axis)] for axis in range(len(order))])
+    aval = jax.ShapeDtypeStruct(tuple(value.shape[axis] for axis in order), dtype)
+    return moved(b, aval, value, lambda i: [i[order.index(axis)] for axis in range(len(order))])
 
 
 @in_rows("transpose")
@@ -157,15 +165,17 @@ def stack(b, eqn, *values):
         return np.stack([b.entries(value) for value in values], axis)
     found = b.new_buffer(aval.shape, aval.dtype)
     for place, value in enumerate(values):
-        if isinstance(value, np.ndarray):
-            thick = np.expand_dims(value, axis)
-        else:
-            shape = (*value.shape[:axis], 1, *value.shape[axis:])
-            thick = Lazy(
-                shape, aval.dtype, lambda i, v=value: b.element_at(v, [*i[:axis], *i[axis + 1 :]]), set(), cheap=True
-            )
-        b.write(found, thick, [place if k == axis else 0 for k in range(len(aval.shape))])
+        b.write(found, with_axis(b, value, axis), [place if k == axis else 0 for k in range(len(aval.shape))])
     return found
+
+
+def with_axis(b: Lowering, value: Value, axis: int) -> Value:
+    """A value with one more axis, of length 1, to be written at once."""
+    if b.is_small(value.shape):
+        return np.expand_dims(b.entries(value), axis)
+    assert isinstance(value, Lazy | Buffer)
+    shape = (*value.shape[:axis], 1, *value.shape[axis:])
+    return Lazy(shape, value.dtype, lambda i: b.element_at(value, [*i[:axis], *i[axis + 1 :]]))
 
 
 @in_rows("concatenate", "stack")

@@ -1,11 +1,11 @@
 """Rules for sums, products, extrema and their places, along axes; cumulative ones; and products of matrices."""
 
+import contextlib
 from collections.abc import Callable
 
 import numpy as np
 
 from . import _arithmetic as a
-from ._linear_algebra import large_product
 from ._lowering import Lowering, in_rows, rule
 from ._types import INDEX, kind, llvm_type
 from ._values import Lazy, Rows, filled, scalar, size
@@ -35,7 +35,7 @@ def reduce(b, eqn, value):
     kept = [axis for axis in range(len(shape)) if axis not in axes]
     over = [shape[axis] for axis in axes]
     if isinstance(value, np.ndarray):
-        groups = value.transpose(*kept, *axes).reshape(*aval.shape, -1)
+        groups = value.transpose(*kept, *axes).reshape(*aval.shape, size(over))
         return filled(aval.shape, [_folded(b, fold, dtype, groups[i], neutral) for i in np.ndindex(aval.shape)])
 
     def source(indices, inner):
@@ -60,32 +60,27 @@ def reduce(b, eqn, value):
         b.for_each_index([*over, *aval.shape], take_in)
         return b.held(result)
 
-    def total(indices, inner=(), so_far=None):
-        so_far = neutral(dtype) if so_far is None else so_far
-        if len(inner) == len(over):
-            return fold(b, dtype, so_far, b.element_at(value, source(indices, inner)))
-        step = lambda i, carried: [total(indices, (*inner, i), carried[0])]  # noqa: E731
-        return b.count_up(over[len(inner)], step, [(so_far, llvm_type(dtype))])[0]
+    def total(indices):
+        def take_in(inner, so_far):
+            entry = b.element_at(value, source(indices, inner))
+            with reassociated(b):
+                return [fold(b, dtype, so_far[0], entry)]
 
-    with reassociated(b):
-        if not aval.shape:
-            return scalar(total([]))
-        result = b.new_buffer(aval.shape, aval.dtype)
-        b.for_each_index(aval.shape, lambda i: b.store_element(result, i, total(i)))
+        return b.fold_indices(over, take_in, [(neutral(dtype), llvm_type(dtype))])[0]
+
+    if not aval.shape:
+        return scalar(total([]))
+    result = b.new_buffer(aval.shape, aval.dtype)
+    b.for_each_index(aval.shape, lambda i: b.store_element(result, i, total(i)))
     return b.held(result)
 
 
-class reassociated:
+@contextlib.contextmanager
+def reassociated(b: Lowering):
     """Sums of many terms may be taken in another order: vectors of partial sums, which are no less exact."""
-
-    def __init__(self, b: Lowering):
-        self.b = b
-
-    def __enter__(self):
-        self.flags, self.b.flags = self.b.flags, "contract reassoc"
-
-    def __exit__(self, *error):
-        self.b.flags = self.flags
+    before, b.flags = b.flags, "contract reassoc"
+    yield
+    b.flags = before
 
 
 def _folded(b, fold, dtype, entries, neutral):
@@ -107,7 +102,7 @@ def _(b, eqn, value):
         return None
     kept = [axis for axis in range(last) if axis not in axes]
     lead = aval.shape[:-1]
-    groups = value.vectors.transpose(*kept, *axes).reshape(*lead, -1)
+    groups = value.vectors.transpose(*kept, *axes).reshape(*lead, size([value.shape[axis] for axis in axes]))
     vectors = filled(lead, [_folded(b, fold, value.dtype, groups[i], neutral) for i in np.ndindex(lead)])
     return Rows(vectors, aval.shape, aval.dtype)
 
@@ -224,8 +219,6 @@ def dot(b, eqn, left, right):
             return a.zero(dtype) if found is None else found
 
         return filled(aval.shape, [entry(i) for i in np.ndindex(aval.shape)])
-    if (product := large_product(b, eqn, left, right)) is not None:
-        return product
     left, right = b.in_memory(left, dtypes[0]), b.in_memory(right, dtypes[1])
     result = b.new_buffer(aval.shape, dtype)
     b.for_each_index(aval.shape, lambda i: b.store_element(result, i, a.zero(dtype)))

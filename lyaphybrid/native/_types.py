@@ -3,6 +3,7 @@
 import functools
 import struct
 
+import jax
 import numpy as np
 
 from ._unsupported import Unsupported
@@ -19,6 +20,7 @@ _LLVM = {
     "uint64": "i64",
     "float32": "float",
     "float64": "double",
+    "key<fry>": "i64",  # a random key of JAX's: two words of 32 bits
 }
 BYTES = {"i1": 1, "i8": 1, "i16": 2, "i32": 4, "i64": 8, "float": 4, "double": 8}
 BITS = {"i1": 1, "i8": 8, "i16": 16, "i32": 32, "i64": 64}
@@ -34,14 +36,40 @@ def llvm_type(dtype) -> str:
     return _LLVM[name]
 
 
+def numpy_type(dtype) -> np.dtype:
+    """The type that NumPy's arrays of such elements have: of keys, 64 bits."""
+    return np.dtype(np.uint64) if _is_key(dtype) else np.dtype(dtype)
+
+
+def _is_key(dtype) -> bool:
+    return str(getattr(dtype, "name", "")).startswith("key<")
+
+
+def as_numpy(array) -> np.ndarray:
+    """An array of NumPy's."""
+    if not _is_key(getattr(array, "dtype", None)):
+        return np.asarray(array)
+    llvm_type(array.dtype)
+    words = np.ascontiguousarray(jax.random.key_data(array))
+    return words.view(np.uint64).reshape(array.shape)
+
+
+def of_numpy(array: np.ndarray, dtype):
+    """The array as JAX has it: where its elements are keys, an array of keys."""
+    if not _is_key(dtype):
+        return array
+    words = array.reshape(*array.shape, 1).view(np.uint32)
+    return jax.random.wrap_key_data(jax.numpy.asarray(words), impl="threefry2x32")
+
+
 def is_float(dtype) -> bool:
     """Whether elements are floating-point numbers."""
-    return np.dtype(dtype).kind == "f"
+    return kind(dtype) == "f"
 
 
 def kind(dtype) -> str:
     """NumPy's letter: b(oolean), i(nteger), u(nsigned), f(loat)."""
-    return np.dtype(dtype).kind
+    return numpy_type(dtype).kind
 
 
 def in_memory(type_: str) -> str:

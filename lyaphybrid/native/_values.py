@@ -8,58 +8,75 @@ An array is held in one of four ways:
 - Buffer: many elements in memory; written in place where nothing reads the old value any more
 """
 
-import itertools
 import math
 import weakref
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ._emitter import Emitter, Entry, is_known, is_wide
-from ._types import BYTES, is_float, llvm_type
-from ._unsupported import Unsupported
+from ._emitter import Emitter, Entry, is_known
+from ._types import BYTES, is_float, llvm_type, numpy_type
 
 Entries = np.ndarray  # of objects
 
 
-_numbers = itertools.count()
+class Source:
+    """What variables hold, and what lazy values read: memory, or a lazy value, which may come to lie in memory."""
+
+    def __init__(self):
+        self.holders = 0  # how many variables of the program still need what is there
+        # What is yet to be worked out from it; in order, so that a program has one text.
+        self.readers: weakref.WeakKeyDictionary[Lazy, None] = weakref.WeakKeyDictionary()
 
 
-class Memory:
+class Memory(Source):
     """Where a buffer's elements lie."""
 
-    def __init__(self, pointer: str, size: int, writable: bool):
+    def __init__(self, pointer: str, size: int, writable: bool, wide: bool = False):
+        super().__init__()
         self.pointer, self.size = pointer, size
         self.writable = writable  # inputs and constants are not
-        self.holders = 0  # how many variables of the program still need what is there
-        self.readers: weakref.WeakSet[Lazy] = weakref.WeakSet()  # what is yet to be worked out from it
+        self.wide = wide  # whether each element is a vector: one number for each lane
+
+    def is_free(self) -> bool:
+        """Whether it may be written: no variable needs what is there."""
+        return self.writable and self.holders == 0
 
 
 class Buffer:
     """An array in memory, row by row."""
 
     def __init__(self, memory: Memory, shape: Sequence[int], dtype):
-        self.memory, self.shape, self.dtype = memory, tuple(shape), np.dtype(dtype)
+        self.memory, self.shape, self.dtype = memory, tuple(shape), numpy_type(dtype)
 
 
-class Lazy:
+class Lazy(Source):
     """An array as a function of the index."""
 
     def __init__(
-        self, shape: Sequence[int], dtype, at: Callable[[list[Entry]], Entry], sources: set[Memory], cheap: bool
+        self,
+        shape: Sequence[int],
+        dtype,
+        at: Callable[[list[Entry]], Entry],
+        sources: Sequence[Source] = (),
+        cheap: bool = False,
     ):
-        self.shape, self.dtype, self.at, self.sources = tuple(shape), np.dtype(dtype), at, sources
+        super().__init__()
+        self.shape, self.dtype, self.at = tuple(shape), numpy_type(dtype), at
+        self.sources = sources  # all that it reads, also by way of other lazy values
+        self.depth = 1 + max((source.depth for source in sources if isinstance(source, Lazy)), default=0)
         self.cheap = cheap  # may be worked out for each use: it only reads
         self.buffer: Buffer | None = None  # once it was worked out
-        self.number = next(_numbers)
 
 
 class Rows:
     """A small array whose last axis lies in vectors: `vectors` has one axis less."""
 
     def __init__(self, vectors: np.ndarray, shape: Sequence[int], dtype):
-        self.vectors, self.shape, self.dtype = vectors, tuple(shape), np.dtype(dtype)
+        self.vectors, self.shape, self.dtype = vectors, tuple(shape), numpy_type(dtype)
 
+
+_DEEP = 40  # lazy values that read lazy values: Python's stack is finite
 
 Value = Entries | Rows | Lazy | Buffer
 
@@ -68,6 +85,11 @@ def memory_of(value: Value) -> Memory | None:
     """Where a value lies, if it lies in memory."""
     buffer = value.buffer if isinstance(value, Lazy) else value
     return buffer.memory if isinstance(buffer, Buffer) else None
+
+
+def source_of(value: Value) -> Source | None:
+    """What counts who needs a value; None for entries and rows, which nothing overwrites."""
+    return value if isinstance(value, Lazy) and value.buffer is None else memory_of(value)
 
 
 def scalar(entry: Entry) -> Entries:
@@ -109,6 +131,7 @@ class Values(Emitter):
             raise ValueError("vectors hold either the columns of frames or lanes")
         super().__init__(2 ** math.ceil(math.log2(columns)) if columns else lanes, checked)
         self.small, self.columns, self.lanes = small, columns, lanes
+        self.carries_vectors = lanes > 1
         self._lazies: list[weakref.ref[Lazy]] = []  # in the order in which they were made
 
     def scope(self) -> tuple[int, int]:
@@ -125,8 +148,8 @@ class Values(Emitter):
         del self._lazies[lazies:]
 
     def _forget(self, lazy: Lazy) -> None:
-        for memory in lazy.sources:
-            memory.readers.discard(lazy)
+        for source in lazy.sources:
+            source.readers.pop(lazy, None)
 
     def is_small(self, shape: Sequence[int]) -> bool:
         """Whether an array of this shape is held as entries."""
@@ -171,16 +194,17 @@ class Values(Emitter):
     def load_element(self, buffer: Buffer, indices: Sequence[Entry]) -> str:
         """An element from memory."""
         place = self.linear_index(indices, buffer.shape)
-        self.check_index(place, buffer.memory.size)
-        return self.load(buffer.memory.pointer, llvm_type(buffer.dtype), place)
+        memory = buffer.memory
+        self.check_index(place, memory.size)
+        place = self.index_times(place, self.lanes) if memory.wide else place
+        return self.load(memory.pointer, llvm_type(buffer.dtype), place, memory.wide)
 
     def store_element(self, buffer: Buffer, indices: Sequence[Entry], entry: Entry) -> None:
         """An element into memory."""
-        if is_wide(entry):
-            raise Unsupported("lanes in arrays of many elements")
-        place = self.linear_index(indices, buffer.shape)
-        self.check_index(place, buffer.memory.size)
-        self.store(buffer.memory.pointer, llvm_type(buffer.dtype), place, entry)
+        place, memory = self.linear_index(indices, buffer.shape), buffer.memory
+        self.check_index(place, memory.size)
+        place = self.index_times(place, self.lanes) if memory.wide else place
+        self.store(memory.pointer, llvm_type(buffer.dtype), place, entry, memory.wide)
 
     # --- from one form to another ----------------------------------------------------------------------------
 
@@ -207,9 +231,10 @@ class Values(Emitter):
         return Rows(filled(lead, [self.vector(array[i].tolist(), type_) for i in np.ndindex(lead)]), array.shape, dtype)
 
     def new_buffer(self, shape: Sequence[int], dtype) -> Buffer:
-        """An array in memory, not yet filled."""
+        """An array in memory, not yet filled; with lanes each has its own numbers there."""
         n = size(shape)
-        return Buffer(Memory(self.allocate(llvm_type(dtype), n), n, True), shape, dtype)
+        pointer = self.allocate(llvm_type(dtype), n * self.lanes)
+        return Buffer(Memory(pointer, n, True, self.lanes > 1), shape, dtype)
 
     def in_memory(self, value: Value, dtype=None) -> Buffer:
         """A value in memory. `dtype`: of entries, which do not know."""
@@ -220,7 +245,7 @@ class Values(Emitter):
                 buffer = self.new_buffer(value.shape, value.dtype)
                 self.for_each_index(value.shape, lambda i: self.store_element(buffer, i, value.at(i)))
                 value.buffer = buffer
-                self._forget(value)
+                buffer.memory.holders, buffer.memory.readers = value.holders, value.readers
             return value.buffer
         if isinstance(value, Rows):
             value, dtype = self.entries(value), value.dtype
@@ -243,21 +268,23 @@ class Values(Emitter):
 
     def lazy(self, shape: Sequence[int], dtype, at: Callable, operands: Sequence[Value], cheap: bool = False) -> Lazy:
         """A value that is worked out where it is used; `operands`: what it reads."""
-        sources: set[Memory] = set()
+        sources: dict[Source, None] = {}
         for value in operands:
-            if isinstance(value, Buffer):
-                sources.add(value.memory)
-            elif isinstance(value, Lazy):
-                sources |= value.sources if value.buffer is None else {value.buffer.memory}
-        found = Lazy(shape, dtype, at, sources, cheap)
-        for memory in sources:
-            memory.readers.add(found)
+            if (source := source_of(value)) is not None:
+                sources[source] = None
+            if isinstance(source, Lazy):
+                sources |= dict.fromkeys(source.sources)
+        found = Lazy(shape, dtype, at, tuple(sources), cheap)
+        for source in sources:
+            source.readers[found] = None
         self._lazies.append(weakref.ref(found))
+        if found.depth > _DEEP:
+            self.in_memory(found)
         return found
 
     def settle_readers(self, memory: Memory) -> None:
         """Work out what still reads from memory that is about to be written."""
-        for reader in sorted(memory.readers, key=lambda lazy: lazy.number):  # always in the same order: see _cache
+        for reader in list(memory.readers):
             self.in_memory(reader)
 
     def copied(self, buffer: Buffer) -> Buffer:
@@ -268,7 +295,11 @@ class Values(Emitter):
 
     def copy_buffer(self, to: Buffer, source: Buffer) -> None:
         """Copy all elements."""
-        self.copy(to.memory.pointer, source.memory.pointer, size(source.shape) * BYTES[llvm_type(source.dtype)])
+        if to.memory.wide == source.memory.wide:
+            bytes_ = BYTES[llvm_type(source.dtype)] * (self.lanes if to.memory.wide else 1)
+            self.copy(to.memory.pointer, source.memory.pointer, size(source.shape) * bytes_)
+        else:
+            self.for_each_index(source.shape, lambda i: self.store_element(to, i, self.load_element(source, i)))
 
     def to_write(self, value: Value, dtype, others: Sequence[Value] = ()) -> Buffer:
         """A buffer with the value that may be written: the value's own where nobody needs the old one any more.
@@ -278,7 +309,7 @@ class Values(Emitter):
         private = isinstance(value, np.ndarray | Rows)
         buffer = self.in_memory(value, dtype)
         memory = buffer.memory
-        if memory.writable and (private or memory.holders == 0) and memory not in map(memory_of, others):
+        if (private and memory.writable or memory.is_free()) and memory not in map(memory_of, others):
             self.settle_readers(memory)
             return buffer
         return self.copied(buffer)

@@ -1,0 +1,122 @@
+"""The native compiler's random numbers against XLA's: the same bits."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.scipy.special import erfinv
+
+from lyaphybrid import native
+from lyaphybrid.native._costs import Plan
+
+PLANS = (Plan(1, 2), Plan(64, 2))
+
+
+def words(x):
+    return jax.random.key_data(x) if jnp.issubdtype(x.dtype, jax.dtypes.prng_key) else x
+
+
+def agree(function, *operands, exactly=True, roundings=8):
+    expected = jax.tree.leaves(jax.jit(function)(*operands))
+    for plan in PLANS:
+        found = jax.tree.leaves(native.compile(function, *operands, plan=plan, checked=True)(*operands))
+        for x, y in zip(found, expected, strict=True):
+            assert x.shape == y.shape
+            assert x.dtype == y.dtype
+            if exactly:
+                np.testing.assert_array_equal(words(x), words(y), err_msg=str(plan))
+            else:
+                eps = np.finfo(y.dtype).eps
+                np.testing.assert_allclose(x, y, rtol=roundings * eps, atol=4 * eps, err_msg=str(plan))
+
+
+@pytest.fixture(params=[True, False], ids=["partitionable", "original"])
+def counting(request):
+    with jax.threefry_partitionable(request.param):
+        yield
+
+
+KEYS = [lambda: jax.random.key(7), lambda: jax.random.PRNGKey(7)]
+
+
+@pytest.mark.usefixtures("counting")
+@pytest.mark.parametrize("key", KEYS, ids=["typed", "raw"])
+@pytest.mark.parametrize("shape", [(), (1,), (3,), (5, 2), (101,)])
+def test_bits(key, shape):
+    for dtype in ("uint8", "uint16", "uint32", "uint64"):
+        agree(lambda k, dtype=dtype: jax.random.bits(k, shape, dtype), key())
+    agree(lambda k: jax.random.randint(k, shape, -3, 17), key())
+    agree(lambda k: jax.random.bernoulli(k, 0.3, shape), key())
+
+
+@pytest.mark.usefixtures("counting")
+@pytest.mark.parametrize("key", KEYS, ids=["typed", "raw"])
+def test_keys_from_keys(key):
+    agree(jax.random.split, key())
+    agree(lambda k: jax.random.split(k, (3, 30))[1], key())
+    agree(lambda k, i: jax.random.fold_in(k, i), key(), 12)
+    agree(lambda k: [jax.random.fold_in(each, 3) for each in jax.random.split(k, 3)], key())
+
+
+def test_keys_from_seeds():
+    agree(jax.random.key, 12)
+    agree(jax.random.PRNGKey, -(2**40))
+    agree(lambda: jax.random.uniform(jax.random.key(3)))
+    agree(jax.vmap(jax.random.key), np.arange(70))
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("shape", [(), (5,), (200,)])
+def test_uniform_and_normal(shape, dtype):
+    agree(lambda k: jax.random.uniform(k, shape, dtype), jax.random.key(1))
+    agree(lambda k: jax.random.normal(k, shape, dtype), jax.random.key(1), exactly=False)
+    agree(lambda k: jax.random.exponential(k, shape, dtype), jax.random.key(1), exactly=False, roundings=100)
+
+
+@pytest.mark.usefixtures("counting")
+def test_arrays_of_keys():
+    keys = jax.random.split(jax.random.key(2), 6)
+    agree(jax.vmap(lambda k: jax.random.bits(k, (3,))), keys)
+    agree(jax.vmap(jax.random.fold_in), keys, np.arange(6))
+    agree(lambda ks: (ks[::-1], ks.reshape(2, 3), jnp.concatenate([ks, ks[:1]]), ks[2]), keys)
+    agree(lambda ks, i: jax.random.bits(ks[i]), keys, 4)
+    agree(lambda ks: jax.random.key_data(ks), jax.random.split(keys[0], 90))
+
+
+def test_within_loops_and_branches():
+    held = jax.random.key(5)
+
+    def walk(key, many):
+        def step(key, i):
+            key, own = jax.random.split(key)
+            own = jax.lax.cond(i % 3 == 0, lambda k: jax.random.fold_in(k, i), lambda k: held, own)
+            own = jnp.where(i == 4, key, own)
+            return key, (own, jax.random.bits(own, (3,)))
+
+        key, drawn = jax.lax.scan(step, key, jnp.arange(8))
+
+        def again(state):
+            i, key, total = state
+            key, own = jax.random.split(key)
+            return i + 1, key, total + jax.random.bits(own, (), "uint32")
+
+        return drawn, jax.lax.while_loop(lambda state: state[0] < many, again, (0, key, jnp.uint32(0)))
+
+    agree(walk, jax.random.key(9), 5)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_inverse_error_function(dtype):
+    near = 1 - 2.0 ** -np.arange(1, 53)
+    x = np.concatenate([np.linspace(-1, 1, 1001), near, -near, [np.nan, 1.5, 1e-300, -0.0]]).astype(dtype)
+    agree(erfinv, x, exactly=False)
+
+
+def test_permutations_and_choices():
+    agree(lambda k: jax.random.permutation(k, 40), jax.random.key(1))
+    agree(lambda k: jax.random.choice(k, 20, (5,), replace=False), jax.random.key(1))
+
+
+def test_other_generators_are_refused():
+    with pytest.raises(native.Unsupported, match="rbg"):
+        native.compile(jax.random.bits, jax.random.key(1, impl="rbg"))
