@@ -125,8 +125,8 @@ def _transposed(back, *operands, pushed, pulled, linear):
 
 
 def _shape_of(operand):
-    aval = operand.aval if ad.is_undefined_primal(operand) else operand
-    return jax.ShapeDtypeStruct(aval.shape, aval.dtype)
+    known = operand.aval if ad.is_undefined_primal(operand) else operand  # which may be Python's own number
+    return jax.ShapeDtypeStruct(jnp.shape(known), jnp.result_type(known))
 
 
 def _batched(operands, axes, *, pushed, pulled, linear):

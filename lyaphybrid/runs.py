@@ -21,8 +21,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from . import propagation
-from ._compiler import compilations, lean_jit
-from ._tracing import array, enclosed, traced
+from ._compiler import compilations
+from ._engines import compiled
+from ._tracing import array, traced
 from .checkpoints import Part
 from .checks import check_clocks, check_functions, real, require
 from .consistency import check_constraints
@@ -37,7 +38,6 @@ from .methods.scheduled import Scheduled
 from .methods.stepping import Stepping, are_curved
 from .precision import CURE, LEAST, eps, is_short, require_double
 from .propagation import Cadence, Journey, Settings, Watch
-from .reverse_mode import both_ways
 from .statuses import STATUS
 from .systems import Bound, EventDriven, Flow, Hybrid, Map
 
@@ -305,7 +305,7 @@ def settings_of(problem: Problem, plan: Plan, t, x, reverse: bool = False) -> Se
     return Settings(mover_of(problem, t, x), **own, reverse=reverse)
 
 
-@lean_jit
+@compiled(lambda problem, plan, t0, x0, frame, mode, interval: frame.shape[-1])
 def start(problem: Problem, plan: Plan, t0, x0, frame, mode, interval) -> Journey:
     """The journey at its start; x0 (n,), or (m, n) where the plan is batched."""
 
@@ -319,8 +319,7 @@ def start(problem: Problem, plan: Plan, t0, x0, frame, mode, interval) -> Journe
     return jax.vmap(one)(x0, frames)
 
 
-@lean_jit
-def _advance(problem: Problem, plan: Plan, journey: Journey, ends, last_jumps, budget, reverse: bool = False):
+def _loop(problem: Problem, plan: Plan, journey: Journey, ends, last_jumps, budget, reverse: bool = False):
     def one(journey):
         settings = settings_of(problem, plan, journey.base[0], journey.carry.x, reverse)
         return propagation.advance(settings, journey, ends, last_jumps, budget)
@@ -333,9 +332,9 @@ def _advance(problem: Problem, plan: Plan, journey: Journey, ends, last_jumps, b
     return jax.vmap(one)(journey)
 
 
-_advance_differentiably = both_ways(
-    functools.partial(_advance, reverse=False), functools.partial(_advance, reverse=True)
-)
+_advance = compiled(
+    lambda problem, plan, journey, *rest: journey.carry.frame.shape[-1], functools.partial(_loop, reverse=True)
+)(_loop)
 
 
 @functools.partial(jax.jit, static_argnames=("watch", "batched"))
@@ -373,7 +372,6 @@ def drive(
     max_steps=None,
     progress=None,
     interrupted: bool = False,
-    forward: bool = False,
     part: Part | None = None,
 ) -> Outcome:
     """Run all blocks: in one call where traced, else call by call.
@@ -387,16 +385,13 @@ def drive(
         max_steps: most attempts; None: no limit.
         progress: None, True for a bar, or a function of the fraction done.
         interrupted: before it began: nothing is computed.
-        forward: only forward derivatives are asked for, which then cost no second loop for the value.
         part: where it is kept on disk; of a run that has no log of events.
     """
     limit = 0 if interrupted else FOREVER if max_steps is None else max_steps
     plan = plan._replace(lanes=_side_by_side.get() and limit == FOREVER)
     leaves = jax.tree.leaves((journey, problem, ends, last_jumps))
     if traced(leaves):
-        forward = forward or traced(enclosed(problem))  # what functions close over has no reverse derivatives
-        advance = _advance if forward else _advance_differentiably
-        journey, records = advance(problem, plan, journey, ends, last_jumps, limit)
+        journey, records = _advance(problem, plan, journey, ends, last_jumps, limit)
         kept = () if journey.carry.log is None else (journey.carry.log,)
         return Outcome(journey, records, _verdict(journey, ends), False, kept)
     blocks, records, budget, given = ends.shape[0], None, FIRST, 0

@@ -58,7 +58,7 @@ class Turn(NamedTuple):
         problem, x, t, mode = runs.prepare(self.system, x, self.args_of(theta), self.t, self.method, self.mode)
         plan = runs.Plan(Cadence("never", False), "mgs", False, 0, False, False, runs.nothing)
         ends = array(length, x.dtype).reshape(1)
-        outcome = runs.drive(problem, plan, runs.start(problem, plan, t, x, frame, mode, 1.0), ends, ends, forward=True)
+        outcome = runs.drive(problem, plan, runs.start(problem, plan, t, x, frame, mode, 1.0), ends, ends)
         return outcome.journey.carry.x, outcome.journey.carry.frame
 
 

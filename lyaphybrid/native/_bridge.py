@@ -57,6 +57,18 @@ def _jvp(primals, tangents, *, program: Program):
 ad.primitive_jvps[native_call] = _jvp
 
 
+def _transpose(cotangents, *operands, program: Program):
+    if program.origin is None:
+        raise NotImplementedError("only the program of a derivative is linear in its operands")
+    of, moving = program.origin
+    fixed = operands[: len(moving)]
+    given = [ad.instantiate_zeros(x) for x in cotangents]
+    return [None] * len(fixed) + list(native_call.bind(*fixed, *given, program=of.pulled(moving)))
+
+
+ad.primitive_transposes[native_call] = _transpose
+
+
 def _batch(operands: Sequence, axes: Sequence, *, program: Program):
     which = tuple(axis is not None for axis in axes)
     (size,) = {x.shape[axis] for x, axis in zip(operands, axes, strict=True) if axis is not None}
@@ -76,7 +88,7 @@ def native(function: Callable, columns: int = 0) -> Callable:
 
     def call(*args):
         leaves, tree = jax.tree.flatten(args)
-        leaves = [x if hasattr(x, "dtype") else jnp.asarray(x) for x in leaves]
+        leaves = [x if hasattr(x, "shape") else jnp.asarray(x) for x in leaves]
         key = tree, tuple((x.shape, x.dtype) for x in leaves)
         if key not in known:
             structs = jax.tree.unflatten(tree, [jax.ShapeDtypeStruct(x.shape, x.dtype) for x in leaves])

@@ -8,6 +8,7 @@ import ctypes
 import functools
 import logging
 import os
+from collections.abc import Callable, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -37,10 +38,13 @@ class Program:
     Attributes:
         closed: the closed jaxpr.
         columns: of the frames that are held in vectors; 0: none.
+        backward: the same function of its operands, written so that it has reverse derivatives.
+        origin: of a program of tangents: of which program, and which of its operands move.
     """
 
-    def __init__(self, closed: ClosedJaxpr, columns: int = 0):
-        self.closed, self.columns = closed, columns
+    def __init__(self, closed: ClosedJaxpr, columns: int = 0, backward: Callable | None = None):
+        self.closed, self.columns, self.backward = closed, columns, backward or jaxpr_as_fun(closed)
+        self.origin: tuple[Program, tuple[bool, ...]] | None = None
         self._derived: dict = {}
 
     @functools.cached_property
@@ -79,19 +83,37 @@ class Program:
 
         def tangents(*given):
             operands, changes = given[: len(moving)], given[len(moving) :]
+            function, primals = self._of_moving(jaxpr_as_fun(self.closed), operands, moving)
+            return jax.jvp(function, primals, tuple(changes))[1]
 
-            def of_moving(*xs):
-                rest = iter(xs)
-                full = [next(rest) if moves else x for moves, x in zip(moving, operands, strict=True)]
-                return jaxpr_as_fun(self.closed)(*full)
+        made = self._made(("pushed", moving), tangents, [*self.closed.in_avals, *self._moving(moving)])
+        made.origin = self, moving
+        return made
 
-            primals = tuple(x for x, moves in zip(operands, moving, strict=True) if moves)
-            _, found = jax.jvp(of_moving, primals, tuple(changes))
-            return [tangent for tangent in found if tangent.dtype != jax.dtypes.float0]
+    def pulled(self, moving: tuple[bool, ...]) -> "Program":
+        """The transposed: the cotangents of the operands that move, from the operands and those of the results."""
 
-        avals = self.closed.in_avals
-        structs = [*avals, *(aval for aval, moves in zip(avals, moving, strict=True) if moves)]
-        return self._made(("pushed", moving), tangents, structs)
+        def cotangents(*given):
+            operands, back = given[: len(moving)], given[len(moving) :]
+            function, primals = self._of_moving(self.backward, operands, moving)
+            return jax.vjp(function, *primals)[1](list(back))
+
+        results = [aval for aval in self.closed.out_avals if inexact(aval)]
+        return self._made(("pulled", moving), cotangents, [*self.closed.in_avals, *results])
+
+    def _moving(self, moving: Sequence[bool]) -> list:
+        return [aval for aval, moves in zip(self.closed.in_avals, moving, strict=True) if moves]
+
+    def _of_moving(self, of_all: Callable, operands: Sequence, moving: Sequence[bool]) -> tuple[Callable, tuple]:
+        """The results that have derivatives, as a function of the operands that move, and these."""
+
+        def function(*xs):
+            rest = iter(xs)
+            full = [next(rest) if moves else x for moves, x in zip(moving, operands, strict=True)]
+            found = of_all(*full)
+            return [x for x, aval in zip(found, self.closed.out_avals, strict=True) if inexact(aval)]
+
+        return function, tuple(x for x, moves in zip(operands, moving, strict=True) if moves)
 
     def mapped(self, which: tuple[bool, ...], size: int) -> "Program":
         """The same for `size` lanes, one after the other; `which` operands have a first axis for them."""

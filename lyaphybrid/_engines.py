@@ -1,0 +1,86 @@
+"""Which engine runs a large function: our own machine code on a CPU, XLA for all else.
+
+On a CPU a function is traced once for each structure, shape and type of its arguments, and compiled by
+`lyaphybrid.native`; within other transformations (jit, vmap, jvp) it becomes a call of that machine code. XLA compiles
+what the compiler does not take, what closes over traced values, and all that runs on other devices.
+"""
+
+import functools
+from collections import OrderedDict
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from ._compiler import lean_jit
+from ._tracing import enclosed, traced
+from .native import Program, engine, native_call
+from .reverse_mode import both_ways
+
+_MOST = 256  # programs of one function that are kept: the least recently used one goes
+_WIDEST = 8  # columns of a frame that is held in the vectors of a CPU
+
+
+def is_native() -> bool:
+    """Whether our own machine code is asked for, and there is a CPU to run it."""
+    return engine() != "xla" and jax.default_backend() == "cpu"
+
+
+def compiled(columns: Callable[..., int], backward: Callable | None = None) -> Callable:
+    """Decorate a function of trees of arrays and of what is static.
+
+    Args:
+        columns: gives the columns of the frame that is among the arguments.
+        backward: the same function, written so that it has reverse derivatives; None: it has them as it is.
+    """
+
+    def decorate(function: Callable) -> Callable:
+        natively, by_xla = _Natively(function, columns, backward), lean_jit(function)
+        with_derivatives = by_xla if backward is None else both_ways(by_xla, lean_jit(backward))
+
+        @functools.wraps(function)
+        def call(*args):
+            if traced(enclosed(args)):  # what functions close over has forward derivatives only
+                return by_xla(*args)
+            if is_native():
+                return natively(*args)
+            return (with_derivatives if traced(args) else by_xla)(*args)
+
+        return call
+
+    return decorate
+
+
+class _Natively:
+    """A function, traced once for arguments of one kind."""
+
+    def __init__(self, function: Callable, columns: Callable[..., int], backward: Callable | None):
+        self.function, self.columns, self.backward = function, columns, backward
+        self.known: OrderedDict = OrderedDict()
+
+    def __call__(self, *args):
+        arrays, static = eqx.partition(args, eqx.is_array)
+        leaves, tree = jax.tree.flatten(arrays)
+        others, other_tree = jax.tree.flatten(static)
+        key = tree, other_tree, tuple(others), tuple((x.shape, x.dtype) for x in leaves), jax.config.jax_enable_x64  # pyright: ignore[reportAttributeAccessIssue]
+        if key not in self.known:
+            self.known[key] = self._traced(arrays, static)
+            if len(self.known) > _MOST:
+                self.known.popitem(last=False)
+        self.known.move_to_end(key)
+        program, result = self.known[key]
+        # Within a jit new arrays are traced, whatever the arguments are.
+        within = traced(leaves, jnp.zeros(()))
+        return jax.tree.unflatten(result, native_call.bind(*leaves, program=program) if within else program(*leaves))
+
+    def _traced(self, arrays, static):
+        tree = jax.tree.structure(arrays)
+
+        def flat(function):
+            return lambda *leaves: function(*eqx.combine(jax.tree.unflatten(tree, leaves), static))
+
+        columns = self.columns(*eqx.combine(arrays, static))
+        closed, shapes = jax.make_jaxpr(flat(self.function), return_shape=True)(*jax.tree.leaves(arrays))
+        backward = self.backward and (lambda *leaves: jax.tree.leaves(flat(self.backward)(*leaves)))
+        return Program(closed, columns if 2 <= columns <= _WIDEST else 0, backward), jax.tree.structure(shapes)
