@@ -1,26 +1,20 @@
 """Lyapunov exponents of systems that flow and jump, from pure JAX functions.
 
 The names stand in the order of the data path: systems, methods, what is computed, results. Importing this package
-asks XLA, where it is still possible, to compile whole loops into single CPU kernels (see the README); nothing else
-is set behind your back. For float64 say so yourself: ``jax.config.update("jax_enable_x64", True)``.
+sets nothing behind your back. For float64 say so yourself: ``jax.config.update("jax_enable_x64", True)``.
 """
 
-from ._compiler import request_single_kernel_loops
-
-request_single_kernel_loops()
-
-# Only now: importing these may make arrays, and with the first array it is too late for the switch.
-from . import zoo  # noqa: E402
-from .comparisons import TwoTrajectories, two_trajectories  # noqa: E402
-from .consistency import consistent_start  # noqa: E402
-from .continuations import Continuation, continuation  # noqa: E402
-from .daes import DAE  # noqa: E402
-from .derivatives import Jacobians, jacobians, saltation_matrix  # noqa: E402
-from .diagrams import BifurcationDiagram, bifurcation_diagram  # noqa: E402
-from .filippov import filippov  # noqa: E402
-from .gradients import Design, Gradient, design, lyapunov_gradient  # noqa: E402
-from .hamiltonians import Hamiltonian, canonical_flow  # noqa: E402
-from .indicators import (  # noqa: E402
+from . import zoo
+from .comparisons import TwoTrajectories, two_trajectories
+from .consistency import consistent_start
+from .continuations import Continuation, continuation
+from .daes import DAE
+from .derivatives import Jacobians, jacobians, saltation_matrix
+from .diagrams import BifurcationDiagram, bifurcation_diagram
+from .filippov import filippov
+from .gradients import Design, Gradient, design, lyapunov_gradient
+from .hamiltonians import Hamiltonian, canonical_flow
+from .indicators import (
     Alignment,
     CovariantVectors,
     Growth,
@@ -33,18 +27,18 @@ from .indicators import (  # noqa: E402
     sali,
     spectral_intervals,
 )
-from .methods import ESDIRK, ContinuousQR, Diffrax, HalfExplicit, RungeKutta, Splitting, Symplectic, TangentHamiltonian  # noqa: E402
-from .periodic_orbits import Floquet, floquet  # noqa: E402
-from .results import RunFailed, Spectrum  # noqa: E402
-from .return_maps import return_map  # noqa: E402
-from .rigid_contacts import impact  # noqa: E402
-from .sections import PoincareSection, poincare_section  # noqa: E402
-from .shooting import NoPeriodicOrbit  # noqa: E402
-from .spectra import lyapunov_spectrum  # noqa: E402
-from .statuses import STATUS  # noqa: E402
-from .sweeps import StoreFailed, refine, sweep  # noqa: E402
-from .systems import EventDriven, Flow, Hybrid, Map, Schedule, Transition  # noqa: E402
-from .trajectories import TangentMap, Trajectory, tangent_map, trajectory  # noqa: E402
+from .methods import ESDIRK, ContinuousQR, Diffrax, HalfExplicit, RungeKutta, Splitting, Symplectic, TangentHamiltonian
+from .periodic_orbits import Floquet, floquet
+from .results import RunFailed, Spectrum
+from .return_maps import return_map
+from .rigid_contacts import impact
+from .sections import PoincareSection, poincare_section
+from .shooting import NoPeriodicOrbit
+from .spectra import lyapunov_spectrum
+from .statuses import STATUS
+from .sweeps import StoreFailed, refine, sweep
+from .systems import EventDriven, Flow, Hybrid, Map, Schedule, Transition
+from .trajectories import TangentMap, Trajectory, tangent_map, trajectory
 
 __version__ = "0.2.0.dev0"
 

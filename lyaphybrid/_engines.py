@@ -6,6 +6,7 @@ what the compiler does not take, what closes over traced values, and all that ru
 """
 
 import functools
+import threading
 from collections import OrderedDict
 from collections.abc import Callable
 
@@ -13,13 +14,34 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ._compiler import lean_jit
 from ._tracing import enclosed, traced
-from .native import Program, engine, native_call
+from .native import COMPILED, Program, engine, native_call
 from .reverse_mode import both_ways
 
 _MOST = 256  # programs of one function that are kept: the least recently used one goes
 _WIDEST = 8  # columns of a frame that is held in the vectors of a CPU
+
+
+class _Compilations(threading.local):
+    """A count for each thread: another thread may compile meanwhile."""
+
+    count = 0
+
+
+_compilations = _Compilations()
+
+
+def compilations() -> int:
+    """How many programs have been compiled in this thread so far, by XLA or natively."""
+    return _compilations.count
+
+
+def _listen(event: str, duration_secs: float, **kwargs: str | int) -> None:
+    del duration_secs, kwargs
+    _compilations.count += event in ("/jax/core/compile/backend_compile_duration", COMPILED)
+
+
+jax.monitoring.register_event_duration_secs_listener(_listen)
 
 
 def is_native() -> bool:
@@ -36,8 +58,8 @@ def compiled(columns: Callable[..., int], backward: Callable | None = None) -> C
     """
 
     def decorate(function: Callable) -> Callable:
-        natively, by_xla = _Natively(function, columns, backward), lean_jit(function)
-        with_derivatives = by_xla if backward is None else both_ways(by_xla, lean_jit(backward))
+        natively, by_xla = _Natively(function, columns, backward), eqx.filter_jit(function)
+        with_derivatives = by_xla if backward is None else both_ways(by_xla, eqx.filter_jit(backward))
 
         @functools.wraps(function)
         def call(*args):

@@ -18,7 +18,7 @@ from jaxtyping import Array, Float
 
 from ._jaxprs import applied, evaluated
 
-__all__ = ["each_column"]
+__all__ = ["each_column", "linear_at"]
 
 
 class Columns(NamedTuple):
@@ -41,6 +41,11 @@ def each_column(function: Callable, frame: Float[Array, "n k"]) -> Any:
     closed, shape = jax.make_jaxpr(function, return_shape=True)(column)
     found = _spread(_through(closed, [Columns(frame)], frame.shape[1]), frame.shape[1])
     return jax.tree.unflatten(jax.tree.structure(shape), found)
+
+
+def linear_at(function: Callable, x) -> Callable:
+    """Frames (n, k) ↦ Df frame, for the derivative Df at x of a function of x."""
+    return lambda frame: each_column(lambda dx: jax.jvp(function, (x,), (dx,))[1], frame)
 
 
 def _through(closed: ClosedJaxpr, inputs: list, k: int) -> list:

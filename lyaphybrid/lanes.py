@@ -24,7 +24,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from . import devices
-from ._compiler import lean_jit
 from .runs import reporter
 
 __all__ = ["Program", "map_lanes", "run_chains", "short_chains"]
@@ -131,7 +130,7 @@ def _length(chain) -> int:
     return len(jax.tree.leaves(chain[1])[0])
 
 
-@lean_jit
+@eqx.filter_jit
 def _piece(function: Callable, shared, state, lanes, count):
     """The first `count` lanes of so many."""
     shapes = eqx.filter_eval_shape(function, shared, state, _lane(lanes, 0))[1]
@@ -151,22 +150,13 @@ def _lane(lanes, i):
 
 
 class Program:
-    """A function of lanes, compiled once, and not in a thread, where JAX's own settings are the global ones.
-
-    The function may have `compiler_options` of its own.
-    """
+    """A function of lanes, compiled once, and not in a thread, where JAX's own settings are the global ones."""
 
     def __init__(self, function: Callable, shared: Any, chain: tuple[Any, Any]):
         state, lanes = chain
         self.fixed = function, shared
         operands = (_arrays(state), _full(lanes, 0), np.int32(0))
-        lowered, options = _piece.lower(*self.fixed, *operands), getattr(function, "compiler_options", None)
-        try:
-            self.compiled = lowered.compile(options)
-        except jax.errors.JaxRuntimeError as error:
-            if options is None or "No such compile option" not in str(error):  # an XLA without them
-                raise
-            self.compiled = lowered.compile()
+        self.compiled = _piece.lower(*self.fixed, *operands).compile()
         self.empty = jax.tree.map(np.asarray, self(*operands)[1])
 
     def __call__(self, state, lanes, count):

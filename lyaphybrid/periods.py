@@ -9,11 +9,11 @@ show it the more precisely.
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ._compiler import lean_jit
 from ._jaxprs import needed
 from ._tracing import array, traced
 from .daes import Constrained
@@ -170,7 +170,7 @@ def _states(x: np.ndarray) -> np.ndarray:
     return np.stack([x, x + ASIDE * aside]).astype(x.dtype)
 
 
-@lean_jit
+@eqx.filter_jit
 def _values(system, times, states, args) -> dict[str, Any]:
     """The functions of time, by name: (times, numbers), those of all states side by side."""
 

@@ -4,11 +4,10 @@
       span    until something rare is due: an event to locate and land on, an orthonormalisation
         step  look ahead by a trial; keep it and carry the tangent, or try again smaller
 
-The innermost loop is straight-line code with a small state, so that XLA makes one native kernel of it; what is
-rare stands one loop further out. A *mover* knows how its kind of system moves: `Stepping` (a field under
-guards), `Exact` (the next event is known), `Scheduled` (the same for many bodies), `Iterating` (a map). Everything
-that needs tangents calls `advance` and says what to collect. Time is local to the block: the global time only enters
-where the user's functions ask for it.
+The innermost loop is straight-line code with a small state; what is rare stands one loop further out. A *mover* knows
+how its kind of system moves: `Stepping` (a field under guards), `Exact` (the next event is known), `Scheduled` (the
+same for many bodies), `Iterating` (a map). Everything that needs tangents calls `advance` and says what to collect.
+Time is local to the block: the global time only enters where the user's functions ask for it.
 """
 
 import functools
@@ -19,9 +18,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from . import frames, numbers
+from . import frames
 from .columns import each_column
-from .components import by_components, joined, split
 from .events import by_mode
 from .precision import is_short, share
 from .reverse_mode import checkpointed
@@ -84,7 +82,6 @@ class Settings(NamedTuple):
     count_jumps: bool  # a block may end by its number of jumps
     collect: Callable  # (t, carry) -> what is recorded at the end of a block
     watch: Any = None  # a `Watch`: what follows the orthonormalisations
-    lanes: bool = False  # runs go side by side, all in the same steps: loops are written in numbers
     reverse: bool = False  # loops keep checkpoints, for a reverse pass
 
 
@@ -110,11 +107,7 @@ class Left(NamedTuple):
 
 
 class Carry(NamedTuple):
-    """The state of the innermost loop. What a run does not need is None, and costs nothing.
-
-    The stages of a step are written and never read: XLA computes once what leaves the loop's body, and else anew
-    for each component that takes it (Lorenz-96 with 5 components: a quarter of the time).
-    """
+    """The state of the innermost loop. What a run does not need is None, and costs nothing."""
 
     s: Array  # time since the start of the block
     x: Array  # (n,)
@@ -131,7 +124,6 @@ class Carry(NamedTuple):
     own: Any  # the mover's
     log: Events | None
     watch: Any = None  # the state of a `Watch`
-    stages: Any = ()  # within a block: the points and tangents that the last step went through
     left: Left | None = None  # None in float64
 
 
@@ -273,24 +265,19 @@ def _block(settings: Settings, journey: Journey, index, end, last_jump):
             inside = inside & (carry.log.count <= settings.log - MOST_AT_ONCE)
         if not in_span:
             return inside & (carry.budget > 0)
-        if settings.lanes:  # the steps of all lanes are the same; one that is over loses nothing by them
-            return inside
         # Where the end of a span changes rounding, how the host divides the work must not decide where spans end.
         whole = settings.mover.by_rows or (settings.mover.always_common and settings.cadence.unit != "never")
         return inside & ((carry.status == RUNNING) if whole else (carry.budget > 0))
 
     # A block always runs once through: what is not to be done is stopped by the budget.
     start = journey.carry._replace(budget=jnp.where(todo, journey.carry.budget, 0))
-    start = start._replace(stages=settings.mover.no_stages(start.x, _widened(settings, start.frame)))
     state = (start, settings.mover.enter(start, clock), journey.interval, journey.spread)
     carry, _, interval, spread = _repeated(
         settings,
         lambda state: within(state[0]),
         lambda state: _span(settings, clock, within, *state),
         state,
-        settings.mover.always_common and settings.mover.does_little(start.x.shape[0]),
     )
-    carry = _without_stages(carry)
     carry = stop(carry, STATUS.nonfinite, ~jnp.all(jnp.isfinite(carry.x)))
     carry = settings.mover.inspected(carry, clock)
     over = carry.s >= clock.length
@@ -310,13 +297,6 @@ def _block(settings: Settings, journey: Journey, index, end, last_jump):
     carry = carry._replace(budget=jnp.where(todo, carry.budget, journey.carry.budget))
     here = Journey(carry, journey.base, journey.elapsed, journey.block, interval, spread)
     return _select(done, _next_block(settings, here), here), record
-
-
-def _without_stages(carry: Carry) -> Carry:
-    """XLA drops from a loop what nobody asks for: so they are asked for, in a case that only we know never comes."""
-    asked = [jnp.any(jnp.isnan(stage)) for stage in jax.tree.leaves(carry.stages)]
-    never = carry.budget < 0
-    return stop(carry._replace(stages=()), STATUS.nonfinite, never & jnp.any(jnp.asarray(asked, bool)))
 
 
 def _select(condition, yes, no):
@@ -345,24 +325,21 @@ def _span(settings: Settings, clock: Clock, within, carry: Carry, ahead, interva
             carry = mover.step(settings, clock, carry._replace(budget=carry.budget - 1), ahead)
             if at_once:
                 # A step that failed has left the frame orthonormal: nothing is gained or lost by doing it again.
-                carry = carry._replace(frame=carry.frame[:, :k])
                 carry, _, _, spread = _tidy(settings, clock, carry, ahead, interval, spread)
-                carry = carry._replace(frame=_widened(settings, carry.frame))
             return carry, ahead if at_once else mover.look(carry, clock), spread
 
         return step
 
     k, at_once = carry.frame.shape[1], frequent and _at_once(settings)
-    carry = carry._replace(frame=_widened(settings, carry.frame))
+    carry = carry._replace(frame=frames.staggered(carry.frame) if mover.by_rows else carry.frame)
     if _step_by_step(settings):
         carry, ahead, spread = stepping(mover)((carry, ahead, spread))
     elif settings.reverse:  # the loop over spans is the one that keeps checkpoints
         state = carry, ahead, spread
         carry, ahead, spread = jax.lax.cond(goes_on(state), stepping(mover), lambda state: state, state)
     else:
-        # Where nothing is rare, the spans are written in numbers too.
-        little, movers = mover.does_little(carry.x.shape[0]) and not mover.always_common, mover.in_each_mode()
-        loops = [lambda state, one=one: _repeated(settings, goes_on, stepping(one), state, little) for one in movers]
+        steps = [stepping(one) for one in mover.in_each_mode()]
+        loops = [lambda state, step=step: jax.lax.while_loop(goes_on, step, state) for step in steps]
         carry, ahead, spread = by_mode(getattr(carry.own, "mode", None), loops, (carry, ahead, spread))
     carry = carry._replace(frame=carry.frame[:, :k])
     due = frequent and mover.by_rows and is_due(carry)  # to settle such a span is to forget what it did to the frame
@@ -398,26 +375,9 @@ def _at_once(settings: Settings) -> bool:
     return alone and settings.cadence.each and not mover.always_common
 
 
-def _widened(settings: Settings, frame):
-    """Rows that fill a vector register: not worth it for one step, nor for the few of a map of the plane."""
-    if settings.mover.by_rows:
-        return frames.staggered(frame)
-    few = _step_by_step(settings) or (settings.mover.jumps_uncontrolled and frame.shape[0] < 3)
-    few = few or settings.mover.compares_columns or settings.lanes
-    return frame if few else frames.widened(frame)
-
-
-def _repeated(settings: Settings, goes_on, step, state, little: bool):
-    """A loop; where there is little to do in a step, written in numbers and rows instead of arrays."""
-    if settings.reverse:
-        return checkpointed(goes_on, step, state)
-    if settings.lanes:
-        return numbers.while_loop(goes_on, step, state)
-    if not little:
-        return jax.lax.while_loop(goes_on, step, state)
-    body = by_components(step, state)
-    leaves = jax.lax.while_loop(lambda leaves: goes_on(joined(leaves, state)), body, split(state))
-    return joined(leaves, state)
+def _repeated(settings: Settings, goes_on, step, state):
+    """A loop."""
+    return (checkpointed if settings.reverse else jax.lax.while_loop)(goes_on, step, state)
 
 
 def _tidy(settings: Settings, clock: Clock, carry: Carry, ahead, interval, spread):

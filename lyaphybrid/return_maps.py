@@ -7,7 +7,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from . import propagation, runs
-from ._compiler import lean_jit
 from .methods import RungeKutta
 from .methods.base import Method
 from .periods import depends_on_time
@@ -92,7 +91,7 @@ class _Return(eqx.Module):
         return _returned(self, jnp.asarray(n, x.dtype), x, runs.as_arrays(args, x.dtype))
 
 
-@lean_jit
+@eqx.filter_jit
 def _returned(rule: _Return, n, x, args):
     fired = rule.system.transitions[rule.transition]
     dim = x.shape[0] - rule.with_time

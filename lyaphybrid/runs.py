@@ -21,8 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from . import propagation
-from ._compiler import compilations
-from ._engines import compiled
+from ._engines import compilations, compiled
 from ._tracing import array, traced
 from .checkpoints import Part
 from .checks import check_clocks, check_functions, real, require
@@ -32,7 +31,6 @@ from .events import Wiring, bound, projection, wire
 from .methods import HalfExplicit, RungeKutta
 from .methods.base import Method
 from .methods.exact import Exact
-from .methods.forcing import takes_sines
 from .methods.iterate import Iterating
 from .methods.scheduled import Scheduled
 from .methods.stepping import Stepping, are_curved
@@ -51,7 +49,6 @@ __all__ = [
     "noticing",
     "number",
     "prepare",
-    "side_by_side",
     "start",
 ]
 
@@ -81,7 +78,6 @@ class Plan(NamedTuple):
     batched: bool
     collect: Callable
     watch: Watch | None = None
-    lanes: bool = False
 
 
 def nothing(t, carry):
@@ -116,17 +112,9 @@ class Noticed(NamedTuple):
 
     system: Any
     method: Any
-    shape: tuple[int, ...]  # of x0
-
-    @property
-    def suits_lanes(self) -> bool:
-        """Whether runs like this do the same steps, and few of them fit side by side into the vectors of a CPU."""
-        smooth = type(self.system) is Flow and isinstance(self.method, RungeKutta) and len(self.shape) == 1
-        return smooth and not self.method.adaptive and self.method.does_little(*self.shape)
 
 
 _noticed: contextvars.ContextVar[list | None] = contextvars.ContextVar("noticed", default=None)
-_side_by_side: contextvars.ContextVar[bool] = contextvars.ContextVar("side_by_side", default=False)
 
 
 @contextlib.contextmanager
@@ -138,16 +126,6 @@ def noticing():
         yield found
     finally:
         _noticed.reset(token)
-
-
-@contextlib.contextmanager
-def side_by_side():
-    """Runs that are traced meanwhile, under `vmap`, are written for the vectors of a CPU."""
-    token = _side_by_side.set(True)
-    try:
-        yield
-    finally:
-        _side_by_side.reset(token)
 
 
 def prepare(system, x0, args, t0, method, mode, name: str = "x0") -> tuple[Problem, Any, Any, Any]:
@@ -166,7 +144,7 @@ def prepare(system, x0, args, t0, method, mode, name: str = "x0") -> tuple[Probl
     method, listener = _method_for(system, method), _noticed.get()
     _check_precision(name, x0, system, method)
     if listener is not None:
-        listener.append(Noticed(system, method, jnp.shape(x0)))
+        listener.append(Noticed(system, method))
     args, method = as_arrays(args, x0.dtype), at_precision(method, x0)
     check_clocks(system, args)
     t0 = array(t0, x0.dtype)
@@ -273,7 +251,7 @@ def mover_of(problem: Problem, t, x):
         method.require(fields[0], t, x)
         onto = (projection(fields[0], None, args),)
         wiring = Wiring(fields, (), onto, empty, empty, empty, (), empty, (), (), (), False)
-        return Stepping(wiring, method, (), (), 0, *_kinds(fields, t, x))
+        return Stepping(wiring, method, (), (), 0, are_curved(fields, t, x))
     if system.fields is None:
         reset = system.transitions[0].reset
         return Iterating(lambda n, x: reset(n, x, args))
@@ -284,13 +262,7 @@ def mover_of(problem: Problem, t, x):
         (number(system.transitions[j].every, args), number(system.transitions[j].phase, args)) for j in wiring.clocks
     )
     terminal = tuple(tr.terminal for tr in system.transitions)
-    return Stepping(wiring, method, clocks, terminal, system.max_cascade, *_kinds(wiring.fields, t, x))
-
-
-def _kinds(fields, t, x) -> tuple[bool, bool]:
-    """`Stepping.curved` and `Stepping.dear`."""
-    curved = are_curved(fields, t, x)
-    return curved, takes_sines(fields, t, x)
+    return Stepping(wiring, method, clocks, terminal, system.max_cascade, are_curved(wiring.fields, t, x))
 
 
 def number(value, args):
@@ -388,7 +360,6 @@ def drive(
         part: where it is kept on disk; of a run that has no log of events.
     """
     limit = 0 if interrupted else FOREVER if max_steps is None else max_steps
-    plan = plan._replace(lanes=_side_by_side.get() and limit == FOREVER)
     leaves = jax.tree.leaves((journey, problem, ends, last_jumps))
     if traced(leaves):
         journey, records = _advance(problem, plan, journey, ends, last_jumps, limit)

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 
 import lyaphybrid as lh
-from lyaphybrid import STATUS, runs
+from lyaphybrid import STATUS
 
 # --- a ball between a floor and a ceiling: its parameters lead to every status of a flow with events ---------------
 
@@ -103,20 +103,3 @@ def primitives(equations) -> set[str]:
             for one in value if isinstance(value, tuple) else (value,):
                 names |= primitives(getattr(one, "eqns", ()))
     return names
-
-
-# --- the compiled loop ---------------------------------------------------------------------------------------------
-
-
-def compiled_loop(monkeypatch, system, x0, args=None, **keywords):
-    """What the driver calls for this spectrum, compiled."""
-    seen, advance = [], runs._advance
-
-    def spy(*operands):
-        seen.append(operands)
-        return advance(*operands)
-
-    with monkeypatch.context() as patched:
-        patched.setattr(runs, "_advance", spy)
-        lh.lyapunov_spectrum(system, x0, args, throw=False, **keywords)
-    return advance.lower(*seen[0]).compile().compiled

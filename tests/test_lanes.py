@@ -92,18 +92,6 @@ def test_it_is_compiled_once():
     assert len(traced) == once
 
 
-@pytest.mark.parametrize("known", [True, False])
-def test_a_function_has_compiler_options(known):
-    class Doubled:
-        compiler_options = {"xla_cpu_prefer_vector_width" if known else "xla_cpu_no_such_thing": 256}
-
-        def __call__(self, shared, state, lane):
-            return state, 2 * lane
-
-    results, _ = lanes.run_chains(Doubled(), None, [((), np.arange(5.0))])
-    np.testing.assert_array_equal(results[0], 2 * np.arange(5.0))
-
-
 def test_progress_rises_to_one():
     seen = []
     lanes.map_lanes(orbit, jnp.asarray(3.9), (STEPS, STARTS), progress=seen.append)

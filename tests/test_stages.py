@@ -1,12 +1,14 @@
-"""The stages of a step: kept so that each is computed once, and without any effect on what comes out."""
+"""The stages of a step, and what a run makes of them."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import lyaphybrid as lh
-from examples import compiled_loop
 from lyaphybrid.methods.stepping import Stepping, are_curved
+
+T, H, X = 0.7, 0.1, np.array([0.3, -0.4])
 
 
 def lorenz96(t, x, args):
@@ -19,23 +21,6 @@ def forced(t, x):
     return jnp.stack([x[1], jnp.cos(t) - 0.1 * x[1] - x[0]])
 
 
-def multiplications(monkeypatch, method) -> int:
-    """How many stand in the compiled loop of a Lorenz-96 system."""
-    x0 = jnp.array([8.0, 8.1, 7.9, 8.2, 7.7])
-    system = lh.Flow(lorenz96)
-    loop = compiled_loop(monkeypatch, system, x0, t1=0.02, blocks=2, transient=0.0, method=method)
-    return loop.as_text().count(" multiply(")
-
-
-def test_a_stage_is_computed_once_and_not_for_each_neighbour(monkeypatch):
-    class Forgetful(lh.RungeKutta):
-        def kept_stages(self, n):
-            return 0
-
-    kept = multiplications(monkeypatch, lh.RungeKutta("rk4", dt=0.01))
-    assert multiplications(monkeypatch, Forgetful("rk4", dt=0.01)) > 2 * kept
-
-
 def textbook(field, t, x, h):
     """One step of the classical Runge–Kutta method."""
     k1 = field(t, x)
@@ -46,7 +31,7 @@ def textbook(field, t, x, h):
 
 
 @pytest.mark.parametrize("n", [2, 3, 5])
-def test_a_step_from_its_points_is_the_step_of_the_textbook(n):
+def test_a_step_is_the_step_of_the_textbook(n):
     x, h, t = jnp.linspace(7.0, 9.0, n), 0.01, 0.3
 
     def field(t, x):
@@ -54,7 +39,6 @@ def test_a_step_from_its_points_is_the_step_of_the_textbook(n):
 
     got = lh.RungeKutta("rk4", dt=h).step(field, t, x, field(t, x), h)
     np.testing.assert_allclose(got.x, textbook(field, t, x, h), rtol=1e-15)
-    assert len(got.stages) == (0 if n == 2 else 3)
 
 
 def test_a_state_alone_steps_too():
@@ -138,3 +122,54 @@ def test_no_step_is_longer_than_is_allowed():
     seen = lh.trajectory(pulse, [0.0], t1=100.0, n=2, method=lh.RungeKutta(max_step=0.1)).x[-1, 0]
     assert abs(missed) < 1e-3 * area
     assert abs(seen - area) < 1e-8
+
+
+# --- tangents at the points of a trial ------------------------------------------------------------------------------
+
+
+def pendulum(t, x):
+    return jnp.stack([x[1], jnp.cos(t) - jnp.sin(x[0]) * (1 + 0.1 * jnp.cos(2 * t)) - 0.1 * x[1]])
+
+
+def swung(t, x):
+    return jnp.sin(jnp.roll(x, 1) * t) * x - jnp.tan(0.1 * x)
+
+
+def cubed(t, x):
+    return x - x**3
+
+
+METHODS = [lh.RungeKutta("rk4", dt=H), *(lh.RungeKutta(tableau) for tableau in ("dopri5", "tsit5", "dopri8", "dop853"))]
+
+
+@pytest.mark.parametrize("method", METHODS, ids=lambda method: method.tableau)
+@pytest.mark.parametrize(("field", "n"), [(pendulum, 2), (swung, 3), (cubed, 3)])
+def test_the_tangent_at_known_points_is_the_derivative_of_the_step(method, field, n):
+    t, h, frame = jnp.asarray(T), jnp.asarray(H), jnp.cos(jnp.arange(4.0 * n).reshape(n, 4))
+
+    @jax.jit
+    def tangents(x):
+        way = method.step(field, t, x, field(t, x), h).way
+        assert len(way) == method.way_points
+        ways = method.tangent(field, t, x, h, frame, way), method.rare_tangent(field, t, x, h, frame, way)
+        found = *ways, method.tangent(field, t, x, h, frame)
+        values = [(one.frame, one.errors, method.divergence(field, one.nodes, h)) for one in found]
+        return values
+
+    *ours, derived = tangents(jnp.linspace(0.3, -0.4, n))
+    for found in ours:
+        for a, b in zip(found, derived, strict=True):
+            np.testing.assert_allclose(a, b, rtol=1e-13, atol=1e-14)
+
+
+def test_the_points_on_the_way_depend_on_the_start():
+    """Differentiated once more, the tangent at known points is still that of the step."""
+    method, t, h = METHODS[0], jnp.asarray(T), jnp.asarray(H)
+
+    def frame(x, known):
+        way = method.step(pendulum, t, x, pendulum(t, x), h).way if known else ()
+        return method.tangent(pendulum, t, x, h, jnp.eye(2), way).frame
+
+    ours, plain = (jax.jit(jax.jacfwd(frame), static_argnums=1)(jnp.asarray(X), known) for known in (True, False))
+    np.testing.assert_allclose(ours, plain, rtol=1e-13, atol=1e-14)
+    assert jnp.max(jnp.abs(plain)) > 1e-3

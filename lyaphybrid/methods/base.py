@@ -39,7 +39,6 @@ class Step(NamedTuple):
     error: Array  # (estimates, n), linear in the stages: its tangents are the frame's errors
     dense: Any  # what `Method.inside` needs
     nodes: Any  # what `Method.divergence` needs
-    stages: tuple[Array, ...] = ()  # (n,) each: points on the way that are used more than once
     way: tuple[Array, ...] = ()  # what `Method.tangent` can go on from: the points on the way, or their contents
 
 
@@ -50,7 +49,6 @@ class Tangent(NamedTuple):
     frame: Array  # (n, k) at t + h
     errors: Array  # (estimates, n, k)
     nodes: Any  # what `Method.divergence` needs
-    stages: tuple[tuple[Array, ...], tuple[Array, ...]]  # those of the step, and their tangents
     growth: Any = None  # (k,) logarithms of what the method itself has taken out of the columns
 
 
@@ -62,7 +60,6 @@ class Method(eqx.Module):
     control: eqx.AbstractVar[str]
 
     controller: ClassVar[Controller] = Controller()
-    compares_columns: ClassVar[bool] = False  # a step takes the products of each column with each
     takes_slope: ClassVar[bool] = True  # a step begins with the field where it starts
     keeps_constraints: ClassVar[bool] = False  # states and frames stay on the constraints of a DAE
     each_step: ClassVar[bool] = False  # frames are orthonormalised after each step, unless users say when
@@ -82,11 +79,6 @@ class Method(eqx.Module):
         """No adaptive step is longer; None: no limit."""
         return None
 
-    def kept_stages(self, n: int) -> int:
-        """How many `Step.stages` there are in n components."""
-        del n
-        return 0
-
     @property
     def way_points(self) -> int:
         """How many points there are in `Step.way`."""
@@ -100,11 +92,6 @@ class Method(eqx.Module):
     def blank_way(self, x) -> tuple[Array, ...]:
         """Room for `Step.way`."""
         return (x,) * self.way_points
-
-    def does_little(self, n: int) -> bool:
-        """Whether a step in n components is so little work that a loop of them is best written in numbers."""
-        del n
-        return False
 
     @property
     @abc.abstractmethod
@@ -137,11 +124,10 @@ class Method(eqx.Module):
 
         def step(x):
             done = self.step(field, t, x, field(t, x), h)
-            return (done.x, done.error, done.stages), done.nodes
+            return (done.x, done.error), done.nodes
 
-        (new, _, points), linear, nodes = jax.linearize(step, x, has_aux=True)
-        moved, errors, tangents = each_column(linear, frame)
-        return Tangent(new, moved, errors, nodes, (points, tangents))
+        (new, _), linear, nodes = jax.linearize(step, x, has_aux=True)
+        return Tangent(new, *each_column(linear, frame), nodes)
 
     def rare_tangent(self, field: Field, t, x, h, frame, way: tuple[Array, ...] = ()) -> Tangent:
         """`tangent` where it is asked for so seldom that little code is better than fast code."""

@@ -8,7 +8,7 @@ orthonormal columns, 𝓔⁻¹Pᵀ = QᵀĒ⁻¹, and P and 𝓔 cancel. Their P
 L. Dieci, R. D. Russell & E. S. Van Vleck, SIAM J. Numer. Anal. 34 (1997) 402, doi:10.1137/S0036142993247311.
 """
 
-from typing import Any, ClassVar
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -53,8 +53,6 @@ class ContinuousQR(Method):
     """
 
     method: Any
-
-    compares_columns: ClassVar[bool] = True
 
     def __init__(self, method: Method):
         if not isinstance(method, HalfExplicit | RungeKutta):
@@ -166,11 +164,11 @@ class ContinuousQR(Method):
         orthonormal, *_ = orthonormalise(columns, kind_for(frame.shape[1]))
         nodes = self.method.nodes_of(field, t, h, x, way)
         errors = jnp.concatenate([of_columns, (error / size)[None, :]])
-        return Tangent(new, orthonormal, errors[None], nodes, ((), ()), growth)
+        return Tangent(new, orthonormal, errors[None], nodes, growth)
 
 
 def _through_stages(table: Tableau, field, t, x, h, frame, points):
-    """Q after the step, its error, and the rates (stages, k). Written out, stages would be computed over and over."""
+    """Q after the step, its error, and the rates (stages, k)."""
     weights, times = tabulated(table, t, h)
     # Those of the stages, and of the end; of an ordinary field nothing is asked there.
     points = jnp.stack(points if is_constrained(field) else [*points, x])[: len(times)]

@@ -16,14 +16,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..checks import positive, require
-from ..columns import each_column
 from ..daes import parts_of, solved
 from ..eliminations import Eliminated
 from ..linear_systems import product
 from ..precision import nonzero
 from .base import Controller, Field, Method, Step, Tangent
 from .divergences import quadrature
-from .forcing import at_times, linear_along, takes_sines
 from .implicit_tableaux import IMPLICIT
 from .linearised import linearised
 from .runge_kutta import TABLEAUX, Tableau, along, hermite, summed, tabulated, through, weighed
@@ -110,7 +108,7 @@ class OnConstraints(Method):
         (new, lifts, slopes, _, same), way = jax.lax.scan(stage, (x, lifts, slopes, slope, jnp.asarray(True)), given)
         error = jnp.where(same, product(lifts.content, h * summed(self.table.errors[0], slopes)), jnp.inf)
         slope = field(t + h, new)
-        return Step(new, slope, error[None], (x, f, new, slope, h), self.nodes_of(field, t, h, x, (way,)), (), (way,))
+        return Step(new, slope, error[None], (x, f, new, slope, h), self.nodes_of(field, t, h, x, (way,)), (way,))
 
     def _directly(self, field: Any, t, x, f, h) -> Step:
         """The same where the constraints are solved by hand: the ordinary method for the content, which is its way."""
@@ -119,27 +117,28 @@ class OnConstraints(Method):
         way = (jnp.stack(contents[1:] if self.table.last_is_next else [*contents[1:], new]),)
         x_new = jnp.stack(dae.components(t + h, new))
         error, slope = dae.raised(dae.sensitivity(t + h, x_new), error), field(t + h, x_new)
-        return Step(x_new, slope, error[None], (x, f, x_new, slope, h), self.nodes_of(field, t, h, x, way), (), way)
+        return Step(x_new, slope, error[None], (x, f, x_new, slope, h), self.nodes_of(field, t, h, x, way), way)
 
     def _of_content(self, dae: Eliminated, t, content, h):
         """The content after the step, its error, and what it was in all stages."""
         table = self.table
-        at = at_times(dae.slope_of, t, content, h, table.c)
-        points, slopes = through(table, content, h, dae.slope_of(t, content), [at[float(c)] for c in table.c])
+        later = [functools.partial(dae.slope_of, t + c * h) for c in table.c]
+        points, slopes = through(table, content, h, dae.slope_of(t, content), later)
         new = points[-1] if table.last_is_next else along(content, h, table.b, slopes)
         return new, h * weighed(table.errors[0], slopes), list(points)
 
     def _tangent_directly(self, field: Any, t, x, h, frame, way, new) -> Tangent:
         dae, table = field.field, self.table
         contents = [dae.content(t, x, None), *way[: len(table.a), : dae.n_differential]]
-        first, *later = _linear(dae.slope_of, self.times(t, h), contents)
+        nodes = zip(self.times(t, h), contents, strict=True)
+        first, *later = (linear_at(functools.partial(dae.slope_of, time), content) for time, content in nodes)
         change = dae.content(t, frame, None)
         changes, slopes = through(table, change, h, first(change), later)
         moved = changes[-1] if table.last_is_next else along(change, h, table.b, slopes)
         errors = h * weighed(table.errors[0], slopes)
         sensitivity = dae.sensitivity(t + h, self.points_on(field, t, h, (way,))[-1])
         moved, errors = dae.raised(sensitivity, moved), dae.raised(sensitivity, errors)
-        return Tangent(new, moved, errors[None], self.nodes_of(field, t, h, x, (way,)), ((), ()))
+        return Tangent(new, moved, errors[None], self.nodes_of(field, t, h, x, (way,)))
 
     def tangent(self, field: Field, t, x, h, frame, way=()) -> Tangent:
         """The same method for the linearised equations, in the same stages."""
@@ -160,7 +159,7 @@ class OnConstraints(Method):
         given = jnp.arange(1, self.way_points + 1), self.stages(t, h), way
         (moved, lift, slopes), _ = jax.lax.scan(stage, (frame, first.lift, slopes), given)
         errors = product(lift, h * summed(self.table.errors[0], slopes))
-        return Tangent(new, moved, errors[None], self.nodes_of(field, t, h, x, (way,)), ((), ()))
+        return Tangent(new, moved, errors[None], self.nodes_of(field, t, h, x, (way,)))
 
     def _on_the_way(self, field, t, x, h):
         done = self.step(field, t, x, field(t, x), h)
@@ -208,17 +207,6 @@ class OnConstraints(Method):
 def _largest(ratios):
     """Of all. Row by row: XLA would look for the largest of each row, which takes longer than all before."""
     return jnp.max(functools.reduce(jnp.maximum, ratios) if len(ratios) <= FEW else ratios)
-
-
-def _linear(slope, times, contents) -> list:
-    """The slope, linearised at the points of all stages; with sines these are taken for all at once."""
-    if takes_sines([slope], times[0], contents[0]):
-        return linear_along(slope, times, contents)
-
-    def at(t, w):
-        return lambda frame: each_column(lambda dw: jax.jvp(lambda w: slope(t, w), (w,), (dw,))[1], frame)
-
-    return [at(t, w) for t, w in zip(times, contents, strict=True)]
 
 
 class HalfExplicit(OnConstraints):

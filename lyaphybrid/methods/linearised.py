@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from ..columns import each_column
+from ..columns import each_column, linear_at
 from ..daes import Constrained, is_constrained, parts_of
 from ..eliminations import Eliminated
 from ..linear_systems import product, times
@@ -27,10 +27,7 @@ class Along(NamedTuple):
 def linearised(field: Any, t, x: Array, share: Any = None) -> Along:
     """A field linearised at (t, x); with a share the lift is that of an implicit stage."""
     if share is None and not is_constrained(field):
-
-        def slope(frame):
-            return each_column(lambda dx: jax.jvp(lambda x: field(t, x), (x,), (dx,))[1], frame)
-
+        slope = linear_at(lambda x: field(t, x), x)
         return Along(jnp.eye(x.shape[0], dtype=x.dtype), lambda frame: frame, slope, slope)
     dae, args = parts_of(field, x.shape[0])
     if share is None and isinstance(dae, Eliminated):
@@ -40,9 +37,7 @@ def linearised(field: Any, t, x: Array, share: Any = None) -> Along:
 
 def _along(dae: Constrained, args, t, x, share) -> Along:
     lifts = dae.lifts(t, x, args, share)
-
-    def slope(frame):
-        return each_column(lambda dx: jax.jvp(lambda x: dae.slope(t, x, args), (x,), (dx,))[1], frame)
+    slope = linear_at(lambda x: dae.slope(t, x, args), x)
 
     def derivative(frame):
         onwards = jnp.ones_like(t), dae.velocity(lifts, t, x, args)

@@ -1,5 +1,6 @@
-"""Explicit Runge–Kutta methods, stages unrolled so that XLA sees one straight line of arithmetic."""
+"""Explicit Runge–Kutta methods."""
 
+import functools
 from typing import Any, NamedTuple
 
 import diffrax
@@ -10,17 +11,13 @@ import numpy as np
 from jaxtyping import Array
 
 from ..checks import positive, require
-from ..columns import each_column
+from ..columns import linear_at
 from ..precision import nonzero
 from . import tableaux
 from .base import Field, Method, Step, Tangent
 from .divergences import quadrature
-from .forcing import at_times, linear_along
 
 __all__ = ["TABLEAUX", "RungeKutta", "Tableau", "along", "hermite", "summed", "tabulated", "through", "weighed"]
-
-
-LITTLE = 12  # components times stages: RK4 in two and three dimensions, but not dopri5 in the plane (measured)
 
 
 class Tableau(NamedTuple):
@@ -33,11 +30,6 @@ class Tableau(NamedTuple):
     order: int  # of the error estimate, as a power of h
     last_is_next: bool  # the last stage is the field at the end of the step (FSAL)
     diagonal: float = 0.0  # of the stages after the first; not 0: each is the solution of equations
-
-    @property
-    def chained(self) -> bool:
-        """Whether each stage takes only the slope of the stage before it."""
-        return not any(np.any(row[:-1]) for row in self.a)
 
 
 def _from_diffrax(solver: type, order: int) -> Tableau:
@@ -143,14 +135,6 @@ class RungeKutta(Method):
         """The power of h by which the error estimate falls."""
         return self.table.order
 
-    def kept_stages(self, n: int) -> int:
-        """The points of all stages but the first; in the plane they are cheaper to compute again than to keep."""
-        return len(self.table.b) - 1 if n > 2 else 0
-
-    def does_little(self, n: int) -> bool:
-        """Few stages of few components."""
-        return n * len(self.table.b) <= LITTLE
-
     @property
     def way_points(self) -> int:
         """The points of all stages but the first, which is where the step starts."""
@@ -159,25 +143,21 @@ class RungeKutta(Method):
     def step(self, field: Field, t, x, f, h) -> Step:
         """One step over h from (t, x), where f = field(t, x)."""
         table = self.table
-        at = at_times(field, t, x, h, (*table.c, 1.0), self.does_little(x.shape[0]))
-        points, slopes = through(table, x, h, f, [at[float(c)] for c in table.c])
-        new, kept = self._end(x, h, points, slopes)
-        slope = slopes[-1] if table.last_is_next else at[1.0](new)
+        points, slopes = through(table, x, h, f, [functools.partial(field, t + c * h) for c in table.c])
+        new = self._end(x, h, points, slopes)
+        slope = slopes[-1] if table.last_is_next else field(t + h, new)
         error = self._errors(h, slopes) if self.adaptive else x[None, :0]
-        return Step(
-            new, slope, error, (x, f, new, slope, h), self.nodes_of(field, t, h, x, points[1:]), kept, points[1:]
-        )
+        return Step(new, slope, error, (x, f, new, slope, h), self.nodes_of(field, t, h, x, points[1:]), points[1:])
 
     def tangent(self, field: Field, t, x, h, frame, way=()) -> Tangent:
         """The derivative of the step: the same method, for the linear field dx ↦ Df dx at the points on the way."""
         if not way:
             return super().tangent(field, t, x, h, frame)
-        points = x, *way
-        first, *later = linear_along(field, self.times(t, h), points)
+        nodes = self.nodes_of(field, t, h, x, way)
+        first, *later = (linear_at(functools.partial(field, time), point) for time, point in zip(*nodes, strict=True))
         tangents, slopes = through(self.table, frame, h, first(frame), later)
-        moved, kept = self._end(frame, h, tangents, slopes)
         errors = self._errors(h, slopes) if self.adaptive else frame[None, :0]
-        return Tangent(None, moved, errors, self.nodes_of(field, t, h, x, points[1:]), ((), kept))
+        return Tangent(None, self._end(frame, h, tangents, slopes), errors, nodes)
 
     def rare_tangent(self, field: Field, t, x, h, frame, way=()) -> Tangent:
         """The same with a loop over the stages: written out they took a quarter of the time to compile a pendulum."""
@@ -188,23 +168,16 @@ class RungeKutta(Method):
         before = jnp.asarray(np.stack([np.pad(row, (0, len(times) - len(row))) for row in ((), *table.a)]), x.dtype)
 
         def stage(i, slopes):
-            def change(dx):
-                return jax.jvp(lambda x: field(times[i], x), (points[i],), (dx,))[1]
-
-            return slopes.at[i].set(each_column(change, frame + h * jnp.tensordot(before[i], slopes, 1)))
+            along = linear_at(functools.partial(field, times[i]), points[i])
+            return slopes.at[i].set(along(frame + h * jnp.tensordot(before[i], slopes, 1)))
 
         slopes = jax.lax.fori_loop(0, len(times), stage, jnp.zeros((len(times), *frame.shape), frame.dtype))
         errors = self._errors(h, slopes) if self.adaptive else frame[None, :0]
-        return Tangent(None, along(frame, h, table.b, slopes), errors, nodes, ((), ()))
+        return Tangent(None, along(frame, h, table.b, slopes), errors, nodes)
 
     def _end(self, x, h, points, slopes):
-        """Where a step ends, and the points that are `kept_stages`; of a frame as well as of a state."""
-        table, kept = self.table, points[1 : self.kept_stages(x.shape[0]) + 1]
-        if table.last_is_next:
-            return points[-1], kept
-        if kept and table.chained:
-            return _from_points(x, h, table, kept, slopes[-1]), kept
-        return along(x, h, table.b, slopes), kept
+        """Where a step ends; of a frame as well as of a state."""
+        return points[-1] if self.table.last_is_next else along(x, h, self.table.b, slopes)
 
     def _errors(self, h, slopes):
         return jnp.stack([h * weighed(row, slopes) for row in self.table.errors])
@@ -270,14 +243,6 @@ def along(x, h, weights, slopes):
     *early, (last, latest) = steps
     base = x + _sum([step * k for step, k in early]) if early else x
     return base + last * latest
-
-
-def _from_points(x, h, table: Tableau, points, last):
-    """The same from the points X_i = x + h a_i k_(i-1) of a chain: a slope is then used once, and never stored."""
-    shares = [float(b / row[-1]) for b, row in zip(table.b[:-1], table.a, strict=True)]
-    return _sum([share * point for share, point in zip(shares, points, strict=True)]) + (
-        (1 - sum(shares)) * x + float(table.b[-1]) * h * last
-    )
 
 
 def weighed(weights, slopes):

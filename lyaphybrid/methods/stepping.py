@@ -60,7 +60,6 @@ class Carried(NamedTuple):
     ratio: Any = None  # the frame's error over what is allowed
     flux: Any = None  # ∫ tr Df
     growth: Any = None  # (k,) `Tangent.growth`
-    stages: Any = ()  # `Carry.stages`
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,7 +72,6 @@ class Stepping:
     terminal: tuple[bool, ...]
     max_cascade: int
     curved: bool  # Df depends on x in some mode
-    dear: bool  # … and the fields take sines of x
     just_fired: int | None = None  # the transition that has brought the state to where it starts
 
     by_rows: ClassVar[bool] = False
@@ -89,15 +87,6 @@ class Stepping:
     def jumps_uncontrolled(self) -> bool:
         """Every jump is followed by an orthonormalisation of its own: nothing is lost between."""
         return False
-
-    def does_little(self, n: int) -> bool:
-        """Whether the innermost loop is best written in numbers."""
-        return self.method.does_little(n)
-
-    @property
-    def compares_columns(self) -> bool:
-        """Columns that only fill a register would be no less work than others."""
-        return self.method.compares_columns
 
     @property
     def has_events(self) -> bool:
@@ -118,8 +107,7 @@ class Stepping:
     def revisits(self) -> bool:
         """Whether a tangent is taken at the points that its trial went through, instead of going there again."""
         solved = any(self.method.solves(field) for field in self.wiring.fields)
-        worth_it = solved or (self.curved and self.dear)
-        return worth_it and not self.always_common and self.method.way_points > 0
+        return (solved or self.curved) and not self.always_common and self.method.way_points > 0
 
     def in_each_mode(self) -> tuple["Stepping", ...]:
         """The movers of the innermost loop, one for each mode: only events change it, and they come further out.
@@ -241,12 +229,6 @@ class Stepping:
         """No step is longer than the method allows."""
         longest = self.method.longest_step
         return h if longest is None else jnp.minimum(h, longest)
-
-    def no_stages(self, x, frame):
-        """Room for the stages of a step: its points, where Df depends on them, and their tangents."""
-        room = self.method.kept_stages(x.shape[0])
-        points = room if self.curved and not self.revisits else 0
-        return (jnp.zeros_like(x),) * points, (jnp.zeros_like(frame),) * room
 
     def rebase(self, own: Stepper, s) -> Stepper:
         """Carry local times over to a block that starts s later."""
@@ -371,7 +353,7 @@ class Stepping:
     def landed(self, c: Carry, clock: Clock, tr: Trial) -> Carried:
         """What a trial that ends at an event does to the frame."""
         if not c.frame.shape[1]:
-            return Carried(frame=c.frame, stages=c.stages)
+            return Carried(frame=c.frame)
         return self.carried(c, clock, tr.h, c.own.mode, tr.way, self.method.rare_tangent)
 
     def carried(self, c: Carry, clock: Clock, h, mode, way=(), of_method=None) -> Carried:
@@ -382,13 +364,13 @@ class Stepping:
         def tangent(q):
             def of_mode(t, x, frame, h, way):
                 field = w.fields[q]
-                new, moved, errors, nodes, (points, tangents), growth = of_method(field, t, x, h, frame, way)
+                new, moved, errors, nodes, growth = of_method(field, t, x, h, frame, way)
                 if self.rejects and self.method.control == "xY":
                     ratio = jax.lax.stop_gradient(self.method.frame_ratio(errors, frame, moved))
                 else:
                     ratio = jnp.zeros_like(h)
                 flux = self.method.divergence(field, nodes, h) if c.volume is not None else None
-                return Carried(new, moved, ratio, flux, growth, (points if self.curved else (), tangents))
+                return Carried(new, moved, ratio, flux, growth)
 
             return of_mode
 
@@ -397,9 +379,7 @@ class Stepping:
     def commit(self, settings: Settings, c: Carry, h, x, kept: Carried) -> Carry:
         """The carry after a step that is kept."""
         since = c.since + {"steps": 1.0, "time": h, "jumps": 0.0, "never": 0.0}[settings.cadence.unit]
-        # Rows that were widened have more columns than there are.
-        growth = None if kept.growth is None else kept.growth[: c.growth.shape[0]]
-        return added(c._replace(x=x, frame=kept.frame, since=since), s=h, volume=kept.flux, growth=growth)
+        return added(c._replace(x=x, frame=kept.frame, since=since), s=h, volume=kept.flux, growth=kept.growth)
 
     @staticmethod
     def _ended(c: Carry, clock: Clock, final) -> Carry:
@@ -410,7 +390,7 @@ class Stepping:
         """Keep the trial and carry the frame; or, where an error is too large, only make h smaller."""
         if self.always_common:
             return self._march(settings, clock, c)
-        own, ratio, along = c.own, tr.ratio, Carried(frame=c.frame, stages=c.stages)
+        own, ratio, along = c.own, tr.ratio, Carried(frame=c.frame)
         if c.frame.shape[1]:
             along = self.carried(c, clock, tr.h, own.mode, tr.way)
             ratio = jnp.maximum(ratio, along.ratio) if self.rejects else None
@@ -420,7 +400,7 @@ class Stepping:
             side, g = stays(self, own, tr)
             kept = changed(kept, g=g, rate=tr.rate, side=side)
         if not self.rejects:
-            return kept._replace(stages=along.stages)
+            return kept
         # The frame's error may fail a step that the state's has passed.
         passed = jnp.asarray(ratio) <= 1.0
         kept = jax.tree.map(lambda a, b: a if a is b else jnp.where(passed, a, b), kept, c)
@@ -428,14 +408,14 @@ class Stepping:
         kept = changed(kept, h=h, log_ratio=log_ratio)
         hopeless = ~passed & (tr.h <= self._least_step(c, clock))
         underflow = jnp.where(jnp.isfinite(jnp.asarray(ratio)), STATUS.step_underflow, STATUS.nonfinite)
-        return stop(kept._replace(stages=along.stages), underflow, hopeless)
+        return stop(kept, underflow, hopeless)
 
     def _march(self, settings: Settings, clock: Clock, c: Carry) -> Carry:
         """A fixed step of a plain flow: no trial, no guard."""
         rest, step = clock.length - c.s, self.method.fixed_step
         h, last = self._cut(rest, step)
         along = self.carried(c, clock, h, None)
-        return self._ended(self.commit(settings, c, h, along.x, along), clock, last)._replace(stages=along.stages)
+        return self._ended(self.commit(settings, c, h, along.x, along), clock, last)
 
     def _next_h(self, own: Stepper, tr: Trial, ratio, passed):
         """What the method's controller asks for, in the order in which its error estimate falls."""

@@ -21,9 +21,6 @@ from .splittings import SCHEMES, A, Scheme
 __all__ = ["Composition", "Splitting", "Symplectic", "moved", "separable"]
 
 
-LITTLE = 4  # components, up to which a loop of steps is best written in numbers (measured)
-
-
 class Composition(Method):
     """What methods have in common that make steps of one length out of exact moves."""
 
@@ -93,10 +90,6 @@ class Symplectic(Composition):
         parts = separable(field, x, f"lh.Symplectic({self.scheme!r})")
         if SCHEMES[self.scheme].quadratic:
             parts.require_quadratic(field.args, halves(x)[1], f"lh.Symplectic({self.scheme!r})")
-
-    def does_little(self, n: int) -> bool:
-        """Few components."""
-        return n <= LITTLE
 
     def step(self, field: Any, t, x, f, h) -> Step:
         """One step over h from (t, x)."""

@@ -103,7 +103,7 @@ class TangentHamiltonian(Composition):
         else:
             scheme, kicks = SCHEME_AND_KICKS[self.variant]
             dq, dp = _composed(SCHEMES[scheme], [forms[i] for i in kicks], dq, dp, h)
-        return Tangent(points[-1], jnp.concatenate([dq, dp]), frame[None, :0], (t, x), ((), ()))
+        return Tangent(points[-1], jnp.concatenate([dq, dp]), frame[None, :0], (t, x))
 
 
 class Form:

@@ -26,6 +26,8 @@ from ._lowering import lower
 from ._machine import Linked, describe, object_code
 from ._types import as_numpy, numpy_type, of_numpy
 
+COMPILED = "/lyaphybrid/native/compile_duration"  # what `jax.monitoring` is told of each program
+
 
 class Compiled:
     """A program as machine code: a function of a flat list of arrays.
@@ -66,6 +68,7 @@ class Compiled:
             "LLVM": compiled - lowered,
             "linking": time.perf_counter() - compiled,
         }
+        jax.monitoring.record_event_duration_secs(COMPILED, sum(self.seconds.values()))
 
     def __call__(self, *operands) -> list[np.ndarray]:
         """The results; other threads of Python run meanwhile. With lanes each result has a last axis for them."""

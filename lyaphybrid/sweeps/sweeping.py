@@ -5,19 +5,18 @@ import os
 import time
 import warnings
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar
+from typing import Any
 
 import equinox as eqx
 import jax
 import numpy as np
 
 from .. import devices
-from .._compiler import has_wide_vectors
 from .._hashes import hash_of_arrays, hash_of_function
 from .._tracing import traced
 from ..checks import require, whole
 from ..lanes import Program, run_chains
-from ..runs import Noticed, mode_names, noticing, reporter, side_by_side
+from ..runs import Noticed, mode_names, noticing, reporter
 from ..statuses import STATUS
 from ..zoo.problem import Problem
 from .answers import NOTES, dims_of, missing, named
@@ -28,7 +27,6 @@ from .stores import StoreFailed, opened
 __all__ = ["sweep"]
 
 CHUNK = 256  # points that one thread takes at a time
-WIDE = 8  # points that go side by side, where that is faster
 
 
 def sweep(
@@ -129,27 +127,6 @@ class _Named(eqx.Module):
         return state, named(self.lane(args, row))
 
 
-class _SideBySide(eqx.Module):
-    """So many points at once: rows (WIDE, …), as many as a vector of the CPU holds."""
-
-    point: _Named
-    compiler_options: ClassVar[dict] = {"xla_cpu_prefer_vector_width": 512}
-
-    def __call__(self, args, state, rows):
-        with side_by_side():
-            return state, jax.vmap(lambda row: self.point(args, (), row)[1])(rows)
-
-
-def _in_groups(rows: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Rows (m, …) as (groups, WIDE, …); behind the end stands the last one again."""
-
-    def grouped(values):
-        at = np.minimum(np.arange(-(-len(values) // WIDE) * WIDE), len(values) - 1)
-        return values[at].reshape(-1, WIDE, *values.shape[1:])
-
-    return {path: grouped(values) for path, values in rows.items()}
-
-
 @dataclasses.dataclass
 class Work:
     """What is to be computed, and what has been."""
@@ -163,7 +140,6 @@ class Work:
     function: str  # the hash of what is computed at each point
     problem: str  # … and of the points too
     about: dict[str, str]
-    wide: bool  # points go side by side
     program: Program | None = None
     threads: int | None = None  # one for each processor
 
@@ -183,8 +159,7 @@ class Work:
         }
         chunk = chunk or _chunk(grid.size)
         hashes = _hashes(named, args, grid)
-        wide = bool(runs) and all(one.suits_lanes for one in runs) and has_wide_vectors() and not devices.are_wanted()
-        return Work(named, args, grid, chunk, variables, np.zeros(grid.size, bool), *hashes, _about(run, runs), wide)
+        return Work(named, args, grid, chunk, variables, np.zeros(grid.size, bool), *hashes, _about(run, runs))
 
     def pieces(self) -> list[np.ndarray]:
         """The points of each chunk."""
@@ -226,20 +201,15 @@ class Work:
         """Fill in the points of these chunks; each is kept as soon as it is there."""
         if not pieces:
             return
-        arranged = _in_groups if self.wide else lambda rows: rows
-        lane = _SideBySide(self.lane) if self.wide else self.lane
-        chains = [((), arranged(self.grid.rows(piece))) for piece in pieces]
+        chains = [((), self.grid.rows(piece)) for piece in pieces]
         if client is None and self.program is None and not devices.are_wanted():
-            self.program = Program(lane, self.args, chains[0])  # before the bar begins to count
+            self.program = Program(self.lane, self.args, chains[0])  # before the bar begins to count
         report, before, more = reporter(progress, self.grid.size, "point"), np.mean(self.done), sum(map(len, pieces))
 
         def fraction(part: float) -> None:
             report(before + part * more / self.grid.size)
 
         def finished(index: int, results) -> None:
-            if self.wide:
-                rows = len(pieces[index])
-                results = {name: values.reshape(-1, *values.shape[2:])[:rows] for name, values in results.items()}
             for name, values in results.items():
                 self.variables[name][pieces[index]] = values
             self.done[pieces[index]] = True
@@ -248,10 +218,10 @@ class Work:
         try:
             if client is None:
                 options = {"threads": self.threads, "program": self.program}
-                run_chains(lane, self.args, chains, progress=fraction, finished=finished, **options)
+                run_chains(self.lane, self.args, chains, progress=fraction, finished=finished, **options)
             else:
                 names = f"lyaphybrid-{self.problem[:8]}", self.function
-                run_on(client, *names, lane, self.args, chains, report=fraction, finished=finished)
+                run_on(client, *names, self.lane, self.args, chains, report=fraction, finished=finished)
         finally:
             report(None)
 

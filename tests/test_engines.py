@@ -1,0 +1,110 @@
+"""What runs a loop: compiled once, natively or by XLA, with the same results; and how compiling is counted."""
+
+import subprocess
+import sys
+import time
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import lyaphybrid as lh
+from lyaphybrid import _engines, runs
+from lyaphybrid._engines import compilations
+
+SECOND_CALLS = {
+    "flow": ("lorenz63", {"t1": 5.0}),
+    "impacts": ("impact_oscillator", {"t1": 20.0}),
+    "map": ("henon_map", {"t1": 100}),
+    "disks": ("hard_disks", {"t1": 5.0}),
+}
+
+
+@pytest.mark.parametrize("name", SECOND_CALLS)
+def test_a_second_call_compiles_nothing(name):
+    problem, keywords = SECOND_CALLS[name]
+    problem = getattr(lh.zoo, problem)()
+    first = problem.spectrum(**keywords)
+    before = compilations()
+    second = problem.spectrum(**keywords)
+    longer = problem.spectrum(**(keywords | {"t1": 3 * keywords["t1"]}))
+    assert compilations() == before
+    np.testing.assert_array_equal(second.exponents, first.exponents)
+    assert longer.time > second.time
+
+
+def test_compilations_are_counted():
+    before = compilations()
+    fresh = jax.jit(lambda x: x * 1.25)
+    assert [float(fresh(2.0)), float(fresh(4.0)), compilations() - before] == [2.5, 5.0, 1]
+
+
+def test_compiling_does_not_make_calls_shorter(monkeypatch):
+    """A call that compiled took long for that reason: the next one has the same budget, not a smaller one."""
+    budgets = []
+
+    def slow_at_first(*args, advance=runs._advance):
+        budgets.append(int(args[-1]))
+        if len(budgets) == 1:
+            jax.jit(lambda x: x * 1.125)(2.0)  # compiles, and takes long
+            time.sleep(2 * runs.SECONDS_PER_CALL)
+        return advance(*args)
+
+    problem = lh.zoo.lorenz63()
+    keywords = {"t1": 400.0, "method": lh.RungeKutta("rk4", dt=0.01)}
+    problem.spectrum(**keywords)
+    monkeypatch.setattr(runs, "_advance", slow_at_first)
+    problem.spectrum(**keywords)
+    assert budgets[1] == budgets[0]
+    assert budgets[2] > 2 * budgets[1]
+
+
+@pytest.mark.parametrize("name", SECOND_CALLS)
+def test_both_engines_compute_the_same(name, monkeypatch):
+    problem, keywords = SECOND_CALLS[name]
+    problem, found = getattr(lh.zoo, problem)(), {}
+    for engine in ("native", "xla"):
+        monkeypatch.setenv("LYAPHYBRID_ENGINE", engine)
+        found[engine] = problem.spectrum(**(keywords | {"t1": keywords["t1"] / 5, "transient": 0.0}))
+    assert found["native"].jumps == found["xla"].jumps
+    np.testing.assert_allclose(found["native"].exponents, found["xla"].exponents, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(found["native"].x, found["xla"].x, rtol=1e-6, atol=1e-9)
+
+
+DECAY = lh.Flow(lambda t, x, a: jnp.stack([-a * x[0] + jnp.sin(x[1]), -x[1]]))
+
+
+def decay(a):
+    return lh.lyapunov_spectrum(DECAY, [0.3, 0.1], a, t1=4.0, transient=0.0, blocks=2).exponents
+
+
+@pytest.mark.parametrize(
+    "transform", [jax.jit, jax.jacfwd, jax.jacrev, lambda f: jax.vmap(f), lambda f: jax.jit(jax.jacrev(f))]
+)
+def test_transformations_call_machine_code(transform, monkeypatch):
+    a = jnp.linspace(0.5, 0.8, 3) if "vmap" in transform.__code__.co_names else 0.7
+    found = {}
+    for engine in ("native", "xla"):
+        monkeypatch.setenv("LYAPHYBRID_ENGINE", engine)
+        found[engine] = transform(lambda a: decay(a))(a)
+    np.testing.assert_allclose(found["native"], found["xla"], rtol=1e-8, atol=1e-10)
+
+
+def test_what_a_function_closes_over_is_left_to_xla(monkeypatch):
+    natively = []
+    monkeypatch.setattr(_engines._Natively, "__call__", lambda self, *args: natively.append(args))
+
+    def closed(a):
+        flow = lh.Flow(lambda t, x, args: -a * x)
+        return lh.lyapunov_spectrum(flow, [0.3], t1=4.0, transient=0.0, blocks=2).exponents
+
+    np.testing.assert_allclose(jax.jacfwd(closed)(0.7), [-1.0], rtol=1e-6)
+    assert not natively
+
+
+def test_an_import_sets_nothing():
+    code = "import os, jax, lyaphybrid; print(os.environ.get('XLA_FLAGS'), jax.config.jax_enable_x64)"
+    done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["None", "False"]
