@@ -5,8 +5,7 @@ import os
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # threads only fight over small matrices
-
-import lyaphybrid  # noqa: F401  isort: skip  before any JAX backend exists: it sets the compiler switch
+os.environ.setdefault("LYAPHYBRID_ENGINE", "native")  # what only XLA can compile is an error
 
 import hypothesis
 import jax
@@ -37,17 +36,6 @@ def _bounded_caches():
     if _resident_bytes() > CACHE_LIMIT:
         jax.clear_caches()
         gc.collect()
-
-
-@pytest.fixture(autouse=True)
-def _optimisation(request):
-    # What was compiled under a mark stays in the caches: later tests of the same programs run slower, not otherwise.
-    if request.node.get_closest_marker("unoptimised") is None:
-        yield
-        return
-    jax.config.update("jax_disable_most_optimizations", True)
-    yield
-    jax.config.update("jax_disable_most_optimizations", False)
 
 
 @pytest.fixture(scope="session")

@@ -27,7 +27,6 @@ def test_every_event_in_order_and_the_tangent_map(automata):
 
 
 @pytest.mark.slow
-@pytest.mark.unoptimised
 @pytest.mark.parametrize("shape", [s for s in SHAPES if s != "3_1_1"])
 def test_every_event_in_order_and_the_tangent_map_in_other_shapes(automata, shape):
     assert missed(shapes.run(automata, shapes.members(automata, shape))) == 0

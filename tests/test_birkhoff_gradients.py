@@ -10,8 +10,6 @@ from numpy.testing import assert_allclose
 import lyaphybrid as lh
 from known_gradients import BESSEL, TORUS, torus
 
-pytestmark = pytest.mark.unoptimised
-
 
 def birkhoff(system, x0, args, **keywords):
     return lh.lyapunov_gradient(system, x0, args, **{"t1": 4000, "transient": 200, "method": "birkhoff"} | keywords)

@@ -12,8 +12,6 @@ import lyaphybrid as lh
 from examples import HENON, LOGISTIC
 from lyaphybrid import plots, zoo
 
-pytestmark = pytest.mark.unoptimised
-
 FORCED = 2 * np.pi / 0.666
 
 

@@ -10,8 +10,6 @@ from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
 
-pytestmark = pytest.mark.unoptimised
-
 LOGISTIC = lh.Map(lambda n, x, args: args["r"] * x * (1 - x))
 DIAGONAL = lh.Map(lambda n, x, args: jnp.stack([args["a"] * args["b"], args["b"]]) * x)
 ACCUMULATION = 3.5699456718709449  # of the doublings of the logistic map

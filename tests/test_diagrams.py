@@ -9,8 +9,6 @@ from matplotlib import pyplot
 import lyaphybrid as lh
 from lyaphybrid import attractors, devices, lanes, plots
 
-pytestmark = pytest.mark.unoptimised
-
 LOGISTIC = lh.Map(lambda n, x, args: args["r"] * x * (1 - x))
 UNIT = [[0.01], [0.99]]
 

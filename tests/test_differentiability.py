@@ -10,8 +10,6 @@ from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
 
-pytestmark = pytest.mark.unoptimised
-
 TIGHT = lh.RungeKutta("dopri5", rtol=1e-10, atol=1e-12)
 
 

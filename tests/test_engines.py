@@ -79,15 +79,22 @@ def decay(a):
     return lh.lyapunov_spectrum(DECAY, [0.3, 0.1], a, t1=4.0, transient=0.0, blocks=2).exponents
 
 
-@pytest.mark.parametrize(
-    "transform", [jax.jit, jax.jacfwd, jax.jacrev, lambda f: jax.vmap(f), lambda f: jax.jit(jax.jacrev(f))]
-)
-def test_transformations_call_machine_code(transform, monkeypatch):
-    a = jnp.linspace(0.5, 0.8, 3) if "vmap" in transform.__code__.co_names else 0.7
+TRANSFORMED = {
+    "jit": jax.jit,
+    "jacfwd": jax.jacfwd,
+    "jacrev": jax.jacrev,
+    "jit of jacrev": lambda f: jax.jit(jax.jacrev(f)),
+    "vmap": lambda f: lambda a: jax.vmap(f)(a * jnp.linspace(0.5, 1.0, 3)),
+    "vmap of jacfwd": lambda f: lambda a: jax.vmap(jax.jacfwd(f))(a * jnp.linspace(0.5, 1.0, 3)),
+}
+
+
+@pytest.mark.parametrize("name", TRANSFORMED)
+def test_transformations_call_machine_code(name, monkeypatch):
     found = {}
     for engine in ("native", "xla"):
         monkeypatch.setenv("LYAPHYBRID_ENGINE", engine)
-        found[engine] = transform(lambda a: decay(a))(a)
+        found[engine] = TRANSFORMED[name](lambda a: decay(a))(0.7)
     np.testing.assert_allclose(found["native"], found["xla"], rtol=1e-8, atol=1e-10)
 
 

@@ -9,8 +9,6 @@ from numpy.testing import assert_allclose
 import lyaphybrid as lh
 from lyaphybrid import STATUS
 
-pytestmark = pytest.mark.unoptimised
-
 METHODS = [lh.RungeKutta(), lh.RungeKutta("rk4", dt=0.05)]
 
 

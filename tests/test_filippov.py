@@ -9,8 +9,6 @@ import lyaphybrid as lh
 from lyaphybrid import zoo
 from lyaphybrid.statuses import STATUS
 
-pytestmark = pytest.mark.unoptimised
-
 METHOD = lh.RungeKutta("rk4", dt=0.01)
 
 

@@ -30,7 +30,6 @@ def test_a_block_slips_and_sticks():
     assert sticking.sum_rule_residual is None
 
 
-@pytest.mark.unoptimised
 @pytest.mark.parametrize("angle", [-0.44, -0.45, -0.5])
 def test_a_start_at_rest_leaves_when_the_pull_exceeds_friction(angle):
     """The field there is a difference of equal forces, some 1e-17: that is no speed to choose a step by."""
@@ -41,7 +40,6 @@ def test_a_start_at_rest_leaves_when_the_pull_exceeds_friction(angle):
 
 
 @pytest.mark.slow
-@pytest.mark.unoptimised
 @pytest.mark.parametrize("form", ["forced", "autonomous"])
 def test_slip_to_and_fro(form):
     problem = zoo.friction_pendulum(beta=0.3, form=form)

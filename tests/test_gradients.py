@@ -10,8 +10,6 @@ import lyaphybrid as lh
 from known_gradients import OF_IMPACTS, complex_pair, estimated, logistic, sheared_hopf
 from lyaphybrid.gradients import implicit
 
-pytestmark = pytest.mark.unoptimised
-
 
 def forcing_period(args):
     return 2 * jnp.pi / args["omega"]

@@ -86,7 +86,6 @@ def test_the_field_is_that_derived_by_hand(name):
         np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.unoptimised
 @hamiltonian
 def test_the_method_of_the_problem_keeps_its_energy(name):
     problem = zoo.get(name)()
@@ -196,7 +195,6 @@ def test_exponents_of_kepler_decay_like_those_of_periodic_motion():
 # The restricted problem of three bodies, the double pendulum.
 
 
-@pytest.mark.unoptimised
 def test_the_jacobi_constant_of_velocities_is_kept():
     problem = zoo.restricted_three_body()
     mu = problem.args["mu"]
@@ -256,7 +254,6 @@ def test_a_map_is_symplectic(problem):
         np.testing.assert_allclose(jacobian.T @ omega @ jacobian, omega, atol=1e-13)
 
 
-@pytest.mark.unoptimised
 @maps
 def test_exponents_of_a_map_come_in_pairs(problem):
     found = problem.spectrum(t1=2000)
@@ -302,7 +299,6 @@ def test_the_fixed_point_of_the_ring_has_the_eigenvalues_of_waves():
     assert max(distances.min(axis=0).max(), distances.min(axis=1).max()) < 1e-12
 
 
-@pytest.mark.unoptimised
 def test_exponents_of_the_ring_sum_to_minus_n():
     found = zoo.lorenz96(n=8).spectrum(t1=50.0)
     assert found.exponents[0] > 0.5

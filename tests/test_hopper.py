@@ -13,8 +13,6 @@ from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
 
-pytestmark = pytest.mark.unoptimised
-
 G = 9.81
 ARGS = {"k": 205.0, "damping": 2.0, "thrust": 12.0}
 

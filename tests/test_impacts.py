@@ -18,7 +18,6 @@ CASES = [
 ]
 
 
-@pytest.mark.unoptimised
 @pytest.mark.parametrize("parameters", CASES)
 def test_sticking_loses_both_directions_once_a_period(parameters):
     period = 2 * math.pi / parameters["omega"]
@@ -31,7 +30,6 @@ def test_sticking_loses_both_directions_once_a_period(parameters):
     assert "rank_lost" in result.notes
 
 
-@pytest.mark.unoptimised
 @pytest.mark.parametrize("parameters", CASES[:3])
 def test_without_the_option_the_run_ends_where_the_chatter_does(parameters):
     plain, sticking = zoo.impact_oscillator(**parameters), zoo.impact_oscillator(**parameters, sticking=True)

@@ -4,7 +4,7 @@ import pytest
 
 from known_gradients import KNOWN, METHODS, estimated, wrong_by
 
-pytestmark = [pytest.mark.slow, pytest.mark.unoptimised]
+pytestmark = pytest.mark.slow
 
 
 # f → c f is a test of its own for every method; here it would cost three minutes.

@@ -109,7 +109,6 @@ def of_field(field, parameter, t1):
     )  # fmt: skip
 
 
-@pytest.mark.unoptimised
 def test_faster_time():
     """f → c f multiplies all exponents by c: all of it is a shift of time."""
     found = of_field(lambda t, x, c: c * lorenz_field(x), 1.0, 30.0)
@@ -196,7 +195,6 @@ def test_the_density_gradient_of_a_known_density():
     assert_allclose(jet.v.x, 0, atol=1e-14)
 
 
-@pytest.mark.unoptimised
 def test_derivatives_along_the_unstable_direction():
     """Those of u and v, against the difference between two points on one unstable curve."""
     motion = jets.Motion(lambda a, h, x: solenoid(0, x, a[0]), jnp.array([0.4]), jnp.array(1.0), False)

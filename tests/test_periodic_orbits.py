@@ -9,8 +9,6 @@ import lyaphybrid as lh
 from lyaphybrid import zoo
 from lyaphybrid.periods import depends_on_time
 
-pytestmark = pytest.mark.unoptimised
-
 FORCED = 2 * np.pi / 0.666
 
 

@@ -9,8 +9,6 @@ import lyaphybrid as lh
 from examples import LOGISTIC
 from lyaphybrid.sweeps import refining, sweeping
 
-pytestmark = pytest.mark.unoptimised
-
 AXES = {"x": np.linspace(-1.0, 1.0, 9), "y": np.geomspace(0.5, 4.0, 7)}
 START = {"x": 0.0, "y": 1.0}
 

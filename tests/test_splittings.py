@@ -49,7 +49,6 @@ def exact(system):
 STEPS = {2: (64, 128, 256), 4: (32, 64, 128), 6: (12, 24, 48), 8: (10, 14, 20), "SRKN": (4, 6, 9)}
 
 
-@pytest.mark.unoptimised
 @pytest.mark.parametrize("name", SCHEMES)
 def test_order(name):
     """Halving the step divides the error by 2^order, for a kinetic energy as general as the scheme allows."""

@@ -91,7 +91,6 @@ def spectrum_of_three_modes(method):
     return found
 
 
-@pytest.mark.unoptimised
 def test_a_loop_for_each_mode_is_one_loop_with_a_switch(monkeypatch):
     method = lh.RungeKutta("rk4", dt=0.05)
     loops = spectrum_of_three_modes(method)
@@ -103,7 +102,6 @@ def test_a_loop_for_each_mode_is_one_loop_with_a_switch(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.unoptimised
 def test_tangents_at_known_points_are_those_of_the_steps_of_a_run(monkeypatch):
     method = lh.RungeKutta("dopri5")
     known = spectrum_of_three_modes(method)

@@ -19,8 +19,6 @@ from lyaphybrid import lanes
 from lyaphybrid.sweeps import sweeping
 from lyaphybrid.sweeps.plans import plan
 
-pytestmark = pytest.mark.unoptimised
-
 
 def logistic(r, x0=(0.3,)):
     return lh.lyapunov_spectrum(LOGISTIC, jnp.asarray(x0), r, t1=64, transient=10, blocks=8)

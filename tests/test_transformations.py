@@ -257,7 +257,6 @@ def test_a_map_goes_on_bitwise():
 
 
 @pytest.mark.slow
-@pytest.mark.unoptimised
 def test_vmap_of_a_chaotic_impact_oscillator_equals_a_loop():
     """Chatter amplifies rounding: there the two may differ by what rounding the start does, and not by more."""
     problem = lh.zoo.impact_oscillator()
@@ -287,7 +286,6 @@ def test_vmap_of_a_chaotic_impact_oscillator_equals_a_loop():
 
 
 @pytest.mark.slow
-@pytest.mark.unoptimised
 def test_starts_of_a_hybrid_system_are_m_runs():
     starts = jnp.asarray([[0.5, 0.0], [0.4, 0.0], [2.0, 0.0]])
     args = ball_args(restitution=0.85)

@@ -10,8 +10,6 @@ from scipy.integrate import quad
 import lyaphybrid as lh
 from lyaphybrid import zoo
 
-pytestmark = pytest.mark.unoptimised
-
 PRECISE = lh.RungeKutta("dopri5", rtol=1e-11, atol=1e-13)
 WHEEL, WALKER = "rimless a=pi/8,gam=0.2", "simplest walker long gamma=0.009"
 

@@ -127,7 +127,8 @@ class Method(eqx.Module):
             return (done.x, done.error), done.nodes
 
         (new, _), linear, nodes = jax.linearize(step, x, has_aux=True)
-        return Tangent(new, *each_column(linear, frame), nodes)
+        moved, errors = each_column(linear, frame)
+        return Tangent(new, moved, errors, nodes)
 
     def rare_tangent(self, field: Field, t, x, h, frame, way: tuple[Array, ...] = ()) -> Tangent:
         """`tangent` where it is asked for so seldom that little code is better than fast code."""

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..checks import positive, require
+from ..columns import linear_at
 from ..daes import parts_of, solved
 from ..eliminations import Eliminated
 from ..linear_systems import product
