@@ -9,13 +9,14 @@ import functools
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 
 from ._tracing import enclosed, traced
-from .native import COMPILED, Program, engine, native_call
+from .native import EVENTS, Program, engine, native_call
 from .reverse_mode import both_ways
 
 _MOST = 256  # programs of one function that are kept: the least recently used one goes
@@ -38,7 +39,7 @@ def compilations() -> int:
 
 def _listen(event: str, duration_secs: float, **kwargs: str | int) -> None:
     del duration_secs, kwargs
-    _compilations.count += event in ("/jax/core/compile/backend_compile_duration", COMPILED)
+    _compilations.count += event in ("/jax/core/compile/backend_compile_duration", f"{EVENTS}/LLVM")
 
 
 jax.monitoring.register_event_duration_secs_listener(_listen)
@@ -49,17 +50,24 @@ def is_native() -> bool:
     return engine() != "xla" and jax.default_backend() == "cpu"
 
 
-def compiled(columns: Callable[..., int], backward: Callable | None = None) -> Callable:
+def compiled(columns: Callable[..., int] | None = None, backward: Callable | None = None) -> Callable:
     """Decorate a function of trees of arrays and of what is static.
 
     Args:
-        columns: gives the columns of the frame that is among the arguments.
+        columns: gives the columns of the frame that is among the arguments; None: as in what is called within.
         backward: the same function, written so that it has reverse derivatives; None: it has them as it is.
     """
 
     def decorate(function: Callable) -> Callable:
         natively, by_xla = _Natively(function, columns, backward), eqx.filter_jit(function)
         with_derivatives = by_xla if backward is None else both_ways(by_xla, eqx.filter_jit(backward))
+
+        def prepared(*args):
+            """The function for arguments like these, compiled."""
+            if not is_native():
+                return by_xla.lower(*args).compile()
+            natively.prepare(*args)
+            return natively
 
         @functools.wraps(function)
         def call(*args):
@@ -69,6 +77,7 @@ def compiled(columns: Callable[..., int], backward: Callable | None = None) -> C
                 return natively(*args)
             return (with_derivatives if traced(args) else by_xla)(*args)
 
+        call.prepared = prepared  # pyright: ignore[reportAttributeAccessIssue]
         return call
 
     return decorate
@@ -77,32 +86,46 @@ def compiled(columns: Callable[..., int], backward: Callable | None = None) -> C
 class _Natively:
     """A function, traced once for arguments of one kind."""
 
-    def __init__(self, function: Callable, columns: Callable[..., int], backward: Callable | None):
+    def __init__(self, function: Callable, columns: Callable[..., int] | None, backward: Callable | None):
         self.function, self.columns, self.backward = function, columns, backward
         self.known: OrderedDict = OrderedDict()
+        self.lock = threading.RLock()  # a function may call itself with other arguments
 
     def __call__(self, *args):
-        arrays, static = eqx.partition(args, eqx.is_array)
-        leaves, tree = jax.tree.flatten(arrays)
-        others, other_tree = jax.tree.flatten(static)
-        key = tree, other_tree, tuple(others), tuple((x.shape, x.dtype) for x in leaves), jax.config.jax_enable_x64  # pyright: ignore[reportAttributeAccessIssue]
-        if key not in self.known:
-            self.known[key] = self._traced(arrays, static)
-            if len(self.known) > _MOST:
-                self.known.popitem(last=False)
-        self.known.move_to_end(key)
-        program, result = self.known[key]
+        leaves, program, result = self._program(args)
         # Within a jit new arrays are traced, whatever the arguments are.
         within = traced(leaves, jnp.zeros(()))
         return jax.tree.unflatten(result, native_call.bind(*leaves, program=program) if within else program(*leaves))
 
-    def _traced(self, arrays, static):
+    def prepare(self, *args) -> None:
+        """Trace and compile for arguments like these."""
+        _, program, _ = self._program(args)
+        _ = program.compiled
+
+    def _program(self, args) -> tuple[list, Program, Any]:
+        """The arrays among the arguments, the program for such ones, and the structure of its result."""
+        arrays, static = eqx.partition(args, eqx.is_array)
+        leaves, tree = jax.tree.flatten(arrays)
+        others, other_tree = jax.tree.flatten(static)
+        shapes = tuple((x.shape, x.dtype) for x in leaves)
+        key = tree, other_tree, tuple(others), shapes, jax.config.read("jax_enable_x64")
+        with self.lock:
+            if key not in self.known:
+                self.known[key] = self._traced(arrays, static)
+                if len(self.known) > _MOST:
+                    self.known.popitem(last=False)
+            self.known.move_to_end(key)
+            return leaves, *self.known[key]
+
+    def _traced(self, arrays, static) -> tuple[Program, Any]:
         tree = jax.tree.structure(arrays)
 
         def flat(function):
             return lambda *leaves: function(*eqx.combine(jax.tree.unflatten(tree, leaves), static))
 
-        columns = self.columns(*eqx.combine(arrays, static))
+        columns = None if self.columns is None else self.columns(*eqx.combine(arrays, static))
+        if columns is not None and not 2 <= columns <= _WIDEST:
+            columns = 0
         closed, shapes = jax.make_jaxpr(flat(self.function), return_shape=True)(*jax.tree.leaves(arrays))
         backward = self.backward and (lambda *leaves: jax.tree.leaves(flat(self.backward)(*leaves)))
-        return Program(closed, columns if 2 <= columns <= _WIDEST else 0, backward), jax.tree.structure(shapes)
+        return Program(closed, columns, backward), jax.tree.structure(shapes)

@@ -1,10 +1,8 @@
 """A linear function of one perturbation, applied to all columns of a frame.
 
-`jax.vmap` brings the axis of the columns to the front for most operations, and XLA then transposes frames, or reads
-them across the grain. Here the axis stays the last one through every equation of the function's jaxpr, so that the
-entries of a row lie side by side and fill vector registers. With `jax.vmap` in its place four hard disks take 1.3 to
-1.5 times as long, a chain of eight masses 1.6 to 1.8 times; flows of three or four components are alike. What has no
-rule below is left to `jax.vmap`.
+`jax.vmap` brings the axis of the columns to the front for most operations. Here it stays the last one through every
+equation of the function's jaxpr: the entries of a row lie side by side, and our compiler holds a row of a frame in one
+vector. What has no rule below is left to `jax.vmap`.
 """
 
 from collections.abc import Callable

@@ -16,7 +16,7 @@ from jaxtyping import Array, Float, Int
 
 from .precision import digits, eps, is_short, nonzero
 
-__all__ = ["KINDS", "orthonormalise", "refill", "staggered", "unit_vectors", "widened"]
+__all__ = ["KINDS", "orthonormalise", "refill", "staggered", "unit_vectors"]
 
 KINDS = ("mgs", "lapack", "cholesky")
 FEW = 4  # up to so many rows a product is written out: no loop
@@ -292,12 +292,6 @@ def _by_gram_matrix(panel):
     lengths = jnp.sqrt(jnp.diagonal(state))
     inverse = jnp.tril(state, -1) + jnp.eye(k, dtype=state.dtype)
     return (inverse / lengths[:, None]) @ panel, lengths
-
-
-def widened(frame: Float[Array, "n k"]) -> Float[Array, "n m"]:
-    """Up to three columns as four, the others zero: a row is then one vector register (Lorenz: 57 ns, not 72)."""
-    k = frame.shape[1]
-    return jnp.pad(frame, ((0, 0), (0, 4 - k))) if 0 < k < 4 else frame
 
 
 def staggered(frame: Float[Array, "n k"]) -> Float[Array, "n m"]:

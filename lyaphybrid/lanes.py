@@ -24,6 +24,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from . import devices
+from ._engines import compiled
 from .runs import reporter
 
 __all__ = ["Program", "map_lanes", "run_chains", "short_chains"]
@@ -130,7 +131,7 @@ def _length(chain) -> int:
     return len(jax.tree.leaves(chain[1])[0])
 
 
-@eqx.filter_jit
+@compiled()
 def _piece(function: Callable, shared, state, lanes, count):
     """The first `count` lanes of so many."""
     shapes = eqx.filter_eval_shape(function, shared, state, _lane(lanes, 0))[1]
@@ -156,7 +157,7 @@ class Program:
         state, lanes = chain
         self.fixed = function, shared
         operands = (_arrays(state), _full(lanes, 0), np.int32(0))
-        self.compiled = _piece.lower(*self.fixed, *operands).compile()
+        self.compiled = _piece.prepared(*self.fixed, *operands)
         self.empty = jax.tree.map(np.asarray, self(*operands)[1])
 
     def __call__(self, state, lanes, count):

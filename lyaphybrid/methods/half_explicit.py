@@ -29,7 +29,6 @@ from .runge_kutta import TABLEAUX, Tableau, along, hermite, summed, tabulated, t
 
 __all__ = ["ESDIRK", "HalfExplicit"]
 
-FEW = 16  # rows that are compared one by one
 EXPLICIT = tuple(name for name, table in TABLEAUX.items() if len(table.errors) == 1)
 
 
@@ -202,12 +201,7 @@ class OnConstraints(Method):
     def frame_ratio(self, errors, frame, new):
         """The same of the columns, taken in units of their length at the start."""
         length = jnp.sqrt(jnp.sum(frame**2, axis=0) + nonzero(1e-40, frame))
-        return _largest(jnp.abs(errors[0]) / (self.rtol * (length[None, :] + jnp.abs(new))))
-
-
-def _largest(ratios):
-    """Of all. Row by row: XLA would look for the largest of each row, which takes longer than all before."""
-    return jnp.max(functools.reduce(jnp.maximum, ratios) if len(ratios) <= FEW else ratios)
+        return jnp.max(jnp.abs(errors[0]) / (self.rtol * (length[None, :] + jnp.abs(new))))
 
 
 class HalfExplicit(OnConstraints):

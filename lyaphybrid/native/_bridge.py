@@ -79,7 +79,7 @@ def _batch(operands: Sequence, axes: Sequence, *, program: Program):
 batching.primitive_batchers[native_call] = _batch
 
 
-def native(function: Callable, columns: int = 0) -> Callable:
+def native(function: Callable, columns: int | None = None) -> Callable:
     """A function of pytrees of arrays as native code, whatever it is called in: eager, jit, vmap, jvp.
 
     It is traced once for each structure, shape and type of its arguments. It may not close over traced values.

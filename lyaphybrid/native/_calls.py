@@ -20,6 +20,15 @@ def call(b, eqn, *values):
     return b.run(called(eqn), values)
 
 
+@rule("native_call")
+def native_call(b, eqn, *values):
+    """A program within another becomes part of it."""
+    return b.run(eqn.params["program"].closed, values)
+
+
+KEEPS_ROWS.add("native_call")
+
+
 @rule("select_if_vmap")
 def select_if_vmap(b, eqn, condition, x, y):
     """Of equinox's loops: `x`, for the condition holds; with lanes it may not hold for all."""

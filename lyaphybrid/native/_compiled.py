@@ -26,7 +26,7 @@ from ._lowering import lower
 from ._machine import Linked, describe, object_code
 from ._types import as_numpy, numpy_type, of_numpy
 
-COMPILED = "/lyaphybrid/native/compile_duration"  # what `jax.monitoring` is told of each program
+EVENTS = "/lyaphybrid/native"  # what `jax.monitoring` is told of each program: …/lowering, …/LLVM, …/linking
 
 
 class Compiled:
@@ -68,7 +68,8 @@ class Compiled:
             "LLVM": compiled - lowered,
             "linking": time.perf_counter() - compiled,
         }
-        jax.monitoring.record_event_duration_secs(COMPILED, sum(self.seconds.values()))
+        for what, seconds in self.seconds.items():
+            jax.monitoring.record_event_duration_secs(f"{EVENTS}/{what}", seconds)
 
     def __call__(self, *operands) -> list[np.ndarray]:
         """The results; other threads of Python run meanwhile. With lanes each result has a last axis for them."""

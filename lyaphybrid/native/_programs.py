@@ -16,6 +16,7 @@ import numpy as np
 from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
 
 from ._compiled import Compiled
+from ._jax_versions import Jaxpr, subprograms
 from ._unsupported import Unsupported
 
 VARIABLE = "LYAPHYBRID_ENGINE"
@@ -37,13 +38,14 @@ class Program:
 
     Attributes:
         closed: the closed jaxpr.
-        columns: of the frames that are held in vectors; 0: none.
+        columns: of the frames that are held in vectors; 0: none; None: as in the programs within.
         backward: the same function of its operands, written so that it has reverse derivatives.
         origin: of a program of tangents: of which program, and which of its operands move.
     """
 
-    def __init__(self, closed: ClosedJaxpr, columns: int = 0, backward: Callable | None = None):
-        self.closed, self.columns, self.backward = closed, columns, backward or jaxpr_as_fun(closed)
+    def __init__(self, closed: ClosedJaxpr, columns: int | None = None, backward: Callable | None = None):
+        self.closed, self.backward = closed, backward or jaxpr_as_fun(closed)
+        self.columns = _columns_within(closed.jaxpr) if columns is None else columns
         self.origin: tuple[Program, tuple[bool, ...]] | None = None
         self._derived: dict = {}
 
@@ -142,6 +144,12 @@ class Program:
         if self.compiled is None:
             return list(self.by_xla(*operands))
         return jax.device_put(self.compiled(*operands))
+
+
+def _columns_within(jaxpr: Jaxpr) -> int:
+    programs = [eqn.params["program"].columns for eqn in jaxpr.eqns if eqn.primitive.name == "native_call"]
+    inner = [_columns_within(each) for eqn in jaxpr.eqns for each in subprograms(eqn)]
+    return max([*programs, *inner], default=0)
 
 
 _targets: list[Program] = []

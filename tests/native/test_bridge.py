@@ -59,6 +59,59 @@ def test_every_nesting_gives_what_xla_gives(nesting):
     np.testing.assert_allclose(transform(OURS)(operand), transform(XLAS)(operand), rtol=1e-10)
 
 
+def smooth(rho, x):
+    """A function that has reverse derivatives as it is."""
+    for _ in range(5):
+        x = x + 0.1 * lorenz(rho, x)
+    return jnp.sin(x)
+
+
+PAIR = jnp.float64(1.2), jnp.array([0.3, 0.2, 0.1])
+REVERSE = {
+    "grad": lambda f: jax.grad(lambda rho, x: jnp.sum(f(rho, x))),
+    "jacrev": lambda f: jax.jacrev(f, argnums=(0, 1)),
+    "jit of jacrev": lambda f: jax.jit(jax.jacrev(f, argnums=1)),
+    "vmap of grad": lambda f: (
+        lambda rho, x: jax.vmap(jax.grad(lambda x: jnp.sum(f(rho, x) ** 2)))(x[None, :] + jnp.eye(3))
+    ),
+    "grad of vmap": lambda f: jax.grad(lambda rho, x: jnp.sum(jax.vmap(lambda r: f(r, x))(rho * jnp.arange(3.0)) ** 2)),
+    "hessian": lambda f: jax.hessian(lambda rho, x: jnp.sum(f(rho, x) ** 2), argnums=1),
+    "reverse over reverse": lambda f: jax.jacrev(jax.jacrev(lambda rho, x: jnp.sum(f(rho, x) ** 2)), argnums=1),
+}
+
+
+@pytest.mark.parametrize("nesting", REVERSE)
+def test_reverse_derivatives(nesting):
+    ours, theirs = (REVERSE[nesting](function)(*PAIR) for function in (native.native(smooth), smooth))
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-10, atol=1e-12), ours, theirs)
+
+
+def test_the_reverse_pass_may_be_another_program():
+    """A loop of which nobody knows how long it is has none of its own."""
+    shape = jax.ShapeDtypeStruct((), jnp.float64)
+    closed = jax.make_jaxpr(lambda rho: jnp.sum(orbit(rho, 20)))(shape)
+
+    def in_scan(rho):
+        step = lambda x, _: (x + 0.01 * lorenz(rho, x + 0.005 * lorenz(rho, x)), None)  # noqa: E731
+        return [jnp.sum(jax.lax.scan(step, jnp.ones(3), length=20)[0])]
+
+    def function(program):
+        return lambda rho: native.native_call.bind(rho, program=program)[0]
+
+    expected = jax.grad(lambda rho: in_scan(rho)[0])(RHO)
+    assert abs(expected) > 1e-3
+    np.testing.assert_allclose(jax.grad(function(native.Program(closed, backward=in_scan)))(RHO), expected, rtol=1e-12)
+    with pytest.raises(ValueError, match="[Rr]everse-mode"):
+        jax.grad(function(native.Program(closed)))(RHO)
+
+
+def test_a_program_within_another_is_part_of_it():
+    outer = native.native(lambda rhos: jax.lax.map(lambda rho: OURS(rho) + 1, rhos))
+    text = native.compile(lambda rhos: jax.lax.map(OURS, rhos), RHOS).compiled.text
+    assert text.count("define") == 2  # the program, and what XLA calls
+    np.testing.assert_allclose(outer(RHOS), jax.vmap(XLAS)(RHOS) + 1, rtol=1e-10)
+
+
 def test_shard_map_over_devices():
     mesh = jax.sharding.Mesh(np.array(jax.devices()), ("lanes",))
     spec = jax.sharding.PartitionSpec("lanes")

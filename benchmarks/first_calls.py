@@ -1,0 +1,79 @@
+"""First calls: for every problem of the zoo the first and the second call of its spectrum, and what the first one does.
+
+`python -m benchmarks.first_calls [NAME …]`. Each problem has a process of its own, first with an empty folder for
+machine code, then ("again") with the one that the first process has filled. Times in seconds, imports not counted.
+"Tracing" is all that is neither compiling nor running: mostly JAX's tracing.
+"""
+
+import collections
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+
+SHARES = ("lowering", "LLVM", "linking", "XLA")
+
+
+def measured(name: str) -> dict[str, float]:
+    """First and second call of one problem, in this process."""
+    began = time.perf_counter()
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    import lyaphybrid as lh
+    from lyaphybrid.native import EVENTS
+
+    seconds: dict[str, float] = collections.defaultdict(float)
+    seconds["import"] = time.perf_counter() - began
+
+    def listen(event: str, duration: float, **kwargs) -> None:
+        if event.startswith(EVENTS):
+            seconds[event.rpartition("/")[2]] += duration
+        elif event == "/jax/core/compile/backend_compile_duration":
+            seconds["XLA"] += duration
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    problem = getattr(lh.zoo, name)()
+    short = {"t1": problem.t1 / 100, "transient": problem.transient / 100}
+    for call in ("first", "second"):
+        clock = time.perf_counter()
+        problem.spectrum(**short, throw=False)
+        seconds[call] = time.perf_counter() - clock
+    return dict(seconds)
+
+
+def in_a_process(name: str, folder: str) -> dict[str, float]:
+    """The same in a process of its own, which keeps machine code in this folder."""
+    code = f"import json; from benchmarks.first_calls import measured; print(json.dumps(measured({name!r})))"
+    environment = os.environ | {"LYAPHYBRID_CACHE": folder, "JAX_PLATFORMS": "cpu"}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def main(names: list[str]) -> None:
+    """Measure, and print a line for each problem."""
+    if not names:
+        import lyaphybrid as lh
+
+        names = lh.zoo.names()
+    columns = ("first", *SHARES, "tracing", "second", "import")
+    print(f"{'problem':24}" + "".join(f"{column:>10}" for column in (*columns, "again")))
+    found = collections.defaultdict(list)
+    for name in names:
+        with tempfile.TemporaryDirectory() as folder:
+            one, again = in_a_process(name, folder), in_a_process(name, folder)
+        one = collections.defaultdict(float, one)
+        one["tracing"] = one["first"] - one["second"] - sum(one[share] for share in SHARES)
+        one["again"] = again["first"]
+        for column in (*columns, "again"):
+            found[column].append(one[column])
+        print(f"{name:24}" + "".join(f"{one[column]:10.2f}" for column in (*columns, "again")), flush=True)
+    for label, of in (("median", statistics.median), ("largest", max)):
+        print(f"{label:24}" + "".join(f"{of(found[column]):10.2f}" for column in (*columns, "again")))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
