@@ -28,7 +28,7 @@ def add(b: Emitter, dtype, x: Entry, y: Entry) -> Entry:
         return b.logic("or", x, y)
     if kind(dtype) == "f":
         # x + (-0.0) is x; x + 0.0 is not, for x = -0.0, but JAX's own compilers do not tell them apart either.
-        return y if _is(x, 0) else x if _is(y, 0) else b.binary(f"fadd {b.flags}", llvm_type(dtype), x, y, True)
+        return y if _is(x, 0) else x if _is(y, 0) else _sum(b, dtype, x, y)
     return y if _is(x, 0) else x if _is(y, 0) else b.binary("add", llvm_type(dtype), x, y, True)
 
 
@@ -38,7 +38,24 @@ def subtract(b: Emitter, dtype, x: Entry, y: Entry) -> Entry:
         return folded(dtype, np.subtract, x, y)
     if _is(y, 0):
         return x
-    return b.binary(f"fsub {b.flags}" if kind(dtype) == "f" else "sub", llvm_type(dtype), x, y)
+    if kind(dtype) != "f":
+        return b.binary("sub", llvm_type(dtype), x, y)
+    if y in b.products or x in b.products:
+        return _sum(b, dtype, x, negate(b, dtype, y))
+    return b.binary(f"fsub {b.flags}", llvm_type(dtype), x, y)
+
+
+def _sum(b: Emitter, dtype, x: Entry, y: Entry) -> Entry:
+    """x + y, and a·b + c as one fused operation.
+
+    What is fused is settled here and not left to LLVM, which may choose otherwise where the same lines stand elsewhere:
+    a run that goes on must find the numbers that the whole run finds.
+    """
+    if y in b.products:
+        return b.intrinsic("llvm.fmuladd", llvm_type(dtype), [*b.products[y], x])
+    if x in b.products:
+        return b.intrinsic("llvm.fmuladd", llvm_type(dtype), [*b.products[x], y])
+    return b.binary(f"fadd {b.flags}", llvm_type(dtype), x, y, True)
 
 
 def multiply(b: Emitter, dtype, x: Entry, y: Entry) -> Entry:
@@ -49,7 +66,11 @@ def multiply(b: Emitter, dtype, x: Entry, y: Entry) -> Entry:
         return b.logic("and", x, y)
     if _is(x, 1) or _is(y, 1):
         return y if _is(x, 1) else x
-    return b.binary(f"fmul {b.flags}" if kind(dtype) == "f" else "mul", llvm_type(dtype), x, y, True)
+    if kind(dtype) != "f":
+        return b.binary("mul", llvm_type(dtype), x, y, True)
+    product = b.binary(f"fmul {b.flags}", llvm_type(dtype), x, y, True)
+    b.products[product] = x, y
+    return product
 
 
 def divide(b: Emitter, dtype, x: Entry, y: Entry) -> Entry:
@@ -93,7 +114,13 @@ def negate(b: Emitter, dtype, x: Entry) -> Entry:
     """−x."""
     if is_known(x):
         return folded(dtype, np.negative, x)
-    return b.unary("fneg", llvm_type(dtype), x) if kind(dtype) == "f" else b.binary("sub", llvm_type(dtype), 0, x)
+    if kind(dtype) != "f":
+        return b.binary("sub", llvm_type(dtype), 0, x)
+    negative = b.unary("fneg", llvm_type(dtype), x)
+    if x in b.products:
+        left, right = b.products[x]
+        b.products[negative] = (right, negate(b, dtype, left)) if is_known(right) else (left, negate(b, dtype, right))
+    return negative
 
 
 def absolute(b: Emitter, dtype, x: Entry) -> Entry:

@@ -49,7 +49,8 @@ class Emitter:
         self.declarations: set[str] = set()
         self.label = "entry"
         self.carries_vectors = False  # whether what `count_up` carries are vectors
-        self.flags = "contract"  # a*b + c may be one fused operation; else arithmetic is IEEE's
+        self.flags = ""  # of LLVM, for arithmetic: IEEE's where there are none
+        self.products: dict[Entry, tuple[Entry, Entry]] = {}  # what was multiplied, for fused sums
         self._count = self._on_stack = 0
         self._known: dict[tuple, Entry] = {}  # common expressions …
         self._order: list[tuple] = []  # … in the order in which they were written

@@ -78,7 +78,7 @@ def reduce(b, eqn, value):
 @contextlib.contextmanager
 def reassociated(b: Lowering):
     """Sums of many terms may be taken in another order: vectors of partial sums, which are no less exact."""
-    before, b.flags = b.flags, "contract reassoc"
+    before, b.flags = b.flags, "reassoc"
     yield
     b.flags = before
 
