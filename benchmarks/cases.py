@@ -119,7 +119,12 @@ def _swept(name: str, *arguments, lanes: int = 256) -> Case:
 
         return lambda: (once, work * round(lanes))
 
-    return Case("step" if name == "lorenz" else "time", lanes, _ours(name, *arguments, module="swept"), reference)
+    return Case(
+        "step" if name in ("lorenz", "henon_heiles") else "time",
+        lanes,
+        _ours(name, *arguments, module="swept"),
+        reference,
+    )
 
 
 def _lane(name: str, *arguments) -> tuple[Callable[[dict[str, float]], references.Result], float]:
@@ -129,6 +134,10 @@ def _lane(name: str, *arguments) -> tuple[Callable[[dict[str, float]], reference
         sigma, _, beta = problems.LORENZ_PARAMETERS
         dt = problems.LORENZ_DT
         return lambda changed: references.run_lorenz(steps * dt, 10, parameters=(sigma, changed["rho"], beta)), steps
+    if name == "henon_heiles":
+        (x, _, *momenta), dt = problems.HENON_HEILES_START, problems.HENON_HEILES_DT
+        steps = problems.HENON_HEILES_SWEEP_STEPS
+        return lambda changed: references.run_henon_heiles(steps * dt, 10, start=(x, changed["y"], *momenta)), steps
     run, args = getattr(references, f"run_{name}"), getattr(problems, f"{name.upper()}_PARAMETERS")
     adaptive, _ = arguments
     return lambda changed: run(t1, adaptive, args=args | changed), t1
@@ -169,6 +178,8 @@ CASES = {
     "dae_sweep": _spring_damper_sweep(1000),
     "sweep_lorenz": _swept("lorenz", 1),
     "sweep_lorenz_2": _swept("lorenz", 2),
+    "sweep_henon_heiles": _swept("henon_heiles", 1),
+    "sweep_henon_heiles_2": _swept("henon_heiles", 2),
     "sweep_impact_fixed": _swept("impact", False, 1),
     "sweep_impact_fixed_2": _swept("impact", False, 2),
     "sweep_impact_adaptive": _swept("impact", True, 1),

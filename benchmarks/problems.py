@@ -53,6 +53,7 @@ SPRING_SWEEP_T1 = 100.0
 
 # Sweeps: the parameter, its first and last value (no lane ends early), and how long each lane is
 LORENZ_SWEEP, LORENZ_SWEEP_STEPS = ("rho", 26.0, 30.0), 20_000
+HENON_HEILES_SWEEP, HENON_HEILES_SWEEP_STEPS = ("y", -0.02, -0.012), 20_000  # of the start
 IMPACT_SWEEP, FRICTION_SWEEP, OSCILLATORS_SWEEP_T1 = ("restitution", 0.79, 0.81), ("beta", 0.05, 0.054), 500.0
 
 

@@ -114,9 +114,11 @@ def run_lorenz(
     return Result(sums, x, steps * dt, steps)
 
 
-def run_henon_heiles(t1: float, every: int, dt: float = problems.HENON_HEILES_DT) -> Result:
+def run_henon_heiles(
+    t1: float, every: int, dt: float = problems.HENON_HEILES_DT, start: Sequence[float] = problems.HENON_HEILES_START
+) -> Result:
     """Hénon and Heiles' system by SBAB2 with its corrector, with the tangent map of all four columns."""
-    x, frame, sums = np.array(problems.HENON_HEILES_START), np.ascontiguousarray(problems.paired_frame(2)), np.zeros(4)
+    x, frame, sums = np.array(start), np.ascontiguousarray(problems.paired_frame(2)), np.zeros(4)
     steps = library().henon_heiles(round(t1 / dt), every, dt, x, frame, sums)
     return Result(sums, x, steps * dt, steps, frame=frame)
 

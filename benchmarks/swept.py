@@ -45,6 +45,19 @@ def lorenz(threads: int, lanes: float) -> Make:
     return _swept(spectrum, *problems.LORENZ_SWEEP, round(lanes), threads, steps)
 
 
+def henon_heiles(threads: int, lanes: float) -> Make:
+    """Hénon and Heiles by SBAB2C from many starts; the work is counted in steps."""
+    steps, system = problems.HENON_HEILES_SWEEP_STEPS, lh.zoo.henon_heiles().system
+    x, _, *momenta = problems.HENON_HEILES_START
+    method = lh.Symplectic("SBAB2C", dt=problems.HENON_HEILES_DT)
+
+    def spectrum(y):
+        how = {"t1": steps * problems.HENON_HEILES_DT, "method": method, "every": 10, "blocks": 16}
+        return lh.lyapunov_spectrum(system, jnp.stack([jnp.asarray(x), y, *map(jnp.asarray, momenta)]), None, **how)
+
+    return _swept(spectrum, *problems.HENON_HEILES_SWEEP, round(lanes), threads, steps)
+
+
 def impact(adaptive: bool, threads: int, lanes: float) -> Make:
     """The impact oscillator at many restitutions; the work is counted in units of time."""
     system = lh.Hybrid(ours.oscillate, [lh.Transition(ours.gap, ours.rebound)])

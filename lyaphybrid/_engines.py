@@ -14,9 +14,10 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from ._tracing import enclosed, traced
-from .native import EVENTS, Program, engine, native_call
+from .native import EVENTS, Compiled, Program, engine, native_call
 from .reverse_mode import both_ways
 
 _MOST = 256  # programs of one function that are kept: the least recently used one goes
@@ -77,10 +78,35 @@ def compiled(columns: Callable[..., int] | None = None, backward: Callable | Non
                 return natively(*args)
             return (with_derivatives if traced(args) else by_xla)(*args)
 
+        def side_by_side(*args):
+            """The function for arguments like these, for many last ones at once; None where that is of no use."""
+            return natively.side_by_side(*args) if is_native() else None
+
         call.prepared = prepared  # pyright: ignore[reportAttributeAccessIssue]
+        call.side_by_side = side_by_side  # pyright: ignore[reportAttributeAccessIssue]
         return call
 
     return decorate
+
+
+class SideBySide:
+    """A function of lanes for its last argument, as many at once as the vectors of the CPU hold.
+
+    Attributes:
+        lanes: how many these are.
+    """
+
+    def __init__(self, code: Compiled, shared: list, result: Any):
+        self.code, self.shared, self.result, self.lanes = code, shared, result, code.lanes
+
+    def __call__(self, lanes: Any) -> Any:
+        """The results for these lanes (m, …), m a multiple of `lanes`: NumPy arrays (m, …)."""
+        rows = jax.tree.leaves(lanes)
+        parts = [[np.empty((0, *aval.shape), aval.dtype) for aval in self.code.program.out_avals]]
+        for first in range(0, len(rows[0]), self.lanes):
+            mine = [np.moveaxis(np.asarray(row[first : first + self.lanes]), 0, -1) for row in rows]
+            parts.append([np.moveaxis(found, -1, 0) for found in self.code(*self.shared, *mine)])
+        return jax.tree.unflatten(self.result, [np.concatenate(each) for each in zip(*parts, strict=True)])
 
 
 class _Natively:
@@ -101,6 +127,13 @@ class _Natively:
         """Trace and compile for arguments like these."""
         _, program, _ = self._program(args)
         _ = program.compiled
+
+    def side_by_side(self, *args) -> SideBySide | None:
+        """The same for many last arguments like this one; None where lanes part too often, at events for example."""
+        leaves, program, result = self._program(args)
+        lanes = len(jax.tree.leaves(eqx.filter(args[-1], eqx.is_array)))
+        code = program.in_lanes(lanes)
+        return code and SideBySide(code, leaves[: len(leaves) - lanes], result)
 
     def _program(self, args) -> tuple[list, Program, Any]:
         """The arrays among the arguments, the program for such ones, and the structure of its result."""

@@ -1,8 +1,8 @@
 """Lanes: many runs of one compiled function.
 
 On a CPU one lane follows the other, so that a branch that is not taken costs nothing (under `vmap` every lane computes
-all of them: 9 to 17 times as long), and each thread has lanes of its own. On accelerators they go side by side:
-`devices`.
+all of them: 9 to 17 times as long), and each thread has lanes of its own. Where lanes seldom part, as those of flows
+without events, as many go at once as the vectors of the CPU hold. On accelerators they go side by side: `devices`.
 
 A *chain* is a sequence of lanes in which each may begin where the one before has ended. Chains are cut into pieces
 that take about a third of a second: between two there is room for progress and Ctrl-C. How they are cut, and which
@@ -10,6 +10,7 @@ thread takes which, changes no result: each lane is computed alone, by the same 
 """
 
 import concurrent.futures
+import functools
 import os
 import queue
 import threading
@@ -146,6 +147,12 @@ def _piece(function: Callable, shared, state, lanes, count):
     return jax.lax.while_loop(lambda carry: carry[0] < count, one, (jnp.zeros_like(count), state, empty))[1:]
 
 
+@compiled()
+def _one(function: Callable, shared, state, lane):
+    """One lane."""
+    return function(shared, state, lane)
+
+
 def _lane(lanes, i):
     return jax.tree.map(lambda leaf: leaf[i], lanes)
 
@@ -156,13 +163,17 @@ class Program:
     def __init__(self, function: Callable, shared: Any, chain: tuple[Any, Any]):
         state, lanes = chain
         self.fixed = function, shared
-        operands = (_arrays(state), _full(lanes, 0), np.int32(0))
-        self.compiled = _piece.prepared(*self.fixed, *operands)
-        self.empty = jax.tree.map(np.asarray, self(*operands)[1])
-
-    def __call__(self, state, lanes, count):
-        """The first `count` of these lanes."""
-        return self.compiled(*self.fixed, state, lanes, count)
+        operands = _arrays(state), _full(lanes, 0), np.int32(0)
+        one = *self.fixed, operands[0], _arrays(_lane(operands[1], 0))
+        # Where a lane begins where another has ended, the two cannot go at once.
+        side_by_side = None if jax.tree.leaves(state) else _one.side_by_side(*one)
+        self.at_once = 1 if side_by_side is None else side_by_side.lanes
+        if side_by_side is None:
+            compiled = _piece.prepared(*self.fixed, *operands)
+            self.run = functools.partial(compiled, *self.fixed)
+        else:
+            self.run = lambda state, lanes, count: side_by_side(jax.tree.map(lambda leaf: leaf[:count], lanes))
+        self.empty = jax.tree.map(np.asarray, self.run(*operands)[1])
 
 
 class _Pool:
@@ -208,9 +219,11 @@ class _Pool:
         self.results[index] = _blank(self.program.empty, self.done[index])
         state, first, length = _arrays(state), 0, _length(self.chains[index])
         while first < length and not self.stopped:
-            count = min(length - first, ROOM, max(1, int(self.size)))
+            at_once = self.program.at_once
+            count = min(length - first, ROOM, at_once * max(1, int(self.size / at_once)))
             clock = time.perf_counter()
-            state, results = self.program(state, _full(lanes, first), np.int32(count))
+            whole = -(-count // at_once) * at_once  # the last vector is full in any case
+            state, results = self.program.run(state, _full(lanes, first), np.int32(whole))
             results = jax.tree.map(np.asarray, results)
             seconds = time.perf_counter() - clock
             with self.lock:

@@ -48,13 +48,14 @@ class Compiled:
         lanes: int = 1,
         wide: Sequence[bool] = (),
         checked: bool = False,
+        most_apart: float = 1.0,
         plan: Plan | None = None,
     ):
         self.program, self.lanes, self._wide = program, lanes, tuple(wide)
         self.plan = _plan_of(program) if plan is None else plan
         clock = time.perf_counter()
         jaxpr = program.jaxpr
-        self.text = lower(program, self.plan.small, columns, lanes, wide, checked)
+        self.text = lower(program, self.plan.small, columns, lanes, wide, checked, most_apart)
         self.text += handler(len(jaxpr.invars), len(jaxpr.outvars))
         lowered = time.perf_counter()
         level = self.plan.level

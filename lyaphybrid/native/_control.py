@@ -12,12 +12,11 @@ from typing import NamedTuple
 import numpy as np
 
 from . import _arithmetic as a
-from ._emitter import Entry, is_wide, same
-from ._jax_versions import ClosedJaxpr, parts, scan_of
+from ._emitter import Entry, is_known, is_wide, same
+from ._jax_versions import ClosedJaxpr, parts, scan_of, subprograms
 from ._lowering import KEEPS_ROWS, Lowering, rule
 from ._moving import with_axis
 from ._types import INDEX, llvm_type
-from ._unsupported import Unsupported
 from ._values import Buffer, Entries, Rows, Value, filled, flat, memory_of, scalar
 
 KEEPS_ROWS |= {"while", "scan", "cond"}
@@ -104,16 +103,17 @@ class _Checkpoint(NamedTuple):
     releases: int
     constants: int
     label: str
+    apart: int
     scope: tuple[int, int]
 
     @classmethod
     def of(cls, b: Lowering):
-        return cls(len(b.lines), len(b.allocations), len(b.releases), len(b.constants), b.label, b.scope())
+        return cls(len(b.lines), len(b.allocations), len(b.releases), len(b.constants), b.label, b.apart, b.scope())
 
     def restore(self, b: Lowering) -> None:
         del b.lines[self.lines :], b.allocations[self.allocations :]
         del b.releases[self.releases :], b.constants[self.constants :]
-        b.label = self.label
+        b.label, b.apart = self.label, self.apart
         b.end_scope(self.scope)
 
 
@@ -148,8 +148,6 @@ def _loop(
         results = _returned(b, state, body(now), avals)
         ends = [e for value in results if (r := _registers(value)) is not None for e in flat(r)]
         if is_wide(condition):  # a lane that has finished keeps what it has
-            if any(isinstance(value, Buffer) for value in state):
-                raise Unsupported("lanes in arrays of many elements")
             ends = [
                 end if same(end, phi) else b.select(condition, t, end, phi)
                 for end, phi, t in zip(ends, phis, types, strict=True)
@@ -385,7 +383,7 @@ def _late(b: Lowering, end: _End, write: Callable):
 
 
 def _by_lanes(b: Lowering, branches, index: Entry, dtype, values, avals) -> list[Value]:
-    """Branches that lanes do not share: all are computed, and each lane takes its own."""
+    """Branches that lanes do not share: each that any lane takes is computed, and each lane takes its own."""
     outer, results, conditions = b.mask, [], []
     for i, branch in enumerate(branches):
         if np.dtype(dtype).kind == "b":
@@ -396,7 +394,7 @@ def _by_lanes(b: Lowering, branches, index: Entry, dtype, values, avals) -> list
             mine = a.compare(b, dtype, "le" if i == 0 else "eq", index, i)
         b.mask = mine if outer is None else b.logic("and", mine, outer)
         with _kept(values):
-            results.append([b.at_hand(value) for value in b.run(branch, values)])
+            results.append(_if_any_takes_it(b, branch, values, avals))
         conditions.append(mine)
     b.mask = outer
 
@@ -412,3 +410,43 @@ def _by_lanes(b: Lowering, branches, index: Entry, dtype, values, avals) -> list
         return b.lazy(aval.shape, aval.dtype, at, each)
 
     return [chosen(each, aval) for each, aval in zip(zip(*results, strict=True), avals, strict=True)]
+
+
+_WORTH_A_JUMP = 20  # equations
+
+
+def _if_any_takes_it(b: Lowering, branch, values, avals) -> list[Value]:
+    """The results of a branch, for the lanes of the mask; passed over where there are none."""
+    if work(branch) < _WORTH_A_JUMP:
+        return [b.at_hand(value) for value in b.run(branch, values)]
+    before, inside, after = b.label, b.block_name(), b.block_name()
+    b.line(f"br i1 {b.text(_any_lane(b, b.mask), 'i1')}, label %{inside}, label %{after}")
+    begun, apart = len(b.lines), b.apart
+    end = _branch(b, inside, after, branch, values, avals)
+    b.apart = apart + len(b.lines) - begun
+    given = {entry for value in values if (r := _registers(value)) is not None for entry in flat(r)}
+    phis = []
+
+    def merged(value, aval):
+        if (registers := _registers(value)) is None:
+            return value  # its memory is there in any case
+        type_, found = llvm_type(aval.dtype), []
+        for entry in flat(registers):
+            if is_known(entry) or entry in given:
+                found.append(entry)
+                continue
+            found.append(b.name(is_wide(entry)))
+            text = b.type_text(type_, is_wide(entry))
+            phis.append(f"  {found[-1]} = phi {text} [ {entry}, %{end.label} ], [ poison, %{before} ]")
+        return _like(value, filled(registers.shape, found))
+
+    results = [merged(value, aval) for value, aval in zip(end.values, avals, strict=True)]
+    b.begin_block(after)
+    b.lines += phis
+    return results
+
+
+def work(program) -> int:
+    """How many equations are in a program, those of programs within it included."""
+    jaxpr = parts(program)[0]
+    return sum(1 + sum(map(work, subprograms(eqn))) for eqn in jaxpr.eqns)

@@ -57,7 +57,8 @@ def _of_equation(eqn, small: int) -> int:
         of = size(eqn.invars[0].aval.shape)
         return of if of <= small else _LOOP
     if name.startswith("scatter") or name == "dynamic_update_slice":
-        return 2 * largest * size(eqn.invars[2 if name.startswith("scatter") else 1].aval.shape)
+        changed = size(eqn.invars[2 if name.startswith("scatter") else 1].aval.shape)
+        return 2 * largest * changed if changed <= small else _LOOP
     if name in ("gather", "dynamic_slice"):
         of = size(eqn.invars[0].aval.shape)
         return largest * (of if of <= small else 3)

@@ -138,7 +138,7 @@ def scatter(b, eqn, value, indices, updates):
     gone = {*numbers.inserted_window_dims, *numbers.operand_batching_dims}
     free = [axis for axis in range(len(shape)) if axis not in gone]
     window = dict(zip(free, (updates.shape[axis] for axis in numbers.update_window_dims), strict=True))
-    small = b.is_small(aval.shape)
+    few = b.is_small(aval.shape) and b.is_small(updates.shape)
 
     def where(i):
         batch = [x for place, x in enumerate(i) if place not in numbers.update_window_dims]
@@ -156,7 +156,7 @@ def scatter(b, eqn, value, indices, updates):
             full[axis] = b.index_sum(full[axis], x)
         return full, inside
 
-    if small:
+    if few:
         joined = lambda old, new: combine(b, aval.dtype, old, new)  # noqa: E731
         return _put(b, b.entries(value), b.entries(updates), where, llvm_type(aval.dtype), joined)
     indices, updates = b.readable(b.at_hand(indices), index_type), b.at_hand(updates)
@@ -179,4 +179,4 @@ def scatter(b, eqn, value, indices, updates):
             one(list(i))
     else:
         b.for_each_index(updates.shape, one)
-    return found
+    return b.held(found)

@@ -13,6 +13,7 @@ import numpy as np
 from ._expansion import implementation
 from ._jax_versions import ClosedJaxpr, Jaxpr, Literal, literal_value, parts
 from ._types import as_numpy, llvm_type
+from ._unsupported import Unsupported
 from ._values import Buffer, Lazy, Memory, Rows, Value, Values, filled, memory_of, size, source_of
 
 RULES: dict[str, Callable] = {}
@@ -46,8 +47,6 @@ def _register(registry: dict[str, Callable], primitives: Sequence[str]) -> Calla
 
 class Lowering(Values):
     """One function in the making."""
-
-    mask = None  # of the lanes that are still going, where lanes diverge
 
     def constant_value(self, number) -> Value:
         """A constant array."""
@@ -200,7 +199,13 @@ def _last_uses(jaxpr: Jaxpr) -> _Uses:
 
 
 def lower(
-    closed: ClosedJaxpr, small: int, columns: int = 0, lanes: int = 1, wide: Sequence[bool] = (), checked: bool = False
+    closed: ClosedJaxpr,
+    small: int,
+    columns: int = 0,
+    lanes: int = 1,
+    wide: Sequence[bool] = (),
+    checked: bool = False,
+    most_apart: float = 1.0,
 ) -> str:
     """The module's text; its function is `void @call(ptr inputs, ptr outputs)`, each an array of pointers to arrays.
 
@@ -211,6 +216,10 @@ def lower(
         lanes: so many runs go side by side; an input that is `wide`, and each output, has a last axis for them.
         wide: for each input, whether the lanes differ in it.
         checked: test each index against the size of its array.
+        most_apart: the largest part of the code that may stand in branches which lanes do not share.
+
+    Raises:
+        Unsupported: a primitive has no rule, or lanes have less in common than that.
     """
     b = Lowering(small, columns, lanes, checked)
     jaxpr = closed.jaxpr
@@ -220,6 +229,8 @@ def lower(
     results = b.run(closed, inputs)
     for place, (atom, value) in enumerate(zip(jaxpr.outvars, results, strict=True)):
         _output(b, place, atom.aval, value)
+    if b.apart > most_apart * len(b.lines):
+        raise Unsupported(f"lanes that part in {b.apart} of {len(b.lines)} lines")
     body = [*b.allocations, *b.lines, *b.releases, "  ret void"]
     head = "define void @call(ptr noalias readonly %inputs, ptr noalias readonly %outputs) nounwind {"
     return "\n".join([*b.constants, *sorted(b.declarations), head, "entry:", *body, "}", "!0 = !{}", ""])

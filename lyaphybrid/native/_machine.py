@@ -41,6 +41,13 @@ def _features() -> str:
     return llvm.get_host_cpu_features().flatten()
 
 
+@functools.cache
+def doubles_in_a_vector() -> int:
+    """How many numbers the widest vectors of this CPU hold."""
+    features = llvm.get_host_cpu_features()
+    return 8 if features.get("avx512f") else 4 if features.get("avx") else 2
+
+
 def _target_machine(level: int):
     target = llvm.Target.from_default_triple()
     return target.create_target_machine(

@@ -17,10 +17,12 @@ from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
 
 from ._compiled import Compiled
 from ._jax_versions import Jaxpr, subprograms
+from ._machine import doubles_in_a_vector
 from ._unsupported import Unsupported
 
 VARIABLE = "LYAPHYBRID_ENGINE"
 _ENGINES = ("auto", "native", "xla")
+_MOST_APART = 0.2  # of the code: beyond that lanes wait for each other too often
 _log = logging.getLogger("lyaphybrid.native")
 _noted: set[str] = set()
 
@@ -132,6 +134,20 @@ class Program:
             for aval, w in zip(self.closed.in_avals, which, strict=True)
         ]
         return self._made(("mapped", which, size), lanes, structs)
+
+    def in_lanes(self, last: int) -> Compiled | None:
+        """Machine code for as many lanes as vectors hold, which differ in the `last` operands.
+
+        None where lanes part so often that one after the other is faster, or a primitive has no rule for lanes.
+        """
+        if ("in lanes", last) not in self._derived:
+            wide = [place >= len(self.closed.in_avals) - last for place in range(len(self.closed.in_avals))]
+            try:
+                code = Compiled(self.closed, lanes=doubles_in_a_vector(), wide=wide, most_apart=_MOST_APART)
+            except Unsupported:
+                code = None
+            self._derived["in lanes", last] = code
+        return self._derived["in lanes", last]
 
     def _made(self, key, function, avals) -> "Program":
         if key not in self._derived:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ._emitter import Emitter, Entry, is_known
+from ._emitter import Emitter, Entry, is_known, is_wide
 from ._types import BYTES, is_float, llvm_type, numpy_type
 
 Entries = np.ndarray  # of objects
@@ -32,11 +32,12 @@ class Source:
 class Memory(Source):
     """Where a buffer's elements lie."""
 
-    def __init__(self, pointer: str, size: int, writable: bool, wide: bool = False):
+    def __init__(self, pointer: str, size: int, writable: bool, wide: bool = False, mask: Entry | None = None):
         super().__init__()
         self.pointer, self.size = pointer, size
         self.writable = writable  # inputs and constants are not
         self.wide = wide  # whether each element is a vector: one number for each lane
+        self.mask = mask  # of the lanes that were going when it was new: the others have nothing there
 
     def is_free(self) -> bool:
         """Whether it may be written: no variable needs what is there."""
@@ -132,6 +133,8 @@ class Values(Emitter):
         super().__init__(2 ** math.ceil(math.log2(columns)) if columns else lanes, checked)
         self.small, self.columns, self.lanes = small, columns, lanes
         self.carries_vectors = lanes > 1
+        self.mask: Entry | None = None  # of the lanes that are still going, where lanes diverge
+        self.apart = 0  # how many lines stand in branches that lanes do not share
         self._lazies: list[weakref.ref[Lazy]] = []  # in the order in which they were made
 
     def scope(self) -> tuple[int, int]:
@@ -191,20 +194,37 @@ class Values(Emitter):
             found = self.select(self.binary("icmp eq", "i64", index, i), type_, parts[i], found)
         return found
 
-    def load_element(self, buffer: Buffer, indices: Sequence[Entry]) -> str:
+    def load_element(self, buffer: Buffer, indices: Sequence[Entry]) -> Entry:
         """An element from memory."""
-        place = self.linear_index(indices, buffer.shape)
-        memory = buffer.memory
+        memory, type_, place = buffer.memory, llvm_type(buffer.dtype), self.linear_index(indices, buffer.shape)
+        if is_wide(place):  # each lane reads elsewhere
+            return self.vector([self.load(memory.pointer, type_, at) for at in self._places(memory, place)], type_)
         self.check_index(place, memory.size)
-        place = self.index_times(place, self.lanes) if memory.wide else place
-        return self.load(memory.pointer, llvm_type(buffer.dtype), place, memory.wide)
+        return self.load(memory.pointer, type_, self._place(memory, place), memory.wide)
 
     def store_element(self, buffer: Buffer, indices: Sequence[Entry], entry: Entry) -> None:
-        """An element into memory."""
-        place, memory = self.linear_index(indices, buffer.shape), buffer.memory
+        """An element into memory; lanes that have stopped keep what they have there."""
+        memory, type_, place = buffer.memory, llvm_type(buffer.dtype), self.linear_index(indices, buffer.shape)
+        if memory.wide and self.mask is not None and self.mask != memory.mask:
+            entry = self.select(self.mask, type_, entry, self.load_element(buffer, indices))
+        if is_wide(place):
+            for lane, at in enumerate(self._places(memory, place)):
+                self.store(memory.pointer, type_, at, self.element(entry, lane, type_))
+            return
         self.check_index(place, memory.size)
-        place = self.index_times(place, self.lanes) if memory.wide else place
-        self.store(memory.pointer, llvm_type(buffer.dtype), place, entry, memory.wide)
+        self.store(memory.pointer, type_, self._place(memory, place), entry, memory.wide)
+
+    def _place(self, memory: Memory, place: Entry) -> Entry:
+        return self.index_times(place, self.lanes) if memory.wide else place
+
+    def _places(self, memory: Memory, place: Entry) -> list[Entry]:
+        """For each lane where its element lies."""
+        found = []
+        for lane in range(self.lanes):
+            index = self.element(place, lane, "i64")
+            self.check_index(index, memory.size)
+            found.append(self.index_sum(self.index_times(index, self.lanes), lane) if memory.wide else index)
+        return found
 
     # --- from one form to another ----------------------------------------------------------------------------
 
@@ -234,7 +254,7 @@ class Values(Emitter):
         """An array in memory, not yet filled; with lanes each has its own numbers there."""
         n = size(shape)
         pointer = self.allocate(llvm_type(dtype), n * self.lanes)
-        return Buffer(Memory(pointer, n, True, self.lanes > 1), shape, dtype)
+        return Buffer(Memory(pointer, n, True, self.lanes > 1, self.mask), shape, dtype)
 
     def in_memory(self, value: Value, dtype=None) -> Buffer:
         """A value in memory. `dtype`: of entries, which do not know."""
@@ -295,7 +315,8 @@ class Values(Emitter):
 
     def copy_buffer(self, to: Buffer, source: Buffer) -> None:
         """Copy all elements."""
-        if to.memory.wide == source.memory.wide:
+        blended = self.mask is not None and self.mask != to.memory.mask
+        if to.memory.wide == source.memory.wide and not blended:
             bytes_ = BYTES[llvm_type(source.dtype)] * (self.lanes if to.memory.wide else 1)
             self.copy(to.memory.pointer, source.memory.pointer, size(source.shape) * bytes_)
         else:

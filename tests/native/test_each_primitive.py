@@ -312,6 +312,9 @@ def _indices(x, m, at, pairs):
                 f"{change} a number {mode}": getattr(z.at[places], change)(0.5, mode=mode),
                 f"{change} one {mode}": getattr(x.at[a[1]], change)(9.0, mode=mode),
                 f"{change} rows {mode}": getattr(m.at[places[:1] % 4], change)(m[:1] * 2, mode=mode),
+                f"{change} many {mode}": getattr(x.at[jnp.arange(300) % (27 if inside else 99) // 3], change)(
+                    jnp.cos(jnp.arange(300.0)), mode=mode
+                ),
                 f"{change} of integers {mode}": getattr(jnp.arange(9).at[places], change)(places * 7, mode=mode),
                 f"{change} column {mode}": getattr(m.at[:, p[0, 0]], change)(m[:, 0], mode=mode),
             }
@@ -731,7 +734,33 @@ def _lanes_of_many(x, n, p):
         "conditions": x > 0.5,
         "select": jnp.where(n > 2, x, y),
         "constants": x + np.arange(6.0),
+        "index": (x[n], m[n % 3], lax.dynamic_slice(m, (n % 6, 1), (1, 5)), jnp.arange(9.0)[n], x[n - 9]),
+        "put anywhere": (x.at[n].set(1.0), x.at[n % 6].add(p), lax.dynamic_update_slice(x, y[:5], (n,))),
+        "until": lax.fori_loop(0, n, lambda i, c: c.at[i % 6].add(1.0), x),
+        "change places": lax.fori_loop(0, n, lambda i, c: (c[1] * 0.5, c[0]), (x, y)),
+        "hand on": lax.fori_loop(0, n, lambda i, c: (c[0], c[0] + c[1] * 0.5), (x, y)),
+        "put in a branch": lax.cond(
+            n > 2, lambda a: a.at[n].set(0.0).at[0].add(n.astype(float)), lambda a: a.at[n].add(1.0), y
+        ),
+        "loop in a branch": lax.cond(
+            n > 2,
+            lambda a: lax.while_loop(lambda c: c[0] < n, lambda c: (c[0] + 1, c[1].at[c[0]].set(0.5)), (0, a))[1],
+            lambda a: lax.fori_loop(0, 3, lambda i, c: c.at[i].multiply(2.0) + c[n], a),
+            x,
+        ),
+        "nobody's branch": lax.cond(n > 99, lambda a: lax.fori_loop(0, 9, lambda i, c: c * 0.5, a), lambda a: a, x),
+        "records": _recorded(x, n),
     }
+
+
+def _recorded(x, n):
+    """A loop that keeps something of each turn, as long as it goes on."""
+
+    def turn(c):
+        i, kept, x = c
+        return i + 1, kept.at[i].set(x.sum()), lax.fori_loop(0, i % 3, lambda j, x: x.at[j].multiply(0.5), x)
+
+    return lax.while_loop(lambda c: (c[0] < n) & (c[2][0] < 9), turn, (0, jnp.zeros(8), x))
 
 
 @pytest.mark.parametrize("lanes", [2, 4])
@@ -747,11 +776,3 @@ def test_lanes(function, length, small, lanes):
         if (how := difference(a, np.moveaxis(b, -1, 0))) is not None
     }
     assert not wrong, wrong
-
-
-def test_lanes_that_part_in_arrays_of_many_elements_are_refused():
-    wide = dict(lanes=4, wide=(True, True), plan=Plan(4, 1))
-    loop = lambda x, n: lax.fori_loop(0, n, lambda i, c: c.at[0].add(1.0), x)  # noqa: E731
-    for function in (lambda x, n: x[n], lambda x, n: x.at[n].set(1.0), loop):
-        with pytest.raises(native.Unsupported, match="lanes"):
-            native.compile(function, np.ones(9), 1, **wide)
