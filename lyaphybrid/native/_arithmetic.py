@@ -46,7 +46,7 @@ def subtract(b: Emitter, dtype, x: Entry, y: Entry) -> Entry:
 
 
 def _sum(b: Emitter, dtype, x: Entry, y: Entry) -> Entry:
-    """x + y, and a·b + c as one fused operation.
+    """The sum x + y; of a·b + c, one fused operation.
 
     What is fused is settled here and not left to LLVM, which may choose otherwise where the same lines stand elsewhere:
     a run that goes on must find the numbers that the whole run finds.
