@@ -35,7 +35,6 @@ class Compiled:
     Attributes:
         program: the closed jaxpr.
         plan: how it was compiled.
-        text: the module, in LLVM's language.
         seconds: what lowering, LLVM and linking took.
         address: where a function of the module begins: "call", or "handler" for XLA.
     """
@@ -53,13 +52,12 @@ class Compiled:
     ):
         self.program, self.lanes, self._wide = program, lanes, tuple(wide)
         self.plan = _plan_of(program) if plan is None else plan
+        self._how = columns, lanes, self._wide, checked, most_apart
         clock = time.perf_counter()
-        jaxpr = program.jaxpr
-        self.text = lower(program, self.plan.small, columns, lanes, wide, checked, most_apart)
-        self.text += handler(len(jaxpr.invars), len(jaxpr.outvars))
+        text = self.text
         lowered = time.perf_counter()
         level = self.plan.level
-        code = kept(f"{describe()}, level {level}\n{self.text}", lambda: object_code(self.text, level))
+        code = kept(f"{describe()}, level {level}\n{text}", lambda: object_code(text, level))
         compiled = time.perf_counter()
         self._linked = Linked(code)
         self.address = self._linked.address
@@ -71,6 +69,12 @@ class Compiled:
         }
         for what, seconds in self.seconds.items():
             jax.monitoring.record_event_duration_secs(f"{EVENTS}/{what}", seconds)
+
+    @property
+    def text(self) -> str:
+        """The module, in LLVM's language: written anew each time, for it may be long."""
+        jaxpr = self.program.jaxpr
+        return lower(self.program, self.plan.small, *self._how) + handler(len(jaxpr.invars), len(jaxpr.outvars))
 
     def __call__(self, *operands) -> list[np.ndarray]:
         """The results; other threads of Python run meanwhile. With lanes each result has a last axis for them."""
