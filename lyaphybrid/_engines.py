@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ._tracing import enclosed, traced
-from .native import EVENTS, Compiled, Program, engine, native_call
+from .native import EVENTS, Compiled, Program, engine, native_call, no_collector
 from .reverse_mode import both_ways
 
 _MOST = 256  # programs of one function that are kept: the least recently used one goes
@@ -144,7 +144,8 @@ class _Natively:
         key = tree, other_tree, tuple(others), shapes, jax.config.read("jax_enable_x64")
         with self.lock:
             if key not in self.known:
-                self.known[key] = self._traced(arrays, static)
+                with no_collector():
+                    self.known[key] = self._traced(arrays, static)
                 if len(self.known) > _MOST:
                     self.known.popitem(last=False)
             self.known.move_to_end(key)

@@ -1,8 +1,19 @@
 """A small compiler: from a jaxpr to machine code by LLVM. It knows nothing of dynamics."""
 
 from ._bridge import native, native_call
+from ._collector import no_collector
 from ._compiled import EVENTS, Compiled, compile
 from ._programs import Program, engine
 from ._unsupported import Unsupported
 
-__all__ = ["EVENTS", "Compiled", "Program", "Unsupported", "compile", "engine", "native", "native_call"]
+__all__ = [
+    "EVENTS",
+    "Compiled",
+    "Program",
+    "Unsupported",
+    "compile",
+    "engine",
+    "native",
+    "native_call",
+    "no_collector",
+]

@@ -20,6 +20,7 @@ from . import (  # noqa: F401  the rules
     _sorting,
 )
 from ._cache import kept
+from ._collector import no_collector
 from ._costs import Plan, plan
 from ._handler import handler
 from ._lowering import lower
@@ -54,7 +55,8 @@ class Compiled:
         self.plan = _plan_of(program) if plan is None else plan
         self._how = columns, lanes, self._wide, checked, most_apart
         clock = time.perf_counter()
-        text = self.text
+        with no_collector():
+            text = self.text
         lowered = time.perf_counter()
         level = self.plan.level
         code = kept(f"{describe()}, level {level}\n{text}", lambda: object_code(text, level))

@@ -26,9 +26,12 @@ class Plan(NamedTuple):
 
 def plan(jaxpr: Jaxpr) -> Plan:
     """Of the values of `small` the largest for which the code stays short."""
-    estimates = {small: instructions(jaxpr, small) for small in SMALL}
-    short = [small for small in SMALL if estimates[small] <= LIMIT]
-    return Plan(short[0] if short else min(SMALL, key=estimates.__getitem__), 2)
+    estimates = {}
+    for small in SMALL:
+        estimates[small] = instructions(jaxpr, small)
+        if estimates[small] <= LIMIT:
+            return Plan(small, 2)
+    return Plan(min(SMALL, key=estimates.__getitem__), 2)
 
 
 def instructions(jaxpr: Jaxpr, small: int) -> int:

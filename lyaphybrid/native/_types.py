@@ -36,6 +36,7 @@ def llvm_type(dtype) -> str:
     return _LLVM[name]
 
 
+@functools.cache
 def numpy_type(dtype) -> np.dtype:
     """The type that NumPy's arrays of such elements have: of keys, 64 bits."""
     return np.dtype(np.uint64) if _is_key(dtype) else np.dtype(dtype)
@@ -67,6 +68,7 @@ def is_float(dtype) -> bool:
     return kind(dtype) == "f"
 
 
+@functools.cache
 def kind(dtype) -> str:
     """NumPy's letter: b(oolean), i(nteger), u(nsigned), f(loat)."""
     return numpy_type(dtype).kind
