@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import lyaphybrid as lh
 from lyaphybrid import devices, lanes
 
 
@@ -132,3 +133,37 @@ def test_threads_have_the_precision_of_their_caller():
         (found, _), _ = lanes.map_lanes(orbit, jnp.asarray(3.9), (STEPS.astype("int32"), STARTS.astype("float32")))
     assert found.dtype == np.float32
     assert np.all(np.isfinite(found))
+
+
+def exponents_of(problem, name, **keywords):
+    """A run of a problem of the zoo, as a lane whose value is one of its args."""
+
+    def run(shared, value):
+        del shared
+        return problem.spectrum(args=problem.args | {name: value}, throw=False, **keywords).exponents
+
+    return run
+
+
+RK4 = lh.RungeKutta("rk4", dt=0.01)
+
+
+@pytest.mark.parametrize(
+    ("problem", "name", "values", "keywords", "together"),
+    [
+        (lh.zoo.lorenz63(), "rho", (26.0, 30.0), {"method": RK4, "every": 10}, True),
+        (lh.zoo.lorenz63(), "rho", (26.0, 30.0), {"method": lh.RungeKutta("dopri5")}, True),
+        (lh.zoo.rossler(), "c", (4.0, 9.0), {"method": RK4}, True),
+        (lh.zoo.impact_oscillator(), "restitution", (0.7, 0.8), {"method": RK4}, False),
+    ],
+)
+def test_lanes_that_seldom_part_go_in_the_vectors_of_the_cpu(problem, name, values, keywords, together):
+    run = exponents_of(problem, name, t1=20.0, transient=1.0, blocks=4, **keywords)
+    values = np.linspace(*values, 19)  # not a whole number of vectors
+    program = lanes.Program(lanes._Alone(run), None, ((), values))
+    assert (program.at_once > 1) == together
+    found, done = lanes.map_lanes(run, None, values)
+    assert done.all()
+    single = np.array([run(None, jnp.asarray(value)) for value in values])
+    adaptive = keywords["method"].tableau == "dopri5"  # its steps hang on the last digits of an error estimate
+    np.testing.assert_allclose(found, single, rtol=1e-3 if adaptive else 1e-9)
