@@ -43,9 +43,9 @@ def sweep(
     """One run at each point of a grid, or of a list of points, as an `xarray.Dataset`.
 
     The run is compiled once. On a CPU each thread takes points of its own, and computes them one after the other: a
-    branch that a point does not take costs it nothing. Small flows in fixed steps, which have no branches, go eight at
-    a time where the CPU has vectors for that. On accelerators many points go side by side, an equal part on each local
-    device. Any way each point is what a single run gives.
+    branch that a point does not take costs it nothing. Where points seldom part (flows without events, maps), as many
+    go at once as the vectors of the CPU hold. On accelerators many points go side by side, an equal part on each local
+    device. Any way each point is what a single run gives, up to rounding.
 
     A point that fails does not stop the others: it has its status, and nan for its exponents.
 
