@@ -74,7 +74,9 @@ class Linked:
     def __init__(self, code: bytes):
         _symbols()
         _scipy.register(code)
-        self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _target_machine(0))
+        # llvmlite's memory manager puts code and constants side by side: LLVM's own may put them farther apart than
+        # an instruction reaches, and then ends the process.
+        self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _target_machine(0), use_lmm=True)
         self._engine.add_object_file(llvm.ObjectFileRef.from_data(code))
         self._engine.finalize_object()
 
