@@ -61,7 +61,7 @@ class Compiled:
         level = self.plan.level
         code = kept(f"{describe()}, level {level}\n{text}", lambda: object_code(text, level))
         compiled = time.perf_counter()
-        self._linked = Linked(code)
+        self._linked = Linked(code, ["call", "handler"])
         self.address = self._linked.address
         self._call = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(self.address("call"))
         self.seconds = {

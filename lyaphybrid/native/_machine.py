@@ -3,7 +3,10 @@
 import ctypes
 import ctypes.util
 import functools
+import itertools
 import sys
+import threading
+from collections.abc import Sequence
 
 import llvmlite.binding as llvm
 
@@ -20,15 +23,16 @@ _LIBRARY = (*_OF_FLOATS, *(name + "f" for name in _OF_FLOATS), *"malloc free abo
 
 
 @functools.cache
-def _symbols() -> None:
-    """Tell LLVM where the functions of the C library are."""
+def _library() -> dict[str, int]:
+    """Where the functions of the C library are."""
     names = ["ucrtbase"] if sys.platform == "win32" else [ctypes.util.find_library("m"), None]
     libraries = [ctypes.CDLL(name) for name in names if name is not None or sys.platform != "win32"]
-    for function in _LIBRARY:
-        for library in libraries:
-            if (found := getattr(library, function, None)) is not None:
-                llvm.add_symbol(function, ctypes.cast(found, ctypes.c_void_p).value)
-                break
+    found = {}
+    for name in _LIBRARY:
+        functions = [function for library in libraries if (function := getattr(library, name, None)) is not None]
+        if functions:
+            found[name] = ctypes.cast(functions[0], ctypes.c_void_p).value
+    return found
 
 
 def describe() -> str:
@@ -68,18 +72,29 @@ def object_code(text: str, level: int) -> bytes:
     return machine.emit_object(module)
 
 
-class Linked:
-    """Machine code in memory."""
+@functools.cache
+def _linker():
+    # JITLink puts code and constants side by side. LLVM's older linker may put them farther apart than an instruction
+    # reaches, and then ends the process.
+    return llvm.create_lljit_compiler(use_jit_link=sys.platform != "win32")
 
-    def __init__(self, code: bytes):
-        _symbols()
-        _scipy.register(code)
-        # llvmlite's memory manager puts code and constants side by side: LLVM's own may put them farther apart than
-        # an instruction reaches, and then ends the process.
-        self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _target_machine(0), use_lmm=True)
-        self._engine.add_object_file(llvm.ObjectFileRef.from_data(code))
-        self._engine.finalize_object()
+
+_names, _linking = itertools.count(), threading.Lock()
+
+
+class Linked:
+    """Machine code in memory, as long as this object lives."""
+
+    def __init__(self, code: bytes, functions: Sequence[str]):
+        """`functions`: those of the code whose addresses are asked for."""
+        library = llvm.JITLibraryBuilder().add_object_img(code)
+        for name, address in (_library() | _scipy.addresses(code)).items():
+            library.import_symbol(name, address)
+        for name in functions:
+            library.export_symbol(name)
+        with _linking:
+            self._code = library.link(_linker(), f"program {next(_names)}")
 
     def address(self, function: str) -> int:
         """Where a function begins."""
-        return self._engine.get_function_address(function)
+        return self._code[function]

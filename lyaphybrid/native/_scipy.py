@@ -8,8 +8,6 @@ import ctypes
 import functools
 import re
 
-import llvmlite.binding as llvm
-
 _PREFIX = "native_"
 
 
@@ -18,17 +16,13 @@ def symbol(function: str) -> str:
     return _PREFIX + function
 
 
-def register(code: bytes) -> None:
-    """Tell LLVM where the functions are that machine code calls."""
-    for name in sorted(set(re.findall(_PREFIX.encode() + rb"(\w+)", code))):
-        _register(name.decode())
+def addresses(code: bytes) -> dict[str, int]:
+    """Where the functions are that machine code calls."""
+    names = sorted(set(re.findall(_PREFIX.encode() + rb"(\w+)", code)))
+    return {symbol(name.decode()): _address(name.decode()) for name in names}
 
 
 @functools.cache
-def _register(function: str) -> None:
-    llvm.add_symbol(symbol(function), _address(function))
-
-
 def _address(function: str) -> int:
     import scipy.linalg.cython_blas as blas  # here, for it takes a while
     import scipy.linalg.cython_lapack as lapack
