@@ -18,6 +18,7 @@ __all__ = [
     "divided",
     "evaluated",
     "is_affine",
+    "jacobian",
     "needed",
     "part_of",
     "settled",
@@ -124,6 +125,19 @@ def by_component(function: Callable, t, x) -> Callable[[list], Any]:
     of_reads = part_of(closed, rest, [time, *(eqn.outvars[0] for eqn in reads)], closed.jaxpr.outvars)
     which = [eqn.params["start_indices"][0] for eqn in reads]
     return lambda components: of_reads(t, *(components[i][None] for i in which))[0]
+
+
+def jacobian(function: Callable, x):
+    """Df (m, n) at x (n,), component by component: what does not depend on one costs nothing in its column."""
+    of_components = by_component(lambda _, x: function(x), jnp.zeros((), x.dtype), x)
+
+    def column(i: int):
+        def of_one(component):
+            return of_components([*x[:i], component, *x[i + 1 :]])
+
+        return jax.jvp(of_one, (x[i],), (jnp.ones_like(x[i]),))[1]
+
+    return jnp.stack([column(i) for i in range(x.size)], axis=1)
 
 
 def constant(function: Callable, *example) -> Any:

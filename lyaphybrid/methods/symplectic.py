@@ -11,14 +11,17 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from .._jaxprs import jacobian
 from ..checks import positive, require
+from ..columns import each_column
 from ..frames import log_abs_det
 from ..hamiltonians import Separable, halves
-from .base import Method, Step
+from ..native import instructions
+from .base import Method, Step, Tangent
 from .runge_kutta import hermite
 from .splittings import SCHEMES, A, Scheme
 
-__all__ = ["Composition", "Splitting", "Symplectic", "moved", "separable"]
+__all__ = ["Composition", "Splitting", "Symplectic", "moved", "separable", "with_columns"]
 
 
 class Composition(Method):
@@ -95,28 +98,64 @@ class Symplectic(Composition):
         """One step over h from (t, x)."""
         return self._arrived(field, t, x, f, h, moved(SCHEMES[self.scheme], field, x, h))
 
+    def tangent(self, field: Any, t, x, h, frame, way=()) -> Tangent:
+        """The tangent map: drifts and kicks of the columns, at the points that the state passes."""
+        del way
+        new, columns = moved(SCHEMES[self.scheme], field, (x, frame), h, with_columns)
+        return Tangent(new, columns, frame[None, :0], (t, x))
+
     def divergence(self, field, nodes, h):
         """Canonical motion keeps volumes."""
         return jnp.zeros_like(h)
 
 
-def moved(scheme: Scheme, field: Any, x, h):
-    """The state (2m,) after a step over h of a scheme, under a field T + V."""
+def moved(scheme: Scheme, field: Any, state: Any, h, at: Callable = lambda function, x: function(x)):
+    """The state (2m,) after a step over h of a scheme, under a field T + V.
+
+    The state may be any tree of arrays (2m, …), which move alike; then `at(function, x)` gives a tree like x.
+    """
     parts, args = field.field, field.args
-    q, p = halves(x)
+    q, p = (jax.tree.map(lambda one, half=half: halves(one)[half], state) for half in (0, 1))
+
+    def velocity(share):
+        return scaled(share * h, at(lambda p: parts.velocity(p, args), p))
+
+    def push(share):
+        return scaled(share * h, at(lambda q: parts.force(q, args), q))
 
     def correction():
-        return (scheme.corrector * h**3) * parts.slope_of_bracket(q, args) if scheme.corrector else jnp.zeros_like(p)
+        return scaled(scheme.corrector * h**3, at(lambda q: parts.slope_of_bracket(q, args), q))
 
-    if scheme.parts[0][0] == A:
-        p = p + correction()
+    def scaled(factor, tree):
+        return jax.tree.map(lambda one: factor * one, tree)
+
+    def plus(tree, *changes):
+        return jax.tree.map(lambda one, *others: sum(others, one), tree, *changes)
+
+    if scheme.corrector and scheme.parts[0][0] == A:
+        p = plus(p, correction())
     for i, (part, share) in enumerate(scheme.parts):
         if part == A:
-            q = q + (share * h) * parts.velocity(p, args)
+            q = plus(q, velocity(share))
+        elif scheme.corrector and i == 0:
+            p = plus(p, push(share), correction())
         else:
-            push = (share * h) * parts.force(q, args)
-            p = p + (push + correction() if i == 0 else push)
-    return jnp.concatenate([q, p + correction()])
+            p = plus(p, push(share))
+    if scheme.corrector:
+        p = plus(p, correction())
+    return jax.tree.map(lambda *two: jnp.concatenate(two), q, p)
+
+
+def with_columns(function: Callable, point: tuple) -> tuple:
+    """The value (m,) of a function at x (m,), and its derivative there applied to columns (m, k).
+
+    Where the derivative takes more work than a matrix (m, m) it is made one: for each column there is then less to do.
+    """
+    x, columns = point
+    value, linear = jax.linearize(function, x)
+    if instructions(jax.make_jaxpr(linear)(x).jaxpr) <= 2 * x.size**2:
+        return value, each_column(linear, columns)
+    return value, jacobian(function, x) @ columns
 
 
 def separable(field: Any, x, name: str) -> Separable:

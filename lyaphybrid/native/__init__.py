@@ -3,6 +3,7 @@
 from ._bridge import native, native_call
 from ._collector import no_collector
 from ._compiled import EVENTS, Compiled, compile
+from ._costs import instructions
 from ._programs import Program, engine
 from ._unsupported import Unsupported
 
@@ -13,6 +14,7 @@ __all__ = [
     "Unsupported",
     "compile",
     "engine",
+    "instructions",
     "native",
     "native_call",
     "no_collector",

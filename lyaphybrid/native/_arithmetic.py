@@ -68,9 +68,25 @@ def multiply(b: Emitter, dtype, x: Entry, y: Entry) -> Entry:
         return y if _is(x, 1) else x
     if kind(dtype) != "f":
         return b.binary("mul", llvm_type(dtype), x, y, True)
+    if (shorter := _by_one_factor(b, dtype, x, y)) is not None:
+        return shorter
     product = b.binary(f"fmul {b.flags}", llvm_type(dtype), x, y, True)
     b.products[product] = x, y
     return product
+
+
+def _by_one_factor(b: Emitter, dtype, x: Entry, y: Entry) -> Entry | None:
+    """(z·c)·d as z·(c·d), where c and d are known: derivatives of powers are full of such factors.
+
+    None where that is not the case, or c·d has fewer digits than other numbers.
+    """
+    for known, other in ((x, y), (y, x)):
+        for factor, rest in (b.products[other], b.products[other][::-1]) if other in b.products else ():
+            if is_known(known, factor) and not is_known(rest):
+                both = folded(dtype, np.multiply, known, factor)
+                if np.finfo(dtype).tiny <= abs(both) <= np.finfo(dtype).max:
+                    return multiply(b, dtype, rest, both)
+    return None
 
 
 def divide(b: Emitter, dtype, x: Entry, y: Entry) -> Entry:

@@ -7,6 +7,7 @@ large in any case is lowered with the value that makes it shortest. The estimate
 jaxpr, each loop's body once.
 """
 
+import math
 from typing import NamedTuple
 
 from ._jax_versions import Jaxpr, parts, scan_of, subprograms
@@ -34,12 +35,12 @@ def plan(jaxpr: Jaxpr) -> Plan:
     return Plan(min(SMALL, key=estimates.__getitem__), 2)
 
 
-def instructions(jaxpr: Jaxpr, small: int) -> int:
+def instructions(jaxpr: Jaxpr, small: float = math.inf) -> int:
     """About how many instructions the program becomes."""
     return sum(_of_equation(eqn, small) for eqn in jaxpr.eqns)
 
 
-def _of_equation(eqn, small: int) -> int:
+def _of_equation(eqn, small: float) -> int:
     name, results = eqn.primitive.name, [size(variable.aval.shape) for variable in eqn.outvars]
     if inner := subprograms(eqn):
         turns = 1
