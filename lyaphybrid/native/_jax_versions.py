@@ -54,6 +54,11 @@ def linear_solve(equation) -> tuple[ClosedJaxpr, list[int]]:
     return programs.solve, [*constants, *range(sum(lengths), len(equation.invars))]
 
 
+def axis_of_greatest(equation) -> int:
+    """Along which axis a `top_k` looks; up to 0.8 the last."""
+    return equation.params.get("axis", equation.invars[0].aval.ndim - 1)
+
+
 def literal_value(literal: Literal) -> np.ndarray:
     """The number of a literal, in its type."""
     aval: Any = literal.aval

@@ -1,9 +1,12 @@
 """Rules for sorting: few entries by comparisons that are written out, many by merging."""
 
+import jax
 import numpy as np
 
 from . import _arithmetic as a
 from ._emitter import Entry
+from ._expansion import traced
+from ._jax_versions import axis_of_greatest
 from ._lowering import Lowering, rule
 from ._types import kind, llvm_type
 from ._unsupported import Unsupported
@@ -35,6 +38,21 @@ def sort(b, eqn, *values):
     if all(isinstance(value, np.ndarray) for value in values) and n <= _FEW:
         return _by_exchanges(b, values, axis, dtypes, precedes)
     return _by_merging(b, values, axis, dtypes, precedes)
+
+
+@rule("top_k")
+def top_k(b, eqn, value):
+    """The k greatest along an axis, the greatest first, and where they stand; nan is the greatest."""
+    k, axis = eqn.params["k"], axis_of_greatest(eqn)
+    of_places = eqn.outvars[1].aval.dtype
+
+    def greatest(x):
+        places = jax.lax.broadcasted_iota(of_places, x.shape, axis)
+        backwards = [jax.lax.rev(one, (axis,)) for one in (x, places)]
+        found = jax.lax.sort(backwards, dimension=axis, is_stable=True, num_keys=1)
+        return [jax.lax.slice_in_dim(jax.lax.rev(one, (axis,)), 0, k, axis=axis) for one in found]
+
+    return b.run(traced(greatest, [eqn.invars[0].aval]), [value])
 
 
 def _by_exchanges(b, values, axis, dtypes, precedes):

@@ -621,6 +621,7 @@ def _frames(x, f, n):
         "extrema": (f.max(0), f.min(1), f.prod(0), jnp.argmax(f, 0)),
         "any": (f > 0).any(0),
         "cumsum": (jnp.cumsum(f, 0), jnp.cumsum(f, 1)),
+        "greatest": (lax.top_k(f, 2), lax.top_k(jnp.round(f), 2)),
         "sort": (jnp.sort(f, 0), jnp.sort(f, 1)),
         "transpose": (f.T, f.T * f.T),
         "reshape": (f.reshape(-1), f.reshape(k, 3), f[None], f[:, None], f[:, :, None]),
