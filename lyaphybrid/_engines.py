@@ -109,6 +109,16 @@ class SideBySide:
         return jax.tree.unflatten(self.result, [np.concatenate(each) for each in zip(*parts, strict=True)])
 
 
+_all: list["_Natively"] = []
+
+
+def forget_programs() -> None:
+    """Forget all programs, and their machine code: what is called next is traced anew."""
+    for one in _all:
+        with one.lock:
+            one.known.clear()
+
+
 class _Natively:
     """A function, traced once for arguments of one kind."""
 
@@ -116,6 +126,7 @@ class _Natively:
         self.function, self.columns, self.backward = function, columns, backward
         self.known: OrderedDict = OrderedDict()
         self.lock = threading.RLock()  # a function may call itself with other arguments
+        _all.append(self)
 
     def __call__(self, *args):
         leaves, program, result = self._program(args)

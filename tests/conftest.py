@@ -13,6 +13,7 @@ import matplotlib
 import pytest
 
 import references
+from lyaphybrid._engines import forget_programs
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
@@ -34,6 +35,7 @@ def _resident_bytes() -> int:
 def _bounded_caches():
     yield
     if _resident_bytes() > CACHE_LIMIT:
+        forget_programs()
         jax.clear_caches()
         gc.collect()
 
