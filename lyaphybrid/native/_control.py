@@ -5,6 +5,7 @@ write in place. With lanes a loop goes on while any lane does, and the others ke
 lanes do not share each is computed, and each lane takes its own.
 """
 
+import collections
 import contextlib
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -17,7 +18,7 @@ from ._jax_versions import ClosedJaxpr, parts, scan_of, subprograms
 from ._lowering import KEEPS_ROWS, Lowering, rule
 from ._moving import with_axis
 from ._types import INDEX, llvm_type
-from ._values import Buffer, Entries, Rows, Value, filled, flat, memory_of, scalar
+from ._values import Buffer, Entries, Memory, Rows, Value, filled, flat, memory_of, scalar
 
 KEEPS_ROWS |= {"while", "scan", "cond"}
 
@@ -290,15 +291,19 @@ def cond(b, eqn, which, *values):
     values = [b.at_hand(value) for value in values]
     if is_wide(index):
         return _by_lanes(b, branches, index, dtype, values, avals)
-    free = (memory for value in values if (memory := memory_of(value)) is not None and memory.is_free())
-    for memory in dict.fromkeys(free):
+    free = {memory: None for value in values if (memory := memory_of(value)) is not None and memory.is_free()}
+    for memory in free:
         b.settle_readers(memory)  # here, not within the first branch that writes over it
     labels, after = [b.block_name() for _ in branches], b.block_name()
     _jump(b, index, dtype, labels)
     ends = [_branch(b, label, after, branch, values, avals) for label, branch in zip(labels, branches, strict=True)]
     results, phis = [], []
+    in_use = collections.Counter(
+        memory for each in zip(*(end.values for end in ends), strict=True) for memory in _memories(each)
+    )
+    alone = [memory for memory in free if in_use[memory] == 1]  # may hold a result, whichever branch is taken
     for place, aval in enumerate(avals):
-        results.append(_merged(b, [_Arm(end.values[place], end) for end in ends], aval, phis))
+        results.append(_merged(b, [_Arm(end.values[place], end) for end in ends], aval, alone, phis))
     b.begin_block(after)
     b.lines += phis
     return results
@@ -345,17 +350,26 @@ def _branch(b: Lowering, label: str, after: str, branch, values, avals) -> _End:
     return end
 
 
-def _merged(b: Lowering, arms: list[_Arm], aval, phis: list[str]) -> Value:
-    """One value from those of all branches."""
+def _memories(values: Sequence[Value]) -> set[Memory]:
+    return {memory for value in values if (memory := memory_of(value)) is not None}
+
+
+def _merged(b: Lowering, arms: list[_Arm], aval, free: Sequence[Memory], phis: list[str]) -> Value:
+    """One value from those of all branches.
+
+    In memory it lies where one of the branches has it, if that is among the `free` ones: a branch that changes nothing
+    then copies nothing.
+    """
     first = arms[0].value
     registers = [r for arm in arms if (r := _registers(arm.value)) is not None]
     if not registers:
-        memories = [memory_of(arm.value) for arm in arms]
-        if all(memory is memories[0] for memory in memories):
+        if len(_memories([arm.value for arm in arms])) == 1:
             return first
-        merged = b.new_buffer(aval.shape, aval.dtype)
+        there = [arm.value for arm in arms if memory_of(arm.value) in free]
+        merged = there[0] if there else b.new_buffer(aval.shape, aval.dtype)
         for arm in arms:
-            _late(b, arm.end, lambda value=arm.value: b.copy_buffer(merged, value))
+            if memory_of(arm.value) is not merged.memory:
+                _late(b, arm.end, lambda value=arm.value: b.copy_buffer(merged, value))
         return merged
     type_, found = llvm_type(aval.dtype), []
     for each in zip(*(flat(r) for r in registers), strict=True):

@@ -149,6 +149,21 @@ def run_checked_programs():
         Compiled(program, plan=Plan((1, 8)[seed % 2], 0), checked=True)(*operands)
 
 
+def test_a_branch_that_changes_nothing_copies_nothing():
+    """Of three copies one brings the input, one the new value, and one the output."""
+
+    def function(x):
+        def turn(i, c):
+            return jax.lax.cond(i % 7 == 0, lambda c: c[::-1] * 0.5, lambda c: c, c)
+
+        return jax.lax.fori_loop(0, 50, turn, x)
+
+    x = np.arange(100.0)
+    compiled = native.compile(function, x)
+    assert compiled.compiled.text.count("i64 800, i1 false") == 3
+    np.testing.assert_array_equal(compiled(x), jax.jit(function)(x))
+
+
 def run_wrong_program():
     """A program that reads the fifth of four elements."""
     b = Emitter(checked=True)
