@@ -365,11 +365,12 @@ def _merged(b: Lowering, arms: list[_Arm], aval, free: Sequence[Memory], phis: l
     if not registers:
         if len(_memories([arm.value for arm in arms])) == 1:
             return first
-        there = [arm.value for arm in arms if memory_of(arm.value) in free]
+        buffers = [b.in_memory(arm.value) for arm in arms]  # that they are already
+        there = [buffer for buffer in buffers if buffer.memory in free]
         merged = there[0] if there else b.new_buffer(aval.shape, aval.dtype)
-        for arm in arms:
-            if memory_of(arm.value) is not merged.memory:
-                _late(b, arm.end, lambda value=arm.value: b.copy_buffer(merged, value))
+        for buffer, arm in zip(buffers, arms, strict=True):
+            if buffer.memory is not merged.memory:
+                _late(b, arm.end, lambda buffer=buffer: b.copy_buffer(merged, buffer))
         return merged
     type_, found = llvm_type(aval.dtype), []
     for each in zip(*(flat(r) for r in registers), strict=True):
