@@ -72,5 +72,6 @@ def _of_equation(eqn, small: float) -> int:
 
 _MOVING = {
     "broadcast_in_dim", "reshape", "squeeze", "expand_dims", "slice", "transpose", "rev", "concatenate", "stack",
-    "unstack", "split", "pad", "iota", "copy", "stop_gradient", "optimization_barrier",
+    "unstack", "split", "pad", "iota", "empty", "empty2", "copy", "stop_gradient",
+    "optimization_barrier",
 }  # fmt: skip

@@ -279,6 +279,15 @@ def iota(b, eqn, *lengths):
     return b.lazy(aval.shape, aval.dtype, lambda i: a.converted(b, INDEX, i[axis], aval.dtype), [], cheap=True)
 
 
+@rule("empty", "empty2")
+def empty(b, eqn):
+    """An array that is written before it is read; zeros."""
+    aval = eqn.outvars[0].aval
+    if b.is_small(aval.shape):
+        return filled(aval.shape, [a.zero(aval.dtype)] * size(aval.shape))
+    return b.lazy(aval.shape, aval.dtype, lambda i: a.zero(aval.dtype), [], cheap=True)
+
+
 @rule("optimization_barrier")
 def unchanged(b, eqn, *values):
     return list(values)
