@@ -147,6 +147,15 @@ def _integer_pow(b, eqn, dtypes, x):
     return a.power_of_integer(b, dtypes[0], x, eqn.params["y"])
 
 
+@entrywise("polynomial")
+def _polynomial(b, eqn, dtypes, x, *coefficients):
+    """From the lowest degree to the highest; by Horner's rule."""
+    *lower, found = coefficients
+    for coefficient in reversed(lower):
+        found = a.add(b, dtypes[0], a.multiply(b, dtypes[0], found, x), coefficient)
+    return found
+
+
 @entrywise("square")
 def _square(b, eqn, dtypes, x):
     return a.multiply(b, dtypes[0], x, x)

@@ -523,6 +523,13 @@ def _doubled(x):
 _doubled.defvjp(lambda x: (x * 2, x), lambda x, g: (g * jnp.cos(x),))
 
 
+def _by_numpy(x, coefficients):
+    return jnp.polyval(np.array(coefficients[::-1]), x)
+
+
+_polynomial = getattr(lax, "polynomial", _by_numpy)  # from jax 0.12 on
+
+
 def _derivatives(x, n):
     """x: (12,), n: 3."""
 
@@ -544,6 +551,10 @@ def _derivatives(x, n):
         "custom": (_guarded(x), _doubled(x), jax.grad(lambda x: _doubled(x).sum())(x)),
         "hessian": jax.hessian(lambda x: jnp.sin(x[:3]).prod() + _guarded(x[3]))(x[:4]),
         "checkpoint": jax.grad(jax.checkpoint(lambda x: jnp.sin(jnp.sin(x)).sum()))(x),
+        "polynomial": (
+            _polynomial(x, [0.5, -1.0, 2.0, 0.25]),
+            jax.grad(lambda x: _polynomial(x, [1.0, 2.0, 3.0]))(x[0]),
+        ),
         "reverse jacobian": jax.jacrev(lambda x: jnp.sin(x[:4]) * x[4])(x[:5]),
     }
 
