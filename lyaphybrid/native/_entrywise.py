@@ -156,6 +156,12 @@ def _polynomial(b, eqn, dtypes, x, *coefficients):
     return found
 
 
+@entrywise("one_minus_square")
+def _one_minus_square(b, eqn, dtypes, x):
+    """1 − x², without loss of digits near x = 1: where the derivatives of tanh and asin are small."""
+    return a.multiply(b, dtypes[0], a.subtract(b, dtypes[0], 1.0, x), a.add(b, dtypes[0], 1.0, x))
+
+
 @entrywise("square")
 def _square(b, eqn, dtypes, x):
     return a.multiply(b, dtypes[0], x, x)
@@ -215,8 +221,8 @@ def _only_floats(eqn, dtypes) -> None:
 
 
 for _name, _fold in {
-    "sqrt": np.sqrt, "sin": np.sin, "cos": np.cos, "exp": np.exp, "exp2": np.exp2, "log": np.log, "pow": np.power,
-    "floor": np.floor, "ceil": np.ceil,
+    "sqrt": np.sqrt, "sin": np.sin, "cos": np.cos, "exp": np.exp, "exp2": np.exp2, "log": np.log, "log2": np.log2,
+    "pow": np.power, "floor": np.floor, "ceil": np.ceil,
 }.items():  # fmt: skip
     entrywise(_name)(_intrinsic(f"llvm.{_name}", _fold))
 

@@ -17,7 +17,7 @@ llvm.initialize_native_asmprinter()
 
 _OF_FLOATS = (
     "fmod tan asin acos atan atan2 sinh cosh tanh asinh acosh atanh log1p expm1 cbrt erf erfc lgamma nextafter "
-    "sin cos sincos exp exp2 log pow sqrt floor ceil round roundeven rint fma"
+    "sin cos sincos exp exp2 log log2 pow sqrt floor ceil round roundeven rint fma"
 ).split()
 _LIBRARY = (*_OF_FLOATS, *(name + "f" for name in _OF_FLOATS), *"malloc free abort memcpy memset memmove".split())
 

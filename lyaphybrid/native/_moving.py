@@ -288,7 +288,7 @@ def empty(b, eqn):
     return b.lazy(aval.shape, aval.dtype, lambda i: a.zero(aval.dtype), [], cheap=True)
 
 
-@rule("optimization_barrier")
+@rule("optimization_barrier", "device_put")
 def unchanged(b, eqn, *values):
     return list(values)
 

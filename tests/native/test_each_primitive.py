@@ -49,8 +49,9 @@ def _floats_of_two(x, y):
 
 _UNARY = (
     "neg abs sign floor ceil sqrt rsqrt cbrt exp exp2 expm1 log log1p sin cos tan asin acos atan sinh cosh tanh asinh "
-    "acosh atanh erf erfc lgamma logistic is_finite square"
+    "acosh atanh erf erfc lgamma logistic is_finite square log2 one_minus_square"
 ).split()
+_UNARY = [name for name in _UNARY if hasattr(lax, name)]  # some are younger than jax 0.8
 
 
 def _floats_of_one(x):
