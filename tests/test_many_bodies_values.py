@@ -131,7 +131,7 @@ def test_memory_does_not_grow_with_the_length(peaks):
 
 @pytest.mark.slow
 def test_memory_above_the_import(peaks):
-    assert peaks[-1] - peaks[0] <= 150
+    assert peaks[-1] - peaks[0] <= 200  # of which LLVM takes 70, once; by XLA 351
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ from ._values import filled, flat
 
 _CALLS = (
     "jit", "pjit", "closed_call", "core_call", "remat", "remat2", "checkpoint", "custom_jvp_call", "custom_vjp_call",
-    "custom_vjp_call_jaxpr", "custom_lin", "run_state",
+    "custom_vjp_call_jaxpr", "custom_lin", "run_state", "eval_jaxpr",
 )  # fmt: skip
 KEEPS_ROWS |= set(_CALLS)
 
