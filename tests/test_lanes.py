@@ -110,7 +110,7 @@ def test_an_interrupted_map_says_what_it_has(monkeypatch):
         if len(seen) == 5:
             raise KeyboardInterrupt
 
-    lane = (np.full(600, 4_000_000), np.linspace(0.1, 0.9, 600))
+    lane = (np.full(600, 30_000_000), np.linspace(0.1, 0.9, 600))
     begun = time.perf_counter()
     with pytest.warns(UserWarning, match="interrupted"):
         (x, _), done = lanes.map_lanes(orbit, jnp.asarray(3.9), lane, progress=interrupt)
