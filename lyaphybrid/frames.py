@@ -253,12 +253,22 @@ def _cholesky(frame, floors=None):
 
     Nearly all of it are products of matrices: at 64 columns two thirds of the time of LAPACK. A panel loses its
     orthogonality as the square of its condition number; a panel for which that matters is rare, for its columns
-    are neighbours, and then all is done column by column. Within, columns lie as rows: XLA's products of a
-    transposed matrix with another cost up to thirty times as much.
+    are neighbours, and then all is done column by column.
+    """
+    columns, lengths, uneven = orthonormal_by_blocks(frame)
+    good = (uneven < UNEVEN) & jnp.all(jnp.isfinite(lengths))
+    return jax.lax.cond(good, lambda _: (columns, lengths), lambda frame: _in_a_loop(frame, floors), frame)
+
+
+@jax.jit
+def orthonormal_by_blocks(frame):
+    """Orthonormal columns, their lengths, and the largest ratio of lengths in one panel.
+
+    `lyaphybrid.native` knows this function by its name, and computes the same in place, by BLAS and LAPACK. Within,
+    columns lie as rows: XLA's products of a transposed matrix with another cost up to thirty times as much.
     """
     columns, lengths, uneven = _halved(frame.T)
-    good = (uneven < UNEVEN) & jnp.all(jnp.isfinite(columns))
-    return jax.lax.cond(good, lambda _: (columns.T, lengths), lambda frame: _in_a_loop(frame, floors), frame)
+    return columns.T, lengths, uneven
 
 
 def _halved(columns):

@@ -7,9 +7,42 @@ import pytest
 from numpy.testing import assert_allclose
 
 from lyaphybrid import frames
+from lyaphybrid._engines import compiled
 
 KINDS = ("mgs", "lapack", "cholesky")
-orthonormalise = jax.jit(frames.orthonormalise, static_argnums=(1, 3))
+orthonormalise = compiled()(frames.orthonormalise)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("k", [3, 20, 33, 100])
+def test_both_engines_agree(kind, k):
+    frame = jnp.asarray(np.random.default_rng(k).normal(size=(k + 3, k)))
+    by_xla = jax.jit(frames.orthonormalise, static_argnums=(1, 3))
+    for tolerance in (0.0, frames.LOST):
+        for found, wanted in zip(
+            orthonormalise(frame, kind, tolerance, tolerance), by_xla(frame, kind, tolerance, tolerance), strict=True
+        ):
+            assert_allclose(found, wanted, atol=1e-13)
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_blocks_of_columns_in_place(dtype):
+    """By BLAS and LAPACK, which XLA does not see: the same columns, ratios of lengths, and derivatives."""
+    frame = np.random.default_rng(0).normal(size=(90, 70)).astype(dtype)
+    small, blocks = 20 * np.finfo(dtype).eps, compiled()(frames.orthonormal_by_blocks)
+    q, r = np.linalg.qr(frame.astype("float64"))
+    columns, lengths, uneven = blocks(jnp.asarray(frame))
+    assert columns.dtype == lengths.dtype == uneven.dtype == dtype
+    assert_allclose(columns, q * np.sign(np.diag(r)), atol=20 * small)
+    assert_allclose(lengths, np.abs(np.diag(r)), rtol=20 * small)
+    panels = np.split(lengths, [17, 35, 52])
+    assert_allclose(uneven, max(float(panel.max() / panel.min()) for panel in panels), rtol=1e-6)
+    frame[:, 40] = 0
+    assert not blocks(jnp.asarray(frame))[2] < frames.UNEVEN
+    many = blocks(jnp.asarray(frame[:, :35]))
+    assert_allclose(jax.vmap(blocks)(jnp.asarray(frame[None, :, :35]))[1][0], many[1], rtol=small)
+    moved = jax.jvp(lambda x: blocks(x)[1], [jnp.asarray(frame[:, :35])], [jnp.asarray(frame[:, 35:])])[1]
+    assert np.all(np.isfinite(moved))
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -1,23 +1,41 @@
 """Rules for calls of other programs: their equations are lowered in place."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ._emitter import is_wide
 from ._jax_versions import called
-from ._lowering import KEEPS_ROWS, rule
+from ._lowering import CALLS, KEEPS_ROWS, rule
 from ._types import llvm_type
 from ._values import filled, flat
 
-_CALLS = (
+CALLS |= {
     "jit", "pjit", "closed_call", "core_call", "remat", "remat2", "checkpoint", "custom_jvp_call", "custom_vjp_call",
     "custom_vjp_call_jaxpr", "custom_lin", "run_state", "eval_jaxpr",
-)  # fmt: skip
-KEEPS_ROWS |= set(_CALLS)
+}  # fmt: skip
+KEEPS_ROWS |= CALLS
 
 
-@rule(*_CALLS)
+PROGRAMS: dict[str, Callable] = {}  # by the name of a jitted function: a rule that computes the same in another way
+
+
+def program(name: str) -> Callable:
+    """Register a rule for a function of JAX by its name; it returns None for operands that it does not take."""
+
+    def decorate(function: Callable) -> Callable:
+        PROGRAMS[name] = function
+        return function
+
+    return decorate
+
+
+@rule(*sorted(CALLS))
 def call(b, eqn, *values):
-    return b.run(called(eqn), values)
+    found = None
+    if (name := eqn.params.get("name")) in PROGRAMS:
+        found = PROGRAMS[name](b, eqn, *values)
+    return b.run(called(eqn), values) if found is None else found
 
 
 @rule("native_call")

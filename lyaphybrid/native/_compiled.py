@@ -12,6 +12,7 @@ from . import (  # noqa: F401  the rules
     _calls,
     _control,
     _entrywise,
+    _gram_schmidt,
     _indexing,
     _linear_algebra,
     _moving,
@@ -58,8 +59,9 @@ class Compiled:
         with no_collector():
             text = self.text
         lowered = time.perf_counter()
-        level = self.plan.level
-        code = kept(f"{describe()}, level {level}\n{text}", lambda: object_code(text, level))
+        level, scattered = self.plan.level, self.plan.scattered
+        how = f"level {level}, scattered {scattered}"
+        code = kept(f"{describe()}, {how}\n{text}", lambda: object_code(text, level, scattered))
         compiled = time.perf_counter()
         self._linked = Linked(code, ["call", "handler"])
         self.address = self._linked.address

@@ -22,13 +22,13 @@ from ._types import INDEX, llvm_type
 from ._unsupported import Unsupported
 from ._values import Buffer, Value, memory_of, size
 
-_INT = np.dtype(np.int32)
+INTEGER = np.dtype(np.int32)
 _BLOCK = 32  # columns that LAPACK treats together
 
 # --- calls -----------------------------------------------------------------------------------------------------------
 
 
-def _call(b: Lowering, dtype, function: str, *arguments: str | int | float | bytes) -> None:
+def blas(b: Lowering, dtype, function: str, *arguments: str | int | float | bytes) -> None:
     """Call a function; its name without the letter of the type. Numbers and letters are put into memory."""
     if np.dtype(dtype) not in (np.float32, np.float64):
         raise Unsupported(f"{function} of {dtype}")
@@ -77,7 +77,7 @@ def _nan_unless(b: Lowering, fine: Entry, pointers: Sequence[tuple[str, int]], d
 
 
 def _succeeded(b: Lowering, info: Buffer) -> Entry:
-    return a.equal(b, _INT, b.load_element(info, [0]), 0)
+    return a.equal(b, INTEGER, b.load_element(info, [0]), 0)
 
 
 def _columns(b: Lowering, value: Value, dtype, n: int | None = None) -> Buffer:
@@ -103,10 +103,10 @@ def _turned(b: Lowering, value: Value, dtype, n: int | None = None) -> Value:
 def cholesky(b, eqn, value):
     """The lower triangle; what stands above the diagonal is not defined."""
     (*batch, n, _), dtype = value.shape, eqn.invars[0].aval.dtype
-    found, info = b.to_write(value, dtype), b.new_buffer((1,), _INT)
+    found, info = b.to_write(value, dtype), b.new_buffer((1,), INTEGER)
 
     def one(part):
-        _call(b, dtype, "potrf", b"U", n, part(found), n, info.memory.pointer)
+        blas(b, dtype, "potrf", b"U", n, part(found), n, info.memory.pointer)
         _nan_unless(b, _succeeded(b, info), [(part(found), n * n)], dtype)
 
     if n:
@@ -125,7 +125,7 @@ def triangular_solve(b, eqn, matrix, right):
     k = m if p["left_side"] else n
 
     def one(part):
-        _call(b, dtype, "trsm", side, triangle_side, turned, diagonal, n, m, 1.0, part(triangle), k, part(found), n)
+        blas(b, dtype, "trsm", side, triangle_side, turned, diagonal, n, m, 1.0, part(triangle), k, part(found), n)
 
     if m and n:
         _for_each_matrix(b, batch, one)
@@ -148,13 +148,13 @@ KEEPS_ROWS.add("custom_linear_solve")
 @rule("lu")
 def lu(b, eqn, value):
     (*batch, m, n), dtype, k = value.shape, eqn.invars[0].aval.dtype, min(value.shape[-2:])
-    found, info = _columns(b, value, dtype), b.new_buffer((1,), _INT)
-    pivots, order = b.new_buffer((*batch, k), _INT), b.new_buffer((*batch, m), _INT)
+    found, info = _columns(b, value, dtype), b.new_buffer((1,), INTEGER)
+    pivots, order = b.new_buffer((*batch, k), INTEGER), b.new_buffer((*batch, m), INTEGER)
 
     def one(part):
         if k:
-            _call(b, dtype, "getrf", m, n, part(found), m, part(pivots), info.memory.pointer)
-            fine = a.compare(b, _INT, "ge", b.load_element(info, [0]), 0)  # above 0: singular, which is no error
+            blas(b, dtype, "getrf", m, n, part(found), m, part(pivots), info.memory.pointer)
+            fine = a.compare(b, INTEGER, "ge", b.load_element(info, [0]), 0)  # above 0: singular, which is no error
             _nan_unless(b, fine, [(part(found), m * n)], dtype)
         where = part(pivots)
 
@@ -172,8 +172,8 @@ def lu(b, eqn, value):
 @rule("lu_pivots_to_permutation")
 def lu_pivots_to_permutation(b, eqn, value):
     *batch, k = value.shape
-    pivots, m = b.in_memory(value, _INT), eqn.params["permutation_size"]
-    order = b.new_buffer((*batch, m), _INT)
+    pivots, m = b.in_memory(value, INTEGER), eqn.params["permutation_size"]
+    order = b.new_buffer((*batch, m), INTEGER)
     _for_each_matrix(b, batch, lambda part: _permutation(b, part(pivots), k, part(order), m))
     return b.held(order)
 
@@ -181,10 +181,10 @@ def lu_pivots_to_permutation(b, eqn, value):
 def _permutation(b: Lowering, pivots: str, k: int, order: str, m: int) -> None:
     """Where each row comes from, from the exchanges."""
     if m:
-        b.count_up(m, lambda i, _: b.store(order, "i32", i, a.converted(b, INDEX, i, _INT)))
+        b.count_up(m, lambda i, _: b.store(order, "i32", i, a.converted(b, INDEX, i, INTEGER)))
 
     def exchange(i, _):
-        j = a.converted(b, _INT, b.load(pivots, "i32", i), INDEX)
+        j = a.converted(b, INTEGER, b.load(pivots, "i32", i), INDEX)
         x, y = b.load(order, "i32", i), b.load(order, "i32", j)
         b.store(order, "i32", i, y)
         b.store(order, "i32", j, x)
@@ -197,11 +197,11 @@ def _permutation(b: Lowering, pivots: str, k: int, order: str, m: int) -> None:
 
 
 def _geqrf(b: Lowering, dtype, batch, m: int, n: int, columns: Buffer, scales: Buffer) -> None:
-    work, info = b.new_buffer((_BLOCK * max(n, 1),), dtype), b.new_buffer((1,), _INT)
+    work, info = b.new_buffer((_BLOCK * max(n, 1),), dtype), b.new_buffer((1,), INTEGER)
 
     def one(part):
         room = (work.memory.pointer, _BLOCK * n, info.memory.pointer)
-        _call(b, dtype, "geqrf", m, n, part(columns), m, part(scales), *room)
+        blas(b, dtype, "geqrf", m, n, part(columns), m, part(scales), *room)
 
     if m and n:
         _for_each_matrix(b, batch, one)
@@ -209,11 +209,11 @@ def _geqrf(b: Lowering, dtype, batch, m: int, n: int, columns: Buffer, scales: B
 
 def _orgqr(b: Lowering, dtype, batch, m: int, n: int, columns: Buffer, scales: Buffer) -> None:
     """The first n columns of Q, in place of the reflections."""
-    work, info = b.new_buffer((_BLOCK * max(n, 1),), dtype), b.new_buffer((1,), _INT)
+    work, info = b.new_buffer((_BLOCK * max(n, 1),), dtype), b.new_buffer((1,), INTEGER)
 
     def one(part):
         room = (work.memory.pointer, _BLOCK * n, info.memory.pointer)
-        _call(b, dtype, "orgqr", m, n, scales.shape[-1], part(columns), m, part(scales), *room)
+        blas(b, dtype, "orgqr", m, n, scales.shape[-1], part(columns), m, part(scales), *room)
 
     if m and n:
         _for_each_matrix(b, batch, one)
@@ -271,12 +271,12 @@ def eigh(b, eqn, value):
     if p.get("subset_by_index") not in (None, (0, n)):
         raise Unsupported("eigh of a part of the spectrum")
     vectors, numbers = _columns(b, value, dtype), b.new_buffer((*batch, n), dtype)
-    doubles, integers, info = 1 + 6 * n + 2 * n * n, 3 + 5 * n, b.new_buffer((1,), _INT)
-    work, places = b.new_buffer((doubles,), dtype), b.new_buffer((integers,), _INT)
+    doubles, integers, info = 1 + 6 * n + 2 * n * n, 3 + 5 * n, b.new_buffer((1,), INTEGER)
+    work, places = b.new_buffer((doubles,), dtype), b.new_buffer((integers,), INTEGER)
 
     def one(part):
         room = (work.memory.pointer, doubles, places.memory.pointer, integers, info.memory.pointer)
-        _call(b, dtype, "syevd", b"V", b"L" if p["lower"] else b"U", n, part(vectors), n, part(numbers), *room)
+        blas(b, dtype, "syevd", b"V", b"L" if p["lower"] else b"U", n, part(vectors), n, part(numbers), *room)
         _nan_unless(b, _succeeded(b, info), [(part(vectors), n * n), (part(numbers), n)], dtype)
 
     if n:
@@ -294,13 +294,13 @@ def svd(b, eqn, value):
     k_left, k_right = (m, n) if mode == b"A" else (few, few)
     matrix, numbers = _columns(b, value, dtype), b.new_buffer((*batch, few), dtype)
     left, right = b.new_buffer((*batch, k_left, m), dtype), b.new_buffer((*batch, n, k_right), dtype)
-    doubles, info = 4 * few * few + 7 * few + _BLOCK * (few + many), b.new_buffer((1,), _INT)
-    work, places = b.new_buffer((doubles,), dtype), b.new_buffer((8 * few,), _INT)
+    doubles, info = 4 * few * few + 7 * few + _BLOCK * (few + many), b.new_buffer((1,), INTEGER)
+    work, places = b.new_buffer((doubles,), dtype), b.new_buffer((8 * few,), INTEGER)
 
     def one(part):
         room = (work.memory.pointer, doubles, places.memory.pointer, info.memory.pointer)
         vectors = (part(left), m, part(right), k_right)
-        _call(b, dtype, "gesdd", mode, m, n, part(matrix), m, part(numbers), *vectors, *room)
+        blas(b, dtype, "gesdd", mode, m, n, part(matrix), m, part(numbers), *vectors, *room)
         results = [(part(numbers), few), (part(left), m * k_left), (part(right), k_right * n)]
         _nan_unless(b, _succeeded(b, info), results, dtype)
 
@@ -314,12 +314,12 @@ def tridiagonal_solve(b, eqn, below, diagonal, above, right):
     if eqn.params.get("perturb_singular"):
         raise Unsupported("tridiagonal_solve with perturb_singular")
     below, diagonal, above = (_own(b, value, dtype) for value in (below, diagonal, above))
-    columns, info = _columns(b, right, dtype), b.new_buffer((1,), _INT)
+    columns, info = _columns(b, right, dtype), b.new_buffer((1,), INTEGER)
 
     def one(part):
         first = b.address(part(below), llvm_type(dtype), 1)  # its first element stands for nothing
         where = (first, part(diagonal), part(above), part(columns), n, info.memory.pointer)
-        _call(b, dtype, "gtsv", n, k, *where)
+        blas(b, dtype, "gtsv", n, k, *where)
         _nan_unless(b, _succeeded(b, info), [(part(columns), n * k)], dtype)
 
     if n and k:
@@ -368,12 +368,12 @@ def dot_general(b, eqn, left, right):
         if min(m, n) > 1:
             turned = (b"N" if y_first else b"T", b"T" if x_first else b"N")
             given = (part(y), n if y_first else over, part(x), m if x_first else over)
-            _call(b, dtype, "gemm", *turned, n, m, over, 1.0, *given, 0.0, part(result_), n)
+            blas(b, dtype, "gemm", *turned, n, m, over, 1.0, *given, 0.0, part(result_), n)
             return
         (matrix, first, length), vector = ((y, y_first, n), x) if m == 1 else ((x, x_first, m), y)
         rows, columns = (length, over) if first else (over, length)
         form = (b"N" if first else b"T", rows, columns)
-        _call(b, dtype, "gemv", *form, 1.0, part(matrix), rows, part(vector), 1, 0.0, part(result_), 1)
+        blas(b, dtype, "gemv", *form, 1.0, part(matrix), rows, part(vector), 1, 0.0, part(result_), 1)
 
     _for_each_matrix(b, batch, one)
     return b.held(result)

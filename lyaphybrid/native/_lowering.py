@@ -14,6 +14,7 @@ from ._expansion import implementation
 from ._jax_versions import ClosedJaxpr, Jaxpr, Literal, literal_value, parts
 from ._types import as_numpy, llvm_type
 from ._unsupported import Unsupported
+from ._uses import Uses, uses_of
 from ._values import Buffer, Lazy, Memory, Rows, Value, Values, filled, memory_of, size, source_of
 
 RULES: dict[str, Callable] = {}
@@ -48,6 +49,11 @@ def _register(registry: dict[str, Callable], primitives: Sequence[str]) -> Calla
 class Lowering(Values):
     """One function in the making."""
 
+    def __init__(self, *how, **options):
+        """As `Values`."""
+        super().__init__(*how, **options)
+        self._uses: dict[Jaxpr, Uses] = {}
+
     def constant_value(self, number) -> Value:
         """A constant array."""
         array = as_numpy(number)
@@ -59,11 +65,11 @@ class Lowering(Values):
     def run(self, jaxpr: ClosedJaxpr | Jaxpr, values: Sequence[Value]) -> list[Value]:
         """The results of a jaxpr for these operands."""
         inner, constants = parts(jaxpr)
-        last = _last_uses(inner)
-        held: dict = {}
+        uses = uses_of(inner, ENTRYWISE, CALLS, self._uses)
+        last, held = uses.last, {}
 
         def hold(variable, value):
-            if isinstance(value, Lazy) and last.uses[variable] > 1 and not value.cheap:
+            if isinstance(value, Lazy) and variable in uses.apart and not value.cheap:
                 value = self.in_memory(value)
             held[variable] = value
             if (source := source_of(value)) is not None:
@@ -166,36 +172,7 @@ def spread(indices: Sequence, shape: Sequence[int]) -> list:
 
 
 KEEPS_ROWS: set[str] = set()  # primitives whose rules take rows as they are
-
-
-class _Uses(dict):
-    """The place of the last use of each variable, and how often it is used; results are used at the end."""
-
-    def __init__(self):
-        super().__init__()
-        self.uses: dict = {}
-
-    def note(self, atoms, place: int) -> None:
-        for atom in atoms:
-            if not isinstance(atom, Literal):
-                self[atom] = place
-                self.uses[atom] = self.uses.get(atom, 0) + 1
-
-
-def _last_uses(jaxpr: Jaxpr) -> _Uses:
-    """Of the variables that are needed: an equation whose results nobody needs uses nothing."""
-    needed = {atom for atom in jaxpr.outvars if not isinstance(atom, Literal)}
-    lives = []
-    for place in reversed(range(len(jaxpr.eqns))):
-        eqn = jaxpr.eqns[place]
-        if eqn.effects or any(variable in needed for variable in eqn.outvars):
-            needed |= {atom for atom in eqn.invars if not isinstance(atom, Literal)}
-            lives.append(place)
-    found = _Uses()
-    for place in reversed(lives):
-        found.note(jaxpr.eqns[place].invars, place)
-    found.note(jaxpr.outvars, len(jaxpr.eqns))
-    return found
+CALLS: set[str] = set()  # primitives that stand for a program, whose equations are lowered in place
 
 
 def lower(

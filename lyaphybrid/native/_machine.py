@@ -59,12 +59,13 @@ def _target_machine(level: int):
     )
 
 
-def object_code(text: str, level: int) -> bytes:
-    """Machine code, not yet linked, of a module."""
+def object_code(text: str, level: int, scattered: bool = False) -> bytes:
+    """Machine code, not yet linked, of a module; `scattered`: look for vectors among scattered numbers."""
     machine = _target_machine(level)
     module = llvm.parse_assembly(text)
     module.triple, module.data_layout = machine.triple, str(machine.target_data)
     options = llvm.create_pipeline_tuning_options(speed_level=level)
+    options.slp_vectorization = scattered
     options.loop_vectorization = level >= 2
     options.loop_unrolling = level >= 2
     builder = llvm.create_pass_builder(machine, options)

@@ -179,7 +179,9 @@ class Values(Emitter):
             return value[tuple(indices)] if known else self._chosen(value, list(indices), llvm_type(dtype))
         if isinstance(value, Lazy):
             if value.buffer is None:
-                return value.at(list(indices))
+                key = ("element", value, *indices)
+                found = self.recall(key)
+                return self.remember(key, value.at(list(indices))) if found is None else found
             value = value.buffer
         return self.load_element(value, indices)
 
