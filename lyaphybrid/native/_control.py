@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from . import _arithmetic as a
+from ._costs import turns_written_out
 from ._emitter import Entry, is_known, is_wide, same
 from ._jax_versions import ClosedJaxpr, parts, scan_of, subprograms
 from ._lowering import KEEPS_ROWS, Lowering, rule
@@ -220,33 +221,41 @@ def scan(b, eqn, *values):
     start, xs = values[p.consts : p.consts + p.carry], values[p.consts + p.carry :]
     x_avals = [atom.aval for atom in eqn.invars[p.consts + p.carry :]]
     with _kept(consts):
-        if p.length <= _few_turns(b, p, avals, x_avals):
-            return _written_out(b, p, avals, consts, start, xs)
         if p.length == 0:
             return [*start, *(filled(v.shape, []) for v in avals[p.carry :])]
+        if p.length <= turns_written_out(b.small, p, [*avals, *x_avals]):
+            return _written_out(b, p, avals, consts, start, xs, x_avals)
         xs = [b.in_memory(x, v.dtype) for x, v in zip(xs, x_avals, strict=True)]
         with _kept(xs):
             return _scanned(b, p, avals, consts, start, xs, x_avals)
 
 
-def _few_turns(b: Lowering, p, avals, x_avals) -> int:
-    """Scans of so many turns are written out: then their indices are known."""
-    small = all(b.is_small(aval.shape) for aval in (*avals, *x_avals))
-    return 4 if small and len(parts(p.body)[0].eqns) <= 50 else 0
+def _written_out(b, p, avals, consts, start, xs, x_avals):
+    """Turn after turn: then indices are known."""
+    xs = [b.entries(x) if b.is_small(v.shape) else b.in_memory(x) for x, v in zip(xs, x_avals, strict=True)]
+    records = [_Record(b, aval) for aval in avals[p.carry :]]
+    with _kept(xs):
+        carry = list(start)
+        for i in reversed(range(p.length)) if p.reverse else range(p.length):
+            results = b.run(p.body, [*consts, *carry, *(_part(b, x, v, i) for x, v in zip(xs, x_avals, strict=True))])
+            carry = results[: p.carry]
+            for record, value in zip(records, results[p.carry :], strict=True):
+                record.put(i, value)
+    return [*carry, *(record.array for record in records)]
 
 
-def _written_out(b, p, avals, consts, carry, xs):
-    carry, records = list(carry), [[] for _ in avals[p.carry :]]
-    xs = [b.entries(x) for x in xs]
-    for i in reversed(range(p.length)) if p.reverse else range(p.length):
-        now = [x[i] if isinstance(x[i], np.ndarray) else scalar(x[i]) for x in xs]
-        results = b.run(p.body, [*consts, *carry, *now])
-        carry = results[: p.carry]
-        for record, value in zip(records, results[p.carry :], strict=True):
-            record.append(b.entries(value))
-    if p.length == 0:
-        return [*carry, *(filled(aval.shape, []) for aval in avals[p.carry :])]
-    return [*carry, *(np.stack(record[:: -1 if p.reverse else 1]) for record in records)]
+class _Record:
+    """What a scan that is written out records."""
+
+    def __init__(self, b: Lowering, aval):
+        self.b, small = b, b.is_small(aval.shape)
+        self.array = np.empty(aval.shape, object) if small else b.new_buffer(aval.shape, aval.dtype)
+
+    def put(self, i: int, value: Value) -> None:
+        if isinstance(self.array, np.ndarray):
+            self.array[i] = self.b.entries(value)[()]  # a single entry without an array round it
+        else:
+            self.b.write(self.array, with_axis(self.b, value, 0), [i, *[0] * len(value.shape)])
 
 
 def _scanned(b, p, avals, consts, start, xs, x_avals):
@@ -271,9 +280,11 @@ def _scanned(b, p, avals, consts, start, xs, x_avals):
     return [*carry, *map(b.held, records)]
 
 
-def _part(b: Lowering, x: Buffer, aval, place: Entry) -> Value:
+def _part(b: Lowering, x: Entries | Buffer, aval, place: Entry) -> Value:
     """What a scan sees of x this time."""
     shape = aval.shape[1:]
+    if isinstance(x, np.ndarray):
+        return x[place] if isinstance(x[place], np.ndarray) else scalar(x[place])
     if b.is_small(shape):
         return filled(shape, [b.load_element(x, [place, *i]) for i in np.ndindex(shape)])
     return b.lazy(shape, aval.dtype, lambda i: b.load_element(x, [place, *i]), [x], cheap=True)

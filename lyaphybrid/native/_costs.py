@@ -21,6 +21,9 @@ SMALL = (16, 8, 4)
 MUCH = 1.5  # times as many instructions
 LEVEL = 2  # of LLVM's optimisation
 SCATTERED = 12_000  # instructions up to which LLVM looks for vectors among scattered numbers
+TURNS = 8  # of a scan that is written out, at most
+WRITTEN_OUT = 400  # instructions of all its turns together, at most …
+WITH_ARRAYS = 5000  # … and where it indexes arrays in memory: a continuous QR's stages then take 0.85 of the time
 _LOOP = 6  # instructions of an equation that becomes part of a loop over memory
 
 
@@ -45,14 +48,20 @@ def instructions(jaxpr: Jaxpr, small: float = math.inf) -> int:
     return sum(_of_equation(eqn, small) for eqn in jaxpr.eqns)
 
 
+def turns_written_out(small: float, scan, avals) -> int:
+    """Scans of up to so many turns are written out, for then their indices are known; `avals`: all that it indexes."""
+    most = WRITTEN_OUT if all(size(aval.shape) <= small for aval in avals) else WITH_ARRAYS
+    return TURNS if min(scan.length, TURNS) * instructions(parts(scan.body)[0], small) <= most else 0
+
+
 def _of_equation(eqn, small: float) -> int:
     name, results = eqn.primitive.name, [size(variable.aval.shape) for variable in eqn.outvars]
     if inner := subprograms(eqn):
         turns = 1
         if name == "scan":
             scan = scan_of(eqn)
-            few = scan.length <= 4 and len(parts(scan.body)[0].eqns) <= 50 and max(results, default=0) <= small
-            turns = scan.length if few else 1
+            avals = [atom.aval for atom in (*eqn.invars[scan.consts + scan.carry :], *eqn.outvars)]
+            turns = scan.length if scan.length <= turns_written_out(small, scan, avals) else 1
         return turns * sum(instructions(program, small) for program in inner) + sum(n for n in results if n <= small)
     largest = max(results, default=0)
     if largest > small:

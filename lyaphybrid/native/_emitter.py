@@ -49,6 +49,7 @@ class Emitter:
         self.declarations: set[str] = set()
         self.label = "entry"
         self.carries_vectors = False  # whether what `count_up` carries are vectors
+        self.in_vector_loop = False  # whether this is a loop over memory, which LLVM may do several turns of at once
         self.flags = ""  # of LLVM, for arithmetic: IEEE's where there are none
         self.products: dict[Entry, tuple[Entry, Entry]] = {}  # what was multiplied, for fused sums
         self._count = self._on_stack = 0

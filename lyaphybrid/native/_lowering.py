@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from ._emitter import is_known
 from ._expansion import implementation
 from ._jax_versions import ClosedJaxpr, Jaxpr, Literal, literal_value, parts
 from ._types import as_numpy, llvm_type
@@ -146,7 +147,10 @@ class Lowering(Values):
 
         def at(indices):
             each = [self.element_at(v, spread(indices, v.shape), d) for v, d in zip(readable, dtypes, strict=True)]
-            return function(self, eqn, dtypes, *each)
+            outer, self.in_vector_loop = self.in_vector_loop, not is_known(*indices)
+            found = function(self, eqn, dtypes, *each)
+            self.in_vector_loop = outer
+            return found
 
         return self.lazy(result.shape, result.dtype, at, readable)
 

@@ -52,6 +52,12 @@ def doubles_in_a_vector() -> int:
     return 8 if features.get("avx512f") else 4 if features.get("avx") else 2
 
 
+@functools.cache
+def has_fused_products() -> bool:
+    """Whether a·b + c, rounded once, is an instruction of this CPU."""
+    return bool(llvm.get_host_cpu_features().get("fma")) or llvm.get_default_triple().startswith(("aarch64", "arm64"))
+
+
 def _target_machine(level: int):
     target = llvm.Target.from_default_triple()
     return target.create_target_machine(

@@ -105,7 +105,7 @@ def test_calls_that_use_their_operands_twice_do_not_double_the_code():
             x = jax.jit(lambda x: jnp.sin(x) * x[::-1] + x)(x)
         return x
 
-    assert lower(jax.make_jaxpr(f)(np.ones(50)), 1).count("\n") < 2000
+    assert lower(jax.make_jaxpr(f)(np.ones(50)), 1).count("\n") < 3000
 
 
 def test_long_chains_are_cut():
