@@ -1,35 +1,145 @@
 """Reverse-mode derivatives through loops whose number of turns is not known beforehand.
 
 JAX runs such a loop backwards only if every turn was kept. Here a bounded number of checkpoints is kept, and what lies
-between is computed again: P. Stumm & A. Walther, SIAM J. Sci. Comput. 32 (2010) 836, doi:10.1137/080742439. That makes
-a slower loop, so it is run for a reverse pass alone: values and forward derivatives come from the fast one.
+between is computed again: A. Griewank & A. Walther, ACM Trans. Math. Softw. 26 (2000) 19, doi:10.1145/347837.347846.
+That makes a slower loop, so it is run for a reverse pass alone: values and forward derivatives come from the fast one.
 """
 
+import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
-import equinox.internal as eqxi
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.core import ShapedArray
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
+from jaxtyping import Array
 
-__all__ = ["CHECKPOINTS", "both_ways", "checkpointed", "rarely"]
+__all__ = ["CHECKPOINTS", "both_ways", "checkpointed"]
 
-CHECKPOINTS = 64  # of a loop: up to 64·65/2 = 2080 turns are computed twice more, up to 45 760 three times
-WITHIN = 16**3  # turns at most, of a loop that is rare and short
+CHECKPOINTS = 64  # of a loop, half of them on the way forwards; even
+NEVER = 2**30  # a turn that does not come
+
+# REACH[s, r]: the most turns that s checkpoints, the start's included, lead back through if none is computed more than
+# r times over: the binomial coefficient of s + r and s.
+REACH = np.array([[min(math.comb(s + r, s), NEVER) for r in range(64)] for s in range(CHECKPOINTS + 1)], np.int32)
+
+
+class Kept(NamedTuple):
+    """The checkpoints, a stack."""
+
+    states: Any  # with a first axis for the checkpoints
+    turns: Array  # (checkpoints,) before which turn each was
+    count: Array
 
 
 def checkpointed(goes_on: Callable, step: Callable, state: Any) -> Any:
     """A loop like `jax.lax.while_loop` that has reverse derivatives, and no forward ones."""
-    return eqxi.while_loop(goes_on, step, state, kind="checkpointed", checkpoints=CHECKPOINTS)
+    step, goes_on = eqx.filter_closure_convert(step, state), eqx.filter_closure_convert(goes_on, state)
+    return _loop((step, state), jax.tree.map(_fixed, goes_on))
 
 
-def rarely(goes_on: Callable, step: Callable, state: Any) -> Any:
-    """A loop of few turns within another: differentiable both ways, and bounded."""
-    return eqxi.while_loop(goes_on, step, state, kind="bounded", max_steps=WITHIN)
+def _fixed(leaf):
+    return jax.lax.stop_gradient(leaf) if eqx.is_inexact_array(leaf) else leaf
+
+
+@eqx.filter_custom_vjp
+def _loop(moving, goes_on):
+    step, state = moving
+    return jax.lax.while_loop(lambda state: goes_on(state), lambda state: step(state), state)
+
+
+@_loop.def_fwd
+def _forwards(perturbed, moving, goes_on):
+    """The loop, which keeps states that are equally far apart; where there is no room, every other one goes."""
+    del perturbed
+    step, state = moving
+    room, nothing = CHECKPOINTS // 2, jnp.zeros(CHECKPOINTS, jnp.int32)
+    stack = jax.tree.map(lambda leaf: jnp.zeros((CHECKPOINTS, *jnp.shape(leaf)), jnp.result_type(leaf)), state)
+
+    def thinned(kept, apart):
+        def every_other(array):
+            return array.at[: room // 2].set(array[:room:2])
+
+        turns, states = every_other(kept.turns), jax.tree.map(every_other, kept.states)
+        return Kept(states, turns, kept.count // 2), 2 * apart
+
+    def turn(loop):
+        state, now, kept, apart = loop
+        kept, apart = jax.lax.cond(kept.count == room, thinned, lambda *same: same, kept, apart)
+        return step(state), now + 1, _put(kept, state, now, now % apart == 0), apart
+
+    start = state, nothing[0], Kept(stack, nothing, nothing[0]), nothing[0] + 1
+    state, turns, kept, _ = jax.lax.while_loop(lambda loop: goes_on(loop[0]), turn, start)
+    return state, (kept, turns)
+
+
+@_loop.def_bwd
+def _backwards(residuals, back, perturbed, moving, goes_on):
+    del perturbed, goes_on
+    (kept, turns), (step, state) = residuals, moving
+    free, bound = eqx.partition(step, eqx.is_inexact_array)
+
+    def pulled(state, back):
+        floats, others = eqx.partition(state, eqx.is_inexact_array)
+
+        def after(free, floats):
+            return eqx.filter(eqx.combine(free, bound)(eqx.combine(floats, others)), eqx.is_inexact_array)
+
+        return jax.vjp(after, free, floats)[1](back)
+
+    def turn(loop):
+        now, back, gradient, kept = loop
+        state, kept = _state_before(now, step, kept)
+        more, back = pulled(state, back)
+        done = (kept.turns[kept.count - 1] == now).astype(jnp.int32)
+        return now - 1, back, jax.tree.map(jnp.add, gradient, more), kept._replace(count=kept.count - done)
+
+    floats = eqx.filter(state, eqx.is_inexact_array)
+    back = jax.tree.map(lambda leaf, given: jnp.zeros_like(leaf) if given is None else given, floats, back)
+    start = turns - 1, back, jax.tree.map(jnp.zeros_like, free), kept
+    _, back, gradient, _ = jax.lax.while_loop(lambda loop: loop[0] >= 0, turn, start)
+    return gradient, back
+
+
+def _put(kept: Kept, state, turn, when) -> Kept:
+    """One more checkpoint, where `when` holds."""
+
+    def put(kept, state):
+        states = jax.tree.map(lambda stack, leaf: stack.at[kept.count].set(leaf), kept.states, state)
+        return Kept(states, kept.turns.at[kept.count].set(turn), kept.count + 1)
+
+    return jax.lax.cond(when, put, lambda kept, _: kept, kept, state)
+
+
+def _state_before(turn, step: Callable, kept: Kept) -> tuple[Any, Kept]:
+    """The state before a turn, from the last checkpoint; on the way there others are put where they serve best."""
+    last = kept.count - 1
+
+    def next_one(kept, now):
+        return now + _distance(CHECKPOINTS + 1 - kept.count, turn + 1 - now)
+
+    def onwards(walk):
+        state, now, kept, at = walk
+        state, now = step(state), now + 1
+        due = now == at
+        kept = _put(kept, state, now, due)
+        return state, now, kept, jnp.where(due, next_one(kept, now), at)
+
+    state, now = jax.tree.map(lambda stack: stack[last], kept.states), kept.turns[last]
+    walk = state, now, kept, next_one(kept, now)
+    state, _, kept, _ = jax.lax.while_loop(lambda walk: walk[1] < turn, onwards, walk)
+    return state, kept
+
+
+def _distance(checkpoints, turns):
+    """How far on the next checkpoint is put, of so many that are free and for so many turns."""
+    reach = jnp.asarray(REACH)[checkpoints]
+    again = jnp.clip(jnp.sum(reach < turns), 1, REACH.shape[1] - 1)
+    return jnp.where(checkpoints > 1, jnp.minimum(reach[again - 1], turns - 1), NEVER)
 
 
 def both_ways(forward: Callable, backward: Callable) -> Callable:

@@ -13,7 +13,7 @@ from ..events import BLUR, Wiring, arm, by_mode, jets, rates, rounding
 from ..magnitudes import absolute
 from ..precision import digits, nonzero
 from ..propagation import Carry, Clock, Events, Settings, added, harvest, log_event, stop
-from ..reverse_mode import rarely
+from ..reverse_mode import checkpointed
 from ..saltations import Sizes, delays, instant, push, return_along, sizes_at, sizes_pushed, sizes_returned
 from ..statuses import STATUS
 from .divergences import trace
@@ -262,7 +262,7 @@ def _cascade(mover, settings: Settings, t, h, landing: "Landing") -> "Landing":
             log_event(state.log, entry),
         )
 
-    loop = rarely if settings.reverse else jax.lax.while_loop
+    loop = checkpointed if settings.reverse else jax.lax.while_loop
     landing = loop(lambda s: s.again, jump, landing)
     over = (landing.count >= mover.max_cascade) & _still_firing(mover, landing)
     return landing._replace(moves=_returned(landing.f, landing.moves), count=landing.count + over.astype(jnp.int32))
@@ -326,7 +326,7 @@ def _in_each_order(mover, settings: Settings, t, h, c, columns, mode, transition
     nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(start, *given))
     last = jnp.where(several, 2, 1)
     begin = (jnp.asarray(0), nothing, jnp.asarray(False))
-    loop = rarely if settings.reverse else jax.lax.while_loop
+    loop = checkpointed if settings.reverse else jax.lax.while_loop
     _, landing, differs = loop(lambda state: state[0] < last, run, begin)
     return landing._replace(together=differs)
 

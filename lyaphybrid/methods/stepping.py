@@ -19,7 +19,7 @@ from ..daes import is_constrained, landed
 from ..events import Wiring, arm, by_mode, jets, rates, rounding
 from ..precision import digits, eps, nonzero
 from ..propagation import Carry, Clock, Settings, added, stop
-from ..reverse_mode import rarely
+from ..reverse_mode import checkpointed
 from ..statuses import STATUS
 from .base import Field, Method, Step
 from .landing import land
@@ -460,7 +460,7 @@ class Stepping:
             return c, tr
         if not self.has_events:
             return jax.lax.cond(tr.case == FAIL, self._fail, lambda c, tr: c, c, tr), tr
-        loop = rarely if settings.reverse else jax.lax.while_loop
+        loop = checkpointed if settings.reverse else jax.lax.while_loop
         c, tr, _ = loop(lambda state: within(state[0]) & ~self.common(state[1]), again, (c, tr, no_aim(tr.h)))
         return c, tr
 
