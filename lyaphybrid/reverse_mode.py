@@ -38,6 +38,7 @@ class Kept(NamedTuple):
 
 def checkpointed(goes_on: Callable, step: Callable, state: Any) -> Any:
     """A loop like `jax.lax.while_loop` that has reverse derivatives, and no forward ones."""
+    state = jax.tree.map(jnp.asarray, state)
     step, goes_on = eqx.filter_closure_convert(step, state), eqx.filter_closure_convert(goes_on, state)
     return _loop((step, state), jax.tree.map(_fixed, goes_on))
 

@@ -9,6 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
+from lyaphybrid import native, reverse_mode
 
 TIGHT = lh.RungeKutta("dopri5", rtol=1e-10, atol=1e-12)
 
@@ -141,3 +142,60 @@ def test_what_a_function_closes_over_has_forward_derivatives():
         return lh.tangent_map(swing, jnp.array([1.0, 0.0]), None, t1=1.0, method=TIGHT).x[0]
 
     assert_allclose(jax.jacfwd(end)(jnp.asarray(1.0)), -np.sin(1.0), rtol=1e-8)
+
+
+def _iterated(x, factor, turns):
+    """A loop within a loop, with what it closes over and with integers in its state."""
+
+    def inner(y):
+        step = lambda state: (state[0] + 1, state[1] + 0.1 * jnp.sin(factor * state[1]))  # noqa: E731
+        return reverse_mode.checkpointed(lambda state: state[0] < 3, step, (0, y))[1]
+
+    def step(state):
+        i, y, total = state
+        y = jnp.cos(inner(y)) * factor + jnp.asarray(i, y.dtype) * 1e-3
+        return i + 1, y, total + y * y
+
+    return reverse_mode.checkpointed(lambda state: state[0] < turns, step, (0 * turns, x, jnp.zeros(())))[2]
+
+
+def _scanned(x, factor, turns):
+    def step(state, i):
+        y, total = state
+        for _ in range(3):
+            y = y + 0.1 * jnp.sin(factor * y)
+        y = jnp.cos(y) * factor + jnp.asarray(i, y.dtype) * 1e-3
+        return (y, total + y * y), None
+
+    return jax.lax.scan(step, (x, jnp.zeros(())), jnp.arange(turns))[0][1]
+
+
+def test_a_loop_backwards_whatever_its_number_of_turns():
+    """Few, as many as there are checkpoints, one more, and thousands: one program, whose memory is the same."""
+    arguments = jnp.asarray(0.3), jnp.asarray(0.9)
+    backwards = native.compile(jax.grad(_iterated, argnums=(0, 1)), *arguments, jnp.asarray(3))
+    room = reverse_mode.CHECKPOINTS // 2
+    for turns in (0, 1, 2, 3, room - 1, room, room + 1, 2 * room, 2 * room + 1, 500, 5000):
+        wanted = native.compile(jax.grad(functools.partial(_scanned, turns=turns), argnums=(0, 1)), *arguments)
+        assert_allclose(backwards(*arguments, np.asarray(turns)), wanted(*arguments), rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("turns", [40, 2000, 40_000])
+def test_how_often_a_turn_is_computed_again(turns):
+    """By where checkpoints are put, without the loop's work: three times over at most, up to forty thousand turns."""
+    distance = native.compile(reverse_mode._distance, np.int32(2), np.int32(2))
+    most, apart = reverse_mode.CHECKPOINTS, 1
+    while turns > apart * most // 2:
+        apart *= 2
+    kept, computed = list(range(0, turns, apart)), 0
+    for now in range(turns - 1, -1, -1):
+        at = kept[-1]
+        due = at + int(distance(np.int32(most + 1 - len(kept)), np.int32(now + 1 - at)))
+        while at < now:
+            at, computed = at + 1, computed + 1
+            if at == due:
+                kept.append(at)
+                due = at + int(distance(np.int32(most + 1 - len(kept)), np.int32(now + 1 - at)))
+        if kept[-1] == now:
+            kept.pop()
+    assert computed < 3 * turns
