@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from . import runs
+from ._engines import compiled
 from ._tracing import traced
 from .propagation import Journey, Record
 from .results import History, Spectrum
@@ -41,7 +42,7 @@ def summarise(outcomes: list[runs.Outcome], problem, clock: str, initial, averag
     found = Found(records, last.journey, last.status, np.asarray(last.interrupted), initial)
     how = (clock, averaging, runs.mode_names(problem.system))
     if last.journey.carry.x.ndim == 2 or traced(found):
-        return _in_rows(problem, _compiled(found, *how))
+        return _in_rows(problem, _together(found, *how))
     # Of one run on the host: compiled for one use the same would take most of a second.
     dtype = last.journey.carry.x.dtype
     with np.errstate(all="ignore"):
@@ -63,8 +64,8 @@ def _on_device(leaves):
     return leaves
 
 
-@eqx.filter_jit
-def _compiled(found, clock, averaging, names) -> Spectrum:
+@compiled()
+def _together(found, clock, averaging, names) -> Spectrum:
     several = found.journey.carry.x.ndim == 2
     return _of_several(found, clock, averaging, names) if several else _of_one(jnp, found, clock, averaging, names)
 

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array
 
 from . import propagation, runs
+from ._engines import compiled
 from ._tracing import traced
 from .checks import positive, real, require, whole
 from .methods.base import Method
@@ -211,7 +212,7 @@ def _begin(problem: runs.Problem, t, x, mode, h) -> propagation.Journey:
     return propagation.begin(settings, t, x, none, mode, h, jnp.ones_like(t))
 
 
-@eqx.filter_jit
+@compiled()
 def _start(problem: runs.Problem, t0, x0, mode, key, recipe: Recipe) -> Pair:
     """The pair at its start, in a random direction."""
     carry = _begin(problem, t0, x0, mode, None).carry
@@ -249,7 +250,7 @@ def _all_blocks(problem: runs.Problem, recipe: Recipe, t0, pair: Pair, ends):
     return pair, jax.tree.map(lambda *parts: jnp.stack(parts), *records)
 
 
-@eqx.filter_jit
+@compiled()
 def _block(problem: runs.Problem, recipe: Recipe, t0, pair: Pair, end, stop) -> Pair:
     """Interval after interval until one ends the block; where the run stops, at `stop`, the last is cut.
 

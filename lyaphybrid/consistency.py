@@ -2,13 +2,13 @@
 
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix
 from jaxtyping import Array, Float
 
+from ._engines import compiled
 from ._tracing import traced
 from .checks import check_functions, require
 from .daes import DAE, ILL, RANK, Constrained, fields_of, landed, solved
@@ -93,13 +93,13 @@ def check_constraints(system: Any, x, t0, args: Any) -> None:
             )
 
 
-@eqx.filter_jit
+@compiled()
 def _matrices(field: Constrained, t, x, args):
     """E and Ē."""
     return field.leading(t, args), field.whole(t, x, args)
 
 
-@eqx.filter_jit
+@compiled()
 def _consistent(dae: Constrained, x0, args, t0):
     """First roughly, from far away; then to rounding."""
     content = dae.content(t0, x0, args)
@@ -112,19 +112,19 @@ def _consistent(dae: Constrained, x0, args, t0):
     return x, jnp.max(jnp.abs(off(x, None)), initial=0.0)
 
 
-@eqx.filter_jit
+@compiled()
 def tangent_frame(dae: DAE, t0, x0, args) -> Float[Array, "n d"]:
     """The perturbations that change one component of the content each: the first columns of Ē⁻¹."""
     return dae.field.lifts(t0, x0, args).content
 
 
-@eqx.filter_jit
+@compiled()
 def onto_constraints(dae: DAE, t0, x0, args, frame: Float[Array, "n k"]) -> Float[Array, "n k"]:
     """Columns, projected onto the tangent space of the constraints at x0 (n,)."""
     return dae.field.onto(t0, x0, args, frame)
 
 
-@eqx.filter_jit
+@compiled()
 def put_on_constraints(field: Constrained, t, x, args) -> Float[Array, " n"]:
     """The point with the content of x that lies on the constraints."""
     return landed(field, args, t, x)

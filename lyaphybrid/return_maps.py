@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from . import propagation, runs
+from ._engines import compiled
 from .methods import RungeKutta
 from .methods.base import Method
 from .periods import depends_on_time
@@ -91,7 +92,7 @@ class _Return(eqx.Module):
         return _returned(self, jnp.asarray(n, x.dtype), x, runs.as_arrays(args, x.dtype))
 
 
-@eqx.filter_jit
+@compiled()
 def _returned(rule: _Return, n, x, args):
     fired = rule.system.transitions[rule.transition]
     dim = x.shape[0] - rule.with_time

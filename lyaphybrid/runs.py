@@ -309,7 +309,7 @@ _advance = compiled(
 )(_loop)
 
 
-@functools.partial(jax.jit, static_argnames=("watch", "batched"))
+@compiled()
 def restart(journey: Journey, watch: Watch | None = None, batched: bool = False) -> Journey:
     """`propagation.restart`, of one journey or of several."""
     one = functools.partial(propagation.restart, watch=watch)
@@ -429,7 +429,7 @@ def _finished(journey: Journey, blocks: int) -> bool:
     return not bool(np.any(running & (np.asarray(journey.block) < blocks)))
 
 
-@jax.jit
+@compiled()
 def _verdict(journey: Journey, ends):
     short = (journey.carry.status == 0) & (journey.block < ends.shape[0])
     return jnp.where(short, int(STATUS.max_steps), journey.carry.status)

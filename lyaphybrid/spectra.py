@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from . import averages, checkpoints, frames, runs
+from ._engines import compiled
 from ._hashes import hash_of_arrays, hash_of_function
 from ._tracing import array, traced
 from .blocks import cadence_for, ends_of_blocks, is_zero, targets_for
@@ -235,7 +236,7 @@ def initial_frame(problem, t0, x0, frame, k):
     return columns, log_r
 
 
-@jax.jit
+@compiled()
 def _orthonormal(frame):
     return frames.orthonormalise(frame, "mgs", frames.LOST, frames.LOST)
 

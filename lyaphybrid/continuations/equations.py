@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .. import runs
+from .._engines import compiled
 from ..gradients.implicit import Turn
 from ..periodic_orbits import CONVERGED
 from ..results import RunFailed
@@ -178,7 +179,7 @@ def states_over(point: Point) -> np.ndarray:
     return np.concatenate([states_of(piece)[1] for piece in point.orbit.pieces])
 
 
-@eqx.filter_jit
+@compiled()
 def _carried(turn: Turn, mode, given, along, discrete: bool):
     n = given[2].shape[0]
 

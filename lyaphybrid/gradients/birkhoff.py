@@ -21,6 +21,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._engines import compiled
 from ..averages import birkhoff_weights
 from ..methods import RungeKutta
 from ..spectra import lyapunov_spectrum
@@ -105,12 +106,12 @@ def _blocks(case: Case, found) -> dict:
     return {"t1": float(count // size * size), "blocks": max(2, count // size), **others}
 
 
-@eqx.filter_jit
+@compiled()
 def _run(along: Along, theta):
     return along.run(theta)
 
 
-@eqx.filter_jit
+@compiled()
 def _with_derivatives(along: Along, theta, clock: str, reverse: bool):
     def means(theta):
         return (along.means(theta, clock),) * 2

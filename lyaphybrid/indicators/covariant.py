@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from .._engines import compiled
 from ..checks import positive, require, whole
 from ..daes import degrees_of_freedom
 from ..propagation import Carry, Seen
@@ -184,7 +185,7 @@ def covariant_vectors(
     return verdict_of(found, result, throw)
 
 
-@jax.jit
+@compiled()
 def _backwards(frames, factors: Factor):
     """The vectors V_n = Q_n C_n (blocks, n, k), and the logarithms of what lies between n and n + 1 (blocks − 1, k)."""
     k = frames.shape[-1]

@@ -5,12 +5,12 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._engines import compiled
 from .billiards import known_reference
 from .contacts import SIDES
 from .particles import better_in_cells, hard_particles
@@ -104,7 +104,7 @@ def _cells(n: int, sides: Sequence[float]):
         yield (*counts, -(-n // math.prod(counts)))
 
 
-@eqx.filter_jit
+@compiled()
 def _start(key, sites, mass, energy):
     """Sites and normal momenta of sum zero with this kinetic energy: (2nd,)."""
     share = jnp.broadcast_to(mass, sites.shape[:1])[:, None]
