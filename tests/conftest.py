@@ -18,6 +18,7 @@ from lyaphybrid._engines import forget_programs
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
+jax.config.update("jax_disable_most_optimizations", True)  # XLA compiles many small programs, and runs them once
 matplotlib.use("Agg")
 hypothesis.settings.register_profile("fixed", deadline=None, derandomize=True, print_blob=True)
 hypothesis.settings.load_profile("fixed")

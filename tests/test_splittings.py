@@ -2,6 +2,7 @@
 
 import functools
 import math
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -10,6 +11,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
+from lyaphybrid._engines import compiled
 from lyaphybrid.methods.splittings import SCHEMES, A, B
 from lyaphybrid.methods.symplectic import moved
 from lyaphybrid.systems import Bound
@@ -30,11 +32,28 @@ def quartic(q, args):
 X0 = np.array([0.3, -0.2, 0.25, 0.35])
 
 
-@functools.partial(jax.jit, static_argnums=(0, 1))
+@functools.cache
+def field_of(system):
+    """The field, its parts traced once for all schemes and stages."""
+    parts = {name: jax.jit(getattr(system.field, name)) for name in ("velocity", "force", "slope_of_bracket")}
+    return Bound(SimpleNamespace(**parts), None)
+
+
+@compiled()
+def _after(system, name, steps, t):
+    field, h = field_of(system), t / steps.astype(float)
+    return jax.lax.fori_loop(0, steps, lambda _, x: moved(SCHEMES[name], field, x, h), jnp.asarray(X0))
+
+
 def after(system, name, steps, t=2.0):
-    """The state at t from a certain start."""
-    field = Bound(system.field, None)
-    return jax.lax.fori_loop(0, steps, lambda _, x: moved(SCHEMES[name], field, x, t / steps), jnp.asarray(X0))
+    """The state at t from a certain start; one program for all numbers of steps."""
+    return _after(system, name, np.asarray(steps), t)
+
+
+@compiled()
+def jacobian_of_a_step(name):
+    field = field_of(NEWTONIAN)
+    return jax.jacfwd(lambda x: moved(SCHEMES[name], field, x, 0.1))(jnp.asarray(X0))
 
 
 GENERAL = lh.Hamiltonian(relativistic, quartic)
@@ -55,7 +74,7 @@ def test_order(name):
     scheme = SCHEMES[name]
     system = NEWTONIAN if scheme.quadratic else GENERAL
     steps = STEPS["SRKN" if "SRKN" in name else scheme.order]
-    errors = [float(jnp.max(jnp.abs(after(system, name, n) - exact(system)))) for n in steps]
+    errors = [np.max(np.abs(after(system, name, n) - exact(system))) for n in steps]
     slopes = -np.diff(np.log(errors)) / np.diff(np.log(steps))
     print(name, errors, slopes)
     assert errors[-1] > 1e-14
@@ -109,7 +128,6 @@ def test_rows_are_symmetric_and_complete(name):
 
 @pytest.mark.parametrize("name", SCHEMES)
 def test_a_step_keeps_the_symplectic_form(name):
-    field = Bound(NEWTONIAN.field, None)
-    jacobian = jax.jacfwd(lambda x: moved(SCHEMES[name], field, x, 0.1))(jnp.asarray(X0))
+    jacobian = jacobian_of_a_step(name)
     omega = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.eye(2), np.zeros((2, 2))]])
     assert_allclose(jacobian.T @ omega @ jacobian, omega, atol=1e-14)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import lyaphybrid as lh
+from lyaphybrid._engines import compiled
 from lyaphybrid.methods.stepping import Stepping, are_curved
 
 T, H, X = 0.7, 0.1, np.array([0.3, -0.4])
@@ -145,7 +146,7 @@ METHODS = [lh.RungeKutta("rk4", dt=H), *(lh.RungeKutta(tableau) for tableau in (
 def test_the_tangent_at_known_points_is_the_derivative_of_the_step(method, field, n):
     t, h, frame = jnp.asarray(T), jnp.asarray(H), jnp.cos(jnp.arange(4.0 * n).reshape(n, 4))
 
-    @jax.jit
+    @compiled()
     def tangents(x):
         way = method.step(field, t, x, field(t, x), h).way
         assert len(way) == method.way_points
@@ -168,6 +169,6 @@ def test_the_points_on_the_way_depend_on_the_start():
         way = method.step(pendulum, t, x, pendulum(t, x), h).way if known else ()
         return method.tangent(pendulum, t, x, h, jnp.eye(2), way).frame
 
-    ours, plain = (jax.jit(jax.jacfwd(frame), static_argnums=1)(jnp.asarray(X), known) for known in (True, False))
+    ours, plain = (compiled()(jax.jacfwd(frame))(jnp.asarray(X), known) for known in (True, False))
     np.testing.assert_allclose(ours, plain, rtol=1e-13, atol=1e-14)
     assert jnp.max(jnp.abs(plain)) > 1e-3

@@ -11,6 +11,7 @@ import pytest
 
 import lyaphybrid.spectra
 from lyaphybrid import zoo
+from lyaphybrid._engines import compiled
 from lyaphybrid.daes import degrees_of_freedom
 from lyaphybrid.methods.scheduled import predicting_anew
 from lyaphybrid.systems import EventDriven, Flow, Hybrid, Map
@@ -59,6 +60,12 @@ def parametrize(cases):
 variants, all_variants = parametrize(VARIANTS), parametrize(VARIANTS + WITHOUT_REFERENCE)
 
 
+def natively(function):
+    """The function, compiled once for all numbers."""
+    run = compiled()(function)
+    return lambda *args: jax.tree.map(np.asarray, run(*jax.tree.map(np.asarray, args)))
+
+
 def whole(problem):
     """The system as functions of the whole state, also where it has a schedule."""
     system = problem.system
@@ -100,33 +107,42 @@ def test_every_problem_is_documented(name):
     assert set(names) - {"key"} == set(function().parameters)
 
 
-@all_variants
-def test_functions_return_the_shape_of_the_state(name, parameters):
-    problem = zoo.get(name)(**parameters)
-    system, x, args, t = whole(problem), problem.x0, problem.args, jnp.asarray(0.1)
-    shapes = []
-    if isinstance(system, Flow):
-        shapes = [system.field(t, x, args)]
-    elif isinstance(system, Map):
-        shapes = [system.rule(t, x, args)]
-    elif isinstance(system, EventDriven):
+def functions_of(system):
+    """(t, x, args) -> what all functions of the system return that should be like x, and the time to an event."""
+
+    def of_events(t, x, args):
         dt, which = system.next_event(t, x, args)
-        assert dt > 0
         assert system.guard(t, x, args, which).shape == ()
-        shapes = [system.flow(dt, t, x, args), system.jump(t, x, args, which)]
-    else:
+        return [system.flow(dt, t, x, args), system.jump(t, x, args, which)], dt
+
+    def of_hybrid(t, x, args):
         assert isinstance(system, Hybrid)
-        shapes = [field(t, x, args) for field in system.fields or ()]
+        found = [field(t, x, args) for field in system.fields or ()]
         for transition in system.transitions:
+            which = ()
             if not transition.is_clock:
                 guard = transition.guard(t, x, args)
                 assert len(guard.shape) <= 1
                 which = () if guard.shape == () else (jnp.asarray(1, jnp.int32),)
-            else:
-                which = ()
             if transition.reset is not None:
-                shapes.append(transition.reset(t, x, args, *which))
-    assert all(y.shape == x.shape and y.dtype == x.dtype and bool(jnp.all(jnp.isfinite(y))) for y in shapes)
+                found.append(transition.reset(t, x, args, *which))
+        return found, jnp.inf
+
+    if isinstance(system, EventDriven):
+        return of_events
+    if isinstance(system, Flow | Map):
+        function = system.field if isinstance(system, Flow) else system.rule
+        return lambda t, x, args: ([function(t, x, args)], jnp.inf)
+    return of_hybrid
+
+
+@all_variants
+def test_functions_return_the_shape_of_the_state(name, parameters):
+    problem = zoo.get(name)(**parameters)
+    system, x = whole(problem), problem.x0
+    shapes, dt = natively(functions_of(system))(0.1, x, problem.args)
+    assert dt > 0
+    assert all(y.shape == x.shape and y.dtype == x.dtype and np.all(np.isfinite(y)) for y in shapes)
 
 
 @all_variants
@@ -391,7 +407,7 @@ def test_integrate_and_fire_in_closed_form_is_the_hybrid_one():
         dt, which = closed.system.next_event(0.0, x, args)
         return closed.system.jump(0.0, closed.system.flow(dt, 0.0, x, args), args, which)
 
-    x = jax.lax.fori_loop(0, 500, fire, jnp.asarray(x))
+    x = natively(lambda x: jax.lax.fori_loop(0, 500, fire, x))(x)
     dt, _ = closed.system.next_event(0.0, x, args)
     np.testing.assert_allclose(float(dt), 0.3819215677837863, rtol=1e-12)  # between firings, antiphase
 
@@ -406,8 +422,8 @@ def test_many_neurons():
 # Hard disks.
 
 
-def compiled(system):
-    return jax.jit(system.next_event), jax.jit(system.flow), jax.jit(system.jump), jax.jit(system.guard)
+def functions(system):
+    return [natively(one) for one in (system.next_event, system.flow, system.jump, system.guard)]
 
 
 @pytest.fixture(scope="module")
@@ -425,7 +441,7 @@ def energy(x, args):
 
 def test_hard_disks_meet_as_60_digits_say(sixty_digits):
     system, x, args, case = sixty_digits
-    next_event, flow, jump, guard = compiled(system)
+    next_event, flow, jump, guard = functions(system)
     t, start, before = 0.0, x, energy(x, args)
     for expected, first, second in case["events"][:30]:
         while True:
@@ -463,24 +479,29 @@ def test_the_derivative_through_the_events_is_the_60_digit_matrix(sixty_digits, 
 
     x = jnp.asarray(x)
     end_state = np.array([float(v) for v in known["q"] + known["p"]])
-    found = np.asarray(jax.jit(run)(x))
+    found, jacobian = natively(lambda x: (run(x), jax.jacfwd(run)(x)))(x)
     box = np.array([args["width"], args["height"]])
     shift = (found - end_state)[:8].reshape(4, 2) / box
     np.testing.assert_allclose(shift, np.round(shift), atol=1e-10)  # the same up to whole boxes
     np.testing.assert_allclose(found[8:], end_state[8:], atol=1e-10)
     matrix = np.array([float(v) for v in known["M_row_major"]]).reshape(16, 16)
-    np.testing.assert_allclose(jax.jit(jax.jacfwd(run))(x), matrix, atol=1e-9 * np.max(np.abs(matrix)))
+    np.testing.assert_allclose(jacobian, matrix, atol=1e-9 * np.max(np.abs(matrix)))
 
 
 def test_the_guard_gives_the_derivative_of_the_time(sixty_digits):
     system, x, args, _ = sixty_digits
-    dt, which = system.next_event(0.0, x, args)
-    predicted = jax.grad(lambda x: system.next_event(0.0, x, args)[0])(jnp.asarray(x))
 
-    def height(dt, x):
-        return system.guard(dt, system.flow(dt, 0.0, x, args), args, which)
+    @natively
+    def derivatives(x):
+        dt, which = system.next_event(0.0, x, args)
+        predicted = jax.grad(lambda x: system.next_event(0.0, x, args)[0])(x)
 
-    rate, gradient = jax.grad(height, argnums=(0, 1))(dt, jnp.asarray(x))
+        def height(dt, x):
+            return system.guard(dt, system.flow(dt, 0.0, x, args), args, which)
+
+        return predicted, *jax.grad(height, argnums=(0, 1))(dt, x)
+
+    predicted, rate, gradient = derivatives(x)
     assert rate < 0
     np.testing.assert_allclose(-gradient / rate, predicted, atol=1e-12)
 
@@ -517,7 +538,7 @@ def brute_force(x, n, args, images=40):
 def test_no_contact_is_missed_through_any_image(parameters):
     problem = zoo.hard_disks(**parameters, key=jax.random.key(7))
     n, args, x, t = parameters["n"], problem.args, problem.x0, 0.0
-    next_event, flow, jump, guard = compiled(whole(problem))
+    next_event, flow, jump, guard = functions(whole(problem))
     box = jnp.tile(jnp.array([args["width"], args["height"]]), n)
     before, looks = energy(x, args), 0
     for _ in range(60):
@@ -543,8 +564,14 @@ def test_looking_again_changes_nothing():
     assert which < 0
     np.testing.assert_allclose(float(dt), (1.5 * args["width"] - 1) / float(jnp.linalg.norm(x[6:] - x[4:6])))
     np.testing.assert_array_equal(system.jump(3.0, x, args, which), x)
-    np.testing.assert_array_equal(jax.jacfwd(lambda x: system.jump(3.0, x, args, which))(x), np.eye(8))
-    rate, gradient = jax.grad(lambda t, x: system.guard(t, x, args, which), argnums=(0, 1))(3.0, x)
+
+    @natively
+    def derivatives(t, x):
+        jacobian = jax.jacfwd(lambda x: system.jump(t, x, args, which))(x)
+        return jacobian, *jax.grad(lambda t, x: system.guard(t, x, args, which), argnums=(0, 1))(t, x)
+
+    jacobian, rate, gradient = derivatives(3.0, x)
+    np.testing.assert_array_equal(jacobian, np.eye(8))
     assert rate == -1  # so that S = I, not 0/0
     assert not gradient.any()
 
@@ -577,7 +604,7 @@ def test_four_disks_start_where_the_reference_does(sixty_digits):
 
 def test_no_scatterer_is_missed():
     problem = zoo.sinai_billiard(radius=0.2)  # corridors are open: long flights
-    next_event, flow, jump, guard = compiled(whole(problem))
+    next_event, flow, jump, guard = functions(whole(problem))
     args, x, flights = problem.args, problem.x0, []
     far = np.arange(-40, 41)
     corners = np.stack(np.meshgrid(far, far), axis=-1).reshape(-1, 2)
@@ -612,10 +639,12 @@ def test_two_disks_are_a_sinai_billiard():
     )
     y = jnp.concatenate([relative[:2] / side, relative[2:] / speed])
     radius = {"radius": disks.args["diameter"] / side}
+    next_event, flow, jump, _ = functions(pair)
+    next_of_point, flow_of_point, jump_of_point, _ = functions(point)
     for _ in range(12):
-        dt, which = pair.next_event(0.0, x, disks.args)
-        ds, what = point.next_event(0.0, y, radius)
+        dt, which = next_event(0.0, x, disks.args)
+        ds, what = next_of_point(0.0, y, radius)
         np.testing.assert_allclose(float(dt) * speed / side, float(ds), rtol=1e-8)
         assert (which >= 0) == (what >= 0)
-        x = pair.jump(0.0, pair.flow(dt, 0.0, x, disks.args), disks.args, which)
-        y = point.jump(0.0, point.flow(ds, 0.0, y, radius), radius, what)
+        x = jump(0.0, flow(dt, 0.0, x, disks.args), disks.args, which)
+        y = jump_of_point(0.0, flow_of_point(ds, 0.0, y, radius), radius, what)

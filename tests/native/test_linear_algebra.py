@@ -1,5 +1,7 @@
 """The native compiler's linear algebra against XLA's: both call LAPACK."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,9 +14,17 @@ PLANS = (Plan(1, 2), Plan(64, 2))
 SIZES = (1, 2, 3, 5, 8, 9, 33, 70)
 
 
-def agree(function, *operands, plans=PLANS, tolerance=None):
+def all_agree(cases, **how):
+    """Each (function, *operands) alone, against one program of XLA's for all of them."""
+    functions, operands = [function for function, *_ in cases], [operands for _, *operands in cases]
+    wanted = jax.jit(lambda given: [f(*some) for f, some in zip(functions, given, strict=True)])(operands)
+    for function, some, expected in zip(functions, operands, wanted, strict=True):
+        agree(function, *some, wanted=expected, **how)
+
+
+def agree(function, *operands, plans=PLANS, tolerance=None, wanted=None):
     """Native and XLA's results are equal to rounding, nan where the other is nan."""
-    expected = jax.tree.leaves(jax.jit(function)(*operands))
+    expected = jax.tree.leaves(jax.jit(function)(*operands) if wanted is None else wanted)
     for plan in plans:
         found = jax.tree.leaves(native.compile(function, *operands, plan=plan, checked=True)(*operands))
         for x, y in zip(found, expected, strict=True):
@@ -40,8 +50,8 @@ def positive(*shape, dtype=np.float64):
 
 @pytest.mark.parametrize("n", SIZES)
 def test_solve(n):
-    agree(jnp.linalg.solve, random(n, n), random(n, 2), tolerance=1e5)
-    agree(jnp.linalg.solve, random(n, n), random(n), tolerance=1e5)
+    solve, matrix = jnp.linalg.solve, random(n, n)
+    all_agree([(solve, matrix, random(n, 2)), (solve, matrix, random(n))], tolerance=1e5)
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
@@ -59,8 +69,8 @@ def test_cholesky_of_a_matrix_that_is_not_positive_is_nan():
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize(("m", "n"), [(1, 1), (2, 2), (3, 2), (2, 3), (9, 4), (4, 9), (33, 33), (70, 5), (5, 70)])
 def test_qr(m, n, dtype):
-    agree(jnp.linalg.qr, random(m, n, dtype=dtype))
-    agree(lambda x: jnp.linalg.qr(x, mode="complete"), random(m, n, dtype=dtype))
+    matrix = random(m, n, dtype=dtype)
+    all_agree([(jnp.linalg.qr, matrix), (lambda x: jnp.linalg.qr(x, mode="complete"), matrix)])
 
 
 @pytest.mark.parametrize(("m", "n"), [(0, 0), (3, 0), (0, 3)])
@@ -71,8 +81,8 @@ def test_qr_of_nothing(m, n):
 
 @pytest.mark.parametrize(("m", "n"), [(1, 1), (3, 3), (5, 2), (2, 5), (33, 33), (9, 70)])
 def test_lu(m, n):
-    agree(jax.lax.linalg.lu, random(m, n))
-    agree(lambda x: jax.lax.linalg.lu_pivots_to_permutation(jax.lax.linalg.lu(x)[1], m), random(m, n))
+    lu, matrix = jax.lax.linalg.lu, random(m, n)
+    all_agree([(lu, matrix), (lambda x: jax.lax.linalg.lu_pivots_to_permutation(lu(x)[1], m), matrix)])
 
 
 def test_lu_of_a_singular_matrix():
@@ -82,9 +92,9 @@ def test_lu_of_a_singular_matrix():
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("n", SIZES)
 def test_eigh(n, dtype):
-    agree(jnp.linalg.eigh, positive(n, n, dtype=dtype))
     upper = np.triu(random(n, n, dtype=dtype))
-    agree(lambda x: jax.lax.linalg.eigh(x, lower=False, symmetrize_input=False), upper)
+    of_upper = functools.partial(jax.lax.linalg.eigh, lower=False, symmetrize_input=False)
+    all_agree([(jnp.linalg.eigh, positive(n, n, dtype=dtype)), (of_upper, upper)])
 
 
 def test_eigh_of_nan_is_nan():
@@ -94,8 +104,8 @@ def test_eigh_of_nan_is_nan():
 @pytest.mark.parametrize("full", [True, False])
 @pytest.mark.parametrize(("m", "n"), [(1, 1), (3, 3), (5, 2), (2, 5), (33, 20), (9, 70)])
 def test_svd(m, n, full):
-    agree(lambda x: jnp.linalg.svd(x, full_matrices=full), random(m, n))
-    agree(lambda x: jnp.linalg.svd(x, compute_uv=False), random(m, n))
+    vectors, values = ({"full_matrices": full}, {"compute_uv": False})
+    all_agree([(functools.partial(jnp.linalg.svd, **chosen), random(m, n)) for chosen in (vectors, values)])
 
 
 @pytest.mark.parametrize("left", [True, False])
@@ -103,6 +113,7 @@ def test_svd(m, n, full):
 @pytest.mark.parametrize("transposed", [True, False])
 @pytest.mark.parametrize("unit", [True, False])
 def test_triangular_solve(left, lower, transposed, unit):
+    cases = []
     for shape in ((3, 2), (9, 5), (2, 4, 3)):
         k = shape[-2] if left else shape[-1]
         matrix = positive(*shape[:-2], k, k)
@@ -112,24 +123,23 @@ def test_triangular_solve(left, lower, transposed, unit):
                 a, b, left_side=left, lower=lower, transpose_a=transposed, unit_diagonal=unit
             )
 
-        agree(solve, matrix, random(*shape), tolerance=1e5)
+        cases.append((solve, matrix, random(*shape)))
+    all_agree(cases, tolerance=1e5)
 
 
 @pytest.mark.parametrize("n", [3, 8, 40])
 def test_tridiagonal_solve(n):
-    for k in (1, 3):
-        agree(jax.lax.linalg.tridiagonal_solve, random(n), 5 + random(n), random(n, seed=4), random(n, k))
+    bands = random(n), 5 + random(n), random(n, seed=4)
+    all_agree([(jax.lax.linalg.tridiagonal_solve, *bands, random(n, k)) for k in (1, 3)])
 
 
 @pytest.mark.parametrize("batch", [(2,), (2, 3)])
 @pytest.mark.parametrize("n", [2, 6])
 def test_batches(batch, n):
     x = positive(*batch, n, n)
-    for function in (jnp.linalg.cholesky, jnp.linalg.qr, jax.lax.linalg.lu, jnp.linalg.eigh, jnp.linalg.svd):
-        agree(function, x, tolerance=1e4)
-    agree(jnp.linalg.solve, x, random(*batch, n, 2), tolerance=1e4)
-    agree(jnp.linalg.inv, x, tolerance=1e4)
-    agree(jnp.linalg.slogdet, x, tolerance=1e4)
+    of_one = [jnp.linalg.cholesky, jnp.linalg.qr, jax.lax.linalg.lu, jnp.linalg.eigh, jnp.linalg.svd]
+    of_one += [jnp.linalg.inv, jnp.linalg.slogdet]
+    all_agree([*((f, x) for f in of_one), (jnp.linalg.solve, x, random(*batch, n, 2))], tolerance=1e4)
 
 
 @pytest.mark.parametrize("n", [3, 9, 40])
@@ -164,9 +174,9 @@ def test_the_operand_is_still_there_afterwards():
 
 @pytest.mark.parametrize("n", [3, 9])
 def test_derivatives(n):
-    for function in (jnp.linalg.qr, jnp.linalg.cholesky, jnp.linalg.inv):
-        agree(jax.jacfwd(function), positive(n, n), tolerance=1e5)
-    agree(jax.jacrev(lambda x: jnp.linalg.slogdet(x)[1]), positive(n, n), tolerance=1e5)
+    derivatives = [jax.jacfwd(function) for function in (jnp.linalg.qr, jnp.linalg.cholesky, jnp.linalg.inv)]
+    derivatives.append(jax.jacrev(lambda x: jnp.linalg.slogdet(x)[1]))
+    all_agree([(f, positive(n, n)) for f in derivatives], tolerance=1e5)
 
 
 PRODUCTS = [

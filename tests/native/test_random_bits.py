@@ -16,8 +16,15 @@ def words(x):
     return jax.random.key_data(x) if jnp.issubdtype(x.dtype, jax.dtypes.prng_key) else x
 
 
-def agree(function, *operands, exactly=True, roundings=8):
-    expected = jax.tree.leaves(jax.jit(function)(*operands))
+def all_agree(functions, *operands, **how):
+    """Each function alone, against one program of XLA's for all of them."""
+    wanted = jax.jit(lambda *operands: [function(*operands) for function in functions])(*operands)
+    for function, expected in zip(functions, wanted, strict=True):
+        agree(function, *operands, wanted=expected, **how)
+
+
+def agree(function, *operands, exactly=True, roundings=8, wanted=None):
+    expected = jax.tree.leaves(jax.jit(function)(*operands) if wanted is None else wanted)
     for plan in PLANS:
         found = jax.tree.leaves(native.compile(function, *operands, plan=plan, checked=True)(*operands))
         for x, y in zip(found, expected, strict=True):
@@ -43,10 +50,10 @@ KEYS = [lambda: jax.random.key(7), lambda: jax.random.PRNGKey(7)]
 @pytest.mark.parametrize("key", KEYS, ids=["typed", "raw"])
 @pytest.mark.parametrize("shape", [(), (1,), (3,), (5, 2), (101,)])
 def test_bits(key, shape):
-    for dtype in ("uint8", "uint16", "uint32", "uint64"):
-        agree(lambda k, dtype=dtype: jax.random.bits(k, shape, dtype), key())
-    agree(lambda k: jax.random.randint(k, shape, -3, 17), key())
-    agree(lambda k: jax.random.bernoulli(k, 0.3, shape), key())
+    types = ("uint8", "uint16", "uint32", "uint64")
+    bits = [lambda k, dtype=dtype: jax.random.bits(k, shape, dtype) for dtype in types]
+    others = [lambda k: jax.random.randint(k, shape, -3, 17), lambda k: jax.random.bernoulli(k, 0.3, shape)]
+    all_agree([*bits, *others], key())
 
 
 @pytest.mark.usefixtures("counting")
