@@ -196,8 +196,12 @@ def _linear(forward, backward, leaves: list, kept: list, changes: list) -> list:
 
     def pulled(*given):
         base, kept, back = given[:n], list(given[n:fixed]), given[fixed:]
-        _, pull = jax.vjp(lambda *base: jax.tree.leaves(backward(list(base), kept)), *base)
-        return pull(list(back))
+
+        def wanted(*base):  # a cotangent of zero would make nan of a derivative that is infinite
+            found = jax.tree.leaves(backward(list(base), kept))
+            return [x for x, cotangent in zip(found, back, strict=True) if cotangent is not None]
+
+        return jax.vjp(wanted, *base)[1]([cotangent for cotangent in back if cotangent is not None])
 
     return derivative_p.bind(*leaves, *kept, *changes, pushed=pushed, pulled=pulled, linear=n)
 
@@ -226,18 +230,10 @@ def _pushed_on(operands, changes, *, pushed, pulled, linear):
 
 
 def _transposed(back, *operands, pushed, pulled, linear):
+    del pushed
     fixed = operands[: len(operands) - linear]
-    shapes = jax.eval_shape(pushed, *(_shape_of(one) for one in operands))
-    back = [
-        jnp.zeros(shape.shape, shape.dtype) if isinstance(one, ad.Zero) else one
-        for one, shape in zip(back, shapes, strict=True)
-    ]
+    back = [None if isinstance(one, ad.Zero) else one for one in back]
     return [None] * len(fixed) + list(pulled(*fixed, *back))
-
-
-def _shape_of(operand):
-    known = operand.aval if ad.is_undefined_primal(operand) else operand  # which may be Python's own number
-    return jax.ShapeDtypeStruct(jnp.shape(known), jnp.result_type(known))
 
 
 def _batched(operands, axes, *, pushed, pulled, linear):

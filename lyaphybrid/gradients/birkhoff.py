@@ -21,7 +21,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._engines import compiled
 from ..averages import birkhoff_weights
 from ..methods import RungeKutta
 from ..spectra import lyapunov_spectrum
@@ -106,12 +105,12 @@ def _blocks(case: Case, found) -> dict:
     return {"t1": float(count // size * size), "blocks": max(2, count // size), **others}
 
 
-@compiled()
+@eqx.filter_jit
 def _run(along: Along, theta):
     return along.run(theta)
 
 
-@compiled()
+@eqx.filter_jit
 def _with_derivatives(along: Along, theta, clock: str, reverse: bool):
     def means(theta):
         return (along.means(theta, clock),) * 2

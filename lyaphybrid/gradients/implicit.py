@@ -22,7 +22,6 @@ import numpy as np
 import scipy.linalg
 
 from .. import runs
-from .._engines import compiled
 from .._tracing import array
 from ..daes import Constrained, fields_of
 from ..methods import HalfExplicit, RungeKutta
@@ -114,17 +113,17 @@ def _orbit(case: Case, period) -> tuple[Floquet, Method | None]:
 
 def _returning(system: Map, x0, args, transient: int):
     """A point of the motion after the transient, and the first number of iterations that bring it back."""
-    start = x = _iterated(system, jnp.asarray(x0), args, np.asarray(transient))
+
+    @jax.jit
+    def iterate(x, count):
+        return jax.lax.fori_loop(0, count, lambda n, x: system.rule(n, x, args), x)
+
+    start = x = iterate(jnp.asarray(x0), transient)
     for count in range(1, MOST + 1):
-        x = _iterated(system, x, args, np.asarray(1))
+        x = iterate(x, 1)
         if float(jnp.max(jnp.abs(x - start))) <= RETURNS * (1 + float(jnp.max(jnp.abs(start)))):
             return start, count
     raise Untrusted(f"no periodic orbit: the map does not come back within {MOST} iterations.")
-
-
-@compiled()
-def _iterated(system: Map, x, args, count):
-    return jax.lax.fori_loop(0, count, lambda n, x: system.rule(n, x, args), x)
 
 
 def derivatives(turn: Turn, case: Case, orbit: Floquet, period) -> Derivatives:
@@ -151,7 +150,7 @@ def _velocity(turn: Turn, theta, x):
     return fields_of(turn.system)[turn.mode](jnp.asarray(turn.t, x.dtype), x, turn.args_of(theta))
 
 
-@compiled()
+@eqx.filter_jit
 def _along(turn: Turn, theta, x, length, of_theta, of_x, of_length, k: int):
     """Derivatives of the end (p, n) and of its columns (p, n, k) along p directions."""
     discrete = isinstance(turn.system, Map)

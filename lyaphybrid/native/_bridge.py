@@ -62,8 +62,9 @@ def _transpose(cotangents, *operands, program: Program):
         raise NotImplementedError("only the program of a derivative is linear in its operands")
     of, moving = program.origin
     fixed = operands[: len(moving)]
-    given = [ad.instantiate_zeros(x) for x in cotangents]
-    return [None] * len(fixed) + list(native_call.bind(*fixed, *given, program=of.pulled(moving)))
+    asked = tuple(type(x) is not ad.Zero for x in cotangents)
+    given = [x for x, wants in zip(cotangents, asked, strict=True) if wants]
+    return [None] * len(fixed) + list(native_call.bind(*fixed, *given, program=of.pulled(moving, asked)))
 
 
 ad.primitive_transposes[native_call] = _transpose

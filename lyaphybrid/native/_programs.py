@@ -94,16 +94,25 @@ class Program:
         made.origin = self, moving
         return made
 
-    def pulled(self, moving: tuple[bool, ...]) -> "Program":
-        """The transposed: the cotangents of the operands that move, from the operands and those of the results."""
+    def pulled(self, moving: tuple[bool, ...], asked: tuple[bool, ...]) -> "Program":
+        """The transposed: the cotangents of the operands that move, from the operands and those of the results.
+
+        `asked`: of each result that has derivatives, whether its cotangent is given. The others do not count: a
+        cotangent of zero would make nan of a derivative that is infinite.
+        """
 
         def cotangents(*given):
             operands, back = given[: len(moving)], given[len(moving) :]
             function, primals = self._of_moving(self.backward, operands, moving)
-            return jax.vjp(function, *primals)[1](list(back))
+
+            def wanted(*xs):
+                return [x for x, wants in zip(function(*xs), asked, strict=True) if wants]
+
+            return jax.vjp(wanted, *primals)[1](list(back))
 
         results = [aval for aval in self.closed.out_avals if inexact(aval)]
-        return self._made(("pulled", moving), cotangents, [*self.closed.in_avals, *results])
+        given = [aval for aval, wants in zip(results, asked, strict=True) if wants]
+        return self._made(("pulled", moving, asked), cotangents, [*self.closed.in_avals, *given])
 
     def _moving(self, moving: Sequence[bool]) -> list:
         return [aval for aval, moves in zip(self.closed.in_avals, moving, strict=True) if moves]

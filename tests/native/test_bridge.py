@@ -229,3 +229,15 @@ def test_the_engine_is_chosen_by_a_variable(monkeypatch):
     monkeypatch.setenv("LYAPHYBRID_ENGINE", "fortran")
     with pytest.raises(ValueError, match="must be one of auto, native, xla; got 'fortran'"):
         native.engine()
+
+
+def test_results_that_nobody_differentiates_do_not_spoil_the_others():
+    """The derivative of a root at zero is infinite: times a cotangent of zero it would be nan."""
+
+    def both(x):
+        return jnp.sum(x * x), jnp.sqrt(jnp.sum(x))
+
+    call = native.native(both)
+    x = jnp.zeros(3)
+    np.testing.assert_array_equal(jax.grad(lambda x: call(x)[0])(x), np.zeros(3))
+    np.testing.assert_array_equal(jax.jacrev(lambda x: call(x + 1.0)[0])(x), np.full(3, 2.0))
