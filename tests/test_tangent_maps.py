@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
 from lyaphybrid import zoo
+from lyaphybrid._engines import compiled
 from lyaphybrid.systems import Bound
 
 STEP = 0.05
@@ -56,12 +57,18 @@ def by_hand(scheme, w, h):
     return w
 
 
-def one_step(method, system, x, args=None, h=None):
-    """A step of the state and the tangent of all unit vectors."""
-    field, h = Bound(system.field, args), jnp.asarray(method.fixed_step if h is None else h, float)
-    x = jnp.asarray(x, float)
+@compiled()
+def _one_step(method, system, x, args, h):
+    field = Bound(system.field, args)
     done = method.step(field, 0.0, x, field(0.0, x), h).x
-    return np.asarray(done), np.asarray(method.tangent(field, 0.0, x, h, jnp.eye(len(x))).frame)
+    return done, method.tangent(field, 0.0, x, h, jnp.eye(len(x))).frame
+
+
+def one_step(method, system, x, args=None, h=None):
+    """A step of the state and the tangent of all unit vectors; one program for all lengths of the step."""
+    h = np.asarray(method.fixed_step if h is None else h, float)
+    method, args = jax.tree.map(lambda one: np.asarray(one) if isinstance(one, float) else one, (method, args))
+    return tuple(np.asarray(found) for found in _one_step(method, system, np.asarray(x, float), args, h))
 
 
 @pytest.mark.parametrize("scheme", ["SABA2", "SABA2C", "SBAB2", "SBAB2C", "leapfrog"])
