@@ -18,7 +18,6 @@ from lyaphybrid._engines import forget_programs
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
-jax.config.update("jax_disable_most_optimizations", True)  # XLA compiles many small programs, and runs them once
 matplotlib.use("Agg")
 hypothesis.settings.register_profile("fixed", deadline=None, derandomize=True, print_blob=True)
 hypothesis.settings.load_profile("fixed")
@@ -39,6 +38,18 @@ def _bounded_caches():
         forget_programs()
         jax.clear_caches()
         gc.collect()
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _references_soon(request):
+    """XLA's references for the compiler are run once or a few times: they need not be optimised.
+
+    Elsewhere they are, for they round otherwise then, and orbits of chaotic maps are compared.
+    """
+    before, once = jax.config.read("jax_disable_most_optimizations"), request.path.parent.name == "native"
+    jax.config.update("jax_disable_most_optimizations", once or before)
+    yield
+    jax.config.update("jax_disable_most_optimizations", before)
 
 
 @pytest.fixture(scope="session")
