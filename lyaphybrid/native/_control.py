@@ -10,11 +10,13 @@ import contextlib
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 
 from . import _arithmetic as a
 from ._costs import turns_written_out
 from ._emitter import Entry, is_known, is_wide, same
+from ._expansion import traced
 from ._jax_versions import ClosedJaxpr, parts, scan_of, subprograms
 from ._lowering import KEEPS_ROWS, Lowering, rule
 from ._moving import with_axis
@@ -201,17 +203,36 @@ def while_(b, eqn, *values):
     of_condition, of_body = p["cond_nconsts"], p["body_nconsts"]
     consts = [b.at_hand(value) for value in values[: of_condition + of_body]]
     in_condition, in_body = consts[:of_condition], consts[of_condition:]
+    (condition,) = p["cond_jaxpr"].out_avals  # with axes in front: of loops that vmap has put side by side
     with _kept(consts):
         state = _state(b, values[of_condition + of_body :], avals)
 
-        def goes_on(now):
+        def go_on(now):
             with _kept(now):
-                return b.entry_of(b.run(p["cond_jaxpr"], [*in_condition, *now])[0])
+                return b.run(p["cond_jaxpr"], [*in_condition, *now])[0]
+
+        def goes_on(now):
+            return b.entry_of(b.run(traced(jnp.any, [condition]), [go_on(now)])[0] if condition.shape else go_on(now))
 
         def body(now):
-            return b.run(p["body_jaxpr"], [*in_body, *now])
+            if not condition.shape:
+                return b.run(p["body_jaxpr"], [*in_body, *now])
+            with _kept(now):
+                which = b.at_hand(go_on(now))
+                results = b.run(p["body_jaxpr"], [*in_body, *now])
+                return b.run(traced(_for_those_that_go_on, [condition, *avals, *avals]), [which, *results, *now])
 
         return _loop(b, state, avals, goes_on, body, _handed_on(p["body_jaxpr"], len(avals), of_body))
+
+
+def _for_those_that_go_on(which, *states):
+    """Of loops side by side that go on the new state, of the others the old one."""
+    middle = len(states) // 2
+
+    def chosen(new, old):
+        return jnp.where(jnp.reshape(which, which.shape + (1,) * (new.ndim - which.ndim)), new, old)
+
+    return [chosen(new, old) for new, old in zip(states[:middle], states[middle:], strict=True)]
 
 
 @rule("scan")

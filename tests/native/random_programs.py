@@ -284,6 +284,23 @@ def _while(w, pool, depth):
     return list(lax.while_loop(goes_on, body, [jnp.int64(w.choose(3)), *state]))
 
 
+def _whiles_side_by_side(w, pool, depth):
+    """Loops under vmap, of which each goes on as long as it wants."""
+    x = w.among(pool, lambda y: y.ndim > 0)
+    if x is None:
+        return _while(w, pool, depth)
+    state, limits = _several(w, pool, 2), jnp.arange(x.shape[0]) % (2 + w.choose(4))
+
+    def body(state):
+        return [state[0] + 1, *_body(w, [], state, depth)[1:]]
+
+    def one(limit, part):
+        return lax.while_loop(lambda now: now[0] < limit, body, [jnp.int64(w.choose(3)), part, *state])
+
+    found = jax.vmap(one)(limits, x)
+    return [y for y in found if y.ndim <= 2 and y.size]
+
+
 def _branches(w, pool, depth):
     state, avals = _several(w, pool), _several(w, pool)
     branches = [lambda *state: _body(w, pool, list(state), depth, avals) for _ in range(2 + w.choose(3))]
@@ -297,7 +314,7 @@ def _call(w, pool, depth):
     return list(jax.jit(lambda *state: _body(w, pool, list(state), depth, avals))(*state))
 
 
-_CONTROL = (_scan, _scan, _while, _while, _branches, _branches, _call)
+_CONTROL = (_scan, _scan, _while, _while, _whiles_side_by_side, _branches, _branches, _call)
 
 
 def random_program(choose: Callable[[int], int]):

@@ -431,6 +431,32 @@ def _whiles(x, n):
     }
 
 
+def _whiles_side_by_side(x, n):
+    """Loops that end at different turns under vmap; x: (12,), n: 3."""
+
+    def until(limit, x):
+        return lax.while_loop(
+            lambda c: (c[0] < limit) & (c[1][0] < 3), lambda c: (c[0] + 1, c[1] * 1.1 + x[::-1], c[2]), (0, x, x)
+        )
+
+    def nested(limit):
+        return lax.while_loop(lambda c: c[0] < limit, lambda c: (c[0] + 1, c[1] + until(c[0], x)[1].sum()), (0, 0.0))
+
+    def swapped(limit, x):
+        return lax.while_loop(lambda c: c[0] < limit, lambda c: (c[0] + 1, c[2], c[1].at[c[0]].set(7.0)), (0, x, x + 1))
+
+    limits, rows = jnp.arange(5) % 4, jnp.outer(jnp.arange(5.0), x)
+    return {
+        "one axis": jax.vmap(until)(limits, rows),
+        "two axes": jax.vmap(jax.vmap(until), (0, None))(jnp.stack([limits, limits + n]), rows),
+        "shared": jax.vmap(until, (0, None))(limits, x),
+        "nested": jax.vmap(nested)(limits),
+        "change places": jax.vmap(swapped)(limits, rows),
+        "turns": jax.vmap(lambda y: lax.while_loop(lambda c: c[0] < 0.9, lambda c: (c[0] + 0.1, c[1] + 1), (y, 0)))(x),
+        "until n": jax.vmap(until, (None, 0))(n, rows),
+    }
+
+
 def _branches(x, n):
     """x: (12,), n: 3."""
     found = {}
@@ -574,6 +600,7 @@ ARRAYS = {
     ),
     "scans": (_scans, (_X, 3)),
     "whiles": (_whiles, (_X, 3)),
+    "whiles side by side": (_whiles_side_by_side, (_X, 3)),
     "branches": (_branches, (_X, 3)),
     "aliases": (_aliases, (_X, 3)),
     "derivatives": (_derivatives, (_X, 3)),
@@ -716,6 +743,9 @@ def _lanes(x, n, p):
             lambda a: lax.fori_loop(0, 9, lambda i, c: c + i, a),
             x,
         ),
+        "side by side": jax.vmap(
+            lambda m, y: lax.while_loop(lambda c: c[0] < m, lambda c: (c[0] + 1, c[1] * 0.5 + x), (n, y)), (0, None)
+        )(jnp.arange(4), x),
         "cond in loop": lax.fori_loop(0, 5, lambda i, c: lax.cond(i < n, lambda c: c + 1, lambda c: c * 2, c), x),
         "fixed": lax.while_loop(lambda c: c[0] < n, lambda c: (c[0] + 1, c[1], c[2] + c[1]), (0, x, y)),
         "summed records": lax.scan(lambda c, i: (c * 0.9 + x, c), x, jnp.arange(20))[1].sum(0),
