@@ -12,6 +12,7 @@ programs it takes LLVM more time than all else (relay feedback: 1.9 s instead of
 """
 
 import math
+import weakref
 from typing import NamedTuple
 
 from ._jax_versions import Jaxpr, parts, scan_of, subprograms
@@ -43,9 +44,16 @@ def plan(jaxpr: Jaxpr) -> Plan:
     return Plan(small, LEVEL, estimates[small] <= SCATTERED)
 
 
+# What loops hold is asked for again and again.
+_known: weakref.WeakKeyDictionary[Jaxpr, dict[float, int]] = weakref.WeakKeyDictionary()
+
+
 def instructions(jaxpr: Jaxpr, small: float = math.inf) -> int:
     """About how many instructions the program becomes."""
-    return sum(_of_equation(eqn, small) for eqn in jaxpr.eqns)
+    known = _known.setdefault(jaxpr, {})
+    if small not in known:
+        known[small] = sum(_of_equation(eqn, small) for eqn in jaxpr.eqns)
+    return known[small]
 
 
 def turns_written_out(small: float, scan, avals) -> int:
