@@ -51,16 +51,19 @@ def is_native() -> bool:
     return engine() != "xla" and jax.default_backend() == "cpu"
 
 
-def compiled(columns: Callable[..., int] | None = None, backward: Callable | None = None) -> Callable:
+def compiled(
+    columns: Callable[..., int] | None = None, backward: Callable | None = None, hands_on: bool = False
+) -> Callable:
     """Decorate a function of trees of arrays and of what is static.
 
     Args:
         columns: gives the columns of the frame that is among the arguments; None: as in what is called within.
         backward: the same function, written so that it has reverse derivatives; None: it has them as it is.
+        hands_on: the results go to other functions like this one: arrays of NumPy's serve, and take less time to make.
     """
 
     def decorate(function: Callable) -> Callable:
-        natively, by_xla = _Natively(function, columns, backward), eqx.filter_jit(function)
+        natively, by_xla = _Natively(function, columns, backward, hands_on), eqx.filter_jit(function)
         with_derivatives = by_xla if backward is None else both_ways(by_xla, eqx.filter_jit(backward))
 
         def prepared(*args):
@@ -122,8 +125,10 @@ def forget_programs() -> None:
 class _Natively:
     """A function, traced once for arguments of one kind."""
 
-    def __init__(self, function: Callable, columns: Callable[..., int] | None, backward: Callable | None):
-        self.function, self.columns, self.backward = function, columns, backward
+    def __init__(
+        self, function: Callable, columns: Callable[..., int] | None, backward: Callable | None, hands_on: bool
+    ):
+        self.function, self.columns, self.backward, self.hands_on = function, columns, backward, hands_on
         self.known: OrderedDict = OrderedDict()
         self.lock = threading.RLock()  # a function may call itself with other arguments
         _all.append(self)
@@ -132,7 +137,10 @@ class _Natively:
         leaves, program, result = self._program(args)
         # Within a jit new arrays are traced, whatever the arguments are.
         within = traced(leaves, jnp.zeros(()))
-        return jax.tree.unflatten(result, native_call.bind(*leaves, program=program) if within else program(*leaves))
+        if within:
+            return jax.tree.unflatten(result, native_call.bind(*leaves, program=program))
+        found = program(*leaves)
+        return jax.tree.unflatten(result, found if self.hands_on else jax.device_put(found))
 
     def prepare(self, *args) -> None:
         """Trace and compile for arguments like these."""

@@ -277,7 +277,7 @@ def settings_of(problem: Problem, plan: Plan, t, x, reverse: bool = False) -> Se
     return Settings(mover_of(problem, t, x), **own, reverse=reverse)
 
 
-@compiled(lambda problem, plan, t0, x0, frame, mode, interval: frame.shape[-1])
+@compiled(lambda problem, plan, t0, x0, frame, mode, interval: frame.shape[-1], hands_on=True)
 def start(problem: Problem, plan: Plan, t0, x0, frame, mode, interval) -> Journey:
     """The journey at its start; x0 (n,), or (m, n) where the plan is batched."""
 
@@ -305,11 +305,13 @@ def _loop(problem: Problem, plan: Plan, journey: Journey, ends, last_jumps, budg
 
 
 _advance = compiled(
-    lambda problem, plan, journey, *rest: journey.carry.frame.shape[-1], functools.partial(_loop, reverse=True)
+    lambda problem, plan, journey, *rest: journey.carry.frame.shape[-1],
+    functools.partial(_loop, reverse=True),
+    hands_on=True,
 )(_loop)
 
 
-@compiled()
+@compiled(hands_on=True)
 def restart(journey: Journey, watch: Watch | None = None, batched: bool = False) -> Journey:
     """`propagation.restart`, of one journey or of several."""
     one = functools.partial(propagation.restart, watch=watch)

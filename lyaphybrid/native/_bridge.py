@@ -21,7 +21,7 @@ native_call.multiple_results = True
 
 @native_call.def_impl
 def _call(*operands, program: Program):
-    return program(*operands)
+    return jax.device_put(program(*operands))
 
 
 @native_call.def_abstract_eval

@@ -165,10 +165,8 @@ class Program:
         return self._derived[key]
 
     def __call__(self, *operands) -> list:
-        """The results, as JAX's arrays."""
-        if self.compiled is None:
-            return list(self.by_xla(*operands))
-        return jax.device_put(self.compiled(*operands))
+        """The results, as NumPy's arrays where they come from machine code."""
+        return list(self.by_xla(*operands)) if self.compiled is None else self.compiled(*operands)
 
 
 def _columns_within(jaxpr: Jaxpr) -> int:

@@ -42,13 +42,14 @@ def numpy_type(dtype) -> np.dtype:
     return np.dtype(np.uint64) if _is_key(dtype) else np.dtype(dtype)
 
 
+@functools.cache
 def _is_key(dtype) -> bool:
     return str(getattr(dtype, "name", "")).startswith("key<")
 
 
 def as_numpy(array) -> np.ndarray:
     """An array of NumPy's."""
-    if not _is_key(getattr(array, "dtype", None)):
+    if isinstance(array, np.ndarray) or not _is_key(getattr(array, "dtype", None)):
         return np.asarray(array)
     llvm_type(array.dtype)
     words = np.ascontiguousarray(jax.random.key_data(array))
