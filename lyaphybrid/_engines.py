@@ -59,7 +59,7 @@ def compiled(
     Args:
         columns: gives the columns of the frame that is among the arguments; None: as in what is called within.
         backward: the same function, written so that it has reverse derivatives; None: it has them as it is.
-        hands_on: the results go to other functions like this one: arrays of NumPy's serve, and take less time to make.
+        hands_on: the results are not a user's but go to functions like this one: NumPy's arrays take less time to make.
     """
 
     def decorate(function: Callable) -> Callable:

@@ -67,10 +67,9 @@ def check_constraints(system: Any, x, t0, args: Any) -> None:
     fields = [field for field in fields_of(system) if isinstance(field, Constrained)]
     if not fields or traced((x, t0, args)):
         return
-    check_functions(system, jax.ShapeDtypeStruct(x.shape, x.dtype), args)
-    for field in fields:
-        with jax.ensure_compile_time_eval():  # values that are known are known under jit, too
-            leading, whole = map(np.asarray, _matrices(field, t0, x, args))
+    with jax.ensure_compile_time_eval():  # values that are known are known under jit, too
+        matrices = _matrices(system, t0, x, args)
+    for field, (leading, whole) in zip(fields, matrices, strict=True):
         d, size = field.n_differential, max(float(np.max(np.abs(leading))), 1e-300)
         below = np.flatnonzero(np.max(np.abs(leading[d:]), axis=1, initial=0.0) > RANK * size)
         require(
@@ -93,10 +92,12 @@ def check_constraints(system: Any, x, t0, args: Any) -> None:
             )
 
 
-@compiled()
-def _matrices(field: Constrained, t, x, args):
-    """E and Ē."""
-    return field.leading(t, args), field.whole(t, x, args)
+@compiled(hands_on=True)
+def _matrices(system: Any, t, x, args) -> list[tuple]:
+    """E and Ē of each DAE."""
+    check_functions(system, jax.ShapeDtypeStruct(x.shape, x.dtype), args)
+    fields = [field for field in fields_of(system) if isinstance(field, Constrained)]
+    return [(field.leading(t, args), field.whole(t, x, args)) for field in fields]
 
 
 @compiled()
