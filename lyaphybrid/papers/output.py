@@ -26,6 +26,7 @@ def save(folder: Path, name: str, figures: Mapping[str, Any], data: dict) -> lis
     for title, figure in figures.items():
         files += [folder / f"{title}.{kind}" for kind in ("png", "pdf")]
         figure.savefig(files[-2], dpi=150)
+        figure.set_layout_engine("none")  # the same once more, without being laid out anew
         figure.savefig(files[-1])
     files.append(folder / f"{name}.json")
     files[-1].write_text(json.dumps(data, indent=1, allow_nan=False) + "\n")
