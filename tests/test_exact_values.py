@@ -32,7 +32,7 @@ def assert_agrees(spectrum, reference, gate):
 STATISTICAL = [  # problem, parameters, keywords, gate, sum rule to
     ("henon_map", {}, {"t1": 4_000_000}, 3e-4, 1e-12),
     ("logistic_map", {}, {"t1": 2_000_000}, 3e-5, 1e-12),
-    ("standard_map", {}, {"t1": 4_000_000}, 1.2e-3, 1e-12),
+    ("standard_map", {}, {"t1": 6_000_000}, 1.2e-3, 1e-12),
     ("baker_map", {}, {"t1": 4_000_000}, 3e-4, 1e-12),
     ("lorenz63", {}, {"t1": 40_000.0}, 1.2e-3, 1e-9),
     ("skew_tent_roof", {}, {"t1": 400_000.0}, 7e-4, 1e-9),

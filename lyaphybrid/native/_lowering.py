@@ -8,6 +8,7 @@ does to rows; where it returns None, or is missing, rows are taken apart first.
 
 from collections.abc import Callable, Sequence
 
+import jax
 import numpy as np
 
 from ._emitter import is_known
@@ -58,6 +59,8 @@ class Lowering(Values):
     def constant_value(self, number) -> Value:
         """A constant array."""
         array = as_numpy(number)
+        if array.dtype == jax.dtypes.float0:  # the cotangent of an integer, which nobody reads
+            array = np.zeros(array.shape, bool)
         llvm_type(array.dtype)
         if self.is_small(array.shape):
             return filled(array.shape, array.ravel().tolist())

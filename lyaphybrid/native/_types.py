@@ -20,6 +20,7 @@ _LLVM = {
     "uint64": "i64",
     "float32": "float",
     "float64": "double",
+    "void": "i1",  # float0, the type of cotangents of integers, which nobody reads
     "key<fry>": "i64",  # a random key of JAX's: two words of 32 bits
 }
 BYTES = {"i1": 1, "i8": 1, "i16": 2, "i32": 4, "i64": 8, "float": 4, "double": 8}
