@@ -8,7 +8,7 @@ much that it does not fit into registers (a pendulum with dry friction: 1.05 tim
 The estimate counts instructions in the jaxpr, each loop's body once.
 
 What is run through once only takes longer to optimise than to run: level 1 does for programs without long loops (what
-starts a run and what sums it up, of 16 runs of four disks: 0.4 s instead of 3.4 s of LLVM).
+starts a run and what sums it up, of 16 runs of four disks: 0.45 s instead of 3.45 s of LLVM).
 
 To look for vectors among scattered numbers makes four hard disks 1.5 times as fast and others hardly faster; in long
 programs it takes LLVM more time than all else (relay feedback: 1.9 s instead of 0.5).
