@@ -38,6 +38,7 @@ from .spectra import lyapunov_spectrum
 from .statuses import STATUS
 from .sweeps import StoreFailed, refine, sweep
 from .systems import EventDriven, Flow, Hybrid, Map, Schedule, Transition
+from .time_domains import TimeDomain
 from .trajectories import TangentMap, Trajectory, tangent_map, trajectory
 
 __version__ = "0.2.0.dev0"
@@ -88,6 +89,7 @@ __all__ = [
     "bifurcation_diagram",
     "Spectrum",
     "Trajectory",
+    "TimeDomain",
     "TangentMap",
     "Jacobians",
     "TwoTrajectories",

@@ -50,6 +50,7 @@ __all__ = [
     "number",
     "prepare",
     "start",
+    "time_of",
 ]
 
 FOREVER = 2**31 - 1
@@ -100,6 +101,11 @@ def mode_of(carry, xp: ModuleType = jnp):
     """The index of the present mode."""
     mode = getattr(carry.own, "mode", None)
     return xp.zeros((), np.int32) if mode is None else mode
+
+
+def time_of(journey: Journey):
+    """The time where a journey stands."""
+    return journey.base[..., 0] + (journey.base[..., 1] + journey.carry.s)
 
 
 def mode_names(system) -> tuple[str, ...]:

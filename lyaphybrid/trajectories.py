@@ -16,6 +16,7 @@ from .propagation import Cadence
 from .results import RunFailed
 from .statuses import STATUS
 from .systems import EventDriven, Flow, Hybrid, Map, iterates
+from .time_domains import TimeDomain, time_domain
 
 __all__ = ["Events", "TangentMap", "Trajectory", "tangent_map", "trajectory"]
 
@@ -52,6 +53,7 @@ class Trajectory(eqx.Module):
         x: (n, dim) states; mode: (n,) indices; j: (n,) jumps made so far.
         events: an `Events` log.
         status: the verdict.
+        domain: the hybrid time domain, an `lh.TimeDomain`; not under a transformation.
     """
 
     t: Array
@@ -61,12 +63,25 @@ class Trajectory(eqx.Module):
     events: Events
     status_code: Array
     mode_names: tuple[str, ...] = eqx.field(static=True)
+    begun: Array | float = 0.0  # the times where it began and ended, of a map the number of the first iteration
+    ended: Array | float = np.nan
+    iterated: bool = eqx.field(static=True, default=False)
 
     @property
     def status(self) -> STATUS | Array:
         """The verdict; under a transformation the bare code."""
         code = self.status_code
         return code if traced(code) else STATUS(int(code))
+
+    @property
+    def domain(self) -> TimeDomain:
+        """The hybrid time domain: the intervals I^j, sup t, sup j, and which of Dinius' cases it looks like."""
+        if traced((self.begun, self.ended, self.events, self.j)):
+            raise ValueError("Trajectory.domain is for results on the host, not under jit, vmap or grad.")
+        start, end, jumps = float(self.begun), float(self.ended), np.asarray(self.events.t)
+        if self.iterated:
+            jumps, end = np.full(int(np.max(self.j)), start), start
+        return time_domain(start, jumps, end, STATUS(int(self.status_code)))
 
     def plot(self, ax=None, **options):
         """The components against time, with events and modes."""
@@ -142,6 +157,9 @@ def trajectory(
         _joined(outcome.logs, problem, x0),
         outcome.status,
         runs.mode_names(system),
+        t0,
+        runs.time_of(outcome.journey),
+        discrete,
     )
     return _deliver(result, throw)
 

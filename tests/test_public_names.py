@@ -14,6 +14,7 @@ PUBLIC = {name: getattr(lh, name) for name in lh.__all__ if name not in ("zoo", 
 RESULTS = (
     "Spectrum",
     "Trajectory",
+    "TimeDomain",
     "TangentMap",
     "Floquet",
     "Gradient",
