@@ -227,7 +227,7 @@ def _end(xp: ModuleType, journey: Journey, status, interrupted) -> dict:
     flags = [grazing, simultaneous, xp.full_like(grazing, interrupted)]
     return {
         "x": journey.carry.x,
-        "t": journey.base[..., 0] + journey.base[..., 1],
+        "t": journey.base[..., 0] + journey.base[..., 1] + journey.carry.s,
         "mode": runs.mode_of(journey.carry, xp),
         "frame": journey.carry.frame,
         "min_transversality": xp.min(transversality),

@@ -14,6 +14,7 @@ from ._engines import compiled
 from ._tracing import traced
 from .checks import positive, real, require, whole
 from .methods.base import Method
+from .places import Place, account
 from .precision import digits
 from .propagation import Cadence
 from .results import UNIT, History, RunFailed, with_error
@@ -174,7 +175,7 @@ def two_trajectories(
     ends = pair.elapsed + (jnp.ceil(ends - 1e-9) if whole else ends)
     pair, records = _all_blocks(problem, recipe, t0, pair, ends)
     pair = pair._replace(x=runs.in_rows(problem, pair.x))
-    return _deliver(_summarise(t0, pair, records, recipe.separation, whole), throw)
+    return _deliver(_summarise(t0, pair, records, recipe.separation, whole), runs.mode_names(system), throw)
 
 
 def _require_numbers(t1, transient, separation, every, blocks) -> None:
@@ -380,13 +381,14 @@ def _summarise(t0, pair: Pair, records, separation, whole: bool) -> TwoTrajector
     )
 
 
-def _deliver(result: TwoTrajectories, throw: bool) -> TwoTrajectories:
+def _deliver(result: TwoTrajectories, names: tuple[str, ...], throw: bool) -> TwoTrajectories:
     """Raise or warn on the host, where the values are known."""
     status = result.status
     if not isinstance(status, STATUS):
         return result
     if throw and status.failed:
-        raise RunFailed(status, f"It stood at t = {float(result.t):.10g}.", result)
+        place = Place.of(result.t, result.x, result.mode, names)
+        raise RunFailed(status, account(status, place), result)
     if int(result.skipped) > max(2, SKIPPED * int(result.intervals)):
         warnings.warn(
             f"{int(result.skipped)} of {int(result.intervals)} intervals did not count: (a) the distance "

@@ -9,7 +9,7 @@ from jaxtyping import Array
 
 from ._tracing import traced
 from .precision import share
-from .statuses import STATUS
+from .statuses import STATUS, status_of, verdicts
 
 __all__ = ["History", "RunFailed", "Spectrum", "unresolved"]
 
@@ -84,8 +84,7 @@ class Spectrum(eqx.Module):
     @property
     def status(self) -> STATUS | Array:
         """The verdict; of several runs the gravest. Under a transformation the bare code."""
-        code = jnp.max(self.status_code)
-        return code if traced(code) else STATUS(int(code))
+        return status_of(self.status_code)
 
     @property
     def notes(self) -> frozenset[str]:
@@ -195,8 +194,14 @@ def _table(s: Spectrum) -> str:
     if s.sum_rule_residual is not None:
         total += f", sum rule to {float(jnp.max(s.sum_rule_residual)):.1e}"
     lines.append(f"{total}; Kaplan–Yorke dimension {float(s.kaplan_yorke_dimension()):.4f}")
-    lines.append(f"  status {s.status}" + (f"; notes: {', '.join(sorted(s.notes))}" if s.notes else ""))
+    lines.append(f"  status {_verdict(s)}" + (f"; notes: {', '.join(sorted(s.notes))}" if s.notes else ""))
     return "\n".join(lines)
+
+
+def _verdict(s: Spectrum) -> str:
+    """What ended the run, or how many of several ended how."""
+    different = len(np.unique(s.status_code)) > 1
+    return f"{status_of(s.status_code)}" + (f" (of the runs: {verdicts(s.status_code)})" if different else "")
 
 
 def with_error(value: float, error: float) -> str:

@@ -36,7 +36,7 @@ from .methods.scheduled import Scheduled
 from .methods.stepping import Stepping, are_curved
 from .precision import CURE, LEAST, eps, is_short, require_double
 from .propagation import Cadence, Journey, Settings, Watch
-from .statuses import STATUS
+from .statuses import RUNNING, STATUS
 from .systems import Bound, EventDriven, Flow, Hybrid, Map
 
 __all__ = [
@@ -57,6 +57,7 @@ FOREVER = 2**31 - 1
 SECONDS_PER_CALL = 0.3
 FIRST, FEWEST, MOST = 2000, 100, 10**8  # attempts in a call …
 MOST_FASTER = 64.0  # … and how many times as many the next call may have
+SHORT = np.int32(STATUS.max_steps)  # the verdict on a run whose attempts are spent
 
 
 class Problem(NamedTuple):
@@ -372,7 +373,7 @@ def drive(
     if traced(leaves):
         journey, records = _advance(problem, plan, journey, ends, last_jumps, limit)
         kept = () if journey.carry.log is None else (journey.carry.log,)
-        return Outcome(journey, records, _verdict(journey, ends), False, kept)
+        return Outcome(journey, records, _verdict(journey, ends, SHORT), False, kept)
     blocks, records, budget, given = ends.shape[0], None, FIRST, 0
     logs: list[propagation.Events] = []
     report = reporter(progress)
@@ -404,7 +405,7 @@ def drive(
     report(None)
     if part is not None:
         part.keep(journey, records, given, now=True)
-    status = journey.carry.status if interrupted else _verdict(journey, ends)
+    status = _verdict(journey, ends, np.int32(STATUS.interrupted) if interrupted else SHORT)
     return Outcome(journey, records, status, interrupted, tuple(logs))
 
 
@@ -438,9 +439,10 @@ def _finished(journey: Journey, blocks: int) -> bool:
 
 
 @compiled()
-def _verdict(journey: Journey, ends):
-    short = (journey.carry.status == 0) & (journey.block < ends.shape[0])
-    return jnp.where(short, int(STATUS.max_steps), journey.carry.status)
+def _verdict(journey: Journey, ends, otherwise):
+    """The status; where a run goes on still, though blocks are left, that of what has ended it."""
+    short = (journey.carry.status == RUNNING) & (journey.block < ends.shape[0])
+    return jnp.where(short, otherwise, journey.carry.status)
 
 
 def _merge(old, new):

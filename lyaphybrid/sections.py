@@ -12,6 +12,7 @@ from ._tracing import array, traced
 from .checks import attempts, positive, require, whole
 from .methods.base import Method
 from .periods import check_period
+from .places import account, place_of
 from .propagation import Cadence
 from .results import RunFailed
 from .statuses import STATUS
@@ -122,10 +123,10 @@ def poincare_section(
         found = _stroboscopic(problem, x0, t0, mode, length, n, transient, max_steps)
     else:
         found = _crossings(problem, x0, t0, mode, n, transient, max_steps)
-    t, x, modes, status = found
+    t, x, modes, status, place = found
     result = PoincareSection(t, x, modes, jnp.asarray(status), runs.mode_names(system))
     if throw and result.status.failed:
-        raise RunFailed(result.status, "", result)
+        raise RunFailed(result.status, account(status, place), result)
     return result
 
 
@@ -167,7 +168,13 @@ def _stroboscopic(problem, x0, t0, mode, period, n, transient, max_steps):
     t, x, modes, _ = outcome.records.collected
     valid = outcome.records.valid[transient:]
     x = runs.in_rows(problem, jnp.where(valid[:, None], x[transient:], jnp.nan))
-    return jnp.where(valid, t[transient:], jnp.nan), x, modes[transient:], outcome.status
+    return (
+        jnp.where(valid, t[transient:], jnp.nan),
+        x,
+        modes[transient:],
+        outcome.status,
+        place_of(outcome.journey, problem.system),
+    )
 
 
 def _crossings(problem, x0, t0, mode, n, transient, max_steps):
@@ -195,4 +202,4 @@ def _crossings(problem, x0, t0, mode, n, transient, max_steps):
     x = np.concatenate([x, np.full((missing, x.shape[1]), np.nan)])
     modes = np.concatenate([modes, np.zeros(missing, modes.dtype)])
     status = outcome.status if missing else STATUS.ok
-    return jnp.asarray(t, x0.dtype), jnp.asarray(x), jnp.asarray(modes), status
+    return jnp.asarray(t, x0.dtype), jnp.asarray(x), jnp.asarray(modes), status, place_of(journey, problem.system)

@@ -19,6 +19,7 @@ from . import runs
 from ._tracing import array
 from .consistency import put_on_constraints
 from .daes import Constrained, fields_of
+from .places import account, place_of
 from .precision import digits
 from .propagation import Cadence
 from .results import RunFailed
@@ -133,7 +134,8 @@ class Motion(NamedTuple):
         outcome = runs.drive(self.problem, plan, journey, ends, ends)
         status = STATUS(int(outcome.status))
         if status != STATUS.ok:
-            raise RunFailed(status, f"On a piece of length {length:.6g} from t = {node.t:.6g}.", None)
+            stood = account(status, place_of(outcome.journey, self.problem.system))
+            raise RunFailed(status, f"On a piece of length {length:.6g} from t = {node.t:.6g}: {stood}", None)
         carry, (t, x, modes, _) = outcome.journey.carry, outcome.records.collected
         logs = jax.tree.map(lambda *parts: np.concatenate(parts), *outcome.logs) if hybrid else None
         logs = None if logs is None else logs._replace(t=logs.t - node.t)

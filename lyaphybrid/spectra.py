@@ -15,6 +15,7 @@ from .checks import attempts, positive, require, whole
 from .consistency import onto_constraints, tangent_frame
 from .daes import DAE, degrees_of_freedom
 from .methods.base import Method
+from .places import Place, account
 from .results import RunFailed, Spectrum
 from .statuses import STATUS
 from .systems import EventDriven, Flow, Hybrid, Map, iterates
@@ -95,10 +96,10 @@ def lyapunov_spectrum(
             that is finished goes on to a longer t1.
 
     Returns:
-        A `Spectrum`. Its `status` is ok, terminated, max_steps, zeno, deadlock, nonfinite or step_underflow, of a DAE
-        also inconsistent_start, singular_dae or constraint_drift; its `notes` may hold rank_lost (an
-        exponent is -inf), grazing, simultaneous, unresolved (the smallest exponents, or a loss, may be rounding),
-        interrupted.
+        A `Spectrum`. Its `status` is ok, terminated, interrupted, max_steps, zeno, deadlock, nonfinite or
+        step_underflow, of a DAE also inconsistent_start, singular_dae or constraint_drift; its `notes` may hold
+        rank_lost (an exponent is -inf), grazing, simultaneous, unresolved (the smallest exponents, or a loss, may be
+        rounding), interrupted.
 
     Raises:
         ValueError: on arguments that do not fit, before any computing; where `checkpoint` is the file of another run.
@@ -260,7 +261,5 @@ def _deliver(spectrum: Spectrum, throw: bool) -> Spectrum:
     status = spectrum.status
     if not throw or not isinstance(status, STATUS) or not status.failed:
         return spectrum
-    reached = f"It stood at t = {float(jnp.max(spectrum.t)):.10g} after {float(jnp.mean(spectrum.jumps)):.6g} jumps."
-    if status == STATUS.zeno:
-        reached += f" The events seem to accumulate at t = {float(jnp.nanmean(spectrum.accumulation_time)):.10g}."
-    raise RunFailed(status, reached, spectrum)
+    place = Place.of(spectrum.t, spectrum.x, spectrum.mode, spectrum.mode_names)
+    raise RunFailed(status, account(spectrum.status_code, place, spectrum.accumulation_time), spectrum)

@@ -1,12 +1,14 @@
 """STATUS: the verdict on a run. Data, not crashes."""
 
 import enum
+from collections import Counter
 
 import jax.numpy as jnp
+import numpy as np
 
 from ._tracing import traced
 
-__all__ = ["OK", "RUNNING", "STATUS", "status_of"]
+__all__ = ["OK", "RUNNING", "STATUS", "gravest", "status_of", "verdicts"]
 
 
 class STATUS(enum.IntEnum):
@@ -22,24 +24,40 @@ class STATUS(enum.IntEnum):
     singular_dae = 7
     constraint_drift = 8
     step_underflow = 9
+    interrupted = 10
 
     def __str__(self) -> str:
         return f"{self.name}: {MEANINGS[self]}"
 
     @property
     def failed(self) -> bool:
-        """Whether the run did not reach its end for a reason other than a terminal transition."""
-        return self not in (STATUS.ok, STATUS.terminated)
+        """Whether the run did not reach its end, though neither a terminal transition nor the user has ended it."""
+        return self not in (STATUS.ok, STATUS.terminated, STATUS.interrupted)
 
 
-def status_of(code):
+def gravest(codes):
+    """The code of the gravest verdict of one or several runs: what has failed, before what has been ended."""
+    xp = jnp if traced(codes) else np
+    return xp.asarray(BY_GRAVITY)[xp.max(xp.asarray(np.argsort(BY_GRAVITY))[codes])]
+
+
+def status_of(codes):
     """The gravest verdict of one or several runs; under a transformation its bare code."""
-    gravest = jnp.max(code)
-    return gravest if traced(gravest) else STATUS(int(gravest))
+    code = gravest(codes)
+    return code if traced(code) else STATUS(int(code))
+
+
+def verdicts(codes) -> str:
+    """How many of several runs ended how, as ``5 ok, 2 zeno, 1 nonfinite``."""
+    counts = Counter(int(code) for code in np.ravel(codes))
+    return ", ".join(f"{count} {STATUS(code).name}" for code, count in sorted(counts.items()))
 
 
 RUNNING = 0
 OK = 0
+
+ENDED = (STATUS.ok, STATUS.terminated, STATUS.interrupted, STATUS.max_steps)  # lighter than all that has failed
+BY_GRAVITY = np.array([*ENDED, *(code for code in STATUS if code not in ENDED)], np.int32)
 
 MEANINGS = {
     STATUS.ok: "the run reached its end",
@@ -73,4 +91,5 @@ MEANINGS = {
         "the step size went below the resolution of the time: (a) the field jumps, give each smooth piece a mode; "
         "(b) the flow is stiff, use lh.Diffrax(diffrax.Kvaerno5()); (c) the tolerances are below rounding"
     ),
+    STATUS.interrupted: "Ctrl-C ended the run; what was computed until then is kept",
 }

@@ -12,6 +12,7 @@ from . import runs
 from ._tracing import array, traced
 from .checks import attempts, positive, whole
 from .methods.base import Method
+from .places import account, place_of
 from .propagation import Cadence
 from .results import RunFailed
 from .statuses import STATUS
@@ -161,7 +162,7 @@ def trajectory(
         runs.time_of(outcome.journey),
         discrete,
     )
-    return _deliver(result, throw)
+    return _deliver(result, throw, outcome, system)
 
 
 def _require_one(x0) -> None:
@@ -185,10 +186,10 @@ def _joined(logs, problem, x0) -> Events:
     return Events(t, transition, which, mode_before, mode_after, before, after)
 
 
-def _deliver(result, throw: bool):
+def _deliver(result, throw: bool, outcome: runs.Outcome, system):
     status = result.status
     if throw and isinstance(status, STATUS) and status.failed:
-        raise RunFailed(status, "", result)
+        raise RunFailed(status, account(status, place_of(outcome.journey, system)), result)
     return result
 
 
@@ -264,4 +265,6 @@ def tangent_map(
     outcome = runs.drive(problem, plan, journey, ends, ends, max_steps)
     carry = outcome.journey.carry
     x = runs.in_rows(problem, carry.x)
-    return _deliver(TangentMap(x, carry.frame, runs.mode_of(carry), carry.jumps, outcome.status), throw)
+    return _deliver(
+        TangentMap(x, carry.frame, runs.mode_of(carry), carry.jumps, outcome.status), throw, outcome, system
+    )

@@ -10,9 +10,10 @@ from .._tracing import array, traced
 from ..blocks import cadence_for, each_step_of, ends_of_blocks, is_zero, targets_for
 from ..checks import attempts, require, whole
 from ..daes import degrees_of_freedom
+from ..places import Place, account, place_of
 from ..propagation import Watch
 from ..results import RunFailed
-from ..statuses import STATUS
+from ..statuses import STATUS, gravest
 from ..systems import iterates
 
 __all__ = ["Followed", "follow", "generic_frame", "verdict_of"]
@@ -26,6 +27,12 @@ class Followed(NamedTuple):
     status: Any
     interrupted: bool
     journey: Any
+    system: Any
+
+    @property
+    def place(self) -> Place:
+        """Where it stands."""
+        return place_of(self.journey, self.system)
 
 
 def follow(
@@ -77,7 +84,8 @@ def follow(
     valid, durations = outcome.records.valid, outcome.records.duration
     xp = jnp if traced(durations) else np
     time = xp.where(valid, xp.cumsum(xp.where(valid, durations, 0.0), axis=-1), xp.nan)
-    return Followed(time, outcome.records.collected, outcome.status, outcome.interrupted, outcome.journey)
+    collected = outcome.records.collected
+    return Followed(time, collected, outcome.status, outcome.interrupted, outcome.journey, problem.system)
 
 
 def generic_frame(n: int, k: int, dtype) -> np.ndarray:
@@ -96,8 +104,7 @@ def _checked(frame, n, k, dtype):
 def verdict_of(followed: Followed, result, throw: bool):
     """The result; or an error where the run failed, the values are known and `throw`."""
     if throw and not traced(followed.status):
-        status = STATUS(int(np.max(np.asarray(followed.status))))
+        status = STATUS(int(gravest(np.asarray(followed.status))))
         if status.failed:
-            reached = float(np.nanmax(np.nan_to_num(np.asarray(followed.time))))
-            raise RunFailed(status, f"It reached t = {reached:.6g} after its start.", result)
+            raise RunFailed(status, account(followed.status, followed.place), result)
     return result

@@ -109,22 +109,24 @@ class Exact(Unconstrained):
     def step(self, settings: Settings, clock: Clock, c: Carry, flight: Flight) -> Carry:
         """Fly to the event and through it."""
         system, args, which = self.system, self.args, flight.which
-        x, frame = self._carried(c, clock, flight.dt)
-        s = c.s + flight.dt
+        timed = jnp.isfinite(flight.dt)  # where it is not, the run ends where it stands
+        dt = jnp.where(timed, flight.dt, 0.0)
+        x, frame = self._carried(c, clock, dt)
+        s = c.s + dt
         t, n, k = clock.base + s, x.shape[0], frame.shape[1]
         columns = jnp.concatenate([frame, jnp.eye(n, dtype=x.dtype)], axis=1) if settings.sum_rule else frame
-        before, real = self.velocity(t, x), is_event(which)
+        before, real = self.velocity(t, x), is_event(which) & timed
         delay = self._delays(real, t, x, which, columns, before)
         new, columns, direction = push(lambda t, x: system.jump(t, x, args, which), t, x, columns, before)
         columns = return_along(columns, direction, self.velocity(t, new), delay)
         if c.volume is not None:
-            c = added(added(c, volume=self._flux(c, clock, flight.dt)), volume=frames.log_abs_det(columns[:, k:]))
+            c = added(added(c, volume=self._flux(c, clock, dt)), volume=frames.log_abs_det(columns[:, k:]))
         zero = jnp.asarray(0, jnp.int32)
         entry = Events(None, t, zero, which, zero, zero, x, new)
-        landed = added(c, s=flight.dt)._replace(
-            x=new,
+        landed = added(c, s=dt)._replace(
+            x=jnp.where(timed, new, x),
             frame=columns[:, :k],
-            since=self._count(settings, c.since, flight.dt, 1.0),
+            since=self._count(settings, c.since, dt, 1.0),
             jumps=c.jumps + real.astype(jnp.int32),
             log=log_event(c.log, entry, real),
         )

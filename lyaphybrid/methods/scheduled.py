@@ -146,7 +146,7 @@ class Scheduled(Unconstrained):
         x, frame = _with_rows(c.x, index, new), c.frame
         if frame.shape[1] > 0:
             frame = _with_rows(frame, index, _pushed(real, frame, index, matrix))
-        s = jnp.maximum(own.start + t, c.s)
+        s = jnp.where(own.start + t > c.s, own.start + t, c.s)  # a time that is nan moves nothing
         dt = s - c.s
         entry = None if c.log is None else self._entry(clock, s, t, which, c.x, x)
         stretch = own.stretch

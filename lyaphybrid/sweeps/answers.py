@@ -8,7 +8,7 @@ import numpy as np
 
 from ..checks import require
 from ..results import Spectrum, unresolved
-from ..statuses import STATUS
+from ..statuses import STATUS, gravest
 
 __all__ = ["NOTES", "dims_of", "missing", "named"]
 
@@ -32,7 +32,7 @@ def named(result: Any) -> dict[str, Any]:
 
 
 def _of_spectrum(spectrum: Spectrum) -> dict[str, Any]:
-    status = jnp.max(spectrum.status_code)
+    status = gravest(spectrum.status_code)
     failed = (status != int(STATUS.ok)) & (status != int(STATUS.terminated))
     flags = jnp.any(jnp.atleast_2d(spectrum.flags), axis=0)
     seen = [*flags, jnp.any(unresolved(spectrum.spread)), jnp.any(jnp.isneginf(spectrum.exponents))]

@@ -1,0 +1,143 @@
+"""Where a run ended before its time, and how: in results and in messages, of one run and of several."""
+
+import re
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import lyaphybrid as lh
+from examples import BALL_BLOCKS, LOGISTIC, ball_spectrum
+from lyaphybrid import STATUS
+
+ESCAPE = lh.Flow(lambda t, x, args: args * x * x)
+
+
+def failure(call, *args, **options):
+    """The error of a run that fails; nothing in it may be nan but a state that is."""
+    with pytest.raises(lh.RunFailed) as caught:
+        call(*args, **options)
+    assert "t = nan" not in str(caught.value)
+    return caught.value
+
+
+def interrupt(fraction):
+    """Ctrl-C after the first block."""
+    if fraction > 0:
+        raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("transient", [0.0, 64.0])
+def test_an_interrupted_run_says_so(transient):
+    with pytest.warns(UserWarning, match="interrupted"):
+        spectrum = lh.lyapunov_spectrum(
+            LOGISTIC, [0.3], 4.0, t1=50_000_000, blocks=4096, transient=transient, progress=interrupt
+        )
+    assert spectrum.status is STATUS.interrupted
+    assert not spectrum.status.failed
+    assert "status interrupted: Ctrl-C" in str(spectrum)
+    assert "reached its end" not in str(spectrum)
+    assert 0 < float(spectrum.time) < 50_000_000
+
+
+def test_interrupted_within_the_transient(monkeypatch):
+    from lyaphybrid import runs
+
+    def stop(journey, blocks):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(runs, "_finished", stop)
+    with pytest.warns(UserWarning, match="interrupted"):
+        spectrum = lh.lyapunov_spectrum(LOGISTIC, [0.3], 4.0, t1=1000, transient=10_000_000)
+    assert spectrum.status is STATUS.interrupted
+    assert float(spectrum.time) == 0
+    assert np.isnan(spectrum.exponents).all()
+
+
+def test_the_place_where_attempts_are_spent():
+    """x' = 1: the state is the time, also within a block."""
+    clock = lh.Flow(lambda t, x, args: jnp.ones_like(x))
+    method = lh.RungeKutta("dopri5", max_step=0.01)
+    options = {"t1": 100.0, "t0": 2.0, "blocks": 2, "method": method, "max_steps": 700}
+    spectrum = lh.lyapunov_spectrum(clock, [2.0], throw=False, **options)
+    assert spectrum.status is STATUS.max_steps
+    assert 8 < float(spectrum.t) < 10
+    assert float(spectrum.t) == pytest.approx(float(spectrum.x[0]), rel=1e-12)
+    error = failure(lh.lyapunov_spectrum, clock, [2.0], **options)
+    assert f"t = {float(spectrum.t):.10g}, x = [{float(spectrum.x[0]):.6g}]" in str(error)
+    for call in (lh.trajectory, lh.tangent_map):
+        error = failure(call, clock, [2.0], t1=100.0, t0=2.0, method=method, max_steps=700)
+        assert re.search(r"t = (8\.\d+), x = \[\1\]|t = 9, x = \[9\]", str(error))
+
+
+def test_the_place_and_the_mode_of_a_failure():
+    system = lh.Hybrid(
+        {"rest": lambda t, x, args: jnp.ones_like(x), "escape": lambda t, x, args: x * x},
+        lh.Transition(lambda t, x, args: 1 - x[0], target="escape", source="rest"),
+    )
+    error = failure(lh.lyapunov_spectrum, system, [0.0], t1=10.0, mode="rest")
+    assert error.status is STATUS.nonfinite
+    assert re.search(r"t = (1\.9999\d*|2), x = \[[\d.e+]+\], mode 'escape'", str(error))
+
+
+def test_several_runs_are_told_apart():
+    """x' = x² from 1 escapes at t = 1, from 1/2 at 2; from -1 it does not."""
+    starts = [[-1.0], [1.0], [-2.0], [0.5]]
+    error = failure(lh.lyapunov_spectrum, ESCAPE, starts, 1.0, t1=4.0, blocks=8)
+    assert re.search(r"Of 4 runs: 2 ok, 2 nonfinite\. Run 1 stood at t = (0\.9999\d*|1), x = ", str(error))
+    assert "of the runs: 2 ok, 2 nonfinite" in str(error.result)
+    assert error.result.status is STATUS.nonfinite
+
+
+def test_what_has_failed_comes_before_what_has_been_ended():
+    """One run escapes, the other spends its attempts, whose code is the larger or the smaller."""
+    with pytest.warns(UserWarning, match="interrupted"):
+        spectrum = lh.lyapunov_spectrum(
+            lh.Map(lambda n, x, args: args * x * (1 - x)), [[0.3], [1.3]], 4.0, t1=50_000_000, blocks=4096,
+            progress=interrupt, throw=False,
+        )  # fmt: skip
+    assert spectrum.status is STATUS.nonfinite
+    assert "1 nonfinite, 1 interrupted" in str(spectrum)
+
+
+def test_an_accumulation_is_told_where_it_is_known():
+    def onto(x0, x1):
+        return lambda t, x, args: jnp.stack([0 * x[0] + x0, 0 * x[1] + x1])
+
+    there = lh.Transition(lambda t, x, args: x[0], onto(1.0, -1.0))
+    back = lh.Transition(lambda t, x, args: x[1], onto(-1.0, 1.0))
+    endless = lh.Hybrid(lambda t, x, args: -jnp.ones_like(x), [there, back], max_cascade=3)
+    error = failure(lh.lyapunov_spectrum, endless, [0.5, 1.0], t1=2.2, k=1, blocks=2)
+    assert error.status is STATUS.zeno
+    assert "seem to accumulate" not in str(error)
+    assert "nan" not in str(error)
+    error = failure(ball_spectrum, (1.0, 0.0), restitution=0.8, throw=True)
+    assert "seem to accumulate at t = 12.7279" in str(error)
+
+
+def test_a_time_of_flight_that_is_no_number_leaves_the_time_as_it_was():
+    broken = lh.EventDriven(
+        flow=lambda dt, t, x, args: x - dt,
+        next_event=lambda t, x, args: (jnp.where(t < 2.5, x[0], jnp.nan), 0),
+        jump=lambda t, x, args, which: x + 1.0,
+        guard=lambda t, x, args, which: x[0],
+    )
+    error = failure(lh.lyapunov_spectrum, broken, [1.0], t1=8.0, blocks=BALL_BLOCKS)
+    assert error.status is STATUS.nonfinite
+    assert float(error.result.t) == pytest.approx(3.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: lh.gali(ESCAPE, [1.0, 1.0], 1.0, t1=2.0),
+        lambda: lh.poincare_section(ESCAPE, [1.0, 1.0], 1.0, section=lambda t, x, args: x[0] + 1, n=3),
+        lambda: lh.two_trajectories(ESCAPE, [1.0, 1.0], 1.0, t1=2.0),
+        lambda: lh.covariant_vectors(ESCAPE, [1.0, 1.0], 1.0, t1=2.0),
+    ],
+    ids=["gali", "section", "two trajectories", "covariant vectors"],
+)
+def test_others_tell_the_place_too(call):
+    error = failure(call)
+    assert error.status is STATUS.nonfinite
+    assert re.search(r"t = (0\.999\d*|1(\.0\d*)?), x = \[", str(error))
