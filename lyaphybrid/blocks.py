@@ -7,12 +7,12 @@ import numpy as np
 
 from . import runs
 from ._tracing import array, traced
-from .checks import positive, require
+from .checks import positive, real, require
 from .methods.base import Method
 from .propagation import Cadence
-from .systems import EventDriven
+from .systems import EventDriven, iterates
 
-__all__ = ["cadence_for", "each_step_of", "ends_of_blocks", "is_zero", "targets_for"]
+__all__ = ["cadence_for", "check_counts", "each_step_of", "ends_of_blocks", "is_zero", "part_of", "targets_for"]
 
 
 def is_zero(value) -> bool:
@@ -57,6 +57,24 @@ def ends_of_blocks(length, blocks, times, name):
     matches = traced(length) or bool(np.isclose(times[-1], float(length)))
     require(matches, f"times must end at t1 = {length}; the last is {times[-1]}.")
     return times
+
+
+def check_counts(system, clock: str = "time", **lengths) -> None:
+    """Lengths that count iterations or jumps must be whole, where their values are known already."""
+    if not (iterates(system) or clock == "jumps"):
+        return
+    unit = "iterations" if iterates(system) else "jumps"
+    for name, length in lengths.items():
+        if length is None or traced(length):
+            continue
+        real(name, length)
+        require(float(length).is_integer(), f"{name} counts {unit} here: it must be a whole number; got {length!r}.")
+
+
+def part_of(system, clock: str, t1, fraction: float):
+    """So much of the length of a run; whole where iterations or jumps are counted."""
+    part = fraction * t1
+    return (jnp if traced(part) else np).ceil(part) if iterates(system) or clock == "jumps" else part
 
 
 def targets_for(ends, clock, discrete, dtype):

@@ -12,6 +12,7 @@ from jaxtyping import Array
 from . import propagation, runs
 from ._engines import compiled
 from ._tracing import traced
+from .blocks import check_counts
 from .checks import positive, real, require, whole
 from .methods.base import Method
 from .places import Place, account
@@ -163,6 +164,7 @@ def two_trajectories(
     _require_numbers(t1, transient, separation, renormalise_every, blocks)
     problem, x0, t0, mode = runs.prepare(system, x0, args, t0, method, mode)
     _require_start(x0, separation)
+    check_counts(system, t1=t1, transient=transient, renormalise_every=renormalise_every)
     whole = iterates(system)
     length = jnp.asarray(t1, x0.dtype)
     recipe = _recipe(whole, length / blocks, separation, renormalise_every)

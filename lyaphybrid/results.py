@@ -142,7 +142,10 @@ class Spectrum(eqx.Module):
         """The spectrum against its index, or (kind="convergence") its history in time."""
         from . import plots
 
-        return plots.convergence(self, ax) if kind == "convergence" else plots.spectrum(self, ax)
+        kinds = {"spectrum": plots.spectrum, "convergence": plots.convergence}
+        if kind not in kinds:
+            raise ValueError(f"kind must be one of {tuple(kinds)}; got {kind!r}.")
+        return kinds[kind](self, ax)
 
     def to_xarray(self):
         """The spectrum as an `xarray.Dataset` (extra "sweep")."""

@@ -10,7 +10,7 @@ from . import averages, checkpoints, frames, runs
 from ._engines import compiled
 from ._hashes import hash_of_arrays, hash_of_function
 from ._tracing import array, traced
-from .blocks import cadence_for, ends_of_blocks, is_zero, targets_for
+from .blocks import cadence_for, check_counts, ends_of_blocks, is_zero, targets_for
 from .checks import attempts, positive, require, whole
 from .consistency import onto_constraints, tangent_frame
 from .daes import DAE, degrees_of_freedom
@@ -119,6 +119,7 @@ def lyapunov_spectrum(
     _check_words(clock, averaging, orthonormalise, blocks, k, until, replicates, key, max_steps)
     problem, x0, t0, mode = runs.prepare(system, x0, args, t0, method, mode)
     require(not isinstance(system, Flow) or clock != "jumps", "clock='jumps' would never end: an lh.Flow has no jumps.")
+    check_counts(system, clock, t1=t1, transient=transient)
     n = x0.shape[-1]
     if replicates is not None:
         require(x0.ndim == 1, f"replicates and an x0 of shape (m, n) exclude each other; x0 has {x0.shape}.")

@@ -9,7 +9,7 @@ from .statuses import STATUS
 __all__ = ["TimeDomain", "time_domain"]
 
 NUMBERS = {"eventually continuous": 1, "eventually discrete": 2, "hybrid": 3, "continuous": 4, "discrete": 5}
-GONE_ON = (STATUS.ok, STATUS.max_steps)  # nothing in the motion itself ended the run
+GONE_ON = (STATUS.ok, STATUS.max_steps, STATUS.interrupted)  # nothing in the motion itself ended the run
 SHOWN = 3  # intervals at either end of what is printed
 SHRUNK = 1e-3  # the last interval of a Zeno solution is shorter than this part of the longest
 

@@ -10,6 +10,7 @@ from jaxtyping import Array
 
 from . import runs
 from ._tracing import array, traced
+from .blocks import check_counts
 from .checks import attempts, positive, whole
 from .methods.base import Method
 from .places import account, place_of
@@ -141,6 +142,7 @@ def trajectory(
     attempts(max_steps)
     problem, x0, t0, mode = runs.prepare(system, x0, args, t0, method, mode)
     _require_one(x0)
+    check_counts(system, t1=t1)
     discrete = iterates(system)
     ends = t1 * (np.arange(1, n + 1) / n)
     ends = array(jnp.ceil(ends - 1e-9) if discrete else ends, x0.dtype)
@@ -259,6 +261,7 @@ def tangent_map(
     attempts(max_steps)
     problem, x0, t0, mode = runs.prepare(system, x0, args, t0, method, mode)
     _require_one(x0)
+    check_counts(system, t1=t1)
     plan = runs.Plan(Cadence("never", False), "mgs", False, 0, False, False, runs.nothing)
     journey = runs.start(problem, plan, t0, x0, np.eye(len(x0), dtype=x0.dtype), mode, 1.0)
     ends = array(t1, x0.dtype).reshape(1)

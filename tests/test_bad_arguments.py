@@ -106,6 +106,41 @@ def test_calls_are_refused(message):
         lh.lyapunov_spectrum(system, x0, HENON.args, **({"t1": 1.0} | keywords))
 
 
+BOUNCES = lh.Hybrid(DECAY, lh.Transition(lambda t, x, args: x[0] - 0.5, lambda t, x, args: 2 * x))
+UNCOUNTED = {
+    "spectrum": lambda: lh.lyapunov_spectrum(HENON.system, [0.1, 0.1], HENON.args, t1=1000.5),
+    "of jumps": lambda: lh.lyapunov_spectrum(BOUNCES, [1.0], t1=10.5, clock="jumps"),
+    "trajectory": lambda: lh.trajectory(HENON.system, [0.1, 0.1], HENON.args, t1=1000.5),
+    "tangent map": lambda: lh.tangent_map(HENON.system, [0.1, 0.1], HENON.args, t1=0.5),
+    "two trajectories": lambda: lh.two_trajectories(HENON.system, [0.1, 0.1], HENON.args, t1=1000.5),
+    "gali": lambda: lh.gali(HENON.system, [0.1, 0.1], HENON.args, t1=1000.5),
+    "megno": lambda: lh.megno(HENON.system, [0.1, 0.1], HENON.args, t1=1000.5),
+    "covariant vectors": lambda: lh.covariant_vectors(HENON.system, [0.1, 0.1], HENON.args, t1=1000.5),
+    "intervals": lambda: lh.spectral_intervals(HENON.system, [0.1, 0.1], HENON.args, t1=1000.5, window=10, tau=0),
+    "gradient": lambda: lh.lyapunov_gradient(HENON.system, [0.1, 0.1], HENON.args, t1=1000.5, key=jax.random.key(0)),
+}
+
+
+@pytest.mark.parametrize("call", UNCOUNTED)
+def test_iterations_and_jumps_are_whole_numbers(call):
+    with pytest.raises(ValueError, match=r"t1 counts (iterations|jumps) here: it must be a whole number; got \d+\.5"):
+        UNCOUNTED[call]()
+
+
+def test_the_transient_of_a_map_is_whole_too():
+    options = {"t1": 100, "transient": 10.5}
+    with pytest.raises(ValueError, match="transient counts iterations here"):
+        lh.lyapunov_spectrum(HENON.system, [0.1, 0.1], HENON.args, **options)
+    with pytest.raises(ValueError, match="transient counts iterations here"):
+        lh.sali(HENON.system, [0.1, 0.1], HENON.args, **options)
+
+
+def test_kinds_of_plots_are_listed():
+    spectrum = lh.lyapunov_spectrum(HENON.system, [0.1, 0.1], HENON.args, t1=100)
+    with pytest.raises(ValueError, match=r"kind must be one of \('spectrum', 'convergence'\); got 'foo'"):
+        spectrum.plot(kind="foo")
+
+
 def jump(guard=guard, **parts):
     return lh.Hybrid(DECAY, lh.Transition(guard, **parts))
 

@@ -10,6 +10,7 @@ import numpy as np
 import optax
 
 from .._tracing import traced
+from ..blocks import part_of
 from ..checks import positive, require, whole
 from ..spectra import lyapunov_spectrum
 from ..statuses import STATUS
@@ -182,7 +183,8 @@ def _alone(case: Case, t1, options: Mapping) -> Callable:
     own = {name: options[name] for name in KEPT if name in options}
     if options.get("key") is not None:
         own |= {"key": options["key"], "replicates": options.get("replicates", 4)}
-    own |= {"method": options.get("integrator"), "transient": options.get("transient", 0.1 * t1), "t1": t1}
+    transient = options.get("transient", part_of(case.system, options.get("clock", "time"), t1, 0.1))
+    own |= {"method": options.get("integrator"), "transient": transient, "t1": t1}
 
     def look(theta) -> Point:
         args = case.args_of(jnp.asarray(theta))

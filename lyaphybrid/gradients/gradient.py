@@ -11,6 +11,7 @@ import numpy as np
 
 from .. import runs
 from .._tracing import traced
+from ..blocks import part_of
 from ..checks import positive, real, require, whole
 from ..daes import degrees_of_freedom
 from ..methods.base import Method
@@ -180,8 +181,8 @@ def lyapunov_gradient(
     if k is not None:
         whole("k", k, least=1)
         require(k <= most, f"k must be at most {most}; got {k}.")
-    options = {"t1": t1, "t0": t0, "transient": 0.1 * t1 if transient is None else transient, "mode": mode,
-               "method": integrator, "clock": clock}  # fmt: skip
+    before = part_of(system, clock, t1, 0.1) if transient is None else transient
+    options = {"t1": t1, "t0": t0, "transient": before, "mode": mode, "method": integrator, "clock": clock}
     case = case_of(system, start, args, k or most, options, free)
     if period is not None:
         now, own = runs.as_arrays(args, float), period(args) if callable(period) else period

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array
 
 from .._tracing import traced
+from ..blocks import check_counts
 from ..checks import require
 from ..daes import degrees_of_freedom
 from ..propagation import Carry, Seen
@@ -163,6 +164,7 @@ def gali(
         >>> round(float(g.log_values[-1, 0]) / 1000, 2)  # −2 ln((3 + √5)/2), far below what a float can hold
         -1.92
     """
+    check_counts(system, t1=t1, transient=transient)
     n = degrees_of_freedom(system, np.shape(x0)[-1] if np.ndim(x0) else 1)
     orders = tuple(range(2, min(n, 4) + 1)) if orders is None else tuple(int(k) for k in orders)
     good = len(orders) > 0 and all(2 <= k <= n for k in orders)

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array
 
 from .._engines import compiled
+from ..blocks import check_counts
 from ..checks import positive, require, whole
 from ..daes import degrees_of_freedom
 from ..propagation import Carry, Seen
@@ -163,6 +164,7 @@ def covariant_vectors(
     """
     whole("blocks", blocks, least=2)
     positive("t1, a length,", t1)
+    check_counts(system, t1=t1, transient=transient, settle=settle)
     n = np.shape(x0)[-1] if np.ndim(x0) else 1
     require(np.ndim(x0) == 1, f"x0 must have shape (n,); got {np.shape(x0)}.")
     number = degrees_of_freedom(system, n) if k is None else k

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array
 
 from .._tracing import traced
+from ..blocks import check_counts
 from ..checks import require
 from ..precision import nonzero
 from ..propagation import Carry, Seen
@@ -230,7 +231,9 @@ def _grown(name: str, across: bool, system, x0, args, t1, options) -> Growth:
     throw = options.pop("throw", True)
     unknown = set(options) - set(DEFAULTS)
     require(not unknown, f"{name.lower()} takes {', '.join(DEFAULTS)} and throw; got {', '.join(sorted(unknown))}.")
-    found = follow(Lengths(across), _state, system, x0, args, k=1, t1=t1, each_step=True, **(DEFAULTS | options))
+    options = DEFAULTS | options
+    check_counts(system, t1=t1, transient=options["transient"])
+    found = follow(Lengths(across), _state, system, x0, args, k=1, t1=t1, each_step=True, **options)
     state, time = found.collected, jnp.asarray(found.time)
     values = {"MEGNO": state.value, "FLI": state.highest, "OFLI": state.highest_across}[name]
     values = jnp.where(jnp.isnan(time), jnp.nan, values)
