@@ -115,6 +115,10 @@ class General(eqx.Module):
         by_q, by_p = jax.grad(self.hamiltonian, argnums=(0, 1))(*halves(x), args)
         return jnp.concatenate([by_p, -by_q])
 
+    def energy(self, x, args):
+        """H(q, p)."""
+        return self.hamiltonian(*halves(x), args)
+
 
 class _CanonicalFlow(Flow):
     """An `lh.Flow` whose flow keeps dq∧dp."""
@@ -123,7 +127,7 @@ class _CanonicalFlow(Flow):
 
     def energy(self, x, args: Any = None):
         """The value of H at a state x (2m,)."""
-        return self.field.hamiltonian(*halves(x), args)
+        return self.field.energy(x, args)
 
 
 def canonical_flow(energy: Callable) -> Flow:

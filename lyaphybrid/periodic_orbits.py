@@ -4,6 +4,7 @@ Newton's method for an orbit, in `shooting`, needs the fundamental matrix M = d�
 eigenvalues are the multipliers μ, and the exponents ln|μ|/T.
 """
 
+import dataclasses
 import functools
 from typing import Any
 
@@ -12,16 +13,20 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from . import frames, runs
+from . import runs
 from ._tracing import traced
 from .checks import positive, real, require, whole
 from .daes import Constrained, fields_of
+from .families import energy_moved, family_of
+from .invariants import conserved_of, require_conserved
 from .methods import HalfExplicit, RungeKutta
 from .methods.base import Method
+from .multipliers import multipliers_of, stability_of
 from .periods import check_period, depends_on_time
 from .precision import digits
-from .products import product_eigenvalues
+from .results import RunFailed
 from .shooting import Motion, Node, NoPeriodicOrbit, Orbit, at_start, close_return, nearest, newton, placed
+from .symmetries import symmetry_of
 from .systems import Flow, Hybrid, Map
 
 __all__ = ["CONVERGED", "Floquet", "floquet", "floquet_of", "require_period"]
@@ -40,32 +45,54 @@ class Floquet(eqx.Module):
         multipliers: complex (n,), the largest first; exactly 0 where a direction is destroyed on the way. Of
             an `lh.DAE` there are n_differential.
         exponents: (n,) ln|μ|/T, descending; -inf where μ = 0.
-        stable: whether all multipliers, but the 1 along the flow of an autonomous system, are inside the unit circle.
+        stability: what the multipliers say but those that are 1 in any case, along the flow of an autonomous system,
+            along a family and along a group: "stable" (all are inside the unit circle), "unstable" (one is outside),
+            "elliptic" (those on it are complex), "neutral" (one on it is real, or there are no others).
         residual: largest |φ_T(x) − x| over the nodes, relative to the size of the orbit; inf of what is no orbit: where
             the mode after T is another, or an autonomous system does not carry its velocity along to itself.
         monodromy: (n, n), dx(T)/dx(0) at a point of the orbit that may be another than x0, away from events.
         base: that point, as its time, state and mode.
         mode: index of the mode at x0.
         events: number of jumps in a period.
+        shift: (q,) s after a period, of an orbit modulo a group g(x, s): what a runner's step is long.
+        family: on how many parameters the orbits near this one depend, whatever is asked to be conserved: 0 of an orbit
+            by itself, 1 where an energy is conserved.
+        notes: frozenset of names: "family", "moved" (the energy of this orbit is not that of the start).
     """
 
     x0: Array
     period: float = eqx.field(static=True)
     multipliers: Array
     exponents: Array
-    stable: bool = eqx.field(static=True)
+    stability: str = eqx.field(static=True)
     residual: float = eqx.field(static=True)
     monodromy: Array
     base: tuple[float, Array, int]
     mode: int = eqx.field(static=True)
     events: int = eqx.field(static=True)
+    shift: Array
+    family: int = eqx.field(static=True)
+    notes: frozenset[str] = eqx.field(static=True)
+
+    @property
+    def stable(self) -> bool:
+        """Whether the stability is "stable": the orbit attracts; one of a family, within what is conserved."""
+        return self.stability == "stable"
 
     def __str__(self) -> str:
         lines = [f"Periodic orbit, T = {self.period:.12g}, {self.events} jumps, residual {self.residual:.1e}"]
         for mu, rate in zip(np.asarray(self.multipliers), np.asarray(self.exponents), strict=True):
             value = f"{mu.real:.9g}" + (f" {'-' if mu.imag < 0 else '+'} {abs(mu.imag):.9g}i" if mu.imag else "")
             lines.append(f"  μ = {value:<28s} λ = {rate:.12g}")
-        return "\n".join([*lines, f"  {'stable' if self.stable else 'not asymptotically stable'}"])
+        lines.append("  stable" if self.stable else f"  {self.stability}: not asymptotically stable")
+        if self.shift.size:
+            lines.append(f"  modulo a shift of {', '.join(f'{s:.12g}' for s in np.asarray(self.shift))} in each period")
+        if self.family:
+            parameters = "one parameter" if self.family == 1 else f"{self.family} parameters"
+            lines.append(f"  one of a family of orbits with {parameters}, along which multipliers are 1")
+        if "moved" in self.notes:
+            lines.append("  its energy is not that of the start: conserve=True keeps it")
+        return "\n".join(lines)
 
     __repr__ = __str__
 
@@ -83,12 +110,17 @@ def floquet(
     segments: int = 1,
     max_iterations: int = 30,
     throw: bool = True,
+    conserve: Any = None,
+    modulo: Any = None,
 ) -> Floquet:
     """The periodic orbit near x0, and its Floquet multipliers.
 
     After T the state is the same, and the mode; and of an autonomous system one multiplier is 1, as its velocity is
     carried along to itself. Where Newton's method comes to a point whose motion ends in another mode it goes on from
     there, by a turn of the motion.
+
+    Where something is conserved orbits come in families, and Newton's method goes to one of those near x0. The result
+    says so (`family`); `conserve` fixes which one. Multipliers along a family are 1, and are given as 1.
 
     Args:
         system: an `lh.Flow`, `lh.Hybrid` (sliding modes included) or `lh.Map`.
@@ -104,13 +136,20 @@ def floquet(
             wanted: in the derivative of one piece they are hidden by the rounding of the largest.
         max_iterations: of Newton's method.
         throw: raise where it does not converge; False returns what there is, with its residual.
+        conserve: what is to have the value that it has at x0: a function ``(x, args) -> number``, or ``-> (c,)`` for
+            several, that the motion conserves; ``{"mode": function, …}`` where it differs from mode to mode; True: the
+            energy of an `lh.Hamiltonian` or `lh.canonical_flow`.
+        modulo: a symmetry after which the orbit closes, x(T) = g(x0): ``g(x) -> x``, a step or a rotation that is
+            known; ``g(x, s) -> x`` with g(x, 0) = x, a group whose s is found; the index of a component that grows, or
+            several. Multipliers are those of Dg⁻¹ dx(T)/dx(0); along a group they are 1.
 
     Returns:
         A `Floquet`.
 
     Raises:
         ValueError: on arguments that do not fit; on a system that depends on time, without a period or with one after
-            which fields, guards, resets or clocks are not as before: it says which seems to be theirs.
+            which fields, guards, resets or clocks are not as before: it says which seems to be theirs; where the motion
+            does not conserve what it is to, or has not the symmetry.
         NoPeriodicOrbit: where Newton's method does not converge, or to what is no orbit (an equilibrium; what closes in
             another mode), and `throw`; where no close return was found.
         RunFailed: where the motion from x0 itself fails.
@@ -127,6 +166,16 @@ def floquet(
         >>> orbit = lh.floquet(lh.Flow(van_der_pol), [2.0, 0.0], 1.0)
         >>> round(orbit.period, 6), orbit.stable
         (6.663287, True)
+
+        A pendulum that swings up to 90°, and one that goes round; each has its energy.
+
+        >>> pendulum = lh.Hamiltonian(lambda p, args: jnp.sum(p**2) / 2, lambda q, args: -jnp.sum(jnp.cos(q)))
+        >>> swing = lh.floquet(pendulum, [jnp.pi / 2, 0.0], conserve=True)
+        >>> round(swing.period, 6), swing.family, swing.stability
+        (7.416299, 1, 'neutral')
+        >>> turn = jnp.array([2 * jnp.pi, 0.0])
+        >>> round(lh.floquet(pendulum, [0.0, 3.0], conserve=True, modulo=lambda x: x + turn).period, 6)
+        2.41289
     """
     require(isinstance(system, Flow | Hybrid | Map), f"floquet needs an lh.Flow, lh.Hybrid or lh.Map; got {system!r}.")
     whole("segments", segments, least=1)
@@ -138,8 +187,10 @@ def floquet(
         method = HalfExplicit(rtol=1e-12, tableau="dopri8") if constrained else RungeKutta(rtol=1e-12, atol=1e-14)
     problem, start, time, index = runs.prepare(system, x0, args, t0, method, mode)
     require(start.ndim == 1, f"x0 must have shape (n,) here; got {start.shape}.")
-    flow = Motion(problem)
+    symmetry = symmetry_of(modulo, system, start, problem.args, time)
+    flow = Motion(problem, symmetry)
     point = Node(float(time), start, index)
+    flow = flow._replace(conserved=conserved_of(conserve, system, start, flow.mode(point), problem.args))
     period = period(args) if callable(period) else period
     require_period(flow, period, point)
     real("transient, a length,", transient)
@@ -149,10 +200,17 @@ def floquet(
     autonomous = period is None
     given = point
     point, guess = close_return(flow, point) if period is None else (point, float(np.asarray(period)))
+    if flow.conserved is not None:
+        require_conserved(flow, flow.piece(point, guess))
     orbit = newton(flow, placed(flow, point, guess, segments), guess, autonomous, max_iterations)
     base = orbit.nodes[0]
-    end = nearest(flow, base, orbit.period, start) if autonomous else at_start(flow, base, given, guess)
-    result = floquet_of(flow, orbit, end, autonomous)
+    if autonomous:
+        end = nearest(flow, base, orbit.period, start)
+    else:
+        end = at_start(flow, base, given, guess, orbit.shift)
+    result = floquet_of(flow, orbit, end, autonomous, family_of(flow, orbit, autonomous))
+    if result.family and conserve is None and energy_moved(flow, given, end):
+        result = dataclasses.replace(result, notes=result.notes | {"moved"})
     if throw and not result.residual <= digits(CONVERGED, start):
         raise NoPeriodicOrbit(_failure(flow, orbit, result), result)
     return result
@@ -168,7 +226,19 @@ def _failure(flow: Motion, orbit: Orbit, result: Floquet) -> str:
             "is too far from a periodic orbit, give a transient or another mode; (b) there is none, the motion leaves "
             "this cycle of events; (c) the period is not one of this motion."
         )
-    if orbit.residual <= digits(CONVERGED, orbit.nodes[0].x):
+    converged = orbit.residual <= digits(CONVERGED, orbit.nodes[0].x)
+    if converged and _rests(flow, orbit):
+        return (
+            f"No periodic orbit: at x = {orbit.nodes[0].x} the motion moves along the group alone, modulo that it is "
+            "an equilibrium, and any time is a period: give one element of the group, g(x), such as the turn after "
+            "which it is to close."
+        )
+    if converged and not _repeats(flow, orbit):
+        return (
+            f"No periodic orbit: the state after {orbit.period:.6g} is the image of that at the start, but the period "
+            "is not repeated from there. modulo must be a symmetry of guards, resets and switches too."
+        )
+    if converged:
         values = ", ".join(f"{mu:.6g}" for mu in np.asarray(result.multipliers))
         return (
             f"No periodic orbit: the state is back after {orbit.period:.6g}, but one multiplier of an autonomous "
@@ -181,6 +251,30 @@ def _failure(flow: Motion, orbit: Orbit, result: Floquet) -> str:
         f"period {orbit.period:.6g}: (a) x0 is too far from a periodic orbit, give a transient; (b) the orbit is "
         "unstable and long, give segments; (c) the period is not one of this motion."
     )
+
+
+def _rests(flow: Motion, orbit: Orbit) -> bool:
+    """Whether the motion is along the group alone: modulo that it is an equilibrium, which has no period."""
+    if flow.symmetry is None or not flow.symmetry.freedom:
+        return False
+    base = orbit.nodes[0]
+    velocity, along = flow.velocity(base), flow.symmetry.image(base.x).by_shift
+    across = velocity - along @ np.linalg.lstsq(along, velocity)[0]
+    return bool(np.linalg.norm(across) <= digits(ALONG, base.x) * np.linalg.norm(velocity))
+
+
+def _repeats(flow: Motion, orbit: Orbit) -> bool:
+    """Whether the next period is the image of this one, jumps included: else it was no symmetry."""
+    if flow.symmetry is None or orbit.torn:
+        return True
+    start, end = orbit.nodes[0], flow.goal(orbit.goal, orbit.shift)
+    try:
+        again = flow.piece(orbit.goal._replace(t=start.t), orbit.period)
+    except RunFailed:
+        return False
+    spread = 1 + np.linalg.norm(again.matrix, 2)
+    apart = np.linalg.norm(np.asarray(again.x) - np.asarray(end.x))
+    return bool(apart <= digits(ALONG, start.x) * spread * max(1.0, float(np.max(np.abs(start.x)))))
 
 
 def _goes_along(flow: Motion, orbit: Orbit) -> bool:
@@ -209,54 +303,39 @@ def require_period(flow: Motion, period, point: Node, where: str = "") -> None:
     )
 
 
-def floquet_of(flow: Motion, orbit: Orbit, point: Node, autonomous: bool) -> Floquet:
-    """The multipliers of an orbit that Newton's method found; `point` is the one to show of it."""
-    n, base = len(point.x), orbit.nodes[0]
+def floquet_of(flow: Motion, orbit: Orbit, point: Node, autonomous: bool, family: np.ndarray | None = None) -> Floquet:
+    """The multipliers of an orbit that Newton's method found.
+
+    `point` is the one to show of it; `family` holds the directions (n, f) from its first node to other orbits.
+    """
+    base = orbit.nodes[0]
+    family = np.zeros((len(point.x), 0)) if family is None else family
     matrices = [piece.matrix for piece in orbit.pieces]
-    monodromy = functools.reduce(lambda product, matrix: matrix @ product, matrices)
-    multipliers = product_eigenvalues(matrices)
+    known = family
+    if flow.symmetry is not None:
+        image = flow.symmetry.image(base.x, orbit.shift)
+        matrices[-1] = np.linalg.solve(image.by_state, matrices[-1])
+        known = np.column_stack([flow.symmetry.image(base.x).by_shift, family])
+    if autonomous and known.shape[1]:
+        known = np.column_stack([flow.velocity(base), known])
     # Constraints leave fewer directions than there are components: the others are none that the orbit destroys.
-    free = flow.degrees_of_freedom(point)
-    multipliers = multipliers[np.argsort(-np.abs(multipliers), kind="stable")][:free]
-    multipliers[n - _destroyed(matrices) :] = 0.0
+    multipliers, others = multipliers_of(matrices, known, flow.degrees_of_freedom(point), autonomous)
     sizes = np.abs(multipliers)
     exponents = np.where(sizes > 0, np.log(np.where(sizes > 0, sizes, 1.0)) / orbit.period, -np.inf)
-    others = np.delete(sizes, np.argmin(np.abs(multipliers - 1))) if autonomous else sizes
+    good = not autonomous or (_goes_along(flow, orbit) and not _rests(flow, orbit))
+    good = good and _repeats(flow, orbit)
     return Floquet(
         x0=jnp.asarray(point.x),
         period=orbit.period,
         multipliers=jnp.asarray(multipliers),
         exponents=jnp.asarray(exponents),
-        stable=bool(np.all(others < 1)),
-        residual=orbit.residual if not autonomous or _goes_along(flow, orbit) else np.inf,
-        monodromy=jnp.asarray(monodromy),
-        base=(base.t, jnp.asarray(base.x), 0 if isinstance(flow.problem.system, Map) else flow.mode(base)),
-        mode=0 if isinstance(flow.problem.system, Map) else flow.mode(point),
+        stability=stability_of(others, base.x),
+        residual=orbit.residual if good else np.inf,
+        monodromy=jnp.asarray(functools.reduce(lambda product, matrix: matrix @ product, matrices)),
+        base=(base.t, jnp.asarray(base.x), flow.mode(base)),
+        mode=flow.mode(point),
         events=sum(piece.jumps for piece in orbit.pieces),
+        shift=jnp.asarray(orbit.shift),
+        family=family.shape[1],
+        notes=frozenset({"family"} if family.shape[1] else ()),
     )
-
-
-def _destroyed(matrices: list[np.ndarray]) -> int:
-    """How many directions the orbit destroys, over as many turns as it may take.
-
-    Each piece is judged by itself, like a jump in `frames`: contraction over a whole period may be as strong as
-    rounding, within one piece it must not be.
-    """
-    n = len(matrices[0])
-    columns = np.eye(n)
-    for matrix in matrices * n:
-        moved = matrix @ columns
-        scale = digits(frames.LOST, matrix) * max(1.0, float(np.max(np.abs(matrix))))
-        columns = _independent(moved, scale)
-    return int(np.sum(np.all(columns == 0, axis=0)))
-
-
-def _independent(columns: np.ndarray, scale: float) -> np.ndarray:
-    """Orthonormal columns, zero where one depends on those before."""
-    out = np.zeros_like(columns)
-    for j, column in enumerate(columns.T):
-        for _ in range(2):
-            column = column - out @ (out.T @ column)
-        length = np.linalg.norm(column)
-        out[:, j] = column / length if length > scale else 0.0
-    return out

@@ -4,6 +4,10 @@ An orbit of period T is a root of φ_T(x) − x. Multiple shooting cuts it at no
 piece ends where the next begins, in the same mode; of an autonomous system the period is one more unknown, and
 f(x_0)·δx_0 = 0 one more equation, so that the point does not slide along the orbit.
 
+Modulo a symmetry the last piece ends at g(x_0, s) instead of x_0. The shift s of a group is one more unknown, and one
+more equation keeps the point from sliding along the group. What is conserved, and is to keep its value, is one equation
+more than there are unknowns: it takes the place of one that is void, for M − I has no such direction in its range.
+
 With the mode the cycle of events is the same too: what follows from a state in a mode is always the same. Without it
 there are roots that are no orbits: fields may be continued beyond the guards at which their modes end, and there a
 motion may meet itself in another mode.
@@ -19,11 +23,13 @@ from . import runs
 from ._tracing import array
 from .consistency import put_on_constraints
 from .daes import Constrained, fields_of
+from .invariants import Conserved
 from .places import account, place_of
 from .precision import digits
 from .propagation import Cadence
 from .results import RunFailed
 from .statuses import STATUS
+from .symmetries import Symmetry
 from .systems import Hybrid, Map
 
 __all__ = [
@@ -97,13 +103,15 @@ class Orbit(NamedTuple):
     nodes: list[Node]
     pieces: list[Piece]
     period: float
-    gap: float  # largest distance of states between pieces, relative to the orbit
+    gap: float  # largest distance of states between pieces, or from what is conserved, relative to the orbit
     iterations: int
+    shift: np.ndarray  # (q,) of the group, where it closes modulo one
+    goal: Node  # where the last piece is to end: the first node, or its image
 
     @property
     def seams(self) -> list[tuple[Piece, Node]]:
         """Each piece with the node at which it is to end."""
-        return list(zip(self.pieces, [*self.nodes[1:], self.nodes[0]], strict=True))
+        return list(zip(self.pieces, [*self.nodes[1:], self.goal], strict=True))
 
     @property
     def torn(self) -> list[tuple[int, int]]:
@@ -118,9 +126,11 @@ class Orbit(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """The motion of a point and of its neighbours."""
+    """The motion of a point and of its neighbours; modulo what its orbits close, and what they are to conserve."""
 
     problem: runs.Problem
+    symmetry: Symmetry | None = None
+    conserved: Conserved | None = None
 
     def piece(self, node: Node, length: float) -> Piece:
         """A stretch of motion from a point."""
@@ -171,10 +181,26 @@ class Motion(NamedTuple):
             dx = onto(jnp.asarray(node.t, node.x.dtype), node.x, self.problem.args, dx)
         return node._replace(x=node.x + dx)
 
+    def apart(self, x, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How far points of a motion (samples, n) are from x, or its image; the shifts (samples, q) of the group."""
+        if self.symmetry is None:
+            return np.linalg.norm(points - np.asarray(x), axis=1), np.zeros((len(points), 0))
+        return self.symmetry.followed(x, points)
+
+    def goal(self, node: Node, shift: np.ndarray) -> Node:
+        """Where an orbit through this point is after its period."""
+        return node if self.symmetry is None else node._replace(x=jnp.asarray(self.symmetry.image(node.x, shift).x))
+
+    def strayed(self, node: Node) -> tuple[np.ndarray, np.ndarray]:
+        """How far (c,) what is conserved is from its wanted value, as distances of states; their derivatives (c, n)."""
+        if self.conserved is None:
+            return np.zeros(0), np.zeros((0, len(node.x)))
+        return self.conserved.strayed(self.mode(node), node.x, self.problem.args)
+
     def mode(self, node: Node) -> int:
         """The mode at a point."""
-        if node.mode is not None:
-            return int(node.mode)
+        if node.mode is not None or isinstance(self.problem.system, Map):
+            return int(node.mode or 0)
         t = jnp.asarray(node.t, node.x.dtype)
         return max(int(self.problem.system.initial_mode(t, node.x, self.problem.args)), 0)
 
@@ -188,7 +214,7 @@ def close_return(flow: Motion, start: Node) -> tuple[Node, float]:
     for _ in range(DOUBLINGS):
         stretch = flow.piece(start, float(horizon))
         times, points, modes = states_of(stretch)
-        distance = np.linalg.norm(points - np.asarray(start.x), axis=1)
+        distance = flow.apart(start.x, points)[0]
         size = np.maximum.accumulate(distance)
         distance = np.where(modes == flow.mode(start), distance, np.inf)
         inner = np.flatnonzero((distance[1:-1] <= distance[:-2]) & (distance[1:-1] <= distance[2:])) + 1
@@ -261,14 +287,14 @@ def newton(flow: Motion, nodes: list[Node], period: float, autonomous: bool, mos
 def _stepped(flow: Motion, orbit: Orbit, period: float, autonomous: bool, iteration: int) -> Orbit:
     """A step of Newton's method that comes nearer, in modes that fit; where none does, the shortest that was tried."""
     shares, trial = shares_of(orbit.nodes, orbit.period), orbit
-    steps, change = _newton_step(flow, orbit, shares, autonomous)
+    steps, change, turn = _newton_step(flow, orbit, shares, autonomous)
     for factor in [0.5**halving for halving in range(HALVINGS)]:
         moved = [flow.moved(node, factor * step) for node, step in zip(orbit.nodes, steps, strict=True)]
         at = orbit.period + factor * change
         if at <= 0.1 * period or at >= 10 * period:
             continue
         try:
-            trial = shot(flow, retimed(moved, shares, at), shares, at, iteration)
+            trial = shot(flow, retimed(moved, shares, at), shares, at, iteration, orbit.shift + factor * turn)
         except RunFailed:
             continue
         if trial.residual < orbit.gap:
@@ -296,13 +322,18 @@ def retimed(nodes: list[Node], shares, period: float) -> list[Node]:
     return [node._replace(t=float(t)) for node, t in zip(nodes, times, strict=True)]
 
 
-def shot(flow: Motion, nodes: list[Node], shares, period: float, iteration: int) -> Orbit:
-    """All pieces, from the nodes as they stand."""
+def shot(flow: Motion, nodes: list[Node], shares, period: float, iteration: int, shift=None) -> Orbit:
+    """All pieces, from the nodes as they stand; without a shift of the group by that which comes nearest."""
     nodes = [flow.consistent(node) for node in nodes]
     pieces = [flow.piece(node, float(share * period)) for node, share in zip(nodes, shares, strict=True)]
+    if shift is None:
+        # Followed from the start: turned by 2π a state is the same, and the shift is another.
+        points = np.concatenate([*(states_of(piece)[1] for piece in pieces), np.asarray(pieces[-1].x)[None]])
+        shift = flow.apart(nodes[0].x, points)[1][-1]
     size = max(SMALL, *(np.max(np.abs(piece.x)) for piece in pieces))
-    orbit = Orbit(nodes, pieces, period, np.inf, iteration)
-    return orbit._replace(gap=float(np.max(np.abs(_gaps(orbit))) / size))
+    orbit = Orbit(nodes, pieces, period, np.inf, iteration, shift, flow.goal(nodes[0], shift))
+    strayed = flow.strayed(nodes[0])[0]
+    return orbit._replace(gap=float(max(np.max(np.abs(_gaps(orbit))), np.max(np.abs(strayed), initial=0.0)) / size))
 
 
 def _gaps(orbit: Orbit) -> np.ndarray:
@@ -311,28 +342,40 @@ def _gaps(orbit: Orbit) -> np.ndarray:
 
 
 def linearised(flow: Motion, orbit: Orbit, shares, autonomous: bool) -> tuple[np.ndarray, np.ndarray]:
-    """The derivatives of all equations by all nodes, and by the period where it is unknown; and what they miss."""
-    m, n = len(orbit.nodes), len(orbit.nodes[0].x)
-    system, gaps = np.zeros((m * n + autonomous, m * n + autonomous)), np.zeros(m * n + autonomous)
-    gaps[: m * n] = _gaps(orbit).ravel()
+    """The derivatives of all equations by all unknowns, and what they miss.
+
+    Unknowns are the nodes, the period where the system is autonomous, and the shift (q,) of the group. Equations: that
+    the pieces fit, that the first node slides neither along the orbit nor along the group, and what is conserved.
+    """
+    m, n, q = len(orbit.nodes), len(orbit.nodes[0].x), len(orbit.shift)
+    first, strayed = orbit.nodes[0], flow.strayed(orbit.nodes[0])
+    rows_of_states, still = m * n, m * n + autonomous + q
+    system, gaps = np.zeros((still + len(strayed[0]), still)), np.zeros(still + len(strayed[0]))
+    gaps[:rows_of_states] = _gaps(orbit).ravel()
+    image = None if flow.symmetry is None else flow.symmetry.image(first.x, orbit.shift)
     for i, piece in enumerate(orbit.pieces):
         rows, after = slice(i * n, (i + 1) * n), (i + 1) % m
         system[rows, rows] += piece.matrix
-        system[rows, after * n : (after + 1) * n] -= np.eye(n)
+        system[rows, after * n : (after + 1) * n] -= image.by_state if image is not None and after == 0 else np.eye(n)
         if autonomous:
-            system[rows, -1] = shares[i] * flow.velocity(piece.end)
+            system[rows, rows_of_states] = shares[i] * flow.velocity(piece.end)
     if autonomous:
-        system[-1, :n] = flow.velocity(orbit.nodes[0])
+        system[rows_of_states, :n] = flow.velocity(first)
+    if flow.symmetry is not None and image is not None:
+        system[rows_of_states - n : rows_of_states, still - q : still] = -image.by_shift
+        system[still - q : still, :n] = flow.symmetry.image(first.x).by_shift.T
+    gaps[still:], system[still:, :n] = strayed
     return system, gaps
 
 
-def _newton_step(flow: Motion, orbit: Orbit, shares, autonomous: bool) -> tuple[list[np.ndarray], float]:
-    """The changes of the nodes and of the period."""
+def _newton_step(flow: Motion, orbit: Orbit, shares, autonomous: bool) -> tuple[list[np.ndarray], float, np.ndarray]:
+    """The changes of the nodes, of the period and of the shift."""
     m, n = len(orbit.nodes), len(orbit.nodes[0].x)
     # Of least norm: a family of orbits (a block that may lie anywhere) leaves the matrix singular.
     system, gaps = linearised(flow, orbit, shares, autonomous)
     change = np.linalg.lstsq(system, -gaps, rcond=digits(1e-11, orbit.nodes[0].x))[0]
-    return list(change[: m * n].reshape(m, n)), float(change[-1]) if autonomous else 0.0
+    states, shift = change[: m * n].reshape(m, n), change[m * n + autonomous :]
+    return list(states), float(change[m * n]) if autonomous else 0.0, shift
 
 
 def nearest(flow: Motion, base: Node, period: float, x) -> Node:
@@ -343,12 +386,19 @@ def nearest(flow: Motion, base: Node, period: float, x) -> Node:
         times += [turn.events.t, turn.events.t]
         points += [turn.events.x_before, turn.events.x_after]
         modes += [turn.events.mode_before, turn.events.mode_after]
-    points = np.concatenate(points)
-    i = int(np.argmin(np.linalg.norm(points - np.asarray(x), axis=1)))
-    return Node(base.t + float(np.concatenate(times)[i]), jnp.asarray(points[i]), int(np.concatenate(modes)[i]))
+    times, points, modes = np.concatenate(times), np.concatenate(points), np.concatenate(modes)
+    if flow.symmetry is not None and flow.symmetry.freedom:
+        order = np.argsort(times, kind="stable")
+        times, points, modes = times[order], points[order], modes[order]
+        distance, shifts = flow.symmetry.followed(x, points)
+        i = int(np.argmin(distance))
+        points[i] = flow.symmetry.back(points[i], shifts[i])
+    else:
+        i = int(np.argmin(np.linalg.norm(points - np.asarray(x), axis=1)))
+    return Node(base.t + float(times[i]), jnp.asarray(points[i]), int(modes[i]))
 
 
-def at_start(flow: Motion, base: Node, start: Node, period: float) -> Node:
+def at_start(flow: Motion, base: Node, start: Node, period: float, shift: np.ndarray) -> Node:
     """The point of a forced orbit at t0; where it jumps there, before or after the jump as x0 is."""
     offset = (base.t - start.t) % period
     if offset == 0 or isinstance(flow.problem.system, Map):
@@ -359,4 +409,6 @@ def at_start(flow: Motion, base: Node, start: Node, period: float) -> Node:
     for i in np.flatnonzero(np.abs(events.t - length) < near):
         ends.append(Node(start.t, jnp.asarray(events.x_before[i]), int(events.mode_before[i])))
         ends.append(Node(start.t, jnp.asarray(events.x_after[i]), int(events.mode_after[i])))
+    if flow.symmetry is not None:  # they are a period late
+        ends = [node._replace(x=jnp.asarray(flow.symmetry.back(node.x, shift))) for node in ends]
     return min(ends, key=lambda node: float(np.linalg.norm(np.asarray(node.x) - np.asarray(start.x))))

@@ -237,7 +237,7 @@ def _result(equations: Equations, name: str, orbit: Floquet, origin: Point, arcs
 def _shown(equations: Equations, point: Point, start: Node) -> Floquet:
     """The orbit of a point with its multipliers; of a forced system as it is at t0."""
     flow, base = equations.motion(point.parameter), point.orbit.nodes[0]
-    shown = base if equations.autonomous else at_start(flow, base, start, point.orbit.period)
+    shown = base if equations.autonomous else at_start(flow, base, start, point.orbit.period, point.orbit.shift)
     return floquet_of(flow, point.orbit, shown, equations.autonomous)
 
 
