@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from . import runs
+from ._engines import compiled
 from ._tracing import array
 from .consistency import put_on_constraints
 from .daes import Constrained, fields_of
@@ -48,6 +49,7 @@ __all__ = [
     "shares_of",
     "shot",
     "states_of",
+    "velocity",
 ]
 
 FINISHED = 1e-13  # residual, relative to the orbit, at which there is nothing left to gain
@@ -125,6 +127,12 @@ class Orbit(NamedTuple):
         return np.inf if self.torn else self.gap
 
 
+@compiled(hands_on=True)
+def velocity(system, t, x, args, mode: int):
+    """Dx/dt (n,) in a mode."""
+    return fields_of(system)[mode](t, x, args)
+
+
 class Motion(NamedTuple):
     """The motion of a point and of its neighbours; modulo what its orbits close, and what they are to conserve."""
 
@@ -155,7 +163,8 @@ class Motion(NamedTuple):
 
     def velocity(self, node: Node) -> np.ndarray:
         """Dx/dt at a point."""
-        return np.asarray(self._field(node)(jnp.asarray(node.t, node.x.dtype), node.x, self.problem.args))
+        problem = self.problem
+        return np.asarray(velocity(problem.system, array(node.t, node.x.dtype), node.x, problem.args, self.mode(node)))
 
     def _field(self, node: Node):
         return fields_of(self.problem.system)[self.mode(node)]

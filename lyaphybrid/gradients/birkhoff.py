@@ -21,12 +21,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._engines import compiled
 from ..averages import birkhoff_weights
 from ..methods import RungeKutta
 from ..spectra import lyapunov_spectrum
 from ..statuses import STATUS
 from ..systems import EventDriven, Flow, Hybrid, Map
-from .estimates import Case, Estimate, Untrusted
+from .estimates import Case, Estimate, Untrusted, with_arrays
 
 __all__ = ["by_birkhoff"]
 
@@ -47,10 +48,12 @@ class Along(eqx.Module):
     k: int
     options: dict[str, Any]
 
-    def run(self, theta):
+    def run(self, theta, progress=None):
         """The spectrum of the run."""
         args = self.args_of(theta)
-        return lyapunov_spectrum(self.system, self.start(args), args, k=self.k, throw=False, **self.options)
+        return lyapunov_spectrum(
+            self.system, self.start(args), args, k=self.k, throw=False, progress=progress, **self.options
+        )
 
     def means(self, theta, clock: str):
         """Exponents (2, k) from the whole run and from its first half."""
@@ -67,11 +70,12 @@ def _mean(growth, duration):
     return weights @ growth / (weights @ duration)
 
 
-def by_birkhoff(case: Case) -> Estimate:
+def by_birkhoff(case: Case, *, progress: Any = None) -> Estimate:
     """Exponents and their derivatives along one run.
 
     Args:
         case: with the options of `lyapunov_spectrum`.
+        progress: None, True for a bar, or a function of the fraction done, of the run that goes before.
 
     Raises:
         Untrusted: where the motion is chaotic, or the run failed.
@@ -80,16 +84,15 @@ def by_birkhoff(case: Case) -> Estimate:
     if options.get("method") is None and isinstance(case.system, Flow | Hybrid):
         options["method"] = RungeKutta("dopri8", rtol=1e-11, atol=1e-13)
     along, theta = Along(case.system, case.start, case.args_of, case.k, options), jnp.asarray(case.theta)
-    found, clock = _run(along, theta), options["clock"]
+    found, clock = along.run(theta, progress), options["clock"]
     if int(found.status_code) != int(STATUS.ok):
         raise Untrusted(f"the run failed: {found.status}.")
     if found.exponents[0] * found.history.time[-1] > EXPLODES:
         growth = f"e^{found.exponents[0] * found.history.time[-1]:.3g}"
         raise Untrusted(f"the motion is chaotic: over the run the derivative of a trajectory grows by {growth}.")
-    along = eqx.tree_at(lambda along: along.options, along, options | _blocks(case, found))
+    along = eqx.tree_at(lambda along: along.options, along, with_arrays(options | _blocks(case, found), theta.dtype))
     reverse = len(theta) > CHEAPER * 2 * case.k and not isinstance(case.system, EventDriven)
-    both, slopes = (np.asarray(one) for one in _with_derivatives(along, theta, clock, reverse))
-    return _judged(case, both, slopes)
+    return _judged(case, *_with_derivatives(along, theta, clock, reverse))
 
 
 def _blocks(case: Case, found) -> dict:
@@ -102,15 +105,17 @@ def _blocks(case: Case, found) -> dict:
     else:
         return {}
     size = math.ceil(count / MOST)
-    return {"t1": float(count // size * size), "blocks": max(2, count // size), **others}
+    blocks = count // size if isinstance(case.system, Map) else _rounded(count // size)
+    return {"t1": float(blocks * size), "blocks": max(2, blocks), **others}
 
 
-@eqx.filter_jit
-def _run(along: Along, theta):
-    return along.run(theta)
+def _rounded(count: int) -> int:
+    """A number of blocks that a run with some more jumps, or some fewer, has too: else that is compiled anew."""
+    step = 2 ** max(0, math.floor(math.log2(count)) - 3)
+    return count // step * step
 
 
-@eqx.filter_jit
+@compiled(lambda along, *rest: along.k, hands_on=True)
 def _with_derivatives(along: Along, theta, clock: str, reverse: bool):
     def means(theta):
         return (along.means(theta, clock),) * 2

@@ -1,5 +1,6 @@
 """Parameters at which the exponents are what is wanted, by the derivatives of `lyapunov_gradient`."""
 
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -12,6 +13,7 @@ import optax
 from .._tracing import traced
 from ..blocks import part_of
 from ..checks import positive, require, whole
+from ..runs import reporter
 from ..spectra import lyapunov_spectrum
 from ..statuses import STATUS
 from .bounds import Bounds, bounds_of
@@ -85,6 +87,7 @@ def design(
     optimiser: Any = None,
     steps: int = 50,
     k: int | None = None,
+    progress: Any = None,
     **options,
 ) -> Design:
     """Parameters at which exponents reach a target, or at which an objective of them is least.
@@ -110,6 +113,7 @@ def design(
         optimiser: None (Newton's method, or Adam for an objective), an optax optimiser, or "bisection".
         steps: most of them.
         k: exponents that an objective sees; None: all.
+        progress: None, True for a bar, or a function of the fraction done: of the points that `steps` allow.
         **options: all others of `lh.lyapunov_gradient`: method, period, key, transient, mode, integrator, window…
 
     Returns:
@@ -138,9 +142,11 @@ def design(
     case = case_of(system, x0, args, k or 0, {}, names)
     limits, first = bounds_of(case, bounds), case.theta
     history: list[np.ndarray] = []
+    report = reporter(progress)
 
     def noted(point: Point) -> Point:
         history.append(np.concatenate([point.theta, point.value]))
+        report(min(1.0, len(history) / (steps + 1)))
         return point
 
     def with_slopes(theta) -> Point:
@@ -152,14 +158,19 @@ def design(
         if goal is None or len(goal) != 1:
             raise ValueError(f"a bisection needs one number as its target; got {target!r}.")
         alone = _alone(case, t1, options)
-        end, reached, reasons = _bisection(lambda theta: noted(alone(theta)), goal[0], limits, steps)
+        search = functools.partial(_bisection, lambda theta: noted(alone(theta)), goal[0], limits, steps)
     elif goal is not None and optimiser is None:
-        end, reached, reasons = _newton(with_slopes, goal, limits, first, steps)
+        search = functools.partial(_newton, with_slopes, goal, limits, first, steps)
     else:
         objective = target if callable(target) else lambda exponents, args: jnp.sum((exponents - goal) ** 2)
         optimiser = optax.adam(RATE) if optimiser is None else optimiser
         require(isinstance(optimiser, optax.GradientTransformation), f"optimiser must be of optax; got {optimiser!r}.")
-        end, reached, reasons = _descent(with_slopes, objective, case, limits, optimiser, steps)
+        search = functools.partial(_descent, with_slopes, objective, case, limits, optimiser, steps)
+    try:
+        end, reached, reasons = search()
+        report(1.0)
+    finally:
+        report(None)
     return Design(
         args=case.args_of(jnp.asarray(end.theta)),
         parameters={name: float(value) for name, value in zip(case.names, end.theta, strict=True)},
@@ -241,7 +252,8 @@ def _descent(look: Callable, objective: Callable, case: Case, limits: Bounds, op
         slope = (by_value @ here.jacobian + by_theta) * limits.slope(np.asarray(u))
         if not here.trust or not np.any(slope):
             break
-        changes, state = optimiser.update(slope, state, u)
+        with jax.numpy_dtype_promotion("standard"):  # optax mixes integers and floats
+            changes, state = optimiser.update(slope, state, u)
         u = optax.apply_updates(u, changes)
     assert best is not None
     ended = "the derivatives are not to be trusted where the steps ended"

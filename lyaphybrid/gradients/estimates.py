@@ -8,10 +8,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..blocks import is_zero
 from ..checks import require
 from ..precision import require_double
+from ..runs import as_arrays
 
-__all__ = ["ArgsOf", "Case", "Estimate", "Untrusted", "case_of", "parameters_of", "tree_of"]
+__all__ = ["ArgsOf", "Case", "Estimate", "Untrusted", "case_of", "parameters_of", "tree_of", "with_arrays"]
+
+LENGTHS = ("t0", "transient", "t1")
 
 
 class Untrusted(Exception):
@@ -49,6 +53,13 @@ def case_of(system, x0, args, k: int, options: Mapping[str, Any], free: Sequence
     start = x0 if callable(x0) else Fixed(x0)
     require_double("x0", start(args), "a derivative of exponents")
     return Case(system, start, theta, args_of, names, k, options)
+
+
+def with_arrays(options: Mapping[str, Any], dtype) -> dict[str, Any]:
+    """Options with arrays for numbers: a run with other numbers is then not compiled anew."""
+    lengths = {name: options[name] for name in LENGTHS if name in options and not is_zero(options[name])}
+    arrays = {name: np.asarray(value, dtype) for name, value in lengths.items()}
+    return {**options, **arrays, "method": as_arrays(options.get("method"), dtype)}
 
 
 def parameters_of(args, free: Sequence[str] | None, word: str = "free") -> tuple[np.ndarray, "ArgsOf", tuple[str, ...]]:

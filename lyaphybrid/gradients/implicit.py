@@ -22,6 +22,7 @@ import numpy as np
 import scipy.linalg
 
 from .. import runs
+from .._engines import compiled
 from .._tracing import array
 from ..daes import Constrained, fields_of
 from ..methods import HalfExplicit, RungeKutta
@@ -29,7 +30,7 @@ from ..methods.base import Method
 from ..periodic_orbits import CONVERGED, Floquet, floquet
 from ..propagation import Cadence
 from ..results import RunFailed
-from ..shooting import NoPeriodicOrbit
+from ..shooting import NoPeriodicOrbit, velocity
 from ..systems import Map
 from .estimates import Case, Estimate, Untrusted
 
@@ -71,22 +72,31 @@ class Derivatives(NamedTuple):
     condition: float  # of the equations of the orbit
 
 
-def by_implicit(case: Case, *, period: Any = None) -> Estimate:
+def by_implicit(case: Case, *, period: Any = None, progress: Any = None) -> Estimate:
     """Exponents of the periodic orbit near the start, and their derivatives.
 
     Args:
         case: with the options of `lyapunov_spectrum`; the orbit is looked for after the transient.
         period: as for `floquet`; of a map None looks for it.
+        progress: None, True for a bar, or a function of the fraction done.
 
     Raises:
         Untrusted: where there is no periodic orbit.
     """
-    orbit, method = _orbit(case, period)
-    turn = Turn(case.system, case.args_of, orbit.base[0], orbit.base[2], method)
-    found = derivatives(turn, case, orbit, period)
+    report = runs.reporter(progress)
+    try:
+        orbit, method = _orbit(case, period)
+        report(0.6)
+        turn = Turn(case.system, case.args_of, np.asarray(orbit.base[0], float), np.int32(orbit.base[2]), method)
+        found = derivatives(turn, case, orbit, period)
+        report(0.8)
+        looser = _looser(turn, case, orbit, period)
+        report(1.0)
+    finally:
+        report(None)
     value, gradient, groups = of_exponents(found, orbit, case.k)
     reasons, good = _reasons(case, orbit, found, gradient, groups, autonomous=_autonomous(case, period))
-    stderr = np.abs(gradient - _looser(turn, case, orbit, period)) + 1e-15 * found.condition * np.abs(gradient)
+    stderr = np.abs(gradient - looser) + 1e-15 * found.condition * np.abs(gradient)
     return Estimate(value, np.full(case.k, orbit.residual), gradient, stderr, good, tuple(reasons), 1)
 
 
@@ -113,48 +123,42 @@ def _orbit(case: Case, period) -> tuple[Floquet, Method | None]:
 
 def _returning(system: Map, x0, args, transient: int):
     """A point of the motion after the transient, and the first number of iterations that bring it back."""
-
-    @jax.jit
-    def iterate(x, count):
-        return jax.lax.fori_loop(0, count, lambda n, x: system.rule(n, x, args), x)
-
-    start = x = iterate(jnp.asarray(x0), transient)
+    start = x = _iterated(system, jnp.asarray(x0), args, np.asarray(transient))
     for count in range(1, MOST + 1):
-        x = iterate(x, 1)
+        x = _iterated(system, x, args, np.asarray(1))
         if float(jnp.max(jnp.abs(x - start))) <= RETURNS * (1 + float(jnp.max(jnp.abs(start)))):
             return start, count
     raise Untrusted(f"no periodic orbit: the map does not come back within {MOST} iterations.")
 
 
+@compiled()
+def _iterated(system: Map, x, args, count):
+    return jax.lax.fori_loop(0, count, lambda n, x: system.rule(n, x, args), x)
+
+
 def derivatives(turn: Turn, case: Case, orbit: Floquet, period) -> Derivatives:
-    """Of the orbit and of M, by two passes along all parameters at once: first of the state alone, then of both."""
+    """Of the orbit and of M, by two passes along all parameters at once: first where the point stays, then with it."""
     n, p = len(orbit.x0), len(case.theta)
     x, theta = orbit.base[1], jnp.asarray(case.theta)
     autonomous, own = _autonomous(case, period), np.zeros(p)
     if callable(period):
         own = np.asarray(jax.jacfwd(lambda theta: jnp.asarray(period(case.args_of(theta)), theta.dtype))(theta))
-    length = orbit.period
-    (ends, _), matrix = _along(turn, theta, x, length, np.eye(p), np.zeros((p, n)), own, k=0), orbit.monodromy
-    system, right = np.asarray(matrix) - np.eye(n), -np.asarray(ends).T
+    length, matrix = np.asarray(orbit.period, float), np.asarray(orbit.monodromy)
+    system, right = matrix - np.eye(n), -_along(turn, theta, x, length, np.eye(p), np.zeros((p, n)), own)[0].T
     if autonomous:
-        f = np.asarray(_velocity(turn, theta, x))
+        f = np.asarray(velocity(turn.system, turn.t, x, turn.args_of(theta), int(turn.mode)))
         system = np.block([[system, f[:, None]], [f[None, :], np.zeros((1, 1))]])
         right = np.concatenate([right, np.zeros((1, p))])
     change = np.linalg.lstsq(system, right, rcond=None)[0]
     own = change[n] if autonomous else own
-    _, moved = _along(turn, theta, x, length, np.eye(p), change[:n].T, own, k=n)
-    return Derivatives(np.asarray(matrix), np.asarray(moved), own, min(float(np.linalg.cond(system)), SINGULAR))
+    _, moved = _along(turn, theta, x, length, np.eye(p), change[:n].T, own)
+    return Derivatives(matrix, moved, own, min(float(np.linalg.cond(system)), SINGULAR))
 
 
-def _velocity(turn: Turn, theta, x):
-    return fields_of(turn.system)[turn.mode](jnp.asarray(turn.t, x.dtype), x, turn.args_of(theta))
-
-
-@eqx.filter_jit
-def _along(turn: Turn, theta, x, length, of_theta, of_x, of_length, k: int):
-    """Derivatives of the end (p, n) and of its columns (p, n, k) along p directions."""
-    discrete = isinstance(turn.system, Map)
-    frame = np.eye(len(x), k, dtype=x.dtype)
+@compiled(lambda turn, theta, x, *rest: x.size, hands_on=True)
+def _along(turn: Turn, theta, x, length, of_theta, of_x, of_length):
+    """Derivatives of the end (p, n) and of its columns (p, n, n) along p directions."""
+    discrete, frame = isinstance(turn.system, Map), np.eye(len(x), dtype=x.dtype)
 
     def end(theta, x, length):
         return turn.end(theta, x, length, frame)
@@ -162,9 +166,9 @@ def _along(turn: Turn, theta, x, length, of_theta, of_x, of_length, k: int):
     def one(of_theta, of_x, of_length):
         if discrete:
             return jax.jvp(lambda theta, x: end(theta, x, length), (theta, x), (of_theta, of_x))[1]
-        return jax.jvp(end, (theta, x, jnp.asarray(length, x.dtype)), (of_theta, of_x, of_length))[1]
+        return jax.jvp(end, (theta, x, length), (of_theta, of_x, of_length))[1]
 
-    return jax.vmap(one)(*(jnp.asarray(one, x.dtype) for one in (of_theta, of_x, of_length)))
+    return jax.vmap(one)(of_theta, of_x, of_length)
 
 
 def of_exponents(found: Derivatives, orbit: Floquet, k: int) -> tuple[np.ndarray, np.ndarray, list[list[int]]]:

@@ -23,7 +23,7 @@ from ..lanes import map_lanes
 from ..spectra import lyapunov_spectrum, starts
 from ..statuses import STATUS
 from ..systems import iterates
-from .estimates import Case, Estimate
+from .estimates import Case, Estimate, with_arrays
 
 __all__ = ["by_regression"]
 
@@ -159,7 +159,7 @@ class Lane(eqx.Module):
 
 
 def _ensemble(case: Case, key, thetas: np.ndarray, replicates: int, threads, progress) -> Runs:
-    options = dict(case.options)
+    options = with_arrays(case.options, case.theta.dtype)
     lane = Lane(case.k, options.pop("clock", "time"), options.pop("mode", None))
     method = options.pop("method", None)
     shape = (len(thetas), replicates)
