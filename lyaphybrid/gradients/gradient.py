@@ -1,6 +1,5 @@
 """The derivative of exponents with respect to parameters, by the method that can be trusted with the motion."""
 
-import functools
 from collections.abc import Sequence
 from typing import Any
 
@@ -18,6 +17,7 @@ from ..methods.base import Method
 from ..periods import check_period
 from ..systems import EventDriven, Flow, Hybrid, Map
 from .birkhoff import by_birkhoff
+from .equilibria import by_equilibrium
 from .estimates import Case, Estimate, Untrusted, case_of, tree_of
 from .implicit import by_implicit
 from .linear_response import by_linear_response
@@ -25,7 +25,7 @@ from .regression import by_regression
 
 __all__ = ["Gradient", "lyapunov_gradient"]
 
-METHODS = ("auto", "implicit", "birkhoff", "linear_response", "regression")
+METHODS = ("auto", "equilibrium", "implicit", "birkhoff", "linear_response", "regression")
 
 
 class Gradient(eqx.Module):
@@ -107,6 +107,10 @@ def lyapunov_gradient(
 ) -> Gradient:
     """Derivatives of the exponents with respect to the floating-point leaves of args.
 
+    "equilibrium": the motion of a flow or `lh.DAE` that does not depend on time comes to rest. The point is found by
+    Newton's method, its derivatives by the implicit function theorem, and those of the exponents are eigenvalues'. Of
+    exponents that are the same, a complex pair or more, it is that of their mean.
+
     "implicit": the motion ends on a periodic orbit. It is found by Newton's method, through all jumps, and the
     derivatives of its multipliers follow from the implicit function theorem, to about ten digits; guards and resets may
     depend on the parameters. Of a complex pair, or of exponents that are nearly the same, it is that of their mean.
@@ -126,7 +130,8 @@ def lyapunov_gradient(
     where two degrees agree, and where zero exponents have none. Of a system that jumps it is found for the mean time
     between jumps too: the mean free time of a billiard.
 
-    "auto": implicit where there is a stable periodic orbit, else birkhoff where that is to be trusted, else regression.
+    "auto": equilibrium or implicit where there is a stable equilibrium or periodic orbit, else birkhoff where that is
+    to be trusted, else regression.
 
     The derivative of a long chaotic trajectory is not that of its exponents: it grows as e^(λt). It is not offered.
 
@@ -135,7 +140,7 @@ def lyapunov_gradient(
         x0: (n,) start, or a function of args that returns it (of a system whose energy is a parameter, say).
         args: tree of parameters.
         t1: length of the run, or of each run of a linear response or a regression.
-        method: "auto", "implicit", "birkhoff", "linear_response" or "regression".
+        method: "auto", "equilibrium", "implicit", "birkhoff", "linear_response" or "regression".
         period: of a system that is forced: as for `lh.floquet`. A function of args where it depends on them: else the
             derivative with respect to a frequency is not right.
         key: for the ensemble of a regression, or the runs of a linear response.
@@ -151,15 +156,15 @@ def lyapunov_gradient(
         points: of the window; None: enough for the degree.
         replicates: runs at each point.
         degree: of the polynomial; that with two more is compared.
-        progress: None, True for a bar, or a function of the fraction done.
+        progress: None, True for a bar, or a function of the fraction done, of each method that is tried.
 
     Returns:
         A `Gradient`.
 
     Raises:
         ValueError: on arguments that do not fit; where "implicit" is asked for and there is no periodic orbit, or
-            "birkhoff" and the motion is chaotic, or "linear_response" and the system jumps, has constraints or an
-            energy, or depends on time.
+            "equilibrium" and the system has none or depends on time, or "birkhoff" and the motion is chaotic, or
+            "linear_response" and the system jumps, has constraints or an energy, or depends on time.
 
     Source:
         R. Seydel, Practical Bifurcation and Stability Analysis (Springer 2010), doi:10.1007/978-1-4419-1740-9.
@@ -176,13 +181,15 @@ def lyapunov_gradient(
     require(not traced((x0, args, t0)), "lyapunov_gradient decides from values: it cannot be used under jit or vmap.")
     positive("t1, a length,", t1)
     real("t0", t0)
+    transient = part_of(system, clock, t1, 0.1) if transient is None else transient
+    real("transient, a length,", transient)
+    require(transient >= 0, f"transient, a length, must not be negative; got {transient!r}.")
     start = x0 if callable(x0) else jnp.asarray(x0, float)
     most = degrees_of_freedom(system, jnp.asarray(x0(args) if callable(x0) else x0).size)
     if k is not None:
         whole("k", k, least=1)
         require(k <= most, f"k must be at most {most}; got {k}.")
-    before = part_of(system, clock, t1, 0.1) if transient is None else transient
-    options = {"t1": t1, "t0": t0, "transient": before, "mode": mode, "method": integrator, "clock": clock}
+    options = {"t1": t1, "t0": t0, "transient": transient, "mode": mode, "method": integrator, "clock": clock}
     case = case_of(system, start, args, k or most, options, free)
     if period is not None:
         now, own = runs.as_arrays(args, float), period(args) if callable(period) else period
@@ -215,10 +222,12 @@ def _estimate(case: Case, method: str, period, key, ensemble) -> tuple[str, Esti
         return method, by_linear_response(case, key=key, progress=progress)
     before: list[str] = []
     for name, one in (
-        ("implicit", functools.partial(_implicit, case, period)),
-        ("birkhoff", lambda: by_birkhoff(case)),
+        ("equilibrium", lambda: by_equilibrium(case, progress=progress)),
+        ("implicit", lambda: _implicit(case, period, progress)),
+        ("birkhoff", lambda: by_birkhoff(case, progress=progress)),
     ):
-        if method not in ("auto", name):
+        tried = method == "auto" and (name != "equilibrium" or (isinstance(case.system, Flow) and period is None))
+        if method != name and not tried:
             continue
         try:
             found = one()
@@ -237,6 +246,6 @@ def _estimate(case: Case, method: str, period, key, ensemble) -> tuple[str, Esti
     return "regression", found._replace(reasons=(*before, *found.reasons))
 
 
-def _implicit(case: Case, period) -> Estimate:
+def _implicit(case: Case, period, progress) -> Estimate:
     require(not isinstance(case.system, EventDriven), "implicit needs an lh.Flow, lh.Map or lh.Hybrid.")
-    return by_implicit(case, period=period)
+    return by_implicit(case, period=period, progress=progress)
