@@ -183,7 +183,7 @@ def lyapunov_gradient(
     real("t0", t0)
     transient = part_of(system, clock, t1, 0.1) if transient is None else transient
     real("transient, a length,", transient)
-    require(transient >= 0, f"transient, a length, must not be negative; got {transient!r}.")
+    require(float(transient) >= 0, f"transient, a length, must not be negative; got {transient!r}.")
     start = x0 if callable(x0) else jnp.asarray(x0, float)
     most = degrees_of_freedom(system, jnp.asarray(x0(args) if callable(x0) else x0).size)
     if k is not None:
