@@ -2,7 +2,9 @@
 
 On: L i' = V, C v' = −v/R; off: L i' = V − v, C v' = i − v/R. A clock puts the switch on every T; it goes off where the
 current reaches the reference less the ramp, i = I − m τ with the time τ since the tick. Without a ramp the period
-doubles, for one multiplier is below −1. J. H. B. Deane, IEEE Trans. Circuits Syst. I 39 (1992) 680, doi:10.1109/81.168922.
+doubles, for one multiplier is below −1.
+
+J. H. B. Deane, IEEE Trans. Circuits Syst. I 39 (1992) 680, doi:10.1109/81.168922.
 """
 
 import jax.numpy as jnp
