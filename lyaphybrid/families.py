@@ -20,8 +20,11 @@ ITERATIONS = 6
 MOVED = 1e-6  # of the orbit's extent, by which the energy moved
 
 
-def family_of(flow: Motion, orbit: Orbit, autonomous: bool) -> np.ndarray:
-    """The directions (n, f) from the first node to other orbits, that along the flow or a group not among them."""
+def family_of(flow: Motion, orbit: Orbit, autonomous: bool, known: int | None = None) -> np.ndarray:
+    """The directions (n, f) from the first node to other orbits, that along the flow or a group not among them.
+
+    Where their number is known nobody looks for the next orbits.
+    """
     flow, n = flow._replace(conserved=None), len(orbit.nodes[0].x)
     none = np.zeros((n, 0))
     if not orbit.residual <= digits(CLOSES, orbit.nodes[0].x):
@@ -30,6 +33,8 @@ def family_of(flow: Motion, orbit: Orbit, autonomous: bool) -> np.ndarray:
     if not np.all(np.isfinite(system)):
         return none
     _, singular, right = np.linalg.svd(system)
+    if known is not None:
+        return np.column_stack([none, *(v[:n] for v in right[len(right) - known :])])
     small = digits(SINGULAR, orbit.nodes[0].x) * max(1.0, singular[0])
     found = [v for v, size in zip(right, singular, strict=True) if size < small]
     return np.column_stack([none, *(v[:n] for v in found if _goes_on(flow, orbit, autonomous, v, scales))])

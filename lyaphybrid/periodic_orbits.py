@@ -29,7 +29,7 @@ from .shooting import Motion, Node, NoPeriodicOrbit, Orbit, at_start, close_retu
 from .symmetries import symmetry_of
 from .systems import Flow, Hybrid, Map
 
-__all__ = ["CONVERGED", "Floquet", "floquet", "floquet_of", "require_period"]
+__all__ = ["CONVERGED", "Floquet", "floquet", "floquet_of", "in_any_case", "require_period"]
 
 CONVERGED = 1e-9  # residual, relative to the orbit, that a periodic orbit must reach
 ALONG = 1e-6  # of a velocity, by which it may be missed: orbits miss it by rounding, all else by about itself …
@@ -303,6 +303,14 @@ def require_period(flow: Motion, period, point: Node, where: str = "") -> None:
     )
 
 
+def in_any_case(flow: Motion, orbit: Orbit, autonomous: bool, family: np.ndarray) -> np.ndarray:
+    """The directions (n, d) at the first node with the multiplier 1; none where it is that along the flow alone."""
+    base, known = orbit.nodes[0], family
+    if flow.symmetry is not None:
+        known = np.column_stack([flow.symmetry.image(base.x).by_shift, family])
+    return np.column_stack([flow.velocity(base), known]) if autonomous and known.shape[1] else known
+
+
 def floquet_of(flow: Motion, orbit: Orbit, point: Node, autonomous: bool, family: np.ndarray | None = None) -> Floquet:
     """The multipliers of an orbit that Newton's method found.
 
@@ -311,13 +319,9 @@ def floquet_of(flow: Motion, orbit: Orbit, point: Node, autonomous: bool, family
     base = orbit.nodes[0]
     family = np.zeros((len(point.x), 0)) if family is None else family
     matrices = [piece.matrix for piece in orbit.pieces]
-    known = family
     if flow.symmetry is not None:
-        image = flow.symmetry.image(base.x, orbit.shift)
-        matrices[-1] = np.linalg.solve(image.by_state, matrices[-1])
-        known = np.column_stack([flow.symmetry.image(base.x).by_shift, family])
-    if autonomous and known.shape[1]:
-        known = np.column_stack([flow.velocity(base), known])
+        matrices[-1] = np.linalg.solve(flow.symmetry.image(base.x, orbit.shift).by_state, matrices[-1])
+    known = in_any_case(flow, orbit, autonomous, family)
     # Constraints leave fewer directions than there are components: the others are none that the orbit destroys.
     multipliers, others = multipliers_of(matrices, known, flow.degrees_of_freedom(point), autonomous)
     sizes = np.abs(multipliers)

@@ -409,3 +409,60 @@ def test_jumps_that_are_not_symmetric_are_found():
     assert lh.floquet(slower, [0.0, 0.5], 0.0, modulo=0).shift[0] == pytest.approx(1.0, abs=1e-12)
     with pytest.raises(lh.NoPeriodicOrbit, match="is not repeated"):
         lh.floquet(slower, [0.0, 0.5], 0.01, modulo=0)
+
+
+# Continuation.
+
+
+def test_the_family_of_a_pendulum_is_followed_in_its_energy():
+    branch = lh.continuation(PENDULUM, [1.0, 0.0], None, None, over=(-0.9, 0.9), conserve=True, step=0.2)
+    assert branch.ends == ("range", "range")
+    assert branch.specials == ()
+    assert_allclose(branch.period, swing_period(branch.values), rtol=1e-9)
+    energies = [energy_of(PENDULUM, orbit.x0) for orbit in branch.orbits]
+    assert_allclose(energies, branch.values, atol=1e-9)
+    assert_allclose(branch.values[[0, -1]], [-0.9, 0.9], atol=1e-12)
+    assert all(orbit.family == 1 for orbit in branch.orbits)
+
+
+def test_a_parameter_changes_while_the_energy_is_kept():
+    """p²/2 − g cos q at energy 0: the swing ends at q = π/2 whatever g is, and T ~ g^(−1/2)."""
+    system = lh.Hamiltonian(lambda p, g: jnp.sum(p**2) / 2, lambda q, g: -g * jnp.sum(jnp.cos(q)))
+    branch = lh.continuation(system, [jnp.pi / 2, 0.0], 1.0, "args", over=(0.5, 2.0), conserve=True, step=0.2)
+    assert branch.ends == ("range", "range")
+    assert_allclose(branch.period, swing_period(0.0) / np.sqrt(branch.values), rtol=1e-9)
+
+
+@pytest.mark.parametrize("segments", [1, 2])
+def test_a_branch_modulo_a_group(segments):
+    def field(t, x, mu):
+        return jnp.concatenate([van_der_pol(t, x[:2], mu), mu + 0.3 * x[1:2]])
+
+    branch = lh.continuation(
+        lh.Flow(field), [2.0, 0.0, 0.0], 1.0, "args", over=(0.5, 1.5), modulo=2, step=0.2, segments=segments
+    )
+    assert branch.ends == ("range", "range")
+    assert branch.specials == ()
+    for value, orbit in zip(branch.values, branch.orbits, strict=True):
+        assert_allclose(orbit.shift, [value * orbit.period], rtol=1e-8)
+        assert orbit.stable
+
+
+def test_the_axis_of_henon_heiles_is_followed_in_its_energy():
+    system = lh.zoo.henon_heiles().system
+    branch = lh.continuation(system, [0.0, 0.4, 0.0, 0.0], None, None, over=(0.05, 0.12), conserve=True, step=0.3)
+    assert branch.ends == ("range", "range")
+    for energy, orbit in zip(branch.values, branch.orbits, strict=True):
+        top = np.sort(np.roots([-2 / 3, 1, 0, -2 * energy]).real)[1]
+        alone = lh.floquet(system, [0.0, top, 0.0, 0.0], conserve=True)
+        assert orbit.period == pytest.approx(alone.period, rel=1e-8)
+        assert_allclose(_sorted(orbit.multipliers), _sorted(alone.multipliers), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("parameter", "conserve", "says"),
+    [(None, None, "give conserve too"), (None, lambda x, args: x, "must then be one number")],
+)
+def test_bad_arguments_of_continuation(parameter, conserve, says):
+    with pytest.raises(ValueError, match=says):
+        lh.continuation(PENDULUM, [1.0, 0.0], None, parameter, over=(-0.9, 0.9), conserve=conserve)

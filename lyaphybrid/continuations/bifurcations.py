@@ -4,6 +4,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..families import family_of
+from ..multipliers import multipliers_of
+from ..periodic_orbits import in_any_case
 from .equations import Equations, Point
 
 __all__ = ["TESTS", "branching", "cycle_of_events", "is_complex", "monodromy", "of_doubling"]
@@ -13,12 +16,15 @@ FLAT = 1e-4  # a direction whose share of the parameter is smaller than this has
 REAL = 1e-6  # an imaginary part of a multiplier that is none
 
 
-def monodromy(point: Point) -> np.ndarray:
-    """The derivative (n, n) of a whole turn by the first node."""
-    matrix = np.eye(len(point.orbit.nodes[0].x))
+def monodromy(equations: Equations, point: Point) -> np.ndarray:
+    """The derivative (n, n) of a whole turn by the first node, modulo the symmetry."""
+    first = point.orbit.nodes[0]
+    matrix = np.eye(len(first.x))
     for piece in point.orbit.pieces:
         matrix = piece.matrix @ matrix
-    return matrix
+    if equations.symmetry is None:
+        return matrix
+    return np.linalg.solve(equations.symmetry.image(first.x, point.orbit.shift).by_state, matrix)
 
 
 def transverse(equations: Equations, point: Point) -> np.ndarray:
@@ -26,7 +32,12 @@ def transverse(equations: Equations, point: Point) -> np.ndarray:
 
     That one is divided out with its eigenvector, the velocity: next to a fold or a branch point there are two near 1.
     """
-    matrix = monodromy(point)
+    matrix = monodromy(equations, point)
+    if equations.symmetry is not None or equations.conserved is not None:
+        flow = equations.motion(point.parameter)
+        family = family_of(flow, point.orbit, equations.autonomous, equations.fixed)
+        known = in_any_case(flow, point.orbit, equations.autonomous, family)
+        return multipliers_of([matrix], known, len(matrix), equations.autonomous)[1]
     if equations.autonomous:
         velocity = equations.motion(point.parameter).velocity(point.orbit.nodes[0])
         across = np.linalg.svd(velocity[None, :])[2][1:]
@@ -118,7 +129,7 @@ def _derivative(equations: Equations, point: Point, along: np.ndarray) -> np.nda
 
 def of_doubling(equations: Equations, point: Point) -> np.ndarray:
     """How the first node (n,) moves on the orbit of twice the period: the eigenvector of the multiplier −1."""
-    values, vectors = np.linalg.eig(monodromy(point))
+    values, vectors = np.linalg.eig(monodromy(equations, point))
     vector = np.real(vectors[:, np.argmin(np.abs(values + 1))])
     return vector / np.linalg.norm(vector)
 

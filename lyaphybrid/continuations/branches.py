@@ -58,7 +58,8 @@ class Continuation:
     """A branch of periodic orbits.
 
     Attributes:
-        parameter: its name; values: (points,) along the branch, which may turn back.
+        parameter: its name, "conserved value" where a family is followed; values: (points,) along the branch, which may
+            turn back.
         orbits: an `lh.Floquet` for each point.
         specials: tuple of `Special`, in the order of the branch.
         ends: why the branch ends at its first and at its last point: "range" (of `over`), "closed" (back at its start),

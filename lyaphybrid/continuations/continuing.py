@@ -9,20 +9,24 @@ from .. import runs
 from .._tracing import traced
 from ..checks import positive, real, require, whole
 from ..daes import Constrained, fields_of
+from ..families import family_of
 from ..gradients.estimates import parameters_of
+from ..invariants import conserved_of
 from ..methods import HalfExplicit, RungeKutta
 from ..methods.base import Method
 from ..periodic_orbits import Floquet, floquet, floquet_of, require_period
 from ..precision import require_double
 from ..shooting import Motion, Node, NoPeriodicOrbit, at_start, states_of
+from ..symmetries import symmetry_of
 from ..systems import Flow, Hybrid, Map, iterates
 from .branches import Continuation, Special
-from .equations import NONE, Equations, ParameterOf, Point, states_over
+from .equations import NONE, Equations, ParameterOf, Point, Unchanged, states_over
 from .following import Arc, advanced, begun, follow, resumed
 from .locating import Found
 
 __all__ = ["continuation"]
 
+LEVEL = "conserved value"  # what a family's parameter is called
 FIRST = 0.4 ** np.arange(18)  # of the largest step, on to another branch: first tries and later ones
 
 
@@ -30,7 +34,7 @@ def continuation(
     system: Flow | Map | Hybrid,
     x0,
     args: Any,
-    parameter: str,
+    parameter: str | None,
     *,
     over: tuple[float, float],
     period=None,
@@ -41,6 +45,8 @@ def continuation(
     segments: int = 1,
     step: float = 0.03,
     max_points: int = 500,
+    conserve: Any = None,
+    modulo: Any = None,
 ) -> Continuation:
     """The branch of periodic orbits through x0, as a parameter changes, and its bifurcations.
 
@@ -57,11 +63,16 @@ def continuation(
     To follow the branch that begins at a pitchfork, transcritical point or doubling, call again with that `Special`
     for x0 and the other arguments as they were.
 
+    Where something is conserved orbits come in families at the same parameter. With `conserve` the branch keeps the
+    value that the first orbit has; or, with None for the parameter, the branch is the family, and that value its
+    parameter.
+
     Args:
         system: an `lh.Flow`, `lh.Map` or `lh.Hybrid` (sliding modes, and jumps only, included).
         x0: (n,) a point near the orbit at the parameter's value in args; or a `Special` of an earlier result.
         args: pytree of parameters.
-        parameter: name of the entry of args to change: "rho", "spring.rate", "rates[2]"; "args" where args is a number.
+        parameter: name of the entry of args to change: "rho", "spring.rate", "rates[2]"; "args" where args is a number;
+            None for the value that is conserved.
         over: (low, high) its range, with its value in args inside.
         period: as for `lh.floquet`: None where the system is autonomous, else a number or ``args -> number``; of a map
             the number of iterations. After a doubling it stays what it was.
@@ -72,6 +83,8 @@ def continuation(
         segments: of multiple shooting: more for orbits that are long and unstable.
         step: the largest, as a part of the range and of the size of the first orbit.
         max_points: to each side.
+        conserve: as for `lh.floquet`.
+        modulo: as for `lh.floquet`.
 
     Returns:
         A `Continuation`. Where Newton's method fails on the way it holds what was computed, and says so in `ends`.
@@ -105,7 +118,11 @@ def continuation(
     whole("max_points", max_points, least=2)
     positive("step", step)
     low, high = _range(over)
-    args_of, value = _parameter(args, parameter)
+    args_of, value = _parameter(args, parameter) if parameter is not None else (Unchanged(args), None)
+    require(
+        parameter is not None or conserve not in (None, False),
+        "parameter is None: that is the value which is conserved, give conserve too; or name an entry of args.",
+    )
     if isinstance(system, Hybrid) and iterates(system):
         reset = system.transitions[0].reset
         assert reset is not None, "lh.Hybrid wants one where nothing flows"
@@ -114,22 +131,39 @@ def continuation(
         constrained = any(isinstance(field, Constrained) for field in fields_of(system))
         method = HalfExplicit(rtol=1e-12, tableau="dopri8") if constrained else RungeKutta(rtol=1e-12, atol=1e-14)
     options = {"period": period, "t0": t0, "mode": mode, "method": method, "segments": segments}
+    options |= {"conserve": conserve, "modulo": modulo}
     special = x0 if isinstance(x0, Special) else None
     require_double("x0", special.orbit.x0 if special else x0, "continuation")
     if special is not None:
         begins = f"No branch begins at a {special.kind}: give a pitchfork, transcritical point or period doubling."
         require(special.change is not None, begins)
         value = special.parameter
-    require(low <= value <= high, f"{parameter} is {value:.6g}: it must be in over, from {low:.6g} to {high:.6g}.")
+    name, value = _named(system, parameter, value, special, x0, args, options)
+    require(low <= value <= high, f"{name} is {value:.6g}: it must be in over, from {low:.6g} to {high:.6g}.")
     if special is None:
         orbit = floquet(system, jnp.asarray(x0, float), args_of(jnp.asarray(value)), transient=transient, **options)
     else:
         orbit = special.orbit
     turns = 1 if special is None else special.turns_there
-    equations = _equations(system, args_of, (low, value, high), parameter, orbit, turns, options)
+    equations = _equations(system, args_of, (low, value, high), name, orbit, turns, options)
     within = (low, high), step, max_points
     sides = _both(equations, orbit, value, within) if special is None else _branched(equations, special, within)
-    return _result(equations, parameter, orbit, *sides, float(t0))
+    return _result(equations, name, orbit, *sides, float(t0))
+
+
+def _named(system, parameter, value, special, x0, args, options) -> tuple[str, float]:
+    """What the parameter is called, and its value; of a family that which is conserved."""
+    if parameter is not None or special is not None:
+        return parameter or LEVEL, value
+    problem, x, t, mode = runs.prepare(system, x0, args, options["t0"], options["method"], options["mode"])
+    mode = Motion(problem).mode(Node(float(t), x, mode))
+    conserved = conserved_of(options["conserve"], system, x, mode, problem.args)
+    assert conserved is not None
+    require(
+        len(conserved.wanted) == 1,
+        f"parameter is None: conserve must then be one number; got {len(conserved.wanted)}.",
+    )
+    return LEVEL, float(conserved.wanted[0])
 
 
 def _range(over) -> tuple[float, float]:
@@ -158,7 +192,11 @@ def _equations(system, args_of, values, parameter: str, orbit: Floquet, turns: i
     flow = Motion(problem)
     size = float(np.max(np.abs(states_of(flow.piece(base, orbit.period))[1])))
     size = size if size > NONE else 1.0
-    equations = Equations(problem, args_of, method, period, turns, options["segments"], size, *scales)
+    symmetry = symmetry_of(options["modulo"], system, base.x, problem.args, options["t0"])
+    conserved = conserved_of(options["conserve"], system, base.x, flow.mode(base), problem.args)
+    along = np.zeros((1, 0)) if symmetry is None else symmetry.image(base.x).by_shift
+    closing = symmetry, conserved, tuple(float(size / length) for length in np.linalg.norm(along, axis=0))
+    equations = Equations(problem, args_of, method, period, turns, options["segments"], size, *scales, *closing)
     for p in values:
         own = equations.own_period(p)
         if p == values[1] or own is None or 0 < own < np.inf:  # beyond the branch there need be none
@@ -238,7 +276,8 @@ def _shown(equations: Equations, point: Point, start: Node) -> Floquet:
     """The orbit of a point with its multipliers; of a forced system as it is at t0."""
     flow, base = equations.motion(point.parameter), point.orbit.nodes[0]
     shown = base if equations.autonomous else at_start(flow, base, start, point.orbit.period, point.orbit.shift)
-    return floquet_of(flow, point.orbit, shown, equations.autonomous)
+    family = family_of(flow, point.orbit, equations.autonomous, equations.fixed)
+    return floquet_of(flow, point.orbit, shown, equations.autonomous, family)
 
 
 def _special(equations: Equations, found: Found, start: Node) -> Special:

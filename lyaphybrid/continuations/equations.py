@@ -3,6 +3,12 @@
 The unknowns u = (x_0, …, x_{m−1}, [T], p), each measured on the scale of the problem, have one equation less than there
 are of them. Its Jacobian J(u) has a null vector: the tangent of the branch. Newton's method stays on a hyperplane
 c·u = s, so that it goes round folds as it goes anywhere else.
+
+What is conserved is an equation more. One unknown more, σ, keeps them as many: a force σ ∇E against which an orbit
+would have to do work, so that σ = 0 wherever there is one. The parameter may be the conserved value itself.
+
+F. J. Muñoz-Almaraz, E. Freire, J. Galán, E. Doedel & A. Vanderbauwhede, Continuation of periodic orbits in conservative
+and Hamiltonian systems, Physica D 181 (2003) 1, doi:10.1016/S0167-2789(03)00097-6.
 """
 
 from collections.abc import Callable
@@ -16,12 +22,14 @@ import numpy as np
 from .. import runs
 from .._engines import compiled
 from ..gradients.implicit import Turn
+from ..invariants import Conserved
 from ..periodic_orbits import CONVERGED
 from ..results import RunFailed
 from ..shooting import FINISHED, Motion, Node, Orbit, linearised, placed, retimed, shares_of, shot, states_of
+from ..symmetries import Symmetry
 from ..systems import Map
 
-__all__ = ["Equations", "ParameterOf", "Point", "states_over", "tangent"]
+__all__ = ["Equations", "ParameterOf", "Point", "Unchanged", "states_over", "tangent"]
 
 GAIN = 0.25  # of the residual that a step of Newton's method leaves while there is more to gain
 ITERATIONS = 8
@@ -40,6 +48,17 @@ class ParameterOf(eqx.Module):
         return self.args_of(jnp.asarray(self.leaf).at[self.entry].set(p))
 
 
+class Unchanged(eqx.Module):
+    """Args that do not depend on the parameter."""
+
+    args: Any
+
+    def __call__(self, p):
+        """The args."""
+        del p
+        return self.args
+
+
 class Point(NamedTuple):
     """A point of a branch."""
 
@@ -55,7 +74,7 @@ class Equations(NamedTuple):
     """What the points of a branch have in common."""
 
     problem: runs.Problem
-    args_of: ParameterOf
+    args_of: ParameterOf | Unchanged
     method: Any
     period: Any  # None (unknown), a number, or args ↦ number
     turns: int  # such periods after which the orbit closes
@@ -63,6 +82,19 @@ class Equations(NamedTuple):
     size: float  # of the state
     time: float  # of the period
     span: float  # of the parameter
+    symmetry: Symmetry | None = None
+    conserved: Conserved | None = None
+    shifts: tuple[float, ...] = ()  # (q,) of the shift of a group
+
+    @property
+    def level(self) -> bool:
+        """Whether the parameter is the value that is conserved."""
+        return isinstance(self.args_of, Unchanged)
+
+    @property
+    def fixed(self) -> int:
+        """How many values are conserved."""
+        return 0 if self.conserved is None else len(self.conserved.wanted)
 
     @property
     def discrete(self) -> bool:
@@ -76,7 +108,10 @@ class Equations(NamedTuple):
 
     def motion(self, p: float) -> Motion:
         """The motion at this parameter."""
-        return Motion(self.problem._replace(args=self.args_of(jnp.asarray(p, float))))
+        conserved = self.conserved
+        if conserved is not None and self.level:
+            conserved = conserved._replace(wanted=np.array([p]))
+        return Motion(self.problem._replace(args=self.args_of(jnp.asarray(p, float))), self.symmetry, conserved)
 
     def length(self, p: float) -> float:
         """The time after which a forced orbit closes."""
@@ -96,35 +131,57 @@ class Equations(NamedTuple):
         """(N + 1,) what each unknown is measured by."""
         nodes = orbit.nodes
         states = np.full(len(nodes) * len(nodes[0].x), self.size * np.sqrt(len(nodes)))
-        return np.concatenate([states, [self.time] * self.autonomous, [self.span]])
+        forces = np.full(self.fixed, self.size)
+        return np.concatenate([states, [self.time] * self.autonomous, self.shifts, forces, [self.span]])
 
     def vector(self, orbit: Orbit, p: float) -> np.ndarray:
         """The unknowns u (N + 1,) of an orbit."""
         states = [np.asarray(node.x) for node in orbit.nodes]
-        return np.concatenate([*states, [orbit.period] * self.autonomous, [p]]) / self.scales(orbit)
+        rest = [orbit.period] * self.autonomous, orbit.shift, np.zeros(self.fixed), [p]
+        return np.concatenate([*states, *rest]) / self.scales(orbit)
 
     def shoot(self, u: np.ndarray, like: Orbit) -> tuple[Orbit, float]:
         """The motion from the nodes that these unknowns mean, at the same parts of the period; and the parameter."""
         m, n = len(like.nodes), len(like.nodes[0].x)
         values = u * self.scales(like)
         p = float(values[-1])
-        period = float(values[-2]) if self.autonomous else self.length(p)
+        period = float(values[m * n]) if self.autonomous else self.length(p)
+        shift = values[m * n + self.autonomous :][: len(self.shifts)]
         flow, states = self.motion(p), values[: m * n].reshape(m, n)
         nodes = [flow.moved(node, x - np.asarray(node.x)) for node, x in zip(like.nodes, states, strict=True)]
         shares = shares_of(like.nodes, like.period)
-        return shot(flow, retimed(nodes, shares, period), shares, period, 0), p
+        return shot(flow, retimed(nodes, shares, period), shares, period, 0, shift), p
 
     def linearised(self, orbit: Orbit, p: float) -> tuple[np.ndarray, np.ndarray]:
         """The Jacobian (N, N + 1) of the equations by the unknowns, and what they miss (N,)."""
         flow, shares = self.motion(p), shares_of(orbit.nodes, orbit.period)
         system, gaps = linearised(flow, orbit, shares, self.autonomous)
-        column = np.zeros((len(gaps), 1))
-        states = len(gaps) - self.autonomous
+        states = len(orbit.nodes) * len(orbit.nodes[0].x)
+        lengths = np.linalg.norm(system[states:], axis=1)
+        column, forces = np.zeros((len(gaps), 1)), np.zeros((len(gaps), self.fixed))
         column[:states, 0] = np.concatenate(self._by_parameter(orbit, shares, p))
+        if flow.conserved is not None:
+            first = orbit.nodes[0]
+            column[len(gaps) - self.fixed :, 0] = self._kept_by_parameter(first, p)
+            forces[states - len(first.x) : states] = flow.strayed(first)[1].T
         rows = np.full(len(gaps), self.size)
-        if self.autonomous:
-            rows[-1] *= max(float(np.linalg.norm(system[-1])), np.finfo(float).tiny)
-        return np.hstack([system, column]) * self.scales(orbit) / rows[:, None], gaps / rows
+        rows[states:] *= np.maximum(lengths, np.finfo(float).tiny)
+        return np.hstack([system, forces, column]) * self.scales(orbit) / rows[:, None], gaps / rows
+
+    def _kept_by_parameter(self, node: Node, p: float) -> np.ndarray:
+        """How the distance (c,) from the values to be conserved changes with the parameter."""
+        flow = self.motion(p)
+        assert flow.conserved is not None
+        mode, x = flow.mode(node), np.asarray(node.x)
+        slopes = flow.conserved.with_slopes(mode, x, flow.problem.args)[1]
+        function = flow.conserved.functions[mode]
+        assert function is not None
+
+        def value(p):
+            return jnp.atleast_1d(function(jnp.asarray(node.x), self.args_of(p)))
+
+        change = -np.ones(1) if self.level else np.asarray(jax.jacfwd(value)(jnp.asarray(p, float)))
+        return change / np.linalg.norm(slopes, axis=1)
 
     def _by_parameter(self, orbit: Orbit, shares, p: float) -> list[np.ndarray]:
         """How the ends of the pieces change with the parameter, where the period is given with that too."""

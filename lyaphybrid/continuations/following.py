@@ -131,7 +131,8 @@ def resumed(equations: Equations, node: Node, p: float, period: float, change: C
         else equations.carried(node, at.t - node.t, p, (change.parameter, 0.0, change.x, 0.0))
         for at in orbit.nodes
     ]
-    values = np.concatenate([*moved, [change.period] * equations.autonomous, [change.parameter]])
+    rest = [change.period] * equations.autonomous, change.shift, np.zeros(equations.fixed), [change.parameter]
+    values = np.concatenate([*moved, *rest])
     return orbit, values / equations.scales(orbit)
 
 

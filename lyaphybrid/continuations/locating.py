@@ -28,6 +28,7 @@ class Change(NamedTuple):
     x: np.ndarray  # (n,)
     period: float
     parameter: float
+    shift: np.ndarray  # (q,) of a group
 
 
 class Found(NamedTuple):
@@ -110,7 +111,12 @@ def _found(equations: Equations, kind: str, point: Point) -> Found | None:
         other = branching(equations, point)
         return Found(other.kind, point, change_of(equations, point, other.direction), 1)
     if kind == "period doubling":
-        return Found(kind, point, Change(of_doubling(equations, point) * equations.size, 0.0, 0.0), 2)
+        return Found(
+            kind,
+            point,
+            Change(of_doubling(equations, point) * equations.size, 0.0, 0.0, np.zeros(len(equations.shifts))),
+            2,
+        )
     if kind == "Neimark–Sacker" and not is_complex(equations, point):
         return None
     return Found(kind, point, None, 1)
@@ -119,5 +125,6 @@ def _found(equations: Equations, kind: str, point: Point) -> Found | None:
 def change_of(equations: Equations, point: Point, direction: np.ndarray) -> Change:
     """A direction of the unknowns, as it is seen at the first node."""
     values = direction * equations.scales(point.orbit)
-    n = len(point.orbit.nodes[0].x)
-    return Change(values[:n], float(values[-2]) if equations.autonomous else 0.0, float(values[-1]))
+    n, states = len(point.orbit.nodes[0].x), len(point.orbit.nodes) * len(point.orbit.nodes[0].x)
+    shift = values[states + equations.autonomous :][: len(equations.shifts)]
+    return Change(values[:n], float(values[states]) if equations.autonomous else 0.0, float(values[-1]), shift)
