@@ -46,22 +46,27 @@ def place_of(journey: Journey, system) -> Place:
     return Place.of(t, carry.x, mode_of(carry, np), mode_names(system))
 
 
-def account(codes, place: Place, accumulation: Any = None) -> str:
+def account(codes, place: Place, accumulation: Any = None, why: str = "") -> str:
     """Where a run stood when it failed; of several runs, where the first one with the gravest verdict did.
 
     Args:
         codes: the status, or those of several runs (m,).
         place: where each stands.
         accumulation: the time at which its events seem to accumulate; nan where that is not known.
+        why: what is known besides of a run that has stalled.
     """
     codes = np.asarray(codes)
     if codes.ndim == 0:
-        return f"It stood at {place}.{_accumulates(codes, accumulation)}"
+        return f"It stood at {place}.{_accumulates(codes, accumulation)}{_besides(codes, why)}"
     code = gravest(codes)
     run = int(np.argmax(codes == code))
     first = None if accumulation is None else np.asarray(accumulation)[run]
-    where = f"Run {run} stood at {place.of_run(run)}.{_accumulates(code, first)}"
+    where = f"Run {run} stood at {place.of_run(run)}.{_accumulates(code, first)}{_besides(code, why)}"
     return f"Of {len(codes)} runs: {verdicts(codes)}. {where}"
+
+
+def _besides(code, why: str) -> str:
+    return f" {why}" if int(code) == STATUS.stalled and why else ""
 
 
 def _accumulates(code, time) -> str:

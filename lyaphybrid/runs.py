@@ -27,13 +27,14 @@ from .checkpoints import Part
 from .checks import check_clocks, check_functions, real, require
 from .consistency import check_constraints
 from .daes import Constrained, fields_of
-from .events import Wiring, bound, projection, wire
+from .events import Wiring, bound, by_mode, projection, wire
 from .methods import HalfExplicit, RungeKutta
 from .methods.base import Method
 from .methods.exact import Exact
 from .methods.iterate import Iterating
 from .methods.scheduled import Scheduled
 from .methods.stepping import Stepping, are_curved
+from .paces import Pace, Rates, rates_of
 from .precision import CURE, LEAST, eps, is_short, require_double
 from .propagation import Cadence, Journey, Settings, Watch
 from .statuses import RUNNING, STATUS
@@ -342,6 +343,7 @@ class Outcome(NamedTuple):
     status: Any
     interrupted: bool
     logs: tuple = ()  # of events, to be joined
+    why: str = ""  # a run has stalled, in words
 
 
 def drive(
@@ -363,7 +365,7 @@ def drive(
         journey: from `start`, or `restart` of an earlier outcome's.
         ends: (blocks,) of the blocks, in time since the run began.
         last_jumps: (blocks,) number of jumps that ends each block; ignored unless plan.count_jumps.
-        max_steps: most attempts; None: no limit.
+        max_steps: most attempts; None: no limit, but a run that gets nowhere ends as stalled.
         progress: None, True for a bar, or a function of the fraction done.
         interrupted: before it began: nothing is computed.
         part: where it is kept on disk; of a run that has no log of events.
@@ -381,6 +383,7 @@ def drive(
         journey, records, given = part.begun(
             journey, lambda: eqx.filter_eval_shape(once, problem, plan, journey, ends, last_jumps, np.int32(0))[1]
         )
+    pace, why = Pace(journey, given, ends[-1], last_jumps[-1], plan.count_jumps), ""
     try:
         while records is None or (not _finished(journey, blocks) and (limit == FOREVER or given < limit)):
             allowed = budget if limit == FOREVER else min(budget, limit - given)
@@ -396,6 +399,10 @@ def drive(
             if compilations() == compiled:  # the time of a call that compiled says nothing about the loop's speed
                 faster = SECONDS_PER_CALL / (time.perf_counter() - clock)
                 budget = int(np.clip(budget * min(faster, MOST_FASTER), FEWEST, MOST))
+            if max_steps is None:
+                stalled = pace.look(journey, given, functools.partial(_rates, problem, journey))
+                journey, said = _given_up(journey, stalled)
+                why = why or said
             report(float(np.mean(np.asarray(journey.block))) / blocks)
     except KeyboardInterrupt:
         if records is None:
@@ -406,7 +413,38 @@ def drive(
     if part is not None:
         part.keep(journey, records, given, now=True)
     status = _verdict(journey, ends, np.int32(STATUS.interrupted) if interrupted else SHORT)
-    return Outcome(journey, records, status, interrupted, tuple(logs))
+    return Outcome(journey, records, status, interrupted, tuple(logs), why)
+
+
+def _given_up(journey: Journey, stalled: dict[int, str]) -> tuple[Journey, str]:
+    """The journey with the runs ended that have stalled; and why the first of them did."""
+    if not stalled:
+        return journey, ""
+    status = np.array(journey.carry.status)
+    np.atleast_1d(status)[list(stalled)] = STATUS.stalled  # a view of it
+    return journey._replace(carry=journey.carry._replace(status=status)), next(iter(stalled.values()))
+
+
+def _rates(problem: Problem, journey: Journey, run: int) -> Rates | None:
+    """How fast things change where a run stands; None where no field says it."""
+    carry, several = journey.carry, journey.carry.x.ndim == 2
+    if problem.method is None:
+        return None
+    t, x, mode = (
+        np.asarray(leaf)[run] if several and np.ndim(leaf) else np.asarray(leaf)
+        for leaf in (journey.base[..., 0] + carry.s, carry.x, mode_of(carry, np))
+    )
+    try:
+        return Rates(*map(float, _rates_at(problem, t, x, mode)))
+    except Exception:  # a callback has no derivative: then nothing is known
+        return None
+
+
+@compiled()
+def _rates_at(problem: Problem, t, x, mode):
+    mover = mover_of(problem, t, x)
+    assert isinstance(mover, Stepping), "what has a method has fields"
+    return rates_of(lambda t, x: by_mode(mode, mover.wiring.fields, t, x), t, x)
 
 
 def once(

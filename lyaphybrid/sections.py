@@ -86,7 +86,7 @@ def poincare_section(
         t0: time at the start; a start on the section from which h goes on in that direction is a crossing.
         mode: mode at the start, where there are several.
         method: `lh.RungeKutta` (default) or `lh.Diffrax`.
-        max_steps: most attempts of a step; None: no limit: a motion that never crosses goes on until Ctrl-C.
+        max_steps: most attempts of a step; None: no limit: a motion that never crosses ends as stalled.
         throw: raise where the run failed.
 
     Returns:
@@ -123,10 +123,11 @@ def poincare_section(
         found = _stroboscopic(problem, x0, t0, mode, length, n, transient, max_steps)
     else:
         found = _crossings(problem, x0, t0, mode, n, transient, max_steps)
-    t, x, modes, status, place = found
+    t, x, modes, status, last = found
     result = PoincareSection(t, x, modes, jnp.asarray(status), runs.mode_names(system))
     if throw and result.status.failed:
-        raise RunFailed(result.status, account(status, place), result)
+        place = place_of(last.journey, problem.system)
+        raise RunFailed(result.status, account(status, place, why=last.why), result)
     return result
 
 
@@ -168,13 +169,7 @@ def _stroboscopic(problem, x0, t0, mode, period, n, transient, max_steps):
     t, x, modes, _ = outcome.records.collected
     valid = outcome.records.valid[transient:]
     x = runs.in_rows(problem, jnp.where(valid[:, None], x[transient:], jnp.nan))
-    return (
-        jnp.where(valid, t[transient:], jnp.nan),
-        x,
-        modes[transient:],
-        outcome.status,
-        place_of(outcome.journey, problem.system),
-    )
+    return jnp.where(valid, t[transient:], jnp.nan), x, modes[transient:], outcome.status, outcome
 
 
 def _crossings(problem, x0, t0, mode, n, transient, max_steps):
@@ -202,4 +197,4 @@ def _crossings(problem, x0, t0, mode, n, transient, max_steps):
     x = np.concatenate([x, np.full((missing, x.shape[1]), np.nan)])
     modes = np.concatenate([modes, np.zeros(missing, modes.dtype)])
     status = outcome.status if missing else STATUS.ok
-    return jnp.asarray(t, x0.dtype), jnp.asarray(x), jnp.asarray(modes), status, place_of(journey, problem.system)
+    return jnp.asarray(t, x0.dtype), jnp.asarray(x), jnp.asarray(modes), status, outcome

@@ -152,7 +152,7 @@ class Motion(NamedTuple):
         outcome = runs.drive(self.problem, plan, journey, ends, ends)
         status = STATUS(int(outcome.status))
         if status != STATUS.ok:
-            stood = account(status, place_of(outcome.journey, self.problem.system))
+            stood = account(status, place_of(outcome.journey, self.problem.system), why=outcome.why)
             raise RunFailed(status, f"On a piece of length {length:.6g} from t = {node.t:.6g}: {stood}", None)
         carry, (t, x, modes, _) = outcome.journey.carry, outcome.records.collected
         logs = jax.tree.map(lambda *parts: np.concatenate(parts), *outcome.logs) if hybrid else None

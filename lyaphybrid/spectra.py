@@ -86,7 +86,8 @@ def lyapunov_spectrum(
         count_start: count ln R of the initial frame too.
         replicates: run m times from x0 perturbed by a relative 1e-6 with `key`; the error is sd/√m.
         until: go on, by multiples of t1, until every finite exponent's standard error is below this.
-        max_steps: most attempts of a step; None: no limit (Ctrl-C returns what is computed). Where there is a schedule,
+        max_steps: most attempts of a step; None: no limit (Ctrl-C returns what is computed), but a run of many tiny
+            steps that lead nowhere ends as stalled. Where there is a schedule,
             and in fixed steps, the run ends with the interval between orthonormalisations in which they are spent.
         key: a `jax.random.key` for `replicates`.
         progress: True for a bar, or a function of the fraction done.
@@ -96,10 +97,10 @@ def lyapunov_spectrum(
             that is finished goes on to a longer t1.
 
     Returns:
-        A `Spectrum`. Its `status` is ok, terminated, interrupted, max_steps, zeno, deadlock, nonfinite or
-        step_underflow, of a DAE also inconsistent_start, singular_dae or constraint_drift; its `notes` may hold
-        rank_lost (an exponent is -inf), grazing, simultaneous, unresolved (the smallest exponents, or a loss, may be
-        rounding), interrupted.
+        A `Spectrum`. Its `status` is ok, terminated, interrupted, max_steps, zeno, deadlock, nonfinite,
+        stalled or step_underflow, of a DAE also inconsistent_start, singular_dae or constraint_drift; its `notes` may
+        hold rank_lost (an exponent is -inf), grazing, simultaneous, unresolved (the smallest exponents, or a loss, may
+        be rounding), interrupted.
 
     Raises:
         ValueError: on arguments that do not fit, before any computing; where `checkpoint` is the file of another run.
@@ -142,10 +143,12 @@ def lyapunov_spectrum(
         )
         file = checkpoints.opened(checkpoint, resume, about, t1, blocks, times is None and until is None)
         stretches = file.stretches
+    quieted: list[runs.Outcome] = []  # the transient's
     if not is_zero(transient):
         quiet = targets_for(ends_of_blocks(transient, blocks, None, "transient"), clock, discrete, x0.dtype)
         before = runs.drive(problem, plan, journey, *quiet, max_steps, part=file and file.part(0))
         journey, interrupted = runs.sealed(before), before.interrupted
+        quieted.append(before)
     outcomes: list[runs.Outcome] = []
     done, more = 0, 1  # in units of t1
     while True:
@@ -162,7 +165,7 @@ def lyapunov_spectrum(
         if until is None or _good_enough(spectrum, until):
             if file is not None and not interrupted:
                 file.close()
-            return _deliver(spectrum, throw)
+            return _deliver(spectrum, throw, next((one.why for one in (*quieted, *outcomes) if one.why), ""))
         more = _missing(spectrum, until, done) if times is None else 1
 
 
@@ -257,10 +260,10 @@ def _missing(spectrum: Spectrum, until: float, done: int) -> int:
     return int(np.clip(np.ceil(done * ((worst / until) ** 2 - 1)), 1, 64))
 
 
-def _deliver(spectrum: Spectrum, throw: bool) -> Spectrum:
+def _deliver(spectrum: Spectrum, throw: bool, why: str) -> Spectrum:
     """Raise on the host where the run failed and the values are concrete."""
     status = spectrum.status
     if not throw or not isinstance(status, STATUS) or not status.failed:
         return spectrum
     place = Place.of(spectrum.t, spectrum.x, spectrum.mode, spectrum.mode_names)
-    raise RunFailed(status, account(spectrum.status_code, place, spectrum.accumulation_time), spectrum)
+    raise RunFailed(status, account(spectrum.status_code, place, spectrum.accumulation_time, why), spectrum)

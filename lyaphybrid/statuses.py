@@ -25,6 +25,7 @@ class STATUS(enum.IntEnum):
     constraint_drift = 8
     step_underflow = 9
     interrupted = 10
+    stalled = 11
 
     def __str__(self) -> str:
         return f"{self.name}: {MEANINGS[self]}"
@@ -56,7 +57,8 @@ def verdicts(codes) -> str:
 RUNNING = 0
 OK = 0
 
-ENDED = (STATUS.ok, STATUS.terminated, STATUS.interrupted, STATUS.max_steps)  # lighter than all that has failed
+# Lighter than what has failed.
+ENDED = (STATUS.ok, STATUS.terminated, STATUS.interrupted, STATUS.max_steps, STATUS.stalled)
 BY_GRAVITY = np.array([*ENDED, *(code for code in STATUS if code not in ENDED)], np.int32)
 
 MEANINGS = {
@@ -90,6 +92,11 @@ MEANINGS = {
     STATUS.step_underflow: (
         "the step size went below the resolution of the time: (a) the field jumps, give each smooth piece a mode; "
         "(b) the flow is stiff, use lh.Diffrax(diffrax.Kvaerno5()); (c) the tolerances are below rounding"
+    ),
+    STATUS.stalled: (
+        "many steps lead nowhere: (a) the field jumps (where, sign, floor), give each smooth piece a mode; (b) a guard "
+        "jumps (mod), use a clock, Transition(every=…); (c) the flow is stiff, use lh.Diffrax(diffrax.Kvaerno5()); "
+        "(d) a guard or a section is never reached; (e) t1 is very far; max_steps=… goes on all the same"
     ),
     STATUS.interrupted: "Ctrl-C ended the run; what was computed until then is kept",
 }

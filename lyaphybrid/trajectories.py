@@ -191,7 +191,7 @@ def _joined(logs, problem, x0) -> Events:
 def _deliver(result, throw: bool, outcome: runs.Outcome, system):
     status = result.status
     if throw and isinstance(status, STATUS) and status.failed:
-        raise RunFailed(status, account(status, place_of(outcome.journey, system)), result)
+        raise RunFailed(status, account(status, place_of(outcome.journey, system), why=outcome.why), result)
     return result
 
 

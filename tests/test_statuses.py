@@ -288,6 +288,15 @@ def test_step_underflow_where_the_field_jumps():
     assert computed(spectrum) == 1
 
 
+def test_stalled_where_a_field_pulls_back_from_both_sides():
+    """x' = -sign(x), y' = -y: from t = 1 on each step crosses zero, and none can be long."""
+    valley = lh.Flow(lambda t, x, args: jnp.stack([jnp.where(x[0] > 0, -1.0, 1.0), -x[1]]))
+    spectrum = lh.lyapunov_spectrum(valley, [1.0, 1.0], t1=1e4, throw=False)
+    assert spectrum.status is STATUS.stalled
+    assert float(spectrum.t) == pytest.approx(1.0, abs=1e-4)
+    assert np.allclose(spectrum.x, [0.0, math.exp(-1.0)], rtol=0, atol=1e-4)
+
+
 def test_a_failure_in_the_transient_leaves_no_answer():
     def after(transient, **options):
         return lh.lyapunov_spectrum(ESCAPE, [1.0], 1.0, t1=1.0, transient=transient, blocks=16, throw=False, **options)

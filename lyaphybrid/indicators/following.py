@@ -28,6 +28,7 @@ class Followed(NamedTuple):
     interrupted: bool
     journey: Any
     system: Any
+    why: str
 
     @property
     def place(self) -> Place:
@@ -72,11 +73,12 @@ def follow(
     cadence, interval = each_step_of(problem) if each_step else cadence_for(problem, every)
     plan = runs.Plan(cadence, frames.kind_for(k), False, 0, False, x0.ndim == 2, collect, watch)
     limits = ends_of_blocks(t1, blocks, times, "t1")
-    discrete, interrupted = iterates(problem.system), False
+    discrete, interrupted, why = iterates(problem.system), False, ""
     journey = runs.start(problem, plan, t0, x0, frame, mode, array(interval, x0.dtype))
     if not is_zero(transient):
         quiet = targets_for(ends_of_blocks(transient, 2, None, "transient"), "time", discrete, x0.dtype)
         before = runs.drive(problem, plan, journey, *quiet, max_steps)
+        why = before.why
         journey, interrupted = runs.restart(runs.sealed(before), watch, plan.batched), before.interrupted
     outcome = runs.drive(
         problem, plan, journey, *targets_for(limits, "time", discrete, x0.dtype), max_steps, progress, interrupted
@@ -84,8 +86,8 @@ def follow(
     valid, durations = outcome.records.valid, outcome.records.duration
     xp = jnp if traced(durations) else np
     time = xp.where(valid, xp.cumsum(xp.where(valid, durations, 0.0), axis=-1), xp.nan)
-    collected = outcome.records.collected
-    return Followed(time, collected, outcome.status, outcome.interrupted, outcome.journey, problem.system)
+    collected, why = outcome.records.collected, why or outcome.why
+    return Followed(time, collected, outcome.status, outcome.interrupted, outcome.journey, problem.system, why)
 
 
 def generic_frame(n: int, k: int, dtype) -> np.ndarray:
@@ -106,5 +108,5 @@ def verdict_of(followed: Followed, result, throw: bool):
     if throw and not traced(followed.status):
         status = STATUS(int(gravest(np.asarray(followed.status))))
         if status.failed:
-            raise RunFailed(status, account(followed.status, followed.place), result)
+            raise RunFailed(status, account(followed.status, followed.place, why=followed.why), result)
     return result

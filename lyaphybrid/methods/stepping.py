@@ -447,7 +447,8 @@ class Stepping:
 
         def again(state):
             c, tr, aim = state
-            c = c._replace(budget=jnp.maximum(c.budget - 1, 1))
+            # An event is not left half located; after a landing the host may have a look.
+            c = c._replace(budget=jnp.maximum(c.budget - 1, jnp.where(tr.case == LAND, 0, 1)))
             which = jnp.where(tr.case == LOCATE, 0, jnp.where(tr.case == LAND, 1, 2))
             c, aim = jax.lax.switch(which, [aim_at, landed, neither], c, tr, aim)
             tr = self.look(c, clock, aim)

@@ -1,0 +1,102 @@
+"""Hostile systems answer soon; and what is only long, or slow, is left alone."""
+
+import re
+import signal
+
+import numpy as np
+import pytest
+
+import lyaphybrid as lh
+from hostile import CIRCLE, FRICTION, HOSTILE, MOD, STIFF, WHERE, answer
+from lyaphybrid import STATUS
+from lyaphybrid.paces import ENDLESS, LONG, WINDOW, Pace, Rates
+
+SECONDS = 20  # of a processor
+
+
+@pytest.fixture
+def limited():
+    """An error where a test takes too long; Ctrl-C would only end the run within."""
+
+    def late(*_):
+        raise TimeoutError(f"no answer within {SECONDS} s")
+
+    before = signal.signal(signal.SIGPROF, late)
+    signal.setitimer(signal.ITIMER_PROF, SECONDS)
+    yield
+    signal.setitimer(signal.ITIMER_PROF, 0)
+    signal.signal(signal.SIGPROF, before)
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_hostile_systems_answer(name, limited, monkeypatch):
+    if name == "dice":  # Python is called within the loop: XLA runs that
+        monkeypatch.setenv("LYAPHYBRID_ENGINE", "auto")
+    said = answer(name)
+    assert re.search(HOSTILE[name][1], said), said
+    assert "t = nan" not in said
+
+
+def stalled(system, x0, **options):
+    with pytest.raises(lh.RunFailed) as caught:
+        lh.lyapunov_spectrum(system, x0, t1=1e4, **options)
+    assert caught.value.status is STATUS.stalled
+    return str(caught.value)
+
+
+def test_the_message_says_where_and_why(limited):
+    assert re.search(r"t = 3\.34\d*, x = \[0\.01\d* 0\.1\].* h = \d.*not smooth here", stalled(FRICTION, [1.0, 0.0]))
+    assert re.search(r"t = 0\.9\d*, x = \[1 1\.1\].*not smooth here", stalled(MOD, [0.1, 0.2]))
+    assert re.search(r"stiff here, ‖Df‖ = 1e\+09: use lh\.Diffrax", stalled(STIFF, [1.0, 1.0]))
+    assert "unit of the system's time" in stalled(lh.Flow(lambda t, x, a: 1e12 * CIRCLE.field(t, x, a)), [1.0, 0.0])
+
+
+def test_who_gives_max_steps_decides_alone(limited):
+    spectrum = lh.lyapunov_spectrum(WHERE, [1.0, 1.0], t1=1e4, max_steps=3_000_000, throw=False)
+    assert spectrum.status is STATUS.max_steps
+
+
+def test_of_several_runs_only_those_end_that_have_stalled(limited):
+    """Where the second component is zero nothing moves, and the run reaches its end."""
+    sliding = lh.Flow(lambda t, x, args: x[1] * WHERE.field(t, x, args))
+    spectrum = lh.lyapunov_spectrum(sliding, [[1.0, 1.0], [1.0, 0.0]], t1=1e4, throw=False)
+    assert np.asarray(spectrum.status_code).tolist() == [STATUS.stalled, STATUS.ok]
+    assert spectrum.status is STATUS.stalled
+    assert float(spectrum.t[1]) == pytest.approx(1e4, rel=1e-12)
+
+
+class _Standing:
+    """As much of a journey as a pace looks at."""
+
+    def __init__(self, time, jumps=0, h=0.1):
+        self.elapsed, self.carry = np.float64(time), self
+        self.s, self.jumps, self.status, self.own, self.h = np.float64(0), np.int32(jumps), np.int32(0), self, h
+
+
+def judged(moved, end, rates=None, jumped=0, last_jump=None, windows=1):
+    """What is said after windows of attempts, in each of which so much was done."""
+    pace = Pace(_Standing(0.0), 0, np.inf if end is None else end, last_jump or 0, last_jump is not None)
+    for window in range(1, windows + 1):
+        found = pace.look(_Standing(moved * window, jumped * window), window * WINDOW, lambda run: rates)
+        if found:
+            return found[0]
+    return ""
+
+
+def test_long_runs_are_left_alone():
+    smooth, stiff, rough = Rates(1.0, 1.0), Rates(1e6, 1.0), Rates(1.0, 1.0)
+    assert not judged(0.1 * WINDOW, 0.1 * ENDLESS / 2, smooth)  # a run of half the longest that makes sense
+    assert "unit" in judged(0.1 * WINDOW, 0.1 * ENDLESS * 2, smooth)
+    assert not judged(1e-6 * WINDOW, 1e-6 * LONG / 2, stiff)  # slow, but it will end
+    assert "stiff" in judged(1e-6 * WINDOW, 1e-6 * LONG * 2, stiff)
+    assert not judged(1e-9 * WINDOW, 1e-9 * LONG / 2, rough)
+    assert "not smooth" in judged(1e-9 * WINDOW, 1e-9 * LONG * 2, rough)
+    assert "stands still" in judged(0.0, 1.0)
+    assert "stands still" in judged(0.0, 1.0, jumped=5)
+    assert not judged(0.0, None, jumped=5, last_jump=1000)
+
+
+def test_runs_by_jumps_wait_for_the_first_one_for_a_while():
+    assert not judged(1.0, None, last_jump=100, windows=2)
+    assert "no guard was reached" in judged(1.0, None, last_jump=100, windows=20)
+    assert not judged(1.0, None, jumped=1, last_jump=100, windows=20)
