@@ -32,6 +32,7 @@ KINDS = {
         STATUS.singular_dae: ("P", "0.48", "+++"),
         STATUS.constraint_drift: ("*", "0.72", "ooo"),
         STATUS.step_underflow: (">", "0.42", "\\\\\\"),
+        STATUS.stalled: ("<", "0.88", "++"),
     }.items()
 }
 KINDS[NO_VALUE] = Kind("no value", ".", "0.92", "")

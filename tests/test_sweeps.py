@@ -348,3 +348,20 @@ def test_rows_of_a_plan():
     grid = plan({"a": np.arange(3.0), "b": np.arange(2.0)}, None, {"a": 0.0, "b": 0.0})
     assert grid.rows(np.arange(6))["a"].tolist() == [0, 0, 1, 1, 2, 2]
     assert grid.rows(np.array([5, 0]))["b"].tolist() == [1, 0]
+
+
+def test_an_axis_that_the_run_ignores_is_named():
+    """The second run forgets the args that it is given, the third one of two."""
+    logistic = lh.Map(lambda n, x, r: r * x * (1 - x))
+
+    def spectrum(r):
+        return lh.lyapunov_spectrum(logistic, [0.3], r, t1=50, blocks=2)
+
+    over = {"args": np.array([3.1, 3.2])}
+    lh.sweep(spectrum, over, args=3.0, progress=False)
+    with pytest.warns(UserWarning, match="The run does not depend on args: each point"):
+        found = lh.sweep(lambda r: spectrum(3.5), over, args=3.0, progress=False)
+    assert float(found.exponents[0, 0]) == float(found.exponents[1, 0])
+    both = {"r": np.array([3.1, 3.2]), "b": np.array([0.1, 0.2, 0.3])}
+    with pytest.warns(UserWarning, match="does not depend on b: each"):
+        lh.sweep(lambda args: spectrum(args["r"]), both, args={"r": 3.0, "b": 0.0}, progress=False)

@@ -13,6 +13,7 @@ import numpy as np
 
 from .. import devices
 from .._hashes import hash_of_arrays, hash_of_function
+from .._jaxprs import needed
 from .._tracing import traced
 from ..checks import require, whole
 from ..lanes import Program, run_chains
@@ -151,6 +152,7 @@ class Work:
         named, row = _Named(Lane.of(function, grid, args)), _row(grid)
         with noticing() as runs:
             shapes = eqx.filter_eval_shape(named, args, (), row)[1]
+        _warn_of_idle(named, args, row)
         twice = sorted(set(shapes) & set(grid.coordinates()))
         require(not twice, f"The run returns {', '.join(twice)}, which is the name of an axis: give it another name.")
         variables = {
@@ -251,6 +253,21 @@ def _chunk(points: int) -> int:
 def _row(grid: Plan) -> dict[str, Any]:
     """What changes, at the first point."""
     return {path: values[0] for path, values in grid.rows(np.arange(1)).items()}
+
+
+def _warn_of_idle(named: _Named, args: Any, row: dict[str, Any]) -> None:
+    """Say which axes change nothing: the run does not use what they set."""
+    arrays, fixed = eqx.partition(args, eqx.is_array_like)
+    closed = jax.make_jaxpr(lambda row, arrays: named(eqx.combine(arrays, fixed), (), row)[1])(row, arrays)
+    used = needed(closed)
+    # A row is a dictionary of single arrays, which JAX sorts by name.
+    idle = [path for path, own in zip(sorted(row), closed.jaxpr.invars, strict=False) if own not in used]
+    if idle:
+        warnings.warn(
+            f"The run does not depend on {', '.join(idle)}: each point of that axis gives the same. Does run use the "
+            "args that it is given?",
+            stacklevel=5,
+        )
 
 
 def _hashes(named: _Named, args: Any, grid: Plan) -> tuple[str, str]:
