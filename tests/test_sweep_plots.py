@@ -298,10 +298,11 @@ def test_every_status_that_fails_has_a_look_of_its_own():
     for looks in ([kind.marker for kind in kinds], [kind.grey for kind in kinds], [kind.hatch for kind in kinds]):
         assert len(set(looks)) == len(looks)
     assert "v" not in [kind.marker for kind in kinds]  # −∞
-    codes = np.array([-1, *failing, 100]).reshape(2, 5)
-    values = np.full((2, 5, 1), np.nan)
-    assert "status 100 (1)" in legend(plots.sweep_map(a_dataset(values, status=codes, a=[0, 1], b=np.arange(5))))
-    plots.sweep_lines(a_dataset(values.reshape(10, 1), status=codes.ravel(), a=np.arange(10)))
+    codes = [-1, *failing, 100]
+    codes = np.array([*codes, *[-1] * (len(codes) % 2)]).reshape(2, -1)
+    values, m = np.full((*codes.shape, 1), np.nan), codes.shape[1]
+    assert "status 100 (1)" in legend(plots.sweep_map(a_dataset(values, status=codes, a=[0, 1], b=np.arange(m))))
+    plots.sweep_lines(a_dataset(values.reshape(2 * m, 1), status=codes.ravel(), a=np.arange(2 * m)))
 
 
 def test_geometric_grids_have_geometric_cells():
