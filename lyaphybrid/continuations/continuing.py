@@ -212,8 +212,8 @@ def _both(equations: Equations, orbit: Floquet, value: float, within) -> tuple[P
     require(
         singular[-1] > NONE * singular[0],
         "The orbit is one of a family at the same parameter, and there is no single branch through it: (a) something "
-        "is conserved, fix it and make it the parameter; (b) a position does not matter, leave it out; (c) the orbit "
-        "is a bifurcation, start beside it.",
+        "is conserved, give conserve; (b) a position does not matter, give modulo; (c) the orbit is a bifurcation, "
+        "start beside it.",
     )
     start = begun(equations, first, value, null[-1] * np.sign(null[-1, -1] or 1.0))
     if start is None:
