@@ -14,7 +14,7 @@ import sys
 import tempfile
 import time
 
-SHARES = ("lowering", "LLVM", "linking", "XLA")
+SHARES = ("lowering", "LLVM", "XLA")
 
 
 def measured(name: str) -> dict[str, float]:

@@ -52,7 +52,10 @@ def is_native() -> bool:
 
 
 def compiled(
-    columns: Callable[..., int] | None = None, backward: Callable | None = None, hands_on: bool = False
+    columns: Callable[..., int] | None = None,
+    backward: Callable | None = None,
+    hands_on: bool = False,
+    in_pieces: bool = False,
 ) -> Callable:
     """Decorate a function of trees of arrays and of what is static.
 
@@ -60,10 +63,11 @@ def compiled(
         columns: gives the columns of the frame that is among the arguments; None: as in what is called within.
         backward: the same function, written so that it has reverse derivatives; None: it has them as it is.
         hands_on: the results are not a user's but go to functions like this one: NumPy's arrays take less time to make.
+        in_pieces: a long run is many calls.
     """
 
     def decorate(function: Callable) -> Callable:
-        natively, by_xla = _Natively(function, columns, backward, hands_on), eqx.filter_jit(function)
+        natively, by_xla = _Natively(function, columns, backward, hands_on, in_pieces), eqx.filter_jit(function)
         with_derivatives = by_xla if backward is None else both_ways(by_xla, eqx.filter_jit(backward))
 
         def prepared(*args):
@@ -85,6 +89,12 @@ def compiled(
             """The function for arguments like these, for many last ones at once; None where that is of no use."""
             return natively.side_by_side(*args) if is_native() else None
 
+        def ahead(seconds: float, *args) -> None:
+            """Calls like this one will go on for so long."""
+            if is_native():
+                natively.ahead(seconds, *args)
+
+        call.ahead = ahead  # pyright: ignore[reportAttributeAccessIssue]
         call.prepared = prepared  # pyright: ignore[reportAttributeAccessIssue]
         call.side_by_side = side_by_side  # pyright: ignore[reportAttributeAccessIssue]
         return call
@@ -126,9 +136,15 @@ class _Natively:
     """A function, traced once for arguments of one kind."""
 
     def __init__(
-        self, function: Callable, columns: Callable[..., int] | None, backward: Callable | None, hands_on: bool
+        self,
+        function: Callable,
+        columns: Callable[..., int] | None,
+        backward: Callable | None,
+        hands_on: bool,
+        in_pieces: bool,
     ):
         self.function, self.columns, self.backward, self.hands_on = function, columns, backward, hands_on
+        self.in_pieces = in_pieces
         self.known: OrderedDict = OrderedDict()
         self.lock = threading.RLock()  # a function may call itself with other arguments
         _all.append(self)
@@ -146,6 +162,12 @@ class _Natively:
         """Trace and compile for arguments like these."""
         _, program, _ = self._program(args)
         _ = program.compiled
+
+    def ahead(self, seconds: float, *args) -> None:
+        """Calls with arguments like these will go on for so long: better code may be worth its time."""
+        _, program, _ = self._program(args)
+        if program.compiled is not None:
+            program.compiled.code.ahead(seconds)
 
     def side_by_side(self, *args) -> SideBySide | None:
         """The same for many last arguments like this one; None where lanes part too often, at events for example."""
@@ -181,4 +203,4 @@ class _Natively:
             columns = 0
         closed, shapes = jax.make_jaxpr(flat(self.function), return_shape=True)(*jax.tree.leaves(arrays))
         backward = self.backward and (lambda *leaves: jax.tree.leaves(flat(self.backward)(*leaves)))
-        return Program(closed, columns, backward), jax.tree.structure(shapes)
+        return Program(closed, columns, backward, self.in_pieces), jax.tree.structure(shapes)

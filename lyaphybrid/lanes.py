@@ -132,7 +132,7 @@ def _length(chain) -> int:
     return len(jax.tree.leaves(chain[1])[0])
 
 
-@compiled()
+@compiled(in_pieces=True)
 def _piece(function: Callable, shared, state, lanes, count):
     """The first `count` lanes of so many."""
     shapes = eqx.filter_eval_shape(function, shared, state, _lane(lanes, 0))[1]

@@ -316,6 +316,7 @@ _advance = compiled(
     lambda problem, plan, journey, *rest: journey.carry.frame.shape[-1],
     functools.partial(_loop, reverse=True),
     hands_on=True,
+    in_pieces=True,
 )(_loop)
 
 
@@ -376,7 +377,7 @@ def drive(
         journey, records = _advance(problem, plan, journey, ends, last_jumps, limit)
         kept = () if journey.carry.log is None else (journey.carry.log,)
         return Outcome(journey, records, _verdict(journey, ends, SHORT), False, kept)
-    blocks, records, budget, given = ends.shape[0], None, FIRST, 0
+    blocks, records, budget, given, done = ends.shape[0], None, FIRST, 0, 0.0
     logs: list[propagation.Events] = []
     report = reporter(progress)
     if part is not None:
@@ -396,14 +397,18 @@ def drive(
             given += allowed
             if part is not None:
                 part.keep(journey, records, given)
+            before, done = done, float(np.mean(np.asarray(journey.block))) / blocks
             if compilations() == compiled:  # the time of a call that compiled says nothing about the loop's speed
-                faster = SECONDS_PER_CALL / (time.perf_counter() - clock)
-                budget = int(np.clip(budget * min(faster, MOST_FASTER), FEWEST, MOST))
+                seconds = time.perf_counter() - clock
+                budget = int(np.clip(budget * min(SECONDS_PER_CALL / seconds, MOST_FASTER), FEWEST, MOST))
+                if done > before:
+                    left = (1 - done) / (done - before) * seconds
+                    _advance.ahead(left, problem, plan, journey, ends, last_jumps, np.int32(allowed))
             if max_steps is None:
                 stalled = pace.look(journey, given, functools.partial(_rates, problem, journey))
                 journey, said = _given_up(journey, stalled)
                 why = why or said
-            report(float(np.mean(np.asarray(journey.block))) / blocks)
+            report(done)
     except KeyboardInterrupt:
         if records is None:
             raise

@@ -1,5 +1,7 @@
 """Runs that stop and go on: bit by bit what they would have been."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -49,6 +51,7 @@ def test_after_ten_interruptions_it_is_the_same(name, tmp_path, short_calls, mon
     for left in (3, 1, 2, 4, 1, 2, 3, 1, 2, 2):
         calls = iter(range(left))
 
+        @functools.wraps(advance)
         def some(*given, calls=calls):
             if next(calls, None) is None:
                 raise KeyboardInterrupt

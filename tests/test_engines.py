@@ -1,5 +1,6 @@
 """What runs a loop: compiled once, natively or by XLA, with the same results; and how compiling is counted."""
 
+import functools
 import subprocess
 import sys
 import time
@@ -44,6 +45,7 @@ def test_compiling_does_not_make_calls_shorter(monkeypatch):
     """A call that compiled took long for that reason: the next one has the same budget, not a smaller one."""
     budgets = []
 
+    @functools.wraps(runs._advance)
     def slow_at_first(*args, advance=runs._advance):
         budgets.append(int(args[-1]))
         if len(budgets) == 1:

@@ -42,7 +42,7 @@ def subtract(b: Emitter, dtype, x: Entry, y: Entry) -> Entry:
         return b.binary("sub", llvm_type(dtype), x, y)
     if y in b.products or x in b.products:
         return _sum(b, dtype, x, negate(b, dtype, y))
-    return b.binary(f"fsub {b.flags}", llvm_type(dtype), x, y)
+    return b.binary("fsub", llvm_type(dtype), x, y)
 
 
 def _sum(b: Emitter, dtype, x: Entry, y: Entry) -> Entry:
@@ -55,7 +55,7 @@ def _sum(b: Emitter, dtype, x: Entry, y: Entry) -> Entry:
         return b.intrinsic("llvm.fmuladd", llvm_type(dtype), [*b.products[y], x])
     if x in b.products:
         return b.intrinsic("llvm.fmuladd", llvm_type(dtype), [*b.products[x], y])
-    return b.binary(f"fadd {b.flags}", llvm_type(dtype), x, y, True)
+    return b.binary("fadd", llvm_type(dtype), x, y, True)
 
 
 def multiply(b: Emitter, dtype, x: Entry, y: Entry) -> Entry:
@@ -70,7 +70,7 @@ def multiply(b: Emitter, dtype, x: Entry, y: Entry) -> Entry:
         return b.binary("mul", llvm_type(dtype), x, y, True)
     if (shorter := _by_one_factor(b, dtype, x, y)) is not None:
         return shorter
-    product = b.binary(f"fmul {b.flags}", llvm_type(dtype), x, y, True)
+    product = b.binary("fmul", llvm_type(dtype), x, y, True)
     b.products[product] = x, y
     return product
 
@@ -98,7 +98,7 @@ def divide(b: Emitter, dtype, x: Entry, y: Entry) -> Entry:
         limits = np.finfo(dtype)
         if is_known(y) and abs(math.frexp(y)[0]) == 0.5 and limits.tiny <= abs(y) <= 1 / limits.tiny:
             return multiply(b, dtype, x, 1 / y)  # by a power of two: exact
-        return b.binary(f"fdiv {b.flags}", type_, x, y)
+        return b.binary("fdiv", type_, x, y)
     return _integer_division(b, dtype, x, y, "div", lambda x: x)
 
 

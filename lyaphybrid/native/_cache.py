@@ -32,15 +32,23 @@ def folder() -> Path | None:
 
 def kept(description: str, compile_: Callable[[], bytes]) -> bytes:
     """The code of that description: from the disk if it is there, else compiled and kept."""
-    place = folder()
-    if place is None:
-        return compile_()
-    entry = place / f"{hashlib.sha256(description.encode()).hexdigest()}.o"
-    if (code := _read(entry)) is None:
+    place, code = folder(), if_kept(description)
+    if code is None:
         code = compile_()
-        with contextlib.suppress(OSError):  # a full or read-only disk: compile each time
-            _write(entry, code)
+        if place is not None:
+            with contextlib.suppress(OSError):  # a full or read-only disk: compile each time
+                _write(_entry(place, description), code)
     return code
+
+
+def if_kept(description: str) -> bytes | None:
+    """The code of that description if it is on the disk."""
+    place = folder()
+    return None if place is None else _read(_entry(place, description))
+
+
+def _entry(place: Path, description: str) -> Path:
+    return place / f"{hashlib.sha256(description.encode()).hexdigest()}.o"
 
 
 def _read(entry: Path) -> bytes | None:

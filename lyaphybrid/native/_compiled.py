@@ -20,15 +20,14 @@ from . import (  # noqa: F401  the rules
     _reductions,
     _sorting,
 )
-from ._cache import kept
 from ._collector import no_collector
-from ._costs import Plan, plan
+from ._costs import Plan, plan, runs_long
 from ._handler import handler
 from ._lowering import lower
-from ._machine import Linked, describe, object_code
+from ._tiers import Tiers
 from ._types import as_numpy, numpy_type, of_numpy
 
-EVENTS = "/lyaphybrid/native"  # what `jax.monitoring` is told of each program: …/lowering, …/LLVM, …/linking
+EVENTS = "/lyaphybrid/native"  # what `jax.monitoring` is told of each program: …/lowering, …/LLVM
 
 
 class Compiled:
@@ -37,8 +36,8 @@ class Compiled:
     Attributes:
         program: the closed jaxpr.
         plan: how it was compiled.
-        seconds: what lowering, LLVM and linking took.
-        address: where a function of the module begins: "call", or "handler" for XLA.
+        seconds: what lowering and LLVM took, with linking.
+        code: its machine code, which becomes better where it runs for long.
     """
 
     def __init__(
@@ -51,7 +50,9 @@ class Compiled:
         checked: bool = False,
         most_apart: float = 1.0,
         plan: Plan | None = None,
+        in_pieces: bool = False,
     ):
+        """`in_pieces`: a long run is many calls, so that better code can follow between two of them."""
         self.program, self.lanes, self._wide = program, lanes, tuple(wide)
         self.plan = _plan_of(program) if plan is None else plan
         self._how = columns, lanes, self._wide, checked, most_apart
@@ -59,17 +60,12 @@ class Compiled:
         with no_collector():
             text = self.text
         lowered = time.perf_counter()
-        level, scattered = self.plan.level, self.plan.scattered
-        how = f"level {level}, scattered {scattered}"
-        code = kept(f"{describe()}, {how}\n{text}", lambda: object_code(text, level, scattered))
+        at_once = plan is None and (in_pieces or not runs_long(program.jaxpr))
+        self.code = Tiers(text, self.plan.level, self.plan.scattered, at_once)
         compiled = time.perf_counter()
-        self._linked = Linked(code, ["call", "handler"])
-        self.address = self._linked.address
-        self._call = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(self.address("call"))
         self.seconds = {
             "lowering": lowered - clock,
             "LLVM": compiled - lowered,
-            "linking": time.perf_counter() - compiled,
         }
         for what, seconds in self.seconds.items():
             jax.monitoring.record_event_duration_secs(f"{EVENTS}/{what}", seconds)
@@ -93,7 +89,7 @@ class Compiled:
             if x.shape != expected and (x.size != 1 or expected != ()):  # ascontiguousarray makes scalars (1,)
                 raise ValueError(f"operand {i} must have shape {expected}; got {x.shape}.")
         outputs = [np.empty((*atom.aval.shape, *last), numpy_type(atom.aval.dtype)) for atom in jaxpr.outvars]
-        self._call(_pointers(inputs), _pointers(outputs))
+        self.code(_pointers(inputs), _pointers(outputs))
         return [of_numpy(x, atom.aval.dtype) for x, atom in zip(outputs, jaxpr.outvars, strict=True)]
 
 

@@ -7,9 +7,6 @@ whose states are looked up by the number of a disk (0.58 times as long a run wit
 much that it does not fit into registers (a pendulum with dry friction: 1.05 times as long a run with 64).
 The estimate counts instructions in the jaxpr, each loop's body once.
 
-What is run through once only takes longer to optimise than to run: level 1 does for programs without long loops (what
-starts a run and what sums it up, of 16 runs of four disks: 0.45 s instead of 3.45 s of LLVM).
-
 To look for vectors among scattered numbers makes four hard disks 1.5 times as fast and others hardly faster; in long
 programs it takes LLVM more time than all else (relay feedback: 1.9 s instead of 0.5).
 """
@@ -23,8 +20,7 @@ from ._values import size
 
 SMALL = (16, 8, 4)
 MUCH = 1.5  # times as many instructions
-LEVEL = 2  # of LLVM's optimisation …
-ONCE = 1  # … and of programs without loops
+LEVEL = 2  # of LLVM's optimisation
 LONG = 1000  # turns from which on a loop counts as one that runs long
 SCATTERED = 12_000  # instructions up to which LLVM looks for vectors among scattered numbers
 TURNS = 8  # of a scan that is written out, at most
@@ -37,7 +33,7 @@ class Plan(NamedTuple):
     """How a program is compiled."""
 
     small: int
-    level: int  # of LLVM's optimisation: 1, 2, 3
+    level: int  # of LLVM's optimisation, 0 to 3, of the best code
     scattered: bool = False  # whether LLVM looks for vectors among scattered numbers
 
 
@@ -46,7 +42,7 @@ def plan(jaxpr: Jaxpr) -> Plan:
     estimates = {small: instructions(jaxpr, small) for small in SMALL}
     least = min(estimates.values())
     small = next(small for small in SMALL if estimates[small] <= MUCH * least)
-    return Plan(small, LEVEL, estimates[small] <= SCATTERED) if runs_long(jaxpr) else Plan(small, ONCE)
+    return Plan(small, LEVEL, estimates[small] <= SCATTERED)
 
 
 def runs_long(jaxpr: Jaxpr) -> bool:

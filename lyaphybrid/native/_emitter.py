@@ -50,7 +50,6 @@ class Emitter:
         self.label = "entry"
         self.carries_vectors = False  # whether what `count_up` carries are vectors
         self.in_vector_loop = False  # whether this is a loop over memory, which LLVM may do several turns of at once
-        self.flags = ""  # of LLVM, for arithmetic: IEEE's where there are none
         self.products: dict[Entry, tuple[Entry, Entry]] = {}  # what was multiplied, for fused sums
         self._count = self._on_stack = 0
         self._known: dict[tuple, Entry] = {}  # common expressions …
@@ -259,8 +258,8 @@ class Emitter:
         self.declarations.add(
             f"declare {result} @{symbol}({', '.join([full] * len(arguments))}) memory(none) nounwind willreturn"
         )
-        name, flags = self.name(wide), f"{self.flags} " if to in ("double", "float") else ""
-        self.line(f"{name} = call {flags}{result} @{symbol}({texts})")
+        name = self.name(wide)
+        self.line(f"{name} = call {result} @{symbol}({texts})")
         return self.remember(key, name)
 
     # --- arithmetic of indices (i64) -------------------------------------------------------------------------

@@ -42,10 +42,18 @@ class Program:
         closed: the closed jaxpr.
         columns: of the frames that are held in vectors; 0: none; None: as in the programs within.
         backward: the same function of its operands, written so that it has reverse derivatives.
+        in_pieces: whether a long run is many calls of it.
         origin: of a program of tangents: of which program, and which of its operands move.
     """
 
-    def __init__(self, closed: ClosedJaxpr, columns: int | None = None, backward: Callable | None = None):
+    def __init__(
+        self,
+        closed: ClosedJaxpr,
+        columns: int | None = None,
+        backward: Callable | None = None,
+        in_pieces: bool = False,
+    ):
+        self.in_pieces = in_pieces
         self.closed, self.backward = closed, backward or jaxpr_as_fun(closed)
         self.columns = _columns_within(closed.jaxpr) if columns is None else columns
         self.origin: tuple[Program, tuple[bool, ...]] | None = None
@@ -57,7 +65,7 @@ class Program:
         if engine() == "xla":
             return None
         try:
-            return Compiled(self.closed, columns=self.columns)
+            return Compiled(self.closed, columns=self.columns, in_pieces=self.in_pieces)
         except Unsupported as reason:
             if engine() == "native":
                 raise
@@ -77,7 +85,7 @@ class Program:
         if self.compiled is None:
             return None
         name = f"lyaphybrid_native_{id(self):x}"
-        handler = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p)(self.compiled.address("handler"))
+        handler = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p)(self.compiled.code.address("handler"))
         jax.ffi.register_ffi_target(name, jax.ffi.pycapsule(handler), platform="cpu")
         _targets.append(self)  # XLA may call it as long as the process lives
         return name
@@ -152,7 +160,8 @@ class Program:
         if ("in lanes", last) not in self._derived:
             wide = [place >= len(self.closed.in_avals) - last for place in range(len(self.closed.in_avals))]
             try:
-                code = Compiled(self.closed, lanes=doubles_in_a_vector(), wide=wide, most_apart=_MOST_APART)
+                lanes = doubles_in_a_vector()
+                code = Compiled(self.closed, lanes=lanes, wide=wide, most_apart=_MOST_APART, in_pieces=True)
             except Unsupported:
                 code = None
             self._derived["in lanes", last] = code

@@ -1,14 +1,15 @@
 """Rules for sums, products, extrema and their places, along axes; cumulative ones; and products of matrices."""
 
-import contextlib
 from collections.abc import Callable
 
 import numpy as np
 
 from . import _arithmetic as a
-from ._lowering import Lowering, in_rows, rule
+from ._lowering import in_rows, rule
 from ._types import INDEX, kind, llvm_type
 from ._values import Lazy, Rows, filled, scalar, size
+
+SIDE_BY_SIDE = 4  # running sums of a long sum; a power of two
 
 # name: (function of two entries, the entry that changes nothing)
 _FOLDS: dict[str, tuple[Callable, Callable]] = {
@@ -62,11 +63,9 @@ def reduce(b, eqn, value):
 
     def total(indices):
         def take_in(inner, so_far):
-            entry = b.element_at(value, source(indices, inner))
-            with reassociated(b):
-                return [fold(b, dtype, so_far[0], entry)]
+            return fold(b, dtype, so_far, b.element_at(value, source(indices, inner)))
 
-        return b.fold_indices(over, take_in, [(neutral(dtype), llvm_type(dtype))])[0]
+        return _total(b, over, take_in, lambda x, y: fold(b, dtype, x, y), (neutral(dtype), llvm_type(dtype)))
 
     if not aval.shape:
         return scalar(total([]))
@@ -75,12 +74,27 @@ def reduce(b, eqn, value):
     return b.held(result)
 
 
-@contextlib.contextmanager
-def reassociated(b: Lowering):
-    """Sums of many terms may be taken in another order: vectors of partial sums, which are no less exact."""
-    before, b.flags = b.flags, "reassoc"
-    yield
-    b.flags = before
+def _total(b, over, take_in, together, start):
+    """The sum, say, over all indices: the last axis by several sums side by side, which do not wait for each other."""
+    *outer, last = over
+    if last < 2 * SIDE_BY_SIDE:
+        return b.fold_indices(over, lambda inner, so_far: [take_in(inner, so_far[0])], [start])[0]
+    turns = last // SIDE_BY_SIDE
+
+    def several(inner, so_far):
+        first = b.index_times(inner[-1], SIDE_BY_SIDE)
+        return [take_in([*inner[:-1], b.index_sum(first, k)], sum_) for k, sum_ in enumerate(so_far)]
+
+    sums = b.fold_indices([*outer, turns], several, [start] * SIDE_BY_SIDE)
+    if rest := last - turns * SIDE_BY_SIDE:
+
+        def what_is_left(inner, so_far):
+            return [take_in([*inner, turns * SIDE_BY_SIDE + k], sum_) for k, sum_ in enumerate(so_far)]
+
+        sums[:rest] = b.fold_indices(outer, what_is_left, [(sum_, start[1]) for sum_ in sums[:rest]])
+    while len(sums) > 1:
+        sums = [together(*pair) for pair in zip(sums[::2], sums[1::2], strict=True)]
+    return sums[0]
 
 
 def _folded(b, fold, dtype, entries, neutral):
@@ -230,8 +244,7 @@ def dot(b, eqn, left, right):
         inner, indices = i[n : n + len(over)], [*i[:n], *i[n + len(over) :]]
         b.store_element(result, indices, a.add(b, dtype, b.load_element(result, indices), term(indices, inner)))
 
-    with reassociated(b):
-        b.for_each_index([*outer, *over, *aval.shape[n:]], step)
+    b.for_each_index([*outer, *over, *aval.shape[n:]], step)
     return b.held(result)
 
 

@@ -13,10 +13,10 @@ COUNT = """
 import jax
 jax.config.update("jax_enable_x64", True)
 import jax.numpy as jnp
-from lyaphybrid.native import _compiled, compile
+from lyaphybrid.native import _tiers, compile
 made = []
-original = _compiled.object_code
-_compiled.object_code = lambda *given: made.append(1) or original(*given)
+original = _tiers.object_code
+_tiers.object_code = lambda *given: made.append(1) or original(*given)
 def body(carry, x):
     matrix, total = carry
     matrix = matrix.at[1].set(matrix[0] + x)

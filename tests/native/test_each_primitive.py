@@ -141,7 +141,7 @@ def test_denormal_numbers_are_kept():
 
 
 def test_terms_of_a_sum_are_not_reassociated():
-    """Only the sum is; XLA is less strict."""
+    """Partial sums are taken side by side, and nothing else is moved; XLA is less strict."""
     x = np.linspace(1, 3, 20)
     got = native.compile(lambda x: ((x + 1e16) - 1e16).sum(), x, plan=Plan(1, 2))(x)
     assert got == ((x + 1e16) - 1e16).sum()

@@ -1,0 +1,152 @@
+"""Code that is ready at once, and better code that follows: the same bits, and no call waits for it."""
+
+import threading
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import lyaphybrid as lh
+from lyaphybrid import _engines
+from lyaphybrid.native import Compiled, _tiers
+from lyaphybrid.native._costs import plan
+
+PROBLEMS = {  # flows, events, maps, disks, a DAE, and sums of more terms than are written out
+    "lorenz63": {"t1": 30.0},
+    "friction_pendulum": {"t1": 30.0},
+    "hard_disks": {"t1": 3.0},
+    "henon_map": {"t1": 300},
+    "lorenz96": {"t1": 2.0},
+    "pendulum_dae": {"t1": 3.0},
+}
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """The levels of the code that LLVM made, in turn; nothing comes from the disk."""
+    levels, original = [], _tiers.object_code
+    monkeypatch.setenv("LYAPHYBRID_CACHE", "off")
+    monkeypatch.setattr(_tiers, "object_code", lambda *given: levels.append(given[1]) or original(*given))
+    return levels
+
+
+def finished():
+    """Wait for better code that is being made."""
+    for thread in threading.enumerate():
+        if thread.name == "lyaphybrid optimises":
+            thread.join()
+
+
+def sums(x):
+    """(40, 21) -> sums along both axes and of all, a product of matrices, a norm."""
+    return x.sum(0), x.sum(1), x.sum(), x @ x.T, jnp.sqrt((x * x).sum()), jnp.cumsum(x, 0)
+
+
+def compiled(x, **options):
+    return Compiled(jax.make_jaxpr(sums)(x), **options)
+
+
+def same(xs, ys):
+    return all(np.array_equal(x, y) for x, y in zip(xs, ys, strict=True))
+
+
+def test_all_levels_give_the_same_bits(made):
+    x = np.random.default_rng(1).normal(size=(40, 21))
+    best = plan(jax.make_jaxpr(sums)(x).jaxpr)
+    results = [compiled(x, plan=best._replace(level=level))(x) for level in (0, 1, 2, 3)]
+    assert made == [0, 1, 2, 3]
+    assert all(same(results[0], other) for other in results[1:])
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_problems_have_the_same_bits_at_once_and_later(name, made, monkeypatch):
+    problem, found = lh.zoo.get(name)(), []
+    for level in (_tiers.AT_ONCE, 2):
+        _engines.forget_programs()
+        monkeypatch.setattr(_tiers, "AT_ONCE", level)
+        made.clear()
+        found.append(problem.spectrum(**PROBLEMS[name], throw=False))
+        assert level in made
+    quick, best = found
+    assert np.all(np.isfinite(quick.exponents))
+    assert same((quick.exponents, quick.stderr, quick.history), (best.exponents, best.stderr, best.history))
+
+
+def test_better_code_follows_where_much_is_left_to_run(made):
+    x = np.ones((40, 21))
+    program = compiled(x)
+    first = program(x)
+    program.code.ahead(1e-6)
+    finished()
+    assert made == [0]
+    program.code.ahead(1e6)
+    program.code.ahead(1e6)
+    finished()
+    assert made == [0, 2]
+    assert program.code.is_best
+    assert same(first, program(x))
+
+
+def test_better_code_follows_what_has_run_for_long(made, monkeypatch):
+    x = np.ones((40, 21))
+    program = compiled(x)
+    program(x)
+    finished()
+    assert made == [0]
+    monkeypatch.setattr(program.code, "_cost", 0.0)
+    program(x)
+    finished()
+    assert made == [0, 2]
+
+
+def test_many_threads_may_run_it_meanwhile(made):
+    x = np.random.default_rng(2).normal(size=(40, 21))
+    program, wrong = compiled(x), []
+    expected = program(x)
+
+    def run():
+        for _ in range(300):
+            if not same(program(x), expected):
+                wrong.append(1)
+
+    threads = [threading.Thread(target=run) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    program.code.ahead(1e6)
+    address = program.code.address("handler")  # waits for the best code
+    for thread in threads:
+        thread.join()
+    assert not wrong
+    assert address == program.code.address("handler")
+    assert made == [0, 2]
+
+
+def test_the_best_code_on_the_disk_is_taken_at_once(made, tmp_path, monkeypatch):
+    monkeypatch.setenv("LYAPHYBRID_CACHE", str(tmp_path))
+    x = np.ones((40, 21))
+    compiled(x).code.address("call")
+    assert compiled(x).code.is_best
+    assert made == [0, 2]
+
+
+def test_a_loop_that_is_one_call_is_optimised_before(made):
+    def turns(n):
+        return jax.lax.while_loop(lambda carry: carry[0] < n, lambda carry: (carry[0] + 1, carry[1] * 1.01), (0, 1.0))
+
+    closed = jax.make_jaxpr(turns)(3)
+    Compiled(closed)
+    Compiled(closed, in_pieces=True)
+    assert made == [2, 0]
+
+
+def test_a_long_run_gets_better_code(made, monkeypatch):
+    monkeypatch.setattr(_tiers, "SECONDS_A_LINE", 1e-7)
+    problem = lh.zoo.lorenz63()
+    _engines.forget_programs()
+    problem.spectrum(t1=0.1, transient=0.1)
+    finished()
+    assert set(made) == {0}
+    problem.spectrum(t1=3000.0, transient=0.1)
+    finished()
+    assert 2 in made
