@@ -10,7 +10,7 @@ import pytest
 from lyaphybrid import native
 from lyaphybrid.native._costs import Plan
 
-PLANS = (Plan(1, 2), Plan(64, 2))
+PLANS = (Plan(1, 2), Plan(64, 0))
 SIZES = (1, 2, 3, 5, 8, 9, 33, 70)
 
 

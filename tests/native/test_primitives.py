@@ -12,7 +12,7 @@ from lyaphybrid import native
 from lyaphybrid.native._costs import Plan
 
 # Arrays up to the size are held as entries, larger ones in memory.
-PLANS = {"in memory": Plan(1, 1), "mixed": Plan(8, 1), "entries": Plan(64, 1)}
+PLANS = {"in memory": Plan(1, 1), "mixed": Plan(8, 1), "entries": Plan(64, 0)}
 FLOATS = np.array([0.0, -0.0, 1.0, -1.5, 0.3, 2.5, -7.25, 1e10, -1e-10, np.inf, -np.inf, np.nan])
 INTEGERS = [0, 1, -1, 2, 7, -13, 100, 31, 32, 64, 127, -128]
 
