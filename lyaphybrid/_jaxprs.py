@@ -18,6 +18,7 @@ __all__ = [
     "divided",
     "evaluated",
     "is_affine",
+    "is_timeless",
     "jacobian",
     "needed",
     "part_of",
@@ -102,6 +103,12 @@ def is_affine(function: Callable, x) -> bool:
         return jax.jvp(function, (x,), (dx,))[1]
 
     closed = jax.make_jaxpr(along)(x, x)
+    return closed.jaxpr.invars[0] not in needed(closed)
+
+
+def is_timeless(function: Callable, t, x) -> bool:
+    """Whether a function of (t, x) is seen not to depend on t; where that is not seen, it is taken to."""
+    closed = jax.make_jaxpr(function)(t, x)
     return closed.jaxpr.invars[0] not in needed(closed)
 
 

@@ -33,6 +33,7 @@ KINDS = {
         STATUS.constraint_drift: ("*", "0.72", "ooo"),
         STATUS.step_underflow: (">", "0.42", "\\\\\\"),
         STATUS.stalled: ("<", "0.88", "++"),
+        STATUS.no_more_jumps: ("p", "0.30", "oo.."),
     }.items()
 }
 KINDS[NO_VALUE] = Kind("no value", ".", "0.92", "")

@@ -40,6 +40,7 @@ class Wiring(NamedTuple):
     targets: tuple[Callable, ...]  # per transition: (mode, t, x, which) -> mode
     whens: tuple[Callable, ...]  # per mode: (t, x) -> (slots,) bool
     shared: bool  # some transition asks `when`
+    borders: np.ndarray | None  # (modes, slots): borders of flow sets, where nothing fires; None: there are none
     initial_mode: Callable | None = None  # (t, x) -> mode
 
     @property
@@ -60,6 +61,7 @@ class Wiring(NamedTuple):
     def of_mode(self, q: int) -> "Wiring":
         """What concerns one mode, as if there were no other."""
         of_modes = "fields", "guards", "projections", "directed", "transition", "component", "armed", "whens"
+        of_modes += () if self.borders is None else ("borders",)
         return self._replace(**{name: getattr(self, name)[q : q + 1] for name in of_modes})
 
 
@@ -72,7 +74,7 @@ def by_mode(mode, functions, *operands):
 
 def wire(system: Hybrid, t, x, args) -> Wiring:
     """Expand a hybrid system into slots; guards are asked for their shapes, nothing is computed."""
-    names, transitions, fields = system.mode_names, system.transitions, system.fields or ()
+    names, transitions, fields = system.mode_names, system.guarded, system.fields or ()
     widths = [_width(tr.guard, t, x, args) for tr in transitions]
     per_mode = [[j for j, tr in enumerate(transitions) if not tr.is_clock and _armed(tr, name)] for name in names]
     slots = max(1, *(sum(max(1, widths[j]) for j in own) for own in per_mode))
@@ -96,8 +98,15 @@ def wire(system: Hybrid, t, x, args) -> Wiring:
         tuple(_bind_target(tr, width, names, args) for tr, width in zip(transitions, widths, strict=True)),
         tuple(_bind_when([(transitions[j], max(1, widths[j])) for j in own], slots, args) for own in per_mode),
         any(tr.when is not None for tr in transitions),
+        _borders(system, transition),
         _bind_initial_mode(system.initial_mode, args),
     )
+
+
+def _borders(system: Hybrid, transition: np.ndarray) -> np.ndarray | None:
+    """The slots of the transitions that a system adds for its flow sets; padding slots belong to transition 0."""
+    count = len(system.transitions)
+    return transition >= count if len(system.guarded) > count else None
 
 
 def _armed(transition, name) -> bool:

@@ -18,12 +18,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from . import frames
+from . import frames, waiting
 from .columns import each_column
 from .events import by_mode
 from .precision import is_short, share
 from .reverse_mode import checkpointed
 from .statuses import OK, RUNNING, STATUS
+from .waiting import Waiting
 
 LONGEST_BLIND = 4.0  # jumps between two orthonormalisations, where each may destroy a direction
 STRETCHED = 100.0  # a larger entry of a frame ends the interval there: a grazing jump must not look like a loss
@@ -125,6 +126,7 @@ class Carry(NamedTuple):
     log: Events | None
     watch: Any = None  # the state of a `Watch`
     left: Left | None = None  # None in float64
+    waiting: Waiting | None = None  # None where jumps end no block
 
 
 class Journey(NamedTuple):
@@ -196,6 +198,7 @@ def begin(settings: Settings, t0, x, frame, mode, h, interval) -> Journey:
         own=settings.mover.begin(t0, x, mode, h),
         log=_empty_log(settings, t0, x) if settings.log else None,
         left=Left(zero, none, volume) if is_short(x) else None,
+        waiting=waiting.begun(x, none, volume) if settings.count_jumps else None,
     )
     carry = stop(_within_mode(settings, carry, t0, mode) if k else carry, STATUS.deadlock, ~possible)
     carry = stop(carry, STATUS.inconsistent_start, wrong)
@@ -275,7 +278,7 @@ def _block(settings: Settings, journey: Journey, index, end, last_jump):
     carry, _, interval, spread = _repeated(
         settings,
         lambda state: within(state[0]),
-        lambda state: _span(settings, clock, within, *state),
+        lambda state: _waited(settings, clock, state[0], _span(settings, clock, within, *state)),
         state,
     )
     carry = stop(carry, STATUS.nonfinite, ~jnp.all(jnp.isfinite(carry.x)))
@@ -297,6 +300,17 @@ def _block(settings: Settings, journey: Journey, index, end, last_jump):
     carry = carry._replace(budget=jnp.where(todo, carry.budget, journey.carry.budget))
     here = Journey(carry, journey.base, journey.elapsed, journey.block, interval, spread)
     return _select(done, _next_block(settings, here), here), record
+
+
+def _waited(settings: Settings, clock: Clock, before: Carry, state):
+    """After a span, where jumps alone end a block: if there will be none any more, the run ends with the last one."""
+    if before.waiting is None:
+        return state
+    carry = state[0]
+    carry = carry._replace(waiting=waiting.waited(settings.mover, clock, before, carry))
+    ends = waiting.hopeless(carry.waiting, clock) & (carry.status == RUNNING)
+    kept = carry._replace(growth=carry.waiting.growth, volume=carry.waiting.volume)
+    return (stop(_select(ends, kept, carry), STATUS.no_more_jumps, ends), *state[1:])
 
 
 def _select(condition, yes, no):
@@ -348,7 +362,7 @@ def _span(settings: Settings, clock: Clock, within, carry: Carry, ahead, interva
         return carry, ahead, interval, spread
     due = due | is_due(carry) | (carry.s >= clock.length)
     if settings.count_jumps:
-        due = due | (carry.jumps.astype(carry.s.dtype) >= clock.last_jump)
+        due = due | (carry.jumps.astype(carry.s.dtype) >= clock.last_jump) | (carry.status == STATUS.no_more_jumps)
     if mover.always_common and not settings.count_jumps:  # then nothing but this ends a span
         return _tidy(settings, clock, carry, ahead, interval, spread)
     tidied = jax.lax.cond(
@@ -481,6 +495,7 @@ def _next_block(settings: Settings, journey: Journey) -> Journey:
         left=cleared(carry.left),
         order=None if carry.order is None else jnp.arange(carry.order.shape[0], dtype=jnp.int32),
         own=settings.mover.rebase(carry.own, carry.s),
+        waiting=waiting.next_block(carry.waiting, cleared(carry.growth), cleared(carry.volume)),
         watch=None if settings.watch is None else settings.watch.next_block(carry.watch),
     )
     base, elapsed = jnp.stack([total, low]), journey.elapsed + journey.carry.s

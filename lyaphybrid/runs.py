@@ -7,6 +7,7 @@ Traced (under jit, vmap, grad) it is called once.
 
 import contextlib
 import contextvars
+import dataclasses
 import functools
 import math
 import time
@@ -33,7 +34,7 @@ from .methods.base import Method
 from .methods.exact import Exact
 from .methods.iterate import Iterating
 from .methods.scheduled import Scheduled
-from .methods.stepping import Stepping, are_curved
+from .methods.stepping import Stepping, are_curved, are_timeless
 from .paces import Pace, Rates, rates_of
 from .precision import CURE, LEAST, eps, is_short, require_double
 from .propagation import Cadence, Journey, Settings, Watch
@@ -46,6 +47,7 @@ __all__ = [
     "Problem",
     "as_arrays",
     "drive",
+    "mode_index",
     "mode_names",
     "noticing",
     "number",
@@ -157,7 +159,7 @@ def prepare(system, x0, args, t0, method, mode, name: str = "x0") -> tuple[Probl
     check_clocks(system, args)
     t0 = array(t0, x0.dtype)
     check_constraints(system, x0 if x0.ndim == 1 else x0[0], t0, args)
-    return Problem(system, method, args, shape), x0, t0, _mode_index(system, mode)
+    return Problem(system, method, args, shape), x0, t0, mode_index(system, mode)
 
 
 def as_arrays(tree, dtype):
@@ -227,7 +229,8 @@ def _method_for(system, method):
     return None
 
 
-def _mode_index(system, mode):
+def mode_index(system, mode):
+    """The index of a mode, given by name or index; None: the state tells."""
     names = mode_names(system)
     if mode is None:
         if isinstance(system, Hybrid) and system.initial_mode is not None:
@@ -258,7 +261,7 @@ def mover_of(problem: Problem, t, x):
         fields = (bound(system.field, args, t, x) if of_dae else Bound(system.field, args),)
         method.require(fields[0], t, x)
         onto = (projection(fields[0], None, args),)
-        wiring = Wiring(fields, (), onto, empty, empty, empty, (), empty, (), (), (), False)
+        wiring = Wiring(fields, (), onto, empty, empty, empty, (), empty, (), (), (), False, None)
         return Stepping(wiring, method, (), (), 0, are_curved(fields, t, x))
     if system.fields is None:
         reset = system.transitions[0].reset
@@ -269,7 +272,7 @@ def mover_of(problem: Problem, t, x):
     clocks = tuple(
         (number(system.transitions[j].every, args), number(system.transitions[j].phase, args)) for j in wiring.clocks
     )
-    terminal = tuple(tr.terminal for tr in system.transitions)
+    terminal = tuple(tr.terminal for tr in system.guarded)
     return Stepping(wiring, method, clocks, terminal, system.max_cascade, are_curved(wiring.fields, t, x))
 
 
@@ -282,7 +285,10 @@ def settings_of(problem: Problem, plan: Plan, t, x, reverse: bool = False) -> Se
     """Bind a plan to a problem, while tracing."""
     own = plan._asdict()
     del own["batched"]
-    return Settings(mover_of(problem, t, x), **own, reverse=reverse)
+    mover = mover_of(problem, t, x)
+    if plan.count_jumps and isinstance(mover, Stepping) and mover.has_events:
+        mover = dataclasses.replace(mover, per_jump=True, timeless=are_timeless(mover.wiring, t, x))
+    return Settings(mover, **own, reverse=reverse)
 
 
 @compiled(lambda problem, plan, t0, x0, frame, mode, interval: frame.shape[-1], hands_on=True)

@@ -145,6 +145,7 @@ def with_section(system: Any, section: Any, direction: int) -> Hybrid:
         {name: project for name, project in zip(system.mode_names, system.tangent, strict=True) if project is not None},
         system.max_cascade,
         initial_mode=system.initial_mode,
+        flow_set={name: inside for name, inside in zip(system.mode_names, system.flow_sets, strict=True) if inside},
     )
 
 

@@ -78,7 +78,10 @@ def lyapunov_spectrum(
         every: orthonormalise each so many iterations (maps), steps (fixed dt), units of time (adaptive) or jumps
             (event-driven); None: from the growth, so that no exponent drowns in rounding.
         orthonormalise: "auto", "mgs" (modified Gram–Schmidt), "lapack", "cholesky".
-        clock: "time", "jumps", or "hybrid": max(t, j).
+        clock: "time", "jumps", or "hybrid": max(t, j). By "jumps" and "hybrid" an `lh.Hybrid` also goes on where jumps
+            accumulate, as far as double precision can tell them apart, and where a cascade does not end: exponents are
+            then those of the product of the jumps, and ∂ₜ of resets plays no part. By "jumps" it ends as no_more_jumps
+            where the flow is seen not to come to a guard again: at rest, leaving for ever, a million steps without one.
         blocks: the run is recorded in so many equal blocks; they give the history and the error.
         times: ends of the blocks instead, increasing, or "log".
         averaging: "uniform"; "birkhoff", smooth weights over the blocks; "birkhoff-regular", the same on the local
@@ -97,10 +100,10 @@ def lyapunov_spectrum(
             that is finished goes on to a longer t1.
 
     Returns:
-        A `Spectrum`. Its `status` is ok, terminated, interrupted, max_steps, zeno, deadlock, nonfinite,
-        stalled or step_underflow, of a DAE also inconsistent_start, singular_dae or constraint_drift; its `notes` may
-        hold rank_lost (an exponent is -inf), grazing, simultaneous, unresolved (the smallest exponents, or a loss, may
-        be rounding), interrupted.
+        A `Spectrum`. Its `status` is ok, terminated, interrupted, max_steps, zeno, deadlock, nonfinite, stalled,
+        step_underflow or no_more_jumps, of a DAE also inconsistent_start, singular_dae or constraint_drift; its `notes`
+        may hold rank_lost (an exponent is -inf), grazing, simultaneous, unresolved (the smallest exponents, or a loss,
+        may be rounding), interrupted.
 
     Raises:
         ValueError: on arguments that do not fit, before any computing; where `checkpoint` is the file of another run.

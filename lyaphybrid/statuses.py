@@ -26,6 +26,7 @@ class STATUS(enum.IntEnum):
     step_underflow = 9
     interrupted = 10
     stalled = 11
+    no_more_jumps = 12
 
     def __str__(self) -> str:
         return f"{self.name}: {MEANINGS[self]}"
@@ -39,7 +40,7 @@ class STATUS(enum.IntEnum):
 def gravest(codes):
     """The code of the gravest verdict of one or several runs: what has failed, before what has been ended."""
     xp = jnp if traced(codes) else np
-    return xp.asarray(BY_GRAVITY)[xp.max(xp.asarray(np.argsort(BY_GRAVITY))[codes])]
+    return xp.asarray(BY_GRAVITY)[xp.max(xp.asarray(GRAVITY)[codes])]
 
 
 def status_of(codes):
@@ -60,6 +61,8 @@ OK = 0
 # Lighter than what has failed.
 ENDED = (STATUS.ok, STATUS.terminated, STATUS.interrupted, STATUS.max_steps, STATUS.stalled)
 BY_GRAVITY = np.array([*ENDED, *(code for code in STATUS if code not in ENDED)], np.int32)
+GRAVITY = np.zeros(max(STATUS) + 1, np.int32)  # of a code
+GRAVITY[BY_GRAVITY] = np.arange(len(BY_GRAVITY))
 
 MEANINGS = {
     STATUS.ok: "the run reached its end",
@@ -99,4 +102,9 @@ MEANINGS = {
         "(d) a guard or a section is never reached; (e) t1 is very far; max_steps=… goes on all the same"
     ),
     STATUS.interrupted: "Ctrl-C ended the run; what was computed until then is kept",
+    STATUS.no_more_jumps: (
+        "the run was to end by its number of jumps, but the flow does not come to a guard again: (a) it has settled to "
+        "an equilibrium; (b) it leaves for ever; (c) there was no jump in a million steps. Exponents are those up to "
+        "the last jump; for those of the flow after it use clock='time'"
+    ),
 }

@@ -62,6 +62,12 @@ class Flow(eqx.Module):
     def __check_init__(self):
         require_callable("field", self.field, "(t, x, args) -> dx/dt")
 
+    def contains(self, x, args: Any = None, *, t=0.0):
+        """Whether x lies in the flow set, which is everything, and in the jump set, which is empty."""
+        from .memberships import membership
+
+        return membership(self, x, args, t, None)
+
 
 class Map(eqx.Module):
     """An iterated map, x⁺ = rule(n, x, args), n the number of the iteration as a float.
@@ -81,6 +87,12 @@ class Map(eqx.Module):
 
     def __check_init__(self):
         require_callable("rule", self.rule, "(n, x, args) -> next x")
+
+    def contains(self, x, args: Any = None, *, t=0.0):
+        """Whether x lies in the flow set, which is empty, and in the jump set, which is everything."""
+        from .memberships import membership
+
+        return membership(self, x, args, t, None)
 
 
 class Transition(eqx.Module):
@@ -175,7 +187,14 @@ class Hybrid(eqx.Module):
             the motion is constrained.
         initial_mode: ``(t, x, args) -> index`` of the mode to which a state belongs, for runs that are not told one;
             negative where no mode can go on from there (``deadlock``). None: the only mode.
-        max_cascade: that many jumps at one instant are a cascade; one more ends the run as ``zeno``.
+        max_cascade: that many jumps at one instant are a cascade; one more ends the run as ``zeno``. Where a run
+            counts jumps (``clock="jumps"`` or ``"hybrid"``) it goes on with a cascade that does not end.
+        flow_set: ``(t, x, args) -> c``, continuously differentiable: it may flow where c ≥ 0, in the flow set C;
+            or ``{"mode": function, …}``. A flow that leaves C where no transition fires ends as ``deadlock``, and so
+            does a jump or a start outside C and D; a start outside C and in D jumps at once. None: C is everything.
+
+    The jump set D is where a guard is at zero or on its fired side. A reset that ends in D, beyond a guard, sets off
+    the next jump at once, also where the guard is its own; on its own guard, within rounding, it flows on.
 
     Raises:
         ValueError: on no transition, on an unknown mode name, on a field that is no function.
@@ -198,6 +217,7 @@ class Hybrid(eqx.Module):
     transitions: tuple[Transition, ...]
     tangent: tuple[Callable | None, ...]
     initial_mode: Callable | None
+    flow_sets: tuple[Callable | None, ...]
     mode_names: tuple[str, ...] = eqx.field(static=True)
     max_cascade: int = eqx.field(static=True)
 
@@ -209,6 +229,7 @@ class Hybrid(eqx.Module):
         max_cascade: int = 16,
         *,
         initial_mode: Callable | None = None,
+        flow_set: Callable | Mapping[str, Callable] | None = None,
     ):
         named = fields if isinstance(fields, Mapping) else {"jump" if fields is None else "flow": fields}
         self.mode_names = tuple(named)
@@ -226,15 +247,60 @@ class Hybrid(eqx.Module):
             target = (transition.target,) if isinstance(transition.target, str) else ()
             self._require_modes("source or target", (*(transition.source or ()), *target))
         self._require_modes("tangent", tuple(tangent or ()))
+        one_each = flow_set if isinstance(flow_set, Mapping) else dict.fromkeys(self.mode_names, flow_set)
+        self._require_modes("flow_set", tuple(one_each))
+        self.flow_sets = tuple(one_each.get(name) for name in self.mode_names)
+        for function in self.flow_sets:
+            if function is not None:
+                require_callable("flow_set", function, "(t, x, args) -> scalar, or {mode: function}")
         if not self.transitions:
             raise ValueError("Hybrid needs at least one Transition; a system without jumps is an lh.Flow.")
         if self.fields is None and (len(self.transitions) != 1 or self.transitions[0].reset is None):
             raise ValueError("fields=None (jumps only) needs exactly one Transition, with a reset to iterate.")
+        if self.fields is None and flow_set is not None:
+            raise ValueError(f"fields=None (jumps only) has an empty flow set; got flow_set={flow_set!r}.")
+
+    @property
+    def guarded(self) -> tuple[Transition, ...]:
+        """The transitions, and one for the border of each flow set, at which nothing fires."""
+        sets = zip(self.mode_names, self.flow_sets, strict=True)
+        return self.transitions + tuple(
+            Transition(inside, when=_never, source=name) for name, inside in sets if inside is not None
+        )
+
+    def contains(self, x, args: Any = None, *, t=0.0, mode: str | int | None = None):
+        """Whether the state x (n,) lies in the flow set C, the jump set D, both or neither, up to rounding.
+
+        Returns:
+            A named tuple of truth values, `flow` and `jump`; `.where` is "C", "D", "both" or "neither".
+
+        Raises:
+            ValueError: where there are several modes and none is given.
+
+        Example:
+            >>> import jax.numpy as jnp, lyaphybrid as lh
+            >>> ball = lh.Hybrid(
+            ...     lambda t, x, args: jnp.array([x[1], -1.0]),
+            ...     lh.Transition(lambda t, x, args: x[0], lambda t, x, args: jnp.array([x[0], -x[1]])),
+            ...     flow_set=lambda t, x, args: x[0],
+            ... )
+            >>> [ball.contains([height, 0.0]).where for height in (1.0, 0.0, -1.0)]
+            ['C', 'both', 'D']
+        """
+        from .memberships import membership
+
+        return membership(self, x, args, t, mode)
 
     def _require_modes(self, role: str, names: tuple[str, ...]) -> None:
         unknown = [name for name in names if name not in self.mode_names]
         if unknown:
             raise ValueError(f"Unknown mode {unknown[0]!r} as {role}; the modes are {list(self.mode_names)}.")
+
+
+def _never(t, x, args):
+    """Nothing fires."""
+    del t, x, args
+    return False
 
 
 def _as_field(name: str, field: Any) -> Callable:

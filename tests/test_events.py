@@ -200,10 +200,33 @@ def test_who_is_thrown_beyond_zero_fires_with_the_first_though_the_flow_brought_
     assert_allclose(apart, np.eye(2), atol=1e-12)  # left at zero by the other, each has an instant of its own
 
 
+def test_a_reset_that_ends_beyond_its_own_guard_jumps_again():
+    """A clock throws V from 0.5 to 3.7; each spike takes 1 from it, down to 0.7; on the way up V = 1 is reached at 1.3.
+
+    So does what the flow brings to the guard and a reset throws beyond it: g(x) ∈ D, until it is not.
+    """
+    spike = lh.Transition(lambda t, x, args: 1.0 - x[0], lambda t, x, args: (x - 1.0).at[1].set(2 * x[1]))
+    kick = lh.Transition(every=10.0, phase=0.5, reset=lambda t, x, args: x.at[0].add(3.2))
+    neuron = lh.Hybrid(clockwork, [spike, kick])
+    path = lh.trajectory(neuron, [0.0, 1.0], t1=1.0, n=1)
+    log = path.events
+    assert np.asarray(log.transition).tolist() == [1, 0, 0, 0, 0]
+    assert_allclose(log.t, [0.5, 0.5, 0.5, 0.5, 0.8], rtol=0, atol=1e-13)
+    assert_allclose(log.x_after[:, 0], [3.7, 2.7, 1.7, 0.7, 0.0], rtol=0, atol=1e-12)
+    assert_allclose(path.x[-1, 0], 0.2, rtol=0, atol=1e-12)
+    assert_allclose(lh.tangent_map(neuron, [0.0, 1.0], t1=1.0).matrix, np.diag([1.0, 16.0]), rtol=0, atol=1e-11)
+
+    back = lh.Transition(lambda t, x, args: x[0], lambda t, x, args: jnp.where(x > -1.5, x - 1, x + 4))
+    log = lh.trajectory(lh.Hybrid(lambda t, x, args: -jnp.ones_like(x), back), [0.5], t1=0.6, n=1).events
+    assert_allclose(log.x_after[:, 0], [-1, -2, 2], rtol=0, atol=1e-12)
+    assert_allclose(log.t, [0.5] * 3, rtol=0, atol=1e-13)
+
+
 def test_guards_of_both_directions_are_never_fired_by_a_jump():
     through = lh.Transition(lambda t, x, args: x[0] - 2.0, counter, direction=0)
-    over = lh.Transition(lambda t, x, args: 1.0 - x[0], lambda t, x, args: x.at[0].add(5.0))
-    log = lh.trajectory(lh.Hybrid(clockwork, [through, over]), [0.0, 0.0], t1=3.0, n=2).events
+    over = lh.Transition(lambda t, x, args: 1.0 - x[0], lambda t, x, args: x.at[0].add(5.0), source="a", target="b")
+    system = lh.Hybrid({"a": clockwork, "b": clockwork}, [through, over])
+    log = lh.trajectory(system, [0.0, 0.0], t1=3.0, n=2, mode="a").events
     assert np.asarray(log.transition).tolist() == [1]
 
 

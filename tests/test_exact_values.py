@@ -190,6 +190,74 @@ def test_the_bouncing_ball_has_exponents_per_jump():
     assert_allclose(spectrum.t + spectrum.x[1], 4 - spectrum.x[1], atol=1e-9)  # v = 2^-27, two v to go
 
 
+@pytest.mark.parametrize(("restitution", "reached"), [(0.9, 3000), (0.5, 450)])
+def test_per_jump_the_bouncing_ball_goes_on_to_the_end_of_double_precision(restitution, reached):
+    """The first column turns once from (1, −1) to the field (v, −g); what it loses, ln √2, the second gains."""
+    problem, frame = zoo.bouncing_ball(restitution=restitution), jnp.array([[1.0, 0.0], [-1.0, 1.0]])
+    known = np.array(problem.reference.exponents)
+    turned = math.log(2) / 2 * np.array([-1, 1])
+
+    def run(t1, clock):
+        return problem.spectrum(frame=frame, transient=0, t1=t1, clock=clock, throw=False)
+
+    for clock in ("jumps", "hybrid"):  # max(t, j): t stays below 20
+        spectrum = run(400, clock)
+        assert spectrum.status is lh.STATUS.ok
+        assert spectrum.jumps == 400
+        assert_allclose(spectrum.exponents, known + turned / 400, atol=1e-10)
+        assert_allclose(spectrum.x[1], restitution**400, rtol=1e-6)
+        assert "rank_lost" not in spectrum.notes
+    spectrum = run(10 * reached, "jumps")
+    assert spectrum.status is lh.STATUS.zeno
+    assert spectrum.jumps >= reached
+    assert_allclose(spectrum.exponents, known + turned / int(spectrum.jumps), atol=1e-10)
+    assert_allclose(spectrum.accumulation_time, 2 / (1 - restitution), rtol=1e-12)
+
+
+def ping_pong(a, b):
+    """Two guards, each of whose resets lands beyond the other; the rest of the state is multiplied by a and by b."""
+
+    def onto(x0, x1, matrix):
+        return lambda t, x, args: jnp.concatenate([jnp.array([x0, x1]), jnp.array(matrix) @ x[2:]])
+
+    left = lh.Transition(lambda t, x, args: x[0], onto(1.0, -1.0, a))
+    right = lh.Transition(lambda t, x, args: x[1], onto(-1.0, 1.0, b))
+    return lh.Hybrid(lambda t, x, args: jnp.where(jnp.arange(len(x)) < 2, -1.0, 0.1 * x), [left, right])
+
+
+@pytest.mark.parametrize("matrices", [([[2, 1], [0.3, 0.5]], [[0.5, 0.2], [0.1, 1.5]]), ([[0.5, 0.3], [0, 0.01]],) * 2])
+def test_a_cascade_without_end_has_the_exponents_of_its_product(matrices):
+    """After the first jump time stands still. The second pair contracts by 1e-2 a jump: it must not look lost."""
+    a, b = np.array(matrices, float)
+    spectrum = lh.lyapunov_spectrum(ping_pong(a, b), [0.5, 1.0, 1.0, 1.0], t1=400, transient=20, clock="jumps")
+    assert spectrum.status is lh.STATUS.ok
+    assert spectrum.jumps == 400
+    assert_allclose(spectrum.t, 0.5, atol=1e-12)
+    expected = np.log(np.sort(np.abs(np.linalg.eigvals(b @ a)))[::-1]) / 2
+    assert_allclose(spectrum.exponents[:2], expected, atol=1e-9)
+    assert np.all(np.isneginf(spectrum.exponents[2:]))  # where the resets put the state down, nothing is remembered
+    for clock in ("jumps", "hybrid"):
+        short = lh.lyapunov_spectrum(ping_pong(a, b), [0.5, 1.0, 1.0, 1.0], t1=7, clock=clock, blocks=7)
+        assert (short.status, int(short.jumps)) == (lh.STATUS.ok, 7)
+
+
+def test_a_cascade_that_ends_after_all_is_no_product():
+    """A clock throws a neuron so high that it spikes 21 times at one instant, each time 1 lower."""
+    spike = lh.Transition(lambda t, x, args: 1.0 - x[0], lambda t, x, args: x - 1.0)
+    kick = lh.Transition(every=10.0, phase=0.5, reset=lambda t, x, args: x + 20.7)
+
+    def run(most, clock):
+        neuron = lh.Hybrid(lambda t, x, args: jnp.ones_like(x), [spike, kick], max_cascade=most)
+        return lh.lyapunov_spectrum(neuron, [0.0], t1=24, clock=clock, blocks=2, throw=False)
+
+    for clock in ("jumps", "hybrid"):
+        assert run(25, clock).status is lh.STATUS.ok
+        too_many = run(16, clock)
+        assert too_many.status is lh.STATUS.zeno
+        assert int(too_many.jumps) == 22
+    assert run(16, "time").status is lh.STATUS.zeno
+
+
 @pytest.mark.parametrize("restitution", [0.5, 0.8])
 def test_in_time_the_bouncing_ball_accumulates(restitution):
     problem, end = zoo.bouncing_ball(restitution=restitution), 2 / (1 - restitution)

@@ -297,6 +297,103 @@ def test_stalled_where_a_field_pulls_back_from_both_sides():
     assert np.allclose(spectrum.x, [0.0, math.exp(-1.0)], rtol=0, atol=1e-4)
 
 
+DAMPED = lh.Hybrid(
+    lambda t, x, args: jnp.stack([x[1], -x[0] - 0.2 * x[1] + args * jnp.sin(t)]),
+    lh.Transition(lambda t, x, args: x[0] + 0.5, lambda t, x, args: jnp.stack([x[0], -0.9 * x[1]])),
+)
+FREE = lh.Hybrid(
+    lambda t, x, args: jnp.stack([x[1], -x[0] - 0.2 * x[1]]),
+    lh.Transition(lambda t, x, args: x[0] + 0.5, lambda t, x, args: jnp.stack([x[0], -0.9 * x[1]])),
+)
+
+
+@pytest.mark.parametrize("method", [METHOD, lh.RungeKutta("rk4", dt=0.05)], ids=["adaptive", "fixed"])
+@pytest.mark.parametrize("t1", [4, 400])  # the jump alone in its block, or with others that do not come
+def test_no_more_jumps_where_the_motion_comes_to_rest(method, t1):
+    """One impact, then the oscillator settles: what is counted ends with the impact, det = e^(-0.2 τ) r²."""
+    spectrum = lh.lyapunov_spectrum(FREE, [1.0, 0.0], t1=t1, clock="jumps", method=method, throw=False)
+    assert spectrum.status is STATUS.no_more_jumps
+    assert spectrum.jumps == 1
+    assert np.allclose(spectrum.x, 0.0, rtol=0, atol=1e-6)
+    impact = lh.trajectory(FREE, [1.0, 0.0], t1=3.0, n=1, method=METHOD).events.t[0]
+    assert float(jnp.sum(spectrum.exponents)) == pytest.approx(-0.2 * float(impact) + 2 * math.log(0.9), abs=1e-6)
+    with pytest.raises(lh.RunFailed, match="no_more_jumps: .*clock='time'"):
+        lh.lyapunov_spectrum(FREE, [1.0, 0.0], t1=t1, clock="jumps", method=method)
+
+
+def test_no_more_jumps_where_it_never_comes_to_rest():
+    """Forced for ever: nothing says that the wall is out of reach but a million steps without an impact."""
+    spectrum = lh.lyapunov_spectrum(DAMPED, [0.0, 0.0], 0.05, t1=10, clock="jumps", k=1, method=METHOD, throw=False)
+    assert spectrum.status is STATUS.no_more_jumps
+    assert spectrum.jumps == 0
+    assert np.isnan(spectrum.exponents).all()
+
+
+def test_no_more_jumps_where_the_motion_leaves_for_ever():
+    leaving = lh.Hybrid(
+        lambda t, x, args: jnp.stack([x[1], 0 * x[1]]),
+        lh.Transition(lambda t, x, args: x[0], lambda t, x, args: jnp.stack([x[0], -2 * x[1]])),
+    )
+    spectrum = lh.lyapunov_spectrum(leaving, [1.0, -1.0], t1=10, clock="jumps", method=METHOD, throw=False)
+    assert spectrum.status is STATUS.no_more_jumps
+    assert spectrum.jumps == 1
+    assert float(jnp.sum(spectrum.exponents)) == pytest.approx(2 * math.log(2), abs=1e-9)
+
+
+def wait_for_a_wall(scheduled):
+    """A particle that meets one wall, and then nothing; of an exact flow the next event says so."""
+
+    def ahead(y):
+        return jnp.where(y[1] < 0, -y[0] / y[1], jnp.inf)
+
+    if not scheduled:
+        return lh.EventDriven(
+            flow=lambda dt, t, x, args: jnp.stack([x[0] + dt * x[1], x[1]]),
+            next_event=lambda t, x, args: (ahead(x), 0),
+            jump=lambda t, x, args, which: jnp.stack([0 * x[0], -2 * x[1]]),
+            guard=lambda t, x, args, which: x[0],
+        )
+    return lh.EventDriven(
+        flow=lambda dt, y, args: jnp.stack([y[:, 0] + dt * y[:, 1], y[:, 1]], axis=1),
+        next_event=None,
+        jump=lambda t, rows, args, which: jnp.stack([rows[:, 0] + 3 * t * rows[:, 1], -2 * rows[:, 1]], axis=1),
+        guard=lambda t, rows, args, which: rows[0, 0] + t * rows[0, 1],
+        schedule=lh.Schedule(
+            init=lambda t, y, args: t + ahead(y[0]),
+            next=lambda cache: (cache, jnp.asarray(0, jnp.int32)),
+            update=lambda cache, t, y, args, which: t + ahead(y[0] + jnp.stack([t * y[0, 1], 0 * t])),
+            shift=lambda cache, dt: cache - dt,
+            touch=lambda which: which[None],
+        ),
+    )
+
+
+@pytest.mark.parametrize("scheduled", [False, True], ids=["exact", "scheduled"])
+def test_no_more_jumps_of_an_exact_flow(scheduled):
+    system, start = wait_for_a_wall(scheduled), [1.0, -1.0]
+    start = [start] if scheduled else start
+    spectrum = lh.lyapunov_spectrum(system, start, t1=10, clock="jumps", throw=False)
+    assert spectrum.status is STATUS.no_more_jumps
+    assert (int(spectrum.jumps), float(spectrum.t)) == (1, 1.0)
+    assert np.isfinite(spectrum.x).all()
+    assert float(jnp.sum(spectrum.exponents)) == pytest.approx(2 * math.log(2), abs=1e-12)
+    hybrid = lh.lyapunov_spectrum(system, start, t1=10, clock="hybrid")  # max(t, j) goes on
+    assert hybrid.status is STATUS.ok
+    assert (int(hybrid.jumps), float(hybrid.time)) == (1, 10.0)
+
+
+def test_a_motion_past_a_slow_point_is_waited_for():
+    """x' = a + x² takes π/√a from -∞ to ∞, nearly all of it where x' is about a, with a fast variable beside it."""
+    slow = lh.Hybrid(
+        lambda t, x, args: jnp.stack([args + x[0] ** 2, -1000.0 * x[1]]),
+        lh.Transition(lambda t, x, args: 1 - x[0], lambda t, x, args: -x),
+    )
+    spectrum = lh.lyapunov_spectrum(slow, [-1.0, 1.0], 1e-3, t1=3, clock="jumps", blocks=3, k=1, method=METHOD)
+    passage = 2 * math.atan(1 / math.sqrt(1e-3)) / math.sqrt(1e-3)
+    assert spectrum.jumps == 3
+    assert float(spectrum.time) == pytest.approx(3 * passage, rel=1e-6)
+
+
 def test_a_failure_in_the_transient_leaves_no_answer():
     def after(transient, **options):
         return lh.lyapunov_spectrum(ESCAPE, [1.0], 1.0, t1=1.0, transient=transient, blocks=16, throw=False, **options)

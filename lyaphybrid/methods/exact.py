@@ -63,7 +63,7 @@ class Exact(Unconstrained):
         dt, which = self.system.next_event(clock.base + c.s, c.x, self.args)
         dt, which = jnp.asarray(dt, c.x.dtype), integers(which)
         # nan is no time: it goes to the landing, which reports it.
-        return Flight(dt, which, ~(dt > clock.length - c.s))
+        return Flight(dt, which, ~((dt > clock.length - c.s) | jnp.isposinf(dt)))
 
     enter = look
 
@@ -90,11 +90,14 @@ class Exact(Unconstrained):
         return jax.lax.cond(rare, lambda c: self._fly(settings, clock, c), lambda c: c, c), ahead
 
     def _fly(self, settings: Settings, clock: Clock, c: Carry) -> Carry:
-        dt = clock.length - c.s
+        end = clock.length
+        if settings.count_jumps:  # where jumps alone end the block, and there are none any more
+            c, end = stop(c, STATUS.no_more_jumps, jnp.isinf(end)), jnp.where(jnp.isinf(end), c.s, end)
+        dt = end - c.s
         x, frame = self._carried(c, clock, dt)
         c = c if c.volume is None else added(c, volume=self._flux(c, clock, dt))
         since = self._count(settings, c.since, dt, 0.0)
-        return c._replace(s=clock.length, x=x, frame=frame, since=since)
+        return c._replace(s=end, x=x, frame=frame, since=since)
 
     def _flux(self, c: Carry, clock: Clock, dt):
         """ln|det Dφ| of the flow over dt, which is ∫ tr Df."""

@@ -17,13 +17,31 @@ from ..reverse_mode import checkpointed
 from ..saltations import Sizes, delays, instant, push, return_along, sizes_at, sizes_pushed, sizes_returned
 from ..statuses import STATUS
 from .divergences import trace
-from .trials import NEAR, PATIENCE, Memory, Stepper, Trial, changed, firing, is_beyond, table
+from .trials import (
+    ALONE,
+    NEAR,
+    PATIENCE,
+    Memory,
+    Stepper,
+    Trial,
+    changed,
+    firing,
+    has_fired,
+    is_beyond,
+    pending,
+    table,
+)
 
 __all__ = ["land"]
 
 SAME = 1e-13  # roots nearer than this, relative to the controller's step or the time, are simultaneous
 GRAZING = 1e-3  # sine of the angle between flow and guard below which a crossing is called grazing
 SHORT = 1e-5  # an interval between events is short below this, relative to the step and the longest interval
+
+
+LEAST = 1e-140  # an interval over the longest one: squares of shorter ones fall below the smallest double
+SHRUNK = 1e-3  # an interval has shrunk below this, relative to the step, where jumps are counted to the longest one
+REACH = 10.0  # steps to the next event where events accumulate: so many times as long as the last interval
 
 
 class Moves(NamedTuple):
@@ -57,6 +75,8 @@ class Landing(NamedTuple):
     speed: Array  # of the flow before, its largest component
     shortest: Array  # flight from the guard and back that rounding of the guard does not hide
     together: Array  # slots that the flow brought to zero at this instant; afterwards: does their order matter
+    more: Array  # another guard fires, or the same again
+    alone: Array  # a jump of a cascade that does not end: time stands still from here on
     log: Events | None
 
 
@@ -64,13 +84,21 @@ def land(mover, settings: Settings, clock: Clock, c: Carry, tr: Trial) -> Carry:
     """The trial ends at an event: polish, cross, orthonormalise at once, re-arm the guards."""
     own, w = c.own, mover.wiring
     mode = jnp.asarray(0, jnp.int32) if own.mode is None else own.mode
-    c = mover.commit(settings, c, tr.h, tr.x, mover.landed(c, clock, tr))
+    moved = mover.commit(settings, c, tr.h, tr.x, mover.landed(c, clock, tr))
     ahead = -tr.g / jnp.where(tr.rate == 0, nonzero(1e-300, tr.rate), tr.rate)
-    lands = _at_root(mover, own, tr, ahead)
+    lands, at_once = _at_root(mover, own, tr, ahead), False
+    if mover.may_not_flow:  # the next jump where the last one, or the start, has left the state
+        at_once = pending(own) > 0
+        follows = table(mover, own.mode, w.directed) & (own.side < 0) & ~(has_fired(mover, own) & (own.g == 0))
+        moved, lands = _choose(at_once, (c, follows), (moved, lands))
+        ahead = jnp.where(at_once, 0.0, ahead)
+    c = moved
     ticking = ~jnp.any(lands)
     ahead = jnp.where(lands, ahead, jnp.inf)
     slot = jnp.argmin(ahead).astype(jnp.int32)
-    c = _polish(mover, clock, c, slot, ticking)
+    c = _polish(mover, clock, c, slot, ticking | at_once)
+    if mover.per_jump:
+        c = _within_reach(c, tr.h)
     t = clock.base + c.s
     c = harvest(settings, c, t)[0] if _orthonormalises(mover, settings, c) else c
     # Which transition: the first of those at this instant whose `when` says yes.
@@ -84,7 +112,8 @@ def land(mover, settings: Settings, clock: Clock, c: Carry, tr: Trial) -> Carry:
         clocks = jnp.asarray(w.clocks, jnp.int32)
         transition = jnp.where(ticking, clocks[tr.tick], transition)
         which = jnp.where(ticking, 0, which)
-    crossed = _cross(mover, settings, clock, c, mode, transition, which, jnp.where(ticking, -1, slot), allowed)
+    event = transition, which, jnp.where(ticking, -1, slot)
+    crossed = _cross(mover, settings, clock, c, mode, event, allowed & ~jnp.asarray(at_once), at_once, tr.h)
     crossed = _keep_clocks(mover, clock, crossed, tr, ticking)
     return _choose(blocked, stop(c, STATUS.deadlock), crossed)
 
@@ -135,13 +164,26 @@ def _polish(mover, clock: Clock, c: Carry, slot, ticking) -> Carry:
     return added(c._replace(x=x, frame=frame, volume=volume), s=shift)
 
 
-def _cross(mover, settings, clock: Clock, c: Carry, mode, transition, which, slot, together) -> Carry:
+def _within_reach(c: Carry, last_step) -> Carry:
+    """Where the next jump comes ever sooner, steps as long as the way there: guards are judged on their scale."""
+    flown, before = _flown(c, last_step), Memory(*c.own.memory).interval
+    short = (flown > 0) & (flown < before) & (flown < SHRUNK * c.own.h)
+    return changed(c, h=jax.lax.stop_gradient(jnp.where(short, REACH * flown, c.own.h)))
+
+
+def _flown(c: Carry, last_step):
+    """The time since the last event: where the time of the block no longer resolves it, the last step alone."""
+    return jnp.maximum(c.s - Memory(*c.own.memory).last, last_step)
+
+
+def _cross(mover, settings, clock: Clock, c: Carry, mode, event, together, at_once, last_step) -> Carry:
     """Through the event and the cascade it sets off; then orthonormalise and arm the guards."""
+    slot = event[2]
     t, h, k = clock.base + c.s, c.own.h, c.frame.shape[1]
     columns, was_live = c.frame, jnp.sum(c.frame * c.frame, axis=0) > 0.5
     if settings.sum_rule:  # n more columns, the identity: they come out as the saltation matrix
         columns = jnp.concatenate([columns, jnp.eye(c.x.shape[0], dtype=c.x.dtype)], axis=1)
-    landing = _in_each_order(mover, settings, t, h, c, columns, mode, transition, which, slot, together)
+    landing = _in_each_order(mover, settings, t, h, c, columns, mode, event, together, at_once)
     since = c.since + landing.count.astype(c.since.dtype) if settings.cadence.unit == "jumps" else c.since
     volume = frames.log_abs_det(landing.moves.columns[:, k:]) if settings.sum_rule else None
     project, frame = mover.onto_mode(landing.mode, t, landing.x), landing.moves.columns[:, :k]
@@ -166,20 +208,23 @@ def _cross(mover, settings, clock: Clock, c: Carry, mode, transition, which, slo
         speed, terms = jnp.max(jnp.abs(landing.f)), jnp.minimum(jnp.max(sizes), 1.0)  # where they are known
         hidden = digits(frames.DEPENDENT, c.x) * terms * landing.speed
         doubtful = jnp.any(c.losses > losses) & (speed > 0) & (speed < hidden)
-    c = _remember(mover, c, landing, clock, jnp.where(slot < 0, -1, slot + mover.wiring.slots * mode), doubtful)
+    guard = jnp.where(slot < 0, -1, slot + mover.wiring.slots * mode)
+    c = _remember(mover, c, landing, clock, guard, doubtful, last_step)
     c = stop(c, STATUS.terminated, landing.terminal)
     c = stop(c, STATUS.deadlock, landing.stuck)
     finite = jnp.all(jnp.isfinite(c.x)) & jnp.all(jnp.isfinite(c.frame))
     c = stop(c, STATUS.nonfinite, ~finite)
-    return stop(c, STATUS.zeno, landing.count > mover.max_cascade)
+    # By its jumps a run goes on through a cascade that does not end, but not through one that does after all.
+    ends = landing.alone & ~landing.more if mover.per_jump else landing.count > mover.max_cascade
+    return stop(c, STATUS.zeno, ends)
 
 
-def _start_cascade(mover, settings, t, c, columns, mode, transition, which, slot, together) -> "Landing":
+def _start_cascade(mover, settings, t, c, columns, mode, event, together, at_once) -> "Landing":
     """On the guard, before the first jump: the own instant of each column."""
-    w, x = mover.wiring, c.x
+    w, x, (transition, which, slot) = mover.wiring, c.x, event
     f = by_mode(mode, w.fields, t, x)
     gradient, moving, rate = _instant(mover, mode, t, x, f, slot)
-    ticking = slot < 0  # the instant of a clock is everybody's
+    ticking = (slot < 0) | at_once  # the instant of a clock is everybody's, and each has come to its own before
     size = jnp.sqrt(jnp.sum(gradient**2) * jnp.sum(f**2) + nonzero(1e-300, f)) + jnp.abs(moving)
     blur = digits(BLUR, x) * (jnp.sum(jnp.abs(gradient * x)) + jnp.abs(moving * t))
     sizes = None
@@ -207,13 +252,16 @@ def _start_cascade(mover, settings, t, c, columns, mode, transition, which, slot
         transversality=jnp.where(ticking, jnp.inf, jnp.abs(rate) / size),
         shortest=jnp.where(ticking, 0.0, 4 * blur / jnp.where(rate == 0, nonzero(1e-300, rate), jnp.abs(rate))),
         together=together,
+        more=no,
+        alone=jnp.asarray(at_once) & (pending(c.own) == ALONE),
         log=c.log,
     )
 
 
 def _cascade(mover, settings: Settings, t, h, landing: "Landing") -> "Landing":
-    """The reset of the located event, and of every guard on whose fired side it ends."""
-    w = mover.wiring
+    """The reset of the located event, and of every guard on whose fired side it ends; or the first of them alone."""
+    w, resolved = mover.wiring, jnp.zeros_like(t) if mover.timeless else t
+    most = jnp.where(landing.alone, 0, mover.max_cascade) if mover.per_jump else mover.max_cascade
 
     def jump(state: Landing) -> Landing:
         pushers = [_pusher(reset) for reset in w.resets]
@@ -223,19 +271,22 @@ def _cascade(mover, settings: Settings, t, h, landing: "Landing") -> "Landing":
             x, moves = _pushed(functools.partial(mover.onto_constraints, mode), t, x, moves)
         f, g, rate, second, blur = by_mode(mode, [_arrival(w, q) for q in range(w.modes)], t, x)
         fired = (jnp.arange(w.slots, dtype=jnp.int32) == state.slot) & (mode == state.mode)
-        side, g, rate, flat = arm(g, rate, second, blur, h, t, fired)
+        side, g, rate, flat = arm(g, rate, second, blur, h, resolved, fired)
         entry = Events(None, t, state.transition, state.which, state.mode, mode, state.x, x)
         terminal = state.terminal | jnp.asarray(mover.terminal)[state.transition]
-        # A guard on its fired side fires now; the one that has just fired is exempt in its own mode.
+        # A guard on its fired side fires now; the one that has just fired, and at which the jump ends, does not.
         directed = table(mover, mode if w.modes > 1 else None, w.directed)
-        follows = directed & (side < 0) & ~fired
+        follows = directed & (side < 0) & ~(fired & (g == 0))
         follows = follows & by_mode(mode, w.whens, t, x) if w.shared else follows
         # One that the flow itself brought to zero at this instant, and the jump left there, comes after all that the
         # jump pushed through: had it been later, these would have been first.
         alone = state.together & (g == 0) & (mode == state.mode)
         slot = jnp.argmax(jnp.where(follows, jnp.where(alone, 1, 2), 0)).astype(jnp.int32)
-        again = jnp.any(follows) & ~terminal & (state.count < mover.max_cascade)
+        more = jnp.any(follows) & ~terminal
+        again = more & (state.count < most)
         stuck = jnp.any(fired & flat & (side < 0) & directed) & ~again
+        if w.borders is not None:  # beyond the border of the flow set, and no jump
+            stuck = stuck | (jnp.any(table(mover, mode if w.modes > 1 else None, w.borders) & (side < 0)) & ~more)
         moves = _own_instant(mover, again & alone[slot], mode, t, x, f, slot, moves)
         transition = jnp.where(again, table(mover, mode if w.modes > 1 else None, w.transition)[slot], state.transition)
         which = table(mover, mode if w.modes > 1 else None, w.component)[slot]
@@ -259,19 +310,30 @@ def _cascade(mover, settings: Settings, t, h, landing: "Landing") -> "Landing":
             state.speed,
             state.shortest,
             state.together,
+            more,
+            state.alone,
             log_event(state.log, entry),
         )
 
     loop = checkpointed if settings.reverse else jax.lax.while_loop
     landing = loop(lambda s: s.again, jump, landing)
-    over = (landing.count >= mover.max_cascade) & _still_firing(mover, landing)
-    return landing._replace(moves=_returned(landing.f, landing.moves), count=landing.count + over.astype(jnp.int32))
+    f = jnp.where(landing.alone, 0.0, landing.f) if mover.per_jump else landing.f  # who does not flow on stays there
+    return landing._replace(moves=_returned(f, landing.moves))
 
 
-def _still_firing(mover, landing: "Landing"):
-    directed = table(mover, landing.mode if mover.wiring.modes > 1 else None, mover.wiring.directed)
-    fired = jnp.arange(mover.wiring.slots, dtype=jnp.int32) == landing.slot
-    return jnp.any(directed & (landing.side < 0) & ~fired)
+def _to_its_end(mover, settings: Settings, t, h, start: "Landing") -> "Landing":
+    """A cascade; where jumps are counted, and it goes on beyond `max_cascade`, its first jump alone."""
+    if not mover.per_jump:
+        return _cascade(mover, settings, t, h, start)
+
+    def run(state):
+        _, alone, _ = state
+        found = _cascade(mover, settings, t, h, start._replace(alone=alone))
+        over = ~alone & (found.count > mover.max_cascade)
+        return over, alone | over, found
+
+    loop = checkpointed if settings.reverse else jax.lax.while_loop
+    return loop(lambda state: state[0], run, (jnp.asarray(True), start.alone, start))[2]
 
 
 def _instant(mover, mode, t, x, f, slot):
@@ -300,15 +362,15 @@ def _returned(f, moves: Moves) -> Moves:
     return moves._replace(columns=return_along(columns, direction, f, delay), sizes=sizes)
 
 
-def _in_each_order(mover, settings: Settings, t, h, c, columns, mode, transition, which, slot, together) -> "Landing":
+def _in_each_order(mover, settings: Settings, t, h, c, columns, mode, event, together, at_once) -> "Landing":
     """Where several guards meet at one instant: take them in the other order too, and compare."""
 
-    def start(transition, which, slot):
-        return _start_cascade(mover, settings, t, c, columns, mode, transition, which, slot, together)
+    def start(event):
+        return _start_cascade(mover, settings, t, c, columns, mode, event, together, at_once)
 
-    given = transition, which, slot
+    slot = event[2]
     if mover.wiring.slots == 1:
-        return _cascade(mover, settings, t, h, start(*given))._replace(together=jnp.asarray(False))
+        return _to_its_end(mover, settings, t, h, start(event))._replace(together=jnp.asarray(False))
     other = jnp.argmax(together & (jnp.arange(mover.wiring.slots, dtype=jnp.int32) != slot)).astype(jnp.int32)
     swapped = (
         table(mover, c.own.mode, mover.wiring.transition)[other],
@@ -319,11 +381,11 @@ def _in_each_order(mover, settings: Settings, t, h, c, columns, mode, transition
 
     def run(state):
         turn, kept, differs = state
-        landing = _cascade(mover, settings, t, h, start(*_choose(turn == 0, given, swapped)))
+        landing = _to_its_end(mover, settings, t, h, start(_choose(turn == 0, event, swapped)))
         differs = (turn == 1) & _apart(landing, kept)
         return turn + 1, _choose(turn == 0, landing, kept), differs
 
-    nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(start, *given))
+    nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(start, event))
     last = jnp.where(several, 2, 1)
     begin = (jnp.asarray(0), nothing, jnp.asarray(False))
     loop = checkpointed if settings.reverse else jax.lax.while_loop
@@ -343,19 +405,26 @@ def _keep_clocks(mover, clock: Clock, c: Carry, tr: Trial, ticking) -> Carry:
     return changed(c, ticks=number)
 
 
-def _remember(mover, c: Carry, landing: "Landing", clock: Clock, guard, doubtful) -> Carry:
+def _remember(mover, c: Carry, landing: "Landing", clock: Clock, guard, doubtful, last_step) -> Carry:
     """Intervals between events, for Zeno; transversality and notes. `guard` counts slots over all modes."""
     m, first = Memory(*c.own.memory), guard.astype(c.x.dtype)
-    interval = c.s - m.last
+    interval = _flown(c, last_step) if mover.per_jump else c.s - m.last
     longest = jnp.maximum(m.longest, interval)
     short = interval < digits(SHORT, interval) * jnp.minimum(c.own.h, longest)
     streak = jnp.where(short, m.streak + 1, 0.0)
     shrink = jnp.clip(interval / jnp.where(m.interval > 0, m.interval, 1.0), 0.0, 1 - digits(1e-9, interval))
     ahead = clock.base + c.s + interval * shrink / (1 - shrink)
     # Bounces may shrink below what can be told from rest, or from rounding, before there are so many of them.
-    shrunk = (m.interval > 0) & (interval < 1e-3 * c.own.h)
-    hidden = (m.streak > 0) & (m.slot == first) & (interval < landing.shortest)
-    zeno = (streak > PATIENCE) | (landing.stuck & shrunk) | hidden
+    if mover.per_jump:  # they are what is counted: as many as double precision can tell
+        small = interval < SHRUNK * longest
+        hidden = small & (interval < LEAST * longest) & ~landing.alone
+        few, patience = small, jnp.inf
+    else:
+        small, few, patience = interval < SHRUNK * c.own.h, m.streak > 0, PATIENCE
+        hidden = False
+    shrunk = (m.interval > 0) & small
+    hidden = hidden | (few & (m.slot == first) & (interval < landing.shortest))
+    zeno = (streak > patience) | (landing.stuck & shrunk) | hidden
     memory = Memory(
         c.s,
         interval,
@@ -367,6 +436,7 @@ def _remember(mover, c: Carry, landing: "Landing", clock: Clock, guard, doubtful
         jnp.where(zeno, ahead, m.accumulation),
         first,
         jnp.maximum(m.doubtful, doubtful.astype(c.x.dtype)),
+        jnp.where(landing.more & landing.alone, ALONE, 0.0),
     )
     memory = jax.lax.stop_gradient(jnp.stack([jnp.asarray(v, c.x.dtype) for v in memory]))
     return stop(changed(c, memory=memory), STATUS.zeno, zeno)

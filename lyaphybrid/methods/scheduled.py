@@ -124,7 +124,7 @@ class Scheduled(Unconstrained):
         """When is the next event?"""
         t, which = self.system.schedule.next(c.own.cache)
         # nan is no time: it goes to the landing, which reports it.
-        lands = ~(t > clock.length - c.own.start)
+        lands = ~((t > clock.length - c.own.start) | jnp.isposinf(t))
         return Flight(t, integers(which), lands, c.own.events >= LONGEST)
 
     enter = look
@@ -206,8 +206,9 @@ class Scheduled(Unconstrained):
 
     def settle(self, settings: Settings, clock: Clock, within, c: Carry, ahead: Flight) -> tuple[Carry, Flight]:
         """Fly on to the end of the block where no event comes before, and bring all to the present."""
-        del settings
         end = jnp.where(within(c) & ~ahead.lands, clock.length, c.s)
+        if settings.count_jumps:  # where jumps alone end the block, and there are none any more
+            c, end = stop(c, STATUS.no_more_jumps, jnp.isinf(end)), jnp.where(jnp.isinf(end), c.s, end)
         dt = end - c.own.start
         x, linear = jax.linearize(lambda y: self.rows.flow(dt, y), c.x)
         zero = jnp.zeros_like(end)

@@ -13,19 +13,21 @@ from typing import Any, ClassVar, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from .._jaxprs import is_affine
+from .._jaxprs import is_affine, is_timeless
 from ..columns import each_column
 from ..daes import is_constrained, landed
-from ..events import Wiring, arm, by_mode, jets, rates, rounding
+from ..events import BLUR, Wiring, arm, by_mode, jets, rates, rounding
 from ..precision import digits, eps, nonzero
 from ..propagation import Carry, Clock, Settings, added, stop
 from ..reverse_mode import checkpointed
 from ..statuses import STATUS
+from ..waiting import EVER, FAR
 from .base import Field, Method, Step
 from .landing import land
 from .trials import (
     ADVANCE,
     FAIL,
+    FIRST,
     LAND,
     LOCATE,
     NONE,
@@ -37,19 +39,22 @@ from .trials import (
     Trial,
     changed,
     finds,
+    firing,
     grazes,
     next_aim,
     no_aim,
+    pending,
     resolve,
     stays,
     suspects,
     table,
 )
 
-__all__ = ["Stepping", "are_curved", "landing_of"]
+__all__ = ["Stepping", "are_curved", "are_timeless", "landing_of"]
 
 NEAR_CONSTRAINTS = 1e-6  # a start is consistent up to this, relative to 1 + |x|
 DRIFT = 1e-5  # the same for the ends of blocks
+NEARLY_STILL = 100.0  # tolerances within which a state does not move
 
 
 class Carried(NamedTuple):
@@ -73,6 +78,8 @@ class Stepping:
     max_cascade: int
     curved: bool  # Df depends on x in some mode
     just_fired: int | None = None  # the transition that has brought the state to where it starts
+    per_jump: bool = False  # jumps may end a block: they are counted where time stands still, too
+    timeless: bool = False  # fields and guards are seen not to depend on the time; asked where jumps end blocks
 
     by_rows: ClassVar[bool] = False
     longest_interval: ClassVar[float] = 20.0
@@ -92,6 +99,11 @@ class Stepping:
     def has_events(self) -> bool:
         """Whether there are transitions at all (a plain flow has none)."""
         return bool(self.wiring.resets)
+
+    @property
+    def may_not_flow(self) -> bool:
+        """Whether a jump may come next without a flow: see `Memory.pending`."""
+        return self.has_events and (self.per_jump or self.wiring.borders is not None)
 
     @property
     def always_common(self) -> bool:
@@ -202,7 +214,10 @@ class Stepping:
         side = jnp.where(table(self, state.mode, w.directed) & (g == 0) & (side < 0) & ~fired, 1.0, side)
         ticks = [jnp.floor((t - phase) / period + digits(1e-9, t)) + 1 for period, phase in self.clock_times]
         zero, one = jnp.zeros_like(t), jnp.ones_like(t)
-        memory = Memory(zero, zero, zero, zero, one * jnp.inf, zero, zero, one * jnp.nan, -one, zero)
+        memory = Memory(zero, zero, zero, zero, one * jnp.inf, zero, zero, one * jnp.nan, -one, zero, zero)
+        if w.borders is not None:
+            outside = jnp.any(table(self, state.mode, w.borders) & (side < 0))
+            memory = memory._replace(pending=jnp.where(outside, FIRST, zero))
         return Stepper(
             f,
             h,
@@ -229,6 +244,28 @@ class Stepping:
         """No step is longer than the method allows."""
         longest = self.method.longest_step
         return h if longest is None else jnp.minimum(h, longest)
+
+    @property
+    def by_fixed_steps(self) -> bool:
+        """Whether all steps are of one length."""
+        return not self.rejects
+
+    def rests(self, c: Carry, clock: Clock, x):
+        """Whether the state has stayed at x, off all guards; and whether it leaves for ever, in steps without bound."""
+        own, no = c.own, jnp.asarray(False)
+        if not self.timeless:
+            return no, no
+        allowed = digits(BLUR, x) * jnp.abs(x)
+        apart = own.blur
+        if self.rejects:  # near an attracting equilibrium steps are as long as the tolerances allow
+            atol, rtol = self.method.atol, self.method.rtol
+            allowed = NEARLY_STILL * (atol + rtol * jnp.abs(x))
+            apart = NEARLY_STILL * (atol + rtol * own.blur / digits(BLUR, x))
+        still = jnp.all(jnp.abs(c.x - x) <= allowed)
+        off = jnp.all(~firing(self, own) | (jnp.abs(own.g) > NEARLY_STILL * apart))
+        longest = own.memory[Memory._fields.index("longest")]
+        leaves = own.h > jnp.where(longest > 0, FAR * longest, EVER)
+        return still & off, leaves if self.rejects else no
 
     def rebase(self, own: Stepper, s) -> Stepper:
         """Carry local times over to a block that starts s later."""
@@ -305,6 +342,10 @@ class Stepping:
             cut = aim.h < h
             h, final = jnp.where(cut, aim.h, h), final & ~cut
             tick = None if tick is None else jnp.where(cut, -1, tick)
+        if self.may_not_flow:
+            at_once = pending(own) > 0
+            h, final = jnp.where(at_once, 0.0, h), final & ~at_once
+            tick = None if tick is None else jnp.where(at_once, -1, tick)
         return h, final, tick
 
     @staticmethod
@@ -341,6 +382,8 @@ class Stepping:
         passed = ratio <= 1.0 if self.rejects else jnp.all(jnp.isfinite(tr.x))
         failed = (tr.h > 0) & (tr.h <= self._least_step(c, clock)) if self.rejects else True
         case = jnp.where(passed, case, jnp.where(failed, FAIL, REJECT))
+        if self.may_not_flow:
+            case = jnp.where(pending(own) > 0, LAND, case)
         return tr._replace(case=case.astype(jnp.int32), ratio=ratio)
 
     def _least_step(self, c: Carry, clock: Clock):
@@ -485,6 +528,11 @@ def landing_of(field: Field):
 def are_curved(fields: Iterable[Field], t, x) -> bool:
     """Whether Df depends on x for one of the fields; where that is not seen, it is taken to."""
     return not all(is_affine(functools.partial(field, t), x) for field in fields)
+
+
+def are_timeless(w: Wiring, t, x) -> bool:
+    """Whether time plays no part in the fields, the guards and the instants of jumps."""
+    return not w.clocks and all(is_timeless(one, t, x) for one in (*w.fields, *w.guards))
 
 
 def _jets_of(w: Wiring, q: int):

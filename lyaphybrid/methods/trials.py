@@ -17,6 +17,7 @@ NEAR = 1e-6  # a trial lands when the root is nearer than this, relative to the 
 PROBE = 0.21132486540518713  # (3 - √3)/6 of a step, where the slope of a cubic interpolant errs most
 GUARD_RESOLUTION = 0.02  # how well the cubic of a guard must agree with the guard in the middle of a step
 TURNED, NEARLY = 1e-3, 10.0  # part of a guard's rate that is left where it turns; tolerances within which it grazes
+ALONE, FIRST = 1.0, 2.0  # a jump that no flow leads up to: of a cascade without end; of a start off the flow set
 PATIENCE = 30  # relocations of one event before the landing is forced
 
 
@@ -33,6 +34,7 @@ class Memory(NamedTuple):
     accumulation: Any  # estimated end of an accumulation of events
     slot: Any  # whose event was the last, counted over all modes; -1: a clock's
     doubtful: Any  # was a column lost where rounding may have done it? 0 or 1
+    pending: Any  # does a jump come next, without a flow? `ALONE`: of a cascade that does not end; `FIRST`; or 0
 
 
 class Stepper(NamedTuple):
@@ -178,6 +180,19 @@ def grazes(mover, own: Stepper, tr: Trial, aim: Aim):
     tolerance = NEARLY * (mover.method.atol + mover.method.rtol * (own.blur / digits(BLUR, own.blur)))
     close = firing(mover, own) & turned & (jnp.abs(least) <= tolerance)
     return (tr.case == ADVANCE) & (aim.tries > 0) & (aim.slot < 0) & jnp.any(close)
+
+
+def pending(own: Stepper):
+    """Whether a jump comes next, and which: 0, `ALONE` or `FIRST`."""
+    return own.memory[Memory._fields.index("pending")]
+
+
+def has_fired(mover, own: Stepper):
+    """The slot (slots,) whose event was the last, where the motion is still in its mode."""
+    slots = mover.wiring.slots
+    first = 0 if own.mode is None else slots * own.mode
+    last = own.memory[Memory._fields.index("slot")]
+    return (jnp.arange(slots, dtype=jnp.int32) + first).astype(last.dtype) == last
 
 
 def table(mover, mode, table: np.ndarray):

@@ -1,5 +1,9 @@
 """What movers without modes have in common: no constraints, and nothing between two points."""
 
+from typing import ClassVar
+
+import jax.numpy as jnp
+
 __all__ = ["Unconstrained"]
 
 
@@ -24,6 +28,13 @@ class Unconstrained:
         """There is nothing that could be left."""
         del clock
         return c
+
+    by_fixed_steps: ClassVar[bool] = False
+
+    def rests(self, c, clock, x):
+        """Whether the motion stays near x or leaves for ever is not seen: where no jump is ahead, is known anyhow."""
+        del c, clock, x
+        return jnp.asarray(False), jnp.asarray(False)
 
     def in_each_mode(self):
         """There are no modes."""
