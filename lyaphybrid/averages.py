@@ -1,5 +1,6 @@
 """From the records of a run to exponents: means, weights, error bars, history."""
 
+import dataclasses
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -52,7 +53,9 @@ def summarise(outcomes: list[runs.Outcome], problem, clock: str, initial, averag
 
 
 def _in_rows(problem, spectrum: Spectrum) -> Spectrum:
-    """The state at the end in the shape in which the user gave it."""
+    """The state at the end in the shape in which the user gave it; and the step of the method, where it is fixed."""
+    step = None if problem.method is None else problem.method.fixed_step
+    spectrum = spectrum if step is None else dataclasses.replace(spectrum, step=jnp.asarray(step))
     if len(problem.shape) == 1:
         return spectrum
     return eqx.tree_at(lambda s: s.x, spectrum, runs.in_rows(problem, spectrum.x))

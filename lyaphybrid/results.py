@@ -11,7 +11,7 @@ from ._tracing import traced
 from .precision import share
 from .statuses import STATUS, status_of, verdicts
 
-__all__ = ["History", "RunFailed", "Spectrum", "unresolved"]
+__all__ = ["History", "RunFailed", "Spectrum", "step_too_long", "unresolved"]
 
 UNRESOLVED = 25.0  # ln(R_11/R_kk) per orthonormalisation beyond which R_kk is rounding (facts: e^25 of 1/ε)
 
@@ -19,6 +19,24 @@ UNRESOLVED = 25.0  # ln(R_11/R_kk) per orthonormalisation beyond which R_kk is r
 def unresolved(spread):
     """Whether an orthonormalisation was so late that the last columns were rounding."""
     return spread > UNRESOLVED * share(spread)
+
+
+VOLUME_PER_STEP = 1e-3  # of ln|det| of a step: an error that is larger says that the step is far too long …
+SMALL_PER_STEP, OF_EXPONENTS = 1e-5, 1e-2  # … a smaller one too, if it is not small beside the exponents
+
+
+def step_too_long(spectrum: "Spectrum"):
+    """Whether a fixed step carries volumes wrongly: the sum of all exponents is not the mean divergence.
+
+    The sum belongs to the numerical steps, the divergence to the flow. False where the step is not fixed, or k < n.
+    """
+    if spectrum.step is None or spectrum.residual is None:
+        return False
+    off, time = jnp.max(spectrum.residual), jnp.mean(spectrum.time)
+    per_step = off * spectrum._length / jnp.where(time > 0, time, jnp.nan) * spectrum.step
+    large = off > OF_EXPONENTS * jnp.sum(jnp.abs(spectrum.exponents))
+    found = (per_step > VOLUME_PER_STEP) | ((per_step > SMALL_PER_STEP) & large)
+    return found & jnp.all(jnp.isfinite(spectrum.exponents))
 
 
 class RunFailed(RuntimeError):
@@ -80,6 +98,7 @@ class Spectrum(eqx.Module):
     error_kind: str = eqx.field(static=True)
     clock: str = eqx.field(static=True)
     mode_names: tuple[str, ...] = eqx.field(static=True)
+    step: Any = None  # of the method, where it is fixed
 
     @property
     def status(self) -> STATUS | Array:
@@ -95,6 +114,7 @@ class Spectrum(eqx.Module):
             "grazing": bool(grazing),
             "simultaneous": bool(simultaneous),
             "interrupted": bool(interrupted),
+            "step_too_long": bool(step_too_long(self)),
             "unresolved": bool(np.any(unresolved(np.asarray(self.spread)))),
         }
         return frozenset(name for name, seen in found.items() if seen)

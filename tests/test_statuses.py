@@ -511,6 +511,25 @@ def test_simultaneous_only_where_the_order_matters():
     assert float(matters.x[2]) == pytest.approx(4.0, abs=1e-12)  # the first transition goes first
 
 
+def test_step_too_long():
+    """The exact sum is -0.1; a step of RK4 takes other areas than the flow does, by its own polynomial."""
+    damped = lh.Flow(lambda t, x, args: jnp.stack([x[1], -x[0] - 0.1 * x[1]]))
+
+    def run(dt, k=None, **options):
+        method = lh.RungeKutta("rk4", dt=dt)
+        return lh.lyapunov_spectrum(damped, [1.0, 0.0], t1=400.0, blocks=4, method=method, k=k, **options)
+
+    long, short = run(2.0), run(0.05)
+    assert long.notes == {"step_too_long"}
+    step = np.array([[0.0, 2.0], [-2.0, -0.2]])
+    powers = [np.linalg.matrix_power(step, i) / math.factorial(i) for i in range(5)]
+    volume = math.log(abs(np.linalg.det(sum(powers)))) / 2.0
+    assert float(jnp.sum(long.exponents)) == pytest.approx(volume, abs=1e-9)
+    assert abs(volume + 0.1) > 0.05
+    assert short.notes == frozenset()
+    assert run(2.0, k=1).notes == frozenset()  # with fewer columns there is nothing to compare with
+
+
 def test_unresolved():
     saddle = lh.Flow(lambda t, x, args: jnp.stack([x[0], -x[1]]))
     rare, often = (lh.lyapunov_spectrum(saddle, [0.0, 0.0], t1=40.0, every=every, blocks=2) for every in (100.0, 1.0))
@@ -532,8 +551,9 @@ def test_unresolved_from_the_step_on_that_the_interval_allows(transitions):
     def notes(every):  # 12 000 steps in two blocks: several calls, none of them a multiple of 13
         return lh.lyapunov_spectrum(system, [0.0, 0.0], 100.0, t1=120.0, blocks=2, method=method, every=every).notes
 
-    assert notes(12) == frozenset()
-    assert notes(13) == {"unresolved"}
+    # One step of RK4 multiplies areas by 2.7083 · 0.375 = 1.0156, not by 1.
+    assert notes(12) == {"step_too_long"}
+    assert notes(13) == {"step_too_long", "unresolved"}
 
 
 def test_interrupted_keeps_what_is_computed():
