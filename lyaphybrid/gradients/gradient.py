@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import runs
 from .._tracing import traced
-from ..blocks import part_of
+from ..blocks import check_counts, part_of
 from ..checks import positive, real, require, whole
 from ..daes import degrees_of_freedom
 from ..methods.base import Method
@@ -184,6 +184,7 @@ def lyapunov_gradient(
     transient = part_of(system, clock, t1, 0.1) if transient is None else transient
     real("transient, a length,", transient)
     require(float(transient) >= 0, f"transient, a length, must not be negative; got {transient!r}.")
+    check_counts(system, clock, t1=t1, transient=transient)
     start = x0 if callable(x0) else jnp.asarray(x0, float)
     most = degrees_of_freedom(system, jnp.asarray(x0(args) if callable(x0) else x0).size)
     if k is not None:
