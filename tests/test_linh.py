@@ -57,7 +57,7 @@ def test_methods_of_the_tables():
     kinds = [type(table.method(1e-5)) for table in tables.TABLES]
     discrete, continuous, implicit = lh.HalfExplicit, lh.ContinuousQR, lh.ESDIRK
     assert kinds == [discrete, continuous, *[implicit] * 2, *[discrete] * 2, *[continuous] * 2, *[implicit] * 2]
-    assert [tables.TABLES[i].method(1e-5).tableau for i in (2, 3, 8, 9)] == ["esdirk34", "kvaerno5"] * 2
+    assert [tables.TABLES[i].method(1e-5).tableau for i in (2, 3, 8, 9)] == ["esdirk34", "esdirk54b"] * 2
 
 
 @pytest.mark.parametrize(("example", "fewest", "most"), [("5.1", 4.5, 5.3), ("5.2", 2.7, 3.3)])
@@ -95,6 +95,8 @@ def test_steps_are_counted():
 
 def by_hand_row(row):
     high = 1.8 if row.table.algorithm == "continuous" else 1.02
+    if row.table.pair == "ESDIRK54b":
+        return linh.Found(np.array(row.exponents), row.steps, 0.01)
     as_in_table_9 = np.array(row.exponents) - row.exact if row.table.number == 9 else row.tolerance
     return linh.Found(row.exact + as_in_table_9, round(high * row.steps), 0.01)
 
@@ -102,12 +104,8 @@ def by_hand_row(row):
 @functools.cache
 def by_hand() -> linh.Reproduction:
     tolerances, time = np.array(tables.TOLERANCES), np.geomspace(1.0, 1000.0, 91)
-    published = {
-        example: np.array(
-            [row.exponents for row in tables.PUBLISHED if row.table.number == number and row.length == 1000]
-        )
-        for number, example in ((2, "5.1"), (7, "5.2"), (8, "5.2 fast"))
-    }
+    eighth = [row.exponents for row in tables.PUBLISHED if row.table.number == 8 and row.length == 1000]
+    unlike = np.tile(tables.exact("continuous", 1000), (3, 1))
     powers = {"propagated": 5, "embedded": 4, "without (9)": 3, "without (9), constant E": 5}
     apart = np.subtract(tables.OFFSETS["discrete"], tables.OFFSETS["continuous"])
     start = np.array([1.0, -1.0]) / 1000
@@ -119,7 +117,7 @@ def by_hand() -> linh.Reproduction:
             for example in tables.EXAMPLES
             for name in tables.OFFSETS
         },
-        published,
+        {"5.1": unlike, "5.2": unlike, "5.2 fast": np.array(eighth)},
         {name: (time, tables.exact(name, time) + np.exp(-time)[:, None]) for name in tables.OFFSETS},
         tuple(linh.Ordinary(tol, 1000.0, tables.limits() + start, 0.01, 0.02, 0.03) for tol in tables.OF_TABLES),
         linh.Linearisation(2 * tolerances, tolerances, 8.0 + 0 * tolerances),
@@ -132,7 +130,7 @@ def test_the_checks_hold_where_the_laws_do():
     found = by_hand()
     assert found.passed, [name for name, holds in found.checks.items() if not holds]
     assert "passed: all" in str(found)
-    assert "Kværnø" in str(found)
+    assert "Those of\n     Tables 2 and 7 are not explained by it" in str(found)
     for number in range(1, 11):
         assert f"Table {number}:" in str(found)
 
@@ -158,6 +156,12 @@ def in_dict(name, key, new):
     return in_part(name, lambda old: old | {key: new(old[key])})
 
 
+def as_in_table(number):
+    """The published exponents with T = 1000."""
+    rows = [row.exponents for row in tables.PUBLISHED if row.table.number == number and row.length == 1000]
+    return lambda _: np.array(rows)
+
+
 def with_order(power):
     return lambda errors: np.array(linh_orders.COUNTS, float) ** -power
 
@@ -171,9 +175,10 @@ def linearised(**changes):
 
 
 BROKEN = [
-    *((in_table(n, exponents=lambda v: v + 31e-4), f"Table {n}: errors") for n in range(1, 11)),
-    *((in_table(n, steps=lambda v: 5 * v), f"Table {n}: 0.8 to") for n in (1, 2, 3, 5, 6, 7, 8, 9)),
-    *((in_table(n, steps=lambda v: v // 3), f"Table {n}: 0.8 to") for n in (1, 2, 3, 5, 6, 7, 8, 9)),
+    *((in_table(n, exponents=lambda v: v + 151e-4), f"Table {n}: errors") for n in range(1, 11)),
+    *((in_table(n, steps=lambda v: 5 * v), f"Table {n}: 0.8 to") for n in range(1, 11)),
+    *((in_table(n, steps=lambda v: v // 3), f"Table {n}: 0.8 to") for n in range(1, 11)),
+    *((in_table(n, steps=lambda v: round(1.04 * v)), "Tables 4 and 10: ESDIRK54b") for n in (4, 10)),
     (in_table(9, exponents=lambda v: v + 3e-5), "Table 9: the weights"),
     *(
         (in_dict("accuracy", (example, name), lambda e: e + 1e-8), f"{tables.EXAMPLES[example]}, {name}: errors")
@@ -181,7 +186,8 @@ BROKEN = [
         for name in tables.OFFSETS
     ),
     (in_part("initial", lambda v: v + 1e-6), "the two algorithms"),
-    (in_dict("rectangle", "5.2 fast", lambda v: v + 1e-4), "right rectangle"),
+    (in_dict("rectangle", "5.2 fast", lambda v: v + 1e-4), "explains the errors of Table 8"),
+    *((in_dict("rectangle", example, as_in_table(n)), "does not explain") for n, example in ((2, "5.1"), (7, "5.2"))),
     (in_dict("running", "discrete", lambda run: (run[0], run[1] + 1e-6)), "discrete: λ(t)"),
     (in_dict("running", "continuous", lambda run: (run[0], run[1] * (1 + 1e-6))), "continuous: λ(t)"),
     (ordinary(exponents=np.array([-0.1, -2.9])), "same exponents in the limit"),

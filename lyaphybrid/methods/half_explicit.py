@@ -242,8 +242,8 @@ class ESDIRK(OnConstraints):
     Errors and steps as for `lh.HalfExplicit`.
 
     Args:
-        tableau: "esdirk34" (Jørgensen, Kristensen & Thomsen; it goes on by its weights of order 4), "kvaerno3",
-            "kvaerno4" or "kvaerno5".
+        tableau: "esdirk34" (Jørgensen, Kristensen & Thomsen; it goes on by its weights of order 4), "esdirk54b" (on by
+            its weights of order 5; those of order 4 are the L-stable ones), "kvaerno3", "kvaerno4" or "kvaerno5".
         rtol: the tolerance.
         control: "xY", the frame's errors are controlled too; "x", the state's alone.
 

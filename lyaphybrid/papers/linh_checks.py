@@ -12,12 +12,13 @@ if TYPE_CHECKING:
 
 __all__ = ["checks", "off", "order", "slope_of_linearisation"]
 
-# |λ − exact| of the tables over the tolerance: more where all turns fast, and by kvaerno5 in place of ESDIRK54b.
-WITHIN = {1: 10, 2: 10, 3: 10, 4: 30, 5: 10, 6: 30, 7: 10, 8: 30, 9: 10, 10: 30}
+# |λ − exact| of the tables over the tolerance: more where all turns fast, and by ESDIRK54b, whose estimate of the error
+# misses most of it where the steps are long (in the paper: 51, 102 and 22 tolerances in Table 4).
+WITHIN = {1: 10, 2: 10, 3: 10, 4: 150, 5: 10, 6: 30, 7: 10, 8: 30, 9: 10, 10: 30}
 ANYWHERE = 30  # the same over six decades
 STEPS = {"discrete": (0.8, 1.25), "continuous": (0.8, 4.0)}  # over the paper's; φ is controlled too
-OF_ANOTHER = "ESDIRK54b"  # steps of another method are not compared
-EXPLAINED = 0.25  # of the errors of Table 8
+PAIR_5, AT_EQUAL_STEPS = "ESDIRK54b", 0.15  # of its errors of λ₂: what ours differ by, scaled to the paper's steps
+EXPLAINED = 0.25  # left of the errors of a continuous table that the right rectangle rule explains
 SAME = 0.1  # of the errors of Table 9: what ours differ by
 LATE, SETTLED = 100.0, 30e-8  # C/t from there on, to so many times the tolerance of those runs
 BOUNDED = 5.0  # T |λ(T) − λ| of the ordinary equation
@@ -64,10 +65,9 @@ def _tables(r: "linh.Reproduction"):
 def _steps(r: "linh.Reproduction"):
     made = {}
     for table in TABLES:
-        if table.pair != OF_ANOTHER:
-            low, high = STEPS[table.algorithm]
-            name = f"Table {table.number}: {low:g} to {high:g} times the paper's steps"
-            made[name] = all(low <= found.steps / row.steps <= high for row, found in r.of(table))
+        low, high = STEPS[table.algorithm]
+        name = f"Table {table.number}: {low:g} to {high:g} times the paper's steps"
+        made[name] = all(low <= found.steps / row.steps <= high for row, found in r.of(table))
     return made
 
 
@@ -86,18 +86,37 @@ def rows_at(r: "linh.Reproduction", number: int) -> list:
     return [row for row in r.rows if row.table.number == number and row.length == 1000]
 
 
+def unexplained(r: "linh.Reproduction", number: int, example: str) -> np.ndarray:
+    """What the right rectangle rule leaves of the errors of a continuous table at T = 1000, as a part of them (3,)."""
+    table = np.array([row.exponents for row in rows_at(r, number)]) - exact("continuous", SHORT)
+    ours = r.rectangle[example] - exact("continuous", SHORT)
+    return np.linalg.norm(table - ours, axis=1) / np.linalg.norm(table, axis=1)
+
+
+def at_equal_steps(row: Row, found: "linh.Found") -> float:
+    """The error of λ₂ over the paper's, ours scaled to its steps, as h⁵."""
+    ours, paper = (float(one[1] - row.exact[1]) for one in (np.asarray(found.exponents), np.asarray(row.exponents)))
+    return ours / paper * (found.steps / row.steps) ** 5
+
+
 def _conventions(r: "linh.Reproduction"):
     apart = np.subtract(OFFSETS["discrete"], OFFSETS["continuous"])
-    table = np.array([row.exponents for row in rows_at(r, 8)]) - exact("continuous", SHORT)
-    ours = r.rectangle["5.2 fast"] - exact("continuous", SHORT)
-    left, size = (np.linalg.norm(one, axis=1) for one in (table - ours, table))
     ninth = [(np.array(row.exponents), np.asarray(one.exponents), row.exact) for row, one in r.of(TABLES[8])]
     found = {
         "Table 9: the weights of order 4 have the paper's errors": all(
             np.linalg.norm(one - paper) <= SAME * np.linalg.norm(paper - exact) for paper, one, exact in ninth
         ),
         "the two algorithms differ by ln R(t0)/T": np.max(np.abs(r.initial - apart)) <= ALIKE,
-        "the right rectangle rule explains the errors of Table 8": np.all(left <= EXPLAINED * size),
+        "the right rectangle rule explains the errors of Table 8": np.all(unexplained(r, 8, "5.2 fast") <= EXPLAINED),
+        "the right rectangle rule does not explain Tables 2 and 7": all(
+            np.max(unexplained(r, number, example)) > EXPLAINED for number, example in ((2, "5.1"), (7, "5.2"))
+        ),
+        "Tables 4 and 10: ESDIRK54b has the paper's errors of λ2 at equal steps": all(
+            abs(at_equal_steps(row, one) - 1) <= AT_EQUAL_STEPS
+            for table in TABLES
+            if table.pair == PAIR_5
+            for row, one in r.of(table)
+        ),
     }
     for algorithm, (time, exponents) in r.running.items():
         away = np.abs(exponents - exact(algorithm, time))[time >= LATE]

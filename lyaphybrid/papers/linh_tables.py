@@ -27,8 +27,7 @@ EXAMPLES = {
     "5.2": "Example 5.2, γ = (1, 2, 3)",
     "5.2 fast": "Example 5.2, γ = (20, 100, 200)",
 }
-# The coefficients of ESDIRK54b are in no source that could be found: another method of the same kind runs in its place.
-IN_PLACE = {"DOPRI5(4)": "dopri5", "ESDIRK34": "esdirk34", "ESDIRK54b": "kvaerno5"}
+TABLEAU = {"DOPRI5(4)": "dopri5", "ESDIRK34": "esdirk34", "ESDIRK54b": "esdirk54b"}
 
 
 @functools.cache
@@ -66,7 +65,7 @@ class Table:
     @property
     def tableau(self) -> str:
         """What is run."""
-        return IN_PLACE[self.pair]
+        return TABLEAU[self.pair]
 
     def method(self, tolerance: float) -> Method:
         """The method of the table."""
