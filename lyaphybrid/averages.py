@@ -14,6 +14,7 @@ from ._engines import compiled
 from ._tracing import traced
 from .propagation import Journey, Record
 from .results import History, Spectrum
+from .systems import Hybrid
 
 __all__ = ["birkhoff_weights", "empty_columns", "one_run", "summarise"]
 
@@ -53,9 +54,13 @@ def summarise(outcomes: list[runs.Outcome], problem, clock: str, initial, averag
 
 
 def _in_rows(problem, spectrum: Spectrum) -> Spectrum:
-    """The state at the end in the shape in which the user gave it; and the step of the method, where it is fixed."""
+    """The state at the end in the shape in which the user gave it; and what the problem says of it."""
     step = None if problem.method is None else problem.method.fixed_step
-    spectrum = spectrum if step is None else dataclasses.replace(spectrum, step=jnp.asarray(step))
+    step = None if step is None else jnp.asarray(step)
+    guards = isinstance(problem.system, Hybrid) and any(
+        transition.guard is not None and not transition.terminal for transition in problem.system.transitions
+    )
+    spectrum = dataclasses.replace(spectrum, step=step, has_guards=guards and problem.system.fields is not None)
     if len(problem.shape) == 1:
         return spectrum
     return eqx.tree_at(lambda s: s.x, spectrum, runs.in_rows(problem, spectrum.x))

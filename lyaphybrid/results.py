@@ -11,7 +11,7 @@ from ._tracing import traced
 from .precision import share
 from .statuses import STATUS, status_of, verdicts
 
-__all__ = ["History", "RunFailed", "Spectrum", "step_too_long", "unresolved"]
+__all__ = ["History", "RunFailed", "Spectrum", "guard_unreached", "step_too_long", "unresolved"]
 
 UNRESOLVED = 25.0  # ln(R_11/R_kk) per orthonormalisation beyond which R_kk is rounding (facts: e^25 of 1/ε)
 
@@ -37,6 +37,11 @@ def step_too_long(spectrum: "Spectrum"):
     large = off > OF_EXPONENTS * jnp.sum(jnp.abs(spectrum.exponents))
     found = (per_step > VOLUME_PER_STEP) | ((per_step > SMALL_PER_STEP) & large)
     return found & jnp.all(jnp.isfinite(spectrum.exponents))
+
+
+def guard_unreached(spectrum: "Spectrum"):
+    """Whether the system has guards, and none of them was reached."""
+    return spectrum.has_guards & jnp.all(jnp.isinf(spectrum.min_transversality))
 
 
 class RunFailed(RuntimeError):
@@ -99,6 +104,7 @@ class Spectrum(eqx.Module):
     clock: str = eqx.field(static=True)
     mode_names: tuple[str, ...] = eqx.field(static=True)
     step: Any = None  # of the method, where it is fixed
+    has_guards: bool = eqx.field(static=True, default=False)  # … that jump, and do not end the run
 
     @property
     def status(self) -> STATUS | Array:
@@ -114,6 +120,7 @@ class Spectrum(eqx.Module):
             "grazing": bool(grazing),
             "simultaneous": bool(simultaneous),
             "interrupted": bool(interrupted),
+            "guard_unreached": bool(guard_unreached(self)),
             "step_too_long": bool(step_too_long(self)),
             "unresolved": bool(np.any(unresolved(np.asarray(self.spread)))),
         }

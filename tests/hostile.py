@@ -90,7 +90,7 @@ HOSTILE = {
     "field by floor": (_spectrum(STAIRS, [0.5, 0.0]), "status ok"),
     "guard by mod": (_spectrum(MOD, [0.1, 0.2]), "stalled|step_underflow"),
     "guard by floor": (_spectrum(FLOOR, [1.0, 0.0]), "stalled|step_underflow"),
-    "guard never zero": (_spectrum(NEVER, [1.0, 0.0], t1=100.0), "status ok"),
+    "guard never zero": (_spectrum(NEVER, [1.0, 0.0], t1=100.0), "guard_unreached"),
     "guard always zero": (_spectrum(ALWAYS, [1.0], t1=10.0), "status ok"),
     "guard that is touched": (_spectrum(TOUCHING, [1.0, 0.0], t1=100.0), "grazing|jumps"),
     "reset onto the guard": (_spectrum(ONTO, [1.0]), "status ok|deadlock|zeno"),

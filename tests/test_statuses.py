@@ -482,11 +482,11 @@ def test_grazing():
     assert float(slanting.min_transversality) == pytest.approx(0.6, abs=1e-9)  # v / √(v² + x²)
     assert grazing.notes == {"grazing"}
     assert float(grazing.min_transversality) == pytest.approx(math.sqrt(2e-8), rel=1e-3)
-    assert missing.notes == frozenset()
+    assert missing.notes == {"guard_unreached"}
     assert missing.min_transversality == math.inf
     assert (int(slanting.jumps), int(grazing.jumps), int(missing.jumps)) == (1, 1, 0)
     # Whether this one meets the wall is beyond what the integration tells.
-    assert exact.notes == {"grazing"}
+    assert exact.notes - {"guard_unreached"} == {"grazing"}
 
 
 def test_simultaneous_only_where_the_order_matters():
@@ -509,6 +509,21 @@ def test_simultaneous_only_where_the_order_matters():
     assert matters.notes == {"simultaneous"}
     assert equal.notes == apart.notes == frozenset()
     assert float(matters.x[2]) == pytest.approx(4.0, abs=1e-12)  # the first transition goes first
+
+
+def test_guard_unreached():
+    """A wall at 0.8 is met by x = cos t, one at 1.2 is not; one met in the transient was met."""
+    oscillator = lh.Hybrid(
+        lambda t, x, args: jnp.stack([x[1], -x[0]]),
+        lh.Transition(lambda t, x, args: args - x[0], lambda t, x, args: jnp.stack([x[0], -x[1]])),
+    )
+
+    def notes(wall, **options):
+        return lh.lyapunov_spectrum(oscillator, [0.0, 1.0], wall, **({"t1": 4.0, "k": 1, "blocks": 2} | options)).notes
+
+    assert notes(0.8) == frozenset()
+    assert notes(1.2) == {"guard_unreached"}
+    assert notes(0.8, transient=1.0, t1=0.1) == frozenset()
 
 
 def test_step_too_long():
@@ -552,8 +567,9 @@ def test_unresolved_from_the_step_on_that_the_interval_allows(transitions):
         return lh.lyapunov_spectrum(system, [0.0, 0.0], 100.0, t1=120.0, blocks=2, method=method, every=every).notes
 
     # One step of RK4 multiplies areas by 2.7083 · 0.375 = 1.0156, not by 1.
-    assert notes(12) == {"step_too_long"}
-    assert notes(13) == {"step_too_long", "unresolved"}
+    always = {"step_too_long"} | ({"guard_unreached"} if transitions else set())
+    assert notes(12) == always
+    assert notes(13) == always | {"unresolved"}
 
 
 def test_interrupted_keeps_what_is_computed():

@@ -7,12 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..checks import require
-from ..results import Spectrum, step_too_long, unresolved
+from ..results import Spectrum, guard_unreached, step_too_long, unresolved
 from ..statuses import STATUS, gravest
 
 __all__ = ["NOTES", "dims_of", "missing", "named"]
 
-NOTES = ("grazing", "simultaneous", "interrupted", "unresolved", "rank_lost", "step_too_long")
+NOTES = ("grazing", "simultaneous", "interrupted", "unresolved", "rank_lost", "step_too_long", "guard_unreached")
 KNOWN = {"exponents": "exponent", "stderr": "exponent", "finite_exponents": "exponent", "losses": "exponent"}
 
 
@@ -36,7 +36,7 @@ def _of_spectrum(spectrum: Spectrum) -> dict[str, Any]:
     failed = (status != int(STATUS.ok)) & (status != int(STATUS.terminated))
     flags = jnp.any(jnp.atleast_2d(spectrum.flags), axis=0)
     lost, too_long = jnp.any(jnp.isneginf(spectrum.exponents)), jnp.asarray(step_too_long(spectrum))
-    seen = [*flags, jnp.any(unresolved(spectrum.spread)), lost, too_long]
+    seen = [*flags, jnp.any(unresolved(spectrum.spread)), lost, too_long, jnp.asarray(guard_unreached(spectrum))]
     return {
         "exponents": jnp.where(failed, jnp.nan, spectrum.exponents),
         "stderr": jnp.where(failed, jnp.nan, spectrum.stderr),
