@@ -50,14 +50,14 @@ def hop(height, args):
     return 1 + off[1] ** 2 / (2 * G), fall + squeezed + pushed + off[1] / G
 
 
-def cycle(args):
+def cycle(args, least=1.3):
     """The orbit's apex, its period and the multiplier across it."""
-    apex = scipy.optimize.brentq(lambda height: hop(height, args)[0] - height, 1.3, 3.0, xtol=1e-14)
+    apex = scipy.optimize.brentq(lambda height: hop(height, args)[0] - height, least, 3.0, xtol=1e-14)
     return apex, hop(apex, args)[1], (hop(apex + 1e-5, args)[0] - hop(apex - 1e-5, args)[0]) / 2e-5
 
 
-def rate(args):
-    _, period, multiplier = cycle(args)
+def rate(args, least=1.3):
+    _, period, multiplier = cycle(args, least)
     return np.log(multiplier) / period
 
 
@@ -142,3 +142,12 @@ def test_derivatives_are_of_that_orbit():
     assert_allclose(found.value, [0.0, rate(ARGS)], atol=1e-8)
     assert_allclose(found.gradient["thrust"], [0.0, slope], atol=1e-5)
     assert found.trust
+
+
+def test_the_thrust_of_a_rate_by_design():
+    """The first step of Newton's method would lead to a thrust of −2, where the hopper comes to rest."""
+    found = lh.design(
+        HOPPER, [1.2, 0.0], ARGS, [0.0, -0.5], t1=50.0, transient=20.0, free="thrust", mode="flight", method="implicit"
+    )
+    assert (found.converged, found.trust) == (True, True), found
+    assert_allclose(rate(ARGS | found.parameters, least=1.05), -0.5, rtol=1e-8)

@@ -11,6 +11,9 @@ from .estimates import Case
 
 __all__ = ["Bounds", "bounds_of"]
 
+LONGEST = 2.0  # step in the logarithm of a distance from a bound …
+HALF = 0.5  # … and of a parameter without bounds, over its size
+
 
 class Bounds(NamedTuple):
     """Of each parameter; ±∞ where there is none.
@@ -47,6 +50,14 @@ class Bounds(NamedTuple):
         share = special.expit(u[between])
         slope[between] = (self.high - self.low)[between] * share * (1 - share)
         return slope
+
+    def longest(self, u: np.ndarray) -> np.ndarray:
+        """The longest step that is worth a try: exponents are no more linear beyond."""
+        between, above, below = self._kinds()
+        free = ~(between | above | below) & (u != 0)
+        longest = np.where(between | above | below, LONGEST, np.inf)
+        longest[free] = HALF * np.abs(u[free])
+        return longest
 
     def both(self) -> tuple[np.ndarray, np.ndarray]:
         """The bounds of the only parameter."""

@@ -93,8 +93,9 @@ def design(
     """Parameters at which exponents reach a target, or at which an objective of them is least.
 
     A number, or a sequence of k of them, is what the leading exponents are to be: Newton's method, of more or fewer
-    parameters than exponents Gauss and Newton's, with steps that are halved until they come nearer. It ends where the
-    difference is that of rounding, or less than a standard error.
+    parameters than exponents Gauss and Newton's, with steps that change a parameter by half of itself at most (a
+    distance from a bound by a factor e²) and are halved until they come nearer. It ends where the difference is that of
+    rounding, or less than a standard error.
 
     A function (exponents (k,), args) -> number is made small by gradient descent.
 
@@ -222,14 +223,19 @@ def _newton(look: Callable, goal, limits: Bounds, first, steps: int):
             return here, False, ("the derivatives are not to be trusted here",)
         assert here.jacobian is not None
         whole_step = np.linalg.lstsq(here.jacobian * limits.slope(u), goal - here.value, rcond=None)[0]
-        distance = np.linalg.norm(here.value - goal)
+        whole_step = whole_step * min(1.0, float(np.min(limits.longest(u) / np.maximum(np.abs(whole_step), 1e-300))))
+        distance, failure = np.linalg.norm(here.value - goal), ""
         for halving in range(HALVINGS):
             ahead = u + 0.5**halving * whole_step
-            there = look(limits.bounded(ahead))
+            try:
+                there = look(limits.bounded(ahead))
+            except ValueError as failed:  # there is no such motion so far away
+                failure = f"; a step failed: {str(failed).splitlines()[0]}"
+                continue
             if np.linalg.norm(there.value - goal) < distance or _near(there, goal):
                 break
         else:
-            return here, False, (f"no step comes nearer than {distance:.3g}: λ may have an extremum here",)
+            return here, False, (f"no step comes nearer than {distance:.3g}: λ may have an extremum here{failure}",)
         here, u = there, ahead
     return here, _near(here, goal), (f"{steps} steps",)
 

@@ -97,7 +97,10 @@ def by_implicit(case: Case, *, period: Any = None, progress: Any = None) -> Esti
     value, gradient, groups = of_exponents(found, orbit, case.k)
     reasons, good = _reasons(case, orbit, found, gradient, groups, autonomous=_autonomous(case, period))
     stderr = np.abs(gradient - looser) + 1e-15 * found.condition * np.abs(gradient)
-    return Estimate(value, np.full(case.k, orbit.residual), gradient, stderr, good, tuple(reasons), 1)
+    error = orbit.residual
+    if _autonomous(case, period):  # the exponent along the flow is zero: what it is instead is an error
+        error = max(error, float(np.abs(orbit.exponents[_along_the_flow(orbit)])))
+    return Estimate(value, np.full(case.k, error), gradient, stderr, good, tuple(reasons), 1)
 
 
 def _autonomous(case: Case, period) -> bool:
@@ -234,6 +237,10 @@ def _looser(turn: Turn, case: Case, orbit: Floquet, period) -> np.ndarray:
     return of_exponents(derivatives(turn._replace(method=method), case, orbit, period), orbit, case.k)[1]
 
 
+def _along_the_flow(orbit: Floquet) -> int:
+    return int(np.argmin(np.abs(np.asarray(orbit.multipliers) - 1)))
+
+
 def _reasons(case: Case, orbit: Floquet, found: Derivatives, gradient, groups, autonomous: bool):
     """Why the derivatives are to be trusted, or not; and whether they are."""
     good = orbit.residual <= CONVERGED
@@ -247,7 +254,7 @@ def _reasons(case: Case, orbit: Floquet, found: Derivatives, gradient, groups, a
         reasons.append("an exponent that is −∞ has no derivative")
     good = good and orbit.stable and found.condition <= WORST
     if autonomous:
-        at = int(np.argmin(np.abs(np.asarray(orbit.multipliers) - 1)))
+        at = _along_the_flow(orbit)
         if at < case.k:
             slope = float(np.max(np.abs(gradient[at])))
             reasons.append(f"the zero exponent along the flow has a derivative of {slope:.1e}")
