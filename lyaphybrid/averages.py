@@ -12,6 +12,7 @@ import numpy as np
 from . import runs
 from ._engines import compiled
 from ._tracing import traced
+from .checks import has_identity_reset
 from .propagation import Journey, Record
 from .results import History, Spectrum
 from .systems import Hybrid
@@ -60,7 +61,13 @@ def _in_rows(problem, spectrum: Spectrum) -> Spectrum:
     guards = isinstance(problem.system, Hybrid) and any(
         transition.guard is not None and not transition.terminal for transition in problem.system.transitions
     )
-    spectrum = dataclasses.replace(spectrum, step=step, has_guards=guards and problem.system.fields is not None)
+    state = jax.ShapeDtypeStruct(spectrum.x.shape[-1:], spectrum.x.dtype)
+    spectrum = dataclasses.replace(
+        spectrum,
+        step=step,
+        has_guards=guards and problem.system.fields is not None,
+        identity_reset=has_identity_reset(problem.system, state, problem.args),
+    )
     if len(problem.shape) == 1:
         return spectrum
     return eqx.tree_at(lambda s: s.x, spectrum, runs.in_rows(problem, spectrum.x))

@@ -137,6 +137,23 @@ def _check_transition(j: int, transition: Transition, t, x, args) -> None:
         _require_scalar(f"target of transition {j}", target, jnp.integer, "the index of a mode, one integer")
 
 
+def has_identity_reset(system: Any, x: jax.ShapeDtypeStruct, args: Any) -> bool:
+    """Whether the jump of some transition changes neither the state nor the mode; a reset None is meant so."""
+    if not isinstance(system, Hybrid):
+        return False
+    t = jax.ShapeDtypeStruct((), x.dtype)
+    return any(_is_identity(transition, t, x, args) for transition in system.transitions)
+
+
+def _is_identity(transition: Transition, t, x, args) -> bool:
+    if transition.guard is None or transition.reset is None or transition.target is not None or transition.terminal:
+        return False
+    vector = jax.eval_shape(transition.guard, t, x, args).shape
+    which = (jax.ShapeDtypeStruct((), jnp.int32),) if vector else ()
+    program = jax.make_jaxpr(lambda x, t, *which: transition.reset(t, x, args, *which))(x, t, *which).jaxpr
+    return program.outvars[0] is program.invars[0]
+
+
 def _check_event_driven(system: EventDriven, t, x, args) -> None:
     _returns_state("flow", system.flow, x, "dt, t, x, args", t, t, x, args)
     which = _predicted("next_event", "dt", _result("next_event", system.next_event, "t, x, args", t, x, args))

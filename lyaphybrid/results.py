@@ -105,6 +105,7 @@ class Spectrum(eqx.Module):
     mode_names: tuple[str, ...] = eqx.field(static=True)
     step: Any = None  # of the method, where it is fixed
     has_guards: bool = eqx.field(static=True, default=False)  # … that jump, and do not end the run
+    identity_reset: bool = eqx.field(static=True, default=False)  # of a jump within a mode
 
     @property
     def status(self) -> STATUS | Array:
@@ -121,6 +122,7 @@ class Spectrum(eqx.Module):
             "simultaneous": bool(simultaneous),
             "interrupted": bool(interrupted),
             "guard_unreached": bool(guard_unreached(self)),
+            "identity_reset": self.identity_reset,
             "step_too_long": bool(step_too_long(self)),
             "unresolved": bool(np.any(unresolved(np.asarray(self.spread)))),
         }

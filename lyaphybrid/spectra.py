@@ -104,7 +104,7 @@ def lyapunov_spectrum(
         step_underflow or no_more_jumps, of a DAE also inconsistent_start, singular_dae or constraint_drift; its `notes`
         may hold rank_lost (an exponent is -inf), grazing, simultaneous, unresolved (the smallest exponents, or a loss,
         may be rounding), step_too_long (of a fixed step, seen where k = n), guard_unreached (there are guards, and none
-        was met), interrupted.
+        was met), identity_reset (a jump within a mode that changes nothing), interrupted.
 
     Raises:
         ValueError: on arguments that do not fit, before any computing; where `checkpoint` is the file of another run.

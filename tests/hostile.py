@@ -41,6 +41,7 @@ NEVER = lh.Hybrid(
     lambda t, x, args: _stack(x[1], -x[0]), lh.Transition(lambda t, x, args: 5 + x[0], lambda t, x, args: -x)
 )
 ALWAYS = lh.Hybrid(lambda t, x, args: -x, lh.Transition(lambda t, x, args: 0 * x[0], lambda t, x, args: x / 2))
+SAME = lh.Hybrid(lambda t, x, args: -x, lh.Transition(lambda t, x, args: x[0] - 0.5, lambda t, x, args: x))
 TOUCHING = lh.Hybrid(
     lambda t, x, args: _stack(x[1], -x[0]), lh.Transition(lambda t, x, args: 1 - x[0], lambda t, x, args: -x)
 )
@@ -91,7 +92,8 @@ HOSTILE = {
     "guard by mod": (_spectrum(MOD, [0.1, 0.2]), "stalled|step_underflow"),
     "guard by floor": (_spectrum(FLOOR, [1.0, 0.0]), "stalled|step_underflow"),
     "guard never zero": (_spectrum(NEVER, [1.0, 0.0], t1=100.0), "guard_unreached"),
-    "guard always zero": (_spectrum(ALWAYS, [1.0], t1=10.0), "status ok"),
+    "guard always zero": (_spectrum(ALWAYS, [1.0], t1=10.0), "guard_unreached"),
+    "reset that changes nothing": (_spectrum(SAME, [1.0], t1=10.0), "identity_reset"),
     "guard that is touched": (_spectrum(TOUCHING, [1.0, 0.0], t1=100.0), "grazing|jumps"),
     "reset onto the guard": (_spectrum(ONTO, [1.0]), "status ok|deadlock|zeno"),
     "stiff": (_spectrum(STIFF, [1.0, 1.0]), "stalled|step_underflow"),

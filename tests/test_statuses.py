@@ -588,3 +588,27 @@ def test_interrupted_keeps_what_is_computed():
     count = computed(spectrum)
     assert 0 < count < 4096
     assert abs(float(spectrum.exponents[0]) - math.log(2)) < 0.1
+
+
+def test_identity_reset():
+    """A jump that hands back the state is told, where neither the mode changes nor the run ends."""
+
+    def guard(t, x, args):
+        return x[0] - 0.5
+
+    def same(t, x, args):
+        return x
+
+    def notes(*transitions, **modes):
+        system = lh.Hybrid(modes or (lambda t, x, args: -x), list(transitions))
+        start = {"mode": "before"} if modes else {}
+        return lh.lyapunov_spectrum(system, [1.0], t1=4.0, blocks=2, **start).notes
+
+    assert notes(lh.Transition(guard, same)) == {"identity_reset"}
+    assert notes(lh.Transition(guard, lambda t, x, args: 2 * x)) == frozenset()
+    assert notes(lh.Transition(guard)) == frozenset()  # said on purpose
+    assert notes(lh.Transition(guard, same, terminal=True)) == frozenset()
+    fields = {"before": lambda t, x, args: -x, "after": lambda t, x, args: -2 * x}
+    assert notes(lh.Transition(guard, same, source="before", target="after"), **fields) == frozenset()
+    vector = lh.Transition(lambda t, x, args: jnp.stack([x[0] - 0.5, x[0] + 0.7]), lambda t, x, args, which: x)
+    assert notes(vector) == {"identity_reset"}

@@ -26,6 +26,7 @@ EXACT = 1e-12  # difference from the target, relative to 1 + |target|, that is n
 NOISE = 1.0  # standard errors of the exponent: a difference below these is none either
 HALVINGS = 8  # of a Newton step that does not come nearer
 RATE = 0.1  # of the default optimiser, Adam, in the unbounded coordinates
+WHOLE = (STATUS.ok, STATUS.terminated)  # a run that has reached its end
 KEPT = ("t0", "mode", "clock")  # options that `lyapunov_spectrum` takes too
 
 
@@ -203,7 +204,7 @@ def _alone(case: Case, t1, options: Mapping) -> Callable:
         found = lyapunov_spectrum(case.system, case.start(args), args, throw=False, **own)
         status = STATUS(int(found.status_code))
         value, stderr = np.asarray(found.exponents[:1]), np.asarray(found.stderr[:1])
-        return Point(theta, value, stderr, None, not status.failed, (f"status: {status.name}",))
+        return Point(theta, value, stderr, None, status in WHOLE, (f"status: {status.name}",))
 
     return look
 

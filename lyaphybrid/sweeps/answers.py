@@ -12,7 +12,10 @@ from ..statuses import STATUS, gravest
 
 __all__ = ["NOTES", "dims_of", "missing", "named"]
 
-NOTES = ("grazing", "simultaneous", "interrupted", "unresolved", "rank_lost", "step_too_long", "guard_unreached")
+NOTES = (
+    "grazing", "simultaneous", "interrupted", "unresolved", "rank_lost", "step_too_long", "guard_unreached",
+    "identity_reset",
+)  # fmt: skip
 KNOWN = {"exponents": "exponent", "stderr": "exponent", "finite_exponents": "exponent", "losses": "exponent"}
 
 
@@ -37,13 +40,14 @@ def _of_spectrum(spectrum: Spectrum) -> dict[str, Any]:
     flags = jnp.any(jnp.atleast_2d(spectrum.flags), axis=0)
     lost, too_long = jnp.any(jnp.isneginf(spectrum.exponents)), jnp.asarray(step_too_long(spectrum))
     seen = [*flags, jnp.any(unresolved(spectrum.spread)), lost, too_long, jnp.asarray(guard_unreached(spectrum))]
+    seen.append(jnp.asarray(spectrum.identity_reset))
     return {
         "exponents": jnp.where(failed, jnp.nan, spectrum.exponents),
         "stderr": jnp.where(failed, jnp.nan, spectrum.stderr),
         "finite_exponents": jnp.where(failed, jnp.nan, spectrum.finite_exponents),
         "losses": spectrum.losses,
         "status": status.astype(jnp.int8),
-        "notes": sum(one.astype(jnp.int8) << i for i, one in enumerate(seen)),
+        "notes": sum(one.astype(jnp.int16) << i for i, one in enumerate(seen)),
         "time": jnp.mean(spectrum.time),
         "jumps": jnp.mean(spectrum.jumps),
     }
