@@ -71,10 +71,11 @@ def parts(jaxpr: ClosedJaxpr | Jaxpr) -> tuple[Jaxpr, Any]:
 
 
 def subprograms(equation) -> list[Jaxpr]:
-    """All programs within an equation's parameters."""
+    """All programs within an equation's parameters; those of a `native_call` hold theirs as `closed`."""
     found = []
     for parameter in equation.params.values():
         for each in parameter if isinstance(parameter, tuple | list) else (parameter,):
-            if isinstance(each, ClosedJaxpr | Jaxpr):
-                found.append(parts(each)[0])
+            program = getattr(each, "closed", each)
+            if isinstance(program, ClosedJaxpr | Jaxpr):
+                found.append(parts(program)[0])
     return found

@@ -242,6 +242,7 @@ def test_many_cells_make_little_code(n):
         (lambda x: lax.fori_loop(0, 10, lambda i, x: x * 0.5, x), False),
         (lambda x: lax.fori_loop(0, 5000, lambda i, x: x * 0.5, x), True),
         (lambda x: jax.jit(lambda x: lax.while_loop(lambda x: x[0] < 1, lambda x: x + 0.1, x))(x), True),
+        (lambda x: native.native(lambda x: lax.while_loop(lambda x: x[0] < 1, lambda x: x + 0.1, x))(2 * x), True),
     ],
 )
 def test_what_is_run_through_once_is_compiled_soon(function, long):
