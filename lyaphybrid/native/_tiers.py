@@ -19,6 +19,7 @@ AT_ONCE = 0  # LLVM's level of code that is needed at once
 SECONDS_A_LINE = 1e-4  # of a module: about what LLVM takes to optimise it
 WORTH_IT = 2  # so many times as long must be left to run …
 AT_LAST = 3  # … or be behind
+THREAD = "lyaphybrid optimises"
 
 
 class _Code:
@@ -62,7 +63,7 @@ class Tiers:
     def _improve_aside(self) -> None:
         if not self.is_best and not self._asked:
             self._asked = True
-            threading.Thread(target=self._improve, name="lyaphybrid optimises").start()
+            threading.Thread(target=self._improve, name=THREAD).start()
 
     def _improve(self) -> None:
         with self._lock:

@@ -34,7 +34,7 @@ def made(monkeypatch):
 def finished():
     """Wait for better code that is being made."""
     for thread in threading.enumerate():
-        if thread.name == "lyaphybrid optimises":
+        if thread.name == _tiers.THREAD:
             thread.join()
 
 
