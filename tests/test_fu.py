@@ -1,6 +1,7 @@
 """Fu, Wang & Wang: equations (5) to (10), the scheme that is wrong at every stick, and Figs. 1 to 4."""
 
 import csv
+import dataclasses
 import json
 
 import jax
@@ -12,7 +13,7 @@ import lyaphybrid as lh
 import references
 from lyaphybrid import zoo
 from lyaphybrid.__main__ import main
-from lyaphybrid.papers import fu, fu_report, output
+from lyaphybrid.papers import claims, fu, fu_bifurcations, fu_checks, fu_report, output, synchronisation
 from lyaphybrid.papers import transfer_matrices as tm
 
 PLUS, MINUS, STICK = range(3)  # in `tm.FIELDS`
@@ -125,7 +126,7 @@ def test_rk4_keeps_what_a_stick_destroys_at_any_step(schemes, steps):
     exponents = schemes["rk4", steps].exponents
     assert abs(exponents[0]) < 1e-12
     assert np.all(np.isfinite(exponents))
-    assert abs(exponents[1] + exponents[2] - fu.sum_of_the_scheme()) < 3e-4
+    assert abs(exponents[1] + exponents[2] - fu_checks.sum_of_the_scheme()) < 3e-4
     assert abs(exponents[1] + 0.028474432538) > 0.02  # the finite one is wrong too
 
 
@@ -147,7 +148,7 @@ def test_the_parameters_and_bifurcations_are_those_of_the_reference():
         parameters = entries[f"fu_fig{case.figure}"]["params"]
         assert (case.beta, case.alpha) == (parameters["beta"], parameters["alpha"])
     chaos = entries["fu_fig3"]
-    assert (fu.FINITE_PART, fu.STICKS) == (chaos["lambda2_finite_part"], chaos["sticks_per_period"])
+    assert (fu_checks.FINITE_PART, fu_checks.STICKS) == (chaos["lambda2_finite_part"], chaos["sticks_per_period"])
     with (references.DATA / "friction_beta_sweep.csv").open() as file:
         rows = {float(row["beta"]): row for row in csv.DictReader(file)}
     for beta, (label, exponent) in fu.SWEEP.items():
@@ -160,17 +161,17 @@ def test_cycles_are_those_of_the_reference():
     """The multipliers that the table shows, by the same call."""
     for case in fu.CASES[:2]:
         orbit = lh.floquet(*fu._problem(case), period=fu.PERIOD)
-        exact = np.array(fu._exact(case).exponents)
-        assert fu._near(np.asarray(orbit.exponents), exact, 1e-9)
-        assert not fu._near(np.asarray(orbit.exponents) + 1e-8, exact, 1e-9)
+        exact = np.array(zoo.friction_pendulum(beta=case.beta, alpha=case.alpha).reference.exponents)
+        assert fu_checks.near(np.asarray(orbit.exponents), exact, 1e-9)
+        assert not fu_checks.near(np.asarray(orbit.exponents) + 1e-8, exact, 1e-9)
         assert np.max(np.abs(orbit.x0 - fu._problem(case)[1])) < 1e-9
 
 
 def test_near_asks_for_minus_infinity_where_it_is():
     exact = np.array([-0.1, -np.inf])
-    assert fu._near(np.array([-0.1, -np.inf]), exact, 1e-9)
-    assert not fu._near(np.array([-0.1, -30.0]), exact, 1e-9)
-    assert not fu._near(np.array([-np.inf, -np.inf]), exact, 1e-9)
+    assert fu_checks.near(np.array([-0.1, -np.inf]), exact, 1e-9)
+    assert not fu_checks.near(np.array([-0.1, -30.0]), exact, 1e-9)
+    assert not fu_checks.near(np.array([-np.inf, -np.inf]), exact, 1e-9)
 
 
 class Diagram:
@@ -186,6 +187,9 @@ def test_outcomes_of_a_diagram():
     late = Diagram()
     late.lifetimes = Diagram.lifetimes + 200
     assert fu_report.outcomes(late)[0] == "transient"
+    unsettled = Diagram()
+    unsettled.labels = np.where(Diagram.labels == "chaos", "aperiodic/slow", Diagram.labels)
+    assert fu_report.outcomes(unsettled)[0] == "undecided"
     assert fu_report._ranges([0.2, 0.3], Diagram) == "0.2–0.3"
     assert fu_report._ranges([0.0, 0.3], Diagram) == "0, 0.3"
     assert fu_report._ranges([], Diagram) == "none"
@@ -193,6 +197,117 @@ def test_outcomes_of_a_diagram():
 
 def test_what_json_cannot_hold_is_named():
     assert output.plain([1.0, -np.inf, np.nan]) == [1.0, "-inf", None]
+
+
+@pytest.fixture(scope="module")
+def vanishings():
+    """One of each kind, and the two that are hardest to find: P1w3, and P5b of the list's lower precision."""
+    wanted = ("fold of P1w3", "doubling of P1", "symmetry of P1", "fold of P3", "symmetry of P5b")
+    system, _, args = fu._problem(fu.CASES[2])
+    return fu_bifurcations.vanishings(system, args, [one for one in fu_bifurcations.LISTED if one.name in wanted])
+
+
+def test_the_largest_exponent_vanishes_at_bifurcations(vanishings):
+    assert len(vanishings) == 6
+    for one in vanishings:
+        assert abs(one.zero - one.listed.beta) < (5e-10 if one.listed.error < 1e-8 else 1e-7), one.listed.name
+        assert one.stable[1] < one.stable[0] < 0
+        assert one.agrees
+        assert (one.listed.kind == "fold") == np.isnan(one.beyond)
+
+
+def test_exponents_near_bifurcations_follow_the_law_of_their_kind(vanishings):
+    for one in vanishings:
+        law = 0.5 if one.listed.kind == "fold" else 1.0
+        seen = np.log(one.stable[1] / one.stable[0]) / np.log(fu_bifurcations.FARTHER)
+        assert abs(seen - law) < (0.2 if one.listed.cycle == "P1w3" else 0.05), one.listed.name
+
+
+def test_a_wrong_bifurcation_does_not_agree(vanishings):
+    for one in vanishings:
+        assert not dataclasses.replace(one, stable=tuple(-value for value in one.stable)).agrees
+        assert not dataclasses.replace(one, stable=tuple(value - 1e-3 for value in one.stable)).agrees
+        if one.listed.kind != "fold":
+            assert not dataclasses.replace(one, beyond=-one.beyond).agrees
+
+
+@pytest.fixture(scope="module")
+def pair():
+    return fu._pair()
+
+
+@pytest.mark.parametrize("case", fu.CASES[:2], ids=["slips", "sticks"])
+def test_a_copy_follows_where_the_coupling_exceeds_the_exponent(pair, case):
+    _, x0, args = fu._off(case)
+    exact = zoo.friction_pendulum(beta=case.beta, alpha=case.alpha).reference.exponents[0]
+    for _ in range(3):  # the first trials see how the motion settles
+        _, t, x0 = synchronisation._trial(pair, 0.0, np.asarray(x0), args, -0.5, fu.PERIOD)
+    for off, follows in ((-4e-3, False), (4e-3, True)):
+        assert synchronisation._trial(pair, t, np.asarray(x0), args, exact + off, fu.PERIOD)[0] == follows
+
+
+def test_the_copy_is_pulled_as_the_formula_says(pair):
+    """Both slip in the same direction: the second has d (x − y) more."""
+    _, _, args = fu._problem(fu.CASES[2])
+    z = jnp.array([0.3, 0.5, -0.2, 0.7])
+    own = {"system": args, "coupling": jnp.asarray(0.25), "closer": jnp.asarray(1e-9), "farther": jnp.asarray(1.0)}
+    system = fu._problem(fu.CASES[2])[0]
+    field = np.concatenate([np.asarray(system.fields[0](1.0, x, args)) for x in (z[:2], z[2:])])
+    field[2:] += 0.25 * np.asarray(z[:2] - z[2:])
+    np.testing.assert_allclose(pair.fields[0](jnp.asarray(1.0), z, own), field, rtol=0, atol=1e-15)
+    assert pair.mode_names[0] == "plus/plus"
+    assert len(pair.mode_names) == 9
+
+
+def test_exponents_are_numbered_alike_everywhere():
+    """λ1 ≥ λ2 ≥ λ3 of (θ, θ', z): the 0 of z = t is the first of a cycle and the second in chaos."""
+    for case, order in zip(fu.CASES, ([0, 1, 2], [0, 1, 2], [1, 0, 2]), strict=True):
+        found = object.__new__(fu.Found)
+        object.__setattr__(found, "case", case)
+        assert found.order == order
+        assert case.says[order.index(0)] == "zero"
+
+
+def test_signs_of_cycles_are_counted_where_the_points_say_so():
+    class Signs:
+        labels = np.array([["P1w0", "chaos"], ["P2w0", "aperiodic/slow"]], object)
+        exponents = np.array([[[-0.1], [0.1]], [[0.2], [0.3]]])
+        stderr = np.full((2, 2, 1), 1e-3)
+
+    assert fu_checks.signs_on_cycles(Signs) == (2, 1)
+
+
+def test_the_starts_lie_beside_the_cycles():
+    for case in fu.CASES[:2]:
+        assert np.max(np.abs(fu._off(case)[1] - fu._problem(case)[1])) > 0.1
+
+
+def test_claims_end_with_their_outcome():
+    made = [
+        claims.Claim("Fig. 1", "one", "one", claims.AGREED),
+        claims.Claim("Fig. 2", "one", "two", claims.CORRECTED, "it is even"),
+        claims.Claim("Fig. 3", "fast", "slow", claims.NOT_REPRODUCIBLE, "no time is told"),
+    ]
+    assert claims.claim_lines(made) == [
+        "agreed: 1 of 3 claims of the paper",
+        "  Fig. 1. Paper: one. Here: one.",
+        "corrected: 1 of 3 claims of the paper",
+        "  Fig. 2. Paper: one. Here: two.",
+        "    evidence: it is even.",
+        "not reproducible: 1 of 3 claims of the paper",
+        "  Fig. 3. Paper: fast. Here: slow.",
+        "    reason: no time is told.",
+    ]
+    with pytest.raises(ValueError, match="evidence or reason"):
+        claims.Claim("Fig. 2", "one", "two", claims.CORRECTED)
+    with pytest.raises(ValueError, match="outcome"):
+        claims.Claim("Fig. 2", "one", "two", "perhaps", "who knows")
+    lines = claims.check_lines([claims.Check("λ1", "0.1", "0.2", False), claims.Check("λ2", "−∞", "−∞", True)])
+    assert [line.split() for line in lines] == [
+        ["check", "wanted", "found", "agree"],
+        ["λ1", "0.1", "0.2", "NO"],
+        ["λ2", "−∞", "−∞", "yes"],
+    ]
 
 
 @pytest.mark.parametrize("passed", [True, False])
@@ -219,5 +334,9 @@ def test_the_figures_by_the_command_line(tmp_path, capsys):
     data = json.loads((tmp_path / "fu.json").read_text())
     assert data["passed"]
     assert all(data["checks"].values())
+    assert {one["outcome"] for one in data["claims"]} == {"agreed", "corrected", "not reproducible"}
+    assert all(abs(one["zero_of_exponent"] - one["beta"]) < 1e-7 for one in data["bifurcations"])
+    assert len(data["bifurcations"]) == 15
+    assert len(data["fig_4"]["beta"]) == 301
     assert data["figures"][1]["ours"]["exponents"][1] == "-inf"
     assert abs(data["figures"][0]["cycle"]["exponents"][0] + 0.152604511216) < 1e-9

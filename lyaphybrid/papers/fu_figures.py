@@ -16,6 +16,7 @@ WINDOW = 12  # periods of velocity that are shown
 BANDS = {
     "coexisting": (COLOURS[2], "several cycles"),
     "beside chaos": (COLOURS[4], "cycles and chaos"),
+    "undecided": ("0.6", "cycles and unsettled"),
     "transient": (COLOURS[3], "chaos that ended"),
 }
 

@@ -71,7 +71,8 @@ def _weighted(t, x, args):
     return args["slope"] * x[0] + x[1]
 
 
-PENDULUM = filippov(_pendulum(+1.0), _pendulum(-1.0), _velocity)
+PENDULUM_PARTS = (_pendulum(+1.0), _pendulum(-1.0), _velocity)  # plus, minus, surface
+PENDULUM = filippov(*PENDULUM_PARTS)
 BLOCK = filippov(_block(+1.0), _block(-1.0), _velocity)
 BELT = filippov(_on_belt(+1.0), _on_belt(-1.0), _slip_velocity)
 RELAY = filippov(_lags(+1.0), _lags(-1.0), _first)
