@@ -20,16 +20,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..consistency import tangent_frame
 from ..indicators.following import follow
-from ..methods import ContinuousQR, HalfExplicit, RungeKutta
+from ..methods import HalfExplicit, RungeKutta
 from ..methods.base import Method
-from ..methods.linearised import linearised
 from ..spectra import lyapunov_spectrum
 from ..systems import Flow
 from ..trajectories import trajectory
-from . import linh_checks, linh_report
-from .linh_orders import ORDERS, errors_at_end
+from . import linh_checks, linh_claims, linh_report
+from .claims import Check, Claim
+from .linh_intervals import Intervals, intervals
+from .linh_orders import EXPONENT_ORDERS, ORDERS, errors_at_end, errors_of_exponents
+from .linh_rectangle import RightRectangle
 from .linh_tables import (
     EXAMPLES,
     OF_TABLES,
@@ -40,6 +41,7 @@ from .linh_tables import (
     Table,
     algorithm,
     exact,
+    frame_at_start,
     problem_of,
     rows_of,
 )
@@ -62,11 +64,13 @@ class Found:
     Attributes:
         exponents: (2,); steps: accepted ones, with the two that end the halves of the run.
         seconds: of a run that finds all compiled, with nothing beside it.
+        intervals: [λ^l, λ^u] and Steklov differences, of another run.
     """
 
     exponents: np.ndarray
     steps: int
     seconds: float
+    intervals: Intervals
 
 
 @dataclasses.dataclass(frozen=True)
@@ -115,7 +119,9 @@ class Reproduction:
         ordinary: Remark 5.3, at three tolerances.
         linearisation: Theorem 4.1, by `TOLERANCES`.
         orders: for each of `ORDERS` the error of x(1) by `COUNTS`.
+        exponent_orders: for each of `EXPONENT_ORDERS` that of λ_i(1).
         initial: ln R_ii at t₀.
+        state_alone: (2,) λ of Example 5.1 at T = 1000, TOL = 1e-6, where the error of x alone is controlled.
     """
 
     lengths: tuple[int, ...]
@@ -126,7 +132,9 @@ class Reproduction:
     ordinary: tuple[Ordinary, ...]
     linearisation: Linearisation
     orders: dict[str, np.ndarray]
+    exponent_orders: dict[str, np.ndarray]
     initial: np.ndarray
+    state_alone: np.ndarray
 
     @property
     def rows(self) -> tuple[Row, ...]:
@@ -138,14 +146,19 @@ class Reproduction:
         return [pair for pair in zip(self.rows, self.found, strict=True) if pair[0].table == table]
 
     @functools.cached_property
-    def checks(self) -> dict[str, bool]:
-        """What must hold, by name."""
+    def checks(self) -> list[Check]:
+        """What must hold."""
         return linh_checks.checks(self)
+
+    @property
+    def claims(self) -> list[Claim]:
+        """What the paper says, and what is found here."""
+        return linh_claims.claims(self)
 
     @property
     def passed(self) -> bool:
         """Whether all checks hold."""
-        return all(self.checks.values())
+        return all(one.holds for one in self.checks)
 
     def __str__(self) -> str:
         return linh_report.table(self)
@@ -159,24 +172,6 @@ class Reproduction:
         from . import linh_figures
 
         return linh_figures.figure(self, name)
-
-
-class RightRectangle(ContinuousQR):
-    """Algorithm 3.3 with φ(t + h) = φ(t) + h w(t + h), whose error nothing controls."""
-
-    def __init__(self, method: Method):
-        super().__init__(method)
-
-    def frame_ratio(self, errors, frame, new):
-        """That of Q alone."""
-        return self.method.frame_ratio(errors[:, :-1], frame, new)
-
-    def tangent(self, field, t, x, h, frame, way=()):
-        """Q after the step, and by how much φ has grown."""
-        done = super().tangent(field, t, x, h, frame, way)
-        end = self.method.points_on(field, t, h, way)[-1] if way else done.x
-        turning = linearised(field, t + h, end).derivative(done.frame)
-        return done._replace(growth=h * jnp.sum(done.frame * turning, axis=0))
 
 
 # Tables.
@@ -207,13 +202,6 @@ STEPS = Steps()
 
 def _count(t, carry):
     return carry.watch
-
-
-def frame_at_start(example: str) -> tuple[np.ndarray, np.ndarray]:
-    """Q(t₀) and ln R(t₀)_ii of the columns of Ē⁻¹."""
-    system, x0, args = problem_of(example)
-    columns, upper = np.linalg.qr(np.asarray(tangent_frame(system, jnp.zeros(()), x0, args)))
-    return columns, np.log(np.abs(np.diag(upper)))
 
 
 def _steps(example: str, method: Method, length: float) -> int:
@@ -250,6 +238,10 @@ def _timed(run: Callable) -> tuple[Any, float]:
 
 
 # Beside the tables.
+
+
+def _state_alone() -> np.ndarray:
+    return _exponents("5.1", HalfExplicit(rtol=OF_TABLES[-1], control="x"), SHORT, counted=True)
 
 
 def _accuracy(example: str, name: str, length: float) -> np.ndarray:
@@ -334,7 +326,9 @@ def reproduce(*, quick: bool = False, progress=None) -> Reproduction:
     rows = rows_of(lengths)
     done = _all(_tasks(rows, SHORTER if quick else SHORT), progress)
     timed = [_timed(functools.partial(_of_row, row)) for row in rows]  # with nothing beside it
-    found = tuple(Found(value, done["steps", row], s) for row, (value, s) in zip(rows, timed, strict=True))
+    found = tuple(
+        Found(value, done["steps", row], s, done["intervals", row]) for row, (value, s) in zip(rows, timed, strict=True)
+    )
     seconds = {
         (row.table.number, row.tolerance): one.seconds
         for row, one in zip(rows, found, strict=True)
@@ -349,7 +343,9 @@ def reproduce(*, quick: bool = False, progress=None) -> Reproduction:
         _ordinary(float(lengths[-1]), seconds),
         done["linearisation",],
         {name: done["orders", name] for name in ORDERS},
+        {name: done["exponent orders", name] for name in EXPONENT_ORDERS},
         frame_at_start("5.1")[1],
+        done["state alone",],
     )
 
 
@@ -365,12 +361,16 @@ def _tasks(rows, length: float) -> dict[tuple, tuple]:
         table = row.table
         program = table.algorithm, table.tableau, SYSTEMS[table.example]
         tasks["steps", row] = (("steps", *program), _steps, table.example, table.method(row.tolerance), row.length)
+        tasks["intervals", row] = (("intervals", *program), intervals, row)
         if table.tableau != "dopri5" and row.length == rows[0].length:  # what is timed later must have been compiled
             tasks["compiled", row] = (program, _of_row, row)
     for name in ORDERS:
         tasks["orders", name] = (name, errors_at_end, name)
+    for name in EXPONENT_ORDERS:
+        tasks["exponent orders", name] = (("exponent orders", name), errors_of_exponents, name)
     for name in OFFSETS:
         tasks["running", name] = (("running", name), _running, name)
+    tasks["state alone",] = ("state alone", _state_alone)
     tasks["linearisation",] = ("linearisation", _linearisation)
     return tasks
 

@@ -1,4 +1,4 @@
-"""Orders of the half-explicit method with and without the reformulation (9), (E x)' = E'x + f, by equal steps."""
+"""Orders by equal steps: of the half-explicit method with and without (9), (E x)' = E'x + f, and of exponents."""
 
 import functools
 
@@ -6,13 +6,20 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._engines import compiled
 from ..daes import Constrained, landed
-from ..methods import HalfExplicit
+from ..frames import orthonormalise
+from ..methods import ESDIRK, ContinuousQR, HalfExplicit
+from ..methods.base import Method
 from ..methods.runge_kutta import TABLEAUX
 from ..systems import Bound
-from .linh_tables import problem_of
+from .linh_rectangle import RightRectangle
+from .linh_tables import frame_at_start, problem_of
 
-__all__ = ["COUNTS", "ORDERS", "end", "errors_at_end", "unreformulated"]
+__all__ = [
+    "COUNTS", "EXPONENT_ORDERS", "ORDERS", "end", "errors_at_end", "errors_of_exponents", "exponents_at_end",
+    "unreformulated",
+]  # fmt: skip
 
 COUNTS = (8, 16, 32, 64, 128)  # of equal steps over a unit of time
 NEWTON = 6  # iterations, of the method without the reformulation
@@ -84,3 +91,45 @@ def errors_at_end(name: str) -> np.ndarray:
     """Of x(1), largest component, for each of `COUNTS`; `name`: one of `ORDERS`."""
     example, kind = ORDERS[name]
     return np.max(np.abs(end(example, kind, COUNTS) - end(example, "exact", (ENOUGH,))), axis=1)
+
+
+# Exponents.
+
+FINE = 1e-13  # of Newton's iterations
+# In Example 5.2 the errors of the continuous algorithm change their sign between these steps.
+EXPONENT_ORDERS: dict[str, tuple[str, Method, int]] = {
+    "discrete": ("5.2", HalfExplicit(rtol=FINE), 5),
+    "discrete, ESDIRK34": ("5.2", ESDIRK("esdirk34", rtol=FINE), 4),
+    "discrete, ESDIRK54b": ("5.2", ESDIRK("esdirk54b", rtol=FINE), 5),
+    "continuous": ("5.1", ContinuousQR(HalfExplicit(rtol=FINE)), 5),
+    "continuous, right rectangle": ("5.1", RightRectangle(HalfExplicit(rtol=FINE)), 1),
+}
+
+
+@compiled()
+def _at_end(example: str, method: Method, x0, frame, args, count):
+    field, h = Bound(problem_of(example)[0].field, args), 1.0 / count.astype(x0.dtype)
+
+    def step(i, state):
+        x, frame, total = state
+        t = i.astype(x0.dtype) * h
+        done = method.step(field, t, x, field(t, x), h)
+        moved = method.tangent(field, t, x, h, frame, done.way)
+        frame, logs, _ = orthonormalise(moved.frame)
+        return done.x, frame, total + (logs if moved.growth is None else moved.growth)
+
+    return jax.lax.fori_loop(0, count, step, (x0, frame, jnp.zeros(2, x0.dtype)))[2]
+
+
+def exponents_at_end(example: str, method: Method, counts) -> np.ndarray:
+    """λ_i(1) (counts, 2) by so many equal steps, ln R(t₀) not counted."""
+    _, x0, args = problem_of(example)
+    frame = frame_at_start(example)[0]
+    return np.stack([np.asarray(_at_end(example, method, x0, frame, args, np.asarray(n, np.int32))) for n in counts])
+
+
+def errors_of_exponents(name: str) -> np.ndarray:
+    """The larger error of λ_i(1) for each of `COUNTS`; `name`: one of `EXPONENT_ORDERS`."""
+    example, method, _ = EXPONENT_ORDERS[name]
+    exact = exponents_at_end(example, HalfExplicit(rtol=1e-14, tableau="dopri8"), (ENOUGH,))
+    return np.max(np.abs(exponents_at_end(example, method, COUNTS) - exact), axis=1)

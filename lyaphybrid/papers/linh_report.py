@@ -1,16 +1,19 @@
 """The tables and the numbers of the reproduction of Linh, Truong & Tuyen."""
 
+import dataclasses
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from . import linh_checks
-from .linh_orders import COUNTS
+from .claims import check_lines, claim_lines
+from .linh_intervals import WINDOWS
+from .linh_orders import COUNTS, EXPONENT_ORDERS
 from .linh_tables import EXAMPLES, SHORT, TABLES, TOLERANCES, Row, exact
 from .output import plain
 
 if TYPE_CHECKING:
-    from . import linh
+    from . import linh, linh_intervals
 
 __all__ = ["numbers", "table"]
 
@@ -22,7 +25,9 @@ INTRODUCTION = """Linh, Truong & Tuyen: Lyapunov exponents of semi-linear DAEs b
 Exact: λ_i + C_i/T, with C_i as the algorithm counts. off: the larger |λ − exact| over TOL, in the paper and ours.
 ratio: our steps over the paper's. CPU s: in the paper (Core i5, 2.7 GHz, Matlab R2022a), and ours on this machine,
 compiled before.
-Continuous: here the errors of φ are controlled too, hence up to three times the steps, and smaller errors."""
+Continuous: here the errors of φ are controlled too, hence up to three times the steps, and smaller errors.
+Below each table: [λ_i^l, λ_i^u], the bounds of λ_i(t) over T/2 ≤ t ≤ T, and the least Steklov difference, the mean
+of the growth rates λ1 − λ2 over one of {windows} windows; above 0 the directions are integrally separated."""
 CORRECTIONS = """Corrections:
   1. Discrete tables count ln R(t0), continuous ones do not: they differ by ln R(t0)_ii/T, ln R(t0) = {initial}.
   2. ESDIRK34 goes on by its weights of order 4, for these have the errors of Table 9; it is then not L-stable.
@@ -37,15 +42,17 @@ CORRECTIONS = """Corrections:
 
 def table(r: "linh.Reproduction") -> str:
     """Tables 1 to 10, and in a few lines what is beside them."""
-    lines = [INTRODUCTION]
+    lines = [INTRODUCTION.format(windows=WINDOWS)]
     for one in TABLES:
         lines += ["", f"Table {one.number}: {EXAMPLES[one.example]}, {one.algorithm} QR, {one.pair}", ""]
         lines += [_line(HEADS), *(_line(_row(row, found)) for row, found in r.of(one))]
+        lines += ["", *(_bounds(row, found.intervals) for row, found in r.of(one))]
     initial = ", ".join(f"{v:.6f}" for v in r.initial)
     lines += ["", CORRECTIONS.format(initial=initial), ""]
     for part in (_rectangle, _accuracy, _ordinary, _theorem, _orders):
         lines += [*part(r), ""]
-    failed = [name for name, holds in r.checks.items() if not holds]
+    lines += [*check_lines(r.checks), "", *claim_lines(r.claims), ""]
+    failed = [one.name for one in r.checks if not one.holds]
     lines.append(f"FAILED: {'; '.join(failed)}" if failed else f"passed: all {len(r.checks)} checks hold")
     return "\n".join(line.rstrip() for line in lines)
 
@@ -76,6 +83,11 @@ def _row(row: Row, found: "linh.Found") -> tuple[str, ...]:
         f"{row.seconds:.3f}",
         f"{found.seconds:.4f}",
     )
+
+
+def _bounds(row: Row, found: "linh_intervals.Intervals") -> str:
+    ends = (f"λ{i + 1} [{_signed(found.lower[i])}, {_signed(found.upper[i])}]" for i in (0, 1))
+    return f"{row.length:5d} {_power(row.tolerance):>5s}  {', '.join(ends)}, Steklov {found.steklov:.4f}"
 
 
 def _rectangle(r: "linh.Reproduction"):
@@ -129,6 +141,9 @@ def _orders(r: "linh.Reproduction"):
     }
     for name, text in names.items():
         yield f"  {text}: {linh_checks.order(r.orders[name]):.2f}"
+    yield "Orders of the exponents with equal steps, by the error of λ_i(1):"
+    for name, (example, *_) in EXPONENT_ORDERS.items():
+        yield f"  {name}, Example {example}: {linh_checks.order(r.exponent_orders[name]):.2f}"
 
 
 def _few(values, digits: int) -> str:
@@ -152,6 +167,11 @@ def numbers(r: "linh.Reproduction") -> dict[str, Any]:
                 "exact": plain(row.exact),
                 "in_the_paper": {"exponents": list(row.exponents), "steps": row.steps, "cpu_seconds": row.seconds},
                 "ours": {"exponents": plain(found.exponents), "steps": found.steps, "seconds": found.seconds},
+                "bounds": {
+                    "lower": plain(found.intervals.lower),
+                    "upper": plain(found.intervals.upper),
+                    "steklov": plain(found.intervals.steklov),
+                },
             }
             for row, found in zip(r.rows, r.found, strict=True)
         ],
@@ -184,6 +204,12 @@ def numbers(r: "linh.Reproduction") -> dict[str, Any]:
             "errors": {name: plain(errors) for name, errors in r.orders.items()},
             "slopes": {name: linh_checks.order(errors) for name, errors in r.orders.items()},
         },
-        "checks": r.checks,
+        "exponent_orders": {
+            "errors": {name: plain(errors) for name, errors in r.exponent_orders.items()},
+            "slopes": {name: linh_checks.order(errors) for name, errors in r.exponent_orders.items()},
+        },
+        "state_alone": plain(r.state_alone),
+        "checks": {one.name: one.holds for one in r.checks},
+        "claims": [dataclasses.asdict(one) for one in r.claims],
         "passed": r.passed,
     }

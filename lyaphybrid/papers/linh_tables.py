@@ -8,13 +8,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from .. import zoo
+from ..consistency import tangent_frame
 from ..daes import DAE
 from ..methods import ESDIRK, ContinuousQR, HalfExplicit
 from ..methods.base import Method
 
 __all__ = [
     "EXAMPLES", "OFFSETS", "OF_TABLES", "PUBLISHED", "SHORT", "TABLES", "TOLERANCES", "Row", "Table", "algorithm",
-    "exact", "limits", "problem_of", "rows_of",
+    "exact", "frame_at_start", "limits", "problem_of", "rows_of",
 ]  # fmt: skip
 
 TOLERANCES = tuple(10.0**-k for k in range(4, 11))  # of the six decades
@@ -38,6 +39,13 @@ def problem_of(example: str) -> tuple[DAE, Any, dict[str, Any]]:
     assert isinstance(problem.system, DAE)
     assert problem.args is not None
     return problem.system, problem.x0, {key: jnp.asarray(value, float) for key, value in problem.args.items()}
+
+
+def frame_at_start(example: str) -> tuple[np.ndarray, np.ndarray]:
+    """Q(t₀) and ln R(t₀)_ii of the columns of Ē⁻¹."""
+    system, x0, args = problem_of(example)
+    columns, upper = np.linalg.qr(np.asarray(tangent_frame(system, jnp.zeros(()), x0, args)))
+    return columns, np.log(np.abs(np.diag(upper)))
 
 
 def algorithm(name: str, tolerance: float) -> Method:
