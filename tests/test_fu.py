@@ -13,7 +13,7 @@ import lyaphybrid as lh
 import references
 from lyaphybrid import zoo
 from lyaphybrid.__main__ import main
-from lyaphybrid.papers import claims, fu, fu_bifurcations, fu_checks, fu_report, output, synchronisation
+from lyaphybrid.papers import claims, fu, fu_bifurcations, fu_checks, fu_figures, fu_report, output, synchronisation
 from lyaphybrid.papers import transfer_matrices as tm
 
 PLUS, MINUS, STICK = range(3)  # in `tm.FIELDS`
@@ -266,6 +266,20 @@ def test_exponents_are_numbered_alike_everywhere():
         object.__setattr__(found, "case", case)
         assert found.order == order
         assert case.says[order.index(0)] == "zero"
+
+
+def test_running_exponents_are_numbered_like_the_final_ones():
+    """Columns that change their places at a loss, and one that is lost: λ1 ≥ λ2 ≥ λ3, what is lost last."""
+
+    class History:
+        time = np.array([1.0, 2.0, 3.0])
+        exponents = np.array([[0.1, -0.2, 0.0], [0.1, -0.2, 0.0], [0.1, 0.0, 0.3]])
+        losses = np.array([[0, 0, 0], [0, 0, 0], [0, 0, 1]])
+
+    time, running, lost = fu_figures.ordered(History)
+    np.testing.assert_array_equal(time, History.time)
+    np.testing.assert_array_equal(running, [[0.1, 0.0, -0.2], [0.1, 0.0, -0.2], [0.1, 0.0, 0.3]])
+    np.testing.assert_array_equal(lost, [[False] * 3, [False] * 3, [False, False, True]])
 
 
 def test_signs_of_cycles_are_counted_where_the_points_say_so():

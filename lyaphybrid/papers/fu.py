@@ -118,7 +118,8 @@ class Found:
         synchronised: the same from two copies that are coupled.
         schemes: what the paper's scheme gives, "euler" and "rk4".
         motion: a few periods in time.
-        section: states at t = 0 mod 2π/ω.
+        section: states at t = 0 mod 2π/ω; of a cycle from the start on.
+        loop: once round the cycle; None in chaos.
     """
 
     case: Case
@@ -130,6 +131,7 @@ class Found:
     schemes: dict[str, transfer_matrices.Run]
     motion: Trajectory
     section: PoincareSection
+    loop: Trajectory | None
 
     @property
     def losses(self) -> float:
@@ -224,6 +226,7 @@ def _off(case: Case, form: str = "forced"):
 def _found(case: Case, lengths: Lengths, progress=None) -> Found:
     forced, autonomous = _off(case), _off(case, "autonomous")
     periods = lengths.cycle if case.cycle else lengths.chaos
+    transient = 0 if case.cycle else 500
     settle = (50 if case.cycle else 500) * PERIOD
     schemes = {
         method: transfer_matrices.run(
@@ -236,16 +239,18 @@ def _found(case: Case, lengths: Lengths, progress=None) -> Found:
         )
         for method in transfer_matrices.METHODS
     }
+    orbit = floquet(*forced, period=PERIOD, transient=settle) if case.cycle else None
     return Found(
         case,
         lyapunov_spectrum(*forced, t1=periods * PERIOD, blocks=200, transient=settle, progress=progress),
         lyapunov_spectrum(*autonomous, t1=lengths.shown * PERIOD, times=_times(lengths.shown)),
-        floquet(*forced, period=PERIOD, transient=settle) if case.cycle else None,
+        orbit,
         two_trajectories(*forced, t1=lengths.two * PERIOD, transient=settle),
         _synchronised(case, 1 if case.cycle else lengths.trials),
         schemes,
         trajectory(*forced, t1=SHOWN * PERIOD, n=200 * SHOWN),
-        poincare_section(*forced, period=PERIOD, n=lengths.points, transient=0 if case.cycle else 500),
+        poincare_section(*forced, period=PERIOD, n=SETTLING if case.cycle else lengths.points, transient=transient),
+        None if orbit is None else trajectory(forced[0], orbit.x0, forced[2], t1=PERIOD, n=400),
     )
 
 
@@ -267,7 +272,7 @@ def _times(periods: int) -> np.ndarray:
     return np.unique(np.round(np.geomspace(1, periods, 300))) * PERIOD
 
 
-SHOWN = 12  # periods of the velocity
+SHOWN, SETTLING = 12, 60  # periods of the velocity, and points on the way to a cycle
 
 
 def _diagram(lengths: Lengths) -> BifurcationDiagram:

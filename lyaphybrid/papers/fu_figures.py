@@ -33,7 +33,13 @@ def motion(found: "fu.Found"):
     _velocity(found, velocity)
     _running(found, exponents)
     _section(found, section)
+    _lettered((velocity, "a", "velocity"), (exponents, "b", "running exponents of (θ, θ', z)"))
     return figure
+
+
+def _lettered(*panels) -> None:
+    for ax, letter, what in panels:
+        ax.set_title(f"({letter}) {what}", fontsize="small", loc="left")
 
 
 def _velocity(found, ax) -> None:
@@ -56,11 +62,11 @@ def _velocity(found, ax) -> None:
 def _running(found, ax) -> None:
     """The three exponents of (θ, θ', z); of one that is −∞ the growth without the moments of loss, dashed."""
     s = found.autonomous
-    time, running = np.asarray(s.history.time), np.asarray(s.history.exponents)
+    time, running, lost = ordered(s.history)
     values, finite = np.asarray(s.exponents), np.asarray(s.finite_exponents)
-    for i, value in enumerate(values):
-        lost = bool(np.isneginf(value))
-        ax.plot(time, running[:, i], color=COLOURS[i], linewidth=1.3, linestyle="--" if lost else "-")
+    for i, width in enumerate((1.3, 2.2, 1.1)):  # λ3 over λ2, which it may meet
+        for part, style in ((~lost[:, i], "-"), (lost[:, i], "--")):
+            ax.plot(time, np.where(part, running[:, i], np.nan), color=COLOURS[i], linewidth=width, linestyle=style)
     low, high = ax.get_ylim()
     ax.set_ylim(low - 0.06 * (high - low), high + 0.06 * (high - low))
     height = np.inf
@@ -76,7 +82,15 @@ def _running(found, ax) -> None:
     ax.set_xscale("log")
     ax.set_xlim(time[0], time[-1])
     ax.set_xlabel("time t")
-    ax.set_ylabel("running exponents\nper unit of time")
+    ax.set_ylabel("per unit of time")
+
+
+def ordered(history):
+    """Time (m,), running λ1 ≥ λ2 ≥ λ3 (m, 3), and whether each has lost a direction up to then; those come last."""
+    running, lost = np.asarray(history.exponents), np.cumsum(np.asarray(history.losses), axis=0) > 0
+    order = np.lexsort((-running, lost), axis=1)
+    sort = {"indices": order, "axis": 1}
+    return np.asarray(history.time), np.take_along_axis(running, **sort), np.take_along_axis(lost, **sort)
 
 
 def _value(value: float) -> str:
@@ -86,20 +100,21 @@ def _value(value: float) -> str:
 def _section(found, ax) -> None:
     x = np.asarray(found.section.x)
     theta = np.pi - np.mod(np.pi - x[:, 0], 2 * np.pi)
-    if found.case.cycle:
-        loop = np.asarray(found.motion.x)[-len(np.asarray(found.motion.t)) // WINDOW :]
+    title = "Poincaré map, t = 0 mod 2π/ω"
+    if found.orbit is not None:
+        loop, point = np.asarray(found.loop.x), np.asarray(found.orbit.x0)
         ax.plot(loop[:, 0], loop[:, 1], color="0.7", linewidth=1.0, label="the cycle")
-        ax.plot(theta[-1:], x[-1:, 1], "o", color=COLOURS[0], markersize=6)
+        ax.plot(theta, x[:, 1], ".", color=COLOURS[0], markersize=4, mew=0, label="points, from the start on")
+        ax.plot(*point, "o", color=COLOURS[1], markersize=6, mfc="none", label="point of the cycle")
+        ax.legend(frameon=False, loc="center", bbox_to_anchor=(0.55, 0.28), fontsize="small")
+        title += f"; the cycle's point ({point[0]:.6f}, {point[1] + 0.0:.6f})".replace("-", "−")
     else:
         ax.plot(theta, x[:, 1], linestyle="none", marker=".", markersize=2, mew=0, color=COLOURS[0], rasterized=True)
-    ax.set_xlim(-np.pi, np.pi)
-    ax.set_xticks([-np.pi, 0.0, np.pi], ["−π", "0", "π"])
-    if found.case.cycle:
-        ax.legend(frameon=False, loc="upper right", fontsize="small")
+        ax.set_xlim(-np.pi, np.pi)
+        ax.set_xticks([-np.pi, 0.0, np.pi], ["−π", "0", "π"])
     ax.set_xlabel("θ mod 2π")
     ax.set_ylabel("velocity θ'")
-    point = f": ({theta[-1]:.6f}, {x[-1, 1]:.6f})".replace("-", "−") if found.case.cycle else ""
-    ax.set_title("Poincaré map, t = 0 mod 2π/ω" + point, fontsize="small", loc="left")
+    _lettered((ax, "c", title))
 
 
 def bifurcations(diagram):
@@ -119,19 +134,29 @@ def bifurcations(diagram):
             ax.axvline(beta, color="0.55", linewidth=0.5, linestyle=(0, (4, 3)), zorder=0)
     _names(upper, BIFURCATIONS)
     _strip(strip, diagram)
-    figure.suptitle("Fig. 4: α = 0.01; dashed: bifurcations of cycles, computed independently", fontsize="medium")
+    figure.suptitle("Fig. 4: α = 0.01; dashed: bifurcations of cycles, at which λmax is 0", fontsize="medium")
+    runs = upper.get_legend_handles_labels()
     legend = upper.get_legend()
-    handles, labels = upper.get_legend_handles_labels()
     if legend is not None:
         legend.remove()
-    bands, names = strip.get_legend_handles_labels()
-    options = {"loc": "outside lower center", "ncols": 6, "frameon": False, "fontsize": "small", "markerscale": 3}
-    figure.legend([*handles, *bands], [*labels, *names], **options)
+    look = {"frameon": False, "fontsize": "small", "title_fontsize": "small", "alignment": "left"}
+    look |= {"columnspacing": 1.0, "handletextpad": 0.4, "handlelength": 0.9}
+    figure.legend(*runs, loc="outside lower left", ncols=3, markerscale=4, title="Points and exponents", **look)
+    bands = strip.get_legend_handles_labels()
+    if bands[0]:
+        title = "Band between the panels: not all runs end alike"
+        figure.legend(*bands, loc="outside lower right", ncols=len(bands[0]), title=title, **look)
+    for drawn in lower.containers:  # both lines are seen where they coincide, and the dots on them
+        line = drawn[0]
+        line.set_markersize(1.6)
+        line.set_linewidth(2.0 if drawn.get_label() == "followed up" else 0.9)
     upper.set_ylabel("θ at t = 0 mod 2π/ω")
     upper.tick_params(labelbottom=False)
     lower.set_xlabel("viscous damping β")
-    lower.set_ylabel("largest exponent λ$_1$\nper unit of time")
+    lower.set_ylabel("largest exponent λmax of (θ, θ')\nper unit of time")
     lower.set_xlim(diagram.values[0], diagram.values[-1])
+    for ax, letter in ((upper, "a"), (lower, "b")):
+        ax.text(0.99, 0.97, f"({letter})", transform=ax.transAxes, ha="right", va="top")
     return figure
 
 
