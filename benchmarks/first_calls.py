@@ -24,6 +24,7 @@ def measured(name: str) -> dict[str, float]:
 
     jax.config.update("jax_enable_x64", True)
     import lyaphybrid as lh
+    from lyaphybrid.blocks import part_of
     from lyaphybrid.native import EVENTS
 
     seconds: dict[str, float] = collections.defaultdict(float)
@@ -37,7 +38,8 @@ def measured(name: str) -> dict[str, float]:
 
     jax.monitoring.register_event_duration_secs_listener(listen)
     problem = getattr(lh.zoo, name)()
-    short = {"t1": problem.t1 / 100, "transient": problem.transient / 100}
+    lengths = {"t1": problem.t1, "transient": problem.transient}
+    short = {name: part_of(problem.system, problem.clock, length, 0.01) for name, length in lengths.items()}
     for call in ("first", "second"):
         clock = time.perf_counter()
         problem.spectrum(**short, throw=False)
