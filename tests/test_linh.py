@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
 from lyaphybrid.__main__ import main
-from lyaphybrid.papers import linh, linh_intervals, linh_orders, linh_report
+from lyaphybrid.papers import linh, linh_intervals, linh_orders, linh_report, linh_theory
 from lyaphybrid.papers import linh_tables as tables
 from lyaphybrid.papers.claims import AGREED, CORRECTED, NOT_REPRODUCIBLE
 
@@ -103,6 +103,11 @@ def by_hand_row(row):
     return linh.Found(row.exact + as_in_table_9, round(high * row.steps), 0.01, bounds)
 
 
+def characteristic_by_hand():
+    exponents = tables.limits() + np.array([-1.77, 2.24]) / np.array(linh_theory.LENGTHS)[:, None]
+    return linh_theory.Characteristic(exponents, np.stack([np.eye(2)] * len(linh_theory.LENGTHS)))
+
+
 @functools.cache
 def by_hand() -> linh.Reproduction:
     tolerances, time = np.array(tables.TOLERANCES), np.geomspace(1.0, 1000.0, 91)
@@ -127,6 +132,9 @@ def by_hand() -> linh.Reproduction:
         {name: np.array(linh_orders.COUNTS, float) ** -p for name, (*_, p) in linh_orders.EXPONENT_ORDERS.items()},
         apart,
         np.array([-0.179, -0.19]),
+        characteristic_by_hand(),
+        linh_theory.Turning(np.full((7, 19), 1.5), np.ones((7, 19)), np.ones((7, 19))),
+        linh_theory.Perturbed(*[tables.limits() + np.array(linh_theory.SIZES)[:, None]] * 3),
     )
 
 
@@ -178,6 +186,12 @@ def steklov_off(found):
     return dataclasses.replace(found, steklov=found.steklov - 0.02)
 
 
+def theory(part, **changes):
+    return in_part(
+        part, lambda found: dataclasses.replace(found, **{k: f(getattr(found, k)) for k, f in changes.items()})
+    )
+
+
 def with_order(power):
     return lambda errors: np.array(linh_orders.COUNTS, float) ** -power
 
@@ -196,6 +210,12 @@ BROKEN = [
     *((in_table(n, steps=lambda v: v // 3), f"Table {n}: 0.8 to") for n in range(1, 11)),
     *((in_table(n, intervals=bounds_off), f"Table {n}: λ^l and λ^u") for n in range(1, 11)),
     *((in_table(n, intervals=steklov_off), f"Table {n}: Steklov") for n in range(1, 11)),
+    (theory("characteristic", exponents=lambda e: e + 1e-6), "Λ: T (ln μ_i"),
+    (theory("characteristic", vectors=lambda p: p + 1e-6 * np.arange(4)[:, None, None]), "Λ: its eigenvectors"),
+    (theory("turning", difference=lambda d: 2 * d), "|ΔA| / (M δ + N ε)"),
+    (theory("turning", difference=lambda d: d / 2), "M δ is needed"),
+    (theory("perturbed", constant=lambda e: e + 1e-7), "those of the pencil"),
+    (theory("perturbed", periodic=lambda e: e + 1e-3), "Definition 2.3: exponents move"),
     (in_part("state_alone", lambda v: v - [0, 2.6]), "control of x alone"),
     (in_dict("exponent_orders", "continuous, right rectangle", with_order(3)), "is of first order"),
     *(
@@ -303,6 +323,35 @@ def test_bounds_and_steklov_differences(number):
     assert_allclose(found.upper, wanted.upper, rtol=0, atol=1e-5)
     assert np.all(found.upper - found.lower > 1e-3)
     assert_allclose(found.steklov, wanted.steklov, rtol=0, atol=1e-3)
+
+
+def test_the_matrix_whose_eigenvalues_are_the_exponents():
+    """Beside the singular value decomposition of Y itself, as long as its condition number leaves digits."""
+    found = linh_theory.characteristic((5, 10))
+    system, x0, args = tables.problem_of("5.1")
+    start = np.array([[1, 0], [0, 1], [0, 0.5], [2, -1]])  # the columns of Ē⁻¹ where x₁ = 1
+    for i, length in enumerate((5.0, 10.0)):
+        method = lh.HalfExplicit(rtol=1e-13, tableau="dopri8")
+        y = np.asarray(lh.tangent_map(system, x0, args, t1=length, method=method).matrix) @ start
+        _, sizes, vectors = np.linalg.svd(y, full_matrices=False)
+        assert_allclose(found.exponents[i], np.log(sizes) / length, atol=1e-6)
+        assert_allclose(np.abs(found.vectors[i]), np.abs(vectors.T), atol=1e-7)
+        growth = np.log(np.linalg.norm(y @ found.vectors[i], axis=0)) / length
+        assert_allclose(growth, found.exponents[i], atol=1e-5)
+
+
+def test_perturbed_equations():
+    """Constant perturbations: eigenvalues; smaller ones move the exponents less; periodic ones of zero mean much less."""
+    found = linh_theory.perturbed()
+    assert_allclose(found.constant, found.eigenvalues, rtol=0, atol=1e-8)
+    away = np.abs(found.constant - tables.limits())
+    assert np.all(away[:-1] > 5 * away[1:])
+    assert np.all(away[-1] < 1e-4)
+    assert np.all(np.abs(found.periodic - tables.limits()) < away)
+
+
+def test_the_pencil_of_the_unperturbed_system():
+    assert_allclose(linh_theory.pencil(0.0), tables.limits(), atol=1e-12)
 
 
 @pytest.mark.parametrize("name", linh_orders.EXPONENT_ORDERS)

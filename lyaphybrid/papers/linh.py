@@ -26,7 +26,7 @@ from ..methods.base import Method
 from ..spectra import lyapunov_spectrum
 from ..systems import Flow
 from ..trajectories import trajectory
-from . import linh_checks, linh_claims, linh_report
+from . import linh_checks, linh_claims, linh_report, linh_theory
 from .claims import Check, Claim
 from .linh_intervals import Intervals, intervals
 from .linh_orders import EXPONENT_ORDERS, ORDERS, errors_at_end, errors_of_exponents
@@ -121,6 +121,9 @@ class Reproduction:
         orders: for each of `ORDERS` the error of x(1) by `COUNTS`.
         exponent_orders: for each of `EXPONENT_ORDERS` that of λ_i(1).
         initial: ln R_ii at t₀.
+        characteristic: Λ of (7) on Example 5.1.
+        turning: Theorem 4.1 with M δ, on Example 5.2.
+        perturbed: Definition 2.3, on Example 5.1 at rest.
         state_alone: (2,) λ of Example 5.1 at T = 1000, TOL = 1e-6, where the error of x alone is controlled.
     """
 
@@ -135,6 +138,9 @@ class Reproduction:
     exponent_orders: dict[str, np.ndarray]
     initial: np.ndarray
     state_alone: np.ndarray
+    characteristic: linh_theory.Characteristic
+    turning: linh_theory.Turning
+    perturbed: linh_theory.Perturbed
 
     @property
     def rows(self) -> tuple[Row, ...]:
@@ -346,6 +352,7 @@ def reproduce(*, quick: bool = False, progress=None) -> Reproduction:
         {name: done["exponent orders", name] for name in EXPONENT_ORDERS},
         frame_at_start("5.1")[1],
         done["state alone",],
+        *(done[name,] for name in ("characteristic", "turning", "perturbed")),
     )
 
 
@@ -371,6 +378,8 @@ def _tasks(rows, length: float) -> dict[tuple, tuple]:
     for name in OFFSETS:
         tasks["running", name] = (("running", name), _running, name)
     tasks["state alone",] = ("state alone", _state_alone)
+    for function in (linh_theory.characteristic, linh_theory.turning, linh_theory.perturbed):
+        tasks[function.__name__,] = (function.__name__, function)
     tasks["linearisation",] = ("linearisation", _linearisation)
     return tasks
 

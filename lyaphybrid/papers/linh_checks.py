@@ -8,13 +8,14 @@ from .claims import Check
 from .linh_intervals import Intervals, wanted
 from .linh_orders import COUNTS, EXPONENT_ORDERS
 from .linh_tables import EXAMPLES, OFFSETS, SHORT, TABLES, TOLERANCES, Row, exact, limits
+from .linh_theory import LENGTHS, SIZES
 
 if TYPE_CHECKING:
     from . import linh
 
 __all__ = [
-    "CONTINUOUS", "PAIR_5", "at_equal_steps", "checks", "listed", "off", "off_by_order", "order", "ranged",
-    "slope_of_linearisation", "unexplained",
+    "CONTINUOUS", "PAIR_5", "at_equal_steps", "checks", "growth_left", "listed", "moved", "off", "off_by_order", "order",
+    "ranged", "slope_of_linearisation", "unexplained",
 ]  # fmt: skip
 
 # |λ − exact| of the tables over the tolerance: more where all turns fast, and by ESDIRK54b, whose estimate of the error
@@ -29,6 +30,8 @@ LATE, SETTLED = 100.0, 30e-8  # C/t from there on, to so many times the toleranc
 BOUNDED = 5.0  # T |λ(T) − λ| of the ordinary equation
 ORDER = {"propagated": 5, "embedded": 4, "without (9), constant E": 5}
 TO = 0.4
+SAME_CONSTANT, FIXED = 1e-6, 1e-8  # of Λ: what is left of the motion is e^(−0.35 · 50), of the vectors e^(−2.6 · 20)
+OF_PENCIL, MOVED = 1e-8, 2.0
 LOST = 0.1  # by which λ₂ is off where x alone is controlled
 REDUCED = 3.5  # the order without (9) where E depends on time is below
 FINEST = 3  # counts of steps over which orders are taken
@@ -96,7 +99,7 @@ def _most(name: str, values, limit: float) -> Check:
 
 def checks(r: "linh.Reproduction") -> list[Check]:
     """What must hold."""
-    parts = (_tables, _steps, _intervals, _accuracy, _conventions, _ordinary, _linearisation, _orders)
+    parts = (_tables, _steps, _intervals, _accuracy, _conventions, _ordinary, _linearisation, _theory, _orders)
     return [one for part in parts for one in part(r)]
 
 
@@ -172,6 +175,30 @@ def _linearisation(r: "linh.Reproduction"):
     name = "Theorem 4.1: f_x is off in proportion to the tolerance, TOL^1"
     yield Check(name, f"1 ± {PROPORTIONAL:g}", f"{slope:.2f}", bool(abs(slope - 1) <= PROPORTIONAL))
     yield _most("Theorem 4.1: the bound N ε holds, |ΔA| / (N ε)", found.difference / (found.bound * found.distance), 1)
+
+
+def _theory(r: "linh.Reproduction"):
+    total, vectors = growth_left(r), r.characteristic.vectors
+    yield _most("Λ: T (ln μ_i − λ_i) is the same at T = 50 and T = 100", np.abs(total[-1] - total[-2]), SAME_CONSTANT)
+    yield _most("Λ: its eigenvectors are the same at T = 20 and T = 100", np.abs(vectors[-1] - vectors[1]), FIXED)
+    yield _most("Theorem 4.1, Example 5.2: |ΔA| / (M δ + N ε)", r.turning.share, 1)
+    most = float(np.max(r.turning.without_time))
+    yield Check("Theorem 4.1, Example 5.2: M δ is needed, |ΔA| / (N ε)", "> 1", f"{most:.3g}", bool(most > 1))
+    found = r.perturbed
+    name = "Definition 2.3: exponents under constant ΔE, ΔA are those of the pencil"
+    yield _most(name, np.abs(found.constant - found.eigenvalues), OF_PENCIL)
+    yield _most("Definition 2.3: exponents move by at most so many times |ΔE|, |ΔA|", moved(r), MOVED)
+
+
+def growth_left(r: "linh.Reproduction") -> np.ndarray:
+    """T (ln μ_i − λ_i), for each T of Λ(T)."""
+    return np.array(LENGTHS)[:, None] * (r.characteristic.exponents - limits())
+
+
+def moved(r: "linh.Reproduction") -> np.ndarray:
+    """|γ_i − λ_i| over the size of the perturbation, constant and periodic."""
+    away = np.abs(np.stack([r.perturbed.constant, r.perturbed.periodic]) - limits())
+    return away / np.array(SIZES)[:, None]
 
 
 def _orders(r: "linh.Reproduction"):

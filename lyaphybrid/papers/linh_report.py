@@ -10,6 +10,7 @@ from .claims import check_lines, claim_lines
 from .linh_intervals import WINDOWS
 from .linh_orders import COUNTS, EXPONENT_ORDERS
 from .linh_tables import EXAMPLES, SHORT, TABLES, TOLERANCES, Row, exact
+from .linh_theory import LENGTHS, SIZES
 from .output import plain
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ def table(r: "linh.Reproduction") -> str:
         lines += ["", *(_bounds(row, found.intervals) for row, found in r.of(one))]
     initial = ", ".join(f"{v:.6f}" for v in r.initial)
     lines += ["", CORRECTIONS.format(initial=initial), ""]
-    for part in (_rectangle, _accuracy, _ordinary, _theorem, _orders):
+    for part in (_rectangle, _accuracy, _ordinary, _theorem, _characteristic, _perturbed, _orders):
         lines += [*part(r), ""]
     lines += [*check_lines(r.checks), "", *claim_lines(r.claims), ""]
     failed = [one.name for one in r.checks if not one.holds]
@@ -129,6 +130,24 @@ def _theorem(r: "linh.Reproduction"):
         TOLERANCES, found.distance, found.difference, found.bound, strict=True
     ):
         yield f"  {_power(tolerance):>5s}: {difference:.2e} ≤ {bound * distance:.2e}"
+    yield "On Example 5.2 with ω(t) = t + TOL t/20, the largest |f_x(ω, ψ) − f_x(t, φ)| over M δ + N ε, and over N ε:"
+    for tolerance, share, alone in zip(TOLERANCES, r.turning.share, r.turning.without_time, strict=True):
+        yield f"  {_power(tolerance):>5s}: {share:.2f}, {alone:.2f}"
+
+
+def _characteristic(r: "linh.Reproduction"):
+    yield "Λ(T) = (YᵀY)^(1/2T) of Example 5.1, Y(0) the columns of Ē⁻¹: ln μ_i, T (ln μ_i − λ_i), and p1"
+    found, left = r.characteristic, linh_checks.growth_left(r)
+    for length, exponents, rest, vectors in zip(LENGTHS, found.exponents, left, found.vectors, strict=True):
+        parts = (linh_checks.listed(v, ".8f") for v in (exponents, rest, vectors[:, 0]))
+        yield f"  T = {length:3d}: {'; '.join(parts)}"
+
+
+def _perturbed(r: "linh.Reproduction"):
+    yield "[E + ΔE] x' = [A + ΔA] x, |ΔE| = |ΔA| = δ, Example 5.1 at rest: constant; eigenvalues; cos t and sin √2t"
+    found = r.perturbed
+    for size, *three in zip(SIZES, found.constant, found.eigenvalues, found.periodic, strict=True):
+        yield f"  {size:.0e}: {'; '.join(linh_checks.listed(v, '.9f') for v in three)}"
 
 
 def _orders(r: "linh.Reproduction"):
@@ -207,6 +226,18 @@ def numbers(r: "linh.Reproduction") -> dict[str, Any]:
         "exponent_orders": {
             "errors": {name: plain(errors) for name, errors in r.exponent_orders.items()},
             "slopes": {name: linh_checks.order(errors) for name, errors in r.exponent_orders.items()},
+        },
+        "lambda_matrix": {
+            "T": list(LENGTHS),
+            "exponents": plain(r.characteristic.exponents),
+            "vectors": plain(r.characteristic.vectors),
+        },
+        "theorem_4_1_with_time": {"over_bound": plain(r.turning.share), "over_n_eps": plain(r.turning.without_time)},
+        "perturbed": {
+            "size": list(SIZES),
+            "constant": plain(r.perturbed.constant),
+            "eigenvalues": plain(r.perturbed.eigenvalues),
+            "periodic": plain(r.perturbed.periodic),
         },
         "state_alone": plain(r.state_alone),
         "checks": {one.name: one.holds for one in r.checks},
