@@ -341,7 +341,7 @@ def test_the_matrix_whose_eigenvalues_are_the_exponents():
 
 
 def test_perturbed_equations():
-    """Constant perturbations: eigenvalues; smaller ones move the exponents less; periodic ones of zero mean much less."""
+    """Constant ones: eigenvalues; smaller ones move the exponents less; periodic ones of zero mean move them less."""
     found = linh_theory.perturbed()
     assert_allclose(found.constant, found.eigenvalues, rtol=0, atol=1e-8)
     away = np.abs(found.constant - tables.limits())

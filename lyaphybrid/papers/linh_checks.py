@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from . import linh
 
 __all__ = [
-    "CONTINUOUS", "PAIR_5", "at_equal_steps", "checks", "growth_left", "listed", "moved", "off", "off_by_order", "order",
-    "ranged", "slope_of_linearisation", "unexplained",
+    "CONTINUOUS", "PAIR_5", "at_equal_steps", "checks", "growth_left", "listed", "moved", "off", "off_by_order",
+    "order", "ranged", "slope_of_linearisation", "unexplained",
 ]  # fmt: skip
 
 # |λ − exact| of the tables over the tolerance: more where all turns fast, and by ESDIRK54b, whose estimate of the error

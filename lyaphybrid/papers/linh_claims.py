@@ -193,7 +193,8 @@ def _about_errors(r: "linh.Reproduction") -> list[Claim]:
             "Theorem 4.1",
             "the linearisation along a computed motion is off by at most M δ + N ε",
             f"by at most {np.max(r.turning.share):.2f} of that (Example 5.2, δ = TOL), and by up to "
-            f"{np.max(r.turning.without_time):.2f} N ε; on Example 5.1, δ = 0, it is proportional to TOL^{slope_of_linearisation(r):.2f}",
+            f"{np.max(r.turning.without_time):.2f} N ε; on Example 5.1, δ = 0, "
+            f"it is proportional to TOL^{slope_of_linearisation(r):.2f}",
             AGREED,
         ),
     ]
