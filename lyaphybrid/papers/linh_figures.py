@@ -54,7 +54,8 @@ def _errors(r: "linh.Reproduction"):
         ax.invert_xaxis()
         _letter(ax, letter, f"{algorithm} QR")
     axes[0].set_ylabel("max$_i$ |λ$_i$ − exact| / TOL")
-    axes[0].set_ylim(5e-3, 100)
+    low, high = axes[0].get_ylim()
+    axes[0].set_ylim(low / 3, high)  # room for the legend
     axes[0].legend(fontsize="small", loc="lower left", frameon=False)
     return made
 
@@ -86,7 +87,8 @@ def _orders(r: "linh.Reproduction"):
     ax.set_xticks(steps, [f"1/{count}" for count in COUNTS])
     ax.minorticks_off()
     ax.legend(fontsize="small", loc="upper left", frameon=False)
-    ax.set_ylim(1e-13, 1.0)
+    low, high = ax.get_ylim()
+    ax.set_ylim(low, 100 * high)  # room for the legend
     return made
 
 
