@@ -486,6 +486,41 @@ def test_stiff_equations():
         assert_allclose(path.x[:, 0], slow.x[:, 0], atol=1e-5)
 
 
+@pytest.mark.parametrize("tableau", ["esdirk34", "kvaerno5"])
+@pytest.mark.parametrize("name", ["5.1", "5.2"])
+def test_implicit_methods_in_the_continuous_method(name, tableau):
+    for tolerance in (1e-5, 1e-7):
+        error = found(name, lh.ContinuousQR(lh.ESDIRK(tableau, tolerance)), 1000, False) - NOT_COUNTED[1000]
+        print(name, tableau, tolerance, error / tolerance)
+        assert np.max(np.abs(error)) < 10 * tolerance
+
+
+@pytest.mark.parametrize("k", [1, 2])
+def test_stiff_equations_in_the_continuous_method(k):
+    """At rest exponents are eigenvalues, here −0.5 and −1e6 nearly; steps do not see the second one."""
+    stiff = lh.DAE(
+        lambda t, args: jnp.diag(jnp.array([1.0, 1.0, 0.0])),
+        lambda t, x, args: jnp.stack([-x[0] + x[2], -args * (x[1] - jnp.sin(x[0])), x[2] - 0.5 * x[1]]),
+        n_differential=2,
+    )
+    exact = np.sort(np.linalg.eigvals([[-1.0, 0.5], [1e6, -1e6]]).real)[::-1][:k]
+    s = lh.lyapunov_spectrum(
+        stiff, [0.0, 0.0, 0.0], 1e6, t1=50.0, transient=50.0, k=k, max_steps=3000,
+        method=lh.ContinuousQR(lh.ESDIRK("kvaerno5", 1e-8)),
+    )  # fmt: skip
+    assert s.status is lh.STATUS.ok
+    assert_allclose(s.exponents, exact, rtol=1e-7)
+
+
+def test_the_continuous_method_in_implicit_stages_of_a_flow():
+    fading = lh.Flow(lambda t, x, args: x * jnp.array([1.0, -2.0]) / (1 + t) + jnp.array([0.0, 1.0]) * x[0])
+    s = lh.lyapunov_spectrum(
+        fading, [0.0, 0.0], t1=100.0, method=lh.ContinuousQR(lh.ESDIRK("kvaerno5", 1e-9)), blocks=2
+    )
+    assert_allclose(s.exponents.sum(), -np.log(101.0) / 100, atol=1e-7)
+    assert s.sum_rule_residual < 1e-7
+
+
 def test_an_implicit_method_for_a_flow():
     van_der_pol = lh.Flow(lambda t, x, mu: jnp.stack([x[1], mu * ((1 - x[0] ** 2) * x[1]) - x[0]]))
     implicit = lh.trajectory(van_der_pol, [2.0, 0.0], 30.0, t1=20.0, n=4, method=lh.ESDIRK(rtol=1e-8))
@@ -518,7 +553,10 @@ def semi_explicit(leading=None, residual=None, n_differential=1):
         (lambda: lh.HalfExplicit(control="Q"), "control must be"),
         (lambda: lh.HalfExplicit(tableau="dop853"), "tableaux are dopri5, tsit5, dopri8"),
         (lambda: lh.ESDIRK("dopri5"), "tableaux are esdirk34, esdirk54b, kvaerno3"),
-        (lambda: lh.ContinuousQR(lh.ESDIRK()), "in the stages of lh.HalfExplicit or lh.RungeKutta; got ESDIRK"),
+        (
+            lambda: lh.ContinuousQR(lh.Symplectic("SABA2C", 0.1)),
+            "in the stages of lh.HalfExplicit, lh.ESDIRK or .*; got S",
+        ),
         (lambda: lh.ContinuousQR(lh.RungeKutta(dt=0.1)), "leave out dt"),
         (lambda: lh.ContinuousQR(lh.RungeKutta("dop853")), "has two"),
         (lambda: lh.consistent_start(lh.Flow(lambda t, x, args: x), [1.0]), "needs an lh.DAE; got Flow"),

@@ -12,22 +12,26 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from ..checks import require
 from ..daes import is_constrained
 from ..frames import kind_for, orthonormalise
-from ..linear_systems import product
+from ..linear_systems import inverse, product
 from .base import Controller, Field, Method, Step, Tangent
-from .half_explicit import HalfExplicit
+from .half_explicit import ESDIRK, HalfExplicit
 from .linearised import Along, linearised
 from .runge_kutta import RungeKutta, Tableau, summed, tabulated
 
 __all__ = ["ContinuousQR"]
 
+NEWTON = 6  # iterations in an implicit stage, each of which squares what is left
+LEFT = 1e-3  # … of which no more may be left than this times the tolerance
+
 
 class ContinuousQR(Method):
-    """The continuous QR method in the stages of an explicit Runge–Kutta method.
+    """The continuous QR method in the stages of a Runge–Kutta method.
 
     Where directions turn slowly it takes larger steps than the discrete method, whose frame must be resolved as it
     grows: an interval of time over which a column grows by e^1000 is one step if its rate is smooth. Columns are
@@ -35,7 +39,8 @@ class ContinuousQR(Method):
     that of φ over a step is kept below the tolerance times h + max |Δφ|: exponents are means over time.
 
     Args:
-        method: an adaptive `lh.HalfExplicit` (for an `lh.DAE`) or `lh.RungeKutta` (for an `lh.Flow`).
+        method: an adaptive `lh.HalfExplicit` (for an `lh.DAE`) or `lh.RungeKutta` (for an `lh.Flow`); for stiff
+            equations `lh.ESDIRK`, whose stages solve for Q, d k equations at once, by Newton's method.
 
     Raises:
         ValueError: on another method, or a fixed step.
@@ -55,9 +60,10 @@ class ContinuousQR(Method):
     method: Any
 
     def __init__(self, method: Method):
-        if not isinstance(method, HalfExplicit | RungeKutta):
+        if not isinstance(method, HalfExplicit | ESDIRK | RungeKutta):
             raise ValueError(
-                f"ContinuousQR runs in the stages of lh.HalfExplicit or lh.RungeKutta; got {type(method).__name__}."
+                "ContinuousQR runs in the stages of lh.HalfExplicit, lh.ESDIRK or lh.RungeKutta; "
+                f"got {type(method).__name__}."
             )
         require(method.adaptive, "ContinuousQR needs a method that controls its step: leave out dt.")
         require(len(method.table.errors) == 1, f"ContinuousQR needs one error estimate; {method.tableau!r} has two.")
@@ -158,7 +164,7 @@ class ContinuousQR(Method):
             done = self.method.step(field, t, x, field(t, x), h)
             way, new = done.way, done.x
         points = self.method.points_on(field, t, h, way)
-        columns, of_columns, rates = _through_stages(table, field, t, x, h, frame, points)
+        columns, of_columns, rates = _through_stages(table, field, t, x, h, frame, points, self.rtol)
         growth, error = (h * summed(one, rates) for one in (table.b, table.errors[0]))
         size = jnp.abs(h) + jnp.max(jnp.abs(growth))  # exponents are means over time
         orthonormal, *_ = orthonormalise(columns, kind_for(frame.shape[1]))
@@ -167,7 +173,7 @@ class ContinuousQR(Method):
         return Tangent(new, orthonormal, errors[None], nodes, growth)
 
 
-def _through_stages(table: Tableau, field, t, x, h, frame, points):
+def _through_stages(table: Tableau, field, t, x, h, frame, points, tolerance):
     """Q after the step, its error, and the rates (stages, k)."""
     weights, times = tabulated(table, t, h)
     # Those of the stages, and of the end; of an ordinary field nothing is asked there.
@@ -176,17 +182,37 @@ def _through_stages(table: Tableau, field, t, x, h, frame, points):
     start, (slope, rate) = first.content(frame), _turned(first, frame)
 
     def stage(state, given):
-        _, _, slopes, rates = state
-        i, weights, at, point = given
+        columns, _, slopes, rates = state
+        i, weights, at, point, share = given
         here = linearised(field, at, point)
-        columns = product(here.lift, start + h * jnp.tensordot(weights, slopes, 1))
+        base = start + h * jnp.tensordot(weights, slopes, 1)
+        content = _solved(here, base, share, here.content(columns), tolerance) if table.diagonal else base
+        columns = product(here.lift, content)
         slope, rate = _turned(here, columns)
         return (columns, here.lift, slopes.at[i].set(slope), rates.at[i].set(rate)), None
 
     slopes, rates = (jnp.zeros((len(times) + 1, *one.shape), one.dtype).at[0].set(one) for one in (slope, rate))
-    given = jnp.arange(1, len(times) + 1), weights, times, points
+    own = np.arange(len(times)) < len(table.a)
+    shares = table.diagonal * h * jnp.asarray(own, times.dtype)
+    given = jnp.arange(1, len(times) + 1), weights, times, points, shares
     (columns, lift, slopes, rates), _ = jax.lax.scan(stage, (frame, first.lift, slopes, rates), given)
     return columns, product(lift, h * summed(table.errors[0], slopes)), rates
+
+
+def _solved(here: Along, base, share, guess, tolerance):
+    """The content C (d, k) of an implicit stage, C − share (E₁ Q)' = base, Q = Ē⁻¹ [C; 0]; nan where none is found."""
+
+    def left(content):
+        content = content.reshape(base.shape)
+        return (content - base - share * _turned(here, product(here.lift, content))[0]).ravel()
+
+    def again(_, content):
+        backward, _ = inverse(jax.jacfwd(left)(content))
+        return content - product(backward, left(content))
+
+    content = jax.lax.fori_loop(0, NEWTON, again, guess.ravel())
+    done = jnp.max(jnp.abs(left(content))) <= LEFT * tolerance * (1 + jnp.max(jnp.abs(content)))
+    return jnp.where(done, content, jnp.nan).reshape(base.shape)
 
 
 def _turned(here: Along, columns):

@@ -102,6 +102,7 @@ EXPONENT_ORDERS: dict[str, tuple[str, Method, int]] = {
     "discrete, ESDIRK34": ("5.2", ESDIRK("esdirk34", rtol=FINE), 4),
     "discrete, ESDIRK54b": ("5.2", ESDIRK("esdirk54b", rtol=FINE), 5),
     "continuous": ("5.1", ContinuousQR(HalfExplicit(rtol=FINE)), 5),
+    "continuous, ESDIRK54b": ("5.1", ContinuousQR(ESDIRK("esdirk54b", rtol=FINE)), 5),
     "continuous, right rectangle": ("5.1", RightRectangle(HalfExplicit(rtol=FINE)), 1),
 }
 
