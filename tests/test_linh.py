@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
 from lyaphybrid.__main__ import main
-from lyaphybrid.papers import linh, linh_intervals, linh_orders, linh_report, linh_theory
+from lyaphybrid.papers import linh, linh_claims, linh_intervals, linh_orders, linh_report, linh_theory
 from lyaphybrid.papers import linh_tables as tables
 from lyaphybrid.papers.claims import AGREED, CORRECTED, NOT_REPRODUCIBLE
 
@@ -300,6 +300,10 @@ def test_tasks_are_done_program_by_program():
     assert linh._all(tasks, fractions.append) == {"a": 3, "b": 4, "c": 2}
     assert sorted(fractions)[-1] == 1.0
     assert len(fractions) == 3
+
+
+def test_published_errors_of_table_9_are_those_of_order_4():
+    assert abs(linh_claims._power_of_steps(by_hand(), 9) - 4) < 0.1
 
 
 def test_claims_end_in_one_of_three_ways():
