@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from . import frames, waiting
+from . import careful, frames, waiting
 from .columns import each_column
 from .events import by_mode
 from .precision import is_short, share
@@ -318,6 +318,50 @@ def _select(condition, yes, no):
 
 
 def _span(settings: Settings, clock: Clock, within, carry: Carry, ahead, interval, spread):
+    """Steps, until something rare is due; then that. Where it seems to lose a direction, its first step with care."""
+    start = carry, ahead, interval, spread
+    end = _quick_span(settings, clock, within, *start)
+    if not _takes_care(settings, clock, carry, ahead):
+        return end
+    loses = jnp.sum(end[0].losses) > jnp.sum(carry.losses)
+    return jax.lax.cond(loses, lambda start, _: _with_care(settings, clock, *start), lambda _, end: end, start, end)
+
+
+def _takes_care(settings: Settings, clock: Clock, carry: Carry, ahead) -> bool:
+    """Whether columns are judged by their lengths alone, behind jumps that may do anything; and could be otherwise."""
+    mover = settings.mover
+    if settings.cadence.unit == "never" or carry.frame.shape[1] == 0 or settings.reverse:
+        return False
+    if mover.by_rows or not (mover.jumps_uncontrolled and mover.may_lose_rank):
+        return False
+    return careful.is_precise(mover.tangent(clock, carry, ahead), carry.x)
+
+
+def _with_care(settings: Settings, clock: Clock, carry: Carry, ahead, interval, spread):
+    """One step in twice the digits, and what it loses."""
+    mover, t = settings.mover, clock.base + carry.s
+
+    def orthonormal(carry, spread):  # the span goes on with a frame that the last one has left as it was
+        carry, gained = harvest(settings, carry, t, -jnp.inf, frames.DEPENDENT)
+        return carry, jnp.maximum(spread, jnp.max(gained) - jnp.min(gained))
+
+    carry, spread = jax.lax.cond(carry.since > 0, orthonormal, lambda *same: same, carry, spread)
+    before, tangent = carry, mover.tangent(clock, carry, ahead)
+    carry = mover.once(settings, clock, carry._replace(budget=carry.budget - 1), ahead)
+    if carry.volume is not None:
+        left = carry.left and before.left and carry.left._replace(volume=before.left.volume)
+        carry = carry._replace(volume=before.volume, left=left)
+        carry = added(carry, volume=careful.volume(tangent, len(carry.x), carry.x.dtype))
+    *found, sure = careful.orthonormalised(tangent, before.frame)
+    sane = jnp.all(jnp.isfinite(found[1]))
+    found[1] = jnp.where(sane, found[1], 0.0)
+    carry = stop(_harvested(settings, carry, clock.base + carry.s, found), STATUS.nonfinite, ~sane)
+    interval = jnp.ones_like(interval) if settings.cadence.automatic else interval
+    spread = jnp.where(sure, spread, jnp.inf)
+    return carry._replace(since=jnp.zeros_like(carry.since)), mover.look(carry, clock), interval, spread
+
+
+def _quick_span(settings: Settings, clock: Clock, within, carry: Carry, ahead, interval, spread):
     """Steps, until something rare is due; then that."""
     mover, frequent = settings.mover, settings.cadence.unit != "never" and carry.frame.shape[1] > 0
 
@@ -448,14 +492,19 @@ def harvest(
         was_live: (k,), columns that were not empty before.
         sizes: of `frames.orthonormalise`.
     """
-    before = carry.frame
-    frame, log_r, lost = frames.orthonormalise(before, settings.kind, absolute, relative, sizes)
+    found = frames.orthonormalise(carry.frame, settings.kind, absolute, relative, sizes)
+    return _harvested(settings, carry, t, found, frames.tracked(relative), project, was_live), found[1]
+
+
+def _harvested(settings: Settings, carry: Carry, t, found, tracked=True, project=None, was_live: Any = True) -> Carry:
+    """What an orthonormalisation of the frame has found: columns, ln R_ii, and which are lost."""
+    frame, log_r, lost = found
     if settings.watch is not None:
-        seen = Seen(t, before, frame, log_r, lost, lambda: settings.mover.velocity(t, carry.x, carry.own))
+        seen = Seen(t, carry.frame, frame, log_r, lost, lambda: settings.mover.velocity(t, carry.x, carry.own))
         carry = carry._replace(watch=settings.watch.update(carry.watch, seen))
     carry = added(carry._replace(frame=frame), growth=log_r)
-    if not frames.tracked(relative):
-        return carry, log_r
+    if not tracked:
+        return carry
     live, lost = ~lost, lost & was_live
 
     def replace(carry, lost, live):
@@ -475,7 +524,7 @@ def harvest(
             watch=None if settings.watch is None else settings.watch.moved(carry.watch, source),
         )
 
-    return jax.lax.cond(jnp.all(live), lambda c, *_: c, replace, carry, lost, live), log_r
+    return jax.lax.cond(jnp.all(live), lambda c, *_: c, replace, carry, lost, live)
 
 
 def _next_block(settings: Settings, journey: Journey) -> Journey:

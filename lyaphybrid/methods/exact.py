@@ -1,6 +1,8 @@
 """How a tangent moves where the flow is known in closed form and the next event is known exactly."""
 
 import dataclasses
+import math
+from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple
 
 import jax
@@ -9,11 +11,13 @@ from jaxtyping import Array
 
 from .. import frames
 from ..columns import each_column
-from ..precision import digits
+from ..events import BLUR
+from ..precision import digits, nonzero
 from ..propagation import LONGEST_BLIND, Carry, Clock, Events, Settings, added, log_event, stop, stretched
-from ..saltations import delays, push, return_along
+from ..saltations import delays, instant, push, return_along
 from ..statuses import STATUS
 from ..systems import EventDriven
+from .landing import LEAST, SHRUNK
 from .unconstrained import Unconstrained
 
 __all__ = ["Exact", "integers", "is_event"]
@@ -46,9 +50,10 @@ class Exact(Unconstrained):
         return not self.system.canonical
 
     def begin(self, t, x, mode, h):
-        """The next event is predicted anew from every state; (4,): memory of the events, see `_remember`."""
+        """The next event is predicted anew from every state; (4 + size of `which`,): see `_remember`."""
         del mode, h
-        return jnp.zeros(4, x.dtype) + 0 * t
+        names = sum(math.prod(leaf.shape) for leaf in jax.tree.leaves(self.which_shape(t, x)))
+        return jnp.zeros(4 + names, x.dtype).at[4:].set(-1.0) + 0 * t
 
     def rebase(self, own, s):
         """The time of the last event is local to the block."""
@@ -133,7 +138,47 @@ class Exact(Unconstrained):
             jumps=c.jumps + real.astype(jnp.int32),
             log=log_event(c.log, entry, real),
         )
-        return self._remember(landed, flight.dt)
+        hides = self._hides(t, x, which, before) if settings.count_jumps else None
+        return self._remember(landed, flight._replace(lands=real), hides)
+
+    def once(self, settings: Settings, clock: Clock, c: Carry, flight: Flight) -> Carry:
+        """To the event and through it, or to the end of the block."""
+        return jax.lax.cond(
+            flight.lands,
+            lambda c: self.step(settings, clock, c, flight),
+            lambda c: self._fly(settings, clock, c),
+            c,
+        )
+
+    def tangent(self, clock: Clock, c: Carry, flight: Flight) -> Callable:
+        """The derivative of what `once` does, dx (n,) -> (n,)."""
+        t, which = clock.base + c.s, flight.which
+        dt = jnp.where(flight.lands, flight.dt, clock.length - c.s)
+        dt = jnp.where(jnp.isfinite(dt), dt, 0.0)
+
+        def flow(x):
+            return self.system.flow(dt, t, x, self.args)
+
+        def jump(t, x):
+            return self.system.jump(t, x, self.args, which)
+
+        def guard(t, x):
+            return self.system.guard(t, x, self.args, which)
+
+        end, x, one = t + dt, flow(c.x), jnp.ones_like(t)
+        before, real = self.velocity(end, x), is_event(which)
+        rate = jax.jvp(guard, (end, x), (one, before))[1]
+        new, direction = jax.jvp(jump, (end, x), (one, before))
+        after = self.velocity(end, new)
+
+        def linear(dx):
+            moved = jax.jvp(flow, (c.x,), (dx,))[1]
+            late = delays(jax.jvp(lambda x: guard(end, x), (x,), (moved,))[1], rate)
+            late = jnp.where(real, late, 0.0)
+            pushed = jax.jvp(lambda x: jump(end, x), (x,), (moved,))[1]
+            return jnp.where(flight.lands, pushed + direction * late - after * late, moved)
+
+        return linear
 
     def _delays(self, real, t, x, which, columns, velocity):
         """Where nothing happens nobody is late; and behind a condition XLA keeps them, once for all rows."""
@@ -147,14 +192,33 @@ class Exact(Unconstrained):
 
         return jax.lax.cond(real, late, lambda columns: jnp.zeros_like(columns[0]), columns)
 
-    def _remember(self, c: Carry, dt) -> Carry:
-        """Accumulating events (interval, longest interval, streak of short ones), and states gone wrong."""
-        _, _, longest, streak = c.own
+    def _hides(self, t, x, which, velocity):
+        """Up to which length rounding of the guard hides a flight from it and back."""
+        gradient, moving, rate = instant(lambda t, x: self.system.guard(t, x, self.args, which), t, x, velocity)
+        blur = digits(BLUR, x) * (jnp.sum(jnp.abs(gradient * x)) + jnp.abs(moving * t))
+        return 4 * blur / jnp.where(rate == 0, nonzero(1e-300, rate), jnp.abs(rate))
+
+    def _remember(self, c: Carry, flight: Flight, hides=None) -> Carry:
+        """Accumulating events (interval, longest interval, streak of short ones), and states gone wrong.
+
+        Where jumps are counted they go on as long as double precision tells them apart: `hides` is the shortest flight
+        that it does.
+        """
+        dt, longest, streak = flight.dt, c.own[2], c.own[3]
+        before, name = c.own[4:], jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(flight.which)])
+        name = name.astype(c.x.dtype)
         longest = jnp.maximum(longest, dt)
         nothing = digits(1e-9, dt) * longest
-        streak = jnp.where(dt < nothing, streak + 1, 0.0)
-        own = jax.lax.stop_gradient(jnp.stack([c.s, dt, longest, streak]))
-        c = stop(c._replace(own=own), STATUS.zeno, streak > 30)
+        if hides is None:
+            short, zeno = dt < nothing, False
+        else:
+            again = flight.lands & jnp.all(name == before)
+            short = dt == 0
+            hidden = ~short & (dt < SHRUNK * longest) & again & (dt < hides)
+            zeno = hidden | ((dt > 0) & (dt < LEAST * longest))
+        streak = jnp.where(short, streak + 1, 0.0)
+        own = jax.lax.stop_gradient(jnp.concatenate([jnp.stack([c.s, dt, longest, streak]), name]))
+        c = stop(c._replace(own=own), STATUS.zeno, (streak > 30) | zeno)
         finite = jnp.all(jnp.isfinite(c.x)) & jnp.all(jnp.isfinite(c.frame))
         return stop(c, STATUS.nonfinite, ~(finite & (dt >= -nothing)))
 

@@ -76,3 +76,11 @@ class Iterating(Unconstrained):
             volume = frames.log_abs_det(each_column(linear, jnp.eye(x.shape[0], dtype=x.dtype)))
         c = added(c._replace(x=x, frame=frame, since=since, jumps=c.jumps + 1), s=1.0, volume=volume)
         return stop(c, STATUS.nonfinite, ~jnp.all(jnp.isfinite(x)))
+
+    once = step
+
+    def tangent(self, clock: Clock, c: Carry, ahead) -> Callable:
+        """The derivative of the attempt, dx (n,) -> (n,)."""
+        del ahead
+        t, x = clock.base + c.s, c.x
+        return lambda dx: jax.jvp(lambda x: self.rule(t, x), (x,), (dx,))[1]
