@@ -146,11 +146,12 @@ def has_identity_reset(system: Any, x: jax.ShapeDtypeStruct, args: Any) -> bool:
 
 
 def _is_identity(transition: Transition, t, x, args) -> bool:
-    if transition.guard is None or transition.reset is None or transition.target is not None or transition.terminal:
+    guard, reset = transition.guard, transition.reset
+    if guard is None or reset is None or transition.target is not None or transition.terminal:
         return False
-    vector = jax.eval_shape(transition.guard, t, x, args).shape
+    vector = jax.eval_shape(guard, t, x, args).shape
     which = (jax.ShapeDtypeStruct((), jnp.int32),) if vector else ()
-    program = jax.make_jaxpr(lambda x, t, *which: transition.reset(t, x, args, *which))(x, t, *which).jaxpr
+    program = jax.make_jaxpr(lambda x, t, *which: reset(t, x, args, *which))(x, t, *which).jaxpr
     return program.outvars[0] is program.invars[0]
 
 
