@@ -1,6 +1,8 @@
 """What users hand over, checked before any computing: what was given, what was wanted, what to do."""
 
+import contextlib
 import inspect
+import weakref
 from collections.abc import Callable
 from typing import Any
 
@@ -145,14 +147,22 @@ def has_identity_reset(system: Any, x: jax.ShapeDtypeStruct, args: Any) -> bool:
     return any(_is_identity(transition, t, x, args) for transition in system.transitions)
 
 
+_known_identities: weakref.WeakKeyDictionary[Callable, bool] = weakref.WeakKeyDictionary()  # each reset is traced once
+
+
 def _is_identity(transition: Transition, t, x, args) -> bool:
     guard, reset = transition.guard, transition.reset
     if guard is None or reset is None or transition.target is not None or transition.terminal:
         return False
+    with contextlib.suppress(KeyError, TypeError):  # unknown; or it has no hash
+        return _known_identities[reset]
     vector = jax.eval_shape(guard, t, x, args).shape
     which = (jax.ShapeDtypeStruct((), jnp.int32),) if vector else ()
     program = jax.make_jaxpr(lambda x, t, *which: reset(t, x, args, *which))(x, t, *which).jaxpr
-    return program.outvars[0] is program.invars[0]
+    found = program.outvars[0] is program.invars[0]
+    with contextlib.suppress(TypeError):
+        _known_identities[reset] = found
+    return found
 
 
 def _check_event_driven(system: EventDriven, t, x, args) -> None:
