@@ -240,10 +240,23 @@ def pair():
 def test_a_copy_follows_where_the_coupling_exceeds_the_exponent(pair, case):
     _, x0, args = fu._off(case)
     exact = zoo.friction_pendulum(beta=case.beta, alpha=case.alpha).reference.exponents[0]
+    place = synchronisation.Place(0.0, np.asarray(x0), np.ones(2))
     for _ in range(3):  # the first trials see how the motion settles
-        _, t, x0 = synchronisation._trial(pair, 0.0, np.asarray(x0), args, -0.5, fu.PERIOD)
+        _, place = synchronisation.trial(pair, place, args, -0.5, fu.PERIOD)
     for off, follows in ((-4e-3, False), (4e-3, True)):
-        assert synchronisation._trial(pair, t, np.asarray(x0), args, exact + off, fu.PERIOD)[0] == follows
+        assert synchronisation.trial(pair, place, args, exact + off, fu.PERIOD)[0] == follows
+
+
+def test_the_coupling_at_which_half_of_the_trials_follow():
+    """Exact logistic parts: the midpoint; the error falls as the root of the number of trials."""
+    d = np.array([0.0, 0.5, 0.25, 0.125, 0.0625, 0.09375, 0.109375])
+    p = 1 / (1 + np.exp(-70 * (d - 0.12)))
+    middle, error = synchronisation.midpoint(d, p, 30)
+    assert abs(middle - 0.12) < 1e-9
+    assert abs(synchronisation.midpoint(d, p, 120)[1] - error / 2) < 1e-9
+    drawn = np.random.default_rng(1).binomial(400, p, size=(200, len(d))) / 400
+    middles = [synchronisation.midpoint(d, one, 400)[0] for one in drawn]
+    assert abs(np.std(middles) / synchronisation.midpoint(d, p, 400)[1] - 1) < 0.2
 
 
 def test_the_copy_is_pulled_as_the_formula_says(pair):
