@@ -84,9 +84,9 @@ def test_implicit_methods(name, tableau):
     for tolerance in (1e-5, 1e-7):
         error = found(name, lh.ESDIRK(tableau, tolerance), 1000, True) - COUNTED[1000]
         print(name, tableau, tolerance, error / tolerance)
-        # With long steps esdirk54b's estimate misses most of the error; the paper has 102 tolerances there.
+        # With long steps esdirk54b's estimate misses most of the error: the paper has 102 tolerances; 1.25 times that.
         blind = tableau == "esdirk54b" and name == "5.1" and tolerance == 1e-5
-        assert np.max(np.abs(error)) < (150 if blind else 30) * tolerance
+        assert np.max(np.abs(error)) < (127.5 if blind else 30) * tolerance
 
 
 @pytest.mark.parametrize("tableau", ["tsit5", "dopri8"])

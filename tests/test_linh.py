@@ -205,7 +205,7 @@ def linearised(**changes):
 
 
 BROKEN = [
-    *((in_table(n, exponents=lambda v: v + 151e-4), f"Table {n}: errors") for n in range(1, 11)),
+    *((in_table(n, exponents=lambda v: v + 31e-4), f"Table {n}: errors") for n in range(1, 11)),
     *((in_table(n, steps=lambda v: 5 * v), f"Table {n}: 0.8 to") for n in range(1, 11)),
     *((in_table(n, steps=lambda v: v // 3), f"Table {n}: 0.8 to") for n in range(1, 11)),
     *((in_table(n, intervals=bounds_off), f"Table {n}: λ^l and λ^u") for n in range(1, 11)),

@@ -18,9 +18,11 @@ __all__ = [
     "order", "ranged", "slope_of_linearisation", "unexplained",
 ]  # fmt: skip
 
-# |λ − exact| of the tables over the tolerance: more where all turns fast, and by ESDIRK54b, whose estimate of the error
-# misses most of it where the steps are long (in the paper: 51, 102 and 22 tolerances in Table 4).
-WITHIN = {1: 10, 2: 10, 3: 10, 4: 150, 5: 10, 6: 30, 7: 10, 8: 30, 9: 10, 10: 30}
+# |λ − exact| of the tables over the tolerance: more where all turns fast, and by the pair of order 5.
+WITHIN = {1: 10, 2: 10, 3: 10, 4: 30, 5: 10, 6: 30, 7: 10, 8: 30, 9: 10, 10: 30}
+# In Table 4 ESDIRK54b's estimate misses most of the error where the steps are long, in the paper, too (51, 102 and 22
+# tolerances): there ours may be so many times the paper's.
+BLIND, OF_PAPERS = 4, 1.25
 ANYWHERE = 30  # the same over six decades
 STEPS = {"discrete": (0.8, 1.25), "continuous": (0.8, 4.0)}  # over the paper's; φ is controlled too
 PAIR_5, AT_EQUAL_STEPS = "ESDIRK54b", 0.15  # of its errors of λ₂: what ours differ by, scaled to the paper's steps
@@ -44,6 +46,12 @@ ALIKE = 1e-9  # ln R(t₀) and the difference of the offsets
 def off(row: Row, exponents) -> float:
     """The largest |λ − exact| over the tolerance."""
     return float(np.max(np.abs(np.asarray(exponents) - row.exact)) / row.tolerance)
+
+
+def allowed(row: Row) -> float:
+    """The largest |λ − exact| of a row of the tables, over the tolerance."""
+    own = OF_PAPERS * off(row, row.exponents) if row.table.number == BLIND else 0.0
+    return max(WITHIN[row.table.number], own)
 
 
 def order(errors) -> float:
@@ -105,8 +113,8 @@ def checks(r: "linh.Reproduction") -> list[Check]:
 
 def _tables(r: "linh.Reproduction"):
     for table in TABLES:
-        limit, errors = WITHIN[table.number], [off(row, found.exponents) for row, found in r.of(table)]
-        yield _most(f"Table {table.number}: errors within {limit} tolerances", errors, limit)
+        shares = [off(row, found.exponents) / allowed(row) for row, found in r.of(table)]
+        yield _most(f"Table {table.number}: errors {_limit(table)}", shares, 1)
 
 
 def _steps(r: "linh.Reproduction"):
@@ -120,12 +128,16 @@ def _steps(r: "linh.Reproduction"):
 def _intervals(r: "linh.Reproduction"):
     """λ(t) = λ + C/t is monotone over the second half: its ends are the bounds."""
     for table in TABLES:
-        limit = WITHIN[table.number]
         pairs = [(row, found.intervals, wanted(row)) for row, found in r.of(table)]
-        bounds = [_furthest(one, true) / row.tolerance for row, one, true in pairs]
-        yield _most(f"Table {table.number}: λ^l and λ^u within {limit} tolerances", bounds, limit)
-        apart = [abs(one.steklov - true.steklov) - limit * row.tolerance for row, one, true in pairs]
+        bounds = [_furthest(one, true) / row.tolerance / allowed(row) for row, one, true in pairs]
+        yield _most(f"Table {table.number}: λ^l and λ^u {_limit(table)}", bounds, 1)
+        apart = [abs(one.steklov - true.steklov) - allowed(row) * row.tolerance for row, one, true in pairs]
         yield _most(f"Table {table.number}: Steklov differences are those of λ + C/t", apart, SETTLING)
+
+
+def _limit(table) -> str:
+    own = f" or {OF_PAPERS:g} times the paper's" if table.number == BLIND else ""
+    return f"over {WITHIN[table.number]} tolerances{own}"
 
 
 def _furthest(one: Intervals, true: Intervals) -> float:
