@@ -11,6 +11,7 @@ from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, jaxpr_as_fun
 from ._tracing import traced
 
 __all__ = [
+    "MOVING",
     "applied",
     "by_component",
     "constant",
@@ -24,6 +25,14 @@ __all__ = [
     "part_of",
     "settled",
 ]
+
+
+# Primitives that only move entries about: they do with what belongs to each entry what they do with the entries.
+MOVING = {
+    "broadcast_in_dim", "concatenate", "convert_element_type", "dynamic_slice", "dynamic_update_slice", "expand_dims",
+    "gather", "pad", "reshape", "rev", "scatter", "select_n", "slice", "split", "squeeze", "stack", "tile", "transpose",
+    "unstack",
+}  # fmt: skip
 
 
 def part_of(closed: ClosedJaxpr, equations, inputs, outputs) -> Callable[..., list]:

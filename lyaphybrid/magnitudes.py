@@ -15,7 +15,7 @@ from jax import lax
 from jax.extend.core import ClosedJaxpr
 from jaxtyping import Array
 
-from ._jaxprs import applied, evaluated
+from ._jaxprs import MOVING, applied, evaluated
 
 __all__ = ["UNKNOWN", "absolute"]
 
@@ -87,28 +87,5 @@ ENTRYWISE: dict[str, Callable] = {
     "neg": lambda x: x,
     "sub": lax.add,
 }
-ALIKE = {  # … or it does with them what it does with the operands
-    "broadcast_in_dim",
-    "concatenate",
-    "convert_element_type",
-    "cumsum",
-    "dot_general",
-    "dynamic_slice",
-    "dynamic_update_slice",
-    "expand_dims",
-    "gather",
-    "pad",
-    "reduce_sum",
-    "reshape",
-    "rev",
-    "scatter",
-    "scatter-add",
-    "select_n",
-    "slice",
-    "split",
-    "squeeze",
-    "stack",
-    "tile",
-    "transpose",
-    "unstack",
-}
+# … or it does with them what it does with the operands.
+ALIKE = MOVING | {"cumsum", "dot_general", "reduce_sum", "scatter-add"}

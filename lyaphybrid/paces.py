@@ -13,8 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from .propagation import Journey
+from .statuses import STATUS
 
-__all__ = ["WINDOW", "Pace", "Rates", "rates_of"]
+__all__ = ["WINDOW", "Pace", "Rates", "given_up", "rates_of"]
 
 WINDOW = 1_000_000  # attempts between two looks …
 SLOW, SECONDS = 20_000, 5.0  # … or where they are slow, so many at least, and so long
@@ -95,6 +96,15 @@ class Pace:
 def _reading(journey: Journey) -> Reading:
     elapsed = np.asarray(journey.elapsed) + np.asarray(journey.carry.s)
     return Reading(np.atleast_1d(elapsed), np.atleast_1d(np.array(journey.carry.jumps)))
+
+
+def given_up(journey: Journey, stalled: dict[int, str]) -> tuple[Journey, str]:
+    """The journey with the runs ended that have stalled; and why the first of them did."""
+    if not stalled:
+        return journey, ""
+    status = np.array(journey.carry.status)
+    np.atleast_1d(status)[list(stalled)] = STATUS.stalled  # a view of it
+    return journey._replace(carry=journey.carry._replace(status=status)), next(iter(stalled.values()))
 
 
 def rates_of(field, t, x) -> tuple[Any, Any]:

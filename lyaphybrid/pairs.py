@@ -19,12 +19,13 @@ from jax import lax
 from jax.extend.core import ClosedJaxpr
 from jaxtyping import Array
 
-from ._jaxprs import applied, evaluated
+from ._jaxprs import MOVING, applied, evaluated
 from .precision import eps
 
 __all__ = ["Pair", "Unknown", "added", "divided", "multiplied", "negated", "precise", "total"]
 
 CHANGE = 4  # units of eps by which factors are changed
+OF_BOTH = MOVING | {"copy", "neg"}  # primitives that do with both parts what they do with one array
 
 
 class Pair(NamedTuple):
@@ -163,7 +164,7 @@ def _through(closed: ClosedJaxpr, eqn, operands: list, through, factor) -> list:
         for axis in sorted(eqn.params["axes"], reverse=True):
             first = total(first, axis)
         return [first]
-    if name in MOVES and not (name == "select_n" and isinstance(first, Pair)):
+    if name in OF_BOTH and not (name == "select_n" and isinstance(first, Pair)):
         found = [applied(closed, eqn, [_part(one, i) for one in operands]) for i in range(2)]
         return list(map(Pair, *found))
     raise Unknown(name)
@@ -210,29 +211,3 @@ def _dot(eqn, left: Pair, right: Pair) -> Pair:
         )
     )
     return total(products, -1)
-
-
-# Primitives that do with both parts what they do with one array.
-MOVES = {
-    "broadcast_in_dim",
-    "concatenate",
-    "copy",
-    "convert_element_type",
-    "dynamic_slice",
-    "dynamic_update_slice",
-    "expand_dims",
-    "gather",
-    "neg",
-    "pad",
-    "reshape",
-    "rev",
-    "scatter",
-    "select_n",
-    "slice",
-    "split",
-    "squeeze",
-    "stack",
-    "tile",
-    "transpose",
-    "unstack",
-}

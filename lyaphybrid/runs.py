@@ -35,7 +35,7 @@ from .methods.exact import Exact
 from .methods.iterate import Iterating
 from .methods.scheduled import Scheduled
 from .methods.stepping import Stepping, are_curved, are_timeless
-from .paces import Pace, Rates, rates_of
+from .paces import Pace, Rates, given_up, rates_of
 from .precision import CURE, LEAST, eps, is_short, require_double
 from .propagation import Cadence, Journey, Settings, Watch
 from .statuses import RUNNING, STATUS
@@ -412,7 +412,7 @@ def drive(
                     _advance.ahead(left, problem, plan, journey, ends, last_jumps, np.int32(allowed))
             if max_steps is None:
                 stalled = pace.look(journey, given, functools.partial(_rates, problem, journey))
-                journey, said = _given_up(journey, stalled)
+                journey, said = given_up(journey, stalled)
                 why = why or said
             report(done)
     except KeyboardInterrupt:
@@ -425,15 +425,6 @@ def drive(
         part.keep(journey, records, given, now=True)
     status = _verdict(journey, ends, np.int32(STATUS.interrupted) if interrupted else SHORT)
     return Outcome(journey, records, status, interrupted, tuple(logs), why)
-
-
-def _given_up(journey: Journey, stalled: dict[int, str]) -> tuple[Journey, str]:
-    """The journey with the runs ended that have stalled; and why the first of them did."""
-    if not stalled:
-        return journey, ""
-    status = np.array(journey.carry.status)
-    np.atleast_1d(status)[list(stalled)] = STATUS.stalled  # a view of it
-    return journey._replace(carry=journey.carry._replace(status=status)), next(iter(stalled.values()))
 
 
 def _rates(problem: Problem, journey: Journey, run: int) -> Rates | None:

@@ -103,3 +103,16 @@ def primitives(equations) -> set[str]:
             for one in value if isinstance(value, tuple) else (value,):
                 names |= primitives(getattr(one, "eqns", ()))
     return names
+
+
+def onto(x0, x1):
+    """A reset to (x0, x1)."""
+    return lambda t, x, args: jnp.stack([0 * x[0] + x0, 0 * x[1] + x1])
+
+
+# Each of two guards throws the state beyond the other one, for ever.
+ENDLESS_CASCADE = lh.Hybrid(
+    lambda t, x, args: -jnp.ones_like(x),
+    [lh.Transition(lambda t, x, args: x[0], onto(1.0, -1.0)), lh.Transition(lambda t, x, args: x[1], onto(-1.0, 1.0))],
+    max_cascade=3,
+)

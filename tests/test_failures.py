@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import lyaphybrid as lh
-from examples import BALL_BLOCKS, LOGISTIC, ball_spectrum
+from examples import BALL_BLOCKS, ENDLESS_CASCADE, LOGISTIC, ball_spectrum
 from lyaphybrid import STATUS
 
 ESCAPE = lh.Flow(lambda t, x, args: args * x * x)
@@ -101,13 +101,7 @@ def test_what_has_failed_comes_before_what_has_been_ended():
 
 
 def test_an_accumulation_is_told_where_it_is_known():
-    def onto(x0, x1):
-        return lambda t, x, args: jnp.stack([0 * x[0] + x0, 0 * x[1] + x1])
-
-    there = lh.Transition(lambda t, x, args: x[0], onto(1.0, -1.0))
-    back = lh.Transition(lambda t, x, args: x[1], onto(-1.0, 1.0))
-    endless = lh.Hybrid(lambda t, x, args: -jnp.ones_like(x), [there, back], max_cascade=3)
-    error = failure(lh.lyapunov_spectrum, endless, [0.5, 1.0], t1=2.2, k=1, blocks=2)
+    error = failure(lh.lyapunov_spectrum, ENDLESS_CASCADE, [0.5, 1.0], t1=2.2, k=1, blocks=2)
     assert error.status is STATUS.zeno
     assert "seem to accumulate" not in str(error)
     assert "nan" not in str(error)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import lyaphybrid as lh
-from examples import BALL_BLOCKS, BALL_METHOD, LOGISTIC, TABLE, TABLE_ARGS, ball_spectrum
+from examples import BALL_BLOCKS, BALL_METHOD, ENDLESS_CASCADE, LOGISTIC, TABLE, TABLE_ARGS, ball_spectrum
 from lyaphybrid import STATUS
 
 BLOCKS = BALL_BLOCKS
@@ -101,16 +101,7 @@ def test_zeno_of_an_exact_flow():
 
 def test_zeno_of_a_cascade_without_end():
     """Each reset throws the state onto the other guard; three at one instant are allowed."""
-
-    def onto(x0, x1):
-        return lambda t, x, args: jnp.stack([0 * x[0] + x0, 0 * x[1] + x1])
-
-    def system(most):
-        left = lh.Transition(lambda t, x, args: x[0], onto(1.0, -1.0))
-        right = lh.Transition(lambda t, x, args: x[1], onto(-1.0, 1.0))
-        return lh.Hybrid(lambda t, x, args: -jnp.ones_like(x), [left, right], max_cascade=most)
-
-    spectrum = lh.lyapunov_spectrum(system(3), [0.5, 1.0], t1=2.2, k=1, blocks=BLOCKS, method=METHOD, throw=False)
+    spectrum = lh.lyapunov_spectrum(ENDLESS_CASCADE, [0.5, 1.0], t1=2.2, k=1, blocks=BLOCKS, method=METHOD, throw=False)
     assert spectrum.status is STATUS.zeno
     assert float(spectrum.t) == pytest.approx(0.5, abs=1e-12)
     assert computed(spectrum) == 2

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import lyaphybrid as lh
-from examples import BALL, BALL_METHOD, LOGISTIC, ball_args
+from examples import BALL, BALL_METHOD, ENDLESS_CASCADE, LOGISTIC, ball_args
 from lyaphybrid import STATUS
 
 
@@ -54,13 +54,7 @@ def test_one_whose_jumps_stop():
 
 
 def test_a_cascade_without_end():
-    def onto(x0, x1):
-        return lambda t, x, args: jnp.stack([0 * x[0] + x0, 0 * x[1] + x1])
-
-    left = lh.Transition(lambda t, x, args: x[0], onto(1.0, -1.0))
-    right = lh.Transition(lambda t, x, args: x[1], onto(-1.0, 1.0))
-    system = lh.Hybrid(lambda t, x, args: -jnp.ones_like(x), [left, right], max_cascade=3)
-    domain = lh.trajectory(system, [0.5, 1.0], t1=2.2, n=1, throw=False).domain
+    domain = lh.trajectory(ENDLESS_CASCADE, [0.5, 1.0], t1=2.2, n=1, throw=False).domain
     assert (domain.case, domain.number) == ("eventually discrete", 2)
     assert np.allclose(domain.starts, [0] + [0.5] * domain.sup_j, rtol=0, atol=1e-12)
     assert domain.sup_j > 3
