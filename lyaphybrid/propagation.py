@@ -21,6 +21,7 @@ from jaxtyping import Array
 from . import careful, frames, waiting
 from .columns import each_column
 from .events import by_mode
+from .native import seldom
 from .precision import is_short, share
 from .reverse_mode import checkpointed
 from .statuses import OK, RUNNING, STATUS
@@ -324,7 +325,8 @@ def _span(settings: Settings, clock: Clock, within, carry: Carry, ahead, interva
     if not _takes_care(settings, clock, carry, ahead):
         return end
     loses = jnp.sum(end[0].losses) > jnp.sum(carry.losses)
-    return jax.lax.cond(loses, lambda start, _: _with_care(settings, clock, *start), lambda _, end: end, start, end)
+    once_more = seldom(functools.partial(_with_care, settings, clock))
+    return jax.lax.cond(loses, lambda start, _: once_more(*start), lambda _, end: end, start, end)
 
 
 def _takes_care(settings: Settings, clock: Clock, carry: Carry, ahead) -> bool:

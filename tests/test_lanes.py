@@ -167,3 +167,38 @@ def test_lanes_that_seldom_part_go_in_the_vectors_of_the_cpu(problem, name, valu
     single = np.array([run(None, jnp.asarray(value)) for value in values])
     adaptive = keywords["method"].tableau == "dopri5"  # its steps hang on the last digits of an error estimate
     np.testing.assert_allclose(found, single, rtol=1e-3 if adaptive else 1e-9)
+
+
+@pytest.mark.parametrize(("name", "key", "values"), [("logistic_map", "r", (3.1, 3.4)), ("henon_map", "a", (0.4, 0.8))])
+def test_maps_go_in_the_vectors_of_the_cpu(name, key, values):
+    problem = lh.zoo.get(name)()
+
+    def run(shared, value):
+        del shared
+        args = problem.args | {key: value}
+        return lh.lyapunov_spectrum(problem.system, problem.x0, args, t1=1000, throw=False).exponents
+
+    values = np.linspace(*values, 19)
+    assert lanes.Program(lanes._Alone(run), None, ((), values)).at_once > 1
+    found, _ = lanes.map_lanes(run, None, values)
+    single = np.array([run(None, jnp.asarray(value)) for value in values])
+    np.testing.assert_allclose(found, single, rtol=1e-9)
+
+
+def test_directions_that_are_short_or_lost_in_the_vectors_of_the_cpu():
+    """Of a turned diag(2, d): lanes look at them with care where they need it, and each has what a single run has."""
+    turn = jnp.array([[0.8, -0.6], [0.6, 0.8]])
+    turned = lh.Map(lambda n, x, d: turn @ (jnp.stack([2.0 + 0 * d, d]) * (turn.T @ x)))
+
+    def run(shared, d):
+        del shared
+        return lh.lyapunov_spectrum(turned, [0.0, 0.0], d, t1=20, transient=60, throw=False).exponents
+
+    values = np.array([0.5, 1e-14, 0.0, 1e-20, 1e-3, 1e-16, 0.25, 1e-15, 0.0])
+    assert lanes.Program(lanes._Alone(run), None, ((), values)).at_once > 1
+    found, _ = lanes.map_lanes(run, None, values)
+    single = np.array([run(None, jnp.asarray(value)) for value in values])
+    np.testing.assert_array_equal(np.isneginf(found), np.isneginf(single))
+    np.testing.assert_allclose(found, single, rtol=1e-12)
+    np.testing.assert_allclose(found[values > 0, 1], np.log(values[values > 0]), rtol=1e-10)
+    np.testing.assert_array_equal(found[values == 0, 1], -np.inf)

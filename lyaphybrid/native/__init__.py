@@ -1,6 +1,7 @@
 """A small compiler: from a jaxpr to machine code by LLVM. It knows nothing of dynamics."""
 
 from ._bridge import native, native_call
+from ._calls import seldom
 from ._collector import no_collector
 from ._compiled import EVENTS, Compiled, compile
 from ._costs import instructions
@@ -18,4 +19,5 @@ __all__ = [
     "native",
     "native_call",
     "no_collector",
+    "seldom",
 ]

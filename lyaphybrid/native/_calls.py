@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+import jax
 import numpy as np
 
 from ._emitter import is_wide
@@ -36,6 +37,23 @@ def call(b, eqn, *values):
     if (name := eqn.params.get("name")) in PROGRAMS:
         found = PROGRAMS[name](b, eqn, *values)
     return b.run(called(eqn), values) if found is None else found
+
+
+def seldom(function: Callable) -> Callable:
+    """The same function; said to be hardly ever run, it does not count where it is decided whether lanes go at once."""
+
+    def seldom(*args):
+        return function(*args)
+
+    return jax.jit(seldom)
+
+
+@program("seldom")
+def _(b, eqn, *values):
+    before, begun = b.seldom, len(b.lines)
+    found = b.run(called(eqn), values)
+    b.seldom = before + len(b.lines) - begun
+    return found
 
 
 @rule("native_call")

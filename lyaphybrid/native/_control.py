@@ -107,17 +107,18 @@ class _Checkpoint(NamedTuple):
     releases: int
     constants: int
     label: str
-    apart: int
+    counts: tuple[int, int]
     scope: tuple[int, int]
 
     @classmethod
     def of(cls, b: Lowering):
-        return cls(len(b.lines), len(b.allocations), len(b.releases), len(b.constants), b.label, b.apart, b.scope())
+        counts = b.apart, b.seldom
+        return cls(len(b.lines), len(b.allocations), len(b.releases), len(b.constants), b.label, counts, b.scope())
 
     def restore(self, b: Lowering) -> None:
         del b.lines[self.lines :], b.allocations[self.allocations :]
         del b.releases[self.releases :], b.constants[self.constants :]
-        b.label, b.apart = self.label, self.apart
+        b.label, (b.apart, b.seldom) = self.label, self.counts
         b.end_scope(self.scope)
 
 
@@ -468,9 +469,9 @@ def _if_any_takes_it(b: Lowering, branch, values, avals) -> list[Value]:
         return [b.at_hand(value) for value in b.run(branch, values)]
     before, inside, after = b.label, b.block_name(), b.block_name()
     b.line(f"br i1 {b.text(_any_lane(b, b.mask), 'i1')}, label %{inside}, label %{after}")
-    begun, apart = len(b.lines), b.apart
+    begun, apart = len(b.lines) - b.seldom, b.apart
     end = _branch(b, inside, after, branch, values, avals)
-    b.apart = apart + len(b.lines) - begun
+    b.apart = apart + len(b.lines) - b.seldom - begun
     given = {entry for value in values if (r := _registers(value)) is not None for entry in flat(r)}
     phis = []
 

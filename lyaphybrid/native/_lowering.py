@@ -213,8 +213,8 @@ def lower(
     results = b.run(closed, inputs)
     for place, (atom, value) in enumerate(zip(jaxpr.outvars, results, strict=True)):
         _output(b, place, atom.aval, value)
-    if b.apart > most_apart * len(b.lines):
-        raise Unsupported(f"lanes that part in {b.apart} of {len(b.lines)} lines")
+    if b.apart > most_apart * (len(b.lines) - b.seldom):
+        raise Unsupported(f"lanes that part in {b.apart} of {len(b.lines) - b.seldom} lines")
     body = [*b.allocations, *b.lines, *b.releases, "  ret void"]
     head = "define void @call(ptr noalias readonly %inputs, ptr noalias readonly %outputs) nounwind {"
     return "\n".join([*b.constants, *sorted(b.declarations), head, "entry:", *body, "}", "!0 = !{}", ""])

@@ -134,7 +134,8 @@ class Values(Emitter):
         self.small, self.columns, self.lanes = small, columns, lanes
         self.carries_vectors = lanes > 1
         self.mask: Entry | None = None  # of the lanes that are still going, where lanes diverge
-        self.apart = 0  # how many lines stand in branches that lanes do not share
+        self.apart = 0  # how many lines stand in branches that lanes do not share, less …
+        self.seldom = 0  # … those that are said to be run seldom
         self._lazies: list[weakref.ref[Lazy]] = []  # in the order in which they were made
 
     def scope(self) -> tuple[int, int]:
