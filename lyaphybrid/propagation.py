@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from . import careful, frames, waiting
+from . import frames, lost_directions, waiting
 from .columns import each_column
 from .events import by_mode
 from .native import seldom
@@ -336,7 +336,7 @@ def _takes_care(settings: Settings, clock: Clock, carry: Carry, ahead) -> bool:
         return False
     if mover.by_rows or not (mover.jumps_uncontrolled and mover.may_lose_rank):
         return False
-    return careful.is_precise(mover.tangent(clock, carry, ahead), carry.x)
+    return lost_directions.is_precise(mover.tangent(clock, carry, ahead), carry.x)
 
 
 def _with_care(settings: Settings, clock: Clock, carry: Carry, ahead, interval, spread):
@@ -353,8 +353,8 @@ def _with_care(settings: Settings, clock: Clock, carry: Carry, ahead, interval, 
     if carry.volume is not None:
         left = carry.left and before.left and carry.left._replace(volume=before.left.volume)
         carry = carry._replace(volume=before.volume, left=left)
-        carry = added(carry, volume=careful.volume(tangent, len(carry.x), carry.x.dtype))
-    *found, sure = careful.orthonormalised(tangent, before.frame)
+        carry = added(carry, volume=lost_directions.volume(tangent, len(carry.x), carry.x.dtype))
+    *found, sure = lost_directions.orthonormalised(tangent, before.frame)
     sane = jnp.all(jnp.isfinite(found[1]))
     found[1] = jnp.where(sane, found[1], 0.0)
     carry = stop(_harvested(settings, carry, clock.base + carry.s, found), STATUS.nonfinite, ~sane)

@@ -10,9 +10,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
-from lyaphybrid import careful, pairs
+from lyaphybrid import double_double, lost_directions
 from lyaphybrid._engines import compiled
-from lyaphybrid.pairs import Pair
+from lyaphybrid.double_double import Pair
 
 ENGINES = pytest.mark.parametrize("engine", [jax.jit, compiled()], ids=["xla", "native"])
 TURN = np.array([[math.cos(0.7), -math.sin(0.7)], [math.sin(0.7), math.cos(0.7)]])
@@ -44,16 +44,18 @@ def exact(array):
 )  # fmt: skip
 def test_pairs_have_twice_the_digits(engine, function, wanted):
     high, low = RNG.normal(size=3), 1e-17 * RNG.normal(size=3)
-    found = engine(lambda dx: pairs.precise(function)(dx, jnp.array(0.0)))(Pair(jnp.asarray(high), jnp.asarray(low)))
+    found = engine(lambda dx: double_double.precise(function)(dx, jnp.array(0.0)))(
+        Pair(jnp.asarray(high), jnp.asarray(low))
+    )
     right = wanted(exact(high) + exact(low))
     off = [abs(float(error)) for error in exact(found.high) + exact(found.low) - right]
     assert max(off) < 1e-30 * max(abs(float(one)) for one in right)
 
 
 def test_what_pairs_cannot_follow_is_known_before():
-    assert careful.is_precise(lambda dx: dx * 2.0, jnp.zeros(3))
-    assert not careful.is_precise(jnp.cumsum, jnp.zeros(3))
-    assert not careful.is_precise(lambda dx: dx * 2.0, jnp.zeros(17))
+    assert lost_directions.is_precise(lambda dx: dx * 2.0, jnp.zeros(3))
+    assert not lost_directions.is_precise(jnp.cumsum, jnp.zeros(3))
+    assert not lost_directions.is_precise(lambda dx: dx * 2.0, jnp.zeros(17))
 
 
 @ENGINES
@@ -62,12 +64,15 @@ def test_a_product_of_matrices_keeps_its_small_direction(engine, small):
     def tangent(dx):
         return jnp.asarray(TURN) @ (jnp.array([2.0, small]) * (jnp.asarray(TURN).T @ dx))
 
-    _, log_r, lost, sure = engine(lambda frame: careful.orthonormalised(tangent, frame))(jnp.eye(2))
+    _, log_r, lost, sure = engine(lambda frame: lost_directions.orthonormalised(tangent, frame))(jnp.eye(2))
     assert not np.any(lost)
     assert sure
     assert_allclose(np.sum(log_r), math.log(2 * small), rtol=1e-14, atol=LEFT / small)
     assert_allclose(
-        engine(lambda: careful.volume(tangent, 2, jnp.float64))(), math.log(2 * small), rtol=1e-14, atol=LEFT / small
+        engine(lambda: lost_directions.volume(tangent, 2, jnp.float64))(),
+        math.log(2 * small),
+        rtol=1e-14,
+        atol=LEFT / small,
     )
 
 

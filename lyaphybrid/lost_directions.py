@@ -4,11 +4,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from . import pairs
+from . import double_double
 from .columns import each_column
+from .double_double import Pair
 from .frames import TINY
 from .magnitudes import absolute
-from .pairs import Pair
 from .precision import eps, nonzero
 
 __all__ = ["is_precise", "orthonormalised", "volume"]
@@ -26,8 +26,8 @@ def is_precise(tangent, x) -> bool:
     if x.size > LARGEST:
         return False
     try:
-        jax.eval_shape(lambda dx: pairs.precise(tangent)(Pair(dx, dx), jnp.zeros((), dx.dtype)), x)
-    except pairs.Unknown:
+        jax.eval_shape(lambda dx: double_double.precise(tangent)(Pair(dx, dx), jnp.zeros((), dx.dtype)), x)
+    except double_double.Unknown:
         return False
     return True
 
@@ -41,7 +41,7 @@ def orthonormalised(tangent, frame) -> tuple[Array, Array, Array, Array]:
     """
     seeds = jnp.asarray(SEEDS, frame.dtype)
     # Loops and not `vmap`: what is hardly ever done is to be little code.
-    by_pairs = pairs.precise(tangent)
+    by_pairs = double_double.precise(tangent)
     moved = jax.lax.map(lambda seed: jax.lax.map(lambda dx: by_pairs(_exact(dx), seed), frame.T), seeds)
     sizes = jax.lax.stop_gradient(each_column(absolute(tangent), jnp.abs(frame)))
     k, nothing = frame.shape[1], jnp.zeros_like(frame)
@@ -64,7 +64,9 @@ def orthonormalised(tangent, frame) -> tuple[Array, Array, Array, Array]:
         doubtful = hidden | jnp.any((apart > ALIKE * here) & (here > ALIKE * largest))
         length = jax.vmap(_length)(y.high)
         inverse = jnp.where(gone | hidden, 0.0, 1 / jnp.maximum(length, nonzero(TINY, length)))
-        y = jax.lax.map(lambda both: pairs.multiplied(both[0], _exact(jnp.full_like(size, both[1]))), (y, inverse))
+        y = jax.lax.map(
+            lambda both: double_double.multiplied(both[0], _exact(jnp.full_like(size, both[1]))), (y, inverse)
+        )
         return (
             jax.tree.map(lambda a, new: a.at[:, :, j].set(new), columns, y),
             known.at[:, j].set(size * inverse[0]),
@@ -84,13 +86,13 @@ def _less(y: Pair, column: Pair) -> tuple[Pair, Pair]:
     """Without its part along a column of length 1, up to rounding; and that part. The column may be empty."""
 
     def product(a, b):
-        return pairs.total(pairs.multiplied(a, b), 0)
+        return double_double.total(double_double.multiplied(a, b), 0)
 
     square = product(column, column)
     square = square._replace(high=jnp.where(square.high > 0, square.high, 1.0))
-    share = pairs.divided(product(y, column), square)
-    along = pairs.multiplied(Pair(*(jnp.broadcast_to(one, y.high.shape) for one in share)), column)
-    return pairs.added(y, pairs.negated(along)), share
+    share = double_double.divided(product(y, column), square)
+    along = double_double.multiplied(Pair(*(jnp.broadcast_to(one, y.high.shape) for one in share)), column)
+    return double_double.added(y, double_double.negated(along)), share
 
 
 def volume(tangent, n: int, dtype) -> Array:

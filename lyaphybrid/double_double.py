@@ -1,4 +1,4 @@
-"""Linear functions in twice the digits: each number is a pair, the sum of itself and of what its rounding left over.
+"""Linear functions in double-double arithmetic: each number is a pair, itself and what its rounding left over.
 
 Sums and products of pairs: T. J. Dekker, A floating-point technique for extending the available precision, Numer. Math.
 18 (1971) 224, doi:10.1007/BF01397083.
@@ -112,7 +112,7 @@ def precise(function: Callable) -> Callable:
 
     Example:
         >>> import jax, jax.numpy as jnp
-        >>> from lyaphybrid.pairs import Pair, precise
+        >>> from lyaphybrid.double_double import Pair, precise
         >>> with jax.enable_x64(True):
         ...     dx = Pair(jnp.array([1.0, 1e-20]), jnp.zeros(2))
         ...     found = precise(lambda dx: (dx[0] + dx[1]) - dx[:1])(dx, jnp.array(0.0))
