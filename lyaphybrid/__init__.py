@@ -27,7 +27,17 @@ from .indicators import (
     sali,
     spectral_intervals,
 )
-from .methods import ESDIRK, ContinuousQR, Diffrax, HalfExplicit, RungeKutta, Splitting, Symplectic, TangentHamiltonian
+from .methods import (
+    ESDIRK,
+    ContinuousQR,
+    Diffrax,
+    HalfExplicit,
+    RadauIIA,
+    RungeKutta,
+    Splitting,
+    Symplectic,
+    TangentHamiltonian,
+)
 from .periodic_orbits import Floquet, floquet
 from .results import RunFailed, Spectrum
 from .return_maps import return_map
@@ -62,6 +72,7 @@ __all__ = [
     "TangentHamiltonian",
     "HalfExplicit",
     "ESDIRK",
+    "RadauIIA",
     "ContinuousQR",
     "consistent_start",
     "lyapunov_spectrum",

@@ -9,7 +9,7 @@ an ordinary differential equation in d unknowns (eq. (9) of Linh et al.). Method
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import equinox as eqx
 import jax
@@ -267,7 +267,32 @@ def landed(dae: Constrained, args, t, x):
     return solved(dae, args, t, dae.content(t, x, args), x, jnp.asarray(1e-14, x.dtype))[0]
 
 
-def solved(dae: Constrained, args, t, base, guess, tolerance, share: Any = None) -> tuple[Array, Lifts]:
+class Equations(Protocol):
+    """What `solved` asks of the equations of a point: a `Constrained` has it."""
+
+    @property
+    def n_differential(self) -> int:
+        """Components of the content."""
+        ...
+
+    def content(self, t, x, args) -> Any:
+        """As in `Constrained`."""
+        ...
+
+    def slope(self, t, x, args) -> Any:
+        """As in `Constrained`."""
+        ...
+
+    def constraint(self, t, x, args) -> Any:
+        """As in `Constrained`."""
+        ...
+
+    def lifts(self, t, x, args, share: Any) -> Lifts:
+        """As in `Constrained`."""
+        ...
+
+
+def solved(dae: Equations, args, t, base, guess, tolerance, share: Any = None) -> tuple[Array, Lifts]:
     """The x (n,) with E₁ x = base (d,) and f₂(t, x) = 0, by Newton's method; nan where that does not converge.
 
     With a share of the slope, as in implicit stages, E₁ x − share w'(t, x) = base. The iteration itself is not

@@ -3,6 +3,7 @@
 from .continuous_qr import ContinuousQR
 from .diffrax_solver import Diffrax
 from .half_explicit import ESDIRK, HalfExplicit
+from .radau import RadauIIA
 from .runge_kutta import RungeKutta
 from .symplectic import Splitting, Symplectic
 from .tangent_hamiltonians import TangentHamiltonian
@@ -12,6 +13,7 @@ __all__ = [
     "ContinuousQR",
     "Diffrax",
     "HalfExplicit",
+    "RadauIIA",
     "RungeKutta",
     "Splitting",
     "Symplectic",

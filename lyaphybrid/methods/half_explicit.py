@@ -8,56 +8,39 @@ V. H. Linh & N. D. Truong, Electron. Trans. Numer. Anal. 48 (2018) 131, doi:10.1
 """
 
 import functools
-from typing import Any, ClassVar
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..checks import positive, require
+from ..checks import require
 from ..columns import linear_at
 from ..daes import parts_of, solved
 from ..eliminations import Eliminated
 from ..linear_systems import product
-from ..precision import nonzero
-from .base import Controller, Field, Method, Step, Tangent
+from .base import Field, Step, Tangent
 from .divergences import quadrature
 from .implicit_tableaux import IMPLICIT
 from .linearised import linearised
-from .runge_kutta import TABLEAUX, Tableau, along, hermite, summed, tabulated, through, weighed
+from .on_constraints import OnConstraints, check_control
+from .runge_kutta import TABLEAUX, Tableau, along, summed, tabulated, through, weighed
 
 __all__ = ["ESDIRK", "HalfExplicit"]
 
 EXPLICIT = tuple(name for name, table in TABLEAUX.items() if len(table.errors) == 1)
 
 
-class OnConstraints(Method):
-    """What the two kinds have in common."""
+class StageByStage(OnConstraints):
+    """Whose stages are found one after the other."""
 
-    rtol: eqx.AbstractVar[Any]
-    control: eqx.AbstractVar[str]
     tableau: eqx.AbstractVar[str]
-
-    controller: ClassVar[Controller] = Controller(safety=0.9, shrink=0.2, grow=5.0, now=1.0, last=0.0)  # (13), (14)
-    keeps_constraints: ClassVar[bool] = True
-    takes_slope: ClassVar[bool] = False
-    each_step: ClassVar[bool] = True  # what is left of a column beside the others is then known to the tolerance
 
     @property
     def table(self) -> Tableau:
         """The coefficients."""
         return TABLEAUX[self.tableau] if self.tableau in TABLEAUX else IMPLICIT[self.tableau]
-
-    @property
-    def atol(self) -> Any:
-        """Errors are measured against rtol (1 + |x|)."""
-        return self.rtol
-
-    @property
-    def fixed_step(self) -> Any:
-        """The error estimate controls h."""
-        return None
 
     @property
     def error_order(self) -> int:
@@ -74,11 +57,6 @@ class OnConstraints(Method):
         weights, times = tabulated(self.table, t, h)
         own = np.arange(self.way_points) < len(self.table.a)
         return weights, times, self.table.diagonal * h * jnp.asarray(own, times.dtype) if self.table.diagonal else None
-
-    def solves(self, field: Field) -> bool:
-        """All do."""
-        del field
-        return True
 
     def _is_direct(self, field: Field) -> bool:
         return not self.table.diagonal and isinstance(getattr(field, "field", None), Eliminated)
@@ -165,10 +143,6 @@ class OnConstraints(Method):
         done = self.step(field, t, x, field(t, x), h)
         return done.way, done.x
 
-    def blank_way(self, x):
-        """Room for the points on the way, or for their contents."""
-        return (jnp.zeros((self.way_points, *x.shape), x.dtype),)
-
     def times(self, t, h) -> list:
         """Those of the stages."""
         return [t, *(t + c * h for c in self.table.c)]
@@ -184,27 +158,12 @@ class OnConstraints(Method):
         """Times and points of the stages."""
         return self.times(t, h), [x, *self.points_on(field, t, h, way)[: len(self.table.c)]]
 
-    def inside(self, dense, theta):
-        """The cubic Hermite interpolant of the step at the fraction theta."""
-        x0, f0, x1, f1, h = dense
-        return hermite(theta, x0, h * f0, x1, h * f1)
-
     def divergence(self, field: Field, nodes, h):
         """∫ tr Df dt over the step by the weights b at the stages."""
         return h * quadrature(field, self.table.b, *nodes)
 
-    def state_ratio(self, step: Step, x):
-        """The largest error of a component, over rtol (1 + |x|) (13)."""
-        del x
-        return self.ratio(step.error, self.rtol * (1 + jnp.abs(step.x)))
 
-    def frame_ratio(self, errors, frame, new):
-        """The same of the columns, taken in units of their length at the start."""
-        length = jnp.sqrt(jnp.sum(frame**2, axis=0) + nonzero(1e-40, frame))
-        return jnp.max(jnp.abs(errors[0]) / (self.rtol * (length[None, :] + jnp.abs(new))))
-
-
-class HalfExplicit(OnConstraints):
+class HalfExplicit(StageByStage):
     """An explicit Runge–Kutta method for an `lh.DAE`, with error control; the constraints hold in every stage.
 
     A step passes where max |error_i| / (1 + |x_i|) ≤ rtol, for the state and, with control="xY", for each column of the
@@ -236,7 +195,7 @@ class HalfExplicit(OnConstraints):
         self.rtol, self.control, self.tableau = rtol, control, tableau
 
 
-class ESDIRK(OnConstraints):
+class ESDIRK(StageByStage):
     """A singly diagonally implicit Runge–Kutta method with an explicit first stage, for a stiff `lh.DAE` or `lh.Flow`.
 
     Errors and steps as for `lh.HalfExplicit`.
@@ -271,5 +230,4 @@ class ESDIRK(OnConstraints):
 
 def _check(rtol, control, tableau, known) -> None:
     require(tableau in known, f"Unknown tableau {tableau!r}; the tableaux are {', '.join(known)}.")
-    require(control in ("x", "xY"), f"control must be 'xY' (state and frame) or 'x' (state alone); got {control!r}.")
-    positive("rtol", rtol)
+    check_control(rtol, control)
