@@ -23,12 +23,19 @@ def is_zero(value) -> bool:
 def cadence_for(problem: runs.Problem, every) -> tuple[Cadence, Any]:
     """When to orthonormalise: the unit of `every` for this kind of system, and the first interval."""
     system, method, *_ = problem
+    by_time = isinstance(every, tuple | list)
     if isinstance(system, EventDriven):
-        unit = "jumps"
+        unit = "time" if by_time else "jumps"
     elif method is None or not method.adaptive:
         unit = "steps"
     else:
         unit = "steps" if every is None else "time"
+    if by_time:
+        good = len(every) == 2 and every[0] == "time" and unit == "time"
+        where = "" if unit == "time" else f" for a system whose {unit} are counted"
+        known = 'every must be a number; of an lh.EventDriven, or with adaptive steps, also ("time", length)'
+        require(good, f"{known}; got {every!r}{where}.")
+        every = every[1]
     if every is None:
         each = isinstance(method, Method) and method.each_step
         return Cadence(unit, not each, each), 1.0

@@ -161,6 +161,21 @@ class Clock(NamedTuple):
     rest: Array  # what rounding the base left over
     length: Array
     last_jump: Array
+    interval: Any = None  # between orthonormalisations, where these come by time
+
+    def limit(self, carry: Carry):
+        """Where a flight ends that meets no event: with the block, or at the next orthonormalisation by time."""
+        if self.interval is None:
+            return self.length
+        return jnp.minimum(self.length, carry.s + jnp.maximum(self.interval - carry.since, 0.0))
+
+    def flown(self, carry: Carry, end):
+        """`Carry.since` after such a flight: at an orthonormalisation by time the whole interval, without rounding."""
+        return jnp.where(end < self.length, self.interval, carry.since + (end - carry.s))
+
+    def afresh(self, carry: Carry) -> Carry:
+        """The carry as it goes on after an orthonormalisation by time, if one is due."""
+        return carry._replace(since=jnp.where(carry.since >= self.interval, 0.0, carry.since))
 
 
 def begin(settings: Settings, t0, x, frame, mode, h, interval) -> Journey:
@@ -258,7 +273,8 @@ def _running(journey: Journey):
 
 def _block(settings: Settings, journey: Journey, index, end, last_jump):
     """One block; or nothing where it was done before, the budget is spent or the run is over."""
-    clock = Clock(journey.base[0], journey.base[1], end - journey.elapsed, last_jump)
+    by_time = journey.interval if settings.cadence.unit == "time" else None
+    clock = Clock(journey.base[0], journey.base[1], end - journey.elapsed, last_jump, by_time)
     todo = (journey.block == index) & (journey.carry.budget > 0)
 
     def within(carry, in_span=False):
@@ -445,7 +461,9 @@ def _tidy(settings: Settings, clock: Clock, carry: Carry, ahead, interval, sprea
     before, carry = (carry.growth, carry.left), settings.mover.kept_to_constraints(carry, clock)
     if settings.mover.jumps_uncontrolled and settings.mover.may_lose_rank:
         # After many jumps rounding alone makes columns dependent: that is unresolved, not lost.
-        absolute = jnp.where(carry.since <= 1, frames.LOST, jnp.where(carry.since <= LONGEST_BLIND, 0.0, -jnp.inf))
+        # By time each jump that may destroy a direction is orthonormalised by itself.
+        jumps = 1.0 if settings.cadence.unit == "time" else carry.since
+        absolute = jnp.where(jumps <= 1, frames.LOST, jnp.where(jumps <= LONGEST_BLIND, 0.0, -jnp.inf))
         carry, gained = harvest(settings, carry, clock.base + carry.s, absolute, frames.DEPENDENT)
     else:
         carry, gained = harvest(settings, carry, clock.base + carry.s)

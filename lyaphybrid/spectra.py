@@ -76,7 +76,9 @@ def lyapunov_spectrum(
         method: None: adaptive `lh.RungeKutta`, for an `lh.DAE` `lh.HalfExplicit`; maps and event-driven systems
             have none.
         every: orthonormalise each so many iterations (maps), steps (fixed dt), units of time (adaptive) or jumps
-            (event-driven); None: from the growth, so that no exponent drowns in rounding.
+            (event-driven); ("time", length): of an event-driven system each so much time, between the events, and where
+            these may destroy a direction also after each; None: from the growth, so that no exponent drowns in
+            rounding.
         orthonormalise: "auto", "mgs" (modified Gram–Schmidt), "lapack", "cholesky".
         clock: "time", "jumps", or "hybrid": max(t, j). By "jumps" and "hybrid" an `lh.Hybrid` also goes on where jumps
             accumulate, as far as double precision can tell them apart, and where a cascade does not end: exponents are

@@ -20,7 +20,7 @@ from ..systems import EventDriven
 from .landing import LEAST, SHRUNK
 from .unconstrained import Unconstrained
 
-__all__ = ["Exact", "integers", "is_event"]
+__all__ = ["Exact", "integers", "is_event", "since_after"]
 
 
 class Flight(NamedTuple):
@@ -68,7 +68,7 @@ class Exact(Unconstrained):
         dt, which = self.system.next_event(clock.base + c.s, c.x, self.args)
         dt, which = jnp.asarray(dt, c.x.dtype), integers(which)
         # nan is no time: it goes to the landing, which reports it.
-        return Flight(dt, which, ~((dt > clock.length - c.s) | jnp.isposinf(dt)))
+        return Flight(dt, which, ~((dt > clock.limit(c) - c.s) | jnp.isposinf(dt)))
 
     enter = look
 
@@ -86,23 +86,24 @@ class Exact(Unconstrained):
         x, linear = jax.linearize(lambda x: self.system.flow(dt, t, x, self.args), c.x)
         return x, each_column(linear, c.frame)
 
-    def _count(self, settings: Settings, since, dt, jumps):
-        return since + {"steps": 1.0, "time": dt, "jumps": jumps, "never": 0.0}[settings.cadence.unit]
-
     def settle(self, settings: Settings, clock: Clock, within, c: Carry, ahead: Flight) -> tuple[Carry, Flight]:
-        """Fly on to the end of the block, where no event comes before."""
-        rare = within(c) & ~ahead.lands
-        return jax.lax.cond(rare, lambda c: self._fly(settings, clock, c), lambda c: c, c), ahead
+        """Fly on to the end of the block, or to an orthonormalisation by time, where no event comes before."""
 
-    def _fly(self, settings: Settings, clock: Clock, c: Carry) -> Carry:
-        end = clock.length
+        def fly(c):
+            c = self._fly(settings, clock, c, ahead)
+            return c, ahead if clock.interval is None else self.look(clock.afresh(c), clock)
+
+        return jax.lax.cond(within(c) & ~ahead.lands, fly, lambda c: (c, ahead), c)
+
+    def _fly(self, settings: Settings, clock: Clock, c: Carry, ahead: Flight) -> Carry:
+        end = clock.limit(c)
         if settings.count_jumps:  # where jumps alone end the block, and there are none any more
-            c, end = stop(c, STATUS.no_more_jumps, jnp.isinf(end)), jnp.where(jnp.isinf(end), c.s, end)
+            never = jnp.isinf(clock.length) & jnp.isposinf(ahead.dt)
+            c, end = stop(c, STATUS.no_more_jumps, never), jnp.where(never, c.s, end)
         dt = end - c.s
         x, frame = self._carried(c, clock, dt)
         c = c if c.volume is None else added(c, volume=self._flux(c, clock, dt))
-        since = self._count(settings, c.since, dt, 0.0)
-        return c._replace(s=end, x=x, frame=frame, since=since)
+        return c._replace(s=end, x=x, frame=frame, since=c.since if clock.interval is None else clock.flown(c, end))
 
     def _flux(self, c: Carry, clock: Clock, dt):
         """ln|det Dφ| of the flow over dt, which is ∫ tr Df."""
@@ -134,11 +135,15 @@ class Exact(Unconstrained):
         landed = added(c, s=dt)._replace(
             x=jnp.where(timed, new, x),
             frame=columns[:, :k],
-            since=self._count(settings, c.since, dt, 1.0),
+            since=since_after(settings, clock, c, dt, real, self.may_lose_rank),
             jumps=c.jumps + real.astype(jnp.int32),
             log=log_event(c.log, entry, real),
         )
         hides = self._hides(t, x, which, before) if settings.count_jumps else None
+        # By time frames are orthonormalised on the way: a flight is then not all of the time between two events.
+        if clock.interval is not None:
+            between = jnp.where(flight.dt < 0, flight.dt, jnp.maximum(flight.dt, landed.s - c.own[0]))
+            flight = flight._replace(dt=between)
         return self._remember(landed, flight._replace(lands=real), hides)
 
     def once(self, settings: Settings, clock: Clock, c: Carry, flight: Flight) -> Carry:
@@ -146,14 +151,14 @@ class Exact(Unconstrained):
         return jax.lax.cond(
             flight.lands,
             lambda c: self.step(settings, clock, c, flight),
-            lambda c: self._fly(settings, clock, c),
+            lambda c: self._fly(settings, clock, c, flight),
             c,
         )
 
     def tangent(self, clock: Clock, c: Carry, flight: Flight) -> Callable:
         """The derivative of what `once` does, dx (n,) -> (n,)."""
         t, which = clock.base + c.s, flight.which
-        dt = jnp.where(flight.lands, flight.dt, clock.length - c.s)
+        dt = jnp.where(flight.lands, flight.dt, clock.limit(c) - c.s)
         dt = jnp.where(jnp.isfinite(dt), dt, 0.0)
 
         def flow(x):
@@ -221,6 +226,14 @@ class Exact(Unconstrained):
         c = stop(c._replace(own=own), STATUS.zeno, (streak > 30) | zeno)
         finite = jnp.all(jnp.isfinite(c.x)) & jnp.all(jnp.isfinite(c.frame))
         return stop(c, STATUS.nonfinite, ~(finite & (dt >= -nothing)))
+
+
+def since_after(settings: Settings, clock: Clock, c: Carry, dt, real, may_lose_rank: bool):
+    """`Carry.since` after an event; by time one that may destroy a direction is followed by an orthonormalisation."""
+    if settings.cadence.unit != "time":
+        return c.since + {"steps": 1.0, "jumps": 1.0, "never": 0.0}[settings.cadence.unit]
+    since = c.since + dt
+    return jnp.where(real, clock.interval, since) if may_lose_rank else since
 
 
 def integers(which):

@@ -21,7 +21,7 @@ from ..propagation import STRETCHED, Carry, Clock, Events, Settings, added, log_
 from ..saltations import delays
 from ..statuses import STATUS
 from ..systems import EventDriven
-from .exact import integers, is_event
+from .exact import integers, is_event, since_after
 from .unconstrained import Unconstrained
 
 __all__ = ["Scheduled", "predicting_anew"]
@@ -124,7 +124,7 @@ class Scheduled(Unconstrained):
         """When is the next event?"""
         t, which = self.system.schedule.next(c.own.cache)
         # nan is no time: it goes to the landing, which reports it.
-        lands = ~((t > clock.length - c.own.start) | jnp.isposinf(t))
+        lands = ~((t > clock.limit(c) - c.own.start) | jnp.isposinf(t))
         return Flight(t, integers(which), lands, c.own.events >= LONGEST)
 
     enter = look
@@ -166,7 +166,7 @@ class Scheduled(Unconstrained):
             s=s,
             x=x,
             frame=frame,
-            since=c.since + (0.0 if settings.cadence.unit == "never" else 1.0),
+            since=since_after(settings, clock, c, dt, real, self.may_lose_rank),
             jumps=c.jumps + real.astype(jnp.int32),
             own=own,
             log=c.log if entry is None else log_event(c.log, entry, real),
@@ -205,10 +205,12 @@ class Scheduled(Unconstrained):
         return Events(None, clock.base + s, zero, which, zero, zero, before, after)
 
     def settle(self, settings: Settings, clock: Clock, within, c: Carry, ahead: Flight) -> tuple[Carry, Flight]:
-        """Fly on to the end of the block where no event comes before, and bring all to the present."""
-        end = jnp.where(within(c) & ~ahead.lands, clock.length, c.s)
+        """Fly to the end of the block, or an orthonormalisation by time, if no event is before; all to the present."""
+        flies = within(c) & ~ahead.lands
+        end = jnp.where(flies, clock.limit(c), c.s)
         if settings.count_jumps:  # where jumps alone end the block, and there are none any more
-            c, end = stop(c, STATUS.no_more_jumps, jnp.isinf(end)), jnp.where(jnp.isinf(end), c.s, end)
+            never = flies & jnp.isinf(clock.length) & jnp.isposinf(ahead.t)
+            c, end = stop(c, STATUS.no_more_jumps, never), jnp.where(never, c.s, end)
         dt = end - c.own.start
         x, linear = jax.linearize(lambda y: self.rows.flow(dt, y), c.x)
         zero = jnp.zeros_like(end)
@@ -216,7 +218,10 @@ class Scheduled(Unconstrained):
         own = c.own._replace(cache=cache, start=end, events=jnp.zeros_like(c.own.events), stretch=zero)
         if c.volume is not None:
             c = added(c, volume=frames.log_abs_det(each_column(linear, jnp.eye(x.shape[0], dtype=x.dtype))))
-        c = c._replace(s=end, x=x, frame=each_column(linear, c.frame), own=own)
+        since = c.since if clock.interval is None else jnp.where(flies, clock.flown(c, end), c.since)
+        c = c._replace(s=end, x=x, frame=each_column(linear, c.frame), own=own, since=since)
+        if clock.interval is not None:
+            return c, self.look(clock.afresh(c), clock)
         return c, ahead._replace(t=ahead.t - dt, full=jnp.asarray(False))
 
 
