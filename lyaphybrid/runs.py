@@ -29,9 +29,10 @@ from .checks import check_clocks, check_functions, real, require
 from .consistency import check_constraints
 from .daes import Constrained, fields_of
 from .events import Wiring, bound, by_mode, projection, wire
-from .methods import HalfExplicit, RungeKutta
+from .methods import DiffraxEvents, HalfExplicit, RungeKutta
 from .methods.base import Method
 from .methods.exact import Exact
+from .methods.flights import Flights
 from .methods.iterate import Iterating
 from .methods.scheduled import Scheduled
 from .methods.stepping import Stepping, are_curved, are_timeless
@@ -262,7 +263,7 @@ def mover_of(problem: Problem, t, x):
         method.require(fields[0], t, x)
         onto = (projection(fields[0], None, args),)
         wiring = Wiring(fields, (), onto, empty, empty, empty, (), empty, (), (), (), False, None)
-        return Stepping(wiring, method, (), (), 0, are_curved(fields, t, x))
+        return _moving(wiring, method, (), (), 0, are_curved(fields, t, x))
     if system.fields is None:
         reset = system.transitions[0].reset
         return Iterating(lambda n, x: reset(n, x, args))
@@ -273,7 +274,12 @@ def mover_of(problem: Problem, t, x):
         (number(system.transitions[j].every, args), number(system.transitions[j].phase, args)) for j in wiring.clocks
     )
     terminal = tuple(tr.terminal for tr in system.guarded)
-    return Stepping(wiring, method, clocks, terminal, system.max_cascade, are_curved(wiring.fields, t, x))
+    return _moving(wiring, method, clocks, terminal, system.max_cascade, are_curved(wiring.fields, t, x))
+
+
+def _moving(wiring, method, *rest) -> Stepping:
+    """The mover of what flows by a method: it finds the events, where the method does not do it itself."""
+    return (Flights if isinstance(method, DiffraxEvents) else Stepping)(wiring, method, *rest)
 
 
 def number(value, args):

@@ -11,7 +11,7 @@ from ..checks import positive
 from .base import Field, Method, Step
 from .divergences import trace
 
-__all__ = ["Diffrax"]
+__all__ = ["Diffrax", "prepared"]
 
 # Gauss–Legendre with four points on [0, 1]: order 8, above that of any diffrax solver's dense output.
 _NODES = (0.06943184420297371, 0.33000947820757187, 0.6699905217924281, 0.9305681557970263)
@@ -43,19 +43,11 @@ class Diffrax(Method):
     control: str = eqx.field(static=True)
 
     def __init__(self, solver: diffrax.AbstractSolver, rtol: Any = 1e-9, atol: Any = 1e-12, control: str = "xY"):
-        if not isinstance(solver, diffrax.AbstractAdaptiveSolver):
-            raise ValueError(
-                f"solver must be a diffrax solver with an error estimate, such as diffrax.Kvaerno5(); got {solver!r}."
-            )
         if control not in ("x", "xY"):
             raise ValueError(f"control must be 'xY' (state and frame) or 'x' (state alone); got {control!r}.")
         positive("rtol", rtol)
         positive("atol", atol)
-        if isinstance(solver, diffrax.AbstractImplicitSolver):
-            solver = _with_root_finder(solver, rtol, atol)
-        if hasattr(solver, "scan_kind"):  # diffrax's own loop over the stages has no forward mode; lax's has
-            solver = dataclasses.replace(solver, scan_kind="lax")  # pyright: ignore[reportCallIssue]
-        self.solver, self.rtol, self.atol, self.control = solver, rtol, atol, control
+        self.solver, self.rtol, self.atol, self.control = prepared(solver, rtol, atol), rtol, atol, control
 
     @property
     def fixed_step(self) -> Any:
@@ -91,6 +83,19 @@ class Diffrax(Method):
         return h * sum(
             w * trace(field, t + node * h, self.inside(nodes, node)) for node, w in zip(_NODES, _WEIGHTS, strict=True)
         )
+
+
+def prepared(solver: diffrax.AbstractSolver, rtol, atol) -> diffrax.AbstractSolver:
+    """The solver, able to be differentiated forwards; a ValueError where it has no error estimate."""
+    if not isinstance(solver, diffrax.AbstractAdaptiveSolver):
+        raise ValueError(
+            f"solver must be a diffrax solver with an error estimate, such as diffrax.Kvaerno5(); got {solver!r}."
+        )
+    if isinstance(solver, diffrax.AbstractImplicitSolver):
+        solver = _with_root_finder(solver, rtol, atol)
+    if hasattr(solver, "scan_kind"):  # diffrax's own loop over the stages has no forward mode; lax's has
+        solver = dataclasses.replace(solver, scan_kind="lax")  # pyright: ignore[reportCallIssue]
+    return solver
 
 
 def _with_root_finder(solver, rtol, atol):

@@ -1,0 +1,93 @@
+"""How a tangent moves where a method itself finds the events: a trial is a flight, and ends at one or before the next.
+
+All that follows an event is that of `Stepping`: the landing, the jumps of one instant, and how guards are armed.
+"""
+
+import dataclasses
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+
+from ..events import by_mode, rates
+from ..precision import nonzero
+from ..propagation import Carry, Clock
+from .diffrax_events import DiffraxEvents
+from .stepping import Stepping
+from .trials import ADVANCE, FAIL, LAND, Aim, Stepper, Trial, firing, pending
+
+__all__ = ["Flights"]
+
+STEPS = 20.0  # of a flight, about: then frames are orthonormalised, and the host may have a look
+
+
+@dataclasses.dataclass(frozen=True)
+class Flights(Stepping):
+    """The mover of flows and hybrid systems by `lh.DiffraxEvents`; `Stepper.h` is the mean step of flights."""
+
+    method: DiffraxEvents
+
+    longest_interval: ClassVar[float] = 1.0  # in flights
+
+    def enter(self, c: Carry, clock: Clock):
+        """As for steps; a trial knows the mean step of its flight."""
+        tr = super().enter(c, clock)
+        return tr._replace(way=(jnp.zeros_like(c.s),)) if isinstance(tr, Trial) else tr
+
+    def look(self, c: Carry, clock: Clock, aim: Aim | None = None) -> Trial:
+        """A flight, until a guard changes its sign, a clock ticks, the block ends, or it is long enough."""
+        del aim  # nothing is left to be located
+        own, t, w = c.own, clock.base + c.s, self.wiring
+        longest, final, tick = self._length(c._replace(own=own._replace(h=STEPS * own.h)), clock, None)
+
+        trials = [self._flight_in(q, own) for q in range(w.modes)]
+        flight, x, f, g, rate, reached = by_mode(own.mode, trials, t, c.x, jax.lax.stop_gradient(longest))
+        h, found = jax.lax.stop_gradient(jnp.where(flight.found, flight.h, longest)), flight.found
+        lands, miss = jnp.asarray(False), None
+        if g is not None:
+            # The guard that was reached has just passed zero: fired, or armed anew where it comes from beyond.
+            here = found & (jnp.arange(w.slots) == reached)
+            beyond = 2 * own.side * jnp.maximum(own.blur, nonzero(1e-300, g))
+            g, lands = jnp.where(here, -beyond, g), jnp.any(here & firing(self, own))
+            miss = jnp.zeros_like(g)
+        if tick is not None:
+            tick = jnp.where(found, -1, tick)
+            lands = lands | (tick >= 0)
+        case = jnp.where(flight.failed, FAIL, jnp.where(lands, LAND, ADVANCE))
+        if self.may_not_flow:
+            case = jnp.where(pending(own) > 0, LAND, case)
+        zero = jnp.zeros_like(h)
+        return Trial(case.astype(jnp.int32), h, x, f, zero, final & ~found, g, rate, miss, tick, (flight.step,))
+
+    def _flight_in(self, q: int, own: Stepper):
+        """(t, x, h) -> a flight in mode q; the state and the field where it ends, and the guards, if there are any."""
+        method, field = self.method, self.wiring.fields[q]
+        if not self.has_events:
+
+            def to_the_end(t, x, h):
+                flight = method.flight(field, t, x, h)
+                return flight, flight.x, field(t + flight.h, flight.x), None, None, None
+
+            return to_the_end
+        guards = self.wiring.guards[q]
+
+        def to_an_event(t, x, h):
+            def distances(s, x):
+                return jnp.where(own.side == 0, jnp.inf, own.side * guards(t + s, x))
+
+            def least(s, x):  # at the start each guard is on its side, whatever rounding says
+                return jnp.where(s > 0, jnp.min(distances(s, x)), 1.0)
+
+            flight = method.flight(field, t, x, h, least)
+            step = method.step(field, t, x, own.f, flight.h)  # without the error of dense output
+            reached = jnp.argmin(distances(flight.h, flight.x))
+            return flight, step.x, step.f, *rates(guards, t + flight.h, step.x, step.f), reached
+
+        return to_an_event
+
+    def _next_h(self, own: Stepper, tr: Trial, ratio, passed):
+        """The mean step of a whole flight; one that was cut says only that steps may be as long as it was."""
+        del ratio, passed
+        (step,) = tr.way
+        h = jnp.where(tr.h >= 0.99 * STEPS * own.h, step, jnp.maximum(own.h, step))
+        return jax.lax.stop_gradient(h), own.log_ratio
