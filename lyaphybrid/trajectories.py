@@ -10,7 +10,7 @@ from jaxtyping import Array
 
 from . import runs
 from ._tracing import array, traced
-from .blocks import check_counts
+from .blocks import check_counts, ends_of_blocks
 from .checks import attempts, positive, whole
 from .methods.base import Method
 from .places import account, place_of
@@ -100,12 +100,13 @@ def trajectory(
     t1,
     t0=0.0,
     n: int = 1000,
+    times: Any = None,
     method: Method | None = None,
     mode: str | int | None = None,
     max_steps: int | None = None,
     throw: bool = True,
 ) -> Trajectory:
-    """The motion from x0 over a length t1, at n equal times, with every event on the way.
+    """The motion from x0 over a length t1, at n times, with every event on the way.
 
     Args:
         system: an `lh.Flow`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
@@ -114,6 +115,8 @@ def trajectory(
         t1: length in time (iterations for a map).
         t0: time at the start.
         n: number of samples, at t0 + i t1/n, i = 1…n.
+        times: other times of samples, counted from t0: "log" for n of them from t1/1000 on, evenly on a logarithmic
+            scale, or an increasing array that ends at t1.
         method: `lh.RungeKutta` (default) or `lh.Diffrax`.
         mode: mode at the start, where there are several.
         max_steps: most attempts of a step.
@@ -144,7 +147,7 @@ def trajectory(
     _require_one(x0)
     check_counts(system, t1=t1)
     discrete = iterates(system)
-    ends = t1 * (np.arange(1, n + 1) / n)
+    ends = ends_of_blocks(t1, n, times, "t1")
     ends = array(jnp.ceil(ends - 1e-9) if discrete else ends, x0.dtype)
     room = 0 if discrete or isinstance(system, Flow) else ROOM
     plan = runs.Plan(Cadence("never", False), "mgs", False, room, False, False, runs.point)

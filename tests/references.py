@@ -78,6 +78,12 @@ def load_gradients() -> dict:
     return _by_id(_read("gradients.json")["entries"])
 
 
+@functools.cache
+def load_tangent_dynamics() -> dict:
+    """Exponents and GALIs of orbits of Skokos & Gerlach at τ = 0.05, by (orbit, method, t); a C program."""
+    return {(e["orbit"], e["method"], e["t"]): e["found"] for e in _read("tangent_dynamics.json")}
+
+
 def _by_id(entries: list) -> dict:
     return {e["id"]: e for e in entries}
 

@@ -1,5 +1,6 @@
 """Tangent maps of symplectic steps against maps written by hand; the rivals; long runs against theory."""
 
+import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -59,9 +60,9 @@ def by_hand(scheme, w, h):
 
 @compiled()
 def _one_step(method, system, x, args, h):
-    field = Bound(system.field, args)
-    done = method.step(field, 0.0, x, field(0.0, x), h).x
-    return done, method.tangent(field, 0.0, x, h, jnp.eye(len(x))).frame
+    field, t = Bound(system.field, args), jnp.zeros(())
+    done = method.step(field, t, x, field(t, x), h).x
+    return done, method.tangent(field, t, x, h, jnp.eye(len(x))).frame
 
 
 def one_step(method, system, x, args=None, h=None):
@@ -124,6 +125,46 @@ def test_the_rivals_are_the_matrices_written_by_hand(variant):
         points.append(one_step(lh.Symplectic("SBAB2C", dt=h / parts), problem.system, points[-1])[0])
     assert_allclose(new, points[-1], rtol=0, atol=1e-15)
     assert_allclose(matrix, rival(variant, points, h), rtol=0, atol=1e-14)
+    turn = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.eye(2), np.zeros((2, 2))]])
+    assert_allclose(matrix.T @ turn @ matrix, turn, rtol=0, atol=1e-14)  # so that sums of pairs fall as 1/t
+
+
+ORBITS = {
+    "leapfrog": lambda h: lh.Symplectic("leapfrog", dt=h),
+    "rk4": lambda h: lh.RungeKutta("rk4", dt=h),
+    "dop853": lambda h: lh.RungeKutta("dop853", rtol=1e-10),
+}
+
+
+@pytest.mark.parametrize("orbit", list(ORBITS))
+@pytest.mark.parametrize("variant", ["cc", "eps"])
+def test_the_rivals_go_along_orbits_by_any_method(variant, orbit):
+    """The tangent is that of the points where the method of the orbit stands."""
+    problem, x, h = zoo.henon_heiles(y=0.3), np.array([0.3, -0.4, 0.2, 0.1]), 0.1
+    parts, points = 2 if variant == "eps" else 1, [x]
+    method = ORBITS[orbit](h / parts)
+    for _ in range(parts):
+        points.append(one_step(method, problem.system, points[-1], h=h / parts)[0])
+    new, matrix = one_step(lh.TangentHamiltonian(variant, dt=h, orbit=method), problem.system, x, h=h)
+    assert_allclose(new, points[-1], rtol=0, atol=1e-15)
+    assert_allclose(matrix, rival(variant, points, h), rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    "orbit",
+    [lh.RungeKutta("dop853", rtol=1e-13, atol=1e-15), lh.Diffrax(diffrax.Kvaerno5(), rtol=1e-10, atol=1e-12)],
+    ids=["dop853", "implicit"],
+)
+def test_an_orbit_that_controls_its_error_makes_the_steps_shorter(orbit):
+    """A coarse dt is cut where the orbit's tolerance asks for it."""
+    problem = zoo.henon_heiles(**R1)
+
+    def end(method):
+        return np.asarray(lh.trajectory(problem.system, problem.x0, t1=10.0, n=1, method=method).x[-1])
+
+    alone = end(orbit)
+    assert_allclose(end(lh.TangentHamiltonian("eps", dt=2.0, orbit=orbit)), alone, rtol=0, atol=1e-8)
+    assert np.max(np.abs(end(lh.TangentHamiltonian("eps", dt=2.0)) - alone)) > 1e-3
 
 
 @pytest.mark.parametrize("h", [0.3, 3.0])
@@ -269,6 +310,8 @@ REFUSED = [
     (lambda: lh.Symplectic("SABA2C"), "needs its step"),
     (lambda: lh.Symplectic("SABA2C", dt=-0.1), "must be positive"),
     (lambda: lh.TangentHamiltonian("ec", dt=0.1), "Unknown variant"),
+    (lambda: lh.TangentHamiltonian("cc", dt=0.1, orbit="ABA864"), "orbit must be a method"),
+    (lambda: lh.TangentHamiltonian("eps", dt=0.1, orbit=lh.Symplectic("ABA864", dt=0.1)), "steps of 0.05 here"),
     (lambda: lh.Splitting((lambda dt, t, x, a: x,), "SABA2", dt=0.1), "two functions"),
     (lambda: lh.Splitting((lambda dt, t, x, a: x,) * 2, "SABA2C", dt=0.1), "two general parts"),
     (lambda: lh.Splitting((lambda dt, t, x, a: x,) * 2, [(0, 0.5), (1, 1.0)], dt=0.1), "must sum to 1"),

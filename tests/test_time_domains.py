@@ -88,3 +88,14 @@ def test_under_a_transformation_it_is_refused():
 
     with pytest.raises(ValueError, match="on the host"):
         jax.jit(last)(jnp.array([0.3]))
+
+
+def test_a_trajectory_has_samples_at_the_times_that_are_asked_for():
+    """x = exp(−t); evenly in ln t, or at given times that end at t1."""
+    decay = lh.Flow(lambda t, x, args: -x)
+    even = lh.trajectory(decay, [1.0], t0=2.0, t1=5.0, n=4, times="log")
+    np.testing.assert_allclose(even.t, 2.0 + 5.0 * np.geomspace(1e-3, 1, 4), rtol=1e-14)
+    given = lh.trajectory(decay, [1.0], t1=5.0, times=[0.5, 2.0, 5.0], method=lh.RungeKutta(rtol=1e-12))
+    np.testing.assert_allclose(given.x[:, 0], np.exp([-0.5, -2.0, -5.0]), rtol=1e-10)
+    with pytest.raises(ValueError, match="times must end at t1"):
+        lh.trajectory(decay, [1.0], t1=5.0, times=[0.5, 2.0])

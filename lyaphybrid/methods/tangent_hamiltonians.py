@@ -1,11 +1,12 @@
 """The rivals of the tangent map: the tangent dynamics Hamiltonian, with D²V frozen at points of the orbit.
 
-H_T(δq, δp, t) = ½ δpᵀ T'' δp + ½ δqᵀ D²V(q(t)) δq: the orbit comes first, by SBAB2 with its corrector, and D²V(q) is
-known at its points alone. These methods are here to be compared with: their tangent is not the derivative of their
+H_T(δq, δp, t) = ½ δpᵀ T'' δp + ½ δqᵀ D²V(q(t)) δq: the orbit comes first, by any method, and D²V(q) is known at its
+points alone. These methods are here to be compared with: their tangent is not the derivative of their
 step, and λ₁ of a regular orbit levels off at a value above 0 that falls with the step only.
 """
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -13,12 +14,13 @@ import jax
 import jax.numpy as jnp
 import jax.scipy.linalg
 
+from .._tracing import traced
 from ..checks import positive, require
 from ..columns import each_column
 from ..hamiltonians import halves
-from .base import Step, Tangent
+from .base import Controller, Method, Step, Tangent
 from .splittings import SCHEMES, A, Scheme
-from .symplectic import Composition, moved, separable
+from .symplectic import Composition, Symplectic, separable
 
 __all__ = ["TangentHamiltonian"]
 
@@ -49,10 +51,14 @@ class TangentHamiltonian(Composition):
             - "eps-drift": drift, kick, drift, D²V in the middle; (39).
         dt: the step of the tangent, in units of time; the orbit takes two of half the length where D²V is wanted in
             the middle.
+        orbit: the method of the orbit, such as ``lh.Symplectic("ABA864", dt=0.05)`` or ``lh.RungeKutta("dop853")``;
+            None: SBAB2 with its corrector. One that controls its error makes steps shorter than dt where it has to,
+            those of the tangent too.
 
     Raises:
-        ValueError: on an unknown variant, on a step that is not positive; and, where it is used, on a system that is
-            no `lh.Hamiltonian` with a kinetic energy that is quadratic in p.
+        ValueError: on an unknown variant, on a step that is not positive, on an orbit by something else than a method
+            or in steps of another length; and, where it is used, on a system that is no `lh.Hamiltonian` with a
+            kinetic energy that is quadratic in p.
 
     Source:
         Ch. Skokos & E. Gerlach, Phys. Rev. E 82 (2010) 036704, doi:10.1103/PhysRevE.82.036704.
@@ -61,32 +67,89 @@ class TangentHamiltonian(Composition):
         >>> import lyaphybrid as lh
         >>> lh.TangentHamiltonian("eps", dt=0.05).adaptive
         False
+        >>> lh.TangentHamiltonian("eps", dt=0.05, orbit=lh.RungeKutta("dop853", rtol=1e-10)).adaptive
+        True
     """
 
     variant: str = eqx.field(static=True)
     dt: Any
+    orbit: Any
 
-    def __init__(self, variant: str, dt: Any):
+    def __init__(self, variant: str, dt: Any, orbit: Method | None = None):
         require(variant in VARIANTS, f"Unknown variant {variant!r}; the variants are {', '.join(VARIANTS)}.")
         positive("dt", dt)
         self.variant, self.dt = variant, dt
+        own = dt / self.way_points
+        orbit = Symplectic(ORBIT, dt=own) if orbit is None else orbit
+        require(isinstance(orbit, Method), f"orbit must be a method, such as lh.RungeKutta('dop853'); got {orbit!r}.")
+        if not orbit.adaptive and not traced((own, orbit.fixed_step)):
+            fits = math.isclose(float(orbit.fixed_step), float(own))
+            require(fits, f"The orbit must go in steps of {own:g} here; its method has dt = {orbit.fixed_step:g}.")
+        self.orbit = orbit
+
+    @property
+    def way_points(self) -> int:
+        """Steps of the orbit in one of the tangent: their ends are where D²V is taken."""
+        return 2 if self.variant in TWO_STEPS else 1
+
+    @property
+    def fixed_step(self) -> Any:
+        """The step; None where the error of the orbit is controlled."""
+        return None if self.orbit.adaptive else self.dt
+
+    @property
+    def longest_step(self) -> Any:
+        """No step is longer than dt."""
+        return self.dt if self.orbit.adaptive else None
+
+    @property
+    def rtol(self) -> Any:
+        """The orbit's."""
+        return self.orbit.rtol
+
+    @property
+    def atol(self) -> Any:
+        """The orbit's."""
+        return self.orbit.atol
+
+    @property
+    def error_order(self) -> int:
+        """The orbit's."""
+        return self.orbit.error_order
+
+    @property
+    def controller(self) -> Controller:
+        """The orbit's."""
+        return self.orbit.controller
+
+    def loosened(self, least: float) -> "TangentHamiltonian":
+        """With the method of the orbit loosened."""
+        return TangentHamiltonian(self.variant, self.dt, self.orbit.loosened(least))
 
     def require(self, field, t, x) -> None:
         """Raise where a field is not that of an `lh.Hamiltonian` that is quadratic in p."""
         name = f"lh.TangentHamiltonian({self.variant!r})"
         separable(field, x, name).require_quadratic(field.args, halves(x)[1], name)
+        self.orbit.require(field, t, x)
 
-    def _orbit(self, field: Any, x, h) -> list:
-        """The points of the orbit over a step: its start, the middle where there are two steps, its end."""
-        steps = 2 if self.variant in TWO_STEPS else 1
-        points = [x]
-        for _ in range(steps):
-            points.append(moved(SCHEMES[ORBIT], field, points[-1], h / steps))
-        return points
+    def _orbit(self, field: Any, t, x, f, h) -> list[Step]:
+        """The steps of the orbit over one of the tangent."""
+        short, steps = h / self.way_points, []
+        for _ in range(self.way_points):
+            steps.append(self.orbit.step(field, t, x, f, short))
+            t, x, f = t + short, steps[-1].x, steps[-1].f
+        return steps
 
     def step(self, field: Any, t, x, f, h) -> Step:
         """One step over h from (t, x)."""
-        return self._arrived(field, t, x, f, h, self._orbit(field, x, h)[-1])
+        steps = self._orbit(field, t, x, f, h)
+        last, errors = steps[-1], jnp.concatenate([one.error for one in steps])
+        return Step(last.x, last.f, errors, (x, f, last.x, last.f, h), (t, x), tuple(one.x for one in steps))
+
+    def ratio(self, error, scale):
+        """That of the worst step of the orbit."""
+        ratios = [self.orbit.ratio(one, scale) for one in jnp.split(error, self.way_points)]
+        return jnp.max(jnp.stack(ratios))
 
     def divergence(self, field, nodes, h):
         """Canonical motion keeps volumes."""
@@ -94,8 +157,7 @@ class TangentHamiltonian(Composition):
 
     def tangent(self, field: Any, t, x, h, frame, way=()) -> Tangent:
         """The frame under the quadratic Hamiltonians of the step."""
-        del way
-        points = self._orbit(field, x, h)
+        points: Sequence = (x, *(way or [one.x for one in self._orbit(field, t, x, field(t, x), h)]))
         forms = [Form(field, point) for point in points]
         dq, dp = jnp.split(frame, 2)
         if self.variant == "es":

@@ -1,4 +1,4 @@
-"""The pictures of the reproduction of Skokos & Gerlach: Figs. 1 to 11, panel by panel."""
+"""The pictures of the reproduction of Skokos & Gerlach: Figs. 1 to 11, panel by panel, and the energy errors."""
 
 from typing import TYPE_CHECKING
 
@@ -6,39 +6,42 @@ import numpy as np
 
 from .._axes import COLOURS, colours
 from . import skokos_checks
+from .skokos_cases import BEST, LOOSE, METHODS, ORBITS, STEP, SURE, TABLE, TIGHT, Orbit
 
 if TYPE_CHECKING:
     from . import skokos
 
 __all__ = ["figure"]
 
-SMALLEST = -34.0  # log10 GALI at the foot of the pictures of tori; what is below is left out
+SHADES = dict(zip((0.05, 0.1, 0.2, 0.5), COLOURS, strict=False))  # of steps
+ALIKE = 0.1  # energy errors that are one curve
+BELOW = 2.0  # how far below the slowest curve, on a logarithmic scale, pictures of GALIs end
 
 
 def figure(r: "skokos.Reproduction", number: int):
-    """Fig. 1 to 11."""
-    from . import skokos
-
+    """Fig. 1 to 11; 12: errors of the energy."""
     match number:
         case 1:
             return _section(r)
         case 2 | 7:
-            return _exponents(r, {2: "R1", 7: "C2"}[number], skokos.METHODS, number)
+            return _exponents(r, {2: "R1", 7: "C2"}[number], METHODS, number)
         case 3:
             return _steps(r)
         case 4 | 8:
-            return _indices(r, {4: "R1", 8: "C2"}[number], skokos.METHODS, number)
+            return _indices(r, {4: "R1", 8: "C2"}[number], METHODS, number)
         case 5:
             return _sea(r)
         case 6:
             return _layer(r)
         case 9:
-            return _exponents(r, "R2", skokos.BEST, number)
+            return _exponents(r, "R2", BEST, number)
         case 10:
-            return _indices(r, "R2", skokos.BEST, number)
+            return _indices(r, "R2", BEST, number)
         case 11:
             return _many(r)
-    raise ValueError(f"The figures are 1 to 11; got {number!r}.")
+        case 12:
+            return _energies(r)
+    raise ValueError(f"The figures are 1 to 12; got {number!r}.")
 
 
 def _grid(rows: int, columns: int, title: str, size: tuple[float, float], **keywords):
@@ -115,9 +118,7 @@ def _layer(r: "skokos.Reproduction"):
 
 def _exponents(r: "skokos.Reproduction", orbit: str, methods, number: int):
     """Those that are not negative above, the sums of pairs below."""
-    from . import skokos
-
-    runs, motion = r.of(orbit), skokos.ORBITS[orbit].motion
+    runs, motion = r.of(orbit), ORBITS[orbit].motion
     title = f"Fig. {number}: exponents of {orbit} ({motion}), τ = 0.05; dashed: 1/t"
     size = (2.3 * len(methods) + 0.8, 5.2)
     made, axes = _grid(2, len(methods), title, size, sharex=True, sharey="row")
@@ -150,32 +151,73 @@ def _guide(ax, run: "skokos.Run") -> None:
 
 
 def _steps(r: "skokos.Reproduction"):
-    from . import skokos
-
-    made, [[sure, rival]] = _grid(
-        1, 2, "Fig. 3: λ$_1$ of R1 by steps of several lengths; dashed: 1/t", (9.4, 4.4), sharey=True
-    )
-    lines = [(row, run) for row, run in zip(skokos.TABLE, r.table, strict=True) if row.method in ("DOP853", "TM")]
-    shades = dict(zip((0.05, 0.1, 0.2, 0.5), COLOURS, strict=False))
-    for row, run in lines:
-        if row.threshold == skokos.TIGHT:
-            continue
-        dashed = {"linestyle": (0, (5, 2))} if row.method == "DOP853" else {}
-        name = f"{row.method}, τ = {row.step:g}"
-        curve = np.log10(run.time), _logarithm(run.exponents[:, 0])
-        sure.plot(*curve, color=shades[row.step], linewidth=1.1, label=name, **dashed)
-    for row, run in zip(skokos.TABLE, r.table, strict=True):
+    title = "Fig. 3: λ$_1$ of R1 by steps of several lengths"
+    made, [[sure, apart, rival]] = _grid(1, 3, title, (12.6, 4.2))
+    best = r.of_r1("DOP853")
+    style = {"color": COLOURS[0], "linewidth": 1.1}
+    sure.plot(np.log10(best.time), _logarithm(best.exponents[:, 0]), label="DOP853, τ = 0.05", **style)
+    for row, run in zip(TABLE, r.table, strict=True):
+        style = {"color": SHADES[row.step], "linewidth": 1.1, "label": f"{row.method}, τ = {row.step:g}"}
         if row.method == "TDHeps":
-            name, values = f"τ = {row.step:g}", _logarithm(run.exponents[:, 0])
-            rival.plot(np.log10(run.time), values, color=shades[row.step], linewidth=1.1, label=name)
-            rival.axhline(np.log10(skokos_checks.level(run)), color=shades[row.step], linewidth=0.7, linestyle=":")
-    for ax, letter, text in ((sure, "a", "DOP853 (δ = 1e−5) and TM"), (rival, "b", "TDHeps; dotted: levels")):
+            rival.plot(np.log10(run.time), _logarithm(run.exponents[:, 0]), **style)
+            rival.axhline(np.log10(skokos_checks.level(run)), color=SHADES[row.step], linewidth=0.7, linestyle=":")
+        elif row.method in SURE and run is not best and row.threshold != TIGHT:
+            dashes = {"linestyle": (0, (5, 2))} if row.method == "DOP853" else {}
+            off = run.time * np.abs(run.exponents[:, 0] - best.exponents[:, 0])
+            apart.plot(np.log10(run.time), _logarithm(np.maximum.accumulate(off)), **style, **dashes)
+    for ax in (sure, rival):
+        _guide(ax, best)
+        ax.set_ylabel("log$_{10}$ λ$_1$")
+    apart.set_ylabel("log$_{10}$ of the largest t |Δλ$_1$| so far")
+    titles = ("by DOP853; dashed: 1/t", "how far others are from it (δ = 1e−5)", "TDHeps; dotted: levels; dashed: 1/t")
+    for ax, letter, text in zip((sure, apart, rival), "abc", titles, strict=True):
         _letter(ax, letter, text)
-        _guide(ax, r.of_r1("TM"))
-        ax.legend(fontsize="small", loc="lower left", frameon=False)
-    sure.set_ylabel("log$_{10}$ λ$_1$")
-    _time_below((sure, rival))
+        ax.legend(fontsize="x-small", loc="upper left" if ax is apart else "lower left", frameon=False)
+    low, high = apart.get_ylim()
+    apart.set_ylim(low, high + 0.55 * (high - low))  # room for the legend
+    _time_below((sure, apart, rival))
     return made
+
+
+def _energies(r: "skokos.Reproduction"):
+    title = "Relative errors of the energy of R1 (Table 1)"
+    made, [[methods, steps, tolerances]] = _grid(1, 3, title, (12.6, 4.2), sharey=True)
+    names = {"DOP853": "DOP853", "TDHeps": "TDHeps: two steps of τ/2", "TM": "TM, TDHcc, TDHes: one orbit"}
+    for (method, name), colour in zip(names.items(), COLOURS, strict=False):
+        _error(methods, r.of_r1(method), color=colour, label=name)
+    for row, run in zip(TABLE, r.table, strict=True):
+        style = {"color": SHADES[row.step]}
+        if row.method == "TM":
+            _error(steps, run, label=f"τ = {row.step:g}", **style)
+        elif row.method == "DOP853" and row.threshold == LOOSE:
+            tight = [
+                one
+                for other, one in zip(TABLE, r.table, strict=True)
+                if (other.step, other.threshold) == (row.step, TIGHT)
+            ]
+            # Where τ alone decides, both thresholds have one curve.
+            apart = [one for one in tight if not np.isclose(one.energy, run.energy, rtol=ALIKE)]
+            both = " and 1e-07" if len(tight) > len(apart) else ""
+            _error(tolerances, run, label=f"τ = {row.step:g}, δ = {row.threshold:.0e}{both}", **style)
+            for one in apart:
+                _error(tolerances, one, label=f"τ = {row.step:g}, δ = {TIGHT:.0e}", linestyle=(0, (5, 2)), **style)
+    for ax, letter, text in (
+        (methods, "a", f"methods, τ = {STEP:g}, δ = {LOOSE:.0e}"),
+        (steps, "b", "TM"),
+        (tolerances, "c", "DOP853"),
+    ):
+        _letter(ax, letter, text)
+        ax.legend(fontsize="x-small", loc="upper left", frameon=False)
+    low, high = methods.get_ylim()
+    methods.set_ylim(low, high + 0.35 * (high - low))  # room for the legends
+    methods.set_ylabel("log$_{10}$ |H(t) − H(0)| / H(0)")
+    _time_below((methods, steps, tolerances))
+    return made
+
+
+def _error(ax, run: "skokos.Run", **style) -> None:
+    """The largest error so far: errors that fluctuate pass through 0."""
+    ax.plot(np.log10(run.time), _logarithm(np.maximum.accumulate(np.abs(run.drift))), linewidth=1.1, **style)
 
 
 def _sea(r: "skokos.Reproduction"):
@@ -196,11 +238,12 @@ def _sea(r: "skokos.Reproduction"):
         third.plot(ends, -k * run.exponents[-1, 0] * ends / np.log(10), color="0.5", linewidth=0.8, linestyle=":")
     third.set_xlim(0, shown)
     third.set_ylim(-4.4 * run.exponents[-1, 0] * shown / np.log(10), 1)
-    for ax, letter, text in ((first, "a", "exponents"), (second, "b", "sums of pairs"), (third, "c", "GALIs")):
+    titles = ("exponents", "sums of pairs", "GALIs; dotted: the law")
+    for ax, letter, text in zip((first, second, third), "abc", titles, strict=True):
         _letter(ax, letter, text)
         ax.legend(fontsize="small", loc="lower left", frameon=False)
     first.set_ylabel("log$_{10}$ λ")
-    third.set_ylabel("log$_{10}$ GALI$_k$; dotted: the law")
+    third.set_ylabel("log$_{10}$ GALI$_k$")
     third.set_xlabel("t")
     _time_below((first, second))
     return made
@@ -209,16 +252,21 @@ def _sea(r: "skokos.Reproduction"):
 # GALIs.
 
 
-def _curves(ax, found, orders, lowest: float | None = None) -> None:
+def _foot(found: dict, orders) -> float:
+    """log10 GALI where a picture ends: some way below the method whose curves fall least; what is lower is left out."""
+    least = [np.asarray(one.log_values)[:, [one.orders.index(k) for k in orders]].min() for one in found.values()]
+    return BELOW * max(least) / np.log(10)
+
+
+def _curves(ax, found, orders, lowest: float) -> None:
     time, logs = np.asarray(found.time), np.asarray(found.log_values) / np.log(10)
     for k, colour in zip(orders, colours(len(orders)), strict=True):
         values = logs[:, found.orders.index(k)]
         ax.plot(np.log10(time), values, color=colour, linewidth=1.1, label=f"GALI$_{{{k}}}$")
-    if lowest is not None:
-        ax.set_ylim(lowest, 1.5)
+    ax.set_ylim(lowest, -0.04 * lowest)
 
 
-def _laws(ax, orbit: "skokos.Orbit", found, orders) -> None:
+def _laws(ax, orbit: Orbit, found, orders) -> None:
     """Powers of t, through the point in the middle of the curve."""
     time, logs = np.log10(np.asarray(found.time)), np.asarray(found.log_values) / np.log(10)
     late = time > time[-1] - skokos_checks.DECADES[orbit.name]
@@ -229,17 +277,15 @@ def _laws(ax, orbit: "skokos.Orbit", found, orders) -> None:
 
 
 def _indices(r: "skokos.Reproduction", orbit: str, methods, number: int):
-    from . import skokos
-
-    which, found = skokos.ORBITS[orbit], r.indices[orbit]
+    which, found = ORBITS[orbit], r.indices[orbit]
     title = f"Fig. {number}: GALIs of {orbit} ({which.motion}), τ = 0.05" + (
         "; dashed: the powers of t" if which.torus else ""
     )
     size = (2.3 * len(methods) + 0.8, 3.6)
     made, [axes] = _grid(1, len(methods), title, size, sharex=True, sharey=True)
     for i, (ax, method) in enumerate(zip(axes, methods, strict=True)):
-        _curves(ax, found[method], which.orders, SMALLEST)
-        if which.torus and method in skokos.SURE:
+        _curves(ax, found[method], which.orders, _foot(found, which.orders))
+        if which.torus and method in SURE:
             _laws(ax, which, found[method], which.orders)
         _letter(ax, "abcde"[i], method)
     axes[0].set_ylabel("log$_{10}$ GALI$_k$")
@@ -249,20 +295,18 @@ def _indices(r: "skokos.Reproduction", orbit: str, methods, number: int):
 
 
 def _many(r: "skokos.Reproduction"):
-    from . import skokos
-
-    which, found = skokos.ORBITS["R3"], r.indices["R3"]
+    which, found = ORBITS["R3"], r.indices["R3"]
     title = "Fig. 11: GALIs of R3, on a torus of 4 dimensions, τ = 0.05; dashed: the powers of t"
     made, axes = _grid(2, 3, title, (9.4, 7.0), sharex=True, sharey="row")
     for row, orders in enumerate((range(2, 9), range(9, 17))):
-        for column, method in enumerate(skokos.BEST):
+        foot = _foot(found, orders)
+        for column, method in enumerate(BEST):
             ax = axes[row, column]
-            _curves(ax, found[method], list(orders))
-            if method in skokos.SURE:
+            _curves(ax, found[method], list(orders), foot)
+            if method in SURE:
                 _laws(ax, which, found[method], orders)
             _letter(ax, "abcdef"[3 * row + column], method)
         axes[row, 0].set_ylabel("log$_{10}$ GALI$_k$")
         axes[row, 0].legend(fontsize="x-small", loc="lower left", frameon=False, ncols=2)
-    axes[1, 0].set_ylim(-62, 2)
     _time_below(axes[1])
     return made

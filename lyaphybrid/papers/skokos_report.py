@@ -1,11 +1,14 @@
 """The table and the numbers of the reproduction of Skokos & Gerlach."""
 
+import dataclasses
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from . import skokos_checks
+from .claims import check_lines, claim_lines
 from .output import plain
+from .skokos_cases import ORBITS, STEP, TABLE, Row
 
 if TYPE_CHECKING:
     from . import skokos
@@ -32,8 +35,12 @@ def table(r: "skokos.Reproduction") -> str:
         *_exponents(r),
         "",
         *_indices(r),
+        "",
+        *check_lines(r.checks),
+        "",
+        *claim_lines(r.claims),
     ]
-    failed = [name for name, holds in r.checks.items() if not holds]
+    failed = [one.name for one in r.checks if not one.holds]
     verdict = f"FAILED: {'; '.join(failed)}" if failed else f"passed: all {len(r.checks)} checks hold"
     return "\n".join([*(line.rstrip() for line in lines), "", verdict])
 
@@ -43,10 +50,8 @@ def _line(cells) -> str:
 
 
 def _rows(r: "skokos.Reproduction"):
-    from . import skokos
-
-    tm = r.seconds[skokos.TABLE.index(skokos.Row("TM", skokos.STEP, None, PAPER_TM))]
-    for row, run, seconds in zip(skokos.TABLE, r.table, r.seconds, strict=True):
+    tm = r.seconds[TABLE.index(Row("TM", STEP, None, PAPER_TM))]
+    for row, run, seconds in zip(TABLE, r.table, r.seconds, strict=True):
         yield (
             row.method,
             "" if row.threshold is None else f"{row.threshold:.0e}",
@@ -69,11 +74,9 @@ def _exponents(r: "skokos.Reproduction"):
 
 
 def _indices(r: "skokos.Reproduction"):
-    from . import skokos
-
     yield "d ln GALI_k / d ln t on tori:"
     for name, decades in skokos_checks.DECADES.items():
-        orbit, last = skokos.ORBITS[name], "the last decade" if decades == 1 else f"the last {decades} decades"
+        orbit, last = ORBITS[name], "the last decade" if decades == 1 else f"the last {decades} decades"
         until, law = float(r.indices[name]["TM"].time[-1]), _list(skokos_checks.law(orbit), 0)
         yield f"  {name}, k = 2 … {orbit.orders[-1]}, {last} up to t = {until:.0e}; law {law}"
         for method, found in r.indices[name].items():
@@ -86,8 +89,6 @@ def _list(values, digits: int) -> str:
 
 def numbers(r: "skokos.Reproduction") -> dict[str, Any]:
     """All numbers, ready for JSON: −∞ is "-inf", what is not a number is null."""
-    from . import skokos
-
     return {
         "paper": "Ch. Skokos & E. Gerlach, Numerical integration of variational equations, Phys. Rev. E 82 (2010) "
         "036704, doi:10.1103/PhysRevE.82.036704",
@@ -100,7 +101,7 @@ def numbers(r: "skokos.Reproduction") -> dict[str, Any]:
                 "minutes_in_the_paper": row.minutes,
                 **_run(run),
             }
-            for row, run, seconds in zip(skokos.TABLE, r.table, r.seconds, strict=True)
+            for row, run, seconds in zip(TABLE, r.table, r.seconds, strict=True)
         ],
         "exponents": {o: {m: _run(run) for m, run in runs.items()} for o, runs in r.exponents.items()},
         "log_gali": {
@@ -111,8 +112,9 @@ def numbers(r: "skokos.Reproduction") -> dict[str, Any]:
             for orbit, found in r.indices.items()
         },
         "sections": {orbit: plain(np.round(np.asarray(s.x)[:, [1, 3]], 6)) for orbit, s in r.sections.items()},
-        "checks": r.checks,
-        "passed": r.passed,
+        "checks": {one.name: bool(one.holds) for one in r.checks},
+        "claims": [dataclasses.asdict(one) for one in r.claims],
+        "passed": bool(r.passed),
     }
 
 
@@ -123,4 +125,5 @@ def _run(run: "skokos.Run") -> dict[str, Any]:
         "stderr_of_first": run.error,
         "time": plain(run.time),
         "exponents": plain(run.exponents),
+        "energy_errors": plain(run.drift),
     }
