@@ -19,6 +19,7 @@ from .indicators import (
     CovariantVectors,
     Growth,
     SpectralIntervals,
+    SVDSpectrum,
     covariant_vectors,
     fli,
     gali,
@@ -26,6 +27,7 @@ from .indicators import (
     ofli,
     sali,
     spectral_intervals,
+    svd_spectrum,
 )
 from .methods import (
     ESDIRK,
@@ -90,6 +92,7 @@ __all__ = [
     "ofli",
     "covariant_vectors",
     "spectral_intervals",
+    "svd_spectrum",
     "floquet",
     "continuation",
     "design",
@@ -110,6 +113,7 @@ __all__ = [
     "Growth",
     "CovariantVectors",
     "SpectralIntervals",
+    "SVDSpectrum",
     "Floquet",
     "Continuation",
     "NoPeriodicOrbit",

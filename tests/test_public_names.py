@@ -25,6 +25,7 @@ RESULTS = (
     "Growth",
     "CovariantVectors",
     "SpectralIntervals",
+    "SVDSpectrum",
     "PoincareSection",
     "BifurcationDiagram",
     "Continuation",
@@ -86,6 +87,7 @@ def test_every_public_name_is_documented(name):
         "filippov",
         "poincare_section",
         "bifurcation_diagram",
+        "svd_spectrum",
     ],
 )
 def test_every_verb_says_what_comes_back_and_what_can_go_wrong(name):

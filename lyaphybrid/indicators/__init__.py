@@ -4,12 +4,14 @@ from .alignment import Alignment, gali, sali
 from .covariant import CovariantVectors, covariant_vectors
 from .growth import Growth, fli, megno, ofli
 from .intervals import SpectralIntervals, spectral_intervals
+from .svd_spectra import SVDSpectrum, svd_spectrum
 from .verdicts import Verdict
 
 __all__ = [
     "Alignment",
     "CovariantVectors",
     "Growth",
+    "SVDSpectrum",
     "SpectralIntervals",
     "Verdict",
     "covariant_vectors",
@@ -19,4 +21,5 @@ __all__ = [
     "ofli",
     "sali",
     "spectral_intervals",
+    "svd_spectrum",
 ]

@@ -20,7 +20,7 @@ from ..daes import degrees_of_freedom
 from ..propagation import Carry, Seen
 from ..statuses import status_of
 from ..systems import EventDriven, Flow, Hybrid, Map
-from .following import follow, verdict_of
+from .following import discrete, follow, verdict_of
 from .verdicts import Verdict, of_alignment
 
 __all__ = ["Alignment", "gali", "sali"]
@@ -171,7 +171,8 @@ def gali(
     require(good, f"orders must be numbers k with 2 ≤ k ≤ n = {n}; got {orders}.")
     found = follow(
         Volumes(), _logs, system, x0, args, k=max(orders), t1=t1, t0=t0, transient=transient, times=times,
-        blocks=blocks, mode=mode, frame=frame, method=method, every=every, max_steps=max_steps, progress=progress,
+        blocks=blocks, mode=mode, frame=frame, method=discrete("gali", method), every=every, max_steps=max_steps,
+        progress=progress,
     )  # fmt: skip
     volumes = jnp.cumsum(jnp.asarray(found.collected), axis=-1)[..., jnp.asarray(orders) - 1]
     volumes = jnp.where(jnp.isnan(jnp.asarray(found.time))[..., None], jnp.nan, volumes)

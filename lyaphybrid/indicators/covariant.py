@@ -21,7 +21,7 @@ from ..daes import degrees_of_freedom
 from ..propagation import Carry, Seen
 from ..statuses import status_of
 from ..systems import EventDriven, Flow, Hybrid, Map
-from .following import follow, generic_frame, verdict_of
+from .following import discrete, follow, generic_frame, verdict_of
 
 __all__ = ["CovariantVectors", "covariant_vectors"]
 
@@ -175,7 +175,7 @@ def covariant_vectors(
     found = follow(
         Factors(), _frame_and_factor, system, x0, args, k=number, t1=piece * (1 + blocks + after), t0=t0,
         transient=max(0.0, transient - piece), times=None, blocks=1 + blocks + after, mode=mode, frame=frame,
-        method=method, max_steps=max_steps, progress=progress,
+        method=discrete("covariant_vectors", method), max_steps=max_steps, progress=progress,
     )  # fmt: skip
     frames, factors, x = jax.tree.map(jnp.asarray, found.collected)
     vectors, growth = _backwards(frames, factors)

@@ -10,13 +10,14 @@ from .._tracing import array, traced
 from ..blocks import cadence_for, each_step_of, ends_of_blocks, is_zero, targets_for
 from ..checks import attempts, require, whole
 from ..daes import degrees_of_freedom
+from ..methods import ContinuousQR
 from ..places import Place, account, place_of
 from ..propagation import Watch
 from ..results import RunFailed
 from ..statuses import STATUS, gravest
 from ..systems import iterates
 
-__all__ = ["Followed", "follow", "generic_frame", "verdict_of"]
+__all__ = ["Followed", "discrete", "follow", "generic_frame", "verdict_of"]
 
 
 class Followed(NamedTuple):
@@ -88,6 +89,15 @@ def follow(
     time = xp.where(valid, xp.cumsum(xp.where(valid, durations, 0.0), axis=-1), xp.nan)
     collected, why = outcome.records.collected, why or outcome.why
     return Followed(time, collected, outcome.status, outcome.interrupted, outcome.journey, problem.system, why)
+
+
+def discrete(name: str, method):
+    """The method, which must leave the growth of the frame to orthonormalisations: these are what is followed."""
+    require(
+        not isinstance(method, ContinuousQR),
+        f"{name} reads the growth off orthonormalisations, and lh.ContinuousQR leaves none: give the method within it.",
+    )
+    return method
 
 
 def generic_frame(n: int, k: int, dtype) -> np.ndarray:

@@ -15,7 +15,7 @@ from ..precision import nonzero
 from ..propagation import Carry, Seen
 from ..statuses import status_of
 from ..systems import EventDriven, Flow, Hybrid, Map, iterates
-from .following import follow, verdict_of
+from .following import discrete, follow, verdict_of
 from .verdicts import Verdict, of_fli, of_megno
 
 __all__ = ["Growth", "fli", "megno", "ofli"]
@@ -232,6 +232,7 @@ def _grown(name: str, across: bool, system, x0, args, t1, options) -> Growth:
     unknown = set(options) - set(DEFAULTS)
     require(not unknown, f"{name.lower()} takes {', '.join(DEFAULTS)} and throw; got {', '.join(sorted(unknown))}.")
     options = DEFAULTS | options
+    discrete(name.lower(), options["method"])
     check_counts(system, t1=t1, transient=options["transient"])
     found = follow(Lengths(across), _state, system, x0, args, k=1, t1=t1, each_step=True, **options)
     state, time = found.collected, jnp.asarray(found.time)
