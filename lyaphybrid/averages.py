@@ -17,7 +17,7 @@ from .propagation import Journey, Record
 from .results import History, Spectrum
 from .systems import Hybrid
 
-__all__ = ["birkhoff_weights", "empty_columns", "one_run", "summarise"]
+__all__ = ["birkhoff_weights", "empty_columns", "one_run", "places", "summarise"]
 
 
 class Found(NamedTuple):
@@ -137,16 +137,18 @@ def one_run(xp: ModuleType, records: Record, empty, clock: str, initial, averagi
     time, jumped = xp.cumsum(duration), xp.cumsum(jumps)
     reading = {"time": time, "jumps": jumped, "hybrid": xp.maximum(time, jumped)}[clock]
     length = xp.diff(reading, prepend=0.0)
-    totals = _running_totals(xp, growth, records.order, valid, initial)
-    running = totals / _or_nan(xp, reading)[:, None]
+    losses, counts = xp.zeros(growth.shape[1:]), xp.zeros(growth.shape)
+    if records.order is not None:  # a column stands where it does at the end
+        where = places(xp, records.order, valid)
+        growth = xp.take_along_axis(growth, where, 1)
+        counts = xp.take_along_axis(xp.where(valid[:, None], records.losses, 0), where, 1)
+        losses = xp.sum(counts, axis=0).astype(growth.dtype)
+        initial = initial[xp.where(valid[0], records.order[0][where[0]], where[0])]
+    running = (initial[None, :] + xp.cumsum(growth, axis=0)) / _or_nan(xp, reading)[:, None]
     if averaging == "uniform":
         finite = running[-1]
     else:
         finite = _birkhoff(xp, growth, length, reading, valid, regular=averaging == "birkhoff-regular")
-    losses, counts = xp.zeros(finite.shape), xp.zeros(growth.shape)
-    if records.losses is not None:
-        counts = xp.where(valid[:, None], records.losses, 0)
-        losses = _running_totals(xp, counts, records.order, valid, 0 * counts[0])[-1]
     gone = (losses > 0) | (empty & xp.any(valid))  # lost before growth was counted, and never replaced
     count = xp.maximum(xp.sum(valid), 2).astype(growth.dtype)
     scatter = xp.sum(xp.where(valid[:, None], growth - finite[None, :] * length[:, None], 0.0) ** 2, axis=0)
@@ -186,19 +188,22 @@ def _or_nan(xp: ModuleType, length):
     return xp.where(length == 0, xp.nan, length)
 
 
-def _running_totals(xp: ModuleType, growth, order, valid, initial):
-    """Σ growth up to each block; where columns changed places the sums change places with them."""
-    if order is None or (xp is np and bool(np.all(order == np.arange(order.shape[1])))):
-        return initial[None, :] + xp.cumsum(growth, axis=0)
+def places(xp: ModuleType, order, valid):
+    """(blocks, k): where the columns of the run's end stood at the end of each block."""
 
-    def add(total, block):
-        gained, source, good = block
-        total = xp.where(good, total[source] + gained, total)
-        return total, total
+    def before(place, block):
+        source, good = block
+        return xp.where(good, source[place], place), place
 
+    place = np.arange(order.shape[1], dtype=order.dtype)
+    if xp is np and bool(np.all(order == place)):
+        return order
     if xp is jnp:
-        return jax.lax.scan(add, initial, (growth, order, valid))[1]
-    return np.stack([initial := add(initial, block)[0] for block in zip(growth, order, valid, strict=True)])
+        return jax.lax.scan(before, jnp.asarray(place), (order, valid), reverse=True)[1]
+    found = np.empty_like(order)
+    for i in reversed(range(len(order))):
+        place, found[i] = before(place, (order[i], valid[i]))
+    return found
 
 
 def _birkhoff(xp: ModuleType, growth, length, reading, valid, regular: bool):

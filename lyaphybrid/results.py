@@ -53,7 +53,7 @@ class RunFailed(RuntimeError):
 
 
 class History(eqx.Module):
-    """How a spectrum converged, block by block; nan where a block was not reached."""
+    """How a spectrum converged, block by block, in the order of its exponents; nan where a block was not reached."""
 
     time: Array  # (blocks,) in units of the clock, counted from the end of the transient
     exponents: Array  # (blocks, k) running

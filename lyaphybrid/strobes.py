@@ -159,7 +159,7 @@ def _summary(how: How, records: Record, empty, status, points, lifetime) -> Foun
     growth, losses = records.growth, records.losses
     lost = jnp.zeros(growth.shape[1], growth.dtype)
     if records.order is not None:
-        places = _places(records.order)
+        places = averages.places(jnp, records.order, records.valid)
         growth = jnp.take_along_axis(growth, places, axis=1)
         counted = jnp.take_along_axis(losses, places, axis=1)
         lost = (counted[-1] - counted[jnp.sum(~counts) - 1]).astype(growth.dtype)
@@ -179,13 +179,3 @@ def _summary(how: How, records: Record, empty, status, points, lifetime) -> Foun
     last = points[-how.samples :]
     time = run["time"]
     return Found(exponents[rank], stderr[rank], run["finite"][rank], lost[rank], time, status, last, lifetime)
-
-
-def _places(order):
-    """(blocks, k): where the columns of the run's end stood at the end of each block."""
-
-    def before(place, order):
-        return order[place], place
-
-    start = jnp.arange(order.shape[1], dtype=order.dtype)
-    return jax.lax.scan(before, start, order, reverse=True)[1]
