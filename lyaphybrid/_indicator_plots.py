@@ -33,10 +33,10 @@ def alignment(found: Alignment, ax=None):
 
 
 def growth(found: Growth, ax=None):
-    """MEGNO with its mean, FLI or OFLI against time.
+    """MEGNO with its mean, FLI, OFLI or OFLI2 against time.
 
     Args:
-        found: of `lh.megno`, `lh.fli` or `lh.ofli`, of one run.
+        found: of `lh.megno`, `lh.fli`, `lh.ofli` or `lh.ofli2`, of one run.
         ax: matplotlib axes; None: those of a new figure.
 
     Returns:

@@ -134,6 +134,61 @@ def test_megno_of_a_map_in_closed_form():
     assert vectors.shape == (2, 2)
 
 
+GROWS = lh.Flow(lambda t, x, args: jnp.stack([1 + 0 * x[0], x[1] + x[1] ** 2]))
+UP = [[0.0], [1.0]]
+
+
+@pytest.mark.parametrize(
+    ("method", "tolerance"),
+    [(lh.RungeKutta("dopri5", rtol=1e-10), 1e-6), (lh.RungeKutta("rk4", dt=0.01), 1e-6)],
+    ids=["adaptive", "fixed"],
+)
+def test_ofli2_in_closed_form(method, tolerance):
+    """y' = y + y² at y = 0: ξ = eᵗ, δξ = 2(eᵗ − 1)eᵗ, so ξ + ½ δξ = e²ᵗ, beyond what a float can hold."""
+    found = lh.ofli2(GROWS, [0.0, 0.0], t1=600.0, frame=UP, method=method, blocks=8)
+    assert_allclose(found.values, 2 * found.time, rtol=0, atol=tolerance)
+    assert found.verdict.kind == "chaotic"
+
+
+def test_ofli2_is_the_second_derivative_of_the_motion():
+    """Two derivatives through all steps of a leapfrog that is written out here."""
+    problem, h, times = sea(), 0.05, np.array([0.05, 5.0, 20.0, 60.0])
+    force = problem.system.field.force
+
+    def steps(x):
+        def step(x, _):
+            q, p = x[:2] + h / 2 * x[2:], x[2:]
+            p = p + h * force(q, None)
+            x = jnp.concatenate([q + h / 2 * p, p])
+            return x, x
+
+        return jax.lax.scan(step, x, None, length=1200)[1]
+
+    gradient = np.asarray(jax.grad(problem.system.energy)(problem.x0))
+    along = jnp.asarray(gradient / np.linalg.norm(gradient))
+    way = steps(problem.x0)
+    xi, second = jax.jvp(lambda x: jax.jvp(steps, (x,), (along,))[1], (problem.x0,), (along,))
+    vectors = np.asarray(xi + second / 2)
+    fields = np.asarray(jax.vmap(lambda x: problem.system.field(0.0, x, None))(way))
+    across = vectors - fields * np.sum(vectors * fields, axis=1, keepdims=True) / np.sum(
+        fields**2, axis=1, keepdims=True
+    )
+    highest = np.maximum.accumulate(np.log(np.linalg.norm(across, axis=1)))
+    ours = lh.ofli2(problem.system, problem.x0, t1=60.0, times=times, method=lh.Symplectic("leapfrog", dt=h))
+    expected = np.maximum(0.0, highest[np.round(times / h).astype(int) - 1])
+    assert_allclose(ours.values, expected, rtol=0, atol=1e-9)
+
+
+def test_ofli2_of_several_starts_and_under_jit():
+    problem, options = torus(), {"t1": 50.0, "blocks": 4, "method": lh.Symplectic("leapfrog", dt=0.05)}
+    starts = jnp.stack([problem.x0, sea().x0])
+    together = lh.ofli2(problem.system, starts, **options).values
+    compiled = jax.jit(lambda x: lh.ofli2(problem.system, x, **options).values)
+    for x, values in zip(starts, together, strict=True):
+        assert_allclose(values, lh.ofli2(problem.system, x, **options).values, rtol=0, atol=1e-10)
+        assert_allclose(values, compiled(x), rtol=0, atol=1e-10)
+
+
 VERDICTS = [
     ("a torus", torus, "regular"),
     ("the sea", sea, "chaotic"),
@@ -141,7 +196,7 @@ VERDICTS = [
 
 
 @pytest.mark.parametrize(("name", "make", "kind"), VERDICTS, ids=[name for name, *_ in VERDICTS])
-@pytest.mark.parametrize("indicator", [lh.gali, lh.sali, lh.megno, lh.fli, lh.ofli], ids=lambda f: f.__name__)
+@pytest.mark.parametrize("indicator", [lh.gali, lh.sali, lh.megno, lh.fli, lh.ofli, lh.ofli2], ids=lambda f: f.__name__)
 def test_verdicts(indicator, name, make, kind):
     problem = make()
     verdict = indicator(problem.system, problem.x0, t1=10_000.0, method=problem.method).verdict
@@ -185,6 +240,13 @@ REFUSED = [
     (lambda: lh.sali(cat, [0.1, 0.2], t1=10, orders=(2,)), "orders are for gali"),
     (lambda: lh.ofli(cat, [0.1, 0.2], t1=10), "needs an lh.Flow"),
     (lambda: lh.megno(cat, [0.1, 0.2], t1=10, orders=(2,)), "megno takes"),
+    (lambda: lh.ofli2(cat, [0.1, 0.2], t1=10), "needs an lh.Flow or lh.Hamiltonian"),
+    (lambda: lh.ofli2(zoo.pendulum_dae().system, [0.1] * 3, t1=10.0), "takes two derivatives of a flow"),
+    (lambda: lh.ofli2(GROWS, [0.0, 0.0], t1=10.0, frame=np.eye(2)), "frame must have shape"),
+    (
+        lambda: lh.ofli2(sea().system, sea().x0, t1=10.0, method=lh.TangentHamiltonian("cc", dt=0.1)),
+        "differentiates the step itself",
+    ),
     (lambda: lh.covariant_vectors(cat, [0.1, 0.2], t1=10, k=3), "deviation vectors were asked for"),
     (lambda: lh.covariant_vectors(cat, [0.1, 0.2], t1=-10), "must be positive"),
 ]

@@ -4,6 +4,7 @@ from .alignment import Alignment, gali, sali
 from .covariant import CovariantVectors, covariant_vectors
 from .growth import Growth, fli, megno, ofli
 from .intervals import SpectralIntervals, spectral_intervals
+from .second_order import ofli2
 from .svd_spectra import SVDSpectrum, svd_spectrum
 from .verdicts import Verdict
 
@@ -19,6 +20,7 @@ __all__ = [
     "gali",
     "megno",
     "ofli",
+    "ofli2",
     "sali",
     "spectral_intervals",
     "svd_spectrum",

@@ -12,12 +12,12 @@ from ..checks import attempts, require, whole
 from ..daes import degrees_of_freedom
 from ..methods import ContinuousQR
 from ..places import Place, account, place_of
-from ..propagation import Watch
+from ..propagation import Cadence, Watch
 from ..results import RunFailed
 from ..statuses import STATUS, gravest
 from ..systems import iterates
 
-__all__ = ["Followed", "discrete", "follow", "generic_frame", "verdict_of"]
+__all__ = ["Followed", "discrete", "follow", "generic_frame", "unit_columns", "verdict_of"]
 
 
 class Followed(NamedTuple):
@@ -38,7 +38,7 @@ class Followed(NamedTuple):
 
 
 def follow(
-    watch: Watch,
+    watch: Watch | None,
     collect,
     system,
     x0,
@@ -58,7 +58,7 @@ def follow(
     every=None,
     each_step: bool = False,
 ) -> Followed:
-    """Run a system with k deviation vectors, and let `watch` see every orthonormalisation.
+    """Run a system with k deviation vectors, and let `watch` see every orthonormalisation (k = 0: there are none).
 
     `collect` says what is recorded at the ends of the blocks; `frame` None: orthonormal vectors of no special
     direction; `each_step`: orthonormalise after each step, or each flight between events. The rest as for
@@ -70,8 +70,9 @@ def follow(
     n = x0.shape[-1]
     most = degrees_of_freedom(system, n)
     require(k <= most, f"{k} deviation vectors were asked for, in a space of {most} dimensions.")
-    frame = generic_frame(n, k, x0.dtype) if frame is None else _checked(frame, n, k, x0.dtype)
+    frame = generic_frame(n, k, x0.dtype) if frame is None else unit_columns(frame, n, k, x0.dtype)
     cadence, interval = each_step_of(problem) if each_step else cadence_for(problem, every)
+    cadence = cadence if k else Cadence("never", False)
     plan = runs.Plan(cadence, frames.kind_for(k), False, 0, False, x0.ndim == 2, collect, watch)
     limits = ends_of_blocks(t1, blocks, times, "t1")
     discrete, interrupted, why = iterates(problem.system), False, ""
@@ -106,7 +107,7 @@ def generic_frame(n: int, k: int, dtype) -> np.ndarray:
     return (q * np.sign(np.diag(r))).astype(dtype)
 
 
-def _checked(frame, n, k, dtype):
+def unit_columns(frame, n, k, dtype):
     """The user's vectors, each of length 1: indicators are volumes of unit vectors."""
     frame = jnp.asarray(frame, dtype)
     require(frame.shape == (n, k), f"frame must have shape (n, k) = ({n}, {k}); got {frame.shape}.")

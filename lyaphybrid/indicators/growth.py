@@ -87,7 +87,7 @@ class Growth(eqx.Module):
         time: (times,) since the start; nan where not reached.
         values: (times,); with a leading axis m for m runs.
         mean: (times,) of MEGNO, its mean over [0, t]; None for the others.
-        name: "MEGNO", "FLI" or "OFLI".
+        name: "MEGNO", "FLI", "OFLI" or "OFLI2".
     """
 
     time: Array
