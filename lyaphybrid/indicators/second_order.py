@@ -81,7 +81,7 @@ def ofli2(
 
     def start(x):
         f = system.field(t0, x, problem.args)
-        return started(x, _direction(system, x, f, problem.args) if frame is None else given, f)
+        return started(x, _direction(system, x, f, problem.args) if given is None else given, f)
 
     n = x0.shape[-1]
     given = None if frame is None else unit_columns(frame, n, 1, x0.dtype)[:, 0]

@@ -70,6 +70,9 @@ class SecondVariation(Method):
 
     method: Any
 
+    def __init__(self, method: Method):
+        self.method = method
+
     @property
     def rtol(self) -> Any:
         """The method's."""
