@@ -12,7 +12,7 @@ Time is local to the block: the global time only enters where the user's functio
 
 import functools
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -31,7 +31,10 @@ LONGEST_BLIND = 4.0  # jumps between two orthonormalisations, where each may des
 STRETCHED = 100.0  # a larger entry of a frame ends the interval there: a grazing jump must not look like a loss
 MOST_AT_ONCE = 64  # jumps at one instant that an event log must have room for
 
-__all__ = ["Carry", "Cadence", "Events", "Record", "Seen", "Settings", "Watch", "added", "advance", "begin", "restart"]
+__all__ = [
+    "Carry", "Cadence", "ErrorWatch", "Events", "Record", "Seen", "Settings", "Watch", "added", "advance", "begin",
+    "restart",
+]  # fmt: skip
 
 
 class Cadence(NamedTuple):
@@ -70,6 +73,15 @@ class Watch(Protocol):
 
     def next_block(self, state: Any) -> Any:
         """The state at the start of the next block."""
+        ...
+
+
+@runtime_checkable
+class ErrorWatch(Watch, Protocol):
+    """A watch that also looks at the error estimates of the steps."""
+
+    def stepped(self, state: Any, errors: Array) -> Any:
+        """The state after a step of the method with these estimates (estimates, n, k) of the frame's errors."""
         ...
 
 

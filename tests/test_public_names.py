@@ -26,6 +26,7 @@ RESULTS = (
     "CovariantVectors",
     "SpectralIntervals",
     "SVDSpectrum",
+    "ExponentBounds",
     "PoincareSection",
     "BifurcationDiagram",
     "Continuation",
@@ -88,6 +89,7 @@ def test_every_public_name_is_documented(name):
         "poincare_section",
         "bifurcation_diagram",
         "svd_spectrum",
+        "exponent_bounds",
     ],
 )
 def test_every_verb_says_what_comes_back_and_what_can_go_wrong(name):

@@ -2,6 +2,7 @@
 
 from .alignment import Alignment, gali, sali
 from .covariant import CovariantVectors, covariant_vectors
+from .exponent_bounds import ExponentBounds, exponent_bounds
 from .growth import Growth, fli, megno, ofli
 from .intervals import SpectralIntervals, spectral_intervals
 from .second_order import ofli2
@@ -11,11 +12,13 @@ from .verdicts import Verdict
 __all__ = [
     "Alignment",
     "CovariantVectors",
+    "ExponentBounds",
     "Growth",
     "SVDSpectrum",
     "SpectralIntervals",
     "Verdict",
     "covariant_vectors",
+    "exponent_bounds",
     "fli",
     "gali",
     "megno",

@@ -9,7 +9,8 @@ from .. import frames, runs
 from .._tracing import array, traced
 from ..blocks import cadence_for, each_step_of, ends_of_blocks, is_zero, targets_for
 from ..checks import attempts, require, whole
-from ..daes import degrees_of_freedom
+from ..consistency import onto_constraints
+from ..daes import DAE, degrees_of_freedom
 from ..methods import ContinuousQR
 from ..places import Place, account, place_of
 from ..propagation import Cadence, Watch
@@ -17,7 +18,7 @@ from ..results import RunFailed
 from ..statuses import STATUS, gravest
 from ..systems import iterates
 
-__all__ = ["Followed", "discrete", "follow", "generic_frame", "unit_columns", "verdict_of"]
+__all__ = ["Followed", "discrete", "follow", "generic_frame", "start_frame", "unit_columns", "verdict_of"]
 
 
 class Followed(NamedTuple):
@@ -105,6 +106,15 @@ def generic_frame(n: int, k: int, dtype) -> np.ndarray:
     """K orthonormal vectors of n components, always the same, in no special direction."""
     q, r = np.linalg.qr(np.random.default_rng(20101).standard_normal((n, k)))
     return (q * np.sign(np.diag(r))).astype(dtype)
+
+
+def start_frame(system, t0, x0, args, k: int):
+    """That frame for a start x0 (n,); of a DAE an orthonormal one of its tangent space."""
+    x = jnp.asarray(x0, float)
+    frame = generic_frame(x.shape[0], k, x.dtype)
+    if not isinstance(system, DAE):
+        return frame
+    return np.linalg.qr(np.asarray(onto_constraints(system, jnp.asarray(t0, x.dtype), x, args, jnp.asarray(frame))))[0]
 
 
 def unit_columns(frame, n, k, dtype):

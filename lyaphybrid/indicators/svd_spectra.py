@@ -21,14 +21,13 @@ from jaxtyping import Array
 from .._tracing import traced
 from ..blocks import check_counts
 from ..checks import require, whole
-from ..consistency import onto_constraints
-from ..daes import DAE, degrees_of_freedom
+from ..daes import degrees_of_freedom
 from ..frames import orthonormalise
 from ..propagation import Carry, Seen
 from ..results import UNIT
 from ..statuses import status_of
 from ..systems import EventDriven, Flow, Hybrid, Map, iterates
-from .following import discrete, follow, generic_frame, verdict_of
+from .following import discrete, follow, start_frame, verdict_of
 from .graded import log_singular_values
 
 __all__ = ["SVDSpectrum", "svd_spectrum"]
@@ -210,16 +209,10 @@ def svd_spectrum(
     n = np.shape(x0)[0]
     number = degrees_of_freedom(system, n) if k is None else k
     whole("k", number, least=1)
-    frame = None
-    if isinstance(system, DAE):  # a frame of its tangent space, in the metric of all components
-        x = jnp.asarray(x0, float)
-        tangent = onto_constraints(
-            system, jnp.asarray(t0, x.dtype), x, args, jnp.asarray(generic_frame(n, number, x.dtype))
-        )
-        frame = np.linalg.qr(np.asarray(tangent))[0]
     found = follow(
         Products(), _product, system, x0, args, k=number, t1=t1, t0=t0, transient=transient, times=times, blocks=blocks,
-        mode=mode, frame=frame, method=discrete("svd_spectrum", method), max_steps=max_steps, progress=progress,
+        mode=mode, frame=start_frame(system, t0, x0, args, number),
+        method=discrete("svd_spectrum", method), max_steps=max_steps, progress=progress,
     )  # fmt: skip
     reached = np.isfinite(found.time)
     start, rows, logs = (np.asarray(part)[reached] for part in found.collected)

@@ -18,7 +18,7 @@ from ..columns import each_column
 from ..daes import is_constrained, landed
 from ..events import BLUR, Wiring, arm, by_mode, jets, rates, rounding
 from ..precision import digits, eps, nonzero
-from ..propagation import Carry, Clock, Settings, added, stop
+from ..propagation import Carry, Clock, ErrorWatch, Settings, added, stop
 from ..reverse_mode import checkpointed
 from ..statuses import STATUS
 from ..waiting import EVER, FAR
@@ -65,6 +65,7 @@ class Carried(NamedTuple):
     ratio: Any = None  # the frame's error over what is allowed
     flux: Any = None  # ∫ tr Df
     growth: Any = None  # (k,) `Tangent.growth`
+    errors: Any = None  # (estimates, n, k) `Tangent.errors`, for a watch that looks at them
 
 
 @dataclasses.dataclass(frozen=True)
@@ -399,7 +400,7 @@ class Stepping:
             return Carried(frame=c.frame)
         return self.carried(c, clock, tr.h, c.own.mode, tr.way, self.method.rare_tangent)
 
-    def carried(self, c: Carry, clock: Clock, h, mode, way=(), of_method=None) -> Carried:
+    def carried(self, c: Carry, clock: Clock, h, mode, way=(), of_method=None, with_errors: bool = False) -> Carried:
         """What a step over h does to the frame."""
         of_method = of_method or self.method.tangent
         t, w = clock.base + c.s, self.wiring
@@ -413,7 +414,7 @@ class Stepping:
                 else:
                     ratio = jnp.zeros_like(h)
                 flux = self.method.divergence(field, nodes, h) if c.volume is not None else None
-                return Carried(new, moved, ratio, flux, growth)
+                return Carried(new, moved, ratio, flux, growth, errors if with_errors else None)
 
             return of_mode
 
@@ -422,7 +423,10 @@ class Stepping:
     def commit(self, settings: Settings, c: Carry, h, x, kept: Carried) -> Carry:
         """The carry after a step that is kept."""
         since = c.since + {"steps": 1.0, "time": h, "jumps": 0.0, "never": 0.0}[settings.cadence.unit]
-        return added(c._replace(x=x, frame=kept.frame, since=since), s=h, volume=kept.flux, growth=kept.growth)
+        c = c._replace(x=x, frame=kept.frame, since=since)
+        if kept.errors is not None:
+            c = c._replace(watch=settings.watch.stepped(c.watch, kept.errors))
+        return added(c, s=h, volume=kept.flux, growth=kept.growth)
 
     @staticmethod
     def _ended(c: Carry, clock: Clock, final) -> Carry:
@@ -435,7 +439,8 @@ class Stepping:
             return self._march(settings, clock, c)
         own, ratio, along = c.own, tr.ratio, Carried(frame=c.frame)
         if c.frame.shape[1]:
-            along = self.carried(c, clock, tr.h, own.mode, tr.way)
+            looks = self.rejects and isinstance(settings.watch, ErrorWatch)
+            along = self.carried(c, clock, tr.h, own.mode, tr.way, with_errors=looks)
             ratio = jnp.maximum(ratio, along.ratio) if self.rejects else None
         kept = self._ended(self.commit(settings, c, tr.h, tr.x, along), clock, tr.final)
         kept = changed(kept, f=tr.f)

@@ -266,7 +266,8 @@ def _(b, eqn, value, filling):
     if not plain or any(inside or low < 0 or high < 0 for low, high, inside in config):
         return None
     found = filled(aval.shape[:-1], [b.entry_of(filling)] * size(aval.shape[:-1]))
-    found[tuple(slice(low, low + n) for (low, *_), n in zip(config[:-1], value.shape, strict=False))] = value.vectors
+    inside = (slice(low, low + n) for (low, *_), n in zip(config[:-1], value.shape, strict=False))
+    found[(*inside, ...)] = value.vectors  # without "..." the array of one vector would become an entry of an array
     return Rows(found, aval.shape, aval.dtype)
 
 

@@ -648,6 +648,7 @@ def _frames(x, f, n):
         "concatenate 1": jnp.concatenate([f[:, :1], g], 1),
         "split": jnp.split(f, [1]),
         "pad": (jnp.pad(f, ((1, 1), (0, 0))), jnp.pad(f, ((0, 0), (1, 0)))),
+        "diagonal": jnp.diag(jnp.exp(f[0])) + g.T @ f,
         "dot": a @ f,
         "from the right": f @ jnp.ones((k, 2)),
         "square": f.T @ f,
