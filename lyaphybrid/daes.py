@@ -21,7 +21,7 @@ from jaxtyping import Array
 from ._jaxprs import constant
 from .frames import orthonormalise
 from .linear_systems import inverse, product, split, times
-from .systems import Flow, require_callable
+from .systems import EventDriven, Flow, require_callable
 
 __all__ = [
     "DAE",
@@ -246,6 +246,8 @@ def is_constrained(field: Any) -> bool:
 
 def fields_of(system: Any) -> tuple:
     """The fields of a system's modes."""
+    if isinstance(system, EventDriven):
+        return (system.velocity,) if system.schedule is None else ()
     return (system.field,) if isinstance(system, Flow) else getattr(system, "fields", None) or ()
 
 

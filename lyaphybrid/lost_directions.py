@@ -11,7 +11,7 @@ from .frames import TINY
 from .magnitudes import absolute
 from .precision import eps, nonzero
 
-__all__ = ["is_precise", "orthonormalised", "volume"]
+__all__ = ["LARGEST", "is_precise", "orthonormalised", "volume"]
 
 LARGEST = 16  # components of a state: with 64 the compiler takes 10 s
 CLEARED = 10  # times, of the columns before: then rows of 1e-300 of the others are right

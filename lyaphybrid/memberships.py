@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from . import events
 from ._tracing import array, traced
 from .precision import digits
-from .systems import Hybrid, iterates
+from .systems import EventDriven, Hybrid, iterates
 
 __all__ = ["Membership", "membership"]
 
@@ -44,9 +44,11 @@ def membership(system, x, args: Any, t, mode) -> Membership:
     yes, no = jnp.asarray(True), jnp.asarray(False)
     if iterates(system):
         return Membership(no, yes)
+    t, args = array(t, x.dtype), as_arrays(args, x.dtype)
+    if isinstance(system, EventDriven):
+        return Membership(yes, _is_due(system, x, args, t))
     if not isinstance(system, Hybrid):
         return Membership(yes, no)
-    t, args = array(t, x.dtype), as_arrays(args, x.dtype)
     q = mode_index(system, mode)
     if q is None:
         raise ValueError(f"In which mode? The modes are {list(system.mode_names)}: say mode=….")
@@ -70,6 +72,19 @@ def membership(system, x, args: Any, t, mode) -> Membership:
     if inside is None:
         return Membership(yes, jump)
     return Membership(jnp.all(_reached(lambda t, x: jnp.atleast_1d(inside(t, x, args)), t, x)[0]), jump)
+
+
+def _is_due(system: EventDriven, x, args: Any, t):
+    """Whether the next event is now: no later than rounding of its guard tells."""
+    from .methods.accumulations import hidden_below
+    from .methods.exact import integers, is_event
+    from .methods.scheduled import predicting_anew
+
+    flat, state = predicting_anew(system, x.shape), x.ravel()
+    dt, which = flat.next_event(t, state, args)
+    which = integers(which)
+    hidden = hidden_below(lambda t, x: flat.guard(t, x, args, which), t, state, flat.velocity(t, state, args))
+    return is_event(which) & (dt <= hidden)
 
 
 def _reached(function, t, x):

@@ -27,7 +27,7 @@ from .precision import digits
 from .results import RunFailed
 from .shooting import Motion, Node, NoPeriodicOrbit, Orbit, at_start, close_return, nearest, newton, placed
 from .symmetries import symmetry_of
-from .systems import Flow, Hybrid, Map
+from .systems import EventDriven, Flow, Hybrid, Map
 
 __all__ = ["CONVERGED", "Floquet", "floquet", "floquet_of", "in_any_case", "require_period"]
 
@@ -98,7 +98,7 @@ class Floquet(eqx.Module):
 
 
 def floquet(
-    system: Flow | Map | Hybrid,
+    system: Flow | Map | Hybrid | EventDriven,
     x0,
     args: Any = None,
     *,
@@ -123,14 +123,14 @@ def floquet(
     says so (`family`); `conserve` fixes which one. Multipliers along a family are 1, and are given as 1.
 
     Args:
-        system: an `lh.Flow`, `lh.Hybrid` (sliding modes included) or `lh.Map`.
+        system: an `lh.Flow`, `lh.Hybrid` (sliding modes included), `lh.Map` or `lh.EventDriven` (without a schedule).
         x0: (n,) a point near the orbit; far from it give a transient, where the orbit attracts.
         args: pytree of parameters.
         period: of a system that depends on time: a multiple of its own period, a number or ``args -> number`` (of a map
             the number of iterations). None: unknown, for autonomous systems; it is taken from the first close return.
         t0: the time at x0.
         mode: mode at x0, where there are several.
-        method: one that is right for the system; None: the default with rtol = 1e-12.
+        method: one that is right for the system; None: the default with rtol = 1e-12; closed forms have none.
         transient: run for so long before, in whole periods where the period is given.
         segments: of multiple shooting: more for orbits that are long and unstable, or whose smallest multipliers are
             wanted: in the derivative of one piece they are hidden by the rounding of the largest.
@@ -177,12 +177,20 @@ def floquet(
         >>> round(lh.floquet(pendulum, [0.0, 3.0], conserve=True, modulo=lambda x: x + turn).period, 6)
         2.41289
     """
-    require(isinstance(system, Flow | Hybrid | Map), f"floquet needs an lh.Flow, lh.Hybrid or lh.Map; got {system!r}.")
+    kinds = Flow | Hybrid | Map | EventDriven
+    require(
+        isinstance(system, kinds), f"floquet needs an lh.Flow, lh.Hybrid, lh.Map or lh.EventDriven; got {system!r}."
+    )
+    require(
+        not isinstance(system, EventDriven) or system.schedule is None,
+        "floquet needs an lh.EventDriven with next_event, and this one has a schedule: write it without one, or take "
+        "lh.tangent_map(…, t1=period) at a point of the orbit, whose eigenvalues are the multipliers.",
+    )
     whole("segments", segments, least=1)
     whole("max_iterations", max_iterations, least=1)
     require(not traced((x0, args, t0)), "floquet decides from values: it cannot be used under jit, vmap or grad.")
     discrete = isinstance(system, Map)
-    if method is None and not discrete:
+    if method is None and not discrete and not isinstance(system, EventDriven):
         constrained = any(isinstance(field, Constrained) for field in fields_of(system))
         method = HalfExplicit(rtol=1e-12, tableau="dopri8") if constrained else RungeKutta(rtol=1e-12, atol=1e-14)
     problem, start, time, index = runs.prepare(system, x0, args, t0, method, mode)

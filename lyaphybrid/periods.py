@@ -17,7 +17,7 @@ import numpy as np
 from ._jaxprs import needed
 from ._tracing import array, traced
 from .daes import Constrained
-from .systems import Flow, Hybrid, Map, Transition, iterates
+from .systems import EventDriven, Flow, Hybrid, Map, Transition, iterates
 
 __all__ = ["check_period", "depends_on_time", "seeming_period"]
 
@@ -50,7 +50,7 @@ def check_period(system: Any, period: Any, x, args, t=0.0, *, where: str = "", s
     """Raise a ValueError unless fields, guards, resets and clocks repeat after the period.
 
     Args:
-        system: any; only an `lh.Flow`, `lh.Map` or `lh.Hybrid` is looked at.
+        system: any; of one with a schedule nothing depends on time.
         period: a number; also a multiple of the system's own. What is traced is not looked at.
         x: (n,) a state.
         args: pytree of parameters.
@@ -199,6 +199,9 @@ def _functions(system: Any, x, args) -> Iterator[tuple[str, Callable]]:
         yield from _of_field("field", system.field)
     elif isinstance(system, Map):
         yield "rule", system.rule
+    elif isinstance(system, EventDriven):
+        yield "velocity", system.velocity
+        yield "time to the next event", lambda t, x, args: system.next_event(t, x, args)[0]
     elif isinstance(system, Hybrid):
         for name, field, project in zip(system.mode_names, system.fields or (None,), system.tangent, strict=True):
             if field is not None:

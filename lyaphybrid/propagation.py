@@ -362,7 +362,7 @@ def _takes_care(settings: Settings, clock: Clock, carry: Carry, ahead) -> bool:
     mover = settings.mover
     if settings.cadence.unit == "never" or carry.frame.shape[1] == 0 or settings.reverse:
         return False
-    if mover.by_rows or not (mover.jumps_uncontrolled and mover.may_lose_rank):
+    if not (mover.jumps_uncontrolled and mover.may_lose_rank):
         return False
     return lost_directions.is_precise(mover.tangent(clock, carry, ahead), carry.x)
 
@@ -472,10 +472,9 @@ def _tidy(settings: Settings, clock: Clock, carry: Carry, ahead, interval, sprea
     """Orthonormalise: where it is due, and at the end of a block so that the sum rule closes."""
     before, carry = (carry.growth, carry.left), settings.mover.kept_to_constraints(carry, clock)
     if settings.mover.jumps_uncontrolled and settings.mover.may_lose_rank:
-        # After many jumps rounding alone makes columns dependent: that is unresolved, not lost.
         # By time each jump that may destroy a direction is orthonormalised by itself.
         jumps = 1.0 if settings.cadence.unit == "time" else carry.since
-        absolute = jnp.where(jumps <= 1, frames.LOST, jnp.where(jumps <= LONGEST_BLIND, 0.0, -jnp.inf))
+        absolute = settings.mover.least_length(carry, jumps)
         carry, gained = harvest(settings, carry, clock.base + carry.s, absolute, frames.DEPENDENT)
     else:
         carry, gained = harvest(settings, carry, clock.base + carry.s)

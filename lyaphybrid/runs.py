@@ -294,6 +294,8 @@ def settings_of(problem: Problem, plan: Plan, t, x, reverse: bool = False) -> Se
     mover = mover_of(problem, t, x)
     if plan.count_jumps and isinstance(mover, Stepping) and mover.has_events:
         mover = dataclasses.replace(mover, per_jump=True, timeless=are_timeless(mover.wiring, t, x))
+    if plan.count_jumps and isinstance(mover, Scheduled):
+        mover = dataclasses.replace(mover, per_jump=True)
     return Settings(mover, **own, reverse=reverse)
 
 

@@ -31,7 +31,7 @@ from .propagation import Cadence
 from .results import RunFailed
 from .statuses import STATUS
 from .symmetries import Symmetry
-from .systems import Hybrid, Map
+from .systems import EventDriven, Hybrid, Map
 
 __all__ = [
     "Motion",
@@ -143,7 +143,7 @@ class Motion(NamedTuple):
     def piece(self, node: Node, length: float) -> Piece:
         """A stretch of motion from a point."""
         x0, discrete = jnp.asarray(node.x), isinstance(self.problem.system, Map)
-        hybrid = isinstance(self.problem.system, Hybrid)
+        hybrid = isinstance(self.problem.system, Hybrid | EventDriven)
         plan = runs.Plan(Cadence("never", False), "mgs", False, EVENTS * hybrid, False, False, runs.point)
         t0, ends = array(node.t, x0.dtype), length * np.arange(1, SAMPLES + 1) / SAMPLES
         ends = array(np.arange(1, length + 1) if discrete else ends, x0.dtype)

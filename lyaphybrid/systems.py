@@ -9,6 +9,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
+import jax
+import jax.numpy as jnp
 
 __all__ = [
     "Bound",
@@ -422,6 +424,21 @@ class EventDriven(eqx.Module):
                 raise ValueError(f"schedule must be an lh.Schedule; got {self.schedule!r}.")
         require_callable("jump", self.jump, "(t, x, args, which) -> x")
         require_callable("guard", self.guard, "(t, x, args, which) -> scalar")
+
+    def velocity(self, t, x, args: Any = None):
+        """Dx/dt (n,) that the closed-form flow solves, its derivative at dt = 0; of a system without a schedule."""
+        zero = jnp.zeros_like(t)
+        return jax.jvp(lambda dt: self.flow(dt, t, x, args), (zero,), (jnp.ones_like(t),))[1]
+
+    def contains(self, x, args: Any = None, *, t=0.0):
+        """Whether x lies in the flow set, which is everything, and in the jump set: the next event is now.
+
+        Returns:
+            As `Hybrid.contains`: `flow` and `jump`, up to rounding; `.where` is "C" or "both".
+        """
+        from .memberships import membership
+
+        return membership(self, x, args, t, None)
 
 
 System = Flow | Map | Hybrid | EventDriven

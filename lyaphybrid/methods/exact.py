@@ -11,13 +11,12 @@ from jaxtyping import Array
 
 from .. import frames
 from ..columns import each_column
-from ..events import BLUR
-from ..precision import digits, nonzero
+from ..precision import digits
 from ..propagation import LONGEST_BLIND, Carry, Clock, Events, Settings, added, log_event, stop, stretched
-from ..saltations import delays, instant, push, return_along
+from ..saltations import delays, push, return_along
 from ..statuses import STATUS
 from ..systems import EventDriven
-from .landing import LEAST, SHRUNK
+from .accumulations import accumulated, hidden_below, named
 from .unconstrained import Unconstrained
 
 __all__ = ["Exact", "integers", "is_event", "since_after"]
@@ -111,9 +110,8 @@ class Exact(Unconstrained):
         return frames.log_abs_det(matrix)
 
     def velocity(self, t, x):
-        """The field that the closed-form flow solves: its derivative at dt = 0."""
-        zero = jnp.zeros_like(t)
-        return jax.jvp(lambda dt: self.system.flow(dt, t, x, self.args), (zero,), (jnp.ones_like(t),))[1]
+        """The field that the closed-form flow solves."""
+        return self.system.velocity(t, x, self.args)
 
     def step(self, settings: Settings, clock: Clock, c: Carry, flight: Flight) -> Carry:
         """Fly to the event and through it."""
@@ -139,7 +137,9 @@ class Exact(Unconstrained):
             jumps=c.jumps + real.astype(jnp.int32),
             log=log_event(c.log, entry, real),
         )
-        hides = self._hides(t, x, which, before) if settings.count_jumps else None
+        hides = None
+        if settings.count_jumps:
+            hides = hidden_below(lambda t, x: system.guard(t, x, args, which), t, x, before)
         # By time frames are orthonormalised on the way: a flight is then not all of the time between two events.
         if clock.interval is not None:
             between = jnp.where(flight.dt < 0, flight.dt, jnp.maximum(flight.dt, landed.s - c.own[0]))
@@ -197,33 +197,15 @@ class Exact(Unconstrained):
 
         return jax.lax.cond(real, late, lambda columns: jnp.zeros_like(columns[0]), columns)
 
-    def _hides(self, t, x, which, velocity):
-        """Up to which length rounding of the guard hides a flight from it and back."""
-        gradient, moving, rate = instant(lambda t, x: self.system.guard(t, x, self.args, which), t, x, velocity)
-        blur = digits(BLUR, x) * (jnp.sum(jnp.abs(gradient * x)) + jnp.abs(moving * t))
-        return 4 * blur / jnp.where(rate == 0, nonzero(1e-300, rate), jnp.abs(rate))
-
     def _remember(self, c: Carry, flight: Flight, hides=None) -> Carry:
-        """Accumulating events (interval, longest interval, streak of short ones), and states gone wrong.
-
-        Where jumps are counted they go on as long as double precision tells them apart: `hides` is the shortest flight
-        that it does.
-        """
-        dt, longest, streak = flight.dt, c.own[2], c.own[3]
-        before, name = c.own[4:], jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(flight.which)])
-        name = name.astype(c.x.dtype)
-        longest = jnp.maximum(longest, dt)
-        nothing = digits(1e-9, dt) * longest
-        if hides is None:
-            short, zeno = dt < nothing, False
-        else:
-            again = flight.lands & jnp.all(name == before)
-            short = dt == 0
-            hidden = ~short & (dt < SHRUNK * longest) & again & (dt < hides)
-            zeno = hidden | ((dt > 0) & (dt < LEAST * longest))
-        streak = jnp.where(short, streak + 1, 0.0)
+        """Accumulating events (interval, longest interval, streak of short ones, name), and states gone wrong."""
+        dt, (_, _, longest, streak) = flight.dt, c.own[:4]
+        name = named(flight.which, c.x.dtype)
+        again = flight.lands & jnp.all(name == c.own[4:])
+        nothing = digits(1e-9, dt) * jnp.maximum(longest, dt)
+        longest, streak, over = accumulated(dt, longest, streak, again=again, hides=hides)
         own = jax.lax.stop_gradient(jnp.concatenate([jnp.stack([c.s, dt, longest, streak]), name]))
-        c = stop(c._replace(own=own), STATUS.zeno, (streak > 30) | zeno)
+        c = stop(c._replace(own=own), STATUS.zeno, over)
         finite = jnp.all(jnp.isfinite(c.x)) & jnp.all(jnp.isfinite(c.frame))
         return stop(c, STATUS.nonfinite, ~(finite & (dt >= -nothing)))
 

@@ -8,19 +8,22 @@ where frames are orthonormalised, all is brought to the present.
 import dataclasses
 import functools
 import math
+from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from .. import frames
+from .. import frames, lost_directions
 from ..columns import each_column
-from ..precision import digits, share
+from ..native import seldom
+from ..precision import share
 from ..propagation import STRETCHED, Carry, Clock, Events, Settings, added, log_event, stop
 from ..saltations import delays
 from ..statuses import STATUS
 from ..systems import EventDriven
+from .accumulations import accumulated, hidden_below, named
 from .exact import integers, is_event, since_after
 from .unconstrained import Unconstrained
 
@@ -34,10 +37,13 @@ class Own(NamedTuple):
 
     cache: Any  # of the schedule; its times count from the last rebasing
     start: Array  # of the span: time of the last rebasing, local to the block
+    now: Array  # time of the last event, counted from there
     events: Array  # of the span
     stretch: Array  # of the span, see `_stretch`
     longest: Array  # between two events
     streak: Array  # of short intervals
+    name: Array | None  # of the last event; None where jumps are not counted
+    destroys: Array | None  # has an event since the last orthonormalisation destroyed a direction? None: none does
 
 
 class Flight(NamedTuple):
@@ -87,6 +93,7 @@ class Scheduled(Unconstrained):
     system: EventDriven
     args: Any
     shape: tuple[int, ...]
+    per_jump: bool = False  # jumps may end a block
 
     jumps_uncontrolled: ClassVar[bool] = True
     always_common: ClassVar[bool] = False
@@ -109,7 +116,15 @@ class Scheduled(Unconstrained):
         del mode, h
         zero = jnp.zeros_like(t)
         cache = self.system.schedule.init(zero, x.reshape(self.shape), self.args)
-        return Own(jax.tree.map(jnp.asarray, cache), zero, jnp.asarray(0, jnp.int32), zero, zero, zero)
+        cache = jax.tree.map(jnp.asarray, cache)
+        name = jnp.zeros_like(named(self.system.schedule.next(cache)[1], x.dtype)) - 1 if self.per_jump else None
+        destroys = jnp.asarray(False) if self.may_lose_rank else None
+        return Own(cache, zero, zero, jnp.asarray(0, jnp.int32), zero, zero, zero, name, destroys)
+
+    def least_length(self, c: Carry, jumps):
+        """Each event says whether it destroys a direction; lengths alone tell where a close look follows."""
+        closely = c.x.shape[0] <= lost_directions.LARGEST
+        return jnp.where(c.own.destroys, frames.LOST, super().least_length(c, jumps) if closely else -jnp.inf)
 
     def rebase(self, own: Own, s) -> Own:
         """The start of the span is local to the block."""
@@ -147,21 +162,24 @@ class Scheduled(Unconstrained):
         if frame.shape[1] > 0:
             frame = _with_rows(frame, index, _pushed(real, frame, index, matrix))
         s = jnp.where(own.start + t > c.s, own.start + t, c.s)  # a time that is nan moves nothing
-        dt = s - c.s
+        now = jnp.where(t > own.now, t, own.now)
+        dt = now - own.now  # from times that are short, whatever the time of the block
         entry = None if c.log is None else self._entry(clock, s, t, which, c.x, x)
-        stretch = own.stretch
+        stretch, destroys = own.stretch, own.destroys
+        if destroys is not None:
+            destroys = (destroys & (c.since > 0)) | (real & self._destroys(t, rows, which, matrix))
         if settings.cadence.automatic:
             stretch = stretch + _stretch(matrix, x.shape[0])
-        longest = jnp.maximum(own.longest, dt)
-        own = Own(
-            cache=self.system.schedule.update(own.cache, t, x.reshape(self.shape), self.args, which),
-            start=own.start,
-            events=own.events + 1,
-            stretch=stretch,
-            longest=longest,
-            # At one instant many bodies may be looked at again: that is no accumulation, unless it goes on.
-            streak=jnp.where(dt < digits(1e-9, dt) * longest, own.streak + jnp.where(real, 1.0, 1 / x.shape[0]), 0.0),
-        )
+            stretch = stretch if destroys is None else jnp.where(destroys, jnp.inf, stretch)
+        # At one instant many bodies may be looked at again: that is no accumulation, unless it goes on.
+        more = jnp.where(real, 1.0, 1 / x.shape[0])
+        name, again, hides = own.name, None, None
+        if own.name is not None:
+            name = named(which, x.dtype)
+            again, hides = real & jnp.all(name == own.name), self._hides(t, rows, which)
+        longest, streak, over = accumulated(dt, own.longest, own.streak, more, again, hides)
+        cache = self.system.schedule.update(own.cache, t, x.reshape(self.shape), self.args, which)
+        own = Own(cache, own.start, now, own.events + 1, stretch, longest, streak, name, destroys)
         c = c._replace(
             s=s,
             x=x,
@@ -172,8 +190,32 @@ class Scheduled(Unconstrained):
             log=c.log if entry is None else log_event(c.log, entry, real),
         )
         c = c if c.volume is None else added(c, volume=frames.log_abs_det(jnp.stack(matrix)))
-        c = stop(c, STATUS.zeno, own.streak > 30)
+        c = stop(c, STATUS.zeno, over)
         return stop(c, STATUS.nonfinite, ~jnp.isfinite(functools.reduce(jnp.add, new, t)))
+
+    def once(self, settings: Settings, clock: Clock, c: Carry, flight: Flight) -> Carry:
+        """To the event and through it, or to the end of the block; and to the present."""
+        c = jax.lax.cond(flight.lands, lambda c: self.step(settings, clock, c, flight), lambda c: c, c)
+        return self.settle(settings, clock, lambda c: ~flight.lands, c, flight)[0]
+
+    def tangent(self, clock: Clock, c: Carry, flight: Flight) -> Callable:
+        """The derivative of what `once` does from a rebasing on, dx (n,) -> (n,)."""
+        t, which, n = flight.t, flight.which, c.x.shape[0]
+        index = self.rows.components(which)
+        place = (index[:, None] == jnp.arange(n, dtype=index.dtype)[None, :]).astype(c.x.dtype)
+        crosses = flight.lands & is_event(which)
+        rest = 1 - jnp.where(crosses, jnp.sum(place, axis=0), 0.0)
+        rows = c.x[index]
+        after = _with_rows(c.x, index, list(self.rows.jump(t, rows, which)))
+        dt = jnp.where(flight.lands, t, clock.limit(c) - c.own.start)
+        x, dt = jnp.where(crosses, after, c.x), jnp.where(jnp.isfinite(dt), dt, 0.0)
+
+        def linear(dx):
+            pushed = self._linear(t, rows, which, place @ dx)
+            moved = rest * dx + jnp.where(crosses, pushed @ place, 0.0)
+            return jax.jvp(lambda y: self.rows.flow(dt, y), (x,), (moved,))[1]
+
+        return linear
 
     def _crossing(self, t, rows, which):
         """The touched components after the event, and the rows of S: dy⁺ = S dy.
@@ -199,6 +241,41 @@ class Scheduled(Unconstrained):
         new, shift = jax.jvp(jump, (t, rows), (moving, still))
         return new, [pushed + late * delay for pushed, late in zip(by_rows(jump), shift, strict=True)]
 
+    def _hides(self, t, rows, which):
+        """Up to which length rounding hides a flight: comoving rows lie still."""
+        return hidden_below(lambda t, rows: self.rows.guard(t, rows, which), t, rows, jnp.zeros_like(rows))
+
+    def _destroys(self, t, rows, which, matrix):
+        """Whether the event destroys a direction of the touched rows, and with it one of the whole.
+
+        If these m directions are dependent up to rounding, twice the digits tell whether one is lost or only short.
+        """
+        m, block = rows.shape[0], jnp.stack(matrix)
+        lengths = jnp.sqrt(jnp.sum(block * block, axis=1))
+        size = jnp.sum(jnp.log(jnp.where(lengths > 0, lengths, 1.0)))
+        dependent = frames.log_abs_det(block) <= size + math.log(frames.DEPENDENT)
+
+        def linear(dy):
+            return self._linear(t, rows, which, dy)
+
+        if not lost_directions.is_precise(linear, rows):
+            return dependent
+        closely = seldom(lambda: jnp.isneginf(lost_directions.volume(linear, m, rows.dtype)))
+        return jax.lax.cond(dependent, closely, lambda: jnp.asarray(False))
+
+    def _linear(self, t, rows, which, dy):
+        """S dy of the touched rows, as one function of what JAX has rules for."""
+
+        def guard(t, rows):
+            return self.rows.guard(t, rows, which)
+
+        def jump(t, rows):
+            return self.rows.jump(t, rows, which)
+
+        moving, still = jnp.ones_like(t), jnp.zeros_like(rows)
+        delay = delays(jax.jvp(guard, (t, rows), (0 * t, dy))[1], jax.jvp(guard, (t, rows), (moving, still))[1])
+        return jax.jvp(jump, (t, rows), (delay, dy))[1]
+
     def _entry(self, clock: Clock, s, t, which, before, after) -> Events:
         zero = jnp.asarray(0, jnp.int32)
         before, after = self.rows.flow(t, before), self.rows.flow(t, after)
@@ -211,11 +288,12 @@ class Scheduled(Unconstrained):
         if settings.count_jumps:  # where jumps alone end the block, and there are none any more
             never = flies & jnp.isinf(clock.length) & jnp.isposinf(ahead.t)
             c, end = stop(c, STATUS.no_more_jumps, never), jnp.where(never, c.s, end)
-        dt = end - c.own.start
+        # Behind an event by its own time: a flight may be shorter than the time of the block resolves.
+        dt = jnp.where(end > c.s, end - c.own.start, c.own.now)
         x, linear = jax.linearize(lambda y: self.rows.flow(dt, y), c.x)
         zero = jnp.zeros_like(end)
         cache = self.system.schedule.shift(c.own.cache, dt)
-        own = c.own._replace(cache=cache, start=end, events=jnp.zeros_like(c.own.events), stretch=zero)
+        own = c.own._replace(cache=cache, start=end, now=zero, events=jnp.zeros_like(c.own.events), stretch=zero)
         if c.volume is not None:
             c = added(c, volume=frames.log_abs_det(each_column(linear, jnp.eye(x.shape[0], dtype=x.dtype))))
         since = c.since if clock.interval is None else jnp.where(flies, clock.flown(c, end), c.since)

@@ -4,6 +4,9 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
+from ..frames import LOST
+from ..propagation import LONGEST_BLIND
+
 __all__ = ["Unconstrained"]
 
 
@@ -35,6 +38,14 @@ class Unconstrained:
         """Whether the motion stays near x or leaves for ever is not seen: where no jump is ahead, is known anyhow."""
         del c, clock, x
         return jnp.asarray(False), jnp.asarray(False)
+
+    def least_length(self, c, jumps):
+        """Columns that so many jumps have left with no more than this (and rounding) are lost.
+
+        After many jumps rounding alone makes columns dependent: that is unresolved, not lost.
+        """
+        del c
+        return jnp.where(jumps <= 1, LOST, jnp.where(jumps <= LONGEST_BLIND, 0.0, -jnp.inf))
 
     def in_each_mode(self):
         """There are no modes."""
