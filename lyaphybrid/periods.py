@@ -101,7 +101,7 @@ def seeming_period(system: Any, period: float, x, args, t: float) -> float | Non
     half = count // 2
     for step in [1.0] if discrete else period * SCALES / count:
         values = _followed(system, t + step * np.arange(count), x, args)
-        apart = np.array([0.0, *(_distance(values[k : k + half], values[:half]) for k in range(1, half)), np.inf])
+        apart = np.append(_distances(values, half), np.inf)
         middle = apart[2:-1]  # after one step alone nothing has changed
         least = (middle <= apart[1:-2]) & (middle <= apart[3:]) & (middle < ALIKE)
         for k in 2 + np.flatnonzero(least)[:MINIMA]:
@@ -151,6 +151,17 @@ def _misfit(system, period: float, x, args, t: float) -> Misfit | None:
 def _distance(a: np.ndarray, b: np.ndarray) -> float:
     """Mean square distance of values, 1 for unrelated ones."""
     return float(np.mean((a - b) ** 2) / 2) if a.size else np.inf
+
+
+def _distances(values: np.ndarray, half: int) -> np.ndarray:
+    """`_distance` of the first `half` values from those as many steps later: (half,), for 0, 1, … steps."""
+    if not values.size:
+        return np.full(half, np.inf)
+    products = sum(np.correlate(column[: 2 * half - 1], column[:half], "valid") for column in values.T)
+    sums = np.cumsum(np.append(0.0, np.sum(values[: 2 * half - 1] ** 2, axis=1)))
+    squares = sums[half:] - sums[: len(sums) - half]
+    apart = (squares[0] + squares - 2 * products) / (2 * half * values.shape[1])
+    return np.round(apart, 9)  # what differs by rounding is as near
 
 
 def _followed(system, times: np.ndarray, x, args) -> np.ndarray:

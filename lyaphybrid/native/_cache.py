@@ -19,6 +19,7 @@ import platformdirs
 
 VARIABLE = "LYAPHYBRID_CACHE"
 MOST_BYTES = 256 * 2**20
+LOOK_AFTER = 1 / 16  # of that, written by this process: whether the folder has grown too large
 _HASH = hashlib.sha256().digest_size
 
 
@@ -71,7 +72,19 @@ def _write(entry: Path, code: bytes) -> None:
     except OSError:
         Path(name).unlink(missing_ok=True)
         raise
-    _make_room(entry.parent)
+    _written.unseen += len(code)
+    if _written.unseen >= LOOK_AFTER * MOST_BYTES:
+        _written.unseen = 0
+        _make_room(entry.parent)
+
+
+class _Written:
+    """How much this process has written since it last looked: to look at thousands of files takes its time."""
+
+    unseen = MOST_BYTES  # bytes; so that the first entry is followed by a look
+
+
+_written = _Written()
 
 
 def _make_room(place: Path) -> None:
