@@ -14,6 +14,7 @@ from .diagrams import BifurcationDiagram, bifurcation_diagram
 from .filippov import filippov
 from .gradients import Design, Gradient, design, lyapunov_gradient
 from .hamiltonians import Hamiltonian, canonical_flow
+from .implicit_daes import implicit_dae
 from .indicators import (
     Alignment,
     CovariantVectors,
@@ -81,6 +82,7 @@ __all__ = [
     "ESDIRK",
     "RadauIIA",
     "ContinuousQR",
+    "implicit_dae",
     "consistent_start",
     "lyapunov_spectrum",
     "trajectory",

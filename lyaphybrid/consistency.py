@@ -22,7 +22,8 @@ def consistent_start(dae: DAE, x0, args: Any = None, *, t0: Any = 0.0) -> Float[
 
     Args:
         dae: an `lh.DAE`.
-        x0: (n,) guess; of semi-explicit equations the differential components are kept, and the others found.
+        x0: (n,) guess; of semi-explicit equations the differential components are kept, and the others found. Of an
+            `lh.implicit_dae` x alone, or the whole state [x, v].
         args: pytree of parameters.
         t0: time.
 
@@ -43,7 +44,7 @@ def consistent_start(dae: DAE, x0, args: Any = None, *, t0: Any = 0.0) -> Float[
         [0.6, 0.8]
     """
     require(isinstance(dae, DAE), f"consistent_start needs an lh.DAE; got {type(dae).__name__}.")
-    x0 = jnp.asarray(x0, float)
+    x0 = dae.field.whole_guess(jnp.asarray(x0, float))
     require_double("x0", x0, "consistent_start")
     require(x0.ndim == 1 and bool(np.all(np.isfinite(x0))), f"x0 must be a finite state (n,); got {x0!r}.")
     check_functions(dae, jax.ShapeDtypeStruct(x0.shape, x0.dtype), args)

@@ -72,6 +72,10 @@ class Constrained(eqx.Module):
         slope = self.residual(t, x, args)[: self.n_differential]
         return product(lifts.content, slope) - product(lifts.constraint, moving)
 
+    def whole_guess(self, x):
+        """A state (n,) for what users give as a guess."""
+        return x
+
     def rows(self, t, args):
         """E₁ (d, n); a NumPy array where it is the same at all times and for all parameters."""
         return constant(lambda t: self.leading(t, args)[: self.n_differential], jnp.asarray(t))

@@ -89,6 +89,7 @@ def test_every_public_name_is_documented(name):
         "poincare_section",
         "bifurcation_diagram",
         "svd_spectrum",
+        "implicit_dae",
         "exponent_bounds",
     ],
 )
