@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks import many_disks, problems, references
+from benchmarks import lattices, many_disks, problems, references
 from benchmarks.harness import Make, compare
 
 QUICK = 4
@@ -156,6 +156,13 @@ def _many_disks(n: int, every: int, collisions: int, lapack: bool = False) -> Ca
     return Case("collision", collisions, _ours("many_disks", n, every), _reference(run, "steps"))
 
 
+def _lattice(name: str, n: int, k: int, every: int, t1: float) -> Case:
+    def run(t1: float) -> references.Result:
+        return lattices.run_lattice(name, n, k, every, t1)
+
+    return Case("step", t1, _ours("lattice", name, n, k, every), _reference(run, "steps"))
+
+
 CASES = {
     "lorenz_every1": _lorenz(1, 1e4),
     "lorenz_every10": _lorenz(10, 2.5e4),
@@ -173,6 +180,9 @@ CASES = {
     "disks_n64": _many_disks(64, 64, 2560),
     "disks_n64_lapack": _many_disks(64, 64, 2560, lapack=True),
     "disks_n256_lapack": _many_disks(256, 64, 256, lapack=True),
+    "klein_gordon_n256": _lattice("klein_gordon", 256, 1, 10, 1600),
+    "klein_gordon_n256_k8": _lattice("klein_gordon", 256, 8, 10, 400),
+    "schroedinger_n256": _lattice("schroedinger_lattice", 256, 1, 10, 160),
     "dae_discrete": _spring_damper(False, 7.5e4),
     "dae_continuous": _spring_damper(True, 7.5e5),
     "dae_sweep": _spring_damper_sweep(1000),

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import lyaphybrid as lh
+from benchmarks import lattices, problems
 from benchmarks import many_disks as many
-from benchmarks import problems
 from benchmarks.harness import Make, Run
 from lyaphybrid.native import _tiers
 
@@ -63,6 +63,19 @@ def henon_heiles(every: int, t1: float) -> Make:
         run = _runner(problem.system, problems.HENON_HEILES_START, None, t1=t1, method=method, every=every)
         run()
         return run, t1 / dt
+
+    return make
+
+
+def lattice(name: str, n: int, k: int, every: int, t1: float) -> Make:
+    """A disordered lattice of the zoo by its own splitting scheme; the work is counted in steps."""
+
+    def make():
+        problem = lh.zoo.get(name)(n=n)
+        keywords = {"method": problem.method, "every": every, "frame": lattices.columns(n, k), "blocks": 4}
+        run = _runner(problem.system, problem.x0, problem.args, t1=t1, **keywords)
+        run()
+        return run, t1 / problem.method.dt
 
     return make
 

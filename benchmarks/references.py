@@ -35,6 +35,13 @@ _SIGNATURES = {
     "spring_damper_discrete": [ctypes.c_double] * 2 + [_Array] * 4 + [_Counts],
     "spring_damper_continuous": [ctypes.c_double] * 2 + [_Array] * 4 + [_Counts],
     "spring_damper_sweep": [ctypes.c_int64] + [ctypes.c_double] * 2 + [_Array] * 3 + [_Counts],
+    "klein_gordon": [ctypes.c_int64] * 4
+    + [ctypes.c_double, ctypes.c_int64, _Array, _Array]
+    + [ctypes.c_double] * 2
+    + [_Array] * 3,
+    "schroedinger": [ctypes.c_int64] * 4
+    + [ctypes.c_double, ctypes.c_int64, _Counts, _Array, _Array, ctypes.c_double]
+    + [_Array] * 3,
     "many_disks": [ctypes.c_int64] * 2
     + [ctypes.c_double]
     + [ctypes.c_int64] * 2

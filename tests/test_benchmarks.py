@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import lyaphybrid as lh
-from benchmarks import many_disks, problems, references
+from benchmarks import lattices, many_disks, problems, references
 
 
 @pytest.fixture(autouse=True)
@@ -30,6 +30,15 @@ def test_both_sides_of_henon_and_heiles_agree():
     other = references.run_henon_heiles(60.0, every=10)
     np.testing.assert_allclose(found.x, other.x, rtol=0, atol=1e-10)
     np.testing.assert_allclose(found.exponents, np.sort(other.exponents)[::-1], rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("name", lattices.NAMES)
+def test_both_sides_of_a_lattice_agree(name):
+    problem = lh.zoo.get(name)(n=20)
+    found = problem.spectrum(t1=20.0, every=10, blocks=2, frame=lattices.columns(20, 3))
+    other = lattices.run_lattice(name, 20, 3, 10, 20.0)
+    np.testing.assert_allclose(found.x, other.x, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(found.exponents, np.sort(other.exponents)[::-1], rtol=0, atol=1e-11)
 
 
 @pytest.mark.parametrize("adaptive", [False, pytest.param(True, marks=pytest.mark.slow)])

@@ -10,7 +10,7 @@ import pytest
 
 import lyaphybrid as lh
 from lyaphybrid.__main__ import main
-from lyaphybrid.papers import skokos, skokos_cases, skokos_checks, skokos_claims, skokos_report
+from lyaphybrid.papers import skokos, skokos_cases, skokos_checks, skokos_report, skokos_witness
 from lyaphybrid.papers.claims import CORRECTED
 from lyaphybrid.statuses import STATUS
 from references import load_tangent_dynamics
@@ -168,16 +168,16 @@ def test_what_becomes_of_the_claims():
     assert shown.index("agreed: ") < shown.index("corrected: ") < shown.index("not reproducible: ")
 
 
-@pytest.mark.parametrize("key", list(skokos_claims.WITNESS), ids=str)
+@pytest.mark.parametrize("key", list(skokos_witness.WITNESS), ids=str)
 def test_the_witness_is_the_c_program(key):
     """The numbers that claims quote are those of the independent program, rounded."""
-    quoted = skokos_claims.WITNESS[key]
+    quoted = skokos_witness.WITNESS[key]
     np.testing.assert_allclose(quoted, load_tangent_dynamics()[key][: len(quoted)], rtol=1e-4)
 
 
 def test_the_witness_falls_as_1_over_t():
     """What the paper says levels off: λ₂ by TDHcc, and sums of pairs by all methods."""
-    ends = {key: values for key, values in skokos_claims.WITNESS.items() if len(values) == 4}
+    ends = {key: values for key, values in skokos_witness.WITNESS.items() if len(values) == 4}
     assert len(ends) == 5
     for (_, _, t), values in ends.items():
         assert t * abs(values[0] + values[3]) < skokos_checks.PAIRED

@@ -4,11 +4,12 @@ A scheme is a product of flows of A (for H = T(p) + V(q): drifts, q += a h ∇T)
 left to right. All are symmetric, so half of the coefficients says everything.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-__all__ = ["SCHEMES", "Scheme"]
+__all__ = ["COMPOSITIONS", "SCHEMES", "Scheme", "composed"]
 
 A, B = 0, 1
 
@@ -45,11 +46,19 @@ def _completed(row, middle: bool) -> list[float]:
     return list(row) if None not in row else [*known, 1 - 2 * sum(known) if middle else 0.5 - sum(known)]
 
 
-def _composed(*weights: float) -> tuple[tuple[int, float], ...]:
-    """Leapfrogs of weights w₁ … w_m … w₁, one after the other; the drifts where two meet are one drift."""
-    weights = (*weights, *weights[-2::-1])
-    drifts = [0.5 * (a + b) for a, b in zip((0.0, *weights), (*weights, 0.0), strict=True)]
-    return _alternating(A, *[c for pair in zip(drifts, weights, strict=False) for c in pair], drifts[-1])
+def composed(weights: Sequence[float], parts: int = 2) -> tuple[tuple[int, float], ...]:
+    """Leapfrogs of weights w₁ … w_m … w₁, one after the other; the moves where two meet are one move.
+
+    A leapfrog of parts 0, 1, …, last moves all but the last for half of its length before it, and again after it.
+    """
+    merged: list[tuple[int, float]] = []
+    for weight in (*weights, *weights[-2::-1]):
+        half = [(part, 0.5 * weight) for part in range(parts - 1)]
+        for part, share in (*half, (parts - 1, weight), *reversed(half)):
+            if merged and merged[-1][0] == part:
+                share += merged.pop()[1]
+            merged.append((part, share))
+    return tuple(merged)
 
 
 # SABAₙ and SBABₙ: the nodes of a quadrature are where one part stands, its weights how far the other part acts there.
@@ -156,8 +165,16 @@ _SRKN14A = (
 )  # fmt: skip
 
 
+COMPOSITIONS = {  # of leapfrogs, which may have any number of parts: the first half of the weights
+    "leapfrog": (1.0,),
+    "ForestRuth": (_FOREST_RUTH, 1 - 2 * _FOREST_RUTH),
+    "Yoshida6": (*_YOSHIDA6, 1 - 2 * sum(_YOSHIDA6)),
+    "SuzukiUmeno8": (*_SUZUKI_UMENO8, 1 - 2 * sum(_SUZUKI_UMENO8)),
+}
+
+
 def _table() -> dict[str, Scheme]:
-    schemes = {"leapfrog": Scheme(_alternating(A, 0.5, 1.0, 0.5), 2, VERLET)}
+    schemes = {"leapfrog": Scheme(composed(COMPOSITIONS["leapfrog"]), 2, VERLET)}
     for n in range(1, 11):
         for name, first, (nodes, weights) in (
             (f"SABA{n}", A, gauss_legendre(n)),
@@ -167,9 +184,9 @@ def _table() -> dict[str, Scheme]:
             schemes[name] = Scheme(parts, 2, LASKAR_ROBUTEL)
             schemes[f"{name}C"] = Scheme(parts, 4 if n > 1 else 2, LASKAR_ROBUTEL, _corrector(nodes, weights), True)
     return schemes | {
-        "ForestRuth": Scheme(_composed(_FOREST_RUTH, 1 - 2 * _FOREST_RUTH), 4, FOREST_RUTH),
-        "Yoshida6": Scheme(_composed(*_YOSHIDA6, 1 - 2 * sum(_YOSHIDA6)), 6, YOSHIDA),
-        "SuzukiUmeno8": Scheme(_composed(*_SUZUKI_UMENO8, 1 - 2 * sum(_SUZUKI_UMENO8)), 8, SUZUKI_UMENO),
+        "ForestRuth": Scheme(composed(COMPOSITIONS["ForestRuth"]), 4, FOREST_RUTH),
+        "Yoshida6": Scheme(composed(COMPOSITIONS["Yoshida6"]), 6, YOSHIDA),
+        "SuzukiUmeno8": Scheme(composed(COMPOSITIONS["SuzukiUmeno8"]), 8, SUZUKI_UMENO),
         "ABA864": Scheme(_mirrored(A, *_ABA864), 4, BLANES),
         "ABA1064": Scheme(_mirrored(A, *_ABA1064), 4, BLANES),
         "BlanesMoan4": Scheme(_mirrored(A, *_BM4), 4, BLANES_MOAN),

@@ -19,7 +19,7 @@ from ..hamiltonians import Separable, halves
 from ..native import instructions
 from .base import Method, Step, Tangent
 from .runge_kutta import hermite
-from .splittings import SCHEMES, A, Scheme
+from .splittings import COMPOSITIONS, SCHEMES, A, Scheme, composed
 
 __all__ = ["Composition", "Splitting", "Symplectic", "moved", "separable", "with_columns"]
 
@@ -171,20 +171,23 @@ def separable(field: Any, x, name: str) -> Separable:
 
 
 class Splitting(Composition):
-    """A splitting scheme for H = A + B, or any dx/dt = a(x) + b(x), whose parts both flow in closed form.
+    """A splitting scheme for H = A + B + …, or any dx/dt = a(x) + b(x) + …, whose parts all flow in closed form.
 
     Args:
-        flows: two functions ``(dt, t, x, args) -> x`` after the time dt under one of the parts alone.
-        coefficients: the name of a scheme as for `lh.Symplectic`, without corrector; or a sequence of pairs (which
-            of the flows, fraction of the step), in the order in which they act.
+        flows: two functions or more, ``(dt, t, x, args) -> x`` after the time dt under one of the parts alone.
+        coefficients: the name of a scheme as for `lh.Symplectic`, without corrector; of more than two parts
+            "leapfrog", "ForestRuth", "Yoshida6" or "SuzukiUmeno8". Or a sequence of pairs (which of the flows,
+            fraction of the step), in the order in which they act.
         dt: the step, in units of time.
 
     Raises:
-        ValueError: if the flows are not two functions, on an unknown scheme or one with a corrector or for T + V
-            only, on fractions of a flow that do not sum to 1, on a step that is not positive.
+        ValueError: if the flows are not two functions or more, on an unknown scheme or one with a corrector or for
+            T + V only, on fractions of a flow that do not sum to 1, on a step that is not positive.
 
     Source:
-        J. Laskar & P. Robutel, Celest. Mech. Dyn. Astron. 80 (2001) 39, doi:10.1023/A:1012098603882.
+        J. Laskar & P. Robutel, Celest. Mech. Dyn. Astron. 80 (2001) 39, doi:10.1023/A:1012098603882; of three parts
+        Ch. Skokos, E. Gerlach, J. D. Bodyfelt, G. Papamikos & S. Eggl, Phys. Lett. A 378 (2014) 1809,
+        doi:10.1016/j.physleta.2014.04.050.
 
     Example:
         >>> import jax.numpy as jnp, lyaphybrid as lh
@@ -196,15 +199,16 @@ class Splitting(Composition):
         (1000, 2)
     """
 
-    flows: tuple[Callable, Callable]
+    flows: tuple[Callable, ...]
     parts: tuple[tuple[int, float], ...] = eqx.field(static=True)
     dt: Any
 
     def __init__(self, flows: Sequence[Callable], coefficients: str | Sequence[tuple[int, float]], dt: Any):
-        require(len(flows) == 2 and all(map(callable, flows)), f"flows must be two functions; got {flows!r}.")
+        good = len(flows) >= 2 and all(map(callable, flows))
+        require(good, f"flows must be two functions or more; got {flows!r}.")
         positive("dt", dt)
-        self.flows, self.dt = (flows[0], flows[1]), dt
-        self.parts = _parts(coefficients)
+        self.flows, self.dt = tuple(flows), dt
+        self.parts = _parts(coefficients, len(flows))
 
     def step(self, field: Any, t, x, f, h) -> Step:
         """One step over h from (t, x)."""
@@ -219,16 +223,19 @@ class Splitting(Composition):
         return log_abs_det(jax.jacfwd(lambda x: self.step(field, t, x, field(t, x), h).x)(x))
 
 
-def _parts(coefficients) -> tuple[tuple[int, float], ...]:
+def _parts(coefficients, flows: int) -> tuple[tuple[int, float], ...]:
     if isinstance(coefficients, str):
-        fit = [name for name, scheme in SCHEMES.items() if not scheme.corrector and not scheme.quadratic]
+        two = [name for name, scheme in SCHEMES.items() if not scheme.corrector and not scheme.quadratic]
+        fit, count = (two, "two") if flows == 2 else (list(COMPOSITIONS), flows)
         require(
-            coefficients in fit, f"No scheme {coefficients!r} for two general parts; the schemes are {', '.join(fit)}."
+            coefficients in fit,
+            f"No scheme {coefficients!r} for {count} general parts; the schemes are {', '.join(fit)}.",
         )
-        return SCHEMES[coefficients].parts
+        return SCHEMES[coefficients].parts if flows == 2 else composed(COMPOSITIONS[coefficients], flows)
     parts = tuple((int(part), float(share)) for part, share in coefficients)
-    for flow in (0, 1):
+    for flow in range(flows):
         total = sum(share for part, share in parts if part == flow)
         require(abs(total - 1) < 1e-9, f"The fractions of flow {flow} must sum to 1; they sum to {total}.")
-    require(all(part in (0, 1) for part, _ in parts), f"coefficients name the flows 0 and 1; got {coefficients!r}.")
+    known = all(part in range(flows) for part, _ in parts)
+    require(known, f"coefficients name the flows 0 to {flows - 1}; got {coefficients!r}.")
     return parts

@@ -10,28 +10,14 @@ import numpy as np
 from .claims import AGREED, CORRECTED, NOT_REPRODUCIBLE, Claim
 from .skokos_cases import METHODS, ORBITS, SURE, TABLE
 from .skokos_checks import DECADES, early, growth_of_energy, law, level, paired, slopes
+from .skokos_witness import SYMPLECTIC, WITNESS, constant, listed, witnessed
 
 if TYPE_CHECKING:
     from . import skokos
 
-__all__ = ["WITNESS", "claims"]
+__all__ = ["claims"]
 
 FALLEN = -4.0  # log10 GALI_2 of R3 that no power of t has: it is constant on the torus
-
-# Exponents of R1, C1, C2 and log10 GALI_2 of R3 at τ = 0.05, by a C program written from the equations.
-WITNESS = {
-    ("R1", "TM", 1e8): (1.5268e-07, 1.5287e-07, -1.4013e-07, -1.6542e-07),
-    ("R1", "TDHcc", 1e7): (1.54544e-03, 6.3247e-07, -4.8863e-07, -1.54559e-03),
-    ("R1", "TDHeps", 1e7): (7.7653e-05, 2.9905e-05, -2.9772e-05, -7.7786e-05),
-    ("C1", "DOP853", 1e7): (4.42889e-02, 1.3399e-06, -1.2273e-06, -4.42890e-02),
-    ("C2", "TM", 1e5): (3.0507e-04, 8.6860e-05),
-    ("C2", "DOP853", 1e5): (3.6962e-04, 8.6877e-05),
-    ("C2", "TDHcc", 1e5): (6.2440e-05, 5.6394e-05),
-    ("C2", "TDHeps", 1e5): (2.4240e-04, 1.2523e-04),
-    ("C2", "TM", 1e8): (1.1968e-04, 1.5428e-07, -1.4663e-07, -1.1969e-04),
-    ("R3", "TDHeps", 1e6): (0.97794,),
-    ("R3", "TM", 1e6): (0.12724,),
-}
 
 
 def claims(r: "skokos.Reproduction") -> list[Claim]:
@@ -40,27 +26,8 @@ def claims(r: "skokos.Reproduction") -> list[Claim]:
     return [one for part in parts for one in part(r)]
 
 
-def _listed(values, form: str = ".2e") -> str:
-    return ", ".join(f"{float(value):{form}}".replace("-", "−") for value in values)
-
-
-def _witnessed(orbit: str, method: str, t: float, *which: int) -> str:
-    return _listed([WITNESS[orbit, method, t][i] for i in which or (0,)])
-
-
 def _sums(r: "skokos.Reproduction", orbit: str) -> str:
     return f"t |λi + λ2N+1−i| is {max(paired(run) for run in r.of(orbit).values()):.2g} at most, by every method"
-
-
-SYMPLECTIC = (
-    "the tangent of each step is symplectic, by TDHcc, TDHes and TDHeps as well (by DOP853 up to its error), so that "
-    "a sum is at most a constant over t; the C program has t |λ1 + λ4| = "
-)
-
-
-def _constant(orbit: str, method: str, t: float) -> str:
-    first, *_, last = WITNESS[orbit, method, t]
-    return f"{t * abs(first + last):.2g} at t = {t:.0e} ({orbit}, {method})"
 
 
 def _about_energy(r: "skokos.Reproduction") -> list[Claim]:
@@ -78,8 +45,8 @@ def _about_energy(r: "skokos.Reproduction") -> list[Claim]:
         Claim(
             "§VII.1.1, energy (skokos-12)",
             "its error grows with time by DOP853, and fluctuates round a constant by the other methods",
-            f"it goes as t^{drifts:.2f} by DOP853 at τ = 0.2, as t^{_listed([min(stand)], '.2f')} to "
-            f"t^{_listed([max(stand)], '.2f')} by TM; TDHcc and TDHes have the orbit of TM",
+            f"it goes as t^{drifts:.2f} by DOP853 at τ = 0.2, as t^{listed([min(stand)], '.2f')} to "
+            f"t^{listed([max(stand)], '.2f')} by TM; TDHcc and TDHes have the orbit of TM",
             AGREED,
         ),
         Claim(
@@ -109,60 +76,60 @@ def _about_r1(r: "skokos.Reproduction") -> list[Claim]:
         Claim(
             "Fig. 2 a, e",
             "λ1 and λ2 of R1 fall as 1/t by DOP853 and TM",
-            f"t λ1 = {_listed([r.of_r1(m).exponents[-1, 0] * t for m in SURE], '.2f')} at t = {t:.0e}",
+            f"t λ1 = {listed([r.of_r1(m).exponents[-1, 0] * t for m in SURE], '.2f')} at t = {t:.0e}",
             AGREED,
         ),
         Claim(
             "Table 1, TM",
             "λ1 = 1.5 (times a power of ten) at t = 1e8 and τ = 0.05",
-            f"the C program has {_witnessed('R1', 'TM', 1e8)} there; t λ1 grows as ln t, ours up to t = {t:.0e}",
+            f"the C program has {witnessed('R1', 'TM', 1e8)} there; t λ1 grows as ln t, ours up to t = {t:.0e}",
             AGREED,
         ),
         Claim(
             "Fig. 2 b, c, d",
             "λ1 levels off by the three TDH methods, by TDHcc and TDHes at the same value, by TDHeps lowest",
-            f"it does: {_listed(levels.values())}",
+            f"it does: {listed(levels.values())}",
             AGREED,
         ),
         Claim(
             "Table 1, TDH",
             "mantissas 9.4 of TDHcc and TDHes; 2.3, 8.9, 3.5 and 1.8 of TDHeps with τ = 0.05, 0.1, 0.2 and 0.5",
-            f"{_listed([levels['TDHcc']])}; {_listed(by_step)}: the law τ² fits theirs, if they are 2.3e−5 to 1.8e−3",
+            f"{listed([levels['TDHcc']])}; {listed(by_step)}: the law τ² fits theirs, if they are 2.3e−5 to 1.8e−3",
             NOT_REPRODUCIBLE,
-            f"the C program has {_witnessed('R1', 'TDHcc', 1e7)} and {_witnessed('R1', 'TDHeps', 1e7)}, as here; where "
+            f"the C program has {witnessed('R1', 'TDHcc', 1e7)} and {witnessed('R1', 'TDHeps', 1e7)}, as here; where "
             "a level lies depends on details of the implementation that the paper does not tell",
         ),
         Claim(
             "Fig. 2 b, c",
             "λ2 levels off too, by TDHcc and TDHes",
-            f"t λ2 = {_listed(seconds, '.2f')}: it falls as 1/t",
+            f"t λ2 = {listed(seconds, '.2f')}: it falls as 1/t",
             CORRECTED,
-            f"the C program has λ2 = {_witnessed('R1', 'TDHcc', 1e7, 1)} at t = 1e7 by TDHcc, beside λ1 = "
-            f"{_witnessed('R1', 'TDHcc', 1e7)}; by TDHeps it does level off, at {_witnessed('R1', 'TDHeps', 1e7, 1)}",
+            f"the C program has λ2 = {witnessed('R1', 'TDHcc', 1e7, 1)} at t = 1e7 by TDHcc, beside λ1 = "
+            f"{witnessed('R1', 'TDHcc', 1e7)}; by TDHeps it does level off, at {witnessed('R1', 'TDHeps', 1e7, 1)}",
         ),
         Claim(
             "Fig. 2 g, h, i",
             "sums of pairs level off by the three TDH methods",
             f"{_sums(r, 'R1')}: they fall as 1/t",
             CORRECTED,
-            SYMPLECTIC + _constant("R1", "TDHcc", 1e7),
+            SYMPLECTIC + constant("R1", "TDHcc", 1e7),
         ),
         Claim(
             "Fig. 3 a",
             "λ1 by DOP853 deviates from 1/t at τ = 0.2 and 0.5, by TM it does not",
-            f"at t = {t:.0e} DOP853 has {_listed(off, '.3f')} times the λ1 of TM",
+            f"at t = {t:.0e} DOP853 has {listed(off, '.3f')} times the λ1 of TM",
             *_told(max(off) > 1.2, "the deviation comes at times beyond ours, with an energy that drifts"),
         ),
         Claim(
             "Fig. 3 b",
             "smaller steps of TDHeps push the level down and the time when it is reached up",
-            f"levels {_listed(by_step)}: as τ²",
+            f"levels {listed(by_step)}: as τ²",
             AGREED,
         ),
         Claim(
             "Fig. 4 a, e and (58)",
             "GALI2 of R1 is constant, GALI3 falls as t⁻², GALI4 as t⁻⁴, by DOP853 and TM",
-            f"powers {_listed(powers['DOP853'], '.2f')} and {_listed(powers['TM'], '.2f')}",
+            f"powers {listed(powers['DOP853'], '.2f')} and {listed(powers['TM'], '.2f')}",
             AGREED,
         ),
         Claim(
@@ -186,23 +153,23 @@ def _about_c1(r: "skokos.Reproduction") -> list[Claim]:
         Claim(
             "Fig. 5 a",
             "λ1 of C1 is practically the same by all methods",
-            f"{_listed([run.exponents[-1, 0] for run in runs.values()], '.4f')} at t = {t:.0e}: within 5 standard "
+            f"{listed([run.exponents[-1, 0] for run in runs.values()], '.4f')} at t = {t:.0e}: within 5 standard "
             "errors of 0.04434(22)",
             AGREED,
         ),
         Claim(
             "Fig. 5 a",
             "λ2 becomes negative after a time, where the methods reach their limit",
-            f"t λ2 = {_listed(second, '.1f')}: it goes on falling as 1/t",
+            f"t λ2 = {listed(second, '.1f')}: it goes on falling as 1/t",
             CORRECTED,
-            f"the C program has λ2 = {_witnessed('C1', 'DOP853', 1e7, 1)} at t = 1e7 by DOP853",
+            f"the C program has λ2 = {witnessed('C1', 'DOP853', 1e7, 1)} at t = 1e7 by DOP853",
         ),
         Claim(
             "Fig. 5 b",
             "sums of pairs level off, at four digits",
             f"{_sums(r, 'C1')}: they fall as 1/t",
             CORRECTED,
-            SYMPLECTIC + _constant("C1", "DOP853", 1e7),
+            SYMPLECTIC + constant("C1", "DOP853", 1e7),
         ),
         Claim(
             "Fig. 5 c",
@@ -222,37 +189,37 @@ def _about_c2(r: "skokos.Reproduction") -> list[Claim]:
         Claim(
             "Fig. 6, start of C2",
             "y = −0.01344 (all digits that there are), weakly chaotic up to the end",
-            "y = −0.01333 stays in the thin chaotic layer up to t = 1e8, λ1 = " + _witnessed("C2", "TM", 1e8),
+            "y = −0.01333 stays in the thin chaotic layer up to t = 1e8, λ1 = " + witnessed("C2", "TM", 1e8),
             NOT_REPRODUCIBLE,
             "from −0.01344 the orbit leaves for the big sea at t of 1e4 to 1e5 by every method: digits are lost",
         ),
         Claim(
             "Fig. 7 a, e",
             "DOP853 and TM find C2 weakly chaotic, with a small λ1",
-            f"λ1 = {_listed(sure)} at t = {r.lengths.exponents:.0e}",
+            f"λ1 = {listed(sure)} at t = {r.lengths.exponents:.0e}",
             AGREED,
         ),
         Claim(
             "Fig. 7 b, c, d",
             "the TDH methods overestimate λ1 of C2",
-            f"at t = 1e5 {', '.join(f'{m} {_listed([v])}' for m, v in then.items())}: TDHcc and TDHes underestimate "
+            f"at t = 1e5 {', '.join(f'{m} {listed([v])}' for m, v in then.items())}: TDHcc and TDHes underestimate "
             "it, TDHeps has the size of it",
             CORRECTED,
-            f"the C program has at t = 1e5 TDHcc {_witnessed('C2', 'TDHcc', 1e5)}, TDHeps "
-            f"{_witnessed('C2', 'TDHeps', 1e5)}, TM {_witnessed('C2', 'TM', 1e5)}, DOP853 "
-            f"{_witnessed('C2', 'DOP853', 1e5)} ({substitute})",
+            f"the C program has at t = 1e5 TDHcc {witnessed('C2', 'TDHcc', 1e5)}, TDHeps "
+            f"{witnessed('C2', 'TDHeps', 1e5)}, TM {witnessed('C2', 'TM', 1e5)}, DOP853 "
+            f"{witnessed('C2', 'DOP853', 1e5)} ({substitute})",
         ),
         Claim(
             "Fig. 7 g, h, i",
             "sums of pairs level off at larger values by the TDH methods than by DOP853 and TM",
             f"{_sums(r, 'C2')}: they fall as 1/t",
             CORRECTED,
-            SYMPLECTIC + _constant("C2", "TM", 1e8),
+            SYMPLECTIC + constant("C2", "TM", 1e8),
         ),
         Claim(
             "Fig. 8",
             "GALIs of C2 fall exponentially, by the TDH methods earlier than by DOP853 and TM",
-            f"log10 GALI4 at t = 1e5 is {_listed(fourth, '.0f')} by {', '.join(METHODS)}: by TDHcc and TDHes they "
+            f"log10 GALI4 at t = 1e5 is {listed(fourth, '.0f')} by {', '.join(METHODS)}: by TDHcc and TDHes they "
             "still follow the powers of t when those of DOP853 and TM have fallen",
             CORRECTED,
             f"they fall as λ1 − λ2 says, which the C program has as "
@@ -271,14 +238,14 @@ def _about_more_freedoms(r: "skokos.Reproduction") -> list[Claim]:
         Claim(
             "Fig. 9 a, c, d, f",
             "exponents and sums of R2 fall as 1/t by DOP853 and TM",
-            f"t λ1 = {_listed([two[m].exponents[-1, 0] * two[m].time[-1] for m in SURE], '.2f')}",
+            f"t λ1 = {listed([two[m].exponents[-1, 0] * two[m].time[-1] for m in SURE], '.2f')}",
             AGREED,
         ),
-        Claim("Fig. 9 b", "λ1 of R2 levels off by TDHeps", f"at {_listed([level(eps)])}", AGREED),
+        Claim("Fig. 9 b", "λ1 of R2 levels off by TDHeps", f"at {listed([level(eps)])}", AGREED),
         Claim(
             "Fig. 9 b",
             "λ3 by TDHeps becomes negative after a time",
-            f"λ3 = {_listed([eps.exponents[-1, 2]])} at t = {eps.time[-1]:.0e}",
+            f"λ3 = {listed([eps.exponents[-1, 2]])} at t = {eps.time[-1]:.0e}",
             *_told(
                 bool(eps.exponents[-1, 2] < 0),
                 "what is below 1/t depends on the deviation vectors at the start, which the paper does not tell",
@@ -294,7 +261,7 @@ def _about_more_freedoms(r: "skokos.Reproduction") -> list[Claim]:
         Claim(
             "Fig. 10 and (59)",
             "GALIs of R2 follow their powers of t by DOP853 and TM, and fall exponentially by TDHeps",
-            f"powers to {off['R2']:.2f}; by TDHeps GALI2 is 10^{_listed([fallen], '.0f')} at the end",
+            f"powers to {off['R2']:.2f}; by TDHeps GALI2 is 10^{listed([fallen], '.0f')} at the end",
             AGREED,
         ),
         Claim(
@@ -311,8 +278,8 @@ def _about_r3(r: "skokos.Reproduction") -> Claim:
     found = r.indices["R3"]["TDHeps"]
     logs, t = np.asarray(found.log_values)[:, 0] / np.log(10), np.asarray(found.time)
     top = int(np.argmax(np.where(t > 1e5, logs, -np.inf)))
-    hump = f"they rise again, GALI2 to 10^{_listed([logs[top]], '.2f')} at t = {t[top]:.0e}"
-    last = f"10^{_listed([logs[-1]], '.1f')} at t = {t[-1]:.0e}"
+    hump = f"they rise again, GALI2 to 10^{listed([logs[top]], '.2f')} at t = {t[top]:.0e}"
+    last = f"10^{listed([logs[-1]], '.1f')} at t = {t[-1]:.0e}"
     fell = bool(logs[-1] < FALLEN)
     end = f"{hump}, and then fall, to {last}" if fell else f"{hump}; no exponential fall yet: {last}"
     return Claim(
@@ -322,7 +289,7 @@ def _about_r3(r: "skokos.Reproduction") -> Claim:
         *_told(
             fell,
             f"this run is too short for it, one of full length shows it: λ1 levels off at 4e−6 only. The C program has "
-            f"GALI2 = {_witnessed('R3', 'TDHeps', 1e6)} at t = 1e6 too, beside {_witnessed('R3', 'TM', 1e6)} by TM",
+            f"GALI2 = {witnessed('R3', 'TDHeps', 1e6)} at t = 1e6 too, beside {witnessed('R3', 'TM', 1e6)} by TM",
         ),
     )
 

@@ -13,6 +13,7 @@ from .coupled_maps import coupled_standard_maps, froeschle_map
 from .disks_and_spheres import hard_disks, hard_spheres
 from .friction import block_on_plate, friction_pendulum, relay_feedback, stick_slip_belt
 from .impacts import bouncing_ball, impact_oscillator, kicked_ball, zaslavsky
+from .lattices import klein_gordon, schroedinger_lattice
 from .maps import baker_map, cat_map, henon_map, kaplan_yorke_map, logistic_map, standard_map
 from .neurons import adex, integrate_and_fire
 from .oscillators import fpu_alpha, fpu_beta, hamiltonian_3d, henon_heiles
@@ -50,6 +51,8 @@ __all__ = [
     "hamiltonian_3d",
     "fpu_beta",
     "fpu_alpha",
+    "klein_gordon",
+    "schroedinger_lattice",
     "double_pendulum",
     "kepler",
     "restricted_three_body",
