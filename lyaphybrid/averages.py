@@ -16,6 +16,7 @@ from .checks import has_identity_reset
 from .propagation import Journey, Record
 from .results import History, Spectrum
 from .systems import Hybrid
+from .volumes import volume_error
 
 __all__ = ["birkhoff_weights", "empty_columns", "one_run", "places", "summarise"]
 
@@ -62,9 +63,13 @@ def _in_rows(problem, spectrum: Spectrum) -> Spectrum:
         transition.guard is not None and not transition.terminal for transition in problem.system.transitions
     )
     state = jax.ShapeDtypeStruct(spectrum.x.shape[-1:], spectrum.x.dtype)
+    volume = None
+    if step is not None and spectrum.residual is None:
+        volume = volume_error(problem, spectrum.t, spectrum.x, spectrum.mode)
     spectrum = dataclasses.replace(
         spectrum,
         step=step,
+        volume_error=volume,
         has_guards=guards and problem.system.fields is not None,
         identity_reset=has_identity_reset(problem.system, state, problem.args),
     )

@@ -22,7 +22,6 @@ SLOW, SECONDS = 20_000, 5.0  # … or where they are slow, so many at least, and
 LONG, ENDLESS = 3e9, 1e12  # attempts: of minutes to an hour, and of days to weeks
 SMOOTH = 1e-5  # steps shorter than this part of 1/‖Df‖ are no steps of a smooth motion
 STIFF = 1e-4  # a motion slower than this part of ‖Df‖ is held by something much faster
-QUIET = 4_000_000  # attempts without a jump, where jumps are counted
 
 
 class Rates(NamedTuple):
@@ -44,7 +43,7 @@ class Pace:
 
     def __init__(self, journey: Journey, given: int, end, last_jump, count_jumps: bool):
         self.end, self.last_jump, self.count_jumps = float(end), float(last_jump), count_jumps
-        self.before, self.given, self.quiet = _reading(journey), given, 0
+        self.before, self.given = _reading(journey), given
         self.attempts, self.since = 0, time.perf_counter()  # since the last look
 
     def look(self, journey: Journey, given: int, rates) -> dict[int, str]:
@@ -57,7 +56,6 @@ class Pace:
         now, before = _reading(journey), self.before
         self.before, self.given = now, given
         running = np.atleast_1d(np.asarray(journey.carry.status) == 0)
-        self.quiet = self.quiet + self.attempts if np.all(now.jumps == before.jumps) else 0
         h = getattr(journey.carry.own, "h", None)
         found = {}
         for run in np.flatnonzero(running):
@@ -75,10 +73,7 @@ class Pace:
         ahead = self.attempts * (self.end - reached) / moved if moved > 0 else np.inf
         if self.count_jumps:
             ahead = min(ahead, self.attempts * (self.last_jump - jumps) / jumped if jumped else np.inf)
-            if np.isinf(ahead):
-                quiet = "no guard was reached. Is there one that the motion still crosses?"
-                return quiet if self.quiet >= QUIET else ""
-        if ahead <= LONG:
+        if ahead <= LONG or np.isinf(ahead):  # a run that waits for a jump ends by itself (`waiting`)
             return ""
         there, left = rates(), f"the rest would take {ahead:.1e} more"
         if there is not None and moved / self.attempts * there.field < SMOOTH:

@@ -105,7 +105,7 @@ def lyapunov_spectrum(
         A `Spectrum`. Its `status` is ok, terminated, interrupted, max_steps, zeno, deadlock, nonfinite, stalled,
         step_underflow or no_more_jumps, of a DAE also inconsistent_start, singular_dae or constraint_drift; its `notes`
         may hold rank_lost (an exponent is -inf), grazing, simultaneous, unresolved (the smallest exponents, or a loss,
-        may be rounding), step_too_long (of a fixed step, seen where k = n), guard_unreached (there are guards, and none
+        may be rounding), step_too_long (of a fixed step), guard_unreached (there are guards, and none
         was met), identity_reset (a jump within a mode that changes nothing), interrupted.
 
     Raises:
