@@ -45,12 +45,14 @@ from .methods import (
     Symplectic,
     TangentHamiltonian,
 )
+from .multiple_solutions import solutions
 from .periodic_orbits import Floquet, floquet
 from .results import RunFailed, Spectrum
 from .return_maps import return_map
 from .rigid_contacts import impact
 from .sections import PoincareSection, poincare_section
 from .shooting import NoPeriodicOrbit
+from .solution_sets import Solution, Solutions
 from .spectra import lyapunov_spectrum
 from .statuses import STATUS
 from .sweeps import StoreFailed, refine, sweep
@@ -107,6 +109,7 @@ __all__ = [
     "lyapunov_gradient",
     "sweep",
     "refine",
+    "solutions",
     "return_map",
     "poincare_section",
     "bifurcation_diagram",
@@ -128,6 +131,8 @@ __all__ = [
     "Gradient",
     "PoincareSection",
     "BifurcationDiagram",
+    "Solution",
+    "Solutions",
     "STATUS",
     "RunFailed",
     "StoreFailed",

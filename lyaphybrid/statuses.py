@@ -75,7 +75,8 @@ MEANINGS = {
     ),
     STATUS.deadlock: (
         "neither flow nor jump is possible: (a) after a reset the guard has zero rate and the flow leaves through "
-        "it; (b) every `when` of the transitions that share the guard said no; (c) repelling sliding"
+        "it; (b) every `when` of the transitions that share the guard said no; (c) repelling sliding, or a two-fold: "
+        "lh.solutions follows each way on"
     ),
     STATUS.nonfinite: (
         "the state became infinite or nan: (a) the solution escapes; (b) a user function divides by zero or takes "

@@ -11,7 +11,7 @@ import pytest
 import lyaphybrid as lh
 from lyaphybrid import zoo
 from lyaphybrid.methods.scheduled import predicting_anew
-from lyaphybrid.papers import dinius, dinius_checks, dinius_claims, dinius_table
+from lyaphybrid.papers import dinius, dinius_checks, dinius_claims, dinius_examples, dinius_table
 from lyaphybrid.papers.claims import AGREED, CORRECTED, NOT_REPRODUCIBLE
 
 RIGHT = dinius.Mistake("none", 1.0, 1.0, ())
@@ -66,7 +66,7 @@ def singles():
 @pytest.fixture(scope="module")
 def others(singles):
     straight = dinius.as_in_the_paper(dinius.without_collisions(), t1=100.0)
-    return singles, dinius.one_perturbation(t1=20.0), straight
+    return singles, dinius.one_perturbation(t1=20.0), straight, dinius_examples.orders_of_two_clocks()
 
 
 @pytest.fixture(scope="module")

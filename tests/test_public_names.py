@@ -31,6 +31,8 @@ RESULTS = (
     "BifurcationDiagram",
     "Continuation",
     "Design",
+    "Solution",
+    "Solutions",
     "RunFailed",
     "StoreFailed",
 )
@@ -91,6 +93,7 @@ def test_every_public_name_is_documented(name):
         "svd_spectrum",
         "implicit_dae",
         "exponent_bounds",
+        "solutions",
     ],
 )
 def test_every_verb_says_what_comes_back_and_what_can_go_wrong(name):

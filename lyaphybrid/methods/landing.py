@@ -201,6 +201,8 @@ def _cross(mover, settings, clock: Clock, c: Carry, mode, event, together, at_on
     c = added(c, volume=volume)
     arrival = {"f": landing.f, "g": landing.g, "rate": landing.rate, "side": landing.side, "blur": landing.blur}
     c = changed(c, mode=None if c.own.mode is None else landing.mode, **arrival)
+    if c.own.choices is not None:
+        c = changed(c, choices=c.own.choices.met(landing.together, jnp.sum(together), t))
     doubtful = jnp.asarray(False)
     if sizes is not None:
         losses, (c, _) = c.losses, harvest(settings, c, t, frames.LOST, frames.LOST, project, was_live, sizes)
@@ -363,33 +365,40 @@ def _returned(f, moves: Moves) -> Moves:
 
 
 def _in_each_order(mover, settings: Settings, t, h, c, columns, mode, event, together, at_once) -> "Landing":
-    """Where several guards meet at one instant: take them in the other order too, and compare."""
+    """Where several guards meet at one instant: let another one be the first, too, and compare.
+
+    One other is enough to see that the order matters; where all solutions are asked for, each is the first in turn.
+    """
 
     def start(event):
         return _start_cascade(mover, settings, t, c, columns, mode, event, together, at_once)
 
-    slot = event[2]
+    slot, choices = event[2], c.own.choices
     if mover.wiring.slots == 1:
         return _to_its_end(mover, settings, t, h, start(event))._replace(together=jnp.asarray(False))
-    other = jnp.argmax(together & (jnp.arange(mover.wiring.slots, dtype=jnp.int32) != slot)).astype(jnp.int32)
-    swapped = (
-        table(mover, c.own.mode, mover.wiring.transition)[other],
-        table(mover, c.own.mode, mover.wiring.component)[other],
-        other,
-    )
-    several = (jnp.sum(together) > 1) & (slot >= 0)
+    count = jnp.sum(together)
+    several, turns = (count > 1) & (slot >= 0), 2 if choices is None else count
+    pick = None if choices is None else choices.pick()
+
+    def first(turn):
+        slot = jnp.argmax(jnp.cumsum(together) == turn + 1).astype(jnp.int32)
+        named = (table(mover, c.own.mode, of_slot) for of_slot in (mover.wiring.transition, mover.wiring.component))
+        return (*(one[slot] for one in named), slot)
 
     def run(state):
-        turn, kept, differs = state
-        landing = _to_its_end(mover, settings, t, h, start(_choose(turn == 0, event, swapped)))
-        differs = (turn == 1) & _apart(landing, kept)
-        return turn + 1, _choose(turn == 0, landing, kept), differs
+        turn, kept, chosen, differs = state
+        landing = _to_its_end(mover, settings, t, h, start(_choose(turn == 0, event, first(turn))))
+        differs = differs | ((turn > 0) & _apart(landing, kept))
+        chosen = None if chosen is None else _choose(turn == pick, landing, chosen)
+        return turn + 1, _choose(turn == 0, landing, kept), chosen, differs
 
     nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(start, event))
-    last = jnp.where(several, 2, 1)
-    begin = (jnp.asarray(0), nothing, jnp.asarray(False))
+    last = jnp.where(several, turns, 1)
+    begin = (jnp.asarray(0), nothing, None if choices is None else nothing, jnp.asarray(False))
     loop = checkpointed if settings.reverse else jax.lax.while_loop
-    _, landing, differs = loop(lambda state: state[0] < last, run, begin)
+    _, landing, chosen, differs = loop(lambda state: state[0] < last, run, begin)
+    if chosen is not None:
+        landing = _choose(differs, chosen, landing)
     return landing._replace(together=differs)
 
 

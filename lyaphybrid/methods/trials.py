@@ -37,6 +37,29 @@ class Memory(NamedTuple):
     pending: Any  # does a jump come next, without a flow? `ALONE`: of a cascade that does not end; `FIRST`; or 0
 
 
+class Choices(NamedTuple):
+    """Instants at which several events meet and their order matters: what is to be done there, and what was met."""
+
+    picks: Any  # (most,) which of the events goes first, at the first such instant, the second, …
+    options: Any  # (most,) how many events there were; 0 where a run has not come to so many instants
+    times: Any  # (most,)
+    count: Any  # of such instants; beyond `most` of them the first event goes first
+
+    def pick(self):
+        """Which event goes first at the next such instant."""
+        most = self.picks.shape[0]
+        return jnp.where(self.count < most, self.picks[jnp.minimum(self.count, most - 1)], 0)
+
+    def met(self, when, options, t) -> "Choices":
+        """After an instant with so many events, if their order matters there."""
+        here = when & (jnp.arange(self.picks.shape[0], dtype=jnp.int32) == self.count)
+        return self._replace(
+            options=jnp.where(here, options.astype(jnp.int32), self.options),
+            times=jnp.where(here, jax.lax.stop_gradient(t), self.times),
+            count=self.count + when.astype(jnp.int32),
+        )
+
+
 class Stepper(NamedTuple):
     """The mover's part of the carry."""
 
@@ -50,6 +73,7 @@ class Stepper(NamedTuple):
     blur: Any  # (slots,) rounding of the guards
     ticks: Any  # (clocks,) number of the next tick
     memory: Any
+    choices: Any = None  # `Choices`, where all solutions are asked for
 
 
 class Trial(NamedTuple):

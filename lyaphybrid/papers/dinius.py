@@ -19,11 +19,13 @@ import numpy as np
 from .. import zoo
 from ..methods.scheduled import predicting_anew
 from ..results import Spectrum
+from ..solution_sets import Solutions
 from ..spectra import lyapunov_spectrum
 from ..systems import EventDriven
 from . import dinius_checks, dinius_claims, dinius_report
 from .claims import Check, Claim
 from .collisions import MISTAKES, Mistake, collide, crossing_by
+from .dinius_examples import orders_of_two_clocks
 from .dinius_table import (
     NORMALISATION,
     RATE_SCATTER,
@@ -154,6 +156,7 @@ class Reproduction:
         singles: runs by `as_in_the_paper`, of the length t1, each with its own history.
         alone: by `one_perturbation`.
         straight: by `as_in_the_paper` from `without_collisions`.
+        orders: of events at one instant, by `dinius_examples.orders_of_two_clocks`.
     """
 
     spectrum: Spectrum
@@ -163,6 +166,7 @@ class Reproduction:
     singles: tuple[Spectrum, ...]
     alone: Spectrum
     straight: Spectrum
+    orders: Solutions
 
     @property
     def exponents(self) -> np.ndarray:
@@ -299,7 +303,7 @@ def reproduce(*, quick: bool = False, key=None, progress=None) -> Reproduction:
 
     def in_other_ways():
         singles = [as_in_the_paper(x0, t1=t1) for x0 in [*starts, without_collisions()]]
-        return tuple(singles[:-1]), one_perturbation(t1=t1_mistakes, key=key), singles[-1]
+        return tuple(singles[:-1]), one_perturbation(t1=t1_mistakes, key=key), singles[-1], orders_of_two_clocks()
 
     # Threads, because the systems would compile one after the other.
     with ThreadPoolExecutor(2) as aside:

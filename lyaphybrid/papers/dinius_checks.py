@@ -1,11 +1,13 @@
 """What must hold in the reproduction of Dinius' hard disks."""
 
+import itertools
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..results import with_error
 from .claims import Check
+from .dinius_examples import FIRST, SECOND, STRIKES
 from .dinius_table import CLOSED, COLLISION_RATE, COLLISION_RATE_ERROR, EARLY, SCATTER, WITHIN, ZERO
 
 if TYPE_CHECKING:
@@ -28,6 +30,7 @@ def checks(r: "dinius.Reproduction") -> list[Check]:
         *_of_the_normalisation(r),
         *checks_of_convergence(r),
         *_of_other_starts(r),
+        _of_orders(r),
         *_of_wrong_rules(r),
     ]
 
@@ -139,6 +142,23 @@ def _of_other_starts(r: "dinius.Reproduction") -> list[Check]:
             still < CLOSED and jumps == 0,
         ),
     ]
+
+
+def _of_orders(r: "dinius.Reproduction") -> Check:
+    """The largest exponents of solutions that differ by the order of events, against those of the matrix products."""
+    exact = []
+    for orders in itertools.product(((FIRST, SECOND), (SECOND, FIRST)), repeat=STRIKES):
+        product = np.eye(2)
+        for first, second in orders:
+            product = second @ first @ product
+        exact.append(np.log(np.linalg.norm(product[:, 0])) / (STRIKES + 0.5))
+    found = r.orders.exponents[:, 0]
+    same = len(found) == len(exact) and bool(np.max(np.abs(np.sort(found) - np.sort(exact))) < CLOSED)
+
+    def between(values) -> str:
+        return f"{len(values)} in [{min(values):.6f}, {max(values):.6f}]"
+
+    return Check("two clocks that strike together: λ1 of each order, to 1e-9", between(exact), between(found), same)
 
 
 def _of_wrong_rules(r: "dinius.Reproduction") -> list[Check]:

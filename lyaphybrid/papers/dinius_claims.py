@@ -7,6 +7,7 @@ import numpy as np
 from ..results import with_error
 from .claims import AGREED, CORRECTED, NOT_REPRODUCIBLE, Claim
 from .dinius_checks import checks_of_convergence, decay_of_zeros, latest_off, scatter_at, signed
+from .dinius_examples import STRIKES
 from .dinius_table import CLOSED, EARLY, WITHIN, N
 
 if TYPE_CHECKING:
@@ -214,6 +215,13 @@ def _about_results(r: "dinius.Reproduction") -> list[Claim]:
             CORRECTED,
             "x' = −x, y' = 0 conserves y, and the sum is −1; the sum is a weak test besides: with four wrong rules at "
             f"collisions it is 0 to {sums:.0e}",
+        ),
+        Claim(
+            "§IV",
+            "exponents are meaningful only where the solution is unique",
+            f"two clocks that strike together have {len(r.orders)} solutions, by the order of {STRIKES} strikes, with "
+            f"λ1 from {r.orders.lower[0]:.4f} to {r.orders.upper[0]:.4f}; lh.solutions gives those of each",
+            AGREED,
         ),
         Claim(
             "Fig. 2",

@@ -111,6 +111,7 @@ def numbers(r: "dinius.Reproduction") -> dict:
         },
         "one_perturbation": {"exponent": float(r.alone.exponents[0]), "stderr": float(r.alone.stderr[0])},
         "without_collisions": plain(r.straight.exponents),
+        "orders_of_two_clocks": plain(r.orders.exponents),
         "mistakes": [
             {
                 "name": mistake.name,
