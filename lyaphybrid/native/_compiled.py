@@ -24,7 +24,7 @@ from ._collector import no_collector
 from ._costs import Plan, plan, runs_long
 from ._handler import handler
 from ._lowering import lower
-from ._tiers import Tiers
+from ._tiers import PATIENCE, Tiers, cost
 from ._types import as_numpy, numpy_type, of_numpy
 
 EVENTS = "/lyaphybrid/native"  # what `jax.monitoring` is told of each program: …/lowering, …/LLVM
@@ -60,7 +60,9 @@ class Compiled:
         with no_collector():
             text = self.text
         lowered = time.perf_counter()
-        at_once = plan is None and (in_pieces or not runs_long(program.jaxpr))
+        # A long module is numbers written out one by one: optimised, it runs twice as fast at most.
+        soon = in_pieces or not runs_long(program.jaxpr) or cost(text) > PATIENCE
+        at_once = plan is None and soon
         self.code = Tiers(text, self.plan.level, self.plan.scattered, at_once)
         compiled = time.perf_counter()
         self.seconds = {

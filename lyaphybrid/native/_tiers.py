@@ -19,6 +19,7 @@ AT_ONCE = 0  # LLVM's level of code that is needed at once
 SECONDS_A_LINE = 1e-4  # of a module: about what LLVM takes to optimise it
 WORTH_IT = 2  # so many times as long must be left to run …
 AT_LAST = 3  # … or be behind
+PATIENCE = 2.0  # seconds of LLVM that one long call waits for at most
 THREAD = "lyaphybrid optimises"
 
 
@@ -37,7 +38,7 @@ class Tiers:
     def __init__(self, text: str, level: int, scattered: bool, at_once: bool):
         """`level`, `scattered`: of the best code; `at_once`: code that takes LLVM little time comes first."""
         self._text, self._best = zlib.compress(text.encode(), 1), (level, scattered)
-        self._cost, self._spent = SECONDS_A_LINE * text.count("\n"), 0.0  # seconds: to optimise it, of running
+        self._cost, self._spent = cost(text), 0.0  # seconds: to optimise it, of running
         self._lock, self._asked = threading.Lock(), False
         best = if_kept(_description(text, *self._best)) if at_once else _made(text, *self._best)
         self.is_best = best is not None
@@ -75,6 +76,11 @@ class Tiers:
         """Where a function of the best code begins; it stays there as long as this object lives."""
         self._improve()
         return self._code.address(function)
+
+
+def cost(text: str) -> float:
+    """About how many seconds LLVM takes to optimise a module."""
+    return SECONDS_A_LINE * text.count("\n")
 
 
 def _description(text: str, level: int, scattered: bool) -> str:
