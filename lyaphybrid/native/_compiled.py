@@ -61,8 +61,9 @@ class Compiled:
             text = self.text
         lowered = time.perf_counter()
         # A long module is numbers written out one by one: optimised, it runs twice as fast at most.
-        soon = in_pieces or not runs_long(program.jaxpr) or cost(text) > PATIENCE
-        at_once = plan is None and soon
+        long = runs_long(program.jaxpr)
+        self._patience = PATIENCE if long else PATIENCE / 10
+        at_once = plan is None and (in_pieces or not long or cost(text) > PATIENCE)
         self.code = Tiers(text, self.plan.level, self.plan.scattered, at_once)
         compiled = time.perf_counter()
         self.seconds = {
@@ -77,6 +78,10 @@ class Compiled:
         """The module, in LLVM's language: written anew each time, for it may be long."""
         jaxpr = self.program.jaxpr
         return lower(self.program, self.plan.small, *self._how) + handler(len(jaxpr.invars), len(jaxpr.outvars))
+
+    def address(self, function: str) -> int:
+        """Where a function of the code begins, for XLA's programs, which make a whole run in one call."""
+        return self.code.address(function, self._patience)
 
     def __call__(self, *operands) -> list[np.ndarray]:
         """The results; other threads of Python run meanwhile. With lanes each result has a last axis for them."""

@@ -85,7 +85,7 @@ class Program:
         if self.compiled is None:
             return None
         name = f"lyaphybrid_native_{id(self):x}"
-        handler = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p)(self.compiled.code.address("handler"))
+        handler = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p)(self.compiled.address("handler"))
         jax.ffi.register_ffi_target(name, jax.ffi.pycapsule(handler), platform="cpu")
         _targets.append(self)  # XLA may call it as long as the process lives
         return name

@@ -40,6 +40,7 @@ class Tiers:
         self._text, self._best = zlib.compress(text.encode(), 1), (level, scattered)
         self._cost, self._spent = cost(text), 0.0  # seconds: to optimise it, of running
         self._lock, self._asked = threading.Lock(), False
+        self._fixed: list[_Code] = []  # which others know the addresses of
         best = if_kept(_description(text, *self._best)) if at_once else _made(text, *self._best)
         self.is_best = best is not None
         self._code = _Code(_made(text, AT_ONCE, False) if best is None else best)
@@ -72,9 +73,14 @@ class Tiers:
                 self._code = _Code(_made(zlib.decompress(self._text).decode(), *self._best))
                 self._text, self.is_best = b"", True
 
-    def address(self, function: str) -> int:
-        """Where a function of the best code begins; it stays there as long as this object lives."""
-        self._improve()
+    def address(self, function: str, patience: float) -> int:
+        """Where a function of the code begins; it stays there as long as this object lives.
+
+        Of the best code, if LLVM takes no more than `patience` seconds for that.
+        """
+        if self._cost <= patience:
+            self._improve()
+        self._fixed.append(self._code)
         return self._code.address(function)
 
 

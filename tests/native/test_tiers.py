@@ -114,18 +114,18 @@ def test_many_threads_may_run_it_meanwhile(made):
     for thread in threads:
         thread.start()
     program.code.ahead(1e6)
-    address = program.code.address("handler")  # waits for the best code
+    address = program.address("handler")  # waits for the best code
     for thread in threads:
         thread.join()
     assert not wrong
-    assert address == program.code.address("handler")
+    assert address == program.address("handler")
     assert made == [0, 2]
 
 
 def test_the_best_code_on_the_disk_is_taken_at_once(made, tmp_path, monkeypatch):
     monkeypatch.setenv("LYAPHYBRID_CACHE", str(tmp_path))
     x = np.ones((40, 21))
-    compiled(x).code.address("call")
+    compiled(x).address("call")
     assert compiled(x).code.is_best
     assert made == [0, 2]
 
@@ -151,9 +151,16 @@ def test_no_call_waits_long_for_better_code(made):
     def steps(x):
         return jax.lax.fori_loop(0, 1000, lambda _, x: step(x), x)
 
-    program = Compiled(jax.make_jaxpr(steps)(np.linspace(0.1, 0.6, 6)))
+    x = np.linspace(0.1, 0.6, 6)
+    program = Compiled(jax.make_jaxpr(steps)(x))
+    address = program.address("handler")  # within a jit, too
     assert made == [0]
-    assert not program.code.is_best
+    expected = program(x)
+    program.code.ahead(1e6)
+    finished()
+    assert made == [0, 2]
+    assert same(expected, program(x))
+    assert program.address("handler") != address
 
 
 def test_a_long_run_gets_better_code(made, monkeypatch):
