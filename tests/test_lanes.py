@@ -10,6 +10,7 @@ import pytest
 
 import lyaphybrid as lh
 from lyaphybrid import devices, lanes
+from lyaphybrid.native import _programs
 
 
 def orbit(r, lane):
@@ -167,6 +168,18 @@ def test_lanes_that_seldom_part_go_in_the_vectors_of_the_cpu(problem, name, valu
     single = np.array([run(None, jnp.asarray(value)) for value in values])
     adaptive = keywords["method"].tableau == "dopri5"  # its steps hang on the last digits of an error estimate
     np.testing.assert_allclose(found, single, rtol=1e-3 if adaptive else 1e-9)
+
+
+def test_lanes_that_surely_part_are_not_lowered_to_find_out(monkeypatch):
+    """For a pendulum with dry friction that took seconds, and was thrown away."""
+    made, original = [], _programs.Compiled
+    monkeypatch.setattr(
+        _programs, "Compiled", lambda *given, **options: made.append(options) or original(*given, **options)
+    )
+    run = exponents_of(lh.zoo.friction_pendulum(), "beta", t1=1.0, transient=0.0)
+    assert lanes.Program(lanes._Alone(run), None, ((), np.linspace(0.02, 0.03, 9))).at_once == 1
+    assert made
+    assert all(options.get("lanes", 1) == 1 for options in made)
 
 
 @pytest.mark.parametrize(("name", "key", "values"), [("logistic_map", "r", (3.1, 3.4)), ("henon_map", "a", (0.4, 0.8))])

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import jax
 import numpy as np
 
+from ._costs import SELDOM
 from ._emitter import is_wide
 from ._jax_versions import called
 from ._lowering import CALLS, KEEPS_ROWS, rule
@@ -48,7 +49,7 @@ def seldom(function: Callable) -> Callable:
     return jax.jit(seldom)
 
 
-@program("seldom")
+@program(SELDOM)
 def _(b, eqn, *values):
     before, begun = b.seldom, len(b.lines)
     found = b.run(called(eqn), values)

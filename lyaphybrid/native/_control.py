@@ -14,10 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from . import _arithmetic as a
-from ._costs import turns_written_out
+from ._costs import turns_written_out, worth_a_jump
 from ._emitter import Entry, is_known, is_wide, same
 from ._expansion import traced
-from ._jax_versions import ClosedJaxpr, parts, scan_of, subprograms
+from ._jax_versions import ClosedJaxpr, parts, scan_of
 from ._lowering import KEEPS_ROWS, Lowering, rule
 from ._moving import with_axis
 from ._types import INDEX, llvm_type
@@ -460,12 +460,9 @@ def _by_lanes(b: Lowering, branches, index: Entry, dtype, values, avals) -> list
     return [chosen(each, aval) for each, aval in zip(zip(*results, strict=True), avals, strict=True)]
 
 
-_WORTH_A_JUMP = 20  # equations
-
-
 def _if_any_takes_it(b: Lowering, branch, values, avals) -> list[Value]:
     """The results of a branch, for the lanes of the mask; passed over where there are none."""
-    if work(branch) < _WORTH_A_JUMP:
+    if not worth_a_jump(parts(branch)[0]):
         return [b.at_hand(value) for value in b.run(branch, values)]
     before, inside, after = b.label, b.block_name(), b.block_name()
     b.line(f"br i1 {b.text(_any_lane(b, b.mask), 'i1')}, label %{inside}, label %{after}")
@@ -492,9 +489,3 @@ def _if_any_takes_it(b: Lowering, branch, values, avals) -> list[Value]:
     b.begin_block(after)
     b.lines += phis
     return results
-
-
-def work(program) -> int:
-    """How many equations are in a program, those of programs within it included."""
-    jaxpr = parts(program)[0]
-    return sum(1 + sum(map(work, subprograms(eqn))) for eqn in jaxpr.eqns)

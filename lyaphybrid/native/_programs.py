@@ -16,6 +16,7 @@ import numpy as np
 from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
 
 from ._compiled import Compiled
+from ._costs import apart
 from ._jax_versions import Jaxpr, subprograms
 from ._machine import doubles_in_a_vector
 from ._unsupported import Unsupported
@@ -23,6 +24,7 @@ from ._unsupported import Unsupported
 VARIABLE = "LYAPHYBRID_ENGINE"
 _ENGINES = ("auto", "native", "xla")
 _MOST_APART = 0.2  # of the code: beyond that lanes wait for each other too often
+_SURELY = 2  # times as much is beyond by any means, though it is an estimate
 _log = logging.getLogger("lyaphybrid.native")
 _noted: set[str] = set()
 
@@ -160,6 +162,8 @@ class Program:
         if ("in lanes", last) not in self._derived:
             wide = [place >= len(self.closed.in_avals) - last for place in range(len(self.closed.in_avals))]
             try:
+                if apart(self.closed.jaxpr) > _SURELY * _MOST_APART:  # to lower it first takes seconds
+                    raise Unsupported("lanes that part often")
                 lanes = doubles_in_a_vector()
                 code = Compiled(self.closed, lanes=lanes, wide=wide, most_apart=_MOST_APART, in_pieces=True)
             except Unsupported:
