@@ -210,7 +210,7 @@ def _energies(r: "skokos.Reproduction"):
         ax.legend(fontsize="x-small", loc="upper left", frameon=False)
     low, high = methods.get_ylim()
     methods.set_ylim(low, high + 0.35 * (high - low))  # room for the legends
-    methods.set_ylabel("log$_{10}$ |H(t) − H(0)| / H(0)")
+    methods.set_ylabel("log$_{10}$ of the largest |H(t) − H(0)| / H(0) so far")
     _time_below((methods, steps, tolerances))
     return made
 
