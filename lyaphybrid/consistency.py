@@ -11,7 +11,8 @@ from jaxtyping import Array, Float
 from ._engines import compiled
 from ._tracing import traced
 from .checks import check_functions, require
-from .daes import DAE, ILL, RANK, Constrained, fields_of, landed, solved
+from .daes import DAE, ILL, RANK, Banded, Constrained, fields_of, landed, solved
+from .linear_systems import split
 from .precision import require_double
 
 __all__ = ["check_constraints", "consistent_start", "onto_constraints", "put_on_constraints", "tangent_frame"]
@@ -84,6 +85,7 @@ def check_constraints(system: Any, x, t0, args: Any) -> None:
             f"n_differential = {d}, but leading(t0, args) has rank {rank}. lh.DAE.reduced brings any E of constant "
             "rank into the form that is wanted.",
         )
+        _check_band(field, leading[:d], whole[d:])
         if isinstance(system, DAE):
             scaled = whole / np.maximum(np.linalg.norm(whole, axis=1, keepdims=True), 1e-300)
             require(
@@ -91,6 +93,21 @@ def check_constraints(system: Any, x, t0, args: Any) -> None:
                 "[E₁; ∂f₂/∂x] must be nonsingular at the start: either constraints depend on each other there, or the "
                 "differentiation index is above one; differentiate the constraints until it is one.",
             )
+
+
+def _check_band(field: Constrained, rows: np.ndarray, below: np.ndarray) -> None:
+    """Whether constraints depend on the algebraic components that `bandwidth` lets them depend on."""
+    if not isinstance(field, Banded):
+        return
+    _, kernel = split(rows)
+    size = np.abs(below @ kernel)
+    i, j = np.nonzero(size > RANK * np.max(size))
+    wide = int(np.max(np.abs(i - j), initial=0))
+    require(
+        wide <= field.bandwidth,
+        f"bandwidth = {field.bandwidth}, but a constraint depends on the algebraic component {wide} places away: order "
+        "both alike, so that neighbours are near each other, or give the larger bandwidth.",
+    )
 
 
 @compiled(hands_on=True)

@@ -5,6 +5,7 @@ is constant, and which component depends on which, is read from the jaxpr of the
 is then the ordinary one for x, in numbers too.
 """
 
+import dataclasses
 from typing import Any
 
 import equinox as eqx
@@ -95,7 +96,7 @@ def prepared(dae: Constrained, t, x, args) -> Constrained:
     """The field with what does not depend on t and x computed here and now; `Eliminated` where it can be."""
     t, d = jnp.asarray(t), dae.n_differential
     residual = settled(lambda t, x: dae.residual(t, x, args), t, x)
-    bound = Constrained(dae.leading, lambda t, x, args: residual(t, x), d)
+    bound = dataclasses.replace(dae, residual=lambda t, x, args: residual(t, x))
     rows = dae.rows(t, args)
     if not isinstance(rows, np.ndarray) or not d < rows.shape[1] <= FEW:
         return bound
