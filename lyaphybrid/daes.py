@@ -272,7 +272,7 @@ class DAE(Flow):
 def _check_whole(name: str, value) -> None:
     good = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not good or value < 1:
-        raise ValueError(f"{name} must be a whole number of at least 1; got {value!r}.")
+        raise ValueError(f"{name} must be at least 1; got {value!r}.")
 
 
 def _range(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
