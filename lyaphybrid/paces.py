@@ -18,7 +18,7 @@ from .statuses import STATUS
 __all__ = ["WINDOW", "Pace", "Rates", "given_up", "rates_of"]
 
 WINDOW = 1_000_000  # attempts between two looks …
-SLOW, SECONDS = 20_000, 5.0  # … or where they are slow, so many at least, and so long
+SLOW, SECONDS = 10_000, 5.0  # … or where they are slow, so many at least, and so long
 LONG, ENDLESS = 3e9, 1e12  # attempts: of minutes to an hour, and of days to weeks
 SMOOTH = 1e-5  # steps shorter than this part of 1/‖Df‖ are no steps of a smooth motion
 STIFF = 1e-4  # a motion slower than this part of ‖Df‖ is held by something much faster
