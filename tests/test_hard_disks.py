@@ -93,7 +93,7 @@ def test_table_one_to_three_thousandths():
     """A total time of 1.6e5."""
     problem = lh.zoo.hard_disks()
     x0 = starts(32, seed=1)
-    spectrum = lh.lyapunov_spectrum(problem.system, x0, problem.args, t1=5000.0, transient=50.0, every=10)
+    spectrum = lh.lyapunov_spectrum(problem.system, x0, problem.args, t1=5000.0, transient=50.0, every=5)
     check_table(spectrum, 0.003)
     rate = float(spectrum.jumps / spectrum.time)
     assert abs(rate - TABLE["collision_rate"]) < 5 * 0.068 / np.sqrt(160)  # 0.068: scatter of runs of t = 1000
