@@ -116,3 +116,38 @@ ENDLESS_CASCADE = lh.Hybrid(
     [lh.Transition(lambda t, x, args: x[0], onto(1.0, -1.0)), lh.Transition(lambda t, x, args: x[1], onto(-1.0, 1.0))],
     max_cascade=3,
 )
+
+
+# --- bodies that do not see each other, each with the time of its own next event -------------------------------------
+
+
+def alone(ahead):
+    """The schedule of rows y; `ahead(t, y)` gives their times, of comoving rows at t since the last rebasing."""
+    return lh.Schedule(
+        init=lambda t, y, args: ahead(t, y),
+        next=lambda times: (jnp.min(times), jnp.argmin(times)),
+        update=lambda times, t, y, args, which: times.at[which].set(ahead(t, y)[which]),
+        shift=lambda times, dt: times - dt,
+        touch=lambda which: which[None],
+    )
+
+
+def wall_ahead(t, y):
+    """When rows (q, v, …) without forces come to one of the walls at 0 and 1."""
+    q, v = y[:, 0] + t * y[:, 1], y[:, 1]
+    return t + jnp.where(v > 0, 1 - q, -q) / v
+
+
+def between_walls(t, rows, args, which):
+    """Their guard: positive between the walls."""
+    q = rows[0, 0] + t * rows[0, 1]
+    return q * (1 - q)
+
+
+# --- a stiff DAE: z = y/2, and y → sin x at the rate of its argument -------------------------------------------------
+
+STIFF = lh.DAE(
+    lambda t, args: jnp.diag(jnp.array([1.0, 1.0, 0.0])),
+    lambda t, x, args: jnp.stack([-x[0] + x[2], -args * (x[1] - jnp.sin(x[0])), x[2] - 0.5 * x[1]]),
+    n_differential=2,
+)

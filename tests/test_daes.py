@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
+from examples import STIFF
 from lyaphybrid import zoo
 from lyaphybrid._engines import compiled
 from lyaphybrid.daes import Constrained
@@ -472,14 +473,9 @@ def test_continuous_qr_takes_large_steps():
 
 def test_stiff_equations():
     """The fast component relaxes at the rate 1e6: an explicit method would take 1e6 steps and more."""
-    stiff = lh.DAE(
-        lambda t, args: jnp.diag(jnp.array([1.0, 1.0, 0.0])),
-        lambda t, x, args: jnp.stack([-x[0] + x[2], -args * (x[1] - jnp.sin(x[0])), x[2] - 0.5 * x[1]]),
-        n_differential=2,
-    )
-    start = lh.consistent_start(stiff, [1.0, jnp.sin(1.0), 0.0], 1e6)
+    start = lh.consistent_start(STIFF, [1.0, jnp.sin(1.0), 0.0], 1e6)
     for tableau in ("kvaerno3", "kvaerno5"):
-        path = lh.trajectory(stiff, start, 1e6, t1=20.0, n=2, method=lh.ESDIRK(tableau, 1e-7), max_steps=3000)
+        path = lh.trajectory(STIFF, start, 1e6, t1=20.0, n=2, method=lh.ESDIRK(tableau, 1e-7), max_steps=3000)
         assert path.status is lh.STATUS.ok
         slow = lh.trajectory(
             lh.Flow(lambda t, x, args: -x + 0.5 * jnp.sin(x)), [1.0], t1=20.0, n=2, method=lh.RungeKutta()

@@ -9,6 +9,7 @@ import pytest
 
 import brute_force
 import lyaphybrid as lh
+from examples import alone, between_walls, wall_ahead
 from lyaphybrid.methods.scheduled import predicting_anew
 from lyaphybrid.zoo.particles import hard_particles
 from references import load_event_driven
@@ -178,28 +179,12 @@ def test_many_are_looked_for_in_cells_and_meet_as_all_do(make):
 
 def test_a_state_in_rows_goes_in_and_comes_out():
     """Rows (position, momentum) of balls between two walls that do not see each other: a schedule written by a user."""
-
-    def wall_ahead(t, y):
-        q, v = y[:, 0] + t * y[:, 1], y[:, 1]
-        return t + jnp.where(v > 0, 1 - q, -q) / v
-
-    def room(t, rows, args, which):
-        q = rows[0, 0] + t * rows[0, 1]
-        return q * (1 - q)
-
-    schedule = lh.Schedule(
-        init=lambda t, y, args: wall_ahead(t, y),
-        next=lambda times: (jnp.min(times), jnp.argmin(times)),
-        update=lambda times, t, y, args, which: times.at[which].set(wall_ahead(t, y)[which]),
-        shift=lambda times, dt: times - dt,
-        touch=lambda which: which[None],
-    )
     balls = lh.EventDriven(
         lambda dt, y, args: jnp.stack([y[:, 0] + dt * y[:, 1], y[:, 1]], axis=1),
         None,
         lambda t, rows, args, which: jnp.stack([rows[:, 0] + 2 * t * rows[:, 1], -rows[:, 1]], axis=1),
-        room,
-        schedule=schedule,
+        between_walls,
+        schedule=alone(wall_ahead),
     )
     x0 = np.array([[0.5, 1.0], [0.25, -0.7], [0.1, 0.3]])
     path = lh.trajectory(balls, x0, t1=10.0, n=5)

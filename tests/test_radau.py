@@ -6,6 +6,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
+from examples import STIFF
 from lyaphybrid import zoo
 from lyaphybrid._engines import compiled
 from lyaphybrid.methods import radau
@@ -85,14 +86,9 @@ def test_exponents(name):
 
 def test_stiff_equations():
     """At rest the exponent is an eigenvalue; the other one is −1e6: an explicit method would take a million steps."""
-    stiff = lh.DAE(
-        lambda t, args: jnp.diag(jnp.array([1.0, 1.0, 0.0])),
-        lambda t, x, args: jnp.stack([-x[0] + x[2], -args * (x[1] - jnp.sin(x[0])), x[2] - 0.5 * x[1]]),
-        n_differential=2,
-    )
-    start = lh.consistent_start(stiff, [1.0, jnp.sin(1.0), 0.0], 1e6)
+    start = lh.consistent_start(STIFF, [1.0, jnp.sin(1.0), 0.0], 1e6)
     slow = max(np.linalg.eigvals([[-1.0, 0.5], [1e6, -1e6]]).real)
-    s = lh.lyapunov_spectrum(stiff, start, 1e6, t1=50.0, transient=50.0, k=1, max_steps=3000, method=lh.RadauIIA(1e-7))
+    s = lh.lyapunov_spectrum(STIFF, start, 1e6, t1=50.0, transient=50.0, k=1, max_steps=3000, method=lh.RadauIIA(1e-7))
     assert s.status is lh.STATUS.ok
     assert_allclose(s.exponents[0], slow, rtol=1e-5)
 

@@ -8,6 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
+from examples import alone, between_walls, wall_ahead
 
 
 def bouncing_balls():
@@ -27,13 +28,7 @@ def bouncing_balls():
         None,
         jump,
         lambda t, rows, r, which: rows[0, 0] + t * rows[0, 1] - 0.5 * t**2,
-        schedule=lh.Schedule(
-            init=lambda t, y, r: ahead(t, y),
-            next=lambda times: (jnp.min(times), jnp.argmin(times)),
-            update=lambda times, t, y, r, which: times.at[which].set(ahead(t, y)[which]),
-            shift=lambda times, dt: times - dt,
-            touch=lambda which: which[None],
-        ),
+        schedule=alone(ahead),
     )
 
 
@@ -78,14 +73,6 @@ def test_in_time_they_accumulate():
 def forgetful_balls():
     """Rows (q, v, w) between two walls; a wall multiplies w by args."""
 
-    def ahead(t, y):
-        q, v = y[:, 0] + t * y[:, 1], y[:, 1]
-        return t + jnp.where(v > 0, 1 - q, -q) / v
-
-    def room(t, rows, args, which):
-        q = rows[0, 0] + t * rows[0, 1]
-        return q * (1 - q)
-
     def jump(t, rows, args, which):
         mixed = args * (rows[:, 2] + 0.3 * rows[:, 1])
         return jnp.stack([rows[:, 0] + 2 * t * rows[:, 1], -rows[:, 1], mixed], axis=1)
@@ -94,14 +81,8 @@ def forgetful_balls():
         lambda dt, y, args: jnp.stack([y[:, 0] + dt * y[:, 1], y[:, 1], y[:, 2]], axis=1),
         None,
         jump,
-        room,
-        schedule=lh.Schedule(
-            init=lambda t, y, args: ahead(t, y),
-            next=lambda times: (jnp.min(times), jnp.argmin(times)),
-            update=lambda times, t, y, args, which: times.at[which].set(ahead(t, y)[which]),
-            shift=lambda times, dt: times - dt,
-            touch=lambda which: which[None],
-        ),
+        between_walls,
+        schedule=alone(wall_ahead),
     )
 
 

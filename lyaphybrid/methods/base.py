@@ -154,3 +154,42 @@ class Method(eqx.Module):
             return self.ratio(error, jnp.full(before.shape, self.rtol * length + nonzero(1e-300, before)))
 
         return jnp.max(jax.vmap(column, in_axes=-1)(errors, frame, new))
+
+
+class OfAnother(Method):
+    """A method that goes by the steps of another one: tolerances, order and the control of steps are that one's."""
+
+    @property
+    @abc.abstractmethod
+    def inner(self) -> Any:
+        """The method that makes the steps."""
+
+    @property
+    def rtol(self) -> Any:
+        """That of the steps."""
+        return self.inner.rtol
+
+    @property
+    def atol(self) -> Any:
+        """That of the steps."""
+        return self.inner.atol
+
+    @property
+    def fixed_step(self) -> Any:
+        """That of the steps."""
+        return self.inner.fixed_step
+
+    @property
+    def longest_step(self) -> Any:
+        """That of the steps."""
+        return self.inner.longest_step
+
+    @property
+    def error_order(self) -> int:
+        """That of the steps."""
+        return self.inner.error_order
+
+    @property
+    def controller(self) -> Controller:
+        """That of the steps."""
+        return self.inner.controller

@@ -19,7 +19,7 @@ from ..checks import require
 from ..daes import is_constrained
 from ..frames import kind_for, orthonormalise
 from ..linear_systems import inverse, product
-from .base import Controller, Field, Method, Step, Tangent
+from .base import Field, Method, OfAnother, Step, Tangent
 from .half_explicit import ESDIRK, HalfExplicit
 from .linearised import Along, linearised
 from .runge_kutta import RungeKutta, Tableau, summed, tabulated
@@ -30,7 +30,7 @@ NEWTON = 6  # iterations in an implicit stage, each of which squares what is lef
 LEFT = 1e-3  # … of which no more may be left than this times the tolerance
 
 
-class ContinuousQR(Method):
+class ContinuousQR(OfAnother):
     """The continuous QR method in the stages of a Runge–Kutta method.
 
     Where directions turn slowly it takes larger steps than the discrete method, whose frame must be resolved as it
@@ -74,39 +74,14 @@ class ContinuousQR(Method):
         return ContinuousQR(self.method.loosened(least))
 
     @property
-    def rtol(self) -> Any:
-        """The method's."""
-        return self.method.rtol
-
-    @property
-    def atol(self) -> Any:
-        """The method's."""
-        return self.method.atol
+    def inner(self) -> Any:
+        """The method."""
+        return self.method
 
     @property
     def control(self) -> str:
         """The method's."""
         return self.method.control
-
-    @property
-    def fixed_step(self) -> Any:
-        """The error estimate controls h."""
-        return None
-
-    @property
-    def longest_step(self) -> Any:
-        """The method's."""
-        return self.method.longest_step
-
-    @property
-    def error_order(self) -> int:
-        """The method's."""
-        return self.method.error_order
-
-    @property
-    def controller(self) -> Controller:
-        """The method's."""
-        return self.method.controller
 
     @property
     def takes_slope(self) -> bool:

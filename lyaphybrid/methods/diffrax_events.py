@@ -13,8 +13,8 @@ from jaxtyping import Array
 from ..checks import positive, require
 from ..columns import each_column
 from ..daes import is_constrained
-from .base import Field, Method, Step, Tangent
-from .diffrax_solver import prepared
+from .base import Field, Step, Tangent
+from .diffrax_solver import ByDiffrax, prepared
 from .divergences import trace
 
 __all__ = ["DiffraxEvents"]
@@ -32,7 +32,7 @@ class Flight(NamedTuple):
     x: Array  # (n,) at the end, by diffrax's dense output where there was an event
 
 
-class DiffraxEvents(Method):
+class DiffraxEvents(ByDiffrax):
     """Flow and events both by diffrax: `diffrax.diffeqsolve` with a `diffrax.Event` and a root finder of optimistix.
 
     It is there to check the default method: what is shared is only what follows a located event (the reset, the
@@ -87,16 +87,6 @@ class DiffraxEvents(Method):
         require(known, f"root_finder must be one of optimistix, such as optimistix.Bisection; got {root_finder!r}.")
         self.solver, self.rtol, self.atol, self.root_finder = prepared(solver, rtol, atol), rtol, atol, root_finder
         self.control = "x"  # diffrax controls the errors of the frame
-
-    @property
-    def fixed_step(self) -> Any:
-        """The fixed step; None where the error estimate controls h."""
-        return None
-
-    @property
-    def error_order(self) -> int:
-        """The power of h by which the error estimate falls."""
-        return int(self.solver.order(diffrax.ODETerm(lambda t, y, args: y)) or 1)
 
     def require(self, field: Field, t, x) -> None:
         """Constraints are no matter of diffrax."""

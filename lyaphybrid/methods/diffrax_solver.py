@@ -11,14 +11,30 @@ from ..checks import positive
 from .base import Field, Method, Step
 from .divergences import trace
 
-__all__ = ["Diffrax", "prepared"]
+__all__ = ["ByDiffrax", "Diffrax", "prepared"]
 
 # Gauss–Legendre with four points on [0, 1]: order 8, above that of any diffrax solver's dense output.
 _NODES = (0.06943184420297371, 0.33000947820757187, 0.6699905217924281, 0.9305681557970263)
 _WEIGHTS = (0.17392742256872692, 0.32607257743127307, 0.32607257743127307, 0.17392742256872692)
 
 
-class Diffrax(Method):
+class ByDiffrax(Method):
+    """A method whose steps are those of a diffrax solver with an error estimate."""
+
+    solver: eqx.AbstractVar[diffrax.AbstractSolver]
+
+    @property
+    def fixed_step(self) -> Any:
+        """The fixed step; None where the error estimate controls h."""
+        return None
+
+    @property
+    def error_order(self) -> int:
+        """The power of h by which the error estimate falls."""
+        return int(self.solver.order(diffrax.ODETerm(lambda t, y, args: y)) or 1)
+
+
+class Diffrax(ByDiffrax):
     """A diffrax solver, its step size controlled here; guards are looked at on its own dense output.
 
     Args:
@@ -48,16 +64,6 @@ class Diffrax(Method):
         positive("rtol", rtol)
         positive("atol", atol)
         self.solver, self.rtol, self.atol, self.control = prepared(solver, rtol, atol), rtol, atol, control
-
-    @property
-    def fixed_step(self) -> Any:
-        """The fixed step; None where the error estimate controls h."""
-        return None
-
-    @property
-    def error_order(self) -> int:
-        """The power of h by which the error estimate falls."""
-        return int(self.solver.order(diffrax.ODETerm(lambda t, y, args: y)) or 1)
 
     def step(self, field: Field, t, x, f, h) -> Step:
         """One step over h from (t, x)."""

@@ -14,7 +14,7 @@ from jaxtyping import Array
 
 from ..precision import nonzero
 from ..systems import Bound
-from .base import Controller, Field, Method, Step, Tangent
+from .base import Field, Method, OfAnother, Step, Tangent
 from .runge_kutta import hermite
 
 __all__ = ["SecondVariation", "Varied", "highest_of", "started"]
@@ -63,7 +63,7 @@ class Varied(eqx.Module):
         return jnp.concatenate([f, along - rate * u, second - 2 * rate * w, jnp.stack([rate, 0 * s])])
 
 
-class SecondVariation(Method):
+class SecondVariation(OfAnother):
     """A method for x that takes ξ and δξ along; their errors are controlled as those of frames are."""
 
     takes_slope: ClassVar[bool] = False
@@ -74,39 +74,14 @@ class SecondVariation(Method):
         self.method = method
 
     @property
-    def rtol(self) -> Any:
-        """The method's."""
-        return self.method.rtol
-
-    @property
-    def atol(self) -> Any:
-        """The method's."""
-        return self.method.atol
+    def inner(self) -> Any:
+        """The method."""
+        return self.method
 
     @property
     def control(self) -> str:
         """The state holds all."""
         return "x"
-
-    @property
-    def fixed_step(self) -> Any:
-        """The method's."""
-        return self.method.fixed_step
-
-    @property
-    def longest_step(self) -> Any:
-        """The method's."""
-        return self.method.longest_step
-
-    @property
-    def error_order(self) -> int:
-        """The method's."""
-        return self.method.error_order
-
-    @property
-    def controller(self) -> Controller:
-        """The method's."""
-        return self.method.controller
 
     def loosened(self, least: float) -> "SecondVariation":
         """With the method loosened."""

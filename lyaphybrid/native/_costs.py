@@ -13,7 +13,7 @@ programs it takes LLVM more time than all else (relay feedback: 1.9 s instead of
 
 import math
 import weakref
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ._jax_versions import Jaxpr, parts, scan_of, subprograms
 from ._values import size
@@ -57,40 +57,16 @@ def runs_long(jaxpr: Jaxpr) -> bool:
     )
 
 
-class _Equation(NamedTuple):
-    """What the estimate asks of an equation, for each value of `small`."""
-
-    eqn: Any
-    results: list[int]  # their sizes
-    inner: list[Jaxpr]
-
-
-class _About(NamedTuple):
-    """A program's equations, and the estimates that were made: what loops hold is asked for again and again."""
-
-    equations: list[_Equation]
-    estimates: dict[float, int]
-
-
-_known: weakref.WeakKeyDictionary[Jaxpr, _About] = weakref.WeakKeyDictionary()
+# What loops hold is asked for again and again.
+_known: weakref.WeakKeyDictionary[Jaxpr, dict[float, int]] = weakref.WeakKeyDictionary()
 
 
 def instructions(jaxpr: Jaxpr, small: float = math.inf) -> int:
     """About how many instructions the program becomes."""
-    equations, estimates = _about(jaxpr)
-    if small not in estimates:
-        estimates[small] = sum(_of_equation(each, small) for each in equations)
-    return estimates[small]
-
-
-def _about(jaxpr: Jaxpr) -> _About:
-    if jaxpr not in _known:
-        _known[jaxpr] = _About(list(map(_equation, jaxpr.eqns)), {})
-    return _known[jaxpr]
-
-
-def _equation(eqn) -> _Equation:
-    return _Equation(eqn, [size(variable.aval.shape) for variable in eqn.outvars], subprograms(eqn))
+    known = _known.setdefault(jaxpr, {})
+    if small not in known:
+        known[small] = sum(_of_equation(eqn, small) for eqn in jaxpr.eqns)
+    return known[small]
 
 
 def turns_written_out(small: float, scan, avals) -> int:
@@ -99,10 +75,9 @@ def turns_written_out(small: float, scan, avals) -> int:
     return TURNS if min(scan.length, TURNS) * instructions(parts(scan.body)[0], small) <= most else 0
 
 
-def _of_equation(equation: _Equation, small: float) -> int:
-    eqn, results, inner = equation
-    name = eqn.primitive.name
-    if inner:
+def _of_equation(eqn, small: float) -> int:
+    name, results = eqn.primitive.name, [size(variable.aval.shape) for variable in eqn.outvars]
+    if inner := subprograms(eqn):
         turns = 1
         if name == "scan":
             scan = scan_of(eqn)
@@ -153,10 +128,10 @@ def apart(jaxpr: Jaxpr) -> float:
 def _in_branches(jaxpr: Jaxpr, inside: bool) -> tuple[int, int]:
     """Instructions, and those in branches: all where the program is `inside` of one."""
     total = within = 0
-    for equation in _about(jaxpr).equations:
-        eqn, _, inner = equation
+    for eqn in jaxpr.eqns:
+        inner = subprograms(eqn)
         if not inner:
-            n = _of_equation(equation, SMALL[0])
+            n = _of_equation(eqn, SMALL[0])
             total, within = total + n, within + n * inside
         elif eqn.params.get("name") != SELDOM:
             branches = eqn.primitive.name == "cond"
