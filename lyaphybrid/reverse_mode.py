@@ -43,8 +43,13 @@ def checkpointed(goes_on: Callable, step: Callable, state: Any) -> Any:
     return _loop((step, state), jax.tree.map(_fixed, goes_on))
 
 
+def _is_float(leaf) -> bool:
+    """Whether it has derivatives; JAX 0.8 has constants that are arrays of a kind that Equinox does not know."""
+    return hasattr(leaf, "dtype") and jnp.issubdtype(leaf.dtype, jnp.inexact)
+
+
 def _fixed(leaf):
-    return jax.lax.stop_gradient(leaf) if eqx.is_inexact_array(leaf) else leaf
+    return jax.lax.stop_gradient(leaf) if _is_float(leaf) else leaf
 
 
 @eqx.filter_custom_vjp
@@ -82,13 +87,13 @@ def _forwards(perturbed, moving, goes_on):
 def _backwards(residuals, back, perturbed, moving, goes_on):
     del perturbed, goes_on
     (kept, turns), (step, state) = residuals, moving
-    free, bound = eqx.partition(step, eqx.is_inexact_array)
+    free, bound = eqx.partition(step, _is_float)
 
     def pulled(state, back):
-        floats, others = eqx.partition(state, eqx.is_inexact_array)
+        floats, others = eqx.partition(state, _is_float)
 
         def after(free, floats):
-            return eqx.filter(eqx.combine(free, bound)(eqx.combine(floats, others)), eqx.is_inexact_array)
+            return eqx.filter(eqx.combine(free, bound)(eqx.combine(floats, others)), _is_float)
 
         return jax.vjp(after, free, floats)[1](back)
 
@@ -99,7 +104,7 @@ def _backwards(residuals, back, perturbed, moving, goes_on):
         done = (kept.turns[kept.count - 1] == now).astype(jnp.int32)
         return now - 1, back, jax.tree.map(jnp.add, gradient, more), kept._replace(count=kept.count - done)
 
-    floats = eqx.filter(state, eqx.is_inexact_array)
+    floats = eqx.filter(state, _is_float)
     back = jax.tree.map(lambda leaf, given: jnp.zeros_like(leaf) if given is None else given, floats, back)
     start = turns - 1, back, jax.tree.map(jnp.zeros_like, free), kept
     _, back, gradient, _ = jax.lax.while_loop(lambda loop: loop[0] >= 0, turn, start)
@@ -166,7 +171,7 @@ def both_ways(forward: Callable, backward: Callable) -> Callable:
             def outputs(leaves, kept):
                 moving = jax.tree.unflatten(structure, leaves)
                 given = eqx.combine(moving, jax.tree.unflatten(places, kept), static)
-                return eqx.filter(which(*given), eqx.is_inexact_array)
+                return eqx.filter(which(*given), _is_float)
 
             return outputs
 
