@@ -47,7 +47,7 @@ def sweep(name: str, lanes: int) -> dict[str, float]:
     import numpy as np
 
     import lyaphybrid as lh
-    from lyaphybrid import devices
+    from lyaphybrid.engine.host import devices
     from lyaphybrid.sweeps.plans import plan
     from lyaphybrid.sweeps.sweeping import Work
 

@@ -24,7 +24,7 @@ def measured(name: str) -> dict[str, float]:
 
     jax.config.update("jax_enable_x64", True)
     import lyaphybrid as lh
-    from lyaphybrid.blocks import part_of
+    from lyaphybrid.engine.blocks import part_of
     from lyaphybrid.native import EVENTS
 
     seconds: dict[str, float] = collections.defaultdict(float)

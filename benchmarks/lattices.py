@@ -16,7 +16,7 @@ def columns(n: int, k: int) -> np.ndarray:
 def run_lattice(name: str, n: int, k: int, every: int, t1: float) -> Result:
     """A lattice up to t1, with k columns that are orthonormalised after each `every` steps and at the end."""
     from lyaphybrid import zoo
-    from lyaphybrid.methods.splittings import SCHEMES
+    from lyaphybrid.integrators.hamiltonian.splittings import SCHEMES
 
     problem = zoo.get(name)(n=n)
     args, method = problem.args, problem.method

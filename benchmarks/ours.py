@@ -11,7 +11,7 @@ import lyaphybrid as lh
 from benchmarks import lattices, problems
 from benchmarks import many_disks as many
 from benchmarks.harness import Make, Run
-from lyaphybrid.native import _tiers
+from lyaphybrid.native.machine import tiers as _tiers
 
 jax.config.update("jax_enable_x64", True)
 

@@ -1,4 +1,4 @@
-"""Other implementations in JAX, at the same tolerances and with the same cadence of orthonormalisation."""
+"""Other implementations in JAX, at the same tolerances and with the same QR schedule of orthonormalisation."""
 
 import importlib.util
 import pathlib

@@ -16,7 +16,7 @@ import numpy as np
 
 import lyaphybrid as lh
 from lyaphybrid import zoo
-from lyaphybrid.methods.splittings import SCHEMES, B
+from lyaphybrid.integrators.hamiltonian.splittings import SCHEMES, B
 
 PROBLEMS = {
     "Hénon–Heiles": functools.partial(zoo.henon_heiles, y=0.55),

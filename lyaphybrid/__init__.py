@@ -5,17 +5,13 @@ sets nothing behind your back. For float64 say so yourself: ``jax.config.update(
 """
 
 from . import zoo
-from .comparisons import TwoTrajectories, two_trajectories
-from .consistency import consistent_start
-from .continuations import Continuation, continuation
-from .daes import DAE
-from .derivatives import Jacobians, jacobians, saltation_matrix
-from .diagrams import BifurcationDiagram, bifurcation_diagram
-from .filippov import filippov
-from .gradients import Design, Gradient, design, lyapunov_gradient
-from .hamiltonians import Hamiltonian, canonical_flow
-from .implicit_daes import implicit_dae
-from .indicators import (
+from ._version import __version__ as __version__
+from .analysis.comparisons import TwoTrajectories, two_trajectories
+from .analysis.continuation import Continuation, continuation
+from .analysis.derivatives import Jacobians, jacobians, saltation_matrix
+from .analysis.diagrams.diagrams import BifurcationDiagram, bifurcation_diagram
+from .analysis.diagrams.sections import PoincareSection, poincare_section
+from .analysis.indicators import (
     Alignment,
     CovariantVectors,
     ExponentBounds,
@@ -33,7 +29,15 @@ from .indicators import (
     spectral_intervals,
     svd_spectrum,
 )
-from .methods import (
+from .analysis.multiple_solutions import solutions
+from .analysis.orbits.periodic_orbits import Floquet, floquet
+from .analysis.orbits.return_maps import return_map
+from .analysis.orbits.shooting import NoPeriodicOrbit
+from .analysis.sensitivity import Design, Gradient, design, lyapunov_gradient
+from .analysis.spectra import lyapunov_spectrum
+from .analysis.trajectories import TangentMap, Trajectory, tangent_map, trajectory
+from .engine import memberships as _memberships  # noqa: F401  answers what `contains` asks
+from .integrators import (
     ESDIRK,
     ContinuousQR,
     Diffrax,
@@ -45,22 +49,20 @@ from .methods import (
     Symplectic,
     TangentHamiltonian,
 )
-from .multiple_solutions import solutions
-from .periodic_orbits import Floquet, floquet
-from .results import RunFailed, Spectrum
-from .return_maps import return_map
-from .rigid_contacts import impact
-from .sections import PoincareSection, poincare_section
-from .shooting import NoPeriodicOrbit
-from .solution_sets import Solution, Solutions
-from .spectra import lyapunov_spectrum
+from .results.solution_sets import Solution, Solutions
+from .results.spectrum import RunFailed, Spectrum
+from .results.time_domains import TimeDomain
 from .statuses import STATUS
 from .sweeps import StoreFailed, refine, sweep
-from .systems import EventDriven, Flow, Hybrid, Map, Schedule, Transition
-from .time_domains import TimeDomain
-from .trajectories import TangentMap, Trajectory, tangent_map, trajectory
-
-__version__ = "0.2.0.dev0"
+from .systems.consistency import consistent_start
+from .systems.contacts.filippov import filippov
+from .systems.contacts.rigid_contacts import impact
+from .systems.daes.semi_linear import DAE
+from .systems.event_driven import EventDriven, Schedule
+from .systems.hamiltonians import Hamiltonian, canonical_flow
+from .systems.hybrid import Hybrid, Transition
+from .systems.implicit_daes import implicit_dae
+from .systems.smooth import Flow, Map
 
 __all__ = [
     "Flow",

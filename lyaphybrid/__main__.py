@@ -297,8 +297,9 @@ def _method(problem, tolerances: dict[str, float]):
     """The problem's method with other tolerances."""
     import equinox as eqx
 
-    from .methods import RungeKutta
-    from .systems import EventDriven, iterates
+    from .integrators import RungeKutta
+    from .systems.event_driven import EventDriven
+    from .systems.kinds import iterates
 
     system = problem.system
     if isinstance(system, EventDriven) or iterates(system):

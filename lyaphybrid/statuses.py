@@ -6,7 +6,7 @@ from collections import Counter
 import jax.numpy as jnp
 import numpy as np
 
-from ._tracing import traced
+from ._jax.tracing import traced
 
 __all__ = ["OK", "RUNNING", "STATUS", "gravest", "status_of", "verdicts"]
 

@@ -27,7 +27,7 @@ import matplotlib
 import pytest
 
 import references
-from lyaphybrid._engines import forget_programs
+from lyaphybrid._jax.engines import forget_programs
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_dtype_promotion", "strict")

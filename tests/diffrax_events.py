@@ -76,11 +76,11 @@ def diffrax_spectrum(
     functions = (field, guard, reset)
     state = (jnp.asarray(t0, float), x, columns, jnp.zeros(columns.shape[1]))
     end, longest = jnp.asarray(t0 + t1, float), jnp.asarray(longest, float)
-    harvest = []
+    orthonormalise_and_accumulate = []
     while float(state[0]) < float(end):
         state, events = _segments(functions, solver, options, args, state, end, longest)
-        harvest.append(events)
-    fired, *events = (np.concatenate(part) for part in zip(*harvest, strict=True))
+        orthonormalise_and_accumulate.append(events)
+    fired, *events = (np.concatenate(part) for part in zip(*orthonormalise_and_accumulate, strict=True))
     growth = np.asarray(state[3])
     found = (part[fired] for part in events)
     return Found(growth / t1, growth, *found, np.asarray(state[1]), np.asarray(state[2]))

@@ -209,7 +209,7 @@ def main() -> int:
         swept(store=options.into)
         return 0
     if options.checkpoint:
-        from lyaphybrid import checkpoints as files
+        from lyaphybrid.engine.host import checkpoints as files
 
         files.EVERY = 0.2
         long_run(checkpoint=options.checkpoint, resume=True)

@@ -8,8 +8,8 @@ from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
 from grids import Grid
-from lyaphybrid._engines import compiled
-from lyaphybrid.banded import factorised, probes, solve
+from lyaphybrid._jax.engines import compiled
+from lyaphybrid._linalg.banded import factorised, probes, solve
 
 
 @compiled()

@@ -15,7 +15,7 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 
 import lyaphybrid as lh
-from lyaphybrid._engines import compilations
+from lyaphybrid._jax.engines import compilations
 
 CIRCUIT = {"voltage": 10.0, "inductance": 1e-3, "capacitance": 12e-6, "resistance": 20.0, "period": 1e-4}
 ARGS = CIRCUIT | {"reference": 3.0, "slope": 3000.0}

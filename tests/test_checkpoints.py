@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import lyaphybrid as lh
-from lyaphybrid import checkpoints, runs
+from lyaphybrid.engine.host import checkpoints, driver
 
 LORENZ, DISKS, IMPACTS = lh.zoo.lorenz63(), lh.zoo.hard_disks(n=4), lh.zoo.impact_oscillator()
 FIXED = lh.RungeKutta("rk4", dt=0.01)
@@ -39,14 +39,14 @@ def same(one, other) -> bool:
 def short_calls(monkeypatch):
     """Calls of few attempts, each of which is written."""
     monkeypatch.setattr(checkpoints, "EVERY", 0.0)
-    monkeypatch.setattr(runs, "FIRST", 150)
-    monkeypatch.setattr(runs, "MOST", 400)
+    monkeypatch.setattr(driver, "FIRST", 150)
+    monkeypatch.setattr(driver, "MOST", 400)
 
 
 @pytest.mark.filterwarnings("ignore:interrupted")
 @pytest.mark.parametrize("name", RUNS)
 def test_after_ten_interruptions_it_is_the_same(name, tmp_path, short_calls, monkeypatch):
-    whole, advance, path = RUNS[name](), runs._advance, tmp_path / "run.npz"
+    whole, advance, path = RUNS[name](), driver._advance, tmp_path / "run.npz"
     interruptions = 0
     for left in (3, 1, 2, 4, 1, 2, 3, 1, 2, 2):
         calls = iter(range(left))
@@ -57,13 +57,13 @@ def test_after_ten_interruptions_it_is_the_same(name, tmp_path, short_calls, mon
                 raise KeyboardInterrupt
             return advance(*given)
 
-        monkeypatch.setattr(runs, "_advance", some)
+        monkeypatch.setattr(driver, "_advance", some)
         try:
             found = RUNS[name](checkpoint=path, resume=True, throw=False)
             interruptions += "interrupted" in found.notes
         except KeyboardInterrupt:  # nothing of this part is there yet
             interruptions += 1
-    monkeypatch.setattr(runs, "_advance", advance)
+    monkeypatch.setattr(driver, "_advance", advance)
     assert interruptions == 10
     assert same(RUNS[name](checkpoint=path, resume=True), whole)
 

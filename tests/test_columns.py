@@ -7,7 +7,7 @@ import pytest
 from jax import lax
 
 from examples import primitives
-from lyaphybrid.columns import MIXED, OF_FIRST, each_column
+from lyaphybrid._jax.columns import MIXED, OF_FIRST, each_column
 
 N, K = 6, 4
 FRAME = np.random.default_rng(0).normal(size=(N, K))

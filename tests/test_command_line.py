@@ -10,7 +10,7 @@ import pytest
 
 from lyaphybrid import zoo
 from lyaphybrid.__main__ import main
-from lyaphybrid.papers import dinius
+from lyaphybrid.papers.dinius import reproduction as dinius
 
 KEYS = [
     "name",

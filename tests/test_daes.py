@@ -9,12 +9,12 @@ from numpy.testing import assert_allclose
 import lyaphybrid as lh
 from examples import STIFF
 from lyaphybrid import zoo
-from lyaphybrid._engines import compiled
-from lyaphybrid.daes import Constrained
-from lyaphybrid.linear_systems import inverse, split, times
-from lyaphybrid.methods.implicit_tableaux import IMPLICIT
-from lyaphybrid.methods.linearised import linearised
-from lyaphybrid.systems import Bound
+from lyaphybrid._jax.engines import compiled
+from lyaphybrid._linalg.linear_systems import inverse, split, times
+from lyaphybrid.integrators.implicit.implicit_tableaux import IMPLICIT
+from lyaphybrid.integrators.implicit.linearised import linearised
+from lyaphybrid.systems.bound import Bound
+from lyaphybrid.systems.daes.semi_linear import Constrained
 
 # Of Examples 5.1 and 5.2, by an independent program in more digits: λ_i(T) with ln R(t₀)_ii counted, and without.
 COUNTED = {

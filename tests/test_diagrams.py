@@ -7,7 +7,9 @@ import pytest
 from matplotlib import pyplot
 
 import lyaphybrid as lh
-from lyaphybrid import attractors, devices, lanes, plots
+from lyaphybrid import plots
+from lyaphybrid.analysis.diagrams import attractors
+from lyaphybrid.engine.host import devices, lanes
 
 LOGISTIC = lh.Map(lambda n, x, args: args["r"] * x * (1 - x))
 UNIT = [[0.01], [0.99]]

@@ -9,7 +9,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
-from lyaphybrid import native, reverse_mode
+from lyaphybrid import native
+from lyaphybrid._jax import reverse_mode
 
 TIGHT = lh.RungeKutta("dopri5", rtol=1e-10, atol=1e-12)
 

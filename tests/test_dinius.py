@@ -10,9 +10,13 @@ import pytest
 
 import lyaphybrid as lh
 from lyaphybrid import zoo
-from lyaphybrid.methods.scheduled import predicting_anew
-from lyaphybrid.papers import dinius, dinius_checks, dinius_claims, dinius_examples, dinius_table
+from lyaphybrid.engine.evolvers.scheduled import predicting_anew
 from lyaphybrid.papers.claims import AGREED, CORRECTED, NOT_REPRODUCIBLE
+from lyaphybrid.papers.dinius import checks as dinius_checks
+from lyaphybrid.papers.dinius import claims as dinius_claims
+from lyaphybrid.papers.dinius import examples as dinius_examples
+from lyaphybrid.papers.dinius import reproduction as dinius
+from lyaphybrid.papers.dinius import table as dinius_table
 
 RIGHT = dinius.Mistake("none", 1.0, 1.0, ())
 RULES = {mistake.name: mistake for mistake in dinius.MISTAKES}

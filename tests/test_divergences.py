@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from lyaphybrid.methods.divergences import trace
+from lyaphybrid.integrators.divergences import trace
 
 TABLE = jnp.asarray(np.random.default_rng(1).normal(size=(3, 3)))
 

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 import lyaphybrid as lh
-from lyaphybrid import _engines, runs
-from lyaphybrid._engines import compilations
+from lyaphybrid._jax import engines as _engines
+from lyaphybrid._jax.engines import compilations
+from lyaphybrid.engine.host import driver
 
 SECOND_CALLS = {
     "flow": ("lorenz63", {"t1": 5.0}),
@@ -46,18 +47,18 @@ def test_compiling_does_not_make_calls_shorter(monkeypatch):
     """A call that compiled took long for that reason: the next one has the same budget, not a smaller one."""
     budgets = []
 
-    @functools.wraps(runs._advance)
-    def slow_at_first(*args, advance=runs._advance):
+    @functools.wraps(driver._advance)
+    def slow_at_first(*args, advance=driver._advance):
         budgets.append(int(args[-1]))
         if len(budgets) == 1:
             jax.jit(lambda x: x * 1.125)(2.0)  # compiles, and takes long
-            time.sleep(2 * runs.SECONDS_PER_CALL)
+            time.sleep(2 * driver.SECONDS_PER_CALL)
         return advance(*args)
 
     problem = lh.zoo.lorenz63()
     keywords = {"t1": 400.0, "method": lh.RungeKutta("rk4", dt=0.01)}
     problem.spectrum(**keywords)
-    monkeypatch.setattr(runs, "_advance", slow_at_first)
+    monkeypatch.setattr(driver, "_advance", slow_at_first)
     problem.spectrum(**keywords)
     assert budgets[1] == budgets[0]
     assert budgets[2] > 2 * budgets[1]

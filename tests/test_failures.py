@@ -9,6 +9,7 @@ import pytest
 import lyaphybrid as lh
 from examples import BALL_BLOCKS, ENDLESS_CASCADE, LOGISTIC, ball_spectrum
 from lyaphybrid import STATUS
+from lyaphybrid.engine.host import driver
 
 ESCAPE = lh.Flow(lambda t, x, args: args * x * x)
 
@@ -41,12 +42,11 @@ def test_an_interrupted_run_says_so(transient):
 
 
 def test_interrupted_within_the_transient(monkeypatch):
-    from lyaphybrid import runs
 
-    def stop(journey, blocks):
+    def stop(loop_state, blocks):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(runs, "_finished", stop)
+    monkeypatch.setattr(driver, "_finished", stop)
     with pytest.warns(UserWarning, match="interrupted"):
         spectrum = lh.lyapunov_spectrum(LOGISTIC, [0.3], 4.0, t1=1000, transient=10_000_000)
     assert spectrum.status is STATUS.interrupted

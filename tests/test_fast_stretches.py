@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import lyaphybrid as lh
-from lyaphybrid import frames
-from lyaphybrid.magnitudes import UNKNOWN, absolute
+from lyaphybrid._jax.magnitudes import UNKNOWN, absolute
+from lyaphybrid._linalg import frames
 
 TURNS = 20
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from lyaphybrid import frames
-from lyaphybrid._engines import compiled
+from lyaphybrid._jax.engines import compiled
+from lyaphybrid._linalg import frames
 
 KINDS = ("mgs", "lapack", "cholesky")
 orthonormalise = compiled()(frames.orthonormalise)

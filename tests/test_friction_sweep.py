@@ -7,19 +7,20 @@ import pytest
 
 import lyaphybrid as lh
 import references
-from lyaphybrid.papers import fu
+from lyaphybrid.papers.fu import cases
+from lyaphybrid.papers.fu import reproduction as fu
 
 pytestmark = pytest.mark.slow
 
 STEP = 1e-3  # of the grid in β
 TRANSIENT = 0.009  # below it chaos is transient: which cycles a run finds is luck, and a matter of its length
-SYSTEM, _, ARGS = fu._problem(fu.CASES[2])
+SYSTEM, _, ARGS = fu._problem(cases.CASES[2])
 ONE_FOLD = "fold of P1w3"  # in transient chaos
 
 
-def diagram(values, x0=fu.BOX, **options):
+def diagram(values, x0=cases.BOX, **options):
     over = {"beta": np.asarray(values)}
-    return lh.bifurcation_diagram(SYSTEM, over, x0, ARGS, period=fu.PERIOD, angles=(0,), **options)
+    return lh.bifurcation_diagram(SYSTEM, over, x0, ARGS, period=cases.PERIOD, angles=(0,), **options)
 
 
 def rows_of_the_reference():
@@ -87,13 +88,13 @@ def test_every_attractor_of_two_starts_is_found(sweep):
 CYCLES = {"P1": "P1w0", "P3": "P3w0", "P5": "P5w0", "P5b": "P5w0", "P5c": "P5w0"}
 DOUBLED = {"P1": "P2w0", "P3": "P6w0", "P3w2": "P6w4", "P2w1": "P4w2"}
 SYMMETRIC_BELOW = 0.2486769  # everywhere else the cycle is symmetric above
-LISTED = [one for one in fu.BIFURCATIONS if one[1] != ONE_FOLD]
+LISTED = [one for one in cases.BIFURCATIONS if one[1] != ONE_FOLD]
 
 
 def is_symmetric(found, row: int, run: int) -> bool:
     """Whether the cycle is its own image under (θ, t) → (-θ, t + T/2), so far as the motion has come."""
     points, args = found.points[row, run], ARGS | {"beta": np.asarray(found.values[row])}
-    half = lh.trajectory(SYSTEM, points[-1], args, t1=fu.PERIOD / 2, n=2).x[-1]
+    half = lh.trajectory(SYSTEM, points[-1], args, t1=cases.PERIOD / 2, n=2).x[-1]
     gap = points + np.asarray(half)
     gap[:, 0] -= 2 * np.pi * np.round(gap[:, 0] / (2 * np.pi))
     return bool(np.min(np.max(np.abs(gap), axis=1)) < 1e-2)
@@ -139,7 +140,7 @@ def test_chaos_is_transient(escapes):
 
 
 def test_the_cycle_that_chaos_escapes_to_is_followed_up_to_its_fold(escapes):
-    (beta,) = (beta for beta, what in fu.BIFURCATIONS if what == ONE_FOLD)
+    (beta,) = (beta for beta, what in cases.BIFURCATIONS if what == ONE_FOLD)
     start = escapes.points[escapes.labels == "P1w3"][0, -1]
     # Near the fold the basin is so narrow that steps of 1e-3 lose the cycle one step early.
     values = np.round(np.arange(0.01, 0.0165, STEP / 2), 6)

@@ -13,8 +13,14 @@ import lyaphybrid as lh
 import references
 from lyaphybrid import zoo
 from lyaphybrid.__main__ import main
-from lyaphybrid.papers import claims, fu, fu_bifurcations, fu_checks, fu_figures, fu_report, output, synchronisation
-from lyaphybrid.papers import transfer_matrices as tm
+from lyaphybrid.papers import claims, output
+from lyaphybrid.papers.fu import bifurcations as fu_bifurcations
+from lyaphybrid.papers.fu import cases, synchronisation
+from lyaphybrid.papers.fu import checks as fu_checks
+from lyaphybrid.papers.fu import figures as fu_figures
+from lyaphybrid.papers.fu import report as fu_report
+from lyaphybrid.papers.fu import reproduction as fu
+from lyaphybrid.papers.fu import transfer_matrices as tm
 
 PLUS, MINUS, STICK = range(3)  # in `tm.FIELDS`
 MODES = ("plus", "minus", "sliding")  # the same in the zoo
@@ -142,16 +148,16 @@ def test_the_scheme_knows_its_methods():
 def test_the_parameters_and_bifurcations_are_those_of_the_reference():
     nonsmooth = json.loads((references.DATA / "nonsmooth.json").read_text())
     listed = {round(entry["beta"], 9) for entry in nonsmooth["bifurcations_alpha001"]}
-    assert {round(beta, 9) for beta, _ in fu.BIFURCATIONS} == listed
+    assert {round(beta, 9) for beta, _ in cases.BIFURCATIONS} == listed
     entries = {entry["id"]: entry for entry in nonsmooth["entries"]}
-    for case in fu.CASES:
+    for case in cases.CASES:
         parameters = entries[f"fu_fig{case.figure}"]["params"]
         assert (case.beta, case.alpha) == (parameters["beta"], parameters["alpha"])
     chaos = entries["fu_fig3"]
     assert (fu_checks.FINITE_PART, fu_checks.STICKS) == (chaos["lambda2_finite_part"], chaos["sticks_per_period"])
     with (references.DATA / "friction_beta_sweep.csv").open() as file:
         rows = {float(row["beta"]): row for row in csv.DictReader(file)}
-    for beta, (label, exponent) in fu.SWEEP.items():
+    for beta, (label, exponent) in cases.SWEEP.items():
         assert rows[beta]["class_majority"] == label
         assert abs(float(rows[beta]["lambda_max_majority"]) - exponent) < 1e-9
 
@@ -159,8 +165,8 @@ def test_the_parameters_and_bifurcations_are_those_of_the_reference():
 @pytest.mark.slow
 def test_cycles_are_those_of_the_reference():
     """The multipliers that the table shows, by the same call."""
-    for case in fu.CASES[:2]:
-        orbit = lh.floquet(*fu._problem(case), period=fu.PERIOD)
+    for case in cases.CASES[:2]:
+        orbit = lh.floquet(*fu._problem(case), period=cases.PERIOD)
         exact = np.array(zoo.friction_pendulum(beta=case.beta, alpha=case.alpha).reference.exponents)
         assert fu_checks.near(np.asarray(orbit.exponents), exact, 1e-9)
         assert not fu_checks.near(np.asarray(orbit.exponents) + 1e-8, exact, 1e-9)
@@ -203,7 +209,7 @@ def test_what_json_cannot_hold_is_named():
 def vanishings():
     """One of each kind, and the two that are hardest to find: P1w3, and P5b of the list's lower precision."""
     wanted = ("fold of P1w3", "doubling of P1", "symmetry of P1", "fold of P3", "symmetry of P5b")
-    system, _, args = fu._problem(fu.CASES[2])
+    system, _, args = fu._problem(cases.CASES[2])
     return fu_bifurcations.vanishings(system, args, [one for one in fu_bifurcations.LISTED if one.name in wanted])
 
 
@@ -236,15 +242,15 @@ def pair():
     return fu._pair()
 
 
-@pytest.mark.parametrize("case", fu.CASES[:2], ids=["slips", "sticks"])
+@pytest.mark.parametrize("case", cases.CASES[:2], ids=["slips", "sticks"])
 def test_a_copy_follows_where_the_coupling_exceeds_the_exponent(pair, case):
     _, x0, args = fu._off(case)
     exact = zoo.friction_pendulum(beta=case.beta, alpha=case.alpha).reference.exponents[0]
     place = synchronisation.Place(0.0, np.asarray(x0), np.ones(2))
     for _ in range(3):  # the first trials see how the motion settles
-        _, place = synchronisation.trial(pair, place, args, -0.5, fu.PERIOD)
+        _, place = synchronisation.trial(pair, place, args, -0.5, cases.PERIOD)
     for off, follows in ((-4e-3, False), (4e-3, True)):
-        assert synchronisation.trial(pair, place, args, exact + off, fu.PERIOD)[0] == follows
+        assert synchronisation.trial(pair, place, args, exact + off, cases.PERIOD)[0] == follows
 
 
 def test_the_coupling_at_which_half_of_the_trials_follow():
@@ -261,10 +267,10 @@ def test_the_coupling_at_which_half_of_the_trials_follow():
 
 def test_the_copy_is_pulled_as_the_formula_says(pair):
     """Both slip in the same direction: the second has d (x − y) more."""
-    _, _, args = fu._problem(fu.CASES[2])
+    _, _, args = fu._problem(cases.CASES[2])
     z = jnp.array([0.3, 0.5, -0.2, 0.7])
     own = {"system": args, "coupling": jnp.asarray(0.25), "closer": jnp.asarray(1e-9), "farther": jnp.asarray(1.0)}
-    system = fu._problem(fu.CASES[2])[0]
+    system = fu._problem(cases.CASES[2])[0]
     field = np.concatenate([np.asarray(system.fields[0](1.0, x, args)) for x in (z[:2], z[2:])])
     field[2:] += 0.25 * np.asarray(z[:2] - z[2:])
     np.testing.assert_allclose(pair.fields[0](jnp.asarray(1.0), z, own), field, rtol=0, atol=1e-15)
@@ -274,7 +280,7 @@ def test_the_copy_is_pulled_as_the_formula_says(pair):
 
 def test_exponents_are_numbered_alike_everywhere():
     """λ1 ≥ λ2 ≥ λ3 of (θ, θ', z): the 0 of z = t is the first of a cycle and the second in chaos."""
-    for case, order in zip(fu.CASES, ([0, 1, 2], [0, 1, 2], [1, 0, 2]), strict=True):
+    for case, order in zip(cases.CASES, ([0, 1, 2], [0, 1, 2], [1, 0, 2]), strict=True):
         found = object.__new__(fu.Found)
         object.__setattr__(found, "case", case)
         assert found.order == order
@@ -305,7 +311,7 @@ def test_signs_of_cycles_are_counted_where_the_points_say_so():
 
 
 def test_the_starts_lie_beside_the_cycles():
-    for case in fu.CASES[:2]:
+    for case in cases.CASES[:2]:
         assert np.max(np.abs(fu._off(case)[1] - fu._problem(case)[1])) > 0.1
 
 

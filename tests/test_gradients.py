@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
 from known_gradients import OF_IMPACTS, complex_pair, estimated, logistic, sheared_hopf
-from lyaphybrid.gradients import implicit
+from lyaphybrid.analysis.sensitivity import implicit
 
 
 def forcing_period(args):

@@ -7,7 +7,7 @@ import pytest
 
 import lyaphybrid as lh
 from known_gradients import TORUS, sheared_hopf, torus
-from lyaphybrid._engines import compilations
+from lyaphybrid._jax.engines import compilations
 
 HOPF, CIRCLES = lh.Flow(sheared_hopf), lh.Map(torus)
 LOGISTIC = lh.Map(lambda n, x, args: args["r"] * x * (1 - x))

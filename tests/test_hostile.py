@@ -8,8 +8,9 @@ import pytest
 
 import lyaphybrid as lh
 from hostile import CIRCLE, FRICTION, HOSTILE, MOD, STIFF, WHERE, answer
-from lyaphybrid import STATUS, waiting
-from lyaphybrid.paces import ENDLESS, LONG, WINDOW, Pace, Rates
+from lyaphybrid import STATUS
+from lyaphybrid.engine import waiting
+from lyaphybrid.engine.host.paces import ENDLESS, LONG, WINDOW, Pace, Rates
 
 SECONDS = 20  # of a processor
 
@@ -66,11 +67,17 @@ def test_of_several_runs_only_those_end_that_have_stalled(limited):
 
 
 class _Standing:
-    """As much of a journey as a pace looks at."""
+    """As much of a loop's state as a pace looks at."""
 
     def __init__(self, time, jumps=0, h=0.1):
         self.elapsed, self.carry = np.float64(time), self
-        self.s, self.jumps, self.status, self.own, self.h = np.float64(0), np.int32(jumps), np.int32(0), self, h
+        self.s, self.jumps, self.status, self.solver_state, self.h = (
+            np.float64(0),
+            np.int32(jumps),
+            np.int32(0),
+            self,
+            h,
+        )
 
 
 def judged(moved, end, rates=None, jumped=0, last_jump=None, windows=1):

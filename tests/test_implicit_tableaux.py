@@ -5,8 +5,8 @@ import pytest
 import scipy.optimize
 from numpy.testing import assert_allclose
 
-from lyaphybrid.methods.implicit_tableaux import IMPLICIT
-from lyaphybrid.papers import linh_tables
+from lyaphybrid.integrators.implicit.implicit_tableaux import IMPLICIT
+from lyaphybrid.papers.linh import tables as linh_tables
 
 ORDERS = {"esdirk34": (4, 3), "esdirk54b": (5, 4), "kvaerno3": (3, 2), "kvaerno4": (4, 3), "kvaerno5": (5, 4)}
 

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from examples import primitives
-from lyaphybrid._jaxprs import divided, settled
+from lyaphybrid._jax.jaxprs import divided, settled
 
 
 def oscillator(zeta):

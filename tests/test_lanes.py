@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import lyaphybrid as lh
-from lyaphybrid import devices, lanes
-from lyaphybrid.native import _programs
+from lyaphybrid.engine.host import devices, lanes
+from lyaphybrid.native.bridge import programs as _programs
 
 
 def orbit(r, lane):

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
 from lyaphybrid import zoo
-from lyaphybrid.zoo.lattices import THREE_PARTS
+from lyaphybrid.zoo.hamiltonian.lattices import THREE_PARTS
 
 both = pytest.mark.parametrize("name", ["klein_gordon", "schroedinger_lattice"])
 

@@ -10,8 +10,8 @@ import pytest
 import brute_force
 import lyaphybrid as lh
 from examples import alone, between_walls, wall_ahead
-from lyaphybrid.methods.scheduled import predicting_anew
-from lyaphybrid.zoo.particles import hard_particles
+from lyaphybrid.engine.evolvers.scheduled import predicting_anew
+from lyaphybrid.zoo.bodies.particles import hard_particles
 from references import load_event_driven
 
 DISKS = load_event_driven()["hard_disks"]

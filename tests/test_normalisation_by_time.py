@@ -10,15 +10,16 @@ import pytest
 from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
-from lyaphybrid import runs
-from lyaphybrid.blocks import cadence_for, targets_for
-from lyaphybrid.methods.scheduled import predicting_anew
+from lyaphybrid.engine import preparation, problems
+from lyaphybrid.engine.blocks import qr_schedule_for, targets_for
+from lyaphybrid.engine.evolvers.scheduled import predicting_anew
+from lyaphybrid.engine.host import driver
 
 DISKS = lh.zoo.hard_disks()
 EVERY = ("time", 0.01)  # of Table I: ten time steps of 0.001
 
 
-class Seen(NamedTuple):
+class Orthonormalisation(NamedTuple):
     """How many orthonormalisations there were, and how far from a multiple of the interval."""
 
     count: jnp.ndarray
@@ -29,11 +30,11 @@ class Counting:
     """A `Watch` of the instants of orthonormalisations."""
 
     def begin(self, t, frame):
-        return Seen(jnp.asarray(0), jnp.zeros_like(t))
+        return Orthonormalisation(jnp.asarray(0), jnp.zeros_like(t))
 
     def update(self, state, seen):
         off = jnp.abs(seen.t / EVERY[1] - jnp.round(seen.t / EVERY[1]))
-        return Seen(state.count + 1, jnp.maximum(state.off, off))
+        return Orthonormalisation(state.count + 1, jnp.maximum(state.off, off))
 
     def moved(self, state, source):
         return state
@@ -63,17 +64,17 @@ SYSTEMS = {"schedule": DISKS.system, "no schedule": predicting_anew(DISKS.system
 
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_it_is_done_at_the_multiples_of_the_interval_and_only_there(name):
-    problem, x0, t0, mode = runs.prepare(SYSTEMS[name], DISKS.x0, DISKS.args, 0.0, None, None)
-    cadence, interval = cadence_for(problem, EVERY)
-    plan = runs.Plan(cadence, "mgs", False, 0, False, False, runs.nothing, Counting())
-    journey = runs.start(problem, plan, t0, x0, jnp.eye(x0.shape[0]), mode, jnp.asarray(interval))
+    problem, x0, t0, mode = preparation.prepare(SYSTEMS[name], DISKS.x0, DISKS.args, 0.0, None, None)
+    qr_schedule, interval = qr_schedule_for(problem, EVERY)
+    plan = problems.Plan(qr_schedule, "mgs", False, 0, False, False, problems.nothing, Counting())
+    loop_state = driver.start(problem, plan, t0, x0, jnp.eye(x0.shape[0]), mode, jnp.asarray(interval))
     targets = targets_for(np.array([1.0, 2.5]), "time", False, x0.dtype)
-    outcome = runs.drive(problem, plan, journey, *targets)
-    seen = outcome.journey.carry.watch
-    assert int(outcome.journey.carry.jumps) > 20
+    outcome = driver.drive(problem, plan, loop_state, *targets)
+    seen = outcome.loop_state.carry.observer
+    assert int(outcome.loop_state.carry.jumps) > 20
     assert float(seen.off) < 1e-9
     assert int(seen.count) == 250
-    assert_allclose(runs.time_of(outcome.journey), 2.5, rtol=1e-15)
+    assert_allclose(problems.time_of(outcome.loop_state), 2.5, rtol=1e-15)
 
 
 def test_the_motion_and_the_exponents_are_those_of_any_other_interval():

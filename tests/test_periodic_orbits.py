@@ -7,7 +7,7 @@ import pytest
 
 import lyaphybrid as lh
 from lyaphybrid import zoo
-from lyaphybrid.periods import depends_on_time
+from lyaphybrid.analysis.orbits.periods import depends_on_time
 
 FORCED = 2 * np.pi / 0.666
 

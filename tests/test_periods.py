@@ -9,7 +9,7 @@ import pytest
 
 import lyaphybrid as lh
 from lyaphybrid import zoo
-from lyaphybrid.periods import check_period, depends_on_time
+from lyaphybrid.analysis.orbits.periods import check_period, depends_on_time
 
 IMPACTS = zoo.impact_oscillator()
 FORCED = (IMPACTS.system, IMPACTS.x0, IMPACTS.args)

@@ -13,7 +13,7 @@ from matplotlib.quiver import Quiver
 from PIL import Image
 
 import lyaphybrid as lh
-from lyaphybrid import pictures
+from lyaphybrid.zoo import pictures
 
 
 @pytest.fixture(autouse=True)

@@ -9,8 +9,8 @@ from matplotlib.colors import to_hex
 
 import lyaphybrid as lh
 from lyaphybrid import plots
-from lyaphybrid.results import History, Spectrum
-from lyaphybrid.trajectories import Events, Trajectory
+from lyaphybrid.analysis.trajectories import Events, Trajectory
+from lyaphybrid.results.spectrum import History, Spectrum
 
 
 @pytest.fixture(autouse=True)

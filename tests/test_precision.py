@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
-from lyaphybrid.precision import LEAST, digits, eps, nonzero
+from lyaphybrid._jax.precision import LEAST, digits, eps, nonzero
 
 DIGITS = 1e-3  # three to four digits
 

@@ -8,9 +8,9 @@ from numpy.testing import assert_allclose
 import lyaphybrid as lh
 from examples import STIFF
 from lyaphybrid import zoo
-from lyaphybrid._engines import compiled
-from lyaphybrid.methods import radau
-from lyaphybrid.systems import Bound
+from lyaphybrid._jax.engines import compiled
+from lyaphybrid.integrators.implicit import radau
+from lyaphybrid.systems.bound import Bound
 
 # Example 5.1 and 5.2, T = 1000, ln R(t₀) not counted: as in test_daes.py.
 EXACT = (-0.17982701889600464, -2.8206929901660955)

@@ -8,8 +8,8 @@ from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
 from known_gradients import baker, of_solenoid, perturbed_cat, solenoid
-from lyaphybrid.gradients import estimates, regression
-from lyaphybrid.zoo.walls import LINE, billiard, falls, lowest
+from lyaphybrid.analysis.sensitivity import estimates, regression
+from lyaphybrid.zoo.bodies.walls import LINE, billiard, falls, lowest
 
 KEY = jax.random.key(1)
 

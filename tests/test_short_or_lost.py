@@ -10,9 +10,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
-from lyaphybrid import double_double, lost_directions
-from lyaphybrid._engines import compiled
-from lyaphybrid.double_double import Pair
+from lyaphybrid._jax import double_double
+from lyaphybrid._jax.double_double import Pair
+from lyaphybrid._jax.engines import compiled
+from lyaphybrid._linalg import lost_directions
 
 ENGINES = pytest.mark.parametrize("engine", [jax.jit, compiled()], ids=["xla", "native"])
 TURN = np.array([[math.cos(0.7), -math.sin(0.7)], [math.sin(0.7), math.cos(0.7)]])

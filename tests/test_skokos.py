@@ -10,8 +10,12 @@ import pytest
 
 import lyaphybrid as lh
 from lyaphybrid.__main__ import main
-from lyaphybrid.papers import skokos, skokos_cases, skokos_checks, skokos_report, skokos_witness
 from lyaphybrid.papers.claims import CORRECTED
+from lyaphybrid.papers.skokos import cases as skokos_cases
+from lyaphybrid.papers.skokos import checks as skokos_checks
+from lyaphybrid.papers.skokos import report as skokos_report
+from lyaphybrid.papers.skokos import reproduction as skokos
+from lyaphybrid.papers.skokos import witness as skokos_witness
 from lyaphybrid.statuses import STATUS
 from references import load_tangent_dynamics
 

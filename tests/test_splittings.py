@@ -11,10 +11,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
-from lyaphybrid._engines import compiled
-from lyaphybrid.methods.splittings import SCHEMES, A, B
-from lyaphybrid.methods.symplectic import moved
-from lyaphybrid.systems import Bound
+from lyaphybrid._jax.engines import compiled
+from lyaphybrid.integrators.hamiltonian.splittings import SCHEMES, A, B
+from lyaphybrid.integrators.hamiltonian.symplectic import moved
+from lyaphybrid.systems.bound import Bound
 
 
 def quadratic(p, args):

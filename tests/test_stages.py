@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import lyaphybrid as lh
-from lyaphybrid._engines import compiled
-from lyaphybrid.methods.stepping import Stepping, are_curved
+from lyaphybrid._jax.engines import compiled
+from lyaphybrid.engine.evolvers.stepping import Stepping, are_nonlinear
 
 T, H, X = 0.7, 0.1, np.array([0.3, -0.4])
 
@@ -52,9 +52,9 @@ def test_a_state_alone_steps_too():
 
 def test_curvature_is_seen():
     x = jnp.array([0.1, 0.2])
-    assert not are_curved([forced], 0.0, x)
-    assert are_curved([forced, lambda t, x: forced(t, x) * x[0]], 0.0, x)
-    assert are_curved([lambda t, x: lorenz96(t, x, None)], 0.0, jnp.ones(5))
+    assert not are_nonlinear([forced], 0.0, x)
+    assert are_nonlinear([forced, lambda t, x: forced(t, x) * x[0]], 0.0, x)
+    assert are_nonlinear([lambda t, x: lorenz96(t, x, None)], 0.0, jnp.ones(5))
 
 
 def test_a_rejected_stage_that_is_no_number_ends_nothing():
@@ -95,7 +95,7 @@ def spectrum_of_three_modes(method):
 def test_a_loop_for_each_mode_is_one_loop_with_a_switch(monkeypatch):
     method = lh.RungeKutta("rk4", dt=0.05)
     loops = spectrum_of_three_modes(method)
-    monkeypatch.setattr(Stepping, "in_each_mode", lambda mover: (mover,))
+    monkeypatch.setattr(Stepping, "in_each_mode", lambda evolver: (evolver,))
     switch = spectrum_of_three_modes(method)
     assert loops.jumps == switch.jumps
     np.testing.assert_allclose(loops.x, switch.x, rtol=1e-11)
@@ -106,7 +106,7 @@ def test_a_loop_for_each_mode_is_one_loop_with_a_switch(monkeypatch):
 def test_tangents_at_known_points_are_those_of_the_steps_of_a_run(monkeypatch):
     method = lh.RungeKutta("dopri5")
     known = spectrum_of_three_modes(method)
-    monkeypatch.setattr(Stepping, "revisits", property(lambda mover: False))
+    monkeypatch.setattr(Stepping, "revisits", property(lambda evolver: False))
     derived = spectrum_of_three_modes(method)
     assert known.jumps == derived.jumps
     np.testing.assert_allclose(known.x, derived.x, rtol=1e-10)

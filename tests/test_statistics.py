@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import lyaphybrid as lh
-from lyaphybrid.zoo import statistics
-from lyaphybrid.zoo.statistics import kick_by_energy
+from lyaphybrid.zoo.bodies import statistics
+from lyaphybrid.zoo.bodies.statistics import kick_by_energy
 from references import load_event_driven
 
 SIZES = np.random.default_rng(5).uniform(0.5, 1.0, 9)

@@ -9,8 +9,8 @@ from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
 from lyaphybrid import zoo
-from lyaphybrid.consistency import tangent_frame
-from lyaphybrid.indicators.graded import log_singular_values
+from lyaphybrid.analysis.indicators.graded import log_singular_values
+from lyaphybrid.systems.consistency import tangent_frame
 
 A = np.array([[1.0, 30.0, -5.0], [0.0, -3.0, 20.0], [0.0, 0.0, -10.0]])  # far from normal
 NONNORMAL = lh.Flow(lambda t, x, args: jnp.asarray(A) @ x)

@@ -10,9 +10,10 @@ from matplotlib import pyplot
 from matplotlib.colors import to_hex
 
 import lyaphybrid as lh
-from lyaphybrid import _sweep_arrays as arrays
-from lyaphybrid import _sweep_plots, plots
-from lyaphybrid._axes import COLOURS
+from lyaphybrid import plots
+from lyaphybrid.plots import sweep_arrays as arrays
+from lyaphybrid.plots import sweeps as _sweep_plots
+from lyaphybrid.plots.axes import COLOURS
 from lyaphybrid.statuses import STATUS
 
 

@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
 from examples import BALL_LANES, LOGISTIC, ball_args, ball_lane
-from lyaphybrid import lanes
+from lyaphybrid.engine.host import lanes
 from lyaphybrid.sweeps import sweeping
 from lyaphybrid.sweeps.plans import plan
 

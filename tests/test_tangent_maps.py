@@ -10,8 +10,8 @@ from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
 from lyaphybrid import zoo
-from lyaphybrid._engines import compiled
-from lyaphybrid.systems import Bound
+from lyaphybrid._jax.engines import compiled
+from lyaphybrid.systems.bound import Bound
 
 STEP = 0.05
 R1, C1 = {"y": 0.55}, {"y": -0.016}

@@ -9,12 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-import lyaphybrid.spectra
 from lyaphybrid import zoo
-from lyaphybrid._engines import compiled
-from lyaphybrid.daes import degrees_of_freedom
-from lyaphybrid.methods.scheduled import predicting_anew
-from lyaphybrid.systems import EventDriven, Flow, Hybrid, Map
+from lyaphybrid._jax.engines import compiled
+from lyaphybrid.analysis import spectra
+from lyaphybrid.engine.evolvers.scheduled import predicting_anew
+from lyaphybrid.systems.daes.semi_linear import degrees_of_freedom
+from lyaphybrid.systems.event_driven import EventDriven
+from lyaphybrid.systems.hybrid import Hybrid
+from lyaphybrid.systems.smooth import Flow, Map
 
 VARIANTS = [
     *((name, {}) for name in zoo.names()),
@@ -182,7 +184,7 @@ def test_the_energy_of_disks_may_be_traced():
 
 def test_spectrum_hands_over_what_the_problem_says(monkeypatch):
     calls = []
-    monkeypatch.setattr(lyaphybrid.spectra, "lyapunov_spectrum", lambda *a, **k: calls.append((a, k)) or "spectrum")
+    monkeypatch.setattr(spectra, "lyapunov_spectrum", lambda *a, **k: calls.append((a, k)) or "spectrum")
     problem = zoo.conewise_linear()
     assert problem.spectrum(transient=3.0, x0=[1.0, 2.0], k=1) == "spectrum"
     (system, x0, args), keywords = calls[0]

@@ -30,7 +30,7 @@ if __name__ == "__main__":
 
     jax.config.update("jax_enable_x64", True)
     if "sharded" in sys.argv:
-        from lyaphybrid import devices
+        from lyaphybrid.engine.host import devices
 
         devices.are_wanted = lambda: True
     found = swept()

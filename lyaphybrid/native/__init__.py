@@ -1,12 +1,12 @@
 """A small compiler: from a jaxpr to machine code by LLVM. It knows nothing of dynamics."""
 
-from ._bridge import native, native_call
-from ._calls import seldom
-from ._collector import no_collector
-from ._compiled import EVENTS, Compiled, compile
-from ._costs import instructions
-from ._programs import Program, engine
-from ._unsupported import Unsupported
+from .bridge.compiled import EVENTS, Compiled, compile
+from .bridge.primitive import native, native_call
+from .bridge.programs import Program, engine
+from .lowering.costs import instructions
+from .lowering.unsupported import Unsupported
+from .machine.collector import no_collector
+from .rules.calls import seldom
 
 __all__ = [
     "EVENTS",

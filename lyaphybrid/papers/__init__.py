@@ -1,7 +1,7 @@
-"""Papers: their tables and figures, computed and compared. One module each, with the same two functions.
+"""Papers: their tables and figures, computed and compared. A folder each, with the same two functions.
 
-`reproduce(quick=…)` computes and returns a result that prints as the paper's table and says whether it
-`passed`; `write(result, folder)` puts figures and numbers into files.
+In its `reproduction`, `reproduce(quick=…)` computes and returns a result that prints as the paper's table and says
+whether it `passed`; `write(result, folder)` puts figures and numbers into files.
 """
 
 import importlib
@@ -12,7 +12,7 @@ AVAILABLE = ("dinius", "fu", "linh", "skokos")
 
 
 def get(name: str):
-    """The module of a paper.
+    """The module that reproduces a paper.
 
     Args:
         name: one of `AVAILABLE`.
@@ -22,4 +22,4 @@ def get(name: str):
     """
     if name not in AVAILABLE:
         raise ValueError(f"There is no paper {name!r}; there are: {', '.join(AVAILABLE)}.")
-    return importlib.import_module(f"{__name__}.{name}")
+    return importlib.import_module(f"{__name__}.{name}.reproduction")

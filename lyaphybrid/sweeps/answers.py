@@ -6,8 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..checks import require
-from ..results import Spectrum, guard_unreached, step_too_long, unresolved
+from .._arguments import require
+from ..results.spectrum import Spectrum, guard_unreached, step_too_long, unresolved
 from ..statuses import STATUS, gravest
 
 __all__ = ["NOTES", "dims_of", "missing", "named"]

@@ -12,7 +12,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from ..lanes import Program, run_chains
+from ..engine.host.lanes import Program, run_chains
 
 __all__ = ["run_on"]
 

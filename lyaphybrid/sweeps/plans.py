@@ -1,19 +1,30 @@
 """Which points a sweep visits: axes over entries of args, starts and keys, and the lanes that come of them."""
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..checks import require
+from .._arguments import require
 
-__all__ = ["Lane", "Plan", "plan", "raw"]
+__all__ = ["Lane", "Plan", "Runnable", "plan", "raw"]
 
 EXTRAS = ("x0", "key")  # what a run may take besides args
 POINT = "point"
+
+
+@runtime_checkable
+class Runnable(Protocol):
+    """What can be swept as it is: a problem of the zoo, with its parameters and a spectrum."""
+
+    args: Any
+
+    def spectrum(self, **changes: Any) -> Any:
+        """Its spectrum, at other args or from another start."""
+        ...
 
 
 class Axis(NamedTuple):

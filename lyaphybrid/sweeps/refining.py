@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import require, whole
+from .._arguments import require, whole
 from ..statuses import STATUS
-from ..zoo.problem import Problem
-from .plans import POINT, plan
+from .plans import POINT, Runnable, plan
 from .sweeping import Work, function_of
 
 __all__ = ["chaotic", "refine"]
@@ -28,7 +27,7 @@ def chaotic(dataset) -> np.ndarray:
 
 def refine(
     dataset,
-    run: Callable | Problem,
+    run: Callable | Runnable,
     *,
     args: Any = None,
     levels: int = 3,

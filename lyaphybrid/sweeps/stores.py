@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from .._hashes import as_bytes
-from ..checks import require
+from .._arguments import require
+from .._jax.hashes import as_bytes
 from .answers import dims_of
 from .plans import Plan
 

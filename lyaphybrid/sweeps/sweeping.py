@@ -11,18 +11,20 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from .. import devices
-from .._hashes import hash_of_arrays, hash_of_function
-from .._jaxprs import needed
-from .._tracing import traced
-from ..checks import require, whole
-from ..lanes import Program, run_chains
-from ..runs import Noticed, mode_names, noticing, reporter
+from .._arguments import require, whole
+from .._jax.hashes import hash_of_arrays, hash_of_function
+from .._jax.jaxprs import needed
+from .._jax.tracing import traced
+from .._version import __version__
+from ..engine.host import devices
+from ..engine.host.lanes import Program, run_chains
+from ..engine.host.reporting import reporter
+from ..engine.preparation import Noticed, noticing
+from ..engine.problems import mode_names
 from ..statuses import STATUS
-from ..zoo.problem import Problem
 from .answers import NOTES, dims_of, missing, named
 from .clusters import run_on
-from .plans import Lane, Plan, plan, raw
+from .plans import Lane, Plan, Runnable, plan, raw
 from .stores import StoreFailed, opened
 
 __all__ = ["sweep"]
@@ -31,7 +33,7 @@ CHUNK = 256  # points that one thread takes at a time
 
 
 def sweep(
-    run: Callable | Problem,
+    run: Callable | Runnable,
     over: Mapping[str, Any] | None = None,
     *,
     points: Mapping[str, Any] | None = None,
@@ -94,10 +96,10 @@ def sweep(
     return work.dataset(store, client, progress)
 
 
-def function_of(run: Callable | Problem, args: Any) -> tuple[Callable, Any]:
+def function_of(run: Callable | Runnable, args: Any) -> tuple[Callable, Any]:
     """The function that is run, and its args."""
-    args = run.args if args is None and isinstance(run, Problem) else args
-    function = _OfProblem(run) if isinstance(run, Problem) else run
+    args = run.args if args is None and isinstance(run, Runnable) else args
+    function = _OfProblem(run) if isinstance(run, Runnable) else run
     require(callable(function), f"run must be a function of args, or a zoo problem; got {run!r}.")
     return function, args
 
@@ -284,7 +286,6 @@ def _hashes(named: _Named, args: Any, grid: Plan) -> tuple[str, str]:
 
 def _about(run, runs: list[Noticed]) -> dict[str, str]:
     """What was run, in words."""
-    from .. import __version__  # known only when all of the package is
 
     def words(things) -> str:
         return "; ".join(dict.fromkeys(" ".join(repr(one).split()) for one in things))

@@ -5,24 +5,24 @@
 Parameters that are numbers travel in `args`: changing them does not compile again.
 """
 
-from .billiards import ellipse, lorentz_gas, mean_free_path, sinai_billiard, stadium, wedge
-from .celestial import double_pendulum, kepler, restricted_three_body
-from .circuits import boost_converter, buck_converter, chua, corron_oscillator
-from .constrained import diode_circuit, lorenz_dae, pendulum_dae, rotated_dae, spring_damper_dae, swing_dae
-from .coupled_maps import coupled_standard_maps, froeschle_map
-from .disks_and_spheres import hard_disks, hard_spheres
-from .friction import block_on_plate, friction_pendulum, relay_feedback, stick_slip_belt
-from .impacts import bouncing_ball, impact_oscillator, kicked_ball, zaslavsky
-from .lattices import klein_gordon, schroedinger_lattice
-from .maps import baker_map, cat_map, henon_map, kaplan_yorke_map, logistic_map, standard_map
-from .neurons import adex, integrate_and_fire
-from .oscillators import fpu_alpha, fpu_beta, hamiltonian_3d, henon_heiles
-from .piecewise import beta_clock, conewise_linear, grow_reset, skew_tent_roof
+from .bodies.billiards import ellipse, lorentz_gas, mean_free_path, sinai_billiard, stadium, wedge
+from .bodies.disks_and_spheres import hard_disks, hard_spheres
+from .bodies.statistics import CollisionStatistics, collision_statistics
+from .flows.constrained import diode_circuit, lorenz_dae, pendulum_dae, rotated_dae, spring_damper_dae, swing_dae
+from .flows.smooth import lorenz63, lorenz96, rossler
+from .hamiltonian.celestial import double_pendulum, kepler, restricted_three_body
+from .hamiltonian.lattices import klein_gordon, schroedinger_lattice
+from .hamiltonian.oscillators import fpu_alpha, fpu_beta, hamiltonian_3d, henon_heiles
+from .mappings.coupled_maps import coupled_standard_maps, froeschle_map
+from .mappings.maps import baker_map, cat_map, henon_map, kaplan_yorke_map, logistic_map, standard_map
+from .mechanics.friction import block_on_plate, friction_pendulum, relay_feedback, stick_slip_belt
+from .mechanics.impacts import bouncing_ball, impact_oscillator, kicked_ball, zaslavsky
+from .mechanics.rattling import gear_rattle, rocking_block
+from .mechanics.walkers import rimless_wheel, simplest_walker
 from .problem import Problem, Reference, get, unknown
-from .rattling import gear_rattle, rocking_block
-from .smooth import lorenz63, lorenz96, rossler
-from .statistics import CollisionStatistics, collision_statistics
-from .walkers import rimless_wheel, simplest_walker
+from .switched.circuits import boost_converter, buck_converter, chua, corron_oscillator
+from .switched.neurons import adex, integrate_and_fire
+from .switched.piecewise import beta_clock, conewise_linear, grow_reset, skew_tent_roof
 
 __all__ = [
     "Problem",

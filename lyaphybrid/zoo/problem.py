@@ -12,8 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._tracing import traced
-from ..systems import System
+from .._jax.tracing import traced
+from ..systems.kinds import System
 
 __all__ = ["Problem", "Real", "Reference", "get", "problem", "unknown"]
 
@@ -113,7 +113,7 @@ class Problem:
         Returns:
             A `Spectrum`.
         """
-        from ..spectra import lyapunov_spectrum
+        from ..analysis.spectra import lyapunov_spectrum
 
         keywords = {
             "x0": self.x0,

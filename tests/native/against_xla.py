@@ -4,7 +4,7 @@ import jax
 import numpy as np
 
 from lyaphybrid import native
-from lyaphybrid.native._costs import Plan
+from lyaphybrid.native.lowering.costs import Plan
 
 PLANS = {"buffers": Plan(1, 2), "mixed": Plan(16, 1), "entries": Plan(64, 0)}
 TOLERANCE = {np.dtype(np.float64): 1e-12, np.dtype(np.float32): 2e-5}

@@ -9,7 +9,7 @@ import pytest
 from jax import export
 
 from lyaphybrid import native
-from lyaphybrid.native import _programs
+from lyaphybrid.native.bridge import programs as _programs
 
 
 def lorenz(rho, x):
@@ -224,7 +224,7 @@ def test_where_native_code_is_demanded_it_is_an_error(unsupported, monkeypatch):
 def test_the_engine_is_chosen_by_a_variable(monkeypatch):
     function = native.native(lambda x: 3 * x)
     monkeypatch.setenv("LYAPHYBRID_ENGINE", "XLA")
-    monkeypatch.setattr("lyaphybrid.native._programs.Compiled", None)  # must not be used
+    monkeypatch.setattr("lyaphybrid.native.bridge.programs.Compiled", None)  # must not be used
     assert float(function(2.0)) == 6
     monkeypatch.setenv("LYAPHYBRID_ENGINE", "fortran")
     with pytest.raises(ValueError, match="must be one of auto, native, xla; got 'fortran'"):

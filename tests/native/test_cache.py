@@ -7,16 +7,18 @@ import sys
 import jax.numpy as jnp
 import pytest
 
-from lyaphybrid.native import _cache, compile
+from lyaphybrid.native import compile
+from lyaphybrid.native.machine import cache as _cache
 
 COUNT = """
 import jax
 jax.config.update("jax_enable_x64", True)
 import jax.numpy as jnp
-from lyaphybrid.native import _tiers, compile
+from lyaphybrid.native import compile
+from lyaphybrid.native.machine import tiers
 made = []
-original = _tiers.object_code
-_tiers.object_code = lambda *given: made.append(1) or original(*given)
+original = tiers.object_code
+tiers.object_code = lambda *given: made.append(1) or original(*given)
 def body(carry, x):
     matrix, total = carry
     matrix = matrix.at[1].set(matrix[0] + x)

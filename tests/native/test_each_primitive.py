@@ -10,7 +10,7 @@ from against_xla import PLANS, difference, differences
 from jax import lax
 
 from lyaphybrid import native
-from lyaphybrid.native._costs import Plan
+from lyaphybrid.native.lowering.costs import Plan
 
 # --- single entries --------------------------------------------------------------------------------------------------
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lyaphybrid import native
-from lyaphybrid.native._costs import Plan
+from lyaphybrid.native.lowering.costs import Plan
 
 WAYS = {
     "loop": dict(plan=Plan(1, 2)),

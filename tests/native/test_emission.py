@@ -19,10 +19,10 @@ from test_each_primitive import ARRAYS
 
 from lyaphybrid import native
 from lyaphybrid.native import Compiled
-from lyaphybrid.native._costs import Plan, runs_long
-from lyaphybrid.native._emitter import Emitter
-from lyaphybrid.native._lowering import lower
-from lyaphybrid.native._machine import Linked, object_code
+from lyaphybrid.native.lowering.costs import Plan, runs_long
+from lyaphybrid.native.lowering.emitter import Emitter
+from lyaphybrid.native.lowering.lowering import lower
+from lyaphybrid.native.machine.code import Linked, object_code
 
 TRIPLES = (
     "x86_64-unknown-linux-gnu",

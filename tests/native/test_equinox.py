@@ -9,7 +9,7 @@ import pytest
 from jax.extend.core import Primitive
 
 from lyaphybrid import native
-from lyaphybrid.native._costs import Plan
+from lyaphybrid.native.lowering.costs import Plan
 
 PLANS = (Plan(1, 2), Plan(64, 0))
 

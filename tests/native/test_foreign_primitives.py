@@ -9,8 +9,8 @@ import pytest
 from jax.extend.core import Primitive
 
 from lyaphybrid import native
-from lyaphybrid.native._costs import Plan
-from lyaphybrid.reverse_mode import both_ways, checkpointed
+from lyaphybrid._jax.reverse_mode import both_ways, checkpointed
+from lyaphybrid.native.lowering.costs import Plan
 
 PLANS = {"in-memory": Plan(1, 1), "entries": Plan(64, 0)}
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lyaphybrid import native
-from lyaphybrid.native._costs import Plan
+from lyaphybrid.native.lowering.costs import Plan
 
 PLANS = (Plan(1, 2), Plan(64, 0))
 SIZES = (1, 2, 3, 5, 8, 9, 33, 70)

@@ -9,7 +9,7 @@ import pytest
 from jax import lax
 
 from lyaphybrid import native
-from lyaphybrid.native._costs import Plan
+from lyaphybrid.native.lowering.costs import Plan
 
 # Arrays up to the size are held as entries, larger ones in memory.
 PLANS = {"in memory": Plan(1, 1), "mixed": Plan(8, 1), "entries": Plan(64, 0)}

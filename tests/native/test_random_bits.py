@@ -7,7 +7,7 @@ import pytest
 from jax.scipy.special import erfinv
 
 from lyaphybrid import native
-from lyaphybrid.native._costs import Plan
+from lyaphybrid.native.lowering.costs import Plan
 
 PLANS = (Plan(1, 2), Plan(64, 2))
 

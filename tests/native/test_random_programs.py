@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from random_programs import random_program
 
 from lyaphybrid.native import Compiled
-from lyaphybrid.native._costs import Plan
+from lyaphybrid.native.lowering.costs import Plan
 
 WAYS = (
     dict(plan=Plan(1, 2)), dict(plan=Plan(8, 2)), dict(), dict(plan=Plan(8, 0), checked=True),

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 import lyaphybrid as lh
-from lyaphybrid import _engines
-from lyaphybrid.native import Compiled, _tiers
-from lyaphybrid.native._costs import plan
+from lyaphybrid._jax import engines as _engines
+from lyaphybrid.native import Compiled
+from lyaphybrid.native.lowering.costs import plan
+from lyaphybrid.native.machine import tiers as _tiers
 
 PROBLEMS = {  # flows, events, maps, disks, a DAE, and sums of more terms than are written out
     "lorenz63": {"t1": 30.0},

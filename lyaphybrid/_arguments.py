@@ -1,0 +1,47 @@
+"""Checks of the numbers that a user gives: what was given, what was wanted."""
+
+from typing import Any
+
+import numpy as np
+
+from ._jax.tracing import traced
+
+__all__ = ["attempts", "positive", "real", "require", "whole"]
+
+
+def require(condition: bool, message: str) -> None:
+    """Raise a ValueError unless the condition holds."""
+    if not condition:
+        raise ValueError(message)
+
+
+def real(name: str, value: Any) -> None:
+    """A finite real number, if its value is known already."""
+    if not traced(value):
+        require(_is_number(value) and abs(float(value)) < np.inf, f"{name} must be a finite number; got {value!r}.")
+
+
+def positive(name: str, value: Any) -> None:
+    """A finite positive number, if its value is known already."""
+    if not traced(value):
+        good = _is_number(value) and 0 < float(value) < np.inf
+        require(good, f"{name} must be positive and finite; got {value!r}.")
+
+
+def whole(name: str, value: Any, least: int) -> None:
+    """An integer of at least `least`."""
+    good = isinstance(value, int | np.integer) and not isinstance(value, bool) and int(value) >= least
+    require(good, f"{name} must be an integer of at least {least}; got {value!r}.")
+
+
+def attempts(max_steps: Any) -> None:
+    """A limit on the attempts of a step: a positive integer, or None for no limit."""
+    if max_steps is not None and not traced(max_steps):
+        whole("max_steps", max_steps, least=1)
+
+
+def _is_number(value) -> bool:
+    if isinstance(value, bool | str | bytes | type(None)):
+        return False
+    array = np.asarray(value)
+    return array.ndim == 0 and array.dtype.kind in "iuf"

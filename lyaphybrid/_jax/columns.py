@@ -1,0 +1,144 @@
+"""A linear function of one perturbation, applied to all columns of a frame.
+
+`jax.vmap` brings the axis of the columns to the front for most operations. Here it stays the last one through every
+equation of the function's jaxpr: the entries of a row lie side by side, and our compiler holds a row of a frame in one
+vector. What has no rule below is left to `jax.vmap`.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jax.extend.core import ClosedJaxpr
+from jaxtyping import Array, Float
+
+from .jaxprs import applied, evaluated
+
+__all__ = ["each_column", "linear_at"]
+
+
+class Columns(NamedTuple):
+    """A value that differs from column to column: its last axis says which."""
+
+    array: Array
+
+
+def each_column(function: Callable, frame: Float[Array, "n k"]) -> Any:
+    """The function of every column.
+
+    Args:
+        function: dx (n,) -> pytree of arrays, linear in dx.
+        frame: (n, k).
+
+    Returns:
+        The same pytree; each array has one more axis, the last, of length k.
+    """
+    column = jax.ShapeDtypeStruct(frame.shape[:1], frame.dtype)
+    closed, shape = jax.make_jaxpr(function, return_shape=True)(column)
+    found = _spread(_through(closed, [Columns(frame)], frame.shape[1]), frame.shape[1])
+    return jax.tree.unflatten(jax.tree.structure(shape), found)
+
+
+def linear_at(function: Callable, x) -> Callable:
+    """Frames (n, k) ↦ Df frame, for the derivative Df at x of a function of x."""
+    return lambda frame: each_column(lambda dx: jax.jvp(function, (x,), (dx,))[1], frame)
+
+
+def _through(closed: ClosedJaxpr, inputs: list, k: int) -> list:
+    """The outputs of a jaxpr, as `Columns` where they depend on inputs that are."""
+    return evaluated(closed, inputs, lambda closed, eqn, operands: _through_equation(closed, eqn, operands, k))
+
+
+def _through_equation(closed: ClosedJaxpr, eqn, operands: list, k: int) -> list:
+    if not any(isinstance(operand, Columns) for operand in operands):
+        return applied(closed, eqn, operands)
+    name = eqn.primitive.name
+    if name in ("jit", "pjit"):
+        return _through(eqn.params["jaxpr"], operands, k)
+    if name == "cond" and not isinstance(operands[0], Columns):
+        return _through_branches(eqn, operands, k)
+    others = any(isinstance(one, Columns) for one in operands[1:])
+    rule = MIXED.get(name) or (None if others else OF_FIRST.get(name))
+    if rule:
+        return [Columns(rule(eqn.params, k, *operands))]
+    arrays = [one.array if isinstance(one, Columns) else one for one in operands]
+    axes = [-1 if isinstance(one, Columns) else None for one in operands]
+    return [Columns(one) for one in jax.vmap(lambda *each: applied(closed, eqn, each), axes, -1)(*arrays)]
+
+
+def _through_branches(eqn, operands, k) -> list:
+    """A conditional that decides the same for all columns."""
+    index, *operands = operands
+
+    def through(branch):
+        return lambda operands: [Columns(one) for one in _spread(_through(branch, operands, k), k)]
+
+    return lax.switch(index, [through(branch) for branch in eqn.params["branches"]], operands)
+
+
+def _spread(values, k: int = 1) -> list:
+    """Arrays with an axis for the columns; of length k where all columns have the same value."""
+
+    def spread(value):
+        return jnp.broadcast_to(jnp.asarray(value)[..., None], (*jnp.shape(value), k))
+
+    return [one.array if isinstance(one, Columns) else spread(one) for one in values]
+
+
+def _dot(params, k, left, right):
+    """The axis of the columns comes out behind the free axes of its operand: last, if that is the right one."""
+    del k
+    dimensions = params["dimension_numbers"]
+    options = {"precision": params["precision"], "preferred_element_type": params["preferred_element_type"]}
+    if isinstance(right, Columns):
+        return lax.dot_general(left, right.array, dimensions, **options)
+    product = lax.dot_general(left.array, right, dimensions, **options)
+    (contracted, _), (_, _) = dimensions
+    return jnp.moveaxis(product, left.array.ndim - 1 - len(contracted), -1)
+
+
+def _updated(k, x, new, starts):
+    array, new = _spread((x, new), k)
+    return lax.dynamic_update_slice(array, new, _corner(starts))
+
+
+def _corner(starts):
+    """Where a slice begins, the axis of the columns included."""
+    return (*starts, jnp.zeros_like(starts[0]))
+
+
+def _entrywise(operation):
+    return lambda _params, _k, *operands: operation(*jnp.broadcast_arrays(*_spread(operands)))
+
+
+# By the name of a primitive: (its parameters, number of columns, operands) -> array with the columns last.
+MIXED: dict[str, Callable] = {  # where any operand may be `Columns` …
+    "add": _entrywise(lax.add),
+    "add_any": _entrywise(lax.add),
+    "concatenate": lambda p, k, *parts: lax.concatenate(_spread(parts, k), p["dimension"]),
+    "div": _entrywise(lax.div),
+    "dot_general": _dot,
+    "dynamic_update_slice": lambda p, k, x, new, *starts: _updated(k, x, new, starts),
+    "mul": _entrywise(lax.mul),
+    "select_n": _entrywise(lax.select_n),
+    "stack": lambda p, k, *parts: jnp.stack(_spread(parts, k), p["axis"]),
+    "sub": _entrywise(lax.sub),
+}
+OF_FIRST: dict[str, Callable] = {  # … and where the first one is, and no other
+    "broadcast_in_dim": lambda p, k, x: lax.broadcast_in_dim(
+        x.array, (*p["shape"], k), (*p["broadcast_dimensions"], len(p["shape"]))
+    ),
+    "convert_element_type": lambda p, k, x: lax.convert_element_type(x.array, p["new_dtype"]),
+    "dynamic_slice": lambda p, k, x, *starts: lax.dynamic_slice(x.array, _corner(starts), (*p["slice_sizes"], k)),
+    "neg": lambda p, k, x: lax.neg(x.array),
+    "pad": lambda p, k, x, value: lax.pad(x.array, value, (*p["padding_config"], (0, 0, 0))),
+    "reduce_sum": lambda p, k, x: jnp.sum(x.array, axis=p["axes"]),
+    "reshape": lambda p, k, x: lax.reshape(x.array, (*p["new_sizes"], k)),
+    "slice": lambda p, k, x: lax.slice(
+        x.array, (*p["start_indices"], 0), (*p["limit_indices"], k), p["strides"] and (*p["strides"], 1)
+    ),
+    "squeeze": lambda p, k, x: lax.squeeze(x.array, p["dimensions"]),
+    "transpose": lambda p, k, x: lax.transpose(x.array, (*p["permutation"], len(p["permutation"]))),
+}

@@ -1,0 +1,113 @@
+"""A step after which a direction seems to be lost, once more in twice the digits: is it, or is it only short?"""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from .._jax import double_double
+from .._jax.columns import each_column
+from .._jax.double_double import Pair
+from .._jax.magnitudes import absolute
+from .._jax.precision import eps, nonzero
+from .frames import TINY
+
+__all__ = ["LARGEST", "is_precise", "orthonormalised", "volume"]
+
+LARGEST = 16  # components of a state: with 64 the compiler takes 10 s
+CLEARED = 10  # times, of the columns before: then rows of 1e-300 of the others are right
+SEEDS = (0.0, 0.7310585786300049, 1.3247179572447458)  # nothing is changed; and twice something
+HIDDEN = 2.0  # a length over what such a change makes of it: below it is taken for rounding
+ALIKE = 0.01  # a part of a length that rounding of the function's own numbers decides: more is unresolved
+FLOOR = 1e4  # squares of eps, times the size of the terms: what is below is rounding of pairs
+
+
+def is_precise(tangent, x) -> bool:
+    """Whether the function (n,) -> (n,) is one that pairs can follow, and soon compiled."""
+    if x.size > LARGEST:
+        return False
+    try:
+        jax.eval_shape(lambda dx: double_double.precise(tangent)(Pair(dx, dx), jnp.zeros((), dx.dtype)), x)
+    except double_double.Unknown:
+        return False
+    return True
+
+
+def orthonormalised(tangent, frame) -> tuple[Array, Array, Array, Array]:
+    """The columns that a linear function makes of orthonormal ones, orthonormalised.
+
+    Returns:
+        Columns (n, k), zero where lost; ln R_ii (k,), zero where lost; which are lost (k,); and whether rounding of the
+        function's own numbers decides one of them, or that it is lost.
+    """
+    seeds = jnp.asarray(SEEDS, frame.dtype)
+    # Loops and not `vmap`: what is hardly ever done is to be little code.
+    by_pairs = double_double.precise(tangent)
+    moved = jax.lax.map(lambda seed: jax.lax.map(lambda dx: by_pairs(_exact(dx), seed), frame.T), seeds)
+    sizes = jax.lax.stop_gradient(each_column(absolute(tangent), jnp.abs(frame)))
+    k, nothing = frame.shape[1], jnp.zeros_like(frame)
+
+    def one(j, state):
+        columns, known, lengths, lost, sure = state
+        y, size = jax.tree.map(lambda a: a[:, j], moved), sizes[:, j]  # (seeds, n)
+
+        def clear(i, state):
+            y, size = state
+            i = i % k
+            column = jax.tree.map(lambda a: jnp.where(i < j, a[:, :, i], 0.0), columns)
+            y, share = jax.lax.map(lambda both: _less(*both), (y, column))
+            return y, size + known[:, i] * jnp.abs(share.high[0])
+
+        y, size = jax.lax.fori_loop(0, CLEARED * k, clear, (y, size))
+        apart, here = jnp.max(jnp.abs(y.high[1:] - y.high[:1]), axis=0), jnp.abs(y.high[0])
+        gone, hidden = jnp.all(here <= FLOOR * eps(frame) ** 2 * size), jnp.all(here <= HIDDEN * apart)
+        largest = jnp.max(here)
+        doubtful = hidden | jnp.any((apart > ALIKE * here) & (here > ALIKE * largest))
+        length = jax.vmap(_length)(y.high)
+        inverse = jnp.where(gone | hidden, 0.0, 1 / jnp.maximum(length, nonzero(TINY, length)))
+        y = jax.lax.map(
+            lambda both: double_double.multiplied(both[0], _exact(jnp.full_like(size, both[1]))), (y, inverse)
+        )
+        return (
+            jax.tree.map(lambda a, new: a.at[:, :, j].set(new), columns, y),
+            known.at[:, j].set(size * inverse[0]),
+            lengths.at[j].set(length[0]),
+            lost.at[j].set(gone | hidden),
+            sure & (gone | ~doubtful),
+        )
+
+    several = jnp.stack([nothing] * len(SEEDS))
+    start = Pair(several, several), nothing, nothing[0], jnp.zeros(k, bool), jnp.asarray(True)
+    columns, _, lengths, lost, sure = jax.lax.fori_loop(0, k, one, start)
+    log_r = jnp.log(jnp.where(lost, 1.0, jnp.maximum(lengths, nonzero(TINY, lengths))))
+    return columns.high[0], log_r, lost, sure
+
+
+def _less(y: Pair, column: Pair) -> tuple[Pair, Pair]:
+    """Without its part along a column of length 1, up to rounding; and that part. The column may be empty."""
+
+    def product(a, b):
+        return double_double.total(double_double.multiplied(a, b), 0)
+
+    square = product(column, column)
+    square = square._replace(high=jnp.where(square.high > 0, square.high, 1.0))
+    share = double_double.divided(product(y, column), square)
+    along = double_double.multiplied(Pair(*(jnp.broadcast_to(one, y.high.shape) for one in share)), column)
+    return double_double.added(y, double_double.negated(along)), share
+
+
+def volume(tangent, n: int, dtype) -> Array:
+    """ln|det| of a linear function (n,) -> (n,); -inf if singular."""
+    _, log_r, lost, _ = orthonormalised(tangent, jnp.eye(n, dtype=dtype))
+    return jnp.where(jnp.any(lost), -jnp.inf, jnp.sum(log_r))
+
+
+def _exact(array) -> Pair:
+    return Pair(array, jnp.zeros_like(array))
+
+
+def _length(v):
+    """That of a vector whose squares may be smaller than any number."""
+    largest = jax.lax.stop_gradient(jnp.max(jnp.abs(v)))
+    scale = jnp.where(largest > 0, largest, 1.0)
+    square = jnp.sum((v / scale) ** 2)
+    return jnp.where(square > 0, scale * jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)

@@ -1,0 +1,1 @@
+"""The public verbs: spectra, trajectories, derivatives; rooms for indicators, orbits, diagrams and gradients."""

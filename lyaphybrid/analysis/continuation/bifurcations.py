@@ -1,0 +1,145 @@
+"""What happens along a branch of periodic orbits: functions of a point that change sign there."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..orbits.families import family_of
+from ..orbits.multipliers import multipliers_of
+from ..orbits.periodic_orbits import in_any_case
+from .equations import Equations, Point
+
+__all__ = ["TESTS", "branching", "cycle_of_events", "is_complex", "monodromy", "of_doubling"]
+
+NUDGE = 1e-5  # by which unknowns are changed to see how the Jacobian does
+FLAT = 1e-4  # a direction whose share of the parameter is smaller than this has none
+REAL = 1e-6  # an imaginary part of a multiplier that is none
+
+
+def monodromy(equations: Equations, point: Point) -> np.ndarray:
+    """The derivative (n, n) of a whole turn by the first node, modulo the symmetry."""
+    first = point.orbit.nodes[0]
+    matrix = np.eye(len(first.x))
+    for piece in point.orbit.pieces:
+        matrix = piece.matrix @ matrix
+    if equations.symmetry is None:
+        return matrix
+    return np.linalg.solve(equations.symmetry.image(first.x, point.orbit.shift).by_state, matrix)
+
+
+def transverse(equations: Equations, point: Point) -> np.ndarray:
+    """The multipliers of a point, but the 1 along the flow of an autonomous system.
+
+    That one is divided out with its eigenvector, the velocity: next to a fold or a branch point there are two near 1.
+    """
+    matrix = monodromy(equations, point)
+    if equations.symmetry is not None or equations.conserved is not None:
+        flow = equations.motion(point.parameter)
+        family = family_of(flow, point.orbit, equations.autonomous, equations.fixed)
+        known = in_any_case(flow, point.orbit, equations.autonomous, family)
+        return multipliers_of([matrix], known, len(matrix), equations.autonomous)[1]
+    if equations.autonomous:
+        velocity = equations.motion(point.parameter).velocity(point.orbit.nodes[0])
+        across = np.linalg.svd(velocity[None, :])[2][1:]
+        matrix = across @ matrix @ across.T
+    return np.linalg.eigvals(matrix).astype(complex)
+
+
+def _signed(factors: np.ndarray) -> float:
+    """The factor next to zero, with the sign of the product of all, which is real."""
+    if not len(factors):
+        return 1.0
+    sizes = np.abs(factors)
+    sign = np.prod(np.where(sizes > 0, factors / np.where(sizes > 0, sizes, 1.0), 0.0)).real
+    return float(np.sign(sign) * np.min(sizes))
+
+
+def fold(equations: Equations, point: Point) -> float:
+    """The tangent's share of the parameter."""
+    del equations
+    return float(point.tangent[-1])
+
+
+def branch(equations: Equations, point: Point) -> float:
+    """The smallest singular value of the Jacobian and the tangent, with the sign of the determinant."""
+    del equations
+    square = np.vstack([point.jacobian, point.tangent])
+    return float(np.linalg.slogdet(square)[0] * np.linalg.svd(square, compute_uv=False)[-1])
+
+
+def doubling(equations: Equations, point: Point) -> float:
+    """Π (μ + 1), as far as it matters."""
+    return _signed(transverse(equations, point) + 1)
+
+
+def torus(equations: Equations, point: Point) -> float:
+    """Π (μ_i μ_j − 1) over all pairs, as far as it matters."""
+    multipliers = transverse(equations, point)
+    i, j = np.triu_indices(len(multipliers), 1)
+    return _signed(multipliers[i] * multipliers[j] - 1)
+
+
+TESTS = {"branch point": branch, "fold": fold, "period doubling": doubling, "Neimark–Sacker": torus}
+
+
+def is_complex(equations: Equations, point: Point) -> bool:
+    """Whether the pair of multipliers whose product is 1 is complex: two real ones make no torus."""
+    multipliers = transverse(equations, point)
+    i, j = np.triu_indices(len(multipliers), 1)
+    at = int(np.argmin(np.abs(multipliers[i] * multipliers[j] - 1)))
+    return bool(abs(np.imag(multipliers[i[at]])) > REAL)
+
+
+class Branching(NamedTuple):
+    """Another branch through a point."""
+
+    kind: str
+    direction: np.ndarray  # (N + 1,) its tangent
+
+
+def branching(equations: Equations, point: Point) -> Branching:
+    """The kind of a branch point, and the tangent of the branch that crosses there.
+
+    Of directions α v + β τ, τ the tangent of the branch that is known and v across it, in the null space of the
+    Jacobian, a branch has one with a α² + 2 b αβ = 0, where a = ψ·J'v v, b = ψ·J'v τ and ψ is the left null vector.
+    """
+    left, _, right = np.linalg.svd(point.jacobian)
+    psi, null = left[:, -1], right[-2:]
+    along = null.T @ (null @ point.tangent)
+    along /= np.linalg.norm(along)
+    across = null.T @ (np.array([[0.0, -1.0], [1.0, 0.0]]) @ (null @ along))
+    change = psi @ _derivative(equations, point, across)
+    own, mixed = change @ across, change @ along
+    direction = 2 * mixed * across - own * along
+    direction /= np.linalg.norm(direction)
+    flat = min(abs(direction[-1]), abs(along[-1])) < FLAT
+    return Branching("pitchfork" if flat else "transcritical", direction)
+
+
+def _derivative(equations: Equations, point: Point, along: np.ndarray) -> np.ndarray:
+    """The derivative of the Jacobian (N, N + 1) along a direction: by differences, to the fourth order of the nudge."""
+
+    def difference(nudge: float) -> np.ndarray:
+        ends = (equations.shoot(point.u + side * nudge * along, point.orbit) for side in (1.0, -1.0))
+        ahead, behind = (equations.linearised(orbit, p)[0] for orbit, p in ends)
+        return (ahead - behind) / (2 * nudge)
+
+    return (4 * difference(NUDGE) - difference(2 * NUDGE)) / 3
+
+
+def of_doubling(equations: Equations, point: Point) -> np.ndarray:
+    """How the first node (n,) moves on the orbit of twice the period: the eigenvector of the multiplier −1."""
+    values, vectors = np.linalg.eig(monodromy(equations, point))
+    vector = np.real(vectors[:, np.argmin(np.abs(values + 1))])
+    return vector / np.linalg.norm(vector)
+
+
+def cycle_of_events(point: Point) -> tuple[Any, ...]:
+    """The jumps of a turn in their order, wherever it begins."""
+    found: list[tuple[int, ...]] = []
+    for piece in point.orbit.pieces:
+        if piece.events is not None:
+            columns = (piece.events.transition, piece.events.mode_before, piece.events.mode_after)
+            rows = np.column_stack([*columns, piece.events.which])
+            found += [tuple(int(value) for value in row) for row in rows]
+    return min((tuple(found[i:] + found[:i]) for i in range(len(found))), default=())

@@ -1,0 +1,288 @@
+"""Continuation of periodic orbits in a parameter."""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from ..._arguments import positive, real, require, whole
+from ..._jax.precision import require_double
+from ..._jax.tracing import traced
+from ...engine import preparation
+from ...integrators import HalfExplicit, RungeKutta
+from ...integrators.base import Method
+from ...systems.daes.semi_linear import Constrained, fields_of
+from ...systems.hybrid import Hybrid
+from ...systems.kinds import iterates
+from ...systems.smooth import Flow, Map
+from ..orbits.families import family_of
+from ..orbits.invariants import conserved_of
+from ..orbits.periodic_orbits import Floquet, floquet, floquet_of, require_period
+from ..orbits.shooting import Motion, Node, NoPeriodicOrbit, at_start, states_of
+from ..orbits.symmetries import symmetry_of
+from ..sensitivity.estimates import parameters_of
+from .branches import Continuation, Special
+from .equations import NONE, Equations, ParameterOf, Point, Unchanged, states_over
+from .following import Arc, advanced, begun, follow, resumed
+from .locating import Found
+
+__all__ = ["continuation"]
+
+LEVEL = "conserved value"  # what a family's parameter is called
+FIRST = 0.4 ** np.arange(18)  # of the largest step, on to another branch: first tries and later ones
+
+
+def continuation(
+    system: Flow | Map | Hybrid,
+    x0,
+    args: Any,
+    parameter: str | None,
+    *,
+    over: tuple[float, float],
+    period=None,
+    t0=0.0,
+    mode: str | int | None = None,
+    method: Method | None = None,
+    transient=0.0,
+    segments: int = 1,
+    step: float = 0.03,
+    max_points: int = 500,
+    conserve: Any = None,
+    modulo: Any = None,
+) -> Continuation:
+    """The branch of periodic orbits through x0, as a parameter changes, and its bifurcations.
+
+    The orbit is a root of φ_T(x; p) − x, found as `lh.floquet` finds it. The branch of roots is followed by its
+    arclength, to both sides, round folds, through jumps and whatever its stability. Where one of these changes sign
+    between two points its root along the branch is located:
+
+        fold                the tangent's component along p
+        pitchfork, transcritical    the determinant of the equations with the tangent: another branch crosses
+        period doubling     Π (μ_i + 1)
+        Neimark–Sacker      Π (μ_i μ_j − 1), where the pair is complex
+        grazing             the sequence of the jumps of a turn: an impact appears, sliding begins or ends
+
+    To follow the branch that begins at a pitchfork, transcritical point or doubling, call again with that `Special`
+    for x0 and the other arguments as they were.
+
+    Where something is conserved orbits come in families at the same parameter. With `conserve` the branch keeps the
+    value that the first orbit has; or, with None for the parameter, the branch is the family, and that value its
+    parameter.
+
+    Args:
+        system: an `lh.Flow`, `lh.Map` or `lh.Hybrid` (sliding modes, and jumps only, included).
+        x0: (n,) a point near the orbit at the parameter's value in args; or a `Special` of an earlier result.
+        args: pytree of parameters.
+        parameter: name of the entry of args to change: "rho", "spring.rate", "rates[2]"; "args" where args is a number;
+            None for the value that is conserved.
+        over: (low, high) its range, with its value in args inside.
+        period: as for `lh.floquet`: None where the system is autonomous, else a number or ``args -> number``; of a map
+            the number of iterations. After a doubling it stays what it was.
+        t0: the time at x0.
+        mode: mode at x0, where there are several.
+        method: one that is right for the system; None: the default with rtol = 1e-12.
+        transient: run for so long before the first orbit is looked for.
+        segments: of multiple shooting: more for orbits that are long and unstable.
+        step: the largest, as a part of the range and of the size of the first orbit.
+        max_points: to each side.
+        conserve: as for `lh.floquet`.
+        modulo: as for `lh.floquet`.
+
+    Returns:
+        A `Continuation`. Where Newton's method fails on the way it holds what was computed, and says so in `ends`.
+
+    Raises:
+        ValueError: on arguments that do not fit; where the first orbit is one of a family at the same parameter.
+        NoPeriodicOrbit: where there is none near x0, or Newton's method did not arrive on the other branch.
+        RunFailed: where the motion from x0 itself fails.
+
+    Source:
+        R. Seydel, Practical Bifurcation and Stability Analysis (Springer 2010), doi:10.1007/978-1-4419-1740-9;
+        E. L. Allgower & K. Georg, Introduction to Numerical Continuation Methods (SIAM 2003),
+        doi:10.1137/1.9780898719154; Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory (Springer 2004),
+        doi:10.1007/978-1-4757-3978-7.
+
+    Example:
+        >>> import lyaphybrid as lh
+        >>> logistic = lh.Map(lambda n, x, r: r * x * (1 - x))
+        >>> fixed = lh.continuation(logistic, [0.6], 2.5, "args", over=(2.0, 3.5), period=1)
+        >>> fixed.specials
+        (period doubling at 3, T = 1,)
+        >>> cycle = lh.continuation(logistic, fixed.specials[0], 2.5, "args", over=(2.0, 3.5), period=1)
+        >>> cycle.specials  # 1 + √6
+        (period doubling at 3.44948974278, T = 2,)
+    """
+    require(
+        isinstance(system, Flow | Hybrid | Map), f"continuation needs an lh.Flow, lh.Hybrid or lh.Map; got {system!r}."
+    )
+    require(not traced((x0, args, t0)), "continuation decides from values: it cannot be used under jit, vmap or grad.")
+    whole("segments", segments, least=1)
+    whole("max_points", max_points, least=2)
+    positive("step", step)
+    low, high = _range(over)
+    args_of, value = _parameter(args, parameter) if parameter is not None else (Unchanged(args), None)
+    require(
+        parameter is not None or conserve not in (None, False),
+        "parameter is None: that is the value which is conserved, give conserve too; or name an entry of args.",
+    )
+    if isinstance(system, Hybrid) and iterates(system):
+        reset = system.transitions[0].reset
+        assert reset is not None, "lh.Hybrid wants one where nothing flows"
+        system = Map(reset)
+    if method is None and not isinstance(system, Map):
+        constrained = any(isinstance(field, Constrained) for field in fields_of(system))
+        method = HalfExplicit(rtol=1e-12, tableau="dopri8") if constrained else RungeKutta(rtol=1e-12, atol=1e-14)
+    options = {"period": period, "t0": t0, "mode": mode, "method": method, "segments": segments}
+    options |= {"conserve": conserve, "modulo": modulo}
+    special = x0 if isinstance(x0, Special) else None
+    require_double("x0", special.orbit.x0 if special else x0, "continuation")
+    if special is not None:
+        begins = f"No branch begins at a {special.kind}: give a pitchfork, transcritical point or period doubling."
+        require(special.change is not None, begins)
+        value = special.parameter
+    name, value = _named(system, parameter, value, special, x0, args, options)
+    require(low <= value <= high, f"{name} is {value:.6g}: it must be in over, from {low:.6g} to {high:.6g}.")
+    if special is None:
+        orbit = floquet(system, jnp.asarray(x0, float), args_of(jnp.asarray(value)), transient=transient, **options)
+    else:
+        orbit = special.orbit
+    turns = 1 if special is None else special.turns_there
+    equations = _equations(system, args_of, (low, value, high), name, orbit, turns, options)
+    within = (low, high), step, max_points
+    sides = _both(equations, orbit, value, within) if special is None else _branched(equations, special, within)
+    return _result(equations, name, orbit, *sides, float(t0))
+
+
+def _named(system, parameter, value, special, x0, args, options) -> tuple[str, float]:
+    """What the parameter is called, and its value; of a family that which is conserved."""
+    if parameter is not None or special is not None:
+        return parameter or LEVEL, value
+    problem, x, t, mode = preparation.prepare(system, x0, args, options["t0"], options["method"], options["mode"])
+    mode = Motion(problem).mode(Node(float(t), x, mode))
+    conserved = conserved_of(options["conserve"], system, x, mode, problem.args)
+    assert conserved is not None
+    require(
+        len(conserved.wanted) == 1,
+        f"parameter is None: conserve must then be one number; got {len(conserved.wanted)}.",
+    )
+    return LEVEL, float(conserved.wanted[0])
+
+
+def _range(over) -> tuple[float, float]:
+    good = isinstance(over, tuple | list | np.ndarray) and len(over) == 2
+    require(good, f"over must be (low, high), the range of the parameter; got {over!r}.")
+    real("low, of over,", over[0])
+    real("high, of over,", over[1])
+    require(float(over[0]) < float(over[1]), f"over must be (low, high) with low < high; got {over!r}.")
+    return float(over[0]), float(over[1])
+
+
+def _parameter(args, parameter: str) -> tuple[ParameterOf, float]:
+    """P ↦ args, and the value of p in args."""
+    require(isinstance(parameter, str), f"parameter must be the name of an entry of args; got {parameter!r}.")
+    leaf, args_of, names = parameters_of(args, [parameter.partition("[")[0]], "parameter")
+    require(parameter in names, f"parameter must be one number, such as {names[0]!r}; got {parameter!r}.")
+    entry = names.index(parameter)
+    return ParameterOf(args_of, jnp.asarray(leaf, float), entry), float(leaf[entry])
+
+
+def _equations(system, args_of, values, parameter: str, orbit: Floquet, turns: int, options) -> Equations:
+    """The equations of the branch through an orbit, with its size and its period for scales."""
+    args, period, method = args_of(jnp.asarray(values[1])), options["period"], options["method"]
+    problem, *_ = preparation.prepare(system, orbit.base[1], args, options["t0"], method, options["mode"])
+    base, scales = Node(*orbit.base), (orbit.period, values[2] - values[0])
+    flow = Motion(problem)
+    size = float(np.max(np.abs(states_of(flow.piece(base, orbit.period))[1])))
+    size = size if size > NONE else 1.0
+    symmetry = symmetry_of(options["modulo"], system, base.x, problem.args, options["t0"])
+    conserved = conserved_of(options["conserve"], system, base.x, flow.mode(base), problem.args)
+    along = np.zeros((1, 0)) if symmetry is None else symmetry.image(base.x).by_shift
+    closing = symmetry, conserved, tuple(float(size / length) for length in np.linalg.norm(along, axis=0))
+    equations = Equations(problem, args_of, method, period, turns, options["segments"], size, *scales, *closing)
+    for p in values:
+        own = equations.own_period(p)
+        if p == values[1] or own is None or 0 < own < np.inf:  # beyond the branch there need be none
+            require_period(equations.motion(p), own, base, f" at {parameter} = {p:.6g}")
+    return equations
+
+
+def _both(equations: Equations, orbit: Floquet, value: float, within) -> tuple[Point, list[Arc]]:
+    """The branch through an orbit, to both sides."""
+    first = equations.begin(Node(*orbit.base), value, orbit.period)
+    jacobian = equations.linearised(first, value)[0]
+    singular, null = np.linalg.svd(jacobian)[1:]
+    require(
+        singular[-1] > NONE * singular[0],
+        "The orbit is one of a family at the same parameter, and there is no single branch through it: (a) something "
+        "is conserved, give conserve; (b) a position does not matter, give modulo; (c) the orbit is a bifurcation, "
+        "start beside it.",
+    )
+    start = begun(equations, first, value, null[-1] * np.sign(null[-1, -1] or 1.0))
+    if start is None:
+        raise NoPeriodicOrbit("Newton's method does not converge at the start, once nodes were placed.", orbit)
+    back = start._replace(tangent=-start.tangent)
+    arcs = [follow(equations, back, *within)]
+    if arcs[0].end != "closed":
+        arcs.append(follow(equations, start, *within))
+    return start, [arc._replace(points=arc.points[1:]) for arc in arcs]
+
+
+def _branched(equations: Equations, special: Special, within) -> tuple[Point, list[Arc]]:
+    """The branch that begins at a special point: to both sides, but of a doubling, whose sides are the same orbits."""
+    assert special.change is not None
+    over, step, _ = within
+    period = special.orbit.period * special.turns_there / special.turns
+    node = Node(*special.orbit.base)
+    orbit, along = resumed(equations, node, special.parameter, period, special.change)
+    jacobian = equations.linearised(orbit, special.parameter)[0]
+    null = np.linalg.svd(jacobian)[2][-2:]
+    along = null.T @ (null @ along)
+    along /= np.linalg.norm(along)
+    u = equations.vector(orbit, special.parameter)
+    origin = Point(orbit, special.parameter, u, jacobian, along, 0)
+    arcs = []
+    for side in (-along, along) if special.turns == special.turns_there else (along,):
+        tries = (advanced(equations, origin._replace(tangent=side), float(share) * step, over) for share in FIRST)
+        first = next((point for point in tries if point is not None), None)
+        if first is not None:
+            arcs.append(follow(equations, first, *within))
+    if not arcs:
+        raise NoPeriodicOrbit(
+            f"Newton's method did not arrive on the branch that begins at the {special.kind} at "
+            f"{special.parameter:.9g}: (a) it lies outside over; (b) give another step.",
+            special,
+        )
+    return origin, arcs
+
+
+def _result(equations: Equations, name: str, orbit: Floquet, origin: Point, arcs: list[Arc], t0: float) -> Continuation:
+    """All arcs as one branch: the first of two backwards."""
+    after = arcs[-1]
+    before = arcs[0] if len(arcs) == 2 else Arc([], [], "closed" if after.end == "closed" else "start")
+    points = [*reversed(before.points), origin, *after.points]
+    found = [*reversed(before.found), *after.found]
+    start = Node(t0, orbit.x0, orbit.mode)
+    states = [states_over(point) for point in points]
+    return Continuation(
+        parameter=name,
+        values=np.array([point.parameter for point in points]),
+        orbits=tuple(_shown(equations, point, start) for point in points),
+        specials=tuple(_special(equations, one, start) for one in found),
+        ends=(before.end, after.end),
+        largest=np.array([np.max(x, axis=0) for x in states]),
+        smallest=np.array([np.min(x, axis=0) for x in states]),
+    )
+
+
+def _shown(equations: Equations, point: Point, start: Node) -> Floquet:
+    """The orbit of a point with its multipliers; of a forced system as it is at t0."""
+    flow, base = equations.motion(point.parameter), point.orbit.nodes[0]
+    shown = base if equations.autonomous else at_start(flow, base, start, point.orbit.period, point.orbit.shift)
+    family = family_of(flow, point.orbit, equations.autonomous, equations.fixed)
+    return floquet_of(flow, point.orbit, shown, equations.autonomous, family)
+
+
+def _special(equations: Equations, found: Found, start: Node) -> Special:
+    orbit = _shown(equations, found.point, start)
+    largest, turns = np.max(states_over(found.point), axis=0), equations.turns
+    return Special(found.kind, found.point.parameter, orbit, turns, turns * found.turns, found.change, largest)

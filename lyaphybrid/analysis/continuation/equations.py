@@ -1,0 +1,262 @@
+"""The equations of a branch of periodic orbits: those of multiple shooting, with a parameter p as one more unknown.
+
+The unknowns u = (x_0, …, x_{m−1}, [T], p), each measured on the scale of the problem, have one equation less than there
+are of them. Its Jacobian J(u) has a null vector: the tangent of the branch. Newton's method stays on a hyperplane
+c·u = s, so that it goes round folds as it goes anywhere else.
+
+What is conserved is an equation more. One unknown more, σ, keeps them as many: a force σ ∇E against which an orbit
+would have to do work, so that σ = 0 wherever there is one. The parameter may be the conserved value itself.
+
+F. J. Muñoz-Almaraz, E. Freire, J. Galán, E. Doedel & A. Vanderbauwhede, Continuation of periodic orbits in conservative
+and Hamiltonian systems, Physica D 181 (2003) 1, doi:10.1016/S0167-2789(03)00097-6.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..._jax.engines import compiled
+from ...engine import problems
+from ...results.spectrum import RunFailed
+from ...systems.smooth import Map
+from ..orbits.invariants import Conserved
+from ..orbits.periodic_orbits import CONVERGED
+from ..orbits.shooting import FINISHED, Motion, Node, Orbit, linearised, placed, retimed, shares_of, shot, states_of
+from ..orbits.symmetries import Symmetry
+from ..sensitivity.implicit import Turn
+
+__all__ = ["Equations", "ParameterOf", "Point", "Unchanged", "states_over", "tangent"]
+
+GAIN = 0.25  # of the residual that a step of Newton's method leaves while there is more to gain
+ITERATIONS = 8
+NONE = 1e-11  # singular values below this part of the largest are zero
+
+
+class ParameterOf(eqx.Module):
+    """p ↦ args; two of the same structure are the same to a compiler."""
+
+    args_of: Callable  # (q,) ↦ args
+    leaf: Any  # (q,) the values of the leaf of which p is an entry
+    entry: int = eqx.field(static=True)
+
+    def __call__(self, p):
+        """The args with this parameter."""
+        return self.args_of(jnp.asarray(self.leaf).at[self.entry].set(p))
+
+
+class Unchanged(eqx.Module):
+    """Args that do not depend on the parameter."""
+
+    args: Any
+
+    def __call__(self, p):
+        """The args."""
+        del p
+        return self.args
+
+
+class Point(NamedTuple):
+    """A point of a branch."""
+
+    orbit: Orbit
+    parameter: float
+    u: np.ndarray  # (N + 1,)
+    jacobian: np.ndarray  # (N, N + 1)
+    tangent: np.ndarray  # (N + 1,) of length 1
+    iterations: int  # of Newton's method
+
+
+class Equations(NamedTuple):
+    """What the points of a branch have in common."""
+
+    problem: problems.Problem
+    args_of: ParameterOf | Unchanged
+    method: Any
+    period: Any  # None (unknown), a number, or args ↦ number
+    turns: int  # such periods after which the orbit closes
+    segments: int
+    size: float  # of the state
+    time: float  # of the period
+    span: float  # of the parameter
+    symmetry: Symmetry | None = None
+    conserved: Conserved | None = None
+    shifts: tuple[float, ...] = ()  # (q,) of the shift of a group
+
+    @property
+    def level(self) -> bool:
+        """Whether the parameter is the value that is conserved."""
+        return isinstance(self.args_of, Unchanged)
+
+    @property
+    def fixed(self) -> int:
+        """How many values are conserved."""
+        return 0 if self.conserved is None else len(self.conserved.wanted)
+
+    @property
+    def discrete(self) -> bool:
+        """Whether time counts iterations."""
+        return isinstance(self.problem.system, Map)
+
+    @property
+    def autonomous(self) -> bool:
+        """Whether the period is unknown."""
+        return self.period is None
+
+    def motion(self, p: float) -> Motion:
+        """The motion at this parameter."""
+        conserved = self.conserved
+        if conserved is not None and self.level:
+            conserved = conserved._replace(wanted=np.array([p]))
+        return Motion(self.problem._replace(args=self.args_of(jnp.asarray(p, float))), self.symmetry, conserved)
+
+    def length(self, p: float) -> float:
+        """The time after which a forced orbit closes."""
+        return self.turns * float(self.own_period(p))
+
+    def own_period(self, p) -> Any:
+        """The period that was given, at this parameter."""
+        return self.period(self.args_of(jnp.asarray(p, float))) if callable(self.period) else self.period
+
+    def begin(self, node: Node, p: float, period: float) -> Orbit:
+        """The motion from this node, over that time, cut into pieces away from events."""
+        flow = self.motion(p)
+        nodes = placed(flow, node, period, self.segments)
+        return shot(flow, nodes, shares_of(nodes, period), period, 0)
+
+    def scales(self, orbit: Orbit) -> np.ndarray:
+        """(N + 1,) what each unknown is measured by."""
+        nodes = orbit.nodes
+        states = np.full(len(nodes) * len(nodes[0].x), self.size * np.sqrt(len(nodes)))
+        forces = np.full(self.fixed, self.size)
+        return np.concatenate([states, [self.time] * self.autonomous, self.shifts, forces, [self.span]])
+
+    def vector(self, orbit: Orbit, p: float) -> np.ndarray:
+        """The unknowns u (N + 1,) of an orbit."""
+        states = [np.asarray(node.x) for node in orbit.nodes]
+        rest = [orbit.period] * self.autonomous, orbit.shift, np.zeros(self.fixed), [p]
+        return np.concatenate([*states, *rest]) / self.scales(orbit)
+
+    def shoot(self, u: np.ndarray, like: Orbit) -> tuple[Orbit, float]:
+        """The motion from the nodes that these unknowns mean, at the same parts of the period; and the parameter."""
+        m, n = len(like.nodes), len(like.nodes[0].x)
+        values = u * self.scales(like)
+        p = float(values[-1])
+        period = float(values[m * n]) if self.autonomous else self.length(p)
+        shift = values[m * n + self.autonomous :][: len(self.shifts)]
+        flow, states = self.motion(p), values[: m * n].reshape(m, n)
+        nodes = [flow.moved(node, x - np.asarray(node.x)) for node, x in zip(like.nodes, states, strict=True)]
+        shares = shares_of(like.nodes, like.period)
+        return shot(flow, retimed(nodes, shares, period), shares, period, 0, shift), p
+
+    def linearised(self, orbit: Orbit, p: float) -> tuple[np.ndarray, np.ndarray]:
+        """The Jacobian (N, N + 1) of the equations by the unknowns, and what they miss (N,)."""
+        flow, shares = self.motion(p), shares_of(orbit.nodes, orbit.period)
+        system, gaps = linearised(flow, orbit, shares, self.autonomous)
+        states = len(orbit.nodes) * len(orbit.nodes[0].x)
+        lengths = np.linalg.norm(system[states:], axis=1)
+        column, forces = np.zeros((len(gaps), 1)), np.zeros((len(gaps), self.fixed))
+        column[:states, 0] = np.concatenate(self._by_parameter(orbit, shares, p))
+        if flow.conserved is not None:
+            first = orbit.nodes[0]
+            column[len(gaps) - self.fixed :, 0] = self._kept_by_parameter(first, p)
+            forces[states - len(first.x) : states] = flow.strayed(first)[1].T
+        rows = np.full(len(gaps), self.size)
+        rows[states:] *= np.maximum(lengths, np.finfo(float).tiny)
+        return np.hstack([system, forces, column]) * self.scales(orbit) / rows[:, None], gaps / rows
+
+    def _kept_by_parameter(self, node: Node, p: float) -> np.ndarray:
+        """How the distance (c,) from the values to be conserved changes with the parameter."""
+        flow = self.motion(p)
+        assert flow.conserved is not None
+        mode, x = flow.mode(node), np.asarray(node.x)
+        slopes = flow.conserved.with_slopes(mode, x, flow.problem.args)[1]
+        function = flow.conserved.functions[mode]
+        assert function is not None
+
+        def value(p):
+            return jnp.atleast_1d(function(jnp.asarray(node.x), self.args_of(p)))
+
+        change = -np.ones(1) if self.level else np.asarray(jax.jacfwd(value)(jnp.asarray(p, float)))
+        return change / np.linalg.norm(slopes, axis=1)
+
+    def _by_parameter(self, orbit: Orbit, shares, p: float) -> list[np.ndarray]:
+        """How the ends of the pieces change with the parameter, where the period is given with that too."""
+        longer = 0.0
+        if callable(self.period) and not self.discrete:
+            longer = self.turns * float(jax.jacfwd(self.own_period)(jnp.asarray(p, float)))
+        later = longer * np.concatenate([[0.0], np.cumsum(shares)[:-1]])
+        still = np.zeros(len(orbit.nodes[0].x))
+        return [
+            self.carried(piece.start, piece.length, p, (1.0, dt, still, longer * share))
+            for piece, dt, share in zip(orbit.pieces, later, shares, strict=True)
+        ]
+
+    def carried(self, node: Node, length: float, p: float, along: tuple) -> np.ndarray:
+        """The derivative (n,) of the motion's end along changes (dp, dt, dx, dlength) of how it began."""
+        mode = 0 if self.discrete else self.motion(p).mode(node)
+        turn = Turn(self.problem.system, self.args_of, None, None, self.method)
+        given, changes = ([jnp.asarray(value, float) for value in values] for values in ((p, *node[:2], length), along))
+        return np.asarray(_carried(turn, jnp.asarray(mode), given, changes, self.discrete))
+
+    def corrected(
+        self, guess: np.ndarray, like: Orbit, across: np.ndarray, level: float, reach: float = np.inf
+    ) -> Point | None:
+        """The point of the branch near a guess on the hyperplane across·u = level; None where Newton finds none.
+
+        Beyond `reach` nobody looks: far away the motion may be anything, and take for ever.
+        """
+        u, before = guess, np.inf
+        for iteration in range(ITERATIONS):
+            try:
+                orbit, p = self.shoot(u, like)
+            except (RunFailed, ValueError):
+                return None
+            jacobian, gaps = self.linearised(orbit, p)
+            if not np.all(np.isfinite(jacobian)):
+                return None
+            u = self.vector(orbit, p)  # on the constraints, where there are some
+            if orbit.residual <= CONVERGED and not FINISHED < orbit.residual < GAIN * before:
+                return Point(orbit, p, u, jacobian, tangent(jacobian, across), iteration)
+            if iteration > 1 and not orbit.residual < before:
+                return None
+            before = orbit.residual
+            change = solved(jacobian, across, np.append(-gaps, level - across @ u))
+            u = u + change
+            if not np.linalg.norm(u - guess) <= reach:
+                return None
+        return None
+
+
+def states_over(point: Point) -> np.ndarray:
+    """States (samples, n) of the whole orbit."""
+    return np.concatenate([states_of(piece)[1] for piece in point.orbit.pieces])
+
+
+@compiled()
+def _carried(turn: Turn, mode, given, along, discrete: bool):
+    n = given[2].shape[0]
+
+    def end(p, t, x, length):
+        return turn._replace(t=t, mode=mode).end(p, x, length, np.zeros((n, 0), x.dtype))[0]
+
+    if discrete:  # time counts: nothing can be differentiated by it
+        p, t, x, length = given
+        return jax.jvp(lambda p, x: end(p, t, x, length), (p, x), (along[0], along[2]))[1]
+    return jax.jvp(end, tuple(given), tuple(along))[1]
+
+
+def solved(jacobian: np.ndarray, across: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """The change (N + 1,) of the unknowns; of least norm where it is not determined, as in a branch point."""
+    return np.linalg.lstsq(np.vstack([jacobian, across]), right, rcond=NONE)[0]
+
+
+def tangent(jacobian: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """The unit null vector (N + 1,) of the Jacobian, to that side."""
+    last = np.zeros(len(along))
+    last[-1] = 1.0
+    found = solved(jacobian, along, last)
+    return found / np.linalg.norm(found)

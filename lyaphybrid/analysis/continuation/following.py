@@ -1,0 +1,156 @@
+"""Along a branch of periodic orbits: predictor and corrector, and what is met on the way.
+
+E. L. Allgower & K. Georg, Introduction to Numerical Continuation Methods (SIAM 2003), doi:10.1137/1.9780898719154.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...results.spectrum import RunFailed
+from ..orbits.shooting import Node, Orbit
+from .bifurcations import cycle_of_events
+from .equations import Equations, Point, states_over, tangent
+from .locating import Change, Found, change_of, crossings
+from .touching import touches
+
+__all__ = ["Arc", "advanced", "begun", "follow", "resumed"]
+
+TURN = 0.9  # cosine of the angle by which the tangent may turn in a step
+ASTRAY = 0.5  # of a step: a correction that is longer leads to another branch
+GROWTH = 1.4  # of the step, where Newton's method is quick
+QUICK, LATE = 3, 5  # iterations of Newton's method
+SHORTEST = 1e-7  # of the largest step
+NEXT = 1e-12  # how near to a change of the events the branch is followed
+CLEAR = 0.005  # of the period: a node nearer to an event is placed anew
+
+
+class Arc(NamedTuple):
+    """A branch to one side of its start."""
+
+    points: list[Point]
+    found: list[Found]
+    end: str
+
+
+def follow(equations: Equations, start: Point, over: tuple[float, float], step: float, most: int) -> Arc:
+    """The branch from a point, along its tangent, until it leaves the range, closes or ends."""
+    points, found, length = [start], [], step / 4
+    while True:
+        last = points[-1]
+        end = _end(equations, points, over, most, length < SHORTEST * step)
+        if end is not None:
+            break
+        after = advanced(equations, last, length, over)
+        met = None if after is None else _between(equations, last, after, length)
+        if after is None or met is None:
+            length /= 2
+            continue
+        found += met
+        points.append(_clear(equations, after))
+        length = min(step, length * GROWTH) if after.iterations <= QUICK else length
+        length = length / GROWTH if after.iterations >= LATE else length
+    if end == "no convergence":
+        nearest = _approached(equations, last, length)
+        if touches(equations, nearest):
+            return Arc(points, [*found, Found("grazing", nearest, None, 1)], "grazing")
+    return Arc(points, found, end)
+
+
+def _end(equations: Equations, points: list[Point], over, most: int, short: bool) -> str | None:
+    """Why the branch is not followed any longer; None: it is."""
+    last = points[-1]
+    bound = over[1] if last.tangent[-1] > 0 else over[0]
+    if abs(last.parameter - bound) <= 1e-12 * equations.span:
+        return "range"
+    if len(points) > 3 and _closed(equations, points):
+        return "closed"
+    if len(points) >= most:
+        return "max_points"
+    return "no convergence" if short else None
+
+
+def _closed(equations: Equations, points: list[Point]) -> bool:
+    """Whether the last step passed by the start, to the same side."""
+    first, before, last = (_signature(equations, point) for point in (points[0], *points[-2:]))
+    along = points[0].tangent[-1] * points[-1].tangent[-1] > 0
+    return bool(
+        along and max(np.linalg.norm(first - last), np.linalg.norm(first - before)) < np.linalg.norm(last - before)
+    )
+
+
+def _signature(equations: Equations, point: Point) -> np.ndarray:
+    """Numbers of an orbit that do not depend on where it begins."""
+    states = states_over(point)
+    ends = np.concatenate([states.max(axis=0), states.min(axis=0)]) / equations.size
+    return np.append(ends, [point.orbit.period / equations.time, point.parameter / equations.span])
+
+
+def advanced(equations: Equations, last: Point, length: float, over) -> Point | None:
+    """The point of the branch a step further, or on the border of the range where the step goes beyond."""
+    guess = last.u + length * last.tangent
+    after = equations.corrected(guess, last.orbit, last.tangent, float(last.tangent @ guess), reach=length)
+    if after is None or after.tangent @ last.tangent < TURN or np.linalg.norm(after.u - guess) > ASTRAY * length:
+        return None
+    bound = float(np.clip(after.parameter, *over))
+    if bound == after.parameter:
+        return after
+    share = (bound - last.parameter) / (after.parameter - last.parameter)
+    across = np.zeros(len(guess))
+    across[-1] = 1.0
+    onto = equations.corrected(last.u + share * (after.u - last.u), last.orbit, across, bound / equations.span)
+    return None if onto is None else onto._replace(tangent=tangent(onto.jacobian, last.tangent), parameter=bound)
+
+
+def _between(equations: Equations, before: Point, after: Point, length: float) -> list[Found] | None:
+    """What happens between two points; None where it cannot be told, and the step was too long."""
+    if cycle_of_events(before) == cycle_of_events(after):
+        return crossings(equations, before, after)
+    edge = _approached(equations, before, length)
+    first = [] if edge is before else crossings(equations, before, edge)
+    return None if first is None else [*first, Found("grazing", edge, None, 1)]
+
+
+def _approached(equations: Equations, last: Point, length: float) -> Point:
+    """The last point before the branch ends, or before its orbits jump otherwise."""
+    cycle, everywhere = cycle_of_events(last), (-np.inf, np.inf)
+    while length > NEXT:
+        length /= 2
+        after = advanced(equations, last, length, everywhere)
+        if after is not None and cycle_of_events(after) == cycle:
+            last = after
+    return last
+
+
+def resumed(equations: Equations, node: Node, p: float, period: float, change: Change) -> tuple[Orbit, np.ndarray]:
+    """The orbit through a node, with nodes placed anew, and a direction there (N + 1,)."""
+    orbit = equations.begin(node, p, period)
+    moved = [
+        change.x
+        if at.t == node.t
+        else equations.carried(node, at.t - node.t, p, (change.parameter, 0.0, change.x, 0.0))
+        for at in orbit.nodes
+    ]
+    rest = [change.period] * equations.autonomous, change.shift, np.zeros(equations.fixed), [change.parameter]
+    values = np.concatenate([*moved, *rest])
+    return orbit, values / equations.scales(orbit)
+
+
+def begun(equations: Equations, orbit: Orbit, p: float, along: np.ndarray) -> Point | None:
+    """The point of the branch next to an orbit with nodes of its own, the tangent to that side."""
+    u = equations.vector(orbit, p)
+    return equations.corrected(u, orbit, along, float(along @ u))
+
+
+def _clear(equations: Equations, point: Point) -> Point:
+    """The same point, with nodes placed anew where they are too near to events."""
+    near = CLEAR * point.orbit.period
+    times = [(piece.events.t, piece.length) for piece in point.orbit.pieces if piece.events is not None]
+    if not any(np.any((t < near) | (length - t < near)) for t, length in times):
+        return point
+    change = change_of(equations, point, point.tangent)
+    try:
+        orbit, along = resumed(equations, point.orbit.nodes[0], point.parameter, point.orbit.period, change)
+    except RunFailed:
+        return point
+    return begun(equations, orbit, point.parameter, along) or point

@@ -1,0 +1,1 @@
+"""Sections, stroboscopic points and bifurcation diagrams."""

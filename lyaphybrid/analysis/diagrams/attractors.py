@@ -1,0 +1,128 @@
+"""What a motion has settled on, told from its last stroboscopic points and its largest exponent."""
+
+import numpy as np
+
+from ...statuses import OK, STATUS
+
+__all__ = ["labels", "lifetime", "turns_of"]
+
+LONGEST = 24  # period that is recognised
+REPEATS = 1e-5  # points nearer than this, relative to the range of their component, are the same
+SETTLED = 1e-3  # the same for a motion that is still settling …
+NEAR = 0.05  # … and nearer than this to its cycle it has escaped from where it was before
+LEAST = 0.01  # of its size is the range of a component at least
+STILL = 0.01  # by which what a divisor of the period fails by may change over half of the points
+CLEARLY, GROWN = 5.0, 25.0  # chaos: λ₁ is so many standard errors above 0, and the growth over the run exceeds e²⁵
+
+
+def turns_of(n: int, angles) -> np.ndarray:
+    """(n,) period of each component: 2π of an angle, infinite of any other."""
+    turns = np.full(n, np.inf)
+    turns[list(angles)] = 2 * np.pi
+    return turns
+
+
+def apart(xp, a, b, turns):
+    """|a − b| of states (…, n), of angles along the shorter way."""
+    difference = a - b
+    finite = np.isfinite(turns)
+    whole = np.broadcast_to(np.where(finite, turns, 1.0), difference.shape)
+    ways = xp.round(difference / whole) * np.broadcast_to(np.where(finite, turns, 0.0), difference.shape)
+    return xp.abs(difference - ways)
+
+
+def _ranges(xp, points, turns):
+    """(n,) the range of each component; one that hardly changes is measured by its size, and by the others."""
+    low, high = xp.min(points, axis=0), xp.max(points, axis=0)
+    scale = xp.maximum(high - low, LEAST * xp.maximum(xp.abs(low), xp.abs(high)))
+    scale = xp.where(np.isfinite(turns), np.where(np.isfinite(turns), turns, 0.0), scale)
+    return xp.maximum(scale, LEAST**2 * xp.max(scale) + 1e-300)
+
+
+def period(xp, points, turns, scale, tolerance: float):
+    """The least p with x_{j+p} = x_j for all points (…, samples, n); 0 where there is none up to LONGEST.
+
+    Args:
+        xp: NumPy or jax.numpy.
+        points: (…, samples, n), one a period of the forcing.
+        turns: (n,) from `turns_of`.
+        scale: (n,) range of each component, to which the tolerance is relative.
+        tolerance: of the repetition.
+    """
+    samples = points.shape[-2]
+    found = xp.zeros(points.shape[:-2], np.int32)
+    for p in reversed(range(1, min(LONGEST, samples // 2) + 1)):
+        gap = apart(xp, points[..., p:, :], points[..., :-p, :], turns)
+        same = xp.all(gap <= tolerance * xp.broadcast_to(scale, gap.shape), axis=(-2, -1))
+        found = xp.where(same, np.int32(p), found)
+    return found
+
+
+def lifetime(xp, points, ends: np.ndarray, turns, samples: int):
+    """() the number of periods after which the motion came near the cycle on which it is at the end; nan: on none.
+
+    Args:
+        xp: NumPy or jax.numpy.
+        points: (m, n), stroboscopic points of a run.
+        ends: (m,) after how many periods each was taken; the last of them after each one.
+        turns: (n,) from `turns_of`.
+        samples: so many of the last points must repeat.
+    """
+    m = points.shape[0]
+    scale = _ranges(xp, points, turns)
+    p = period(xp, points[m - samples :], turns, scale, SETTLED)
+    # Each point beside the one of the last cycle that has the same phase.
+    beside = m - 1 - xp.mod((ends[-1] - ends).astype(np.int32), xp.maximum(p, 1))
+    gap = apart(xp, points, points[beside], turns)
+    away = xp.any(gap > NEAR * xp.broadcast_to(scale, gap.shape), axis=1)
+    settled = xp.max(xp.where(away, ends.astype(points.dtype), 0.0))
+    return xp.where(p > 0, settled, np.nan)
+
+
+def labels(points, angles, status, exponents, stderr, lengths) -> np.ndarray:
+    """What each lane ended on: "P{p}w{q}", "chaos", "aperiodic/slow", or the name of its status.
+
+    Args:
+        points: (…, samples, n) stroboscopic points, angles not wrapped.
+        angles: components that are angles.
+        status: (…) codes.
+        exponents: (…) the largest.
+        stderr: (…) its standard error.
+        lengths: (…) of the runs, in the exponent's unit.
+    """
+    turns = turns_of(points.shape[-1], angles)
+    rows = points.reshape(-1, points.shape[-1])
+    rows = rows[np.all(np.isfinite(rows), axis=1)]
+    scale = _ranges(np, rows, turns) if len(rows) else np.ones_like(turns)
+    p = _at_rest(points, turns, scale, period(np, points, turns, scale, REPEATS))
+    chaotic = (exponents > CLEARLY * stderr) & (exponents * lengths > GROWN)
+    found = np.where(chaotic, "chaos", "aperiodic/slow").astype(object)
+    for i in np.argwhere(p > 0):
+        found[tuple(i)] = f"P{p[tuple(i)]}w{_winding(points[tuple(i)], int(p[tuple(i)]), angles)}"
+    for code in STATUS:
+        if code != OK:
+            found[status == code] = code.name
+    found[status < 0] = "interrupted"
+    return found
+
+
+def _at_rest(points, turns, scale, p):
+    """The period; 0 where the motion may be on its way to a shorter one, whose multiplier is near −1.
+
+    There x_{j+2q} = x_j nearly holds long before x_{j+q} = x_j does.
+    """
+    p, half = p.copy(), points.shape[-2] // 2
+    for q in range(1, LONGEST // 2 + 1):
+        several = (p > q) & (p % q == 0)
+        if not np.any(several):
+            continue
+        gap = np.max(apart(np, points[several][:, q:], points[several][:, :-q], turns) / scale, axis=-1)
+        early, late = np.max(gap[:, :half], axis=1), np.max(gap[:, -half:], axis=1)
+        p[several] = np.where(np.abs(early - late) > STILL * early, 0, p[several])
+    return p
+
+
+def _winding(points, p: int, angles) -> str:
+    """Turns of each angle in p periods; 0 where there are no angles."""
+    turned = points[-1, list(angles)] - points[-1 - p, list(angles)]
+    return ",".join(f"{abs(round(turn / (2 * np.pi)))}" for turn in turned) or "0"

@@ -1,0 +1,362 @@
+"""Bifurcation diagrams: attractors and exponents against a parameter, from many starts and followed up and down."""
+
+import collections
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ... import plots
+from ..._arguments import attempts, positive, require, whole
+from ..._jax.tracing import array, traced
+from ...engine import preparation, problems
+from ...engine.blocks import qr_schedule_for
+from ...engine.host import driver, lanes
+from ...integrators.base import Method
+from ...statuses import OK, STATUS
+from ...systems.event_driven import EventDriven
+from ...systems.hybrid import Hybrid
+from ...systems.kinds import iterates
+from ...systems.smooth import Flow, Map
+from ..orbits.periods import check_period
+from ..spectra import initial_frame
+from . import attractors
+from .sections import with_section
+from .strobes import Found, Lane, State, at, placed, run, schedule
+
+__all__ = ["BifurcationDiagram", "bifurcation_diagram"]
+
+KINDS = ("random", "up", "down")
+PATIENCE = 10_000  # attempts for each crossing of a section, which may never come
+MISSING = -1  # status of a lane that was not computed
+
+
+@dataclasses.dataclass(frozen=True)
+class BifurcationDiagram:
+    """Attractors and exponents over a parameter. The axis `starts` holds the random starts, then up and down.
+
+    Attributes:
+        parameter: its name; values: (values,).
+        kinds: (starts,) "random", "up" or "down".
+        exponents, stderr: (values, starts, k) per unit of time, as of `lh.lyapunov_spectrum`; of a run that ended on a
+            cycle those of the cycle, from where it had come near; nan where a run failed.
+        finite_exponents, losses: (values, starts, k) the growth without the moments of loss, and how often a column
+            was lost in that time.
+        time: (values, starts) over which the exponents are means.
+        status: (values, starts) codes; −1 where Ctrl-C came before.
+        points: (values, starts, samples, n) the last points, once a period; angles are not wrapped.
+        labels: (values, starts) "P3w1" (of period 3, one turn of the angles in it), "chaos", "aperiodic/slow" (or
+            slowly settling), or the name of the status.
+        lifetimes: (values, starts) periods after which the motion came near the cycle on which it ended; nan where it
+            did not end on one. None unless escape=True.
+        angles: components that are angles.
+        transient, t1: lengths in periods (or crossings, or iterations).
+    """
+
+    parameter: str
+    values: np.ndarray
+    kinds: tuple[str, ...]
+    exponents: np.ndarray
+    stderr: np.ndarray
+    finite_exponents: np.ndarray
+    losses: np.ndarray
+    time: np.ndarray
+    status: np.ndarray
+    points: np.ndarray
+    labels: np.ndarray
+    lifetimes: np.ndarray | None
+    angles: tuple[int, ...]
+    transient: int
+    t1: int
+
+    @property
+    def escaped(self) -> np.ndarray:
+        """(values, starts) whether the motion settled on a periodic attractor within the run."""
+        return np.isfinite(self._known_lifetimes())
+
+    def attractors(self) -> list[str]:
+        """For each value how often each label was found, of the random starts where there are any."""
+        counted = [i for i, kind in enumerate(self.kinds) if kind == "random"] or range(len(self.kinds))
+        counts = (collections.Counter(row[list(counted)]) for row in self.labels)
+        return [";".join(f"{name}:{m}" for name, m in _most_common(count)) for count in counts]
+
+    def mean_lifetimes(self) -> tuple[np.ndarray, np.ndarray]:
+        """(values,) mean lifetimes in periods after the transient and their standard errors, from the random starts.
+
+        The maximum-likelihood estimate for exponential lifetimes of which some outlast the run: the time that all
+        motions lived, divided by the number of escapes m; relative error 1/√m; infinite where none escaped. Runs
+        that settled within the transient do not count.
+        """
+        lifetimes = self._known_lifetimes()
+        end, random = self.transient + self.t1, np.array([kind == "random" for kind in self.kinds])
+        lived = np.where(np.isnan(lifetimes), end, lifetimes)[:, random] - self.transient
+        counts = (lived > 0) & (self.status[:, random] == OK)
+        total = np.sum(np.where(counts, lived, 0.0), axis=1)
+        escapes = np.sum(counts & self.escaped[:, random], axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            mean = np.where(total > 0, total / escapes, np.nan)
+            return mean, np.where(escapes > 0, mean / np.sqrt(escapes), mean)
+
+    def plot(self, axes=None):
+        """The points, and below them the largest exponent, against the parameter."""
+        return plots.diagram(self, axes)
+
+    def _known_lifetimes(self) -> np.ndarray:
+        if self.lifetimes is None:
+            raise ValueError("Lifetimes are recorded with escape=True only.")
+        return self.lifetimes
+
+    def __str__(self) -> str:
+        values, starts = self.labels.shape
+        failed = sum(name in STATUS.__members__ or name == "interrupted" for name in self.labels.flat)
+        lines = [f"Bifurcation diagram over {self.parameter}: {values} values, {starts} runs each, {failed} failed"]
+        lines += [f"  {value:<12.6g} {found}" for value, found in zip(self.values, self.attractors(), strict=True)]
+        return "\n".join(lines if values <= 20 else [*lines[:11], "  …", *lines[-10:]])
+
+    __repr__ = __str__
+
+
+def _most_common(count):
+    return sorted(count.items(), key=lambda item: (-item[1], item[0]))
+
+
+def bifurcation_diagram(
+    system: Flow | Map | Hybrid | EventDriven,
+    over: Mapping[str, Any],
+    x0,
+    args: Any,
+    *,
+    period: Any = None,
+    section: Any = None,
+    starts: Any = 4,
+    directions: Sequence[str] = KINDS,
+    transient: int = 200,
+    t1: int = 1000,
+    samples: int = 64,
+    angles: Sequence[int] = (),
+    escape: bool = False,
+    k: int | None = None,
+    mode: str | int | None = None,
+    method: Method | None = None,
+    max_steps: int | None = None,
+    key=None,
+    progress=None,
+) -> BifurcationDiagram:
+    """Attractors, their exponents and their points, against one parameter.
+
+    For each value of the parameter runs from random starts, which find attractors side by side; and two
+    continuations, up and down, each run of which begins where that of the value before has ended: where they differ
+    there is hysteresis. A point x_j is taken once a period; x_{j+p} = x_j is a motion of period p.
+
+    Args:
+        system: an `lh.Flow`, `lh.Map` or `lh.Hybrid`.
+        over: ``{"beta": values}``, the parameter's name in `args` and its values (values,) in order; "a.b" for
+            ``args["a"]["b"]`` or ``args.a.b``.
+        x0: (2, n) corners of the box from which starts are drawn, differently for each value; the continuations
+            begin with the first of them. Where `starts` are given: (n,), where the continuations begin.
+        args: pytree of parameters.
+        period: of the forcing, a number or ``args -> number``; None for a map (1 iteration).
+        section: for an `lh.Flow` that is not forced: ``(t, x, args) -> scalar``; points are taken where it falls
+            through zero, and lengths are in crossings.
+        starts: number of random starts; or (m, n) points, the same for each value.
+        directions: which of "random", "up" and "down".
+        transient: length of each run before growth is counted, in periods. Other lengths compile anew.
+        t1: length after it, in periods.
+        samples: so many of the last points are kept, and must repeat for a periodic motion; at most t1.
+        angles: components modulo 2π, in which the system must be periodic.
+        escape: transient chaos: record after how many periods each run settles on a periodic attractor.
+        k: number of exponents; None: n.
+        mode: mode at the start, where there are several and the system does not say.
+        method: `lh.RungeKutta` (default) or `lh.Diffrax`.
+        max_steps: most attempts of a step in one run; None: no limit, but 10 000 a crossing for a section.
+        key: a `jax.random.key` for the starts; None: ``jax.random.key(0)``.
+        progress: True for a bar, or a function of the fraction done.
+
+    Returns:
+        A `BifurcationDiagram`; ``.plot()`` draws it. A run that fails has its status, its name as label, and nan;
+        nothing is raised for it.
+
+    Raises:
+        ValueError: on arguments that do not fit, before any computing.
+
+    Source:
+        T. Tél & Y.-C. Lai, Chaotic transients in spatially extended systems, Phys. Rep. 460 (2008) 245,
+        doi:10.1016/j.physrep.2008.01.001 (escape); for hysteresis and coexisting attractors under dry friction
+        R. I. Leine & H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems (Springer 2004),
+        doi:10.1007/978-3-540-44398-8.
+
+    Example:
+        >>> import lyaphybrid as lh
+        >>> logistic = lh.Map(lambda n, x, args: args["r"] * x * (1 - x))
+        >>> found = lh.bifurcation_diagram(logistic, {"r": [2.8, 3.2, 3.5, 4.0]}, [[0.1], [0.9]], {"r": 0.0})
+        >>> found.attractors()
+        ['P1w0:4', 'P2w0:4', 'P4w0:4', 'chaos:4']
+    """
+    name, values = _only(over)
+    for word, length in (("transient", transient), ("t1", t1), ("samples", samples)):
+        whole(f"{word}, a number of periods,", length, least=1)
+    require(samples <= t1, f"samples must be at most t1 = {t1}; got {samples}.")
+    attempts(max_steps)
+    kinds = tuple(directions)
+    good = len(kinds) > 0 and set(kinds) <= set(KINDS) and len(set(kinds)) == len(kinds)
+    require(not isinstance(directions, str) and good, f"directions must be some of {KINDS}; got {directions!r}.")
+    period = _unit(system, period, section)
+    system = system if section is None else with_section(system, section, -1)
+    given, first = _starts(x0, starts, len(values), key)
+    problem, given, t0, mode = preparation.prepare(system, given, args, 0.0, method, mode, "x0")
+    require(len(problem.shape) == 1, "Systems of many bodies have no bifurcation diagram.")
+    require(not traced(problem, given, values), "bifurcation_diagram drives many runs: it cannot be used under jit.")
+    _check_parameter(problem, name, values, period, given[0], transient)
+    n = problem.shape[0]
+    require(all(i in range(n) for i in angles), f"angles must be components, 0 to {n - 1}; got {angles!r}.")
+    angles = tuple(map(int, angles))
+    how = schedule(name, angles, transient, t1, samples)
+    random = np.asarray(given, given.dtype).reshape(len(values), -1, problem.shape[0])
+    shared = _shared(problem, how, period, t0, mode, k, max_steps, random[0, 0])
+    follow_from = random[:, 0] if first is None else np.broadcast_to(first, random[:, 0].shape)
+    chains = _chains(values.astype(given.dtype), random, follow_from, kinds)
+    results, done = lanes.run_chains(run, shared, [chain for _, chain in chains], progress=progress)
+    columns, kinds = _columns([kind for kind, _ in chains], results, done, random.shape[:2])
+    return _assembled(name, values, kinds, columns, angles, transient, t1, escape)
+
+
+def _only(over) -> tuple[str, np.ndarray]:
+    """The parameter's name and values."""
+    good = isinstance(over, Mapping) and len(over) == 1 and isinstance(next(iter(over)), str)
+    require(good, f"over must be a dictionary with one parameter, {{'beta': values}}; got {over!r}.")
+    ((name, values),) = over.items()
+    values = np.asarray(values)
+    good = values.ndim == 1 and len(values) > 0 and values.dtype.kind in "iuf" and bool(np.all(np.isfinite(values)))
+    require(good, f"The values of {name!r} must be finite numbers (values,); got {values!r}.")
+    return name, values.astype(float)
+
+
+def _unit(system, period, section):
+    """The period; None: sections."""
+    if iterates(system):
+        require(section is None, "A map has no section: leave section=None.")
+        period = 1.0 if period is None else period
+        require(callable(period) or period == int(period), f"The period of a map must be whole; got {period!r}.")
+        return period
+    require((period is None) != (section is None), "Give exactly one of period (of the forcing) and section (a guard).")
+    if section is not None:
+        message = "section is for an lh.Flow: other transitions would be counted as crossings. Give a period instead."
+        require(isinstance(system, Flow), message)
+    return period
+
+
+def _starts(x0, starts, values: int, key):
+    """Starts (values · m, n), and where continuations begin (None: with the first of them)."""
+    x0 = np.asarray(x0)
+    if isinstance(starts, int) and not isinstance(starts, bool):
+        whole("starts", starts, least=1)
+        box = x0.ndim == 2 and x0.shape[0] == 2 and x0.dtype.kind in "iuf"
+        require(box, f"x0 must be the two corners of a box of starts, (2, n); got shape {x0.shape}.")
+        key = jax.random.key(0) if key is None else key
+        drawn = np.asarray(jax.random.uniform(key, (values, starts, x0.shape[1])))
+        return (x0[0] + drawn * (x0[1] - x0[0])).reshape(-1, x0.shape[1]), None
+    points = np.asarray(starts)
+    fits = points.ndim == 2 and len(points) > 0 and x0.ndim == 1 and points.shape[1] == x0.shape[0]
+    require(
+        fits and points.dtype.kind in "iuf",
+        f"starts must be their number, or points (m, n) beside x0 (n,); got {starts!r} beside x0 of shape {x0.shape}.",
+    )
+    return np.tile(points, (values, 1)), x0.astype(float)
+
+
+def _check_parameter(problem, name, values, period, x, transient) -> None:
+    try:
+        leaf = at(problem.args, name.split("."))
+    except (KeyError, AttributeError, TypeError):
+        raise ValueError(f"args has no parameter {name!r}; args: {problem.args!r}.") from None
+    require(np.shape(leaf) == (), f"The parameter {name!r} must be a single number; got shape {np.shape(leaf)}.")
+    for value in () if period is None else values[[0, -1]]:
+        args = placed(problem.args, name.split("."), value)
+        own = period(args) if callable(period) else period
+        positive("period", own)
+        check_period(problem.system, own, x, args, transient * own, where=f" at {name} = {value:.6g}", strobe=True)
+
+
+def _shared(problem, how, period, t0, mode, k, max_steps, start):
+    """What all lanes see."""
+    if k is not None:
+        whole("k", k, least=1)
+    frame, _ = initial_frame(problem, t0, jnp.asarray(start), None, k)
+    dtype, (qr_schedule, interval) = frame.dtype, qr_schedule_for(problem, None)
+    plan = problems.Plan(qr_schedule, "mgs", False, 0, period is None, False, problems.nothing)
+    limit = PATIENCE * how.ends[-1] if max_steps is None and period is None else max_steps
+    limit = np.int32(driver.FOREVER if limit is None else min(limit, driver.FOREVER))
+    # Numbers as arrays: they may change without compiling again.
+    period = period if period is None or callable(period) else array(period, dtype)
+    return problem, plan, how, period, t0, frame, array(interval, dtype), mode, limit
+
+
+def _chains(values, random, follow_from, kinds) -> list:
+    """(kind, chain): the two continuations, which are long, first."""
+    blank = State(np.zeros_like(follow_from[0]), np.int32(0), np.asarray(False))
+    chains = []
+    for kind, step in (("up", 1), ("down", -1)):
+        if kind in kinds:
+            lane = Lane(values[::step], follow_from[::step], np.full(len(values), True))
+            chains.append((kind, (blank, lane)))
+    if "random" in kinds:
+        count = random.shape[1]
+        lane = Lane(np.repeat(values, count), random.reshape(-1, random.shape[2]), np.full(len(values) * count, False))
+        chains += [("random", chain) for chain in lanes.short_chains(blank, lane)]
+    return chains
+
+
+def _columns(kinds, results, done, shape) -> tuple[Found, tuple[str, ...]]:
+    """The results of all chains as columns (values, starts, …): random ones, up, down."""
+    parts = []
+    for result, ready in zip(results, done, strict=True):
+        status = np.where(ready, result.status, MISSING)
+        parts.append(result._replace(status=status))
+    columns, names = [], []
+    for kind, order in (("random", None), ("up", 1), ("down", -1)):
+        own = [part for part, name in zip(parts, kinds, strict=True) if name == kind]
+        if not own:
+            continue
+        joined = jax.tree.map(lambda *rows: np.concatenate(rows), *own)
+        if order is None:
+            joined = jax.tree.map(lambda rows: rows.reshape(*shape, *rows.shape[1:]), joined)
+            names += ["random"] * shape[1]
+        else:
+            joined = jax.tree.map(lambda rows, order=order: rows[::order, None], joined)
+            names.append(kind)
+        columns.append(joined)
+    return jax.tree.map(lambda *rows: np.concatenate(rows, axis=1), *columns), tuple(names)
+
+
+def _assembled(name, values, kinds, found: Found, angles, transient, t1, escape) -> BifurcationDiagram:
+    missing = found.status == MISSING
+    found = jax.tree.map(
+        lambda leaf: (
+            np.where(missing.reshape(missing.shape + (1,) * (leaf.ndim - 2)), np.nan, leaf)
+            if leaf.dtype.kind == "f"
+            else leaf
+        ),
+        found,
+    )
+    leading = found.exponents[..., 0]
+    marks = attractors.labels(found.points, angles, found.status, leading, found.stderr[..., 0], found.time)
+    return BifurcationDiagram(
+        name,
+        values,
+        kinds,
+        found.exponents,
+        found.stderr,
+        found.finite,
+        found.losses,
+        found.time,
+        found.status,
+        found.points,
+        marks,
+        found.lifetime if escape else None,
+        angles,
+        transient,
+        t1,
+    )

@@ -1,0 +1,204 @@
+"""Poincaré sections: the states where a guard is crossed, or once a period of the forcing."""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from ... import plots
+from ..._arguments import attempts, positive, require, whole
+from ..._jax.tracing import array, traced
+from ...engine import preparation, problems
+from ...engine.host import driver
+from ...engine.host.places import account, place_of
+from ...engine.states import QRSchedule
+from ...integrators.base import Method
+from ...results.spectrum import RunFailed
+from ...statuses import STATUS
+from ...systems.event_driven import EventDriven
+from ...systems.hybrid import Hybrid, Transition
+from ...systems.kinds import iterates
+from ...systems.smooth import Flow, Map
+from ..orbits.periods import check_period
+from ..trajectories import ROOM
+
+__all__ = ["PoincareSection", "poincare_section", "with_section"]
+
+MOST = 2.0**31 - 2.0**16  # jumps in one run: they are counted in 32 bits
+
+
+class PoincareSection(eqx.Module):
+    """The points of a Poincaré section, in order.
+
+    Attributes:
+        t: (n,) times; nan where the run ended before.
+        x: (n, dim) states; of a crossing where the flow meets the section, before any jump there.
+        mode: (n,) indices of the modes.
+        status: the verdict.
+    """
+
+    t: Array
+    x: Array
+    mode: Array
+    status_code: Array
+    mode_names: tuple[str, ...] = eqx.field(static=True)
+
+    @property
+    def status(self) -> STATUS:
+        """The verdict."""
+        return STATUS(int(self.status_code))
+
+    def plot(self, ax=None, **options):
+        """One component of the points against another."""
+        return plots.section(self, ax, **options)
+
+
+def poincare_section(
+    system: Flow | Map | Hybrid | EventDriven,
+    x0,
+    args: Any = None,
+    *,
+    section: Any = None,
+    period: Any = None,
+    n: int = 1000,
+    transient: int = 0,
+    direction: int = -1,
+    t0=0.0,
+    mode: str | int | None = None,
+    method: Method | None = None,
+    max_steps: int | None = None,
+    throw: bool = True,
+) -> PoincareSection:
+    """The states in which the motion crosses a surface, or finds itself once a period: a Poincaré section.
+
+    Either h(t, x) = 0, crossed by the flow in one direction; or t = t0 + k T (stroboscopic).
+
+    Args:
+        system: an `lh.Flow` or an `lh.Hybrid` with fields; with `period` any system.
+        x0: (dim,) start.
+        args: pytree of parameters.
+        section: ``(t, x, args) -> h``, a scalar, continuously differentiable. A jump that carries the state across
+            is no crossing. Where a guard of the system is zero at the same instant the point is that before the jump.
+        period: T instead: a number, or ``args -> number``; whole for a map. Of a forced system a multiple of its own;
+            where it has several frequencies, without a common period, any.
+        n: number of points.
+        transient: so many points before them are dropped.
+        direction: of the crossing: −1, h falls; +1, h rises; 0, both.
+        t0: time at the start; a start on the section from which h goes on in that direction is a crossing.
+        mode: mode at the start, where there are several.
+        method: `lh.RungeKutta` (default) or `lh.Diffrax`.
+        max_steps: most attempts of a step; None: no limit: a motion that never crosses ends as stalled.
+        throw: raise where the run failed.
+
+    Returns:
+        A `PoincareSection` with `.t` (n,), `.x` (n, dim), `.mode` (n,) and `.plot()`.
+
+    Raises:
+        ValueError: on arguments that do not fit, before any computing.
+        RunFailed: where the run failed and `throw`.
+
+    Source:
+        M. Hénon, On the numerical computation of Poincaré maps, Physica D 5 (1982) 412,
+        doi:10.1016/0167-2789(82)90034-3: the step is ended on the surface itself.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> circle = lh.Flow(lambda t, x, args: jnp.stack([x[1], -x[0]]))
+        >>> crossings = lh.poincare_section(circle, [1.0, 0.0], section=lambda t, x, args: x[0], n=3)
+        >>> [round(float(t / jnp.pi), 6) for t in crossings.t]
+        [0.5, 2.5, 4.5]
+    """
+    require((section is None) != (period is None), "Give exactly one of section (a guard) and period.")
+    whole("n, the number of points,", n, least=1)
+    whole("transient, a number of points,", transient, least=0)
+    attempts(max_steps)
+    system = system if section is None else with_section(system, section, direction)
+    problem, x0, t0, mode = preparation.prepare(system, x0, args, t0, method, mode)
+    require(x0.ndim == 1, f"x0 must have shape (n,) here; got {x0.shape}.")
+    require(
+        not traced(x0, problem, t0), "poincare_section decides from values how long to go on: not under jit or vmap."
+    )
+    if section is None:
+        length = _period(system, period, problem.args)
+        check_period(system, length, x0, problem.args, float(t0) + transient * length, strobe=True)
+        found = _stroboscopic(problem, x0, t0, mode, length, n, transient, max_steps)
+    else:
+        found = _crossings(problem, x0, t0, mode, n, transient, max_steps)
+    t, x, modes, status, last = found
+    result = PoincareSection(t, x, modes, jnp.asarray(status), problems.mode_names(system))
+    if throw and result.status.failed:
+        place = place_of(last.loop_state, problem.system)
+        raise RunFailed(result.status, account(status, place, why=last.why), result)
+    return result
+
+
+def with_section(system: Any, section: Any, direction: int) -> Hybrid:
+    """The system with one more transition, which changes nothing and whose crossings are seen."""
+    flows = isinstance(system, Flow) or (isinstance(system, Hybrid) and system.fields is not None)
+    require(flows, f"A section is crossed by a flow: use an lh.Flow or lh.Hybrid with fields; got {system!r}.")
+    crossing = Transition(section, None, direction=direction)
+    if isinstance(system, Flow):
+        return Hybrid(system.field, crossing)
+    # First: where another guard is zero at the same instant, its jump would hide the crossing.
+    return Hybrid(
+        dict(zip(system.mode_names, system.fields or (), strict=True)),
+        (crossing, *system.transitions),
+        {name: project for name, project in zip(system.mode_names, system.tangent, strict=True) if project is not None},
+        system.max_cascade,
+        initial_mode=system.initial_mode,
+        flow_set={name: inside for name, inside in zip(system.mode_names, system.flow_sets, strict=True) if inside},
+    )
+
+
+def _period(system, period: Any, args) -> float:
+    """The period as a number."""
+    value: Any = period(args) if callable(period) else period
+    positive("period", value)
+    value = float(value)
+    require(not iterates(system) or value == int(value), f"The period of a map must be a whole number; got {value}.")
+    return value
+
+
+def _begin(problem, plan, t0, x0, mode):
+    return driver.start(problem, plan, t0, x0, np.zeros((len(x0), 0), x0.dtype), mode, 1.0)
+
+
+def _stroboscopic(problem, x0, t0, mode, period, n, transient, max_steps):
+    """The points at t0 + k T."""
+    plan = problems.Plan(QRSchedule("never", False), "mgs", False, 0, False, False, problems.point)
+    ends = array(period * np.arange(1, transient + n + 1), x0.dtype)
+    outcome = driver.drive(problem, plan, _begin(problem, plan, t0, x0, mode), ends, ends, max_steps)
+    t, x, modes, _ = outcome.records.collected
+    valid = outcome.records.valid[transient:]
+    x = problems.in_rows(problem, jnp.where(valid[:, None], x[transient:], jnp.nan))
+    return jnp.where(valid, t[transient:], jnp.nan), x, modes[transient:], outcome.status, outcome
+
+
+def _crossings(problem, x0, t0, mode, n, transient, max_steps):
+    """The points on the section: so many jumps, until the crossings among them suffice."""
+    plan = problems.Plan(QRSchedule("never", False), "mgs", False, ROOM, True, False, problems.nothing)
+    wanted, found, seen, jumps, previous = transient + n, [], 0, 0, -np.inf
+    loop_state, ends = _begin(problem, plan, t0, x0, mode), array([np.inf], x0.dtype)
+    while True:
+        # At least so many more jumps are needed; where others are in between, as many more as there were so far.
+        more = min(np.ceil((wanted - seen) * max(1.0, jumps / max(seen, 1))), MOST)
+        outcome = driver.drive(problem, plan, driver.restart(loop_state), ends, array([more], x0.dtype), max_steps)
+        for log in outcome.logs:
+            # What happens at the instant of the event before it was set off by that event's jump.
+            by_flow = np.diff(log.t, prepend=previous) > 0
+            previous = log.t[-1] if len(log.t) else previous
+            crossed = by_flow & (log.transition == 0)
+            found.append((log.t[crossed], log.x_before[crossed], log.mode_before[crossed]))
+            seen, jumps = seen + int(np.sum(crossed)), jumps + len(log.t)
+        loop_state = outcome.loop_state
+        if seen >= wanted or outcome.interrupted or int(outcome.status) != STATUS.ok:
+            break
+    t, x, modes = (np.concatenate(parts)[transient:wanted] for parts in zip(*found, strict=True))
+    missing = n - len(t)
+    t = np.concatenate([t, np.full(missing, np.nan)])
+    x = np.concatenate([x, np.full((missing, x.shape[1]), np.nan)])
+    modes = np.concatenate([modes, np.zeros(missing, modes.dtype)])
+    status = outcome.status if missing else STATUS.ok
+    return jnp.asarray(t, x0.dtype), jnp.asarray(x), jnp.asarray(modes), status, outcome

@@ -1,0 +1,217 @@
+"""GALI and SALI: the volume that unit deviation vectors span, however small it becomes.
+
+The vectors are W = Q C, Q the orthonormal frame of the propagation and C upper triangular: an orthonormalisation
+Φ Q = Q' R makes C' = R C of C. The volume of the first k unit vectors is Π C_ii / Π ‖C_i‖, a product of positive
+numbers that are never subtracted: its logarithm is as exact at −10 000 as at −1.
+"""
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from ... import plots
+from ..._arguments import require
+from ..._jax.tracing import traced
+from ...engine.blocks import check_counts
+from ...engine.states import Orthonormalisation, StepState
+from ...statuses import status_of
+from ...systems.daes.semi_linear import degrees_of_freedom
+from ...systems.event_driven import EventDriven
+from ...systems.hybrid import Hybrid
+from ...systems.smooth import Flow, Map
+from .following import discrete, follow, verdict_of
+from .verdicts import Verdict, of_alignment
+
+__all__ = ["Alignment", "gali", "sali"]
+
+
+class Triangle(NamedTuple):
+    """The deviation vectors in the frame."""
+
+    columns: Array  # (k, k) C, each column of length 1
+    logs: Array  # (k,) ln(C_ii / ‖C_i‖); -inf where the direction is lost
+
+
+@dataclasses.dataclass(frozen=True)
+class Volumes:
+    """Follows C; a `propagation.Watch`."""
+
+    def begin(self, t, frame) -> Triangle:
+        """The deviation vectors are the columns of the frame."""
+        del t
+        k = frame.shape[1]
+        return Triangle(jnp.eye(k, dtype=frame.dtype), jnp.zeros(k, frame.dtype))
+
+    def update(self, state: Triangle, seen: Orthonormalisation) -> Triangle:
+        """C ← R C, its columns made unit vectors again."""
+        r = jnp.triu(seen.frame.T @ seen.before)
+        columns = r @ state.columns
+        square = jnp.sum(columns**2, axis=0)
+        length = jnp.sqrt(jnp.where(square > 0, square, 1.0))
+        logs = state.logs + jnp.where(seen.lost, -jnp.inf, seen.log_r - jnp.log(length))
+        return Triangle(columns / length[None, :], logs)
+
+    def moved(self, state: Triangle, source) -> Triangle:
+        """The frame's columns have changed places; the deviation vectors have not."""
+        return state._replace(columns=state.columns[source])
+
+    def next_block(self, state: Triangle) -> Triangle:
+        """Nothing is counted by blocks."""
+        return state
+
+
+def _logs(t, carry: StepState):
+    del t
+    return carry.observer.logs
+
+
+class Alignment(eqx.Module):
+    """GALI_k, or SALI, against time.
+
+    Attributes:
+        time: (times,) since the start; nan where not reached.
+        orders: the k of each column; () for SALI.
+        log_values: (times, orders) natural logarithms; (times,) for SALI; with a leading axis m for m runs. -inf
+            where a jump destroyed a direction.
+    """
+
+    time: Array
+    log_values: Array
+    status_code: Array
+    orders: tuple[int, ...] = eqx.field(static=True)
+
+    @property
+    def values(self) -> Array:
+        """exp(log_values); 0 below 5e-324."""
+        return jnp.exp(self.log_values)
+
+    @property
+    def status(self):
+        """The verdict on the run; under a transformation the bare code."""
+        return status_of(self.status_code)
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether the motion is regular or chaotic, of one run, from GALI_2 or SALI."""
+        require(not traced(self.log_values) and self.time.ndim == 1, "A verdict is about one run, outside of jit.")
+        logs = self.log_values[:, self.orders.index(2)] if self.orders else self.log_values
+        return of_alignment(np.asarray(self.time), np.asarray(logs))
+
+    def plot(self, ax=None):
+        """The values against time, both logarithmic."""
+        return plots.alignment(self, ax)
+
+
+def gali(
+    system: Flow | Map | Hybrid | EventDriven,
+    x0,
+    args: Any = None,
+    *,
+    t1,
+    orders=None,
+    times: Any = "log",
+    t0: Any = 0.0,
+    transient: Any = 0.0,
+    mode: str | int | None = None,
+    frame=None,
+    method=None,
+    every=None,
+    blocks: int = 64,
+    max_steps: int | None = None,
+    progress=None,
+    throw: bool = True,
+) -> Alignment:
+    """The generalised alignment indices GALI_k: the volume of k unit deviation vectors.
+
+    Chaos: GALI_k ∝ exp(−t Σ_{j≤k} (λ₁ − λ_j)). Regular motion on an s-dimensional torus of a Hamiltonian system with N
+    degrees of freedom: constant for k ≤ s, t^{−(k−s)} for s < k ≤ 2N − s, t^{−2(k−N)} beyond.
+
+    Args:
+        system: an `lh.Flow`, `lh.Hamiltonian`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
+        x0: start, shape (n,); or (m, n) for m runs at once.
+        args: pytree of parameters.
+        t1: length of the run (iterations for a map).
+        orders: the k that are wanted, 2 ≤ k ≤ n; None: 2 … min(n, 4).
+        times: where they are recorded: "log", an increasing array that ends at t1, or None for equal intervals.
+        t0: time at the start.
+        transient: length of the run before the deviation vectors count.
+        mode: mode at the start, where there are several.
+        frame: (n, max k) deviation vectors; None: orthonormal ones of no special direction, always the same.
+        method: as for `lh.lyapunov_spectrum`.
+        every: orthonormalise so often; None: from the growth.
+        blocks: number of times, where `times` is "log" or None.
+        max_steps: most attempts of a step.
+        progress: True for a bar, or a function of the fraction done.
+        throw: raise where the run failed.
+
+    Returns:
+        An `Alignment` with `.time`, `.orders`, `.values` (times, orders), `.log_values`, `.status` and `.verdict`.
+
+    Raises:
+        ValueError: on arguments that do not fit.
+        RunFailed: where the run failed and `throw`.
+
+    Source:
+        Ch. Skokos, T. Bountis & Ch. Antonopoulos, Physica D 231 (2007) 30, doi:10.1016/j.physd.2007.04.004.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> cat = lh.Map(lambda n, x, args: jnp.stack([2 * x[0] + x[1], x[0] + x[1]]) % 1.0)
+        >>> g = lh.gali(cat, [0.1, 0.2], t1=1000)
+        >>> round(float(g.log_values[-1, 0]) / 1000, 2)  # −2 ln((3 + √5)/2), far below what a float can hold
+        -1.92
+    """
+    check_counts(system, t1=t1, transient=transient)
+    n = degrees_of_freedom(system, np.shape(x0)[-1] if np.ndim(x0) else 1)
+    orders = tuple(range(2, min(n, 4) + 1)) if orders is None else tuple(int(k) for k in orders)
+    good = len(orders) > 0 and all(2 <= k <= n for k in orders)
+    require(good, f"orders must be numbers k with 2 ≤ k ≤ n = {n}; got {orders}.")
+    found = follow(
+        Volumes(), _logs, system, x0, args, k=max(orders), t1=t1, t0=t0, transient=transient, times=times,
+        blocks=blocks, mode=mode, frame=frame, method=discrete("gali", method), every=every, max_steps=max_steps,
+        progress=progress,
+    )  # fmt: skip
+    volumes = jnp.cumsum(jnp.asarray(found.collected), axis=-1)[..., jnp.asarray(orders) - 1]
+    volumes = jnp.where(jnp.isnan(jnp.asarray(found.time))[..., None], jnp.nan, volumes)
+    result = Alignment(jnp.asarray(found.time), volumes, jnp.asarray(found.status), orders)
+    return verdict_of(found, result, throw)
+
+
+def sali(system: Flow | Map | Hybrid | EventDriven, x0, args: Any = None, *, t1, **options) -> Alignment:
+    """The smaller alignment index, min(‖w₁ + w₂‖, ‖w₁ − w₂‖) of two unit deviation vectors.
+
+    With GALI_2 = sin θ it is √(2(1 − |cos θ|)): between GALI_2 and √2 GALI_2.
+
+    Args:
+        system: as for `gali`.
+        x0: start, shape (n,), n ≥ 2; or (m, n).
+        args: pytree of parameters.
+        t1: length of the run (iterations for a map).
+        options: those of `gali`, except `orders`.
+
+    Returns:
+        An `Alignment` with `.time`, `.values` (times,), `.log_values`, `.status` and `.verdict`.
+
+    Raises:
+        ValueError: on arguments that do not fit.
+        RunFailed: where the run failed and `throw`.
+
+    Source:
+        Ch. Skokos, J. Phys. A 34 (2001) 10029, doi:10.1088/0305-4470/34/47/309.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> cat = lh.Map(lambda n, x, args: jnp.stack([2 * x[0] + x[1], x[0] + x[1]]) % 1.0)
+        >>> lh.sali(cat, [0.1, 0.2], t1=100).verdict.kind
+        'chaotic'
+    """
+    require("orders" not in options, "sali has one value; orders are for gali.")
+    found = gali(system, x0, args, t1=t1, orders=(2,), **options)
+    log_sine = found.log_values[..., 0]
+    square = jnp.exp(2 * jnp.minimum(log_sine, 0.0))
+    cosine = jnp.sqrt(jnp.maximum(1 - square, 0.0))
+    return Alignment(found.time, log_sine + 0.5 * jnp.log(2 / (1 + cosine)), found.status_code, ())

@@ -1,0 +1,229 @@
+"""Covariant Lyapunov vectors: forwards by orthonormalisations, backwards through their triangular factors.
+
+Forwards Q_n R_n = Φ_n Q_{n-1}. A vector V_n = Q_n C_n with C_n upper triangular is carried along by the flow if
+R_n C_{n-1} = C_n up to lengths; going backwards any C converges to the covariant one. Where a jump destroys directions
+R_n has rows of zeros: the vectors that go on are those of its image, and what it destroys is its kernel.
+"""
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from ..._arguments import positive, require, whole
+from ..._jax.engines import compiled
+from ...engine.blocks import check_counts
+from ...engine.states import Orthonormalisation, StepState
+from ...statuses import status_of
+from ...systems.daes.semi_linear import degrees_of_freedom
+from ...systems.event_driven import EventDriven
+from ...systems.hybrid import Hybrid
+from ...systems.smooth import Flow, Map
+from .following import discrete, follow, generic_frame, verdict_of
+
+__all__ = ["CovariantVectors", "covariant_vectors"]
+
+
+class Factor(NamedTuple):
+    """The product R of a block, in echelon form."""
+
+    r: Array  # (k, k)
+    pivot: Array  # (k,) where each row has its first entry; k: it is a row of zeros
+
+
+@dataclasses.dataclass(frozen=True)
+class Factors:
+    """Collects R from block to block; a `propagation.Watch`."""
+
+    def begin(self, t, frame) -> Factor:
+        """Nothing has happened yet."""
+        del t
+        k = frame.shape[1]
+        return Factor(jnp.eye(k, dtype=frame.dtype), jnp.arange(k, dtype=jnp.int32))
+
+    def update(self, state: Factor, seen: Orthonormalisation) -> Factor:
+        """R ← R' R; a lost column leaves a row of zeros."""
+        r = jnp.triu(seen.frame.T @ seen.before) @ state.r
+        gone = seen.lost | (state.pivot == len(state.pivot))
+        return Factor(jnp.where(gone[:, None], 0.0, r), jnp.where(gone, len(state.pivot), state.pivot))
+
+    def moved(self, state: Factor, source) -> Factor:
+        """What is alive comes first."""
+        return Factor(state.r[source], state.pivot[source])
+
+    def next_block(self, state: Factor) -> Factor:
+        """The product of a block."""
+        k = len(state.pivot)
+        return Factor(jnp.eye(k, dtype=state.r.dtype), jnp.arange(k, dtype=jnp.int32))
+
+
+def _frame_and_factor(t, carry: StepState):
+    del t
+    return carry.frame, carry.observer, carry.x
+
+
+class CovariantVectors(eqx.Module):
+    """Covariant Lyapunov vectors along an orbit.
+
+    Attributes:
+        time: (times,) since the end of the transient.
+        x: (times, n) the orbit.
+        vectors: (times, n, k) unit vectors, the first for the largest exponent; up to their signs.
+        growth: (times − 1, k) ln of the growth of each vector from one time to the next; -inf where it is destroyed.
+        exponents: (k,) the mean growth per unit of time.
+        angles: (times, k(k−1)/2) in [0, π/2] between the lines of vectors i < j: (1,2), (1,3), …, (2,3), ….
+    """
+
+    time: Array
+    x: Array
+    vectors: Array
+    growth: Array
+    status_code: Array
+
+    @property
+    def exponents(self) -> Array:
+        """(k,) per unit of time."""
+        return jnp.sum(self.growth, axis=0) / (self.time[-1] - self.time[0])
+
+    @property
+    def angles(self) -> Array:
+        """(times, k(k−1)/2) in [0, π/2]."""
+        i, j = np.triu_indices(self.vectors.shape[-1], 1)
+        a, b = self.vectors[:, :, i], self.vectors[:, :, j]
+        along = jnp.sum(a * b, axis=1)
+        # From sine and cosine: arccos alone loses half of the digits of small angles.
+        across = jnp.linalg.norm(a - along[:, None, :] * b, axis=1)
+        return jnp.arctan2(across, jnp.abs(along))
+
+    @property
+    def status(self):
+        """The verdict on the run; under a transformation the bare code."""
+        return status_of(self.status_code)
+
+
+def covariant_vectors(
+    system: Flow | Map | Hybrid | EventDriven,
+    x0,
+    args: Any = None,
+    *,
+    t1,
+    k: int | None = None,
+    t0: Any = 0.0,
+    transient: Any = None,
+    settle: Any = None,
+    mode: str | int | None = None,
+    frame=None,
+    method=None,
+    blocks: int = 256,
+    max_steps: int | None = None,
+    progress=None,
+    throw: bool = True,
+) -> CovariantVectors:
+    """The k leading covariant Lyapunov vectors, by the method of Ginelli and others.
+
+    Vectors of unit length that the tangent flow carries into each other, jumps included. Between two times the vectors
+    should not grow by more than e^300: take more blocks where they do.
+
+    Args:
+        system: an `lh.Flow`, `lh.Hamiltonian`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
+        x0: (n,) start.
+        args: pytree of parameters.
+        t1: length of the part of the orbit on which vectors are wanted (iterations for a map).
+        k: number of vectors; None: n.
+        t0: time at the start.
+        transient: length of the run before it, in which the frame converges; None: half of t1.
+        settle: length of the run after it, over which the backward vectors converge; None: half of t1.
+        mode: mode at the start, where there are several.
+        frame: (n, k) columns at the start; None: orthonormal ones of no special direction.
+        method: as for `lh.lyapunov_spectrum`.
+        blocks: vectors are given at the start of the part that is wanted, and after each of so many equal pieces of it.
+        max_steps: most attempts of a step.
+        progress: True for a bar, or a function of the fraction done.
+        throw: raise where the run failed.
+
+    Returns:
+        `CovariantVectors` with `.time` (blocks + 1,), `.vectors` (blocks + 1, n, k), `.exponents`, `.angles`, `.x`,
+        `.growth` and `.status`.
+
+    Raises:
+        ValueError: on arguments that do not fit.
+        RunFailed: where the run failed and `throw`.
+
+    Source:
+        F. Ginelli, P. Poggi, A. Turchi, H. Chaté, R. Livi & A. Politi, Phys. Rev. Lett. 99 (2007) 130601,
+        doi:10.1103/PhysRevLett.99.130601.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> cat = lh.Map(lambda n, x, args: jnp.stack([3 * x[0] + 2 * x[1], x[0] + x[1]]) % 1.0)
+        >>> found = lh.covariant_vectors(cat, [0.1, 0.2], t1=100, blocks=100)
+        >>> round(float(jnp.rad2deg(found.angles[0, 0])), 8)
+        73.89788625
+    """
+    whole("blocks", blocks, least=2)
+    positive("t1, a length,", t1)
+    check_counts(system, t1=t1, transient=transient, settle=settle)
+    n = np.shape(x0)[-1] if np.ndim(x0) else 1
+    require(np.ndim(x0) == 1, f"x0 must have shape (n,); got {np.shape(x0)}.")
+    number = degrees_of_freedom(system, n) if k is None else k
+    whole("k", number, least=1)
+    transient, settle = (0.5 * t1 if length is None else length for length in (transient, settle))
+    piece = t1 / blocks
+    after = max(1, int(np.ceil(float(settle) / float(piece))))
+    found = follow(
+        Factors(), _frame_and_factor, system, x0, args, k=number, t1=piece * (1 + blocks + after), t0=t0,
+        transient=max(0.0, transient - piece), times=None, blocks=1 + blocks + after, mode=mode, frame=frame,
+        method=discrete("covariant_vectors", method), max_steps=max_steps, progress=progress,
+    )  # fmt: skip
+    frames, factors, x = jax.tree.map(jnp.asarray, found.collected)
+    vectors, growth = _backwards(frames, factors)
+    time = jnp.asarray(found.time)
+    wanted = slice(0, blocks + 1)
+    result = CovariantVectors(
+        time[wanted] - time[0], x[wanted], vectors[wanted], growth[:blocks], jnp.asarray(found.status)
+    )
+    return verdict_of(found, result, throw)
+
+
+@compiled()
+def _backwards(frames, factors: Factor):
+    """The vectors V_n = Q_n C_n (blocks, n, k), and the logarithms of what lies between n and n + 1 (blocks − 1, k)."""
+    k = frames.shape[-1]
+    last = jnp.triu(jnp.asarray(generic_frame(k, k, frames.dtype)) + jnp.eye(k, dtype=frames.dtype))
+    last = last / jnp.linalg.norm(last, axis=0, keepdims=True)
+
+    def back(c, factor):
+        earlier, growth = _before(factor, c)
+        return earlier, (earlier, growth)
+
+    _, (columns, growth) = jax.lax.scan(back, last, jax.tree.map(lambda leaf: leaf[1:], factors), reverse=True)
+    return frames @ jnp.concatenate([columns, last[None]]), growth
+
+
+def _before(factor: Factor, c):
+    """C_{n-1} with unit columns from R_n and C_n, and ln of their growth.
+
+    Column p is carried to the row whose first entry stands at p; where no row's does, it is a vector of the kernel.
+    """
+    r, pivot, k = factor.r, factor.pivot, c.shape[0]
+    columns = jnp.arange(k, dtype=pivot.dtype)
+    stands_at = pivot[None, :] == columns[:, None]
+    goes_on = jnp.any(stands_at, axis=1)
+    wanted = jnp.where(goes_on[None, :], c[:, jnp.argmax(stands_at, axis=1)], 0.0)
+    known = jnp.where(goes_on[None, :], 0.0, jnp.eye(k, dtype=c.dtype))
+
+    def solve(i, solution):
+        row = k - 1 - i
+        at = jnp.minimum(pivot[row], k - 1)
+        entry = r[row, at]
+        rest = wanted[row] - (r[row] @ solution - entry * solution[at])
+        new = rest / jnp.where(entry == 0, 1.0, entry)
+        return jnp.where((pivot[row] < k) & (columns == at)[:, None], new[None, :], solution)
+
+    solution = jax.lax.fori_loop(0, k, solve, known)
+    length = jnp.linalg.norm(solution, axis=0)
+    return solution / length[None, :], jnp.where(goes_on, -jnp.log(length), -jnp.inf)

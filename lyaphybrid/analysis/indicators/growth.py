@@ -1,0 +1,245 @@
+"""FLI, OFLI and MEGNO: how one deviation vector grows, read at every step."""
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from ... import plots
+from ..._arguments import require
+from ..._jax.precision import nonzero
+from ..._jax.tracing import traced
+from ...engine.blocks import check_counts
+from ...engine.states import Orthonormalisation, StepState
+from ...statuses import status_of
+from ...systems.event_driven import EventDriven
+from ...systems.hybrid import Hybrid
+from ...systems.kinds import iterates
+from ...systems.smooth import Flow, Map
+from .following import discrete, follow, verdict_of
+from .verdicts import Verdict, of_fli, of_megno
+
+__all__ = ["Growth", "fli", "megno", "ofli"]
+
+
+class Length(NamedTuple):
+    """ln ‖w‖ and its averages."""
+
+    t0: Array
+    t: Array
+    log: Array  # ln ‖w(t)‖
+    area: Array  # ∫ ln ‖w‖ dt
+    value: Array  # Y(t)
+    value_area: Array  # ∫ Y dt
+    highest: Array  # the largest ln ‖w‖ so far
+    highest_across: Array  # the largest ln of its part across the flow
+
+
+@dataclasses.dataclass(frozen=True)
+class Lengths:
+    """Follows the length of the first column; a `propagation.Watch`."""
+
+    across: bool = False  # look at the part across the flow too
+
+    def begin(self, t, frame) -> Length:
+        """The vector has length 1."""
+        zero = jnp.zeros((), frame.dtype)
+        return Length(t, t, zero, zero, zero, zero, zero, zero - jnp.inf if self.across else zero)
+
+    def update(self, state: Length, seen: Orthonormalisation) -> Length:
+        """Y = (2/t) ∫ s d(ln ‖w‖) = 2 (ln ‖w(t)‖ − (1/t) ∫ ln ‖w‖ ds), integrals by the trapezoidal rule."""
+        log = state.log + jnp.where(seen.lost[0], -jnp.inf, seen.log_r[0])
+        dt, elapsed = seen.t - state.t, seen.t - state.t0
+        area = state.area + 0.5 * dt * (state.log + log)
+        value = jnp.where(elapsed > 0, 2 * (log - area / jnp.where(elapsed > 0, elapsed, 1.0)), 0.0)
+        value_area = state.value_area + 0.5 * dt * (state.value + value)
+        across = state.highest_across
+        if self.across:
+            across = jnp.maximum(across, log + _log_across(seen.frame[:, 0], seen.velocity()))
+        return Length(state.t0, seen.t, log, area, value, value_area, jnp.maximum(state.highest, log), across)
+
+    def moved(self, state: Length, source) -> Length:
+        """There is one column."""
+        del source
+        return state
+
+    def next_block(self, state: Length) -> Length:
+        """Nothing is counted by blocks."""
+        return state
+
+
+def _log_across(w, f):
+    """Ln of the length of the part of a unit vector w that is orthogonal to f."""
+    square = jnp.sum(f**2)
+    rest = w - f * (jnp.sum(w * f) / jnp.where(square > 0, square, 1.0))
+    left = jnp.sum(rest**2)
+    return 0.5 * jnp.log(jnp.maximum(left, nonzero(1e-300, left)))
+
+
+def _state(t, carry: StepState):
+    del t
+    return carry.observer
+
+
+class Growth(eqx.Module):
+    """An indicator against time.
+
+    Attributes:
+        time: (times,) since the start; nan where not reached.
+        values: (times,); with a leading axis m for m runs.
+        mean: (times,) of MEGNO, its mean over [0, t]; None for the others.
+        name: "MEGNO", "FLI", "OFLI" or "OFLI2".
+    """
+
+    time: Array
+    values: Array
+    mean: Array | None
+    status_code: Array
+    name: str = eqx.field(static=True)
+
+    @property
+    def status(self):
+        """The verdict on the run; under a transformation the bare code."""
+        return status_of(self.status_code)
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether the motion is regular or chaotic, of one run."""
+        require(not traced(self.values) and self.time.ndim == 1, "A verdict is about one run, outside of jit.")
+        time = np.asarray(self.time)
+        return of_fli(time, np.asarray(self.values)) if self.mean is None else of_megno(time, np.asarray(self.mean))
+
+    def plot(self, ax=None):
+        """The values against time."""
+        return plots.growth(self, ax)
+
+
+def megno(system: Flow | Map | Hybrid | EventDriven, x0, args: Any = None, *, t1, **options) -> Growth:
+    """The mean exponential growth factor of nearby orbits, Y = (2/t) ∫ s d(ln ‖w‖).
+
+    It tends to 2 for quasiperiodic motion, to 0 where ‖w‖ stays bounded, and grows like λ₁ t in chaos; its mean over
+    time like λ₁ t / 2. The integral is a sum over the steps of the method, or the flights of an event-driven system.
+
+    Args:
+        system: an `lh.Flow`, `lh.Hamiltonian`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
+        x0: start, shape (n,); or (m, n) for m runs at once.
+        args: pytree of parameters.
+        t1: length of the run (iterations for a map).
+        options: `times` ("log"), `t0`, `transient`, `mode`, `frame` (n, 1), `method`, `blocks` (64), `max_steps`,
+            `progress`, `throw`, as for `lh.gali`.
+
+    Returns:
+        A `Growth` with `.time`, `.values` (times,), `.mean` (times,), `.status` and `.verdict`.
+
+    Raises:
+        ValueError: on arguments that do not fit.
+        RunFailed: where the run failed and `throw`.
+
+    Source:
+        P. M. Cincotta & C. Simó, Astron. Astrophys. Suppl. 147 (2000) 205, doi:10.1051/aas:2000108.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> pendulum = lh.Hamiltonian(lambda p, args: jnp.sum(p**2) / 2, lambda q, args: -jnp.sum(jnp.cos(q)))
+        >>> found = lh.megno(pendulum, [0.5, 0.0], t1=20_000.0, method=lh.Symplectic("ABA864", dt=0.2))
+        >>> found.verdict.kind, round(float(found.mean[-1]), 1)
+        ('regular', 2.0)
+    """
+    return _grown("MEGNO", False, system, x0, args, t1, options)
+
+
+def fli(system: Flow | Map | Hybrid | EventDriven, x0, args: Any = None, *, t1, **options) -> Growth:
+    """The fast Lyapunov indicator, sup ln ‖w(s)‖ over s ≤ t.
+
+    It grows like ln t for regular motion, and like λ₁ t in chaos.
+
+    Args:
+        system: an `lh.Flow`, `lh.Hamiltonian`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
+        x0: start, shape (n,); or (m, n) for m runs at once.
+        args: pytree of parameters.
+        t1: length of the run (iterations for a map).
+        options: as for `lh.megno`.
+
+    Returns:
+        A `Growth` with `.time`, `.values` (times,), `.status` and `.verdict`.
+
+    Raises:
+        ValueError: on arguments that do not fit.
+        RunFailed: where the run failed and `throw`.
+
+    Source:
+        C. Froeschlé, E. Lega & R. Gonczi, Celest. Mech. Dyn. Astron. 67 (1997) 41, doi:10.1023/A:1008276418601.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> cat = lh.Map(lambda n, x, args: jnp.stack([2 * x[0] + x[1], x[0] + x[1]]) % 1.0)
+        >>> lh.fli(cat, [0.1, 0.2], t1=1000).verdict.kind
+        'chaotic'
+    """
+    return _grown("FLI", False, system, x0, args, t1, options)
+
+
+def ofli(system: Flow | Hybrid, x0, args: Any = None, *, t1, **options) -> Growth:
+    """The orthogonal fast Lyapunov indicator: that of the part of w across the flow.
+
+    It stays bounded on periodic orbits, grows like ln t on tori and like λ₁ t in chaos.
+
+    Args:
+        system: an `lh.Flow`, `lh.Hamiltonian` or `lh.Hybrid`: there must be a flow.
+        x0: start, shape (n,); or (m, n) for m runs at once.
+        args: pytree of parameters.
+        t1: length of the run.
+        options: as for `lh.megno`.
+
+    Returns:
+        A `Growth` with `.time`, `.values` (times,), `.status` and `.verdict`.
+
+    Raises:
+        ValueError: on arguments that do not fit; on a system without a field.
+        RunFailed: where the run failed and `throw`.
+
+    Source:
+        M. Fouchard, E. Lega, Ch. Froeschlé & Cl. Froeschlé, Celest. Mech. Dyn. Astron. 83 (2002) 205,
+        doi:10.1023/A:1020199201070.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> pendulum = lh.Hamiltonian(lambda p, args: jnp.sum(p**2) / 2, lambda q, args: -jnp.sum(jnp.cos(q)))
+        >>> lh.ofli(pendulum, [0.5, 0.0], t1=2000.0, method=lh.Symplectic("ABA864", dt=0.2)).verdict.kind
+        'regular'
+    """
+    flows = isinstance(system, Flow) or (isinstance(system, Hybrid) and not iterates(system))
+    require(flows, f"ofli looks across the flow: it needs an lh.Flow or an lh.Hybrid with fields; got {system!r}.")
+    return _grown("OFLI", True, system, x0, args, t1, options)
+
+
+DEFAULTS = {
+    "times": "log",
+    "t0": 0.0,
+    "transient": 0.0,
+    "mode": None,
+    "frame": None,
+    "method": None,
+    "blocks": 64,
+    "max_steps": None,
+    "progress": None,
+}
+
+
+def _grown(name: str, across: bool, system, x0, args, t1, options) -> Growth:
+    throw = options.pop("throw", True)
+    unknown = set(options) - set(DEFAULTS)
+    require(not unknown, f"{name.lower()} takes {', '.join(DEFAULTS)} and throw; got {', '.join(sorted(unknown))}.")
+    options = DEFAULTS | options
+    discrete(name.lower(), options["method"])
+    check_counts(system, t1=t1, transient=options["transient"])
+    found = follow(Lengths(across), _state, system, x0, args, k=1, t1=t1, each_step=True, **options)
+    state, time = found.collected, jnp.asarray(found.time)
+    values = {"MEGNO": state.value, "FLI": state.highest, "OFLI": state.highest_across}[name]
+    values = jnp.where(jnp.isnan(time), jnp.nan, values)
+    mean = jnp.where(jnp.isnan(values), jnp.nan, state.value_area) / time if name == "MEGNO" else None
+    result = Growth(time, values, mean, jnp.asarray(found.status), name)
+    return verdict_of(found, result, throw)

@@ -1,0 +1,170 @@
+"""Spectral intervals: what averages of growth do not settle on, and whether directions stay apart.
+
+Lyapunov exponents may be lim sup and lim inf that differ, and averages over windows that start late may differ from
+those that start at 0: the intervals of Lyapunov and of Sacker and Sell (Bohl) hold them all. Exponents depend
+continuously on the system where neighbouring directions are integrally separated: their difference, averaged over
+windows (Steklov), stays above 0.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Array
+
+from ... import plots
+from ..._arguments import positive, require
+from ..._text import UNIT
+from ...statuses import status_of
+from ...systems.event_driven import EventDriven
+from ...systems.hybrid import Hybrid
+from ...systems.kinds import iterates
+from ...systems.smooth import Flow, Map
+from ..spectra import lyapunov_spectrum
+
+__all__ = ["SpectralIntervals", "spectral_intervals"]
+
+LOOKS = 64  # at each window, from which its best position is known to about 1/64² of what changes within it
+OPTIONS = ("t0", "transient", "mode", "k", "frame", "method", "every", "max_steps", "progress", "throw")
+
+
+class SpectralIntervals(eqx.Module):
+    """Intervals of exponents, descending by the averages over the whole run.
+
+    Attributes:
+        lyapunov: (k, 2) least and greatest of the averages over [0, t], tau ≤ t ≤ t1; per unit of time.
+        sacker_sell: (k, 2) of the averages over all windows.
+        steklov: (k − 1,) least difference of neighbours, averaged over a window.
+        time: (times,) where running averages end, t ≥ tau; running: (times, k) those averages.
+        start: (windows,) where windows begin; windows: (windows, k) averages over them.
+        window: their length.
+    """
+
+    lyapunov: np.ndarray
+    sacker_sell: np.ndarray
+    steklov: np.ndarray
+    time: np.ndarray
+    running: np.ndarray
+    start: np.ndarray
+    windows: np.ndarray
+    status_code: Array
+    window: float = eqx.field(static=True)
+    unit: str = eqx.field(static=True)
+
+    @property
+    def separated(self) -> bool:
+        """Whether all neighbours are integrally separated, as far as these windows show."""
+        return bool(np.all(np.asarray(self.steklov) > 0))
+
+    @property
+    def status(self):
+        """The verdict on the run."""
+        return status_of(self.status_code)
+
+    def __str__(self) -> str:
+        lines = [f"spectral intervals per {self.unit}, windows of {self.window:g}; status {self.status}"]
+        for i, (bounds, wider) in enumerate(zip(np.asarray(self.lyapunov), np.asarray(self.sacker_sell), strict=True)):
+            lines.append(f"  λ{i + 1}  Lyapunov {_interval(bounds)}  Sacker–Sell {_interval(wider)}")
+        if len(self.steklov):
+            least = ", ".join(f"{value:.5g}" for value in np.asarray(self.steklov))
+            lines.append(f"  {'' if self.separated else 'not '}integrally separated: Steklov differences ≥ {least}")
+        return "\n".join(lines)
+
+    __repr__ = __str__
+
+    def plot(self, axes=None):
+        """Running averages, and averages over windows, with their intervals."""
+        return plots.intervals(self, axes)
+
+
+def _interval(bounds) -> str:
+    return f"[{bounds[0]:.5g}, {bounds[1]:.5g}]"
+
+
+def spectral_intervals(
+    system: Flow | Map | Hybrid | EventDriven, x0, args: Any = None, *, t1, window, tau, **options
+) -> SpectralIntervals:
+    """Intervals of Lyapunov and of Sacker and Sell, and the integral separation of neighbouring directions.
+
+    All are of a run of finite length: the true intervals are reached from inside, as t1 and the window grow.
+
+    Args:
+        system: an `lh.Flow`, `lh.Hamiltonian`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
+        x0: (n,) start.
+        args: pytree of parameters.
+        t1: length of the run (iterations for a map).
+        window: length of the windows over which growth is averaged, 0 < window ≤ t1.
+        tau: running averages count from there on, 0 ≤ tau < t1.
+        options: `t0`, `transient`, `mode`, `k`, `frame`, `method`, `every`, `max_steps`, `progress`, `throw`, as for
+            `lh.lyapunov_spectrum`.
+
+    Returns:
+        A `SpectralIntervals` with `.lyapunov` (k, 2), `.sacker_sell` (k, 2), `.steklov` (k − 1,), `.separated`,
+        `.status` and `.plot()`; bounds are -inf where a jump destroyed a direction.
+
+    Raises:
+        ValueError: on arguments that do not fit.
+        RunFailed: where the run failed and `throw`.
+
+    Source:
+        L. Dieci & E. S. Van Vleck, SIAM J. Numer. Anal. 40 (2002) 516, doi:10.1137/S0036142901392304, and J. Dyn.
+        Differ. Equ. 19 (2007) 265, doi:10.1007/s10884-006-9030-5.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> swing = lh.Flow(lambda t, x, args: x * (jnp.cos(jnp.log(t + 1)) + jnp.array([0.0, -3.0])))
+        >>> found = lh.spectral_intervals(swing, [0.0, 0.0], t1=2000.0, window=50.0, tau=100.0)
+        >>> found.separated, round(float(found.steklov[0]), 6)
+        (True, 3.0)
+    """
+    unknown = set(options) - set(OPTIONS)
+    require(not unknown, f"spectral_intervals takes {', '.join(OPTIONS)}; got {', '.join(sorted(unknown))}.")
+    require(np.ndim(x0) == 1, f"spectral_intervals follows one orbit: x0 must have shape (n,); got {np.shape(x0)}.")
+    positive("t1, a length,", t1)
+    positive("window", window)
+    length, window, tau = float(t1), float(window), float(tau)
+    require(window <= length, f"window must be at most t1 = {length:g}; got {window:g}.")
+    require(0 <= tau < length, f"tau must be in [0, t1) = [0, {length:g}); got {tau:g}.")
+    step = max(1.0, round(window / LOOKS)) if iterates(system) else window / LOOKS
+    s = lyapunov_spectrum(system, x0, args, t1=length, times=_ends(length, step), **options)
+    ends, growth, losses = (np.asarray(a) for a in (s.history.time, s.history.growth, s.history.losses))
+    reached, unit = np.isfinite(ends), "iteration" if iterates(system) else UNIT["time"]
+    # A direction that was lost in the transient, for good, is lost in every window.
+    losses = losses + (np.isneginf(np.asarray(s.exponents)) & ~np.any(losses > 0, axis=0))
+    return _of(ends[reached], growth[reached], losses[reached], round(window / step), step, tau, s.status_code, unit)
+
+
+def _ends(length: float, step: float) -> np.ndarray:
+    """Multiples of the step, and the end."""
+    inside = step * np.arange(1, int(np.ceil(length / step - 1e-9)))
+    return np.append(inside, length)
+
+
+def _of(ends, growth, losses, across: int, step: float, tau: float, status, unit: str) -> SpectralIntervals:
+    """From the growth (times, k) between the ends of pieces, a window being so many of them."""
+    start = np.concatenate([[0.0], ends])
+    total, gone = (np.vstack([np.zeros(growth.shape[1]), np.cumsum(a, axis=0)]) for a in (growth, losses))
+    late = ends >= tau
+    running = np.where(gone[1:] > 0, -np.inf, total[1:])[late] / ends[late, None]
+    # The last piece may be shorter: windows are those of full length.
+    count = max(0, len(start) - across - (len(ends) > 0 and ends[-1] - start[-2] < 0.999 * step))
+    first, last = slice(0, count), slice(across, across + count)
+    windows = (total[last] - total[first]) / (start[last] - start[first])[:, None]
+    windows = np.where(gone[last] > gone[first], -np.inf, windows)
+    with np.errstate(invalid="ignore"):
+        differences = windows[:, :-1] - windows[:, 1:]
+    return SpectralIntervals(
+        _bounds(running), _bounds(windows), _least(differences), ends[late], running, start[first], windows,
+        status, across * step, unit,
+    )  # fmt: skip
+
+
+def _bounds(values: np.ndarray) -> np.ndarray:
+    """(k, 2) least and greatest of (times, k); nan where the run did not reach any."""
+    if len(values) == 0:
+        return np.full((values.shape[1], 2), np.nan)
+    return np.stack([values.min(axis=0), values.max(axis=0)], axis=1)
+
+
+def _least(differences: np.ndarray) -> np.ndarray:
+    return _bounds(differences)[:, 0]

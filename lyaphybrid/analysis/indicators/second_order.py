@@ -1,0 +1,112 @@
+"""OFLI2: how one deviation vector grows across the flow, to second order."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from ..._arguments import require
+from ...engine import preparation
+from ...integrators import TangentHamiltonian
+from ...integrators.second_variations import SecondVariation, Varied, highest_of, started
+from ...systems.daes.semi_linear import DAE
+from ...systems.smooth import Flow
+from .following import follow, generic_frame, unit_columns, verdict_of
+from .growth import Growth
+
+__all__ = ["ofli2"]
+
+
+def ofli2(
+    system: Flow,
+    x0,
+    args: Any = None,
+    *,
+    t1,
+    times: Any = "log",
+    t0: Any = 0.0,
+    frame=None,
+    method=None,
+    blocks: int = 64,
+    max_steps: int | None = None,
+    progress=None,
+    throw: bool = True,
+) -> Growth:
+    """The orthogonal fast Lyapunov indicator to second order, sup ln ‖(ξ + ½ δξ)⊥‖ over the steps up to t.
+
+        ξ' = Df ξ,   δξ' = Df δξ + D²f(ξ, ξ),   ξ(t0) = ξ₀,   δξ(t0) = 0;   ⊥: the part across the flow
+
+    ξ and δξ are the first and second derivative of the motion along ξ₀, made by the method's own step. Curvature shows
+    in δξ before it does in ξ: it grows like a power of t in regular motion, and like 2λ₁t in chaos.
+
+    Args:
+        system: an `lh.Flow` or `lh.Hamiltonian`.
+        x0: start, shape (n,); or (m, n) for m runs at once.
+        args: pytree of parameters.
+        t1: length of the run.
+        times: when it is recorded: "log", an increasing array that ends at t1, or None for equal intervals.
+        t0: time at the start.
+        frame: (n, 1) direction ξ₀; None: that of the gradient of the energy, where the system has one, else a unit
+            vector across the flow, always the same.
+        method: as for `lh.trajectory`.
+        blocks: number of times, where `times` is "log" or None.
+        max_steps: most attempts of a step.
+        progress: True for a bar, or a function of the fraction done.
+        throw: raise where the run failed.
+
+    Returns:
+        A `Growth` with `.time`, `.values` (times,), `.status` and `.verdict`.
+
+    Raises:
+        ValueError: on arguments that do not fit; on another system than a smooth flow; on `lh.TangentHamiltonian`,
+            whose tangent is not the derivative of its step.
+        RunFailed: where the run failed and `throw`.
+
+    Source:
+        R. Barrio, Chaos, Solitons & Fractals 25 (2005) 711, doi:10.1016/j.chaos.2004.11.092; Lect. Notes Phys. 915
+        (2016) 55, doi:10.1007/978-3-662-48410-4_3.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> growth = lh.Flow(lambda t, x, args: jnp.stack([1 + 0 * x[0], x[1] + x[1] ** 2]))
+        >>> found = lh.ofli2(growth, [0.0, 0.0], t1=500.0, frame=[[0.0], [1.0]])  # ξ = eᵗ, δξ = 2(eᵗ − 1)eᵗ
+        >>> round(float(found.values[-1]), 6)
+        1000.0
+    """
+    smooth = isinstance(system, Flow) and not isinstance(system, DAE)
+    require(smooth, f"ofli2 takes two derivatives of a flow: it needs an lh.Flow or lh.Hamiltonian; got {system!r}.")
+    good = not isinstance(method, TangentHamiltonian)
+    require(good, "ofli2 differentiates the step itself, which lh.TangentHamiltonian does not: take lh.Symplectic.")
+    problem, x0, t0, _ = preparation.prepare(system, x0, args, t0, method, None)
+
+    def start(x):
+        f = system.field(t0, x, problem.args)
+        return started(x, _direction(system, x, f, problem.args) if given is None else given, f)
+
+    n = x0.shape[-1]
+    given = None if frame is None else unit_columns(frame, n, 1, x0.dtype)[:, 0]
+    found = follow(
+        None, _highest, Flow(Varied(system.field)), jax.vmap(start)(x0) if x0.ndim == 2 else start(x0), args, k=0,
+        t1=t1, t0=t0, transient=0.0, times=times, blocks=blocks, mode=None, frame=None,
+        method=SecondVariation(problem.method), max_steps=max_steps, progress=progress,
+    )  # fmt: skip
+    time = jnp.asarray(found.time)
+    values = jnp.where(jnp.isnan(time), jnp.nan, found.collected)
+    return verdict_of(found, Growth(time, values, None, jnp.asarray(found.status), "OFLI2"), throw)
+
+
+def _highest(t, carry):
+    del t
+    return highest_of(carry.x)
+
+
+def _direction(system: Flow, x, f, args):
+    """The unit vector along the gradient of the energy; of a flow without one a unit vector across the flow."""
+    energy = getattr(system, "energy", None)
+    if energy is not None:
+        vector = jax.grad(energy)(x, args)
+    else:
+        vector, square = jnp.asarray(generic_frame(x.shape[0], 1, x.dtype)[:, 0]), jnp.sum(f**2)
+        vector = vector - f * (jnp.sum(vector * f) / jnp.where(square > 0, square, 1.0))
+    length = jnp.sqrt(jnp.sum(vector**2))
+    return vector / jnp.where(length > 0, length, 1.0)

@@ -1,0 +1,225 @@
+"""The SVD method: exponents from the singular values of the fundamental matrix, directions from its singular vectors.
+
+Frames are carried as always, Φ Q_0 = Q P with P = R_N … R_1. P itself overflows; its rows, divided by their diagonal
+entries e^(s_i), do not:
+
+    P = diag(e^s) B,   B ← B + (r_ij e^(s_j − s_i) / r_ii)_{i<j} B,   s ← s + ln r_ii
+
+As the frame puts the fastest growth first, e^(s_j − s_i) falls where i < j, and B settles. Its singular values and
+those of Φ on the span of Q_0 are then known to full relative accuracy, however far apart they are.
+"""
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from ..._arguments import require, whole
+from ..._jax.tracing import traced
+from ..._linalg.frames import orthonormalise
+from ..._text import UNIT
+from ...engine.blocks import check_counts
+from ...engine.states import Orthonormalisation, StepState
+from ...statuses import status_of
+from ...systems.daes.semi_linear import degrees_of_freedom
+from ...systems.event_driven import EventDriven
+from ...systems.hybrid import Hybrid
+from ...systems.kinds import iterates
+from ...systems.smooth import Flow, Map
+from .following import discrete, follow, start_frame, verdict_of
+from .graded import log_singular_values
+
+__all__ = ["SVDSpectrum", "svd_spectrum"]
+
+
+class Product(NamedTuple):
+    """The fundamental matrix on the span of the first frame."""
+
+    start: Array  # (n, k) Q_0
+    rows: Array  # (k, k) B; zeros where a direction is lost
+    logs: Array  # (k,) s; -inf where lost
+
+
+@dataclasses.dataclass(frozen=True)
+class Products:
+    """Follows P; a `propagation.Watch`."""
+
+    def begin(self, t, frame) -> Product:
+        """Q_0 is the frame made orthonormal, frame = Q_0 R: then P = R⁻¹ at the start."""
+        del t
+        k = frame.shape[1]
+        start, logs, _ = orthonormalise(frame)
+        inverse = jax.scipy.linalg.solve_triangular(jnp.triu(start.T @ frame), jnp.eye(k, dtype=frame.dtype))
+        return Product(start, inverse * jnp.exp(logs)[:, None], -logs)
+
+    def update(self, state: Product, seen: Orthonormalisation) -> Product:
+        """P ← R P, by rows."""
+        r, (start, rows, logs) = jnp.triu(seen.frame.T @ seen.before, 1), state
+        gone = seen.lost | jnp.isneginf(logs)
+        scale = jnp.where(gone, 0.0, logs + seen.log_r)  # what is lost now still adds to the rows above it
+        ratio = logs[None, :] - scale[:, None]
+        rows = jnp.where(gone[:, None], 0.0, rows + jnp.where(r == 0, 0.0, r * jnp.exp(ratio)) @ rows)
+        return Product(start, rows, jnp.where(gone, -jnp.inf, logs + seen.log_r))
+
+    def moved(self, state: Product, source) -> Product:
+        """What is alive comes first."""
+        return Product(state.start, state.rows[source], state.logs[source])
+
+    def next_block(self, state: Product) -> Product:
+        """Nothing is counted by blocks."""
+        return state
+
+
+def _product(t, carry: StepState):
+    del t
+    return carry.observer
+
+
+class SVDSpectrum(eqx.Module):
+    """Exponents from singular values, descending.
+
+    Attributes:
+        time: (times,) since the end of the transient.
+        log_values: (times, k) ln σ_i of the fundamental matrix from there; -inf where a direction was destroyed.
+        directions: (times, n, k) its right singular vectors, the perturbations at the start that grow by σ_i; at late
+            times eigenvectors of Λ = lim (ΦᵀΦ)^(1/2t), the Lyapunov directions. Up to their signs; zero where σ_i = 0.
+    """
+
+    time: np.ndarray
+    log_values: np.ndarray
+    directions: np.ndarray
+    status_code: Array
+    unit: str = eqx.field(static=True)
+
+    @property
+    def running(self) -> np.ndarray:
+        """(times, k) ln σ_i / t."""
+        return self.log_values / self.time[:, None]
+
+    @property
+    def exponents(self) -> np.ndarray:
+        """(k,) the last of them."""
+        return self.running[-1]
+
+    @property
+    def error(self) -> np.ndarray:
+        """(k,) how far the exponents may be from their limits.
+
+        The largest distance from (ln σ_i(T) − ln σ_i(t)) / (T − t), T/4 ≤ t ≤ 3T/4. Where ln σ_i = λ_i t + c_i it is
+        the error |c_i| / T itself; where growth varies it is of the size of the statistical error.
+        """
+        inside = (self.time >= 0.25 * self.time[-1]) & (self.time <= 0.75 * self.time[-1])
+        with np.errstate(invalid="ignore"):
+            later = (self.log_values[-1] - self.log_values[inside]) / (self.time[-1] - self.time[inside])[:, None]
+            distance = np.abs(self.exponents - later)
+        distance = np.where(np.isneginf(self.exponents), 0.0, distance)
+        return np.max(distance, axis=0) if len(later) else np.full(len(self.exponents), np.nan)
+
+    @property
+    def turned(self) -> np.ndarray:
+        """(k,) angles in [0, π/2] between the directions at the end and at half of the time.
+
+        Directions settle exponentially, at the rates of the gaps between exponents: the error at the end is far below.
+        """
+        half = np.searchsorted(self.time, 0.5 * self.time[-1], side="right") - 1
+        before, now = self.directions[max(half, 0)], self.directions[-1]
+        along = np.sum(before * now, axis=0)
+        return np.arctan2(np.linalg.norm(now - along * before, axis=0), np.abs(along))
+
+    @property
+    def status(self):
+        """The verdict on the run."""
+        return status_of(self.status_code)
+
+    def __str__(self) -> str:
+        lines = [f"exponents by the SVD method, per {self.unit}; status {self.status}"]
+        for i, values in enumerate(zip(self.exponents, self.error, self.turned, strict=True)):
+            lines.append("  λ{}  {:.6g}  within {:.2g}, direction turned by {:.2g}".format(i + 1, *values))
+        return "\n".join(lines)
+
+    __repr__ = __str__
+
+
+def svd_spectrum(
+    system: Flow | Map | Hybrid | EventDriven,
+    x0,
+    args: Any = None,
+    *,
+    t1,
+    k: int | None = None,
+    t0: Any = 0.0,
+    transient: Any = 0.0,
+    mode: str | int | None = None,
+    method=None,
+    blocks: int = 64,
+    times=None,
+    max_steps: int | None = None,
+    progress=None,
+    throw: bool = True,
+) -> SVDSpectrum:
+    """Lyapunov exponents by the SVD method, λ_i = lim ln σ_i(Φ(t)) / t, and the Lyapunov directions.
+
+    Singular values do not depend on a first frame, as what QR methods find at finite times does: ln σ_1 is the growth
+    of the perturbation that has grown most. Both methods have the same limits where the equations are regular.
+
+    Args:
+        system: an `lh.Flow`, `lh.DAE`, `lh.Hamiltonian`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
+        x0: (n,) start.
+        args: pytree of parameters.
+        t1: length of the run (iterations for a map).
+        k: number of exponents; None: all. With fewer Φ is looked at on k directions: those that the transient has
+            found, or without one on directions of no special kind.
+        t0: time at the start.
+        transient: length of a run before; Φ begins at its end.
+        mode: mode at the start, where there are several.
+        method: as for `lh.lyapunov_spectrum`, but for `lh.ContinuousQR`, which leaves no factors R.
+        blocks: singular values are found at so many equal steps of the time.
+        times: an array or "log" in place of these.
+        max_steps: most attempts of a step.
+        progress: True for a bar, or a function of the fraction done.
+        throw: raise where the run failed.
+
+    Returns:
+        An `SVDSpectrum` with `.exponents` (k,), `.error` (k,), `.directions` (times, n, k), `.turned` (k,),
+        `.time`, `.log_values` (times, k) and `.status`.
+
+    Raises:
+        ValueError: on arguments that do not fit; under jit, where values are not known.
+        RunFailed: where the run failed and `throw`.
+
+    Source:
+        L. Dieci & C. Elia, J. Differ. Equ. 230 (2006) 502; V. H. Linh & V. Mehrmann,
+        SIAM J. Numer. Anal. 49 (2011) 1810, doi:10.1137/100806059.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> shear = lh.Map(lambda n, x, args: jnp.array([[2.0, 100.0], [0.0, 0.5]]) @ x)
+        >>> found = lh.svd_spectrum(shear, [0.0, 0.0], t1=1000)
+        >>> [round(float(value), 3) for value in found.exponents]
+        [0.697, -0.697]
+        >>> [round(float(value), 3) for value in found.exponents - found.error * jnp.array([1, -1])]
+        [0.693, -0.693]
+    """
+    require(np.ndim(x0) == 1, f"svd_spectrum follows one orbit: x0 must have shape (n,); got {np.shape(x0)}.")
+    require(
+        not traced((x0, args, t1, t0, transient)), "svd_spectrum needs values that are known: call it outside of jit."
+    )
+    check_counts(system, t1=t1, transient=transient)
+    n = np.shape(x0)[0]
+    number = degrees_of_freedom(system, n) if k is None else k
+    whole("k", number, least=1)
+    found = follow(
+        Products(), _product, system, x0, args, k=number, t1=t1, t0=t0, transient=transient, times=times, blocks=blocks,
+        mode=mode, frame=start_frame(system, t0, x0, args, number),
+        method=discrete("svd_spectrum", method), max_steps=max_steps, progress=progress,
+    )  # fmt: skip
+    reached = np.isfinite(found.time)
+    start, rows, logs = (np.asarray(part)[reached] for part in found.collected)
+    logs, vectors = log_singular_values(rows, logs)
+    unit = "iteration" if iterates(system) else UNIT["time"]
+    result = SVDSpectrum(np.asarray(found.time)[reached], logs, start @ vectors, jnp.asarray(found.status), unit)
+    return verdict_of(found, result, throw)

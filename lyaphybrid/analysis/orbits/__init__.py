@@ -1,0 +1,1 @@
+"""Periodic orbits: shooting, multipliers, families, symmetries."""

@@ -1,0 +1,93 @@
+"""Families of orbits: where something is conserved, an orbit is not alone.
+
+Then the equations of an orbit are singular: M − I has no direction in its range along which the conserved quantity
+changes. But they are at a fold too. So the next orbit is looked for, a little aside: in a family there is one.
+"""
+
+import numpy as np
+
+from ..._jax.precision import digits
+from ...results.spectrum import RunFailed
+from .invariants import conserved_of
+from .shooting import SMALL, Motion, Node, Orbit, linearised, retimed, shares_of, shot, states_of
+
+__all__ = ["energy_moved", "family_of"]
+
+SINGULAR = 1e-6  # singular values below this part of the largest, or of 1: there may be a family
+ASIDE = 5e-3  # of the orbit's extent, to the next orbit that is looked for
+CLOSES = 1e-9  # residual at which it is one: next to a fold the square of ASIDE is left, to a pitchfork the cube
+ITERATIONS = 6
+MOVED = 1e-6  # of the orbit's extent, by which the energy moved
+
+
+def family_of(flow: Motion, orbit: Orbit, autonomous: bool, known: int | None = None) -> np.ndarray:
+    """The directions (n, f) from the first node to other orbits, that along the flow or a group not among them.
+
+    Where their number is known nobody looks for the next orbits.
+    """
+    flow, n = flow._replace(conserved=None), len(orbit.nodes[0].x)
+    none = np.zeros((n, 0))
+    if not orbit.residual <= digits(CLOSES, orbit.nodes[0].x):
+        return none
+    system, scales = _scaled(flow, orbit, autonomous)
+    if not np.all(np.isfinite(system)):
+        return none
+    _, singular, right = np.linalg.svd(system)
+    if known is not None:
+        return np.column_stack([none, *(v[:n] for v in right[len(right) - known :])])
+    small = digits(SINGULAR, orbit.nodes[0].x) * max(1.0, singular[0])
+    found = [v for v, size in zip(right, singular, strict=True) if size < small]
+    return np.column_stack([none, *(v[:n] for v in found if _goes_on(flow, orbit, autonomous, v, scales))])
+
+
+def _scaled(flow: Motion, orbit: Orbit, autonomous: bool) -> tuple[np.ndarray, np.ndarray]:
+    """The equations with all unknowns as lengths; the scales of these."""
+    system = linearised(flow, orbit, shares_of(orbit.nodes, orbit.period), autonomous)[0]
+    states = len(orbit.nodes) * len(orbit.nodes[0].x)
+    # By their columns: those of the period and the shift are velocities; the rows are the same, transposed.
+    lengths = np.linalg.norm(system[:, states:], axis=0)
+    lengths = np.where(lengths > 0, lengths, 1.0)
+    scales = np.concatenate([np.ones(states), 1 / lengths])
+    rows = np.linalg.norm(system[states:], axis=1)
+    return system * scales / np.concatenate([np.ones(states), np.where(rows > 0, rows, 1.0)])[:, None], scales
+
+
+def _goes_on(flow: Motion, orbit: Orbit, autonomous: bool, along: np.ndarray, scales: np.ndarray) -> bool:
+    """Whether there is another orbit in this direction of the unknowns."""
+    n, m = len(orbit.nodes[0].x), len(orbit.nodes)
+    change = ASIDE * _extent(orbit) * np.sqrt(m) * along
+    trial, shares = orbit, shares_of(orbit.nodes, orbit.period)
+    try:
+        for _ in range(ITERATIONS):
+            values = change * scales
+            steps, rest = values[: m * n].reshape(m, n), values[m * n :]
+            moved = [flow.moved(node, step) for node, step in zip(trial.nodes, steps, strict=True)]
+            period = trial.period + (float(rest[0]) if autonomous else 0.0)
+            shift = trial.shift + rest[int(autonomous) :]
+            trial = shot(flow, retimed(moved, shares, period), shares, period, 0, shift)
+            if trial.residual <= digits(CLOSES, orbit.nodes[0].x):
+                return True
+            system, gaps = linearised(flow, trial, shares, autonomous)
+            change = np.linalg.lstsq(np.vstack([system * scales, along]), np.append(-gaps, 0.0))[0]
+    except RunFailed:
+        return False
+    return False
+
+
+def _extent(orbit: Orbit) -> float:
+    """How large an orbit is; of one that stays in a point how far that is from 0."""
+    states = np.concatenate([states_of(piece)[1] for piece in orbit.pieces])
+    across, away = float(np.max(np.ptp(states, axis=0))), float(np.max(np.abs(states)))
+    return across if across > SMALL * away else away or 1.0
+
+
+def energy_moved(flow: Motion, start: Node, end: Node) -> bool:
+    """Whether the energy, where the system has one that is known, is another than at the start."""
+    system, args = flow.problem.system, flow.problem.args
+    try:
+        energy = conserved_of(True, system, start.x, flow.mode(start), args)
+    except ValueError:
+        return False
+    assert energy is not None
+    strayed = energy.strayed(flow.mode(end), end.x, args)[0]
+    return bool(np.max(np.abs(strayed)) > digits(MOVED, start.x) * np.max(np.abs(start.x)))

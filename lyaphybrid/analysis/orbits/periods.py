@@ -1,0 +1,263 @@
+"""What in a system depends on time, whether it repeats after a period that is given, and after which it seems to.
+
+The user's functions are asked for their values at some times and states, and a period or many later: a wrong period
+shifts them the more, so that jumps between samples are seen too. Where they do not repeat, their period is looked for:
+the autocorrelation on windows of all lengths shows where, and multiples of the period, each longer than the one before,
+show it the more precisely.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..._jax.jaxprs import needed
+from ..._jax.tracing import array, traced
+from ...systems.daes.semi_linear import Constrained
+from ...systems.event_driven import EventDriven
+from ...systems.hybrid import Hybrid, Transition
+from ...systems.kinds import iterates
+from ...systems.smooth import Flow, Map
+
+__all__ = ["check_period", "depends_on_time", "seeming_period"]
+
+TRIED = np.array([0.0, 0.1234, 1.3, 17.7])  # times at which a dependence on time is looked for
+SAMPLES = 64  # times at which a period is checked
+SPREAD = np.modf(np.arange(1, SAMPLES + 1) * np.sqrt(2))[0]  # over a period; where jumps are unlikely
+TURNS = np.round(1 + 4000 * (np.arange(SAMPLES) / SAMPLES) ** 2)  # periods after which it is, from one to many
+SAME = 1e-9  # part of a time, or of a function's size, that makes no difference
+CONTACTS = 8  # components of a vector guard whose resets are looked at
+ASIDE = 0.1  # of the state, of a second one
+SCALES = 4.0 ** np.arange(-6, 9)  # of the period that was given: windows in which another is looked for
+ALIKE = 0.1  # distance, over that of unrelated values, of values a period apart
+SHARES = np.linspace(-1, 1, 33)  # of a bracket about a period
+MULTIPLES = 4.0 ** np.arange(11)  # of a period, that show it
+COLUMNS = 16  # numbers that are followed through a window
+MINIMA = 20  # looked at in a window
+
+
+class Misfit(NamedTuple):
+    """Where a function does not repeat."""
+
+    name: str
+    t: float
+    turns: float
+    difference: float
+    size: float
+
+
+def check_period(system: Any, period: Any, x, args, t=0.0, *, where: str = "", strobe: bool = False) -> None:
+    """Raise a ValueError unless fields, guards, resets and clocks repeat after the period.
+
+    Args:
+        system: any; of one with a schedule nothing depends on time.
+        period: a number; also a multiple of the system's own. What is traced is not looked at.
+        x: (n,) a state.
+        args: pytree of parameters.
+        t: from which time on.
+        where: what to add to "period", such as " at omega = 2".
+        strobe: the period is one at which to look: with several frequencies that have no common period any is right.
+    """
+    if traced((period, x, args, t)):
+        return
+    x, period, t = np.asarray(x), float(period), float(t)
+    found = _misfit(system, period, x, args, t)
+    if found is None:
+        return
+    own = seeming_period(system, period, x, args, t)
+    if own is None and strobe:
+        return
+    advice = (
+        "No period was found: (a) there are several frequencies without a common period; (b) something grows or decays "
+        "with t, make it a component of x; (c) the period is longer than thousands of the given ones."
+        if own is None
+        else f"They seem to repeat after {own:.8g}: give that or a multiple of it. Likely causes: (a) a frequency ω in "
+        "place of the period 2π/ω; (b) a period for other args, give a function args -> period; (c) the period of only "
+        "a part of what depends on time."
+    )
+    raise ValueError(
+        f"period{where} must be one after which all functions of time are as before; got {period:.9g}, but at the same "
+        f"state the {found.name} at t = {found.t:.6g} and {found.turns:.0f} × {period:.6g} later differ by "
+        f"{found.difference:.3g} (size {found.size:.3g}). {advice}"
+    )
+
+
+def depends_on_time(system: Any, x, args) -> bool:
+    """Whether a field, guard or reset takes the time, or a clock ticks.
+
+    One that takes it may still give the same at all times, as a forcing of amplitude 0 does: where the parameters are
+    known, some times are tried.
+    """
+    x = jnp.asarray(x)
+    if traced((x, args)):
+        return bool(_timed(system, x, args))
+    values = _values(system, array(TRIED, x.dtype), np.asarray(x)[None], args)
+    return any(not np.array_equal(row, rows[0], equal_nan=True) for rows in values.values() for row in rows)
+
+
+def seeming_period(system: Any, period: float, x, args, t: float) -> float | None:
+    """The least period that the functions of time seem to have, of the order of the one given; None: none was found."""
+    count, discrete = SAMPLES * len(SHARES), iterates(system)
+    half = count // 2
+    for step in [1.0] if discrete else period * SCALES / count:
+        values = _followed(system, t + step * np.arange(count), x, args)
+        apart = np.append(_distances(values, half), np.inf)
+        middle = apart[2:-1]  # after one step alone nothing has changed
+        least = (middle <= apart[1:-2]) & (middle <= apart[3:]) & (middle < ALIKE)
+        for k in 2 + np.flatnonzero(least)[:MINIMA]:
+            own = float(k) if discrete else _refined(system, k * step, step, x, args, t)
+            if own is not None and _misfit(system, own, x, args, t) is None:
+                return own
+    return None
+
+
+def _refined(system, period: float, bracket: float, x, args, t: float) -> float | None:
+    """A period in a bracket, from multiples of it in brackets ever more narrow; None where they are none."""
+    times = t + period * SPREAD
+    for turns in MULTIPLES:
+        tried = period + bracket * SHARES
+        later = times + turns * tried[:, None]
+        values = _followed(system, np.append(times, later), x, args).reshape(1 + len(tried), SAMPLES, -1)
+        apart = np.array([_distance(one, values[0]) for one in values[1:]])
+        if not np.min(apart) < ALIKE:
+            return None
+        best = tried[apart == np.min(apart)]  # several, as long as all jumps stay between the samples
+        period, bracket = float(np.mean(best)), np.ptp(best) / 2 + bracket / 8
+    return period
+
+
+def _misfit(system, period: float, x, args, t: float) -> Misfit | None:
+    """Where a function differs most after some periods, beyond what a shift of rounding's size makes; None: nowhere."""
+    rounding = 64 * float(np.finfo(x.dtype).eps)
+    same, discrete, misfits = max(SAME, rounding), iterates(system), []
+    times = t + (np.arange(SAMPLES) if discrete else period * SPREAD)
+    later = times + TURNS * period
+    shift = 0.0 if discrete else same * (np.abs(times) + TURNS * period)
+    values = _values(system, np.concatenate([times, later, later - shift, later + shift]), _states(x), args)
+    values = {name: np.where(np.isfinite(rows), rows, np.nan) for name, rows in values.items()}
+    # What is left of forces that cancel is as large as the rounding of the forces.
+    largest = max((np.max(np.abs(np.nan_to_num(rows)), initial=0.0) for rows in values.values()), default=0.0)
+    for name, rows in values.items():
+        now, then, before, after = np.split(rows, 4)
+        size = np.nan_to_num(np.maximum(np.abs(now), np.abs(then))).max(axis=0)
+        difference = np.nan_to_num(np.abs(then - now))
+        beyond = difference - np.nan_to_num(np.abs(after - before)) - same * size - rounding * largest
+        i, j = np.unravel_index(np.argmax(beyond), beyond.shape)
+        if beyond[i, j] > 0:
+            misfits.append(Misfit(name, times[i], TURNS[i], difference[i, j], size[j]))
+    return max(misfits, key=lambda found: found.difference / found.size, default=None)
+
+
+def _distance(a: np.ndarray, b: np.ndarray) -> float:
+    """Mean square distance of values, 1 for unrelated ones."""
+    return float(np.mean((a - b) ** 2) / 2) if a.size else np.inf
+
+
+def _distances(values: np.ndarray, half: int) -> np.ndarray:
+    """`_distance` of the first `half` values from those as many steps later: (half,), for 0, 1, … steps."""
+    if not values.size:
+        return np.full(half, np.inf)
+    products = sum(np.correlate(column[: 2 * half - 1], column[:half], "valid") for column in values.T)
+    sums = np.cumsum(np.append(0.0, np.sum(values[: 2 * half - 1] ** 2, axis=1)))
+    squares = sums[half:] - sums[: len(sums) - half]
+    apart = (squares[0] + squares - 2 * products) / (2 * half * values.shape[1])
+    return np.round(apart, 9)  # what differs by rounding is as near
+
+
+def _followed(system, times: np.ndarray, x, args) -> np.ndarray:
+    """Some of the values of the functions of time that change (times, numbers), with mean 0 and variance 1."""
+    rows = _values(system, times, _states(x), args).values()
+    values = np.nan_to_num(np.concatenate([np.asarray(one, float) for one in rows], axis=1), posinf=0.0, neginf=0.0)
+    spread = np.std(values, axis=0)
+    values = values[:, spread > 1e-6 * np.max(np.abs(values), axis=0)]
+    values = values[:, np.unique(np.linspace(0, max(values.shape[1] - 1, 0), COLUMNS).astype(int))[: values.shape[1]]]
+    return (values - np.mean(values, axis=0)) / np.std(values, axis=0)
+
+
+def _states(x: np.ndarray) -> np.ndarray:
+    """The state, and another: at one alone a product with the time may vanish."""
+    size = np.abs(x) + 0.1 * np.max(np.abs(x))
+    aside = np.where(size > 0, size, 1.0) * np.random.default_rng(0).normal(size=x.shape)
+    return np.stack([x, x + ASIDE * aside]).astype(x.dtype)
+
+
+@eqx.filter_jit
+def _values(system, times, states, args) -> dict[str, Any]:
+    """The functions of time, by name: (times, numbers), those of all states side by side."""
+
+    def rows(function):
+        def at(t, x):
+            return jnp.ravel(jnp.asarray(function(t, x, args))).astype(states.dtype)
+
+        return jax.lax.map(lambda t: jax.lax.map(lambda x: at(t, x), states).ravel(), times.astype(states.dtype))
+
+    return {name: rows(function) for name, function in _timed(system, states[0], args).items()}
+
+
+def _timed(system: Any, x, args) -> dict[str, Callable]:
+    """The functions of (t, x, args) that take the time."""
+
+    def takes_time(function) -> bool:
+        closed = jax.make_jaxpr(lambda t: function(t, x, args))(jnp.zeros((), x.dtype))
+        return closed.jaxpr.invars[0] in needed(closed)
+
+    return {name: function for name, function in _functions(system, x, args) if takes_time(function)}
+
+
+def _functions(system: Any, x, args) -> Iterator[tuple[str, Callable]]:
+    """All functions of (t, x, args) that decide on the motion, with what to call them."""
+    if isinstance(system, Flow):
+        yield from _of_field("field", system.field)
+    elif isinstance(system, Map):
+        yield "rule", system.rule
+    elif isinstance(system, EventDriven):
+        yield "velocity", system.velocity
+        yield "time to the next event", lambda t, x, args: system.next_event(t, x, args)[0]
+    elif isinstance(system, Hybrid):
+        for name, field, project in zip(system.mode_names, system.fields or (None,), system.tangent, strict=True):
+            if field is not None:
+                yield from _of_field(f"field of mode {name!r}", field)
+            if project is not None:
+                yield f"tangent of mode {name!r}", lambda t, x, args, project=project: project(t, x, args, x)
+        for j, transition in enumerate(system.transitions):
+            yield from _of_transition(f" of transition {j}", transition, x, args)
+
+
+def _of_field(name: str, field: Callable) -> Iterator[tuple[str, Callable]]:
+    if not isinstance(field, Constrained):
+        yield name, field
+        return
+    yield f"residual of the {name}", field.residual
+    yield f"leading of the {name}", lambda t, x, args: field.leading(t, args)
+
+
+def _of_transition(name: str, transition: Transition, x, args) -> Iterator[tuple[str, Callable]]:
+    if transition.guard is None:
+        yield f"clock{name}", lambda t, x, args: _hand(t, transition, args)
+        shape = ()
+    else:
+        yield f"guard{name}", transition.guard
+        shape = jax.eval_shape(transition.guard, jnp.zeros((), x.dtype), x, args).shape
+    if transition.when is not None:
+        yield f"when{name}", transition.when
+    for word, function in (("reset", transition.reset), ("target", transition.target)):
+        if callable(function):
+            yield f"{word}{name}", _of_contacts(function, shape)
+
+
+def _of_contacts(function: Callable, shape: tuple[int, ...]) -> Callable:
+    """The function, of a vector guard for its first components."""
+    if not shape:
+        return function
+    which = jnp.arange(min(*shape, CONTACTS), dtype=jnp.int32)
+    return lambda t, x, args: jax.lax.map(lambda i: function(t, x, args, i), which)
+
+
+def _hand(t, transition: Transition, args):
+    """Where the hand of a clock stands that goes round from tick to tick."""
+    every = transition.every(args) if callable(transition.every) else transition.every
+    angle = 2 * jnp.pi * t / every
+    return jnp.stack([jnp.cos(angle), jnp.sin(angle)])

@@ -1,0 +1,426 @@
+"""Multiple shooting: Newton's method for the points of a periodic orbit, through all jumps on the way.
+
+An orbit of period T is a root of φ_T(x) − x. Multiple shooting cuts it at nodes x_0, …, x_{m−1} and asks that each
+piece ends where the next begins, in the same mode; of an autonomous system the period is one more unknown, and
+f(x_0)·δx_0 = 0 one more equation, so that the point does not slide along the orbit.
+
+Modulo a symmetry the last piece ends at g(x_0, s) instead of x_0. The shift s of a group is one more unknown, and one
+more equation keeps the point from sliding along the group. What is conserved, and is to keep its value, is one equation
+more than there are unknowns: it takes the place of one that is void, for M − I has no such direction in its range.
+
+With the mode the cycle of events is the same too: what follows from a state in a mode is always the same. Without it
+there are roots that are no orbits: fields may be continued beyond the guards at which their modes end, and there a
+motion may meet itself in another mode.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..._jax.engines import compiled
+from ..._jax.precision import digits
+from ..._jax.tracing import array
+from ...engine import problems
+from ...engine.host import driver
+from ...engine.host.places import account, place_of
+from ...engine.states import QRSchedule
+from ...results.spectrum import RunFailed
+from ...statuses import STATUS
+from ...systems.consistency import put_on_constraints
+from ...systems.daes.semi_linear import Constrained, fields_of
+from ...systems.event_driven import EventDriven
+from ...systems.hybrid import Hybrid
+from ...systems.smooth import Map
+from .invariants import Conserved
+from .symmetries import Symmetry
+
+__all__ = [
+    "Motion",
+    "NoPeriodicOrbit",
+    "Node",
+    "Orbit",
+    "Piece",
+    "at_start",
+    "close_return",
+    "linearised",
+    "nearest",
+    "newton",
+    "placed",
+    "retimed",
+    "shares_of",
+    "shot",
+    "states_of",
+    "velocity",
+]
+
+FINISHED = 1e-13  # residual, relative to the orbit, at which there is nothing left to gain
+SMALL = 1e-6  # an orbit that is smaller is measured against this: it may be the origin
+HALVINGS = 8  # of a Newton step that makes the residual larger
+CLEAR = 0.02  # of the period, which nodes keep between themselves and events, where they can
+NEAR = 1e-6  # of the period: an event that stands at x0 is found within this
+CLOSE = 0.1  # of the orbit's size: a return is nearer than this
+DOUBLINGS = 14  # of the time in which a return is looked for
+SAMPLES = 1000  # points of a piece
+EVENTS = 1024  # room for so many in one compiled call; a fuller log is drained and the run goes on
+
+
+class NoPeriodicOrbit(RuntimeError):
+    """Newton's method did not arrive at a periodic orbit; ``.result`` is where it stood."""
+
+    def __init__(self, message: str, result: Any):
+        super().__init__(message)
+        self.result = result
+
+
+class Node(NamedTuple):
+    """A point of an orbit."""
+
+    t: float
+    x: Any  # (n,)
+    mode: Any  # index; None: the state tells
+
+
+class Piece(NamedTuple):
+    """A stretch of motion."""
+
+    start: Node
+    length: float
+    x: Any  # (n,) the end
+    mode: int  # there
+    matrix: np.ndarray  # (n, n) dx(end)/dx(start), jumps included
+    jumps: int
+    times: np.ndarray  # (samples,) since the start
+    points: np.ndarray  # (samples, n)
+    modes: np.ndarray  # (samples,)
+    events: Any  # columns as in `propagation.Events`, times since the start
+
+    @property
+    def end(self) -> Node:
+        """The point at the end."""
+        return Node(self.start.t + self.length, self.x, self.mode)
+
+
+class Orbit(NamedTuple):
+    """Where Newton's method stands."""
+
+    nodes: list[Node]
+    pieces: list[Piece]
+    period: float
+    gap: float  # largest distance of states between pieces, or from what is conserved, relative to the orbit
+    iterations: int
+    shift: np.ndarray  # (q,) of the group, where it closes modulo one
+    goal: Node  # where the last piece is to end: the first node, or its image
+
+    @property
+    def seams(self) -> list[tuple[Piece, Node]]:
+        """Each piece with the node at which it is to end."""
+        return list(zip(self.pieces, [*self.nodes[1:], self.goal], strict=True))
+
+    @property
+    def torn(self) -> list[tuple[int, int]]:
+        """The modes (wanted, found) where a piece ends in another than the next begins in."""
+        # Of a node without a mode the state tells it, and then the gap says all.
+        return [(int(node.mode), piece.mode) for piece, node in self.seams if node.mode not in (None, piece.mode)]
+
+    @property
+    def residual(self) -> float:
+        """What keeps the pieces from being an orbit: the gap; inf where they do not fit in mode."""
+        return np.inf if self.torn else self.gap
+
+
+@compiled(hands_on=True)
+def velocity(system, t, x, args, mode: int):
+    """Dx/dt (n,) in a mode."""
+    return fields_of(system)[mode](t, x, args)
+
+
+class Motion(NamedTuple):
+    """The motion of a point and of its neighbours; modulo what its orbits close, and what they are to conserve."""
+
+    problem: problems.Problem
+    symmetry: Symmetry | None = None
+    conserved: Conserved | None = None
+
+    def piece(self, node: Node, length: float) -> Piece:
+        """A stretch of motion from a point."""
+        x0, discrete = jnp.asarray(node.x), isinstance(self.problem.system, Map)
+        hybrid = isinstance(self.problem.system, Hybrid | EventDriven)
+        plan = problems.Plan(QRSchedule("never", False), "mgs", False, EVENTS * hybrid, False, False, problems.point)
+        t0, ends = array(node.t, x0.dtype), length * np.arange(1, SAMPLES + 1) / SAMPLES
+        ends = array(np.arange(1, length + 1) if discrete else ends, x0.dtype)
+        frame = np.eye(len(x0), dtype=x0.dtype)
+        loop_state = driver.start(self.problem, plan, t0, x0, frame, node.mode, 1.0)
+        outcome = driver.drive(self.problem, plan, loop_state, ends, ends)
+        status = STATUS(int(outcome.status))
+        if status != STATUS.ok:
+            stood = account(status, place_of(outcome.loop_state, self.problem.system), why=outcome.why)
+            raise RunFailed(status, f"On a piece of length {length:.6g} from t = {node.t:.6g}: {stood}", None)
+        carry, (t, x, modes, _) = outcome.loop_state.carry, outcome.records.collected
+        logs = jax.tree.map(lambda *parts: np.concatenate(parts), *outcome.logs) if hybrid else None
+        logs = None if logs is None else logs._replace(t=logs.t - node.t)
+        shown = np.asarray(t) - node.t, np.asarray(x), np.asarray(modes)
+        mode, matrix = int(problems.mode_of(carry)), np.asarray(carry.frame)
+        return Piece(node, length, carry.x, mode, matrix, int(carry.jumps), *shown, logs)
+
+    def velocity(self, node: Node) -> np.ndarray:
+        """Dx/dt at a point."""
+        problem = self.problem
+        return np.asarray(velocity(problem.system, array(node.t, node.x.dtype), node.x, problem.args, self.mode(node)))
+
+    def _field(self, node: Node):
+        return fields_of(self.problem.system)[self.mode(node)]
+
+    def degrees_of_freedom(self, node: Node) -> int:
+        """How many perturbations there are at a point."""
+        if isinstance(self.problem.system, Map):
+            return len(node.x)
+        return getattr(self._field(node), "n_differential", len(node.x))
+
+    def consistent(self, node: Node) -> Node:
+        """The point with the same content that lies on the constraints of its mode."""
+        if isinstance(self.problem.system, Map) or not isinstance(self._field(node), Constrained):
+            return node
+        t = jnp.asarray(node.t, node.x.dtype)
+        return node._replace(x=put_on_constraints(self._field(node), t, node.x, self.problem.args))
+
+    def moved(self, node: Node, dx) -> Node:
+        """The point, moved along what its mode leaves free; where it may change the mode with the state, anywhere."""
+        system, dx = self.problem.system, jnp.asarray(dx)
+        onto = system.tangent[node.mode] if isinstance(system, Hybrid) and node.mode is not None else None
+        if onto is not None:
+            dx = onto(jnp.asarray(node.t, node.x.dtype), node.x, self.problem.args, dx)
+        return node._replace(x=node.x + dx)
+
+    def apart(self, x, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How far points of a motion (samples, n) are from x, or its image; the shifts (samples, q) of the group."""
+        if self.symmetry is None:
+            return np.linalg.norm(points - np.asarray(x), axis=1), np.zeros((len(points), 0))
+        return self.symmetry.followed(x, points)
+
+    def goal(self, node: Node, shift: np.ndarray) -> Node:
+        """Where an orbit through this point is after its period."""
+        return node if self.symmetry is None else node._replace(x=jnp.asarray(self.symmetry.image(node.x, shift).x))
+
+    def strayed(self, node: Node) -> tuple[np.ndarray, np.ndarray]:
+        """How far (c,) what is conserved is from its wanted value, as distances of states; their derivatives (c, n)."""
+        if self.conserved is None:
+            return np.zeros(0), np.zeros((0, len(node.x)))
+        return self.conserved.strayed(self.mode(node), node.x, self.problem.args)
+
+    def mode(self, node: Node) -> int:
+        """The mode at a point."""
+        if node.mode is not None or isinstance(self.problem.system, Map):
+            return int(node.mode or 0)
+        t = jnp.asarray(node.t, node.x.dtype)
+        return max(int(self.problem.system.initial_mode(t, node.x, self.problem.args)), 0)
+
+
+def close_return(flow: Motion, start: Node) -> tuple[Node, float]:
+    """A point and the time after which it comes back close to itself, once it has been away.
+
+    Stretch after stretch, each twice as long as the one before: a motion that approaches its orbit comes closer.
+    """
+    horizon = (np.linalg.norm(start.x) + 1e-3) / max(float(np.linalg.norm(flow.velocity(start))), 1e-12)
+    for _ in range(DOUBLINGS):
+        stretch = flow.piece(start, float(horizon))
+        times, points, modes = states_of(stretch)
+        distance = flow.apart(start.x, points)[0]
+        size = np.maximum.accumulate(distance)
+        distance = np.where(modes == flow.mode(start), distance, np.inf)
+        inner = np.flatnonzero((distance[1:-1] <= distance[:-2]) & (distance[1:-1] <= distance[2:])) + 1
+        close = inner[distance[inner] < CLOSE * size[inner]]
+        if len(close):
+            return start, float(times[close[0]])
+        start, horizon = Node(start.t, stretch.x, stretch.mode), 2 * horizon
+    raise NoPeriodicOrbit(
+        f"The motion from x0 did not come back to itself, looked for over a time of {horizon / 2:.6g}: (a) it is far "
+        "from a periodic orbit, give a transient; (b) it moves towards a fixed point; (c) give the period.",
+        None,
+    )
+
+
+def states_of(piece: Piece) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times, states and modes of a piece, those after its jumps among them."""
+    if piece.events is None:
+        return piece.times, piece.points, piece.modes
+    times = np.concatenate([piece.times, piece.events.t])
+    points = np.concatenate([piece.points, piece.events.x_after])
+    modes = np.concatenate([piece.modes, piece.events.mode_after])
+    order = np.argsort(times, kind="stable")
+    return times[order], points[order], modes[order]
+
+
+def placed(flow: Motion, start: Node, period: float, segments: int) -> list[Node]:
+    """The nodes, away from events."""
+    if isinstance(flow.problem.system, Map):
+        return [start]
+    whole = flow.piece(start, period * (1 + CLEAR))  # an event that ends the period must be seen
+    events = np.zeros(0) if whole.events is None else np.unique(whole.events.t % period)
+    clear = np.sort([_away(at, events, period) for at in period * np.arange(segments) / segments])
+    clear = clear[np.diff(clear, prepend=-period) > CLEAR * period]  # some may have come into the same gap
+    return [start if at == 0 else flow.piece(start, float(at)).end for at in clear]
+
+
+def _away(at: float, events: np.ndarray, period: float) -> float:
+    """A time near the one wanted that keeps away from events: the middle of the next gap where it does not."""
+    if not len(events):
+        return at
+    distance = np.abs((events - at + period / 2) % period - period / 2)
+    if np.min(distance) > CLEAR * period:
+        return at
+    after = np.sort((events - at - 1e-9 * period) % period)
+    after = after[after > CLEAR * period]
+    gaps = np.diff(np.concatenate([[0.0], after, [period]]))
+    ends = np.concatenate([after, [period]])
+    wide = np.flatnonzero(gaps > 2 * CLEAR * period)
+    i = wide[0] if len(wide) else int(np.argmax(gaps))
+    return float((at + ends[i] - gaps[i] / 2) % period)
+
+
+def newton(flow: Motion, nodes: list[Node], period: float, autonomous: bool, most: int) -> Orbit:
+    """Newton's method, its steps halved while they lead away; carried on by the motion where modes do not fit."""
+    orbit = shot(flow, nodes, shares_of(nodes, period), period, 0)
+    for iteration in range(1, most + 1):
+        if orbit.residual <= digits(FINISHED, nodes[0].x):
+            break
+        trial = _stepped(flow, orbit, period, autonomous, iteration)
+        if not trial.residual < orbit.gap:
+            if not (orbit.torn or trial.torn):
+                break
+            # A mode ends on the way to the root: it is none, or there is no way to it from here.
+            nodes, period = _carried_on(flow, orbit, autonomous)
+            trial = shot(flow, nodes, shares_of(nodes, period), period, iteration)
+        orbit = trial
+    return orbit
+
+
+def _stepped(flow: Motion, orbit: Orbit, period: float, autonomous: bool, iteration: int) -> Orbit:
+    """A step of Newton's method that comes nearer, in modes that fit; where none does, the shortest that was tried."""
+    shares, trial = shares_of(orbit.nodes, orbit.period), orbit
+    steps, change, turn = _newton_step(flow, orbit, shares, autonomous)
+    for factor in [0.5**halving for halving in range(HALVINGS)]:
+        moved = [flow.moved(node, factor * step) for node, step in zip(orbit.nodes, steps, strict=True)]
+        at = orbit.period + factor * change
+        if at <= 0.1 * period or at >= 10 * period:
+            continue
+        try:
+            trial = shot(flow, retimed(moved, shares, at), shares, at, iteration, orbit.shift + factor * turn)
+        except RunFailed:
+            continue
+        if trial.residual < orbit.gap:
+            break
+    return trial
+
+
+def _carried_on(flow: Motion, orbit: Orbit, autonomous: bool) -> tuple[list[Node], float]:
+    """Nodes on the motion after a turn, which is in a mode of its own there; and the period."""
+    end = orbit.pieces[-1].end
+    again = end._replace(t=orbit.nodes[0].t), orbit.period
+    start, period = close_return(flow, end) if autonomous else again
+    return placed(flow, start, period, len(orbit.nodes)), period
+
+
+def shares_of(nodes: list[Node], period: float) -> np.ndarray:
+    """The lengths of the pieces, as parts of the period."""
+    times = np.array([node.t for node in nodes])
+    return np.diff(np.append(times, times[0] + period)) / period
+
+
+def retimed(nodes: list[Node], shares, period: float) -> list[Node]:
+    """The nodes at the times that belong to another period."""
+    times = nodes[0].t + period * np.concatenate([[0.0], np.cumsum(shares)[:-1]])
+    return [node._replace(t=float(t)) for node, t in zip(nodes, times, strict=True)]
+
+
+def shot(flow: Motion, nodes: list[Node], shares, period: float, iteration: int, shift=None) -> Orbit:
+    """All pieces, from the nodes as they stand; without a shift of the group by that which comes nearest."""
+    nodes = [flow.consistent(node) for node in nodes]
+    pieces = [flow.piece(node, float(share * period)) for node, share in zip(nodes, shares, strict=True)]
+    if shift is None:
+        # Followed from the start: turned by 2π a state is the same, and the shift is another.
+        points = np.concatenate([*(states_of(piece)[1] for piece in pieces), np.asarray(pieces[-1].x)[None]])
+        shift = flow.apart(nodes[0].x, points)[1][-1]
+    size = max(SMALL, *(np.max(np.abs(piece.x)) for piece in pieces))
+    orbit = Orbit(nodes, pieces, period, np.inf, iteration, shift, flow.goal(nodes[0], shift))
+    strayed = flow.strayed(nodes[0])[0]
+    return orbit._replace(gap=float(max(np.max(np.abs(_gaps(orbit))), np.max(np.abs(strayed), initial=0.0)) / size))
+
+
+def _gaps(orbit: Orbit) -> np.ndarray:
+    """(m, n) from where each piece ends to where the next begins."""
+    return np.array([np.asarray(piece.x) - np.asarray(node.x) for piece, node in orbit.seams])
+
+
+def linearised(flow: Motion, orbit: Orbit, shares, autonomous: bool) -> tuple[np.ndarray, np.ndarray]:
+    """The derivatives of all equations by all unknowns, and what they miss.
+
+    Unknowns are the nodes, the period where the system is autonomous, and the shift (q,) of the group. Equations: that
+    the pieces fit, that the first node slides neither along the orbit nor along the group, and what is conserved.
+    """
+    m, n, q = len(orbit.nodes), len(orbit.nodes[0].x), len(orbit.shift)
+    first, strayed = orbit.nodes[0], flow.strayed(orbit.nodes[0])
+    rows_of_states, still = m * n, m * n + autonomous + q
+    system, gaps = np.zeros((still + len(strayed[0]), still)), np.zeros(still + len(strayed[0]))
+    gaps[:rows_of_states] = _gaps(orbit).ravel()
+    image = None if flow.symmetry is None else flow.symmetry.image(first.x, orbit.shift)
+    for i, piece in enumerate(orbit.pieces):
+        rows, after = slice(i * n, (i + 1) * n), (i + 1) % m
+        system[rows, rows] += piece.matrix
+        system[rows, after * n : (after + 1) * n] -= image.by_state if image is not None and after == 0 else np.eye(n)
+        if autonomous:
+            system[rows, rows_of_states] = shares[i] * flow.velocity(piece.end)
+    if autonomous:
+        system[rows_of_states, :n] = flow.velocity(first)
+    if flow.symmetry is not None and image is not None:
+        system[rows_of_states - n : rows_of_states, still - q : still] = -image.by_shift
+        system[still - q : still, :n] = flow.symmetry.image(first.x).by_shift.T
+    gaps[still:], system[still:, :n] = strayed
+    return system, gaps
+
+
+def _newton_step(flow: Motion, orbit: Orbit, shares, autonomous: bool) -> tuple[list[np.ndarray], float, np.ndarray]:
+    """The changes of the nodes, of the period and of the shift."""
+    m, n = len(orbit.nodes), len(orbit.nodes[0].x)
+    # Of least norm: a family of orbits (a block that may lie anywhere) leaves the matrix singular.
+    system, gaps = linearised(flow, orbit, shares, autonomous)
+    change = np.linalg.lstsq(system, -gaps, rcond=digits(1e-11, orbit.nodes[0].x))[0]
+    states, shift = change[: m * n].reshape(m, n), change[m * n + autonomous :]
+    return list(states), float(change[m * n]) if autonomous else 0.0, shift
+
+
+def nearest(flow: Motion, base: Node, period: float, x) -> Node:
+    """The point of an orbit that is nearest to a state; where it jumps, before or after the jump."""
+    turn = flow.piece(base, period * (1 + digits(NEAR, base.x)))  # a jump that ends the period must be seen
+    times, points, modes = [turn.times], [turn.points], [turn.modes]
+    if turn.events is not None:
+        times += [turn.events.t, turn.events.t]
+        points += [turn.events.x_before, turn.events.x_after]
+        modes += [turn.events.mode_before, turn.events.mode_after]
+    times, points, modes = np.concatenate(times), np.concatenate(points), np.concatenate(modes)
+    if flow.symmetry is not None and flow.symmetry.freedom:
+        order = np.argsort(times, kind="stable")
+        times, points, modes = times[order], points[order], modes[order]
+        distance, shifts = flow.symmetry.followed(x, points)
+        i = int(np.argmin(distance))
+        points[i] = flow.symmetry.back(points[i], shifts[i])
+    else:
+        i = int(np.argmin(np.linalg.norm(points - np.asarray(x), axis=1)))
+    return Node(base.t + float(times[i]), jnp.asarray(points[i]), int(modes[i]))
+
+
+def at_start(flow: Motion, base: Node, start: Node, period: float, shift: np.ndarray) -> Node:
+    """The point of a forced orbit at t0; where it jumps there, before or after the jump as x0 is."""
+    offset = (base.t - start.t) % period
+    if offset == 0 or isinstance(flow.problem.system, Map):
+        return base
+    length, near = period - offset, digits(NEAR, base.x) * period
+    ends = [flow.piece(base, length).end]
+    events = flow.piece(base, length + near).events
+    for i in np.flatnonzero(np.abs(events.t - length) < near):
+        ends.append(Node(start.t, jnp.asarray(events.x_before[i]), int(events.mode_before[i])))
+        ends.append(Node(start.t, jnp.asarray(events.x_after[i]), int(events.mode_after[i])))
+    if flow.symmetry is not None:  # they are a period late
+        ends = [node._replace(x=jnp.asarray(flow.symmetry.back(node.x, shift))) for node in ends]
+    return min(ends, key=lambda node: float(np.linalg.norm(np.asarray(node.x) - np.asarray(start.x))))

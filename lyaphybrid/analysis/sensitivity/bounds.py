@@ -1,0 +1,86 @@
+"""Bounds on parameters: a search goes in coordinates that have none."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from scipy import special
+
+from ..._arguments import require
+from .estimates import Case
+
+__all__ = ["Bounds", "bounds_of"]
+
+LONGEST = 2.0  # step in the logarithm of a distance from a bound …
+HALF = 0.5  # … and of a parameter without bounds, over its size
+
+
+class Bounds(NamedTuple):
+    """Of each parameter; ±∞ where there is none.
+
+    Between two bounds θ = a + (b − a)/(1 + e^(−u)), above one θ = a + e^u, below one θ = b − e^(−u), else θ = u.
+    """
+
+    low: np.ndarray  # (p,)
+    high: np.ndarray  # (p,)
+
+    def bounded(self, u: np.ndarray) -> np.ndarray:
+        """θ at coordinates u."""
+        between, above, below = self._kinds()
+        theta = u.copy()
+        theta[above] = self.low[above] + np.exp(u[above])
+        theta[below] = self.high[below] - np.exp(-u[below])
+        theta[between] = self.low[between] + (self.high - self.low)[between] * special.expit(u[between])
+        return theta
+
+    def unbounded(self, theta: np.ndarray) -> np.ndarray:
+        """The coordinates u of θ."""
+        between, above, below = self._kinds()
+        u = theta.astype(float)
+        u[above] = np.log((theta - self.low)[above])
+        u[below] = -np.log((self.high - theta)[below])
+        u[between] = np.log((theta - self.low)[between] / (self.high - theta)[between])
+        return u
+
+    def slope(self, u: np.ndarray) -> np.ndarray:
+        """dθ/du."""
+        between, above, below = self._kinds()
+        slope = np.ones_like(u)
+        slope[above], slope[below] = np.exp(u[above]), np.exp(-u[below])
+        share = special.expit(u[between])
+        slope[between] = (self.high - self.low)[between] * share * (1 - share)
+        return slope
+
+    def longest(self, u: np.ndarray) -> np.ndarray:
+        """The longest step that is worth a try: exponents are no more linear beyond."""
+        between, above, below = self._kinds()
+        free = ~(between | above | below) & (u != 0)
+        longest = np.where(between | above | below, LONGEST, np.inf)
+        longest[free] = HALF * np.abs(u[free])
+        return longest
+
+    def both(self) -> tuple[np.ndarray, np.ndarray]:
+        """The bounds of the only parameter."""
+        good = len(self.low) == 1 and bool(np.isfinite(self.low[0]) and np.isfinite(self.high[0]))
+        require(good, "a bisection needs one free parameter with both bounds, bounds={name: (low, high)}.")
+        return self.low, self.high
+
+    def _kinds(self):
+        """Which have both bounds, the lower one alone, the upper one alone."""
+        low, high = np.isfinite(self.low), np.isfinite(self.high)
+        return low & high, low & ~high, high & ~low
+
+
+def bounds_of(case: Case, given: Mapping | None) -> Bounds:
+    """The bounds of a case's parameters; of an array they hold for each element."""
+    given = {} if given is None else dict(given)
+    leaves = [name.split("[")[0] for name in case.names]
+    unknown = [name for name in given if name not in leaves]
+    require(not unknown, f"bounds must name free parameters, {', '.join(dict.fromkeys(leaves))}; got {unknown}.")
+    pairs = [given.get(name, (None, None)) for name in leaves]
+    require(all(len(pair) == 2 for pair in pairs), f"bounds must be pairs (low, high); got {given!r}.")
+    low = np.array([-np.inf if pair[0] is None else pair[0] for pair in pairs], float)
+    high = np.array([np.inf if pair[1] is None else pair[1] for pair in pairs], float)
+    for name, value, a, b in zip(case.names, case.theta, low, high, strict=True):
+        require(a < value < b, f"args must lie between the bounds: {name} = {value:.6g} is not in ({a:.6g}, {b:.6g}).")
+    return Bounds(low, high)

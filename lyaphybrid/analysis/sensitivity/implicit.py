@@ -1,0 +1,263 @@
+"""Derivatives of a periodic orbit's exponents: of the orbit by the implicit function theorem, then of its multipliers.
+
+The orbit x*(θ), T(θ) is a root of φ_T(x; θ) − x, so that
+
+    (M − I) dx + f dT = −∂φ/∂θ,    f·dx = 0 where the system is autonomous,
+
+and M = ∂φ_T/∂x, carried along with the motion and through its jumps, changes with θ, x* and T at once. A group of
+multipliers whose invariant subspace V has the dual U (Uᴴ V = I) has Σ ln|μ| = ln|det Uᴴ M V|, and so
+
+    d Σ ln|μ| = Re tr[(Uᴴ M V)⁻¹ Uᴴ dM V].
+
+R. Seydel, Practical Bifurcation and Stability Analysis (Springer 2010), doi:10.1007/978-1-4419-1740-9.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.linalg
+
+from ..._jax.engines import compiled
+from ..._jax.tracing import array
+from ...engine import preparation, problems
+from ...engine.host import driver, reporting
+from ...engine.states import QRSchedule
+from ...integrators import HalfExplicit, RungeKutta
+from ...integrators.base import Method
+from ...results.spectrum import RunFailed
+from ...systems.daes.semi_linear import Constrained, fields_of
+from ...systems.smooth import Map
+from ..orbits.periodic_orbits import CONVERGED, Floquet, floquet
+from ..orbits.shooting import NoPeriodicOrbit, velocity
+from .estimates import Case, Estimate, Untrusted
+
+__all__ = ["by_implicit"]
+
+LOOSER = 100.0  # times the tolerance: by how much the derivatives then differ is taken for their error
+CLOSE = 1e-6  # multipliers nearer to each other than this part of their size are one group
+WORST = 1e9  # condition number of the equations of the orbit
+SINGULAR = 1e300  # for an infinite one
+ALONG = 1e-6  # derivative of the exponent along the flow, over the largest of the others
+MOST = 64  # iterations of a map in a period that is looked for
+RETURNS = 1e-3  # how near they come to where they were; the rest is Newton's method's
+
+
+class Turn(NamedTuple):
+    """What a turn of the orbit is computed with."""
+
+    system: Any
+    args_of: Callable
+    t: Any  # where it begins
+    mode: Any
+    method: Any
+
+    def end(self, theta, x, length, frame):
+        """The point (n,) and the columns (n, k) after a turn."""
+        problem, x, t, mode = preparation.prepare(self.system, x, self.args_of(theta), self.t, self.method, self.mode)
+        plan = problems.Plan(QRSchedule("never", False), "mgs", False, 0, False, False, problems.nothing)
+        ends = array(length, x.dtype).reshape(1)
+        outcome = driver.drive(problem, plan, driver.start(problem, plan, t, x, frame, mode, 1.0), ends, ends)
+        return outcome.loop_state.carry.x, outcome.loop_state.carry.frame
+
+
+class Derivatives(NamedTuple):
+    """How the orbit and its monodromy matrix change with the parameters."""
+
+    monodromy: np.ndarray  # (n, n)
+    change: np.ndarray  # (p, n, n) dM/dθ
+    period: np.ndarray  # (p,) dT/dθ
+    condition: float  # of the equations of the orbit
+
+
+def by_implicit(case: Case, *, period: Any = None, progress: Any = None) -> Estimate:
+    """Exponents of the periodic orbit near the start, and their derivatives.
+
+    Args:
+        case: with the options of `lyapunov_spectrum`; the orbit is looked for after the transient.
+        period: as for `floquet`; of a map None looks for it.
+        progress: None, True for a bar, or a function of the fraction done.
+
+    Raises:
+        Untrusted: where there is no periodic orbit.
+    """
+    report = reporting.reporter(progress)
+    try:
+        orbit, method = _orbit(case, period)
+        report(0.6)
+        turn = Turn(case.system, case.args_of, np.asarray(orbit.base[0], float), np.int32(orbit.base[2]), method)
+        found = derivatives(turn, case, orbit, period)
+        report(0.8)
+        looser = _looser(turn, case, orbit, period)
+        report(1.0)
+    finally:
+        report(None)
+    value, gradient, groups = of_exponents(found, orbit, case.k)
+    reasons, good = _reasons(case, orbit, found, gradient, groups, autonomous=_autonomous(case, period))
+    stderr = np.abs(gradient - looser) + 1e-15 * found.condition * np.abs(gradient)
+    error = orbit.residual
+    if _autonomous(case, period):  # the exponent along the flow is zero: what it is instead is an error
+        error = max(error, float(np.abs(orbit.exponents[_along_the_flow(orbit)])))
+    return Estimate(value, np.full(case.k, error), gradient, stderr, good, tuple(reasons), 1)
+
+
+def _autonomous(case: Case, period) -> bool:
+    return period is None and not isinstance(case.system, Map)
+
+
+def _orbit(case: Case, period) -> tuple[Floquet, Method | None]:
+    options, discrete = case.options, isinstance(case.system, Map)
+    args, transient = case.args_of(case.theta), options.get("transient", 0.0)
+    x0 = case.start(args)
+    method = options.get("method")
+    if method is None and not discrete:
+        constrained = any(isinstance(field, Constrained) for field in fields_of(case.system))
+        method = HalfExplicit(rtol=1e-12, tableau="dopri8") if constrained else RungeKutta(rtol=1e-12, atol=1e-14)
+    if discrete and period is None:
+        x0, period, transient = *_returning(case.system, x0, args, int(transient + options.get("t1", 0))), 0.0
+    keywords = {name: options[name] for name in ("t0", "mode") if name in options}
+    try:
+        return floquet(case.system, x0, args, period=period, transient=transient, method=method, **keywords), method
+    except (NoPeriodicOrbit, RunFailed) as failed:
+        raise Untrusted(f"no periodic orbit: {str(failed).splitlines()[0]}") from failed
+
+
+def _returning(system: Map, x0, args, transient: int):
+    """A point of the motion after the transient, and the first number of iterations that bring it back."""
+    start = x = _iterated(system, jnp.asarray(x0), args, np.asarray(transient))
+    for count in range(1, MOST + 1):
+        x = _iterated(system, x, args, np.asarray(1))
+        if float(jnp.max(jnp.abs(x - start))) <= RETURNS * (1 + float(jnp.max(jnp.abs(start)))):
+            return start, count
+    raise Untrusted(f"no periodic orbit: the map does not come back within {MOST} iterations.")
+
+
+@compiled()
+def _iterated(system: Map, x, args, count):
+    return jax.lax.fori_loop(0, count, lambda n, x: system.rule(n, x, args), x)
+
+
+def derivatives(turn: Turn, case: Case, orbit: Floquet, period) -> Derivatives:
+    """Of the orbit and of M, by two passes along all parameters at once: first where the point stays, then with it."""
+    n, p = len(orbit.x0), len(case.theta)
+    x, theta = orbit.base[1], jnp.asarray(case.theta)
+    autonomous, own = _autonomous(case, period), np.zeros(p)
+    if callable(period):
+        own = np.asarray(jax.jacfwd(lambda theta: jnp.asarray(period(case.args_of(theta)), theta.dtype))(theta))
+    length, matrix = np.asarray(orbit.period, float), np.asarray(orbit.monodromy)
+    system, right = matrix - np.eye(n), -_along(turn, theta, x, length, np.eye(p), np.zeros((p, n)), own)[0].T
+    if autonomous:
+        f = np.asarray(velocity(turn.system, turn.t, x, turn.args_of(theta), int(turn.mode)))
+        system = np.block([[system, f[:, None]], [f[None, :], np.zeros((1, 1))]])
+        right = np.concatenate([right, np.zeros((1, p))])
+    change = np.linalg.lstsq(system, right, rcond=None)[0]
+    own = change[n] if autonomous else own
+    _, moved = _along(turn, theta, x, length, np.eye(p), change[:n].T, own)
+    return Derivatives(matrix, moved, own, min(float(np.linalg.cond(system)), SINGULAR))
+
+
+@compiled(lambda turn, theta, x, *rest: x.size, hands_on=True)
+def _along(turn: Turn, theta, x, length, of_theta, of_x, of_length):
+    """Derivatives of the end (p, n) and of its columns (p, n, n) along p directions."""
+    discrete, frame = isinstance(turn.system, Map), np.eye(len(x), dtype=x.dtype)
+
+    def end(theta, x, length):
+        return turn.end(theta, x, length, frame)
+
+    def one(of_theta, of_x, of_length):
+        if discrete:
+            return jax.jvp(lambda theta, x: end(theta, x, length), (theta, x), (of_theta, of_x))[1]
+        return jax.jvp(end, (theta, x, length), (of_theta, of_x, of_length))[1]
+
+    return jax.vmap(one)(of_theta, of_x, of_length)
+
+
+def of_exponents(found: Derivatives, orbit: Floquet, k: int) -> tuple[np.ndarray, np.ndarray, list[list[int]]]:
+    """The leading exponents (k,), their derivatives (k, p), and which of them are a group.
+
+    The derivative of a group is that of its mean: its members need not have one.
+    """
+    value, multipliers = np.asarray(orbit.exponents), np.asarray(orbit.multipliers)
+    gradient = np.full((len(value), len(found.period)), np.nan)
+    groups = _groups(multipliers)
+    for group in groups:
+        if np.all(multipliers[group] != 0):
+            rates = _of_group(found, multipliers, group) / len(group)
+            gradient[group] = (rates - np.mean(value[group]) * found.period) / orbit.period
+    return value[:k], gradient[:k], [group for group in groups if len(group) > 1 and min(group) < k]
+
+
+def _groups(multipliers: np.ndarray) -> list[list[int]]:
+    """Indices of multipliers that are differentiated together: complex pairs, and what is nearly the same."""
+    left, groups = list(range(len(multipliers))), []
+    while left:
+        group = [left.pop(0)]
+        for i in group:  # grows while it is walked through
+            mu = multipliers[i]
+            near = [j for j in left if _same(mu, multipliers[j]) or _same(np.conj(mu), multipliers[j])]
+            group += near
+            left = [j for j in left if j not in near]
+        groups.append(sorted(group))
+    return groups
+
+
+def _same(a, b) -> bool:
+    return bool(abs(a - b) <= CLOSE * max(abs(a), abs(b)))
+
+
+def _of_group(found: Derivatives, multipliers, group) -> np.ndarray:
+    """D Σ ln|μ| (p,) of the group."""
+    right, left = (_invariant(matrix, multipliers, group) for matrix in (found.monodromy, found.monodromy.conj().T))
+    dual = np.linalg.solve(left.conj().T @ right, left.conj().T)
+    inside = np.linalg.inv(dual @ found.monodromy @ right)
+    return np.array([np.trace(inside @ dual @ change @ right).real for change in found.change])
+
+
+def _invariant(matrix, multipliers, group) -> np.ndarray:
+    """An orthonormal basis (n, m) of the subspace of the group's multipliers, or of their conjugates."""
+    others = np.delete(multipliers, group)
+
+    def belongs(mu) -> bool:
+        return bool(np.min(np.abs(multipliers[group] - mu)) < np.min(np.abs(others - mu), initial=np.inf))
+
+    vectors = scipy.linalg.schur(matrix, output="complex", sort=belongs)[1]
+    return vectors[:, : len(group)]
+
+
+def _looser(turn: Turn, case: Case, orbit: Floquet, period) -> np.ndarray:
+    """The derivatives (k, p) along the same orbit with a looser tolerance."""
+    method = turn.method
+    if method is None:
+        return of_exponents(derivatives(turn, case, orbit, period), orbit, case.k)[1]
+    names = [name for name in ("rtol", "atol") if name in method.__dataclass_fields__]
+    values = [LOOSER * getattr(method, name) for name in names]
+    method = eqx.tree_at(lambda m: [getattr(m, name) for name in names], method, values)
+    return of_exponents(derivatives(turn._replace(method=method), case, orbit, period), orbit, case.k)[1]
+
+
+def _along_the_flow(orbit: Floquet) -> int:
+    return int(np.argmin(np.abs(np.asarray(orbit.multipliers) - 1)))
+
+
+def _reasons(case: Case, orbit: Floquet, found: Derivatives, gradient, groups, autonomous: bool):
+    """Why the derivatives are to be trusted, or not; and whether they are."""
+    good = orbit.residual <= CONVERGED
+    reasons = [f"Newton's method ended at a residual of {orbit.residual:.1e} after {orbit.period:.6g}"]
+    reasons.append(f"the orbit is {'stable' if orbit.stable else 'not stable: motion does not stay with it'}")
+    reasons.append(f"condition number {found.condition:.1e} of the equations of the orbit")
+    for group in groups:
+        names = ", ".join(f"λ{i + 1}" for i in group)
+        reasons.append(f"{names}: a complex pair or nearly the same, the derivative is that of their mean")
+    if np.any(np.isnan(gradient)):
+        reasons.append("an exponent that is −∞ has no derivative")
+    good = good and orbit.stable and found.condition <= WORST
+    if autonomous:
+        at = _along_the_flow(orbit)
+        if at < case.k:
+            slope = float(np.max(np.abs(gradient[at])))
+            reasons.append(f"the zero exponent along the flow has a derivative of {slope:.1e}")
+            good = good and slope <= ALONG * max(1.0, float(np.nanmax(np.abs(gradient))))
+    return reasons, bool(good)

@@ -1,0 +1,256 @@
+"""Derivatives of exponents by regression over an ensemble of parameters: any motion, whatever its orbits do.
+
+The exponent λ(θ) of chaotic motion may be smooth although no trajectory's derivative converges to dλ/dθ. Runs all over
+a window of parameters see λ itself, with noise that replicates measure, and a polynomial through them has its slope.
+Two degrees must agree, and χ² must be what the noise allows: where λ jumps between periodic windows it is not.
+
+D. J. Lea, M. R. Allen & T. W. N. Haine, Tellus A 52 (2000) 523, doi:10.3402/tellusa.v52i5.12283, on why the
+derivatives of trajectories do not serve.
+"""
+
+import itertools
+import math
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy import stats
+
+from ..._arguments import require, whole
+from ...engine.host.lanes import map_lanes
+from ...statuses import STATUS
+from ...systems.kinds import iterates
+from ..spectra import lyapunov_spectrum, starts
+from .estimates import Case, Estimate, with_arrays
+
+__all__ = ["by_regression"]
+
+PER_TERM, LEAST = 2, 24  # points for each coefficient of the higher degree, and at all
+FURTHER = 2  # degrees are compared that are so far apart: over a symmetric design the next one has the same slope
+FLOOR = 1e-9  # of the noise, relative to 1 + |λ|: regular motion has next to none, and polynomials end somewhere
+UNLIKELY = 1e-4  # a χ² that noise exceeds more seldom is no noise
+AGREE = 3.0  # standard errors: of the slopes of two degrees
+NOTHING = 4.0  # … of the slope of an exponent that is zero
+LOST = 0.05  # part of the runs that may fail
+
+
+class Runs(NamedTuple):
+    """What came out of the ensemble: (points, replicates, …)."""
+
+    exponents: np.ndarray  # (points, replicates, k); nan where the run failed
+    time_per_jump: np.ndarray  # (points, replicates); inf where nothing jumped
+    failed: int
+
+
+class Fit(NamedTuple):
+    """A polynomial fit of one exponent."""
+
+    value: float
+    slope: np.ndarray  # (p,) in units of the half window
+    covariance: np.ndarray  # (1 + p, 1 + p) of both
+    chi2: float
+    freedom: int
+
+    @property
+    def excess(self) -> float:
+        """χ² per degree of freedom."""
+        return self.chi2 / self.freedom
+
+
+class Judged(NamedTuple):
+    """What the fits say of one mean, in units of the half window."""
+
+    value: float
+    error: float
+    slope: np.ndarray  # (p,)
+    errors: np.ndarray  # (p,)
+    good: bool
+    reasons: list[str]
+
+
+def by_regression(
+    case: Case, *, key, window: Any = 0.1, points: int | None = None, replicates: int = 4, degree: int = 3,
+    threads: int | None = None, progress: Any = None,
+) -> Estimate:  # fmt: skip
+    """Exponents and their derivatives in the middle of a window of parameters.
+
+    Args:
+        case: with the options of `lyapunov_spectrum`.
+        key: for where the points lie and where the runs start.
+        window: half width, relative to each parameter; or an array (p,) of absolute half widths.
+        points: of the window; None: two for each coefficient of the higher degree, at least 24.
+        replicates: runs at each point, from starts that differ.
+        degree: of the polynomial in all parameters; that with two more is compared.
+        threads: None: one for each processor.
+        progress: None, True for a bar, or a function of the fraction done.
+    """
+    whole("replicates", replicates, least=2)
+    whole("degree", degree, least=1)
+    half, terms = _half_widths(case, window), math.comb(len(case.theta) + degree + FURTHER, len(case.theta))
+    points = max(LEAST, PER_TERM * terms) if points is None else points
+    whole("points", points, least=terms + 2)
+    at = _points(key, points, len(half))
+    runs = _ensemble(case, key, case.theta + half * at, replicates, threads, progress)
+    judged = [_judged(f"λ{i + 1}", runs.exponents[..., i], at, degree) for i in range(case.k)]
+    lost = runs.failed / runs.time_per_jump.size
+    reasons = [f"{runs.failed} of {runs.time_per_jump.size} runs failed"] * (runs.failed > 0)
+    cost = len(at) * replicates
+    found = _together(judged, half, lost, reasons, cost)
+    if iterates(case.system) or np.any(np.isinf(runs.time_per_jump)):
+        return found
+    rare = _judged("time per jump", runs.time_per_jump, at, degree)
+    return found._replace(time_per_jump=_together([rare], half, lost, reasons, cost))
+
+
+def _together(judged: list["Judged"], half, lost: float, reasons: list[str], cost: int) -> Estimate:
+    """What was found for all columns, in units of the parameters."""
+    return Estimate(
+        value=np.array([one.value for one in judged]),
+        value_stderr=np.array([one.error for one in judged]),
+        gradient=np.array([one.slope for one in judged]) / half,
+        stderr=np.array([one.errors for one in judged]) / half,
+        trust=bool(all(one.good for one in judged) and lost <= LOST),
+        reasons=(*reasons, *itertools.chain.from_iterable(one.reasons for one in judged)),
+        cost=cost,
+    )
+
+
+def _half_widths(case: Case, window) -> np.ndarray:
+    """The half widths (p,) of the window."""
+    given = np.asarray(window, float)
+    require(bool(np.all(np.isfinite(given)) and np.all(given > 0)), f"window must be positive; got {window!r}.")
+    if given.ndim:
+        require(given.shape == case.theta.shape, f"window must be one number or have shape {case.theta.shape}.")
+        return given
+    zero = [name for name, value in zip(case.names, case.theta, strict=True) if value == 0]
+    names = ", ".join(zero)
+    require(not zero, f"A relative window has no width where {names} = 0: give half widths, window=array (p,).")
+    return given * np.abs(case.theta)
+
+
+def _points(key, count: int, p: int) -> np.ndarray:
+    """Points (count, p) of [−1, 1]^p with their mirror images: even terms of λ then do not lean on the slope."""
+    most = (count + 1) // 2
+    if p == 1:
+        half = np.sin(0.5 * np.pi * (np.arange(most) + 0.5) / most)[:, None]
+    else:
+        random = np.random.default_rng(np.asarray(jax.random.bits(key, (4,), "uint32")))
+        half = 2 * (random.permuted(np.tile(np.arange(most), (p, 1)), axis=1).T + random.random((most, p))) / most - 1
+    return np.concatenate([half, -half])
+
+
+class Lane(eqx.Module):
+    """A run of the ensemble."""
+
+    k: int = eqx.field(static=True)
+    clock: str = eqx.field(static=True)
+    mode: Any = eqx.field(static=True)
+
+    def __call__(self, shared, lane):
+        system, args_of, method, times = shared
+        theta, x0 = lane
+        found = lyapunov_spectrum(
+            system, x0, args_of(theta), k=self.k, clock=self.clock, mode=self.mode, method=method, blocks=2,
+            throw=False, **times,
+        )  # fmt: skip
+        return found.exponents, found.time / found.jumps, found.status_code
+
+
+def _ensemble(case: Case, key, thetas: np.ndarray, replicates: int, threads, progress) -> Runs:
+    options = with_arrays(case.options, case.theta.dtype)
+    lane = Lane(case.k, options.pop("clock", "time"), options.pop("mode", None))
+    method = options.pop("method", None)
+    shape = (len(thetas), replicates)
+    lanes = np.repeat(thetas, replicates, axis=0), _starts(case, key, thetas, replicates)
+    shared = case.system, case.args_of, method, options
+    (exponents, apart, status), done = map_lanes(lane, shared, lanes, threads=threads, progress=progress)
+    # After Ctrl-C the other lanes hold zeros, which is also the code of a run that went well.
+    good = done & (status == int(STATUS.ok)) & ~np.any(np.isnan(exponents), axis=1)
+    require(bool(np.any(good)), f"All runs of the ensemble failed: {STATUS(int(status[0]))}.")
+    return Runs(
+        exponents=np.where(good[:, None], exponents, np.nan).reshape(*shape, case.k),
+        time_per_jump=np.where(good, apart, np.nan).reshape(shape),
+        failed=int(np.sum(~good)),
+    )
+
+
+def _starts(case: Case, key, thetas: np.ndarray, replicates: int) -> np.ndarray:
+    """Starts (points · replicates, n)."""
+    t0, found = case.options.get("t0", 0.0), []
+    for args, own in zip(map(case.args_of, thetas), jax.random.split(key, len(thetas)), strict=True):
+        found.append(np.asarray(starts(case.system, t0, jnp.asarray(case.start(args)), args, replicates, own)))
+    return np.concatenate(found)
+
+
+def _both(at: np.ndarray, exponents: np.ndarray, degree: int) -> tuple[Fit, Fit] | None:
+    """Fits of both degrees to one exponent (points, replicates); None where too few points are left."""
+    counts = np.sum(np.isfinite(exponents), axis=1)
+    kept = counts > 0
+    if np.sum(kept) <= math.comb(at.shape[1] + degree + FURTHER, at.shape[1]):
+        return None
+    means = np.nanmean(exponents[kept], axis=1)
+    left = exponents[kept] - means[:, None]
+    spare = max(1, int(np.sum(counts[kept] - 1)))
+    noise = np.sqrt(np.nansum(left**2) / spare / counts[kept] + (FLOOR * (1 + np.abs(means))) ** 2)
+    return _fit(at[kept], means, noise, degree), _fit(at[kept], means, noise, degree + FURTHER)
+
+
+def _fit(at, means, noise, degree: int) -> Fit:
+    """Least squares with all monomials up to a total degree; the first are 1 and the coordinates."""
+    p = at.shape[1]
+    powers = [which for d in range(degree + 1) for which in itertools.combinations_with_replacement(range(p), d)]
+    matrix = np.stack([np.prod(at[:, which], axis=1) for which in map(list, powers)], axis=1) / noise[:, None]
+    solution = np.linalg.lstsq(matrix, means / noise, rcond=None)[0]
+    chi2 = float(np.sum((matrix @ solution - means / noise) ** 2))
+    covariance = np.linalg.pinv(matrix.T @ matrix)[: p + 1, : p + 1]
+    return Fit(float(solution[0]), solution[1 : p + 1], covariance, chi2, len(means) - len(powers))
+
+
+def _judged(name: str, runs: np.ndarray, at: np.ndarray, degree: int) -> Judged:
+    """The mean (of an exponent, say) in the middle of the window, from runs (points, replicates), and its slope."""
+    nothing = np.full(at.shape[1], np.nan)
+    destroyed, known = int(np.sum(np.isinf(runs))), int(np.sum(~np.isnan(runs)))
+    if destroyed:
+        everywhere = destroyed == known
+        where = "has no derivative" if everywhere else f"in {destroyed} of {known} runs, not in all of the window"
+        value = -np.inf if everywhere else np.nan
+        return Judged(value, np.nan, nothing, nothing, everywhere, [f"{name}: −∞ {where}"])
+    both = _both(at, runs, degree)
+    if both is None:
+        return Judged(np.nan, np.nan, nothing, nothing, False, [f"{name}: too few points are left for the degree"])
+    low, high = both
+    errors = np.sqrt(np.diag(low.covariance) * max(1.0, low.excess))
+    apart = np.abs(high.slope - low.slope)
+    smooth, reason = _smooth(low)
+    worst = float(np.max(apart / _of_difference(low, high)))
+    reasons = [f"{name}: {reason}", f"{name}: slopes of two degrees differ by {worst:.2g} standard errors"]
+    good = smooth and worst <= AGREE
+    if abs(low.value) <= 5 * errors[0] + FLOOR:
+        slope = float(np.max(np.abs(low.slope) / errors[1:]))
+        reasons.append(f"{name}: a zero exponent, its slope is {slope:.2g} standard errors")
+        good = good and slope <= NOTHING
+    return Judged(low.value, errors[0], low.slope, errors[1:], good, reasons)
+
+
+def _smooth(fit: Fit) -> tuple[bool, str]:
+    """Whether the exponent looks like a smooth function, and why.
+
+    The noise is estimated from few replicates; the tail is that of χ² all the same, not of Fisher's F: F refuses fewer
+    sound cases (0.2 % instead of 1.1 % with two replicates) but only half as many of the Hénon map's.
+    """
+    reason = f"χ² = {fit.excess:.3g} per degree of freedom"
+    if stats.chi2.sf(fit.chi2, fit.freedom) > UNLIKELY:
+        return True, reason
+    return False, f"{reason}: more than noise, it is no smooth function in this window; take a smaller one"
+
+
+def _of_difference(low: Fit, high: Fit):
+    """Standard errors (p,) of the difference of the slopes.
+
+    Both see the same data, and the lower fit is the best one of its model: the difference has the difference of the
+    variances.
+    """
+    gained = np.diag(high.covariance)[1:] - np.diag(low.covariance)[1:]
+    return np.sqrt(np.maximum(gained, 1e-300) * max(1.0, high.excess))

@@ -1,0 +1,280 @@
+"""`lyapunov_spectrum`: exponents of maps, flows and hybrid systems, with honest error bars."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._arguments import attempts, positive, require, whole
+from .._jax.engines import compiled
+from .._jax.hashes import hash_of_arrays, hash_of_function
+from .._jax.tracing import array, traced
+from .._linalg import frames
+from .._version import __version__
+from ..engine import preparation, problems
+from ..engine.blocks import check_counts, ends_of_blocks, is_zero, qr_schedule_for, targets_for
+from ..engine.host import checkpoints, driver
+from ..engine.host.places import Place, account
+from ..integrators.base import Method
+from ..results import averages
+from ..results.spectrum import RunFailed, Spectrum
+from ..statuses import STATUS
+from ..systems.consistency import onto_constraints, tangent_frame
+from ..systems.daes.semi_linear import DAE, degrees_of_freedom
+from ..systems.event_driven import EventDriven
+from ..systems.hybrid import Hybrid
+from ..systems.kinds import iterates
+from ..systems.smooth import Flow, Map
+
+__all__ = ["initial_frame", "lyapunov_spectrum", "starts"]
+
+CLOCKS = ("time", "jumps", "hybrid")
+AVERAGES = ("uniform", "birkhoff", "birkhoff-regular")
+SUM_RULE_UP_TO = 16  # dimension; the exact volume of an event-driven jump costs n³ each, so 6 there
+SUM_RULE_EXACT = 6
+
+
+def lyapunov_spectrum(
+    system: Flow | Map | Hybrid | EventDriven,
+    x0,
+    args: Any = None,
+    *,
+    t1,
+    t0=0.0,
+    transient=0.0,
+    mode: str | int | None = None,
+    k: int | None = None,
+    frame=None,
+    method: Method | None = None,
+    every=None,
+    orthonormalise: str = "auto",
+    clock: str = "time",
+    blocks: int = 64,
+    times=None,
+    averaging: str = "uniform",
+    count_start: bool = False,
+    replicates: int | None = None,
+    until: float | None = None,
+    max_steps: int | None = None,
+    key=None,
+    progress=None,
+    throw: bool = True,
+    checkpoint=None,
+    resume: bool = False,
+) -> Spectrum:
+    """The k leading Lyapunov exponents of a system that flows, jumps, or both.
+
+    λ_i = lim (1/t) Σ ln R_ii, the growth that orthonormalisations of k tangent vectors throw away; at events
+    the vectors cross by the saltation matrix.
+
+    Args:
+        system: an `lh.Flow`, `lh.DAE`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
+        x0: start, shape (n,); or (m, n) for m runs at once.
+        args: pytree of parameters handed to the user's functions.
+        t1: length of the run after the transient, in units of the clock (iterations for a map).
+        t0: time at the start.
+        transient: length of the run before growth is counted; the frame evolves too.
+        mode: name or index of the mode at the start; needed where there are several.
+        k: number of exponents; None: n, or n_differential of an `lh.DAE`.
+        frame: (n, k) initial columns; None: unit vectors, in the paired order where the system is canonical. Of an
+            `lh.DAE` they are projected onto the tangent space of the constraints; None: the changes of one component of
+            the content E₁ x each.
+        method: None: adaptive `lh.RungeKutta`, for an `lh.DAE` `lh.HalfExplicit`; maps and event-driven systems
+            have none.
+        every: orthonormalise each so many iterations (maps), steps (fixed dt), units of time (adaptive) or jumps
+            (event-driven); ("time", length): of an event-driven system each so much time, between the events, and where
+            these may destroy a direction also after each; None: from the growth, so that no exponent drowns in
+            rounding.
+        orthonormalise: "auto", "mgs" (modified Gram–Schmidt), "lapack", "cholesky".
+        clock: "time", "jumps", or "hybrid": max(t, j). By "jumps" and "hybrid" an `lh.Hybrid` also goes on where jumps
+            accumulate, as far as double precision can tell them apart, and where a cascade does not end: exponents are
+            then those of the product of the jumps, and ∂ₜ of resets plays no part. By "jumps" it ends as no_more_jumps
+            where the flow is seen not to come to a guard again: at rest, leaving for ever, a million steps without one.
+        blocks: the run is recorded in so many equal blocks; they give the history and the error.
+        times: ends of the blocks instead, increasing, or "log".
+        averaging: "uniform"; "birkhoff", smooth weights over the blocks; "birkhoff-regular", the same on the local
+            exponent less 1/t, for conservative regular motion.
+        count_start: count ln R of the initial frame too.
+        replicates: run m times from x0 perturbed by a relative 1e-6 with `key`; the error is sd/√m.
+        until: go on, by multiples of t1, until every finite exponent's standard error is below this.
+        max_steps: most attempts of a step; None: no limit (Ctrl-C returns what is computed), but a run of many tiny
+            steps that lead nowhere ends as stalled. Where there is a schedule,
+            and in fixed steps, the run ends with the interval between orthonormalisations in which they are spent.
+        key: a `jax.random.key` for `replicates`.
+        progress: True for a bar, or a function of the fraction done.
+        throw: raise where the run failed; False returns the result with its status.
+        checkpoint: path of a file that says every few seconds, after Ctrl-C and at the end where the run stands.
+        resume: go on from that file, if it is there: the result is bit by bit that of a run that never stopped. A run
+            that is finished goes on to a longer t1.
+
+    Returns:
+        A `Spectrum`. Its `status` is ok, terminated, interrupted, max_steps, zeno, deadlock, nonfinite, stalled,
+        step_underflow or no_more_jumps, of a DAE also inconsistent_start, singular_dae or constraint_drift; its `notes`
+        may hold rank_lost (an exponent is -inf), grazing, simultaneous, unresolved (the smallest exponents, or a loss,
+        may be rounding), step_too_long (of a fixed step), guard_unreached (there are guards, and none
+        was met), identity_reset (a jump within a mode that changes nothing), interrupted.
+
+    Raises:
+        ValueError: on arguments that do not fit, before any computing; where `checkpoint` is the file of another run.
+        RunFailed: where the run failed and `throw`; it carries the result so far.
+        OSError: where `checkpoint` cannot be written from the start. Later that is a warning, and the run goes on.
+
+    Source:
+        G. Benettin, L. Galgani, A. Giorgilli & J.-M. Strelcyn, Meccanica 15 (1980) 9 and 21,
+        doi:10.1007/BF02128236; J. Dinius, Computing Lyapunov Exponents of Hybrid Dynamical Systems (2011).
+
+    Example:
+        >>> import lyaphybrid as lh
+        >>> s = lh.lyapunov_spectrum(lh.Map(lambda n, x, r: r * x * (1 - x)), [0.3], 4.0, t1=20_000)
+        >>> abs(float(s.exponents[0]) - 0.6931) < 0.01
+        True
+    """
+    _check_words(clock, averaging, orthonormalise, blocks, k, until, replicates, key, max_steps)
+    problem, x0, t0, mode = preparation.prepare(system, x0, args, t0, method, mode)
+    require(not isinstance(system, Flow) or clock != "jumps", "clock='jumps' would never end: an lh.Flow has no jumps.")
+    check_counts(system, clock, t1=t1, transient=transient)
+    n = x0.shape[-1]
+    if replicates is not None:
+        require(x0.ndim == 1, f"replicates and an x0 of shape (m, n) exclude each other; x0 has {x0.shape}.")
+        x0 = starts(problem.system, t0, x0, problem.args, replicates, key)
+    frame, initial = initial_frame(problem, t0, x0, frame, k)
+    k = int(frame.shape[-1])
+    kind = frames.kind_for(k) if orthonormalise == "auto" else orthonormalise
+    qr_schedule, interval = qr_schedule_for(problem, every)
+    limit = SUM_RULE_EXACT if isinstance(system, EventDriven) else SUM_RULE_UP_TO
+    closes = k == n <= limit
+    plan = problems.Plan(qr_schedule, kind, closes, 0, clock != "time", x0.ndim == 2, problems.first_losses)
+    ends_of_blocks(t1, blocks, times, "t1")  # refused before anything is computed
+    discrete = iterates(system)
+    loop_state, interrupted = driver.start(problem, plan, t0, x0, frame, mode, array(interval, x0.dtype)), False
+    file, stretches = None, [(t1, blocks)]
+    if checkpoint is not None:
+        require(not traced((loop_state, problem)), "checkpoint=… is for runs on the host, not under jit, vmap or grad.")
+        about = _about(
+            problem, plan, loop_state, initial, transient, blocks, times, (clock, averaging, until, count_start)
+        )
+        file = checkpoints.opened(checkpoint, resume, about, t1, blocks, times is None and until is None)
+        stretches = file.stretches
+    quieted: list[driver.Outcome] = []  # the transient's
+    if not is_zero(transient):
+        quiet = targets_for(ends_of_blocks(transient, blocks, None, "transient"), clock, discrete, x0.dtype)
+        before = driver.drive(problem, plan, loop_state, *quiet, max_steps, part=file and file.part(0))
+        loop_state, interrupted = driver.sealed(before), before.interrupted
+        quieted.append(before)
+    outcomes: list[driver.Outcome] = []
+    done, more = 0, 1  # in units of t1
+    while True:
+        loop_state, done, number = driver.restart(loop_state), done + more, len(outcomes)
+        length, count = stretches[number] if number < len(stretches) else (more * t1, blocks)
+        targets = targets_for(ends_of_blocks(length, count, times, "t1"), clock, discrete, x0.dtype)
+        part = None if file is None or interrupted else file.part(number + 1)
+        outcomes.append(driver.drive(problem, plan, loop_state, *targets, max_steps, progress, interrupted, part=part))
+        loop_state, interrupted = outcomes[-1].loop_state, outcomes[-1].interrupted
+        if number + 1 < len(stretches) and not interrupted:
+            continue
+        growth = initial if count_start else 0.0 * initial
+        spectrum = averages.summarise(outcomes, problem, clock, growth, averaging)
+        if until is None or _good_enough(spectrum, until):
+            if file is not None and not interrupted:
+                file.close()
+            return _deliver(spectrum, throw, next((one.why for one in (*quieted, *outcomes) if one.why), ""))
+        more = _missing(spectrum, until, done) if times is None else 1
+
+
+def _about(problem, plan, loop_state, initial, transient, blocks, times, words) -> dict[str, str]:
+    """Hashes of a run: what must be the same where it goes on."""
+    one = np.ones(1, loop_state.base.dtype)
+
+    def advance(loop_state):
+        return driver.once(problem, plan, loop_state, one, one, np.int32(0))
+
+    start = {str(i): np.asarray(leaf) for i, leaf in enumerate(jax.tree.leaves((loop_state, initial)))}
+    ends = np.array([blocks]) if times is None else np.array([repr(times)] if isinstance(times, str) else times)
+    how = {"transient": np.asarray(transient, float), "ends": ends, "words": np.array(repr(words))}
+    return {
+        "system, args or method": hash_of_function(advance, loop_state),
+        "start": hash_of_arrays(start),
+        "length or averaging": hash_of_arrays(how),
+        "version": f"lyaphybrid {__version__}, jax {jax.__version__}",
+    }
+
+
+def _check_words(clock, averaging, orthonormalise, blocks, k, until, replicates, key, max_steps) -> None:
+    require(clock in CLOCKS, f"clock must be one of {CLOCKS}; got {clock!r}.")
+    require(averaging in AVERAGES, f"averaging must be one of {AVERAGES}; got {averaging!r}.")
+    kinds = ("auto", *frames.KINDS)
+    require(orthonormalise in kinds, f"orthonormalise must be one of {kinds}; got {orthonormalise!r}.")
+    whole("blocks", blocks, least=2)
+    if k is not None:
+        whole("k", k, least=1)
+    if until is not None:
+        positive("until, a standard error,", until)
+    attempts(max_steps)
+    if replicates is not None:
+        whole("replicates", replicates, least=2)
+        require(_is_key(key), f"replicates needs key=jax.random.key(seed), to perturb the starts; got {key!r}.")
+
+
+def _is_key(key) -> bool:
+    return hasattr(key, "dtype") and (jnp.issubdtype(key.dtype, jax.dtypes.prng_key) or key.dtype == jnp.uint32)
+
+
+def starts(system, t0, x0, args, replicates: int, key):
+    """The starts of the replicates: x0 perturbed by a relative 1e-6, enough for chaos to forget it."""
+    noise = jax.random.normal(key, (replicates, *x0.shape), x0.dtype)
+    noise = 1e-6 * jnp.maximum(1.0, jnp.abs(x0))[None, :] * noise
+    if isinstance(system, DAE):
+        noise = onto_constraints(system, t0, x0, args, noise.T).T
+    return x0[None, :] + noise
+
+
+def initial_frame(problem, t0, x0, frame, k):
+    """The initial columns, orthonormal, and the ln R_ii of what the user gave; of a DAE, of the columns of Ē⁻¹."""
+    system, n, dtype = problem.system, x0.shape[-1], x0.dtype
+    most = degrees_of_freedom(system, n)
+    require(k is None or k <= most, f"k must be at most {'n' if most == n else 'n_differential'} = {most}; got {k}.")
+    k = k or (most if frame is None else None)
+    if frame is None:
+        assert k is not None
+        if not isinstance(system, DAE):
+            canonical = getattr(system, "canonical", False)
+            return frames.unit_vectors(n, k, dtype, paired=canonical), np.zeros(k, dtype)
+        frame = tangent_frame(system, t0, x0 if x0.ndim == 1 else x0[0], problem.args)[:, :k]
+    frame = jnp.asarray(frame, dtype)
+    fits = frame.ndim == 2 and frame.shape[0] == n and 1 <= frame.shape[1] <= most
+    fits = fits and k in (None, frame.shape[1])
+    require(fits, f"frame must have shape (n, k) = ({n}, {k or 'k'}) with 1 ≤ k ≤ {most}; got {frame.shape}.")
+    if isinstance(system, DAE) and x0.ndim == 1:
+        frame = onto_constraints(system, t0, x0, problem.args, frame)
+    columns, log_r, lost = _orthonormal(frame)
+    require(traced(lost) or not bool(np.any(np.asarray(lost))), "frame must have linearly independent columns.")
+    return columns, log_r
+
+
+@compiled()
+def _orthonormal(frame):
+    return frames.orthonormalise(frame, "mgs", frames.LOST, frames.LOST)
+
+
+def _good_enough(spectrum: Spectrum, until: float) -> bool:
+    if traced(spectrum.stderr):
+        raise ValueError("until=… decides from the values whether to go on: it cannot be used under jit, vmap or grad.")
+    finite = np.isfinite(np.asarray(spectrum.exponents))
+    reached = bool(np.all(np.asarray(spectrum.stderr)[finite] <= until))
+    return reached or bool(spectrum.status != STATUS.ok) or "interrupted" in spectrum.notes
+
+
+def _missing(spectrum: Spectrum, until: float, done: int) -> int:
+    """How long to go on, in units of the first run, if errors fall like 1/√t; at most 64 at a time."""
+    worst = np.nanmax(np.where(np.isfinite(np.asarray(spectrum.exponents)), np.asarray(spectrum.stderr), 0.0))
+    return int(np.clip(np.ceil(done * ((worst / until) ** 2 - 1)), 1, 64))
+
+
+def _deliver(spectrum: Spectrum, throw: bool, why: str) -> Spectrum:
+    """Raise on the host where the run failed and the values are concrete."""
+    status = spectrum.status
+    if not throw or not isinstance(status, STATUS) or not status.failed:
+        return spectrum
+    place = Place.of(spectrum.t, spectrum.x, spectrum.mode, spectrum.mode_names)
+    raise RunFailed(status, account(spectrum.status_code, place, spectrum.accumulation_time, why), spectrum)

@@ -1,0 +1,279 @@
+"""Trajectories with their events, the tangent map of a stretch of motion, and exponents without derivatives."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from .. import plots
+from .._arguments import attempts, positive, whole
+from .._jax.tracing import array, traced
+from ..engine import preparation, problems
+from ..engine.blocks import check_counts, ends_of_blocks
+from ..engine.host import driver
+from ..engine.host.places import account, place_of
+from ..engine.states import QRSchedule
+from ..integrators.base import Method
+from ..results.spectrum import RunFailed
+from ..results.time_domains import TimeDomain, time_domain
+from ..statuses import STATUS
+from ..systems.event_driven import EventDriven
+from ..systems.hybrid import Hybrid
+from ..systems.kinds import iterates
+from ..systems.smooth import Flow, Map
+
+__all__ = ["Events", "TangentMap", "Trajectory", "tangent_map", "trajectory"]
+
+ROOM = 1024  # events kept in one compiled call; a fuller log is drained and the run goes on
+
+
+class Events(eqx.Module):
+    """The jumps of a trajectory, in order.
+
+    Attributes:
+        t: (e,) times.
+        transition: (e,) index of the transition; `which`: (e,) component of a vector guard (0 for a scalar one).
+        mode_before, mode_after: (e,) indices of modes.
+        x_before, x_after: (e, n).
+    """
+
+    t: Array
+    transition: Array
+    which: Any
+    mode_before: Array
+    mode_after: Array
+    x_before: Array
+    x_after: Array
+
+    def __len__(self) -> int:
+        return self.t.shape[0]
+
+
+class Trajectory(eqx.Module):
+    """A trajectory at n times, and its events.
+
+    Attributes:
+        t: (n,) times after t0, the last is t0 + t1; nan where the run ended before.
+        x: (n, dim) states; mode: (n,) indices; j: (n,) jumps made so far.
+        events: an `Events` log.
+        status: the verdict.
+        domain: the hybrid time domain, an `lh.TimeDomain`; not under a transformation.
+    """
+
+    t: Array
+    x: Array
+    mode: Array
+    j: Array
+    events: Events
+    status_code: Array
+    mode_names: tuple[str, ...] = eqx.field(static=True)
+    begun: Array | float = 0.0  # the times where it began and ended, of a map the number of the first iteration
+    ended: Array | float = np.nan
+    iterated: bool = eqx.field(static=True, default=False)
+
+    @property
+    def status(self) -> STATUS | Array:
+        """The verdict; under a transformation the bare code."""
+        code = self.status_code
+        return code if traced(code) else STATUS(int(code))
+
+    @property
+    def domain(self) -> TimeDomain:
+        """The hybrid time domain: the intervals I^j, sup t, sup j, and which of Dinius' cases it looks like."""
+        if traced((self.begun, self.ended, self.events, self.j)):
+            raise ValueError("Trajectory.domain is for results on the host, not under jit, vmap or grad.")
+        start, end, jumps = float(self.begun), float(self.ended), np.asarray(self.events.t)
+        if self.iterated:
+            jumps, end = np.full(int(np.max(self.j)), start), start
+        return time_domain(start, jumps, end, STATUS(int(self.status_code)))
+
+    def plot(self, ax=None, **options):
+        """The components against time, with events and modes."""
+        return plots.trajectory(self, ax, **options)
+
+
+def trajectory(
+    system: Flow | Map | Hybrid | EventDriven,
+    x0,
+    args: Any = None,
+    *,
+    t1,
+    t0=0.0,
+    n: int = 1000,
+    times: Any = None,
+    method: Method | None = None,
+    mode: str | int | None = None,
+    max_steps: int | None = None,
+    throw: bool = True,
+) -> Trajectory:
+    """The motion from x0 over a length t1, at n times, with every event on the way.
+
+    Args:
+        system: an `lh.Flow`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
+        x0: (dim,) start.
+        args: pytree of parameters.
+        t1: length in time (iterations for a map).
+        t0: time at the start.
+        n: number of samples, at t0 + i t1/n, i = 1…n.
+        times: other times of samples, counted from t0: "log" for n of them from t1/1000 on, evenly on a logarithmic
+            scale, or an increasing array that ends at t1.
+        method: `lh.RungeKutta` (default) or `lh.Diffrax`.
+        mode: mode at the start, where there are several.
+        max_steps: most attempts of a step.
+        throw: raise where the run failed.
+
+    Returns:
+        A `Trajectory`. Under a transformation the log has room for about 1000 events: rows beyond the last are
+        zero, and a run with more of them ends as ``max_steps``.
+
+    Raises:
+        ValueError: on arguments that do not fit, before any computing.
+        RunFailed: where the run failed and `throw`.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> ball = lh.Hybrid(
+        ...     lambda t, x, args: jnp.array([x[1], -1.0]),
+        ...     lh.Transition(lambda t, x, args: x[0], lambda t, x, args: jnp.array([x[0], -x[1]])),
+        ... )
+        >>> fall = lh.trajectory(ball, [0.5, 0.0], t1=2.5)
+        >>> len(fall.events), round(float(fall.events.t[0]), 9)
+        (1, 1.0)
+    """
+    positive("t1, a length of time,", t1)
+    whole("n, the number of samples,", n, least=1)
+    attempts(max_steps)
+    problem, x0, t0, mode = preparation.prepare(system, x0, args, t0, method, mode)
+    _require_one(x0)
+    check_counts(system, t1=t1)
+    discrete = iterates(system)
+    ends = ends_of_blocks(t1, n, times, "t1")
+    ends = array(jnp.ceil(ends - 1e-9) if discrete else ends, x0.dtype)
+    room = 0 if discrete or isinstance(system, Flow) else ROOM
+    plan = problems.Plan(QRSchedule("never", False), "mgs", False, room, False, False, problems.point)
+    loop_state = driver.start(problem, plan, t0, x0, np.zeros((len(x0), 0), x0.dtype), mode, 1.0)
+    outcome = driver.drive(problem, plan, loop_state, ends, ends, max_steps)
+    t, x, modes, jumps = outcome.records.collected
+    valid = outcome.records.valid
+    result = Trajectory(
+        jnp.where(valid, t, jnp.nan),
+        problems.in_rows(problem, jnp.where(valid[:, None], x, jnp.nan)),
+        modes,
+        jumps,
+        _joined(outcome.logs, problem, x0),
+        outcome.status,
+        problems.mode_names(system),
+        t0,
+        problems.time_of(outcome.loop_state),
+        discrete,
+    )
+    return _deliver(result, throw, outcome, system)
+
+
+def _require_one(x0) -> None:
+    if x0.ndim != 1:
+        raise ValueError(f"x0 must have shape (n,) here; got {x0.shape}. Use jax.vmap for several starts.")
+
+
+def _joined(logs, problem, x0) -> Events:
+    """One log out of those of several calls."""
+    if not logs:
+        none = jnp.zeros(0, jnp.int32)
+        point = jnp.zeros((0, *problem.shape), x0.dtype)
+        return Events(jnp.zeros(0, x0.dtype), none, none, none, none, point, point)
+    if traced(logs):
+        (log,) = logs
+    else:
+        # To put NumPy's arrays on the device compiles nothing, whatever the number of events.
+        log = jax.device_put(jax.tree.map(lambda *parts: np.concatenate(parts), *logs))
+    _, t, transition, which, mode_before, mode_after, *states = log
+    before, after = (problems.in_rows(problem, x) for x in states)
+    return Events(t, transition, which, mode_before, mode_after, before, after)
+
+
+def _deliver(result, throw: bool, outcome: driver.Outcome, system):
+    status = result.status
+    if throw and isinstance(status, STATUS) and status.failed:
+        raise RunFailed(status, account(status, place_of(outcome.loop_state, system), why=outcome.why), result)
+    return result
+
+
+class TangentMap(eqx.Module):
+    """The end of a stretch of motion and its derivative with respect to the start.
+
+    Attributes:
+        x: (n,) the end; matrix: (n, n) dx(t0 + t1)/dx(t0), jumps included; mode: index at the end.
+        status: the verdict.
+    """
+
+    x: Array
+    matrix: Array
+    mode: Array
+    jumps: Array
+    status_code: Array
+
+    @property
+    def status(self) -> STATUS | Array:
+        """The verdict; under a transformation the bare code."""
+        code = self.status_code
+        return code if traced(code) else STATUS(int(code))
+
+
+def tangent_map(
+    system: Flow | Map | Hybrid | EventDriven,
+    x0,
+    args: Any = None,
+    *,
+    t1,
+    t0=0.0,
+    mode: str | int | None = None,
+    method: Method | None = None,
+    max_steps: int | None = None,
+    throw: bool = True,
+) -> TangentMap:
+    """dx(t0 + t1)/dx(t0), the fundamental matrix with the saltation matrices of the jumps on the way.
+
+    M(t) = Φ S_m Φ … S_1 Φ, carried as n columns that are not orthonormalised; t0 is held fixed.
+
+    Args:
+        system: an `lh.Flow`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
+        x0: (n,) start.
+        args: pytree of parameters.
+        t1: length in time (iterations for a map).
+        t0: time at the start.
+        mode: mode at the start, where there are several.
+        method: `lh.RungeKutta` (default) or `lh.Diffrax`.
+        max_steps: most attempts of a step.
+        throw: raise where the run failed.
+
+    Returns:
+        A `TangentMap` with `.x` (n,) and `.matrix` (n, n).
+
+    Raises:
+        ValueError: on arguments that do not fit, before any computing.
+        RunFailed: where the run failed and `throw`.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> decay = lh.Flow(lambda t, x, args: -x)
+        >>> print(jnp.round(lh.tangent_map(decay, [1.0, 2.0], t1=1.0).matrix, 6))
+        [[0.367879 0.      ]
+         [0.       0.367879]]
+    """
+    positive("t1, a length of time,", t1)
+    attempts(max_steps)
+    problem, x0, t0, mode = preparation.prepare(system, x0, args, t0, method, mode)
+    _require_one(x0)
+    check_counts(system, t1=t1)
+    plan = problems.Plan(QRSchedule("never", False), "mgs", False, 0, False, False, problems.nothing)
+    loop_state = driver.start(problem, plan, t0, x0, np.eye(len(x0), dtype=x0.dtype), mode, 1.0)
+    ends = array(t1, x0.dtype).reshape(1)
+    outcome = driver.drive(problem, plan, loop_state, ends, ends, max_steps)
+    carry = outcome.loop_state.carry
+    x = problems.in_rows(problem, carry.x)
+    return _deliver(
+        TangentMap(x, carry.frame, problems.mode_of(carry), carry.jumps, outcome.status), throw, outcome, system
+    )

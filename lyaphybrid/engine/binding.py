@@ -1,0 +1,74 @@
+"""A problem bound to its evolver and its plan, while it is traced."""
+
+import dataclasses
+
+import jax
+import numpy as np
+
+from ..events.compiled_hybrid import CompiledHybrid, bound, projection, wire
+from ..integrators import DiffraxEvents
+from ..systems.bound import Bound
+from ..systems.daes.semi_linear import Constrained
+from ..systems.event_driven import EventDriven
+from ..systems.smooth import Flow, Map
+from ..systems.validation import check_functions
+from .evolvers.exact import Exact
+from .evolvers.flights import Flights
+from .evolvers.iterate import Iterating
+from .evolvers.scheduled import Scheduled
+from .evolvers.stepping import Stepping, are_nonlinear, are_timeless
+from .problems import Plan, Problem
+from .states import Settings
+
+__all__ = ["evolver_of", "number", "settings_of"]
+
+
+def evolver_of(problem: Problem, t, x):
+    """The evolver of a problem, made while tracing: its functions are checked and have `args` bound."""
+    system, method, args, _ = problem
+    check_functions(system, jax.ShapeDtypeStruct(problem.shape, x.dtype), args)
+    if isinstance(system, Map):
+        return Iterating(lambda n, x: system.rule(n, x, args))
+    if isinstance(system, EventDriven):
+        return Exact(system, args) if system.schedule is None else Scheduled(system, args, problem.shape)
+    if isinstance(system, Flow):
+        empty = np.zeros((1, 0), np.int32)
+        of_dae = isinstance(system.field, Constrained)
+        fields = (bound(system.field, args, t, x) if of_dae else Bound(system.field, args),)
+        method.require(fields[0], t, x)
+        onto = (projection(fields[0], None, args),)
+        hybrid = CompiledHybrid(fields, (), onto, empty, empty, empty, (), empty, (), (), (), False, None)
+        return _moving(hybrid, method, (), (), 0, are_nonlinear(fields, t, x))
+    if system.fields is None:
+        reset = system.transitions[0].reset
+        return Iterating(lambda n, x: reset(n, x, args))
+    hybrid = wire(system, t, x, args)
+    for field in hybrid.fields:
+        method.require(field, t, x)
+    clocks = tuple(
+        (number(system.transitions[j].every, args), number(system.transitions[j].phase, args)) for j in hybrid.clocks
+    )
+    terminal = tuple(tr.terminal for tr in system.guarded)
+    return _moving(hybrid, method, clocks, terminal, system.max_cascade, are_nonlinear(hybrid.fields, t, x))
+
+
+def _moving(hybrid, method, *rest) -> Stepping:
+    """The evolver of what flows by a method: it finds the events, where the method does not do it itself."""
+    return (Flights if isinstance(method, DiffraxEvents) else Stepping)(hybrid, method, *rest)
+
+
+def number(value, args):
+    """The period or the phase of a clock."""
+    return value(args) if callable(value) else value
+
+
+def settings_of(problem: Problem, plan: Plan, t, x, reverse: bool = False) -> Settings:
+    """Bind a plan to a problem, while tracing."""
+    own = plan._asdict()
+    del own["batched"]
+    evolver = evolver_of(problem, t, x)
+    if plan.count_jumps and isinstance(evolver, Stepping) and evolver.has_events:
+        evolver = dataclasses.replace(evolver, per_jump=True, timeless=are_timeless(evolver.hybrid, t, x))
+    if plan.count_jumps and isinstance(evolver, Scheduled):
+        evolver = dataclasses.replace(evolver, per_jump=True)
+    return Settings(evolver, **own, reverse=reverse)

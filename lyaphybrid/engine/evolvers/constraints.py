@@ -1,0 +1,124 @@
+"""What evolvers answer about the algebraic equations of a mode: those that have some, and those that have none."""
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+
+from ..._jax.columns import each_column
+from ..._linalg.frames import LOST
+from ...events.compiled_hybrid import CompiledHybrid, by_mode
+from ...integrators.base import Field, Method
+from ...statuses import STATUS
+from ...systems.daes.semi_linear import is_constrained, landed
+from ..states import LONGEST_BLIND, Clock, StepState, stop
+
+__all__ = ["OnConstraints", "Unconstrained", "landing_of"]
+
+NEAR_CONSTRAINTS = 1e-6  # a start is consistent up to this, relative to 1 + |x|
+DRIFT = 1e-5  # the same for the ends of blocks
+
+
+class OnConstraints:
+    """Answers of an evolver whose modes may have algebraic equations."""
+
+    hybrid: CompiledHybrid
+    method: Method
+
+    def onto_mode(self, mode, t, x):
+        """The projection onto the tangent space of a mode; None where no mode has one."""
+        w = self.hybrid
+        if all(project is None for project in w.projections):
+            return None
+        given = [project or (lambda t, x, dx: dx) for project in w.projections]
+        return lambda dx: by_mode(mode, [lambda dx, p=p: p(t, x, dx) for p in given], dx)
+
+    def kept_to_constraints(self, c: StepState, clock: Clock) -> StepState:
+        """The frame, where the method lets it leave the tangent space of the constraints: there it would not decay."""
+        if self.method.keeps_constraints or not self.hybrid.constrained:
+            return c
+        project = self.onto_mode(c.solver_state.mode, clock.base + c.s, c.x)
+        assert project is not None, "constraints have a projection"
+        return c._replace(frame=each_column(project, c.frame))
+
+    def onto_constraints(self, mode, t, x):
+        """The point with the same content that lies on the constraints of a mode."""
+        return by_mode(mode, [landing_of(field) for field in self.hybrid.fields], t, x)
+
+    def admitted(self, t, x, mode):
+        """A start, put onto the constraints of its mode; and whether it was too far from them."""
+        if not self.hybrid.constrained:
+            return x, False
+        new = self.onto_constraints(mode, t, x)
+        wrong = ~(jnp.max(jnp.abs(new - x) / (1 + jnp.abs(x))) <= NEAR_CONSTRAINTS)
+        return jnp.where(wrong, x, new), wrong
+
+    def inspected(self, c: StepState, clock: Clock) -> StepState:
+        """At the end of a block: whether the motion has left the constraints, or run into a singular point."""
+        if not self.hybrid.constrained:
+            return c
+
+        mode = None if self.hybrid.modes == 1 else c.solver_state.mode
+        off, singular = by_mode(mode, [_distance_of(field) for field in self.hybrid.fields], clock.base + c.s, c.x)
+        # What ended for want of a step did so because of the singular point.
+        ended = (c.status == STATUS.step_underflow) | (c.status == STATUS.nonfinite)
+        singular = singular & jnp.all(jnp.isfinite(c.x))
+        c = c._replace(status=jnp.where(ended & singular, jnp.asarray(STATUS.singular_dae, jnp.int32), c.status))
+        c = stop(c, STATUS.singular_dae, singular)
+        return stop(c, STATUS.constraint_drift, off > DRIFT)
+
+
+class Unconstrained:
+    """Answers of an evolver that knows no modes and no constraints."""
+
+    def onto_mode(self, mode, t, x):
+        """There are no modes, and no constraints."""
+        del mode, t, x
+
+    def admitted(self, t, x, mode):
+        """Every state may be a start."""
+        del t, mode
+        return x, False
+
+    def kept_to_constraints(self, c, clock):
+        """There are none."""
+        del clock
+        return c
+
+    def inspected(self, c, clock):
+        """There is nothing that could be left."""
+        del clock
+        return c
+
+    by_fixed_steps: ClassVar[bool] = False
+
+    def rests(self, c, clock, x):
+        """Whether the motion stays near x or leaves for ever is not seen: where no jump is ahead, is known anyhow."""
+        del c, clock, x
+        return jnp.asarray(False), jnp.asarray(False)
+
+    def least_length(self, c, jumps):
+        """Columns that so many jumps have left with no more than this (and rounding) are lost.
+
+        After many jumps rounding alone makes columns dependent: that is unresolved, not lost.
+        """
+        del c
+        return jnp.where(jumps <= 1, LOST, jnp.where(jumps <= LONGEST_BLIND, 0.0, -jnp.inf))
+
+    def in_each_mode(self):
+        """There are no modes."""
+        return (self,)
+
+
+def _distance_of(field: Field):
+    """(t, x) -> the distance from the constraints of a field, and whether the point is singular."""
+    if not is_constrained(field):
+        return lambda t, x: (jnp.zeros_like(t), jnp.asarray(False))
+    dae, args = field.field, field.args
+    return lambda t, x: (dae.distance(t, x, args), dae.is_singular(t, x, args))
+
+
+def landing_of(field: Field):
+    """(t, x) -> the point with the same content on the constraints of a field; x where it has none."""
+    if not is_constrained(field):
+        return lambda t, x: x
+    return lambda t, x: landed(field.field, field.args, t, x)

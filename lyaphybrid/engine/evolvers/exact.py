@@ -1,0 +1,230 @@
+"""How a tangent moves where the flow is known in closed form and the next event is known exactly."""
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Any, ClassVar, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from ..._jax.columns import each_column
+from ..._jax.precision import digits
+from ..._linalg import frames
+from ...events.saltations import delays, push, return_along
+from ...statuses import STATUS
+from ...systems.event_driven import EventDriven
+from ..states import LONGEST_BLIND, Clock, Events, Settings, StepState, added, log_event, stop, stretched
+from .accumulations import accumulated, hidden_below, named
+from .constraints import Unconstrained
+
+__all__ = ["Exact", "integers", "is_event", "since_after"]
+
+
+class Flight(NamedTuple):
+    """Time to the next event, and what it is."""
+
+    dt: Array
+    which: Any
+    lands: Array  # before the block's end
+
+
+@dataclasses.dataclass(frozen=True)
+class Exact(Unconstrained):
+    """The evolver of event-driven systems: fly to the end of the block, or to the next event and through it."""
+
+    system: EventDriven
+    args: Any
+
+    jumps_uncontrolled: ClassVar[bool] = True
+    always_regular: ClassVar[bool] = False
+    by_rows: ClassVar[bool] = False
+    longest_interval: ClassVar[float] = LONGEST_BLIND
+    spread_wanted: ClassVar[float] = 4.0
+
+    @property
+    def may_lose_rank(self) -> bool:
+        """What keeps dq∧dp destroys no direction."""
+        return not self.system.canonical
+
+    def init(self, t, x, mode, h):
+        """The next event is predicted anew from every state; (4 + size of `which`,): see `_remember`."""
+        del mode, h
+        names = sum(math.prod(leaf.shape) for leaf in jax.tree.leaves(self.which_shape(t, x)))
+        return jnp.zeros(4 + names, x.dtype).at[4:].set(-1.0) + 0 * t
+
+    def rebase(self, solver, s):
+        """The time of the last event is local to the block."""
+        return solver.at[0].add(-s)
+
+    def which_shape(self, t, x):
+        """What an event log stores as `which`: what the user's `next_event` calls it."""
+        return jax.eval_shape(lambda t, x: integers(self.system.next_event(t, x, self.args)[1]), t, x)
+
+    def propose_step(self, c: StepState, clock: Clock) -> Flight:
+        """When is the next event?"""
+        dt, which = self.system.next_event(clock.base + c.s, c.x, self.args)
+        dt, which = jnp.asarray(dt, c.x.dtype), integers(which)
+        # nan is no time: it goes to the landing, which reports it.
+        return Flight(dt, which, ~((dt > clock.limit(c) - c.s) | jnp.isposinf(dt)))
+
+    enter = propose_step
+
+    def is_regular(self, ahead: Flight):
+        """The usual thing is to land; to fly on to the end of the block is rare."""
+        return ahead.lands
+
+    def stretched(self, c: StepState):
+        """Whether the frame must be orthonormalised at once."""
+        return stretched(c)
+
+    def _carried(self, c: StepState, clock: Clock, dt):
+        """The closed-form flow over dt and its tangent."""
+        t = clock.base + c.s
+        x, linear = jax.linearize(lambda x: self.system.flow(dt, t, x, self.args), c.x)
+        return x, each_column(linear, c.frame)
+
+    def locate_events(
+        self, settings: Settings, clock: Clock, within, c: StepState, ahead: Flight
+    ) -> tuple[StepState, Flight]:
+        """Fly on to the end of the block, or to an orthonormalisation by time, where no event comes before."""
+
+        def fly(c):
+            c = self._fly(settings, clock, c, ahead)
+            return c, ahead if clock.interval is None else self.propose_step(clock.afresh(c), clock)
+
+        return jax.lax.cond(within(c) & ~ahead.lands, fly, lambda c: (c, ahead), c)
+
+    def _fly(self, settings: Settings, clock: Clock, c: StepState, ahead: Flight) -> StepState:
+        end = clock.limit(c)
+        if settings.count_jumps:  # where jumps alone end the block, and there are none any more
+            never = jnp.isinf(clock.length) & jnp.isposinf(ahead.dt)
+            c, end = stop(c, STATUS.no_more_jumps, never), jnp.where(never, c.s, end)
+        dt = end - c.s
+        x, frame = self._carried(c, clock, dt)
+        c = c if c.volume is None else added(c, volume=self._flux(c, clock, dt))
+        return c._replace(s=end, x=x, frame=frame, since=c.since if clock.interval is None else clock.flown(c, end))
+
+    def _flux(self, c: StepState, clock: Clock, dt):
+        """ln|det Dφ| of the flow over dt, which is ∫ tr Df."""
+        matrix = jax.jacfwd(lambda x: self.system.flow(dt, clock.base + c.s, x, self.args))(c.x)
+        return frames.log_abs_det(matrix)
+
+    def velocity(self, t, x):
+        """The field that the closed-form flow solves."""
+        return self.system.velocity(t, x, self.args)
+
+    def step(self, settings: Settings, clock: Clock, c: StepState, flight: Flight) -> StepState:
+        """Fly to the event and through it."""
+        system, args, which = self.system, self.args, flight.which
+        timed = jnp.isfinite(flight.dt)  # where it is not, the run ends where it stands
+        dt = jnp.where(timed, flight.dt, 0.0)
+        x, frame = self._carried(c, clock, dt)
+        s = c.s + dt
+        t, n, k = clock.base + s, x.shape[0], frame.shape[1]
+        columns = jnp.concatenate([frame, jnp.eye(n, dtype=x.dtype)], axis=1) if settings.sum_rule else frame
+        before, real = self.velocity(t, x), is_event(which) & timed
+        delay = self._delays(real, t, x, which, columns, before)
+        new, columns, direction = push(lambda t, x: system.jump(t, x, args, which), t, x, columns, before)
+        columns = return_along(columns, direction, self.velocity(t, new), delay)
+        if c.volume is not None:
+            c = added(added(c, volume=self._flux(c, clock, dt)), volume=frames.log_abs_det(columns[:, k:]))
+        zero = jnp.asarray(0, jnp.int32)
+        entry = Events(None, t, zero, which, zero, zero, x, new)
+        landed = added(c, s=dt)._replace(
+            x=jnp.where(timed, new, x),
+            frame=columns[:, :k],
+            since=since_after(settings, clock, c, dt, real, self.may_lose_rank),
+            jumps=c.jumps + real.astype(jnp.int32),
+            log=log_event(c.log, entry, real),
+        )
+        hides = None
+        if settings.count_jumps:
+            hides = hidden_below(lambda t, x: system.guard(t, x, args, which), t, x, before)
+        # By time frames are orthonormalised on the way: a flight is then not all of the time between two events.
+        if clock.interval is not None:
+            between = jnp.where(flight.dt < 0, flight.dt, jnp.maximum(flight.dt, landed.s - c.solver_state[0]))
+            flight = flight._replace(dt=between)
+        return self._remember(landed, flight._replace(lands=real), hides)
+
+    def once(self, settings: Settings, clock: Clock, c: StepState, flight: Flight) -> StepState:
+        """To the event and through it, or to the end of the block."""
+        return jax.lax.cond(
+            flight.lands,
+            lambda c: self.step(settings, clock, c, flight),
+            lambda c: self._fly(settings, clock, c, flight),
+            c,
+        )
+
+    def tangent(self, clock: Clock, c: StepState, flight: Flight) -> Callable:
+        """The derivative of what `once` does, dx (n,) -> (n,)."""
+        t, which = clock.base + c.s, flight.which
+        dt = jnp.where(flight.lands, flight.dt, clock.limit(c) - c.s)
+        dt = jnp.where(jnp.isfinite(dt), dt, 0.0)
+
+        def flow(x):
+            return self.system.flow(dt, t, x, self.args)
+
+        def jump(t, x):
+            return self.system.jump(t, x, self.args, which)
+
+        def guard(t, x):
+            return self.system.guard(t, x, self.args, which)
+
+        end, x, one = t + dt, flow(c.x), jnp.ones_like(t)
+        before, real = self.velocity(end, x), is_event(which)
+        rate = jax.jvp(guard, (end, x), (one, before))[1]
+        new, direction = jax.jvp(jump, (end, x), (one, before))
+        after = self.velocity(end, new)
+
+        def linear(dx):
+            moved = jax.jvp(flow, (c.x,), (dx,))[1]
+            late = delays(jax.jvp(lambda x: guard(end, x), (x,), (moved,))[1], rate)
+            late = jnp.where(real, late, 0.0)
+            pushed = jax.jvp(lambda x: jump(end, x), (x,), (moved,))[1]
+            return jnp.where(flight.lands, pushed + direction * late - after * late, moved)
+
+        return linear
+
+    def _delays(self, real, t, x, which, columns, velocity):
+        """Where nothing happens nobody is late; and behind a condition XLA keeps them, once for all rows."""
+
+        def guard(t, x):
+            return self.system.guard(t, x, self.args, which)
+
+        def late(columns):
+            slopes = each_column(lambda dx: jax.jvp(lambda x: guard(t, x), (x,), (dx,))[1], columns)
+            return delays(slopes, jax.jvp(guard, (t, x), (jnp.ones_like(t), velocity))[1])
+
+        return jax.lax.cond(real, late, lambda columns: jnp.zeros_like(columns[0]), columns)
+
+    def _remember(self, c: StepState, flight: Flight, hides=None) -> StepState:
+        """Accumulating events (interval, longest interval, streak of short ones, name), and states gone wrong."""
+        dt, (_, _, longest, streak) = flight.dt, c.solver_state[:4]
+        name = named(flight.which, c.x.dtype)
+        again = flight.lands & jnp.all(name == c.solver_state[4:])
+        nothing = digits(1e-9, dt) * jnp.maximum(longest, dt)
+        longest, streak, over = accumulated(dt, longest, streak, again=again, hides=hides)
+        solver = jax.lax.stop_gradient(jnp.concatenate([jnp.stack([c.s, dt, longest, streak]), name]))
+        c = stop(c._replace(solver_state=solver), STATUS.zeno, over)
+        finite = jnp.all(jnp.isfinite(c.x)) & jnp.all(jnp.isfinite(c.frame))
+        return stop(c, STATUS.nonfinite, ~(finite & (dt >= -nothing)))
+
+
+def since_after(settings: Settings, clock: Clock, c: StepState, dt, real, may_lose_rank: bool):
+    """`Carry.since` after an event; by time one that may destroy a direction is followed by an orthonormalisation."""
+    if settings.qr_schedule.unit != "time":
+        return c.since + {"steps": 1.0, "jumps": 1.0, "never": 0.0}[settings.qr_schedule.unit]
+    since = c.since + dt
+    return jnp.where(real, clock.interval, since) if may_lose_rank else since
+
+
+def integers(which):
+    """What an event is called, with entries of one type."""
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf).astype(jnp.int32), which)
+
+
+def is_event(which):
+    """A negative `which` says that nothing happens there: the prediction is only to be made anew."""
+    return jax.tree.leaves(which)[0] >= 0

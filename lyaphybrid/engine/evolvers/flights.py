@@ -1,0 +1,94 @@
+"""How a tangent moves where a method itself finds the events: a trial is a flight, and ends at one or before the next.
+
+All that follows an event is that of `Stepping`: the landing, the jumps of one instant, and how guards are armed.
+"""
+
+import dataclasses
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+
+from ..._jax.precision import nonzero
+from ...events.compiled_hybrid import by_mode
+from ...events.roots import rates
+from ...integrators.diffrax_events import DiffraxEvents
+from ..states import Clock, StepState
+from .stepping import Stepping
+from .trials import ADVANCE, FAIL, LAND, RootBracket, SolverState, Trial, firing, pending
+
+__all__ = ["Flights"]
+
+STEPS = 20.0  # of a flight, about: then frames are orthonormalised, and the host may have a look
+
+
+@dataclasses.dataclass(frozen=True)
+class Flights(Stepping):
+    """The evolver of flows and hybrid systems by `lh.DiffraxEvents`; `Stepper.h` is the mean step of flights."""
+
+    method: DiffraxEvents
+
+    longest_interval: ClassVar[float] = 1.0  # in flights
+
+    def enter(self, c: StepState, clock: Clock):
+        """As for steps; a trial knows the mean step of its flight."""
+        tr = super().enter(c, clock)
+        return tr._replace(way=(jnp.zeros_like(c.s),)) if isinstance(tr, Trial) else tr
+
+    def propose_step(self, c: StepState, clock: Clock, bracket: RootBracket | None = None) -> Trial:
+        """A flight, until a guard changes its sign, a clock ticks, the block ends, or it is long enough."""
+        del bracket  # nothing is left to be located
+        solver, t, w = c.solver_state, clock.base + c.s, self.hybrid
+        longest, final, tick = self._length(c._replace(solver_state=solver._replace(h=STEPS * solver.h)), clock, None)
+
+        trials = [self._flight_in(q, solver) for q in range(w.modes)]
+        flight, x, f, g, rate, reached = by_mode(solver.mode, trials, t, c.x, jax.lax.stop_gradient(longest))
+        h, found = jax.lax.stop_gradient(jnp.where(flight.found, flight.h, longest)), flight.found
+        lands, miss = jnp.asarray(False), None
+        if g is not None:
+            # The guard that was reached has just passed zero: fired, or armed anew where it comes from beyond.
+            here = found & (jnp.arange(w.slots) == reached)
+            beyond = 2 * solver.side * jnp.maximum(solver.blur, nonzero(1e-300, g))
+            g, lands = jnp.where(here, -beyond, g), jnp.any(here & firing(self, solver))
+            miss = jnp.zeros_like(g)
+        if tick is not None:
+            tick = jnp.where(found, -1, tick)
+            lands = lands | (tick >= 0)
+        case = jnp.where(flight.failed, FAIL, jnp.where(lands, LAND, ADVANCE))
+        if self.may_not_flow:
+            case = jnp.where(pending(solver) > 0, LAND, case)
+        zero = jnp.zeros_like(h)
+        return Trial(case.astype(jnp.int32), h, x, f, zero, final & ~found, g, rate, miss, tick, (flight.step,))
+
+    def _flight_in(self, q: int, solver: SolverState):
+        """(t, x, h) -> a flight in mode q; the state and the field where it ends, and the guards, if there are any."""
+        method, field = self.method, self.hybrid.fields[q]
+        if not self.has_events:
+
+            def to_the_end(t, x, h):
+                flight = method.flight(field, t, x, h)
+                return flight, flight.x, field(t + flight.h, flight.x), None, None, None
+
+            return to_the_end
+        guards = self.hybrid.guards[q]
+
+        def to_an_event(t, x, h):
+            def distances(s, x):
+                return jnp.where(solver.side == 0, jnp.inf, solver.side * guards(t + s, x))
+
+            def least(s, x):  # at the start each guard is on its side, whatever rounding says
+                return jnp.where(s > 0, jnp.min(distances(s, x)), 1.0)
+
+            flight = method.flight(field, t, x, h, least)
+            step = method.step(field, t, x, solver.f, flight.h)  # without the error of dense output
+            reached = jnp.argmin(distances(flight.h, flight.x))
+            return flight, step.x, step.f, *rates(guards, t + flight.h, step.x, step.f), reached
+
+        return to_an_event
+
+    def _next_h(self, solver: SolverState, tr: Trial, ratio, passed):
+        """The mean step of a whole flight; one that was cut says only that steps may be as long as it was."""
+        del ratio, passed
+        (step,) = tr.way
+        h = jnp.where(tr.h >= 0.99 * STEPS * solver.h, step, jnp.maximum(solver.h, step))
+        return jax.lax.stop_gradient(h), solver.log_ratio

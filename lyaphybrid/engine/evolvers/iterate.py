@@ -1,0 +1,86 @@
+"""How a tangent moves under a map: every attempt is one iteration."""
+
+import dataclasses
+from collections.abc import Callable
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+
+from ..._jax.columns import each_column
+from ..._linalg import frames
+from ...statuses import STATUS
+from ..states import LONGEST_BLIND, Clock, Settings, StepState, added, stop, stretched
+from .constraints import Unconstrained
+
+__all__ = ["Iterating"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Iterating(Unconstrained):
+    """The evolver of maps, and of hybrid systems that only jump. Time counts the iterations."""
+
+    rule: Callable  # (t, x) -> x
+
+    may_lose_rank: ClassVar[bool] = True
+    jumps_uncontrolled: ClassVar[bool] = True
+    always_regular: ClassVar[bool] = True
+    by_rows: ClassVar[bool] = False
+    longest_interval: ClassVar[float] = LONGEST_BLIND
+    spread_wanted: ClassVar[float] = 4.0
+
+    def init(self, t, x, mode, h):
+        """A map remembers nothing."""
+        del t, x, mode, h
+
+    def rebase(self, solver, s):
+        """Nothing is local to the block."""
+        del s
+        return solver
+
+    def which_shape(self, t, x):
+        """What an event log stores as `which`."""
+        del t, x
+        return jax.ShapeDtypeStruct((), jnp.int32)
+
+    def propose_step(self, c: StepState, clock: Clock):
+        """There is nothing to foresee."""
+        del c, clock
+        return ()
+
+    enter = propose_step
+
+    def is_regular(self, ahead):
+        """A map only steps."""
+        del ahead
+        return True
+
+    def stretched(self, c: StepState):
+        """Whether the frame must be orthonormalised at once."""
+        return stretched(c)
+
+    def locate_events(self, settings: Settings, clock: Clock, within, c: StepState, ahead):
+        """Nothing is rare."""
+        del settings, clock, within
+        return c, ahead
+
+    def step(self, settings: Settings, clock: Clock, c: StepState, ahead) -> StepState:
+        """One iteration of the rule and of its tangent."""
+        del ahead
+        t = clock.base + c.s
+        x, linear = jax.linearize(lambda x: self.rule(t, x), c.x)
+        frame = each_column(linear, c.frame)
+        since = c.since + (0.0 if settings.qr_schedule.unit == "never" else 1.0)
+        volume = None
+        if c.volume is not None:
+            volume = frames.log_abs_det(each_column(linear, jnp.eye(x.shape[0], dtype=x.dtype)))
+        c = added(c._replace(x=x, frame=frame, since=since, jumps=c.jumps + 1), s=1.0, volume=volume)
+        return stop(c, STATUS.nonfinite, ~jnp.all(jnp.isfinite(x)))
+
+    once = step
+
+    def tangent(self, clock: Clock, c: StepState, ahead) -> Callable:
+        """The derivative of the attempt, dx (n,) -> (n,)."""
+        del ahead
+        t, x = clock.base + c.s, c.x
+        return lambda dx: jax.jvp(lambda x: self.rule(t, x), (x,), (dx,))[1]

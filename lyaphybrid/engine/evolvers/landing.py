@@ -1,0 +1,232 @@
+"""Landing: from a trial that ends at an event, through the jumps of that instant, to guards armed anew."""
+
+import jax
+import jax.numpy as jnp
+
+from ..._jax.columns import each_column
+from ..._jax.magnitudes import absolute
+from ..._jax.precision import digits, nonzero
+from ..._linalg import frames
+from ...events.compiled_hybrid import by_mode
+from ...events.roots import rates
+from ...integrators.divergences import trace
+from ...statuses import STATUS
+from ..orthonormalising import orthonormalise_and_accumulate
+from ..states import Clock, Settings, StepState, added, select, stop
+from .cascade import Landing, in_each_order, orthonormalises
+from .trials import (
+    ALONE,
+    NEAR,
+    PATIENCE,
+    Memory,
+    SolverState,
+    Trial,
+    changed,
+    firing,
+    has_fired,
+    is_beyond,
+    pending,
+    table,
+)
+
+__all__ = ["land"]
+
+SAME = 1e-13  # roots nearer than this, relative to the controller's step or the time, are simultaneous
+GRAZING = 1e-3  # sine of the angle between flow and guard below which a crossing is called grazing
+SHORT = 1e-5  # an interval between events is short below this, relative to the step and the longest interval
+LEAST = 1e-140  # an interval over the longest one: squares of shorter ones fall below the smallest double
+SHRUNK = 1e-3  # an interval has shrunk below this, relative to the step, where jumps are counted to the longest one
+REACH = 10.0  # steps to the next event where events accumulate: so many times as long as the last interval
+
+
+def land(evolver, settings: Settings, clock: Clock, c: StepState, tr: Trial) -> StepState:
+    """The trial ends at an event: polish, cross, orthonormalise at once, re-arm the guards."""
+    solver, w = c.solver_state, evolver.hybrid
+    mode = jnp.asarray(0, jnp.int32) if solver.mode is None else solver.mode
+    moved = evolver.commit(settings, c, tr.h, tr.x, evolver.landed(c, clock, tr))
+    ahead = -tr.g / jnp.where(tr.rate == 0, nonzero(1e-300, tr.rate), tr.rate)
+    lands, at_once = _at_root(evolver, solver, tr, ahead), False
+    if evolver.may_not_flow:  # the next jump where the last one, or the start, has left the state
+        at_once = pending(solver) > 0
+        follows = (
+            table(evolver, solver.mode, w.directed)
+            & (solver.side < 0)
+            & ~(has_fired(evolver, solver) & (solver.g == 0))
+        )
+        moved, lands = select(at_once, (c, follows), (moved, lands))
+        ahead = jnp.where(at_once, 0.0, ahead)
+    c = moved
+    ticking = ~jnp.any(lands)
+    ahead = jnp.where(lands, ahead, jnp.inf)
+    slot = jnp.argmin(ahead).astype(jnp.int32)
+    c = _polish(evolver, clock, c, slot, ticking | at_once)
+    if evolver.per_jump:
+        c = _within_reach(c, tr.h)
+    t = clock.base + c.s
+    c = orthonormalise_and_accumulate(settings, c, t)[0] if orthonormalises(settings, c) else c
+    # Which transition: the first of those at this instant whose `when` says yes.
+    together = lands & (ahead <= ahead[slot] + digits(SAME, t) * (solver.h + jnp.abs(t)))
+    allowed = together & by_mode(mode, w.whens, t, c.x) if w.shared else together
+    blocked = ~ticking & ~jnp.any(allowed)
+    slot = jnp.argmax(allowed).astype(jnp.int32)
+    transition = table(evolver, solver.mode, w.transition)[slot]
+    which = table(evolver, solver.mode, w.component)[slot]
+    if w.clocks:
+        clocks = jnp.asarray(w.clocks, jnp.int32)
+        transition = jnp.where(ticking, clocks[tr.tick], transition)
+        which = jnp.where(ticking, 0, which)
+    event = transition, which, jnp.where(ticking, -1, slot)
+    crossed = _cross(evolver, settings, clock, c, mode, event, allowed & ~jnp.asarray(at_once), at_once, tr.h)
+    crossed = _keep_clocks(evolver, clock, crossed, tr, ticking)
+    return select(blocked, stop(c, STATUS.deadlock), crossed)
+
+
+def _at_root(evolver, solver: SolverState, tr: Trial, ahead):
+    """The guards whose root is at the end of a trial that lands."""
+    ticking = jnp.asarray(False) if tr.tick is None else tr.tick >= 0
+    fires = firing(evolver, solver)
+    crossed = fires & is_beyond(solver, tr)
+    close = fires & (solver.side * tr.rate < 0) & (jnp.abs(ahead) <= digits(NEAR, ahead) * solver.h)
+    return jnp.where(ticking, False, jnp.where(jnp.any(close), close, crossed))
+
+
+def _polish(evolver, clock: Clock, c: StepState, slot, ticking) -> StepState:
+    """Two second-order steps onto the guard; the location of the root was not differentiable, the second of them is.
+
+    Frames move by first order alone: the derivative of a step is right where the step itself is nothing any more.
+    """
+    w = evolver.hybrid
+
+    def of_mode(q):
+        def polish(t, x, frame, volume):
+            def once(i, state):
+                t, x, frame, volume, shift = state
+                f, second = jax.jvp(w.fields[q], (t, x), (jnp.ones_like(t), w.fields[q](t, x)))
+                g, rate = rates(w.guards[q], t, x, f)
+                step = -g[slot] / jnp.where(rate[slot] == 0, 1.0, rate[slot])
+                step = jnp.where(ticking | (rate[slot] == 0), 0.0, step)
+                step = jnp.where(i == 0, jax.lax.stop_gradient(step), step)
+
+                def slope(dx):
+                    return jax.jvp(lambda y: w.fields[q](t, y), (x,), (dx,))[1]
+
+                frame = frame + step * each_column(slope, frame)
+                volume = None if volume is None else volume + step * trace(w.fields[q], t, x)
+                return t + step, x + step * (f + 0.5 * step * second), frame, volume, shift + step
+
+            return jax.lax.fori_loop(0, 2, once, (t, x, frame, volume, jnp.zeros_like(t)))
+
+        return polish
+
+    start = (clock.base + c.s, c.x, c.frame, c.volume)
+    _, x, frame, volume, shift = by_mode(c.solver_state.mode, [of_mode(q) for q in range(w.modes)], *start)
+    return added(c._replace(x=x, frame=frame, volume=volume), s=shift)
+
+
+def _within_reach(c: StepState, last_step) -> StepState:
+    """Where the next jump comes ever sooner, steps as long as the way there: guards are judged on their scale."""
+    flown, before = _flown(c, last_step), Memory(*c.solver_state.memory).interval
+    short = (flown > 0) & (flown < before) & (flown < SHRUNK * c.solver_state.h)
+    return changed(c, h=jax.lax.stop_gradient(jnp.where(short, REACH * flown, c.solver_state.h)))
+
+
+def _flown(c: StepState, last_step):
+    """The time since the last event: where the time of the block no longer resolves it, the last step alone."""
+    return jnp.maximum(c.s - Memory(*c.solver_state.memory).last, last_step)
+
+
+def _cross(evolver, settings, clock: Clock, c: StepState, mode, event, together, at_once, last_step) -> StepState:
+    """Through the event and the cascade it sets off; then orthonormalise and arm the guards."""
+    slot = event[2]
+    t, h, k = clock.base + c.s, c.solver_state.h, c.frame.shape[1]
+    columns, was_live = c.frame, jnp.sum(c.frame * c.frame, axis=0) > 0.5
+    if settings.sum_rule:  # n more columns, the identity: they come out as the saltation matrix
+        columns = jnp.concatenate([columns, jnp.eye(c.x.shape[0], dtype=c.x.dtype)], axis=1)
+    landing = in_each_order(evolver, settings, t, h, c, columns, mode, event, together, at_once)
+    since = c.since + landing.count.astype(c.since.dtype) if settings.qr_schedule.unit == "jumps" else c.since
+    volume = frames.log_abs_det(landing.moves.columns[:, k:]) if settings.sum_rule else None
+    project, frame = evolver.onto_mode(landing.mode, t, landing.x), landing.moves.columns[:, :k]
+    sizes = None if landing.moves.sizes is None else landing.moves.sizes.columns
+    if project is not None and k:
+        frame = each_column(project, frame)
+        sizes = None if sizes is None else each_column(absolute(project), sizes)
+    c = c._replace(
+        x=landing.x,
+        frame=frame,
+        since=since,
+        jumps=c.jumps + landing.count,
+        log=landing.log,
+    )
+    c = added(c, volume=volume)
+    arrival = {"f": landing.f, "g": landing.g, "rate": landing.rate, "side": landing.side, "blur": landing.blur}
+    c = changed(c, mode=None if c.solver_state.mode is None else landing.mode, **arrival)
+    if c.solver_state.choices is not None:
+        c = changed(c, choices=c.solver_state.choices.met(landing.together, jnp.sum(together), t))
+    doubtful = jnp.asarray(False)
+    if sizes is not None:
+        losses, (c, _) = (
+            c.losses,
+            orthonormalise_and_accumulate(settings, c, t, frames.LOST, frames.LOST, project, was_live, sizes),
+        )
+        # The direction of the flow shrinks like its speed: so far that the rounding of the columns would hide it?
+        speed, terms = jnp.max(jnp.abs(landing.f)), jnp.minimum(jnp.max(sizes), 1.0)  # where they are known
+        hidden = digits(frames.DEPENDENT, c.x) * terms * landing.speed
+        doubtful = jnp.any(c.losses > losses) & (speed > 0) & (speed < hidden)
+    guard = jnp.where(slot < 0, -1, slot + evolver.hybrid.slots * mode)
+    c = _remember(evolver, c, landing, clock, guard, doubtful, last_step)
+    c = stop(c, STATUS.terminated, landing.terminal)
+    c = stop(c, STATUS.deadlock, landing.stuck)
+    finite = jnp.all(jnp.isfinite(c.x)) & jnp.all(jnp.isfinite(c.frame))
+    c = stop(c, STATUS.nonfinite, ~finite)
+    # By its jumps a run goes on through a cascade that does not end, but not through one that does after all.
+    ends = landing.alone & ~landing.more if evolver.per_jump else landing.count > evolver.max_cascade
+    return stop(c, STATUS.zeno, ends)
+
+
+def _keep_clocks(evolver, clock: Clock, c: StepState, tr: Trial, ticking) -> StepState:
+    """The clock that has ticked goes on; clocks that were not listened to catch up."""
+    if not evolver.hybrid.clocks:
+        return c
+    t = clock.base + c.s
+    ticked = ticking & (jnp.arange(len(evolver.clock_times), dtype=jnp.int32) == tr.tick)
+    number = c.solver_state.ticks + ticked.astype(c.solver_state.ticks.dtype)
+    now = jnp.stack([jnp.floor((t - phase) / period + digits(1e-9, t)) for period, phase in evolver.clock_times])
+    number = jnp.where(number < now - 1e-3, now + 1, number)
+    return changed(c, ticks=number)
+
+
+def _remember(evolver, c: StepState, landing: Landing, clock: Clock, guard, doubtful, last_step) -> StepState:
+    """Intervals between events, for Zeno; transversality and notes. `guard` counts slots over all modes."""
+    m, first = Memory(*c.solver_state.memory), guard.astype(c.x.dtype)
+    interval = _flown(c, last_step) if evolver.per_jump else c.s - m.last
+    longest = jnp.maximum(m.longest, interval)
+    short = interval < digits(SHORT, interval) * jnp.minimum(c.solver_state.h, longest)
+    streak = jnp.where(short, m.streak + 1, 0.0)
+    shrink = jnp.clip(interval / jnp.where(m.interval > 0, m.interval, 1.0), 0.0, 1 - digits(1e-9, interval))
+    ahead = clock.base + c.s + interval * shrink / (1 - shrink)
+    # Bounces may shrink below what can be told from rest, or from rounding, before there are so many of them.
+    if evolver.per_jump:  # they are what is counted: as many as double precision can tell
+        small = interval < SHRUNK * longest
+        hidden = small & (interval < LEAST * longest) & ~landing.alone
+        few, patience = small, jnp.inf
+    else:
+        small, few, patience = interval < SHRUNK * c.solver_state.h, m.streak > 0, PATIENCE
+        hidden = False
+    shrunk = (m.interval > 0) & small
+    hidden = hidden | (few & (m.slot == first) & (interval < landing.shortest))
+    zeno = (streak > patience) | (landing.stuck & shrunk) | hidden
+    memory = Memory(
+        c.s,
+        interval,
+        longest,
+        streak,
+        jnp.minimum(m.transversality, landing.transversality),
+        jnp.maximum(m.grazing, (landing.transversality < GRAZING).astype(c.x.dtype)),
+        jnp.maximum(m.simultaneous, landing.together.astype(c.x.dtype)),
+        jnp.where(zeno, ahead, m.accumulation),
+        first,
+        jnp.maximum(m.doubtful, doubtful.astype(c.x.dtype)),
+        jnp.where(landing.more & landing.alone, ALONE, 0.0),
+    )
+    memory = jax.lax.stop_gradient(jnp.stack([jnp.asarray(v, c.x.dtype) for v in memory]))
+    return stop(changed(c, memory=memory), STATUS.zeno, zeno)

@@ -1,0 +1,370 @@
+"""How a tangent moves in a system of many bodies whose next events are kept in a schedule.
+
+From one rebasing to the next state and frame are comoving: a flight changes nothing, an event a few rows. Along them
+f = 0, and the saltation matrix of the touched rows is the whole of it: S = Dg - ∂ₜg ∇h / ∂ₜh. At the end of a span,
+where frames are orthonormalised, all is brought to the present.
+"""
+
+import dataclasses
+import functools
+import math
+from collections.abc import Callable
+from typing import Any, ClassVar, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from ..._jax.columns import each_column
+from ..._jax.precision import share
+from ..._linalg import frames, lost_directions
+from ...events.saltations import delays
+from ...native import seldom
+from ...statuses import STATUS
+from ...systems.event_driven import EventDriven
+from ..states import STRETCHED, Clock, Events, Settings, StepState, added, log_event, stop
+from .accumulations import accumulated, hidden_below, named
+from .constraints import Unconstrained
+from .exact import integers, is_event, since_after
+
+__all__ = ["Scheduled", "predicting_anew"]
+
+LONGEST = 4096  # events from one rebasing to the next, and so between two orthonormalisations
+
+
+class Own(NamedTuple):
+    """What the evolver remembers."""
+
+    cache: Any  # of the schedule; its times count from the last rebasing
+    start: Array  # of the span: time of the last rebasing, local to the block
+    now: Array  # time of the last event, counted from there
+    events: Array  # of the span
+    stretch: Array  # of the span, see `_stretch`
+    longest: Array  # between two events
+    streak: Array  # of short intervals
+    name: Array | None  # of the last event; None where jumps are not counted
+    destroys: Array | None  # has an event since the last orthonormalisation destroyed a direction? None: none does
+
+
+class Flight(NamedTuple):
+    """Time of the next event, counted from the rebasing, and what it is."""
+
+    t: Array
+    which: Any
+    lands: Array  # before the block's end
+    full: Array  # the span is long enough
+
+
+class Rows(NamedTuple):
+    """A state as the user's functions see it: as it is, or in rows of this shape."""
+
+    system: EventDriven
+    args: Any
+    shape: tuple[int, ...]  # of the state
+
+    def flow(self, dt, y):
+        """Comoving (n,) to ordinary (n,)."""
+        return self.system.flow(dt, y.reshape(self.shape), self.args).reshape(y.shape)
+
+    def components(self, which) -> Array:
+        """The components of the touched rows."""
+        rows = jnp.asarray(self.system.schedule.touch(which)).astype(jnp.int32)
+        if self.system.schedule.flat:
+            return rows
+        width = jnp.arange(self.shape[1], dtype=jnp.int32)
+        return (rows[:, None] * self.shape[1] + width[None, :]).ravel()
+
+    def _touched(self, rows):
+        return rows if self.system.schedule.flat else rows.reshape(-1, self.shape[1])
+
+    def jump(self, t, rows, which):
+        """The touched components after the event."""
+        return self.system.jump(t, self._touched(rows), self.args, which).ravel()
+
+    def guard(self, t, rows, which):
+        """The guard of the event, from the touched components."""
+        return self.system.guard(t, self._touched(rows), self.args, which)
+
+
+@dataclasses.dataclass(frozen=True)
+class Scheduled(Unconstrained):
+    """The evolver of systems with a schedule: from event to event, each of which touches a few rows."""
+
+    system: EventDriven
+    args: Any
+    shape: tuple[int, ...]
+    per_jump: bool = False  # jumps may end a block
+
+    jumps_uncontrolled: ClassVar[bool] = True
+    always_regular: ClassVar[bool] = False
+    by_rows: ClassVar[bool] = True
+    longest_interval: ClassVar[float] = float(LONGEST)
+    spread_wanted: ClassVar[float] = 4.0
+
+    @property
+    def may_lose_rank(self) -> bool:
+        """What keeps dq∧dp destroys no direction."""
+        return not self.system.canonical
+
+    @property
+    def rows(self) -> Rows:
+        """The user's functions of flat states."""
+        return Rows(self.system, self.args, self.shape)
+
+    def init(self, t, x, mode, h) -> Own:
+        """All predictions."""
+        del mode, h
+        zero = jnp.zeros_like(t)
+        cache = self.system.schedule.init(zero, x.reshape(self.shape), self.args)
+        cache = jax.tree.map(jnp.asarray, cache)
+        name = jnp.zeros_like(named(self.system.schedule.next(cache)[1], x.dtype)) - 1 if self.per_jump else None
+        destroys = jnp.asarray(False) if self.may_lose_rank else None
+        return Own(cache, zero, zero, jnp.asarray(0, jnp.int32), zero, zero, zero, name, destroys)
+
+    def least_length(self, c: StepState, jumps):
+        """Each event says whether it destroys a direction; lengths alone tell where a close look follows."""
+        closely = c.x.shape[0] <= lost_directions.LARGEST
+        return jnp.where(c.solver_state.destroys, frames.LOST, super().least_length(c, jumps) if closely else -jnp.inf)
+
+    def rebase(self, solver: Own, s) -> Own:
+        """The start of the span is local to the block."""
+        return solver._replace(start=solver.start - s)
+
+    def which_shape(self, t, x):
+        """What an event log stores as `which`: what the user's schedule calls it."""
+        del t
+        return jax.eval_shape(lambda x: integers(self.system.schedule.next(self.init(x[0], x, 0, 0).cache)[1]), x)
+
+    def propose_step(self, c: StepState, clock: Clock) -> Flight:
+        """When is the next event?"""
+        t, which = self.system.schedule.next(c.solver_state.cache)
+        # nan is no time: it goes to the landing, which reports it.
+        lands = ~((t > clock.limit(c) - c.solver_state.start) | jnp.isposinf(t))
+        return Flight(t, integers(which), lands, c.solver_state.events >= LONGEST)
+
+    enter = propose_step
+
+    def is_regular(self, ahead: Flight):
+        """The usual thing is to land; to fly on to the end of the block is rare."""
+        return ahead.lands & ~ahead.full
+
+    def stretched(self, c: StepState):
+        """Whether the events of this span stretched perturbations so much that they have to be orthonormalised."""
+        return c.solver_state.stretch > share(c.x) * math.log(STRETCHED)
+
+    def step(self, settings: Settings, clock: Clock, c: StepState, flight: Flight) -> StepState:
+        """Through the next event: the rows that it touches change, and what was predicted for them."""
+        t, which, solver = flight.t, flight.which, c.solver_state
+        index = self.rows.components(which)
+        rows, real = c.x[index], is_event(which)
+        new, matrix = self._crossing(t, rows, which)
+        x, frame = _with_rows(c.x, index, new), c.frame
+        if frame.shape[1] > 0:
+            frame = _with_rows(frame, index, _pushed(real, frame, index, matrix))
+        s = jnp.where(solver.start + t > c.s, solver.start + t, c.s)  # a time that is nan moves nothing
+        now = jnp.where(t > solver.now, t, solver.now)
+        dt = now - solver.now  # from times that are short, whatever the time of the block
+        entry = None if c.log is None else self._entry(clock, s, t, which, c.x, x)
+        stretch, destroys = solver.stretch, solver.destroys
+        if destroys is not None:
+            destroys = (destroys & (c.since > 0)) | (real & self._destroys(t, rows, which, matrix))
+        if settings.qr_schedule.automatic:
+            stretch = stretch + _stretch(matrix, x.shape[0])
+            stretch = stretch if destroys is None else jnp.where(destroys, jnp.inf, stretch)
+        # At one instant many bodies may be looked at again: that is no accumulation, unless it goes on.
+        more = jnp.where(real, 1.0, 1 / x.shape[0])
+        name, again, hides = solver.name, None, None
+        if solver.name is not None:
+            name = named(which, x.dtype)
+            again, hides = real & jnp.all(name == solver.name), self._hides(t, rows, which)
+        longest, streak, over = accumulated(dt, solver.longest, solver.streak, more, again, hides)
+        cache = self.system.schedule.update(solver.cache, t, x.reshape(self.shape), self.args, which)
+        solver = Own(cache, solver.start, now, solver.events + 1, stretch, longest, streak, name, destroys)
+        c = c._replace(
+            s=s,
+            x=x,
+            frame=frame,
+            since=since_after(settings, clock, c, dt, real, self.may_lose_rank),
+            jumps=c.jumps + real.astype(jnp.int32),
+            solver_state=solver,
+            log=c.log if entry is None else log_event(c.log, entry, real),
+        )
+        c = c if c.volume is None else added(c, volume=frames.log_abs_det(jnp.stack(matrix)))
+        c = stop(c, STATUS.zeno, over)
+        return stop(c, STATUS.nonfinite, ~jnp.isfinite(functools.reduce(jnp.add, new, t)))
+
+    def once(self, settings: Settings, clock: Clock, c: StepState, flight: Flight) -> StepState:
+        """To the event and through it, or to the end of the block; and to the present."""
+        c = jax.lax.cond(flight.lands, lambda c: self.step(settings, clock, c, flight), lambda c: c, c)
+        return self.locate_events(settings, clock, lambda c: ~flight.lands, c, flight)[0]
+
+    def tangent(self, clock: Clock, c: StepState, flight: Flight) -> Callable:
+        """The derivative of what `once` does from a rebasing on, dx (n,) -> (n,)."""
+        t, which, n = flight.t, flight.which, c.x.shape[0]
+        index = self.rows.components(which)
+        place = (index[:, None] == jnp.arange(n, dtype=index.dtype)[None, :]).astype(c.x.dtype)
+        crosses = flight.lands & is_event(which)
+        rest = 1 - jnp.where(crosses, jnp.sum(place, axis=0), 0.0)
+        rows = c.x[index]
+        after = _with_rows(c.x, index, list(self.rows.jump(t, rows, which)))
+        dt = jnp.where(flight.lands, t, clock.limit(c) - c.solver_state.start)
+        x, dt = jnp.where(crosses, after, c.x), jnp.where(jnp.isfinite(dt), dt, 0.0)
+
+        def linear(dx):
+            pushed = self._linear(t, rows, which, place @ dx)
+            moved = rest * dx + jnp.where(crosses, pushed @ place, 0.0)
+            return jax.jvp(lambda y: self.rows.flow(dt, y), (x,), (moved,))[1]
+
+        return linear
+
+    def _crossing(self, t, rows, which):
+        """The touched components after the event, and the rows of S: dy⁺ = S dy.
+
+        In lists of components: XLA would put an array together entry by entry.
+        """
+        m = rows.shape[0]
+
+        def guard(t, rows):
+            return self.rows.guard(t, rows, which)
+
+        def jump(t, rows):
+            after = self.rows.jump(t, rows, which)
+            return [after[i] for i in range(m)]
+
+        def by_rows(function):
+            return each_column(
+                lambda dy: jax.jvp(lambda rows: function(t, rows), (rows,), (dy,))[1], jnp.eye(m, dtype=rows.dtype)
+            )
+
+        moving, still = jnp.ones_like(t), jnp.zeros_like(rows)
+        delay = delays(by_rows(guard), jax.jvp(guard, (t, rows), (moving, still))[1])
+        new, shift = jax.jvp(jump, (t, rows), (moving, still))
+        return new, [pushed + late * delay for pushed, late in zip(by_rows(jump), shift, strict=True)]
+
+    def _hides(self, t, rows, which):
+        """Up to which length rounding hides a flight: comoving rows lie still."""
+        return hidden_below(lambda t, rows: self.rows.guard(t, rows, which), t, rows, jnp.zeros_like(rows))
+
+    def _destroys(self, t, rows, which, matrix):
+        """Whether the event destroys a direction of the touched rows, and with it one of the whole.
+
+        If these m directions are dependent up to rounding, twice the digits tell whether one is lost or only short.
+        """
+        m, block = rows.shape[0], jnp.stack(matrix)
+        lengths = jnp.sqrt(jnp.sum(block * block, axis=1))
+        size = jnp.sum(jnp.log(jnp.where(lengths > 0, lengths, 1.0)))
+        dependent = frames.log_abs_det(block) <= size + math.log(frames.DEPENDENT)
+
+        def linear(dy):
+            return self._linear(t, rows, which, dy)
+
+        if not lost_directions.is_precise(linear, rows):
+            return dependent
+        closely = seldom(lambda: jnp.isneginf(lost_directions.volume(linear, m, rows.dtype)))
+        return jax.lax.cond(dependent, closely, lambda: jnp.asarray(False))
+
+    def _linear(self, t, rows, which, dy):
+        """S dy of the touched rows, as one function of what JAX has rules for."""
+
+        def guard(t, rows):
+            return self.rows.guard(t, rows, which)
+
+        def jump(t, rows):
+            return self.rows.jump(t, rows, which)
+
+        moving, still = jnp.ones_like(t), jnp.zeros_like(rows)
+        delay = delays(jax.jvp(guard, (t, rows), (0 * t, dy))[1], jax.jvp(guard, (t, rows), (moving, still))[1])
+        return jax.jvp(jump, (t, rows), (delay, dy))[1]
+
+    def _entry(self, clock: Clock, s, t, which, before, after) -> Events:
+        zero = jnp.asarray(0, jnp.int32)
+        before, after = self.rows.flow(t, before), self.rows.flow(t, after)
+        return Events(None, clock.base + s, zero, which, zero, zero, before, after)
+
+    def locate_events(
+        self, settings: Settings, clock: Clock, within, c: StepState, ahead: Flight
+    ) -> tuple[StepState, Flight]:
+        """Fly to the end of the block, or an orthonormalisation by time, if no event is before; all to the present."""
+        flies = within(c) & ~ahead.lands
+        end = jnp.where(flies, clock.limit(c), c.s)
+        if settings.count_jumps:  # where jumps alone end the block, and there are none any more
+            never = flies & jnp.isinf(clock.length) & jnp.isposinf(ahead.t)
+            c, end = stop(c, STATUS.no_more_jumps, never), jnp.where(never, c.s, end)
+        # Behind an event by its own time: a flight may be shorter than the time of the block resolves.
+        dt = jnp.where(end > c.s, end - c.solver_state.start, c.solver_state.now)
+        x, linear = jax.linearize(lambda y: self.rows.flow(dt, y), c.x)
+        zero = jnp.zeros_like(end)
+        cache = self.system.schedule.shift(c.solver_state.cache, dt)
+        solver = c.solver_state._replace(
+            cache=cache, start=end, now=zero, events=jnp.zeros_like(c.solver_state.events), stretch=zero
+        )
+        if c.volume is not None:
+            c = added(c, volume=frames.log_abs_det(each_column(linear, jnp.eye(x.shape[0], dtype=x.dtype))))
+        since = c.since if clock.interval is None else jnp.where(flies, clock.flown(c, end), c.since)
+        c = c._replace(s=end, x=x, frame=each_column(linear, c.frame), solver_state=solver, since=since)
+        if clock.interval is not None:
+            return c, self.propose_step(clock.afresh(c), clock)
+        return c, ahead._replace(t=ahead.t - dt, full=jnp.asarray(False))
+
+
+def _with_rows(array: Array, index: Array, rows) -> Array:
+    """The array with some rows replaced, one after the other: a scatter would not be one kernel."""
+    for i, row in enumerate(rows):
+        array = jax.lax.dynamic_update_index_in_dim(array, row, index[i], 0)
+    return array
+
+
+def _pushed(real, frame: Array, index: Array, matrix) -> list[Array]:
+    """The touched rows of the frame after the event: S times what they were.
+
+    In a branch, whose results are there before anything is written: else XLA reads some rows while it writes others,
+    and copies the frame.
+    """
+
+    def rows():
+        return [jax.lax.dynamic_index_in_dim(frame, index[i], 0, keepdims=False) for i in range(len(matrix))]
+
+    def push():
+        return [functools.reduce(jnp.add, [row[j] * dy for j, dy in enumerate(rows())]) for row in matrix]
+
+    return jax.lax.cond(real, push, rows)
+
+
+def _stretch(matrix, n: int):
+    """The logarithm of what an event does to perturbations, shared among all bodies; but a grazing one is too much.
+
+    With two bodies all events stretch the same perturbation, with many each another one.
+    """
+    largest = jax.lax.stop_gradient(functools.reduce(jnp.maximum, [jnp.max(jnp.abs(row)) for row in matrix]))
+    return jnp.where(largest > STRETCHED, jnp.inf, jnp.log(jnp.maximum(largest, 1.0)) * len(matrix) / n)
+
+
+@functools.cache
+def predicting_anew(system: EventDriven, shape: tuple[int, ...]) -> EventDriven:
+    """The same system without its schedule: functions of the whole state (n,), every prediction made anew.
+
+    At the instant of a rebasing comoving coordinates are ordinary ones: t = 0 there.
+    """
+    if system.schedule is None:
+        return system
+
+    def flow(dt, t, x, args):
+        del t
+        return Rows(system, args, shape).flow(dt, x)
+
+    def next_event(t, x, args):
+        zero = jnp.zeros_like(t)
+        return system.schedule.next(system.schedule.init(zero, x.reshape(shape), args))
+
+    def jump(t, x, args, which):
+        rows = Rows(system, args, shape)
+        index = rows.components(which)
+        return _with_rows(x, index, list(rows.jump(jnp.zeros_like(t), x[index], which)))
+
+    def guard(t, x, args, which):
+        rows = Rows(system, args, shape)
+        # Also where nothing happens the guard falls.
+        standing = rows.guard(jnp.zeros_like(t), x[rows.components(which)], which)
+        return jnp.where(is_event(which), standing, jax.lax.stop_gradient(t) - t)
+
+    return EventDriven(flow, next_event, jump, guard, canonical=system.canonical)

@@ -1,0 +1,451 @@
+"""How a tangent moves under a field and its guards: advance or reject; locate and land.
+
+A trial step of the state alone decides what happens; the tangent is carried for steps that are kept. To locate
+an event nothing is advanced: the next trial starts from the same base and ends at the estimated root, so the
+event found is a root along the numerical flow itself, to rounding.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Iterable
+from typing import Any, ClassVar, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from ..._jax.jaxprs import is_affine, is_timeless
+from ..._jax.precision import BLUR, digits
+from ..._jax.reverse_mode import checkpointed
+from ...events.compiled_hybrid import CompiledHybrid, by_mode
+from ...events.roots import arm, jets, rates, rounding
+from ...integrators.base import Field, Method, Step
+from ...statuses import STATUS
+from ..states import Clock, ErrorObserver, Settings, StepState, added, stop
+from ..waiting import EVER, FAR
+from .constraints import OnConstraints
+from .landing import land
+from .step_sizes import cut_at_end, first_step, least_step, next_step
+from .trials import (
+    ADVANCE,
+    FAIL,
+    FIRST,
+    LAND,
+    LOCATE,
+    NONE,
+    PROBE,
+    REJECT,
+    Memory,
+    RootBracket,
+    SolverState,
+    Trial,
+    changed,
+    finds,
+    firing,
+    grazes,
+    next_bracket,
+    no_bracket,
+    pending,
+    resolve,
+    stays,
+    suspects,
+    table,
+)
+
+__all__ = ["Stepping", "are_nonlinear", "are_timeless"]
+
+NEARLY_STILL = 100.0  # tolerances within which a state does not move
+
+
+class Carried(NamedTuple):
+    """What a step does to the frame."""
+
+    x: Any = None  # (n,) its end, where no trial has found it before
+    frame: Any = None  # (n, k)
+    ratio: Any = None  # the frame's error over what is allowed
+    flux: Any = None  # ∫ tr Df
+    growth: Any = None  # (k,) `Tangent.growth`
+    errors: Any = None  # (estimates, n, k) `Tangent.errors`, for a watch that looks at them
+
+
+@dataclasses.dataclass(frozen=True)
+class Stepping(OnConstraints):
+    """The evolver of flows and hybrid systems."""
+
+    hybrid: CompiledHybrid
+    method: Method
+    clock_times: tuple[tuple[Any, Any], ...]  # (period, phase)
+    terminal: tuple[bool, ...]
+    max_cascade: int
+    nonlinear: bool  # Df depends on x in some mode
+    just_fired: int | None = None  # the transition that has brought the state to where it starts
+    per_jump: bool = False  # jumps may end a block: they are counted where time stands still, too
+    timeless: bool = False  # fields and guards are seen not to depend on the time; asked where jumps end blocks
+
+    by_rows: ClassVar[bool] = False
+    longest_interval: ClassVar[float] = 20.0
+    spread_wanted: ClassVar[float] = 4.0
+
+    @property
+    def may_lose_rank(self) -> bool:
+        """Resets can destroy directions."""
+        return self.has_events or bool(self.hybrid.clocks)
+
+    @property
+    def jumps_uncontrolled(self) -> bool:
+        """Every jump is followed by an orthonormalisation of its own: nothing is lost between."""
+        return False
+
+    @property
+    def has_events(self) -> bool:
+        """Whether there are transitions at all (a plain flow has none)."""
+        return bool(self.hybrid.resets)
+
+    @property
+    def may_not_flow(self) -> bool:
+        """Whether a jump may come next without a flow: see `Memory.pending`."""
+        return self.has_events and (self.per_jump or self.hybrid.borders is not None)
+
+    @property
+    def always_regular(self) -> bool:
+        """Whether nothing rare can happen: a plain flow with a fixed step."""
+        return not self.has_events and not self.rejects
+
+    @property
+    def rejects(self) -> bool:
+        """Whether a trial can fail."""
+        return self.method.adaptive
+
+    @property
+    def revisits(self) -> bool:
+        """Whether a tangent is taken at the points that its trial went through, instead of going there again."""
+        solved = any(self.method.solves(field) for field in self.hybrid.fields)
+        return (solved or self.nonlinear) and not self.always_regular and self.method.way_points > 0
+
+    def in_each_mode(self) -> tuple["Stepping", ...]:
+        """The evolvers of the innermost loop, one for each mode: only events change it, and they come further out.
+
+        No step then asks for the mode. Where lanes go together, on a GPU, the loops would run one after the other.
+        """
+        if self.hybrid.modes == 1 or jax.default_backend() != "cpu":
+            return (self,)
+        return tuple(dataclasses.replace(self, hybrid=self.hybrid.of_mode(q)) for q in range(self.hybrid.modes))
+
+    def which_shape(self, t, x):
+        """What an event log stores as `which`."""
+        del t, x
+        return jax.ShapeDtypeStruct((), jnp.int32)
+
+    # --- the beginning ---------------------------------------------------------------------------------------
+
+    def initial_mode(self, t, x):
+        """The mode to which a state belongs; negative where none can go on from it."""
+        of_state = self.hybrid.initial_mode
+        assert of_state is not None, "runs.prepare asks for a mode where the system knows none"
+        return jnp.asarray(of_state(t, x)).astype(jnp.int32)
+
+    def velocity(self, t, x, solver: SolverState):
+        """The field (n,) of the present mode."""
+        return by_mode(solver.mode, self.hybrid.fields, t, x)
+
+    def init(self, t, x, mode, h) -> SolverState:
+        """The evolver's part of the carry at (t, x)."""
+        if self.always_regular:
+            return SolverState(*(None,) * 10)
+        w, mode = self.hybrid, jnp.asarray(mode, jnp.int32)
+        f = by_mode(mode, w.fields, t, x)
+        h = first_step(self.method, x, f) if h is None else h
+        state = SolverState(f, h, jnp.zeros_like(h), mode if w.modes > 1 else None, *(None,) * 6)
+        if not self.has_events:
+            return state
+        g, rate, second, blur = by_mode(mode, [_jets_of(w, q) for q in range(w.modes)], t, x)
+        fired = jnp.zeros(w.slots, bool)
+        if self.just_fired is not None:
+            fired = table(self, state.mode, w.transition == self.just_fired)
+        side, g, rate, _ = arm(g, rate, second, blur, h, t, fired)
+        # On a guard and about to go through it: it has not fired yet, and does so at once.
+        side = jnp.where(table(self, state.mode, w.directed) & (g == 0) & (side < 0) & ~fired, 1.0, side)
+        ticks = [jnp.floor((t - phase) / period + digits(1e-9, t)) + 1 for period, phase in self.clock_times]
+        zero, one = jnp.zeros_like(t), jnp.ones_like(t)
+        memory = Memory(zero, zero, zero, zero, one * jnp.inf, zero, zero, one * jnp.nan, -one, zero, zero)
+        if w.borders is not None:
+            outside = jnp.any(table(self, state.mode, w.borders) & (side < 0))
+            memory = memory._replace(pending=jnp.where(outside, FIRST, zero))
+        return SolverState(
+            f,
+            h,
+            state.log_ratio,
+            state.mode,
+            g,
+            rate,
+            side,
+            blur,
+            jnp.stack(ticks) if ticks else None,
+            jnp.stack(memory),
+        )
+
+    @property
+    def by_fixed_steps(self) -> bool:
+        """Whether all steps are of one length."""
+        return not self.rejects
+
+    def rests(self, c: StepState, clock: Clock, x):
+        """Whether the state has stayed at x, off all guards; and whether it leaves for ever, in steps without bound."""
+        solver, no = c.solver_state, jnp.asarray(False)
+        if not self.timeless:
+            return no, no
+        allowed = digits(BLUR, x) * jnp.abs(x)
+        apart = solver.blur
+        if self.rejects:  # near an attracting equilibrium steps are as long as the tolerances allow
+            atol, rtol = self.method.atol, self.method.rtol
+            allowed = NEARLY_STILL * (atol + rtol * jnp.abs(x))
+            apart = NEARLY_STILL * (atol + rtol * solver.blur / digits(BLUR, x))
+        still = jnp.all(jnp.abs(c.x - x) <= allowed)
+        off = jnp.all(~firing(self, solver) | (jnp.abs(solver.g) > NEARLY_STILL * apart))
+        longest = solver.memory[Memory._fields.index("longest")]
+        leaves = solver.h > jnp.where(longest > 0, FAR * longest, EVER)
+        return still & off, leaves if self.rejects else no
+
+    def rebase(self, solver: SolverState, s) -> SolverState:
+        """Carry local times over to a block that starts s later."""
+        return solver if solver.memory is None else solver._replace(memory=solver.memory.at[0].add(-s))
+
+    # --- looking ahead ---------------------------------------------------------------------------------------
+
+    def enter(self, c: StepState, clock: Clock):
+        """At the start of a block a system with events has no trial yet: `locate_events` makes the first."""
+        if not self.has_events:
+            return self.propose_step(c, clock)
+        h, zeros = jnp.zeros_like(c.s), jnp.zeros(self.hybrid.slots, c.x.dtype)
+        tick = None if c.solver_state.ticks is None else jnp.asarray(-1, jnp.int32)
+        none = jnp.asarray(NONE, jnp.int32)
+        ratio, miss = (h, zeros) if self.rejects else (None, None)
+        way = self.method.blank_way(c.x) if self.revisits and c.frame.shape[1] else ()
+        return Trial(none, h, c.x, c.solver_state.f, ratio, jnp.asarray(False), zeros, zeros, miss, tick, way)
+
+    def propose_step(self, c: StepState, clock: Clock, bracket: RootBracket | None = None):
+        """A trial step of the state, and the case that it makes; a plain fixed-step flow needs none."""
+        solver, t, w = c.solver_state, clock.base + c.s, self.hybrid
+        if self.always_regular:
+            return ()
+        h, final, tick = self._length(c, clock, bracket)
+
+        def trial(q):
+            def of_mode(t, x, f, h):
+                step = self._alike(self.method.step(w.fields[q], t, x, f, h), x)
+                ratio = jax.lax.stop_gradient(self.method.state_ratio(step, x)) if self.rejects else None
+                if not self.has_events:
+                    return step, ratio, None, None, None
+                g, rate = rates(w.guards[q], t + h, step.x, step.f)
+                if not self.rejects:
+                    return step, ratio, g, rate, None
+                at, probe = t + PROBE * h, self.method.inside(step.dense, PROBE)
+                _, slope = rates(w.guards[q], at, probe, w.fields[q](at, probe))
+                return step, ratio, g, rate, slope
+
+            return of_mode
+
+        step, ratio, g, rate, slope = by_mode(solver.mode, [trial(q) for q in range(w.modes)], t, c.x, solver.f, h)
+        way = step.way if self.revisits and c.frame.shape[1] else ()
+        f = step.f if self.has_events or self.method.takes_slope else solver.f  # what nobody needs is not computed
+        tr = Trial(None, h, step.x, f, ratio, final, g, rate, None, tick, way)
+        return self._judge(c, clock, tr, slope, bracket)
+
+    def _alike(self, step: Step, x) -> Step:
+        """What is kept of the way takes the same room in all modes."""
+        if not (self.has_events and self.revisits):
+            return step
+
+        def fit(given, room):
+            return jnp.pad(given, [(0, wide - narrow) for narrow, wide in zip(given.shape, room.shape, strict=True)])
+
+        return step._replace(way=jax.tree.map(fit, step.way, self.method.blank_way(x)))
+
+    def is_regular(self, ahead):
+        """Rejecting and advancing are common."""
+        return True if self.always_regular else ahead.case <= ADVANCE
+
+    def _length(self, c: StepState, clock: Clock, bracket: RootBracket | None):
+        """How long the next trial is: the controller's step, cut at the block's end, a tick, a root."""
+        solver, rest = c.solver_state, clock.length - c.s
+        h, _ = cut_at_end(rest, jax.lax.stop_gradient(solver.h))
+        tick: Any = None
+        final = rest <= h
+        if solver.ticks is not None:
+            until = self._until_ticks(solver, c.s, clock)
+            first = jnp.argmin(until)
+            ticks = until[first] <= h * (1 + digits(1e-9, h))
+            h, tick = jnp.where(ticks, until[first], h), jnp.where(ticks, first.astype(jnp.int32), -1)
+            final = final & ~ticks
+        if bracket is not None:
+            cut = bracket.h < h
+            h, final = jnp.where(cut, bracket.h, h), final & ~cut
+            tick = None if tick is None else jnp.where(cut, -1, tick)
+        if self.may_not_flow:
+            at_once = pending(solver) > 0
+            h, final = jnp.where(at_once, 0.0, h), final & ~at_once
+            tick = None if tick is None else jnp.where(at_once, -1, tick)
+        return h, final, tick
+
+    def _until_ticks(self, solver: SolverState, s, clock: Clock):
+        """Time to the next tick of each clock; inf where the mode does not listen to it."""
+        times = [
+            (phase + period * solver.ticks[i] - clock.base) - clock.rest - s
+            for i, (period, phase) in enumerate(self.clock_times)
+        ]
+        return jnp.where(table(self, solver.mode, self.hybrid.armed), jnp.maximum(jnp.stack(times), 0.0), jnp.inf)
+
+    def _judge(self, c: StepState, clock: Clock, tr: Trial, slope, bracket: RootBracket | None) -> Trial:
+        """The case that a trial makes."""
+        solver, ratio = c.solver_state, tr.ratio
+        event, lands = jnp.asarray(False), jnp.asarray(False)
+        if self.has_events:
+            tr = resolve(self, solver, tr, slope)
+            ratio = tr.ratio
+            if bracket is None:
+                event = suspects(self, solver, tr)
+            else:
+                event, lands = finds(self, solver, tr, bracket)
+                if self.rejects:  # a shorter piece of a step that has passed passes too
+                    ratio = jnp.where((bracket.slot >= 0) & jnp.isfinite(ratio), 0.0, ratio)
+            if tr.tick is not None:
+                lands = lands | ((tr.tick >= 0) & ~event)
+        case = jnp.where(lands, LAND, jnp.where(event, LOCATE, ADVANCE))
+        # An infinite or undefined state spoils the estimate; without an estimate the state itself is asked.
+        passed = ratio <= 1.0 if self.rejects else jnp.all(jnp.isfinite(tr.x))
+        failed = (tr.h > 0) & (tr.h <= least_step(c, clock)) if self.rejects else True
+        case = jnp.where(passed, case, jnp.where(failed, FAIL, REJECT))
+        if self.may_not_flow:
+            case = jnp.where(pending(solver) > 0, LAND, case)
+        return tr._replace(case=case.astype(jnp.int32), ratio=ratio)
+
+    # --- advance ---------------------------------------------------------------------------------------------
+
+    def landed(self, c: StepState, clock: Clock, tr: Trial) -> Carried:
+        """What a trial that ends at an event does to the frame."""
+        if not c.frame.shape[1]:
+            return Carried(frame=c.frame)
+        return self.carried(c, clock, tr.h, c.solver_state.mode, tr.way, self.method.rare_tangent)
+
+    def carried(
+        self, c: StepState, clock: Clock, h, mode, way=(), of_method=None, with_errors: bool = False
+    ) -> Carried:
+        """What a step over h does to the frame."""
+        of_method = of_method or self.method.tangent
+        t, w = clock.base + c.s, self.hybrid
+
+        def tangent(q):
+            def of_mode(t, x, frame, h, way):
+                field = w.fields[q]
+                new, moved, errors, nodes, growth = of_method(field, t, x, h, frame, way)
+                if self.rejects and self.method.control == "xY":
+                    ratio = jax.lax.stop_gradient(self.method.frame_ratio(errors, frame, moved))
+                else:
+                    ratio = jnp.zeros_like(h)
+                flux = self.method.divergence(field, nodes, h) if c.volume is not None else None
+                return Carried(new, moved, ratio, flux, growth, errors if with_errors else None)
+
+            return of_mode
+
+        return by_mode(mode, [tangent(q) for q in range(w.modes)], t, c.x, c.frame, h, way)
+
+    def commit(self, settings: Settings, c: StepState, h, x, kept: Carried) -> StepState:
+        """The carry after a step that is kept."""
+        since = c.since + {"steps": 1.0, "time": h, "jumps": 0.0, "never": 0.0}[settings.qr_schedule.unit]
+        c = c._replace(x=x, frame=kept.frame, since=since)
+        if kept.errors is not None:
+            c = c._replace(observer=settings.observer.stepped(c.observer, kept.errors))
+        return added(c, s=h, volume=kept.flux, growth=kept.growth)
+
+    @staticmethod
+    def _ended(c: StepState, clock: Clock, final) -> StepState:
+        """At the end of the block, where a step was the last: not beside it by rounding."""
+        return c._replace(s=jnp.where(final, clock.length, c.s))
+
+    def step(self, settings: Settings, clock: Clock, c: StepState, tr) -> StepState:
+        """Keep the trial and carry the frame; or, where an error is too large, only make h smaller."""
+        if self.always_regular:
+            return self._march(settings, clock, c)
+        solver, ratio, along = c.solver_state, tr.ratio, Carried(frame=c.frame)
+        if c.frame.shape[1]:
+            looks = self.rejects and isinstance(settings.observer, ErrorObserver)
+            along = self.carried(c, clock, tr.h, solver.mode, tr.way, with_errors=looks)
+            ratio = jnp.maximum(ratio, along.ratio) if self.rejects else None
+        kept = self._ended(self.commit(settings, c, tr.h, tr.x, along), clock, tr.final)
+        kept = changed(kept, f=tr.f)
+        if self.has_events:
+            side, g = stays(self, solver, tr)
+            kept = changed(kept, g=g, rate=tr.rate, side=side)
+        if not self.rejects:
+            return kept
+        # The frame's error may fail a step that the state's has passed.
+        passed = jnp.asarray(ratio) <= 1.0
+        kept = jax.tree.map(lambda a, b: a if a is b else jnp.where(passed, a, b), kept, c)
+        h, log_ratio = next_step(self.method, solver, tr, ratio, passed)
+        kept = changed(kept, h=h, log_ratio=log_ratio)
+        hopeless = ~passed & (tr.h <= least_step(c, clock))
+        underflow = jnp.where(jnp.isfinite(jnp.asarray(ratio)), STATUS.step_underflow, STATUS.nonfinite)
+        return stop(kept, underflow, hopeless)
+
+    def _march(self, settings: Settings, clock: Clock, c: StepState) -> StepState:
+        """A fixed step of a plain flow: no trial, no guard."""
+        rest, step = clock.length - c.s, self.method.fixed_step
+        h, last = cut_at_end(rest, step)
+        along = self.carried(c, clock, h, None)
+        return self._ended(self.commit(settings, c, h, along.x, along), clock, last)
+
+    # --- what is rare ----------------------------------------------------------------------------------------
+
+    def locate_events(self, settings: Settings, clock: Clock, within, c: StepState, tr) -> tuple[StepState, Trial]:
+        """Trials that are aimed at events and land on them, until a common one comes out; or the run's end."""
+
+        def landed(c, tr, bracket):
+            return land(self, settings, clock, c, tr), no_bracket(tr.h)
+
+        def narrow(c, tr, bracket):
+            return c, next_bracket(self, c.solver_state, tr, bracket)
+
+        def neither(c, tr, bracket):
+            return self._fail(c, tr), no_bracket(tr.h)
+
+        def again(state):
+            c, tr, bracket = state
+            # An event is not left half located; after a landing the host may have a look.
+            c = c._replace(budget=jnp.maximum(c.budget - 1, jnp.where(tr.case == LAND, 0, 1)))
+            which = jnp.where(tr.case == LOCATE, 0, jnp.where(tr.case == LAND, 1, 2))
+            c, bracket = jax.lax.switch(which, [narrow, landed, neither], c, tr, bracket)
+            tr = self.propose_step(c, clock, bracket)
+            assert isinstance(tr, Trial), "a plain flow does not come here"
+            seen = Memory._fields.index("grazing")
+            memory = c.solver_state.memory.at[seen].max(grazes(self, c.solver_state, tr, bracket).astype(c.x.dtype))
+            return changed(c, memory=memory), tr, bracket
+
+        if self.always_regular:
+            return c, tr
+        if not self.has_events:
+            return jax.lax.cond(tr.case == FAIL, self._fail, lambda c, tr: c, c, tr), tr
+        loop = checkpointed if settings.reverse else jax.lax.while_loop
+        c, tr, _ = loop(lambda state: within(state[0]) & ~self.is_regular(state[1]), again, (c, tr, no_bracket(tr.h)))
+        return c, tr
+
+    def _fail(self, c: StepState, tr: Trial) -> StepState:
+        """No step can be made: because the state is not finite, or because it would be too small."""
+        status = jnp.where(self._finite(tr), STATUS.step_underflow, STATUS.nonfinite)
+        return stop(c, status, tr.case == FAIL)
+
+    def _finite(self, tr: Trial):
+        finite = jnp.all(jnp.isfinite(tr.x))
+        return finite if tr.ratio is None else finite & jnp.isfinite(tr.ratio)
+
+
+def are_nonlinear(fields: Iterable[Field], t, x) -> bool:
+    """Whether Df depends on x for one of the fields; where that is not seen, it is taken to."""
+    return not all(is_affine(functools.partial(field, t), x) for field in fields)
+
+
+def are_timeless(w: CompiledHybrid, t, x) -> bool:
+    """Whether time plays no part in the fields, the guards and the instants of jumps."""
+    return not w.clocks and all(is_timeless(one, t, x) for one in (*w.fields, *w.guards))
+
+
+def _jets_of(w: CompiledHybrid, q: int):
+    return lambda t, x: (*jets(w.guards[q], w.fields[q], t, x), rounding(w.guards[q], t, x))

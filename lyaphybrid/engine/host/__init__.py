@@ -1,0 +1,1 @@
+"""What runs on the host: the driver, progress, checkpoints, and many runs side by side."""

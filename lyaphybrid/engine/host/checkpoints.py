@@ -1,0 +1,170 @@
+"""Long runs on disk: where a run stands, so that it goes on from there, bit by bit as if it had never stopped.
+
+A checkpoint is one NumPy file without pickled objects, replaced as a whole. It holds the parts of a run (the transient,
+and what is counted), each as the leaves of the loop's state and of its records. Their structure, and the functions,
+come from the call that goes on; hashes of both tell whether it is the same run.
+"""
+
+import json
+import os
+import time
+import uuid
+import warnings
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..._arguments import require
+
+__all__ = ["Checkpoint", "Part", "opened"]
+
+EVERY = 5.0  # seconds of computing between two writes
+FORMAT = 2
+
+
+class State(NamedTuple):
+    """A part as it is kept."""
+
+    leaves: list[np.ndarray]  # of the loop's state, and of the records
+    given: int  # attempts
+
+
+class Checkpoint:
+    """The file of one run."""
+
+    def __init__(self, path: Path, header: dict[str, str], stretches: list[tuple[float, int]]):
+        self.path, self.header, self.stretches = path, header, stretches
+        self.parts: dict[int, State] = {}
+        self.finished = False  # all that `stretches` say
+        self.written, self.works = time.perf_counter(), True
+
+    def part(self, number: int) -> "Part":
+        """What `runs.drive` needs of it: 0 is the transient."""
+        return Part(self, number)
+
+    def close(self) -> None:
+        """Write that the run is finished."""
+        self.finished = True
+        self.write()
+
+    def write(self) -> None:
+        """Replace the file.
+
+        Raises:
+            OSError: naming the path, where there is no file yet; later that is a warning, for the run can go on.
+        """
+        arrays: dict[str, Any] = {
+            "header": np.array(json.dumps(self.header | {"format": str(FORMAT)})),
+            "stretches": np.array(self.stretches, float),
+            "finished": np.array(self.finished),
+        }
+        for number, state in self.parts.items():
+            arrays[f"{number}.given"] = np.array(state.given)
+            arrays |= {f"{number}.{i}": leaf for i, leaf in enumerate(state.leaves)}
+        aside = self.path.with_name(f".{self.path.name}.{uuid.uuid4().hex}")
+        try:
+            with aside.open("wb") as file:
+                np.savez(file, **arrays)
+                file.flush()
+                os.fsync(file.fileno())
+            aside.replace(self.path)
+        except OSError as error:
+            aside.unlink(missing_ok=True)
+            said = f"the checkpoint {self.path} cannot be written ({error.strerror or error})"
+            if not self.path.exists():
+                raise OSError(error.errno, said) from error
+            if self.works:
+                warnings.warn(f"{said}: it stays as it was, and the run goes on.", stacklevel=2)
+            self.works = False
+        self.written = time.perf_counter()
+
+
+class Part(NamedTuple):
+    """One part of a run."""
+
+    checkpoint: Checkpoint
+    number: int
+
+    def begun(self, loop_state, shape_of_records: Callable[[], Any]):
+        """(loop's state, records, attempts) where it stands; records None where it has not begun."""
+        state = self.checkpoint.parts.get(self.number)
+        if state is None:
+            return loop_state, None, 0
+        like = loop_state, shape_of_records()
+        loop_state, records = jax.tree.unflatten(jax.tree.structure(like), state.leaves)
+        return jax.tree.map(jnp.asarray, loop_state), records, state.given
+
+    def keep(self, loop_state, records, given: int, now: bool = False) -> None:
+        """Where it stands now; written if the last time was long ago, or `now`."""
+        checkpoint = self.checkpoint
+        if not now and time.perf_counter() - checkpoint.written < EVERY:
+            return
+        leaves = [np.asarray(leaf) for leaf in jax.tree.leaves((loop_state, records))]
+        checkpoint.parts[self.number] = State(leaves, given)
+        checkpoint.write()
+
+
+def opened(path: Any, resume: bool, header: dict[str, str], t1: float, blocks: int, extends: bool) -> Checkpoint:
+    """The checkpoint of a run: a new one, or that of an earlier call.
+
+    Args:
+        path: of the file.
+        resume: go on with what is there.
+        header: hashes of what is computed, by what they are of.
+        t1: length of the run.
+        blocks: of it.
+        extends: whether a longer t1 may go on where a shorter one has ended.
+
+    Raises:
+        ValueError: where the file is there and `resume` False; where it is no checkpoint, or that of another run.
+        OSError: where it cannot be written.
+    """
+    path = Path(path)
+    if not path.exists():
+        checkpoint = Checkpoint(path, header, [(float(t1), blocks)])
+        checkpoint.write()
+        return checkpoint
+    require(resume, f"{path} is there: resume=True goes on with it; for a new run give another path.")
+    arrays = _read(path)
+    kept = json.loads(str(arrays["header"]))
+    other = [name for name, value in header.items() if kept.get(name) != value]
+    require(not other, f"{path} is the checkpoint of another run: another {', another '.join(other)}.")
+    stretches = [(float(length), int(count)) for length, count in arrays["stretches"]]
+    checkpoint = Checkpoint(path, header, stretches)
+    checkpoint.finished = bool(arrays["finished"])
+    for name in arrays:
+        number, dot, rest = name.partition(".")
+        if dot and rest == "given":
+            leaves = [arrays[f"{number}.{i}"] for i in range(sum(key.startswith(f"{number}.") for key in arrays) - 1)]
+            checkpoint.parts[int(number)] = State(leaves, int(arrays[name]))
+    _extend(checkpoint, float(t1), extends)
+    return checkpoint
+
+
+def _read(path: Path) -> dict[str, np.ndarray]:
+    try:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        if json.loads(str(arrays["header"]))["format"] == str(FORMAT):
+            return arrays
+    except (zipfile.BadZipFile, ValueError, KeyError, EOFError, TypeError, AttributeError) as error:
+        raise ValueError(f"{path} is no checkpoint of a run, or it is damaged: remove it, and begin anew.") from error
+    raise ValueError(f"{path} is a checkpoint of another version: remove it, and begin anew.")
+
+
+def _extend(checkpoint: Checkpoint, t1: float, extends: bool) -> None:
+    """A further stretch, in blocks of the length of the others, where t1 has become longer."""
+    reached, (length, count) = sum(length for length, _ in checkpoint.stretches), checkpoint.stretches[0]
+    if np.isclose(t1, reached, rtol=1e-12):
+        return
+    there = f"{checkpoint.path} holds a run of t1 = {reached:.15g}"
+    require(t1 > reached, f"{there}, longer than {t1:.15g}: take another path.")
+    require(checkpoint.finished, f"{there} that is not finished: resume it with that t1, and then with {t1:.15g}.")
+    require(extends, f"{there}: with times= or until= it cannot be extended to {t1:.15g}.")
+    checkpoint.stretches.append((t1 - reached, max(2, round((t1 - reached) * count / length))))
+    checkpoint.finished = False

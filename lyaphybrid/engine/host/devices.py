@@ -1,0 +1,131 @@
+"""Lanes on accelerators: a batch of them side by side, cut into equal parts, one for each local device."""
+
+import itertools
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import numpy as np
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
+
+from .reporting import reporter
+
+__all__ = ["are_wanted", "lanes_at_once", "run_on_devices"]
+
+AT_ONCE = 4096  # chains in one call, on each device
+
+
+def are_wanted() -> bool:
+    """Whether there are accelerators; a CPU, into however many devices it is divided, has threads instead."""
+    return jax.default_backend() != "cpu"
+
+
+def lanes_at_once() -> int:
+    """So many lanes keep all devices busy for one call."""
+    return AT_ONCE * jax.local_device_count()
+
+
+class Batch(NamedTuple):
+    """Chains of one length that go together."""
+
+    states: Any  # (m, …)
+    lanes: Any  # (m, length, …)
+    room: int  # as many chains as one call takes
+    belongs: list[int]  # to which of the chains that were given; one alone: all of the batch are its lanes
+
+
+def run_on_devices(
+    function: Callable, shared: Any, chains: Sequence[tuple[Any, Any]], progress: Any, finished: Callable | None
+) -> tuple[list, list]:
+    """`lanes.run_chains` on all local devices; chains without a state are lanes that do not depend on each other."""
+    report, ready, results = reporter(progress), 0, [None] * len(chains)
+    done = [np.zeros(_length(lanes), bool) for _, lanes in chains]
+    alone = not jax.tree.leaves([state for state, _ in chains])
+    mesh = Mesh(np.array(jax.local_devices()), ("lanes",))
+    try:
+        for batch in _of_lanes(chains) if alone else _of_chains(chains):
+            found = _computed(function, shared, batch, mesh)
+            for row, i in enumerate(batch.belongs):
+                part = slice(None) if alone else row
+                results[i] = jax.tree.map(lambda leaf, part=part: leaf[part, 0] if alone else leaf[part], found)
+                done[i][:] = True
+                ready += len(done[i])
+                if finished is not None:
+                    finished(i, results[i])
+                    results[i] = None
+            report(ready / sum(map(len, done)))
+    except KeyboardInterrupt:
+        missing = [i for i in range(len(chains)) if not np.all(done[i])]
+        like = next((result for result in results if result is not None), None)
+        if finished is None and like is None:
+            raise
+        warnings.warn("interrupted: the result holds what was computed until then.", stacklevel=4)
+        for i in missing if finished is None else ():
+            results[i] = jax.tree.map(lambda leaf, i=i: np.zeros((len(done[i]), *leaf.shape[1:]), leaf.dtype), like)
+    report(None)
+    return results, done
+
+
+def _length(lanes) -> int:
+    return len(jax.tree.leaves(lanes)[0])
+
+
+def _of_lanes(chains) -> Iterator[Batch]:
+    """Each chain a batch of chains of one lane."""
+    room = _room(max(_length(lanes) for _, lanes in chains))
+    for i, (state, lanes) in enumerate(chains):
+        yield Batch(state, jax.tree.map(lambda leaf: np.asarray(leaf)[:, None], lanes), room, [i])
+
+
+def _of_chains(chains) -> Iterator[Batch]:
+    """Chains of one length together."""
+    by_length = sorted(range(len(chains)), key=lambda i: _length(chains[i][1]))
+    for _, group in itertools.groupby(by_length, key=lambda i: _length(chains[i][1])):
+        members = list(group)
+        room = _room(min(lanes_at_once(), len(members)))
+        for own in (members[i : i + room] for i in range(0, len(members), room)):
+            states, lanes = (_stacked([chains[i][part] for i in own]) for part in (0, 1))
+            yield Batch(states, lanes, room, own)
+
+
+def _room(count: int) -> int:
+    """The next multiple of the number of devices."""
+    devices = jax.local_device_count()
+    return -(-count // devices) * devices
+
+
+def _stacked(trees):
+    return jax.tree.map(lambda *rows: np.stack(rows), *trees)
+
+
+def _computed(function, shared, batch: Batch, mesh: Mesh) -> Any:
+    """The results of a batch, NumPy arrays (m, length, …)."""
+    count = _length(batch.lanes)
+    filled = np.minimum(np.arange(batch.room), count - 1)  # behind the end stands the last one again
+    along = NamedSharding(mesh, PartitionSpec("lanes"))
+    states, lanes = jax.tree.map(
+        lambda leaf: jax.device_put(np.asarray(leaf)[filled], along), (batch.states, batch.lanes)
+    )
+    found = _together(function, shared, states, lanes, mesh)
+    return jax.tree.map(lambda leaf: np.asarray(leaf)[:count], found)
+
+
+@eqx.filter_jit
+def _together(function: Callable, shared, states, lanes, mesh: Mesh):
+    arrays, fixed = eqx.partition(shared, eqx.is_array)
+    across, everywhere = PartitionSpec("lanes"), PartitionSpec()
+
+    def share(arrays, states, lanes):
+        whole = eqx.combine(arrays, fixed)
+
+        def chain(state, lanes):
+            return jax.lax.scan(lambda state, lane: function(whole, state, lane), state, lanes)[1]
+
+        return jax.vmap(chain)(states, lanes)
+
+    # Each device runs loops of its own, and waits for no other.
+    return jax.shard_map(share, mesh=mesh, in_specs=(everywhere, across, across), out_specs=across, check_vma=False)(
+        arrays, states, lanes
+    )

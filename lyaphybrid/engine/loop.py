@@ -1,0 +1,222 @@
+"""The one loop: Tangent -> step -> event? -> cross -> orthonormalise -> collect.
+
+    block     until its end
+      span    until something rare is due: an event to locate and land on, an orthonormalisation
+        step  propose a step; keep it and carry the tangent, or try again smaller
+
+The innermost loop is straight-line code with a small state; what is rare stands one loop further out. An *evolver*
+knows how its class of systems moves: `Stepping` (a field under guards), `Exact` (the next event is known), `Scheduled`
+(the same for many bodies), `Iterating` (a map). Everything that needs tangents calls `advance` and says what to
+collect. Time is local to the block: the global time only enters where the user's functions ask for it.
+"""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+
+from .._jax.reverse_mode import checkpointed
+from .._linalg import frames
+from ..events.compiled_hybrid import by_mode
+from ..native import seldom
+from ..statuses import OK, RUNNING, STATUS
+from . import waiting
+from .orthonormalising import needs_twice_the_digits, orthonormalise, step_with_twice_the_digits
+from .states import MOST_AT_ONCE, BlockRecord, Clock, LoopState, Settings, StepState, select, stop
+
+__all__ = ["advance"]
+
+
+def advance(settings: Settings, loop_state: LoopState, ends, last_jumps, budget) -> tuple[LoopState, BlockRecord]:
+    """Go on with the blocks that are not done, until they are, or the budget of attempts is spent.
+
+    Args:
+        settings: static.
+        loop_state: where the run stands.
+        ends: (blocks,) end of each block, in time since the run began (inf where jumps alone end it).
+        last_jumps: (blocks,) number of jumps, counted from the start, that ends the block too.
+        budget: attempts.
+    """
+    budget = jnp.where(_running(loop_state), budget, 0)
+    loop_state = loop_state._replace(carry=loop_state.carry._replace(budget=budget))
+
+    def one(loop_state, block):
+        return _block(settings, loop_state, *block)
+
+    one = jax.checkpoint(one) if settings.reverse else one
+    return jax.lax.scan(one, loop_state, (jnp.arange(ends.shape[0], dtype=jnp.int32), ends, last_jumps))
+
+
+def _running(loop_state: LoopState):
+    return loop_state.carry.status == RUNNING
+
+
+def _block(settings: Settings, loop_state: LoopState, index, end, last_jump):
+    """One block; or nothing where it was done before, the budget is spent or the run is over."""
+    by_time = loop_state.interval if settings.qr_schedule.unit == "time" else None
+    clock = Clock(loop_state.base[0], loop_state.base[1], end - loop_state.elapsed, last_jump, by_time)
+    todo = (loop_state.block == index) & (loop_state.carry.budget > 0)
+
+    def within(carry, in_span=False):
+        inside = carry.s < clock.length
+        if settings.count_jumps:
+            inside = inside & (carry.jumps.astype(carry.s.dtype) < clock.last_jump)
+        if carry.log is not None:  # one event, with its cascade, must find room
+            inside = inside & (carry.log.count <= settings.log - MOST_AT_ONCE)
+        if not in_span:
+            return inside & (carry.budget > 0)
+        # Where the end of a span changes rounding, how the host divides the work must not decide where spans end.
+        whole = settings.evolver.by_rows or (settings.evolver.always_regular and settings.qr_schedule.unit != "never")
+        return inside & ((carry.status == RUNNING) if whole else (carry.budget > 0))
+
+    # A block always runs once through: what is not to be done is stopped by the budget.
+    start = loop_state.carry._replace(budget=jnp.where(todo, loop_state.carry.budget, 0))
+    state = (start, settings.evolver.enter(start, clock), loop_state.interval, loop_state.spread)
+    carry, _, interval, spread = _repeated(
+        settings,
+        lambda state: within(state[0]),
+        lambda state: _waited(settings, clock, state[0], _span(settings, clock, within, *state)),
+        state,
+    )
+    carry = stop(carry, STATUS.nonfinite, ~jnp.all(jnp.isfinite(carry.x)))
+    carry = settings.evolver.inspected(carry, clock)
+    over = carry.s >= clock.length
+    if settings.count_jumps:
+        over = over | (carry.jumps.astype(carry.s.dtype) >= clock.last_jump)
+    done = todo & ((over & (carry.status == RUNNING)) | (carry.status > OK))
+    record = BlockRecord(
+        done,
+        carry.s,
+        carry.jumps,
+        carry.growth,
+        carry.volume,
+        carry.losses,
+        carry.order,
+        settings.collect(clock.base + carry.s, carry),
+    )
+    carry = carry._replace(budget=jnp.where(todo, carry.budget, loop_state.carry.budget))
+    here = LoopState(carry, loop_state.base, loop_state.elapsed, loop_state.block, interval, spread)
+    return select(done, _next_block(settings, here), here), record
+
+
+def _waited(settings: Settings, clock: Clock, before: StepState, state):
+    """After a span, where jumps alone end a block: if there will be none any more, the run ends with the last one."""
+    if before.waiting is None:
+        return state
+    carry = state[0]
+    carry = carry._replace(waiting=waiting.waited(settings.evolver, clock, before, carry))
+    ends = waiting.hopeless(carry.waiting, clock) & (carry.status == RUNNING)
+    kept = carry._replace(growth=carry.waiting.growth, volume=carry.waiting.volume)
+    return (stop(select(ends, kept, carry), STATUS.no_more_jumps, ends), *state[1:])
+
+
+def _span(settings: Settings, clock: Clock, within, carry: StepState, ahead, interval, spread):
+    """Steps, until something rare is due; then that. Where it seems to lose a direction, its first step with care."""
+    start = carry, ahead, interval, spread
+    end = _quick_span(settings, clock, within, *start)
+    if not needs_twice_the_digits(settings, clock, carry, ahead):
+        return end
+    loses = jnp.sum(end[0].losses) > jnp.sum(carry.losses)
+    once_more = seldom(functools.partial(step_with_twice_the_digits, settings, clock))
+    return jax.lax.cond(loses, lambda start, _: once_more(*start), lambda _, end: end, start, end)
+
+
+def _quick_span(settings: Settings, clock: Clock, within, carry: StepState, ahead, interval, spread):
+    """Steps, until something rare is due; then that."""
+    evolver, frequent = settings.evolver, settings.qr_schedule.unit != "never" and carry.frame.shape[1] > 0
+
+    def is_due(carry):
+        enough = carry.since >= interval
+        if settings.qr_schedule.automatic and evolver.jumps_uncontrolled:
+            enough = enough | evolver.stretched(carry)
+        return enough
+
+    def goes_on(state):
+        carry, ahead, _ = state
+        return within(carry, in_span=True) & evolver.is_regular(ahead) & (~is_due(carry) if frequent else True)
+
+    def stepping(evolver):
+        def step(state):
+            carry, ahead, spread = state
+            if at_once:  # the trial and its tangent side by side
+                ahead = evolver.propose_step(carry, clock)
+            carry = evolver.step(settings, clock, carry._replace(budget=carry.budget - 1), ahead)
+            if at_once:
+                # A step that failed has left the frame orthonormal: nothing is gained or lost by doing it again.
+                carry, _, _, spread = orthonormalise(settings, clock, carry, ahead, interval, spread)
+            return carry, ahead if at_once else evolver.propose_step(carry, clock), spread
+
+        return step
+
+    k, at_once = carry.frame.shape[1], frequent and _at_once(settings)
+    carry = carry._replace(frame=frames.staggered(carry.frame) if evolver.by_rows else carry.frame)
+    if _step_by_step(settings):
+        carry, ahead, spread = stepping(evolver)((carry, ahead, spread))
+    elif settings.reverse:  # the loop over spans is the one that keeps checkpoints
+        state = carry, ahead, spread
+        carry, ahead, spread = jax.lax.cond(goes_on(state), stepping(evolver), lambda state: state, state)
+    else:
+        steps = [stepping(one) for one in evolver.in_each_mode()]
+        loops = [lambda state, step=step: jax.lax.while_loop(goes_on, step, state) for step in steps]
+        carry, ahead, spread = by_mode(getattr(carry.solver_state, "mode", None), loops, (carry, ahead, spread))
+    carry = carry._replace(frame=carry.frame[:, :k])
+    due = frequent and evolver.by_rows and is_due(carry)  # to settle such a span is to forget what it did to the frame
+    carry, ahead = evolver.locate_events(settings, clock, functools.partial(within, in_span=True), carry, ahead)
+    if not frequent:
+        return carry, ahead, interval, spread
+    due = due | is_due(carry) | (carry.s >= clock.length)
+    if settings.count_jumps:
+        due = due | (carry.jumps.astype(carry.s.dtype) >= clock.last_jump) | (carry.status == STATUS.no_more_jumps)
+    if evolver.always_regular and not settings.count_jumps:  # then nothing but this ends a span
+        return orthonormalise(settings, clock, carry, ahead, interval, spread)
+    tidied = jax.lax.cond(
+        due,
+        lambda *state: orthonormalise(settings, clock, *state),
+        lambda *state: state,
+        carry,
+        ahead,
+        interval,
+        spread,
+    )
+    return tidied
+
+
+def _step_by_step(settings: Settings) -> bool:
+    """Whether each span is one step."""
+    return settings.evolver.always_regular and settings.qr_schedule.each
+
+
+def _at_once(settings: Settings) -> bool:
+    """Whether a step and its orthonormalisation are one: a span for each is half as much again."""
+    evolver = settings.evolver
+    alone = settings.observer is None and not evolver.may_lose_rank and not evolver.by_rows
+    return alone and settings.qr_schedule.each and not evolver.always_regular
+
+
+def _repeated(settings: Settings, goes_on, step, state):
+    """A loop."""
+    return (checkpointed if settings.reverse else jax.lax.while_loop)(goes_on, step, state)
+
+
+def _next_block(settings: Settings, loop_state: LoopState) -> LoopState:
+    """Rebase time to the end of the block (two-sum: no digit is lost) and start new sums."""
+    carry, (high, low) = loop_state.carry, (loop_state.base[0], loop_state.base[1])
+    total = high + carry.s
+    back = total - high
+    low = low + ((high - (total - back)) + (carry.s - back))
+
+    def cleared(sums):
+        return jax.tree.map(jnp.zeros_like, sums)
+
+    carry = carry._replace(
+        s=jnp.zeros_like(carry.s),
+        growth=cleared(carry.growth),
+        volume=cleared(carry.volume),
+        left=cleared(carry.left),
+        order=None if carry.order is None else jnp.arange(carry.order.shape[0], dtype=jnp.int32),
+        solver_state=settings.evolver.rebase(carry.solver_state, carry.s),
+        waiting=waiting.next_block(carry.waiting, cleared(carry.growth), cleared(carry.volume)),
+        observer=None if settings.observer is None else settings.observer.next_block(carry.observer),
+    )
+    base, elapsed = jnp.stack([total, low]), loop_state.elapsed + loop_state.carry.s
+    return LoopState(carry, base, elapsed, loop_state.block + 1, loop_state.interval, loop_state.spread)

@@ -1,0 +1,151 @@
+"""From what a user gives to a problem: checked before any computing starts."""
+
+import contextlib
+import contextvars
+import math
+import warnings
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._arguments import real, require
+from .._jax.precision import CURE, LEAST, eps, is_short, require_double
+from .._jax.tracing import array, traced
+from ..integrators import HalfExplicit, RungeKutta
+from ..integrators.base import Method
+from ..systems.consistency import check_constraints
+from ..systems.daes.semi_linear import Constrained, fields_of
+from ..systems.event_driven import EventDriven
+from ..systems.hybrid import Hybrid
+from ..systems.smooth import Flow, Map
+from ..systems.validation import check_clocks
+from .problems import Problem, mode_names
+
+__all__ = ["Noticed", "as_arrays", "at_precision", "mode_index", "noticing", "prepare"]
+
+
+class Noticed(NamedTuple):
+    """A run that was prepared."""
+
+    system: Any
+    method: Any
+
+
+_noticed: contextvars.ContextVar[list | None] = contextvars.ContextVar("noticed", default=None)
+
+
+@contextlib.contextmanager
+def noticing():
+    """A list of all runs that are prepared meanwhile."""
+    found: list[Noticed] = []
+    token = _noticed.set(found)
+    try:
+        yield found
+    finally:
+        _noticed.reset(token)
+
+
+def prepare(system, x0, args, t0, method, mode, name: str = "x0") -> tuple[Problem, Any, Any, Any]:
+    """Check what the user gave, before any computing; -> problem, x0, t0, index of the mode.
+
+    `name` is what the caller's user calls the state. The mode is None where each start says in which it begins.
+    """
+    if not isinstance(system, Flow | Map | Hybrid | EventDriven):
+        raise ValueError(
+            f"system must be an lh.Flow, lh.Map, lh.Hybrid or lh.EventDriven; got {type(system).__name__}. "
+            "Wrap a function: lh.Flow(field)."
+        )
+    x0, shape = _state(system, x0, name)
+    real("t0" if name == "x0" else "t", t0)
+    # Python floats would be compiled in as constants: as arrays they may change without compiling again.
+    method, listener = _method_for(system, method), _noticed.get()
+    _check_precision(name, x0, system, method)
+    if listener is not None:
+        listener.append(Noticed(system, method))
+    args, method = as_arrays(args, x0.dtype), at_precision(method, x0)
+    check_clocks(system, args)
+    t0 = array(t0, x0.dtype)
+    check_constraints(system, x0 if x0.ndim == 1 else x0[0], t0, args)
+    return Problem(system, method, args, shape), x0, t0, mode_index(system, mode)
+
+
+def as_arrays(tree, dtype):
+    """The tree with arrays for Python's floats, which would be compiled in as constants."""
+    return jax.tree.map(lambda leaf: array(leaf, dtype) if isinstance(leaf, float) else leaf, tree)
+
+
+def at_precision(method, x):
+    """The method, with arrays for numbers, and with tolerances that can be kept in the precision of x."""
+    if method is not None and is_short(x):
+        method = method.loosened(LEAST * eps(x))
+    return as_arrays(method, x.dtype)
+
+
+def _check_precision(name: str, x, system, method) -> None:
+    """Refuse what float32 cannot do, and say what it does to the rest."""
+    if not is_short(x):
+        return
+    if any(isinstance(field, Constrained) for field in fields_of(system)):
+        require_double(name, x, "an lh.DAE")
+    require(x.dtype == jnp.float32, f"{name} is {x.dtype}: it must be float64, or float32. {CURE}")
+    steps, kept = "", at_precision(method, x)
+    if method is not None and method.adaptive and not traced(method) and kept.rtol > method.rtol:
+        steps = f" Steps are controlled to rtol = {kept.rtol:.2g} and not {method.rtol:.2g}."
+    warnings.warn(
+        f"{name} is float32: exponents will carry three to four digits, and events may be missed.{steps} {CURE}",
+        stacklevel=4,
+    )
+
+
+def _state(system, x0, name):
+    """The states (n,) or (m, n), and the shape of one as the user gives it: (N, d) for many bodies."""
+    numbers = all(np.asarray(leaf).dtype.kind in "biufc" for leaf in jax.tree.leaves(x0) if not traced(leaf))
+    if not numbers or not jax.tree.leaves(x0):
+        raise ValueError(f"{name} must be an array of numbers; got {x0!r}.")
+    if any(np.iscomplexobj(leaf) for leaf in jax.tree.leaves(x0)):
+        raise ValueError(f"{name} must be real; write a complex state as its real and imaginary parts.")
+    x0 = jnp.asarray(x0)
+    x0 = x0 if jnp.issubdtype(x0.dtype, jnp.floating) else x0.astype(float)
+    rows = isinstance(system, EventDriven) and system.schedule is not None and not system.schedule.flat
+    one = 2 if rows else 1
+    if x0.ndim not in (one, one + 1) or 0 in x0.shape:
+        several, single = ("(m, N, d)", "(N, d), one row a body") if rows else ("(m, n)", "(n,)")
+        raise ValueError(f"{name} must have shape {single}, or {several} for m runs at once; got {x0.shape}.")
+    if not traced(x0) and not np.all(np.isfinite(x0)):
+        raise ValueError(f"{name} must be finite; got {x0}.")
+    shape = x0.shape[-one:]
+    return x0.reshape(*x0.shape[:-one], math.prod(shape)), shape
+
+
+def _method_for(system, method):
+    if isinstance(system, Flow) or (isinstance(system, Hybrid) and system.fields is not None):
+        if method is None:
+            constrained = any(isinstance(field, Constrained) for field in fields_of(system))
+            return HalfExplicit() if constrained else RungeKutta()
+        if not isinstance(method, Method):
+            raise ValueError(f"A system that flows needs a method such as lh.RungeKutta(); got {method!r}.")
+        return method
+    if method is not None:
+        kind = "A map is iterated" if isinstance(system, Map | Hybrid) else "An lh.EventDriven flow is exact"
+        raise ValueError(f"{kind}: it takes no method; got {method!r}. Leave method=None.")
+    return None
+
+
+def mode_index(system, mode):
+    """The index of a mode, given by name or index; None: the state tells."""
+    names = mode_names(system)
+    if mode is None:
+        if isinstance(system, Hybrid) and system.initial_mode is not None:
+            return None
+        if len(names) > 1:
+            raise ValueError(f"This system has the modes {list(names)}: say which one it starts in, mode=….")
+        return 0
+    if isinstance(mode, str):
+        if mode not in names:
+            raise ValueError(f"Unknown mode {mode!r}; the modes are {list(names)}.")
+        return names.index(mode)
+    if isinstance(mode, int) and not 0 <= mode < len(names):
+        raise ValueError(f"mode {mode} is out of range; the modes are {list(names)}.")
+    return mode

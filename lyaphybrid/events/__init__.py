@@ -1,0 +1,1 @@
+"""Events of a hybrid system: guards of a mode, roots in a step, saltation matrices."""

@@ -1,0 +1,176 @@
+"""A hybrid system's modes, guards, resets and targets, expanded once into tables.
+
+Every transition is expanded into *slots*: one falling guard each (direction +1 is negated; direction 0 keeps both
+directions and is never fired by a jump), one list of slots per mode.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._jax.jaxprs import settled
+from ..systems.bound import Bound
+from ..systems.daes.eliminations import prepared
+from ..systems.daes.semi_linear import Constrained, is_constrained
+from ..systems.hybrid import Hybrid
+
+__all__ = ["CompiledHybrid", "bound", "by_mode", "projection", "wire"]
+
+
+class CompiledHybrid(NamedTuple):
+    """A hybrid system's modes and slots; tables have shape (modes, slots) or (modes, clocks)."""
+
+    fields: tuple[Callable, ...]  # per mode: (t, x) -> dx/dt
+    guards: tuple[Callable, ...]  # per mode: (t, x) -> (slots,), all falling
+    projections: tuple[Callable | None, ...]  # per mode: (t, x, dx) -> dx
+    directed: np.ndarray  # fires only when falling
+    transition: np.ndarray  # transition of a slot
+    component: np.ndarray  # component of a vector guard
+    clocks: tuple[int, ...]  # transitions that are clocks
+    armed: np.ndarray  # (modes, clocks): is the clock armed in the mode
+    resets: tuple[Callable, ...]  # per transition: (t, x, which) -> x
+    targets: tuple[Callable, ...]  # per transition: (mode, t, x, which) -> mode
+    whens: tuple[Callable, ...]  # per mode: (t, x) -> (slots,) bool
+    shared: bool  # some transition asks `when`
+    borders: np.ndarray | None  # (modes, slots): borders of flow sets, where nothing fires; None: there are none
+    initial_mode: Callable | None = None  # (t, x) -> mode
+
+    @property
+    def constrained(self) -> bool:
+        """Whether there are algebraic equations in some mode."""
+        return any(is_constrained(field) for field in self.fields)
+
+    @property
+    def modes(self) -> int:
+        """Number of modes."""
+        return len(self.fields)
+
+    @property
+    def slots(self) -> int:
+        """Number of slots of a mode (the modes with fewer are padded with a guard that is always 1)."""
+        return self.directed.shape[1]
+
+    def of_mode(self, q: int) -> "CompiledHybrid":
+        """What concerns one mode, as if there were no other."""
+        of_modes = "fields", "guards", "projections", "directed", "transition", "component", "armed", "whens"
+        of_modes += () if self.borders is None else ("borders",)
+        return self._replace(**{name: getattr(self, name)[q : q + 1] for name in of_modes})
+
+
+def by_mode(mode, functions, *operands):
+    """The function of the present mode: a plain call where there is one mode, else a switch."""
+    if len(functions) == 1:
+        return functions[0](*operands)
+    return jax.lax.switch(mode, functions, *operands)
+
+
+def wire(system: Hybrid, t, x, args) -> CompiledHybrid:
+    """Expand a hybrid system into slots; guards are asked for their shapes, nothing is computed."""
+    names, transitions, fields = system.mode_names, system.guarded, system.fields or ()
+    widths = [_width(tr.guard, t, x, args) for tr in transitions]
+    per_mode = [[j for j, tr in enumerate(transitions) if not tr.is_clock and _armed(tr, name)] for name in names]
+    slots = max(1, *(sum(max(1, widths[j]) for j in own) for own in per_mode))
+    directed = np.ones((len(names), slots), bool)
+    transition, component = np.zeros((len(names), slots), np.int32), np.zeros((len(names), slots), np.int32)
+    for q, own in enumerate(per_mode):
+        expanded = [(j, c) for j in own for c in range(max(1, widths[j]))]
+        for i, (j, c) in enumerate(expanded):
+            directed[q, i], transition[q, i], component[q, i] = transitions[j].direction != 0, j, c
+    clocks = tuple(j for j, tr in enumerate(transitions) if tr.is_clock)
+    return CompiledHybrid(
+        tuple(bound(field, args, t, x) for field in fields),
+        tuple(settled(_bind_guards([transitions[j] for j in own], slots, args), t, x) for own in per_mode),
+        tuple(projection(field, project, args) for field, project in zip(fields, system.tangent, strict=False)),
+        directed,
+        transition,
+        component,
+        clocks,
+        np.array([[_armed(transitions[j], name) for j in clocks] for name in names], bool).reshape(len(names), -1),
+        tuple(_bind_reset(tr, width, args) for tr, width in zip(transitions, widths, strict=True)),
+        tuple(_bind_target(tr, width, names, args) for tr, width in zip(transitions, widths, strict=True)),
+        tuple(_bind_when([(transitions[j], max(1, widths[j])) for j in own], slots, args) for own in per_mode),
+        any(tr.when is not None for tr in transitions),
+        _borders(system, transition),
+        _bind_initial_mode(system.initial_mode, args),
+    )
+
+
+def _borders(system: Hybrid, transition: np.ndarray) -> np.ndarray | None:
+    """The slots of the transitions that a system adds for its flow sets; padding slots belong to transition 0."""
+    count = len(system.transitions)
+    return transition >= count if len(system.guarded) > count else None
+
+
+def _armed(transition, name) -> bool:
+    return transition.source is None or name in transition.source
+
+
+def _width(guard, t, x, args) -> int:
+    """0 for a scalar guard or a clock, m for a vector guard."""
+    if guard is None:
+        return 0
+    shape = jax.eval_shape(guard, t, x, args).shape
+    return shape[0] if shape else 0
+
+
+def bound(field, args, t, x) -> Bound:
+    """A field with its parameters, and what these alone decide computed here and now."""
+    field = prepared(field, t, x, args) if isinstance(field, Constrained) else field
+    return Bound(field, args, settled(Bound(field, args), t, x))
+
+
+def _bind_guards(transitions, slots, args):
+    def guards(t, x):
+        values = [jnp.atleast_1d(tr.guard(t, x, args)) * (-1.0 if tr.direction > 0 else 1.0) for tr in transitions]
+        short = slots - sum(v.shape[0] for v in values)
+        return jnp.concatenate([*values, jnp.ones(short, x.dtype)]) if short or len(values) > 1 else values[0]
+
+    return guards
+
+
+def projection(field: Any, project: Callable | None, args: Any) -> Callable | None:
+    """Onto the tangent space of a mode: that of the algebraic equations, and what the user says of it."""
+    field = field.field if isinstance(field, Bound) else field
+    if isinstance(field, Constrained):
+        if project is None:
+            return lambda t, x, dx: field.onto(t, x, args, dx)
+        return lambda t, x, dx: field.onto(t, x, args, project(t, x, args, dx))
+    return None if project is None else (lambda t, x, dx: project(t, x, args, dx))
+
+
+def _bind_reset(transition, width, args):
+    if transition.reset is None:
+        return lambda t, x, which: x
+    if width:
+        return lambda t, x, which: transition.reset(t, x, args, which)
+    return lambda t, x, which: transition.reset(t, x, args)
+
+
+def _bind_target(transition, width, names, args):
+    target = transition.target
+    if target is None:
+        return lambda mode, t, x, which: mode
+    if isinstance(target, str):
+        return lambda mode, t, x, which: jnp.full_like(mode, names.index(target))
+    if width:
+        return lambda mode, t, x, which: jnp.asarray(target(t, x, args, which)).astype(mode.dtype)
+    return lambda mode, t, x, which: jnp.asarray(target(t, x, args)).astype(mode.dtype)
+
+
+def _bind_initial_mode(initial_mode, args):
+    return None if initial_mode is None else (lambda t, x: initial_mode(t, x, args))
+
+
+def _bind_when(transitions, slots, args):
+    def when(t, x):
+        values = [
+            jnp.full(width, True) if tr.when is None else jnp.full(width, tr.when(t, x, args))
+            for tr, width in transitions
+        ]
+        short = slots - sum(v.shape[0] for v in values)
+        return jnp.concatenate([*values, jnp.full(short, True)])
+
+    return when

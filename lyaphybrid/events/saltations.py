@@ -1,0 +1,82 @@
+"""The saltation matrix: how a perturbation crosses an event.
+
+A neighbour at x + dx meets the guard later by δτ = -∇h·dx / (∂ₜh + ∇h·f⁻). Move it to its own instant, push
+it through the reset, and come back along the new flow:
+
+    dx⁺ = Dg (dx + f⁻ δτ) + ∂ₜg δτ - f⁺ δτ   =   S dx,
+    S   = Dg + (f⁺ - Dg f⁻ - ∂ₜg) ∇h / (∂ₜh + ∇h·f⁻)        (with the sign of δτ absorbed)
+
+M. di Bernardo, C. Budd, A. Champneys & P. Kowalczyk, Piecewise-smooth Dynamical Systems (Springer 2008),
+section 2.5, doi:10.1007/978-1-84628-708-4. All neighbours are moved along one and the same direction: f⁻, which
+the reset turns into Dg f⁻ + ∂ₜg. It is pushed through by itself, and the columns without it. In a cascade the
+instant belongs to the first guard: only the push is repeated. Nothing here forms an n×n matrix: columns are
+carried by `jax.jvp`.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .._jax.columns import each_column
+from .._jax.magnitudes import absolute
+
+__all__ = ["Sizes", "delays", "instant", "push", "return_along", "sizes_at", "sizes_pushed", "sizes_returned"]
+
+
+class Sizes(NamedTuple):
+    """The magnitudes of the terms that columns, direction and delays are made of, see `magnitudes`."""
+
+    columns: Array  # (n, k)
+    direction: Array  # (n,)
+    delay: Array  # (k,)
+
+
+def instant(guard, t, x, f):
+    """The guard's derivatives at (t, x): ∇h (n,), and the rate ḣ = ∂ₜh + ∇h·f along the flow f."""
+    rate_of_time, gradient = jax.grad(guard, argnums=(0, 1))(t, x)
+    return gradient, rate_of_time, rate_of_time + jnp.sum(gradient * f)
+
+
+def delays(slopes: Float[Array, " k"], rate) -> Float[Array, " k"]:
+    """By how much later each column meets the guard, δτ, from ∇h·dx and the guard's rate."""
+    return -slopes / jnp.where(rate == 0, 1.0, rate)
+
+
+def push(reset, t, x, columns: Float[Array, "n k"], direction: Float[Array, " n"]):
+    """x⁺ = reset(t, x); the columns, Dg dx; and the direction of the moves, Dg f + ∂ₜg."""
+
+    def column(dx):
+        return jax.jvp(lambda x: reset(t, x), (x,), (dx,))[1]
+
+    new, direction = jax.jvp(reset, (t, x), (jnp.ones_like(t), direction))
+    return new, each_column(column, columns), direction
+
+
+def return_along(columns: Float[Array, "n k"], direction, f, delay: Float[Array, " k"]) -> Float[Array, "n k"]:
+    """From the instants of the neighbours, dx + direction δτ, to that of the orbit along the new flow: - f⁺ δτ."""
+    return columns + (direction - f)[:, None] * delay[None, :]
+
+
+def sizes_at(columns: Float[Array, "n k"], f, gradient, moving, rate) -> Sizes:
+    """Of columns on a guard with the derivatives ∇h, ∂ₜh and ḣ; a rate that nearly cancels makes all delays unsure."""
+    columns, f, gradient = (jax.lax.stop_gradient(jnp.abs(one)) for one in (columns, f, gradient))
+    moving, rate = (jax.lax.stop_gradient(jnp.abs(one)) for one in (moving, jnp.where(rate == 0, 1.0, rate)))
+    return Sizes(columns, f, gradient @ columns / rate * ((gradient @ f + moving) / rate))
+
+
+def sizes_pushed(reset, t, x, sizes: Sizes, direction: Float[Array, " n"]) -> Sizes:
+    """Of what `push` returns, the direction among it."""
+
+    def through(dx):
+        return jax.jvp(lambda x: reset(t, x), (x,), (dx,))[1]
+
+    both = each_column(absolute(through), jnp.concatenate([sizes.columns, sizes.direction[:, None]], axis=1))
+    columns, moved = jax.lax.stop_gradient((both[:, :-1], both[:, -1] + jnp.abs(direction)))
+    return Sizes(columns, moved, sizes.delay)
+
+
+def sizes_returned(sizes: Sizes, f) -> Float[Array, "n k"]:
+    """Of the columns that `return_along` returns."""
+    return sizes.columns + (sizes.direction + jax.lax.stop_gradient(jnp.abs(f)))[:, None] * sizes.delay[None, :]

@@ -1,0 +1,195 @@
+"""What a method of integration supplies: one step, its error, and a value inside the step."""
+
+import abc
+import dataclasses
+from collections.abc import Callable
+from typing import Any, ClassVar, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from .._jax.columns import each_column
+from .._jax.precision import nonzero
+from .._jax.tracing import traced
+
+Field = Callable[[Any, Array], Array]  # (t, x) -> dx/dt, args bound
+
+
+class Controller(NamedTuple):
+    """How the next step follows from the error r (1: the most allowed), h ← h safety · r^(-now/p) · r_last^(last/p).
+
+    The default is PI control (Gustafsson; Hairer & Wanner, Solving ODEs II, section IV.2).
+    """
+
+    safety: float = 0.8
+    shrink: float = 0.2  # by no more than this
+    grow: float = 10.0
+    now: float = 0.7
+    last: float = 0.4
+
+
+class Step(NamedTuple):
+    """One step of a method from (t, x) over h."""
+
+    x: Array  # (n,) at t + h
+    f: Array  # (n,) the field there
+    error: Array  # (estimates, n), linear in the stages: its tangents are the frame's errors
+    dense: Any  # what `Method.inside` needs
+    nodes: Any  # what `Method.divergence` needs
+    way: tuple[Array, ...] = ()  # what `Method.tangent` can go on from: the points on the way, or their contents
+
+
+class Tangent(NamedTuple):
+    """What the derivative of a step does to a frame (n, k)."""
+
+    x: Any  # (n,) the end of the step; None where it was known before
+    frame: Array  # (n, k) at t + h
+    errors: Array  # (estimates, n, k)
+    nodes: Any  # what `Method.divergence` needs
+    growth: Any = None  # (k,) logarithms of what the method itself has taken out of the columns
+
+
+class Method(eqx.Module):
+    """A one-step method. `step` is a pure function of x, so its derivative is the tangent of the step."""
+
+    rtol: eqx.AbstractVar[Any]
+    atol: eqx.AbstractVar[Any]
+    control: eqx.AbstractVar[str]
+
+    controller: ClassVar[Controller] = Controller()
+    takes_slope: ClassVar[bool] = True  # a step begins with the field where it starts
+    keeps_constraints: ClassVar[bool] = False  # states and frames stay on the constraints of a DAE
+    each_step: ClassVar[bool] = False  # frames are orthonormalised after each step, unless users say when
+
+    @property
+    @abc.abstractmethod
+    def fixed_step(self) -> Any:
+        """The fixed step; None where the error estimate controls h."""
+
+    @property
+    def adaptive(self) -> bool:
+        """Whether the error estimate controls h."""
+        return self.fixed_step is None
+
+    @property
+    def longest_step(self) -> Any:
+        """No adaptive step is longer; None: no limit."""
+        return None
+
+    @property
+    def way_points(self) -> int:
+        """How many points there are in `Step.way`."""
+        return 0
+
+    def solves(self, field: Field) -> bool:
+        """Whether stages solve equations: where they ended is then worth keeping for the tangent."""
+        del field
+        return False
+
+    def blank_way(self, x) -> tuple[Array, ...]:
+        """Room for `Step.way`."""
+        return (x,) * self.way_points
+
+    @property
+    @abc.abstractmethod
+    def error_order(self) -> int:
+        """The power of h by which the error estimate falls."""
+
+    def loosened(self, least: float) -> "Method":
+        """The same method; where rtol is below the least that makes sense, it and atol are larger by one factor."""
+        names = {field.name for field in dataclasses.fields(self)} & {"rtol", "atol"}
+        if not names:
+            return self
+        factor = (jnp if traced(self.rtol) else np).maximum(1.0, least / self.rtol)
+        return dataclasses.replace(self, **{name: factor * getattr(self, name) for name in names})
+
+    def require(self, field: Field, t, x) -> None:
+        """Raise a ValueError where the method cannot take this field; nothing is computed."""
+        del field, t, x
+
+    @abc.abstractmethod
+    def step(self, field: Field, t, x, f, h) -> Step:
+        """One step over h from (t, x), where f = field(t, x)."""
+
+    @abc.abstractmethod
+    def inside(self, dense, theta) -> Array:
+        """The solution (n,) at the fraction theta of the step."""
+
+    def tangent(self, field: Field, t, x, h, frame, way: tuple[Array, ...] = ()) -> Tangent:
+        """The derivative of the step over h from (t, x), applied to a frame; its `Step.way` may be known."""
+        del way
+
+        def step(x):
+            done = self.step(field, t, x, field(t, x), h)
+            return (done.x, done.error), done.nodes
+
+        (new, _), linear, nodes = jax.linearize(step, x, has_aux=True)
+        moved, errors = each_column(linear, frame)
+        return Tangent(new, moved, errors, nodes)
+
+    def rare_tangent(self, field: Field, t, x, h, frame, way: tuple[Array, ...] = ()) -> Tangent:
+        """`tangent` where it is asked for so seldom that little code is better than fast code."""
+        return self.tangent(field, t, x, h, frame, way)
+
+    @abc.abstractmethod
+    def divergence(self, field: Field, nodes, h) -> Array:
+        """∫ tr Df dt over the step, by a quadrature of the method's order."""
+
+    def ratio(self, error, scale):
+        """The error estimate over what is allowed, in the maximum norm; a step passes below 1."""
+        return jnp.max(jnp.abs(error[0]) / scale)
+
+    def state_ratio(self, step: Step, x):
+        """`ratio` of the state's error."""
+        return self.ratio(step.error, self.atol + self.rtol * jnp.maximum(jnp.abs(x), jnp.abs(step.x)))
+
+    def frame_ratio(self, errors, frame, new):
+        """The largest `ratio` among the columns, each measured against its own length."""
+
+        def column(error, before, after):
+            length = jnp.sqrt(jnp.mean(jnp.maximum(before**2, after**2)) + nonzero(1e-40, before))
+            return self.ratio(error, jnp.full(before.shape, self.rtol * length + nonzero(1e-300, before)))
+
+        return jnp.max(jax.vmap(column, in_axes=-1)(errors, frame, new))
+
+
+class OfAnother(Method):
+    """A method that goes by the steps of another one: tolerances, order and the control of steps are that one's."""
+
+    @property
+    @abc.abstractmethod
+    def inner(self) -> Any:
+        """The method that makes the steps."""
+
+    @property
+    def rtol(self) -> Any:
+        """That of the steps."""
+        return self.inner.rtol
+
+    @property
+    def atol(self) -> Any:
+        """That of the steps."""
+        return self.inner.atol
+
+    @property
+    def fixed_step(self) -> Any:
+        """That of the steps."""
+        return self.inner.fixed_step
+
+    @property
+    def longest_step(self) -> Any:
+        """That of the steps."""
+        return self.inner.longest_step
+
+    @property
+    def error_order(self) -> int:
+        """That of the steps."""
+        return self.inner.error_order
+
+    @property
+    def controller(self) -> Controller:
+        """That of the steps."""
+        return self.inner.controller

@@ -1,0 +1,197 @@
+"""The continuous QR method: orthonormal columns are integrated as such, and the logarithms of their growth beside them.
+
+    Y = Q R,  Y' = D Y   ⟹   W = Qᵀ D Q,   Q' = D Q − Q B,   B = upp(W) + low(W)ᵀ,   φ_i' = w_ii,   φ_i = ln R_ii
+
+For E(t) x' = f, D = Ē⁻¹ [A₁; −A₂'] and (20)–(29) of Linh et al. say the same with PᵀĒ = 𝓔Qᵀ and 𝓔W = PᵀĀQ: as Q has
+orthonormal columns, 𝓔⁻¹Pᵀ = QᵀĒ⁻¹, and P and 𝓔 cancel. Their P and 𝓔 are in the tests.
+
+L. Dieci, R. D. Russell & E. S. Van Vleck, SIAM J. Numer. Anal. 34 (1997) 402, doi:10.1137/S0036142993247311.
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from .._arguments import require
+from .._linalg.frames import kind_for, orthonormalise
+from .._linalg.linear_systems import inverse, product
+from ..systems.daes.semi_linear import is_constrained
+from .base import Field, Method, OfAnother, Step, Tangent
+from .implicit.half_explicit import ESDIRK, HalfExplicit
+from .implicit.linearised import Along, linearised
+from .runge_kutta import RungeKutta, Tableau, summed, tabulated
+
+__all__ = ["ContinuousQR"]
+
+NEWTON = 6  # iterations in an implicit stage, each of which squares what is left
+LEFT = 1e-3  # … of which no more may be left than this times the tolerance
+
+
+class ContinuousQR(OfAnother):
+    """The continuous QR method in the stages of a Runge–Kutta method.
+
+    Where directions turn slowly it takes larger steps than the discrete method, whose frame must be resolved as it
+    grows: an interval of time over which a column grows by e^1000 is one step if its rate is smooth. Columns are
+    orthonormalised after each step. With the method's control "xY" the errors of Q are controlled as those of x, and
+    that of φ over a step is kept below the tolerance times h + max |Δφ|: exponents are means over time.
+
+    Args:
+        method: an adaptive `lh.HalfExplicit` (for an `lh.DAE`) or `lh.RungeKutta` (for an `lh.Flow`); for stiff
+            equations `lh.ESDIRK`, whose stages solve for Q, d k equations at once, by Newton's method.
+
+    Raises:
+        ValueError: on another method, or a fixed step.
+
+    Source:
+        V. H. Linh, N. D. Truong & P. Q. Tuyen, DAE Panel 3 (2025), doi:10.52825/dae-p.v3i.2632, Algorithm 3.3.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> fading = lh.Flow(lambda t, x, args: x * jnp.array([1.0, -2.0]) / (1 + t))
+        >>> method = lh.ContinuousQR(lh.RungeKutta("dopri5", rtol=1e-8))
+        >>> s = lh.lyapunov_spectrum(fading, [0.0, 0.0], t1=1e6, method=method, blocks=2)
+        >>> [round(1e6 * float(value) / float(jnp.log1p(1e6)), 6) for value in s.exponents]
+        [1.0, -2.0]
+    """
+
+    method: Any
+
+    def __init__(self, method: Method):
+        if not isinstance(method, HalfExplicit | ESDIRK | RungeKutta):
+            raise ValueError(
+                "ContinuousQR runs in the stages of lh.HalfExplicit, lh.ESDIRK or lh.RungeKutta; "
+                f"got {type(method).__name__}."
+            )
+        require(method.adaptive, "ContinuousQR needs a method that controls its step: leave out dt.")
+        require(len(method.table.errors) == 1, f"ContinuousQR needs one error estimate; {method.tableau!r} has two.")
+        self.method = method
+
+    def loosened(self, least: float) -> "ContinuousQR":
+        """With the method loosened."""
+        return ContinuousQR(self.method.loosened(least))
+
+    @property
+    def inner(self) -> Any:
+        """The method."""
+        return self.method
+
+    @property
+    def control(self) -> str:
+        """The method's."""
+        return self.method.control
+
+    @property
+    def takes_slope(self) -> bool:
+        """As the method does."""
+        return self.method.takes_slope
+
+    @property
+    def keeps_constraints(self) -> bool:
+        """As the method does."""
+        return self.method.keeps_constraints
+
+    def solves(self, field: Field) -> bool:
+        """Where the stages ended is where the field is linearised."""
+        del field
+        return True
+
+    @property
+    def way_points(self) -> int:
+        """The method's."""
+        return self.method.way_points
+
+    def require(self, field: Field, t, x) -> None:
+        """What the method asks for."""
+        self.method.require(field, t, x)
+
+    def step(self, field: Field, t, x, f, h) -> Step:
+        """The method's step of the state."""
+        return self.method.step(field, t, x, f, h)
+
+    def inside(self, dense, theta):
+        """The method's."""
+        return self.method.inside(dense, theta)
+
+    def divergence(self, field: Field, nodes, h):
+        """The method's."""
+        return self.method.divergence(field, nodes, h)
+
+    def state_ratio(self, step: Step, x):
+        """The method's."""
+        return self.method.state_ratio(step, x)
+
+    def frame_ratio(self, errors, frame, new):
+        """The larger of that of Q and that of φ."""
+        of_columns = self.method.frame_ratio(errors[:, :-1], frame, new)
+        return jnp.maximum(of_columns, jnp.max(jnp.abs(errors[0, -1])) / self.rtol)
+
+    def blank_way(self, x) -> tuple[Array, ...]:
+        """The method's."""
+        return self.method.blank_way(x)
+
+    def tangent(self, field: Field, t, x, h, frame, way=()) -> Tangent:
+        """Q after the step, and by how much φ has grown."""
+        table, new = self.method.table, None
+        if not way:
+            done = self.method.step(field, t, x, field(t, x), h)
+            way, new = done.way, done.x
+        points = self.method.points_on(field, t, h, way)
+        columns, of_columns, rates = _through_stages(table, field, t, x, h, frame, points, self.rtol)
+        growth, error = (h * summed(one, rates) for one in (table.b, table.errors[0]))
+        size = jnp.abs(h) + jnp.max(jnp.abs(growth))  # exponents are means over time
+        orthonormal, *_ = orthonormalise(columns, kind_for(frame.shape[1]))
+        nodes = self.method.nodes_of(field, t, h, x, way)
+        errors = jnp.concatenate([of_columns, (error / size)[None, :]])
+        return Tangent(new, orthonormal, errors[None], nodes, growth)
+
+
+def _through_stages(table: Tableau, field, t, x, h, frame, points, tolerance):
+    """Q after the step, its error, and the rates (stages, k)."""
+    weights, times = tabulated(table, t, h)
+    # Those of the stages, and of the end; of an ordinary field nothing is asked there.
+    points = jnp.stack(points if is_constrained(field) else [*points, x])[: len(times)]
+    first = linearised(field, t, x)
+    start, (slope, rate) = first.content(frame), _turned(first, frame)
+
+    def stage(state, given):
+        columns, _, slopes, rates = state
+        i, weights, at, point, share = given
+        here = linearised(field, at, point)
+        base = start + h * jnp.tensordot(weights, slopes, 1)
+        content = _solved(here, base, share, here.content(columns), tolerance) if table.diagonal else base
+        columns = product(here.lift, content)
+        slope, rate = _turned(here, columns)
+        return (columns, here.lift, slopes.at[i].set(slope), rates.at[i].set(rate)), None
+
+    slopes, rates = (jnp.zeros((len(times) + 1, *one.shape), one.dtype).at[0].set(one) for one in (slope, rate))
+    own = np.arange(len(times)) < len(table.a)
+    shares = table.diagonal * h * jnp.asarray(own, times.dtype)
+    given = jnp.arange(1, len(times) + 1), weights, times, points, shares
+    (columns, lift, slopes, rates), _ = jax.lax.scan(stage, (frame, first.lift, slopes, rates), given)
+    return columns, product(lift, h * summed(table.errors[0], slopes)), rates
+
+
+def _solved(here: Along, base, share, guess, tolerance):
+    """The content C (d, k) of an implicit stage, C − share (E₁ Q)' = base, Q = Ē⁻¹ [C; 0]; nan where none is found."""
+
+    def left(content):
+        content = content.reshape(base.shape)
+        return (content - base - share * _turned(here, product(here.lift, content))[0]).ravel()
+
+    def again(_, content):
+        backward, _ = inverse(jax.jacfwd(left)(content))
+        return content - product(backward, left(content))
+
+    content = jax.lax.fori_loop(0, NEWTON, again, guess.ravel())
+    done = jnp.max(jnp.abs(left(content))) <= LEFT * tolerance * (1 + jnp.max(jnp.abs(content)))
+    return jnp.where(done, content, jnp.nan).reshape(base.shape)
+
+
+def _turned(here: Along, columns):
+    """(E₁ Q)' and the rates of growth w_ii."""
+    turning = product(columns.T, here.derivative(columns))
+    upper = jnp.triu(turning) + jnp.tril(turning, -1).T
+    return here.slope(columns) - product(here.content(columns), upper), jnp.diagonal(turning)

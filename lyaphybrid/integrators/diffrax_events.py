@@ -1,0 +1,159 @@
+"""Flights from event to event by diffrax, and events found by diffrax: a check of the events found here."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import optimistix
+from jaxtyping import Array
+
+from .._arguments import positive, require
+from .._jax.columns import each_column
+from ..systems.daes.semi_linear import is_constrained
+from .base import Field, Step, Tangent
+from .diffrax_solver import ByDiffrax, prepared
+from .divergences import trace
+
+__all__ = ["DiffraxEvents"]
+
+MOST = 100_000  # steps of one flight
+
+
+class Flight(NamedTuple):
+    """A piece of the motion, up to an event or to its end."""
+
+    h: Array  # its length
+    step: Array  # mean length of its steps
+    found: Array  # a condition has changed its sign
+    failed: Array  # diffrax has given up
+    x: Array  # (n,) at the end, by diffrax's dense output where there was an event
+
+
+class DiffraxEvents(ByDiffrax):
+    """Flow and events both by diffrax: `diffrax.diffeqsolve` with a `diffrax.Event` and a root finder of optimistix.
+
+    It is there to check the default method: what is shared is only what follows a located event (the reset, the
+    saltation matrix, which guards are armed, and two Newton steps that put the state onto the guard). Perturbations
+    solve the variational equation Y' = Df Y together with the state.
+
+    What diffrax does not see is not seen here: it compares the signs of guards at the ends of its steps, so a guard
+    that is crossed twice within one step, or touched, is missed. An `lh.DAE` is refused. Derivatives of results are
+    forward ones only. Compiling takes two to three times as long as for the default method, and so does a run.
+
+    Args:
+        solver: a diffrax solver with an error estimate, for example ``diffrax.Dopri8()``.
+        rtol: relative tolerance of the local error of state and perturbations together.
+        atol: absolute tolerance of the local error, in units of x.
+        root_finder: of optimistix, for the time of an event; None: bisection, to 1e-12 units of time.
+
+    Raises:
+        ValueError: if ``solver`` is no diffrax solver with an error estimate or ``root_finder`` none of optimistix; on
+            tolerances that are not positive; in a run, where a mode has constraints.
+
+    Source:
+        P. Kidger, On Neural Differential Equations, thesis (Oxford 2021), arXiv:2202.02435; J. Rader, T. Lyons &
+        P. Kidger, Optimistix: modular optimisation in JAX and Equinox (2024), arXiv:2402.09983.
+
+    Example:
+        >>> import diffrax, lyaphybrid as lh
+        >>> ball = lh.zoo.bouncing_ball()
+        >>> other = lh.DiffraxEvents(diffrax.Dopri8())
+        >>> run = lh.trajectory(ball.system, ball.x0, ball.args, t1=3.25, n=1, method=other)
+        >>> [round(float(t), 6) for t in run.events.t]
+        [2.0, 3.0]
+    """
+
+    solver: diffrax.AbstractSolver
+    rtol: Any
+    atol: Any
+    root_finder: optimistix.AbstractRootFinder
+    control: str = eqx.field(static=True)
+
+    def __init__(
+        self,
+        solver: diffrax.AbstractSolver,
+        rtol: Any = 1e-9,
+        atol: Any = 1e-12,
+        root_finder: optimistix.AbstractRootFinder | None = None,
+    ):
+        positive("rtol", rtol)
+        positive("atol", atol)
+        if root_finder is None:  # conditions fall: told so, it need not look at the signs
+            root_finder = optimistix.Bisection(1e-12, 1e-12, flip=True)
+        known = isinstance(root_finder, optimistix.AbstractRootFinder)
+        require(known, f"root_finder must be one of optimistix, such as optimistix.Bisection; got {root_finder!r}.")
+        self.solver, self.rtol, self.atol, self.root_finder = prepared(solver, rtol, atol), rtol, atol, root_finder
+        self.control = "x"  # diffrax controls the errors of the frame
+
+    def require(self, field: Field, t, x) -> None:
+        """Constraints are no matter of diffrax."""
+        del t, x
+        require(
+            not is_constrained(field),
+            "lh.DiffraxEvents integrates ordinary differential equations, and this is an lh.DAE: leave method=None for "
+            "lh.HalfExplicit, or take lh.ESDIRK.",
+        )
+
+    def flight(self, field: Field, t, x, h, condition: Callable | None = None) -> Flight:
+        """From (t, x) until the condition (s, x) -> number, s from here on, falls through zero, over h at most."""
+        solution = self._solve(field, t, x, h, condition)
+        end, x = _last(solution)
+        steps = solution.stats["num_accepted_steps"]
+        found = jnp.asarray(False) if solution.event_mask is None else solution.event_mask
+        failed = ~found & (solution.result != diffrax.RESULTS.successful)
+        step = end / jnp.maximum(steps, 1).astype(end.dtype)
+        return Flight(end, step, found, failed, x)
+
+    def step(self, field: Field, t, x, f, h) -> Step:
+        """The state over h."""
+        del f
+        new = self.flight(field, t, x, h).x
+        return Step(new, field(t + h, new), jnp.zeros((1, *x.shape), x.dtype), None, None)
+
+    def inside(self, dense, theta):
+        """Nobody looks inside a flight."""
+        raise NotImplementedError
+
+    def tangent(self, field: Field, t, x, h, frame, way=()) -> Tangent:
+        """State, frame and ∫ tr Df, solved for together."""
+        del way
+
+        def variational(t, y):
+            x, columns, _ = y
+            f, linear = jax.linearize(lambda x: field(t, x), x)
+            return f, each_column(linear, columns), trace(field, t, x)
+
+        _, (new, moved, flux) = _last(self._solve(variational, t, (x, frame, jnp.zeros_like(h)), h))
+        return Tangent(new, moved, jnp.zeros((1, *frame.shape), frame.dtype), flux)
+
+    def divergence(self, field: Field, nodes, h):
+        """∫ tr Df dt was integrated on the way."""
+        del field, h
+        return nodes
+
+    def _solve(self, field, t, y, h, condition: Callable | None = None) -> diffrax.Solution:
+        """In time from here on: a root finder's tolerance does not suffer from a large t."""
+        event = None
+        if condition is not None:
+            event = diffrax.Event(lambda t, y, args, **_: condition(t, y), self.root_finder, direction=False)
+        return diffrax.diffeqsolve(
+            diffrax.ODETerm(lambda s, y, args: field(t + s, y)),
+            self.solver,
+            jnp.zeros_like(h),
+            h,
+            None,
+            y,
+            stepsize_controller=diffrax.PIDController(rtol=self.rtol, atol=self.atol),
+            event=event,
+            adjoint=diffrax.ForwardMode(),
+            max_steps=MOST,
+            throw=False,
+        )
+
+
+def _last(solution: diffrax.Solution) -> Any:
+    """Time and state at the end."""
+    return jax.tree.map(lambda leaf: leaf[-1], (solution.ts, solution.ys))

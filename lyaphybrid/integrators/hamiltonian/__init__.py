@@ -1,0 +1,1 @@
+"""Splitting methods of Hamiltonian systems, and their tangent maps."""

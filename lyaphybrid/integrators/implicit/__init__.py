@@ -1,0 +1,1 @@
+"""Implicit and half-explicit methods, for DAEs and stiff flows."""

@@ -1,0 +1,233 @@
+"""Runge–Kutta methods for E(t) x' = f(t, x): half-explicit, and diagonally implicit with an explicit first stage.
+
+They integrate the content, (E₁ x)' = E₁' x + f₁, and each stage solves for the state that has it and lies on the
+constraints. So they keep the order that they have for ordinary differential equations. Applied to E x' = f as it
+stands they would lose it where E depends on time.
+
+V. H. Linh & N. D. Truong, Electron. Trans. Numer. Anal. 48 (2018) 131, doi:10.1553/etna_vol48s131.
+"""
+
+import functools
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..._arguments import require
+from ..._jax.columns import linear_at
+from ..._linalg.linear_systems import product
+from ...systems.daes.eliminations import Eliminated
+from ...systems.daes.semi_linear import parts_of, solved
+from ..base import Field, Step, Tangent
+from ..divergences import quadrature
+from ..runge_kutta import TABLEAUX, Tableau, along, summed, tabulated, through, weighed
+from .implicit_tableaux import IMPLICIT
+from .linearised import linearised
+from .on_constraints import OnConstraints, check_control
+
+__all__ = ["ESDIRK", "HalfExplicit"]
+
+EXPLICIT = tuple(name for name, table in TABLEAUX.items() if len(table.errors) == 1)
+
+
+class StageByStage(OnConstraints):
+    """Whose stages are found one after the other."""
+
+    tableau: eqx.AbstractVar[str]
+
+    @property
+    def table(self) -> Tableau:
+        """The coefficients."""
+        return TABLEAUX[self.tableau] if self.tableau in TABLEAUX else IMPLICIT[self.tableau]
+
+    @property
+    def error_order(self) -> int:
+        """The power of h by which the error estimate falls."""
+        return self.table.order
+
+    @property
+    def way_points(self) -> int:
+        """The points of all stages but the first, and the end where it is none of them."""
+        return len(self.table.a) + (not self.table.last_is_next)
+
+    def stages(self, t, h):
+        """For these points: weights of the slopes before, times, and shares of their own slopes (None: none have)."""
+        weights, times = tabulated(self.table, t, h)
+        own = np.arange(self.way_points) < len(self.table.a)
+        return weights, times, self.table.diagonal * h * jnp.asarray(own, times.dtype) if self.table.diagonal else None
+
+    def _is_direct(self, field: Field) -> bool:
+        return not self.table.diagonal and isinstance(getattr(field, "field", None), Eliminated)
+
+    def step(self, field: Field, t, x, f, h) -> Step:
+        """One step over h from (t, x)."""
+        if self._is_direct(field):
+            return self._directly(field, t, x, f, h)
+        dae, args = parts_of(field, x.shape[0])
+        start, slope, lifts = dae.content(t, x, args), dae.slope(t, x, args), dae.lifts(t, x, args)
+        sign = lifts.sign
+
+        def stage(state, given):
+            point, lifts, slopes, last, same = state
+            i, weights, at, share = given
+            base = start + h * (weights @ slopes)
+            ahead = base if share is None else base + share * last
+            guess = point + product(lifts.content, ahead - dae.content(at, point, args))
+            point, lifts = solved(dae, args, at, base, guess, self.rtol, share)
+            slope = dae.slope(at, point, args)
+            # Where det Ē changes its sign on the way there was a singular point: that is no step.
+            same = same & ((lifts.sign == sign) if share is None else True)
+            return (point, lifts, slopes.at[i].set(slope), slope, same), point
+
+        slopes = jnp.zeros((self.way_points + 1, *slope.shape), slope.dtype).at[0].set(slope)
+        given = jnp.arange(1, self.way_points + 1), *self.stages(t, h)
+        (new, lifts, slopes, _, same), way = jax.lax.scan(stage, (x, lifts, slopes, slope, jnp.asarray(True)), given)
+        error = jnp.where(same, product(lifts.content, h * summed(self.table.errors[0], slopes)), jnp.inf)
+        slope = field(t + h, new)
+        return Step(new, slope, error[None], (x, f, new, slope, h), self.nodes_of(field, t, h, x, (way,)), (way,))
+
+    def _directly(self, field: Any, t, x, f, h) -> Step:
+        """The same where the constraints are solved by hand: the ordinary method for the content, which is its way."""
+        dae = field.field
+        new, error, contents = self._of_content(dae, t, dae.content(t, x, None), h)
+        way = (jnp.stack(contents[1:] if self.table.last_is_next else [*contents[1:], new]),)
+        x_new = jnp.stack(dae.components(t + h, new))
+        error, slope = dae.raised(dae.sensitivity(t + h, x_new), error), field(t + h, x_new)
+        return Step(x_new, slope, error[None], (x, f, x_new, slope, h), self.nodes_of(field, t, h, x, way), way)
+
+    def _of_content(self, dae: Eliminated, t, content, h):
+        """The content after the step, its error, and what it was in all stages."""
+        table = self.table
+        later = [functools.partial(dae.slope_of, t + c * h) for c in table.c]
+        points, slopes = through(table, content, h, dae.slope_of(t, content), later)
+        new = points[-1] if table.last_is_next else along(content, h, table.b, slopes)
+        return new, h * weighed(table.errors[0], slopes), list(points)
+
+    def _tangent_directly(self, field: Any, t, x, h, frame, way, new) -> Tangent:
+        dae, table = field.field, self.table
+        contents = [dae.content(t, x, None), *way[: len(table.a), : dae.n_differential]]
+        nodes = zip(self.times(t, h), contents, strict=True)
+        first, *later = (linear_at(functools.partial(dae.slope_of, time), content) for time, content in nodes)
+        change = dae.content(t, frame, None)
+        changes, slopes = through(table, change, h, first(change), later)
+        moved = changes[-1] if table.last_is_next else along(change, h, table.b, slopes)
+        errors = h * weighed(table.errors[0], slopes)
+        sensitivity = dae.sensitivity(t + h, self.points_on(field, t, h, (way,))[-1])
+        moved, errors = dae.raised(sensitivity, moved), dae.raised(sensitivity, errors)
+        return Tangent(new, moved, errors[None], self.nodes_of(field, t, h, x, (way,)))
+
+    def tangent(self, field: Field, t, x, h, frame, way=()) -> Tangent:
+        """The same method for the linearised equations, in the same stages."""
+        (way,), new = (way, None) if way else self._on_the_way(field, t, x, h)
+        if self._is_direct(field):
+            return self._tangent_directly(field, t, x, h, frame, way, new)
+        first = linearised(field, t, x)
+        start, slope = first.content(frame), first.slope(frame)
+
+        def stage(state, given):
+            _, _, slopes = state
+            i, (weights, at, share), point = given
+            here = linearised(field, at, point, share)
+            moved = product(here.lift, start + h * jnp.tensordot(weights, slopes, 1))
+            return (moved, here.lift, slopes.at[i].set(here.slope(moved))), None
+
+        slopes = jnp.zeros((self.way_points + 1, *slope.shape), slope.dtype).at[0].set(slope)
+        given = jnp.arange(1, self.way_points + 1), self.stages(t, h), way
+        (moved, lift, slopes), _ = jax.lax.scan(stage, (frame, first.lift, slopes), given)
+        errors = product(lift, h * summed(self.table.errors[0], slopes))
+        return Tangent(new, moved, errors[None], self.nodes_of(field, t, h, x, (way,)))
+
+    def _on_the_way(self, field, t, x, h):
+        done = self.step(field, t, x, field(t, x), h)
+        return done.way, done.x
+
+    def times(self, t, h) -> list:
+        """Those of the stages."""
+        return [t, *(t + c * h for c in self.table.c)]
+
+    def points_on(self, field, t, h, way) -> list:
+        """The points on the way."""
+        if not self._is_direct(field):
+            return list(way[0])
+        dae, times = field.field, [*self.times(t, h)[1:], t + h]
+        return [jnp.stack(dae.components(at, w)) for at, w in zip(times, way[0][:, : dae.n_differential], strict=False)]
+
+    def nodes_of(self, field, t, h, x, way):
+        """Times and points of the stages."""
+        return self.times(t, h), [x, *self.points_on(field, t, h, way)[: len(self.table.c)]]
+
+    def divergence(self, field: Field, nodes, h):
+        """∫ tr Df dt over the step by the weights b at the stages."""
+        return h * quadrature(field, self.table.b, *nodes)
+
+
+class HalfExplicit(StageByStage):
+    """An explicit Runge–Kutta method for an `lh.DAE`, with error control; the constraints hold in every stage.
+
+    A step passes where max |error_i| / (1 + |x_i|) ≤ rtol, for the state and, with control="xY", for each column of the
+    frame in units of its length; h ← 0.9 h (rtol/error)^(1/p), by no more than a factor of 5.
+
+    Args:
+        rtol: the tolerance.
+        control: "xY", the frame's errors are controlled too; "x", the state's alone.
+        tableau: "dopri5", "tsit5" or "dopri8".
+
+    Raises:
+        ValueError: on an unknown tableau or control, on a tolerance that is not positive.
+
+    Source:
+        V. H. Linh & V. Mehrmann, J. Comput. Appl. Math. 262 (2014) 346, doi:10.1016/j.cam.2013.09.049.
+
+    Example:
+        >>> import lyaphybrid as lh
+        >>> lh.HalfExplicit(rtol=1e-6).tableau
+        'dopri5'
+    """
+
+    tableau: str = eqx.field(static=True)
+    control: str = eqx.field(static=True)
+    rtol: Any
+
+    def __init__(self, rtol: Any = 1e-9, control: str = "xY", tableau: str = "dopri5"):
+        _check(rtol, control, tableau, EXPLICIT)
+        self.rtol, self.control, self.tableau = rtol, control, tableau
+
+
+class ESDIRK(StageByStage):
+    """A singly diagonally implicit Runge–Kutta method with an explicit first stage, for a stiff `lh.DAE` or `lh.Flow`.
+
+    Errors and steps as for `lh.HalfExplicit`.
+
+    Args:
+        tableau: "esdirk34" (Jørgensen, Kristensen & Thomsen; it goes on by its weights of order 4), "esdirk54b" (on by
+            its weights of order 5; those of order 4 are the L-stable ones), "kvaerno3", "kvaerno4" or "kvaerno5".
+        rtol: the tolerance.
+        control: "xY", the frame's errors are controlled too; "x", the state's alone.
+
+    Raises:
+        ValueError: on an unknown tableau or control, on a tolerance that is not positive.
+
+    Source:
+        J. B. Jørgensen, M. R. Kristensen & P. G. Thomsen, A family of ESDIRK integration methods (2018),
+        arXiv:1803.01613; A. Kværnø, BIT 44 (2004) 489, doi:10.1023/B:BITN.0000046811.70614.38.
+
+    Example:
+        >>> import lyaphybrid as lh
+        >>> lh.ESDIRK("kvaerno5", rtol=1e-8).error_order
+        5
+    """
+
+    tableau: str = eqx.field(static=True)
+    control: str = eqx.field(static=True)
+    rtol: Any
+
+    def __init__(self, tableau: str = "kvaerno5", rtol: Any = 1e-8, control: str = "xY"):
+        _check(rtol, control, tableau, tuple(IMPLICIT))
+        self.rtol, self.control, self.tableau = rtol, control, tableau
+
+
+def _check(rtol, control, tableau, known) -> None:
+    require(tableau in known, f"Unknown tableau {tableau!r}; the tableaux are {', '.join(known)}.")
+    check_control(rtol, control)

@@ -1,0 +1,75 @@
+"""A field linearised at a point on the way of a step: what frames need of it, constraints or not."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from ..._jax.columns import each_column, linear_at
+from ..._linalg.linear_systems import product, times
+from ...systems.daes.eliminations import Eliminated
+from ...systems.daes.semi_linear import Constrained, is_constrained, parts_of
+
+__all__ = ["Along", "linearised"]
+
+
+class Along(NamedTuple):
+    """Linear functions of frames (n, k)."""
+
+    lift: Array  # (n, d), times E₁ Y is Y
+    content: Callable  # Y ↦ E₁ Y
+    slope: Callable  # Y ↦ (E₁ Y)' = E₁' Y + A₁ Y
+    derivative: Callable  # Y ↦ Y' = Ē⁻¹ [A₁; −A₂'] Y
+
+
+def linearised(field: Any, t, x: Array, share: Any = None) -> Along:
+    """A field linearised at (t, x); with a share the lift is that of an implicit stage."""
+    if share is None and not is_constrained(field):
+        slope = linear_at(lambda x: field(t, x), x)
+        return Along(jnp.eye(x.shape[0], dtype=x.dtype), lambda frame: frame, slope, slope)
+    dae, args = parts_of(field, x.shape[0])
+    if share is None and isinstance(dae, Eliminated):
+        return _along_content(dae, t, x)
+    return _along(dae, args, t, x, share)
+
+
+def _along(dae: Constrained, args, t, x, share) -> Along:
+    lifts = dae.lifts(t, x, args, share)
+    slope = linear_at(lambda x: dae.slope(t, x, args), x)
+
+    def derivative(frame):
+        onwards = jnp.ones_like(t), dae.velocity(lifts, t, x, args)
+
+        def rates(dx):
+            def below(t, x):  # A₂ dx
+                return jax.jvp(lambda x: dae.constraint(t, x, args), (x,), (dx,))[1]
+
+            rate = jax.jvp(lambda x: dae.residual(t, x, args), (x,), (dx,))[1]
+            return rate[: dae.n_differential], jax.jvp(below, (t, x), onwards)[1]
+
+        differential, turning = each_column(rates, frame)
+        return product(lifts.content, differential) - product(lifts.constraint, turning)
+
+    return Along(lifts.content, lambda frame: times(dae.rows(t, args), frame), slope, derivative)
+
+
+def _along_content(dae: Eliminated, t, x) -> Along:
+    """The same in d numbers a column: Q = [dw; L dw] with dw' = D dw, and so Q' = [dw'; L dw' + L' dw]."""
+    w = dae.content(t, x, None)
+    onwards = jnp.ones_like(t), dae.slope_of(t, w)
+    fall, turning = jax.jvp(lambda t, w: dae.sensitivity(t, jnp.stack(dae.components(t, w))), (t, w), onwards)
+    slopes = jax.jacfwd(lambda w: dae.slope_of(t, w))(w)
+
+    def content(frame):
+        return dae.content(t, frame, None)
+
+    def slope(frame):
+        return product(slopes, content(frame))
+
+    def derivative(frame):
+        change = slope(frame)
+        return dae.put_together(change, product(fall, change) + product(turning, content(frame)))
+
+    return Along(dae.raised(fall, jnp.eye(len(w), dtype=x.dtype)), content, slope, derivative)

@@ -1,0 +1,165 @@
+"""Radau IIA with three stages, of order 5, for E(t) x' = f(t, x): its stages are found together.
+
+Collocation for the content w = E₁ x: with w' = E₁' x + f₁ (eq. (9) of Linh et al.),
+
+    E₁(t_i) x_i − h Σ_j a_ij w'(t_j, x_j) = w(t),   f₂(t_i, x_i) = 0,   t_i = t + c_i h,   x(t + h) = x_3.
+
+The error is estimated against the method of order 3 that has these nodes and the start, by weights that Hairer and
+Wanner choose (IV.8): that of the start is γ, the inverse of the real eigenvalue of A⁻¹, and what lies between both
+methods is multiplied by (E₁ − γ h ∂w'/∂x)⁻¹, without which it would be far too large where the equations are stiff.
+"""
+
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..._jax.columns import linear_at
+from ..._linalg.linear_systems import inverse, product
+from ...systems.daes.semi_linear import Constrained, Lifts, parts_of, solved
+from ..base import Field, Step, Tangent
+from ..divergences import quadrature
+from .linearised import linearised
+from .on_constraints import OnConstraints, check_control
+
+__all__ = ["RadauIIA"]
+
+C = np.array([(4 - np.sqrt(6)) / 10, (4 + np.sqrt(6)) / 10, 1.0])
+STAGES = len(C)
+POWERS = C[:, None] ** np.arange(STAGES)  # Σ_j a_ij c_j^q = c_i^(q + 1) / (q + 1)
+A = (C[:, None] * POWERS / np.arange(1, STAGES + 1)) @ np.linalg.inv(POWERS)
+REAL = [value.real for value in np.linalg.eigvals(np.linalg.inv(A)) if value.imag == 0]
+GAMMA = 1 / REAL[0]
+# The weights of the estimate at the stages: with γ at the start their quadrature has order 3, less that of order 5. In
+# terms of what the stages' content is beyond the start, h Σ a_ij w'_j, no slope need be known.
+BEYOND = np.linalg.solve(A.T, np.linalg.solve(POWERS.T, [-GAMMA, 0.0, 0.0]))
+
+
+class Together(eqx.Module):
+    """The equations of all stages, as those of one point (3 n,) with a content (3 d,) at three times."""
+
+    dae: Constrained
+
+    @property
+    def n_differential(self) -> int:
+        """Components of the content."""
+        return STAGES * self.dae.n_differential
+
+    def _each(self, part, t, x, args):
+        return jax.vmap(lambda t, x: part(t, x, args))(t, x.reshape(STAGES, -1))
+
+    def content(self, t, x, args):
+        """E₁ x of each stage."""
+        return self._each(self.dae.content, t, x, args).ravel()
+
+    def slope(self, t, x, args):
+        """Σ_j a_ij w'_j."""
+        return (jnp.asarray(A, x.dtype) @ self._each(self.dae.slope, t, x, args)).ravel()
+
+    def constraint(self, t, x, args):
+        """f₂ of each stage."""
+        return self._each(self.dae.constraint, t, x, args).ravel()
+
+    def lifts(self, t, x, args, share) -> Lifts:
+        """The inverse of the derivative of all these equations, by that of the equations for the content alone.
+
+        With Ē⁻¹ = [L K] of each stage a correction is δx_i = L_i u_i + K_i r_i, r what is left of f₂, and
+
+            u_i − h Σ_j a_ij ∂w'/∂x_j L_j u_j = what is left of the content + h Σ_j a_ij ∂w'/∂x_j K_j r_j.
+        """
+
+        def of_stage(t, x):
+            lifts = self.dae.lifts(t, x, args)
+            both = jnp.concatenate([lifts.content, lifts.constraint], axis=1)
+            return lifts.content, lifts.constraint, linear_at(lambda x: self.dae.slope(t, x, args), x)(both)
+
+        content, constraint, slopes = jax.vmap(of_stage)(t, x.reshape(STAGES, -1))
+        mixed = share * jnp.einsum("ij,jab->iajb", jnp.asarray(A, x.dtype), slopes)
+        d, size = self.dae.n_differential, self.n_differential
+        turned, sign = inverse(jnp.eye(size, dtype=x.dtype) - mixed[..., :d].reshape(size, size))
+        of_content = jnp.einsum("ina,iab->inb", content, turned.reshape(STAGES, d, size)).reshape(-1, size)
+        own = jnp.einsum("ij,inb->injb", jnp.eye(STAGES, dtype=x.dtype), constraint).reshape(x.size, -1)
+        return Lifts(of_content, own + product(of_content, mixed[..., d:].reshape(size, -1)), sign)
+
+
+class RadauIIA(OnConstraints):
+    """The Radau IIA method with three stages, of order 5, for a stiff `lh.DAE` or `lh.Flow`.
+
+    A collocation method, L-stable, whose stages are found together by Newton's method. Errors and steps as for
+    `lh.HalfExplicit`. The error estimate has order 3: steps are shorter, and results better, than a tolerance asks for.
+
+    Args:
+        rtol: the tolerance.
+        control: "xY", the frame's errors are controlled too; "x", the state's alone.
+
+    Raises:
+        ValueError: on an unknown control, on a tolerance that is not positive.
+
+    Source:
+        E. Hairer & G. Wanner, Solving ODEs II (1996), sections IV.5 and IV.8, doi:10.1007/978-3-642-05221-7;
+        V. H. Linh & N. D. Truong, Electron. Trans. Numer. Anal. 48 (2018) 131, doi:10.1553/etna_vol48s131.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> fast = lh.Flow(lambda t, x, rate: jnp.stack([-x[0], -rate * (x[1] - jnp.sin(x[0]))]))
+        >>> method = lh.RadauIIA(1e-6)
+        >>> s = lh.lyapunov_spectrum(fast, [1.0, 0.0], 1e6, t1=50.0, transient=50.0, k=1, method=method, max_steps=1000)
+        >>> round(float(s.exponents[0]), 6)
+        -1.0
+    """
+
+    control: str = eqx.field(static=True)
+    rtol: Any
+
+    error_order: ClassVar[int] = 4
+    way_points: ClassVar[int] = STAGES
+
+    def __init__(self, rtol: Any = 1e-8, control: str = "xY"):
+        check_control(rtol, control)
+        self.rtol, self.control = rtol, control
+
+    def times(self, t, h):
+        """Those of the stages (3,)."""
+        return t + jnp.asarray(C, jnp.result_type(h)) * h
+
+    def step(self, field: Field, t, x, f, h) -> Step:
+        """One step over h from (t, x)."""
+        dae, args = parts_of(field, x.shape[0])
+        at, start, slope = self.times(t, h), dae.content(t, x, args), dae.slope(t, x, args)
+        ahead = start[None] + jnp.outer(at - t, slope)
+        lifts = dae.lifts(t, x, args).content
+        guess = jax.vmap(lambda at, ahead: x + product(lifts, ahead - dae.content(at, x, args)))(at, ahead)
+        points, _ = solved(Together(dae), args, at, jnp.tile(start, STAGES), guess.ravel(), self.rtol, h)
+        points = points.reshape(STAGES, -1)
+        new = points[-1]
+        beyond = jax.vmap(lambda at, x: dae.content(at, x, args))(at, points) - start[None]
+        error = product(dae.lifts(t, x, args, GAMMA * h).content, _estimate(h, slope, beyond))
+        slope = field(t + h, new)
+        return Step(new, slope, error[None], (x, f, new, slope, h), (at, points), (points,))
+
+    def tangent(self, field: Field, t, x, h, frame, way=()) -> Tangent:
+        """The same method for the linearised equations, at the same points."""
+        new = None
+        if not way:
+            done = self.step(field, t, x, field(t, x), h)
+            way, new = done.way, done.x
+        (points,), at = way, self.times(t, h)
+        dae, args = parts_of(field, x.shape[0])
+        here = linearised(field, t, x, GAMMA * h)
+        start = here.content(frame)
+        lifts = Together(dae).lifts(at, points.ravel(), args, h).content
+        stages = product(lifts, jnp.tile(start, (STAGES, 1))).reshape(STAGES, *frame.shape)
+        beyond = jax.vmap(lambda at, stage: dae.content(at, stage, args))(at, stages) - start[None]
+        errors = product(here.lift, _estimate(h, here.slope(frame), beyond))
+        return Tangent(new, stages[-1], errors[None], (at, points))
+
+    def divergence(self, field: Field, nodes, h):
+        """∫ tr Df dt over the step by the weights of the last stage."""
+        return h * quadrature(field, A[-1], *nodes)
+
+
+def _estimate(h, slope, beyond):
+    """What lies between the methods of order 3 and 5, of the content (d,) or its columns (d, k)."""
+    return GAMMA * h * slope + jnp.tensordot(jnp.asarray(BEYOND, beyond.dtype), beyond, 1)

@@ -1,0 +1,1 @@
+"""Arithmetic of single entries, and the elementary functions written out."""

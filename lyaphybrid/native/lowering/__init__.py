@@ -1,0 +1,1 @@
+"""From a jaxpr to LLVM's language: how arrays are held, what is unrolled, how a jaxpr is walked."""

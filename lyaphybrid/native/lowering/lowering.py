@@ -1,0 +1,241 @@
+"""From a jaxpr to the text of one LLVM function: equation by equation, each by the rule of its primitive.
+
+A rule is a function `(b, eqn, *values) -> value`, or a list of values where the primitive has several results. `b` is
+this `Lowering`, the values are the operands in the forms of `_values`. `entrywise` rules see single entries instead:
+`(b, eqn, dtypes, *entries) -> entry`; they serve entries, rows and lazy arrays alike. `in_rows` adds what a primitive
+does to rows; where it returns None, or is missing, rows are taken apart first.
+"""
+
+from collections.abc import Callable, Sequence
+
+import jax
+import numpy as np
+
+from .emitter import is_known
+from .expansion import implementation
+from .jax_versions import ClosedJaxpr, Jaxpr, Literal, literal_value, parts
+from .types import as_numpy, llvm_type
+from .unsupported import Unsupported
+from .uses import Uses, uses_of
+from .values import Buffer, Lazy, Memory, Rows, Value, Values, filled, memory_of, size, source_of
+
+RULES: dict[str, Callable] = {}
+ENTRYWISE: dict[str, Callable] = {}
+IN_ROWS: dict[str, Callable] = {}
+
+
+def rule(*primitives: str) -> Callable:
+    """Register a rule for these primitives."""
+    return _register(RULES, primitives)
+
+
+def entrywise(*primitives: str) -> Callable:
+    """Register a rule for single entries."""
+    return _register(ENTRYWISE, primitives)
+
+
+def in_rows(*primitives: str) -> Callable:
+    """Register what these primitives do to rows."""
+    return _register(IN_ROWS, primitives)
+
+
+def _register(registry: dict[str, Callable], primitives: Sequence[str]) -> Callable:
+    def decorate(function: Callable) -> Callable:
+        for primitive in primitives:
+            registry[primitive] = function
+        return function
+
+    return decorate
+
+
+class Lowering(Values):
+    """One function in the making."""
+
+    def __init__(self, *how, **options):
+        """As `Values`."""
+        super().__init__(*how, **options)
+        self._uses: dict[Jaxpr, Uses] = {}
+
+    def constant_value(self, number) -> Value:
+        """A constant array."""
+        array = as_numpy(number)
+        if array.dtype == jax.dtypes.float0:  # the cotangent of an integer, which nobody reads
+            array = np.zeros(array.shape, bool)
+        llvm_type(array.dtype)
+        if self.is_small(array.shape):
+            return filled(array.shape, array.ravel().tolist())
+        return self.constant_buffer(array, array.dtype)
+
+    def run(self, jaxpr: ClosedJaxpr | Jaxpr, values: Sequence[Value]) -> list[Value]:
+        """The results of a jaxpr for these operands."""
+        inner, constants = parts(jaxpr)
+        uses = uses_of(inner, ENTRYWISE, CALLS, self._uses)
+        last, held = uses.last, {}
+
+        def hold(variable, value):
+            if isinstance(value, Lazy) and variable in uses.apart and not value.cheap:
+                value = self.in_memory(value)
+            held[variable] = value
+            if (source := source_of(value)) is not None:
+                source.holders += 1
+
+        def release(variable):
+            if (source := source_of(held.pop(variable))) is not None:
+                source.holders -= 1
+
+        def read(atom):
+            if isinstance(atom, Literal):
+                return self.constant_value(literal_value(atom))
+            return held[atom]
+
+        for variable, value in zip(
+            (*inner.constvars, *inner.invars), (*map(self.constant_value, constants), *values), strict=True
+        ):
+            if variable in last:
+                hold(variable, value)
+        del values
+        for place, eqn in enumerate(inner.eqns):
+            if not any(variable in last for variable in eqn.outvars) and not eqn.effects:
+                continue  # nobody needs it
+            operands = [read(atom) for atom in eqn.invars]
+            for variable in {v for v in eqn.invars if not isinstance(v, Literal) and last[v] == place}:
+                release(variable)
+            results = self.equation(eqn, operands)
+            del operands
+            for variable, value in zip(eqn.outvars, results, strict=True):
+                if variable in last:
+                    hold(variable, value)
+            del results
+        results = [read(atom) for atom in inner.outvars]
+        for variable in list(held):
+            release(variable)
+        return results
+
+    def equation(self, eqn, operands: list[Value]) -> list[Value]:
+        """The results of one equation."""
+        name = eqn.primitive.name
+        if name in ENTRYWISE:
+            return [self._entry_by_entry(ENTRYWISE[name], eqn, operands)]
+        if name not in RULES:
+            return self.run(implementation(eqn), operands)
+        found = None
+        if any(isinstance(value, Rows) for value in operands):
+            if name in IN_ROWS:
+                found = IN_ROWS[name](self, eqn, *operands)
+            if found is None and name not in KEEPS_ROWS:
+                operands = [self.entries(value) if isinstance(value, Rows) else value for value in operands]
+        if found is None:
+            found = RULES[name](self, eqn, *operands)
+        return found if isinstance(found, list) else [found]
+
+    def _entry_by_entry(self, function: Callable, eqn, operands: list[Value]) -> Value:
+        result, dtypes = eqn.outvars[0].aval, [atom.aval.dtype for atom in eqn.invars]
+        llvm_type(result.dtype)
+        if any(isinstance(value, Rows) for value in operands):
+            lead = result.shape[:-1]
+            columns = [
+                np.broadcast_to(v if v.ndim == 0 else self.rows(v, d).vectors, lead).ravel()
+                if isinstance(v, np.ndarray)
+                else np.broadcast_to(self.rows(v, d).vectors, lead).ravel()
+                for v, d in zip(operands, dtypes, strict=True)
+            ]
+            vectors = filled(lead, [function(self, eqn, dtypes, *each) for each in zip(*columns, strict=True)])
+            return Rows(vectors, result.shape, result.dtype)
+        if self.is_small(result.shape):
+            columns = [np.broadcast_to(self.entries(v), result.shape).ravel() for v in operands]
+            return filled(result.shape, [function(self, eqn, dtypes, *each) for each in zip(*columns, strict=True)])
+        readable = [
+            self.readable(v, d, often=size(v.shape) < size(result.shape)) for v, d in zip(operands, dtypes, strict=True)
+        ]
+
+        def at(indices):
+            each = [self.element_at(v, spread(indices, v.shape), d) for v, d in zip(readable, dtypes, strict=True)]
+            outer, self.in_vector_loop = self.in_vector_loop, not is_known(*indices)
+            found = function(self, eqn, dtypes, *each)
+            self.in_vector_loop = outer
+            return found
+
+        return self.lazy(result.shape, result.dtype, at, readable)
+
+    def readable(self, value: Value, dtype, often: bool = False) -> Value:
+        """A value whose elements are found at indices that are known at run time only, at little cost.
+
+        `often`: an element is asked for more than once.
+        """
+        if isinstance(value, Lazy) and often and not value.cheap:
+            return self.in_memory(value)
+        if isinstance(value, np.ndarray) and value.ndim and value.size > 1:
+            return self.in_memory(value, dtype)
+        return value
+
+    def at_hand(self, value: Value) -> Value:
+        """A value that may be used within loops and branches: not lazy any more."""
+        return self.held(self.in_memory(value)) if isinstance(value, Lazy) else value
+
+
+def spread(indices: Sequence, shape: Sequence[int]) -> list:
+    """Where an operand is read for an element of a result that it is spread over: without axes, or with some of 1."""
+    return [0 if n == 1 else i for i, n in zip(indices[len(indices) - len(shape) :], shape, strict=True)]
+
+
+KEEPS_ROWS: set[str] = set()  # primitives whose rules take rows as they are
+CALLS: set[str] = set()  # primitives that stand for a program, whose equations are lowered in place
+
+
+def lower(
+    closed: ClosedJaxpr,
+    small: int,
+    columns: int = 0,
+    lanes: int = 1,
+    wide: Sequence[bool] = (),
+    checked: bool = False,
+    most_apart: float = 1.0,
+) -> str:
+    """The module's text; its function is `void @call(ptr inputs, ptr outputs)`, each an array of pointers to arrays.
+
+    Args:
+        closed: the program.
+        small: arrays of up to so many elements are held as entries.
+        columns: frames of so many columns are held in vectors.
+        lanes: so many runs go side by side; an input that is `wide`, and each output, has a last axis for them.
+        wide: for each input, whether the lanes differ in it.
+        checked: test each index against the size of its array.
+        most_apart: the largest part of the code that may stand in branches which lanes do not share.
+
+    Raises:
+        Unsupported: a primitive has no rule, or lanes have less in common than that.
+    """
+    b = Lowering(small, columns, lanes, checked)
+    jaxpr = closed.jaxpr
+    inputs = [
+        _input(b, place, variable.aval, lanes > 1 and bool(wide[place])) for place, variable in enumerate(jaxpr.invars)
+    ]
+    results = b.run(closed, inputs)
+    for place, (atom, value) in enumerate(zip(jaxpr.outvars, results, strict=True)):
+        _output(b, place, atom.aval, value)
+    if b.apart > most_apart * (len(b.lines) - b.seldom):
+        raise Unsupported(f"lanes that part in {b.apart} of {len(b.lines) - b.seldom} lines")
+    body = [*b.allocations, *b.lines, *b.releases, "  ret void"]
+    head = "define void @call(ptr noalias readonly %inputs, ptr noalias readonly %outputs) nounwind {"
+    return "\n".join([*b.constants, *sorted(b.declarations), head, "entry:", *body, "}", "!0 = !{}", ""])
+
+
+def _pointer(b: Lowering, array: str, place: int) -> str:
+    address, pointer = b.name(), b.name()
+    b.line(f"{address} = getelementptr inbounds ptr, ptr %{array}, i64 {place}")
+    b.line(f"{pointer} = load ptr, ptr {address}, align 8, !invariant.load !0")
+    return pointer
+
+
+def _input(b: Lowering, place: int, aval, wide: bool) -> Value:
+    pointer, n = _pointer(b, "inputs", place), size(aval.shape)
+    return b.held(Buffer(Memory(pointer, n, False, wide), aval.shape, aval.dtype))
+
+
+def _output(b: Lowering, place: int, aval, value: Value) -> None:
+    pointer, n = _pointer(b, "outputs", place), size(aval.shape)
+    result = Buffer(Memory(pointer, n, True, b.lanes > 1), aval.shape, aval.dtype)
+    if memory_of(value) is None:
+        b.write(result, value, [0] * len(aval.shape))
+    else:
+        b.copy_buffer(result, b.in_memory(value))

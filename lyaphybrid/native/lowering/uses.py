@@ -1,0 +1,76 @@
+"""Where the values of a program are used: when one is needed for the last time, and which may be worked out late.
+
+A large array that is worked out entry by entry need not lie in memory if all its uses come together in one loop, the
+one that works out the single array (or sum, or store) that depends on it. That is its *root*. Where there are several
+roots the array would be worked out in each.
+"""
+
+from collections.abc import Container
+from typing import Any, NamedTuple
+
+from .jax_versions import Jaxpr, Literal, called, parts
+
+
+class Uses(NamedTuple):
+    """Of the variables that are needed: an equation whose results nobody needs uses nothing."""
+
+    last: dict[Any, int]  # the place of the last use; results are used at the end
+    apart: set[Any]  # those with several roots
+    roots: list[frozenset]  # of each operand; result i of the program is the root ("result", i)
+
+
+def uses_of(jaxpr: Jaxpr, entrywise: Container[str], calls: Container[str], known: dict[Jaxpr, Uses]) -> Uses:
+    """The uses of the variables of a program, by the names of primitives that are entry by entry, or calls.
+
+    `known`: what was found before, of this program or of those that it calls.
+    """
+    if jaxpr not in known:
+        known[jaxpr] = _uses_of(jaxpr, entrywise, calls, known)
+    return known[jaxpr]
+
+
+def _uses_of(jaxpr: Jaxpr, entrywise, calls, known) -> Uses:
+    roots: dict[Any, frozenset] = {}
+    last: dict[Any, int] = {}
+
+    def note(atom, place, found) -> None:
+        if not isinstance(atom, Literal):
+            last.setdefault(atom, place)
+            roots[atom] = roots.get(atom, frozenset()) | found
+
+    def root(variable) -> frozenset:
+        """Where the values of a variable are worked out: in memory of its own, or in the loop of its one root."""
+        found = roots.get(variable, frozenset())
+        return found if len(found) == 1 else frozenset([variable])
+
+    for i, atom in enumerate(jaxpr.outvars):
+        note(atom, len(jaxpr.eqns), frozenset([("result", i)]))
+    for place in reversed(range(len(jaxpr.eqns))):
+        eqn = jaxpr.eqns[place]
+        if not eqn.effects and not any(variable in last for variable in eqn.outvars):
+            continue
+        name = eqn.primitive.name
+        if name in calls:
+            within = uses_of(parts(called(eqn))[0], entrywise, calls, known).roots
+            for atom, found in zip(eqn.invars, within, strict=True):
+                note(atom, place, _outside(found, eqn, root))
+            continue
+        for atom in eqn.invars:
+            together = name in entrywise and _shape(atom) == _shape(eqn.outvars[0])
+            note(atom, place, root(eqn.outvars[0]) if together else frozenset([(place, name)]))
+    apart = {variable for variable, found in roots.items() if len(found) > 1}
+    return Uses(last, apart, [roots.get(variable, frozenset()) for variable in jaxpr.invars])
+
+
+def _outside(found: frozenset, eqn, root) -> frozenset:
+    """The roots of an operand of a call, as they are called outside."""
+    each = [root(eqn.outvars[x[1]]) if x[:1] == ("result",) else {(id(eqn), x)} for x in map(_named, found)]
+    return frozenset().union(*each)
+
+
+def _named(found) -> tuple:
+    return found if isinstance(found, tuple) else (found,)
+
+
+def _shape(atom) -> tuple[int, ...]:
+    return atom.aval.shape

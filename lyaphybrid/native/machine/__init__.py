@@ -1,0 +1,1 @@
+"""LLVM, the cache on disk, and the tiers of code."""

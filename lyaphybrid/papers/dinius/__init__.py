@@ -1,0 +1,1 @@
+"""Dinius, Lyapunov exponents of hybrid systems and hard disks: its checks, figures and report."""

@@ -1,0 +1,270 @@
+"""The largest exponent as the coupling at which two copies of a system synchronise; the paper's reference [5].
+
+A copy y of the friction pendulum x is pulled towards it, y' = f(y) + d (x − y), friction acting on its own velocity. A
+small difference grows as e^{(λ₁ − d) t}: the copy comes to x if d > λ₁, and leaves it if d < λ₁ (for a negative d it is
+pushed away). Nothing is linearised, and nobody writes a Jacobian. A trial begins with a small difference and ends where
+this has shrunk or grown by the same factor (or, after long, by less); at d = λ₁ half of the trials end either way, also
+in chaos, where the growth scatters. So bisection finds λ₁, and in chaos the part of trials that synchronise tells more.
+
+A. Stefański & T. Kapitaniak, Using chaos synchronization to estimate the largest Lyapunov exponent of nonsmooth
+systems, Discrete Dynamics in Nature and Society 4 (2000) 207–215.
+"""
+
+import functools
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from ...analysis.trajectories import trajectory
+from ...statuses import STATUS
+from ...systems.contacts.filippov import filippov
+from ...systems.hybrid import Hybrid, Transition
+
+__all__ = ["Place", "Synchronised", "coupled", "midpoint", "synchronised", "trial"]
+
+START, FACTOR = 1e-6, 1e4  # the difference at the start of a trial; by how much it shrinks or grows until it ends
+RANGE = (-1.0, 1.0)  # of couplings that are tried
+PATIENCE = 400  # periods of a trial
+
+
+class Synchronised(NamedTuple):
+    """The coupling at which the copy just follows.
+
+    Attributes:
+        exponent: on a cycle the middle of the last interval of the bisection, in chaos from all trials.
+        error: half the width of that interval, or one standard error of the scatter. In the chaos of the friction
+            pendulum the exponent comes out 0.004 to 0.006 too low with trials of this size.
+        trials: for each coupling that was tried, how many.
+        couplings: (steps,) in the order in which they were tried; followed: (steps,) part of trials that synchronised.
+    """
+
+    exponent: float
+    error: float
+    trials: int
+    couplings: np.ndarray
+    followed: np.ndarray
+
+
+class _OfFirst(eqx.Module):
+    """A function of the first system, of the state of both."""
+
+    function: Callable
+
+    def __call__(self, t, z, args, *which):
+        return self.function(t, z[: len(z) // 2], args["system"], *which)
+
+
+class _OfSecond(eqx.Module):
+    """The same of the second, which sees the first."""
+
+    function: Callable
+
+    def __call__(self, t, z, args, *which):
+        first, second = jnp.split(z, 2)
+        return self.function(t, second, args["system"] | {"pulled_to": first, "coupling": args["coupling"]}, *which)
+
+
+class _Reset(eqx.Module):
+    """A jump of one of both."""
+
+    of: Callable
+    second: bool = eqx.field(static=True)
+
+    def __call__(self, t, z, args, *which):
+        first, second = jnp.split(z, 2)
+        own = self.of(t, z, args, *which)
+        return jnp.concatenate([first, own] if self.second else [own, second])
+
+
+class _Target(eqx.Module):
+    """The pair of modes after a jump of one of both."""
+
+    of: Callable
+    second: bool = eqx.field(static=True)
+    other: int = eqx.field(static=True)
+    modes: int = eqx.field(static=True)
+
+    def __call__(self, t, z, args, *which):
+        own = self.of(t, z, args, *which)
+        return self.other * self.modes + own if self.second else own * self.modes + self.other
+
+
+class _Pair(eqx.Module):
+    """What a pair of modes does."""
+
+    first: Callable
+    second: Callable
+
+    def __call__(self, t, z, args):
+        return jnp.concatenate([self.first(t, z, args), self.second(t, z, args)])
+
+
+class _Begin(eqx.Module):
+    """The pair of modes to which a state belongs."""
+
+    first: Callable
+    second: Callable
+    modes: int = eqx.field(static=True)
+
+    def __call__(self, t, z, args):
+        first, second = self.first(t, z, args), self.second(t, z, args)
+        return jnp.where((first < 0) | (second < 0), -1, first * self.modes + second)
+
+
+class _Pulled(eqx.Module):
+    """A field that is pulled to the first system."""
+
+    field: Callable
+
+    def __call__(self, t, x, args):
+        return self.field(t, x, args) + args["coupling"] * (args["pulled_to"] - x)
+
+
+def _distance(name: str) -> Callable:
+    def guard(t, z, args):
+        first, second = jnp.split(z, 2)
+        return jnp.sum((second - first) ** 2) / args[name] ** 2 - 1
+
+    return guard
+
+
+CLOSER, FARTHER = _distance("closer"), _distance("farther")
+
+
+@functools.cache
+def coupled(plus: Callable, minus: Callable, surface: Callable) -> Hybrid:
+    """Two copies of a Filippov system, the second of them pulled to the first.
+
+    Args:
+        plus: as for `lh.filippov`, with args a dictionary.
+        minus: the same.
+        surface: the same.
+
+    Returns:
+        A system of the state (x, y) with args ``{"system": …, "coupling": d, "closer": …, "farther": …}``; a run ends
+        where the distance falls through `closer` or rises through `farther`.
+    """
+    drive, copy = filippov(plus, minus, surface), filippov(_Pulled(plus), _Pulled(minus), surface)
+    assert drive.fields is not None
+    assert copy.fields is not None
+    names, count = drive.mode_names, len(drive.mode_names)
+    fields = {
+        f"{a}/{b}": _Pair(_OfFirst(drive.fields[i]), _OfSecond(copy.fields[j]))
+        for i, a in enumerate(names)
+        for j, b in enumerate(names)
+    }
+    transitions = [Transition(CLOSER, direction=-1, terminal=True), Transition(FARTHER, direction=+1, terminal=True)]
+    for system, second in ((drive, False), (copy, True)):
+        for transition in system.transitions:
+            transitions += [_of_pair(transition, second, other, names) for other in range(count)]
+    start = _Begin(_OfFirst(_known(drive)), _OfSecond(_known(copy)), count)
+    return Hybrid(fields, transitions, initial_mode=start)
+
+
+def _known(system: Hybrid) -> Callable:
+    assert system.initial_mode is not None
+    return system.initial_mode
+
+
+def _of_pair(transition: Transition, second: bool, other: int, names) -> Transition:
+    """The transition of one of both while the other is in this mode."""
+    of = _OfSecond if second else _OfFirst
+    assert transition.guard is not None
+    assert transition.reset is not None
+    assert callable(transition.target)
+    (own,) = transition.source or ("",)
+    return Transition(
+        of(transition.guard),
+        _Reset(of(transition.reset), second),
+        source=f"{names[other]}/{own}" if second else f"{own}/{names[other]}",
+        target=_Target(of(transition.target), second, other, len(names)),
+        direction=transition.direction,
+        when=None if transition.when is None else of(transition.when),
+    )
+
+
+def synchronised(system: Hybrid, x0, args: Any, *, period: float, trials: int, steps: int) -> Synchronised:
+    """λ₁ by bisection of the coupling.
+
+    Args:
+        system: of `coupled`.
+        x0: (n,) where the first system is at t = 0. Each trial goes on from where the one before has ended.
+        args: its parameters.
+        period: of the forcing.
+        trials: for each coupling: one is enough where the first system is on a cycle.
+        steps: of the bisection.
+    """
+    low, high = RANGE
+    place, tried, followed = Place(0.0, np.asarray(x0), np.ones(len(x0))), [], []
+    for _ in range(steps):
+        middle, count = 0.5 * (low + high), 0
+        for _ in range(trials):
+            follows, place = trial(system, place, args, middle, period)
+            count += follows
+        tried.append(middle)
+        followed.append(count / trials)
+        low, high = (low, middle) if 2 * count > trials else (middle, high)
+    tried, followed = np.array(tried), np.array(followed)
+    exponent, error = (0.5 * (low + high), 0.5 * (high - low)) if trials == 1 else midpoint(tried, followed, trials)
+    return Synchronised(exponent, error, trials, tried, followed)
+
+
+def midpoint(couplings, followed, trials: int) -> tuple[float, float]:
+    """The coupling d₀ at which half of the trials synchronise, and its standard error.
+
+    ln of the distance is a random walk with the drift λ₁ − d between two barriers equally far away. It comes to the
+    lower one first with the probability p = 1/(1 + e^{−κ(d − d₀)}), d₀ = λ₁, whose parameters have the greatest
+    likelihood here.
+
+    Args:
+        couplings: (m,) d.
+        followed: (m,) part of the trials at each that synchronised.
+        trials: how many there were at each.
+    """
+    d, seen = np.asarray(couplings), np.asarray(followed)
+    design = np.stack([np.ones_like(d), d], axis=1)
+
+    def weighed(parameters):
+        p = 1 / (1 + np.exp(-design @ parameters))
+        return p, trials * (design.T * (p * (1 - p))) @ design
+
+    at = np.array([0.0, 1.0])
+    for _ in range(50):
+        p, information = weighed(at)
+        at = at + np.linalg.solve(information, trials * design.T @ (seen - p))
+    covariance = np.linalg.inv(weighed(at)[1])
+    middle = -at[0] / at[1]
+    by = np.array([-1.0, -middle]) / at[1]  # derivatives of the middle
+    return float(middle), float(np.sqrt(by @ covariance @ by))
+
+
+class Place(NamedTuple):
+    """Where a trial begins: time, state of the first system, direction to the second."""
+
+    t: float
+    x: np.ndarray
+    direction: np.ndarray
+
+
+def trial(system: Hybrid, place: Place, args, coupling: float, period: float) -> tuple[bool, Place]:
+    """Whether the copy comes to the first system, and where the next trial begins.
+
+    The difference keeps its direction from one trial to the next: it has turned to where it grows like e^{λ₁ t}.
+    """
+    direction = place.direction / np.linalg.norm(place.direction)
+    start = np.concatenate([place.x, place.x + START * direction])
+    args = {
+        "system": args,
+        "coupling": jnp.asarray(coupling),
+        "closer": jnp.asarray(START / FACTOR),
+        "farther": jnp.asarray(START * FACTOR),
+    }
+    run = trajectory(system, start, args, t0=place.t, t1=PATIENCE * period, n=1)
+    ended = run.status == STATUS.terminated
+    end, state = (run.events.t[-1], run.events.x_after[-1]) if ended else (run.t[-1], run.x[-1])
+    first, second = np.split(np.asarray(state), 2)
+    apart = second - first
+    return bool(np.linalg.norm(apart) < START), Place(float(np.mod(float(end), period)), first, apart)

@@ -1,0 +1,1 @@
+"""Linh and others, semi-linear DAEs: its checks, figures and report."""

@@ -1,0 +1,1 @@
+"""Skokos & Gerlach, tangent maps of Hamiltonian systems: its checks, figures and report."""

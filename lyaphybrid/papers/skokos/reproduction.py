@@ -1,0 +1,264 @@
+"""Skokos & Gerlach, Numerical integration of variational equations (2010): Figs. 1 to 11 and Table 1, and its claims.
+
+Orbits of three Hamiltonian systems, regular ones (R1, R2, R3) and chaotic ones (C1, C2), with their deviation vectors
+by five methods: DOP853 for the variational equations, the tangent map of a symplectic scheme (TM), and three that
+freeze the coefficients of the variational equations (TDHcc, TDHes, TDHeps). The first two keep the laws of regular
+motion; with the others λ₁ levels off above 0, and the GALIs fall exponentially, as if the motion were chaotic.
+"""
+
+import dataclasses
+import functools
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ... import zoo
+from ...analysis.diagrams.sections import PoincareSection, poincare_section
+from ...analysis.indicators import Alignment, gali
+from ...analysis.indicators.following import generic_frame
+from ...analysis.spectra import lyapunov_spectrum
+from ...analysis.trajectories import trajectory
+from ...integrators import RungeKutta, Symplectic, TangentHamiltonian
+from ...integrators.base import Method
+from ...systems.hamiltonians import Hamiltonian
+from ..claims import Check, Claim
+from ..output import save
+from . import checks as skokos_checks
+from . import claims as skokos_claims
+from . import report as skokos_report
+from .cases import BEST, EVERY, FULL, LOOSE, METHODS, ORBITS, QUICK, STEP, TABLE, Lengths, Row
+
+__all__ = ["FIGURES", "Reproduction", "Run", "reproduce", "write"]
+
+FIRST, A_DECADE = 10.0, 100  # where curves begin, and how many points they have: GALIs of tori never rest
+TIMED = 2e4  # length of the runs whose time is taken
+FIGURES = 12  # those of the paper, and the energy errors that Table 1 and the text tell
+
+
+@dataclasses.dataclass(frozen=True)
+class Run:
+    """The exponents of an orbit by a method.
+
+    Attributes:
+        time: (times,); exponents: (times, 2N) averages up to there.
+        error: one standard error of the first.
+        drift: (times,) relative error of the energy.
+    """
+
+    time: np.ndarray
+    exponents: np.ndarray
+    error: float
+    drift: np.ndarray
+
+    @property
+    def energy(self) -> float:
+        """Its size at the end."""
+        return abs(float(self.drift[-1]))
+
+    @property
+    def sums(self) -> np.ndarray:
+        """(times, N) λ_i + λ_{2N+1−i}, which are 0 in the limit."""
+        half = self.exponents.shape[1] // 2
+        return (self.exponents + self.exponents[:, ::-1])[:, :half]
+
+
+@dataclasses.dataclass(frozen=True)
+class Reproduction:
+    """Figs. 1 to 11, Table 1 and the energy errors, computed and compared.
+
+    Attributes:
+        table: a `Run` of R1 for each of `TABLE`.
+        seconds: for each of `TABLE`, of computing for t = 10⁶, orthonormalised after each step.
+        exponents: for C1, C2 and R2 a `Run` for each method.
+        indices: for each orbit an `lh.Alignment` for each method.
+        sections: of R1, C1 and C2 with x = 0, p_x ≥ 0.
+        lengths: of the runs.
+    """
+
+    table: tuple[Run, ...]
+    seconds: tuple[float, ...]
+    exponents: dict[str, dict[str, Run]]
+    indices: dict[str, dict[str, Alignment]]
+    sections: dict[str, PoincareSection]
+    lengths: Lengths
+
+    def of_r1(self, method: str, step: float = STEP) -> Run:
+        """The first row of Table 1 with this method and step."""
+        return next(run for row, run in zip(TABLE, self.table, strict=True) if (row.method, row.step) == (method, step))
+
+    def of(self, orbit: str) -> dict[str, Run]:
+        """The runs of an orbit by method, with the step 0.05."""
+        return {method: self.of_r1(method) for method in METHODS} if orbit == "R1" else self.exponents[orbit]
+
+    @functools.cached_property
+    def checks(self) -> list[Check]:
+        """What must hold."""
+        return skokos_checks.checks(self)
+
+    @functools.cached_property
+    def claims(self) -> list[Claim]:
+        """What the paper claims, and what becomes of it."""
+        return skokos_claims.claims(self)
+
+    @property
+    def passed(self) -> bool:
+        """Whether all checks hold."""
+        return all(one.holds for one in self.checks)
+
+    def __str__(self) -> str:
+        return skokos_report.table(self)
+
+    def data(self) -> dict:
+        """All numbers, ready for JSON."""
+        return skokos_report.numbers(self)
+
+    def figure(self, number: int = 2):
+        """Fig. 1 to 11 of the paper; 12: errors of the energy."""
+        from . import figures as skokos_figures
+
+        return skokos_figures.figure(self, number)
+
+
+def method_of(name: str, step: float, threshold: float | None = None) -> Method:
+    """A method of the paper; of DOP853 steps are no longer than τ, and shorter where δ asks for it."""
+    if name == "TM":
+        return Symplectic("SBAB2C", dt=step)
+    if name == "DOP853":
+        threshold = LOOSE if threshold is None else threshold
+        return RungeKutta("dop853", rtol=threshold, atol=threshold, max_step=step)
+    return TangentHamiltonian(name.removeprefix("TDH"), dt=step)
+
+
+def _each(method: Method, step: float, steps: int = 1) -> float:
+    """So many steps, in the unit in which the method counts orthonormalisations."""
+    return steps * step if method.adaptive else steps
+
+
+@functools.cache
+def _problem(name: str):
+    """System, start, and parameters as arrays."""
+    orbit = ORBITS[name]
+    problem = zoo.get(orbit.problem)(**dict(orbit.parameters))
+    assert isinstance(problem.system, Hamiltonian)
+    args = None if problem.args is None else {key: jnp.asarray(value, float) for key, value in problem.args.items()}
+    return problem.system, problem.x0, args
+
+
+def _times(t1: float) -> np.ndarray:
+    """Whole numbers, as evenly as that goes on a logarithmic scale: all steps divide them."""
+    count = round(A_DECADE * np.log10(t1 / FIRST)) + 1
+    return np.unique(np.round(np.geomspace(FIRST, t1, count)))
+
+
+def _run(orbit: str, method: str, t1: float, step: float = STEP, threshold: float | None = None) -> Run:
+    system, x0, args = _problem(orbit)
+    n, chosen = x0.shape[0], method_of(method, step, threshold)
+    spectrum = lyapunov_spectrum(
+        system, x0, args, t1=t1, times=_times(t1), frame=generic_frame(n, n, x0.dtype), method=chosen,
+        every=_each(chosen, step, EVERY),
+    )  # fmt: skip
+    way = trajectory(system, x0, args, t1=t1, times=_times(t1), method=chosen)
+    start, on_the_way = system.energy(x0, args), jax.vmap(lambda x: system.energy(x, args))(way.x)
+    history = spectrum.history
+    return Run(
+        np.asarray(history.time),
+        np.asarray(history.exponents),
+        _error_of(spectrum),
+        np.asarray((on_the_way - start) / jnp.abs(start)),
+    )
+
+
+def _error_of(spectrum) -> float:
+    """One standard error of λ₁, from the later blocks, each as heavy as it is long."""
+    time, growth = np.asarray(spectrum.history.time), np.asarray(spectrum.history.growth)[:, 0]
+    length = np.diff(time, prepend=0.0)
+    late = time > 0.01 * time[-1]
+    mean = np.sum(growth[late]) / np.sum(length[late])
+    return float(np.sqrt(np.sum((growth - mean * length)[late] ** 2)) / np.sum(length[late]))
+
+
+def _indices(orbit: str, method: str, t1: float) -> Alignment:
+    system, x0, args = _problem(orbit)
+    return gali(
+        system, x0, args, t1=t1, times=_times(t1), orders=ORBITS[orbit].orders, method=method_of(method, STEP)
+    )  # fmt: skip
+
+
+def _section(orbit: str, points: int) -> PoincareSection:
+    system, x0, args = _problem(orbit)
+    return poincare_section(
+        system, x0, args, section=lambda t, x, args: x[0], direction=1, n=points, method=method_of("TM", STEP)
+    )
+
+
+def _seconds(row: Row, t1: float = TIMED) -> float:
+    """Seconds for t = 10⁶: the shortest of three runs, orthonormalised after each step, that find all compiled."""
+    system, x0, args = _problem("R1")
+    method = method_of(row.method, row.step, row.threshold)
+    taken = []
+    for _ in range(4):
+        start = time.perf_counter()
+        lyapunov_spectrum(system, x0, args, t1=t1, method=method, every=_each(method, row.step))
+        taken.append(time.perf_counter() - start)
+    return min(taken[1:]) * 1e6 / t1
+
+
+def _length_of_indices(orbit: str, method: str, lengths: Lengths) -> float:
+    many = lengths.longer if method == "TDHeps" else lengths.many
+    return {"C1": lengths.chaos, "R3": many}.get(orbit, lengths.indices)
+
+
+def reproduce(*, quick: bool = False, progress=None) -> Reproduction:
+    """Compute Figs. 1 to 11, Table 1 and the energy errors.
+
+    Args:
+        quick: shorter runs and fewer points, nothing else.
+        progress: a function of the fraction done.
+
+    Returns:
+        A `Reproduction`.
+    """
+    lengths = QUICK if quick else FULL
+    methods = {"R1": METHODS, "C1": METHODS, "C2": METHODS, "R2": BEST, "R3": BEST}
+    tasks = {}
+    for orbit in ("R3", "R2", "R1", "C2", "C1"):  # the longest first
+        for method in methods[orbit]:
+            tasks["indices", orbit, method] = (_indices, orbit, method, _length_of_indices(orbit, method, lengths))
+    for row in TABLE:
+        tasks["table", row] = (_run, "R1", row.method, lengths.table, row.step, row.threshold)
+    for orbit in ("R2", "C2", "C1"):
+        for method in methods[orbit]:
+            tasks["exponents", orbit, method] = (_run, orbit, method, lengths.exponents)
+    for orbit, points in (("R1", lengths.points), ("C1", lengths.points), ("C2", lengths.around)):
+        tasks["sections", orbit] = (_section, orbit, points)
+    done = _all(tasks, progress)
+    return Reproduction(
+        tuple(done["table", row] for row in TABLE),
+        tuple(_seconds(row) for row in TABLE),  # with nothing beside it
+        {o: {m: done["exponents", o, m] for m in methods[o]} for o in ("C1", "C2", "R2")},
+        {o: {m: done["indices", o, m] for m in methods[o]} for o in methods},
+        {o: done["sections", o] for o in ("R1", "C1", "C2")},
+        lengths,
+    )
+
+
+def _all(tasks: dict, progress) -> dict:
+    """The results by name; two threads, for two cores."""
+    done = {}
+    with ThreadPoolExecutor(2) as threads:
+        waiting = {name: threads.submit(*task) for name, task in tasks.items()}
+        for name, result in waiting.items():
+            done[name] = result.result()
+            if progress is not None:
+                progress(len(done) / len(tasks))
+    return done
+
+
+def write(result: Reproduction, folder: Path) -> list[Path]:
+    """Figures (PNG, PDF) and numbers (JSON) into a folder; returns the files."""
+    figures = {f"skokos-{number}": result.figure(number) for number in range(1, FIGURES + 1)}
+    return save(folder, "skokos", figures, result.data())

@@ -1,0 +1,293 @@
+"""From the records of a run to exponents: means, weights, error bars, history."""
+
+import dataclasses
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._jax.engines import compiled
+from .._jax.tracing import traced
+from ..engine import problems
+from ..engine.host import driver
+from ..engine.states import BlockRecord, LoopState
+from ..engine.volumes import volume_error
+from ..systems.hybrid import Hybrid
+from ..systems.validation import has_identity_reset
+from .spectrum import History, Spectrum
+
+__all__ = ["birkhoff_weights", "empty_columns", "one_run", "places", "summarise"]
+
+
+class Found(NamedTuple):
+    """What a run left."""
+
+    records: tuple[BlockRecord, ...]  # of successive calls of `driver.drive`
+    loop_state: LoopState
+    status: Any
+    interrupted: Any
+    initial: Any  # (k,) ln R_ii of the initial frame
+
+
+def summarise(outcomes: list[driver.Outcome], problem, clock: str, initial, averaging: str) -> Spectrum:
+    """The spectrum of one run, or of several at once (leading axis m), continued over several outcomes.
+
+    Args:
+        outcomes: of successive calls of `driver.drive`.
+        problem: what was run.
+        clock: "time", "jumps" or "hybrid".
+        initial: (k,) ln R_ii of the initial frame, to be counted.
+        averaging: "uniform", "birkhoff" or "birkhoff-regular".
+    """
+    last = outcomes[-1]
+    records = tuple(outcome.records for outcome in outcomes)
+    found = Found(records, last.loop_state, last.status, np.asarray(last.interrupted), initial)
+    how = (clock, averaging, problems.mode_names(problem.system))
+    if last.loop_state.carry.x.ndim == 2 or traced(found):
+        return _in_rows(problem, _together(found, *how))
+    # Of one run on the host: compiled for one use the same would take most of a second.
+    dtype = last.loop_state.carry.x.dtype
+    with np.errstate(all="ignore"):
+        spectrum = _of_one(np, jax.tree.map(np.asarray, found), *how)
+    real = jax.tree.map(lambda leaf: leaf.astype(dtype) if leaf.dtype.kind == "f" else leaf, spectrum)
+    return _in_rows(problem, _on_device(real))
+
+
+def _in_rows(problem, spectrum: Spectrum) -> Spectrum:
+    """The state at the end in the shape in which the user gave it; and what the problem says of it."""
+    step = None if problem.method is None else problem.method.fixed_step
+    step = None if step is None else jnp.asarray(step)
+    guards = isinstance(problem.system, Hybrid) and any(
+        transition.guard is not None and not transition.terminal for transition in problem.system.transitions
+    )
+    state = jax.ShapeDtypeStruct(spectrum.x.shape[-1:], spectrum.x.dtype)
+    volume = None
+    if step is not None and spectrum.residual is None:
+        volume = volume_error(problem, spectrum.t, spectrum.x, spectrum.mode)
+    spectrum = dataclasses.replace(
+        spectrum,
+        step=step,
+        volume_error=volume,
+        has_guards=guards and problem.system.fields is not None,
+        identity_reset=has_identity_reset(problem.system, state, problem.args),
+    )
+    if len(problem.shape) == 1:
+        return spectrum
+    return eqx.tree_at(lambda s: s.x, spectrum, problems.in_rows(problem, spectrum.x))
+
+
+@jax.jit
+def _on_device(leaves):
+    """As JAX's arrays: one compiled call moves them all, in a quarter of the time of `jax.device_put`."""
+    return leaves
+
+
+@compiled()
+def _together(found, clock, averaging, names) -> Spectrum:
+    several = found.loop_state.carry.x.ndim == 2
+    return _of_several(found, clock, averaging, names) if several else _of_one(jnp, found, clock, averaging, names)
+
+
+def _of_one(xp: ModuleType, found: Found, clock, averaging, names) -> Spectrum:
+    records, loop_state, status, interrupted, initial = found
+    chain = [_chained(xp, part, 0) for part in records]
+    blocks = jax.tree.map(lambda *parts: xp.concatenate(parts), *chain)
+    run = one_run(xp, blocks, empty_columns(xp, loop_state), clock, initial, averaging)
+    return _spectrum(xp, run, run["stderr"], None, _end(xp, loop_state, status, interrupted), "blocks", clock, names)
+
+
+def _of_several(found: Found, clock, averaging, names) -> Spectrum:
+    records, loop_state, status, interrupted, initial = found
+    chain = [_chained(jnp, part, 1) for part in records]
+    blocks = jax.tree.map(lambda *parts: jnp.concatenate(parts, axis=1), *chain)
+    end = _end(jnp, loop_state, status, interrupted)
+    empty = empty_columns(jnp, loop_state)
+    run = jax.vmap(lambda r, empty: one_run(jnp, r, empty, clock, initial, averaging))(blocks, empty)
+    m, replicates = run["exponents"].shape[0], run["exponents"]
+    spread = jnp.std(run["finite"], axis=0, ddof=1) / m**0.5 if m > 1 else jnp.full_like(run["finite"][0], jnp.nan)
+    mean = {name: jnp.mean(value, axis=0) for name, value in run.items()}
+    first = jnp.min(jnp.where(jnp.isnan(run["first"]), jnp.inf, run["first"]), axis=0)
+    mean |= {"losses": jnp.sum(run["losses"], axis=0), "first": jnp.where(jnp.isinf(first), jnp.nan, first)}
+    return _spectrum(jnp, mean, spread, replicates, end, "replicates", clock, names)
+
+
+def _chained(xp: ModuleType, records: BlockRecord, axis: int) -> BlockRecord:
+    """Jumps and losses are counted from the start of a run: here, those of each block."""
+
+    def before(total):
+        start = xp.zeros_like(xp.take(total, np.array([0]), axis))
+        return xp.concatenate([start, xp.take(total, np.arange(total.shape[axis] - 1), axis)], axis)
+
+    records = records._replace(jumps=records.jumps - before(records.jumps))
+    if records.losses is None:
+        return records
+    # What was lost before stands where its column stands at the end of the block.
+    return records._replace(losses=records.losses - xp.take_along_axis(before(records.losses), records.order, -1))
+
+
+def empty_columns(xp: ModuleType, loop_state: LoopState):
+    """Which columns are empty at the end, (k,): there is no room for them in the mode that the motion ends in."""
+    x, frame = loop_state.carry.x, loop_state.carry.frame
+    return xp.all(frame == 0, axis=-2) & xp.all(xp.isfinite(x), axis=-1)[..., None]
+
+
+def one_run(xp: ModuleType, records: BlockRecord, empty, clock: str, initial, averaging: str) -> dict:
+    """Exponents, errors and history of one run from its blocks, and the columns (k,) that are empty at its end."""
+    valid = records.valid
+    growth = xp.where(valid[:, None], records.growth, 0.0)
+    duration = xp.where(valid, records.duration, 0.0)
+    jumps = xp.where(valid, records.jumps, 0).astype(duration.dtype)
+    time, jumped = xp.cumsum(duration), xp.cumsum(jumps)
+    reading = {"time": time, "jumps": jumped, "hybrid": xp.maximum(time, jumped)}[clock]
+    length = xp.diff(reading, prepend=0.0)
+    losses, counts = xp.zeros(growth.shape[1:]), xp.zeros(growth.shape)
+    if records.order is not None:  # a column stands where it does at the end
+        where = places(xp, records.order, valid)
+        growth = xp.take_along_axis(growth, where, 1)
+        counts = xp.take_along_axis(xp.where(valid[:, None], records.losses, 0), where, 1)
+        losses = xp.sum(counts, axis=0).astype(growth.dtype)
+        initial = initial[xp.where(valid[0], records.order[0][where[0]], where[0])]
+    running = (initial[None, :] + xp.cumsum(growth, axis=0)) / _or_nan(xp, reading)[:, None]
+    if averaging == "uniform":
+        finite = running[-1]
+    else:
+        finite = _birkhoff(xp, growth, length, reading, valid, regular=averaging == "birkhoff-regular")
+    gone = (losses > 0) | (empty & xp.any(valid))  # lost before growth was counted, and never replaced
+    count = xp.maximum(xp.sum(valid), 2).astype(growth.dtype)
+    scatter = xp.sum(xp.where(valid[:, None], growth - finite[None, :] * length[:, None], 0.0) ** 2, axis=0)
+    stderr = xp.sqrt(scatter * count / (count - 1)) / _or_nan(xp, reading[-1])
+    late = (reading >= 0.5 * reading[-1]) & (valid | ~xp.any(valid))
+    volume = None if records.volume is None else xp.sum(xp.where(valid, records.volume, 0.0))
+    residual = None if volume is None else xp.abs(xp.sum(growth) - volume) / _or_nan(xp, reading[-1])
+    run = {
+        "exponents": xp.where(gone, -xp.inf, finite),
+        "finite": finite,
+        "stderr": xp.where(gone, xp.nan, stderr),
+        "upper": xp.max(xp.where(late[:, None], running, -xp.inf), axis=0),
+        "lower": xp.min(xp.where(late[:, None], running, xp.inf), axis=0),
+        "losses": losses,
+        "first": _first_losses(xp, records, losses),
+        "time": time[-1],
+        "jumps": jumped[-1],
+        "history_time": xp.where(valid, reading, xp.nan),
+        "history": xp.where(valid[:, None], running, xp.nan),
+        "growth": xp.where(valid[:, None], growth, xp.nan),
+        "history_losses": counts,
+        "history_elapsed": xp.where(valid, time, xp.nan),
+    }
+    return run if residual is None else run | {"residual": residual}
+
+
+def _first_losses(xp: ModuleType, records: BlockRecord, losses):
+    return xp.full(losses.shape, xp.nan) if records.collected is None else records.collected[-1]
+
+
+def _safe(xp: ModuleType, length):
+    return xp.where(length == 0, 1.0, length)
+
+
+def _or_nan(xp: ModuleType, length):
+    """Without a length there is no answer."""
+    return xp.where(length == 0, xp.nan, length)
+
+
+def places(xp: ModuleType, order, valid):
+    """(blocks, k): where the columns of the run's end stood at the end of each block."""
+
+    def before(place, block):
+        source, good = block
+        return xp.where(good, source[place], place), place
+
+    place = np.arange(order.shape[1], dtype=order.dtype)
+    if xp is np and bool(np.all(order == place)):
+        return order
+    if xp is jnp:
+        return jax.lax.scan(before, jnp.asarray(place), (order, valid), reverse=True)[1]
+    found = np.empty_like(order)
+    for i in reversed(range(len(order))):
+        place, found[i] = before(place, (order[i], valid[i]))
+    return found
+
+
+def _birkhoff(xp: ModuleType, growth, length, reading, valid, regular: bool):
+    """Means with Birkhoff's weights at the middle of each block.
+
+    For conservative regular motion columns grow with a power of the time, so the local exponent is that power over t:
+    it is subtracted.
+    """
+    s = (reading - 0.5 * length) / _safe(xp, reading[-1])
+    weight = xp.where(valid, birkhoff_weights(xp, s), 0.0) * length
+    local = growth / _safe(xp, length)[:, None]
+    if regular:
+        earlier = reading - length
+        slope = xp.log(_safe(xp, reading) / xp.where(earlier > 0, earlier, 1.0)) / _safe(xp, length)
+        power = _power(xp, growth, reading, valid)
+        local = local - power * xp.where(earlier > 0, slope, 0.0)[:, None]
+    return xp.sum(weight[:, None] * local, axis=0) / _or_nan(xp, xp.sum(weight))
+
+
+def birkhoff_weights(xp: ModuleType, s):
+    """The weights w ∝ exp(-1/(s(1-s))) at fractions s of a run.
+
+    S. Das, Y. Saiki, E. Sander & J. Yorke, Nonlinearity 30 (2017) 4111, doi:10.1088/1361-6544/aa84c2.
+    """
+    inside = (s > 1e-3) & (s < 1 - 1e-3)
+    s = xp.where(inside, s, 0.5)
+    return xp.where(inside, xp.exp(-1 / (s * (1 - s))), 0.0)
+
+
+def _power(xp: ModuleType, growth, reading, valid):
+    """The whole number (k,) to whose power of the time columns have grown: 1, −1, or 0 in special directions."""
+    log_time = xp.log(_safe(xp, reading))
+    count = xp.maximum(xp.sum(valid), 1)
+    log_time = xp.where(valid, log_time - xp.sum(xp.where(valid, log_time, 0.0)) / count, 0.0)
+    return xp.round(log_time @ xp.cumsum(growth, axis=0) / _safe(xp, xp.sum(log_time**2)))
+
+
+def _end(xp: ModuleType, loop_state: LoopState, status, interrupted) -> dict:
+    """What is known where the run stands."""
+    transversality, grazing, simultaneous, accumulation, doubtful = problems.summary_of(loop_state, xp)
+    flags = [grazing, simultaneous, xp.full_like(grazing, interrupted)]
+    return {
+        "x": loop_state.carry.x,
+        "t": loop_state.base[..., 0] + loop_state.base[..., 1] + loop_state.carry.s,
+        "mode": problems.mode_of(loop_state.carry, xp),
+        "frame": loop_state.carry.frame,
+        "min_transversality": xp.min(transversality),
+        "accumulation_time": accumulation,
+        "status_code": status,
+        "flags": xp.stack(flags, axis=-1),
+        "spread": xp.where(doubtful > 0, xp.inf, loop_state.spread),
+    }
+
+
+def _spectrum(xp: ModuleType, run: dict, stderr, replicates, end: dict, error_kind, clock, names) -> Spectrum:
+    """Assemble the result, exponents descending."""
+    rank = xp.argsort(-xp.where(xp.isfinite(run["exponents"]), run["exponents"], -xp.inf), stable=True)
+    return Spectrum(
+        exponents=run["exponents"][rank],
+        stderr=stderr[rank],
+        finite_exponents=run["finite"][rank],
+        time=run["time"],
+        jumps=run["jumps"],
+        upper=run["upper"][rank],
+        lower=run["lower"][rank],
+        losses=run["losses"][rank],
+        first_loss=run["first"][rank],
+        history=History(
+            run["history_time"],
+            run["history"][:, rank],
+            run["growth"][:, rank],
+            run["history_losses"][:, rank],
+            run["history_elapsed"],
+        ),
+        replicates=None if replicates is None else replicates[:, rank],
+        residual=run.get("residual"),
+        error_kind=error_kind,
+        clock=clock,
+        mode_names=names,
+        **end,
+    )

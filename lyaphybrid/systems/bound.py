@@ -1,0 +1,24 @@
+"""A field together with its parameters, and the check that a user's function can be called."""
+
+from collections.abc import Callable
+from typing import Any
+
+__all__ = ["Bound", "require_callable"]
+
+
+def require_callable(name: str, got: Any, signature: str) -> None:
+    """Raise a ValueError unless `got` can be called."""
+    if not callable(got):
+        raise ValueError(f"{name} must be a function {signature}; got {got!r}.")
+
+
+class Bound:
+    """A field with its parameters, (t, x) -> dx/dt; methods that need more than its values find its parts here."""
+
+    def __init__(self, field: Callable, args: Any, values: Callable | None = None):
+        self.field, self.args = field, args
+        self.values = values or (lambda t, x: field(t, x, args))
+
+    def __call__(self, t, x):
+        """The field at (t, x)."""
+        return self.values(t, x)

@@ -1,0 +1,150 @@
+"""Consistent points of differential–algebraic equations: found from guesses, and asked for where runs start."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix
+from jaxtyping import Array, Float
+
+from .._arguments import require
+from .._jax.engines import compiled
+from .._jax.precision import require_double
+from .._jax.tracing import traced
+from .._linalg.linear_systems import split
+from .daes.semi_linear import DAE, ILL, RANK, Banded, Constrained, fields_of, landed, solved
+from .validation import check_functions
+
+__all__ = ["check_constraints", "consistent_start", "onto_constraints", "put_on_constraints", "tangent_frame"]
+
+
+def consistent_start(dae: DAE, x0, args: Any = None, *, t0: Any = 0.0) -> Float[Array, " n"]:
+    """The point with the content E₁ x₀ of a guess that satisfies the constraints.
+
+    Args:
+        dae: an `lh.DAE`.
+        x0: (n,) guess; of semi-explicit equations the differential components are kept, and the others found. Of an
+            `lh.implicit_dae` x alone, or the whole state [x, v].
+        args: pytree of parameters.
+        t0: time.
+
+    Returns:
+        x (n,) with E₁ x = E₁ x₀ and f₂(t0, x) = 0.
+
+    Raises:
+        ValueError: if no such point is found from there; on arguments that do not fit.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> circle = lh.DAE(
+        ...     lambda t, args: jnp.diag(jnp.array([1.0, 0.0])),
+        ...     lambda t, x, args: jnp.array([x[1], x[0] ** 2 + x[1] ** 2 - 1]),
+        ...     n_differential=1,
+        ... )
+        >>> [round(float(value), 12) for value in lh.consistent_start(circle, [0.6, 1.0])]
+        [0.6, 0.8]
+    """
+    require(isinstance(dae, DAE), f"consistent_start needs an lh.DAE; got {type(dae).__name__}.")
+    x0 = dae.field.whole_guess(jnp.asarray(x0, float))
+    require_double("x0", x0, "consistent_start")
+    require(x0.ndim == 1 and bool(np.all(np.isfinite(x0))), f"x0 must be a finite state (n,); got {x0!r}.")
+    check_functions(dae, jax.ShapeDtypeStruct(x0.shape, x0.dtype), args)
+    x, off = _consistent(dae.field, x0, args, jnp.asarray(t0, x0.dtype))
+    if not traced(x):
+        found = bool(np.all(np.isfinite(x))) and float(off) < 1e-6
+        require(
+            found,
+            f"No consistent point with the content of {x0} was found: equations are off by {float(off):.3g}. Start "
+            "nearer to one, and look whether ∂f₂/∂x and E₁ together are nonsingular there.",
+        )
+    return x
+
+
+def check_constraints(system: Any, x, t0, args: Any) -> None:
+    """Ask, where values are known, whether E is as n_differential says, and a DAE strangeness-free at its start x (n,).
+
+    Raises:
+        ValueError: on a row of E that should be zero and is not, or the other way round; on a singular [E₁; ∂f₂/∂x].
+    """
+    fields = [field for field in fields_of(system) if isinstance(field, Constrained)]
+    if not fields or traced((x, t0, args)):
+        return
+    with jax.ensure_compile_time_eval():  # values that are known are known under jit, too
+        matrices = _matrices(system, t0, x, args)
+    for field, (leading, whole) in zip(fields, matrices, strict=True):
+        d, size = field.n_differential, max(float(np.max(np.abs(leading))), 1e-300)
+        below = np.flatnonzero(np.max(np.abs(leading[d:]), axis=1, initial=0.0) > RANK * size)
+        require(
+            len(below) == 0,
+            f"n_differential = {d}, but row {d + 1 + below[:1].sum()} of leading(t0, args) is not zero: put the "
+            "differential equations first; lh.DAE.reduced does it for any E of constant rank.",
+        )
+        rank = int(np.linalg.matrix_rank(leading[:d], tol=RANK * size))
+        require(
+            rank == d,
+            f"n_differential = {d}, but leading(t0, args) has rank {rank}. lh.DAE.reduced brings any E of constant "
+            "rank into the form that is wanted.",
+        )
+        _check_band(field, leading[:d], whole[d:])
+        if isinstance(system, DAE):
+            scaled = whole / np.maximum(np.linalg.norm(whole, axis=1, keepdims=True), 1e-300)
+            require(
+                np.linalg.cond(scaled) < ILL,
+                "[E₁; ∂f₂/∂x] must be nonsingular at the start: either constraints depend on each other there, or the "
+                "differentiation index is above one; differentiate the constraints until it is one.",
+            )
+
+
+def _check_band(field: Constrained, rows: np.ndarray, below: np.ndarray) -> None:
+    """Whether constraints depend on the algebraic components that `bandwidth` lets them depend on."""
+    if not isinstance(field, Banded):
+        return
+    _, kernel = split(rows)
+    size = np.abs(below @ kernel)
+    i, j = np.nonzero(size > RANK * np.max(size))
+    wide = int(np.max(np.abs(i - j), initial=0))
+    require(
+        wide <= field.bandwidth,
+        f"bandwidth = {field.bandwidth}, but a constraint depends on the algebraic component {wide} places away: order "
+        "both alike, so that neighbours are near each other, or give the larger bandwidth.",
+    )
+
+
+@compiled(hands_on=True)
+def _matrices(system: Any, t, x, args) -> list[tuple]:
+    """E and Ē of each DAE."""
+    check_functions(system, jax.ShapeDtypeStruct(x.shape, x.dtype), args)
+    fields = [field for field in fields_of(system) if isinstance(field, Constrained)]
+    return [(field.leading(t, args), field.whole(t, x, args)) for field in fields]
+
+
+@compiled()
+def _consistent(dae: Constrained, x0, args, t0):
+    """First roughly, from far away; then to rounding."""
+    content = dae.content(t0, x0, args)
+
+    def off(x, _):
+        return jnp.concatenate([dae.content(t0, x, args) - content, dae.constraint(t0, x, args)])
+
+    rough = optimistix.root_find(off, optimistix.Dogleg(1e-6, 1e-6), x0, max_steps=256, throw=False).value
+    x, _ = solved(dae, args, t0, content, rough, jnp.asarray(1e-14, x0.dtype))
+    return x, jnp.max(jnp.abs(off(x, None)), initial=0.0)
+
+
+@compiled()
+def tangent_frame(dae: DAE, t0, x0, args) -> Float[Array, "n d"]:
+    """The perturbations that change one component of the content each: the first columns of Ē⁻¹."""
+    return dae.field.lifts(t0, x0, args).content
+
+
+@compiled()
+def onto_constraints(dae: DAE, t0, x0, args, frame: Float[Array, "n k"]) -> Float[Array, "n k"]:
+    """Columns, projected onto the tangent space of the constraints at x0 (n,)."""
+    return dae.field.onto(t0, x0, args, frame)
+
+
+@compiled()
+def put_on_constraints(field: Constrained, t, x, args) -> Float[Array, " n"]:
+    """The point with the content of x that lies on the constraints."""
+    return landed(field, args, t, x)

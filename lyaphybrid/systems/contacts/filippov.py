@@ -1,0 +1,136 @@
+"""Filippov systems: two fields and a switching surface become a `Hybrid` that slips, crosses and slides.
+
+With v± = ∂ₜh + ∇h·f±, the rates of the surface's function h along the two fields, on h = 0:
+
+    v₊ < 0, v₋ < 0     from plus the motion crosses to minus             S = I + (f₋ − f₊) ∇h / v₊
+    v₊ < 0 < v₋        both fields point at the surface: it slides,      S = I + (fₛ − f₊) ∇h / v₊, of rank n − 1
+    v₊ > 0 > v₋        both point away: it cannot be continued in one way, `deadlock`
+
+fₛ = (v₋ f₊ − v₊ f₋) / (v₋ − v₊) is the convex combination of both that stays on the surface. It is left where v₊ or
+v₋ reaches zero, tangentially: there fₛ is f₊ or f₋, and S = I. Where stiction exceeds kinetic friction the motion stays
+on the surface longer, in a *stick* set that is larger, and fₛ is no combination of the two: both can be given.
+
+A. F. Filippov, Differential Equations with Discontinuous Righthand Sides (Kluwer 1988), doi:10.1007/978-94-015-7793-9.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from ..hybrid import Hybrid, Transition
+from ..smooth import Flow
+from .surfaces import Along, Arrival, Departure, HasASide, Margins, Onto, Side, Sliding, Start
+
+__all__ = ["filippov"]
+
+Function = Callable[..., Any]
+
+
+def filippov(plus: Any, minus: Any, surface: Any, *, sliding: Any = None, stick: Any = None) -> Hybrid:
+    """A system with the field `plus` where surface > 0 and `minus` where surface < 0, sliding on surface = 0 included.
+
+    The modes are "plus", "minus" and "sliding". No saltation matrix is written anywhere: all come from guards,
+    resets and fields. On entering the sliding mode a direction is lost (exponents of −inf).
+
+    Args:
+        plus: ``(t, x, args) -> dx/dt``, or an `lh.Flow`: one smooth field.
+        minus: the same for the other side.
+        surface: ``(t, x, args) -> scalar``, continuously differentiable, ∇h ≠ 0 where it is zero.
+        sliding: ``(t, x, args) -> dx/dt`` on the surface; None: Filippov's convex combination.
+        stick: ``(t, x, args) -> scalar`` or ``(m,)``, smooth: margins that are positive while the motion sticks to the
+            surface, and of which one falls through zero where it breaks away, to the side to which v₊ + v₋ points.
+            The set where all are positive contains that where both fields point at the surface. With the forces F
+            along the surface's normal and F_s of stiction: ``jnp.stack([F_s - F, F_s + F])``. None: the set where
+            both fields point at the surface.
+
+    Several surfaces that do not meet: sequences of one entry a surface, for `surface`, `plus` and `minus`, and for
+    `sliding` and `stick` where they are given (None in places). Fields that are the same function belong to the same
+    region. The modes are then "region0", "region1", … in the order in which the fields are named (plus[0], minus[0],
+    plus[1], …) and "sliding0", "sliding1", … by surface.
+
+    Returns:
+        An `lh.Hybrid`. Without `mode` a run starts in the mode to which its start belongs: by the sign of the surface;
+        on the surface by the two fields, and with ``deadlock`` where both point away from it.
+
+    Raises:
+        ValueError: if one of them is no function, or the sequences have different lengths.
+
+    Source:
+        A. F. Filippov, Differential Equations with Discontinuous Righthand Sides (Kluwer 1988),
+        doi:10.1007/978-94-015-7793-9; R. I. Leine & H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical
+        Systems (Springer 2004), doi:10.1007/978-3-540-44398-8.
+
+    Example:
+        A block (x, v) on a rough table, pulled to and fro:
+
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> def rubbed(sign):
+        ...     return lambda t, x, args: jnp.stack([x[1], jnp.sin(t) - 0.6 * sign])
+        >>> block = lh.filippov(rubbed(1), rubbed(-1), lambda t, x, args: x[1])
+        >>> block.mode_names
+        ('plus', 'minus', 'sliding')
+        >>> run = lh.trajectory(block, [0.0, 0.0], t1=3.0)  # at rest until sin t = 0.6
+        >>> round(float(run.events.t[0]), 9)
+        0.643501109
+    """
+    several = isinstance(surface, Sequence)
+    given = {"surface": surface, "plus": plus, "minus": minus, "sliding": sliding, "stick": stick}
+    named = {name: _one_each(name, value, surface) for name, value in given.items()}
+    sides = [Side(*(_plain(name, named[name][i]) for name in named)) for i in range(len(named["surface"]))]
+    regions: list[Function] = []
+    for side in sides:
+        regions += [field for field in (side.plus, side.minus) if all(field is not other for other in regions)]
+    if not several:
+        regions = [sides[0].plus, sides[0].minus]
+    where = [(_place(side.plus, regions), _place(side.minus, regions)) for side in sides]
+    where = where if several else [(0, 1)]
+    names = [f"region{i}" for i in range(len(regions))] if several else ["plus", "minus"]
+    names += [f"sliding{i}" for i in range(len(sides))] if several else ["sliding"]
+    transitions = []
+    for i, (side, (above, below)) in enumerate(zip(sides, where, strict=True)):
+        transitions += _transitions(side, names, above, below, len(regions) + i)
+    slides = names[len(regions) :]
+    return Hybrid(
+        dict(zip(names, [*regions, *(Sliding(side) for side in sides)], strict=True)),
+        transitions,
+        tangent={name: Along(side.surface) for name, side in zip(slides, sides, strict=True)},
+        initial_mode=Start(tuple(sides), tuple(where), len(regions)),
+    )
+
+
+def _one_each(name: str, value: Any, surface: Any) -> Sequence:
+    """One entry a surface."""
+    if not isinstance(surface, Sequence):
+        return (value,)
+    if value is None:
+        return (None,) * len(surface)
+    if not isinstance(value, Sequence) or len(value) != len(surface) or not len(surface):
+        raise ValueError(
+            f"With several surfaces {name} must be a sequence with one entry for each of the {len(surface)}; "
+            f"got {value!r}."
+        )
+    return value
+
+
+def _plain(name: str, function: Any) -> Any:
+    """A user's function; of a `Flow` its field."""
+    function = function.field if isinstance(function, Flow) else function
+    if function is None and name in ("sliding", "stick"):
+        return None
+    if not callable(function):
+        raise ValueError(f"{name} must be a function of (t, x, args); got {function!r}.")
+    return function
+
+
+def _place(field: Function, regions: list[Function]) -> int:
+    return next(i for i, other in enumerate(regions) if other is field)
+
+
+def _transitions(side: Side, names: list[str], above: int, below: int, slides: int) -> list[Transition]:
+    """From plus, from minus, and from the surface."""
+    onto, surface = Onto(side), side.surface
+    leave = HasASide(side) if side.sliding is None and side.stick is None else None
+    return [
+        Transition(surface, onto, source=names[above], target=Arrival(side, below, slides), direction=-1),
+        Transition(surface, onto, source=names[below], target=Arrival(side, above, slides), direction=+1),
+        Transition(Margins(side), onto, source=names[slides], target=Departure(side, above, below), when=leave),
+    ]

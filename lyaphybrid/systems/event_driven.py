@@ -1,0 +1,141 @@
+"""Systems whose flow and whose next event are known in closed form."""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from .bound import require_callable
+from .membership import membership
+
+__all__ = ["EventDriven", "Schedule"]
+
+
+class Schedule(eqx.Module):
+    """How a system of many bodies knows its next event without looking at all of them.
+
+    The state has one row a body and is held in comoving coordinates: those that stay as they are while nothing
+    happens. Only the rows that an event touches change, and only what is predicted for them is predicted anew. Time
+    counts from the last rebasing, at which comoving and ordinary coordinates are the same; so the motion must not
+    depend on the time itself.
+
+    Args:
+        init: ``(t, y, args) -> cache``, all predictions, a pytree of arrays.
+        next: ``cache -> (t, which)``, time and name of the next event.
+        update: ``(cache, t, y, args, which) -> cache`` after the event, y the state after it.
+        shift: ``(cache, dt) -> cache`` where the zero of time is moved on by dt: times become less by dt.
+        touch: ``which -> rows``, indices of the rows that the event changes: always so many, all different.
+        flat: the state is (n,) instead of (N, d), and `touch` names components of it.
+
+    Raises:
+        ValueError: if one of the five is not callable.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> def wall_ahead(t, y):  # balls (q, v) between two walls, 0 and 1, that do not see each other
+        ...     q, v = y[:, 0] + t * y[:, 1], y[:, 1]
+        ...     return t + jnp.where(v > 0, 1 - q, -q) / v
+        >>> balls = lh.EventDriven(
+        ...     flow=lambda dt, y, args: jnp.stack([y[:, 0] + dt * y[:, 1], y[:, 1]], axis=1),
+        ...     next_event=None,
+        ...     jump=lambda t, rows, args, which: jnp.stack([rows[:, 0] + 2 * t * rows[:, 1], -rows[:, 1]], axis=1),
+        ...     guard=lambda t, rows, args, which: (rows[0, 0] + t * rows[0, 1]) * (1 - rows[0, 0] - t * rows[0, 1]),
+        ...     schedule=lh.Schedule(
+        ...         init=lambda t, y, args: wall_ahead(t, y),
+        ...         next=lambda times: (jnp.min(times), jnp.argmin(times)),
+        ...         update=lambda times, t, y, args, which: times.at[which].set(wall_ahead(t, y)[which]),
+        ...         shift=lambda times, dt: times - dt,
+        ...         touch=lambda which: which[None],
+        ...     ),
+        ... )
+        >>> lh.trajectory(balls, [[0.5, 1.0], [0.25, -1.0]], t1=0.75, n=1).x[-1].round(12).tolist()
+        [[0.75, -1.0], [0.5, 1.0]]
+
+    Source:
+        B. D. Lubachevsky, How to simulate billiards and similar systems, J. Comput. Phys. 94 (1991) 255,
+        doi:10.1016/0021-9991(91)90222-7.
+    """
+
+    init: Callable
+    next: Callable
+    update: Callable
+    shift: Callable
+    touch: Callable
+    flat: bool = eqx.field(static=True, default=False)
+
+    def __check_init__(self):
+        require_callable("init", self.init, "(t, y, args) -> cache")
+        require_callable("next", self.next, "cache -> (t, which)")
+        require_callable("update", self.update, "(cache, t, y, args, which) -> cache")
+        require_callable("shift", self.shift, "(cache, dt) -> cache")
+        require_callable("touch", self.touch, "which -> row indices")
+
+
+class EventDriven(eqx.Module):
+    """A system whose flow is known in closed form and whose next event is known exactly.
+
+    Args:
+        flow: ``(dt, t, x, args) -> x`` after the time dt without an event, from state x at time t.
+        next_event: ``(t, x, args) -> (dt, which)``: the time to the next event (inf: none) and what it is, an
+            integer or any pytree of integers (which pair, which wall). A negative one (the first leaf) means that
+            nothing happens then and the prediction is to be made anew; it is not counted as a jump.
+        jump: ``(t, x, args, which) -> x⁺``.
+        guard: ``(t, x, args, which) -> scalar`` that falls through zero at the event: it supplies the derivative
+            of the event's time.
+        schedule: an `lh.Schedule`, for many bodies. The state is then (N, d), and x0 (N, d), or (m, N, d) for m runs
+            at once; `flow` is ``(dt, y, args) -> x`` from comoving coordinates to ordinary ones; `jump` and `guard`
+            see the touched rows of the comoving state only, in the order of `touch`; `next_event` is None.
+        canonical: x = (q, p), and flow and jump keep dq∧dp. The frame that runs start from is then the paired one, e_q1
+            … e_qn, e_pn … e_p1, with which λ_i + λ_{2n+1−i} = 0 up to rounding at all times; and no direction
+            is ever lost.
+
+    Raises:
+        ValueError: if a function is not callable, or `next_event` and `schedule` are both given or both missing.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> ball = lh.EventDriven(
+        ...     flow=lambda dt, t, x, g: jnp.array([x[0] + x[1] * dt - g * dt**2 / 2, x[1] - g * dt]),
+        ...     next_event=lambda t, x, g: ((x[1] + jnp.sqrt(x[1] ** 2 + 2 * g * x[0])) / g, 0),
+        ...     jump=lambda t, x, g, which: jnp.array([0 * x[0], -0.8 * x[1]]),
+        ...     guard=lambda t, x, g, which: x[0],
+        ... )
+    """
+
+    flow: Callable
+    next_event: Any  # a function; None where there is a schedule
+    jump: Callable
+    guard: Callable
+    schedule: Any = None
+    canonical: bool = eqx.field(static=True, default=False)
+
+    def __check_init__(self):
+        if (self.next_event is None) == (self.schedule is None):
+            raise ValueError(
+                "EventDriven needs exactly one of next_event (a function) and schedule (an lh.Schedule, for many "
+                f"bodies); got next_event={self.next_event!r}, schedule={self.schedule!r}."
+            )
+        if self.schedule is None:
+            require_callable("flow", self.flow, "(dt, t, x, args) -> x")
+            require_callable("next_event", self.next_event, "(t, x, args) -> (dt, which)")
+        else:
+            require_callable("flow", self.flow, "(dt, y, args) -> x")
+            if not isinstance(self.schedule, Schedule):
+                raise ValueError(f"schedule must be an lh.Schedule; got {self.schedule!r}.")
+        require_callable("jump", self.jump, "(t, x, args, which) -> x")
+        require_callable("guard", self.guard, "(t, x, args, which) -> scalar")
+
+    def velocity(self, t, x, args: Any = None):
+        """Dx/dt (n,) that the closed-form flow solves, its derivative at dt = 0; of a system without a schedule."""
+        zero = jnp.zeros_like(t)
+        return jax.jvp(lambda dt: self.flow(dt, t, x, args), (zero,), (jnp.ones_like(t),))[1]
+
+    def contains(self, x, args: Any = None, *, t=0.0):
+        """Whether x lies in the flow set, which is everything, and in the jump set: the next event is now.
+
+        Returns:
+            As `Hybrid.contains`: `flow` and `jump`, up to rounding; `.where` is "C" or "both".
+        """
+        return membership(self, x, args, t, None)

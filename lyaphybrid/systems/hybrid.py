@@ -1,0 +1,224 @@
+"""Systems that flow in modes and jump at guards or at the ticks of clocks."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+
+from .bound import require_callable
+from .membership import membership
+from .smooth import Flow
+
+__all__ = ["Hybrid", "Transition"]
+
+
+class Transition(eqx.Module):
+    """A jump: where a guard crosses zero, or at the ticks of a clock, x⁺ = reset(t, x, args).
+
+    ``Transition(guard, reset)`` fires where ``guard`` crosses zero; ``Transition(every=T, reset=…)`` fires at
+    t = phase + kT for every integer k with t later than the start.
+
+    Args:
+        guard: ``(t, x, args) -> scalar``, continuously differentiable within its source modes; or ``-> (m,)``
+            for m contacts, pairs or neurons at once.
+        reset: ``(t, x, args) -> x⁺``; for a vector guard ``(t, x, args, which) -> x⁺``. None: x stays.
+        every: period of a clock: a number, or ``args -> number``. Excludes ``guard``.
+        phase: time of one of the clock's ticks: a number, or ``args -> number``.
+        source: mode (or tuple of modes) in which the transition is armed. None: every mode.
+        target: mode after the jump: None (stays), a name, or ``(t, x, args) -> index`` (with ``which`` last for
+            a vector guard), evaluated at the state before the jump.
+        direction: -1 the guard falls through 0, +1 it rises, 0 both.
+        when: ``(t, x, args) -> bool``, asked at the root (before the jump). Several transitions may share one
+            guard and be told apart by it; if none says yes the run ends as ``deadlock``.
+        terminal: the run ends here with status ``terminated``, after the reset.
+
+    Raises:
+        ValueError: on anything but exactly one of ``guard`` and ``every``; on a direction outside {-1, 0, 1}; on
+            a period that is not positive.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> bounce = lh.Transition(lambda t, x, r: x[0], lambda t, x, r: jnp.array([x[0], -r * x[1]]))
+        >>> sample = lh.Transition(every=0.5, reset=lambda t, x, r: x)
+    """
+
+    guard: Callable | None
+    reset: Callable | None
+    source: tuple[str, ...] | None = eqx.field(static=True)
+    target: str | Callable | None
+    direction: int = eqx.field(static=True)
+    when: Callable | None
+    terminal: bool = eqx.field(static=True)
+    every: Any
+    phase: Any
+
+    def __init__(
+        self,
+        guard: Callable | None = None,
+        reset: Callable | None = None,
+        *,
+        every: Any = None,
+        phase: Any = 0.0,
+        source: str | Sequence[str] | None = None,
+        target: str | Callable | None = None,
+        direction: int = -1,
+        when: Callable | None = None,
+        terminal: bool = False,
+    ):
+        if (guard is None) == (every is None):
+            raise ValueError(
+                "Transition needs exactly one of guard (a function that crosses zero) and every (a clock's "
+                f"period); got guard={guard!r}, every={every!r}."
+            )
+        if guard is not None:
+            require_callable("guard", guard, "(t, x, args) -> scalar or (m,)")
+        for name, function in (("reset", reset), ("when", when)):
+            if function is not None:
+                require_callable(name, function, "(t, x, args) -> …")
+        if direction not in (-1, 0, 1):
+            raise ValueError(f"direction must be -1 (falls), +1 (rises) or 0 (both); got {direction!r}.")
+        if isinstance(every, int | float) and not every > 0:
+            raise ValueError(f"every, the clock's period, must be positive; got {every!r}.")
+        if target is not None and not isinstance(target, str) and not callable(target):
+            raise ValueError(f"target must be None, a mode name or (t, x, args) -> index; got {target!r}.")
+        self.guard, self.reset, self.target, self.when = guard, reset, target, when
+        self.source = (source,) if isinstance(source, str) else None if source is None else tuple(source)
+        self.direction, self.terminal, self.every, self.phase = int(direction), bool(terminal), every, phase
+
+    @property
+    def is_clock(self) -> bool:
+        """Whether the instants of this transition come from a clock rather than from a guard."""
+        return self.every is not None
+
+
+class Hybrid(eqx.Module):
+    """A hybrid system: one or several modes that flow, and transitions between them.
+
+    Args:
+        fields: one field (a callable ``(t, x, args) -> dx/dt``, a ``Flow`` or a ``DAE``), or ``{"mode": field, …}``;
+            the order of the dictionary is the order of the mode indices. None: jumps only, the flow set is empty
+            and the first transition's reset is iterated. After a jump into a mode that is a DAE the state is put onto
+            its constraints, the content E₁ x being kept.
+        transitions: one ``Transition`` or a sequence of them.
+        tangent: ``{"mode": (t, x, args, dx) -> dx}``, the projection onto the tangent space of a mode in which
+            the motion is constrained.
+        initial_mode: ``(t, x, args) -> index`` of the mode to which a state belongs, for runs that are not told one;
+            negative where no mode can go on from there (``deadlock``). None: the only mode.
+        max_cascade: that many jumps at one instant are a cascade; one more ends the run as ``zeno``. Where a run
+            counts jumps (``clock="jumps"`` or ``"hybrid"``) it goes on with a cascade that does not end.
+        flow_set: ``(t, x, args) -> c``, continuously differentiable: it may flow where c ≥ 0, in the flow set C;
+            or ``{"mode": function, …}``. A flow that leaves C where no transition fires ends as ``deadlock``, and so
+            does a jump or a start outside C and D; a start outside C and in D jumps at once. None: C is everything.
+
+    The jump set D is where a guard is at zero or on its fired side. A reset that ends in D, beyond a guard, sets off
+    the next jump at once, also where the guard is its own; on its own guard, within rounding, it flows on.
+
+    Raises:
+        ValueError: on no transition, on an unknown mode name, on a field that is no function.
+
+    Source:
+        R. Goebel, R. Sanfelice & A. Teel, Hybrid Dynamical Systems, IEEE Control Systems 29 (2009) 28,
+        doi:10.1109/MCS.2008.931718.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> ball = lh.Hybrid(
+        ...     lambda t, x, args: jnp.array([x[1], -1.0]),
+        ...     lh.Transition(lambda t, x, args: x[0], lambda t, x, args: jnp.array([x[0], -0.8 * x[1]])),
+        ... )
+        >>> ball.mode_names
+        ('flow',)
+    """
+
+    fields: tuple[Callable, ...] | None
+    transitions: tuple[Transition, ...]
+    tangent: tuple[Callable | None, ...]
+    initial_mode: Callable | None
+    flow_sets: tuple[Callable | None, ...]
+    mode_names: tuple[str, ...] = eqx.field(static=True)
+    max_cascade: int = eqx.field(static=True)
+
+    def __init__(
+        self,
+        fields: Any,
+        transitions: Transition | Sequence[Transition],
+        tangent: Mapping[str, Callable] | None = None,
+        max_cascade: int = 16,
+        *,
+        initial_mode: Callable | None = None,
+        flow_set: Callable | Mapping[str, Callable] | None = None,
+    ):
+        named = fields if isinstance(fields, Mapping) else {"jump" if fields is None else "flow": fields}
+        self.mode_names = tuple(named)
+        self.fields = None if fields is None else tuple(_as_field(k, v) for k, v in named.items())
+        self.transitions = (transitions,) if isinstance(transitions, Transition) else tuple(transitions)
+        self.tangent = tuple((tangent or {}).get(name) for name in self.mode_names)
+        self.initial_mode, self.max_cascade = initial_mode, max_cascade
+        if initial_mode is not None:
+            require_callable("initial_mode", initial_mode, "(t, x, args) -> index of a mode")
+        if isinstance(max_cascade, bool) or not isinstance(max_cascade, int) or max_cascade < 1:
+            raise ValueError(f"max_cascade must be a positive integer; got {max_cascade!r}.")
+        for transition in self.transitions:
+            if not isinstance(transition, Transition):
+                raise ValueError(f"transitions must be lh.Transition objects; got {transition!r}.")
+            target = (transition.target,) if isinstance(transition.target, str) else ()
+            self._require_modes("source or target", (*(transition.source or ()), *target))
+        self._require_modes("tangent", tuple(tangent or ()))
+        one_each = flow_set if isinstance(flow_set, Mapping) else dict.fromkeys(self.mode_names, flow_set)
+        self._require_modes("flow_set", tuple(one_each))
+        self.flow_sets = tuple(one_each.get(name) for name in self.mode_names)
+        for function in self.flow_sets:
+            if function is not None:
+                require_callable("flow_set", function, "(t, x, args) -> scalar, or {mode: function}")
+        if not self.transitions:
+            raise ValueError("Hybrid needs at least one Transition; a system without jumps is an lh.Flow.")
+        if self.fields is None and (len(self.transitions) != 1 or self.transitions[0].reset is None):
+            raise ValueError("fields=None (jumps only) needs exactly one Transition, with a reset to iterate.")
+        if self.fields is None and flow_set is not None:
+            raise ValueError(f"fields=None (jumps only) has an empty flow set; got flow_set={flow_set!r}.")
+
+    @property
+    def guarded(self) -> tuple[Transition, ...]:
+        """The transitions, and one for the border of each flow set, at which nothing fires."""
+        sets = zip(self.mode_names, self.flow_sets, strict=True)
+        return self.transitions + tuple(
+            Transition(inside, when=_never, source=name) for name, inside in sets if inside is not None
+        )
+
+    def contains(self, x, args: Any = None, *, t=0.0, mode: str | int | None = None):
+        """Whether the state x (n,) lies in the flow set C, the jump set D, both or neither, up to rounding.
+
+        Returns:
+            A named tuple of truth values, `flow` and `jump`; `.where` is "C", "D", "both" or "neither".
+
+        Raises:
+            ValueError: where there are several modes and none is given.
+
+        Example:
+            >>> import jax.numpy as jnp, lyaphybrid as lh
+            >>> ball = lh.Hybrid(
+            ...     lambda t, x, args: jnp.array([x[1], -1.0]),
+            ...     lh.Transition(lambda t, x, args: x[0], lambda t, x, args: jnp.array([x[0], -x[1]])),
+            ...     flow_set=lambda t, x, args: x[0],
+            ... )
+            >>> [ball.contains([height, 0.0]).where for height in (1.0, 0.0, -1.0)]
+            ['C', 'both', 'D']
+        """
+        return membership(self, x, args, t, mode)
+
+    def _require_modes(self, role: str, names: tuple[str, ...]) -> None:
+        unknown = [name for name in names if name not in self.mode_names]
+        if unknown:
+            raise ValueError(f"Unknown mode {unknown[0]!r} as {role}; the modes are {list(self.mode_names)}.")
+
+
+def _never(t, x, args):
+    """Nothing fires."""
+    del t, x, args
+    return False
+
+
+def _as_field(name: str, field: Any) -> Callable:
+    field = field.field if isinstance(field, Flow) else field
+    require_callable(f"The field of mode {name!r}", field, "(t, x, args) -> dx/dt, or an lh.Flow")
+    return field

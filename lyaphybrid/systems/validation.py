@@ -1,0 +1,213 @@
+"""What users hand over, checked before any computing: what was given, what was wanted, what to do."""
+
+import contextlib
+import inspect
+import weakref
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from .._arguments import positive, real, require
+from .daes.semi_linear import Constrained
+from .event_driven import EventDriven
+from .hybrid import Hybrid, Transition
+from .smooth import Flow, Map
+
+__all__ = ["check_clocks", "check_functions"]
+
+
+def check_clocks(system: Any, args: Any) -> None:
+    """The periods and phases of the clocks, where their values are known already."""
+    for j, transition in enumerate(system.transitions if isinstance(system, Hybrid) else ()):
+        if transition.guard is None:
+            _check_clock(f"every of transition {j}", transition.every, args, positive)
+            _check_clock(f"phase of transition {j}", transition.phase, args, real)
+
+
+def _check_clock(name: str, value, args, good: Callable) -> None:
+    good(name, value(args) if callable(value) else value)
+
+
+def check_functions(system: Any, x: jax.ShapeDtypeStruct, args: Any) -> None:
+    """Ask each of the user's functions what it takes and returns; nothing is computed.
+
+    Asking takes a millisecond or two: it is done where functions are traced, and so once for many calls.
+
+    Raises:
+        ValueError: on a function with the wrong number of arguments, or the wrong shape or kind of result.
+    """
+    t = jax.ShapeDtypeStruct((), x.dtype)
+    if isinstance(system, Flow):
+        _check_field("field", system.field, t, x, args)
+    elif isinstance(system, Map):
+        _returns_state("rule", system.rule, x, "n, x, args", t, x, args)
+    elif isinstance(system, EventDriven):
+        (_check_event_driven if system.schedule is None else _check_scheduled)(system, t, x, args)
+    else:
+        _check_hybrid(system, t, x, args)
+
+
+def _check_field(name: str, field: Callable, t, x, args) -> None:
+    if not isinstance(field, Constrained):
+        return _returns_state(name, field, x, "t, x, args", t, x, args)
+    leading = _result(f"leading of the {name}", field.leading, "t, args", t, args)
+    square = getattr(leading, "shape", None) == (*x.shape, *x.shape) and _floating(leading)
+    require(
+        square,
+        f"The leading of the {name} must return E, a matrix of floats {(*x.shape, *x.shape)} for x of shape {x.shape}; "
+        f"got {_described(leading)}.",
+    )
+    _returns_state(f"residual of the {name}", field.residual, x, "t, x, args", t, x, args)
+    require(
+        field.n_differential <= x.shape[0],
+        f"n_differential must be at most the number of components, {x.shape[0]}; got {field.n_differential}.",
+    )
+
+
+def _check_hybrid(system: Hybrid, t, x, args) -> None:
+    for name, field in zip(system.mode_names, system.fields or (), strict=False):
+        _check_field(f"field of mode {name!r}", field, t, x, args)
+    for name, project in zip(system.mode_names, system.tangent, strict=True):
+        if project is not None:
+            _returns_state(f"tangent of mode {name!r}", project, x, "t, x, args, dx", t, x, args, x)
+    for j, transition in enumerate(system.transitions):
+        _check_transition(j, transition, t, x, args)
+
+
+def _check_transition(j: int, transition: Transition, t, x, args) -> None:
+    which: tuple = ()
+    given = "t, x, args"
+    if transition.guard is not None:
+        guard = _result(f"guard of transition {j}", transition.guard, given, t, x, args)
+        shaped = _floating(guard) and len(guard.shape) < 2 and guard.shape != (0,)
+        require(
+            shaped,
+            f"The guard of transition {j} must return a scalar or (m,), m ≥ 1, a smooth function that crosses zero; "
+            f"got {_described(guard)}.",
+        )
+        which = (jax.ShapeDtypeStruct((), jnp.int32),) if guard.shape else ()
+    if transition.when is not None:
+        when = _result(f"when of transition {j}", transition.when, given, t, x, args)
+        _require_scalar(f"when of transition {j}", when, jnp.bool_, "a single truth value")
+    given += ", which" if which else ""
+    if transition.reset is not None:
+        _returns_state(f"reset of transition {j}", transition.reset, x, given, t, x, args, *which)
+    if callable(transition.target):
+        target = _result(f"target of transition {j}", transition.target, given, t, x, args, *which)
+        _require_scalar(f"target of transition {j}", target, jnp.integer, "the index of a mode, one integer")
+
+
+def has_identity_reset(system: Any, x: jax.ShapeDtypeStruct, args: Any) -> bool:
+    """Whether the jump of some transition changes neither the state nor the mode; a reset None is meant so."""
+    if not isinstance(system, Hybrid):
+        return False
+    t = jax.ShapeDtypeStruct((), x.dtype)
+    return any(_is_identity(transition, t, x, args) for transition in system.transitions)
+
+
+_known_identities: weakref.WeakKeyDictionary[Callable, bool] = weakref.WeakKeyDictionary()  # each reset is traced once
+
+
+def _is_identity(transition: Transition, t, x, args) -> bool:
+    guard, reset = transition.guard, transition.reset
+    if guard is None or reset is None or transition.target is not None or transition.terminal:
+        return False
+    with contextlib.suppress(KeyError, TypeError):  # unknown; or it has no hash
+        return _known_identities[reset]
+    vector = jax.eval_shape(guard, t, x, args).shape
+    which = (jax.ShapeDtypeStruct((), jnp.int32),) if vector else ()
+    program = jax.make_jaxpr(lambda x, t, *which: reset(t, x, args, *which))(x, t, *which).jaxpr
+    found = program.outvars[0] is program.invars[0]
+    with contextlib.suppress(TypeError):
+        _known_identities[reset] = found
+    return found
+
+
+def _check_event_driven(system: EventDriven, t, x, args) -> None:
+    _returns_state("flow", system.flow, x, "dt, t, x, args", t, t, x, args)
+    which = _predicted("next_event", "dt", _result("next_event", system.next_event, "t, x, args", t, x, args))
+    _check_jump(system, t, x, args, which)
+
+
+def _check_scheduled(system: EventDriven, t, y, args) -> None:
+    schedule = system.schedule
+    _returns_state("flow", system.flow, y, "dt, y, args", t, y, args)
+    cache = _result("init of the schedule", schedule.init, "t, y, args", t, y, args)
+    which = _predicted("next of the schedule", "t", _result("next of the schedule", schedule.next, "cache", cache))
+    updated = _result("update of the schedule", schedule.update, "cache, t, y, args, which", cache, t, y, args, which)
+    shifted = _result("shift of the schedule", schedule.shift, "cache, dt", cache, t)
+    for name, other in (("update", updated), ("shift", shifted)):
+        same = jax.tree.structure(other) == jax.tree.structure(cache) and all(
+            (a.shape, a.dtype) == (b.shape, b.dtype)
+            for a, b in zip(jax.tree.leaves(other), jax.tree.leaves(cache), strict=True)
+        )
+        require(
+            same,
+            f"The {name} of the schedule must return a cache like that of init, {_described(cache)}; it returned "
+            f"{_described(other)}.",
+        )
+    rows = _result("touch of the schedule", schedule.touch, "which", which)
+    listed = len(getattr(rows, "shape", ())) == 1 and jnp.issubdtype(rows.dtype, jnp.integer)
+    require(listed, f"The touch of the schedule must return a list of row indices (r,); got {_described(rows)}.")
+    _check_jump(system, t, jax.ShapeDtypeStruct((rows.shape[0], *y.shape[1:]), y.dtype), args, which)
+
+
+def _predicted(name: str, time: str, found):
+    """What a prediction calls its event."""
+    pair = isinstance(found, tuple) and len(found) == 2 and getattr(found[0], "shape", None) == ()
+    require(pair, f"{name} must return ({time}, which), {time} a single number; got {_described(found)}.")
+    moment, which = found
+    require(_floating(moment), f"The {time} of {name} must be a float (inf: no event); got {_described(moment)}.")
+    integers = [jnp.issubdtype(leaf.dtype, jnp.integer) for leaf in jax.tree.leaves(which)]
+    good = bool(integers) and all(integers)
+    require(good, f"The which of {name} must be an integer, or a pytree of integers; got {_described(which)}.")
+    return jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, jnp.int32), which)
+
+
+def _check_jump(system: EventDriven, t, x, args, which) -> None:
+    _returns_state("jump", system.jump, x, "t, x, args, which", t, x, args, which)
+    guard = _result("guard", system.guard, "t, x, args, which", t, x, args, which)
+    _require_scalar("guard", guard, jnp.floating, "a single number that falls through zero")
+
+
+def _result(name: str, function: Callable, given: str, *arguments) -> Any:
+    """The shapes that a function returns."""
+    try:
+        inspect.signature(function).bind(*arguments)
+    except TypeError as error:
+        raise ValueError(f"The {name} is called with ({given}): {error}.") from None
+    except ValueError:  # a builtin without a signature
+        pass
+    return jax.eval_shape(function, *arguments)
+
+
+def _returns_state(name: str, function: Callable, x, given: str, *arguments) -> None:
+    result = _result(name, function, given, *arguments)
+    shape = getattr(result, "shape", None)
+    require(
+        shape == x.shape,
+        f"The {name} must return an array of x's shape {x.shape}; it returned {_described(result)}. "
+        "Put components together with jnp.array([…]) or jnp.stack([…]).",
+    )
+    require(
+        result.dtype == x.dtype,
+        f"The {name} must return {x.dtype}, the type of x; it returned {result.dtype}. Write 1.0 for 1.",
+    )
+
+
+def _floating(result) -> bool:
+    return hasattr(result, "dtype") and jnp.issubdtype(result.dtype, jnp.floating)
+
+
+def _require_scalar(name: str, result, kind, wanted: str) -> None:
+    good = getattr(result, "shape", None) == () and jnp.issubdtype(result.dtype, kind)
+    require(good, f"The {name} must return {wanted}; got {_described(result)}.")
+
+
+def _described(result) -> str:
+    """Shapes and types, as JAX writes them."""
+    if hasattr(result, "shape"):
+        return f"shape {result.shape} of {result.dtype}"
+    return f"{jax.tree.map(_described, result)}" if jax.tree.leaves(result) else repr(result)

@@ -1,0 +1,1 @@
+"""Billiards and hard bodies."""

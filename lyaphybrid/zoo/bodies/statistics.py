@@ -1,0 +1,279 @@
+"""What the collisions of hard disks and spheres say by themselves: rates, free paths, the pressure.
+
+Every number is a by-product of a trajectory, and most are known otherwise: by an equation of state, by kinetic theory,
+for two disks in closed form. A schedule that misses a collision, or takes one too many, shows here.
+
+With a kick of modulus J at every contact of two bodies, σ the distance of their centres, the virial theorem is
+
+    d P V = 2K + (Σ σ J + Σ (σ_i/2) J) / t,
+
+d the dimension, K the kinetic energy; the second sum over the contacts of bodies i with hard walls. In a periodic box
+of vanishing total momentum all positions are equally probable, and all momenta of the energy K: so between the rate of
+collisions and the pressure there is a relation without any error of a finite number of bodies, `kick_by_energy`.
+"""
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from ..._arguments import positive, whole
+from ..._text import with_error
+from ...analysis.trajectories import Events, trajectory
+from ..problem import Problem
+from .contacts import SIDES
+
+__all__ = ["CollisionStatistics", "Measured", "collision_statistics", "kick_by_energy"]
+
+ENTRIES = 2**20  # numbers in a log of states: of 8 MiB before the events, and 8 after them
+FEWEST = 16  # bodies do not move on by fewer events at a time
+
+
+class Measured(NamedTuple):
+    """A value and its standard error."""
+
+    value: float
+    stderr: float
+
+    def __str__(self) -> str:
+        return with_error(*self)
+
+
+@dataclasses.dataclass(frozen=True)
+class CollisionStatistics:
+    """What was counted, each a `Measured`: a value with its standard error from blocks of the run.
+
+    Attributes:
+        rate: collisions of two bodies, all together, per unit time.
+        mean_free_time: of a body between two collisions with others, n/(2 rate).
+        mean_free_path: the length of that, Σ|v_i|/(2 rate).
+        kick: the mean of J/√μ, J the modulus of the exchanged momentum, μ the reduced mass; `kick_by_energy` is exact.
+        pressure: by the virial, per length in the plane, per area in space.
+        compressibility: Z = d P V/(2K), which is 1 for an ideal gas: P V/(n k T) with d n k T = 2K.
+        time: length of the run.
+        collisions: of two bodies.
+        wall_rate: contacts with hard walls per unit time; None in a periodic box.
+        wall_pressure: the momentum given to hard walls per time and area, the mean over the axes; None likewise.
+    """
+
+    rate: Measured
+    mean_free_time: Measured
+    mean_free_path: Measured
+    kick: Measured
+    pressure: Measured
+    compressibility: Measured
+    time: float
+    collisions: int
+    wall_rate: Measured | None = None
+    wall_pressure: Measured | None = None
+
+    def __str__(self) -> str:
+        lines = [f"Collisions of hard bodies (t = {self.time:g}, {self.collisions} collisions)"]
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, Measured):
+                lines.append(f"  {field.name.replace('_', ' '):16s} {value}")
+        return "\n".join(lines)
+
+    __repr__ = __str__
+
+
+class Totals(NamedTuple):
+    """Sums over a stretch of time."""
+
+    time: float = 0.0
+    collisions: int = 0
+    path: float = 0.0  # Σ over bodies of the lengths of their ways
+    kicks: float = 0.0  # Σ J/√μ
+    virial: float = 0.0  # Σ J times the distance of the centres, or half a diameter at a wall
+    wall_contacts: int = 0
+    wall_momentum: float = 0.0  # Σ over the walls' momenta J, each times the length of the box along the axis
+
+
+class Bodies(NamedTuple):
+    """A problem of hard bodies, as numbers."""
+
+    n: int
+    d: int
+    diameter: np.ndarray  # (n,)
+    mass: np.ndarray  # (n,)
+    sides: np.ndarray  # (d,)
+    energy: float
+    walls: bool
+
+
+def collision_statistics(
+    problem: Problem, *, t1: float, transient: float | None = None, blocks: int = 32
+) -> CollisionStatistics:
+    """Rate of collisions, free path and pressure of hard disks or spheres, from one trajectory.
+
+    P V = (2K + Σ σ J/t)/d, J the momenta exchanged in the time t, σ the distances of the centres, d the dimension; at
+    hard walls half a diameter in place of σ.
+
+    Args:
+        problem: of `zoo.hard_disks` or `zoo.hard_spheres`: any number, masses, diameters, walls.
+        t1: length of the run, time.
+        transient: length before; None: that of the problem.
+        blocks: equal parts of the run, from whose scatter the errors come (jackknife). They are too small where parts
+            last less than a few mean free times.
+
+    Returns:
+        A `CollisionStatistics`.
+
+    Raises:
+        ValueError: on a problem of another kind, a length that is not positive, fewer than two blocks.
+
+    Source:
+        J. J. Erpenbeck & W. W. Wood, in B. J. Berne (ed.), Statistical Mechanics B (Plenum, 1977), ch. 1: the virial
+        of impulsive forces.
+
+    Example:
+        >>> from lyaphybrid import zoo
+        >>> two = zoo.collision_statistics(zoo.hard_disks(n=2, density=0.32, aspect=1), t1=2000.0)
+        >>> abs(two.rate.value - 1.8199) < 5 * two.rate.stderr
+        True
+    """
+    bodies = _bodies(problem)
+    positive("t1, a length of time,", t1)
+    whole("blocks", blocks, least=2)
+    transient = float(problem.transient if transient is None else transient)
+    run = _Run(problem, bodies)
+    if transient:
+        run.totals(transient)
+    parts = np.array([run.totals(t1 / blocks) for _ in range(blocks)])
+    sums = Totals(*np.sum(parts, axis=0))
+    quantities = _quantities(bodies, sums)
+    left_out = [_quantities(bodies, Totals(*(np.array(sums) - part))) for part in parts]
+    measured = {
+        name: Measured(float(value), _jackknife([part[name] for part in left_out]))
+        for name, value in quantities.items()
+    }
+    return CollisionStatistics(time=float(t1), collisions=int(sums.collisions), **measured)
+
+
+def kick_by_energy(kinetic_energy: float, freedom: int) -> float:
+    """The mean of J/√μ over collisions, J the exchanged momentum, μ the reduced mass: 2 √(2K) / (f a_f).
+
+    a_f = Γ(f/2)/(√π Γ((f + 1)/2)) is the mean modulus of a component of a unit vector in f dimensions. The momenta,
+    each over the root of its mass, lie anywhere on a sphere of radius √(2K), whatever the positions; and the faster
+    two approach each other, the more often they meet.
+
+    Args:
+        kinetic_energy: K of all bodies together.
+        freedom: f, the dimension of the momenta's space: d (n - 1) in a periodic box, d n between hard walls.
+
+    Returns:
+        The mean, √energy: with it the virial is rate · σ √μ · kick for equal bodies, at any density and number.
+
+    Example:
+        >>> from lyaphybrid.zoo.bodies.statistics import kick_by_energy
+        >>> round(kick_by_energy(2.0, 2), 6)  # two disks: 2 · 2/(2 · 2/π)
+        3.141593
+    """
+    mean_component = math.exp(math.lgamma(freedom / 2) - math.lgamma((freedom + 1) / 2)) / math.sqrt(math.pi)
+    return 2 * math.sqrt(2 * kinetic_energy) / (freedom * mean_component)
+
+
+def _bodies(problem: Problem) -> Bodies:
+    if problem.name not in ("hard_disks", "hard_spheres"):
+        raise ValueError(f"problem must be one of hard_disks, hard_spheres; got {problem.name!r}.")
+    n, args = problem.parameters["n"], problem.args
+    sides = np.array([float(args[side]) for side in SIDES if side in args])
+    mass = np.broadcast_to(np.asarray(args["mass"], float), n)
+    momenta = np.asarray(problem.x0).reshape(2, n, len(sides))[1]
+    return Bodies(
+        n=n,
+        d=len(sides),
+        diameter=np.broadcast_to(np.asarray(args["diameter"], float), n),
+        mass=mass,
+        sides=sides,
+        energy=float(np.sum(momenta**2 / mass[:, None]) / 2),
+        walls=problem.parameters["walls"] == "hard",
+    )
+
+
+class _Run:
+    """A trajectory in pieces whose logs have a bounded size."""
+
+    def __init__(self, problem: Problem, bodies: Bodies):
+        self.problem, self.bodies, self.x = problem, bodies, problem.x0
+        self.most = max(FEWEST, ENTRIES // problem.x0.shape[0])
+        self.rate = _dilute_rate(bodies)  # of events; what is measured replaces it
+
+    def totals(self, length: float) -> Totals:
+        """Go on by this length of time."""
+        sums = np.array(Totals(), float)
+        for dt, events in self._pieces(length):
+            sums = sums + np.array(_totals(self.bodies, dt, events, np.asarray(self.x)), float)
+        return Totals(*sums)
+
+    def _pieces(self, length: float) -> Iterator[tuple[float, Events]]:
+        left = length
+        while left > 0:
+            dt = min(left, self.most / self.rate)
+            piece = trajectory(self.problem.system, self.x, self.problem.args, t1=dt, n=1)
+            self.x, left = piece.x[-1], left - dt
+            self.rate = max(self.rate, len(piece.events) / dt)
+            yield dt, piece.events
+
+
+def _dilute_rate(bodies: Bodies) -> float:
+    """About how many collisions, and contacts with walls, there are per unit time if positions are independent."""
+    speed = math.sqrt(2 * bodies.energy / np.sum(bodies.mass))
+    sphere = 2 * math.pi ** (bodies.d / 2) / math.gamma(bodies.d / 2)
+    section = sphere * np.max(bodies.diameter) ** (bodies.d - 1)
+    return float(speed * bodies.n * (bodies.n * section / np.prod(bodies.sides) + np.sum(1 / bodies.sides)))
+
+
+def _totals(bodies: Bodies, dt: float, events: Events, end: np.ndarray) -> Totals:
+    """The sums over one piece that ends at the state `end`."""
+    n, d = bodies.n, bodies.d
+    which, half = np.asarray(events.which), n * d
+    before, after = (np.asarray(x)[:, half:].reshape(-1, n, d) for x in (events.x_before, events.x_after))
+    speeds = np.linalg.norm(np.concatenate([before, end[None, half:].reshape(1, n, d)]), axis=2) / bodies.mass
+    flights = np.diff(np.asarray(events.t), prepend=0.0, append=dt)
+    at_wall = which >= n * n
+    row = np.arange(len(which))
+    first = np.where(at_wall, (which - n * n) // (2 * d), which // n)
+    second = np.where(at_wall, first, which % n)
+    change = after[row, first] - before[row, first]
+    kick = np.linalg.norm(change, axis=1)
+    mass, diameter = bodies.mass, bodies.diameter
+    reduced = 1 / (1 / mass[first] + 1 / mass[second])
+    reach = np.where(at_wall, diameter[first], diameter[first] + diameter[second]) / 2
+    return Totals(
+        time=dt,
+        collisions=int(np.sum(~at_wall)),
+        path=float(flights @ np.sum(speeds, axis=1)),
+        kicks=float(np.sum((kick / np.sqrt(reduced))[~at_wall])),
+        virial=float(np.sum(kick * reach)),
+        wall_contacts=int(np.sum(at_wall)),
+        wall_momentum=float(np.sum(np.abs(change[at_wall]) @ bodies.sides)),
+    )
+
+
+def _quantities(bodies: Bodies, sums: Totals) -> dict[str, float]:
+    """What is measured, out of sums over a long time."""
+    volume = float(np.prod(bodies.sides))
+    meetings = 2 * sums.collisions or math.nan
+    virial = 2 * bodies.energy + sums.virial / sums.time
+    found = {
+        "rate": sums.collisions / sums.time,
+        "mean_free_time": bodies.n * sums.time / meetings,
+        "mean_free_path": sums.path / meetings,
+        "kick": 2 * sums.kicks / meetings,
+        "pressure": virial / (bodies.d * volume),
+        "compressibility": virial / (2 * bodies.energy),
+    }
+    if not bodies.walls:
+        return found
+    # Two walls an axis, each of the area volume/side: both together have 2 volume/side.
+    pressure = sums.wall_momentum / (2 * sums.time * bodies.d * volume)
+    return found | {"wall_rate": sums.wall_contacts / sums.time, "wall_pressure": pressure}
+
+
+def _jackknife(left_out: list[float]) -> float:
+    """The standard error of a quantity from its values without one block each."""
+    return float(np.std(left_out) * math.sqrt(len(left_out) - 1))

@@ -1,0 +1,1 @@
+"""Smooth flows and DAEs."""

@@ -1,0 +1,1 @@
+"""Impacts, friction and walking."""

@@ -1,0 +1,1 @@
+"""Circuits, neurons and piecewise systems."""
