@@ -1,5 +1,7 @@
 """Derivatives of exponents of constrained systems off equilibria, where they are known exactly."""
 
+from types import SimpleNamespace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,6 +9,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
+from lyaphybrid.analysis.sensitivity import implicit
+from test_equilibrium_gradients import of_example
 
 
 def _residual(t, x, args):
@@ -38,6 +42,67 @@ def test_exponents_that_are_means_of_the_diagonal(method):
     assert_allclose(found.value, [-0.3, -1.1], atol=1e-6)
     assert_allclose(found.gradient["a"], [-1.0, 0.0], atol=1e-6)
     assert_allclose(found.gradient["c"], [0.0, -1.0], atol=1e-6)
+
+
+@pytest.mark.slow
+def test_the_orbit_of_a_forced_dae():
+    """The same to rounding: M has a multiplier 0 across the constraint, near to e^(−2πc), that is none of the orbit."""
+    start = lh.consistent_start(FORCED, [0.1, 0.2, 1.0], ARGS)
+    method = lh.HalfExplicit(rtol=1e-12)
+    found = lh.lyapunov_gradient(FORCED, start, ARGS, t1=1.0, transient=0.0, period=2 * np.pi, integrator=method)
+    assert (found.method, found.trust) == ("implicit", True), found
+    assert_allclose(found.value, [-0.3, -1.1], atol=1e-10)
+    assert_allclose(found.gradient["a"], [-1.0, 0.0], atol=1e-8)
+    assert_allclose(found.gradient["c"], [0.0, -1.0], atol=1e-8)
+
+
+@pytest.mark.parametrize("small", [0.5, 1e-6])
+def test_multipliers_of_a_singular_monodromy_matrix(small):
+    """M = V diag(μ) U with the multipliers 0.9 and `small` of an orbit, and 0 across constraints: d ln μ is known."""
+    rng = np.random.default_rng(1)
+    right, slopes, turning = rng.normal(size=(4, 4)), np.array([0.3, -2.0]), rng.normal(size=(4, 4))
+    inside, inverse = np.diag([0.9, small, 0.0, 0.0]), np.linalg.inv(right)
+    growing = np.diag([0.9 * slopes[0], small * slopes[1], 0.0, 0.0])
+    matrix = right @ inside @ inverse
+    change = right @ growing @ inverse + turning @ matrix - matrix @ turning  # V and U turn too
+    found = implicit.Derivatives(matrix, change[None], np.zeros(1), 1.0)
+    orbit = SimpleNamespace(multipliers=np.array([0.9, small]), exponents=np.log([0.9, small]), period=1.0)
+    _, gradient, groups = implicit.of_exponents(found, orbit, 2)
+    assert groups == []
+    assert_allclose(gradient[:, 0], slopes, rtol=1e-14 / small + 1e-12)
+
+
+@pytest.mark.slow
+def test_the_rest_of_example_5_1_as_an_orbit():
+    """Of any period: derivatives by the orbit's equations are those of the eigenvalues, which are known."""
+    problem = lh.zoo.spring_damper_dae()
+    found = lh.lyapunov_gradient(problem.system, problem.x0, problem.args, t1=20.0, transient=0.0, period=2.0)
+    assert (found.method, found.trust) == ("implicit", True), found
+    args = {name: jnp.asarray(value) for name, value in problem.args.items()}
+    assert_allclose(found.value, of_example(args), rtol=1e-10)
+    for name, exact in jax.jacfwd(of_example)(args).items():
+        assert_allclose(found.gradient[name], exact, atol=1e-9, err_msg=name)
+
+
+@pytest.mark.slow
+def test_an_autonomous_orbit_on_constraints():
+    """Van der Pol's, y = 1 − x² an algebraic component: exponents and derivatives are the ordinary equation's."""
+
+    def flow(t, x, args):
+        return jnp.stack([x[1], args["mu"] * (1 - x[0] ** 2) * x[1] - args["w"] * x[0]])
+
+    def residual(t, x, args):
+        return jnp.stack([x[1], args["mu"] * x[2] * x[1] - args["w"] * x[0], x[2] - 1 + x[0] ** 2])
+
+    constrained = lh.DAE(lambda t, args: jnp.diag(jnp.array([1.0, 1.0, 0.0])), residual, 2)
+    args = {"mu": 1.0, "w": 1.3}
+    free = lh.lyapunov_gradient(lh.Flow(flow), [2.0, 0.0], args, t1=20.0, method="implicit")
+    held = lh.lyapunov_gradient(constrained, [2.0, 0.0, -3.0], args, t1=20.0, method="implicit")
+    assert free.trust
+    assert held.trust
+    assert_allclose(held.value, free.value, atol=1e-11)
+    for name in args:
+        assert_allclose(held.gradient[name], free.gradient[name], atol=1e-9, err_msg=name)
 
 
 def test_linear_response_refuses_constraints():

@@ -183,9 +183,11 @@ def of_exponents(found: Derivatives, orbit: Floquet, k: int) -> tuple[np.ndarray
     value, multipliers = np.asarray(orbit.exponents), np.asarray(orbit.multipliers)
     gradient = np.full((len(value), len(found.period)), np.nan)
     groups = _groups(multipliers)
+    # Across constraints, too, M is zero: that multiplier is none of the orbit's, but one of M's.
+    every = np.pad(multipliers, (0, len(found.monodromy) - len(multipliers)))
     for group in groups:
         if np.all(multipliers[group] != 0):
-            rates = _of_group(found, multipliers, group) / len(group)
+            rates = _of_group(found, every, group) / len(group)
             gradient[group] = (rates - np.mean(value[group]) * found.period) / orbit.period
     return value[:k], gradient[:k], [group for group in groups if len(group) > 1 and min(group) < k]
 
@@ -209,7 +211,7 @@ def _same(a, b) -> bool:
 
 
 def _of_group(found: Derivatives, multipliers, group) -> np.ndarray:
-    """D Σ ln|μ| (p,) of the group."""
+    """D Σ ln|μ| (p,) of the group; of all multipliers (n,) of M."""
     right, left = (_invariant(matrix, multipliers, group) for matrix in (found.monodromy, found.monodromy.conj().T))
     dual = np.linalg.solve(left.conj().T @ right, left.conj().T)
     inside = np.linalg.inv(dual @ found.monodromy @ right)
