@@ -5,6 +5,7 @@ sets nothing behind your back. For float64 say so yourself: ``jax.config.update(
 """
 
 from . import zoo
+from ._renamed import name_of_before
 from ._version import __version__ as __version__
 from .analysis.comparisons import TwoTrajectories, two_trajectories
 from .analysis.continuation import Continuation, continuation
@@ -12,10 +13,10 @@ from .analysis.derivatives import Jacobians, jacobians, saltation_matrix
 from .analysis.diagrams.diagrams import BifurcationDiagram, bifurcation_diagram
 from .analysis.diagrams.sections import PoincareSection, poincare_section
 from .analysis.indicators import (
-    Alignment,
     CovariantVectors,
     ExponentBounds,
-    Growth,
+    GALIResult,
+    IndicatorResult,
     SpectralIntervals,
     SVDSpectrum,
     covariant_vectors,
@@ -32,11 +33,11 @@ from .analysis.indicators import (
 from .analysis.multiple_solutions import solutions
 from .analysis.orbits.periodic_orbits import Floquet, floquet
 from .analysis.orbits.return_maps import return_map
-from .analysis.orbits.shooting import NoPeriodicOrbit
 from .analysis.sensitivity import Design, Gradient, design, lyapunov_gradient
 from .analysis.spectra import lyapunov_spectrum
 from .analysis.trajectories import TangentMap, Trajectory, tangent_map, trajectory
 from .engine import memberships as _memberships  # noqa: F401  answers what `contains` asks
+from .errors import LyaphybridError, NoPeriodicOrbitError, RunFailedError, StoreFailedError
 from .integrators import (
     ESDIRK,
     ContinuousQR,
@@ -50,10 +51,10 @@ from .integrators import (
     TangentHamiltonian,
 )
 from .results.solution_sets import Solution, Solutions
-from .results.spectrum import RunFailed, Spectrum
+from .results.spectrum import Spectrum
 from .results.time_domains import TimeDomain
 from .statuses import STATUS
-from .sweeps import StoreFailed, refine, sweep
+from .sweeps import refine, sweep
 from .systems.consistency import consistent_start
 from .systems.contacts.filippov import filippov
 from .systems.contacts.rigid_contacts import impact
@@ -121,22 +122,35 @@ __all__ = [
     "TangentMap",
     "Jacobians",
     "TwoTrajectories",
-    "Alignment",
-    "Growth",
+    "GALIResult",
+    "IndicatorResult",
     "CovariantVectors",
     "SpectralIntervals",
     "SVDSpectrum",
     "ExponentBounds",
     "Floquet",
     "Continuation",
-    "NoPeriodicOrbit",
+    "NoPeriodicOrbitError",
     "Gradient",
     "PoincareSection",
     "BifurcationDiagram",
     "Solution",
     "Solutions",
     "STATUS",
-    "RunFailed",
-    "StoreFailed",
+    "LyaphybridError",
+    "RunFailedError",
+    "StoreFailedError",
     "zoo",
 ]
+
+__getattr__ = name_of_before(
+    {
+        "Alignment": "GALIResult",
+        "Growth": "IndicatorResult",
+        "NoPeriodicOrbit": "NoPeriodicOrbitError",
+        "RunFailed": "RunFailedError",
+        "StoreFailed": "StoreFailedError",
+    },
+    __name__,
+    globals(),
+)

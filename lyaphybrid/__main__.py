@@ -166,7 +166,7 @@ def _spectrum(options) -> int:
 def _sweep(options) -> int:
     import contextlib
 
-    from .sweeps import StoreFailed, sweep
+    from .sweeps import StoreFailedError, sweep
 
     problem = _problem(options)
     if not options.over:
@@ -192,7 +192,7 @@ def _sweep(options) -> int:
             )
         except (ValueError, ImportError) as error:
             raise Refused(str(error)) from error
-        except StoreFailed as error:
+        except StoreFailedError as error:
             print(f"lyaphybrid: {error}", file=sys.stderr)
             return FAILED
     return _say(found, over)

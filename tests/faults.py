@@ -156,11 +156,11 @@ def full(folder: Path, expected) -> str:
     return f"{error}; {np.sum(known)} points kept"
 
 
-def refused(store: Path) -> lh.StoreFailed:
+def refused(store: Path) -> lh.StoreFailedError:
     """The error of a sweep into a store that cannot be written, which names it."""
     try:
         swept(store=store)
-    except lh.StoreFailed as error:
+    except lh.StoreFailedError as error:
         if str(store) in str(error):
             return error
     raise AssertionError("nothing was said")

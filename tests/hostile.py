@@ -120,5 +120,5 @@ def answer(name: str) -> str:
     """What a user reads."""
     try:
         return str(HOSTILE[name][0]())
-    except (ValueError, lh.RunFailed) as error:
+    except (ValueError, lh.RunFailedError) as error:
         return f"{error}\n{getattr(error, 'result', '')}"

@@ -166,7 +166,7 @@ KNOWN = {
     "faster impact oscillator": Known(
         lh.Hybrid(slower_ball, WALL), [0.0, -0.5], 1.0, None,
         {"t1": 2000.0, "transient": 300.0, "period": lambda c: 2 * jnp.pi / 2.65 / c}, ("implicit", "regression"),
-        solver_state=lambda found: found.value,
+        own=lambda found: found.value,
     ),
     "torus": Known(lh.Map(torus), [0.3, 0.1], TORUS, BESSEL, {"t1": 4000, "transient": 200}, ("birkhoff",)),
     "tent": Known(lh.Map(tent), [0.3], 1.7, [1 / 1.7], {"t1": 10_000, "window": 0.01, "degree": 5}, BROKEN),
@@ -204,7 +204,7 @@ def estimated(name: str, method: str):
 def wrong_by(name: str, found) -> float:
     """The largest difference from the truth in standard errors, what is known having its own."""
     case = KNOWN[name]
-    exact = case.exact if case.solver_state is None else case.solver_state(found)
+    exact = case.exact if case.own is None else case.own(found)
     parts = exact if isinstance(exact, dict) else {None: exact}
     worst = 0.0
     for parameter, truth in parts.items():

@@ -79,7 +79,7 @@ CALLS = {
     "every must be positive": (DECAY, [1.0], {"every": 0}),
     "for a system whose steps are counted": (HENON.system, [0.1, 0.1], {"every": ("time", 0.1)}),
     r"got \('jumps', 2\)": (DECAY, [1.0], {"every": ("jumps", 2)}),
-    "until, a standard error": (DECAY, [1.0], {"until": 0.0}),
+    "target_stderr, a standard error": (DECAY, [1.0], {"target_stderr": 0.0}),
     "max_steps must be an integer of at least 1": (DECAY, [1.0], {"max_steps": 0}),
     "replicates must be an integer of at least 2": (DECAY, [1.0], {"replicates": 1}),
     "replicates needs key": (DECAY, [1.0], {"replicates": 2}),

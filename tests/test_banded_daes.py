@@ -3,13 +3,12 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import scipy.linalg
 from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
-from grids import Grid
 from lyaphybrid._jax.engines import compiled
 from lyaphybrid._linalg.banded import factorised, probes, solve
+from lyaphybrid.papers.linh.power_grids import Grid
 
 
 @compiled()
@@ -29,14 +28,6 @@ def test_factors(m, b):
         found, sign = solved(seen, right)
         assert_allclose(found, np.linalg.solve(matrix, right), atol=1e-13)
         assert sign == np.sign(np.linalg.det(matrix))
-
-
-def finite_time(grid, t1):
-    """ln of the singular values of the fundamental matrix at rest, of the tangent vectors [w; ∂θ/∂w w]."""
-    lift, a = grid.reduced(grid.rest)
-    _, r = np.linalg.qr(np.vstack([np.eye(grid.d), lift]))
-    moved = r @ scipy.linalg.expm(t1 * a) @ np.linalg.inv(r)
-    return np.log(np.linalg.svd(moved, compute_uv=False)), np.trace(a)
 
 
 def test_the_velocity_is_the_same():
@@ -74,7 +65,7 @@ def test_a_grid_of_220_components():
     dae = grid.dae(3)
     start = lh.consistent_start(dae, grid.rest)
     assert_allclose(start, grid.rest, atol=1e-9)
-    exact, trace = finite_time(grid, 6.0)
+    exact, trace = grid.log_growth(6.0), np.trace(grid.reduced(grid.rest)[1])
     found = lh.svd_spectrum(dae, start, t1=6.0, blocks=2, method=lh.HalfExplicit(1e-8))
     print(np.max(np.abs(found.log_values[-1] - exact)))
     assert found.status is lh.STATUS.ok

@@ -23,8 +23,8 @@ RUNS = {
     "disks": lambda **more: DISKS.spectrum(
         t1=30.0, transient=10.0, replicates=3, key=jax.random.key(1), **{"blocks": 16} | more
     ),
-    "until": lambda **more: lh.lyapunov_spectrum(
-        LORENZ.system, LORENZ.x0, LORENZ.args, t1=10.0, k=1, method=FIXED, until=0.05, **more
+    "target_stderr": lambda **more: lh.lyapunov_spectrum(
+        LORENZ.system, LORENZ.x0, LORENZ.args, t1=10.0, k=1, method=FIXED, target_stderr=0.05, **more
     ),
 }
 

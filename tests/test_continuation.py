@@ -518,7 +518,7 @@ def test_a_family_of_orbits_at_one_parameter_is_refused():
 
 def test_nothing_near_the_start_is_said():
     none = lh.Map(lambda n, x, p: x + 1 + 0 * p)
-    with pytest.raises(lh.NoPeriodicOrbit):
+    with pytest.raises(lh.NoPeriodicOrbitError):
         lh.continuation(none, [0.3], 0.1, "args", over=(0.0, 1.0), period=1)
 
 

@@ -10,6 +10,8 @@ from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
 from lyaphybrid.analysis.sensitivity import implicit
+from lyaphybrid.systems.consistency import check_constraints
+from lyaphybrid.systems.daes.semi_linear import landed
 from test_equilibrium_gradients import of_example
 
 
@@ -109,3 +111,60 @@ def test_linear_response_refuses_constraints():
     start = lh.consistent_start(FORCED, [0.1, 0.2, 1.0], ARGS)
     with pytest.raises(ValueError, match="cannot see how jumps or constraints move"):
         lh.lyapunov_gradient(FORCED, start, ARGS, t1=10.0, method="linear_response", key=jax.random.key(0))
+
+
+# Functions that close over a parameter, in place of args: x' = −a y (1 + x²/10), and y + a y³ = x or y + y³ = x.
+
+
+def _closing_over(a, moving: bool):
+    share = a if moving else 1.0
+    return lh.DAE(
+        lambda t, args: jnp.diag(jnp.array([1.0, 0.0])),
+        lambda t, x, args: jnp.stack([-a * x[1] * (1 + 0.1 * x[0] ** 2), x[1] + share * x[1] ** 3 - x[0]]),
+        1,
+    )
+
+
+def test_a_point_on_constraints_that_close_over_a_parameter():
+    """dy/da = −y³ / (1 + 3 a y²), by each kind of derivative and of many values at once.
+
+    It is that of Newton's last step, from a point that is within 1e-9 (`FAR` times the root of the tolerance).
+    """
+
+    def point(a):
+        return landed(_closing_over(a, moving=True).field, None, jnp.zeros(()), jnp.stack([0.5 + 0 * a, 0.4]))[1]
+
+    a = jnp.array([1.3, 1.7])
+    y = np.array([float(point(one)) for one in a])
+    exact = -(y**3) / (1 + 3 * a * y**2)
+    assert_allclose(jax.vmap(jax.jit(point))(a), y, rtol=1e-14)
+    assert_allclose(jax.jit(jax.vmap(jax.grad(point)))(a), exact, rtol=2e-8)
+    assert_allclose([jax.jvp(point, (one,), (jnp.ones(()),))[1] for one in a], exact, rtol=2e-8)
+
+
+def test_constraints_that_close_over_a_parameter_are_not_asked_for_values():
+    """Outside of jit, under a derivative: the start is known, and the functions are not."""
+    x = jnp.array([0.4 + 0.4**3, 0.4])
+
+    def asked(a):
+        check_constraints(_closing_over(a, moving=False), x, jnp.zeros(()), None)
+        return a
+
+    assert jax.jvp(asked, (1.3,), (1.0,)) == (1.3, 1.0)
+    assert_allclose(jax.vmap(asked)(jnp.array([1.3, 1.7])), [1.3, 1.7])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("moving", [True, False])
+def test_a_run_of_constraints_that_close_over_a_parameter(moving):
+    """Its exponent and derivative outside of jit, against central differences."""
+
+    def rate(a):
+        start = jnp.stack([0.4 + (a if moving else 1.0) * 0.4**3, jnp.asarray(0.4)])
+        dae, method = _closing_over(a, moving), lh.HalfExplicit(1e-10)
+        return lh.lyapunov_spectrum(dae, start, t1=1.0, blocks=2, method=method).exponents[0]
+
+    behind, here, ahead = jax.vmap(rate)(jnp.array([1.299, 1.3, 1.301]))
+    value, slope = jax.jvp(rate, (1.3,), (1.0,))
+    assert_allclose(value, here, rtol=1e-12)
+    assert_allclose(slope, (ahead - behind) / 2e-3, rtol=1e-5)

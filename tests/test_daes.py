@@ -225,7 +225,7 @@ def test_the_tangent_of_a_step_is_its_derivative(name, method):
         def step(x):
             return method.step(field, t, x, field(t, x), h)
 
-        shared = method.tangent(field, t, x, h, q, step(x).way).frame
+        shared = method.tangent(field, t, x, h, q, step(x).stage_points).frame
         return shared, method.tangent(field, t, x, h, q).frame, jax.jacfwd(lambda x: step(x).x)(x)
 
     shared, anew, whole = tangents(t, x, q, jnp.asarray(0.1))

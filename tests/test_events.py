@@ -70,6 +70,71 @@ def test_a_single_root_to_1e_12_of_the_local_scale_of_time(t0):
         assert_allclose(path.events.t, np.arange(1, 8), rtol=0, atol=1e-12)
 
 
+# --- one soon after the other ------------------------------------------------------------------------------------
+
+APART = [sign * d for d in (1e-8, 1e-10, 1e-12, 1e-13) for sign in (1, -1)]
+
+
+@pytest.mark.parametrize("t0", [0.0, 1e3])
+@pytest.mark.parametrize("method", METHODS)
+def test_two_balls_that_bounce_one_soon_after_the_other_keep_their_difference(method, t0):
+    """Elastic bounces under x'' = −1: two balls on the same orbit, apart in time by δ, have v₁ − v₂ = δ for ever."""
+
+    def turned(i):
+        return lh.Transition(lambda t, x, args: x[i], lambda t, x, args: x.at[i + 1].multiply(-1.0))
+
+    def falling(t, x, args):
+        return jnp.stack([x[1], -jnp.ones_like(x[0]), x[3], -jnp.ones_like(x[0])])
+
+    balls = lh.Hybrid(falling, [turned(0), turned(2)])
+    for apart in APART:
+        s = np.array([0.5, 0.5 + apart])  # since they left the floor
+        start = np.stack([s - s**2 / 2, 1 - s], axis=1).ravel()
+        run = lh.trajectory(balls, start, t0=t0, t1=20.0, n=1, method=method)
+        assert len(run.events) == 20
+        kept = float(run.x[-1, 1] - run.x[-1, 3]) - (start[1] - start[3])
+        assert abs(kept) < 5e-14, apart  # rounding of 20 bounces; in the wrong order each turns the difference
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_distance_that_bends_sharply_between_two_events_does_not_fire(method):
+    """x' = 3 where x < 0 and 1 beyond: two copies come out a third as far apart, not a tenth.
+
+    While one is across and the other is not their distance bends so sharply that within a step it would be huge.
+    """
+    speeds = {"none": (3.0, 3.0), "first": (1.0, 3.0), "second": (3.0, 1.0), "both": (1.0, 1.0)}
+
+    def field(of):
+        return lambda t, x, args: jnp.asarray(of) + 0 * x
+
+    def crosses(i, before, after):
+        return lh.Transition(lambda t, x, args: x[i], source=before, target=after, direction=1)
+
+    def closer(t, x, args):
+        return (x[1] - x[0]) ** 2 / args**2 - 1
+
+    ways = [(0, "none", "first"), (1, "none", "second"), (1, "first", "both"), (0, "second", "both")]
+    transitions = [crosses(*way) for way in ways] + [lh.Transition(closer, direction=-1, terminal=True)]
+    copies = lh.Hybrid({name: field(of) for name, of in speeds.items()}, transitions)
+    for apart in (1e-6, -1e-8, 1e-10, -1e-11):
+        start = np.array([-0.6, -0.6 + apart])
+        run = lh.trajectory(copies, start, 0.1 * abs(apart), t1=2.0, n=1, method=method, mode="none")
+        assert run.status == STATUS.ok
+        assert len(run.events) == 2
+        assert abs(float(run.x[-1, 1] - run.x[-1, 0]) - (start[1] - start[0]) / 3) < 5e-15, apart
+
+
+def test_a_guard_that_is_noisy_by_rounding_does_not_shorten_the_steps():
+    """A copy comes nearer at a large angle, to 2e-13: rounding leaves one digit of the distance."""
+
+    def field(t, x, args):
+        return jnp.stack([jnp.ones_like(t), 1.0 - 0.2 * (x[1] - x[0])])
+
+    guard = lh.Transition(lambda t, x, args: (x[1] - x[0]) ** 2 / 1e-30 - 1, direction=-1, terminal=True)
+    run = lh.trajectory(lh.Hybrid(field, [guard]), [74.0, 74.0 + 1e-11], t1=20.0, n=1, max_steps=500)
+    assert run.status == STATUS.ok
+
+
 # --- which -------------------------------------------------------------------------------------------------------
 
 

@@ -261,7 +261,7 @@ def test_a_cascade_that_ends_after_all_is_no_product():
 @pytest.mark.parametrize("restitution", [0.5, 0.8])
 def test_in_time_the_bouncing_ball_accumulates(restitution):
     problem, end = zoo.bouncing_ball(restitution=restitution), 2 / (1 - restitution)
-    with pytest.raises(lh.RunFailed, match="accumulate at t = ") as failed:
+    with pytest.raises(lh.RunFailedError, match="accumulate at t = ") as failed:
         problem.spectrum(clock="time", t1=end + 5, transient=0)
     result = failed.value.result
     assert result.status == lh.STATUS.zeno

@@ -16,7 +16,7 @@ ESCAPE = lh.Flow(lambda t, x, args: args * x * x)
 
 def failure(call, *args, **options):
     """The error of a run that fails; nothing in it may be nan but a state that is."""
-    with pytest.raises(lh.RunFailed) as caught:
+    with pytest.raises(lh.RunFailedError) as caught:
         call(*args, **options)
     assert "t = nan" not in str(caught.value)
     return caught.value

@@ -259,7 +259,7 @@ def test_a_circle_modulo_a_turn_that_is_known():
     assert_allclose(_sorted(orbit.multipliers), _sorted(expected), atol=1e-8)
     assert orbit.stability == "elliptic"
     assert orbit.family == 1
-    with pytest.raises(lh.NoPeriodicOrbit, match="moves along the group alone"):
+    with pytest.raises(lh.NoPeriodicOrbitError, match="moves along the group alone"):
         lh.floquet(lh.Flow(precessing), [1.0, 0.0, 0.0, spin], EXTRA, modulo=turned, conserve=momentum)
 
 
@@ -407,7 +407,7 @@ def test_jumps_that_are_not_symmetric_are_found():
         lh.Transition(lambda t, x, args: x[1], lambda t, x, args: jnp.stack([x[0], 1 + args * x[0]])),
     )
     assert lh.floquet(slower, [0.0, 0.5], 0.0, modulo=0).shift[0] == pytest.approx(1.0, abs=1e-12)
-    with pytest.raises(lh.NoPeriodicOrbit, match="is not repeated"):
+    with pytest.raises(lh.NoPeriodicOrbitError, match="is not repeated"):
         lh.floquet(slower, [0.0, 0.5], 0.01, modulo=0)
 
 

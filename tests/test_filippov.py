@@ -98,7 +98,7 @@ def test_a_start_where_both_fields_point_away_is_a_deadlock():
     run = lh.trajectory(repelling, [0.3, 0.0], t1=1.0, n=4, method=METHOD, throw=False)
     assert run.status is STATUS.deadlock
     assert np.isnan(run.x).all()
-    with pytest.raises(lh.RunFailed, match="repelling sliding"):
+    with pytest.raises(lh.RunFailedError, match="repelling sliding"):
         lh.lyapunov_spectrum(repelling, [0.3, 0.0], t1=1.0, method=METHOD)
 
 

@@ -253,6 +253,29 @@ def test_a_copy_follows_where_the_coupling_exceeds_the_exponent(pair, case):
         assert synchronisation.trial(pair, place, args, exact + off, cases.PERIOD)[0] == follows
 
 
+def test_a_copy_that_starts_near_goes_where_the_tangent_map_says(pair):
+    """Two crossings per period, one copy soon after the other; 1e-10 apart rounding leaves five digits or so."""
+    system, start, args = fu._off(cases.CASES[2])
+    own = {"system": args, "coupling": jnp.asarray(0.0), "closer": jnp.asarray(1e-14), "farther": jnp.asarray(1e-2)}
+    for x in np.asarray(lh.trajectory(system, start, args, t1=8 * cases.PERIOD, n=4).x):
+        z = np.concatenate([x, x + 1e-10 * np.array([0.6, 0.8])])
+        run = lh.trajectory(pair, z, own, t1=4 * cases.PERIOD, n=1)
+        assert len(run.events) >= 8
+        apart = np.asarray(run.x[-1, 2:] - run.x[-1, :2])
+        exact = np.asarray(lh.tangent_map(system, x, args, t1=4 * cases.PERIOD).matrix) @ (z[2:] - z[:2])
+        assert np.linalg.norm(apart - exact) < 5e-3 * np.linalg.norm(exact)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("start", [1e-6, 1e-8])
+def test_in_chaos_the_coupling_is_the_exponent_however_near_the_copies_start(start, monkeypatch):
+    monkeypatch.setattr(synchronisation, "START", start)
+    found = fu._synchronised(cases.CASES[2], 100)
+    exact = zoo.friction_pendulum(beta=0.052, alpha=0.01).reference.exponents[0]
+    assert found.error < 2.5e-3
+    assert abs(found.exponent - exact) < 3 * found.error
+
+
 def test_the_coupling_at_which_half_of_the_trials_follow():
     """Exact logistic parts: the midpoint; the error falls as the root of the number of trials."""
     d = np.array([0.0, 0.5, 0.25, 0.125, 0.0625, 0.09375, 0.109375])

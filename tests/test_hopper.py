@@ -105,7 +105,7 @@ def test_what_closes_in_another_mode_is_no_orbit():
         },
         [lh.Transition(**clock, source="on", target="off"), lh.Transition(**clock, source="off", target="on")],
     )
-    with pytest.raises(lh.NoPeriodicOrbit, match=r"in mode '(on|off)' where it should be in '(on|off)'") as caught:
+    with pytest.raises(lh.NoPeriodicOrbitError, match=r"in mode '(on|off)' where it should be in '(on|off)'") as caught:
         lh.floquet(system, [0.9, 0.5], period=1.0, mode="on")
     assert np.isinf(caught.value.result.residual)
     assert np.isinf(lh.floquet(system, [0.9, 0.5], period=1.0, mode="on", throw=False).residual)
@@ -117,7 +117,7 @@ def test_what_closes_in_another_mode_is_no_orbit():
 def test_an_equilibrium_is_no_orbit():
     """A weakly damped oscillator comes back close to where it was; Newton's method then finds where it rests."""
     damped = lh.Flow(lambda t, x, rate: jnp.stack([x[1], -x[0] - rate * x[1]]))
-    with pytest.raises(lh.NoPeriodicOrbit, match="an equilibrium") as caught:
+    with pytest.raises(lh.NoPeriodicOrbitError, match="an equilibrium") as caught:
         lh.floquet(damped, [1.0, 0.0], 0.02)
     assert np.isinf(caught.value.result.residual)
     assert np.max(np.abs(caught.value.result.x0)) < 1e-9

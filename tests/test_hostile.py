@@ -39,7 +39,7 @@ def test_hostile_systems_answer(name, limited, monkeypatch):
 
 
 def stalled(system, x0, **options):
-    with pytest.raises(lh.RunFailed) as caught:
+    with pytest.raises(lh.RunFailedError) as caught:
         lh.lyapunov_spectrum(system, x0, t1=1e4, **options)
     assert caught.value.status is STATUS.stalled
     return str(caught.value)

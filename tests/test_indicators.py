@@ -260,7 +260,7 @@ def test_bad_arguments_are_refused(call, says):
 
 def test_a_run_that_fails_says_so_and_keeps_what_it_has():
     blowing_up = lh.Flow(lambda t, x, args: x**2)
-    with pytest.raises(lh.RunFailed) as failure:
+    with pytest.raises(lh.RunFailedError) as failure:
         lh.fli(blowing_up, [1.0], t1=2.0)
     assert failure.value.status in (lh.STATUS.nonfinite, lh.STATUS.step_underflow)
     found = lh.fli(blowing_up, [1.0], t1=2.0, throw=False)

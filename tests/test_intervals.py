@@ -109,7 +109,7 @@ def test_the_last_piece_may_be_shorter():
 
 def test_a_run_that_fails_keeps_what_it_has():
     blowing_up = lh.Flow(lambda t, x, args: x**2)
-    with pytest.raises(lh.RunFailed):
+    with pytest.raises(lh.RunFailedError):
         lh.spectral_intervals(blowing_up, [1.0], t1=2.0, window=0.1, tau=0.1)
     found = lh.spectral_intervals(blowing_up, [1.0], t1=2.0, window=0.1, tau=0.1, throw=False)
     assert found.status.failed

@@ -135,7 +135,7 @@ def test_a_stiff_flow_with_events_by_an_implicit_method():
     implicit, explicit = lh.Diffrax(diffrax.Kvaerno5(), rtol=1e-8, atol=1e-10), lh.RungeKutta(rtol=1e-8)
     stiff = lh.trajectory(system, x0, 1e4, t1=2.0, n=5, method=implicit, max_steps=steps)
     usual = lh.trajectory(system, x0, 1e4, t1=2.0, n=5, method=explicit)
-    with pytest.raises(lh.RunFailed, match="max_steps"):
+    with pytest.raises(lh.RunFailedError, match="max_steps"):
         lh.trajectory(system, x0, 1e4, t1=2.0, n=5, method=explicit, max_steps=steps)
     assert len(stiff.events) == len(usual.events) >= 3
     assert_allclose(stiff.events.t, usual.events.t, rtol=0, atol=1e-8)
@@ -194,7 +194,7 @@ def test_regular_averaging_takes_the_linear_growth_away():
 
 def test_until_goes_on_to_the_wanted_error():
     short = lh.lyapunov_spectrum(HENON, [0.1, 0.1], 1.4, t1=5000)
-    long = lh.lyapunov_spectrum(HENON, [0.1, 0.1], 1.4, t1=5000, until=0.002)
+    long = lh.lyapunov_spectrum(HENON, [0.1, 0.1], 1.4, t1=5000, target_stderr=0.002)
     assert float(short.stderr[0]) > 0.002 >= float(np.max(long.stderr))
     assert float(long.time) > 5000
     assert float(long.time) % 5000 == 0

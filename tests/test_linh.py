@@ -14,6 +14,7 @@ import lyaphybrid as lh
 from lyaphybrid.__main__ import main
 from lyaphybrid.papers.claims import AGREED, CORRECTED, NOT_REPRODUCIBLE
 from lyaphybrid.papers.linh import claims as linh_claims
+from lyaphybrid.papers.linh import extensions as linh_extensions
 from lyaphybrid.papers.linh import intervals as linh_intervals
 from lyaphybrid.papers.linh import orders as linh_orders
 from lyaphybrid.papers.linh import report as linh_report
@@ -113,6 +114,20 @@ def characteristic_by_hand():
     return linh_theory.Characteristic(exponents, np.stack([np.eye(2)] * len(linh_theory.LENGTHS)))
 
 
+def extensions_by_hand():
+    tolerances, both = np.array(tables.OF_TABLES), linh_extensions.BOTH
+    errors, size = 2 * tolerances[:, None] * np.ones(2), tables.limits() - tables.exact("continuous", 1000)
+    grid = np.linspace(0.3, -0.6, 40)
+    return linh_extensions.Extensions(
+        dict.fromkeys(both, errors),
+        dict.fromkeys(both, errors),
+        dict.fromkeys(both, np.stack([tables.exact("continuous", 1000), np.abs(size)])),
+        dict.fromkeys(both, np.stack([errors, 10 * errors], axis=1)),
+        np.append(tables.limits(), linh_extensions.OF_IMPLICIT),
+        linh_extensions.Large(220, 40, grid + 1e-8, grid),
+    )
+
+
 @functools.cache
 def by_hand() -> linh.Reproduction:
     tolerances, time = np.array(tables.TOLERANCES), np.geomspace(1.0, 1000.0, 91)
@@ -140,6 +155,7 @@ def by_hand() -> linh.Reproduction:
         characteristic_by_hand(),
         linh_theory.Turning(np.full((7, 19), 1.5), np.ones((7, 19)), np.ones((7, 19))),
         linh_theory.Perturbed(*[tables.limits() + np.array(linh_theory.SIZES)[:, None]] * 3),
+        extensions_by_hand(),
     )
 
 
@@ -154,6 +170,7 @@ def test_the_checks_hold_where_the_laws_do():
     assert "Those of\n     Tables 2 and 7 are not explained by it" in str(found)
     for number in range(1, 11):
         assert f"Table {number}:" in str(found)
+    assert "What the paper names and does not compute." in str(found)
 
 
 def in_table(number, **changes):
@@ -209,7 +226,31 @@ def linearised(**changes):
     return in_part("linearisation", lambda found: dataclasses.replace(found, **changes))
 
 
+def extended(**changes):
+    return theory("extensions", **changes)
+
+
+def of_both(change):
+    return lambda runs: {example: change(found) for example, found in runs.items()}
+
+
+def of_second(change):
+    return lambda runs: runs | {"5.2": change(runs["5.2"])}
+
+
 BROKEN = [
+    *(
+        (extended(**{part: of_both(lambda errors: 6 * errors)}), f"{tables.EXAMPLES[example]}, {name}: errors")
+        for part, name in (("collocation", "Radau IIA"), ("continuous_esdirk", "continuous, ESDIRK54b"))
+        for example in linh_extensions.BOTH
+    ),
+    (extended(svd=of_both(lambda found: found * [[1.0], [0.5]])), "SVD method: |λ(T)"),
+    (extended(svd=of_both(lambda found: found + [[1e-5, 0.0], [0.0, 0.0]])), "SVD method: its exponents have the sum"),
+    (extended(svd=of_second(lambda found: found + [[1e-6, -1e-6], [0, 0]])), "SVD method: Examples 5.1 and 5.2"),
+    (extended(bounds=of_second(lambda found: found * [[[11.0], [1.0]]])), "§4.1: errors over"),
+    (extended(bounds=of_second(lambda found: found * [[[1.0], [3.0]]])), "§4.1: bounds over"),
+    (extended(implicit=lambda values: values + [0, 0, 1e-6]), "F(t, x, x') = 0"),
+    (extended(large=lambda grid: dataclasses.replace(grid, found=grid.found + 1e-5)), "a power grid"),
     *((in_table(n, exponents=lambda v: v + 31e-4), f"Table {n}: errors") for n in range(1, 11)),
     *((in_table(n, steps=lambda v: 5 * v), f"Table {n}: 0.8 to") for n in range(1, 11)),
     *((in_table(n, steps=lambda v: v // 3), f"Table {n}: 0.8 to") for n in range(1, 11)),
@@ -275,6 +316,14 @@ def test_what_is_no_number_fails():
         in_dict("rectangle", "5.2 fast", lambda v: v * np.nan),
     ):
         assert not broken(by_hand()).passed
+
+
+@pytest.mark.slow
+def test_a_small_grid():
+    """Six rows of buses: the same as the matrix exponential of the equations reduced by sparse factors."""
+    found = linh_extensions.large(length=6)
+    assert (found.n, found.d) == (22, 4)
+    assert_allclose(found.found, found.exact, rtol=0, atol=1e-7)
 
 
 def test_figures_show_what_was_computed():

@@ -66,7 +66,7 @@ SYSTEMS = {"schedule": DISKS.system, "no schedule": predicting_anew(DISKS.system
 def test_it_is_done_at_the_multiples_of_the_interval_and_only_there(name):
     problem, x0, t0, mode = preparation.prepare(SYSTEMS[name], DISKS.x0, DISKS.args, 0.0, None, None)
     qr_schedule, interval = qr_schedule_for(problem, EVERY)
-    plan = problems.Plan(qr_schedule, "mgs", False, 0, False, False, problems.nothing, Counting())
+    plan = problems.Plan(qr_schedule=qr_schedule, observer=Counting())
     loop_state = driver.start(problem, plan, t0, x0, jnp.eye(x0.shape[0]), mode, jnp.asarray(interval))
     targets = targets_for(np.array([1.0, 2.5]), "time", False, x0.dtype)
     outcome = driver.drive(problem, plan, loop_state, *targets)

@@ -92,9 +92,9 @@ def test_a_forcing_of_amplitude_zero_is_no_dependence_on_time():
 
 def test_no_return_and_no_convergence_are_errors_that_say_what_to_do():
     away = lh.Flow(lambda t, x, args: jnp.ones_like(x) + 0 * x)
-    with pytest.raises(lh.NoPeriodicOrbit, match="did not come back"):
+    with pytest.raises(lh.NoPeriodicOrbitError, match="did not come back"):
         lh.floquet(away, [0.0, 1.0])
-    with pytest.raises(lh.NoPeriodicOrbit, match="stands at a residual") as caught:
+    with pytest.raises(lh.NoPeriodicOrbitError, match="stands at a residual") as caught:
         lh.floquet(CIRCLE, [0.5, 0.1, 0.3], 0.5, period=2.0, max_iterations=1)
     assert caught.value.result.residual > 1e-9
     assert lh.floquet(CIRCLE, [0.5, 0.1, 0.3], 0.5, period=2.0, max_iterations=1, throw=False).residual > 1e-9
@@ -232,3 +232,19 @@ def test_a_mass_on_a_belt(nonsmooth):
     assert orbit.period == pytest.approx(known["period"], abs=1e-9)
     np.testing.assert_allclose(orbit.multipliers, [1.0, 0.0], atol=1e-9)
     assert np.isneginf(orbit.exponents[1])
+
+
+def test_other_orbits_of_a_kind_compile_nothing_again():
+    """What differs between two orbits, the period among it, is traced."""
+    traced = []
+
+    @jax.jit
+    def turns(orbit):
+        traced.append(1)
+        return 10.0 / orbit.period, orbit.residual
+
+    for omega in (2.0, 3.0):
+        system = lh.Flow(lambda t, x, w: jnp.array([w * x[1], -w * x[0]]) * 1.0 + (1 - x @ x) * x)
+        orbit = lh.floquet(system, [1.0, 0.1], omega)
+        np.testing.assert_allclose(turns(orbit)[0], 10 * omega / (2 * np.pi), rtol=1e-8)
+    assert len(traced) == 1

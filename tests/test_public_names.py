@@ -18,11 +18,11 @@ RESULTS = (
     "TangentMap",
     "Floquet",
     "Gradient",
-    "NoPeriodicOrbit",
+    "NoPeriodicOrbitError",
     "Jacobians",
     "TwoTrajectories",
-    "Alignment",
-    "Growth",
+    "GALIResult",
+    "IndicatorResult",
     "CovariantVectors",
     "SpectralIntervals",
     "SVDSpectrum",
@@ -33,8 +33,9 @@ RESULTS = (
     "Design",
     "Solution",
     "Solutions",
-    "RunFailed",
-    "StoreFailed",
+    "RunFailedError",
+    "StoreFailedError",
+    "LyaphybridError",
 )
 MODULES = [m.name for m in pkgutil.walk_packages(lh.__path__, "lyaphybrid.") if not m.name.endswith("__main__")]
 
@@ -112,3 +113,41 @@ def test_importing_again_changes_nothing():
     before = dict(jax.config.values)
     importlib.reload(lh)
     assert dict(jax.config.values) == before
+
+
+OLD = {
+    "Alignment": lh.GALIResult,
+    "Growth": lh.IndicatorResult,
+    "NoPeriodicOrbit": lh.NoPeriodicOrbitError,
+    "RunFailed": lh.RunFailedError,
+    "StoreFailed": lh.StoreFailedError,
+}
+
+
+@pytest.mark.parametrize("name", OLD)
+def test_old_names_work_and_say_the_new_ones(name):
+    with pytest.warns(DeprecationWarning, match=OLD[name].__name__) as said:
+        assert getattr(lh, name) is OLD[name]
+    assert len(said) == 1
+
+
+def test_old_keywords_work_and_say_the_new_ones():
+    logistic = lh.Map(lambda n, x, r: r * x * (1 - x))
+    with pytest.warns(DeprecationWarning, match="target_stderr=") as said:
+        old = lh.lyapunov_spectrum(logistic, [0.3], 3.7, t1=200, until=0.05)
+    assert len(said) == 1
+    assert old.exponents == lh.lyapunov_spectrum(logistic, [0.3], 3.7, t1=200, target_stderr=0.05).exponents
+    with pytest.raises(TypeError, match="give one of them"):
+        lh.lyapunov_spectrum(logistic, [0.3], 3.7, t1=200, until=0.05, target_stderr=0.05)
+
+
+def test_a_name_that_never_was_is_an_error():
+    with pytest.raises(AttributeError, match="no attribute 'Spektrum'"):
+        _ = lh.Spektrum
+
+
+def test_errors_of_a_computation_are_one_family():
+    family = [lh.RunFailedError, lh.NoPeriodicOrbitError, lh.StoreFailedError]
+    assert all(issubclass(one, lh.LyaphybridError) for one in family)
+    assert issubclass(lh.StoreFailedError, OSError)
+    assert issubclass(lh.RunFailedError, RuntimeError)

@@ -45,7 +45,7 @@ def test_one_step_of_linear_equations_is_the_rational_function():
     @compiled()
     def run(x, frame):
         done = method.step(field, jnp.zeros(()), x, field(0.0, x), jnp.asarray(h))
-        return done.x, method.tangent(field, jnp.zeros(()), x, jnp.asarray(h), frame, done.way).frame
+        return done.x, method.tangent(field, jnp.zeros(()), x, jnp.asarray(h), frame, done.stage_points).frame
 
     z = h * rates
     exact = (1 + 0.4 * z + z**2 / 20) / (1 - 0.6 * z + 0.15 * z**2 - z**3 / 60)
@@ -63,7 +63,7 @@ def test_the_tangent_is_the_derivative_of_the_step():
     @compiled()
     def run(x):
         done, frame = method.step(field, t, x, field(t, x), h), field.field.lifts(t, x, field.args).content
-        return done.x, frame, method.tangent(field, t, x, h, frame, done.way).frame
+        return done.x, frame, method.tangent(field, t, x, h, frame, done.stage_points).frame
 
     _, frame, moved = run(problem.x0)
     for dx, ours in zip(np.asarray(frame).T, np.asarray(moved).T, strict=True):

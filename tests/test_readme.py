@@ -1,4 +1,4 @@
-"""The examples at the start of the README, as a user runs them."""
+"""The examples at the start of the README, as a user runs them; the files that ARCHITECTURE.md names."""
 
 import re
 from pathlib import Path
@@ -11,7 +11,9 @@ from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
 
-README = (Path(__file__).parents[1] / "README.md").read_text()
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text()
+PLACES = ("lyaphybrid", "lyaphybrid/native", ".")  # from which paths are written in ARCHITECTURE.md
 
 
 @pytest.mark.slow
@@ -28,3 +30,9 @@ def test_the_first_examples_run_and_lanes_are_single_runs(capsys):
     assert printed.shape == (4,)
     assert_allclose(printed, alone, rtol=0, atol=1e-7)
     assert names["spectrum"].status == lh.STATUS.ok
+
+
+def test_the_architecture_names_files_that_are_there():
+    named = set(re.findall(r"`((?:\w+/)+\w+\.py)", (ROOT / "ARCHITECTURE.md").read_text()))
+    assert len(named) > 20
+    assert [name for name in named if not any((ROOT / place / name).exists() for place in PLACES)] == []

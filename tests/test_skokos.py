@@ -91,7 +91,7 @@ def powers(orbit):
 
 def alignment(logs, orbit):
     code = jnp.asarray(int(STATUS.ok))
-    return lh.Alignment(jnp.asarray(TIME), jnp.asarray(logs), code, skokos_cases.ORBITS[orbit].orders)
+    return lh.GALIResult(jnp.asarray(TIME), jnp.asarray(logs), code, skokos_cases.ORBITS[orbit].orders)
 
 
 def sea(rate=0.0443):

@@ -148,8 +148,8 @@ def test_the_tangent_at_known_points_is_the_derivative_of_the_step(method, field
 
     @compiled()
     def tangents(x):
-        way = method.step(field, t, x, field(t, x), h).way
-        assert len(way) == method.way_points
+        way = method.step(field, t, x, field(t, x), h).stage_points
+        assert len(way) == method.stage_count
         ways = method.tangent(field, t, x, h, frame, way), method.rare_tangent(field, t, x, h, frame, way)
         found = *ways, method.tangent(field, t, x, h, frame)
         values = [(one.frame, one.errors, method.divergence(field, one.nodes, h)) for one in found]
@@ -166,7 +166,7 @@ def test_the_points_on_the_way_depend_on_the_start():
     method, t, h = METHODS[0], jnp.asarray(T), jnp.asarray(H)
 
     def frame(x, known):
-        way = method.step(pendulum, t, x, pendulum(t, x), h).way if known else ()
+        way = method.step(pendulum, t, x, pendulum(t, x), h).stage_points if known else ()
         return method.tangent(pendulum, t, x, h, jnp.eye(2), way).frame
 
     ours, plain = (compiled()(jax.jacfwd(frame))(jnp.asarray(X), known) for known in (True, False))

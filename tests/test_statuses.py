@@ -120,7 +120,7 @@ def test_inconsistent_start():
     spectrum = lh.lyapunov_spectrum(fold(1.0), [1.0, 0.9], t1=0.5, blocks=BLOCKS, throw=False)
     assert spectrum.status is STATUS.inconsistent_start
     assert np.isnan(spectrum.exponents).all()
-    with pytest.raises(lh.RunFailed, match="lh.consistent_start"):
+    with pytest.raises(lh.RunFailedError, match="lh.consistent_start"):
         lh.trajectory(fold(1.0), [1.0, 0.9], t1=0.5)
     assert lh.trajectory(fold(1.0), lh.consistent_start(fold(1.0), [1.0, 0.9]), t1=0.5).status is STATUS.ok
 
@@ -308,7 +308,7 @@ def test_no_more_jumps_where_the_motion_comes_to_rest(method, t1):
     assert np.allclose(spectrum.x, 0.0, rtol=0, atol=1e-6)
     impact = lh.trajectory(FREE, [1.0, 0.0], t1=3.0, n=1, method=METHOD).events.t[0]
     assert float(jnp.sum(spectrum.exponents)) == pytest.approx(-0.2 * float(impact) + 2 * math.log(0.9), abs=1e-6)
-    with pytest.raises(lh.RunFailed, match="no_more_jumps: .*clock='time'"):
+    with pytest.raises(lh.RunFailedError, match="no_more_jumps: .*clock='time'"):
         lh.lyapunov_spectrum(FREE, [1.0, 0.0], t1=t1, clock="jumps", method=method)
 
 
@@ -400,7 +400,7 @@ def test_a_failure_in_the_transient_leaves_no_answer():
 
 
 def test_failures_raise_with_the_result_and_the_causes():
-    with pytest.raises(lh.RunFailed) as caught:
+    with pytest.raises(lh.RunFailedError) as caught:
         ball_spectrum((1.0, 0.0), restitution=0.8, throw=True)
     error = caught.value
     assert error.status is STATUS.zeno
@@ -408,10 +408,10 @@ def test_failures_raise_with_the_result_and_the_causes():
     assert computed(error.result) == 6
     for part in ("zeno: events accumulate", "(a)", "(b)", "It stood at t = 12.7279", "throw=False", "accumulate at"):
         assert part in str(error)
-    with pytest.raises(lh.RunFailed, match="max_steps") as caught:
+    with pytest.raises(lh.RunFailedError, match="max_steps") as caught:
         lh.trajectory(ESCAPE, [1.0], 1.0, t1=0.9, n=4, max_steps=5)
     assert np.isnan(caught.value.result.x[-1]).all()
-    with pytest.raises(lh.RunFailed, match="nonfinite") as caught:
+    with pytest.raises(lh.RunFailedError, match="nonfinite") as caught:
         lh.tangent_map(ESCAPE, [1.0], 1.0, t1=2.0)
     assert caught.value.result.status is STATUS.nonfinite
     assert lh.tangent_map(ESCAPE, [1.0], 1.0, t1=2.0, throw=False).status is STATUS.nonfinite

@@ -276,7 +276,7 @@ def test_a_second_process_is_refused(tmp_path):
 
 def test_where_nothing_can_be_written_is_said(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(lh.StoreFailed, match="cannot be written"):
+    with pytest.raises(lh.StoreFailedError, match="cannot be written"):
         swept(store=tmp_path / "file" / "sweep.zarr")
 
 
@@ -292,7 +292,7 @@ def test_a_store_that_fails_on_the_way_keeps_what_is_computed(whole, tmp_path, m
         await put(self, key, value)
 
     monkeypatch.setattr(zarr.storage.LocalStore, "set", full)
-    with pytest.raises(lh.StoreFailed, match=f"{store}.*No space left") as failed:
+    with pytest.raises(lh.StoreFailedError, match=f"{store}.*No space left") as failed:
         swept(store=store)
     monkeypatch.undo()
     partial = failed.value.dataset

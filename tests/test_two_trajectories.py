@@ -141,7 +141,7 @@ def test_jit_and_vmap_with_events():
 
 def test_a_run_that_fails_keeps_what_it_found():
     escape = lh.Flow(lambda t, x, args: x**2)
-    with pytest.raises(lh.RunFailed, match="stood at t") as caught:
+    with pytest.raises(lh.RunFailedError, match="stood at t") as caught:
         lh.two_trajectories(escape, [1.0], t1=2.0)
     found = lh.two_trajectories(escape, [1.0], t1=2.0, throw=False)
     assert found.status == caught.value.result.status

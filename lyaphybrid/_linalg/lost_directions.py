@@ -11,7 +11,7 @@ from .._jax.magnitudes import absolute
 from .._jax.precision import eps, nonzero
 from .frames import TINY
 
-__all__ = ["LARGEST", "is_precise", "orthonormalised", "volume"]
+__all__ = ["LARGEST", "is_precise", "orthonormalised", "log_volume"]
 
 LARGEST = 16  # components of a state: with 64 the compiler takes 10 s
 CLEARED = 10  # times, of the columns before: then rows of 1e-300 of the others are right
@@ -95,7 +95,7 @@ def _less(y: Pair, column: Pair) -> tuple[Pair, Pair]:
     return double_double.added(y, double_double.negated(along)), share
 
 
-def volume(tangent, n: int, dtype) -> Array:
+def log_volume(tangent, n: int, dtype) -> Array:
     """ln|det| of a linear function (n,) -> (n,); -inf if singular."""
     _, log_r, lost, _ = orthonormalised(tangent, jnp.eye(n, dtype=dtype))
     return jnp.where(jnp.any(lost), -jnp.inf, jnp.sum(log_r))

@@ -18,9 +18,9 @@ from ..engine import beginning, binding, loop, preparation, problems, states
 from ..engine.blocks import check_counts
 from ..engine.host import driver
 from ..engine.host.places import Place, account
-from ..engine.states import QRSchedule
+from ..errors import RunFailedError
 from ..integrators.base import Method
-from ..results.spectrum import History, RunFailed
+from ..results.spectrum import History
 from ..statuses import RUNNING, STATUS
 from ..systems.event_driven import EventDriven
 from ..systems.hybrid import Hybrid
@@ -29,7 +29,7 @@ from ..systems.smooth import Flow, Map
 
 __all__ = ["TwoTrajectories", "two_trajectories"]
 
-PLAN = problems.Plan(QRSchedule("never", False), "mgs", False, 0, False, False, problems.nothing)
+PLAN = problems.Plan()
 SHORTEST, LONGEST = 1e-6, 0.5  # interval, of a block; it begins with the shortest
 GOLDEN = 0.6180339887498949  # of a fixed interval is the first: no round time coincides with an event then
 WANTED, SHORTER, LONGER = 1.0, 0.5, 1.2  # ln of the growth in an interval; how fast the interval adapts
@@ -155,7 +155,7 @@ def two_trajectories(
 
     Raises:
         ValueError: on arguments that do not fit, before any computing.
-        RunFailed: where the run failed and `throw`; it carries the result so far.
+        RunFailedError: where the run failed and `throw`; it carries the result so far.
 
     Source:
         G. Benettin, L. Galgani & J.-M. Strelcyn, Phys. Rev. A 14 (1976) 2338, doi:10.1103/PhysRevA.14.2338.
@@ -395,7 +395,7 @@ def _deliver(result: TwoTrajectories, names: tuple[str, ...], throw: bool) -> Tw
         return result
     if throw and status.failed:
         place = Place.of(result.t, result.x, result.mode, names)
-        raise RunFailed(status, account(status, place), result)
+        raise RunFailedError(status, account(status, place), result)
     if int(result.skipped) > max(2, SKIPPED * int(result.intervals)):
         warnings.warn(
             f"{int(result.skipped)} of {int(result.intervals)} intervals did not count: (a) the distance "

@@ -18,7 +18,7 @@ from ..engine.evolvers.constraints import landing_of
 from ..engine.evolvers.exact import Exact, integers
 from ..engine.evolvers.scheduled import predicting_anew
 from ..events.compiled_hybrid import by_mode, wire
-from ..events.saltations import delays, instant, push, return_along
+from ..events.saltations import event_time_shifts, instant, pushforward, to_reference_time
 from ..systems.event_driven import EventDriven
 from ..systems.hybrid import Hybrid
 from ..systems.kinds import System
@@ -263,18 +263,18 @@ def _saltation(system, t, x, args, mode, sequence, which):
     if not crossing.ticks:
         f = crossing.velocity(mode, t, x)
         gradient, moving, rate = instant(crossing.guard, t, x, f)
-        direction, delay = f, jnp.where(rate == 0, jnp.nan, delays(gradient @ columns, rate))
+        direction, delay = f, jnp.where(rate == 0, jnp.nan, event_time_shifts(gradient @ columns, rate))
         slope, moving = jnp.sqrt(jnp.sum(gradient**2)), jnp.abs(moving)
         speed, size = jnp.sqrt(jnp.sum(f**2)), jnp.sqrt(jnp.sum(x**2))
         contact = (crossing.guard(t, x), rate, slope * (size + speed) + moving, slope * speed + moving)
     for reset, move in crossing.jumps:
         after = move(mode, t, x)
-        x, columns, direction = push(reset, t, x, columns, direction)
+        x, columns, direction = pushforward(reset, t, x, columns, direction)
         if crossing.land is not None:
-            x, columns, direction = push(functools.partial(crossing.land, after), t, x, columns, direction)
+            x, columns, direction = pushforward(functools.partial(crossing.land, after), t, x, columns, direction)
         mode = after
     if crossing.velocity is not None:
-        columns = return_along(columns, direction, crossing.velocity(mode, t, x), delay)
+        columns = to_reference_time(columns, direction, crossing.velocity(mode, t, x), delay)
     return columns, contact
 
 

@@ -128,7 +128,7 @@ def solutions(
     ends_of_blocks(t1, blocks, None, "t1")  # refused before anything is computed
     frame, initial = initial_frame(problem, t0, x0, frame, k)
     qr_schedule, interval = qr_schedule_for(problem, every)
-    plan = problems.Plan(qr_schedule, frames.kind_for(frame.shape[1]), False, 0, False, False, problems.first_losses)
+    plan = problems.Plan(qr_schedule=qr_schedule, kind=frames.kind_for(frame.shape[1]), collect=problems.first_losses)
     search = _Search(problem, plan, interval, 0.0 * initial, blocks, departures, max_steps)
     search.follow(Part((), (), (), t0, x0, frame, mode, float(t1)), most)
     return Solutions(tuple(search.found), search.complete, problems.mode_names(system))

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .. import _renamed as renamed
 from .._arguments import attempts, positive, require, whole
 from .._jax.engines import compiled
 from .._jax.hashes import hash_of_arrays, hash_of_function
@@ -16,9 +17,10 @@ from ..engine import preparation, problems
 from ..engine.blocks import check_counts, ends_of_blocks, is_zero, qr_schedule_for, targets_for
 from ..engine.host import checkpoints, driver
 from ..engine.host.places import Place, account
+from ..errors import RunFailedError
 from ..integrators.base import Method
 from ..results import averages
-from ..results.spectrum import RunFailed, Spectrum
+from ..results.spectrum import Spectrum
 from ..statuses import STATUS
 from ..systems.consistency import onto_constraints, tangent_frame
 from ..systems.daes.semi_linear import DAE, degrees_of_freedom
@@ -35,6 +37,7 @@ SUM_RULE_UP_TO = 16  # dimension; the exact volume of an event-driven jump costs
 SUM_RULE_EXACT = 6
 
 
+@renamed.keywords(until="target_stderr")
 def lyapunov_spectrum(
     system: Flow | Map | Hybrid | EventDriven,
     x0,
@@ -55,7 +58,7 @@ def lyapunov_spectrum(
     averaging: str = "uniform",
     count_start: bool = False,
     replicates: int | None = None,
-    until: float | None = None,
+    target_stderr: float | None = None,
     max_steps: int | None = None,
     key=None,
     progress=None,
@@ -97,7 +100,7 @@ def lyapunov_spectrum(
             exponent less 1/t, for conservative regular motion.
         count_start: count ln R of the initial frame too.
         replicates: run m times from x0 perturbed by a relative 1e-6 with `key`; the error is sd/√m.
-        until: go on, by multiples of t1, until every finite exponent's standard error is below this.
+        target_stderr: go on, by multiples of t1, until every finite exponent's standard error is below this.
         max_steps: most attempts of a step; None: no limit (Ctrl-C returns what is computed), but a run of many tiny
             steps that lead nowhere ends as stalled. Where there is a schedule,
             and in fixed steps, the run ends with the interval between orthonormalisations in which they are spent.
@@ -117,7 +120,7 @@ def lyapunov_spectrum(
 
     Raises:
         ValueError: on arguments that do not fit, before any computing; where `checkpoint` is the file of another run.
-        RunFailed: where the run failed and `throw`; it carries the result so far.
+        RunFailedError: where the run failed and `throw`; it carries the result so far.
         OSError: where `checkpoint` cannot be written from the start. Later that is a warning, and the run goes on.
 
     Source:
@@ -130,7 +133,7 @@ def lyapunov_spectrum(
         >>> abs(float(s.exponents[0]) - 0.6931) < 0.01
         True
     """
-    _check_words(clock, averaging, orthonormalise, blocks, k, until, replicates, key, max_steps)
+    _check_words(clock, averaging, orthonormalise, blocks, k, target_stderr, replicates, key, max_steps)
     problem, x0, t0, mode = preparation.prepare(system, x0, args, t0, method, mode)
     require(not isinstance(system, Flow) or clock != "jumps", "clock='jumps' would never end: an lh.Flow has no jumps.")
     check_counts(system, clock, t1=t1, transient=transient)
@@ -144,7 +147,14 @@ def lyapunov_spectrum(
     qr_schedule, interval = qr_schedule_for(problem, every)
     limit = SUM_RULE_EXACT if isinstance(system, EventDriven) else SUM_RULE_UP_TO
     closes = k == n <= limit
-    plan = problems.Plan(qr_schedule, kind, closes, 0, clock != "time", x0.ndim == 2, problems.first_losses)
+    plan = problems.Plan(
+        qr_schedule=qr_schedule,
+        kind=kind,
+        sum_rule=closes,
+        count_jumps=clock != "time",
+        batched=x0.ndim == 2,
+        collect=problems.first_losses,
+    )
     ends_of_blocks(t1, blocks, times, "t1")  # refused before anything is computed
     discrete = iterates(system)
     loop_state, interrupted = driver.start(problem, plan, t0, x0, frame, mode, array(interval, x0.dtype)), False
@@ -152,9 +162,9 @@ def lyapunov_spectrum(
     if checkpoint is not None:
         require(not traced((loop_state, problem)), "checkpoint=… is for runs on the host, not under jit, vmap or grad.")
         about = _about(
-            problem, plan, loop_state, initial, transient, blocks, times, (clock, averaging, until, count_start)
+            problem, plan, loop_state, initial, transient, blocks, times, (clock, averaging, target_stderr, count_start)
         )
-        file = checkpoints.opened(checkpoint, resume, about, t1, blocks, times is None and until is None)
+        file = checkpoints.opened(checkpoint, resume, about, t1, blocks, times is None and target_stderr is None)
         stretches = file.stretches
     quieted: list[driver.Outcome] = []  # the transient's
     if not is_zero(transient):
@@ -175,11 +185,11 @@ def lyapunov_spectrum(
             continue
         growth = initial if count_start else 0.0 * initial
         spectrum = averages.summarise(outcomes, problem, clock, growth, averaging)
-        if until is None or _good_enough(spectrum, until):
+        if target_stderr is None or _good_enough(spectrum, target_stderr):
             if file is not None and not interrupted:
                 file.close()
             return _deliver(spectrum, throw, next((one.why for one in (*quieted, *outcomes) if one.why), ""))
-        more = _missing(spectrum, until, done) if times is None else 1
+        more = _missing(spectrum, target_stderr, done) if times is None else 1
 
 
 def _about(problem, plan, loop_state, initial, transient, blocks, times, words) -> dict[str, str]:
@@ -200,7 +210,7 @@ def _about(problem, plan, loop_state, initial, transient, blocks, times, words) 
     }
 
 
-def _check_words(clock, averaging, orthonormalise, blocks, k, until, replicates, key, max_steps) -> None:
+def _check_words(clock, averaging, orthonormalise, blocks, k, target_stderr, replicates, key, max_steps) -> None:
     require(clock in CLOCKS, f"clock must be one of {CLOCKS}; got {clock!r}.")
     require(averaging in AVERAGES, f"averaging must be one of {AVERAGES}; got {averaging!r}.")
     kinds = ("auto", *frames.KINDS)
@@ -208,8 +218,8 @@ def _check_words(clock, averaging, orthonormalise, blocks, k, until, replicates,
     whole("blocks", blocks, least=2)
     if k is not None:
         whole("k", k, least=1)
-    if until is not None:
-        positive("until, a standard error,", until)
+    if target_stderr is not None:
+        positive("target_stderr, a standard error,", target_stderr)
     attempts(max_steps)
     if replicates is not None:
         whole("replicates", replicates, least=2)
@@ -257,18 +267,20 @@ def _orthonormal(frame):
     return frames.orthonormalise(frame, "mgs", frames.LOST, frames.LOST)
 
 
-def _good_enough(spectrum: Spectrum, until: float) -> bool:
+def _good_enough(spectrum: Spectrum, target_stderr: float) -> bool:
     if traced(spectrum.stderr):
-        raise ValueError("until=… decides from the values whether to go on: it cannot be used under jit, vmap or grad.")
+        raise ValueError(
+            "target_stderr=… decides from the values whether to go on: it cannot be used under jit, vmap or grad."
+        )
     finite = np.isfinite(np.asarray(spectrum.exponents))
-    reached = bool(np.all(np.asarray(spectrum.stderr)[finite] <= until))
+    reached = bool(np.all(np.asarray(spectrum.stderr)[finite] <= target_stderr))
     return reached or bool(spectrum.status != STATUS.ok) or "interrupted" in spectrum.notes
 
 
-def _missing(spectrum: Spectrum, until: float, done: int) -> int:
+def _missing(spectrum: Spectrum, target_stderr: float, done: int) -> int:
     """How long to go on, in units of the first run, if errors fall like 1/√t; at most 64 at a time."""
     worst = np.nanmax(np.where(np.isfinite(np.asarray(spectrum.exponents)), np.asarray(spectrum.stderr), 0.0))
-    return int(np.clip(np.ceil(done * ((worst / until) ** 2 - 1)), 1, 64))
+    return int(np.clip(np.ceil(done * ((worst / target_stderr) ** 2 - 1)), 1, 64))
 
 
 def _deliver(spectrum: Spectrum, throw: bool, why: str) -> Spectrum:
@@ -277,4 +289,4 @@ def _deliver(spectrum: Spectrum, throw: bool, why: str) -> Spectrum:
     if not throw or not isinstance(status, STATUS) or not status.failed:
         return spectrum
     place = Place.of(spectrum.t, spectrum.x, spectrum.mode, spectrum.mode_names)
-    raise RunFailed(status, account(spectrum.status_code, place, spectrum.accumulation_time, why), spectrum)
+    raise RunFailedError(status, account(spectrum.status_code, place, spectrum.accumulation_time, why), spectrum)

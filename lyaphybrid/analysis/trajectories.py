@@ -15,9 +15,8 @@ from ..engine import preparation, problems
 from ..engine.blocks import check_counts, ends_of_blocks
 from ..engine.host import driver
 from ..engine.host.places import account, place_of
-from ..engine.states import QRSchedule
+from ..errors import RunFailedError
 from ..integrators.base import Method
-from ..results.spectrum import RunFailed
 from ..results.time_domains import TimeDomain, time_domain
 from ..statuses import STATUS
 from ..systems.event_driven import EventDriven
@@ -131,7 +130,7 @@ def trajectory(
 
     Raises:
         ValueError: on arguments that do not fit, before any computing.
-        RunFailed: where the run failed and `throw`.
+        RunFailedError: where the run failed and `throw`.
 
     Example:
         >>> import jax.numpy as jnp, lyaphybrid as lh
@@ -153,7 +152,7 @@ def trajectory(
     ends = ends_of_blocks(t1, n, times, "t1")
     ends = array(jnp.ceil(ends - 1e-9) if discrete else ends, x0.dtype)
     room = 0 if discrete or isinstance(system, Flow) else ROOM
-    plan = problems.Plan(QRSchedule("never", False), "mgs", False, room, False, False, problems.point)
+    plan = problems.Plan(log=room, collect=problems.point)
     loop_state = driver.start(problem, plan, t0, x0, np.zeros((len(x0), 0), x0.dtype), mode, 1.0)
     outcome = driver.drive(problem, plan, loop_state, ends, ends, max_steps)
     t, x, modes, jumps = outcome.records.collected
@@ -197,7 +196,7 @@ def _joined(logs, problem, x0) -> Events:
 def _deliver(result, throw: bool, outcome: driver.Outcome, system):
     status = result.status
     if throw and isinstance(status, STATUS) and status.failed:
-        raise RunFailed(status, account(status, place_of(outcome.loop_state, system), why=outcome.why), result)
+        raise RunFailedError(status, account(status, place_of(outcome.loop_state, system), why=outcome.why), result)
     return result
 
 
@@ -254,7 +253,7 @@ def tangent_map(
 
     Raises:
         ValueError: on arguments that do not fit, before any computing.
-        RunFailed: where the run failed and `throw`.
+        RunFailedError: where the run failed and `throw`.
 
     Example:
         >>> import jax.numpy as jnp, lyaphybrid as lh
@@ -268,7 +267,7 @@ def tangent_map(
     problem, x0, t0, mode = preparation.prepare(system, x0, args, t0, method, mode)
     _require_one(x0)
     check_counts(system, t1=t1)
-    plan = problems.Plan(QRSchedule("never", False), "mgs", False, 0, False, False, problems.nothing)
+    plan = problems.Plan()
     loop_state = driver.start(problem, plan, t0, x0, np.eye(len(x0), dtype=x0.dtype), mode, 1.0)
     ends = array(t1, x0.dtype).reshape(1)
     outcome = driver.drive(problem, plan, loop_state, ends, ends, max_steps)

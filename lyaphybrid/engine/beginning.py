@@ -33,7 +33,7 @@ def begin(settings: Settings, t0, x, frame, mode, h, interval) -> LoopState:
     x, wrong = settings.evolver.admitted(t0, x, mode)
     zero, none = jnp.zeros_like(t0), jnp.zeros(k, x.dtype)
     tracks = settings.evolver.may_lose_rank and k > 0
-    volume = zero if settings.sum_rule else None
+    log_volume = zero if settings.sum_rule else None
     carry = StepState(
         s=zero,
         x=x,
@@ -43,14 +43,14 @@ def begin(settings: Settings, t0, x, frame, mode, h, interval) -> LoopState:
         status=jnp.asarray(RUNNING, jnp.int32),
         jumps=jnp.asarray(0, jnp.int32),
         growth=none,
-        volume=volume,
+        log_volume=log_volume,
         losses=jnp.zeros(k, jnp.int32) if tracks else None,
         first_loss=jnp.full(k, jnp.nan, x.dtype) if tracks else None,
         order=jnp.arange(k, dtype=jnp.int32) if tracks else None,
         solver_state=settings.evolver.init(t0, x, mode, h),
         log=_empty_log(settings, t0, x) if settings.log else None,
-        left=Left(zero, none, volume) if is_short(x) else None,
-        waiting=waiting.begun(x, none, volume) if settings.count_jumps else None,
+        left=Left(zero, none, log_volume) if is_short(x) else None,
+        waiting=waiting.begun(x, none, log_volume) if settings.count_jumps else None,
     )
     carry = stop(within_mode(settings, carry, t0, mode) if k else carry, STATUS.deadlock, ~possible)
     carry = stop(carry, STATUS.inconsistent_start, wrong)

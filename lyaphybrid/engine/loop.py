@@ -89,7 +89,7 @@ def _block(settings: Settings, loop_state: LoopState, index, end, last_jump):
         carry.s,
         carry.jumps,
         carry.growth,
-        carry.volume,
+        carry.log_volume,
         carry.losses,
         carry.order,
         settings.collect(clock.base + carry.s, carry),
@@ -106,7 +106,7 @@ def _waited(settings: Settings, clock: Clock, before: StepState, state):
     carry = state[0]
     carry = carry._replace(waiting=waiting.waited(settings.evolver, clock, before, carry))
     ends = waiting.hopeless(carry.waiting, clock) & (carry.status == RUNNING)
-    kept = carry._replace(growth=carry.waiting.growth, volume=carry.waiting.volume)
+    kept = carry._replace(growth=carry.waiting.growth, log_volume=carry.waiting.log_volume)
     return (stop(select(ends, kept, carry), STATUS.no_more_jumps, ends), *state[1:])
 
 
@@ -211,11 +211,11 @@ def _next_block(settings: Settings, loop_state: LoopState) -> LoopState:
     carry = carry._replace(
         s=jnp.zeros_like(carry.s),
         growth=cleared(carry.growth),
-        volume=cleared(carry.volume),
+        log_volume=cleared(carry.log_volume),
         left=cleared(carry.left),
         order=None if carry.order is None else jnp.arange(carry.order.shape[0], dtype=jnp.int32),
         solver_state=settings.evolver.rebase(carry.solver_state, carry.s),
-        waiting=waiting.next_block(carry.waiting, cleared(carry.growth), cleared(carry.volume)),
+        waiting=waiting.next_block(carry.waiting, cleared(carry.growth), cleared(carry.log_volume)),
         observer=None if settings.observer is None else settings.observer.next_block(carry.observer),
     )
     base, elapsed = jnp.stack([total, low]), loop_state.elapsed + loop_state.carry.s

@@ -62,10 +62,14 @@ def _of_a_hybrid_system(system: Hybrid, x, args: Any, t, mode) -> Membership:
             turns = (t - number(transition.phase, args)) / number(transition.every, args)
             at = jnp.abs(turns - jnp.round(turns)) <= digits(1e-9, x)
         else:
-            side = 1.0 if transition.direction > 0 else -1.0
+            guard_sign = 1.0 if transition.direction > 0 else -1.0
             assert transition.guard is not None, "what is no clock has a guard"
             at = _reached(
-                lambda t, x, guard=transition.guard, side=side: side * jnp.atleast_1d(guard(t, x, args)), t, x
+                lambda t, x, guard=transition.guard, guard_sign=guard_sign: (
+                    guard_sign * jnp.atleast_1d(guard(t, x, args))
+                ),
+                t,
+                x,
             )
             at = at[0] if transition.direction else at[1]
             at = jnp.any(at)

@@ -40,10 +40,10 @@ def step_with_twice_the_digits(settings: Settings, clock: Clock, carry: StepStat
     carry, spread = jax.lax.cond(carry.since > 0, orthonormal, lambda *same: same, carry, spread)
     before, tangent = carry, evolver.tangent(clock, carry, ahead)
     carry = evolver.once(settings, clock, carry._replace(budget=carry.budget - 1), ahead)
-    if carry.volume is not None:
-        left = carry.left and before.left and carry.left._replace(volume=before.left.volume)
-        carry = carry._replace(volume=before.volume, left=left)
-        carry = added(carry, volume=lost_directions.volume(tangent, len(carry.x), carry.x.dtype))
+    if carry.log_volume is not None:
+        left = carry.left and before.left and carry.left._replace(log_volume=before.left.log_volume)
+        carry = carry._replace(log_volume=before.log_volume, left=left)
+        carry = added(carry, log_volume=lost_directions.log_volume(tangent, len(carry.x), carry.x.dtype))
     *found, sure = lost_directions.orthonormalised(tangent, before.frame)
     sane = jnp.all(jnp.isfinite(found[1]))
     found[1] = jnp.where(sane, found[1], 0.0)

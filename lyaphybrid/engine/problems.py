@@ -33,22 +33,25 @@ class Problem(NamedTuple):
     shape: tuple[int, ...]  # of a state, which is flat within a run
 
 
-class Plan(NamedTuple):
-    """How it is computed: all static."""
-
-    qr_schedule: QRSchedule
-    kind: str
-    sum_rule: bool
-    log: int
-    count_jumps: bool
-    batched: bool
-    collect: Callable
-    observer: Observer | None = None
-
-
 def nothing(t, carry):
     """Collect nothing at the ends of blocks."""
     del t, carry
+
+
+NEVER = QRSchedule("never", False)  # the frame is carried, and not orthonormalised
+
+
+class Plan(NamedTuple):
+    """How it is computed: all static. As it stands: the frame is carried along, and nothing is collected."""
+
+    qr_schedule: QRSchedule = NEVER
+    kind: str = "mgs"  # of orthonormalisation: "mgs", or one of `frames`
+    sum_rule: bool = False  # ∫ tr Df and Σ ln|det S| are collected
+    log: int = 0  # room for so many events in one call
+    count_jumps: bool = False  # a block may end by its number of jumps
+    batched: bool = False  # several runs at once, x0 (m, n)
+    collect: Callable = nothing  # (t, carry) -> what is recorded at the end of a block
+    observer: Observer | None = None
 
 
 def first_losses(t, carry):

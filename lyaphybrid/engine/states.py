@@ -87,7 +87,7 @@ class ErrorObserver(Observer, Protocol):
 class Settings(NamedTuple):
     """What is fixed at compile time."""
 
-    evolver: Any
+    evolver: Any  # an `AbstractEvolver`
     qr_schedule: QRSchedule
     kind: str  # of orthonormalisation
     sum_rule: bool  # ∫ tr Df and Σ ln|det S| are collected
@@ -116,7 +116,7 @@ class Left(NamedTuple):
 
     s: Array
     growth: Array
-    volume: Any
+    log_volume: Any
 
 
 class StepState(NamedTuple):
@@ -130,7 +130,7 @@ class StepState(NamedTuple):
     status: Array
     jumps: Array
     growth: Array  # (k,) Σ ln R_ii of the block
-    volume: Any  # ∫ tr Df + Σ ln|det S| of the block
+    log_volume: Any  # ∫ tr Df + Σ ln|det S| of the block
     losses: Any  # (k,)
     first_loss: Any  # (k,), time of the first loss of each column, nan before
     order: Any  # (k,) where each column stood at the start of the block
@@ -159,7 +159,7 @@ class BlockRecord(NamedTuple):
     duration: Array
     jumps: Array
     growth: Array
-    volume: Any
+    log_volume: Any
     losses: Any
     order: Any
     collected: Any

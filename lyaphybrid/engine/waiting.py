@@ -20,19 +20,19 @@ class Waiting(NamedTuple):
     still: Array  # attempts since the state has left the neighbourhood of …
     x: Array  # … this
     growth: Array  # of the block up to the last jump: what comes after it belongs to no jump …
-    volume: Any  # … and its volume
+    log_volume: Any  # … and its volume
     lost: Array  # whether no more jump is expected
 
 
-def begun(x, growth, volume) -> Waiting:
+def begun(x, growth, log_volume) -> Waiting:
     """At the start of a run."""
     zero = jnp.asarray(0, jnp.int32)
-    return Waiting(zero, zero, x, growth, volume, jnp.asarray(False))
+    return Waiting(zero, zero, x, growth, log_volume, jnp.asarray(False))
 
 
-def next_block(waiting: Waiting | None, growth, volume) -> Waiting | None:
+def next_block(waiting: Waiting | None, growth, log_volume) -> Waiting | None:
     """A new block begins with these sums."""
-    return None if waiting is None else waiting._replace(growth=growth, volume=volume)
+    return None if waiting is None else waiting._replace(growth=growth, log_volume=log_volume)
 
 
 def waited(evolver, clock, before, after) -> Waiting:
@@ -49,7 +49,7 @@ def waited(evolver, clock, before, after) -> Waiting:
         still=still,
         x=jnp.where(still > 0, was.x, after.x),
         growth=jnp.where(jumped, after.growth, was.growth),
-        volume=None if was.volume is None else jnp.where(jumped, after.volume, was.volume),
+        log_volume=None if was.log_volume is None else jnp.where(jumped, after.log_volume, was.log_volume),
         lost=~jumped & ((attempts > LONG) | (still > long) | leaves),
     )
 

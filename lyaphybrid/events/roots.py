@@ -1,8 +1,8 @@
 """Where in a step a guard crosses zero, and on which side of zero it stands after a jump.
 
-A slot's `side` is the sign that the guard has or is about to have. The guarantee: with at most one extremum of a guard
-inside an accepted step no crossing is missed, because a step is cut at an extremum that might lie beyond zero, so that
-every crossing shows as a change of sign between the ends of a step.
+The `guard_sign` of a guard is the sign that it has or is about to have. The guarantee: with at most one extremum of a
+guard inside an accepted step no crossing is missed, because a step is cut at an extremum that might lie beyond zero, so
+that every crossing shows as a change of sign between the ends of a step.
 """
 
 from typing import Any
@@ -11,8 +11,11 @@ import jax
 import jax.numpy as jnp
 
 from .._jax.precision import BLUR, digits, nonzero
+from ..systems.daes.semi_linear import is_constrained
 
-__all__ = ["arm", "cubic", "hermite_root", "jets", "rates", "rounding", "turning_point"]
+__all__ = ["arm", "cubic", "hermite_root", "jets", "rates", "rounding", "to_arm", "turning_point"]
+
+ALGEBRAIC = 1e-12  # rounding of unknowns that equations decide, whose terms may be larger than they are
 
 
 def rates(guards, t, x, f):
@@ -22,8 +25,13 @@ def rates(guards, t, x, f):
 
 def rounding(guards, t, x):
     """The rounding of the guards (slots,): of the time and of the state, as the guards feel them."""
+    return _felt(guards, t, x)(t, x)
+
+
+def _felt(guards, t, x):
+    """(time, state) -> the rounding of so much time and of so large a state, as the guards at (t, x) feel it."""
     moving, gradient = jax.jacfwd(guards, argnums=(0, 1))(t, x)
-    return digits(BLUR, x) * (jnp.abs(moving * t) + jnp.sum(jnp.abs(gradient * x[None, :]), axis=1))
+    return lambda t, x: digits(BLUR, x) * (jnp.abs(moving * t) + jnp.sum(jnp.abs(gradient * x[None, :]), axis=1))
 
 
 def jets(guards, field, t, x):
@@ -36,7 +44,15 @@ def jets(guards, field, t, x):
     return g, rate, second
 
 
-def arm(g, rate, second, blur, h, t, fired) -> tuple[Any, Any, Any, Any]:
+def to_arm(guards, field, t, x, h):
+    """What `arm` asks of the guards: g, rate, second, guard_tolerance and way, (slots,) each."""
+    f, bend = jax.jvp(field, (t, x), (jnp.ones_like(t), field(t, x)))
+    felt, part = _felt(guards, t, x), ALGEBRAIC / BLUR if is_constrained(field) else 1.0
+    way = felt(h, jnp.abs(f) * h + 0.5 * jnp.abs(bend) * h * h)
+    return *jets(guards, field, t, x), felt(t, x), part * way
+
+
+def arm(g, rate, second, guard_tolerance, way, h, t, fired) -> tuple[Any, Any, Any, Any]:
     """The side (slots,) where each guard stands or is about to, guards and rates with zeros made exact, which are flat.
 
     A guard that is zero up to rounding takes its side from its rate, and where that is zero too from its
@@ -47,17 +63,20 @@ def arm(g, rate, second, blur, h, t, fired) -> tuple[Any, Any, Any, Any]:
         g: the guards.
         rate: their first derivatives in time.
         second: their second derivatives.
-        blur: their rounding.
+        guard_tolerance: their rounding.
+        way: the rounding of what the state goes in a step, as the guards feel it: a state that passes through zero was
+            rounded before. (The change of the guard itself would be too much. While one of two copies is past an event
+            and the other is not, the distance between them bends so sharply that all of it would count as rounding.)
         h: the step of the controller, the local scale of time.
         t: the time, whose rounding enters the rates.
         fired: which slot has just fired here (its own root was only found to the accuracy of the flow).
     """
-    loose = jnp.where(fired, digits(1e-9, g), digits(1e-12, g))
     curve = 0.5 * jnp.abs(second) * h * h
-    zero = jnp.abs(g) <= loose * jnp.maximum(jnp.abs(rate) * h, curve) + blur
+    found = digits(1e-9, g) * jnp.maximum(jnp.abs(rate) * h, curve)
+    zero = jnp.abs(g) <= guard_tolerance + jnp.where(fired, found, way)
     flat = zero & (jnp.abs(rate) * h <= digits(1e-8, g) * curve + digits(BLUR, g) * jnp.abs(t * second) * h)
-    side = jnp.where(flat, jnp.sign(second), jnp.where(zero, jnp.sign(rate), jnp.sign(g)))
-    return side, jnp.where(zero, 0.0, g), jnp.where(flat, 0.0, rate), flat
+    guard_sign = jnp.where(flat, jnp.sign(second), jnp.where(zero, jnp.sign(rate), jnp.sign(g)))
+    return guard_sign, jnp.where(zero, 0.0, g), jnp.where(flat, 0.0, rate), flat
 
 
 def cubic(theta, g0, d0, g1, d1):

@@ -22,7 +22,16 @@ from jaxtyping import Array, Float
 from .._jax.columns import each_column
 from .._jax.magnitudes import absolute
 
-__all__ = ["Sizes", "delays", "instant", "push", "return_along", "sizes_at", "sizes_pushed", "sizes_returned"]
+__all__ = [
+    "Sizes",
+    "event_time_shifts",
+    "instant",
+    "pushforward",
+    "to_reference_time",
+    "sizes_at",
+    "sizes_pushed",
+    "sizes_returned",
+]
 
 
 class Sizes(NamedTuple):
@@ -30,7 +39,7 @@ class Sizes(NamedTuple):
 
     columns: Array  # (n, k)
     direction: Array  # (n,)
-    delay: Array  # (k,)
+    event_time_shift: Array  # (k,)
 
 
 def instant(guard, t, x, f):
@@ -39,12 +48,12 @@ def instant(guard, t, x, f):
     return gradient, rate_of_time, rate_of_time + jnp.sum(gradient * f)
 
 
-def delays(slopes: Float[Array, " k"], rate) -> Float[Array, " k"]:
+def event_time_shifts(slopes: Float[Array, " k"], rate) -> Float[Array, " k"]:
     """By how much later each column meets the guard, δτ, from ∇h·dx and the guard's rate."""
     return -slopes / jnp.where(rate == 0, 1.0, rate)
 
 
-def push(reset, t, x, columns: Float[Array, "n k"], direction: Float[Array, " n"]):
+def pushforward(reset, t, x, columns: Float[Array, "n k"], direction: Float[Array, " n"]):
     """x⁺ = reset(t, x); the columns, Dg dx; and the direction of the moves, Dg f + ∂ₜg."""
 
     def column(dx):
@@ -54,9 +63,11 @@ def push(reset, t, x, columns: Float[Array, "n k"], direction: Float[Array, " n"
     return new, each_column(column, columns), direction
 
 
-def return_along(columns: Float[Array, "n k"], direction, f, delay: Float[Array, " k"]) -> Float[Array, "n k"]:
+def to_reference_time(
+    columns: Float[Array, "n k"], direction, f, event_time_shift: Float[Array, " k"]
+) -> Float[Array, "n k"]:
     """From the instants of the neighbours, dx + direction δτ, to that of the orbit along the new flow: - f⁺ δτ."""
-    return columns + (direction - f)[:, None] * delay[None, :]
+    return columns + (direction - f)[:, None] * event_time_shift[None, :]
 
 
 def sizes_at(columns: Float[Array, "n k"], f, gradient, moving, rate) -> Sizes:
@@ -67,16 +78,18 @@ def sizes_at(columns: Float[Array, "n k"], f, gradient, moving, rate) -> Sizes:
 
 
 def sizes_pushed(reset, t, x, sizes: Sizes, direction: Float[Array, " n"]) -> Sizes:
-    """Of what `push` returns, the direction among it."""
+    """Of what `pushforward` returns, the direction among it."""
 
     def through(dx):
         return jax.jvp(lambda x: reset(t, x), (x,), (dx,))[1]
 
     both = each_column(absolute(through), jnp.concatenate([sizes.columns, sizes.direction[:, None]], axis=1))
     columns, moved = jax.lax.stop_gradient((both[:, :-1], both[:, -1] + jnp.abs(direction)))
-    return Sizes(columns, moved, sizes.delay)
+    return Sizes(columns, moved, sizes.event_time_shift)
 
 
 def sizes_returned(sizes: Sizes, f) -> Float[Array, "n k"]:
-    """Of the columns that `return_along` returns."""
-    return sizes.columns + (sizes.direction + jax.lax.stop_gradient(jnp.abs(f)))[:, None] * sizes.delay[None, :]
+    """Of the columns that `to_reference_time` returns."""
+    return (
+        sizes.columns + (sizes.direction + jax.lax.stop_gradient(jnp.abs(f)))[:, None] * sizes.event_time_shift[None, :]
+    )

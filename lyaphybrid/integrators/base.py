@@ -39,7 +39,9 @@ class Step(NamedTuple):
     error: Array  # (estimates, n), linear in the stages: its tangents are the frame's errors
     dense: Any  # what `Method.inside` needs
     nodes: Any  # what `Method.divergence` needs
-    way: tuple[Array, ...] = ()  # what `Method.tangent` can go on from: the points on the way, or their contents
+    stage_points: tuple[
+        Array, ...
+    ] = ()  # what `Method.tangent` can go on from: the points on the way, or their contents
 
 
 class Tangent(NamedTuple):
@@ -80,8 +82,8 @@ class Method(eqx.Module):
         return None
 
     @property
-    def way_points(self) -> int:
-        """How many points there are in `Step.way`."""
+    def stage_count(self) -> int:
+        """How many points there are in `Step.stage_points`."""
         return 0
 
     def solves(self, field: Field) -> bool:
@@ -89,9 +91,9 @@ class Method(eqx.Module):
         del field
         return False
 
-    def blank_way(self, x) -> tuple[Array, ...]:
-        """Room for `Step.way`."""
-        return (x,) * self.way_points
+    def blank_stage_points(self, x) -> tuple[Array, ...]:
+        """Room for `Step.stage_points`."""
+        return (x,) * self.stage_count
 
     @property
     @abc.abstractmethod
@@ -118,9 +120,9 @@ class Method(eqx.Module):
     def inside(self, dense, theta) -> Array:
         """The solution (n,) at the fraction theta of the step."""
 
-    def tangent(self, field: Field, t, x, h, frame, way: tuple[Array, ...] = ()) -> Tangent:
-        """The derivative of the step over h from (t, x), applied to a frame; its `Step.way` may be known."""
-        del way
+    def tangent(self, field: Field, t, x, h, frame, stage_points: tuple[Array, ...] = ()) -> Tangent:
+        """The derivative of the step over h from (t, x), applied to a frame; its `Step.stage_points` may be known."""
+        del stage_points
 
         def step(x):
             done = self.step(field, t, x, field(t, x), h)
@@ -130,9 +132,9 @@ class Method(eqx.Module):
         moved, errors = each_column(linear, frame)
         return Tangent(new, moved, errors, nodes)
 
-    def rare_tangent(self, field: Field, t, x, h, frame, way: tuple[Array, ...] = ()) -> Tangent:
+    def rare_tangent(self, field: Field, t, x, h, frame, stage_points: tuple[Array, ...] = ()) -> Tangent:
         """`tangent` where it is asked for so seldom that little code is better than fast code."""
-        return self.tangent(field, t, x, h, frame, way)
+        return self.tangent(field, t, x, h, frame, stage_points)
 
     @abc.abstractmethod
     def divergence(self, field: Field, nodes, h) -> Array:

@@ -99,9 +99,9 @@ class ContinuousQR(OfAnother):
         return True
 
     @property
-    def way_points(self) -> int:
+    def stage_count(self) -> int:
         """The method's."""
-        return self.method.way_points
+        return self.method.stage_count
 
     def require(self, field: Field, t, x) -> None:
         """What the method asks for."""
@@ -128,22 +128,22 @@ class ContinuousQR(OfAnother):
         of_columns = self.method.frame_ratio(errors[:, :-1], frame, new)
         return jnp.maximum(of_columns, jnp.max(jnp.abs(errors[0, -1])) / self.rtol)
 
-    def blank_way(self, x) -> tuple[Array, ...]:
+    def blank_stage_points(self, x) -> tuple[Array, ...]:
         """The method's."""
-        return self.method.blank_way(x)
+        return self.method.blank_stage_points(x)
 
-    def tangent(self, field: Field, t, x, h, frame, way=()) -> Tangent:
+    def tangent(self, field: Field, t, x, h, frame, stage_points=()) -> Tangent:
         """Q after the step, and by how much φ has grown."""
         table, new = self.method.table, None
-        if not way:
+        if not stage_points:
             done = self.method.step(field, t, x, field(t, x), h)
-            way, new = done.way, done.x
-        points = self.method.points_on(field, t, h, way)
+            stage_points, new = done.stage_points, done.x
+        points = self.method.points_on(field, t, h, stage_points)
         columns, of_columns, rates = _through_stages(table, field, t, x, h, frame, points, self.rtol)
         growth, error = (h * summed(one, rates) for one in (table.b, table.errors[0]))
         size = jnp.abs(h) + jnp.max(jnp.abs(growth))  # exponents are means over time
         orthonormal, *_ = orthonormalise(columns, kind_for(frame.shape[1]))
-        nodes = self.method.nodes_of(field, t, h, x, way)
+        nodes = self.method.nodes_of(field, t, h, x, stage_points)
         errors = jnp.concatenate([of_columns, (error / size)[None, :]])
         return Tangent(new, orthonormal, errors[None], nodes, growth)
 

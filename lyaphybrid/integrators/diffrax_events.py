@@ -117,9 +117,9 @@ class DiffraxEvents(ByDiffrax):
         """Nobody looks inside a flight."""
         raise NotImplementedError
 
-    def tangent(self, field: Field, t, x, h, frame, way=()) -> Tangent:
+    def tangent(self, field: Field, t, x, h, frame, stage_points=()) -> Tangent:
         """State, frame and ∫ tr Df, solved for together."""
-        del way
+        del stage_points
 
         def variational(t, y):
             x, columns, _ = y

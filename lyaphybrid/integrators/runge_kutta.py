@@ -136,7 +136,7 @@ class RungeKutta(Method):
         return self.table.order
 
     @property
-    def way_points(self) -> int:
+    def stage_count(self) -> int:
         """The points of all stages but the first, which is where the step starts."""
         return len(self.table.a)
 
@@ -149,21 +149,21 @@ class RungeKutta(Method):
         error = self._errors(h, slopes) if self.adaptive else x[None, :0]
         return Step(new, slope, error, (x, f, new, slope, h), self.nodes_of(field, t, h, x, points[1:]), points[1:])
 
-    def tangent(self, field: Field, t, x, h, frame, way=()) -> Tangent:
+    def tangent(self, field: Field, t, x, h, frame, stage_points=()) -> Tangent:
         """The derivative of the step: the same method, for the linear field dx ↦ Df dx at the points on the way."""
-        if not way:
+        if not stage_points:
             return super().tangent(field, t, x, h, frame)
-        nodes = self.nodes_of(field, t, h, x, way)
+        nodes = self.nodes_of(field, t, h, x, stage_points)
         first, *later = (linear_at(functools.partial(field, time), point) for time, point in zip(*nodes, strict=True))
         tangents, slopes = through(self.table, frame, h, first(frame), later)
         errors = self._errors(h, slopes) if self.adaptive else frame[None, :0]
         return Tangent(None, self._end(frame, h, tangents, slopes), errors, nodes)
 
-    def rare_tangent(self, field: Field, t, x, h, frame, way=()) -> Tangent:
+    def rare_tangent(self, field: Field, t, x, h, frame, stage_points=()) -> Tangent:
         """The same with a loop over the stages: written out they took a quarter of the time to compile a pendulum."""
-        if not way:
+        if not stage_points:
             return super().rare_tangent(field, t, x, h, frame)
-        table, nodes = self.table, self.nodes_of(field, t, h, x, way)
+        table, nodes = self.table, self.nodes_of(field, t, h, x, stage_points)
         times, points = (jnp.stack(each) for each in nodes)
         before = jnp.asarray(np.stack([np.pad(row, (0, len(times) - len(row))) for row in ((), *table.a)]), x.dtype)
 
@@ -182,15 +182,15 @@ class RungeKutta(Method):
     def _errors(self, h, slopes):
         return jnp.stack([h * weighed(row, slopes) for row in self.table.errors])
 
-    def points_on(self, field, t, h, way) -> list:
+    def points_on(self, field, t, h, stage_points) -> list:
         """The points on the way."""
         del field, t, h
-        return list(way)
+        return list(stage_points)
 
-    def nodes_of(self, field, t, h, x, way):
+    def nodes_of(self, field, t, h, x, stage_points):
         """Times and points of the stages."""
         del field
-        return self.times(t, h), [x, *way]
+        return self.times(t, h), [x, *stage_points]
 
     def inside(self, dense, theta):
         """The cubic Hermite interpolant of the step at the fraction theta."""

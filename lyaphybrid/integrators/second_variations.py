@@ -126,9 +126,9 @@ class SecondVariation(OfAnother):
         ratio = self.method.frame_ratio(jnp.stack(errors, axis=2), columns(*before[1:3]), columns(*after[1:3]))
         return jnp.maximum(self.method.ratio(error, scale), ratio)
 
-    def tangent(self, field: Field, t, x, h, frame, way=()) -> Tangent:
+    def tangent(self, field: Field, t, x, h, frame, stage_points=()) -> Tangent:
         """Where the step leads; there are no columns beside what the state holds."""
-        del way
+        del stage_points
         return Tangent(self.step(field, t, x, field(t, x), h).x, frame, frame[None, :0], (t, x))
 
     def inside(self, dense, theta):

@@ -8,12 +8,12 @@ from .axes import COLOURS, colours
 from .axes import axes_of as _axes
 
 if TYPE_CHECKING:
-    from ..analysis.indicators import Alignment, Growth, SpectralIntervals
+    from ..analysis.indicators import GALIResult, IndicatorResult, SpectralIntervals
 
 __all__ = ["alignment", "growth", "intervals"]
 
 
-def alignment(found: "Alignment", ax=None):
+def alignment(found: "GALIResult", ax=None):
     """GALI_k or SALI against time, both logarithmic; what is below the smallest float is drawn from its logarithm.
 
     Args:
@@ -36,7 +36,7 @@ def alignment(found: "Alignment", ax=None):
     return ax
 
 
-def growth(found: "Growth", ax=None):
+def growth(found: "IndicatorResult", ax=None):
     """MEGNO with its mean, FLI, OFLI or OFLI2 against time.
 
     Args:

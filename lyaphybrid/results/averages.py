@@ -14,10 +14,10 @@ from .._jax.tracing import traced
 from ..engine import problems
 from ..engine.host import driver
 from ..engine.states import BlockRecord, LoopState
-from ..engine.volumes import volume_error
 from ..systems.hybrid import Hybrid
 from ..systems.validation import has_identity_reset
 from .spectrum import History, Spectrum
+from .volumes import volume_error
 
 __all__ = ["birkhoff_weights", "empty_columns", "one_run", "places", "summarise"]
 
@@ -160,7 +160,7 @@ def one_run(xp: ModuleType, records: BlockRecord, empty, clock: str, initial, av
     scatter = xp.sum(xp.where(valid[:, None], growth - finite[None, :] * length[:, None], 0.0) ** 2, axis=0)
     stderr = xp.sqrt(scatter * count / (count - 1)) / _or_nan(xp, reading[-1])
     late = (reading >= 0.5 * reading[-1]) & (valid | ~xp.any(valid))
-    volume = None if records.volume is None else xp.sum(xp.where(valid, records.volume, 0.0))
+    volume = None if records.log_volume is None else xp.sum(xp.where(valid, records.log_volume, 0.0))
     residual = None if volume is None else xp.abs(xp.sum(growth) - volume) / _or_nan(xp, reading[-1])
     run = {
         "exponents": xp.where(gone, -xp.inf, finite),

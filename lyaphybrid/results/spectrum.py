@@ -13,7 +13,7 @@ from .._jax.tracing import traced
 from .._text import UNIT, with_error
 from ..statuses import STATUS, status_of, verdicts
 
-__all__ = ["History", "RunFailed", "Spectrum", "guard_unreached", "step_too_long", "unresolved"]
+__all__ = ["History", "Spectrum", "guard_unreached", "step_too_long", "unresolved"]
 
 UNRESOLVED = 25.0  # ln(R_11/R_kk) per orthonormalisation beyond which R_kk is rounding (facts: e^25 of 1/ε)
 
@@ -51,14 +51,6 @@ def step_too_long(spectrum: "Spectrum"):
 def guard_unreached(spectrum: "Spectrum"):
     """Whether the system has guards, and none of them was reached."""
     return spectrum.has_guards & jnp.all(jnp.isinf(spectrum.min_transversality))
-
-
-class RunFailed(RuntimeError):
-    """A run ended before its time; ``.result`` holds everything computed so far."""
-
-    def __init__(self, status: STATUS, detail: str, result: Any):
-        super().__init__(f"{status}. {detail} The result so far is in `.result` of this error; throw=False returns it.")
-        self.status, self.result = status, result
 
 
 class History(eqx.Module):

@@ -1,7 +1,7 @@
 """Sweeps over parameters, starts and keys."""
 
+from ..errors import StoreFailedError
 from .refining import refine
-from .stores import StoreFailed
 from .sweeping import sweep
 
-__all__ = ["StoreFailed", "refine", "sweep"]
+__all__ = ["StoreFailedError", "refine", "sweep"]

@@ -63,7 +63,7 @@ def refine(
     Raises:
         ValueError: on a dataset that is not one of a grid, a run that is not the one it was made with, and what
             `lh.sweep` refuses.
-        StoreFailed: as `lh.sweep`; what was computed before is in the stores.
+        StoreFailedError: as `lh.sweep`; what was computed before is in the stores.
 
     Example:
         >>> import numpy as np

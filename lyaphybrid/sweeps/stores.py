@@ -18,19 +18,14 @@ import numpy as np
 
 from .._arguments import require
 from .._jax.hashes import as_bytes
+from ..errors import StoreFailedError
 from .answers import dims_of
 from .plans import Plan
 
-__all__ = ["Store", "StoreFailed", "opened"]
+__all__ = ["Store", "opened"]
 
 FORMAT = 1
 DIGESTS = "digest"
-
-
-class StoreFailed(OSError):
-    """A store could not be written; ``.dataset`` holds all that was computed, in the store or not."""
-
-    dataset: Any = None
 
 
 @contextlib.contextmanager
@@ -43,7 +38,7 @@ def opened(
 
     Raises:
         ValueError: where something else is there, or another process is at work.
-        StoreFailed: where it cannot be made.
+        StoreFailedError: where it cannot be made.
     """
     import filelock
 
@@ -69,8 +64,8 @@ def opened(
         lock.release()
 
 
-def _failed(path: Path, error: OSError) -> StoreFailed:
-    return StoreFailed(error.errno, f"the store {path} cannot be written ({error.strerror or error})")
+def _failed(path: Path, error: OSError) -> StoreFailedError:
+    return StoreFailedError(error.errno, f"the store {path} cannot be written ({error.strerror or error})")
 
 
 def _make(
@@ -147,7 +142,7 @@ class Store:
         """Keep a chunk.
 
         Raises:
-            StoreFailed: where the file system does not.
+            StoreFailedError: where the file system does not.
         """
         rows = slice(index * self.chunk, (index + 1) * self.chunk)
         try:

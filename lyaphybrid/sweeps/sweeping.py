@@ -21,11 +21,12 @@ from ..engine.host.lanes import Program, run_chains
 from ..engine.host.reporting import reporter
 from ..engine.preparation import Noticed, noticing
 from ..engine.problems import mode_names
+from ..errors import StoreFailedError
 from ..statuses import STATUS
 from .answers import NOTES, dims_of, missing, named
 from .clusters import run_on
 from .plans import Lane, Plan, Runnable, plan, raw
-from .stores import StoreFailed, opened
+from .stores import opened
 
 __all__ = ["sweep"]
 
@@ -74,8 +75,8 @@ def sweep(
 
     Raises:
         ValueError: on names, shapes and values that do not fit; where the store holds another sweep, or is in use.
-        StoreFailed: (an OSError) where the store cannot be written: the disk is full, say. All that was computed is in
-            its ``.dataset``.
+        StoreFailedError: (an OSError) where the store cannot be written: the disk is full, say. All that was computed
+            is in its ``.dataset``.
         ImportError: without the extra "sweep" (or "cluster").
 
     Example:
@@ -181,7 +182,7 @@ class Work:
                 self.compute(self.pieces(), lambda index, results: None, client, progress)
             else:
                 self._into(store, client, progress)
-        except StoreFailed as error:
+        except StoreFailedError as error:
             error.dataset = found()
             raise
         if not np.all(self.done):

@@ -72,6 +72,8 @@ def check_constraints(system: Any, x, t0, args: Any) -> None:
         return
     with jax.ensure_compile_time_eval():  # values that are known are known under jit, too
         matrices = _matrices(system, t0, x, args)
+    if traced(matrices):  # functions may close over values that are not known
+        return
     for field, (leading, whole) in zip(fields, matrices, strict=True):
         d, size = field.n_differential, max(float(np.max(np.abs(leading))), 1e-300)
         below = np.flatnonzero(np.max(np.abs(leading[d:]), axis=1, initial=0.0) > RANK * size)

@@ -9,6 +9,7 @@ from ..._arguments import positive, real, require, whole
 from ..._jax.precision import require_double
 from ..._jax.tracing import traced
 from ...engine import preparation
+from ...errors import NoPeriodicOrbitError
 from ...integrators import HalfExplicit, RungeKutta
 from ...integrators.base import Method
 from ...systems.daes.semi_linear import Constrained, fields_of
@@ -18,7 +19,7 @@ from ...systems.smooth import Flow, Map
 from ..orbits.families import family_of
 from ..orbits.invariants import conserved_of
 from ..orbits.periodic_orbits import Floquet, floquet, floquet_of, require_period
-from ..orbits.shooting import Motion, Node, NoPeriodicOrbit, at_start, states_of
+from ..orbits.shooting import Motion, Node, at_start, states_of
 from ..orbits.symmetries import symmetry_of
 from ..sensitivity.estimates import parameters_of
 from .branches import Continuation, Special
@@ -93,8 +94,8 @@ def continuation(
 
     Raises:
         ValueError: on arguments that do not fit; where the first orbit is one of a family at the same parameter.
-        NoPeriodicOrbit: where there is none near x0, or Newton's method did not arrive on the other branch.
-        RunFailed: where the motion from x0 itself fails.
+        NoPeriodicOrbitError: where there is none near x0, or Newton's method did not arrive on the other branch.
+        RunFailedError: where the motion from x0 itself fails.
 
     Source:
         R. Seydel, Practical Bifurcation and Stability Analysis (Springer 2010), doi:10.1007/978-1-4419-1740-9;
@@ -219,7 +220,7 @@ def _both(equations: Equations, orbit: Floquet, value: float, within) -> tuple[P
     )
     start = begun(equations, first, value, null[-1] * np.sign(null[-1, -1] or 1.0))
     if start is None:
-        raise NoPeriodicOrbit("Newton's method does not converge at the start, once nodes were placed.", orbit)
+        raise NoPeriodicOrbitError("Newton's method does not converge at the start, once nodes were placed.", orbit)
     back = start._replace(tangent=-start.tangent)
     arcs = [follow(equations, back, *within)]
     if arcs[0].end != "closed":
@@ -247,7 +248,7 @@ def _branched(equations: Equations, special: Special, within) -> tuple[Point, li
         if first is not None:
             arcs.append(follow(equations, first, *within))
     if not arcs:
-        raise NoPeriodicOrbit(
+        raise NoPeriodicOrbitError(
             f"Newton's method did not arrive on the branch that begins at the {special.kind} at "
             f"{special.parameter:.9g}: (a) it lies outside over; (b) give another step.",
             special,

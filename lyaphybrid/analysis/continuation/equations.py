@@ -21,7 +21,7 @@ import numpy as np
 
 from ..._jax.engines import compiled
 from ...engine import problems
-from ...results.spectrum import RunFailed
+from ...errors import RunFailedError
 from ...systems.smooth import Map
 from ..orbits.invariants import Conserved
 from ..orbits.periodic_orbits import CONVERGED
@@ -213,7 +213,7 @@ class Equations(NamedTuple):
         for iteration in range(ITERATIONS):
             try:
                 orbit, p = self.shoot(u, like)
-            except (RunFailed, ValueError):
+            except (RunFailedError, ValueError):
                 return None
             jacobian, gaps = self.linearised(orbit, p)
             if not np.all(np.isfinite(jacobian)):

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...results.spectrum import RunFailed
+from ...errors import RunFailedError
 from ..orbits.shooting import Node, Orbit
 from .bifurcations import cycle_of_events
 from .equations import Equations, Point, states_over, tangent
@@ -151,6 +151,6 @@ def _clear(equations: Equations, point: Point) -> Point:
     change = change_of(equations, point, point.tangent)
     try:
         orbit, along = resumed(equations, point.orbit.nodes[0], point.parameter, point.orbit.period, change)
-    except RunFailed:
+    except RunFailedError:
         return point
     return begun(equations, orbit, point.parameter, along) or point

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.interpolate
 import scipy.optimize
 
-from ...results.spectrum import RunFailed
+from ...errors import RunFailedError
 from .bifurcations import TESTS, branching, is_complex, of_doubling
 from .equations import Equations, Point
 
@@ -52,7 +52,7 @@ def crossings(equations: Equations, before: Point, after: Point) -> list[Found] 
             place, point = _located(equations, before, after, total, kind)
             jump = abs(test(equations, point)) > ROOT * max(np.abs(ends))
             found = None if jump else _found(equations, kind, point)
-        except (_Lost, RunFailed):
+        except (_Lost, RunFailedError):
             return None
         double = kind == "fold" and any(abs(place - other) < SAME * total for other, _ in places)
         if found is not None and not double:

@@ -286,7 +286,7 @@ def _shared(problem, how, period, t0, mode, k, max_steps, start):
         whole("k", k, least=1)
     frame, _ = initial_frame(problem, t0, jnp.asarray(start), None, k)
     dtype, (qr_schedule, interval) = frame.dtype, qr_schedule_for(problem, None)
-    plan = problems.Plan(qr_schedule, "mgs", False, 0, period is None, False, problems.nothing)
+    plan = problems.Plan(qr_schedule=qr_schedule, count_jumps=period is None)
     limit = PATIENCE * how.ends[-1] if max_steps is None and period is None else max_steps
     limit = np.int32(driver.FOREVER if limit is None else min(limit, driver.FOREVER))
     # Numbers as arrays: they may change without compiling again.

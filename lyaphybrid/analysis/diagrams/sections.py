@@ -13,9 +13,8 @@ from ..._jax.tracing import array, traced
 from ...engine import preparation, problems
 from ...engine.host import driver
 from ...engine.host.places import account, place_of
-from ...engine.states import QRSchedule
+from ...errors import RunFailedError
 from ...integrators.base import Method
-from ...results.spectrum import RunFailed
 from ...statuses import STATUS
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid, Transition
@@ -97,7 +96,7 @@ def poincare_section(
 
     Raises:
         ValueError: on arguments that do not fit, before any computing.
-        RunFailed: where the run failed and `throw`.
+        RunFailedError: where the run failed and `throw`.
 
     Source:
         M. Hénon, On the numerical computation of Poincaré maps, Physica D 5 (1982) 412,
@@ -130,7 +129,7 @@ def poincare_section(
     result = PoincareSection(t, x, modes, jnp.asarray(status), problems.mode_names(system))
     if throw and result.status.failed:
         place = place_of(last.loop_state, problem.system)
-        raise RunFailed(result.status, account(status, place, why=last.why), result)
+        raise RunFailedError(result.status, account(status, place, why=last.why), result)
     return result
 
 
@@ -167,7 +166,7 @@ def _begin(problem, plan, t0, x0, mode):
 
 def _stroboscopic(problem, x0, t0, mode, period, n, transient, max_steps):
     """The points at t0 + k T."""
-    plan = problems.Plan(QRSchedule("never", False), "mgs", False, 0, False, False, problems.point)
+    plan = problems.Plan(collect=problems.point)
     ends = array(period * np.arange(1, transient + n + 1), x0.dtype)
     outcome = driver.drive(problem, plan, _begin(problem, plan, t0, x0, mode), ends, ends, max_steps)
     t, x, modes, _ = outcome.records.collected
@@ -178,7 +177,7 @@ def _stroboscopic(problem, x0, t0, mode, period, n, transient, max_steps):
 
 def _crossings(problem, x0, t0, mode, n, transient, max_steps):
     """The points on the section: so many jumps, until the crossings among them suffice."""
-    plan = problems.Plan(QRSchedule("never", False), "mgs", False, ROOM, True, False, problems.nothing)
+    plan = problems.Plan(log=ROOM, count_jumps=True)
     wanted, found, seen, jumps, previous = transient + n, [], 0, 0, -np.inf
     loop_state, ends = _begin(problem, plan, t0, x0, mode), array([np.inf], x0.dtype)
     while True:

@@ -1,19 +1,19 @@
-"""Indicators of chaos: what deviation vectors do, read off the orthonormalisations of the one propagation."""
+"""Indicators of chaos: what deviation vectors do, read off the orthonormalisations of the one loop."""
 
-from .alignment import Alignment, gali, sali
+from .alignment import GALIResult, gali, sali
 from .covariant import CovariantVectors, covariant_vectors
 from .exponent_bounds import ExponentBounds, exponent_bounds
-from .growth import Growth, fli, megno, ofli
+from .growth import IndicatorResult, fli, megno, ofli
 from .intervals import SpectralIntervals, spectral_intervals
 from .second_order import ofli2
 from .svd_spectra import SVDSpectrum, svd_spectrum
 from .verdicts import Verdict
 
 __all__ = [
-    "Alignment",
+    "GALIResult",
     "CovariantVectors",
     "ExponentBounds",
-    "Growth",
+    "IndicatorResult",
     "SVDSpectrum",
     "SpectralIntervals",
     "Verdict",

@@ -1,6 +1,6 @@
 """GALI and SALI: the volume that unit deviation vectors span, however small it becomes.
 
-The vectors are W = Q C, Q the orthonormal frame of the propagation and C upper triangular: an orthonormalisation
+The vectors are W = Q C, Q the orthonormal frame of the loop and C upper triangular: an orthonormalisation
 Φ Q = Q' R makes C' = R C of C. The volume of the first k unit vectors is Π C_ii / Π ‖C_i‖, a product of positive
 numbers that are never subtracted: its logarithm is as exact at −10 000 as at −1.
 """
@@ -26,7 +26,7 @@ from ...systems.smooth import Flow, Map
 from .following import discrete, follow, verdict_of
 from .verdicts import Verdict, of_alignment
 
-__all__ = ["Alignment", "gali", "sali"]
+__all__ = ["GALIResult", "gali", "sali"]
 
 
 class Triangle(NamedTuple):
@@ -38,7 +38,7 @@ class Triangle(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Volumes:
-    """Follows C; a `propagation.Watch`."""
+    """Follows C; a `states.Observer`."""
 
     def begin(self, t, frame) -> Triangle:
         """The deviation vectors are the columns of the frame."""
@@ -69,7 +69,7 @@ def _logs(t, carry: StepState):
     return carry.observer.logs
 
 
-class Alignment(eqx.Module):
+class GALIResult(eqx.Module):
     """GALI_k, or SALI, against time.
 
     Attributes:
@@ -124,7 +124,7 @@ def gali(
     max_steps: int | None = None,
     progress=None,
     throw: bool = True,
-) -> Alignment:
+) -> GALIResult:
     """The generalised alignment indices GALI_k: the volume of k unit deviation vectors.
 
     Chaos: GALI_k ∝ exp(−t Σ_{j≤k} (λ₁ − λ_j)). Regular motion on an s-dimensional torus of a Hamiltonian system with N
@@ -149,11 +149,11 @@ def gali(
         throw: raise where the run failed.
 
     Returns:
-        An `Alignment` with `.time`, `.orders`, `.values` (times, orders), `.log_values`, `.status` and `.verdict`.
+        An `GALIResult` with `.time`, `.orders`, `.values` (times, orders), `.log_values`, `.status` and `.verdict`.
 
     Raises:
         ValueError: on arguments that do not fit.
-        RunFailed: where the run failed and `throw`.
+        RunFailedError: where the run failed and `throw`.
 
     Source:
         Ch. Skokos, T. Bountis & Ch. Antonopoulos, Physica D 231 (2007) 30, doi:10.1016/j.physd.2007.04.004.
@@ -177,11 +177,11 @@ def gali(
     )  # fmt: skip
     volumes = jnp.cumsum(jnp.asarray(found.collected), axis=-1)[..., jnp.asarray(orders) - 1]
     volumes = jnp.where(jnp.isnan(jnp.asarray(found.time))[..., None], jnp.nan, volumes)
-    result = Alignment(jnp.asarray(found.time), volumes, jnp.asarray(found.status), orders)
+    result = GALIResult(jnp.asarray(found.time), volumes, jnp.asarray(found.status), orders)
     return verdict_of(found, result, throw)
 
 
-def sali(system: Flow | Map | Hybrid | EventDriven, x0, args: Any = None, *, t1, **options) -> Alignment:
+def sali(system: Flow | Map | Hybrid | EventDriven, x0, args: Any = None, *, t1, **options) -> GALIResult:
     """The smaller alignment index, min(‖w₁ + w₂‖, ‖w₁ − w₂‖) of two unit deviation vectors.
 
     With GALI_2 = sin θ it is √(2(1 − |cos θ|)): between GALI_2 and √2 GALI_2.
@@ -194,11 +194,11 @@ def sali(system: Flow | Map | Hybrid | EventDriven, x0, args: Any = None, *, t1,
         options: those of `gali`, except `orders`.
 
     Returns:
-        An `Alignment` with `.time`, `.values` (times,), `.log_values`, `.status` and `.verdict`.
+        An `GALIResult` with `.time`, `.values` (times,), `.log_values`, `.status` and `.verdict`.
 
     Raises:
         ValueError: on arguments that do not fit.
-        RunFailed: where the run failed and `throw`.
+        RunFailedError: where the run failed and `throw`.
 
     Source:
         Ch. Skokos, J. Phys. A 34 (2001) 10029, doi:10.1088/0305-4470/34/47/309.
@@ -214,4 +214,4 @@ def sali(system: Flow | Map | Hybrid | EventDriven, x0, args: Any = None, *, t1,
     log_sine = found.log_values[..., 0]
     square = jnp.exp(2 * jnp.minimum(log_sine, 0.0))
     cosine = jnp.sqrt(jnp.maximum(1 - square, 0.0))
-    return Alignment(found.time, log_sine + 0.5 * jnp.log(2 / (1 + cosine)), found.status_code, ())
+    return GALIResult(found.time, log_sine + 0.5 * jnp.log(2 / (1 + cosine)), found.status_code, ())

@@ -37,7 +37,7 @@ class Factor(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Factors:
-    """Collects R from block to block; a `propagation.Watch`."""
+    """Collects R from block to block; a `states.Observer`."""
 
     def begin(self, t, frame) -> Factor:
         """Nothing has happened yet."""
@@ -151,7 +151,7 @@ def covariant_vectors(
 
     Raises:
         ValueError: on arguments that do not fit.
-        RunFailed: where the run failed and `throw`.
+        RunFailedError: where the run failed and `throw`.
 
     Source:
         F. Ginelli, P. Poggi, A. Turchi, H. Chaté, R. Livi & A. Politi, Phys. Rev. Lett. 99 (2007) 130601,

@@ -50,7 +50,7 @@ class Off(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Bounds:
-    """Follows them; a `propagation.ErrorWatch`.
+    """Follows them; a `states.ErrorObserver`.
 
     After a step a column of length 1 is off by its error estimate and `local` (√n + its length).
     """
@@ -203,7 +203,7 @@ def exponent_bounds(
 
     Raises:
         ValueError: on arguments that do not fit; on systems that jump; on a fixed step without local_error.
-        RunFailed: where the run failed and `throw`.
+        RunFailedError: where the run failed and `throw`.
 
     Source:
         V. H. Linh, V. Mehrmann & E. S. Van Vleck, Adv. Comput. Math. 35 (2011) 281, doi:10.1007/s10444-010-9156-1;

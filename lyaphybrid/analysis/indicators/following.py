@@ -13,8 +13,8 @@ from ...engine.blocks import each_step_of, ends_of_blocks, is_zero, qr_schedule_
 from ...engine.host import driver
 from ...engine.host.places import Place, account, place_of
 from ...engine.states import Observer, QRSchedule
+from ...errors import RunFailedError
 from ...integrators import ContinuousQR
-from ...results.spectrum import RunFailed
 from ...statuses import STATUS, gravest
 from ...systems.consistency import onto_constraints
 from ...systems.daes.semi_linear import DAE, degrees_of_freedom
@@ -76,7 +76,9 @@ def follow(
     frame = generic_frame(n, k, x0.dtype) if frame is None else unit_columns(frame, n, k, x0.dtype)
     qr_schedule, interval = each_step_of(problem) if each_step else qr_schedule_for(problem, every)
     qr_schedule = qr_schedule if k else QRSchedule("never", False)
-    plan = problems.Plan(qr_schedule, frames.kind_for(k), False, 0, False, x0.ndim == 2, collect, observer)
+    plan = problems.Plan(
+        qr_schedule=qr_schedule, kind=frames.kind_for(k), batched=x0.ndim == 2, collect=collect, observer=observer
+    )
     limits = ends_of_blocks(t1, blocks, times, "t1")
     discrete, interrupted, why = iterates(problem.system), False, ""
     loop_state = driver.start(problem, plan, t0, x0, frame, mode, array(interval, x0.dtype))
@@ -131,5 +133,5 @@ def verdict_of(followed: Followed, result, throw: bool):
     if throw and not traced(followed.status):
         status = STATUS(int(gravest(np.asarray(followed.status))))
         if status.failed:
-            raise RunFailed(status, account(followed.status, followed.place, why=followed.why), result)
+            raise RunFailedError(status, account(followed.status, followed.place, why=followed.why), result)
     return result

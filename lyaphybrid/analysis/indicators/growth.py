@@ -22,7 +22,7 @@ from ...systems.smooth import Flow, Map
 from .following import discrete, follow, verdict_of
 from .verdicts import Verdict, of_fli, of_megno
 
-__all__ = ["Growth", "fli", "megno", "ofli"]
+__all__ = ["IndicatorResult", "fli", "megno", "ofli"]
 
 
 class Length(NamedTuple):
@@ -40,7 +40,7 @@ class Length(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Lengths:
-    """Follows the length of the first column; a `propagation.Watch`."""
+    """Follows the length of the first column; a `states.Observer`."""
 
     across: bool = False  # look at the part across the flow too
 
@@ -84,7 +84,7 @@ def _state(t, carry: StepState):
     return carry.observer
 
 
-class Growth(eqx.Module):
+class IndicatorResult(eqx.Module):
     """An indicator against time.
 
     Attributes:
@@ -117,7 +117,7 @@ class Growth(eqx.Module):
         return plots.growth(self, ax)
 
 
-def megno(system: Flow | Map | Hybrid | EventDriven, x0, args: Any = None, *, t1, **options) -> Growth:
+def megno(system: Flow | Map | Hybrid | EventDriven, x0, args: Any = None, *, t1, **options) -> IndicatorResult:
     """The mean exponential growth factor of nearby orbits, Y = (2/t) ∫ s d(ln ‖w‖).
 
     It tends to 2 for quasiperiodic motion, to 0 where ‖w‖ stays bounded, and grows like λ₁ t in chaos; its mean over
@@ -132,11 +132,11 @@ def megno(system: Flow | Map | Hybrid | EventDriven, x0, args: Any = None, *, t1
             `progress`, `throw`, as for `lh.gali`.
 
     Returns:
-        A `Growth` with `.time`, `.values` (times,), `.mean` (times,), `.status` and `.verdict`.
+        A `IndicatorResult` with `.time`, `.values` (times,), `.mean` (times,), `.status` and `.verdict`.
 
     Raises:
         ValueError: on arguments that do not fit.
-        RunFailed: where the run failed and `throw`.
+        RunFailedError: where the run failed and `throw`.
 
     Source:
         P. M. Cincotta & C. Simó, Astron. Astrophys. Suppl. 147 (2000) 205, doi:10.1051/aas:2000108.
@@ -151,7 +151,7 @@ def megno(system: Flow | Map | Hybrid | EventDriven, x0, args: Any = None, *, t1
     return _grown("MEGNO", False, system, x0, args, t1, options)
 
 
-def fli(system: Flow | Map | Hybrid | EventDriven, x0, args: Any = None, *, t1, **options) -> Growth:
+def fli(system: Flow | Map | Hybrid | EventDriven, x0, args: Any = None, *, t1, **options) -> IndicatorResult:
     """The fast Lyapunov indicator, sup ln ‖w(s)‖ over s ≤ t.
 
     It grows like ln t for regular motion, and like λ₁ t in chaos.
@@ -164,11 +164,11 @@ def fli(system: Flow | Map | Hybrid | EventDriven, x0, args: Any = None, *, t1, 
         options: as for `lh.megno`.
 
     Returns:
-        A `Growth` with `.time`, `.values` (times,), `.status` and `.verdict`.
+        A `IndicatorResult` with `.time`, `.values` (times,), `.status` and `.verdict`.
 
     Raises:
         ValueError: on arguments that do not fit.
-        RunFailed: where the run failed and `throw`.
+        RunFailedError: where the run failed and `throw`.
 
     Source:
         C. Froeschlé, E. Lega & R. Gonczi, Celest. Mech. Dyn. Astron. 67 (1997) 41, doi:10.1023/A:1008276418601.
@@ -182,7 +182,7 @@ def fli(system: Flow | Map | Hybrid | EventDriven, x0, args: Any = None, *, t1, 
     return _grown("FLI", False, system, x0, args, t1, options)
 
 
-def ofli(system: Flow | Hybrid, x0, args: Any = None, *, t1, **options) -> Growth:
+def ofli(system: Flow | Hybrid, x0, args: Any = None, *, t1, **options) -> IndicatorResult:
     """The orthogonal fast Lyapunov indicator: that of the part of w across the flow.
 
     It stays bounded on periodic orbits, grows like ln t on tori and like λ₁ t in chaos.
@@ -195,11 +195,11 @@ def ofli(system: Flow | Hybrid, x0, args: Any = None, *, t1, **options) -> Growt
         options: as for `lh.megno`.
 
     Returns:
-        A `Growth` with `.time`, `.values` (times,), `.status` and `.verdict`.
+        A `IndicatorResult` with `.time`, `.values` (times,), `.status` and `.verdict`.
 
     Raises:
         ValueError: on arguments that do not fit; on a system without a field.
-        RunFailed: where the run failed and `throw`.
+        RunFailedError: where the run failed and `throw`.
 
     Source:
         M. Fouchard, E. Lega, Ch. Froeschlé & Cl. Froeschlé, Celest. Mech. Dyn. Astron. 83 (2002) 205,
@@ -229,7 +229,7 @@ DEFAULTS = {
 }
 
 
-def _grown(name: str, across: bool, system, x0, args, t1, options) -> Growth:
+def _grown(name: str, across: bool, system, x0, args, t1, options) -> IndicatorResult:
     throw = options.pop("throw", True)
     unknown = set(options) - set(DEFAULTS)
     require(not unknown, f"{name.lower()} takes {', '.join(DEFAULTS)} and throw; got {', '.join(sorted(unknown))}.")
@@ -241,5 +241,5 @@ def _grown(name: str, across: bool, system, x0, args, t1, options) -> Growth:
     values = {"MEGNO": state.value, "FLI": state.highest, "OFLI": state.highest_across}[name]
     values = jnp.where(jnp.isnan(time), jnp.nan, values)
     mean = jnp.where(jnp.isnan(values), jnp.nan, state.value_area) / time if name == "MEGNO" else None
-    result = Growth(time, values, mean, jnp.asarray(found.status), name)
+    result = IndicatorResult(time, values, mean, jnp.asarray(found.status), name)
     return verdict_of(found, result, throw)

@@ -104,7 +104,7 @@ def spectral_intervals(
 
     Raises:
         ValueError: on arguments that do not fit.
-        RunFailed: where the run failed and `throw`.
+        RunFailedError: where the run failed and `throw`.
 
     Source:
         L. Dieci & E. S. Van Vleck, SIAM J. Numer. Anal. 40 (2002) 516, doi:10.1137/S0036142901392304, and J. Dyn.

@@ -12,7 +12,7 @@ from ...integrators.second_variations import SecondVariation, Varied, highest_of
 from ...systems.daes.semi_linear import DAE
 from ...systems.smooth import Flow
 from .following import follow, generic_frame, unit_columns, verdict_of
-from .growth import Growth
+from .growth import IndicatorResult
 
 __all__ = ["ofli2"]
 
@@ -31,7 +31,7 @@ def ofli2(
     max_steps: int | None = None,
     progress=None,
     throw: bool = True,
-) -> Growth:
+) -> IndicatorResult:
     """The orthogonal fast Lyapunov indicator to second order, sup ln ‖(ξ + ½ δξ)⊥‖ over the steps up to t.
 
         ξ' = Df ξ,   δξ' = Df δξ + D²f(ξ, ξ),   ξ(t0) = ξ₀,   δξ(t0) = 0;   ⊥: the part across the flow
@@ -55,12 +55,12 @@ def ofli2(
         throw: raise where the run failed.
 
     Returns:
-        A `Growth` with `.time`, `.values` (times,), `.status` and `.verdict`.
+        A `IndicatorResult` with `.time`, `.values` (times,), `.status` and `.verdict`.
 
     Raises:
         ValueError: on arguments that do not fit; on another system than a smooth flow; on `lh.TangentHamiltonian`,
             whose tangent is not the derivative of its step.
-        RunFailed: where the run failed and `throw`.
+        RunFailedError: where the run failed and `throw`.
 
     Source:
         R. Barrio, Chaos, Solitons & Fractals 25 (2005) 711, doi:10.1016/j.chaos.2004.11.092; Lect. Notes Phys. 915
@@ -92,7 +92,7 @@ def ofli2(
     )  # fmt: skip
     time = jnp.asarray(found.time)
     values = jnp.where(jnp.isnan(time), jnp.nan, found.collected)
-    return verdict_of(found, Growth(time, values, None, jnp.asarray(found.status), "OFLI2"), throw)
+    return verdict_of(found, IndicatorResult(time, values, None, jnp.asarray(found.status), "OFLI2"), throw)
 
 
 def _highest(t, carry):

@@ -46,7 +46,7 @@ class Product(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Products:
-    """Follows P; a `propagation.Watch`."""
+    """Follows P; a `states.Observer`."""
 
     def begin(self, t, frame) -> Product:
         """Q_0 is the frame made orthonormal, frame = Q_0 R: then P = R⁻¹ at the start."""
@@ -189,7 +189,7 @@ def svd_spectrum(
 
     Raises:
         ValueError: on arguments that do not fit; under jit, where values are not known.
-        RunFailed: where the run failed and `throw`.
+        RunFailedError: where the run failed and `throw`.
 
     Source:
         L. Dieci & C. Elia, J. Differ. Equ. 230 (2006) 502; V. H. Linh & V. Mehrmann,

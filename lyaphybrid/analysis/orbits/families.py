@@ -7,7 +7,7 @@ changes. But they are at a fold too. So the next orbit is looked for, a little a
 import numpy as np
 
 from ..._jax.precision import digits
-from ...results.spectrum import RunFailed
+from ...errors import RunFailedError
 from .invariants import conserved_of
 from .shooting import SMALL, Motion, Node, Orbit, linearised, retimed, shares_of, shot, states_of
 
@@ -69,7 +69,7 @@ def _goes_on(flow: Motion, orbit: Orbit, autonomous: bool, along: np.ndarray, sc
                 return True
             system, gaps = linearised(flow, trial, shares, autonomous)
             change = np.linalg.lstsq(np.vstack([system * scales, along]), np.append(-gaps, 0.0))[0]
-    except RunFailed:
+    except RunFailedError:
         return False
     return False
 

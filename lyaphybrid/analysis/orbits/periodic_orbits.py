@@ -17,9 +17,9 @@ from ..._arguments import positive, real, require, whole
 from ..._jax.precision import digits
 from ..._jax.tracing import traced
 from ...engine import preparation, problems
+from ...errors import NoPeriodicOrbitError, RunFailedError
 from ...integrators import HalfExplicit, RungeKutta
 from ...integrators.base import Method
-from ...results.spectrum import RunFailed
 from ...systems.daes.semi_linear import Constrained, fields_of
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
@@ -28,7 +28,7 @@ from .families import energy_moved, family_of
 from .invariants import conserved_of, require_conserved
 from .multipliers import multipliers_of, stability_of
 from .periods import check_period, depends_on_time
-from .shooting import Motion, Node, NoPeriodicOrbit, Orbit, at_start, close_return, nearest, newton, placed
+from .shooting import Motion, Node, Orbit, at_start, close_return, nearest, newton, placed
 from .symmetries import symmetry_of
 
 __all__ = ["CONVERGED", "Floquet", "floquet", "floquet_of", "in_any_case", "require_period"]
@@ -63,11 +63,11 @@ class Floquet(eqx.Module):
     """
 
     x0: Array
-    period: float = eqx.field(static=True)
+    period: float
     multipliers: Array
     exponents: Array
     stability: str = eqx.field(static=True)
-    residual: float = eqx.field(static=True)
+    residual: float
     monodromy: Array
     base: tuple[float, Array, int]
     mode: int = eqx.field(static=True)
@@ -152,9 +152,9 @@ def floquet(
         ValueError: on arguments that do not fit; on a system that depends on time, without a period or with one after
             which fields, guards, resets or clocks are not as before: it says which seems to be theirs; where the motion
             does not conserve what it is to, or has not the symmetry.
-        NoPeriodicOrbit: where Newton's method does not converge, or to what is no orbit (an equilibrium; what closes in
-            another mode), and `throw`; where no close return was found.
-        RunFailed: where the motion from x0 itself fails.
+        NoPeriodicOrbitError: where Newton's method does not converge, or to what is no orbit (an equilibrium; what
+            closes in another mode), and `throw`; where no close return was found.
+        RunFailedError: where the motion from x0 itself fails.
 
     Source:
         R. Seydel, Practical Bifurcation and Stability Analysis (Springer 2010), chapter 7,
@@ -222,7 +222,7 @@ def floquet(
     if result.family and conserve is None and energy_moved(flow, given, end):
         result = dataclasses.replace(result, notes=result.notes | {"moved"})
     if throw and not result.residual <= digits(CONVERGED, start):
-        raise NoPeriodicOrbit(_failure(flow, orbit, result), result)
+        raise NoPeriodicOrbitError(_failure(flow, orbit, result), result)
     return result
 
 
@@ -280,7 +280,7 @@ def _repeats(flow: Motion, orbit: Orbit) -> bool:
     start, end = orbit.nodes[0], flow.goal(orbit.goal, orbit.shift)
     try:
         again = flow.piece(orbit.goal._replace(t=start.t), orbit.period)
-    except RunFailed:
+    except RunFailedError:
         return False
     spread = 1 + np.linalg.norm(again.matrix, 2)
     apart = np.linalg.norm(np.asarray(again.x) - np.asarray(end.x))

@@ -8,7 +8,6 @@ import numpy as np
 
 from ..._jax.engines import compiled
 from ...engine import beginning, binding, loop, preparation, problems
-from ...engine.states import QRSchedule
 from ...integrators import RungeKutta
 from ...integrators.base import Method
 from ...statuses import STATUS
@@ -19,7 +18,7 @@ from .periods import depends_on_time
 __all__ = ["return_map"]
 
 MOST_STEPS = 1_000_000  # attempts of a step between two firings
-PLAN = problems.Plan(QRSchedule("never", False), "mgs", False, 0, False, False, problems.nothing)
+PLAN = problems.Plan()
 
 
 def return_map(system: Hybrid, transition: int = 0, *, with_time: bool = False, method: Method | None = None) -> Map:

@@ -25,8 +25,7 @@ from ..._jax.tracing import array
 from ...engine import problems
 from ...engine.host import driver
 from ...engine.host.places import account, place_of
-from ...engine.states import QRSchedule
-from ...results.spectrum import RunFailed
+from ...errors import NoPeriodicOrbitError, RunFailedError
 from ...statuses import STATUS
 from ...systems.consistency import put_on_constraints
 from ...systems.daes.semi_linear import Constrained, fields_of
@@ -38,7 +37,6 @@ from .symmetries import Symmetry
 
 __all__ = [
     "Motion",
-    "NoPeriodicOrbit",
     "Node",
     "Orbit",
     "Piece",
@@ -66,14 +64,6 @@ SAMPLES = 1000  # points of a piece
 EVENTS = 1024  # room for so many in one compiled call; a fuller log is drained and the run goes on
 
 
-class NoPeriodicOrbit(RuntimeError):
-    """Newton's method did not arrive at a periodic orbit; ``.result`` is where it stood."""
-
-    def __init__(self, message: str, result: Any):
-        super().__init__(message)
-        self.result = result
-
-
 class Node(NamedTuple):
     """A point of an orbit."""
 
@@ -94,7 +84,7 @@ class Piece(NamedTuple):
     times: np.ndarray  # (samples,) since the start
     points: np.ndarray  # (samples, n)
     modes: np.ndarray  # (samples,)
-    events: Any  # columns as in `propagation.Events`, times since the start
+    events: Any  # columns as in `states.Events`, times since the start
 
     @property
     def end(self) -> Node:
@@ -147,7 +137,7 @@ class Motion(NamedTuple):
         """A stretch of motion from a point."""
         x0, discrete = jnp.asarray(node.x), isinstance(self.problem.system, Map)
         hybrid = isinstance(self.problem.system, Hybrid | EventDriven)
-        plan = problems.Plan(QRSchedule("never", False), "mgs", False, EVENTS * hybrid, False, False, problems.point)
+        plan = problems.Plan(log=EVENTS * hybrid, collect=problems.point)
         t0, ends = array(node.t, x0.dtype), length * np.arange(1, SAMPLES + 1) / SAMPLES
         ends = array(np.arange(1, length + 1) if discrete else ends, x0.dtype)
         frame = np.eye(len(x0), dtype=x0.dtype)
@@ -156,7 +146,7 @@ class Motion(NamedTuple):
         status = STATUS(int(outcome.status))
         if status != STATUS.ok:
             stood = account(status, place_of(outcome.loop_state, self.problem.system), why=outcome.why)
-            raise RunFailed(status, f"On a piece of length {length:.6g} from t = {node.t:.6g}: {stood}", None)
+            raise RunFailedError(status, f"On a piece of length {length:.6g} from t = {node.t:.6g}: {stood}", None)
         carry, (t, x, modes, _) = outcome.loop_state.carry, outcome.records.collected
         logs = jax.tree.map(lambda *parts: np.concatenate(parts), *outcome.logs) if hybrid else None
         logs = None if logs is None else logs._replace(t=logs.t - node.t)
@@ -234,7 +224,7 @@ def close_return(flow: Motion, start: Node) -> tuple[Node, float]:
         if len(close):
             return start, float(times[close[0]])
         start, horizon = Node(start.t, stretch.x, stretch.mode), 2 * horizon
-    raise NoPeriodicOrbit(
+    raise NoPeriodicOrbitError(
         f"The motion from x0 did not come back to itself, looked for over a time of {horizon / 2:.6g}: (a) it is far "
         "from a periodic orbit, give a transient; (b) it moves towards a fixed point; (c) give the period.",
         None,
@@ -307,7 +297,7 @@ def _stepped(flow: Motion, orbit: Orbit, period: float, autonomous: bool, iterat
             continue
         try:
             trial = shot(flow, retimed(moved, shares, at), shares, at, iteration, orbit.shift + factor * turn)
-        except RunFailed:
+        except RunFailedError:
             continue
         if trial.residual < orbit.gap:
             break

@@ -21,8 +21,8 @@ from ..._jax.engines import compiled
 from ..._jax.tracing import array
 from ...engine import preparation
 from ...engine.host import reporting
+from ...errors import RunFailedError
 from ...integrators import HalfExplicit, RungeKutta
-from ...results.spectrum import RunFailed
 from ...systems.daes.semi_linear import Constrained
 from ...systems.smooth import Flow
 from ..orbits.periods import depends_on_time
@@ -117,7 +117,7 @@ def _later(flow: Motion, node: Node, length: float) -> Node:
     """The point after some time."""
     try:
         return flow.piece(node, float(length)).end if length > 0 else node
-    except RunFailed as failed:
+    except RunFailedError as failed:
         raise Untrusted(f"no equilibrium: the run failed. {str(failed).splitlines()[0]}") from failed
 
 

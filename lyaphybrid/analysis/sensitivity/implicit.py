@@ -25,14 +25,13 @@ from ..._jax.engines import compiled
 from ..._jax.tracing import array
 from ...engine import preparation, problems
 from ...engine.host import driver, reporting
-from ...engine.states import QRSchedule
+from ...errors import NoPeriodicOrbitError, RunFailedError
 from ...integrators import HalfExplicit, RungeKutta
 from ...integrators.base import Method
-from ...results.spectrum import RunFailed
 from ...systems.daes.semi_linear import Constrained, fields_of
 from ...systems.smooth import Map
 from ..orbits.periodic_orbits import CONVERGED, Floquet, floquet
-from ..orbits.shooting import NoPeriodicOrbit, velocity
+from ..orbits.shooting import velocity
 from .estimates import Case, Estimate, Untrusted
 
 __all__ = ["by_implicit"]
@@ -58,7 +57,7 @@ class Turn(NamedTuple):
     def end(self, theta, x, length, frame):
         """The point (n,) and the columns (n, k) after a turn."""
         problem, x, t, mode = preparation.prepare(self.system, x, self.args_of(theta), self.t, self.method, self.mode)
-        plan = problems.Plan(QRSchedule("never", False), "mgs", False, 0, False, False, problems.nothing)
+        plan = problems.Plan()
         ends = array(length, x.dtype).reshape(1)
         outcome = driver.drive(problem, plan, driver.start(problem, plan, t, x, frame, mode, 1.0), ends, ends)
         return outcome.loop_state.carry.x, outcome.loop_state.carry.frame
@@ -121,7 +120,7 @@ def _orbit(case: Case, period) -> tuple[Floquet, Method | None]:
     keywords = {name: options[name] for name in ("t0", "mode") if name in options}
     try:
         return floquet(case.system, x0, args, period=period, transient=transient, method=method, **keywords), method
-    except (NoPeriodicOrbit, RunFailed) as failed:
+    except (NoPeriodicOrbitError, RunFailedError) as failed:
         raise Untrusted(f"no periodic orbit: {str(failed).splitlines()[0]}") from failed
 
 

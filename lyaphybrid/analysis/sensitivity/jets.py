@@ -100,7 +100,7 @@ def jet_at(x, frame, p: int) -> Jet:
 def onward(motion: Motion, jet: Jet) -> tuple[Jet, Step]:
     """The jet after one step, and what was seen on the way.
 
-    The one loop of `propagation` carries first derivatives alone; here a step of its method is differentiated further.
+    The one loop carries first derivatives alone; here a step of its method is differentiated further.
     """
     new, derivative, (velocity, step) = jax.linearize(
         lambda z, u, v: _carried(motion, z, u, v), jet.z, jet.u, jet.v, has_aux=True

@@ -18,8 +18,8 @@ PATIENCE = 30  # short intervals in a row
 def hidden_below(guard, t, x, velocity) -> Array:
     """Up to which length rounding of a guard (t, x) -> number hides a flight from it and back."""
     gradient, moving, rate = instant(guard, t, x, velocity)
-    blur = digits(BLUR, x) * (jnp.sum(jnp.abs(gradient * x)) + jnp.abs(moving * t))
-    return 4 * blur / jnp.where(rate == 0, nonzero(1e-300, rate), jnp.abs(rate))
+    guard_tolerance = digits(BLUR, x) * (jnp.sum(jnp.abs(gradient * x)) + jnp.abs(moving * t))
+    return 4 * guard_tolerance / jnp.where(rate == 0, nonzero(1e-300, rate), jnp.abs(rate))
 
 
 def accumulated(dt, longest, streak, more: Any = 1.0, again=None, hides=None) -> tuple[Array, Array, Array]:

@@ -10,8 +10,17 @@ from jaxtyping import Array
 from ..._jax.precision import BLUR, digits, nonzero
 from ..._jax.reverse_mode import checkpointed
 from ...events.compiled_hybrid import CompiledHybrid, by_mode
-from ...events.roots import arm, jets, rounding
-from ...events.saltations import Sizes, delays, instant, push, return_along, sizes_at, sizes_pushed, sizes_returned
+from ...events.roots import arm, to_arm
+from ...events.saltations import (
+    Sizes,
+    event_time_shifts,
+    instant,
+    pushforward,
+    sizes_at,
+    sizes_pushed,
+    sizes_returned,
+    to_reference_time,
+)
 from ..states import Events, Settings, StepState, log_event, select
 from .trials import (
     ALONE,
@@ -27,7 +36,7 @@ class Moves(NamedTuple):
 
     columns: Array
     direction: Array  # (n,) along which the columns are moved to their own instants …
-    delay: Array  # … by δτ (columns,)
+    event_time_shift: Array  # … by δτ (columns,)
     sizes: Sizes | None  # of these three, for the columns of the frame; None where nothing is orthonormalised
 
 
@@ -40,11 +49,11 @@ class Landing(NamedTuple):
     f: Array  # of the new mode
     g: Array
     rate: Array
-    side: Array
-    blur: Array
+    guard_sign: Array
+    guard_tolerance: Array
     transition: Array
     which: Array
-    slot: Array
+    guard_index: Array
     count: Array
     again: Array
     terminal: Array
@@ -65,36 +74,38 @@ def orthonormalises(settings: Settings, c: StepState) -> bool:
 
 def _start_cascade(evolver, settings, t, c, columns, mode, event, together, at_once) -> Landing:
     """On the guard, before the first jump: the own instant of each column."""
-    w, x, (transition, which, slot) = evolver.hybrid, c.x, event
+    w, x, (transition, which, guard_index) = evolver.hybrid, c.x, event
     f = by_mode(mode, w.fields, t, x)
-    gradient, moving, rate = _instant(evolver, mode, t, x, f, slot)
-    ticking = (slot < 0) | at_once  # the instant of a clock is everybody's, and each has come to its own before
+    gradient, moving, rate = _instant(evolver, mode, t, x, f, guard_index)
+    ticking = (guard_index < 0) | at_once  # the instant of a clock is everybody's, and each has come to its own before
     size = jnp.sqrt(jnp.sum(gradient**2) * jnp.sum(f**2) + nonzero(1e-300, f)) + jnp.abs(moving)
-    blur = digits(BLUR, x) * (jnp.sum(jnp.abs(gradient * x)) + jnp.abs(moving * t))
+    guard_tolerance = digits(BLUR, x) * (jnp.sum(jnp.abs(gradient * x)) + jnp.abs(moving * t))
     sizes = None
     if orthonormalises(settings, c):
         sizes = sizes_at(c.frame, f, gradient, moving, rate)
-        sizes = sizes._replace(delay=jnp.where(ticking, 0.0, sizes.delay))
+        sizes = sizes._replace(event_time_shift=jnp.where(ticking, 0.0, sizes.event_time_shift))
     slots, no = jnp.zeros(w.slots, x.dtype), jnp.asarray(False)
     return Landing(
         x=x,
-        moves=Moves(columns, f, jnp.where(ticking, 0.0, delays(gradient @ columns, rate)), sizes),
+        moves=Moves(columns, f, jnp.where(ticking, 0.0, event_time_shifts(gradient @ columns, rate)), sizes),
         mode=mode,
         f=f,
         g=slots,
         rate=slots,
-        side=slots,
-        blur=slots,
+        guard_sign=slots,
+        guard_tolerance=slots,
         transition=transition,
         which=which,
-        slot=slot,
+        guard_index=guard_index,
         count=jnp.asarray(0, jnp.int32),
         again=jnp.asarray(True),
         terminal=no,
         stuck=no,
         speed=jnp.max(jnp.abs(f)),
         transversality=jnp.where(ticking, jnp.inf, jnp.abs(rate) / size),
-        shortest=jnp.where(ticking, 0.0, 4 * blur / jnp.where(rate == 0, nonzero(1e-300, rate), jnp.abs(rate))),
+        shortest=jnp.where(
+            ticking, 0.0, 4 * guard_tolerance / jnp.where(rate == 0, nonzero(1e-300, rate), jnp.abs(rate))
+        ),
         together=together,
         more=no,
         alone=jnp.asarray(at_once) & (pending(c.solver_state) == ALONE),
@@ -113,29 +124,31 @@ def _cascade(evolver, settings: Settings, t, h, landing: Landing) -> Landing:
         mode = jax.lax.switch(state.transition, w.targets, state.mode, t, state.x, state.which)
         if w.constrained:  # what a jump leaves undecided is that the new constraints hold
             x, moves = _pushed(functools.partial(evolver.onto_constraints, mode), t, x, moves)
-        f, g, rate, second, blur = by_mode(mode, [_arrival(w, q) for q in range(w.modes)], t, x)
-        fired = (jnp.arange(w.slots, dtype=jnp.int32) == state.slot) & (mode == state.mode)
-        side, g, rate, flat = arm(g, rate, second, blur, h, resolved, fired)
+        f, g, rate, second, guard_tolerance, way = by_mode(mode, [_arrival(w, q) for q in range(w.modes)], t, x, h)
+        fired = (jnp.arange(w.slots, dtype=jnp.int32) == state.guard_index) & (mode == state.mode)
+        guard_sign, g, rate, flat = arm(g, rate, second, guard_tolerance, way, h, resolved, fired)
         entry = Events(None, t, state.transition, state.which, state.mode, mode, state.x, x)
         terminal = state.terminal | jnp.asarray(evolver.terminal)[state.transition]
         # A guard on its fired side fires now; the one that has just fired, and at which the jump ends, does not.
         directed = table(evolver, mode if w.modes > 1 else None, w.directed)
-        follows = directed & (side < 0) & ~(fired & (g == 0))
+        follows = directed & (guard_sign < 0) & ~(fired & (g == 0))
         follows = follows & by_mode(mode, w.whens, t, x) if w.shared else follows
         # One that the flow itself brought to zero at this instant, and the jump left there, comes after all that the
         # jump pushed through: had it been later, these would have been first.
         alone = state.together & (g == 0) & (mode == state.mode)
-        slot = jnp.argmax(jnp.where(follows, jnp.where(alone, 1, 2), 0)).astype(jnp.int32)
+        guard_index = jnp.argmax(jnp.where(follows, jnp.where(alone, 1, 2), 0)).astype(jnp.int32)
         more = jnp.any(follows) & ~terminal
         again = more & (state.count < most)
-        stuck = jnp.any(fired & flat & (side < 0) & directed) & ~again
+        stuck = jnp.any(fired & flat & (guard_sign < 0) & directed) & ~again
         if w.borders is not None:  # beyond the border of the flow set, and no jump
-            stuck = stuck | (jnp.any(table(evolver, mode if w.modes > 1 else None, w.borders) & (side < 0)) & ~more)
-        moves = _own_instant(evolver, again & alone[slot], mode, t, x, f, slot, moves)
+            stuck = stuck | (
+                jnp.any(table(evolver, mode if w.modes > 1 else None, w.borders) & (guard_sign < 0)) & ~more
+            )
+        moves = _own_instant(evolver, again & alone[guard_index], mode, t, x, f, guard_index, moves)
         transition = jnp.where(
-            again, table(evolver, mode if w.modes > 1 else None, w.transition)[slot], state.transition
+            again, table(evolver, mode if w.modes > 1 else None, w.transition)[guard_index], state.transition
         )
-        which = table(evolver, mode if w.modes > 1 else None, w.component)[slot]
+        which = table(evolver, mode if w.modes > 1 else None, w.component)[guard_index]
         return Landing(
             x,
             moves,
@@ -143,11 +156,11 @@ def _cascade(evolver, settings: Settings, t, h, landing: Landing) -> Landing:
             f,
             g,
             rate,
-            side,
-            blur,
+            guard_sign,
+            guard_tolerance,
             transition,
             which,
-            slot,
+            guard_index,
             state.count + 1,
             again,
             terminal,
@@ -182,30 +195,30 @@ def _to_its_end(evolver, settings: Settings, t, h, start: Landing) -> Landing:
     return loop(lambda state: state[0], run, (jnp.asarray(True), start.alone, start))[2]
 
 
-def _instant(evolver, mode, t, x, f, slot):
+def _instant(evolver, mode, t, x, f, guard_index):
     """∇h, ∂ₜh and ḣ of a slot of the present mode."""
 
     def of_mode(guards):
-        return lambda t, x, f: _gradient(lambda t, x: guards(t, x)[slot], t, x, f)
+        return lambda t, x, f: _gradient(lambda t, x: guards(t, x)[guard_index], t, x, f)
 
     return by_mode(mode, [of_mode(g) for g in evolver.hybrid.guards], t, x, f)
 
 
-def _own_instant(evolver, alone, mode, t, x, f, slot, moves: Moves) -> Moves:
+def _own_instant(evolver, alone, mode, t, x, f, guard_index, moves: Moves) -> Moves:
     """Columns whose instant was another guard's, at that of a guard that no jump brought to zero."""
-    gradient, moving, rate = _instant(evolver, mode, t, x, f, slot)
+    gradient, moving, rate = _instant(evolver, mode, t, x, f, guard_index)
     back, _, _, sizes = _returned(f, moves)
     if sizes is not None:
         sizes = sizes_at(sizes.columns, f, gradient, moving, rate)
-    return select(alone, Moves(back, f, delays(gradient @ back, rate), sizes), moves)
+    return select(alone, Moves(back, f, event_time_shifts(gradient @ back, rate), sizes), moves)
 
 
 def _returned(f, moves: Moves) -> Moves:
     """Back to the instant of the orbit."""
-    columns, direction, delay, sizes = moves
+    columns, direction, event_time_shift, sizes = moves
     if sizes is not None:
         sizes = sizes._replace(columns=sizes_returned(sizes, f))
-    return moves._replace(columns=return_along(columns, direction, f, delay), sizes=sizes)
+    return moves._replace(columns=to_reference_time(columns, direction, f, event_time_shift), sizes=sizes)
 
 
 def in_each_order(evolver, settings: Settings, t, h, c, columns, mode, event, together, at_once) -> Landing:
@@ -217,20 +230,20 @@ def in_each_order(evolver, settings: Settings, t, h, c, columns, mode, event, to
     def start(event):
         return _start_cascade(evolver, settings, t, c, columns, mode, event, together, at_once)
 
-    slot, choices = event[2], c.solver_state.choices
+    guard_index, choices = event[2], c.solver_state.choices
     if evolver.hybrid.slots == 1:
         return _to_its_end(evolver, settings, t, h, start(event))._replace(together=jnp.asarray(False))
     count = jnp.sum(together)
-    several, turns = (count > 1) & (slot >= 0), 2 if choices is None else count
+    several, turns = (count > 1) & (guard_index >= 0), 2 if choices is None else count
     pick = None if choices is None else choices.pick()
 
     def first(turn):
-        slot = jnp.argmax(jnp.cumsum(together) == turn + 1).astype(jnp.int32)
+        guard_index = jnp.argmax(jnp.cumsum(together) == turn + 1).astype(jnp.int32)
         named = (
             table(evolver, c.solver_state.mode, of_slot)
             for of_slot in (evolver.hybrid.transition, evolver.hybrid.component)
         )
-        return (*(one[slot] for one in named), slot)
+        return (*(one[guard_index] for one in named), guard_index)
 
     def run(state):
         turn, kept, chosen, differs = state
@@ -269,13 +282,13 @@ def _pusher(reset):
 
 def _pushed(reset, t, x, moves: Moves) -> tuple[Array, Moves]:
     """Through a reset."""
-    columns, direction, delay, sizes = moves
-    new, columns, direction = push(reset, t, x, columns, direction)
+    columns, direction, event_time_shift, sizes = moves
+    new, columns, direction = pushforward(reset, t, x, columns, direction)
     if sizes is not None:
         sizes = sizes_pushed(reset, t, x, sizes, direction)
-    return new, Moves(columns, direction, delay, sizes)
+    return new, Moves(columns, direction, event_time_shift, sizes)
 
 
 def _arrival(w: CompiledHybrid, q: int):
     guards, field = w.guards[q], w.fields[q]
-    return lambda t, x: (field(t, x), *jets(guards, field, t, x), rounding(guards, t, x))
+    return lambda t, x, h: (field(t, x), *to_arm(guards, field, t, x, h))

@@ -1,24 +1,22 @@
-"""What evolvers answer about the algebraic equations of a mode: those that have some, and those that have none."""
-
-from typing import ClassVar
+"""What an evolver answers about the algebraic equations of its modes."""
 
 import jax.numpy as jnp
 
 from ..._jax.columns import each_column
-from ..._linalg.frames import LOST
 from ...events.compiled_hybrid import CompiledHybrid, by_mode
 from ...integrators.base import Field, Method
 from ...statuses import STATUS
 from ...systems.daes.semi_linear import is_constrained, landed
-from ..states import LONGEST_BLIND, Clock, StepState, stop
+from ..evolver import AbstractEvolver
+from ..states import Clock, StepState, stop
 
-__all__ = ["OnConstraints", "Unconstrained", "landing_of"]
+__all__ = ["OnConstraints", "landing_of"]
 
 NEAR_CONSTRAINTS = 1e-6  # a start is consistent up to this, relative to 1 + |x|
 DRIFT = 1e-5  # the same for the ends of blocks
 
 
-class OnConstraints:
+class OnConstraints(AbstractEvolver):
     """Answers of an evolver whose modes may have algebraic equations."""
 
     hybrid: CompiledHybrid
@@ -65,48 +63,6 @@ class OnConstraints:
         c = c._replace(status=jnp.where(ended & singular, jnp.asarray(STATUS.singular_dae, jnp.int32), c.status))
         c = stop(c, STATUS.singular_dae, singular)
         return stop(c, STATUS.constraint_drift, off > DRIFT)
-
-
-class Unconstrained:
-    """Answers of an evolver that knows no modes and no constraints."""
-
-    def onto_mode(self, mode, t, x):
-        """There are no modes, and no constraints."""
-        del mode, t, x
-
-    def admitted(self, t, x, mode):
-        """Every state may be a start."""
-        del t, mode
-        return x, False
-
-    def kept_to_constraints(self, c, clock):
-        """There are none."""
-        del clock
-        return c
-
-    def inspected(self, c, clock):
-        """There is nothing that could be left."""
-        del clock
-        return c
-
-    by_fixed_steps: ClassVar[bool] = False
-
-    def rests(self, c, clock, x):
-        """Whether the motion stays near x or leaves for ever is not seen: where no jump is ahead, is known anyhow."""
-        del c, clock, x
-        return jnp.asarray(False), jnp.asarray(False)
-
-    def least_length(self, c, jumps):
-        """Columns that so many jumps have left with no more than this (and rounding) are lost.
-
-        After many jumps rounding alone makes columns dependent: that is unresolved, not lost.
-        """
-        del c
-        return jnp.where(jumps <= 1, LOST, jnp.where(jumps <= LONGEST_BLIND, 0.0, -jnp.inf))
-
-    def in_each_mode(self):
-        """There are no modes."""
-        return (self,)
 
 
 def _distance_of(field: Field):

@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -12,12 +12,12 @@ from jaxtyping import Array
 from ..._jax.columns import each_column
 from ..._jax.precision import digits
 from ..._linalg import frames
-from ...events.saltations import delays, push, return_along
+from ...events.saltations import event_time_shifts, pushforward, to_reference_time
 from ...statuses import STATUS
 from ...systems.event_driven import EventDriven
-from ..states import LONGEST_BLIND, Clock, Events, Settings, StepState, added, log_event, stop, stretched
+from ..evolver import AbstractEvolver
+from ..states import Clock, Events, Settings, StepState, added, log_event, stop
 from .accumulations import accumulated, hidden_below, named
-from .constraints import Unconstrained
 
 __all__ = ["Exact", "integers", "is_event", "since_after"]
 
@@ -31,17 +31,11 @@ class Flight(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class Exact(Unconstrained):
+class Exact(AbstractEvolver):
     """The evolver of event-driven systems: fly to the end of the block, or to the next event and through it."""
 
     system: EventDriven
     args: Any
-
-    jumps_uncontrolled: ClassVar[bool] = True
-    always_regular: ClassVar[bool] = False
-    by_rows: ClassVar[bool] = False
-    longest_interval: ClassVar[float] = LONGEST_BLIND
-    spread_wanted: ClassVar[float] = 4.0
 
     @property
     def may_lose_rank(self) -> bool:
@@ -53,6 +47,10 @@ class Exact(Unconstrained):
         del mode, h
         names = sum(math.prod(leaf.shape) for leaf in jax.tree.leaves(self.which_shape(t, x)))
         return jnp.zeros(4 + names, x.dtype).at[4:].set(-1.0) + 0 * t
+
+    def onto_mode(self, mode, t, x):
+        """There are no modes, and no constraints."""
+        del mode, t, x
 
     def rebase(self, solver, s):
         """The time of the last event is local to the block."""
@@ -69,15 +67,9 @@ class Exact(Unconstrained):
         # nan is no time: it goes to the landing, which reports it.
         return Flight(dt, which, ~((dt > clock.limit(c) - c.s) | jnp.isposinf(dt)))
 
-    enter = propose_step
-
     def is_regular(self, ahead: Flight):
         """The usual thing is to land; to fly on to the end of the block is rare."""
         return ahead.lands
-
-    def stretched(self, c: StepState):
-        """Whether the frame must be orthonormalised at once."""
-        return stretched(c)
 
     def _carried(self, c: StepState, clock: Clock, dt):
         """The closed-form flow over dt and its tangent."""
@@ -103,7 +95,7 @@ class Exact(Unconstrained):
             c, end = stop(c, STATUS.no_more_jumps, never), jnp.where(never, c.s, end)
         dt = end - c.s
         x, frame = self._carried(c, clock, dt)
-        c = c if c.volume is None else added(c, volume=self._flux(c, clock, dt))
+        c = c if c.log_volume is None else added(c, log_volume=self._flux(c, clock, dt))
         return c._replace(s=end, x=x, frame=frame, since=c.since if clock.interval is None else clock.flown(c, end))
 
     def _flux(self, c: StepState, clock: Clock, dt):
@@ -111,8 +103,9 @@ class Exact(Unconstrained):
         matrix = jax.jacfwd(lambda x: self.system.flow(dt, clock.base + c.s, x, self.args))(c.x)
         return frames.log_abs_det(matrix)
 
-    def velocity(self, t, x):
+    def velocity(self, t, x, solver=None):
         """The field that the closed-form flow solves."""
+        del solver
         return self.system.velocity(t, x, self.args)
 
     def step(self, settings: Settings, clock: Clock, c: StepState, flight: Flight) -> StepState:
@@ -125,11 +118,11 @@ class Exact(Unconstrained):
         t, n, k = clock.base + s, x.shape[0], frame.shape[1]
         columns = jnp.concatenate([frame, jnp.eye(n, dtype=x.dtype)], axis=1) if settings.sum_rule else frame
         before, real = self.velocity(t, x), is_event(which) & timed
-        delay = self._delays(real, t, x, which, columns, before)
-        new, columns, direction = push(lambda t, x: system.jump(t, x, args, which), t, x, columns, before)
-        columns = return_along(columns, direction, self.velocity(t, new), delay)
-        if c.volume is not None:
-            c = added(added(c, volume=self._flux(c, clock, dt)), volume=frames.log_abs_det(columns[:, k:]))
+        event_time_shift = self._delays(real, t, x, which, columns, before)
+        new, columns, direction = pushforward(lambda t, x: system.jump(t, x, args, which), t, x, columns, before)
+        columns = to_reference_time(columns, direction, self.velocity(t, new), event_time_shift)
+        if c.log_volume is not None:
+            c = added(added(c, log_volume=self._flux(c, clock, dt)), log_volume=frames.log_abs_det(columns[:, k:]))
         zero = jnp.asarray(0, jnp.int32)
         entry = Events(None, t, zero, which, zero, zero, x, new)
         landed = added(c, s=dt)._replace(
@@ -180,7 +173,7 @@ class Exact(Unconstrained):
 
         def linear(dx):
             moved = jax.jvp(flow, (c.x,), (dx,))[1]
-            late = delays(jax.jvp(lambda x: guard(end, x), (x,), (moved,))[1], rate)
+            late = event_time_shifts(jax.jvp(lambda x: guard(end, x), (x,), (moved,))[1], rate)
             late = jnp.where(real, late, 0.0)
             pushed = jax.jvp(lambda x: jump(end, x), (x,), (moved,))[1]
             return jnp.where(flight.lands, pushed + direction * late - after * late, moved)
@@ -195,7 +188,7 @@ class Exact(Unconstrained):
 
         def late(columns):
             slopes = each_column(lambda dx: jax.jvp(lambda x: guard(t, x), (x,), (dx,))[1], columns)
-            return delays(slopes, jax.jvp(guard, (t, x), (jnp.ones_like(t), velocity))[1])
+            return event_time_shifts(slopes, jax.jvp(guard, (t, x), (jnp.ones_like(t), velocity))[1])
 
         return jax.lax.cond(real, late, lambda columns: jnp.zeros_like(columns[0]), columns)
 

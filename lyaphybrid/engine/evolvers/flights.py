@@ -33,7 +33,7 @@ class Flights(Stepping):
     def enter(self, c: StepState, clock: Clock):
         """As for steps; a trial knows the mean step of its flight."""
         tr = super().enter(c, clock)
-        return tr._replace(way=(jnp.zeros_like(c.s),)) if isinstance(tr, Trial) else tr
+        return tr._replace(stage_points=(jnp.zeros_like(c.s),)) if isinstance(tr, Trial) else tr
 
     def propose_step(self, c: StepState, clock: Clock, bracket: RootBracket | None = None) -> Trial:
         """A flight, until a guard changes its sign, a clock ticks, the block ends, or it is long enough."""
@@ -48,7 +48,7 @@ class Flights(Stepping):
         if g is not None:
             # The guard that was reached has just passed zero: fired, or armed anew where it comes from beyond.
             here = found & (jnp.arange(w.slots) == reached)
-            beyond = 2 * solver.side * jnp.maximum(solver.blur, nonzero(1e-300, g))
+            beyond = 2 * solver.guard_sign * jnp.maximum(solver.guard_tolerance, nonzero(1e-300, g))
             g, lands = jnp.where(here, -beyond, g), jnp.any(here & firing(self, solver))
             miss = jnp.zeros_like(g)
         if tick is not None:
@@ -74,7 +74,7 @@ class Flights(Stepping):
 
         def to_an_event(t, x, h):
             def distances(s, x):
-                return jnp.where(solver.side == 0, jnp.inf, solver.side * guards(t + s, x))
+                return jnp.where(solver.guard_sign == 0, jnp.inf, solver.guard_sign * guards(t + s, x))
 
             def least(s, x):  # at the start each guard is on its side, whatever rounding says
                 return jnp.where(s > 0, jnp.min(distances(s, x)), 1.0)
@@ -89,6 +89,6 @@ class Flights(Stepping):
     def _next_h(self, solver: SolverState, tr: Trial, ratio, passed):
         """The mean step of a whole flight; one that was cut says only that steps may be as long as it was."""
         del ratio, passed
-        (step,) = tr.way
+        (step,) = tr.stage_points
         h = jnp.where(tr.h >= 0.99 * STEPS * solver.h, step, jnp.maximum(solver.h, step))
         return jax.lax.stop_gradient(h), solver.log_ratio

@@ -10,28 +10,27 @@ import jax.numpy as jnp
 from ..._jax.columns import each_column
 from ..._linalg import frames
 from ...statuses import STATUS
-from ..states import LONGEST_BLIND, Clock, Settings, StepState, added, stop, stretched
-from .constraints import Unconstrained
+from ..evolver import AbstractEvolver
+from ..states import Clock, Settings, StepState, added, stop
 
 __all__ = ["Iterating"]
 
 
 @dataclasses.dataclass(frozen=True)
-class Iterating(Unconstrained):
+class Iterating(AbstractEvolver):
     """The evolver of maps, and of hybrid systems that only jump. Time counts the iterations."""
 
     rule: Callable  # (t, x) -> x
 
-    may_lose_rank: ClassVar[bool] = True
-    jumps_uncontrolled: ClassVar[bool] = True
     always_regular: ClassVar[bool] = True
-    by_rows: ClassVar[bool] = False
-    longest_interval: ClassVar[float] = LONGEST_BLIND
-    spread_wanted: ClassVar[float] = 4.0
 
     def init(self, t, x, mode, h):
         """A map remembers nothing."""
         del t, x, mode, h
+
+    def onto_mode(self, mode, t, x):
+        """There are no modes, and no constraints."""
+        del mode, t, x
 
     def rebase(self, solver, s):
         """Nothing is local to the block."""
@@ -48,16 +47,10 @@ class Iterating(Unconstrained):
         del c, clock
         return ()
 
-    enter = propose_step
-
     def is_regular(self, ahead):
         """A map only steps."""
         del ahead
         return True
-
-    def stretched(self, c: StepState):
-        """Whether the frame must be orthonormalised at once."""
-        return stretched(c)
 
     def locate_events(self, settings: Settings, clock: Clock, within, c: StepState, ahead):
         """Nothing is rare."""
@@ -71,13 +64,11 @@ class Iterating(Unconstrained):
         x, linear = jax.linearize(lambda x: self.rule(t, x), c.x)
         frame = each_column(linear, c.frame)
         since = c.since + (0.0 if settings.qr_schedule.unit == "never" else 1.0)
-        volume = None
-        if c.volume is not None:
-            volume = frames.log_abs_det(each_column(linear, jnp.eye(x.shape[0], dtype=x.dtype)))
-        c = added(c._replace(x=x, frame=frame, since=since, jumps=c.jumps + 1), s=1.0, volume=volume)
+        log_volume = None
+        if c.log_volume is not None:
+            log_volume = frames.log_abs_det(each_column(linear, jnp.eye(x.shape[0], dtype=x.dtype)))
+        c = added(c._replace(x=x, frame=frame, since=since, jumps=c.jumps + 1), s=1.0, log_volume=log_volume)
         return stop(c, STATUS.nonfinite, ~jnp.all(jnp.isfinite(x)))
-
-    once = step
 
     def tangent(self, clock: Clock, c: StepState, ahead) -> Callable:
         """The derivative of the attempt, dx (n,) -> (n,)."""

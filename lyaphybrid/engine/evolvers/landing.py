@@ -5,10 +5,10 @@ import jax.numpy as jnp
 
 from ..._jax.columns import each_column
 from ..._jax.magnitudes import absolute
-from ..._jax.precision import digits, nonzero
+from ..._jax.precision import BLUR, digits, nonzero
 from ..._linalg import frames
 from ...events.compiled_hybrid import by_mode
-from ...events.roots import rates
+from ...events.roots import rates, rounding
 from ...integrators.divergences import trace
 from ...statuses import STATUS
 from ..orthonormalising import orthonormalise_and_accumulate
@@ -29,9 +29,8 @@ from .trials import (
     table,
 )
 
-__all__ = ["land"]
+__all__ = ["apply_event"]
 
-SAME = 1e-13  # roots nearer than this, relative to the controller's step or the time, are simultaneous
 GRAZING = 1e-3  # sine of the angle between flow and guard below which a crossing is called grazing
 SHORT = 1e-5  # an interval between events is short below this, relative to the step and the longest interval
 LEAST = 1e-140  # an interval over the longest one: squares of shorter ones fall below the smallest double
@@ -39,88 +38,110 @@ SHRUNK = 1e-3  # an interval has shrunk below this, relative to the step, where 
 REACH = 10.0  # steps to the next event where events accumulate: so many times as long as the last interval
 
 
-def land(evolver, settings: Settings, clock: Clock, c: StepState, tr: Trial) -> StepState:
+def apply_event(evolver, settings: Settings, clock: Clock, c: StepState, tr: Trial) -> StepState:
     """The trial ends at an event: polish, cross, orthonormalise at once, re-arm the guards."""
     solver, w = c.solver_state, evolver.hybrid
     mode = jnp.asarray(0, jnp.int32) if solver.mode is None else solver.mode
     moved = evolver.commit(settings, c, tr.h, tr.x, evolver.landed(c, clock, tr))
-    ahead = -tr.g / jnp.where(tr.rate == 0, nonzero(1e-300, tr.rate), tr.rate)
-    lands, at_once = _at_root(evolver, solver, tr, ahead), False
+    lands, at_once = _at_root(evolver, solver, tr), False
     if evolver.may_not_flow:  # the next jump where the last one, or the start, has left the state
         at_once = pending(solver) > 0
         follows = (
             table(evolver, solver.mode, w.directed)
-            & (solver.side < 0)
+            & (solver.guard_sign < 0)
             & ~(has_fired(evolver, solver) & (solver.g == 0))
         )
         moved, lands = select(at_once, (c, follows), (moved, lands))
-        ahead = jnp.where(at_once, 0.0, ahead)
     c = moved
     ticking = ~jnp.any(lands)
-    ahead = jnp.where(lands, ahead, jnp.inf)
-    slot = jnp.argmin(ahead).astype(jnp.int32)
-    c = _polish(evolver, clock, c, slot, ticking | at_once)
+    c = _polish(evolver, clock, c, lands, ticking | at_once)
     if evolver.per_jump:
         c = _within_reach(c, tr.h)
     t = clock.base + c.s
     c = orthonormalise_and_accumulate(settings, c, t)[0] if orthonormalises(settings, c) else c
     # Which transition: the first of those at this instant whose `when` says yes.
-    together = lands & (ahead <= ahead[slot] + digits(SAME, t) * (solver.h + jnp.abs(t)))
+    together = lands & (at_once | _is_now(evolver, mode, t, c.x, lands, solver.h)) if w.slots > 1 else lands
     allowed = together & by_mode(mode, w.whens, t, c.x) if w.shared else together
     blocked = ~ticking & ~jnp.any(allowed)
-    slot = jnp.argmax(allowed).astype(jnp.int32)
-    transition = table(evolver, solver.mode, w.transition)[slot]
-    which = table(evolver, solver.mode, w.component)[slot]
+    guard_index = jnp.argmax(allowed).astype(jnp.int32)
+    transition = table(evolver, solver.mode, w.transition)[guard_index]
+    which = table(evolver, solver.mode, w.component)[guard_index]
     if w.clocks:
         clocks = jnp.asarray(w.clocks, jnp.int32)
         transition = jnp.where(ticking, clocks[tr.tick], transition)
         which = jnp.where(ticking, 0, which)
-    event = transition, which, jnp.where(ticking, -1, slot)
+    event = transition, which, jnp.where(ticking, -1, guard_index)
     crossed = _cross(evolver, settings, clock, c, mode, event, allowed & ~jnp.asarray(at_once), at_once, tr.h)
     crossed = _keep_clocks(evolver, clock, crossed, tr, ticking)
     return select(blocked, stop(c, STATUS.deadlock), crossed)
 
 
-def _at_root(evolver, solver: SolverState, tr: Trial, ahead):
+def _at_root(evolver, solver: SolverState, tr: Trial):
     """The guards whose root is at the end of a trial that lands."""
+    ahead = _until_zero(tr.g, tr.rate)
     ticking = jnp.asarray(False) if tr.tick is None else tr.tick >= 0
     fires = firing(evolver, solver)
     crossed = fires & is_beyond(solver, tr)
-    close = fires & (solver.side * tr.rate < 0) & (jnp.abs(ahead) <= digits(NEAR, ahead) * solver.h)
+    close = fires & (solver.guard_sign * tr.rate < 0) & (jnp.abs(ahead) <= digits(NEAR, ahead) * solver.h)
     return jnp.where(ticking, False, jnp.where(jnp.any(close), close, crossed))
 
 
-def _polish(evolver, clock: Clock, c: StepState, slot, ticking) -> StepState:
+def _until_zero(g, rate):
+    """The time to the root of guards next to it."""
+    return -g / jnp.where(rate == 0, nonzero(1e-300, rate), rate)
+
+
+def _is_now(evolver, mode, t, x, lands, h):
+    """The guards (slots,) whose root rounding does not tell from that of the first of those that land."""
+    w, (t, x, h) = evolver.hybrid, jax.lax.stop_gradient((t, x, h))
+
+    def of_mode(q):
+        def roots(t, x):
+            g, rate = rates(w.guards[q], t, x, w.fields[q](t, x))
+            return _until_zero(g, rate), jnp.abs(_until_zero(rounding(w.guards[q], t, x), rate))
+
+        return roots
+
+    ahead, unsure = by_mode(mode, [of_mode(q) for q in range(w.modes)], t, x)
+    first = jnp.argmin(jnp.where(lands, ahead, jnp.inf))
+    return ahead <= ahead[first] + unsure + unsure[first] + digits(BLUR, h) * h
+
+
+def _polish(evolver, clock: Clock, c: StepState, lands, ticking) -> StepState:
     """Two second-order steps onto the guard; the location of the root was not differentiable, the second of them is.
+
+    Of several that land the guard is the first. The second step knows which: it starts so near that roots are known
+    to rounding, however near to one another.
 
     Frames move by first order alone: the derivative of a step is right where the step itself is nothing any more.
     """
     w = evolver.hybrid
 
     def of_mode(q):
-        def polish(t, x, frame, volume):
+        def polish(t, x, frame, log_volume):
             def once(i, state):
-                t, x, frame, volume, shift = state
+                t, x, frame, log_volume, shift = state
                 f, second = jax.jvp(w.fields[q], (t, x), (jnp.ones_like(t), w.fields[q](t, x)))
                 g, rate = rates(w.guards[q], t, x, f)
-                step = -g[slot] / jnp.where(rate[slot] == 0, 1.0, rate[slot])
-                step = jnp.where(ticking | (rate[slot] == 0), 0.0, step)
+                guard_index = jnp.argmin(jnp.where(lands, _until_zero(g, rate), jnp.inf))
+                step = -g[guard_index] / jnp.where(rate[guard_index] == 0, 1.0, rate[guard_index])
+                step = jnp.where(ticking | (rate[guard_index] == 0), 0.0, step)
                 step = jnp.where(i == 0, jax.lax.stop_gradient(step), step)
 
                 def slope(dx):
                     return jax.jvp(lambda y: w.fields[q](t, y), (x,), (dx,))[1]
 
                 frame = frame + step * each_column(slope, frame)
-                volume = None if volume is None else volume + step * trace(w.fields[q], t, x)
-                return t + step, x + step * (f + 0.5 * step * second), frame, volume, shift + step
+                log_volume = None if log_volume is None else log_volume + step * trace(w.fields[q], t, x)
+                return t + step, x + step * (f + 0.5 * step * second), frame, log_volume, shift + step
 
-            return jax.lax.fori_loop(0, 2, once, (t, x, frame, volume, jnp.zeros_like(t)))
+            return jax.lax.fori_loop(0, 2, once, (t, x, frame, log_volume, jnp.zeros_like(t)))
 
         return polish
 
-    start = (clock.base + c.s, c.x, c.frame, c.volume)
-    _, x, frame, volume, shift = by_mode(c.solver_state.mode, [of_mode(q) for q in range(w.modes)], *start)
-    return added(c._replace(x=x, frame=frame, volume=volume), s=shift)
+    start = (clock.base + c.s, c.x, c.frame, c.log_volume)
+    _, x, frame, log_volume, shift = by_mode(c.solver_state.mode, [of_mode(q) for q in range(w.modes)], *start)
+    return added(c._replace(x=x, frame=frame, log_volume=log_volume), s=shift)
 
 
 def _within_reach(c: StepState, last_step) -> StepState:
@@ -137,14 +158,14 @@ def _flown(c: StepState, last_step):
 
 def _cross(evolver, settings, clock: Clock, c: StepState, mode, event, together, at_once, last_step) -> StepState:
     """Through the event and the cascade it sets off; then orthonormalise and arm the guards."""
-    slot = event[2]
+    guard_index = event[2]
     t, h, k = clock.base + c.s, c.solver_state.h, c.frame.shape[1]
     columns, was_live = c.frame, jnp.sum(c.frame * c.frame, axis=0) > 0.5
     if settings.sum_rule:  # n more columns, the identity: they come out as the saltation matrix
         columns = jnp.concatenate([columns, jnp.eye(c.x.shape[0], dtype=c.x.dtype)], axis=1)
     landing = in_each_order(evolver, settings, t, h, c, columns, mode, event, together, at_once)
     since = c.since + landing.count.astype(c.since.dtype) if settings.qr_schedule.unit == "jumps" else c.since
-    volume = frames.log_abs_det(landing.moves.columns[:, k:]) if settings.sum_rule else None
+    log_volume = frames.log_abs_det(landing.moves.columns[:, k:]) if settings.sum_rule else None
     project, frame = evolver.onto_mode(landing.mode, t, landing.x), landing.moves.columns[:, :k]
     sizes = None if landing.moves.sizes is None else landing.moves.sizes.columns
     if project is not None and k:
@@ -157,8 +178,14 @@ def _cross(evolver, settings, clock: Clock, c: StepState, mode, event, together,
         jumps=c.jumps + landing.count,
         log=landing.log,
     )
-    c = added(c, volume=volume)
-    arrival = {"f": landing.f, "g": landing.g, "rate": landing.rate, "side": landing.side, "blur": landing.blur}
+    c = added(c, log_volume=log_volume)
+    arrival = {
+        "f": landing.f,
+        "g": landing.g,
+        "rate": landing.rate,
+        "guard_sign": landing.guard_sign,
+        "guard_tolerance": landing.guard_tolerance,
+    }
     c = changed(c, mode=None if c.solver_state.mode is None else landing.mode, **arrival)
     if c.solver_state.choices is not None:
         c = changed(c, choices=c.solver_state.choices.met(landing.together, jnp.sum(together), t))
@@ -172,7 +199,7 @@ def _cross(evolver, settings, clock: Clock, c: StepState, mode, event, together,
         speed, terms = jnp.max(jnp.abs(landing.f)), jnp.minimum(jnp.max(sizes), 1.0)  # where they are known
         hidden = digits(frames.DEPENDENT, c.x) * terms * landing.speed
         doubtful = jnp.any(c.losses > losses) & (speed > 0) & (speed < hidden)
-    guard = jnp.where(slot < 0, -1, slot + evolver.hybrid.slots * mode)
+    guard = jnp.where(guard_index < 0, -1, guard_index + evolver.hybrid.slots * mode)
     c = _remember(evolver, c, landing, clock, guard, doubtful, last_step)
     c = stop(c, STATUS.terminated, landing.terminal)
     c = stop(c, STATUS.deadlock, landing.stuck)
@@ -213,7 +240,7 @@ def _remember(evolver, c: StepState, landing: Landing, clock: Clock, guard, doub
         small, few, patience = interval < SHRUNK * c.solver_state.h, m.streak > 0, PATIENCE
         hidden = False
     shrunk = (m.interval > 0) & small
-    hidden = hidden | (few & (m.slot == first) & (interval < landing.shortest))
+    hidden = hidden | (few & (m.guard_index == first) & (interval < landing.shortest))
     zeno = (streak > patience) | (landing.stuck & shrunk) | hidden
     memory = Memory(
         c.s,

@@ -18,13 +18,13 @@ from jaxtyping import Array
 from ..._jax.columns import each_column
 from ..._jax.precision import share
 from ..._linalg import frames, lost_directions
-from ...events.saltations import delays
+from ...events.saltations import event_time_shifts
 from ...native import seldom
 from ...statuses import STATUS
 from ...systems.event_driven import EventDriven
+from ..evolver import AbstractEvolver
 from ..states import STRETCHED, Clock, Events, Settings, StepState, added, log_event, stop
 from .accumulations import accumulated, hidden_below, named
-from .constraints import Unconstrained
 from .exact import integers, is_event, since_after
 
 __all__ = ["Scheduled", "predicting_anew"]
@@ -87,7 +87,7 @@ class Rows(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class Scheduled(Unconstrained):
+class Scheduled(AbstractEvolver):
     """The evolver of systems with a schedule: from event to event, each of which touches a few rows."""
 
     system: EventDriven
@@ -95,11 +95,8 @@ class Scheduled(Unconstrained):
     shape: tuple[int, ...]
     per_jump: bool = False  # jumps may end a block
 
-    jumps_uncontrolled: ClassVar[bool] = True
-    always_regular: ClassVar[bool] = False
     by_rows: ClassVar[bool] = True
     longest_interval: ClassVar[float] = float(LONGEST)
-    spread_wanted: ClassVar[float] = 4.0
 
     @property
     def may_lose_rank(self) -> bool:
@@ -126,6 +123,10 @@ class Scheduled(Unconstrained):
         closely = c.x.shape[0] <= lost_directions.LARGEST
         return jnp.where(c.solver_state.destroys, frames.LOST, super().least_length(c, jumps) if closely else -jnp.inf)
 
+    def onto_mode(self, mode, t, x):
+        """There are no modes, and no constraints."""
+        del mode, t, x
+
     def rebase(self, solver: Own, s) -> Own:
         """The start of the span is local to the block."""
         return solver._replace(start=solver.start - s)
@@ -141,8 +142,6 @@ class Scheduled(Unconstrained):
         # nan is no time: it goes to the landing, which reports it.
         lands = ~((t > clock.limit(c) - c.solver_state.start) | jnp.isposinf(t))
         return Flight(t, integers(which), lands, c.solver_state.events >= LONGEST)
-
-    enter = propose_step
 
     def is_regular(self, ahead: Flight):
         """The usual thing is to land; to fly on to the end of the block is rare."""
@@ -189,7 +188,7 @@ class Scheduled(Unconstrained):
             solver_state=solver,
             log=c.log if entry is None else log_event(c.log, entry, real),
         )
-        c = c if c.volume is None else added(c, volume=frames.log_abs_det(jnp.stack(matrix)))
+        c = c if c.log_volume is None else added(c, log_volume=frames.log_abs_det(jnp.stack(matrix)))
         c = stop(c, STATUS.zeno, over)
         return stop(c, STATUS.nonfinite, ~jnp.isfinite(functools.reduce(jnp.add, new, t)))
 
@@ -237,9 +236,9 @@ class Scheduled(Unconstrained):
             )
 
         moving, still = jnp.ones_like(t), jnp.zeros_like(rows)
-        delay = delays(by_rows(guard), jax.jvp(guard, (t, rows), (moving, still))[1])
+        event_time_shift = event_time_shifts(by_rows(guard), jax.jvp(guard, (t, rows), (moving, still))[1])
         new, shift = jax.jvp(jump, (t, rows), (moving, still))
-        return new, [pushed + late * delay for pushed, late in zip(by_rows(jump), shift, strict=True)]
+        return new, [pushed + late * event_time_shift for pushed, late in zip(by_rows(jump), shift, strict=True)]
 
     def _hides(self, t, rows, which):
         """Up to which length rounding hides a flight: comoving rows lie still."""
@@ -260,7 +259,7 @@ class Scheduled(Unconstrained):
 
         if not lost_directions.is_precise(linear, rows):
             return dependent
-        closely = seldom(lambda: jnp.isneginf(lost_directions.volume(linear, m, rows.dtype)))
+        closely = seldom(lambda: jnp.isneginf(lost_directions.log_volume(linear, m, rows.dtype)))
         return jax.lax.cond(dependent, closely, lambda: jnp.asarray(False))
 
     def _linear(self, t, rows, which, dy):
@@ -273,8 +272,10 @@ class Scheduled(Unconstrained):
             return self.rows.jump(t, rows, which)
 
         moving, still = jnp.ones_like(t), jnp.zeros_like(rows)
-        delay = delays(jax.jvp(guard, (t, rows), (0 * t, dy))[1], jax.jvp(guard, (t, rows), (moving, still))[1])
-        return jax.jvp(jump, (t, rows), (delay, dy))[1]
+        event_time_shift = event_time_shifts(
+            jax.jvp(guard, (t, rows), (0 * t, dy))[1], jax.jvp(guard, (t, rows), (moving, still))[1]
+        )
+        return jax.jvp(jump, (t, rows), (event_time_shift, dy))[1]
 
     def _entry(self, clock: Clock, s, t, which, before, after) -> Events:
         zero = jnp.asarray(0, jnp.int32)
@@ -298,8 +299,8 @@ class Scheduled(Unconstrained):
         solver = c.solver_state._replace(
             cache=cache, start=end, now=zero, events=jnp.zeros_like(c.solver_state.events), stretch=zero
         )
-        if c.volume is not None:
-            c = added(c, volume=frames.log_abs_det(each_column(linear, jnp.eye(x.shape[0], dtype=x.dtype))))
+        if c.log_volume is not None:
+            c = added(c, log_volume=frames.log_abs_det(each_column(linear, jnp.eye(x.shape[0], dtype=x.dtype))))
         since = c.since if clock.interval is None else jnp.where(flies, clock.flown(c, end), c.since)
         c = c._replace(s=end, x=x, frame=each_column(linear, c.frame), solver_state=solver, since=since)
         if clock.interval is not None:
@@ -324,10 +325,10 @@ def _pushed(real, frame: Array, index: Array, matrix) -> list[Array]:
     def rows():
         return [jax.lax.dynamic_index_in_dim(frame, index[i], 0, keepdims=False) for i in range(len(matrix))]
 
-    def push():
+    def pushforward():
         return [functools.reduce(jnp.add, [row[j] * dy for j, dy in enumerate(rows())]) for row in matrix]
 
-    return jax.lax.cond(real, push, rows)
+    return jax.lax.cond(real, pushforward, rows)
 
 
 def _stretch(matrix, n: int):

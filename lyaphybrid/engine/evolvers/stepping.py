@@ -17,13 +17,13 @@ from ..._jax.jaxprs import is_affine, is_timeless
 from ..._jax.precision import BLUR, digits
 from ..._jax.reverse_mode import checkpointed
 from ...events.compiled_hybrid import CompiledHybrid, by_mode
-from ...events.roots import arm, jets, rates, rounding
+from ...events.roots import arm, rates, to_arm
 from ...integrators.base import Field, Method, Step
 from ...statuses import STATUS
 from ..states import Clock, ErrorObserver, Settings, StepState, added, stop
 from ..waiting import EVER, FAR
 from .constraints import OnConstraints
-from .landing import land
+from .landing import apply_event
 from .step_sizes import cut_at_end, first_step, least_step, next_step
 from .trials import (
     ADVANCE,
@@ -62,7 +62,7 @@ class Carried(NamedTuple):
     x: Any = None  # (n,) its end, where no trial has found it before
     frame: Any = None  # (n, k)
     ratio: Any = None  # the frame's error over what is allowed
-    flux: Any = None  # ∫ tr Df
+    log_volume_change: Any = None  # ∫ tr Df
     growth: Any = None  # (k,) `Tangent.growth`
     errors: Any = None  # (estimates, n, k) `Tangent.errors`, for a watch that looks at them
 
@@ -81,9 +81,7 @@ class Stepping(OnConstraints):
     per_jump: bool = False  # jumps may end a block: they are counted where time stands still, too
     timeless: bool = False  # fields and guards are seen not to depend on the time; asked where jumps end blocks
 
-    by_rows: ClassVar[bool] = False
     longest_interval: ClassVar[float] = 20.0
-    spread_wanted: ClassVar[float] = 4.0
 
     @property
     def may_lose_rank(self) -> bool:
@@ -119,7 +117,7 @@ class Stepping(OnConstraints):
     def revisits(self) -> bool:
         """Whether a tangent is taken at the points that its trial went through, instead of going there again."""
         solved = any(self.method.solves(field) for field in self.hybrid.fields)
-        return (solved or self.nonlinear) and not self.always_regular and self.method.way_points > 0
+        return (solved or self.nonlinear) and not self.always_regular and self.method.stage_count > 0
 
     def in_each_mode(self) -> tuple["Stepping", ...]:
         """The evolvers of the innermost loop, one for each mode: only events change it, and they come further out.
@@ -140,7 +138,7 @@ class Stepping(OnConstraints):
     def initial_mode(self, t, x):
         """The mode to which a state belongs; negative where none can go on from it."""
         of_state = self.hybrid.initial_mode
-        assert of_state is not None, "runs.prepare asks for a mode where the system knows none"
+        assert of_state is not None, "preparation.prepare asks for a mode where the system knows none"
         return jnp.asarray(of_state(t, x)).astype(jnp.int32)
 
     def velocity(self, t, x, solver: SolverState):
@@ -157,18 +155,20 @@ class Stepping(OnConstraints):
         state = SolverState(f, h, jnp.zeros_like(h), mode if w.modes > 1 else None, *(None,) * 6)
         if not self.has_events:
             return state
-        g, rate, second, blur = by_mode(mode, [_jets_of(w, q) for q in range(w.modes)], t, x)
+        g, rate, second, guard_tolerance, way = by_mode(mode, [_to_arm(w, q) for q in range(w.modes)], t, x, h)
         fired = jnp.zeros(w.slots, bool)
         if self.just_fired is not None:
             fired = table(self, state.mode, w.transition == self.just_fired)
-        side, g, rate, _ = arm(g, rate, second, blur, h, t, fired)
+        guard_sign, g, rate, _ = arm(g, rate, second, guard_tolerance, way, h, t, fired)
         # On a guard and about to go through it: it has not fired yet, and does so at once.
-        side = jnp.where(table(self, state.mode, w.directed) & (g == 0) & (side < 0) & ~fired, 1.0, side)
+        guard_sign = jnp.where(
+            table(self, state.mode, w.directed) & (g == 0) & (guard_sign < 0) & ~fired, 1.0, guard_sign
+        )
         ticks = [jnp.floor((t - phase) / period + digits(1e-9, t)) + 1 for period, phase in self.clock_times]
         zero, one = jnp.zeros_like(t), jnp.ones_like(t)
         memory = Memory(zero, zero, zero, zero, one * jnp.inf, zero, zero, one * jnp.nan, -one, zero, zero)
         if w.borders is not None:
-            outside = jnp.any(table(self, state.mode, w.borders) & (side < 0))
+            outside = jnp.any(table(self, state.mode, w.borders) & (guard_sign < 0))
             memory = memory._replace(pending=jnp.where(outside, FIRST, zero))
         return SolverState(
             f,
@@ -177,8 +177,8 @@ class Stepping(OnConstraints):
             state.mode,
             g,
             rate,
-            side,
-            blur,
+            guard_sign,
+            guard_tolerance,
             jnp.stack(ticks) if ticks else None,
             jnp.stack(memory),
         )
@@ -194,11 +194,11 @@ class Stepping(OnConstraints):
         if not self.timeless:
             return no, no
         allowed = digits(BLUR, x) * jnp.abs(x)
-        apart = solver.blur
+        apart = solver.guard_tolerance
         if self.rejects:  # near an attracting equilibrium steps are as long as the tolerances allow
             atol, rtol = self.method.atol, self.method.rtol
             allowed = NEARLY_STILL * (atol + rtol * jnp.abs(x))
-            apart = NEARLY_STILL * (atol + rtol * solver.blur / digits(BLUR, x))
+            apart = NEARLY_STILL * (atol + rtol * solver.guard_tolerance / digits(BLUR, x))
         still = jnp.all(jnp.abs(c.x - x) <= allowed)
         off = jnp.all(~firing(self, solver) | (jnp.abs(solver.g) > NEARLY_STILL * apart))
         longest = solver.memory[Memory._fields.index("longest")]
@@ -219,8 +219,8 @@ class Stepping(OnConstraints):
         tick = None if c.solver_state.ticks is None else jnp.asarray(-1, jnp.int32)
         none = jnp.asarray(NONE, jnp.int32)
         ratio, miss = (h, zeros) if self.rejects else (None, None)
-        way = self.method.blank_way(c.x) if self.revisits and c.frame.shape[1] else ()
-        return Trial(none, h, c.x, c.solver_state.f, ratio, jnp.asarray(False), zeros, zeros, miss, tick, way)
+        stage_points = self.method.blank_stage_points(c.x) if self.revisits and c.frame.shape[1] else ()
+        return Trial(none, h, c.x, c.solver_state.f, ratio, jnp.asarray(False), zeros, zeros, miss, tick, stage_points)
 
     def propose_step(self, c: StepState, clock: Clock, bracket: RootBracket | None = None):
         """A trial step of the state, and the case that it makes; a plain fixed-step flow needs none."""
@@ -245,9 +245,9 @@ class Stepping(OnConstraints):
             return of_mode
 
         step, ratio, g, rate, slope = by_mode(solver.mode, [trial(q) for q in range(w.modes)], t, c.x, solver.f, h)
-        way = step.way if self.revisits and c.frame.shape[1] else ()
+        stage_points = step.stage_points if self.revisits and c.frame.shape[1] else ()
         f = step.f if self.has_events or self.method.takes_slope else solver.f  # what nobody needs is not computed
-        tr = Trial(None, h, step.x, f, ratio, final, g, rate, None, tick, way)
+        tr = Trial(None, h, step.x, f, ratio, final, g, rate, None, tick, stage_points)
         return self._judge(c, clock, tr, slope, bracket)
 
     def _alike(self, step: Step, x) -> Step:
@@ -258,7 +258,7 @@ class Stepping(OnConstraints):
         def fit(given, room):
             return jnp.pad(given, [(0, wide - narrow) for narrow, wide in zip(given.shape, room.shape, strict=True)])
 
-        return step._replace(way=jax.tree.map(fit, step.way, self.method.blank_way(x)))
+        return step._replace(stage_points=jax.tree.map(fit, step.stage_points, self.method.blank_stage_points(x)))
 
     def is_regular(self, ahead):
         """Rejecting and advancing are common."""
@@ -306,7 +306,7 @@ class Stepping(OnConstraints):
             else:
                 event, lands = finds(self, solver, tr, bracket)
                 if self.rejects:  # a shorter piece of a step that has passed passes too
-                    ratio = jnp.where((bracket.slot >= 0) & jnp.isfinite(ratio), 0.0, ratio)
+                    ratio = jnp.where((bracket.guard_index >= 0) & jnp.isfinite(ratio), 0.0, ratio)
             if tr.tick is not None:
                 lands = lands | ((tr.tick >= 0) & ~event)
         case = jnp.where(lands, LAND, jnp.where(event, LOCATE, ADVANCE))
@@ -324,29 +324,29 @@ class Stepping(OnConstraints):
         """What a trial that ends at an event does to the frame."""
         if not c.frame.shape[1]:
             return Carried(frame=c.frame)
-        return self.carried(c, clock, tr.h, c.solver_state.mode, tr.way, self.method.rare_tangent)
+        return self.carried(c, clock, tr.h, c.solver_state.mode, tr.stage_points, self.method.rare_tangent)
 
     def carried(
-        self, c: StepState, clock: Clock, h, mode, way=(), of_method=None, with_errors: bool = False
+        self, c: StepState, clock: Clock, h, mode, stage_points=(), of_method=None, with_errors: bool = False
     ) -> Carried:
         """What a step over h does to the frame."""
         of_method = of_method or self.method.tangent
         t, w = clock.base + c.s, self.hybrid
 
         def tangent(q):
-            def of_mode(t, x, frame, h, way):
+            def of_mode(t, x, frame, h, stage_points):
                 field = w.fields[q]
-                new, moved, errors, nodes, growth = of_method(field, t, x, h, frame, way)
+                new, moved, errors, nodes, growth = of_method(field, t, x, h, frame, stage_points)
                 if self.rejects and self.method.control == "xY":
                     ratio = jax.lax.stop_gradient(self.method.frame_ratio(errors, frame, moved))
                 else:
                     ratio = jnp.zeros_like(h)
-                flux = self.method.divergence(field, nodes, h) if c.volume is not None else None
-                return Carried(new, moved, ratio, flux, growth, errors if with_errors else None)
+                log_volume_change = self.method.divergence(field, nodes, h) if c.log_volume is not None else None
+                return Carried(new, moved, ratio, log_volume_change, growth, errors if with_errors else None)
 
             return of_mode
 
-        return by_mode(mode, [tangent(q) for q in range(w.modes)], t, c.x, c.frame, h, way)
+        return by_mode(mode, [tangent(q) for q in range(w.modes)], t, c.x, c.frame, h, stage_points)
 
     def commit(self, settings: Settings, c: StepState, h, x, kept: Carried) -> StepState:
         """The carry after a step that is kept."""
@@ -354,7 +354,7 @@ class Stepping(OnConstraints):
         c = c._replace(x=x, frame=kept.frame, since=since)
         if kept.errors is not None:
             c = c._replace(observer=settings.observer.stepped(c.observer, kept.errors))
-        return added(c, s=h, volume=kept.flux, growth=kept.growth)
+        return added(c, s=h, log_volume=kept.log_volume_change, growth=kept.growth)
 
     @staticmethod
     def _ended(c: StepState, clock: Clock, final) -> StepState:
@@ -368,13 +368,13 @@ class Stepping(OnConstraints):
         solver, ratio, along = c.solver_state, tr.ratio, Carried(frame=c.frame)
         if c.frame.shape[1]:
             looks = self.rejects and isinstance(settings.observer, ErrorObserver)
-            along = self.carried(c, clock, tr.h, solver.mode, tr.way, with_errors=looks)
+            along = self.carried(c, clock, tr.h, solver.mode, tr.stage_points, with_errors=looks)
             ratio = jnp.maximum(ratio, along.ratio) if self.rejects else None
         kept = self._ended(self.commit(settings, c, tr.h, tr.x, along), clock, tr.final)
         kept = changed(kept, f=tr.f)
         if self.has_events:
-            side, g = stays(self, solver, tr)
-            kept = changed(kept, g=g, rate=tr.rate, side=side)
+            guard_sign, g = stays(self, solver, tr)
+            kept = changed(kept, g=g, rate=tr.rate, guard_sign=guard_sign)
         if not self.rejects:
             return kept
         # The frame's error may fail a step that the state's has passed.
@@ -399,7 +399,7 @@ class Stepping(OnConstraints):
         """Trials that are aimed at events and land on them, until a common one comes out; or the run's end."""
 
         def landed(c, tr, bracket):
-            return land(self, settings, clock, c, tr), no_bracket(tr.h)
+            return apply_event(self, settings, clock, c, tr), no_bracket(tr.h)
 
         def narrow(c, tr, bracket):
             return c, next_bracket(self, c.solver_state, tr, bracket)
@@ -447,5 +447,5 @@ def are_timeless(w: CompiledHybrid, t, x) -> bool:
     return not w.clocks and all(is_timeless(one, t, x) for one in (*w.fields, *w.guards))
 
 
-def _jets_of(w: CompiledHybrid, q: int):
-    return lambda t, x: (*jets(w.guards[q], w.fields[q], t, x), rounding(w.guards[q], t, x))
+def _to_arm(w: CompiledHybrid, q: int):
+    return lambda t, x, h: to_arm(w.guards[q], w.fields[q], t, x, h)

@@ -32,7 +32,7 @@ class Memory(NamedTuple):
     grazing: Any  # seen? 0 or 1, as the next
     simultaneous: Any
     accumulation: Any  # estimated end of an accumulation of events
-    slot: Any  # whose event was the last, counted over all modes; -1: a clock's
+    guard_index: Any  # whose event was the last, counted over all modes; -1: a clock's
     doubtful: Any  # was a column lost where rounding may have done it? 0 or 1
     pending: Any  # does a jump come next, without a flow? `ALONE`: of a cascade that does not end; `FIRST`; or 0
 
@@ -69,8 +69,8 @@ class SolverState(NamedTuple):
     mode: Any
     g: Any  # (slots,) guards at the start of the step, and their rates
     rate: Any
-    side: Any
-    blur: Any  # (slots,) rounding of the guards
+    guard_sign: Any
+    guard_tolerance: Any  # (slots,) rounding of the guards
     ticks: Any  # (clocks,) number of the next tick
     memory: Any
     choices: Any = None  # `Choices`, where all solutions are asked for
@@ -89,7 +89,7 @@ class Trial(NamedTuple):
     rate: Any = None
     miss: Any = None  # (slots,) by how much the cubic of a guard is off
     tick: Any = None  # the clock that ticks at the end of the step; -1: none
-    way: tuple[Array, ...] = ()  # the points on the way, where the tangent is to be taken at them
+    stage_points: tuple[Array, ...] = ()  # the points on the way, where the tangent is to be taken at them
 
 
 class RootBracket(NamedTuple):
@@ -97,7 +97,7 @@ class RootBracket(NamedTuple):
 
     h: Any  # length of the trial
     beyond: Any  # where the guard is known to be beyond its root
-    slot: Any  # whose root; -1: a turning point, or nothing
+    guard_index: Any  # whose root; -1: a turning point, or nothing
     tries: Any
 
 
@@ -128,40 +128,42 @@ def changed(c: StepState, **changes) -> StepState:
 
 
 def resolve(evolver, solver: SolverState, tr: Trial, slope) -> Trial:
-    """How well the cubic of each guard follows the guard; it must, for events to be seen."""
+    """How well the cubic of each guard follows the guard: up to its rounding it must, for events to be seen."""
     if slope is None:
         return tr
     # The cubic errs like θ²(1-θ)²; its slope errs most at the probe, 3.08 times its error in the middle.
     d0, d1 = tr.h * solver.rate, tr.h * tr.rate
     miss = jnp.abs(tr.h * slope - cubic(PROBE, solver.g, d0, tr.g, d1)[1]) / 3.0792
     size = jnp.abs(solver.g) + jnp.abs(tr.g) + 0.25 * (jnp.abs(d0) + jnp.abs(d1))
-    allowed = GUARD_RESOLUTION * size + 1e3 * evolver.method.atol
+    allowed = GUARD_RESOLUTION * size + 1e3 * evolver.method.atol + solver.guard_tolerance
     return tr._replace(miss=miss, ratio=jnp.maximum(tr.ratio, jax.lax.stop_gradient(jnp.max(miss / allowed))))
 
 
 def firing(evolver, solver: SolverState):
     """The slots that a change of sign would fire."""
     directed = table(evolver, solver.mode, evolver.hybrid.directed)
-    return (solver.side > 0) | (~directed & (solver.side != 0))
+    return (solver.guard_sign > 0) | (~directed & (solver.guard_sign != 0))
 
 
 def is_beyond(solver: SolverState, tr: Trial):
     """The guards on or beyond zero at the end of a trial; one that starts at zero may have left it by rounding only."""
-    after = solver.side * tr.g
-    return jnp.where(solver.g == 0, after < -solver.blur, after <= 0)
+    after = solver.guard_sign * tr.g
+    return jnp.where(solver.g == 0, after < -solver.guard_tolerance, after <= 0)
 
 
 def stays(evolver, solver: SolverState, tr: Trial) -> tuple[Any, Any]:
     """Sides and guards after a step without an event: what seems to have fired there is at zero up to rounding."""
-    side = jnp.where(firing(evolver, solver), solver.side, jnp.where(tr.g == 0, solver.side, jnp.sign(tr.g)))
-    return side, jnp.where(side * tr.g < 0, 0.0, tr.g)
+    guard_sign = jnp.where(
+        firing(evolver, solver), solver.guard_sign, jnp.where(tr.g == 0, solver.guard_sign, jnp.sign(tr.g))
+    )
+    return guard_sign, jnp.where(guard_sign * tr.g < 0, 0.0, tr.g)
 
 
 def suspects(evolver, solver: SolverState, tr: Trial):
     """Whether a guard may have been crossed: cheap, and never wrong in saying no."""
-    before, after = solver.side * solver.g, solver.side * tr.g
+    before, after = solver.guard_sign * solver.g, solver.guard_sign * tr.g
     crossed = firing(evolver, solver) & (after <= 0)
-    turns = (solver.side * solver.rate < 0) & (solver.side * tr.rate > 0) & (after > 0)
+    turns = (solver.guard_sign * solver.rate < 0) & (solver.guard_sign * tr.rate > 0) & (after > 0)
     reach = tr.h * jnp.abs(tr.rate - solver.rate) + 4.0 * miss(tr)
     return jnp.any(crossed | (turns & ((before <= reach) | (after <= reach))))
 
@@ -170,7 +172,7 @@ def finds(evolver, solver: SolverState, tr: Trial, bracket: RootBracket):
     """Whether there is an event to be located still, and whether the trial ends at one."""
     signs, given_up = read_signs(evolver, solver, tr, bracket), bracket.tries > PATIENCE
     found = jnp.any(signs.crossed | signs.turn)
-    event = (found | (bracket.slot >= 0)) & ~(given_up & ~jnp.any(signs.crossed))
+    event = (found | (bracket.guard_index >= 0)) & ~(given_up & ~jnp.any(signs.crossed))
     far = jnp.any((signs.crossed & ~signs.lands) | signs.turn)
     return event, jnp.any(signs.lands) & (~far | given_up)
 
@@ -181,17 +183,17 @@ def read_signs(evolver, solver: SolverState, tr: Trial, bracket: RootBracket) ->
     crossed = fires & is_beyond(solver, tr)
     # A guard that turns back inside the step: the step is cut there if it may have been beyond zero.
     d0, d1 = tr.h * solver.rate, tr.h * tr.rate
-    turns = (d0 * d1 < 0) & (solver.side * d0 < 0) & (solver.side * tr.g > 0)
+    turns = (d0 * d1 < 0) & (solver.guard_sign * d0 < 0) & (solver.guard_sign * tr.g > 0)
     theta = turning_point(solver.g, d0, tr.g, d1)
     extreme, _ = cubic(theta, solver.g, d0, tr.g, d1)
     drop = jnp.minimum(jnp.abs(solver.g - extreme), jnp.abs(tr.g - extreme))
     none = digits(1e-9, theta)
     doubt = 0.2 * drop + 64.0 * (theta * (1 - theta)) ** 2 * miss(tr)
-    turn = turns & (solver.side * extreme <= doubt) & (theta > none) & (theta < 1 - none)
+    turn = turns & (solver.guard_sign * extreme <= doubt) & (theta > none) & (theta < 1 - none)
     ahead = -tr.g / jnp.where(tr.rate == 0, nonzero(1e-300, tr.rate), tr.rate)
-    close = fires & (solver.side * tr.rate < 0) & (jnp.abs(ahead) <= digits(NEAR, ahead) * solver.h)
-    aimed = jnp.arange(evolver.hybrid.slots, dtype=jnp.int32) == bracket.slot
-    lands = close & ((bracket.slot >= 0) | jnp.any(crossed))
+    close = fires & (solver.guard_sign * tr.rate < 0) & (jnp.abs(ahead) <= digits(NEAR, ahead) * solver.h)
+    aimed = jnp.arange(evolver.hybrid.slots, dtype=jnp.int32) == bracket.guard_index
+    lands = close & ((bracket.guard_index >= 0) | jnp.any(crossed))
     lands = lands | ((bracket.tries > PATIENCE) & (crossed | aimed))
     return Signs(crossed, turn, theta, lands, ahead)
 
@@ -199,11 +201,13 @@ def read_signs(evolver, solver: SolverState, tr: Trial, bracket: RootBracket) ->
 def grazes(evolver, solver: SolverState, tr: Trial, bracket: RootBracket):
     """Whether a guard turned back at the end of a trial that was cut there, off zero by less than the tolerance."""
     bend = (tr.rate - solver.rate) / tr.h
-    least = solver.side * (tr.g - 0.5 * tr.rate**2 / jnp.where(bend == 0, nonzero(1e-300, bend), bend))
-    turned = (solver.side * solver.rate < 0) & (jnp.abs(tr.rate) <= TURNED * jnp.abs(solver.rate))
-    tolerance = NEARLY * (evolver.method.atol + evolver.method.rtol * (solver.blur / digits(BLUR, solver.blur)))
+    least = solver.guard_sign * (tr.g - 0.5 * tr.rate**2 / jnp.where(bend == 0, nonzero(1e-300, bend), bend))
+    turned = (solver.guard_sign * solver.rate < 0) & (jnp.abs(tr.rate) <= TURNED * jnp.abs(solver.rate))
+    tolerance = NEARLY * (
+        evolver.method.atol + evolver.method.rtol * (solver.guard_tolerance / digits(BLUR, solver.guard_tolerance))
+    )
     close = firing(evolver, solver) & turned & (jnp.abs(least) <= tolerance)
-    return (tr.case == ADVANCE) & (bracket.tries > 0) & (bracket.slot < 0) & jnp.any(close)
+    return (tr.case == ADVANCE) & (bracket.tries > 0) & (bracket.guard_index < 0) & jnp.any(close)
 
 
 def pending(solver: SolverState):
@@ -215,7 +219,7 @@ def has_fired(evolver, solver: SolverState):
     """The slot (slots,) whose event was the last, where the motion is still in its mode."""
     slots = evolver.hybrid.slots
     first = 0 if solver.mode is None else slots * solver.mode
-    last = solver.memory[Memory._fields.index("slot")]
+    last = solver.memory[Memory._fields.index("guard_index")]
     return (jnp.arange(slots, dtype=jnp.int32) + first).astype(last.dtype) == last
 
 
@@ -234,17 +238,17 @@ def next_bracket(evolver, solver: SolverState, tr: Trial, bracket: RootBracket) 
     # A guard that starts at zero first leaves it: its root lies beyond the extremum between.
     lo = jnp.where((solver.g == 0) & (d0 * d1 < 0), turning_point(solver.g, d0, tr.g, d1), 0.0)
     roots = jnp.where(signs.crossed, h * hermite_root(lo, solver.g, d0, tr.g, d1), jnp.inf)
-    slot = jnp.argmin(roots).astype(jnp.int32)
+    guard_index = jnp.argmin(roots).astype(jnp.int32)
     cut = jnp.min(jnp.where(signs.turn, h * signs.theta, jnp.inf))
     # An undershoot of the slot aimed at: one Newton step, kept below where the guard is known to be beyond.
-    aimed = jnp.maximum(bracket.slot, 0)
+    aimed = jnp.maximum(bracket.guard_index, 0)
     newton = h + signs.ahead[aimed]
     newton = jnp.where((newton > h) & (newton < bracket.beyond), newton, 0.5 * (h + bracket.beyond))
-    undershot = (bracket.slot >= 0) & ~jnp.any(signs.crossed)
-    root = jnp.where(undershot, newton, roots[slot])
-    slot = jnp.where(undershot, aimed, jnp.where(jnp.any(signs.crossed), slot, -1))
+    undershot = (bracket.guard_index >= 0) & ~jnp.any(signs.crossed)
+    root = jnp.where(undershot, newton, roots[guard_index])
+    guard_index = jnp.where(undershot, aimed, jnp.where(jnp.any(signs.crossed), guard_index, -1))
     # The cubic's root may stagnate at one end where it is very flat: then bisect.
     root = jnp.where((bracket.tries > 10) & ~undershot, 0.5 * root, root)
     target = jax.lax.stop_gradient(jnp.minimum(root, cut))
     beyond = jax.lax.stop_gradient(jnp.where(undershot, bracket.beyond, h))
-    return RootBracket(target, beyond, jnp.where(root <= cut, slot, -1).astype(jnp.int32), bracket.tries + 1)
+    return RootBracket(target, beyond, jnp.where(root <= cut, guard_index, -1).astype(jnp.int32), bracket.tries + 1)

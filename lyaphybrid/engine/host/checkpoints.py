@@ -44,7 +44,7 @@ class Checkpoint:
         self.written, self.works = time.perf_counter(), True
 
     def part(self, number: int) -> "Part":
-        """What `runs.drive` needs of it: 0 is the transient."""
+        """What `driver.drive` needs of it: 0 is the transient."""
         return Part(self, number)
 
     def close(self) -> None:
@@ -165,6 +165,6 @@ def _extend(checkpoint: Checkpoint, t1: float, extends: bool) -> None:
     there = f"{checkpoint.path} holds a run of t1 = {reached:.15g}"
     require(t1 > reached, f"{there}, longer than {t1:.15g}: take another path.")
     require(checkpoint.finished, f"{there} that is not finished: resume it with that t1, and then with {t1:.15g}.")
-    require(extends, f"{there}: with times= or until= it cannot be extended to {t1:.15g}.")
+    require(extends, f"{there}: with times= or target_stderr= it cannot be extended to {t1:.15g}.")
     checkpoint.stretches.append((t1 - reached, max(2, round((t1 - reached) * count / length))))
     checkpoint.finished = False

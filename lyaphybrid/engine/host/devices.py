@@ -14,7 +14,7 @@ from .reporting import reporter
 
 __all__ = ["are_wanted", "lanes_at_once", "run_on_devices"]
 
-AT_ONCE = 4096  # chains in one call, on each device
+AT_ONCE = 16_384  # chains in one call, on each device: four times as many take hardly longer, but more memory
 
 
 def are_wanted() -> bool:

@@ -98,9 +98,9 @@ class Symplectic(Composition):
         """One step over h from (t, x)."""
         return self._arrived(field, t, x, f, h, moved(SCHEMES[self.scheme], field, x, h))
 
-    def tangent(self, field: Any, t, x, h, frame, way=()) -> Tangent:
+    def tangent(self, field: Any, t, x, h, frame, stage_points=()) -> Tangent:
         """The tangent map: drifts and kicks of the columns, at the points that the state passes."""
-        del way
+        del stage_points
         new, columns = moved(SCHEMES[self.scheme], field, (x, frame), h, with_columns)
         return Tangent(new, columns, frame[None, :0], (t, x))
 

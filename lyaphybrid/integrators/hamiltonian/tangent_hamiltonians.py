@@ -79,7 +79,7 @@ class TangentHamiltonian(Composition):
         require(variant in VARIANTS, f"Unknown variant {variant!r}; the variants are {', '.join(VARIANTS)}.")
         positive("dt", dt)
         self.variant, self.dt = variant, dt
-        own = dt / self.way_points
+        own = dt / self.stage_count
         orbit = Symplectic(ORBIT, dt=own) if orbit is None else orbit
         require(isinstance(orbit, Method), f"orbit must be a method, such as lh.RungeKutta('dop853'); got {orbit!r}.")
         if not orbit.adaptive and not traced((own, orbit.fixed_step)):
@@ -88,7 +88,7 @@ class TangentHamiltonian(Composition):
         self.orbit = orbit
 
     @property
-    def way_points(self) -> int:
+    def stage_count(self) -> int:
         """Steps of the orbit in one of the tangent: their ends are where D²V is taken."""
         return 2 if self.variant in TWO_STEPS else 1
 
@@ -134,8 +134,8 @@ class TangentHamiltonian(Composition):
 
     def _orbit(self, field: Any, t, x, f, h) -> list[Step]:
         """The steps of the orbit over one of the tangent."""
-        short, steps = h / self.way_points, []
-        for _ in range(self.way_points):
+        short, steps = h / self.stage_count, []
+        for _ in range(self.stage_count):
             steps.append(self.orbit.step(field, t, x, f, short))
             t, x, f = t + short, steps[-1].x, steps[-1].f
         return steps
@@ -148,16 +148,16 @@ class TangentHamiltonian(Composition):
 
     def ratio(self, error, scale):
         """That of the worst step of the orbit."""
-        ratios = [self.orbit.ratio(one, scale) for one in jnp.split(error, self.way_points)]
+        ratios = [self.orbit.ratio(one, scale) for one in jnp.split(error, self.stage_count)]
         return jnp.max(jnp.stack(ratios))
 
     def divergence(self, field, nodes, h):
         """Canonical motion keeps volumes."""
         return jnp.zeros_like(h)
 
-    def tangent(self, field: Any, t, x, h, frame, way=()) -> Tangent:
+    def tangent(self, field: Any, t, x, h, frame, stage_points=()) -> Tangent:
         """The frame under the quadratic Hamiltonians of the step."""
-        points: Sequence = (x, *(way or [one.x for one in self._orbit(field, t, x, field(t, x), h)]))
+        points: Sequence = (x, *(stage_points or [one.x for one in self._orbit(field, t, x, field(t, x), h)]))
         forms = [Form(field, point) for point in points]
         dq, dp = jnp.split(frame, 2)
         if self.variant == "es":

@@ -48,14 +48,14 @@ class StageByStage(OnConstraints):
         return self.table.order
 
     @property
-    def way_points(self) -> int:
+    def stage_count(self) -> int:
         """The points of all stages but the first, and the end where it is none of them."""
         return len(self.table.a) + (not self.table.last_is_next)
 
     def stages(self, t, h):
         """For these points: weights of the slopes before, times, and shares of their own slopes (None: none have)."""
         weights, times = tabulated(self.table, t, h)
-        own = np.arange(self.way_points) < len(self.table.a)
+        own = np.arange(self.stage_count) < len(self.table.a)
         return weights, times, self.table.diagonal * h * jnp.asarray(own, times.dtype) if self.table.diagonal else None
 
     def _is_direct(self, field: Field) -> bool:
@@ -81,21 +81,37 @@ class StageByStage(OnConstraints):
             same = same & ((lifts.sign == sign) if share is None else True)
             return (point, lifts, slopes.at[i].set(slope), slope, same), point
 
-        slopes = jnp.zeros((self.way_points + 1, *slope.shape), slope.dtype).at[0].set(slope)
-        given = jnp.arange(1, self.way_points + 1), *self.stages(t, h)
-        (new, lifts, slopes, _, same), way = jax.lax.scan(stage, (x, lifts, slopes, slope, jnp.asarray(True)), given)
+        slopes = jnp.zeros((self.stage_count + 1, *slope.shape), slope.dtype).at[0].set(slope)
+        given = jnp.arange(1, self.stage_count + 1), *self.stages(t, h)
+        (new, lifts, slopes, _, same), stage_points = jax.lax.scan(
+            stage, (x, lifts, slopes, slope, jnp.asarray(True)), given
+        )
         error = jnp.where(same, product(lifts.content, h * summed(self.table.errors[0], slopes)), jnp.inf)
         slope = field(t + h, new)
-        return Step(new, slope, error[None], (x, f, new, slope, h), self.nodes_of(field, t, h, x, (way,)), (way,))
+        return Step(
+            new,
+            slope,
+            error[None],
+            (x, f, new, slope, h),
+            self.nodes_of(field, t, h, x, (stage_points,)),
+            (stage_points,),
+        )
 
     def _directly(self, field: Any, t, x, f, h) -> Step:
         """The same where the constraints are solved by hand: the ordinary method for the content, which is its way."""
         dae = field.field
         new, error, contents = self._of_content(dae, t, dae.content(t, x, None), h)
-        way = (jnp.stack(contents[1:] if self.table.last_is_next else [*contents[1:], new]),)
+        stage_points = (jnp.stack(contents[1:] if self.table.last_is_next else [*contents[1:], new]),)
         x_new = jnp.stack(dae.components(t + h, new))
         error, slope = dae.raised(dae.sensitivity(t + h, x_new), error), field(t + h, x_new)
-        return Step(x_new, slope, error[None], (x, f, x_new, slope, h), self.nodes_of(field, t, h, x, way), way)
+        return Step(
+            x_new,
+            slope,
+            error[None],
+            (x, f, x_new, slope, h),
+            self.nodes_of(field, t, h, x, stage_points),
+            stage_points,
+        )
 
     def _of_content(self, dae: Eliminated, t, content, h):
         """The content after the step, its error, and what it was in all stages."""
@@ -105,24 +121,24 @@ class StageByStage(OnConstraints):
         new = points[-1] if table.last_is_next else along(content, h, table.b, slopes)
         return new, h * weighed(table.errors[0], slopes), list(points)
 
-    def _tangent_directly(self, field: Any, t, x, h, frame, way, new) -> Tangent:
+    def _tangent_directly(self, field: Any, t, x, h, frame, stage_points, new) -> Tangent:
         dae, table = field.field, self.table
-        contents = [dae.content(t, x, None), *way[: len(table.a), : dae.n_differential]]
+        contents = [dae.content(t, x, None), *stage_points[: len(table.a), : dae.n_differential]]
         nodes = zip(self.times(t, h), contents, strict=True)
         first, *later = (linear_at(functools.partial(dae.slope_of, time), content) for time, content in nodes)
         change = dae.content(t, frame, None)
         changes, slopes = through(table, change, h, first(change), later)
         moved = changes[-1] if table.last_is_next else along(change, h, table.b, slopes)
         errors = h * weighed(table.errors[0], slopes)
-        sensitivity = dae.sensitivity(t + h, self.points_on(field, t, h, (way,))[-1])
+        sensitivity = dae.sensitivity(t + h, self.points_on(field, t, h, (stage_points,))[-1])
         moved, errors = dae.raised(sensitivity, moved), dae.raised(sensitivity, errors)
-        return Tangent(new, moved, errors[None], self.nodes_of(field, t, h, x, (way,)))
+        return Tangent(new, moved, errors[None], self.nodes_of(field, t, h, x, (stage_points,)))
 
-    def tangent(self, field: Field, t, x, h, frame, way=()) -> Tangent:
+    def tangent(self, field: Field, t, x, h, frame, stage_points=()) -> Tangent:
         """The same method for the linearised equations, in the same stages."""
-        (way,), new = (way, None) if way else self._on_the_way(field, t, x, h)
+        (stage_points,), new = (stage_points, None) if stage_points else self._on_the_way(field, t, x, h)
         if self._is_direct(field):
-            return self._tangent_directly(field, t, x, h, frame, way, new)
+            return self._tangent_directly(field, t, x, h, frame, stage_points, new)
         first = linearised(field, t, x)
         start, slope = first.content(frame), first.slope(frame)
 
@@ -133,30 +149,33 @@ class StageByStage(OnConstraints):
             moved = product(here.lift, start + h * jnp.tensordot(weights, slopes, 1))
             return (moved, here.lift, slopes.at[i].set(here.slope(moved))), None
 
-        slopes = jnp.zeros((self.way_points + 1, *slope.shape), slope.dtype).at[0].set(slope)
-        given = jnp.arange(1, self.way_points + 1), self.stages(t, h), way
+        slopes = jnp.zeros((self.stage_count + 1, *slope.shape), slope.dtype).at[0].set(slope)
+        given = jnp.arange(1, self.stage_count + 1), self.stages(t, h), stage_points
         (moved, lift, slopes), _ = jax.lax.scan(stage, (frame, first.lift, slopes), given)
         errors = product(lift, h * summed(self.table.errors[0], slopes))
-        return Tangent(new, moved, errors[None], self.nodes_of(field, t, h, x, (way,)))
+        return Tangent(new, moved, errors[None], self.nodes_of(field, t, h, x, (stage_points,)))
 
     def _on_the_way(self, field, t, x, h):
         done = self.step(field, t, x, field(t, x), h)
-        return done.way, done.x
+        return done.stage_points, done.x
 
     def times(self, t, h) -> list:
         """Those of the stages."""
         return [t, *(t + c * h for c in self.table.c)]
 
-    def points_on(self, field, t, h, way) -> list:
+    def points_on(self, field, t, h, stage_points) -> list:
         """The points on the way."""
         if not self._is_direct(field):
-            return list(way[0])
+            return list(stage_points[0])
         dae, times = field.field, [*self.times(t, h)[1:], t + h]
-        return [jnp.stack(dae.components(at, w)) for at, w in zip(times, way[0][:, : dae.n_differential], strict=False)]
+        return [
+            jnp.stack(dae.components(at, w))
+            for at, w in zip(times, stage_points[0][:, : dae.n_differential], strict=False)
+        ]
 
-    def nodes_of(self, field, t, h, x, way):
+    def nodes_of(self, field, t, h, x, stage_points):
         """Times and points of the stages."""
-        return self.times(t, h), [x, *self.points_on(field, t, h, way)[: len(self.table.c)]]
+        return self.times(t, h), [x, *self.points_on(field, t, h, stage_points)[: len(self.table.c)]]
 
     def divergence(self, field: Field, nodes, h):
         """∫ tr Df dt over the step by the weights b at the stages."""

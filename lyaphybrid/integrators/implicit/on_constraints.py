@@ -39,9 +39,9 @@ class OnConstraints(Method):
         del field
         return True
 
-    def blank_way(self, x):
+    def blank_stage_points(self, x):
         """Room for the points on the way, or for their contents."""
-        return (jnp.zeros((self.way_points, *x.shape), x.dtype),)
+        return (jnp.zeros((self.stage_count, *x.shape), x.dtype),)
 
     def inside(self, dense, theta):
         """The cubic Hermite interpolant of the step at the fraction theta."""

@@ -114,7 +114,7 @@ class RadauIIA(OnConstraints):
     rtol: Any
 
     error_order: ClassVar[int] = 4
-    way_points: ClassVar[int] = STAGES
+    stage_count: ClassVar[int] = STAGES
 
     def __init__(self, rtol: Any = 1e-8, control: str = "xY"):
         check_control(rtol, control)
@@ -139,13 +139,13 @@ class RadauIIA(OnConstraints):
         slope = field(t + h, new)
         return Step(new, slope, error[None], (x, f, new, slope, h), (at, points), (points,))
 
-    def tangent(self, field: Field, t, x, h, frame, way=()) -> Tangent:
+    def tangent(self, field: Field, t, x, h, frame, stage_points=()) -> Tangent:
         """The same method for the linearised equations, at the same points."""
         new = None
-        if not way:
+        if not stage_points:
             done = self.step(field, t, x, field(t, x), h)
-            way, new = done.way, done.x
-        (points,), at = way, self.times(t, h)
+            stage_points, new = done.stage_points, done.x
+        (points,), at = stage_points, self.times(t, h)
         dae, args = parts_of(field, x.shape[0])
         here = linearised(field, t, x, GAMMA * h)
         start = here.content(frame)

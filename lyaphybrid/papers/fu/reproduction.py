@@ -190,7 +190,7 @@ def _synchronised(case: Case, trials: int) -> synchronisation.Synchronised:
     system, start, args = _off(case)
     settled = trajectory(system, start, args, t1=50 * PERIOD, n=1).x[-1]
     steps = CYCLE_STEPS if case.cycle else CHAOS_STEPS
-    return synchronisation.synchronised(_pair(), settled, args, period=PERIOD, trials=trials, steps=steps)
+    return synchronisation.synchronised(_pair(), settled, args, period=PERIOD, angles=(0,), trials=trials, steps=steps)
 
 
 @functools.cache

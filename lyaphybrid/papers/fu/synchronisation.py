@@ -35,8 +35,9 @@ class Synchronised(NamedTuple):
 
     Attributes:
         exponent: on a cycle the middle of the last interval of the bisection, in chaos from all trials.
-        error: half the width of that interval, or one standard error of the scatter. In the chaos of the friction
-            pendulum the exponent comes out 0.004 to 0.006 too low with trials of this size.
+        error: half the width of that interval, or one standard error of the scatter. Rounding adds to it only where a
+            trial comes so near that few digits of the difference are left: START/FACTOR must be far above 1e-16 of the
+            state. The tolerances of the steps do not limit it: both copies make the same errors.
         trials: for each coupling that was tried, how many.
         couplings: (steps,) in the order in which they were tried; followed: (steps,) part of trials that synchronised.
     """
@@ -186,7 +187,9 @@ def _of_pair(transition: Transition, second: bool, other: int, names) -> Transit
     )
 
 
-def synchronised(system: Hybrid, x0, args: Any, *, period: float, trials: int, steps: int) -> Synchronised:
+def synchronised(
+    system: Hybrid, x0, args: Any, *, period: float, angles: tuple[int, ...], trials: int, steps: int
+) -> Synchronised:
     """λ₁ by bisection of the coupling.
 
     Args:
@@ -194,6 +197,8 @@ def synchronised(system: Hybrid, x0, args: Any, *, period: float, trials: int, s
         x0: (n,) where the first system is at t = 0. Each trial goes on from where the one before has ended.
         args: its parameters.
         period: of the forcing.
+        angles: which components of x0 are angles: each trial begins within half a turn of 0, for rounding grows with
+            the angle.
         trials: for each coupling: one is enough where the first system is on a cycle.
         steps: of the bisection.
     """
@@ -203,6 +208,7 @@ def synchronised(system: Hybrid, x0, args: Any, *, period: float, trials: int, s
         middle, count = 0.5 * (low + high), 0
         for _ in range(trials):
             follows, place = trial(system, place, args, middle, period)
+            place.x[list(angles)] = np.remainder(place.x[list(angles)] + np.pi, 2 * np.pi) - np.pi
             count += follows
         tried.append(middle)
         followed.append(count / trials)
@@ -265,6 +271,6 @@ def trial(system: Hybrid, place: Place, args, coupling: float, period: float) ->
     run = trajectory(system, start, args, t0=place.t, t1=PATIENCE * period, n=1)
     ended = run.status == STATUS.terminated
     end, state = (run.events.t[-1], run.events.x_after[-1]) if ended else (run.t[-1], run.x[-1])
-    first, second = np.split(np.asarray(state), 2)
+    first, second = np.split(np.array(state), 2)
     apart = second - first
     return bool(np.linalg.norm(apart) < START), Place(float(np.mod(float(end), period)), first, apart)

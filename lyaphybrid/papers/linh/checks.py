@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from . import reproduction as linh
 
 __all__ = [
-    "CONTINUOUS", "PAIR_5", "at_equal_steps", "checks", "growth_left", "listed", "moved", "off", "off_by_order",
-    "order", "ranged", "slope_of_linearisation", "unexplained",
+    "CONTINUOUS", "PAIR_5", "at_equal_steps", "at_most", "checks", "growth_left", "listed", "moved", "off",
+    "off_by_order", "order", "ranged", "slope_of_linearisation", "unexplained",
 ]  # fmt: skip
 
 # |λ − exact| of the tables over the tolerance: more where all turns fast, and by the pair of order 5.
@@ -99,7 +99,7 @@ def ranged(values, form: str = ".2f") -> str:
     return " to ".join(ends).replace("-", "−")
 
 
-def _most(name: str, values, limit: float) -> Check:
+def at_most(name: str, values, limit: float) -> Check:
     """None is above the limit; what is no number is."""
     values = np.ravel(values)
     return Check(name, f"≤ {limit:g}", f"{np.max(values):.3g}", bool(np.all(values <= limit)))
@@ -114,7 +114,7 @@ def checks(r: "linh.Reproduction") -> list[Check]:
 def _tables(r: "linh.Reproduction"):
     for table in TABLES:
         shares = [off(row, found.exponents) / allowed(row) for row, found in r.of(table)]
-        yield _most(f"Table {table.number}: errors {_limit(table)}", shares, 1)
+        yield at_most(f"Table {table.number}: errors {_limit(table)}", shares, 1)
 
 
 def _steps(r: "linh.Reproduction"):
@@ -130,9 +130,9 @@ def _intervals(r: "linh.Reproduction"):
     for table in TABLES:
         pairs = [(row, found.intervals, wanted(row)) for row, found in r.of(table)]
         bounds = [_furthest(one, true) / row.tolerance / allowed(row) for row, one, true in pairs]
-        yield _most(f"Table {table.number}: λ^l and λ^u {_limit(table)}", bounds, 1)
+        yield at_most(f"Table {table.number}: λ^l and λ^u {_limit(table)}", bounds, 1)
         apart = [abs(one.steklov - true.steklov) - allowed(row) * row.tolerance for row, one, true in pairs]
-        yield _most(f"Table {table.number}: Steklov differences are those of λ + C/t", apart, SETTLING)
+        yield at_most(f"Table {table.number}: Steklov differences are those of λ + C/t", apart, SETTLING)
 
 
 def _limit(table) -> str:
@@ -147,17 +147,17 @@ def _furthest(one: Intervals, true: Intervals) -> float:
 def _accuracy(r: "linh.Reproduction"):
     for (example, algorithm), errors in r.accuracy.items():
         name = f"{EXAMPLES[example]}, {algorithm}: errors within {ANYWHERE} tolerances over six decades"
-        yield _most(name, errors / np.array(TOLERANCES)[:, None], ANYWHERE)
+        yield at_most(name, errors / np.array(TOLERANCES)[:, None], ANYWHERE)
 
 
 def _conventions(r: "linh.Reproduction"):
     apart = np.subtract(OFFSETS["discrete"], OFFSETS["continuous"])
-    yield _most(
+    yield at_most(
         "Table 9: the weights of order 4 have the paper's errors", [off_by_order(*p) for p in r.of(TABLES[8])], SAME
     )
-    yield _most("the two algorithms differ by ln R(t0)/T", np.abs(r.initial - apart), ALIKE)
+    yield at_most("the two algorithms differ by ln R(t0)/T", np.abs(r.initial - apart), ALIKE)
     left = {number: np.max(unexplained(r, number)) for number in CONTINUOUS}
-    yield _most("what the right rectangle rule leaves of the errors of Table 8", left[8], EXPLAINED)
+    yield at_most("what the right rectangle rule leaves of the errors of Table 8", left[8], EXPLAINED)
     others = min(left[2], left[7])
     yield Check("… and does of those of Tables 2 and 7", f"> {EXPLAINED:g}", f"{others:.2g}", bool(others > EXPLAINED))
     pairs = [pair for table in TABLES if table.pair == PAIR_5 for pair in r.of(table)]
@@ -167,7 +167,7 @@ def _conventions(r: "linh.Reproduction"):
     yield Check(name, f"1 ± {AT_EQUAL_STEPS:g}", ranged(ratios), holds)
     for algorithm, (time, exponents) in r.running.items():
         away = np.abs(exponents - exact(algorithm, time))[time >= LATE]
-        yield _most(f"Example 5.1, {algorithm}: λ(t) follows λ + C/t", away, SETTLED)
+        yield at_most(f"Example 5.1, {algorithm}: λ(t) follows λ + C/t", away, SETTLED)
     rate = float(r.state_alone[1])
     name = "control of x alone loses λ2 of Example 5.1"
     yield Check(
@@ -177,29 +177,31 @@ def _conventions(r: "linh.Reproduction"):
 
 def _ordinary(r: "linh.Reproduction"):
     away = [np.max(np.abs(run.exponents - limits())) * run.length for run in r.ordinary]
-    yield _most("Remark 5.3: the ordinary equation has the same exponents in the limit, T |λ(T) − λ|", away, BOUNDED)
+    yield at_most("Remark 5.3: the ordinary equation has the same exponents in the limit, T |λ(T) − λ|", away, BOUNDED)
     sums = [abs(np.sum(run.exponents) + 3) / run.tolerance for run in r.ordinary]
-    yield _most("Remark 5.3: their sum is −3, in tolerances", sums, ANYWHERE)
+    yield at_most("Remark 5.3: their sum is −3, in tolerances", sums, ANYWHERE)
 
 
 def _linearisation(r: "linh.Reproduction"):
     found, slope = r.linearisation, slope_of_linearisation(r)
     name = "Theorem 4.1: f_x is off in proportion to the tolerance, TOL^1"
     yield Check(name, f"1 ± {PROPORTIONAL:g}", f"{slope:.2f}", bool(abs(slope - 1) <= PROPORTIONAL))
-    yield _most("Theorem 4.1: the bound N ε holds, |ΔA| / (N ε)", found.difference / (found.bound * found.distance), 1)
+    yield at_most(
+        "Theorem 4.1: the bound N ε holds, |ΔA| / (N ε)", found.difference / (found.bound * found.distance), 1
+    )
 
 
 def _theory(r: "linh.Reproduction"):
     total, vectors = growth_left(r), r.characteristic.vectors
-    yield _most("Λ: T (ln μ_i − λ_i) is the same at T = 50 and T = 100", np.abs(total[-1] - total[-2]), SAME_CONSTANT)
-    yield _most("Λ: its eigenvectors are the same at T = 20 and T = 100", np.abs(vectors[-1] - vectors[1]), FIXED)
-    yield _most("Theorem 4.1, Example 5.2: |ΔA| / (M δ + N ε)", r.turning.share, 1)
+    yield at_most("Λ: T (ln μ_i − λ_i) is the same at T = 50 and T = 100", np.abs(total[-1] - total[-2]), SAME_CONSTANT)
+    yield at_most("Λ: its eigenvectors are the same at T = 20 and T = 100", np.abs(vectors[-1] - vectors[1]), FIXED)
+    yield at_most("Theorem 4.1, Example 5.2: |ΔA| / (M δ + N ε)", r.turning.share, 1)
     most = float(np.max(r.turning.without_time))
     yield Check("Theorem 4.1, Example 5.2: M δ is needed, |ΔA| / (N ε)", "> 1", f"{most:.3g}", bool(most > 1))
     found = r.perturbed
     name = "Definition 2.3: exponents under constant ΔE, ΔA are those of the pencil"
-    yield _most(name, np.abs(found.constant - found.eigenvalues), OF_PENCIL)
-    yield _most("Definition 2.3: exponents move by at most so many times |ΔE|, |ΔA|", moved(r), MOVED)
+    yield at_most(name, np.abs(found.constant - found.eigenvalues), OF_PENCIL)
+    yield at_most("Definition 2.3: exponents move by at most so many times |ΔE|, |ΔA|", moved(r), MOVED)
 
 
 def growth_left(r: "linh.Reproduction") -> np.ndarray:

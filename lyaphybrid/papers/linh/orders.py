@@ -8,7 +8,7 @@ import numpy as np
 
 from ..._jax.engines import compiled
 from ..._linalg.frames import orthonormalise
-from ...integrators import ESDIRK, ContinuousQR, HalfExplicit
+from ...integrators import ESDIRK, ContinuousQR, HalfExplicit, RadauIIA
 from ...integrators.base import Method
 from ...integrators.runge_kutta import TABLEAUX
 from ...systems.bound import Bound
@@ -101,6 +101,7 @@ EXPONENT_ORDERS: dict[str, tuple[str, Method, int]] = {
     "discrete": ("5.2", HalfExplicit(rtol=FINE), 5),
     "discrete, ESDIRK34": ("5.2", ESDIRK("esdirk34", rtol=FINE), 4),
     "discrete, ESDIRK54b": ("5.2", ESDIRK("esdirk54b", rtol=FINE), 5),
+    "discrete, Radau IIA": ("5.2", RadauIIA(rtol=FINE), 5),
     "continuous": ("5.1", ContinuousQR(HalfExplicit(rtol=FINE)), 5),
     "continuous, ESDIRK54b": ("5.1", ContinuousQR(ESDIRK("esdirk54b", rtol=FINE)), 5),
     "continuous, right rectangle": ("5.1", RightRectangle(HalfExplicit(rtol=FINE)), 1),
@@ -115,7 +116,7 @@ def _at_end(example: str, method: Method, x0, frame, args, count):
         x, frame, total = state
         t = i.astype(x0.dtype) * h
         done = method.step(field, t, x, field(t, x), h)
-        moved = method.tangent(field, t, x, h, frame, done.way)
+        moved = method.tangent(field, t, x, h, frame, done.stage_points)
         frame, logs, _ = orthonormalise(moved.frame)
         return done.x, frame, total + (logs if moved.growth is None else moved.growth)
 

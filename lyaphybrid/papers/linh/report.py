@@ -8,6 +8,7 @@ import numpy as np
 from ..claims import check_lines, claim_lines
 from ..output import plain
 from . import checks as linh_checks
+from . import extensions_report
 from .intervals import WINDOWS
 from .orders import COUNTS, EXPONENT_ORDERS
 from .tables import EXAMPLES, SHORT, TABLES, TOLERANCES, Row, exact
@@ -53,6 +54,7 @@ def table(r: "linh.Reproduction") -> str:
     lines += ["", CORRECTIONS.format(initial=initial), ""]
     for part in (_rectangle, _accuracy, _ordinary, _theorem, _characteristic, _perturbed, _orders):
         lines += [*part(r), ""]
+    lines += [*extensions_report.lines(r.extensions), ""]
     lines += [*check_lines(r.checks), "", *claim_lines(r.claims), ""]
     failed = [one.name for one in r.checks if not one.holds]
     lines.append(f"FAILED: {'; '.join(failed)}" if failed else f"passed: all {len(r.checks)} checks hold")
@@ -241,6 +243,7 @@ def numbers(r: "linh.Reproduction") -> dict[str, Any]:
             "periodic": plain(r.perturbed.periodic),
         },
         "state_alone": plain(r.state_alone),
+        "extensions": extensions_report.numbers(r.extensions),
         "checks": {one.name: one.holds for one in r.checks},
         "claims": [dataclasses.asdict(one) for one in r.claims],
         "passed": r.passed,

@@ -3,8 +3,8 @@
 Two differential–algebraic systems: a damped spring (Example 5.1), and the same in turning coordinates (Example 5.2),
 slowly, γ = (1, 2, 3), and fast, γ = (20, 100, 200). Their finite-time exponents are known, λ_i(T) = λ_i + C_i/T, and
 every row of every table is compared with them. Beside the tables: the same spring as an ordinary differential equation
-(Remark 5.3), the error of the linearisation (Theorem 4.1), and the orders of the half-explicit method with and without
-the reformulation (9).
+(Remark 5.3), the error of the linearisation (Theorem 4.1), the orders of the half-explicit method with and without the
+reformulation (9), and what the paper names and does not compute.
 """
 
 import dataclasses
@@ -30,6 +30,8 @@ from ..claims import Check, Claim
 from ..output import save
 from . import checks as linh_checks
 from . import claims as linh_claims
+from . import extensions as linh_extensions
+from . import extensions_report
 from . import report as linh_report
 from . import theory as linh_theory
 from .intervals import Intervals, intervals
@@ -57,6 +59,7 @@ SHORTER = 200.0  # for --quick, in place of SHORT
 RUNNING = 1e-8  # TOL of the running exponents
 BRIEF = 0.2  # seconds: shorter runs are timed five times
 FIGURES = ("errors", "orders", "convergence", "linearisation")
+OF_BOTH = ("collocation", "continuous_esdirk", "svd", "bounds")  # extensions
 SYSTEMS = {"5.1": "semi-explicit", "5.2": "turning", "5.2 fast": "turning"}
 
 
@@ -128,6 +131,7 @@ class Reproduction:
         turning: Theorem 4.1 with M δ, on Example 5.2.
         perturbed: Definition 2.3, on Example 5.1 at rest.
         state_alone: (2,) λ of Example 5.1 at T = 1000, TOL = 1e-6, where the error of x alone is controlled.
+        extensions: what the paper names and does not compute.
     """
 
     lengths: tuple[int, ...]
@@ -144,6 +148,7 @@ class Reproduction:
     characteristic: linh_theory.Characteristic
     turning: linh_theory.Turning
     perturbed: linh_theory.Perturbed
+    extensions: linh_extensions.Extensions
 
     @property
     def rows(self) -> tuple[Row, ...]:
@@ -157,12 +162,12 @@ class Reproduction:
     @functools.cached_property
     def checks(self) -> list[Check]:
         """What must hold."""
-        return linh_checks.checks(self)
+        return [*linh_checks.checks(self), *extensions_report.checks(self.extensions)]
 
     @property
     def claims(self) -> list[Claim]:
         """What the paper says, and what is found here."""
-        return linh_claims.claims(self)
+        return [*linh_claims.claims(self), *extensions_report.claims(self.extensions)]
 
     @property
     def passed(self) -> bool:
@@ -356,6 +361,11 @@ def reproduce(*, quick: bool = False, progress=None) -> Reproduction:
         frame_at_start("5.1")[1],
         done["state alone",],
         *(done[name,] for name in ("characteristic", "turning", "perturbed")),
+        extensions=linh_extensions.Extensions(
+            **{part: {example: done[part, example] for example in linh_extensions.BOTH} for part in OF_BOTH},
+            implicit=done["implicit",],
+            large=done["large",],
+        ),
     )
 
 
@@ -381,7 +391,10 @@ def _tasks(rows, length: float) -> dict[tuple, tuple]:
     for name in OFFSETS:
         tasks["running", name] = (("running", name), _running, name)
     tasks["state alone",] = ("state alone", _state_alone)
-    for function in (linh_theory.characteristic, linh_theory.turning, linh_theory.perturbed):
+    for name, example in itertools.product(OF_BOTH, linh_extensions.BOTH):
+        tasks[name, example] = ((name, SYSTEMS[example]), getattr(linh_extensions, name), example)
+    theory = (linh_theory.characteristic, linh_theory.turning, linh_theory.perturbed)
+    for function in (*theory, linh_extensions.implicit, linh_extensions.large):
         tasks[function.__name__,] = (function.__name__, function)
     tasks["linearisation",] = ("linearisation", _linearisation)
     return tasks

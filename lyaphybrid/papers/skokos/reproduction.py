@@ -18,7 +18,7 @@ import numpy as np
 
 from ... import zoo
 from ...analysis.diagrams.sections import PoincareSection, poincare_section
-from ...analysis.indicators import Alignment, gali
+from ...analysis.indicators import GALIResult, gali
 from ...analysis.indicators.following import generic_frame
 from ...analysis.spectra import lyapunov_spectrum
 from ...analysis.trajectories import trajectory
@@ -74,7 +74,7 @@ class Reproduction:
         table: a `Run` of R1 for each of `TABLE`.
         seconds: for each of `TABLE`, of computing for t = 10⁶, orthonormalised after each step.
         exponents: for C1, C2 and R2 a `Run` for each method.
-        indices: for each orbit an `lh.Alignment` for each method.
+        indices: for each orbit an `lh.GALIResult` for each method.
         sections: of R1, C1 and C2 with x = 0, p_x ≥ 0.
         lengths: of the runs.
     """
@@ -82,7 +82,7 @@ class Reproduction:
     table: tuple[Run, ...]
     seconds: tuple[float, ...]
     exponents: dict[str, dict[str, Run]]
-    indices: dict[str, dict[str, Alignment]]
+    indices: dict[str, dict[str, GALIResult]]
     sections: dict[str, PoincareSection]
     lengths: Lengths
 
@@ -181,7 +181,7 @@ def _error_of(spectrum) -> float:
     return float(np.sqrt(np.sum((growth - mean * length)[late] ** 2)) / np.sum(length[late]))
 
 
-def _indices(orbit: str, method: str, t1: float) -> Alignment:
+def _indices(orbit: str, method: str, t1: float) -> GALIResult:
     system, x0, args = _problem(orbit)
     return gali(
         system, x0, args, t1=t1, times=_times(t1), orders=ORBITS[orbit].orders, method=method_of(method, STEP)

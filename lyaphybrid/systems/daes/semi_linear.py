@@ -192,6 +192,9 @@ class DAE(Flow):
             half-explicit methods then solve banded equations, whose entries 2 b + 1 derivatives show. Where E is not
             constant, and in implicit methods, they are solved in full.
 
+    First derivatives of all that is computed (`jax.jacfwd`, `lh.lyapunov_gradient`) are right. Second ones, a
+    derivative of a derivative, are not: they lack the curvature of the constraints. Take differences of first ones.
+
     Raises:
         ValueError: if a function is not callable, n_differential or bandwidth no whole number above 0.
 

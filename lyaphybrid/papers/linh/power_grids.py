@@ -4,17 +4,20 @@
 
     0 = Y sin(δ − θ), where there is a generator, − load + Σ over lines of B sin(θ_j − θ).
 
-Its Jacobian in θ is banded: buses are numbered across the strip. What the tests compare with is written by SciPy's
+Its Jacobian in θ is banded: buses are numbered across the strip. What exponents are compared with is written by SciPy's
 sparse matrices, by hand.
 """
 
 import jax.numpy as jnp
 import numpy as np
+import scipy.linalg
 import scipy.optimize
 import scipy.sparse
 import scipy.sparse.linalg
 
-import lyaphybrid as lh
+from ...systems.daes.semi_linear import DAE
+
+__all__ = ["Grid"]
 
 COUPLING, LINE, LOAD = 2.0, 1.5, 0.02
 
@@ -39,7 +42,7 @@ class Grid:
         self.rest = np.concatenate([delta, np.zeros(count), theta])
 
     def residual(self, t, x, args):
-        """For lyaphybrid."""
+        """F (n,), of x = (δ, ω, θ)."""
         count = len(self.at)
         delta, omega, theta = x[:count], x[count : 2 * count], x[2 * count :]
         given = COUPLING * jnp.sin(delta - theta[self.at])
@@ -49,10 +52,10 @@ class Grid:
         turning = (self.power - given - self.damping * omega) / self.inertia
         return jnp.concatenate([omega, turning, net])
 
-    def dae(self, bandwidth: int | None) -> lh.DAE:
+    def dae(self, bandwidth: int | None) -> DAE:
         """In full, or banded."""
         leading = np.diag((np.arange(self.n) < self.d).astype(float))
-        return lh.DAE(lambda t, args: jnp.asarray(leading), self.residual, self.d, bandwidth=bandwidth)
+        return DAE(lambda t, args: jnp.asarray(leading), self.residual, self.d, bandwidth=bandwidth)
 
     def jacobians(self, x):
         """Sparse ∂f₁/∂w, ∂f₁/∂θ, ∂f₂/∂w, ∂f₂/∂θ with w = (δ, ω)."""
@@ -75,6 +78,13 @@ class Grid:
         f1w, f1z, f2w, f2z = self.jacobians(x)
         lift = -scipy.sparse.linalg.splu(f2z).solve(f2w.toarray())
         return lift, f1w.toarray() + f1z @ lift
+
+    def log_growth(self, length: float) -> np.ndarray:
+        """Ln σ_i (d,) of the fundamental matrix at rest, on the tangent vectors [w; ∂θ/∂w w]."""
+        lift, a = self.reduced(self.rest)
+        _, r = np.linalg.qr(np.vstack([np.eye(self.d), lift]))
+        moved = r @ scipy.linalg.expm(length * a) @ np.linalg.inv(r)
+        return np.log(np.linalg.svd(moved, compute_uv=False))
 
     def _state(self, angles):
         count = len(self.at)

@@ -6,10 +6,10 @@ from jaxtyping import Array
 
 from .._jax.engines import compiled
 from .._linalg import frames
+from ..engine import binding, problems
+from ..engine.evolvers.stepping import Stepping
 from ..events.compiled_hybrid import by_mode
 from ..integrators import RungeKutta
-from . import binding, problems
-from .evolvers.stepping import Stepping
 
 __all__ = ["LARGEST", "volume_error"]
 
