@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 import lyaphybrid as lh
 from lyaphybrid._jax.engines import compiled
 from lyaphybrid._linalg.banded import factorised, probes, solve
-from lyaphybrid.papers.linh.power_grids import Grid
+from lyaphybrid.papers.linh.beyond.power_grids import Grid
 
 
 @compiled()

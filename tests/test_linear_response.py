@@ -20,7 +20,7 @@ from known_gradients import (
     solenoid,
     torus,
 )
-from lyaphybrid.analysis.sensitivity import continuity, jets, responses
+from lyaphybrid.analysis.sensitivity.response import continuity, jets, responses
 
 KEY = jax.random.key(1)
 

@@ -14,13 +14,13 @@ import lyaphybrid as lh
 from lyaphybrid.__main__ import main
 from lyaphybrid.papers.claims import AGREED, CORRECTED, NOT_REPRODUCIBLE
 from lyaphybrid.papers.linh import claims as linh_claims
-from lyaphybrid.papers.linh import extensions as linh_extensions
 from lyaphybrid.papers.linh import intervals as linh_intervals
 from lyaphybrid.papers.linh import orders as linh_orders
 from lyaphybrid.papers.linh import report as linh_report
 from lyaphybrid.papers.linh import reproduction as linh
 from lyaphybrid.papers.linh import tables
 from lyaphybrid.papers.linh import theory as linh_theory
+from lyaphybrid.papers.linh.beyond import extensions as linh_extensions
 
 # By an independent program in more digits: λ_i(T) with ln R(t₀)_ii counted, and without.
 EXACT = {

@@ -22,8 +22,8 @@ from .birkhoff import by_birkhoff
 from .equilibria import by_equilibrium
 from .estimates import Case, Estimate, Untrusted, case_of, tree_of
 from .implicit import by_implicit
-from .linear_response import by_linear_response
 from .regression import by_regression
+from .response.linear_response import by_linear_response
 
 __all__ = ["Gradient", "lyapunov_gradient"]
 

@@ -22,11 +22,7 @@ from ...events.saltations import (
     to_reference_time,
 )
 from ..states import Events, Settings, StepState, log_event, select
-from .trials import (
-    ALONE,
-    pending,
-    table,
-)
+from .trials import ALONE, pending, table
 
 __all__ = ["Landing", "Moves", "in_each_order", "orthonormalises"]
 

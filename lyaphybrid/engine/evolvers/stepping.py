@@ -429,12 +429,8 @@ class Stepping(OnConstraints):
 
     def _fail(self, c: StepState, tr: Trial) -> StepState:
         """No step can be made: because the state is not finite, or because it would be too small."""
-        status = jnp.where(self._finite(tr), STATUS.step_underflow, STATUS.nonfinite)
-        return stop(c, status, tr.case == FAIL)
-
-    def _finite(self, tr: Trial):
-        finite = jnp.all(jnp.isfinite(tr.x))
-        return finite if tr.ratio is None else finite & jnp.isfinite(tr.ratio)
+        finite = jnp.all(jnp.isfinite(tr.x)) & (True if tr.ratio is None else jnp.isfinite(tr.ratio))
+        return stop(c, jnp.where(finite, STATUS.step_underflow, STATUS.nonfinite), tr.case == FAIL)
 
 
 def are_nonlinear(fields: Iterable[Field], t, x) -> bool:

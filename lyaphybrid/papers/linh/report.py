@@ -8,7 +8,7 @@ import numpy as np
 from ..claims import check_lines, claim_lines
 from ..output import plain
 from . import checks as linh_checks
-from . import extensions_report
+from .beyond import extensions_report
 from .intervals import WINDOWS
 from .orders import COUNTS, EXPONENT_ORDERS
 from .tables import EXAMPLES, SHORT, TABLES, TOLERANCES, Row, exact

@@ -30,10 +30,10 @@ from ..claims import Check, Claim
 from ..output import save
 from . import checks as linh_checks
 from . import claims as linh_claims
-from . import extensions as linh_extensions
-from . import extensions_report
 from . import report as linh_report
 from . import theory as linh_theory
+from .beyond import extensions as linh_extensions
+from .beyond import extensions_report
 from .intervals import Intervals, intervals
 from .orders import EXPONENT_ORDERS, ORDERS, errors_at_end, errors_of_exponents
 from .rectangle import RightRectangle

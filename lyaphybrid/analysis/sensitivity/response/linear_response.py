@@ -21,14 +21,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..._arguments import require
-from ..._jax.jaxprs import needed
-from ...integrators import RungeKutta
-from ...statuses import STATUS
-from ...systems.smooth import Flow, Map
-from ..spectra import lyapunov_spectrum, starts
+from ...._arguments import require
+from ...._jax.jaxprs import needed
+from ....integrators import RungeKutta
+from ....statuses import STATUS
+from ....systems.smooth import Flow, Map
+from ...spectra import lyapunov_spectrum, starts
+from ..estimates import Case, Estimate
 from .continuity import REACH
-from .estimates import Case, Estimate
 from .responses import MEMORIES, TOP, Sums, responses
 
 __all__ = ["by_linear_response"]

@@ -15,7 +15,7 @@ import scipy.optimize
 import scipy.sparse
 import scipy.sparse.linalg
 
-from ...systems.daes.semi_linear import DAE
+from ....systems.daes.semi_linear import DAE
 
 __all__ = ["Grid"]
 

@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from ..claims import AGREED, Check, Claim
-from ..output import plain
-from .checks import at_most, listed, ranged
+from ...claims import AGREED, Check, Claim
+from ...output import plain
+from ..checks import at_most, listed, ranged
+from ..tables import EXAMPLES, OF_TABLES, SHORT, exact, limits
 from .extensions import OF_IMPLICIT, Extensions
-from .tables import EXAMPLES, OF_TABLES, SHORT, exact, limits
 
 __all__ = ["checks", "claims", "lines", "numbers"]
 

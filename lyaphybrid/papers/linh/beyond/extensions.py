@@ -10,15 +10,15 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
 
-from ...analysis.indicators.exponent_bounds import exponent_bounds
-from ...analysis.indicators.svd_spectra import svd_spectrum
-from ...analysis.spectra import lyapunov_spectrum
-from ...integrators import ESDIRK, ContinuousQR, HalfExplicit, RadauIIA
-from ...integrators.base import Method
-from ...systems.consistency import consistent_start
-from ...systems.implicit_daes import implicit_dae
+from ....analysis.indicators.exponent_bounds import exponent_bounds
+from ....analysis.indicators.svd_spectra import svd_spectrum
+from ....analysis.spectra import lyapunov_spectrum
+from ....integrators import ESDIRK, ContinuousQR, HalfExplicit, RadauIIA
+from ....integrators.base import Method
+from ....systems.consistency import consistent_start
+from ....systems.implicit_daes import implicit_dae
+from ..tables import OF_TABLES, SHORT, exact, limits, problem_of
 from .power_grids import Grid
-from .tables import OF_TABLES, SHORT, exact, limits, problem_of
 
 __all__ = [
     "BOTH", "OF_IMPLICIT", "Extensions", "Large", "bounds", "collocation", "continuous_esdirk", "implicit", "large",

@@ -10,11 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ..._arguments import require
-from ...engine.host.lanes import run_chains
-from ...systems.smooth import Flow
+from ...._arguments import require
+from ....engine.host.lanes import run_chains
+from ....systems.smooth import Flow
+from ..estimates import Case
 from .continuity import breaks
-from .estimates import Case
 from .jets import Jet, Motion, jet_at, onward
 
 __all__ = ["MEMORIES", "STEPS", "TOP", "Sums", "responses"]

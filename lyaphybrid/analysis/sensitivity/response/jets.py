@@ -27,8 +27,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from ..._jax.columns import each_column
-from ..._linalg import frames
+from ...._jax.columns import each_column
+from ...._linalg import frames
 
 __all__ = ["Jet", "Motion", "Point", "Step", "jet_at", "onward"]
 
