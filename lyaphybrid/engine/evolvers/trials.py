@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ..._jax.precision import BLUR, digits, nonzero
+from ..._jax.precision import BLUR, digits, is_short, nonzero
 from ...events.roots import cubic, hermite_root, turning_point
 from ..states import StepState
 
@@ -135,7 +135,9 @@ def resolve(evolver, solver: SolverState, tr: Trial, slope) -> Trial:
     d0, d1 = tr.h * solver.rate, tr.h * tr.rate
     miss = jnp.abs(tr.h * slope - cubic(PROBE, solver.g, d0, tr.g, d1)[1]) / 3.0792
     size = jnp.abs(solver.g) + jnp.abs(tr.g) + 0.25 * (jnp.abs(d0) + jnp.abs(d1))
-    allowed = GUARD_RESOLUTION * size + 1e3 * evolver.method.atol + solver.guard_tolerance
+    allowed = (
+        GUARD_RESOLUTION * size + 1e3 * evolver.method.atol + (0.0 if is_short(solver.g) else solver.guard_tolerance)
+    )
     return tr._replace(miss=miss, ratio=jnp.maximum(tr.ratio, jax.lax.stop_gradient(jnp.max(miss / allowed))))
 
 
