@@ -103,7 +103,10 @@ def peak():
         return next(int(line.split()[1]) for line in status if line.startswith("VmHWM")) / 1000
 
 import lyaphybrid as lh
+from lyaphybrid.native.machine.tiers import Tiers
 peaks = [peak()]
+make = Tiers.__init__  # the best code at once: when a thread makes it depends on how busy the machine is
+Tiers.__init__ = lambda self, text, level, scattered, at_once: make(self, text, level, scattered, False)
 import jax
 jax.config.update("jax_enable_x64", True)
 problem = lh.zoo.hard_disks(n=64)

@@ -278,14 +278,16 @@ def _interval(problem: problems.Problem, recipe: Recipe, t0, pair: Pair, stop) -
     length = jnp.where(rest <= pair.interval * (1 + digits(1e-9, rest)), rest, pair.interval)
     starts = jnp.stack([pair.x, pair.x + separation * pair.direction])
     # Both begin with the same step: then their errors are the same, and cancel in the difference.
-    journeys = jax.vmap(lambda x, mode: _begin(problem, t, x, mode, pair.h))(starts, _modes(problem, t, pair, starts))
-    journeys = _until_they_agree(problem, journeys, length)
-    first, modes = journeys.carry, problems.mode_of(journeys.carry)
+    loop_states = jax.vmap(lambda x, mode: _begin(problem, t, x, mode, pair.h))(
+        starts, _modes(problem, t, pair, starts)
+    )
+    loop_states = _until_they_agree(problem, loop_states, length)
+    first, modes = loop_states.carry, problems.mode_of(loop_states.carry)
     status = jnp.max(first.status)
     apart = first.x[1] - first.x[0]
     distance = jnp.sqrt(jnp.sum(apart**2))
     size = jnp.maximum(1.0, jnp.sqrt(jnp.sum(first.x[0] ** 2)))
-    good = _agree(journeys) & (status == RUNNING) & (distance <= jnp.sqrt(separation * size))
+    good = _agree(loop_states) & (status == RUNNING) & (distance <= jnp.sqrt(separation * size))
     growth = jnp.log(distance / separation)
     met = distance == 0
     interval = recipe.every
@@ -293,14 +295,14 @@ def _interval(problem: problems.Problem, recipe: Recipe, t0, pair: Pair, stop) -
         interval = _adapted(recipe, pair.interval, jnp.where(good, jnp.abs(growth), jnp.inf))
     step = getattr(first.solver_state, "h", None)
     return Pair(
-        pair.elapsed + journeys.elapsed[0],
+        pair.elapsed + loop_states.elapsed[0],
         first.x[0],
         jnp.where(good & ~met, apart / jnp.where(met, 1.0, distance), pair.direction),
         jnp.broadcast_to(modes, (2,))[0],
         None if step is None else step[0],
         interval,
         pair.growth + jnp.where(good, growth, 0.0),
-        pair.length + jnp.where(good, journeys.elapsed[0], 0.0),
+        pair.length + jnp.where(good, loop_states.elapsed[0], 0.0),
         pair.intervals + 1,
         pair.skipped + jnp.where(good, 0, 1),
         status,
@@ -324,13 +326,13 @@ def _adapted(recipe: Recipe, interval, seen):
     return jnp.round(wanted) if recipe.whole else wanted
 
 
-def _agree(journeys):
+def _agree(loop_states):
     """Whether both trajectories have made the same number of jumps and are in the same mode."""
-    modes, jumps = jnp.broadcast_to(problems.mode_of(journeys.carry), (2,)), journeys.carry.jumps
+    modes, jumps = jnp.broadcast_to(problems.mode_of(loop_states.carry), (2,)), loop_states.carry.jumps
     return (jumps[0] == jumps[1]) & (modes[0] == modes[1])
 
 
-def _until_they_agree(problem: problems.Problem, journeys: states.LoopState, length):
+def _until_they_agree(problem: problems.Problem, loop_states: states.LoopState, length):
     """Over the length; and on by a hundredth, a tenth, one of it while one has jumped and the other not."""
     forever = jnp.asarray(driver.FOREVER, jnp.int32)
 
@@ -341,21 +343,21 @@ def _until_they_agree(problem: problems.Problem, journeys: states.LoopState, len
         return loop.advance(settings, loop_state, ends, ends, forever)[0]
 
     def goes_on(state):
-        journeys, _, tries = state
-        apart = (tries == 0) | ~_agree(journeys)
-        return apart & (tries < PATIENCE) & jnp.all(journeys.carry.status == RUNNING)
+        loop_states, _, tries = state
+        apart = (tries == 0) | ~_agree(loop_states)
+        return apart & (tries < PATIENCE) & jnp.all(loop_states.carry.status == RUNNING)
 
     def go(state):
-        journeys, until, tries = state
+        loop_states, until, tries = state
         more = jnp.where(tries == 0, 1.0, 10.0 ** (tries - PATIENCE + 1).astype(length.dtype))
         until = until + length * more
         if jax.default_backend() == "cpu":  # one after the other keeps real branches: see `runs`
-            journeys = jax.lax.map(lambda loop_state: fly(loop_state, until), journeys)
+            loop_states = jax.lax.map(lambda loop_state: fly(loop_state, until), loop_states)
         else:
-            journeys = jax.vmap(lambda loop_state: fly(loop_state, until))(journeys)
-        return journeys, until, tries + 1
+            loop_states = jax.vmap(lambda loop_state: fly(loop_state, until))(loop_states)
+        return loop_states, until, tries + 1
 
-    start = (journeys, jnp.zeros_like(length), jnp.asarray(0, jnp.int32))
+    start = (loop_states, jnp.zeros_like(length), jnp.asarray(0, jnp.int32))
     return jax.lax.while_loop(goes_on, go, start)[0]
 
 

@@ -94,7 +94,7 @@ class Settings(NamedTuple):
     log: int  # room for so many events; 0: none are kept
     count_jumps: bool  # a block may end by its number of jumps
     collect: Callable  # (t, carry) -> what is recorded at the end of a block
-    observer: Any = None  # a `Watch`: what follows the orthonormalisations
+    observer: Any = None  # an `Observer`: what follows the orthonormalisations
     reverse: bool = False  # loops keep checkpoints, for a reverse pass
 
 
@@ -136,7 +136,7 @@ class StepState(NamedTuple):
     order: Any  # (k,) where each column stood at the start of the block
     solver_state: Any  # the evolver's
     log: Events | None
-    observer: Any = None  # the state of a `Watch`
+    observer: Any = None  # the state of an `Observer`
     left: Left | None = None  # None in float64
     waiting: Waiting | None = None  # None where jumps end no block
 

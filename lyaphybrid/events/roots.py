@@ -10,7 +10,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from .._jax.precision import BLUR, digits, is_short, nonzero
+from .._jax.precision import BLUR, digits, nonzero
 from ..systems.daes.semi_linear import is_constrained
 
 __all__ = ["arm", "cubic", "hermite_root", "jets", "rates", "rounding", "to_arm", "turning_point"]
@@ -72,10 +72,7 @@ def arm(g, rate, second, guard_tolerance, way, h, t, fired) -> tuple[Any, Any, A
         fired: which slot has just fired here (its own root was only found to the accuracy of the flow).
     """
     curve = 0.5 * jnp.abs(second) * h * h
-    change = jnp.maximum(jnp.abs(rate) * h, curve)
-    found = digits(1e-9, g) * change
-    if is_short(g):  # float32: rounding is as large as the change itself would allow
-        way = digits(ALGEBRAIC, g) * change
+    found = digits(1e-9, g) * jnp.maximum(jnp.abs(rate) * h, curve)
     zero = jnp.abs(g) <= guard_tolerance + jnp.where(fired, found, way)
     flat = zero & (jnp.abs(rate) * h <= digits(1e-8, g) * curve + digits(BLUR, g) * jnp.abs(t * second) * h)
     guard_sign = jnp.where(flat, jnp.sign(second), jnp.where(zero, jnp.sign(rate), jnp.sign(g)))

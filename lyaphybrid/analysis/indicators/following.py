@@ -1,4 +1,4 @@
-"""One run with a `Watch`: what all indicators have in common."""
+"""One run with an `Observer`: what all indicators have in common."""
 
 from typing import Any, NamedTuple
 
@@ -12,7 +12,7 @@ from ...engine import preparation, problems
 from ...engine.blocks import each_step_of, ends_of_blocks, is_zero, qr_schedule_for, targets_for
 from ...engine.host import driver
 from ...engine.host.places import Place, account, place_of
-from ...engine.states import Observer, QRSchedule
+from ...engine.states import Observer
 from ...errors import RunFailedError
 from ...integrators import ContinuousQR
 from ...statuses import STATUS, gravest
@@ -61,7 +61,7 @@ def follow(
     every=None,
     each_step: bool = False,
 ) -> Followed:
-    """Run a system with k deviation vectors, and let `watch` see every orthonormalisation (k = 0: there are none).
+    """Run a system with k deviation vectors, and let `observer` see every orthonormalisation (k = 0: there are none).
 
     `collect` says what is recorded at the ends of the blocks; `frame` None: orthonormal vectors of no special
     direction; `each_step`: orthonormalise after each step, or each flight between events. The rest as for
@@ -75,7 +75,7 @@ def follow(
     require(k <= most, f"{k} deviation vectors were asked for, in a space of {most} dimensions.")
     frame = generic_frame(n, k, x0.dtype) if frame is None else unit_columns(frame, n, k, x0.dtype)
     qr_schedule, interval = each_step_of(problem) if each_step else qr_schedule_for(problem, every)
-    qr_schedule = qr_schedule if k else QRSchedule("never", False)
+    qr_schedule = qr_schedule if k else problems.NEVER
     plan = problems.Plan(
         qr_schedule=qr_schedule, kind=frames.kind_for(k), batched=x0.ndim == 2, collect=collect, observer=observer
     )

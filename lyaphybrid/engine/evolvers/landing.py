@@ -5,7 +5,7 @@ import jax.numpy as jnp
 
 from ..._jax.columns import each_column
 from ..._jax.magnitudes import absolute
-from ..._jax.precision import BLUR, digits, is_short, nonzero
+from ..._jax.precision import BLUR, digits, nonzero
 from ..._linalg import frames
 from ...events.compiled_hybrid import by_mode
 from ...events.roots import rates, rounding
@@ -104,8 +104,6 @@ def _is_now(evolver, mode, t, x, lands, h):
 
     ahead, unsure = by_mode(mode, [of_mode(q) for q in range(w.modes)], t, x)
     first = jnp.argmin(jnp.where(lands, ahead, jnp.inf))
-    if is_short(x):  # the time of a float32 run tells no more
-        unsure = unsure + digits(1e-13, x) * (h + jnp.abs(t))
     return ahead <= ahead[first] + unsure + unsure[first] + digits(BLUR, h) * h
 
 

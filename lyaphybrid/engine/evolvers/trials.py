@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ..._jax.precision import BLUR, digits, is_short, nonzero
+from ..._jax.precision import BLUR, digits, nonzero
 from ...events.roots import cubic, hermite_root, turning_point
 from ..states import StepState
 
@@ -128,16 +128,16 @@ def changed(c: StepState, **changes) -> StepState:
 
 
 def resolve(evolver, solver: SolverState, tr: Trial, slope) -> Trial:
-    """How well the cubic of each guard follows the guard: up to its rounding it must, for events to be seen."""
+    """How well the cubic of each guard follows the guard: it must, for events to be seen."""
     if slope is None:
         return tr
     # The cubic errs like θ²(1-θ)²; its slope errs most at the probe, 3.08 times its error in the middle.
     d0, d1 = tr.h * solver.rate, tr.h * tr.rate
     miss = jnp.abs(tr.h * slope - cubic(PROBE, solver.g, d0, tr.g, d1)[1]) / 3.0792
     size = jnp.abs(solver.g) + jnp.abs(tr.g) + 0.25 * (jnp.abs(d0) + jnp.abs(d1))
-    allowed = (
-        GUARD_RESOLUTION * size + 1e3 * evolver.method.atol + (0.0 if is_short(solver.g) else solver.guard_tolerance)
-    )
+    # A guard that is nothing but rounding all along the step has no structure to be seen.
+    hidden = jnp.where(size <= solver.guard_tolerance, solver.guard_tolerance, 0.0)
+    allowed = GUARD_RESOLUTION * size + 1e3 * evolver.method.atol + hidden
     return tr._replace(miss=miss, ratio=jnp.maximum(tr.ratio, jax.lax.stop_gradient(jnp.max(miss / allowed))))
 
 
