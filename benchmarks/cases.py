@@ -52,7 +52,7 @@ def _reference(run: Callable[..., references.Result], work: str, *arguments) -> 
 
 
 def _diffrax(t1: float) -> Make:
-    """The impact oscillator by an outer scan over `diffrax.diffeqsolve`, see tests/diffrax_events.py."""
+    """The impact oscillator by an outer scan over `diffrax.diffeqsolve`, see tests/support/diffrax_events.py."""
 
     def make():
         from benchmarks import ours, rivals

@@ -11,7 +11,7 @@ from benchmarks.harness import Run
 
 jax.config.update("jax_enable_x64", True)
 
-SECOND_IMPLEMENTATION = pathlib.Path(__file__).parent.parent / "tests" / "diffrax_events.py"
+SECOND_IMPLEMENTATION = pathlib.Path(__file__).parent.parent / "tests" / "support" / "diffrax_events.py"
 SEGMENTS = 1024  # flights in one compiled call
 
 

@@ -1,7 +1,7 @@
 """Lyapunov exponents of systems that flow and jump, from pure JAX functions.
 
 The names stand in the order of the data path: systems, methods, what is computed, results. Importing this package
-sets nothing behind your back. For float64 say so yourself: ``jax.config.update("jax_enable_x64", True)``.
+changes no setting of JAX. For float64 call ``jax.config.update("jax_enable_x64", True)`` before the first array.
 """
 
 from . import zoo

@@ -1,6 +1,6 @@
 """The command line: `lyaphybrid`, and its commands `list`, `spectrum NAME`, `sweep NAME` and `papers PAPER`.
 
-Exit status: 0 it worked, 1 the run or a check failed, 2 what was asked for does not exist or fit.
+Exit status: 0 success, 1 a run or a check failed, 2 wrong arguments, 130 interrupted by Ctrl-C.
 """
 
 import argparse
@@ -15,11 +15,11 @@ from typing import Any
 
 WORKED, FAILED, ASKED_WRONG, INTERRUPTED = 0, 1, 2, 130
 OUT = "lyaphybrid-out"
-LINES = 40  # points of a sweep that are printed one by one
+LINES = 40  # a sweep of more points is printed as a summary
 
 
-class Refused(Exception):
-    """What was asked for does not exist or does not fit; the message says what would."""
+class RefusedError(Exception):
+    """Wrong arguments of the command; the message says which ones are possible."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -35,12 +35,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     try:
         options = _parser().parse_args(sys.argv[1:] if argv is None else list(argv))
-    except SystemExit as end:  # argparse has printed help, the version or what is wrong
+    except SystemExit as end:  # argparse has already printed the help, the version or the error
         return int(end.code or 0)
     _set_up()
     try:
         return options.run(options)
-    except Refused as refused:
+    except RefusedError as refused:
         print(f"lyaphybrid: {refused}", file=sys.stderr)
         return ASKED_WRONG
     except KeyboardInterrupt:
@@ -49,7 +49,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _set_up() -> None:
-    """Compute in float64, which must be said before the first array. Figures are drawn without a display."""
+    """Compute in float64: JAX must be told before it makes the first array."""
     import jax
 
     jax.config.update("jax_enable_x64", True)
@@ -102,7 +102,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _add_lengths(command: argparse.ArgumentParser) -> None:
-    """What both a spectrum and a sweep of them take."""
+    """Options that `spectrum` and `sweep` share."""
     option = command.add_argument
     option("name", metavar="NAME", help="one of `lyaphybrid list`")
     option("--set", metavar="KEY=VALUE", action="append", default=[], help="a parameter; may be repeated")
@@ -147,7 +147,7 @@ def _spectrum(options) -> int:
     try:
         spectrum = problem.spectrum(throw=False, **overrides)
     except ValueError as error:
-        raise Refused(str(error)) from error
+        raise RefusedError(str(error)) from error
     status = spectrum.status
     assert isinstance(status, STATUS)
     if options.json:
@@ -170,14 +170,14 @@ def _sweep(options) -> int:
 
     problem = _problem(options)
     if not options.over:
-        raise Refused(
+        raise RefusedError(
             f"Nothing to sweep: give --over KEY=LOW:HIGH:COUNT; KEY is one of {', '.join(problem.parameters)}."
         )
     over = dict(_axis(text, problem) for text in options.over)
     fixed = {name: value for name, value in problem.parameters.items() if name not in over}
     overrides = _overrides(options, problem)
     if options.store is not None and options.store.exists() and not options.resume:
-        raise Refused(f"{options.store} is there: --resume goes on with it, another --store begins anew.")
+        raise RefusedError(f"{options.store} is there: --resume goes on with it, another --store begins anew.")
 
     def run(swept):
         from . import zoo
@@ -191,7 +191,7 @@ def _sweep(options) -> int:
                 run, over, args={name: 0.0 for name in over}, chunk=options.chunk, store=options.store, client=client
             )
         except (ValueError, ImportError) as error:
-            raise Refused(str(error)) from error
+            raise RefusedError(str(error)) from error
         except StoreFailedError as error:
             print(f"lyaphybrid: {error}", file=sys.stderr)
             return FAILED
@@ -206,10 +206,10 @@ def _axis(text: str, problem) -> tuple[str, Any]:
     parts = [_literal(part) for part in numbers.split(":")]
     good = equals and len(parts) == 3 and isinstance(parts[2], int) and parts[2] > 0
     if not good or not all(isinstance(part, int | float) for part in parts):
-        raise Refused(f"--over takes KEY=LOW:HIGH:COUNT, beta=0:0.3:151; got {text!r}.")
+        raise RefusedError(f"--over takes KEY=LOW:HIGH:COUNT, beta=0:0.3:151; got {text!r}.")
     if not isinstance(problem.parameters.get(key), float):
         known = ", ".join(name for name, value in problem.parameters.items() if isinstance(value, float))
-        raise Refused(f"{problem.name} has no parameter {key!r} that can be swept; it has {known or 'none'}.")
+        raise RefusedError(f"{problem.name} has no parameter {key!r} that can be swept; it has {known or 'none'}.")
     return key, np.linspace(float(parts[0]), float(parts[1]), parts[2])
 
 
@@ -217,12 +217,12 @@ def _cluster(workers: int):
     try:
         from distributed import Client, LocalCluster
     except ImportError as error:
-        raise Refused("--workers needs dask and distributed: pip install 'lyaphybrid[cluster]'.") from error
+        raise RefusedError("--workers needs dask and distributed: pip install 'lyaphybrid[cluster]'.") from error
     return Client(LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=":0"))
 
 
 def _say(found, over: dict[str, Any]) -> int:
-    """A line for each point, or, of many, what there is between."""
+    """Print one line for each point; for more than LINES points only the range of λ1."""
     import numpy as np
 
     from .statuses import STATUS
@@ -245,7 +245,7 @@ def _say(found, over: dict[str, Any]) -> int:
 
 
 def _problem(options):
-    """The problem with its parameters, or a message with what there is."""
+    """The named problem with its parameters; an error lists the possible names."""
     import jax
 
     from . import zoo
@@ -254,32 +254,32 @@ def _problem(options):
     for setting in options.set:
         key, equals, value = setting.partition("=")
         if not equals or not key:
-            raise Refused(f"--set takes KEY=VALUE; got {setting!r}.")
+            raise RefusedError(f"--set takes KEY=VALUE; got {setting!r}.")
         parameters[key] = _literal(value)
     try:
         build = zoo.get(options.name)
         if "key" in parameters:
-            raise Refused("Random starts are chosen by --seed, not by --set key=….")
+            raise RefusedError("Random starts are chosen by --seed, not by --set key=….")
         if "key" in inspect.signature(build).parameters:
             parameters["key"] = jax.random.key(options.seed)
         return build(**parameters)
     except ValueError as error:
-        raise Refused(str(error)) from error
+        raise RefusedError(str(error)) from error
 
 
 def _literal(text: str) -> Any:
-    """A number, a word of Python (True, None, a tuple), or the text itself."""
+    """A Python literal (number, True, None, tuple), or the text itself."""
     try:
         return ast.literal_eval(text)
     except (ValueError, SyntaxError):
         try:
-            return float(text)  # inf, nan: the problem says what it thinks of them
+            return float(text)  # inf and nan: the problem itself checks them
         except ValueError:
             return text
 
 
 def _overrides(options, problem) -> dict[str, Any]:
-    """What the options say differently from the problem."""
+    """Arguments of `problem.spectrum` that were given as options."""
     import jax
 
     names = ("t1", "transient", "k", "replicates", "every", "max_steps")
@@ -304,19 +304,19 @@ def _method(problem, tolerances: dict[str, float]):
     system = problem.system
     if isinstance(system, EventDriven) or iterates(system):
         kind = "is exact" if isinstance(system, EventDriven) else "is a map"
-        raise Refused(f"{problem.name} {kind}: there is no tolerance to set.")
+        raise RefusedError(f"{problem.name} {kind}: there is no tolerance to set.")
     for name, value in tolerances.items():
         if not 0 < value < math.inf:
-            raise Refused(f"--{name} must be positive and finite; got {value!r}.")
+            raise RefusedError(f"--{name} must be positive and finite; got {value!r}.")
     method = RungeKutta() if problem.method is None else problem.method
     if not method.adaptive:
-        raise Refused(f"{problem.name} is integrated with a fixed step: there is no tolerance to set.")
+        raise RefusedError(f"{problem.name} is integrated with a fixed step: there is no tolerance to set.")
     names = tuple(tolerances)
     return eqx.tree_at(lambda m: [getattr(m, name) for name in names], method, list(tolerances.values()))
 
 
 def _as_json(problem, spectrum, overrides: dict[str, Any]) -> dict[str, Any]:
-    """The contract's keys; −inf is "-inf", what is not a number is null."""
+    """The JSON object that `--json` prints; −inf becomes "-inf", nan becomes null."""
     import numpy as np
 
     reference, jumps = problem.reference, float(np.mean(np.asarray(spectrum.jumps)))
@@ -343,7 +343,7 @@ def _as_json(problem, spectrum, overrides: dict[str, Any]) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """What JSON can hold."""
+    """The value as JSON can hold it."""
     match value:
         case None | bool() | int() | str():
             return value
@@ -362,11 +362,11 @@ def _papers(options) -> int:
     try:
         paper = papers.get(options.paper)
     except ValueError as error:
-        raise Refused(str(error)) from error
+        raise RefusedError(str(error)) from error
     try:
         options.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise Refused(f"The folder {options.out} cannot be made: {error.strerror}.") from error
+        raise RefusedError(f"The folder {options.out} cannot be made: {error.strerror}.") from error
     result = paper.reproduce(quick=options.quick)
     print(result)
     for file in paper.write(result, options.out):

@@ -1,4 +1,4 @@
-"""Checks of the numbers that a user gives: what was given, what was wanted."""
+"""Checks of numbers given by the user; each error says what was given and what is allowed."""
 
 from typing import Any
 
@@ -16,26 +16,26 @@ def require(condition: bool, message: str) -> None:
 
 
 def real(name: str, value: Any) -> None:
-    """A finite real number, if its value is known already."""
+    """Require a finite real number; a traced value is not checked."""
     if not traced(value):
         require(_is_number(value) and abs(float(value)) < np.inf, f"{name} must be a finite number; got {value!r}.")
 
 
 def positive(name: str, value: Any) -> None:
-    """A finite positive number, if its value is known already."""
+    """Require a finite positive number; a traced value is not checked."""
     if not traced(value):
         good = _is_number(value) and 0 < float(value) < np.inf
         require(good, f"{name} must be positive and finite; got {value!r}.")
 
 
 def whole(name: str, value: Any, least: int) -> None:
-    """An integer of at least `least`."""
+    """Require an integer of at least `least`."""
     good = isinstance(value, int | np.integer) and not isinstance(value, bool) and int(value) >= least
     require(good, f"{name} must be an integer of at least {least}; got {value!r}.")
 
 
 def attempts(max_steps: Any) -> None:
-    """A limit on the attempts of a step: a positive integer, or None for no limit."""
+    """Require a limit on the attempts of a step: a positive integer, or None for no limit."""
     if max_steps is not None and not traced(max_steps):
         whole("max_steps", max_steps, least=1)
 

@@ -1,4 +1,4 @@
-"""Old spellings, which work for one release: each use warns, and says the new one."""
+"""Old names, which still work for one release; each use warns and gives the new name."""
 
 import functools
 import warnings
@@ -13,7 +13,7 @@ def _warn(old: str, new: str) -> None:
 
 
 def keywords(**renamed: str) -> Callable:
-    """Decorate a function some of whose keywords, old=new, have new names."""
+    """Decorate a function whose keywords were renamed, each given as old="new"."""
 
     def decorate(function: Callable) -> Callable:
         @functools.wraps(function)
@@ -32,7 +32,7 @@ def keywords(**renamed: str) -> Callable:
 
 
 def name_of_before(renamed: dict[str, str], module: str, namespace: dict[str, Any]) -> Callable:
-    """A module's `__getattr__`, for names old: new that the module had before."""
+    """A module's `__getattr__` that accepts its old names; `renamed` is {old: new}."""
 
     def find(name: str):
         if name not in renamed:

@@ -1,4 +1,4 @@
-"""How numbers and units are written, the same in every table, axis and message."""
+"""Formatting of numbers and units, shared by all tables, axes and messages."""
 
 import numpy as np
 

@@ -1,6 +1,6 @@
-"""One family of errors: all that this package raises in the middle of a computation.
+"""The errors that this package raises during a computation; all derive from `LyaphybridError`.
 
-What is wrong with arguments is a ValueError (or TypeError) as everywhere, before anything is computed.
+Wrong arguments raise a ValueError or TypeError before anything is computed.
 """
 
 from typing import Any
@@ -9,17 +9,17 @@ __all__ = ["LyaphybridError", "NoPeriodicOrbitError", "RunFailedError", "StoreFa
 
 
 class LyaphybridError(Exception):
-    """A computation failed on its way; what was computed so far is in ``.result``.
+    """A computation failed; what was computed so far is in ``.result``.
 
     Attributes:
-        result: as the function would have returned it, with what is missing left out or nan.
+        result: what the function would have returned; missing values are left out or nan.
     """
 
     result: Any = None
 
 
 class RunFailedError(LyaphybridError, RuntimeError):
-    """A run ended before its time; ``.result`` holds everything computed so far, ``.status`` the `STATUS`."""
+    """A run failed before its end; ``.result`` holds everything computed so far, ``.status`` the `STATUS`."""
 
     def __init__(self, status, detail: str, result: Any):
         super().__init__(f"{status}. {detail} The result so far is in `.result` of this error; throw=False returns it.")
@@ -27,7 +27,7 @@ class RunFailedError(LyaphybridError, RuntimeError):
 
 
 class NoPeriodicOrbitError(LyaphybridError, RuntimeError):
-    """Newton's method did not arrive at a periodic orbit; ``.result`` is where it stood."""
+    """Newton's method did not converge to a periodic orbit; ``.result`` is its last iterate."""
 
     def __init__(self, message: str, result: Any):
         super().__init__(message)
@@ -35,11 +35,11 @@ class NoPeriodicOrbitError(LyaphybridError, RuntimeError):
 
 
 class StoreFailedError(LyaphybridError, OSError):
-    """A store could not be written; ``.dataset`` holds all that was computed, in the store or not."""
+    """A store could not be written; ``.dataset`` holds all that was computed, whether it was stored or not."""
 
     dataset: Any = None
 
     @property
     def result(self) -> Any:
-        """The dataset, under the name that all these errors share."""
+        """The dataset; every error of this family calls it `result`."""
         return self.dataset

@@ -1,4 +1,4 @@
-"""STATUS: the verdict on a run. Data, not crashes."""
+"""STATUS: how a run ended. A failure in mid-run is returned as data, not raised."""
 
 import enum
 from collections import Counter
@@ -12,7 +12,7 @@ __all__ = ["OK", "RUNNING", "STATUS", "gravest", "status_of", "verdicts"]
 
 
 class STATUS(enum.IntEnum):
-    """How a run ended. ``str(status)`` is the name and what it means."""
+    """How a run ended. ``str(status)`` is the name and its meaning."""
 
     ok = 0
     terminated = 1
@@ -33,24 +33,24 @@ class STATUS(enum.IntEnum):
 
     @property
     def failed(self) -> bool:
-        """Whether the run did not reach its end, though neither a terminal transition nor the user has ended it."""
+        """Whether the run failed: it stopped early, and neither a terminal transition nor the user ended it."""
         return self not in (STATUS.ok, STATUS.terminated, STATUS.interrupted)
 
 
 def gravest(codes):
-    """The code of the gravest verdict of one or several runs: what has failed, before what has been ended."""
+    """The code of the gravest status of one or several runs: failures are graver than early ends."""
     xp = jnp if traced(codes) else np
     return xp.asarray(BY_GRAVITY)[xp.max(xp.asarray(GRAVITY)[codes])]
 
 
 def status_of(codes):
-    """The gravest verdict of one or several runs; under a transformation its bare code."""
+    """The gravest status of one or several runs; under a JAX transformation its integer code."""
     code = gravest(codes)
     return code if traced(code) else STATUS(int(code))
 
 
 def verdicts(codes) -> str:
-    """How many of several runs ended how, as ``5 ok, 2 zeno, 1 nonfinite``."""
+    """Number of runs with each status, as in ``5 ok, 2 zeno, 1 nonfinite``."""
     counts = Counter(int(code) for code in np.ravel(codes))
     return ", ".join(f"{count} {STATUS(code).name}" for code, count in sorted(counts.items()))
 
@@ -58,10 +58,10 @@ def verdicts(codes) -> str:
 RUNNING = 0
 OK = 0
 
-# Lighter than what has failed.
+# Less grave than all other statuses, in increasing order.
 ENDED = (STATUS.ok, STATUS.terminated, STATUS.interrupted, STATUS.max_steps, STATUS.stalled)
 BY_GRAVITY = np.array([*ENDED, *(code for code in STATUS if code not in ENDED)], np.int32)
-GRAVITY = np.zeros(max(STATUS) + 1, np.int32)  # of a code
+GRAVITY = np.zeros(max(STATUS) + 1, np.int32)  # rank of each code
 GRAVITY[BY_GRAVITY] = np.arange(len(BY_GRAVITY))
 
 MEANINGS = {

@@ -314,7 +314,7 @@ def table(found: list[dict]) -> tuple[str, int]:
 
 def main(argv=None) -> int:
     """Run the automata; the exit status is 1 where anything was missed."""
-    sys.path.append(str(Path(__file__).parent))
+    sys.path.append(str(Path(__file__).parent / "support"))
     import references
 
     parser = argparse.ArgumentParser(description=__doc__)

@@ -132,7 +132,7 @@ def read_only(folder: Path, expected) -> str:
     """A store on a file system that is mounted for reading only."""
     place = folder / "read-only"
     place.mkdir()
-    with mounted(place, "size=64m"):
+    with Mounted(place, "size=64m"):
         swept(store=place / "sweep.zarr")
         shutil.rmtree(place / "sweep.zarr" / "digest" / "c")
         subprocess.run(["mount", "-o", "remount,ro", str(place)], check=True)
@@ -146,7 +146,7 @@ def full(folder: Path, expected) -> str:
     """A file system that is full after some chunks."""
     place = folder / "full"
     place.mkdir()
-    with mounted(place, "size=1500k"):
+    with Mounted(place, "size=1500k"):
         error = refused(place / "sweep.zarr")
         known = ~np.isnan(error.dataset.time.values)
         assert 0 < np.sum(known) < POINTS
@@ -166,7 +166,7 @@ def refused(store: Path) -> lh.StoreFailedError:
     raise AssertionError("nothing was said")
 
 
-class mounted:
+class Mounted:
     """A file system of memory."""
 
     def __init__(self, place: Path, options: str):

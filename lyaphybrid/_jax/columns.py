@@ -5,16 +5,18 @@ equation of the function's jaxpr: the entries of a row lie side by side, and our
 vector. What has no rule below is left to `jax.vmap`.
 """
 
+import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
-from jax.extend.core import ClosedJaxpr
+from jax.extend.core import ClosedJaxpr, Literal
 from jaxtyping import Array, Float
 
-from .jaxprs import applied, evaluated
+from .jaxprs import applied, evaluated, is_call
 
 __all__ = ["each_column", "linear_at"]
 
@@ -48,15 +50,21 @@ def linear_at(function: Callable, x) -> Callable:
 
 def _through(closed: ClosedJaxpr, inputs: list, k: int) -> list:
     """The outputs of a jaxpr, as `Columns` where they depend on inputs that are."""
-    return evaluated(closed, inputs, lambda closed, eqn, operands: _through_equation(closed, eqn, operands, k))
+    read = {atom for atoms in (closed.jaxpr.outvars, *(eqn.invars for eqn in closed.jaxpr.eqns)) for atom in atoms
+            if not isinstance(atom, Literal)}  # fmt: skip
+
+    def rule(closed, eqn, operands):
+        return _through_equation(closed, eqn, operands, k, tuple(variable in read for variable in eqn.outvars))
+
+    return evaluated(closed, inputs, rule)
 
 
-def _through_equation(closed: ClosedJaxpr, eqn, operands: list, k: int) -> list:
+def _through_equation(closed: ClosedJaxpr, eqn, operands: list, k: int, read: tuple[bool, ...]) -> list:
     if not any(isinstance(operand, Columns) for operand in operands):
         return applied(closed, eqn, operands)
     name = eqn.primitive.name
-    if name in ("jit", "pjit"):
-        return _through(eqn.params["jaxpr"], operands, k)
+    if is_call(eqn):
+        return _through_call(eqn.params["jaxpr"], operands, k, read)
     if name == "cond" and not isinstance(operands[0], Columns):
         return _through_branches(eqn, operands, k)
     others = any(isinstance(one, Columns) for one in operands[1:])
@@ -66,6 +74,33 @@ def _through_equation(closed: ClosedJaxpr, eqn, operands: list, k: int) -> list:
     arrays = [one.array if isinstance(one, Columns) else one for one in operands]
     axes = [-1 if isinstance(one, Columns) else None for one in operands]
     return [Columns(one) for one in jax.vmap(lambda *each: applied(closed, eqn, each), axes, -1)(*arrays)]
+
+
+def _through_call(closed: ClosedJaxpr, operands: list, k: int, read: tuple[bool, ...]) -> list:
+    """A call of a program; only the results that are read are computed."""
+    differ = tuple(isinstance(operand, Columns) for operand in operands)
+    function, differing = _of_columns(closed, differ, k, read)
+    computed = function(*(one.array if isinstance(one, Columns) else one for one in operands))
+    found: list[Any] = [None] * len(read)
+    for place, one in zip(np.flatnonzero(read), computed, strict=True):
+        found[place] = Columns(one) if differing[place] else one
+    return found
+
+
+@functools.lru_cache(maxsize=1024)
+def _of_columns(closed: ClosedJaxpr, differ: tuple[bool, ...], k: int, read: tuple[bool, ...]):
+    """A program with columns where operands `differ`, traced once; and which of its results differ, known by then."""
+    differing: list[bool] = []
+
+    def of_arrays(*arrays):
+        inputs = [Columns(one) if differs else one for one, differs in zip(arrays, differ, strict=True)]
+        found = _through(closed, inputs, k)
+        differing[:] = [isinstance(one, Columns) for one in found]
+        return [
+            one.array if isinstance(one, Columns) else one for one, wanted in zip(found, read, strict=True) if wanted
+        ]
+
+    return jax.jit(of_arrays), differing
 
 
 def _through_branches(eqn, operands, k) -> list:

@@ -22,7 +22,7 @@ from jaxtyping import Array
 from .jaxprs import MOVING, applied, evaluated
 from .precision import eps
 
-__all__ = ["Pair", "Unknown", "added", "divided", "multiplied", "negated", "precise", "total"]
+__all__ = ["Pair", "UnknownError", "added", "divided", "multiplied", "negated", "precise", "total"]
 
 CHANGE = 4  # units of eps by which factors are changed
 OF_BOTH = MOVING | {"copy", "neg"}  # primitives that do with both parts what they do with one array
@@ -35,7 +35,7 @@ class Pair(NamedTuple):
     low: Array
 
 
-class Unknown(ValueError):
+class UnknownError(ValueError):
     """The function does more than add and multiply."""
 
 
@@ -108,7 +108,7 @@ def total(a: Pair, axis: int) -> Pair:
 def precise(function: Callable) -> Callable:
     """A linear function of arrays (n,) as a function of pairs, (dx, seed) -> pair; seed 0 changes no factor.
 
-    Raises `Unknown`, while tracing, where the function does more than add and multiply.
+    Raises `UnknownError`, while tracing, where the function does more than add and multiply.
 
     Example:
         >>> import jax, jax.numpy as jnp
@@ -167,7 +167,7 @@ def _through(closed: ClosedJaxpr, eqn, operands: list, through, factor) -> list:
     if name in OF_BOTH and not (name == "select_n" and isinstance(first, Pair)):
         found = [applied(closed, eqn, [_part(one, i) for one in operands]) for i in range(2)]
         return list(map(Pair, *found))
-    raise Unknown(name)
+    raise UnknownError(name)
 
 
 def _part(value, i: int):

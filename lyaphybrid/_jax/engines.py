@@ -56,7 +56,7 @@ def compiled(
     backward: Callable | None = None,
     hands_on: bool = False,
     in_pieces: bool = False,
-) -> Callable:
+) -> Any:
     """Decorate a function of trees of arrays and of what is static.
 
     Args:
@@ -66,8 +66,9 @@ def compiled(
         in_pieces: a long run is many calls.
     """
 
-    def decorate(function: Callable) -> Callable:
-        natively, by_xla = _Natively(function, columns, backward, hands_on, in_pieces), eqx.filter_jit(function)
+    def decorate(function: Callable) -> Any:
+        natively = _Natively(function, columns, backward, hands_on, in_pieces)
+        by_xla: Any = eqx.filter_jit(function)
         with_derivatives = by_xla if backward is None else both_ways(by_xla, eqx.filter_jit(backward))
 
         def prepared(*args):

@@ -18,12 +18,15 @@ __all__ = [
     "constants",
     "divided",
     "evaluated",
+    "explicit",
     "is_affine",
+    "is_call",
     "is_timeless",
     "jacobian",
     "needed",
     "part_of",
     "settled",
+    "written_out",
 ]
 
 
@@ -76,24 +79,43 @@ def divided(closed: ClosedJaxpr, known: Iterable) -> tuple[list, list, list]:
     return early, late, [v for eqn in early for v in eqn.outvars if v in used]
 
 
-def needed(closed: ClosedJaxpr) -> set:
-    """The variables that its outputs need."""
-    found = _variables(closed.jaxpr.outvars)
+def is_call(eqn) -> bool:
+    """Whether an equation stands for a program, which it holds."""
+    return eqn.primitive.name in ("jit", "pjit")
+
+
+def needed(closed: ClosedJaxpr, outputs: Iterable | None = None) -> set:
+    """The variables that its outputs need, or those of them that are named."""
+    found = _variables(closed.jaxpr.outvars if outputs is None else outputs)
     for eqn in reversed(closed.jaxpr.eqns):
         if found.intersection(eqn.outvars):
-            found |= _variables(_read(eqn))
+            found |= _variables(_read(eqn, found))
     return found
 
 
-def _read(eqn) -> list:
-    """The operands of an equation that it needs: a jit within takes all that it is given, and x⁰ is 1."""
+def _read(eqn, wanted: set) -> list:
+    """The operands that an equation needs for results that are wanted: a call takes all it is given, and x⁰ is 1."""
     if eqn.primitive.name == "integer_pow" and eqn.params["y"] == 0:  # in derivatives of x, by JAX 0.8
         return []
-    if eqn.primitive.name not in ("jit", "pjit"):
+    if not is_call(eqn):
         return eqn.invars
     inner = eqn.params["jaxpr"]
-    within = needed(inner)
+    results = [own for outer, own in zip(eqn.outvars, inner.jaxpr.outvars, strict=True) if outer in wanted]
+    within = needed(inner, results)
     return [outer for outer, own in zip(eqn.invars, inner.jaxpr.invars, strict=True) if own in within]
+
+
+def written_out(function: Callable, *example) -> ClosedJaxpr:
+    """The jaxpr of a function, with the equations of the programs that it calls in place of the calls."""
+    closed = jax.make_jaxpr(function)(*example)
+
+    def in_place(closed, eqn, operands):
+        inner = eqn.params["jaxpr"] if is_call(eqn) else None
+        return applied(closed, eqn, operands) if inner is None else evaluated(inner, operands, in_place)
+
+    if not any(map(is_call, closed.jaxpr.eqns)):
+        return closed
+    return jax.make_jaxpr(lambda *inputs: evaluated(closed, list(inputs), in_place))(*closed.in_avals)
 
 
 def constants(closed: ClosedJaxpr) -> list:
@@ -133,7 +155,7 @@ def by_component(function: Callable, t, x) -> Callable[[list], Any]:
     Where the function itself reads x one component at a time, the list goes in as it is: a component that is held
     fixed then has no derivative at all, instead of one that is zero, which XLA goes on multiplying with.
     """
-    closed = jax.make_jaxpr(function)(t, x)
+    closed = written_out(function, t, x)
     time, point = closed.jaxpr.invars
     reads = [eqn for eqn in closed.jaxpr.eqns if point in eqn.invars]
     rest = [eqn for eqn in closed.jaxpr.eqns if point not in eqn.invars]
@@ -168,14 +190,37 @@ def constant(function: Callable, *example) -> Any:
 
 
 def settled(function: Callable, *example) -> Callable:
-    """The function, with all that its parameters alone decide computed here and now.
+    """The function, with all that its parameters alone decide computed here and now; traced once.
 
     XLA would take each use of such a number out of a loop by itself, and carry as many copies through the loop.
     """
     closed, shape = jax.make_jaxpr(function, return_shape=True)(*example)
     early, late, kept = divided(closed, ())
     if not kept:
-        return function
+        return jax.jit(function)
     numbers, structure = part_of(closed, early, [], kept)(), jax.tree.structure(shape)
-    rest = part_of(closed, late, [*kept, *closed.jaxpr.invars], closed.jaxpr.outvars)
+    rest = jax.jit(part_of(closed, late, [*kept, *closed.jaxpr.invars], closed.jaxpr.outvars))  # traced once
     return lambda *inputs: jax.tree.unflatten(structure, rest(*numbers, *jax.tree.leaves(inputs)))
+
+
+def explicit(function: Callable, *example) -> tuple[Callable, list]:
+    """The function as one of what it closes over, too, and that: JAX differentiates a rule of our own by operands only.
+
+    Args:
+        function: of arrays; it may close over values that are not known yet, directly or in other functions.
+        example: arrays of the shapes of its inputs.
+
+    Returns:
+        (numbers, *inputs) ↦ the same, and the numbers.
+    """
+    closed, shape = jax.make_jaxpr(function, return_shape=True)(*example)
+    where = [i for i, one in enumerate(closed.consts) if traced(one)]
+
+    def of_all(numbers, *inputs):
+        consts = list(closed.consts)
+        for i, number in zip(where, numbers, strict=True):
+            consts[i] = number
+        found = jaxpr_as_fun(ClosedJaxpr(closed.jaxpr, consts))(*jax.tree.leaves(inputs))
+        return jax.tree.unflatten(jax.tree.structure(shape), found)
+
+    return of_all, [closed.consts[i] for i in where]

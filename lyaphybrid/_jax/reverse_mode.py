@@ -33,7 +33,7 @@ class Kept(NamedTuple):
 
     states: Any  # with a first axis for the checkpoints
     turns: Array  # (checkpoints,) before which turn each was
-    count: Array
+    count: Array  # pyright: ignore[reportIncompatibleMethodOverride]
 
 
 def checkpointed(goes_on: Callable, step: Callable, state: Any) -> Any:
@@ -55,7 +55,7 @@ def _fixed(leaf):
 @eqx.filter_custom_vjp
 def _loop(moving, goes_on):
     step, state = moving
-    return jax.lax.while_loop(lambda state: goes_on(state), lambda state: step(state), state)
+    return jax.lax.while_loop(goes_on, step, state)
 
 
 @_loop.def_fwd

@@ -27,7 +27,7 @@ def is_precise(tangent, x) -> bool:
         return False
     try:
         jax.eval_shape(lambda dx: double_double.precise(tangent)(Pair(dx, dx), jnp.zeros((), dx.dtype)), x)
-    except double_double.Unknown:
+    except double_double.UnknownError:
         return False
     return True
 

@@ -22,7 +22,7 @@ def product_eigenvalues(matrices: list[np.ndarray]) -> np.ndarray:
         A. Bojanczyk, G. H. Golub & P. Van Dooren, The periodic Schur decomposition, Proc. SPIE 1770 (1992) 31,
         doi:10.1117/12.130915.
     """
-    start = np.eye(len(matrices[0]))
+    start = first = last = triangle = np.eye(len(matrices[0]))
     for _ in range(TURNS):
         first, last, triangle = start, start, np.eye(len(start))
         for matrix in matrices:

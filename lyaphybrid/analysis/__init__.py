@@ -1,1 +1,1 @@
-"""The public verbs: spectra, trajectories, derivatives; rooms for indicators, orbits, diagrams and gradients."""
+"""The public verbs: spectra, trajectories, derivatives; subpackages for indicators, orbits, diagrams and gradients."""

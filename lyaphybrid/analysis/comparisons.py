@@ -1,4 +1,4 @@
-"""The largest exponent with no derivative at all: two trajectories, and how they separate."""
+"""The largest exponent without derivatives, from the separation of two trajectories."""
 
 import warnings
 from typing import Any, NamedTuple
@@ -30,24 +30,24 @@ from ..systems.smooth import Flow, Map
 __all__ = ["TwoTrajectories", "two_trajectories"]
 
 PLAN = problems.Plan()
-SHORTEST, LONGEST = 1e-6, 0.5  # interval, of a block; it begins with the shortest
-GOLDEN = 0.6180339887498949  # of a fixed interval is the first: no round time coincides with an event then
-WANTED, SHORTER, LONGER = 1.0, 0.5, 1.2  # ln of the growth in an interval; how fast the interval adapts
-PATIENCE = 4  # so often an interval is lengthened until both trajectories have made the same jumps
-SKIPPED = 0.01  # a fraction of intervals that is worth a warning
+SHORTEST, LONGEST = 1e-6, 0.5  # renormalisation interval, as a fraction of a block; the first one is SHORTEST
+GOLDEN = 0.6180339887498949  # the first interval is this part of a fixed one: its ends then miss events at round times
+WANTED, SHORTER, LONGER = 1.0, 0.5, 1.2  # target ln of the growth in an interval; limits of an interval's change
+PATIENCE = 4  # attempts to lengthen an interval until both trajectories have made the same jumps
+SKIPPED = 0.01  # fraction of skipped intervals above which a warning is given
 
 
 class TwoTrajectories(eqx.Module):
-    """The largest Lyapunov exponent as two neighbouring trajectories show it.
+    """The largest Lyapunov exponent, from two neighbouring trajectories.
 
     Attributes:
         exponent: () per unit of time (per iteration of a map); -inf where the trajectories met.
         stderr: () one standard error, from the blocks.
         time: () length after the transient.
-        intervals: () number of renormalisations; skipped: () how many intervals among them did not count.
+        intervals: () number of renormalisations; skipped: () number of intervals that did not count.
         history: time, exponents (running) and growth of the blocks, each (blocks,); nan where not reached.
         x, t, mode: the state of the first trajectory at the end.
-        separation: the distance to which the second one was brought back.
+        separation: the distance at which the second trajectory restarts after each interval.
     """
 
     exponent: Array
@@ -65,7 +65,7 @@ class TwoTrajectories(eqx.Module):
 
     @property
     def status(self) -> STATUS | Array:
-        """The verdict; under a transformation the bare code."""
+        """How the run ended; under a JAX transformation the integer code."""
         code = self.status_code
         return code if traced(code) else STATUS(int(code))
 
@@ -86,24 +86,24 @@ class Pair(NamedTuple):
     """Two trajectories between renormalisations, and the sums of the present block."""
 
     elapsed: Array  # since the start of the run
-    x: Array  # (n,) of the first
-    direction: Array  # (n,) unit vector to the second
+    x: Array  # (n,) state of the first trajectory
+    direction: Array  # (n,) unit vector towards the second trajectory
     mode: Array
-    h: Array | None  # the controller's step
+    h: Array | None  # step size of the controller
     interval: Array
-    growth: Array  # Σ ln of the growth
-    length: Array  # time that counts
+    growth: Array  # Σ ln(d_i / d₀) over the intervals that count
+    length: Array  # total time of these intervals
     intervals: Array
     skipped: Array
     status: Array
 
 
 class Recipe(NamedTuple):
-    """How the second trajectory is brought back."""
+    """When and to which distance the second trajectory is brought back."""
 
     whole: bool  # time is counted in iterations
     separation: Array
-    every: Array | None  # None: by the growth that is seen
+    every: Array | None  # fixed interval; None: chosen from the observed growth
     shortest: Array
     longest: Array
 
@@ -129,8 +129,8 @@ def two_trajectories(
     λ₁ ≈ Σ_i ln(d_i / d₀) / Σ_i τ_i: after each interval τ_i the distance d_i is read, and the second
     trajectory is brought back to the distance d₀ along the present separation.
 
-    Nothing of the tangent dynamics is used, no Jacobian and no saltation matrix; the two trajectories meet
-    their events each at its own instant. An interval that ends when one has jumped and the other has not is
+    Nothing of the tangent dynamics is used, no Jacobian and no saltation matrix; each trajectory meets
+    its events at its own times. An interval that ends when one has jumped and the other has not is
     lengthened until both have made the same jumps. Where they never do (one grazes, the other passes), or the
     distance leaves the linear regime, d_i > √(d₀ max(1, |x|)), the interval does not count and the second
     trajectory starts anew.
@@ -143,7 +143,7 @@ def two_trajectories(
         t0: time at the start.
         transient: length before growth is counted.
         separation: d₀, in units of x (Euclidean norm): small against the attractor, large against rounding.
-        renormalise_every: τ; None: lengthened and shortened with the growth that is seen.
+        renormalise_every: τ; None: adapted to the observed growth.
         mode: mode at the start, where there are several.
         method: `lh.RungeKutta` (default) or `lh.Diffrax`; None for maps and event-driven systems.
         blocks: the run is recorded in so many blocks, at least 2; they give the error.
@@ -240,7 +240,7 @@ def _restarted(pair: Pair) -> Pair:
 
 
 def _all_blocks(problem: problems.Problem, recipe: Recipe, t0, pair: Pair, ends):
-    """Block by block: under a transformation in one loop, else on the host, where Ctrl-C finds room."""
+    """Run all blocks: one compiled loop under a transformation; else a loop on the host, so that Ctrl-C works."""
     last = ends[-1]
 
     def one(pair, end):
@@ -260,10 +260,10 @@ def _all_blocks(problem: problems.Problem, recipe: Recipe, t0, pair: Pair, ends)
 
 @compiled()
 def _block(problem: problems.Problem, recipe: Recipe, t0, pair: Pair, end, stop) -> Pair:
-    """Interval after interval until one ends the block; where the run stops, at `stop`, the last is cut.
+    """Whole intervals until the end of the block is passed; only at `stop`, the end of the run, one is cut short.
 
-    A start on a guard would miss its event, and round times are where clockwork has its events: so no
-    interval is cut at the end of another block.
+    Ends of blocks are round times, where clocks often have their events, and a trajectory that restarts on a guard
+    would miss the event. So no interval is cut short at the end of a block.
     """
 
     def goes_on(pair):
@@ -277,7 +277,7 @@ def _interval(problem: problems.Problem, recipe: Recipe, t0, pair: Pair, stop) -
     t, rest, separation = t0 + pair.elapsed, stop - pair.elapsed, recipe.separation
     length = jnp.where(rest <= pair.interval * (1 + digits(1e-9, rest)), rest, pair.interval)
     starts = jnp.stack([pair.x, pair.x + separation * pair.direction])
-    # Both begin with the same step: then their errors are the same, and cancel in the difference.
+    # Both start with the same step size, so that their integration errors nearly cancel in the difference.
     loop_states = jax.vmap(lambda x, mode: _begin(problem, t, x, mode, pair.h))(
         starts, _modes(problem, t, pair, starts)
     )
@@ -310,7 +310,7 @@ def _interval(problem: problems.Problem, recipe: Recipe, t0, pair: Pair, stop) -
 
 
 def _modes(problem: problems.Problem, t, pair: Pair, starts):
-    """The modes (2,) of both: a neighbour of a point on a surface is not on it."""
+    """The modes (2,) of both: next to a point on a surface the neighbour may be in another mode."""
     mode = jnp.asarray(pair.mode, jnp.int32)
     if getattr(problem.system, "initial_mode", None) is None:
         return jnp.stack([mode, mode])
@@ -319,7 +319,7 @@ def _modes(problem: problems.Problem, t, pair: Pair, starts):
 
 
 def _adapted(recipe: Recipe, interval, seen):
-    """The interval that the growth seen in this one suggests."""
+    """The next interval, chosen from the observed growth."""
     wanted = WANTED * interval / jnp.maximum(seen, 1e-3)
     longer = jnp.maximum(LONGER * interval, interval + 1) if recipe.whole else LONGER * interval
     wanted = jnp.clip(jnp.clip(wanted, SHORTER * interval, longer), recipe.shortest, recipe.longest)
@@ -333,7 +333,7 @@ def _agree(loop_states):
 
 
 def _until_they_agree(problem: problems.Problem, loop_states: states.LoopState, length):
-    """Over the length; and on by a hundredth, a tenth, one of it while one has jumped and the other not."""
+    """Advance both by `length`; while their jumps or modes differ, go on by 0.01, 0.1 and 1 times `length`."""
     forever = jnp.asarray(driver.FOREVER, jnp.int32)
 
     def fly(loop_state, until):
@@ -351,7 +351,7 @@ def _until_they_agree(problem: problems.Problem, loop_states: states.LoopState, 
         loop_states, until, tries = state
         more = jnp.where(tries == 0, 1.0, 10.0 ** (tries - PATIENCE + 1).astype(length.dtype))
         until = until + length * more
-        if jax.default_backend() == "cpu":  # one after the other keeps real branches: see `runs`
+        if jax.default_backend() == "cpu":  # in turn: under vmap both sides of each branch would be computed
             loop_states = jax.lax.map(lambda loop_state: fly(loop_state, until), loop_states)
         else:
             loop_states = jax.vmap(lambda loop_state: fly(loop_state, until))(loop_states)
@@ -362,7 +362,7 @@ def _until_they_agree(problem: problems.Problem, loop_states: states.LoopState, 
 
 
 def _summarise(t0, pair: Pair, records, separation, whole: bool) -> TwoTrajectories:
-    """From the sums of the blocks to the exponent and its error."""
+    """The exponent and its standard error from the sums of the blocks."""
     elapsed, growth, length, intervals, skipped = records
     before = jnp.concatenate([elapsed[:1] - length[:1], elapsed[:-1]])
     reached = elapsed > before

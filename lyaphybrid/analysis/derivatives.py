@@ -1,4 +1,4 @@
-"""Derivatives to look at and to use: the saltation matrix at a point, and the Jacobians it is made of."""
+"""Derivatives at a point: the saltation matrix, and the Jacobians it consists of."""
 
 import functools
 import operator
@@ -27,11 +27,11 @@ from ..systems.validation import check_functions
 
 __all__ = ["Jacobians", "jacobians", "saltation_matrix"]
 
-ON_GUARD = 1e-6  # a point is on a guard up to this, relative to what makes up the guard's value and rate
+ON_GUARD = 1e-6  # a point is on a guard if |h| is below this times the terms of h and of its rate
 
 
 class Jacobians(NamedTuple):
-    """What automatic differentiation supplied at a point; tuples have one entry a transition.
+    """Derivatives at a point by automatic differentiation; tuples have one entry for each transition.
 
     Attributes:
         Df: (n, n) of the field (of a map's rule); None where there is no flow.
@@ -57,10 +57,10 @@ def jacobians(
     mode: Any = None,
     which: Any = None,
 ) -> Jacobians:
-    """The Jacobians of field, resets and guards at (t, x), as automatic differentiation supplies them.
+    """The Jacobians of field, resets and guards at (t, x), by automatic differentiation.
 
-    Df = ∂f/∂x of the mode, Dg_j = ∂g_j/∂x of every reset, Dh_j = ∂h_j/∂x of every guard, whether the mode
-    listens to it or not. With ∂g_j/∂t and ∂h_j/∂t they are what a saltation matrix is made of.
+    Df = ∂f/∂x of the mode, Dg_j = ∂g_j/∂x of every reset, Dh_j = ∂h_j/∂x of every guard, whether it is
+    active in the mode or not. A saltation matrix consists of these and of ∂g_j/∂t and ∂h_j/∂t.
 
     Args:
         system: an `lh.Flow`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
@@ -140,7 +140,7 @@ def saltation_matrix(
     S = Dg + (f⁺ - Dg f⁻ - ∂ₜg) ∇h / (∂ₜh + ∇h·f⁻)
 
     with the field f⁻ of the mode before and f⁺ of the mode after the jump. At the tick of a clock, and where
-    there is no flow, S = Dg. In a cascade the instant belongs to the first guard h₁ alone:
+    there is no flow, S = Dg. In a cascade the first guard h₁ alone sets the event time:
     S ← Dg₂ S + (f⁺⁺ - Dg₂ f⁺ - ∂ₜg₂) ∇h₁ / (∂ₜh₁ + ∇h₁·f⁻) for each further reset.
 
     Args:
@@ -198,31 +198,31 @@ def saltation_matrix(
 
 
 class Jump(NamedTuple):
-    """One reset of an instant."""
+    """One of the resets at an event time."""
 
     reset: Any  # (t, x) -> x
     move: Any  # (mode, t, x) -> mode
 
 
 class Crossing(NamedTuple):
-    """One instant of a system, its parameters bound."""
+    """The guard and the resets of one event time, with the parameters bound."""
 
     guard: Any  # (t, x) -> scalar, of the first transition
-    ticks: bool  # its instant does not depend on the state
+    ticks: bool  # a clock: the event time does not depend on the state
     jumps: tuple[Jump, ...]
     velocity: Any  # (mode, t, x) -> dx/dt; None where there is no flow
-    land: Any = None  # (mode, t, x) -> x on the constraints of the mode; None where there are none
+    land: Any = None  # (mode, t, x) -> x projected onto the mode's constraints; None: no constraints
 
 
 def _crossing(system, t, x, args, sequence, which) -> Crossing:
-    """Bind the transitions of a sequence, `which` one component or event each."""
+    """Bind the parameters to a sequence of transitions; `which` has one component or event for each."""
     if isinstance(system, EventDriven):
         return _crossing_of_event(system, args, which[0])
     first = system.transitions[sequence[0]]
 
     def guard(t, x):
         if first.is_clock:
-            return -t + 0 * jnp.sum(x)  # of the coming tick, up to a constant
+            return -t + 0 * jnp.sum(x)  # h = tick − t without the constant tick; only its derivatives matter
         return jnp.atleast_1d(first.guard(t, x, args))[which[0]]
 
     if system.fields is None:
@@ -256,7 +256,7 @@ def _crossing_of_event(system: EventDriven, args, event) -> Crossing:
 
 @eqx.filter_jit
 def _saltation(system, t, x, args, mode, sequence, which):
-    """S; and what tells whether the point is on the guard: h, ḣ, and the sizes of what makes them up."""
+    """S; and, to check that the point is on the guard, h, ḣ and the sizes of their terms."""
     crossing = _crossing(system, t, x, args, sequence, which)
     columns, contact = jnp.eye(x.shape[0], dtype=x.dtype), None
     direction = delay = jnp.zeros_like(x)
@@ -293,7 +293,7 @@ def _require_on_guard(x, h: float, rate: float, near: float, terms: float) -> No
 
 
 def _sequence(system: Hybrid, transition) -> tuple[int, ...]:
-    """The transitions of one instant, as indices that exist."""
+    """The transitions at one event time as indices, checked to exist."""
     several = transition if isinstance(transition, Sequence) else (transition,)
     count = len(system.transitions)
     for index in several:
@@ -330,7 +330,7 @@ def _widths(system: Hybrid, t, x, args) -> list[int]:
 
 
 def _components(system: Hybrid, t, x, args, sequence, which) -> tuple:
-    """One component each: given where the guard is a vector, 0 where it is a scalar."""
+    """One guard component for each transition: as given for a vector guard, 0 for a scalar one."""
     given = which if len(sequence) > 1 and isinstance(which, Sequence) else (which,) * len(sequence)
     if len(given) != len(sequence):
         raise ValueError(f"which must have one entry for each of the transitions {sequence}; got {which!r}.")

@@ -1,4 +1,4 @@
-"""All solutions from one start, where there are several, and the exponents of each."""
+"""All solutions of a start that has several, and the exponents of each."""
 
 from typing import Any, NamedTuple
 
@@ -23,22 +23,22 @@ from .spectra import initial_frame
 
 __all__ = ["solutions"]
 
-MOST_INSTANTS = 64  # of a solution, at which the order of events is chosen
-BESIDE = 1e-9  # sine of the angle of a perturbation with a surface, below which it lies in it
+MOST_INSTANTS = 64  # of one solution: times at which the order of events is chosen
+BESIDE = 1e-9  # a perturbation lies in a surface if the sine of its angle with it is below this
 
 
 class Part(NamedTuple):
     """A part of a solution that has yet to be run."""
 
     before: tuple[driver.Outcome, ...]
-    choices: tuple[Choice, ...]  # made before
-    picks: tuple[int, ...]  # to be made, of orders
+    choices: tuple[Choice, ...]  # made in earlier parts
+    picks: tuple[int, ...]  # prescribed choices of the order of events
     t: Any
     x: Any
     frame: Any
     mode: Any
-    length: float  # of time that is left
-    leaves: float | None = None  # after this time it leaves the surface
+    length: float  # remaining time
+    leaves: float | None = None  # time after which it leaves the surface; None: it does not choose to
 
 
 def solutions(
@@ -58,7 +58,7 @@ def solutions(
     departures: int = 0,
     max_steps: int | None = None,
 ) -> Solutions:
-    """The solutions from a start that is not the start of one alone, and the exponents of each: a set, or an interval.
+    """The solutions from a start that has several, and the exponents of each: a set, or an interval.
 
     A solution can go on in several ways
 
@@ -67,8 +67,8 @@ def solutions(
         on the surface of an `lh.filippov` system, where both fields point away: to either side, or along it;
         at a two-fold, where both are tangent to it: to the sides to which they curve away.
 
-    Where there is no way to go on a solution ends, with status deadlock. Each is followed from the start by the loop of
-    `lh.lyapunov_spectrum`, with other choices. At a choice of the mode no derivative exists: frames go on as they are.
+    A solution that cannot go on ends with status deadlock. Each solution is computed by the loop of
+    `lh.lyapunov_spectrum`, with its own choices. At a choice of the mode no derivative exists: the frame is unchanged.
 
     Args:
         system: an `lh.Hybrid` with fields.
@@ -82,12 +82,12 @@ def solutions(
         method: None: adaptive `lh.RungeKutta`.
         every: as for `lh.lyapunov_spectrum`.
         blocks: as for `lh.lyapunov_spectrum`, for each part between two choices of the mode.
-        most: number of solutions after which no more are looked for.
-        departures: at so many times, evenly spaced, a surface that repels is left to either side after sliding on it.
+        most: largest number of solutions; the search stops there.
+        departures: number of evenly spaced times at which a solution that slides on a repelling surface may leave it.
         max_steps: most attempts of a step in each part; None: no limit.
 
     Returns:
-        `Solutions`. What failed is not raised: each solution has a status.
+        `Solutions`. Failures are not raised: each solution has a status.
 
     Raises:
         ValueError: on a system without fields, several starts at once, or under jit, vmap or grad.
@@ -125,7 +125,7 @@ def solutions(
     require(
         not traced((problem, x0, t0, t1)), "solutions decides from values: it cannot be used under jit, vmap, grad."
     )
-    ends_of_blocks(t1, blocks, None, "t1")  # refused before anything is computed
+    ends_of_blocks(t1, blocks, None, "t1")  # checks the arguments before anything is computed
     frame, initial = initial_frame(problem, t0, x0, frame, k)
     qr_schedule, interval = qr_schedule_for(problem, every)
     plan = problems.Plan(qr_schedule=qr_schedule, kind=frames.kind_for(frame.shape[1]), collect=problems.first_losses)
@@ -135,7 +135,7 @@ def solutions(
 
 
 class _Search:
-    """Depth first: what was not chosen is run again from the last choice of the mode, with another choice."""
+    """Depth-first search; each alternative is run again from the last choice of the mode."""
 
     def __init__(self, problem, plan, interval, growth, blocks, departures, max_steps):
         self.problem, self.plan, self.interval, self.growth = problem, plan, interval, growth
@@ -144,7 +144,7 @@ class _Search:
         self.complete = True
 
     def follow(self, part: Part, most: int) -> None:
-        """Find solutions."""
+        """Find up to `most` solutions that begin with this part."""
         open_ends = [part]
         while open_ends and len(self.found) < most:
             part = open_ends.pop()
@@ -175,7 +175,7 @@ class _Search:
         return driver.drive(self.problem, self.plan, loop_state, *targets, self.max_steps)
 
     def _orders(self, part: Part, outcome: driver.Outcome) -> tuple[list[Part], Part]:
-        """The same with other orders of events, from the first that was not prescribed on; and with those that were."""
+        """Parts with other orders of events, from the first free choice on; and this part with its choices recorded."""
         met = outcome.loop_state.carry.solver_state.choices
         if met is None:
             return [], part
@@ -195,7 +195,7 @@ class _Search:
         return others, part._replace(choices=(*part.choices, *made))
 
     def _ways(self, part: Part, outcome: driver.Outcome) -> list[Part]:
-        """In which modes it can go on from where it ended; none where it has come to its end, or cannot."""
+        """Parts that continue this one, one for each possible mode; none at the end of the run or in a deadlock."""
         carry, leaves = outcome.loop_state.carry, part.leaves is not None
         if int(outcome.status) != (STATUS.ok if leaves else STATUS.deadlock):
             return []
@@ -238,7 +238,7 @@ class _Search:
         return Solution(part.choices, spectrum, exponents)
 
     def _is_pushed_off(self, part: Part, outcome: driver.Outcome) -> bool:
-        """Whether it ends on a surface that repels, and perturbations were followed that do not lie in the surface."""
+        """Whether the run ends on a repelling surface and its frame has a column that does not lie in the surface."""
         start, end = self.problem.system.initial_mode, outcome.loop_state
         if not isinstance(start, Start) or int(outcome.status) != STATUS.ok:
             return False

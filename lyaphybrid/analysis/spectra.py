@@ -1,4 +1,4 @@
-"""`lyapunov_spectrum`: exponents of maps, flows and hybrid systems, with honest error bars."""
+"""`lyapunov_spectrum`: exponents of maps, flows and hybrid systems, with standard errors."""
 
 from typing import Any
 
@@ -33,7 +33,7 @@ __all__ = ["initial_frame", "lyapunov_spectrum", "starts"]
 
 CLOCKS = ("time", "jumps", "hybrid")
 AVERAGES = ("uniform", "birkhoff", "birkhoff-regular")
-SUM_RULE_UP_TO = 16  # dimension; the exact volume of an event-driven jump costs n³ each, so 6 there
+SUM_RULE_UP_TO = 16  # dimension n; 6 for event-driven systems, whose jumps need a determinant, n³ operations each
 SUM_RULE_EXACT = 6
 
 
@@ -68,8 +68,8 @@ def lyapunov_spectrum(
 ) -> Spectrum:
     """The k leading Lyapunov exponents of a system that flows, jumps, or both.
 
-    λ_i = lim (1/t) Σ ln R_ii, the growth that orthonormalisations of k tangent vectors throw away; at events
-    the vectors cross by the saltation matrix.
+    λ_i = lim (1/t) Σ ln R_ii, R from the orthonormalisations of k tangent vectors; at events
+    the saltation matrix acts on the vectors.
 
     Args:
         system: an `lh.Flow`, `lh.DAE`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
@@ -81,19 +81,19 @@ def lyapunov_spectrum(
         mode: name or index of the mode at the start; needed where there are several.
         k: number of exponents; None: n, or n_differential of an `lh.DAE`.
         frame: (n, k) initial columns; None: unit vectors, in the paired order where the system is canonical. Of an
-            `lh.DAE` they are projected onto the tangent space of the constraints; None: the changes of one component of
-            the content E₁ x each.
+            `lh.DAE` they are projected onto the tangent space of the constraints; None: column i changes
+            component i of E₁ x alone.
         method: None: adaptive `lh.RungeKutta`, for an `lh.DAE` `lh.HalfExplicit`; maps and event-driven systems
             have none.
         every: orthonormalise each so many iterations (maps), steps (fixed dt), units of time (adaptive) or jumps
             (event-driven); ("time", length): of an event-driven system each so much time, between the events, and where
-            these may destroy a direction also after each; None: from the growth, so that no exponent drowns in
-            rounding.
+            these may destroy a direction also after each; None: chosen from the growth, so that no exponent is lost
+            to rounding.
         orthonormalise: "auto", "mgs" (modified Gram–Schmidt), "lapack", "cholesky".
         clock: "time", "jumps", or "hybrid": max(t, j). By "jumps" and "hybrid" an `lh.Hybrid` also goes on where jumps
             accumulate, as far as double precision can tell them apart, and where a cascade does not end: exponents are
             then those of the product of the jumps, and ∂ₜ of resets plays no part. By "jumps" it ends as no_more_jumps
-            where the flow is seen not to come to a guard again: at rest, leaving for ever, a million steps without one.
+            where the flow does not reach a guard again: at rest, escaping, or a million steps without a guard.
         blocks: the run is recorded in so many equal blocks; they give the history and the error.
         times: ends of the blocks instead, increasing, or "log".
         averaging: "uniform"; "birkhoff", smooth weights over the blocks; "birkhoff-regular", the same on the local
@@ -155,7 +155,7 @@ def lyapunov_spectrum(
         batched=x0.ndim == 2,
         collect=problems.first_losses,
     )
-    ends_of_blocks(t1, blocks, times, "t1")  # refused before anything is computed
+    ends_of_blocks(t1, blocks, times, "t1")  # checks the arguments before anything is computed
     discrete = iterates(system)
     loop_state, interrupted = driver.start(problem, plan, t0, x0, frame, mode, array(interval, x0.dtype)), False
     file, stretches = None, [(t1, blocks)]
@@ -166,7 +166,7 @@ def lyapunov_spectrum(
         )
         file = checkpoints.opened(checkpoint, resume, about, t1, blocks, times is None and target_stderr is None)
         stretches = file.stretches
-    quieted: list[driver.Outcome] = []  # the transient's
+    quieted: list[driver.Outcome] = []  # outcomes of the transient
     if not is_zero(transient):
         quiet = targets_for(ends_of_blocks(transient, blocks, None, "transient"), clock, discrete, x0.dtype)
         before = driver.drive(problem, plan, loop_state, *quiet, max_steps, part=file and file.part(0))
@@ -193,7 +193,7 @@ def lyapunov_spectrum(
 
 
 def _about(problem, plan, loop_state, initial, transient, blocks, times, words) -> dict[str, str]:
-    """Hashes of a run: what must be the same where it goes on."""
+    """Hashes of what must be the same when a run is resumed from a checkpoint."""
     one = np.ones(1, loop_state.base.dtype)
 
     def advance(loop_state):
@@ -231,7 +231,7 @@ def _is_key(key) -> bool:
 
 
 def starts(system, t0, x0, args, replicates: int, key):
-    """The starts of the replicates: x0 perturbed by a relative 1e-6, enough for chaos to forget it."""
+    """The starts of the replicates: x0 perturbed by a relative 1e-6; chaos makes them independent."""
     noise = jax.random.normal(key, (replicates, *x0.shape), x0.dtype)
     noise = 1e-6 * jnp.maximum(1.0, jnp.abs(x0))[None, :] * noise
     if isinstance(system, DAE):
@@ -240,7 +240,7 @@ def starts(system, t0, x0, args, replicates: int, key):
 
 
 def initial_frame(problem, t0, x0, frame, k):
-    """The initial columns, orthonormal, and the ln R_ii of what the user gave; of a DAE, of the columns of Ē⁻¹."""
+    """The orthonormal initial columns, and ln R_ii of the user's columns; for a DAE without any, of those of Ē⁻¹."""
     system, n, dtype = problem.system, x0.shape[-1], x0.dtype
     most = degrees_of_freedom(system, n)
     require(k is None or k <= most, f"k must be at most {'n' if most == n else 'n_differential'} = {most}; got {k}.")
@@ -278,7 +278,7 @@ def _good_enough(spectrum: Spectrum, target_stderr: float) -> bool:
 
 
 def _missing(spectrum: Spectrum, target_stderr: float, done: int) -> int:
-    """How long to go on, in units of the first run, if errors fall like 1/√t; at most 64 at a time."""
+    """How many more times t1 to run, if errors fall like 1/√t; at most 64 at a time."""
     worst = np.nanmax(np.where(np.isfinite(np.asarray(spectrum.exponents)), np.asarray(spectrum.stderr), 0.0))
     return int(np.clip(np.ceil(done * ((worst / target_stderr) ** 2 - 1)), 1, 64))
 

@@ -1,4 +1,4 @@
-"""Trajectories with their events, the tangent map of a stretch of motion, and exponents without derivatives."""
+"""Trajectories with their events, and the tangent map along a trajectory."""
 
 from typing import Any
 
@@ -26,7 +26,7 @@ from ..systems.smooth import Flow, Map
 
 __all__ = ["Events", "TangentMap", "Trajectory", "tangent_map", "trajectory"]
 
-ROOM = 1024  # events kept in one compiled call; a fuller log is drained and the run goes on
+ROOM = 1024  # events that one compiled call can record; when the log is full it is emptied and the run goes on
 
 
 class Events(eqx.Module):
@@ -55,10 +55,10 @@ class Trajectory(eqx.Module):
     """A trajectory at n times, and its events.
 
     Attributes:
-        t: (n,) times after t0, the last is t0 + t1; nan where the run ended before.
+        t: (n,) times after t0; the last is t0 + t1; nan where the run ended before.
         x: (n, dim) states; mode: (n,) indices; j: (n,) jumps made so far.
         events: an `Events` log.
-        status: the verdict.
+        status: how the run ended.
         domain: the hybrid time domain, an `lh.TimeDomain`; not under a transformation.
     """
 
@@ -69,7 +69,7 @@ class Trajectory(eqx.Module):
     events: Events
     status_code: Array
     mode_names: tuple[str, ...] = eqx.field(static=True)
-    begun: Array | float = 0.0  # the times where it began and ended, of a map the number of the first iteration
+    begun: Array | float = 0.0  # times of the start and the end; for a map iteration numbers
     ended: Array | float = np.nan
     iterated: bool = eqx.field(static=True, default=False)
 
@@ -108,7 +108,7 @@ def trajectory(
     max_steps: int | None = None,
     throw: bool = True,
 ) -> Trajectory:
-    """The motion from x0 over a length t1, at n times, with every event on the way.
+    """The trajectory from x0 over a length t1, at n times, with all its events.
 
     Args:
         system: an `lh.Flow`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
@@ -178,7 +178,7 @@ def _require_one(x0) -> None:
 
 
 def _joined(logs, problem, x0) -> Events:
-    """One log out of those of several calls."""
+    """The event logs of several compiled calls, joined into one."""
     if not logs:
         none = jnp.zeros(0, jnp.int32)
         point = jnp.zeros((0, *problem.shape), x0.dtype)
@@ -186,7 +186,7 @@ def _joined(logs, problem, x0) -> Events:
     if traced(logs):
         (log,) = logs
     else:
-        # To put NumPy's arrays on the device compiles nothing, whatever the number of events.
+        # NumPy arrays: moving them to the device compiles nothing, whatever the number of events.
         log = jax.device_put(jax.tree.map(lambda *parts: np.concatenate(parts), *logs))
     _, t, transition, which, mode_before, mode_after, *states = log
     before, after = (problems.in_rows(problem, x) for x in states)
@@ -201,11 +201,11 @@ def _deliver(result, throw: bool, outcome: driver.Outcome, system):
 
 
 class TangentMap(eqx.Module):
-    """The end of a stretch of motion and its derivative with respect to the start.
+    """The end point of a trajectory and its derivative with respect to the start.
 
     Attributes:
         x: (n,) the end; matrix: (n, n) dx(t0 + t1)/dx(t0), jumps included; mode: index at the end.
-        status: the verdict.
+        status: how the run ended.
     """
 
     x: Array

@@ -5,6 +5,7 @@ import dataclasses
 import jax
 import numpy as np
 
+from .._jax.calls import Calls
 from ..events.compiled_hybrid import CompiledHybrid, bound, projection, wire
 from ..integrators import DiffraxEvents
 from ..systems.bound import Bound
@@ -37,7 +38,7 @@ def evolver_of(problem: Problem, t, x):
         fields = (bound(system.field, args, t, x) if of_dae else Bound(system.field, args),)
         method.require(fields[0], t, x)
         onto = (projection(fields[0], None, args),)
-        hybrid = CompiledHybrid(fields, (), onto, empty, empty, empty, (), empty, (), (), (), False, None)
+        hybrid = CompiledHybrid(fields, (), onto, empty, empty, empty, (), empty, (), (), (), False, None, Calls())
         return _moving(hybrid, method, (), (), 0, are_nonlinear(fields, t, x))
     if system.fields is None:
         reset = system.transitions[0].reset

@@ -1,7 +1,7 @@
-"""What the loop asks of an evolver: how one class of systems goes from one event, iteration or step to the next.
+"""The interface between the loop and an evolver, which advances one class of systems by a step, iteration or event.
 
-The loop knows nothing of fields, guards or maps. Eight methods are abstract; the rest have answers that suit an evolver
-without modes, without algebraic equations and without steps of its own choice.
+The loop itself does not depend on vector fields, guards or maps. Eight methods are abstract; the others have defaults
+for evolvers without modes, algebraic equations or adaptive steps.
 """
 
 import abc
@@ -18,17 +18,18 @@ __all__ = ["AbstractEvolver"]
 class AbstractEvolver(abc.ABC):
     """An evolver; its fields are static or traced, its methods are called while the loop is traced.
 
-    Shapes: t scalar, x (n,), a frame (n, k). `ahead` is what `propose_step` has found out about the next step, a tuple
-    of arrays of its own kind; `solver` is its part of the loop's state, `StepState.solver_state`.
+    Shapes: t scalar, x (n,), frame (n, k). `ahead` is the result of `propose_step`, a tuple of arrays that depends on
+    the evolver; `solver` is the evolver's state within the loop's state, `StepState.solver_state`.
 
     Attributes:
-        may_lose_rank: an event may destroy directions: columns are counted as lost.
-        jumps_uncontrolled: an event may stretch or shrink columns without bound: frames are looked at after each.
-        always_regular: nothing rare can happen: a step is never rejected, and no event must be located.
-        by_rows: the frame is held so that rows lie together in memory, for systems of many bodies.
-        by_fixed_steps: all steps are of one length.
-        longest_interval: most steps (or jumps) between two orthonormalisations that are timed automatically.
-        spread_wanted: ln(R_11 / R_kk) that such an interval aims at.
+        may_lose_rank: whether an event may destroy directions, so that lost columns must be counted.
+        jumps_uncontrolled: whether an event may stretch or shrink columns without bound before the next
+            orthonormalisation, so that the frame must be checked after each event.
+        always_regular: whether steps are never rejected and no event must ever be located.
+        by_rows: whether the rows of the frame are contiguous in memory, for systems of many bodies.
+        by_fixed_steps: whether all steps have the same length.
+        longest_interval: most steps (or jumps) between two orthonormalisations if the interval is adapted.
+        spread_wanted: the ln(R_11 / R_kk) that the adapted interval aims at.
     """
 
     always_regular: bool = False
@@ -39,91 +40,91 @@ class AbstractEvolver(abc.ABC):
     longest_interval: ClassVar[float] = LONGEST_BLIND
     spread_wanted: ClassVar[float] = 4.0
 
-    # --- one step: propose, then keep or locate ----------------------------------------------------------------
+    # --- one step: propose it, then accept it or locate an event -----------------------------------------------
 
     @abc.abstractmethod
     def init(self, t, x, mode, h) -> Any:
-        """The solver state at the start; h: the first step, None where it is to be guessed."""
+        """The solver state at the start of a run; h: the first step, None: estimate it."""
 
     @abc.abstractmethod
     def rebase(self, solver, s) -> Any:
-        """The solver state as a block sees it that starts s later: times are local to the block."""
+        """The solver state for a new block that starts s later: its times are local to the block."""
 
     @abc.abstractmethod
     def propose_step(self, c: StepState, clock: Clock) -> Any:
-        """What the next step would be: `ahead`."""
+        """Propose the next step; returns `ahead`."""
 
     @abc.abstractmethod
     def is_regular(self, ahead) -> Any:
-        """Whether `step` may take it (True, or a scalar bool); else `locate_events` does."""
+        """Whether `step` can handle the proposal (True, or a scalar bool); otherwise `locate_events` does."""
 
     @abc.abstractmethod
-    def step(self, settings: Settings, clock: Clock, c: StepState, ahead) -> StepState:
-        """Take the step, and carry the frame along; or only make the next one smaller."""
+    def step(self, settings: Settings, clock: Clock, c: StepState, ahead, /) -> StepState:
+        """Accept the step and propagate the frame; or reject it and make the next step smaller."""
 
     @abc.abstractmethod
     def locate_events(
-        self, settings: Settings, clock: Clock, within, c: StepState, ahead: Any
+        self, settings: Settings, clock: Clock, within, c: StepState, ahead: Any, /
     ) -> tuple[StepState, Any]:
-        """All that is rare, until the next step is regular again or the run has ended; within(c): the block goes on."""
+        """Do what `step` does not, until a step is regular again or the run has ended; within(c): the block goes on."""
 
     @abc.abstractmethod
     def which_shape(self, t, x) -> Any:
-        """A tree of `jax.ShapeDtypeStruct`: what a log of events stores as `which`."""
+        """Shape and type of an event's label `which` in the event log: a tree of `jax.ShapeDtypeStruct`."""
 
     @abc.abstractmethod
     def onto_mode(self, mode, t, x) -> Any:
         """The projection dx -> dx (n,) onto the tangent space of a mode; None where no mode has constraints."""
 
-    # --- answers that suit most -------------------------------------------------------------------------------
+    # --- defaults -------------------------------------------------------------------------------
 
     def enter(self, c: StepState, clock: Clock) -> Any:
         """`ahead` at the start of a block."""
         return self.propose_step(c, clock)
 
-    def once(self, settings: Settings, clock: Clock, c: StepState, ahead) -> StepState:
-        """One event and no more, where a step is several."""
+    def once(self, settings: Settings, clock: Clock, c: StepState, ahead, /) -> StepState:
+        """One step with at most one event, also where `step` handles several."""
         return self.step(settings, clock, c, ahead)
 
-    def tangent(self, clock: Clock, c: StepState, ahead) -> Any:
-        """The step as a function of x (n,), for a second look in twice the digits; where jumps are uncontrolled."""
+    def tangent(self, clock: Clock, c: StepState, ahead, /) -> Any:
+        """The step's derivative dx (n,) -> (n,), to recompute it in twice the digits; where jumps are uncontrolled."""
         raise NotImplementedError(f"{type(self).__name__} has no step that is a function of the state alone")
 
     def velocity(self, t, x, solver) -> Any:
-        """The field (n,) at a point; where there is one."""
+        """The vector field (n,) at a point, for systems that have one."""
         raise NotImplementedError(f"{type(self).__name__} has no field")
 
     def initial_mode(self, t, x) -> Any:
-        """The index of the mode to which a state belongs; negative where none can go on from it."""
+        """The index of the mode to which a state belongs; negative if it belongs to none (deadlock)."""
         return jnp.asarray(0, jnp.int32)
 
     def admitted(self, t, x, mode) -> tuple[Any, Any]:
-        """A start, put onto the constraints of its mode; and whether it was too far from them."""
+        """The initial state moved onto the constraints of its mode, and whether it was too far from them."""
         return x, False
 
     def kept_to_constraints(self, c: StepState, clock: Clock) -> StepState:
-        """With a frame in the tangent space of the constraints."""
+        """The carry with its frame projected onto the tangent space of the constraints."""
         return c
 
     def inspected(self, c: StepState, clock: Clock) -> StepState:
-        """At the end of a block: the run ends where the motion has left its constraints."""
+        """Checks at the end of a block: the run ends if the state has left the constraints."""
         return c
 
     def stretched(self, c: StepState) -> Any:
-        """Whether the frame must be orthonormalised at once."""
+        """Whether the frame must be orthonormalised now."""
         return stretched(c)
 
     def rests(self, c: StepState, clock: Clock, x) -> tuple[Any, Any]:
-        """Whether the motion has stayed at x; and whether it leaves for ever: asked where jumps alone end a block."""
+        """Whether the state stays at x, and whether it escapes; used where only a number of jumps ends a block."""
         return jnp.asarray(False), jnp.asarray(False)
 
     def least_length(self, c: StepState, jumps) -> Any:
-        """Columns that so many jumps have left with no more than this (and rounding) are lost.
+        """The length at or below which a column counts as lost after this number of jumps.
 
-        After many jumps rounding alone makes columns dependent: that is unresolved, not lost.
+        After many jumps rounding alone makes columns linearly dependent; such a column is unresolved, not lost.
         """
         return jnp.where(jumps <= 1, LOST, jnp.where(jumps <= LONGEST_BLIND, 0.0, -jnp.inf))
 
     def in_each_mode(self) -> tuple[Self, ...]:
-        """The evolvers of the innermost loop, one for each mode."""
+        """The evolvers for the innermost loop, one per mode."""
         return (self,)

@@ -1,13 +1,14 @@
 """The one loop: Tangent -> step -> event? -> cross -> orthonormalise -> collect.
 
     block     until its end
-      span    until something rare is due: an event to locate and land on, an orthonormalisation
-        step  propose a step; keep it and carry the tangent, or try again smaller
+      span    steps, until an event has to be located or an orthonormalisation is due
+        step  propose a step; accept it and propagate the tangent, or reject it and retry with a smaller step
 
-The innermost loop is straight-line code with a small state; what is rare stands one loop further out. An *evolver*
-knows how its class of systems moves: `Stepping` (a field under guards), `Exact` (the next event is known), `Scheduled`
-(the same for many bodies), `Iterating` (a map). Everything that needs tangents calls `advance` and says what to
-collect. Time is local to the block: the global time only enters where the user's functions ask for it.
+The innermost loop is straight-line code with a small state; rare operations are done one loop further out. An *evolver*
+advances one class of systems: `Stepping` (a vector field with guards), `Exact` (closed-form flow, next event known),
+`Scheduled` (the same for many bodies), `Iterating` (a map). Every analysis that needs tangents calls `advance` and
+passes a function that says what to collect. Time is local to the block; the global time is formed only where the
+user's functions need it.
 """
 
 import functools
@@ -28,14 +29,14 @@ __all__ = ["advance"]
 
 
 def advance(settings: Settings, loop_state: LoopState, ends, last_jumps, budget) -> tuple[LoopState, BlockRecord]:
-    """Go on with the blocks that are not done, until they are, or the budget of attempts is spent.
+    """Run the blocks that are not finished yet, until all are finished or the budget of step attempts is spent.
 
     Args:
         settings: static.
-        loop_state: where the run stands.
+        loop_state: the present state of the run.
         ends: (blocks,) end of each block, in time since the run began (inf where jumps alone end it).
-        last_jumps: (blocks,) number of jumps, counted from the start, that ends the block too.
-        budget: attempts.
+        last_jumps: (blocks,) number of jumps since the run began at which the block ends as well.
+        budget: most step attempts in this call.
     """
     budget = jnp.where(_running(loop_state), budget, 0)
     loop_state = loop_state._replace(carry=loop_state.carry._replace(budget=budget))
@@ -52,7 +53,7 @@ def _running(loop_state: LoopState):
 
 
 def _block(settings: Settings, loop_state: LoopState, index, end, last_jump):
-    """One block; or nothing where it was done before, the budget is spent or the run is over."""
+    """Run one block; does nothing if the block is finished, the budget is spent or the run has ended."""
     by_time = loop_state.interval if settings.qr_schedule.unit == "time" else None
     clock = Clock(loop_state.base[0], loop_state.base[1], end - loop_state.elapsed, last_jump, by_time)
     todo = (loop_state.block == index) & (loop_state.carry.budget > 0)
@@ -61,15 +62,16 @@ def _block(settings: Settings, loop_state: LoopState, index, end, last_jump):
         inside = carry.s < clock.length
         if settings.count_jumps:
             inside = inside & (carry.jumps.astype(carry.s.dtype) < clock.last_jump)
-        if carry.log is not None:  # one event, with its cascade, must find room
+        if carry.log is not None:  # leave room for one event and its whole cascade
             inside = inside & (carry.log.count <= settings.log - MOST_AT_ONCE)
         if not in_span:
             return inside & (carry.budget > 0)
-        # Where the end of a span changes rounding, how the host divides the work must not decide where spans end.
+        # Where ending a span changes rounding, the budget must not end it: results may not depend on how the host
+        # divides the work into calls.
         whole = settings.evolver.by_rows or (settings.evolver.always_regular and settings.qr_schedule.unit != "never")
         return inside & ((carry.status == RUNNING) if whole else (carry.budget > 0))
 
-    # A block always runs once through: what is not to be done is stopped by the budget.
+    # The block's code always runs; budget 0 keeps a block that is not due from doing anything.
     start = loop_state.carry._replace(budget=jnp.where(todo, loop_state.carry.budget, 0))
     state = (start, settings.evolver.enter(start, clock), loop_state.interval, loop_state.spread)
     carry, _, interval, spread = _repeated(
@@ -100,7 +102,7 @@ def _block(settings: Settings, loop_state: LoopState, index, end, last_jump):
 
 
 def _waited(settings: Settings, clock: Clock, before: StepState, state):
-    """After a span, where jumps alone end a block: if there will be none any more, the run ends with the last one."""
+    """After a span of a block that only a number of jumps ends: if no jump is expected, end the run at the last one."""
     if before.waiting is None:
         return state
     carry = state[0]
@@ -111,7 +113,7 @@ def _waited(settings: Settings, clock: Clock, before: StepState, state):
 
 
 def _span(settings: Settings, clock: Clock, within, carry: StepState, ahead, interval, spread):
-    """Steps, until something rare is due; then that. Where it seems to lose a direction, its first step with care."""
+    """One span. If it seems to lose a direction, discard it and do only its first step, in twice the digits."""
     start = carry, ahead, interval, spread
     end = _quick_span(settings, clock, within, *start)
     if not needs_twice_the_digits(settings, clock, carry, ahead):
@@ -122,7 +124,7 @@ def _span(settings: Settings, clock: Clock, within, carry: StepState, ahead, int
 
 
 def _quick_span(settings: Settings, clock: Clock, within, carry: StepState, ahead, interval, spread):
-    """Steps, until something rare is due; then that."""
+    """Steps until an event or an orthonormalisation is due; then handle that."""
     evolver, frequent = settings.evolver, settings.qr_schedule.unit != "never" and carry.frame.shape[1] > 0
 
     def is_due(carry):
@@ -138,11 +140,11 @@ def _quick_span(settings: Settings, clock: Clock, within, carry: StepState, ahea
     def stepping(evolver):
         def step(state):
             carry, ahead, spread = state
-            if at_once:  # the trial and its tangent side by side
+            if at_once:  # compute the trial and its tangent together
                 ahead = evolver.propose_step(carry, clock)
             carry = evolver.step(settings, clock, carry._replace(budget=carry.budget - 1), ahead)
             if at_once:
-                # A step that failed has left the frame orthonormal: nothing is gained or lost by doing it again.
+                # After a rejected step the frame is still orthonormal: orthonormalising it again adds ln 1 = 0.
                 carry, _, _, spread = orthonormalise(settings, clock, carry, ahead, interval, spread)
             return carry, ahead if at_once else evolver.propose_step(carry, clock), spread
 
@@ -152,7 +154,7 @@ def _quick_span(settings: Settings, clock: Clock, within, carry: StepState, ahea
     carry = carry._replace(frame=frames.staggered(carry.frame) if evolver.by_rows else carry.frame)
     if _step_by_step(settings):
         carry, ahead, spread = stepping(evolver)((carry, ahead, spread))
-    elif settings.reverse:  # the loop over spans is the one that keeps checkpoints
+    elif settings.reverse:  # the loop over spans keeps the checkpoints; a span is then at most one step
         state = carry, ahead, spread
         carry, ahead, spread = jax.lax.cond(goes_on(state), stepping(evolver), lambda state: state, state)
     else:
@@ -160,16 +162,16 @@ def _quick_span(settings: Settings, clock: Clock, within, carry: StepState, ahea
         loops = [lambda state, step=step: jax.lax.while_loop(goes_on, step, state) for step in steps]
         carry, ahead, spread = by_mode(getattr(carry.solver_state, "mode", None), loops, (carry, ahead, spread))
     carry = carry._replace(frame=carry.frame[:, :k])
-    due = frequent and evolver.by_rows and is_due(carry)  # to settle such a span is to forget what it did to the frame
+    due = frequent and evolver.by_rows and is_due(carry)  # before `locate_events`, which resets `stretch`
     carry, ahead = evolver.locate_events(settings, clock, functools.partial(within, in_span=True), carry, ahead)
     if not frequent:
         return carry, ahead, interval, spread
     due = due | is_due(carry) | (carry.s >= clock.length)
     if settings.count_jumps:
         due = due | (carry.jumps.astype(carry.s.dtype) >= clock.last_jump) | (carry.status == STATUS.no_more_jumps)
-    if evolver.always_regular and not settings.count_jumps:  # then nothing but this ends a span
+    if evolver.always_regular and not settings.count_jumps:  # then only an orthonormalisation ends a span
         return orthonormalise(settings, clock, carry, ahead, interval, spread)
-    tidied = jax.lax.cond(
+    return jax.lax.cond(
         due,
         lambda *state: orthonormalise(settings, clock, *state),
         lambda *state: state,
@@ -178,7 +180,6 @@ def _quick_span(settings: Settings, clock: Clock, within, carry: StepState, ahea
         interval,
         spread,
     )
-    return tidied
 
 
 def _step_by_step(settings: Settings) -> bool:
@@ -187,19 +188,19 @@ def _step_by_step(settings: Settings) -> bool:
 
 
 def _at_once(settings: Settings) -> bool:
-    """Whether a step and its orthonormalisation are one: a span for each is half as much again."""
+    """Whether each step of the innermost loop also orthonormalises, which is cheaper than a span of its own."""
     evolver = settings.evolver
     alone = settings.observer is None and not evolver.may_lose_rank and not evolver.by_rows
     return alone and settings.qr_schedule.each and not evolver.always_regular
 
 
 def _repeated(settings: Settings, goes_on, step, state):
-    """A loop."""
+    """A while loop; with checkpoints where a reverse pass follows."""
     return (checkpointed if settings.reverse else jax.lax.while_loop)(goes_on, step, state)
 
 
 def _next_block(settings: Settings, loop_state: LoopState) -> LoopState:
-    """Rebase time to the end of the block (two-sum: no digit is lost) and start new sums."""
+    """Move the time base to the end of the block (two-sum, exact) and set the block's sums to zero."""
     carry, (high, low) = loop_state.carry, (loop_state.base[0], loop_state.base[1])
     total = high + carry.s
     back = total - high

@@ -1,4 +1,4 @@
-"""The state of the loop, and what is fixed while it runs: shapes and meanings in one place."""
+"""The state of the loop and its compile-time settings, with shapes and meanings."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -31,35 +31,35 @@ __all__ = [
     "stretched",
 ]
 
-LONGEST_BLIND = 4.0  # jumps between two orthonormalisations, where each may destroy a direction
-STRETCHED = 100.0  # a larger entry of a frame ends the interval there: a grazing jump must not look like a loss
-MOST_AT_ONCE = 64  # jumps at one instant that an event log must have room for
+LONGEST_BLIND = 4.0  # most jumps between two orthonormalisations where each jump may destroy a direction
+STRETCHED = 100.0  # a larger frame entry forces an orthonormalisation: a grazing jump must not look like a lost column
+MOST_AT_ONCE = 64  # most jumps at one instant: an event log must have room for them
 
 
 class QRSchedule(NamedTuple):
-    """When an orthonormalisation is due: after so much of a unit since the last one."""
+    """When an orthonormalisation is due: after an interval, counted in a unit, since the last one."""
 
     unit: str  # "steps" | "time" | "jumps" | "never"
-    automatic: bool  # lengthen and shorten the interval from the growth that is seen
-    each: bool = False  # after each step: where nothing is rare, a span is then one step, and needs no loop
+    automatic: bool  # adapt the interval to the observed growth
+    each: bool = False  # after every step; without events or rejected steps a span is then one step and needs no loop
 
 
 class Orthonormalisation(NamedTuple):
-    """One orthonormalisation."""
+    """One orthonormalisation, as an `Observer` gets it."""
 
-    t: Array
+    t: Array  # time
     before: Array  # (n, k) the frame before
     frame: Array  # (n, k) after it; zero where lost
     log_r: Array  # (k,) ln R_ii; zero where lost
-    lost: Array  # (k,)
-    velocity: Callable  # () -> (n,) the flow's, where there is one
+    lost: Array  # (k,) bool: columns that were lost
+    velocity: Callable  # () -> (n,) the vector field at the state, for evolvers that have one
 
 
 class Observer(Protocol):
-    """What indicators follow from one orthonormalisation to the next, as a state of arrays."""
+    """What an indicator computes along a run; its state is a pytree of arrays, updated at each orthonormalisation."""
 
     def begin(self, t, frame) -> Any:
-        """The state at the start of a run, or of its part that counts."""
+        """The state at the start of a run, or at the end of its transient."""
         ...
 
     def update(self, state: Any, seen: Orthonormalisation) -> Any:
@@ -67,7 +67,7 @@ class Observer(Protocol):
         ...
 
     def moved(self, state: Any, source) -> Any:
-        """The state after the columns of the frame have changed places: new[i] came from old[source[i]]."""
+        """The state after a permutation of the frame's columns: column i now was column source[i] before."""
         ...
 
     def next_block(self, state: Any) -> Any:
@@ -77,10 +77,10 @@ class Observer(Protocol):
 
 @runtime_checkable
 class ErrorObserver(Observer, Protocol):
-    """A watch that also looks at the error estimates of the steps."""
+    """An observer that also gets the error estimates of the steps."""
 
     def stepped(self, state: Any, errors: Array) -> Any:
-        """The state after a step of the method with these estimates (estimates, n, k) of the frame's errors."""
+        """The state after a step; errors (estimates, n, k) are the method's error estimates of the frame."""
         ...
 
 
@@ -89,17 +89,17 @@ class Settings(NamedTuple):
 
     evolver: Any  # an `AbstractEvolver`
     qr_schedule: QRSchedule
-    kind: str  # of orthonormalisation
-    sum_rule: bool  # ∫ tr Df and Σ ln|det S| are collected
-    log: int  # room for so many events; 0: none are kept
+    kind: str  # algorithm of orthonormalisation
+    sum_rule: bool  # accumulate ∫ tr Df dt and Σ ln|det S|
+    log: int  # capacity of the event log; 0: no log
     count_jumps: bool  # a block may end by its number of jumps
     collect: Callable  # (t, carry) -> what is recorded at the end of a block
-    observer: Any = None  # an `Observer`: what follows the orthonormalisations
-    reverse: bool = False  # loops keep checkpoints, for a reverse pass
+    observer: Any = None  # an `Observer`
+    reverse: bool = False  # loops keep checkpoints for reverse-mode derivatives
 
 
 class Events(NamedTuple):
-    """The log of events, `count` of which are filled; time is local until the block's end."""
+    """The event log: buffers with one row per event, of which the first `count` are filled; t is the global time."""
 
     count: Any
     t: Array
@@ -112,7 +112,7 @@ class Events(NamedTuple):
 
 
 class Left(NamedTuple):
-    """What rounding left over of the sums of a block: sums of thousands of terms cost float32 its digits."""
+    """Compensation terms of Kahan summation for the sums of a block, used in float32, where rounding accumulates."""
 
     s: Array
     growth: Array
@@ -120,40 +120,40 @@ class Left(NamedTuple):
 
 
 class StepState(NamedTuple):
-    """The state of the innermost loop. What a run does not need is None, and costs nothing."""
+    """The state of the innermost loop. Fields that a run does not need are None and cost nothing."""
 
     s: Array  # time since the start of the block
     x: Array  # (n,)
     frame: Array  # (n, k)
     since: Array  # steps, time or jumps since the last orthonormalisation
-    budget: Array  # attempts left before control returns to the host; 0 also where the run has ended
-    status: Array
-    jumps: Array
+    budget: Array  # step attempts left before control returns to the host; 0 also once the run has ended
+    status: Array  # `RUNNING`, or the code of a STATUS
+    jumps: Array  # since the run began
     growth: Array  # (k,) Σ ln R_ii of the block
-    log_volume: Any  # ∫ tr Df + Σ ln|det S| of the block
-    losses: Any  # (k,)
-    first_loss: Any  # (k,), time of the first loss of each column, nan before
-    order: Any  # (k,) where each column stood at the start of the block
-    solver_state: Any  # the evolver's
+    log_volume: Any  # ∫ tr Df dt + Σ ln|det S| of the block
+    losses: Any  # (k,) how often each column was lost
+    first_loss: Any  # (k,) time of the first loss of each column; nan if never lost
+    order: Any  # (k,) index of each column at the start of the block
+    solver_state: Any  # the evolver's own state
     log: Events | None
     observer: Any = None  # the state of an `Observer`
     left: Left | None = None  # None in float64
-    waiting: Waiting | None = None  # None where jumps end no block
+    waiting: Waiting | None = None  # None unless a number of jumps ends a block
 
 
 class LoopState(NamedTuple):
-    """What changes only from block to block."""
+    """The state between blocks: the innermost state and quantities that change only from block to block."""
 
     carry: StepState
-    base: Array  # (2,) time at the start of the block: rounded, and what rounding left over
+    base: Array  # (2,) time at the start of the block as an unevaluated sum: rounded value and remainder
     elapsed: Array  # time since the run began
-    block: Array  # number of blocks done
-    interval: Array  # between orthonormalisations
-    spread: Array  # largest ln(R_11 / R_kk) of one orthonormalisation
+    block: Array  # number of finished blocks
+    interval: Array  # between orthonormalisations, in the unit of the QRSchedule
+    spread: Array  # largest ln(R_11 / R_kk) of one orthonormalisation so far
 
 
 class BlockRecord(NamedTuple):
-    """One block's harvest; `valid` is False where the block was not finished in this call."""
+    """The result of one block; `valid` is False if the block was not finished in this call."""
 
     valid: Array
     duration: Array
@@ -166,43 +166,43 @@ class BlockRecord(NamedTuple):
 
 
 class Clock(NamedTuple):
-    """What the evolver sees of time: the base of the block, its length, and its last jump."""
+    """The block's time base, its length and its last jump, as the evolver needs them."""
 
-    base: Array
-    rest: Array  # what rounding the base left over
-    length: Array
-    last_jump: Array
-    interval: Any = None  # between orthonormalisations, where these come by time
+    base: Array  # time at the start of the block, rounded
+    rest: Array  # remainder: the exact start is base + rest
+    length: Array  # of the block, in time; inf where only jumps end it
+    last_jump: Array  # number of jumps, since the run began, that ends the block
+    interval: Any = None  # time between orthonormalisations; None where they are not scheduled by time
 
     def limit(self, carry: StepState):
-        """Where a flight ends that meets no event: with the block, or at the next orthonormalisation by time."""
+        """The time where a flight without an event ends: the block's end or the next scheduled orthonormalisation."""
         if self.interval is None:
             return self.length
         return jnp.minimum(self.length, carry.s + jnp.maximum(self.interval - carry.since, 0.0))
 
     def flown(self, carry: StepState, end):
-        """`Carry.since` after such a flight: at an orthonormalisation by time the whole interval, without rounding."""
+        """`StepState.since` after such a flight; exactly `interval` where an orthonormalisation is due."""
         return jnp.where(end < self.length, self.interval, carry.since + (end - carry.s))
 
     def afresh(self, carry: StepState) -> StepState:
-        """The carry as it goes on after an orthonormalisation by time, if one is due."""
+        """The carry as it will be after the orthonormalisation, if one is due."""
         return carry._replace(since=jnp.where(carry.since >= self.interval, 0.0, carry.since))
 
 
 def select(condition, yes, no):
-    """One tree where the condition holds, else the other."""
+    """The tree `yes` where the condition holds, else the tree `no`."""
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
 
 
 def stretched(carry: StepState):
-    """Whether jumps have stretched a column so much that it must be orthonormalised at once."""
+    """Whether jumps have stretched a column so much that the frame must be orthonormalised now."""
     return jnp.max(jnp.abs(carry.frame)) > STRETCHED ** share(carry.frame)
 
 
 def restart(loop_state: LoopState, observer: Observer | None = None) -> LoopState:
-    """Forget what was counted so far (time, jumps, losses): a new run begins where this one stands.
+    """Start a new run from the present state: time, jumps and losses are counted from zero.
 
-    The status stays: what has ended stays ended.
+    The status is kept: a run that has ended stays ended.
     """
     carry = loop_state.carry._replace(jumps=jnp.zeros_like(loop_state.carry.jumps))
     if carry.losses is not None:
@@ -214,7 +214,7 @@ def restart(loop_state: LoopState, observer: Observer | None = None) -> LoopStat
 
 
 def log_event(log: Events | None, entry: Events, real: Any = True) -> Events | None:
-    """Append one event (its `count` is ignored), if it is real; there is room for it."""
+    """Append one event (its `count` is ignored) if `real`; the caller has made sure that there is room."""
     if log is None:
         return None
 
@@ -226,13 +226,13 @@ def log_event(log: Events | None, entry: Events, real: Any = True) -> Events | N
 
 
 def added(carry: StepState, **terms) -> StepState:
-    """The carry with terms added to its sums `s`, `growth` and `volume`; what is None has no sum."""
+    """The carry with terms added to its sums `s`, `growth` and `log_volume`; what is None is skipped."""
     terms = {name: term for name, term in terms.items() if term is not None and getattr(carry, name) is not None}
     if carry.left is None:
         return carry._replace(**{name: getattr(carry, name) + term for name, term in terms.items()})
     terms = {name: term + getattr(carry.left, name) for name, term in terms.items()}
     sums = {name: getattr(carry, name) + term for name, term in terms.items()}
-    # Kahan's: the sum takes in less, or more, than the term.
+    # Kahan summation: keep the difference between the term and the change of the rounded sum.
     left = {name: term - (sums[name] - getattr(carry, name)) for name, term in terms.items()}
     return carry._replace(**sums, left=carry.left._replace(**left))
 

@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._jax.calls import Calls
 from .._jax.jaxprs import settled
 from ..systems.bound import Bound
 from ..systems.daes.eliminations import prepared
@@ -36,6 +37,7 @@ class CompiledHybrid(NamedTuple):
     whens: tuple[Callable, ...]  # per mode: (t, x) -> (slots,) bool
     shared: bool  # some transition asks `when`
     borders: np.ndarray | None  # (modes, slots): borders of flow sets, where nothing fires; None: there are none
+    calls: Calls  # what the modes do in a step, each traced once
     initial_mode: Callable | None = None  # (t, x) -> mode
 
     @property
@@ -94,6 +96,7 @@ def wire(system: Hybrid, t, x, args) -> CompiledHybrid:
         tuple(_bind_when([(transitions[j], max(1, widths[j])) for j in own], slots, args) for own in per_mode),
         any(tr.when is not None for tr in transitions),
         _borders(system, transition),
+        Calls(),
         _bind_initial_mode(system.initial_mode, args),
     )
 

@@ -1,4 +1,4 @@
-"""How a tangent is carried over one step: each method knows its step, and nothing of systems or exponents."""
+"""Integration methods: one step of the state and the tangent of that step. They know no systems and no exponents."""
 
 from .continuous_qr import ContinuousQR
 from .diffrax_events import DiffraxEvents

@@ -1,4 +1,4 @@
-"""What a method of integration supplies: one step, its error, and a value inside the step."""
+"""The interface of integration methods: one step, its error estimate, its tangent, and values inside the step."""
 
 import abc
 import dataclasses
@@ -19,14 +19,14 @@ Field = Callable[[Any, Array], Array]  # (t, x) -> dx/dt, args bound
 
 
 class Controller(NamedTuple):
-    """How the next step follows from the error r (1: the most allowed), h ← h safety · r^(-now/p) · r_last^(last/p).
+    """Step-size controller: h ← h · safety · r^(-now/p) · r_last^(last/p), r the error over the tolerance, p its order.
 
-    The default is PI control (Gustafsson; Hairer & Wanner, Solving ODEs II, section IV.2).
+    The default is a PI controller (Gustafsson; Hairer & Wanner, Solving ODEs II, section IV.2).
     """
 
     safety: float = 0.8
-    shrink: float = 0.2  # by no more than this
-    grow: float = 10.0
+    shrink: float = 0.2  # smallest factor from one step to the next
+    grow: float = 10.0  # largest factor
     now: float = 0.7
     last: float = 0.4
 
@@ -41,17 +41,17 @@ class Step(NamedTuple):
     nodes: Any  # what `Method.divergence` needs
     stage_points: tuple[
         Array, ...
-    ] = ()  # what `Method.tangent` can go on from: the points on the way, or their contents
+    ] = ()  # stage points (or their differential parts), so that `Method.tangent` need not compute the step again
 
 
 class Tangent(NamedTuple):
-    """What the derivative of a step does to a frame (n, k)."""
+    """The derivative of a step, applied to a frame (n, k)."""
 
-    x: Any  # (n,) the end of the step; None where it was known before
+    x: Any  # (n,) the end of the step; None if the caller passed stage points, and so has it
     frame: Array  # (n, k) at t + h
     errors: Array  # (estimates, n, k)
     nodes: Any  # what `Method.divergence` needs
-    growth: Any = None  # (k,) logarithms of what the method itself has taken out of the columns
+    growth: Any = None  # (k,) logarithmic growth that the method itself has divided out of the columns
 
 
 class Method(eqx.Module):
@@ -62,9 +62,9 @@ class Method(eqx.Module):
     control: eqx.AbstractVar[str]
 
     controller: ClassVar[Controller] = Controller()
-    takes_slope: ClassVar[bool] = True  # a step begins with the field where it starts
+    takes_slope: ClassVar[bool] = True  # `step` needs f, the field at its start: the loop hands it on from step to step
     keeps_constraints: ClassVar[bool] = False  # states and frames stay on the constraints of a DAE
-    each_step: ClassVar[bool] = False  # frames are orthonormalised after each step, unless users say when
+    each_step: ClassVar[bool] = False  # by default frames are orthonormalised after each step
 
     @property
     @abc.abstractmethod
@@ -78,30 +78,30 @@ class Method(eqx.Module):
 
     @property
     def longest_step(self) -> Any:
-        """No adaptive step is longer; None: no limit."""
+        """Upper limit of adaptive steps; None: no limit."""
         return None
 
     @property
     def stage_count(self) -> int:
-        """How many points there are in `Step.stage_points`."""
+        """The number of points in `Step.stage_points`."""
         return 0
 
     def solves(self, field: Field) -> bool:
-        """Whether stages solve equations: where they ended is then worth keeping for the tangent."""
+        """Whether the stages solve equations: their solutions are then kept for the tangent."""
         del field
         return False
 
     def blank_stage_points(self, x) -> tuple[Array, ...]:
-        """Room for `Step.stage_points`."""
+        """Arrays with the shapes of `Step.stage_points`, as initial values of a loop."""
         return (x,) * self.stage_count
 
     @property
     @abc.abstractmethod
     def error_order(self) -> int:
-        """The power of h by which the error estimate falls."""
+        """The order p of the error estimate: it falls as h^p."""
 
     def loosened(self, least: float) -> "Method":
-        """The same method; where rtol is below the least that makes sense, it and atol are larger by one factor."""
+        """The same method with rtol at least `least`; atol is multiplied by the same factor as rtol."""
         names = {field.name for field in dataclasses.fields(self)} & {"rtol", "atol"}
         if not names:
             return self
@@ -121,7 +121,10 @@ class Method(eqx.Module):
         """The solution (n,) at the fraction theta of the step."""
 
     def tangent(self, field: Field, t, x, h, frame, stage_points: tuple[Array, ...] = ()) -> Tangent:
-        """The derivative of the step over h from (t, x), applied to a frame; its `Step.stage_points` may be known."""
+        """The derivative of the step over h from (t, x), applied to a frame (n, k).
+
+        With the `stage_points` of that step it need not be computed again; () if they are not known.
+        """
         del stage_points
 
         def step(x):
@@ -133,7 +136,7 @@ class Method(eqx.Module):
         return Tangent(new, moved, errors, nodes)
 
     def rare_tangent(self, field: Field, t, x, h, frame, stage_points: tuple[Array, ...] = ()) -> Tangent:
-        """`tangent` where it is asked for so seldom that little code is better than fast code."""
+        """`tangent`, for places that are executed rarely: short to compile rather than fast."""
         return self.tangent(field, t, x, h, frame, stage_points)
 
     @abc.abstractmethod
@@ -141,7 +144,7 @@ class Method(eqx.Module):
         """∫ tr Df dt over the step, by a quadrature of the method's order."""
 
     def ratio(self, error, scale):
-        """The error estimate over what is allowed, in the maximum norm; a step passes below 1."""
+        """The error over the tolerance, in the maximum norm; a step is accepted below 1."""
         return jnp.max(jnp.abs(error[0]) / scale)
 
     def state_ratio(self, step: Step, x):
@@ -149,7 +152,7 @@ class Method(eqx.Module):
         return self.ratio(step.error, self.atol + self.rtol * jnp.maximum(jnp.abs(x), jnp.abs(step.x)))
 
     def frame_ratio(self, errors, frame, new):
-        """The largest `ratio` among the columns, each measured against its own length."""
+        """The largest `ratio` of the columns; the tolerance of a column is relative to its length."""
 
         def column(error, before, after):
             length = jnp.sqrt(jnp.mean(jnp.maximum(before**2, after**2)) + nonzero(1e-40, before))
@@ -159,7 +162,7 @@ class Method(eqx.Module):
 
 
 class OfAnother(Method):
-    """A method that goes by the steps of another one: tolerances, order and the control of steps are that one's."""
+    """A method built on the steps of an inner method, from which it takes tolerances, order and step-size control."""
 
     @property
     @abc.abstractmethod

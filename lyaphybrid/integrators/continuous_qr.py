@@ -1,4 +1,4 @@
-"""The continuous QR method: orthonormal columns are integrated as such, and the logarithms of their growth beside them.
+"""The continuous QR method: integrates the orthonormal columns Q and, with them, the logarithms φ of their growth.
 
     Y = Q R,  Y' = D Y   ⟹   W = Qᵀ D Q,   Q' = D Q − Q B,   B = upp(W) + low(W)ᵀ,   φ_i' = w_ii,   φ_i = ln R_ii
 
@@ -26,15 +26,15 @@ from .runge_kutta import RungeKutta, Tableau, summed, tabulated
 
 __all__ = ["ContinuousQR"]
 
-NEWTON = 6  # iterations in an implicit stage, each of which squares what is left
-LEFT = 1e-3  # … of which no more may be left than this times the tolerance
+NEWTON = 6  # iterations in an implicit stage; the convergence is quadratic
+LEFT = 1e-3  # largest residual after them, relative to the tolerance
 
 
 class ContinuousQR(OfAnother):
     """The continuous QR method in the stages of a Runge–Kutta method.
 
-    Where directions turn slowly it takes larger steps than the discrete method, whose frame must be resolved as it
-    grows: an interval of time over which a column grows by e^1000 is one step if its rate is smooth. Columns are
+    Where directions turn slowly it takes larger steps than the discrete method, whose steps must resolve the growth of
+    the frame: if the rate of growth is smooth, a column may grow by e^1000 within one step. Columns are
     orthonormalised after each step. With the method's control "xY" the errors of Q are controlled as those of x, and
     that of φ over a step is kept below the tolerance times h + max |Δφ|: exponents are means over time.
 
@@ -70,70 +70,70 @@ class ContinuousQR(OfAnother):
         self.method = method
 
     def loosened(self, least: float) -> "ContinuousQR":
-        """With the method loosened."""
+        """The same with the inner method loosened."""
         return ContinuousQR(self.method.loosened(least))
 
     @property
     def inner(self) -> Any:
-        """The method."""
+        """The inner method, which makes the steps of the state."""
         return self.method
 
     @property
     def control(self) -> str:
-        """The method's."""
+        """That of the inner method."""
         return self.method.control
 
     @property
     def takes_slope(self) -> bool:
-        """As the method does."""
+        """That of the inner method."""
         return self.method.takes_slope
 
     @property
     def keeps_constraints(self) -> bool:
-        """As the method does."""
+        """That of the inner method."""
         return self.method.keeps_constraints
 
     def solves(self, field: Field) -> bool:
-        """Where the stages ended is where the field is linearised."""
+        """True: the stage points are kept, because the tangent linearises the field there."""
         del field
         return True
 
     @property
     def stage_count(self) -> int:
-        """The method's."""
+        """That of the inner method."""
         return self.method.stage_count
 
     def require(self, field: Field, t, x) -> None:
-        """What the method asks for."""
+        """The requirements of the inner method."""
         self.method.require(field, t, x)
 
     def step(self, field: Field, t, x, f, h) -> Step:
-        """The method's step of the state."""
+        """The inner method's step of the state."""
         return self.method.step(field, t, x, f, h)
 
     def inside(self, dense, theta):
-        """The method's."""
+        """The inner method's dense output."""
         return self.method.inside(dense, theta)
 
     def divergence(self, field: Field, nodes, h):
-        """The method's."""
+        """∫ tr Df dt by the inner method."""
         return self.method.divergence(field, nodes, h)
 
     def state_ratio(self, step: Step, x):
-        """The method's."""
+        """The error of the state over the tolerance, by the inner method."""
         return self.method.state_ratio(step, x)
 
     def frame_ratio(self, errors, frame, new):
-        """The larger of that of Q and that of φ."""
+        """The error over the tolerance: the larger of those of Q and of φ."""
         of_columns = self.method.frame_ratio(errors[:, :-1], frame, new)
         return jnp.maximum(of_columns, jnp.max(jnp.abs(errors[0, -1])) / self.rtol)
 
     def blank_stage_points(self, x) -> tuple[Array, ...]:
-        """The method's."""
+        """Those of the inner method."""
         return self.method.blank_stage_points(x)
 
     def tangent(self, field: Field, t, x, h, frame, stage_points=()) -> Tangent:
-        """Q after the step, and by how much φ has grown."""
+        """Q after the step, and the increments of φ (k,)."""
         table, new = self.method.table, None
         if not stage_points:
             done = self.method.step(field, t, x, field(t, x), h)
@@ -151,7 +151,7 @@ class ContinuousQR(OfAnother):
 def _through_stages(table: Tableau, field, t, x, h, frame, points, tolerance):
     """Q after the step, its error, and the rates (stages, k)."""
     weights, times = tabulated(table, t, h)
-    # Those of the stages, and of the end; of an ordinary field nothing is asked there.
+    # Points of the stages and of the end; for an ordinary field nothing that is computed at the end is used: any point.
     points = jnp.stack(points if is_constrained(field) else [*points, x])[: len(times)]
     first = linearised(field, t, x)
     start, (slope, rate) = first.content(frame), _turned(first, frame)
@@ -175,7 +175,10 @@ def _through_stages(table: Tableau, field, t, x, h, frame, points, tolerance):
 
 
 def _solved(here: Along, base, share, guess, tolerance):
-    """The content C (d, k) of an implicit stage, C − share (E₁ Q)' = base, Q = Ē⁻¹ [C; 0]; nan where none is found."""
+    """The differential part C (d, k) of an implicit stage: C − share (E₁ Q)' = base with Q = Ē⁻¹ [C; 0].
+
+    Newton iteration from `guess`; nan where it does not converge.
+    """
 
     def left(content):
         content = content.reshape(base.shape)

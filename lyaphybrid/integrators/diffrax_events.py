@@ -1,4 +1,4 @@
-"""Flights from event to event by diffrax, and events found by diffrax: a check of the events found here."""
+"""Flow from event to event by diffrax, with diffrax's own event location: an independent check of ours."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -19,29 +19,29 @@ from .divergences import trace
 
 __all__ = ["DiffraxEvents"]
 
-MOST = 100_000  # steps of one flight
+MOST = 100_000  # steps of one call of diffrax
 
 
 class Flight(NamedTuple):
-    """A piece of the motion, up to an event or to its end."""
+    """The motion up to the next event, or to the end of the interval if there is none."""
 
-    h: Array  # its length
-    step: Array  # mean length of its steps
-    found: Array  # a condition has changed its sign
-    failed: Array  # diffrax has given up
+    h: Array  # its duration
+    step: Array  # mean length of diffrax's steps
+    found: Array  # whether an event ended it
+    failed: Array  # whether diffrax failed
     x: Array  # (n,) at the end, by diffrax's dense output where there was an event
 
 
 class DiffraxEvents(ByDiffrax):
     """Flow and events both by diffrax: `diffrax.diffeqsolve` with a `diffrax.Event` and a root finder of optimistix.
 
-    It is there to check the default method: what is shared is only what follows a located event (the reset, the
-    saltation matrix, which guards are armed, and two Newton steps that put the state onto the guard). Perturbations
+    It is there to check the default method, with which it shares only what follows a located event: the reset, the
+    saltation matrix, the arming of guards, and two Newton steps that put the state onto the guard. Perturbations
     solve the variational equation Y' = Df Y together with the state.
 
-    What diffrax does not see is not seen here: it compares the signs of guards at the ends of its steps, so a guard
-    that is crossed twice within one step, or touched, is missed. An `lh.DAE` is refused. Derivatives of results are
-    forward ones only. Compiling takes two to three times as long as for the default method, and so does a run.
+    diffrax compares the signs of guards at the ends of its steps, so a guard that is crossed twice within one step, or
+    only touched, is missed. An `lh.DAE` is refused. Results have forward-mode derivatives only. It compiles and runs
+    more slowly than the default method.
 
     Args:
         solver: a diffrax solver with an error estimate, for example ``diffrax.Dopri8()``.
@@ -81,7 +81,7 @@ class DiffraxEvents(ByDiffrax):
     ):
         positive("rtol", rtol)
         positive("atol", atol)
-        if root_finder is None:  # conditions fall: told so, it need not look at the signs
+        if root_finder is None:  # conditions fall through zero: with flip=True bisection need not find out the signs
             root_finder = optimistix.Bisection(1e-12, 1e-12, flip=True)
         known = isinstance(root_finder, optimistix.AbstractRootFinder)
         require(known, f"root_finder must be one of optimistix, such as optimistix.Bisection; got {root_finder!r}.")
@@ -89,7 +89,7 @@ class DiffraxEvents(ByDiffrax):
         self.control = "x"  # diffrax controls the errors of the frame
 
     def require(self, field: Field, t, x) -> None:
-        """Constraints are no matter of diffrax."""
+        """Raise a ValueError for an `lh.DAE`: diffrax does not handle constraints."""
         del t, x
         require(
             not is_constrained(field),
@@ -98,7 +98,7 @@ class DiffraxEvents(ByDiffrax):
         )
 
     def flight(self, field: Field, t, x, h, condition: Callable | None = None) -> Flight:
-        """From (t, x) until the condition (s, x) -> number, s from here on, falls through zero, over h at most."""
+        """From (t, x) until condition(s, x) falls through zero, at most over h; s is the time since t."""
         solution = self._solve(field, t, x, h, condition)
         end, x = _last(solution)
         steps = solution.stats["num_accepted_steps"]
@@ -114,11 +114,11 @@ class DiffraxEvents(ByDiffrax):
         return Step(new, field(t + h, new), jnp.zeros((1, *x.shape), x.dtype), None, None)
 
     def inside(self, dense, theta):
-        """Nobody looks inside a flight."""
+        """Not available: the evolver that uses this method asks for no dense output."""
         raise NotImplementedError
 
     def tangent(self, field: Field, t, x, h, frame, stage_points=()) -> Tangent:
-        """State, frame and ∫ tr Df, solved for together."""
+        """State, frame and ∫ tr Df dt, integrated together by diffrax."""
         del stage_points
 
         def variational(t, y):
@@ -130,12 +130,12 @@ class DiffraxEvents(ByDiffrax):
         return Tangent(new, moved, jnp.zeros((1, *frame.shape), frame.dtype), flux)
 
     def divergence(self, field: Field, nodes, h):
-        """∫ tr Df dt was integrated on the way."""
+        """∫ tr Df dt, which `tangent` has integrated already: the nodes are its value."""
         del field, h
         return nodes
 
     def _solve(self, field, t, y, h, condition: Callable | None = None) -> diffrax.Solution:
-        """In time from here on: a root finder's tolerance does not suffer from a large t."""
+        """A solution in the time s since t: the root finder then keeps its tolerance at large t."""
         event = None
         if condition is not None:
             event = diffrax.Event(lambda t, y, args, **_: condition(t, y), self.root_finder, direction=False)

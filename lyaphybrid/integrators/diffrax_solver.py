@@ -1,4 +1,4 @@
-"""Any diffrax solver as the method of one step: the implicit ones make stiff flows and their events possible."""
+"""Any diffrax solver as a one-step method; implicit ones integrate stiff flows, also with events."""
 
 import dataclasses
 from typing import Any
@@ -30,12 +30,12 @@ class ByDiffrax(Method):
 
     @property
     def error_order(self) -> int:
-        """The power of h by which the error estimate falls."""
+        """The order p of the error estimate: it falls as h^p."""
         return int(self.solver.order(diffrax.ODETerm(lambda t, y, args: y)) or 1)
 
 
 class Diffrax(ByDiffrax):
-    """A diffrax solver, its step size controlled here; guards are looked at on its own dense output.
+    """A diffrax solver under our step-size control; guards are evaluated on diffrax's dense output.
 
     Args:
         solver: a diffrax solver with an embedded error estimate, for example ``diffrax.Kvaerno5()``.
@@ -71,7 +71,7 @@ class Diffrax(ByDiffrax):
         term = diffrax.ODETerm(lambda t, y, args: field(t, y))
         state = self.solver.init(term, t, t + h, x, None)
         new, error, dense, _, result = self.solver.step(term, t, t + h, x, None, state, made_jump=False)
-        # A root finder that failed makes the step fail, by an error that no tolerance passes.
+        # A failed root finder must reject the step: an infinite error estimate does.
         failed = result != diffrax.RESULTS.successful
         error = jnp.where(failed, jnp.inf, 0.0) + (jnp.zeros_like(x) if error is None else error)
         dense = t, h, dense
@@ -92,19 +92,19 @@ class Diffrax(ByDiffrax):
 
 
 def prepared(solver: diffrax.AbstractSolver, rtol, atol) -> diffrax.AbstractSolver:
-    """The solver, able to be differentiated forwards; a ValueError where it has no error estimate."""
+    """The solver, changed so that it has forward-mode derivatives; a ValueError if it has no error estimate."""
     if not isinstance(solver, diffrax.AbstractAdaptiveSolver):
         raise ValueError(
             f"solver must be a diffrax solver with an error estimate, such as diffrax.Kvaerno5(); got {solver!r}."
         )
     if isinstance(solver, diffrax.AbstractImplicitSolver):
         solver = _with_root_finder(solver, rtol, atol)
-    if hasattr(solver, "scan_kind"):  # diffrax's own loop over the stages has no forward mode; lax's has
+    if hasattr(solver, "scan_kind"):  # diffrax's own loop over the stages has no forward mode; lax.scan has
         solver = dataclasses.replace(solver, scan_kind="lax")  # pyright: ignore[reportCallIssue]
     return solver
 
 
 def _with_root_finder(solver, rtol, atol):
-    """Newton to a hundredth of the tolerances; much tighter it fails more often than it converges."""
+    """The solver with a Newton iteration to 1/100 of the tolerances (VeryChord's kappa); tighter, it often fails."""
     finder = diffrax.VeryChord(rtol=rtol, atol=atol)
     return eqx.tree_at(lambda s: s.root_finder, solver, finder, is_leaf=lambda x: x is None)

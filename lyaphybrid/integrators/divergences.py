@@ -1,26 +1,29 @@
-"""The divergence of a field, tr Df: what the volume of a frame grows by, whatever its columns do."""
+"""The divergence tr Df of a field: the rate of growth of the phase-space volume, independent of the frame."""
 
 import jax
 import jax.numpy as jnp
+from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
 from jaxtyping import Array
 
-from .._jax.jaxprs import by_component, needed
+from .._jax.jaxprs import by_component, needed, written_out
 from .base import Field
 
 __all__ = ["quadrature", "trace"]
 
-LONG = 100  # equations of a trace that is not to be written out for each node (sliding fields: 170 to 220)
-FEW = 4  # up to so many components the diagonal of Df is written out, entry by entry
+LONG = 100  # a trace with more equations in its jaxpr is evaluated in a loop over the nodes (sliding: 170 to 220)
+FEW = 4  # up to so many components the diagonal of Df is differentiated entry by entry
 
 
 def quadrature(field: Field, weights, times, points) -> Array:
-    """Σ w tr Df at the nodes (t, x) of a step, the numbers w known.
+    """Σ w tr Df over the nodes (t, x) of a step; the weights w are constants.
 
-    Written out for each node the trace of a sliding field was nine tenths of the code of its mode.
+    A long trace, such as that of a sliding field, is a loop over the nodes: unrolled it would be most of the code.
     """
+    closed = written_out(lambda t, x: trace(field, t, x), times[0], points[0])
+    of_field = jax.jit(lambda t, x: jaxpr_as_fun(closed)(t, x)[0])  # traced once, not for each node
     nodes = [(float(w), *node) for w, *node in zip(weights, times, points, strict=True) if w != 0]
-    if not _is_long(field, times[0], points[0]):
-        first, *others = [weight * trace(field, t, x) for weight, t, x in nodes]
+    if not _is_long(closed):
+        first, *others = [weight * of_field(t, x) for weight, t, x in nodes]
         return sum(others, first)
     weights, times, points = zip(*nodes, strict=True)
     kind = points[0].dtype
@@ -28,19 +31,18 @@ def quadrature(field: Field, weights, times, points) -> Array:
 
     def add(total, node):
         weight, t, x = node
-        return total + weight * trace(field, t, x), None
+        return total + weight * of_field(t, x), None
 
     return jax.lax.scan(add, jnp.zeros((), kind), columns)[0]
 
 
-def _is_long(field: Field, t, x) -> bool:
-    closed = jax.make_jaxpr(lambda t, x: trace(field, t, x))(t, x)
+def _is_long(closed: ClosedJaxpr) -> bool:
     wanted = needed(closed)
     return sum(bool(wanted.intersection(eqn.outvars)) for eqn in closed.jaxpr.eqns) > LONG
 
 
 def trace(field: Field, t, x) -> Array:
-    """Tr Df at (t, x)."""
+    """The divergence tr Df at (t, x)."""
     n = x.shape[0]
     if n > FEW:
         return jnp.trace(jax.jacfwd(lambda y: field(t, y))(x))

@@ -17,11 +17,22 @@ from . import tableaux
 from .base import Field, Method, Step, Tangent
 from .divergences import quadrature
 
-__all__ = ["TABLEAUX", "RungeKutta", "Tableau", "along", "hermite", "summed", "tabulated", "through", "weighed"]
+__all__ = [
+    "TABLEAUX",
+    "RungeKutta",
+    "Tableau",
+    "along",
+    "hermite",
+    "summed",
+    "tabulated",
+    "through",
+    "times_of",
+    "weighed",
+]
 
 
 class Tableau(NamedTuple):
-    """Coefficients of an explicit method; ``errors`` holds one or two rows of weights of error estimates."""
+    """Butcher tableau; ``errors`` holds the weights of one or two error estimates, a row each (none: fixed step)."""
 
     a: tuple
     b: np.ndarray
@@ -29,7 +40,7 @@ class Tableau(NamedTuple):
     errors: tuple
     order: int  # of the error estimate, as a power of h
     last_is_next: bool  # the last stage is the field at the end of the step (FSAL)
-    diagonal: float = 0.0  # of the stages after the first; not 0: each is the solution of equations
+    diagonal: float = 0.0  # a_ii of the stages after the first; if not 0, these stages are implicit
 
 
 def _from_diffrax(solver: type, order: int) -> Tableau:
@@ -62,7 +73,7 @@ class RungeKutta(Method):
         atol: absolute tolerance of the local error, in units of x.
         dt: a fixed step, in units of time; None: adaptive. Steps are still cut at events.
         control: "xY", the frame's errors are controlled too; "x", the state's alone.
-        max_step: no adaptive step is longer, in units of time; None: no limit.
+        max_step: upper limit of adaptive steps, in units of time; None: no limit.
 
     Raises:
         ValueError: on an unknown tableau or control, on tolerances or steps that are not positive, on "rk4" without
@@ -117,8 +128,8 @@ class RungeKutta(Method):
         return TABLEAUX[self.tableau]
 
     def times(self, t, h) -> list:
-        """Those of the stages."""
-        return [t, *(t + c * h for c in self.table.c)]
+        """The times of the stages."""
+        return times_of(tuple(self.table.c), t, h)
 
     @property
     def fixed_step(self) -> Any:
@@ -127,30 +138,30 @@ class RungeKutta(Method):
 
     @property
     def longest_step(self) -> Any:
-        """No step is longer; None: no limit."""
+        """Upper limit of adaptive steps; None: no limit."""
         return self.max_step
 
     @property
     def error_order(self) -> int:
-        """The power of h by which the error estimate falls."""
+        """The order p of the error estimate: it falls as h^p."""
         return self.table.order
 
     @property
     def stage_count(self) -> int:
-        """The points of all stages but the first, which is where the step starts."""
+        """The number of stage points: all stages but the first, which is the start of the step."""
         return len(self.table.a)
 
     def step(self, field: Field, t, x, f, h) -> Step:
         """One step over h from (t, x), where f = field(t, x)."""
         table = self.table
-        points, slopes = through(table, x, h, f, [functools.partial(field, t + c * h) for c in table.c])
+        points, slopes = through(table, x, h, f, [functools.partial(field, time) for time in self.times(t, h)[1:]])
         new = self._end(x, h, points, slopes)
         slope = slopes[-1] if table.last_is_next else field(t + h, new)
         error = self._errors(h, slopes) if self.adaptive else x[None, :0]
         return Step(new, slope, error, (x, f, new, slope, h), self.nodes_of(field, t, h, x, points[1:]), points[1:])
 
     def tangent(self, field: Field, t, x, h, frame, stage_points=()) -> Tangent:
-        """The derivative of the step: the same method, for the linear field dx ↦ Df dx at the points on the way."""
+        """The derivative of the step: the same method for the linear field dx ↦ Df dx at the stage points."""
         if not stage_points:
             return super().tangent(field, t, x, h, frame)
         nodes = self.nodes_of(field, t, h, x, stage_points)
@@ -160,7 +171,7 @@ class RungeKutta(Method):
         return Tangent(None, self._end(frame, h, tangents, slopes), errors, nodes)
 
     def rare_tangent(self, field: Field, t, x, h, frame, stage_points=()) -> Tangent:
-        """The same with a loop over the stages: written out they took a quarter of the time to compile a pendulum."""
+        """The same with a loop over the stages instead of unrolled stages: shorter to compile."""
         if not stage_points:
             return super().rare_tangent(field, t, x, h, frame)
         table, nodes = self.table, self.nodes_of(field, t, h, x, stage_points)
@@ -176,14 +187,14 @@ class RungeKutta(Method):
         return Tangent(None, along(frame, h, table.b, slopes), errors, nodes)
 
     def _end(self, x, h, points, slopes):
-        """Where a step ends; of a frame as well as of a state."""
+        """The end of the step, of a state (n,) or a frame (n, k)."""
         return points[-1] if self.table.last_is_next else along(x, h, self.table.b, slopes)
 
     def _errors(self, h, slopes):
         return jnp.stack([h * weighed(row, slopes) for row in self.table.errors])
 
     def points_on(self, field, t, h, stage_points) -> list:
-        """The points on the way."""
+        """The stage points (n,), as a list."""
         del field, t, h
         return list(stage_points)
 
@@ -198,7 +209,7 @@ class RungeKutta(Method):
         return hermite(theta, x0, h * f0, x1, h * f1)
 
     def ratio(self, error, scale):
-        """The error estimate over what is allowed; for DOP853 the combination of its two estimates."""
+        """The error over the tolerance; for DOP853 the combination of its two estimates."""
         if len(self.table.errors) == 1:
             return super().ratio(error, scale)
         fifth, third = (error[0] / scale) ** 2, (error[1] / scale) ** 2
@@ -209,6 +220,13 @@ class RungeKutta(Method):
         return h * quadrature(field, self.table.b, *nodes)
 
 
+@functools.partial(jax.jit, static_argnums=0)
+def times_of(fractions: tuple[float, ...], t, h) -> list:
+    """The times of the stages."""
+    return [t, *(t + c * h for c in fractions)]
+
+
+@jax.jit
 def hermite(theta, x0, d0, x1, d1):
     """The cubic with values x0, x1 and slopes d0, d1 (per unit theta) at theta = 0 and 1."""
     other = 1 - theta
@@ -216,7 +234,7 @@ def hermite(theta, x0, d0, x1, d1):
 
 
 def tabulated(table: Tableau, t, h):
-    """For the stages but the first, and the end where it is none of them: weights of the slopes before, and times."""
+    """Weights of the earlier slopes, and times, of all stages but the first, and of the end if it is not a stage."""
     rows, kind = [*table.a, *([] if table.last_is_next else [table.b])], jnp.result_type(h)
     weights = np.stack([np.pad(row, (0, len(rows) + 1 - len(row))) for row in rows])
     fractions = np.array([*table.c, 1.0][: len(rows)])
@@ -224,12 +242,12 @@ def tabulated(table: Tableau, t, h):
 
 
 def summed(weights, slopes: Array) -> Array:
-    """Σ w k over the slopes (stages, …) of the stages that have weights."""
+    """The sum Σ w k over the slopes k (stages, …) of the stages that have weights."""
     return jnp.tensordot(jnp.asarray(weights, slopes.dtype), slopes[: len(weights)], 1)
 
 
 def through(table: Tableau, x, h, first, fields):
-    """The points of all stages, and the slopes there: `first` at x, then by the fields of the later stages."""
+    """All stage points and their slopes: `first` at x; `fields` are the functions x -> slope of the later stages."""
     points, slopes = (x,), [first]
     for row, field in zip(table.a, fields, strict=True):
         points += (along(x, h, row, slopes),)
@@ -238,16 +256,31 @@ def through(table: Tableau, x, h, first, fields):
 
 
 def along(x, h, weights, slopes):
-    """The state x + h Σ w k, summed so that the last slope, the latest to be known, needs one multiply–add."""
-    steps = [(float(w) * h, k) for w, k in zip(weights, slopes, strict=False) if w != 0]
+    """The state x + h Σ w k."""
+    used = [(float(w), k) for w, k in zip(weights, slopes, strict=False) if w != 0]
+    weights, slopes = zip(*used, strict=True)
+    return _along(weights, x, h, slopes)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _along(weights, x, h, slopes):
+    """The state x + h Σ w k; the last slope, which is known latest, then needs one multiply–add only."""
+    steps = [(w * h, k) for w, k in zip(weights, slopes, strict=True)]
     *early, (last, latest) = steps
     base = x + _sum([step * k for step, k in early]) if early else x
     return base + last * latest
 
 
 def weighed(weights, slopes):
-    """Σ w k over a list of slopes."""
-    return _sum([float(w) * k for w, k in zip(weights, slopes, strict=False) if w != 0])
+    """The sum Σ w k over a list of slopes."""
+    used = [(float(w), k) for w, k in zip(weights, slopes, strict=False) if w != 0]
+    weights, slopes = zip(*used, strict=True)
+    return _weighed(weights, slopes)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _weighed(weights, slopes):
+    return _sum([w * k for w, k in zip(weights, slopes, strict=True)])
 
 
 def _sum(terms):

@@ -1,8 +1,8 @@
-"""First and second variations of a flow along one direction: the derivatives of the step itself, once and twice.
+"""First and second variations of a flow along one direction, as first and second derivatives of the step itself.
 
-Of the flow φ_t they are ξ = Dφ_t ξ₀ and δξ = D²φ_t(ξ₀, ξ₀), δξ₀ = 0; one step Φ makes ξ' = DΦ ξ and
-δξ' = DΦ δξ + D²Φ(ξ, ξ). In chaos they grow like e^(λt) and e^(2λt): kept are a unit vector u, w and s with
-ξ = e^s u and δξ = e^(2s) w.
+Those of the flow φ_t are ξ = Dφ_t ξ₀ and δξ = D²φ_t(ξ₀, ξ₀), δξ₀ = 0. One step Φ maps them to DΦ ξ and
+DΦ δξ + D²Φ(ξ, ξ). In chaotic motion they grow like e^(λt) and e^(2λt), so the state holds a unit vector u, a vector w
+and a number s with ξ = e^s u and δξ = e^(2s) w.
 """
 
 from typing import Any, ClassVar
@@ -21,12 +21,12 @@ __all__ = ["SecondVariation", "Varied", "highest_of", "started"]
 
 
 def started(x: Array, direction: Array, f: Array) -> Array:
-    """The state (3n + 2,) of x, u, w, s and the largest value so far, at the start along a unit vector."""
+    """The initial state (3n + 2,): x, u, w, s and the largest value so far, for a unit vector `direction` (n,)."""
     return jnp.concatenate([x, direction, 0 * x, jnp.stack([0 * x[0], _across(direction, 0 * x, 0 * x[0], f)])])
 
 
 def highest_of(state: Array) -> Array:
-    """The largest ln of the part of ξ + ½ δξ across the flow so far."""
+    """The largest ln |part of ξ + ½ δξ orthogonal to the flow| so far."""
     return state[..., -1]
 
 
@@ -37,8 +37,8 @@ def _parts(state: Array) -> tuple:
 
 
 def _across(u, w, s, f):
-    """Ln of the length of the part of ξ + ½ δξ = e^s u + ½ e^(2s) w that is orthogonal to f."""
-    most = jnp.maximum(s, 0.0)  # what is taken out, so that nothing overflows
+    """The logarithm of the length of the part of ξ + ½ δξ = e^s u + ½ e^(2s) w that is orthogonal to f (n,)."""
+    most = jnp.maximum(s, 0.0)  # divided out as e^most, against overflow
     vector = jnp.exp(-most) * u + 0.5 * jnp.exp(s - most) * w
     square = jnp.sum(f**2)
     rest = vector - f * (jnp.sum(vector * f) / jnp.where(square > 0, square, 1.0))
@@ -47,12 +47,12 @@ def _across(u, w, s, f):
 
 
 class Varied(eqx.Module):
-    """The field of x, u, w and s, with that of x inside: ρ = u·Df u, u' = Df u − ρu, w' = Df w + D²f(u, u) − 2ρw."""
+    """The field of x, u, w and s: ρ = u·Df u = s', u' = Df u − ρu, w' = Df w + D²f(u, u) − 2ρw."""
 
     field: Any
 
     def __call__(self, t, state, args):
-        """d(x, u, w, s)/dt; what only ever rises, the last component, has no field."""
+        """d(x, u, w, s)/dt (3n + 2,); the last component, a running maximum, gets 0."""
         x, u, w, s, _ = _parts(state)
 
         def first(x, u):
@@ -64,7 +64,7 @@ class Varied(eqx.Module):
 
 
 class SecondVariation(OfAnother):
-    """A method for x that takes ξ and δξ along; their errors are controlled as those of frames are."""
+    """A method for x that also carries ξ and δξ; their errors are controlled as those of frames are."""
 
     takes_slope: ClassVar[bool] = False
 
@@ -75,20 +75,20 @@ class SecondVariation(OfAnother):
 
     @property
     def inner(self) -> Any:
-        """The method."""
+        """The inner method, which makes the steps of x."""
         return self.method
 
     @property
     def control(self) -> str:
-        """The state holds all."""
+        """Always "x": the state already contains the variations."""
         return "x"
 
     def loosened(self, least: float) -> "SecondVariation":
-        """With the method loosened."""
+        """The same with the inner method loosened."""
         return SecondVariation(self.method.loosened(least))
 
     def require(self, field, t, x) -> None:
-        """What the method asks for."""
+        """The requirements of the inner method."""
         self.method.require(_inner(field), t, _parts(x)[0])
 
     def step(self, field: Field, t, x, f, h) -> Step:
@@ -115,7 +115,7 @@ class SecondVariation(OfAnother):
         return Step(made, slope, errors, (x, field(t, x), made, slope, h), (t, x))
 
     def state_ratio(self, step: Step, x):
-        """That of x as by the method, and of u and w as of the columns of a frame, whose length is 1 at least."""
+        """The larger ratio of x, by the inner method, and of u and w, as columns of a frame of length 1 at least."""
         before, after = _parts(x), _parts(step.x)
         error, *errors = jnp.split(step.error, 3, axis=1)
         scale = self.atol + self.rtol * jnp.maximum(jnp.abs(before[0]), jnp.abs(after[0]))
@@ -127,7 +127,7 @@ class SecondVariation(OfAnother):
         return jnp.maximum(self.method.ratio(error, scale), ratio)
 
     def tangent(self, field: Field, t, x, h, frame, stage_points=()) -> Tangent:
-        """Where the step leads; there are no columns beside what the state holds."""
+        """The end of the step; the frame stays as it is, because the state already contains the variations."""
         del stage_points
         return Tangent(self.step(field, t, x, field(t, x), h).x, frame, frame[None, :0], (t, x))
 
@@ -137,7 +137,7 @@ class SecondVariation(OfAnother):
         return hermite(theta, x0, h * f0, x1, h * f1)
 
     def divergence(self, field: Field, nodes, h):
-        """That of the flow of x, by its derivative where the step starts."""
+        """∫ tr Df dt of the field of x, by its value at the start of the step."""
         t, x = nodes
         inner, start = _inner(field), _parts(x)[0]
         return h * jnp.trace(jax.jacfwd(lambda x: inner(t, x))(start))

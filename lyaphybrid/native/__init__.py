@@ -4,7 +4,7 @@ from .bridge.compiled import EVENTS, Compiled, compile
 from .bridge.primitive import native, native_call
 from .bridge.programs import Program, engine
 from .lowering.costs import instructions
-from .lowering.unsupported import Unsupported
+from .lowering.unsupported import UnsupportedError
 from .machine.collector import no_collector
 from .rules.calls import seldom
 
@@ -12,7 +12,7 @@ __all__ = [
     "EVENTS",
     "Compiled",
     "Program",
-    "Unsupported",
+    "UnsupportedError",
     "compile",
     "engine",
     "instructions",

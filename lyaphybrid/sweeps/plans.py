@@ -114,7 +114,7 @@ class Place(NamedTuple):
     """An entry of args: a leaf, or one number in it."""
 
     leaf: int
-    index: tuple[int, ...] | None
+    index: tuple[int, ...] | None  # pyright: ignore[reportIncompatibleMethodOverride]
 
     def of(self, args) -> Any:
         """Its value."""

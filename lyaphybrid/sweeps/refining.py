@@ -85,9 +85,8 @@ def refine(
     parts = [_as_points(dataset, axes)]
     sites = [*itertools.product(*(range(0, size, lattice.step) for size in lattice.shape))]
     classes = dict(zip(sites, _classes(classify, parts[0]), strict=True))
-    program, number = None, 0
-    for level, wanted in lattice.wanted(classes):
-        number += 1
+    program = None
+    for number, (level, wanted) in enumerate(lattice.wanted(classes), 1):
         points = dict(zip(axes, lattice.values(wanted).T, strict=True))
         work = Work.of(run, function, args, plan(None, points, args), chunk)
         same = work.function == dataset.attrs.get("function")

@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from typing import Any
 
+import jax
+
 __all__ = ["Bound", "require_callable"]
 
 
@@ -17,7 +19,7 @@ class Bound:
 
     def __init__(self, field: Callable, args: Any, values: Callable | None = None):
         self.field, self.args = field, args
-        self.values = values or (lambda t, x: field(t, x, args))
+        self.values = values or jax.jit(lambda t, x: field(t, x, args))  # traced once
 
     def __call__(self, t, x):
         """The field at (t, x)."""

@@ -13,7 +13,8 @@ from .._jax.engines import compiled
 from .._jax.precision import require_double
 from .._jax.tracing import traced
 from .._linalg.linear_systems import split
-from .daes.semi_linear import DAE, ILL, RANK, Banded, Constrained, fields_of, landed, solved
+from .daes.points import landed, solved
+from .daes.semi_linear import DAE, ILL, RANK, Banded, Constrained, fields_of
 from .validation import check_functions
 
 __all__ = ["check_constraints", "consistent_start", "onto_constraints", "put_on_constraints", "tangent_frame"]

@@ -102,7 +102,7 @@ class Hamiltonian(Flow):
 
     def energy(self, x, args: Any = None) -> Float[Array, ""]:
         """The value of H at a state x (2m,)."""
-        return self.field.energy(x, args)
+        return self.field.energy(x, args)  # pyright: ignore[reportFunctionMemberAccess]
 
 
 class General(eqx.Module):
@@ -128,7 +128,7 @@ class _CanonicalFlow(Flow):
 
     def energy(self, x, args: Any = None):
         """The value of H at a state x (2m,)."""
-        return self.field.energy(x, args)
+        return self.field.energy(x, args)  # pyright: ignore[reportFunctionMemberAccess]
 
 
 def canonical_flow(energy: Callable) -> Flow:

@@ -10,6 +10,7 @@ along the kernel of P. The content is P x. So half-explicit and implicit methods
 form; what they solve in each stage, F = 0 for the kernel's part of x and for v, is F linearised.
 """
 
+import contextlib
 from collections.abc import Callable
 from typing import Any
 
@@ -139,10 +140,8 @@ def _rows(equations: Callable, t, x, dx, args) -> np.ndarray:
 
 def _check_index(dae: DAE, t, state, args) -> None:
     """Whether Ē is nonsingular: at the guess, and where that is no point of the motion, at a consistent one near it."""
-    try:
+    with contextlib.suppress(ValueError):  # from a rough guess, or with an index above one, none may be found
         state = consistent_start(dae, state, args, t0=t)
-    except ValueError:  # from a rough guess, or with an index above one, none may be found
-        pass
     whole = np.asarray(jax.jit(lambda t, x: dae.field.whole(t, x, args))(t, state))
     scaled = whole / np.maximum(np.linalg.norm(whole, axis=1, keepdims=True), 1e-300)
     d, total = dae.n_differential, whole.shape[0]

@@ -51,7 +51,8 @@ def check_functions(system: Any, x: jax.ShapeDtypeStruct, args: Any) -> None:
 
 def _check_field(name: str, field: Callable, t, x, args) -> None:
     if not isinstance(field, Constrained):
-        return _returns_state(name, field, x, "t, x, args", t, x, args)
+        _returns_state(name, field, x, "t, x, args", t, x, args)
+        return
     leading = _result(f"leading of the {name}", field.leading, "t, args", t, args)
     square = getattr(leading, "shape", None) == (*x.shape, *x.shape) and _floating(leading)
     require(

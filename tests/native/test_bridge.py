@@ -217,7 +217,7 @@ def test_what_the_compiler_does_not_take_goes_to_xla_and_is_noted_once(unsupport
 
 def test_where_native_code_is_demanded_it_is_an_error(unsupported, monkeypatch):
     monkeypatch.setenv("LYAPHYBRID_ENGINE", "native")
-    with pytest.raises(native.Unsupported, match="the primitive digamma"):
+    with pytest.raises(native.UnsupportedError, match="the primitive digamma"):
         native.native(unsupported)(2.0)
 
 

@@ -6,9 +6,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from against_xla import PLANS, difference, differences
 from jax import lax
 
+from against_xla import PLANS, difference, differences
 from lyaphybrid import native
 from lyaphybrid.native.lowering.costs import Plan
 
@@ -163,7 +163,7 @@ def _whole(*shape, high=10):
 def _moves(x, y):
     """x: (3, 4), y: (4,)."""
     z = x * 2  # lazy where it is large
-    found = {
+    return {
         "reshape": z.reshape(2, 6),
         "flat": z.reshape(-1),
         "axes": z[None, :, None],
@@ -193,7 +193,6 @@ def _moves(x, y):
         "diagonal": jnp.diag(y) + jnp.eye(4),
         "triangle": jnp.tril(jnp.outer(y, y)),
     }
-    return found
 
 
 def _empty(x, y):
@@ -339,7 +338,7 @@ def _indices(x, m, at, pairs):
 
 def _sorts(x, i, many):
     """x: floats with nan, i: integers with ties; many: 50 floats."""
-    found = {
+    return {
         "sort": jnp.sort(x),
         "integers": jnp.sort(i),
         "argsort": jnp.argsort(x),
@@ -357,7 +356,6 @@ def _sorts(x, i, many):
         "unsigned": jnp.sort(i.astype(np.uint32)),
         "median": jnp.median(many),
     }
-    return found
 
 
 # --- loops and branches ----------------------------------------------------------------------------------------------

@@ -5,24 +5,23 @@ import functools
 import random
 import subprocess
 import sys
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import llvmlite.binding as llvm
 import numpy as np
 import pytest
-from against_xla import differences
 from jax import lax
-from random_programs import random_program
 from test_each_primitive import ARRAYS
 
+from against_xla import differences
 from lyaphybrid import native
 from lyaphybrid.native import Compiled
 from lyaphybrid.native.lowering.costs import Plan, runs_long
 from lyaphybrid.native.lowering.emitter import Emitter
 from lyaphybrid.native.lowering.lowering import lower
 from lyaphybrid.native.machine.code import Linked, object_code
+from random_programs import random_program
 
 TRIPLES = (
     "x86_64-unknown-linux-gnu",
@@ -134,7 +133,7 @@ def test_many_arrays_do_not_overflow_the_stack():
 
 def _child(function):
     """Run in a process of its own, since a failed check aborts; -> its exit status."""
-    code = f"import sys; sys.path[:0] = {[str(Path(__file__).parent), str(Path(__file__).parents[1])]!r}\n"
+    code = f"import sys; sys.path[:0] = {sys.path!r}\n"
     code += f"import jax; jax.config.update('jax_enable_x64', True)\nimport test_emission; test_emission.{function}()"
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=600)
 
@@ -241,7 +240,7 @@ def test_many_cells_make_little_code(n):
         (lambda x: jnp.sin(x) @ x, False),
         (lambda x: lax.fori_loop(0, 10, lambda i, x: x * 0.5, x), False),
         (lambda x: lax.fori_loop(0, 5000, lambda i, x: x * 0.5, x), True),
-        (lambda x: jax.jit(lambda x: lax.while_loop(lambda x: x[0] < 1, lambda x: x + 0.1, x))(x), True),
+        (jax.jit(lambda x: lax.while_loop(lambda x: x[0] < 1, lambda x: x + 0.1, x)), True),
         (lambda x: native.native(lambda x: lax.while_loop(lambda x: x[0] < 1, lambda x: x + 0.1, x))(2 * x), True),
     ],
 )

@@ -85,5 +85,5 @@ def test_a_primitive_without_one_is_refused():
     primitive = Primitive("a_primitive_without_implementation")
     primitive.def_abstract_eval(lambda x: x)
     program = jax.make_jaxpr(lambda x: primitive.bind(x))(1.0)
-    with pytest.raises(native.Unsupported, match="a_primitive_without_implementation"):
+    with pytest.raises(native.UnsupportedError, match="a_primitive_without_implementation"):
         native.Compiled(program)

@@ -92,7 +92,7 @@ def test_an_implementation_that_cannot_be_traced_is_none():
     by_numpy = Primitive("by_numpy")
     by_numpy.def_impl(lambda x: jnp.asarray(np.asarray(x)[::-1]))
     by_numpy.def_abstract_eval(lambda x: x)
-    with pytest.raises(native.Unsupported, match="the primitive by_numpy"):
+    with pytest.raises(native.UnsupportedError, match="the primitive by_numpy"):
         native.compile(lambda x: by_numpy.bind(x), jnp.ones(3))
 
 

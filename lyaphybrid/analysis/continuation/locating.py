@@ -8,8 +8,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-import scipy.interpolate
-import scipy.optimize
+import scipy  # its parts load when they are first used; those used here take long
 
 from ...errors import RunFailedError
 from .bifurcations import TESTS, branching, is_complex, of_doubling
@@ -52,7 +51,7 @@ def crossings(equations: Equations, before: Point, after: Point) -> list[Found] 
             place, point = _located(equations, before, after, total, kind)
             jump = abs(test(equations, point)) > ROOT * max(np.abs(ends))
             found = None if jump else _found(equations, kind, point)
-        except (_Lost, RunFailedError):
+        except (_LostError, RunFailedError):
             return None
         double = kind == "fold" and any(abs(place - other) < SAME * total for other, _ in places)
         if found is not None and not double:
@@ -60,7 +59,7 @@ def crossings(equations: Equations, before: Point, after: Point) -> list[Found] 
     return [found for _, found in sorted(places, key=lambda pair: pair[0])]
 
 
-class _Lost(Exception):
+class _LostError(Exception):
     """Newton's method found no point of the branch."""
 
 
@@ -75,7 +74,7 @@ def _located(equations: Equations, before: Point, after: Point, total: float, ki
             level = float(before.tangent @ before.u + place)
             point = equations.corrected(path(place), before.orbit, before.tangent, level, reach=total)
             if point is None:
-                raise _Lost
+                raise _LostError
             known[place] = point
         return known[place]
 
@@ -98,7 +97,7 @@ def _from_aside(equations: Equations, places: np.ndarray, at: Callable, value: C
     rows = [np.append(value(place), at(place).u) for place in map(float, places)]
     through = scipy.interpolate.KroghInterpolator(places, rows)
     if rows[2][0] * rows[3][0] >= 0:
-        raise _Lost
+        raise _LostError
     place = _root(lambda place: float(through(place)[0]), float(places[2]), float(places[3]), 1e-14)
     u, along = through(place)[1:], through.derivative(place)[1:]
     orbit, p = equations.shoot(u, at(float(places[2])).orbit)

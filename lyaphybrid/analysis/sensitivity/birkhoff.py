@@ -29,7 +29,7 @@ from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
 from ...systems.smooth import Flow, Map
 from ..spectra import lyapunov_spectrum
-from .estimates import Case, Estimate, Untrusted, with_arrays
+from .estimates import Case, Estimate, UntrustedError, with_arrays
 
 __all__ = ["by_birkhoff"]
 
@@ -80,7 +80,7 @@ def by_birkhoff(case: Case, *, progress: Any = None) -> Estimate:
         progress: None, True for a bar, or a function of the fraction done, of the run that goes before.
 
     Raises:
-        Untrusted: where the motion is chaotic, or the run failed.
+        UntrustedError: where the motion is chaotic, or the run failed.
     """
     options: dict[str, Any] = {**case.options, "blocks": BLOCKS}
     if options.get("method") is None and isinstance(case.system, Flow | Hybrid):
@@ -88,10 +88,10 @@ def by_birkhoff(case: Case, *, progress: Any = None) -> Estimate:
     along, theta = Along(case.system, case.start, case.args_of, case.k, options), jnp.asarray(case.theta)
     found, clock = along.run(theta, progress), options["clock"]
     if int(found.status_code) != int(STATUS.ok):
-        raise Untrusted(f"the run failed: {found.status}.")
+        raise UntrustedError(f"the run failed: {found.status}.")
     if found.exponents[0] * found.history.time[-1] > EXPLODES:
         growth = f"e^{found.exponents[0] * found.history.time[-1]:.3g}"
-        raise Untrusted(f"the motion is chaotic: over the run the derivative of a trajectory grows by {growth}.")
+        raise UntrustedError(f"the motion is chaotic: over the run the derivative of a trajectory grows by {growth}.")
     along = eqx.tree_at(lambda along: along.options, along, with_arrays(options | _blocks(case, found), theta.dtype))
     reverse = len(theta) > CHEAPER * 2 * case.k and not isinstance(case.system, EventDriven)
     return _judged(case, *_with_derivatives(along, theta, clock, reverse))

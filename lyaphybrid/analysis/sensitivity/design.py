@@ -249,6 +249,7 @@ def _descent(look: Callable, objective: Callable, case: Case, limits: Bounds, op
 
     u = jnp.asarray(limits.unbounded(case.theta))
     state, best, least = optimiser.init(u), None, np.inf
+    here, slope = None, np.zeros(0)
     for _ in range(steps):
         here = look(limits.bounded(np.asarray(u)))
         size, (by_value, by_theta) = jax.value_and_grad(of_all, argnums=(0, 1))(
@@ -263,6 +264,7 @@ def _descent(look: Callable, objective: Callable, case: Case, limits: Bounds, op
             changes, state = optimiser.update(slope, state, u)
         u = optax.apply_updates(u, changes)
     assert best is not None
+    assert here is not None
     ended = "the derivatives are not to be trusted where the steps ended"
     reason = ended if not here.trust else "the objective is stationary" if not np.any(slope) else f"{steps} steps"
     return best, here.trust, (f"{reason}; the objective is {least:.6g}",)

@@ -27,7 +27,7 @@ from ...systems.daes.semi_linear import Constrained
 from ...systems.smooth import Flow
 from ..orbits.periods import depends_on_time
 from ..orbits.shooting import Motion, Node
-from .estimates import Case, Estimate, Untrusted
+from .estimates import Case, Estimate, UntrustedError
 
 __all__ = ["by_equilibrium"]
 
@@ -79,10 +79,10 @@ def by_equilibrium(case: Case, *, progress: Any = None) -> Estimate:
         progress: None, True for a bar, or a function of the fraction done.
 
     Raises:
-        Untrusted: where the system depends on time, or Newton's method finds no equilibrium.
+        UntrustedError: where the system depends on time, or Newton's method finds no equilibrium.
     """
     if not isinstance(case.system, Flow):
-        raise Untrusted("equilibria are looked for of an lh.Flow or lh.DAE alone.")
+        raise UntrustedError("equilibria are looked for of an lh.Flow or lh.DAE alone.")
     report = reporting.reporter(progress)
     try:
         flow, end = _begun(case)
@@ -109,7 +109,7 @@ def _begun(case: Case) -> tuple[Motion, Node]:
         case.system, case.start(args), args, options["t0"], method, options["mode"]
     )
     if depends_on_time(case.system, x, problem.args):
-        raise Untrusted("no equilibrium: the system depends on time.")
+        raise UntrustedError("no equilibrium: the system depends on time.")
     return Motion(problem), Node(float(t), x, mode)
 
 
@@ -118,7 +118,7 @@ def _later(flow: Motion, node: Node, length: float) -> Node:
     try:
         return flow.piece(node, float(length)).end if length > 0 else node
     except RunFailedError as failed:
-        raise Untrusted(f"no equilibrium: the run failed. {str(failed).splitlines()[0]}") from failed
+        raise UntrustedError(f"no equilibrium: the run failed. {str(failed).splitlines()[0]}") from failed
 
 
 def _rest(case: Case, start: Node) -> Rest:
@@ -134,7 +134,7 @@ def _rest(case: Case, start: Node) -> Rest:
         if correction <= FINISHED and correction >= before / 2:  # it does not fall any more: it is rounding
             return Rest(x, pencil, correction, _finite_eigenvalues(case, pencil))
         x = x + step
-    raise Untrusted(f"no equilibrium: Newton's method does not converge from {np.asarray(start.x)}.")
+    raise UntrustedError(f"no equilibrium: Newton's method does not converge from {np.asarray(start.x)}.")
 
 
 def _finite(pencil: Pencil) -> bool:

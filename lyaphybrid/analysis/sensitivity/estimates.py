@@ -13,12 +13,12 @@ from ..._jax.precision import require_double
 from ...engine.blocks import is_zero
 from ...engine.preparation import as_arrays
 
-__all__ = ["ArgsOf", "Case", "Estimate", "Untrusted", "case_of", "parameters_of", "tree_of", "with_arrays"]
+__all__ = ["ArgsOf", "Case", "Estimate", "UntrustedError", "case_of", "parameters_of", "tree_of", "with_arrays"]
 
 LENGTHS = ("t0", "transient", "t1")
 
 
-class Untrusted(Exception):
+class UntrustedError(Exception):
     """A method does not apply to this motion."""
 
 

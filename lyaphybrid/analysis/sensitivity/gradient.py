@@ -20,7 +20,7 @@ from ...systems.smooth import Flow, Map
 from ..orbits.periods import check_period
 from .birkhoff import by_birkhoff
 from .equilibria import by_equilibrium
-from .estimates import Case, Estimate, Untrusted, case_of, tree_of
+from .estimates import Case, Estimate, UntrustedError, case_of, tree_of
 from .implicit import by_implicit
 from .regression import by_regression
 from .response.linear_response import by_linear_response
@@ -234,7 +234,7 @@ def _estimate(case: Case, method: str, period, key, ensemble) -> tuple[str, Esti
             continue
         try:
             found = one()
-        except (Untrusted, ValueError) as error:
+        except (UntrustedError, ValueError) as error:
             if method == name:
                 raise ValueError(str(error)) from error
             before.append(f"{name}: {error}")

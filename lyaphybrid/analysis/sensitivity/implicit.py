@@ -32,7 +32,7 @@ from ...systems.daes.semi_linear import Constrained, fields_of
 from ...systems.smooth import Map
 from ..orbits.periodic_orbits import CONVERGED, Floquet, floquet
 from ..orbits.shooting import velocity
-from .estimates import Case, Estimate, Untrusted
+from .estimates import Case, Estimate, UntrustedError
 
 __all__ = ["by_implicit"]
 
@@ -81,7 +81,7 @@ def by_implicit(case: Case, *, period: Any = None, progress: Any = None) -> Esti
         progress: None, True for a bar, or a function of the fraction done.
 
     Raises:
-        Untrusted: where there is no periodic orbit.
+        UntrustedError: where there is no periodic orbit.
     """
     report = reporting.reporter(progress)
     try:
@@ -121,7 +121,7 @@ def _orbit(case: Case, period) -> tuple[Floquet, Method | None]:
     try:
         return floquet(case.system, x0, args, period=period, transient=transient, method=method, **keywords), method
     except (NoPeriodicOrbitError, RunFailedError) as failed:
-        raise Untrusted(f"no periodic orbit: {str(failed).splitlines()[0]}") from failed
+        raise UntrustedError(f"no periodic orbit: {str(failed).splitlines()[0]}") from failed
 
 
 def _returning(system: Map, x0, args, transient: int):
@@ -131,7 +131,7 @@ def _returning(system: Map, x0, args, transient: int):
         x = _iterated(system, x, args, np.asarray(1))
         if float(jnp.max(jnp.abs(x - start))) <= RETURNS * (1 + float(jnp.max(jnp.abs(start)))):
             return start, count
-    raise Untrusted(f"no periodic orbit: the map does not come back within {MOST} iterations.")
+    raise UntrustedError(f"no periodic orbit: the map does not come back within {MOST} iterations.")
 
 
 @compiled()

@@ -16,7 +16,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from ..._arguments import require, whole
 from ...engine.host.lanes import map_lanes
@@ -241,7 +241,7 @@ def _smooth(fit: Fit) -> tuple[bool, str]:
     sound cases (0.2 % instead of 1.1 % with two replicates) but only half as many of the Hénon map's.
     """
     reason = f"χ² = {fit.excess:.3g} per degree of freedom"
-    if stats.chi2.sf(fit.chi2, fit.freedom) > UNLIKELY:
+    if special.chdtrc(fit.freedom, fit.chi2) > UNLIKELY:
         return True, reason
     return False, f"{reason}: more than noise, it is no smooth function in this window; take a smaller one"
 

@@ -1,1 +1,1 @@
-"""How each class of systems goes from one event to the next, as the loop asks for it."""
+"""Evolvers: how each class of systems is advanced by one step, iteration or event."""

@@ -1,4 +1,4 @@
-"""Events that accumulate in closed-form flows: until when they can be told apart."""
+"""Accumulating (Zeno) events in closed-form flows: detect when floating point no longer separates them."""
 
 from typing import Any
 
@@ -12,28 +12,28 @@ from .landing import LEAST, SHRUNK
 
 __all__ = ["accumulated", "hidden_below", "named"]
 
-PATIENCE = 30  # short intervals in a row
+PATIENCE = 30  # more short intervals in a row end the run
 
 
 def hidden_below(guard, t, x, velocity) -> Array:
-    """Up to which length rounding of a guard (t, x) -> number hides a flight from it and back."""
+    """The longest flight from a guard (t, x) -> number and back to it that the guard's rounding can hide."""
     gradient, moving, rate = instant(guard, t, x, velocity)
     guard_tolerance = digits(BLUR, x) * (jnp.sum(jnp.abs(gradient * x)) + jnp.abs(moving * t))
     return 4 * guard_tolerance / jnp.where(rate == 0, nonzero(1e-300, rate), jnp.abs(rate))
 
 
 def accumulated(dt, longest, streak, more: Any = 1.0, again=None, hides=None) -> tuple[Array, Array, Array]:
-    """The longest interval, the streak of short ones, and whether the run ends there.
+    """Update the longest interval and the count of short ones; also returns whether the run ends (Zeno).
 
-    In time a run ends where intervals are short. Where jumps are counted (`hides` is given) it goes on as long as
-    double precision tells them apart.
+    A run whose length is a time ends after many short intervals. A run whose length is a number of jumps (`hides` is
+    given) goes on as long as double precision separates the events.
 
     Args:
         dt: the interval up to this event.
-        longest: the longest one before.
-        streak: of short intervals.
-        more: what a short interval adds to it.
-        again: whether the event is the same as the last one.
+        longest: the longest interval before it.
+        streak: count of short intervals in a row.
+        more: how much a short interval adds to the count.
+        again: whether the event has the same label as the previous one.
         hides: the shortest flight that rounding does not hide.
     """
     longest = jnp.maximum(longest, dt)
@@ -48,5 +48,5 @@ def accumulated(dt, longest, streak, more: Any = 1.0, again=None, hides=None) ->
 
 
 def named(which, dtype) -> Array:
-    """What an event is called, as one vector of numbers."""
+    """The label `which` of an event as one vector (m,) of numbers."""
     return jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(which)]).astype(dtype)

@@ -1,4 +1,4 @@
-"""The jumps of one instant: the resets one after the other, and perturbations on their way through them."""
+"""A cascade: all jumps at one instant, their resets in turn, and the perturbations carried through them."""
 
 import functools
 from typing import NamedTuple
@@ -28,52 +28,52 @@ __all__ = ["Landing", "Moves", "in_each_order", "orthonormalises"]
 
 
 class Moves(NamedTuple):
-    """Perturbations on their way through the jumps of one instant."""
+    """Perturbations during a cascade. A neighbour's perturbation at its own event time is columns + direction δτ."""
 
-    columns: Array
-    direction: Array  # (n,) along which the columns are moved to their own instants …
-    event_time_shift: Array  # … by δτ (columns,)
-    sizes: Sizes | None  # of these three, for the columns of the frame; None where nothing is orthonormalised
+    columns: Array  # (n, columns)
+    direction: Array  # (n,) f⁻ before the first jump; each reset maps it to Dg f⁻ + ∂ₜg
+    event_time_shift: Array  # (columns,) δτ of each column
+    sizes: Sizes | None  # magnitudes of these three, for the frame's columns; None if nothing is orthonormalised
 
 
 class Landing(NamedTuple):
-    """The state on its way through the jumps of one instant."""
+    """The state of a cascade."""
 
-    x: Array
+    x: Array  # (n,)
     moves: Moves
     mode: Array
-    f: Array  # of the new mode
-    g: Array
-    rate: Array
-    guard_sign: Array
-    guard_tolerance: Array
-    transition: Array
-    which: Array
-    guard_index: Array
-    count: Array
-    again: Array
-    terminal: Array
-    stuck: Array
-    transversality: Array
-    speed: Array  # of the flow before, its largest component
-    shortest: Array  # flight from the guard and back that rounding of the guard does not hide
-    together: Array  # slots that the flow brought to zero at this instant; afterwards: does their order matter
-    more: Array  # another guard fires, or the same again
-    alone: Array  # a jump of a cascade that does not end: time stands still from here on
+    f: Array  # (n,) vector field of the new mode
+    g: Array  # (slots,) guards of the new mode
+    rate: Array  # (slots,) their time derivatives
+    guard_sign: Array  # (slots,)
+    guard_tolerance: Array  # (slots,) their rounding
+    transition: Array  # the transition that fires next
+    which: Array  # its component, for a vector guard
+    guard_index: Array  # its guard in the mode; -1: a clock
+    count: Array  # pyright: ignore[reportIncompatibleMethodOverride]
+    again: Array  # whether the cascade goes on
+    terminal: Array  # whether a terminal transition has fired
+    stuck: Array  # whether neither a flow nor a jump is possible
+    transversality: Array  # |sin| of the angle between flow and first guard
+    speed: Array  # largest component of the vector field before the event
+    shortest: Array  # the shortest flight from the guard and back that the guard's rounding does not hide
+    together: Array  # (slots,) guards that are zero at this instant; in the result: whether their order matters
+    more: Array  # whether another guard fires, or the same one again
+    alone: Array  # whether this is one jump of a cascade without end, after which no time passes
     log: Events | None
 
 
 def orthonormalises(settings: Settings, c: StepState) -> bool:
-    """Whether there are columns, and they are orthonormalised at all."""
+    """Whether there are columns and they are ever orthonormalised."""
     return settings.qr_schedule.unit != "never" and c.frame.shape[1] > 0
 
 
 def _start_cascade(evolver, settings, t, c, columns, mode, event, together, at_once) -> Landing:
-    """On the guard, before the first jump: the own instant of each column."""
+    """On the guard, before the first jump: compute the event-time shift of each column."""
     w, x, (transition, which, guard_index) = evolver.hybrid, c.x, event
     f = by_mode(mode, w.fields, t, x)
     gradient, moving, rate = _instant(evolver, mode, t, x, f, guard_index)
-    ticking = (guard_index < 0) | at_once  # the instant of a clock is everybody's, and each has come to its own before
+    ticking = (guard_index < 0) | at_once  # a clock's event time does not depend on the state; at_once: no new flow
     size = jnp.sqrt(jnp.sum(gradient**2) * jnp.sum(f**2) + nonzero(1e-300, f)) + jnp.abs(moving)
     guard_tolerance = digits(BLUR, x) * (jnp.sum(jnp.abs(gradient * x)) + jnp.abs(moving * t))
     sizes = None
@@ -110,7 +110,7 @@ def _start_cascade(evolver, settings, t, c, columns, mode, event, together, at_o
 
 
 def _cascade(evolver, settings: Settings, t, h, landing: Landing) -> Landing:
-    """The reset of the located event, and of every guard on whose fired side it ends; or the first of them alone."""
+    """The reset of the located event, then of every guard that is beyond zero afterwards; or the first reset only."""
     w, resolved = evolver.hybrid, jnp.zeros_like(t) if evolver.timeless else t
     most = jnp.where(landing.alone, 0, evolver.max_cascade) if evolver.per_jump else evolver.max_cascade
 
@@ -118,25 +118,25 @@ def _cascade(evolver, settings: Settings, t, h, landing: Landing) -> Landing:
         pushers = [_pusher(reset) for reset in w.resets]
         x, moves = jax.lax.switch(state.transition, pushers, t, state.x, state.moves, state.which)
         mode = jax.lax.switch(state.transition, w.targets, state.mode, t, state.x, state.which)
-        if w.constrained:  # what a jump leaves undecided is that the new constraints hold
+        if w.constrained:  # the reset need not satisfy the constraints of the new mode
             x, moves = _pushed(functools.partial(evolver.onto_constraints, mode), t, x, moves)
         f, g, rate, second, guard_tolerance, way = by_mode(mode, [_arrival(w, q) for q in range(w.modes)], t, x, h)
         fired = (jnp.arange(w.slots, dtype=jnp.int32) == state.guard_index) & (mode == state.mode)
         guard_sign, g, rate, flat = arm(g, rate, second, guard_tolerance, way, h, resolved, fired)
         entry = Events(None, t, state.transition, state.which, state.mode, mode, state.x, x)
         terminal = state.terminal | jnp.asarray(evolver.terminal)[state.transition]
-        # A guard on its fired side fires now; the one that has just fired, and at which the jump ends, does not.
+        # A guard that is beyond zero fires now, except the one that has just fired if the reset ends exactly on it.
         directed = table(evolver, mode if w.modes > 1 else None, w.directed)
         follows = directed & (guard_sign < 0) & ~(fired & (g == 0))
         follows = follows & by_mode(mode, w.whens, t, x) if w.shared else follows
-        # One that the flow itself brought to zero at this instant, and the jump left there, comes after all that the
-        # jump pushed through: had it been later, these would have been first.
+        # A guard that the flow brought to zero and the reset left at zero fires after those that the reset pushed
+        # beyond zero: the order would be the same if its event were slightly later.
         alone = state.together & (g == 0) & (mode == state.mode)
         guard_index = jnp.argmax(jnp.where(follows, jnp.where(alone, 1, 2), 0)).astype(jnp.int32)
         more = jnp.any(follows) & ~terminal
         again = more & (state.count < most)
         stuck = jnp.any(fired & flat & (guard_sign < 0) & directed) & ~again
-        if w.borders is not None:  # beyond the border of the flow set, and no jump
+        if w.borders is not None:  # outside the flow set, and no jump is possible
             stuck = stuck | (
                 jnp.any(table(evolver, mode if w.modes > 1 else None, w.borders) & (guard_sign < 0)) & ~more
             )
@@ -172,12 +172,12 @@ def _cascade(evolver, settings: Settings, t, h, landing: Landing) -> Landing:
 
     loop = checkpointed if settings.reverse else jax.lax.while_loop
     landing = loop(lambda s: s.again, jump, landing)
-    f = jnp.where(landing.alone, 0.0, landing.f) if evolver.per_jump else landing.f  # who does not flow on stays there
+    f = jnp.where(landing.alone, 0.0, landing.f) if evolver.per_jump else landing.f  # no flow follows
     return landing._replace(moves=_returned(f, landing.moves))
 
 
 def _to_its_end(evolver, settings: Settings, t, h, start: Landing) -> Landing:
-    """A cascade; where jumps are counted, and it goes on beyond `max_cascade`, its first jump alone."""
+    """The whole cascade; where jumps are counted and it exceeds `max_cascade`, only its first jump."""
     if not evolver.per_jump:
         return _cascade(evolver, settings, t, h, start)
 
@@ -192,7 +192,7 @@ def _to_its_end(evolver, settings: Settings, t, h, start: Landing) -> Landing:
 
 
 def _instant(evolver, mode, t, x, f, guard_index):
-    """∇h, ∂ₜh and ḣ of a slot of the present mode."""
+    """∇h (n,), ∂ₜh and ḣ of one guard of the present mode."""
 
     def of_mode(guards):
         return lambda t, x, f: _gradient(lambda t, x: guards(t, x)[guard_index], t, x, f)
@@ -201,7 +201,7 @@ def _instant(evolver, mode, t, x, f, guard_index):
 
 
 def _own_instant(evolver, alone, mode, t, x, f, guard_index, moves: Moves) -> Moves:
-    """Columns whose instant was another guard's, at that of a guard that no jump brought to zero."""
+    """If `alone`, change from the event times of the last guard to those of a guard that the flow brought to zero."""
     gradient, moving, rate = _instant(evolver, mode, t, x, f, guard_index)
     back, _, _, sizes = _returned(f, moves)
     if sizes is not None:
@@ -210,7 +210,7 @@ def _own_instant(evolver, alone, mode, t, x, f, guard_index, moves: Moves) -> Mo
 
 
 def _returned(f, moves: Moves) -> Moves:
-    """Back to the instant of the orbit."""
+    """Bring the columns back to the event time of the reference orbit."""
     columns, direction, event_time_shift, sizes = moves
     if sizes is not None:
         sizes = sizes._replace(columns=sizes_returned(sizes, f))
@@ -218,9 +218,9 @@ def _returned(f, moves: Moves) -> Moves:
 
 
 def in_each_order(evolver, settings: Settings, t, h, c, columns, mode, event, together, at_once) -> Landing:
-    """Where several guards meet at one instant: let another one be the first, too, and compare.
+    """The cascade; where several guards are zero at one instant, run it again with another guard first and compare.
 
-    One other is enough to see that the order matters; where all solutions are asked for, each is the first in turn.
+    One other order shows whether the order matters; where all solutions are asked for, each guard is first in turn.
     """
 
     def start(event):
@@ -264,7 +264,7 @@ def _gradient(guard, t, x, f):
 
 
 def _apart(a: Landing, b: Landing):
-    """Whether two orders of the same events end differently, in the state or in the tangent."""
+    """Whether two orders of the same events give different states or tangents."""
     alike = digits(1e-9, b.x)
     size = 1.0 + jnp.max(jnp.abs(b.moves.columns), initial=0.0)
     columns = jnp.max(jnp.abs(a.moves.columns - b.moves.columns), initial=0.0) > alike * size
@@ -277,7 +277,7 @@ def _pusher(reset):
 
 
 def _pushed(reset, t, x, moves: Moves) -> tuple[Array, Moves]:
-    """Through a reset."""
+    """Carry the state and the perturbations through one reset."""
     columns, direction, event_time_shift, sizes = moves
     new, columns, direction = pushforward(reset, t, x, columns, direction)
     if sizes is not None:

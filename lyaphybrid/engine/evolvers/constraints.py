@@ -1,29 +1,32 @@
-"""What an evolver answers about the algebraic equations of its modes."""
+"""The methods of an evolver that concern the algebraic equations (constraints) of its modes."""
+
+from typing import Any
 
 import jax.numpy as jnp
 
 from ..._jax.columns import each_column
 from ...events.compiled_hybrid import CompiledHybrid, by_mode
-from ...integrators.base import Field, Method
+from ...integrators.base import Method
 from ...statuses import STATUS
-from ...systems.daes.semi_linear import is_constrained, landed
+from ...systems.daes.points import landed
+from ...systems.daes.semi_linear import is_constrained
 from ..evolver import AbstractEvolver
 from ..states import Clock, StepState, stop
 
 __all__ = ["OnConstraints", "landing_of"]
 
-NEAR_CONSTRAINTS = 1e-6  # a start is consistent up to this, relative to 1 + |x|
-DRIFT = 1e-5  # the same for the ends of blocks
+NEAR_CONSTRAINTS = 1e-6  # largest inconsistency of an initial state, relative to 1 + |x|
+DRIFT = 1e-5  # largest distance from the constraints at the end of a block
 
 
 class OnConstraints(AbstractEvolver):
-    """Answers of an evolver whose modes may have algebraic equations."""
+    """An evolver whose modes may have algebraic equations."""
 
     hybrid: CompiledHybrid
     method: Method
 
     def onto_mode(self, mode, t, x):
-        """The projection onto the tangent space of a mode; None where no mode has one."""
+        """The projection dx -> dx (n,) onto the tangent space of a mode; None where no mode has one."""
         w = self.hybrid
         if all(project is None for project in w.projections):
             return None
@@ -31,7 +34,7 @@ class OnConstraints(AbstractEvolver):
         return lambda dx: by_mode(mode, [lambda dx, p=p: p(t, x, dx) for p in given], dx)
 
     def kept_to_constraints(self, c: StepState, clock: Clock) -> StepState:
-        """The frame, where the method lets it leave the tangent space of the constraints: there it would not decay."""
+        """Project the frame onto the tangent space of the constraints if the method does not: errors do not decay."""
         if self.method.keeps_constraints or not self.hybrid.constrained:
             return c
         project = self.onto_mode(c.solver_state.mode, clock.base + c.s, c.x)
@@ -39,11 +42,11 @@ class OnConstraints(AbstractEvolver):
         return c._replace(frame=each_column(project, c.frame))
 
     def onto_constraints(self, mode, t, x):
-        """The point with the same content that lies on the constraints of a mode."""
+        """The point on the constraints of a mode with the same differential part E₁ x."""
         return by_mode(mode, [landing_of(field) for field in self.hybrid.fields], t, x)
 
     def admitted(self, t, x, mode):
-        """A start, put onto the constraints of its mode; and whether it was too far from them."""
+        """The initial state moved onto the constraints of its mode, and whether it was too far from them."""
         if not self.hybrid.constrained:
             return x, False
         new = self.onto_constraints(mode, t, x)
@@ -51,13 +54,13 @@ class OnConstraints(AbstractEvolver):
         return jnp.where(wrong, x, new), wrong
 
     def inspected(self, c: StepState, clock: Clock) -> StepState:
-        """At the end of a block: whether the motion has left the constraints, or run into a singular point."""
+        """At the end of a block: stop if the state has left the constraints or is at a singular point."""
         if not self.hybrid.constrained:
             return c
 
         mode = None if self.hybrid.modes == 1 else c.solver_state.mode
         off, singular = by_mode(mode, [_distance_of(field) for field in self.hybrid.fields], clock.base + c.s, c.x)
-        # What ended for want of a step did so because of the singular point.
+        # A step underflow or a state that is not finite is a consequence of the singular point.
         ended = (c.status == STATUS.step_underflow) | (c.status == STATUS.nonfinite)
         singular = singular & jnp.all(jnp.isfinite(c.x))
         c = c._replace(status=jnp.where(ended & singular, jnp.asarray(STATUS.singular_dae, jnp.int32), c.status))
@@ -65,7 +68,7 @@ class OnConstraints(AbstractEvolver):
         return stop(c, STATUS.constraint_drift, off > DRIFT)
 
 
-def _distance_of(field: Field):
+def _distance_of(field: Any):
     """(t, x) -> the distance from the constraints of a field, and whether the point is singular."""
     if not is_constrained(field):
         return lambda t, x: (jnp.zeros_like(t), jnp.asarray(False))
@@ -73,8 +76,8 @@ def _distance_of(field: Field):
     return lambda t, x: (dae.distance(t, x, args), dae.is_singular(t, x, args))
 
 
-def landing_of(field: Field):
-    """(t, x) -> the point with the same content on the constraints of a field; x where it has none."""
+def landing_of(field: Any):
+    """(t, x) -> the point on the field's constraints with the same E₁ x; x itself where there are no constraints."""
     if not is_constrained(field):
         return lambda t, x: x
     return lambda t, x: landed(field.field, field.args, t, x)

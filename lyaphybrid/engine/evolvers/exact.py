@@ -1,4 +1,4 @@
-"""How a tangent moves where the flow is known in closed form and the next event is known exactly."""
+"""The evolver of systems whose flow and next event time are known in closed form."""
 
 import dataclasses
 import math
@@ -23,27 +23,27 @@ __all__ = ["Exact", "integers", "is_event", "since_after"]
 
 
 class Flight(NamedTuple):
-    """Time to the next event, and what it is."""
+    """The flight to the next event."""
 
-    dt: Array
-    which: Any
-    lands: Array  # before the block's end
+    dt: Array  # time to the event
+    which: Any  # label of the event
+    lands: Array  # whether the event comes before the block's end
 
 
 @dataclasses.dataclass(frozen=True)
 class Exact(AbstractEvolver):
-    """The evolver of event-driven systems: fly to the end of the block, or to the next event and through it."""
+    """The evolver of event-driven systems: flow to the next event and through it, or to the end of the block."""
 
     system: EventDriven
     args: Any
 
     @property
     def may_lose_rank(self) -> bool:
-        """What keeps dq∧dp destroys no direction."""
+        """Canonical maps conserve dq∧dp and so destroy no direction."""
         return not self.system.canonical
 
     def init(self, t, x, mode, h):
-        """The next event is predicted anew from every state; (4 + size of `which`,): see `_remember`."""
+        """(4 + size of `which`,) what `_remember` needs; predictions are not stored, each is made from the state."""
         del mode, h
         names = sum(math.prod(leaf.shape) for leaf in jax.tree.leaves(self.which_shape(t, x)))
         return jnp.zeros(4 + names, x.dtype).at[4:].set(-1.0) + 0 * t
@@ -53,26 +53,26 @@ class Exact(AbstractEvolver):
         del mode, t, x
 
     def rebase(self, solver, s):
-        """The time of the last event is local to the block."""
+        """Make the time of the last event local to the new block."""
         return solver.at[0].add(-s)
 
     def which_shape(self, t, x):
-        """What an event log stores as `which`: what the user's `next_event` calls it."""
+        """Shape and type of the label `which` that the user's `next_event` returns."""
         return jax.eval_shape(lambda t, x: integers(self.system.next_event(t, x, self.args)[1]), t, x)
 
     def propose_step(self, c: StepState, clock: Clock) -> Flight:
-        """When is the next event?"""
+        """Predict the next event."""
         dt, which = self.system.next_event(clock.base + c.s, c.x, self.args)
         dt, which = jnp.asarray(dt, c.x.dtype), integers(which)
-        # nan is no time: it goes to the landing, which reports it.
+        # A nan counts as an event, so that `step` stops the run with a status.
         return Flight(dt, which, ~((dt > clock.limit(c) - c.s) | jnp.isposinf(dt)))
 
     def is_regular(self, ahead: Flight):
-        """The usual thing is to land; to fly on to the end of the block is rare."""
+        """Regular if an event comes first; `locate_events` does the flight to the end of the block."""
         return ahead.lands
 
     def _carried(self, c: StepState, clock: Clock, dt):
-        """The closed-form flow over dt and its tangent."""
+        """The state (n,) and the frame (n, k) after the closed-form flow over dt."""
         t = clock.base + c.s
         x, linear = jax.linearize(lambda x: self.system.flow(dt, t, x, self.args), c.x)
         return x, each_column(linear, c.frame)
@@ -80,7 +80,7 @@ class Exact(AbstractEvolver):
     def locate_events(
         self, settings: Settings, clock: Clock, within, c: StepState, ahead: Flight
     ) -> tuple[StepState, Flight]:
-        """Fly on to the end of the block, or to an orthonormalisation by time, where no event comes before."""
+        """Flow to the end of the block, or to a scheduled orthonormalisation, if no event comes before."""
 
         def fly(c):
             c = self._fly(settings, clock, c, ahead)
@@ -90,7 +90,7 @@ class Exact(AbstractEvolver):
 
     def _fly(self, settings: Settings, clock: Clock, c: StepState, ahead: Flight) -> StepState:
         end = clock.limit(c)
-        if settings.count_jumps:  # where jumps alone end the block, and there are none any more
+        if settings.count_jumps:  # only jumps end the block, and no jump follows
             never = jnp.isinf(clock.length) & jnp.isposinf(ahead.dt)
             c, end = stop(c, STATUS.no_more_jumps, never), jnp.where(never, c.s, end)
         dt = end - c.s
@@ -99,19 +99,19 @@ class Exact(AbstractEvolver):
         return c._replace(s=end, x=x, frame=frame, since=c.since if clock.interval is None else clock.flown(c, end))
 
     def _flux(self, c: StepState, clock: Clock, dt):
-        """ln|det Dφ| of the flow over dt, which is ∫ tr Df."""
+        """ln|det Dφ| of the flow φ over dt, which is ∫ tr Df dt."""
         matrix = jax.jacfwd(lambda x: self.system.flow(dt, clock.base + c.s, x, self.args))(c.x)
         return frames.log_abs_det(matrix)
 
     def velocity(self, t, x, solver=None):
-        """The field that the closed-form flow solves."""
+        """The vector field (n,) whose flow is given in closed form."""
         del solver
         return self.system.velocity(t, x, self.args)
 
     def step(self, settings: Settings, clock: Clock, c: StepState, flight: Flight) -> StepState:
-        """Fly to the event and through it."""
+        """Flow to the event and through it."""
         system, args, which = self.system, self.args, flight.which
-        timed = jnp.isfinite(flight.dt)  # where it is not, the run ends where it stands
+        timed = jnp.isfinite(flight.dt)  # if not, the run ends here
         dt = jnp.where(timed, flight.dt, 0.0)
         x, frame = self._carried(c, clock, dt)
         s = c.s + dt
@@ -135,14 +135,14 @@ class Exact(AbstractEvolver):
         hides = None
         if settings.count_jumps:
             hides = hidden_below(lambda t, x: system.guard(t, x, args, which), t, x, before)
-        # By time frames are orthonormalised on the way: a flight is then not all of the time between two events.
+        # Orthonormalisations by time interrupt flights: take the time between events from the last event.
         if clock.interval is not None:
             between = jnp.where(flight.dt < 0, flight.dt, jnp.maximum(flight.dt, landed.s - c.solver_state[0]))
             flight = flight._replace(dt=between)
         return self._remember(landed, flight._replace(lands=real), hides)
 
     def once(self, settings: Settings, clock: Clock, c: StepState, flight: Flight) -> StepState:
-        """To the event and through it, or to the end of the block."""
+        """Flow to the event and through it, or to the end of the block."""
         return jax.lax.cond(
             flight.lands,
             lambda c: self.step(settings, clock, c, flight),
@@ -151,7 +151,7 @@ class Exact(AbstractEvolver):
         )
 
     def tangent(self, clock: Clock, c: StepState, flight: Flight) -> Callable:
-        """The derivative of what `once` does, dx (n,) -> (n,)."""
+        """The derivative dx (n,) -> (n,) of `once`."""
         t, which = clock.base + c.s, flight.which
         dt = jnp.where(flight.lands, flight.dt, clock.limit(c) - c.s)
         dt = jnp.where(jnp.isfinite(dt), dt, 0.0)
@@ -181,7 +181,10 @@ class Exact(AbstractEvolver):
         return linear
 
     def _delays(self, real, t, x, which, columns, velocity):
-        """Where nothing happens nobody is late; and behind a condition XLA keeps them, once for all rows."""
+        """Event-time shifts (columns,); zero where the prediction was only refreshed.
+
+        The `cond` makes XLA compute them once instead of once per row.
+        """
 
         def guard(t, x):
             return self.system.guard(t, x, self.args, which)
@@ -193,7 +196,7 @@ class Exact(AbstractEvolver):
         return jax.lax.cond(real, late, lambda columns: jnp.zeros_like(columns[0]), columns)
 
     def _remember(self, c: StepState, flight: Flight, hides=None) -> StepState:
-        """Accumulating events (interval, longest interval, streak of short ones, name), and states gone wrong."""
+        """Store (event time, interval, longest, count of short ones, label); stop at Zeno or where not finite."""
         dt, (_, _, longest, streak) = flight.dt, c.solver_state[:4]
         name = named(flight.which, c.x.dtype)
         again = flight.lands & jnp.all(name == c.solver_state[4:])
@@ -206,7 +209,7 @@ class Exact(AbstractEvolver):
 
 
 def since_after(settings: Settings, clock: Clock, c: StepState, dt, real, may_lose_rank: bool):
-    """`Carry.since` after an event; by time one that may destroy a direction is followed by an orthonormalisation."""
+    """`StepState.since` after an event; an event that may destroy a direction makes an orthonormalisation due."""
     if settings.qr_schedule.unit != "time":
         return c.since + {"steps": 1.0, "jumps": 1.0, "never": 0.0}[settings.qr_schedule.unit]
     since = c.since + dt
@@ -214,10 +217,10 @@ def since_after(settings: Settings, clock: Clock, c: StepState, dt, real, may_lo
 
 
 def integers(which):
-    """What an event is called, with entries of one type."""
+    """The label of an event with entries of type int32."""
     return jax.tree.map(lambda leaf: jnp.asarray(leaf).astype(jnp.int32), which)
 
 
 def is_event(which):
-    """A negative `which` says that nothing happens there: the prediction is only to be made anew."""
+    """Whether this is an event; a negative `which` means that only the prediction has to be refreshed."""
     return jax.tree.leaves(which)[0] >= 0

@@ -1,6 +1,6 @@
-"""How a tangent moves where a method itself finds the events: a trial is a flight, and ends at one or before the next.
+"""The evolver for methods that locate events themselves (diffrax): a trial is a flight that ends at or before an event.
 
-All that follows an event is that of `Stepping`: the landing, the jumps of one instant, and how guards are armed.
+What follows an event is inherited from `Stepping`: landing on the guard, the cascade, and arming the guards.
 """
 
 import dataclasses
@@ -19,25 +19,25 @@ from .trials import ADVANCE, FAIL, LAND, RootBracket, SolverState, Trial, firing
 
 __all__ = ["Flights"]
 
-STEPS = 20.0  # of a flight, about: then frames are orthonormalised, and the host may have a look
+STEPS = 20.0  # approximate number of steps of a flight; after it frames can be orthonormalised and the host can act
 
 
 @dataclasses.dataclass(frozen=True)
 class Flights(Stepping):
-    """The evolver of flows and hybrid systems by `lh.DiffraxEvents`; `Stepper.h` is the mean step of flights."""
+    """The evolver of flows and hybrid systems for `lh.DiffraxEvents`; `SolverState.h` is the mean step of a flight."""
 
     method: DiffraxEvents
 
-    longest_interval: ClassVar[float] = 1.0  # in flights
+    longest_interval: ClassVar[float] = 1.0  # counted in flights
 
     def enter(self, c: StepState, clock: Clock):
-        """As for steps; a trial knows the mean step of its flight."""
+        """As in `Stepping`; `stage_points` holds the mean step of the flight."""
         tr = super().enter(c, clock)
         return tr._replace(stage_points=(jnp.zeros_like(c.s),)) if isinstance(tr, Trial) else tr
 
     def propose_step(self, c: StepState, clock: Clock, bracket: RootBracket | None = None) -> Trial:
-        """A flight, until a guard changes its sign, a clock ticks, the block ends, or it is long enough."""
-        del bracket  # nothing is left to be located
+        """A flight until a guard changes its sign, a clock ticks, the block ends, or `STEPS` steps are done."""
+        del bracket  # the flight locates the event itself
         solver, t, w = c.solver_state, clock.base + c.s, self.hybrid
         longest, final, tick = self._length(c._replace(solver_state=solver._replace(h=STEPS * solver.h)), clock, None)
 
@@ -46,7 +46,7 @@ class Flights(Stepping):
         h, found = jax.lax.stop_gradient(jnp.where(flight.found, flight.h, longest)), flight.found
         lands, miss = jnp.asarray(False), None
         if g is not None:
-            # The guard that was reached has just passed zero: fired, or armed anew where it comes from beyond.
+            # The guard that was reached has just passed zero: it fires, or it is armed now if it came from beyond zero.
             here = found & (jnp.arange(w.slots) == reached)
             beyond = 2 * solver.guard_sign * jnp.maximum(solver.guard_tolerance, nonzero(1e-300, g))
             g, lands = jnp.where(here, -beyond, g), jnp.any(here & firing(self, solver))
@@ -61,7 +61,7 @@ class Flights(Stepping):
         return Trial(case.astype(jnp.int32), h, x, f, zero, final & ~found, g, rate, miss, tick, (flight.step,))
 
     def _flight_in(self, q: int, solver: SolverState):
-        """(t, x, h) -> a flight in mode q; the state and the field where it ends, and the guards, if there are any."""
+        """(t, x, h) -> a flight in mode q, the state and vector field at its end, and the guards there if any."""
         method, field = self.method, self.hybrid.fields[q]
         if not self.has_events:
 
@@ -76,18 +76,18 @@ class Flights(Stepping):
             def distances(s, x):
                 return jnp.where(solver.guard_sign == 0, jnp.inf, solver.guard_sign * guards(t + s, x))
 
-            def least(s, x):  # at the start each guard is on its side, whatever rounding says
+            def least(s, x):  # at s = 0 each guard is on its own side by definition
                 return jnp.where(s > 0, jnp.min(distances(s, x)), 1.0)
 
             flight = method.flight(field, t, x, h, least)
-            step = method.step(field, t, x, solver.f, flight.h)  # without the error of dense output
+            step = method.step(field, t, x, solver.f, flight.h)  # avoids the interpolation error of dense output
             reached = jnp.argmin(distances(flight.h, flight.x))
             return flight, step.x, step.f, *rates(guards, t + flight.h, step.x, step.f), reached
 
         return to_an_event
 
     def _next_h(self, solver: SolverState, tr: Trial, ratio, passed):
-        """The mean step of a whole flight; one that was cut says only that steps may be as long as it was."""
+        """The mean step of a full flight; a flight that was cut short can only raise the present value."""
         del ratio, passed
         (step,) = tr.stage_points
         h = jnp.where(tr.h >= 0.99 * STEPS * solver.h, step, jnp.maximum(solver.h, step))

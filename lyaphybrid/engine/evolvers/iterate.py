@@ -1,4 +1,4 @@
-"""How a tangent moves under a map: every attempt is one iteration."""
+"""The evolver of maps: every attempt is one iteration."""
 
 import dataclasses
 from collections.abc import Callable
@@ -18,14 +18,14 @@ __all__ = ["Iterating"]
 
 @dataclasses.dataclass(frozen=True)
 class Iterating(AbstractEvolver):
-    """The evolver of maps, and of hybrid systems that only jump. Time counts the iterations."""
+    """The evolver of maps and of hybrid systems without a flow. The time is the number of iterations."""
 
     rule: Callable  # (t, x) -> x
 
     always_regular: ClassVar[bool] = True
 
     def init(self, t, x, mode, h):
-        """A map remembers nothing."""
+        """A map has no solver state."""
         del t, x, mode, h
 
     def onto_mode(self, mode, t, x):
@@ -33,7 +33,7 @@ class Iterating(AbstractEvolver):
         del mode, t, x
 
     def rebase(self, solver, s):
-        """Nothing is local to the block."""
+        """No time is stored."""
         del s
         return solver
 
@@ -43,22 +43,22 @@ class Iterating(AbstractEvolver):
         return jax.ShapeDtypeStruct((), jnp.int32)
 
     def propose_step(self, c: StepState, clock: Clock):
-        """There is nothing to foresee."""
+        """A map needs no proposal."""
         del c, clock
         return ()
 
     def is_regular(self, ahead):
-        """A map only steps."""
+        """Every iteration is regular."""
         del ahead
         return True
 
     def locate_events(self, settings: Settings, clock: Clock, within, c: StepState, ahead):
-        """Nothing is rare."""
+        """A map has no events to locate."""
         del settings, clock, within
         return c, ahead
 
     def step(self, settings: Settings, clock: Clock, c: StepState, ahead) -> StepState:
-        """One iteration of the rule and of its tangent."""
+        """One iteration of the map and of its tangent."""
         del ahead
         t = clock.base + c.s
         x, linear = jax.linearize(lambda x: self.rule(t, x), c.x)
@@ -71,7 +71,7 @@ class Iterating(AbstractEvolver):
         return stop(c, STATUS.nonfinite, ~jnp.all(jnp.isfinite(x)))
 
     def tangent(self, clock: Clock, c: StepState, ahead) -> Callable:
-        """The derivative of the attempt, dx (n,) -> (n,)."""
+        """The derivative dx (n,) -> (n,) of one iteration."""
         del ahead
         t, x = clock.base + c.s, c.x
         return lambda dx: jax.jvp(lambda x: self.rule(t, x), (x,), (dx,))[1]

@@ -1,4 +1,4 @@
-"""Landing: from a trial that ends at an event, through the jumps of that instant, to guards armed anew."""
+"""Apply an event: from a trial that ends on a guard, through the cascade, to guards armed again."""
 
 import jax
 import jax.numpy as jnp
@@ -31,20 +31,20 @@ from .trials import (
 
 __all__ = ["apply_event"]
 
-GRAZING = 1e-3  # sine of the angle between flow and guard below which a crossing is called grazing
-SHORT = 1e-5  # an interval between events is short below this, relative to the step and the longest interval
-LEAST = 1e-140  # an interval over the longest one: squares of shorter ones fall below the smallest double
-SHRUNK = 1e-3  # an interval has shrunk below this, relative to the step, where jumps are counted to the longest one
-REACH = 10.0  # steps to the next event where events accumulate: so many times as long as the last interval
+GRAZING = 1e-3  # a crossing is grazing if the sine of the angle between flow and guard is smaller
+SHORT = 1e-5  # an interval between events is short below this, relative to the step and to the longest interval
+LEAST = 1e-140  # smallest interval relative to the longest: squares of smaller numbers underflow in float64
+SHRUNK = 1e-3  # an interval has shrunk below this, relative to the step; to the longest one where jumps are counted
+REACH = 10.0  # where intervals between jumps shrink, the step is this times the last interval
 
 
 def apply_event(evolver, settings: Settings, clock: Clock, c: StepState, tr: Trial) -> StepState:
-    """The trial ends at an event: polish, cross, orthonormalise at once, re-arm the guards."""
+    """Handle a trial that ends at an event: polish the root, apply the cascade, orthonormalise, arm the guards."""
     solver, w = c.solver_state, evolver.hybrid
     mode = jnp.asarray(0, jnp.int32) if solver.mode is None else solver.mode
     moved = evolver.commit(settings, c, tr.h, tr.x, evolver.landed(c, clock, tr))
     lands, at_once = _at_root(evolver, solver, tr), False
-    if evolver.may_not_flow:  # the next jump where the last one, or the start, has left the state
+    if evolver.may_not_flow:  # a jump may follow the last one, or the start, without a flow
         at_once = pending(solver) > 0
         follows = (
             table(evolver, solver.mode, w.directed)
@@ -59,7 +59,7 @@ def apply_event(evolver, settings: Settings, clock: Clock, c: StepState, tr: Tri
         c = _within_reach(c, tr.h)
     t = clock.base + c.s
     c = orthonormalise_and_accumulate(settings, c, t)[0] if orthonormalises(settings, c) else c
-    # Which transition: the first of those at this instant whose `when` says yes.
+    # The transition: the first of those at this instant whose `when` is true.
     together = lands & (at_once | _is_now(evolver, mode, t, c.x, lands, solver.h)) if w.slots > 1 else lands
     allowed = together & by_mode(mode, w.whens, t, c.x) if w.shared else together
     blocked = ~ticking & ~jnp.any(allowed)
@@ -77,7 +77,7 @@ def apply_event(evolver, settings: Settings, clock: Clock, c: StepState, tr: Tri
 
 
 def _at_root(evolver, solver: SolverState, tr: Trial):
-    """The guards whose root is at the end of a trial that lands."""
+    """(slots,) the guards whose root is at the end of the trial."""
     ahead = _until_zero(tr.g, tr.rate)
     ticking = jnp.asarray(False) if tr.tick is None else tr.tick >= 0
     fires = firing(evolver, solver)
@@ -87,12 +87,12 @@ def _at_root(evolver, solver: SolverState, tr: Trial):
 
 
 def _until_zero(g, rate):
-    """The time to the root of guards next to it."""
+    """The time to the root by one Newton step, for guards close to it."""
     return -g / jnp.where(rate == 0, nonzero(1e-300, rate), rate)
 
 
 def _is_now(evolver, mode, t, x, lands, h):
-    """The guards (slots,) whose root rounding does not tell from that of the first of those that land."""
+    """(slots,) the guards whose root coincides, up to rounding, with the earliest root among `lands`."""
     w, (t, x, h) = evolver.hybrid, jax.lax.stop_gradient((t, x, h))
 
     def of_mode(q):
@@ -108,12 +108,12 @@ def _is_now(evolver, mode, t, x, lands, h):
 
 
 def _polish(evolver, clock: Clock, c: StepState, lands, ticking) -> StepState:
-    """Two second-order steps onto the guard; the location of the root was not differentiable, the second of them is.
+    """Two second-order Taylor steps onto the guard; the second is differentiable, the location of the root was not.
 
-    Of several that land the guard is the first. The second step knows which: it starts so near that roots are known
-    to rounding, however near to one another.
+    Of several guards the one with the earliest root is taken. The second step identifies it, because it starts so close
+    that the roots are known to rounding.
 
-    Frames move by first order alone: the derivative of a step is right where the step itself is nothing any more.
+    Frames are moved to first order only: as the step tends to zero, its derivative is still correct.
     """
     w = evolver.hybrid
 
@@ -145,23 +145,23 @@ def _polish(evolver, clock: Clock, c: StepState, lands, ticking) -> StepState:
 
 
 def _within_reach(c: StepState, last_step) -> StepState:
-    """Where the next jump comes ever sooner, steps as long as the way there: guards are judged on their scale."""
+    """Where intervals between jumps shrink, limit the step to their scale: guards are armed on the scale of a step."""
     flown, before = _flown(c, last_step), Memory(*c.solver_state.memory).interval
     short = (flown > 0) & (flown < before) & (flown < SHRUNK * c.solver_state.h)
     return changed(c, h=jax.lax.stop_gradient(jnp.where(short, REACH * flown, c.solver_state.h)))
 
 
 def _flown(c: StepState, last_step):
-    """The time since the last event: where the time of the block no longer resolves it, the last step alone."""
+    """The time since the last event; the length of the last step, where the block's time does not resolve it."""
     return jnp.maximum(c.s - Memory(*c.solver_state.memory).last, last_step)
 
 
 def _cross(evolver, settings, clock: Clock, c: StepState, mode, event, together, at_once, last_step) -> StepState:
-    """Through the event and the cascade it sets off; then orthonormalise and arm the guards."""
+    """Apply the cascade that the event starts; then orthonormalise and store the armed guards."""
     guard_index = event[2]
     t, h, k = clock.base + c.s, c.solver_state.h, c.frame.shape[1]
     columns, was_live = c.frame, jnp.sum(c.frame * c.frame, axis=0) > 0.5
-    if settings.sum_rule:  # n more columns, the identity: they come out as the saltation matrix
+    if settings.sum_rule:  # append the identity (n, n): its image is the saltation matrix
         columns = jnp.concatenate([columns, jnp.eye(c.x.shape[0], dtype=c.x.dtype)], axis=1)
     landing = in_each_order(evolver, settings, t, h, c, columns, mode, event, together, at_once)
     since = c.since + landing.count.astype(c.since.dtype) if settings.qr_schedule.unit == "jumps" else c.since
@@ -195,8 +195,8 @@ def _cross(evolver, settings, clock: Clock, c: StepState, mode, event, together,
             c.losses,
             orthonormalise_and_accumulate(settings, c, t, frames.LOST, frames.LOST, project, was_live, sizes),
         )
-        # The direction of the flow shrinks like its speed: so far that the rounding of the columns would hide it?
-        speed, terms = jnp.max(jnp.abs(landing.f)), jnp.minimum(jnp.max(sizes), 1.0)  # where they are known
+        # The direction of the flow shrinks by the ratio of speeds: a loss is doubtful if rounding could hide it.
+        speed, terms = jnp.max(jnp.abs(landing.f)), jnp.minimum(jnp.max(sizes), 1.0)  # unknown magnitudes are huge
         hidden = digits(frames.DEPENDENT, c.x) * terms * landing.speed
         doubtful = jnp.any(c.losses > losses) & (speed > 0) & (speed < hidden)
     guard = jnp.where(guard_index < 0, -1, guard_index + evolver.hybrid.slots * mode)
@@ -205,13 +205,13 @@ def _cross(evolver, settings, clock: Clock, c: StepState, mode, event, together,
     c = stop(c, STATUS.deadlock, landing.stuck)
     finite = jnp.all(jnp.isfinite(c.x)) & jnp.all(jnp.isfinite(c.frame))
     c = stop(c, STATUS.nonfinite, ~finite)
-    # By its jumps a run goes on through a cascade that does not end, but not through one that does after all.
+    # Where jumps are counted the run goes on through an endless cascade, and stops if the cascade ends after all.
     ends = landing.alone & ~landing.more if evolver.per_jump else landing.count > evolver.max_cascade
     return stop(c, STATUS.zeno, ends)
 
 
 def _keep_clocks(evolver, clock: Clock, c: StepState, tr: Trial, ticking) -> StepState:
-    """The clock that has ticked goes on; clocks that were not listened to catch up."""
+    """Advance the clock that has ticked, and clocks that were not armed, to their next tick."""
     if not evolver.hybrid.clocks:
         return c
     t = clock.base + c.s
@@ -223,7 +223,7 @@ def _keep_clocks(evolver, clock: Clock, c: StepState, tr: Trial, ticking) -> Ste
 
 
 def _remember(evolver, c: StepState, landing: Landing, clock: Clock, guard, doubtful, last_step) -> StepState:
-    """Intervals between events, for Zeno; transversality and notes. `guard` counts slots over all modes."""
+    """Update `Memory`: intervals between events (Zeno), transversality, notes. `guard` counts over all modes."""
     m, first = Memory(*c.solver_state.memory), guard.astype(c.x.dtype)
     interval = _flown(c, last_step) if evolver.per_jump else c.s - m.last
     longest = jnp.maximum(m.longest, interval)
@@ -231,8 +231,8 @@ def _remember(evolver, c: StepState, landing: Landing, clock: Clock, guard, doub
     streak = jnp.where(short, m.streak + 1, 0.0)
     shrink = jnp.clip(interval / jnp.where(m.interval > 0, m.interval, 1.0), 0.0, 1 - digits(1e-9, interval))
     ahead = clock.base + c.s + interval * shrink / (1 - shrink)
-    # Bounces may shrink below what can be told from rest, or from rounding, before there are so many of them.
-    if evolver.per_jump:  # they are what is counted: as many as double precision can tell
+    # Intervals may shrink below the resolution of the state, or below rounding, before PATIENCE is reached.
+    if evolver.per_jump:  # jumps are counted: go on as long as float64 separates them
         small = interval < SHRUNK * longest
         hidden = small & (interval < LEAST * longest) & ~landing.alone
         few, patience = small, jnp.inf

@@ -1,8 +1,8 @@
-"""How a tangent moves in a system of many bodies whose next events are kept in a schedule.
+"""The evolver of many-body systems whose predicted events are kept in a schedule.
 
-From one rebasing to the next state and frame are comoving: a flight changes nothing, an event a few rows. Along them
-f = 0, and the saltation matrix of the touched rows is the whole of it: S = Dg - ∂ₜg ∇h / ∂ₜh. At the end of a span,
-where frames are orthonormalised, all is brought to the present.
+Between two rebasings state and frame are in comoving coordinates: a flight changes nothing and an event changes a few
+rows. In these coordinates f = 0, so the saltation matrix of the touched rows is S = Dg - ∂ₜg ∇h / ∂ₜh. At the end of a
+span, where frames are orthonormalised, the state and the frame are transformed back to ordinary coordinates (rebasing).
 """
 
 import dataclasses
@@ -29,45 +29,45 @@ from .exact import integers, is_event, since_after
 
 __all__ = ["Scheduled", "predicting_anew"]
 
-LONGEST = 4096  # events from one rebasing to the next, and so between two orthonormalisations
+LONGEST = 4096  # most events between two rebasings, and so between two orthonormalisations
 
 
 class Own(NamedTuple):
-    """What the evolver remembers."""
+    """The solver state."""
 
-    cache: Any  # of the schedule; its times count from the last rebasing
-    start: Array  # of the span: time of the last rebasing, local to the block
-    now: Array  # time of the last event, counted from there
-    events: Array  # of the span
-    stretch: Array  # of the span, see `_stretch`
-    longest: Array  # between two events
-    streak: Array  # of short intervals
-    name: Array | None  # of the last event; None where jumps are not counted
-    destroys: Array | None  # has an event since the last orthonormalisation destroyed a direction? None: none does
+    cache: Any  # the schedule's predictions; times count from the last rebasing
+    start: Array  # time of the last rebasing, local to the block
+    now: Array  # time of the last event since the rebasing
+    events: Array  # number of events since the rebasing
+    stretch: Array  # sum of `_stretch` since the rebasing
+    longest: Array  # longest interval between two events
+    streak: Array  # count of short intervals in a row
+    name: Array | None  # label of the last event; None where jumps are not counted
+    destroys: Array | None  # whether an event since the last orthonormalisation destroyed a direction; None: none can
 
 
 class Flight(NamedTuple):
-    """Time of the next event, counted from the rebasing, and what it is."""
+    """The flight to the next event."""
 
-    t: Array
-    which: Any
-    lands: Array  # before the block's end
-    full: Array  # the span is long enough
+    t: Array  # time of the event, counted from the rebasing
+    which: Any  # label of the event
+    lands: Array  # whether the event comes before the block's end
+    full: Array  # whether the span has reached LONGEST events
 
 
 class Rows(NamedTuple):
-    """A state as the user's functions see it: as it is, or in rows of this shape."""
+    """The user's functions for flat states (n,): reshapes to the user's shape, (n,) or (N, d), and back."""
 
     system: EventDriven
     args: Any
     shape: tuple[int, ...]  # of the state
 
     def flow(self, dt, y):
-        """Comoving (n,) to ordinary (n,)."""
+        """From comoving (n,) to ordinary (n,) coordinates."""
         return self.system.flow(dt, y.reshape(self.shape), self.args).reshape(y.shape)
 
     def components(self, which) -> Array:
-        """The components of the touched rows."""
+        """The indices (m,) of the components that the event touches."""
         rows = jnp.asarray(self.system.schedule.touch(which)).astype(jnp.int32)
         if self.system.schedule.flat:
             return rows
@@ -88,7 +88,7 @@ class Rows(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Scheduled(AbstractEvolver):
-    """The evolver of systems with a schedule: from event to event, each of which touches a few rows."""
+    """The evolver of event-driven systems with a schedule; each event touches a few rows of the state."""
 
     system: EventDriven
     args: Any
@@ -100,16 +100,16 @@ class Scheduled(AbstractEvolver):
 
     @property
     def may_lose_rank(self) -> bool:
-        """What keeps dq∧dp destroys no direction."""
+        """Canonical maps conserve dq∧dp and so destroy no direction."""
         return not self.system.canonical
 
     @property
     def rows(self) -> Rows:
-        """The user's functions of flat states."""
+        """The user's functions for flat states."""
         return Rows(self.system, self.args, self.shape)
 
     def init(self, t, x, mode, h) -> Own:
-        """All predictions."""
+        """The solver state with all predictions made."""
         del mode, h
         zero = jnp.zeros_like(t)
         cache = self.system.schedule.init(zero, x.reshape(self.shape), self.args)
@@ -119,7 +119,7 @@ class Scheduled(AbstractEvolver):
         return Own(cache, zero, zero, jnp.asarray(0, jnp.int32), zero, zero, zero, name, destroys)
 
     def least_length(self, c: StepState, jumps):
-        """Each event says whether it destroys a direction; lengths alone tell where a close look follows."""
+        """`LOST` after an event that destroys a direction; lengths alone only where twice the digits check them."""
         closely = c.x.shape[0] <= lost_directions.LARGEST
         return jnp.where(c.solver_state.destroys, frames.LOST, super().least_length(c, jumps) if closely else -jnp.inf)
 
@@ -128,31 +128,31 @@ class Scheduled(AbstractEvolver):
         del mode, t, x
 
     def rebase(self, solver: Own, s) -> Own:
-        """The start of the span is local to the block."""
+        """Make the time of the last rebasing local to the new block."""
         return solver._replace(start=solver.start - s)
 
     def which_shape(self, t, x):
-        """What an event log stores as `which`: what the user's schedule calls it."""
+        """Shape and type of the label `which` that the user's schedule returns."""
         del t
         return jax.eval_shape(lambda x: integers(self.system.schedule.next(self.init(x[0], x, 0, 0).cache)[1]), x)
 
     def propose_step(self, c: StepState, clock: Clock) -> Flight:
-        """When is the next event?"""
+        """Read the next event from the schedule."""
         t, which = self.system.schedule.next(c.solver_state.cache)
-        # nan is no time: it goes to the landing, which reports it.
+        # A nan counts as an event, so that `step` stops the run with a status.
         lands = ~((t > clock.limit(c) - c.solver_state.start) | jnp.isposinf(t))
         return Flight(t, integers(which), lands, c.solver_state.events >= LONGEST)
 
     def is_regular(self, ahead: Flight):
-        """The usual thing is to land; to fly on to the end of the block is rare."""
+        """Regular if an event comes first; `locate_events` does the flight to the end of the block."""
         return ahead.lands & ~ahead.full
 
     def stretched(self, c: StepState):
-        """Whether the events of this span stretched perturbations so much that they have to be orthonormalised."""
+        """Whether the events since the rebasing stretched perturbations so much that an orthonormalisation is due."""
         return c.solver_state.stretch > share(c.x) * math.log(STRETCHED)
 
     def step(self, settings: Settings, clock: Clock, c: StepState, flight: Flight) -> StepState:
-        """Through the next event: the rows that it touches change, and what was predicted for them."""
+        """Apply the next event to the rows that it touches and to their predictions."""
         t, which, solver = flight.t, flight.which, c.solver_state
         index = self.rows.components(which)
         rows, real = c.x[index], is_event(which)
@@ -160,9 +160,9 @@ class Scheduled(AbstractEvolver):
         x, frame = _with_rows(c.x, index, new), c.frame
         if frame.shape[1] > 0:
             frame = _with_rows(frame, index, _pushed(real, frame, index, matrix))
-        s = jnp.where(solver.start + t > c.s, solver.start + t, c.s)  # a time that is nan moves nothing
+        s = jnp.where(solver.start + t > c.s, solver.start + t, c.s)  # a nan leaves the time unchanged
         now = jnp.where(t > solver.now, t, solver.now)
-        dt = now - solver.now  # from times that are short, whatever the time of the block
+        dt = now - solver.now  # times since the rebasing are small, so dt is accurate
         entry = None if c.log is None else self._entry(clock, s, t, which, c.x, x)
         stretch, destroys = solver.stretch, solver.destroys
         if destroys is not None:
@@ -170,7 +170,7 @@ class Scheduled(AbstractEvolver):
         if settings.qr_schedule.automatic:
             stretch = stretch + _stretch(matrix, x.shape[0])
             stretch = stretch if destroys is None else jnp.where(destroys, jnp.inf, stretch)
-        # At one instant many bodies may be looked at again: that is no accumulation, unless it goes on.
+        # Many predictions may be refreshed at one instant: that is no accumulation, so each counts only 1/n.
         more = jnp.where(real, 1.0, 1 / x.shape[0])
         name, again, hides = solver.name, None, None
         if solver.name is not None:
@@ -193,12 +193,12 @@ class Scheduled(AbstractEvolver):
         return stop(c, STATUS.nonfinite, ~jnp.isfinite(functools.reduce(jnp.add, new, t)))
 
     def once(self, settings: Settings, clock: Clock, c: StepState, flight: Flight) -> StepState:
-        """To the event and through it, or to the end of the block; and to the present."""
+        """Through the event, or to the end of the block; then rebase."""
         c = jax.lax.cond(flight.lands, lambda c: self.step(settings, clock, c, flight), lambda c: c, c)
         return self.locate_events(settings, clock, lambda c: ~flight.lands, c, flight)[0]
 
     def tangent(self, clock: Clock, c: StepState, flight: Flight) -> Callable:
-        """The derivative of what `once` does from a rebasing on, dx (n,) -> (n,)."""
+        """The derivative dx (n,) -> (n,) of `once`, started at a rebasing."""
         t, which, n = flight.t, flight.which, c.x.shape[0]
         index = self.rows.components(which)
         place = (index[:, None] == jnp.arange(n, dtype=index.dtype)[None, :]).astype(c.x.dtype)
@@ -217,9 +217,9 @@ class Scheduled(AbstractEvolver):
         return linear
 
     def _crossing(self, t, rows, which):
-        """The touched components after the event, and the rows of S: dy⁺ = S dy.
+        """The touched components (m,) after the event, and the rows of S (m, m): dy⁺ = S dy.
 
-        In lists of components: XLA would put an array together entry by entry.
+        As lists of components, because XLA would assemble an array entry by entry.
         """
         m = rows.shape[0]
 
@@ -241,13 +241,13 @@ class Scheduled(AbstractEvolver):
         return new, [pushed + late * event_time_shift for pushed, late in zip(by_rows(jump), shift, strict=True)]
 
     def _hides(self, t, rows, which):
-        """Up to which length rounding hides a flight: comoving rows lie still."""
+        """The longest flight that rounding can hide; the velocity is 0 in comoving coordinates."""
         return hidden_below(lambda t, rows: self.rows.guard(t, rows, which), t, rows, jnp.zeros_like(rows))
 
     def _destroys(self, t, rows, which, matrix):
-        """Whether the event destroys a direction of the touched rows, and with it one of the whole.
+        """Whether the event destroys a direction of the touched rows, and so of the state.
 
-        If these m directions are dependent up to rounding, twice the digits tell whether one is lost or only short.
+        If the m directions are dependent up to rounding, twice the digits decide whether one is lost or only short.
         """
         m, block = rows.shape[0], jnp.stack(matrix)
         lengths = jnp.sqrt(jnp.sum(block * block, axis=1))
@@ -263,7 +263,7 @@ class Scheduled(AbstractEvolver):
         return jax.lax.cond(dependent, closely, lambda: jnp.asarray(False))
 
     def _linear(self, t, rows, which, dy):
-        """S dy of the touched rows, as one function of what JAX has rules for."""
+        """S dy (m,) of the touched rows, linear in dy."""
 
         def guard(t, rows):
             return self.rows.guard(t, rows, which)
@@ -285,13 +285,13 @@ class Scheduled(AbstractEvolver):
     def locate_events(
         self, settings: Settings, clock: Clock, within, c: StepState, ahead: Flight
     ) -> tuple[StepState, Flight]:
-        """Fly to the end of the block, or an orthonormalisation by time, if no event is before; all to the present."""
+        """Flow to the block's end or a scheduled orthonormalisation, if no event comes before; then rebase."""
         flies = within(c) & ~ahead.lands
         end = jnp.where(flies, clock.limit(c), c.s)
-        if settings.count_jumps:  # where jumps alone end the block, and there are none any more
+        if settings.count_jumps:  # only jumps end the block, and no jump follows
             never = flies & jnp.isinf(clock.length) & jnp.isposinf(ahead.t)
             c, end = stop(c, STATUS.no_more_jumps, never), jnp.where(never, c.s, end)
-        # Behind an event by its own time: a flight may be shorter than the time of the block resolves.
+        # After an event use its time since the rebasing, which resolves flights too short for the block's time.
         dt = jnp.where(end > c.s, end - c.solver_state.start, c.solver_state.now)
         x, linear = jax.linearize(lambda y: self.rows.flow(dt, y), c.x)
         zero = jnp.zeros_like(end)
@@ -309,16 +309,16 @@ class Scheduled(AbstractEvolver):
 
 
 def _with_rows(array: Array, index: Array, rows) -> Array:
-    """The array with some rows replaced, one after the other: a scatter would not be one kernel."""
+    """The array with some rows replaced, one at a time: XLA would not fuse a scatter into the same kernel."""
     for i, row in enumerate(rows):
         array = jax.lax.dynamic_update_index_in_dim(array, row, index[i], 0)
     return array
 
 
 def _pushed(real, frame: Array, index: Array, matrix) -> list[Array]:
-    """The touched rows of the frame after the event: S times what they were.
+    """The touched rows of the frame after the event: S times the rows before.
 
-    In a branch, whose results are there before anything is written: else XLA reads some rows while it writes others,
+    Computed in a `cond`, so that all rows are read before any is written; otherwise XLA interleaves reads and writes
     and copies the frame.
     """
 
@@ -332,9 +332,9 @@ def _pushed(real, frame: Array, index: Array, matrix) -> list[Array]:
 
 
 def _stretch(matrix, n: int):
-    """The logarithm of what an event does to perturbations, shared among all bodies; but a grazing one is too much.
+    """The logarithm of an event's stretching, weighted by the fraction m/n of touched components; inf if grazing.
 
-    With two bodies all events stretch the same perturbation, with many each another one.
+    The weight: with two bodies all events stretch the same perturbation, with many bodies they stretch different ones.
     """
     largest = jax.lax.stop_gradient(functools.reduce(jnp.maximum, [jnp.max(jnp.abs(row)) for row in matrix]))
     return jnp.where(largest > STRETCHED, jnp.inf, jnp.log(jnp.maximum(largest, 1.0)) * len(matrix) / n)
@@ -342,9 +342,9 @@ def _stretch(matrix, n: int):
 
 @functools.cache
 def predicting_anew(system: EventDriven, shape: tuple[int, ...]) -> EventDriven:
-    """The same system without its schedule: functions of the whole state (n,), every prediction made anew.
+    """The same system without its schedule: functions of the whole state (n,) that make every prediction from scratch.
 
-    At the instant of a rebasing comoving coordinates are ordinary ones: t = 0 there.
+    At a rebasing, t = 0, comoving and ordinary coordinates are the same.
     """
     if system.schedule is None:
         return system
@@ -364,7 +364,7 @@ def predicting_anew(system: EventDriven, shape: tuple[int, ...]) -> EventDriven:
 
     def guard(t, x, args, which):
         rows = Rows(system, args, shape)
-        # Also where nothing happens the guard falls.
+        # A refreshed prediction has no guard: use one with the value 0 and the rate -1.
         standing = rows.guard(jnp.zeros_like(t), x[rows.components(which)], which)
         return jnp.where(is_event(which), standing, jax.lax.stop_gradient(t) - t)
 

@@ -1,8 +1,8 @@
-"""How a tangent moves under a field and its guards: advance or reject; locate and land.
+"""The evolver of flows and hybrid systems: advance or reject a step, locate an event and land on it.
 
-A trial step of the state alone decides what happens; the tangent is carried for steps that are kept. To locate
-an event nothing is advanced: the next trial starts from the same base and ends at the estimated root, so the
-event found is a root along the numerical flow itself, to rounding.
+A trial step of the state alone decides what happens; the tangent is computed only for accepted steps. While an event is
+being located the state does not advance: each trial starts from the same point and ends at the estimated root, so the
+event is a root along the numerical flow itself, up to rounding.
 """
 
 import dataclasses
@@ -53,18 +53,18 @@ from .trials import (
 
 __all__ = ["Stepping", "are_nonlinear", "are_timeless"]
 
-NEARLY_STILL = 100.0  # tolerances within which a state does not move
+NEARLY_STILL = 100.0  # a state is at rest if it moves by less than this times the tolerance
 
 
 class Carried(NamedTuple):
-    """What a step does to the frame."""
+    """The frame after a step, and what else the tangent of the step gives."""
 
-    x: Any = None  # (n,) its end, where no trial has found it before
+    x: Any = None  # (n,) the end of the step; None where a trial has computed it
     frame: Any = None  # (n, k)
-    ratio: Any = None  # the frame's error over what is allowed
-    log_volume_change: Any = None  # ∫ tr Df
+    ratio: Any = None  # the frame's error over tolerance
+    log_volume_change: Any = None  # ∫ tr Df dt
     growth: Any = None  # (k,) `Tangent.growth`
-    errors: Any = None  # (estimates, n, k) `Tangent.errors`, for a watch that looks at them
+    errors: Any = None  # (estimates, n, k) `Tangent.errors`, for an `ErrorObserver`
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,9 +77,9 @@ class Stepping(OnConstraints):
     terminal: tuple[bool, ...]
     max_cascade: int
     nonlinear: bool  # Df depends on x in some mode
-    just_fired: int | None = None  # the transition that has brought the state to where it starts
-    per_jump: bool = False  # jumps may end a block: they are counted where time stands still, too
-    timeless: bool = False  # fields and guards are seen not to depend on the time; asked where jumps end blocks
+    just_fired: int | None = None  # the transition whose reset produced the initial state
+    per_jump: bool = False  # a number of jumps may end a block: jumps count even if no time passes
+    timeless: bool = False  # fields and guards provably do not depend on the time; used where jumps end blocks
 
     longest_interval: ClassVar[float] = 20.0
 
@@ -90,63 +90,63 @@ class Stepping(OnConstraints):
 
     @property
     def jumps_uncontrolled(self) -> bool:
-        """Every jump is followed by an orthonormalisation of its own: nothing is lost between."""
+        """False: every event is followed by an orthonormalisation of its own."""
         return False
 
     @property
     def has_events(self) -> bool:
-        """Whether there are transitions at all (a plain flow has none)."""
+        """Whether there are transitions (a plain flow has none)."""
         return bool(self.hybrid.resets)
 
     @property
     def may_not_flow(self) -> bool:
-        """Whether a jump may come next without a flow: see `Memory.pending`."""
+        """Whether the next jump may come without a flow before it, see `Memory.pending`."""
         return self.has_events and (self.per_jump or self.hybrid.borders is not None)
 
     @property
     def always_regular(self) -> bool:
-        """Whether nothing rare can happen: a plain flow with a fixed step."""
+        """Whether this is a plain flow with a fixed step: no events, no rejected steps."""
         return not self.has_events and not self.rejects
 
     @property
     def rejects(self) -> bool:
-        """Whether a trial can fail."""
+        """Whether a trial can be rejected."""
         return self.method.adaptive
 
     @property
     def revisits(self) -> bool:
-        """Whether a tangent is taken at the points that its trial went through, instead of going there again."""
+        """Whether the tangent reuses the stage points of its trial instead of recomputing them."""
         solved = any(self.method.solves(field) for field in self.hybrid.fields)
         return (solved or self.nonlinear) and not self.always_regular and self.method.stage_count > 0
 
     def in_each_mode(self) -> tuple["Stepping", ...]:
-        """The evolvers of the innermost loop, one for each mode: only events change it, and they come further out.
+        """The evolvers for the innermost loop, one per mode: only events, handled further out, change the mode.
 
-        No step then asks for the mode. Where lanes go together, on a GPU, the loops would run one after the other.
+        So no step has to branch on the mode. On a GPU, where lanes run together, the loops would run one after another.
         """
         if self.hybrid.modes == 1 or jax.default_backend() != "cpu":
             return (self,)
         return tuple(dataclasses.replace(self, hybrid=self.hybrid.of_mode(q)) for q in range(self.hybrid.modes))
 
     def which_shape(self, t, x):
-        """What an event log stores as `which`."""
+        """The label of an event is one integer, the component of a vector guard."""
         del t, x
         return jax.ShapeDtypeStruct((), jnp.int32)
 
     # --- the beginning ---------------------------------------------------------------------------------------
 
     def initial_mode(self, t, x):
-        """The mode to which a state belongs; negative where none can go on from it."""
+        """The mode to which a state belongs; negative if it belongs to none (deadlock)."""
         of_state = self.hybrid.initial_mode
         assert of_state is not None, "preparation.prepare asks for a mode where the system knows none"
         return jnp.asarray(of_state(t, x)).astype(jnp.int32)
 
     def velocity(self, t, x, solver: SolverState):
-        """The field (n,) of the present mode."""
+        """The vector field (n,) of the present mode."""
         return by_mode(solver.mode, self.hybrid.fields, t, x)
 
     def init(self, t, x, mode, h) -> SolverState:
-        """The evolver's part of the carry at (t, x)."""
+        """The solver state at (t, x)."""
         if self.always_regular:
             return SolverState(*(None,) * 10)
         w, mode = self.hybrid, jnp.asarray(mode, jnp.int32)
@@ -160,7 +160,7 @@ class Stepping(OnConstraints):
         if self.just_fired is not None:
             fired = table(self, state.mode, w.transition == self.just_fired)
         guard_sign, g, rate, _ = arm(g, rate, second, guard_tolerance, way, h, t, fired)
-        # On a guard and about to go through it: it has not fired yet, and does so at once.
+        # The start is on a guard and about to cross it: it has not fired yet, so it fires at once.
         guard_sign = jnp.where(
             table(self, state.mode, w.directed) & (g == 0) & (guard_sign < 0) & ~fired, 1.0, guard_sign
         )
@@ -185,17 +185,17 @@ class Stepping(OnConstraints):
 
     @property
     def by_fixed_steps(self) -> bool:
-        """Whether all steps are of one length."""
+        """Whether all steps have the same length."""
         return not self.rejects
 
     def rests(self, c: StepState, clock: Clock, x):
-        """Whether the state has stayed at x, off all guards; and whether it leaves for ever, in steps without bound."""
+        """Whether the state stays at x, off all guards, and whether it escapes: its steps grow without bound."""
         solver, no = c.solver_state, jnp.asarray(False)
         if not self.timeless:
             return no, no
         allowed = digits(BLUR, x) * jnp.abs(x)
         apart = solver.guard_tolerance
-        if self.rejects:  # near an attracting equilibrium steps are as long as the tolerances allow
+        if self.rejects:  # near an attracting equilibrium the state moves within the tolerances
             atol, rtol = self.method.atol, self.method.rtol
             allowed = NEARLY_STILL * (atol + rtol * jnp.abs(x))
             apart = NEARLY_STILL * (atol + rtol * solver.guard_tolerance / digits(BLUR, x))
@@ -206,13 +206,13 @@ class Stepping(OnConstraints):
         return still & off, leaves if self.rejects else no
 
     def rebase(self, solver: SolverState, s) -> SolverState:
-        """Carry local times over to a block that starts s later."""
+        """Make the time of the last event local to a block that starts s later."""
         return solver if solver.memory is None else solver._replace(memory=solver.memory.at[0].add(-s))
 
     # --- looking ahead ---------------------------------------------------------------------------------------
 
     def enter(self, c: StepState, clock: Clock):
-        """At the start of a block a system with events has no trial yet: `locate_events` makes the first."""
+        """At the start of a block: with events an empty trial (`NONE`), so that `locate_events` makes the first."""
         if not self.has_events:
             return self.propose_step(c, clock)
         h, zeros = jnp.zeros_like(c.s), jnp.zeros(self.hybrid.slots, c.x.dtype)
@@ -223,7 +223,7 @@ class Stepping(OnConstraints):
         return Trial(none, h, c.x, c.solver_state.f, ratio, jnp.asarray(False), zeros, zeros, miss, tick, stage_points)
 
     def propose_step(self, c: StepState, clock: Clock, bracket: RootBracket | None = None):
-        """A trial step of the state, and the case that it makes; a plain fixed-step flow needs none."""
+        """A trial step of the state, and its case; () for a plain flow with a fixed step, which needs no trial."""
         solver, t, w = c.solver_state, clock.base + c.s, self.hybrid
         if self.always_regular:
             return ()
@@ -242,16 +242,16 @@ class Stepping(OnConstraints):
                 _, slope = rates(w.guards[q], at, probe, w.fields[q](at, probe))
                 return step, ratio, g, rate, slope
 
-            return of_mode
+            return w.calls.once(of_mode, "trial", self.method, w.fields[q], w.guards[q] if w.guards else None)
 
         step, ratio, g, rate, slope = by_mode(solver.mode, [trial(q) for q in range(w.modes)], t, c.x, solver.f, h)
         stage_points = step.stage_points if self.revisits and c.frame.shape[1] else ()
-        f = step.f if self.has_events or self.method.takes_slope else solver.f  # what nobody needs is not computed
+        f = step.f if self.has_events or self.method.takes_slope else solver.f  # XLA then drops an f that is not needed
         tr = Trial(None, h, step.x, f, ratio, final, g, rate, None, tick, stage_points)
         return self._judge(c, clock, tr, slope, bracket)
 
     def _alike(self, step: Step, x) -> Step:
-        """What is kept of the way takes the same room in all modes."""
+        """Pad the stage points, so that they have the same shape in all modes."""
         if not (self.has_events and self.revisits):
             return step
 
@@ -261,11 +261,11 @@ class Stepping(OnConstraints):
         return step._replace(stage_points=jax.tree.map(fit, step.stage_points, self.method.blank_stage_points(x)))
 
     def is_regular(self, ahead):
-        """Rejecting and advancing are common."""
+        """Rejected and advancing steps are regular."""
         return True if self.always_regular else ahead.case <= ADVANCE
 
     def _length(self, c: StepState, clock: Clock, bracket: RootBracket | None):
-        """How long the next trial is: the controller's step, cut at the block's end, a tick, a root."""
+        """The next h: the controller's, cut at the block's end, a tick or a root; if it is final; its clock or -1."""
         solver, rest = c.solver_state, clock.length - c.s
         h, _ = cut_at_end(rest, jax.lax.stop_gradient(solver.h))
         tick: Any = None
@@ -287,7 +287,7 @@ class Stepping(OnConstraints):
         return h, final, tick
 
     def _until_ticks(self, solver: SolverState, s, clock: Clock):
-        """Time to the next tick of each clock; inf where the mode does not listen to it."""
+        """(clocks,) time to the next tick of each clock; inf where it is not armed in the mode."""
         times = [
             (phase + period * solver.ticks[i] - clock.base) - clock.rest - s
             for i, (period, phase) in enumerate(self.clock_times)
@@ -295,7 +295,7 @@ class Stepping(OnConstraints):
         return jnp.where(table(self, solver.mode, self.hybrid.armed), jnp.maximum(jnp.stack(times), 0.0), jnp.inf)
 
     def _judge(self, c: StepState, clock: Clock, tr: Trial, slope, bracket: RootBracket | None) -> Trial:
-        """The case that a trial makes."""
+        """Set the case of a trial: REJECT, ADVANCE, LOCATE, LAND or FAIL."""
         solver, ratio = c.solver_state, tr.ratio
         event, lands = jnp.asarray(False), jnp.asarray(False)
         if self.has_events:
@@ -305,12 +305,12 @@ class Stepping(OnConstraints):
                 event = suspects(self, solver, tr)
             else:
                 event, lands = finds(self, solver, tr, bracket)
-                if self.rejects:  # a shorter piece of a step that has passed passes too
+                if self.rejects:  # a part of an accepted step is accepted too
                     ratio = jnp.where((bracket.guard_index >= 0) & jnp.isfinite(ratio), 0.0, ratio)
             if tr.tick is not None:
                 lands = lands | ((tr.tick >= 0) & ~event)
         case = jnp.where(lands, LAND, jnp.where(event, LOCATE, ADVANCE))
-        # An infinite or undefined state spoils the estimate; without an estimate the state itself is asked.
+        # A state that is not finite makes the error estimate so; without an estimate check the state itself.
         passed = ratio <= 1.0 if self.rejects else jnp.all(jnp.isfinite(tr.x))
         failed = (tr.h > 0) & (tr.h <= least_step(c, clock)) if self.rejects else True
         case = jnp.where(passed, case, jnp.where(failed, FAIL, REJECT))
@@ -321,15 +321,16 @@ class Stepping(OnConstraints):
     # --- advance ---------------------------------------------------------------------------------------------
 
     def landed(self, c: StepState, clock: Clock, tr: Trial) -> Carried:
-        """What a trial that ends at an event does to the frame."""
+        """The frame after a trial that ends at an event."""
         if not c.frame.shape[1]:
             return Carried(frame=c.frame)
-        return self.carried(c, clock, tr.h, c.solver_state.mode, tr.stage_points, self.method.rare_tangent)
+        tangent = self.method.rare_tangent if tr.stage_points else self.method.tangent  # traced anyway
+        return self.carried(c, clock, tr.h, c.solver_state.mode, tr.stage_points, tangent)
 
     def carried(
         self, c: StepState, clock: Clock, h, mode, stage_points=(), of_method=None, with_errors: bool = False
     ) -> Carried:
-        """What a step over h does to the frame."""
+        """The frame after a step of length h."""
         of_method = of_method or self.method.tangent
         t, w = clock.base + c.s, self.hybrid
 
@@ -344,12 +345,12 @@ class Stepping(OnConstraints):
                 log_volume_change = self.method.divergence(field, nodes, h) if c.log_volume is not None else None
                 return Carried(new, moved, ratio, log_volume_change, growth, errors if with_errors else None)
 
-            return of_mode
+            return w.calls.once(of_mode, "carried", of_method.__name__, self.method, with_errors, w.fields[q])
 
         return by_mode(mode, [tangent(q) for q in range(w.modes)], t, c.x, c.frame, h, stage_points)
 
     def commit(self, settings: Settings, c: StepState, h, x, kept: Carried) -> StepState:
-        """The carry after a step that is kept."""
+        """The carry after an accepted step."""
         since = c.since + {"steps": 1.0, "time": h, "jumps": 0.0, "never": 0.0}[settings.qr_schedule.unit]
         c = c._replace(x=x, frame=kept.frame, since=since)
         if kept.errors is not None:
@@ -358,11 +359,11 @@ class Stepping(OnConstraints):
 
     @staticmethod
     def _ended(c: StepState, clock: Clock, final) -> StepState:
-        """At the end of the block, where a step was the last: not beside it by rounding."""
+        """After the last step of a block, set the time to the block's end exactly."""
         return c._replace(s=jnp.where(final, clock.length, c.s))
 
     def step(self, settings: Settings, clock: Clock, c: StepState, tr) -> StepState:
-        """Keep the trial and carry the frame; or, where an error is too large, only make h smaller."""
+        """Accept the trial and propagate the frame; or, if an error is too large, only make h smaller."""
         if self.always_regular:
             return self._march(settings, clock, c)
         solver, ratio, along = c.solver_state, tr.ratio, Carried(frame=c.frame)
@@ -377,7 +378,7 @@ class Stepping(OnConstraints):
             kept = changed(kept, g=g, rate=tr.rate, guard_sign=guard_sign)
         if not self.rejects:
             return kept
-        # The frame's error may fail a step that the state's has passed.
+        # The frame's error may reject a step that the state's error has accepted.
         passed = jnp.asarray(ratio) <= 1.0
         kept = jax.tree.map(lambda a, b: a if a is b else jnp.where(passed, a, b), kept, c)
         h, log_ratio = next_step(self.method, solver, tr, ratio, passed)
@@ -387,16 +388,16 @@ class Stepping(OnConstraints):
         return stop(kept, underflow, hopeless)
 
     def _march(self, settings: Settings, clock: Clock, c: StepState) -> StepState:
-        """A fixed step of a plain flow: no trial, no guard."""
+        """A fixed step of a plain flow, without trial and guards."""
         rest, step = clock.length - c.s, self.method.fixed_step
         h, last = cut_at_end(rest, step)
         along = self.carried(c, clock, h, None)
         return self._ended(self.commit(settings, c, h, along.x, along), clock, last)
 
-    # --- what is rare ----------------------------------------------------------------------------------------
+    # --- events and failures ---------------------------------------------------------------------------------
 
     def locate_events(self, settings: Settings, clock: Clock, within, c: StepState, tr) -> tuple[StepState, Trial]:
-        """Trials that are aimed at events and land on them, until a common one comes out; or the run's end."""
+        """Locate events and apply them, until a trial is regular again or the run has ended."""
 
         def landed(c, tr, bracket):
             return apply_event(self, settings, clock, c, tr), no_bracket(tr.h)
@@ -409,7 +410,7 @@ class Stepping(OnConstraints):
 
         def again(state):
             c, tr, bracket = state
-            # An event is not left half located; after a landing the host may have a look.
+            # The budget must not interrupt the location of an event, but it may after the event.
             c = c._replace(budget=jnp.maximum(c.budget - 1, jnp.where(tr.case == LAND, 0, 1)))
             which = jnp.where(tr.case == LOCATE, 0, jnp.where(tr.case == LAND, 1, 2))
             c, bracket = jax.lax.switch(which, [narrow, landed, neither], c, tr, bracket)
@@ -428,18 +429,18 @@ class Stepping(OnConstraints):
         return c, tr
 
     def _fail(self, c: StepState, tr: Trial) -> StepState:
-        """No step can be made: because the state is not finite, or because it would be too small."""
+        """No step is possible: the state is not finite, or the step would be too small."""
         finite = jnp.all(jnp.isfinite(tr.x)) & (True if tr.ratio is None else jnp.isfinite(tr.ratio))
         return stop(c, jnp.where(finite, STATUS.step_underflow, STATUS.nonfinite), tr.case == FAIL)
 
 
 def are_nonlinear(fields: Iterable[Field], t, x) -> bool:
-    """Whether Df depends on x for one of the fields; where that is not seen, it is taken to."""
+    """Whether Df depends on x for one of the fields; True where it cannot be excluded."""
     return not all(is_affine(functools.partial(field, t), x) for field in fields)
 
 
 def are_timeless(w: CompiledHybrid, t, x) -> bool:
-    """Whether time plays no part in the fields, the guards and the instants of jumps."""
+    """Whether fields, guards and event times provably do not depend on the time explicitly."""
     return not w.clocks and all(is_timeless(one, t, x) for one in (*w.fields, *w.guards))
 
 

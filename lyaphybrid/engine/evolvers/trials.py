@@ -1,4 +1,4 @@
-"""Trials: what a trial step says about the guards, and where the next one has to end to locate an event."""
+"""Trials: what a trial step shows about the guards, and where the next trial must end to locate an event."""
 
 from typing import Any, NamedTuple
 
@@ -11,47 +11,47 @@ from ..._jax.precision import BLUR, digits, nonzero
 from ...events.roots import cubic, hermite_root, turning_point
 from ..states import StepState
 
-REJECT, ADVANCE, LOCATE, LAND, FAIL, NONE = range(6)  # what a trial says; NONE: there is none yet
+REJECT, ADVANCE, LOCATE, LAND, FAIL, NONE = range(6)  # cases of a trial; NONE: no trial yet
 
-NEAR = 1e-6  # a trial lands when the root is nearer than this, relative to the controller's step
-PROBE = 0.21132486540518713  # (3 - √3)/6 of a step, where the slope of a cubic interpolant errs most
-GUARD_RESOLUTION = 0.02  # how well the cubic of a guard must agree with the guard in the middle of a step
-TURNED, NEARLY = 1e-3, 10.0  # part of a guard's rate that is left where it turns; tolerances within which it grazes
-ALONE, FIRST = 1.0, 2.0  # a jump that no flow leads up to: of a cascade without end; of a start off the flow set
-PATIENCE = 30  # relocations of one event before the landing is forced
+NEAR = 1e-6  # a trial lands if the root is closer than this, relative to the controller's step
+PROBE = 0.21132486540518713  # (3 - √3)/6 of a step, where the error of the cubic interpolant's slope is largest
+GUARD_RESOLUTION = 0.02  # largest relative error of a guard's cubic interpolant in the middle of a step
+TURNED, NEARLY = 1e-3, 10.0  # a guard grazes if its rate falls below this part, within so many tolerances of zero
+ALONE, FIRST = 1.0, 2.0  # jumps without a flow before: in a cascade without end; from a start outside the flow set
+PATIENCE = 30  # trials to locate one event before landing is forced
 
 
 class Memory(NamedTuple):
-    """Numbers that only events need, in one vector of the carry."""
+    """Quantities that only events need, stored as one vector in the solver state."""
 
     last: Any  # time of the last event, local to the block
     interval: Any  # between the last two events
-    longest: Any  # interval so far
-    streak: Any  # short intervals in a row
-    transversality: Any  # least so far
-    grazing: Any  # seen? 0 or 1, as the next
-    simultaneous: Any
-    accumulation: Any  # estimated end of an accumulation of events
-    guard_index: Any  # whose event was the last, counted over all modes; -1: a clock's
-    doubtful: Any  # was a column lost where rounding may have done it? 0 or 1
-    pending: Any  # does a jump come next, without a flow? `ALONE`: of a cascade that does not end; `FIRST`; or 0
+    longest: Any  # longest interval so far
+    streak: Any  # number of short intervals in a row
+    transversality: Any  # smallest so far
+    grazing: Any  # 1 if an event was grazing, else 0
+    simultaneous: Any  # 1 if guards met at one instant and their order matters, else 0
+    accumulation: Any  # estimated time at which events accumulate (Zeno)
+    guard_index: Any  # guard of the last event, counted over all modes; -1: a clock
+    doubtful: Any  # 1 if a column was lost where rounding may be the cause, else 0
+    pending: Any  # `ALONE` or `FIRST` if a jump comes next without a flow before it, else 0
 
 
 class Choices(NamedTuple):
-    """Instants at which several events meet and their order matters: what is to be done there, and what was met."""
+    """Instants at which several events coincide and their order matters: the choices to make, and what was found."""
 
-    picks: Any  # (most,) which of the events goes first, at the first such instant, the second, …
-    options: Any  # (most,) how many events there were; 0 where a run has not come to so many instants
-    times: Any  # (most,)
-    count: Any  # of such instants; beyond `most` of them the first event goes first
+    picks: Any  # (most,) index of the event to apply first, at the first such instant, the second, …
+    options: Any  # (most,) number of coinciding events; 0 for instants that were not reached
+    times: Any  # (most,) times of the instants
+    count: Any  # number of such instants so far; beyond `most` the first event is applied first
 
     def pick(self):
-        """Which event goes first at the next such instant."""
+        """The index of the event to apply first at the next such instant."""
         most = self.picks.shape[0]
         return jnp.where(self.count < most, self.picks[jnp.minimum(self.count, most - 1)], 0)
 
     def met(self, when, options, t) -> "Choices":
-        """After an instant with so many events, if their order matters there."""
+        """Record an instant with `options` coinciding events, if their order matters (`when`)."""
         here = when & (jnp.arange(self.picks.shape[0], dtype=jnp.int32) == self.count)
         return self._replace(
             options=jnp.where(here, options.astype(jnp.int32), self.options),
@@ -61,100 +61,101 @@ class Choices(NamedTuple):
 
 
 class SolverState(NamedTuple):
-    """The evolver's part of the carry."""
+    """The evolver's state within the loop's state."""
 
-    f: Any  # the field at the start of the step
+    f: Any  # (n,) the vector field at the start of the step
     h: Any  # the controller's step
-    log_ratio: Any  # of the last accepted step, for the PI controller
-    mode: Any
-    g: Any  # (slots,) guards at the start of the step, and their rates
-    rate: Any
-    guard_sign: Any
+    log_ratio: Any  # ln(error / tolerance) of the last accepted step, for the PI controller
+    mode: Any  # its index; None where there is one mode
+    g: Any  # (slots,) guards at the start of the step
+    rate: Any  # (slots,) their time derivatives along the flow
+    guard_sign: Any  # (slots,) the side of zero on which each guard is, see `roots.arm`
     guard_tolerance: Any  # (slots,) rounding of the guards
     ticks: Any  # (clocks,) number of the next tick
-    memory: Any
+    memory: Any  # `Memory` as a vector
     choices: Any = None  # `Choices`, where all solutions are asked for
 
 
 class Trial(NamedTuple):
-    """One trial step of the state, and what it says about the guards."""
+    """One trial step of the state, and what it shows about the guards."""
 
     case: Any  # REJECT, ADVANCE, LOCATE, LAND, FAIL or NONE
     h: Array
     x: Array
     f: Array
     ratio: Any  # error over tolerance
-    final: Any  # ends the block
-    g: Any = None
-    rate: Any = None
-    miss: Any = None  # (slots,) by how much the cubic of a guard is off
+    final: Any  # whether it ends the block
+    g: Any = None  # (slots,) guards at the end
+    rate: Any = None  # (slots,) their time derivatives
+    miss: Any = None  # (slots,) error of each guard's cubic interpolant
     tick: Any = None  # the clock that ticks at the end of the step; -1: none
-    stage_points: tuple[Array, ...] = ()  # the points on the way, where the tangent is to be taken at them
+    stage_points: tuple[Array, ...] = ()  # the stages' points, if the tangent reuses them
 
 
 class RootBracket(NamedTuple):
-    """What a trial aims at while an event is located."""
+    """The target of the next trial while an event is being located; times count from the start of the step."""
 
     h: Any  # length of the trial
-    beyond: Any  # where the guard is known to be beyond its root
-    guard_index: Any  # whose root; -1: a turning point, or nothing
-    tries: Any
+    beyond: Any  # a time at which the guard is known to be beyond its root
+    guard_index: Any  # the guard whose root is the target; -1: a turning point, or no target
+    tries: Any  # number of trials for this event
 
 
 class Signs(NamedTuple):
     """What the guards did during a trial: (slots,) each."""
 
-    crossed: Array
-    turn: Array  # turns towards zero inside the step, and may be beyond it there
-    theta: Array  # where it turns
+    crossed: Array  # is beyond zero at the end
+    turn: Array  # has an extremum inside the step that may be beyond zero
+    theta: Array  # the extremum, as a fraction of the step
     lands: Array  # has its root at the end of the trial
-    ahead: Array  # time from there to its root
+    ahead: Array  # time from the end to the root
 
 
 def miss(tr: Trial):
-    """By how much the cubics of the guards are off; unknown, and taken as 0, where steps are fixed."""
+    """(slots,) errors of the guards' cubic interpolants; not estimated, and taken as 0, for fixed steps."""
     return jnp.zeros_like(tr.g) if tr.miss is None else tr.miss
 
 
 def no_bracket(h) -> RootBracket:
-    """Aim at nothing."""
+    """No target: the next trial has the controller's step."""
     infinity = jnp.full_like(h, jnp.inf)
     return RootBracket(infinity, infinity, jnp.asarray(-1, jnp.int32), jnp.asarray(0, jnp.int32))
 
 
 def changed(c: StepState, **changes) -> StepState:
-    """The carry with changes in the evolver's part."""
+    """The carry with changed fields of the solver state."""
     return c._replace(solver_state=c.solver_state._replace(**changes))
 
 
 def resolve(evolver, solver: SolverState, tr: Trial, slope) -> Trial:
-    """How well the cubic of each guard follows the guard: it must, for events to be seen."""
+    """Add the error of each guard's cubic interpolant to the step's error ratio: it must be small to detect events."""
     if slope is None:
         return tr
-    # The cubic errs like θ²(1-θ)²; its slope errs most at the probe, 3.08 times its error in the middle.
+    # The error of the cubic is proportional to θ²(1-θ)²; the error of its slope is largest at the probe, where it is
+    # 3.08 times the error of the cubic in the middle.
     d0, d1 = tr.h * solver.rate, tr.h * tr.rate
     miss = jnp.abs(tr.h * slope - cubic(PROBE, solver.g, d0, tr.g, d1)[1]) / 3.0792
     size = jnp.abs(solver.g) + jnp.abs(tr.g) + 0.25 * (jnp.abs(d0) + jnp.abs(d1))
-    # A guard that is nothing but rounding all along the step has no structure to be seen.
+    # A guard that is within rounding of zero during the whole step cannot be resolved.
     hidden = jnp.where(size <= solver.guard_tolerance, solver.guard_tolerance, 0.0)
     allowed = GUARD_RESOLUTION * size + 1e3 * evolver.method.atol + hidden
     return tr._replace(miss=miss, ratio=jnp.maximum(tr.ratio, jax.lax.stop_gradient(jnp.max(miss / allowed))))
 
 
 def firing(evolver, solver: SolverState):
-    """The slots that a change of sign would fire."""
+    """(slots,) the guards that fire if their sign changes."""
     directed = table(evolver, solver.mode, evolver.hybrid.directed)
     return (solver.guard_sign > 0) | (~directed & (solver.guard_sign != 0))
 
 
 def is_beyond(solver: SolverState, tr: Trial):
-    """The guards on or beyond zero at the end of a trial; one that starts at zero may have left it by rounding only."""
+    """(slots,) guards at or beyond zero at the end; one that starts at zero must be beyond it by more than rounding."""
     after = solver.guard_sign * tr.g
     return jnp.where(solver.g == 0, after < -solver.guard_tolerance, after <= 0)
 
 
 def stays(evolver, solver: SolverState, tr: Trial) -> tuple[Any, Any]:
-    """Sides and guards after a step without an event: what seems to have fired there is at zero up to rounding."""
+    """Guard signs and guards after a step without an event; a guard beyond zero is so by rounding and is set to 0."""
     guard_sign = jnp.where(
         firing(evolver, solver), solver.guard_sign, jnp.where(tr.g == 0, solver.guard_sign, jnp.sign(tr.g))
     )
@@ -162,7 +163,7 @@ def stays(evolver, solver: SolverState, tr: Trial) -> tuple[Any, Any]:
 
 
 def suspects(evolver, solver: SolverState, tr: Trial):
-    """Whether a guard may have been crossed: cheap, and never wrong in saying no."""
+    """Whether a guard may have been crossed: a cheap test without false negatives."""
     before, after = solver.guard_sign * solver.g, solver.guard_sign * tr.g
     crossed = firing(evolver, solver) & (after <= 0)
     turns = (solver.guard_sign * solver.rate < 0) & (solver.guard_sign * tr.rate > 0) & (after > 0)
@@ -171,7 +172,7 @@ def suspects(evolver, solver: SolverState, tr: Trial):
 
 
 def finds(evolver, solver: SolverState, tr: Trial, bracket: RootBracket):
-    """Whether there is an event to be located still, and whether the trial ends at one."""
+    """Whether an event still has to be located, and whether the trial ends at one."""
     signs, given_up = read_signs(evolver, solver, tr, bracket), bracket.tries > PATIENCE
     found = jnp.any(signs.crossed | signs.turn)
     event = (found | (bracket.guard_index >= 0)) & ~(given_up & ~jnp.any(signs.crossed))
@@ -180,10 +181,10 @@ def finds(evolver, solver: SolverState, tr: Trial, bracket: RootBracket):
 
 
 def read_signs(evolver, solver: SolverState, tr: Trial, bracket: RootBracket) -> Signs:
-    """Which guards crossed zero during a trial, turned towards it, or have their root at its end."""
+    """Which guards crossed zero during a trial, have an extremum near zero inside it, or a root at its end."""
     fires = firing(evolver, solver)
     crossed = fires & is_beyond(solver, tr)
-    # A guard that turns back inside the step: the step is cut there if it may have been beyond zero.
+    # A guard with an extremum inside the step: the step is cut there if the extremum may lie beyond zero.
     d0, d1 = tr.h * solver.rate, tr.h * tr.rate
     turns = (d0 * d1 < 0) & (solver.guard_sign * d0 < 0) & (solver.guard_sign * tr.g > 0)
     theta = turning_point(solver.g, d0, tr.g, d1)
@@ -201,7 +202,7 @@ def read_signs(evolver, solver: SolverState, tr: Trial, bracket: RootBracket) ->
 
 
 def grazes(evolver, solver: SolverState, tr: Trial, bracket: RootBracket):
-    """Whether a guard turned back at the end of a trial that was cut there, off zero by less than the tolerance."""
+    """Whether a trial was cut at an extremum of a guard that misses zero by less than the tolerance."""
     bend = (tr.rate - solver.rate) / tr.h
     least = solver.guard_sign * (tr.g - 0.5 * tr.rate**2 / jnp.where(bend == 0, nonzero(1e-300, bend), bend))
     turned = (solver.guard_sign * solver.rate < 0) & (jnp.abs(tr.rate) <= TURNED * jnp.abs(solver.rate))
@@ -213,12 +214,12 @@ def grazes(evolver, solver: SolverState, tr: Trial, bracket: RootBracket):
 
 
 def pending(solver: SolverState):
-    """Whether a jump comes next, and which: 0, `ALONE` or `FIRST`."""
+    """`ALONE` or `FIRST` if a jump comes next without a flow before it, else 0."""
     return solver.memory[Memory._fields.index("pending")]
 
 
 def has_fired(evolver, solver: SolverState):
-    """The slot (slots,) whose event was the last, where the motion is still in its mode."""
+    """(slots,) bool: the guard whose event was the last, if the mode is still the same."""
     slots = evolver.hybrid.slots
     first = 0 if solver.mode is None else slots * solver.mode
     last = solver.memory[Memory._fields.index("guard_index")]
@@ -231,25 +232,25 @@ def table(evolver, mode, table: np.ndarray):
 
 
 def next_bracket(evolver, solver: SolverState, tr: Trial, bracket: RootBracket) -> RootBracket:
-    """A guard was crossed, or may have been: aim at the earliest root or turning point.
+    """The next target after a guard was, or may have been, crossed: the earliest root or extremum.
 
-    A first trial was only suspected: where a close look finds nothing the aim is the same step again.
+    The first trial was only suspected of an event; if there is none the target is the same step again.
     """
     signs, h = read_signs(evolver, solver, tr, bracket), tr.h
     d0, d1 = h * solver.rate, h * tr.rate
-    # A guard that starts at zero first leaves it: its root lies beyond the extremum between.
+    # A guard that starts at zero first moves away from it: its root lies after the extremum.
     lo = jnp.where((solver.g == 0) & (d0 * d1 < 0), turning_point(solver.g, d0, tr.g, d1), 0.0)
     roots = jnp.where(signs.crossed, h * hermite_root(lo, solver.g, d0, tr.g, d1), jnp.inf)
     guard_index = jnp.argmin(roots).astype(jnp.int32)
     cut = jnp.min(jnp.where(signs.turn, h * signs.theta, jnp.inf))
-    # An undershoot of the slot aimed at: one Newton step, kept below where the guard is known to be beyond.
+    # The trial ended before the targeted root: one Newton step, limited to the bracket (else bisection).
     aimed = jnp.maximum(bracket.guard_index, 0)
     newton = h + signs.ahead[aimed]
     newton = jnp.where((newton > h) & (newton < bracket.beyond), newton, 0.5 * (h + bracket.beyond))
     undershot = (bracket.guard_index >= 0) & ~jnp.any(signs.crossed)
     root = jnp.where(undershot, newton, roots[guard_index])
     guard_index = jnp.where(undershot, aimed, jnp.where(jnp.any(signs.crossed), guard_index, -1))
-    # The cubic's root may stagnate at one end where it is very flat: then bisect.
+    # Where the cubic is very flat its root may stagnate at one end: then bisect.
     root = jnp.where((bracket.tries > 10) & ~undershot, 0.5 * root, root)
     target = jax.lax.stop_gradient(jnp.minimum(root, cut))
     beyond = jax.lax.stop_gradient(jnp.where(undershot, bracket.beyond, h))

@@ -1,7 +1,7 @@
-"""Coefficients of symplectic schemes for H = A + B, in one table: what order each has, and where it comes from.
+"""Coefficients of symplectic schemes for H = A + B, with order and source of each.
 
 A scheme is a product of flows of A (for H = T(p) + V(q): drifts, q += a h ∇T) and of B (kicks, p −= b h ∇V), read from
-left to right. All are symmetric, so half of the coefficients says everything.
+left to right. All are symmetric, so half of the coefficients determines a scheme.
 """
 
 from collections.abc import Sequence
@@ -20,19 +20,20 @@ class Scheme(NamedTuple):
     parts: tuple[tuple[int, float], ...]  # (A or B, fraction of the step), in the order in which they act
     order: int
     source: str
-    corrector: float = 0.0  # g of exp(-(g/2) h³ C) before and after, C = {{A, B}, B}; 0: none
-    quadratic: bool = False  # holds for a kinetic energy that is quadratic in p only
+    corrector: float = 0.0  # g of exp(-(g/2) h³ C) before and after the step, C = {{A, B}, B}; 0: no corrector
+    quadratic: bool = False  # only for a kinetic energy that is quadratic in p
 
 
 def _alternating(first: int, *coefficients: float) -> tuple[tuple[int, float], ...]:
-    """A and B in turn from `first` on."""
+    """A and B alternately, beginning with `first`."""
     return tuple(((first + i) % 2, float(c)) for i, c in enumerate(coefficients))
 
 
 def _mirrored(first: int, outer, inner) -> tuple[tuple[int, float], ...]:
     """The scheme that starts and ends with `first`, from the first half of both rows of coefficients.
 
-    The last number of one of the two rows is the middle of the scheme; None stands for what makes its row sum to 1.
+    The middle of the scheme is the last number of `outer` if that row is longer, otherwise that of `inner`. None stands
+    for the number with which the coefficients of its part sum to 1.
     """
     longer = len(outer) > len(inner)
     outer, inner = (_completed(row, middle) for row, middle in ((outer, longer), (inner, not longer)))
@@ -41,15 +42,16 @@ def _mirrored(first: int, outer, inner) -> tuple[tuple[int, float], ...]:
 
 
 def _completed(row, middle: bool) -> list[float]:
-    """The row with a number for None: it occurs once in the middle of the scheme, else twice."""
+    """The row with None replaced: that coefficient occurs once if it is the middle of the scheme, otherwise twice."""
     known = [c for c in row if c is not None]
     return list(row) if None not in row else [*known, 1 - 2 * sum(known) if middle else 0.5 - sum(known)]
 
 
 def composed(weights: Sequence[float], parts: int = 2) -> tuple[tuple[int, float], ...]:
-    """Leapfrogs of weights w₁ … w_m … w₁, one after the other; the moves where two meet are one move.
+    """Leapfrogs over fractions w₁ … w_m … w₁ of the step; where two of them meet, their equal moves are merged.
 
-    A leapfrog of parts 0, 1, …, last moves all but the last for half of its length before it, and again after it.
+    A leapfrog of the parts 0, 1, …, last: half a move of each part but the last, a whole move of the last, then the
+    half moves again in the opposite order.
     """
     merged: list[tuple[int, float]] = []
     for weight in (*weights, *weights[-2::-1]):
@@ -61,11 +63,11 @@ def composed(weights: Sequence[float], parts: int = 2) -> tuple[tuple[int, float
     return tuple(merged)
 
 
-# SABAₙ and SBABₙ: the nodes of a quadrature are where one part stands, its weights how far the other part acts there.
+# SABAₙ and SBABₙ: kicks at the nodes of a quadrature rule, with its weights, and drifts from node to node.
 
 
 def _quadrature_scheme(nodes, weights, first: int) -> tuple[tuple[int, float], ...]:
-    """Kicks of the weights at the nodes in [0, 1], with drifts in between."""
+    """Kicks of the weights at the nodes in [0, 1], and drifts between them; with first = A also before and after."""
     if first == A:
         drifts = np.diff([0.0, *nodes, 1.0])
         return _alternating(A, *[c for pair in zip(drifts, weights, strict=False) for c in pair], drifts[-1])
@@ -74,7 +76,7 @@ def _quadrature_scheme(nodes, weights, first: int) -> tuple[tuple[int, float], .
 
 
 def _corrector(nodes, weights) -> float:
-    """G = 1/12 − ¼ ΣΣ wᵢwⱼ|xᵢ − xⱼ|: what is left of {{A, B}, B} h³, for kicks of weights w at the nodes x."""
+    """Coefficient g = 1/12 − ¼ ΣΣ wᵢwⱼ|xᵢ − xⱼ| of the error term {{A, B}, B} h³; kicks of weights w at nodes x."""
     return float(1 / 12 - 0.25 * weights @ np.abs(nodes[:, None] - nodes[None, :]) @ weights)
 
 
@@ -85,7 +87,7 @@ def gauss_legendre(n: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def gauss_lobatto(n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and weights of Lobatto's quadrature of n ≥ 2 points on [0, 1], both ends among them."""
+    """Nodes and weights of Lobatto's quadrature with n ≥ 2 points on [0, 1], which include both ends."""
     legendre = np.polynomial.legendre.Legendre.basis(n - 1)
     inner = np.sort(np.real(legendre.deriv().roots())) if n > 2 else np.empty(0)
     nodes = np.concatenate([[-1.0], inner, [1.0]])
@@ -123,7 +125,7 @@ SUZUKI_UMENO = (
 )
 VERLET = "L. Verlet, Computer “experiments” on classical fluids, Phys. Rev. 159 (1967) 98, doi:10.1103/PhysRev.159.98"
 
-# Sources above give the rows below to so many digits; None is what the rest leaves over.
+# The rows below have the digits that the sources above print; for None see `_completed`.
 
 _FOREST_RUTH = 1 / (2 - 2 ** (1 / 3))
 _YOSHIDA6 = (0.784513610477557263819497633866, 0.235573213359358133684793182979, -1.177679984178871006946415680964)
@@ -165,7 +167,7 @@ _SRKN14A = (
 )  # fmt: skip
 
 
-COMPOSITIONS = {  # of leapfrogs, which may have any number of parts: the first half of the weights
+COMPOSITIONS = {  # of leapfrogs with any number of parts: the first half of the weights, up to the middle one
     "leapfrog": (1.0,),
     "ForestRuth": (_FOREST_RUTH, 1 - 2 * _FOREST_RUTH),
     "Yoshida6": (*_YOSHIDA6, 1 - 2 * sum(_YOSHIDA6)),

@@ -1,7 +1,7 @@
 """Symplectic schemes for H = A + B; the derivative of their step is the tangent-map method.
 
-Each part is moved exactly, in turn. For H = T(p) + V(q) these moves are drifts and kicks (`Symplectic`); any two flows
-that are known in closed form will do (`Splitting`).
+A step applies the exact flows of the parts one after the other. For H = T(p) + V(q) these are drifts and kicks
+(`Symplectic`); `Splitting` takes any flows that are known in closed form.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,7 +25,7 @@ __all__ = ["Composition", "Splitting", "Symplectic", "moved", "separable", "with
 
 
 class Composition(Method):
-    """What methods have in common that make steps of one length out of exact moves."""
+    """Base class of fixed-step methods that compose exact flows."""
 
     dt: eqx.AbstractVar[Any]
     rtol: ClassVar[float] = 0.0
@@ -39,7 +39,7 @@ class Composition(Method):
 
     @property
     def error_order(self) -> int:
-        """There is no error estimate that could fall."""
+        """1, without meaning: there is no error estimate."""
         return 1
 
     def inside(self, dense, theta):
@@ -88,7 +88,7 @@ class Symplectic(Composition):
         positive("dt", dt)
         self.scheme, self.dt = scheme, dt
 
-    def require(self, field, t, x) -> None:
+    def require(self, field: Any, t, x) -> None:
         """Raise where a field is not that of an `lh.Hamiltonian`, or its kinetic energy does not fit."""
         parts = separable(field, x, f"lh.Symplectic({self.scheme!r})")
         if SCHEMES[self.scheme].quadratic:
@@ -99,20 +99,20 @@ class Symplectic(Composition):
         return self._arrived(field, t, x, f, h, moved(SCHEMES[self.scheme], field, x, h))
 
     def tangent(self, field: Any, t, x, h, frame, stage_points=()) -> Tangent:
-        """The tangent map: drifts and kicks of the columns, at the points that the state passes."""
+        """The tangent map: drifts and kicks of the columns, linearised along the path of the state."""
         del stage_points
         new, columns = moved(SCHEMES[self.scheme], field, (x, frame), h, with_columns)
         return Tangent(new, columns, frame[None, :0], (t, x))
 
     def divergence(self, field, nodes, h):
-        """Canonical motion keeps volumes."""
+        """Zero: a symplectic map conserves phase-space volume."""
         return jnp.zeros_like(h)
 
 
 def moved(scheme: Scheme, field: Any, state: Any, h, at: Callable = lambda function, x: function(x)):
-    """The state (2m,) after a step over h of a scheme, under a field T + V.
+    """The state (2m,) after a step over h of a scheme, for the field of H = T + V.
 
-    The state may be any tree of arrays (2m, …), which move alike; then `at(function, x)` gives a tree like x.
+    The state may be a pytree of arrays (2m, …); `at(function, x)` then evaluates a function of (m,) on such a pytree.
     """
     parts, args = field.field, field.args
     q, p = (jax.tree.map(lambda one, half=half: halves(one)[half], state) for half in (0, 1))
@@ -149,7 +149,8 @@ def moved(scheme: Scheme, field: Any, state: Any, h, at: Callable = lambda funct
 def with_columns(function: Callable, point: tuple) -> tuple:
     """The value (m,) of a function at x (m,), and its derivative there applied to columns (m, k).
 
-    Where the derivative takes more work than a matrix (m, m) it is made one: for each column there is then less to do.
+    A derivative that costs more than a product with a matrix (m, m) is computed as a Jacobian matrix once, and the
+    columns are multiplied by it.
     """
     x, columns = point
     value, linear = jax.linearize(function, x)
@@ -171,10 +172,10 @@ def separable(field: Any, x, name: str) -> Separable:
 
 
 class Splitting(Composition):
-    """A splitting scheme for H = A + B + …, or any dx/dt = a(x) + b(x) + …, whose parts all flow in closed form.
+    """A splitting scheme for H = A + B + …, or any dx/dt = a(x) + b(x) + …, with parts whose flows are in closed form.
 
     Args:
-        flows: two functions or more, ``(dt, t, x, args) -> x`` after the time dt under one of the parts alone.
+        flows: two functions or more, ``(dt, t, x, args) -> x``: the state after the time dt under one part alone.
         coefficients: the name of a scheme as for `lh.Symplectic`, without corrector; of more than two parts
             "leapfrog", "ForestRuth", "Yoshida6" or "SuzukiUmeno8". Or a sequence of pairs (which of the flows,
             fraction of the step), in the order in which they act.
@@ -218,7 +219,7 @@ class Splitting(Composition):
         return self._arrived(field, t, x, f, h, new)
 
     def divergence(self, field, nodes, h):
-        """ln|det| of the step: what its parts do to the volume is known to them alone."""
+        """ln|det| of the step's derivative: the divergences of the parts are not given separately."""
         t, x = nodes
         return log_abs_det(jax.jacfwd(lambda x: self.step(field, t, x, field(t, x), h).x)(x))
 

@@ -1,8 +1,8 @@
-"""The rivals of the tangent map: the tangent dynamics Hamiltonian, with D²V frozen at points of the orbit.
+"""Alternatives to the tangent map: the tangent dynamics Hamiltonian, with D²V frozen at points of the orbit.
 
-H_T(δq, δp, t) = ½ δpᵀ T'' δp + ½ δqᵀ D²V(q(t)) δq: the orbit comes first, by any method, and D²V(q) is known at its
-points alone. These methods are here to be compared with: their tangent is not the derivative of their
-step, and λ₁ of a regular orbit levels off at a value above 0 that falls with the step only.
+H_T(δq, δp, t) = ½ δpᵀ T'' δp + ½ δqᵀ D²V(q(t)) δq. The orbit is integrated first, by any method, and D²V(q) is known
+only at its points. These methods are here for comparison: their tangent is not the derivative of their step, so λ₁ of
+a regular orbit levels off at a value above 0, which decreases only with the step.
 """
 
 import math
@@ -25,7 +25,7 @@ from .symplectic import Composition, Symplectic, separable
 __all__ = ["TangentHamiltonian"]
 
 ORBIT = "SBAB2C"
-SCHEME_AND_KICKS = {  # by which scheme, and the point of the orbit at which D²V is taken for each of its kicks
+SCHEME_AND_KICKS = {  # variant: its scheme, and for each kick the index of the orbit's point at which D²V is taken
     "cc": ("SBAB2C", (0, 0, 0)),
     "eps": ("SBAB2C", (0, 1, 2)),
     "eps-kick": ("SBAB1", (0, 1)),
@@ -33,31 +33,31 @@ SCHEME_AND_KICKS = {  # by which scheme, and the point of the orbit at which D²
 }
 VARIANTS = (*SCHEME_AND_KICKS, "es")
 TWO_STEPS = ("eps", "eps-drift")
-SMALL = 0.25  # what the series then leave out is below 0.25⁸/16! = 7e-19
+SMALL = 0.25  # truncation error of the series below this: 0.25⁸/16! = 7e-19
 COSINE, SINE = ([1 / math.factorial(2 * k + odd) for k in reversed(range(8))] for odd in (0, 1))
 
 
 class TangentHamiltonian(Composition):
-    """The variational equations as those of a Hamiltonian whose coefficients are constant for a while.
+    """The variational equations as those of a Hamiltonian with piecewise constant coefficients.
 
     Args:
-        variant: where D²V is taken, and what is done with it:
+        variant: where D²V is evaluated, and the scheme for the perturbations:
 
-            - "cc": at the start of the step; then the scheme of the orbit, SBAB2 with its corrector.
-            - "es": at the start of the step; then the exact solution, by the eigenvectors.
+            - "cc": at the start of the step; SBAB2 with its corrector, as for the orbit.
+            - "es": at the start of the step; the exact solution, by eigenvectors.
             - "eps": in extended phase space, SBAB2 with its corrector, D²V at the start, in the middle and at the end;
               equation (40) of the paper.
             - "eps-kick": kick, drift, kick, D²V at the start and at the end; (38).
             - "eps-drift": drift, kick, drift, D²V in the middle; (39).
-        dt: the step of the tangent, in units of time; the orbit takes two of half the length where D²V is wanted in
-            the middle.
+        dt: the step of the tangent, in units of time; variants that need D²V in the middle make two steps of the orbit
+            of half the length.
         orbit: the method of the orbit, such as ``lh.Symplectic("ABA864", dt=0.05)`` or ``lh.RungeKutta("dop853")``;
-            None: SBAB2 with its corrector. One that controls its error makes steps shorter than dt where it has to,
-            those of the tangent too.
+            None: SBAB2 with its corrector. A method with error control makes steps shorter than dt where its
+            tolerance demands it, and the tangent makes the same steps.
 
     Raises:
-        ValueError: on an unknown variant, on a step that is not positive, on an orbit by something else than a method
-            or in steps of another length; and, where it is used, on a system that is no `lh.Hamiltonian` with a
+        ValueError: on an unknown variant, on a step that is not positive, on an `orbit` that is no method or has
+            steps of another length; and, where it is used, on a system that is no `lh.Hamiltonian` with a
             kinetic energy that is quadratic in p.
 
     Source:
@@ -89,17 +89,17 @@ class TangentHamiltonian(Composition):
 
     @property
     def stage_count(self) -> int:
-        """Steps of the orbit in one of the tangent: their ends are where D²V is taken."""
+        """Steps of the orbit in one step of the tangent; D²V is taken at their ends."""
         return 2 if self.variant in TWO_STEPS else 1
 
     @property
     def fixed_step(self) -> Any:
-        """The step; None where the error of the orbit is controlled."""
+        """The fixed step; None if the orbit's method controls its error."""
         return None if self.orbit.adaptive else self.dt
 
     @property
     def longest_step(self) -> Any:
-        """No step is longer than dt."""
+        """The step dt if the orbit's method controls its error; otherwise None."""
         return self.dt if self.orbit.adaptive else None
 
     @property
@@ -123,17 +123,17 @@ class TangentHamiltonian(Composition):
         return self.orbit.controller
 
     def loosened(self, least: float) -> "TangentHamiltonian":
-        """With the method of the orbit loosened."""
+        """The same with the method of the orbit loosened."""
         return TangentHamiltonian(self.variant, self.dt, self.orbit.loosened(least))
 
-    def require(self, field, t, x) -> None:
-        """Raise where a field is not that of an `lh.Hamiltonian` that is quadratic in p."""
+    def require(self, field: Any, t, x) -> None:
+        """Raise a ValueError unless the field is that of an `lh.Hamiltonian` with T quadratic in p."""
         name = f"lh.TangentHamiltonian({self.variant!r})"
         separable(field, x, name).require_quadratic(field.args, halves(x)[1], name)
         self.orbit.require(field, t, x)
 
     def _orbit(self, field: Any, t, x, f, h) -> list[Step]:
-        """The steps of the orbit over one of the tangent."""
+        """The steps of the orbit over one step of the tangent."""
         short, steps = h / self.stage_count, []
         for _ in range(self.stage_count):
             steps.append(self.orbit.step(field, t, x, f, short))
@@ -147,16 +147,16 @@ class TangentHamiltonian(Composition):
         return Step(last.x, last.f, errors, (x, f, last.x, last.f, h), (t, x), tuple(one.x for one in steps))
 
     def ratio(self, error, scale):
-        """That of the worst step of the orbit."""
+        """The largest ratio of the steps of the orbit."""
         ratios = [self.orbit.ratio(one, scale) for one in jnp.split(error, self.stage_count)]
         return jnp.max(jnp.stack(ratios))
 
     def divergence(self, field, nodes, h):
-        """Canonical motion keeps volumes."""
+        """Zero: the flow of a Hamiltonian conserves phase-space volume."""
         return jnp.zeros_like(h)
 
     def tangent(self, field: Any, t, x, h, frame, stage_points=()) -> Tangent:
-        """The frame under the quadratic Hamiltonians of the step."""
+        """The frame after the step, by the quadratic Hamiltonians at the points of the orbit."""
         points: Sequence = (x, *(stage_points or [one.x for one in self._orbit(field, t, x, field(t, x), h)]))
         forms = [Form(field, point) for point in points]
         dq, dp = jnp.split(frame, 2)
@@ -199,7 +199,7 @@ class Form:
 
 
 def _composed(scheme: Scheme, forms: list[Form], dq, dp, h):
-    """A step over h of a scheme, whose kicks take one form after the other."""
+    """A step over h of a scheme; its i-th kick uses forms[i]."""
     strength, waiting = scheme.corrector * h**3, iter(forms)
     dp = dp + strength * forms[0].bracket(dq)
     for part, share in scheme.parts:
@@ -211,7 +211,7 @@ def _composed(scheme: Scheme, forms: list[Form], dq, dp, h):
 
 
 def _factor(matrix):
-    """The lower triangular L with L Lᵀ = matrix, and L⁻¹; in the plane in closed form, ten times as fast."""
+    """The lower triangular L with L Lᵀ = matrix, and L⁻¹; in closed form for 2 × 2, without calls of a library."""
     if matrix.shape[0] != 2:
         lower = jnp.linalg.cholesky(matrix)
         return lower, jax.scipy.linalg.solve_triangular(lower, jnp.eye(len(matrix), dtype=matrix.dtype), lower=True)
@@ -224,7 +224,7 @@ def _factor(matrix):
 
 
 def _eigenvectors(matrix):
-    """Eigenvalues and eigenvectors of a symmetric matrix; in the plane by a rotation, its angle from twice it."""
+    """Eigenvalues and eigenvectors of a symmetric matrix; for 2 × 2 by a rotation, computed from twice its angle."""
     if matrix.shape[0] != 2:
         return jnp.linalg.eigh(matrix)
     (a, b), (_, d) = matrix
@@ -238,12 +238,12 @@ def _eigenvectors(matrix):
 
 
 def _cosine_and_sine(z):
-    """Cos √z and sin √z / √z, entire functions of z: by their series where |z| is small, as in steps that follow it."""
+    """The entire functions cos √z and sin √z / √z of z (m,); by series if all |z| are small, the usual case."""
     return jax.lax.cond(jnp.all(jnp.abs(z) < SMALL), _by_series, _by_functions, z)
 
 
 def _by_series(z):
-    """Σ (−z)ᵏ / (2k)! and Σ (−z)ᵏ / (2k + 1)!, to rounding."""
+    """The sums Σ (−z)ᵏ / (2k)! and Σ (−z)ᵏ / (2k + 1)!, to rounding."""
     return tuple(jnp.polyval(jnp.asarray(c, z.dtype), -z) for c in (COSINE, SINE))
 
 

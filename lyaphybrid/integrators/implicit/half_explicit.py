@@ -1,8 +1,8 @@
 """Runge–Kutta methods for E(t) x' = f(t, x): half-explicit, and diagonally implicit with an explicit first stage.
 
-They integrate the content, (E₁ x)' = E₁' x + f₁, and each stage solves for the state that has it and lies on the
-constraints. So they keep the order that they have for ordinary differential equations. Applied to E x' = f as it
-stands they would lose it where E depends on time.
+They integrate the differential part w = E₁ x (d,), (E₁ x)' = E₁' x + f₁, and each stage solves for the state x that
+has this differential part and satisfies the constraints. So they keep the order that they have for ordinary
+differential equations; applied directly to E x' = f they would lose it where E depends on time.
 
 V. H. Linh & N. D. Truong, Electron. Trans. Numer. Anal. 48 (2018) 131, doi:10.1553/etna_vol48s131.
 """
@@ -19,10 +19,11 @@ from ..._arguments import require
 from ..._jax.columns import linear_at
 from ..._linalg.linear_systems import product
 from ...systems.daes.eliminations import Eliminated
-from ...systems.daes.semi_linear import parts_of, solved
+from ...systems.daes.points import solved
+from ...systems.daes.semi_linear import parts_of
 from ..base import Field, Step, Tangent
 from ..divergences import quadrature
-from ..runge_kutta import TABLEAUX, Tableau, along, summed, tabulated, through, weighed
+from ..runge_kutta import TABLEAUX, Tableau, along, summed, tabulated, through, times_of, weighed
 from .implicit_tableaux import IMPLICIT
 from .linearised import linearised
 from .on_constraints import OnConstraints, check_control
@@ -33,7 +34,7 @@ EXPLICIT = tuple(name for name, table in TABLEAUX.items() if len(table.errors) =
 
 
 class StageByStage(OnConstraints):
-    """Whose stages are found one after the other."""
+    """Base class of the methods whose stages are solved one after the other."""
 
     tableau: eqx.AbstractVar[str]
 
@@ -44,16 +45,19 @@ class StageByStage(OnConstraints):
 
     @property
     def error_order(self) -> int:
-        """The power of h by which the error estimate falls."""
+        """The order p of the error estimate: it falls as h^p."""
         return self.table.order
 
     @property
     def stage_count(self) -> int:
-        """The points of all stages but the first, and the end where it is none of them."""
+        """The number of stage points: all stages but the first, and the end of the step if it is not a stage."""
         return len(self.table.a) + (not self.table.last_is_next)
 
     def stages(self, t, h):
-        """For these points: weights of the slopes before, times, and shares of their own slopes (None: none have)."""
+        """For these points: weights of the earlier slopes, times, and shares h a_ii of their own slopes.
+
+        The shares are None for an explicit tableau; the end of the step has share 0.
+        """
         weights, times = tabulated(self.table, t, h)
         own = np.arange(self.stage_count) < len(self.table.a)
         return weights, times, self.table.diagonal * h * jnp.asarray(own, times.dtype) if self.table.diagonal else None
@@ -77,7 +81,7 @@ class StageByStage(OnConstraints):
             guess = point + product(lifts.content, ahead - dae.content(at, point, args))
             point, lifts = solved(dae, args, at, base, guess, self.rtol, share)
             slope = dae.slope(at, point, args)
-            # Where det Ē changes its sign on the way there was a singular point: that is no step.
+            # If det Ē changes its sign, the step has crossed a singular point and must be rejected.
             same = same & ((lifts.sign == sign) if share is None else True)
             return (point, lifts, slopes.at[i].set(slope), slope, same), point
 
@@ -98,7 +102,7 @@ class StageByStage(OnConstraints):
         )
 
     def _directly(self, field: Any, t, x, f, h) -> Step:
-        """The same where the constraints are solved by hand: the ordinary method for the content, which is its way."""
+        """A step where the constraints are solved in closed form: the ordinary Runge–Kutta method for E₁ x."""
         dae = field.field
         new, error, contents = self._of_content(dae, t, dae.content(t, x, None), h)
         stage_points = (jnp.stack(contents[1:] if self.table.last_is_next else [*contents[1:], new]),)
@@ -114,18 +118,21 @@ class StageByStage(OnConstraints):
         )
 
     def _of_content(self, dae: Eliminated, t, content, h):
-        """The content after the step, its error, and what it was in all stages."""
-        table = self.table
-        later = [functools.partial(dae.slope_of, t + c * h) for c in table.c]
-        points, slopes = through(table, content, h, dae.slope_of(t, content), later)
+        """E₁ x (d,) after the step, its error estimate, and its values in all stages."""
+        table, slope_of = (
+            self.table,
+            jax.jit(functools.partial(Eliminated.slope_of, dae)),
+        )  # traced once, not in each stage
+        first, *later = (functools.partial(slope_of, time) for time in self.times(t, h))
+        points, slopes = through(table, content, h, first(content), later)
         new = points[-1] if table.last_is_next else along(content, h, table.b, slopes)
         return new, h * weighed(table.errors[0], slopes), list(points)
 
     def _tangent_directly(self, field: Any, t, x, h, frame, stage_points, new) -> Tangent:
-        dae, table = field.field, self.table
+        dae, table, slope_of = field.field, self.table, jax.jit(functools.partial(Eliminated.slope_of, field.field))
         contents = [dae.content(t, x, None), *stage_points[: len(table.a), : dae.n_differential]]
         nodes = zip(self.times(t, h), contents, strict=True)
-        first, *later = (linear_at(functools.partial(dae.slope_of, time), content) for time, content in nodes)
+        first, *later = (linear_at(functools.partial(slope_of, time), content) for time, content in nodes)
         change = dae.content(t, frame, None)
         changes, slopes = through(table, change, h, first(change), later)
         moved = changes[-1] if table.last_is_next else along(change, h, table.b, slopes)
@@ -135,7 +142,7 @@ class StageByStage(OnConstraints):
         return Tangent(new, moved, errors[None], self.nodes_of(field, t, h, x, (stage_points,)))
 
     def tangent(self, field: Field, t, x, h, frame, stage_points=()) -> Tangent:
-        """The same method for the linearised equations, in the same stages."""
+        """The same method for the linearised equations, with the same stages."""
         (stage_points,), new = (stage_points, None) if stage_points else self._on_the_way(field, t, x, h)
         if self._is_direct(field):
             return self._tangent_directly(field, t, x, h, frame, stage_points, new)
@@ -160,18 +167,16 @@ class StageByStage(OnConstraints):
         return done.stage_points, done.x
 
     def times(self, t, h) -> list:
-        """Those of the stages."""
-        return [t, *(t + c * h for c in self.table.c)]
+        """The times of the stages."""
+        return times_of(tuple(self.table.c), t, h)
 
     def points_on(self, field, t, h, stage_points) -> list:
-        """The points on the way."""
+        """The stage points (n,); `stage_points` holds those of a direct step as E₁ x."""
         if not self._is_direct(field):
             return list(stage_points[0])
-        dae, times = field.field, [*self.times(t, h)[1:], t + h]
-        return [
-            jnp.stack(dae.components(at, w))
-            for at, w in zip(times, stage_points[0][:, : dae.n_differential], strict=False)
-        ]
+        point_of = jax.jit(lambda t, w: jnp.stack(field.field.components(t, w)))
+        times = [*self.times(t, h)[1:], t + h]
+        return [point_of(at, w) for at, w in zip(times, stage_points[0][:, : field.field.n_differential], strict=False)]
 
     def nodes_of(self, field, t, h, x, stage_points):
         """Times and points of the stages."""
@@ -220,8 +225,8 @@ class ESDIRK(StageByStage):
     Errors and steps as for `lh.HalfExplicit`.
 
     Args:
-        tableau: "esdirk34" (Jørgensen, Kristensen & Thomsen; it goes on by its weights of order 4), "esdirk54b" (on by
-            its weights of order 5; those of order 4 are the L-stable ones), "kvaerno3", "kvaerno4" or "kvaerno5".
+        tableau: "esdirk34" (Jørgensen, Kristensen & Thomsen; advances with its weights of order 4), "esdirk54b"
+            (advances with its weights of order 5; those of order 4 are L-stable), "kvaerno3", "kvaerno4" or "kvaerno5".
         rtol: the tolerance.
         control: "xY", the frame's errors are controlled too; "x", the state's alone.
 

@@ -1,15 +1,16 @@
 """Coefficients of singly diagonally implicit methods with an explicit first stage.
 
-ESDIRK34 of Jørgensen, Kristensen & Thomsen is what stage order 2, L-stability of its third-order weights and order 4 of
-the others leave: γ is a root of 6γ³ − 18γ² + 9γ − 1. Going on by the weights of order 4, as Linh et al. do, gives up
-L-stability: |R(z)| grows like 0.31 |z|.
+ESDIRK34 of Jørgensen, Kristensen & Thomsen is determined by stage order 2, L-stability of its third-order weights and
+order 4 of the others: γ is a root of 6γ³ − 18γ² + 9γ − 1. Advancing with the weights of order 4, as Linh et al. do,
+gives up L-stability: |R(z)| grows like 0.31 |z|.
 
 ESDIRK54b: the stages from the third on have order 3, the sixth is an L-stable method of order 4 with a62 = 0, the last
 one a method of order 5 with b2 = 0 and Σ b_i a_i2 = 0. These conditions leave a few solutions for each γ. (With the
-last one L-stable in the place of the sixth, and γ = 0.26, one of them is Kværnø's 5/4a, here "kvaerno5".) Which one
-Linh et al. used, their Table 4 tells: where the motion has come to rest its error is ln R(λh)/h − λ, and one solution,
-at γ = 0.27, has it, going on by the weights of order 5. These are A-stable, with R(∞) = 0.873. Near λh = −1 both
-members of the pair have nearly the same error, and the estimate is then far below it.
+last stage L-stable instead of the sixth, and γ = 0.26, one of them is Kværnø's 5/4a, here "kvaerno5".) Table 4 of Linh
+et al. shows which solution they used: once the motion has come to rest the error of an exponent is ln R(λh)/h − λ, and
+the solution with γ = 0.27, advancing with the weights of order 5, has the errors printed there. These weights are
+A-stable, with R(∞) = 0.873. Near λh = −1 both members of the pair have nearly the same error, and the error estimate
+is far below it.
 """
 
 import diffrax

@@ -1,4 +1,4 @@
-"""A field linearised at a point on the way of a step: what frames need of it, constraints or not."""
+"""A field linearised at a stage point, as linear functions of frames; with or without constraints."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -18,14 +18,14 @@ __all__ = ["Along", "linearised"]
 class Along(NamedTuple):
     """Linear functions of frames (n, k)."""
 
-    lift: Array  # (n, d), times E₁ Y is Y
+    lift: Array  # (n, d), with lift E₁ Y = Y for columns Y tangent to the constraints
     content: Callable  # Y ↦ E₁ Y
     slope: Callable  # Y ↦ (E₁ Y)' = E₁' Y + A₁ Y
     derivative: Callable  # Y ↦ Y' = Ē⁻¹ [A₁; −A₂'] Y
 
 
 def linearised(field: Any, t, x: Array, share: Any = None) -> Along:
-    """A field linearised at (t, x); with a share the lift is that of an implicit stage."""
+    """A field linearised at (t, x); with a share h a_ii the lift is that of an implicit stage."""
     if share is None and not is_constrained(field):
         slope = linear_at(lambda x: field(t, x), x)
         return Along(jnp.eye(x.shape[0], dtype=x.dtype), lambda frame: frame, slope, slope)
@@ -56,7 +56,7 @@ def _along(dae: Constrained, args, t, x, share) -> Along:
 
 
 def _along_content(dae: Eliminated, t, x) -> Along:
-    """The same in d numbers a column: Q = [dw; L dw] with dw' = D dw, and so Q' = [dw'; L dw' + L' dw]."""
+    """The same with d numbers per column: Q = [dw; L dw], dw' = D dw, and therefore Q' = [dw'; L dw' + L' dw]."""
     w = dae.content(t, x, None)
     onwards = jnp.ones_like(t), dae.slope_of(t, w)
     fall, turning = jax.jvp(lambda t, w: dae.sensitivity(t, jnp.stack(dae.components(t, w))), (t, w), onwards)

@@ -1,4 +1,4 @@
-"""What the Runge–Kutta methods for E(t) x' = f(t, x) have in common: error control, and dense output."""
+"""Base class of the Runge–Kutta methods for E(t) x' = f(t, x): error control and dense output."""
 
 from typing import Any, ClassVar
 
@@ -14,7 +14,7 @@ __all__ = ["OnConstraints", "check_control"]
 
 
 class OnConstraints(Method):
-    """A method that integrates the content and keeps the constraints in all of its stages."""
+    """A method that integrates the differential part E₁ x and satisfies the constraints in all of its stages."""
 
     rtol: eqx.AbstractVar[Any]
     control: eqx.AbstractVar[str]
@@ -22,25 +22,25 @@ class OnConstraints(Method):
     controller: ClassVar[Controller] = Controller(safety=0.9, shrink=0.2, grow=5.0, now=1.0, last=0.0)  # (13), (14)
     keeps_constraints: ClassVar[bool] = True
     takes_slope: ClassVar[bool] = False
-    each_step: ClassVar[bool] = True  # what is left of a column beside the others is then known to the tolerance
+    each_step: ClassVar[bool] = True  # keeps columns well conditioned: R is then known to the tolerance
 
     @property
     def atol(self) -> Any:
-        """Errors are measured against rtol (1 + |x|)."""
+        """Equal to rtol: errors are compared with rtol (1 + |x|)."""
         return self.rtol
 
     @property
     def fixed_step(self) -> Any:
-        """The error estimate controls h."""
+        """None: the error estimate controls h."""
         return None
 
     def solves(self, field: Field) -> bool:
-        """All do."""
+        """True: the stages solve for the constraints."""
         del field
         return True
 
     def blank_stage_points(self, x):
-        """Room for the points on the way, or for their contents."""
+        """Zeros with the shape of the stage points, or of their differential parts."""
         return (jnp.zeros((self.stage_count, *x.shape), x.dtype),)
 
     def inside(self, dense, theta):
@@ -54,7 +54,7 @@ class OnConstraints(Method):
         return self.ratio(step.error, self.rtol * (1 + jnp.abs(step.x)))
 
     def frame_ratio(self, errors, frame, new):
-        """The same of the columns, taken in units of their length at the start."""
+        """The same for the columns, each in units of its length at the start of the step."""
         length = jnp.sqrt(jnp.sum(frame**2, axis=0) + nonzero(1e-40, frame))
         return jnp.max(jnp.abs(errors[0]) / (self.rtol * (length[None, :] + jnp.abs(new))))
 

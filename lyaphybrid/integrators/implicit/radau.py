@@ -1,12 +1,12 @@
-"""Radau IIA with three stages, of order 5, for E(t) x' = f(t, x): its stages are found together.
+"""Radau IIA with three stages, of order 5, for E(t) x' = f(t, x): its stages are solved simultaneously.
 
-Collocation for the content w = E₁ x: with w' = E₁' x + f₁ (eq. (9) of Linh et al.),
+Collocation for the differential part w = E₁ x: with w' = E₁' x + f₁ (eq. (9) of Linh et al.),
 
     E₁(t_i) x_i − h Σ_j a_ij w'(t_j, x_j) = w(t),   f₂(t_i, x_i) = 0,   t_i = t + c_i h,   x(t + h) = x_3.
 
-The error is estimated against the method of order 3 that has these nodes and the start, by weights that Hairer and
-Wanner choose (IV.8): that of the start is γ, the inverse of the real eigenvalue of A⁻¹, and what lies between both
-methods is multiplied by (E₁ − γ h ∂w'/∂x)⁻¹, without which it would be far too large where the equations are stiff.
+The error estimate compares with a method of order 3 that uses these nodes and the start of the step (Hairer & Wanner,
+IV.8): the weight at the start is γ, the inverse of the real eigenvalue of A⁻¹, and the difference of both methods is
+multiplied by (E₁ − γ h ∂w'/∂x)⁻¹, without which it would be far too large for stiff equations.
 """
 
 from typing import Any, ClassVar
@@ -18,7 +18,8 @@ import numpy as np
 
 from ..._jax.columns import linear_at
 from ..._linalg.linear_systems import inverse, product
-from ...systems.daes.semi_linear import Constrained, Lifts, parts_of, solved
+from ...systems.daes.points import solved
+from ...systems.daes.semi_linear import Constrained, Lifts, parts_of
 from ..base import Field, Step, Tangent
 from ..divergences import quadrature
 from .linearised import linearised
@@ -32,19 +33,19 @@ POWERS = C[:, None] ** np.arange(STAGES)  # Σ_j a_ij c_j^q = c_i^(q + 1) / (q +
 A = (C[:, None] * POWERS / np.arange(1, STAGES + 1)) @ np.linalg.inv(POWERS)
 REAL = [value.real for value in np.linalg.eigvals(np.linalg.inv(A)) if value.imag == 0]
 GAMMA = 1 / REAL[0]
-# The weights of the estimate at the stages: with γ at the start their quadrature has order 3, less that of order 5. In
-# terms of what the stages' content is beyond the start, h Σ a_ij w'_j, no slope need be known.
+# Weights of the error estimate at the stages: the quadrature of order 3, with γ at the start, minus that of order 5.
+# They apply to the increments h Σ a_ij w'_j of w from the start to the stages, so that no slopes are needed.
 BEYOND = np.linalg.solve(A.T, np.linalg.solve(POWERS.T, [-GAMMA, 0.0, 0.0]))
 
 
 class Together(eqx.Module):
-    """The equations of all stages, as those of one point (3 n,) with a content (3 d,) at three times."""
+    """The equations of all stages as those of one point (3 n,) with a differential part (3 d,), at three times."""
 
     dae: Constrained
 
     @property
     def n_differential(self) -> int:
-        """Components of the content."""
+        """3 d, the number of differential components."""
         return STAGES * self.dae.n_differential
 
     def _each(self, part, t, x, args):
@@ -63,11 +64,12 @@ class Together(eqx.Module):
         return self._each(self.dae.constraint, t, x, args).ravel()
 
     def lifts(self, t, x, args, share) -> Lifts:
-        """The inverse of the derivative of all these equations, by that of the equations for the content alone.
+        """The inverse of the Jacobian of all these equations; only a matrix (3 d, 3 d) is inverted.
 
-        With Ē⁻¹ = [L K] of each stage a correction is δx_i = L_i u_i + K_i r_i, r what is left of f₂, and
+        With Ē⁻¹ = [L K] in each stage, a Newton correction is δx_i = L_i u_i + K_i r_i, where s_i (d,) and r_i (n − d,)
+        are the residuals of the differential equations and of the constraints of stage i, and u_i (d,) solves
 
-            u_i − h Σ_j a_ij ∂w'/∂x_j L_j u_j = what is left of the content + h Σ_j a_ij ∂w'/∂x_j K_j r_j.
+            u_i − h Σ_j a_ij ∂w'/∂x_j L_j u_j = s_i + h Σ_j a_ij ∂w'/∂x_j K_j r_j.
         """
 
         def of_stage(t, x):
@@ -87,8 +89,9 @@ class Together(eqx.Module):
 class RadauIIA(OnConstraints):
     """The Radau IIA method with three stages, of order 5, for a stiff `lh.DAE` or `lh.Flow`.
 
-    A collocation method, L-stable, whose stages are found together by Newton's method. Errors and steps as for
-    `lh.HalfExplicit`. The error estimate has order 3: steps are shorter, and results better, than a tolerance asks for.
+    An L-stable collocation method whose stages are solved simultaneously by Newton's method. Errors and steps as for
+    `lh.HalfExplicit`. The error estimate has order 3: steps are shorter, and results more accurate, than the tolerance
+    demands.
 
     Args:
         rtol: the tolerance.
@@ -113,15 +116,15 @@ class RadauIIA(OnConstraints):
     control: str = eqx.field(static=True)
     rtol: Any
 
-    error_order: ClassVar[int] = 4
-    stage_count: ClassVar[int] = STAGES
+    error_order: ClassVar[int] = 4  # pyright: ignore[reportIncompatibleMethodOverride]  a constant serves as a property
+    stage_count: ClassVar[int] = STAGES  # pyright: ignore[reportIncompatibleMethodOverride]
 
     def __init__(self, rtol: Any = 1e-8, control: str = "xY"):
         check_control(rtol, control)
         self.rtol, self.control = rtol, control
 
     def times(self, t, h):
-        """Those of the stages (3,)."""
+        """The times of the stages (3,)."""
         return t + jnp.asarray(C, jnp.result_type(h)) * h
 
     def step(self, field: Field, t, x, f, h) -> Step:
@@ -140,7 +143,7 @@ class RadauIIA(OnConstraints):
         return Step(new, slope, error[None], (x, f, new, slope, h), (at, points), (points,))
 
     def tangent(self, field: Field, t, x, h, frame, stage_points=()) -> Tangent:
-        """The same method for the linearised equations, at the same points."""
+        """The same method for the linearised equations, at the same stage points."""
         new = None
         if not stage_points:
             done = self.step(field, t, x, field(t, x), h)
@@ -161,5 +164,5 @@ class RadauIIA(OnConstraints):
 
 
 def _estimate(h, slope, beyond):
-    """What lies between the methods of order 3 and 5, of the content (d,) or its columns (d, k)."""
+    """The difference of the methods of orders 3 and 5, of w (d,) or of its columns (d, k)."""
     return GAMMA * h * slope + jnp.tensordot(jnp.asarray(BEYOND, beyond.dtype), beyond, 1)

@@ -17,7 +17,7 @@ from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
 
 from ..lowering.costs import apart
 from ..lowering.jax_versions import Jaxpr, subprograms
-from ..lowering.unsupported import Unsupported
+from ..lowering.unsupported import UnsupportedError
 from ..machine.code import doubles_in_a_vector
 from .compiled import Compiled
 
@@ -68,7 +68,7 @@ class Program:
             return None
         try:
             return Compiled(self.closed, columns=self.columns, in_pieces=self.in_pieces)
-        except Unsupported as reason:
+        except UnsupportedError as reason:
             if engine() == "native":
                 raise
             if str(reason) not in _noted:
@@ -163,10 +163,10 @@ class Program:
             wide = [place >= len(self.closed.in_avals) - last for place in range(len(self.closed.in_avals))]
             try:
                 if apart(self.closed.jaxpr) > _SURELY * _MOST_APART:  # to lower it first takes seconds
-                    raise Unsupported("lanes that part often")
+                    raise UnsupportedError("lanes that part often")
                 lanes = doubles_in_a_vector()
                 code = Compiled(self.closed, lanes=lanes, wide=wide, most_apart=_MOST_APART, in_pieces=True)
-            except Unsupported:
+            except UnsupportedError:
                 code = None
             self._derived["in lanes", last] = code
         return self._derived["in lanes", last]

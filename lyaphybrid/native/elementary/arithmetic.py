@@ -194,7 +194,7 @@ def compare(b: Emitter, dtype, relation: str, x: Entry, y: Entry) -> Entry:
     """Whether lt, le, gt, ge, eq or ne holds; with nan only ne does."""
     of_floats, of_integers, fold = _RELATIONS[relation]
     if is_known(x, y):
-        return bool(folded(dtype, lambda x, y: fold(x, y), x, y))
+        return bool(folded(dtype, fold, x, y))
     letter, type_ = kind(dtype), llvm_type(dtype)
     if letter == "f":
         return b.binary(f"fcmp {of_floats}", type_, x, y)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from .types import BYTES, in_memory, literal
-from .unsupported import Unsupported
+from .unsupported import UnsupportedError
 
 _STACK = 2**18  # bytes on the stack at most: threads have as little as half a megabyte
 
@@ -18,7 +18,10 @@ Entry = Any  # bool, int or float where it is known, else str
 
 def is_known(*entries: Entry) -> bool:
     """Whether all entries are numbers already."""
-    return not any(isinstance(entry, str) for entry in entries)
+    for entry in entries:  # noqa: SIM110  a plain loop is faster, and this is asked for each instruction
+        if isinstance(entry, str):
+            return False
+    return True
 
 
 def is_wide(entry: Entry) -> bool:
@@ -367,7 +370,7 @@ class Emitter:
     def address(self, pointer: str, type_: str, index: Entry) -> str:
         """Where an element lies."""
         if is_wide(index):
-            raise Unsupported("lanes that index arrays of many elements")
+            raise UnsupportedError("lanes that index arrays of many elements")
         if not isinstance(index, str) and index == 0:
             return pointer
         name = self.name()

@@ -10,7 +10,7 @@ from functools import partial
 import jax
 
 from .jax_versions import ClosedJaxpr, Jaxpr, subprograms
-from .unsupported import Unsupported
+from .unsupported import UnsupportedError
 
 
 def traced(function: Callable, avals: Sequence) -> ClosedJaxpr:
@@ -19,14 +19,14 @@ def traced(function: Callable, avals: Sequence) -> ClosedJaxpr:
 
 
 def implementation(eqn) -> ClosedJaxpr:
-    """The program that an equation stands for; `Unsupported` if its primitive is not made of others."""
+    """The program that an equation stands for; `UnsupportedError` if its primitive is not made of others."""
     name = eqn.primitive.name
     try:
         found = traced(partial(eqn.primitive.impl, **eqn.params), [atom.aval for atom in eqn.invars])
     except Exception as error:  # whatever a function that is not meant for tracing does
-        raise Unsupported(f"the primitive {name}") from error
+        raise UnsupportedError(f"the primitive {name}") from error
     if _contains(found.jaxpr, name):  # JAX's own are compiled by XLA as they are
-        raise Unsupported(f"the primitive {name}")
+        raise UnsupportedError(f"the primitive {name}")
     return found
 
 

@@ -15,9 +15,9 @@ from .emitter import is_known
 from .expansion import implementation
 from .jax_versions import ClosedJaxpr, Jaxpr, Literal, literal_value, parts
 from .types import as_numpy, llvm_type
-from .unsupported import Unsupported
+from .unsupported import UnsupportedError
 from .uses import Uses, uses_of
-from .values import Buffer, Lazy, Memory, Rows, Value, Values, filled, memory_of, size, source_of
+from .values import Buffer, Lazy, Memory, Rows, Value, Values, filled, flat, memory_of, scalar, size, source_of
 
 RULES: dict[str, Callable] = {}
 ENTRYWISE: dict[str, Callable] = {}
@@ -142,7 +142,10 @@ class Lowering(Values):
             vectors = filled(lead, [function(self, eqn, dtypes, *each) for each in zip(*columns, strict=True)])
             return Rows(vectors, result.shape, result.dtype)
         if self.is_small(result.shape):
-            columns = [np.broadcast_to(self.entries(v), result.shape).ravel() for v in operands]
+            arrays = [self.entries(v) for v in operands]
+            if not result.shape:
+                return scalar(function(self, eqn, dtypes, *(array.item() for array in arrays)))
+            columns = [flat(a if a.shape == result.shape else np.broadcast_to(a, result.shape)) for a in arrays]
             return filled(result.shape, [function(self, eqn, dtypes, *each) for each in zip(*columns, strict=True)])
         readable = [
             self.readable(v, d, often=size(v.shape) < size(result.shape)) for v, d in zip(operands, dtypes, strict=True)
@@ -203,7 +206,7 @@ def lower(
         most_apart: the largest part of the code that may stand in branches which lanes do not share.
 
     Raises:
-        Unsupported: a primitive has no rule, or lanes have less in common than that.
+        UnsupportedError: a primitive has no rule, or lanes have less in common than that.
     """
     b = Lowering(small, columns, lanes, checked)
     jaxpr = closed.jaxpr
@@ -214,7 +217,7 @@ def lower(
     for place, (atom, value) in enumerate(zip(jaxpr.outvars, results, strict=True)):
         _output(b, place, atom.aval, value)
     if b.apart > most_apart * (len(b.lines) - b.seldom):
-        raise Unsupported(f"lanes that part in {b.apart} of {len(b.lines) - b.seldom} lines")
+        raise UnsupportedError(f"lanes that part in {b.apart} of {len(b.lines) - b.seldom} lines")
     body = [*b.allocations, *b.lines, *b.releases, "  ret void"]
     head = "define void @call(ptr noalias readonly %inputs, ptr noalias readonly %outputs) nounwind {"
     return "\n".join([*b.constants, *sorted(b.declarations), head, "entry:", *body, "}", "!0 = !{}", ""])

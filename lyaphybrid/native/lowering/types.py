@@ -6,7 +6,7 @@ import struct
 import jax
 import numpy as np
 
-from .unsupported import Unsupported
+from .unsupported import UnsupportedError
 
 _LLVM = {
     "bool": "i1",  # in registers; a byte in memory
@@ -30,10 +30,10 @@ INDEX = np.dtype(np.int64)
 
 @functools.cache
 def llvm_type(dtype) -> str:
-    """The LLVM type of an element; `Unsupported` for complex numbers, half floats and keys."""
+    """The LLVM type of an element; `UnsupportedError` for complex numbers, half floats and keys."""
     name = getattr(dtype, "name", None) or np.dtype(dtype).name
     if name not in _LLVM:
-        raise Unsupported(f"elements of type {name}")
+        raise UnsupportedError(f"elements of type {name}")
     return _LLVM[name]
 
 

@@ -11,7 +11,7 @@ from ..elementary.exponential import exponential, logarithm
 from ..lowering.emitter import Emitter, Entry, is_known, is_wide
 from ..lowering.lowering import ENTRYWISE, entrywise
 from ..lowering.types import BITS, kind, llvm_type
-from ..lowering.unsupported import Unsupported
+from ..lowering.unsupported import UnsupportedError
 from ..machine.code import has_fused_products
 
 
@@ -116,7 +116,7 @@ def _convert(b, eqn, dtypes, x):
 def _bitcast(b, eqn, dtypes, x):
     source, to = np.dtype(dtypes[0]), np.dtype(eqn.outvars[0].aval.dtype)
     if source.itemsize != to.itemsize or "b" in (source.kind, to.kind):
-        raise Unsupported("bitcast_convert_type between sizes")
+        raise UnsupportedError("bitcast_convert_type between sizes")
     if is_known(x):
         return np.asarray(x, source).view(to).item()
     return x if llvm_type(source) == llvm_type(to) else b.unary("bitcast", llvm_type(source), x, llvm_type(to))
@@ -180,7 +180,7 @@ def _same(b, eqn, dtypes, x):
 def _reduce_precision(b, eqn, dtypes, x):
     limits = np.finfo(dtypes[0])
     if (eqn.params["exponent_bits"], eqn.params["mantissa_bits"]) != (limits.nexp, limits.nmant):
-        raise Unsupported("reduce_precision to a type that is no type of LLVM's")
+        raise UnsupportedError("reduce_precision to a type that is no type of LLVM's")
     return x
 
 
@@ -220,7 +220,7 @@ def _library(name: str, fold: Callable | None = None) -> Callable:
 
 def _only_floats(eqn, dtypes) -> None:
     if any(kind(dtype) != "f" or dtype != dtypes[0] for dtype in dtypes):
-        raise Unsupported(f"{eqn.primitive.name} of {', '.join(str(dtype) for dtype in dtypes)}")
+        raise UnsupportedError(f"{eqn.primitive.name} of {', '.join(str(dtype) for dtype in dtypes)}")
 
 
 for _name, _fold in {

@@ -53,7 +53,8 @@ def orthonormal_by_blocks(b: Lowering, eqn, *frames):
 
     def orthonormalise(first: int, last: int) -> None:
         if last - first <= _PANEL:
-            return panel(first, last)
+            panel(first, last)
+            return
         middle = (first + last) // 2
         few, many, shares = middle - first, last - middle, work.memory.pointer
         orthonormalise(first, middle)

@@ -13,7 +13,7 @@ from ..lowering.emitter import Entry
 from ..lowering.jax_versions import index_mode
 from ..lowering.lowering import Lowering, rule
 from ..lowering.types import INDEX, kind, llvm_type
-from ..lowering.unsupported import Unsupported
+from ..lowering.unsupported import UnsupportedError
 from ..lowering.values import Entries, Lazy, filled, memory_of
 from .moving import moved
 
@@ -82,7 +82,7 @@ def gather(b, eqn, value, indices):
     numbers, sizes, mode = eqn.params["dimension_numbers"], eqn.params["slice_sizes"], index_mode(eqn)
     aval, index_type, shape = eqn.outvars[0].aval, eqn.invars[1].aval.dtype, value.shape
     if mode not in ("clip", "drop", "promise"):
-        raise Unsupported(f"gather in the mode {mode}")
+        raise UnsupportedError(f"gather in the mode {mode}")
     gone = {*numbers.collapsed_slice_dims, *numbers.operand_batching_dims}
     free = [axis for axis in range(len(shape)) if axis not in gone]
     indices = b.readable(indices, index_type) if not b.is_small(aval.shape) else indices
@@ -134,7 +134,7 @@ def scatter(b, eqn, value, indices, updates):
     combine, numbers, mode = _SCATTERS[eqn.primitive.name], eqn.params["dimension_numbers"], index_mode(eqn)
     aval, index_type, shape = eqn.outvars[0].aval, eqn.invars[1].aval.dtype, value.shape
     if mode not in ("clip", "drop", "promise"):
-        raise Unsupported(f"scatter in the mode {mode}")
+        raise UnsupportedError(f"scatter in the mode {mode}")
     gone = {*numbers.inserted_window_dims, *numbers.operand_batching_dims}
     free = [axis for axis in range(len(shape)) if axis not in gone]
     window = dict(zip(free, (updates.shape[axis] for axis in numbers.update_window_dims), strict=True))

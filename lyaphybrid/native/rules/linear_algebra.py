@@ -16,7 +16,7 @@ from ..lowering.emitter import Entry
 from ..lowering.jax_versions import linear_solve
 from ..lowering.lowering import KEEPS_ROWS, Lowering, rule
 from ..lowering.types import INDEX, llvm_type
-from ..lowering.unsupported import Unsupported
+from ..lowering.unsupported import UnsupportedError
 from ..lowering.values import Buffer, Value, memory_of, size
 from ..machine.scipy import symbol
 from .moving import moved, permuted
@@ -31,9 +31,9 @@ _BLOCK = 32  # columns that LAPACK treats together
 def blas(b: Lowering, dtype, function: str, *arguments: str | int | float | bytes) -> None:
     """Call a function; its name without the letter of the type. Numbers and letters are put into memory."""
     if np.dtype(dtype) not in (np.float32, np.float64):
-        raise Unsupported(f"{function} of {dtype}")
+        raise UnsupportedError(f"{function} of {dtype}")
     if b.lanes > 1:
-        raise Unsupported(f"{function} in lanes")
+        raise UnsupportedError(f"{function} in lanes")
     name, pointers = symbol("sd"[np.dtype(dtype) == np.float64] + function), []
     for argument in arguments:
         if isinstance(argument, bytes):
@@ -239,7 +239,7 @@ def householder_product(b, eqn, value, scales):
 def qr(b, eqn, value):
     (*batch, m, n), dtype = value.shape, eqn.invars[0].aval.dtype
     if eqn.params["pivoting"]:
-        raise Unsupported("qr with pivoting")
+        raise UnsupportedError("qr with pivoting")
     k = eqn.outvars[0].aval.shape[-1]
     columns, scales = _columns(b, value, dtype, k), b.new_buffer((*batch, min(m, n)), dtype)
     _geqrf(b, dtype, batch, m, n, columns, scales)
@@ -269,7 +269,7 @@ def _identity(b: Lowering, dtype, i) -> Entry:
 def eigh(b, eqn, value):
     p, (*batch, n, _), dtype = eqn.params, value.shape, eqn.invars[0].aval.dtype
     if p.get("subset_by_index") not in (None, (0, n)):
-        raise Unsupported("eigh of a part of the spectrum")
+        raise UnsupportedError("eigh of a part of the spectrum")
     vectors, numbers = _columns(b, value, dtype), b.new_buffer((*batch, n), dtype)
     doubles, integers, info = 1 + 6 * n + 2 * n * n, 3 + 5 * n, b.new_buffer((1,), INTEGER)
     work, places = b.new_buffer((doubles,), dtype), b.new_buffer((integers,), INTEGER)
@@ -289,7 +289,7 @@ def svd(b, eqn, value):
     p, (*batch, m, n), dtype = eqn.params, value.shape, eqn.invars[0].aval.dtype
     few, many = min(m, n), max(m, n)
     if p.get("subset_by_index") not in (None, (0, few)) or not few:
-        raise Unsupported("svd of a part, or of an empty matrix")
+        raise UnsupportedError("svd of a part, or of an empty matrix")
     mode = b"N" if not p["compute_uv"] else b"A" if p["full_matrices"] else b"S"
     k_left, k_right = (m, n) if mode == b"A" else (few, few)
     matrix, numbers = _columns(b, value, dtype), b.new_buffer((*batch, few), dtype)
@@ -312,7 +312,7 @@ def svd(b, eqn, value):
 def tridiagonal_solve(b, eqn, below, diagonal, above, right):
     (*batch, n, k), dtype = right.shape, eqn.invars[3].aval.dtype
     if eqn.params.get("perturb_singular"):
-        raise Unsupported("tridiagonal_solve with perturb_singular")
+        raise UnsupportedError("tridiagonal_solve with perturb_singular")
     below, diagonal, above = (_own(b, value, dtype) for value in (below, diagonal, above))
     columns, info = _columns(b, right, dtype), b.new_buffer((1,), INTEGER)
 

@@ -17,7 +17,7 @@ from ..lowering.emitter import Entry, is_known
 from ..lowering.expansion import traced
 from ..lowering.lowering import Lowering, entrywise, rule, spread
 from ..lowering.types import INDEX, llvm_type
-from ..lowering.unsupported import Unsupported
+from ..lowering.unsupported import UnsupportedError
 from ..lowering.values import Value, filled, size
 
 _WORD = np.dtype(np.uint32)
@@ -85,7 +85,7 @@ def _fold_in(keys, messages):
 
 def _seed(seeds, *, impl):
     if impl.name != threefry_prng_impl.name:
-        raise Unsupported(f"keys of {impl.name}")
+        raise UnsupportedError(f"keys of {impl.name}")
     words = _for_each(threefry_prng_impl.seed, seeds.ndim)(seeds)
     return jax.random.wrap_key_data(words, impl="threefry2x32")
 
@@ -219,7 +219,7 @@ def erf_inv(b, eqn, dtypes, x):
     dtype = dtypes[0]
     type_, pieces = llvm_type(dtype), _DOUBLE if dtype == np.float64 else _SINGLE
     if type_ not in ("double", "float"):
-        raise Unsupported(f"erf_inv of {dtype}")
+        raise UnsupportedError(f"erf_inv of {dtype}")
     minus_square = a.negate(b, dtype, a.multiply(b, dtype, x, x))
     w = a.negate(b, dtype, b.call("log1p" if type_ == "double" else "log1pf", type_, [minus_square]))
     found = None

@@ -9,7 +9,7 @@ from ..lowering.expansion import traced
 from ..lowering.jax_versions import axis_of_greatest
 from ..lowering.lowering import Lowering, rule
 from ..lowering.types import kind, llvm_type
-from ..lowering.unsupported import Unsupported
+from ..lowering.unsupported import UnsupportedError
 
 _FEW = 16
 
@@ -73,7 +73,7 @@ def _by_merging(b, values, axis, dtypes, precedes):
     """Runs of length 1, 2, 4, … are merged, to and fro between two buffers."""
     shape, n = values[0].shape, values[0].shape[axis]
     if any(kind(dtype) not in "biuf" for dtype in dtypes):
-        raise Unsupported("sort of this type")
+        raise UnsupportedError("sort of this type")
     here = [b.new_buffer(shape, dtype) for dtype in dtypes]
     there = [b.new_buffer(shape, dtype) for dtype in dtypes]
     for buffer, value in zip(here, values, strict=True):

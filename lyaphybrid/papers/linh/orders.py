@@ -12,7 +12,8 @@ from ...integrators import ESDIRK, ContinuousQR, HalfExplicit, RadauIIA
 from ...integrators.base import Method
 from ...integrators.runge_kutta import TABLEAUX
 from ...systems.bound import Bound
-from ...systems.daes.semi_linear import Constrained, landed
+from ...systems.daes.points import landed
+from ...systems.daes.semi_linear import Constrained
 from .rectangle import RightRectangle
 from .tables import frame_at_start, problem_of
 

@@ -19,9 +19,9 @@ class RightRectangle(ContinuousQR):
         """That of Q alone."""
         return self.method.frame_ratio(errors[:, :-1], frame, new)
 
-    def tangent(self, field, t, x, h, frame, way=()):
+    def tangent(self, field, t, x, h, frame, stage_points=()):
         """Q after the step, and by how much φ has grown."""
-        done = super().tangent(field, t, x, h, frame, way)
-        end = self.method.points_on(field, t, h, way)[-1] if way else done.x
+        done = super().tangent(field, t, x, h, frame, stage_points)
+        end = self.method.points_on(field, t, h, stage_points)[-1] if stage_points else done.x
         turning = linearised(field, t + h, end).derivative(done.frame)
         return done._replace(growth=h * jnp.sum(done.frame * turning, axis=0))

@@ -1,4 +1,4 @@
-"""Differential–algebraic equations E(t) x' = f(t, x): their parts, their velocity, consistent points.
+"""Differential–algebraic equations E(t) x' = f(t, x): their parts, and their velocity.
 
 The first d rows of E are E₁, of full rank; the others are zero, and say 0 = f₂(t, x). Where Ē = [E₁; A₂] is
 nonsingular, A₂ = ∂f₂/∂x, the equations are strangeness-free: the content w = E₁ x is all that the motion remembers,
@@ -9,7 +9,7 @@ an ordinary differential equation in d unknowns (eq. (9) of Linh et al.). Method
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -33,15 +33,11 @@ __all__ = [
     "degrees_of_freedom",
     "fields_of",
     "is_constrained",
-    "landed",
     "parts_of",
-    "solved",
 ]
 
 RANK = 1e-10  # what is smaller than this, relative to the largest, is zero
 ILL = 1e6  # from this condition number on Ē, its rows of length one, is taken to be singular
-ITERATIONS = 12  # of Newton's, before a stage is given up
-FAR = 1e-2  # … which stop once a correction is below this times √tolerance: the one after it is its square
 
 
 class Lifts(NamedTuple):
@@ -192,8 +188,8 @@ class DAE(Flow):
             half-explicit methods then solve banded equations, whose entries 2 b + 1 derivatives show. Where E is not
             constant, and in implicit methods, they are solved in full.
 
-    First derivatives of all that is computed (`jax.jacfwd`, `lh.lyapunov_gradient`) are right. Second ones, a
-    derivative of a derivative, are not: they lack the curvature of the constraints. Take differences of first ones.
+    Derivatives of what is computed (`jax.jacfwd`, `lh.lyapunov_gradient`), of first and higher order, are those of the
+    solution of the constraints, not of the iteration that finds it.
 
     Raises:
         ValueError: if a function is not callable, n_differential or bandwidth no whole number above 0.
@@ -226,7 +222,7 @@ class DAE(Flow):
             self.field = Constrained(leading, residual, int(n_differential))
         else:
             _check_whole("bandwidth", bandwidth)
-            self.field = Banded(leading, residual, int(n_differential), int(bandwidth))
+            self.field = Banded(leading, residual, int(n_differential), int(bandwidth))  # pyright: ignore[reportIncompatibleMethodOverride]
 
     @property
     def n_differential(self) -> int:
@@ -313,69 +309,3 @@ def parts_of(field: Any, n: int) -> tuple[Constrained, Any]:
     if is_constrained(field):
         return field.field, field.args
     return Constrained(lambda t, args: np.eye(n), lambda t, x, args: field(t, x), n), None
-
-
-def landed(dae: Constrained, args, t, x):
-    """The point (n,) with the content of x that lies on the constraints."""
-    return solved(dae, args, t, dae.content(t, x, args), x, jnp.asarray(1e-14, x.dtype))[0]
-
-
-class Equations(Protocol):
-    """What `solved` asks of the equations of a point: a `Constrained` has it."""
-
-    @property
-    def n_differential(self) -> int:
-        """Components of the content."""
-        ...
-
-    def content(self, t, x, args) -> Any:
-        """As in `Constrained`."""
-        ...
-
-    def slope(self, t, x, args) -> Any:
-        """As in `Constrained`."""
-        ...
-
-    def constraint(self, t, x, args) -> Any:
-        """As in `Constrained`."""
-        ...
-
-    def lifts(self, t, x, args, share: Any) -> Lifts:
-        """As in `Constrained`."""
-        ...
-
-
-def solved(dae: Equations, args, t, base, guess, tolerance, share: Any = None) -> tuple[Array, Lifts]:
-    """The x (n,) with E₁ x = base (d,) and f₂(t, x) = 0, by Newton's method; nan where that does not converge.
-
-    With a share of the slope, as in implicit stages, E₁ x − share w'(t, x) = base. The iteration itself is not
-    differentiated: its last step is, at a point that is known, and that is the derivative of the solution.
-    """
-
-    def correction(x, lifts, t, args, base, share):
-        """Newton's, with what is left of the equations at x."""
-        own = dae.content(t, x, args)
-        own = own if share is None else own - share * dae.slope(t, x, args)
-        return product(lifts.content, base - own) - product(lifts.constraint, dae.constraint(t, x, args))
-
-    def again(state):
-        tries, x, dx, _ = state
-        x = x + dx
-        lifts = dae.lifts(held[0], x, held[1], held[3])
-        return tries + 1, x, correction(x, lifts, *held), lifts
-
-    def is_far(state):
-        _, x, dx, _ = state
-        return ~(jnp.max(jnp.abs(dx) / (1 + jnp.abs(x))) <= FAR * jnp.sqrt(tolerance))
-
-    def goes_on(state):
-        return (state[0] == 0) | (is_far(state) & (state[0] < ITERATIONS))
-
-    held = jax.lax.stop_gradient((t, args, base, share))
-    guess = jax.lax.stop_gradient(guess)
-    nothing, of_lifts = jnp.zeros_like(guess), jax.eval_shape(dae.lifts, held[0], guess, held[1], held[3])
-    blank = jax.tree.map(lambda one: jnp.zeros(one.shape, one.dtype), of_lifts)
-    start = (jnp.asarray(0, jnp.int32), guess, nothing, blank)
-    state = jax.lax.while_loop(goes_on, again, jax.lax.stop_gradient(start))
-    _, x, _, lifts = jax.lax.stop_gradient(state)
-    return jnp.where(is_far(state), jnp.nan, x + correction(x, lifts, t, args, base, share)), lifts

@@ -320,7 +320,7 @@ def boost_converter(
 
     Source:
         C. K. Tse, Flip bifurcation and chaos in three-state boost switching regulators, IEEE Trans. Circuits Syst. I
-        41 (1994) 16, doi:10.1109/81.260213; the reference: tests/test_circuits.py.
+        41 (1994) 16, doi:10.1109/81.260213; the reference: tests/zoo/test_circuits.py.
 
     Example:
         >>> from lyaphybrid import zoo

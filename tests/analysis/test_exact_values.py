@@ -13,20 +13,9 @@ from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
 from lyaphybrid import zoo
+from references import assert_agrees
 
 ANTIPHASE = 0.3819215677837863  # time between the firings of two neurons that inhibit each other
-
-
-def assert_agrees(spectrum, reference, gate):
-    """Within 5 standard errors, and these below the gate."""
-    values, errors = np.asarray(spectrum.exponents), np.asarray(spectrum.stderr)
-    finite = np.isfinite(reference.exponents)
-    assert np.array_equal(np.isneginf(values), ~finite)
-    known, known_errors = np.array(reference.exponents)[finite], np.array(reference.stderr)[finite]
-    off = np.abs(values[finite] - known) / np.maximum(np.hypot(errors[finite], known_errors), 1e-9)
-    print(spectrum, f"reference {reference}", f"off by {off} standard errors", sep="\n")
-    assert np.max(errors[finite]) <= gate
-    assert np.all(off <= 5)
 
 
 STATISTICAL = [  # problem, parameters, keywords, gate, sum rule to

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 
 import lyaphybrid as lh
 from lyaphybrid import zoo
-from test_exact_values import assert_agrees
+from references import assert_agrees
 
 BUCK_PERIOD, BOOST_PERIOD = 400e-6, 1 / 3000
 BUCK_SUM = -0.38684719535783363  # per period: −T/(RC)

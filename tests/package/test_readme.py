@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text()
 PLACES = ("lyaphybrid", "lyaphybrid/native", ".")  # from which paths are written in ARCHITECTURE.md
 

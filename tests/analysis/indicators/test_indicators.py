@@ -284,7 +284,7 @@ def test_vectors_of_the_henon_map_are_carried_along():
     found = lh.covariant_vectors(
         problem.system, problem.x0, problem.args, t1=2000, blocks=2000, transient=500, settle=500
     )
-    jacobian = jax.vmap(lambda x: jax.jacfwd(lambda x: problem.system.rule(0.0, x, problem.args))(x))(found.x)
+    jacobian = jax.vmap(jax.jacfwd(lambda x: problem.system.rule(0.0, x, problem.args)))(found.x)
     moved = np.einsum("tij,tjk->tik", np.asarray(jacobian), np.asarray(found.vectors))[:-1]
     lengths = np.linalg.norm(moved, axis=1)
     assert_allclose(np.log(lengths), found.growth, rtol=0, atol=1e-7)

@@ -21,7 +21,7 @@ TWO_MODES = lh.Hybrid({"up": DECAY, "down": DECAY}, lh.Transition(guard, source=
 CONSTRUCTIONS = {
     "field must be a function": lambda: lh.Flow(3.0),
     "rule must be a function": lambda: lh.Map("x"),
-    "exactly one of guard": lambda: lh.Transition(),
+    "exactly one of guard": lh.Transition,
     "got guard=<function guard": lambda: lh.Transition(guard, every=1.0),
     "guard must be a function": lambda: lh.Transition(1.0),
     "reset must be a function": lambda: lh.Transition(guard, 1.0),

@@ -152,8 +152,7 @@ def test_the_tangent_at_known_points_is_the_derivative_of_the_step(method, field
         assert len(way) == method.stage_count
         ways = method.tangent(field, t, x, h, frame, way), method.rare_tangent(field, t, x, h, frame, way)
         found = *ways, method.tangent(field, t, x, h, frame)
-        values = [(one.frame, one.errors, method.divergence(field, one.nodes, h)) for one in found]
-        return values
+        return [(one.frame, one.errors, method.divergence(field, one.nodes, h)) for one in found]
 
     *ours, derived = tangents(jnp.linspace(0.3, -0.4, n))
     for found in ours:

@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
+from known_gradients import of_spring_damper
 
 DUFFING = lh.Flow(lambda t, x, k: jnp.stack([x[1], -3 * x[1] - k * x[0] - x[0] ** 3]))
 LORENZ = lh.zoo.lorenz63()
@@ -76,23 +77,14 @@ def test_an_equilibrium_that_moves_with_the_parameters():
         assert_allclose(found.gradient[name], (ahead - behind) / (2 * step), rtol=1e-6, atol=1e-9)
 
 
-def of_example(args):
-    """With p = 1/m, l = r²/J and q = l/(l + p): λ² + 3 d p q λ + k p q = 0."""
-    push, lever = 1 / args["mass"], args["radius"] ** 2 / args["inertia"]
-    share = push * lever / (lever + push)
-    drag = 3 * args["damping"] * share
-    root = jnp.sqrt(drag**2 - 4 * args["stiffness"] * share)
-    return jnp.stack([-drag + root, -drag - root]) / 2
-
-
 def test_a_dae_at_rest():
     """Example 5.1 of Linh et al."""
     problem = lh.zoo.spring_damper_dae()
     found = lh.lyapunov_gradient(problem.system, problem.x0, problem.args, t1=100.0)
     assert (found.method, found.trust) == ("equilibrium", True), found
     args = {name: jnp.asarray(value) for name, value in problem.args.items()}
-    assert_allclose(found.value, of_example(args), rtol=1e-12)
-    for name, exact in jax.jacfwd(of_example)(args).items():
+    assert_allclose(found.value, of_spring_damper(args), rtol=1e-12)
+    for name, exact in jax.jacfwd(of_spring_damper)(args).items():
         assert_allclose(found.gradient[name], exact, rtol=1e-11, atol=1e-12, err_msg=name)
         assert np.all(found.stderr[name] < 1e-11)
 

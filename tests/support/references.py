@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-DATA = Path(__file__).parent / "data"
+DATA = Path(__file__).parents[1] / "data"
 _DTYPES = {"mask": bool} | dict.fromkeys(("tgt", "q", "j", "mode", "casc"), int)  # others: float
 
 
@@ -102,3 +102,15 @@ def _with_infinities(value):
         case "-inf":
             return -np.inf
     return value
+
+
+def assert_agrees(spectrum, reference, gate):
+    """Within 5 standard errors, and these below the gate."""
+    values, errors = np.asarray(spectrum.exponents), np.asarray(spectrum.stderr)
+    finite = np.isfinite(reference.exponents)
+    assert np.array_equal(np.isneginf(values), ~finite)
+    known, known_errors = np.array(reference.exponents)[finite], np.array(reference.stderr)[finite]
+    off = np.abs(values[finite] - known) / np.maximum(np.hypot(errors[finite], known_errors), 1e-9)
+    print(spectrum, f"reference {reference}", f"off by {off} standard errors", sep="\n")
+    assert np.max(errors[finite]) <= gate
+    assert np.all(off <= 5)

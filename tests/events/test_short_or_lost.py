@@ -155,7 +155,7 @@ def test_derivatives_of_what_is_very_short():
 
 def ball(floor=0.0):
     """It bounces on a floor: gravity 1, dv⁺ = -r dv⁻; where it bounces is forgotten, or never known."""
-    resting = (lambda x: jnp.zeros_like(x)) if floor == 0 else (lambda x: x)
+    resting = jnp.zeros_like if floor == 0 else (lambda x: x)
     return lh.EventDriven(
         lambda dt, t, x, r: jnp.stack([x[0] + x[1] * dt - 0.5 * dt**2, x[1] - dt]),
         lambda t, x, r: (x[1] + jnp.sqrt(x[1] ** 2 + 2 * (x[0] - floor)), 0),

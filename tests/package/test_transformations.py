@@ -1,5 +1,6 @@
 """The same numbers under jit and vmap as without; derivatives as central differences; compiled once."""
 
+import collections
 import functools
 
 import jax
@@ -44,7 +45,8 @@ def assert_same_lane(one, i):
     """As `assert_same`, but up to the last block where an escape or an accumulation amplifies rounding without end."""
     other = single(i)
     if BALL_LANES[i][1] not in (STATUS.zeno, STATUS.nonfinite):
-        return assert_same(one, other)
+        assert_same(one, other)
+        return
     assert int(one.status_code) == int(other.status_code)
     before = np.isfinite(other.history.time).sum() - 1
     for name in ("time", "exponents", "growth"):
@@ -296,3 +298,23 @@ def test_starts_of_a_hybrid_system_are_m_runs():
     assert together.status is STATUS.zeno  # the gravest
     np.testing.assert_allclose(together.replicates, [run.exponents for run in alone], rtol=0, atol=1e-12)
     np.testing.assert_allclose(together.x, [run.x for run in alone], rtol=0, atol=1e-12)
+
+
+def test_user_functions_are_traced_a_few_times():
+    """Where arguments are checked, for the start of a run and for its loop, however many stages a step has."""
+    calls = collections.Counter()
+
+    def counted(name, function):
+        def called(*args):
+            calls[name] += 1
+            return function(*args)
+
+        return called
+
+    field = counted("field", lambda t, x, args: jnp.stack([x[1], -1 + 0 * x[0]]))
+    bounce = lh.Transition(
+        counted("guard", lambda t, x, args: x[0]), reset=lambda t, x, args: x * jnp.array([0.0, -1.0])
+    )
+    lh.lyapunov_spectrum(lh.Hybrid(field, bounce), [1.0, 0.0], t1=10.0)
+    assert calls["field"] <= 3
+    assert calls["guard"] <= 3

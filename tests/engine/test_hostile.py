@@ -104,7 +104,7 @@ def test_long_runs_are_left_alone():
 
 
 def test_runs_that_wait_for_a_jump_end_by_themselves():
-    """As `no_more_jumps` (tests/test_statuses.py), long before anything could be said here."""
+    """As `no_more_jumps` (tests/engine/test_statuses.py), long before anything could be said here."""
     assert waiting.LONG <= WINDOW
     assert not judged(1.0, None, last_jump=100, windows=20)
     assert not judged(1.0, None, jumped=1, last_jump=100, windows=20)

@@ -37,7 +37,7 @@ KINDS = {
         n=9, density=0.5, aspect=1.0, diameter=SIZES.uniform(0.5, 1.0, 9), mass=SIZES.uniform(0.2, 5.0, 9)
     ),
     "disks in a box": lambda: lh.zoo.hard_disks(n=9, density=0.5, walls="hard"),
-    "spheres": lambda: lh.zoo.hard_spheres(),
+    "spheres": lh.zoo.hard_spheres,
     "long box": lambda: lh.zoo.hard_spheres(n=11, density=0.3, aspect=(0.5, 2.0), mass=3.0, kinetic_energy=7.0),
     "spheres in a box": lambda: lh.zoo.hard_spheres(n=8, density=0.4, walls="hard"),
     "disks in cells": lambda: in_cells(lh.zoo.hard_disks(n=16)),

@@ -1,6 +1,7 @@
 """Systems whose exponents have known derivatives; what every method says of them.
 
-``python tests/known_gradients.py`` prints the table: derivative, error, truth, how many errors lie between, and trust.
+``python tests/support/known_gradients.py`` prints the table: derivative, error, truth, how many
+errors lie between, and trust.
 """
 
 from collections.abc import Callable
@@ -83,6 +84,15 @@ def of_solenoid(a):
     """dλ/da of the solenoid; the first of the circle map too."""
     root = np.sqrt(1 - a**2)
     return [-a / (root * (1 + root)), 0, 0]
+
+
+def of_spring_damper(args):
+    """Example 5.1 of Linh et al.; with p = 1/m, l = r²/J and q = l/(l + p): λ² + 3 d p q λ + k p q = 0."""
+    push, lever = 1 / args["mass"], args["radius"] ** 2 / args["inertia"]
+    share = push * lever / (lever + push)
+    drag = 3 * args["damping"] * share
+    root = jnp.sqrt(drag**2 - 4 * args["stiffness"] * share)
+    return jnp.stack([-drag + root, -drag - root]) / 2
 
 
 def scaled(x, c):

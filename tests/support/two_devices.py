@@ -1,6 +1,6 @@
 """A sweep of impact oscillators, chaotic ones among them, on a CPU that is divided into two devices, into a file.
 
-``python tests/two_devices.py FILE`` as anyone would; ``… FILE sharded`` the way accelerators do it.
+``python tests/support/two_devices.py FILE`` as anyone would; ``… FILE sharded`` the way accelerators do it.
 """
 
 import os
