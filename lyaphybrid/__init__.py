@@ -37,7 +37,14 @@ from .analysis.sensitivity import Design, Gradient, design, lyapunov_gradient
 from .analysis.spectra import lyapunov_spectrum
 from .analysis.trajectories import TangentMap, Trajectory, tangent_map, trajectory
 from .engine import memberships as _memberships  # noqa: F401  answers what `contains` asks
-from .errors import LyaphybridError, NoPeriodicOrbitError, RunFailedError, StoreFailedError
+from .errors import (
+    LyaphybridError,
+    NoConsistentPointError,
+    NoDerivativeError,
+    NoPeriodicOrbitError,
+    RunFailedError,
+    StoreFailedError,
+)
 from .integrators import (
     ESDIRK,
     ContinuousQR,
@@ -131,6 +138,8 @@ __all__ = [
     "Floquet",
     "Continuation",
     "NoPeriodicOrbitError",
+    "NoConsistentPointError",
+    "NoDerivativeError",
     "Gradient",
     "PoincareSection",
     "BifurcationDiagram",

@@ -1,12 +1,40 @@
 """Checks of numbers given by the user; each error says what was given and what is allowed."""
 
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
+from jaxtyping import Array, Float
 
 from ._jax.tracing import traced
 
-__all__ = ["attempts", "positive", "real", "require", "whole"]
+__all__ = [
+    "Frame",
+    "Key",
+    "Progress",
+    "Real",
+    "State",
+    "Times",
+    "attempts",
+    "positive",
+    "real",
+    "require",
+    "whole",
+]
+
+# What public functions take. A list stands for an array: it becomes one within, which type checkers cannot follow.
+if TYPE_CHECKING:
+    Real: TypeAlias = Any
+    State: TypeAlias = Any
+    Frame: TypeAlias = Any
+    Times: TypeAlias = Any
+else:
+    Real = float | Float[Array, ""]
+    State = Float[Array, " n"] | Float[Array, "m n"] | Float[np.ndarray, "..."] | Sequence[Any]
+    Frame = Float[Array, "n k"] | Float[np.ndarray, "n k"] | Sequence[Sequence[float]] | None
+    Times = str | Float[Array, " blocks"] | Float[np.ndarray, " blocks"] | Sequence[float] | None
+Key: TypeAlias = Array | None  # of `jax.random.key`
+Progress: TypeAlias = bool | Callable[..., Any] | None
 
 
 def require(condition: bool, message: str) -> None:

@@ -1,34 +1,67 @@
 """Old names, which still work for one release; each use warns and gives the new name."""
 
 import functools
+import inspect
 import warnings
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
-__all__ = ["keywords", "name_of_before"]
+__all__ = ["arguments", "attribute", "keywords", "name_of_before", "warn"]
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 
-def _warn(old: str, new: str) -> None:
-    warnings.warn(f"{old} is now called {new}; the old name goes with the next release.", DeprecationWarning, 3)
+def warn(old: str, new: str) -> None:
+    """Warn that `old` is now `new`, at the line outside of this package that uses it."""
+    frame, level = inspect.currentframe(), 1
+    while frame is not None and frame.f_globals.get("__name__", "").startswith(__package__):
+        frame, level = frame.f_back, level + 1
+    said = f"{old} is now called {new}; the old name goes with the next release."
+    warnings.warn(said, DeprecationWarning, level)
 
 
-def keywords(**renamed: str) -> Callable:
+def keywords(**renamed: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
     """Decorate a function whose keywords were renamed, each given as old="new"."""
 
-    def decorate(function: Callable) -> Callable:
+    def translate(name: str, args: tuple, given: dict[str, Any]) -> tuple:
+        for old, new in renamed.items():
+            if old in given:
+                if new in given:
+                    raise TypeError(f"{name}: {old} is the old name of {new}: give one of them.")
+                warn(f"{name}(…, {old}=…)", f"{new}=")
+                given[new] = given.pop(old)
+        return args
+
+    return arguments(translate)
+
+
+def arguments(translate: Callable[[str, tuple, dict[str, Any]], tuple]) -> Callable[[Callable[P, T]], Callable[P, T]]:
+    """Decorate a function whose arguments were others before.
+
+    Args:
+        translate: (name, positional, keywords) -> positional; it changes the keywords in place, and warns.
+    """
+
+    def decorate(function: Callable[P, T]) -> Callable[P, T]:
         @functools.wraps(function)
-        def call(*args, **given):
-            for old, new in renamed.items():
-                if old in given:
-                    if new in given:
-                        raise TypeError(f"{function.__name__}: {old} is the old name of {new}: give one of them.")
-                    _warn(f"{function.__name__}(…, {old}=…)", f"{new}=")
-                    given[new] = given.pop(old)
-            return function(*args, **given)
+        def call(*args: P.args, **given: P.kwargs) -> T:
+            positional: Any = translate(function.__name__, args, given)
+            return function(*positional, **given)
 
         return call
 
     return decorate
+
+
+def attribute(old: str, new: str) -> property:
+    """An attribute that has a new name."""
+
+    def read(self):
+        warn(f"{type(self).__name__}.{old}", f".{new}")
+        return getattr(self, new)
+
+    return property(read, doc=f"The old name of `{new}`.")
 
 
 def name_of_before(renamed: dict[str, str], module: str, namespace: dict[str, Any]) -> Callable:
@@ -37,7 +70,7 @@ def name_of_before(renamed: dict[str, str], module: str, namespace: dict[str, An
     def find(name: str):
         if name not in renamed:
             raise AttributeError(f"module {module!r} has no attribute {name!r}")
-        _warn(f"{module}.{name}", f"{module}.{renamed[name]}")
+        warn(f"{module}.{name}", f"{module}.{renamed[name]}")
         return namespace[renamed[name]]
 
     return find

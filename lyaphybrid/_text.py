@@ -1,10 +1,27 @@
-"""Formatting of numbers and units, shared by all tables, axes and messages."""
+"""Formatting of numbers, units and tables, shared by all results, axes and messages."""
+
+import html
+import re
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-__all__ = ["UNIT", "with_error"]
+__all__ = ["UNIT", "Table", "as_html", "as_text", "numbered", "with_error"]
 
 UNIT = {"time": "unit of time", "jumps": "jump", "hybrid": "unit of max(t, j)"}
+
+MOST = 40  # rows that are shown; of more, the first and the last ones
+NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?(\(\d+\))?|inf|nan)(e[-+]?\d+)?")
+
+
+class Table(NamedTuple):
+    """What a result says in print: a title, rows of cells, and lines below them."""
+
+    title: str
+    rows: Sequence[Sequence[str]] = ()
+    notes: Sequence[str] = ()
+    heads: Sequence[str] = ()  # of the columns; none where the rows speak for themselves
 
 
 def with_error(value: float, error: float) -> str:
@@ -17,3 +34,58 @@ def with_error(value: float, error: float) -> str:
     if digits > 12:
         return f"{value:.12f}" if abs(value) >= 1e-12 else f"{value:.0e}"
     return f"{value:.{digits}f}({error * 10**digits:.0f})" if digits else f"{value:.0f}({error:.0f})"
+
+
+def numbered(symbol: str, count: int) -> list[str]:
+    """Names such as λ1, λ2, λ3."""
+    return [f"{symbol}{i + 1}" for i in range(count)]
+
+
+def as_text(table: Table) -> str:
+    """A table for the terminal: columns aligned, numbers at their decimal points."""
+    rows = _shortened([list(map(str, row)) for row in table.rows])
+    columns = [_aligned(column) for column in zip(*rows, strict=True)]
+    if table.heads:
+        columns = [[head, *column] for head, column in zip(table.heads, columns, strict=True)]
+    widths = [max(map(len, column)) for column in columns]
+    lines = ["  ".join(map(str.ljust, cells, widths)).rstrip() for cells in zip(*columns, strict=True)]
+    return "\n".join([table.title, *(f"  {line}" for line in [*lines, *table.notes])])
+
+
+def as_html(table: Table) -> str:
+    """The same table for a notebook."""
+    rows = [_row("td", cells) for cells in _shortened([list(map(str, row)) for row in table.rows])]
+    heads = [_row("th", table.heads)] if table.heads else []
+    notes = "".join(f"<div>{html.escape(note)}</div>" for note in table.notes)
+    title = f"<caption style='text-align: left'>{html.escape(table.title)}</caption>"
+    return f"<table>{title}{''.join([*heads, *rows])}</table>{notes}"
+
+
+def _row(kind: str, cells: Sequence[str]) -> str:
+    return "<tr>" + "".join(f"<{kind}>{html.escape(str(cell))}</{kind}>" for cell in cells) + "</tr>"
+
+
+def _shortened(rows: list[list[str]]) -> list[list[str]]:
+    if len(rows) <= MOST:
+        return rows
+    return [*rows[: MOST // 2], ["…"] * len(rows[0]), *rows[-MOST // 2 :]]
+
+
+def _aligned(column: Sequence[str]) -> list[str]:
+    """Cells of one width: numbers with their decimal points below each other, words at the left."""
+    parts = [_split(cell) for cell in column]
+    before = max((len(whole) for whole, _, number in parts if number), default=0)
+    cells = [(whole.rjust(before) if number else whole) + rest for whole, rest, number in parts]
+    width = max(map(len, cells), default=0)
+    return [cell.ljust(width) for cell in cells]
+
+
+def _split(cell: str) -> tuple[str, str, bool]:
+    """What stands before the decimal point, the rest, and whether it is a number."""
+    if not NUMBER.fullmatch(cell):
+        return cell, "", False
+    if "inf" in cell or "nan" in cell:
+        return cell, "", True
+    end = re.search(r"[.(e]", cell)
+    cut = end.start() if end else len(cell)
+    return cell[:cut], cell[cut:], True

@@ -5,7 +5,14 @@ Wrong arguments raise a ValueError or TypeError before anything is computed.
 
 from typing import Any
 
-__all__ = ["LyaphybridError", "NoPeriodicOrbitError", "RunFailedError", "StoreFailedError"]
+__all__ = [
+    "LyaphybridError",
+    "NoConsistentPointError",
+    "NoDerivativeError",
+    "NoPeriodicOrbitError",
+    "RunFailedError",
+    "StoreFailedError",
+]
 
 
 class LyaphybridError(Exception):
@@ -21,17 +28,29 @@ class LyaphybridError(Exception):
 class RunFailedError(LyaphybridError, RuntimeError):
     """A run failed before its end; ``.result`` holds everything computed so far, ``.status`` the `STATUS`."""
 
-    def __init__(self, status, detail: str, result: Any):
+    def __init__(self, status: Any, detail: str, result: Any):
         super().__init__(f"{status}. {detail} The result so far is in `.result` of this error; throw=False returns it.")
         self.status, self.result = status, result
 
 
-class NoPeriodicOrbitError(LyaphybridError, RuntimeError):
-    """Newton's method did not converge to a periodic orbit; ``.result`` is its last iterate."""
+class _NotFoundError(LyaphybridError, RuntimeError):
+    """A search did not converge, or found nothing; ``.result`` is what it found instead."""
 
     def __init__(self, message: str, result: Any):
         super().__init__(message)
         self.result = result
+
+
+class NoPeriodicOrbitError(_NotFoundError):
+    """Newton's method did not converge to a periodic orbit; ``.result`` is its last iterate."""
+
+
+class NoConsistentPointError(_NotFoundError):
+    """Newton's method did not converge to a consistent point; ``.result`` (n,) is its last iterate."""
+
+
+class NoDerivativeError(_NotFoundError):
+    """No method gives the derivative of the exponents; ``.result`` is an `lh.Gradient` of nan that is not trusted."""
 
 
 class StoreFailedError(LyaphybridError, OSError):

@@ -14,22 +14,69 @@ __all__ = ["OK", "RUNNING", "STATUS", "gravest", "status_of", "verdicts"]
 class STATUS(enum.IntEnum):
     """How a run ended. ``str(status)`` is the name and its meaning."""
 
-    ok = 0
-    terminated = 1
-    max_steps = 2
-    zeno = 3
-    deadlock = 4
-    nonfinite = 5
-    inconsistent_start = 6
-    singular_dae = 7
-    constraint_drift = 8
-    step_underflow = 9
-    interrupted = 10
-    stalled = 11
-    no_more_jumps = 12
+    meaning: str  # its meaning, likely causes and cures
+
+    ok = 0, "the run reached its end"
+    terminated = 1, "a terminal transition ended the run"
+    max_steps = 2, "max_steps attempts were made before the end; raise max_steps or loosen the tolerances"
+    zeno = (
+        3,
+        "events accumulate: (a) the motion itself has infinitely many jumps in finite time, as a ball that comes "
+        "to rest; end the run with a terminal transition, or give the rest a mode of its own; (b) a cascade went "
+        "beyond max_cascade, resets that throw the state from guard to guard",
+    )
+    deadlock = (
+        4,
+        "neither flow nor jump is possible: (a) after a reset the guard has zero rate and the flow leaves through "
+        "it; (b) every `when` of the transitions that share the guard said no; (c) repelling sliding, or a two-fold: "
+        "lh.solutions follows each way on",
+    )
+    nonfinite = (
+        5,
+        "the state became infinite or nan: (a) the solution escapes; (b) a user function divides by zero or takes "
+        "a root of a negative number near this state",
+    )
+    inconsistent_start = (
+        6,
+        "the start does not satisfy the algebraic equations; make it with lh.consistent_start(dae, x0, args, t0=…)",
+    )
+    singular_dae = (
+        7,
+        "[E₁; ∂f₂/∂x] became singular, or a row of E that should be zero did not stay so: (a) the solution ends there; "
+        "(b) the rank of E changes; (c) a hidden constraint, the differentiation index is above one",
+    )
+    constraint_drift = (
+        8,
+        "the state has left the algebraic equations: (a) take lh.HalfExplicit or lh.ESDIRK, which keep them in each "
+        "step; (b) tighten the tolerances",
+    )
+    step_underflow = (
+        9,
+        "the step size went below the resolution of the time: (a) the field jumps, give each smooth piece a mode; "
+        "(b) the flow is stiff, use lh.Diffrax(diffrax.Kvaerno5()); (c) the tolerances are below rounding",
+    )
+    interrupted = 10, "Ctrl-C ended the run; what was computed until then is kept"
+    stalled = (
+        11,
+        "many steps lead nowhere: (a) the field jumps (where, sign, floor), give each smooth piece a mode; (b) a guard "
+        "jumps (mod), use a clock, Transition(every=…); (c) the flow is stiff, use lh.Diffrax(diffrax.Kvaerno5()); "
+        "(d) a guard or a section is never reached; (e) t1 is very far; max_steps=… goes on all the same",
+    )
+    no_more_jumps = (
+        12,
+        "the run was to end by its number of jumps, but the flow does not come to a guard again: (a) it has settled to "
+        "an equilibrium; (b) it leaves for ever; (c) there was no jump in a million steps. Exponents are those up to "
+        "the last jump; for those of the flow after it use clock='time'",
+    )
+
+    def __new__(cls, code: int, meaning: str):
+        """Make a member from its code and its meaning."""
+        member = int.__new__(cls, code)
+        member._value_, member.meaning = code, meaning
+        return member
 
     def __str__(self) -> str:
-        return f"{self.name}: {MEANINGS[self]}"
+        return f"{self.name}: {self.meaning}"
 
     @property
     def failed(self) -> bool:
@@ -63,49 +110,3 @@ ENDED = (STATUS.ok, STATUS.terminated, STATUS.interrupted, STATUS.max_steps, STA
 BY_GRAVITY = np.array([*ENDED, *(code for code in STATUS if code not in ENDED)], np.int32)
 GRAVITY = np.zeros(max(STATUS) + 1, np.int32)  # rank of each code
 GRAVITY[BY_GRAVITY] = np.arange(len(BY_GRAVITY))
-
-MEANINGS = {
-    STATUS.ok: "the run reached its end",
-    STATUS.terminated: "a terminal transition ended the run",
-    STATUS.max_steps: "max_steps attempts were made before the end; raise max_steps or loosen the tolerances",
-    STATUS.zeno: (
-        "events accumulate: (a) the motion itself has infinitely many jumps in finite time, as a ball that comes "
-        "to rest; end the run with a terminal transition, or give the rest a mode of its own; (b) a cascade went "
-        "beyond max_cascade, resets that throw the state from guard to guard"
-    ),
-    STATUS.deadlock: (
-        "neither flow nor jump is possible: (a) after a reset the guard has zero rate and the flow leaves through "
-        "it; (b) every `when` of the transitions that share the guard said no; (c) repelling sliding, or a two-fold: "
-        "lh.solutions follows each way on"
-    ),
-    STATUS.nonfinite: (
-        "the state became infinite or nan: (a) the solution escapes; (b) a user function divides by zero or takes "
-        "a root of a negative number near this state"
-    ),
-    STATUS.inconsistent_start: (
-        "the start does not satisfy the algebraic equations; make it with lh.consistent_start(dae, x0, args, t0=…)"
-    ),
-    STATUS.singular_dae: (
-        "[E₁; ∂f₂/∂x] became singular, or a row of E that should be zero did not stay so: (a) the solution ends there; "
-        "(b) the rank of E changes; (c) a hidden constraint, the differentiation index is above one"
-    ),
-    STATUS.constraint_drift: (
-        "the state has left the algebraic equations: (a) take lh.HalfExplicit or lh.ESDIRK, which keep them in each "
-        "step; (b) tighten the tolerances"
-    ),
-    STATUS.step_underflow: (
-        "the step size went below the resolution of the time: (a) the field jumps, give each smooth piece a mode; "
-        "(b) the flow is stiff, use lh.Diffrax(diffrax.Kvaerno5()); (c) the tolerances are below rounding"
-    ),
-    STATUS.stalled: (
-        "many steps lead nowhere: (a) the field jumps (where, sign, floor), give each smooth piece a mode; (b) a guard "
-        "jumps (mod), use a clock, Transition(every=…); (c) the flow is stiff, use lh.Diffrax(diffrax.Kvaerno5()); "
-        "(d) a guard or a section is never reached; (e) t1 is very far; max_steps=… goes on all the same"
-    ),
-    STATUS.interrupted: "Ctrl-C ended the run; what was computed until then is kept",
-    STATUS.no_more_jumps: (
-        "the run was to end by its number of jumps, but the flow does not come to a guard again: (a) it has settled to "
-        "an equilibrium; (b) it leaves for ever; (c) there was no jump in a million steps. Exponents are those up to "
-        "the last jump; for those of the flow after it use clock='time'"
-    ),
-}

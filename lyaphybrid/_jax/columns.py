@@ -1,8 +1,8 @@
-"""A linear function of one perturbation, applied to all columns of a frame.
+"""Apply a linear function of one perturbation to all columns of a frame.
 
-`jax.vmap` brings the axis of the columns to the front for most operations. Here it stays the last one through every
-equation of the function's jaxpr: the entries of a row lie side by side, and our compiler holds a row of a frame in one
-vector. What has no rule below is left to `jax.vmap`.
+`jax.vmap` moves the axis of the columns to the front in most operations. Here it stays the last axis through every
+equation of the function's jaxpr, so that the entries of a row are contiguous and our compiler can hold a row of the
+frame in one vector register. Primitives without a rule below are left to `jax.vmap`.
 """
 
 import functools
@@ -22,13 +22,13 @@ __all__ = ["each_column", "linear_at"]
 
 
 class Columns(NamedTuple):
-    """A value that differs from column to column: its last axis says which."""
+    """A value that depends on the column; the columns are the last axis."""
 
     array: Array
 
 
 def each_column(function: Callable, frame: Float[Array, "n k"]) -> Any:
-    """The function of every column.
+    """The function applied to every column.
 
     Args:
         function: dx (n,) -> pytree of arrays, linear in dx.
@@ -49,7 +49,7 @@ def linear_at(function: Callable, x) -> Callable:
 
 
 def _through(closed: ClosedJaxpr, inputs: list, k: int) -> list:
-    """The outputs of a jaxpr, as `Columns` where they depend on inputs that are."""
+    """The outputs of a jaxpr; those that depend on `Columns` are `Columns`."""
     read = {atom for atoms in (closed.jaxpr.outvars, *(eqn.invars for eqn in closed.jaxpr.eqns)) for atom in atoms
             if not isinstance(atom, Literal)}  # fmt: skip
 
@@ -77,7 +77,7 @@ def _through_equation(closed: ClosedJaxpr, eqn, operands: list, k: int, read: tu
 
 
 def _through_call(closed: ClosedJaxpr, operands: list, k: int, read: tuple[bool, ...]) -> list:
-    """A call of a program; only the results that are read are computed."""
+    """A call of a jitted function; only results that are used later are computed."""
     differ = tuple(isinstance(operand, Columns) for operand in operands)
     function, differing = _of_columns(closed, differ, k, read)
     computed = function(*(one.array if isinstance(one, Columns) else one for one in operands))
@@ -89,7 +89,10 @@ def _through_call(closed: ClosedJaxpr, operands: list, k: int, read: tuple[bool,
 
 @functools.lru_cache(maxsize=1024)
 def _of_columns(closed: ClosedJaxpr, differ: tuple[bool, ...], k: int, read: tuple[bool, ...]):
-    """A program with columns where operands `differ`, traced once; and which of its results differ, known by then."""
+    """The jitted function for `Columns` where operands `differ`, and a list that tells which results are `Columns`.
+
+    The list is filled when the function is traced, once.
+    """
     differing: list[bool] = []
 
     def of_arrays(*arrays):
@@ -104,7 +107,7 @@ def _of_columns(closed: ClosedJaxpr, differ: tuple[bool, ...], k: int, read: tup
 
 
 def _through_branches(eqn, operands, k) -> list:
-    """A conditional that decides the same for all columns."""
+    """A conditional whose index is the same for all columns."""
     index, *operands = operands
 
     def through(branch):
@@ -114,7 +117,7 @@ def _through_branches(eqn, operands, k) -> list:
 
 
 def _spread(values, k: int = 1) -> list:
-    """Arrays with an axis for the columns; of length k where all columns have the same value."""
+    """The values as arrays with a last axis for the columns; values common to all columns are repeated k times."""
 
     def spread(value):
         return jnp.broadcast_to(jnp.asarray(value)[..., None], (*jnp.shape(value), k))
@@ -123,7 +126,7 @@ def _spread(values, k: int = 1) -> list:
 
 
 def _dot(params, k, left, right):
-    """The axis of the columns comes out behind the free axes of its operand: last, if that is the right one."""
+    """Matrix product; the columns' axis follows its operand's free axes, so it is last if that is the right operand."""
     del k
     dimensions = params["dimension_numbers"]
     options = {"precision": params["precision"], "preferred_element_type": params["preferred_element_type"]}
@@ -140,7 +143,7 @@ def _updated(k, x, new, starts):
 
 
 def _corner(starts):
-    """Where a slice begins, the axis of the columns included."""
+    """The start indices of a slice, with 0 for the axis of the columns."""
     return (*starts, jnp.zeros_like(starts[0]))
 
 
@@ -148,8 +151,8 @@ def _entrywise(operation):
     return lambda _params, _k, *operands: operation(*jnp.broadcast_arrays(*_spread(operands)))
 
 
-# By the name of a primitive: (its parameters, number of columns, operands) -> array with the columns last.
-MIXED: dict[str, Callable] = {  # where any operand may be `Columns` …
+# Rules by name of the primitive: (parameters, number of columns, operands) -> array with the columns last.
+MIXED: dict[str, Callable] = {  # any operand may be `Columns`
     "add": _entrywise(lax.add),
     "add_any": _entrywise(lax.add),
     "concatenate": lambda p, k, *parts: lax.concatenate(_spread(parts, k), p["dimension"]),
@@ -161,7 +164,7 @@ MIXED: dict[str, Callable] = {  # where any operand may be `Columns` …
     "stack": lambda p, k, *parts: jnp.stack(_spread(parts, k), p["axis"]),
     "sub": _entrywise(lax.sub),
 }
-OF_FIRST: dict[str, Callable] = {  # … and where the first one is, and no other
+OF_FIRST: dict[str, Callable] = {  # only the first operand is `Columns`
     "broadcast_in_dim": lambda p, k, x: lax.broadcast_in_dim(
         x.array, (*p["shape"], k), (*p["broadcast_dimensions"], len(p["shape"]))
     ),

@@ -1,11 +1,11 @@
-"""Linear functions in double-double arithmetic: each number is a pair, itself and what its rounding left over.
+"""Linear functions in double-double arithmetic: each number is an unevaluated sum of two floating-point numbers.
 
 Sums and products of pairs: T. J. Dekker, A floating-point technique for extending the available precision, Numer. Math.
 18 (1971) 224, doi:10.1007/BF01397083.
 
-How much of a result do the numbers in the function decide, that are themselves rounded? Each factor may be changed by
-some units in the last place: a small result that changes little is small by the structure of the function, one that
-changes by as much as it is, is rounding.
+The numbers in the function are rounded themselves. To see how much of a result that decides, each factor can be changed
+by some units in the last place. A small result that changes little is small by the structure of the function; a result
+that changes by as much as its own size is rounding.
 """
 
 import itertools
@@ -24,19 +24,19 @@ from .precision import eps
 
 __all__ = ["Pair", "UnknownError", "added", "divided", "multiplied", "negated", "precise", "total"]
 
-CHANGE = 4  # units of eps by which factors are changed
-OF_BOTH = MOVING | {"copy", "neg"}  # primitives that do with both parts what they do with one array
+CHANGE = 4  # change of factors, in units of eps
+OF_BOTH = MOVING | {"copy", "neg"}  # primitives that are applied to both parts separately
 
 
 class Pair(NamedTuple):
-    """The sum of two arrays; the second is at most rounding of the first."""
+    """The sum of two arrays; the second is at most the rounding error of the first."""
 
     high: Array
     low: Array
 
 
 class UnknownError(ValueError):
-    """The function does more than add and multiply."""
+    """The function uses other operations than sums and products."""
 
 
 def _sum(a, b) -> Pair:
@@ -47,7 +47,7 @@ def _sum(a, b) -> Pair:
 
 @jax.custom_jvp
 def _head(a):
-    """The number with the first half of its digits."""
+    """The number truncated to the first half of its digits."""
     whole = jnp.int64 if a.dtype == jnp.float64 else jnp.int32
     last = (2 - math.frexp(eps(a))[1] + 1) // 2
     bits = lax.bitcast_convert_type(a, whole) & jnp.asarray(-(1 << last), whole)
@@ -60,7 +60,7 @@ def _same(a, da):
 
 
 def _product(a, b) -> Pair:
-    """Of halves, whose products are exact: a compiler may then fuse products and sums as it likes."""
+    """The product from halves, whose products are exact, so that the compiler may fuse products and sums freely."""
     a1, b1 = _head(a), _head(b)
     a2, b2 = a - a1, b - b1
     s, e = _sum(a1 * b1, a1 * b2)
@@ -108,7 +108,7 @@ def total(a: Pair, axis: int) -> Pair:
 def precise(function: Callable) -> Callable:
     """A linear function of arrays (n,) as a function of pairs, (dx, seed) -> pair; seed 0 changes no factor.
 
-    Raises `UnknownError`, while tracing, where the function does more than add and multiply.
+    Raises `UnknownError`, while tracing, if the function uses other operations than sums and products.
 
     Example:
         >>> import jax, jax.numpy as jnp
@@ -171,7 +171,7 @@ def _through(closed: ClosedJaxpr, eqn, operands: list, through, factor) -> list:
 
 
 def _part(value, i: int):
-    """The one or the other array; a number that is no pair has nothing left over, and an index stays."""
+    """Part i of a pair; other floating-point values have a low part of zero, and indices are returned unchanged."""
     if isinstance(value, Pair):
         return value[i]
     return jnp.zeros_like(value) if i and jnp.issubdtype(value.dtype, jnp.floating) else value
@@ -187,7 +187,7 @@ def _alike(left: Pair, right: Pair) -> tuple[Pair, Pair]:
 
 
 def _dot(eqn, left: Pair, right: Pair) -> Pair:
-    """All products, batches first and what is summed over last; then their sums."""
+    """All products in an array with batch axes first and the contracted axis last; then the sum over that axis."""
     (over_left, over_right), (batch_left, batch_right) = eqn.params["dimension_numbers"]
 
     def arranged(array, over, batch):

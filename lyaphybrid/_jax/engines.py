@@ -1,8 +1,8 @@
-"""Which engine runs a large function: our own machine code on a CPU, XLA for all else.
+"""Which engine runs a large function: our own machine code on a CPU, XLA otherwise.
 
 On a CPU a function is traced once for each structure, shape and type of its arguments, and compiled by
 `lyaphybrid.native`; within other transformations (jit, vmap, jvp) it becomes a call of that machine code. XLA compiles
-what the compiler does not take, what closes over traced values, and all that runs on other devices.
+functions that our compiler does not support, functions that close over traced values, and everything on other devices.
 """
 
 import functools
@@ -12,20 +12,26 @@ from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
+import equinox.internal as eqxi
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from ..native import EVENTS, Compiled, Program, engine, native_call, no_collector
 from .reverse_mode import both_ways
-from .tracing import enclosed, traced
+from .tracing import enclosed, traced, transforming
 
-_MOST = 256  # programs of one function that are kept: the least recently used one goes
-_WIDEST = 8  # columns of a frame that is held in the vectors of a CPU
+CLOSED_OVER = (
+    "A reverse derivative (jax.grad, jax.jacrev) of a run whose functions close over a value that is not known yet, "
+    "such as a parameter that derivatives are taken by. These have forward derivatives only: let the functions take it "
+    "from args, field(t, x, args), and pass args=…; or take jax.jacfwd."
+)
+_MOST = 256  # most cached programs of one function; the least recently used is dropped
+_WORTH_A_LOOK = 0.01  # seconds; no program is optimised for a shorter run
+_WIDEST = 8  # most columns of a frame whose rows are held in vector registers
 
 
 class _Compilations(threading.local):
-    """A count for each thread: another thread may compile meanwhile."""
+    """A counter per thread, because another thread may compile at the same time."""
 
     count = 0
 
@@ -47,7 +53,7 @@ jax.monitoring.register_event_duration_secs_listener(_listen)
 
 
 def is_native() -> bool:
-    """Whether our own machine code is asked for, and there is a CPU to run it."""
+    """Whether our own machine code is selected and the default device is a CPU."""
     return engine() != "xla" and jax.default_backend() == "cpu"
 
 
@@ -57,13 +63,13 @@ def compiled(
     hands_on: bool = False,
     in_pieces: bool = False,
 ) -> Any:
-    """Decorate a function of trees of arrays and of what is static.
+    """Decorate a function of pytrees with array leaves (traced) and other leaves (static).
 
     Args:
-        columns: gives the columns of the frame that is among the arguments; None: as in what is called within.
-        backward: the same function, written so that it has reverse derivatives; None: it has them as it is.
-        hands_on: the results are not a user's but go to functions like this one: NumPy's arrays take less time to make.
-        in_pieces: a long run is many calls.
+        columns: returns the number of columns of the frame among the arguments; None: taken from inner calls.
+        backward: the same function in a form with reverse derivatives; None: the function itself has them.
+        hands_on: return NumPy arrays, which are cheaper to make; for results that go to other compiled functions.
+        in_pieces: a long run consists of many calls.
     """
 
     def decorate(function: Callable) -> Any:
@@ -72,7 +78,7 @@ def compiled(
         with_derivatives = by_xla if backward is None else both_ways(by_xla, eqx.filter_jit(backward))
 
         def prepared(*args):
-            """The function for arguments like these, compiled."""
+            """The function, compiled for arguments of these shapes and types."""
             if not is_native():
                 return by_xla.lower(*args).compile()
             natively.prepare(*args)
@@ -80,19 +86,20 @@ def compiled(
 
         @functools.wraps(function)
         def call(*args):
-            if traced(enclosed(args)):  # what functions close over has forward derivatives only
-                return by_xla(*args)
+            if transforming() and traced(enclosed(args)):  # closed-over tracers: forward derivatives only
+                found = by_xla(*args)
+                return found if backward is None else eqxi.nondifferentiable_backward(found, msg=CLOSED_OVER)
             if is_native():
                 return natively(*args)
             return (with_derivatives if traced(args) else by_xla)(*args)
 
         def side_by_side(*args):
-            """The function for arguments like these, for many last ones at once; None where that is of no use."""
+            """A version for many last arguments at once; None if lanes branch differently too often."""
             return natively.side_by_side(*args) if is_native() else None
 
         def ahead(seconds: float, *args) -> None:
-            """Calls like this one will go on for so long."""
-            if is_native():
+            """Announce that calls with such arguments will go on for so many seconds."""
+            if seconds > _WORTH_A_LOOK and is_native():
                 natively.ahead(seconds, *args)
 
         call.ahead = ahead  # pyright: ignore[reportAttributeAccessIssue]
@@ -104,10 +111,10 @@ def compiled(
 
 
 class SideBySide:
-    """A function of lanes for its last argument, as many at once as the vectors of the CPU hold.
+    """A function whose last argument are lanes; as many run at once as a vector register holds.
 
     Attributes:
-        lanes: how many these are.
+        lanes: number of lanes that run at once.
     """
 
     def __init__(self, code: Compiled, shared: list, result: Any):
@@ -127,14 +134,14 @@ _all: list["_Natively"] = []
 
 
 def forget_programs() -> None:
-    """Forget all programs, and their machine code: what is called next is traced anew."""
+    """Drop all cached programs and their machine code; the next call traces again."""
     for one in _all:
         with one.lock:
             one.known.clear()
 
 
 class _Natively:
-    """A function, traced once for arguments of one kind."""
+    """A function, traced once for each structure, shape and type of its arguments."""
 
     def __init__(
         self,
@@ -147,59 +154,59 @@ class _Natively:
         self.function, self.columns, self.backward, self.hands_on = function, columns, backward, hands_on
         self.in_pieces = in_pieces
         self.known: OrderedDict = OrderedDict()
-        self.lock = threading.RLock()  # a function may call itself with other arguments
+        self.lock = threading.RLock()  # re-entrant, because a function may call itself with other arguments
         _all.append(self)
 
     def __call__(self, *args):
         leaves, program, result = self._program(args)
-        # Within a jit new arrays are traced, whatever the arguments are.
-        within = traced(leaves, jnp.zeros(()))
-        if within:
+        if transforming() or traced(leaves):  # within jit, even if the arguments are concrete
             return jax.tree.unflatten(result, native_call.bind(*leaves, program=program))
         found = program(*leaves)
         return jax.tree.unflatten(result, found if self.hands_on else jax.device_put(found))
 
     def prepare(self, *args) -> None:
-        """Trace and compile for arguments like these."""
+        """Trace and compile for arguments of these shapes and types."""
         _, program, _ = self._program(args)
         _ = program.compiled
 
     def ahead(self, seconds: float, *args) -> None:
-        """Calls with arguments like these will go on for so long: better code may be worth its time."""
+        """Calls with such arguments will go on for so many seconds: optimised code may be worth its compilation."""
         _, program, _ = self._program(args)
         if program.compiled is not None:
             program.compiled.code.ahead(seconds)
 
     def side_by_side(self, *args) -> SideBySide | None:
-        """The same for many last arguments like this one; None where lanes part too often, at events for example."""
+        """A version for many last arguments at once; None if lanes branch differently too often, e.g. at events."""
         leaves, program, result = self._program(args)
         lanes = len(jax.tree.leaves(eqx.filter(args[-1], eqx.is_array)))
         code = program.in_lanes(lanes)
         return code and SideBySide(code, leaves[: len(leaves) - lanes], result)
 
     def _program(self, args) -> tuple[list, Program, Any]:
-        """The arrays among the arguments, the program for such ones, and the structure of its result."""
-        arrays, static = eqx.partition(args, eqx.is_array)
-        leaves, tree = jax.tree.flatten(arrays)
-        others, other_tree = jax.tree.flatten(static)
+        """The arrays among the arguments, the program for their shapes and types, and the structure of its result."""
+        everything, tree = jax.tree.flatten(args)
+        which = tuple(map(eqx.is_array, everything))
+        leaves = [x for x, is_array in zip(everything, which, strict=True) if is_array]
+        others = tuple(x for x, is_array in zip(everything, which, strict=True) if not is_array)
         shapes = tuple((x.shape, x.dtype) for x in leaves)
-        key = tree, other_tree, tuple(others), shapes, jax.config.read("jax_enable_x64")
+        key = tree, which, others, shapes, jax.config.read("jax_enable_x64")
         with self.lock:
             if key not in self.known:
                 with no_collector():
-                    self.known[key] = self._traced(arrays, static)
+                    self.known[key] = self._traced(args)
                 if len(self.known) > _MOST:
                     self.known.popitem(last=False)
             self.known.move_to_end(key)
             return leaves, *self.known[key]
 
-    def _traced(self, arrays, static) -> tuple[Program, Any]:
+    def _traced(self, args) -> tuple[Program, Any]:
+        arrays, static = eqx.partition(args, eqx.is_array)
         tree = jax.tree.structure(arrays)
 
         def flat(function):
             return lambda *leaves: function(*eqx.combine(jax.tree.unflatten(tree, leaves), static))
 
-        columns = None if self.columns is None else self.columns(*eqx.combine(arrays, static))
+        columns = None if self.columns is None else self.columns(*args)
         if columns is not None and not 2 <= columns <= _WIDEST:
             columns = 0
         closed, shapes = jax.make_jaxpr(flat(self.function), return_shape=True)(*jax.tree.leaves(arrays))

@@ -1,4 +1,4 @@
-"""Hashes of what is computed, by which a later run knows its own results."""
+"""Hashes of functions and arrays, by which a later run recognises its own results."""
 
 import hashlib
 import re
@@ -13,16 +13,16 @@ __all__ = ["as_bytes", "hash_of_arrays", "hash_of_function"]
 
 
 def hash_of_function(function: Callable, *example) -> str:
-    """Of a jaxpr, with its constants."""
+    """Hash of a function's jaxpr and its constants."""
     closed = jax.make_jaxpr(function)(*example)
-    digest = hashlib.sha256(re.sub(r"0x[0-9a-f]+", "", str(closed)).encode())  # less the addresses of functions
+    digest = hashlib.sha256(re.sub(r"0x[0-9a-f]+", "", str(closed)).encode())  # without the addresses of functions
     for constant in constants(closed):
         digest.update(as_bytes(np.asarray(constant)))
     return digest.hexdigest()
 
 
 def hash_of_arrays(arrays: Mapping[str, np.ndarray], begun: str = "") -> str:
-    """Of arrays by name; `begun` is another hash that this one contains."""
+    """Hash of named arrays; `begun` is another hash to include."""
     digest = hashlib.sha256(begun.encode())
     for name in sorted(arrays):
         digest.update(name.encode() + as_bytes(arrays[name]))
@@ -30,5 +30,5 @@ def hash_of_arrays(arrays: Mapping[str, np.ndarray], begun: str = "") -> str:
 
 
 def as_bytes(values: np.ndarray) -> bytes:
-    """Its type, its shape and its entries."""
+    """Type, shape and entries of an array as bytes."""
     return f"{values.dtype.str}{values.shape}".encode() + np.ascontiguousarray(values).tobytes()

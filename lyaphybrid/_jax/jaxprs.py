@@ -1,4 +1,4 @@
-"""Parts of what a user's function is made of: some of the equations of its jaxpr, as a function."""
+"""Analysis and splitting of jaxprs: some of the equations of a user's function as a function of their own."""
 
 from collections.abc import Callable, Iterable
 from typing import Any
@@ -25,12 +25,12 @@ __all__ = [
     "jacobian",
     "needed",
     "part_of",
-    "settled",
+    "partially_evaluated",
     "written_out",
 ]
 
 
-# Primitives that only move entries about: they do with what belongs to each entry what they do with the entries.
+# Primitives that only move entries: they can be applied unchanged to values that belong to each entry.
 MOVING = {
     "broadcast_in_dim", "concatenate", "convert_element_type", "dynamic_slice", "dynamic_update_slice", "expand_dims",
     "gather", "pad", "reshape", "rev", "scatter", "select_n", "slice", "split", "squeeze", "stack", "tile", "transpose",
@@ -39,13 +39,13 @@ MOVING = {
 
 
 def part_of(closed: ClosedJaxpr, equations, inputs, outputs) -> Callable[..., list]:
-    """Some of the equations as a function."""
+    """Some of the equations as a function inputs -> outputs."""
     part = closed.jaxpr.replace(eqns=equations, invars=inputs, outvars=outputs)
     return jaxpr_as_fun(ClosedJaxpr(part, closed.consts))
 
 
 def evaluated(closed: ClosedJaxpr, inputs: list, rule: Callable[..., list]) -> list:
-    """The outputs, where each equation is done by rule(closed, equation, operands) -> results."""
+    """Evaluate a jaxpr with rule(closed, equation, operands) -> results in place of each equation."""
     jaxpr = closed.jaxpr
     known = dict(zip([*jaxpr.constvars, *jaxpr.invars], [*closed.consts, *inputs], strict=True))
 
@@ -61,13 +61,13 @@ def evaluated(closed: ClosedJaxpr, inputs: list, rule: Callable[..., list]) -> l
 
 
 def applied(closed: ClosedJaxpr, eqn, operands) -> list:
-    """The equation with these operands; what is written into it as a number stays."""
+    """Evaluate one equation with these operands; literals in it stay as they are."""
     known = {atom: one for atom, one in zip(eqn.invars, operands, strict=True) if not isinstance(atom, Literal)}
     return part_of(closed, [eqn], list(known), eqn.outvars)(*known.values())
 
 
 def divided(closed: ClosedJaxpr, known: Iterable) -> tuple[list, list, list]:
-    """The equations that need constants and known inputs alone; the others; and what these take from the first."""
+    """Equations that depend only on constants and known inputs, the others, and the variables passed between them."""
     known, early, late = {*closed.jaxpr.constvars, *known}, [], []
     for eqn in closed.jaxpr.eqns:
         if _variables(eqn.invars) <= known:
@@ -80,12 +80,12 @@ def divided(closed: ClosedJaxpr, known: Iterable) -> tuple[list, list, list]:
 
 
 def is_call(eqn) -> bool:
-    """Whether an equation stands for a program, which it holds."""
+    """Whether an equation is a call of a jitted function."""
     return eqn.primitive.name in ("jit", "pjit")
 
 
 def needed(closed: ClosedJaxpr, outputs: Iterable | None = None) -> set:
-    """The variables that its outputs need, or those of them that are named."""
+    """The variables on which the outputs, or the given ones of them, depend."""
     found = _variables(closed.jaxpr.outvars if outputs is None else outputs)
     for eqn in reversed(closed.jaxpr.eqns):
         if found.intersection(eqn.outvars):
@@ -94,7 +94,7 @@ def needed(closed: ClosedJaxpr, outputs: Iterable | None = None) -> set:
 
 
 def _read(eqn, wanted: set) -> list:
-    """The operands that an equation needs for results that are wanted: a call takes all it is given, and x⁰ is 1."""
+    """The operands on which the wanted results depend; looks inside calls, and x⁰ = 1 depends on nothing."""
     if eqn.primitive.name == "integer_pow" and eqn.params["y"] == 0:  # in derivatives of x, by JAX 0.8
         return []
     if not is_call(eqn):
@@ -106,7 +106,7 @@ def _read(eqn, wanted: set) -> list:
 
 
 def written_out(function: Callable, *example) -> ClosedJaxpr:
-    """The jaxpr of a function, with the equations of the programs that it calls in place of the calls."""
+    """The jaxpr of a function with all calls of jitted functions inlined."""
     closed = jax.make_jaxpr(function)(*example)
 
     def in_place(closed, eqn, operands):
@@ -119,7 +119,7 @@ def written_out(function: Callable, *example) -> ClosedJaxpr:
 
 
 def constants(closed: ClosedJaxpr) -> list:
-    """The arrays that are part of a function, and of those that it calls."""
+    """The constant arrays of a jaxpr and of the jaxprs inside it."""
     found = list(closed.consts)
     for eqn in closed.jaxpr.eqns:
         for value in eqn.params.values():
@@ -130,7 +130,7 @@ def constants(closed: ClosedJaxpr) -> list:
 
 
 def is_affine(function: Callable, x) -> bool:
-    """Whether the derivative of a function of x is seen not to depend on x."""
+    """Whether the derivative of a function of x provably does not depend on x, from its jaxpr."""
 
     def along(x, dx):
         return jax.jvp(function, (x,), (dx,))[1]
@@ -140,7 +140,7 @@ def is_affine(function: Callable, x) -> bool:
 
 
 def is_timeless(function: Callable, t, x) -> bool:
-    """Whether a function of (t, x) is seen not to depend on t; where that is not seen, it is taken to."""
+    """Whether a function of (t, x) provably does not depend on t, from its jaxpr."""
     closed = jax.make_jaxpr(function)(t, x)
     return closed.jaxpr.invars[0] not in needed(closed)
 
@@ -150,10 +150,10 @@ def _variables(atoms) -> set:
 
 
 def by_component(function: Callable, t, x) -> Callable[[list], Any]:
-    """A function of (t, x) at t, as one of the list of the components of x.
+    """A function of (t, x) at fixed t as a function of the list of components of x.
 
-    Where the function itself reads x one component at a time, the list goes in as it is: a component that is held
-    fixed then has no derivative at all, instead of one that is zero, which XLA goes on multiplying with.
+    If the function reads x one component at a time, the list is used directly: a component that is held fixed then has
+    no derivative at all, instead of a zero derivative with which XLA would multiply.
     """
     closed = written_out(function, t, x)
     time, point = closed.jaxpr.invars
@@ -168,7 +168,7 @@ def by_component(function: Callable, t, x) -> Callable[[list], Any]:
 
 
 def jacobian(function: Callable, x):
-    """Df (m, n) at x (n,), component by component: what does not depend on one costs nothing in its column."""
+    """Df (m, n) at x (n,), column by column; parts that do not depend on a component cost nothing in its column."""
     of_components = by_component(lambda _, x: function(x), jnp.zeros((), x.dtype), x)
 
     def column(i: int):
@@ -181,7 +181,7 @@ def jacobian(function: Callable, x):
 
 
 def constant(function: Callable, *example) -> Any:
-    """The value of the function: NumPy's where it is the same for all inputs, and so is known here and now."""
+    """The value of the function; a NumPy array, computed now, if it does not depend on the inputs."""
     closed = jax.make_jaxpr(function)(*example)
     if not needed(closed).isdisjoint(closed.jaxpr.invars) or traced(closed.consts):
         return function(*example)
@@ -189,10 +189,10 @@ def constant(function: Callable, *example) -> Any:
         return np.asarray(function(*(np.zeros(one.aval.shape, one.aval.dtype) for one in closed.jaxpr.invars)))
 
 
-def settled(function: Callable, *example) -> Callable:
-    """The function, with all that its parameters alone decide computed here and now; traced once.
+def partially_evaluated(function: Callable, *example) -> Callable:
+    """The function, traced once, with all subexpressions that depend only on its parameters computed now.
 
-    XLA would take each use of such a number out of a loop by itself, and carry as many copies through the loop.
+    Otherwise XLA hoists each use of such a value out of a loop separately and carries a copy per use through the loop.
     """
     closed, shape = jax.make_jaxpr(function, return_shape=True)(*example)
     early, late, kept = divided(closed, ())
@@ -204,14 +204,16 @@ def settled(function: Callable, *example) -> Callable:
 
 
 def explicit(function: Callable, *example) -> tuple[Callable, list]:
-    """The function as one of what it closes over, too, and that: JAX differentiates a rule of our own by operands only.
+    """The function with the tracers that it closes over as an explicit argument, and these tracers.
+
+    A custom derivative rule in JAX differentiates with respect to operands only, not to closed-over values.
 
     Args:
-        function: of arrays; it may close over values that are not known yet, directly or in other functions.
+        function: of arrays; it may close over tracers, directly or in other functions.
         example: arrays of the shapes of its inputs.
 
     Returns:
-        (numbers, *inputs) ↦ the same, and the numbers.
+        The function (numbers, *inputs) ↦ result, and the numbers.
     """
     closed, shape = jax.make_jaxpr(function, return_shape=True)(*example)
     where = [i for i, one in enumerate(closed.consts) if traced(one)]

@@ -1,9 +1,9 @@
-"""How large the terms are that a linear function adds up: what the rounding of its result is relative to.
+"""Magnitudes of the terms that a linear function adds: the scale of the rounding error of its result.
 
-A result that is small against its terms is rounding; one that has small terms is small. Where A has the entries a_ij,
-|A| has the |a_ij|, and those of the matrices in between where A is their product: |A| |dx| bounds the terms of A dx one
-by one, and an entry of A that is zero adds nothing (N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2nd
-ed. (SIAM 2002), section 3.1, doi:10.1137/1.9780898718027).
+A result much smaller than its terms is rounding; a result with small terms is really small. For a matrix A with entries
+a_ij, |A| has the entries |a_ij|; for a product of matrices it is the product of their |·|. |A| |dx| bounds the terms of
+A dx entry by entry, and zero entries of A contribute nothing (N. J. Higham, Accuracy and Stability of Numerical
+Algorithms, 2nd ed. (SIAM 2002), section 3.1, doi:10.1137/1.9780898718027).
 """
 
 from collections.abc import Callable
@@ -19,17 +19,17 @@ from .jaxprs import MOVING, applied, evaluated
 
 __all__ = ["UNKNOWN", "absolute"]
 
-UNKNOWN = 1e150  # so large that anything may be rounding; its products are finite
+UNKNOWN = 1e150  # so large that every result counts as rounding; products of two are finite
 
 
 class Size(NamedTuple):
-    """The magnitude of what depends on dx."""
+    """The magnitude of a value that depends on dx."""
 
     array: Array
 
 
 def absolute(function: Callable) -> Callable:
-    """|A| of a linear function A, both from arrays (n,) to arrays; `UNKNOWN` where it does more than add and multiply.
+    """|A| of a linear function A, both from arrays (n,) to arrays; `UNKNOWN` where A does not only add and multiply.
 
     Example:
         >>> import jax.numpy as jnp
@@ -66,18 +66,18 @@ def _through_equation(closed: ClosedJaxpr, eqn, operands: list) -> list:
 
 
 def _unknown(dtype) -> float:
-    """`UNKNOWN`, or in float32 what is as large there: products of two are finite."""
+    """`UNKNOWN`, or in float32 a number such that products of two are finite."""
     return min(UNKNOWN, float(jnp.finfo(dtype).max) ** 0.49) if jnp.issubdtype(dtype, jnp.floating) else 1.0
 
 
 def _magnitude(value):
-    """Its own; what is no real number is an index or a choice, and stays."""
+    """The magnitude of a value; integers and booleans (indices, conditions) are returned unchanged."""
     if isinstance(value, Size):
         return value.array
     return jnp.abs(value) if jnp.issubdtype(value.dtype, jnp.floating) else value
 
 
-# By the name of a primitive: what becomes of the magnitudes of its operands …
+# Primitives by name: the operation on the magnitudes of the operands …
 ENTRYWISE: dict[str, Callable] = {
     "add": lax.add,
     "add_any": lax.add,
@@ -87,5 +87,5 @@ ENTRYWISE: dict[str, Callable] = {
     "neg": lambda x: x,
     "sub": lax.add,
 }
-# … or it does with them what it does with the operands.
+# … or primitives that are applied to the magnitudes unchanged.
 ALIKE = MOVING | {"cumsum", "dot_general", "reduce_sum", "scatter-add"}

@@ -1,7 +1,7 @@
-"""What the numbers of a type can tell apart.
+"""Tolerances for float64 and float32.
 
-Tolerances are written for float64. Where a state is float32 each becomes the same share of the digits that there are:
-the functions here say what that is, from any array of the type. In float64 they give back what they are given.
+Tolerances are written for float64. For float32 states each is replaced by one that keeps the same fraction of the
+available digits; the functions here do that, from any array of the type. For float64 they return their argument.
 """
 
 import math
@@ -12,37 +12,37 @@ __all__ = ["BLUR", "CURE", "DOUBLE", "LEAST", "digits", "eps", "is_short", "nonz
 
 DOUBLE = 2.220446049250313e-16  # eps of float64
 CURE = "For float64 set jax.config.update('jax_enable_x64', True) before the first array is made."
-BLUR = 64 * DOUBLE  # rounding of a guard, relative to its terms
-LEAST = 32  # units of `eps`: an error estimate below is rounding (float32: 3.8e-6)
+BLUR = 64 * DOUBLE  # rounding error of a guard, relative to its terms
+LEAST = 32  # in units of `eps`: a smaller relative error estimate is rounding (float32: 3.8e-6)
 
 
 def eps(like) -> float:
-    """The distance from 1 to the next number."""
+    """The distance from 1 to the next floating-point number of the type."""
     return float(jnp.finfo(like.dtype).eps)
 
 
 def is_short(like) -> bool:
-    """Whether sums of many terms lose digits that matter: they are then kept with what rounding leaves over."""
+    """Whether the type has fewer digits than float64; sums of many terms are then compensated."""
     return eps(like) > DOUBLE
 
 
 def share(like) -> float:
-    """How many digits there are, as a part of those of float64."""
+    """The number of digits of the type as a fraction of those of float64."""
     return math.log(eps(like)) / math.log(DOUBLE)
 
 
 def digits(tolerance: float, like) -> float:
-    """A relative tolerance: 1e-12, three quarters of the digits of float64, is 5e-6 in float32."""
+    """A relative tolerance for the type: 1e-12, three quarters of the digits of float64, becomes 5e-6 in float32."""
     return tolerance ** share(like)
 
 
 def nonzero(number: float, like) -> float:
-    """A number that only keeps quotients and roots from 0: one that does not underflow."""
+    """A tiny number that protects quotients and roots from 0, raised so that it does not underflow in the type."""
     return max(number, 100 * float(jnp.finfo(like.dtype).tiny))
 
 
 def require_double(name: str, x, who: str) -> None:
-    """Raise a ValueError where x, or what JAX makes of numbers that have no floating type, is not float64."""
+    """Raise a ValueError if x, converted to JAX's default floating type if it has none, is not float64."""
     x = jnp.asarray(x)
     x = x if jnp.issubdtype(x.dtype, jnp.floating) else jnp.zeros((), float)
     if is_short(x):

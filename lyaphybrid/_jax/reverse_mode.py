@@ -1,8 +1,8 @@
-"""Reverse-mode derivatives through loops whose number of turns is not known beforehand.
+"""Reverse-mode derivatives through loops whose number of iterations is not known in advance.
 
-JAX runs such a loop backwards only if every turn was kept. Here a bounded number of checkpoints is kept, and what lies
-between is computed again: A. Griewank & A. Walther, ACM Trans. Math. Softw. 26 (2000) 19, doi:10.1145/347837.347846.
-That makes a slower loop, so it is run for a reverse pass alone: values and forward derivatives come from the fast one.
+Reverse mode needs the state before every iteration. Here a bounded number of checkpoints is stored and the states
+between them are recomputed: A. Griewank & A. Walther, ACM Trans. Math. Softw. 26 (2000) 19, doi:10.1145/347837.347846.
+This loop is slower, so it is used for reverse passes only; values and forward derivatives come from the plain loop.
 """
 
 import math
@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import equinox.internal as eqxi
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -18,33 +19,35 @@ from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 from jaxtyping import Array
 
+from ..native import ONE_WAY
+
 __all__ = ["CHECKPOINTS", "both_ways", "checkpointed"]
 
-CHECKPOINTS = 64  # of a loop, half of them on the way forwards; even
-NEVER = 2**30  # a turn that does not come
+CHECKPOINTS = 64  # most checkpoints of a loop, half of them in the forward pass; an even number
+NEVER = 2**30  # an iteration that is never reached
 
-# REACH[s, r]: the most turns that s checkpoints, the start's included, lead back through if none is computed more than
-# r times over: the binomial coefficient of s + r and s.
+# REACH[s, r]: the most iterations that can be reversed with s checkpoints, the start included, if no iteration is
+# recomputed more than r times: the binomial coefficient of s + r over s.
 REACH = np.array([[min(math.comb(s + r, s), NEVER) for r in range(64)] for s in range(CHECKPOINTS + 1)], np.int32)
 
 
 class Kept(NamedTuple):
-    """The checkpoints, a stack."""
+    """The checkpoints, as a stack."""
 
-    states: Any  # with a first axis for the checkpoints
-    turns: Array  # (checkpoints,) before which turn each was
+    states: Any  # leaves with a first axis (checkpoints,)
+    turns: Array  # (checkpoints,) the iteration before which each was stored
     count: Array  # pyright: ignore[reportIncompatibleMethodOverride]
 
 
 def checkpointed(goes_on: Callable, step: Callable, state: Any) -> Any:
-    """A loop like `jax.lax.while_loop` that has reverse derivatives, and no forward ones."""
+    """A loop like `jax.lax.while_loop` with reverse-mode but without forward-mode derivatives."""
     state = jax.tree.map(jnp.asarray, state)
     step, goes_on = eqx.filter_closure_convert(step, state), eqx.filter_closure_convert(goes_on, state)
     return _loop((step, state), jax.tree.map(_fixed, goes_on))
 
 
 def _is_float(leaf) -> bool:
-    """Whether it has derivatives; JAX 0.8 has constants that are arrays of a kind that Equinox does not know."""
+    """Whether a leaf has derivatives; JAX 0.8 has constants of an array type that Equinox does not recognise."""
     return hasattr(leaf, "dtype") and jnp.issubdtype(leaf.dtype, jnp.inexact)
 
 
@@ -55,12 +58,13 @@ def _fixed(leaf):
 @eqx.filter_custom_vjp
 def _loop(moving, goes_on):
     step, state = moving
-    return jax.lax.while_loop(goes_on, step, state)
+    # Not `goes_on` and `step` themselves: JAX hashes the functions of a loop, and these have no hash.
+    return jax.lax.while_loop(lambda state: goes_on(state), lambda state: step(state), state)  # noqa: PLW0108
 
 
 @_loop.def_fwd
 def _forwards(perturbed, moving, goes_on):
-    """The loop, which keeps states that are equally far apart; where there is no room, every other one goes."""
+    """The loop, storing equally spaced states; when the buffer is full every other state is dropped."""
     del perturbed
     step, state = moving
     room, nothing = CHECKPOINTS // 2, jnp.zeros(CHECKPOINTS, jnp.int32)
@@ -112,7 +116,7 @@ def _backwards(residuals, back, perturbed, moving, goes_on):
 
 
 def _put(kept: Kept, state, turn, when) -> Kept:
-    """One more checkpoint, where `when` holds."""
+    """Push one more checkpoint, if `when` holds."""
 
     def put(kept, state):
         states = jax.tree.map(lambda stack, leaf: stack.at[kept.count].set(leaf), kept.states, state)
@@ -122,7 +126,7 @@ def _put(kept: Kept, state, turn, when) -> Kept:
 
 
 def _state_before(turn, step: Callable, kept: Kept) -> tuple[Any, Kept]:
-    """The state before a turn, from the last checkpoint; on the way there others are put where they serve best."""
+    """The state before an iteration, recomputed from the last checkpoint; sets further checkpoints optimally."""
     last = kept.count - 1
 
     def next_one(kept, now):
@@ -142,18 +146,18 @@ def _state_before(turn, step: Callable, kept: Kept) -> tuple[Any, Kept]:
 
 
 def _distance(checkpoints, turns):
-    """How far on the next checkpoint is put, of so many that are free and for so many turns."""
+    """The number of iterations to the next checkpoint, from the numbers of free checkpoints and of iterations."""
     reach = jnp.asarray(REACH)[checkpoints]
     again = jnp.clip(jnp.sum(reach < turns), 1, REACH.shape[1] - 1)
     return jnp.where(checkpoints > 1, jnp.minimum(reach[again - 1], turns - 1), NEVER)
 
 
 def both_ways(forward: Callable, backward: Callable) -> Callable:
-    """A function with the values and the forward derivatives of one, and the reverse derivatives of the other.
+    """A function with values and forward derivatives from `forward`, and reverse derivatives from `backward`.
 
     Args:
-        forward: a function of trees, of arrays and of what is static.
-        backward: the same function, computed so that it has reverse derivatives.
+        forward: a function of pytrees with array leaves (traced) and other leaves (static).
+        backward: the same function in a form with reverse derivatives.
     """
 
     @eqx.filter_custom_jvp
@@ -192,7 +196,7 @@ def _is_something(leaf) -> bool:
 
 
 def _linear(forward, backward, leaves: list, kept: list, changes: list) -> list:
-    """The derivative of `forward` along changes; transposed, the reverse derivative of `backward`."""
+    """The derivative of `forward` in the direction of `changes`; its transpose is that of `backward`."""
     n, fixed = len(leaves), len(leaves) + len(kept)
 
     def pushed(*given):
@@ -202,7 +206,7 @@ def _linear(forward, backward, leaves: list, kept: list, changes: list) -> list:
     def pulled(*given):
         base, kept, back = given[:n], list(given[n:fixed]), given[fixed:]
 
-        def wanted(*base):  # a cotangent of zero would make nan of a derivative that is infinite
+        def wanted(*base):  # leave out zero cotangents: times an infinite derivative they give nan
             found = jax.tree.leaves(backward(list(base), kept))
             return [x for x, cotangent in zip(found, back, strict=True) if cotangent is not None]
 
@@ -211,7 +215,7 @@ def _linear(forward, backward, leaves: list, kept: list, changes: list) -> list:
     return derivative_p.bind(*leaves, *kept, *changes, pushed=pushed, pulled=pulled, linear=n)
 
 
-# A linear map given twice: as it is, and transposed. JAX's own `linear_call` is that too, but cannot be vmapped.
+# A linear map given together with its transpose. JAX's own `linear_call` does the same, but cannot be vmapped.
 derivative_p = Primitive("derivative_both_ways")
 derivative_p.multiple_results = True
 
@@ -228,21 +232,22 @@ def _shapes(*operands, pushed, pulled, linear):
 
 
 def _pushed_on(operands, changes, *, pushed, pulled, linear):
-    """A second derivative is taken of the first as it is."""
+    """Second derivatives are forward derivatives of the forward form."""
     del pulled, linear
     changes = [ad.instantiate_zeros(change) for change in changes]
-    return jax.jvp(lambda *x: list(pushed(*x)), tuple(operands), tuple(changes))
+    found, change = jax.jvp(lambda *x: list(pushed(*x)), tuple(operands), tuple(changes))
+    return found, eqxi.nondifferentiable_backward(change, msg=ONE_WAY)
 
 
 def _transposed(back, *operands, pushed, pulled, linear):
     del pushed
-    fixed = operands[: len(operands) - linear]
+    fixed = eqxi.nondifferentiable(operands[: len(operands) - linear], msg=ONE_WAY)
     back = [None if isinstance(one, ad.Zero) else one for one in back]
     return [None] * len(fixed) + list(pulled(*fixed, *back))
 
 
 def _batched(operands, axes, *, pushed, pulled, linear):
-    """Over all changes at once; what does not depend on the lane stays one for all."""
+    """Batch over the changes; operands without a batch axis are not repeated."""
     fixed = len(operands) - linear
     (size,) = {one.shape[axis] for one, axis in zip(operands, axes, strict=True) if axis is not None}
     changes = [

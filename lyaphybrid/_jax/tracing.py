@@ -1,19 +1,26 @@
-"""Whether values are known now, or only while a compiled function runs."""
+"""Whether values are concrete or tracers."""
 
 import functools
+from types import ModuleType
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax._src.core import trace_state_clean  # there is no public name for it
 from jax.core import Tracer
 
-__all__ = ["array", "enclosed", "traced"]
+__all__ = ["array", "enclosed", "module_of", "traced", "transforming"]
 
 
 def array(value: Any, dtype) -> Any:
-    """An array of that type: NumPy's where the value is known now, for a compiled function takes it in at less cost."""
+    """An array of the type: NumPy's for concrete values, which a compiled function accepts with less overhead."""
     return (jnp if traced(value) else np).asarray(value, dtype)
+
+
+def module_of(value: Any) -> ModuleType:
+    """`jax.numpy` for its arrays, NumPy for all else."""
+    return jnp if isinstance(value, jax.Array) else np
 
 
 def traced(*values: Any) -> bool:
@@ -21,8 +28,13 @@ def traced(*values: Any) -> bool:
     return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(values))
 
 
+def transforming() -> bool:
+    """Whether a transformation (jit, vmap, grad) is under way: else nothing is traced, and new arrays are not."""
+    return not trace_state_clean()
+
+
 def enclosed(values: Any) -> list:
-    """What the functions among the leaves close over, and the functions among that, and so on."""
+    """All values that the functions among the leaves close over, directly or through other functions."""
     found, functions, seen = [], jax.tree.leaves(values), set()
     while functions:
         one = functions.pop()
@@ -35,7 +47,7 @@ def enclosed(values: Any) -> list:
         for cell in getattr(one, "__closure__", None) or ():
             try:
                 within.append(cell.cell_contents)
-            except ValueError:  # not yet bound
+            except ValueError:  # the variable is not assigned yet
                 continue
         found += jax.tree.leaves(within)
         functions += jax.tree.leaves(within)

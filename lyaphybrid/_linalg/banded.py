@@ -1,8 +1,8 @@
-"""Banded matrices, factorised by blocks in a loop that stays within the compiled program.
+"""Banded matrices, factorised by blocks in a loop inside the compiled program.
 
 A matrix of bandwidth b is block tridiagonal with blocks of b rows. Each step of the elimination inverts one block, with
-pivots within it: that is stable where the matrix is diagonally dominant or definite by blocks, as those of networks
-are. It takes m b² operations, and as many for each right-hand side by b, beside the m³ of a full inverse.
+pivoting inside the block: that is stable if the matrix is diagonally dominant or definite by blocks, as it is for
+networks. It takes O(m b²) operations, and O(m b) for each right-hand side, instead of O(m³) for a full inverse.
 """
 
 from typing import NamedTuple
@@ -18,20 +18,20 @@ __all__ = ["Factors", "factorised", "probes", "solve"]
 
 
 class Factors(NamedTuple):
-    """Of a block tridiagonal matrix."""
+    """Block factors of a block tridiagonal matrix."""
 
-    turned: Array  # (count, b, b) inverses of the blocks that elimination leaves in the diagonal
-    below: Array  # (count, b, b)
-    above: Array  # (count, b, b)
+    turned: Array  # (count, b, b) inverses of the diagonal blocks after elimination
+    below: Array  # (count, b, b) blocks below the diagonal
+    above: Array  # (count, b, b) blocks above the diagonal
 
 
 def probes(m: int, bandwidth: int) -> np.ndarray:
-    """(m, 2 b + 1) sums of unit vectors so far apart that a product with a banded matrix shows all of its entries."""
+    """(m, 2 b + 1) sums of unit vectors, 2 b + 1 rows apart: a banded matrix times these shows all of its entries."""
     return np.eye(2 * bandwidth + 1)[np.arange(m) % (2 * bandwidth + 1)]
 
 
 def factorised(seen: Float[Array, "m c"]) -> tuple[Factors, Float[Array, ""]]:
-    """Factors of the matrix whose products with `probes` these are, and the sign of its determinant."""
+    """Factors of a matrix from its product with `probes`, and the sign of its determinant."""
     b = (seen.shape[1] - 1) // 2
     diagonal, below, above = (_blocks(seen, b, shift) for shift in (0, -1, 1))
 
@@ -47,13 +47,13 @@ def factorised(seen: Float[Array, "m c"]) -> tuple[Factors, Float[Array, ""]]:
 
 
 def solve(factors: Factors, right: Float[Array, "m *k"]) -> Float[Array, "m *k"]:
-    """The solution for a right-hand side, or several."""
+    """The solution for one right-hand side (m,), or several (m, k)."""
     count, b, _ = factors.turned.shape
     m, several = right.shape[0], right.reshape(right.shape[0], -1)
     given = jnp.pad(several, ((0, count * b - m), (0, 0))).reshape(count, b, -1)
     nothing = jnp.zeros_like(given[0])
 
-    def forward(before, row):  # the block before, solved for what is left of it
+    def forward(before, row):  # before: the solution in the previous block
         turned, left, one = row
         found = turned @ (one - left @ before)
         return found, found
@@ -70,7 +70,7 @@ def solve(factors: Factors, right: Float[Array, "m *k"]) -> Float[Array, "m *k"]
 
 
 def _blocks(seen, b: int, shift: int):
-    """The blocks (count, b, b) in the diagonal, below it (shift −1) or above it; added rows are those of 1."""
+    """Blocks (count, b, b) on the diagonal (shift 0), below (−1) or above it (1); padding rows are those of 1."""
     m, colours = seen.shape
     count = -(-m // b)
     i = np.arange(count * b).reshape(count, b, 1) + np.zeros((1, 1, b), int)

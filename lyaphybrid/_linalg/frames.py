@@ -1,9 +1,9 @@
 """Frames: k perturbations of a point, held as the columns of an (n, k) array, and their orthonormalisation.
 
-The diagonal R_ii that an orthonormalisation throws away is positive; its logarithms are what exponents are
-made of (Benettin et al., Meccanica 15 (1980) 9, doi:10.1007/BF02128236). A column that has become dependent
-on the ones before it is *lost*: its ln R_ii is -inf in truth, and it is reported as lost rather than summed. One that
-a jump only makes short, if by 1e-20, is not: what tells them apart is the size of the terms that cancel.
+The diagonal entries R_ii of an orthonormalisation are positive; exponents are averages of their logarithms (Benettin et
+al., Meccanica 15 (1980) 9, doi:10.1007/BF02128236). A column that is linearly dependent on earlier columns is *lost*:
+its exact ln R_ii is -inf, and it is reported as lost instead of added. A column that a jump only makes short, even by a
+factor of 1e-20, is not lost: the two cases differ in the magnitude of the terms that cancel.
 """
 
 import functools
@@ -19,16 +19,16 @@ from .._jax.precision import digits, eps, is_short, nonzero
 __all__ = ["KINDS", "orthonormalise", "refill", "staggered", "unit_vectors"]
 
 KINDS = ("mgs", "lapack", "cholesky")
-FEW = 4  # up to so many rows a product is written out: no loop
-UNROLL = 16  # up to so many columns Gram–Schmidt is unrolled: 1.2 to 1.5 times as fast as a loop, but longer to compile
-BLOCKS_FROM = 32  # from so many columns on products of matrices are faster (n=64: 58 µs, column by column 148)
-PANEL = 32  # columns of a panel, at most
-UNEVEN = 300.0  # a larger ratio of lengths in a panel may cost more than 1e-11 of its orthogonality
-LOST = 1e-12  # a column is lost at a jump where its residual is below this, relative to its length before
-DEPENDENT = 1e-13  # and after several where it is below this, relative to its length now; always, to its own terms
-ROUNDING = 4  # what is left of a lost column in float32, in units of eps and its length
-CLEARED = 4  # times, of the columns before it: then rows of 1e-60 of the others are right
-TINY = 1e-290  # a length
+FEW = 4  # products with at most so many rows are written out without a loop
+UNROLL = 16  # Gram–Schmidt with at most so many columns is unrolled: faster than a loop, but longer to compile
+BLOCKS_FROM = 32  # from this number of columns block Gram–Schmidt is faster than column by column
+PANEL = 32  # most columns of a panel
+UNEVEN = 300.0  # with a larger ratio of lengths in a panel the orthogonality error may exceed 1e-11
+LOST = 1e-12  # after one jump a column is lost if its residual is below this, relative to its length before the jump
+DEPENDENT = 1e-13  # after several jumps, if it is below this relative to its present length; always, to its own terms
+ROUNDING = 4  # residual of a lost column in float32, in units of eps times its length
+CLEARED = 4  # number of times that earlier columns are removed: then rows of 1e-60 times the others are accurate too
+TINY = 1e-290  # lower bound of a length, to avoid division by zero
 
 
 def kind_for(k: int) -> str:
@@ -37,7 +37,7 @@ def kind_for(k: int) -> str:
 
 
 def unit_vectors(n: int, k: int, dtype, paired: bool = False) -> np.ndarray:
-    """The first k unit vectors (n, k); paired: of e_q1 … e_qm, e_pm … e_p1, n = 2m, x = (q, p)."""
+    """The first k unit vectors (n, k); paired: in the order e_q1 … e_qm, e_pm … e_p1, where x = (q, p), n = 2m."""
     m = n // 2 if paired else n
     frame = np.zeros((n, k), dtype)
     frame[[*range(m), *reversed(range(m, n))][:k], range(k)] = 1
@@ -57,17 +57,17 @@ def orthonormalise(
         frame: (n, k), k ≤ n.
         kind: "mgs", modified Gram–Schmidt; "lapack", Householder QR; "cholesky", block Gram–Schmidt with
             Cholesky panels, and column by column where these are ill-conditioned.
-        absolute: a column whose residual is at most absolute + relative · its norm is lost.
-        relative: see absolute; 0 (static) asks for no such test.
-        sizes: magnitude of the terms of each entry, where it is known: a column is then lost only if moreover every
-            entry of its residual is at most `DEPENDENT` · the terms that it is the sum of. What is short by itself,
-            and not by cancellation, is no rounding, however short.
+        absolute: a column is lost if its residual is at most absolute + relative · its norm.
+        relative: see absolute; 0 (static) switches the test off.
+        sizes: (n, k) magnitude of the terms of each entry, if known: a column is then lost only if, in addition, every
+            entry of its residual is at most `DEPENDENT` · its terms. A column that is short without cancellation is not
+            rounding, however short it is.
 
     Returns:
         The columns (n, k), zero where lost; ln R_ii (k,), zero where lost; and which columns were lost (k,).
     """
     tolerance = _tolerance(frame, absolute, relative) if tracked(relative) else 0.0
-    tolerance = jnp.where(jnp.isfinite(tolerance), jnp.maximum(tolerance, 0.0), -1.0)  # an overflow is no loss
+    tolerance = jnp.where(jnp.isfinite(tolerance), jnp.maximum(tolerance, 0.0), -1.0)  # an overflow is not a loss
     columns, lengths = _columns_and_lengths(frame, kind, tolerance if tracked(relative) else None)
     lost = lengths <= tolerance
     if sizes is not None:
@@ -84,10 +84,10 @@ def orthonormalise(
 
 
 def _tolerance(frame, absolute, relative: float):
-    """Residuals up to which columns are lost.
+    """(k,) the largest residual at which each column is lost.
 
-    In float32 what a strong stretch leaves of a column is not far above rounding: a column is lost only where it is
-    short against itself and against what it was.
+    In float32 a strong stretching leaves residuals not far above rounding: a column is lost only if it is short
+    relative to both its present length and its length before.
     """
     if not is_short(frame):
         return absolute + relative * _norm(frame)
@@ -95,13 +95,13 @@ def _tolerance(frame, absolute, relative: float):
 
 
 def _columns_and_lengths(frame, kind: str, tolerance):
-    """By the way asked for. What is left of a lost column is rounding: later ones must not lose its direction."""
+    """Orthonormalise by `kind`; a lost column is rounding, so its direction is not removed from later columns."""
     floors = None if tolerance is None else _floors(tolerance)
     if kind == "mgs":
         k = frame.shape[1]
         if k <= 3 and floors is not None:
             return _by_columns(frame, floors)
-        return (_unrolled if k <= UNROLL else _in_a_loop)(frame, floors)
+        return modified_gram_schmidt(frame) if floors is None else _column_by_column(frame, floors)
     found = _householder(frame) if kind == "lapack" else _cholesky(frame, floors)
     if tolerance is None:
         return found
@@ -109,13 +109,23 @@ def _columns_and_lengths(frame, kind: str, tolerance):
     return jax.lax.cond(again, lambda _: _in_a_loop(frame, floors), lambda found: found, found)
 
 
+@jax.jit
+def modified_gram_schmidt(frame):
+    """Orthonormal columns (n, k) and their lengths (k,); `lyaphybrid.native` recognises this function by its name."""
+    return _column_by_column(frame)
+
+
+def _column_by_column(frame, floors=None):
+    return (_unrolled if frame.shape[1] <= UNROLL else _in_a_loop)(frame, floors)
+
+
 def _floors(tolerance):
-    """The squares up to which columns are lost."""
+    """(k,) the squared length at or below which each column is lost."""
     return jnp.where(tolerance < 0, -1.0, tolerance**2)
 
 
 def tracked(relative: float) -> bool:
-    """Whether a relative tolerance asks for lost columns at all (the choice is static)."""
+    """Whether lost columns are tested for: the relative tolerance is positive (static)."""
     return relative > 0
 
 
@@ -126,13 +136,13 @@ def _norm(v):
 
 
 def _root(square):
-    """The square root, with a derivative at 0; nan stays, for a column that is no number must not look lost."""
+    """The square root, with a derivative at 0; nan stays nan, so that such a column does not look lost."""
     nothing = square <= 0
     return jnp.where(nothing, 0.0, jnp.sqrt(jnp.where(nothing, 1.0, square)))
 
 
 def _scaled(columns, squares):
-    """Orthogonal columns made orthonormal, and their lengths."""
+    """Normalise orthogonal columns; returns them and their lengths (k,)."""
     lengths = _root(squares)
     return columns / jnp.maximum(lengths, nonzero(TINY, lengths))[None, :], lengths
 
@@ -144,11 +154,10 @@ def _inverse(square, floors, j):
 
 
 def _by_columns(frame, floors=None):
-    """Modified Gram–Schmidt as it stands in books, written out pair by pair.
+    """Modified Gram–Schmidt in its textbook form, written out pair by pair.
 
-    Where columns may be lost each is cleared of the earlier ones twice: what the first time leaves of one that nearly
-    depends on them is rounding in part (20 neurons: 1e-10 of a lost column), and would make a frame that is not
-    orthonormal.
+    Where columns may be lost, earlier columns are removed twice from each: the first pass leaves rounding of a nearly
+    dependent column (1e-10 of a lost column for 20 neurons), and the frame would not be orthonormal.
     """
     y = [frame[:, j] for j in range(frame.shape[1])]
     squares = []
@@ -165,14 +174,14 @@ def _by_columns(frame, floors=None):
 
 
 def _overlaps(column, rest):
-    """Column @ rest."""
+    """The products (k,) of one column with all columns."""
     if len(column) > FEW:
         return column @ rest
     return functools.reduce(jnp.add, [one * row for one, row in zip(column, rest, strict=True)])
 
 
 def _remove(rest, column, j: int | Array, floors):
-    """Take the direction of column j out of all later columns; also |column j|²."""
+    """Remove the direction of column j from all later columns; also returns |column j|²."""
     overlap = _overlaps(column, rest)
     square = overlap[j]
     share = jnp.where(jnp.arange(rest.shape[1]) > j, overlap * _inverse(square, floors, j), 0.0)
@@ -180,13 +189,13 @@ def _remove(rest, column, j: int | Array, floors):
 
 
 def _cleared(rest, column, j: int | Array, squares, floors):
-    """The column j without what is still in it of all earlier ones."""
+    """Column j with its remaining components along all earlier columns removed."""
     share = jnp.where(jnp.arange(rest.shape[1]) < j, (column @ rest) * _inverse(squares, floors, slice(None)), 0.0)
     return column - rest @ share
 
 
 def _unrolled(frame, floors=None):
-    """The same, one column against all others."""
+    """Modified Gram–Schmidt, unrolled: one column at a time is removed from all later ones."""
     squares: list = []
     for j in range(frame.shape[1]):
         column = frame[:, j]
@@ -200,7 +209,7 @@ def _unrolled(frame, floors=None):
 
 
 def _in_a_loop(frame, floors=None):
-    """The same as a loop, for many columns."""
+    """Modified Gram–Schmidt as a loop, for many columns."""
 
     def remove(j, state):
         rest, squares = state
@@ -216,11 +225,11 @@ def _in_a_loop(frame, floors=None):
 
 
 def _entry_by_entry(frame, sizes, tolerance):
-    """Column by column, with the size of what each entry is the sum of; also which columns are lost.
+    """Gram–Schmidt that tracks the magnitude of the terms of each entry; also returns which columns are lost.
 
-    Rows may be of very different sizes, as behind a reset of what was fast before, and a column is judged by the entry
-    that is known best. What a small row holds comes out where clearing leaves no more than that of the large ones:
-    each time leaves rounding of what was left before.
+    Rows may have very different sizes, for example after a reset of a fast component. A column is not lost if one of
+    its entries is known well. Earlier columns are removed several times: each pass leaves only rounding of the previous
+    residual, until the large rows no longer hide the small ones.
     """
 
     def clear(j, state):
@@ -249,30 +258,46 @@ def _householder(frame):
 
 
 def _cholesky(frame, floors=None):
-    """Half the columns, then the other half less what they share, and so on; panels by their Gram matrices.
-
-    Nearly all of it are products of matrices: at 64 columns two thirds of the time of LAPACK. A panel loses its
-    orthogonality as the square of its condition number; a panel for which that matters is rare, for its columns
-    are neighbours, and then all is done column by column.
-    """
+    """In blocks. Where losses are tracked and a block is ill-conditioned: column by column, each reorthogonalised."""
+    if floors is None:
+        return orthonormal(frame)
     columns, lengths, uneven = orthonormal_by_blocks(frame)
+    return _if_even(uneven, columns, lengths, frame, floors)
+
+
+def _if_even(uneven, columns, lengths, frame, floors):
     good = (uneven < UNEVEN) & jnp.all(jnp.isfinite(lengths))
     return jax.lax.cond(good, lambda _: (columns, lengths), lambda frame: _in_a_loop(frame, floors), frame)
 
 
 @jax.jit
-def orthonormal_by_blocks(frame):
-    """Orthonormal columns, their lengths, and the largest ratio of lengths in one panel.
+def orthonormal(frame):
+    """Orthonormal columns (n, k) and their lengths (k,).
 
-    `lyaphybrid.native` knows this function by its name, and computes the same in place, by BLAS and LAPACK. Within,
-    columns lie as rows: XLA's products of a transposed matrix with another cost up to thirty times as much.
+    `lyaphybrid.native` recognises this function by its name and computes the same in place, by modified Gram–Schmidt in
+    vector registers. Elsewhere it is computed in blocks, or column by column where a block is ill-conditioned.
+    """
+    columns, lengths, uneven = orthonormal_by_blocks(frame)
+    return _if_even(uneven, columns, lengths, frame, None)
+
+
+@jax.jit
+def orthonormal_by_blocks(frame):
+    """Orthonormal columns (n, k), their lengths (k,), and the largest ratio of lengths in one panel.
+
+    Recursive: one half of the columns, then the other half minus its projection; panels by their Gram matrices. Nearly
+    all operations are products of matrices. The orthogonality error of a panel grows with the square of its condition
+    number.
+
+    `lyaphybrid.native` recognises this function by its name, too. Inside, columns are stored as rows, because XLA
+    multiplies a transposed matrix with another much more slowly.
     """
     columns, lengths, uneven = _halved(frame.T)
     return columns.T, lengths, uneven
 
 
 def _halved(columns):
-    """Orthonormal columns, their lengths, and the largest ratio of lengths in one panel; columns lie as rows (k, n)."""
+    """The same for columns stored as rows (k, n): orthonormal rows, lengths, largest ratio of lengths in a panel."""
     k = columns.shape[0]
     if k <= PANEL:
         columns, lengths = _by_gram_matrix(columns)
@@ -285,9 +310,9 @@ def _halved(columns):
 
 
 def _by_gram_matrix(panel):
-    """Y = Q R with R from YᵀY = Rᵀ R = L D Lᵀ, D = diag(R)²; columns lie as rows: Qᵀ = D^(-1/2) L⁻¹ Yᵀ.
+    """Y = Q R with R from YᵀY = Rᵀ R = L D Lᵀ, D = diag(R)²; columns are stored as rows: Qᵀ = D^(-1/2) L⁻¹ Yᵀ.
 
-    Elimination, L⁻¹ grows where zeros would.
+    Gaussian elimination; the entries of L⁻¹ are stored in place of the zeros that it makes.
     """
     k = panel.shape[0]
     index = jnp.arange(k)
@@ -305,18 +330,15 @@ def _by_gram_matrix(panel):
 
 
 def staggered(frame: Float[Array, "n k"]) -> Float[Array, "n m"]:
-    """Rows that do not all begin at the same place of a memory page: several at once would be in each other's way.
-
-    64 disks with all columns: what an event does to the frame takes two thirds of the time.
-    """
-    return jnp.pad(frame, ((0, 0), (0, 4))) if frame.shape[1] % 32 == 0 else frame
+    """The frame with padded rows, so that rows do not start at equal offsets in memory pages (cache conflicts)."""
+    return jnp.pad(frame, ((0, 0), (0, 8))) if frame.shape[1] % 32 == 0 else frame
 
 
 def refill(frame: Float[Array, "n k"], project, live: Array) -> tuple[Float[Array, "n k"], Int[Array, " k"]]:
-    """Move the live columns to the front and fill the empty ones with new directions, where there is room.
+    """Move the live columns to the front and fill empty ones with new directions, while the tangent space has any.
 
-    A direction that is gone stays gone for its exponent; its column goes on with a fresh direction of the
-    tangent space, so that a later loss is seen as a loss.
+    The exponent of a lost direction stays -inf; its column continues with a new direction of the tangent space, so that
+    later losses are detected.
 
     Args:
         frame: (n, k), orthonormal columns and zeros.
@@ -324,7 +346,7 @@ def refill(frame: Float[Array, "n k"], project, live: Array) -> tuple[Float[Arra
         live: (k,), which columns are not empty.
 
     Returns:
-        The frame, and where each of its columns was before: new[i] came from old[source[i]].
+        The frame, and the previous index of each column: column i was column source[i] before.
     """
     n, k = frame.shape
     count = jnp.sum(live)
@@ -335,7 +357,7 @@ def refill(frame: Float[Array, "n k"], project, live: Array) -> tuple[Float[Arra
 
     def fill(j, frame):
         rest = basis
-        for _ in range(2):  # twice is enough to be orthogonal to rounding
+        for _ in range(2):  # two passes give orthogonality up to rounding
             overlap = jnp.sum(rest[:, :, None] * frame[None, :, :], axis=1)
             rest = rest - jnp.sum(overlap[:, None, :] * frame[None, :, :], axis=-1)
         lengths = _norm(rest.T)

@@ -1,6 +1,6 @@
-"""Small linear systems, solved within a loop that stays one kernel: LAPACK's calls would not.
+"""Small linear systems, solved inside a loop without calls of LAPACK, so that XLA can compile it to one kernel.
 
-Inverses, not factors: what they are applied to, frames above all, is then a product of matrices and no recursion.
+They return inverses instead of factors: applying one to a frame is then a product of matrices, without substitution.
 """
 
 import jax
@@ -8,11 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-__all__ = ["inverse", "product", "split", "times"]
+__all__ = ["inverse", "matmul", "split", "sparse_matmul"]
 
-UNROLLED = 12  # rows up to which the elimination is written out
-WRITTEN_OUT = 4  # terms of a product that are added one by one
-SPARSE = 0.5  # a known matrix with fewer nonzero entries than this part is applied entry by entry
+UNROLLED = 12  # most rows for which the elimination is unrolled
+WRITTEN_OUT = 4  # most terms of a product that are added one by one
+SPARSE = 0.5  # a known matrix with a smaller fraction of nonzero entries is applied entry by entry
 
 
 def inverse(matrix: Float[Array, "n n"]) -> tuple[Float[Array, "n n"], Float[Array, ""]]:
@@ -28,7 +28,7 @@ def inverse(matrix: Float[Array, "n n"]) -> tuple[Float[Array, "n n"], Float[Arr
 
 
 def _in_closed_form(matrix):
-    """Of one or two rows: the adjugate over the determinant."""
+    """The inverse for one or two rows: the adjugate over the determinant."""
     if matrix.shape[0] == 1:
         return 1 / matrix, jnp.sign(matrix[0, 0])
     (a, b), (c, d) = matrix
@@ -37,7 +37,7 @@ def _in_closed_form(matrix):
 
 
 def _by_elimination(matrix):
-    """Gauss and Jordan, the largest entry of each column as its pivot."""
+    """Gauss–Jordan elimination with the largest entry of each column as pivot."""
     n = matrix.shape[0]
     both, sign = jnp.concatenate([matrix, jnp.eye(n, dtype=matrix.dtype)], axis=1), jnp.ones((), matrix.dtype)
     for j in range(n):
@@ -53,9 +53,9 @@ def _by_elimination(matrix):
 
 
 def split(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """For E₁ (d, n) of full rank a right inverse (n, d) and a basis (n, n − d) of its kernel.
+    """For E₁ (d, n) of full rank: a right inverse (n, d) and a basis (n, n − d) of its kernel.
 
-    Where some columns of E₁ are zero and the others are square both are unit vectors at heart: most entries are zero.
+    If the nonzero columns of E₁ form a square matrix, the basis consists of unit vectors and both are sparse.
     """
     d, n = rows.shape
     there = np.any(rows != 0, axis=0)
@@ -67,18 +67,18 @@ def split(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.linalg.pinv(rows), directions[d:].T
 
 
-def product(a: Array, b: Array) -> Array:
-    """A @ b (n, m) @ (m,) or (m, k); of few terms written out, so that it is part of what comes before and after."""
+def matmul(a: Array, b: Array) -> Array:
+    """A @ b, (n, m) @ (m,) or (m, k); few terms are written out, so that XLA can fuse them with their neighbours."""
     if a.shape[1] > WRITTEN_OUT or a.shape[1] == 0:
         return a @ b
     rows = [a[:, j] * b[j] if b.ndim == 1 else a[:, j][:, None] * b[j][None, :] for j in range(a.shape[1])]
     return sum(rows[1:], rows[0])
 
 
-def times(matrix, x):
-    """Matrix @ x; where the matrix is known and mostly empty, without its zeros."""
+def sparse_matmul(matrix, x):
+    """Matrix @ x; for a known sparse matrix (NumPy) without the zero entries."""
     if not isinstance(matrix, np.ndarray):
-        return product(matrix, x)
+        return matmul(matrix, x)
     if matrix.shape[0] > UNROLLED or np.count_nonzero(matrix) > SPARSE * matrix.size:
         return jnp.asarray(matrix, x.dtype) @ x
     nothing = jnp.zeros(x.shape[1:], x.dtype)

@@ -1,4 +1,4 @@
-"""A step after which a direction seems to be lost, once more in twice the digits: is it, or is it only short?"""
+"""Decide in double-double arithmetic whether a direction is lost in a step or has only become short."""
 
 import jax
 import jax.numpy as jnp
@@ -13,16 +13,16 @@ from .frames import TINY
 
 __all__ = ["LARGEST", "is_precise", "orthonormalised", "log_volume"]
 
-LARGEST = 16  # components of a state: with 64 the compiler takes 10 s
-CLEARED = 10  # times, of the columns before: then rows of 1e-300 of the others are right
-SEEDS = (0.0, 0.7310585786300049, 1.3247179572447458)  # nothing is changed; and twice something
-HIDDEN = 2.0  # a length over what such a change makes of it: below it is taken for rounding
-ALIKE = 0.01  # a part of a length that rounding of the function's own numbers decides: more is unresolved
-FLOOR = 1e4  # squares of eps, times the size of the terms: what is below is rounding of pairs
+LARGEST = 16  # most components of a state; larger ones take too long to compile
+CLEARED = 10  # number of times that earlier columns are removed: then rows of 1e-300 times the others are accurate too
+SEEDS = (0.0, 0.7310585786300049, 1.3247179572447458)  # 0: factors unchanged; two different changes of the factors
+HIDDEN = 2.0  # an entry smaller than this times its change between seeds counts as rounding
+ALIKE = 0.01  # an entry whose relative change between seeds is larger is unresolved
+FLOOR = 1e4  # in eps² times the magnitude of the terms: smaller entries are rounding of pairs
 
 
 def is_precise(tangent, x) -> bool:
-    """Whether the function (n,) -> (n,) is one that pairs can follow, and soon compiled."""
+    """Whether the function (n,) -> (n,) can be evaluated in double-double arithmetic, and is small enough."""
     if x.size > LARGEST:
         return False
     try:
@@ -33,14 +33,14 @@ def is_precise(tangent, x) -> bool:
 
 
 def orthonormalised(tangent, frame) -> tuple[Array, Array, Array, Array]:
-    """The columns that a linear function makes of orthonormal ones, orthonormalised.
+    """Apply a linear function to orthonormal columns and orthonormalise the result.
 
     Returns:
-        Columns (n, k), zero where lost; ln R_ii (k,), zero where lost; which are lost (k,); and whether rounding of the
-        function's own numbers decides one of them, or that it is lost.
+        Columns (n, k), zero where lost; ln R_ii (k,), zero where lost; which columns are lost (k,); and whether all of
+        this is certain, that is, not decided by rounding of the function's own numbers.
     """
     seeds = jnp.asarray(SEEDS, frame.dtype)
-    # Loops and not `vmap`: what is hardly ever done is to be little code.
+    # Loops instead of `vmap`: this is rarely executed, so short code matters more than speed.
     by_pairs = double_double.precise(tangent)
     moved = jax.lax.map(lambda seed: jax.lax.map(lambda dx: by_pairs(_exact(dx), seed), frame.T), seeds)
     sizes = jax.lax.stop_gradient(each_column(absolute(tangent), jnp.abs(frame)))
@@ -83,7 +83,7 @@ def orthonormalised(tangent, frame) -> tuple[Array, Array, Array, Array]:
 
 
 def _less(y: Pair, column: Pair) -> tuple[Pair, Pair]:
-    """Without its part along a column of length 1, up to rounding; and that part. The column may be empty."""
+    """Y minus its component along a column of length 1 (up to rounding) or 0, and that component."""
 
     def product(a, b):
         return double_double.total(double_double.multiplied(a, b), 0)
@@ -106,7 +106,7 @@ def _exact(array) -> Pair:
 
 
 def _length(v):
-    """That of a vector whose squares may be smaller than any number."""
+    """The length of a vector whose squared entries may underflow."""
     largest = jax.lax.stop_gradient(jnp.max(jnp.abs(v)))
     scale = jnp.where(largest > 0, largest, 1.0)
     square = jnp.sum((v / scale) ** 2)

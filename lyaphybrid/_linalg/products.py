@@ -1,19 +1,20 @@
-"""Eigenvalues of a product of matrices, the small ones as well as the large."""
+"""Eigenvalues of a product of matrices, each with small relative error."""
 
 import numpy as np
 
 __all__ = ["product_eigenvalues"]
 
-TURNS = 60  # of orthogonal iteration
-SETTLED = 1e-12  # what is left of a rotation between two turns, and taken for none: a rounding of one factor
+TURNS = 60  # number of orthogonal iterations
+SETTLED = 1e-12  # entries of the last rotation below this are rounding and set to zero
 
 
 def product_eigenvalues(matrices: list[np.ndarray]) -> np.ndarray:
     """Complex eigenvalues (n,) of matrices[-1] @ … @ matrices[0].
 
-    In the product itself the rounding of the largest hides the smallest. With A_i Q_i = Q_{i+1} R_i it is similar to
-    (Q_0ᵀ Q_m) R_{m−1} … R_0, whatever Q_0 is. Orthogonal iteration leaves blocks of Q_0ᵀ Q_m only where eigenvalues are
-    of one size; then the matrix is triangular but for these, and each eigenvalue is found to its own size.
+    In the product itself rounding of the largest eigenvalues hides the smallest. With A_i Q_i = Q_{i+1} R_i the product
+    is similar to (Q_0ᵀ Q_m) R_{m−1} … R_0 for every orthogonal Q_0. After orthogonal iteration Q_0ᵀ Q_m is diagonal
+    except for blocks of eigenvalues of equal modulus. The matrix is then block triangular, and each eigenvalue is
+    accurate relative to its own size.
 
     Args:
         matrices: (n, n) each, in the order in which they act.

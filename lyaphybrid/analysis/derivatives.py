@@ -11,14 +11,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from .._arguments import Real, State
 from .._jax.precision import BLUR, digits
 from .._jax.tracing import traced
+from .._text import Table
 from ..engine import preparation
 from ..engine.evolvers.constraints import landing_of
 from ..engine.evolvers.exact import Exact, integers
 from ..engine.evolvers.scheduled import predicting_anew
 from ..events.compiled_hybrid import by_mode, wire
 from ..events.saltations import event_time_shifts, instant, pushforward, to_reference_time
+from ..results.result import Data, Result
 from ..systems.event_driven import EventDriven
 from ..systems.hybrid import Hybrid
 from ..systems.kinds import System
@@ -30,7 +33,17 @@ __all__ = ["Jacobians", "jacobians", "saltation_matrix"]
 ON_GUARD = 1e-6  # a point is on a guard if |h| is below this times the terms of h and of its rate
 
 
-class Jacobians(NamedTuple):
+class Parts(NamedTuple):
+    """The parts of `Jacobians`, which is a tuple."""
+
+    Df: Array | None
+    Dg: tuple[Array, ...]
+    Dh: tuple[Array, ...]
+    dg_dt: tuple[Array, ...]
+    dh_dt: tuple[Array, ...]
+
+
+class Jacobians(Result, Parts):
     """Derivatives at a point by automatic differentiation; tuples have one entry for each transition.
 
     Attributes:
@@ -41,17 +54,36 @@ class Jacobians(NamedTuple):
         dh_dt: () or (m,), partial derivative of each guard by time; -1 for a clock.
     """
 
-    Df: Array | None
-    Dg: tuple[Array, ...]
-    Dh: tuple[Array, ...]
-    dg_dt: tuple[Array, ...]
-    dh_dt: tuple[Array, ...]
+    __slots__ = ()
+
+    def _arrays(self) -> dict[str, Any]:
+        """By name: "Df", "Dg_0", …; those that are there."""
+        found = {} if self.Df is None else {"Df": self.Df}
+        for name in ("Dg", "Dh", "dg_dt", "dh_dt"):
+            found |= {f"{name}_{j}": one for j, one in enumerate(getattr(self, name))}
+        return found
+
+    def _table(self) -> Table:
+        rows = [
+            (f"{name} {np.shape(one)}", " ".join(np.array2string(np.asarray(one), precision=6).split()))
+            for name, one in self._arrays().items()
+        ]
+        return Table(f"Jacobians of the field and of {len(self.Dg)} transitions", rows)
+
+    def _data(self) -> Data:
+        last = {"Df": ("state", "by"), "Dg": ("state", "by"), "Dh": ("by",), "dg_dt": ("state",), "dh_dt": ()}
+        variables = {}
+        for name, one in self._arrays().items():
+            own = last[name.rpartition("_")[0] or name]
+            several = np.ndim(one) > len(own)  # of a vector guard
+            variables[name] = ((f"component_{name.rpartition('_')[2]}", *own) if several else own, one)
+        return Data(variables, {}, {"transitions": len(self.Dg)})
 
 
 def jacobians(
     system: System,
-    t,
-    x,
+    t: Real,
+    x: State,
     args: Any = None,
     *,
     mode: Any = None,
@@ -127,8 +159,8 @@ def _of_event(guard, reset, t, x):
 
 def saltation_matrix(
     system: System,
-    t,
-    x,
+    t: Real,
+    x: State,
     args: Any = None,
     *,
     transition: Any = 0,

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from .._arguments import attempts, require, whole
+from .._arguments import Frame, State, attempts, require, whole
 from .._jax.engines import compiled
 from .._jax.tracing import array, traced
 from .._linalg import frames
@@ -19,6 +19,7 @@ from ..results.solution_sets import Choice, Solution, Solutions
 from ..statuses import STATUS
 from ..systems.contacts.surfaces import Start
 from ..systems.hybrid import Hybrid
+from ..systems.labels import labels_of
 from .spectra import initial_frame
 
 __all__ = ["solutions"]
@@ -43,16 +44,16 @@ class Part(NamedTuple):
 
 def solutions(
     system: Hybrid,
-    x0,
+    x0: State,
     args: Any = None,
     *,
     t1: float,
     t0: float = 0.0,
     mode: str | int | None = None,
     k: int | None = None,
-    frame=None,
+    frame: Frame = None,
     method: Method | None = None,
-    every=None,
+    every: Any = None,
     blocks: int = 64,
     most: int = 64,
     departures: int = 0,
@@ -129,7 +130,8 @@ def solutions(
     frame, initial = initial_frame(problem, t0, x0, frame, k)
     qr_schedule, interval = qr_schedule_for(problem, every)
     plan = problems.Plan(qr_schedule=qr_schedule, kind=frames.kind_for(frame.shape[1]), collect=problems.first_losses)
-    search = _Search(problem, plan, interval, 0.0 * initial, blocks, departures, max_steps)
+    labels = labels_of(system, problem.shape)
+    search = _Search(problem, plan, interval, 0.0 * initial, blocks, departures, max_steps, labels)
     search.follow(Part((), (), (), t0, x0, frame, mode, float(t1)), most)
     return Solutions(tuple(search.found), search.complete, problems.mode_names(system))
 
@@ -137,9 +139,10 @@ def solutions(
 class _Search:
     """Depth-first search; each alternative is run again from the last choice of the mode."""
 
-    def __init__(self, problem, plan, interval, growth, blocks, departures, max_steps):
+    def __init__(self, problem, plan, interval, growth, blocks, departures, max_steps, labels):
         self.problem, self.plan, self.interval, self.growth = problem, plan, interval, growth
         self.blocks, self.departures, self.max_steps = blocks, departures, max_steps
+        self.labels = labels
         self.found: list[Solution] = []
         self.complete = True
 
@@ -230,7 +233,8 @@ class _Search:
         return ways
 
     def _solution(self, part: Part, outcome: driver.Outcome) -> Solution:
-        spectrum = averages.summarise([*part.before, outcome], self.problem, "time", self.growth, "uniform")
+        outcomes = [*part.before, outcome]
+        spectrum = averages.summarise(outcomes, self.problem, "time", self.growth, "uniform", self.labels)
         exponents = np.array(spectrum.exponents)
         if self._is_pushed_off(part, outcome):
             within = exponents[: len(exponents) - int(np.sum(np.all(np.asarray(spectrum.frame) == 0, axis=0)))]

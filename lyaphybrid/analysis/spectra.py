@@ -1,13 +1,16 @@
 """`lyapunov_spectrum`: exponents of maps, flows and hybrid systems, with standard errors."""
 
-from typing import Any
+import dataclasses
+import functools
+import os
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from .. import _renamed as renamed
-from .._arguments import attempts, positive, require, whole
+from .._arguments import Frame, Key, Progress, Real, State, Times, attempts, positive, require, whole
 from .._jax.engines import compiled
 from .._jax.hashes import hash_of_arrays, hash_of_function
 from .._jax.tracing import array, traced
@@ -20,13 +23,14 @@ from ..engine.host.places import Place, account
 from ..errors import RunFailedError
 from ..integrators.base import Method
 from ..results import averages
-from ..results.spectrum import Spectrum
+from ..results.spectrum import About, Spectrum
 from ..statuses import STATUS
 from ..systems.consistency import onto_constraints, tangent_frame
 from ..systems.daes.semi_linear import DAE, degrees_of_freedom
 from ..systems.event_driven import EventDriven
 from ..systems.hybrid import Hybrid
 from ..systems.kinds import iterates
+from ..systems.labels import Labels, labels_of
 from ..systems.smooth import Flow, Map
 
 __all__ = ["initial_frame", "lyapunov_spectrum", "starts"]
@@ -40,30 +44,30 @@ SUM_RULE_EXACT = 6
 @renamed.keywords(until="target_stderr")
 def lyapunov_spectrum(
     system: Flow | Map | Hybrid | EventDriven,
-    x0,
+    x0: State,
     args: Any = None,
     *,
-    t1,
-    t0=0.0,
-    transient=0.0,
+    t1: Real,
+    t0: Real = 0.0,
+    transient: Real = 0.0,
     mode: str | int | None = None,
     k: int | None = None,
-    frame=None,
+    frame: Frame = None,
     method: Method | None = None,
-    every=None,
+    every: Any = None,
     orthonormalise: str = "auto",
     clock: str = "time",
     blocks: int = 64,
-    times=None,
+    times: Times = None,
     averaging: str = "uniform",
     count_start: bool = False,
     replicates: int | None = None,
     target_stderr: float | None = None,
     max_steps: int | None = None,
-    key=None,
-    progress=None,
+    key: Key = None,
+    progress: Progress = None,
     throw: bool = True,
-    checkpoint=None,
+    checkpoint: str | os.PathLike[str] | None = None,
     resume: bool = False,
 ) -> Spectrum:
     """The k leading Lyapunov exponents of a system that flows, jumps, or both.
@@ -85,16 +89,16 @@ def lyapunov_spectrum(
             component i of E₁ x alone.
         method: None: adaptive `lh.RungeKutta`, for an `lh.DAE` `lh.HalfExplicit`; maps and event-driven systems
             have none.
-        every: orthonormalise each so many iterations (maps), steps (fixed dt), units of time (adaptive) or jumps
-            (event-driven); ("time", length): of an event-driven system each so much time, between the events, and where
-            these may destroy a direction also after each; None: chosen from the growth, so that no exponent is lost
+        every: interval of orthonormalisations in iterations (maps), steps (fixed dt), units of time (adaptive) or jumps
+            (event-driven); ("time", length): for event-driven systems at fixed times between the events, and after each
+            event that may destroy a direction; None: chosen from the growth, so that no exponent is lost
             to rounding.
         orthonormalise: "auto", "mgs" (modified Gram–Schmidt), "lapack", "cholesky".
         clock: "time", "jumps", or "hybrid": max(t, j). By "jumps" and "hybrid" an `lh.Hybrid` also goes on where jumps
             accumulate, as far as double precision can tell them apart, and where a cascade does not end: exponents are
             then those of the product of the jumps, and ∂ₜ of resets plays no part. By "jumps" it ends as no_more_jumps
             where the flow does not reach a guard again: at rest, escaping, or a million steps without a guard.
-        blocks: the run is recorded in so many equal blocks; they give the history and the error.
+        blocks: number of equal blocks in which the run is recorded; they give the history and the error.
         times: ends of the blocks instead, increasing, or "log".
         averaging: "uniform"; "birkhoff", smooth weights over the blocks; "birkhoff-regular", the same on the local
             exponent less 1/t, for conservative regular motion.
@@ -107,7 +111,8 @@ def lyapunov_spectrum(
         key: a `jax.random.key` for `replicates`.
         progress: True for a bar, or a function of the fraction done.
         throw: raise where the run failed; False returns the result with its status.
-        checkpoint: path of a file that says every few seconds, after Ctrl-C and at the end where the run stands.
+        checkpoint: path of a file to which the state of the run is written every few seconds, after Ctrl-C and at the
+        end.
         resume: go on from that file, if it is there: the result is bit by bit that of a run that never stopped. A run
             that is finished goes on to a longer t1.
 
@@ -135,6 +140,7 @@ def lyapunov_spectrum(
     """
     _check_words(clock, averaging, orthonormalise, blocks, k, target_stderr, replicates, key, max_steps)
     problem, x0, t0, mode = preparation.prepare(system, x0, args, t0, method, mode)
+    about = About.of(system, problems.mode_names(system), preparation.method_for(system, method))
     require(not isinstance(system, Flow) or clock != "jumps", "clock='jumps' would never end: an lh.Flow has no jumps.")
     check_counts(system, clock, t1=t1, transient=transient)
     n = x0.shape[-1]
@@ -161,10 +167,10 @@ def lyapunov_spectrum(
     file, stretches = None, [(t1, blocks)]
     if checkpoint is not None:
         require(not traced((loop_state, problem)), "checkpoint=… is for runs on the host, not under jit, vmap or grad.")
-        about = _about(
+        identity = _identity(
             problem, plan, loop_state, initial, transient, blocks, times, (clock, averaging, target_stderr, count_start)
         )
-        file = checkpoints.opened(checkpoint, resume, about, t1, blocks, times is None and target_stderr is None)
+        file = checkpoints.opened(checkpoint, resume, identity, t1, blocks, times is None and target_stderr is None)
         stretches = file.stretches
     quieted: list[driver.Outcome] = []  # outcomes of the transient
     if not is_zero(transient):
@@ -172,19 +178,20 @@ def lyapunov_spectrum(
         before = driver.drive(problem, plan, loop_state, *quiet, max_steps, part=file and file.part(0))
         loop_state, interrupted = driver.sealed(before), before.interrupted
         quieted.append(before)
-    outcomes: list[driver.Outcome] = []
-    done, more = 0, 1  # in units of t1
+    outcomes, done, more, reached, in_blocks = list[driver.Outcome](), 0, 1, 0.0, 0  # done and more in units of t1
     while True:
-        loop_state, done, number = driver.restart(loop_state), done + more, len(outcomes)
+        loop_state = driver.restart(loop_state) if quieted or outcomes else loop_state  # a new one has counted nothing
+        done, number = done + more, len(outcomes)
         length, count = stretches[number] if number < len(stretches) else (more * t1, blocks)
         targets = targets_for(ends_of_blocks(length, count, times, "t1"), clock, discrete, x0.dtype)
+        reached, in_blocks = reached + length, in_blocks + len(targets[0])
         part = None if file is None or interrupted else file.part(number + 1)
         outcomes.append(driver.drive(problem, plan, loop_state, *targets, max_steps, progress, interrupted, part=part))
         loop_state, interrupted = outcomes[-1].loop_state, outcomes[-1].interrupted
         if number + 1 < len(stretches) and not interrupted:
             continue
-        growth = initial if count_start else 0.0 * initial
-        spectrum = averages.summarise(outcomes, problem, clock, growth, averaging)
+        how = clock, averaging, initial if count_start else 0.0 * initial, labels_of(system, problem.shape), about
+        spectrum = _Run(problem, plan, tuple(outcomes), *how).summarised(reached, in_blocks)
         if target_stderr is None or _good_enough(spectrum, target_stderr):
             if file is not None and not interrupted:
                 file.close()
@@ -192,7 +199,47 @@ def lyapunov_spectrum(
         more = _missing(spectrum, target_stderr, done) if times is None else 1
 
 
-def _about(problem, plan, loop_state, initial, transient, blocks, times, words) -> dict[str, str]:
+class _Run(NamedTuple):
+    """A run, its transient left out, from which its spectrum follows, and with which it can go on."""
+
+    problem: problems.Problem
+    plan: problems.Plan
+    outcomes: tuple[driver.Outcome, ...]
+    clock: str
+    averaging: str
+    initial: Any  # (k,) growth at the start that is counted
+    labels: Labels
+    about: About
+
+    def summarised(self, length, blocks: int) -> Spectrum:
+        """The spectrum of a run of this length, in so many blocks."""
+        how = self.clock, self.initial, self.averaging, self.labels
+        spectrum = averages.summarise(list(self.outcomes), self.problem, *how)
+        spectrum = dataclasses.replace(spectrum, about=self.about)
+        return spectrum if traced(spectrum) else spectrum._resumed_by(functools.partial(_go_on, self, length, blocks))
+
+
+def _go_on(run: _Run, length, blocks: int, spectrum: Spectrum, t1, max_steps, progress, throw: bool) -> Spectrum:
+    """The same run to t1: the blocks that are added are as long as those before."""
+    system, before, last = run.problem.system, float(length), run.outcomes[-1]
+    positive("t1, a length,", t1)
+    check_counts(system, run.clock, t1=t1)
+    attempts(max_steps)
+    require(t1 > before, f"t1 must be beyond the {before:.15g} that the run has reached; got {t1!r}.")
+    require(
+        spectrum.status == STATUS.ok and not last.interrupted,
+        f"resume goes on from the end of a run, and this one did not come to its end: {spectrum.status}. After Ctrl-C "
+        "checkpoint=… and resume=True of lh.lyapunov_spectrum go on.",
+    )
+    more = max(2, round((t1 - before) * blocks / before))
+    dtype = last.loop_state.carry.x.dtype
+    targets = targets_for(ends_of_blocks(t1 - before, more, None, "t1"), run.clock, iterates(system), dtype)
+    again = driver.drive(run.problem, run.plan, driver.restart(last.loop_state), *targets, max_steps, progress)
+    found = run._replace(outcomes=(*run.outcomes, again)).summarised(t1, blocks + more)
+    return _deliver(found, throw, again.why)
+
+
+def _identity(problem, plan, loop_state, initial, transient, blocks, times, words) -> dict[str, str]:
     """Hashes of what must be the same when a run is resumed from a checkpoint."""
     one = np.ones(1, loop_state.base.dtype)
 

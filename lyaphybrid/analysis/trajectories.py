@@ -1,5 +1,6 @@
 """Trajectories with their events, and the tangent map along a trajectory."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -9,19 +10,22 @@ import numpy as np
 from jaxtyping import Array
 
 from .. import plots
-from .._arguments import attempts, positive, whole
+from .._arguments import Real, State, attempts, positive, whole
 from .._jax.tracing import array, traced
+from .._text import Table
 from ..engine import preparation, problems
 from ..engine.blocks import check_counts, ends_of_blocks
 from ..engine.host import driver
 from ..engine.host.places import account, place_of
 from ..errors import RunFailedError
 from ..integrators.base import Method
+from ..results.result import Data, RunResult, states_along
 from ..results.time_domains import TimeDomain, time_domain
 from ..statuses import STATUS
 from ..systems.event_driven import EventDriven
 from ..systems.hybrid import Hybrid
 from ..systems.kinds import iterates
+from ..systems.labels import Labels, labels_of
 from ..systems.smooth import Flow, Map
 
 __all__ = ["Events", "TangentMap", "Trajectory", "tangent_map", "trajectory"]
@@ -51,14 +55,15 @@ class Events(eqx.Module):
         return self.t.shape[0]
 
 
-class Trajectory(eqx.Module):
+class Trajectory(RunResult, eqx.Module):
     """A trajectory at n times, and its events.
 
     Attributes:
-        t: (n,) times after t0; the last is t0 + t1; nan where the run ended before.
-        x: (n, dim) states; mode: (n,) indices; j: (n,) jumps made so far.
+        t: (n,) instants after t0, the last is t0 + t1; nan where the run ended before.
+        x: (n, dim) states; of many bodies (n, N, d).
+        mode: (n,) indices of modes; j: (n,) number of jumps made so far.
         events: an `Events` log.
-        status: how the run ended.
+        status: how the run ended, an `lh.STATUS`.
         domain: the hybrid time domain, an `lh.TimeDomain`; not under a transformation.
     """
 
@@ -72,12 +77,7 @@ class Trajectory(eqx.Module):
     begun: Array | float = 0.0  # times of the start and the end; for a map iteration numbers
     ended: Array | float = np.nan
     iterated: bool = eqx.field(static=True, default=False)
-
-    @property
-    def status(self) -> STATUS | Array:
-        """The verdict; under a transformation the bare code."""
-        code = self.status_code
-        return code if traced(code) else STATUS(int(code))
+    state_labels: Labels = eqx.field(static=True, default=Labels())
 
     @property
     def domain(self) -> TimeDomain:
@@ -89,18 +89,42 @@ class Trajectory(eqx.Module):
             jumps, end = np.full(int(np.max(self.j)), start), start
         return time_domain(start, jumps, end, STATUS(int(self.status_code)))
 
-    def plot(self, ax=None, **options):
-        """The components against time, with events and modes."""
-        return plots.trajectory(self, ax, **options)
+    def plot(self, ax=None, components: Sequence[int] | None = None):
+        """The components against time, with events and modes; of many the first four, or those that are asked for."""
+        return plots.trajectory(self, ax, components)
+
+    def _table(self) -> Table:
+        t, x = np.asarray(self.t), np.asarray(self.x)
+        reached = np.flatnonzero(np.isfinite(t))
+        span = f"t = {t[reached[0]]:.6g} to {t[reached[-1]]:.6g}, " if len(reached) else ""
+        jumps = int(np.max(self.j, initial=0))
+        title = f"Trajectory of {x.shape[-1]} components ({span}{len(reached)} of {len(t)} samples, {jumps} jumps)"
+        ends = [x[reached[i]].ravel() for i in (0, -1)] if len(reached) else []
+        rows = [
+            (self.state_labels.name(i), *(f"{end[i]:.6g}" for end in ends)) for i in range(len(ends[0]) if ends else 0)
+        ]
+        return Table(title, rows, [f"status {self.status}"], ("", "first", "last") if ends else ())
+
+    def _data(self) -> Data:
+        state = ("body", "state") if self.x.ndim == 3 else ("state",)
+        of_events: dict[str, Any] = {
+            f"event_{name}": (("event", *(state if name.startswith("x") else ())), getattr(self.events, name))
+            for name in ("t", "transition", "mode_before", "mode_after", "x_before", "x_after")
+        }
+        which = self.events.which  # of an `lh.EventDriven` any tree
+        of_events["event_which"] = ("event", which) if np.ndim(which) == 1 else None
+        variables = {"x": (("sample", *state), self.x), "mode": ("sample", self.mode), "j": ("sample", self.j)}
+        coordinates = {"t": ("sample", np.asarray(self.t)), **states_along(self.state_labels, self.x.shape[-1])}
+        return Data(variables | of_events, coordinates, {"mode_names": self.mode_names})
 
 
 def trajectory(
     system: Flow | Map | Hybrid | EventDriven,
-    x0,
+    x0: State,
     args: Any = None,
     *,
-    t1,
-    t0=0.0,
+    t1: Real,
+    t0: Real = 0.0,
     n: int = 1000,
     times: Any = None,
     method: Method | None = None,
@@ -168,6 +192,7 @@ def trajectory(
         t0,
         problems.time_of(outcome.loop_state),
         discrete,
+        labels_of(system, problem.shape),
     )
     return _deliver(result, throw, outcome, system)
 
@@ -200,12 +225,13 @@ def _deliver(result, throw: bool, outcome: driver.Outcome, system):
     return result
 
 
-class TangentMap(eqx.Module):
+class TangentMap(RunResult, eqx.Module):
     """The end point of a trajectory and its derivative with respect to the start.
 
     Attributes:
         x: (n,) the end; matrix: (n, n) dx(t0 + t1)/dx(t0), jumps included; mode: index at the end.
-        status: how the run ended.
+        jumps: () how many there were.
+        status: how the run ended, an `lh.STATUS`.
     """
 
     x: Array
@@ -213,21 +239,36 @@ class TangentMap(eqx.Module):
     mode: Array
     jumps: Array
     status_code: Array
+    state_labels: Labels = eqx.field(static=True, default=Labels())
 
-    @property
-    def status(self) -> STATUS | Array:
-        """The verdict; under a transformation the bare code."""
-        code = self.status_code
-        return code if traced(code) else STATUS(int(code))
+    def plot(self, ax=None):
+        """The matrix, entry by entry."""
+        return plots.matrix(np.asarray(self.matrix), self.state_labels, ax)
+
+    def _table(self) -> Table:
+        matrix, x = np.asarray(self.matrix), np.asarray(self.x).ravel()
+        names = [self.state_labels.name(i) for i in range(len(x))]
+        rows = [
+            (name, f"{end:.6g}", *(f"{entry:.6g}" for entry in row))
+            for name, end, row in zip(names, x, matrix, strict=True)
+        ]
+        title = f"Tangent map of {len(x)} components ({int(self.jumps)} jumps)"
+        return Table(title, rows, [f"status {self.status}"], ("", "end", *(f"d/d {name}" for name in names)))
+
+    def _data(self) -> Data:
+        labels = [self.state_labels.name(i) for i in range(self.matrix.shape[0])]
+        variables = {"x": ("state", np.ravel(self.x)), "matrix": (("state", "start"), self.matrix)}
+        attributes = {"mode": int(self.mode), "jumps": int(self.jumps)}
+        return Data(variables, {"state": labels, "start": labels}, attributes)
 
 
 def tangent_map(
     system: Flow | Map | Hybrid | EventDriven,
-    x0,
+    x0: State,
     args: Any = None,
     *,
-    t1,
-    t0=0.0,
+    t1: Real,
+    t0: Real = 0.0,
     mode: str | int | None = None,
     method: Method | None = None,
     max_steps: int | None = None,
@@ -274,5 +315,10 @@ def tangent_map(
     carry = outcome.loop_state.carry
     x = problems.in_rows(problem, carry.x)
     return _deliver(
-        TangentMap(x, carry.frame, problems.mode_of(carry), carry.jumps, outcome.status), throw, outcome, system
+        TangentMap(
+            x, carry.frame, problems.mode_of(carry), carry.jumps, outcome.status, labels_of(system, problem.shape)
+        ),
+        throw,
+        outcome,
+        system,
     )

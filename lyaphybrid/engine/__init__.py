@@ -1,1 +1,1 @@
-"""The one loop: Tangent -> step -> event -> cross -> orthonormalise -> collect, what prepares it and what drives it."""
+"""The one loop, Tangent -> step -> event -> cross -> orthonormalise -> collect, with its preparation and its driver."""

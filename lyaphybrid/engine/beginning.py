@@ -21,10 +21,10 @@ def begin(settings: Settings, t0, x, frame, mode, h, interval) -> LoopState:
         settings: static.
         t0: time.
         x: (n,) state.
-        frame: (n, k); what is not in the tangent space of the mode is taken out of it.
-        mode: index; None: the mode to which the state belongs. A negative one is a deadlock.
-        h: the evolver's first step; None: guessed.
-        interval: between orthonormalisations.
+        frame: (n, k); projected onto the tangent space of the mode.
+        mode: index; None: the mode to which the state belongs. A negative index gives the status deadlock.
+        h: the evolver's first step; None: estimated.
+        interval: between orthonormalisations, in the unit of the QRSchedule.
     """
     k = frame.shape[1]
     mode = settings.evolver.initial_mode(t0, x) if mode is None else jnp.asarray(mode, jnp.int32)
@@ -60,7 +60,7 @@ def begin(settings: Settings, t0, x, frame, mode, h, interval) -> LoopState:
 
 
 def within_mode(settings: Settings, carry: StepState, t, mode) -> StepState:
-    """A frame of the tangent space of the mode: what is lost of it here is no loss of the motion."""
+    """Project the frame onto the tangent space of the mode; columns that this makes empty do not count as lost."""
     project = settings.evolver.onto_mode(mode, t, carry.x)
     if project is None:
         return carry

@@ -1,4 +1,4 @@
-"""A problem bound to its evolver and its plan, while it is traced."""
+"""Bind a problem to its evolver and its plan; this runs while JAX traces."""
 
 import dataclasses
 
@@ -25,7 +25,7 @@ __all__ = ["evolver_of", "number", "settings_of"]
 
 
 def evolver_of(problem: Problem, t, x):
-    """The evolver of a problem, made while tracing: its functions are checked and have `args` bound."""
+    """The evolver of a problem, made while tracing; the user's functions are checked and get their `args`."""
     system, method, args, _ = problem
     check_functions(system, jax.ShapeDtypeStruct(problem.shape, x.dtype), args)
     if isinstance(system, Map):
@@ -54,12 +54,12 @@ def evolver_of(problem: Problem, t, x):
 
 
 def _moving(hybrid, method, *rest) -> Stepping:
-    """The evolver of what flows by a method: it finds the events, where the method does not do it itself."""
+    """The evolver of a flow: `Flights` if the method locates events itself, else `Stepping`."""
     return (Flights if isinstance(method, DiffraxEvents) else Stepping)(hybrid, method, *rest)
 
 
 def number(value, args):
-    """The period or the phase of a clock."""
+    """The value of a clock's period or phase, which may be a function of `args`."""
     return value(args) if callable(value) else value
 
 

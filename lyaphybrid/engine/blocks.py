@@ -1,4 +1,4 @@
-"""How a run is cut into blocks, and how often its frame is orthonormalised."""
+"""How a run is divided into blocks, and when its frame is orthonormalised."""
 
 from typing import Any
 
@@ -17,12 +17,12 @@ __all__ = ["qr_schedule_for", "check_counts", "each_step_of", "ends_of_blocks", 
 
 
 def is_zero(value) -> bool:
-    """Whether a length is the number 0, for which nothing need be run."""
+    """Whether a length is the number 0, so that nothing has to be run."""
     return isinstance(value, int | float) and value == 0
 
 
 def qr_schedule_for(problem: problems.Problem, every) -> tuple[QRSchedule, Any]:
-    """When to orthonormalise: the unit of `every` for this kind of system, and the first interval."""
+    """The schedule of orthonormalisations, with the unit of `every` for this kind of system, and the first interval."""
     system, method, *_ = problem
     by_time = isinstance(every, tuple | list)
     if isinstance(system, EventDriven):
@@ -45,14 +45,14 @@ def qr_schedule_for(problem: problems.Problem, every) -> tuple[QRSchedule, Any]:
 
 
 def each_step_of(problem: problems.Problem) -> tuple[QRSchedule, Any]:
-    """The same after each step; of event-driven systems after each flight."""
+    """Orthonormalise after every step; for event-driven systems after every flight."""
     method = problem.method
     unit = "jumps" if isinstance(problem.system, EventDriven) else "steps"
     return QRSchedule(unit, False, each=unit == "steps" and (method is None or not method.adaptive)), 1.0
 
 
 def ends_of_blocks(length, blocks, times, name):
-    """The ends of the blocks, counted from the start of the run."""
+    """(blocks,) the ends of the blocks, measured from the start of the run."""
     positive(f"{name}, a length,", length)
     if times is None:
         return length * (np.arange(1, blocks + 1) / blocks)
@@ -68,7 +68,7 @@ def ends_of_blocks(length, blocks, times, name):
 
 
 def check_counts(system, clock: str = "time", **lengths) -> None:
-    """Lengths that count iterations or jumps must be whole, where their values are known already."""
+    """Check that lengths that count iterations or jumps are whole numbers, where the values are known."""
     if not (iterates(system) or clock == "jumps"):
         return
     unit = "iterations" if iterates(system) else "jumps"
@@ -80,14 +80,14 @@ def check_counts(system, clock: str = "time", **lengths) -> None:
 
 
 def part_of(system, clock: str, t1, fraction: float):
-    """So much of the length of a run; whole where iterations or jumps are counted."""
+    """A fraction of the length of a run, rounded up to a whole number where iterations or jumps are counted."""
     part = fraction * t1
     return (jnp if traced(part) else np).ceil(part) if iterates(system) or clock == "jumps" else part
 
 
 def targets_for(ends, clock, discrete, dtype):
-    """Where each block ends, in time and in jumps."""
-    xp = jnp if traced(ends) else np  # numbers that are known are computed without compiling anything
+    """(blocks,) the end of each block in time, and in jumps."""
+    xp = jnp if traced(ends) else np  # with NumPy nothing is compiled
     whole = xp.ceil(ends - 1e-9)
     times = whole if discrete else xp.full_like(ends, np.inf) if clock == "jumps" else ends
     return array(times, dtype), array(whole, dtype)

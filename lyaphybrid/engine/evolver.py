@@ -87,7 +87,7 @@ class AbstractEvolver(abc.ABC):
         return self.step(settings, clock, c, ahead)
 
     def tangent(self, clock: Clock, c: StepState, ahead, /) -> Any:
-        """The step's derivative dx (n,) -> (n,), to recompute it in twice the digits; where jumps are uncontrolled."""
+        """The step's derivative dx (n,) -> (n,), for double-double arithmetic; needed where jumps are uncontrolled."""
         raise NotImplementedError(f"{type(self).__name__} has no step that is a function of the state alone")
 
     def velocity(self, t, x, solver) -> Any:

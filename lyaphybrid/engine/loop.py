@@ -113,7 +113,7 @@ def _waited(settings: Settings, clock: Clock, before: StepState, state):
 
 
 def _span(settings: Settings, clock: Clock, within, carry: StepState, ahead, interval, spread):
-    """One span. If it seems to lose a direction, discard it and do only its first step, in twice the digits."""
+    """One span. If it seems to lose a direction, discard it and do only its first step, in double-double arithmetic."""
     start = carry, ahead, interval, spread
     end = _quick_span(settings, clock, within, *start)
     if not needs_twice_the_digits(settings, clock, carry, ahead):

@@ -1,4 +1,4 @@
-"""Flow set and jump set of systems that jump: in which of them a state lies."""
+"""Whether a state lies in the flow set and in the jump set of a system."""
 
 from typing import Any
 
@@ -26,7 +26,7 @@ def _yes_and_no():
 
 
 def _as_arrays(x, args: Any, t):
-    """The state, the parameters and the time, of one type."""
+    """The state, the parameters and the time as arrays of one floating type."""
     x = jnp.asarray(x, float) if not hasattr(x, "dtype") else jnp.asarray(x)
     return x, as_arrays(args, x.dtype), array(t, x.dtype)
 
@@ -81,7 +81,7 @@ def _of_a_hybrid_system(system: Hybrid, x, args: Any, t, mode) -> Membership:
 
 
 def _is_due(system: EventDriven, x, args: Any, t):
-    """Whether the next event is now: no later than rounding of its guard tells."""
+    """Whether the next event is now, up to the rounding of its guard."""
     flat, state = predicting_anew(system, x.shape), x.ravel()
     dt, which = flat.next_event(t, state, args)
     which = integers(which)
@@ -90,6 +90,6 @@ def _is_due(system: EventDriven, x, args: Any, t):
 
 
 def _reached(function, t, x):
-    """Where the functions are at zero or above it, and where at zero, up to rounding."""
+    """Where the functions are >= 0, and where they are 0, both up to rounding."""
     value, rounding = function(t, x), roots.rounding(function, t, x)
     return value >= -rounding, jnp.abs(value) <= rounding

@@ -1,4 +1,4 @@
-"""Orthonormalise the frame, add up the logarithms of its lengths, and replace the columns that are lost."""
+"""Orthonormalise the frame, accumulate ln R_ii, and replace the columns that are lost."""
 
 from typing import Any
 
@@ -20,7 +20,7 @@ __all__ = [
 
 
 def needs_twice_the_digits(settings: Settings, clock: Clock, carry: StepState, ahead) -> bool:
-    """Whether columns are judged by their lengths alone, behind jumps that may do anything; and could be otherwise."""
+    """Whether lost columns must be told from short ones in double-double arithmetic, and the tangent allows it."""
     evolver = settings.evolver
     if settings.qr_schedule.unit == "never" or carry.frame.shape[1] == 0 or settings.reverse:
         return False
@@ -30,10 +30,10 @@ def needs_twice_the_digits(settings: Settings, clock: Clock, carry: StepState, a
 
 
 def step_with_twice_the_digits(settings: Settings, clock: Clock, carry: StepState, ahead, interval, spread):
-    """One step in twice the digits, and what it loses."""
+    """One step whose tangent is orthonormalised in double-double arithmetic, to see which columns it loses."""
     evolver, t = settings.evolver, clock.base + carry.s
 
-    def orthonormal(carry, spread):  # the span goes on with a frame that the last one has left as it was
+    def orthonormal(carry, spread):  # the frame may not be orthonormal where a span begins
         carry, gained = orthonormalise_and_accumulate(settings, carry, t, -jnp.inf, frames.DEPENDENT)
         return carry, jnp.maximum(spread, jnp.max(gained) - jnp.min(gained))
 
@@ -54,10 +54,10 @@ def step_with_twice_the_digits(settings: Settings, clock: Clock, carry: StepStat
 
 
 def orthonormalise(settings: Settings, clock: Clock, carry: StepState, ahead, interval, spread):
-    """Orthonormalise: where it is due, and at the end of a block so that the sum rule closes."""
+    """Orthonormalise the frame and adapt the interval; at the end of a block too, so that the sum rule holds."""
     before, carry = (carry.growth, carry.left), settings.evolver.kept_to_constraints(carry, clock)
     if settings.evolver.jumps_uncontrolled and settings.evolver.may_lose_rank:
-        # By time each jump that may destroy a direction is orthonormalised by itself.
+        # In the unit "time" every jump that may destroy a direction makes an orthonormalisation due by itself.
         jumps = 1.0 if settings.qr_schedule.unit == "time" else carry.since
         absolute = settings.evolver.least_length(carry, jumps)
         carry, gained = orthonormalise_and_accumulate(settings, carry, clock.base + carry.s, absolute, frames.DEPENDENT)
@@ -69,8 +69,8 @@ def orthonormalise(settings: Settings, clock: Clock, carry: StepState, ahead, in
     carry = stop(carry._replace(growth=growth, left=left), STATUS.nonfinite, ~sane)
     spread = jnp.maximum(spread, jnp.where(sane, seen, 0.0))
     if settings.qr_schedule.automatic:
-        # Growth varies, so an interval is never long: that of a map or a jump may do anything, that of a step is
-        # bounded by its error control. Only where there are many bodies a jump does little to the whole.
+        # Growth varies, so intervals stay short: an iteration or a jump may stretch by any factor; for a step the error
+        # control bounds it. Only with many bodies one jump changes little of the frame.
         longest, bracket = settings.evolver.longest_interval, settings.evolver.spread_wanted
         full = carry.since >= interval
         wanted = jnp.clip(bracket * interval / jnp.maximum(seen, 1e-3), 0.5 * interval, 2 * interval)
@@ -89,19 +89,19 @@ def orthonormalise_and_accumulate(
     was_live: Any = True,
     sizes=None,
 ) -> tuple[StepState, Array]:
-    """Orthonormalise the frame and add ln R_ii to the growth; also returns ln R_ii of the columns as they stood.
+    """Orthonormalise the frame and add ln R_ii to the growth; also returns ln R_ii (k,), before columns are permuted.
 
-    Where a tolerance is given columns may be lost: they are counted, and replaced.
+    If a tolerance is given, lost columns are counted and replaced.
 
     Args:
         settings: static.
-        carry: with the frame.
-        t: the time, for the record.
-        absolute: tolerance of `frames.orthonormalise`.
-        relative: the same.
-        project: onto the tangent space of the mode; None: there is no constraint.
-        was_live: (k,), columns that were not empty before.
-        sizes: of `frames.orthonormalise`.
+        carry: state with the frame (n, k).
+        t: the time, for `first_loss` and the observer.
+        absolute: tolerance, see `frames.orthonormalise`.
+        relative: tolerance, see `frames.orthonormalise`.
+        project: projection onto the tangent space of the mode; None: no constraint.
+        was_live: (k,) columns that were not empty before.
+        sizes: (n, k) magnitudes of terms, see `frames.orthonormalise`.
     """
     found = frames.orthonormalise(carry.frame, settings.kind, absolute, relative, sizes)
     return accumulate(settings, carry, t, found, frames.tracked(relative), project, was_live), found[1]
@@ -110,7 +110,7 @@ def orthonormalise_and_accumulate(
 def accumulate(
     settings: Settings, carry: StepState, t, found, tracked=True, project=None, was_live: Any = True
 ) -> StepState:
-    """What an orthonormalisation of the frame has found: columns, ln R_ii, and which are lost."""
+    """Take over the result (columns, ln R_ii, lost) of an orthonormalisation; lost columns are counted and replaced."""
     frame, log_r, lost = found
     if settings.observer is not None:
         seen = Orthonormalisation(

@@ -1,10 +1,8 @@
-"""From what a user gives to a problem: checked before any computing starts."""
+"""From the user's arguments to a `Problem`; everything is checked before any computation."""
 
-import contextlib
-import contextvars
 import math
 import warnings
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -19,38 +17,19 @@ from ..systems.consistency import check_constraints
 from ..systems.daes.semi_linear import Constrained, fields_of
 from ..systems.event_driven import EventDriven
 from ..systems.hybrid import Hybrid
+from ..systems.labels import labels_of, unlabelled
 from ..systems.smooth import Flow, Map
 from ..systems.validation import check_clocks
 from .problems import Problem, mode_names
 
-__all__ = ["Noticed", "as_arrays", "at_precision", "mode_index", "noticing", "prepare"]
-
-
-class Noticed(NamedTuple):
-    """A run that was prepared."""
-
-    system: Any
-    method: Any
-
-
-_noticed: contextvars.ContextVar[list | None] = contextvars.ContextVar("noticed", default=None)
-
-
-@contextlib.contextmanager
-def noticing():
-    """A list of all runs that are prepared meanwhile."""
-    found: list[Noticed] = []
-    token = _noticed.set(found)
-    try:
-        yield found
-    finally:
-        _noticed.reset(token)
+__all__ = ["as_arrays", "at_precision", "method_for", "mode_index", "prepare"]
 
 
 def prepare(system, x0, args, t0, method, mode, name: str = "x0") -> tuple[Problem, Any, Any, Any]:
-    """Check what the user gave, before any computing; -> problem, x0, t0, index of the mode.
+    """Check the user's arguments before any computation; returns (problem, x0, t0, index of the mode).
 
-    `name` is what the caller's user calls the state. The mode is None where each start says in which it begins.
+    `name` is the name of the state in error messages. The mode is None where each initial state determines its own. The
+    problem's system has no names for its state: they change no program.
     """
     if not isinstance(system, Flow | Map | Hybrid | EventDriven):
         raise ValueError(
@@ -58,33 +37,32 @@ def prepare(system, x0, args, t0, method, mode, name: str = "x0") -> tuple[Probl
             "Wrap a function: lh.Flow(field)."
         )
     x0, shape = _state(system, x0, name)
+    labels_of(system, shape)  # refused before anything is computed
     real("t0" if name == "x0" else "t", t0)
-    # Python floats would be compiled in as constants: as arrays they may change without compiling again.
-    method, listener = _method_for(system, method), _noticed.get()
+    # Python floats would be compiled in as constants; arrays can change without a new compilation.
+    method = method_for(system, method)
     _check_precision(name, x0, system, method)
-    if listener is not None:
-        listener.append(Noticed(system, method))
     args, method = as_arrays(args, x0.dtype), at_precision(method, x0)
     check_clocks(system, args)
     t0 = array(t0, x0.dtype)
     check_constraints(system, x0 if x0.ndim == 1 else x0[0], t0, args)
-    return Problem(system, method, args, shape), x0, t0, mode_index(system, mode)
+    return Problem(unlabelled(system), method, args, shape), x0, t0, mode_index(system, mode)
 
 
 def as_arrays(tree, dtype):
-    """The tree with arrays for Python's floats, which would be compiled in as constants."""
+    """The tree with Python floats replaced by arrays, because floats would be compiled in as constants."""
     return jax.tree.map(lambda leaf: array(leaf, dtype) if isinstance(leaf, float) else leaf, tree)
 
 
 def at_precision(method, x):
-    """The method, with arrays for numbers, and with tolerances that can be kept in the precision of x."""
+    """The method with its numbers as arrays, and with tolerances that the precision of x can meet."""
     if method is not None and is_short(x):
         method = method.loosened(LEAST * eps(x))
     return as_arrays(method, x.dtype)
 
 
 def _check_precision(name: str, x, system, method) -> None:
-    """Refuse what float32 cannot do, and say what it does to the rest."""
+    """Raise an error for what float32 cannot do, and warn about its lower accuracy otherwise."""
     if not is_short(x):
         return
     if any(isinstance(field, Constrained) for field in fields_of(system)):
@@ -100,7 +78,7 @@ def _check_precision(name: str, x, system, method) -> None:
 
 
 def _state(system, x0, name):
-    """The states (n,) or (m, n), and the shape of one as the user gives it: (N, d) for many bodies."""
+    """The states (n,) or (m, n), and the shape of one state as the user gave it: (n,), or (N, d) for many bodies."""
     numbers = all(np.asarray(leaf).dtype.kind in "biufc" for leaf in jax.tree.leaves(x0) if not traced(leaf))
     if not numbers or not jax.tree.leaves(x0):
         raise ValueError(f"{name} must be an array of numbers; got {x0!r}.")
@@ -119,7 +97,8 @@ def _state(system, x0, name):
     return x0.reshape(*x0.shape[:-one], math.prod(shape)), shape
 
 
-def _method_for(system, method):
+def method_for(system, method):
+    """The method that was given, or the default of such a system; None where nothing is stepped."""
     if isinstance(system, Flow) or (isinstance(system, Hybrid) and system.fields is not None):
         if method is None:
             constrained = any(isinstance(field, Constrained) for field in fields_of(system))
@@ -134,7 +113,7 @@ def _method_for(system, method):
 
 
 def mode_index(system, mode):
-    """The index of a mode, given by name or index; None: the state tells."""
+    """The index of a mode given by name or index; None if the state determines the mode."""
     names = mode_names(system)
     if mode is None:
         if isinstance(system, Hybrid) and system.initial_mode is not None:

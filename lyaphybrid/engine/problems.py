@@ -1,4 +1,4 @@
-"""What is computed and how: the problem and the plan of a run, and what is collected at the ends of blocks."""
+"""The problem (what is computed) and the plan (how), and functions that collect data at the ends of blocks."""
 
 from collections.abc import Callable
 from types import ModuleType
@@ -25,12 +25,12 @@ __all__ = [
 
 
 class Problem(NamedTuple):
-    """What is computed: traced where it is an array, static where it is a function."""
+    """What is computed; arrays are traced, functions are static."""
 
     system: Any
     method: Any
     args: Any
-    shape: tuple[int, ...]  # of a state, which is flat within a run
+    shape: tuple[int, ...]  # shape of the user's state; within a run states are flat
 
 
 def nothing(t, carry):
@@ -38,16 +38,16 @@ def nothing(t, carry):
     del t, carry
 
 
-NEVER = QRSchedule("never", False)  # the frame is carried, and not orthonormalised
+NEVER = QRSchedule("never", False)  # the frame is propagated without orthonormalisation
 
 
 class Plan(NamedTuple):
-    """How it is computed: all static. As it stands: the frame is carried along, and nothing is collected."""
+    """How it is computed; all fields are static. By default the frame is propagated and nothing is collected."""
 
     qr_schedule: QRSchedule = NEVER
-    kind: str = "mgs"  # of orthonormalisation: "mgs", or one of `frames`
-    sum_rule: bool = False  # ∫ tr Df and Σ ln|det S| are collected
-    log: int = 0  # room for so many events in one call
+    kind: str = "mgs"  # algorithm of orthonormalisation, one of `frames.KINDS`
+    sum_rule: bool = False  # accumulate ∫ tr Df dt and Σ ln|det S|
+    log: int = 0  # capacity of the event log, per call
     count_jumps: bool = False  # a block may end by its number of jumps
     batched: bool = False  # several runs at once, x0 (m, n)
     collect: Callable = nothing  # (t, carry) -> what is recorded at the end of a block
@@ -55,7 +55,7 @@ class Plan(NamedTuple):
 
 
 def first_losses(t, carry):
-    """Collect when each column was first lost; None where nothing can be."""
+    """Collect the time (k,) of the first loss of each column; None where columns cannot be lost."""
     del t
     return carry.first_loss
 
@@ -72,7 +72,7 @@ def mode_of(carry, xp: ModuleType = jnp):
 
 
 def time_of(loop_state: LoopState):
-    """The time where a loop's state stands."""
+    """The time of a loop's state."""
     return loop_state.base[..., 0] + (loop_state.base[..., 1] + loop_state.carry.s)
 
 
@@ -82,12 +82,12 @@ def mode_names(system) -> tuple[str, ...]:
 
 
 def in_rows(problem: Problem, x):
-    """States of a run, flat there, in the shape in which the user gave them."""
+    """Flat states (…, n) in the shape in which the user gave them."""
     return x.reshape(*x.shape[:-1], *problem.shape)
 
 
 def summary_of(loop_state: LoopState, xp: ModuleType = jnp):
-    """(transversality, grazing, simultaneous, accumulation, doubtful) of a loop's state, whatever its evolver."""
+    """(transversality, grazing, simultaneous, accumulation, doubtful) of a loop's state, for any evolver."""
     memory = getattr(loop_state.carry.solver_state, "memory", None)
     if memory is None:
         zero = xp.zeros_like(loop_state.carry.s)

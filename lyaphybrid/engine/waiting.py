@@ -1,4 +1,4 @@
-"""Waiting for a jump: where jumps alone end a block, whether there will be another one."""
+"""Where only a number of jumps ends a block: decide whether another jump is still to be expected."""
 
 from typing import Any, NamedTuple
 
@@ -7,36 +7,36 @@ from jaxtyping import Array
 
 __all__ = ["EVER", "FAR", "LONG", "Waiting", "begun", "hopeless", "next_block", "waited"]
 
-LONG = 1_000_000  # attempts without a jump, after which no more is expected
-STILL, STILL_FIXED = 10_000, 100_000  # attempts in which the state does not move; the same of fixed steps
-FAR = 1e15  # a step over the longest interval between jumps: time no longer resolves such an interval
-EVER = 1e40  # a step, where there was no jump yet
+LONG = 1_000_000  # no jump is expected after this number of attempts without one
+STILL, STILL_FIXED = 10_000, 100_000  # or if the state is at rest for so many attempts; STILL_FIXED: of fixed steps
+FAR = 1e15  # or if a step is this times the longest interval between jumps, which time then no longer resolves
+EVER = 1e40  # the same for the step itself, before the first jump
 
 
 class Waiting(NamedTuple):
-    """What is known since the last jump."""
+    """What was observed since the last jump."""
 
-    attempts: Array
-    still: Array  # attempts since the state has left the neighbourhood of …
-    x: Array  # … this
-    growth: Array  # of the block up to the last jump: what comes after it belongs to no jump …
-    log_volume: Any  # … and its volume
-    lost: Array  # whether no more jump is expected
+    attempts: Array  # step attempts since the last jump
+    still: Array  # attempts for which the state has stayed close to x
+    x: Array  # (n,)
+    growth: Array  # (k,) of the block at the last jump: growth after it belongs to no jump
+    log_volume: Any  # of the block at the last jump
+    lost: Array  # whether no further jump is expected
 
 
 def begun(x, growth, log_volume) -> Waiting:
-    """At the start of a run."""
+    """The value at the start of a run."""
     zero = jnp.asarray(0, jnp.int32)
     return Waiting(zero, zero, x, growth, log_volume, jnp.asarray(False))
 
 
 def next_block(waiting: Waiting | None, growth, log_volume) -> Waiting | None:
-    """A new block begins with these sums."""
+    """The value at the start of a block, with the block's sums."""
     return None if waiting is None else waiting._replace(growth=growth, log_volume=log_volume)
 
 
 def waited(evolver, clock, before, after) -> Waiting:
-    """After a span, from the carries before and after it."""
+    """Update after a span, from the carries before and after it."""
     was: Waiting = before.waiting
     jumped = after.jumps != before.jumps
     spent = jnp.maximum(before.budget - after.budget, 1)
@@ -55,5 +55,5 @@ def waited(evolver, clock, before, after) -> Waiting:
 
 
 def hopeless(waiting: Waiting, clock):
-    """Whether a block without an end in time waits in vain."""
+    """Whether the block has no end in time and no further jump is expected."""
     return waiting.lost & jnp.isinf(clock.length)

@@ -1,1 +1,1 @@
-"""Events of a hybrid system: guards of a mode, roots in a step, saltation matrices."""
+"""Events of a hybrid system: the guards of each mode, roots within a step, saltation matrices."""

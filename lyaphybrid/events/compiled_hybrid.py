@@ -1,7 +1,8 @@
 """A hybrid system's modes, guards, resets and targets, expanded once into tables.
 
-Every transition is expanded into *slots*: one falling guard each (direction +1 is negated; direction 0 keeps both
-directions and is never fired by a jump), one list of slots per mode.
+Each mode gets one vector (slots,) of scalar guards; `slots` is the largest number of guards of a mode. Guards fire when
+they fall through zero: one of direction +1 is negated; one of direction 0 fires in both directions, but a reset never
+makes it fire. A vector guard takes one entry per component.
 """
 
 from collections.abc import Callable
@@ -12,9 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._jax.calls import Calls
-from .._jax.jaxprs import settled
+from .._jax.jaxprs import partially_evaluated
 from ..systems.bound import Bound
-from ..systems.daes.eliminations import prepared
+from ..systems.daes.eliminations import with_eliminations
 from ..systems.daes.semi_linear import Constrained, is_constrained
 from ..systems.hybrid import Hybrid
 
@@ -22,22 +23,22 @@ __all__ = ["CompiledHybrid", "bound", "by_mode", "projection", "wire"]
 
 
 class CompiledHybrid(NamedTuple):
-    """A hybrid system's modes and slots; tables have shape (modes, slots) or (modes, clocks)."""
+    """A hybrid system with `args` bound; tables have shape (modes, slots) or (modes, clocks)."""
 
     fields: tuple[Callable, ...]  # per mode: (t, x) -> dx/dt
-    guards: tuple[Callable, ...]  # per mode: (t, x) -> (slots,), all falling
+    guards: tuple[Callable, ...]  # per mode: (t, x) -> (slots,), firing when they fall
     projections: tuple[Callable | None, ...]  # per mode: (t, x, dx) -> dx
-    directed: np.ndarray  # fires only when falling
-    transition: np.ndarray  # transition of a slot
-    component: np.ndarray  # component of a vector guard
-    clocks: tuple[int, ...]  # transitions that are clocks
-    armed: np.ndarray  # (modes, clocks): is the clock armed in the mode
+    directed: np.ndarray  # (modes, slots): fires only when falling
+    transition: np.ndarray  # (modes, slots): index of the guard's transition
+    component: np.ndarray  # (modes, slots): component of a vector guard
+    clocks: tuple[int, ...]  # indices of the transitions that are clocks
+    armed: np.ndarray  # (modes, clocks): whether the clock is armed in the mode
     resets: tuple[Callable, ...]  # per transition: (t, x, which) -> x
     targets: tuple[Callable, ...]  # per transition: (mode, t, x, which) -> mode
     whens: tuple[Callable, ...]  # per mode: (t, x) -> (slots,) bool
-    shared: bool  # some transition asks `when`
-    borders: np.ndarray | None  # (modes, slots): borders of flow sets, where nothing fires; None: there are none
-    calls: Calls  # what the modes do in a step, each traced once
+    shared: bool  # whether some transition has a condition `when`
+    borders: np.ndarray | None  # (modes, slots): guards that are borders of flow sets; None: there are none
+    calls: Calls  # the functions of one step in each mode, each traced once
     initial_mode: Callable | None = None  # (t, x) -> mode
 
     @property
@@ -52,25 +53,25 @@ class CompiledHybrid(NamedTuple):
 
     @property
     def slots(self) -> int:
-        """Number of slots of a mode (the modes with fewer are padded with a guard that is always 1)."""
+        """Number of guards in every mode; modes with fewer guards are padded with guards that are always 1."""
         return self.directed.shape[1]
 
     def of_mode(self, q: int) -> "CompiledHybrid":
-        """What concerns one mode, as if there were no other."""
+        """The same system restricted to mode q."""
         of_modes = "fields", "guards", "projections", "directed", "transition", "component", "armed", "whens"
         of_modes += () if self.borders is None else ("borders",)
         return self._replace(**{name: getattr(self, name)[q : q + 1] for name in of_modes})
 
 
 def by_mode(mode, functions, *operands):
-    """The function of the present mode: a plain call where there is one mode, else a switch."""
+    """Call the function of the present mode: directly if there is one mode, else by `lax.switch`."""
     if len(functions) == 1:
         return functions[0](*operands)
     return jax.lax.switch(mode, functions, *operands)
 
 
 def wire(system: Hybrid, t, x, args) -> CompiledHybrid:
-    """Expand a hybrid system into slots; guards are asked for their shapes, nothing is computed."""
+    """Expand a hybrid system into tables; only the shapes of guards are evaluated."""
     names, transitions, fields = system.mode_names, system.guarded, system.fields or ()
     widths = [_width(tr.guard, t, x, args) for tr in transitions]
     per_mode = [[j for j, tr in enumerate(transitions) if not tr.is_clock and _armed(tr, name)] for name in names]
@@ -84,7 +85,7 @@ def wire(system: Hybrid, t, x, args) -> CompiledHybrid:
     clocks = tuple(j for j, tr in enumerate(transitions) if tr.is_clock)
     return CompiledHybrid(
         tuple(bound(field, args, t, x) for field in fields),
-        tuple(settled(_bind_guards([transitions[j] for j in own], slots, args), t, x) for own in per_mode),
+        tuple(partially_evaluated(_bind_guards([transitions[j] for j in own], slots, args), t, x) for own in per_mode),
         tuple(projection(field, project, args) for field, project in zip(fields, system.tangent, strict=False)),
         directed,
         transition,
@@ -102,7 +103,7 @@ def wire(system: Hybrid, t, x, args) -> CompiledHybrid:
 
 
 def _borders(system: Hybrid, transition: np.ndarray) -> np.ndarray | None:
-    """The slots of the transitions that a system adds for its flow sets; padding slots belong to transition 0."""
+    """(modes, slots) which guards belong to transitions added for flow sets; padding belongs to transition 0."""
     count = len(system.transitions)
     return transition >= count if len(system.guarded) > count else None
 
@@ -120,9 +121,9 @@ def _width(guard, t, x, args) -> int:
 
 
 def bound(field, args, t, x) -> Bound:
-    """A field with its parameters, and what these alone decide computed here and now."""
-    field = prepared(field, t, x, args) if isinstance(field, Constrained) else field
-    return Bound(field, args, settled(Bound(field, args), t, x))
+    """A vector field with its parameters; subexpressions of the parameters alone are computed now."""
+    field = with_eliminations(field, t, x, args) if isinstance(field, Constrained) else field
+    return Bound(field, args, partially_evaluated(Bound(field, args), t, x))
 
 
 def _bind_guards(transitions, slots, args):
@@ -135,7 +136,7 @@ def _bind_guards(transitions, slots, args):
 
 
 def projection(field: Any, project: Callable | None, args: Any) -> Callable | None:
-    """Onto the tangent space of a mode: that of the algebraic equations, and what the user says of it."""
+    """(t, x, dx) -> dx onto the tangent space of a mode: the user's projection, then that of algebraic equations."""
     field = field.field if isinstance(field, Bound) else field
     if isinstance(field, Constrained):
         if project is None:

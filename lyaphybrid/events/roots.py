@@ -1,8 +1,8 @@
-"""Where in a step a guard crosses zero, and on which side of zero it stands after a jump.
+"""Where in a step a guard crosses zero, and on which side of zero it is after a jump.
 
-The `guard_sign` of a guard is the sign that it has or is about to have. The guarantee: with at most one extremum of a
-guard inside an accepted step no crossing is missed, because a step is cut at an extremum that might lie beyond zero, so
-that every crossing shows as a change of sign between the ends of a step.
+The `guard_sign` of a guard is the sign that it has or is about to have. Guarantee: if a guard has at most one extremum
+inside an accepted step, no crossing is missed. A step is cut at an extremum that might lie beyond zero, so that every
+crossing is a change of sign between the ends of a step.
 """
 
 from typing import Any
@@ -15,21 +15,21 @@ from ..systems.daes.semi_linear import is_constrained
 
 __all__ = ["arm", "cubic", "hermite_root", "jets", "rates", "rounding", "to_arm", "turning_point"]
 
-ALGEBRAIC = 1e-12  # rounding of unknowns that equations decide, whose terms may be larger than they are
+ALGEBRAIC = 1e-12  # relative rounding of algebraic unknowns, which may be small differences of large terms
 
 
 def rates(guards, t, x, f):
-    """The guards (slots,) and their rates along the flow f."""
+    """The guards (slots,) and their time derivatives (slots,) along the flow f."""
     return jax.jvp(guards, (t, x), (jnp.ones_like(t), f))
 
 
 def rounding(guards, t, x):
-    """The rounding of the guards (slots,): of the time and of the state, as the guards feel them."""
+    """(slots,) the rounding errors of the guards that the rounding of time and state causes."""
     return _felt(guards, t, x)(t, x)
 
 
 def _felt(guards, t, x):
-    """(time, state) -> the rounding of so much time and of so large a state, as the guards at (t, x) feel it."""
+    """(time, state) -> (slots,) the guards' rounding errors for a time and a state of this size, linear at (t, x)."""
     moving, gradient = jax.jacfwd(guards, argnums=(0, 1))(t, x)
     return lambda t, x: digits(BLUR, x) * (jnp.abs(moving * t) + jnp.sum(jnp.abs(gradient * x[None, :]), axis=1))
 
@@ -45,7 +45,7 @@ def jets(guards, field, t, x):
 
 
 def to_arm(guards, field, t, x, h):
-    """What `arm` asks of the guards: g, rate, second, guard_tolerance and way, (slots,) each."""
+    """The arguments of `arm` from the guards: g, rate, second, guard_tolerance and way, (slots,) each."""
     f, bend = jax.jvp(field, (t, x), (jnp.ones_like(t), field(t, x)))
     felt, part = _felt(guards, t, x), ALGEBRAIC / BLUR if is_constrained(field) else 1.0
     way = felt(h, jnp.abs(f) * h + 0.5 * jnp.abs(bend) * h * h)
@@ -53,23 +53,23 @@ def to_arm(guards, field, t, x, h):
 
 
 def arm(g, rate, second, guard_tolerance, way, h, t, fired) -> tuple[Any, Any, Any, Any]:
-    """The side (slots,) where each guard stands or is about to, guards and rates with zeros made exact, which are flat.
+    """(guard_sign, guards, rates, flat), (slots,) each: the side of zero of each guard, and exact zeros.
 
-    A guard that is zero up to rounding takes its side from its rate, and where that is zero too from its
-    second derivative: the exit from a stick has v = v̇ = 0. A rate that is rounding must not be kept: late, when an
-    instant is blurred, it would show a guard that first turns back through zero.
+    A guard that is zero up to rounding takes its sign from its rate; if the rate is zero too, from its second
+    derivative (at the exit from sticking v = v̇ = 0): it is `flat`. A rate that is rounding is set to zero; otherwise,
+    at late times with coarse resolution, the guard would seem to turn back through zero first.
 
     Args:
         g: the guards.
-        rate: their first derivatives in time.
-        second: their second derivatives.
+        rate: their first time derivatives.
+        second: their second time derivatives.
         guard_tolerance: their rounding.
-        way: the rounding of what the state goes in a step, as the guards feel it: a state that passes through zero was
-            rounded before. (The change of the guard itself would be too much. While one of two copies is past an event
-            and the other is not, the distance between them bends so sharply that all of it would count as rounding.)
-        h: the step of the controller, the local scale of time.
+        way: the guards' rounding that belongs to the distance that the state moves in a step, because a state that
+            passes through zero was rounded before. (The change of the guard itself would be too large: while only one
+            of two copies is past an event, their distance bends so sharply that all of it would count as rounding.)
+        h: the controller's step, the local time scale.
         t: the time, whose rounding enters the rates.
-        fired: which slot has just fired here (its own root was only found to the accuracy of the flow).
+        fired: the guard that has just fired here; its root is known only to the accuracy of the flow.
     """
     curve = 0.5 * jnp.abs(second) * h * h
     found = digits(1e-9, g) * jnp.maximum(jnp.abs(rate) * h, curve)
@@ -87,12 +87,12 @@ def cubic(theta, g0, d0, g1, d1):
 
 
 def turning_point(g0, d0, g1, d1):
-    """The extremum theta in (0, 1) of the cubic whose end slopes differ in sign."""
+    """The extremum theta in (0, 1) of a cubic whose slopes at the ends have opposite signs."""
     a = 3 * (d0 + d1 - 2 * (g1 - g0))
     b = 2 * (3 * (g1 - g0) - 2 * d0 - d1)
     root = jnp.sqrt(jnp.maximum(b * b - 4 * a * d0, nonzero(1e-300, a)))
     q = -0.5 * (b + jnp.where(b >= 0, root, -root))
-    # d0 / q and q / a are the two roots of a θ² + b θ + d0; the slopes' signs say which one lies inside.
+    # d0 / q and q / a are the two roots of a θ² + b θ + d0; take the one inside (0, 1).
     first = d0 / jnp.where(q == 0, nonzero(1e-300, q), q)
     second = q / jnp.where(a == 0, nonzero(1e-300, a), a)
     inside = (first >= 0) & (first <= 1)

@@ -1,16 +1,15 @@
 """The saltation matrix: how a perturbation crosses an event.
 
-A neighbour at x + dx meets the guard later by δτ = -∇h·dx / (∂ₜh + ∇h·f⁻). Move it to its own instant, push
-it through the reset, and come back along the new flow:
+A neighbour at x + dx meets the guard later by δτ = -∇h·dx / (∂ₜh + ∇h·f⁻). Move it to its own event time, apply
+the reset, and move it back in time along the new flow:
 
     dx⁺ = Dg (dx + f⁻ δτ) + ∂ₜg δτ - f⁺ δτ   =   S dx,
     S   = Dg + (f⁺ - Dg f⁻ - ∂ₜg) ∇h / (∂ₜh + ∇h·f⁻)        (with the sign of δτ absorbed)
 
 M. di Bernardo, C. Budd, A. Champneys & P. Kowalczyk, Piecewise-smooth Dynamical Systems (Springer 2008),
-section 2.5, doi:10.1007/978-1-84628-708-4. All neighbours are moved along one and the same direction: f⁻, which
-the reset turns into Dg f⁻ + ∂ₜg. It is pushed through by itself, and the columns without it. In a cascade the
-instant belongs to the first guard: only the push is repeated. Nothing here forms an n×n matrix: columns are
-carried by `jax.jvp`.
+section 2.5, doi:10.1007/978-1-84628-708-4. All neighbours are moved along the same direction f⁻, which the reset
+maps to Dg f⁻ + ∂ₜg; direction and columns are pushed forward separately. In a cascade the event time is that of the
+first guard, and only the pushforward is repeated. No n×n matrix is formed: columns are mapped by `jax.jvp`.
 """
 
 from typing import NamedTuple
@@ -35,7 +34,7 @@ __all__ = [
 
 
 class Sizes(NamedTuple):
-    """The magnitudes of the terms that columns, direction and delays are made of, see `magnitudes`."""
+    """Magnitudes of the terms that add up to columns, direction and event-time shifts, see `_jax.magnitudes`."""
 
     columns: Array  # (n, k)
     direction: Array  # (n,)
@@ -43,18 +42,18 @@ class Sizes(NamedTuple):
 
 
 def instant(guard, t, x, f):
-    """The guard's derivatives at (t, x): ∇h (n,), and the rate ḣ = ∂ₜh + ∇h·f along the flow f."""
+    """The guard's derivatives at (t, x): ∇h (n,), ∂ₜh, and the rate ḣ = ∂ₜh + ∇h·f along the flow f."""
     rate_of_time, gradient = jax.grad(guard, argnums=(0, 1))(t, x)
     return gradient, rate_of_time, rate_of_time + jnp.sum(gradient * f)
 
 
 def event_time_shifts(slopes: Float[Array, " k"], rate) -> Float[Array, " k"]:
-    """By how much later each column meets the guard, δτ, from ∇h·dx and the guard's rate."""
+    """How much later each column meets the guard, δτ (k,), from ∇h·dx (k,) and the guard's rate."""
     return -slopes / jnp.where(rate == 0, 1.0, rate)
 
 
 def pushforward(reset, t, x, columns: Float[Array, "n k"], direction: Float[Array, " n"]):
-    """x⁺ = reset(t, x); the columns, Dg dx; and the direction of the moves, Dg f + ∂ₜg."""
+    """x⁺ = reset(t, x) (n,), the columns Dg dx (n, k), and the direction Dg f + ∂ₜg (n,)."""
 
     def column(dx):
         return jax.jvp(lambda x: reset(t, x), (x,), (dx,))[1]
@@ -66,19 +65,19 @@ def pushforward(reset, t, x, columns: Float[Array, "n k"], direction: Float[Arra
 def to_reference_time(
     columns: Float[Array, "n k"], direction, f, event_time_shift: Float[Array, " k"]
 ) -> Float[Array, "n k"]:
-    """From the instants of the neighbours, dx + direction δτ, to that of the orbit along the new flow: - f⁺ δτ."""
+    """From the neighbours' event times, dx + direction δτ, to the orbit's along the new flow: - f⁺ δτ."""
     return columns + (direction - f)[:, None] * event_time_shift[None, :]
 
 
 def sizes_at(columns: Float[Array, "n k"], f, gradient, moving, rate) -> Sizes:
-    """Of columns on a guard with the derivatives ∇h, ∂ₜh and ḣ; a rate that nearly cancels makes all delays unsure."""
+    """`Sizes` of columns on a guard with the derivatives ∇h, ∂ₜh and ḣ; a cancelling ḣ makes the shifts uncertain."""
     columns, f, gradient = (jax.lax.stop_gradient(jnp.abs(one)) for one in (columns, f, gradient))
     moving, rate = (jax.lax.stop_gradient(jnp.abs(one)) for one in (moving, jnp.where(rate == 0, 1.0, rate)))
     return Sizes(columns, f, gradient @ columns / rate * ((gradient @ f + moving) / rate))
 
 
 def sizes_pushed(reset, t, x, sizes: Sizes, direction: Float[Array, " n"]) -> Sizes:
-    """Of what `pushforward` returns, the direction among it."""
+    """`Sizes` after `pushforward`, whose new direction is given."""
 
     def through(dx):
         return jax.jvp(lambda x: reset(t, x), (x,), (dx,))[1]
@@ -89,7 +88,7 @@ def sizes_pushed(reset, t, x, sizes: Sizes, direction: Float[Array, " n"]) -> Si
 
 
 def sizes_returned(sizes: Sizes, f) -> Float[Array, "n k"]:
-    """Of the columns that `to_reference_time` returns."""
+    """(n, k) magnitudes of the terms of the columns that `to_reference_time` returns."""
     return (
         sizes.columns + (sizes.direction + jax.lax.stop_gradient(jnp.abs(f)))[:, None] * sizes.event_time_shift[None, :]
     )

@@ -167,34 +167,34 @@ class OfAnother(Method):
     @property
     @abc.abstractmethod
     def inner(self) -> Any:
-        """The method that makes the steps."""
+        """The inner method, which makes the steps."""
 
     @property
     def rtol(self) -> Any:
-        """That of the steps."""
+        """That of the inner method."""
         return self.inner.rtol
 
     @property
     def atol(self) -> Any:
-        """That of the steps."""
+        """That of the inner method."""
         return self.inner.atol
 
     @property
     def fixed_step(self) -> Any:
-        """That of the steps."""
+        """That of the inner method."""
         return self.inner.fixed_step
 
     @property
     def longest_step(self) -> Any:
-        """That of the steps."""
+        """That of the inner method."""
         return self.inner.longest_step
 
     @property
     def error_order(self) -> int:
-        """That of the steps."""
+        """That of the inner method."""
         return self.inner.error_order
 
     @property
     def controller(self) -> Controller:
-        """That of the steps."""
+        """That of the inner method."""
         return self.inner.controller

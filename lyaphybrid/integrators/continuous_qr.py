@@ -2,8 +2,8 @@
 
     Y = Q R,  Y' = D Y   ⟹   W = Qᵀ D Q,   Q' = D Q − Q B,   B = upp(W) + low(W)ᵀ,   φ_i' = w_ii,   φ_i = ln R_ii
 
-For E(t) x' = f, D = Ē⁻¹ [A₁; −A₂'] and (20)–(29) of Linh et al. say the same with PᵀĒ = 𝓔Qᵀ and 𝓔W = PᵀĀQ: as Q has
-orthonormal columns, 𝓔⁻¹Pᵀ = QᵀĒ⁻¹, and P and 𝓔 cancel. Their P and 𝓔 are in the tests.
+For E(t) x' = f, D = Ē⁻¹ [A₁; −A₂']. Equations (20)–(29) of Linh et al. are equivalent, with PᵀĒ = 𝓔Qᵀ and 𝓔W = PᵀĀQ:
+because Q has orthonormal columns, 𝓔⁻¹Pᵀ = QᵀĒ⁻¹, and P and 𝓔 cancel. The tests compare with P and 𝓔.
 
 L. Dieci, R. D. Russell & E. S. Van Vleck, SIAM J. Numer. Anal. 34 (1997) 402, doi:10.1137/S0036142993247311.
 """
@@ -17,7 +17,7 @@ from jaxtyping import Array
 
 from .._arguments import require
 from .._linalg.frames import kind_for, orthonormalise
-from .._linalg.linear_systems import inverse, product
+from .._linalg.linear_systems import inverse, matmul
 from ..systems.daes.semi_linear import is_constrained
 from .base import Field, Method, OfAnother, Step, Tangent
 from .implicit.half_explicit import ESDIRK, HalfExplicit
@@ -141,7 +141,7 @@ class ContinuousQR(OfAnother):
         points = self.method.points_on(field, t, h, stage_points)
         columns, of_columns, rates = _through_stages(table, field, t, x, h, frame, points, self.rtol)
         growth, error = (h * summed(one, rates) for one in (table.b, table.errors[0]))
-        size = jnp.abs(h) + jnp.max(jnp.abs(growth))  # exponents are means over time
+        size = jnp.abs(h) + jnp.max(jnp.abs(growth))  # scale of φ's error: exponents are means over time
         orthonormal, *_ = orthonormalise(columns, kind_for(frame.shape[1]))
         nodes = self.method.nodes_of(field, t, h, x, stage_points)
         errors = jnp.concatenate([of_columns, (error / size)[None, :]])
@@ -154,24 +154,26 @@ def _through_stages(table: Tableau, field, t, x, h, frame, points, tolerance):
     # Points of the stages and of the end; for an ordinary field nothing that is computed at the end is used: any point.
     points = jnp.stack(points if is_constrained(field) else [*points, x])[: len(times)]
     first = linearised(field, t, x)
-    start, (slope, rate) = first.content(frame), _turned(first, frame)
+    start, (slope, rate) = first.differential_part(frame), _turned(first, frame)
 
     def stage(state, given):
         columns, _, slopes, rates = state
         i, weights, at, point, share = given
         here = linearised(field, at, point)
         base = start + h * jnp.tensordot(weights, slopes, 1)
-        content = _solved(here, base, share, here.content(columns), tolerance) if table.diagonal else base
-        columns = product(here.lift, content)
+        differential_part = (
+            _solved(here, base, share, here.differential_part(columns), tolerance) if table.diagonal else base
+        )
+        columns = matmul(here.inverse_block, differential_part)
         slope, rate = _turned(here, columns)
-        return (columns, here.lift, slopes.at[i].set(slope), rates.at[i].set(rate)), None
+        return (columns, here.inverse_block, slopes.at[i].set(slope), rates.at[i].set(rate)), None
 
     slopes, rates = (jnp.zeros((len(times) + 1, *one.shape), one.dtype).at[0].set(one) for one in (slope, rate))
     own = np.arange(len(times)) < len(table.a)
     shares = table.diagonal * h * jnp.asarray(own, times.dtype)
     given = jnp.arange(1, len(times) + 1), weights, times, points, shares
-    (columns, lift, slopes, rates), _ = jax.lax.scan(stage, (frame, first.lift, slopes, rates), given)
-    return columns, product(lift, h * summed(table.errors[0], slopes)), rates
+    (columns, inverse_block, slopes, rates), _ = jax.lax.scan(stage, (frame, first.inverse_block, slopes, rates), given)
+    return columns, matmul(inverse_block, h * summed(table.errors[0], slopes)), rates
 
 
 def _solved(here: Along, base, share, guess, tolerance):
@@ -180,21 +182,23 @@ def _solved(here: Along, base, share, guess, tolerance):
     Newton iteration from `guess`; nan where it does not converge.
     """
 
-    def left(content):
-        content = content.reshape(base.shape)
-        return (content - base - share * _turned(here, product(here.lift, content))[0]).ravel()
+    def left(differential_part):
+        differential_part = differential_part.reshape(base.shape)
+        return (
+            differential_part - base - share * _turned(here, matmul(here.inverse_block, differential_part))[0]
+        ).ravel()
 
-    def again(_, content):
-        backward, _ = inverse(jax.jacfwd(left)(content))
-        return content - product(backward, left(content))
+    def again(_, differential_part):
+        backward, _ = inverse(jax.jacfwd(left)(differential_part))
+        return differential_part - matmul(backward, left(differential_part))
 
-    content = jax.lax.fori_loop(0, NEWTON, again, guess.ravel())
-    done = jnp.max(jnp.abs(left(content))) <= LEFT * tolerance * (1 + jnp.max(jnp.abs(content)))
-    return jnp.where(done, content, jnp.nan).reshape(base.shape)
+    differential_part = jax.lax.fori_loop(0, NEWTON, again, guess.ravel())
+    done = jnp.max(jnp.abs(left(differential_part))) <= LEFT * tolerance * (1 + jnp.max(jnp.abs(differential_part)))
+    return jnp.where(done, differential_part, jnp.nan).reshape(base.shape)
 
 
 def _turned(here: Along, columns):
-    """(E₁ Q)' and the rates of growth w_ii."""
-    turning = product(columns.T, here.derivative(columns))
+    """The derivative (E₁ Q)' (d, k) and the rates of growth w_ii (k,)."""
+    turning = matmul(columns.T, here.derivative(columns))
     upper = jnp.triu(turning) + jnp.tril(turning, -1).T
-    return here.slope(columns) - product(here.content(columns), upper), jnp.diagonal(turning)
+    return here.slope(columns) - matmul(here.differential_part(columns), upper), jnp.diagonal(turning)

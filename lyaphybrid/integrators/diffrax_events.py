@@ -14,7 +14,7 @@ from .._arguments import positive, require
 from .._jax.columns import each_column
 from ..systems.daes.semi_linear import is_constrained
 from .base import Field, Step, Tangent
-from .diffrax_solver import ByDiffrax, prepared
+from .diffrax_solver import ByDiffrax, with_tolerances
 from .divergences import trace
 
 __all__ = ["DiffraxEvents"]
@@ -85,7 +85,12 @@ class DiffraxEvents(ByDiffrax):
             root_finder = optimistix.Bisection(1e-12, 1e-12, flip=True)
         known = isinstance(root_finder, optimistix.AbstractRootFinder)
         require(known, f"root_finder must be one of optimistix, such as optimistix.Bisection; got {root_finder!r}.")
-        self.solver, self.rtol, self.atol, self.root_finder = prepared(solver, rtol, atol), rtol, atol, root_finder
+        self.solver, self.rtol, self.atol, self.root_finder = (
+            with_tolerances(solver, rtol, atol),
+            rtol,
+            atol,
+            root_finder,
+        )
         self.control = "x"  # diffrax controls the errors of the frame
 
     def require(self, field: Field, t, x) -> None:

@@ -11,7 +11,7 @@ from .._arguments import positive
 from .base import Field, Method, Step
 from .divergences import trace
 
-__all__ = ["ByDiffrax", "Diffrax", "prepared"]
+__all__ = ["ByDiffrax", "Diffrax", "with_tolerances"]
 
 # Gauss–Legendre with four points on [0, 1]: order 8, above that of any diffrax solver's dense output.
 _NODES = (0.06943184420297371, 0.33000947820757187, 0.6699905217924281, 0.9305681557970263)
@@ -63,11 +63,11 @@ class Diffrax(ByDiffrax):
             raise ValueError(f"control must be 'xY' (state and frame) or 'x' (state alone); got {control!r}.")
         positive("rtol", rtol)
         positive("atol", atol)
-        self.solver, self.rtol, self.atol, self.control = prepared(solver, rtol, atol), rtol, atol, control
+        self.solver, self.rtol, self.atol, self.control = with_tolerances(solver, rtol, atol), rtol, atol, control
 
     def step(self, field: Field, t, x, f, h) -> Step:
         """One step over h from (t, x)."""
-        del f  # diffrax takes its own first stage
+        del f  # diffrax computes its first stage itself
         term = diffrax.ODETerm(lambda t, y, args: field(t, y))
         state = self.solver.init(term, t, t + h, x, None)
         new, error, dense, _, result = self.solver.step(term, t, t + h, x, None, state, made_jump=False)
@@ -91,7 +91,7 @@ class Diffrax(ByDiffrax):
         )
 
 
-def prepared(solver: diffrax.AbstractSolver, rtol, atol) -> diffrax.AbstractSolver:
+def with_tolerances(solver: diffrax.AbstractSolver, rtol, atol) -> diffrax.AbstractSolver:
     """The solver, changed so that it has forward-mode derivatives; a ValueError if it has no error estimate."""
     if not isinstance(solver, diffrax.AbstractAdaptiveSolver):
         raise ValueError(

@@ -15,7 +15,7 @@ FEW = 4  # up to so many components the diagonal of Df is differentiated entry b
 
 
 def quadrature(field: Field, weights, times, points) -> Array:
-    """Σ w tr Df over the nodes (t, x) of a step; the weights w are constants.
+    """The sum Σ w tr Df over the nodes (t, x) of a step; the weights w are constants.
 
     A long trace, such as that of a sliding field, is a loop over the nodes: unrolled it would be most of the code.
     """

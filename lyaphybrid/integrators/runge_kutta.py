@@ -26,7 +26,7 @@ __all__ = [
     "summed",
     "tabulated",
     "through",
-    "times_of",
+    "times_of_stages",
     "weighed",
 ]
 
@@ -127,9 +127,9 @@ class RungeKutta(Method):
         """The coefficients."""
         return TABLEAUX[self.tableau]
 
-    def times(self, t, h) -> list:
+    def stage_times(self, t, h) -> list:
         """The times of the stages."""
-        return times_of(tuple(self.table.c), t, h)
+        return times_of_stages(tuple(self.table.c), t, h)
 
     @property
     def fixed_step(self) -> Any:
@@ -154,7 +154,9 @@ class RungeKutta(Method):
     def step(self, field: Field, t, x, f, h) -> Step:
         """One step over h from (t, x), where f = field(t, x)."""
         table = self.table
-        points, slopes = through(table, x, h, f, [functools.partial(field, time) for time in self.times(t, h)[1:]])
+        points, slopes = through(
+            table, x, h, f, [functools.partial(field, time) for time in self.stage_times(t, h)[1:]]
+        )
         new = self._end(x, h, points, slopes)
         slope = slopes[-1] if table.last_is_next else field(t + h, new)
         error = self._errors(h, slopes) if self.adaptive else x[None, :0]
@@ -201,7 +203,7 @@ class RungeKutta(Method):
     def nodes_of(self, field, t, h, x, stage_points):
         """Times and points of the stages."""
         del field
-        return self.times(t, h), [x, *stage_points]
+        return self.stage_times(t, h), [x, *stage_points]
 
     def inside(self, dense, theta):
         """The cubic Hermite interpolant of the step at the fraction theta."""
@@ -221,7 +223,7 @@ class RungeKutta(Method):
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def times_of(fractions: tuple[float, ...], t, h) -> list:
+def times_of_stages(fractions: tuple[float, ...], t, h) -> list:
     """The times of the stages."""
     return [t, *(t + c * h for c in fractions)]
 

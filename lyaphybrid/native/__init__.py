@@ -1,8 +1,8 @@
-"""A small compiler: from a jaxpr to machine code by LLVM. It knows nothing of dynamics."""
+"""A small compiler from jaxprs to machine code, by LLVM. It is independent of dynamical systems."""
 
 from .bridge.compiled import EVENTS, Compiled, compile
 from .bridge.primitive import native, native_call
-from .bridge.programs import Program, engine
+from .bridge.programs import ONE_WAY, Program, engine
 from .lowering.costs import instructions
 from .lowering.unsupported import UnsupportedError
 from .machine.collector import no_collector
@@ -10,6 +10,7 @@ from .rules.calls import seldom
 
 __all__ = [
     "EVENTS",
+    "ONE_WAY",
     "Compiled",
     "Program",
     "UnsupportedError",

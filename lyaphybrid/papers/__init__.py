@@ -1,7 +1,7 @@
-"""Papers: their tables and figures, computed and compared. A folder each, with the same two functions.
+"""Papers: their tables and figures, computed and compared. Each has a folder with the same two functions.
 
-In its `reproduction`, `reproduce(quick=…)` computes and returns a result that prints as the paper's table and says
-whether it `passed`; `write(result, folder)` puts figures and numbers into files.
+In its `reproduction`, `reproduce(quick=…)` computes and returns a `reproductions.Reproduction`, which prints as the
+paper's tables and says whether it `passed`; `write(result, folder)` puts figures and numbers into files.
 """
 
 import importlib

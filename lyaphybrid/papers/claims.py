@@ -1,4 +1,4 @@
-"""What a paper claims, what is found here, and whether they agree: the end of every reproduction."""
+"""Checks and claims of a paper with their outcomes, which end every reproduction."""
 
 import collections
 import dataclasses
@@ -13,10 +13,10 @@ WIDTH = 118
 
 @dataclasses.dataclass(frozen=True)
 class Check:
-    """A number that must come out.
+    """A number that a reproduction must find.
 
     Attributes:
-        name: what is compared; wanted: its value, or bounds; found: what came out; holds: whether they agree.
+        name: what is compared; wanted: its value, or bounds; found: the result; holds: whether they agree.
     """
 
     name: str
@@ -32,7 +32,7 @@ class Claim:
     Attributes:
         item: the figure, equation or remark; says: what the paper claims there; found: what is found here.
         outcome: `AGREED`, `CORRECTED` or `NOT_REPRODUCIBLE`.
-        why: the evidence of a correction, the reason why something cannot be reproduced; else empty.
+        why: the evidence of a correction, or the reason why it cannot be reproduced; else empty.
     """
 
     item: str
@@ -49,7 +49,7 @@ class Claim:
 
 
 def check_lines(checks: Iterable[Check]) -> list[str]:
-    """One line for each: what, wanted, found, whether they agree."""
+    """One line for each check: name, wanted, found, whether they agree."""
     rows = [(one.name, one.wanted, one.found, "yes" if one.holds else "NO") for one in checks]
     rows = [("check", "wanted", "found", "agree"), *rows]
     widths = [max(len(row[i]) for row in rows) for i in range(3)]

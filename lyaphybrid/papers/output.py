@@ -1,4 +1,4 @@
-"""What a reproduction leaves: figures in two formats, and its numbers."""
+"""Write the figures of a reproduction in two formats, and its numbers."""
 
 import json
 from collections.abc import Mapping
@@ -11,7 +11,7 @@ __all__ = ["plain", "save"]
 
 
 def plain(values) -> Any:
-    """Nested lists that JSON can hold: −∞ is "-inf", what is not a number is null."""
+    """Nested lists that JSON can hold: −∞ is "-inf", nan is null."""
     if isinstance(values, list | tuple) or np.ndim(values):
         return [plain(value) for value in np.asarray(values).tolist()]
     value = float(values)
@@ -26,7 +26,7 @@ def save(folder: Path, name: str, figures: Mapping[str, Any], data: dict) -> lis
     for title, figure in figures.items():
         files += [folder / f"{title}.{kind}" for kind in ("png", "pdf")]
         figure.savefig(files[-2], dpi=150)
-        figure.set_layout_engine("none")  # the same once more, without being laid out anew
+        figure.set_layout_engine("none")  # keep the layout for the second format
         figure.savefig(files[-1])
     files.append(folder / f"{name}.json")
     files[-1].write_text(json.dumps(data, indent=1, allow_nan=False) + "\n")

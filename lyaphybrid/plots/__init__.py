@@ -1,32 +1,43 @@
-"""Pictures of results: result, ax -> ax.
+"""Figures of results: functions (result, ax) -> ax.
 
-Every function draws into the axes it is given, or makes a figure of its own, and touches nothing else.
+Every function draws into the given axes, or into those of a new figure, and changes nothing else.
 Colours are those of Okabe and Ito, which colour-blind readers can tell apart.
 """
 
 from .axes import COLOURS
 from .continuations import continuation
 from .diagrams import bifurcations, diagram, largest_exponent, section
-from .indicators import alignment, growth, intervals
-from .results import against_density, convergence, phase, spectra, spectrum, trajectory
+from .indicators import alignment, angles, growth, intervals
+from .orbits import matrix, multipliers, time_domain
+from .results import against_density, bounds, convergence, phase, running, solutions, spectra, spectrum, trajectory
+from .sensitivities import design, gradient
 from .sweeps import sweep_lines, sweep_map
 
 __all__ = [
     "COLOURS",
     "against_density",
     "alignment",
+    "angles",
     "bifurcations",
+    "bounds",
     "continuation",
     "convergence",
+    "design",
     "diagram",
+    "gradient",
     "growth",
     "intervals",
     "largest_exponent",
+    "matrix",
+    "multipliers",
     "phase",
+    "running",
     "section",
+    "solutions",
     "spectra",
     "spectrum",
     "sweep_lines",
     "sweep_map",
+    "time_domain",
     "trajectory",
 ]

@@ -1,4 +1,4 @@
-"""The picture of branches of periodic orbits; `plots` hands it on."""
+"""The figure of branches of periodic orbits; public as `plots.continuation`."""
 
 from typing import Any
 
@@ -16,8 +16,8 @@ MARKS = {
     "Neimark–Sacker": ("o", COLOURS[4]),
     "grazing": ("X", COLOURS[6]),
 }
-MARGIN = 1e-5  # by which a multiplier of 1 may be larger
-SHADES = (COLOURS[0], "0.35", COLOURS[5])  # of branches; more begin again
+MARGIN = 1e-5  # tolerance for a multiplier of 1 at the end of a stable stretch
+SHADES = (COLOURS[0], "0.35", COLOURS[5])  # colours of branches, used cyclically
 
 
 def continuation(branches: Any, axes=None, i: int = 0):
@@ -47,7 +47,7 @@ def continuation(branches: Any, axes=None, i: int = 0):
         _lines(upper, branch, branch.largest[:, i : i + 1], colour)
         _lines(lower, branch, exponents, colour)
         _marks(axes, branch, i)
-    upper.set_ylabel(f"largest $x_{{{i + 1}}}$ of the orbit")
+    upper.set_ylabel(f"largest {branches[0].state_labels.axis(i)} of the orbit")
     lower.set_ylabel("exponents λ")
     lower.set_xlabel(branches[0].parameter)
     _legend(upper)
@@ -55,7 +55,7 @@ def continuation(branches: Any, axes=None, i: int = 0):
 
 
 def _lines(ax, branch, heights, colour) -> None:
-    """Full lines where both ends of a stretch attract, or are about to lose that; dashed ones elsewhere."""
+    """Full lines where both ends of a segment are stable or at the limit of stability; dashed ones elsewhere."""
     attracts = np.max(np.abs(branch.multipliers), axis=1) < 1 + MARGIN
     both = attracts[:-1] & attracts[1:]
     edges = np.flatnonzero(both[1:] != both[:-1]) + 1
@@ -66,7 +66,7 @@ def _lines(ax, branch, heights, colour) -> None:
 
 
 def _marks(axes, branch, i: int) -> None:
-    """The special points, on the lines of the orbits and on those of the exponents that vanish there."""
+    """Markers of special points, on the lines of the orbits and of the exponents that vanish there."""
     upper, lower = axes
     for special in branch.specials:
         marker, colour = MARKS[special.kind]
@@ -77,7 +77,7 @@ def _marks(axes, branch, i: int) -> None:
 
 
 def _legend(ax) -> None:
-    """Each kind once, above the axes."""
+    """A legend above the axes with each kind once."""
     handles = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
     if handles:
         outside = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.2}

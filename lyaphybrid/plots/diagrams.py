@@ -1,4 +1,4 @@
-"""Pictures of sections and bifurcation diagrams; `plots` hands them on."""
+"""Pictures of sections and bifurcation diagrams; public in `plots`."""
 
 from typing import Any
 
@@ -9,19 +9,19 @@ from .axes import COLOURS, axes_of
 
 __all__ = ["bifurcations", "diagram", "largest_exponent", "section"]
 
-# One dot over the other: what is drawn later is smaller, and lets the earlier be seen.
+# Later dots are drawn smaller, so that earlier ones below them stay visible.
 DOTS = {"random": ("0.25", 2.4), "up": (COLOURS[0], 1.5), "down": (COLOURS[1], 0.7)}
 NAMES = {"random": "random starts", "up": "followed up", "down": "followed down"}
 
 
 def section(points: Any, ax=None, i: int = 0, j: int = 1):
-    """The points of a Poincaré section: component j against component i (of one component, the next point's).
+    """The points of a Poincaré section: component j against i (with one component, the next point against each).
 
     Args:
         points: a `PoincareSection`.
         ax: matplotlib axes; None: those of a new figure.
-        i: index of the component to the right.
-        j: index of the component upwards.
+        i: index of the component on the horizontal axis.
+        j: index of the component on the vertical axis.
 
     Returns:
         The axes.
@@ -31,8 +31,9 @@ def section(points: Any, ax=None, i: int = 0, j: int = 1):
     next_one = x.shape[1] == 1
     across, upwards = (x[:-1, 0], x[1:, 0]) if next_one else (x[:, i], x[:, j])
     ax.plot(across, upwards, linestyle="none", marker=".", markersize=2, mew=0, color=COLOURS[0], rasterized=True)
-    ax.set_xlabel("this point's $x_1$" if next_one else f"$x_{{{i + 1}}}$")
-    ax.set_ylabel("the next point's $x_1$" if next_one else f"$x_{{{j + 1}}}$")
+    labels = points.state_labels
+    ax.set_xlabel(f"this point's {labels.axis(0)}" if next_one else labels.axis(i))
+    ax.set_ylabel(f"the next point's {labels.axis(0)}" if next_one else labels.axis(j))
     return ax
 
 
@@ -60,7 +61,7 @@ def bifurcations(result: Any, ax=None, i: int = 0):
         dots = {"linestyle": "none", "marker": "o", "markersize": smaller * size, "mew": 0, "rasterized": True}
         ax.plot(values.ravel(), heights[:, columns].ravel(), color=colour, label=NAMES[kind], **dots)
     ax.set_xlabel(result.parameter)
-    ax.set_ylabel(f"$x_{{{i + 1}}}$" + (" mod 2π" if i in result.angles else ""))
+    ax.set_ylabel(result.state_labels.axis(i) + (" mod 2π" if i in result.angles else ""))
     _legend(ax, result)
     return ax
 
@@ -68,8 +69,8 @@ def bifurcations(result: Any, ax=None, i: int = 0):
 def largest_exponent(result: Any, ax=None):
     """The largest exponent of every run against the parameter, with error bars of one standard error.
 
-    Coexisting attractors are dots above each other; those followed up and down are joined by lines. Where a run
-    failed there is a cross at the foot.
+    Coexisting attractors are dots at the same value; runs followed up and down are joined by lines. A cross at the
+    bottom marks a failed run.
 
     Args:
         result: a `BifurcationDiagram`.
@@ -102,12 +103,13 @@ def largest_exponent(result: Any, ax=None):
     return ax
 
 
-def diagram(result: Any, axes=None):
+def diagram(result: Any, axes=None, i: int = 0):
     """The points of a bifurcation diagram, and below them the largest exponent.
 
     Args:
         result: a `BifurcationDiagram`.
         axes: two matplotlib axes; None: those of a new figure.
+        i: index of the component.
 
     Returns:
         Both axes.
@@ -118,7 +120,7 @@ def diagram(result: Any, axes=None):
         shape = {"height_ratios": (3, 2), "sharex": True}
         axes = pyplot.subplots(2, 1, figsize=(7.2, 6.6), layout="constrained", **shape)[1]
     upper, lower = axes
-    bifurcations(result, upper)
+    bifurcations(result, upper, i)
     largest_exponent(result, lower)
     upper.set_xlabel("")
     if lower.get_legend() is not None:

@@ -1,4 +1,4 @@
-"""Pictures of the indicators of chaos."""
+"""Figures of the indicators of chaos."""
 
 from typing import TYPE_CHECKING
 
@@ -8,13 +8,15 @@ from .axes import COLOURS, colours
 from .axes import axes_of as _axes
 
 if TYPE_CHECKING:
-    from ..analysis.indicators import GALIResult, IndicatorResult, SpectralIntervals
+    from ..analysis.indicators import CovariantVectors, GALIResult, IndicatorResult, SpectralIntervals
 
-__all__ = ["alignment", "growth", "intervals"]
+__all__ = ["alignment", "angles", "growth", "intervals"]
+
+PAIRS = 6  # angles that are drawn of covariant vectors
 
 
 def alignment(found: "GALIResult", ax=None):
-    """GALI_k or SALI against time, both logarithmic; what is below the smallest float is drawn from its logarithm.
+    """GALI_k or SALI against time, both logarithmic; values below the smallest float are drawn from their logarithms.
 
     Args:
         found: of `lh.gali` or `lh.sali`, of one run.
@@ -59,7 +61,7 @@ def growth(found: "IndicatorResult", ax=None):
 
 
 def intervals(found: "SpectralIntervals", axes=None):
-    """Running averages and averages over windows against time, with the intervals that hold them.
+    """Running averages and averages over windows against time, with the intervals that contain them.
 
     Args:
         found: of `lh.spectral_intervals`.
@@ -88,3 +90,26 @@ def intervals(found: "SpectralIntervals", axes=None):
     windows.set_xlabel("time t")
     running.legend(fontsize="small", frameon=False)
     return axes
+
+
+def angles(found: "CovariantVectors", ax=None):
+    """The angles between the first covariant vectors against time.
+
+    Args:
+        found: of `lh.covariant_vectors`.
+        ax: matplotlib axes; None: those of a new figure.
+
+    Returns:
+        The axes.
+    """
+    ax = _axes(ax)
+    pairs = list(zip(*np.triu_indices(found.vectors.shape[-1], 1), strict=True))[:PAIRS]
+    for column, ((i, j), colour) in enumerate(zip(pairs, colours(len(pairs)), strict=True)):
+        ax.plot(found.time, found.angles[:, column], color=colour, linewidth=1.0, label=f"{i + 1} and {j + 1}")
+    ax.set_yticks([0.0, np.pi / 4, np.pi / 2], ["0", "π/4", "π/2"])
+    ax.set_ylim(0.0, 0.52 * np.pi)
+    ax.set_xlabel("time t")
+    ax.set_ylabel("angle between vectors")
+    if pairs:
+        ax.legend(fontsize="small", frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return ax

@@ -1,4 +1,4 @@
-"""Pictures of spectra and trajectories."""
+"""Figures of spectra and trajectories."""
 
 import itertools
 from collections.abc import Mapping, Sequence
@@ -7,24 +7,36 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._text import UNIT, with_error
-from .axes import COLOURS, colours
+from .axes import COLOURS, colours, whole_ticks
 from .axes import axes_of as _axes
 
 if TYPE_CHECKING:
+    from ..analysis.indicators import ExponentBounds
     from ..analysis.trajectories import Trajectory
+    from ..results.solution_sets import Solutions
     from ..results.spectrum import Spectrum
 
-__all__ = ["against_density", "convergence", "phase", "spectra", "spectrum", "trajectory"]
+__all__ = [
+    "against_density",
+    "bounds",
+    "convergence",
+    "phase",
+    "running",
+    "solutions",
+    "spectra",
+    "spectrum",
+    "trajectory",
+]
 
-SHADES = ("#FFFFFF", "#E8E8E8", "#DCEBF7", "#FBEBDD", "#DDF2EA", "#F6E4EE", "#FBF6D5")  # behind modes
-MARKED = 60  # events that still get a line each; more are ticks at the foot
-SHOWN = 4  # components drawn where none were asked for
+SHADES = ("#FFFFFF", "#E8E8E8", "#DCEBF7", "#FBEBDD", "#DDF2EA", "#F6E4EE", "#FBF6D5")  # background colours of modes
+MARKED = 60  # up to this number each event gets a line; more are ticks at the bottom
+SHOWN = 4  # number of components drawn by default
 
 
 def spectrum(spectrum: "Spectrum", ax=None):
     """Exponents against their index, with error bars of one standard error.
 
-    Exponents of -inf are arrows at the foot of the axes.
+    Exponents of -inf are arrows at the bottom of the axes.
 
     Args:
         spectrum: a `Spectrum`.
@@ -33,24 +45,44 @@ def spectrum(spectrum: "Spectrum", ax=None):
     Returns:
         The axes.
     """
+    return exponents(spectrum.exponents, spectrum.stderr, UNIT[spectrum.clock], ax)
+
+
+def bounds(found: "ExponentBounds", ax=None):
+    """Exponents against their index, with bars as long as their bounds.
+
+    Args:
+        found: of `lh.exponent_bounds`.
+        ax: matplotlib axes; None: those of a new figure.
+
+    Returns:
+        The axes.
+    """
+    return exponents(found.exponents, found.bound, found.unit, ax)
+
+
+def exponents(exponents, bars, unit: str, ax=None, colour: str = COLOURS[0], label: str | None = None):
+    """Exponents (k,) against their index, with bars (k,) to both sides; those of -inf as arrows at the foot."""
     ax = _axes(ax)
-    values, errors = np.asarray(spectrum.exponents), np.asarray(spectrum.stderr)
+    values, errors = np.asarray(exponents), np.asarray(bars)
     index = np.arange(1, len(values) + 1)
     finite = np.isfinite(values)
     ax.axhline(0.0, color="0.6", linewidth=0.8, zorder=0)
     errors = np.where(np.isfinite(errors), errors, 0.0)
-    ax.errorbar(index[finite], values[finite], errors[finite], fmt="o", markersize=4, capsize=2.5, color=COLOURS[0])
+    ax.errorbar(
+        index[finite], values[finite], errors[finite], fmt="o", markersize=4, capsize=2.5, color=colour, label=label
+    )
     ax.margins(y=0.08)
     _arrows(ax, index[np.isneginf(values)], finite)
     ax.set_xlabel("index i")
-    ax.set_ylabel(f"exponent λ$_i$ per {UNIT[spectrum.clock]}")
+    ax.set_ylabel(f"exponent λ$_i$ per {unit}")
     ax.set_xlim(0.4, len(values) + 0.6)
-    _whole_ticks(ax)
+    whole_ticks(ax.xaxis)
     return ax
 
 
 def _arrows(ax, lost, finite) -> None:
-    """Downward arrows with the label −∞, in room made below the finite values."""
+    """Downward arrows with the label −∞, in extra space below the finite values."""
     if not len(lost):
         return
     if not np.any(finite):
@@ -67,7 +99,7 @@ def _arrows(ax, lost, finite) -> None:
 def convergence(spectrum: "Spectrum", ax=None):
     """The running exponents in time, and the final values as bands of one standard error to each side.
 
-    Exponents of -inf have no finite run: they are named in the corner.
+    Exponents of -inf are listed in the corner.
 
     Args:
         spectrum: a `Spectrum`.
@@ -76,14 +108,33 @@ def convergence(spectrum: "Spectrum", ax=None):
     Returns:
         The axes.
     """
+    history = spectrum.history
+    ax = running(history.time, history.exponents, spectrum.exponents, spectrum.stderr, UNIT[spectrum.clock], ax)
+    ax.set_xlabel({"time": "time t", "jumps": "jumps j", "hybrid": "max(t, j)"}[spectrum.clock])
+    return ax
+
+
+def running(time, course, exponents, stderr, unit: str, ax=None):
+    """Running exponents against time, and their last values as bands.
+
+    Args:
+        time: (times,).
+        course: (times, k) the running exponents.
+        exponents: (k,) the last ones; those of -inf are named in the corner.
+        stderr: (k,) half widths of the bands.
+        unit: which exponents are counted per.
+        ax: matplotlib axes; None: those of a new figure.
+
+    Returns:
+        The axes.
+    """
     ax = _axes(ax)
-    time, running = np.asarray(spectrum.history.time), np.asarray(spectrum.history.exponents)
-    values, errors = np.asarray(spectrum.exponents), np.asarray(spectrum.stderr)
-    time = np.nanmean(np.atleast_2d(time), axis=0)
+    time, course = np.nanmean(np.atleast_2d(np.asarray(time)), axis=0), np.asarray(course)
+    values, errors = np.asarray(exponents), np.asarray(stderr)
     finite = np.flatnonzero(np.isfinite(values))
     ax.axhline(0.0, color="0.6", linewidth=0.8, zorder=0)
     for i, colour in zip(finite, colours(len(finite)), strict=True):
-        ax.plot(time, running[:, i], color=colour, linewidth=1.2)
+        ax.plot(time, course[:, i], color=colour, linewidth=1.2)
         if np.isfinite(errors[i]):
             ax.axhspan(values[i] - errors[i], values[i] + errors[i], color=colour, alpha=0.18, linewidth=0)
     _label_ends(ax, values, errors, finite)
@@ -95,13 +146,13 @@ def convergence(spectrum: "Spectrum", ax=None):
         ax.set_xlim(time[0], time[-1])
     else:
         ax.set_xlim(0.0, time[-1])
-    ax.set_xlabel({"time": "time t", "jumps": "jumps j", "hybrid": "max(t, j)"}[spectrum.clock])
-    ax.set_ylabel(f"running exponents per {UNIT[spectrum.clock]}")
+    ax.set_xlabel("iteration" if unit == "iteration" else "time t")
+    ax.set_ylabel(f"running exponents per {unit}")
     return ax
 
 
 def _label_ends(ax, values, errors, finite) -> None:
-    """Names at the right margin: with their values while they are few, else neighbours share one."""
+    """Labels at the right margin: with values if there are few; else neighbours share a label."""
     low, high = ax.get_ylim()
     apart = 0.035 * (high - low)
     few = len(finite) <= len(COLOURS)
@@ -131,7 +182,7 @@ def _label_ends(ax, values, errors, finite) -> None:
 def spectra(spectra: "Mapping[int, Spectrum]", ax=None):
     """Spectra of systems of n bodies against i/n on one axes: as n grows they approach one curve.
 
-    Of paired spectra the upper half tells all; it is drawn, with error bars of one standard error.
+    Of paired spectra only the upper half is drawn, with error bars of one standard error.
 
     Args:
         spectra: by n, the number of bodies.
@@ -159,10 +210,10 @@ def spectra(spectra: "Mapping[int, Spectrum]", ax=None):
 
 
 def against_density(densities: Sequence[float], spectra: "Sequence[Spectrum]", n: int, ax=None):
-    """The largest exponent, and the entropy h a body (the sum of the positive ones over n), against density.
+    """The largest exponent, and the entropy h per body (the sum of the positive ones over n), against density.
 
     Args:
-        densities: one a spectrum.
+        densities: one for each spectrum.
         spectra: of systems of n bodies.
         n: number of bodies.
         ax: matplotlib axes; None: those of a new figure.
@@ -172,7 +223,7 @@ def against_density(densities: Sequence[float], spectra: "Sequence[Spectrum]", n
     """
     ax = _axes(ax)
     first = np.array([(float(s.exponents[0]), float(s.stderr[0])) for s in spectra])
-    entropy = np.array([_entropy(s) for s in spectra]) / n
+    entropy = np.array([(float(s.ks_entropy()), s.ks_entropy_stderr()) for s in spectra]) / n
     for series, label, colour, marker in (
         (first, "λ$_1$", COLOURS[0], "o"),
         (entropy, f"h$_{{KS}}$/N, N = {n}", COLOURS[1], "s"),
@@ -187,15 +238,22 @@ def against_density(densities: Sequence[float], spectra: "Sequence[Spectrum]", n
     return ax
 
 
-def _entropy(found: "Spectrum") -> tuple[float, float]:
-    """The sum of the positive exponents, and its standard error: from the runs, or from the blocks of one."""
-    up = np.asarray(found.exponents) > 0
-    if found.replicates is not None:
-        values = np.sum(np.asarray(found.replicates)[:, up], axis=1)
-    else:
-        durations = np.diff(np.asarray(found.history.time), prepend=0.0)
-        values = np.sum(np.asarray(found.history.growth)[:, up], axis=1) / durations
-    return float(found.ks_entropy()), float(np.std(values, ddof=1) / len(values) ** 0.5)
+def solutions(found: "Solutions", ax=None):
+    """The exponents of each solution against their index.
+
+    Args:
+        found: of `lh.solutions`.
+        ax: matplotlib axes; None: those of a new figure.
+
+    Returns:
+        The axes.
+    """
+    ax = _axes(ax)
+    for number, (one, colour) in enumerate(zip(found.solutions, colours(len(found)), strict=True)):
+        values = np.where(np.isposinf(one.exponents), np.nan, one.exponents)
+        exponents(values, np.zeros(len(values)), UNIT["time"], ax, colour, f"solution {number}, {one.status.name}")
+    ax.legend(frameon=False, fontsize="small")
+    return ax
 
 
 def trajectory(trajectory: "Trajectory", ax=None, components: Sequence[int] | None = None):
@@ -211,6 +269,7 @@ def trajectory(trajectory: "Trajectory", ax=None, components: Sequence[int] | No
     """
     ax = _axes(ax)
     dimension = int(np.prod(trajectory.x.shape[1:]))
+    labels = trajectory.state_labels
     shown = range(min(SHOWN, dimension)) if components is None else components
     discrete = _is_discrete(trajectory)
     t, x, mode = _broken(trajectory)
@@ -218,9 +277,9 @@ def trajectory(trajectory: "Trajectory", ax=None, components: Sequence[int] | No
     _mark(ax, np.asarray(trajectory.events.t))
     style: dict[str, Any] = {"linestyle": "none", "marker": "."} if discrete else {"linewidth": 1.3}
     for i, colour in zip(shown, colours(len(shown)), strict=True):
-        ax.plot(t, x[:, i], color=colour, label=f"$x_{{{i + 1}}}$", **style)
+        ax.plot(t, x[:, i], color=colour, label=labels.axis(i), **style)
     ax.set_xlabel("iteration" if discrete else "time t")
-    ax.set_ylabel("state" if len(shown) > 1 else f"$x_{{{shown[0] + 1}}}$")
+    ax.set_ylabel("state" if len(shown) > 1 else labels.axis(shown[0]))
     finite = t[np.isfinite(t)]
     if len(finite) > 1:
         ax.set_xlim(finite[0], finite[-1])
@@ -230,14 +289,14 @@ def trajectory(trajectory: "Trajectory", ax=None, components: Sequence[int] | No
 
 
 def _mark(ax, times) -> None:
-    """The instants of events: lines while they are few, else ticks at the foot."""
+    """The event times: lines if there are few, else ticks at the bottom."""
     top = 1.0 if len(times) <= MARKED else 0.03
     style = {"color": "0.45", "linewidth": 0.6, "linestyle": ":" if top == 1.0 else "-"}
     ax.vlines(times, 0.0, top, transform=ax.get_xaxis_transform(), **style)
 
 
 def _shade(ax, t, mode, names) -> None:
-    """A shade behind each mode, with the mode's name for the legend."""
+    """A background colour for each mode, with the mode's name for the legend."""
     if len(names) < 2:
         return
     for index, name in enumerate(names):
@@ -261,8 +320,8 @@ def phase(trajectory: "Trajectory", ax=None, i: int = 0, j: int = 1):
     Args:
         trajectory: a `Trajectory`.
         ax: matplotlib axes; None: those of a new figure.
-        i: index of the component to the right.
-        j: index of the component upwards.
+        i: index of the component on the horizontal axis.
+        j: index of the component on the vertical axis.
 
     Returns:
         The axes.
@@ -278,15 +337,15 @@ def phase(trajectory: "Trajectory", ax=None, i: int = 0, j: int = 1):
             path = np.where(own, x, np.nan)
             ax.plot(path[:, i], path[:, j], color=colour, linewidth=1.0, label=name)
         _draw_jumps(ax, trajectory.events, i, j)
-    ax.set_xlabel(f"$x_{{{i + 1}}}$")
-    ax.set_ylabel(f"$x_{{{j + 1}}}$")
+    ax.set_xlabel(trajectory.state_labels.axis(i))
+    ax.set_ylabel(trajectory.state_labels.axis(j))
     if len(names) > 1:
         ax.legend(frameon=False)
     return ax
 
 
 def _flat(states) -> np.ndarray:
-    """States (m, n), also where they are given in rows (m, N, d)."""
+    """States flattened to (m, n), also from the shape (m, N, d)."""
     states = np.asarray(states)
     return states.reshape(len(states), -1) if states.size else states.reshape(0, 0)
 
@@ -318,7 +377,7 @@ def _broken(trajectory: "Trajectory"):
     times = np.concatenate([t, when, when, when])
     states = np.concatenate([x, before, np.full_like(before, np.nan), after])
     modes = np.concatenate([mode, events.mode_before, events.mode_before, events.mode_after])
-    # A sample with j jumps behind it stands after event j; at one instant the number of jumps decides.
+    # A sample after j jumps comes after event j; at equal times the number of jumps gives the order.
     order = np.arange(count)
     place = np.concatenate([3 * jumps, 3 * order + 1, 3 * order + 2, 3 * order + 3])
     kind = np.concatenate([np.ones(len(t)), np.full(2 * count, 2), np.zeros(count)])
@@ -327,11 +386,5 @@ def _broken(trajectory: "Trajectory"):
 
 
 def _is_discrete(trajectory: "Trajectory") -> bool:
-    """Whether these are iterates of a map: one jump a sample and no log of events."""
+    """Whether these are iterates of a map: one jump for each sample and no log of events."""
     return len(trajectory.events) == 0 and int(np.max(trajectory.j)) > 0
-
-
-def _whole_ticks(ax) -> None:
-    from matplotlib.ticker import MaxNLocator
-
-    ax.xaxis.set_major_locator(MaxNLocator(nbins=16, integer=True))

@@ -1,6 +1,6 @@
-"""What a picture of a sweep needs, as NumPy arrays; nothing here draws.
+"""The data of a sweep for figures, as NumPy arrays; nothing here draws.
 
-A sweep is known by its dataset alone: one that was read back from a file is as good as a fresh one.
+Only the dataset is used, so that a sweep read from a file can be drawn like a new one.
 """
 
 from collections.abc import Sequence
@@ -21,9 +21,9 @@ GREEK: dict[str, str] = dict(
         strict=True,
     )
 )
-NO_VALUE = -1  # the code of points without exponents that did not fail: they were not computed
-PIXELS = (600, 450)  # of the picture of a list of points
-NEIGHBOURS, REACH = 4, 1.2  # pixels farther than so many times the widest gap to a fourth neighbour stay empty
+NO_VALUE = -1  # code of points that were not computed
+PIXELS = (600, 450)  # size of the figure of a list of points, in pixels
+NEIGHBOURS, REACH = 4, 1.2  # pixels farther than REACH times the widest gap to a fourth neighbour are empty
 
 
 class Swept(NamedTuple):
@@ -38,7 +38,7 @@ class Swept(NamedTuple):
 
 
 def one_parameter(dataset: Any, exponents: Any = None) -> Swept:
-    """A sweep over one parameter: exponents (m, k), codes (m, r) of r replicates, over which the exponents are means.
+    """A sweep over one parameter: exponents (m, k), averaged over r replicates, and codes (m, r).
 
     Raises:
         ValueError: on more parameters, or on exponents that are not there.
@@ -108,7 +108,7 @@ def _sizes(dataset: Any, dims: Sequence[str]) -> str:
 
 
 def _select(dims: Sequence[str], wanted: int) -> str:
-    """What to do about too many dimensions."""
+    """Text of an error: how to reduce the number of dimensions."""
     if len(dims) <= wanted:
         return "Take what lh.sweep returned, before .sel and .isel."
     choices = " and ".join(f"{dim}=…" for dim in dims[wanted:])
@@ -117,13 +117,13 @@ def _select(dims: Sequence[str], wanted: int) -> str:
 
 
 def _coordinates(dataset: Any, dim: str) -> list[str]:
-    """The numbers that label a dimension, less a bare count of points."""
+    """The numeric coordinates of a dimension, without a mere count of points."""
     along = [name for name, one in dataset.coords.items() if one.dims == (dim,) and one.dtype.kind in "fiub"]
     return [name for name in along if name != "point"]
 
 
 def _parameter(dataset: Any, dim: str) -> tuple[str, np.ndarray]:
-    """Name and values of what changes along a dimension."""
+    """Name and values of the parameter along a dimension."""
     names = _coordinates(dataset, dim)
     if dim in names or not names:
         return dim, np.asarray(dataset[dim], float)
@@ -162,12 +162,12 @@ def _with_exponents(dataset: Any, name: str):
 
 
 def _averaged(values, errors):
-    """Means (m, k) over replicates (m, r, k) and their standard errors; of one replicate its own."""
+    """Means (m, k) over replicates (m, r, k) and their standard errors; for one replicate its own error."""
     if values.shape[1] == 1:
         return values[:, 0], errors[:, 0]
     known = ~np.isnan(values)
     count = np.sum(known, axis=1)
-    with np.errstate(invalid="ignore", divide="ignore"):  # none known: nan; one: an error of nan
+    with np.errstate(invalid="ignore", divide="ignore"):  # no finite value: nan; one: an error of nan
         mean = np.sum(np.where(known, values, 0.0), axis=1) / count
         squares = np.sum(np.where(known, values - mean[:, None], 0.0) ** 2, axis=1)
         return mean, np.sqrt(squares / (count - 1) / count)
@@ -177,7 +177,7 @@ def _averaged(values, errors):
 
 
 def label(name: str) -> str:
-    """What stands on an axis: the last part of a name, Greek letters as such; "spring.omega[1]" is ω[1]."""
+    """The label of an axis: the last part of a name, with Greek letters; "spring.omega[1]" is ω[1]."""
     word, bracket, index = str(name).rpartition(".")[2].partition("[")
     letter = GREEK.get(word.strip("_").lower())
     if letter is not None:
@@ -186,7 +186,7 @@ def label(name: str) -> str:
 
 
 def axes_scale(values: np.ndarray) -> str:
-    """Logarithmic for values in equal ratios over more than a decade."""
+    """The scale "log" for values in equal ratios over more than a decade, else "linear"."""
     if len(values) < 4 or values[0] <= 0 or values[-1] < 10 * values[0]:
         return "linear"
     steps = np.diff(np.log(values))
@@ -194,7 +194,7 @@ def axes_scale(values: np.ndarray) -> str:
 
 
 def edges(values: np.ndarray, scale: str = "linear") -> np.ndarray:
-    """The borders (m + 1,) of cells around rising values (m,): midway, the outer cells as wide on both sides."""
+    """The borders (m + 1,) of cells around rising values (m,): midway; the outermost cells are symmetric."""
     if scale == "log":
         return np.exp(edges(np.log(values)))
     half = np.diff(values) / 2
@@ -203,9 +203,9 @@ def edges(values: np.ndarray, scale: str = "linear") -> np.ndarray:
 
 
 def nearest(x: np.ndarray, y: np.ndarray):
-    """Pixels over points (m,) in the plane: their borders across and upwards, and the index of the point next to each.
+    """Pixels over points (m,) in the plane: their borders along both axes, and the index of the nearest point of each.
 
-    Pixels far from all points have the index -1. What is far is told by the widest gap between neighbours.
+    Pixels far from all points, relative to the widest gap between neighbours, have the index -1.
     """
     from scipy.spatial import KDTree
 

@@ -1,4 +1,4 @@
-"""Pictures of sweeps, drawn from their datasets alone; `plots` hands them on."""
+"""Figures of sweeps, drawn from their datasets alone; public in `plots`."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -13,7 +13,7 @@ __all__ = ["sweep_lines", "sweep_map"]
 
 
 class Kind(NamedTuple):
-    """How points with a status are drawn: at the foot of lines, and as cells of a map."""
+    """How points with a status are drawn: as markers below lines, and as cells of a map."""
 
     name: str
     marker: str
@@ -37,24 +37,24 @@ KINDS = {
     }.items()
 }
 KINDS[NO_VALUE] = Kind("no value", ".", "0.92", "")
-BEYOND = ("d", "0.36", "**")  # of a status that is not known here
+BEYOND = ("d", "0.36", "**")  # for an unknown status
 
-# From −∞ through white at zero: one hue a sign.
+# Colours from −∞ through white at zero; one hue for each sign.
 SCALE = ("#00304D", COLOURS[0], "#8CC1DE", "#FFFFFF", "#F3B78E", COLOURS[1], "#662C00")
 UNDER = "#000000"
-PERCENTILE = 98  # of each sign: beyond it the colour stays as it is
-LEAST = 0.1  # extent of one sign over that of the other: errors around zero stay pale
-ROW = 0.045  # height of a row of marks at the foot, of the axes
-DOTTED = 3000  # points of a list that still get a dot each
-ROWS = 4  # of exponents of −∞; more share one
-ENTRY, LETTER = 0.45, 0.058  # widths in a legend of small letters, inches
+PERCENTILE = 98  # of the values of each sign: larger ones have the last colour
+LEAST = 0.1  # least ratio of the colour ranges of both signs, so that errors around zero stay pale
+ROW = 0.045  # height of a row of markers, in units of the axes' height
+DOTTED = 3000  # largest number of points that are drawn as dots
+ROWS = 4  # rows for exponents of −∞; more share one
+ENTRY, LETTER = 0.45, 0.058  # widths of a legend's entry and letter, inches
 
 
 def sweep_lines(dataset: Any, exponents: Sequence[int] | None = None, ax=None):
     """Exponents against the parameter of a sweep, with bands of one standard error.
 
-    Exponents of −∞ are triangles at the foot, in the colour of their line. Where points failed the lines have gaps, and
-    marks at the foot name the status. Over a dimension "key" beside the parameter the lines are means, and the bands
+    Exponents of −∞ are triangles at the bottom, in the colour of their line. At failed points the lines have gaps, and
+    markers at the bottom show the status. With a second dimension "key" the lines are means over it, and the bands
     their standard errors, sd/√m of m runs.
 
     The axis is named after the coordinate; ``dataset.rename(args="r")`` gives it another name.
@@ -104,14 +104,14 @@ def _exponent(number) -> str:
 
 
 def _colours(numbers) -> list:
-    """An exponent has the same colour whatever else is drawn; of many they are a scale."""
+    """Each exponent has a fixed colour, whatever else is drawn; many exponents use a colour map."""
     if max(numbers) <= len(COLOURS):
         return [COLOURS[number - 1] for number in numbers]
     return colours(len(numbers))
 
 
 def _curves(ax, swept: Swept) -> None:
-    """A line and a band each; points without neighbours are dots."""
+    """A line and a band for each exponent; isolated points are dots."""
     x, numbers = swept.parameters[0], swept.numbers
     named = set(numbers) if len(numbers) <= len(COLOURS) else {numbers[0], numbers[-1]}
     ax.axhline(0.0, color="0.6", linewidth=0.8, zorder=0)
@@ -127,7 +127,7 @@ def _curves(ax, swept: Swept) -> None:
 
 
 def _foot(ax, swept: Swept) -> None:
-    """Rows of marks in room made below the curves: statuses, and above them −∞."""
+    """Rows of markers in extra space below the curves: statuses, and above them −∞."""
     x, kinds, lost = swept.parameters[0], _present(swept.codes), _lost(swept)
     height = (bool(kinds) + len(lost)) * ROW
     low, high = ax.get_ylim()
@@ -166,9 +166,9 @@ def _present(codes) -> dict[int, Kind]:
 def sweep_map(dataset: Any, exponent: int = 1, ax=None):
     """One exponent over two parameters of a sweep, in colours; points that failed in greys, by their status.
 
-    White is zero, one hue is above and one below; the colours of each go as far as all but the largest values, so that
-    a few of these do not pale the rest. An exponent of −∞ is black. Of a list of points (``lh.sweep(points={…})``) each
-    has the part of the plane that is nearest to it; what is far from all of them stays empty.
+    White is zero, one hue is above and one below. The colour range leaves out the few largest values, so that the rest
+    does not become pale. An exponent of −∞ is black. For a list of points (``lh.sweep(points={…})``) each point fills
+    the part of the plane that is nearest to it; places far from all points stay empty.
 
     Args:
         dataset: what `lh.sweep` returned, or `xarray.open_dataset` read: two swept dimensions, or one dimension of
@@ -213,7 +213,7 @@ def sweep_map(dataset: Any, exponent: int = 1, ax=None):
 
 
 class Cells(NamedTuple):
-    """Boxes that fill the axes."""
+    """Rectangular cells that fill the axes."""
 
     across: np.ndarray  # (m + 1,) borders
     upwards: np.ndarray  # (n + 1,)
@@ -230,7 +230,7 @@ def _grid_cells(ax, swept: Swept) -> Cells:
 
 
 def _nearest_cells(ax, swept: Swept) -> Cells:
-    """Pixels like the points nearest to them; the points are dots, while they are few."""
+    """Pixels with the value of the nearest point; the points are drawn as dots if there are few."""
     x, y = swept.parameters
     if len(x) <= DOTTED:
         ax.plot(x, y, ".", markersize=1.6, mew=0, color="0.15", alpha=0.6, zorder=3)
@@ -240,7 +240,7 @@ def _nearest_cells(ax, swept: Swept) -> Cells:
 
 
 def _limits(values) -> tuple[float, float]:
-    """The ends of the colours, below and above zero."""
+    """The ends of the colour range, below and above zero."""
     finite = values[np.isfinite(values)]
     signs = (-finite[finite < 0], finite[finite > 0])
     below, above = (float(np.percentile(one, PERCENTILE)) if len(one) else 0.0 for one in signs)
@@ -255,7 +255,7 @@ def _mesh(ax, cells: Cells, limits):
 
     low, high = limits
     lost = np.isneginf(cells.values)
-    # Only −∞ is below the scale: a finite value beyond it keeps the last colour.
+    # Only −∞ has the colour below the range; finite values beyond it have the last colour.
     drawn = np.where(lost, 2 * low, np.maximum(cells.values, low))
     scale = LinearSegmentedColormap.from_list("exponents", SCALE, N=511)
     if np.any(lost):
@@ -282,7 +282,7 @@ def _colour_bar(ax, mesh, values, number) -> None:
 
 
 def _overlay(ax, cells: Cells, codes) -> None:
-    """Cells of points that failed, and a legend that counts the points."""
+    """The cells of failed points, and a legend with their numbers."""
     from matplotlib import rc_context
     from matplotlib.patches import PathPatch
 
@@ -296,7 +296,7 @@ def _overlay(ax, cells: Cells, codes) -> None:
 
 
 def _legend(ax, handles) -> None:
-    """Above the axes, in as many columns as they are wide."""
+    """A legend above the axes, with as many columns as fit."""
     if not handles:
         return
     widest = max(len(handle.get_label().replace("$_{", "").replace("}$", "")) for handle in handles)
@@ -306,7 +306,7 @@ def _legend(ax, handles) -> None:
 
 
 def _outline(cells: Cells, code: int):
-    """The cells of a code as one path, so that no seams show: a box for each run of them in a row."""
+    """The cells of a code as one path, one box for each run in a row, so that no seams are visible."""
     from matplotlib.path import Path
 
     steps = np.diff(np.pad(cells.codes == code, ((0, 0), (1, 1))).astype(int), axis=1)

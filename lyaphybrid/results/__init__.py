@@ -1,1 +1,1 @@
-"""What a run gives back: the spectrum, its errors, the hybrid time domain, the set of solutions."""
+"""Results of runs: the spectrum with its errors, the hybrid time domain, the set of solutions."""

@@ -1,4 +1,4 @@
-"""From the records of a run to exponents: means, weights, error bars, history."""
+"""Exponents from the block records of a run: means, weights, standard errors, history."""
 
 import dataclasses
 from types import ModuleType
@@ -15,7 +15,9 @@ from ..engine import problems
 from ..engine.host import driver
 from ..engine.states import BlockRecord, LoopState
 from ..systems.hybrid import Hybrid
+from ..systems.labels import Labels
 from ..systems.validation import has_identity_reset
+from .errors import standard_error
 from .spectrum import History, Spectrum
 from .volumes import volume_error
 
@@ -23,7 +25,7 @@ __all__ = ["birkhoff_weights", "empty_columns", "one_run", "places", "summarise"
 
 
 class Found(NamedTuple):
-    """What a run left."""
+    """The records and the final state of a run."""
 
     records: tuple[BlockRecord, ...]  # of successive calls of `driver.drive`
     loop_state: LoopState
@@ -32,32 +34,33 @@ class Found(NamedTuple):
     initial: Any  # (k,) ln R_ii of the initial frame
 
 
-def summarise(outcomes: list[driver.Outcome], problem, clock: str, initial, averaging: str) -> Spectrum:
+def summarise(outcomes: list[driver.Outcome], problem, clock: str, initial, averaging: str, labels: Labels) -> Spectrum:
     """The spectrum of one run, or of several at once (leading axis m), continued over several outcomes.
 
     Args:
         outcomes: of successive calls of `driver.drive`.
         problem: what was run.
         clock: "time", "jumps" or "hybrid".
-        initial: (k,) ln R_ii of the initial frame, to be counted.
+        initial: (k,) ln R_ii of the initial frame, which are added to the growth.
         averaging: "uniform", "birkhoff" or "birkhoff-regular".
+        labels: of the state.
     """
     last = outcomes[-1]
     records = tuple(outcome.records for outcome in outcomes)
     found = Found(records, last.loop_state, last.status, np.asarray(last.interrupted), initial)
     how = (clock, averaging, problems.mode_names(problem.system))
     if last.loop_state.carry.x.ndim == 2 or traced(found):
-        return _in_rows(problem, _together(found, *how))
-    # Of one run on the host: compiled for one use the same would take most of a second.
+        return _in_rows(problem, _together(found, *how), labels)
+    # One run on the host is averaged with NumPy: compiling the same for a single use would take longer.
     dtype = last.loop_state.carry.x.dtype
     with np.errstate(all="ignore"):
         spectrum = _of_one(np, jax.tree.map(np.asarray, found), *how)
     real = jax.tree.map(lambda leaf: leaf.astype(dtype) if leaf.dtype.kind == "f" else leaf, spectrum)
-    return _in_rows(problem, _on_device(real))
+    return _in_rows(problem, _on_device(real), labels)
 
 
-def _in_rows(problem, spectrum: Spectrum) -> Spectrum:
-    """The state at the end in the shape in which the user gave it; and what the problem says of it."""
+def _in_rows(problem, spectrum: Spectrum, labels: Labels) -> Spectrum:
+    """Add the fields that depend on the problem, and give the final state the user's shape."""
     step = None if problem.method is None else problem.method.fixed_step
     step = None if step is None else jnp.asarray(step)
     guards = isinstance(problem.system, Hybrid) and any(
@@ -73,6 +76,7 @@ def _in_rows(problem, spectrum: Spectrum) -> Spectrum:
         volume_error=volume,
         has_guards=guards and problem.system.fields is not None,
         identity_reset=has_identity_reset(problem.system, state, problem.args),
+        state_labels=labels,
     )
     if len(problem.shape) == 1:
         return spectrum
@@ -81,7 +85,7 @@ def _in_rows(problem, spectrum: Spectrum) -> Spectrum:
 
 @jax.jit
 def _on_device(leaves):
-    """As JAX's arrays: one compiled call moves them all, in a quarter of the time of `jax.device_put`."""
+    """The leaves as JAX arrays; one compiled call moves all of them and is faster than `jax.device_put`."""
     return leaves
 
 
@@ -115,7 +119,7 @@ def _of_several(found: Found, clock, averaging, names) -> Spectrum:
 
 
 def _chained(xp: ModuleType, records: BlockRecord, axis: int) -> BlockRecord:
-    """Jumps and losses are counted from the start of a run: here, those of each block."""
+    """Convert the jumps and losses of the records from totals since the start of the run to counts per block."""
 
     def before(total):
         start = xp.zeros_like(xp.take(total, np.array([0]), axis))
@@ -124,18 +128,18 @@ def _chained(xp: ModuleType, records: BlockRecord, axis: int) -> BlockRecord:
     records = records._replace(jumps=records.jumps - before(records.jumps))
     if records.losses is None:
         return records
-    # What was lost before stands where its column stands at the end of the block.
+    # Earlier losses must be permuted like the columns within the block.
     return records._replace(losses=records.losses - xp.take_along_axis(before(records.losses), records.order, -1))
 
 
 def empty_columns(xp: ModuleType, loop_state: LoopState):
-    """Which columns are empty at the end, (k,): there is no room for them in the mode that the motion ends in."""
+    """(k,) which columns are empty at the end: the tangent space of the final mode has fewer dimensions."""
     x, frame = loop_state.carry.x, loop_state.carry.frame
     return xp.all(frame == 0, axis=-2) & xp.all(xp.isfinite(x), axis=-1)[..., None]
 
 
 def one_run(xp: ModuleType, records: BlockRecord, empty, clock: str, initial, averaging: str) -> dict:
-    """Exponents, errors and history of one run from its blocks, and the columns (k,) that are empty at its end."""
+    """Exponents, errors and history of one run; `empty` (k,): columns that are empty at its end."""
     valid = records.valid
     growth = xp.where(valid[:, None], records.growth, 0.0)
     duration = xp.where(valid, records.duration, 0.0)
@@ -144,7 +148,7 @@ def one_run(xp: ModuleType, records: BlockRecord, empty, clock: str, initial, av
     reading = {"time": time, "jumps": jumped, "hybrid": xp.maximum(time, jumped)}[clock]
     length = xp.diff(reading, prepend=0.0)
     losses, counts = xp.zeros(growth.shape[1:]), xp.zeros(growth.shape)
-    if records.order is not None:  # a column stands where it does at the end
+    if records.order is not None:  # sort the columns of all blocks in their final order
         where = places(xp, records.order, valid)
         growth = xp.take_along_axis(growth, where, 1)
         counts = xp.take_along_axis(xp.where(valid[:, None], records.losses, 0), where, 1)
@@ -155,10 +159,9 @@ def one_run(xp: ModuleType, records: BlockRecord, empty, clock: str, initial, av
         finite = running[-1]
     else:
         finite = _birkhoff(xp, growth, length, reading, valid, regular=averaging == "birkhoff-regular")
-    gone = (losses > 0) | (empty & xp.any(valid))  # lost before growth was counted, and never replaced
+    gone = (losses > 0) | (empty & xp.any(valid))  # empty: lost before growth was counted and never replaced
     count = xp.maximum(xp.sum(valid), 2).astype(growth.dtype)
-    scatter = xp.sum(xp.where(valid[:, None], growth - finite[None, :] * length[:, None], 0.0) ** 2, axis=0)
-    stderr = xp.sqrt(scatter * count / (count - 1)) / _or_nan(xp, reading[-1])
+    stderr = standard_error(xp, growth, length, finite, count, _or_nan(xp, reading[-1]))
     late = (reading >= 0.5 * reading[-1]) & (valid | ~xp.any(valid))
     volume = None if records.log_volume is None else xp.sum(xp.where(valid, records.log_volume, 0.0))
     residual = None if volume is None else xp.abs(xp.sum(growth) - volume) / _or_nan(xp, reading[-1])
@@ -190,12 +193,12 @@ def _safe(xp: ModuleType, length):
 
 
 def _or_nan(xp: ModuleType, length):
-    """Without a length there is no answer."""
+    """The length, with 0 replaced by nan: a run of length 0 has no mean."""
     return xp.where(length == 0, xp.nan, length)
 
 
 def places(xp: ModuleType, order, valid):
-    """(blocks, k): where the columns of the run's end stood at the end of each block."""
+    """(blocks, k) for each column of the final frame, its index at the end of each block."""
 
     def before(place, block):
         source, good = block
@@ -213,10 +216,10 @@ def places(xp: ModuleType, order, valid):
 
 
 def _birkhoff(xp: ModuleType, growth, length, reading, valid, regular: bool):
-    """Means with Birkhoff's weights at the middle of each block.
+    """Weighted Birkhoff averages, with the weights at the middle of each block.
 
-    For conservative regular motion columns grow with a power of the time, so the local exponent is that power over t:
-    it is subtracted.
+    For regular motion in conservative systems (`regular`) columns grow like a power of the time, so the local exponent
+    is that power divided by t; it is subtracted.
     """
     s = (reading - 0.5 * length) / _safe(xp, reading[-1])
     weight = xp.where(valid, birkhoff_weights(xp, s), 0.0) * length
@@ -240,7 +243,7 @@ def birkhoff_weights(xp: ModuleType, s):
 
 
 def _power(xp: ModuleType, growth, reading, valid):
-    """The whole number (k,) to whose power of the time columns have grown: 1, −1, or 0 in special directions."""
+    """(k,) the integer p for which each column grows like t^p: 1, −1, or 0 in special directions."""
     log_time = xp.log(_safe(xp, reading))
     count = xp.maximum(xp.sum(valid), 1)
     log_time = xp.where(valid, log_time - xp.sum(xp.where(valid, log_time, 0.0)) / count, 0.0)
@@ -248,7 +251,7 @@ def _power(xp: ModuleType, growth, reading, valid):
 
 
 def _end(xp: ModuleType, loop_state: LoopState, status, interrupted) -> dict:
-    """What is known where the run stands."""
+    """The fields of the result that describe the final state."""
     transversality, grazing, simultaneous, accumulation, doubtful = problems.summary_of(loop_state, xp)
     flags = [grazing, simultaneous, xp.full_like(grazing, interrupted)]
     return {
@@ -265,7 +268,7 @@ def _end(xp: ModuleType, loop_state: LoopState, status, interrupted) -> dict:
 
 
 def _spectrum(xp: ModuleType, run: dict, stderr, replicates, end: dict, error_kind, clock, names) -> Spectrum:
-    """Assemble the result, exponents descending."""
+    """Assemble the result with the exponents in descending order."""
     rank = xp.argsort(-xp.where(xp.isfinite(run["exponents"]), run["exponents"], -xp.inf), stable=True)
     return Spectrum(
         exponents=run["exponents"][rank],

@@ -1,4 +1,4 @@
-"""What `solutions` returns: the solutions from one start, the choices that lead to each, and their exponents."""
+"""The result of `solutions`: all solutions from one initial state, the choices that lead to each, their exponents."""
 
 import dataclasses
 
@@ -6,7 +6,10 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
+from .. import plots
+from .._text import Table, numbered
 from ..statuses import STATUS
+from .result import Data, Result, exponents_along
 from .spectrum import Spectrum
 
 __all__ = ["Choice", "Solution", "Solutions"]
@@ -14,13 +17,13 @@ __all__ = ["Choice", "Solution", "Solutions"]
 
 @dataclasses.dataclass(frozen=True)
 class Choice:
-    """What was chosen where a solution could go on in several ways.
+    """The choice that was made where a solution can be continued in several ways.
 
     Attributes:
-        t: when.
-        kind: "order", of events that meet, or "mode", on a surface that repels and at a two-fold.
-        options: what there was: "event 1 first" …, in the order of the guards; or names of modes.
-        taken: one of them.
+        t: time of the choice.
+        kind: "order", of simultaneous events, or "mode", on a repelling surface and at a two-fold.
+        options: the possible choices: "event 1 first" …, in the order of the guards; or names of modes.
+        taken: the chosen option.
     """
 
     t: float
@@ -32,29 +35,55 @@ class Choice:
         return f"t = {self.t:.6g}: {self.taken} (of {', '.join(self.options)})"
 
 
-class Solution(eqx.Module):
+class Solution(Result, eqx.Module):
     """One solution.
 
     Attributes:
-        choices: those that lead to it, in time.
-        spectrum: its `lh.Spectrum`; its status is deadlock where it cannot be continued.
-        exponents: (k,) descending, those of the spectrum; +inf where the solution ends sliding along a surface that
-            repels: what is beside the surface leaves it at once.
+        choices: the choices that lead to it, in order of time.
+        spectrum: its `lh.Spectrum`; the status is deadlock if the solution cannot be continued.
+        exponents: (k,) exponents of the spectrum, descending; +inf if the solution ends sliding along a repelling
+            surface, because neighbouring states leave the surface at once.
     """
 
     choices: tuple[Choice, ...] = eqx.field(static=True)
     spectrum: Spectrum
     exponents: Float[np.ndarray, " k"]
 
+    @property
+    def status(self) -> STATUS:
+        """How the run along it ended."""
+        return self.spectrum.status
 
-class Solutions(eqx.Module):
+    def plot(self, ax=None):
+        """The spectrum against its index."""
+        return self.spectrum.plot(ax)
+
+    def _table(self) -> Table:
+        rows = [
+            (name, f"{value:.6g}")
+            for name, value in zip(numbered("λ", len(self.exponents)), self.exponents, strict=True)
+        ]
+        return Table(
+            f"Solution after {len(self.choices)} choices", rows, [*map(str, self.choices), f"status {self.status}"]
+        )
+
+    def _data(self) -> Data:
+        choices = [str(choice) for choice in self.choices]
+        return Data(
+            {"exponents": ("exponent", self.exponents)},
+            exponents_along(len(self.exponents)),
+            {"choices": choices, "status": str(self.status)},
+        )
+
+
+class Solutions(Result, eqx.Module):
     """The solutions from one start, as far as they were followed.
 
     Attributes:
         solutions: one `Solution` each.
-        complete: whether these are all. Not where there are more than `most`, or where time goes by until a choice:
-            a surface that repels may be left at any time; and at a two-fold, where sliding may go on.
-        mode_names: of the system.
+        complete: whether these are all solutions. False if there are more than `most`, or if a choice can be made at
+            any later time: a repelling surface may be left at any time, and after a two-fold sliding may go on.
+        mode_names: names of the system's modes.
 
     Example:
         Two fields that point away from y = 0, where x grows with 1, or with −0.5:
@@ -76,7 +105,7 @@ class Solutions(eqx.Module):
 
     @property
     def exponents(self) -> Float[np.ndarray, "solutions k"]:
-        """One row a solution, descending; nan where it ended at once."""
+        """(solutions, k) one row per solution, descending; nan if the solution ended at its start."""
         return np.stack([one.exponents for one in self.solutions])
 
     @property
@@ -86,7 +115,7 @@ class Solutions(eqx.Module):
 
     @property
     def upper(self) -> Float[np.ndarray, " k"]:
-        """(k,) the largest."""
+        """(k,) the largest exponents of solutions that reached the end of the run; nan where none did."""
         return self._extreme(np.max)
 
     def _extreme(self, of):
@@ -97,14 +126,28 @@ class Solutions(eqx.Module):
     def __len__(self) -> int:
         return len(self.solutions)
 
-    def __repr__(self) -> str:
+    def plot(self, ax=None):
+        """The exponents of each solution against their index."""
+        return plots.solutions(self, ax)
+
+    def _table(self) -> Table:
         more = "all there are" if self.complete else "there are more"
-        lines = [f"{len(self)} solutions from one start ({more})"]
+        lines = []
         for one in self.solutions:
-            status = one.spectrum.status
-            name = status.name if isinstance(status, STATUS) else str(status)
-            lines.append(f"  exponents {', '.join(f'{value:.6g}' for value in one.exponents)}  {name}")
-            lines += [f"    {choice}" for choice in one.choices]
+            exponents = ", ".join(f"{value:.6g}" for value in one.exponents)
+            lines.append(f"exponents {exponents}  {one.status.name}")
+            lines += [f"  {choice}" for choice in one.choices]
         pairs = zip(self.lower, self.upper, strict=True)
-        lines.append("  between " + ", ".join(f"[{low:.6g}, {high:.6g}]" for low, high in pairs))
-        return "\n".join(lines)
+        lines.append("between " + ", ".join(f"[{low:.6g}, {high:.6g}]" for low, high in pairs))
+        return Table(f"{len(self)} solutions from one start ({more})", notes=lines)
+
+    def _data(self) -> Data:
+        count, k = self.exponents.shape
+        variables = {
+            "exponents": (("solution", "exponent"), self.exponents),
+            "lower": ("exponent", self.lower),
+            "upper": ("exponent", self.upper),
+            "status": ("solution", [int(one.status) for one in self.solutions]),
+            "choices": ("solution", ["; ".join(map(str, one.choices)) for one in self.solutions]),
+        }
+        return Data(variables, {"solution": np.arange(count), **exponents_along(k)}, {"complete": self.complete})

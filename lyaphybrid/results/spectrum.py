@@ -1,83 +1,140 @@
-"""Results: the Lyapunov spectrum with its error bars, its history and the verdict on the run."""
+"""The Lyapunov spectrum of a run with its standard errors, its history and its status."""
 
+import dataclasses
+import functools
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
 from .. import plots
 from .._jax.precision import share
-from .._jax.tracing import traced
-from .._text import UNIT, with_error
-from ..statuses import STATUS, status_of, verdicts
+from .._jax.tracing import module_of, traced
+from .._text import UNIT, Table, numbered, with_error
+from ..statuses import status_of, verdicts
+from ..systems.labels import Labels
+from .errors import standard_error
+from .result import Data, RunResult, exponents_along, states_along
 
-__all__ = ["History", "Spectrum", "guard_unreached", "step_too_long", "unresolved"]
+__all__ = ["NOTES", "About", "History", "Spectrum", "guard_unreached", "step_too_long", "unresolved"]
 
-UNRESOLVED = 25.0  # ln(R_11/R_kk) per orthonormalisation beyond which R_kk is rounding (facts: e^25 of 1/ε)
+NOTES = {
+    "rank_lost": "a jump destroys directions: their exponents are -inf",
+    "grazing": "an event met its guard nearly tangentially, and there the saltation matrix is very large",
+    "simultaneous": "several guards were zero at one instant, and what follows depends on the order of their events",
+    "interrupted": "Ctrl-C ended the run",
+    "guard_unreached": "the system has guards, and none of them was reached",
+    "identity_reset": "a jump within a mode changes nothing",
+    "step_too_long": "the fixed step is too long: it does not carry volumes as the flow does",
+    "unresolved": "the smallest exponents, or a loss, may be rounding: orthonormalise more often (every=…)",
+}
+
+UNRESOLVED = 25.0  # ln(R_11/R_kk) per orthonormalisation beyond which R_kk counts as rounding: e^25 ε = 2e-5 of it
 
 
 def unresolved(spread):
-    """Whether an orthonormalisation was so late that the last columns were rounding."""
+    """Whether an orthonormalisation came so late that the last columns were rounding."""
     return spread > UNRESOLVED * share(spread)
 
 
-VOLUME_PER_STEP = 1e-3  # of ln|det| of a step: an error that is larger says that the step is far too long …
-SMALL_PER_STEP, OF_EXPONENTS = 1e-5, 1e-2  # … a smaller one too, if it is not small beside the exponents
+VOLUME_PER_STEP = 1e-3  # the step is too long if the error of its ln|det| is larger …
+SMALL_PER_STEP, OF_EXPONENTS = 1e-5, 1e-2  # … or larger than this and not small relative to the exponents
 
 
 def step_too_long(spectrum: "Spectrum"):
     """Whether a fixed step carries volumes wrongly: the sum of all exponents is not the mean divergence.
 
-    The sum belongs to the numerical steps, the divergence to the flow. False where the step is not fixed. Where k < n
-    some steps at the end of the run are asked (`volumes`).
+    The sum of exponents is a property of the numerical steps, the divergence one of the flow. False if the step is not
+    fixed. If k < n, some steps from the final state are used (`volumes`).
     """
     if spectrum.step is None or (spectrum.residual is None and spectrum.volume_error is None):
         return False
-    time = jnp.mean(spectrum.time)
-    steps = time / spectrum.step / jnp.where(spectrum._length > 0, spectrum._length, jnp.nan)  # in a unit of the clock
+    xp, length = module_of(spectrum.time), spectrum._length
+    steps = xp.mean(spectrum.time) / spectrum.step / xp.where(length > 0, length, xp.nan)  # in a unit of the clock
     if spectrum.residual is None:
         per_step = spectrum.volume_error
         off = per_step * steps
     else:
-        off = jnp.max(spectrum.residual)
-        per_step = off / jnp.where(steps > 0, steps, jnp.nan)
-    large = off > OF_EXPONENTS * jnp.sum(jnp.abs(spectrum.exponents))
+        off = xp.max(spectrum.residual)
+        per_step = off / xp.where(steps > 0, steps, xp.nan)
+    large = off > OF_EXPONENTS * xp.sum(xp.abs(spectrum.exponents))
     found = (per_step > VOLUME_PER_STEP) | ((per_step > SMALL_PER_STEP) & large)
-    return found & jnp.all(jnp.isfinite(spectrum.exponents))
+    return found & xp.all(xp.isfinite(spectrum.exponents))
 
 
 def guard_unreached(spectrum: "Spectrum"):
     """Whether the system has guards, and none of them was reached."""
-    return spectrum.has_guards & jnp.all(jnp.isinf(spectrum.min_transversality))
+    xp = module_of(spectrum.min_transversality)
+    return spectrum.has_guards & xp.all(xp.isinf(spectrum.min_transversality))
 
 
 class History(eqx.Module):
-    """How a spectrum converged, block by block, in the order of its exponents; nan where a block was not reached."""
+    """The convergence of a spectrum by blocks, in the order of its exponents; nan where a block was not reached."""
 
-    time: Array  # (blocks,) in units of the clock, counted from the end of the transient
-    exponents: Array  # (blocks, k) running
+    time: Array  # (blocks,) in units of the clock, measured from the end of the transient
+    exponents: Array  # (blocks, k) running averages
     growth: Array  # (blocks, k) Σ ln R_ii of each block
     losses: Array | None = None  # (blocks, k) how often a column was lost in each block
-    elapsed: Array | None = None  # (blocks,) time, whatever the clock, since the end of the transient
+    elapsed: Array | None = None  # (blocks,) time since the end of the transient, for every clock
 
 
-class Spectrum(eqx.Module):
-    """Lyapunov exponents, their errors, and what else a run has to say.
+@functools.lru_cache(64)  # to write a method out takes as long as a short run
+def _in_words(method: Any) -> str:
+    return "" if method is None else " ".join(repr(method).split())
+
+
+class About:
+    """What was run, in words. All instances compare equal, so that they never cause a new compilation.
+
+    Attributes:
+        system: its class, and its modes where there are several; method: with its tolerances, "" where there is none.
+    """
+
+    def __init__(self, system: str = "", method: str = ""):
+        self.system, self.method = system, method
+
+    @classmethod
+    def of(cls, system: Any, names: tuple[str, ...], method: Any) -> "About":
+        """The description of a system with these modes, and of a method or None."""
+        modes = f" with the modes {', '.join(names)}" if len(names) > 1 else ""
+        try:
+            words = _in_words(method)
+        except TypeError:  # it holds arrays, which have no hash
+            words = _in_words.__wrapped__(method)
+        return cls(type(system).__name__ + modes, words)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, About)
+
+    def __hash__(self) -> int:
+        return hash(About)
+
+
+class Spectrum(RunResult, eqx.Module):
+    """Lyapunov exponents with standard errors, and further results of a run.
 
     Attributes:
         exponents: (k,) per unit of the clock, descending; -inf where a jump destroyed the direction.
-        stderr: (k,) one standard error; `error_kind` says from what: "blocks" or "replicates".
+        stderr: (k,) one standard error; `error_kind` says how it is estimated: from "blocks" or "replicates".
         time, jumps: length of the run after the transient (of several runs, the mean).
         upper, lower: (k,) bounds of the running exponents over the second half.
-        losses, loss_rate, first_loss: (k,) how often a column was lost (all runs), per time, and first (nan: never).
-        finite_exponents: (k,) the growth without the moments of loss; equal to `exponents` where nothing was lost.
-            A lost direction starts anew with length 1: where losses are frequent this depends on the coordinates.
-        min_transversality: least |sin| of the angle between flow and guard at an event; inf without events.
+        losses, loss_rate, first_loss: (k,) how often a column was lost (all runs), losses per unit of the clock, and
+            the time of the first loss (nan: never).
+        finite_exponents: (k,) mean growth without the instants of loss; equal to `exponents` where nothing was lost.
+            A lost direction is replaced by one of length 1: if losses are frequent this depends on the coordinates.
+        min_transversality: smallest |sin| of the angle between flow and guard at an event; inf without events.
         history: time, exponents (running), growth (per block).
-        x, t, mode, frame: the state at the end: a run goes on from there.
+        x, t, mode, frame: the final state, from which a run can be continued.
         replicates: (m, k) exponents of each run, or None.
+        about: what was run, in words: `about.system`, `about.method`.
+        status: how the run ended, an `lh.STATUS`; of several runs the gravest.
+        notes: names of further information; `print` explains them.
+        clock: "time", "jumps" or "hybrid": what `exponents` are counted per.
+        name: of the problem of the zoo, where it is one.
     """
 
     exponents: Array
@@ -104,19 +161,19 @@ class Spectrum(eqx.Module):
     error_kind: str = eqx.field(static=True)
     clock: str = eqx.field(static=True)
     mode_names: tuple[str, ...] = eqx.field(static=True)
-    step: Any = None  # of the method, where it is fixed
-    volume_error: Any = None  # of such a step, see `volumes`; None where the sum rule says more
-    has_guards: bool = eqx.field(static=True, default=False)  # … that jump, and do not end the run
-    identity_reset: bool = eqx.field(static=True, default=False)  # of a jump within a mode
+    step: Any = None  # step of the method, if fixed
+    volume_error: Any = None  # volume error of a fixed step, see `volumes`; None if the sum rule is known
+    has_guards: bool = eqx.field(static=True, default=False)  # of transitions that do not end the run
+    identity_reset: bool = eqx.field(static=True, default=False)  # whether a transition within a mode changes nothing
+    about: About = eqx.field(static=True, default=About())
+    state_labels: Labels = eqx.field(static=True, default=Labels())
+    name: str = eqx.field(static=True, default="")
 
-    @property
-    def status(self) -> STATUS | Array:
-        """The verdict; of several runs the gravest. Under a transformation the bare code."""
-        return status_of(self.status_code)
+    _go_on = None  # how `resume` does it, on the object that a verb returns: no field, for it is no array
 
     @property
     def notes(self) -> frozenset[str]:
-        """Information that comes with any verdict."""
+        """Names of observations that come with every status, for example "grazing"."""
         grazing, simultaneous, interrupted = np.any(np.atleast_2d(self.flags), axis=0)
         found = {
             "rank_lost": bool(np.any(np.isneginf(np.asarray(self.exponents)))),
@@ -132,9 +189,10 @@ class Spectrum(eqx.Module):
 
     @property
     def _length(self) -> Array:
-        """The length of the run by its own clock, the mean of several."""
-        time, jumps = jnp.mean(self.time), jnp.mean(self.jumps)
-        return {"time": time, "jumps": jumps, "hybrid": jnp.maximum(time, jumps)}[self.clock]
+        """The length of the run in units of its clock; of several runs the mean."""
+        xp = module_of(self.time)
+        time, jumps = xp.mean(self.time), xp.mean(self.jumps)
+        return {"time": time, "jumps": jumps, "hybrid": xp.maximum(time, jumps)}[self.clock]
 
     @property
     def loss_rate(self) -> Array:
@@ -153,17 +211,100 @@ class Spectrum(eqx.Module):
 
     def kaplan_yorke_dimension(self) -> Array:
         """J + Σ_{i≤j} λ_i / |λ_{j+1}| with the largest j whose sum is not negative (Kaplan & Yorke 1979)."""
-        sums = jnp.cumsum(jnp.where(jnp.isfinite(self.exponents), self.exponents, -jnp.inf))
-        j = jnp.sum(jnp.cumprod(sums >= 0))
+        xp = module_of(self.exponents)
+        sums = xp.cumsum(xp.where(xp.isfinite(self.exponents), self.exponents, -xp.inf))
+        j = xp.sum(xp.cumprod(sums >= 0))
         k = self.exponents.shape[0]
-        last = jnp.where(j > 0, sums[jnp.maximum(j - 1, 0)], 0.0)
-        following = jnp.abs(self.exponents[jnp.minimum(j, k - 1)])
-        fraction = jnp.where(j > 0, last / following, 0.0)
-        return jnp.where(j >= k, float(k), j.astype(fraction.dtype) + fraction)
+        last = xp.where(j > 0, sums[xp.maximum(j - 1, 0)], 0.0)
+        following = xp.abs(self.exponents[xp.minimum(j, k - 1)])
+        fraction = last / xp.where((j > 0) & (j < k), following, 1.0)
+        return xp.where(j >= k, float(k), j.astype(fraction.dtype) + fraction)
+
+    def kaplan_yorke_stderr(self) -> float:
+        """One standard error of it, to first order in the errors of the exponents, which are correlated.
+
+        It is that of Σ g_i λ_i, g the gradient of the dimension: from the same blocks, or runs, as those of the
+        exponents. nan where there is none: where no sum is negative the dimension is the number of exponents.
+        """
+        values = np.asarray(self.exponents)
+        sums = np.cumsum(np.where(np.isfinite(values), values, -np.inf))
+        j = int(np.sum(np.cumprod(sums >= 0)))
+        if not 0 < j < len(values) or not np.isfinite(values[j]):
+            return np.nan
+        weights = np.zeros(len(values))
+        weights[:j], weights[j] = 1 / abs(values[j]), sums[j - 1] / values[j] ** 2
+        return self._stderr_of(weights)
 
     def ks_entropy(self) -> Array:
         """The sum of the positive exponents (Pesin: the Kolmogorov–Sinai entropy of an SRB measure)."""
-        return jnp.sum(jnp.where(self.exponents > 0, self.exponents, 0.0))
+        xp = module_of(self.exponents)
+        return xp.sum(xp.where(self.exponents > 0, self.exponents, 0.0))
+
+    def ks_entropy_stderr(self) -> float:
+        """One standard error of it; the errors of the exponents are correlated."""
+        return self._stderr_of(np.asarray(self.exponents) > 0)
+
+    def _stderr_of(self, weights) -> float:
+        """Of Σ w_i λ_i, w (k,), from the blocks or the runs; w is 0 where an exponent is not finite."""
+        weights = np.asarray(weights, float)
+        if self.replicates is not None:
+            values = _weighted(np.asarray(self.replicates), weights)
+            return float(np.std(values, ddof=1) / len(values) ** 0.5) if len(values) > 1 else np.nan
+        lengths = np.diff(np.asarray(self.history.time), prepend=0.0)
+        growth = _weighted(self.history.growth, weights)
+        reached = np.isfinite(lengths)
+        if np.sum(reached) < 2:
+            return np.nan
+        growth, lengths = growth[reached], lengths[reached]
+        total = np.sum(lengths)
+        return float(standard_error(np, growth, lengths, np.sum(growth) / total, len(lengths), total))
+
+    def resume(self, t1, *, max_steps: int | None = None, progress: Any = None, throw: bool = True) -> "Spectrum":
+        """Go on with the run from its end, to the length t1, with the same settings.
+
+        The blocks that are added are as long as those before. The result is that of one run to t1, up to rounding.
+
+        Args:
+            t1: the whole length, beyond what the run has reached, in units of the clock.
+            max_steps: most attempts of a step in what is added; None: no limit.
+            progress: True for a bar, or a function of the fraction of what is added.
+            throw: raise where the run failed.
+
+        Returns:
+            A `Spectrum` of the whole run.
+
+        Raises:
+            ValueError: on a t1 that is not beyond the end; where the run did not reach its end; where this is not the
+                object that `lh.lyapunov_spectrum` has returned (a copy of it, or one that came out of jit or a file).
+            RunFailedError: where the run failed and `throw`.
+
+        Example:
+            >>> import lyaphybrid as lh
+            >>> logistic = lh.Map(lambda n, x, r: r * x * (1 - x))
+            >>> short = lh.lyapunov_spectrum(logistic, [0.3], 4.0, t1=1000)
+            >>> longer = short.resume(4000)
+            >>> float(longer.time), bool(longer.stderr[0] < short.stderr[0])
+            (4000.0, True)
+        """
+        if self._go_on is None:
+            raise ValueError(
+                "resume needs the object that lh.lyapunov_spectrum has returned, with the state of its loop: this one "
+                "is a copy, or came out of jit, vmap or a file. A run that is to outlive its process takes "
+                "checkpoint=…."
+            )
+        return self._go_on(self, t1, max_steps, progress, throw)._called(self.name)
+
+    def _resumed_by(self, go_on: Callable[..., "Spectrum"]) -> "Spectrum":
+        object.__setattr__(self, "_go_on", go_on)
+        return self
+
+    def _called(self, name: str) -> "Spectrum":
+        """The same with the name of a problem."""
+        return self if not name else dataclasses.replace(self, name=name)._resumed_by(self._go_on)  # pyright: ignore
+
+    def __getstate__(self):
+        """What is pickled: the loop's state, with the user's functions, stays behind."""
+        return {name: value for name, value in self.__dict__.items() if name != "_go_on"}
 
     def per_jump(self) -> Array:
         """(k,) exponents per jump instead of per unit of the clock."""
@@ -176,58 +317,80 @@ class Spectrum(eqx.Module):
             raise ValueError(f"kind must be one of {tuple(kinds)}; got {kind!r}.")
         return kinds[kind](self, ax)
 
-    def to_xarray(self):
-        """The spectrum as an `xarray.Dataset` (extra "sweep")."""
-        try:
-            import xarray
-        except ImportError as error:
-            raise ImportError("Spectrum.to_xarray needs xarray: pip install 'lyaphybrid[sweep]'.") from error
-        index = np.arange(1, self.exponents.shape[0] + 1)
+    def _data(self) -> Data:
+        per = {"units": f"1/{UNIT[self.clock]}"}
+        d = self.x.shape[-1]
+        runs, bodies = (("run",) if self.replicates is not None else ()), (("body",) if self.state_labels.rows else ())
         variables: dict[str, Any] = {
-            name: ("exponent", np.asarray(getattr(self, name)))
-            for name in ("exponents", "stderr", "finite_exponents", "upper", "lower", "losses", "first_loss")
+            name: ("exponent", getattr(self, name), per)
+            for name in ("exponents", "stderr", "finite_exponents", "upper", "lower")
         }
-        variables["history"] = (("block", "exponent"), np.asarray(self.history.exponents))
-        coordinates = {"exponent": index, "time": ("block", np.asarray(self.history.time))}
+        variables |= {name: ("exponent", getattr(self, name)) for name in ("losses", "first_loss")}
+        history = self.history
+        variables |= {
+            "history": (("block", "exponent"), history.exponents, per),
+            "growth": (("block", "exponent"), history.growth),
+            "replicates": None if self.replicates is None else (("run", "exponent"), self.replicates, per),
+            "x": ((*runs, *bodies, "state"), self.x),
+        }
+        coordinates = {**exponents_along(len(self.exponents)), **states_along(self.state_labels, d)}
+        coordinates["time"] = ("block", np.asarray(history.time), {"units": UNIT[self.clock]})
         attributes = {
-            "status": str(self.status),
-            "notes": sorted(self.notes),
+            "notes": self.notes,
             "error_kind": self.error_kind,
             "clock": self.clock,
-            "time": float(jnp.mean(self.time)),
-            "jumps": float(jnp.mean(self.jumps)),
+            "time": float(np.mean(self.time)),
+            "jumps": float(np.mean(self.jumps)),
+            "name": self.name or None,
         }
-        return xarray.Dataset(variables, coordinates, attributes)
+        return Data(variables, coordinates, attributes)
 
-    def __str__(self) -> str:
-        if traced(self):
-            return "Spectrum(under a transformation)"
-        return _table(self)
+    def _table(self) -> Table:
+        """A spectrum as a physicist writes it: value(error in the last digits)."""
+        return jax.tree.map(np.asarray, self)._table_of_host()  # eager operations of JAX are compiled one by one
 
-    __repr__ = __str__
+    def _table_of_host(self) -> Table:
+        runs = "" if self.replicates is None else f", {self.replicates.shape[0]} runs"
+        length = f"t = {float(np.mean(self.time)):.6g}, {float(np.mean(self.jumps)):.6g} jumps{runs}"
+        of = f"{self.name}: " if self.name else ""
+        title = f"{of}Lyapunov spectrum per {UNIT[self.clock]} ({length}; errors from {self.error_kind})"
+        values, errors = np.asarray(self.exponents), np.asarray(self.stderr)
+        cells = [numbered("λ", len(values)), list(map(with_error, values, errors))]
+        heads, losses = (), np.asarray(self.losses)
+        if np.any(losses > 0):
+            heads = ("", "exponent", "losses", "rate", "finite part")
+            lost = [losses, self.loss_rate, self.finite_exponents]
+            shown = ("{:.0f}", "{:.4g}", "{:.6g}")
+            cells += [
+                [how.format(value) if losses[i] > 0 else "" for i, value in enumerate(np.asarray(column))]
+                for how, column in zip(shown, lost, strict=True)
+            ]
+        notes = [f"{name}: {NOTES[name]}" for name in sorted(self.notes)]
+        return Table(title, list(zip(*cells, strict=True)), [*self._sums(), f"status {_verdict(self)}", *notes], heads)
+
+    def _sums(self) -> list[str]:
+        """What follows from the exponents: their sum, entropy and dimension."""
+        finite = bool(np.all(np.isfinite(self.exponents)))
+        total = float(np.sum(self.exponents))
+        lines = [f"sum {with_error(total, self._stderr_of(np.ones(len(self.exponents))) if finite else np.nan)}"]
+        if self.sum_rule_residual is not None:
+            lines[0] += f", sum rule to {float(np.max(self.sum_rule_residual)):.1e}"
+        dimension, error = float(self.kaplan_yorke_dimension()), self.kaplan_yorke_stderr()
+        known = with_error(dimension, error) if error > LEAST_ERROR else f"{dimension:.4f}"
+        at_least = dimension == len(self.exponents) < self.frame.shape[-2]
+        return [*lines, f"Kaplan–Yorke dimension {'at least ' if at_least else ''}{known}"]
 
 
-def _table(s: Spectrum) -> str:
-    """A spectrum as a physicist writes it: value(error in the last digits)."""
-    runs = "" if s.replicates is None else f", {s.replicates.shape[0]} runs"
-    length = f"t = {float(jnp.mean(s.time)):.6g}, {float(jnp.mean(s.jumps)):.6g} jumps{runs}"
-    lines = [f"Lyapunov spectrum per {UNIT[s.clock]} ({length}; errors from {s.error_kind})"]
-    values, errors, losses = (np.asarray(a) for a in (s.exponents, s.stderr, s.losses))
-    for i, (value, error) in enumerate(zip(values, errors, strict=True)):
-        line = f"  λ{i + 1:<3d} {with_error(value, error):>18s}"
-        if losses[i] > 0:
-            rate, finite = np.asarray(s.loss_rate)[i], np.asarray(s.finite_exponents)[i]
-            line += f"   lost {losses[i]:.0f} times, {rate:.4g} per unit; finite part {finite:.6g}"
-        lines.append(line)
-    total = f"  sum {float(jnp.sum(s.exponents)):.6g}"
-    if s.sum_rule_residual is not None:
-        total += f", sum rule to {float(jnp.max(s.sum_rule_residual)):.1e}"
-    lines.append(f"{total}; Kaplan–Yorke dimension {float(s.kaplan_yorke_dimension()):.4f}")
-    lines.append(f"  status {_verdict(s)}" + (f"; notes: {', '.join(sorted(s.notes))}" if s.notes else ""))
-    return "\n".join(lines)
+LEAST_ERROR = 1e-12  # of a dimension: what is smaller is rounding
+
+
+def _weighted(values, weights: np.ndarray) -> np.ndarray:
+    """Σ over the last axis, of those columns that have a weight: others may be infinite."""
+    used = weights != 0
+    return np.asarray(values)[..., used] @ weights[used]
 
 
 def _verdict(s: Spectrum) -> str:
-    """What ended the run, or how many of several ended how."""
+    """The status, and how many of several runs ended with which status."""
     different = len(np.unique(s.status_code)) > 1
     return f"{status_of(s.status_code)}" + (f" (of the runs: {verdicts(s.status_code)})" if different else "")

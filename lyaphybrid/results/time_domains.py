@@ -4,17 +4,20 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
+from .. import plots
+from .._text import Table
 from ..statuses import STATUS
+from .result import Data, Result
 
 __all__ = ["TimeDomain", "time_domain"]
 
 NUMBERS = {"eventually continuous": 1, "eventually discrete": 2, "hybrid": 3, "continuous": 4, "discrete": 5}
-GONE_ON = (STATUS.ok, STATUS.max_steps, STATUS.interrupted)  # nothing in the motion itself ended the run
-SHOWN = 3  # intervals at either end of what is printed
-SHRUNK = 1e-3  # the last interval of a Zeno solution is shorter than this part of the longest
+GONE_ON = (STATUS.ok, STATUS.max_steps, STATUS.interrupted)  # the run ended, but the solution could go on
+SHOWN = 3  # number of intervals printed at each end
+SHRUNK = 1e-3  # the last interval of a Zeno solution is shorter than this times the longest
 
 
-class TimeDomain(eqx.Module):
+class TimeDomain(Result, eqx.Module):
     """The hybrid time domain of a trajectory as far as it was computed, E = ∪ⱼ I^j × {j}.
 
     I^j = [τ_j, τ_{j+1}] is the interval between the jumps j and j + 1; in a cascade it is a single point. Exponents are
@@ -32,11 +35,11 @@ class TimeDomain(eqx.Module):
     incomplete                 it ended: a deadlock, an escape to infinity, a terminal transition …
     ======================  =  ====================================================================
 
-    A computed part is finite: it shows what the domain looks like so far, and proves nothing of what follows.
+    The computed part of a domain is finite: it shows the domain so far and proves nothing about the rest.
 
     Attributes:
-        starts, ends: (J + 1,) of the intervals I^0 … I^J, in time.
-        case: see above.
+        starts, ends: (J + 1,) times at which the intervals I^0 … I^J start and end.
+        case: see the table above.
 
     Source:
         J. Dinius, Computing Lyapunov Exponents of Hybrid Dynamical Systems (2011), section II.C, properties 1 to 5 (the
@@ -72,27 +75,34 @@ class TimeDomain(eqx.Module):
 
     @property
     def number(self) -> int | None:
-        """Dinius' number of the case, 1 to 5; None of what he does not list."""
+        """Dinius' number of the case, 1 to 5; None for the cases that he does not list."""
         return NUMBERS.get(self.case)
 
     @property
     def complete(self) -> bool:
-        """Whether nothing was met that ends the solution."""
+        """Whether the solution did not end."""
         return self.case != "incomplete"
 
-    def __repr__(self) -> str:
+    def plot(self, ax=None):
+        """The number of jumps against time, a step at each jump."""
+        return plots.time_domain(self, ax)
+
+    def _table(self) -> Table:
         number = "" if self.number is None else f", Dinius' case {self.number}"
-        lines = [f"TimeDomain(sup t = {self.sup_t:.10g}, sup j = {self.sup_j}: {self.case}{number})"]
-        count = len(self.ends)
+        title = f"TimeDomain(sup t = {self.sup_t:.10g}, sup j = {self.sup_j}: {self.case}{number})"
+        count, lines = len(self.ends), []
         hidden = range(SHOWN, count - SHOWN) if count > 2 * SHOWN + 1 else range(0)
         for j in range(count):
             if j not in hidden:
-                lines.append(f"  I^{j} = [{self.starts[j]:.10g}, {self.ends[j]:.10g}]")
+                lines.append(f"I^{j} = [{self.starts[j]:.10g}, {self.ends[j]:.10g}]")
             elif j == hidden.start:
-                lines.append(f"  … {len(hidden)} more")
-        return "\n".join(lines)
+                lines.append(f"… {len(hidden)} more")
+        return Table(title, notes=lines)
 
-    __str__ = __repr__
+    def _data(self) -> Data:
+        variables = {name: ("interval", getattr(self, name)) for name in ("starts", "ends")}
+        attributes = {"case": self.case, "number": self.number, "sup_t": self.sup_t, "sup_j": self.sup_j}
+        return Data(variables, {"interval": np.arange(len(self.ends))}, attributes)
 
 
 def time_domain(start: float, jumps, end: float, status: STATUS) -> TimeDomain:
@@ -103,9 +113,9 @@ def time_domain(start: float, jumps, end: float, status: STATUS) -> TimeDomain:
 
 
 def _case(lengths, status: STATUS) -> str:
-    """What intervals of these lengths, and how the run ended, look like."""
+    """The case that the lengths of the intervals and the status of the run indicate."""
     flows = lengths[lengths > 0]
-    if status == STATUS.zeno:  # intervals that shrink to nothing, or a cascade after one that did not
+    if status == STATUS.zeno:  # either intervals shrink to zero, or a cascade does not end
         return "zeno" if len(flows) and flows[-1] < SHRUNK * np.max(flows) else _of_jumps(len(flows) > 0)
     if status not in GONE_ON:
         return "incomplete"

@@ -1,4 +1,4 @@
-"""How well a fixed step carries volumes, where too few columns are followed for the sum rule to say it."""
+"""Volume error of a fixed step, for runs with too few columns for the sum rule."""
 
 import jax
 import jax.numpy as jnp
@@ -13,19 +13,19 @@ from ..integrators import RungeKutta
 
 __all__ = ["LARGEST", "volume_error"]
 
-STEPS = 32  # that are looked at, from where a run ends
-LARGEST = 16  # components: the volume of a step costs n³
+STEPS = 32  # number of steps, from the final state on
+LARGEST = 16  # most components: the volume of a step costs n³ operations
 
 
 def volume_error(problem: problems.Problem, t, x, mode) -> Array | None:
     """The mean of |ln|det D step| − ∫ tr Df dt| over a few steps from (t, x) on.
 
-    None where it is not looked at: symplectic steps keep volumes, and adaptive ones have an error control. Events are
-    not looked at either: the field of the mode goes on.
+    None where it is not computed: symplectic steps conserve volumes, and adaptive steps have an error control. Events
+    are ignored: the steps use the vector field of the final mode.
     """
     if not isinstance(problem.method, RungeKutta) or problem.method.adaptive or x.shape[-1] > LARGEST:
         return None
-    if x.ndim == 2:  # of several runs the first
+    if x.ndim == 2:  # of several runs use the first
         t, x, mode = (leaf[0] if jnp.ndim(leaf) else leaf for leaf in (t, x, mode))
     return _volume_error(problem, jnp.asarray(t), jnp.asarray(x), jnp.asarray(mode))
 

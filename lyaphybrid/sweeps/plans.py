@@ -1,4 +1,4 @@
-"""Which points a sweep visits: axes over entries of args, starts and keys, and the lanes that come of them."""
+"""The points of a sweep: axes over entries of args, starts x0 and PRNG keys; and `Lane`, the run at one point."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -12,27 +12,30 @@ from .._arguments import require
 
 __all__ = ["Lane", "Plan", "Runnable", "plan", "raw"]
 
-EXTRAS = ("x0", "key")  # what a run may take besides args
+EXTRAS = ("x0", "key")  # arguments of a run besides args that can be swept
 POINT = "point"
 
 
 @runtime_checkable
 class Runnable(Protocol):
-    """What can be swept as it is: a problem of the zoo, with its parameters and a spectrum."""
+    """An object that can be swept directly, such as a problem of the zoo: it has args and a spectrum."""
 
-    args: Any
+    @property
+    def args(self) -> Any:
+        """Its parameters."""
+        ...
 
     def spectrum(self, **changes: Any) -> Any:
-        """Its spectrum, at other args or from another start."""
+        """The spectrum, with other args or from another start."""
         ...
 
 
 class Axis(NamedTuple):
-    """Values of one entry."""
+    """The values of one entry."""
 
-    path: str
-    dim: str
-    values: Any  # (m, …), of keys typed
+    path: str  # name of the entry
+    dim: str  # name of the dimension
+    values: Any  # (m, …); typed PRNG keys for "key"
 
 
 class Plan(NamedTuple):
@@ -48,12 +51,12 @@ class Plan(NamedTuple):
         return int(np.prod(self.shape))
 
     def rows(self, points: np.ndarray) -> dict[str, Any]:
-        """What changes from point to point, at some points (m,): arrays (m, …) by path."""
+        """The values of all axes at the points of these indices (m,): arrays (m, …) by path."""
         indices = dict(zip(self.dims, np.unravel_index(points, self.shape), strict=True))
         return {axis.path: raw(axis.values)[indices[axis.dim]] for axis in self.axes}
 
     def coordinates(self) -> dict[str, tuple]:
-        """Of an `xarray.Dataset`: numbers label their dimension; of vectors and keys the index does."""
+        """Coordinates for an `xarray.Dataset`: numbers label their dimension; vectors and keys get an index."""
         found: dict[str, tuple] = {}
         for axis in self.axes:
             values = raw(axis.values)
@@ -74,7 +77,7 @@ def plan(over: Mapping[str, Any] | None, points: Mapping[str, Any] | None, args:
     """The product of all axes of `over` and of the list `points`, whose entries change together.
 
     Raises:
-        ValueError: where nothing is to be changed, an entry is not there, or arrays do not fit.
+        ValueError: if nothing is varied, an entry does not exist, or arrays do not fit.
     """
     over, listed = dict(over or {}), dict(points or {})
     require(bool(over or listed), "Nothing to sweep: give over={name: values} or points={name: values}.")
@@ -111,19 +114,19 @@ def _axis(path: str, dim: str, values, args) -> Axis:
 
 
 class Place(NamedTuple):
-    """An entry of args: a leaf, or one number in it."""
+    """The place of an entry in args: the index of its leaf, and of a single number in that leaf (None: all of it)."""
 
     leaf: int
     index: tuple[int, ...] | None  # pyright: ignore[reportIncompatibleMethodOverride]
 
     def of(self, args) -> Any:
-        """Its value."""
+        """The value of the entry in args."""
         leaf = jax.tree.leaves(args)[self.leaf]
         return leaf if self.index is None else np.asarray(leaf)[self.index]
 
 
 def _places(args) -> dict[str, Place]:
-    """All entries by name: "rho", "spring.rate", "rates" and "rates[2]"; "args" where args is a number."""
+    """All entries by name: "rho", "spring.rate", "rates" and "rates[2]"; "args" if args is a number."""
     found: dict[str, Place] = {}
     for i, (path, leaf) in enumerate(jax.tree_util.tree_leaves_with_path(args)):
         if not eqx.is_array_like(leaf):
@@ -139,26 +142,26 @@ def _is_key(values) -> bool:
 
 
 def raw(values) -> np.ndarray:
-    """NumPy's array, of keys their data."""
+    """The values as a NumPy array; for PRNG keys their data."""
     return np.asarray(jax.random.key_data(values)) if _is_key(values) else np.asarray(values)
 
 
 class Lane(eqx.Module):
-    """One point of a sweep as a function of what changes."""
+    """The run at one point of a sweep, as a function of args and of the values that vary."""
 
     run: Callable
     places: tuple[tuple[str, Place], ...] = eqx.field(static=True)
-    keys: tuple[str, ...] = eqx.field(static=True)  # paths of keys that are typed
+    keys: tuple[str, ...] = eqx.field(static=True)  # paths of typed PRNG keys
 
     @staticmethod
     def of(run: Callable, plan: Plan, args: Any) -> "Lane":
-        """A run at the points of a plan."""
+        """The lane of a run for the points of a plan."""
         places = _places(args)
         own = tuple((axis.path, places[axis.path]) for axis in plan.axes if axis.path in places)
         return Lane(run, own, tuple(axis.path for axis in plan.axes if _is_key(axis.values)))
 
     def __call__(self, args, row: Mapping[str, Any]):
-        """What the run returns."""
+        """The result of the run with the values of `row` in place of those entries of args."""
         row = {path: jax.random.wrap_key_data(value) if path in self.keys else value for path, value in row.items()}
         leaves, structure = jax.tree.flatten(args)
         for path, place in self.places:

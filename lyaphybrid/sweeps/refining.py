@@ -1,9 +1,9 @@
-"""More points where a sweep's classification changes: `refine`."""
+"""`refine`: adaptive refinement of a sweep where its classification changes."""
 
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,13 +12,16 @@ from ..statuses import STATUS
 from .plans import POINT, Runnable, plan
 from .sweeping import Work, function_of
 
+if TYPE_CHECKING:
+    import xarray
+
 __all__ = ["chaotic", "refine"]
 
 Site = tuple[int, ...]  # a point of the finest lattice
 
 
 def chaotic(dataset) -> np.ndarray:
-    """What `refine` tells apart: each way to fail, λ₁ > 0 by more than two standard errors, and all else."""
+    """The default classes (points,) of `refine`: status of failed runs; else whether λ₁ > 2 standard errors."""
     status, leading = dataset.status.values, dataset.exponents.isel(exponent=0).values
     error = np.nan_to_num(dataset.stderr.isel(exponent=0).values)
     over = (status == int(STATUS.ok)) | (status == int(STATUS.terminated))
@@ -26,7 +29,7 @@ def chaotic(dataset) -> np.ndarray:
 
 
 def refine(
-    dataset,
+    dataset: "xarray.Dataset",
     run: Callable | Runnable,
     *,
     args: Any = None,
@@ -36,33 +39,33 @@ def refine(
     store: Any = None,
     client: Any = None,
     progress: Any = True,
-):
-    """Points added to a sweep where a classification changes: borders as sharp as those of a much finer grid.
+) -> "xarray.Dataset":
+    """Add points to a sweep where a classification changes: boundaries as sharp as those of a much finer grid.
 
-    A cell of the grid whose corners are not of one class is cut into halves along each axis, and so are the parts of
-    it that are not of one class, `levels` times over. Where a new point on the border of a cell differs from what the
-    cell has, that cell is cut too. What is smaller than the cells of the grid, and touches no corner, is not seen.
+    A cell of the grid whose corners have different classes is halved along each axis; so are those of its parts that
+    have different classes, down to `levels` halvings. If a new point on the boundary of a neighbouring cell differs
+    from that cell's class, the neighbour is halved too. A region that is smaller than the cells of the grid and
+    contains no grid point is not found.
 
     Args:
         dataset: of `lh.sweep` over a grid of numbers, one dimension each.
         run: the same as there.
         args: the same as there.
-        levels: how often a cell is halved: borders are found to 1/2^levels of the grid's distances.
-        classify: dataset with one dimension "point" -> classes (points,), of any kind that can be compared. As it is,
-            points are told apart by their status, and by λ₁ > 0 by more than two standard errors.
+        levels: number of halvings: boundaries are found to 1/2^levels of the grid's spacing.
+        classify: dataset with one dimension "point" -> classes (points,), of any type with ==. The default classes are
+            the status of failed runs and, for the others, whether λ₁ exceeds two standard errors.
         chunk: as for `lh.sweep`.
-        store: path of a directory, in which each step has a zarr store, so that it can be taken up again.
+        store: path of a directory with a zarr store for each step, so that an interrupted refinement can be resumed.
         client: as for `lh.sweep`.
-        progress: True for a bar for each step, None, or a function of the fraction of a step done.
+        progress: True for a bar for each step, None, or a function of the fraction of a step that is done.
 
     Returns:
         An `xarray.Dataset` of all points, old and new, along the dimension "point", with the entries swept as
-        coordinates, and the variable "level", at which a point was added (0: of the grid). Its attribute
-        "points_of_grid" is how many points a grid as fine would have.
+        coordinates, and the variable "level" at which a point was added (0: in the grid). Its attribute
+        "points_of_grid" is the number of points of an equally fine grid.
 
     Raises:
-        ValueError: on a dataset that is not one of a grid, a run that is not the one it was made with, and what
-            `lh.sweep` refuses.
+        ValueError: if the dataset is not that of a grid or was made with another run; otherwise as `lh.sweep`.
         StoreFailedError: as `lh.sweep`; what was computed before is in the stores.
 
     Example:
@@ -117,7 +120,7 @@ def _axes_of(dataset) -> dict[str, np.ndarray]:
 
 
 def _as_points(dataset, axes):
-    """The grid as a list."""
+    """The grid as a list of points, with level 0."""
     flat = dataset.stack({POINT: list(axes)}).reset_index(POINT).transpose(POINT, ...)
     return flat.assign(level=(POINT, np.zeros(flat.sizes[POINT], int)))
 
@@ -147,12 +150,12 @@ class Lattice:
         self.shape = tuple(self.step * (len(axis) - 1) + 1 for axis in axes)
 
     def values(self, sites: Sequence[Site]) -> np.ndarray:
-        """(sites, axes): evenly between the values of the grid."""
+        """The values (sites, axes) of lattice sites, interpolated linearly between the grid's values."""
         at = np.asarray(sites) / self.step
         return np.stack([np.interp(at[:, i], np.arange(len(axis)), axis) for i, axis in enumerate(self.axes)], axis=1)
 
     def wanted(self, classes: dict[Site, Any]) -> Iterator[tuple[int, list[Site]]]:
-        """Level and sites to be computed; `classes` must hold them when the next ones are asked for."""
+        """Yield (level, sites to compute); the caller adds their classes to `classes` before it continues."""
         cells = [*itertools.product(*(range(0, size - 1, self.step) for size in self.shape))]
         for level in range(1, self.levels + 1):
             half, divided = self.step >> level, []
@@ -170,11 +173,11 @@ class Lattice:
 
 
 def _sites(cell: Site, half: int, count: int) -> list[Site]:
-    """The corners of the 2^d halves of a cell (count = 2), or all their points (3)."""
+    """The lower corners of the 2^d parts of a cell (count = 2), or all corners of these parts (3)."""
     return [*itertools.product(*(range(low, low + count * half, half) for low in cell))]
 
 
 def _is_mixed(classes: dict[Site, Any], cell: Site, half: int) -> bool:
-    """Whether what is known of a cell, at its corners and halfway between, is not of one class."""
+    """Whether the known classes of a cell, at its corners and halfway between them, differ."""
     known = [classes[site] for site in _sites(cell, half, 3) if site in classes]
     return any(one != known[0] for one in known)

@@ -1,8 +1,8 @@
-"""Where a sweep keeps what it has computed: a zarr group, chunk by chunk, so that it can be killed at any moment.
+"""The store of a sweep: a zarr group, written chunk by chunk, so that the process can be killed at any moment.
 
-A chunk is written variable by variable, each file at once (zarr renames it into its place), and then its digest: what
-has no digest, or another one, counts as not computed. A lock of the operating system, which ends with the process,
-keeps a second one out.
+A chunk is written variable by variable, each file atomically (zarr writes and renames it), and then its digest. A chunk
+without a digest, or with a wrong one, counts as not computed. A file lock, which the operating system releases when the
+process ends, keeps other processes out.
 """
 
 import contextlib
@@ -19,7 +19,7 @@ import numpy as np
 from .._arguments import require
 from .._jax.hashes import as_bytes
 from ..errors import StoreFailedError
-from .answers import dims_of
+from .outputs import dims_of
 from .plans import Plan
 
 __all__ = ["Store", "opened"]
@@ -34,11 +34,11 @@ def opened(
 ) -> Iterator["Store"]:
     """A store for these variables, (points, …) each: a new one, or that of an earlier run of the same problem.
 
-    With the values of its axes at each point it is a dataset by itself, which `xarray.open_zarr` reads.
+    It also holds the values of the axes at each point, so that `xarray.open_zarr` reads it as a dataset.
 
     Raises:
-        ValueError: where something else is there, or another process is at work.
-        StoreFailedError: where it cannot be made.
+        ValueError: if the path holds something else, or another process uses the store.
+        StoreFailedError: if it cannot be created.
     """
     import filelock
 
@@ -71,7 +71,7 @@ def _failed(path: Path, error: OSError) -> StoreFailedError:
 def _make(
     path: Path, attributes: Mapping[str, Any], grid: Plan, variables: Mapping[str, np.ndarray], chunk: int
 ) -> None:
-    """An empty store, in its place at once."""
+    """Create an empty store under a temporary name and rename it: no other process sees a half-made one."""
     import zarr
 
     aside = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
@@ -125,12 +125,12 @@ class Store:
         return self.group[name]
 
     def read(self, index: int, into: dict[str, np.ndarray]) -> bool:
-        """Fill in a chunk; whether it was there, whole and sound."""
+        """Read a chunk into the arrays; whether it was there, complete and with the right digest."""
         rows = slice(index * self.chunk, (index + 1) * self.chunk)
         try:
             digest = int(np.asarray(self._array(DIGESTS)[index]))
             found = {name: np.asarray(self._array(name)[rows]) for name in into} if digest else {}
-        except Exception:  # of whatever kind: what cannot be read was not computed
+        except Exception:  # whatever the reason, a chunk that cannot be read counts as not computed
             return False
         if not digest or digest != _digest(found):
             return False
@@ -139,14 +139,14 @@ class Store:
         return True
 
     def write(self, index: int, results: Mapping[str, np.ndarray]) -> None:
-        """Keep a chunk.
+        """Write a chunk.
 
         Raises:
-            StoreFailedError: where the file system does not.
+            StoreFailedError: if the file system fails.
         """
         rows = slice(index * self.chunk, (index + 1) * self.chunk)
         try:
-            self._array(DIGESTS)[index] = 0  # while files of two computations may stand side by side
+            self._array(DIGESTS)[index] = 0  # invalid while files of an old and a new computation are mixed
             for name, values in results.items():
                 self._array(name)[rows] = values
             self._array(DIGESTS)[index] = _digest(results)
@@ -155,7 +155,7 @@ class Store:
 
 
 def _digest(results: Mapping[str, np.ndarray]) -> int:
-    """Of a chunk; never 0."""
+    """The digest of a chunk (64 bits); never 0, which stands for none."""
     digest = hashlib.blake2b(digest_size=8)
     for name in sorted(results):
         digest.update(name.encode() + as_bytes(np.asarray(results[name])))

@@ -1,11 +1,11 @@
-"""Many runs, one at each point of a grid or list: `sweep`."""
+"""`sweep`: one run at each point of a grid or list."""
 
 import dataclasses
 import os
 import time
 import warnings
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
@@ -17,20 +17,22 @@ from .._jax.jaxprs import needed
 from .._jax.tracing import traced
 from .._version import __version__
 from ..engine.host import devices
-from ..engine.host.lanes import Program, run_chains
+from ..engine.host.lanes import Program, run_sequences
 from ..engine.host.reporting import reporter
-from ..engine.preparation import Noticed, noticing
-from ..engine.problems import mode_names
 from ..errors import StoreFailedError
+from ..results.spectrum import Spectrum
 from ..statuses import STATUS
-from .answers import NOTES, dims_of, missing, named
 from .clusters import run_on
+from .outputs import NOTES, dims_of, missing, named, spectra_in
 from .plans import Lane, Plan, Runnable, plan, raw
 from .stores import opened
 
+if TYPE_CHECKING:
+    import xarray
+
 __all__ = ["sweep"]
 
-CHUNK = 256  # points that one thread takes at a time
+CHUNK = 256  # points in a chunk, the unit of work of a thread, at most
 
 
 def sweep(
@@ -43,13 +45,13 @@ def sweep(
     store: Any = None,
     client: Any = None,
     progress: Any = True,
-):
+) -> "xarray.Dataset":
     """One run at each point of a grid, or of a list of points, as an `xarray.Dataset`.
 
-    The run is compiled once. On a CPU each thread takes points of its own, and computes them one after the other: a
-    branch that a point does not take costs it nothing. Where points seldom part (flows without events, maps), as many
-    go at once as the vectors of the CPU hold. On accelerators many points go side by side, an equal part on each local
-    device. Any way each point is what a single run gives, up to rounding.
+    The run is compiled once. On a CPU each thread computes its points one after the other, so that a point does not pay
+    for branches that it does not take. If points rarely take different branches (flows without events, maps), several
+    run at once in the lanes of the CPU's vector registers. On accelerators many points run in parallel, an equal share
+    on each local device. In all cases each point gives the result of a single run, up to rounding.
 
     A point that fails does not stop the others: it has its status, and nan for its exponents.
 
@@ -59,24 +61,25 @@ def sweep(
         over: {name: values (m, …)}: the grid of all combinations, a dimension each. A name is an entry of args, "rho",
             "spring.rate" or "rates[2]"; "args" where args is a number; or "x0" (m, n), or "key" (m,) PRNG keys.
         points: the same for entries that change together, along one dimension "point".
-        args: tree of parameters, which the entries are put into; None: those of the problem.
-        chunk: points that are computed, and kept, together; None: some hundreds, less where there are few.
-        store: path of a zarr store. Each chunk is written as soon as it is there; what a store holds of the same sweep
-            is not computed again, so that a sweep that was killed is taken up by the same call. A chunk that was
-            spoiled is computed anew. A store of another sweep is refused.
+        args: pytree of parameters in which the entries are replaced; None: those of the problem.
+        chunk: number of points that are computed and stored together; None: chosen, on a CPU at most 256.
+        store: path of a zarr store. Each chunk is written as soon as it is computed, and chunks that the store already
+            holds of the same sweep are not computed again: the same call resumes a sweep that was killed. A damaged
+            chunk is computed again. A store of another sweep is refused.
         client: a `dask.distributed.Client`: chunks are tasks of its workers (extra "cluster").
-        progress: True for a bar with rate and time left, None, or a function of the fraction done.
+        progress: True for a bar with rate and remaining time, None, or a function of the fraction that is done.
 
     Returns:
         An `xarray.Dataset`. Of spectra: exponents, stderr, finite_exponents, losses (…, exponent), status, notes, time
-        and jumps (…); of other results their leaves by name. Attributes say what the numbers in status and notes mean,
-        the versions, a hash of the problem, and the seconds that it took. After Ctrl-C it holds what was computed, with
-        nan or -1 elsewhere, and a warning says how much is missing.
+        and jumps (…); of other results their leaves by name. Its attributes explain the numbers in status and notes,
+        and hold system and method (if the run returns spectra), the versions, a hash of the problem, and the duration
+        in seconds. After Ctrl-C it holds what was computed, with nan or -1 elsewhere, and a warning says how much is
+        missing.
 
     Raises:
-        ValueError: on names, shapes and values that do not fit; where the store holds another sweep, or is in use.
-        StoreFailedError: (an OSError) where the store cannot be written: the disk is full, say. All that was computed
-            is in its ``.dataset``.
+        ValueError: on names, shapes and values that do not fit; if the store holds another sweep, or is in use.
+        StoreFailedError: (an OSError) if the store cannot be written, for example because the disk is full. Its
+            ``.dataset`` holds all that was computed.
         ImportError: without the extra "sweep" (or "cluster").
 
     Example:
@@ -98,7 +101,7 @@ def sweep(
 
 
 def function_of(run: Callable | Runnable, args: Any) -> tuple[Callable, Any]:
-    """The function that is run, and its args."""
+    """The function to run, and its args; both may come from a problem."""
     args = run.args if args is None and isinstance(run, Runnable) else args
     function = _OfProblem(run) if isinstance(run, Runnable) else run
     require(callable(function), f"run must be a function of args, or a zoo problem; got {run!r}.")
@@ -114,7 +117,7 @@ def _xarray():
 
 
 class _OfProblem(eqx.Module):
-    """The spectrum of a problem of the zoo at other args, from another start."""
+    """The spectrum of a problem of the zoo, as a function of args and of the start."""
 
     problem: Any = eqx.field(static=True)
 
@@ -123,38 +126,42 @@ class _OfProblem(eqx.Module):
 
 
 class _Named(eqx.Module):
-    """A lane whose result has names; as `lanes.run_chains` wants it."""
+    """A lane with named results, in the form (args, state, row) -> (state, results) of `lanes.run_sequences`."""
 
     lane: Lane
 
     def __call__(self, args, state, row):
         return state, named(self.lane(args, row))
 
+    def with_result(self, args, row):
+        """What the run returns, and the same as named arrays."""
+        result = self.lane(args, row)
+        return result, named(result)
+
 
 @dataclasses.dataclass
 class Work:
-    """What is to be computed, and what has been."""
+    """The state of a sweep: its points, the function, and the results so far."""
 
     lane: _Named
     args: Any
     grid: Plan
     chunk: int
     variables: dict[str, np.ndarray]  # (points, …)
-    done: np.ndarray  # (points,)
-    function: str  # the hash of what is computed at each point
-    problem: str  # … and of the points too
-    about: dict[str, str]
+    done: np.ndarray  # (points,) whether a point is computed
+    function: str  # hash of the function and its args
+    problem: str  # hash of these and of the points
+    about: dict[str, str]  # attributes of the dataset that describe the run
     program: Program | None = None
-    threads: int | None = None  # one for each processor
+    threads: int | None = None  # None: one per processor
 
     @staticmethod
     def of(run: Any, function: Callable, args: Any, grid: Plan, chunk: int | None) -> "Work":
-        """Nothing computed yet: all variables hold what stands for none."""
+        """A sweep of which nothing is computed: all variables hold their fill values."""
         if chunk is not None:
             whole("chunk", chunk, least=1)
         named, row = _Named(Lane.of(function, grid, args)), _row(grid)
-        with noticing() as runs:
-            shapes = eqx.filter_eval_shape(named, args, (), row)[1]
+        returned, shapes = eqx.filter_eval_shape(named.with_result, args, row)
         _warn_of_idle(named, args, row)
         twice = sorted(set(shapes) & set(grid.coordinates()))
         require(not twice, f"The run returns {', '.join(twice)}, which is the name of an axis: give it another name.")
@@ -164,14 +171,16 @@ class Work:
         }
         chunk = chunk or _chunk(grid.size)
         hashes = _hashes(named, args, grid)
-        return Work(named, args, grid, chunk, variables, np.zeros(grid.size, bool), *hashes, _about(run, runs))
+        return Work(
+            named, args, grid, chunk, variables, np.zeros(grid.size, bool), *hashes, _about(run, spectra_in(returned))
+        )
 
     def pieces(self) -> list[np.ndarray]:
-        """The points of each chunk."""
+        """The indices of the points of each chunk."""
         return [np.arange(i, min(i + self.chunk, self.grid.size)) for i in range(0, self.grid.size, self.chunk)]
 
     def dataset(self, store, client, progress):
-        """Compute what is missing; an `xarray.Dataset` of all."""
+        """Compute the missing points; an `xarray.Dataset` of all points."""
         xarray, started = _xarray(), time.perf_counter()
 
         def found():
@@ -190,7 +199,7 @@ class Work:
         return found()
 
     def _into(self, store, client, progress) -> None:
-        """What a store lacks is computed and kept there."""
+        """Read the chunks that a store holds; compute the others and write them to it."""
         with opened(store, self._attributes(), self.grid, self.variables, self.chunk) as kept:
             self.chunk = kept.chunk
             pieces = self.pieces()
@@ -203,12 +212,14 @@ class Work:
             )
 
     def compute(self, pieces: list[np.ndarray], keep: Callable[[int, Any], None], client, progress) -> None:
-        """Fill in the points of these chunks; each is kept as soon as it is there."""
+        """Compute these chunks; `keep(index, results)` is called for each as soon as it is finished."""
         if not pieces:
             return
-        chains = [((), self.grid.rows(piece)) for piece in pieces]
+        sequences = [((), self.grid.rows(piece)) for piece in pieces]
         if client is None and self.program is None and not devices.are_wanted():
-            self.program = Program(self.lane, self.args, chains[0])  # before the bar begins to count
+            self.program = Program(
+                self.lane, self.args, sequences[0]
+            )  # compile before the progress bar starts its clock
         report, before, more = reporter(progress, self.grid.size, "point"), np.mean(self.done), sum(map(len, pieces))
 
         def fraction(part: float) -> None:
@@ -223,10 +234,10 @@ class Work:
         try:
             if client is None:
                 options = {"threads": self.threads, "program": self.program}
-                run_chains(self.lane, self.args, chains, progress=fraction, finished=finished, **options)
+                run_sequences(self.lane, self.args, sequences, progress=fraction, finished=finished, **options)
             else:
                 names = f"lyaphybrid-{self.problem[:8]}", self.function
-                run_on(client, *names, self.lane, self.args, chains, report=fraction, finished=finished)
+                run_on(client, *names, self.lane, self.args, sequences, report=fraction, finished=finished)
         finally:
             report(None)
 
@@ -247,23 +258,23 @@ class Work:
 
 
 def _chunk(points: int) -> int:
-    """Enough for all accelerators; of few points enough chunks to share them out among threads."""
+    """The size of a chunk: as many points as accelerators run at once; on a CPU at least 4 chunks per thread."""
     if devices.are_wanted():
         return min(points, devices.lanes_at_once())
     return min(CHUNK, -(-points // (4 * (os.cpu_count() or 1))))
 
 
 def _row(grid: Plan) -> dict[str, Any]:
-    """What changes, at the first point."""
+    """The values of all axes at the first point."""
     return {path: values[0] for path, values in grid.rows(np.arange(1)).items()}
 
 
 def _warn_of_idle(named: _Named, args: Any, row: dict[str, Any]) -> None:
-    """Say which axes change nothing: the run does not use what they set."""
+    """Warn of axes that change nothing, because the run does not use the entries that they set."""
     arrays, fixed = eqx.partition(args, eqx.is_array_like)
     closed = jax.make_jaxpr(lambda row, arrays: named(eqx.combine(arrays, fixed), (), row)[1])(row, arrays)
     used = needed(closed)
-    # A row is a dictionary of single arrays, which JAX sorts by name.
+    # The inputs of the jaxpr are the row's arrays first: JAX sorts the dictionary by name.
     idle = [path for path, own in zip(sorted(row), closed.jaxpr.invars, strict=False) if own not in used]
     if idle:
         warnings.warn(
@@ -274,7 +285,7 @@ def _warn_of_idle(named: _Named, args: Any, row: dict[str, Any]) -> None:
 
 
 def _hashes(named: _Named, args: Any, grid: Plan) -> tuple[str, str]:
-    """Of what is computed at each point; and of that and the points."""
+    """Two hashes: of the function with its args, and of these and the points."""
     arrays, fixed = eqx.partition(args, eqx.is_array_like)
 
     def of_arrays(arrays, row):
@@ -285,23 +296,18 @@ def _hashes(named: _Named, args: Any, grid: Plan) -> tuple[str, str]:
     return function, hash_of_arrays({axis.path: raw(axis.values) for axis in grid.axes}, begun=function)
 
 
-def _about(run, runs: list[Noticed]) -> dict[str, str]:
-    """What was run, in words."""
+def _about(run, spectra: list[Spectrum]) -> dict[str, str]:
+    """What was run, in words, and the versions: attributes of the dataset."""
 
-    def words(things) -> str:
-        return "; ".join(dict.fromkeys(" ".join(repr(one).split()) for one in things))
+    def each(words) -> str:
+        return "; ".join(dict.fromkeys(one for one in words if one))
 
     return {
         "run": getattr(run, "name", None) or getattr(run, "__qualname__", type(run).__name__),
-        "system": "; ".join(dict.fromkeys(_system(one.system) for one in runs)),
-        "method": words(one.method for one in runs if one.method is not None),
+        "system": each(one.about.system for one in spectra),
+        "method": each(one.about.method for one in spectra),
         "lyaphybrid": __version__,
         "jax": jax.__version__,
         "notes": ", ".join(f"{1 << i}: {note}" for i, note in enumerate(NOTES)),
         "statuses": ", ".join(f"{int(one)}: {one.name}" for one in STATUS),
     }
-
-
-def _system(system) -> str:
-    kind, modes = type(system).__name__, mode_names(system)
-    return f"{kind} with the modes {', '.join(modes)}" if len(modes) > 1 else kind

@@ -15,12 +15,12 @@ def require_callable(name: str, got: Any, signature: str) -> None:
 
 
 class Bound:
-    """A field with its parameters, (t, x) -> dx/dt; methods that need more than its values find its parts here."""
+    """A field with its parameters bound, (t, x) -> dx/dt; `field` and `args` are there for methods that need them."""
 
     def __init__(self, field: Callable, args: Any, values: Callable | None = None):
         self.field, self.args = field, args
         self.values = values or jax.jit(lambda t, x: field(t, x, args))  # traced once
 
     def __call__(self, t, x):
-        """The field at (t, x)."""
+        """The field dx/dt (n,) at (t, x)."""
         return self.values(t, x)

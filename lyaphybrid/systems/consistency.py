@@ -1,4 +1,4 @@
-"""Consistent points of differential–algebraic equations: found from guesses, and asked for where runs start."""
+"""Consistent points of differential–algebraic equations: found from guesses, and checked at the start of runs."""
 
 from typing import Any
 
@@ -8,11 +8,12 @@ import numpy as np
 import optimistix
 from jaxtyping import Array, Float
 
-from .._arguments import require
+from .._arguments import State, require
 from .._jax.engines import compiled
 from .._jax.precision import require_double
 from .._jax.tracing import traced
 from .._linalg.linear_systems import split
+from ..errors import NoConsistentPointError
 from .daes.points import landed, solved
 from .daes.semi_linear import DAE, ILL, RANK, Banded, Constrained, fields_of
 from .validation import check_functions
@@ -20,13 +21,13 @@ from .validation import check_functions
 __all__ = ["check_constraints", "consistent_start", "onto_constraints", "put_on_constraints", "tangent_frame"]
 
 
-def consistent_start(dae: DAE, x0, args: Any = None, *, t0: Any = 0.0) -> Float[Array, " n"]:
-    """The point with the content E₁ x₀ of a guess that satisfies the constraints.
+def consistent_start(dae: DAE, x0: State, args: Any = None, *, t0: Any = 0.0) -> Float[Array, " n"]:
+    """The point that satisfies the constraints and has the differential part E₁ x₀ of a guess.
 
     Args:
         dae: an `lh.DAE`.
-        x0: (n,) guess; of semi-explicit equations the differential components are kept, and the others found. Of an
-            `lh.implicit_dae` x alone, or the whole state [x, v].
+        x0: (n,) guess; for semi-explicit equations the differential components are kept and the others solved for. For
+            an `lh.implicit_dae`, x alone or the whole state [x, v].
         args: pytree of parameters.
         t0: time.
 
@@ -34,7 +35,8 @@ def consistent_start(dae: DAE, x0, args: Any = None, *, t0: Any = 0.0) -> Float[
         x (n,) with E₁ x = E₁ x₀ and f₂(t0, x) = 0.
 
     Raises:
-        ValueError: if no such point is found from there; on arguments that do not fit.
+        ValueError: on arguments that do not fit.
+        NoConsistentPointError: if no such point is found from this guess; ``.result`` is the last iterate.
 
     Example:
         >>> import jax.numpy as jnp, lyaphybrid as lh
@@ -54,27 +56,29 @@ def consistent_start(dae: DAE, x0, args: Any = None, *, t0: Any = 0.0) -> Float[
     x, off = _consistent(dae.field, x0, args, jnp.asarray(t0, x0.dtype))
     if not traced(x):
         found = bool(np.all(np.isfinite(x))) and float(off) < 1e-6
-        require(
-            found,
-            f"No consistent point with the content of {x0} was found: equations are off by {float(off):.3g}. Start "
-            "nearer to one, and look whether ∂f₂/∂x and E₁ together are nonsingular there.",
-        )
+        if not found:
+            raise NoConsistentPointError(
+                f"No consistent point with the content of {x0} was found: equations are off by {float(off):.3g}. Start "
+                "nearer to one, and look whether ∂f₂/∂x and E₁ together are nonsingular there.",
+                x,
+            )
     return x
 
 
 def check_constraints(system: Any, x, t0, args: Any) -> None:
-    """Ask, where values are known, whether E is as n_differential says, and a DAE strangeness-free at its start x (n,).
+    """Check E against n_differential, and that a DAE is strangeness-free at its start x (n,); not for traced values.
 
     Raises:
-        ValueError: on a row of E that should be zero and is not, or the other way round; on a singular [E₁; ∂f₂/∂x].
+        ValueError: on a row of E that should be zero and is not, on E₁ of lower rank, on a singular [E₁; ∂f₂/∂x].
     """
     fields = [field for field in fields_of(system) if isinstance(field, Constrained)]
     if not fields or traced((x, t0, args)):
         return
-    with jax.ensure_compile_time_eval():  # values that are known are known under jit, too
+    with jax.ensure_compile_time_eval():  # constants are evaluated under jit, too
         matrices = _matrices(system, t0, x, args)
-    if traced(matrices):  # functions may close over values that are not known
+    if traced(matrices):  # the user's functions may close over traced values
         return
+    matrices = jax.tree.map(np.asarray, matrices)  # under jit what JAX does with its arrays is traced
     for field, (leading, whole) in zip(fields, matrices, strict=True):
         d, size = field.n_differential, max(float(np.max(np.abs(leading))), 1e-300)
         below = np.flatnonzero(np.max(np.abs(leading[d:]), axis=1, initial=0.0) > RANK * size)
@@ -100,7 +104,7 @@ def check_constraints(system: Any, x, t0, args: Any) -> None:
 
 
 def _check_band(field: Constrained, rows: np.ndarray, below: np.ndarray) -> None:
-    """Whether constraints depend on the algebraic components that `bandwidth` lets them depend on."""
+    """Raise a ValueError if a constraint depends on an algebraic component outside the band."""
     if not isinstance(field, Banded):
         return
     _, kernel = split(rows)
@@ -116,7 +120,7 @@ def _check_band(field: Constrained, rows: np.ndarray, below: np.ndarray) -> None
 
 @compiled(hands_on=True)
 def _matrices(system: Any, t, x, args) -> list[tuple]:
-    """E and Ē of each DAE."""
+    """The matrices E and Ē (n, n) of each DAE."""
     check_functions(system, jax.ShapeDtypeStruct(x.shape, x.dtype), args)
     fields = [field for field in fields_of(system) if isinstance(field, Constrained)]
     return [(field.leading(t, args), field.whole(t, x, args)) for field in fields]
@@ -124,30 +128,30 @@ def _matrices(system: Any, t, x, args) -> list[tuple]:
 
 @compiled()
 def _consistent(dae: Constrained, x0, args, t0):
-    """First roughly, from far away; then to rounding."""
-    content = dae.content(t0, x0, args)
+    """The consistent point and its largest residual: a dogleg search from far away, then Newton to rounding."""
+    differential_part = dae.differential_part(t0, x0, args)
 
     def off(x, _):
-        return jnp.concatenate([dae.content(t0, x, args) - content, dae.constraint(t0, x, args)])
+        return jnp.concatenate([dae.differential_part(t0, x, args) - differential_part, dae.constraint(t0, x, args)])
 
     rough = optimistix.root_find(off, optimistix.Dogleg(1e-6, 1e-6), x0, max_steps=256, throw=False).value
-    x, _ = solved(dae, args, t0, content, rough, jnp.asarray(1e-14, x0.dtype))
+    x, _ = solved(dae, args, t0, differential_part, rough, jnp.asarray(1e-14, x0.dtype))
     return x, jnp.max(jnp.abs(off(x, None)), initial=0.0)
 
 
 @compiled()
 def tangent_frame(dae: DAE, t0, x0, args) -> Float[Array, "n d"]:
-    """The perturbations that change one component of the content each: the first columns of Ē⁻¹."""
-    return dae.field.lifts(t0, x0, args).content
+    """Perturbations that change one component of E₁ x each: the first d columns of Ē⁻¹."""
+    return dae.field.inverse_blocks(t0, x0, args).differential_part
 
 
 @compiled()
 def onto_constraints(dae: DAE, t0, x0, args, frame: Float[Array, "n k"]) -> Float[Array, "n k"]:
-    """Columns, projected onto the tangent space of the constraints at x0 (n,)."""
+    """The columns of a frame, projected onto the tangent space of the constraints at x0 (n,)."""
     return dae.field.onto(t0, x0, args, frame)
 
 
 @compiled()
 def put_on_constraints(field: Constrained, t, x, args) -> Float[Array, " n"]:
-    """The point with the content of x that lies on the constraints."""
+    """The point on the constraints with the differential part E₁ x of x (n,)."""
     return landed(field, args, t, x)

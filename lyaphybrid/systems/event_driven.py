@@ -8,26 +8,27 @@ import jax
 import jax.numpy as jnp
 
 from .bound import require_callable
+from .labels import check_labels, words
 from .membership import membership
 
 __all__ = ["EventDriven", "Schedule"]
 
 
 class Schedule(eqx.Module):
-    """How a system of many bodies knows its next event without looking at all of them.
+    """Event prediction for a system of many bodies that does not recompute all predictions after each event.
 
-    The state has one row a body and is held in comoving coordinates: those that stay as they are while nothing
-    happens. Only the rows that an event touches change, and only what is predicted for them is predicted anew. Time
-    counts from the last rebasing, at which comoving and ordinary coordinates are the same; so the motion must not
-    depend on the time itself.
+    The state has one row per body and is held in comoving coordinates, which are constant between events. An event
+    changes only the rows that it touches, and only predictions that involve them are renewed. Time counts from the
+    last rebasing, at which comoving and ordinary coordinates are equal; so the motion must not depend on the time
+    explicitly.
 
     Args:
         init: ``(t, y, args) -> cache``, all predictions, a pytree of arrays.
-        next: ``cache -> (t, which)``, time and name of the next event.
+        next: ``cache -> (t, which)``, time and label of the next event.
         update: ``(cache, t, y, args, which) -> cache`` after the event, y the state after it.
-        shift: ``(cache, dt) -> cache`` where the zero of time is moved on by dt: times become less by dt.
-        touch: ``which -> rows``, indices of the rows that the event changes: always so many, all different.
-        flat: the state is (n,) instead of (N, d), and `touch` names components of it.
+        shift: ``(cache, dt) -> cache`` for a rebasing by dt: all times in the cache decrease by dt.
+        touch: ``which -> rows`` (r,), indices of the rows that the event changes, all different; r is fixed.
+        flat: the state is (n,) instead of (N, d), and `touch` gives indices of its components.
 
     Raises:
         ValueError: if one of the five is not callable.
@@ -79,17 +80,18 @@ class EventDriven(eqx.Module):
     Args:
         flow: ``(dt, t, x, args) -> x`` after the time dt without an event, from state x at time t.
         next_event: ``(t, x, args) -> (dt, which)``: the time to the next event (inf: none) and what it is, an
-            integer or any pytree of integers (which pair, which wall). A negative one (the first leaf) means that
-            nothing happens then and the prediction is to be made anew; it is not counted as a jump.
+            integer or any pytree of integers (which pair, which wall). If its first leaf is negative, nothing happens
+            at that time except that the prediction is renewed; this is not counted as a jump.
         jump: ``(t, x, args, which) -> x⁺``.
-        guard: ``(t, x, args, which) -> scalar`` that falls through zero at the event: it supplies the derivative
-            of the event's time.
+        guard: ``(t, x, args, which) -> scalar`` that falls through zero at the event: it gives the derivative of the
+            event time with respect to the state.
         schedule: an `lh.Schedule`, for many bodies. The state is then (N, d), and x0 (N, d), or (m, N, d) for m runs
             at once; `flow` is ``(dt, y, args) -> x`` from comoving coordinates to ordinary ones; `jump` and `guard`
-            see the touched rows of the comoving state only, in the order of `touch`; `next_event` is None.
-        canonical: x = (q, p), and flow and jump keep dq∧dp. The frame that runs start from is then the paired one, e_q1
-            … e_qn, e_pn … e_p1, with which λ_i + λ_{2n+1−i} = 0 up to rounding at all times; and no direction
-            is ever lost.
+            get only the touched rows of the comoving state, in the order of `touch`; `next_event` is None.
+        canonical: whether x = (q, p), and flow and jump conserve dq∧dp. Runs then start from the paired frame e_q1 …
+            e_qn, e_pn … e_p1, with which λ_i + λ_{2n+1−i} = 0 up to rounding at all times, and no direction is lost.
+        names: what the components of x are called, as for `lh.Flow`; of many bodies, x (N, d), the d columns.
+        units: in which they are measured, likewise.
 
     Raises:
         ValueError: if a function is not callable, or `next_event` and `schedule` are both given or both missing.
@@ -105,13 +107,16 @@ class EventDriven(eqx.Module):
     """
 
     flow: Callable
-    next_event: Any  # a function; None where there is a schedule
+    next_event: Any  # a function; None if there is a schedule
     jump: Callable
     guard: Callable
     schedule: Any = None
     canonical: bool = eqx.field(static=True, default=False)
+    names: tuple[str, ...] | None = eqx.field(static=True, default=None, converter=words, kw_only=True)
+    units: tuple[str, ...] | None = eqx.field(static=True, default=None, converter=words, kw_only=True)
 
     def __check_init__(self):
+        check_labels(self.names, self.units)
         if (self.next_event is None) == (self.schedule is None):
             raise ValueError(
                 "EventDriven needs exactly one of next_event (a function) and schedule (an lh.Schedule, for many "
@@ -128,12 +133,12 @@ class EventDriven(eqx.Module):
         require_callable("guard", self.guard, "(t, x, args, which) -> scalar")
 
     def velocity(self, t, x, args: Any = None):
-        """Dx/dt (n,) that the closed-form flow solves, its derivative at dt = 0; of a system without a schedule."""
+        """The velocity dx/dt (n,), the derivative of the flow at dt = 0; not for a system with a schedule."""
         zero = jnp.zeros_like(t)
         return jax.jvp(lambda dt: self.flow(dt, t, x, args), (zero,), (jnp.ones_like(t),))[1]
 
     def contains(self, x, args: Any = None, *, t=0.0):
-        """Whether x lies in the flow set, which is everything, and in the jump set: the next event is now.
+        """Whether x is in the flow set, the whole space, and in the jump set, where the time to the next event is 0.
 
         Returns:
             As `Hybrid.contains`: `flow` and `jump`, up to rounding; `.where` is "C" or "both".

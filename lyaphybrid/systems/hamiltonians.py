@@ -1,10 +1,10 @@
-"""Hamiltonian systems, x = (q, p): the equations of motion by automatic differentiation, the form of H kept.
+"""Hamiltonian systems, x = (q, p): equations of motion by automatic differentiation of H.
 
-`Hamiltonian(kinetic, potential)` remembers that H = T(p) + V(q): symplectic schemes move the two parts in turn.
-`canonical_flow(energy)` takes any H(q, p).
+`Hamiltonian(kinetic, potential)` keeps the two parts of H = T(p) + V(q), which symplectic schemes integrate
+alternately. `canonical_flow(energy)` takes any H(q, p).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -14,6 +14,7 @@ from jaxtyping import Array, Float
 
 from .._jax.jaxprs import is_affine
 from .bound import require_callable
+from .labels import words
 from .smooth import Flow
 
 __all__ = ["Hamiltonian", "Separable", "canonical_flow"]
@@ -56,7 +57,7 @@ class Separable(eqx.Module):
         return self.kinetic(p, args) + self.potential(q, args)
 
     def require_quadratic(self, args, p, name: str) -> None:
-        """Raise a ValueError unless T is seen to be quadratic in p (m,)."""
+        """Raise a ValueError unless the jaxpr of ∂T/∂p shows that T is quadratic in p (m,)."""
         if not is_affine(lambda p: self.velocity(p, args), p):
             raise ValueError(
                 f"{name} needs a kinetic energy that is quadratic in p; this one is not seen to be. Take a scheme "
@@ -78,6 +79,8 @@ class Hamiltonian(Flow):
     Args:
         kinetic: ``(p, args) -> number``, p (m,).
         potential: ``(q, args) -> number``, q (m,).
+        names: what the 2m components of x are called, as for `lh.Flow`.
+        units: in which they are measured, likewise.
 
     Raises:
         ValueError: if one of them is not callable.
@@ -95,10 +98,17 @@ class Hamiltonian(Flow):
 
     canonical: ClassVar[bool] = True
 
-    def __init__(self, kinetic: Callable, potential: Callable):
+    def __init__(
+        self,
+        kinetic: Callable,
+        potential: Callable,
+        *,
+        names: Sequence[str] | None = None,
+        units: Sequence[str] | None = None,
+    ):
         require_callable("kinetic", kinetic, "(p, args) -> number")
         require_callable("potential", potential, "(q, args) -> number")
-        self.field = Separable(kinetic, potential)
+        self.field, self.names, self.units = Separable(kinetic, potential), words(names), words(units)
 
     def energy(self, x, args: Any = None) -> Float[Array, ""]:
         """The value of H at a state x (2m,)."""
@@ -122,7 +132,7 @@ class General(eqx.Module):
 
 
 class _CanonicalFlow(Flow):
-    """An `lh.Flow` whose flow keeps dq∧dp."""
+    """An `lh.Flow` that is canonical: it conserves dq∧dp."""
 
     canonical: ClassVar[bool] = True
 
@@ -131,11 +141,13 @@ class _CanonicalFlow(Flow):
         return self.field.energy(x, args)  # pyright: ignore[reportFunctionMemberAccess]
 
 
-def canonical_flow(energy: Callable) -> Flow:
-    """The flow of any H(q, p), for Runge–Kutta methods or an `lh.Splitting`.
+def canonical_flow(energy: Callable, *, names: Sequence[str] | None = None, units: Sequence[str] | None = None) -> Flow:
+    """The flow of any Hamiltonian H(q, p), for Runge–Kutta methods or an `lh.Splitting`.
 
     Args:
         energy: ``(q, p, args) -> number``, q and p (m,).
+        names: what the 2m components of x are called, as for `lh.Flow`.
+        units: in which they are measured, likewise.
 
     Returns:
         An `lh.Flow` with x = (q, p), whose runs start from the paired frame; its ``energy(x, args)`` is H.
@@ -150,4 +162,4 @@ def canonical_flow(energy: Callable) -> Flow:
         [3.0, -2.0]
     """
     require_callable("energy", energy, "(q, p, args) -> number")
-    return _CanonicalFlow(General(energy))
+    return _CanonicalFlow(General(energy), names=names, units=units)

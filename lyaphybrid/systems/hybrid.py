@@ -1,4 +1,4 @@
-"""Systems that flow in modes and jump at guards or at the ticks of clocks."""
+"""Hybrid systems: they flow in modes, and jump at guards or at the ticks of clocks."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -6,6 +6,7 @@ from typing import Any
 import equinox as eqx
 
 from .bound import require_callable
+from .labels import check_labels, words
 from .membership import membership
 from .smooth import Flow
 
@@ -13,7 +14,7 @@ __all__ = ["Hybrid", "Transition"]
 
 
 class Transition(eqx.Module):
-    """A jump: where a guard crosses zero, or at the ticks of a clock, x⁺ = reset(t, x, args).
+    """A jump x⁺ = reset(t, x, args), where a guard crosses zero or a clock ticks.
 
     ``Transition(guard, reset)`` fires where ``guard`` crosses zero; ``Transition(every=T, reset=…)`` fires at
     t = phase + kT for every integer k with t later than the start.
@@ -28,9 +29,9 @@ class Transition(eqx.Module):
         target: mode after the jump: None (stays), a name, or ``(t, x, args) -> index`` (with ``which`` last for
             a vector guard), evaluated at the state before the jump.
         direction: -1 the guard falls through 0, +1 it rises, 0 both.
-        when: ``(t, x, args) -> bool``, asked at the root (before the jump). Several transitions may share one
-            guard and be told apart by it; if none says yes the run ends as ``deadlock``.
-        terminal: the run ends here with status ``terminated``, after the reset.
+        when: ``(t, x, args) -> bool``, evaluated at the root (before the jump). It can choose between several
+            transitions with the same guard; if it is true for none of them the run ends as ``deadlock``.
+        terminal: whether the run ends here, after the reset, with status ``terminated``.
 
     Raises:
         ValueError: on anything but exactly one of ``guard`` and ``every``; on a direction outside {-1, 0, 1}; on
@@ -87,7 +88,7 @@ class Transition(eqx.Module):
 
     @property
     def is_clock(self) -> bool:
-        """Whether the instants of this transition come from a clock rather than from a guard."""
+        """Whether the event times of this transition come from a clock rather than from a guard."""
         return self.every is not None
 
 
@@ -97,24 +98,26 @@ class Hybrid(eqx.Module):
     Args:
         fields: one field (a callable ``(t, x, args) -> dx/dt``, a ``Flow`` or a ``DAE``), or ``{"mode": field, …}``;
             the order of the dictionary is the order of the mode indices. None: jumps only, the flow set is empty
-            and the first transition's reset is iterated. After a jump into a mode that is a DAE the state is put onto
-            its constraints, the content E₁ x being kept.
+            and the first transition's reset is iterated. After a jump into a mode that is a DAE the state is moved onto
+            its constraints with the same E₁ x.
         transitions: one ``Transition`` or a sequence of them.
         tangent: ``{"mode": (t, x, args, dx) -> dx}``, the projection onto the tangent space of a mode in which
             the motion is constrained.
-        initial_mode: ``(t, x, args) -> index`` of the mode to which a state belongs, for runs that are not told one;
-            negative where no mode can go on from there (``deadlock``). None: the only mode.
-        max_cascade: that many jumps at one instant are a cascade; one more ends the run as ``zeno``. Where a run
-            counts jumps (``clock="jumps"`` or ``"hybrid"``) it goes on with a cascade that does not end.
-        flow_set: ``(t, x, args) -> c``, continuously differentiable: it may flow where c ≥ 0, in the flow set C;
-            or ``{"mode": function, …}``. A flow that leaves C where no transition fires ends as ``deadlock``, and so
-            does a jump or a start outside C and D; a start outside C and in D jumps at once. None: C is everything.
+        initial_mode: ``(t, x, args) -> index`` of the mode to which a state belongs, for runs without `mode`; negative
+            if no mode can continue from the state (``deadlock``). None: the only mode.
+        max_cascade: largest number of jumps at one time; one more ends the run as ``zeno``. A run that counts jumps
+            (``clock="jumps"`` or ``"hybrid"``) continues such a cascade without limit.
+        flow_set: ``(t, x, args) -> c``, continuously differentiable, or ``{"mode": function, …}``: the flow set C is
+            where c ≥ 0. A flow that leaves C where no transition fires ends as ``deadlock``, and so does a jump or a
+            start outside C and D; a start outside C but in D jumps at once. None: C is the whole space.
+        names: what the components of x are called, as for `lh.Flow`.
+        units: in which they are measured, likewise.
 
-    The jump set D is where a guard is at zero or on its fired side. A reset that ends in D, beyond a guard, sets off
-    the next jump at once, also where the guard is its own; on its own guard, within rounding, it flows on.
+    The jump set D is where a guard is at zero or on its fired side. If a reset ends in D, beyond any guard, its own
+    included, the next jump follows at once; if it ends on its own guard, within rounding, the flow continues.
 
     Raises:
-        ValueError: on no transition, on an unknown mode name, on a field that is no function.
+        ValueError: without a transition, on an unknown mode name, on a field that is no function.
 
     Source:
         R. Goebel, R. Sanfelice & A. Teel, Hybrid Dynamical Systems, IEEE Control Systems 29 (2009) 28,
@@ -137,6 +140,8 @@ class Hybrid(eqx.Module):
     flow_sets: tuple[Callable | None, ...]
     mode_names: tuple[str, ...] = eqx.field(static=True)
     max_cascade: int = eqx.field(static=True)
+    names: tuple[str, ...] | None = eqx.field(static=True)
+    units: tuple[str, ...] | None = eqx.field(static=True)
 
     def __init__(
         self,
@@ -147,7 +152,11 @@ class Hybrid(eqx.Module):
         *,
         initial_mode: Callable | None = None,
         flow_set: Callable | Mapping[str, Callable] | None = None,
+        names: Sequence[str] | None = None,
+        units: Sequence[str] | None = None,
     ):
+        self.names, self.units = words(names), words(units)
+        check_labels(self.names, self.units)
         named = fields if isinstance(fields, Mapping) else {"jump" if fields is None else "flow": fields}
         self.mode_names = tuple(named)
         self.fields = None if fields is None else tuple(_as_field(k, v) for k, v in named.items())
@@ -179,20 +188,20 @@ class Hybrid(eqx.Module):
 
     @property
     def guarded(self) -> tuple[Transition, ...]:
-        """The transitions, and one for the border of each flow set, at which nothing fires."""
+        """The transitions, and one for the boundary of each flow set, whose `when` is never true: ``deadlock``."""
         sets = zip(self.mode_names, self.flow_sets, strict=True)
         return self.transitions + tuple(
             Transition(inside, when=_never, source=name) for name, inside in sets if inside is not None
         )
 
     def contains(self, x, args: Any = None, *, t=0.0, mode: str | int | None = None):
-        """Whether the state x (n,) lies in the flow set C, the jump set D, both or neither, up to rounding.
+        """Whether the state x (n,) is in the flow set C, the jump set D, both or neither, up to rounding.
 
         Returns:
             A named tuple of truth values, `flow` and `jump`; `.where` is "C", "D", "both" or "neither".
 
         Raises:
-            ValueError: where there are several modes and none is given.
+            ValueError: if there are several modes and `mode` is not given.
 
         Example:
             >>> import jax.numpy as jnp, lyaphybrid as lh
@@ -213,7 +222,7 @@ class Hybrid(eqx.Module):
 
 
 def _never(t, x, args):
-    """Nothing fires."""
+    """The `when` of a transition that never fires."""
     del t, x, args
     return False
 

@@ -1,17 +1,17 @@
 """Fully implicit equations F(t, x, x') = 0 of index one, as a strangeness-free `lh.DAE` with a constant E.
 
-Let P (d, n) have orthonormal rows that span those of ∂F/∂x', so that F depends on v = P x' alone. In the unknowns x and
-v the equations are
+Let P (d, n) have orthonormal rows that span the row space of ∂F/∂x', so that F depends on x' through v = P x' alone. In
+the unknowns x and v the equations are
 
     P x' = v,    0 = F(t, x, Pᵀ v),        Ē = [P 0; ∂F/∂x, ∂F/∂x' Pᵀ]
 
-and Ē is nonsingular where the index is one: ∂F/∂x' Pᵀ has full rank d, and on what it leaves out ∂F/∂x is nonsingular
-along the kernel of P. The content is P x. So half-explicit and implicit methods keep their order, as in semi-explicit
-form; what they solve in each stage, F = 0 for the kernel's part of x and for v, is F linearised.
+and Ē is nonsingular if the index is one: ∂F/∂x' Pᵀ has full rank d, and ∂F/∂x maps the kernel of P bijectively onto a
+complement of the range of ∂F/∂x'. The differential part is P x. So half-explicit and implicit methods keep their order,
+as in semi-explicit form; in each stage they solve F = 0 for v and for the part of x in the kernel of P.
 """
 
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -19,17 +19,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._arguments import require
+from .._arguments import State, require
 from .._jax.precision import require_double
-from .._linalg.linear_systems import times
+from .._linalg.linear_systems import sparse_matmul
+from ..errors import NoConsistentPointError
 from .bound import require_callable
 from .consistency import consistent_start
 from .daes.semi_linear import DAE, ILL, RANK, Constrained
 
 __all__ = ["ImplicitField", "implicit_dae"]
 
-LOOKS = 8  # points around the start where the kernel of ∂F/∂x' must be the same
-AROUND = 0.3  # how far from it they are, relative to 1 + |x|
+LOOKS = 8  # random points around the start at which the kernel of ∂F/∂x' must be the same
+AROUND = 0.3  # their distance from it (standard deviation), relative to 1 + |x|
 
 
 class ImplicitField(Constrained):
@@ -42,31 +43,39 @@ class ImplicitField(Constrained):
     n: int = eqx.field(static=True)
 
     def whole_guess(self, x):
-        """[x, 0] for x (n,) alone; a state as it is."""
+        """The guess [x, 0] for x (n,) alone; a whole state (n + d,) stays as it is."""
         return jnp.concatenate([x, jnp.zeros(self.n_differential, x.dtype)]) if x.shape[0] == self.n else x
 
 
-def implicit_dae(equations: Callable, x0, args: Any = None, *, slope=None, t0: Any = 0.0) -> DAE:
+def implicit_dae(
+    equations: Callable,
+    x0: State,
+    args: Any = None,
+    *,
+    slope: State | None = None,
+    t0: Any = 0.0,
+    names: Sequence[str] | None = None,
+) -> DAE:
     """F(t, x, x') = 0 of differentiation index one as an `lh.DAE`, whose state is [x, v], v = P x'.
 
-    Where components of x' do not occur in F, P takes the others: v are the derivatives of those components. The kernel
-    of ∂F/∂x', of what F does not see of x', must be the same at all times and states. (Where it is not, as in
-    d/dt q(x) with any q, take q as variables: q' = …, 0 = q − q(x).) Exponents are those of the motion of x; the metric
-    at finite times is that of x and v together.
+    If F contains only some components of x', P selects them, and v are their derivatives. The kernel of ∂F/∂x' must be
+    the same at all times and states. (If it is not, as with d/dt q(x) for a nonlinear q, take q as variables: q' = …,
+    0 = q − q(x).) The exponents are those of the motion of x; finite-time values use the norm of x and v together.
 
     Args:
         equations: ``(t, x, x', args) -> F`` (n,).
         x0: (n,) a point near the motion, at which the rank of ∂F/∂x' is determined.
         args: pytree of parameters.
-        slope: (n,) x' there; None: 0. Where F is not linear in x' it should be near the truth.
+        slope: (n,) x' there; None: 0. If F is not linear in x' it should be close to the true value.
         t0: time.
+        names: what the n components of x are called, as for `lh.Flow`; those of v are v0, v1, ….
 
     Returns:
-        An `lh.DAE` with n + d components. `lh.consistent_start(dae, x0)` keeps P x0 and finds the others, and v.
+        An `lh.DAE` with n + d components. `lh.consistent_start(dae, x0)` keeps P x0 and solves for the rest and v.
 
     Raises:
-        ValueError: on arguments that do not fit; where F does not see x'; where the kernel of ∂F/∂x' is not constant;
-            where the index is above one.
+        ValueError: on arguments that do not fit; if F does not depend on x', if the kernel of ∂F/∂x' is not constant,
+            or if the index is above one.
 
     Source:
         P. Kunkel & V. Mehrmann, Differential-Algebraic Equations (EMS 2006), doi:10.4171/017.
@@ -92,14 +101,14 @@ def implicit_dae(equations: Callable, x0, args: Any = None, *, slope=None, t0: A
     shape = jax.eval_shape(equations, jnp.asarray(t0, float), x, dx, args).shape
     require(shape == (n,), f"equations(t, x, x', args) must have the shape of x0, ({n},); got {shape}.")
     rows = _rows(equations, jnp.asarray(t0, float), x, dx, args)
-    dae = _with_rows(equations, rows)
+    dae = _with_rows(equations, rows, names)
     state = jnp.concatenate([x, jnp.asarray(rows) @ dx])
     _check_index(dae, jnp.asarray(t0, float), state, args)
     return dae
 
 
-def _with_rows(equations: Callable, rows: np.ndarray) -> DAE:
-    """The equations for [x, v]."""
+def _with_rows(equations: Callable, rows: np.ndarray, names: Sequence[str] | None) -> DAE:
+    """The DAE for the state [x, v] (n + d,), with P (d, n) = rows."""
     d, n = rows.shape
     back = np.ascontiguousarray(rows.T)
     leading = np.zeros((n + d, n + d))
@@ -107,14 +116,15 @@ def _with_rows(equations: Callable, rows: np.ndarray) -> DAE:
 
     def residual(t, state, args):
         x, v = state[:n], state[n:]
-        return jnp.concatenate([v, equations(t, x, times(back, v), args)])
+        return jnp.concatenate([v, equations(t, x, sparse_matmul(back, v), args)])
 
-    dae = DAE(lambda t, args: jnp.asarray(leading), residual, d)
+    names = None if names is None else [*names, *(f"v{i}" for i in range(d))]
+    dae = DAE(lambda t, args: jnp.asarray(leading), residual, d, names=names)
     return eqx.tree_at(lambda dae: dae.field, dae, ImplicitField(dae.field.leading, residual, d, n))
 
 
 def _rows(equations: Callable, t, x, dx, args) -> np.ndarray:
-    """P (d, n): unit vectors where F sees some components of x' and not the others."""
+    """The matrix P (d, n); its rows are unit vectors if F depends on some components of x' and not on the others."""
     seen = jax.jit(jax.jacfwd(equations, argnums=2))
     here = np.asarray(seen(t, x, dx, args))
     require(bool(np.all(np.isfinite(here))), "∂F/∂x' is not finite at x0 and slope: start elsewhere.")
@@ -127,7 +137,7 @@ def _rows(equations: Callable, t, x, dx, args) -> np.ndarray:
     for _ in range(LOOKS):
         around = [AROUND * (1 + np.abs(one)) * noise.standard_normal(n) + one for one in (x, dx)]
         there = np.asarray(seen(t + noise.standard_normal(), *map(jnp.asarray, around), args))
-        if not np.all(np.isfinite(there)):  # outside of where F is defined
+        if not np.all(np.isfinite(there)):  # outside the domain of F
             continue
         left = np.max(np.abs(there - there @ rows.T @ rows))
         require(
@@ -139,8 +149,9 @@ def _rows(equations: Callable, t, x, dx, args) -> np.ndarray:
 
 
 def _check_index(dae: DAE, t, state, args) -> None:
-    """Whether Ē is nonsingular: at the guess, and where that is no point of the motion, at a consistent one near it."""
-    with contextlib.suppress(ValueError):  # from a rough guess, or with an index above one, none may be found
+    """Raise a ValueError if Ē is singular: at the consistent point near the guess, or at the guess if none is found."""
+    # From a rough guess, or with an index above one, perhaps no consistent point is found.
+    with contextlib.suppress(ValueError, NoConsistentPointError):
         state = consistent_start(dae, state, args, t0=t)
     whole = np.asarray(jax.jit(lambda t, x: dae.field.whole(t, x, args))(t, state))
     scaled = whole / np.maximum(np.linalg.norm(whole, axis=1, keepdims=True), 1e-300)

@@ -1,4 +1,4 @@
-"""Which kinds of systems there are."""
+"""The union type of all systems."""
 
 from .event_driven import EventDriven
 from .hybrid import Hybrid
@@ -10,5 +10,5 @@ System = Flow | Map | Hybrid | EventDriven
 
 
 def iterates(system: System) -> bool:
-    """Whether time counts iterations: a map, or a hybrid system that only jumps."""
+    """Whether time is the number of iterations: a map, or a hybrid system without a flow."""
     return isinstance(system, Map) or (isinstance(system, Hybrid) and system.fields is None)

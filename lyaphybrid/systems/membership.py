@@ -1,4 +1,4 @@
-"""In which of the flow set and the jump set a state lies: the question; `engine.memberships` answers it."""
+"""Membership of a state in the flow set and the jump set: the generic function; `engine.memberships` implements it."""
 
 import functools
 from typing import Any, NamedTuple
@@ -14,8 +14,8 @@ class Membership(NamedTuple):
     """Whether a state lies in the flow set C, and in the jump set D, up to rounding.
 
     Attributes:
-        flow: in C: where the motion may flow.
-        jump: in D: where a transition may fire, a guard being at zero or on its fired side, or a clock ticking.
+        flow: in C, where the motion may flow.
+        jump: in D, where a transition may fire: a guard is at zero or on its fired side, or a clock ticks.
     """
 
     flow: Any
@@ -23,7 +23,7 @@ class Membership(NamedTuple):
 
     @property
     def where(self) -> str:
-        """The word: C, D, both or neither; not under a transformation."""
+        """The membership as a word, "C", "D", "both" or "neither"; not under jit, vmap or grad."""
         if traced(self):
             raise ValueError("Membership.where is for values on the host; under jit, vmap or grad use .flow and .jump.")
         return {(True, True): "both", (True, False): "C", (False, True): "D", (False, False): "neither"}[
@@ -36,9 +36,9 @@ class Membership(NamedTuple):
 
 @functools.singledispatch
 def membership(system, x, args: Any, t, mode) -> Membership:
-    """Where the state x (n,) lies at the time t, in the mode of this name or index.
+    """The membership of the state x (n,) at time t, in the mode of this name or index.
 
-    A smooth system flows everywhere; `engine.memberships` adds the answers for those that jump.
+    This is the answer for a smooth system, which flows everywhere; `engine.memberships` registers those of the others.
     """
     del system, x, args, t, mode
     return Membership(jnp.asarray(True), jnp.asarray(False))

@@ -6,6 +6,7 @@ from typing import Any
 import equinox as eqx
 
 from .bound import require_callable
+from .labels import check_labels, words
 from .membership import membership
 
 __all__ = ["Flow", "Map"]
@@ -16,34 +17,45 @@ class Flow(eqx.Module):
 
     Args:
         field: ``(t, x, args) -> dx/dt``, x and dx/dt of shape (n,).
+        names: what the components of x are called, such as ("x", "v"); None: x0, x1, …. Tables, axes of pictures and
+            datasets use them; nothing that is computed depends on them.
+        units: in which they are measured, likewise, such as ("m", "m/s").
 
     Raises:
-        ValueError: if ``field`` is not callable.
+        ValueError: if ``field`` is not callable; on names that are not strings, or units that are not as many.
 
     Example:
         >>> import jax.numpy as jnp, lyaphybrid as lh
         >>> lh.Flow(lambda t, x, args: -args * x)  # doctest: +ELLIPSIS
         Flow(...)
+        >>> swing = lh.Flow(lambda t, x, args: jnp.stack([x[1], -x[0]]), names=("x", "v"), units=("m", "m/s"))
+        >>> lh.trajectory(swing, [1.0, 0.0], t1=1.0, n=4).to_xarray().state.values.tolist()
+        ['x', 'v']
     """
 
     field: Callable
+    names: tuple[str, ...] | None = eqx.field(static=True, default=None, converter=words, kw_only=True)
+    units: tuple[str, ...] | None = eqx.field(static=True, default=None, converter=words, kw_only=True)
 
     def __check_init__(self):
+        check_labels(self.names, self.units)
         require_callable("field", self.field, "(t, x, args) -> dx/dt")
 
     def contains(self, x, args: Any = None, *, t=0.0):
-        """Whether x lies in the flow set, which is everything, and in the jump set, which is empty."""
+        """Whether x is in the flow set, the whole space (always true), and in the jump set, which is empty."""
         return membership(self, x, args, t, None)
 
 
 class Map(eqx.Module):
-    """An iterated map, x⁺ = rule(n, x, args), n the number of the iteration as a float.
+    """An iterated map, x⁺ = rule(n, x, args), where n is the iteration number as a float.
 
     Args:
         rule: ``(n, x, args) -> x⁺``, both of shape (n,).
+        names: what the components of x are called, as for `lh.Flow`.
+        units: in which they are measured, likewise.
 
     Raises:
-        ValueError: if ``rule`` is not callable.
+        ValueError: if ``rule`` is not callable; on names that are not strings, or units that are not as many.
 
     Example:
         >>> import lyaphybrid as lh
@@ -51,10 +63,13 @@ class Map(eqx.Module):
     """
 
     rule: Callable
+    names: tuple[str, ...] | None = eqx.field(static=True, default=None, converter=words, kw_only=True)
+    units: tuple[str, ...] | None = eqx.field(static=True, default=None, converter=words, kw_only=True)
 
     def __check_init__(self):
+        check_labels(self.names, self.units)
         require_callable("rule", self.rule, "(n, x, args) -> next x")
 
     def contains(self, x, args: Any = None, *, t=0.0):
-        """Whether x lies in the flow set, which is empty, and in the jump set, which is everything."""
+        """Whether x is in the flow set, which is empty, and in the jump set, the whole space (always true)."""
         return membership(self, x, args, t, None)

@@ -1,4 +1,4 @@
-"""What users hand over, checked before any computing: what was given, what was wanted, what to do."""
+"""Checks of the user's functions and numbers before a run; an error says what was given, what is wanted, what to do."""
 
 import contextlib
 import inspect
@@ -19,7 +19,7 @@ __all__ = ["check_clocks", "check_functions"]
 
 
 def check_clocks(system: Any, args: Any) -> None:
-    """The periods and phases of the clocks, where their values are known already."""
+    """Check the periods and phases of the clocks, unless they are traced."""
     for j, transition in enumerate(system.transitions if isinstance(system, Hybrid) else ()):
         if transition.guard is None:
             _check_clock(f"every of transition {j}", transition.every, args, positive)
@@ -31,9 +31,9 @@ def _check_clock(name: str, value, args, good: Callable) -> None:
 
 
 def check_functions(system: Any, x: jax.ShapeDtypeStruct, args: Any) -> None:
-    """Ask each of the user's functions what it takes and returns; nothing is computed.
+    """Check arguments and results of each of the user's functions, by abstract evaluation.
 
-    Asking takes a millisecond or two: it is done where functions are traced, and so once for many calls.
+    Called where functions are traced, and therefore once per signature and not in each call.
 
     Raises:
         ValueError: on a function with the wrong number of arguments, or the wrong shape or kind of result.
@@ -101,14 +101,14 @@ def _check_transition(j: int, transition: Transition, t, x, args) -> None:
 
 
 def has_identity_reset(system: Any, x: jax.ShapeDtypeStruct, args: Any) -> bool:
-    """Whether the jump of some transition changes neither the state nor the mode; a reset None is meant so."""
+    """Whether the reset of some transition returns its state unchanged in the same mode (reset=None does not count)."""
     if not isinstance(system, Hybrid):
         return False
     t = jax.ShapeDtypeStruct((), x.dtype)
     return any(_is_identity(transition, t, x, args) for transition in system.transitions)
 
 
-_known_identities: weakref.WeakKeyDictionary[Callable, bool] = weakref.WeakKeyDictionary()  # each reset is traced once
+_known_identities: weakref.WeakKeyDictionary[Callable, bool] = weakref.WeakKeyDictionary()  # trace each reset once
 
 
 def _is_identity(transition: Transition, t, x, args) -> bool:
@@ -156,7 +156,7 @@ def _check_scheduled(system: EventDriven, t, y, args) -> None:
 
 
 def _predicted(name: str, time: str, found):
-    """What a prediction calls its event."""
+    """Check a prediction (time, which); the shapes of `which`."""
     pair = isinstance(found, tuple) and len(found) == 2 and getattr(found[0], "shape", None) == ()
     require(pair, f"{name} must return ({time}, which), {time} a single number; got {_described(found)}.")
     moment, which = found
@@ -174,7 +174,7 @@ def _check_jump(system: EventDriven, t, x, args, which) -> None:
 
 
 def _result(name: str, function: Callable, given: str, *arguments) -> Any:
-    """The shapes that a function returns."""
+    """The shapes and types that a function returns; a ValueError on the wrong number of arguments."""
     try:
         inspect.signature(function).bind(*arguments)
     except TypeError as error:
@@ -208,7 +208,7 @@ def _require_scalar(name: str, result, kind, wanted: str) -> None:
 
 
 def _described(result) -> str:
-    """Shapes and types, as JAX writes them."""
+    """Shapes and types in words, for error messages."""
     if hasattr(result, "shape"):
         return f"shape {result.shape} of {result.dtype}"
     return f"{jax.tree.map(_described, result)}" if jax.tree.leaves(result) else repr(result)

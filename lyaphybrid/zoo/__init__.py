@@ -1,8 +1,8 @@
-"""Named problems: a system, a start, sensible lengths, and a value to compare with, each with its source.
+"""Named problems: a system, a start, lengths of runs, and a reference value, each with its source.
 
 ``zoo.lorenz63(rho=30)`` is a `Problem`; ``zoo.names()`` lists them all; ``problem.spectrum()`` computes.
-``zoo.collision_statistics(problem)`` takes the rate of collisions and the pressure of hard disks and spheres.
-Parameters that are numbers travel in `args`: changing them does not compile again.
+``zoo.collision_statistics(problem)`` measures the rate of collisions and the pressure of hard disks and spheres.
+Parameters that are numbers are part of `args`: changing them compiles nothing.
 """
 
 from .bodies.billiards import ellipse, lorentz_gas, mean_free_path, sinai_billiard, stadium, wedge
@@ -30,7 +30,7 @@ __all__ = [
     "get",
     "mean_free_path",
     "names",
-    # what the collisions of hard bodies say
+    # statistics of the collisions of hard bodies
     "CollisionStatistics",
     "collision_statistics",
     # maps
@@ -84,13 +84,13 @@ __all__ = [
     "pendulum_dae",
     "diode_circuit",
     "swing_dae",
-    # impacts to and fro
+    # impacts on both sides
     "rocking_block",
     "gear_rattle",
     # walkers
     "rimless_wheel",
     "simplest_walker",
-    # the next event known exactly
+    # event-driven: the next event is known exactly
     "hard_disks",
     "hard_spheres",
     # billiards

@@ -1,10 +1,11 @@
-"""Pictures of hard disks: where they are, which of them the fastest perturbation lives on, how both move.
+"""Pictures of hard disks: their positions, the fastest growing perturbation, and how both move.
 
-The perturbation of many disks that grows fastest is localised: at most times half of it is on a few of them.
+The fastest growing perturbation of many disks is localised: most of the time half of it is on a few disks.
 """
 
-import io
 import itertools
+import tempfile
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,11 +16,11 @@ from .problem import Problem
 
 __all__ = ["Followed", "animate", "disks", "follow", "gif"]
 
-FILL = ("#F3F3F3", "#F7C99A", "#D55E00")  # no share of the perturbation … the largest
+FILL = ("#F3F3F3", "#F7C99A", "#D55E00")  # colours from no share of the perturbation to the largest
 EDGE = "#7A7A7A"
 ARROWS = (("δq", "#000000"), ("δp", "#0072B2"))
 LEGEND = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "ncols": 2, "frameon": False, "borderaxespad": 0.1}
-LONGEST = 0.9  # of an arrow, in mean diameters
+LONGEST = 0.9  # length of the longest arrow, in mean diameters
 
 
 class Followed(NamedTuple):
@@ -44,7 +45,7 @@ class Box(NamedTuple):
         return q if self.walls else q % self.sides
 
     def images(self, q) -> tuple[np.ndarray, np.ndarray]:
-        """Whatever reaches into the box of disks at (n, 2) in it: the indices (m,) of the disks, and centres (m, 2)."""
+        """All images of disks at (n, 2) that overlap the box: indices (m,) of the disks, and centres (m, 2)."""
         shifts = np.array(list(itertools.product((0, -1, 1), repeat=2)))[: 1 if self.walls else None] * self.sides
         centres = shifts[:, None, :] + q
         beyond = np.maximum(-centres, centres - self.sides)
@@ -118,7 +119,7 @@ def follow(problem: Problem, x, perturbation, *, t1: float, frames: int = 100) -
     x, column = _vector("x", x, box), _vector("perturbation", perturbation, box)[:, None]
     states, columns = [x], [column / np.linalg.norm(column)]
     for _ in range(frames - 1):
-        # A run goes on exactly from the state and the frame in which another one ended.
+        # Each run starts at the state and frame in which the one before ended.
         piece = problem.spectrum(x0=x, frame=column, t1=t1 / (frames - 1), transient=0.0, blocks=2)
         x, column = np.asarray(piece.x), np.asarray(piece.frame)
         states.append(x)
@@ -127,7 +128,7 @@ def follow(problem: Problem, x, perturbation, *, t1: float, frames: int = 100) -
 
 
 def animate(problem: Problem, followed: Followed, ax=None, *, interval: float = 60.0):
-    """Disks that move and the perturbation that moves with them: `disks`, frame by frame.
+    """A film of the disks and their perturbation: `disks`, frame by frame.
 
     Args:
         problem: of `zoo.hard_disks`.
@@ -154,7 +155,7 @@ def animate(problem: Problem, followed: Followed, ax=None, *, interval: float = 
     scene = _Scene(ax, box, True)
     title = ax.set_title("t = 0.00", fontsize="medium", loc="left")
     figure: Any = ax.figure
-    # Ticks, and a layout that is found anew, would take most of the time of every frame.
+    # No ticks and a fixed layout: drawing them again would make every frame slow.
     ax.set(xticks=[], yticks=[], xlabel="", ylabel="")
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
@@ -178,40 +179,31 @@ def gif(animation, *, fps: int = 15, dpi: float = 72.0) -> bytes:
         The bytes of the file: `IPython.display.Image(data=…, format="gif")` shows them.
     """
     from matplotlib import pyplot
-    from matplotlib.animation import AbstractMovieWriter
+    from matplotlib.animation import PillowWriter
     from PIL import Image
 
-    images: list[Image.Image] = []
-
-    class Writer(AbstractMovieWriter):
-        """Keeps the frames."""
-
-        def setup(self, fig, outfile, dpi=None):
-            """What the frames are taken of."""
-            self.fig, self.outfile, self.dpi = fig, outfile, dpi or fig.dpi
-
-        def grab_frame(self, **options):
-            """As the figure looks now."""
-            image = io.BytesIO()
-            self.fig.savefig(image, format="rgba", dpi=self.dpi, **options)
-            images.append(Image.frombytes("RGBA", self.frame_size, image.getvalue()).convert("RGB"))
-
-        def finish(self):
-            """Nothing is written here."""
-
-    animation.save("film.gif", writer=Writer(fps=fps), dpi=dpi)
-    pyplot.close(animation._fig)
-    # One palette for all frames, and no dithering: so most of a frame is as it was in the one before.
+    # One palette for all frames and no dithering: then most pixels equal those of the frame before.
     palette = Image.new("P", (1, 1))
     palette.putpalette(_palette())
-    first, *others = (image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images)
-    film = io.BytesIO()
-    first.save(film, format="GIF", save_all=True, append_images=others, duration=1000 / fps, loop=0)
-    return film.getvalue()
+
+    class Writer(PillowWriter):
+        """Frames in the colours of the palette."""
+
+        def finish(self):
+            self._frames = [
+                frame.convert("RGB").quantize(palette=palette, dither=Image.Dither.NONE) for frame in self._frames
+            ]
+            super().finish()
+
+    with tempfile.TemporaryDirectory() as folder:
+        film = Path(folder, "film.gif")
+        animation.save(film, writer=Writer(fps=fps), dpi=dpi)
+        pyplot.close(animation._fig)
+        return film.read_bytes()
 
 
 def _palette() -> bytes:
-    """The colours of a film, red green blue and so on: fills, lines, and lines at half strength on some fills."""
+    """The palette of a film as RGB bytes: fills, lines, and lines at half strength on some fills."""
     from matplotlib.colors import LinearSegmentedColormap, to_rgb
 
     fills = [(1.0, 1.0, 1.0), *LinearSegmentedColormap.from_list("share", FILL)(np.linspace(0, 1, 13))[:, :3]]
@@ -291,6 +283,6 @@ def _vector(name: str, value, box: Box) -> np.ndarray:
 
 
 def _size(box: Box) -> tuple[float, float]:
-    """Of a figure, in inches: the box at the same scale in both directions, and room for the axes."""
+    """Size of a figure in inches: the box at equal scale in both directions, and space for the axes."""
     width, height = 4.6 * box.sides / np.max(box.sides)
     return width + 0.6, height + 0.6

@@ -1,4 +1,4 @@
-"""`Problem`: a named system with its start, sensible lengths and a value to compare with; the registry."""
+"""`Problem`: a named system with its start, lengths of runs and a reference value; and the registry."""
 
 import dataclasses
 import difflib
@@ -6,18 +6,29 @@ import functools
 import inspect
 import math
 from collections.abc import Callable, Mapping
-from typing import Any, ParamSpec, TypeAlias
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeAlias, TypeVar
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from .._jax.tracing import traced
-from ..systems.kinds import System
+from .._text import with_error
+from ..analysis.orbits.periodic_orbits import Floquet, floquet
+from ..analysis.spectra import lyapunov_spectrum
+from ..analysis.trajectories import Trajectory, trajectory
+from ..results.spectrum import Spectrum
+from ..sweeps import sweep
+from ..systems.kinds import System, iterates
+
+if TYPE_CHECKING:
+    import xarray
 
 __all__ = ["Problem", "Real", "Reference", "get", "problem", "unknown"]
 
 P = ParamSpec("P")
+T = TypeVar("T")
+PART = 0.01  # of the length of a spectrum, over which a trajectory goes
 Real: TypeAlias = Any  # a number, or a traced scalar under jit, vmap and grad
 
 
@@ -26,11 +37,11 @@ class Reference:
     """Exponents that are known independently of this library.
 
     Attributes:
-        exponents: descending; -inf where a reset kills a direction.
+        exponents: descending; -inf where a reset destroys a direction.
         stderr: one standard deviation each; 0 where the value is exact.
         exact: whether the values are closed forms.
-        source: where they come from.
-        clock: "time" or "jumps": what they are counted per (iterations of a map are jumps).
+        source: their origin.
+        clock: "time" or "jumps": the unit that they are per (an iteration of a map is a jump).
     """
 
     exponents: tuple[float, ...]
@@ -40,7 +51,8 @@ class Reference:
     clock: str = "time"
 
     def __str__(self) -> str:
-        values = ", ".join(map(_with_error, self.exponents, self.stderr))
+        pairs = zip(self.exponents, self.stderr, strict=True)
+        values = ", ".join(with_error(value, error) if error else f"{value:.10g}" for value, error in pairs)
         return f"{values} per {'unit time' if self.clock == 'time' else 'jump'} ({self.source})"
 
 
@@ -53,13 +65,6 @@ def exact(*exponents: float, source: str, clock: str = "time") -> Reference:
 def computed(exponents, stderr, *, source: str, clock: str = "time") -> Reference:
     """A reference with standard errors."""
     return Reference(tuple(map(float, exponents)), tuple(map(float, stderr)), False, source, clock)
-
-
-def _with_error(value: float, stderr: float) -> str:
-    if stderr == 0:
-        return f"{value:.10g}"
-    decimals = max(0, 1 - math.floor(math.log10(stderr)))
-    return f"{value:.{decimals}f}({round(stderr * 10**decimals)})"
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -75,10 +80,10 @@ class Problem:
         args: what the system's functions get as `args`.
         mode: the mode at the start, where there are several.
         method: None: the default of the system.
-        t1, transient: lengths in units of `clock` that give two to four digits within seconds.
+        t1, transient: lengths in units of `clock`, enough for two to four digits.
         clock: "time" or "jumps".
         options: further defaults of `lyapunov_spectrum`.
-        reference: exponents known otherwise, None where none are for these parameters.
+        reference: independently known exponents; None if there are none for these parameters.
         source: of the system.
 
     Example:
@@ -104,7 +109,7 @@ class Problem:
     parameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     name: str = ""
 
-    def spectrum(self, **overrides):
+    def spectrum(self, **overrides: Any) -> Spectrum:
         """`lyapunov_spectrum` of this problem.
 
         Args:
@@ -113,20 +118,74 @@ class Problem:
         Returns:
             A `Spectrum`.
         """
-        from ..analysis.spectra import lyapunov_spectrum
+        own = {"t1": self.t1, "transient": self.transient, "clock": self.clock, **self.options}
+        return self._run(lyapunov_spectrum, {**self._start(), **own, **overrides})._called(self.name)
 
-        keywords = {
-            "x0": self.x0,
-            "args": self.args,
-            "t1": self.t1,
-            "transient": self.transient,
-            "clock": self.clock,
-            "mode": self.mode,
-            "method": self.method,
-            **self.options,
-            **overrides,
-        }
-        return lyapunov_spectrum(self.system, keywords.pop("x0"), keywords.pop("args"), **keywords)
+    def trajectory(self, **overrides: Any) -> Trajectory:
+        """`lh.trajectory` of this problem; without t1 over a hundredth of the length of its spectrum.
+
+        Args:
+            overrides: any argument of `lh.trajectory`; `x0` and `args` too.
+
+        Returns:
+            A `Trajectory`.
+
+        Raises:
+            ValueError: without t1 where a spectrum counts jumps: they are no length of time.
+
+        Example:
+            >>> from lyaphybrid import zoo
+            >>> zoo.lorenz63().trajectory(t1=1.0, n=4).to_xarray().state.values.tolist()
+            ['x', 'y', 'z']
+        """
+        if "t1" not in overrides:
+            discrete = iterates(self.system)
+            if self.clock != "time" and not discrete:
+                raise ValueError(f"{self.name} counts {self.clock}: give the length of time, trajectory(t1=…).")
+            overrides["t1"] = math.ceil(PART * self.t1) if discrete else PART * self.t1
+        return self._run(trajectory, {**self._start(), **overrides})
+
+    def floquet(self, **overrides: Any) -> Floquet:
+        """`lh.floquet` of this problem, from its start: give a `transient` where the orbit attracts, and its `period`.
+
+        Args:
+            overrides: any argument of `lh.floquet`; `x0` and `args` too.
+
+        Returns:
+            A `Floquet`.
+
+        Example:
+            >>> from lyaphybrid import zoo
+            >>> wheel = zoo.rimless_wheel().floquet(transient=20.0)
+            >>> wheel.stable, wheel.jumps
+            (True, 1)
+        """
+        return self._run(floquet, {**self._start(), "method": None, **overrides})
+
+    def sweep(self, over: Mapping[str, Any] | None = None, **options: Any) -> "xarray.Dataset":
+        """`lh.sweep` of this problem's spectrum: `lh.sweep(problem, over, **options)`.
+
+        Args:
+            over: {name: values}, names of entries of `args`, "x0" or "key".
+            options: any other argument of `lh.sweep`.
+
+        Returns:
+            An `xarray.Dataset`.
+
+        Example:
+            >>> from lyaphybrid import zoo
+            >>> found = zoo.logistic_map().sweep({"r": [2.8, 2.9]}, progress=False)
+            >>> [round(float(value), 6) for value in found.exponents[:, 0]]  # ln|2 − r|
+            [-0.223144, -0.105361]
+        """
+        return sweep(self, over, **options)
+
+    def _start(self) -> dict[str, Any]:
+        """What all verbs take."""
+        return {"x0": self.x0, "args": self.args, "mode": self.mode, "method": self.method}
+
+    def _run(self, verb: Callable[..., T], keywords: dict[str, Any]) -> T:
+        return verb(self.system, keywords.pop("x0"), keywords.pop("args"), **keywords)
 
     def __repr__(self) -> str:
         parameters = ", ".join(f"{name}={_short(value)}" for name, value in self.parameters.items())
@@ -169,8 +228,8 @@ _ZOO: dict[str, Callable[..., Problem]] = {}
 def problem(function: Callable[P, Problem]) -> Callable[P, Problem]:
     """Put a function of keyword parameters into the zoo; unknown and ill-typed parameters become ValueErrors.
 
-    A parameter takes the kind of its default: a truth value, a float, a whole number, or anything else unchecked. Where
-    it is more than `Real` an array goes to the function unchecked.
+    A parameter must be of the kind of its default: bool, float or int; other kinds are not checked. Where the
+    annotation allows more than `Real`, arrays are not checked.
     """
     name = function.__name__
     signature = inspect.signature(function).parameters
@@ -226,11 +285,11 @@ def nearest(name: str, valid) -> list[str]:
     return difflib.get_close_matches(name, list(valid), n=max(1, len(valid)), cutoff=0.0)
 
 
-# What the zoo's functions check their parameters with. A traced value has no value yet: it passes.
+# Checks of parameters. Traced values are not checked.
 
 
 def number(name: str, value: Any) -> Any:
-    """A finite real number as a float; traced scalars pass."""
+    """A finite real number as a float; traced scalars are not checked."""
     if traced(value):
         if value.shape != ():
             raise ValueError(f"{name} must be a single number; got an array of shape {value.shape}.")
@@ -242,7 +301,7 @@ def number(name: str, value: Any) -> Any:
 
 
 def several(name: str, value: Any, n: int) -> Any:
-    """A finite real number; or n of them, as an array."""
+    """A finite real number, or n of them as an array."""
     if np.ndim(value) == 0:
         return number(name, value)
     if traced(value):
@@ -271,13 +330,13 @@ def _as_kind_of(default: Any, name: str, value: Any) -> Any:
 
 
 def require(name: str, value: Any, holds: Callable[[Any], bool], wanted: str) -> None:
-    """Raise where the value is known and does not satisfy the condition."""
+    """Raise unless the value is traced or satisfies the condition."""
     if not traced(value) and not holds(value):
         raise ValueError(f"{name} must be {wanted}; got {value!r}.")
 
 
 def positive(**values: Any) -> None:
-    """Raise where one of the values is known and not above 0."""
+    """Raise unless each value is traced or above 0."""
     for name, value in values.items():
         require(name, value, lambda v: bool(np.all(np.asarray(v) > 0)), "positive")
 
@@ -289,13 +348,13 @@ def one_of(name: str, value: Any, choices: tuple[str, ...]) -> None:
 
 
 def near(value: Any, *wanted: Any) -> bool:
-    """Whether the value (a number or several) is known and equal to what is wanted up to rounding."""
+    """Whether the value (a number or several) is not traced and equal to the wanted one up to rounding."""
     given = value if isinstance(value, tuple) else (value,)
     return not traced(given) and all(math.isclose(a, b, rel_tol=1e-12) for a, b in zip(given, wanted, strict=True))
 
 
 def state(*components: Any) -> Float[Array, " n"]:
-    """A state vector in JAX's present default precision."""
+    """A state vector in JAX's current default precision."""
     if not traced(*components):
         return jnp.asarray(np.array([float(c) for c in components]), dtype=float)  # compiles nothing
     return jnp.stack([jnp.asarray(c, dtype=float) for c in components])

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from examples import primitives
-from lyaphybrid._jax.jaxprs import divided, settled
+from lyaphybrid._jax.jaxprs import divided, partially_evaluated
 
 
 def oscillator(zeta):
@@ -15,7 +15,7 @@ def oscillator(zeta):
 
 def test_the_settled_function_is_the_function():
     x = jnp.array([0.3, -0.2])
-    got, wanted = settled(oscillator(jnp.asarray(0.1)), 0.5, x)(0.7, 2 * x), oscillator(0.1)(0.7, 2 * x)
+    got, wanted = partially_evaluated(oscillator(jnp.asarray(0.1)), 0.5, x)(0.7, 2 * x), oscillator(0.1)(0.7, 2 * x)
     assert jax.tree.structure(got) == jax.tree.structure(wanted)
     np.testing.assert_allclose(got["slope"], wanted["slope"], rtol=1e-15)
     assert float(got["time"]) == 0.7
@@ -24,7 +24,7 @@ def test_the_settled_function_is_the_function():
 def test_what_parameters_decide_is_computed_before_the_loop():
     def run(settle, zeta, x):
         field = oscillator(zeta)
-        field = settled(field, 0.0, x) if settle else field
+        field = partially_evaluated(field, 0.0, x) if settle else field
         return jax.lax.fori_loop(0, 3, lambda i, x: x + 0.1 * field(0.0, x)["slope"], x)
 
     for settle in (False, True):
@@ -38,7 +38,7 @@ def test_derivatives_by_parameters_pass():
     x = jnp.array([0.3, -0.2])
 
     def slope(zeta):
-        return settled(oscillator(zeta), 0.0, x)(0.0, x)["slope"][1]
+        return partially_evaluated(oscillator(zeta), 0.0, x)(0.0, x)["slope"][1]
 
     np.testing.assert_allclose(jax.grad(slope)(0.1), -2 * np.exp(0.1) * x[1], rtol=1e-15)
 

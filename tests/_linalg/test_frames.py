@@ -45,6 +45,20 @@ def test_blocks_of_columns_in_place(dtype):
     assert np.all(np.isfinite(moved))
 
 
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("shape", [(9, 9), (16, 16), (18, 11), (67, 64), (135, 130)])
+def test_gram_schmidt_in_vectors(shape, dtype):
+    """What machine code does in vectors of the CPU, parts of vectors among them, XLA does column by column."""
+    frame = np.random.default_rng(0).normal(size=shape).astype(dtype)
+    frame[:, 5] = 0  # a column that is nothing stays nothing
+    for function in (frames.modified_gram_schmidt, frames.orthonormal):
+        columns, lengths = compiled()(function)(jnp.asarray(frame))
+        wanted, known = jax.jit(frames._in_a_loop)(jnp.asarray(frame))
+        assert columns.dtype == lengths.dtype == dtype
+        assert_allclose(columns, wanted, atol=500 * np.finfo(dtype).eps)
+        assert_allclose(lengths, known, rtol=500 * np.finfo(dtype).eps)
+
+
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("k", [2, 3, 16, 20, 64, 100])
 def test_columns_and_lengths_are_those_of_lapack(kind, k):

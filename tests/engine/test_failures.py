@@ -2,6 +2,7 @@
 
 import re
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -135,3 +136,50 @@ def test_others_tell_the_place_too(call):
     error = failure(call)
     assert error.status is STATUS.nonfinite
     assert re.search(r"t = (0\.999\d*|1(\.0\d*)?), x = \[", str(error))
+
+
+def test_two_trajectories_that_get_nowhere_are_given_up():
+    """The field jumps, and steps are as short as its error asks: the rest would take hours."""
+    jumping = lh.Flow(lambda t, x, args: jnp.stack([-jnp.sign(x[0]), -x[1]]))
+    error = failure(lh.two_trajectories, jumping, [1e-9, 0.3], t1=10.0)
+    assert error.status is STATUS.stalled
+    assert "Such short steps are those of a field" in str(error)
+    assert 0 < float(error.result.t) < 1
+
+
+def test_a_field_that_is_undefined_just_beyond_ends_a_run_where_nobody_looks():
+    """Steps far below the rounding of t = 2 are accepted for ever: a compiled run alone must see that."""
+    root = lh.Flow(lambda t, x, args: jnp.stack([args + 0 * x[0], jnp.sqrt(2 - x[0])]))
+    run = jax.jit(lambda a: lh.lyapunov_spectrum(root, jnp.zeros(2), a, t1=10.0, blocks=4, throw=False))
+    spectrum = run(1.0)
+    assert int(spectrum.status_code) == STATUS.nonfinite
+    assert float(spectrum.t) == pytest.approx(2.0, rel=1e-12)
+
+
+def test_a_search_for_an_orbit_returns_nothing_where_the_motion_fails():
+    found = lh.floquet(ESCAPE, [1.0, 1.0], 1.0, throw=False)
+    assert found.residual == np.inf
+    assert found.stability == "unknown"
+    assert np.isnan(found.multipliers).all()
+    error = failure(lh.floquet, ESCAPE, [1.0, 1.0], 1.0)
+    assert error.result.x0.tolist() == [1.0, 1.0]
+
+
+def test_a_derivative_of_a_run_that_fails():
+    """Asked for by name, and by the first method that applies: nothing is known, and why."""
+    for method in ("auto", "implicit", "birkhoff", "equilibrium"):
+        with pytest.raises(lh.NoDerivativeError, match="nonfinite") as caught:
+            lh.lyapunov_gradient(ESCAPE, [1.0, 1.0], 1.0, t1=10.0, transient=2.0, algorithm=method)
+        found = caught.value.result
+        assert not found.trust
+        assert np.isnan(found.value).all()
+        assert "nonfinite" in found.reasons[0]
+
+
+def test_a_design_that_comes_to_where_the_motion_fails_keeps_what_it_has():
+    """λ = ln|2 − r| of the logistic map, which has no motion beyond r = 4."""
+    logistic = lh.Map(lambda n, x, args: args["r"] * x * (1 - x))
+    found = lh.design(logistic, [0.3], {"r": 2.9}, 0.0, over={"r": (2.8, 4.6)}, t1=200, optimiser="bisection")
+    assert not found.trust
+    assert "not known" in found.reasons[0]
+    assert len(found.history) >= 1

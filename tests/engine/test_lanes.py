@@ -64,7 +64,7 @@ def test_a_lane_that_fails_leaves_its_neighbours_alone():
 def test_a_lane_of_a_chain_begins_where_the_one_before_has_ended(monkeypatch, side_by_side):
     monkeypatch.setattr(devices, "are_wanted", lambda: side_by_side)
     chains = [(0.0, np.arange(200.0)), (100.0, np.arange(3.0)), (1.0, np.ones(200))]
-    results, done = lanes.run_chains(add, jnp.asarray(1.0), chains)
+    results, done = lanes.run_sequences(add, jnp.asarray(1.0), chains)
     assert all(each.all() for each in done)
     np.testing.assert_array_equal(results[0], np.cumsum(np.arange(200.0)))
     np.testing.assert_array_equal(results[1], [100.0, 101.0, 103.0])

@@ -163,6 +163,27 @@ def test_a_branch_that_changes_nothing_copies_nothing():
     np.testing.assert_array_equal(compiled(x), jax.jit(function)(x))
 
 
+def test_arrays_that_come_together_are_worked_out_in_one_loop():
+    """Results of a branch, which stay where it has put them, and the parts of a stack."""
+
+    def branches(flag, x):
+        return lax.cond(flag, lambda: (x + 1, 2 * x), lambda: (x, x))
+
+    def emitted(function, *example):
+        text = lower(jax.make_jaxpr(function)(*example), 4)
+        return text.count(" phi i64 "), text.count("call void @llvm.memcpy")
+
+    x = jnp.arange(100.0)
+    assert emitted(branches, True, x) == (
+        1,
+        4,
+    )  # copies: of x by the branch that changes nothing, and out of the program
+    assert emitted(lambda x: jnp.stack([x + 1, 2 * x, x - 1]), x) == (1, 1)
+    for flag in (True, False):
+        for found, wanted in zip(native.compile(branches, flag, x)(flag, x), branches(flag, x), strict=True):
+            assert np.array_equal(found, wanted)
+
+
 def run_wrong_program():
     """A program that reads the fifth of four elements."""
     b = Emitter(checked=True)

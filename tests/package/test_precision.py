@@ -184,7 +184,7 @@ LOGISTIC = lh.Map(lambda n, x, r: r * x * (1 - x))
 REFUSED = {
     "an lh.DAE": lambda: lh.lyapunov_spectrum(CIRCLE, [0.6, 0.8], t1=1.0),
     "consistent_start": lambda: lh.consistent_start(CIRCLE, [0.6, 0.8]),
-    "continuation": lambda: lh.continuation(LOGISTIC, [0.6], 2.5, "args", over=(2.0, 3.0), period=1),
+    "continuation": lambda: lh.continuation(LOGISTIC, [0.6], 2.5, over={"args": (2.0, 3.0)}, period=1),
     "a derivative of exponents": lambda: lh.lyapunov_gradient(LOGISTIC, [0.3], 2.9, t1=1000),
 }
 

@@ -4,8 +4,10 @@ import doctest
 import importlib
 import inspect
 import pkgutil
+import re
 
 import jax
+import numpy as np
 import pytest
 
 import lyaphybrid as lh
@@ -19,6 +21,8 @@ RESULTS = (
     "Floquet",
     "Gradient",
     "NoPeriodicOrbitError",
+    "NoConsistentPointError",
+    "NoDerivativeError",
     "Jacobians",
     "TwoTrajectories",
     "GALIResult",
@@ -103,6 +107,20 @@ def test_every_verb_says_what_comes_back_and_what_can_go_wrong(name):
     assert "Raises:" in described
 
 
+def unannotated(name: str) -> list[str]:
+    """The parameters of a public callable, and what it returns, that say no type."""
+    signature = inspect.signature(PUBLIC[name])
+    missing = [p.name for p in signature.parameters.values() if p.annotation is inspect.Parameter.empty]
+    returns = inspect.isclass(PUBLIC[name]) or signature.return_annotation is not inspect.Signature.empty
+    return missing if returns else [*missing, "return"]
+
+
+@pytest.mark.parametrize("name", sorted(PUBLIC.keys() - {"LyaphybridError", "StoreFailedError"}))
+def test_every_public_name_says_its_types(name):
+    """The two that are left out take what every exception takes."""
+    assert unannotated(name) == []
+
+
 def test_the_modules_name_their_public_names_and_nothing_else():
     for module in map(importlib.import_module, MODULES):
         for name in getattr(module, "__all__", ()):
@@ -141,13 +159,67 @@ def test_old_keywords_work_and_say_the_new_ones():
         lh.lyapunov_spectrum(logistic, [0.3], 3.7, t1=200, until=0.05, target_stderr=0.05)
 
 
+LOGISTIC = lh.Map(lambda n, x, args: args["r"] * x * (1 - x))
+BOX = [[0.1], [0.9]]
+SHORT = {"t1": 40, "transient": 20, "samples": 8, "starts": 1}
+OLD_CALLS = {
+    "over=": (
+        lambda: lh.lyapunov_gradient(LOGISTIC, [0.3], {"r": 2.9}, t1=100, free=["r"]),
+        lambda: lh.lyapunov_gradient(LOGISTIC, [0.3], {"r": 2.9}, t1=100, over=["r"]),
+        lambda found: found.gradient["r"],
+    ),
+    "algorithm=": (
+        lambda: lh.lyapunov_gradient(LOGISTIC, [0.3], {"r": 2.9}, t1=100, method="implicit"),
+        lambda: lh.lyapunov_gradient(LOGISTIC, [0.3], {"r": 2.9}, t1=100, algorithm="implicit"),
+        lambda found: found.gradient["r"],
+    ),
+    "over={name": (
+        lambda: lh.design(LOGISTIC, [0.3], {"r": 2.8}, -0.5, t1=100, free="r", bounds={"r": (2.5, 2.9)}),
+        lambda: lh.design(LOGISTIC, [0.3], {"r": 2.8}, -0.5, t1=100, over={"r": (2.5, 2.9)}),
+        lambda found: found.parameters["r"],
+    ),
+    "over={'r': ": (
+        lambda: lh.continuation(LOGISTIC, [0.6], {"r": 2.5}, "r", over=(2.4, 2.6), period=1),
+        lambda: lh.continuation(LOGISTIC, [0.6], {"r": 2.5}, over={"r": (2.4, 2.6)}, period=1),
+        lambda found: found.values,
+    ),
+    "system, x0, args, over": (
+        lambda: lh.bifurcation_diagram(LOGISTIC, {"r": [2.8]}, BOX, {"r": 0.0}, **SHORT),
+        lambda: lh.bifurcation_diagram(LOGISTIC, BOX, {"r": 0.0}, over={"r": [2.8]}, **SHORT),
+        lambda found: found.exponents,
+    ),
+}
+
+
+@pytest.mark.parametrize("said", OLD_CALLS)
+def test_old_calls_work_and_say_the_new_ones(said):
+    old, new, value = OLD_CALLS[said]
+    with pytest.warns(DeprecationWarning, match=re.escape(said)) as warned:
+        before = old()
+    assert len(warned) == 1
+    assert warned[0].filename == __file__
+    np.testing.assert_array_equal(value(before), value(new()))
+
+
+def test_the_integrator_is_called_method_everywhere():
+    decay = lh.Flow(lambda t, x, args: args["a"] * x)
+    coarse = lh.RungeKutta("rk4", dt=0.1)
+    with pytest.warns(DeprecationWarning, match="method=") as warned:
+        old = lh.lyapunov_gradient(decay, [0.5], {"a": -1.0}, t1=5.0, integrator=coarse)
+    assert len(warned) == 1
+    new = lh.lyapunov_gradient(decay, [0.5], {"a": -1.0}, t1=5.0, method=coarse)
+    assert old.gradient["a"] == new.gradient["a"]
+
+
 def test_a_name_that_never_was_is_an_error():
     with pytest.raises(AttributeError, match="no attribute 'Spektrum'"):
         _ = lh.Spektrum
 
 
 def test_errors_of_a_computation_are_one_family():
-    family = [lh.RunFailedError, lh.NoPeriodicOrbitError, lh.StoreFailedError]
+    family = [lh.RunFailedError, lh.NoPeriodicOrbitError, lh.NoConsistentPointError, lh.NoDerivativeError]
+    assert not any(issubclass(one, ValueError) for one in family)
+    family = [*family, lh.StoreFailedError]
     assert all(issubclass(one, lh.LyaphybridError) for one in family)
     assert issubclass(lh.StoreFailedError, OSError)
     assert issubclass(lh.RunFailedError, RuntimeError)

@@ -21,6 +21,7 @@ from lyaphybrid.papers.linh import reproduction as linh
 from lyaphybrid.papers.linh import tables
 from lyaphybrid.papers.linh import theory as linh_theory
 from lyaphybrid.papers.linh.beyond import extensions as linh_extensions
+from lyaphybrid.papers.reproductions import computed
 
 # By an independent program in more digits: λ_i(T) with ln R(t₀)_ii counted, and without.
 EXACT = {
@@ -351,7 +352,7 @@ def test_numbers_are_json():
 def test_tasks_are_done_program_by_program():
     fractions = []
     tasks = {"a": ("one", abs, -3), "b": ("two", abs, 4), "c": ("one", max, 1, 2)}
-    assert linh._all(tasks, fractions.append) == {"a": 3, "b": 4, "c": 2}
+    assert computed(tasks, fractions.append) == {"a": 3, "b": 4, "c": 2}
     assert sorted(fractions)[-1] == 1.0
     assert len(fractions) == 3
 

@@ -11,6 +11,7 @@ import pytest
 import lyaphybrid as lh
 from lyaphybrid.__main__ import main
 from lyaphybrid.papers.claims import CORRECTED
+from lyaphybrid.papers.reproductions import computed
 from lyaphybrid.papers.skokos import cases as skokos_cases
 from lyaphybrid.papers.skokos import checks as skokos_checks
 from lyaphybrid.papers.skokos import report as skokos_report
@@ -284,7 +285,7 @@ def test_numbers_are_json():
 
 def test_progress_tells_how_many_runs_are_done():
     fractions = []
-    assert skokos._all({1: (abs, -3), 2: (abs, 4)}, fractions.append) == {1: 3, 2: 4}
+    assert computed({1: ("one", abs, -3), 2: ("two", abs, 4)}, fractions.append) == {1: 3, 2: 4}
     assert fractions == [0.5, 1.0]
 
 

@@ -159,7 +159,7 @@ def test_a_trajectory_breaks_at_its_events_in_their_order():
 
 def test_a_trajectory_names_its_modes_and_marks_its_events():
     ax = plots.trajectory(a_trajectory(), components=[1])
-    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["free", "held", "$x_{2}$"]
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["free", "held", "$x_{1}$"]
     marks = ax.collections[-1].get_segments()
     np.testing.assert_allclose([mark[0, 0] for mark in marks], [1.0, 2.5, 2.5])
     assert marks[0][:, 1].tolist() == [0.0, 1.0]
@@ -186,7 +186,7 @@ def test_phase_shows_one_path_for_each_mode_and_the_jumps():
     rings, dots = ax.lines[-2:]
     np.testing.assert_allclose(rings.get_xydata(), [[0, 10], [0, 20], [0, 30]])
     np.testing.assert_allclose(dots.get_xydata(), [[0, 11], [0, 21], [0, 31]])
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ("$x_{2}$", "$x_{1}$")
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("$x_{1}$", "$x_{0}$")
 
 
 def test_iterates_of_a_map_are_points():

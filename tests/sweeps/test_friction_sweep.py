@@ -20,7 +20,7 @@ ONE_FOLD = "fold of P1w3"  # in transient chaos
 
 def diagram(values, x0=cases.BOX, **options):
     over = {"beta": np.asarray(values)}
-    return lh.bifurcation_diagram(SYSTEM, over, x0, ARGS, period=cases.PERIOD, angles=(0,), **options)
+    return lh.bifurcation_diagram(SYSTEM, x0, ARGS, over=over, period=cases.PERIOD, angles=(0,), **options)
 
 
 def rows_of_the_reference():

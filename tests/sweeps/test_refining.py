@@ -84,8 +84,8 @@ def test_it_is_taken_up_from_its_stores(tmp_path, monkeypatch):
     first = refined(store=tmp_path / "steps")
     assert len(list((tmp_path / "steps").glob("*.zarr"))) >= 3
     computed = []
-    real = sweeping.run_chains
-    monkeypatch.setattr(sweeping, "run_chains", lambda *given, **named: computed.append(1) or real(*given, **named))
+    real = sweeping.run_sequences
+    monkeypatch.setattr(sweeping, "run_sequences", lambda *given, **named: computed.append(1) or real(*given, **named))
     again = refined(store=tmp_path / "steps")
     assert len(computed) == 1  # for the grid
     assert again.equals(first)

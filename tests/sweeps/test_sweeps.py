@@ -24,6 +24,7 @@ def logistic(r, x0=(0.3,)):
     return lh.lyapunov_spectrum(LOGISTIC, jnp.asarray(x0), r, t1=64, transient=10, blocks=8)
 
 
+DECAY = lh.Flow(lambda t, x, args: -x)
 RATES = np.linspace(3.0, 4.2, 25)  # beyond 4 the motion escapes
 
 
@@ -177,6 +178,22 @@ def test_attributes(whole):
     assert whole.exponent.values.tolist() == [1]
 
 
+def test_attributes_come_from_the_spectra_among_what_is_returned():
+    found = lh.sweep(lambda r: {"of": logistic(r), "r": r}, {"args": RATES[:2]}, args=3.0, progress=False)
+    assert found.attrs["system"] == "Map"
+    assert (
+        lh.sweep(lambda r: logistic(r).exponents, {"args": RATES[:2]}, args=3.0, progress=False).attrs["system"] == ""
+    )
+
+
+def test_what_was_run_decides_nothing_about_compiling():
+    loose, tight = (lh.lyapunov_spectrum(DECAY, [1.0], t1=1.0, method=lh.RungeKutta(rtol=tol)) for tol in (1e-6, 1e-9))
+    assert loose.about.system == "Flow"
+    assert "1e-06" in loose.about.method
+    assert "1e-09" in tight.about.method
+    assert jax.tree.structure(loose) == jax.tree.structure(tight)
+
+
 def test_attributes_of_a_problem():
     problem = lh.zoo.friction_pendulum()
 
@@ -196,11 +213,11 @@ def counted(monkeypatch):
     """How many points are computed."""
     computed = []
 
-    def run_chains(function, shared, chains, **keywords):
+    def run_sequences(function, shared, chains, **keywords):
         computed.extend(len(rows["args"]) for _, rows in chains)
-        return lanes.run_chains(function, shared, chains, **keywords)
+        return lanes.run_sequences(function, shared, chains, **keywords)
 
-    monkeypatch.setattr(sweeping, "run_chains", run_chains)
+    monkeypatch.setattr(sweeping, "run_sequences", run_sequences)
     return computed
 
 

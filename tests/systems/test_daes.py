@@ -10,7 +10,7 @@ import lyaphybrid as lh
 from examples import STIFF
 from lyaphybrid import zoo
 from lyaphybrid._jax.engines import compiled
-from lyaphybrid._linalg.linear_systems import inverse, split, times
+from lyaphybrid._linalg.linear_systems import inverse, sparse_matmul, split
 from lyaphybrid.integrators.implicit.implicit_tableaux import IMPLICIT
 from lyaphybrid.integrators.implicit.linearised import linearised
 from lyaphybrid.systems.bound import Bound
@@ -165,8 +165,8 @@ def at_a_point(name):
     path = lh.trajectory(problem.system, problem.x0, problem.args, t1=1.3, n=1, method=lh.HalfExplicit(1e-12))
     t, x = jnp.asarray(1.3), path.x[0]
     field = Bound(problem.system.field, problem.args)
-    lifts = compiled()(lambda t, x: field.field.lifts(t, x, field.args).content)(t, x)
-    columns, _ = np.linalg.qr(lifts)
+    inverse_blocks = compiled()(lambda t, x: field.field.inverse_blocks(t, x, field.args).differential_part)(t, x)
+    columns, _ = np.linalg.qr(inverse_blocks)
     return field, t, x, columns
 
 
@@ -254,7 +254,7 @@ def test_rows_that_are_known_are_split(rows):
     assert_allclose(rows @ kernel, 0, atol=1e-13)
     assert np.linalg.matrix_rank(np.hstack([right, kernel])) == rows.shape[1]
     x = jnp.arange(float(rows.shape[1]))
-    assert_allclose(times(rows, x), rows @ np.asarray(x), rtol=1e-15)
+    assert_allclose(sparse_matmul(rows, x), rows @ np.asarray(x), rtol=1e-15)
 
 
 # --- the same system in other forms -----------------------------------------------------------------------------
@@ -591,5 +591,5 @@ def test_arguments_that_do_not_fit():
     with pytest.raises(ValueError, match="1 ≤ k ≤ 1"):
         lh.lyapunov_spectrum(semi_explicit(), [1.0, 1.0], t1=1.0, frame=np.eye(2))
     nowhere = semi_explicit(residual=lambda t, x, args: jnp.stack([-x[1], x[1] ** 2 + 1 + x[0] ** 2]))
-    with pytest.raises(ValueError, match="No consistent point"):
+    with pytest.raises(lh.NoConsistentPointError, match="No consistent point"):
         lh.consistent_start(nowhere, [1.0, 1.0])

@@ -47,7 +47,7 @@ def test_a_rectifier_in_closed_form():
     assert_allclose(orbit.exponents, [exact], rtol=0, atol=1e-10)
     assert orbit.multipliers.shape == (1,)
     assert orbit.stable
-    assert orbit.events == 2
+    assert orbit.jumps == 2
     path = lh.trajectory(problem.system, problem.x0, problem.args, t1=20 * PERIOD, n=400, mode="blocked")
     charge, v, current = path.x.T
     begins = path.events.transition == 1

@@ -9,14 +9,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import lyaphybrid as lh
 from lyaphybrid import zoo
 from lyaphybrid._jax.engines import compiled
-from lyaphybrid.analysis import spectra
 from lyaphybrid.engine.evolvers.scheduled import predicting_anew
 from lyaphybrid.systems.daes.semi_linear import degrees_of_freedom
 from lyaphybrid.systems.event_driven import EventDriven
 from lyaphybrid.systems.hybrid import Hybrid
 from lyaphybrid.systems.smooth import Flow, Map
+from lyaphybrid.zoo import problem as problem_module
 
 VARIANTS = [
     *((name, {}) for name in zoo.names()),
@@ -184,9 +185,10 @@ def test_the_energy_of_disks_may_be_traced():
 
 def test_spectrum_hands_over_what_the_problem_says(monkeypatch):
     calls = []
-    monkeypatch.setattr(spectra, "lyapunov_spectrum", lambda *a, **k: calls.append((a, k)) or "spectrum")
+    found = lh.lyapunov_spectrum(lh.Map(lambda n, x, args: 0.5 * x), [1.0], t1=10)
+    monkeypatch.setattr(problem_module, "lyapunov_spectrum", lambda *a, **k: calls.append((a, k)) or found)
     problem = zoo.conewise_linear()
-    assert problem.spectrum(transient=3.0, x0=[1.0, 2.0], k=1) == "spectrum"
+    assert problem.spectrum(transient=3.0, x0=[1.0, 2.0], k=1).name == "conewise_linear"
     (system, x0, args), keywords = calls[0]
     assert (system, x0, args) == (problem.system, [1.0, 2.0], problem.args)
     assert keywords == {

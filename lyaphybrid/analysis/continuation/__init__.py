@@ -1,4 +1,4 @@
-"""Continuation of periodic orbits: branches, and where they fold, branch, double, leave circles behind or graze."""
+"""Continuation of periodic orbits: branches and their bifurcations."""
 
 from .branches import Continuation, Special
 from .continuing import continuation

@@ -1,4 +1,4 @@
-"""What happens along a branch of periodic orbits: functions of a point that change sign there."""
+"""Test functions of bifurcations: functions of a point of a branch that change sign there."""
 
 from typing import Any, NamedTuple
 
@@ -11,13 +11,13 @@ from .equations import Equations, Point
 
 __all__ = ["TESTS", "branching", "cycle_of_events", "is_complex", "monodromy", "of_doubling"]
 
-NUDGE = 1e-5  # by which unknowns are changed to see how the Jacobian does
-FLAT = 1e-4  # a direction whose share of the parameter is smaller than this has none
-REAL = 1e-6  # an imaginary part of a multiplier that is none
+NUDGE = 1e-5  # step of the finite differences of the Jacobian
+FLAT = 1e-4  # a direction with a smaller parameter component does not change the parameter
+REAL = 1e-6  # a multiplier with a smaller imaginary part is real
 
 
 def monodromy(equations: Equations, point: Point) -> np.ndarray:
-    """The derivative (n, n) of a whole turn by the first node, modulo the symmetry."""
+    """The monodromy matrix (n, n) at the first node, modulo the symmetry."""
     first = point.orbit.nodes[0]
     matrix = np.eye(len(first.x))
     for piece in point.orbit.pieces:
@@ -28,9 +28,9 @@ def monodromy(equations: Equations, point: Point) -> np.ndarray:
 
 
 def transverse(equations: Equations, point: Point) -> np.ndarray:
-    """The multipliers of a point, but the 1 along the flow of an autonomous system.
+    """The multipliers of a point, without the 1 along the flow of an autonomous system.
 
-    That one is divided out with its eigenvector, the velocity: next to a fold or a branch point there are two near 1.
+    It is divided out by its eigenvector, the velocity, because next to a fold or a branch point two are near 1.
     """
     matrix = monodromy(equations, point)
     if equations.symmetry is not None or equations.conserved is not None:
@@ -46,7 +46,7 @@ def transverse(equations: Equations, point: Point) -> np.ndarray:
 
 
 def _signed(factors: np.ndarray) -> float:
-    """The factor next to zero, with the sign of the product of all, which is real."""
+    """The smallest |factor|, with the sign of the product of all factors, which is real."""
     if not len(factors):
         return 1.0
     sizes = np.abs(factors)
@@ -55,25 +55,25 @@ def _signed(factors: np.ndarray) -> float:
 
 
 def fold(equations: Equations, point: Point) -> float:
-    """The tangent's share of the parameter."""
+    """The component of the tangent along the parameter."""
     del equations
     return float(point.tangent[-1])
 
 
 def branch(equations: Equations, point: Point) -> float:
-    """The smallest singular value of the Jacobian and the tangent, with the sign of the determinant."""
+    """Smallest singular value of [Jacobian; tangent], with the sign of the determinant."""
     del equations
     square = np.vstack([point.jacobian, point.tangent])
     return float(np.linalg.slogdet(square)[0] * np.linalg.svd(square, compute_uv=False)[-1])
 
 
 def doubling(equations: Equations, point: Point) -> float:
-    """Π (μ + 1), as far as it matters."""
+    """The factor of Π (μ + 1) next to zero, with the sign of the product."""
     return _signed(transverse(equations, point) + 1)
 
 
 def torus(equations: Equations, point: Point) -> float:
-    """Π (μ_i μ_j − 1) over all pairs, as far as it matters."""
+    """The factor of Π_{i<j} (μ_i μ_j − 1) next to zero, with the sign of the product."""
     multipliers = transverse(equations, point)
     i, j = np.triu_indices(len(multipliers), 1)
     return _signed(multipliers[i] * multipliers[j] - 1)
@@ -83,7 +83,7 @@ TESTS = {"branch point": branch, "fold": fold, "period doubling": doubling, "Nei
 
 
 def is_complex(equations: Equations, point: Point) -> bool:
-    """Whether the pair of multipliers whose product is 1 is complex: two real ones make no torus."""
+    """Whether the pair of multipliers whose product is 1 is complex: a real pair is no Neimark–Sacker point."""
     multipliers = transverse(equations, point)
     i, j = np.triu_indices(len(multipliers), 1)
     at = int(np.argmin(np.abs(multipliers[i] * multipliers[j] - 1)))
@@ -100,8 +100,9 @@ class Branching(NamedTuple):
 def branching(equations: Equations, point: Point) -> Branching:
     """The kind of a branch point, and the tangent of the branch that crosses there.
 
-    Of directions α v + β τ, τ the tangent of the branch that is known and v across it, in the null space of the
-    Jacobian, a branch has one with a α² + 2 b αβ = 0, where a = ψ·J'v v, b = ψ·J'v τ and ψ is the left null vector.
+    The tangent of a branch is a direction α v + β τ in the null space of the Jacobian, with τ the tangent of the known
+    branch and v orthogonal to it, that satisfies a α² + 2 b αβ = 0, where a = ψ·J'v v, b = ψ·J'v τ and ψ is the left
+    null vector.
     """
     left, _, right = np.linalg.svd(point.jacobian)
     psi, null = left[:, -1], right[-2:]
@@ -117,7 +118,7 @@ def branching(equations: Equations, point: Point) -> Branching:
 
 
 def _derivative(equations: Equations, point: Point, along: np.ndarray) -> np.ndarray:
-    """The derivative of the Jacobian (N, N + 1) along a direction: by differences, to the fourth order of the nudge."""
+    """The derivative of the Jacobian (N, N + 1) along a direction, by central differences of fourth order."""
 
     def difference(nudge: float) -> np.ndarray:
         ends = (equations.shoot(point.u + side * nudge * along, point.orbit) for side in (1.0, -1.0))
@@ -128,14 +129,14 @@ def _derivative(equations: Equations, point: Point, along: np.ndarray) -> np.nda
 
 
 def of_doubling(equations: Equations, point: Point) -> np.ndarray:
-    """How the first node (n,) moves on the orbit of twice the period: the eigenvector of the multiplier −1."""
+    """The change (n,) of the first node towards the doubled orbit: the eigenvector of the multiplier −1."""
     values, vectors = np.linalg.eig(monodromy(equations, point))
     vector = np.real(vectors[:, np.argmin(np.abs(values + 1))])
     return vector / np.linalg.norm(vector)
 
 
 def cycle_of_events(point: Point) -> tuple[Any, ...]:
-    """The jumps of a turn in their order, wherever it begins."""
+    """The cyclic sequence of the jumps of a period, in a form that does not depend on where it starts."""
     found: list[tuple[int, ...]] = []
     for piece in point.orbit.pieces:
         if piece.events is not None:

@@ -1,10 +1,14 @@
-"""Branches of periodic orbits: what a continuation found."""
+"""Branches of periodic orbits: the result of a continuation."""
 
 import dataclasses
 
 import numpy as np
 
+from ... import _renamed as renamed
 from ... import plots
+from ..._text import Table
+from ...results.result import Data, Result
+from ...systems.labels import Labels
 from ..orbits.periodic_orbits import Floquet
 from .locating import Change
 
@@ -13,16 +17,16 @@ __all__ = ["Continuation", "Special"]
 
 @dataclasses.dataclass(frozen=True)
 class Special:
-    """A periodic orbit at which something happens.
+    """A special point of a branch: a bifurcation, or grazing.
 
     Attributes:
         kind: "fold", "pitchfork", "transcritical", "period doubling", "Neimark–Sacker" or "grazing".
         parameter: its value there.
         orbit: an `lh.Floquet`.
         turns: multiple of the given period after which it closes.
-        turns_there: that multiple on the branch that begins here.
-        change: towards that branch, how the orbit's `base`, its period and the parameter move; None where none begins.
-        largest: (n,) of each component over the orbit.
+        turns_there: the same multiple on the branch that begins here.
+        change: direction to that branch: changes of the orbit's `base`, period and parameter; None if none begins.
+        largest: (n,) largest value of each component over the orbit.
     """
 
     kind: str
@@ -54,8 +58,8 @@ class Special:
     __repr__ = __str__
 
 
-@dataclasses.dataclass(frozen=True)
-class Continuation:
+@dataclasses.dataclass(frozen=True, repr=False)
+class Continuation(Result):
     """A branch of periodic orbits.
 
     Attributes:
@@ -64,9 +68,9 @@ class Continuation:
         orbits: an `lh.Floquet` for each point.
         specials: tuple of `Special`, in the order of the branch.
         ends: why the branch ends at its first and at its last point: "range" (of `over`), "closed" (back at its start),
-            "grazing" (an orbit touches a guard, and none follows), "max_points", "no convergence" (of Newton's method,
-            whatever the step), "start" (a branch that begins at a `Special`).
-        largest, smallest: (points, n) of each component over the orbit.
+            "grazing" (an orbit touches a guard, and the branch does not go on), "max_points", "no convergence" (of
+            Newton's method, whatever the step), "start" (a branch that begins at a `Special`).
+        largest, smallest: (points, n) extreme values of each component over the orbit.
     """
 
     parameter: str
@@ -76,6 +80,7 @@ class Continuation:
     ends: tuple[str, str]
     largest: np.ndarray
     smallest: np.ndarray
+    state_labels: Labels = Labels()
 
     @property
     def x0(self) -> np.ndarray:
@@ -106,16 +111,35 @@ class Continuation:
         """The specials of a kind."""
         return [special for special in self.specials if special.kind == kind]
 
-    def plot(self, axes=None):
-        """The orbits, and below them their exponents, against the parameter."""
-        return plots.continuation(self, axes)
+    @renamed.keywords(axes="ax")
+    def plot(self, ax=None, i: int = 0):
+        """The largest value of component i over the orbits, and below it their exponents, on two axes."""
+        return plots.continuation(self, ax, i)
 
-    def __str__(self) -> str:
+    def _table(self) -> Table:
         low, high = float(np.min(self.values)), float(np.max(self.values))
-        lines = [
+        title = (
             f"Branch of periodic orbits over {self.parameter} from {low:.6g} to {high:.6g}: {len(self.values)} points, "
             f"{int(np.sum(self.stable))} stable; ends: {self.ends[0]}, {self.ends[1]}"
-        ]
-        return "\n".join([*lines, *(f"  {special}" for special in self.specials)])
+        )
+        return Table(title, notes=list(map(str, self.specials)))
 
-    __repr__ = __str__
+    def _data(self) -> Data:
+        along = ("point", "state")
+        variables = {
+            "x0": (along, self.x0),
+            "largest": (along, self.largest),
+            "smallest": (along, self.smallest),
+            "multipliers": (("point", "exponent"), self.multipliers),
+            "exponents": (("point", "exponent"), self.exponents),
+            "period": ("point", self.period),
+            "stable": ("point", self.stable),
+            "special": ("special", [special.parameter for special in self.specials]),
+            "special_kind": ("special", [special.kind for special in self.specials]),
+        }
+        coordinates = {
+            "state": self.state_labels.columns(self.largest.shape[1]),
+            "exponent": np.arange(1, self.exponents.shape[1] + 1),
+            self.parameter: ("point", self.values),
+        }
+        return Data(variables, coordinates, {"parameter": self.parameter, "ends": self.ends})

@@ -1,11 +1,14 @@
 """Continuation of periodic orbits in a parameter."""
 
+import dataclasses
+from collections.abc import Mapping
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
-from ..._arguments import positive, real, require, whole
+from ... import _renamed as renamed
+from ..._arguments import Real, State, positive, real, require, whole
 from ..._jax.precision import require_double
 from ..._jax.tracing import traced
 from ...engine import preparation
@@ -15,6 +18,7 @@ from ...integrators.base import Method
 from ...systems.daes.semi_linear import Constrained, fields_of
 from ...systems.hybrid import Hybrid
 from ...systems.kinds import iterates
+from ...systems.labels import labels_of
 from ...systems.smooth import Flow, Map
 from ..orbits.families import family_of
 from ..orbits.invariants import conserved_of
@@ -29,22 +33,34 @@ from .locating import Found
 
 __all__ = ["continuation"]
 
-LEVEL = "conserved value"  # what a family's parameter is called
-FIRST = 0.4 ** np.arange(18)  # of the largest step, on to another branch: first tries and later ones
+LEVEL = "conserved value"  # name of the parameter of a family
+FIRST = 0.4 ** np.arange(18)  # fractions of the largest step, tried in turn for the first step onto another branch
 
 
+def _parameter_of_before(name: str, positional: tuple, given: dict[str, Any]) -> tuple:
+    """The parameter's name was an argument of its own, the fourth, and `over` its range."""
+    parameter = given.pop("parameter", None)
+    positional, rest = positional[:3], positional[3:]
+    if rest:
+        (parameter,) = rest
+    if parameter is not None:
+        renamed.warn(f"{name}(…, {parameter!r}, over=(low, high))", f"over={{{parameter!r}: (low, high)}}")
+        given["over"] = {parameter: given["over"]}
+    return positional
+
+
+@renamed.arguments(_parameter_of_before)
 def continuation(
     system: Flow | Map | Hybrid,
-    x0,
-    args: Any,
-    parameter: str | None,
+    x0: State,
+    args: Any = None,
     *,
-    over: tuple[float, float],
-    period=None,
-    t0=0.0,
+    over: Mapping[str, tuple[float, float]] | tuple[float, float],
+    period: Any = None,
+    t0: Real = 0.0,
     mode: str | int | None = None,
     method: Method | None = None,
-    transient=0.0,
+    transient: Real = 0.0,
     segments: int = 1,
     step: float = 0.03,
     max_points: int = 500,
@@ -53,44 +69,44 @@ def continuation(
 ) -> Continuation:
     """The branch of periodic orbits through x0, as a parameter changes, and its bifurcations.
 
-    The orbit is a root of φ_T(x; p) − x, found as `lh.floquet` finds it. The branch of roots is followed by its
-    arclength, to both sides, round folds, through jumps and whatever its stability. Where one of these changes sign
-    between two points its root along the branch is located:
+    The orbit is a root of φ_T(x; p) − x, found as `lh.floquet` finds it. The branch of roots is followed by
+    pseudo-arclength to both sides, round folds, through jumps, stable or not. Where one of these changes sign between
+    two points, its root along the branch is located:
 
         fold                the tangent's component along p
         pitchfork, transcritical    the determinant of the equations with the tangent: another branch crosses
         period doubling     Π (μ_i + 1)
         Neimark–Sacker      Π (μ_i μ_j − 1), where the pair is complex
-        grazing             the sequence of the jumps of a turn: an impact appears, sliding begins or ends
+        grazing             the sequence of the jumps of a period: an impact appears, sliding begins or ends
 
     To follow the branch that begins at a pitchfork, transcritical point or doubling, call again with that `Special`
     for x0 and the other arguments as they were.
 
-    Where something is conserved orbits come in families at the same parameter. With `conserve` the branch keeps the
-    value that the first orbit has; or, with None for the parameter, the branch is the family, and that value its
-    parameter.
+    Where a quantity is conserved, periodic orbits form families at one value of the parameter. With `conserve` the
+    branch keeps the value that the first orbit has; or, where `over` names no parameter, the branch is the family, and
+    that value its parameter.
 
     Args:
         system: an `lh.Flow`, `lh.Map` or `lh.Hybrid` (sliding modes, and jumps only, included).
         x0: (n,) a point near the orbit at the parameter's value in args; or a `Special` of an earlier result.
         args: pytree of parameters.
-        parameter: name of the entry of args to change: "rho", "spring.rate", "rates[2]"; "args" where args is a number;
-            None for the value that is conserved.
-        over: (low, high) its range, with its value in args inside.
+        over: ``{"rho": (low, high)}``, the entry of args to change ("rho", "spring.rate", "rates[2]"; "args" where args
+            is a number) and its range, with its value in args inside; or (low, high) alone, the range of the value that
+            is conserved.
         period: as for `lh.floquet`: None where the system is autonomous, else a number or ``args -> number``; of a map
             the number of iterations. After a doubling it stays what it was.
         t0: the time at x0.
         mode: mode at x0, where there are several.
         method: one that is right for the system; None: the default with rtol = 1e-12.
-        transient: run for so long before the first orbit is looked for.
-        segments: of multiple shooting: more for orbits that are long and unstable.
-        step: the largest, as a part of the range and of the size of the first orbit.
-        max_points: to each side.
+        transient: length of a run before the search for the first orbit.
+        segments: number of pieces for multiple shooting; more for orbits that are long and unstable.
+        step: the largest step along the branch, relative to the range and to the size of the first orbit.
+        max_points: largest number of points to each side.
         conserve: as for `lh.floquet`.
         modulo: as for `lh.floquet`.
 
     Returns:
-        A `Continuation`. Where Newton's method fails on the way it holds what was computed, and says so in `ends`.
+        A `Continuation`. Where Newton's method fails on the way, it holds the points until then, and `ends` says so.
 
     Raises:
         ValueError: on arguments that do not fit; where the first orbit is one of a family at the same parameter.
@@ -106,10 +122,10 @@ def continuation(
     Example:
         >>> import lyaphybrid as lh
         >>> logistic = lh.Map(lambda n, x, r: r * x * (1 - x))
-        >>> fixed = lh.continuation(logistic, [0.6], 2.5, "args", over=(2.0, 3.5), period=1)
+        >>> fixed = lh.continuation(logistic, [0.6], 2.5, over={"args": (2.0, 3.5)}, period=1)
         >>> fixed.specials
         (period doubling at 3, T = 1,)
-        >>> cycle = lh.continuation(logistic, fixed.specials[0], 2.5, "args", over=(2.0, 3.5), period=1)
+        >>> cycle = lh.continuation(logistic, fixed.specials[0], 2.5, over={"args": (2.0, 3.5)}, period=1)
         >>> cycle.specials  # 1 + √6
         (period doubling at 3.44948974278, T = 2,)
     """
@@ -120,16 +136,19 @@ def continuation(
     whole("segments", segments, least=1)
     whole("max_points", max_points, least=2)
     positive("step", step)
-    low, high = _range(over)
+    parameter, (low, high) = _named_range(over)
     args_of, value = _parameter(args, parameter) if parameter is not None else (Unchanged(args), None)
     require(
         parameter is not None or conserve not in (None, False),
-        "parameter is None: that is the value which is conserved, give conserve too; or name an entry of args.",
+        "over names no parameter: its range is that of the value which is conserved, give conserve too; or name an "
+        "entry of args, over={name: (low, high)}.",
     )
+    first = x0.x0 if isinstance(x0, Special) else x0
+    labels = labels_of(system, np.shape(first)[-1:])
     if isinstance(system, Hybrid) and iterates(system):
         reset = system.transitions[0].reset
         assert reset is not None, "lh.Hybrid wants one where nothing flows"
-        system = Map(reset)
+        system = Map(reset, names=system.names, units=system.units)
     if method is None and not isinstance(system, Map):
         constrained = any(isinstance(field, Constrained) for field in fields_of(system))
         method = HalfExplicit(rtol=1e-12, tableau="dopri8") if constrained else RungeKutta(rtol=1e-12, atol=1e-14)
@@ -151,11 +170,11 @@ def continuation(
     equations = _equations(system, args_of, (low, value, high), name, orbit, turns, options)
     within = (low, high), step, max_points
     sides = _both(equations, orbit, value, within) if special is None else _branched(equations, special, within)
-    return _result(equations, name, orbit, *sides, float(t0))
+    return dataclasses.replace(_result(equations, name, orbit, *sides, float(t0)), state_labels=labels)
 
 
 def _named(system, parameter, value, special, x0, args, options) -> tuple[str, float]:
-    """What the parameter is called, and its value; of a family that which is conserved."""
+    """Name and value of the parameter; for a family those of the conserved quantity."""
     if parameter is not None or special is not None:
         return parameter or LEVEL, value
     problem, x, t, mode = preparation.prepare(system, x0, args, options["t0"], options["method"], options["mode"])
@@ -164,14 +183,23 @@ def _named(system, parameter, value, special, x0, args, options) -> tuple[str, f
     assert conserved is not None
     require(
         len(conserved.wanted) == 1,
-        f"parameter is None: conserve must then be one number; got {len(conserved.wanted)}.",
+        f"over names no parameter: conserve must then be one number; got {len(conserved.wanted)}.",
     )
     return LEVEL, float(conserved.wanted[0])
 
 
+def _named_range(over) -> tuple[str | None, tuple[float, float]]:
+    """The parameter and its range; None for what is conserved."""
+    if not isinstance(over, Mapping):
+        return None, _range(over)
+    require(len(over) == 1, f"over must name one parameter, {{name: (low, high)}}; got {over!r}.")
+    ((parameter, own),) = over.items()
+    return parameter, _range(own)
+
+
 def _range(over) -> tuple[float, float]:
     good = isinstance(over, tuple | list | np.ndarray) and len(over) == 2
-    require(good, f"over must be (low, high), the range of the parameter; got {over!r}.")
+    require(good, f"over must be (low, high), or {{name: (low, high)}}, the range of the parameter; got {over!r}.")
     real("low, of over,", over[0])
     real("high, of over,", over[1])
     require(float(over[0]) < float(over[1]), f"over must be (low, high) with low < high; got {over!r}.")
@@ -180,15 +208,15 @@ def _range(over) -> tuple[float, float]:
 
 def _parameter(args, parameter: str) -> tuple[ParameterOf, float]:
     """P ↦ args, and the value of p in args."""
-    require(isinstance(parameter, str), f"parameter must be the name of an entry of args; got {parameter!r}.")
-    leaf, args_of, names = parameters_of(args, [parameter.partition("[")[0]], "parameter")
-    require(parameter in names, f"parameter must be one number, such as {names[0]!r}; got {parameter!r}.")
+    require(isinstance(parameter, str), f"the parameter must be the name of an entry of args; got {parameter!r}.")
+    leaf, args_of, names = parameters_of(args, [parameter.partition("[")[0]])
+    require(parameter in names, f"over must name one number, such as {names[0]!r}; got {parameter!r}.")
     entry = names.index(parameter)
     return ParameterOf(args_of, jnp.asarray(leaf, float), entry), float(leaf[entry])
 
 
 def _equations(system, args_of, values, parameter: str, orbit: Floquet, turns: int, options) -> Equations:
-    """The equations of the branch through an orbit, with its size and its period for scales."""
+    """The equations of the branch through an orbit, scaled by its size and its period."""
     args, period, method = args_of(jnp.asarray(values[1])), options["period"], options["method"]
     problem, *_ = preparation.prepare(system, orbit.base[1], args, options["t0"], method, options["mode"])
     base, scales = Node(*orbit.base), (orbit.period, values[2] - values[0])
@@ -202,7 +230,7 @@ def _equations(system, args_of, values, parameter: str, orbit: Floquet, turns: i
     equations = Equations(problem, args_of, method, period, turns, options["segments"], size, *scales, *closing)
     for p in values:
         own = equations.own_period(p)
-        if p == values[1] or own is None or 0 < own < np.inf:  # beyond the branch there need be none
+        if p == values[1] or own is None or 0 < own < np.inf:  # at the ends of the range a valid period need not exist
             require_period(equations.motion(p), own, base, f" at {parameter} = {p:.6g}")
     return equations
 
@@ -229,7 +257,7 @@ def _both(equations: Equations, orbit: Floquet, value: float, within) -> tuple[P
 
 
 def _branched(equations: Equations, special: Special, within) -> tuple[Point, list[Arc]]:
-    """The branch that begins at a special point: to both sides, but of a doubling, whose sides are the same orbits."""
+    """The branch that begins at a special point: to both sides, except at a doubling, whose sides are the same."""
     assert special.change is not None
     over, step, _ = within
     period = special.orbit.period * special.turns_there / special.turns
@@ -257,7 +285,7 @@ def _branched(equations: Equations, special: Special, within) -> tuple[Point, li
 
 
 def _result(equations: Equations, name: str, orbit: Floquet, origin: Point, arcs: list[Arc], t0: float) -> Continuation:
-    """All arcs as one branch: the first of two backwards."""
+    """Both arcs as one branch, the first one reversed."""
     after = arcs[-1]
     before = arcs[0] if len(arcs) == 2 else Arc([], [], "closed" if after.end == "closed" else "start")
     points = [*reversed(before.points), origin, *after.points]
@@ -276,7 +304,7 @@ def _result(equations: Equations, name: str, orbit: Floquet, origin: Point, arcs
 
 
 def _shown(equations: Equations, point: Point, start: Node) -> Floquet:
-    """The orbit of a point with its multipliers; of a forced system as it is at t0."""
+    """The orbit of a point with its multipliers; for a forced system shown at t0."""
     flow, base = equations.motion(point.parameter), point.orbit.nodes[0]
     shown = base if equations.autonomous else at_start(flow, base, start, point.orbit.period, point.orbit.shift)
     family = family_of(flow, point.orbit, equations.autonomous, equations.fixed)

@@ -1,11 +1,11 @@
 """The equations of a branch of periodic orbits: those of multiple shooting, with a parameter p as one more unknown.
 
-The unknowns u = (x_0, …, x_{m−1}, [T], p), each measured on the scale of the problem, have one equation less than there
-are of them. Its Jacobian J(u) has a null vector: the tangent of the branch. Newton's method stays on a hyperplane
-c·u = s, so that it goes round folds as it goes anywhere else.
+The unknowns u = (x_0, …, x_{m−1}, [T], p), each divided by its scale, are one more than the equations. So
+the Jacobian J(u) has a null vector, the tangent of the branch. Newton's method is restricted to a hyperplane
+c·u = s, which works at folds too.
 
-What is conserved is an equation more. One unknown more, σ, keeps them as many: a force σ ∇E against which an orbit
-would have to do work, so that σ = 0 wherever there is one. The parameter may be the conserved value itself.
+Each conserved quantity E is one more equation. It gets one more unknown σ, a force σ ∇E that would do work along the
+motion, so that σ = 0 on every periodic orbit. The parameter may be the conserved value itself.
 
 F. J. Muñoz-Almaraz, E. Freire, J. Galán, E. Doedel & A. Vanderbauwhede, Continuation of periodic orbits in conservative
 and Hamiltonian systems, Physica D 181 (2003) 1, doi:10.1016/S0167-2789(03)00097-6.
@@ -31,16 +31,16 @@ from ..sensitivity.implicit import Turn
 
 __all__ = ["Equations", "ParameterOf", "Point", "Unchanged", "states_over", "tangent"]
 
-GAIN = 0.25  # of the residual that a step of Newton's method leaves while there is more to gain
+GAIN = 0.25  # Newton's method goes on while a step reduces the residual to less than this fraction
 ITERATIONS = 8
-NONE = 1e-11  # singular values below this part of the largest are zero
+NONE = 1e-11  # singular values below this fraction of the largest count as zero
 
 
 class ParameterOf(eqx.Module):
-    """p ↦ args; two of the same structure are the same to a compiler."""
+    """The function p ↦ args as a pytree, so that another leaf value compiles nothing new."""
 
     args_of: Callable  # (q,) ↦ args
-    leaf: Any  # (q,) the values of the leaf of which p is an entry
+    leaf: Any  # (q,) values of the leaf that has p as an entry
     entry: int = eqx.field(static=True)
 
     def __call__(self, p):
@@ -71,24 +71,24 @@ class Point(NamedTuple):
 
 
 class Equations(NamedTuple):
-    """What the points of a branch have in common."""
+    """The problem, scales and conditions that all points of a branch share."""
 
     problem: problems.Problem
     args_of: ParameterOf | Unchanged
     method: Any
     period: Any  # None (unknown), a number, or args ↦ number
-    turns: int  # such periods after which the orbit closes
+    turns: int  # number of given periods after which the orbit closes
     segments: int
-    size: float  # of the state
-    time: float  # of the period
-    span: float  # of the parameter
+    size: float  # scale of the state
+    time: float  # scale of the period
+    span: float  # scale of the parameter
     symmetry: Symmetry | None = None
     conserved: Conserved | None = None
-    shifts: tuple[float, ...] = ()  # (q,) of the shift of a group
+    shifts: tuple[float, ...] = ()  # (q,) scales of the shift of a group
 
     @property
     def level(self) -> bool:
-        """Whether the parameter is the value that is conserved."""
+        """Whether the parameter is the conserved value."""
         return isinstance(self.args_of, Unchanged)
 
     @property
@@ -128,7 +128,7 @@ class Equations(NamedTuple):
         return shot(flow, nodes, shares_of(nodes, period), period, 0)
 
     def scales(self, orbit: Orbit) -> np.ndarray:
-        """(N + 1,) what each unknown is measured by."""
+        """The scale (N + 1,) of each unknown."""
         nodes = orbit.nodes
         states = np.full(len(nodes) * len(nodes[0].x), self.size * np.sqrt(len(nodes)))
         forces = np.full(self.fixed, self.size)
@@ -141,7 +141,7 @@ class Equations(NamedTuple):
         return np.concatenate([*states, *rest]) / self.scales(orbit)
 
     def shoot(self, u: np.ndarray, like: Orbit) -> tuple[Orbit, float]:
-        """The motion from the nodes that these unknowns mean, at the same parts of the period; and the parameter."""
+        """The orbit with the nodes given by u, at the same fractions of the period as in `like`; and the parameter."""
         m, n = len(like.nodes), len(like.nodes[0].x)
         values = u * self.scales(like)
         p = float(values[-1])
@@ -153,7 +153,7 @@ class Equations(NamedTuple):
         return shot(flow, retimed(nodes, shares, period), shares, period, 0, shift), p
 
     def linearised(self, orbit: Orbit, p: float) -> tuple[np.ndarray, np.ndarray]:
-        """The Jacobian (N, N + 1) of the equations by the unknowns, and what they miss (N,)."""
+        """The Jacobian (N, N + 1) of the equations, and their residuals (N,)."""
         flow, shares = self.motion(p), shares_of(orbit.nodes, orbit.period)
         system, gaps = linearised(flow, orbit, shares, self.autonomous)
         states = len(orbit.nodes) * len(orbit.nodes[0].x)
@@ -169,7 +169,7 @@ class Equations(NamedTuple):
         return np.hstack([system, forces, column]) * self.scales(orbit) / rows[:, None], gaps / rows
 
     def _kept_by_parameter(self, node: Node, p: float) -> np.ndarray:
-        """How the distance (c,) from the values to be conserved changes with the parameter."""
+        """Derivative (c,) of the distances from the conserved values by the parameter."""
         flow = self.motion(p)
         assert flow.conserved is not None
         mode, x = flow.mode(node), np.asarray(node.x)
@@ -184,7 +184,7 @@ class Equations(NamedTuple):
         return change / np.linalg.norm(slopes, axis=1)
 
     def _by_parameter(self, orbit: Orbit, shares, p: float) -> list[np.ndarray]:
-        """How the ends of the pieces change with the parameter, where the period is given with that too."""
+        """Derivatives (n,) of the pieces' ends by the parameter, through a period that depends on it too."""
         longer = 0.0
         if callable(self.period) and not self.discrete:
             longer = self.turns * float(jax.jacfwd(self.own_period)(jnp.asarray(p, float)))
@@ -196,7 +196,7 @@ class Equations(NamedTuple):
         ]
 
     def carried(self, node: Node, length: float, p: float, along: tuple) -> np.ndarray:
-        """The derivative (n,) of the motion's end along changes (dp, dt, dx, dlength) of how it began."""
+        """The derivative (n,) of the motion's end along changes (dp, dt, dx, dlength) of p, start and length."""
         mode = 0 if self.discrete else self.motion(p).mode(node)
         turn = Turn(self.problem.system, self.args_of, None, None, self.method)
         given, changes = ([jnp.asarray(value, float) for value in values] for values in ((p, *node[:2], length), along))
@@ -205,9 +205,9 @@ class Equations(NamedTuple):
     def corrected(
         self, guess: np.ndarray, like: Orbit, across: np.ndarray, level: float, reach: float = np.inf
     ) -> Point | None:
-        """The point of the branch near a guess on the hyperplane across·u = level; None where Newton finds none.
+        """The point of the branch near a guess on the hyperplane across·u = level; None without convergence.
 
-        Beyond `reach` nobody looks: far away the motion may be anything, and take for ever.
+        Gives up farther than `reach` from the guess: there the motion may be of another kind and take very long.
         """
         u, before = guess, np.inf
         for iteration in range(ITERATIONS):
@@ -218,7 +218,7 @@ class Equations(NamedTuple):
             jacobian, gaps = self.linearised(orbit, p)
             if not np.all(np.isfinite(jacobian)):
                 return None
-            u = self.vector(orbit, p)  # on the constraints, where there are some
+            u = self.vector(orbit, p)  # projected onto the constraints, if there are any
             if orbit.residual <= CONVERGED and not FINISHED < orbit.residual < GAIN * before:
                 return Point(orbit, p, u, jacobian, tangent(jacobian, across), iteration)
             if iteration > 1 and not orbit.residual < before:
@@ -243,19 +243,19 @@ def _carried(turn: Turn, mode, given, along, discrete: bool):
     def end(p, t, x, length):
         return turn._replace(t=t, mode=mode).end(p, x, length, np.zeros((n, 0), x.dtype))[0]
 
-    if discrete:  # time counts: nothing can be differentiated by it
+    if discrete:  # time is an integer: no derivative by it exists
         p, t, x, length = given
         return jax.jvp(lambda p, x: end(p, t, x, length), (p, x), (along[0], along[2]))[1]
     return jax.jvp(end, tuple(given), tuple(along))[1]
 
 
 def solved(jacobian: np.ndarray, across: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """The change (N + 1,) of the unknowns; of least norm where it is not determined, as in a branch point."""
+    """The Newton correction (N + 1,); of least norm where it is not unique, as at a branch point."""
     return np.linalg.lstsq(np.vstack([jacobian, across]), right, rcond=NONE)[0]
 
 
 def tangent(jacobian: np.ndarray, along: np.ndarray) -> np.ndarray:
-    """The unit null vector (N + 1,) of the Jacobian, to that side."""
+    """The unit null vector (N + 1,) of the Jacobian, oriented like `along`."""
     last = np.zeros(len(along))
     last[-1] = 1.0
     found = solved(jacobian, along, last)

@@ -1,4 +1,4 @@
-"""Along a branch of periodic orbits: predictor and corrector, and what is met on the way.
+"""Follow a branch of periodic orbits by predictor and corrector, and detect its special points.
 
 E. L. Allgower & K. Georg, Introduction to Numerical Continuation Methods (SIAM 2003), doi:10.1137/1.9780898719154.
 """
@@ -16,17 +16,17 @@ from .touching import touches
 
 __all__ = ["Arc", "advanced", "begun", "follow", "resumed"]
 
-TURN = 0.9  # cosine of the angle by which the tangent may turn in a step
-ASTRAY = 0.5  # of a step: a correction that is longer leads to another branch
-GROWTH = 1.4  # of the step, where Newton's method is quick
-QUICK, LATE = 3, 5  # iterations of Newton's method
+TURN = 0.9  # least cosine of the angle between the tangents of two consecutive points
+ASTRAY = 0.5  # of the step length: a longer correction is rejected, it may lead to another branch
+GROWTH = 1.4  # factor of the step length where Newton's method converges quickly
+QUICK, LATE = 3, 5  # Newton iterations: at most QUICK lengthen the step, at least LATE shorten it
 SHORTEST = 1e-7  # of the largest step
-NEXT = 1e-12  # how near to a change of the events the branch is followed
-CLEAR = 0.005  # of the period: a node nearer to an event is placed anew
+NEXT = 1e-12  # step length at which the approach to a change of the events ends
+CLEAR = 0.005  # of the period: nodes nearer to an event than this are moved
 
 
 class Arc(NamedTuple):
-    """A branch to one side of its start."""
+    """The part of a branch to one side of its start."""
 
     points: list[Point]
     found: list[Found]
@@ -58,7 +58,7 @@ def follow(equations: Equations, start: Point, over: tuple[float, float], step: 
 
 
 def _end(equations: Equations, points: list[Point], over, most: int, short: bool) -> str | None:
-    """Why the branch is not followed any longer; None: it is."""
+    """The reason to stop following the branch; None: go on."""
     last = points[-1]
     bound = over[1] if last.tangent[-1] > 0 else over[0]
     if abs(last.parameter - bound) <= 1e-12 * equations.span:
@@ -71,7 +71,7 @@ def _end(equations: Equations, points: list[Point], over, most: int, short: bool
 
 
 def _closed(equations: Equations, points: list[Point]) -> bool:
-    """Whether the last step passed by the start, to the same side."""
+    """Whether the last step passed the start of the branch, in the same direction."""
     first, before, last = (_signature(equations, point) for point in (points[0], *points[-2:]))
     along = points[0].tangent[-1] * points[-1].tangent[-1] > 0
     return bool(
@@ -80,14 +80,14 @@ def _closed(equations: Equations, points: list[Point]) -> bool:
 
 
 def _signature(equations: Equations, point: Point) -> np.ndarray:
-    """Numbers of an orbit that do not depend on where it begins."""
+    """Scaled numbers of an orbit that do not depend on its first node."""
     states = states_over(point)
     ends = np.concatenate([states.max(axis=0), states.min(axis=0)]) / equations.size
     return np.append(ends, [point.orbit.period / equations.time, point.parameter / equations.span])
 
 
 def advanced(equations: Equations, last: Point, length: float, over) -> Point | None:
-    """The point of the branch a step further, or on the border of the range where the step goes beyond."""
+    """The next point of the branch, or the point on the border of the range if the step would leave it."""
     guess = last.u + length * last.tangent
     after = equations.corrected(guess, last.orbit, last.tangent, float(last.tangent @ guess), reach=length)
     if after is None or after.tangent @ last.tangent < TURN or np.linalg.norm(after.u - guess) > ASTRAY * length:
@@ -103,7 +103,7 @@ def advanced(equations: Equations, last: Point, length: float, over) -> Point | 
 
 
 def _between(equations: Equations, before: Point, after: Point, length: float) -> list[Found] | None:
-    """What happens between two points; None where it cannot be told, and the step was too long."""
+    """Special points between two points; None if they cannot be located, and the step must be shorter."""
     if cycle_of_events(before) == cycle_of_events(after):
         return crossings(equations, before, after)
     edge = _approached(equations, before, length)
@@ -112,7 +112,7 @@ def _between(equations: Equations, before: Point, after: Point, length: float) -
 
 
 def _approached(equations: Equations, last: Point, length: float) -> Point:
-    """The last point before the branch ends, or before its orbits jump otherwise."""
+    """The last point before the branch ends or the sequence of its events changes."""
     cycle, everywhere = cycle_of_events(last), (-np.inf, np.inf)
     while length > NEXT:
         length /= 2
@@ -123,7 +123,7 @@ def _approached(equations: Equations, last: Point, length: float) -> Point:
 
 
 def resumed(equations: Equations, node: Node, p: float, period: float, change: Change) -> tuple[Orbit, np.ndarray]:
-    """The orbit through a node, with nodes placed anew, and a direction there (N + 1,)."""
+    """The orbit through a node with new nodes, and the direction `change` in its unknowns (N + 1,)."""
     orbit = equations.begin(node, p, period)
     moved = [
         change.x
@@ -137,13 +137,13 @@ def resumed(equations: Equations, node: Node, p: float, period: float, change: C
 
 
 def begun(equations: Equations, orbit: Orbit, p: float, along: np.ndarray) -> Point | None:
-    """The point of the branch next to an orbit with nodes of its own, the tangent to that side."""
+    """The point of the branch next to an orbit, in that orbit's nodes, its tangent oriented like `along`."""
     u = equations.vector(orbit, p)
     return equations.corrected(u, orbit, along, float(along @ u))
 
 
 def _clear(equations: Equations, point: Point) -> Point:
-    """The same point, with nodes placed anew where they are too near to events."""
+    """The same point, with new nodes if some are too near to events."""
     near = CLEAR * point.orbit.period
     times = [(piece.events.t, piece.length) for piece in point.orbit.pieces if piece.events is not None]
     if not any(np.any((t < near) | (length - t < near)) for t, length in times):

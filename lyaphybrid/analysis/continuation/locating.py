@@ -1,14 +1,14 @@
-"""What is met between two points of a branch, and where.
+"""Locate the special points between two points of a branch.
 
-A test that changes sign has a root along the branch. Next to a branch point Newton's method is led astray by rounding,
-and the nearer the more: there the branch and the test are interpolated from points a little aside.
+A test that changes sign has a root along the branch. Near a branch point the Newton equations are
+nearly singular: there the branch and the test are interpolated from points at some distance.
 """
 
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # its parts load when they are first used; those used here take long
+import scipy  # submodules load on first use, because those used here load slowly
 
 from ...errors import RunFailedError
 from .bifurcations import TESTS, branching, is_complex, of_doubling
@@ -16,31 +16,31 @@ from .equations import Equations, Point
 
 __all__ = ["Change", "Found", "change_of", "crossings"]
 
-ASIDE = 0.1 * np.array([-3, -2, -1, 1, 2, 3])  # of a step: where a branch point is seen from
-SAME = 1e-3  # of a step: a fold this near to a branch point is that point
-ROOT = 1e-2  # of a test's values around: what is left at a root; more is a jump
+ASIDE = 0.1 * np.array([-3, -2, -1, 1, 2, 3])  # of a step: offsets of the interpolation points
+SAME = 1e-3  # of a step: a fold nearer to a branch point than this is that branch point
+ROOT = 1e-2  # of the test's values at both ends: a larger value at the root means a jump, not a root
 
 
 class Change(NamedTuple):
-    """A direction from an orbit, at its first node."""
+    """A direction of change of an orbit, at its first node."""
 
     x: np.ndarray  # (n,)
     period: float
     parameter: float
-    shift: np.ndarray  # (q,) of a group
+    shift: np.ndarray  # (q,) change of the shift of a group
 
 
 class Found(NamedTuple):
-    """A point of a branch at which something happens."""
+    """A special point that was located on a branch."""
 
     kind: str
     point: Point
-    change: Change | None  # towards another branch
-    turns: int  # of this orbit in one of that branch
+    change: Change | None  # direction to another branch
+    turns: int  # turns of this orbit in one period on that branch
 
 
 def crossings(equations: Equations, before: Point, after: Point) -> list[Found] | None:
-    """Where the tests change sign between two points, in their order; None where Newton's method fails there."""
+    """The special points between two points, in order; None if Newton's method fails there."""
     total = float(before.tangent @ (after.u - before.u))
     places: list[tuple[float, Found]] = []
     for kind, test in TESTS.items():
@@ -64,7 +64,7 @@ class _LostError(Exception):
 
 
 def _located(equations: Equations, before: Point, after: Point, total: float, kind: str) -> tuple[float, Point]:
-    """The point between two others where a test vanishes, by its place along the first tangent."""
+    """The root of a test between two points: its place along the first tangent, and the point."""
     slopes = before.tangent, after.tangent / (before.tangent @ after.tangent)
     path = scipy.interpolate.CubicHermiteSpline([0.0, total], [before.u, after.u], slopes)
     known = {0.0: before, total: after}
@@ -93,7 +93,7 @@ def _root(function: Callable[[float], float], low: float, high: float, within: f
 
 
 def _from_aside(equations: Equations, places: np.ndarray, at: Callable, value: Callable) -> tuple[float, Point]:
-    """A branch point, by the polynomials through points around it."""
+    """A branch point, from the polynomials through points around it."""
     rows = [np.append(value(place), at(place).u) for place in map(float, places)]
     through = scipy.interpolate.KroghInterpolator(places, rows)
     if rows[2][0] * rows[3][0] >= 0:
@@ -105,7 +105,7 @@ def _from_aside(equations: Equations, places: np.ndarray, at: Callable, value: C
 
 
 def _found(equations: Equations, kind: str, point: Point) -> Found | None:
-    """What a change of sign means, and where it leads."""
+    """The special point of a change of sign, with the direction to the other branch."""
     if kind == "branch point":
         other = branching(equations, point)
         return Found(other.kind, point, change_of(equations, point, other.direction), 1)
@@ -122,7 +122,7 @@ def _found(equations: Equations, kind: str, point: Point) -> Found | None:
 
 
 def change_of(equations: Equations, point: Point, direction: np.ndarray) -> Change:
-    """A direction of the unknowns, as it is seen at the first node."""
+    """A direction of the scaled unknowns, as a `Change` at the first node."""
     values = direction * equations.scales(point.orbit)
     n, states = len(point.orbit.nodes[0].x), len(point.orbit.nodes) * len(point.orbit.nodes[0].x)
     shift = values[states + equations.autonomous :][: len(equations.shifts)]

@@ -10,8 +10,8 @@ from .equations import Equations, Point
 
 __all__ = ["touches"]
 
-GRAZED = 1e-5  # a guard's extremum next to zero, relative to the guard's range
-SLOW = 1e-3  # a guard's rate at an event, relative to the largest on the orbit
+GRAZED = 1e-5  # largest |extremum| of a grazed guard, relative to the guard's range
+SLOW = 1e-3  # largest rate of a guard at a tangential event, relative to the largest rate on the orbit
 
 
 def touches(equations: Equations, point: Point) -> bool:
@@ -54,7 +54,7 @@ def _along(flow: Motion, transition: Transition, mode: int, times, states):
 
 
 def _grazes(values: np.ndarray, at: np.ndarray) -> bool:
-    """Whether an extremum, by the parabola through three samples in a row, is next to zero."""
+    """Whether an extremum, from the parabola through three consecutive samples, is nearly zero."""
     if len(values) < 3:
         return False
     a, b, c = values[:-2], values[1:-1], values[2:]

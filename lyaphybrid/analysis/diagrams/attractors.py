@@ -1,4 +1,4 @@
-"""What a motion has settled on, told from its last stroboscopic points and its largest exponent."""
+"""The kind of attractor of a run, from its last stroboscopic points and its largest exponent."""
 
 import numpy as np
 
@@ -6,13 +6,13 @@ from ...statuses import OK, STATUS
 
 __all__ = ["labels", "lifetime", "turns_of"]
 
-LONGEST = 24  # period that is recognised
-REPEATS = 1e-5  # points nearer than this, relative to the range of their component, are the same
-SETTLED = 1e-3  # the same for a motion that is still settling …
-NEAR = 0.05  # … and nearer than this to its cycle it has escaped from where it was before
-LEAST = 0.01  # of its size is the range of a component at least
-STILL = 0.01  # by which what a divisor of the period fails by may change over half of the points
-CLEARLY, GROWN = 5.0, 25.0  # chaos: λ₁ is so many standard errors above 0, and the growth over the run exceeds e²⁵
+LONGEST = 24  # longest period that is recognised
+REPEATS = 1e-5  # points this near, relative to the range of each component, are equal
+SETTLED = 1e-3  # the same for a motion that still converges to its cycle …
+NEAR = 0.05  # … whose lifetime ends when it comes this near to the cycle
+LEAST = 0.01  # least range of a component, relative to its size
+STILL = 0.01  # largest relative change, from first to second half, of the misfit of a divisor of the period
+CLEARLY, GROWN = 5.0, 25.0  # chaos: λ₁ > CLEARLY standard errors, and the growth over the run exceeds e²⁵
 
 
 def turns_of(n: int, angles) -> np.ndarray:
@@ -23,7 +23,7 @@ def turns_of(n: int, angles) -> np.ndarray:
 
 
 def apart(xp, a, b, turns):
-    """|a − b| of states (…, n), of angles along the shorter way."""
+    """|a − b| of states (…, n); for angles along the shorter arc."""
     difference = a - b
     finite = np.isfinite(turns)
     whole = np.broadcast_to(np.where(finite, turns, 1.0), difference.shape)
@@ -32,7 +32,7 @@ def apart(xp, a, b, turns):
 
 
 def _ranges(xp, points, turns):
-    """(n,) the range of each component; one that hardly changes is measured by its size, and by the others."""
+    """(n,) the range of each component, at least a small part of its size and of the largest range."""
     low, high = xp.min(points, axis=0), xp.max(points, axis=0)
     scale = xp.maximum(high - low, LEAST * xp.maximum(xp.abs(low), xp.abs(high)))
     scale = xp.where(np.isfinite(turns), np.where(np.isfinite(turns), turns, 0.0), scale)
@@ -44,7 +44,7 @@ def period(xp, points, turns, scale, tolerance: float):
 
     Args:
         xp: NumPy or jax.numpy.
-        points: (…, samples, n), one a period of the forcing.
+        points: (…, samples, n), one point for each period of the forcing.
         turns: (n,) from `turns_of`.
         scale: (n,) range of each component, to which the tolerance is relative.
         tolerance: of the repetition.
@@ -59,19 +59,19 @@ def period(xp, points, turns, scale, tolerance: float):
 
 
 def lifetime(xp, points, ends: np.ndarray, turns, samples: int):
-    """() the number of periods after which the motion came near the cycle on which it is at the end; nan: on none.
+    """() number of periods until the motion came near the cycle on which it ends; nan if it ends on none.
 
     Args:
         xp: NumPy or jax.numpy.
         points: (m, n), stroboscopic points of a run.
-        ends: (m,) after how many periods each was taken; the last of them after each one.
+        ends: (m,) number of periods before each point; the last `samples` points are one period apart.
         turns: (n,) from `turns_of`.
-        samples: so many of the last points must repeat.
+        samples: number of last points that must repeat.
     """
     m = points.shape[0]
     scale = _ranges(xp, points, turns)
     p = period(xp, points[m - samples :], turns, scale, SETTLED)
-    # Each point beside the one of the last cycle that has the same phase.
+    # Compare each point with the point of the last cycle that has the same phase.
     beside = m - 1 - xp.mod((ends[-1] - ends).astype(np.int32), xp.maximum(p, 1))
     gap = apart(xp, points, points[beside], turns)
     away = xp.any(gap > NEAR * xp.broadcast_to(scale, gap.shape), axis=1)
@@ -80,7 +80,7 @@ def lifetime(xp, points, ends: np.ndarray, turns, samples: int):
 
 
 def labels(points, angles, status, exponents, stderr, lengths) -> np.ndarray:
-    """What each lane ended on: "P{p}w{q}", "chaos", "aperiodic/slow", or the name of its status.
+    """The attractor of each lane: "P{p}w{q}", "chaos", "aperiodic/slow", or the name of its status.
 
     Args:
         points: (…, samples, n) stroboscopic points, angles not wrapped.
@@ -107,9 +107,9 @@ def labels(points, angles, status, exponents, stderr, lengths) -> np.ndarray:
 
 
 def _at_rest(points, turns, scale, p):
-    """The period; 0 where the motion may be on its way to a shorter one, whose multiplier is near −1.
+    """The period; 0 if the motion may still converge to a cycle of a shorter period with a multiplier near −1.
 
-    There x_{j+2q} = x_j nearly holds long before x_{j+q} = x_j does.
+    Then x_{j+2q} = x_j holds nearly, long before x_{j+q} = x_j does.
     """
     p, half = p.copy(), points.shape[-2] // 2
     for q in range(1, LONGEST // 2 + 1):

@@ -9,17 +9,21 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ... import _renamed as renamed
 from ... import plots
-from ..._arguments import attempts, positive, require, whole
+from ..._arguments import Key, Progress, attempts, positive, require, whole
 from ..._jax.tracing import array, traced
+from ..._text import Table
 from ...engine import preparation, problems
 from ...engine.blocks import qr_schedule_for
 from ...engine.host import driver, lanes
 from ...integrators.base import Method
+from ...results.result import Data, Result, exponents_along, states_along
 from ...statuses import OK, STATUS
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
 from ...systems.kinds import iterates
+from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
 from ..orbits.periods import check_period
 from ..spectra import initial_frame
@@ -30,23 +34,23 @@ from .strobes import Found, Lane, State, at, placed, run, schedule
 __all__ = ["BifurcationDiagram", "bifurcation_diagram"]
 
 KINDS = ("random", "up", "down")
-PATIENCE = 10_000  # attempts for each crossing of a section, which may never come
+PATIENCE = 10_000  # attempts of a step for each crossing of a section, in case there is none
 MISSING = -1  # status of a lane that was not computed
 
 
-@dataclasses.dataclass(frozen=True)
-class BifurcationDiagram:
+@dataclasses.dataclass(frozen=True, repr=False)
+class BifurcationDiagram(Result):
     """Attractors and exponents over a parameter. The axis `starts` holds the random starts, then up and down.
 
     Attributes:
         parameter: its name; values: (values,).
         kinds: (starts,) "random", "up" or "down".
-        exponents, stderr: (values, starts, k) per unit of time, as of `lh.lyapunov_spectrum`; of a run that ended on a
-            cycle those of the cycle, from where it had come near; nan where a run failed.
-        finite_exponents, losses: (values, starts, k) the growth without the moments of loss, and how often a column
-            was lost in that time.
+        exponents, stderr: (values, starts, k) per unit of time, as of `lh.lyapunov_spectrum`; for a run that ended on a
+            cycle only from where it had come near the cycle; nan where a run failed.
+        finite_exponents, losses: (values, starts, k) exponents without the times of loss, and the number of losses of
+            each column in that time.
         time: (values, starts) over which the exponents are means.
-        status: (values, starts) codes; −1 where Ctrl-C came before.
+        status: (values, starts) codes; −1 for runs that were not started before Ctrl-C.
         points: (values, starts, samples, n) the last points, once a period; angles are not wrapped.
         labels: (values, starts) "P3w1" (of period 3, one turn of the angles in it), "chaos", "aperiodic/slow" (or
             slowly settling), or the name of the status.
@@ -71,6 +75,7 @@ class BifurcationDiagram:
     angles: tuple[int, ...]
     transient: int
     t1: int
+    state_labels: Labels = Labels()
 
     @property
     def escaped(self) -> np.ndarray:
@@ -100,35 +105,60 @@ class BifurcationDiagram:
             mean = np.where(total > 0, total / escapes, np.nan)
             return mean, np.where(escapes > 0, mean / np.sqrt(escapes), mean)
 
-    def plot(self, axes=None):
-        """The points, and below them the largest exponent, against the parameter."""
-        return plots.diagram(self, axes)
+    @renamed.keywords(axes="ax")
+    def plot(self, ax=None, i: int = 0):
+        """Component i of the points, and below it the largest exponent, against the parameter, on two axes."""
+        return plots.diagram(self, ax, i)
 
     def _known_lifetimes(self) -> np.ndarray:
         if self.lifetimes is None:
             raise ValueError("Lifetimes are recorded with escape=True only.")
         return self.lifetimes
 
-    def __str__(self) -> str:
+    def _table(self) -> Table:
         values, starts = self.labels.shape
         failed = sum(name in STATUS.__members__ or name == "interrupted" for name in self.labels.flat)
-        lines = [f"Bifurcation diagram over {self.parameter}: {values} values, {starts} runs each, {failed} failed"]
-        lines += [f"  {value:<12.6g} {found}" for value, found in zip(self.values, self.attractors(), strict=True)]
-        return "\n".join(lines if values <= 20 else [*lines[:11], "  …", *lines[-10:]])
+        title = f"Bifurcation diagram over {self.parameter}: {values} values, {starts} runs each, {failed} failed"
+        pairs = zip(self.values, self.attractors(), strict=True)
+        return Table(title, [(f"{value:.6g}", found) for value, found in pairs])
 
-    __repr__ = __str__
+    def _data(self) -> Data:
+        run = ("value", "start")
+        by_exponent = {name: getattr(self, name) for name in ("exponents", "stderr", "finite_exponents", "losses")}
+        by_run = {name: getattr(self, name) for name in ("time", "status", "labels", "lifetimes")}
+        variables = {name: ((*run, "exponent"), values) for name, values in by_exponent.items()}
+        variables |= {name: None if values is None else (run, values) for name, values in by_run.items()}
+        variables |= {"points": ((*run, "sample", "state"), self.points)}
+        coordinates = {
+            self.parameter: ("value", self.values),
+            "kind": ("start", list(self.kinds)),
+            **exponents_along(self.exponents.shape[-1]),
+            **states_along(self.state_labels, self.points.shape[-1]),
+        }
+        attributes = {name: getattr(self, name) for name in ("parameter", "angles", "transient", "t1")}
+        return Data(variables, coordinates, attributes)
 
 
 def _most_common(count):
     return sorted(count.items(), key=lambda item: (-item[1], item[0]))
 
 
+def _order_of_before(name: str, positional: tuple, given: dict[str, Any]) -> tuple:
+    """`over` came second, before x0."""
+    if len(positional) > 1 and isinstance(positional[1], Mapping):
+        renamed.warn(f"{name}(system, over, x0, args)", f"{name}(system, x0, args, over=…)")
+        system, given["over"], *rest = positional
+        return system, *rest
+    return positional
+
+
+@renamed.arguments(_order_of_before)
 def bifurcation_diagram(
     system: Flow | Map | Hybrid | EventDriven,
-    over: Mapping[str, Any],
-    x0,
+    x0: Any,
     args: Any,
     *,
+    over: Mapping[str, Any],
     period: Any = None,
     section: Any = None,
     starts: Any = 4,
@@ -142,22 +172,22 @@ def bifurcation_diagram(
     mode: str | int | None = None,
     method: Method | None = None,
     max_steps: int | None = None,
-    key=None,
-    progress=None,
+    key: Key = None,
+    progress: Progress = None,
 ) -> BifurcationDiagram:
     """Attractors, their exponents and their points, against one parameter.
 
-    For each value of the parameter runs from random starts, which find attractors side by side; and two
-    continuations, up and down, each run of which begins where that of the value before has ended: where they differ
-    there is hysteresis. A point x_j is taken once a period; x_{j+p} = x_j is a motion of period p.
+    For each value of the parameter there are runs from random starts, which find coexisting attractors, and two
+    continuations, up and down, in which each run starts at the end of the run before: where these two differ there is
+    hysteresis. A point x_j is taken once a period; x_{j+p} = x_j is a motion of period p.
 
     Args:
         system: an `lh.Flow`, `lh.Map` or `lh.Hybrid`.
-        over: ``{"beta": values}``, the parameter's name in `args` and its values (values,) in order; "a.b" for
-            ``args["a"]["b"]`` or ``args.a.b``.
         x0: (2, n) corners of the box from which starts are drawn, differently for each value; the continuations
             begin with the first of them. Where `starts` are given: (n,), where the continuations begin.
         args: pytree of parameters.
+        over: ``{"beta": values}``, the parameter's name in `args` and its values (values,) in order; "a.b" for
+            ``args["a"]["b"]`` or ``args.a.b``.
         period: of the forcing, a number or ``args -> number``; None for a map (1 iteration).
         section: for an `lh.Flow` that is not forced: ``(t, x, args) -> scalar``; points are taken where it falls
             through zero, and lengths are in crossings.
@@ -165,11 +195,11 @@ def bifurcation_diagram(
         directions: which of "random", "up" and "down".
         transient: length of each run before growth is counted, in periods. Other lengths compile anew.
         t1: length after it, in periods.
-        samples: so many of the last points are kept, and must repeat for a periodic motion; at most t1.
+        samples: number of last points that are kept, and that must repeat for a periodic motion; at most t1.
         angles: components modulo 2π, in which the system must be periodic.
         escape: transient chaos: record after how many periods each run settles on a periodic attractor.
         k: number of exponents; None: n.
-        mode: mode at the start, where there are several and the system does not say.
+        mode: mode at the start, where there are several and the system does not determine it.
         method: `lh.RungeKutta` (default) or `lh.Diffrax`.
         max_steps: most attempts of a step in one run; None: no limit, but 10 000 a crossing for a section.
         key: a `jax.random.key` for the starts; None: ``jax.random.key(0)``.
@@ -191,7 +221,7 @@ def bifurcation_diagram(
     Example:
         >>> import lyaphybrid as lh
         >>> logistic = lh.Map(lambda n, x, args: args["r"] * x * (1 - x))
-        >>> found = lh.bifurcation_diagram(logistic, {"r": [2.8, 3.2, 3.5, 4.0]}, [[0.1], [0.9]], {"r": 0.0})
+        >>> found = lh.bifurcation_diagram(logistic, [[0.1], [0.9]], {"r": 0.0}, over={"r": [2.8, 3.2, 3.5, 4.0]})
         >>> found.attractors()
         ['P1w0:4', 'P2w0:4', 'P4w0:4', 'chaos:4']
     """
@@ -217,10 +247,11 @@ def bifurcation_diagram(
     random = np.asarray(given, given.dtype).reshape(len(values), -1, problem.shape[0])
     shared = _shared(problem, how, period, t0, mode, k, max_steps, random[0, 0])
     follow_from = random[:, 0] if first is None else np.broadcast_to(first, random[:, 0].shape)
-    chains = _chains(values.astype(given.dtype), random, follow_from, kinds)
-    results, done = lanes.run_chains(run, shared, [chain for _, chain in chains], progress=progress)
-    columns, kinds = _columns([kind for kind, _ in chains], results, done, random.shape[:2])
-    return _assembled(name, values, kinds, columns, angles, transient, t1, escape)
+    sequences = _sequences(values.astype(given.dtype), random, follow_from, kinds)
+    results, done = lanes.run_sequences(run, shared, [sequence for _, sequence in sequences], progress=progress)
+    columns, kinds = _columns([kind for kind, _ in sequences], results, done, random.shape[:2])
+    found = _assembled(name, values, kinds, columns, angles, transient, t1, escape)
+    return dataclasses.replace(found, state_labels=labels_of(system, problem.shape))
 
 
 def _only(over) -> tuple[str, np.ndarray]:
@@ -235,7 +266,7 @@ def _only(over) -> tuple[str, np.ndarray]:
 
 
 def _unit(system, period, section):
-    """The period; None: sections."""
+    """The period; None where points are crossings of a section."""
     if iterates(system):
         require(section is None, "A map has no section: leave section=None.")
         period = 1.0 if period is None else period
@@ -281,7 +312,7 @@ def _check_parameter(problem, name, values, period, x, transient) -> None:
 
 
 def _shared(problem, how, period, t0, mode, k, max_steps, start):
-    """What all lanes see."""
+    """The inputs that all lanes share."""
     if k is not None:
         whole("k", k, least=1)
     frame, _ = initial_frame(problem, t0, jnp.asarray(start), None, k)
@@ -289,28 +320,28 @@ def _shared(problem, how, period, t0, mode, k, max_steps, start):
     plan = problems.Plan(qr_schedule=qr_schedule, count_jumps=period is None)
     limit = PATIENCE * how.ends[-1] if max_steps is None and period is None else max_steps
     limit = np.int32(driver.FOREVER if limit is None else min(limit, driver.FOREVER))
-    # Numbers as arrays: they may change without compiling again.
+    # Numbers as arrays, so that other values compile nothing new.
     period = period if period is None or callable(period) else array(period, dtype)
     return problem, plan, how, period, t0, frame, array(interval, dtype), mode, limit
 
 
-def _chains(values, random, follow_from, kinds) -> list:
-    """(kind, chain): the two continuations, which are long, first."""
+def _sequences(values, random, follow_from, kinds) -> list:
+    """All (kind, sequence); the two continuations come first because they are long."""
     blank = State(np.zeros_like(follow_from[0]), np.int32(0), np.asarray(False))
-    chains = []
+    sequences = []
     for kind, step in (("up", 1), ("down", -1)):
         if kind in kinds:
             lane = Lane(values[::step], follow_from[::step], np.full(len(values), True))
-            chains.append((kind, (blank, lane)))
+            sequences.append((kind, (blank, lane)))
     if "random" in kinds:
         count = random.shape[1]
         lane = Lane(np.repeat(values, count), random.reshape(-1, random.shape[2]), np.full(len(values) * count, False))
-        chains += [("random", chain) for chain in lanes.short_chains(blank, lane)]
-    return chains
+        sequences += [("random", sequence) for sequence in lanes.short_sequences(blank, lane)]
+    return sequences
 
 
 def _columns(kinds, results, done, shape) -> tuple[Found, tuple[str, ...]]:
-    """The results of all chains as columns (values, starts, …): random ones, up, down."""
+    """The results of all sequences as columns (values, starts, …) in the order random, up, down."""
     parts = []
     for result, ready in zip(results, done, strict=True):
         status = np.where(ready, result.status, MISSING)

@@ -8,34 +8,37 @@ import numpy as np
 from jaxtyping import Array
 
 from ... import plots
-from ..._arguments import attempts, positive, require, whole
+from ..._arguments import Real, State, attempts, positive, require, whole
 from ..._jax.tracing import array, traced
+from ..._text import Table
 from ...engine import preparation, problems
 from ...engine.host import driver
 from ...engine.host.places import account, place_of
 from ...errors import RunFailedError
 from ...integrators.base import Method
+from ...results.result import Data, RunResult, states_along
 from ...statuses import STATUS
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid, Transition
 from ...systems.kinds import iterates
+from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
 from ..orbits.periods import check_period
 from ..trajectories import ROOM
 
 __all__ = ["PoincareSection", "poincare_section", "with_section"]
 
-MOST = 2.0**31 - 2.0**16  # jumps in one run: they are counted in 32 bits
+MOST = 2.0**31 - 2.0**16  # jumps in one run, counted in 32 bits
 
 
-class PoincareSection(eqx.Module):
+class PoincareSection(RunResult, eqx.Module):
     """The points of a Poincaré section, in order.
 
     Attributes:
-        t: (n,) times; nan where the run ended before.
+        t: (n,) instants; nan where the run ended before.
         x: (n, dim) states; of a crossing where the flow meets the section, before any jump there.
         mode: (n,) indices of the modes.
-        status: the verdict.
+        status: how the run ended, an `lh.STATUS`.
     """
 
     t: Array
@@ -43,20 +46,31 @@ class PoincareSection(eqx.Module):
     mode: Array
     status_code: Array
     mode_names: tuple[str, ...] = eqx.field(static=True)
+    state_labels: Labels = eqx.field(static=True, default=Labels())
 
-    @property
-    def status(self) -> STATUS:
-        """The verdict."""
-        return STATUS(int(self.status_code))
+    def plot(self, ax=None, i: int = 0, j: int = 1):
+        """Component j of the points against component i."""
+        return plots.section(self, ax, i, j)
 
-    def plot(self, ax=None, **options):
-        """One component of the points against another."""
-        return plots.section(self, ax, **options)
+    def _table(self) -> Table:
+        t, x = np.asarray(self.t), np.reshape(self.x, (len(self.t), -1))
+        reached = np.isfinite(t)
+        names = [self.state_labels.name(i) for i in range(x.shape[1])]
+        ends = [x[reached].min(axis=0), x[reached].max(axis=0)] if np.any(reached) else []
+        rows = [(name, *(f"{end[i]:.6g}" for end in ends)) for i, name in enumerate(names)] if ends else []
+        title = f"Poincaré section of {int(np.sum(reached))} points"
+        return Table(title, rows, [f"status {self.status}"], ("", "least", "greatest") if ends else ())
+
+    def _data(self) -> Data:
+        state = ("body", "state") if self.x.ndim == 3 else ("state",)
+        variables = {"x": (("sample", *state), self.x), "mode": ("sample", self.mode)}
+        coordinates = {"t": ("sample", np.asarray(self.t)), **states_along(self.state_labels, self.x.shape[-1])}
+        return Data(variables, coordinates, {"mode_names": self.mode_names})
 
 
 def poincare_section(
     system: Flow | Map | Hybrid | EventDriven,
-    x0,
+    x0: State,
     args: Any = None,
     *,
     section: Any = None,
@@ -64,13 +78,13 @@ def poincare_section(
     n: int = 1000,
     transient: int = 0,
     direction: int = -1,
-    t0=0.0,
+    t0: Real = 0.0,
     mode: str | int | None = None,
     method: Method | None = None,
     max_steps: int | None = None,
     throw: bool = True,
 ) -> PoincareSection:
-    """The states in which the motion crosses a surface, or finds itself once a period: a Poincaré section.
+    """A Poincaré section: the states where the motion crosses a surface, or its states once a period.
 
     Either h(t, x) = 0, crossed by the flow in one direction; or t = t0 + k T (stroboscopic).
 
@@ -81,9 +95,9 @@ def poincare_section(
         section: ``(t, x, args) -> h``, a scalar, continuously differentiable. A jump that carries the state across
             is no crossing. Where a guard of the system is zero at the same instant the point is that before the jump.
         period: T instead: a number, or ``args -> number``; whole for a map. Of a forced system a multiple of its own;
-            where it has several frequencies, without a common period, any.
+            with several frequencies and no common period any is allowed.
         n: number of points.
-        transient: so many points before them are dropped.
+        transient: number of points that are dropped before them.
         direction: of the crossing: −1, h falls; +1, h rises; 0, both.
         t0: time at the start; a start on the section from which h goes on in that direction is a crossing.
         mode: mode at the start, where there are several.
@@ -126,7 +140,8 @@ def poincare_section(
     else:
         found = _crossings(problem, x0, t0, mode, n, transient, max_steps)
     t, x, modes, status, last = found
-    result = PoincareSection(t, x, modes, jnp.asarray(status), problems.mode_names(system))
+    labels = labels_of(system, problem.shape)
+    result = PoincareSection(t, x, modes, jnp.asarray(status), problems.mode_names(system), labels)
     if throw and result.status.failed:
         place = place_of(last.loop_state, problem.system)
         raise RunFailedError(result.status, account(status, place, why=last.why), result)
@@ -134,13 +149,13 @@ def poincare_section(
 
 
 def with_section(system: Any, section: Any, direction: int) -> Hybrid:
-    """The system with one more transition, which changes nothing and whose crossings are seen."""
+    """The system with one more transition, which changes nothing and records the crossings."""
     flows = isinstance(system, Flow) or (isinstance(system, Hybrid) and system.fields is not None)
     require(flows, f"A section is crossed by a flow: use an lh.Flow or lh.Hybrid with fields; got {system!r}.")
     crossing = Transition(section, None, direction=direction)
     if isinstance(system, Flow):
-        return Hybrid(system.field, crossing)
-    # First: where another guard is zero at the same instant, its jump would hide the crossing.
+        return Hybrid(system.field, crossing, names=system.names, units=system.units)
+    # It comes first: the jump of another guard at the same event time would hide the crossing.
     return Hybrid(
         dict(zip(system.mode_names, system.fields or (), strict=True)),
         (crossing, *system.transitions),
@@ -148,6 +163,8 @@ def with_section(system: Any, section: Any, direction: int) -> Hybrid:
         system.max_cascade,
         initial_mode=system.initial_mode,
         flow_set={name: inside for name, inside in zip(system.mode_names, system.flow_sets, strict=True) if inside},
+        names=system.names,
+        units=system.units,
     )
 
 
@@ -176,16 +193,16 @@ def _stroboscopic(problem, x0, t0, mode, period, n, transient, max_steps):
 
 
 def _crossings(problem, x0, t0, mode, n, transient, max_steps):
-    """The points on the section: so many jumps, until the crossings among them suffice."""
+    """The points on the section: run until enough jumps are crossings."""
     plan = problems.Plan(log=ROOM, count_jumps=True)
     wanted, found, seen, jumps, previous = transient + n, [], 0, 0, -np.inf
     loop_state, ends = _begin(problem, plan, t0, x0, mode), array([np.inf], x0.dtype)
     while True:
-        # At least so many more jumps are needed; where others are in between, as many more as there were so far.
+        # At least the missing crossings; with other jumps in between, as many more jumps as there were so far.
         more = min(np.ceil((wanted - seen) * max(1.0, jumps / max(seen, 1))), MOST)
         outcome = driver.drive(problem, plan, driver.restart(loop_state), ends, array([more], x0.dtype), max_steps)
         for log in outcome.logs:
-            # What happens at the instant of the event before it was set off by that event's jump.
+            # A crossing at the time of the previous event was caused by that event's jump.
             by_flow = np.diff(log.t, prepend=previous) > 0
             previous = log.t[-1] if len(log.t) else previous
             crossed = by_flow & (log.transition == 0)

@@ -1,4 +1,4 @@
-"""One lane of a bifurcation diagram: a run at one value of the parameter, and its points once a period."""
+"""One lane of a bifurcation diagram: a run at one value of the parameter, with one point for each period."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -17,8 +17,8 @@ from . import attractors
 
 __all__ = ["Found", "How", "Lane", "State", "at", "placed", "run", "schedule"]
 
-BATCHES = 32  # of a run, from which its standard errors come
-BLOCKS = 4096  # of a run, about, at most; beyond that so many periods are longer than one each
+BATCHES = 32  # batches of a run, from which its standard errors come
+BLOCKS = 4096  # about the largest number of blocks of a run; longer runs have several periods in a block
 
 
 class Lane(NamedTuple):
@@ -26,11 +26,11 @@ class Lane(NamedTuple):
 
     value: Any
     x: Any  # (n,)
-    follows: Any  # it starts where the run before has ended
+    follows: Any  # whether it starts at the end of the run before
 
 
 class State(NamedTuple):
-    """What a run hands on to the one that follows it."""
+    """The end of a run, from which the next one of a continuation starts."""
 
     x: Any
     mode: Any
@@ -38,17 +38,17 @@ class State(NamedTuple):
 
 
 class How(NamedTuple):
-    """What is static of a lane."""
+    """The static settings of a lane."""
 
     path: tuple[str, ...]
     angles: tuple[int, ...]
     transient: int  # periods
-    ends: tuple[int, ...]  # of the blocks, in periods
+    ends: tuple[int, ...]  # ends of the blocks, in periods
     samples: int
 
 
 class Found(NamedTuple):
-    """What a lane leaves."""
+    """The results of a lane."""
 
     exponents: Any
     stderr: Any
@@ -73,7 +73,7 @@ def placed(args, path, value):
 
 
 def schedule(name: str, angles, transient: int, t1: int, samples: int) -> How:
-    """Ends of the blocks in periods: one a period while they are few, and where points are kept."""
+    """The settings; blocks are one period long unless there are too many, and always for the kept points."""
     longest = -(-(transient + t1) // BLOCKS)
     quiet = _divided(0, transient, longest)
     loud = _divided(transient, transient + t1 - samples, longest)
@@ -83,13 +83,13 @@ def schedule(name: str, angles, transient: int, t1: int, samples: int) -> How:
 
 
 def _divided(first: int, last: int, longest: int) -> np.ndarray:
-    """Whole numbers of periods after `first`, up to `last`."""
+    """Ends of blocks of at most `longest` whole periods, from `first` to `last`."""
     pieces = -(-(last - first) // longest)
     return np.round(first + (last - first) * (np.arange(1, pieces + 1) / max(pieces, 1))).astype(int)
 
 
 def run(shared, state: State, lane: Lane) -> tuple[State, Found]:
-    """One run, from its start or from where the one before has ended."""
+    """One run, from its own start or from the end of the run before."""
     problem, plan, how, period, t0, frame, interval, mode, limit = shared
     args = placed(problem.args, how.path, lane.value)
     problem = problem._replace(args=args)
@@ -98,7 +98,7 @@ def run(shared, state: State, lane: Lane) -> tuple[State, Found]:
     settings = binding.settings_of(problem, plan, t0, x)
     if isinstance(problem.system, Hybrid) and problem.system.initial_mode is not None:
         if mode is not None:
-            # With another parameter a state may belong to another mode: the system knows.
+            # With another parameter the same state may be in another mode.
             mode = jnp.where(carries_on, settings.evolver.initial_mode(t0, x), mode)
     else:
         mode = jnp.where(carries_on, state.mode, jnp.asarray(mode, jnp.int32))
@@ -126,7 +126,7 @@ def run(shared, state: State, lane: Lane) -> tuple[State, Found]:
 
 
 def _blocks(settings, loop_state, angles, targets, limit):
-    """All blocks, one by one; between them angles are brought back to (−π, π]."""
+    """All blocks in turn; after each one angles are reduced to (−π, π] and their turns counted."""
     columns = list(angles)
 
     def block(state, target):
@@ -153,7 +153,7 @@ def _blocks(settings, loop_state, angles, targets, limit):
 
 
 def _summary(how: How, records: BlockRecord, empty, status, points, lifetime) -> Found:
-    """Exponents with their errors from batches of blocks, of those after the motion has settled; the last points."""
+    """Exponents and errors from batches of the blocks after the motion has converged; and the last points."""
     ends = np.asarray(how.ends, points.dtype)
     begins = np.concatenate([np.zeros(1, ends.dtype), ends[:-1]])
     start = jnp.maximum(jnp.where(jnp.isnan(lifetime), 0.0, lifetime), float(how.transient))

@@ -1,4 +1,4 @@
-"""Indicators of chaos: what deviation vectors do, read off the orthonormalisations of the one loop."""
+"""Indicators of chaos: computed from the orthonormalisations of deviation vectors in the one loop."""
 
 from .alignment import GALIResult, gali, sali
 from .covariant import CovariantVectors, covariant_vectors

@@ -1,11 +1,12 @@
 """GALI and SALI: the volume that unit deviation vectors span, however small it becomes.
 
 The vectors are W = Q C, Q the orthonormal frame of the loop and C upper triangular: an orthonormalisation
-Φ Q = Q' R makes C' = R C of C. The volume of the first k unit vectors is Π C_ii / Π ‖C_i‖, a product of positive
-numbers that are never subtracted: its logarithm is as exact at −10 000 as at −1.
+Φ Q = Q' R changes C to C' = R C. The volume of the first k unit vectors is Π C_ii / Π ‖C_i‖, a product of positive
+numbers, without subtractions: its logarithm has full relative accuracy even at −10 000.
 """
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -14,23 +15,25 @@ import numpy as np
 from jaxtyping import Array
 
 from ... import plots
-from ..._arguments import require
+from ..._arguments import Frame, Progress, Real, State, require
 from ..._jax.tracing import traced
+from ..._text import Table
 from ...engine.blocks import check_counts
 from ...engine.states import Orthonormalisation, StepState
-from ...statuses import status_of
+from ...integrators.base import Method
+from ...results.result import Data, RunResult
 from ...systems.daes.semi_linear import degrees_of_freedom
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
 from ...systems.smooth import Flow, Map
-from .following import discrete, follow, verdict_of
+from .following import discrete, follow, samples_of, table_of, times_of, verdict_of
 from .verdicts import Verdict, of_alignment
 
 __all__ = ["GALIResult", "gali", "sali"]
 
 
 class Triangle(NamedTuple):
-    """The deviation vectors in the frame."""
+    """The deviation vectors as coefficients in the frame."""
 
     columns: Array  # (k, k) C, each column of length 1
     logs: Array  # (k,) ln(C_ii / ‖C_i‖); -inf where the direction is lost
@@ -38,7 +41,7 @@ class Triangle(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Volumes:
-    """Follows C; a `states.Observer`."""
+    """The `states.Observer` that updates C."""
 
     def begin(self, t, frame) -> Triangle:
         """The deviation vectors are the columns of the frame."""
@@ -56,11 +59,11 @@ class Volumes:
         return Triangle(columns / length[None, :], logs)
 
     def moved(self, state: Triangle, source) -> Triangle:
-        """The frame's columns have changed places; the deviation vectors have not."""
+        """Reorder the rows of C like the columns of the frame; the deviation vectors stay the same."""
         return state._replace(columns=state.columns[source])
 
     def next_block(self, state: Triangle) -> Triangle:
-        """Nothing is counted by blocks."""
+        """Unchanged: no sums of single blocks are kept."""
         return state
 
 
@@ -69,7 +72,7 @@ def _logs(t, carry: StepState):
     return carry.observer.logs
 
 
-class GALIResult(eqx.Module):
+class GALIResult(RunResult, eqx.Module):
     """GALI_k, or SALI, against time.
 
     Attributes:
@@ -77,6 +80,9 @@ class GALIResult(eqx.Module):
         orders: the k of each column; () for SALI.
         log_values: (times, orders) natural logarithms; (times,) for SALI; with a leading axis m for m runs. -inf
             where a jump destroyed a direction.
+        values: the same without the logarithm.
+        status: how the run ended, an `lh.STATUS`.
+        verdict: whether the motion is regular or chaotic.
     """
 
     time: Array
@@ -90,11 +96,6 @@ class GALIResult(eqx.Module):
         return jnp.exp(self.log_values)
 
     @property
-    def status(self):
-        """The verdict on the run; under a transformation the bare code."""
-        return status_of(self.status_code)
-
-    @property
     def verdict(self) -> Verdict:
         """Whether the motion is regular or chaotic, of one run, from GALI_2 or SALI."""
         require(not traced(self.log_values) and self.time.ndim == 1, "A verdict is about one run, outside of jit.")
@@ -105,24 +106,33 @@ class GALIResult(eqx.Module):
         """The values against time, both logarithmic."""
         return plots.alignment(self, ax)
 
+    def _table(self) -> Table:
+        names = [f"GALI{k}" for k in self.orders] or ["SALI"]
+        return table_of(self, names, np.reshape(self.log_values, (*self.time.shape, len(names))), "ln ")
+
+    def _data(self) -> Data:
+        by_order = ("order",) if self.orders else ()
+        variables = {"log_values": ((*samples_of(self), *by_order), self.log_values)}
+        return Data(variables, {**times_of(self), **({"order": list(self.orders)} if self.orders else {})})
+
 
 def gali(
     system: Flow | Map | Hybrid | EventDriven,
-    x0,
+    x0: State,
     args: Any = None,
     *,
-    t1,
-    orders=None,
+    t1: Real,
+    orders: Sequence[int] | None = None,
     times: Any = "log",
     t0: Any = 0.0,
     transient: Any = 0.0,
     mode: str | int | None = None,
-    frame=None,
-    method=None,
-    every=None,
+    frame: Frame = None,
+    method: Method | None = None,
+    every: Any = None,
     blocks: int = 64,
     max_steps: int | None = None,
-    progress=None,
+    progress: Progress = None,
     throw: bool = True,
 ) -> GALIResult:
     """The generalised alignment indices GALI_k: the volume of k unit deviation vectors.
@@ -140,9 +150,9 @@ def gali(
         t0: time at the start.
         transient: length of the run before the deviation vectors count.
         mode: mode at the start, where there are several.
-        frame: (n, max k) deviation vectors; None: orthonormal ones of no special direction, always the same.
+        frame: (n, max k) deviation vectors; None: fixed orthonormal vectors in generic directions.
         method: as for `lh.lyapunov_spectrum`.
-        every: orthonormalise so often; None: from the growth.
+        every: interval of orthonormalisations, as for `lh.lyapunov_spectrum`; None: chosen from the growth.
         blocks: number of times, where `times` is "log" or None.
         max_steps: most attempts of a step.
         progress: True for a bar, or a function of the fraction done.
@@ -181,7 +191,24 @@ def gali(
     return verdict_of(found, result, throw)
 
 
-def sali(system: Flow | Map | Hybrid | EventDriven, x0, args: Any = None, *, t1, **options) -> GALIResult:
+def sali(
+    system: Flow | Map | Hybrid | EventDriven,
+    x0: State,
+    args: Any = None,
+    *,
+    t1: Real,
+    times: Any = "log",
+    t0: Any = 0.0,
+    transient: Any = 0.0,
+    mode: str | int | None = None,
+    frame: Frame = None,
+    method: Method | None = None,
+    every: Any = None,
+    blocks: int = 64,
+    max_steps: int | None = None,
+    progress: Progress = None,
+    throw: bool = True,
+) -> GALIResult:
     """The smaller alignment index, min(‖w₁ + w₂‖, ‖w₁ − w₂‖) of two unit deviation vectors.
 
     With GALI_2 = sin θ it is √(2(1 − |cos θ|)): between GALI_2 and √2 GALI_2.
@@ -191,7 +218,17 @@ def sali(system: Flow | Map | Hybrid | EventDriven, x0, args: Any = None, *, t1,
         x0: start, shape (n,), n ≥ 2; or (m, n).
         args: pytree of parameters.
         t1: length of the run (iterations for a map).
-        options: those of `gali`, except `orders`.
+        times: as for `lh.gali`.
+        t0: as for `lh.gali`.
+        transient: as for `lh.gali`.
+        mode: as for `lh.gali`.
+        method: as for `lh.gali`.
+        every: as for `lh.gali`.
+        blocks: as for `lh.gali`.
+        max_steps: as for `lh.gali`.
+        progress: as for `lh.gali`.
+        throw: as for `lh.gali`.
+        frame: (n, 2) the deviation vectors; None: orthonormal ones of no special direction.
 
     Returns:
         An `GALIResult` with `.time`, `.values` (times,), `.log_values`, `.status` and `.verdict`.
@@ -209,8 +246,10 @@ def sali(system: Flow | Map | Hybrid | EventDriven, x0, args: Any = None, *, t1,
         >>> lh.sali(cat, [0.1, 0.2], t1=100).verdict.kind
         'chaotic'
     """
-    require("orders" not in options, "sali has one value; orders are for gali.")
-    found = gali(system, x0, args, t1=t1, orders=(2,), **options)
+    found = gali(
+        system, x0, args, t1=t1, orders=(2,), times=times, t0=t0, transient=transient, mode=mode, frame=frame,
+        method=method, every=every, blocks=blocks, max_steps=max_steps, progress=progress, throw=throw,
+    )  # fmt: skip
     log_sine = found.log_values[..., 0]
     square = jnp.exp(2 * jnp.minimum(log_sine, 0.0))
     cosine = jnp.sqrt(jnp.maximum(1 - square, 0.0))

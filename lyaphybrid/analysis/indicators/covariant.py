@@ -2,10 +2,11 @@
 
 Forwards Q_n R_n = Φ_n Q_{n-1}. A vector V_n = Q_n C_n with C_n upper triangular is carried along by the flow if
 R_n C_{n-1} = C_n up to lengths; going backwards any C converges to the covariant one. Where a jump destroys directions
-R_n has rows of zeros: the vectors that go on are those of its image, and what it destroys is its kernel.
+R_n has rows of zeros: the vectors that go on span its image, the destroyed ones its kernel.
 """
 
 import dataclasses
+import math
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -14,14 +15,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ..._arguments import positive, require, whole
+from ... import plots
+from ..._arguments import Frame, Progress, Real, State, positive, require, whole
 from ..._jax.engines import compiled
+from ..._text import UNIT, Table, numbered
 from ...engine.blocks import check_counts
 from ...engine.states import Orthonormalisation, StepState
-from ...statuses import status_of
+from ...integrators.base import Method
+from ...results.result import Data, RunResult, exponents_along
 from ...systems.daes.semi_linear import degrees_of_freedom
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
+from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
 from .following import discrete, follow, generic_frame, verdict_of
 
@@ -32,33 +37,38 @@ class Factor(NamedTuple):
     """The product R of a block, in echelon form."""
 
     r: Array  # (k, k)
-    pivot: Array  # (k,) where each row has its first entry; k: it is a row of zeros
+    pivot: Array  # (k,) column of each row's first nonzero entry; k for a row of zeros
 
 
 @dataclasses.dataclass(frozen=True)
 class Factors:
-    """Collects R from block to block; a `states.Observer`."""
+    """The `states.Observer` that multiplies the factors R of each block."""
 
     def begin(self, t, frame) -> Factor:
-        """Nothing has happened yet."""
+        """R is the identity at the start."""
         del t
         k = frame.shape[1]
         return Factor(jnp.eye(k, dtype=frame.dtype), jnp.arange(k, dtype=jnp.int32))
 
     def update(self, state: Factor, seen: Orthonormalisation) -> Factor:
-        """R ← R' R; a lost column leaves a row of zeros."""
+        """R ← R' R; a lost column becomes a row of zeros."""
         r = jnp.triu(seen.frame.T @ seen.before) @ state.r
         gone = seen.lost | (state.pivot == len(state.pivot))
         return Factor(jnp.where(gone[:, None], 0.0, r), jnp.where(gone, len(state.pivot), state.pivot))
 
     def moved(self, state: Factor, source) -> Factor:
-        """What is alive comes first."""
+        """Reorder the rows like the columns of the frame: columns that are not lost come first."""
         return Factor(state.r[source], state.pivot[source])
 
     def next_block(self, state: Factor) -> Factor:
-        """The product of a block."""
+        """Start the product of the next block."""
         k = len(state.pivot)
         return Factor(jnp.eye(k, dtype=state.r.dtype), jnp.arange(k, dtype=jnp.int32))
+
+
+def _least(values: np.ndarray) -> float:
+    """The least that is a number; nan where none is."""
+    return float(np.min(values[~np.isnan(values)])) if np.any(~np.isnan(values)) else math.nan
 
 
 def _frame_and_factor(t, carry: StepState):
@@ -66,7 +76,7 @@ def _frame_and_factor(t, carry: StepState):
     return carry.frame, carry.observer, carry.x
 
 
-class CovariantVectors(eqx.Module):
+class CovariantVectors(RunResult, eqx.Module):
     """Covariant Lyapunov vectors along an orbit.
 
     Attributes:
@@ -76,6 +86,7 @@ class CovariantVectors(eqx.Module):
         growth: (times − 1, k) ln of the growth of each vector from one time to the next; -inf where it is destroyed.
         exponents: (k,) the mean growth per unit of time.
         angles: (times, k(k−1)/2) in [0, π/2] between the lines of vectors i < j: (1,2), (1,3), …, (2,3), ….
+        status: how the run ended, an `lh.STATUS`.
     """
 
     time: Array
@@ -83,6 +94,7 @@ class CovariantVectors(eqx.Module):
     vectors: Array
     growth: Array
     status_code: Array
+    state_labels: Labels = eqx.field(static=True, default=Labels())
 
     @property
     def exponents(self) -> Array:
@@ -95,32 +107,54 @@ class CovariantVectors(eqx.Module):
         i, j = np.triu_indices(self.vectors.shape[-1], 1)
         a, b = self.vectors[:, :, i], self.vectors[:, :, j]
         along = jnp.sum(a * b, axis=1)
-        # From sine and cosine: arccos alone loses half of the digits of small angles.
+        # From sine and cosine: arccos alone loses half of the digits for small angles.
         across = jnp.linalg.norm(a - along[:, None, :] * b, axis=1)
         return jnp.arctan2(across, jnp.abs(along))
 
-    @property
-    def status(self):
-        """The verdict on the run; under a transformation the bare code."""
-        return status_of(self.status_code)
+    def plot(self, ax=None):
+        """The angles between the vectors against time."""
+        return plots.angles(self, ax)
+
+    def _pairs(self) -> list[str]:
+        return [f"{i + 1},{j + 1}" for i, j in zip(*np.triu_indices(self.vectors.shape[-1], 1), strict=True)]
+
+    def _table(self) -> Table:
+        exponents, angles = np.asarray(self.exponents), np.asarray(self.angles)
+        rows = [(name, f"{value:.6g}") for name, value in zip(numbered("λ", len(exponents)), exponents, strict=True)]
+        least = [f"{pair}: {_least(own):.3g}" for pair, own in zip(self._pairs(), angles.T, strict=True)][:8]
+        notes = [f"least angles between vectors {', '.join(least)}"] if least else []
+        title = f"Covariant vectors at {len(self.time)} times; their growth per {UNIT['time']}"
+        return Table(title, rows, [*notes, f"status {self.status}"])
+
+    def _data(self) -> Data:
+        n, k = self.vectors.shape[1:]
+        variables = {
+            "vectors": (("sample", "state", "exponent"), self.vectors),
+            "x": (("sample", "state"), np.reshape(self.x, (len(self.time), n))),
+            "growth": (("interval", "exponent"), self.growth),
+            "exponents": ("exponent", self.exponents),
+            "angles": (("sample", "pair"), self.angles),
+        }
+        names = {"state": [self.state_labels.name(i) for i in range(n)], "pair": self._pairs()}
+        return Data(variables, {"time": ("sample", np.asarray(self.time)), **exponents_along(k), **names})
 
 
 def covariant_vectors(
     system: Flow | Map | Hybrid | EventDriven,
-    x0,
+    x0: State,
     args: Any = None,
     *,
-    t1,
+    t1: Real,
     k: int | None = None,
     t0: Any = 0.0,
     transient: Any = None,
     settle: Any = None,
     mode: str | int | None = None,
-    frame=None,
-    method=None,
+    frame: Frame = None,
+    method: Method | None = None,
     blocks: int = 256,
     max_steps: int | None = None,
-    progress=None,
+    progress: Progress = None,
     throw: bool = True,
 ) -> CovariantVectors:
     """The k leading covariant Lyapunov vectors, by the method of Ginelli and others.
@@ -138,9 +172,9 @@ def covariant_vectors(
         transient: length of the run before it, in which the frame converges; None: half of t1.
         settle: length of the run after it, over which the backward vectors converge; None: half of t1.
         mode: mode at the start, where there are several.
-        frame: (n, k) columns at the start; None: orthonormal ones of no special direction.
+        frame: (n, k) columns at the start; None: orthonormal vectors in generic directions.
         method: as for `lh.lyapunov_spectrum`.
-        blocks: vectors are given at the start of the part that is wanted, and after each of so many equal pieces of it.
+        blocks: number of equal pieces of that part; vectors are given at its start and at the end of each piece.
         max_steps: most attempts of a step.
         progress: True for a bar, or a function of the fraction done.
         throw: raise where the run failed.
@@ -184,14 +218,19 @@ def covariant_vectors(
     time = jnp.asarray(found.time)
     wanted = slice(0, blocks + 1)
     result = CovariantVectors(
-        time[wanted] - time[0], x[wanted], vectors[wanted], growth[:blocks], jnp.asarray(found.status)
+        time[wanted] - time[0],
+        x[wanted],
+        vectors[wanted],
+        growth[:blocks],
+        jnp.asarray(found.status),
+        labels_of(system, (n,)),
     )
     return verdict_of(found, result, throw)
 
 
 @compiled()
 def _backwards(frames, factors: Factor):
-    """The vectors V_n = Q_n C_n (blocks, n, k), and the logarithms of what lies between n and n + 1 (blocks − 1, k)."""
+    """The vectors V_n = Q_n C_n (blocks, n, k), and ln of their growth from n to n + 1 (blocks − 1, k)."""
     k = frames.shape[-1]
     last = jnp.triu(jnp.asarray(generic_frame(k, k, frames.dtype)) + jnp.eye(k, dtype=frames.dtype))
     last = last / jnp.linalg.norm(last, axis=0, keepdims=True)
@@ -207,7 +246,7 @@ def _backwards(frames, factors: Factor):
 def _before(factor: Factor, c):
     """C_{n-1} with unit columns from R_n and C_n, and ln of their growth.
 
-    Column p is carried to the row whose first entry stands at p; where no row's does, it is a vector of the kernel.
+    Column p is determined by the row whose pivot is p; without such a row it is a vector of the kernel.
     """
     r, pivot, k = factor.r, factor.pivot, c.shape[0]
     columns = jnp.arange(k, dtype=pivot.dtype)

@@ -1,14 +1,14 @@
-"""A bound for the error of exponents from local errors, by the integral separation that a run shows.
+"""A bound for the error of exponents, from the local errors of the steps and the integral separation of the run.
 
-What a step computes, Q⁺ R, is not Φ Q but off by the local error: Φ Q = Q⁺ (R + E). So the exact product is that of
+A step computes Q⁺ R, which differs from Φ Q by the local error: Φ Q = Q⁺ (R + E). The exact product is that of
 the matrices R + E, and with unit lower triangular matrices I + W, W = 0 at the start,
 
     (R + E) (I + W) = (I + W⁺) S,        S upper triangular,
 
-ln S_jj is the exact growth, up to what I + W adds once, at the end. Elimination in bounds takes |E| to bounds for |W⁺|
-and for |S_jj − R_jj|. Those of w_ij, i > j, are multiplied by r_ii / r_jj at each step: they stay of the size of the
-local error where directions are integrally separated, and only there. (The theorems of Dieci & Van Vleck and of Linh,
-Mehrmann & Van Vleck bound the same by constants of the separation; here the factors R themselves are used.)
+ln S_jj is the exact growth, up to one factor I + W at the end. Elimination with bounds instead of numbers gives, from
+|E|, bounds for |W⁺| and for |S_jj − R_jj|. The bound of w_ij, i > j, is multiplied by r_ii / r_jj at each step: it
+stays of the size of the local error only where directions are integrally separated. (The theorems of Dieci & Van Vleck
+and of Linh, Mehrmann & Van Vleck bound the same by constants of the separation; here the factors R are used.)
 """
 
 import dataclasses
@@ -20,12 +20,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ..._arguments import positive, require
+from ... import plots
+from ..._arguments import Progress, Real, State, positive, require
 from ..._jax.tracing import traced
-from ..._text import UNIT
+from ..._text import UNIT, Table, numbered
 from ...engine.blocks import check_counts
 from ...engine.states import Orthonormalisation, StepState
-from ...statuses import status_of
+from ...integrators.base import Method
+from ...results.result import Data, RunResult, exponents_along
 from ...systems.daes.semi_linear import degrees_of_freedom
 from ...systems.kinds import iterates
 from ...systems.smooth import Flow, Map
@@ -33,44 +35,44 @@ from .following import discrete, follow, start_frame, verdict_of
 
 __all__ = ["ExponentBounds", "exponent_bounds"]
 
-ROUNDING = 8  # of an iteration of a map: so many n times that of one operation
+ROUNDING = 8  # rounding error of one iteration of a map, in units of n times that of one operation
 
 
 class Off(NamedTuple):
-    """How far the exact product may be from the computed one."""
+    """Bounds for the distance of the exact product from the computed one."""
 
     growth: Array  # (k,) Σ ln R_jj
     bound: Array  # (k,) Σ of the bounds for |ln S_jj − ln R_jj|
-    local: Array  # (k,) the lengths of the columns' errors in the step
-    tilt: Array  # (k, k) that for |W|
-    widest: Array  # its largest entry so far
-    largest: Array  # local error so far
+    local: Array  # (k,) norm of each column's error since the last orthonormalisation
+    tilt: Array  # (k, k) bound for |W|
+    widest: Array  # largest entry of `tilt` so far
+    largest: Array  # largest local error so far
     steps: Array
 
 
 @dataclasses.dataclass(frozen=True)
 class Bounds:
-    """Follows them; a `states.ErrorObserver`.
+    """The `states.ErrorObserver` that updates these bounds.
 
-    After a step a column of length 1 is off by its error estimate and `local` (√n + its length).
+    The error of a column of length 1 after a step is its error estimate plus `local` (√n + its new length).
     """
 
     local: float
 
     def begin(self, t, frame) -> Off:
-        """Nothing is off."""
+        """All bounds are zero at the start."""
         del t
         k = frame.shape[1]
         none, zero = jnp.zeros(k, frame.dtype), jnp.zeros((), frame.dtype)
         return Off(none, none, none, jnp.zeros((k, k), frame.dtype), zero, zero, jnp.zeros((), jnp.int32))
 
     def stepped(self, state: Off, errors) -> Off:
-        """The errors of a step."""
+        """Add the error estimates of a step."""
         local = state.local + jnp.sqrt(jnp.sum(errors[0] ** 2, axis=0))
         return state._replace(local=local, largest=jnp.maximum(state.largest, jnp.max(local)), steps=state.steps + 1)
 
     def update(self, state: Off, seen: Orthonormalisation) -> Off:
-        """What they have done; infinite for good where a diagonal entry of S may be zero."""
+        """The bounds after an orthonormalisation; infinite from then on if a diagonal entry of S may be zero."""
         n, k = seen.before.shape
         r = jnp.abs(jnp.triu(seen.frame.T @ seen.before, 1)) + jnp.diag(jnp.where(seen.lost, 0.0, jnp.exp(seen.log_r)))
         off = state.local + self.local * (n**0.5 + jnp.sqrt(jnp.sum(seen.before**2, axis=0)))
@@ -86,16 +88,16 @@ class Bounds:
         )
 
     def moved(self, state: Off, source) -> Off:
-        """A direction is lost: there is no bound any more."""
+        """A direction is lost: all bounds are infinite from then on."""
         return state._replace(growth=state.growth[source], bound=jnp.full_like(state.bound, jnp.inf))
 
     def next_block(self, state: Off) -> Off:
-        """Nothing is counted by blocks."""
+        """Unchanged: no sums of single blocks are kept."""
         return state
 
 
 def eliminated(r, off, tilt):
-    """One step of the recursion in bounds.
+    """One step of the recursion for the bounds.
 
     Args:
         r: (k, k) |R|.
@@ -127,8 +129,8 @@ def _off(t, carry: StepState):
     return carry.observer
 
 
-class ExponentBounds(eqx.Module):
-    """Exponents of a run of finite length, descending, and how far they may be from those of exact arithmetic.
+class ExponentBounds(RunResult, eqx.Module):
+    """Exponents of a run of finite length, descending, with a bound for the distance of each from its exact value.
 
     Attributes:
         exponents: (k,) per unit of time.
@@ -137,6 +139,7 @@ class ExponentBounds(eqx.Module):
             error where directions are integrally separated.
         local_error: the largest estimate of a step, of columns of length 1; steps: how many there were, of a method.
         time: the length of the run.
+        status: how the run ended, an `lh.STATUS`.
     """
 
     exponents: np.ndarray
@@ -148,35 +151,39 @@ class ExponentBounds(eqx.Module):
     status_code: Array
     unit: str = eqx.field(static=True)
 
-    @property
-    def status(self):
-        """The verdict on the run."""
-        return status_of(self.status_code)
+    def plot(self, ax=None):
+        """The exponents against their index, with their bounds."""
+        return plots.bounds(self, ax)
 
-    def __str__(self) -> str:
+    def _table(self) -> Table:
+        cells = ([f"{value:.10g}" for value in self.exponents], [f"{value:.2g}" for value in self.bound])
         what = f"{self.steps} steps of local error {self.local_error:.2g}, directions within {self.tilt:.2g}"
-        lines = [f"exponents per {self.unit} over {self.time:g}, {what}; status {self.status}"]
-        pairs = zip(self.exponents, self.bound, strict=True)
-        return "\n".join([*lines, *(f"  λ{i + 1}  {value:.10g} ± {off:.2g}" for i, (value, off) in enumerate(pairs))])
+        rows = list(zip(numbered("λ", len(self.exponents)), *cells, strict=True))
+        title = f"Exponents per {self.unit} over {self.time:g}"
+        return Table(title, rows, [what, f"status {self.status}"], ("", "exponent", "within"))
 
-    __repr__ = __str__
+    def _data(self) -> Data:
+        per = {"units": f"1/{self.unit}"}
+        variables = {name: ("exponent", getattr(self, name), per) for name in ("exponents", "bound")}
+        attributes = {name: getattr(self, name) for name in ("tilt", "local_error", "steps", "time")}
+        return Data(variables, exponents_along(len(self.exponents)), attributes)
 
 
 def exponent_bounds(
     system: Flow | Map,
-    x0,
+    x0: State,
     args: Any = None,
     *,
-    t1,
+    t1: Real,
     t0: Any = 0.0,
     transient: Any = 0.0,
-    method=None,
+    method: Method | None = None,
     local_error: float | None = None,
     max_steps: int | None = None,
-    progress=None,
+    progress: Progress = None,
     throw: bool = True,
 ) -> ExponentBounds:
-    """All exponents, and a bound for what local errors have done to them.
+    """All exponents, with a bound for the error that local errors have caused.
 
     Assumptions: (a) the linear equation is that along the computed motion: for nonlinear systems what that motion's
     error does to the equation comes on top; (b) no step is off by more than its error estimate (and `local_error`), for

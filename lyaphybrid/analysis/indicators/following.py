@@ -1,4 +1,4 @@
-"""One run with an `Observer`: what all indicators have in common."""
+"""One run with an `Observer`, as all indicators need it."""
 
 from typing import Any, NamedTuple
 
@@ -8,6 +8,7 @@ import numpy as np
 from ..._arguments import attempts, require, whole
 from ..._jax.tracing import array, traced
 from ..._linalg import frames
+from ..._text import Table
 from ...engine import preparation, problems
 from ...engine.blocks import each_step_of, ends_of_blocks, is_zero, qr_schedule_for, targets_for
 from ...engine.host import driver
@@ -20,11 +21,24 @@ from ...systems.consistency import onto_constraints
 from ...systems.daes.semi_linear import DAE, degrees_of_freedom
 from ...systems.kinds import iterates
 
-__all__ = ["Followed", "discrete", "follow", "generic_frame", "start_frame", "unit_columns", "verdict_of"]
+__all__ = [
+    "Followed",
+    "discrete",
+    "follow",
+    "generic_frame",
+    "samples_of",
+    "start_frame",
+    "table_of",
+    "times_of",
+    "unit_columns",
+    "verdict_of",
+]
+
+SHOWN = 8  # times in a table
 
 
 class Followed(NamedTuple):
-    """What a run leaves: the leading axes are ([m,] blocks)."""
+    """The results of a run; the leading axes are ([m,] blocks)."""
 
     time: Any  # at the ends of the blocks, since the start of the part that counts; nan where not reached
     collected: Any
@@ -36,7 +50,7 @@ class Followed(NamedTuple):
 
     @property
     def place(self) -> Place:
-        """Where it stands."""
+        """Time, state and mode at the end."""
         return place_of(self.loop_state, self.system)
 
 
@@ -61,10 +75,10 @@ def follow(
     every=None,
     each_step: bool = False,
 ) -> Followed:
-    """Run a system with k deviation vectors, and let `observer` see every orthonormalisation (k = 0: there are none).
+    """Run a system with k deviation vectors, and call `observer` at every orthonormalisation (k = 0: there are none).
 
-    `collect` says what is recorded at the ends of the blocks; `frame` None: orthonormal vectors of no special
-    direction; `each_step`: orthonormalise after each step, or each flight between events. The rest as for
+    `collect` says what is recorded at the ends of the blocks; `frame` None: orthonormal vectors in generic
+    directions; `each_step`: orthonormalise after each step, or each flight between events. All else as for
     `lyapunov_spectrum`.
     """
     whole("blocks", blocks, least=2)
@@ -98,7 +112,7 @@ def follow(
 
 
 def discrete(name: str, method):
-    """The method, which must leave the growth of the frame to orthonormalisations: these are what is followed."""
+    """Check the method: indicators read growth from orthonormalisations, which `ContinuousQR` does not make."""
     require(
         not isinstance(method, ContinuousQR),
         f"{name} reads the growth off orthonormalisations, and lh.ContinuousQR leaves none: give the method within it.",
@@ -107,13 +121,13 @@ def discrete(name: str, method):
 
 
 def generic_frame(n: int, k: int, dtype) -> np.ndarray:
-    """K orthonormal vectors of n components, always the same, in no special direction."""
+    """A fixed orthonormal frame (n, k) in generic directions."""
     q, r = np.linalg.qr(np.random.default_rng(20101).standard_normal((n, k)))
     return (q * np.sign(np.diag(r))).astype(dtype)
 
 
 def start_frame(system, t0, x0, args, k: int):
-    """That frame for a start x0 (n,); of a DAE an orthonormal one of its tangent space."""
+    """The generic frame at x0 (n,); for a DAE an orthonormal one of its tangent space."""
     x = jnp.asarray(x0, float)
     frame = generic_frame(x.shape[0], k, x.dtype)
     if not isinstance(system, DAE):
@@ -122,16 +136,46 @@ def start_frame(system, t0, x0, args, k: int):
 
 
 def unit_columns(frame, n, k, dtype):
-    """The user's vectors, each of length 1: indicators are volumes of unit vectors."""
+    """The user's vectors, normalised: indicators are defined for unit vectors."""
     frame = jnp.asarray(frame, dtype)
     require(frame.shape == (n, k), f"frame must have shape (n, k) = ({n}, {k}); got {frame.shape}.")
     return frame / jnp.linalg.norm(frame, axis=0, keepdims=True)
 
 
 def verdict_of(followed: Followed, result, throw: bool):
-    """The result; or an error where the run failed, the values are known and `throw`."""
+    """Return the result, or raise if the run failed, its values are known and `throw` is set."""
     if throw and not traced(followed.status):
         status = STATUS(int(gravest(np.asarray(followed.status))))
         if status.failed:
             raise RunFailedError(status, account(followed.status, followed.place, why=followed.why), result)
     return result
+
+
+def samples_of(result) -> tuple[str, ...]:
+    """The dimensions of an indicator's time, of one run or of several."""
+    return ("run", "sample") if result.time.ndim == 2 else ("sample",)
+
+
+def times_of(result) -> dict[str, Any]:
+    """The coordinate of its times."""
+    return {"time": (samples_of(result), np.asarray(result.time))}
+
+
+def table_of(result, names: list[str], columns, before: str = "") -> Table:
+    """An indicator in print: columns (…, times, values) at some of its times; of several runs at their ends."""
+    time, columns = np.asarray(result.time), np.asarray(columns)
+    if time.ndim == 2:
+        rows = [
+            (f"run {i}", f"{t[-1]:.6g}", *_written(own[-1]))
+            for i, (t, own) in enumerate(zip(time, columns, strict=True))
+        ]
+        heads = ("", "time", *(before + name for name in names))
+        return Table(f"{', '.join(names)} of {len(time)} runs", rows, [f"status {result.status}"], heads)
+    chosen = np.unique(np.linspace(0, len(time) - 1, SHOWN).astype(int))
+    rows = [(f"{time[i]:.6g}", *_written(columns[i])) for i in chosen]
+    notes = [str(result.verdict), f"status {result.status}"]
+    return Table(f"{', '.join(names)} at {len(time)} times", rows, notes, ("time", *(before + name for name in names)))
+
+
+def _written(values) -> list[str]:
+    return [f"{value:.6g}" for value in values]

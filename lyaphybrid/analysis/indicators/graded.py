@@ -1,21 +1,21 @@
-"""Singular values of matrices whose rows have lengths that no floating-point number holds, to full relative accuracy.
+"""Singular values, to full relative accuracy, of matrices whose row norms exceed the range of floating-point numbers.
 
 A = diag(e^(s_i)) B, B with rows of length about 1 and s_i in the thousands. One-sided Jacobi rotations make the rows of
-A orthogonal; their lengths are then the singular values. A rotation needs the angle between two rows and the ratio of
-their lengths alone, so e^(s_i) is never formed. Errors are those of B: its condition number times rounding, whatever
-the s_i are (J. Demmel & K. Veselić, SIAM J. Matrix Anal. Appl. 13 (1992) 1204, doi:10.1137/0613074).
+A orthogonal; their lengths are then the singular values. A rotation needs only the angle between two rows and the
+ratio of their lengths, so e^(s_i) is never formed. Errors are the condition number of B times rounding, for any s_i
+(J. Demmel & K. Veselić, SIAM J. Matrix Anal. Appl. 13 (1992) 1204, doi:10.1137/0613074).
 """
 
 import numpy as np
 
 __all__ = ["log_singular_values"]
 
-SWEEPS = 60  # each over all pairs; they converge quadratically
-GONE = -1e300  # stands for the logarithm of 0, of which differences can be taken
+SWEEPS = 60  # most sweeps over all pairs; convergence is quadratic
+GONE = -1e300  # finite stand-in for ln 0, so that differences are defined
 
 
 def log_singular_values(rows: np.ndarray, logs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of many matrices at once.
+    """Singular values and right singular vectors of m matrices A = diag(e^s) B at once.
 
     Args:
         rows: (m, k, k) B; a row of zeros where its logarithm is -inf.
@@ -50,13 +50,13 @@ def _sorted(b, logs):
 
 
 def _rotate(b, logs, i: int, j: int) -> float:
-    """Make rows i and j orthogonal, in place; -> the largest cosine between them that was found.
+    """Make rows i and j orthogonal, in place; returns the largest |cosine| between them before.
 
     With g the cosine and ρ ≤ 1 the ratio of the lengths, tan θ = ρ τ, 2 ρ g / (1 − ρ²) = tan 2θ. As ρ → 0 this is a
-    step of Gram and Schmidt: τ = g.
+    Gram–Schmidt step: τ = g.
     """
     with np.errstate(under="ignore"):
-        first = logs[:, i] >= logs[:, j]  # the longer row stands first, whatever their places
+        first = logs[:, i] >= logs[:, j]  # the longer row comes first in the rotation
         long, short = (np.where(first[:, None], b[:, p], b[:, q]) for p, q in ((i, j), (j, i)))
         ratio = np.exp(-np.abs(logs[:, i] - logs[:, j]))
         cosine = np.sum(long * short, axis=1)

@@ -1,4 +1,4 @@
-"""FLI, OFLI and MEGNO: how one deviation vector grows, read at every step."""
+"""FLI, OFLI and MEGNO: the growth of one deviation vector, read at every step."""
 
 import dataclasses
 from typing import Any, NamedTuple
@@ -9,17 +9,19 @@ import numpy as np
 from jaxtyping import Array
 
 from ... import plots
-from ..._arguments import require
+from ..._arguments import Frame, Progress, Real, State, require
 from ..._jax.precision import nonzero
 from ..._jax.tracing import traced
+from ..._text import Table
 from ...engine.blocks import check_counts
 from ...engine.states import Orthonormalisation, StepState
-from ...statuses import status_of
+from ...integrators.base import Method
+from ...results.result import Data, RunResult
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
 from ...systems.kinds import iterates
 from ...systems.smooth import Flow, Map
-from .following import discrete, follow, verdict_of
+from .following import discrete, follow, samples_of, table_of, times_of, verdict_of
 from .verdicts import Verdict, of_fli, of_megno
 
 __all__ = ["IndicatorResult", "fli", "megno", "ofli"]
@@ -35,14 +37,14 @@ class Length(NamedTuple):
     value: Array  # Y(t)
     value_area: Array  # ∫ Y dt
     highest: Array  # the largest ln ‖w‖ so far
-    highest_across: Array  # the largest ln of its part across the flow
+    highest_across: Array  # the largest ln of the norm of its part across the flow
 
 
 @dataclasses.dataclass(frozen=True)
 class Lengths:
-    """Follows the length of the first column; a `states.Observer`."""
+    """The `states.Observer` of the length of the first column."""
 
-    across: bool = False  # look at the part across the flow too
+    across: bool = False  # also follow the part across the flow
 
     def begin(self, t, frame) -> Length:
         """The vector has length 1."""
@@ -62,12 +64,12 @@ class Lengths:
         return Length(state.t0, seen.t, log, area, value, value_area, jnp.maximum(state.highest, log), across)
 
     def moved(self, state: Length, source) -> Length:
-        """There is one column."""
+        """Unchanged: there is only one column."""
         del source
         return state
 
     def next_block(self, state: Length) -> Length:
-        """Nothing is counted by blocks."""
+        """Unchanged: no sums of single blocks are kept."""
         return state
 
 
@@ -84,7 +86,7 @@ def _state(t, carry: StepState):
     return carry.observer
 
 
-class IndicatorResult(eqx.Module):
+class IndicatorResult(RunResult, eqx.Module):
     """An indicator against time.
 
     Attributes:
@@ -92,6 +94,8 @@ class IndicatorResult(eqx.Module):
         values: (times,); with a leading axis m for m runs.
         mean: (times,) of MEGNO, its mean over [0, t]; None for the others.
         name: "MEGNO", "FLI", "OFLI" or "OFLI2".
+        status: how the run ended, an `lh.STATUS`.
+        verdict: whether the motion is regular or chaotic.
     """
 
     time: Array
@@ -99,11 +103,6 @@ class IndicatorResult(eqx.Module):
     mean: Array | None
     status_code: Array
     name: str = eqx.field(static=True)
-
-    @property
-    def status(self):
-        """The verdict on the run; under a transformation the bare code."""
-        return status_of(self.status_code)
 
     @property
     def verdict(self) -> Verdict:
@@ -116,8 +115,32 @@ class IndicatorResult(eqx.Module):
         """The values against time."""
         return plots.growth(self, ax)
 
+    def _table(self) -> Table:
+        columns = [self.values] if self.mean is None else [self.values, self.mean]
+        return table_of(self, [self.name, f"mean {self.name}"][: len(columns)], np.stack(columns, axis=-1))
 
-def megno(system: Flow | Map | Hybrid | EventDriven, x0, args: Any = None, *, t1, **options) -> IndicatorResult:
+    def _data(self) -> Data:
+        mean = None if self.mean is None else (samples_of(self), self.mean)
+        return Data({"values": (samples_of(self), self.values), "mean": mean}, times_of(self), {"name": self.name})
+
+
+def megno(
+    system: Flow | Map | Hybrid | EventDriven,
+    x0: State,
+    args: Any = None,
+    *,
+    t1: Real,
+    times: Any = "log",
+    t0: Any = 0.0,
+    transient: Any = 0.0,
+    mode: str | int | None = None,
+    frame: Frame = None,
+    method: Method | None = None,
+    blocks: int = 64,
+    max_steps: int | None = None,
+    progress: Progress = None,
+    throw: bool = True,
+) -> IndicatorResult:
     """The mean exponential growth factor of nearby orbits, Y = (2/t) ∫ s d(ln ‖w‖).
 
     It tends to 2 for quasiperiodic motion, to 0 where ‖w‖ stays bounded, and grows like λ₁ t in chaos; its mean over
@@ -128,8 +151,16 @@ def megno(system: Flow | Map | Hybrid | EventDriven, x0, args: Any = None, *, t1
         x0: start, shape (n,); or (m, n) for m runs at once.
         args: pytree of parameters.
         t1: length of the run (iterations for a map).
-        options: `times` ("log"), `t0`, `transient`, `mode`, `frame` (n, 1), `method`, `blocks` (64), `max_steps`,
-            `progress`, `throw`, as for `lh.gali`.
+        times: when it is recorded, as for `lh.gali`: "log", an increasing array that ends at t1, or None.
+        t0: time at the start.
+        transient: length of the run before the deviation vector counts.
+        mode: mode at the start, where there are several.
+        frame: (n, 1) the deviation vector; None: one of no special direction, always the same.
+        method: as for `lh.lyapunov_spectrum`.
+        blocks: number of times, where `times` is "log" or None.
+        max_steps: most attempts of a step.
+        progress: True for a bar, or a function of the fraction done.
+        throw: raise where the run failed.
 
     Returns:
         A `IndicatorResult` with `.time`, `.values` (times,), `.mean` (times,), `.status` and `.verdict`.
@@ -148,10 +179,29 @@ def megno(system: Flow | Map | Hybrid | EventDriven, x0, args: Any = None, *, t1
         >>> found.verdict.kind, round(float(found.mean[-1]), 1)
         ('regular', 2.0)
     """
-    return _grown("MEGNO", False, system, x0, args, t1, options)
+    return _grown(
+        "MEGNO", False, system, x0, args, throw, t1=t1, times=times, t0=t0, transient=transient, mode=mode,
+        frame=frame, method=method, blocks=blocks, max_steps=max_steps, progress=progress,
+    )  # fmt: skip
 
 
-def fli(system: Flow | Map | Hybrid | EventDriven, x0, args: Any = None, *, t1, **options) -> IndicatorResult:
+def fli(
+    system: Flow | Map | Hybrid | EventDriven,
+    x0: State,
+    args: Any = None,
+    *,
+    t1: Real,
+    times: Any = "log",
+    t0: Any = 0.0,
+    transient: Any = 0.0,
+    mode: str | int | None = None,
+    frame: Frame = None,
+    method: Method | None = None,
+    blocks: int = 64,
+    max_steps: int | None = None,
+    progress: Progress = None,
+    throw: bool = True,
+) -> IndicatorResult:
     """The fast Lyapunov indicator, sup ln ‖w(s)‖ over s ≤ t.
 
     It grows like ln t for regular motion, and like λ₁ t in chaos.
@@ -161,7 +211,16 @@ def fli(system: Flow | Map | Hybrid | EventDriven, x0, args: Any = None, *, t1, 
         x0: start, shape (n,); or (m, n) for m runs at once.
         args: pytree of parameters.
         t1: length of the run (iterations for a map).
-        options: as for `lh.megno`.
+        times: as for `lh.megno`.
+        t0: as for `lh.megno`.
+        transient: as for `lh.megno`.
+        mode: as for `lh.megno`.
+        frame: as for `lh.megno`.
+        method: as for `lh.megno`.
+        blocks: as for `lh.megno`.
+        max_steps: as for `lh.megno`.
+        progress: as for `lh.megno`.
+        throw: as for `lh.megno`.
 
     Returns:
         A `IndicatorResult` with `.time`, `.values` (times,), `.status` and `.verdict`.
@@ -179,11 +238,30 @@ def fli(system: Flow | Map | Hybrid | EventDriven, x0, args: Any = None, *, t1, 
         >>> lh.fli(cat, [0.1, 0.2], t1=1000).verdict.kind
         'chaotic'
     """
-    return _grown("FLI", False, system, x0, args, t1, options)
+    return _grown(
+        "FLI", False, system, x0, args, throw, t1=t1, times=times, t0=t0, transient=transient, mode=mode,
+        frame=frame, method=method, blocks=blocks, max_steps=max_steps, progress=progress,
+    )  # fmt: skip
 
 
-def ofli(system: Flow | Hybrid, x0, args: Any = None, *, t1, **options) -> IndicatorResult:
-    """The orthogonal fast Lyapunov indicator: that of the part of w across the flow.
+def ofli(
+    system: Flow | Hybrid,
+    x0: State,
+    args: Any = None,
+    *,
+    t1: Real,
+    times: Any = "log",
+    t0: Any = 0.0,
+    transient: Any = 0.0,
+    mode: str | int | None = None,
+    frame: Frame = None,
+    method: Method | None = None,
+    blocks: int = 64,
+    max_steps: int | None = None,
+    progress: Progress = None,
+    throw: bool = True,
+) -> IndicatorResult:
+    """The orthogonal fast Lyapunov indicator: the FLI of the part of w orthogonal to the flow.
 
     It stays bounded on periodic orbits, grows like ln t on tori and like λ₁ t in chaos.
 
@@ -192,7 +270,16 @@ def ofli(system: Flow | Hybrid, x0, args: Any = None, *, t1, **options) -> Indic
         x0: start, shape (n,); or (m, n) for m runs at once.
         args: pytree of parameters.
         t1: length of the run.
-        options: as for `lh.megno`.
+        times: as for `lh.megno`.
+        t0: as for `lh.megno`.
+        transient: as for `lh.megno`.
+        mode: as for `lh.megno`.
+        frame: as for `lh.megno`.
+        method: as for `lh.megno`.
+        blocks: as for `lh.megno`.
+        max_steps: as for `lh.megno`.
+        progress: as for `lh.megno`.
+        throw: as for `lh.megno`.
 
     Returns:
         A `IndicatorResult` with `.time`, `.values` (times,), `.status` and `.verdict`.
@@ -213,30 +300,16 @@ def ofli(system: Flow | Hybrid, x0, args: Any = None, *, t1, **options) -> Indic
     """
     flows = isinstance(system, Flow) or (isinstance(system, Hybrid) and not iterates(system))
     require(flows, f"ofli looks across the flow: it needs an lh.Flow or an lh.Hybrid with fields; got {system!r}.")
-    return _grown("OFLI", True, system, x0, args, t1, options)
+    return _grown(
+        "OFLI", True, system, x0, args, throw, t1=t1, times=times, t0=t0, transient=transient, mode=mode,
+        frame=frame, method=method, blocks=blocks, max_steps=max_steps, progress=progress,
+    )  # fmt: skip
 
 
-DEFAULTS = {
-    "times": "log",
-    "t0": 0.0,
-    "transient": 0.0,
-    "mode": None,
-    "frame": None,
-    "method": None,
-    "blocks": 64,
-    "max_steps": None,
-    "progress": None,
-}
-
-
-def _grown(name: str, across: bool, system, x0, args, t1, options) -> IndicatorResult:
-    throw = options.pop("throw", True)
-    unknown = set(options) - set(DEFAULTS)
-    require(not unknown, f"{name.lower()} takes {', '.join(DEFAULTS)} and throw; got {', '.join(sorted(unknown))}.")
-    options = DEFAULTS | options
-    discrete(name.lower(), options["method"])
-    check_counts(system, t1=t1, transient=options["transient"])
-    found = follow(Lengths(across), _state, system, x0, args, k=1, t1=t1, each_step=True, **options)
+def _grown(name: str, across: bool, system, x0, args, throw: bool, **how: Any) -> IndicatorResult:
+    discrete(name.lower(), how["method"])
+    check_counts(system, t1=how["t1"], transient=how["transient"])
+    found = follow(Lengths(across), _state, system, x0, args, k=1, each_step=True, **how)
     state, time = found.collected, jnp.asarray(found.time)
     values = {"MEGNO": state.value, "FLI": state.highest, "OFLI": state.highest_across}[name]
     values = jnp.where(jnp.isnan(time), jnp.nan, values)

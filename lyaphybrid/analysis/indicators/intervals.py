@@ -1,7 +1,7 @@
-"""Spectral intervals: what averages of growth do not settle on, and whether directions stay apart.
+"""Spectral intervals: the ranges of averages of growth, and the integral separation of directions.
 
 Lyapunov exponents may be lim sup and lim inf that differ, and averages over windows that start late may differ from
-those that start at 0: the intervals of Lyapunov and of Sacker and Sell (Bohl) hold them all. Exponents depend
+those that start at 0: the intervals of Lyapunov and of Sacker and Sell (Bohl) contain all of them. Exponents depend
 continuously on the system where neighbouring directions are integrally separated: their difference, averaged over
 windows (Steklov), stays above 0.
 """
@@ -12,10 +12,12 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array
 
+from ... import _renamed as renamed
 from ... import plots
-from ..._arguments import positive, require
-from ..._text import UNIT
-from ...statuses import status_of
+from ..._arguments import Frame, Progress, Real, State, positive, require
+from ..._text import UNIT, Table, numbered
+from ...integrators.base import Method
+from ...results.result import Data, RunResult, exponents_along
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
 from ...systems.kinds import iterates
@@ -24,11 +26,10 @@ from ..spectra import lyapunov_spectrum
 
 __all__ = ["SpectralIntervals", "spectral_intervals"]
 
-LOOKS = 64  # at each window, from which its best position is known to about 1/64² of what changes within it
-OPTIONS = ("t0", "transient", "mode", "k", "frame", "method", "every", "max_steps", "progress", "throw")
+LOOKS = 64  # windows start at multiples of window/LOOKS; extremes are off by about 1/64² of the change within one
 
 
-class SpectralIntervals(eqx.Module):
+class SpectralIntervals(RunResult, eqx.Module):
     """Intervals of exponents, descending by the averages over the whole run.
 
     Attributes:
@@ -38,6 +39,8 @@ class SpectralIntervals(eqx.Module):
         time: (times,) where running averages end, t ≥ tau; running: (times, k) those averages.
         start: (windows,) where windows begin; windows: (windows, k) averages over them.
         window: their length.
+        separated: whether all neighbours are integrally separated, as far as these windows show.
+        status: how the run ended, an `lh.STATUS`.
     """
 
     lyapunov: np.ndarray
@@ -56,25 +59,42 @@ class SpectralIntervals(eqx.Module):
         """Whether all neighbours are integrally separated, as far as these windows show."""
         return bool(np.all(np.asarray(self.steklov) > 0))
 
-    @property
-    def status(self):
-        """The verdict on the run."""
-        return status_of(self.status_code)
+    @renamed.keywords(axes="ax")
+    def plot(self, ax=None):
+        """Running averages, and averages over windows, with their intervals, on two axes."""
+        return plots.intervals(self, ax)
 
-    def __str__(self) -> str:
-        lines = [f"spectral intervals per {self.unit}, windows of {self.window:g}; status {self.status}"]
-        for i, (bounds, wider) in enumerate(zip(np.asarray(self.lyapunov), np.asarray(self.sacker_sell), strict=True)):
-            lines.append(f"  λ{i + 1}  Lyapunov {_interval(bounds)}  Sacker–Sell {_interval(wider)}")
+    def _table(self) -> Table:
+        names = numbered("λ", len(self.lyapunov))
+        rows = [
+            (name, _interval(bounds), _interval(wider))
+            for name, bounds, wider in zip(names, np.asarray(self.lyapunov), np.asarray(self.sacker_sell), strict=True)
+        ]
+        notes = [f"status {self.status}"]
         if len(self.steklov):
             least = ", ".join(f"{value:.5g}" for value in np.asarray(self.steklov))
-            lines.append(f"  {'' if self.separated else 'not '}integrally separated: Steklov differences ≥ {least}")
-        return "\n".join(lines)
+            notes = [f"{'' if self.separated else 'not '}integrally separated: Steklov differences ≥ {least}", *notes]
+        title = f"Spectral intervals per {self.unit}, windows of {self.window:g}"
+        return Table(title, rows, notes, ("", "Lyapunov", "Sacker–Sell"))
 
-    __repr__ = __str__
-
-    def plot(self, axes=None):
-        """Running averages, and averages over windows, with their intervals."""
-        return plots.intervals(self, axes)
+    def _data(self) -> Data:
+        per = {"units": f"1/{self.unit}"}
+        k = len(self.lyapunov)
+        variables = {
+            "lyapunov": (("exponent", "bound"), self.lyapunov, per),
+            "sacker_sell": (("exponent", "bound"), self.sacker_sell, per),
+            "steklov": ("pair", self.steklov, per),
+            "running": (("sample", "exponent"), self.running, per),
+            "windows": (("start", "exponent"), self.windows, per),
+        }
+        coordinates = {
+            **exponents_along(k),
+            "bound": ["least", "greatest"],
+            "pair": [f"{i + 1},{i + 2}" for i in range(k - 1)],
+            "time": ("sample", np.asarray(self.time)),
+            "start": np.asarray(self.start),
+        }
+        return Data(variables, coordinates, {"window": self.window, "separated": self.separated})
 
 
 def _interval(bounds) -> str:
@@ -82,7 +102,23 @@ def _interval(bounds) -> str:
 
 
 def spectral_intervals(
-    system: Flow | Map | Hybrid | EventDriven, x0, args: Any = None, *, t1, window, tau, **options
+    system: Flow | Map | Hybrid | EventDriven,
+    x0: State,
+    args: Any = None,
+    *,
+    t1: Real,
+    window: Real,
+    tau: Real,
+    t0: Any = 0.0,
+    transient: Any = 0.0,
+    mode: str | int | None = None,
+    k: int | None = None,
+    frame: Frame = None,
+    method: Method | None = None,
+    every: Any = None,
+    max_steps: int | None = None,
+    progress: Progress = None,
+    throw: bool = True,
 ) -> SpectralIntervals:
     """Intervals of Lyapunov and of Sacker and Sell, and the integral separation of neighbouring directions.
 
@@ -95,8 +131,16 @@ def spectral_intervals(
         t1: length of the run (iterations for a map).
         window: length of the windows over which growth is averaged, 0 < window ≤ t1.
         tau: running averages count from there on, 0 ≤ tau < t1.
-        options: `t0`, `transient`, `mode`, `k`, `frame`, `method`, `every`, `max_steps`, `progress`, `throw`, as for
-            `lh.lyapunov_spectrum`.
+        t0: as for `lh.lyapunov_spectrum`.
+        transient: as for `lh.lyapunov_spectrum`.
+        mode: as for `lh.lyapunov_spectrum`.
+        k: as for `lh.lyapunov_spectrum`.
+        frame: as for `lh.lyapunov_spectrum`.
+        method: as for `lh.lyapunov_spectrum`.
+        every: as for `lh.lyapunov_spectrum`.
+        max_steps: as for `lh.lyapunov_spectrum`.
+        progress: as for `lh.lyapunov_spectrum`.
+        throw: as for `lh.lyapunov_spectrum`.
 
     Returns:
         A `SpectralIntervals` with `.lyapunov` (k, 2), `.sacker_sell` (k, 2), `.steklov` (k − 1,), `.separated`,
@@ -117,8 +161,6 @@ def spectral_intervals(
         >>> found.separated, round(float(found.steklov[0]), 6)
         (True, 3.0)
     """
-    unknown = set(options) - set(OPTIONS)
-    require(not unknown, f"spectral_intervals takes {', '.join(OPTIONS)}; got {', '.join(sorted(unknown))}.")
     require(np.ndim(x0) == 1, f"spectral_intervals follows one orbit: x0 must have shape (n,); got {np.shape(x0)}.")
     positive("t1, a length,", t1)
     positive("window", window)
@@ -126,27 +168,30 @@ def spectral_intervals(
     require(window <= length, f"window must be at most t1 = {length:g}; got {window:g}.")
     require(0 <= tau < length, f"tau must be in [0, t1) = [0, {length:g}); got {tau:g}.")
     step = max(1.0, round(window / LOOKS)) if iterates(system) else window / LOOKS
-    s = lyapunov_spectrum(system, x0, args, t1=length, times=_ends(length, step), **options)
+    s = lyapunov_spectrum(
+        system, x0, args, t1=length, times=_ends(length, step), t0=t0, transient=transient, mode=mode, k=k, frame=frame,
+        method=method, every=every, max_steps=max_steps, progress=progress, throw=throw,
+    )  # fmt: skip
     ends, growth, losses = (np.asarray(a) for a in (s.history.time, s.history.growth, s.history.losses))
     reached, unit = np.isfinite(ends), "iteration" if iterates(system) else UNIT["time"]
-    # A direction that was lost in the transient, for good, is lost in every window.
+    # A direction that was lost for good in the transient counts as lost in every window.
     losses = losses + (np.isneginf(np.asarray(s.exponents)) & ~np.any(losses > 0, axis=0))
     return _of(ends[reached], growth[reached], losses[reached], round(window / step), step, tau, s.status_code, unit)
 
 
 def _ends(length: float, step: float) -> np.ndarray:
-    """Multiples of the step, and the end."""
+    """All multiples of the step below the length, and the length itself."""
     inside = step * np.arange(1, int(np.ceil(length / step - 1e-9)))
     return np.append(inside, length)
 
 
 def _of(ends, growth, losses, across: int, step: float, tau: float, status, unit: str) -> SpectralIntervals:
-    """From the growth (times, k) between the ends of pieces, a window being so many of them."""
+    """The intervals from the growth (times, k) of the pieces; a window is `across` pieces."""
     start = np.concatenate([[0.0], ends])
     total, gone = (np.vstack([np.zeros(growth.shape[1]), np.cumsum(a, axis=0)]) for a in (growth, losses))
     late = ends >= tau
     running = np.where(gone[1:] > 0, -np.inf, total[1:])[late] / ends[late, None]
-    # The last piece may be shorter: windows are those of full length.
+    # The last piece may be shorter: only windows of full length are used.
     count = max(0, len(start) - across - (len(ends) > 0 and ends[-1] - start[-2] < 0.999 * step))
     first, last = slice(0, count), slice(across, across + count)
     windows = (total[last] - total[first]) / (start[last] - start[first])[:, None]

@@ -1,13 +1,14 @@
-"""OFLI2: how one deviation vector grows across the flow, to second order."""
+"""OFLI2: the growth of one deviation vector orthogonal to the flow, to second order."""
 
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 
-from ..._arguments import require
+from ..._arguments import Frame, Progress, Real, State, require
 from ...engine import preparation
 from ...integrators import TangentHamiltonian
+from ...integrators.base import Method
 from ...integrators.second_variations import SecondVariation, Varied, highest_of, started
 from ...systems.daes.semi_linear import DAE
 from ...systems.smooth import Flow
@@ -19,35 +20,35 @@ __all__ = ["ofli2"]
 
 def ofli2(
     system: Flow,
-    x0,
+    x0: State,
     args: Any = None,
     *,
-    t1,
+    t1: Real,
     times: Any = "log",
     t0: Any = 0.0,
-    frame=None,
-    method=None,
+    frame: Frame = None,
+    method: Method | None = None,
     blocks: int = 64,
     max_steps: int | None = None,
-    progress=None,
+    progress: Progress = None,
     throw: bool = True,
 ) -> IndicatorResult:
     """The orthogonal fast Lyapunov indicator to second order, sup ln ‖(ξ + ½ δξ)⊥‖ over the steps up to t.
 
         ξ' = Df ξ,   δξ' = Df δξ + D²f(ξ, ξ),   ξ(t0) = ξ₀,   δξ(t0) = 0;   ⊥: the part across the flow
 
-    ξ and δξ are the first and second derivative of the motion along ξ₀, made by the method's own step. Curvature shows
-    in δξ before it does in ξ: it grows like a power of t in regular motion, and like 2λ₁t in chaos.
+    ξ and δξ are the first and second derivative of the motion along ξ₀, computed by the method's own step. Chaos shows
+    earlier in δξ than in ξ: δξ grows like a power of t in regular motion, and like 2λ₁t in chaos.
 
     Args:
         system: an `lh.Flow` or `lh.Hamiltonian`.
         x0: start, shape (n,); or (m, n) for m runs at once.
         args: pytree of parameters.
         t1: length of the run.
-        times: when it is recorded: "log", an increasing array that ends at t1, or None for equal intervals.
+        times: times at which it is recorded: "log", an increasing array that ends at t1, or None for equal intervals.
         t0: time at the start.
-        frame: (n, 1) direction ξ₀; None: that of the gradient of the energy, where the system has one, else a unit
-            vector across the flow, always the same.
+        frame: (n, 1) direction ξ₀; None: that of the gradient of the energy, where the system has one, else a fixed
+            unit vector across the flow.
         method: as for `lh.trajectory`.
         blocks: number of times, where `times` is "log" or None.
         max_steps: most attempts of a step.

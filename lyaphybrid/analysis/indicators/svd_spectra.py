@@ -1,12 +1,12 @@
 """The SVD method: exponents from the singular values of the fundamental matrix, directions from its singular vectors.
 
-Frames are carried as always, Φ Q_0 = Q P with P = R_N … R_1. P itself overflows; its rows, divided by their diagonal
-entries e^(s_i), do not:
+Frames are propagated as for any spectrum, Φ Q_0 = Q P with P = R_N … R_1. P itself overflows; its rows divided by
+their diagonal entries e^(s_i) do not:
 
     P = diag(e^s) B,   B ← B + (r_ij e^(s_j − s_i) / r_ii)_{i<j} B,   s ← s + ln r_ii
 
-As the frame puts the fastest growth first, e^(s_j − s_i) falls where i < j, and B settles. Its singular values and
-those of Φ on the span of Q_0 are then known to full relative accuracy, however far apart they are.
+The first columns of the frame grow fastest, so e^(s_j − s_i) decays for i < j and B converges. The singular values
+of Φ on the span of Q_0 then follow to full relative accuracy, however far apart they are (`graded`).
 """
 
 import dataclasses
@@ -18,17 +18,20 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ..._arguments import require, whole
+from ... import plots
+from ..._arguments import Progress, Real, State, Times, require, whole
 from ..._jax.tracing import traced
 from ..._linalg.frames import orthonormalise
-from ..._text import UNIT
+from ..._text import UNIT, Table, numbered
 from ...engine.blocks import check_counts
 from ...engine.states import Orthonormalisation, StepState
-from ...statuses import status_of
+from ...integrators.base import Method
+from ...results.result import Data, RunResult, exponents_along
 from ...systems.daes.semi_linear import degrees_of_freedom
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
 from ...systems.kinds import iterates
+from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
 from .following import discrete, follow, start_frame, verdict_of
 from .graded import log_singular_values
@@ -46,10 +49,10 @@ class Product(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Products:
-    """Follows P; a `states.Observer`."""
+    """The `states.Observer` that updates P."""
 
     def begin(self, t, frame) -> Product:
-        """Q_0 is the frame made orthonormal, frame = Q_0 R: then P = R⁻¹ at the start."""
+        """Orthonormalise the first frame, frame = Q_0 R; then P = R⁻¹ at the start."""
         del t
         k = frame.shape[1]
         start, logs, _ = orthonormalise(frame)
@@ -60,17 +63,17 @@ class Products:
         """P ← R P, by rows."""
         r, (start, rows, logs) = jnp.triu(seen.frame.T @ seen.before, 1), state
         gone = seen.lost | jnp.isneginf(logs)
-        scale = jnp.where(gone, 0.0, logs + seen.log_r)  # what is lost now still adds to the rows above it
+        scale = jnp.where(gone, 0.0, logs + seen.log_r)  # a direction that is lost now still adds to the rows above it
         ratio = logs[None, :] - scale[:, None]
         rows = jnp.where(gone[:, None], 0.0, rows + jnp.where(r == 0, 0.0, r * jnp.exp(ratio)) @ rows)
         return Product(start, rows, jnp.where(gone, -jnp.inf, logs + seen.log_r))
 
     def moved(self, state: Product, source) -> Product:
-        """What is alive comes first."""
+        """Reorder the rows like the columns of the frame: columns that are not lost come first."""
         return Product(state.start, state.rows[source], state.logs[source])
 
     def next_block(self, state: Product) -> Product:
-        """Nothing is counted by blocks."""
+        """Unchanged: no sums of single blocks are kept."""
         return state
 
 
@@ -79,7 +82,7 @@ def _product(t, carry: StepState):
     return carry.observer
 
 
-class SVDSpectrum(eqx.Module):
+class SVDSpectrum(RunResult, eqx.Module):
     """Exponents from singular values, descending.
 
     Attributes:
@@ -87,6 +90,9 @@ class SVDSpectrum(eqx.Module):
         log_values: (times, k) ln σ_i of the fundamental matrix from there; -inf where a direction was destroyed.
         directions: (times, n, k) its right singular vectors, the perturbations at the start that grow by σ_i; at late
             times eigenvectors of Λ = lim (ΦᵀΦ)^(1/2t), the Lyapunov directions. Up to their signs; zero where σ_i = 0.
+        exponents: (k,) per unit of time, or iteration; `running`: (times, k).
+        error: (k,) how far they may be from their limits; `turned`: (k,) by which angle directions turned at last.
+        status: how the run ended, an `lh.STATUS`.
     """
 
     time: np.ndarray
@@ -94,6 +100,7 @@ class SVDSpectrum(eqx.Module):
     directions: np.ndarray
     status_code: Array
     unit: str = eqx.field(static=True)
+    state_labels: Labels = eqx.field(static=True, default=Labels())
 
     @property
     def running(self) -> np.ndarray:
@@ -102,16 +109,18 @@ class SVDSpectrum(eqx.Module):
 
     @property
     def exponents(self) -> np.ndarray:
-        """(k,) the last of them."""
-        return self.running[-1]
+        """(k,) ln σ_i / t at the last time; nan where the run reached none."""
+        return self.running[-1] if len(self.time) else np.full(self.log_values.shape[1], np.nan)
 
     @property
     def error(self) -> np.ndarray:
-        """(k,) how far the exponents may be from their limits.
+        """(k,) estimated distance of the exponents from their limits.
 
-        The largest distance from (ln σ_i(T) − ln σ_i(t)) / (T − t), T/4 ≤ t ≤ 3T/4. Where ln σ_i = λ_i t + c_i it is
+        The largest difference from (ln σ_i(T) − ln σ_i(t)) / (T − t), T/4 ≤ t ≤ 3T/4. Where ln σ_i = λ_i t + c_i it is
         the error |c_i| / T itself; where growth varies it is of the size of the statistical error.
         """
+        if not len(self.time):
+            return self.exponents
         inside = (self.time >= 0.25 * self.time[-1]) & (self.time <= 0.75 * self.time[-1])
         with np.errstate(invalid="ignore"):
             later = (self.log_values[-1] - self.log_values[inside]) / (self.time[-1] - self.time[inside])[:, None]
@@ -123,61 +132,76 @@ class SVDSpectrum(eqx.Module):
     def turned(self) -> np.ndarray:
         """(k,) angles in [0, π/2] between the directions at the end and at half of the time.
 
-        Directions settle exponentially, at the rates of the gaps between exponents: the error at the end is far below.
+        Directions converge exponentially, at rates given by the gaps between exponents: the error at the end is much
+        smaller than this angle.
         """
+        if not len(self.time):
+            return self.exponents
         half = np.searchsorted(self.time, 0.5 * self.time[-1], side="right") - 1
         before, now = self.directions[max(half, 0)], self.directions[-1]
         along = np.sum(before * now, axis=0)
         return np.arctan2(np.linalg.norm(now - along * before, axis=0), np.abs(along))
 
-    @property
-    def status(self):
-        """The verdict on the run."""
-        return status_of(self.status_code)
+    def plot(self, ax=None):
+        """The running exponents against time."""
+        return plots.running(self.time, self.running, self.exponents, self.error, self.unit, ax)
 
-    def __str__(self) -> str:
-        lines = [f"exponents by the SVD method, per {self.unit}; status {self.status}"]
-        for i, values in enumerate(zip(self.exponents, self.error, self.turned, strict=True)):
-            lines.append("  λ{}  {:.6g}  within {:.2g}, direction turned by {:.2g}".format(i + 1, *values))
-        return "\n".join(lines)
+    def _table(self) -> Table:
+        columns = (self.exponents, self.error, self.turned)
+        how = ("{:.6g}", "{:.2g}", "{:.2g}")
+        cells = [[how.format(value) for value in column] for how, column in zip(how, columns, strict=True)]
+        rows = list(zip(numbered("λ", len(self.exponents)), *cells, strict=True))
+        heads = ("", "exponent", "within", "direction turned by")
+        return Table(f"Exponents by the SVD method, per {self.unit}", rows, [f"status {self.status}"], heads)
 
-    __repr__ = __str__
+    def _data(self) -> Data:
+        n, k = self.directions.shape[1:]
+        per = {"units": f"1/{self.unit}"}
+        variables = {
+            "exponents": ("exponent", self.exponents, per),
+            "error": ("exponent", self.error, per),
+            "turned": ("exponent", self.turned, {"units": "rad"}),
+            "log_values": (("sample", "exponent"), self.log_values),
+            "directions": (("sample", "state", "exponent"), self.directions),
+        }
+        names = {"state": [self.state_labels.name(i) for i in range(n)]}
+        return Data(variables, {"time": ("sample", np.asarray(self.time)), **exponents_along(k), **names})
 
 
 def svd_spectrum(
     system: Flow | Map | Hybrid | EventDriven,
-    x0,
+    x0: State,
     args: Any = None,
     *,
-    t1,
+    t1: Real,
     k: int | None = None,
     t0: Any = 0.0,
     transient: Any = 0.0,
     mode: str | int | None = None,
-    method=None,
+    method: Method | None = None,
     blocks: int = 64,
-    times=None,
+    times: Times = None,
     max_steps: int | None = None,
-    progress=None,
+    progress: Progress = None,
     throw: bool = True,
 ) -> SVDSpectrum:
     """Lyapunov exponents by the SVD method, λ_i = lim ln σ_i(Φ(t)) / t, and the Lyapunov directions.
 
-    Singular values do not depend on a first frame, as what QR methods find at finite times does: ln σ_1 is the growth
-    of the perturbation that has grown most. Both methods have the same limits where the equations are regular.
+    Singular values do not depend on the first frame, unlike the results of QR methods at finite times: ln σ_1 is the
+    growth of the perturbation that has grown most. Both methods have the same limits where the equations are regular.
 
     Args:
         system: an `lh.Flow`, `lh.DAE`, `lh.Hamiltonian`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
         x0: (n,) start.
         args: pytree of parameters.
         t1: length of the run (iterations for a map).
-        k: number of exponents; None: all. With fewer Φ is looked at on k directions: those that the transient has
-            found, or without one on directions of no special kind.
+        k: number of exponents; None: all. With fewer than all, Φ is restricted to k directions: those after the
+            transient or, without a transient, generic ones.
         t0: time at the start.
         transient: length of a run before; Φ begins at its end.
         mode: mode at the start, where there are several.
-        method: as for `lh.lyapunov_spectrum`, but for `lh.ContinuousQR`, which leaves no factors R.
-        blocks: singular values are found at so many equal steps of the time.
+        method: as for `lh.lyapunov_spectrum`, except `lh.ContinuousQR`, which gives no factors R.
+        blocks: number of equal intervals of time, at whose ends singular values are computed.
         times: an array or "log" in place of these.
         max_steps: most attempts of a step.
         progress: True for a bar, or a function of the fraction done.
@@ -221,5 +245,6 @@ def svd_spectrum(
     start, rows, logs = (np.asarray(part)[reached] for part in found.collected)
     logs, vectors = log_singular_values(rows, logs)
     unit = "iteration" if iterates(system) else UNIT["time"]
-    result = SVDSpectrum(np.asarray(found.time)[reached], logs, start @ vectors, jnp.asarray(found.status), unit)
+    status, labels = jnp.asarray(found.status), labels_of(system, (n,))
+    result = SVDSpectrum(np.asarray(found.time)[reached], logs, start @ vectors, status, unit, labels)
     return verdict_of(found, result, throw)

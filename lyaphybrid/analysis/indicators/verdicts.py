@@ -1,4 +1,4 @@
-"""Regular, chaotic or undecided: what an indicator says, and why."""
+"""Regular, chaotic or undecided: the verdict of an indicator, with its reason."""
 
 from typing import NamedTuple
 
@@ -6,14 +6,14 @@ import numpy as np
 
 __all__ = ["Verdict", "of_alignment", "of_fli", "of_megno"]
 
-FEWEST = 8  # times, for a verdict
-STEEP = 8.0  # a power of t beyond which GALI_2 and SALI of regular motion do not fall (t^-2 with one degree of freedom)
-TWO = 0.25  # how near the mean MEGNO of regular motion is to 2
-CLEARLY = 6.0  # a mean MEGNO that regular motion does not have
+FEWEST = 8  # least number of recorded times for a verdict
+STEEP = 8.0  # GALI_2 and SALI of regular motion fall slower than t^-8 (t^-2 with one degree of freedom)
+TWO = 0.25  # the mean MEGNO of regular motion differs from 2 by less than this
+CLEARLY = 6.0  # chaos needs a larger mean MEGNO
 
 
 class Verdict(NamedTuple):
-    """What an indicator says of an orbit, with the time it has been followed."""
+    """The verdict of an indicator on an orbit, with the time over which the orbit was followed."""
 
     kind: str  # "regular" | "chaotic" | "undecided"
     reason: str

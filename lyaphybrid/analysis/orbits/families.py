@@ -1,7 +1,7 @@
-"""Families of orbits: where something is conserved, an orbit is not alone.
+"""Families of periodic orbits, which exist where a quantity is conserved.
 
-Then the equations of an orbit are singular: M − I has no direction in its range along which the conserved quantity
-changes. But they are at a fold too. So the next orbit is looked for, a little aside: in a family there is one.
+In a family the equations of an orbit are singular: no direction in the range of M − I changes the conserved quantity.
+At a fold they are singular too. To tell them apart, a neighbouring orbit is computed: only a family has one.
 """
 
 import numpy as np
@@ -13,17 +13,17 @@ from .shooting import SMALL, Motion, Node, Orbit, linearised, retimed, shares_of
 
 __all__ = ["energy_moved", "family_of"]
 
-SINGULAR = 1e-6  # singular values below this part of the largest, or of 1: there may be a family
-ASIDE = 5e-3  # of the orbit's extent, to the next orbit that is looked for
-CLOSES = 1e-9  # residual at which it is one: next to a fold the square of ASIDE is left, to a pitchfork the cube
+SINGULAR = 1e-6  # singular values below this fraction of the largest, or of 1, may mean a family
+ASIDE = 5e-3  # of the orbit's extent: distance to the neighbouring orbit
+CLOSES = 1e-9  # residual of an orbit; next to a fold about ASIDE² would remain, next to a pitchfork ASIDE³
 ITERATIONS = 6
-MOVED = 1e-6  # of the orbit's extent, by which the energy moved
+MOVED = 1e-6  # of the start's size: a larger change, as a distance of states, means another energy
 
 
 def family_of(flow: Motion, orbit: Orbit, autonomous: bool, known: int | None = None) -> np.ndarray:
-    """The directions (n, f) from the first node to other orbits, that along the flow or a group not among them.
+    """The directions (n, f) from the first node to other orbits, except along the flow or a group.
 
-    Where their number is known nobody looks for the next orbits.
+    With their number `known` no neighbouring orbit is computed.
     """
     flow, n = flow._replace(conserved=None), len(orbit.nodes[0].x)
     none = np.zeros((n, 0))
@@ -41,10 +41,10 @@ def family_of(flow: Motion, orbit: Orbit, autonomous: bool, known: int | None = 
 
 
 def _scaled(flow: Motion, orbit: Orbit, autonomous: bool) -> tuple[np.ndarray, np.ndarray]:
-    """The equations with all unknowns as lengths; the scales of these."""
+    """The linearised equations, all unknowns scaled to lengths; and the scales."""
     system = linearised(flow, orbit, shares_of(orbit.nodes, orbit.period), autonomous)[0]
     states = len(orbit.nodes) * len(orbit.nodes[0].x)
-    # By their columns: those of the period and the shift are velocities; the rows are the same, transposed.
+    # The columns of the period and of the shift are velocities; their rows are the transposed ones.
     lengths = np.linalg.norm(system[:, states:], axis=0)
     lengths = np.where(lengths > 0, lengths, 1.0)
     scales = np.concatenate([np.ones(states), 1 / lengths])
@@ -75,14 +75,14 @@ def _goes_on(flow: Motion, orbit: Orbit, autonomous: bool, along: np.ndarray, sc
 
 
 def _extent(orbit: Orbit) -> float:
-    """How large an orbit is; of one that stays in a point how far that is from 0."""
+    """The largest extent of an orbit in a component; for a single point its distance from 0."""
     states = np.concatenate([states_of(piece)[1] for piece in orbit.pieces])
     across, away = float(np.max(np.ptp(states, axis=0))), float(np.max(np.abs(states)))
     return across if across > SMALL * away else away or 1.0
 
 
 def energy_moved(flow: Motion, start: Node, end: Node) -> bool:
-    """Whether the energy, where the system has one that is known, is another than at the start."""
+    """Whether the energy, if the system knows one, differs from that of the start."""
     system, args = flow.problem.system, flow.problem.args
     try:
         energy = conserved_of(True, system, start.x, flow.mode(start), args)

@@ -1,4 +1,4 @@
-"""What a motion conserves: its energy, a momentum. An orbit of a family is told from the others by the value."""
+"""Conserved quantities such as energy or momentum; their value selects one orbit of a family."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
@@ -15,11 +15,11 @@ from ...systems.smooth import Map
 
 __all__ = ["Conserved", "conserved_of", "require_conserved"]
 
-SAME = 1e-8  # part of the terms of a derivative, or of a value at a jump, by which what is conserved may change
+SAME = 1e-8  # relative tolerance for a rate of change, or a change at a jump, of a conserved quantity
 
 
 class Conserved(NamedTuple):
-    """Functions that keep their values, and the values that they are to have."""
+    """Conserved functions and the values that they are to have."""
 
     functions: tuple[Callable | None, ...]  # (x (n,), args) -> number or (c,); one for each mode
     wanted: np.ndarray  # (c,)
@@ -34,7 +34,7 @@ class Conserved(NamedTuple):
         return np.asarray(values), np.asarray(slopes)
 
     def strayed(self, mode: int, x, args) -> tuple[np.ndarray, np.ndarray]:
-        """How far the values are from those wanted, as distances of states, and the derivatives of that."""
+        """Distances (c,) of the values from those wanted, as lengths in state space, and their derivatives (c, n)."""
         values, slopes = self.with_slopes(mode, x, args)
         steepness = np.linalg.norm(slopes, axis=1)
         steepness = np.where(steepness > 0, steepness, 1.0)
@@ -50,18 +50,18 @@ def _with_slopes(function, x, args):
 
 
 def conserved_of(conserve: Any, system, x, mode: int, args) -> Conserved | None:
-    """What the user wants conserved, at its value at x.
+    """The quantities that the user wants conserved, with their values at x.
 
     Args:
         conserve: None; True, for the energy that the field comes from; ``(x, args) -> number or (c,)``; or one of these
             for each mode, by name.
         system: an `lh.Flow`, `lh.Hybrid` or `lh.Map`.
         x: (n,) a state.
-        mode: there.
+        mode: index of the mode there.
         args: pytree of parameters.
 
     Raises:
-        ValueError: on what cannot be evaluated at x. Whether it is conserved only the motion can tell.
+        ValueError: on what cannot be evaluated at x. `require_conserved` checks whether it is conserved.
     """
     if conserve is None or conserve is False:
         return None
@@ -108,9 +108,9 @@ def _functions(conserve: Any, system) -> tuple[Callable | None, ...]:
 
 
 def require_conserved(flow: Any, piece: Any) -> None:
-    """Raise a ValueError unless the values stay what they are along a stretch of motion, through its jumps.
+    """Raise a ValueError unless the values are conserved along a piece of motion, through its jumps.
 
-    The fields and resets are asked, at states on the way: what the numerical motion makes of it is another matter.
+    Fields and resets are checked at states on the way; integration errors play no part.
     """
     conserved, args, system = flow.conserved, flow.problem.args, flow.problem.system
     names = getattr(system, "mode_names", ("flow",))
@@ -141,7 +141,7 @@ def require_conserved(flow: Any, piece: Any) -> None:
 
 
 def _require_kept(conserved: Conserved, args, before: tuple, after: tuple, how: str) -> None:
-    """Whether the values are the same in two (mode, state), to the rounding of what they are made of."""
+    """Require the same values at two (mode, state), up to the rounding of their terms."""
     (first, first_slopes), (then, then_slopes) = (conserved.with_slopes(mode, x, args) for mode, x in (before, after))
     terms = np.abs(first_slopes) @ np.abs(before[1]) + np.abs(then_slopes) @ np.abs(after[1])
     rounding = digits(SAME, np.asarray(before[1])) * (np.abs(first) + np.abs(then) + terms)

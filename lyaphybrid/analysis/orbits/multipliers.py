@@ -1,4 +1,4 @@
-"""The multipliers of an orbit, and what they say of its stability."""
+"""The Floquet multipliers of an orbit, and its stability."""
 
 import numpy as np
 
@@ -8,20 +8,20 @@ from ..._linalg.products import product_eigenvalues
 
 __all__ = ["multipliers_of", "stability_of"]
 
-CIRCLE = 1e-7  # from the unit circle: nearer than this a multiplier is on it
-DEPENDENT = 1e-6  # part of a direction that is left across the others: less is rounding
+CIRCLE = 1e-7  # a multiplier nearer to the unit circle than this is on it
+DEPENDENT = 1e-6  # relative size below which a singular value means linear dependence
 
 
 def multipliers_of(matrices: list[np.ndarray], known: np.ndarray, free: int, autonomous: bool):
-    """All multipliers (free,), the largest first, and the others: those that decide on the stability.
+    """All multipliers (free,), the largest first, and those that decide on the stability.
 
-    Two multipliers that are 1 because orbits come in a family belong to one eigenvector: computed, they are off by the
-    root of the rounding. The space of directions that are known to be carried to themselves is divided out before.
+    In a family a double multiplier 1 has only one eigenvector, and rounding would change it by the square root of the
+    rounding error. So the directions that are known to be mapped to themselves are divided out first.
 
     Args:
         matrices: (n, n) of the pieces, in the order in which they act.
-        known: (n, d) directions at the start whose multipliers are 1, that along the flow among them if there are any.
-        free: how many perturbations there are.
+        known: (n, d) directions at the start whose multipliers are 1; if there are any, the flow is one of them.
+        free: number of degrees of freedom.
         autonomous: whether one multiplier is 1 along the flow.
     """
     matrices, ones = _divided(matrices, known)
@@ -37,7 +37,7 @@ def multipliers_of(matrices: list[np.ndarray], known: np.ndarray, free: int, aut
 
 
 def stability_of(others: np.ndarray, like) -> str:
-    """The stability by the multipliers that are not 1 in any case."""
+    """The stability from the multipliers that are not 1 by necessity."""
     near = digits(CIRCLE, like)
     sizes = np.abs(others)
     if np.any(sizes > 1 + near):
@@ -49,7 +49,7 @@ def stability_of(others: np.ndarray, like) -> str:
 
 
 def _divided(matrices: list[np.ndarray], known: np.ndarray) -> tuple[list[np.ndarray], int]:
-    """The matrices of what is left when the known directions and what becomes of them are divided out; their number."""
+    """The matrices on the quotient by the known directions and their images; and the number of these."""
     if not known.shape[1]:
         return matrices, 0
     left, sizes, _ = np.linalg.svd(known / np.linalg.norm(known, axis=0), full_matrices=True)
@@ -65,10 +65,10 @@ def _divided(matrices: list[np.ndarray], known: np.ndarray) -> tuple[list[np.nda
 
 
 def _destroyed(matrices: list[np.ndarray]) -> int:
-    """How many directions the orbit destroys, over as many turns as it may take.
+    """The number of directions that the orbit destroys, over up to n turns.
 
-    Each piece is judged by itself, like a jump in `frames`: contraction over a whole period may be as strong as
-    rounding, within one piece it must not be.
+    Each piece is judged by itself, like a jump in `frames`: over a whole period contraction alone may reach the size of
+    rounding, within one piece it must not.
     """
     n = len(matrices[0])
     columns = np.eye(n)
@@ -80,7 +80,7 @@ def _destroyed(matrices: list[np.ndarray]) -> int:
 
 
 def _independent(columns: np.ndarray, scale: float) -> np.ndarray:
-    """Orthonormal columns, zero where one depends on those before."""
+    """Orthonormal columns; zero where a column depends on those before it."""
     out = np.zeros_like(columns)
     for j, column in enumerate(columns.T):
         for _ in range(2):

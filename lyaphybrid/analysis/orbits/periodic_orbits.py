@@ -1,7 +1,7 @@
 """Periodic orbits and their Floquet multipliers, through all jumps on the way.
 
-Newton's method for an orbit, in `shooting`, needs the fundamental matrix M = dφ_T/dx that it is after anyway: its
-eigenvalues are the multipliers μ, and the exponents ln|μ|/T.
+Newton's method for an orbit, in `shooting`, uses the fundamental matrix M = dφ_T/dx. Its eigenvalues are the
+multipliers μ, and the exponents are ln|μ|/T.
 """
 
 import dataclasses
@@ -13,16 +13,21 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ..._arguments import positive, real, require, whole
+from ... import _renamed as renamed
+from ... import plots
+from ..._arguments import Real, State, positive, real, require, whole
 from ..._jax.precision import digits
 from ..._jax.tracing import traced
+from ..._text import Table
 from ...engine import preparation, problems
-from ...errors import NoPeriodicOrbitError, RunFailedError
+from ...errors import LyaphybridError, NoPeriodicOrbitError, RunFailedError
 from ...integrators import HalfExplicit, RungeKutta
 from ...integrators.base import Method
+from ...results.result import Data, Result
 from ...systems.daes.semi_linear import Constrained, fields_of
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
+from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
 from .families import energy_moved, family_of
 from .invariants import conserved_of, require_conserved
@@ -34,11 +39,11 @@ from .symmetries import symmetry_of
 __all__ = ["CONVERGED", "Floquet", "floquet", "floquet_of", "in_any_case", "require_period"]
 
 CONVERGED = 1e-9  # residual, relative to the orbit, that a periodic orbit must reach
-ALONG = 1e-6  # of a velocity, by which it may be missed: orbits miss it by rounding, all else by about itself …
-ROUNDED = 1e-9  # … and of the largest that a derivative could make of it, where errors are as large
+ALONG = 1e-6  # M f = f must hold to this relative tolerance; it fails by about |f| where there is no orbit …
+ROUNDED = 1e-9  # … plus this fraction of |M| |f|, the rounding error of a large derivative
 
 
-class Floquet(eqx.Module):
+class Floquet(Result, eqx.Module):
     """A periodic orbit and its multipliers.
 
     Attributes:
@@ -47,18 +52,19 @@ class Floquet(eqx.Module):
         multipliers: complex (n,), the largest first; exactly 0 where a direction is destroyed on the way. Of
             an `lh.DAE` there are n_differential.
         exponents: (n,) ln|μ|/T, descending; -inf where μ = 0.
-        stability: what the multipliers say but those that are 1 in any case, along the flow of an autonomous system,
+        stability: from all multipliers except those that are 1 by necessity, along the flow of an autonomous system,
             along a family and along a group: "stable" (all are inside the unit circle), "unstable" (one is outside),
-            "elliptic" (those on it are complex), "neutral" (one on it is real, or there are no others).
-        residual: largest |φ_T(x) − x| over the nodes, relative to the size of the orbit; inf of what is no orbit: where
-            the mode after T is another, or an autonomous system does not carry its velocity along to itself.
+            "elliptic" (those on it are complex), "neutral" (one on it is real, or there are no others), "unknown" where
+            no orbit was found.
+        residual: largest |φ_T(x) − x| over the nodes, relative to the size of the orbit; inf where it is no orbit: the
+            mode after T differs, or an autonomous system does not map its velocity to itself.
         monodromy: (n, n), dx(T)/dx(0) at a point of the orbit that may be another than x0, away from events.
         base: that point, as its time, state and mode.
         mode: index of the mode at x0.
-        events: number of jumps in a period.
-        shift: (q,) s after a period, of an orbit modulo a group g(x, s): what a runner's step is long.
-        family: on how many parameters the orbits near this one depend, whatever is asked to be conserved: 0 of an orbit
-            by itself, 1 where an energy is conserved.
+        jumps: number of jumps in a period.
+        shift: (q,) s after a period, for an orbit modulo a group g(x, s): the length of a runner's step.
+        family: number of parameters of the family of orbits around this one, whatever `conserve` is: 0 for an isolated
+            orbit, 1 where an energy is conserved.
         notes: frozenset of names: "family", "moved" (the energy of this orbit is not that of the start).
     """
 
@@ -71,44 +77,64 @@ class Floquet(eqx.Module):
     monodromy: Array
     base: tuple[float, Array, int]
     mode: int = eqx.field(static=True)
-    events: int = eqx.field(static=True)
+    jumps: int = eqx.field(static=True)
     shift: Array
     family: int = eqx.field(static=True)
     notes: frozenset[str] = eqx.field(static=True)
+    state_labels: Labels = eqx.field(static=True, default=Labels())
+
+    events = renamed.attribute("events", "jumps")
 
     @property
     def stable(self) -> bool:
-        """Whether the stability is "stable": the orbit attracts; one of a family, within what is conserved."""
+        """Whether `stability` is "stable": the orbit attracts; in a family, at fixed conserved values."""
         return self.stability == "stable"
 
-    def __str__(self) -> str:
-        lines = [f"Periodic orbit, T = {self.period:.12g}, {self.events} jumps, residual {self.residual:.1e}"]
+    def plot(self, ax=None):
+        """The multipliers in the complex plane, with the unit circle."""
+        return plots.multipliers(self, ax)
+
+    def _table(self) -> Table:
+        rows = []
         for mu, rate in zip(np.asarray(self.multipliers), np.asarray(self.exponents), strict=True):
-            value = f"{mu.real:.9g}" + (f" {'-' if mu.imag < 0 else '+'} {abs(mu.imag):.9g}i" if mu.imag else "")
-            lines.append(f"  μ = {value:<28s} λ = {rate:.12g}")
-        lines.append("  stable" if self.stable else f"  {self.stability}: not asymptotically stable")
+            imaginary = f"{'-' if mu.imag < 0 else '+'} {abs(mu.imag):.9g}i" if mu.imag else ""
+            rows.append((f"{mu.real:.9g}", imaginary, f"{rate:.12g}"))
+        lines = ["stable" if self.stable else f"{self.stability}: not asymptotically stable"]
         if self.shift.size:
-            lines.append(f"  modulo a shift of {', '.join(f'{s:.12g}' for s in np.asarray(self.shift))} in each period")
+            lines.append(f"modulo a shift of {', '.join(f'{s:.12g}' for s in np.asarray(self.shift))} in each period")
         if self.family:
             parameters = "one parameter" if self.family == 1 else f"{self.family} parameters"
-            lines.append(f"  one of a family of orbits with {parameters}, along which multipliers are 1")
+            lines.append(f"one of a family of orbits with {parameters}, along which multipliers are 1")
         if "moved" in self.notes:
-            lines.append("  its energy is not that of the start: conserve=True keeps it")
-        return "\n".join(lines)
+            lines.append("its energy is not that of the start: conserve=True keeps it")
+        title = f"Periodic orbit, T = {self.period:.12g}, {self.jumps} jumps, residual {self.residual:.1e}"
+        return Table(title, rows, lines, ("multiplier", "", "exponent"))
 
-    __repr__ = __str__
+    def _data(self) -> Data:
+        names = self.state_labels.columns(len(self.x0))
+        variables = {
+            "x0": ("state", self.x0),
+            "multipliers": ("exponent", self.multipliers),
+            "exponents": ("exponent", self.exponents),
+            "monodromy": (("state", "start"), self.monodromy),
+            "shift": ("parameter", self.shift) if self.shift.size else None,
+        }
+        words = ("period", "stability", "residual", "mode", "jumps", "family", "notes")
+        attributes = {word: getattr(self, word) for word in words}
+        coordinates = {"state": names, "start": names, "exponent": np.arange(1, len(self.exponents) + 1)}
+        return Data(variables, coordinates, attributes)
 
 
 def floquet(
     system: Flow | Map | Hybrid | EventDriven,
-    x0,
+    x0: State,
     args: Any = None,
     *,
     period: Any = None,
-    t0=0.0,
+    t0: Real = 0.0,
     mode: str | int | None = None,
     method: Method | None = None,
-    transient=0.0,
+    transient: Real = 0.0,
     segments: int = 1,
     max_iterations: int = 30,
     throw: bool = True,
@@ -117,12 +143,12 @@ def floquet(
 ) -> Floquet:
     """The periodic orbit near x0, and its Floquet multipliers.
 
-    After T the state is the same, and the mode; and of an autonomous system one multiplier is 1, as its velocity is
-    carried along to itself. Where Newton's method comes to a point whose motion ends in another mode it goes on from
-    there, by a turn of the motion.
+    After T state and mode are the same; for an autonomous system one multiplier is 1, as its velocity is mapped to
+    itself. Where Newton's method reaches a point whose motion ends in another mode, it starts again from the state
+    after one more period.
 
-    Where something is conserved orbits come in families, and Newton's method goes to one of those near x0. The result
-    says so (`family`); `conserve` fixes which one. Multipliers along a family are 1, and are given as 1.
+    Where a quantity is conserved, orbits form families, and Newton's method finds one of those near x0; `family` says
+    so. `conserve` selects one. Multipliers along a family are exactly 1.
 
     Args:
         system: an `lh.Flow`, `lh.Hybrid` (sliding modes included), `lh.Map` or `lh.EventDriven` (without a schedule).
@@ -134,11 +160,11 @@ def floquet(
         mode: mode at x0, where there are several.
         method: one that is right for the system; None: the default with rtol = 1e-12; closed forms have none.
         transient: run for so long before, in whole periods where the period is given.
-        segments: of multiple shooting: more for orbits that are long and unstable, or whose smallest multipliers are
-            wanted: in the derivative of one piece they are hidden by the rounding of the largest.
-        max_iterations: of Newton's method.
+        segments: number of pieces for multiple shooting; more for orbits that are long and unstable, or to find small
+            multipliers, which the rounding of the largest one hides in the derivative of one piece.
+        max_iterations: largest number of Newton iterations.
         throw: raise where it does not converge; False returns what there is, with its residual.
-        conserve: what is to have the value that it has at x0: a function ``(x, args) -> number``, or ``-> (c,)`` for
+        conserve: quantities to keep at their values at x0: a function ``(x, args) -> number``, or ``-> (c,)`` for
             several, that the motion conserves; ``{"mode": function, …}`` where it differs from mode to mode; True: the
             energy of an `lh.Hamiltonian` or `lh.canonical_flow`.
         modulo: a symmetry after which the orbit closes, x(T) = g(x0): ``g(x) -> x``, a step or a rotation that is
@@ -150,11 +176,11 @@ def floquet(
 
     Raises:
         ValueError: on arguments that do not fit; on a system that depends on time, without a period or with one after
-            which fields, guards, resets or clocks are not as before: it says which seems to be theirs; where the motion
-            does not conserve what it is to, or has not the symmetry.
+            which fields, guards, resets or clocks do not repeat (the message gives their period); where the motion does
+            not conserve the wanted quantity, or does not have the symmetry.
         NoPeriodicOrbitError: where Newton's method does not converge, or to what is no orbit (an equilibrium; what
             closes in another mode), and `throw`; where no close return was found.
-        RunFailedError: where the motion from x0 itself fails.
+        RunFailedError: where the motion from x0 itself fails, and `throw`.
 
     Source:
         R. Seydel, Practical Bifurcation and Stability Analysis (Springer 2010), chapter 7,
@@ -204,6 +230,22 @@ def floquet(
     period = period(args) if callable(period) else period
     require_period(flow, period, point)
     real("transient, a length,", transient)
+    try:
+        found = _found(flow, point, period, transient, segments, max_iterations, throw, conserve)
+        return dataclasses.replace(found, state_labels=labels_of(system, problem.shape))
+    except LyaphybridError as failed:
+        if failed.result is None:
+            failed.result = _nothing(flow, point)
+        if throw:
+            raise
+        return failed.result
+
+
+def _found(
+    flow: Motion, point: Node, period, transient, segments: int, max_iterations: int, throw: bool, conserve
+) -> Floquet:
+    """The orbit near a point."""
+    start = point.x
     if transient > 0:
         run = flow.piece(point, float(transient if period is None else np.ceil(transient / period) * period))
         point = Node(point.t, run.x, run.mode)
@@ -226,8 +268,19 @@ def floquet(
     return result
 
 
+def _nothing(flow: Motion, point: Node) -> Floquet:
+    """The result where the motion from the start fails or does not return, so that no orbit was found."""
+    none = jnp.full(flow.degrees_of_freedom(point), jnp.nan)
+    n, mode = len(point.x), flow.mode(point)
+    return Floquet(
+        x0=point.x, period=np.nan, multipliers=none + 0j, exponents=none, stability="unknown", residual=np.inf,
+        monodromy=jnp.full((n, n), jnp.nan), base=(point.t, point.x, mode), mode=mode, jumps=0, shift=jnp.zeros(0),
+        family=0, notes=frozenset(),
+    )  # fmt: skip
+
+
 def _failure(flow: Motion, orbit: Orbit, result: Floquet) -> str:
-    """What Newton's method found instead of an orbit."""
+    """The error message: what Newton's method found instead of an orbit."""
     if orbit.torn:
         wanted, found = (problems.mode_names(flow.problem.system)[mode] for mode in orbit.torn[0])
         return (
@@ -264,7 +317,7 @@ def _failure(flow: Motion, orbit: Orbit, result: Floquet) -> str:
 
 
 def _rests(flow: Motion, orbit: Orbit) -> bool:
-    """Whether the motion is along the group alone: modulo that it is an equilibrium, which has no period."""
+    """Whether the motion is only along the group: modulo the group it is an equilibrium without a period."""
     if flow.symmetry is None or not flow.symmetry.freedom:
         return False
     base = orbit.nodes[0]
@@ -274,7 +327,7 @@ def _rests(flow: Motion, orbit: Orbit) -> bool:
 
 
 def _repeats(flow: Motion, orbit: Orbit) -> bool:
-    """Whether the next period is the image of this one, jumps included: else it was no symmetry."""
+    """Whether the next period is the image of this one, jumps included; if not, modulo is no symmetry."""
     if flow.symmetry is None or orbit.torn:
         return True
     start, end = orbit.nodes[0], flow.goal(orbit.goal, orbit.shift)
@@ -288,7 +341,7 @@ def _repeats(flow: Motion, orbit: Orbit) -> bool:
 
 
 def _goes_along(flow: Motion, orbit: Orbit) -> bool:
-    """Whether each piece carries its velocity to that of the next, M_i f(x_i) = f(x_{i+1}): then a multiplier is 1."""
+    """Whether each piece maps its velocity to that of the next, M_i f(x_i) = f(x_{i+1}): then one multiplier is 1."""
     along, rounded = (digits(part, orbit.nodes[0].x) for part in (ALONG, ROUNDED))
     speeds = [(piece.matrix, flow.velocity(piece.start), flow.velocity(node)) for piece, node in orbit.seams]
     return all(
@@ -299,7 +352,7 @@ def _goes_along(flow: Motion, orbit: Orbit) -> bool:
 
 
 def require_period(flow: Motion, period, point: Node, where: str = "") -> None:
-    """Whether a period was given where there is one to give, and is one from there on."""
+    """Require a period where the system depends on time, and check it from the point on."""
     system, args = flow.problem.system, flow.problem.args
     if isinstance(system, Map):
         whole("period, of a map its number of iterations,", period, least=1)
@@ -314,7 +367,7 @@ def require_period(flow: Motion, period, point: Node, where: str = "") -> None:
 
 
 def in_any_case(flow: Motion, orbit: Orbit, autonomous: bool, family: np.ndarray) -> np.ndarray:
-    """The directions (n, d) at the first node with the multiplier 1; none where it is that along the flow alone."""
+    """The directions (n, d) at the first node with the multiplier 1; empty if the flow is the only one."""
     base, known = orbit.nodes[0], family
     if flow.symmetry is not None:
         known = np.column_stack([flow.symmetry.image(base.x).by_shift, family])
@@ -324,7 +377,7 @@ def in_any_case(flow: Motion, orbit: Orbit, autonomous: bool, family: np.ndarray
 def floquet_of(flow: Motion, orbit: Orbit, point: Node, autonomous: bool, family: np.ndarray | None = None) -> Floquet:
     """The multipliers of an orbit that Newton's method found.
 
-    `point` is the one to show of it; `family` holds the directions (n, f) from its first node to other orbits.
+    `point` is the point of the orbit to report; `family` holds the directions (n, f) to other orbits.
     """
     base = orbit.nodes[0]
     family = np.zeros((len(point.x), 0)) if family is None else family
@@ -332,7 +385,7 @@ def floquet_of(flow: Motion, orbit: Orbit, point: Node, autonomous: bool, family
     if flow.symmetry is not None:
         matrices[-1] = np.linalg.solve(flow.symmetry.image(base.x, orbit.shift).by_state, matrices[-1])
     known = in_any_case(flow, orbit, autonomous, family)
-    # Constraints leave fewer directions than there are components: the others are none that the orbit destroys.
+    # Constraints leave fewer than n directions; the others do not count as destroyed by the orbit.
     multipliers, others = multipliers_of(matrices, known, flow.degrees_of_freedom(point), autonomous)
     sizes = np.abs(multipliers)
     exponents = np.where(sizes > 0, np.log(np.where(sizes > 0, sizes, 1.0)) / orbit.period, -np.inf)
@@ -348,7 +401,7 @@ def floquet_of(flow: Motion, orbit: Orbit, point: Node, autonomous: bool, family
         monodromy=jnp.asarray(functools.reduce(lambda product, matrix: matrix @ product, matrices)),
         base=(base.t, jnp.asarray(base.x), flow.mode(base)),
         mode=flow.mode(point),
-        events=sum(piece.jumps for piece in orbit.pieces),
+        jumps=sum(piece.jumps for piece in orbit.pieces),
         shift=jnp.asarray(orbit.shift),
         family=family.shape[1],
         notes=frozenset({"family"} if family.shape[1] else ()),

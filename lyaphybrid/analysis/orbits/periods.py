@@ -1,9 +1,8 @@
-"""What in a system depends on time, whether it repeats after a period that is given, and after which it seems to.
+"""Which functions of a system depend on time, and whether they repeat after a given period; if not, their period.
 
-The user's functions are asked for their values at some times and states, and a period or many later: a wrong period
-shifts them the more, so that jumps between samples are seen too. Where they do not repeat, their period is looked for:
-the autocorrelation on windows of all lengths shows where, and multiples of the period, each longer than the one before,
-show it the more precisely.
+The user's functions are evaluated at some times and states, and again one or many periods later: after many periods the
+shift by a wrong period is large, so that jumps between samples are seen too. If the functions do not repeat, their
+period is searched: autocorrelations on windows of many lengths give it roughly, growing multiples of it precisely.
 """
 
 from collections.abc import Callable, Iterator
@@ -24,23 +23,23 @@ from ...systems.smooth import Flow, Map
 
 __all__ = ["check_period", "depends_on_time", "seeming_period"]
 
-TRIED = np.array([0.0, 0.1234, 1.3, 17.7])  # times at which a dependence on time is looked for
-SAMPLES = 64  # times at which a period is checked
-SPREAD = np.modf(np.arange(1, SAMPLES + 1) * np.sqrt(2))[0]  # over a period; where jumps are unlikely
-TURNS = np.round(1 + 4000 * (np.arange(SAMPLES) / SAMPLES) ** 2)  # periods after which it is, from one to many
-SAME = 1e-9  # part of a time, or of a function's size, that makes no difference
-CONTACTS = 8  # components of a vector guard whose resets are looked at
-ASIDE = 0.1  # of the state, of a second one
-SCALES = 4.0 ** np.arange(-6, 9)  # of the period that was given: windows in which another is looked for
-ALIKE = 0.1  # distance, over that of unrelated values, of values a period apart
-SHARES = np.linspace(-1, 1, 33)  # of a bracket about a period
-MULTIPLES = 4.0 ** np.arange(11)  # of a period, that show it
-COLUMNS = 16  # numbers that are followed through a window
-MINIMA = 20  # looked at in a window
+TRIED = np.array([0.0, 0.1234, 1.3, 17.7])  # times at which the functions are compared for a dependence on time
+SAMPLES = 64  # number of times at which a period is checked
+SPREAD = np.modf(np.arange(1, SAMPLES + 1) * np.sqrt(2))[0]  # in periods; jumps there are unlikely
+TURNS = np.round(1 + 4000 * (np.arange(SAMPLES) / SAMPLES) ** 2)  # number of periods after which each is checked
+SAME = 1e-9  # relative tolerance for times and for values of functions
+CONTACTS = 8  # components of a vector guard whose resets are checked
+ASIDE = 0.1  # relative distance of a second state
+SCALES = 4.0 ** np.arange(-6, 9)  # windows of the search, in units of the given period
+ALIKE = 0.1  # largest `_distance` of values a period apart
+SHARES = np.linspace(-1, 1, 33)  # trial periods within a bracket
+MULTIPLES = 4.0 ** np.arange(11)  # numbers of periods for the refinement
+COLUMNS = 16  # largest number of values that are compared through a window
+MINIMA = 20  # largest number of minima that are tried in a window
 
 
 class Misfit(NamedTuple):
-    """Where a function does not repeat."""
+    """A function that does not repeat, with the place of its largest difference."""
 
     name: str
     t: float
@@ -53,13 +52,13 @@ def check_period(system: Any, period: Any, x, args, t=0.0, *, where: str = "", s
     """Raise a ValueError unless fields, guards, resets and clocks repeat after the period.
 
     Args:
-        system: any; of one with a schedule nothing depends on time.
-        period: a number; also a multiple of the system's own. What is traced is not looked at.
+        system: any; a system with a schedule does not depend on time.
+        period: a number; multiples of the system's own period are right. Traced values are not checked.
         x: (n,) a state.
         args: pytree of parameters.
-        t: from which time on.
+        t: time from which on the functions must repeat.
         where: what to add to "period", such as " at omega = 2".
-        strobe: the period is one at which to look: with several frequencies that have no common period any is right.
+        strobe: the period is only an interval of sampling: any is right where frequencies have no common period.
     """
     if traced((period, x, args, t)):
         return
@@ -86,10 +85,10 @@ def check_period(system: Any, period: Any, x, args, t=0.0, *, where: str = "", s
 
 
 def depends_on_time(system: Any, x, args) -> bool:
-    """Whether a field, guard or reset takes the time, or a clock ticks.
+    """Whether a field, guard or reset depends on time, or there is a clock.
 
-    One that takes it may still give the same at all times, as a forcing of amplitude 0 does: where the parameters are
-    known, some times are tried.
+    A function that uses t may still be constant in time, like a forcing of amplitude 0: unless the values are traced,
+    values at several times are compared.
     """
     x = jnp.asarray(x)
     if traced((x, args)):
@@ -99,13 +98,13 @@ def depends_on_time(system: Any, x, args) -> bool:
 
 
 def seeming_period(system: Any, period: float, x, args, t: float) -> float | None:
-    """The least period that the functions of time seem to have, of the order of the one given; None: none was found."""
+    """The least period that the functions of time seem to have, searched around the given one; None: none found."""
     count, discrete = SAMPLES * len(SHARES), iterates(system)
     half = count // 2
     for step in [1.0] if discrete else period * SCALES / count:
         values = _followed(system, t + step * np.arange(count), x, args)
         apart = np.append(_distances(values, half), np.inf)
-        middle = apart[2:-1]  # after one step alone nothing has changed
+        middle = apart[2:-1]  # without the shift by 0 or 1 step, where values have hardly changed
         least = (middle <= apart[1:-2]) & (middle <= apart[3:]) & (middle < ALIKE)
         for k in 2 + np.flatnonzero(least)[:MINIMA]:
             own = float(k) if discrete else _refined(system, k * step, step, x, args, t)
@@ -115,7 +114,7 @@ def seeming_period(system: Any, period: float, x, args, t: float) -> float | Non
 
 
 def _refined(system, period: float, bracket: float, x, args, t: float) -> float | None:
-    """A period in a bracket, from multiples of it in brackets ever more narrow; None where they are none."""
+    """A period in a bracket, refined by growing multiples of it in narrower brackets; None if there is none."""
     times = t + period * SPREAD
     for turns in MULTIPLES:
         tried = period + bracket * SHARES
@@ -124,13 +123,13 @@ def _refined(system, period: float, bracket: float, x, args, t: float) -> float 
         apart = np.array([_distance(one, values[0]) for one in values[1:]])
         if not np.min(apart) < ALIKE:
             return None
-        best = tried[apart == np.min(apart)]  # several, as long as all jumps stay between the samples
+        best = tried[apart == np.min(apart)]  # several are equal while all jumps lie between samples
         period, bracket = float(np.mean(best)), np.ptp(best) / 2 + bracket / 8
     return period
 
 
 def _misfit(system, period: float, x, args, t: float) -> Misfit | None:
-    """Where a function differs most after some periods, beyond what a shift of rounding's size makes; None: nowhere."""
+    """The largest difference after some periods beyond that of a shift by rounding errors; None: none."""
     rounding = 64 * float(np.finfo(x.dtype).eps)
     same, discrete, misfits = max(SAME, rounding), iterates(system), []
     times = t + (np.arange(SAMPLES) if discrete else period * SPREAD)
@@ -138,7 +137,7 @@ def _misfit(system, period: float, x, args, t: float) -> Misfit | None:
     shift = 0.0 if discrete else same * (np.abs(times) + TURNS * period)
     values = _values(system, np.concatenate([times, later, later - shift, later + shift]), _states(x), args)
     values = {name: np.where(np.isfinite(rows), rows, np.nan) for name, rows in values.items()}
-    # What is left of forces that cancel is as large as the rounding of the forces.
+    # Where large terms cancel, the remainder is as uncertain as the rounding of the terms.
     largest = max((np.max(np.abs(np.nan_to_num(rows)), initial=0.0) for rows in values.values()), default=0.0)
     for name, rows in values.items():
         now, then, before, after = np.split(rows, 4)
@@ -152,7 +151,7 @@ def _misfit(system, period: float, x, args, t: float) -> Misfit | None:
 
 
 def _distance(a: np.ndarray, b: np.ndarray) -> float:
-    """Mean square distance of values, 1 for unrelated ones."""
+    """Half the mean square difference of values, 1 for unrelated ones."""
     return float(np.mean((a - b) ** 2) / 2) if a.size else np.inf
 
 
@@ -164,11 +163,11 @@ def _distances(values: np.ndarray, half: int) -> np.ndarray:
     sums = np.cumsum(np.append(0.0, np.sum(values[: 2 * half - 1] ** 2, axis=1)))
     squares = sums[half:] - sums[: len(sums) - half]
     apart = (squares[0] + squares - 2 * products) / (2 * half * values.shape[1])
-    return np.round(apart, 9)  # what differs by rounding is as near
+    return np.round(apart, 9)  # rounded, so that distances that differ by rounding are equal
 
 
 def _followed(system, times: np.ndarray, x, args) -> np.ndarray:
-    """Some of the values of the functions of time that change (times, numbers), with mean 0 and variance 1."""
+    """Some of the values that change with time (times, numbers), scaled to mean 0 and variance 1."""
     rows = _values(system, times, _states(x), args).values()
     values = np.nan_to_num(np.concatenate([np.asarray(one, float) for one in rows], axis=1), posinf=0.0, neginf=0.0)
     spread = np.std(values, axis=0)
@@ -178,7 +177,7 @@ def _followed(system, times: np.ndarray, x, args) -> np.ndarray:
 
 
 def _states(x: np.ndarray) -> np.ndarray:
-    """The state, and another: at one alone a product with the time may vanish."""
+    """The state and a second one: at a single state a factor of t may vanish."""
     size = np.abs(x) + 0.1 * np.max(np.abs(x))
     aside = np.where(size > 0, size, 1.0) * np.random.default_rng(0).normal(size=x.shape)
     return np.stack([x, x + ASIDE * aside]).astype(x.dtype)
@@ -186,7 +185,7 @@ def _states(x: np.ndarray) -> np.ndarray:
 
 @eqx.filter_jit
 def _values(system, times, states, args) -> dict[str, Any]:
-    """The functions of time, by name: (times, numbers), those of all states side by side."""
+    """Values of the functions of time by name, each (times, numbers) with all states in one row."""
 
     def rows(function):
         def at(t, x):
@@ -198,7 +197,7 @@ def _values(system, times, states, args) -> dict[str, Any]:
 
 
 def _timed(system: Any, x, args) -> dict[str, Callable]:
-    """The functions of (t, x, args) that take the time."""
+    """The functions of (t, x, args) whose result uses t."""
 
     def takes_time(function) -> bool:
         closed = jax.make_jaxpr(lambda t: function(t, x, args))(jnp.zeros((), x.dtype))
@@ -208,7 +207,7 @@ def _timed(system: Any, x, args) -> dict[str, Callable]:
 
 
 def _functions(system: Any, x, args) -> Iterator[tuple[str, Callable]]:
-    """All functions of (t, x, args) that decide on the motion, with what to call them."""
+    """All functions of (t, x, args) that determine the motion, with their names."""
     if isinstance(system, Flow):
         yield from _of_field("field", system.field)
     elif isinstance(system, Map):
@@ -249,7 +248,7 @@ def _of_transition(name: str, transition: Transition, x, args) -> Iterator[tuple
 
 
 def _of_contacts(function: Callable, shape: tuple[int, ...]) -> Callable:
-    """The function, of a vector guard for its first components."""
+    """The function; for a vector guard its values for the first components."""
     if not shape:
         return function
     which = jnp.arange(min(*shape, CONTACTS), dtype=jnp.int32)
@@ -257,7 +256,7 @@ def _of_contacts(function: Callable, shape: tuple[int, ...]) -> Callable:
 
 
 def _hand(t, transition: Transition, args):
-    """Where the hand of a clock stands that goes round from tick to tick."""
+    """Phase of a clock as a point (2,) on the unit circle; one turn from tick to tick."""
     every = transition.every(args) if callable(transition.every) else transition.every
     angle = 2 * jnp.pi * t / every
     return jnp.stack([jnp.cos(angle), jnp.sin(angle)])

@@ -1,4 +1,4 @@
-"""Return maps: from one firing of a transition to the next, as a map that everything made for maps can use."""
+"""Return maps: from one firing of a transition to the next, as an `lh.Map`."""
 
 import dataclasses
 
@@ -12,6 +12,7 @@ from ...integrators import RungeKutta
 from ...integrators.base import Method
 from ...statuses import STATUS
 from ...systems.hybrid import Hybrid
+from ...systems.labels import unlabelled
 from ...systems.smooth import Map
 from .periods import depends_on_time
 
@@ -24,9 +25,9 @@ PLAN = problems.Plan()
 def return_map(system: Hybrid, transition: int = 0, *, with_time: bool = False, method: Method | None = None) -> Map:
     """The map from the state just after one firing of a transition to that just after the next.
 
-    Strides of a walker, firings of a neuron, impacts, samplings; with a section as the guard of a transition without
-    reset, a Poincaré map. Its multipliers at a fixed point are those of the periodic orbit (`lh.floquet`) less the
-    trivial one, 1, in whose place stands a 0: the map leaves the surface on which it starts in no time.
+    Examples: strides of a walker, spikes of a neuron, impacts, samplings; with a section as the guard of a transition
+    without reset, a Poincaré map. Its multipliers at a fixed point are those of the periodic orbit (`lh.floquet`), with
+    a 0 in place of the trivial 1, since the map ignores perturbations along the flow.
 
     Args:
         system: an `lh.Hybrid` with fields.
@@ -40,7 +41,8 @@ def return_map(system: Hybrid, transition: int = 0, *, with_time: bool = False, 
 
     Raises:
         ValueError: on a system without fields, a transition that does not exist, or a mode after the transition that
-            neither its target nor the state tells; when called: on a system that depends on time without with_time.
+            follows neither from its target nor from the state; when called: on a system that depends on time without
+            with_time.
 
     Example:
         >>> import jax.numpy as jnp, lyaphybrid as lh
@@ -59,11 +61,13 @@ def return_map(system: Hybrid, transition: int = 0, *, with_time: bool = False, 
         raise ValueError(f"transition must be an index from 0 to {count - 1}; got {transition!r}.")
     method = RungeKutta(rtol=1e-12, atol=1e-14) if method is None else method
     mode = _mode_after(system, int(transition))
-    return Map(_Return(system, method, int(transition), mode, with_time))
+    names = None if system.names is None else (*system.names, "t") if with_time else system.names
+    units = None if system.units is None or with_time else system.units
+    return Map(_Return(unlabelled(system), method, int(transition), mode, with_time), names=names, units=units)
 
 
 def _mode_after(system: Hybrid, index: int) -> int | None:
-    """The mode after the transition; None: the state tells."""
+    """The mode after the transition; None: the state determines it."""
     names, transition = system.mode_names, system.transitions[index]
     if isinstance(transition.target, str):
         return names.index(transition.target)

@@ -1,16 +1,16 @@
 """Multiple shooting: Newton's method for the points of a periodic orbit, through all jumps on the way.
 
 An orbit of period T is a root of φ_T(x) − x. Multiple shooting cuts it at nodes x_0, …, x_{m−1} and asks that each
-piece ends where the next begins, in the same mode; of an autonomous system the period is one more unknown, and
-f(x_0)·δx_0 = 0 one more equation, so that the point does not slide along the orbit.
+piece ends where the next begins, in the same mode. For an autonomous system the period is one more unknown, and
+f(x_0)·δx_0 = 0 one more equation, which fixes the phase along the orbit.
 
 Modulo a symmetry the last piece ends at g(x_0, s) instead of x_0. The shift s of a group is one more unknown, and one
-more equation keeps the point from sliding along the group. What is conserved, and is to keep its value, is one equation
-more than there are unknowns: it takes the place of one that is void, for M − I has no such direction in its range.
+more equation fixes the point along the group. A conserved quantity with a wanted value is one equation more than there
+are unknowns: it replaces a redundant one, as no direction in the range of M − I changes that quantity.
 
-With the mode the cycle of events is the same too: what follows from a state in a mode is always the same. Without it
-there are roots that are no orbits: fields may be continued beyond the guards at which their modes end, and there a
-motion may meet itself in another mode.
+The same state in the same mode always has the same future, so the cycle of events repeats too. A root of the equations
+of states alone may be no orbit: fields continue beyond the guards at which their modes end, and there the motion may
+return to a state in another mode.
 """
 
 from typing import Any, NamedTuple
@@ -53,15 +53,15 @@ __all__ = [
     "velocity",
 ]
 
-FINISHED = 1e-13  # residual, relative to the orbit, at which there is nothing left to gain
-SMALL = 1e-6  # an orbit that is smaller is measured against this: it may be the origin
-HALVINGS = 8  # of a Newton step that makes the residual larger
-CLEAR = 0.02  # of the period, which nodes keep between themselves and events, where they can
-NEAR = 1e-6  # of the period: an event that stands at x0 is found within this
-CLOSE = 0.1  # of the orbit's size: a return is nearer than this
-DOUBLINGS = 14  # of the time in which a return is looked for
-SAMPLES = 1000  # points of a piece
-EVENTS = 1024  # room for so many in one compiled call; a fuller log is drained and the run goes on
+FINISHED = 1e-13  # residual, relative to the orbit, at which Newton's method stops
+SMALL = 1e-6  # least scale of an orbit, which may be the origin itself
+HALVINGS = 8  # trial lengths of a Newton step, each half of the one before
+CLEAR = 0.02  # of the period: distance that nodes keep from events where possible
+NEAR = 1e-6  # of the period: an event this near to x0 counts as at x0
+CLOSE = 0.1  # of the orbit's size: largest distance of a close return
+DOUBLINGS = 14  # doublings of the time in which a return is searched
+SAMPLES = 1000  # recorded points of a piece
+EVENTS = 1024  # events that one compiled call can record; a full log is emptied and the run goes on
 
 
 class Node(NamedTuple):
@@ -69,16 +69,16 @@ class Node(NamedTuple):
 
     t: float
     x: Any  # (n,)
-    mode: Any  # index; None: the state tells
+    mode: Any  # index; None: the state determines it
 
 
 class Piece(NamedTuple):
-    """A stretch of motion."""
+    """The motion over a length of time from a node."""
 
     start: Node
     length: float
-    x: Any  # (n,) the end
-    mode: int  # there
+    x: Any  # (n,) state at the end
+    mode: int  # at the end
     matrix: np.ndarray  # (n, n) dx(end)/dx(start), jumps included
     jumps: int
     times: np.ndarray  # (samples,) since the start
@@ -93,14 +93,14 @@ class Piece(NamedTuple):
 
 
 class Orbit(NamedTuple):
-    """Where Newton's method stands."""
+    """An iterate of Newton's method."""
 
     nodes: list[Node]
     pieces: list[Piece]
     period: float
-    gap: float  # largest distance of states between pieces, or from what is conserved, relative to the orbit
+    gap: float  # largest mismatch of states or of conserved values, relative to the orbit
     iterations: int
-    shift: np.ndarray  # (q,) of the group, where it closes modulo one
+    shift: np.ndarray  # (q,) element of the group modulo which it closes
     goal: Node  # where the last piece is to end: the first node, or its image
 
     @property
@@ -110,13 +110,13 @@ class Orbit(NamedTuple):
 
     @property
     def torn(self) -> list[tuple[int, int]]:
-        """The modes (wanted, found) where a piece ends in another than the next begins in."""
-        # Of a node without a mode the state tells it, and then the gap says all.
+        """Modes (wanted, found) of the pieces that end in another mode than the next one begins in."""
+        # A node without a mode gets it from its state: equal states then have equal modes.
         return [(int(node.mode), piece.mode) for piece, node in self.seams if node.mode not in (None, piece.mode)]
 
     @property
     def residual(self) -> float:
-        """What keeps the pieces from being an orbit: the gap; inf where they do not fit in mode."""
+        """The gap; inf where the modes of the pieces do not match."""
         return np.inf if self.torn else self.gap
 
 
@@ -127,14 +127,14 @@ def velocity(system, t, x, args, mode: int):
 
 
 class Motion(NamedTuple):
-    """The motion of a point and of its neighbours; modulo what its orbits close, and what they are to conserve."""
+    """Motion of a point and its tangents, with the symmetry and the conserved values of its orbits."""
 
     problem: problems.Problem
     symmetry: Symmetry | None = None
     conserved: Conserved | None = None
 
     def piece(self, node: Node, length: float) -> Piece:
-        """A stretch of motion from a point."""
+        """Run the system from a node over a length of time."""
         x0, discrete = jnp.asarray(node.x), isinstance(self.problem.system, Map)
         hybrid = isinstance(self.problem.system, Hybrid | EventDriven)
         plan = problems.Plan(log=EVENTS * hybrid, collect=problems.point)
@@ -143,16 +143,18 @@ class Motion(NamedTuple):
         frame = np.eye(len(x0), dtype=x0.dtype)
         loop_state = driver.start(self.problem, plan, t0, x0, frame, node.mode, 1.0)
         outcome = driver.drive(self.problem, plan, loop_state, ends, ends)
-        status = STATUS(int(outcome.status))
+        status, matrix = STATUS(int(outcome.status)), np.asarray(outcome.loop_state.carry.frame)
+        where, why = f"On a piece of length {length:.6g} from t = {node.t:.6g}: ", outcome.why
+        if status == STATUS.ok and not np.all(np.isfinite(matrix)):
+            status, where = STATUS.nonfinite, where + "its derivative by its start is not finite. "
         if status != STATUS.ok:
-            stood = account(status, place_of(outcome.loop_state, self.problem.system), why=outcome.why)
-            raise RunFailedError(status, f"On a piece of length {length:.6g} from t = {node.t:.6g}: {stood}", None)
+            stood = account(status, place_of(outcome.loop_state, self.problem.system), why=why)
+            raise RunFailedError(status, where + stood, None)
         carry, (t, x, modes, _) = outcome.loop_state.carry, outcome.records.collected
         logs = jax.tree.map(lambda *parts: np.concatenate(parts), *outcome.logs) if hybrid else None
         logs = None if logs is None else logs._replace(t=logs.t - node.t)
         shown = np.asarray(t) - node.t, np.asarray(x), np.asarray(modes)
-        mode, matrix = int(problems.mode_of(carry)), np.asarray(carry.frame)
-        return Piece(node, length, carry.x, mode, matrix, int(carry.jumps), *shown, logs)
+        return Piece(node, length, carry.x, int(problems.mode_of(carry)), matrix, int(carry.jumps), *shown, logs)
 
     def velocity(self, node: Node) -> np.ndarray:
         """Dx/dt at a point."""
@@ -163,20 +165,20 @@ class Motion(NamedTuple):
         return fields_of(self.problem.system)[self.mode(node)]
 
     def degrees_of_freedom(self, node: Node) -> int:
-        """How many perturbations there are at a point."""
+        """The number of degrees of freedom at a point."""
         if isinstance(self.problem.system, Map):
             return len(node.x)
         return getattr(self._field(node), "n_differential", len(node.x))
 
     def consistent(self, node: Node) -> Node:
-        """The point with the same content that lies on the constraints of its mode."""
+        """The point with the same E₁ x that satisfies the constraints of its mode."""
         if isinstance(self.problem.system, Map) or not isinstance(self._field(node), Constrained):
             return node
         t = jnp.asarray(node.t, node.x.dtype)
         return node._replace(x=put_on_constraints(self._field(node), t, node.x, self.problem.args))
 
     def moved(self, node: Node, dx) -> Node:
-        """The point, moved along what its mode leaves free; where it may change the mode with the state, anywhere."""
+        """The point moved by dx, projected onto the tangent space of its mode; without a fixed mode not projected."""
         system, dx = self.problem.system, jnp.asarray(dx)
         onto = system.tangent[node.mode] if isinstance(system, Hybrid) and node.mode is not None else None
         if onto is not None:
@@ -184,17 +186,17 @@ class Motion(NamedTuple):
         return node._replace(x=node.x + dx)
 
     def apart(self, x, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How far points of a motion (samples, n) are from x, or its image; the shifts (samples, q) of the group."""
+        """Distances of points (samples, n) from x or its nearest image; the shifts (samples, q) of the group."""
         if self.symmetry is None:
             return np.linalg.norm(points - np.asarray(x), axis=1), np.zeros((len(points), 0))
         return self.symmetry.followed(x, points)
 
     def goal(self, node: Node, shift: np.ndarray) -> Node:
-        """Where an orbit through this point is after its period."""
+        """The point that an orbit through this node reaches after its period."""
         return node if self.symmetry is None else node._replace(x=jnp.asarray(self.symmetry.image(node.x, shift).x))
 
     def strayed(self, node: Node) -> tuple[np.ndarray, np.ndarray]:
-        """How far (c,) what is conserved is from its wanted value, as distances of states; their derivatives (c, n)."""
+        """Distances (c,) from the wanted conserved values, in state space; and their derivatives (c, n)."""
         if self.conserved is None:
             return np.zeros(0), np.zeros((0, len(node.x)))
         return self.conserved.strayed(self.mode(node), node.x, self.problem.args)
@@ -208,9 +210,9 @@ class Motion(NamedTuple):
 
 
 def close_return(flow: Motion, start: Node) -> tuple[Node, float]:
-    """A point and the time after which it comes back close to itself, once it has been away.
+    """A point and the time after which the motion returns close to it.
 
-    Stretch after stretch, each twice as long as the one before: a motion that approaches its orbit comes closer.
+    Each piece is twice as long as the one before and starts at its end, so that a motion towards an orbit gets closer.
     """
     horizon = (np.linalg.norm(start.x) + 1e-3) / max(float(np.linalg.norm(flow.velocity(start))), 1e-12)
     for _ in range(DOUBLINGS):
@@ -232,7 +234,7 @@ def close_return(flow: Motion, start: Node) -> tuple[Node, float]:
 
 
 def states_of(piece: Piece) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times, states and modes of a piece, those after its jumps among them."""
+    """Times, states and modes of a piece, including those after its jumps."""
     if piece.events is None:
         return piece.times, piece.points, piece.modes
     times = np.concatenate([piece.times, piece.events.t])
@@ -243,18 +245,18 @@ def states_of(piece: Piece) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def placed(flow: Motion, start: Node, period: float, segments: int) -> list[Node]:
-    """The nodes, away from events."""
+    """Nodes along the motion from `start`, away from events."""
     if isinstance(flow.problem.system, Map):
         return [start]
-    whole = flow.piece(start, period * (1 + CLEAR))  # an event that ends the period must be seen
+    whole = flow.piece(start, period * (1 + CLEAR))  # longer, to record an event at the end of the period
     events = np.zeros(0) if whole.events is None else np.unique(whole.events.t % period)
     clear = np.sort([_away(at, events, period) for at in period * np.arange(segments) / segments])
-    clear = clear[np.diff(clear, prepend=-period) > CLEAR * period]  # some may have come into the same gap
+    clear = clear[np.diff(clear, prepend=-period) > CLEAR * period]  # two may have been moved into the same gap
     return [start if at == 0 else flow.piece(start, float(at)).end for at in clear]
 
 
 def _away(at: float, events: np.ndarray, period: float) -> float:
-    """A time near the one wanted that keeps away from events: the middle of the next gap where it does not."""
+    """The wanted time, or, if it is near an event, the middle of the next gap between events."""
     if not len(events):
         return at
     distance = np.abs((events - at + period / 2) % period - period / 2)
@@ -270,7 +272,7 @@ def _away(at: float, events: np.ndarray, period: float) -> float:
 
 
 def newton(flow: Motion, nodes: list[Node], period: float, autonomous: bool, most: int) -> Orbit:
-    """Newton's method, its steps halved while they lead away; carried on by the motion where modes do not fit."""
+    """Newton's method with step halving; where modes do not match it restarts from the state a period later."""
     orbit = shot(flow, nodes, shares_of(nodes, period), period, 0)
     for iteration in range(1, most + 1):
         if orbit.residual <= digits(FINISHED, nodes[0].x):
@@ -279,7 +281,7 @@ def newton(flow: Motion, nodes: list[Node], period: float, autonomous: bool, mos
         if not trial.residual < orbit.gap:
             if not (orbit.torn or trial.torn):
                 break
-            # A mode ends on the way to the root: it is none, or there is no way to it from here.
+            # A mode ends on the way to the root: it is no orbit, or cannot be reached from here.
             nodes, period = _carried_on(flow, orbit, autonomous)
             trial = shot(flow, nodes, shares_of(nodes, period), period, iteration)
         orbit = trial
@@ -287,7 +289,7 @@ def newton(flow: Motion, nodes: list[Node], period: float, autonomous: bool, mos
 
 
 def _stepped(flow: Motion, orbit: Orbit, period: float, autonomous: bool, iteration: int) -> Orbit:
-    """A step of Newton's method that comes nearer, in modes that fit; where none does, the shortest that was tried."""
+    """A Newton step that reduces the residual, with matching modes; if none does, the shortest one tried."""
     shares, trial = shares_of(orbit.nodes, orbit.period), orbit
     steps, change, turn = _newton_step(flow, orbit, shares, autonomous)
     for factor in [0.5**halving for halving in range(HALVINGS)]:
@@ -305,7 +307,7 @@ def _stepped(flow: Motion, orbit: Orbit, period: float, autonomous: bool, iterat
 
 
 def _carried_on(flow: Motion, orbit: Orbit, autonomous: bool) -> tuple[list[Node], float]:
-    """Nodes on the motion after a turn, which is in a mode of its own there; and the period."""
+    """New nodes that start at the state and mode after one period; and the period."""
     end = orbit.pieces[-1].end
     again = end._replace(t=orbit.nodes[0].t), orbit.period
     start, period = close_return(flow, end) if autonomous else again
@@ -313,23 +315,23 @@ def _carried_on(flow: Motion, orbit: Orbit, autonomous: bool) -> tuple[list[Node
 
 
 def shares_of(nodes: list[Node], period: float) -> np.ndarray:
-    """The lengths of the pieces, as parts of the period."""
+    """The lengths of the pieces, as fractions of the period."""
     times = np.array([node.t for node in nodes])
     return np.diff(np.append(times, times[0] + period)) / period
 
 
 def retimed(nodes: list[Node], shares, period: float) -> list[Node]:
-    """The nodes at the times that belong to another period."""
+    """The nodes with their times scaled to another period."""
     times = nodes[0].t + period * np.concatenate([[0.0], np.cumsum(shares)[:-1]])
     return [node._replace(t=float(t)) for node, t in zip(nodes, times, strict=True)]
 
 
 def shot(flow: Motion, nodes: list[Node], shares, period: float, iteration: int, shift=None) -> Orbit:
-    """All pieces, from the nodes as they stand; without a shift of the group by that which comes nearest."""
+    """Run all pieces from the given nodes; a missing shift of the group is found from the motion."""
     nodes = [flow.consistent(node) for node in nodes]
     pieces = [flow.piece(node, float(share * period)) for node, share in zip(nodes, shares, strict=True)]
     if shift is None:
-        # Followed from the start: turned by 2π a state is the same, and the shift is another.
+        # The shift is followed along the motion: after a turn by 2π the state is equal, but not the shift.
         points = np.concatenate([*(states_of(piece)[1] for piece in pieces), np.asarray(pieces[-1].x)[None]])
         shift = flow.apart(nodes[0].x, points)[1][-1]
     size = max(SMALL, *(np.max(np.abs(piece.x)) for piece in pieces))
@@ -339,15 +341,15 @@ def shot(flow: Motion, nodes: list[Node], shares, period: float, iteration: int,
 
 
 def _gaps(orbit: Orbit) -> np.ndarray:
-    """(m, n) from where each piece ends to where the next begins."""
+    """(m, n) differences between the end of each piece and its goal."""
     return np.array([np.asarray(piece.x) - np.asarray(node.x) for piece, node in orbit.seams])
 
 
 def linearised(flow: Motion, orbit: Orbit, shares, autonomous: bool) -> tuple[np.ndarray, np.ndarray]:
-    """The derivatives of all equations by all unknowns, and what they miss.
+    """The Jacobian of all equations, and their residuals.
 
-    Unknowns are the nodes, the period where the system is autonomous, and the shift (q,) of the group. Equations: that
-    the pieces fit, that the first node slides neither along the orbit nor along the group, and what is conserved.
+    Unknowns: the nodes, the period of an autonomous system, the shift (q,) of the group. Equations: the pieces match,
+    the first node moves neither along the orbit nor along the group, and quantities are conserved.
     """
     m, n, q = len(orbit.nodes), len(orbit.nodes[0].x), len(orbit.shift)
     first, strayed = orbit.nodes[0], flow.strayed(orbit.nodes[0])
@@ -373,7 +375,7 @@ def linearised(flow: Motion, orbit: Orbit, shares, autonomous: bool) -> tuple[np
 def _newton_step(flow: Motion, orbit: Orbit, shares, autonomous: bool) -> tuple[list[np.ndarray], float, np.ndarray]:
     """The changes of the nodes, of the period and of the shift."""
     m, n = len(orbit.nodes), len(orbit.nodes[0].x)
-    # Of least norm: a family of orbits (a block that may lie anywhere) leaves the matrix singular.
+    # The least-norm solution: in a family of orbits (a block at rest anywhere) the matrix is singular.
     system, gaps = linearised(flow, orbit, shares, autonomous)
     change = np.linalg.lstsq(system, -gaps, rcond=digits(1e-11, orbit.nodes[0].x))[0]
     states, shift = change[: m * n].reshape(m, n), change[m * n + autonomous :]
@@ -381,8 +383,8 @@ def _newton_step(flow: Motion, orbit: Orbit, shares, autonomous: bool) -> tuple[
 
 
 def nearest(flow: Motion, base: Node, period: float, x) -> Node:
-    """The point of an orbit that is nearest to a state; where it jumps, before or after the jump."""
-    turn = flow.piece(base, period * (1 + digits(NEAR, base.x)))  # a jump that ends the period must be seen
+    """The point of an orbit that is nearest to a state; at a jump the nearer one of both sides."""
+    turn = flow.piece(base, period * (1 + digits(NEAR, base.x)))  # longer, to record a jump at the end
     times, points, modes = [turn.times], [turn.points], [turn.modes]
     if turn.events is not None:
         times += [turn.events.t, turn.events.t]
@@ -401,7 +403,7 @@ def nearest(flow: Motion, base: Node, period: float, x) -> Node:
 
 
 def at_start(flow: Motion, base: Node, start: Node, period: float, shift: np.ndarray) -> Node:
-    """The point of a forced orbit at t0; where it jumps there, before or after the jump as x0 is."""
+    """The point of a forced orbit at t0; if it jumps there, the side of the jump that is nearer to x0."""
     offset = (base.t - start.t) % period
     if offset == 0 or isinstance(flow.problem.system, Map):
         return base
@@ -411,6 +413,6 @@ def at_start(flow: Motion, base: Node, start: Node, period: float, shift: np.nda
     for i in np.flatnonzero(np.abs(events.t - length) < near):
         ends.append(Node(start.t, jnp.asarray(events.x_before[i]), int(events.mode_before[i])))
         ends.append(Node(start.t, jnp.asarray(events.x_after[i]), int(events.mode_after[i])))
-    if flow.symmetry is not None:  # they are a period late
+    if flow.symmetry is not None:  # the ends lie one period later
         ends = [node._replace(x=jnp.asarray(flow.symmetry.back(node.x, shift))) for node in ends]
     return min(ends, key=lambda node: float(np.linalg.norm(np.asarray(node.x) - np.asarray(start.x))))

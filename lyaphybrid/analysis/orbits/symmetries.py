@@ -1,6 +1,6 @@
-"""Symmetries modulo which an orbit closes: x(T) = g(x0), as a runner comes back to its posture a step further on.
+"""Symmetries modulo which an orbit closes: x(T) = g(x0), as a runner has the same posture one step further.
 
-A symmetry is one transformation g(x), or a group of them, g(x, s), whose s after a turn is one more unknown.
+A symmetry is one transformation g(x), or a group g(x, s), whose s after one period is one more unknown.
 """
 
 import inspect
@@ -19,11 +19,11 @@ from ...systems.smooth import Map
 
 __all__ = ["Symmetry", "symmetry_of"]
 
-TURNS = 4  # of Newton's method for the element of a group that takes one state near to another
-SAME = 1e-9  # part of a field by which it may differ from its image: rounding of the user's functions
-FLAT = 1e-10  # singular values below this part of the largest: a transformation that cannot be undone
-BESIDE = 0.1  # of the state, from it to the states at which a symmetry is tried
-TRIED = 3  # such states
+TURNS = 4  # Newton iterations for the group element that maps one state nearest to another
+SAME = 1e-9  # relative tolerance of the comparison of a field with its image
+FLAT = 1e-10  # least ratio of singular values of an invertible transformation
+BESIDE = 0.1  # relative distance from x of the states at which a symmetry is checked
+TRIED = 3  # number of these states
 
 
 class _One(eqx.Module):
@@ -49,7 +49,7 @@ class _Translation(eqx.Module):
 
 
 class Image(NamedTuple):
-    """Where a transformation takes a point, and its derivatives."""
+    """The image of a point under a transformation, and its derivatives."""
 
     x: np.ndarray  # (n,)
     by_state: np.ndarray  # (n, n)
@@ -57,19 +57,19 @@ class Image(NamedTuple):
 
 
 class Symmetry(NamedTuple):
-    """x ↦ action(x, shift)."""
+    """The transformation x ↦ action(x, shift)."""
 
     action: Callable  # (x (n,), shift (q,)) -> (n,)
     freedom: int  # q: 0 for one transformation
 
     def image(self, x, shift=None) -> Image:
-        """Where it takes a point; without a shift by the group's identity."""
+        """The image of a point; without a shift, under the identity of the group."""
         shift = np.zeros(self.freedom) if shift is None else shift
         x = jnp.asarray(x)
         return Image(*map(np.asarray, _image(self.action, x, jnp.asarray(shift, x.dtype))))
 
     def back(self, x, shift) -> np.ndarray:
-        """The point that it takes to x."""
+        """The point whose image is x."""
         before = np.asarray(x)
         for _ in range(TURNS):
             image = self.image(before, shift)
@@ -77,7 +77,7 @@ class Symmetry(NamedTuple):
         return before
 
     def followed(self, x, points) -> tuple[np.ndarray, np.ndarray]:
-        """How far each of the points (samples, n) of a motion is from the image of x that is nearest; the shifts."""
+        """Distances of the points (samples, n) of a motion from the nearest image of x, and its shifts."""
         x = jnp.asarray(x)
         zero = jnp.zeros(self.freedom, x.dtype)
         distances, shifts = _followed(self.action, x, zero, jnp.asarray(points, x.dtype))
@@ -102,7 +102,7 @@ def _followed(action, x, zero, points):
 
 
 def symmetry_of(modulo: Any, system, x, args, t) -> Symmetry | None:
-    """What the user means, checked: it can be undone, and takes motions to motions.
+    """The user's symmetry, checked: it is invertible and maps motions to motions.
 
     Args:
         modulo: None, a component or several, ``g(x) -> x`` or ``g(x, s) -> x``.
@@ -127,7 +127,7 @@ def symmetry_of(modulo: Any, system, x, args, t) -> Symmetry | None:
 
 
 def _meant(modulo: Any, n: int) -> tuple[Symmetry, str]:
-    """The symmetry, and what to call it."""
+    """The symmetry, and its name for messages."""
     wanted = (
         "modulo must be a component that grows (its index), several of them, a function g(x) with x(T) = g(x0), or a "
         "group g(x, s) whose s is to be found"
@@ -143,7 +143,7 @@ def _meant(modulo: Any, n: int) -> tuple[Symmetry, str]:
 
 
 def _takes_two(function: Callable, wanted: str) -> bool:
-    """Whether it takes (x, s)."""
+    """Whether the function takes (x, s) instead of (x)."""
     for two in (False, True):
         try:
             inspect.signature(function).bind(*([None] * (1 + two)))
@@ -170,7 +170,7 @@ def _check_action(symmetry: Symmetry, x) -> None:
 
 
 def _check_fields(symmetry: Symmetry, named: str, system, x, args, t, shift) -> None:
-    """Whether the fields of all modes, or the rule, at the image are the image of what they are."""
+    """Require that the fields of all modes, or the rule, at the image of x equal the images of their values."""
     time, there = jnp.asarray(t, x.dtype), symmetry.image(x, shift)
     image = jnp.asarray(there.x)
     if isinstance(system, Map):
@@ -186,7 +186,7 @@ def _check_fields(symmetry: Symmetry, named: str, system, x, args, t, shift) -> 
 
 
 def _require_same(named: str, name: str, x, found: np.ndarray, expected: np.ndarray, terms: float) -> None:
-    apart = np.abs(found - expected)  # nan beside the orbit, where a field need not be defined
+    apart = np.abs(found - expected)  # nan where a field is not defined beside the orbit; passes
     require(
         not np.max(apart) > digits(SAME, x) * terms,
         f"modulo must be a symmetry of the system, which takes motions to motions; got {named} that is none: at x = "

@@ -1,4 +1,4 @@
-"""Derivatives of exponents with respect to parameters: right, or refused."""
+"""Derivatives of exponents with respect to parameters, with checks of whether they can be trusted."""
 
 from .design import Design, design
 from .gradient import Gradient, lyapunov_gradient

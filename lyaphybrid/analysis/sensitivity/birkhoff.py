@@ -1,14 +1,13 @@
-"""Derivatives of exponents of regular motion that no Newton iteration isolates: tori, families of orbits.
+"""Derivatives of exponents of regular motion without an isolated periodic orbit: tori, families of orbits.
 
-The derivatives of ln R_ii along an orbit are taken as they are and averaged with Birkhoff's weights,
+The derivatives of ln R_ii along an orbit are averaged with smooth (Birkhoff) weights,
 
     λ_i = Σ w_j ln R_ii,j / Σ w_j τ_j
 
-over blocks of length τ_j. With equal weights they would not converge: where a frequency depends on θ the derivative of
-the phase grows with t, and what oscillates with it keeps its size in the mean. Weights that vanish with all derivatives
-at both ends take it away faster than any power of 1/t, as long as a block's growth is a smooth function of the torus.
-Where there are jumps the blocks therefore end at jumps: an end in between would now have the next jump before it, now
-behind it.
+over blocks of length τ_j. With equal weights the average would not converge: where a frequency depends on θ, the
+derivative of the phase grows with t, and so do oscillating terms. Weights that vanish with all derivatives at both ends
+average them to zero faster than any power of 1/t, if a block's growth is a smooth function on the torus. So with jumps
+the blocks end at jumps: between two fixed times the number of jumps would vary.
 
 S. Das, Y. Saiki, E. Sander & J. Yorke, Nonlinearity 30 (2017) 4111, doi:10.1088/1361-6544/aa84c2.
 """
@@ -34,11 +33,11 @@ from .estimates import Case, Estimate, UntrustedError, with_arrays
 __all__ = ["by_birkhoff"]
 
 BLOCKS = 2000  # of a flow
-MOST = 20_000  # of a map, or of motion with jumps: each is a block of its own, as long as there are no more
-FEW = 100  # jumps in a run; the blocks of fewer do not end at them
-EXPLODES = 20.0  # λ₁t₁ beyond which the derivative of a trajectory is not worth taking
-AGREE = 1e-4  # difference of the derivatives from a run and from its first half, relative to the largest
-CHEAPER = 4  # times as much as a forward derivative a reverse one costs
+MOST = 20_000  # of a map, or of motion with jumps; up to this number each iteration or jump is a block
+FEW = 100  # jumps in a run from which on blocks end at jumps
+EXPLODES = 20.0  # λ₁t₁ beyond which the motion counts as chaotic and no derivative is taken
+AGREE = 1e-4  # largest relative difference of the derivatives from a run and from its first half
+CHEAPER = 4  # a reverse derivative is taken to cost as much as this many forward ones
 
 
 class Along(eqx.Module):
@@ -77,7 +76,7 @@ def by_birkhoff(case: Case, *, progress: Any = None) -> Estimate:
 
     Args:
         case: with the options of `lyapunov_spectrum`.
-        progress: None, True for a bar, or a function of the fraction done, of the run that goes before.
+        progress: None, True for a bar, or a function of the fraction done, of the first run, without derivatives.
 
     Raises:
         UntrustedError: where the motion is chaotic, or the run failed.
@@ -88,7 +87,7 @@ def by_birkhoff(case: Case, *, progress: Any = None) -> Estimate:
     along, theta = Along(case.system, case.start, case.args_of, case.k, options), jnp.asarray(case.theta)
     found, clock = along.run(theta, progress), options["clock"]
     if int(found.status_code) != int(STATUS.ok):
-        raise UntrustedError(f"the run failed: {found.status}.")
+        raise UntrustedError(f"the run failed: {found.status}.", failed=True)
     if found.exponents[0] * found.history.time[-1] > EXPLODES:
         growth = f"e^{found.exponents[0] * found.history.time[-1]:.3g}"
         raise UntrustedError(f"the motion is chaotic: over the run the derivative of a trajectory grows by {growth}.")
@@ -112,7 +111,7 @@ def _blocks(case: Case, found) -> dict:
 
 
 def _rounded(count: int) -> int:
-    """A number of blocks that a run with some more jumps, or some fewer, has too: else that is compiled anew."""
+    """The number of blocks rounded down, so that runs with slightly different numbers compile nothing new."""
     step = 2 ** max(0, math.floor(math.log2(count)) - 3)
     return count // step * step
 
@@ -127,7 +126,7 @@ def _with_derivatives(along: Along, theta, clock: str, reverse: bool):
 
 
 def _judged(case: Case, both: np.ndarray, slopes: np.ndarray) -> Estimate:
-    """From the exponents (2, k) and the derivatives (2, k, p) of the run and of its first half."""
+    """The estimate from exponents (2, k) and derivatives (2, k, p) of the run and of its first half."""
     (value, half), (gradient, shorter) = both, slopes
     apart, largest = np.abs(gradient - shorter), np.max(np.abs(value))
     scale = np.max([np.max(np.abs(gradient), axis=0), largest / np.maximum(1, np.abs(case.theta))], axis=0)

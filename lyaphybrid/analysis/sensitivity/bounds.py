@@ -1,7 +1,7 @@
-"""Bounds on parameters: a search goes in coordinates that have none."""
+"""Bounds on parameters, by coordinates u without bounds in which the search runs."""
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import special
@@ -11,12 +11,12 @@ from .estimates import Case
 
 __all__ = ["Bounds", "bounds_of"]
 
-LONGEST = 2.0  # step in the logarithm of a distance from a bound …
-HALF = 0.5  # … and of a parameter without bounds, over its size
+LONGEST = 2.0  # largest step in the logarithm of a distance from a bound …
+HALF = 0.5  # … and, relative to its size, of a parameter without bounds
 
 
 class Bounds(NamedTuple):
-    """Of each parameter; ±∞ where there is none.
+    """Bounds of each parameter; ±∞ where there is none.
 
     Between two bounds θ = a + (b − a)/(1 + e^(−u)), above one θ = a + e^u, below one θ = b − e^(−u), else θ = u.
     """
@@ -52,7 +52,7 @@ class Bounds(NamedTuple):
         return slope
 
     def longest(self, u: np.ndarray) -> np.ndarray:
-        """The longest step that is worth a try: exponents are no more linear beyond."""
+        """The longest step to try in u; beyond it exponents are not linear any more."""
         between, above, below = self._kinds()
         free = ~(between | above | below) & (u != 0)
         longest = np.where(between | above | below, LONGEST, np.inf)
@@ -62,23 +62,20 @@ class Bounds(NamedTuple):
     def both(self) -> tuple[np.ndarray, np.ndarray]:
         """The bounds of the only parameter."""
         good = len(self.low) == 1 and bool(np.isfinite(self.low[0]) and np.isfinite(self.high[0]))
-        require(good, "a bisection needs one free parameter with both bounds, bounds={name: (low, high)}.")
+        require(good, "a bisection needs one free parameter with both bounds, over={name: (low, high)}.")
         return self.low, self.high
 
     def _kinds(self):
-        """Which have both bounds, the lower one alone, the upper one alone."""
+        """Masks (p,) of parameters with both bounds, only a lower one, only an upper one."""
         low, high = np.isfinite(self.low), np.isfinite(self.high)
         return low & high, low & ~high, high & ~low
 
 
-def bounds_of(case: Case, given: Mapping | None) -> Bounds:
-    """The bounds of a case's parameters; of an array they hold for each element."""
-    given = {} if given is None else dict(given)
+def bounds_of(case: Case, over: Mapping) -> Bounds:
+    """The bounds of a case's parameters, {name: (low, high) or None}; of an array they hold for each element."""
     leaves = [name.split("[")[0] for name in case.names]
-    unknown = [name for name in given if name not in leaves]
-    require(not unknown, f"bounds must name free parameters, {', '.join(dict.fromkeys(leaves))}; got {unknown}.")
-    pairs = [given.get(name, (None, None)) for name in leaves]
-    require(all(len(pair) == 2 for pair in pairs), f"bounds must be pairs (low, high); got {given!r}.")
+    pairs: list[Any] = [(None, None) if over[name] is None else over[name] for name in leaves]
+    require(all(np.shape(pair) == (2,) for pair in pairs), f"bounds must be pairs (low, high); got {over!r}.")
     low = np.array([-np.inf if pair[0] is None else pair[0] for pair in pairs], float)
     high = np.array([np.inf if pair[1] is None else pair[1] for pair in pairs], float)
     for name, value, a, b in zip(case.names, case.theta, low, high, strict=True):

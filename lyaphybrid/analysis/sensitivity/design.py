@@ -1,4 +1,4 @@
-"""Parameters at which the exponents are what is wanted, by the derivatives of `lyapunov_gradient`."""
+"""Parameters at which exponents have wanted values, by the derivatives of `lyapunov_gradient`."""
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
@@ -10,38 +10,46 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
-from ..._arguments import positive, require, whole
+from ... import _renamed as renamed
+from ... import plots
+from ..._arguments import Real, State, positive, require, whole
 from ..._jax.tracing import traced
+from ..._text import Table, numbered, with_error
 from ...engine.blocks import part_of
 from ...engine.host.reporting import reporter
+from ...errors import LyaphybridError
+from ...integrators.base import Method
+from ...results.result import Data, Result, exponents_along
 from ...statuses import STATUS
+from ...systems.event_driven import EventDriven
+from ...systems.hybrid import Hybrid
+from ...systems.smooth import Flow, Map
 from ..spectra import lyapunov_spectrum
 from .bounds import Bounds, bounds_of
 from .estimates import Case, case_of
-from .gradient import Gradient, lyapunov_gradient
+from .gradient import Gradient, lyapunov_gradient, names_of_before
 
 __all__ = ["Design", "design"]
 
-EXACT = 1e-12  # difference from the target, relative to 1 + |target|, that is none
-NOISE = 1.0  # standard errors of the exponent: a difference below these is none either
-HALVINGS = 8  # of a Newton step that does not come nearer
-RATE = 0.1  # of the default optimiser, Adam, in the unbounded coordinates
-WHOLE = (STATUS.ok, STATUS.terminated)  # a run that has reached its end
-KEPT = ("t0", "mode", "clock")  # options that `lyapunov_spectrum` takes too
+EXACT = 1e-12  # difference from the target, relative to 1 + |target|, that counts as zero
+NOISE = 1.0  # … and the same in standard errors of the exponent
+HALVINGS = 8  # trial lengths of a Newton step, each half of the one before
+RATE = 0.1  # learning rate of the default optimiser, Adam, in the unbounded coordinates
+WHOLE = (STATUS.ok, STATUS.terminated)  # status of a run that reached its end
 
 
-class Design(eqx.Module):
+class Design(Result, eqx.Module):
     """Parameters, and the exponents there.
 
     Attributes:
-        args: the tree of parameters, with those that were free at their best.
-        parameters: {name: value} of those.
+        args: the tree of parameters, with the free ones at their best values.
+        parameters: {name: value} of the free ones.
         exponents: (k,) at args.
         stderr: (k,) their standard errors.
-        converged: whether the target was reached, to rounding or to the noise; of an objective, whether its last
+        converged: whether the target was reached, up to rounding or noise; for an objective whether its last
             derivatives could be trusted.
-        trust: whether the last derivatives passed the checks of their method; of a bisection: whether signs differed.
-        reasons: what decided, with numbers.
+        trust: whether the last derivatives passed the checks of their method; for a bisection whether signs differed.
+        reasons: why the search ended and whether it is trusted, with numbers.
         history: (steps, p + k) parameters and exponents of every point that was tried.
     """
 
@@ -54,19 +62,32 @@ class Design(eqx.Module):
     reasons: tuple[str, ...] = eqx.field(static=True)
     history: np.ndarray
 
-    def __str__(self) -> str:
-        trust = "trusted" if self.trust else "NOT to be trusted"
-        lines = [f"Design: {'converged' if self.converged else 'NOT converged'} in {len(self.history)} points, {trust}"]
-        lines += [f"  {name} = {value:.12g}" for name, value in self.parameters.items()]
-        pairs = zip(self.exponents, self.stderr, strict=True)
-        lines += [f"  λ{i + 1} = {value:.10g} ± {error:.1g}" for i, (value, error) in enumerate(pairs)]
-        return "\n".join([*lines, *(f"  {reason}" for reason in self.reasons)])
+    def plot(self, ax=None):
+        """The exponents of the points that were tried, in their order, with what was reached."""
+        return plots.design(self, ax)
 
-    __repr__ = __str__
+    def _table(self) -> Table:
+        trust = "trusted" if self.trust else "NOT to be trusted"
+        title = f"Design: {'converged' if self.converged else 'NOT converged'} in {len(self.history)} points, {trust}"
+        rows = [(name, f"{value:.12g}") for name, value in self.parameters.items()]
+        found = map(with_error, self.exponents, self.stderr)
+        return Table(title, [*rows, *zip(numbered("λ", len(self.exponents)), found, strict=True)], self.reasons)
+
+    def _data(self) -> Data:
+        p = len(self.parameters)
+        variables = {
+            "parameters": ("parameter", list(self.parameters.values())),
+            "exponents": ("exponent", self.exponents),
+            "stderr": ("exponent", self.stderr),
+            "tried_parameters": (("point", "parameter"), self.history[:, :p]),
+            "tried_exponents": (("point", "exponent"), self.history[:, p:]),
+        }
+        attributes = {name: getattr(self, name) for name in ("converged", "trust", "reasons")}
+        return Data(variables, {**exponents_along(len(self.exponents)), "parameter": list(self.parameters)}, attributes)
 
 
 class Point(NamedTuple):
-    """What is known at parameters θ."""
+    """Exponents and derivatives at parameters θ."""
 
     theta: np.ndarray  # (p,)
     value: np.ndarray  # (k,)
@@ -76,65 +97,102 @@ class Point(NamedTuple):
     reasons: tuple[str, ...]
 
 
+def _over_of_before(name: str, positional: tuple, given: dict[str, Any]) -> tuple:
+    """The parameters were named by `free`, and their bounds apart."""
+    if "free" in given:
+        renamed.warn(f"{name}(…, free=…, bounds=…)", "over={name: (low, high)}")
+        names, bounds = given.pop("free"), given.pop("bounds", None) or {}
+        over = dict.fromkeys((names,) if isinstance(names, str) else names)
+        unknown = [name for name in bounds if name not in over]
+        require(not unknown, f"bounds must name free parameters, {', '.join(over)}; got {unknown}.")
+        given["over"] = over | bounds
+    return positional
+
+
+@renamed.arguments(_over_of_before)
+@renamed.arguments(names_of_before)
 def design(
-    system,
-    x0,
+    system: Flow | Map | Hybrid | EventDriven,
+    x0: State,
     args: Any,
     target: float | Sequence[float] | Callable,
     *,
-    t1,
-    free: Sequence[str] | str,
-    bounds: Mapping[str, tuple[float | None, float | None]] | None = None,
+    t1: Real,
+    over: Mapping[str, tuple[float | None, float | None] | None] | Sequence[str] | str,
     optimiser: Any = None,
     steps: int = 50,
     k: int | None = None,
+    algorithm: str = "auto",
+    period: Any = None,
+    key: Any = None,
+    t0: Real = 0.0,
+    transient: Real | None = None,
+    mode: str | int | None = None,
+    method: Method | None = None,
+    clock: str = "time",
+    window: Any = 0.1,
+    points: int | None = None,
+    replicates: int = 4,
+    degree: int = 3,
     progress: Any = None,
-    **options,
 ) -> Design:
     """Parameters at which exponents reach a target, or at which an objective of them is least.
 
-    A number, or a sequence of k of them, is what the leading exponents are to be: Newton's method, of more or fewer
-    parameters than exponents Gauss and Newton's, with steps that change a parameter by half of itself at most (a
-    distance from a bound by a factor e²) and are halved until they come nearer. It ends where the difference is that of
-    rounding, or less than a standard error.
+    A number, or a sequence of k of them, is the target of the leading exponents. The method is Newton's, or
+    Gauss–Newton if there are more or fewer parameters than exponents. A step changes a parameter by at most half of
+    itself (a distance from a bound by at most a factor e²) and is halved until the difference decreases. The search
+    ends when the difference is of the size of rounding, or below a standard error.
 
-    A function (exponents (k,), args) -> number is made small by gradient descent.
+    A function (exponents (k,), args) -> number is minimised by gradient descent.
 
-    optimiser="bisection" finds where λ₁ passes one number between two bounds, without derivatives: also where λ₁ is no
-    smooth function, as at the edge of chaos.
+    optimiser="bisection" finds where λ₁ passes one number between two bounds, without derivatives: also where λ₁ is not
+    smooth, as at the edge of chaos.
 
     Args:
         system: as for `lh.lyapunov_gradient`.
         x0: (n,) start, or a function of args that returns it.
         args: tree of parameters where the search begins.
-        target: a number, a sequence of k, or a function to be made small.
+        target: a number, a sequence of k numbers, or a function to be minimised.
         t1: length of the runs.
-        free: names of the leaves of args that may change, "rho" or ("rho", "spring.rate").
-        bounds: {name: (low, high)}, either of which may be None; they are never reached: the search is one in unbounded
+        over: the parameters that may change, names of leaves of args: "rho" or ("rho", "spring.rate"); or with bounds,
+            {name: (low, high)}, either of which may be None. These are never reached: the search is one in unbounded
             coordinates, by ln of the distance from one bound, and by ln of the ratio of both distances.
         optimiser: None (Newton's method, or Adam for an objective), an optax optimiser, or "bisection".
         steps: most of them.
         k: exponents that an objective sees; None: all.
+        algorithm: as for `lh.lyapunov_gradient`; a bisection has none.
+        period: as for `lh.lyapunov_gradient`; a bisection has none.
+        key: as for `lh.lyapunov_gradient`.
+        t0: as for `lh.lyapunov_gradient`.
+        transient: as for `lh.lyapunov_gradient`.
+        mode: as for `lh.lyapunov_gradient`.
+        method: as for `lh.lyapunov_gradient`.
+        clock: as for `lh.lyapunov_gradient`.
+        window: as for `lh.lyapunov_gradient`; a bisection has none.
+        points: as for `lh.lyapunov_gradient`; a bisection has none.
+        replicates: as for `lh.lyapunov_gradient`.
+        degree: as for `lh.lyapunov_gradient`; a bisection has none.
         progress: None, True for a bar, or a function of the fraction done: of the points that `steps` allow.
-        **options: all others of `lh.lyapunov_gradient`: method, period, key, transient, mode, integrator, window…
 
     Returns:
-        A `Design`. Where the derivatives are not to be trusted at a point it says so, and the search ends there.
+        A `Design`. Where the derivatives at a point cannot be trusted, the search ends there and `reasons` says so.
 
     Raises:
         ValueError: on arguments that do not fit.
+        NoDerivativeError: where the motion fails at the first point. Later the search ends there; `reasons` says why.
 
     Example:
         >>> import lyaphybrid as lh
         >>> logistic = lh.Map(lambda n, x, args: args["r"] * x * (1 - x))
-        >>> found = lh.design(logistic, [0.3], {"r": 2.8}, -0.5, free="r", t1=1000)  # λ = ln|2 − r|
+        >>> found = lh.design(logistic, [0.3], {"r": 2.8}, -0.5, over="r", t1=1000)  # λ = ln|2 − r|
         >>> found.converged, round(found.parameters["r"], 9)
         (True, 2.60653066)
     """
     require(not traced((x0, args)), "design decides from values: it cannot be used under jit or vmap.")
     positive("t1, a length,", t1)
     whole("steps", steps, least=1)
-    names = (free,) if isinstance(free, str) else tuple(free)
+    over = {over: None} if isinstance(over, str) else over if isinstance(over, Mapping) else dict.fromkeys(over)
+    names = tuple(over)
     goal = None if callable(target) else np.atleast_1d(np.asarray(target, float))
     if goal is not None:
         good = goal.ndim == 1 and bool(np.all(np.isfinite(goal)))
@@ -142,7 +200,8 @@ def design(
         require(k is None, "k belongs to a target that is a function: else there are as many exponents as numbers.")
         k = len(goal)
     case = case_of(system, x0, args, k or 0, {}, names)
-    limits, first = bounds_of(case, bounds), case.theta
+    limits, first = bounds_of(case, over), case.theta
+    alone = {"t0": t0, "mode": mode, "clock": clock, "method": method}
     history: list[np.ndarray] = []
     report = reporter(progress)
 
@@ -152,15 +211,20 @@ def design(
         return point
 
     def with_slopes(theta) -> Point:
-        found = lyapunov_gradient(system, x0, case.args_of(theta), t1=t1, free=names, k=k, **options)
+        found = lyapunov_gradient(
+            system, x0, case.args_of(theta), t1=t1, over=names, k=k, algorithm=algorithm, period=period, key=key,
+            transient=transient, window=window, points=points, replicates=replicates, degree=degree, **alone,
+        )  # fmt: skip
         return noted(_point(case, theta, found))
 
     if isinstance(optimiser, str):
         require(optimiser == "bisection", f'optimiser must be None, of optax, or "bisection"; got {optimiser!r}.')
         if goal is None or len(goal) != 1:
             raise ValueError(f"a bisection needs one number as its target; got {target!r}.")
-        alone = _alone(case, t1, options)
-        search = functools.partial(_bisection, lambda theta: noted(alone(theta)), goal[0], limits, steps)
+        alone |= {} if key is None else {"key": key, "replicates": replicates}
+        transient = part_of(system, clock, t1, 0.1) if transient is None else transient
+        look = _without_slopes(case, {"t1": t1, "transient": transient, **alone})
+        search = functools.partial(_bisection, lambda theta: noted(look(theta)), goal[0], limits, steps)
     elif goal is not None and optimiser is None:
         search = functools.partial(_newton, with_slopes, goal, limits, first, steps)
     else:
@@ -191,17 +255,12 @@ def _point(case: Case, theta, found: Gradient) -> Point:
     return Point(theta, found.value, found.value_stderr, np.concatenate(leaves, axis=1), found.trust, found.reasons)
 
 
-def _alone(case: Case, t1, options: Mapping) -> Callable:
+def _without_slopes(case: Case, how: Mapping[str, Any]) -> Callable:
     """Exponents without derivatives, for a bisection."""
-    own = {name: options[name] for name in KEPT if name in options}
-    if options.get("key") is not None:
-        own |= {"key": options["key"], "replicates": options.get("replicates", 4)}
-    transient = options.get("transient", part_of(case.system, options.get("clock", "time"), t1, 0.1))
-    own |= {"method": options.get("integrator"), "transient": transient, "t1": t1}
 
     def look(theta) -> Point:
         args = case.args_of(jnp.asarray(theta))
-        found = lyapunov_spectrum(case.system, case.start(args), args, throw=False, **own)
+        found = lyapunov_spectrum(case.system, case.start(args), args, throw=False, **how)
         status = STATUS(int(found.status_code))
         value, stderr = np.asarray(found.exponents[:1]), np.asarray(found.stderr[:1])
         return Point(theta, value, stderr, None, status in WHOLE, (f"status: {status.name}",))
@@ -210,12 +269,12 @@ def _alone(case: Case, t1, options: Mapping) -> Callable:
 
 
 def _near(point: Point, goal) -> bool:
-    """Whether a point is at the target: to rounding, or to the noise."""
+    """Whether a point is at the target, up to rounding or noise."""
     return bool(np.all(np.abs(point.value - goal) <= np.maximum(EXACT * (1 + np.abs(goal)), NOISE * point.stderr)))
 
 
 def _newton(look: Callable, goal, limits: Bounds, first, steps: int):
-    """Steps of least length that would reach the target if the exponents were linear in the unbounded coordinates."""
+    """Newton (or Gauss–Newton) steps of least norm in the unbounded coordinates."""
     here, u = look(first), limits.unbounded(first)
     for _ in range(steps):
         if _near(here, goal):
@@ -230,7 +289,7 @@ def _newton(look: Callable, goal, limits: Bounds, first, steps: int):
             ahead = u + 0.5**halving * whole_step
             try:
                 there = look(limits.bounded(ahead))
-            except ValueError as failed:  # there is no such motion so far away
+            except (ValueError, LyaphybridError) as failed:  # no orbit of this kind exists so far away
                 failure = f"; a step failed: {str(failed).splitlines()[0]}"
                 continue
             if np.linalg.norm(there.value - goal) < distance or _near(there, goal):
@@ -242,7 +301,7 @@ def _newton(look: Callable, goal, limits: Bounds, first, steps: int):
 
 
 def _descent(look: Callable, objective: Callable, case: Case, limits: Bounds, optimiser, steps: int):
-    """Steps of an optimiser; the best point is kept."""
+    """Steps of an optimiser; returns the best point."""
 
     def of_all(value, theta):
         return objective(value, case.args_of(theta))
@@ -251,7 +310,13 @@ def _descent(look: Callable, objective: Callable, case: Case, limits: Bounds, op
     state, best, least = optimiser.init(u), None, np.inf
     here, slope = None, np.zeros(0)
     for _ in range(steps):
-        here = look(limits.bounded(np.asarray(u)))
+        try:
+            here = look(limits.bounded(np.asarray(u)))
+        except LyaphybridError as failed:
+            if best is None:
+                raise
+            why = f"a step failed: {str(failed).splitlines()[0]}; the objective is {least:.6g}"
+            return best, False, (why,)
         size, (by_value, by_theta) = jax.value_and_grad(of_all, argnums=(0, 1))(
             jnp.asarray(here.value), jnp.asarray(here.theta)
         )
@@ -271,8 +336,11 @@ def _descent(look: Callable, objective: Callable, case: Case, limits: Bounds, op
 
 
 def _bisection(look: Callable, goal: float, limits: Bounds, steps: int):
-    """Halve the bounds; the side on which λ₁ is below the target stays below."""
+    """Bisection between the bounds; one end stays below the target, the other above."""
     left, right = (look(theta) for theta in limits.both())
+    for end in (left, right):
+        if not np.isfinite(end.value[0]):
+            return end._replace(trust=False), False, ("λ₁ is not known at a bound: the run failed",)
     falls = left.value[0] > right.value[0]
     if (left.value[0] < goal) == (right.value[0] < goal):
         values = f"λ₁ is {left.value[0]:.6g} and {right.value[0]:.6g} at the bounds: on one side of {goal}"
@@ -282,6 +350,10 @@ def _bisection(look: Callable, goal: float, limits: Bounds, steps: int):
         if narrow or (_near(left, goal) and _near(right, goal)):
             break
         here = look(0.5 * (left.theta + right.theta))
+        if not np.isfinite(here.value[0]):
+            why = f"λ₁ is not known at {here.theta[0]:.12g}, {here.reasons[0]}"
+            nearer = min(left, right, key=lambda point: abs(point.value[0] - goal))
+            return nearer._replace(trust=False), False, (why,)
         if (here.value[0] < goal) == falls:
             right = here
         else:

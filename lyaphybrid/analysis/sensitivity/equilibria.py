@@ -1,8 +1,8 @@
-"""Derivatives of the exponents at an equilibrium: of the point by the implicit function theorem, then of eigenvalues.
+"""Derivatives of the exponents at an equilibrium: first of the point (implicit function theorem), then of eigenvalues.
 
-Where E x' = f(x; θ) rests, f(x*; θ) = 0, so that A dx* = −∂f/∂θ with A = ∂f/∂x, and the exponents are the real parts
-of the finite eigenvalues of the pencil A − λE. A group of them whose deflating subspaces are V on the right and U on
-the left has the sum tr Λ with Λ = (Uᴴ E V)⁻¹ Uᴴ A V, and
+At an equilibrium of E x' = f(x; θ), f(x*; θ) = 0, so that A dx* = −∂f/∂θ with A = ∂f/∂x, and the exponents are the real
+parts of the finite eigenvalues of the pencil A − λE. A group of them whose deflating subspaces are V on the right and U
+on the left has the sum tr Λ with Λ = (Uᴴ E V)⁻¹ Uᴴ A V, and
 
     d tr Λ = tr[(Uᴴ E V)⁻¹ (Uᴴ dA V − Uᴴ dE V Λ)],    dA = ∂A/∂θ + ∂A/∂x dx*.
 
@@ -32,11 +32,11 @@ from .estimates import Case, Estimate, UntrustedError
 __all__ = ["by_equilibrium"]
 
 ITERATIONS = 40  # of Newton's method
-FINISHED = 1e-12  # a correction that is smaller than this part of 1 + |x| is rounding
-NEAR = 1e-3  # of 1 + |x|: so near the motion has come, where it comes to rest
-CLOSE = 1e-6  # real parts nearer to each other than this part of the eigenvalues' size are one group
-WORST = 1e9  # condition number of A, and how much eigenvalues may magnify rounding
-HUGE = 1e8  # times the largest finite eigenvalue: what is larger is infinite
+FINISHED = 1e-12  # corrections below this fraction of 1 + |x| are rounding
+NEAR = 1e-3  # of 1 + |x|: a motion this near to the equilibrium has come to rest there
+CLOSE = 1e-6  # real parts nearer than this, relative to the eigenvalues' size, form one group
+WORST = 1e9  # largest condition numbers of A and of the eigenvalues
+HUGE = 1e8  # an eigenvalue this many times the largest finite one is infinite
 ROUNDING = 4 * float(np.finfo(float).eps)
 
 
@@ -54,7 +54,7 @@ class Rest(NamedTuple):
 
     x: np.ndarray  # (n,)
     pencil: Pencil
-    correction: float  # of Newton's method, the last one, relative to 1 + |x|
+    correction: float  # last correction of Newton's method, relative to 1 + |x|
     values: np.ndarray  # (k,) the finite eigenvalues, by descending real parts
 
     @property
@@ -63,11 +63,11 @@ class Rest(NamedTuple):
         return bool(np.all(np.real(self.values) < 0))
 
     def is_near(self, node: Node) -> bool:
-        """Whether a motion has come to it."""
+        """Whether a motion has come to rest at it."""
         return self.distance(node) <= NEAR
 
     def distance(self, node: Node) -> float:
-        """How far a point is away, relative to 1 + |x|."""
+        """Distance of a point, relative to 1 + |x|."""
         return float(np.max(np.abs(np.asarray(node.x) - self.x)) / (1 + np.max(np.abs(self.x))))
 
 
@@ -75,14 +75,15 @@ def by_equilibrium(case: Case, *, progress: Any = None) -> Estimate:
     """Exponents of the equilibrium at which the motion comes to rest, and their derivatives.
 
     Args:
-        case: with the options of `lyapunov_spectrum`; the equilibrium is looked for after the transient.
+        case: with the options of `lyapunov_spectrum`; Newton's method starts from the state after the transient.
         progress: None, True for a bar, or a function of the fraction done.
 
     Raises:
-        UntrustedError: where the system depends on time, or Newton's method finds no equilibrium.
+        UntrustedError: where Newton's method finds no equilibrium.
+        ValueError: where the system jumps, or depends on time.
     """
     if not isinstance(case.system, Flow):
-        raise UntrustedError("equilibria are looked for of an lh.Flow or lh.DAE alone.")
+        raise ValueError("equilibria are looked for of an lh.Flow or lh.DAE alone.")
     report = reporting.reporter(progress)
     try:
         flow, end = _begun(case)
@@ -109,7 +110,7 @@ def _begun(case: Case) -> tuple[Motion, Node]:
         case.system, case.start(args), args, options["t0"], method, options["mode"]
     )
     if depends_on_time(case.system, x, problem.args):
-        raise UntrustedError("no equilibrium: the system depends on time.")
+        raise ValueError("no equilibrium: the system depends on time.")
     return Motion(problem), Node(float(t), x, mode)
 
 
@@ -118,7 +119,7 @@ def _later(flow: Motion, node: Node, length: float) -> Node:
     try:
         return flow.piece(node, float(length)).end if length > 0 else node
     except RunFailedError as failed:
-        raise UntrustedError(f"no equilibrium: the run failed. {str(failed).splitlines()[0]}") from failed
+        raise UntrustedError(f"no equilibrium: the run failed. {str(failed).splitlines()[0]}", failed=True) from failed
 
 
 def _rest(case: Case, start: Node) -> Rest:
@@ -131,7 +132,7 @@ def _rest(case: Case, start: Node) -> Rest:
             break
         size = 1 + np.max(np.abs(x))
         before, correction = correction, float(np.max(np.abs(step)) / size)
-        if correction <= FINISHED and correction >= before / 2:  # it does not fall any more: it is rounding
+        if correction <= FINISHED and correction >= before / 2:  # only rounding is left
             return Rest(x, pencil, correction, _finite_eigenvalues(case, pencil))
         x = x + step
     raise UntrustedError(f"no equilibrium: Newton's method does not converge from {np.asarray(start.x)}.")
@@ -152,7 +153,7 @@ def _pencil(system: Flow, args_of, theta, t, x) -> Pencil:
 
 @compiled(hands_on=True)
 def _moved(system: Flow, args_of, theta, t, x, dx):
-    """The changes of A and E (p, n, n) where the point moves by dx (p, n)."""
+    """The derivatives of A and E (p, n, n) by the parameters, with the point moving by dx (p, n)."""
 
     def both(theta, x):
         args = args_of(theta)
@@ -171,7 +172,7 @@ def _leading(system: Flow, t, x, args):
 
 
 def _finite_eigenvalues(case: Case, pencil: Pencil) -> np.ndarray:
-    """Those of A − λE, by descending real parts; constraints have infinite ones."""
+    """Finite eigenvalues of A − λE by descending real parts; constraints cause infinite ones."""
     if not isinstance(case.system.field, Constrained):
         found = np.linalg.eigvals(pencil.matrix)
     else:
@@ -183,7 +184,7 @@ def _finite_eigenvalues(case: Case, pencil: Pencil) -> np.ndarray:
 
 
 def _judged(case: Case, rest: Rest, end: Node) -> Estimate:
-    """What was found, and whether it is to be trusted."""
+    """The estimate, and whether it can be trusted."""
     x, theta, pencil = rest.x, np.asarray(case.theta), rest.pencil
     condition = float(np.linalg.cond(pencil.matrix))
     dx = np.linalg.lstsq(pencil.matrix, -pencil.slopes.T, rcond=None)[0].T
@@ -217,9 +218,9 @@ def _judged(case: Case, rest: Rest, end: Node) -> Estimate:
 
 
 def _groups(values: np.ndarray) -> list[list[int]]:
-    """Indices of eigenvalues, sorted by real parts, that are differentiated together: whose real parts are the same.
+    """Indices of eigenvalues, sorted by real parts, in groups of equal real parts, which are differentiated together.
 
-    A complex pair is one. Others that meet there change places, and only their mean has a derivative.
+    A complex pair is such a group. Where other eigenvalues have equal real parts, only their mean has a derivative.
     """
     groups = [[0]]
     for i in range(1, len(values)):
@@ -232,7 +233,7 @@ def _groups(values: np.ndarray) -> list[list[int]]:
 
 
 def _of_group(pencil: Pencil, changes, values: np.ndarray, group: list[int]) -> tuple[np.ndarray, float]:
-    """The derivatives (p,) of the sum of the real parts; and by how much eigenvalues magnify rounding."""
+    """The derivatives (p,) of the sum of the real parts, and the condition number of these eigenvalues."""
     right = _subspace(pencil.matrix, pencil.leading, values, group)
     left = _subspace(pencil.matrix.T, pencil.leading.T, values.conj(), group)
     scale = left.conj().T @ pencil.leading @ right

@@ -1,4 +1,4 @@
-"""What every way to a derivative of exponents takes, and what it finds."""
+"""Input (`Case`) and result (`Estimate`) of each method for derivatives of exponents."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -13,13 +13,27 @@ from ..._jax.precision import require_double
 from ...engine.blocks import is_zero
 from ...engine.preparation import as_arrays
 
-__all__ = ["ArgsOf", "Case", "Estimate", "UntrustedError", "case_of", "parameters_of", "tree_of", "with_arrays"]
+__all__ = [
+    "ArgsOf",
+    "Case",
+    "Estimate",
+    "UntrustedError",
+    "case_of",
+    "parameters_of",
+    "tree_of",
+    "unknown",
+    "with_arrays",
+]
 
 LENGTHS = ("t0", "transient", "t1")
 
 
 class UntrustedError(Exception):
-    """A method does not apply to this motion."""
+    """A method does not apply to this motion; `failed`: for the motion itself could not be followed."""
+
+    def __init__(self, message: str, failed: bool = False):
+        super().__init__(message)
+        self.failed = failed
 
 
 class Case(NamedTuple):
@@ -42,13 +56,19 @@ class Estimate(NamedTuple):
     gradient: np.ndarray  # (k, p)
     stderr: np.ndarray  # (k, p)
     trust: bool
-    reasons: tuple[str, ...]  # why, or why not: each with the number that decided
-    cost: int  # runs of length t1, or what takes as long
-    time_per_jump: Any = None  # an Estimate with k = 1, where the system jumps and its method looks
+    reasons: tuple[str, ...]  # why it can or cannot be trusted, each with the deciding number
+    cost: int  # in runs of length t1
+    time_per_jump: Any = None  # an Estimate with k = 1, from a regression of a system that jumps
+
+
+def unknown(case: Case, why: str) -> Estimate:
+    """Nothing is known of the derivatives, nor of the exponents."""
+    value, gradient = np.full(case.k, np.nan), np.full((case.k, len(case.theta)), np.nan)
+    return Estimate(value, value, gradient, gradient, trust=False, reasons=(why,), cost=0)
 
 
 def case_of(system, x0, args, k: int, options: Mapping[str, Any], free: Sequence[str] | None = None) -> Case:
-    """A case; the parameters are the floating-point leaves of args, or those named; all else stays as it is."""
+    """A case; the parameters are the floating-point leaves of args, or those named in `free`; the rest stays fixed."""
     theta, args_of, names = parameters_of(args, free)
     start = x0 if callable(x0) else Fixed(x0)
     require_double("x0", start(args), "a derivative of exponents")
@@ -56,14 +76,14 @@ def case_of(system, x0, args, k: int, options: Mapping[str, Any], free: Sequence
 
 
 def with_arrays(options: Mapping[str, Any], dtype) -> dict[str, Any]:
-    """Options with arrays for numbers: a run with other numbers is then not compiled anew."""
+    """The options with arrays in place of numbers, so that other numbers compile nothing new."""
     lengths = {name: options[name] for name in LENGTHS if name in options and not is_zero(options[name])}
     arrays = {name: np.asarray(value, dtype) for name, value in lengths.items()}
     return {**options, **arrays, "method": as_arrays(options.get("method"), dtype)}
 
 
-def parameters_of(args, free: Sequence[str] | None, word: str = "free") -> tuple[np.ndarray, "ArgsOf", tuple[str, ...]]:
-    """Those leaves of args that are free: their values (p,), args as a function of them, their names."""
+def parameters_of(args, free: Sequence[str] | None, word: str = "over") -> tuple[np.ndarray, "ArgsOf", tuple[str, ...]]:
+    """The free leaves of args: their values (p,), args as a function of them, their names."""
     args = jax.tree.map(lambda leaf: jnp.asarray(leaf) if isinstance(leaf, float) else leaf, args)
     known = {_name(path): eqx.is_inexact_array_like(leaf) for path, leaf in jax.tree_util.tree_leaves_with_path(args)}
     known = [name for name, floating in known.items() if floating]
@@ -78,7 +98,7 @@ def parameters_of(args, free: Sequence[str] | None, word: str = "free") -> tuple
 
 
 class ArgsOf(eqx.Module):
-    """θ ↦ args; two of the same structure are the same to a compiler."""
+    """The function θ ↦ args as a pytree, so that other values compile nothing new."""
 
     structure: Any = eqx.field(static=True)
     shapes: tuple[tuple[int, ...], ...] = eqx.field(static=True)
@@ -119,5 +139,5 @@ def _names(free) -> tuple[str, ...]:
 
 
 def tree_of(case: Case, values: np.ndarray):
-    """Values (k, p) as a tree of args, leaves (k,) + leaf.shape; what is no parameter is None."""
+    """Values (k, p) as a tree of args, leaves (k,) + leaf.shape; leaves that are no parameters are None."""
     return case.args_of.free(values)

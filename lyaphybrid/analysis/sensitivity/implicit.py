@@ -1,10 +1,10 @@
-"""Derivatives of a periodic orbit's exponents: of the orbit by the implicit function theorem, then of its multipliers.
+"""Derivatives of a periodic orbit's exponents: first of the orbit (implicit function theorem), then of its multipliers.
 
 The orbit x*(θ), T(θ) is a root of φ_T(x; θ) − x, so that
 
     (M − I) dx + f dT = −∂φ/∂θ,    f·dx = 0 where the system is autonomous,
 
-and M = ∂φ_T/∂x, carried along with the motion and through its jumps, changes with θ, x* and T at once. A group of
+and M = ∂φ_T/∂x, computed along the motion through its jumps, depends on θ, x* and T. A group of
 multipliers whose invariant subspace V has the dual U (Uᴴ V = I) has Σ ln|μ| = ln|det Uᴴ M V|, and so
 
     d Σ ln|μ| = Re tr[(Uᴴ M V)⁻¹ Uᴴ dM V].
@@ -36,26 +36,26 @@ from .estimates import Case, Estimate, UntrustedError
 
 __all__ = ["by_implicit"]
 
-LOOSER = 100.0  # times the tolerance: by how much the derivatives then differ is taken for their error
-CLOSE = 1e-6  # multipliers nearer to each other than this part of their size are one group
-WORST = 1e9  # condition number of the equations of the orbit
-SINGULAR = 1e300  # for an infinite one
-ALONG = 1e-6  # derivative of the exponent along the flow, over the largest of the others
-MOST = 64  # iterations of a map in a period that is looked for
-RETURNS = 1e-3  # how near they come to where they were; the rest is Newton's method's
+LOOSER = 100.0  # factor of the tolerance for a second run, whose difference estimates the error
+CLOSE = 1e-6  # multipliers nearer than this, relative to their size, form one group
+WORST = 1e9  # largest condition number of the equations of the orbit
+SINGULAR = 1e300  # stands for an infinite one
+ALONG = 1e-6  # largest derivative of the zero exponent, relative to the largest of the others
+MOST = 64  # longest period of a map that is searched
+RETURNS = 1e-3  # distance of a return that starts Newton's method
 
 
 class Turn(NamedTuple):
-    """What a turn of the orbit is computed with."""
+    """The inputs of a run over one period of the orbit."""
 
     system: Any
     args_of: Callable
-    t: Any  # where it begins
+    t: Any  # time at the start
     mode: Any
     method: Any
 
     def end(self, theta, x, length, frame):
-        """The point (n,) and the columns (n, k) after a turn."""
+        """The point (n,) and the columns (n, k) after a period."""
         problem, x, t, mode = preparation.prepare(self.system, x, self.args_of(theta), self.t, self.method, self.mode)
         plan = problems.Plan()
         ends = array(length, x.dtype).reshape(1)
@@ -64,20 +64,20 @@ class Turn(NamedTuple):
 
 
 class Derivatives(NamedTuple):
-    """How the orbit and its monodromy matrix change with the parameters."""
+    """Derivatives of the orbit and of its monodromy matrix by the parameters."""
 
     monodromy: np.ndarray  # (n, n)
     change: np.ndarray  # (p, n, n) dM/dθ
     period: np.ndarray  # (p,) dT/dθ
-    condition: float  # of the equations of the orbit
+    condition: float  # condition number of the equations of the orbit
 
 
 def by_implicit(case: Case, *, period: Any = None, progress: Any = None) -> Estimate:
     """Exponents of the periodic orbit near the start, and their derivatives.
 
     Args:
-        case: with the options of `lyapunov_spectrum`; the orbit is looked for after the transient.
-        period: as for `floquet`; of a map None looks for it.
+        case: with the options of `lyapunov_spectrum`; the search starts from the state after the transient.
+        period: as for `floquet`; None for a map: it is searched.
         progress: None, True for a bar, or a function of the fraction done.
 
     Raises:
@@ -98,7 +98,7 @@ def by_implicit(case: Case, *, period: Any = None, progress: Any = None) -> Esti
     reasons, good = _reasons(case, orbit, found, gradient, groups, autonomous=_autonomous(case, period))
     stderr = np.abs(gradient - looser) + 1e-15 * found.condition * np.abs(gradient)
     error = orbit.residual
-    if _autonomous(case, period):  # the exponent along the flow is zero: what it is instead is an error
+    if _autonomous(case, period):  # the exponent along the flow is zero: its deviation is an error
         error = max(error, float(np.abs(orbit.exponents[_along_the_flow(orbit)])))
     return Estimate(value, np.full(case.k, error), gradient, stderr, good, tuple(reasons), 1)
 
@@ -121,7 +121,8 @@ def _orbit(case: Case, period) -> tuple[Floquet, Method | None]:
     try:
         return floquet(case.system, x0, args, period=period, transient=transient, method=method, **keywords), method
     except (NoPeriodicOrbitError, RunFailedError) as failed:
-        raise UntrustedError(f"no periodic orbit: {str(failed).splitlines()[0]}") from failed
+        why, broken = str(failed).splitlines()[0], isinstance(failed, RunFailedError)
+        raise UntrustedError(f"no periodic orbit: {why}", failed=broken) from failed
 
 
 def _returning(system: Map, x0, args, transient: int):
@@ -140,7 +141,7 @@ def _iterated(system: Map, x, args, count):
 
 
 def derivatives(turn: Turn, case: Case, orbit: Floquet, period) -> Derivatives:
-    """Of the orbit and of M, by two passes along all parameters at once: first where the point stays, then with it."""
+    """Derivatives of the orbit and of M, by two passes: first with the point fixed, then with it moving."""
     n, p = len(orbit.x0), len(case.theta)
     x, theta = orbit.base[1], jnp.asarray(case.theta)
     autonomous, own = _autonomous(case, period), np.zeros(p)
@@ -175,14 +176,14 @@ def _along(turn: Turn, theta, x, length, of_theta, of_x, of_length):
 
 
 def of_exponents(found: Derivatives, orbit: Floquet, k: int) -> tuple[np.ndarray, np.ndarray, list[list[int]]]:
-    """The leading exponents (k,), their derivatives (k, p), and which of them are a group.
+    """The leading exponents (k,), their derivatives (k, p), and the groups among them.
 
-    The derivative of a group is that of its mean: its members need not have one.
+    The derivative of a group is that of its mean: single members may have none.
     """
     value, multipliers = np.asarray(orbit.exponents), np.asarray(orbit.multipliers)
     gradient = np.full((len(value), len(found.period)), np.nan)
     groups = _groups(multipliers)
-    # Across constraints, too, M is zero: that multiplier is none of the orbit's, but one of M's.
+    # M also has eigenvalues 0 across constraints, which are no multipliers of the orbit.
     every = np.pad(multipliers, (0, len(found.monodromy) - len(multipliers)))
     for group in groups:
         if np.all(multipliers[group] != 0):
@@ -192,11 +193,11 @@ def of_exponents(found: Derivatives, orbit: Floquet, k: int) -> tuple[np.ndarray
 
 
 def _groups(multipliers: np.ndarray) -> list[list[int]]:
-    """Indices of multipliers that are differentiated together: complex pairs, and what is nearly the same."""
+    """Indices of multipliers that are differentiated together: complex pairs and nearly equal ones."""
     left, groups = list(range(len(multipliers))), []
     while left:
         group = [left.pop(0)]
-        for i in group:  # grows while it is walked through
+        for i in group:  # the list grows during this loop
             mu = multipliers[i]
             near = [j for j in left if _same(mu, multipliers[j]) or _same(np.conj(mu), multipliers[j])]
             group += near
@@ -210,7 +211,7 @@ def _same(a, b) -> bool:
 
 
 def _of_group(found: Derivatives, multipliers, group) -> np.ndarray:
-    """D Σ ln|μ| (p,) of the group; of all multipliers (n,) of M."""
+    """Derivative (p,) of Σ ln|μ| over the group; `multipliers` are all (n,) eigenvalues of M."""
     right, left = (_invariant(matrix, multipliers, group) for matrix in (found.monodromy, found.monodromy.conj().T))
     dual = np.linalg.solve(left.conj().T @ right, left.conj().T)
     inside = np.linalg.inv(dual @ found.monodromy @ right)
@@ -244,7 +245,7 @@ def _along_the_flow(orbit: Floquet) -> int:
 
 
 def _reasons(case: Case, orbit: Floquet, found: Derivatives, gradient, groups, autonomous: bool):
-    """Why the derivatives are to be trusted, or not; and whether they are."""
+    """Reasons why the derivatives can be trusted or not; and whether they can."""
     good = orbit.residual <= CONVERGED
     reasons = [f"Newton's method ended at a residual of {orbit.residual:.1e} after {orbit.period:.6g}"]
     reasons.append(f"the orbit is {'stable' if orbit.stable else 'not stable: motion does not stay with it'}")

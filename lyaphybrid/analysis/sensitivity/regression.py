@@ -1,11 +1,11 @@
-"""Derivatives of exponents by regression over an ensemble of parameters: any motion, whatever its orbits do.
+"""Derivatives of exponents by regression over an ensemble of parameters, for any motion.
 
-The exponent λ(θ) of chaotic motion may be smooth although no trajectory's derivative converges to dλ/dθ. Runs all over
-a window of parameters see λ itself, with noise that replicates measure, and a polynomial through them has its slope.
-Two degrees must agree, and χ² must be what the noise allows: where λ jumps between periodic windows it is not.
+The exponent λ(θ) of chaotic motion may be smooth although no trajectory's derivative converges to dλ/dθ. Runs at
+points of a window of parameters give λ itself, with noise that replicates measure, and a fitted polynomial gives the
+slope. Two degrees must agree, and χ² must fit the noise, which it does not where λ jumps between periodic windows.
 
-D. J. Lea, M. R. Allen & T. W. N. Haine, Tellus A 52 (2000) 523, doi:10.3402/tellusa.v52i5.12283, on why the
-derivatives of trajectories do not serve.
+D. J. Lea, M. R. Allen & T. W. N. Haine, Tellus A 52 (2000) 523, doi:10.3402/tellusa.v52i5.12283, on why
+derivatives of trajectories cannot be used.
 """
 
 import itertools
@@ -23,21 +23,21 @@ from ...engine.host.lanes import map_lanes
 from ...statuses import STATUS
 from ...systems.kinds import iterates
 from ..spectra import lyapunov_spectrum, starts
-from .estimates import Case, Estimate, with_arrays
+from .estimates import Case, Estimate, UntrustedError, with_arrays
 
 __all__ = ["by_regression"]
 
-PER_TERM, LEAST = 2, 24  # points for each coefficient of the higher degree, and at all
-FURTHER = 2  # degrees are compared that are so far apart: over a symmetric design the next one has the same slope
-FLOOR = 1e-9  # of the noise, relative to 1 + |λ|: regular motion has next to none, and polynomials end somewhere
-UNLIKELY = 1e-4  # a χ² that noise exceeds more seldom is no noise
-AGREE = 3.0  # standard errors: of the slopes of two degrees
-NOTHING = 4.0  # … of the slope of an exponent that is zero
-LOST = 0.05  # part of the runs that may fail
+PER_TERM, LEAST = 2, 24  # points for each coefficient of the higher degree, and least number of points
+FURTHER = 2  # difference of the compared degrees: in a symmetric design the next degree has the same slope
+FLOOR = 1e-9  # least noise, relative to 1 + |λ|: regular motion has almost none, and fits are not exact
+UNLIKELY = 1e-4  # least probability of a χ² that counts as noise
+AGREE = 3.0  # largest difference of the slopes of both degrees, in standard errors
+NOTHING = 4.0  # largest slope of a zero exponent, in standard errors
+LOST = 0.05  # fraction of the runs that may fail
 
 
 class Runs(NamedTuple):
-    """What came out of the ensemble: (points, replicates, …)."""
+    """Results of the ensemble, (points, replicates, …)."""
 
     exponents: np.ndarray  # (points, replicates, k); nan where the run failed
     time_per_jump: np.ndarray  # (points, replicates); inf where nothing jumped
@@ -48,8 +48,8 @@ class Fit(NamedTuple):
     """A polynomial fit of one exponent."""
 
     value: float
-    slope: np.ndarray  # (p,) in units of the half window
-    covariance: np.ndarray  # (1 + p, 1 + p) of both
+    slope: np.ndarray  # (p,) slopes in units of the half window
+    covariance: np.ndarray  # (1 + p, 1 + p) of value and slopes
     chi2: float
     freedom: int
 
@@ -60,7 +60,7 @@ class Fit(NamedTuple):
 
 
 class Judged(NamedTuple):
-    """What the fits say of one mean, in units of the half window."""
+    """Value and slopes of one mean from both fits, in units of the half window."""
 
     value: float
     error: float
@@ -78,11 +78,11 @@ def by_regression(
 
     Args:
         case: with the options of `lyapunov_spectrum`.
-        key: for where the points lie and where the runs start.
+        key: for the points and for the starts of the runs.
         window: half width, relative to each parameter; or an array (p,) of absolute half widths.
         points: of the window; None: two for each coefficient of the higher degree, at least 24.
         replicates: runs at each point, from starts that differ.
-        degree: of the polynomial in all parameters; that with two more is compared.
+        degree: of the polynomial in all parameters; it is compared with that of two degrees more.
         threads: None: one for each processor.
         progress: None, True for a bar, or a function of the fraction done.
     """
@@ -105,7 +105,7 @@ def by_regression(
 
 
 def _together(judged: list["Judged"], half, lost: float, reasons: list[str], cost: int) -> Estimate:
-    """What was found for all columns, in units of the parameters."""
+    """The estimate for all columns, in units of the parameters."""
     return Estimate(
         value=np.array([one.value for one in judged]),
         value_stderr=np.array([one.error for one in judged]),
@@ -131,7 +131,7 @@ def _half_widths(case: Case, window) -> np.ndarray:
 
 
 def _points(key, count: int, p: int) -> np.ndarray:
-    """Points (count, p) of [−1, 1]^p with their mirror images: even terms of λ then do not lean on the slope."""
+    """Points (count, p) of [−1, 1]^p with their mirror images, so that even terms of λ do not change the slope."""
     most = (count + 1) // 2
     if p == 1:
         half = np.sin(0.5 * np.pi * (np.arange(most) + 0.5) / most)[:, None]
@@ -166,9 +166,10 @@ def _ensemble(case: Case, key, thetas: np.ndarray, replicates: int, threads, pro
     lanes = np.repeat(thetas, replicates, axis=0), _starts(case, key, thetas, replicates)
     shared = case.system, case.args_of, method, options
     (exponents, apart, status), done = map_lanes(lane, shared, lanes, threads=threads, progress=progress)
-    # After Ctrl-C the other lanes hold zeros, which is also the code of a run that went well.
+    # After Ctrl-C the other lanes hold zeros, which is also the code of status ok.
     good = done & (status == int(STATUS.ok)) & ~np.any(np.isnan(exponents), axis=1)
-    require(bool(np.any(good)), f"All runs of the ensemble failed: {STATUS(int(status[0]))}.")
+    if not np.any(good):
+        raise UntrustedError(f"All runs of the ensemble failed: {STATUS(int(status[0]))}.", failed=True)
     return Runs(
         exponents=np.where(good[:, None], exponents, np.nan).reshape(*shape, case.k),
         time_per_jump=np.where(good, apart, np.nan).reshape(shape),
@@ -249,8 +250,8 @@ def _smooth(fit: Fit) -> tuple[bool, str]:
 def _of_difference(low: Fit, high: Fit):
     """Standard errors (p,) of the difference of the slopes.
 
-    Both see the same data, and the lower fit is the best one of its model: the difference has the difference of the
-    variances.
+    Both fits use the same data, and the lower one is efficient in its model; then the variance of the difference is the
+    difference of the variances.
     """
     gained = np.diag(high.covariance)[1:] - np.diag(low.covariance)[1:]
     return np.sqrt(np.maximum(gained, 1e-300) * max(1.0, high.excess))

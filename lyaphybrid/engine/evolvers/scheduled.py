@@ -119,7 +119,7 @@ class Scheduled(AbstractEvolver):
         return Own(cache, zero, zero, jnp.asarray(0, jnp.int32), zero, zero, zero, name, destroys)
 
     def least_length(self, c: StepState, jumps):
-        """`LOST` after an event that destroys a direction; lengths alone only where twice the digits check them."""
+        """`LOST` after an event that destroys a direction; lengths alone only where double-double checks them."""
         closely = c.x.shape[0] <= lost_directions.LARGEST
         return jnp.where(c.solver_state.destroys, frames.LOST, super().least_length(c, jumps) if closely else -jnp.inf)
 
@@ -156,19 +156,21 @@ class Scheduled(AbstractEvolver):
         t, which, solver = flight.t, flight.which, c.solver_state
         index = self.rows.components(which)
         rows, real = c.x[index], is_event(which)
-        new, matrix = self._crossing(t, rows, which)
+        linear = functools.partial(self._linear, t, rows, which)
+        new = self.rows.jump(t, rows, which)
         x, frame = _with_rows(c.x, index, new), c.frame
         if frame.shape[1] > 0:
-            frame = _with_rows(frame, index, _pushed(real, frame, index, matrix))
+            frame = _with_rows(frame, index, _pushed(real, frame, index, linear))
+        matrix = functools.cache(lambda: each_column(linear, jnp.eye(len(index), dtype=x.dtype)))  # S, (m, m)
         s = jnp.where(solver.start + t > c.s, solver.start + t, c.s)  # a nan leaves the time unchanged
         now = jnp.where(t > solver.now, t, solver.now)
         dt = now - solver.now  # times since the rebasing are small, so dt is accurate
         entry = None if c.log is None else self._entry(clock, s, t, which, c.x, x)
         stretch, destroys = solver.stretch, solver.destroys
         if destroys is not None:
-            destroys = (destroys & (c.since > 0)) | (real & self._destroys(t, rows, which, matrix))
+            destroys = (destroys & (c.since > 0)) | (real & self._destroys(t, rows, which, matrix()))
         if settings.qr_schedule.automatic:
-            stretch = stretch + _stretch(matrix, x.shape[0])
+            stretch = stretch + _stretch(matrix(), x.shape[0])
             stretch = stretch if destroys is None else jnp.where(destroys, jnp.inf, stretch)
         # Many predictions may be refreshed at one instant: that is no accumulation, so each counts only 1/n.
         more = jnp.where(real, 1.0, 1 / x.shape[0])
@@ -188,9 +190,9 @@ class Scheduled(AbstractEvolver):
             solver_state=solver,
             log=c.log if entry is None else log_event(c.log, entry, real),
         )
-        c = c if c.log_volume is None else added(c, log_volume=frames.log_abs_det(jnp.stack(matrix)))
+        c = c if c.log_volume is None else added(c, log_volume=frames.log_abs_det(matrix()))
         c = stop(c, STATUS.zeno, over)
-        return stop(c, STATUS.nonfinite, ~jnp.isfinite(functools.reduce(jnp.add, new, t)))
+        return stop(c, STATUS.nonfinite, ~jnp.isfinite(jnp.sum(new) + t))
 
     def once(self, settings: Settings, clock: Clock, c: StepState, flight: Flight) -> StepState:
         """Through the event, or to the end of the block; then rebase."""
@@ -205,7 +207,7 @@ class Scheduled(AbstractEvolver):
         crosses = flight.lands & is_event(which)
         rest = 1 - jnp.where(crosses, jnp.sum(place, axis=0), 0.0)
         rows = c.x[index]
-        after = _with_rows(c.x, index, list(self.rows.jump(t, rows, which)))
+        after = _with_rows(c.x, index, self.rows.jump(t, rows, which))
         dt = jnp.where(flight.lands, t, clock.limit(c) - c.solver_state.start)
         x, dt = jnp.where(crosses, after, c.x), jnp.where(jnp.isfinite(dt), dt, 0.0)
 
@@ -216,30 +218,6 @@ class Scheduled(AbstractEvolver):
 
         return linear
 
-    def _crossing(self, t, rows, which):
-        """The touched components (m,) after the event, and the rows of S (m, m): dy⁺ = S dy.
-
-        As lists of components, because XLA would assemble an array entry by entry.
-        """
-        m = rows.shape[0]
-
-        def guard(t, rows):
-            return self.rows.guard(t, rows, which)
-
-        def jump(t, rows):
-            after = self.rows.jump(t, rows, which)
-            return [after[i] for i in range(m)]
-
-        def by_rows(function):
-            return each_column(
-                lambda dy: jax.jvp(lambda rows: function(t, rows), (rows,), (dy,))[1], jnp.eye(m, dtype=rows.dtype)
-            )
-
-        moving, still = jnp.ones_like(t), jnp.zeros_like(rows)
-        event_time_shift = event_time_shifts(by_rows(guard), jax.jvp(guard, (t, rows), (moving, still))[1])
-        new, shift = jax.jvp(jump, (t, rows), (moving, still))
-        return new, [pushed + late * event_time_shift for pushed, late in zip(by_rows(jump), shift, strict=True)]
-
     def _hides(self, t, rows, which):
         """The longest flight that rounding can hide; the velocity is 0 in comoving coordinates."""
         return hidden_below(lambda t, rows: self.rows.guard(t, rows, which), t, rows, jnp.zeros_like(rows))
@@ -247,16 +225,14 @@ class Scheduled(AbstractEvolver):
     def _destroys(self, t, rows, which, matrix):
         """Whether the event destroys a direction of the touched rows, and so of the state.
 
-        If the m directions are dependent up to rounding, twice the digits decide whether one is lost or only short.
+        If the m directions are dependent up to rounding, double-double arithmetic decides whether one is lost or short.
         """
-        m, block = rows.shape[0], jnp.stack(matrix)
-        lengths = jnp.sqrt(jnp.sum(block * block, axis=1))
+        m = rows.shape[0]
+        lengths = jnp.sqrt(jnp.sum(matrix * matrix, axis=1))
         size = jnp.sum(jnp.log(jnp.where(lengths > 0, lengths, 1.0)))
-        dependent = frames.log_abs_det(block) <= size + math.log(frames.DEPENDENT)
+        dependent = frames.log_abs_det(matrix) <= size + math.log(frames.DEPENDENT)
 
-        def linear(dy):
-            return self._linear(t, rows, which, dy)
-
+        linear = functools.partial(self._linear, t, rows, which)
         if not lost_directions.is_precise(linear, rows):
             return dependent
         closely = seldom(lambda: jnp.isneginf(lost_directions.log_volume(linear, m, rows.dtype)))
@@ -272,9 +248,8 @@ class Scheduled(AbstractEvolver):
             return self.rows.jump(t, rows, which)
 
         moving, still = jnp.ones_like(t), jnp.zeros_like(rows)
-        event_time_shift = event_time_shifts(
-            jax.jvp(guard, (t, rows), (0 * t, dy))[1], jax.jvp(guard, (t, rows), (moving, still))[1]
-        )
+        of_slope = event_time_shifts(moving, jax.jvp(guard, (t, rows), (moving, still))[1])
+        event_time_shift = of_slope * jax.jvp(lambda rows: guard(t, rows), (rows,), (dy,))[1]
         return jax.jvp(jump, (t, rows), (event_time_shift, dy))[1]
 
     def _entry(self, clock: Clock, s, t, which, before, after) -> Events:
@@ -308,27 +283,19 @@ class Scheduled(AbstractEvolver):
         return c, ahead._replace(t=ahead.t - dt, full=jnp.asarray(False))
 
 
-def _with_rows(array: Array, index: Array, rows) -> Array:
+def _with_rows(array: Array, index: Array, rows: Array) -> Array:
     """The array with some rows replaced, one at a time: XLA would not fuse a scatter into the same kernel."""
-    for i, row in enumerate(rows):
-        array = jax.lax.dynamic_update_index_in_dim(array, row, index[i], 0)
+    for i in range(len(rows)):
+        array = jax.lax.dynamic_update_index_in_dim(array, rows[i], index[i], 0)
     return array
 
 
-def _pushed(real, frame: Array, index: Array, matrix) -> list[Array]:
-    """The touched rows of the frame after the event: S times the rows before.
+def _pushed(real, frame: Array, index: Array, linear: Callable) -> Array:
+    """The touched rows (m, k) of the frame after the event: S times the rows before, by the function dy -> S dy.
 
-    Computed in a `cond`, so that all rows are read before any is written; otherwise XLA interleaves reads and writes
-    and copies the frame.
+    Computed in a `cond`, so that all rows are read before any is written; otherwise the frame would be copied.
     """
-
-    def rows():
-        return [jax.lax.dynamic_index_in_dim(frame, index[i], 0, keepdims=False) for i in range(len(matrix))]
-
-    def pushforward():
-        return [functools.reduce(jnp.add, [row[j] * dy for j, dy in enumerate(rows())]) for row in matrix]
-
-    return jax.lax.cond(real, pushforward, rows)
+    return jax.lax.cond(real, lambda: each_column(linear, frame[index]), lambda: frame[index])
 
 
 def _stretch(matrix, n: int):
@@ -336,7 +303,7 @@ def _stretch(matrix, n: int):
 
     The weight: with two bodies all events stretch the same perturbation, with many bodies they stretch different ones.
     """
-    largest = jax.lax.stop_gradient(functools.reduce(jnp.maximum, [jnp.max(jnp.abs(row)) for row in matrix]))
+    largest = jax.lax.stop_gradient(jnp.max(jnp.abs(matrix)))
     return jnp.where(largest > STRETCHED, jnp.inf, jnp.log(jnp.maximum(largest, 1.0)) * len(matrix) / n)
 
 
@@ -360,7 +327,7 @@ def predicting_anew(system: EventDriven, shape: tuple[int, ...]) -> EventDriven:
     def jump(t, x, args, which):
         rows = Rows(system, args, shape)
         index = rows.components(which)
-        return _with_rows(x, index, list(rows.jump(jnp.zeros_like(t), x[index], which)))
+        return _with_rows(x, index, rows.jump(jnp.zeros_like(t), x[index], which))
 
     def guard(t, x, args, which):
         rows = Rows(system, args, shape)

@@ -8,7 +8,10 @@ from ...integrators.base import Method
 from ..states import Clock, StepState
 from .trials import SolverState, Trial
 
-__all__ = ["cut_at_end", "first_step", "least_step", "next_step"]
+__all__ = ["cut_at_end", "first_step", "goes_nowhere", "next_step"]
+
+SHORTEST = 1e-3  # shortest step, in units of the rounding of the time …
+UNDEFINED = 4.0  # … and where the field is undefined just beyond
 
 
 def first_step(method: Method, x, f):
@@ -37,10 +40,17 @@ def cut_at_end(rest, h):
     return jnp.where(last, rest, h), last
 
 
-def least_step(c: StepState, clock: Clock):
-    """The shortest step that counts as progress; shorter ones are below the resolution of the time."""
+def goes_nowhere(c: StepState, clock: Clock, h, ratio, constrained: bool):
+    """Whether a rejected step of length h is too short to be repeated with a shorter one.
+
+    Where the field is undefined just beyond the state, the error over tolerance `ratio` is not finite, and steps below
+    the rounding of the time may be accepted for ever without any progress. The limit is then higher. With algebraic
+    constraints it stays low, because their singularity is detected only at the singular point itself.
+    """
     length = jnp.where(jnp.isfinite(clock.length), clock.length, 0.0)
-    return 1e-3 * eps(length) * jnp.maximum(jnp.abs(clock.base + c.s), length) + nonzero(1e-150, length)
+    rounding = eps(length) * jnp.maximum(jnp.abs(clock.base + c.s), length)
+    least = SHORTEST if constrained else jnp.where(jnp.isfinite(ratio), SHORTEST, UNDEFINED)
+    return h <= least * rounding + nonzero(1e-150, length)
 
 
 def next_step(method: Method, solver: SolverState, tr: Trial, ratio, passed):

@@ -24,7 +24,7 @@ from ..states import Clock, ErrorObserver, Settings, StepState, added, stop
 from ..waiting import EVER, FAR
 from .constraints import OnConstraints
 from .landing import apply_event
-from .step_sizes import cut_at_end, first_step, least_step, next_step
+from .step_sizes import cut_at_end, first_step, goes_nowhere, next_step
 from .trials import (
     ADVANCE,
     FAIL,
@@ -246,7 +246,7 @@ class Stepping(OnConstraints):
 
         step, ratio, g, rate, slope = by_mode(solver.mode, [trial(q) for q in range(w.modes)], t, c.x, solver.f, h)
         stage_points = step.stage_points if self.revisits and c.frame.shape[1] else ()
-        f = step.f if self.has_events or self.method.takes_slope else solver.f  # XLA then drops an f that is not needed
+        f = step.f if self.has_events or self.method.takes_slope else solver.f  # so that an unused step.f is dropped
         tr = Trial(None, h, step.x, f, ratio, final, g, rate, None, tick, stage_points)
         return self._judge(c, clock, tr, slope, bracket)
 
@@ -312,7 +312,7 @@ class Stepping(OnConstraints):
         case = jnp.where(lands, LAND, jnp.where(event, LOCATE, ADVANCE))
         # A state that is not finite makes the error estimate so; without an estimate check the state itself.
         passed = ratio <= 1.0 if self.rejects else jnp.all(jnp.isfinite(tr.x))
-        failed = (tr.h > 0) & (tr.h <= least_step(c, clock)) if self.rejects else True
+        failed = (tr.h > 0) & goes_nowhere(c, clock, tr.h, ratio, self.hybrid.constrained) if self.rejects else True
         case = jnp.where(passed, case, jnp.where(failed, FAIL, REJECT))
         if self.may_not_flow:
             case = jnp.where(pending(solver) > 0, LAND, case)
@@ -383,7 +383,7 @@ class Stepping(OnConstraints):
         kept = jax.tree.map(lambda a, b: a if a is b else jnp.where(passed, a, b), kept, c)
         h, log_ratio = next_step(self.method, solver, tr, ratio, passed)
         kept = changed(kept, h=h, log_ratio=log_ratio)
-        hopeless = ~passed & (tr.h <= least_step(c, clock))
+        hopeless = ~passed & goes_nowhere(c, clock, tr.h, jnp.asarray(ratio), self.hybrid.constrained)
         underflow = jnp.where(jnp.isfinite(jnp.asarray(ratio)), STATUS.step_underflow, STATUS.nonfinite)
         return stop(kept, underflow, hopeless)
 

@@ -1,1 +1,1 @@
-"""What runs on the host: the driver, progress, checkpoints, and many runs side by side."""
+"""Code that runs on the host: the driver, progress, checkpoints, and batches of runs."""

@@ -1,8 +1,8 @@
-"""Long runs on disk: where a run stands, so that it goes on from there, bit by bit as if it had never stopped.
+"""Checkpoints of long runs on disk: a resumed run gives the same bits as one that was never interrupted.
 
-A checkpoint is one NumPy file without pickled objects, replaced as a whole. It holds the parts of a run (the transient,
-and what is counted), each as the leaves of the loop's state and of its records. Their structure, and the functions,
-come from the call that goes on; hashes of both tell whether it is the same run.
+A checkpoint is one NumPy file without pickled objects, replaced atomically. It holds the parts of a run (the transient
+and the measured part), each as the leaves of the loop's state and of its block records. Tree structure and functions
+come from the call that resumes; hashes in the file tell whether it is the same run.
 """
 
 import json
@@ -23,15 +23,15 @@ from ..._arguments import require
 
 __all__ = ["Checkpoint", "Part", "opened"]
 
-EVERY = 5.0  # seconds of computing between two writes
+EVERY = 5.0  # least time between two writes, in seconds
 FORMAT = 2
 
 
 class State(NamedTuple):
-    """A part as it is kept."""
+    """One part as it is stored."""
 
-    leaves: list[np.ndarray]  # of the loop's state, and of the records
-    given: int  # attempts
+    leaves: list[np.ndarray]  # of (loop's state, records)
+    given: int  # step attempts spent so far
 
 
 class Checkpoint:
@@ -40,15 +40,15 @@ class Checkpoint:
     def __init__(self, path: Path, header: dict[str, str], stretches: list[tuple[float, int]]):
         self.path, self.header, self.stretches = path, header, stretches
         self.parts: dict[int, State] = {}
-        self.finished = False  # all that `stretches` say
+        self.finished = False  # whether all stretches, (length, blocks) each, are done
         self.written, self.works = time.perf_counter(), True
 
     def part(self, number: int) -> "Part":
-        """What `driver.drive` needs of it: 0 is the transient."""
+        """One part for `driver.drive`; number 0 is the transient."""
         return Part(self, number)
 
     def close(self) -> None:
-        """Write that the run is finished."""
+        """Mark the run as finished and write the file."""
         self.finished = True
         self.write()
 
@@ -56,7 +56,7 @@ class Checkpoint:
         """Replace the file.
 
         Raises:
-            OSError: naming the path, where there is no file yet; later that is a warning, for the run can go on.
+            OSError: if the file does not exist yet; later a failure is a warning, because the run can go on.
         """
         arrays: dict[str, Any] = {
             "header": np.array(json.dumps(self.header | {"format": str(FORMAT)})),
@@ -91,7 +91,7 @@ class Part(NamedTuple):
     number: int
 
     def begun(self, loop_state, shape_of_records: Callable[[], Any]):
-        """(loop's state, records, attempts) where it stands; records None where it has not begun."""
+        """The stored (loop's state, records, attempts); records is None if the part has not begun."""
         state = self.checkpoint.parts.get(self.number)
         if state is None:
             return loop_state, None, 0
@@ -100,7 +100,7 @@ class Part(NamedTuple):
         return jax.tree.map(jnp.asarray, loop_state), records, state.given
 
     def keep(self, loop_state, records, given: int, now: bool = False) -> None:
-        """Where it stands now; written if the last time was long ago, or `now`."""
+        """Store the present state; writes the file if the last write is more than EVERY seconds ago, or `now`."""
         checkpoint = self.checkpoint
         if not now and time.perf_counter() - checkpoint.written < EVERY:
             return
@@ -110,19 +110,19 @@ class Part(NamedTuple):
 
 
 def opened(path: Any, resume: bool, header: dict[str, str], t1: float, blocks: int, extends: bool) -> Checkpoint:
-    """The checkpoint of a run: a new one, or that of an earlier call.
+    """The checkpoint of a run: a new one, or the one that an earlier call has written.
 
     Args:
         path: of the file.
-        resume: go on with what is there.
-        header: hashes of what is computed, by what they are of.
+        resume: whether to continue from an existing file.
+        header: hashes that identify the run, by the name of what is hashed.
         t1: length of the run.
-        blocks: of it.
-        extends: whether a longer t1 may go on where a shorter one has ended.
+        blocks: number of blocks.
+        extends: whether a finished run may be extended to a longer t1.
 
     Raises:
-        ValueError: where the file is there and `resume` False; where it is no checkpoint, or that of another run.
-        OSError: where it cannot be written.
+        ValueError: if the file exists and `resume` is False; if it is not a checkpoint, or that of another run.
+        OSError: if it cannot be written.
     """
     path = Path(path)
     if not path.exists():
@@ -158,7 +158,7 @@ def _read(path: Path) -> dict[str, np.ndarray]:
 
 
 def _extend(checkpoint: Checkpoint, t1: float, extends: bool) -> None:
-    """A further stretch, in blocks of the length of the others, where t1 has become longer."""
+    """If t1 is longer than before, add a stretch of blocks, about as long as the earlier ones."""
     reached, (length, count) = sum(length for length, _ in checkpoint.stretches), checkpoint.stretches[0]
     if np.isclose(t1, reached, rtol=1e-12):
         return

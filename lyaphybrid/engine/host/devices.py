@@ -1,4 +1,4 @@
-"""Lanes on accelerators: a batch of them side by side, cut into equal parts, one for each local device."""
+"""Lanes on accelerators: a batch of lanes is divided equally among the local devices and runs in parallel."""
 
 import itertools
 import warnings
@@ -14,38 +14,38 @@ from .reporting import reporter
 
 __all__ = ["are_wanted", "lanes_at_once", "run_on_devices"]
 
-AT_ONCE = 16_384  # chains in one call, on each device: four times as many take hardly longer, but more memory
+AT_ONCE = 16_384  # sequences per call and device; larger batches mainly need more memory
 
 
 def are_wanted() -> bool:
-    """Whether there are accelerators; a CPU, into however many devices it is divided, has threads instead."""
+    """Whether the backend is an accelerator; on a CPU threads are used instead."""
     return jax.default_backend() != "cpu"
 
 
 def lanes_at_once() -> int:
-    """So many lanes keep all devices busy for one call."""
+    """The number of lanes that occupies all devices in one call."""
     return AT_ONCE * jax.local_device_count()
 
 
 class Batch(NamedTuple):
-    """Chains of one length that go together."""
+    """Chains of the same length that run in one call."""
 
     states: Any  # (m, …)
     lanes: Any  # (m, length, …)
-    room: int  # as many chains as one call takes
-    belongs: list[int]  # to which of the chains that were given; one alone: all of the batch are its lanes
+    room: int  # number of sequences of the compiled call, at least m
+    belongs: list[int]  # indices of the given sequences; a single index: the whole batch are lanes of that sequence
 
 
 def run_on_devices(
-    function: Callable, shared: Any, chains: Sequence[tuple[Any, Any]], progress: Any, finished: Callable | None
+    function: Callable, shared: Any, sequences: Sequence[tuple[Any, Any]], progress: Any, finished: Callable | None
 ) -> tuple[list, list]:
-    """`lanes.run_chains` on all local devices; chains without a state are lanes that do not depend on each other."""
-    report, ready, results = reporter(progress), 0, [None] * len(chains)
-    done = [np.zeros(_length(lanes), bool) for _, lanes in chains]
-    alone = not jax.tree.leaves([state for state, _ in chains])
+    """`lanes.run_sequences` on all local devices; lanes of sequences without a state are independent of each other."""
+    report, ready, results = reporter(progress), 0, [None] * len(sequences)
+    done = [np.zeros(_length(lanes), bool) for _, lanes in sequences]
+    alone = not jax.tree.leaves([state for state, _ in sequences])
     mesh = Mesh(np.array(jax.local_devices()), ("lanes",))
     try:
-        for batch in _of_lanes(chains) if alone else _of_chains(chains):
+        for batch in _of_lanes(sequences) if alone else _of_sequences(sequences):
             found = _computed(function, shared, batch, mesh)
             for row, i in enumerate(batch.belongs):
                 part = slice(None) if alone else row
@@ -57,7 +57,7 @@ def run_on_devices(
                     results[i] = None
             report(ready / sum(map(len, done)))
     except KeyboardInterrupt:
-        missing = [i for i in range(len(chains)) if not np.all(done[i])]
+        missing = [i for i in range(len(sequences)) if not np.all(done[i])]
         like = next((result for result in results if result is not None), None)
         if finished is None and like is None:
             raise
@@ -72,26 +72,26 @@ def _length(lanes) -> int:
     return len(jax.tree.leaves(lanes)[0])
 
 
-def _of_lanes(chains) -> Iterator[Batch]:
-    """Each chain a batch of chains of one lane."""
-    room = _room(max(_length(lanes) for _, lanes in chains))
-    for i, (state, lanes) in enumerate(chains):
+def _of_lanes(sequences) -> Iterator[Batch]:
+    """Independent lanes: each given sequence becomes a batch of sequences of one lane."""
+    room = _room(max(_length(lanes) for _, lanes in sequences))
+    for i, (state, lanes) in enumerate(sequences):
         yield Batch(state, jax.tree.map(lambda leaf: np.asarray(leaf)[:, None], lanes), room, [i])
 
 
-def _of_chains(chains) -> Iterator[Batch]:
-    """Chains of one length together."""
-    by_length = sorted(range(len(chains)), key=lambda i: _length(chains[i][1]))
-    for _, group in itertools.groupby(by_length, key=lambda i: _length(chains[i][1])):
+def _of_sequences(sequences) -> Iterator[Batch]:
+    """Batches of sequences of the same length."""
+    by_length = sorted(range(len(sequences)), key=lambda i: _length(sequences[i][1]))
+    for _, group in itertools.groupby(by_length, key=lambda i: _length(sequences[i][1])):
         members = list(group)
         room = _room(min(lanes_at_once(), len(members)))
         for own in (members[i : i + room] for i in range(0, len(members), room)):
-            states, lanes = (_stacked([chains[i][part] for i in own]) for part in (0, 1))
+            states, lanes = (_stacked([sequences[i][part] for i in own]) for part in (0, 1))
             yield Batch(states, lanes, room, own)
 
 
 def _room(count: int) -> int:
-    """The next multiple of the number of devices."""
+    """The count rounded up to a multiple of the number of devices."""
     devices = jax.local_device_count()
     return -(-count // devices) * devices
 
@@ -103,7 +103,7 @@ def _stacked(trees):
 def _computed(function, shared, batch: Batch, mesh: Mesh) -> Any:
     """The results of a batch, NumPy arrays (m, length, …)."""
     count = _length(batch.lanes)
-    filled = np.minimum(np.arange(batch.room), count - 1)  # behind the end stands the last one again
+    filled = np.minimum(np.arange(batch.room), count - 1)  # pad with copies of the last sequence
     along = NamedSharding(mesh, PartitionSpec("lanes"))
     states, lanes = jax.tree.map(
         lambda leaf: jax.device_put(np.asarray(leaf)[filled], along), (batch.states, batch.lanes)
@@ -120,12 +120,12 @@ def _together(function: Callable, shared, states, lanes, mesh: Mesh):
     def share(arrays, states, lanes):
         whole = eqx.combine(arrays, fixed)
 
-        def chain(state, lanes):
+        def sequence(state, lanes):
             return jax.lax.scan(lambda state, lane: function(whole, state, lane), state, lanes)[1]
 
-        return jax.vmap(chain)(states, lanes)
+        return jax.vmap(sequence)(states, lanes)
 
-    # Each device runs loops of its own, and waits for no other.
+    # Each device runs its own loops without synchronisation.
     return jax.shard_map(share, mesh=mesh, in_specs=(everywhere, across, across), out_specs=across, check_vma=False)(
         arrays, states, lanes
     )

@@ -1,8 +1,8 @@
-"""The host: it calls the compiled loop until a run has reached its end.
+"""The host's driver: it calls the compiled loop until a run has reached its end.
 
-Eager, the host calls the compiled `advance` again and again with a budget of attempts that takes about a third
-of a second: between two calls there is room for progress, Ctrl-C and checks, and nothing computed is lost.
-Traced (under jit, vmap, grad) it is called once.
+Outside of transformations the compiled `advance` is called repeatedly, each time with a budget of step attempts chosen
+so that a call takes about SECONDS_PER_CALL. Between calls the host reports progress, handles Ctrl-C and checks the run.
+Under a transformation (jit, vmap, grad) the loop is called once.
 """
 
 import functools
@@ -28,18 +28,18 @@ from .checkpoints import Part
 from .paces import Pace, Rates, given_up, rates_of
 from .reporting import reporter
 
-__all__ = ["Outcome", "drive", "once", "restart", "sealed", "start"]
+__all__ = ["Outcome", "drive", "once", "rates_at", "restart", "sealed", "start"]
 
 FOREVER = 2**31 - 1
 SECONDS_PER_CALL = 0.3
-FIRST, FEWEST, MOST = 2000, 100, 10**8  # attempts in a call …
-MOST_FASTER = 64.0  # … and how many times as many the next call may have
-SHORT = np.int32(STATUS.max_steps)  # the verdict on a run whose attempts are spent
+FIRST, FEWEST, MOST = 2000, 100, 10**8  # attempts in the first call; least and most in a later call
+MOST_FASTER = 64.0  # largest factor from one call's attempts to the next call's
+SHORT = np.int32(STATUS.max_steps)  # status of a run whose attempts are spent
 
 
 @compiled(lambda problem, plan, t0, x0, frame, mode, interval: frame.shape[-1], hands_on=True)
 def start(problem: Problem, plan: Plan, t0, x0, frame, mode, interval) -> LoopState:
-    """The loop's state at its start; x0 (n,), or (m, n) where the plan is batched."""
+    """The initial state of the loop; x0 (n,), or (m, n) if the plan is batched."""
 
     def one(x, frame):
         settings = settings_of(problem, plan, t0, x)
@@ -58,7 +58,7 @@ def _loop(problem: Problem, plan: Plan, loop_state: LoopState, ends, last_jumps,
 
     if not plan.batched:
         return one(loop_state)
-    # On a CPU one lane after the other keeps real branches; a vmap of them would compute every case for all.
+    # On a CPU lanes run one after another, so that branches are real; under vmap every lane would compute all branches.
     if jax.default_backend() == "cpu":
         return jax.lax.map(one, loop_state)
     return jax.vmap(one)(loop_state)
@@ -74,20 +74,20 @@ _advance = compiled(
 
 @compiled(hands_on=True)
 def restart(loop_state: LoopState, observer: Observer | None = None, batched: bool = False) -> LoopState:
-    """`states.restart`, of one loop's state or of several."""
+    """`states.restart` for the state of one run or of several."""
     one = functools.partial(states.restart, observer=observer)
     return jax.vmap(one)(loop_state) if batched else one(loop_state)
 
 
 class Outcome(NamedTuple):
-    """Where a run ended, and its records."""
+    """The final state of a run and its block records."""
 
     loop_state: LoopState
-    records: Any  # states.Record with leading axes ([m,] blocks)
+    records: Any  # states.BlockRecord with leading axes ([m,] blocks)
     status: Any
     interrupted: bool
-    logs: tuple = ()  # of events, to be joined
-    why: str = ""  # a run has stalled, in words
+    logs: tuple = ()  # event logs of successive calls
+    why: str = ""  # the reason, in words, if a run has stalled
 
 
 def drive(
@@ -101,18 +101,18 @@ def drive(
     interrupted: bool = False,
     part: Part | None = None,
 ) -> Outcome:
-    """Run all blocks: in one call where traced, else call by call.
+    """Run all blocks: in one call under a transformation, otherwise in several calls.
 
     Args:
-        problem: what.
+        problem: what is computed.
         plan: how.
-        loop_state: from `start`, or `restart` of an earlier outcome's.
-        ends: (blocks,) of the blocks, in time since the run began.
+        loop_state: from `start`, or from `restart` of an earlier outcome's state.
+        ends: (blocks,) end of each block, in time since the run began.
         last_jumps: (blocks,) number of jumps that ends each block; ignored unless plan.count_jumps.
-        max_steps: most attempts; None: no limit, but a run that gets nowhere ends as stalled.
+        max_steps: most step attempts; None: no limit, but a run without progress ends with the status stalled.
         progress: None, True for a bar, or a function of the fraction done.
-        interrupted: before it began: nothing is computed.
-        part: where it is kept on disk; of a run that has no log of events.
+        interrupted: whether the run was interrupted before it began; then nothing is computed.
+        part: its part of a checkpoint on disk; only for runs without an event log.
     """
     limit = 0 if interrupted else FOREVER if max_steps is None else max_steps
     leaves = jax.tree.leaves((loop_state, problem, ends, last_jumps))
@@ -165,17 +165,22 @@ def drive(
 
 
 def _rates(problem: Problem, loop_state: LoopState, run: int) -> Rates | None:
-    """How fast things change where a run stands; None where no field says it."""
+    """The `Rates` at the present state of a run; None where they are not known."""
     carry, several = loop_state.carry, loop_state.carry.x.ndim == 2
-    if problem.method is None:
-        return None
     t, x, mode = (
         np.asarray(leaf)[run] if several and np.ndim(leaf) else np.asarray(leaf)
         for leaf in (loop_state.base[..., 0] + carry.s, carry.x, mode_of(carry, np))
     )
+    return rates_at(problem, t, x, mode)
+
+
+def rates_at(problem: Problem, t, x, mode) -> Rates | None:
+    """The `Rates` at a point; None where there is no vector field, or no derivative of it."""
+    if problem.method is None:
+        return None
     try:
         return Rates(*map(float, _rates_at(problem, t, x, mode)))
-    except Exception:  # a callback has no derivative: then nothing is known
+    except Exception:  # for example a callback, which has no derivative
         return None
 
 
@@ -189,22 +194,22 @@ def _rates_at(problem: Problem, t, x, mode):
 def once(
     problem: Problem, plan: Plan, loop_state: LoopState, ends, last_jumps, budget
 ) -> tuple[LoopState, states.BlockRecord]:
-    """So many attempts: the compiled loop."""
+    """One call of the compiled loop with a budget of step attempts."""
     return _advance(problem, plan, loop_state, ends, last_jumps, budget)
 
 
 def sealed(outcome: Outcome) -> LoopState:
-    """The loop's state of an outcome that did not reach its end stays where it is, with its verdict."""
+    """The loop's state of an outcome with its status stored in it, so that an unfinished run does not go on."""
     loop_state = outcome.loop_state
     return loop_state._replace(carry=loop_state.carry._replace(status=outcome.status))
 
 
 def _drain(loop_state: LoopState, logs: list) -> LoopState:
-    """Take the events out of the log: a run pauses where it is full."""
+    """Copy the events out of the log and empty it; the loop pauses when the log is full."""
     log = loop_state.carry.log
     if log is None:
         return loop_state
-    # NumPy's, for JAX would compile a slice for every number of events.
+    # With NumPy, because JAX would compile a slice for every number of events.
     logs.append(jax.tree.map(lambda leaf, upto=int(log.count): np.array(leaf)[:upto], log._replace(count=None)))
     emptied = log._replace(count=jnp.zeros_like(log.count))
     return loop_state._replace(carry=loop_state.carry._replace(log=emptied))
@@ -215,15 +220,15 @@ def _finished(loop_state: LoopState, blocks: int) -> bool:
     return not bool(np.any(running & (np.asarray(loop_state.block) < blocks)))
 
 
-@compiled()
 def _verdict(loop_state: LoopState, ends, otherwise):
-    """The status; where a run goes on still, though blocks are left, that of what has ended it."""
-    short = (loop_state.carry.status == RUNNING) & (loop_state.block < ends.shape[0])
-    return jnp.where(short, otherwise, loop_state.carry.status)
+    """The status of a run; `otherwise` if it is still running and blocks are left."""
+    xp = jnp if traced(loop_state.carry.status) else np
+    status, block = xp.asarray(loop_state.carry.status), xp.asarray(loop_state.block)
+    return xp.where((status == RUNNING) & (block < ends.shape[0]), otherwise, status)
 
 
 def _merge(old, new):
-    """Records of an earlier call, overwritten where a later call finished a block; on the host: nothing to compile."""
+    """Records of an earlier call, overwritten for blocks finished by the later call; in NumPy, without compiling."""
     finished = np.asarray(new.valid)
 
     def leaf(a, b):

@@ -1,12 +1,12 @@
 """Lanes: many runs of one compiled function.
 
-On a CPU one lane follows the other, so that a branch that is not taken costs nothing (under `vmap` every lane computes
-all of them: 9 to 17 times as long), and each thread has lanes of its own. Where lanes seldom part, as those of flows
-without events, as many go at once as the vectors of the CPU hold. On accelerators they go side by side: `devices`.
+On a CPU each thread runs its lanes one after another, so that a branch that is not taken costs nothing (under `vmap`
+every lane would compute all branches). Where lanes rarely take different branches, as in flows without events, as many
+run at once as a vector register holds. On accelerators lanes run in parallel, see `devices`.
 
-A *chain* is a sequence of lanes in which each may begin where the one before has ended. Chains are cut into pieces
-that take about a third of a second: between two there is room for progress and Ctrl-C. How they are cut, and which
-thread takes which, changes no result: each lane is computed alone, by the same compiled loop.
+In a *sequence* of lanes each may start from the final state of the one before. Sequences are divided into
+pieces that take about SECONDS_PER_CALL; between pieces the host reports progress and handles Ctrl-C. The division and
+the assignment to threads change no result: each lane is computed independently by the same compiled loop.
 """
 
 import concurrent.futures
@@ -28,9 +28,9 @@ from ..._jax.engines import compiled
 from . import devices
 from .reporting import reporter
 
-__all__ = ["Program", "map_lanes", "run_chains", "short_chains"]
+__all__ = ["Program", "map_lanes", "run_sequences", "short_sequences"]
 
-ROOM = 64  # lanes in one compiled call at most
+ROOM = 64  # most lanes in one compiled call
 SECONDS_PER_CALL = 0.3
 
 
@@ -39,30 +39,30 @@ def map_lanes(function: Callable, shared: Any, lanes: Any, *, progress: Any = No
 
     Args:
         function: ``(shared, lane) -> result``, pytrees of arrays; a lane that fails says so in its result.
-        shared: what all lanes see: arrays are traced, everything else is static.
-        lanes: pytree of arrays (m, …), one row a lane.
+        shared: arguments common to all lanes: arrays are traced, everything else is static.
+        lanes: pytree of arrays (m, …), one row per lane.
         progress: None, True for a bar, or a function of the fraction done.
         threads: None: one for each processor.
 
     Returns:
-        The results, NumPy arrays (m, …), and (m,) which of them were computed: all, but after Ctrl-C.
+        The results, NumPy arrays (m, …), and (m,) bool, which of them were computed: all, except after Ctrl-C.
     """
-    chains = short_chains((), lanes, threads)
-    results, done = run_chains(_Alone(function), shared, chains, progress=progress, threads=threads)
+    sequences = short_sequences((), lanes, threads)
+    results, done = run_sequences(_Alone(function), shared, sequences, progress=progress, threads=threads)
     return jax.tree.map(lambda *parts: np.concatenate(parts), *results), np.concatenate(done)
 
 
-def short_chains(state: Any, lanes: Any, threads: int | None = None) -> list[tuple[Any, Any]]:
-    """Lanes that do not depend on each other, as chains between which threads can share the work."""
+def short_sequences(state: Any, lanes: Any, threads: int | None = None) -> list[tuple[Any, Any]]:
+    """Divide independent lanes into sequences, so that threads can share the work."""
     count = len(jax.tree.leaves(lanes)[0])
     size = max(1, min(ROOM, count // (4 * _threads(threads))))
-    if devices.are_wanted():  # there lanes that begin alike are one batch, and chains go side by side
+    if devices.are_wanted():  # lanes without a state are one batch; sequences run in parallel
         size = 1 if jax.tree.leaves(state) else devices.lanes_at_once()
     return [(state, _rows(lanes, first, first + size)) for first in range(0, count, size)]
 
 
 class _Alone(eqx.Module):
-    """A function of a lane as one that hands nothing on."""
+    """A function (shared, lane) -> result in the form for sequences, with an unchanged state."""
 
     function: Callable
 
@@ -70,36 +70,36 @@ class _Alone(eqx.Module):
         return state, self.function(shared, lane)
 
 
-def run_chains(
+def run_sequences(
     function: Callable,
     shared: Any,
-    chains: Sequence[tuple[Any, Any]],
+    sequences: Sequence[tuple[Any, Any]],
     *,
     progress: Any = None,
     threads: int | None = None,
     finished: Callable[[int, Any], None] | None = None,
     program: "Program | None" = None,
 ) -> tuple[list, list]:
-    """Run chains of lanes; those that are given first begin first.
+    """Run sequences of lanes; they are started in the order in which they are given.
 
     Args:
         function: ``(shared, state, lane) -> (state, result)``, pytrees of arrays.
-        shared: what all lanes see: arrays are traced, everything else is static.
-        chains: (state before the first lane, lanes): a lane's arrays have a leading axis, as long as the chain is.
+        shared: arguments common to all lanes: arrays are traced, everything else is static.
+        sequences: (state before the first lane, lanes) each; arrays of the lanes have a leading axis (length,).
         progress: None, True for a bar, or a function of the fraction done.
         threads: None: one for each processor.
-        finished: ``(index, results)`` takes what has come out of a chain as soon as all of it has, one after the other;
-            it is not kept then.
-        program: the function compiled before, for the same shared values and lanes of the same shapes.
+        finished: ``(index, results)`` is called for each sequence as soon as it is complete, one call at a time; its
+            results are then not stored.
+        program: the function compiled earlier, for the same shared values and lanes of the same shapes.
 
     Returns:
-        For each chain the results, NumPy arrays with the leading axis of its lanes, and which of them were computed.
+        For each sequence the results, NumPy arrays with the leading axis of its lanes, and which of them were computed.
     """
     if devices.are_wanted():
-        return devices.run_on_devices(function, shared, chains, progress, finished)
-    pool = _Pool(program or Program(function, shared, chains[0]), chains, progress, finished)
+        return devices.run_on_devices(function, shared, sequences, progress, finished)
+    pool = _Pool(program or Program(function, shared, sequences[0]), sequences, progress, finished)
     with concurrent.futures.ThreadPoolExecutor(_threads(threads)) as executor:
-        running = [executor.submit(pool.run, i) for i in range(len(chains))]
+        running = [executor.submit(pool.run, i) for i in range(len(sequences))]
         try:
             while concurrent.futures.wait(running, 0.1, concurrent.futures.FIRST_EXCEPTION).not_done:
                 pool.hand_over()
@@ -128,13 +128,13 @@ def _rows(tree, first, last):
     return jax.tree.map(lambda leaf: np.asarray(leaf)[first:last], tree)
 
 
-def _length(chain) -> int:
-    return len(jax.tree.leaves(chain[1])[0])
+def _length(sequence) -> int:
+    return len(jax.tree.leaves(sequence[1])[0])
 
 
 @compiled(in_pieces=True)
 def _piece(function: Callable, shared, state, lanes, count):
-    """The first `count` lanes of so many."""
+    """Run the first `count` of the lanes (ROOM, …); returns (state, results)."""
     shapes = eqx.filter_eval_shape(function, shared, state, _lane(lanes, 0))[1]
     room = len(jax.tree.leaves(lanes)[0])
     empty = jax.tree.map(lambda leaf: jnp.zeros((room, *leaf.shape), leaf.dtype), shapes)
@@ -149,7 +149,7 @@ def _piece(function: Callable, shared, state, lanes, count):
 
 @compiled()
 def _one(function: Callable, shared, state, lane):
-    """One lane."""
+    """Run one lane; returns (state, result)."""
     return function(shared, state, lane)
 
 
@@ -158,14 +158,14 @@ def _lane(lanes, i):
 
 
 class Program:
-    """A function of lanes, compiled once, and not in a thread, where JAX's own settings are the global ones."""
+    """A function of lanes, compiled once, in the calling thread, whose JAX settings do not hold in others."""
 
-    def __init__(self, function: Callable, shared: Any, chain: tuple[Any, Any]):
-        state, lanes = chain
+    def __init__(self, function: Callable, shared: Any, sequence: tuple[Any, Any]):
+        state, lanes = sequence
         self.fixed = function, shared
         operands = _arrays(state), _full(lanes, 0), np.int32(0)
         one = *self.fixed, operands[0], _arrays(_lane(operands[1], 0))
-        # Where a lane begins where another has ended, the two cannot go at once.
+        # Lanes that start from the final state of another lane cannot run at once.
         side_by_side = None if jax.tree.leaves(state) else _one.side_by_side(*one)
         self.at_once = 1 if side_by_side is None else side_by_side.lanes
         if side_by_side is None:
@@ -177,30 +177,30 @@ class Program:
 
 
 class _Pool:
-    """The pieces of all chains, and what has come out of them."""
+    """The pieces of all sequences and their results; shared by the threads."""
 
-    def __init__(self, program, chains, progress, finished):
-        self.program, self.chains, self.finished = program, chains, finished
+    def __init__(self, program, sequences, progress, finished):
+        self.program, self.sequences, self.finished = program, sequences, finished
         self.report, self.wide = reporter(progress), bool(jax.config.read("jax_enable_x64"))
         self.complete: queue.SimpleQueue[int] = queue.SimpleQueue()
-        self.lanes = sum(map(_length, chains))
-        self.done = [np.zeros(_length(chain), bool) for chain in chains]
+        self.lanes = sum(map(_length, sequences))
+        self.done = [np.zeros(_length(sequence), bool) for sequence in sequences]
         self.ready, self.stopped, self.size, self.lock = 0, False, 1.0, threading.Lock()
-        self.results: list[Any] = [None] * len(chains)
+        self.results: list[Any] = [None] * len(sequences)
 
     @property
     def fraction(self) -> float:
         return self.ready / self.lanes
 
     def hand_over(self) -> None:
-        """What is complete, to whoever asked for it."""
+        """Pass complete sequences to `finished`."""
         while self.finished is not None and not self.complete.empty():
             index = self.complete.get()
             results, self.results[index] = self.results[index], None
             self.finished(index, results)
 
     def kept(self) -> list:
-        """The results of all chains; room where none were computed."""
+        """The results of all sequences; zeros where none were computed."""
         if self.finished is not None:
             return self.results
         return [
@@ -209,20 +209,20 @@ class _Pool:
         ]
 
     def run(self, index: int) -> None:
-        """One chain, with the precision of the thread that asked."""
+        """Run one sequence with the precision (x64) of the calling thread."""
         with jax.enable_x64(self.wide):
             self._pieces(index)
 
     def _pieces(self, index: int) -> None:
-        """One chain, piece after piece."""
-        state, lanes = self.chains[index]
+        """Run the pieces of one sequence in turn."""
+        state, lanes = self.sequences[index]
         self.results[index] = _blank(self.program.empty, self.done[index])
-        state, first, length = _arrays(state), 0, _length(self.chains[index])
+        state, first, length = _arrays(state), 0, _length(self.sequences[index])
         while first < length and not self.stopped:
             at_once = self.program.at_once
             count = min(length - first, ROOM, at_once * max(1, int(self.size / at_once)))
             clock = time.perf_counter()
-            whole = -(-count // at_once) * at_once  # the last vector is full in any case
+            whole = -(-count // at_once) * at_once  # rounded up to full vectors
             state, results = self.program.run(state, _full(lanes, first), np.int32(whole))
             results = jax.tree.map(np.asarray, results)
             seconds = time.perf_counter() - clock
@@ -238,17 +238,17 @@ class _Pool:
 
 
 def _blank(like, done):
-    """Room for the results of one chain."""
+    """Arrays of zeros for the results of one sequence."""
     return jax.tree.map(lambda leaf: np.zeros((len(done), *leaf.shape[1:]), leaf.dtype), like)
 
 
 def _arrays(tree):
-    """As a compiled call returns them, so that what goes in is always of one kind."""
+    """JAX arrays, the type that a compiled call returns, so that all calls have arguments of the same type."""
     return jax.tree.map(jnp.asarray, tree)
 
 
 def _full(lanes, first):
-    """Rows from `first` on, so many as one call takes; behind the end stands the last one again, not to be run."""
+    """ROOM rows starting at `first`, padded with copies of the last row, which are not run."""
 
     def rows(leaf):
         leaf = np.asarray(leaf)

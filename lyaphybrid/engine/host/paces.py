@@ -1,8 +1,9 @@
-"""The pace of a run: whether it will reach its end, or makes many tiny steps and gets nowhere.
+"""The pace of a run: whether it will reach its end, or makes many tiny steps without progress.
 
-The host asks now and then. A run is given up where nothing moved, or where the rest would take far
-too many attempts and the steps are no steps of a smooth motion: these are about as long as 1/‖Df‖, whatever the
-tolerances; across a jump of the field they are a million times shorter. Who gives `max_steps` decides alone.
+The host checks from time to time. A run is stopped if the time did not move, or if the rest would need far too many
+attempts and the steps are not those of a smooth motion. Steps of a smooth motion are about as long as 1/‖Df‖, for all
+tolerances; at a discontinuity of the vector field they are shorter by many orders of magnitude. If the user gives
+`max_steps`, nothing is checked.
 """
 
 import time
@@ -15,39 +16,39 @@ import numpy as np
 from ...statuses import STATUS
 from ..states import LoopState
 
-__all__ = ["WINDOW", "Pace", "Rates", "given_up", "rates_of"]
+__all__ = ["WINDOW", "Pace", "Rates", "given_up", "rates_of", "why_stalled"]
 
-WINDOW = 1_000_000  # attempts between two looks …
-SLOW, SECONDS = 10_000, 5.0  # … or where they are slow, so many at least, and so long
-LONG, ENDLESS = 3e9, 1e12  # attempts: of minutes to an hour, and of days to weeks
-SMOOTH = 1e-5  # steps shorter than this part of 1/‖Df‖ are no steps of a smooth motion
-STIFF = 1e-4  # a motion slower than this part of ‖Df‖ is held by something much faster
+WINDOW = 1_000_000  # attempts between two checks
+SLOW, SECONDS = 10_000, 5.0  # a check is made earlier after this many attempts and seconds
+LONG, ENDLESS = 3e9, 1e12  # remaining attempts from which a run is examined, and from which it is stopped
+SMOOTH = 1e-5  # steps of a smooth motion are longer than this times 1/‖Df‖
+STIFF = 1e-4  # a motion slower than this times ‖Df‖ is stiff
 
 
 class Rates(NamedTuple):
-    """How fast things change where a run stands."""
+    """Rates of change (1/time) at the present state of a run."""
 
     field: float  # ‖Df‖, or |∂f/∂t|/|f| where that is larger
     motion: float  # |df/dt| / |f| along the motion
 
 
 class Reading(NamedTuple):
-    """What a run has reached: (m,) each, or scalars."""
+    """Time and number of jumps that the runs have reached, (m,) each."""
 
     time: np.ndarray
     jumps: np.ndarray
 
 
 class Pace:
-    """Follows a run, or several, from window to window."""
+    """Compares the progress of one run or several from one check to the next."""
 
     def __init__(self, loop_state: LoopState, given: int, end, last_jump, count_jumps: bool):
         self.end, self.last_jump, self.count_jumps = float(end), float(last_jump), count_jumps
         self.before, self.given = _reading(loop_state), given
-        self.attempts, self.since = 0, time.perf_counter()  # since the last look
+        self.attempts, self.since = 0, time.perf_counter()  # since the last check
 
     def look(self, loop_state: LoopState, given: int, rates) -> dict[int, str]:
-        """The runs that have stalled, and why; `rates(run)` gives `Rates`, or None where there are none."""
+        """The runs that have stalled, with the reason; `rates(run)` returns `Rates`, or None if unknown."""
         self.attempts = given - self.given
         slow = self.attempts >= SLOW and time.perf_counter() - self.since >= SECONDS
         if self.attempts < WINDOW and not slow:
@@ -68,24 +69,36 @@ class Pace:
         return found
 
     def _why(self, moved, jumped, reached, jumps, rates) -> str:
-        if moved == 0 and (jumped == 0 or not self.count_jumps):
-            return "the time stands still. Is the field, or a guard, undefined or discontinuous just beyond?"
         ahead = self.attempts * (self.end - reached) / moved if moved > 0 else np.inf
         if self.count_jumps:
             ahead = min(ahead, self.attempts * (self.last_jump - jumps) / jumped if jumped else np.inf)
-        if ahead <= LONG or np.isinf(ahead):  # a run that waits for a jump ends by itself (`waiting`)
-            return ""
-        there, left = rates(), f"the rest would take {ahead:.1e} more"
-        if there is not None and moved / self.attempts * there.field < SMOOTH:
-            return (
-                f"{left}. Such short steps are those of a field or a guard that is not smooth here (where, sign, mod, "
-                "floor, an impure function), or of jumps that follow each other: give each smooth piece a mode."
-            )
-        if there is not None and 0 < there.motion < STIFF * there.field:
-            return f"{left}. The flow is stiff here, ‖Df‖ = {there.field:.2g}: use lh.Diffrax(diffrax.Kvaerno5())."
-        if ahead > ENDLESS:
-            return f"{left}. Is t1 in the unit of the system's time? max_steps=… goes on all the same."
+        return why_stalled(self.attempts, moved, ahead, rates)
+
+
+def why_stalled(attempts, moved, ahead, rates) -> str:
+    """The reason, in words, why a run is stopped as stalled; empty if it is not.
+
+    Args:
+        attempts: step attempts since the last check.
+        moved: the time that passed in them.
+        ahead: estimated number of attempts for the rest of the run; inf if unknown.
+        rates: () -> `Rates` at the present state, or None if unknown.
+    """
+    if moved == 0 and np.isinf(ahead):
+        return "the time stands still. Is the field, or a guard, undefined or discontinuous just beyond?"
+    if ahead <= LONG or np.isinf(ahead):  # a run that waits for a jump ends by itself (`waiting`)
         return ""
+    there, left = rates(), f"the rest would take {ahead:.1e} more"
+    if there is not None and moved / attempts * there.field < SMOOTH:
+        return (
+            f"{left}. Such short steps are those of a field or a guard that is not smooth here (where, sign, mod, "
+            "floor, an impure function), or of jumps that follow each other: give each smooth piece a mode."
+        )
+    if there is not None and 0 < there.motion < STIFF * there.field:
+        return f"{left}. The flow is stiff here, ‖Df‖ = {there.field:.2g}: use lh.Diffrax(diffrax.Kvaerno5())."
+    if ahead > ENDLESS:
+        return f"{left}. Is t1 in the unit of the system's time? max_steps=… goes on all the same."
+    return ""
 
 
 def _reading(loop_state: LoopState) -> Reading:
@@ -94,7 +107,7 @@ def _reading(loop_state: LoopState) -> Reading:
 
 
 def given_up(loop_state: LoopState, stalled: dict[int, str]) -> tuple[LoopState, str]:
-    """The loop's state with the runs ended that have stalled; and why the first of them did."""
+    """The loop's state in which stalled runs have ended, and the reason for the first of them."""
     if not stalled:
         return loop_state, ""
     status = np.array(loop_state.carry.status)
@@ -103,7 +116,7 @@ def given_up(loop_state: LoopState, stalled: dict[int, str]) -> tuple[LoopState,
 
 
 def rates_of(field, t, x) -> tuple[Any, Any]:
-    """`Rates`, as arrays, of a field (t, x) -> dx/dt."""
+    """The fields of `Rates`, as arrays, for a vector field (t, x) -> dx/dt."""
     f, acceleration = jax.jvp(field, (t, x), (jnp.ones_like(t), field(t, x)))
     _, along = jax.jvp(lambda t: field(t, x), (t,), (jnp.ones_like(t),))
     speed = jnp.max(jnp.abs(f))

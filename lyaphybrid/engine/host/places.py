@@ -1,4 +1,4 @@
-"""Where runs stand, in words: for messages of what has ended before its time."""
+"""The present state of runs in words, for messages about runs that ended early."""
 
 from typing import Any, NamedTuple
 
@@ -10,11 +10,11 @@ from ..states import LoopState
 
 __all__ = ["Place", "account", "place_of"]
 
-SHOWN = 6  # components of a state that are written out
+SHOWN = 6  # most components of a state that are printed
 
 
 class Place(NamedTuple):
-    """Where one run stands, or where several do (leading axis m)."""
+    """Time, state and mode of one run, or of several (leading axis m)."""
 
     t: Any
     x: Any  # (n,)
@@ -23,11 +23,11 @@ class Place(NamedTuple):
 
     @classmethod
     def of(cls, t, x, mode, names: tuple[str, ...]) -> "Place":
-        """From arrays of any kind; one mode may be that of several runs."""
+        """From arrays of any kind; a scalar mode holds for all runs."""
         return cls(np.asarray(t), np.asarray(x), np.broadcast_to(np.asarray(mode), np.shape(t)), names)
 
     def of_run(self, run: int) -> "Place":
-        """That of one run among several."""
+        """The place of one run among several."""
         return Place(self.t[run], self.x[run], self.mode[run], self.names)
 
     def __str__(self) -> str:
@@ -40,20 +40,20 @@ class Place(NamedTuple):
 
 
 def place_of(loop_state: LoopState, system) -> Place:
-    """Where a loop's state stands, within its block too."""
+    """The place of a loop's state."""
     carry = loop_state.carry
     t = loop_state.base[..., 0] + loop_state.base[..., 1] + carry.s
     return Place.of(t, carry.x, mode_of(carry, np), mode_names(system))
 
 
 def account(codes, place: Place, accumulation: Any = None, why: str = "") -> str:
-    """Where a run stood when it failed; of several runs, where the first one with the gravest verdict did.
+    """A message with the place where a run failed; of several runs, that of the first with the gravest status.
 
     Args:
-        codes: the status, or those of several runs (m,).
-        place: where each stands.
-        accumulation: the time at which its events seem to accumulate; nan where that is not known.
-        why: what is known besides of a run that has stalled.
+        codes: the status code, or those of several runs (m,).
+        place: of each run.
+        accumulation: the time at which its events seem to accumulate; nan if unknown.
+        why: the reason, if a run has stalled.
     """
     codes = np.asarray(codes)
     if codes.ndim == 0:

@@ -6,7 +6,10 @@ __all__ = ["reporter"]
 
 
 def reporter(progress, total: int = 100, unit: str = "%"):
-    """A function of the fraction done, None at the end, as `progress` says: None, True for a bar, or a function."""
+    """A function to call with the fraction done, and with None at the end.
+
+    `progress`: None for no report, True for a bar, or the user's function of the fraction done.
+    """
     if progress is None or progress is False:
         return lambda fraction: None
     if callable(progress):

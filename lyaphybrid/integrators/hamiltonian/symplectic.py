@@ -89,7 +89,7 @@ class Symplectic(Composition):
         self.scheme, self.dt = scheme, dt
 
     def require(self, field: Any, t, x) -> None:
-        """Raise where a field is not that of an `lh.Hamiltonian`, or its kinetic energy does not fit."""
+        """Raise a ValueError unless the field is that of an `lh.Hamiltonian` whose kinetic energy fits the scheme."""
         parts = separable(field, x, f"lh.Symplectic({self.scheme!r})")
         if SCHEMES[self.scheme].quadratic:
             parts.require_quadratic(field.args, halves(x)[1], f"lh.Symplectic({self.scheme!r})")
@@ -160,7 +160,7 @@ def with_columns(function: Callable, point: tuple) -> tuple:
 
 
 def separable(field: Any, x, name: str) -> Separable:
-    """The parts T and V of a field; a ValueError where it has none."""
+    """The parts T and V of a field; a ValueError if it is not that of an `lh.Hamiltonian`."""
     parts = field.field
     require(
         isinstance(parts, Separable),

@@ -104,22 +104,22 @@ class TangentHamiltonian(Composition):
 
     @property
     def rtol(self) -> Any:
-        """The orbit's."""
+        """That of the orbit's method."""
         return self.orbit.rtol
 
     @property
     def atol(self) -> Any:
-        """The orbit's."""
+        """That of the orbit's method."""
         return self.orbit.atol
 
     @property
     def error_order(self) -> int:
-        """The orbit's."""
+        """That of the orbit's method."""
         return self.orbit.error_order
 
     @property
     def controller(self) -> Controller:
-        """The orbit's."""
+        """That of the orbit's method."""
         return self.orbit.controller
 
     def loosened(self, least: float) -> "TangentHamiltonian":
@@ -175,11 +175,11 @@ class Form:
         self.parts, self.args, (self.q, self.p) = field.field, field.args, halves(point)
 
     def stiffness(self, dq):
-        """D²V δq."""
+        """The columns D²V δq (m, k)."""
         return each_column(lambda dq: jax.jvp(lambda q: -self.parts.force(q, self.args), (self.q,), (dq,))[1], dq)
 
     def velocity(self, dp):
-        """T'' δp."""
+        """The columns T'' δp (m, k)."""
         return each_column(lambda dp: jax.jvp(lambda p: self.parts.velocity(p, self.args), (self.p,), (dp,))[1], dp)
 
     def bracket(self, dq):
@@ -248,7 +248,7 @@ def _by_series(z):
 
 
 def _by_functions(z):
-    """Hyperbolic where z is negative."""
+    """The same by cos and sin for z > 0, and by cosh and sinh for z < 0."""
     small = jnp.abs(z) < 1e-8
     root = jnp.sqrt(jnp.where(small, 1.0, jnp.abs(z)))
     c = jnp.where(z > 0, jnp.cos(root), jnp.cosh(root))

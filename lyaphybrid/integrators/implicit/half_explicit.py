@@ -17,13 +17,13 @@ import numpy as np
 
 from ..._arguments import require
 from ..._jax.columns import linear_at
-from ..._linalg.linear_systems import product
+from ..._linalg.linear_systems import matmul
 from ...systems.daes.eliminations import Eliminated
 from ...systems.daes.points import solved
 from ...systems.daes.semi_linear import parts_of
 from ..base import Field, Step, Tangent
 from ..divergences import quadrature
-from ..runge_kutta import TABLEAUX, Tableau, along, summed, tabulated, through, times_of, weighed
+from ..runge_kutta import TABLEAUX, Tableau, along, summed, tabulated, through, times_of_stages, weighed
 from .implicit_tableaux import IMPLICIT
 from .linearised import linearised
 from .on_constraints import OnConstraints, check_control
@@ -70,27 +70,33 @@ class StageByStage(OnConstraints):
         if self._is_direct(field):
             return self._directly(field, t, x, f, h)
         dae, args = parts_of(field, x.shape[0])
-        start, slope, lifts = dae.content(t, x, args), dae.slope(t, x, args), dae.lifts(t, x, args)
-        sign = lifts.sign
+        start, slope, inverse_blocks = (
+            dae.differential_part(t, x, args),
+            dae.slope(t, x, args),
+            dae.inverse_blocks(t, x, args),
+        )
+        sign = inverse_blocks.sign
 
         def stage(state, given):
-            point, lifts, slopes, last, same = state
+            point, inverse_blocks, slopes, last, same = state
             i, weights, at, share = given
             base = start + h * (weights @ slopes)
             ahead = base if share is None else base + share * last
-            guess = point + product(lifts.content, ahead - dae.content(at, point, args))
-            point, lifts = solved(dae, args, at, base, guess, self.rtol, share)
+            guess = point + matmul(inverse_blocks.differential_part, ahead - dae.differential_part(at, point, args))
+            point, inverse_blocks = solved(dae, args, at, base, guess, self.rtol, share)
             slope = dae.slope(at, point, args)
             # If det Ē changes its sign, the step has crossed a singular point and must be rejected.
-            same = same & ((lifts.sign == sign) if share is None else True)
-            return (point, lifts, slopes.at[i].set(slope), slope, same), point
+            same = same & ((inverse_blocks.sign == sign) if share is None else True)
+            return (point, inverse_blocks, slopes.at[i].set(slope), slope, same), point
 
         slopes = jnp.zeros((self.stage_count + 1, *slope.shape), slope.dtype).at[0].set(slope)
         given = jnp.arange(1, self.stage_count + 1), *self.stages(t, h)
-        (new, lifts, slopes, _, same), stage_points = jax.lax.scan(
-            stage, (x, lifts, slopes, slope, jnp.asarray(True)), given
+        (new, inverse_blocks, slopes, _, same), stage_points = jax.lax.scan(
+            stage, (x, inverse_blocks, slopes, slope, jnp.asarray(True)), given
         )
-        error = jnp.where(same, product(lifts.content, h * summed(self.table.errors[0], slopes)), jnp.inf)
+        error = jnp.where(
+            same, matmul(inverse_blocks.differential_part, h * summed(self.table.errors[0], slopes)), jnp.inf
+        )
         slope = field(t + h, new)
         return Step(
             new,
@@ -104,8 +110,10 @@ class StageByStage(OnConstraints):
     def _directly(self, field: Any, t, x, f, h) -> Step:
         """A step where the constraints are solved in closed form: the ordinary Runge–Kutta method for E₁ x."""
         dae = field.field
-        new, error, contents = self._of_content(dae, t, dae.content(t, x, None), h)
-        stage_points = (jnp.stack(contents[1:] if self.table.last_is_next else [*contents[1:], new]),)
+        new, error, differential_parts = self._of_content(dae, t, dae.differential_part(t, x, None), h)
+        stage_points = (
+            jnp.stack(differential_parts[1:] if self.table.last_is_next else [*differential_parts[1:], new]),
+        )
         x_new = jnp.stack(dae.components(t + h, new))
         error, slope = dae.raised(dae.sensitivity(t + h, x_new), error), field(t + h, x_new)
         return Step(
@@ -117,23 +125,25 @@ class StageByStage(OnConstraints):
             stage_points,
         )
 
-    def _of_content(self, dae: Eliminated, t, content, h):
+    def _of_content(self, dae: Eliminated, t, differential_part, h):
         """E₁ x (d,) after the step, its error estimate, and its values in all stages."""
         table, slope_of = (
             self.table,
             jax.jit(functools.partial(Eliminated.slope_of, dae)),
         )  # traced once, not in each stage
-        first, *later = (functools.partial(slope_of, time) for time in self.times(t, h))
-        points, slopes = through(table, content, h, first(content), later)
-        new = points[-1] if table.last_is_next else along(content, h, table.b, slopes)
+        first, *later = (functools.partial(slope_of, time) for time in self.stage_times(t, h))
+        points, slopes = through(table, differential_part, h, first(differential_part), later)
+        new = points[-1] if table.last_is_next else along(differential_part, h, table.b, slopes)
         return new, h * weighed(table.errors[0], slopes), list(points)
 
     def _tangent_directly(self, field: Any, t, x, h, frame, stage_points, new) -> Tangent:
         dae, table, slope_of = field.field, self.table, jax.jit(functools.partial(Eliminated.slope_of, field.field))
-        contents = [dae.content(t, x, None), *stage_points[: len(table.a), : dae.n_differential]]
-        nodes = zip(self.times(t, h), contents, strict=True)
-        first, *later = (linear_at(functools.partial(slope_of, time), content) for time, content in nodes)
-        change = dae.content(t, frame, None)
+        differential_parts = [dae.differential_part(t, x, None), *stage_points[: len(table.a), : dae.n_differential]]
+        nodes = zip(self.stage_times(t, h), differential_parts, strict=True)
+        first, *later = (
+            linear_at(functools.partial(slope_of, time), differential_part) for time, differential_part in nodes
+        )
+        change = dae.differential_part(t, frame, None)
         changes, slopes = through(table, change, h, first(change), later)
         moved = changes[-1] if table.last_is_next else along(change, h, table.b, slopes)
         errors = h * weighed(table.errors[0], slopes)
@@ -147,40 +157,40 @@ class StageByStage(OnConstraints):
         if self._is_direct(field):
             return self._tangent_directly(field, t, x, h, frame, stage_points, new)
         first = linearised(field, t, x)
-        start, slope = first.content(frame), first.slope(frame)
+        start, slope = first.differential_part(frame), first.slope(frame)
 
         def stage(state, given):
             _, _, slopes = state
             i, (weights, at, share), point = given
             here = linearised(field, at, point, share)
-            moved = product(here.lift, start + h * jnp.tensordot(weights, slopes, 1))
-            return (moved, here.lift, slopes.at[i].set(here.slope(moved))), None
+            moved = matmul(here.inverse_block, start + h * jnp.tensordot(weights, slopes, 1))
+            return (moved, here.inverse_block, slopes.at[i].set(here.slope(moved))), None
 
         slopes = jnp.zeros((self.stage_count + 1, *slope.shape), slope.dtype).at[0].set(slope)
         given = jnp.arange(1, self.stage_count + 1), self.stages(t, h), stage_points
-        (moved, lift, slopes), _ = jax.lax.scan(stage, (frame, first.lift, slopes), given)
-        errors = product(lift, h * summed(self.table.errors[0], slopes))
+        (moved, inverse_block, slopes), _ = jax.lax.scan(stage, (frame, first.inverse_block, slopes), given)
+        errors = matmul(inverse_block, h * summed(self.table.errors[0], slopes))
         return Tangent(new, moved, errors[None], self.nodes_of(field, t, h, x, (stage_points,)))
 
     def _on_the_way(self, field, t, x, h):
         done = self.step(field, t, x, field(t, x), h)
         return done.stage_points, done.x
 
-    def times(self, t, h) -> list:
+    def stage_times(self, t, h) -> list:
         """The times of the stages."""
-        return times_of(tuple(self.table.c), t, h)
+        return times_of_stages(tuple(self.table.c), t, h)
 
     def points_on(self, field, t, h, stage_points) -> list:
         """The stage points (n,); `stage_points` holds those of a direct step as E₁ x."""
         if not self._is_direct(field):
             return list(stage_points[0])
         point_of = jax.jit(lambda t, w: jnp.stack(field.field.components(t, w)))
-        times = [*self.times(t, h)[1:], t + h]
+        times = [*self.stage_times(t, h)[1:], t + h]
         return [point_of(at, w) for at, w in zip(times, stage_points[0][:, : field.field.n_differential], strict=False)]
 
     def nodes_of(self, field, t, h, x, stage_points):
         """Times and points of the stages."""
-        return self.times(t, h), [x, *self.points_on(field, t, h, stage_points)[: len(self.table.c)]]
+        return self.stage_times(t, h), [x, *self.points_on(field, t, h, stage_points)[: len(self.table.c)]]
 
     def divergence(self, field: Field, nodes, h):
         """∫ tr Df dt over the step by the weights b at the stages."""

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from ..._jax.columns import each_column, linear_at
-from ..._linalg.linear_systems import product, times
+from ..._linalg.linear_systems import matmul, sparse_matmul
 from ...systems.daes.eliminations import Eliminated
 from ...systems.daes.semi_linear import Constrained, is_constrained, parts_of
 
@@ -18,8 +18,8 @@ __all__ = ["Along", "linearised"]
 class Along(NamedTuple):
     """Linear functions of frames (n, k)."""
 
-    lift: Array  # (n, d), with lift E₁ Y = Y for columns Y tangent to the constraints
-    content: Callable  # Y ↦ E₁ Y
+    inverse_block: Array  # (n, d), with lift E₁ Y = Y for columns Y tangent to the constraints
+    differential_part: Callable  # Y ↦ E₁ Y
     slope: Callable  # Y ↦ (E₁ Y)' = E₁' Y + A₁ Y
     derivative: Callable  # Y ↦ Y' = Ē⁻¹ [A₁; −A₂'] Y
 
@@ -36,11 +36,11 @@ def linearised(field: Any, t, x: Array, share: Any = None) -> Along:
 
 
 def _along(dae: Constrained, args, t, x, share) -> Along:
-    lifts = dae.lifts(t, x, args, share)
+    inverse_blocks = dae.inverse_blocks(t, x, args, share)
     slope = linear_at(lambda x: dae.slope(t, x, args), x)
 
     def derivative(frame):
-        onwards = jnp.ones_like(t), dae.velocity(lifts, t, x, args)
+        onwards = jnp.ones_like(t), dae.velocity(inverse_blocks, t, x, args)
 
         def rates(dx):
             def below(t, x):  # A₂ dx
@@ -50,26 +50,28 @@ def _along(dae: Constrained, args, t, x, share) -> Along:
             return rate[: dae.n_differential], jax.jvp(below, (t, x), onwards)[1]
 
         differential, turning = each_column(rates, frame)
-        return product(lifts.content, differential) - product(lifts.constraint, turning)
+        return matmul(inverse_blocks.differential_part, differential) - matmul(inverse_blocks.constraint, turning)
 
-    return Along(lifts.content, lambda frame: times(dae.rows(t, args), frame), slope, derivative)
+    return Along(
+        inverse_blocks.differential_part, lambda frame: sparse_matmul(dae.rows(t, args), frame), slope, derivative
+    )
 
 
 def _along_content(dae: Eliminated, t, x) -> Along:
     """The same with d numbers per column: Q = [dw; L dw], dw' = D dw, and therefore Q' = [dw'; L dw' + L' dw]."""
-    w = dae.content(t, x, None)
+    w = dae.differential_part(t, x, None)
     onwards = jnp.ones_like(t), dae.slope_of(t, w)
     fall, turning = jax.jvp(lambda t, w: dae.sensitivity(t, jnp.stack(dae.components(t, w))), (t, w), onwards)
     slopes = jax.jacfwd(lambda w: dae.slope_of(t, w))(w)
 
-    def content(frame):
-        return dae.content(t, frame, None)
+    def differential_part(frame):
+        return dae.differential_part(t, frame, None)
 
     def slope(frame):
-        return product(slopes, content(frame))
+        return matmul(slopes, differential_part(frame))
 
     def derivative(frame):
         change = slope(frame)
-        return dae.put_together(change, product(fall, change) + product(turning, content(frame)))
+        return dae.put_together(change, matmul(fall, change) + matmul(turning, differential_part(frame)))
 
-    return Along(dae.raised(fall, jnp.eye(len(w), dtype=x.dtype)), content, slope, derivative)
+    return Along(dae.raised(fall, jnp.eye(len(w), dtype=x.dtype)), differential_part, slope, derivative)

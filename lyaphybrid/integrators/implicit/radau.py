@@ -17,9 +17,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..._jax.columns import linear_at
-from ..._linalg.linear_systems import inverse, product
+from ..._linalg.linear_systems import inverse, matmul
 from ...systems.daes.points import solved
-from ...systems.daes.semi_linear import Constrained, Lifts, parts_of
+from ...systems.daes.semi_linear import Constrained, InverseBlocks, parts_of
 from ..base import Field, Step, Tangent
 from ..divergences import quadrature
 from .linearised import linearised
@@ -51,19 +51,19 @@ class Together(eqx.Module):
     def _each(self, part, t, x, args):
         return jax.vmap(lambda t, x: part(t, x, args))(t, x.reshape(STAGES, -1))
 
-    def content(self, t, x, args):
-        """E₁ x of each stage."""
-        return self._each(self.dae.content, t, x, args).ravel()
+    def differential_part(self, t, x, args):
+        """The differential parts E₁ x of all stages (3 d,)."""
+        return self._each(self.dae.differential_part, t, x, args).ravel()
 
     def slope(self, t, x, args):
-        """Σ_j a_ij w'_j."""
+        """The sums Σ_j a_ij w'_j of all stages (3 d,)."""
         return (jnp.asarray(A, x.dtype) @ self._each(self.dae.slope, t, x, args)).ravel()
 
     def constraint(self, t, x, args):
-        """f₂ of each stage."""
+        """The constraints f₂ of all stages (3 (n − d),)."""
         return self._each(self.dae.constraint, t, x, args).ravel()
 
-    def lifts(self, t, x, args, share) -> Lifts:
+    def inverse_blocks(self, t, x, args, share) -> InverseBlocks:
         """The inverse of the Jacobian of all these equations; only a matrix (3 d, 3 d) is inverted.
 
         With Ē⁻¹ = [L K] in each stage, a Newton correction is δx_i = L_i u_i + K_i r_i, where s_i (d,) and r_i (n − d,)
@@ -73,17 +73,21 @@ class Together(eqx.Module):
         """
 
         def of_stage(t, x):
-            lifts = self.dae.lifts(t, x, args)
-            both = jnp.concatenate([lifts.content, lifts.constraint], axis=1)
-            return lifts.content, lifts.constraint, linear_at(lambda x: self.dae.slope(t, x, args), x)(both)
+            inverse_blocks = self.dae.inverse_blocks(t, x, args)
+            both = jnp.concatenate([inverse_blocks.differential_part, inverse_blocks.constraint], axis=1)
+            return (
+                inverse_blocks.differential_part,
+                inverse_blocks.constraint,
+                linear_at(lambda x: self.dae.slope(t, x, args), x)(both),
+            )
 
-        content, constraint, slopes = jax.vmap(of_stage)(t, x.reshape(STAGES, -1))
+        differential_part, constraint, slopes = jax.vmap(of_stage)(t, x.reshape(STAGES, -1))
         mixed = share * jnp.einsum("ij,jab->iajb", jnp.asarray(A, x.dtype), slopes)
         d, size = self.dae.n_differential, self.n_differential
         turned, sign = inverse(jnp.eye(size, dtype=x.dtype) - mixed[..., :d].reshape(size, size))
-        of_content = jnp.einsum("ina,iab->inb", content, turned.reshape(STAGES, d, size)).reshape(-1, size)
+        of_content = jnp.einsum("ina,iab->inb", differential_part, turned.reshape(STAGES, d, size)).reshape(-1, size)
         own = jnp.einsum("ij,inb->injb", jnp.eye(STAGES, dtype=x.dtype), constraint).reshape(x.size, -1)
-        return Lifts(of_content, own + product(of_content, mixed[..., d:].reshape(size, -1)), sign)
+        return InverseBlocks(of_content, own + matmul(of_content, mixed[..., d:].reshape(size, -1)), sign)
 
 
 class RadauIIA(OnConstraints):
@@ -123,22 +127,24 @@ class RadauIIA(OnConstraints):
         check_control(rtol, control)
         self.rtol, self.control = rtol, control
 
-    def times(self, t, h):
+    def stage_times(self, t, h):
         """The times of the stages (3,)."""
         return t + jnp.asarray(C, jnp.result_type(h)) * h
 
     def step(self, field: Field, t, x, f, h) -> Step:
         """One step over h from (t, x)."""
         dae, args = parts_of(field, x.shape[0])
-        at, start, slope = self.times(t, h), dae.content(t, x, args), dae.slope(t, x, args)
+        at, start, slope = self.stage_times(t, h), dae.differential_part(t, x, args), dae.slope(t, x, args)
         ahead = start[None] + jnp.outer(at - t, slope)
-        lifts = dae.lifts(t, x, args).content
-        guess = jax.vmap(lambda at, ahead: x + product(lifts, ahead - dae.content(at, x, args)))(at, ahead)
+        inverse_blocks = dae.inverse_blocks(t, x, args).differential_part
+        guess = jax.vmap(lambda at, ahead: x + matmul(inverse_blocks, ahead - dae.differential_part(at, x, args)))(
+            at, ahead
+        )
         points, _ = solved(Together(dae), args, at, jnp.tile(start, STAGES), guess.ravel(), self.rtol, h)
         points = points.reshape(STAGES, -1)
         new = points[-1]
-        beyond = jax.vmap(lambda at, x: dae.content(at, x, args))(at, points) - start[None]
-        error = product(dae.lifts(t, x, args, GAMMA * h).content, _estimate(h, slope, beyond))
+        beyond = jax.vmap(lambda at, x: dae.differential_part(at, x, args))(at, points) - start[None]
+        error = matmul(dae.inverse_blocks(t, x, args, GAMMA * h).differential_part, _estimate(h, slope, beyond))
         slope = field(t + h, new)
         return Step(new, slope, error[None], (x, f, new, slope, h), (at, points), (points,))
 
@@ -148,14 +154,14 @@ class RadauIIA(OnConstraints):
         if not stage_points:
             done = self.step(field, t, x, field(t, x), h)
             stage_points, new = done.stage_points, done.x
-        (points,), at = stage_points, self.times(t, h)
+        (points,), at = stage_points, self.stage_times(t, h)
         dae, args = parts_of(field, x.shape[0])
         here = linearised(field, t, x, GAMMA * h)
-        start = here.content(frame)
-        lifts = Together(dae).lifts(at, points.ravel(), args, h).content
-        stages = product(lifts, jnp.tile(start, (STAGES, 1))).reshape(STAGES, *frame.shape)
-        beyond = jax.vmap(lambda at, stage: dae.content(at, stage, args))(at, stages) - start[None]
-        errors = product(here.lift, _estimate(h, here.slope(frame), beyond))
+        start = here.differential_part(frame)
+        inverse_blocks = Together(dae).inverse_blocks(at, points.ravel(), args, h).differential_part
+        stages = matmul(inverse_blocks, jnp.tile(start, (STAGES, 1))).reshape(STAGES, *frame.shape)
+        beyond = jax.vmap(lambda at, stage: dae.differential_part(at, stage, args))(at, stages) - start[None]
+        errors = matmul(here.inverse_block, _estimate(h, here.slope(frame), beyond))
         return Tangent(new, stages[-1], errors[None], (at, points))
 
     def divergence(self, field: Field, nodes, h):

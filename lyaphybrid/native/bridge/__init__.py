@@ -1,1 +1,1 @@
-"""Compiled programs as JAX sees them."""
+"""The interface between compiled programs and JAX."""

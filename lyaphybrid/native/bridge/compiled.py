@@ -1,8 +1,9 @@
-"""A compiled program, called with NumPy's arrays."""
+"""A compiled program, called with NumPy arrays."""
 
 import ctypes
 import time
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import jax
 import numpy as np
@@ -16,7 +17,7 @@ from ..machine.collector import no_collector
 from ..machine.tiers import PATIENCE, Tiers, cost
 from .handler import handler
 
-EVENTS = "/lyaphybrid/native"  # what `jax.monitoring` is told of each program: …/lowering, …/LLVM
+EVENTS = "/lyaphybrid/native"  # prefix of the durations reported to `jax.monitoring`: …/lowering, …/LLVM
 
 
 class Compiled:
@@ -24,9 +25,9 @@ class Compiled:
 
     Attributes:
         program: the closed jaxpr.
-        plan: how it was compiled.
-        seconds: what lowering and LLVM took, with linking.
-        code: its machine code, which becomes better where it runs for long.
+        plan: the compiler options.
+        seconds: durations of lowering, and of LLVM with linking.
+        code: its machine code, replaced by optimised code if it runs for long.
     """
 
     def __init__(
@@ -41,15 +42,16 @@ class Compiled:
         plan: Plan | None = None,
         in_pieces: bool = False,
     ):
-        """`in_pieces`: a long run is many calls, so that better code can follow between two of them."""
+        """`in_pieces`: a long run consists of many calls, between which optimised code can replace the first one."""
         self.program, self.lanes, self._wide = program, lanes, tuple(wide)
+        self._given, self._found = map(_forms, (program.in_avals, program.out_avals))
         self.plan = _plan_of(program) if plan is None else plan
         self._how = columns, lanes, self._wide, checked, most_apart
         clock = time.perf_counter()
         with no_collector():
             text = self.text
         lowered = time.perf_counter()
-        # A long module is numbers written out one by one: optimised, it runs twice as fast at most.
+        # Without a long loop optimised code gains little, so LLVM gets less time for it.
         long = runs_long(program.jaxpr)
         self._patience = PATIENCE if long else PATIENCE / 10
         at_once = plan is None and (in_pieces or not long or cost(text) > PATIENCE)
@@ -64,29 +66,33 @@ class Compiled:
 
     @property
     def text(self) -> str:
-        """The module, in LLVM's language: written anew each time, for it may be long."""
+        """The module in LLVM IR; it may be long, so it is generated when needed and not kept."""
         jaxpr = self.program.jaxpr
         return lower(self.program, self.plan.small, *self._how) + handler(len(jaxpr.invars), len(jaxpr.outvars))
 
     def address(self, function: str) -> int:
-        """Where a function of the code begins, for XLA's programs, which make a whole run in one call."""
+        """The address of a function of the code, for XLA's programs, in which a whole run is one call."""
         return self.code.address(function, self._patience)
 
     def __call__(self, *operands) -> list[np.ndarray]:
-        """The results; other threads of Python run meanwhile. With lanes each result has a last axis for them."""
-        jaxpr = self.program.jaxpr
-        inputs = [
-            np.ascontiguousarray(as_numpy(x), dtype=numpy_type(variable.aval.dtype))
-            for x, variable in zip(operands, jaxpr.invars, strict=True)
-        ]
+        """The results; Python's lock is released meanwhile. With lanes each result has a last axis (lanes,)."""
         last = (self.lanes,) if self.lanes > 1 else ()
-        for i, (x, variable) in enumerate(zip(inputs, jaxpr.invars, strict=True)):
-            expected = (*variable.aval.shape, *(last if self._wide and self._wide[i] else ()))
+        inputs = []
+        for i, (x, (shape, dtype, _)) in enumerate(zip(operands, self._given, strict=True)):
+            if type(x) is not np.ndarray or x.dtype != dtype or not x.flags.c_contiguous:
+                x = np.ascontiguousarray(as_numpy(x), dtype=dtype)
+            expected = (*shape, *last) if self._wide and self._wide[i] else shape
             if x.shape != expected and (x.size != 1 or expected != ()):  # ascontiguousarray makes scalars (1,)
                 raise ValueError(f"operand {i} must have shape {expected}; got {x.shape}.")
-        outputs = [np.empty((*atom.aval.shape, *last), numpy_type(atom.aval.dtype)) for atom in jaxpr.outvars]
+            inputs.append(x)
+        outputs = [np.empty((*shape, *last), dtype) for shape, dtype, _ in self._found]
         self.code(_pointers(inputs), _pointers(outputs))
-        return [of_numpy(x, atom.aval.dtype) for x, atom in zip(outputs, jaxpr.outvars, strict=True)]
+        return [of_numpy(x, dtype) for x, (_, _, dtype) in zip(outputs, self._found, strict=True)]
+
+
+def _forms(avals: Sequence) -> list[tuple[tuple[int, ...], np.dtype, Any]]:
+    """Of each array its shape, its NumPy type and its JAX type."""
+    return [(tuple(aval.shape), numpy_type(aval.dtype), aval.dtype) for aval in avals]
 
 
 def _plan_of(program: ClosedJaxpr) -> Plan:
@@ -94,7 +100,7 @@ def _plan_of(program: ClosedJaxpr) -> Plan:
 
 
 def _pointers(arrays: Sequence[np.ndarray]):
-    return (ctypes.c_void_p * max(1, len(arrays)))(*(array.ctypes.data for array in arrays))
+    return (ctypes.c_void_p * max(1, len(arrays)))(*(array.__array_interface__["data"][0] for array in arrays))
 
 
 def compile(function: Callable, *example, **options) -> Callable:

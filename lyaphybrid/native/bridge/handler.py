@@ -1,7 +1,7 @@
-"""What XLA calls: a handler of its foreign function interface, written in LLVM's language.
+"""The function that XLA calls: a handler of its foreign function interface (FFI), written in LLVM IR.
 
-XLA hands over an `XLA_FFI_CallFrame`, a C structure whose layout (`xla/ffi/api/c_api.h`, shipped with JAX) is the same
-since version 0.1 of the interface. The numbers below are offsets in bytes on 64-bit machines.
+Its argument is an `XLA_FFI_CallFrame`, a C structure whose layout (`xla/ffi/api/c_api.h`, shipped with JAX) has been
+the same since version 0.1 of the interface. The numbers below are offsets in bytes on 64-bit machines.
 """
 
 import functools
@@ -10,15 +10,15 @@ from pathlib import Path
 
 import jax
 
-_EXTENSION, _ARGUMENTS, _RESULTS = 8, 72, 112  # in the frame: what it is asked for; arrays of pointers to buffers
-_IS_METADATA, _METADATA = 8, 24  # in the extension: 1 if the question is for metadata; where to put the answer
+_EXTENSION, _ARGUMENTS, _RESULTS = 8, 72, 112  # in the frame: kind of call; arrays of pointers to buffers
+_IS_METADATA, _METADATA = 8, 24  # in the extension: 1 if XLA asks for metadata; pointer to the metadata to fill
 _MAJOR, _MINOR, _TRAITS = 24, 28, 32  # in the metadata
 _DATA = 24  # in a buffer
 
 
 @functools.cache
 def _version() -> tuple[int, int]:
-    """The version of the interface that this JAX speaks."""
+    """The (major, minor) version of the FFI of the installed JAX."""
     text = (Path(jax.ffi.include_dir()) / "xla/ffi/api/c_api.h").read_text()
     major, minor = (re.search(rf"#define XLA_FFI_API_{part} (\d+)", text) for part in ("MAJOR", "MINOR"))
     if major is None or minor is None:
@@ -27,7 +27,7 @@ def _version() -> tuple[int, int]:
 
 
 def handler(inputs: int, outputs: int) -> str:
-    """The text of the handler: it collects the addresses of the arrays and calls `@call`; a null pointer is success."""
+    """LLVM IR of the handler: it collects the addresses of the arrays and calls `@call`; null means success."""
     major, minor = _version()
     lines = [
         "define ptr @handler(ptr %frame) {",
@@ -69,5 +69,5 @@ def handler(inputs: int, outputs: int) -> str:
 
 
 def _field(name: str, of: str, offset: int) -> list[str]:
-    """A pointer that lies in a structure."""
+    """Instructions that load a pointer from a structure, at an offset in bytes."""
     return [f"  %{name}.in = getelementptr i8, ptr %{of}, i64 {offset}", f"  %{name} = load ptr, ptr %{name}.in"]

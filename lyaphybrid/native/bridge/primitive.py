@@ -1,9 +1,9 @@
 """Native code within JAX: a primitive that calls a program.
 
-Eager it is a call through ctypes, during which other threads run. Compiled for a CPU it becomes a call of XLA's foreign
-function interface; for all other platforms, and for `jax.export`, XLA compiles the jaxpr itself, as if the primitive
-were not there. Its derivative is a native call of the program of the tangents; under vmap lanes follow one another
-within one call, so that branches stay branches.
+Called eagerly it is a ctypes call, which releases Python's lock. Under jit on a CPU it is a call through XLA's foreign
+function interface; on other platforms, and for `jax.export`, XLA compiles the jaxpr itself. Its derivative is a native
+call of the program of the tangents. Under vmap one call computes the lanes one after the other, so that a branch is
+computed only where it is taken.
 """
 
 from collections.abc import Callable, Sequence
@@ -46,7 +46,7 @@ mlir.register_lowering(native_call, _on_cpu, platform="cpu")
 
 def _jvp(primals, tangents, *, program: Program):
     moving = tuple(type(tangent) is not ad.Zero for tangent in tangents)
-    # The values by themselves: under jacfwd they have no lanes, and the tangents have.
+    # The values have a call of their own: under jacfwd only the tangents are batched.
     results = native_call.bind(*primals, program=program)
     changes = [ad.instantiate_zeros(t) for t, moves in zip(tangents, moving, strict=True) if moves]
     found = iter(native_call.bind(*primals, *changes, program=program.pushed(moving)))
@@ -81,9 +81,9 @@ batching.primitive_batchers[native_call] = _batch
 
 
 def native(function: Callable, columns: int | None = None) -> Callable:
-    """A function of pytrees of arrays as native code, whatever it is called in: eager, jit, vmap, jvp.
+    """A function of pytrees of arrays as native code, eagerly and under jit, vmap and jvp.
 
-    It is traced once for each structure, shape and type of its arguments. It may not close over traced values.
+    It is traced once for each structure, shape and type of its arguments. It must not close over traced values.
     """
     known: dict = {}
 

@@ -1,7 +1,7 @@
-"""Programs: a jaxpr, its machine code, and the programs that follow from it by differentiating or by adding lanes.
+"""Programs: a jaxpr, its machine code, and the programs derived from it by differentiation or by adding lanes.
 
-Each is made once and kept with the program that it follows from, so that a function that is differentiated, or mapped,
-again and again is traced and compiled once.
+Each derived program is cached in the program that it comes from, so that a function that is differentiated or mapped
+repeatedly is traced and compiled once.
 """
 
 import ctypes
@@ -10,6 +10,7 @@ import logging
 import os
 from collections.abc import Callable, Sequence
 
+import equinox.internal as eqxi
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -23,14 +24,18 @@ from .compiled import Compiled
 
 VARIABLE = "LYAPHYBRID_ENGINE"
 _ENGINES = ("auto", "native", "xla")
-_MOST_APART = 0.2  # of the code: beyond that lanes wait for each other too often
-_SURELY = 2  # times as much is beyond by any means, though it is an estimate
+_MOST_APART = 0.2  # largest part of the code in branches that lanes do not share: beyond, lanes wait too often
+_SURELY = 2  # safety factor on it for the estimate from the jaxpr, which is made before lowering
+ONE_WAY = (
+    "A second derivative of a run is a forward derivative of a forward one; a reverse derivative is among those asked "
+    "for. In place of jax.hessian(f), jax.grad(jax.grad(f)) or the like take jax.jacfwd(jax.jacfwd(f))."
+)
 _log = logging.getLogger("lyaphybrid.native")
 _noted: set[str] = set()
 
 
 def engine() -> str:
-    """Which one is chosen: "auto" (native where the compiler takes the program), "native" (else an error), "xla"."""
+    """The chosen engine: "auto" (XLA for programs that native does not support), "native" (an error there), "xla"."""
     chosen = os.environ.get(VARIABLE, "").lower() or "auto"
     if chosen not in _ENGINES:
         raise ValueError(f"{VARIABLE} must be one of {', '.join(_ENGINES)}; got {chosen!r}.")
@@ -38,14 +43,15 @@ def engine() -> str:
 
 
 class Program:
-    """A jaxpr that may be compiled; equal to itself only.
+    """A jaxpr and its machine code, compiled on first use; compared by identity.
 
     Attributes:
         closed: the closed jaxpr.
-        columns: of the frames that are held in vectors; 0: none; None: as in the programs within.
-        backward: the same function of its operands, written so that it has reverse derivatives.
-        in_pieces: whether a long run is many calls of it.
-        origin: of a program of tangents: of which program, and which of its operands move.
+        columns: number of columns of the frames that are held in vectors; 0: none; None: as in the programs it calls.
+        backward: the same function of its operands in a form that has reverse derivatives, but no second ones; None:
+            that is `closed`.
+        in_pieces: whether a long run consists of many calls.
+        origin: for a program of tangents, the program it is derived from, and which of its operands have tangents.
     """
 
     def __init__(
@@ -56,14 +62,14 @@ class Program:
         in_pieces: bool = False,
     ):
         self.in_pieces = in_pieces
-        self.closed, self.backward = closed, backward or jaxpr_as_fun(closed)
+        self.closed, self.backward = closed, backward
         self.columns = _columns_within(closed.jaxpr) if columns is None else columns
         self.origin: tuple[Program, tuple[bool, ...]] | None = None
         self._derived: dict = {}
 
     @functools.cached_property
     def compiled(self) -> Compiled | None:
-        """The machine code; None where the program is XLA's to compile, which is said once for each reason."""
+        """The machine code; None if XLA must compile the program, which is logged once for each reason."""
         if engine() == "xla":
             return None
         try:
@@ -78,12 +84,12 @@ class Program:
 
     @functools.cached_property
     def by_xla(self):
-        """The same, compiled by XLA."""
+        """The same function, compiled by XLA."""
         return jax.jit(jaxpr_as_fun(self.closed))
 
     @functools.cached_property
     def target(self) -> str | None:
-        """The name under which XLA's programs call the machine code."""
+        """The FFI target name under which XLA's programs call the machine code."""
         if self.compiled is None:
             return None
         name = f"lyaphybrid_native_{id(self):x}"
@@ -93,27 +99,35 @@ class Program:
         return name
 
     def pushed(self, moving: tuple[bool, ...]) -> "Program":
-        """The tangents of the results, from the operands and the tangents of those that move."""
+        """The program of the tangents of the results, a function of the operands and of the tangents that are given.
+
+        `moving`: for each operand, whether it has a tangent.
+        """
 
         def tangents(*given):
             operands, changes = given[: len(moving)], given[len(moving) :]
             function, primals = self._of_moving(jaxpr_as_fun(self.closed), operands, moving)
             return jax.jvp(function, primals, tuple(changes))[1]
 
+        def refused(*given):
+            raise RuntimeError(ONE_WAY)
+
         made = self._made(("pushed", moving), tangents, [*self.closed.in_avals, *self._moving(moving)])
+        made.backward = self.backward and refused
         made.origin = self, moving
         return made
 
     def pulled(self, moving: tuple[bool, ...], asked: tuple[bool, ...]) -> "Program":
-        """The transposed: the cotangents of the operands that move, from the operands and those of the results.
+        """The program of the cotangents of the `moving` operands, a function of the operands and of given cotangents.
 
-        `asked`: of each result that has derivatives, whether its cotangent is given. The others do not count: a
-        cotangent of zero would make nan of a derivative that is infinite.
+        `asked`: for each result that has derivatives, whether its cotangent is given. The others are left out rather
+        than set to zero, because zero times an infinite derivative would be nan.
         """
 
         def cotangents(*given):
+            given = eqxi.nondifferentiable(given, msg=ONE_WAY) if self.backward else given
             operands, back = given[: len(moving)], given[len(moving) :]
-            function, primals = self._of_moving(self.backward, operands, moving)
+            function, primals = self._of_moving(self.backward or jaxpr_as_fun(self.closed), operands, moving)
 
             def wanted(*xs):
                 return [x for x, wants in zip(function(*xs), asked, strict=True) if wants]
@@ -128,7 +142,7 @@ class Program:
         return [aval for aval, moves in zip(self.closed.in_avals, moving, strict=True) if moves]
 
     def _of_moving(self, of_all: Callable, operands: Sequence, moving: Sequence[bool]) -> tuple[Callable, tuple]:
-        """The results that have derivatives, as a function of the operands that move, and these."""
+        """The differentiable results as a function of the `moving` operands, and the values of these operands."""
 
         def function(*xs):
             rest = iter(xs)
@@ -139,30 +153,36 @@ class Program:
         return function, tuple(x for x, moves in zip(operands, moving, strict=True) if moves)
 
     def mapped(self, which: tuple[bool, ...], size: int) -> "Program":
-        """The same for `size` lanes, one after the other; `which` operands have a first axis for them."""
+        """The program for `size` lanes, one after the other; operands with `which` true have a first axis (size,)."""
 
-        def lanes(*xs):
-            def one(mapped):
-                rest = iter(mapped)
-                return jaxpr_as_fun(self.closed)(*(next(rest) if w else x for w, x in zip(which, xs, strict=True)))
+        def side_by_side(function):
+            def lanes(*xs):
+                def one(mapped):
+                    rest = iter(mapped)
+                    return function(*(next(rest) if w else x for w, x in zip(which, xs, strict=True)))
 
-            return jax.lax.map(one, [x for w, x in zip(which, xs, strict=True) if w])
+                return jax.lax.map(one, [x for w, x in zip(which, xs, strict=True) if w])
+
+            return lanes
 
         structs = [
             jax.ShapeDtypeStruct((size, *aval.shape), aval.dtype) if w else aval
             for aval, w in zip(self.closed.in_avals, which, strict=True)
         ]
-        return self._made(("mapped", which, size), lanes, structs)
+        made = self._made(("mapped", which, size), side_by_side(jaxpr_as_fun(self.closed)), structs)
+        made.backward = self.backward and side_by_side(self.backward)
+        return made
 
     def in_lanes(self, last: int) -> Compiled | None:
-        """Machine code for as many lanes as vectors hold, which differ in the `last` operands.
+        """Machine code for as many lanes as a vector register holds; lanes differ only in the `last` operands.
 
-        None where lanes part so often that one after the other is faster, or a primitive has no rule for lanes.
+        None if lanes take different branches so often that one after the other is faster, or a primitive has no rule
+        for lanes.
         """
         if ("in lanes", last) not in self._derived:
             wide = [place >= len(self.closed.in_avals) - last for place in range(len(self.closed.in_avals))]
             try:
-                if apart(self.closed.jaxpr) > _SURELY * _MOST_APART:  # to lower it first takes seconds
+                if apart(self.closed.jaxpr) > _SURELY * _MOST_APART:  # decided without lowering, which takes long
                     raise UnsupportedError("lanes that part often")
                 lanes = doubles_in_a_vector()
                 code = Compiled(self.closed, lanes=lanes, wide=wide, most_apart=_MOST_APART, in_pieces=True)
@@ -178,7 +198,7 @@ class Program:
         return self._derived[key]
 
     def __call__(self, *operands) -> list:
-        """The results, as NumPy's arrays where they come from machine code."""
+        """The results: NumPy arrays from machine code, otherwise JAX arrays."""
         return list(self.by_xla(*operands)) if self.compiled is None else self.compiled(*operands)
 
 

@@ -1,1 +1,1 @@
-"""Arithmetic of single entries, and the elementary functions written out."""
+"""Arithmetic of single entries, and elementary functions as inline instructions."""

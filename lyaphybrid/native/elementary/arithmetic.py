@@ -1,6 +1,6 @@
-"""Arithmetic of single entries, as JAX defines it: nan and inf keep their meaning, integers wrap round.
+"""Arithmetic of single entries with JAX's semantics: IEEE nan and inf, integers modulo 2^bits.
 
-Each function is `(b, dtype, *entries) -> entry`. What is known while compiling is worked out here, by NumPy.
+Each function is `(b, dtype, *entries) -> entry`. Compile-time constants are evaluated here, by NumPy.
 """
 
 import math
@@ -15,25 +15,25 @@ _SIGNED = {"i": "s", "u": "u"}
 
 
 def folded(dtype, function: Callable, *entries: Entry) -> Entry:
-    """A function of known numbers, in the arithmetic of their type."""
+    """A function of constants, evaluated in the arithmetic of their type."""
     with np.errstate(all="ignore"):
         return np.asarray(function(*(np.asarray(entry, dtype)[()] for entry in entries))).astype(dtype).item()
 
 
 def add(b: Emitter, dtype, x: Entry, y: Entry) -> Entry:
-    """The sum; of conditions: or."""
+    """The sum x + y; for booleans: or."""
     if is_known(x, y):
         return folded(dtype, np.add, x, y)
     if kind(dtype) == "b":
         return b.logic("or", x, y)
     if kind(dtype) == "f":
-        # x + (-0.0) is x; x + 0.0 is not, for x = -0.0, but JAX's own compilers do not tell them apart either.
+        # x + 0.0 is taken as x. For x = -0.0 this differs from IEEE arithmetic, but XLA does the same.
         return y if _is(x, 0) else x if _is(y, 0) else _sum(b, dtype, x, y)
     return y if _is(x, 0) else x if _is(y, 0) else b.binary("add", llvm_type(dtype), x, y, True)
 
 
 def subtract(b: Emitter, dtype, x: Entry, y: Entry) -> Entry:
-    """The difference."""
+    """The difference x − y."""
     if is_known(x, y):
         return folded(dtype, np.subtract, x, y)
     if _is(y, 0):
@@ -46,10 +46,10 @@ def subtract(b: Emitter, dtype, x: Entry, y: Entry) -> Entry:
 
 
 def _sum(b: Emitter, dtype, x: Entry, y: Entry) -> Entry:
-    """The sum x + y; of a·b + c, one fused operation.
+    """The sum x + y of floats; a·b + c becomes one fused operation.
 
-    What is fused is settled here and not left to LLVM, which may choose otherwise where the same lines stand elsewhere:
-    a run that goes on must find the numbers that the whole run finds.
+    The choice of what to fuse is made here and not left to LLVM, whose choice depends on the surrounding code: a run
+    that is continued must give the same bits as an uninterrupted run.
     """
     if y in b.products:
         return b.intrinsic("llvm.fmuladd", llvm_type(dtype), [*b.products[y], x])
@@ -59,7 +59,7 @@ def _sum(b: Emitter, dtype, x: Entry, y: Entry) -> Entry:
 
 
 def multiply(b: Emitter, dtype, x: Entry, y: Entry) -> Entry:
-    """The product; of conditions: and."""
+    """The product x y; for booleans: and."""
     if is_known(x, y):
         return folded(dtype, np.multiply, x, y)
     if kind(dtype) == "b":
@@ -76,9 +76,9 @@ def multiply(b: Emitter, dtype, x: Entry, y: Entry) -> Entry:
 
 
 def _by_one_factor(b: Emitter, dtype, x: Entry, y: Entry) -> Entry | None:
-    """(z·c)·d as z·(c·d), where c and d are known: derivatives of powers are full of such factors.
+    """(z·c)·d as z·(c·d) for constants c and d, which are frequent in derivatives of powers.
 
-    None where that is not the case, or c·d has fewer digits than other numbers.
+    None if x·y is not of this form, or if c·d is subnormal or infinite.
     """
     for known, other in ((x, y), (y, x)):
         for factor, rest in (b.products[other], b.products[other][::-1]) if other in b.products else ():
@@ -90,7 +90,7 @@ def _by_one_factor(b: Emitter, dtype, x: Entry, y: Entry) -> Entry | None:
 
 
 def divide(b: Emitter, dtype, x: Entry, y: Entry) -> Entry:
-    """The quotient. Integers: towards zero, x / 0 = −1 and min / −1 = min, as XLA has it."""
+    """The quotient x / y. Integers are rounded towards zero; x / 0 = −1 and min / −1 = min, as in XLA."""
     type_ = llvm_type(dtype)
     if kind(dtype) == "f":
         if is_known(x, y):
@@ -103,7 +103,7 @@ def divide(b: Emitter, dtype, x: Entry, y: Entry) -> Entry:
 
 
 def remainder(b: Emitter, dtype, x: Entry, y: Entry) -> Entry:
-    """The remainder with the sign of x. Integers: x of division by 0."""
+    """The remainder of x / y, with the sign of x. For integers the remainder of x / 0 is x."""
     if kind(dtype) == "f":
         if is_known(x, y):
             return folded(dtype, np.fmod, x, y)
@@ -127,7 +127,7 @@ def _integer_division(b: Emitter, dtype, x: Entry, y: Entry, operation: str, by_
 
 
 def negate(b: Emitter, dtype, x: Entry) -> Entry:
-    """−x."""
+    """The negative −x."""
     if is_known(x):
         return folded(dtype, np.negative, x)
     if kind(dtype) != "f":
@@ -140,7 +140,7 @@ def negate(b: Emitter, dtype, x: Entry) -> Entry:
 
 
 def absolute(b: Emitter, dtype, x: Entry) -> Entry:
-    """|x|."""
+    """The absolute value |x|."""
     if is_known(x):
         return folded(dtype, np.abs, x)
     if kind(dtype) == "f":
@@ -167,7 +167,7 @@ def _extremum(b: Emitter, dtype, x: Entry, y: Entry, relation: str, fold: Callab
         return b.logic(of_conditions, x, y)
     if is_known(x):
         x, y = y, x
-    if kind(dtype) == "f" and is_known(y) and not math.isnan(y):  # a nan of x fails the comparison, and stays
+    if kind(dtype) == "f" and is_known(y) and not math.isnan(y):  # if x is nan the comparison fails: the result is x
         return b.select(compare(b, dtype, relation, y, x), llvm_type(dtype), y, x)
     found = compare(b, dtype, relation, x, y)
     if kind(dtype) == "f":
@@ -210,7 +210,7 @@ def equal(b: Emitter, dtype, x: Entry, y: Entry) -> Entry:
 
 
 def power_of_integer(b: Emitter, dtype, x: Entry, exponent: int) -> Entry:
-    """x^n by products."""
+    """The power x^n, by repeated squaring."""
     if exponent < 0:
         return divide(b, dtype, 1, power_of_integer(b, dtype, x, -exponent))
     found: Entry = folded(dtype, lambda one: one, 1)
@@ -224,7 +224,7 @@ def power_of_integer(b: Emitter, dtype, x: Entry, exponent: int) -> Entry:
 
 
 def converted(b: Emitter, dtype, x: Entry, to) -> Entry:
-    """An entry as another type: floats to integers towards zero, to the nearest that there is, nan to 0."""
+    """An entry converted to another type. Floats to integers: rounded towards zero, saturating, nan to 0."""
     dtype, to = np.dtype(dtype), np.dtype(to)
     source, target = llvm_type(dtype), llvm_type(to)
     if dtype == to:
@@ -257,17 +257,17 @@ def _converted_number(x, dtype: np.dtype, to: np.dtype):
 
 
 def least(dtype) -> Entry:
-    """The least number of a type."""
+    """The smallest number of a type."""
     return -math.inf if kind(dtype) == "f" else False if kind(dtype) == "b" else int(np.iinfo(dtype).min)
 
 
 def greatest(dtype) -> Entry:
-    """The greatest number of a type."""
+    """The largest number of a type."""
     return math.inf if kind(dtype) == "f" else True if kind(dtype) == "b" else int(np.iinfo(dtype).max)
 
 
 def zero(dtype) -> Entry:
-    """Zero."""
+    """The zero of a type."""
     return folded(dtype, lambda x: x, 0)
 
 

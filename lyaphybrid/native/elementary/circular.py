@@ -1,9 +1,9 @@
-"""Sine and cosine without calls: several side by side in the CPU's pipelines, in lanes and in rows.
+"""Sine and cosine without library calls, so that several can run in parallel, in vectors and in the CPU's pipelines.
 
-x = k π/2 + r + c, k the nearest integer, |r| ≤ π/4 and c what rounding leaves of r (W. J. Cody and W. Waite, Software
+x = k π/2 + r + c, k the nearest integer, |r| ≤ π/4 and c the rounding error of r (W. J. Cody and W. Waite, Software
 Manual for the Elementary Functions, Prentice-Hall 1980, with fused products and π/2 in three parts). Then Taylor's
-series, to terms below 1e-18. From 2^50 on, where neighbouring numbers are a quarter apart, the C library is asked.
-Results are within 0.8 units in the last place.
+series, up to terms below 1e-18. For |x| ≥ 2^50, where the spacing of doubles is 1/4 or more, the C library is called.
+Errors are below 0.8 units in the last place.
 """
 
 import math
@@ -11,7 +11,7 @@ import math
 from ..lowering.emitter import Emitter, Entry, is_wide
 from .series import NEAREST, bits_of, fused, number_of, plain, polynomial
 
-# π/2 to 159 bits: each part is the double nearest to what the ones before leave.
+# π/2 to 159 bits: each part is the double nearest to the remainder of the parts before.
 _PARTS = (1.5707963267948966, 6.123233995736766e-17, -1.4973849048591698e-33)
 LARGE = 2.0**50
 _SINE = [-((-1) ** i) / math.factorial(2 * i + 1) for i in range(1, 9)]  # of −r³, −r⁵, …
@@ -19,12 +19,12 @@ _COSINE = [(-1) ** i / math.factorial(2 * i) for i in range(2, 9)]  # of r⁴, r
 
 
 def sine(b: Emitter, x: Entry) -> Entry:
-    """The sine of a double that is not known."""
+    """The sine of a double that is not a constant."""
     return _once(b, "sin", x, 0)
 
 
 def cosine(b: Emitter, x: Entry) -> Entry:
-    """The cosine of a double that is not known."""
+    """The cosine of a double that is not a constant."""
     return _once(b, "cos", x, 1)
 
 
@@ -36,7 +36,7 @@ def _once(b: Emitter, function: str, x: Entry, quadrants: int) -> Entry:
 
 
 def _in_quadrant(b: Emitter, x: Entry, quadrants: int) -> Entry:
-    """The sine of x and so many right angles: ± the sine or the cosine of r + c."""
+    """The value sin(x + quadrants π/2) = ± sin(r + c) or ± cos(r + c)."""
     turns, r, c = _reduced(b, x)
     z = plain(b, "fmul", r, r)
     place = b.binary("add", "i64", turns, quadrants) if quadrants else turns
@@ -47,7 +47,7 @@ def _in_quadrant(b: Emitter, x: Entry, quadrants: int) -> Entry:
 
 
 def _reduced(b: Emitter, x: Entry) -> tuple[Entry, Entry, Entry]:
-    """The integer k (in the last bits), r and c."""
+    """The integer k (in the last bits of an i64), r and c."""
     shifted = fused(b, x, 2 / math.pi, NEAREST)
     k, turns = plain(b, "fsub", shifted, NEAREST), bits_of(b, shifted)
     first, second, third = _PARTS
@@ -60,13 +60,13 @@ def _reduced(b: Emitter, x: Entry) -> tuple[Entry, Entry, Entry]:
 
 
 def _sine_of_rest(b: Emitter, r: Entry, c: Entry, z: Entry) -> Entry:
-    """sin(r + c) = r − (r³ P(r²) − c (1 − r²/2)), of which −0.0 stays −0.0."""
+    """sin(r + c) = r − (r³ P(r²) − c (1 − r²/2)); this form keeps −0.0."""
     of_rest = fused(b, plain(b, "fmul", z, 0.5), c, b.unary("fneg", "double", c))
     return plain(b, "fsub", r, fused(b, plain(b, "fmul", z, r), polynomial(b, z, _SINE), of_rest))
 
 
 def _cosine_of_rest(b: Emitter, r: Entry, c: Entry, z: Entry) -> Entry:
-    """cos(r + c) = 1 − r²/2 + (r⁴ Q(r²) − r c), the first difference with what rounding leaves of it."""
+    """cos(r + c) = 1 − r²/2 + (r⁴ Q(r²) − r c), with the rounding error of 1 − r²/2 added."""
     half = plain(b, "fmul", z, 0.5)
     most = plain(b, "fsub", 1.0, half)
     lost = plain(b, "fsub", plain(b, "fsub", 1.0, most), half)
@@ -75,7 +75,7 @@ def _cosine_of_rest(b: Emitter, r: Entry, c: Entry, z: Entry) -> Entry:
 
 
 def _otherwise(b: Emitter, function: str, x: Entry, found: Entry) -> Entry:
-    """What was found, or the C library's where |x| is large: in a block of its own, seldom taken."""
+    """The value `found`, or the C library's if |x| is large: that call stands in a block that is rarely executed."""
     large = b.binary("fcmp oge", "double", b.intrinsic("llvm.fabs", "double", [x]), LARGE)
     before, cold, after = b.label, b.block_name(), b.block_name()
     b.line(f"br i1 {_seldom(b, large)}, label %{cold}, label %{after}")
@@ -92,7 +92,7 @@ def _otherwise(b: Emitter, function: str, x: Entry, found: Entry) -> Entry:
 
 
 def _seldom(b: Emitter, condition: Entry) -> Entry:
-    """A condition, of any lane, that hardly ever holds."""
+    """The condition (in any lane), marked for LLVM as rarely true."""
     if is_wide(condition):
         bits, any_ = b.name(), b.name()
         b.line(f"{bits} = bitcast <{b.width} x i1> {condition} to i{b.width}")

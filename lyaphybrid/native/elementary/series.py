@@ -1,10 +1,10 @@
-"""What elementary functions are made of: fused products, polynomials, the bits of a number."""
+"""Building blocks of elementary functions: fused products, polynomials, the bits of a number."""
 
 from collections.abc import Sequence
 
 from ..lowering.emitter import Emitter, Entry
 
-NEAREST = 1.5 * 2.0**52  # added to a number below 2^51 it leaves the nearest integer in the last bits
+NEAREST = 1.5 * 2.0**52  # x + NEAREST has the integer nearest to x in its last bits (|x| < 2^51)
 
 
 def fused(b: Emitter, x: Entry, y: Entry, z: Entry) -> Entry:
@@ -13,12 +13,12 @@ def fused(b: Emitter, x: Entry, y: Entry, z: Entry) -> Entry:
 
 
 def plain(b: Emitter, operation: str, x: Entry, y: Entry) -> Entry:
-    """An operation on doubles that never becomes part of a fused product: what rounding leaves is what is thought."""
+    """An operation on doubles that is never fused: compensated arithmetic relies on its rounding."""
     return b.binary(operation, "double", x, y, operation in ("fadd", "fmul"))
 
 
 def polynomial(b: Emitter, z: Entry, coefficients: Sequence[float]) -> Entry:
-    """The polynomial, by pairs of terms, pairs of pairs and so on: less waiting than term by term (Estrin)."""
+    """The polynomial Σ cᵢ zⁱ by Estrin's scheme (pairs of terms, pairs of pairs, …): more parallel than Horner's."""
     terms: list[Entry] = list(coefficients)
     while len(terms) > 1:
         pairs = [fused(b, z, high, low) for low, high in zip(terms[::2], terms[1::2], strict=False)]

@@ -1,1 +1,1 @@
-"""From a jaxpr to LLVM's language: how arrays are held, what is unrolled, how a jaxpr is walked."""
+"""From a jaxpr to LLVM IR: the forms of arrays, what is unrolled, and the rules applied equation by equation."""

@@ -1,14 +1,13 @@
-"""What is unrolled, and how hard LLVM tries.
+"""Estimates of code size, and the compiler options that follow: what is unrolled, and how much LLVM optimises.
 
-An array of up to `small` elements is held as entries: its code is written out element by element, and moving elements
-about is free. That makes the fastest code, but where an index is known at run time only each element has to be asked
-for, and the code grows. So `small` is 16, unless a smaller value makes the code much shorter: of four hard disks, say,
-whose states are looked up by the number of a disk (0.58 times as long a run with 8). With more than 16 loops carry so
-much that it does not fit into registers (a pendulum with dry friction: 1.05 times as long a run with 64).
-The estimate counts instructions in the jaxpr, each loop's body once.
+An array of up to `small` elements is held as entries: its code is unrolled element by element, and moving elements
+costs nothing. This gives the fastest code, except where an index is known only at run time: then each element must be
+compared and selected, and the code grows. So `small` is 16, unless a smaller value makes the code much shorter, as for
+hard disks, whose states are looked up by the number of a disk. With more than 16, loops carry more values than fit into
+registers. The estimate counts the instructions that the jaxpr becomes, each loop's body once.
 
-To look for vectors among scattered numbers makes four hard disks 1.5 times as fast and others hardly faster; in long
-programs it takes LLVM more time than all else (relay feedback: 1.9 s instead of 0.5).
+LLVM's search for vectors among scalar instructions ("SLP", here `scattered`) pays for few programs, such as hard disks;
+in long programs it would take most of LLVM's time.
 """
 
 import math
@@ -19,28 +18,28 @@ from .jax_versions import Jaxpr, parts, scan_of, subprograms
 from .values import size
 
 SMALL = (16, 8, 4)
-MUCH = 1.5  # times as many instructions
+MUCH = 1.5  # ratio of instruction counts above which a smaller value of `small` is taken
 LEVEL = 2  # of LLVM's optimisation
-LONG = 1000  # turns from which on a loop counts as one that runs long
-SCATTERED = 12_000  # instructions up to which LLVM looks for vectors among scattered numbers
-TURNS = 8  # of a scan that is written out, at most
-WRITTEN_OUT = 400  # instructions of all its turns together, at most …
-WITH_ARRAYS = 5000  # … and where it indexes arrays in memory: a continuous QR's stages then take 0.85 of the time
-WORTH_A_JUMP = 20  # equations
-SELDOM = "seldom"  # the name of functions that are
-_LOOP = 6  # instructions of an equation that becomes part of a loop over memory
+LONG = 1000  # iterations from which on a scan counts as long
+SCATTERED = 12_000  # instructions, up to which LLVM searches for vectors among scalar instructions
+TURNS = 8  # iterations of a scan that is unrolled, at most
+WRITTEN_OUT = 400  # instructions of all its iterations together, at most …
+WITH_ARRAYS = 5000  # … or this if it indexes arrays in memory (a continuous QR): constant indices then save more
+WORTH_A_JUMP = 20  # equations from which on a branch that no lane takes is jumped over
+SELDOM = "seldom"  # name of jitted functions that are rarely executed
+_LOOP = 6  # estimated instructions of an equation that becomes part of a loop over memory
 
 
 class Plan(NamedTuple):
-    """How a program is compiled."""
+    """Options with which a program is compiled."""
 
     small: int
-    level: int  # of LLVM's optimisation, 0 to 3, of the best code
-    scattered: bool = False  # whether LLVM looks for vectors among scattered numbers
+    level: int  # LLVM's optimisation level, 0 to 3, of the final code
+    scattered: bool = False  # whether LLVM searches for vectors among scalar instructions
 
 
 def plan(jaxpr: Jaxpr) -> Plan:
-    """The largest value of `small` for which the code is not much longer than it could be."""
+    """The options of a program: the largest `small` with at most `MUCH` times the fewest instructions."""
     estimates = {small: instructions(jaxpr, small) for small in SMALL}
     least = min(estimates.values())
     small = next(small for small in SMALL if estimates[small] <= MUCH * least)
@@ -48,7 +47,7 @@ def plan(jaxpr: Jaxpr) -> Plan:
 
 
 def runs_long(jaxpr: Jaxpr) -> bool:
-    """Whether there is a loop in it of many turns, or of nobody knows how many."""
+    """Whether a program contains a loop of many iterations, or of an unknown number."""
     return any(
         eqn.primitive.name == "while"
         or (eqn.primitive.name == "scan" and scan_of(eqn).length >= LONG)
@@ -57,12 +56,12 @@ def runs_long(jaxpr: Jaxpr) -> bool:
     )
 
 
-# What loops hold is asked for again and again.
+# Cached, because `plan` and the rules ask for the same loop bodies repeatedly.
 _known: weakref.WeakKeyDictionary[Jaxpr, dict[float, int]] = weakref.WeakKeyDictionary()
 
 
 def instructions(jaxpr: Jaxpr, small: float = math.inf) -> int:
-    """About how many instructions the program becomes."""
+    """An estimate of the number of instructions that a program becomes."""
     known = _known.setdefault(jaxpr, {})
     if small not in known:
         known[small] = sum(_of_equation(eqn, small) for eqn in jaxpr.eqns)
@@ -70,7 +69,7 @@ def instructions(jaxpr: Jaxpr, small: float = math.inf) -> int:
 
 
 def turns_written_out(small: float, scan, avals) -> int:
-    """Scans of up to so many turns are written out, for then their indices are known; `avals`: all that it indexes."""
+    """The largest length at which a scan is unrolled, so that its indices are constants; `avals`: arrays it indexes."""
     most = WRITTEN_OUT if all(size(aval.shape) <= small for aval in avals) else WITH_ARRAYS
     return TURNS if min(scan.length, TURNS) * instructions(parts(scan.body)[0], small) <= most else 0
 
@@ -107,26 +106,26 @@ def _of_equation(eqn, small: float) -> int:
 
 
 def worth_a_jump(branch: Jaxpr) -> bool:
-    """Whether a branch that lanes do not share is passed over where none takes it."""
+    """Whether a branch that lanes do not share is long enough to be jumped over if no lane takes it."""
     return _work(branch) >= WORTH_A_JUMP
 
 
 def _work(jaxpr: Jaxpr) -> int:
-    """How many equations are in a program, those of programs within it included."""
+    """The number of equations of a program, including those of its subprograms."""
     return sum(1 + sum(map(_work, subprograms(eqn))) for eqn in jaxpr.eqns)
 
 
 def apart(jaxpr: Jaxpr) -> float:
-    """About which part of a program stands in branches, which lanes may not share; what is seldom run does not count.
+    """An estimate of the part of a program in branches, which lanes may not share; without what is rarely executed.
 
-    Of 11 problems of the zoo this is between 0.5 and 1.4 times what is found when they are lowered.
+    For problems of the zoo it agrees with the value found by lowering within a factor of two.
     """
     total, within = _in_branches(jaxpr, False)
     return within / max(total, 1)
 
 
 def _in_branches(jaxpr: Jaxpr, inside: bool) -> tuple[int, int]:
-    """Instructions, and those in branches: all where the program is `inside` of one."""
+    """The numbers of instructions, and of those in branches (all, if the program is `inside` a branch)."""
     total = within = 0
     for eqn in jaxpr.eqns:
         inner = subprograms(eqn)

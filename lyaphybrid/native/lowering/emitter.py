@@ -1,8 +1,8 @@
-"""The text of one LLVM function: instructions without repetition, blocks and loops, memory.
+"""The text of one LLVM function: instructions with common subexpressions written once, blocks, loops, memory.
 
-An *entry* is one element of an array: a Python bool, int or float where it is known while compiling, else the name of
-an SSA value. Names that begin with "%w" are vectors of `width` elements, all others are scalars. A known entry, or a
-scalar, stands for a vector of equal elements wherever a vector is met.
+An *entry* is one element of an array: a Python bool, int or float if it is a compile-time constant ("known"), otherwise
+the name of an SSA value. Names that begin with "%w" are vectors of `width` elements, all others are scalars. A
+constant or a scalar stands for a vector of equal elements where it is combined with a vector.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,14 +11,15 @@ from typing import Any
 from .types import BYTES, in_memory, literal
 from .unsupported import UnsupportedError
 
-_STACK = 2**18  # bytes on the stack at most: threads have as little as half a megabyte
+_LINE = 64  # bytes of a cache line
+_STACK = 2**18  # bytes on the stack, at most: stacks of threads can be as small as half a megabyte
 
-Entry = Any  # bool, int or float where it is known, else str
+Entry = Any  # bool, int or float if it is a constant, else str
 
 
 def is_known(*entries: Entry) -> bool:
-    """Whether all entries are numbers already."""
-    for entry in entries:  # noqa: SIM110  a plain loop is faster, and this is asked for each instruction
+    """Whether all entries are compile-time constants."""
+    for entry in entries:  # noqa: SIM110  called for each instruction, and a plain loop has less overhead
         if isinstance(entry, str):
             return False
     return True
@@ -30,32 +31,32 @@ def is_wide(entry: Entry) -> bool:
 
 
 def same(a: Entry, b: Entry) -> bool:
-    """Whether two entries are one value: 0.0 and -0.0, or 1 and True, are not."""
+    """Whether two entries are the same value; 0.0 and -0.0, or 1 and True, are different."""
     return a is b or (type(a) is type(b) and a == b and (isinstance(a, str) or repr(a) == repr(b)))
 
 
 def _key(*parts) -> tuple:
-    """A key for common expressions; numbers by their type and digits, since 1 == True and 0.0 == -0.0."""
+    """A key for common subexpressions; numbers by type and digits, because 1 == True and 0.0 == -0.0."""
     return tuple(part if part is None or isinstance(part, str) else (type(part), repr(part)) for part in parts)
 
 
 class Emitter:
-    """Instructions are written in order; a known expression is not written twice within the scope of its first use."""
+    """Writes instructions in order; within the scope of its first use an expression is not written twice."""
 
     def __init__(self, width: int = 1, checked: bool = False):
-        """`checked`: each access to memory is tested against the size of its array first."""
+        """`width`: elements of a vector; `checked`: test each index against the size of its array first."""
         self.width, self.checked = width, checked
         self.lines: list[str] = []
-        self.allocations: list[str] = []  # the entry block's
-        self.releases: list[str] = []  # before the function returns
+        self.allocations: list[str] = []  # lines of the entry block
+        self.releases: list[str] = []  # lines before the function returns
         self.constants: list[str] = []
         self.declarations: set[str] = set()
         self.label = "entry"
-        self.carries_vectors = False  # whether what `count_up` carries are vectors
-        self.in_vector_loop = False  # whether this is a loop over memory, which LLVM may do several turns of at once
-        self.products: dict[Entry, tuple[Entry, Entry]] = {}  # what was multiplied, for fused sums
+        self.carries_vectors = False  # whether the values that `count_up` carries are vectors
+        self.in_vector_loop = False  # whether this is the body of a loop over memory, which LLVM may vectorise
+        self.products: dict[Entry, tuple[Entry, Entry]] = {}  # the factors of each product, for fused sums
         self._count = self._on_stack = 0
-        self._known: dict[tuple, Entry] = {}  # common expressions …
+        self._known: dict[tuple, Entry] = {}  # common subexpressions …
         self._order: list[tuple] = []  # … in the order in which they were written
 
     # --- names, blocks, scopes -------------------------------------------------------------------------------
@@ -75,12 +76,12 @@ class Emitter:
         return f"b{self._count}"
 
     def begin_block(self, label: str) -> None:
-        """All that follows stands in this block."""
+        """Start a block; the following instructions belong to it."""
         self.lines.append(f"{label}:")
         self.label = label
 
     def scope(self) -> Any:
-        """Open a scope: expressions written from now on are forgotten at its end, for they may not be reached."""
+        """Open a scope. Its expressions are forgotten at its end, because later code may be reached without them."""
         return len(self._order)
 
     def end_scope(self, scope: Any) -> None:
@@ -90,29 +91,29 @@ class Emitter:
         del self._order[scope:]
 
     def remember(self, key: tuple, entry: Entry) -> Entry:
-        """Make an expression known."""
+        """Record an expression for `recall`."""
         self._known[key] = entry
         self._order.append(key)
         return entry
 
     def recall(self, key: tuple) -> Entry | None:
-        """An expression that was written before."""
+        """The value of an expression that was written before in an open scope, or None."""
         return self._known.get(key)
 
     # --- scalars and vectors ---------------------------------------------------------------------------------
 
     def type_text(self, type_: str, wide: bool) -> str:
-        """A type, or the vector of it."""
+        """The LLVM type, or the vector type of `width` such elements."""
         return f"<{self.width} x {type_}>" if wide else type_
 
     def text(self, entry: Entry, type_: str, wide: bool = False) -> str:
-        """An entry as an operand."""
+        """An entry as the text of an operand."""
         if wide:
             return self.spread(entry, type_)
         return entry if isinstance(entry, str) else literal(entry, type_)
 
     def spread(self, entry: Entry, type_: str) -> str:
-        """An entry as a vector."""
+        """An entry as a vector of equal elements; a vector stays as it is."""
         if isinstance(entry, str) and is_wide(entry):
             return entry
         if not isinstance(entry, str):
@@ -140,7 +141,7 @@ class Emitter:
         return self.remember(key, name)
 
     def vector(self, entries: Sequence[Entry], type_: str) -> Entry:
-        """A vector of these elements, padded with any; the entry itself where all are the same."""
+        """A vector of these elements, padded arbitrarily; the entry itself if all are the same."""
         first = entries[0]
         if all(same(entry, first) for entry in entries):
             return first
@@ -155,7 +156,7 @@ class Emitter:
                 name = self.name(True)
                 self.line(f"{name} = insertelement {full} {text}, {type_} {entry}, i32 {place}")
                 text = name
-        if text.startswith("<"):  # all are known: give the constant a name
+        if text.startswith("<"):  # all are constants: give the vector a name
             name = self.name(True)
             self.line(f"{name} = select i1 true, {full} {text}, {full} {text}")
             text = name
@@ -164,7 +165,7 @@ class Emitter:
     # --- instructions ----------------------------------------------------------------------------------------
 
     def binary(self, operation: str, type_: str, a: Entry, b: Entry, commutes: bool = False) -> Entry:
-        """An instruction of two operands of one type: arithmetic, or a comparison."""
+        """An instruction with two operands of one type: arithmetic or a comparison."""
         if commutes and str(a) > str(b):
             a, b = b, a
         key = _key(operation, type_, a, b)
@@ -177,7 +178,7 @@ class Emitter:
         return self.remember(key, name)
 
     def unary(self, operation: str, type_: str, a: Entry, to: str | None = None) -> Entry:
-        """An instruction of one operand: a sign, or a conversion."""
+        """An instruction with one operand: a negation or a conversion."""
         key = _key(operation, type_, a, to)
         if (found := self.recall(key)) is not None:
             return found
@@ -225,11 +226,11 @@ class Emitter:
         return self.binary(operation, "i1", a, b, commutes=True)
 
     def negation(self, condition: Entry) -> Entry:
-        """Whether a condition does not hold."""
+        """The negation of a condition."""
         return self.logic("xor", condition, True)
 
     def intrinsic(self, function: str, type_: str, arguments: Sequence[Entry], to: str | None = None) -> Entry:
-        """One of LLVM's own functions, which exist for vectors too."""
+        """A call of an LLVM intrinsic, which exists for vectors too."""
         wide = any(map(is_wide, arguments))
         short = {"double": "f64", "float": "f32"}
 
@@ -240,7 +241,7 @@ class Emitter:
         return self._call(symbol, type_, arguments, to or type_, wide)
 
     def call(self, function: str, type_: str, arguments: Sequence[Entry]) -> Entry:
-        """A function of the C library without side effects, once for each element of a vector."""
+        """A call of a function of the C library without side effects, one for each element of a vector."""
         if not any(map(is_wide, arguments)):
             return self._call(function, type_, arguments, type_, False)
         key = _key("elements", function, type_, *arguments)
@@ -268,7 +269,7 @@ class Emitter:
     # --- arithmetic of indices (i64) -------------------------------------------------------------------------
 
     def index_sum(self, a: Entry, b: Entry) -> Entry:
-        """The sum."""
+        """The sum of two indices."""
         if not isinstance(a, str) and not isinstance(b, str):
             return a + b
         if not isinstance(a, str) and a == 0:
@@ -278,7 +279,7 @@ class Emitter:
         return self.binary("add nsw", "i64", a, b, commutes=True)
 
     def index_times(self, a: Entry, factor: int) -> Entry:
-        """The product with a known number."""
+        """The product with a constant."""
         if not isinstance(a, str):
             return a * factor
         if factor in (0, 1):
@@ -286,7 +287,7 @@ class Emitter:
         return self.binary("mul nsw", "i64", a, factor)
 
     def linear_index(self, indices: Sequence[Entry], shape: Sequence[int]) -> Entry:
-        """The place of an element in memory, rows one after the other."""
+        """The linear index of an element in row-major order."""
         total: Entry = 0
         for index, length in zip(indices, shape, strict=True):
             total = self.index_sum(self.index_times(total, length), index)
@@ -295,7 +296,7 @@ class Emitter:
     # --- loops -----------------------------------------------------------------------------------------------
 
     def count_up(self, length: int, body: Callable, start: Sequence[tuple[Entry, str]] = ()) -> list[Entry]:
-        """For i from 0 to length - 1: carried = body(i, carried); -> the last carried values.
+        """A loop: for i from 0 to length - 1: carried = body(i, carried); returns the last carried values.
 
         `start` holds the first carried values, each with its type. The length is at least one.
         """
@@ -306,7 +307,7 @@ class Emitter:
         self.line(f"br label %{head}")
         self.begin_block(head)
         place = len(self.lines)
-        self.lines.append("")  # for the phis
+        self.lines.append("")  # placeholder for the phi instructions
         wide = self.carries_vectors
         i, carried = self.name(), [self.name(wide) for _ in start]
         scope = self.scope()
@@ -346,7 +347,7 @@ class Emitter:
     # --- memory ----------------------------------------------------------------------------------------------
 
     def allocate(self, type_: str, size: int) -> str:
-        """Room for an array during the call: small ones on the stack, where LLVM may keep them in registers."""
+        """Memory for an array during the call: small arrays on the stack, where LLVM may keep them in registers."""
         pointer, bytes_ = self.name(), size * BYTES[type_]
         if bytes_ <= 16384 and self._on_stack + bytes_ <= _STACK:
             self._on_stack += bytes_
@@ -356,8 +357,16 @@ class Emitter:
                 "declare noalias ptr @malloc(i64) nounwind allocsize(0)",
                 "declare void @free(ptr) nounwind",
             }
-            self.allocations.append(f"  {pointer} = call noalias align 16 ptr @malloc(i64 {bytes_})")
-            self.releases.append(f"  call void @free(ptr {pointer})")
+            # Aligned to a cache line, as on the stack: a vector that lies across two lines is loaded more slowly.
+            whole, place, to_go, rest = (self.name() for _ in range(4))
+            self.allocations += [
+                f"  {whole} = call noalias align 16 ptr @malloc(i64 {bytes_ + _LINE})",
+                f"  {place} = ptrtoint ptr {whole} to i64",
+                f"  {to_go} = sub i64 0, {place}",
+                f"  {rest} = and i64 {to_go}, {_LINE - 1}",
+                f"  {pointer} = getelementptr inbounds i8, ptr {whole}, i64 {rest}",
+            ]
+            self.releases.append(f"  call void @free(ptr {whole})")
         return pointer
 
     def constant(self, numbers: Sequence, type_: str) -> str:
@@ -368,7 +377,7 @@ class Emitter:
         return name
 
     def address(self, pointer: str, type_: str, index: Entry) -> str:
-        """Where an element lies."""
+        """A pointer to an element."""
         if is_wide(index):
             raise UnsupportedError("lanes that index arrays of many elements")
         if not isinstance(index, str) and index == 0:
@@ -378,7 +387,7 @@ class Emitter:
         return name
 
     def check_index(self, index: Entry, size: int) -> None:
-        """Where access is checked: stop the process if an index lies outside its array."""
+        """If `checked`: code that aborts the process if an index is outside its array."""
         if not self.checked:
             return
         if not isinstance(index, str):
@@ -393,7 +402,7 @@ class Emitter:
         self.begin_block(label)
 
     def load(self, pointer: str, type_: str, index: Entry, wide: bool = False) -> str:
-        """An element, or a vector of elements that lie one after the other."""
+        """Load an element, or a vector of consecutive elements."""
         address, name, held = self.address(pointer, type_, index), self.name(wide), in_memory(type_)
         if held != type_:
             byte = self.name(wide)
@@ -405,7 +414,7 @@ class Emitter:
         return name
 
     def store(self, pointer: str, type_: str, index: Entry, entry: Entry, wide: bool = False) -> None:
-        """Put an element, or a vector of elements, into memory."""
+        """Store an element, or a vector of consecutive elements."""
         address, held, text = self.address(pointer, type_, index), in_memory(type_), self.text(entry, type_, wide)
         if held != type_:
             byte = self.name(wide)
@@ -414,6 +423,6 @@ class Emitter:
         self.line(f"store {self.type_text(held, wide)} {text}, ptr {address}, align {BYTES[held]}")
 
     def copy(self, to: str, source: str, bytes_: int) -> None:
-        """Copy memory; the two do not overlap."""
+        """Copy memory; source and destination must not overlap."""
         self.declarations.add("declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)")
         self.line(f"call void @llvm.memcpy.p0.p0.i64(ptr align 1 {to}, ptr align 1 {source}, i64 {bytes_}, i1 false)")

@@ -1,7 +1,7 @@
-"""Primitives without a rule of their own, by what they do outside of a compiled program.
+"""Primitives without a rule of their own, expanded into simpler primitives by tracing their implementation.
 
 Primitives of other libraries, and those of JAX that XLA itself does not know, are implemented by a function of arrays,
-`primitive.impl`. Traced, that function is a program of simpler primitives.
+`primitive.impl`. The jaxpr of that function consists of simpler primitives.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,18 +14,18 @@ from .unsupported import UnsupportedError
 
 
 def traced(function: Callable, avals: Sequence) -> ClosedJaxpr:
-    """The program of a function of arrays like these."""
+    """The closed jaxpr of a function of arrays with these shapes and types."""
     return jax.make_jaxpr(function)(*(jax.ShapeDtypeStruct(aval.shape, aval.dtype) for aval in avals))
 
 
 def implementation(eqn) -> ClosedJaxpr:
-    """The program that an equation stands for; `UnsupportedError` if its primitive is not made of others."""
+    """The closed jaxpr of an equation's implementation; `UnsupportedError` if it is not made of other primitives."""
     name = eqn.primitive.name
     try:
         found = traced(partial(eqn.primitive.impl, **eqn.params), [atom.aval for atom in eqn.invars])
-    except Exception as error:  # whatever a function that is not meant for tracing does
+    except Exception as error:  # an implementation that is not meant for tracing may raise anything
         raise UnsupportedError(f"the primitive {name}") from error
-    if _contains(found.jaxpr, name):  # JAX's own are compiled by XLA as they are
+    if _contains(found.jaxpr, name):  # the implementation of JAX's own primitives is the primitive itself, by XLA
         raise UnsupportedError(f"the primitive {name}")
     return found
 

@@ -1,4 +1,4 @@
-"""What differs between versions of JAX in the parameters of a jaxpr's equations, read here and nowhere else.
+"""Parameters of a jaxpr's equations that differ between versions of JAX; they are read only here.
 
 Tested with 0.8.0, 0.10.1 and 0.12.0.
 """
@@ -12,7 +12,7 @@ _CALLED = ("jaxpr", "call_jaxpr", "fun_jaxpr")
 
 
 class Scan(NamedTuple):
-    """The parameters of a scan: consts, then carry, then what is scanned over."""
+    """The parameters of a scan; its operands are the constants, then the carry, then the arrays scanned over."""
 
     body: ClosedJaxpr
     length: int
@@ -41,13 +41,13 @@ def called(equation) -> ClosedJaxpr | Jaxpr:
 
 
 def index_mode(equation) -> str:
-    """What becomes of indices out of bounds: "clip", "drop" (or "fill"), "promise"."""
+    """The treatment of indices out of bounds: "clip", "drop" (a gather then fills), or "promise" (there are none)."""
     name = getattr(equation.params["mode"], "name", str(equation.params["mode"])).lower()
     return {"clip": "clip", "fill_or_drop": "drop", "promise_in_bounds": "promise"}.get(name, name)
 
 
 def linear_solve(equation) -> tuple[ClosedJaxpr, list[int]]:
-    """Of a `custom_linear_solve` the program that solves, and the places of its operands among the equation's."""
+    """The solving program of a `custom_linear_solve`, and the positions of its operands among the equation's."""
     lengths, programs = equation.params["const_lengths"], equation.params["jaxprs"]
     first = lengths.matvec + lengths.vecmat
     constants = range(first, first + lengths.solve)
@@ -55,23 +55,23 @@ def linear_solve(equation) -> tuple[ClosedJaxpr, list[int]]:
 
 
 def axis_of_greatest(equation) -> int:
-    """Along which axis a `top_k` looks; up to 0.8 the last."""
+    """The axis of a `top_k`; up to version 0.8 always the last one."""
     return equation.params.get("axis", equation.invars[0].aval.ndim - 1)
 
 
 def literal_value(literal: Literal) -> np.ndarray:
-    """The number of a literal, in its type."""
+    """The value of a literal as an array of its type."""
     aval: Any = literal.aval
     return np.asarray(literal.val, aval.dtype)
 
 
 def parts(jaxpr: ClosedJaxpr | Jaxpr) -> tuple[Jaxpr, Any]:
-    """The jaxpr, and its constants."""
+    """A jaxpr and its constants."""
     return (jaxpr.jaxpr, jaxpr.consts) if isinstance(jaxpr, ClosedJaxpr) else (jaxpr, ())
 
 
 def subprograms(equation) -> list[Jaxpr]:
-    """All programs within an equation's parameters; those of a `native_call` hold theirs as `closed`."""
+    """All jaxprs among an equation's parameters; a `native_call` has a `Program`, with its jaxpr in `closed`."""
     found = []
     for parameter in equation.params.values():
         for each in parameter if isinstance(parameter, tuple | list) else (parameter,):

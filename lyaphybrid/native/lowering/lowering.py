@@ -1,9 +1,9 @@
 """From a jaxpr to the text of one LLVM function: equation by equation, each by the rule of its primitive.
 
-A rule is a function `(b, eqn, *values) -> value`, or a list of values where the primitive has several results. `b` is
-this `Lowering`, the values are the operands in the forms of `_values`. `entrywise` rules see single entries instead:
-`(b, eqn, dtypes, *entries) -> entry`; they serve entries, rows and lazy arrays alike. `in_rows` adds what a primitive
-does to rows; where it returns None, or is missing, rows are taken apart first.
+A rule is a function `(b, eqn, *values) -> value`, or a list of values if the primitive has several results. `b` is the
+`Lowering`; the values are the operands in one of the four forms of `values`. An `entrywise` rule gets single entries,
+`(b, eqn, dtypes, *entries) -> entry`, and serves entries, rows and lazy arrays alike. `in_rows` registers an additional
+rule for operands in rows; if there is none, or it returns None, rows are converted to entries first.
 """
 
 from collections.abc import Callable, Sequence
@@ -35,7 +35,7 @@ def entrywise(*primitives: str) -> Callable:
 
 
 def in_rows(*primitives: str) -> Callable:
-    """Register what these primitives do to rows."""
+    """Register a rule of these primitives for operands in rows."""
     return _register(IN_ROWS, primitives)
 
 
@@ -49,17 +49,17 @@ def _register(registry: dict[str, Callable], primitives: Sequence[str]) -> Calla
 
 
 class Lowering(Values):
-    """One function in the making."""
+    """The lowering of one jaxpr to one LLVM function."""
 
     def __init__(self, *how, **options):
-        """As `Values`."""
+        """Arguments as for `Values`."""
         super().__init__(*how, **options)
         self._uses: dict[Jaxpr, Uses] = {}
 
     def constant_value(self, number) -> Value:
         """A constant array."""
         array = as_numpy(number)
-        if array.dtype == jax.dtypes.float0:  # the cotangent of an integer, which nobody reads
+        if array.dtype == jax.dtypes.float0:  # the cotangent of an integer, which is never read
             array = np.zeros(array.shape, bool)
         llvm_type(array.dtype)
         if self.is_small(array.shape):
@@ -96,7 +96,7 @@ class Lowering(Values):
         del values
         for place, eqn in enumerate(inner.eqns):
             if not any(variable in last for variable in eqn.outvars) and not eqn.effects:
-                continue  # nobody needs it
+                continue  # the results are not used
             operands = [read(atom) for atom in eqn.invars]
             for variable in {v for v in eqn.invars if not isinstance(v, Literal) and last[v] == place}:
                 release(variable)
@@ -161,9 +161,9 @@ class Lowering(Values):
         return self.lazy(result.shape, result.dtype, at, readable)
 
     def readable(self, value: Value, dtype, often: bool = False) -> Value:
-        """A value whose elements are found at indices that are known at run time only, at little cost.
+        """The value in a form whose elements can be read cheaply at indices that are known only at run time.
 
-        `often`: an element is asked for more than once.
+        `often`: whether elements are read more than once, so that a lazy array is computed into memory first.
         """
         if isinstance(value, Lazy) and often and not value.cheap:
             return self.in_memory(value)
@@ -172,17 +172,18 @@ class Lowering(Values):
         return value
 
     def at_hand(self, value: Value) -> Value:
-        """A value that may be used within loops and branches: not lazy any more."""
+        """The value in a form that may be used within loops and branches: a lazy array is computed into memory."""
         return self.held(self.in_memory(value)) if isinstance(value, Lazy) else value
 
 
 def spread(indices: Sequence, shape: Sequence[int]) -> list:
-    """Where an operand is read for an element of a result that it is spread over: without axes, or with some of 1."""
+    """The indices of an operand for an element of the result it is broadcast to (axes missing, or of length 1)."""
     return [0 if n == 1 else i for i, n in zip(indices[len(indices) - len(shape) :], shape, strict=True)]
 
 
-KEEPS_ROWS: set[str] = set()  # primitives whose rules take rows as they are
-CALLS: set[str] = set()  # primitives that stand for a program, whose equations are lowered in place
+NO_CALLS = '"no-builtin-memcpy" "no-builtin-memmove" "no-builtin-memset"'
+KEEPS_ROWS: set[str] = set()  # primitives whose rules accept operands in rows
+CALLS: set[str] = set()  # primitives that call a program, whose equations are inlined
 
 
 def lower(
@@ -199,14 +200,14 @@ def lower(
     Args:
         closed: the program.
         small: arrays of up to so many elements are held as entries.
-        columns: frames of so many columns are held in vectors.
-        lanes: so many runs go side by side; an input that is `wide`, and each output, has a last axis for them.
+        columns: number of columns of the frames whose rows are held in vectors; 0: none.
+        lanes: number of runs in parallel; `wide` inputs, and all outputs, have a last axis (lanes,).
         wide: for each input, whether the lanes differ in it.
-        checked: test each index against the size of its array.
-        most_apart: the largest part of the code that may stand in branches which lanes do not share.
+        checked: whether to test each index against the size of its array.
+        most_apart: largest part of the code, 0 to 1, that may be in branches which lanes do not share.
 
     Raises:
-        UnsupportedError: a primitive has no rule, or lanes have less in common than that.
+        UnsupportedError: if a primitive has no rule, or more of the code than `most_apart` is in such branches.
     """
     b = Lowering(small, columns, lanes, checked)
     jaxpr = closed.jaxpr
@@ -219,7 +220,8 @@ def lower(
     if b.apart > most_apart * (len(b.lines) - b.seldom):
         raise UnsupportedError(f"lanes that part in {b.apart} of {len(b.lines) - b.seldom} lines")
     body = [*b.allocations, *b.lines, *b.releases, "  ret void"]
-    head = "define void @call(ptr noalias readonly %inputs, ptr noalias readonly %outputs) nounwind {"
+    # Short loops that copy stay loops: a call of the C library for each row of a frame is slower.
+    head = f"define void @call(ptr noalias readonly %inputs, ptr noalias readonly %outputs) nounwind {NO_CALLS} {{"
     return "\n".join([*b.constants, *sorted(b.declarations), head, "entry:", *body, "}", "!0 = !{}", ""])
 
 

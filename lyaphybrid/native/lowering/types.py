@@ -1,4 +1,4 @@
-"""Element types: what JAX calls float64 LLVM calls double; how numbers are written in LLVM's text."""
+"""Element types of JAX, NumPy and LLVM (float64 is LLVM's double), and numbers in LLVM IR."""
 
 import functools
 import struct
@@ -20,8 +20,8 @@ _LLVM = {
     "uint64": "i64",
     "float32": "float",
     "float64": "double",
-    "void": "i1",  # float0, the type of cotangents of integers, which nobody reads
-    "key<fry>": "i64",  # a random key of JAX's: two words of 32 bits
+    "void": "i1",  # float0, the type of cotangents of integers, which are never read
+    "key<fry>": "i64",  # a PRNG key of JAX (Threefry): two words of 32 bits
 }
 BYTES = {"i1": 1, "i8": 1, "i16": 2, "i32": 4, "i64": 8, "float": 4, "double": 8}
 BITS = {"i1": 1, "i8": 8, "i16": 16, "i32": 32, "i64": 64}
@@ -30,7 +30,7 @@ INDEX = np.dtype(np.int64)
 
 @functools.cache
 def llvm_type(dtype) -> str:
-    """The LLVM type of an element; `UnsupportedError` for complex numbers, half floats and keys."""
+    """The LLVM type of an element; `UnsupportedError` for complex numbers, half floats and keys of other PRNGs."""
     name = getattr(dtype, "name", None) or np.dtype(dtype).name
     if name not in _LLVM:
         raise UnsupportedError(f"elements of type {name}")
@@ -39,7 +39,7 @@ def llvm_type(dtype) -> str:
 
 @functools.cache
 def numpy_type(dtype) -> np.dtype:
-    """The type that NumPy's arrays of such elements have: of keys, 64 bits."""
+    """The type of NumPy arrays of such elements; uint64 for PRNG keys."""
     return np.dtype(np.uint64) if _is_key(dtype) else np.dtype(dtype)
 
 
@@ -49,7 +49,7 @@ def _is_key(dtype) -> bool:
 
 
 def as_numpy(array) -> np.ndarray:
-    """An array of NumPy's."""
+    """The array as a NumPy array; PRNG keys as uint64."""
     if isinstance(array, np.ndarray) or not _is_key(getattr(array, "dtype", None)):
         return np.asarray(array)
     llvm_type(array.dtype)
@@ -58,7 +58,7 @@ def as_numpy(array) -> np.ndarray:
 
 
 def of_numpy(array: np.ndarray, dtype):
-    """The array as JAX has it: where its elements are keys, an array of keys."""
+    """The NumPy array as JAX expects it; an array of PRNG keys for a key type."""
     if not _is_key(dtype):
         return array
     words = array.reshape(*array.shape, 1).view(np.uint32)
@@ -72,17 +72,17 @@ def is_float(dtype) -> bool:
 
 @functools.cache
 def kind(dtype) -> str:
-    """NumPy's letter: b(oolean), i(nteger), u(nsigned), f(loat)."""
+    """NumPy's letter for the kind of a type: b(oolean), i(nteger), u(nsigned), f(loat)."""
     return numpy_type(dtype).kind
 
 
 def in_memory(type_: str) -> str:
-    """The type that holds an element in memory."""
+    """The LLVM type of an element in memory: a boolean takes a byte."""
     return "i8" if type_ == "i1" else type_
 
 
 def literal(number: bool | int | float, type_: str) -> str:
-    """A number as LLVM writes it: floats by their bits, so that nothing is rounded and nan and inf have a form."""
+    """A number in LLVM IR; floats by their bits, which is exact and includes nan and inf."""
     if type_ == "i1":
         return "true" if number else "false"
     if type_ in ("double", "float"):

@@ -1,5 +1,5 @@
-"""What the compiler does not take."""
+"""The error for programs that the compiler cannot take."""
 
 
 class UnsupportedError(Exception):
-    """A program that this compiler does not take; the message names the primitive, or the type."""
+    """A program that this compiler cannot take; the message names the primitive, or the type."""

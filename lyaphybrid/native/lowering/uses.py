@@ -1,8 +1,8 @@
-"""Where the values of a program are used: when one is needed for the last time, and which may be worked out late.
+"""Uses of a program's values: the last use of each, and which large arrays can stay lazy.
 
-A large array that is worked out entry by entry need not lie in memory if all its uses come together in one loop, the
-one that works out the single array (or sum, or store) that depends on it. That is its *root*. Where there are several
-roots the array would be worked out in each.
+A large array that is computed entry by entry need not be stored if all its uses are in one loop, the loop that computes
+the only array (or sum, or store) that depends on it. That loop is its *root*. An array with several roots would be
+computed in each of them, so it is stored.
 """
 
 from collections.abc import Container
@@ -12,17 +12,17 @@ from .jax_versions import Jaxpr, Literal, called, parts
 
 
 class Uses(NamedTuple):
-    """Of the variables that are needed: an equation whose results nobody needs uses nothing."""
+    """The uses of variables; equations whose results are not used do not count."""
 
-    last: dict[Any, int]  # the place of the last use; results are used at the end
-    apart: set[Any]  # those with several roots
-    roots: list[frozenset]  # of each operand; result i of the program is the root ("result", i)
+    last: dict[Any, int]  # variable: index of the equation with its last use; for results, the number of equations
+    apart: set[Any]  # variables with several roots
+    roots: list[frozenset]  # the roots of each operand; result i of the program is the root ("result", i)
 
 
 def uses_of(jaxpr: Jaxpr, entrywise: Container[str], calls: Container[str], known: dict[Jaxpr, Uses]) -> Uses:
-    """The uses of the variables of a program, by the names of primitives that are entry by entry, or calls.
+    """The uses of the variables of a program, given the names of entrywise primitives and of calls.
 
-    `known`: what was found before, of this program or of those that it calls.
+    `known`: a cache for this program and those that it calls.
     """
     if jaxpr not in known:
         known[jaxpr] = _uses_of(jaxpr, entrywise, calls, known)
@@ -39,7 +39,7 @@ def _uses_of(jaxpr: Jaxpr, entrywise, calls, known) -> Uses:
             roots[atom] = roots.get(atom, frozenset()) | found
 
     def root(variable) -> frozenset:
-        """Where the values of a variable are worked out: in memory of its own, or in the loop of its one root."""
+        """The loop in which a variable is computed: that of its only root, or its own, {variable}."""
         found = roots.get(variable, frozenset())
         return found if len(found) == 1 else frozenset([variable])
 
@@ -63,7 +63,7 @@ def _uses_of(jaxpr: Jaxpr, entrywise, calls, known) -> Uses:
 
 
 def _outside(found: frozenset, eqn, root) -> frozenset:
-    """The roots of an operand of a call, as they are called outside."""
+    """The roots of an operand of a call, in terms of the calling program."""
     each = [root(eqn.outvars[x[1]]) if x[:1] == ("result",) else {(id(eqn), x)} for x in map(_named, found)]
     return frozenset().union(*each)
 

@@ -1,51 +1,50 @@
-"""Arrays while they are compiled.
+"""The four forms of an array while it is compiled.
 
-An array is held in one of four ways:
-
-- Entries: few elements: each is an entry (a number, or an SSA value); moving them about costs nothing at run time
-- Rows: few elements, of which the last axis lies in a vector: the columns of a frame
-- Lazy: many elements that are not in memory yet: a function of the index, written out where it is used
-- Buffer: many elements in memory; written in place where nothing reads the old value any more
+- Entries: few elements, each an entry (a constant, or an SSA value); moving them costs nothing at run time.
+- Rows: few elements, each row of the last axis in a vector register: the columns of a frame.
+- Lazy: many elements that are not computed yet: a function of the index, evaluated where it is used.
+- Buffer: many elements in memory, overwritten in place if the old values are not needed any more.
 """
 
 import math
 import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 import numpy as np
 
 from .emitter import Emitter, Entry, is_known, is_wide
 from .types import BYTES, is_float, llvm_type, numpy_type
 
-Entries = np.ndarray  # of objects
+Entries = np.ndarray  # of type object
 
 
 class Source:
-    """What variables hold, and what lazy values read: memory, or a lazy value, which may come to lie in memory."""
+    """A value with counted uses: memory, or a lazy array, which may be computed into memory later."""
 
     def __init__(self):
-        self.holders = 0  # how many variables of the program still need what is there
-        # What is yet to be worked out from it; in order, so that a program has one text.
+        self.holders = 0  # number of variables of the program that still need the value
+        # Lazy arrays that will read it; ordered, so that the text of a program is reproducible.
         self.readers: weakref.WeakKeyDictionary[Lazy, None] = weakref.WeakKeyDictionary()
 
 
 class Memory(Source):
-    """Where a buffer's elements lie."""
+    """A block of memory that holds the elements of buffers."""
 
     def __init__(self, pointer: str, size: int, writable: bool, wide: bool = False, mask: Entry | None = None):
         super().__init__()
         self.pointer, self.size = pointer, size
-        self.writable = writable  # inputs and constants are not
-        self.wide = wide  # whether each element is a vector: one number for each lane
-        self.mask = mask  # of the lanes that were going when it was new: the others have nothing there
+        self.writable = writable  # False for inputs and constants
+        self.wide = wide  # whether each element is a vector, a number for each lane
+        self.mask = mask  # the lanes that were active when it was allocated: the others have no values there
 
     def is_free(self) -> bool:
-        """Whether it may be written: no variable needs what is there."""
+        """Whether it may be overwritten: no variable needs its values."""
         return self.writable and self.holders == 0
 
 
 class Buffer:
-    """An array in memory, row by row."""
+    """An array in memory, in row-major order."""
 
     def __init__(self, memory: Memory, shape: Sequence[int], dtype):
         self.memory, self.shape, self.dtype = memory, tuple(shape), numpy_type(dtype)
@@ -64,57 +63,58 @@ class Lazy(Source):
     ):
         super().__init__()
         self.shape, self.dtype, self.at = tuple(shape), numpy_type(dtype), at
-        self.sources = sources  # all that it reads, also by way of other lazy values
+        self.sources = sources  # all that it reads, directly or through other lazy arrays
         self.depth = 1 + max((source.depth for source in sources if isinstance(source, Lazy)), default=0)
-        self.cheap = cheap  # may be worked out for each use: it only reads
-        self.buffer: Buffer | None = None  # once it was worked out
+        self.cheap = cheap  # whether it may be evaluated again for each use, because it only reads elements
+        self.buffer: Buffer | None = None  # its memory, once it has been computed
 
 
 class Rows:
-    """A small array whose last axis lies in vectors: `vectors` has one axis less."""
+    """A small array whose last axis is held in vectors; the array `vectors` has one axis less."""
 
     def __init__(self, vectors: np.ndarray, shape: Sequence[int], dtype):
         self.vectors, self.shape, self.dtype = vectors, tuple(shape), numpy_type(dtype)
 
 
-_DEEP = 40  # lazy values that read lazy values: Python's stack is finite
+_TOGETHER = 16  # most arrays that are computed in one loop
+_DEEP = 40  # largest depth of lazy arrays that read lazy arrays: their evaluation is recursive
 
 Value = Entries | Rows | Lazy | Buffer
 
 
 def memory_of(value: Value) -> Memory | None:
-    """Where a value lies, if it lies in memory."""
+    """The memory of a value, or None if it is not in memory."""
     buffer = value.buffer if isinstance(value, Lazy) else value
     return buffer.memory if isinstance(buffer, Buffer) else None
 
 
 def source_of(value: Value) -> Source | None:
-    """What counts who needs a value; None for entries and rows, which nothing overwrites."""
+    """The object that counts the uses of a value; None for entries and rows, which are never overwritten."""
     return value if isinstance(value, Lazy) and value.buffer is None else memory_of(value)
 
 
 def scalar(entry: Entry) -> Entries:
-    """An array without axes."""
+    """An array of shape () with this entry."""
     array = np.empty((), object)
     array[()] = entry
     return array
 
 
 def filled(shape: Sequence[int], entries: Sequence[Entry]) -> Entries:
-    """An array of entries, row by row."""
+    """An array of entries, in row-major order."""
     array = np.empty(len(entries), object)
-    for i, entry in enumerate(entries):  # not array[:] = entries, which would look into strings
+    for i, entry in enumerate(entries):  # not array[:] = entries, which would treat strings as sequences
         array[i] = entry
     return array.reshape(shape)
 
 
 def flat(array: Entries) -> list[Entry]:
-    """The entries, row by row."""
+    """The list of entries, in row-major order."""
     return array.ravel().tolist()
 
 
 def size(shape: Sequence[int]) -> int:
-    """How many elements."""
+    """The number of elements."""
     return math.prod(shape)
 
 
@@ -124,22 +124,22 @@ def rows_available(shape: Sequence[int], dtype, columns: int) -> bool:
 
 
 class Values(Emitter):
-    """The emitter, for arrays."""
+    """The emitter with operations on arrays."""
 
     def __init__(self, small: int = 16, columns: int = 0, lanes: int = 1, checked: bool = False):
-        """Up to `small` elements are entries; frames of so many columns are rows; `lanes` runs go side by side."""
+        """Up to `small` elements are entries; frames of `columns` columns are rows; `lanes` runs are in parallel."""
         if columns and lanes > 1:
             raise ValueError("vectors hold either the columns of frames or lanes")
         super().__init__(2 ** math.ceil(math.log2(columns)) if columns else lanes, checked)
         self.small, self.columns, self.lanes = small, columns, lanes
         self.carries_vectors = lanes > 1
-        self.mask: Entry | None = None  # of the lanes that are still going, where lanes diverge
-        self.apart = 0  # how many lines stand in branches that lanes do not share, less …
-        self.seldom = 0  # … those that are said to be run seldom
-        self._lazies: list[weakref.ref[Lazy]] = []  # in the order in which they were made
+        self.mask: Entry | None = None  # the active lanes, where lanes diverge; None: all
+        self.apart = 0  # number of lines in branches that lanes do not share, without …
+        self.seldom = 0  # … the number of lines that are declared as rarely executed
+        self._lazies: list[weakref.ref[Lazy]] = []  # in the order of creation
 
     def scope(self) -> tuple[int, int]:
-        """Open a scope: what is lazy in it cannot be worked out after its end, for its indices are known there only."""
+        """Open a scope. Lazy arrays created in it cannot be evaluated after its end: they may use its indices."""
         return super().scope(), len(self._lazies)
 
     def end_scope(self, scope: tuple[int, int]) -> None:
@@ -160,17 +160,17 @@ class Values(Emitter):
         return size(shape) <= self.small
 
     def holds_rows(self, shape: Sequence[int], dtype) -> bool:
-        """Whether such an array is held in rows."""
+        """Whether an array of this shape and type is held in rows."""
         return rows_available(shape, dtype, self.columns) and self.is_small(shape)
 
     # --- elements --------------------------------------------------------------------------------------------
 
     def entry_of(self, value: Value) -> Entry:
-        """The one element of an array without axes (or with one element)."""
+        """The only element of an array of size one."""
         return flat(self.entries(value))[0]
 
     def element_at(self, value: Value, indices: Sequence[Entry], dtype=None) -> Entry:
-        """One element; the indices are numbers or SSA values, within bounds. `dtype`: of entries, which do not know."""
+        """One element; the indices are constants or SSA values, within bounds. `dtype` is needed for entries only."""
         known = is_known(*indices)
         if isinstance(value, Rows):
             if known:
@@ -187,7 +187,7 @@ class Values(Emitter):
         return self.load_element(value, indices)
 
     def _chosen(self, array: Entries, indices: list[Entry], type_: str) -> Entry:
-        """An element of entries at indices that are known at run time only: by comparisons."""
+        """An element of entries at indices that are known only at run time: by comparisons and selections."""
         index, *rest = indices
         if not isinstance(index, str):
             return self._chosen(array[index], rest, type_) if rest else array[index]
@@ -198,15 +198,15 @@ class Values(Emitter):
         return found
 
     def load_element(self, buffer: Buffer, indices: Sequence[Entry]) -> Entry:
-        """An element from memory."""
+        """Load an element of a buffer."""
         memory, type_, place = buffer.memory, llvm_type(buffer.dtype), self.linear_index(indices, buffer.shape)
-        if is_wide(place):  # each lane reads elsewhere
+        if is_wide(place):  # each lane has its own index
             return self.vector([self.load(memory.pointer, type_, at) for at in self._places(memory, place)], type_)
         self.check_index(place, memory.size)
         return self.load(memory.pointer, type_, self._place(memory, place), memory.wide)
 
     def store_element(self, buffer: Buffer, indices: Sequence[Entry], entry: Entry) -> None:
-        """An element into memory; lanes that have stopped keep what they have there."""
+        """Store an element of a buffer; inactive lanes keep their old values."""
         memory, type_, place = buffer.memory, llvm_type(buffer.dtype), self.linear_index(indices, buffer.shape)
         if memory.wide and self.mask is not None and self.mask != memory.mask:
             entry = self.select(self.mask, type_, entry, self.load_element(buffer, indices))
@@ -221,7 +221,7 @@ class Values(Emitter):
         return self.index_times(place, self.lanes) if memory.wide else place
 
     def _places(self, memory: Memory, place: Entry) -> list[Entry]:
-        """For each lane where its element lies."""
+        """For each lane the linear index of its element."""
         found = []
         for lane in range(self.lanes):
             index = self.element(place, lane, "i64")
@@ -232,7 +232,7 @@ class Values(Emitter):
     # --- from one form to another ----------------------------------------------------------------------------
 
     def entries(self, value: Value) -> Entries:
-        """A value of few elements as entries."""
+        """A small value as entries."""
         if isinstance(value, np.ndarray):
             return value
         if isinstance(value, Rows):
@@ -246,7 +246,7 @@ class Values(Emitter):
         return filled(value.shape, [self.element_at(value, i) for i in np.ndindex(value.shape)])
 
     def rows(self, value: Value, dtype) -> Rows:
-        """A frame in rows."""
+        """A frame as rows."""
         if isinstance(value, Rows):
             return value
         array, type_ = self.entries(value), llvm_type(dtype)
@@ -254,21 +254,18 @@ class Values(Emitter):
         return Rows(filled(lead, [self.vector(array[i].tolist(), type_) for i in np.ndindex(lead)]), array.shape, dtype)
 
     def new_buffer(self, shape: Sequence[int], dtype) -> Buffer:
-        """An array in memory, not yet filled; with lanes each has its own numbers there."""
+        """A new, uninitialised buffer; with lanes it holds one value per lane for each element."""
         n = size(shape)
         pointer = self.allocate(llvm_type(dtype), n * self.lanes)
         return Buffer(Memory(pointer, n, True, self.lanes > 1, self.mask), shape, dtype)
 
     def in_memory(self, value: Value, dtype=None) -> Buffer:
-        """A value in memory. `dtype`: of entries, which do not know."""
+        """A value as a buffer. `dtype` is needed for entries only."""
         if isinstance(value, Buffer):
             return value
         if isinstance(value, Lazy):
-            if value.buffer is None:
-                buffer = self.new_buffer(value.shape, value.dtype)
-                self.for_each_index(value.shape, lambda i: self.store_element(buffer, i, value.at(i)))
-                value.buffer = buffer
-                buffer.memory.holders, buffer.memory.readers = value.holders, value.readers
+            self.work_out([value])
+            assert value.buffer is not None
             return value.buffer
         if isinstance(value, Rows):
             value, dtype = self.entries(value), value.dtype
@@ -280,17 +277,32 @@ class Values(Emitter):
             self.store_element(buffer, i, value[i])
         return buffer
 
+    def work_out(self, values: Sequence[Value]) -> None:
+        """Compute lazy arrays into memory. Arrays of one shape share a loop, so that common terms are computed once."""
+        waiting = dict.fromkeys(value for value in values if isinstance(value, Lazy) and value.buffer is None)
+        for lazies in _alike(waiting, lambda lazy: lazy.shape):
+            buffers = [self.new_buffer(lazy.shape, lazy.dtype) for lazy in lazies]
+
+            def body(i, lazies=lazies, buffers=buffers):
+                for buffer, entry in zip(buffers, [lazy.at(i) for lazy in lazies], strict=True):
+                    self.store_element(buffer, i, entry)
+
+            self.for_each_index(lazies[0].shape, body)
+            for lazy, buffer in zip(lazies, buffers, strict=True):
+                lazy.buffer = buffer
+                buffer.memory.holders, buffer.memory.readers = lazy.holders, lazy.readers
+
     def constant_buffer(self, array: np.ndarray, dtype) -> Buffer:
-        """A constant in memory."""
+        """A constant array in memory."""
         pointer = self.constant(array.ravel().tolist(), llvm_type(dtype))
         return Buffer(Memory(pointer, array.size, False), array.shape, dtype)
 
     def held(self, buffer: Buffer) -> Value:
-        """A result in memory: as entries if it is small."""
+        """A result that was computed in memory: loaded as entries if it is small, otherwise the buffer."""
         return self.entries(buffer) if self.is_small(buffer.shape) else buffer
 
     def lazy(self, shape: Sequence[int], dtype, at: Callable, operands: Sequence[Value], cheap: bool = False) -> Lazy:
-        """A value that is worked out where it is used; `operands`: what it reads."""
+        """A lazy array, evaluated where it is used; `operands`: the values that it reads."""
         sources: dict[Source, None] = {}
         for value in operands:
             if (source := source_of(value)) is not None:
@@ -306,18 +318,18 @@ class Values(Emitter):
         return found
 
     def settle_readers(self, memory: Memory) -> None:
-        """Work out what still reads from memory that is about to be written."""
+        """Compute the lazy arrays that read from memory which is about to be overwritten."""
         for reader in list(memory.readers):
             self.in_memory(reader)
 
     def copied(self, buffer: Buffer) -> Buffer:
-        """The same array in memory of its own."""
+        """A copy of a buffer in new memory."""
         new = self.new_buffer(buffer.shape, buffer.dtype)
         self.copy_buffer(new, buffer)
         return new
 
     def copy_buffer(self, to: Buffer, source: Buffer) -> None:
-        """Copy all elements."""
+        """Copy all elements from `source` to `to`."""
         blended = self.mask is not None and self.mask != to.memory.mask
         if to.memory.wide == source.memory.wide and not blended:
             bytes_ = BYTES[llvm_type(source.dtype)] * (self.lanes if to.memory.wide else 1)
@@ -326,9 +338,9 @@ class Values(Emitter):
             self.for_each_index(source.shape, lambda i: self.store_element(to, i, self.load_element(source, i)))
 
     def to_write(self, value: Value, dtype, others: Sequence[Value] = ()) -> Buffer:
-        """A buffer with the value that may be written: the value's own where nobody needs the old one any more.
+        """A buffer with this value that may be overwritten: its own memory if the old value is not needed, else a copy.
 
-        `others` are read while it is written.
+        `others` are values that are read while it is written.
         """
         private = isinstance(value, np.ndarray | Rows)
         buffer = self.in_memory(value, dtype)
@@ -339,17 +351,42 @@ class Values(Emitter):
         return self.copied(buffer)
 
     def write(self, buffer: Buffer, value: Value, corner: Sequence[Entry]) -> None:
-        """Put an array into a larger one, its first element at `corner`."""
+        """Write an array into a larger one, with its first element at the indices `corner`."""
+        self.write_parts(buffer, [(value, corner)])
 
-        def shifted(indices):
-            return [self.index_sum(i, start) for i, start in zip(indices, corner, strict=True)]
+    def write_parts(self, buffer: Buffer, parts: Sequence[tuple[Value, Sequence[Entry]]]) -> None:
+        """Write arrays into a larger one, each at its corner; large arrays of one shape share a loop.
 
-        if isinstance(value, Rows):
-            value = self.entries(value)
-        if isinstance(value, np.ndarray):
-            for i in np.ndindex(value.shape):
-                self.store_element(buffer, shifted(i), value[i])
-        else:
-            self.for_each_index(
-                value.shape, lambda i: self.store_element(buffer, shifted(i), self.element_at(value, i))
-            )
+        The parts do not overlap, and read nothing of the larger one.
+        """
+
+        def put(value: Value, corner: Sequence[Entry], i: Sequence[Entry]) -> None:
+            entry = value[tuple(i)] if isinstance(value, np.ndarray) else self.element_at(value, i)
+            self.store_element(buffer, [self.index_sum(x, start) for x, start in zip(i, corner, strict=True)], entry)
+
+        large = []
+        for value, corner in parts:
+            if isinstance(value, np.ndarray | Rows):
+                value = self.entries(value)
+                for i in np.ndindex(value.shape):
+                    put(value, corner, i)
+            else:
+                large.append((value, corner))
+        for alike in _alike(large, lambda part: part[0].shape):
+
+            def body(i, alike=alike):
+                for value, corner in alike:
+                    put(value, corner, i)
+
+            self.for_each_index(alike[0][0].shape, body)
+
+
+def _alike(items: Iterable, of: Callable) -> list[list]:
+    """Items grouped by the value of `of`, at most `_TOGETHER` in a group."""
+    found: dict[Any, list[list]] = {}
+    for item in items:
+        groups = found.setdefault(of(item), [[]])
+        if len(groups[-1]) == _TOGETHER:
+            groups.append([])
+        groups[-1].append(item)
+    return [group for groups in found.values() for group in groups]

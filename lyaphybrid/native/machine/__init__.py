@@ -1,1 +1,1 @@
-"""LLVM, the cache on disk, and the tiers of code."""
+"""Machine code: LLVM, the cache on disk, and tiered compilation."""

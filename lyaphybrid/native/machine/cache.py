@@ -1,11 +1,11 @@
-"""Machine code kept on disk, so that a second process compiles nothing.
+"""A cache of machine code on disk, so that a second process need not compile.
 
-An entry's name is a hash of the module's text and of all else that the code depends on (the CPU and its features, LLVM,
-the level of optimisation); lowering gives the same text for the same program in every process. An entry begins with a
-hash of its code: one that is damaged is compiled anew. Entries are written under another name first and then renamed,
-so that several processes may share the folder; the least recently used ones go when it has grown too large.
+The name of an entry is a hash of the module's text and of everything else that the code depends on (the CPU and its
+features, LLVM, the optimisation level); lowering gives the same text for the same program in every process. An entry
+begins with a hash of its code: a damaged one is compiled again. Entries are written under a temporary name and renamed,
+so that several processes may share the folder. The least recently used ones are removed if it grows too large.
 
-`LYAPHYBRID_CACHE` names another folder; "off" keeps nothing.
+`LYAPHYBRID_CACHE` names another folder; "off" disables the cache.
 """
 
 import contextlib
@@ -19,12 +19,12 @@ import platformdirs
 
 VARIABLE = "LYAPHYBRID_CACHE"
 MOST_BYTES = 256 * 2**20
-LOOK_AFTER = 1 / 16  # of that, written by this process: whether the folder has grown too large
+LOOK_AFTER = 1 / 16  # the size of the folder is checked after this process has written this fraction of MOST_BYTES
 _HASH = hashlib.sha256().digest_size
 
 
 def folder() -> Path | None:
-    """Where entries lie; None where nothing is kept."""
+    """The folder of the entries; None if the cache is off."""
     chosen = os.environ.get(VARIABLE, "")
     if chosen.lower() == "off":
         return None
@@ -32,18 +32,18 @@ def folder() -> Path | None:
 
 
 def kept(description: str, compile_: Callable[[], bytes]) -> bytes:
-    """The code of that description: from the disk if it is there, else compiled and kept."""
+    """The code for a description: from the disk if it is there, otherwise compiled and stored."""
     place, code = folder(), if_kept(description)
     if code is None:
         code = compile_()
         if place is not None:
-            with contextlib.suppress(OSError):  # a full or read-only disk: compile each time
+            with contextlib.suppress(OSError):  # a full or read-only disk: work without the cache
                 _write(_entry(place, description), code)
     return code
 
 
 def if_kept(description: str) -> bytes | None:
-    """The code of that description if it is on the disk."""
+    """The code for a description if it is on the disk, otherwise None."""
     place = folder()
     return None if place is None else _read(_entry(place, description))
 
@@ -55,7 +55,7 @@ def _entry(place: Path, description: str) -> Path:
 def _read(entry: Path) -> bytes | None:
     try:
         content = entry.read_bytes()
-        entry.touch()  # used now
+        entry.touch()  # the modification time is the time of the last use
     except OSError:
         return None
     code = content[_HASH:]
@@ -79,19 +79,19 @@ def _write(entry: Path, code: bytes) -> None:
 
 
 class _Written:
-    """How much this process has written since it last looked: to look at thousands of files takes its time."""
+    """Bytes written since the last check of the folder's size, which is slow with thousands of files."""
 
-    unseen = MOST_BYTES  # bytes; so that the first entry is followed by a look
+    unseen = MOST_BYTES  # so that the folder is checked after the first entry
 
 
 _written = _Written()
 
 
 def _make_room(place: Path) -> None:
-    """Remove the least recently used entries, and what broken writers left, until the folder is small enough."""
+    """Remove the least recently used files, temporary ones included, until the folder is small enough."""
     entries = []
     for file in place.iterdir():
-        with contextlib.suppress(OSError):  # another process was faster
+        with contextlib.suppress(OSError):  # another process has removed it
             about = file.stat()
             entries.append((about.st_mtime, about.st_size, file))
     total = sum(size for _, size, _ in entries)

@@ -1,4 +1,4 @@
-"""LLVM: from the text of a module to an address."""
+"""LLVM: from the text of a module to machine code and the addresses of its functions."""
 
 import ctypes
 import ctypes.util
@@ -24,7 +24,7 @@ _LIBRARY = (*_OF_FLOATS, *(name + "f" for name in _OF_FLOATS), *"malloc free abo
 
 @functools.cache
 def _library() -> dict[str, int]:
-    """Where the functions of the C library are."""
+    """The addresses of functions of the C library."""
     names = ["ucrtbase"] if sys.platform == "win32" else [ctypes.util.find_library("m"), None]
     libraries = [ctypes.CDLL(name) for name in names if name is not None or sys.platform != "win32"]
     found = {}
@@ -36,13 +36,13 @@ def _library() -> dict[str, int]:
 
 
 def describe() -> str:
-    """What machine code depends on, beside the module's text."""
+    """What machine code depends on besides the module's text: LLVM, the platform, the CPU and its features."""
     return f"LLVM {llvm.llvm_version_info}, {llvm.get_default_triple()}, {llvm.get_host_cpu_name()}, {_features()}"
 
 
 @functools.cache
 def _features() -> str:
-    """What this CPU can do, less the gathers that it does slowly: with AVX-512 four disks took 1.8 times as long."""
+    """The features of this CPU, with gather and scatter instructions avoided on x86, where they are slow."""
     own = llvm.get_host_cpu_features().flatten()
     on_x86 = llvm.get_default_triple().startswith(("x86_64", "amd64"))
     return f"{own},+prefer-no-gather,+prefer-no-scatter" if on_x86 else own
@@ -50,14 +50,14 @@ def _features() -> str:
 
 @functools.cache
 def doubles_in_a_vector() -> int:
-    """How many numbers the widest vectors of this CPU hold."""
+    """The number of doubles in the widest vector register of this CPU."""
     features = llvm.get_host_cpu_features()
     return 8 if features.get("avx512f") else 4 if features.get("avx") else 2
 
 
 @functools.cache
 def has_fused_products() -> bool:
-    """Whether a·b + c, rounded once, is an instruction of this CPU."""
+    """Whether this CPU has an instruction for a·b + c with one rounding (FMA)."""
     return bool(llvm.get_host_cpu_features().get("fma")) or llvm.get_default_triple().startswith(("aarch64", "arm64"))
 
 
@@ -69,7 +69,7 @@ def _target_machine(level: int):
 
 
 def object_code(text: str, level: int, scattered: bool = False) -> bytes:
-    """Machine code, not yet linked, of a module; `scattered`: look for vectors among scattered numbers."""
+    """The object code of a module; `scattered`: whether to search for vectors among scalar instructions (SLP)."""
     machine = _target_machine(level)
     module = llvm.parse_assembly(text)
     module.triple, module.data_layout = machine.triple, str(machine.target_data)
@@ -79,13 +79,18 @@ def object_code(text: str, level: int, scattered: bool = False) -> bytes:
     options.loop_unrolling = level >= 2
     builder = llvm.create_pass_builder(machine, options)
     builder.getModulePassManager().run(module, builder)
+    if scattered:  # LLVM's search for them can put an instruction after its uses; to emit that ends the process
+        try:
+            module.verify()
+        except RuntimeError:
+            return object_code(text, level)
     return machine.emit_object(module)
 
 
 @functools.cache
 def _linker():
-    # JITLink puts code and constants side by side. LLVM's older linker may put them farther apart than an instruction
-    # reaches, and then ends the process.
+    # JITLink places code and constants next to each other. LLVM's older linker may place them farther apart than an
+    # instruction can address, and then ends the process.
     return llvm.create_lljit_compiler(use_jit_link=sys.platform != "win32")
 
 
@@ -93,10 +98,10 @@ _names, _linking = itertools.count(), threading.Lock()
 
 
 class Linked:
-    """Machine code in memory, as long as this object lives."""
+    """Machine code that is linked in memory; it stays there as long as this object lives."""
 
     def __init__(self, code: bytes, functions: Sequence[str]):
-        """`functions`: those of the code whose addresses are asked for."""
+        """`functions`: names of the functions whose addresses are needed."""
         library = llvm.JITLibraryBuilder().add_object_img(code)
         for name, address in (_library() | _scipy.addresses(code)).items():
             library.import_symbol(name, address)
@@ -106,5 +111,5 @@ class Linked:
             self._code = library.link(_linker(), f"program {next(_names)}")
 
     def address(self, function: str) -> int:
-        """Where a function begins."""
+        """The address of a function."""
         return self._code[function]

@@ -1,7 +1,7 @@
-"""LAPACK and BLAS: the functions that SciPy offers to Cython, by their addresses.
+"""Addresses of the LAPACK and BLAS functions that SciPy exports for Cython.
 
-A function is called `native_` and its name in compiled code. All arguments go by pointer; integers have 32 bits, and
-strings no hidden lengths.
+In compiled code the name of a function has the prefix `native_`. All arguments are pointers; integers have 32 bits, and
+strings have no hidden length arguments.
 """
 
 import ctypes
@@ -12,19 +12,19 @@ _PREFIX = "native_"
 
 
 def symbol(function: str) -> str:
-    """What a function is called in compiled code."""
+    """The name of a function in compiled code."""
     return _PREFIX + function
 
 
 def addresses(code: bytes) -> dict[str, int]:
-    """Where the functions are that machine code calls."""
+    """The addresses of the functions that machine code calls, by symbol."""
     names = sorted(set(re.findall(_PREFIX.encode() + rb"(\w+)", code)))
     return {symbol(name.decode()): _address(name.decode()) for name in names}
 
 
 @functools.cache
 def _address(function: str) -> int:
-    import scipy.linalg.cython_blas as blas  # here, for it takes a while
+    import scipy.linalg.cython_blas as blas  # imported here, because the import is slow
     import scipy.linalg.cython_lapack as lapack
 
     capsule = next(m.__pyx_capi__[function] for m in (blas, lapack) if function in m.__pyx_capi__)

@@ -1,10 +1,9 @@
-"""How hard LLVM tries, and when: code that is ready at once, and better code for what goes on running.
+"""Tiered compilation: unoptimised code that is ready at once, and optimised code for programs that run for long.
 
-To optimise takes LLVM ten times as long as to translate, and the code is then 1.5 times as fast, or 8 times where it
-loops over arrays (a pendulum with dry friction: 2.1 and 0.3 s of LLVM; four hard disks: 1.1 and 0.07 s). Most programs
-run for less time than that. So what is called again and again is only translated at first. Where there is much left
-to run, a thread makes better code, which the calls after that use. Both give the same bits: no flag lets LLVM change
-the order of a sum.
+LLVM needs much longer to optimise a module than to translate it, and most programs run for less time than the
+optimisation would take (`benchmarks.first_calls` measures LLVM's part of a first call). So a program that is called
+repeatedly is only translated at first. If much is left to run, a thread makes optimised code, which later calls use.
+Both codes give the same bits: no flag allows LLVM to change the order of a sum.
 """
 
 import ctypes
@@ -15,16 +14,16 @@ import zlib
 from .cache import if_kept, kept
 from .code import Linked, describe, object_code
 
-AT_ONCE = 0  # LLVM's level of code that is needed at once
-SECONDS_A_LINE = 1e-4  # of a module: about what LLVM takes to optimise it
-WORTH_IT = 2  # so many times as long must be left to run …
-AT_LAST = 3  # … or be behind
-PATIENCE = 2.0  # seconds of LLVM that one long call waits for at most
+AT_ONCE = 0  # LLVM's optimisation level of the first code
+SECONDS_A_LINE = 1e-4  # estimated time for LLVM to optimise one line of a module, in seconds
+WORTH_IT = 2  # optimise if the remaining run time exceeds the optimisation time by this factor …
+AT_LAST = 3  # … or if the past run time does by this factor
+PATIENCE = 2.0  # longest optimisation, in seconds, that one long call waits for
 THREAD = "lyaphybrid optimises"
 
 
 class _Code:
-    """A module as machine code, linked."""
+    """The linked machine code of a module."""
 
     def __init__(self, code: bytes):
         linked = Linked(code, ["call", "handler"])
@@ -33,21 +32,21 @@ class _Code:
 
 
 class Tiers:
-    """A module's code, which becomes better while it is in use."""
+    """A module's machine code, which is replaced by optimised code while it is in use."""
 
     def __init__(self, text: str, level: int, scattered: bool, at_once: bool):
-        """`level`, `scattered`: of the best code; `at_once`: code that takes LLVM little time comes first."""
+        """`level`, `scattered`: options of the optimised code; `at_once`: begin with unoptimised code."""
         self._text, self._best = zlib.compress(text.encode(), 1), (level, scattered)
-        self._cost, self._spent = cost(text), 0.0  # seconds: to optimise it, of running
+        self._cost, self._spent = cost(text), 0.0  # estimated time to optimise, past run time; in seconds
         self._lock, self._asked = threading.Lock(), False
-        self._fixed: list[_Code] = []  # which others know the addresses of
+        self._fixed: list[_Code] = []  # codes whose addresses were given out, and which must stay alive
         best = if_kept(_description(text, *self._best)) if at_once else _made(text, *self._best)
         self.is_best = best is not None
         self._code = _Code(_made(text, AT_ONCE, False) if best is None else best)
 
     def __call__(self, inputs, outputs) -> None:
-        """Run "call"; other threads of Python run meanwhile."""
-        code = self._code  # alive while it runs, even if better code comes
+        """Run the function "call"; Python's lock is released meanwhile."""
+        code = self._code  # this reference keeps the code alive if a thread replaces it meanwhile
         if self.is_best:
             code.call(inputs, outputs)
             return
@@ -58,7 +57,7 @@ class Tiers:
             self._improve_aside()
 
     def ahead(self, seconds: float) -> None:
-        """So much is left to run, at the speed of the last call."""
+        """Report the estimated remaining run time in seconds; it starts the optimisation if that is long enough."""
         if seconds > WORTH_IT * self._cost:
             self._improve_aside()
 
@@ -74,9 +73,9 @@ class Tiers:
                 self._text, self.is_best = b"", True
 
     def address(self, function: str, patience: float) -> int:
-        """Where a function of the code begins; it stays there as long as this object lives.
+        """The address of a function, valid as long as this object lives.
 
-        Of the best code, if LLVM takes no more than `patience` seconds for that.
+        The code is optimised first if that takes no more than about `patience` seconds.
         """
         if self._cost <= patience:
             self._improve()
@@ -85,7 +84,7 @@ class Tiers:
 
 
 def cost(text: str) -> float:
-    """About how many seconds LLVM takes to optimise a module."""
+    """The estimated time in seconds for LLVM to optimise a module."""
     return SECONDS_A_LINE * text.count("\n")
 
 

@@ -1,4 +1,4 @@
-"""How each primitive of JAX is lowered, by kind: importing this package registers all rules."""
+"""The lowering rules of JAX's primitives, by kind; importing this package registers all of them."""
 
 from . import (
     branches,

@@ -1,4 +1,4 @@
-"""Branches: jumps of machine code where a run takes one of them, selections where lanes take different ones."""
+"""Branches: jumps if all lanes take the same branch, selections if lanes take different ones."""
 
 import collections
 from collections.abc import Callable, Sequence
@@ -31,7 +31,7 @@ def cond(b, eqn, which, *values):
         return _by_lanes(b, branches, index, dtype, values, avals)
     free = {memory: None for value in values if (memory := memory_of(value)) is not None and memory.is_free()}
     for memory in free:
-        b.settle_readers(memory)  # here, not within the first branch that writes over it
+        b.settle_readers(memory)  # before the jump, so that no branch has to do it before it overwrites the memory
     labels, after = [b.block_name() for _ in branches], b.block_name()
     _jump(b, index, dtype, labels)
     ends = [_branch(b, label, after, branch, values, avals) for label, branch in zip(labels, branches, strict=True)]
@@ -39,7 +39,9 @@ def cond(b, eqn, which, *values):
     in_use = collections.Counter(
         memory for each in zip(*(end.values for end in ends), strict=True) for memory in _memories(each)
     )
-    alone = [memory for memory in free if in_use[memory] == 1]  # may hold a result, whichever branch is taken
+    before = _memories(values)
+    new = [memory for end in ends for memory in _memories(end.values) if memory.writable and memory not in before]
+    alone = [memory for memory in (*free, *new) if in_use[memory] == 1]  # needed by one result only
     for place, aval in enumerate(avals):
         results.append(_merged(b, [_Arm(end.values[place], end) for end in ends], aval, alone, phis))
     b.begin_block(after)
@@ -52,7 +54,7 @@ class _End(NamedTuple):
 
     values: list[Value]
     label: str
-    late: int  # the line before the branch's last jump, for what is found to be needed later
+    late: int  # index of a placeholder line before the branch's final jump, for instructions that are added later
 
 
 class _Arm(NamedTuple):
@@ -73,13 +75,15 @@ def _jump(b: Lowering, index: Entry, dtype, labels: list[str]) -> None:
 def _branch(b: Lowering, label: str, after: str, branch, values, avals) -> _End:
     b.begin_block(label)
     scope = b.scope()
-    found = []
-    for result, aval in zip(b.run(branch, values), avals, strict=True):
+    found, results = [], b.run(branch, values)
+    b.work_out([result for result, aval in zip(results, avals, strict=True) if not b.is_small(aval.shape)])
+    for result, aval in zip(results, avals, strict=True):
         if b.is_small(aval.shape):
             found.append(in_registers(b, result, aval))
         else:
             buffer = b.in_memory(result, aval.dtype)
-            found.append(buffer if buffer.memory.wide == (b.lanes > 1) else b.copied(buffer))  # to be copied as it is
+            # All branches must have the same memory layout, with or without lanes, for a plain copy.
+            found.append(buffer if buffer.memory.wide == (b.lanes > 1) else b.copied(buffer))
     late = len(b.lines)
     b.lines.append("")
     end = _End(found, b.label, late)
@@ -93,18 +97,18 @@ def _memories(values: Sequence[Value]) -> set[Memory]:
 
 
 def _merged(b: Lowering, arms: list[_Arm], aval, free: Sequence[Memory], phis: list[str]) -> Value:
-    """One value from those of all branches.
+    """One value from the values of all branches.
 
-    In memory it lies where one of the branches has it, if that is among the `free` ones: a branch that changes nothing
-    then copies nothing.
+    A value in memory gets the memory that one of the branches uses, if that is among the `free` ones, so that this
+    branch need not copy it. Memory from before the branches comes first: a branch may leave it unchanged.
     """
     first = arms[0].value
     registers = [r for arm in arms if (r := registers_of(arm.value)) is not None]
     if not registers:
         if len(_memories([arm.value for arm in arms])) == 1:
             return first
-        buffers = [b.in_memory(arm.value) for arm in arms]  # that they are already
-        there = [buffer for buffer in buffers if buffer.memory in free]
+        buffers = [b.in_memory(arm.value) for arm in arms]  # no code: all are buffers already
+        there = sorted((x for x in buffers if x.memory in free), key=lambda x: free.index(x.memory))
         merged = there[0] if there else b.new_buffer(aval.shape, aval.dtype)
         for buffer, arm in zip(buffers, arms, strict=True):
             if buffer.memory is not merged.memory:
@@ -126,7 +130,7 @@ def _merged(b: Lowering, arms: list[_Arm], aval, free: Sequence[Memory], phis: l
 
 
 def _late(b: Lowering, end: _End, write: Callable):
-    """Write something at the end of a branch that was written before."""
+    """Add instructions at the end of a branch that has been emitted before."""
     kept, b.lines, scope = b.lines, [], b.scope()
     found = write()
     kept[end.late] += "\n".join(["", *b.lines])
@@ -136,7 +140,7 @@ def _late(b: Lowering, end: _End, write: Callable):
 
 
 def _by_lanes(b: Lowering, branches, index: Entry, dtype, values, avals) -> list[Value]:
-    """Branches that lanes do not share: each that any lane takes is computed, and each lane takes its own."""
+    """Branches that lanes do not share: each one that any lane takes is computed, and each lane selects its result."""
     outer, results, conditions = b.mask, [], []
     for i, branch in enumerate(branches):
         if np.dtype(dtype).kind == "b":
@@ -166,7 +170,7 @@ def _by_lanes(b: Lowering, branches, index: Entry, dtype, values, avals) -> list
 
 
 def _if_any_takes_it(b: Lowering, branch, values, avals) -> list[Value]:
-    """The results of a branch, for the lanes of the mask; passed over where there are none."""
+    """The results of a branch for the lanes of the mask; a long branch is jumped over if no lane takes it."""
     if not worth_a_jump(parts(branch)[0]):
         return [b.at_hand(value) for value in b.run(branch, values)]
     before, inside, after = b.label, b.block_name(), b.block_name()
@@ -179,7 +183,7 @@ def _if_any_takes_it(b: Lowering, branch, values, avals) -> list[Value]:
 
     def merged(value, aval):
         if (registers := registers_of(value)) is None:
-            return value  # its memory is there in any case
+            return value  # its memory exists whether or not the branch was executed
         type_, found = llvm_type(aval.dtype), []
         for entry in flat(registers):
             if is_known(entry) or entry in given:

@@ -1,4 +1,4 @@
-"""Rules for calls of other programs: their equations are lowered in place."""
+"""Rules for calls of other programs, which are inlined."""
 
 from collections.abc import Callable
 
@@ -19,11 +19,11 @@ CALLS |= {
 KEEPS_ROWS |= CALLS
 
 
-PROGRAMS: dict[str, Callable] = {}  # by the name of a jitted function: a rule that computes the same in another way
+PROGRAMS: dict[str, Callable] = {}  # name of a jitted function: a rule that computes the same in another way
 
 
 def program(name: str) -> Callable:
-    """Register a rule for a function of JAX by its name; it returns None for operands that it does not take."""
+    """Register a rule for a jitted function by its name; the rule returns None for operands that it cannot take."""
 
     def decorate(function: Callable) -> Callable:
         PROGRAMS[name] = function
@@ -41,7 +41,7 @@ def call(b, eqn, *values):
 
 
 def seldom(function: Callable) -> Callable:
-    """The same function; said to be hardly ever run, it does not count where it is decided whether lanes go at once."""
+    """Mark a function as rarely executed: its code does not count in the decision whether to compile for lanes."""
 
     def seldom(*args):
         return function(*args)
@@ -59,7 +59,7 @@ def _(b, eqn, *values):
 
 @rule("native_call")
 def native_call(b, eqn, *values):
-    """A program within another becomes part of it."""
+    """A native program that is called within another is inlined."""
     return b.run(eqn.params["program"].closed, values)
 
 
@@ -68,7 +68,7 @@ KEEPS_ROWS.add("native_call")
 
 @rule("select_if_vmap")
 def select_if_vmap(b, eqn, condition, x, y):
-    """Of equinox's loops: `x`, for the condition holds; with lanes it may not hold for all."""
+    """A primitive of equinox's loops: `x`, because the condition holds; with lanes a selection for each lane."""
     entry = b.entry_of(condition)
     if not is_wide(entry):
         return x
@@ -82,7 +82,7 @@ KEEPS_ROWS |= {"select_if_vmap", "nondifferentiable_backward", "announce_jaxpr"}
 
 @rule("nondifferentiable_backward", "announce_jaxpr")
 def unchanged(b, eqn, *values):
-    """Of equinox's: what matters to transformations only."""
+    """Primitives of equinox that matter only to transformations: the identity."""
     return list(values)
 
 

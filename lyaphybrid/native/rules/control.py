@@ -1,8 +1,7 @@
-"""Rules for loops and branches: real ones.
+"""Rules for loops, which become loops of machine code.
 
-The state of a loop is held in registers (small arrays, rows) or in buffers of its own (large ones), which the body may
-write in place. With lanes a loop goes on while any lane does, and the others keep what they have; of branches that
-lanes do not share each is computed, and each lane takes its own.
+The state of a loop is held in registers (small arrays, rows) or in buffers of its own (large arrays), which the body
+may overwrite in place. With lanes a loop continues while any lane does; the other lanes keep their values.
 """
 
 import contextlib
@@ -33,12 +32,12 @@ class _Aval(NamedTuple):
 
 
 def registers_of(value: Value) -> Entries | None:
-    """The entries or vectors of a value that is held in registers."""
+    """The entries or vectors of a value in registers; None for a value in memory."""
     return value if isinstance(value, np.ndarray) else value.vectors if isinstance(value, Rows) else None
 
 
 def held_like(value: Value, registers: Entries) -> Value:
-    """A value held as this one is, with other registers."""
+    """A value of the same form with other registers."""
     return Rows(registers, value.shape, value.dtype) if isinstance(value, Rows) else registers
 
 
@@ -47,7 +46,7 @@ def in_registers(b: Lowering, value: Value, aval) -> Entries | Rows:
 
 
 def _state(b: Lowering, values: Sequence[Value], avals) -> list[Value]:
-    """Values as a loop holds them."""
+    """The initial values in the form in which a loop holds its state: registers, or buffers that may be written."""
     found = []
     for place, (value, aval) in enumerate(zip(values, avals, strict=True)):
         if b.is_small(aval.shape):
@@ -59,7 +58,7 @@ def _state(b: Lowering, values: Sequence[Value], avals) -> list[Value]:
 
 
 def _returned(b: Lowering, state: list[Value], results: Sequence[Value], avals) -> list[Value]:
-    """What the body returns, put where the state lies."""
+    """The results of the body, moved to the registers and buffers of the state."""
     settled, moves = [], []
     places = {memory_of(value) for value in state} - {None}
     for value, result, aval in zip(state, results, avals, strict=True):
@@ -70,7 +69,8 @@ def _returned(b: Lowering, state: list[Value], results: Sequence[Value], avals) 
         result = b.in_memory(result, aval.dtype)
         if result.memory is value.memory:
             continue
-        moves.append((value, b.copied(result) if result.memory in places else result))  # parts that change places
+        # Parts of the state may be exchanged: copy such a result before its memory is overwritten.
+        moves.append((value, b.copied(result) if result.memory in places else result))
     for value, result in moves:
         b.settle_readers(value.memory)
         b.copy_buffer(value, result)
@@ -79,7 +79,7 @@ def _returned(b: Lowering, state: list[Value], results: Sequence[Value], avals) 
 
 @contextlib.contextmanager
 def keeping(values: Sequence[Value]):
-    """Nothing in here may write over these values."""
+    """A context in which these values must not be overwritten."""
     memories = [memory for value in values if (memory := memory_of(value)) is not None]
     for memory in memories:
         memory.holders += 1
@@ -98,7 +98,7 @@ def any_lane(b: Lowering, condition: Entry) -> Entry:
 
 
 class _Checkpoint(NamedTuple):
-    """What is to be taken back where a loop must be written anew."""
+    """The state of the emitter before a loop, to be restored if the loop must be emitted again."""
 
     lines: int
     allocations: int
@@ -123,26 +123,26 @@ class _Checkpoint(NamedTuple):
 def _loop(
     b: Lowering, state: list[Value], avals, goes_on: Callable, body: Callable, unchanged: Sequence[bool]
 ) -> list[Value]:
-    """While goes_on(state): state = body(state). `unchanged`: parts of the state that stay as they are."""
+    """A loop: while goes_on(state): state = body(state). `unchanged`: which parts the body returns as they are."""
     registers = [registers_of(value) for value in state]
     start = [entry for r in registers if r is not None for entry in flat(r)]
     types = [llvm_type(v.dtype) for r, v in zip(registers, avals, strict=True) if r is not None for _ in flat(r)]
     fixed = [f for r, f in zip(registers, unchanged, strict=True) if r is not None for _ in flat(r)]
     wide = [is_wide(entry) for entry in start]
     checkpoint, outer = _Checkpoint.of(b), b.mask
-    while True:  # once; with lanes until it is known which values differ among them
+    while True:  # with lanes repeated until it is known which values differ between them
         before = b.label
         head, inside, done = b.block_name(), b.block_name(), b.block_name()
         firsts = [e if f else b.text(e, t, w) for e, t, w, f in zip(start, types, wide, fixed, strict=True)]
         b.line(f"br label %{head}")
         b.begin_block(head)
         place = len(b.lines)
-        b.lines.append("")  # for the phis
+        b.lines.append("")  # placeholder for the phi instructions
         phis = [e if f else b.name(w) for e, w, f in zip(start, wide, fixed, strict=True)]
         scope = b.scope()
         now = _refilled(state, phis)
         condition = goes_on(now)
-        if outer is not None and is_wide(condition):  # else all lanes agree
+        if outer is not None and is_wide(condition):  # a scalar condition is the same for all lanes
             condition = b.logic("and", condition, outer)
         b.line(f"br i1 {b.text(any_lane(b, condition), 'i1')}, label %{inside}, label %{done}")
         b.begin_block(inside)
@@ -150,7 +150,7 @@ def _loop(
         b.mask = condition if is_wide(condition) else outer
         results = _returned(b, state, body(now), avals)
         ends = [e for value in results if (r := registers_of(value)) is not None for e in flat(r)]
-        if is_wide(condition):  # a lane that has finished keeps what it has
+        if is_wide(condition):  # lanes that have finished keep their values
             ends = [
                 end if same(end, phi) else b.select(condition, t, end, phi)
                 for end, phi, t in zip(ends, phis, types, strict=True)
@@ -188,7 +188,7 @@ def _refilled(state: list[Value], entries: Sequence[Entry]) -> list[Value]:
 
 
 def _handed_on(body: ClosedJaxpr, carried: int, before: int) -> list[bool]:
-    """Which parts of the state a body returns as they came; its state stands after `before` other operands."""
+    """Which parts of the state a body returns unchanged; `before`: number of operands before the state."""
     inner, _ = parts(body)
     return [out is given for out, given in zip(inner.outvars[:carried], inner.invars[before:], strict=False)]
 
@@ -199,7 +199,7 @@ def while_(b, eqn, *values):
     of_condition, of_body = p["cond_nconsts"], p["body_nconsts"]
     consts = [b.at_hand(value) for value in values[: of_condition + of_body]]
     in_condition, in_body = consts[:of_condition], consts[of_condition:]
-    (condition,) = p["cond_jaxpr"].out_avals  # with axes in front: of loops that vmap has put side by side
+    (condition,) = p["cond_jaxpr"].out_avals  # a condition with axes comes from vmap: several loops in one
     with keeping(consts):
         state = _state(b, values[of_condition + of_body :], avals)
 
@@ -222,7 +222,7 @@ def while_(b, eqn, *values):
 
 
 def _for_those_that_go_on(which, *states):
-    """Of loops side by side that go on the new state, of the others the old one."""
+    """For loops batched by vmap: the new state of those that continue, the old state of the others."""
     middle = len(states) // 2
 
     def chosen(new, old):
@@ -248,7 +248,7 @@ def scan(b, eqn, *values):
 
 
 def _written_out(b, p, avals, consts, start, xs, x_avals):
-    """Turn after turn: then indices are known."""
+    """An unrolled scan: all indices are constants."""
     xs = [b.entries(x) if b.is_small(v.shape) else b.in_memory(x) for x, v in zip(xs, x_avals, strict=True)]
     records = [_Record(b, aval) for aval in avals[p.carry :]]
     with keeping(xs):
@@ -262,7 +262,7 @@ def _written_out(b, p, avals, consts, start, xs, x_avals):
 
 
 class _Record:
-    """What a scan that is written out records."""
+    """A stacked output of an unrolled scan."""
 
     def __init__(self, b: Lowering, aval):
         self.b, small = b, b.is_small(aval.shape)
@@ -270,7 +270,7 @@ class _Record:
 
     def put(self, i: int, value: Value) -> None:
         if isinstance(self.array, np.ndarray):
-            self.array[i] = self.b.entries(value)[()]  # a single entry without an array round it
+            self.array[i] = self.b.entries(value)[()]  # [()] turns an array of shape () into its entry
         else:
             self.b.write(self.array, with_axis(self.b, value, 0), [i, *[0] * len(value.shape)])
 
@@ -298,7 +298,7 @@ def _scanned(b, p, avals, consts, start, xs, x_avals):
 
 
 def _part(b: Lowering, x: Entries | Buffer, aval, place: Entry) -> Value:
-    """What a scan sees of x this time."""
+    """The part of x that a scan reads in the iteration `place`."""
     shape = aval.shape[1:]
     if isinstance(x, np.ndarray):
         return x[place] if isinstance(x[place], np.ndarray) else scalar(x[place])

@@ -16,7 +16,7 @@ from ..machine.code import has_fused_products
 
 
 def _simple(function: Callable) -> Callable:
-    """A rule of an arithmetic function: all operands have one type."""
+    """A rule from an arithmetic function whose operands all have the same type."""
     return lambda b, eqn, dtypes, *entries: function(b, dtypes[0], *entries)
 
 
@@ -65,7 +65,7 @@ def _not(b, eqn, dtypes, x):
 
 
 def _shift(operation: str, beyond: Callable) -> Callable:
-    """`beyond`: the result of a shift by all bits or more, which LLVM leaves open."""
+    """`beyond`: the result of a shift by the number of bits or more, which LLVM does not define."""
 
     def function(b, eqn, dtypes, x, by):
         type_ = llvm_type(dtypes[0])
@@ -91,7 +91,7 @@ def _count_bits(b, eqn, dtypes, x):
     type_ = llvm_type(dtypes[0])
     if eqn.primitive.name == "population_count":
         return b.intrinsic("llvm.ctpop", type_, [x])
-    found, shifted = BITS[type_], x  # no intrinsic with two kinds of operands: count by comparisons
+    found, shifted = BITS[type_], x  # llvm.ctlz has operands of two types, which `intrinsic` cannot call: compare
     for bit in range(BITS[type_]):
         top = a.compare(b, dtypes[0], "ne", b.binary("lshr", type_, shifted, bit), 0)
         found = b.select(top, type_, BITS[type_] - 1 - bit, found)
@@ -103,7 +103,7 @@ def _sign(b, eqn, dtypes, x):
     if is_known(x):
         return a.folded(dtypes[0], np.sign, x)
     type_, dtype = llvm_type(dtypes[0]), dtypes[0]
-    positive = b.select(a.compare(b, dtype, "gt", x, 0), type_, 1, x)  # ±0 and nan stay
+    positive = b.select(a.compare(b, dtype, "gt", x, 0), type_, 1, x)  # ±0 and nan are returned as they are
     return positive if kind(dtype) == "u" else b.select(a.compare(b, dtype, "lt", x, 0), type_, -1, positive)
 
 
@@ -152,7 +152,7 @@ def _integer_pow(b, eqn, dtypes, x):
 
 @entrywise("polynomial")
 def _polynomial(b, eqn, dtypes, x, *coefficients):
-    """From the lowest degree to the highest; by Horner's rule."""
+    """A polynomial by Horner's rule; the coefficients are ordered from the lowest degree to the highest."""
     *lower, found = coefficients
     for coefficient in reversed(lower):
         found = a.add(b, dtypes[0], a.multiply(b, dtypes[0], found, x), coefficient)
@@ -161,7 +161,7 @@ def _polynomial(b, eqn, dtypes, x, *coefficients):
 
 @entrywise("one_minus_square")
 def _one_minus_square(b, eqn, dtypes, x):
-    """1 − x², without loss of digits near x = 1: where the derivatives of tanh and asin are small."""
+    """1 − x² as (1 − x)(1 + x), without cancellation near |x| = 1, for the derivatives of tanh and asin."""
     return a.multiply(b, dtypes[0], a.subtract(b, dtypes[0], 1.0, x), a.add(b, dtypes[0], 1.0, x))
 
 
@@ -194,7 +194,7 @@ def _round(b, eqn, dtypes, x):
 
 
 def _intrinsic(name: str, fold: Callable) -> Callable:
-    """A function that LLVM knows: as an instruction, or from the C library."""
+    """A rule from an LLVM intrinsic, which becomes an instruction or a call of the C library."""
 
     def function(b: Emitter, eqn, dtypes, *entries: Entry) -> Entry:
         _only_floats(eqn, dtypes)
@@ -206,7 +206,7 @@ def _intrinsic(name: str, fold: Callable) -> Callable:
 
 
 def _library(name: str, fold: Callable | None = None) -> Callable:
-    """A function of the C library; its name for float32 ends with f."""
+    """A rule from a function of the C library; its name for float32 ends with f."""
 
     def function(b: Emitter, eqn, dtypes, *entries: Entry) -> Entry:
         _only_floats(eqn, dtypes)
@@ -231,9 +231,9 @@ for _name, _fold in {
 
 
 def _without_calls(name: str, fold: Callable, written: Callable, vectors_only: bool) -> Callable:
-    """A function of doubles that is written out here; of float32 by way of float64.
+    """A rule from our inline version of a function of doubles; float32 is converted to float64 and back.
 
-    `vectors_only`: the C library is faster for single numbers (a DAE with log and exp in each step: 0.93 of the time).
+    `vectors_only`: call the C library for scalars outside loops over memory, because it is faster there.
     """
     by_library = _intrinsic(f"llvm.{name}", fold)
 

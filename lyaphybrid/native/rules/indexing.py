@@ -1,6 +1,7 @@
-"""Rules for indices that are known at run time only.
+"""Rules for indices that are known only at run time.
 
-Bounds are JAX's: slices are shifted into the array, gathers and scatters clip, fill or drop as their mode says.
+Indices out of bounds are treated as in JAX: slices are shifted into the array; gathers and scatters clip, fill or drop
+according to their mode.
 """
 
 import math
@@ -35,7 +36,7 @@ def _within(b: Lowering, index: Entry, most: int) -> Entry:
 
 
 def _corner(b: Lowering, starts, atoms, shape, lengths) -> list[Entry]:
-    """Where a slice of these lengths begins: shifted into the array."""
+    """The first indices of a slice of these lengths, shifted into the array."""
     found = []
     for start, atom, n, m in zip(starts, atoms, shape, lengths, strict=True):
         found.append(_clipped(b, _index(b, b.entry_of(start), atom.aval.dtype), n - m))
@@ -58,14 +59,14 @@ def dynamic_update_slice(b, eqn, value, update, *starts):
         where = lambda i: ([b.index_sum(x, start) for x, start in zip(i, corner, strict=True)], True)  # noqa: E731
         return _put(b, b.entries(value), b.entries(update), where, llvm_type(aval.dtype), lambda old, new: new)
     if isinstance(update, Lazy):
-        update = b.in_memory(update)  # it may read what is overwritten
+        update = b.in_memory(update)  # a lazy update may read elements that are overwritten
     found = b.to_write(value, aval.dtype, [update])
     b.write(found, update, corner)
     return found
 
 
 def _put(b: Lowering, array: Entries, update: Entries, where: Callable, type_: str, combine: Callable) -> Entries:
-    """A small array with the entries of `update` at `where(indices)`: (indices, whether at all)."""
+    """A small array with the entries of `update`; where(indices) -> (indices in the array, whether to write)."""
     found = array.copy()
     for i in np.ndindex(update.shape):
         to, applies = where(list(i))
@@ -107,11 +108,12 @@ def gather(b, eqn, value, indices):
         source_value = value
         return filled(aval.shape, [at(list(i)) for i in np.ndindex(aval.shape)])
     source_value = b.readable(b.at_hand(value), aval.dtype)
-    return b.lazy(aval.shape, aval.dtype, at, [source_value, indices])
+    only_reads = not isinstance(indices, Lazy) or indices.cheap
+    return b.lazy(aval.shape, aval.dtype, at, [source_value, indices], cheap=only_reads)
 
 
 def _filling(eqn, dtype) -> Entry:
-    """What stands where an index is out of bounds."""
+    """The value of a gather where an index is out of bounds."""
     if eqn.params["fill_value"] is not None:
         return eqn.params["fill_value"]
     letter = kind(dtype)

@@ -1,8 +1,8 @@
-"""Rules for linear algebra by LAPACK and BLAS, which are JAX's own on a CPU: the results are the same.
+"""Rules for linear algebra by LAPACK and BLAS; JAX calls the same functions on a CPU, so the results are the same.
 
-LAPACK's matrices lie column after column, ours row after row. What is unique (Cholesky's triangle, the solution of a
-triangular system, a product) is asked for of the transposed matrices, which is what LAPACK sees in our memory; for the
-others, to have JAX's own signs, the copy that is overwritten is a transposed one, and the result is read transposed.
+LAPACK's matrices are in column-major order, ours in row-major order. Unique results (a Cholesky factor, the solution of
+a triangular system, a product) are computed for the transposed matrices, as LAPACK reads our memory. For the others,
+whose signs must be those of JAX, LAPACK overwrites a transposed copy, and the result is transposed back.
 """
 
 import math
@@ -23,13 +23,13 @@ from .moving import moved, permuted
 from .reductions import dot as written_out
 
 INTEGER = np.dtype(np.int32)
-_BLOCK = 32  # columns that LAPACK treats together
+_BLOCK = 32  # block size of LAPACK, for the size of its workspace
 
 # --- calls -----------------------------------------------------------------------------------------------------------
 
 
 def blas(b: Lowering, dtype, function: str, *arguments: str | int | float | bytes) -> None:
-    """Call a function; its name without the letter of the type. Numbers and letters are put into memory."""
+    """Call a BLAS or LAPACK function, named without its type letter; numbers and letters become constants in memory."""
     if np.dtype(dtype) not in (np.float32, np.float64):
         raise UnsupportedError(f"{function} of {dtype}")
     if b.lanes > 1:
@@ -48,7 +48,7 @@ def blas(b: Lowering, dtype, function: str, *arguments: str | int | float | byte
 
 
 def _for_each_matrix(b: Lowering, batch: Sequence[int], body: Callable[[Callable], None]) -> None:
-    """body(part) for each matrix of a batch: part(buffer) is where its share of a buffer begins."""
+    """Calls body(part) for each matrix of a batch; part(buffer) is the address of the matrix in a buffer."""
     n = size(batch)
     if n == 0:
         return
@@ -65,7 +65,7 @@ def _for_each_matrix(b: Lowering, batch: Sequence[int], body: Callable[[Callable
 
 
 def _nan_unless(b: Lowering, fine: Entry, pointers: Sequence[tuple[str, int]], dtype) -> None:
-    """Fill memory (where, and how many elements) with nan unless a condition holds."""
+    """Fill memory, given by (pointer, number of elements), with nan unless a condition holds."""
     bad, after, scope = b.block_name(), b.block_name(), b.scope()
     b.line(f"br i1 {b.text(fine, 'i1')}, label %{after}, label %{bad}")
     b.begin_block(bad)
@@ -81,7 +81,7 @@ def _succeeded(b: Lowering, info: Buffer) -> Entry:
 
 
 def _columns(b: Lowering, value: Value, dtype, n: int | None = None) -> Buffer:
-    """A copy of (…, m, k) matrices, column after column, in room for n columns."""
+    """A column-major copy of matrices (…, m, k), with memory for at least n columns."""
     *batch, m, k = value.shape
     found = b.new_buffer((*batch, max(k, n or 0), m), dtype)
     turned = value.swapaxes(-1, -2) if isinstance(value, np.ndarray) else _turned(b, value, dtype)
@@ -90,7 +90,7 @@ def _columns(b: Lowering, value: Value, dtype, n: int | None = None) -> Buffer:
 
 
 def _turned(b: Lowering, value: Value, dtype, n: int | None = None) -> Value:
-    """Matrices whose columns (the first n) are rows in memory, as they are meant."""
+    """The transposed matrices (…, m, k) of (…, k, m); only the first n columns if n is given."""
     *batch, k, m = value.shape
     shape = (*batch, m, k if n is None else n)
     return moved(b, jax.ShapeDtypeStruct(shape, dtype), value, lambda i: [*i[:-2], i[-1], i[-2]])
@@ -101,7 +101,7 @@ def _turned(b: Lowering, value: Value, dtype, n: int | None = None) -> Value:
 
 @rule("cholesky")
 def cholesky(b, eqn, value):
-    """The lower triangle; what stands above the diagonal is not defined."""
+    """The lower triangular factor; the entries above the diagonal are undefined."""
     (*batch, n, _), dtype = value.shape, eqn.invars[0].aval.dtype
     found, info = b.to_write(value, dtype), b.new_buffer((1,), INTEGER)
 
@@ -119,7 +119,7 @@ def triangular_solve(b, eqn, matrix, right):
     p, (*batch, m, n), dtype = eqn.params, right.shape, eqn.invars[1].aval.dtype
     triangle = b.in_memory(matrix, dtype)
     found = b.to_write(right, dtype, [triangle])
-    # Of A X = B the transposed: X' A' = B'. The side and the triangle change; the transposition does not.
+    # A X = B is solved as its transpose X' A' = B': side and triangle change, the transposition flag does not.
     side, triangle_side = b"R" if p["left_side"] else b"L", b"U" if p["lower"] else b"L"
     turned, diagonal = b"T" if p["transpose_a"] else b"N", b"U" if p["unit_diagonal"] else b"N"
     k = m if p["left_side"] else n
@@ -134,7 +134,7 @@ def triangular_solve(b, eqn, matrix, right):
 
 @rule("custom_linear_solve")
 def custom_linear_solve(b, eqn, *values):
-    """The program that solves; those of derivatives are not needed any more."""
+    """Runs the solving program; the other programs serve derivatives only."""
     program, places = linear_solve(eqn)
     return b.run(program, [values[place] for place in places])
 
@@ -154,7 +154,7 @@ def lu(b, eqn, value):
     def one(part):
         if k:
             blas(b, dtype, "getrf", m, n, part(found), m, part(pivots), info.memory.pointer)
-            fine = a.compare(b, INTEGER, "ge", b.load_element(info, [0]), 0)  # above 0: singular, which is no error
+            fine = a.compare(b, INTEGER, "ge", b.load_element(info, [0]), 0)  # > 0: singular, which is no error in JAX
             _nan_unless(b, fine, [(part(found), m * n)], dtype)
         where = part(pivots)
 
@@ -179,7 +179,7 @@ def lu_pivots_to_permutation(b, eqn, value):
 
 
 def _permutation(b: Lowering, pivots: str, k: int, order: str, m: int) -> None:
-    """Where each row comes from, from the exchanges."""
+    """The permutation (m,) of the rows, from the exchanges of pivoting (k,)."""
     if m:
         b.count_up(m, lambda i, _: b.store(order, "i32", i, a.converted(b, INDEX, i, INTEGER)))
 
@@ -208,7 +208,7 @@ def _geqrf(b: Lowering, dtype, batch, m: int, n: int, columns: Buffer, scales: B
 
 
 def _orgqr(b: Lowering, dtype, batch, m: int, n: int, columns: Buffer, scales: Buffer) -> None:
-    """The first n columns of Q, in place of the reflections."""
+    """Replaces the Householder vectors by the first n columns of Q."""
     work, info = b.new_buffer((_BLOCK * max(n, 1),), dtype), b.new_buffer((1,), INTEGER)
 
     def one(part):
@@ -251,8 +251,8 @@ def qr(b, eqn, value):
         found = b.load_element(columns, [*which, column, row])
         b.store_element(upper, i, b.select(below, llvm_type(dtype), 0, found))
 
-    b.for_each_index(upper.shape, put)  # before Q takes its place
-    if not min(m, n):  # no reflection at all
+    b.for_each_index(upper.shape, put)  # before Q overwrites it
+    if not min(m, n):  # an empty matrix: Q is the identity
         b.for_each_index(columns.shape, lambda i: b.store_element(columns, i, _identity(b, dtype, i)))
     _orgqr(b, dtype, batch, m, k if min(m, n) else 0, columns, scales)
     return [_turned(b, columns, dtype, k), b.held(upper)]
@@ -317,7 +317,7 @@ def tridiagonal_solve(b, eqn, below, diagonal, above, right):
     columns, info = _columns(b, right, dtype), b.new_buffer((1,), INTEGER)
 
     def one(part):
-        first = b.address(part(below), llvm_type(dtype), 1)  # its first element stands for nothing
+        first = b.address(part(below), llvm_type(dtype), 1)  # the first element of `below` has no meaning
         where = (first, part(diagonal), part(above), part(columns), n, info.memory.pointer)
         blas(b, dtype, "gtsv", n, k, *where)
         _nan_unless(b, _succeeded(b, info), [(part(columns), n * k)], dtype)
@@ -328,7 +328,7 @@ def tridiagonal_solve(b, eqn, below, diagonal, above, right):
 
 
 def _own(b: Lowering, value: Value, dtype) -> Buffer:
-    """A copy, even where the memory could be written: the same array may be given twice."""
+    """A private copy, even if the memory may be overwritten: one array may be passed as several operands."""
     if memory_of(value) is None:
         return b.to_write(value, dtype)
     return b.copied(b.in_memory(value, dtype))
@@ -336,10 +336,9 @@ def _own(b: Lowering, value: Value, dtype) -> Buffer:
 
 # --- products --------------------------------------------------------------------------------------------------------
 
-# By reasoning, not measured: a call costs about 0.2 µs and packs its operands; our loops, vectorised, take a few
-# operations a cycle, BLAS on large matrices up to 16. Below these numbers the call does not pay.
-_LARGE_PRODUCT = 32**3  # multiplications of matrix times matrix
-_LARGE_MATRIX = 64**2  # elements of a matrix that a vector is multiplied with
+# BLAS has an overhead per call and packs its operands; below these sizes, which are estimates, our own loops are used.
+_LARGE_PRODUCT = 32**3  # multiplications in a product of two matrices
+_LARGE_MATRIX = 64**2  # elements of the matrix in a product of matrix and vector
 
 
 @rule("dot_general")
@@ -364,7 +363,7 @@ def dot_general(b, eqn, left, right):
     x, y = (Buffer(v.memory, (*batch, size(v.shape[batch_:])), dtype) for v in (x, y))
     result_ = Buffer(result.memory, (*batch, m * n), dtype)
 
-    def one(part):  # of the transposed matrices, which LAPACK sees: C' = Y' X'
+    def one(part):  # BLAS reads the transposed matrices: C' = Y' X'
         if min(m, n) > 1:
             turned = (b"N" if y_first else b"T", b"T" if x_first else b"N")
             given = (part(y), n if y_first else over, part(x), m if x_first else over)
@@ -380,7 +379,7 @@ def dot_general(b, eqn, left, right):
 
 
 def _matrix(b: Lowering, value: Value, dtype, batch, over, free) -> tuple[Buffer, bool]:
-    """An operand in memory, and whether the axes that are summed over come first; else they are the last ones."""
+    """An operand in memory, and whether the axes summed over come before the free ones (otherwise after them)."""
     axes = list(range(len(value.shape)))
     for order, first in (((*batch, *free, *over), False), ((*batch, *over, *free), True)):
         if list(order) == axes:

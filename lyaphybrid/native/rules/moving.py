@@ -1,4 +1,4 @@
-"""Rules that move entries about: nothing is computed, and of small arrays nothing is left to do at run time."""
+"""Rules that only move entries: nothing is computed, and for small arrays there is no code at run time."""
 
 import jax
 import numpy as np
@@ -10,7 +10,7 @@ from ..lowering.values import Buffer, Lazy, Rows, Value, filled, size
 
 
 def moved(b: Lowering, aval, value: Value, where) -> Value:
-    """An array whose entry at `indices` is that of `value` at `where(indices)`."""
+    """The array whose entry at `indices` is the entry of `value` at `where(indices)`."""
     if b.is_small(aval.shape):
         places = np.ndindex(aval.shape)
         return filled(aval.shape, [b.element_at(value, where(list(i)), aval.dtype) for i in places])
@@ -115,7 +115,7 @@ def transpose(b, eqn, value):
 
 
 def permuted(b: Lowering, value: Value, order, dtype) -> Value:
-    """An array with its axes in this order."""
+    """An array with its axes permuted to this order."""
     if isinstance(value, np.ndarray):
         return value.transpose(order)
     aval = jax.ShapeDtypeStruct(tuple(value.shape[axis] for axis in order), dtype)
@@ -148,13 +148,14 @@ def concatenate(b, eqn, *values):
 
 
 def joined(b: Lowering, aval, values, axis: int) -> Value:
-    """Arrays one after the other."""
+    """The concatenation of arrays along an axis."""
     if b.is_small(aval.shape):
         return np.concatenate([b.entries(value) for value in values], axis)
-    found, at = b.new_buffer(aval.shape, aval.dtype), 0
+    found, at, parts = b.new_buffer(aval.shape, aval.dtype), 0, []
     for value in values:
-        b.write(found, value, [at if k == axis else 0 for k in range(len(aval.shape))])
+        parts.append((value, [at if k == axis else 0 for k in range(len(aval.shape))]))
         at += value.shape[axis]
+    b.write_parts(found, parts)
     return found
 
 
@@ -163,14 +164,14 @@ def stack(b, eqn, *values):
     aval, axis = eqn.outvars[0].aval, eqn.params["axis"]
     if b.is_small(aval.shape):
         return np.stack([b.entries(value) for value in values], axis)
-    found = b.new_buffer(aval.shape, aval.dtype)
-    for place, value in enumerate(values):
-        b.write(found, with_axis(b, value, axis), [place if k == axis else 0 for k in range(len(aval.shape))])
+    found, ndim = b.new_buffer(aval.shape, aval.dtype), len(aval.shape)
+    corners = [[place if k == axis else 0 for k in range(ndim)] for place in range(len(values))]
+    b.write_parts(found, [(with_axis(b, value, axis), corner) for value, corner in zip(values, corners, strict=True)])
     return found
 
 
 def with_axis(b: Lowering, value: Value, axis: int) -> Value:
-    """A value with one more axis, of length 1, to be written at once."""
+    """A value with an additional axis of length 1; it must be written immediately, because it counts no uses."""
     if b.is_small(value.shape):
         return np.expand_dims(b.entries(value), axis)
     assert isinstance(value, Lazy | Buffer)
@@ -242,7 +243,7 @@ def pad(b, eqn, value, filling):
     value = b.readable(value, aval.dtype)
     found = b.new_buffer(aval.shape, aval.dtype)
     b.for_each_index(aval.shape, lambda i: b.store_element(found, i, fill))
-    # Of each axis the part that lies within the result: entries from `first` on, `count` of them.
+    # For each axis the part of `value` inside the result: `count` entries from `first` on.
     parts = []
     for (low, _, inside), n, m in zip(config, shape, aval.shape, strict=True):
         step = inside + 1
@@ -282,7 +283,7 @@ def iota(b, eqn, *lengths):
 
 @rule("empty", "empty2")
 def empty(b, eqn):
-    """An array that is written before it is read; zeros."""
+    """An array that is written before it is read; here zeros."""
     aval = eqn.outvars[0].aval
     if b.is_small(aval.shape):
         return filled(aval.shape, [a.zero(aval.dtype)] * size(aval.shape))

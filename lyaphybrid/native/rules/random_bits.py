@@ -1,6 +1,6 @@
-"""Rules for JAX's random numbers: bit for bit those of its Threefry, and the inverse error function for normal ones.
+"""Rules for JAX's random numbers, with the same bits as its Threefry generator, and the inverse error function.
 
-A key is one element of 64 bits, its first word in the lower half: in memory that is JAX's own pair of 32-bit words.
+A key is one element of 64 bits, with its first word in the lower half: in memory this is JAX's pair of 32-bit words.
 """
 
 import math
@@ -95,9 +95,9 @@ _MADE_OF_THREEFRY = {"random_bits": _bits, "random_split": _split, "random_fold_
 
 @rule(*_MADE_OF_THREEFRY)
 def made_of_threefry(b, eqn, *values):
-    """By JAX's own functions of arrays of words, for both values of `jax_threefry_partitionable`."""
+    """The jaxpr of JAX's own functions of arrays of words; so both values of `jax_threefry_partitionable` work."""
     for atom in (*eqn.invars, *eqn.outvars):
-        llvm_type(atom.aval.dtype)  # no other keys than Threefry's
+        llvm_type(atom.aval.dtype)  # raises for keys of other generators than Threefry
     function = partial(_MADE_OF_THREEFRY[eqn.primitive.name], **eqn.params)
     return b.run(traced(function, [atom.aval for atom in eqn.invars]), values)
 
@@ -108,7 +108,7 @@ def made_of_threefry(b, eqn, *values):
 
 _ROTATIONS = ((13, 15, 26, 6), (17, 29, 16, 24))
 _PARITY = 0x1BD11BDA
-_WRITTEN_OUT = 4  # blocks; more are a loop
+_WRITTEN_OUT = 4  # blocks, up to which the code is unrolled; more are computed in a loop
 
 
 @rule("threefry2x32")
@@ -157,7 +157,7 @@ def _rotated(b: Lowering, x: Entry, by: int) -> Entry:
 
 @rule("iota_2x32_shape")
 def counters(b, eqn):
-    """The place of each element, in two words."""
+    """The linear index of each element, as two 32-bit words."""
 
     def word(aval, shift):
         def at(i):
@@ -175,8 +175,8 @@ def counters(b, eqn):
 
 # --- the inverse error function --------------------------------------------------------------------------------------
 # M. Giles, Approximating the erfinv function, GPU Computing Gems Jade Edition (2012) 109,
-# doi:10.1016/B978-0-12-385963-1.00010-1; the same polynomials as XLA's. Each: up to which w, w in what form (a root of
-# it, less what), the coefficients.
+# doi:10.1016/B978-0-12-385963-1.00010-1; the same polynomials as in XLA. Each: the upper limit of w, whether the
+# variable is √w − s instead of w − s, the shift s, the coefficients from the highest degree to the lowest.
 
 _DOUBLE = (
     (6.25, False, 3.125, (

@@ -1,4 +1,4 @@
-"""Rules for sums, products, extrema and their places, along axes; cumulative ones; and products of matrices."""
+"""Rules for sums, products, extrema and their indices along axes; for cumulative ones; and for matrix products."""
 
 from collections.abc import Callable
 
@@ -9,9 +9,9 @@ from ..lowering.lowering import in_rows, rule
 from ..lowering.types import INDEX, kind, llvm_type
 from ..lowering.values import Lazy, Rows, filled, scalar, size
 
-SIDE_BY_SIDE = 4  # running sums of a long sum; a power of two
+SIDE_BY_SIDE = 4  # independent partial sums of a long sum; a power of two
 
-# name: (function of two entries, the entry that changes nothing)
+# name: (function of two entries, its neutral element)
 _FOLDS: dict[str, tuple[Callable, Callable]] = {
     "sum": (a.add, a.zero),
     "prod": (a.multiply, lambda dtype: a.folded(dtype, lambda x: x, 1)),
@@ -49,7 +49,7 @@ def reduce(b, eqn, value):
         result = b.new_buffer(aval.shape, aval.dtype)
         b.for_each_index(aval.shape, lambda i: b.store_element(result, i, neutral(dtype)))
         return b.held(result)
-    if kept and kept[-1] == len(shape) - 1:  # row upon row: the last axis stays innermost, for vectors
+    if kept and kept[-1] == len(shape) - 1:  # add whole rows: the last axis is the innermost loop, which vectorises
         result = b.new_buffer(aval.shape, aval.dtype)
         b.for_each_index(aval.shape, lambda i: b.store_element(result, i, neutral(dtype)))
 
@@ -75,7 +75,7 @@ def reduce(b, eqn, value):
 
 
 def _total(b, over, take_in, together, start):
-    """The sum, say, over all indices: the last axis by several sums side by side, which do not wait for each other."""
+    """A reduction over all indices; along the last axis by independent partial results, which run in parallel."""
     *outer, last = over
     if last < 2 * SIDE_BY_SIDE:
         return b.fold_indices(over, lambda inner, so_far: [take_in(inner, so_far[0])], [start])[0]
@@ -123,7 +123,7 @@ def _(b, eqn, value):
 
 @rule("argmax", "argmin")
 def arg_extremum(b, eqn, value):
-    """The first place of the extremum; of a nan, if there is one."""
+    """The first index of the extremum, or of the first nan if there is one."""
     (axis,), aval, dtype = eqn.params["axes"], eqn.outvars[0].aval, eqn.invars[0].aval.dtype
     relation, type_, n = ("gt" if eqn.primitive.name == "argmax" else "lt"), llvm_type(dtype), value.shape[axis]
 
@@ -240,7 +240,7 @@ def dot(b, eqn, left, right):
         return b.held(result)
     outer, n = list(aval.shape[:-1]), len(aval.shape[:-1])
 
-    def step(i):  # the last axis of the result innermost, for vectors
+    def step(i):  # the last axis of the result is the innermost loop, which vectorises
         inner, indices = i[n : n + len(over)], [*i[:n], *i[n + len(over) :]]
         b.store_element(result, indices, a.add(b, dtype, b.load_element(result, indices), term(indices, inner)))
 

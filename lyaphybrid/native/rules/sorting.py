@@ -1,4 +1,4 @@
-"""Rules for sorting: few entries by comparisons that are written out, many by merging."""
+"""Rules for sorting: few entries by unrolled exchanges, many by merge sort."""
 
 import jax
 import numpy as np
@@ -15,7 +15,7 @@ _FEW = 16
 
 
 def _before(b: Lowering, dtype, x: Entry, y: Entry) -> Entry:
-    """Whether x comes before y: nan comes last."""
+    """Whether x comes before y; nan comes last."""
     less = a.compare(b, dtype, "lt", x, y)
     if kind(dtype) != "f":
         return less
@@ -24,7 +24,7 @@ def _before(b: Lowering, dtype, x: Entry, y: Entry) -> Entry:
 
 @rule("sort")
 def sort(b, eqn, *values):
-    """Stable; by the first operands, as many as are keys; the others go with them."""
+    """A stable sort of all operands by the first `num_keys` of them."""
     axis, keys, dtypes = eqn.params["dimension"], eqn.params["num_keys"], [atom.aval.dtype for atom in eqn.invars]
 
     def precedes(xs, ys):  # the first key that differs decides
@@ -42,7 +42,7 @@ def sort(b, eqn, *values):
 
 @rule("top_k")
 def top_k(b, eqn, value):
-    """The k greatest along an axis, the greatest first, and where they stand; nan is the greatest."""
+    """The k largest along an axis in decreasing order, and their indices; nan counts as the largest."""
     k, axis = eqn.params["k"], axis_of_greatest(eqn)
     of_places = eqn.outvars[1].aval.dtype
 
@@ -70,7 +70,7 @@ def _by_exchanges(b, values, axis, dtypes, precedes):
 
 
 def _by_merging(b, values, axis, dtypes, precedes):
-    """Runs of length 1, 2, 4, … are merged, to and fro between two buffers."""
+    """Merge sort: sorted runs of length 1, 2, 4, … are merged, alternately into one of two buffers."""
     shape, n = values[0].shape, values[0].shape[axis]
     if any(kind(dtype) not in "biuf" for dtype in dtypes):
         raise UnsupportedError("sort of this type")
@@ -98,7 +98,7 @@ def _by_merging(b, values, axis, dtypes, precedes):
                     left, right = carried
                     place = b.index_sum(start, step)
                     inside = a.compare(b, np.int64, "lt", place, end)
-                    # Clamped: what lies outside of a run is read, and not taken.
+                    # Clamped indices: elements outside of a run are read but not used.
                     xs, ys = load(a.minimum(b, np.int64, left, n - 1)), load(a.minimum(b, np.int64, right, n - 1))
                     has_left = a.compare(b, np.int64, "lt", left, middle)
                     has_right = a.compare(b, np.int64, "lt", right, end)

@@ -1,4 +1,4 @@
-"""What must hold in the reproduction of Dinius' hard disks."""
+"""The checks of the reproduction of Dinius' hard disks."""
 
 import itertools
 from typing import TYPE_CHECKING
@@ -15,16 +15,16 @@ if TYPE_CHECKING:
 
 __all__ = ["checks", "checks_of_convergence", "decay_of_zeros", "latest_off", "scatter_at", "signed", "settled"]
 
-ALIKE = 2.0  # a factor between the scatter of a few runs and what it should be
+ALIKE = 2.0  # largest factor between the scatter of a few runs and the expected one
 
 
 def signed(text: str) -> str:
-    """With the signs of print."""
+    """The text with typographic minus signs."""
     return text.replace("-", "−")
 
 
 def checks(r: "dinius.Reproduction") -> list[Check]:
-    """Everything that is compared."""
+    """All checks of the reproduction."""
     return [
         *_of_the_spectrum(r),
         *_of_the_normalisation(r),
@@ -67,7 +67,7 @@ def _of_the_normalisation(r: "dinius.Reproduction") -> list[Check]:
 
 
 def checks_of_convergence(r: "dinius.Reproduction") -> list[Check]:
-    """Whether running exponents settle, and as fast as they should."""
+    """Whether running exponents converge, and as fast as expected."""
     time, _ = r.running
     late = time >= EARLY
     scatter, decay = scatter_at(r), decay_of_zeros(r)
@@ -96,7 +96,7 @@ def checks_of_convergence(r: "dinius.Reproduction") -> list[Check]:
 
 
 def scatter_at(r: "dinius.Reproduction") -> dict[float, float]:
-    """By time: how far single runs are off the reference, root mean square, over the scatter of such runs."""
+    """By time: root-mean-square error of single runs, over the expected scatter of such runs."""
     time, _ = r.running
     decades = EARLY * 10.0 ** np.arange(np.log10(r.t1 / EARLY) + 1e-9)
     places = [int(np.argmin(np.abs(time - t))) for t in decades]
@@ -104,21 +104,21 @@ def scatter_at(r: "dinius.Reproduction") -> dict[float, float]:
 
 
 def settled(r: "dinius.Reproduction") -> np.ndarray:
-    """(runs, 5) by how much λ1 … λ5 of single runs move in their second half, in scatters of half a run."""
+    """(runs, 5) changes of λ1 … λ5 of single runs in their second half, in units of the scatter of half a run."""
     time, running = r.running
     late = running[:, time >= 0.5 * time[-1], :5]
     return (np.max(late, axis=1) - np.min(late, axis=1)) / (SCATTER / np.sqrt(0.5 * time[-1]))
 
 
 def decay_of_zeros(r: "dinius.Reproduction") -> float:
-    """|λ| t of the zeros of single runs, root mean square, at their end over that of a tenth of them: 1 for 1/t."""
+    """Root mean square |λ| t of the zero exponents at the end of runs over that at a tenth of them; 1 for a 1/t law."""
     time, running = r.running
     early, size = int(np.argmin(np.abs(time - 0.1 * time[-1]))), np.sqrt(np.mean(running[..., 5:11] ** 2, axis=(0, 2)))
     return float(size[-1] * time[-1] / (size[early] * time[early]))
 
 
 def latest_off(r: "dinius.Reproduction", part: float) -> np.ndarray:
-    """(runs,) when the last of the running λ1 … λ5 of a single run comes within this part of its value, to stay."""
+    """(runs,) time from which all running λ1 … λ5 of a run stay within this fraction of their values."""
     time, running = r.running
     off = np.any(np.abs(running[..., :5] / r.reference[0][:5] - 1) > part, axis=2)
     return np.array([time[np.flatnonzero(one)[-1]] if np.any(one) else 0.0 for one in off])
@@ -145,7 +145,7 @@ def _of_other_starts(r: "dinius.Reproduction") -> list[Check]:
 
 
 def _of_orders(r: "dinius.Reproduction") -> Check:
-    """The largest exponents of solutions that differ by the order of events, against those of the matrix products."""
+    """Check of the largest exponents of solutions with different orders of events, against matrix products."""
     exact = []
     for orders in itertools.product(((FIRST, SECOND), (SECOND, FIRST)), repeat=STRIKES):
         product = np.eye(2)

@@ -1,4 +1,4 @@
-"""What Dinius claims, item by item, and what becomes of it."""
+"""The claims of Dinius, item by item, with their outcomes."""
 
 from typing import TYPE_CHECKING
 
@@ -20,7 +20,7 @@ CONTACT = np.array([0.6, 0.8]), np.array([-1.0, 0.5])  # q and p at a collision,
 
 
 def claims(r: "dinius.Reproduction") -> list[Claim]:
-    """What the paper says, item by item."""
+    """The claims of the paper, item by item, with outcome and evidence."""
     return [*_about_exponents(r), *_about_hybrid_systems(r), *_about_disks(r), *_about_results(r)]
 
 
@@ -30,23 +30,23 @@ def eigenvalues_of_a_flight(t: float) -> np.ndarray:
 
 
 def jump_back() -> float:
-    """How far a pair that collides twice, as D of the paper has it, is from where it was before."""
+    """Distance of a pair from its start after two collisions by D as printed in the paper."""
     q, p = CONTACT
 
     def collided(p):
-        return p - 2 * (p @ q) * q  # of p_k + (p·q) q and p_l − (p·q) q
+        return p - 2 * (p @ q) * q  # difference of p_k + (p·q) q and p_l − (p·q) q
 
     return float(np.max(np.abs(collided(collided(p)) - p)))
 
 
 def printed_rule(dq: np.ndarray) -> np.ndarray:
-    """(2,) δq_l − δq_k after a collision, as it is printed."""
+    """(2,) δq_l − δq_k after a collision, as printed in the paper."""
     q, _ = CONTACT
     return dq - 2 * (q @ dq) * dq
 
 
 def _by(holds: bool) -> tuple[str, str]:
-    """The outcome of a claim that numbers decide."""
+    """The outcome of a claim that depends on a numerical check."""
     return (AGREED, "") if holds else (CORRECTED, "the check of it fails")
 
 

@@ -1,12 +1,12 @@
 """Perturbations of two disks at a collision: Dinius' rule, and four wrong ones to compare with.
 
-With q, p, δq, δp the second disk's less the first's, δτ = −m δq·q/(p·q) and δq_c = δq + p δτ/m, the rule is
+With q, p, δq, δp differences of the second disk minus the first, δτ = −m δq·q/(p·q) and δq_c = δq + p δτ/m, the rule is
 
     δq₁⁺ = δq₁ + (q·δq) q/σ²                                    δq₂⁺ = δq₂ − …
     δp₁⁺ = δp₁ + [(δp·q + δq_c·p) q + (p·q) δq_c]/σ²            δp₂⁺ = δp₂ − …
 
-The paper prints δq for the last q of the first line and leaves out the first δ of the second, which is not
-even linear. The four rules here are linear and keep the sum of the exponents at zero: that betrays none.
+The paper prints δq for the last q of the first line and leaves out the first δ of the second, which makes it
+nonlinear. The four wrong rules here are linear and keep the sum of the exponents zero, so the sum rule detects none.
 """
 
 import dataclasses
@@ -26,9 +26,9 @@ class Mistake:
 
     Attributes:
         name: what is wrong.
-        jump: factor of the jump of δq: 1 is right, 0 forgets it.
-        shift: factor of δτ in δq_c: 1 is right, 0 forgets it, −1 has the wrong sign.
-        exponents: (16,) that the independent reference found with it.
+        jump: factor of the jump of δq: 1 is right, 0 omits it.
+        shift: factor of δτ in δq_c: 1 is right, 0 omits it, −1 has the wrong sign.
+        exponents: (16,) of the independent reference with this rule.
 
     Example:
         >>> from lyaphybrid.papers.dinius import collisions
@@ -75,10 +75,10 @@ MISTAKES = (
 
 
 def crossing_by(rule: Callable, system: EventDriven) -> EventDriven:
-    """The same motion, but perturbations cross an event by a rule instead of by the saltation matrix.
+    """The same motion, with a given rule for perturbations at events in place of the saltation matrix.
 
-    The engine moves each perturbation to its own instant, pushes it through the derivative of `jump`, and
-    takes it back along the new flow. Here `jump` gets a derivative that undoes both moves around the rule.
+    The engine moves each perturbation to its own event time, applies the derivative of `jump`, and moves it
+    back along the new flow. Here `jump` gets a derivative that cancels both moves around the rule.
 
     Args:
         rule: ``(t, x, args, which, dx) -> dx⁺``, linear in dx (n,), x before the jump.
@@ -112,7 +112,7 @@ def collide(t, x, args, which, dx):
     n = x.shape[0] // 4
     disk, size, pair = jnp.arange(n, dtype=which.dtype), jnp.asarray(n, which.dtype), jnp.maximum(which, 0)
     first, second = (disk == jax.lax.div(pair, size)), (disk == jax.lax.rem(pair, size))
-    sign = second.astype(x.dtype) - first.astype(x.dtype)  # all 0 where nobody meets
+    sign = second.astype(x.dtype) - first.astype(x.dtype)  # all 0 without a collision
     q, p = jnp.sum(sign[None, :, None] * x.reshape(2, n, 2), axis=1)
     dq, dp = jnp.sum(sign[None, :, None] * dx.reshape(2, n, 2), axis=1)
     box = jnp.stack([jnp.asarray(args["width"], x.dtype), jnp.asarray(args["height"], x.dtype)])

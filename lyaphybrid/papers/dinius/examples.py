@@ -1,4 +1,4 @@
-"""Small systems that show what becomes of remarks in the paper of Dinius."""
+"""Small example systems for remarks in the paper of Dinius."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -14,7 +14,7 @@ STRIKES = 3
 
 
 def _clock(i: int, matrix: np.ndarray) -> Transition:
-    """The clock x_i strikes at 1 and begins anew; w = (x₂, x₃) becomes matrix · w."""
+    """The clock x_i ticks at 1 and is reset to 0; w = (x₂, x₃) becomes matrix · w."""
 
     def reset(t, x, args):
         return jnp.concatenate([x[:2].at[i].set(0.0), jnp.asarray(matrix, x.dtype) @ x[2:]])
@@ -23,6 +23,6 @@ def _clock(i: int, matrix: np.ndarray) -> Transition:
 
 
 def orders_of_two_clocks() -> Solutions:
-    """Two clocks strike together, three times, and what they do to w does not commute: eight solutions."""
+    """Two clocks tick at the same time, three times, with resets of w that do not commute: eight solutions."""
     system = Hybrid(lambda t, x, args: jnp.array([1.0, 1.0, 0.0, 0.0], x.dtype), [_clock(0, FIRST), _clock(1, SECOND)])
     return solutions(system, np.zeros(4), t1=STRIKES + 0.5, blocks=2)

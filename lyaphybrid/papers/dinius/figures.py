@@ -20,7 +20,7 @@ LOOK = {"frameon": False, "fontsize": "small", "title_fontsize": "small", "align
 
 
 def figure(r: "dinius.Reproduction"):
-    """(a) The spectrum, with the wrong rules; (b) one run as in the paper; (c) how far such runs are off, by time."""
+    """(a) The spectrum, with the wrong rules; (b) one run as in the paper; (c) the errors of such runs against time."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7.0, 10.6), layout="constrained")
@@ -75,7 +75,7 @@ def _errors(r, ax) -> None:
         ax.plot(time, SCATTER[i] / np.sqrt(time), label=f"{SCATTER[i]:.2f}/√t, the reference's", **law)
     zeros = np.sqrt(np.mean(running[..., 5:11] ** 2, axis=(0, 2)))
     ax.plot(time, zeros, color=COLOURS[2], linewidth=1.2, label="λ$_6$ … λ$_{11}$, which are 0")
-    scale = 0.5 * zeros[-1] * time[-1]  # beside the curve, not on it
+    scale = 0.5 * zeros[-1] * time[-1]  # shifted so that it does not cover the curve
     law = {"color": COLOURS[2], "linewidth": 0.9, "linestyle": "--"}
     ax.plot(time, scale / time, label=f"{scale:.1f}/t, for comparison", **law)
     ax.set_xscale("log")

@@ -29,7 +29,7 @@ def table(r: "dinius.Reproduction") -> str:
 
 
 def _number(value: float, error: float) -> str:
-    """Like 4.8853(92), and a plain 0 where it is one up to rounding."""
+    """Formatted as 4.8853(92); plain 0 for zero up to rounding."""
     return "0" if abs(value) < CLOSED else signed(with_error(value, error))
 
 

@@ -1,16 +1,15 @@
 """J. Dinius, Computing Lyapunov Exponents of Hybrid Dynamical Systems (2011): Table I and Fig. 2.
 
 Four hard disks in a periodic box: number density ρσ² = 0.7, L_x/L_y = √3/2, K = 4, total momentum 0,
-t = 1000; here 16 runs, each from its own momenta, in two ways. At once, orthonormalised at collisions, after a
-transient; and one by one as the paper does it: from unit vectors, no transient, orthonormalised every 0.01. Beside the
-16 exponents stands an independent reference (event-driven C, total time 2.8e7), and what four wrong rules for
-perturbations at a collision (`collisions`) give.
+t = 1000; here 16 runs, each from its own momenta, in two ways: all at once, orthonormalised at collisions, after a
+transient; and one by one as in the paper, from unit vectors, without transient, orthonormalised every 0.01. The 16
+exponents are compared with an independent reference (event-driven C, total time 2.8e7) and with the results of four
+wrong rules for perturbations at a collision (`collisions`).
 """
 
 import dataclasses
 import functools
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -22,8 +21,9 @@ from ...engine.evolvers.scheduled import predicting_anew
 from ...results.solution_sets import Solutions
 from ...results.spectrum import Spectrum
 from ...systems.event_driven import EventDriven
+from .. import reproductions
 from ..claims import Check, Claim
-from ..output import save
+from ..reproductions import write
 from . import checks as dinius_checks
 from . import claims as dinius_claims
 from . import report as dinius_report
@@ -71,7 +71,7 @@ def _by_rule() -> EventDriven:
 def generic_frame(n: int) -> np.ndarray:
     """Orthonormal columns in dimension n that lie in no invariant subspace.
 
-    Unit vectors do: total momentum is conserved, and only rounding would move them to where they belong.
+    Unit vectors do: total momentum is conserved, so only rounding would turn them to the right directions.
     """
     return np.linalg.qr(np.random.default_rng(0).normal(size=(n, n)))[0]
 
@@ -98,7 +98,7 @@ def spectrum(*, t1: float, key=None, replicates: int = REPLICATES, progress=None
 
 
 def spectrum_by(mistake: Mistake, *, t1: float, key=None, replicates: int = REPLICATES) -> Spectrum:
-    """The same with another rule at collisions.
+    """The exponents by another rule for perturbations at collisions.
 
     Args:
         mistake: one of `MISTAKES`, or another `Mistake`: the factors 1 and 1 are right.
@@ -136,7 +136,7 @@ def without_collisions() -> np.ndarray:
 
 
 def one_perturbation(*, t1: float, key=None, replicates: int = REPLICATES) -> Spectrum:
-    """The growth of a perturbation that begins orthogonal to another one, followed by itself.
+    """The growth of a single perturbation that starts orthogonal to another one.
 
     Args:
         t1: length of each run, after a transient of 20.
@@ -148,7 +148,7 @@ def one_perturbation(*, t1: float, key=None, replicates: int = REPLICATES) -> Sp
 
 
 @dataclasses.dataclass(frozen=True)
-class Reproduction:
+class Reproduction(reproductions.Reproduction):
     """Table I and Fig. 2, computed and compared.
 
     Attributes:
@@ -160,6 +160,8 @@ class Reproduction:
         straight: by `as_in_the_paper` from `without_collisions`.
         orders: of events at one instant, by `dinius_examples.orders_of_two_clocks`.
     """
+
+    name = "dinius"
 
     spectrum: Spectrum
     mistakes: tuple[Spectrum, ...]
@@ -189,12 +191,12 @@ class Reproduction:
 
     @property
     def parameters(self) -> dict:
-        """Those of Table I."""
+        """The parameters of Table I."""
         return dict(_problem().parameters)
 
     @property
     def deviations(self) -> np.ndarray:
-        """(16,) ours less the reference, in combined standard errors; nan for the zeros."""
+        """(16,) our exponents minus the reference, in combined standard errors; nan for the zeros."""
         return self._deviations(self.exponents, self.stderr)
 
     def _deviations(self, found, errors) -> np.ndarray:
@@ -211,7 +213,7 @@ class Reproduction:
 
     @property
     def deviations_by_time(self) -> np.ndarray:
-        """(16,) these less the reference, in combined standard errors; nan for the zeros."""
+        """(16,) differences of `by_time` from the reference, in combined standard errors; nan for the zeros."""
         return self._deviations(*self.by_time)
 
     @property
@@ -222,13 +224,13 @@ class Reproduction:
 
     @property
     def scattered(self) -> np.ndarray:
-        """(runs, blocks, 5) the running λ1 … λ5 less the reference, over the scatter of one run of that length."""
+        """(runs, blocks, 5) the running λ1 … λ5 minus the reference, over the expected scatter of such a run."""
         time, running = self.running
         return (running[..., :5] - self.reference[0][:5]) / (SCATTER / np.sqrt(time)[:, None])
 
     @property
     def zeros(self) -> int:
-        """How many exponents are below 0.01 in modulus."""
+        """The number of exponents below 0.01 in modulus."""
         return int(np.sum(np.abs(self.exponents) < ZERO))
 
     @property
@@ -238,7 +240,7 @@ class Reproduction:
 
     @property
     def sum(self) -> float:
-        """Of all exponents."""
+        """The sum of all exponents."""
         return float(np.sum(self.exponents))
 
     @property
@@ -248,7 +250,7 @@ class Reproduction:
 
     @property
     def collision_rate_error(self) -> float:
-        """Its standard error, from the scatter that is known for runs of this length."""
+        """Its standard error, from the known scatter of runs of this length."""
         runs = len(np.asarray(self.spectrum.replicates))
         return RATE_SCATTER / (runs * self.t1) ** 0.5
 
@@ -257,27 +259,25 @@ class Reproduction:
         """(4,) the largest deviation from the right reference by each wrong rule, in standard errors."""
         return np.array([np.nanmax(np.abs(self._deviations(s.exponents, s.stderr))) for s in self.mistakes])
 
-    @functools.cached_property
-    def checks(self) -> list[Check]:
-        """What must hold."""
+    def compared(self) -> list[Check]:
+        """All checks."""
         return dinius_checks.checks(self)
 
-    @functools.cached_property
-    def claims(self) -> list[Claim]:
-        """What the paper says, item by item, and what becomes of it."""
+    def judged(self) -> list[Claim]:
+        """The claims of the paper, item by item, with the findings."""
         return dinius_claims.claims(self)
 
-    @property
-    def passed(self) -> bool:
-        """Whether all checks hold."""
-        return all(one.holds for one in self.checks)
-
-    def __str__(self) -> str:
+    def report(self) -> str:
+        """Tables, checks and claims."""
         return dinius_report.table(self)
 
     def data(self) -> dict:
         """All numbers, ready for JSON."""
         return dinius_report.numbers(self)
+
+    def figures(self) -> dict:
+        """All figures by the names of their files."""
+        return {"dinius": self.figure()}
 
     def figure(self):
         """Fig. 2: the spectrum, its convergence in time in one run, and how far runs of a length are off."""
@@ -312,8 +312,3 @@ def reproduce(*, quick: bool = False, key=None, progress=None) -> Reproduction:
         wrong, others = aside.submit(by_wrong_rules), aside.submit(in_other_ways)
         right = spectrum(t1=t1, key=key, progress=progress)
     return Reproduction(right, tuple(wrong.result()), t1, t1_mistakes, *others.result())
-
-
-def write(result: Reproduction, folder: Path) -> list[Path]:
-    """Figure (PNG, PDF) and numbers (JSON) into a folder; returns the files."""
-    return save(folder, "dinius", {"dinius": result.figure()}, result.data())

@@ -1,9 +1,9 @@
-"""Where cycles of the friction pendulum bifurcate, and that their largest exponent vanishes there.
+"""The bifurcations of cycles of the friction pendulum, where their largest exponent must vanish.
 
 Listed are the values of β at α = 0.01 at which a cycle loses its stability or ends, from cycles that a program
-independent of this package continued by Newton's method. Here each cycle is found anew, on the side on which it is
-stable, at two distances δ from the listed value; λ₁ goes to zero as √δ at a fold and as δ at the others, and the
-place where it is zero follows. A cycle that loses its symmetry, or doubles, lives on: beyond, λ₁ is positive.
+independent of this package continued by Newton's method. Here each cycle is computed again, on the side where it is
+stable, at two distances δ from the listed value; λ₁ goes to zero as √δ at a fold and as δ at the others, and its zero
+follows. A cycle that loses its symmetry, or doubles, continues to exist: on the other side λ₁ is positive.
 """
 
 import dataclasses
@@ -21,7 +21,7 @@ __all__ = ["LISTED", "Bifurcation", "Vanishing", "vanishings"]
 
 PERIOD = 2 * np.pi / 0.666
 NEAR, NEAR_FOLD = 1e-6, 1e-8  # δ
-FARTHER = 4  # times as far is the other
+FARTHER = 4  # the second distance, in units of the first
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,11 +31,11 @@ class Bifurcation:
     Attributes:
         beta: listed value.
         kind: "fold", "symmetry" (it is lost: a pitchfork) or "doubling".
-        cycle: which; periods of the forcing, and turns of θ in them.
+        cycle: its name; periods of the forcing, and turns of θ in them.
         side: +1 where the cycle is stable above β, −1 below.
         start: (θ, θ') of the cycle at t = 0, near β.
         near: the smaller δ.
-        error: of the listed value, at most.
+        error: largest error of the listed value.
     """
 
     beta: float
@@ -50,16 +50,16 @@ class Bifurcation:
 
     @property
     def name(self) -> str:
-        """What happens to which cycle."""
+        """Name: kind and cycle."""
         return f"{self.kind} of {self.cycle}"
 
 
 @dataclasses.dataclass(frozen=True)
 class Vanishing:
-    """What λ₁ does at a bifurcation.
+    """λ₁ near a bifurcation.
 
     Attributes:
-        listed: which.
+        listed: the bifurcation.
         stable: λ₁ at the distances δ and 4δ, on the side where the cycle is stable.
         beyond: λ₁ of the same cycle at δ on the other side; nan at a fold, where it ends.
     """
@@ -70,7 +70,7 @@ class Vanishing:
 
     @property
     def zero(self) -> float:
-        """Where λ₁ vanishes: of a fold linear in λ₁², else by inverse interpolation through three points."""
+        """The zero of λ₁: linear in λ₁² at a fold, else by inverse interpolation through three points."""
         near, (low, high) = self.listed.near, self.stable
         if self.listed.kind == "fold":
             distance = np.polyfit([low**2, high**2], [near, FARTHER * near], 1)[-1]
@@ -114,7 +114,7 @@ LISTED = (
 
 @functools.cache
 def _turned(turns: int) -> Callable | None:
-    """How θ has grown after the cycle."""
+    """The symmetry θ → θ + 2π turns after the cycle; None without turns."""
     return None if turns == 0 else lambda x: x + 2 * np.pi * jnp.asarray([turns, 0.0])
 
 

@@ -1,4 +1,4 @@
-"""What the paper shows, what stands beside it, and how long we compute."""
+"""The cases of the paper, and the lengths of the runs."""
 
 import dataclasses
 
@@ -9,10 +9,10 @@ from . import bifurcations as fu_bifurcations
 __all__ = ["Case", "Lengths"]
 
 PERIOD = 2 * np.pi / 0.666
-STEPS = 1000  # of the paper's scheme, a period: Δt = 0.0094; the paper does not say
-BOX = np.array([[-np.pi, -2.0], [np.pi, 2.0]])  # of starts
-CYCLE_STEPS, CHAOS_STEPS = 11, 8  # of the bisection of the coupling: to 5e-4, and to 4e-3
-OFF = (0.4, 0.3)  # from the start of the zoo, which lies on the cycle: so that it is seen how the motion settles
+STEPS = 1000  # steps per period of the paper's scheme, Δt = 0.0094; the paper gives no value
+BOX = np.array([[-np.pi, -2.0], [np.pi, 2.0]])  # box of random starts
+CYCLE_STEPS, CHAOS_STEPS = 11, 8  # steps of the bisection of the coupling, to 5e-4 and 4e-3
+OFF = (0.4, 0.3)  # offset from the zoo's start, which is on the cycle, to show the convergence
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,8 +23,8 @@ class Case:
         figure: 1, 2 or 3.
         beta, alpha: its parameters.
         motion: what it shows.
-        says: what the paper says of the three exponents λ1 ≥ λ2 ≥ λ3 of (θ, θ', z).
-        losses: how often a cycle loses a direction in a period; None: it is no cycle.
+        says: the paper's statement on the exponents λ1 ≥ λ2 ≥ λ3 of (θ, θ', z).
+        losses: number of directions that the cycle loses in a period; None if it is no cycle.
     """
 
     figure: int

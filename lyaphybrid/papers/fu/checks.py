@@ -1,4 +1,4 @@
-"""What must hold in the reproduction of Fu, Wang & Wang, and what becomes of the paper's claims."""
+"""The checks of the reproduction of Fu, Wang & Wang, and the outcomes of the paper's claims."""
 
 from typing import TYPE_CHECKING
 
@@ -14,32 +14,32 @@ if TYPE_CHECKING:
 __all__ = ["checks", "claims", "finite_error", "listed", "sign_of", "signed", "sum_of_the_scheme"]
 
 FINITE_PART, FINITE_PART_ERROR = -0.17727, 1e-4  # of λ3 in Fig. 3: event-driven Taylor series, 3e6 periods
-STICKS, STICKS_ERROR = 3.7e-4, 1.1e-5  # a period, there
-SLIPPING = 9.43421217 - 2.01777389218  # of a period, in Fig. 2
-WITHIN, FACTOR = 5.0, 1.5  # standard errors; of the rate of sticks
+STICKS, STICKS_ERROR = 3.7e-4, 1.1e-5  # sticks per period, in Fig. 3
+SLIPPING = 9.43421217 - 2.01777389218  # duration of the slip in a period, in Fig. 2
+WITHIN, FACTOR = 5.0, 1.5  # in standard errors; factor for the rate of sticks
 GATE = 5e-4  # standard error of λ1 in Fig. 3, at full length
-COUPLING = {True: 5e-3, False: 2e-2}  # how well synchronisation tells λmax, on a cycle and in chaos
+COUPLING = {True: 5e-3, False: 2e-2}  # error of λmax by synchronisation, on a cycle and in chaos
 SIGNS = {"zero": 0, "positive": 1, "negative": -1}
 
 
 def signed(text: str) -> str:
-    """With the signs of print."""
+    """The text with typographic minus signs."""
     return text.replace("-inf", "−∞").replace("-", "−")
 
 
 def sign_of(value: float) -> int:
-    """0 for what is 0 to 1e-4 of a run that is long enough for it."""
+    """The sign of an exponent; 0 below 1e-4."""
     return 0 if abs(value) < 1e-4 else int(np.sign(value))
 
 
 def sum_of_the_scheme() -> float:
-    """What RK4 makes of the sum of the two exponents of Fig. 2 as Δt → 0: a stick keeps P₄(−1), not nothing."""
+    """The sum of both exponents of Fig. 2 by the paper's RK4 scheme as Δt → 0: a stick keeps P₄(−1) instead of 0."""
     kept = 2 * np.log(transfer_matrices.fourth_order(-1.0))
     return float((kept - cases.CASES[1].beta * SLIPPING) / cases.PERIOD)
 
 
 def checks(r: "fu.Reproduction") -> list[Check]:
-    """Everything that is compared."""
+    """All checks of the reproduction."""
     found = [one for cycle in r.found[:2] for one in _of_cycle(cycle)]
     found += _of_chaos(r.found[2], r.lengths.chaos)
     found += _of_scheme(r.found[1])
@@ -49,7 +49,7 @@ def checks(r: "fu.Reproduction") -> list[Check]:
 
 
 def near(values, exact, tolerance: float) -> bool:
-    """Whether both are −∞ in the same places, and elsewhere the same."""
+    """Whether both are −∞ at the same places, and equal within the tolerance elsewhere."""
     values, exact = np.asarray(values), np.asarray(exact)
     finite = np.isfinite(exact)
     same = bool(np.all(np.isneginf(values) == ~finite))
@@ -57,7 +57,7 @@ def near(values, exact, tolerance: float) -> bool:
 
 
 def listed(values, digits: int) -> str:
-    """Numbers in print."""
+    """Formatted numbers."""
     # A zero has no sign.
     return ", ".join(
         signed("-inf" if np.isneginf(v) else f"{round(float(v), digits) + 0.0:.{digits}f}") for v in values
@@ -94,7 +94,7 @@ def _of_chaos(found: "fu.Found", periods: int) -> list[Check]:
     two, two_error = float(found.two.exponent), float(found.two.stderr)
     finite, its_error = float(s.finite_exponents[1]), finite_error(s)
     expected, counted = STICKS * periods, found.losses * periods
-    # Where few losses are expected their scatter is wider than the factor.
+    # With few expected losses their scatter exceeds the factor.
     rate = abs(counted - expected) <= WITHIN * expected**0.5
     rate = rate and (expected < 50 or 1 / FACTOR < counted / expected < FACTOR)
     gate = GATE * (_full_chaos() / periods) ** 0.5
@@ -118,7 +118,7 @@ def _within(name: str, wanted: float, scatter: float, found: float, error: float
 
 
 def finite_error(s) -> float:
-    """Standard error of the finite part of the last exponent, from the blocks; its own error is that of −∞."""
+    """Standard error of the finite part of the last exponent, from the blocks; the exponent itself is −∞."""
     growth, ends = np.asarray(s.history.growth)[:, 1], np.asarray(s.history.time)
     rates = growth / np.diff(ends, prepend=0.0)
     return float(np.std(rates, ddof=1) / len(rates) ** 0.5)
@@ -173,7 +173,7 @@ def _of_diagram(diagram) -> list[Check]:
 
 
 def signs_on_cycles(diagram) -> tuple[int, int]:
-    """How many runs ended on a cycle, told by their points alone, and how many of them have a positive exponent."""
+    """The number of runs that ended on a cycle by their points alone, and how many of them have λ₁ > 0."""
     cycles = np.array([[label.startswith("P") for label in row] for row in diagram.labels])
     positive = diagram.exponents[..., 0] > WITHIN * diagram.stderr[..., 0]
     return int(cycles.sum()), int((cycles & positive).sum())
@@ -186,7 +186,7 @@ def _of_bifurcation(one) -> Check:
 
 
 def claims(r: "fu.Reproduction") -> list[Claim]:
-    """What the paper says, item by item."""
+    """The claims of the paper, item by item, with outcome and evidence."""
     return [*_about_the_method(r.found[1]), *_about_the_motions(r), *_about_the_diagram(r)]
 
 
@@ -290,5 +290,5 @@ def _about_the_diagram(r: "fu.Reproduction") -> list[Claim]:
 
 
 def _by(holds: bool) -> tuple[str, str]:
-    """The outcome of a claim that a check decides."""
+    """The outcome of a claim that depends on a check."""
     return (AGREED, "") if holds else (CORRECTED, "the check above fails")

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 __all__ = ["bifurcations", "motion"]
 
-WINDOW = 12  # periods of velocity that are shown
+WINDOW = 12  # periods of the velocity that are shown
 BANDS = {
     "coexisting": (COLOURS[2], "several cycles"),
     "beside chaos": (COLOURS[4], "cycles and chaos"),
@@ -60,11 +60,11 @@ def _velocity(found, ax) -> None:
 
 
 def _running(found, ax) -> None:
-    """The three exponents of (θ, θ', z); of one that is −∞ the growth without the moments of loss, dashed."""
+    """The three exponents of (θ, θ', z); for an exponent −∞ the growth without the losses, dashed."""
     s = found.autonomous
     time, running, lost = ordered(s.history)
     values, finite = np.asarray(s.exponents), np.asarray(s.finite_exponents)
-    for i, width in enumerate((1.3, 2.2, 1.1)):  # λ3 over λ2, which it may meet
+    for i, width in enumerate((1.3, 2.2, 1.1)):  # λ3 is drawn over λ2, with which it may coincide
         for part, style in ((~lost[:, i], "-"), (lost[:, i], "--")):
             ax.plot(time, np.where(part, running[:, i], np.nan), color=COLOURS[i], linewidth=width, linestyle=style)
     low, high = ax.get_ylim()
@@ -143,7 +143,7 @@ def bifurcations(diagram):
     if bands[0]:
         title = "Band between the panels: not all runs end alike"
         figure.legend(*bands, loc="outside lower right", ncols=len(bands[0]), title=title, **look)
-    for drawn in lower.containers:  # both lines are seen where they coincide, and the dots on them
+    for drawn in lower.containers:  # so that both lines and the dots are visible where they coincide
         line = drawn[0]
         line.set_markersize(1.6)
         line.set_linewidth(2.0 if drawn.get_label() == "followed up" else 0.9)
@@ -158,11 +158,11 @@ def bifurcations(diagram):
 
 
 def _names(ax, bifurcations) -> None:
-    """Upright names above the axes, pushed apart where they are close."""
+    """Vertical labels above the axes, shifted apart where they are close."""
     apart, places = 0.0088, []
     for beta, _ in bifurcations:
         places.append(max(beta, places[-1] + apart) if places else beta)
-    # Groups that were pushed to the right come back to their middle.
+    # Groups that were shifted to the right are centred again.
     shift = np.zeros(len(places))
     start = 0
     for i in range(1, len(places) + 1):
@@ -178,7 +178,7 @@ def _names(ax, bifurcations) -> None:
 
 
 def _strip(ax, diagram) -> None:
-    """A band that tells where not all runs ended on the same."""
+    """A band that marks the values where runs ended on different attractors."""
     found, half = outcomes(diagram), 0.5 * (diagram.values[1] - diagram.values[0])
     for name, (colour, label) in BANDS.items():
         for beta in diagram.values[[kind == name for kind in found]]:

@@ -20,7 +20,7 @@ __all__ = ["OUTCOMES", "numbers", "outcomes", "table"]
 HEADS = ("paper", "exact", "ours", "its scheme, Euler", "its scheme, RK4", "two trajectories", "synchronisation")
 WIDTHS = (9, 15, 18, 18, 15, 17, 16)
 DIGITS = 6
-LATE = 100  # periods: more than a motion near a cycle needs to settle, mostly
+LATE = 100  # periods: usually more than convergence to a cycle takes
 
 
 def _of_cycle(value: float) -> str:
@@ -33,7 +33,7 @@ def _rows(found: "fu.Found") -> list[list[str]]:
     schemes = []
     for run in found.schemes.values():
         order = np.argsort(np.abs(run.exponents))
-        # The smallest in modulus is that of z = t: nothing is coupled to it.
+        # The smallest in modulus belongs to z = t, which is not coupled to the others.
         rest = [i for i in range(3) if i != order[0]]
         errors = run.stderr if not found.case.cycle else np.zeros(3)
         schemes.append([_zero(float(run.exponents[order[0]]))] + [_scheme(run.exponents[i], errors[i]) for i in rest])
@@ -157,7 +157,7 @@ def _outcome(row, lifetimes) -> str:
 
 
 def _ranges(values, diagram) -> str:
-    """0.1, 0.14–0.16: neighbours in the grid together."""
+    """Values as "0.1, 0.14–0.16", neighbours of the grid joined."""
     step, groups = 1.5 * (diagram.values[1] - diagram.values[0]), []
     for value in values:
         if groups and value - groups[-1][-1] < step:
@@ -169,7 +169,7 @@ def _ranges(values, diagram) -> str:
 
 
 def numbers(r: "fu.Reproduction") -> dict[str, Any]:
-    """All numbers, ready for JSON: −∞ is "-inf", what is not a number is null."""
+    """All numbers, ready for JSON: −∞ is "-inf", nan is null."""
     return {
         "paper": "Fu Shihui, Wang Qi & Wang Shimin, Numerical calculation of Lyapunov exponents of discontinuous "
         "systems with dry friction, Journal of Dynamics and Control 2 (2004)",

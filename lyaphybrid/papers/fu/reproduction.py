@@ -1,16 +1,15 @@
 """Fu, Wang & Wang, Lyapunov exponents of discontinuous systems with dry friction (2004): Figs. 1 to 4.
 
 A forced pendulum with dry friction, θ'' + βθ' + 0.87 sin θ + α Sgn(θ') ∋ 0.586 sin 0.666 t: a cycle that slips to and
-fro, one that sticks twice a period, chaos that sticks very rarely, and attractors against β. The paper shows curves and
-tells signs. Beside them stand exact values, four computations of this package (exponents, multipliers of the cycle, two
-trajectories, the coupling at which two copies synchronise), and the paper's own scheme (`transfer_matrices`), which is
-wrong wherever the motion sticks.
+fro, one that sticks twice a period, chaos that sticks very rarely, and attractors against β. The paper gives curves and
+signs. They are compared with exact values, with four computations of this package (exponents, multipliers of the cycle,
+two trajectories, the coupling at which two copies synchronise), and with the paper's own scheme (`transfer_matrices`),
+which is wrong wherever the motion sticks.
 """
 
 import dataclasses
 import functools
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
@@ -25,8 +24,9 @@ from ...analysis.trajectories import Trajectory, trajectory
 from ...results.spectrum import Spectrum
 from ...systems.hybrid import Hybrid
 from ...zoo.mechanics import friction
+from .. import reproductions
 from ..claims import Check, Claim
-from ..output import save
+from ..reproductions import write
 from . import bifurcations as fu_bifurcations
 from . import checks as fu_checks
 from . import report as fu_report
@@ -38,18 +38,18 @@ __all__ = ["Found", "Reproduction", "reproduce", "write"]
 
 @dataclasses.dataclass(frozen=True)
 class Found:
-    """All that was computed for one figure.
+    """All results for one figure.
 
     Attributes:
-        case: which.
+        case: parameters and motion.
         spectrum: the two exponents of (θ, θ').
         autonomous: the three of (θ, θ', z), shorter, with the history that is drawn.
         orbit: the cycle and its multipliers; None in chaos.
         two: the largest exponent from two trajectories.
-        synchronised: the same from two copies that are coupled.
-        schemes: what the paper's scheme gives, "euler" and "rk4".
+        synchronised: the largest exponent from two coupled copies.
+        schemes: results of the paper's scheme, "euler" and "rk4".
         motion: a few periods in time.
-        section: states at t = 0 mod 2π/ω; of a cycle from the start on.
+        section: states at t = 0 mod 2π/ω; for a cycle from the start on.
         loop: once round the cycle; None in chaos.
     """
 
@@ -66,25 +66,25 @@ class Found:
 
     @property
     def losses(self) -> float:
-        """Directions lost, a period."""
+        """Number of lost directions per period."""
         return float(np.sum(np.asarray(self.spectrum.loss_rate))) * PERIOD
 
     @property
     def zero(self) -> float:
-        """The exponent of the direction z = t, which is 0: that of the three which is nearest."""
+        """The exponent of z = t, which is 0: the one of the three that is nearest to 0."""
         exponents = np.asarray(self.autonomous.exponents)
         return float(exponents[np.argmin(np.abs(exponents))])
 
     @property
     def exact(self) -> zoo.Reference:
-        """The two exponents of (θ, θ'), from elsewhere."""
+        """The reference for the two exponents of (θ, θ')."""
         reference = zoo.friction_pendulum(beta=self.case.beta, alpha=self.case.alpha).reference
         assert reference is not None
         return reference
 
     @property
     def order(self) -> list[int]:
-        """Which of (zero, first, second of (θ, θ')) are λ1 ≥ λ2 ≥ λ3 of (θ, θ', z)."""
+        """Indices of (zero, first, second of (θ, θ')) that are λ1 ≥ λ2 ≥ λ3 of (θ, θ', z)."""
         exponents = (0.0, *self.exact.exponents)
         return sorted(range(3), key=lambda i: -exponents[i])
 
@@ -95,7 +95,7 @@ class Found:
 
 
 @dataclasses.dataclass(frozen=True)
-class Reproduction:
+class Reproduction(reproductions.Reproduction):
     """Figs. 1 to 4, computed and compared.
 
     Attributes:
@@ -105,32 +105,32 @@ class Reproduction:
         lengths: in periods.
     """
 
+    name = "fu"
+
     found: tuple[Found, Found, Found]
     diagram: BifurcationDiagram
     vanishings: tuple[fu_bifurcations.Vanishing, ...]
     lengths: Lengths
 
-    @functools.cached_property
-    def checks(self) -> list[Check]:
-        """What must hold."""
+    def compared(self) -> list[Check]:
+        """All checks."""
         return fu_checks.checks(self)
 
-    @property
-    def claims(self) -> list[Claim]:
-        """What the paper says, and what is found here."""
+    def judged(self) -> list[Claim]:
+        """The claims of the paper, item by item, with the findings."""
         return fu_checks.claims(self)
 
-    @property
-    def passed(self) -> bool:
-        """Whether all checks hold."""
-        return all(one.holds for one in self.checks)
-
-    def __str__(self) -> str:
+    def report(self) -> str:
+        """Tables, checks and claims."""
         return fu_report.table(self)
 
     def data(self) -> dict:
         """All numbers, ready for JSON."""
         return fu_report.numbers(self)
+
+    def figures(self) -> dict:
+        """All figures by the names of their files."""
+        return {f"fu-{number}": self.figure(number) for number in (1, 2, 3, 4)}
 
     def figure(self, number: int = 4):
         """Fig. 1, 2, 3 or 4."""
@@ -141,7 +141,7 @@ class Reproduction:
 
 @functools.cache
 def _problem(case: Case, form: str = "forced"):
-    """System, start, and parameters as arrays: then all figures share what is compiled."""
+    """System, start, and parameters as arrays, so that all figures share compiled code."""
     problem = zoo.friction_pendulum(beta=case.beta, alpha=case.alpha, form=form)
     system = problem.system
     assert isinstance(system, Hybrid)
@@ -186,7 +186,7 @@ def _found(case: Case, lengths: Lengths, progress=None) -> Found:
 
 
 def _synchronised(case: Case, trials: int) -> synchronisation.Synchronised:
-    """From where the settled motion is at t = 0; on a cycle one trial tells, and more digits can be had."""
+    """Starts on the attractor at t = 0; on a cycle one trial is enough, and gives more digits."""
     system, start, args = _off(case)
     settled = trajectory(system, start, args, t1=50 * PERIOD, n=1).x[-1]
     steps = CYCLE_STEPS if case.cycle else CHAOS_STEPS
@@ -199,7 +199,7 @@ def _pair() -> Hybrid:
 
 
 def _times(periods: int) -> np.ndarray:
-    """When the running exponents are recorded: after each of the first periods, later ever more rarely."""
+    """Times of the running exponents: after each of the first periods, later at growing distances."""
     return np.unique(np.round(np.geomspace(1, periods, 300))) * PERIOD
 
 
@@ -210,9 +210,9 @@ def _diagram(lengths: Lengths) -> BifurcationDiagram:
     system, _, args = _problem(CASES[2])
     return bifurcation_diagram(
         system,
-        {"beta": np.linspace(0.0, 0.3, lengths.values)},
         BOX,
         args,
+        over={"beta": np.linspace(0.0, 0.3, lengths.values)},
         period=PERIOD,
         angles=(0,),
         starts=lengths.starts,
@@ -233,15 +233,10 @@ def reproduce(*, quick: bool = False, progress=None) -> Reproduction:
         A `Reproduction`.
     """
     lengths = QUICK if quick else FULL
-    # Two threads: most of the time of the one is that in which the other's functions are compiled.
+    # Two threads, so that one computes while the other compiles.
     with ThreadPoolExecutor(1) as aside:
         diagram = aside.submit(_diagram, lengths)
         one, two, three = (_found(case, lengths, None if case.cycle else progress) for case in CASES)
         system, _, args = _problem(CASES[2])
         vanishings = fu_bifurcations.vanishings(system, args)
     return Reproduction((one, two, three), diagram.result(), vanishings, lengths)
-
-
-def write(result: Reproduction, folder: Path) -> list[Path]:
-    """Figures (PNG, PDF) and numbers (JSON) into a folder; returns the files."""
-    return save(folder, "fu", {f"fu-{number}": result.figure(number) for number in (1, 2, 3, 4)}, result.data())

@@ -1,10 +1,10 @@
 """The largest exponent as the coupling at which two copies of a system synchronise; the paper's reference [5].
 
 A copy y of the friction pendulum x is pulled towards it, y' = f(y) + d (x − y), friction acting on its own velocity. A
-small difference grows as e^{(λ₁ − d) t}: the copy comes to x if d > λ₁, and leaves it if d < λ₁ (for a negative d it is
-pushed away). Nothing is linearised, and nobody writes a Jacobian. A trial begins with a small difference and ends where
-this has shrunk or grown by the same factor (or, after long, by less); at d = λ₁ half of the trials end either way, also
-in chaos, where the growth scatters. So bisection finds λ₁, and in chaos the part of trials that synchronise tells more.
+small difference grows as e^{(λ₁ − d) t}: the copy approaches x if d > λ₁, and leaves it if d < λ₁ (a negative d repels
+it). No linearisation and no Jacobian are needed. A trial starts with a small difference and ends when it has shrunk or
+grown by the same factor (or, after a long time, by less); at d = λ₁ half of the trials end either way, also in chaos,
+where the growth scatters. So bisection finds λ₁; in chaos the fraction of trials that synchronise improves it.
 
 A. Stefański & T. Kapitaniak, Using chaos synchronization to estimate the largest Lyapunov exponent of nonsmooth
 systems, Discrete Dynamics in Nature and Society 4 (2000) 207–215.
@@ -25,21 +25,22 @@ from ...systems.hybrid import Hybrid, Transition
 
 __all__ = ["Place", "Synchronised", "coupled", "midpoint", "synchronised", "trial"]
 
-START, FACTOR = 1e-6, 1e4  # the difference at the start of a trial; by how much it shrinks or grows until it ends
-RANGE = (-1.0, 1.0)  # of couplings that are tried
-PATIENCE = 400  # periods of a trial
+START, FACTOR = 1e-6, 1e4  # difference at the start of a trial, and the factor at which it ends
+RANGE = (-1.0, 1.0)  # range of the bisection
+PATIENCE = 400  # longest trial, in periods
 
 
 class Synchronised(NamedTuple):
-    """The coupling at which the copy just follows.
+    """The coupling at the limit of synchronisation.
 
     Attributes:
         exponent: on a cycle the middle of the last interval of the bisection, in chaos from all trials.
-        error: half the width of that interval, or one standard error of the scatter. Rounding adds to it only where a
-            trial comes so near that few digits of the difference are left: START/FACTOR must be far above 1e-16 of the
-            state. The tolerances of the steps do not limit it: both copies make the same errors.
-        trials: for each coupling that was tried, how many.
-        couplings: (steps,) in the order in which they were tried; followed: (steps,) part of trials that synchronised.
+        error: half the width of that interval, or one standard error of the scatter. Rounding is
+            negligible as long as START/FACTOR is far above 1e-16 of the state. The tolerances of the steps do not
+            matter, because both copies make the same errors.
+        trials: number of trials for each coupling.
+        couplings: (steps,) in the order in which they were tried; followed: (steps,) fraction of trials that
+        synchronised.
     """
 
     exponent: float
@@ -50,7 +51,7 @@ class Synchronised(NamedTuple):
 
 
 class _OfFirst(eqx.Module):
-    """A function of the first system, of the state of both."""
+    """A function of the first system, as a function of the state of both."""
 
     function: Callable
 
@@ -59,7 +60,7 @@ class _OfFirst(eqx.Module):
 
 
 class _OfSecond(eqx.Module):
-    """The same of the second, which sees the first."""
+    """A function of the second system, as a function of the state of both."""
 
     function: Callable
 
@@ -69,7 +70,7 @@ class _OfSecond(eqx.Module):
 
 
 class _Reset(eqx.Module):
-    """A jump of one of both."""
+    """The reset of one of both systems."""
 
     of: Callable
     second: bool = eqx.field(static=True)
@@ -81,7 +82,7 @@ class _Reset(eqx.Module):
 
 
 class _Target(eqx.Module):
-    """The pair of modes after a jump of one of both."""
+    """The pair of modes after a jump of one of both systems."""
 
     of: Callable
     second: bool = eqx.field(static=True)
@@ -94,7 +95,7 @@ class _Target(eqx.Module):
 
 
 class _Pair(eqx.Module):
-    """What a pair of modes does."""
+    """The field of a pair of modes."""
 
     first: Callable
     second: Callable
@@ -116,7 +117,7 @@ class _Begin(eqx.Module):
 
 
 class _Pulled(eqx.Module):
-    """A field that is pulled to the first system."""
+    """The field of the second system with the coupling to the first."""
 
     field: Callable
 
@@ -137,12 +138,12 @@ CLOSER, FARTHER = _distance("closer"), _distance("farther")
 
 @functools.cache
 def coupled(plus: Callable, minus: Callable, surface: Callable) -> Hybrid:
-    """Two copies of a Filippov system, the second of them pulled to the first.
+    """Two copies of a Filippov system, the second one coupled to the first.
 
     Args:
         plus: as for `lh.filippov`, with args a dictionary.
-        minus: the same.
-        surface: the same.
+        minus: as `plus`.
+        surface: as for `lh.filippov`.
 
     Returns:
         A system of the state (x, y) with args ``{"system": …, "coupling": d, "closer": …, "farther": …}``; a run ends
@@ -171,7 +172,7 @@ def _known(system: Hybrid) -> Callable:
 
 
 def _of_pair(transition: Transition, second: bool, other: int, names) -> Transition:
-    """The transition of one of both while the other is in this mode."""
+    """The transition of one of both systems while the other is in this mode."""
     of = _OfSecond if second else _OfFirst
     assert transition.guard is not None
     assert transition.reset is not None
@@ -194,13 +195,13 @@ def synchronised(
 
     Args:
         system: of `coupled`.
-        x0: (n,) where the first system is at t = 0. Each trial goes on from where the one before has ended.
+        x0: (n,) state of the first system at t = 0. Each trial starts at the end of the one before.
         args: its parameters.
         period: of the forcing.
-        angles: which components of x0 are angles: each trial begins within half a turn of 0, for rounding grows with
+        angles: components of x0 that are angles: each trial starts with them in [−π, π], because rounding grows with
             the angle.
-        trials: for each coupling: one is enough where the first system is on a cycle.
-        steps: of the bisection.
+        trials: number for each coupling; one is enough if the first system is on a cycle.
+        steps: number of bisection steps.
     """
     low, high = RANGE
     place, tried, followed = Place(0.0, np.asarray(x0), np.ones(len(x0))), [], []
@@ -221,14 +222,14 @@ def synchronised(
 def midpoint(couplings, followed, trials: int) -> tuple[float, float]:
     """The coupling d₀ at which half of the trials synchronise, and its standard error.
 
-    ln of the distance is a random walk with the drift λ₁ − d between two barriers equally far away. It comes to the
-    lower one first with the probability p = 1/(1 + e^{−κ(d − d₀)}), d₀ = λ₁, whose parameters have the greatest
-    likelihood here.
+    ln of the distance is a random walk with the drift λ₁ − d between two barriers at equal distances. It reaches the
+    lower one first with the probability p = 1/(1 + e^{−κ(d − d₀)}), d₀ = λ₁, whose parameters
+    are found by maximum likelihood.
 
     Args:
         couplings: (m,) d.
-        followed: (m,) part of the trials at each that synchronised.
-        trials: how many there were at each.
+        followed: (m,) fraction of the trials at each that synchronised.
+        trials: number of trials at each.
     """
     d, seen = np.asarray(couplings), np.asarray(followed)
     design = np.stack([np.ones_like(d), d], axis=1)
@@ -243,12 +244,12 @@ def midpoint(couplings, followed, trials: int) -> tuple[float, float]:
         at = at + np.linalg.solve(information, trials * design.T @ (seen - p))
     covariance = np.linalg.inv(weighed(at)[1])
     middle = -at[0] / at[1]
-    by = np.array([-1.0, -middle]) / at[1]  # derivatives of the middle
+    by = np.array([-1.0, -middle]) / at[1]  # derivatives of d₀
     return float(middle), float(np.sqrt(by @ covariance @ by))
 
 
 class Place(NamedTuple):
-    """Where a trial begins: time, state of the first system, direction to the second."""
+    """The start of a trial: time, state of the first system, direction to the second."""
 
     t: float
     x: np.ndarray
@@ -256,9 +257,9 @@ class Place(NamedTuple):
 
 
 def trial(system: Hybrid, place: Place, args, coupling: float, period: float) -> tuple[bool, Place]:
-    """Whether the copy comes to the first system, and where the next trial begins.
+    """Whether the copy synchronises, and the start of the next trial.
 
-    The difference keeps its direction from one trial to the next: it has turned to where it grows like e^{λ₁ t}.
+    The difference keeps its direction for the next trial, because it has aligned with the direction of growth λ₁.
     """
     direction = place.direction / np.linalg.norm(place.direction)
     start = np.concatenate([place.x, place.x + START * direction])

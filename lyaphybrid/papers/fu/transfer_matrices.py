@@ -1,7 +1,7 @@
 """Fu, Wang & Wang's own scheme: fixed steps, and a transfer matrix in the right-hand side at a discontinuity.
 
-The state is (θ, θ', z) with z = t. Where a step of length Δt finds that the motion has left its mode, the next step
-takes the state along the new field f₊ and perturbations along their eqs. (8) and (10),
+The state is (θ, θ', z) with z = t. Where a step of length Δt ends outside the mode of the motion, the next
+step uses the new field f₊ for the state and their eqs. (8) and (10) for perturbations,
 
     u' = J_r u,   J_r = Jac/Δt + (I + Jac) ∂f₋/∂x,   Jac = (f₊ − f₋) ∇h / (∇h·f₋)
 
@@ -9,10 +9,10 @@ An Euler step of it is I + Δt J_r = (I + Jac)(I + Δt ∂f₋/∂x): the saltat
 old field. A step of RK4 is P₄(Δt J_r) with P₄(y) = 1 + y + y²/2 + y³/6 + y⁴/24, and where S has the eigenvalue r this
 has P₄(r − 1) however small Δt is: 0.375 for r = 0 (a stick, which destroys a direction), 0.607 for r = ½.
 
-It is here to show that, and nothing else should use it. What is printed is kept, but where it could not run or is a
-misprint: eq. (11) gets its logarithm and eq. (7) its factors u; the printed f₄ at θ' = 0 is the old field where the
-motion crosses, so that f₁ or f₂ stand for it; and θ' is set to 0 where the motion stops, for f₃ keeps what it finds.
-Where it crosses θ' stays: set to 0 at a time of the grid, numerical orbits lock onto cycles that are not there.
+It is kept only to show this error. It follows the printed equations except where they cannot run or are misprints:
+eq. (11) gets its logarithm and eq. (7) its factors u; the printed f₄ at θ' = 0 is the old field where the motion
+crosses, so f₁ or f₂ replaces it; and θ' is set to 0 where the motion stops, because f₃ keeps its value. At a crossing
+θ' is kept: set to 0 at a time of the grid, it makes numerical orbits lock onto false cycles.
 """
 
 from typing import Any, NamedTuple
@@ -51,7 +51,7 @@ def _velocity(x, args):
 
 
 def _breakaway(direction):
-    """The guard h at the end of a stick, as printed: A sin ωt − βθ' − λ sin θ − α, and its mirror image."""
+    """The guard h at the end of a stick as printed: A sin ωt − βθ' − λ sin θ − α, and its mirror image."""
 
     def guard(x, args):
         return _force(x, args) - args["beta"] * x[1] - direction * args["alpha"]
@@ -81,7 +81,7 @@ def transfer_matrix(before, after, guard, x, args, dt) -> Float[Array, "n n"]:
     """J_r of eq. (10), for a step dt; the other arguments are those of `saltation`.
 
     Example:
-        The motion stops: at any step I + Δt J_r has forgotten θ', and the step of RK4 has kept 0.375 of it.
+        The motion stops: for any Δt, I + Δt J_r removes θ', and the step of RK4 keeps 0.375 of it.
 
         >>> import jax.numpy as jnp
         >>> from lyaphybrid.papers.fu import transfer_matrices as tm
@@ -97,7 +97,7 @@ def transfer_matrix(before, after, guard, x, args, dt) -> Float[Array, "n n"]:
 
 
 def step_matrix(matrix: Float[Array, "n n"], dt, method: str) -> Float[Array, "n n"]:
-    """What one step of u' = J u does, J constant over the step: I + Δt J, or P₄(Δt J).
+    """The matrix of one step of u' = J u with constant J: I + Δt J, or P₄(Δt J).
 
     Args:
         matrix: J.
@@ -120,13 +120,13 @@ def fourth_order(y):
 
 
 class Run(NamedTuple):
-    """What the scheme found.
+    """The results of the scheme.
 
     Attributes:
         growth: (periods, 3) logarithms of the norms of Gram and Schmidt, once a period.
         x: (periods, 3) the states at those times.
         period: 2π/ω.
-        sticks, crossings: how many there were.
+        sticks, crossings: their numbers.
     """
 
     growth: np.ndarray
@@ -157,12 +157,12 @@ def run(x0, args: dict[str, Any], *, method: str, steps: int, periods: int, tran
     """The scheme for the pendulum of the paper.
 
     Args:
-        x0: (3,) start (θ, θ', z), with θ' not 0 or about to move.
+        x0: (3,) start (θ, θ', z), with θ' ≠ 0 or not at rest.
         args: parameters beta, alpha, gravity, amplitude, omega.
         method: "euler" or "rk4".
-        steps: so many a period, Δt = 2π/(ω steps).
+        steps: number of steps in a period, Δt = 2π/(ω steps).
         periods: length, in periods of the forcing; Gram–Schmidt once a period.
-        transient: so many periods before.
+        transient: number of periods before.
 
     Returns:
         A `Run`.
@@ -176,7 +176,7 @@ def run(x0, args: dict[str, Any], *, method: str, steps: int, periods: int, tran
     args = {name: jnp.asarray(value, float) for name, value in args.items()}
     period = 2 * np.pi / float(args["omega"])
     dt = period / steps
-    step, number = jnp.asarray(dt), jnp.asarray(steps)  # as arrays: other steps compile nothing
+    step, number = jnp.asarray(dt), jnp.asarray(steps)  # as arrays, so that other numbers of steps compile nothing new
     growth, states, counts = _run(jnp.asarray(x0, float), args, step, method, number, transient + periods)
     counts = np.asarray(counts)[transient:].sum(axis=0)
     growth, states = np.asarray(growth)[transient:], np.asarray(states)[transient:]
@@ -187,14 +187,14 @@ class _State(NamedTuple):
     x: Array
     u: Array  # (3, 3)
     mode: Array
-    before: Array  # the mode of f₋ where this step begins at a discontinuity; else the same as mode
+    before: Array  # mode of f₋ if the step begins at a discontinuity; else equal to mode
     sticks: Array
     crossings: Array
 
 
 @eqx.filter_jit
 def _run(x0, args, dt, method, steps, periods):
-    """All periods: the growth, the states, and how often the motion stuck and crossed in each."""
+    """All periods: the growth, the states, and the numbers of sticks and crossings in each."""
     none = jnp.asarray(0, jnp.int32)
     begun = _settled(x0, args, jnp.where(x0[1] > 0, FORWARD, BACKWARD).astype(jnp.int32))
     mode = jnp.where(x0[1] == 0, begun, jnp.where(x0[1] > 0, FORWARD, BACKWARD)).astype(jnp.int32)
@@ -210,14 +210,14 @@ def _run(x0, args, dt, method, steps, periods):
 
 
 def _settled(x, args, mode):
-    """The mode at θ' = 0: at rest up to the friction that there is, else driven by the force."""
+    """The mode at θ' = 0: a stick if friction holds the force, else a slip along the force."""
     force = _force(x, args)
     driven = jnp.where(force > 0, FORWARD, BACKWARD)
     return jnp.where(jnp.abs(force) <= args["alpha"], STICK, driven).astype(mode.dtype)
 
 
 def _step(state: _State, args, dt, method) -> _State:
-    """One step, and whether the motion has left its mode in it."""
+    """One step, and the mode after it."""
     x, u = _advanced(state, args, dt, method)
     sign = jnp.where(state.mode == FORWARD, 1.0, -1.0)
     stuck = state.mode == STICK
@@ -287,7 +287,7 @@ def _integrated(rates, x, u, dt, method):
 
 
 def _gram_schmidt(u):
-    """Orthonormal columns, and the logarithms of their norms; a norm of 0 counts as the least number there is."""
+    """Orthonormal columns, and the logarithms of their norms; a norm of 0 counts as the smallest positive number."""
     columns, growth = [], []
     for i in range(u.shape[1]):
         column = u[:, i]

@@ -1,4 +1,4 @@
-"""What must hold of the reproduction of Linh, Truong & Tuyen: exact values, orders, and what the paper says of them."""
+"""The checks of the reproduction of Linh, Truong & Tuyen: exact values, orders, claims of the paper."""
 
 from typing import TYPE_CHECKING
 
@@ -18,29 +18,29 @@ __all__ = [
     "off_by_order", "order", "ranged", "slope_of_linearisation", "unexplained",
 ]  # fmt: skip
 
-# |λ − exact| of the tables over the tolerance: more where all turns fast, and by the pair of order 5.
+# Largest |λ − exact| of each table over the tolerance; more for fast rotation, and for the pair of order 5.
 WITHIN = {1: 10, 2: 10, 3: 10, 4: 30, 5: 10, 6: 30, 7: 10, 8: 30, 9: 10, 10: 30}
-# In Table 4 ESDIRK54b's estimate misses most of the error where the steps are long, in the paper, too (51, 102 and 22
-# tolerances): there ours may be so many times the paper's.
+# In Table 4 ESDIRK54b underestimates the error of long steps, in the paper too (51, 102 and 22 tolerances): there ours
+# may be this factor times the paper's.
 BLIND, OF_PAPERS = 4, 1.25
 ANYWHERE = 30  # the same over six decades
-STEPS = {"discrete": (0.8, 1.25), "continuous": (0.8, 4.0)}  # over the paper's; φ is controlled too
-PAIR_5, AT_EQUAL_STEPS = "ESDIRK54b", 0.15  # of its errors of λ₂: what ours differ by, scaled to the paper's steps
-EXPLAINED = 0.25  # left of the errors of a continuous table that the right rectangle rule explains
-SAME = 0.1  # of the errors of Table 9: what ours differ by
-LATE, SETTLED = 100.0, 30e-8  # C/t from there on, to so many times the tolerance of those runs
-BOUNDED = 5.0  # T |λ(T) − λ| of the ordinary equation
+STEPS = {"discrete": (0.8, 1.25), "continuous": (0.8, 4.0)}  # ratio to the paper's steps; ours control φ too
+PAIR_5, AT_EQUAL_STEPS = "ESDIRK54b", 0.15  # relative difference of our errors of λ₂ from its, at its steps
+EXPLAINED = 0.25  # largest unexplained fraction of the errors of a table that the right rectangle rule explains
+SAME = 0.1  # relative difference of our errors from those of Table 9
+LATE, SETTLED = 100.0, 30e-8  # time from which errors follow C/t, and the largest deviation
+BOUNDED = 5.0  # bound of T |λ(T) − λ| of the ordinary equation
 ORDER = {"propagated": 5, "embedded": 4, "without (9), constant E": 5}
 TO = 0.4
-SAME_CONSTANT, FIXED = 1e-6, 1e-8  # of Λ: what is left of the motion is e^(−0.35 · 50), of the vectors e^(−2.6 · 20)
+SAME_CONSTANT, FIXED = 1e-6, 1e-8  # for Λ: motion has decayed to e^(−0.35 · 50), vectors to e^(−2.6 · 20)
 OF_PENCIL, MOVED = 1e-8, 2.0
-LOST = 0.1  # by which λ₂ is off where x alone is controlled
-REDUCED = 3.5  # the order without (9) where E depends on time is below
-FINEST = 3  # counts of steps over which orders are taken
+LOST = 0.1  # least error of λ₂ if only x is controlled
+REDUCED = 3.5  # largest order without (9) if E depends on time
+FINEST = 3  # numbers of steps, the finest, over which orders are fitted
 PROPORTIONAL = 0.2
-SETTLING = 2e-3  # of Steklov differences, for the motion is not at rest in all of the first window
+SETTLING = 2e-3  # error of Steklov differences, because the motion comes to rest only during the first window
 CONTINUOUS = {2: "5.1", 7: "5.2", 8: "5.2 fast"}  # tables, and their examples
-ALIKE = 1e-9  # ln R(t₀) and the difference of the offsets
+ALIKE = 1e-9  # largest difference of ln R(t₀) and the offsets' difference
 
 
 def off(row: Row, exponents) -> float:
@@ -55,7 +55,7 @@ def allowed(row: Row) -> float:
 
 
 def order(errors) -> float:
-    """By how many powers of two the error falls where steps are halved, over the finest."""
+    """The observed order: powers of two by which the error falls if steps are halved, over the finest."""
     return -float(np.polyfit(np.log(COUNTS[-FINEST:]), np.log(errors[-FINEST:]), 1)[0])
 
 
@@ -70,43 +70,43 @@ def rows_at(r: "linh.Reproduction", number: int) -> list:
 
 
 def unexplained(r: "linh.Reproduction", number: int) -> np.ndarray:
-    """What the right rectangle rule leaves of the errors of a continuous table at T = 1000, as a part of them (3,)."""
+    """Fraction (3,) of the errors of a continuous table at T = 1000 not explained by the right rectangle rule."""
     table = np.array([row.exponents for row in rows_at(r, number)]) - exact("continuous", SHORT)
     ours = r.rectangle[CONTINUOUS[number]] - exact("continuous", SHORT)
     return np.linalg.norm(table - ours, axis=1) / np.linalg.norm(table, axis=1)
 
 
 def at_equal_steps(row: Row, found: "linh.Found") -> float:
-    """The error of λ₂ over the paper's, ours scaled to its steps, as h⁵."""
+    """Our error of λ₂, scaled as h⁵ to the paper's steps, over the paper's."""
     ours, paper = (float(one[1] - row.exact[1]) for one in (np.asarray(found.exponents), np.asarray(row.exponents)))
     return ours / paper * (found.steps / row.steps) ** 5
 
 
 def off_by_order(row: Row, found: "linh.Found") -> float:
-    """By how much the errors are not those of the paper, as a part of these."""
+    """Relative difference of our errors from the paper's."""
     paper = np.array(row.exponents)
     return float(np.linalg.norm(found.exponents - paper) / np.linalg.norm(paper - row.exact))
 
 
 def listed(values, form: str = ".3g") -> str:
-    """Numbers in a row."""
+    """Formatted numbers in a row."""
     return ", ".join(format(float(value), form) for value in np.ravel(values)).replace("-", "−")
 
 
 def ranged(values, form: str = ".2f") -> str:
-    """From the least to the greatest."""
+    """Formatted least and greatest value."""
     ends = (format(float(end(values)), form) for end in (np.min, np.max))
     return " to ".join(ends).replace("-", "−")
 
 
 def at_most(name: str, values, limit: float) -> Check:
-    """None is above the limit; what is no number is."""
+    """Check that no value is above the limit; nan is."""
     values = np.ravel(values)
     return Check(name, f"≤ {limit:g}", f"{np.max(values):.3g}", bool(np.all(values <= limit)))
 
 
 def checks(r: "linh.Reproduction") -> list[Check]:
-    """What must hold."""
+    """All checks."""
     parts = (_tables, _steps, _intervals, _accuracy, _conventions, _ordinary, _linearisation, _theory, _orders)
     return [one for part in parts for one in part(r)]
 

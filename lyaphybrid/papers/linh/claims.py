@@ -1,4 +1,4 @@
-"""What Linh, Truong & Tuyen claim, item by item, and what becomes of it."""
+"""The claims of Linh, Truong & Tuyen, item by item, with their outcomes."""
 
 from typing import TYPE_CHECKING
 
@@ -31,7 +31,7 @@ __all__ = ["claims"]
 
 
 def claims(r: "linh.Reproduction") -> list[Claim]:
-    """What the paper says, item by item."""
+    """The claims of the paper, item by item, with outcome and evidence."""
     return [*_about_exponents(r), *_about_quadrature(r), *_about_pairs(r), *_about_errors(r), *_about_times(r)]
 
 
@@ -49,7 +49,7 @@ def _offs(r: "linh.Reproduction", *numbers: int) -> tuple[str, str]:
 
 
 def _power_of_steps(r: "linh.Reproduction", number: int) -> float:
-    """By which the published errors with T = 1000 fall."""
+    """The power of the step with which the published errors at T = 1000 fall."""
     rows = rows_at(r, number)
     errors = [np.linalg.norm(np.array(row.exponents) - row.exact) for row in rows]
     return -float(np.polyfit(np.log([row.steps for row in rows]), np.log(errors), 1)[0])
@@ -209,7 +209,7 @@ def _about_errors(r: "linh.Reproduction") -> list[Claim]:
 
 
 def _about_times(r: "linh.Reproduction") -> list[Claim]:
-    """What depends on the machine and the implementation is told, and decides nothing."""
+    """Claims about times: reported only, because they depend on the machine and the implementation."""
     longest = {n: r.of(TABLES[n - 1])[-1][1].seconds for n in range(1, 11)}
     ordinary = r.ordinary[-1]
     machine = "times of Matlab on another machine; constraints are eliminated and all is compiled here"

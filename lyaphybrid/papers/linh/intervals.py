@@ -1,4 +1,4 @@
-"""What Algorithms 3.1 and 3.3 give beside the exponents: λ^l, λ^u, and Steklov differences."""
+"""Further results of Algorithms 3.1 and 3.3: λ^l, λ^u, and Steklov differences."""
 
 import dataclasses
 
@@ -9,12 +9,12 @@ from .tables import OFFSETS, Row, exact, limits, problem_of
 
 __all__ = ["WINDOWS", "Intervals", "intervals", "wanted"]
 
-WINDOWS = 64  # of Steklov differences, over the whole run; τ = T/2
+WINDOWS = 64  # number of windows for Steklov differences; τ = T/2
 
 
 @dataclasses.dataclass(frozen=True)
 class Intervals:
-    """Of one run.
+    """Intervals of one run.
 
     Attributes:
         lower, upper: (2,) λ_i^l and λ_i^u, least and greatest λ_i(t) over τ ≤ t ≤ T.
@@ -27,7 +27,7 @@ class Intervals:
 
 
 def intervals(row: Row) -> Intervals:
-    """Of the run of a row."""
+    """The intervals of the run of a row."""
     system, x0, args = problem_of(row.table.example)
     spectrum = lyapunov_spectrum(
         system, x0, args, t1=float(row.length), method=row.table.method(row.tolerance), blocks=WINDOWS,
@@ -39,7 +39,7 @@ def intervals(row: Row) -> Intervals:
 
 
 def wanted(row: Row) -> Intervals:
-    """The same from λ_i(t) = λ_i + C_i/t; the least difference is that of the first window, which holds C_i."""
+    """The same from λ_i(t) = λ_i + C_i/t; the least difference is in the first window, because of C_i."""
     ends = exact(row.table.algorithm, np.array([row.length / 2, row.length]))
     first = limits() + np.array(OFFSETS["continuous"]) * WINDOWS / row.length
     return Intervals(ends.min(axis=0), ends.max(axis=0), float(first[0] - first[1]))

@@ -1,4 +1,4 @@
-"""Orders by equal steps: of the half-explicit method with and without (9), (E x)' = E'x + f, and of exponents."""
+"""Observed orders with equal steps: of the half-explicit method with and without (9), and of exponents."""
 
 import functools
 
@@ -22,9 +22,9 @@ __all__ = [
     "unreformulated",
 ]  # fmt: skip
 
-COUNTS = (8, 16, 32, 64, 128)  # of equal steps over a unit of time
-NEWTON = 6  # iterations, of the method without the reformulation
-ENOUGH = 2000  # of order 8, for the exact end
+COUNTS = (8, 16, 32, 64, 128)  # numbers of equal steps over a unit of time
+NEWTON = 6  # Newton iterations of the method without the reformulation
+ENOUGH = 2000  # steps of order 8, for the reference end
 
 
 def _advance(example: str, kind: str):
@@ -68,7 +68,7 @@ def unreformulated(dae: Constrained, args, t, x, h):
 
 
 def end(example: str, kind: str, counts) -> np.ndarray:
-    """X(1) by so many equal steps, for each of the counts."""
+    """The state x(1) by equal steps, for each of the counts."""
     _, x0, _ = problem_of(example)
     advance = _advance(example, kind)
 
@@ -89,14 +89,14 @@ ORDERS = {
 
 
 def errors_at_end(name: str) -> np.ndarray:
-    """Of x(1), largest component, for each of `COUNTS`; `name`: one of `ORDERS`."""
+    """Error of x(1), largest component, for each of `COUNTS`; `name`: one of `ORDERS`."""
     example, kind = ORDERS[name]
     return np.max(np.abs(end(example, kind, COUNTS) - end(example, "exact", (ENOUGH,))), axis=1)
 
 
 # Exponents.
 
-FINE = 1e-13  # of Newton's iterations
+FINE = 1e-13  # tolerance of Newton's iterations
 # In Example 5.2 the errors of the continuous algorithm change their sign between these steps.
 EXPONENT_ORDERS: dict[str, tuple[str, Method, int]] = {
     "discrete": ("5.2", HalfExplicit(rtol=FINE), 5),

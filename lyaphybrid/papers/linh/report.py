@@ -44,7 +44,7 @@ CORRECTIONS = """Corrections:
 
 
 def table(r: "linh.Reproduction") -> str:
-    """Tables 1 to 10, and in a few lines what is beside them."""
+    """Tables 1 to 10, and a summary of the other results."""
     lines = [INTRODUCTION.format(windows=WINDOWS)]
     for one in TABLES:
         lines += ["", f"Table {one.number}: {EXAMPLES[one.example]}, {one.algorithm} QR, {one.pair}", ""]

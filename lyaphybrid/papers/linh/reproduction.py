@@ -4,7 +4,7 @@ Two differential–algebraic systems: a damped spring (Example 5.1), and the sam
 slowly, γ = (1, 2, 3), and fast, γ = (20, 100, 200). Their finite-time exponents are known, λ_i(T) = λ_i + C_i/T, and
 every row of every table is compared with them. Beside the tables: the same spring as an ordinary differential equation
 (Remark 5.3), the error of the linearisation (Theorem 4.1), the orders of the half-explicit method with and without the
-reformulation (9), and what the paper names and does not compute.
+reformulation (9), and what the paper names but does not compute.
 """
 
 import dataclasses
@@ -12,8 +12,6 @@ import functools
 import itertools
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -26,8 +24,9 @@ from ...analysis.trajectories import trajectory
 from ...integrators import HalfExplicit, RungeKutta
 from ...integrators.base import Method
 from ...systems.smooth import Flow
+from .. import reproductions
 from ..claims import Check, Claim
-from ..output import save
+from ..reproductions import computed, write
 from . import checks as linh_checks
 from . import claims as linh_claims
 from . import report as linh_report
@@ -55,9 +54,9 @@ from .tables import (
 __all__ = ["FULL", "QUICK", "Found", "Linearisation", "Ordinary", "Reproduction", "reproduce", "write"]
 
 FULL, QUICK = (1000, 5000, 10000), (1000,)  # lengths of the runs
-SHORTER = 200.0  # for --quick, in place of SHORT
+SHORTER = 200.0  # with --quick, instead of SHORT
 RUNNING = 1e-8  # TOL of the running exponents
-BRIEF = 0.2  # seconds: shorter runs are timed five times
+BRIEF = 0.2  # in seconds: shorter runs are timed five times
 FIGURES = ("errors", "orders", "convergence", "linearisation")
 OF_BOTH = ("collocation", "continuous_esdirk", "svd", "bounds")  # extensions
 SYSTEMS = {"5.1": "semi-explicit", "5.2": "turning", "5.2 fast": "turning"}
@@ -65,11 +64,11 @@ SYSTEMS = {"5.1": "semi-explicit", "5.2": "turning", "5.2 fast": "turning"}
 
 @dataclasses.dataclass(frozen=True)
 class Found:
-    """A row computed.
+    """The computed results of a row.
 
     Attributes:
         exponents: (2,); steps: accepted ones, with the two that end the halves of the run.
-        seconds: of a run that finds all compiled, with nothing beside it.
+        seconds: of a run with everything compiled, not in parallel with anything.
         intervals: [λ^l, λ^u] and Steklov differences, of another run.
     """
 
@@ -113,8 +112,8 @@ class Linearisation:
 
 
 @dataclasses.dataclass(frozen=True)
-class Reproduction:
-    """Tables 1 to 10 and what is beside them, computed and compared.
+class Reproduction(reproductions.Reproduction):
+    """Tables 1 to 10 and further results, computed and compared.
 
     Attributes:
         lengths: T of the rows.
@@ -131,8 +130,10 @@ class Reproduction:
         turning: Theorem 4.1 with M δ, on Example 5.2.
         perturbed: Definition 2.3, on Example 5.1 at rest.
         state_alone: (2,) λ of Example 5.1 at T = 1000, TOL = 1e-6, where the error of x alone is controlled.
-        extensions: what the paper names and does not compute.
+        extensions: methods and equations that the paper names but does not compute.
     """
+
+    name = "linh"
 
     lengths: tuple[int, ...]
     found: tuple[Found, ...]
@@ -159,27 +160,25 @@ class Reproduction:
         """The rows of a table, published and computed."""
         return [pair for pair in zip(self.rows, self.found, strict=True) if pair[0].table == table]
 
-    @functools.cached_property
-    def checks(self) -> list[Check]:
-        """What must hold."""
+    def compared(self) -> list[Check]:
+        """All checks."""
         return [*linh_checks.checks(self), *extensions_report.checks(self.extensions)]
 
-    @property
-    def claims(self) -> list[Claim]:
-        """What the paper says, and what is found here."""
+    def judged(self) -> list[Claim]:
+        """The claims of the paper, item by item, with the findings."""
         return [*linh_claims.claims(self), *extensions_report.claims(self.extensions)]
 
-    @property
-    def passed(self) -> bool:
-        """Whether all checks hold."""
-        return all(one.holds for one in self.checks)
-
-    def __str__(self) -> str:
+    def report(self) -> str:
+        """Tables, checks and claims."""
         return linh_report.table(self)
 
     def data(self) -> dict:
         """All numbers, ready for JSON."""
         return linh_report.numbers(self)
+
+    def figures(self) -> dict:
+        """All figures by the names of their files."""
+        return {f"linh-{name}": self.figure(name) for name in FIGURES}
 
     def figure(self, name: str = "errors"):
         """The figure "errors", "orders", "convergence" or "linearisation"."""
@@ -192,22 +191,22 @@ class Reproduction:
 
 
 class Steps:
-    """A watch that counts orthonormalisations: there is one after each accepted step."""
+    """An observer that counts orthonormalisations, one after each accepted step."""
 
     def begin(self, t, frame):
-        """None yet."""
+        """The count starts at zero."""
         return jnp.zeros((), jnp.int32)
 
     def update(self, state, seen):
-        """One more."""
+        """Add one."""
         return state + 1
 
     def moved(self, state, source):
-        """As many."""
+        """Unchanged."""
         return state
 
     def next_block(self, state):
-        """As many."""
+        """Unchanged."""
         return state
 
 
@@ -242,7 +241,7 @@ def _of_row(row: Row) -> np.ndarray:
 
 
 def _timed(run: Callable) -> tuple[Any, float]:
-    """What it returns, compiled before, and its time; that of a short run is the shortest of five."""
+    """The result of a compiled run and its time; for a short run the shortest of five."""
     taken, result = [], None
     while not taken or (len(taken) < 5 and max(taken) < BRIEF):
         start = time.perf_counter()
@@ -251,7 +250,7 @@ def _timed(run: Callable) -> tuple[Any, float]:
     return result, min(taken)
 
 
-# Beside the tables.
+# Further results.
 
 
 def _state_alone() -> np.ndarray:
@@ -302,7 +301,7 @@ def _ordinary(length: float, seconds: dict[tuple[int, float], float]) -> tuple[O
 
 
 def _linearisation() -> Linearisation:
-    """At twenty times, so far apart that the steps between are the method's own."""
+    """Compared at twenty times, so far apart that steps are limited by the tolerance only."""
     system, x0, args = problem_of("5.1")
 
     def path(tolerance):
@@ -318,7 +317,7 @@ def _linearisation() -> Linearisation:
     true, found = path(1e-13), []
     for tolerance in TOLERANCES:
         near = path(tolerance)
-        bound = max(size(curvatures(true)), size(curvatures(near)))  # linear in x: the largest is at an end
+        bound = max(size(curvatures(true)), size(curvatures(near)))  # linear in x, so the maximum is at an end
         found.append((size(near - true), size(derivatives(near) - derivatives(true)), bound))
     return Linearisation(*np.array(found).T)
 
@@ -327,10 +326,10 @@ def _linearisation() -> Linearisation:
 
 
 def reproduce(*, quick: bool = False, progress=None) -> Reproduction:
-    """Compute Tables 1 to 10, and what is beside them.
+    """Compute Tables 1 to 10 and the further results.
 
     Args:
-        quick: of the tables the rows with T = 1000 only, and errors against tolerance at T = 200; nothing else.
+        quick: only the rows with T = 1000, and errors against tolerance at T = 200; nothing else changes.
         progress: a function of the fraction done.
 
     Returns:
@@ -338,8 +337,8 @@ def reproduce(*, quick: bool = False, progress=None) -> Reproduction:
     """
     lengths = QUICK if quick else FULL
     rows = rows_of(lengths)
-    done = _all(_tasks(rows, SHORTER if quick else SHORT), progress)
-    timed = [_timed(functools.partial(_of_row, row)) for row in rows]  # with nothing beside it
+    done = computed(_tasks(rows, SHORTER if quick else SHORT), progress)
+    timed = [_timed(functools.partial(_of_row, row)) for row in rows]  # not in parallel with anything
     found = tuple(
         Found(value, done["steps", row], s, done["intervals", row]) for row, (value, s) in zip(rows, timed, strict=True)
     )
@@ -370,7 +369,7 @@ def reproduce(*, quick: bool = False, progress=None) -> Reproduction:
 
 
 def _tasks(rows, length: float) -> dict[tuple, tuple]:
-    """What to compute, by name: the compiled program that it needs, the function, and its arguments."""
+    """The tasks by name, each as the compiled program that it needs, the function, and its arguments."""
     tasks = {}
     for example in reversed(EXAMPLES):  # the longest first
         kind = SYSTEMS[example]
@@ -382,7 +381,7 @@ def _tasks(rows, length: float) -> dict[tuple, tuple]:
         program = table.algorithm, table.tableau, SYSTEMS[table.example]
         tasks["steps", row] = (("steps", *program), _steps, table.example, table.method(row.tolerance), row.length)
         tasks["intervals", row] = (("intervals", *program), intervals, row)
-        if table.tableau != "dopri5" and row.length == rows[0].length:  # what is timed later must have been compiled
+        if table.tableau != "dopri5" and row.length == rows[0].length:  # compile what is timed later
             tasks["compiled", row] = (program, _of_row, row)
     for name in ORDERS:
         tasks["orders", name] = (name, errors_at_end, name)
@@ -398,25 +397,3 @@ def _tasks(rows, length: float) -> dict[tuple, tuple]:
         tasks[function.__name__,] = (function.__name__, function)
     tasks["linearisation",] = ("linearisation", _linearisation)
     return tasks
-
-
-def _all(tasks: dict[tuple, tuple], progress) -> dict:
-    """The results by name. Two threads, for two cores: each takes all that needs a program, which it compiles once."""
-    programs, done = {}, {}
-    for name, (program, *task) in tasks.items():
-        programs.setdefault(program, []).append((name, *task))
-
-    def run(all_of_it):
-        for name, function, *arguments in all_of_it:
-            done[name] = function(*arguments)
-            if progress is not None:
-                progress(len(done) / len(tasks))
-
-    with ThreadPoolExecutor(2) as threads:
-        list(threads.map(run, programs.values()))
-    return done
-
-
-def write(result: Reproduction, folder: Path) -> list[Path]:
-    """Figures (PNG, PDF) and numbers (JSON) into a folder; returns the files."""
-    return save(folder, "linh", {f"linh-{name}": result.figure(name) for name in FIGURES}, result.data())

@@ -18,10 +18,10 @@ __all__ = [
     "exact", "frame_at_start", "limits", "problem_of", "rows_of",
 ]  # fmt: skip
 
-TOLERANCES = tuple(10.0**-k for k in range(4, 11))  # of the six decades
+TOLERANCES = tuple(10.0**-k for k in range(4, 11))  # six decades of tolerances
 OF_TABLES = TOLERANCES[:3]
 SHORT = 1000.0  # the shortest of the tables' lengths, and that of the runs beside them
-# C_i of λ_i(T) = λ_i + C_i/T where ln R(t₀) is counted and where it is not, by an independent program.
+# C_i of λ_i(T) = λ_i + C_i/T, with and without ln R(t₀), by an independent program.
 OFFSETS = {"discrete": (-1.897955472, 2.3684471444), "continuous": (-2.7026744283, 2.1826653662)}
 EXAMPLES = {
     "5.1": "Example 5.1",
@@ -72,7 +72,7 @@ class Table:
 
     @property
     def tableau(self) -> str:
-        """What is run."""
+        """The name of the pair that is run."""
         return TABLEAU[self.pair]
 
     def method(self, tolerance: float) -> Method:
@@ -87,7 +87,7 @@ class Row:
     """A row of the tables as published.
 
     Attributes:
-        table: where it is.
+        table: the table that it belongs to.
         length: T; tolerance: TOL.
         exponents: λ₁ and λ₂; steps: accepted ones; seconds: of CPU time (Core i5, 2.7 GHz, Matlab R2022a).
     """

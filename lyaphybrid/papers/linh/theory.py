@@ -1,4 +1,4 @@
-"""Of the theory of Linh, Truong & Tuyen: Λ and its eigenvectors, Theorem 4.1 with M δ, stability of exponents."""
+"""Numerical tests of the theory of Linh, Truong & Tuyen: Λ, Theorem 4.1 with M δ, stability of exponents."""
 
 import dataclasses
 
@@ -21,7 +21,7 @@ __all__ = [
 TIGHT = 1e-12
 LENGTHS = (10, 20, 50, 100)  # T of Λ(T), in pieces of length 1
 SIZES = (1e-1, 1e-2, 1e-3, 1e-4)  # δ of the perturbations of E and A
-SETTLED = 200.0  # length of runs of linear equations, of which the first half is not counted
+SETTLED = 200.0  # length of runs of linear equations; the first half is not counted
 AT = 20  # times at which the linearisations are compared, one unit apart
 
 
@@ -39,10 +39,11 @@ class Characteristic:
 
 
 def characteristic(lengths=LENGTHS) -> Characteristic:
-    """Λ without forming YᵀY, whose condition number e^(5.3 T) no floating-point number holds.
+    """Λ without forming YᵀY, whose condition number e^(5.3 T) overflows.
 
-    Y = Q D U, D = diag(e^(s_i)), U unit upper triangular; U settles, for its off-diagonal entries grow by what
-    R_ij e^(s_j − s_i) adds. The QR factors P T of Uᵀ then give Yᵀ = P (T D) Qᵀ, and T D is diagonal up to e^(s₂ − s₁).
+    Y = Q D U, D = diag(e^(s_i)), U unit upper triangular; U converges, because the increments
+    R_ij e^(s_j − s_i) of its entries decay. The QR factors P T of Uᵀ then give Yᵀ = P (T D) Qᵀ, and T D is diagonal up
+    to e^(s₂ − s₁).
     """
     system, x, args = problem_of("5.1")
     columns, factor = np.linalg.qr(np.asarray(tangent_frame(system, jnp.zeros(()), x, args)))
@@ -82,17 +83,17 @@ class Turning:
 
     @property
     def share(self) -> np.ndarray:
-        """Of the bound that the differences reach, by tolerance."""
+        """Largest ratio of the differences to the bound, by tolerance."""
         return np.max(self.difference / (self.in_time + self.in_state), axis=1)
 
     @property
     def without_time(self) -> np.ndarray:
-        """The same of N ε alone."""
+        """The same ratio with the bound N ε alone."""
         return np.max(self.difference / self.in_state, axis=1)
 
 
 def turning() -> Turning:
-    """The linearisations compared time by time."""
+    """Compare the linearisations at each time."""
     system, x0, args = problem_of("5.2")
 
     def path(tolerance, stretch):
@@ -107,7 +108,7 @@ def turning() -> Turning:
     slopes = jax.jit(jax.vmap(first))
     mixed, curved = jax.jit(jax.vmap(jax.jacfwd(first))), jax.jit(jax.vmap(jax.jacfwd(first, argnums=1)))
     true, times = path(1e-13, 1.0), np.linspace(0.0, AT, AT)
-    # f_x is quadratic in x and trigonometric in t: over the box of all points and a turn, sampled; half as much again.
+    # f_x is quadratic in x and trigonometric in t: it is sampled over the box of all points and a turn, times 1.5.
     many = np.repeat(np.linspace(0, 2 * np.pi, 48, endpoint=False), len(true)), np.tile(true, (48, 1))
     bounds = [1.5 * np.max(size(tensors(*many))) for tensors in (mixed, curved)]
     found = []
@@ -153,7 +154,7 @@ def pencil(size: float) -> np.ndarray:
 
 
 def perturbed() -> Perturbed:
-    """Exponents of the perturbed equations, by the path of all exponents."""
+    """Exponents of the perturbed equations, by `lyapunov_spectrum` as all others."""
     leading, slope, in_leading, in_slope = (jnp.asarray(matrix) for matrix in _matrices())
 
     def swing(t, args):

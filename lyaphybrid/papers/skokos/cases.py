@@ -8,10 +8,10 @@ __all__ = [
 ]  # fmt: skip
 
 STEP = 0.05
-EVERY = 10  # steps between orthonormalisations; the paper's is each, and so it is where time is taken
+EVERY = 10  # steps between orthonormalisations; 1 in the paper and in the timed runs
 METHODS = ("DOP853", "TDHcc", "TDHes", "TDHeps", "TM")
-SURE = ("DOP853", "TM")  # the methods that keep the laws
-BEST = ("DOP853", "TDHeps", "TM")  # those that the paper shows for more than two degrees of freedom
+SURE = ("DOP853", "TM")  # methods that satisfy the laws of motion
+BEST = ("DOP853", "TDHeps", "TM")  # methods that the paper shows for more than two degrees of freedom
 
 
 @dataclasses.dataclass(frozen=True)
@@ -20,9 +20,9 @@ class Orbit:
 
     Attributes:
         name: R1, C1, C2, R2 or R3.
-        problem: which of the zoo; parameters: its parameters.
-        motion: what it does.
-        freedoms: N; torus: dimension of that on which it moves, None in chaos.
+        problem: name in the zoo; parameters: its parameters.
+        motion: the kind of motion.
+        freedoms: N; torus: dimension of its torus, None in chaos.
     """
 
     name: str
@@ -43,7 +43,7 @@ ORBITS = {
     for orbit in (
         Orbit("R1", "henon_heiles", (("y", 0.55),), "regular, Hénon–Heiles", 2, 2),
         Orbit("C1", "henon_heiles", (("y", -0.016),), "chaotic, Hénon–Heiles", 2, None),
-        # In place of y = −0.01344, which leaves for the big sea at t of 1e4 to 1e5 by every method.
+        # Instead of y = −0.01344, which enters the big chaotic sea at t = 1e4 to 1e5 by every method.
         Orbit("C2", "henon_heiles", (("y", -0.01333),), "weakly chaotic, Hénon–Heiles", 2, None),
         Orbit("R2", "hamiltonian_3d", (), "regular, three oscillators", 3, 3),
         Orbit("R3", "fpu_beta", (), "regular on a 4-torus, eight masses", 8, 4),
@@ -57,7 +57,7 @@ class Row:
 
     Attributes:
         method: one of `METHODS`.
-        step: τ, of the deviation vectors.
+        step: τ, step size for the deviation vectors.
         threshold: δ, the tolerance of DOP853, whose steps are no longer than τ.
         minutes: of CPU time in the paper, for t = 10⁸.
     """
@@ -68,7 +68,7 @@ class Row:
     minutes: int
 
 
-# The thresholds are lost from the text. With these two the times are as it says: alike up to τ = 0.2, twice at 0.5.
+# The thresholds are missing in our text of the paper. These two give its relations of times between the rows.
 LOOSE, TIGHT = 1e-5, 1e-7
 TABLE = (
     Row("DOP853", 0.05, LOOSE, 498),
@@ -93,12 +93,12 @@ TABLE = (
 
 @dataclasses.dataclass(frozen=True)
 class Lengths:
-    """How long orbits are followed, and the numbers of points of sections.
+    """Lengths of runs, and the numbers of points of sections.
 
     Attributes:
         table: of Table 1, and so of Figs. 2 and 3.
         exponents: of the others; indices: of the GALIs, of C1 `chaos`, of R3 `many`.
-        longer: of those of R3 by TDHeps, which take so long until they fall.
+        longer: of those of R3 by TDHeps, which start to fall late.
         points: of the sections of R1 and C1; around: of that of C2.
     """
 

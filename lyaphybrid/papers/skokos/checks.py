@@ -1,4 +1,4 @@
-"""What must hold of the reproduction of Skokos & Gerlach: laws of motion, which no implementation can bend."""
+"""The checks of the reproduction of Skokos & Gerlach: laws of motion that hold for every implementation."""
 
 from typing import TYPE_CHECKING
 
@@ -13,24 +13,24 @@ if TYPE_CHECKING:
 
 __all__ = ["checks", "early", "growth_of_energy", "law", "level", "paired", "slopes"]
 
-ONE_OVER_T = 30.0  # t λ₁ of a regular orbit stays below: it is the logarithm of a power of t
-# Of λ₁ at τ = 0.05, as an independent C program finds them over [1e5, 1e6].
+ONE_OVER_T = 30.0  # bound of t λ₁ for a regular orbit, the logarithm of a power of t
+# Values at which λ₁ levels off for τ = 0.05, by an independent C program over [1e5, 1e6].
 LEVELS = {"TDHcc": 1.546e-3, "TDHes": 1.546e-3, "TDHeps": 7.75e-5}  # of R1
 LEVEL_OF_R2 = 4.91e-5  # by TDHeps
-FACTOR = 1.5  # around them
-PAIRED = 10.0  # t |λ_i + λ_{2N+1−i}| of vectors that begin in no special direction
-EQUAL = 3.0  # |ln GALI_2 + (λ₁ − λ₂) t|
+FACTOR = 1.5  # allowed factor around these values
+PAIRED = 10.0  # bound of t |λ_i + λ_{2N+1−i}| for vectors in generic directions
+EQUAL = 3.0  # bound of |ln GALI_2 + (λ₁ − λ₂) t|
 WITHIN = 5.0  # standard errors
-RATIOS = 0.03  # of ln GALI_k in chaos
+RATIOS = 0.03  # relative error of ratios of ln GALI_k in chaos
 SLOPES = {"R1": 0.3, "R2": 0.3, "R3": 0.5}
-DECADES = {"R1": 2, "R2": 2, "R3": 1}  # at the end, over which slopes are taken
+DECADES = {"R1": 2, "R2": 2, "R3": 1}  # last decades of time, over which slopes are fitted
 ENERGY = {"DOP853": 1e-9, "TM": 2e-7}
-GROWS, STANDS = 0.5, 0.3  # powers of t by which energy errors grow, or do not
-ISLANDS, SMALL = 5, 0.2  # of R1 on its section, and the size of each
-WEAK = (20.0, 1e-3)  # t λ₁ of C2 is above the first, where a torus beside it has 8; and λ₁ below the second
-FROZEN = ("TDHcc", "TDHes")  # methods whose coefficients are those at the start of a step
-EARLY = 1e5  # when C2 is looked at: later λ₁ wanders by any method
-CALM, FALLEN = -20.0, -40.0  # log10 GALI_4 of C2 then: with frozen coefficients above, by DOP853 and TM below
+GROWS, STANDS = 0.5, 0.3  # least power of t of a growing energy error, largest of a bounded one
+ISLANDS, SMALL = 5, 0.2  # number of islands of R1 on its section, and their largest size
+WEAK = (20.0, 1e-3)  # bounds of C2: least t λ₁ (a nearby torus has 8), largest λ₁
+FROZEN = ("TDHcc", "TDHes")  # methods that freeze coefficients at the start of a step
+EARLY = 1e5  # time at which C2 is compared; later λ₁ fluctuates with every method
+CALM, FALLEN = -20.0, -40.0  # log10 GALI_4 of C2 at that time: least with frozen coefficients, largest by DOP853 and TM
 
 
 def law(orbit: Orbit) -> list[int]:
@@ -48,7 +48,7 @@ def slopes(found, decades: int) -> np.ndarray:
 
 
 def level(run: "skokos.Run", i: int = 0) -> float:
-    """The rate d(t λ_i)/dt over the last decade: where it levels off; near 0 where it falls as 1/t."""
+    """The rate d(t λ_i)/dt over the last decade: the value at which λ_i levels off; near 0 if it falls as 1/t."""
     product = run.time * run.exponents[:, i]
     first = int(np.searchsorted(run.time, 0.1 * run.time[-1] * (1 - 1e-9)))
     return float((product[-1] - product[first]) / (run.time[-1] - run.time[first]))
@@ -60,7 +60,7 @@ def paired(run: "skokos.Run") -> float:
 
 
 def growth_of_energy(run: "skokos.Run") -> float:
-    """By which power of t the error of the energy grows, from the last but one decade to the last."""
+    """The power of t of the growth of the energy error, from the last two decades."""
     size, last = np.abs(run.drift), run.time[-1]
     decades = [(run.time > last / 10 ** (i + 1)) & (run.time <= last / 10**i) for i in (1, 0)]
     before, after = (float(np.median(size[decade])) for decade in decades)
@@ -68,12 +68,12 @@ def growth_of_energy(run: "skokos.Run") -> float:
 
 
 def early(time, values):
-    """The values at t = 1e5, when C2 is looked at."""
+    """The values at t = 1e5, where C2 is compared."""
     return np.asarray(values)[int(np.searchsorted(np.asarray(time), EARLY * (1 - 1e-9)))]
 
 
 def checks(r: "skokos.Reproduction") -> list[Check]:
-    """Everything that is compared."""
+    """All checks of the reproduction."""
     return [
         one for part in (_islands, _energy, _regular, _rivals, _pairs, _on_tori, _in_chaos, _weak) for one in part(r)
     ]
@@ -133,7 +133,7 @@ def _rivals(r: "skokos.Reproduction"):
 
 
 def _pairs(r: "skokos.Reproduction"):
-    """All five tangents are symplectic."""
+    """Checks that all five tangents are symplectic."""
     for orbit in ("R1", "C1", "C2", "R2"):
         largest = max(paired(run) for run in r.of(orbit).values())
         yield _below(f"{orbit}: t |λi + λ2N+1−i| at the end, by every method", PAIRED, largest)
@@ -173,7 +173,7 @@ def _in_chaos(r: "skokos.Reproduction"):
 
 
 def _weak(r: "skokos.Reproduction"):
-    """C2: DOP853 and TM see its chaos; with coefficients that are frozen for a step it looks regular for longer."""
+    """Checks of C2: DOP853 and TM show its chaos; with frozen coefficients it looks regular for longer."""
     first = {method: r.of("C2")[method].exponents[-1, 0] for method in METHODS}
     for method in SURE:
         product = float(first[method] * r.of("C2")[method].time[-1])

@@ -1,6 +1,6 @@
-"""What Skokos & Gerlach claim, item by item, and what becomes of it; the witness is a program that shares no code.
+"""The claims of Skokos & Gerlach, item by item, with their outcomes; the witness is a program that shares no code.
 
-Of their numbers the text that we have kept the mantissas, and lost the powers of ten.
+Our text of the paper has the mantissas of its numbers, but not the powers of ten.
 """
 
 from typing import TYPE_CHECKING
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 __all__ = ["claims"]
 
-FALLEN = -4.0  # log10 GALI_2 of R3 that no power of t has: it is constant on the torus
+FALLEN = -4.0  # log10 GALI_2 of R3 below which it is not constant, as it must be on the torus
 
 
 def claims(r: "skokos.Reproduction") -> list[Claim]:
-    """What the paper says, item by item."""
+    """The claims of the paper, item by item, with outcome and evidence."""
     parts = (_about_energy, _about_r1, _about_c1, _about_c2, _about_more_freedoms, _about_times)
     return [one for part in parts for one in part(r)]
 
@@ -295,7 +295,7 @@ def _about_r3(r: "skokos.Reproduction") -> Claim:
 
 
 def _about_times(r: "skokos.Reproduction") -> list[Claim]:
-    """What depends on the machine and the implementation is told, and decides nothing."""
+    """Claims about times: reported only, because they depend on the machine and the implementation."""
     seconds = {(row.method, row.step, row.threshold): s for row, s in zip(TABLE, r.seconds, strict=True)}
     of = {method: next(s for (m, step, _), s in seconds.items() if (m, step) == (method, 0.05)) for method in METHODS}
     ratios = ", ".join(f"{method} {of[method] / of['TM']:.2f}" for method in METHODS if method != "TM")

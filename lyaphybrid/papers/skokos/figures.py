@@ -13,9 +13,9 @@ if TYPE_CHECKING:
 
 __all__ = ["figure"]
 
-SHADES = dict(zip((0.05, 0.1, 0.2, 0.5), COLOURS, strict=False))  # of steps
-ALIKE = 0.1  # energy errors that are one curve
-BELOW = 2.0  # how far below the slowest curve, on a logarithmic scale, pictures of GALIs end
+SHADES = dict(zip((0.05, 0.1, 0.2, 0.5), COLOURS, strict=False))  # colours of step sizes
+ALIKE = 0.1  # energy errors that differ by less are drawn as one curve
+BELOW = 2.0  # decades shown below the slowest curve in figures of GALIs
 
 
 def figure(r: "skokos.Reproduction", number: int):
@@ -98,7 +98,7 @@ def _layer(r: "skokos.Reproduction"):
     wide.plot(*_points(r, "C1"), linestyle="none", marker=".", markersize=1.5, mew=0, color="0.75", label="C1")
     for ax in (wide, close):
         ax.plot(y, py, linestyle="none", marker=".", markersize=1.8, mew=0, color=COLOURS[0], label="C2")
-    # The island whose border the orbit starts on.
+    # The island on whose border the orbit starts.
     near = np.hypot(y - y[0], py - py[0]) < 0.005
     margin = 0.1 * np.array([np.ptp(y[near]), np.ptp(py[near])])
     close.set_xlim(y[near].min() - margin[0], y[near].max() + margin[0])
@@ -117,7 +117,7 @@ def _layer(r: "skokos.Reproduction"):
 
 
 def _exponents(r: "skokos.Reproduction", orbit: str, methods, number: int):
-    """Those that are not negative above, the sums of pairs below."""
+    """The exponents that are not negative above, the sums of pairs below."""
     runs, motion = r.of(orbit), ORBITS[orbit].motion
     title = f"Fig. {number}: exponents of {orbit} ({motion}), τ = 0.05; dashed: 1/t"
     size = (2.3 * len(methods) + 0.8, 5.2)
@@ -129,7 +129,7 @@ def _exponents(r: "skokos.Reproduction", orbit: str, methods, number: int):
             style = {"color": COLOURS[j], "linewidth": 1.1}
             upper.plot(np.log10(run.time), _logarithm(run.exponents[:, j]), label=f"λ$_{j + 1}$", **style)
             name = f"|λ$_{j + 1}$ + λ$_{2 * half - j}$|"
-            # The sum of all is 0: for two pairs the two curves are one.
+            # The sum of all is 0, so for two pairs both curves coincide.
             dashed = style | {"linestyle": (0, (5, 5)) if j == 1 else "-"}
             lower.plot(np.log10(run.time), _logarithm(np.abs(run.sums[:, j])), label=name, **dashed)
         _guide(upper, run)
@@ -195,7 +195,7 @@ def _energies(r: "skokos.Reproduction"):
                 for other, one in zip(TABLE, r.table, strict=True)
                 if (other.step, other.threshold) == (row.step, TIGHT)
             ]
-            # Where τ alone decides, both thresholds have one curve.
+            # If only τ matters, both thresholds share one curve.
             apart = [one for one in tight if not np.isclose(one.energy, run.energy, rtol=ALIKE)]
             both = " and 1e-07" if len(tight) > len(apart) else ""
             _error(tolerances, run, label=f"τ = {row.step:g}, δ = {row.threshold:.0e}{both}", **style)
@@ -216,7 +216,7 @@ def _energies(r: "skokos.Reproduction"):
 
 
 def _error(ax, run: "skokos.Run", **style) -> None:
-    """The largest error so far: errors that fluctuate pass through 0."""
+    """The largest error so far, because fluctuating errors pass through 0."""
     ax.plot(np.log10(run.time), _logarithm(np.maximum.accumulate(np.abs(run.drift))), linewidth=1.1, **style)
 
 
@@ -253,7 +253,7 @@ def _sea(r: "skokos.Reproduction"):
 
 
 def _foot(found: dict, orders) -> float:
-    """log10 GALI where a picture ends: some way below the method whose curves fall least; what is lower is left out."""
+    """log10 GALI where a picture ends: below the method whose curves fall least; lower values are not shown."""
     least = [np.asarray(one.log_values)[:, [one.orders.index(k) for k in orders]].min() for one in found.values()]
     return BELOW * max(least) / np.log(10)
 

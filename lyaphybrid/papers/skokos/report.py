@@ -21,7 +21,7 @@ WIDTHS = (8, 7, 6, 13, 10, 10, 12, 9, 13)
 
 
 def table(r: "skokos.Reproduction") -> str:
-    """Table 1, and in a few lines what the figures show."""
+    """Table 1, and a summary of the figures."""
     lines = [
         "Skokos & Gerlach: variational equations of Hamiltonian systems by five methods",
         "",
@@ -88,7 +88,7 @@ def _list(values, digits: int) -> str:
 
 
 def numbers(r: "skokos.Reproduction") -> dict[str, Any]:
-    """All numbers, ready for JSON: −∞ is "-inf", what is not a number is null."""
+    """All numbers, ready for JSON: −∞ is "-inf", nan is null."""
     return {
         "paper": "Ch. Skokos & E. Gerlach, Numerical integration of variational equations, Phys. Rev. E 82 (2010) "
         "036704, doi:10.1103/PhysRevE.82.036704",

@@ -2,15 +2,13 @@
 
 Orbits of three Hamiltonian systems, regular ones (R1, R2, R3) and chaotic ones (C1, C2), with their deviation vectors
 by five methods: DOP853 for the variational equations, the tangent map of a symplectic scheme (TM), and three that
-freeze the coefficients of the variational equations (TDHcc, TDHes, TDHeps). The first two keep the laws of regular
-motion; with the others λ₁ levels off above 0, and the GALIs fall exponentially, as if the motion were chaotic.
+freeze the coefficients of the variational equations (TDHcc, TDHes, TDHeps). The first two satisfy the laws of
+regular motion; with the others λ₁ levels off above 0, and the GALIs fall exponentially, as if the motion were chaotic.
 """
 
 import dataclasses
 import functools
 import time
-from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -25,8 +23,9 @@ from ...analysis.trajectories import trajectory
 from ...integrators import RungeKutta, Symplectic, TangentHamiltonian
 from ...integrators.base import Method
 from ...systems.hamiltonians import Hamiltonian
+from .. import reproductions
 from ..claims import Check, Claim
-from ..output import save
+from ..reproductions import computed, write
 from . import checks as skokos_checks
 from . import claims as skokos_claims
 from . import report as skokos_report
@@ -34,9 +33,9 @@ from .cases import BEST, EVERY, FULL, LOOSE, METHODS, ORBITS, QUICK, STEP, TABLE
 
 __all__ = ["FIGURES", "Reproduction", "Run", "reproduce", "write"]
 
-FIRST, A_DECADE = 10.0, 100  # where curves begin, and how many points they have: GALIs of tori never rest
-TIMED = 2e4  # length of the runs whose time is taken
-FIGURES = 12  # those of the paper, and the energy errors that Table 1 and the text tell
+FIRST, A_DECADE = 10.0, 100  # start of curves, and points per decade: GALIs of tori fluctuate
+TIMED = 2e4  # length of the timed runs
+FIGURES = 12  # those of the paper, and one of the energy errors given in Table 1 and the text
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,7 +55,7 @@ class Run:
 
     @property
     def energy(self) -> float:
-        """Its size at the end."""
+        """Size of the energy error at the end."""
         return abs(float(self.drift[-1]))
 
     @property
@@ -67,7 +66,7 @@ class Run:
 
 
 @dataclasses.dataclass(frozen=True)
-class Reproduction:
+class Reproduction(reproductions.Reproduction):
     """Figs. 1 to 11, Table 1 and the energy errors, computed and compared.
 
     Attributes:
@@ -78,6 +77,8 @@ class Reproduction:
         sections: of R1, C1 and C2 with x = 0, p_x ≥ 0.
         lengths: of the runs.
     """
+
+    name = "skokos"
 
     table: tuple[Run, ...]
     seconds: tuple[float, ...]
@@ -94,27 +95,25 @@ class Reproduction:
         """The runs of an orbit by method, with the step 0.05."""
         return {method: self.of_r1(method) for method in METHODS} if orbit == "R1" else self.exponents[orbit]
 
-    @functools.cached_property
-    def checks(self) -> list[Check]:
-        """What must hold."""
+    def compared(self) -> list[Check]:
+        """All checks."""
         return skokos_checks.checks(self)
 
-    @functools.cached_property
-    def claims(self) -> list[Claim]:
-        """What the paper claims, and what becomes of it."""
+    def judged(self) -> list[Claim]:
+        """The claims of the paper, item by item, with the findings."""
         return skokos_claims.claims(self)
 
-    @property
-    def passed(self) -> bool:
-        """Whether all checks hold."""
-        return all(one.holds for one in self.checks)
-
-    def __str__(self) -> str:
+    def report(self) -> str:
+        """Tables, checks and claims."""
         return skokos_report.table(self)
 
     def data(self) -> dict:
         """All numbers, ready for JSON."""
         return skokos_report.numbers(self)
+
+    def figures(self) -> dict:
+        """All figures by the names of their files."""
+        return {f"skokos-{number}": self.figure(number) for number in range(1, FIGURES + 1)}
 
     def figure(self, number: int = 2):
         """Fig. 1 to 11 of the paper; 12: errors of the energy."""
@@ -124,7 +123,7 @@ class Reproduction:
 
 
 def method_of(name: str, step: float, threshold: float | None = None) -> Method:
-    """A method of the paper; of DOP853 steps are no longer than τ, and shorter where δ asks for it."""
+    """A method of the paper; DOP853 takes steps of at most τ, shorter where δ requires it."""
     if name == "TM":
         return Symplectic("SBAB2C", dt=step)
     if name == "DOP853":
@@ -134,7 +133,7 @@ def method_of(name: str, step: float, threshold: float | None = None) -> Method:
 
 
 def _each(method: Method, step: float, steps: int = 1) -> float:
-    """So many steps, in the unit in which the method counts orthonormalisations."""
+    """The length of so many steps, in the unit of the method's `every`."""
     return steps * step if method.adaptive else steps
 
 
@@ -149,7 +148,7 @@ def _problem(name: str):
 
 
 def _times(t1: float) -> np.ndarray:
-    """Whole numbers, as evenly as that goes on a logarithmic scale: all steps divide them."""
+    """Whole numbers, nearly even on a logarithmic scale, so that all step sizes divide them."""
     count = round(A_DECADE * np.log10(t1 / FIRST)) + 1
     return np.unique(np.round(np.geomspace(FIRST, t1, count)))
 
@@ -173,7 +172,7 @@ def _run(orbit: str, method: str, t1: float, step: float = STEP, threshold: floa
 
 
 def _error_of(spectrum) -> float:
-    """One standard error of λ₁, from the later blocks, each as heavy as it is long."""
+    """One standard error of λ₁, from the later blocks, weighted by their lengths."""
     time, growth = np.asarray(spectrum.history.time), np.asarray(spectrum.history.growth)[:, 0]
     length = np.diff(time, prepend=0.0)
     late = time > 0.01 * time[-1]
@@ -196,7 +195,7 @@ def _section(orbit: str, points: int) -> PoincareSection:
 
 
 def _seconds(row: Row, t1: float = TIMED) -> float:
-    """Seconds for t = 10⁶: the shortest of three runs, orthonormalised after each step, that find all compiled."""
+    """Seconds for t = 10⁶: the shortest of three runs, orthonormalised after each step, with everything compiled."""
     system, x0, args = _problem("R1")
     method = method_of(row.method, row.step, row.threshold)
     taken = []
@@ -235,30 +234,12 @@ def reproduce(*, quick: bool = False, progress=None) -> Reproduction:
             tasks["exponents", orbit, method] = (_run, orbit, method, lengths.exponents)
     for orbit, points in (("R1", lengths.points), ("C1", lengths.points), ("C2", lengths.around)):
         tasks["sections", orbit] = (_section, orbit, points)
-    done = _all(tasks, progress)
+    done = computed({name: (name, *task) for name, task in tasks.items()}, progress)
     return Reproduction(
         tuple(done["table", row] for row in TABLE),
-        tuple(_seconds(row) for row in TABLE),  # with nothing beside it
+        tuple(_seconds(row) for row in TABLE),  # not in parallel with anything
         {o: {m: done["exponents", o, m] for m in methods[o]} for o in ("C1", "C2", "R2")},
         {o: {m: done["indices", o, m] for m in methods[o]} for o in methods},
         {o: done["sections", o] for o in ("R1", "C1", "C2")},
         lengths,
     )
-
-
-def _all(tasks: dict, progress) -> dict:
-    """The results by name; two threads, for two cores."""
-    done = {}
-    with ThreadPoolExecutor(2) as threads:
-        waiting = {name: threads.submit(*task) for name, task in tasks.items()}
-        for name, result in waiting.items():
-            done[name] = result.result()
-            if progress is not None:
-                progress(len(done) / len(tasks))
-    return done
-
-
-def write(result: Reproduction, folder: Path) -> list[Path]:
-    """Figures (PNG, PDF) and numbers (JSON) into a folder; returns the files."""
-    figures = {f"skokos-{number}": result.figure(number) for number in range(1, FIGURES + 1)}
-    return save(folder, "skokos", figures, result.data())

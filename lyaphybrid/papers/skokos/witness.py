@@ -1,4 +1,4 @@
-"""The witness in what contradicts Skokos & Gerlach: a C program written from the equations, which shares no code.
+"""Independent evidence where we contradict Skokos & Gerlach: a C program written from the equations.
 
 Its numbers are in `tests/data/tangent_dynamics.json`.
 """
@@ -27,16 +27,16 @@ SYMPLECTIC = (
 
 
 def listed(values, form: str = ".2e") -> str:
-    """Numbers in print."""
+    """Formatted numbers."""
     return ", ".join(f"{float(value):{form}}".replace("-", "−") for value in values)
 
 
 def witnessed(orbit: str, method: str, t: float, *which: int) -> str:
-    """What the witness has for an orbit by a method at t; the first number, or those that are named."""
+    """The C program's numbers for an orbit by a method at t: the first, or those with the given indices."""
     return listed([WITNESS[orbit, method, t][i] for i in which or (0,)])
 
 
 def constant(orbit: str, method: str, t: float) -> str:
-    """The t |λ₁ + λ_2N| of the witness."""
+    """The C program's t |λ₁ + λ_2N|."""
     first, *_, last = WITNESS[orbit, method, t]
     return f"{t * abs(first + last):.2g} at t = {t:.0e} ({orbit}, {method})"

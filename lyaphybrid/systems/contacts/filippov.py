@@ -1,14 +1,14 @@
-"""Filippov systems: two fields and a switching surface become a `Hybrid` that slips, crosses and slides.
+"""Filippov systems: two fields and a switching surface become a `Hybrid` that crosses the surface and slides on it.
 
 With v± = ∂ₜh + ∇h·f±, the rates of the surface's function h along the two fields, on h = 0:
 
-    v₊ < 0, v₋ < 0     from plus the motion crosses to minus             S = I + (f₋ − f₊) ∇h / v₊
-    v₊ < 0 < v₋        both fields point at the surface: it slides,      S = I + (fₛ − f₊) ∇h / v₊, of rank n − 1
-    v₊ > 0 > v₋        both point away: it cannot be continued in one way, `deadlock`
+    v₊ < 0, v₋ < 0     the motion crosses from plus to minus             S = I + (f₋ − f₊) ∇h / v₊
+    v₊ < 0 < v₋        both fields point at the surface: sliding,        S = I + (fₛ − f₊) ∇h / v₊, of rank n − 1
+    v₊ > 0 > v₋        both point away: the continuation is not unique, `deadlock`
 
-fₛ = (v₋ f₊ − v₊ f₋) / (v₋ − v₊) is the convex combination of both that stays on the surface. It is left where v₊ or
-v₋ reaches zero, tangentially: there fₛ is f₊ or f₋, and S = I. Where stiction exceeds kinetic friction the motion stays
-on the surface longer, in a *stick* set that is larger, and fₛ is no combination of the two: both can be given.
+fₛ = (v₋ f₊ − v₊ f₋) / (v₋ − v₊) is the convex combination of both that stays on the surface. Sliding ends where v₊ or
+v₋ reaches zero, tangentially: there fₛ is f₊ or f₋, and S = I. If stiction exceeds kinetic friction the motion stays
+on the surface longer, within a larger *stick* set, and fₛ is no combination of the two: both can be given.
 
 A. F. Filippov, Differential Equations with Discontinuous Righthand Sides (Kluwer 1988), doi:10.1007/978-94-015-7793-9.
 """
@@ -25,34 +25,45 @@ __all__ = ["filippov"]
 Function = Callable[..., Any]
 
 
-def filippov(plus: Any, minus: Any, surface: Any, *, sliding: Any = None, stick: Any = None) -> Hybrid:
+def filippov(
+    plus: Any,
+    minus: Any,
+    surface: Any,
+    *,
+    sliding: Any = None,
+    stick: Any = None,
+    names: Sequence[str] | None = None,
+    units: Sequence[str] | None = None,
+) -> Hybrid:
     """A system with the field `plus` where surface > 0 and `minus` where surface < 0, sliding on surface = 0 included.
 
-    The modes are "plus", "minus" and "sliding". No saltation matrix is written anywhere: all come from guards,
-    resets and fields. On entering the sliding mode a direction is lost (exponents of −inf).
+    The modes are "plus", "minus" and "sliding". The saltation matrices follow from guards, resets and fields, as for
+    any `lh.Hybrid`. On entering the sliding mode a direction is lost (exponents of −inf).
 
     Args:
         plus: ``(t, x, args) -> dx/dt``, or an `lh.Flow`: one smooth field.
         minus: the same for the other side.
         surface: ``(t, x, args) -> scalar``, continuously differentiable, ∇h ≠ 0 where it is zero.
         sliding: ``(t, x, args) -> dx/dt`` on the surface; None: Filippov's convex combination.
-        stick: ``(t, x, args) -> scalar`` or ``(m,)``, smooth: margins that are positive while the motion sticks to the
-            surface, and of which one falls through zero where it breaks away, to the side to which v₊ + v₋ points.
-            The set where all are positive contains that where both fields point at the surface. With the forces F
-            along the surface's normal and F_s of stiction: ``jnp.stack([F_s - F, F_s + F])``. None: the set where
-            both fields point at the surface.
+        stick: ``(t, x, args) -> scalar`` or ``(m,)``, smooth margins: all are positive while the motion sticks to the
+            surface; when one falls through zero it leaves to the side to which v₊ + v₋ points. The set where all are
+            positive must contain the set where both fields point at the surface. With the force F along the surface's
+            normal and the largest force F_s of stiction: ``jnp.stack([F_s - F, F_s + F])``. None: the set where both
+            fields point at the surface.
+        names: what the components of x are called, as for `lh.Flow`.
+        units: in which they are measured, likewise.
 
-    Several surfaces that do not meet: sequences of one entry a surface, for `surface`, `plus` and `minus`, and for
-    `sliding` and `stick` where they are given (None in places). Fields that are the same function belong to the same
-    region. The modes are then "region0", "region1", … in the order in which the fields are named (plus[0], minus[0],
-    plus[1], …) and "sliding0", "sliding1", … by surface.
+    For several surfaces that do not intersect, give sequences with one entry per surface: `surface`, `plus`, `minus`,
+    and `sliding` and `stick` where they are wanted (an entry may be None). Fields that are the same function belong to
+    the same region. The modes are then "region0", "region1", … in the order in which the fields first occur (plus[0],
+    minus[0], plus[1], …) and "sliding0", "sliding1", … by surface.
 
     Returns:
-        An `lh.Hybrid`. Without `mode` a run starts in the mode to which its start belongs: by the sign of the surface;
-        on the surface by the two fields, and with ``deadlock`` where both point away from it.
+        An `lh.Hybrid`. Without `mode` a run starts in the mode to which its start belongs: by the sign of the surface,
+        or on the surface by the two fields, with ``deadlock`` if both point away from it.
 
     Raises:
-        ValueError: if one of them is no function, or the sequences have different lengths.
+        ValueError: if an argument is not a function, or the sequences have different lengths.
 
     Source:
         A. F. Filippov, Differential Equations with Discontinuous Righthand Sides (Kluwer 1988),
@@ -60,7 +71,7 @@ def filippov(plus: Any, minus: Any, surface: Any, *, sliding: Any = None, stick:
         Systems (Springer 2004), doi:10.1007/978-3-540-44398-8.
 
     Example:
-        A block (x, v) on a rough table, pulled to and fro:
+        A block (x, v) on a rough table under a periodic force:
 
         >>> import jax.numpy as jnp, lyaphybrid as lh
         >>> def rubbed(sign):
@@ -83,22 +94,24 @@ def filippov(plus: Any, minus: Any, surface: Any, *, sliding: Any = None, stick:
         regions = [sides[0].plus, sides[0].minus]
     where = [(_place(side.plus, regions), _place(side.minus, regions)) for side in sides]
     where = where if several else [(0, 1)]
-    names = [f"region{i}" for i in range(len(regions))] if several else ["plus", "minus"]
-    names += [f"sliding{i}" for i in range(len(sides))] if several else ["sliding"]
+    modes = [f"region{i}" for i in range(len(regions))] if several else ["plus", "minus"]
+    modes += [f"sliding{i}" for i in range(len(sides))] if several else ["sliding"]
     transitions = []
     for i, (side, (above, below)) in enumerate(zip(sides, where, strict=True)):
-        transitions += _transitions(side, names, above, below, len(regions) + i)
-    slides = names[len(regions) :]
+        transitions += _transitions(side, modes, above, below, len(regions) + i)
+    slides = modes[len(regions) :]
     return Hybrid(
-        dict(zip(names, [*regions, *(Sliding(side) for side in sides)], strict=True)),
+        dict(zip(modes, [*regions, *(Sliding(side) for side in sides)], strict=True)),
         transitions,
         tangent={name: Along(side.surface) for name, side in zip(slides, sides, strict=True)},
         initial_mode=Start(tuple(sides), tuple(where), len(regions)),
+        names=names,
+        units=units,
     )
 
 
 def _one_each(name: str, value: Any, surface: Any) -> Sequence:
-    """One entry a surface."""
+    """The argument as a sequence with one entry per surface."""
     if not isinstance(surface, Sequence):
         return (value,)
     if value is None:
@@ -112,7 +125,7 @@ def _one_each(name: str, value: Any, surface: Any) -> Sequence:
 
 
 def _plain(name: str, function: Any) -> Any:
-    """A user's function; of a `Flow` its field."""
+    """The user's function; the field if a `Flow` is given."""
     function = function.field if isinstance(function, Flow) else function
     if function is None and name in ("sliding", "stick"):
         return None
@@ -125,12 +138,12 @@ def _place(field: Function, regions: list[Function]) -> int:
     return next(i for i, other in enumerate(regions) if other is field)
 
 
-def _transitions(side: Side, names: list[str], above: int, below: int, slides: int) -> list[Transition]:
-    """From plus, from minus, and from the surface."""
+def _transitions(side: Side, modes: list[str], above: int, below: int, slides: int) -> list[Transition]:
+    """The three transitions of a surface: from plus, from minus, and from sliding."""
     onto, surface = Onto(side), side.surface
     leave = HasASide(side) if side.sliding is None and side.stick is None else None
     return [
-        Transition(surface, onto, source=names[above], target=Arrival(side, below, slides), direction=-1),
-        Transition(surface, onto, source=names[below], target=Arrival(side, above, slides), direction=+1),
-        Transition(Margins(side), onto, source=names[slides], target=Departure(side, above, below), when=leave),
+        Transition(surface, onto, source=modes[above], target=Arrival(side, below, slides), direction=-1),
+        Transition(surface, onto, source=modes[below], target=Arrival(side, above, slides), direction=+1),
+        Transition(Margins(side), onto, source=modes[slides], target=Departure(side, above, below), when=leave),
     ]

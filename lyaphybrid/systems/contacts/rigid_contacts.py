@@ -1,4 +1,4 @@
-"""Rigid contacts: what an impact does to the velocities of a mechanical system."""
+"""Rigid contacts: the jump of the velocities of a mechanical system at an impact."""
 
 from collections.abc import Callable
 from typing import Any
@@ -14,33 +14,33 @@ __all__ = ["impact"]
 
 
 def impact(mass_matrix: Any, gap: Callable, restitution: Any) -> Callable:
-    """The reset of a rigid contact without friction: the momentum jumps along ∇gap, by Newton's law.
+    """The reset of a rigid contact without friction: the momentum jumps along ∇gap, by Newton's law of restitution.
 
     The state is x = (q, v), m coordinates and their velocities v = dq/dt. Where the gap closes,
 
         v⁺ = v⁻ − (1 + r) M⁻¹n (n·v⁻ + ∂ₜgap) / (n·M⁻¹n),     n = ∂gap/∂q,
 
-    so that M (v⁺ − v⁻) is parallel to n and the rate of the gap, n·v + ∂ₜgap, turns into −r times what it was. The
-    coordinates stay. The functions take ``(t, x, args)`` with the whole state, as everywhere: `gap` is at once the
-    guard, ``lh.Transition(gap, lh.impact(mass_matrix, gap, restitution))``.
+    so that M (v⁺ − v⁻) is parallel to n and the rate of the gap, n·v + ∂ₜgap, is multiplied by −r. The coordinates do
+    not change. The functions take ``(t, x, args)`` with the whole state, as everywhere, so that `gap` is also the
+    guard: ``lh.Transition(gap, lh.impact(mass_matrix, gap, restitution))``.
 
     Args:
-        mass_matrix: M: ``(t, x, args) -> (m, m)``, symmetric and positive definite; or a constant one; or a number,
+        mass_matrix: M: ``(t, x, args) -> (m, m)``, symmetric and positive definite; or a constant matrix; or a number,
             the same mass for all coordinates.
         gap: ``(t, x, args) -> scalar``, the distance in the coordinates, positive where there is no contact; a
             function of t and q = x[:m] alone, in any unit, with ∂gap/∂q ≠ 0 where it is zero. Or ``-> (c,)`` for c
             contacts.
         restitution: r, from 0 to 1 (elastic): a number, or ``args -> number``. With r = 0 the contact stays closed
-            until a force opens it: that wants a mode of its own.
+            until a force opens it, which needs a mode of its own.
 
     Returns:
-        The reset, ``(t, x, args) -> x⁺``; with c contacts it takes ``(t, x, args, which)``, as `lh.Transition` wants.
+        The reset, ``(t, x, args) -> x⁺``; with c contacts ``(t, x, args, which) -> x⁺``, as `lh.Transition` needs it.
 
     Raises:
         ValueError: on a mass matrix that is not symmetric and positive definite, a gap that is no function, a
-            restitution outside [0, 1]; and, where the reset is traced, on a state that cannot be halved, or a
-            mass matrix or a gap of the wrong shape. A mass matrix from a function that is not positive definite ends
-            the run as `nonfinite`.
+            restitution outside [0, 1]; and, when the reset is traced, on a state of odd length, or a mass matrix or a
+            gap of the wrong shape. If a function returns a mass matrix that is not positive definite, the run ends
+            with the status `nonfinite`.
 
     Source:
         B. Brogliato, Nonsmooth Mechanics, Springer 2016, doi:10.1007/978-3-319-28664-8.
@@ -98,7 +98,7 @@ def _one_contact(gap: Callable, args, which) -> Callable:
 
 
 def _solved(mass, normal: Array) -> Array:
-    """M⁻¹n."""
+    """The vector M⁻¹n (m,)."""
     mass, m = jnp.asarray(mass, normal.dtype), normal.shape[0]
     if mass.shape == ():
         return normal / mass

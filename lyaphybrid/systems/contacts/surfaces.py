@@ -1,4 +1,4 @@
-"""The parts of a Filippov system: what its modes, guards, resets and starts are made of.
+"""The functions of a Filippov system: fields of its modes, guards, resets, and the initial mode.
 
 With v± = ∂ₜh + ∇h·f±, the rates of a surface's function h along the two fields; see `filippov`.
 """
@@ -18,11 +18,11 @@ TWO_FOLD = 1e-8  # both fields are tangent to the surface where both rates are b
 
 Function = Callable[..., Any]
 
-# Modules instead of closures: two systems made of the same functions are then the same to JAX, and compile once.
+# Modules instead of closures: systems made of the same functions are then equal for JAX, which compiles them once.
 
 
 class Side(eqx.Module):
-    """A surface and what is known about its two sides."""
+    """A surface h = 0 with the fields of its two sides, and the user's sliding field and stick margins (or None)."""
 
     surface: Function
     plus: Function
@@ -31,18 +31,18 @@ class Side(eqx.Module):
     stick: Function | None
 
     def rate(self, field: Function, t, x, args):
-        """∂ₜh + ∇h·f, and f."""
+        """The rate ∂ₜh + ∇h·f, and f (n,)."""
         f = field(t, x, args)
         return jax.jvp(lambda t, x: self.surface(t, x, args), (t, x), (jnp.ones_like(t), f))[1], f
 
     def jet(self, field: Function, t, x, args):
-        """The rate v of the surface along a field, and how fast that changes along it."""
+        """The rate v of h along a field, and the rate of change of v along the same field."""
         rate, f = self.rate(field, t, x, args)
         change = jax.jvp(lambda t, x: self.rate(field, t, x, args)[0], (t, x), (jnp.ones_like(t), f))[1]
         return rate, change
 
     def rates(self, t, x, args):
-        """v₊ and v₋."""
+        """The rates v₊ and v₋ of h along the two fields."""
         return self.rate(self.plus, t, x, args)[0], self.rate(self.minus, t, x, args)[0]
 
     def holds(self, t, x, args):
@@ -52,7 +52,7 @@ class Side(eqx.Module):
         return attracts if self.stick is None else attracts | jnp.all(self.margins(t, x, args) > 0)
 
     def margins(self, t, x, args):
-        """What the user's stick set leaves before it is left."""
+        """The user's stick margins: one falls through zero where the motion leaves the surface."""
         assert self.stick is not None
         margins = jnp.asarray(self.stick(t, x, args))
         if not jnp.issubdtype(margins.dtype, jnp.floating):
@@ -64,7 +64,7 @@ class Side(eqx.Module):
         return margins
 
     def onto(self, t, x, args):
-        """The state moved onto the surface along ∇h: only rounding is taken away, so dx⁺ = dx."""
+        """The state moved onto the surface along ∇h. This removes only rounding errors: its derivative is dx⁺ = dx."""
         value, gradient = jax.value_and_grad(self.surface, argnums=1)(t, x, args)
         return x - jax.lax.stop_gradient(gradient * (value / _or_one(jnp.sum(gradient**2))))
 
@@ -75,7 +75,7 @@ class Sliding(eqx.Module):
     side: Side
 
     def __call__(self, t, x, args):
-        """fₛ, or what the user gave."""
+        """The field fₛ, or the user's sliding field."""
         if self.side.sliding is not None:
             return self.side.sliding(t, x, args)
         v_plus, f_plus = self.side.rate(self.side.plus, t, x, args)
@@ -84,18 +84,18 @@ class Sliding(eqx.Module):
 
 
 class Along(eqx.Module):
-    """The projection onto the tangent space of a surface: dx less its part along ∇h."""
+    """The projection onto the tangent space of a surface: dx minus its component along ∇h."""
 
     surface: Function
 
     def __call__(self, t, x, args, dx):
-        """Dx without its part along ∇h."""
+        """The projected perturbation dx (n,)."""
         normal = jax.grad(self.surface, argnums=1)(t, x, args)
         return dx - normal * (jnp.sum(normal * dx) / _or_one(jnp.sum(normal**2)))
 
 
 class Onto(eqx.Module):
-    """The reset of all transitions."""
+    """The reset of all transitions: the projection onto the surface."""
 
     side: Side
 
@@ -105,24 +105,24 @@ class Onto(eqx.Module):
 
 
 class Arrival(eqx.Module):
-    """The mode after the surface was reached: that on the other side, or sliding."""
+    """The mode after reaching the surface: the other side, or sliding."""
 
     side: Side
     beyond: int = eqx.field(static=True)
     slides: int = eqx.field(static=True)
 
     def __call__(self, t, x, args):
-        """The mode after the surface was reached."""
+        """The index of that mode."""
         return jnp.where(self.side.holds(t, x, args), self.slides, self.beyond)
 
 
 class Margins(eqx.Module):
-    """What falls through zero where sliding ends."""
+    """The guards at which sliding ends."""
 
     side: Side
 
     def __call__(self, t, x, args):
-        """(m,): one falls through zero where sliding ends."""
+        """The guards (m,): one falls through zero where sliding ends."""
         if self.side.stick is not None:
             return self.side.margins(t, x, args)
         v_plus, v_minus = self.side.rates(t, x, args)
@@ -130,20 +130,20 @@ class Margins(eqx.Module):
 
 
 class Departure(eqx.Module):
-    """The mode after sliding: on the side to which the fields point, of which one is tangent to the surface."""
+    """The mode after sliding: the side to which v₊ + v₋ points; the other field is tangent to the surface there."""
 
     side: Side
     above: int = eqx.field(static=True)
     below: int = eqx.field(static=True)
 
     def __call__(self, t, x, args, *which):
-        """The mode after sliding."""
+        """The index of that mode."""
         v_plus, v_minus = self.side.rates(t, x, args)
         return jnp.where(v_plus + v_minus > 0, self.above, self.below)
 
 
 class HasASide(eqx.Module):
-    """Whether sliding ends on one side: not where both fields are tangent to the surface (a two-fold)."""
+    """Whether the motion leaves sliding to a definite side: not at a two-fold, where both fields are tangent."""
 
     side: Side
 
@@ -162,7 +162,7 @@ def has_a_side(side: Side, t, x, args):
 
 
 class Start(eqx.Module):
-    """The mode to which a state belongs; −1 where it can neither leave the surface nor stay."""
+    """The initial mode of a state; −1 if it lies on a repelling surface, where the continuation is not unique."""
 
     sides: tuple[Side, ...]
     where: tuple[tuple[int, int], ...] = eqx.field(static=True)
@@ -173,7 +173,7 @@ class Start(eqx.Module):
         values = [side.surface(t, x, args) for side in self.sides]
         mode = jnp.asarray(0)
         for region in reversed(range(self.regions)):
-            # It lies on its own side of each of the surfaces around it.
+            # A state is in a region if it lies on the region's side of each of its surfaces.
             inside = [value > 0 for value, (above, _) in zip(values, self.where, strict=True) if above == region]
             inside += [value < 0 for value, (_, below) in zip(values, self.where, strict=True) if below == region]
             mode = jnp.where(jnp.all(jnp.stack(inside)), region, mode)
@@ -182,15 +182,16 @@ class Start(eqx.Module):
         return mode
 
     def on_surface(self, i: int, t, x, args, mode):
-        """Whether a state of a mode is on the surface i: sliding on it, or by its value."""
+        """Whether a state of this mode is on the surface i: in its sliding mode, or with h = 0 up to rounding."""
         here = _is_zero(self.sides[i], self.sides[i].surface(t, x, args), t, x, args)
         return jnp.where(mode < self.regions, here, mode == self.regions + i)
 
     def continuations(self, t, x, args, mode):
-        """Modes (modes,) in which a motion may go on from a state where it is not decided: a surface that repels.
+        """Whether each mode (modes,) is a possible continuation from a point where the motion is not unique.
 
-        By v± to either side and along the surface. At a two-fold, where both vanish, by their rates of change along
-        the fields, to either side only: along the surface fₛ is 0/0 there. And whether this is so.
+        On a repelling surface these are both sides and sliding. At a two-fold, where v₊ = v₋ = 0, each side is decided
+        by the rate of change of v± along its field; sliding is excluded, because fₛ is 0/0 there. The second result
+        says whether the point is a two-fold.
         """
         found, undecided = jnp.zeros(self.regions + len(self.sides), bool), jnp.asarray(False)
         for i, (side, (above, below)) in enumerate(zip(self.sides, self.where, strict=True)):
@@ -218,7 +219,7 @@ class Start(eqx.Module):
         return (mode >= self.regions) & away[jnp.maximum(mode - self.regions, 0)]
 
     def _on(self, i: int, t, x, args):
-        """On the surface i: by the two fields."""
+        """The initial mode on the surface i, by the two fields."""
         side, (above, below) = self.sides[i], self.where[i]
         v_plus, v_minus = side.rates(t, x, args)
         leaves = jnp.where((v_plus > 0) & (v_minus < 0), -1, jnp.where(v_plus + v_minus < 0, below, above))
@@ -226,7 +227,7 @@ class Start(eqx.Module):
 
 
 def _is_zero(side: Side, value, t, x, args):
-    """Whether a start is on the surface, up to the rounding of what makes up the surface's value."""
+    """Whether a state is on the surface, up to rounding of the terms of h."""
     moving, gradient = jax.grad(side.surface, argnums=(0, 1))(t, x, args)
     terms = jnp.sqrt(jnp.sum(gradient**2) * jnp.sum(x**2)) + jnp.abs(moving * t)
     return jnp.abs(value) <= digits(BLUR, x) * terms

@@ -1,1 +1,1 @@
-"""Differential-algebraic equations that are semi-linear, and how their algebraic equations are eliminated."""
+"""Semi-linear differential–algebraic equations E(t) x' = f(t, x), and the elimination of algebraic variables."""

@@ -1,8 +1,8 @@
-"""Semi-explicit DAEs whose constraints are linear in the algebraic variables: these are solved for by hand.
+"""Semi-explicit DAEs whose constraints are linear in the algebraic variables, which are then eliminated explicitly.
 
-Where x' = f(t, x, z) and 0 = g(t, x) + C z with a constant C, no stage of a method need iterate: z = −C⁻¹ g(t, x). What
-is constant, and which component depends on which, is read from the jaxpr of the user's function. A half-explicit method
-is then the ordinary one for x, in numbers too.
+For x' = f(t, x, z) and 0 = g(t, x) + C z with a constant C, no stage of a method has to iterate: z = −C⁻¹ g(t, x). The
+jaxpr of the user's function shows which parts are constant and which component depends on which. A half-explicit
+method is then the ordinary Runge–Kutta method for x, to the last digit.
 """
 
 import dataclasses
@@ -14,65 +14,67 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..._jax.jaxprs import by_component, needed, settled
-from ..._linalg.linear_systems import inverse, product
-from .semi_linear import Constrained, Lifts
+from ..._jax.jaxprs import by_component, needed, partially_evaluated
+from ..._linalg.linear_systems import inverse, matmul
+from .semi_linear import Constrained, InverseBlocks
 
-__all__ = ["Eliminated", "prepared"]
+__all__ = ["Eliminated", "with_eliminations"]
 
-FEW = 16  # components up to which it is asked whether there is such a C
+FEW = 16  # components, up to which we look for a constant C
 
 
 class Eliminated(Constrained):
-    """The field of such a DAE; its parameters are in it already.
+    """The field of such a DAE, with its parameters bound (`args` is not used).
 
     Attributes:
-        held: components that are differential.
-        solved: the others.
-        turned: C⁻¹.
+        held: indices of the differential components.
+        solved: indices of the algebraic components.
+        turned: C⁻¹ (a, a).
     """
 
     held: tuple[int, ...] = eqx.field(static=True)
     solved: tuple[int, ...] = eqx.field(static=True)
     turned: Float[Array, "a a"]
 
-    def content(self, t, x, args):
-        """W: the differential components of a point, or of a frame."""
+    def differential_part(self, t, x, args):
+        """The differential components w (d,) of a point, or (d, k) of a frame."""
         del t, args
         return jnp.stack([x[i] for i in self.held])
 
-    def components(self, t, content) -> list:
-        """All components of the point with this content, as a list."""
-        known = dict(zip(self.held, content, strict=True)) | dict.fromkeys(self.solved, jnp.zeros_like(content[0]))
+    def components(self, t, differential_part) -> list:
+        """All components, as a list, of the consistent point with the differential components `differential_part`."""
+        known = dict(zip(self.held, differential_part, strict=True)) | dict.fromkeys(
+            self.solved, jnp.zeros_like(differential_part[0])
+        )
         off = self._of_list(t)(self._in_order(known))[self.n_differential :]
         found = [-sum(row[j] * off[j] for j in range(len(self.solved))) for row in self.turned]
         return self._in_order(known | dict(zip(self.solved, found, strict=True)))
 
-    def slope_of(self, t, content):
-        """W' as a function of w alone."""
-        return self._of_list(t)(self.components(t, content))[: self.n_differential]
+    def slope_of(self, t, differential_part):
+        """The derivative w' as a function of t and w (d,) alone."""
+        return self._of_list(t)(self.components(t, differential_part))[: self.n_differential]
 
     def sensitivity(self, t, x) -> Float[Array, "a d"]:
-        """∂z/∂w = −C⁻¹ ∂g/∂x at a point."""
-        return -product(self.turned, below(self, t, x, None, self.held))
+        """The matrix ∂z/∂w = −C⁻¹ ∂g/∂w (a, d) at a point."""
+        return -matmul(self.turned, below(self, t, x, None, self.held))
 
     def raised(self, sensitivity, change):
-        """The change of all components with a change (d,) or (d, k) of the content."""
-        return self.put_together(change, product(sensitivity, change))
+        """The change (n,) or (n, k) of all components, from a change (d,) or (d, k) of the differential ones."""
+        return self.put_together(change, matmul(sensitivity, change))
 
     def put_together(self, held, solved):
-        """Components, or rows of a frame, in their order."""
+        """All components, or rows of a frame, in their order, from the differential and the algebraic ones."""
         rows = dict(zip(self.held, held, strict=True)) | dict(zip(self.solved, solved, strict=True))
         return jnp.stack(self._in_order(rows))
 
-    def lifts(self, t, x, args, share: Any = None) -> Lifts:
-        """Ē⁻¹ at (t, x)."""
+    def inverse_blocks(self, t, x, args, share: Any = None) -> InverseBlocks:
+        """The blocks of Ē⁻¹ at (t, x); with a share, those of an implicit stage."""
         if share is not None:
-            return super().lifts(t, x, args, share)
+            return super().inverse_blocks(t, x, args, share)
         d, kind = self.n_differential, x.dtype
-        content = self.raised(self.sensitivity(t, x), jnp.eye(d, dtype=kind))
+        differential_part = self.raised(self.sensitivity(t, x), jnp.eye(d, dtype=kind))
         constraint = jnp.zeros((x.shape[0], len(self.solved)), kind).at[np.array(self.solved)].set(self.turned)
-        return Lifts(content, constraint, jnp.ones((), kind))
+        return InverseBlocks(differential_part, constraint, jnp.ones((), kind))
 
     def _in_order(self, components: dict) -> list:
         return [components[i] for i in range(len(components))]
@@ -83,7 +85,7 @@ class Eliminated(Constrained):
 
 
 def below(dae: Constrained, t, x, args, components):
-    """Columns of ∂f₂/∂x; the other components are held fixed, and no zeros are multiplied with."""
+    """The columns of ∂f₂/∂x for these components, each differentiated by itself: no products with zeros."""
     of_list = by_component(lambda t, x: dae.constraint(t, x, args), t, x)
 
     def column(i):
@@ -92,10 +94,10 @@ def below(dae: Constrained, t, x, args, components):
     return jnp.stack([column(i) for i in components], axis=1)
 
 
-def prepared(dae: Constrained, t, x, args) -> Constrained:
-    """The field with what does not depend on t and x computed here and now; `Eliminated` where it can be."""
+def with_eliminations(dae: Constrained, t, x, args) -> Constrained:
+    """The field with its args bound and constant subexpressions evaluated; an `Eliminated` where C is constant."""
     t, d = jnp.asarray(t), dae.n_differential
-    residual = settled(lambda t, x: dae.residual(t, x, args), t, x)
+    residual = partially_evaluated(lambda t, x: dae.residual(t, x, args), t, x)
     bound = dataclasses.replace(dae, residual=lambda t, x, args: residual(t, x))
     rows = dae.rows(t, args)
     if not isinstance(rows, np.ndarray) or not d < rows.shape[1] <= FEW:

@@ -1,4 +1,4 @@
-"""Points of a differential–algebraic equation: by Newton's method from what is known of them, and their derivatives."""
+"""Consistent points of a differential–algebraic equation, by Newton iteration, and their derivatives."""
 
 from typing import Any, Protocol
 
@@ -7,24 +7,24 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from ..._jax.jaxprs import explicit
-from ..._linalg.linear_systems import product
-from .semi_linear import Constrained, Lifts
+from ..._linalg.linear_systems import matmul
+from .semi_linear import Constrained, InverseBlocks
 
 __all__ = ["Equations", "landed", "solved"]
 
-ITERATIONS = 12  # of Newton's, before a stage is given up
-FAR = 1e-2  # … which stop once a correction is below this times √tolerance: the one after it is its square
+ITERATIONS = 12  # Newton iterations; without convergence the stage fails
+FAR = 1e-2  # stop after a correction below FAR √tolerance: convergence is quadratic, so the next one is negligible
 
 
 class Equations(Protocol):
-    """What `solved` asks of the equations of a point: a `Constrained` has it."""
+    """The interface that `solved` needs; `Constrained` has it."""
 
     @property
     def n_differential(self) -> int:
-        """Components of the content."""
+        """The number d of differential components."""
         ...
 
-    def content(self, t, x, args) -> Any:
+    def differential_part(self, t, x, args) -> Any:
         """As in `Constrained`."""
         ...
 
@@ -36,52 +36,53 @@ class Equations(Protocol):
         """As in `Constrained`."""
         ...
 
-    def lifts(self, t, x, args, share: Any) -> Lifts:
+    def inverse_blocks(self, t, x, args, share: Any) -> InverseBlocks:
         """As in `Constrained`."""
         ...
 
 
 def landed(dae: Constrained, args, t, x):
-    """The point (n,) with the content of x that lies on the constraints."""
-    return solved(dae, args, t, dae.content(t, x, args), x, jnp.asarray(1e-14, x.dtype))[0]
+    """The point (n,) on the constraints with the differential part E₁ x of x (n,)."""
+    return solved(dae, args, t, dae.differential_part(t, x, args), x, jnp.asarray(1e-14, x.dtype))[0]
 
 
-def solved(dae: Equations, args, t, base, guess, tolerance, share: Any = None) -> tuple[Array, Lifts]:
-    """The x (n,) with E₁ x = base (d,) and f₂(t, x) = 0, by Newton's method; nan where that does not converge.
+def solved(dae: Equations, args, t, base, guess, tolerance, share: Any = None) -> tuple[Array, InverseBlocks]:
+    """The x (n,) with E₁ x = base (d,) and f₂(t, x) = 0, by Newton iteration; nan where it does not converge.
 
-    With a share of the slope, as in implicit stages, E₁ x − share w'(t, x) = base. Also Ē⁻¹ near there, which has no
-    derivative.
+    With a share, as in implicit stages, E₁ x − share w'(t, x) = base. The second result is Ē⁻¹ at the last iterate but
+    one; it carries no derivative.
     """
 
     def left(x):
-        """What is left of the equations at x."""
-        own = dae.content(t, x, args)
+        """The negative residuals of the equations at x."""
+        own = dae.differential_part(t, x, args)
         own = own if share is None else own - share * dae.slope(t, x, args)
         return base - own, -dae.constraint(t, x, args)
 
-    def lifts(x):
-        return dae.lifts(t, x, args, share)
+    def inverse_blocks(x):
+        return dae.inverse_blocks(t, x, args, share)
 
-    (of_left, in_left), (of_lifts, in_lifts) = explicit(left, guess), explicit(lifts, guess)
+    (of_left, in_left), (of_lifts, in_lifts) = explicit(left, guess), explicit(inverse_blocks, guess)
     return _implicit(of_left, of_lifts)(in_left, in_lifts, guess, tolerance)
 
 
-def _implicit(left, lifts):
-    """The solution as a function of the numbers in its equations; its derivative is that of a step of Newton's from it.
+def _implicit(left, inverse_blocks):
+    """The solution as a function of the values that its equations close over (`in_left`, `in_lifts`).
 
-    The step is written with the solution itself, and so has derivatives in its turn. The iteration has none.
+    Its derivative is that of one Newton step at the solution (implicit function theorem). The rule uses the solution
+    itself, so that higher derivatives exist; the iteration is never differentiated.
     """
 
     def corrected(turned, off):
-        content, constraint = off
-        return product(turned.content, content) + product(turned.constraint, constraint)
+        differential_part, constraint = off
+        return matmul(turned.differential_part, differential_part) + matmul(turned.constraint, constraint)
 
     @jax.custom_jvp
     def solution(in_left, in_lifts, guess, tolerance):
         def again(state):
             tries, x, dx, _ = state
             x = x + dx
-            turned = lifts(in_lifts, x)
+            turned = inverse_blocks(in_lifts, x)
             return tries + 1, x, corrected(turned, left(in_left, x)), turned
 
         def is_far(state):
@@ -91,7 +92,9 @@ def _implicit(left, lifts):
         def goes_on(state):
             return (state[0] == 0) | (is_far(state) & (state[0] < ITERATIONS))
 
-        blank = jax.tree.map(lambda one: jnp.zeros(one.shape, one.dtype), jax.eval_shape(lifts, in_lifts, guess))
+        blank = jax.tree.map(
+            lambda one: jnp.zeros(one.shape, one.dtype), jax.eval_shape(inverse_blocks, in_lifts, guess)
+        )
         start = jnp.asarray(0, jnp.int32), guess, jnp.zeros_like(guess), blank
         _, x, dx, turned = state = jax.lax.while_loop(goes_on, again, start)
         return jnp.where(is_far(state), jnp.nan, x + dx), turned
@@ -101,6 +104,6 @@ def _implicit(left, lifts):
         in_left, in_lifts, *_ = operands
         x, near = solution(*operands)
         _, off = jax.jvp(lambda numbers: left(numbers, x), (in_left,), (changes[0],))
-        return (x, near), (corrected(lifts(in_lifts, x), off), jax.tree.map(jnp.zeros_like, near))
+        return (x, near), (corrected(inverse_blocks(in_lifts, x), off), jax.tree.map(jnp.zeros_like, near))
 
     return solution

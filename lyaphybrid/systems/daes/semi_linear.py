@@ -1,14 +1,15 @@
-"""Differential–algebraic equations E(t) x' = f(t, x): their parts, and their velocity.
+"""Differential–algebraic equations E(t) x' = f(t, x): their parts, and the velocity x'.
 
-The first d rows of E are E₁, of full rank; the others are zero, and say 0 = f₂(t, x). Where Ē = [E₁; A₂] is
-nonsingular, A₂ = ∂f₂/∂x, the equations are strangeness-free: the content w = E₁ x is all that the motion remembers,
+The first d rows of E are E₁, of full rank; the others are zero and give the constraints 0 = f₂(t, x). If
+Ē = [E₁; A₂] is nonsingular, A₂ = ∂f₂/∂x, the equations are strangeness-free: the differential part w = E₁ x (in the
+code: `differential_part`) determines the state x, and
 
-    w' = E₁' x + f₁(t, x)        with x solving   E₁ x = w,  f₂(t, x) = 0,
+    w' = E₁' x + f₁(t, x)        with x solving   E₁ x = w,  f₂(t, x) = 0
 
-an ordinary differential equation in d unknowns (eq. (9) of Linh et al.). Methods integrate that one.
+is an ordinary differential equation in d unknowns (eq. (9) of Linh et al.), which the methods integrate.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -21,29 +22,30 @@ from jaxtyping import Array
 from ..._jax.jaxprs import constant
 from ..._linalg.banded import Factors, factorised, probes, solve
 from ..._linalg.frames import orthonormalise
-from ..._linalg.linear_systems import inverse, product, split, times
+from ..._linalg.linear_systems import inverse, matmul, sparse_matmul, split
 from ..bound import require_callable
 from ..event_driven import EventDriven
+from ..labels import words
 from ..smooth import Flow
 
 __all__ = [
     "DAE",
     "Constrained",
-    "Lifts",
+    "InverseBlocks",
     "degrees_of_freedom",
     "fields_of",
     "is_constrained",
     "parts_of",
 ]
 
-RANK = 1e-10  # what is smaller than this, relative to the largest, is zero
-ILL = 1e6  # from this condition number on Ē, its rows of length one, is taken to be singular
+RANK = 1e-10  # entries, or singular values, below this times the largest one count as zero
+ILL = 1e6  # above this condition number Ē, with rows scaled to unit length, counts as singular
 
 
-class Lifts(NamedTuple):
-    """The columns of Ē⁻¹: from rates of the content and of the constraint to those of the state."""
+class InverseBlocks(NamedTuple):
+    """The two blocks of Ē⁻¹ = [L K]: a change u of E₁ x and r of f₂ is a change L u + K r of the state."""
 
-    content: Array  # (n, d)
+    differential_part: Array  # (n, d)
     constraint: Array  # (n, n − d)
     sign: Array  # of det Ē, up to a constant factor
 
@@ -62,38 +64,38 @@ class Constrained(eqx.Module):
     n_differential: int = eqx.field(static=True)
 
     def __call__(self, t, x, args):
-        """X' = Ē⁻¹ [f₁; −∂f₂/∂t], which keeps f₂(t, x) = 0."""
-        return self.velocity(self.lifts(t, x, args), t, x, args)
+        """The velocity x' = Ē⁻¹ [f₁; −∂f₂/∂t] (n,), which keeps f₂(t, x) = 0."""
+        return self.velocity(self.inverse_blocks(t, x, args), t, x, args)
 
-    def velocity(self, lifts: Lifts, t, x, args):
-        """The same where Ē⁻¹ is known."""
+    def velocity(self, inverse_blocks: InverseBlocks, t, x, args):
+        """The same with a known Ē⁻¹."""
         moving = jax.jvp(lambda t: self.constraint(t, x, args), (t,), (jnp.ones_like(t),))[1]
         slope = self.residual(t, x, args)[: self.n_differential]
-        return product(lifts.content, slope) - product(lifts.constraint, moving)
+        return matmul(inverse_blocks.differential_part, slope) - matmul(inverse_blocks.constraint, moving)
 
     def whole_guess(self, x):
-        """A state (n,) for what users give as a guess."""
+        """The state (n,) for the user's guess of `lh.consistent_start`."""
         return x
 
     def rows(self, t, args):
-        """E₁ (d, n); a NumPy array where it is the same at all times and for all parameters."""
+        """The matrix E₁ (d, n); a NumPy array if it depends neither on t nor on args."""
         return constant(lambda t: self.leading(t, args)[: self.n_differential], jnp.asarray(t))
 
-    def content(self, t, x, args):
-        """W = E₁ x (d,)."""
-        return times(self.rows(t, args), x)
+    def differential_part(self, t, x, args):
+        """The differential part w = E₁ x (d,)."""
+        return sparse_matmul(self.rows(t, args), x)
 
     def slope(self, t, x, args):
-        """W' = E₁' x + f₁ (d,), at a consistent x."""
-        turning = jax.jvp(lambda t: self.content(t, x, args), (t,), (jnp.ones_like(t),))[1]
+        """Its derivative w' = E₁' x + f₁ (d,), at a consistent x."""
+        turning = jax.jvp(lambda t: self.differential_part(t, x, args), (t,), (jnp.ones_like(t),))[1]
         return turning + self.residual(t, x, args)[: self.n_differential]
 
     def constraint(self, t, x, args):
-        """f₂ (n − d,)."""
+        """The constraints f₂ (n − d,)."""
         return self.residual(t, x, args)[self.n_differential :]
 
-    def lifts(self, t, x, args, share: Any = None) -> Lifts:
-        """Ē⁻¹ at (t, x); or the inverse for E₁ − share ∂w'/∂x in the place of E₁, as implicit stages need it."""
+    def inverse_blocks(self, t, x, args, share: Any = None) -> InverseBlocks:
+        """Ē⁻¹ at (t, x); with a share = h a_ii, as in implicit stages, E₁ − share ∂w'/∂x takes the place of E₁."""
         rows = self.rows(t, args)
         if share is None and isinstance(rows, np.ndarray):
             return self._lifts_along(rows, t, x, args)
@@ -101,28 +103,28 @@ class Constrained(eqx.Module):
         if share is not None:
             rows = rows - share * jax.jacfwd(lambda x: self.slope(t, x, args))(x)
         whole, sign = inverse(jnp.concatenate([rows, below]))
-        return Lifts(whole[:, : self.n_differential], whole[:, self.n_differential :], sign)
+        return InverseBlocks(whole[:, : self.n_differential], whole[:, self.n_differential :], sign)
 
-    def _lifts_along(self, rows: np.ndarray, t, x, args) -> Lifts:
-        """The same for a constant E₁: only A₂ Z, with Z a basis of E₁'s kernel, is to be inverted."""
+    def _lifts_along(self, rows: np.ndarray, t, x, args) -> InverseBlocks:
+        """The same for a constant E₁: only A₂ Z (n − d, n − d) is inverted, Z a basis of the kernel of E₁."""
         right, kernel = split(rows)
         _, along = jax.linearize(lambda x: self.constraint(t, x, args), x)
         turned, sign = inverse(_columns(along, kernel))
-        falling = times(kernel, turned)
-        return Lifts(jnp.asarray(right, x.dtype) - product(falling, _columns(along, right)), falling, sign)
+        falling = sparse_matmul(kernel, turned)
+        return InverseBlocks(jnp.asarray(right, x.dtype) - matmul(falling, _columns(along, right)), falling, sign)
 
     def distance(self, t, x, args):
-        """How far x is from the constraints, relative to 1 + |x|; nan where Ē is singular."""
-        correction = product(self.lifts(t, x, args).constraint, self.constraint(t, x, args))
+        """The distance of x from the constraints, relative to 1 + |x|; nan if Ē is singular."""
+        correction = matmul(self.inverse_blocks(t, x, args).constraint, self.constraint(t, x, args))
         return jnp.max(jnp.abs(correction) / (1 + jnp.abs(x)))
 
     def whole(self, t, x, args):
-        """Ē (n, n)."""
+        """The matrix Ē (n, n)."""
         below = jax.jacfwd(lambda x: self.constraint(t, x, args))(x)
         return jnp.concatenate([jnp.asarray(self.rows(t, args), x.dtype), below])
 
     def is_singular(self, t, x, args):
-        """Whether Ē is singular, or nearly; or a row of E that should be zero is not."""
+        """Whether Ē is (nearly) singular, or a row of E below the first d is not zero."""
         whole = self.whole(t, x, args)
         size = jnp.sum(jnp.abs(whole), axis=1, keepdims=True)
         scaled = whole / jnp.where(size == 0, 1.0, size)
@@ -133,15 +135,15 @@ class Constrained(eqx.Module):
         return ~(condition < ILL) | rest
 
     def onto(self, t, x, args, dx):
-        """The projection Ē⁻¹ [E₁ dx; 0] onto the tangent space of the constraint, which keeps the content."""
-        return product(self.lifts(t, x, args).content, self.content(t, dx, args))
+        """The projection Ē⁻¹ [E₁ dx; 0] onto the tangent space of the constraints; it keeps E₁ dx."""
+        return matmul(self.inverse_blocks(t, x, args).differential_part, self.differential_part(t, dx, args))
 
 
 class Falling(eqx.Module):
-    """Ē⁻¹'s columns for the constraints, as a linear function: where the constraints are banded most of it is zero."""
+    """The constraint block K of Ē⁻¹ as a linear function for banded constraints: a banded solve, no full matrix."""
 
     factors: Factors
-    places: tuple[int, ...] = eqx.field(static=True)  # of the algebraic components
+    places: tuple[int, ...] = eqx.field(static=True)  # indices of the algebraic components
     shape: tuple[int, int] = eqx.field(static=True)
 
     def __matmul__(self, b):
@@ -150,49 +152,52 @@ class Falling(eqx.Module):
 
 
 class Banded(Constrained):
-    """The same where the constraints are banded in the algebraic components, in their order.
+    """The field of a DAE whose constraints are banded in the algebraic components, in their order.
 
     Attributes:
-        bandwidth: largest distance of a constraint to an algebraic component in it.
+        bandwidth: largest |i − j| for which constraint i depends on the algebraic component j.
     """
 
     bandwidth: int = eqx.field(static=True)
 
-    def _lifts_along(self, rows: np.ndarray, t, x, args) -> Lifts:
+    def _lifts_along(self, rows: np.ndarray, t, x, args) -> InverseBlocks:
         right, kernel = split(rows)
         _, along = jax.linearize(lambda x: self.constraint(t, x, args), x)
         seen = _columns(along, kernel @ probes(kernel.shape[1], self.bandwidth))
         factors, sign = factorised(seen)
         places = tuple(int(i) for i in np.argmax(kernel, axis=0))
         falling: Any = Falling(factors, places, kernel.shape)
-        return Lifts(jnp.asarray(right, x.dtype) - falling @ _columns(along, right), falling, sign)
+        return InverseBlocks(jnp.asarray(right, x.dtype) - falling @ _columns(along, right), falling, sign)
 
 
 def _columns(along, matrix: np.ndarray):
-    """A linear function of the columns of a matrix that is known, as columns."""
+    """A linear function applied to each column of a constant matrix."""
     return jax.vmap(along, in_axes=1, out_axes=1)(jnp.asarray(matrix))
 
 
 class DAE(Flow):
     """A differential–algebraic equation E(t) x' = f(t, x) of differentiation index one, strangeness-free.
 
-    The first d = n_differential rows of E are of full rank, the others zero: these rows of f are constraints. Ē = [E₁;
-    ∂f₂/∂x] must be nonsingular along the motion. Perturbations live in the kernel of ∂f₂/∂x, so there are d exponents.
+    The first d = n_differential rows of E have full rank; the others are zero, and the same rows of f are constraints.
+    Ē = [E₁; ∂f₂/∂x] must be nonsingular along the motion. Perturbations lie in the kernel of ∂f₂/∂x, so there are d
+    exponents.
 
     Args:
         leading: ``(t, args) -> E`` (n, n).
         residual: ``(t, x, args) -> f`` (n,).
         n_differential: d, the number of rows of E that are not zero. Semi-explicit equations have E = diag(1, …, 0, …).
-        bandwidth: b, where the i-th constraint depends on no algebraic component but the (i − b)-th to the (i + b)-th,
-            as in networks whose nodes are well ordered (`scipy.sparse.csgraph.reverse_cuthill_mckee` finds an order):
-            half-explicit methods then solve banded equations, whose entries 2 b + 1 derivatives show. Where E is not
-            constant, and in implicit methods, they are solved in full.
+        bandwidth: b, if constraint i depends only on the algebraic components i − b to i + b, as in networks with
+            well-ordered nodes (`scipy.sparse.csgraph.reverse_cuthill_mckee` finds an order). Half-explicit methods then
+            solve banded equations, whose matrix takes 2 b + 1 directional derivatives. If E is not constant, and in
+            implicit methods, the equations are solved with full matrices.
+        names: what the components of x are called, as for `lh.Flow`.
+        units: in which they are measured, likewise.
 
-    Derivatives of what is computed (`jax.jacfwd`, `lh.lyapunov_gradient`), of first and higher order, are those of the
-    solution of the constraints, not of the iteration that finds it.
+    Derivatives of results (`jax.jacfwd`, `lh.lyapunov_gradient`), of first and higher order, are those of the solution
+    of the constraints, not of the iteration that finds it.
 
     Raises:
-        ValueError: if a function is not callable, n_differential or bandwidth no whole number above 0.
+        ValueError: if a function is not callable, or n_differential or bandwidth is not a positive integer.
 
     Source:
         V. H. Linh, N. D. Truong & P. Q. Tuyen, DAE Panel 3 (2025), doi:10.52825/dae-p.v3i.2632; P. Kunkel &
@@ -214,7 +219,17 @@ class DAE(Flow):
 
     field: Constrained
 
-    def __init__(self, leading: Callable, residual: Callable, n_differential: int, *, bandwidth: int | None = None):
+    def __init__(
+        self,
+        leading: Callable,
+        residual: Callable,
+        n_differential: int,
+        *,
+        bandwidth: int | None = None,
+        names: Sequence[str] | None = None,
+        units: Sequence[str] | None = None,
+    ):
+        self.names, self.units = words(names), words(units)
         require_callable("leading", leading, "(t, args) -> E")
         require_callable("residual", residual, "(t, x, args) -> f")
         _check_whole("n_differential, the number of nonzero rows of E,", n_differential)
@@ -226,24 +241,35 @@ class DAE(Flow):
 
     @property
     def n_differential(self) -> int:
-        """The number of differential rows, and of exponents."""
+        """The number of differential rows, which is also the number of exponents."""
         return self.field.n_differential
 
     @classmethod
-    def reduced(cls, leading: Callable, residual: Callable, args: Any = None, *, t0: Any = 0.0) -> "DAE":
-        """The same for an E of any constant rank d, none of whose rows need be zero.
+    def reduced(
+        cls,
+        leading: Callable,
+        residual: Callable,
+        args: Any = None,
+        *,
+        t0: Any = 0.0,
+        names: Sequence[str] | None = None,
+        units: Sequence[str] | None = None,
+    ) -> "DAE":
+        """A DAE for an E of any constant rank d, which need not have zero rows.
 
-        The equations are multiplied by an orthogonal matrix whose first d rows span the columns of E(t). Which columns
-        do is found at t0, by a QR factorisation with pivoting.
+        The equations are multiplied by an orthogonal matrix whose first d rows span the range of E(t). Which d columns
+        of E span it is determined at t0, by a QR factorisation with pivoting.
 
         Args:
             leading: ``(t, args) -> E`` (n, n), of constant rank.
             residual: ``(t, x, args) -> f`` (n,).
             args: parameters at which the rank is determined.
-            t0: and the time.
+            t0: time at which the rank is determined.
+            names: what the components of x are called, as for `lh.Flow`.
+            units: in which they are measured, likewise.
 
         Raises:
-            ValueError: where E(t0) is zero.
+            ValueError: if E(t0) is zero.
 
         Example:
             >>> import jax.numpy as jnp, lyaphybrid as lh
@@ -267,6 +293,8 @@ class DAE(Flow):
             lambda t, args: multiplier(t, args) @ leading(t, args),
             lambda t, x, args: multiplier(t, args) @ residual(t, x, args),
             len(columns),
+            names=names,
+            units=units,
         )
 
 
@@ -277,7 +305,7 @@ def _check_whole(name: str, value) -> None:
 
 
 def _range(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Columns that span the range of a matrix, and a basis of its orthogonal complement."""
+    """Indices of columns that span the range of a matrix, and a basis of the orthogonal complement of the range."""
     q, r, order = (np.asarray(part) for part in scipy.linalg.qr(matrix, pivoting=True))  # pyright: ignore
     size = np.abs(np.diag(r))
     rank = int(np.sum(size > RANK * size[0]))
@@ -299,13 +327,13 @@ def fields_of(system: Any) -> tuple:
 
 
 def degrees_of_freedom(system: Any, n: int) -> int:
-    """How many exponents a system with n components has: constraints leave fewer, those of every mode."""
+    """The number of exponents of a system with n components: the largest d of its modes (n without constraints)."""
     fields = fields_of(system)
     return max((one.n_differential if isinstance(one, Constrained) else n for one in fields), default=n)
 
 
 def parts_of(field: Any, n: int) -> tuple[Constrained, Any]:
-    """The parts of a field and its parameters; an ordinary one is E = 1 without constraints."""
+    """A bound field as (`Constrained`, args); an ordinary field becomes one with E = I and no constraints."""
     if is_constrained(field):
         return field.field, field.args
     return Constrained(lambda t, args: np.eye(n), lambda t, x, args: field(t, x), n), None

@@ -1,8 +1,8 @@
 """Billiards: a point of speed 1 among fixed disks, in a stadium, in an ellipse; and one that falls in a wedge.
 
-In a magnetic field the arcs between the walls are as exact as straight lines (`walls`). Among disks only those
-of the 3×3 cells round the nearest one can be met within 1.5 rows less the radius. Where no contact comes within
-that reach `next_event` returns the time at which it has to look again, with which = -1.
+In a magnetic field the arcs between the walls are as exact as straight lines (`walls`). Among disks, within
+a path of 1.5 rows minus the radius, only the disks of the 3×3 cells around the nearest one can be met. Without a
+contact on that path `next_event` returns its end, with which = -1: the prediction is made again there.
 """
 
 import math
@@ -38,7 +38,7 @@ def _lattice_gas(path, lattice, sizes):
     row = float(np.linalg.det(basis))
 
     def heights(q, args):
-        """Above the nine disks round q, (9,)."""
+        """Heights (9,) above the nine disks around q."""
         spacing, radius = sizes(args)
         vectors = spacing * jnp.asarray(basis, q.dtype)
         cell = jnp.round(jnp.asarray(np.linalg.inv(basis), q.dtype) @ q / spacing)
@@ -51,7 +51,7 @@ def _lattice_gas(path, lattice, sizes):
     def next_event(t, x, args):
         spacing, radius = sizes(args)
         reach, speed = 1.5 * row * spacing - radius, jnp.sqrt(jnp.sum(x[2:] ** 2))
-        # Who turns within the reach and meets nobody never will.
+        # A circular path that stays within the reach without a contact never has one.
         turns = jnp.abs(path.turning(args)) * reach > speed
         horizon = jnp.where(turns, jnp.inf, reach / speed)
         soonest = jnp.min(falls(path, heights, x, args))
@@ -62,7 +62,7 @@ def _lattice_gas(path, lattice, sizes):
 
 
 def _convex(path, heights):
-    """A point inside convex walls: whichever height falls first."""
+    """A point inside convex walls: the event is the first height that falls through zero."""
 
     def next_event(t, x, args):
         return first(falls(path, heights, x, args))
@@ -79,7 +79,7 @@ def _in_stadium(path):
         return jnp.stack([r - q[1], r + q[1], *arcs])
 
     def beyond(x, args):
-        """How far, to the right or left, from where lines and circles meet: (…) -> (…, 2)."""
+        """Signed distances beyond the points where lines and circles meet: (…) -> (…, 2)."""
         return jnp.stack([x, -x], axis=-1) - args["side"] / 2
 
     def next_event(t, x, args):
@@ -87,7 +87,7 @@ def _in_stadium(path):
         times = falls(path, heights, x, args, inside)
         met = jax.vmap(lambda dt: path.flow(dt, t, x, args)[0])(jnp.where(times < jnp.inf, times, 0.0))
         past = beyond(met, args)
-        # Line and circle part by the square of the distance: so near to where they meet both will do, and one must.
+        # Near their common point line and circle differ only by the distance squared: both count there.
         slack = args["radius"] * jnp.finfo(x.dtype).eps ** 0.5
         there = jnp.concatenate([jnp.max(past[:2], axis=1) < slack, jnp.diagonal(past[2:]) > -slack])
         return first(jnp.where(there, times, jnp.inf))
@@ -112,14 +112,14 @@ def _unit_disks(args):
     return 2 + args["gap"], 1.0
 
 
-# By whether there is a magnetic field.
+# Keys: whether there is a magnetic field.
 SINAI = {False: _lattice_gas(LINE, SQUARE, _unit_square), True: _lattice_gas(ARC, SQUARE, _unit_square)}
 LORENTZ = {False: _lattice_gas(LINE, TRIANGULAR, _unit_disks), True: _lattice_gas(ARC, TRIANGULAR, _unit_disks)}
 STADIUM = {False: _in_stadium(LINE), True: _in_stadium(ARC)}
 ELLIPSE = _convex(LINE, _in_ellipse)
 WEDGE = _convex(FALL, _in_wedge)
 
-# By problem and parameter: the exponent per unit time and its standard error.
+# Exponent per unit time and its standard error, by problem and parameter.
 _VALUES = {
     ("sinai_billiard", 0.4): (2.738746203850052, 1.1002418984596302e-4),
     ("sinai_billiard", 0.2): (1.4700714947236198, 5.032388602553726e-05),
@@ -135,7 +135,7 @@ def _in_field(systems, field, **args):
 
 
 def known_reference(name: str, parameter, field) -> Reference | None:
-    """λ, 0, 0, −λ, where there is no field and λ is known."""
+    """The reference λ, 0, 0, −λ, if there is no field and λ is known."""
     for (known, value), (exponent, stderr) in _VALUES.items():
         if known == name and near((parameter, field), value, 0.0):
             return computed((exponent, 0, 0, -exponent), (stderr, 0, 0, stderr), source="ray tracing in C")
@@ -323,7 +323,7 @@ def wedge(*, angle: Real = math.pi / 4) -> Problem:
     )
 
 
-# By problem: its parameters -> (accessible area, perimeter within it), of one cell.
+# For each problem: parameters -> (accessible area, perimeter within it) of one cell.
 _EXTENT = {
     "sinai_billiard": lambda radius: (1 - math.pi * radius**2, 2 * math.pi * radius),
     "lorentz_gas": lambda gap: (math.sqrt(3) / 2 * (2 + gap) ** 2 - math.pi, 2 * math.pi),

@@ -1,11 +1,11 @@
-"""The schedule of many bodies: only those in the same cell of the box or in one next to it are looked at.
+"""The schedule of many bodies: contacts are predicted only with bodies in the same or a neighbouring cell.
 
-Cells are at least as wide as the largest body, so that bodies meet only where their cells touch. To leave a cell is an
-event of its own, at which a body is looked at again; it changes nothing but the schedule, which goes on to the next
-one by itself (D. C. Rapaport, J. Comput. Phys. 34 (1980) 184, doi:10.1016/0021-9991(80)90104-7). So an event costs a
-look at some ten neighbours, whatever the number of bodies.
+Cells are at least as wide as the largest body, so that bodies meet only if their cells touch. Leaving a cell is an
+event at which a body's predictions are made again; it changes only the schedule, which then goes on to the next event
+(D. C. Rapaport, J. Comput. Phys. 34 (1980) 184, doi:10.1016/0021-9991(80)90104-7). So the cost of an event does not
+depend on the number of bodies.
 
-What is predicted for a body is void when its partner has changed since; then the body is looked at again.
+The prediction of a body is void if its partner's motion has changed since; then it is made again.
 """
 
 import itertools
@@ -33,31 +33,31 @@ from .contacts import (
 
 __all__ = ["CELLS_AN_AXIS", "Predictions", "along", "look_at_all", "predicted", "shifted", "update"]
 
-CELLS_AN_AXIS = 4  # at least: then the nearest image is the one that can be met
+CELLS_AN_AXIS = 4  # least number: then only the nearest image can be met
 NOBODY = -1
 LEAVES = -2  # the partner of a body that leaves its cell through border b is LEAVES - b
 
 
 class Cells(NamedTuple):
-    """Who is where: lists that begin with `head` and go on with `after`."""
+    """The bodies of each cell as linked lists: `head` is the first one, `after` links to the next."""
 
     counts: Array  # (d,) cells along each axis
-    head: Array  # (cells,) a body of each cell
-    after: Array  # (n,) the next body of the same cell
-    before: Array  # (n,)
+    head: Array  # (cells,) first body of each cell
+    after: Array  # (n,) next body of the same cell
+    before: Array  # (n,) previous body of the same cell
     place: Array  # (d, n) cell of each body, along each axis
 
 
 class Predictions(NamedTuple):
     """The cache of the schedule; positions and velocities by axis."""
 
-    time: Array  # (n,) of each body's next event, counted from the rebasing
-    partner: Array  # (n,) with whom: another body, n + 2·axis + side for a wall, or `LEAVES`
-    looked: Array  # (n,) the number of the event after which each body was looked at
-    changed: Array  # (n,) and of the event that last changed its motion
-    events: Array  # so far
-    first: Array  # whose event is next
-    q: Array  # (d, n) comoving
+    time: Array  # (n,) time of each body's next event, counted from the rebasing
+    partner: Array  # (n,) its partner: another body, n + 2·axis + side for a wall, or `LEAVES`
+    looked: Array  # (n,) number of events before each body's last prediction
+    changed: Array  # (n,) number of the event that last changed each body's motion
+    events: Array  # number of events so far
+    first: Array  # body with the next event
+    q: Array  # (d, n) comoving positions, q − t v
     v: Array  # (d, n)
     diameter: Array  # (n,)
     box: Array  # (d,)
@@ -76,7 +76,7 @@ def _index(counts, place):
 
 
 def along(side, n: int, sides, widest):
-    """Cells along a side of the box: as wide as the largest body, and on the whole not more than two a body."""
+    """Number of cells along a side of the box: at least as wide as the largest body, at most about 2n cells in all."""
     return jnp.minimum(side / widest, side * (2 * n / math.prod(sides)) ** (1 / len(sides)))
 
 
@@ -95,7 +95,7 @@ def _filled(kind: Kind, q, box, widest) -> Cells:
 
 
 def _entered(cells: Cells, body) -> Cells:
-    """With a body at the head of the list of its cell."""
+    """Insert a body at the head of the list of its cell."""
     body = jnp.asarray(body, jnp.int32)
     cell = _index(cells.counts, cells.place[:, body])
     follower = cells.head[cell]
@@ -107,7 +107,7 @@ def _entered(cells: Cells, body) -> Cells:
 
 
 def _left(cells: Cells, body) -> Cells:
-    """Without a body in the list of its cell."""
+    """Remove a body from the list of its cell."""
     cell = _index(cells.counts, cells.place[:, body])
     ahead, follower = cells.before[body], cells.after[body]
     return cells._replace(
@@ -118,13 +118,13 @@ def _left(cells: Cells, body) -> Cells:
 
 
 def _where_somebody(links, body, value):
-    """Set the link of a body, if it is one."""
+    """Set the link of a body, unless `body` is NOBODY."""
     safe = jnp.maximum(body, 0)
     return links.at[safe].set(jnp.where(body < 0, links[safe], value))
 
 
 def _moved(cells: Cells, body, border) -> Cells:
-    """The body goes through a border 2·axis + (0 low, 1 high)."""
+    """Move a body through the border 2·axis + (0 low, 1 high)."""
     cells = _left(cells, body)
     step = jnp.where(jnp.arange(cells.counts.shape[0], dtype=jnp.int32) == border // 2, 2 * (border % 2) - 1, 0)
     place = (cells.place[:, body] + step) % cells.counts
@@ -136,7 +136,7 @@ def _moved(cells: Cells, body, border) -> Cells:
 
 
 def look_at_all(kind: Kind, t, x, args) -> Predictions:
-    """All predictions from the time t on."""
+    """Predict the next events of all bodies from the time t on."""
     n = kind.n
     diameter, none = each(kind, args["diameter"]).astype(x.dtype), jnp.zeros(n, jnp.int32)
     q, v = motion(kind, x, args)
@@ -155,24 +155,24 @@ def look_at_all(kind: Kind, t, x, args) -> Predictions:
         cells=_filled(kind, q, box, jnp.max(diameter)),
     )
     every = lax.fori_loop(0, n, lambda body, cache: _look_at(kind, cache, jnp.asarray(body, jnp.int32), t), start)
-    # Fewer cells than asked for would hide neighbours: no time is better than a wrong one.
+    # With too few cells neighbours would be missed: then all times are nan.
     enough = jnp.all(_counts(kind, box, jnp.max(diameter)) >= CELLS_AN_AXIS)
     every = every._replace(time=jnp.where(enough, every.time, jnp.nan))
     return _go_on(kind, every._replace(first=smallest(every.time)[1]), t)
 
 
 def predicted(kind: Kind, cache: Predictions):
-    """When the next event is, and its name."""
+    """The time of the next event, and its name."""
     return cache.time[cache.first], name_of(kind, cache.first, cache.partner[cache.first])
 
 
 def shifted(cache: Predictions, dt) -> Predictions:
-    """All times become less by dt."""
+    """Subtract dt from all times (rebasing)."""
     return cache._replace(time=cache.time - dt, q=cache.q + dt * cache.v)
 
 
 def update(kind: Kind, cache: Predictions, t, x, args, which) -> Predictions:
-    """Look again at the two bodies of the event, and then at those who leave a cell or counted on one of them."""
+    """Predict again for both bodies of the event, then for bodies that leave a cell or had one of them as partner."""
     bodies, events, changed = bodies_of(kind, which), cache.events + 1, cache.changed
     for body in bodies:
         changed = changed.at[body].set(events)
@@ -183,7 +183,7 @@ def update(kind: Kind, cache: Predictions, t, x, args, which) -> Predictions:
 
 
 def _go_on(kind: Kind, cache: Predictions, t) -> Predictions:
-    """From the time t to the next event at which something happens."""
+    """Handle events of the schedule alone, from the time t to the next contact or wall."""
 
     def only_of_the_schedule(state):
         cache, _ = state
@@ -205,7 +205,7 @@ def _go_on(kind: Kind, cache: Predictions, t) -> Predictions:
 
 
 def _look_at(kind: Kind, cache: Predictions, body, t) -> Predictions:
-    """Predict the next event of a body from the time t on: the first of a contact, a wall and the end of its cell."""
+    """Predict the next event of a body from time t on: the first of a contact, a wall and the border of its cell."""
     dt, partner = _neighbours(kind, cache, body, t)
     if kind.walls:
         wall, face = time_to_wall(kind, cache, body, t)
@@ -220,7 +220,7 @@ def _look_at(kind: Kind, cache: Predictions, body, t) -> Predictions:
 
 
 def _neighbours(kind: Kind, cache: Predictions, body, t):
-    """Time to the first contact with a body of this cell or of one next to it, and with whom."""
+    """Time to the first contact with a body of this or a neighbouring cell, and that body."""
     d, cells = kind.d, cache.cells
     around = jnp.asarray(list(itertools.product((-1, 0, 1), repeat=d)), jnp.int32)
     here, own_v, own_diameter = [cache.q[a, body] for a in range(d)], cache.v[:, body], cache.diameter[body]
@@ -245,7 +245,7 @@ def _neighbours(kind: Kind, cache: Predictions, body, t):
 
 
 def _leaves(cache: Predictions, body, t):
-    """Time until a body leaves its cell, and through which border 2·axis + (0 low, 1 high)."""
+    """Time until a body leaves its cell, and the border 2·axis + (0 low, 1 high)."""
     v, side = cache.v[:, body], cache.box / cache.cells.counts.astype(cache.box.dtype)
     inside = cache.q[:, body] + t * v - cache.cells.place[:, body].astype(side.dtype) * side
     inside = inside - cache.box * jnp.round((inside - side / 2) / cache.box)

@@ -1,4 +1,4 @@
-"""What the schedules of many bodies have in common: who takes part, when two meet, when one meets a wall."""
+"""What both schedules of many bodies share: the bodies of an event, times of contacts and of wall collisions."""
 
 import functools
 import math
@@ -20,16 +20,17 @@ __all__ = [
     "nearest",
     "of_axes",
     "smallest",
+    "square",
     "time_to_wall",
     "with_motion_of",
 ]
 
 SIDES = ("width", "height", "depth")  # names of the box's sides in args
-LANES = 128  # so many numbers are compared at once; more in a loop, to keep the code short
+LANES = 128  # numbers that are compared at once; more are compared in a loop, to keep the code short
 
 
 class Kind(NamedTuple):
-    """What is fixed when a system is made."""
+    """The static properties of a system."""
 
     n: int
     d: int
@@ -37,7 +38,7 @@ class Kind(NamedTuple):
 
     @property
     def faces(self) -> int:
-        """Names of walls that one body needs."""
+        """Number of walls, two for each axis."""
         return 2 * self.d
 
 
@@ -52,7 +53,7 @@ def of_axes(kind: Kind, args) -> Array:
 
 
 def bodies_of(kind: Kind, which) -> tuple[Any, Any]:
-    """The two bodies of an event; at a wall, or where nothing happens, the second is any other one."""
+    """The two bodies of an event; at a wall, or at a mere new prediction, the second one is arbitrary."""
     n = kind.n
     pair, at_wall, idle = which, (which - n * n) // kind.faces, -1 - which
     alone = jnp.where(which < 0, idle, at_wall)
@@ -61,31 +62,31 @@ def bodies_of(kind: Kind, which) -> tuple[Any, Any]:
 
 
 def name_of(kind: Kind, body, partner):
-    """The name of an event of a body: with another one, or n + 2·axis + side for a wall."""
+    """The name of an event of a body with a partner: another body, or n + 2·axis + side for a wall."""
     pair = kind.n * jnp.minimum(body, partner) + jnp.maximum(body, partner)
     return jnp.where(partner < kind.n, pair, kind.n**2 + kind.faces * body + (partner - kind.n))
 
 
 def motion(kind: Kind, x, args) -> tuple[Array, Array]:
-    """Positions (d, n) and velocities (d, n) of all."""
+    """Comoving positions (d, n) and velocities (d, n) of all bodies."""
     q, p = x.reshape(2, kind.n, kind.d)
     return q.T, (p / each(kind, args["mass"])[:, None]).T
 
 
 def with_motion_of(kind: Kind, bodies, cache: Any, x, args) -> Any:
-    """The cache with positions and velocities of these bodies anew."""
+    """The cache with updated positions and velocities of these bodies."""
     q, v, half = cache.q, cache.v, kind.n * kind.d
     for body in bodies:
         place, column = (kind.d * body,), (jnp.zeros_like(body), body)
         position, momentum = (lax.dynamic_slice(part, place, (kind.d,)) for part in (x, x[half:]))
         q = lax.dynamic_update_slice(q, position[:, None], column)
-        v = lax.dynamic_update_slice(v, (momentum / each(kind, args["mass"])[body])[:, None], column)
+        v = lax.dynamic_update_slice(v, (momentum * (1 / each(kind, args["mass"])[body]))[:, None], column)
     return cache._replace(q=q, v=v)
 
 
 def nearest(displacement, box):
-    """The displacement to the nearest image; the choice of the image has no derivative."""
-    return displacement - lax.stop_gradient(box * jnp.round(displacement / box))
+    """The displacement to the nearest image; the choice of the image is constant for derivatives."""
+    return displacement - lax.stop_gradient(box * jnp.round(displacement * (1 / box)))
 
 
 def dot(a, b):
@@ -93,8 +94,13 @@ def dot(a, b):
     return functools.reduce(jnp.add, [one * other for one, other in zip(a, b, strict=True)])
 
 
+def square(a):
+    """The scalar product of a list of components with itself; its derivative has half the products of `dot`."""
+    return functools.reduce(jnp.add, map(jnp.square, a))
+
+
 def contact(approach, excess, speed2):
-    """When q + w t is as long as the reach: q² - σ² = excess, q·w = approach, w² = speed2; inf: never."""
+    """The first t ≥ 0 with |q + w t| = σ, from q² - σ² = excess, q·w = approach, w² = speed2; inf: never."""
     discriminant = approach * approach - speed2 * excess
     meets = (approach < 0) & (discriminant > 0)
     root = jnp.sqrt(jnp.where(meets, discriminant, 1.0))
@@ -102,10 +108,10 @@ def contact(approach, excess, speed2):
 
 
 def smallest(values) -> tuple[Array, Array]:
-    """The smallest value and its index: by halves, for a loop would wait for each comparison."""
+    """The smallest value and its index, by pairwise halving, which avoids a chain of dependent comparisons."""
     n = values.shape[0]
     whole = -n % LANES if n > LANES else 2 ** math.ceil(math.log2(n)) - n
-    values = jnp.pad(values, (0, whole), constant_values=jnp.inf)
+    values = jnp.pad(values, (0, whole), constant_values=jnp.inf) if whole else values
     places = jnp.arange(values.shape[0], dtype=jnp.int32)
 
     def smaller(one, other):
@@ -124,7 +130,7 @@ def smallest(values) -> tuple[Array, Array]:
 
 
 def time_to_wall(kind: Kind, cache: Any, body, t):
-    """Time to the first wall, and which."""
+    """Time to the first wall, and the wall."""
     v, radius = cache.v[:, body], cache.diameter[body] / 2
     q = cache.q[:, body] + t * v
     room = jnp.where(v > 0, cache.box - radius - q, q - radius)

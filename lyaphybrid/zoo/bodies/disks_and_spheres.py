@@ -1,4 +1,4 @@
-"""Hard disks and hard spheres in number: named problems, their starts and what is known about them."""
+"""Many hard disks and hard spheres: named problems with starts and references."""
 
 import itertools
 import math
@@ -29,14 +29,14 @@ from .billiards import known_reference
 from .contacts import SIDES
 from .particles import better_in_cells, hard_particles
 
-TRIANGULAR = math.sqrt(3) / 2  # the aspect of a box that a triangular lattice of 4 m² sites fits
+TRIANGULAR = math.sqrt(3) / 2  # aspect of a box that fits a triangular lattice of 4 m² sites
 WALLS = ("periodic", "hard")
 SOURCE = (
     "C. Dellago, H. A. Posch & W. G. Hoover, Phys. Rev. E 53 (1996) 1485, doi:10.1103/PhysRevE.53.1485; J. Dinius, "
     "Computing Lyapunov Exponents of Hybrid Dynamical Systems"
 )
 
-# by (n, density σ², aspect): positive exponents in units of √(K/(m n))/σ, standard errors, how
+# By (n, density σ², aspect): positive exponents in units of √(K/(m n))/σ, standard errors, source.
 _DISK_VALUES = {
     (4, 0.7, TRIANGULAR): (
         (4.882388346721429, 4.131369664339284, 3.546932156196429, 3.054711729975, 2.6269126780428564),
@@ -62,7 +62,7 @@ def _disk_reference(n, density, aspect, diameter, mass, energy) -> Reference | N
             return _paired([v * rate for v in values], [e * rate for e in stderr], 4 * n, how)
     side = math.sqrt(n / density)
     billiard = known_reference("sinai_billiard", diameter / side, 0.0)
-    if n == 2 and near(aspect, 1.0) and billiard:  # of their relative coordinate
+    if n == 2 and near(aspect, 1.0) and billiard:  # that of their relative coordinate
         speed = 2 * math.sqrt(energy / mass) / side  # relative to the box
         value, error = billiard.exponents[0] * speed, billiard.stderr[0] * speed
         return _paired([value], [error], 8, "equals the Sinai billiard, ray tracing in C")
@@ -77,10 +77,10 @@ def _paired(values, stderr, dimension, how) -> Reference:
 
 
 def _lattice(n: int, sides: Sequence[float], walls: bool) -> tuple[np.ndarray, float]:
-    """Return n sites (n, d) of the lattice that is widest in this box, and their spacing.
+    """Return n sites (n, d) of the lattice with the largest spacing in this box, and the spacing.
 
-    Equal cells; and in a periodic box also the same with every second layer shifted by half a cell along the other
-    axes: in the plane that makes triangular lattices, in space body-centred and face-centred ones.
+    Tried are lattices of equal cells; in a periodic box also with every second layer shifted by half a cell along the
+    other axes, which makes triangular lattices in the plane, body-centred and face-centred ones in space.
     """
     best = np.zeros((n, len(sides))), 0.0
     for counts in _cells(n, sides):
@@ -106,7 +106,7 @@ def _cells(n: int, sides: Sequence[float]):
 
 @compiled()
 def _start(key, sites, mass, energy):
-    """Sites and normal momenta of sum zero with this kinetic energy: (2nd,)."""
+    """The state (2nd,): sites, and normal random momenta of sum zero with this kinetic energy."""
     share = jnp.broadcast_to(mass, sites.shape[:1])[:, None]
     momenta = jnp.sqrt(share) * jax.random.normal(key, sites.shape, sites.dtype)
     momenta = momenta - share / jnp.sum(share) * jnp.sum(momenta, axis=0, keepdims=True)
@@ -139,7 +139,7 @@ def _particles(n, density, sides, diameter, mass, energy, walls, key, **more) ->
 
 
 def _check(n, walls, diameter, mass, kinetic_energy, **known) -> tuple[Any, Any, Any]:
-    """Diameters, masses and the energy; what decides where the bodies start must be known."""
+    """Diameters, masses and the energy; values that the start depends on must not be traced."""
     require("n", n, lambda v: v >= 2, "at least 2")
     one_of("walls", walls, WALLS)
     diameter, mass = several("diameter", diameter, n), several("mass", mass, n)
@@ -177,8 +177,8 @@ def hard_disks(
     density · σ² and aspect.
 
     The event's `which` is n·k + l with k < l; n² + 4k + 2·axis + side where k meets a wall, side 0 the low one;
-    negative where nothing happens but a prediction is to be made anew. From 256 disks on only neighbours are looked
-    for, in cells of the box: a changed diameter or box must then leave it four diameters in each direction. The start
+    negative where only a prediction is made again. From 256 disks on contacts are searched only among neighbours,
+    in cells of the box: a changed diameter or box must then leave it four diameters in each direction. The start
     is a lattice with normally distributed momenta, their sum taken away, scaled to the kinetic energy. Other keys give
     other starts of the same ensemble.
 

@@ -8,14 +8,15 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
+from jax import lax
 
 from ...systems.event_driven import EventDriven, Schedule
 from . import cells, rows
-from .contacts import SIDES, Kind, bodies_of, dot, each, nearest
+from .contacts import SIDES, Kind, bodies_of, dot, each, nearest, square
 
 __all__ = ["better_in_cells", "hard_particles"]
 
-IN_CELLS_FROM = 256  # bodies: with 128 a look at all of them costs no more
+IN_CELLS_FROM = 256  # number of bodies from which cells are faster (benchmarks/scaling.py)
 
 
 @functools.cache
@@ -23,10 +24,10 @@ def hard_particles(n: int, d: int, walls: bool, in_cells: bool = False) -> Event
     """Bodies that meet elastically in d dimensions, in a periodic box or between hard walls.
 
     An event is called n·k + l, k < l, where k meets l; n² + 2d·k + 2·axis + side where k meets a wall; and -1 - k where
-    k is only looked at again.
+    only the prediction of k is made again.
 
-    in_cells: bodies look for others next to them only; the sides of the box must be four diameters at least, else no
-        event has a time.
+    in_cells: contacts are predicted only between neighbours; the sides of the box must be at least four diameters,
+        otherwise all times are nan.
 
     args: "diameter" and "mass", a number or (n,); the sides of the box by the names in `SIDES`.
     """
@@ -47,7 +48,7 @@ def hard_particles(n: int, d: int, walls: bool, in_cells: bool = False) -> Event
 
 
 def better_in_cells(n: int, sides: Sequence[float], widest: float) -> bool:
-    """Whether there are many bodies, and a box of so many cells that it may yet become narrower, or they wider."""
+    """Whether there are many bodies, and enough cells that the box may shrink or the bodies grow a little."""
     wide = (cells.along(side, n, sides, widest) >= 2 * cells.CELLS_AN_AXIS for side in sides)
     return n >= IN_CELLS_FROM and all(map(bool, wide))
 
@@ -62,7 +63,7 @@ def _fly(kind: Kind, dt, x, args):
 
 
 def _touched(kind: Kind, which):
-    """Components of the positions and momenta of the two."""
+    """Indices of the state's components that belong to the two bodies."""
     one, other = bodies_of(kind, which)
     axes = jnp.arange(kind.d, dtype=which.dtype)
     places = jnp.concatenate([kind.d * one + axes, kind.d * other + axes])
@@ -70,61 +71,56 @@ def _touched(kind: Kind, which):
 
 
 class Pair(NamedTuple):
-    """Two bodies at the time t, component by component: numbers that XLA need not put together."""
+    """Two bodies at the time t, as scalars by component, so that no arrays must be assembled."""
 
-    q: Any  # of each, positions at present
-    p: Any  # of each, momenta
-    mass: Any  # of each
-    apart: list  # from the first to the second, or to the image of it that is met
+    lightness: Any  # 1/m of each
+    v: Any  # velocities of each
+    relative: list  # velocity of the second relative to the first
+    apart: list  # displacement from the first to the second, or to its nearest image
 
 
 def _pair(kind: Kind, t, rows, args, which) -> Pair:
-    d, bodies = kind.d, bodies_of(kind, which)
-    mass = tuple(each(kind, args["mass"])[body] for body in bodies)
-    p = tuple([rows[(2 + i) * d + axis] for axis in range(d)] for i in range(2))
-    q = tuple([rows[i * d + axis] + t / mass[i] * p[i][axis] for axis in range(d)] for i in range(2))
-    apart = [there - here for here, there in zip(*q, strict=True)]
+    d = kind.d
+    lightness = tuple(1 / each(kind, args["mass"])[body] for body in bodies_of(kind, which))
+    v = tuple([lightness[i] * rows[(2 + i) * d + axis] for axis in range(d)] for i in range(2))
+    relative = [there - here for here, there in zip(*v, strict=True)]
+    apart = [(rows[d + axis] - rows[axis]) + t * relative[axis] for axis in range(d)]
     if not kind.walls:
         apart = [nearest(apart[axis], args[SIDES[axis]]) for axis in range(d)]
-    return Pair(q, p, mass, apart)
+    return Pair(lightness, v, relative, apart)
 
 
 def _collide(kind: Kind, t, rows, args, which):
-    """The momentum 2μ (w·q) q/q² goes from the second to the first, w the relative velocity; at a wall p_a turns round.
+    """The momentum 2μ (w·q) q/q² goes from the second to the first, w the relative velocity; at a wall p_a is reversed.
 
-    μ is the reduced mass. What a kick changes in a momentum it changes in the comoving position, times -t/m.
+    μ is the reduced mass. A kick Δp also changes the comoving position, by -t Δp/m.
     """
-    pair = _pair(kind, t, rows, args, which)
-    (one, other), d = pair.mass, kind.d
-    # 2μ w = 2 (m₁ p₂ - m₂ p₁)/(m₁ + m₂)
-    relative = [2 * (one * there - other * here) / (one + other) for here, there in zip(*pair.p, strict=True)]
-    share = dot(relative, pair.apart) / dot(pair.apart, pair.apart)
-    kicks = [[sign * share * q for q in pair.apart] for sign in (1, -1)]
+    pair, d = _pair(kind, t, rows, args, which), kind.d
+    inverse = lax.integer_pow(sum(pair.lightness) / 2 * square(pair.apart), -1)  # 2μ/q²; its derivative is a product
+    share = dot(pair.relative, pair.apart) * inverse
+    kick, takes = [share * q for q in pair.apart], (1.0, -1.0)  # takes: the share of the kick that each gets
     if kind.walls:
-        at_wall = which >= kind.n**2
-        turned = _turned(kind, pair, which)
-        kicks = [[jnp.where(at_wall, turned[i][a], kicks[i][a]) for a in range(d)] for i in range(2)]
-    kicks = [[jnp.where(which < 0, 0.0, kick) for kick in of] for of in kicks]
-    q = [rows[i * d + axis] - t / pair.mass[i] * kicks[i][axis] for i in range(2) for axis in range(d)]
-    p = [pair.p[i][axis] + kicks[i][axis] for i in range(2) for axis in range(d)]
+        at_wall, axis = which >= kind.n**2, ((which - kind.n**2) % kind.faces) // 2
+        turned = [jnp.where(axis == a, -2 * rows[2 * d + a], 0.0) for a in range(d)]
+        kick = [jnp.where(at_wall, *one) for one in zip(turned, kick, strict=True)]
+        takes = 1.0, jnp.where(at_wall, 0.0, -1.0)
+    kick = [jnp.where(which < 0, 0.0, one) for one in kick]
+    moved = [t * one for one in kick]
+    q = [rows[i * d + a] - takes[i] * pair.lightness[i] * moved[a] for i in range(2) for a in range(d)]
+    p = [rows[(2 + i) * d + a] + takes[i] * kick[a] for i in range(2) for a in range(d)]
     return jnp.stack(q + p)
 
 
-def _turned(kind: Kind, pair: Pair, which):
-    """The kicks at a wall: the first body's momentum along the axis turns round."""
-    axis = ((which - kind.n**2) % kind.faces) // 2
-    return [[jnp.where(axis == a, -2 * pair.p[0][a], 0.0) for a in range(kind.d)], [0 * p for p in pair.p[1]]]
-
-
 def _gap(kind: Kind, t, rows, args, which):
-    """(q² - σ²)/2 of the two; or the distance of the first from the wall."""
+    """The guard: q² - σ² of the two bodies, or the distance of the first from the wall."""
     pair = _pair(kind, t, rows, args, which)
     diameter = [each(kind, args["diameter"])[body] for body in bodies_of(kind, which)]
-    gap = (dot(pair.apart, pair.apart) - (diameter[0] + diameter[1]) ** 2 / 4) / 2
+    gap = square(pair.apart) - (diameter[0] + diameter[1]) ** 2 / 4
     if not kind.walls:
         return gap
     face = (which - kind.n**2) % kind.faces
-    distances = [_to_wall(pair.q[0][a], args[SIDES[a]], high) for a in range(kind.d) for high in (False, True)]
+    position = [rows[a] + t * pair.v[0][a] for a in range(kind.d)]
+    distances = [_to_wall(position[a], args[SIDES[a]], high) for a in range(kind.d) for high in (False, True)]
     distance = functools.reduce(jnp.add, [jnp.where(face == i, one, 0.0) for i, one in enumerate(distances)])
     return jnp.where(which >= kind.n**2, distance - diameter[0] / 2, gap)
 

@@ -1,15 +1,15 @@
-"""The schedule of up to some hundred bodies: each is looked at against all others, side by side in vectors.
+"""The schedule of up to some hundred bodies: contacts of a body with all others are predicted in one vector.
 
-Every body knows when it next meets another one (or a wall), as of when it was last looked at: the earliest contact over
-all partners and their periodic images. An event changes two bodies; these are looked at again. Others may have counted
-on one of them: that is seen when their turn comes, because the partner's number of events is not what it was, and
-only then do they choose again from what is known of them (B. D. Lubachevsky, J. Comput. Phys. 94 (1991) 255). So an
-event costs two looks at n partners, whatever the number of pairs.
+For every body the cache holds its next contact (or wall), the earliest over all partners and their periodic images, as
+predicted last. An event changes two bodies, whose predictions are made again. The predictions of others with one of
+them are void; that is noticed when such a prediction becomes the next event, by the partner's number of events, and
+only then the body chooses again among its known contacts (B. D. Lubachevsky, J. Comput. Phys. 94 (1991) 255). So an
+event costs two predictions against n partners, not one for each pair.
 
 A pair can meet through any periodic image. While its displacement changes by less than 1.5 L - σ, L the shortest side,
 only the images next to the nearest one can be met; and of these not those behind the motion, because the nearest one
-is at least as close to the partner at all later times: two an axis are left. Where no contact comes within that
-horizon, the body has to be looked at again then: an event with a negative name, at which nothing happens.
+is at least as close to the partner at all later times: two an axis are left. Without a contact within that
+horizon the body's prediction is made again at its end: an event with a negative name that changes no state.
 """
 
 import functools
@@ -37,36 +37,36 @@ from .contacts import (
 
 __all__ = ["Predictions", "look_at_all", "predicted", "shifted", "update"]
 
-NEVER = -1  # the partner of a body that is only to be looked at again
+NEVER = -1  # the partner of a body whose next event is only a new prediction
 
 
 class Predictions(NamedTuple):
     """The cache of the schedule; positions and velocities by axis, so that n partners are one vector."""
 
-    time: Array  # (n,) of each body's next event, counted from the rebasing
-    partner: Array  # (n,) with whom: another body, n + 2·axis + (0 low, 1 high) for a wall, or `NEVER`
-    looked: Array  # (n,) the number of the event after which each body was looked at
-    since: Array  # (n,) the time of that look
-    known: Array  # (n, n) and from it on the times to the contacts of each body
-    aside: Array  # (n,) and of what is not a contact: a wall, or to look again
+    time: Array  # (n,) time of each body's next event, counted from the rebasing
+    partner: Array  # (n,) its partner: another body, n + 2·axis + (0 low, 1 high) for a wall, or `NEVER`
+    looked: Array  # (n,) number of events before each body's last prediction
+    since: Array  # (n,) time of that prediction
+    known: Array  # (n, n) times from `since` to the contacts of each body
+    aside: Array  # (n,) time of a wall or of a new prediction
     face: Array  # (n,) which of these
-    events: Array  # so far
-    first: Array  # whose event is next
-    q: Array  # (d, n) comoving
+    events: Array  # number of events so far
+    first: Array  # body with the next event
+    q: Array  # (d, n) comoving positions, q − t v
     v: Array  # (d, n)
     diameter: Array  # (n,)
     box: Array  # (d,)
-    roomy: Array  # whether the images of a body keep clear of each other
-    horizon: Array  # for so long no displacement changes by more than 1.5 L - σ
+    roomy: Array  # whether the images of a body cannot overlap each other
+    horizon: Array  # time in which no displacement changes by more than 1.5 L - σ
 
 
 def look_at_all(kind: Kind, t, x, args) -> Predictions:
-    """All predictions from the time t on."""
+    """Predict the next events of all bodies from the time t on."""
     n = kind.n
     diameter, none = each(kind, args["diameter"]).astype(x.dtype), jnp.zeros(n, jnp.int32)
     mass, (q, v) = each(kind, args["mass"]), motion(kind, x, args)
     widest, box = jnp.max(diameter), of_axes(kind, args).astype(x.dtype)
-    # No two bodies part faster than two of the lightest that have all the energy.
+    # Largest relative speed: that of two of the lightest bodies with all of the energy.
     fastest = jnp.sqrt(2 * jnp.sum(mass[None, :] * v * v) / jnp.min(mass))
     start = Predictions(
         time=jnp.zeros_like(diameter),
@@ -90,32 +90,32 @@ def look_at_all(kind: Kind, t, x, args) -> Predictions:
 
 
 def predicted(kind: Kind, cache: Predictions):
-    """When the next event is, and its name."""
+    """The time of the next event, and its name."""
     body, partner = cache.first, cache.partner[cache.first]
     return cache.time[body], jnp.where(partner == NEVER, -1 - body, name_of(kind, body, partner))
 
 
 def shifted(cache: Predictions, dt) -> Predictions:
-    """All times become less by dt."""
+    """Subtract dt from all times (rebasing)."""
     return cache._replace(
         time=cache.time - dt, since=cache.since - dt, aside=cache.aside - dt, q=cache.q + dt * cache.v
     )
 
 
 def update(kind: Kind, cache: Predictions, t, x, args, which) -> Predictions:
-    """Look again at the two bodies of the event, and then at what is known of whoever is next but counted on one."""
+    """Predict again for the two bodies of the event; while the next event is void, choose again from known contacts."""
     bodies = bodies_of(kind, which)
     cache = with_motion_of(kind, bodies, cache._replace(events=cache.events + 1), x, args)
     cache = _look_at(kind, cache, bodies, t)
 
     def is_void(state):
-        """Whether the next event's partner has been looked at since it was predicted."""
+        """Whether the next event's partner has changed since the event was predicted."""
         _, partner, body = state
         known = (partner[body] >= 0) & (partner[body] < kind.n)
         return known & (cache.looked[jnp.clip(partner[body], 0, kind.n - 1)] > cache.looked[body])
 
     def choose_again(state):
-        """From what is known of the body, less what has changed since."""
+        """The first of the body's known contacts with partners that have not changed since."""
         time, partner, body = state
         changed = cache.looked > cache.looked[body]
         soonest, whom = _earliest(cache, body, jnp.where(changed, jnp.inf, cache.known[body]))
@@ -128,7 +128,7 @@ def update(kind: Kind, cache: Predictions, t, x, args, which) -> Predictions:
 
 
 def _earliest(cache: Predictions, body, contacts) -> tuple[Array, Array]:
-    """The first of these contacts of a body, or what else comes before."""
+    """The first of these contacts of a body, or an earlier wall or new prediction."""
     soonest, whom = smallest(contacts)
     contact, aside = cache.since[body] + soonest, cache.aside[body]
     return jnp.minimum(contact, aside), jnp.where(aside < contact, cache.face[body], whom)
@@ -162,7 +162,7 @@ def _contacts(kind: Kind, cache: Predictions, body, t):
         return functools.reduce(jnp.minimum, [contact(*image, speed2) for image in images])
 
     def nearest_first():
-        """Obstacles that do not overlap are met in the order of their centres: one root is enough."""
+        """Images that do not overlap are met in the order of their centres, so one square root is enough."""
         images, speed2 = _images(cache, body, t)
         approach, excess = -jnp.inf, jnp.zeros_like(speed2)
         for one, other in images:
@@ -175,7 +175,7 @@ def _contacts(kind: Kind, cache: Predictions, body, t):
 
 
 def _relative(cache: Predictions, body, t):
-    """By axis: displacements (n,) of all from a body at the time t, and their velocities; and the squared reaches."""
+    """For each axis displacements (n,) and relative velocities of all from a body at time t; and squared reaches."""
     velocity = [v - v[body] for v in cache.v]
     apart = [(q - q[body]) + t * w for q, w in zip(cache.q, velocity, strict=True)]
     return apart, velocity, ((cache.diameter + cache.diameter[body]) / 2) ** 2
@@ -188,12 +188,12 @@ def _approach(cache: Predictions, body, t):
 
 
 def _images(cache: Predictions, body, t):
-    """The same for the images that can be met: (q·w, q² - σ²) of each, and w² of all.
+    """As `_approach`, for the images that can be met: (q·w, q² - σ²) of each, and w².
 
-    Along each axis: the nearest image, and the next one ahead.
+    These are, along each axis, the nearest image and the next one ahead.
     """
     apart, velocity, reach2 = _relative(cache, body, t)
-    shares = []  # of the scalar products
+    shares = []  # terms of the scalar products
     for displacement, w, side in zip(apart, velocity, cache.box, strict=True):
         near = nearest(displacement, side)
         ahead = near + jnp.where(w > 0, -side, side)

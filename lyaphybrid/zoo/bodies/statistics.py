@@ -1,15 +1,15 @@
-"""What the collisions of hard disks and spheres say by themselves: rates, free paths, the pressure.
+"""Statistics of the collisions of hard disks and spheres: rates, free paths, the pressure.
 
-Every number is a by-product of a trajectory, and most are known otherwise: by an equation of state, by kinetic theory,
-for two disks in closed form. A schedule that misses a collision, or takes one too many, shows here.
+All are by-products of a trajectory. Most are also known from an equation of state, from kinetic theory or, for two
+disks, in closed form, so that missed or false collisions of a schedule would show.
 
 With a kick of modulus J at every contact of two bodies, σ the distance of their centres, the virial theorem is
 
     d P V = 2K + (Σ σ J + Σ (σ_i/2) J) / t,
 
 d the dimension, K the kinetic energy; the second sum over the contacts of bodies i with hard walls. In a periodic box
-of vanishing total momentum all positions are equally probable, and all momenta of the energy K: so between the rate of
-collisions and the pressure there is a relation without any error of a finite number of bodies, `kick_by_energy`.
+of vanishing total momentum all positions are equally probable, and all momenta of energy K. So the relation between the
+rate of collisions and the pressure, `kick_by_energy`, is exact for any number of bodies.
 """
 
 import dataclasses
@@ -27,8 +27,8 @@ from .contacts import SIDES
 
 __all__ = ["CollisionStatistics", "Measured", "collision_statistics", "kick_by_energy"]
 
-ENTRIES = 2**20  # numbers in a log of states: of 8 MiB before the events, and 8 after them
-FEWEST = 16  # bodies do not move on by fewer events at a time
+ENTRIES = 2**20  # numbers in a log of states: 8 MiB for those before the events, 8 MiB for those after
+FEWEST = 16  # least number of events in a piece of the run
 
 
 class Measured(NamedTuple):
@@ -43,19 +43,20 @@ class Measured(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class CollisionStatistics:
-    """What was counted, each a `Measured`: a value with its standard error from blocks of the run.
+    """Measured quantities, each a `Measured`: a value with its standard error from blocks of the run.
 
     Attributes:
-        rate: collisions of two bodies, all together, per unit time.
+        rate: total collisions of two bodies per unit time.
         mean_free_time: of a body between two collisions with others, n/(2 rate).
-        mean_free_path: the length of that, Σ|v_i|/(2 rate).
+        mean_free_path: mean length of these flights, Σ|v_i|/(2 rate).
         kick: the mean of J/√μ, J the modulus of the exchanged momentum, μ the reduced mass; `kick_by_energy` is exact.
         pressure: by the virial, per length in the plane, per area in space.
         compressibility: Z = d P V/(2K), which is 1 for an ideal gas: P V/(n k T) with d n k T = 2K.
         time: length of the run.
         collisions: of two bodies.
         wall_rate: contacts with hard walls per unit time; None in a periodic box.
-        wall_pressure: the momentum given to hard walls per time and area, the mean over the axes; None likewise.
+        wall_pressure: the momentum given to hard walls per time and area, the mean over the axes; None in a periodic
+        box.
     """
 
     rate: Measured
@@ -81,11 +82,11 @@ class CollisionStatistics:
 
 
 class Totals(NamedTuple):
-    """Sums over a stretch of time."""
+    """Sums over a length of time."""
 
     time: float = 0.0
     collisions: int = 0
-    path: float = 0.0  # Σ over bodies of the lengths of their ways
+    path: float = 0.0  # Σ over bodies of their path lengths
     kicks: float = 0.0  # Σ J/√μ
     virial: float = 0.0  # Σ J times the distance of the centres, or half a diameter at a wall
     wall_contacts: int = 0
@@ -116,8 +117,8 @@ def collision_statistics(
         problem: of `zoo.hard_disks` or `zoo.hard_spheres`: any number, masses, diameters, walls.
         t1: length of the run, time.
         transient: length before; None: that of the problem.
-        blocks: equal parts of the run, from whose scatter the errors come (jackknife). They are too small where parts
-            last less than a few mean free times.
+        blocks: equal parts of the run, whose scatter gives the errors (jackknife); too small if a part lasts
+            less than a few mean free times.
 
     Returns:
         A `CollisionStatistics`.
@@ -157,8 +158,8 @@ def kick_by_energy(kinetic_energy: float, freedom: int) -> float:
     """The mean of J/√μ over collisions, J the exchanged momentum, μ the reduced mass: 2 √(2K) / (f a_f).
 
     a_f = Γ(f/2)/(√π Γ((f + 1)/2)) is the mean modulus of a component of a unit vector in f dimensions. The momenta,
-    each over the root of its mass, lie anywhere on a sphere of radius √(2K), whatever the positions; and the faster
-    two approach each other, the more often they meet.
+    each divided by the square root of its mass, are uniform on a sphere of radius √(2K), independently of positions;
+    and the rate of collisions is proportional to the speed of approach.
 
     Args:
         kinetic_energy: K of all bodies together.
@@ -200,10 +201,10 @@ class _Run:
     def __init__(self, problem: Problem, bodies: Bodies):
         self.problem, self.bodies, self.x = problem, bodies, problem.x0
         self.most = max(FEWEST, ENTRIES // problem.x0.shape[0])
-        self.rate = _dilute_rate(bodies)  # of events; what is measured replaces it
+        self.rate = _dilute_rate(bodies)  # rate of events; replaced by the measured one
 
     def totals(self, length: float) -> Totals:
-        """Go on by this length of time."""
+        """Continue the run by this length of time, and return its sums."""
         sums = np.array(Totals(), float)
         for dt, events in self._pieces(length):
             sums = sums + np.array(_totals(self.bodies, dt, events, np.asarray(self.x)), float)
@@ -220,7 +221,7 @@ class _Run:
 
 
 def _dilute_rate(bodies: Bodies) -> float:
-    """About how many collisions, and contacts with walls, there are per unit time if positions are independent."""
+    """Estimated rate of collisions and wall contacts, as if positions were independent."""
     speed = math.sqrt(2 * bodies.energy / np.sum(bodies.mass))
     sphere = 2 * math.pi ** (bodies.d / 2) / math.gamma(bodies.d / 2)
     section = sphere * np.max(bodies.diameter) ** (bodies.d - 1)
@@ -255,7 +256,7 @@ def _totals(bodies: Bodies, dt: float, events: Events, end: np.ndarray) -> Total
 
 
 def _quantities(bodies: Bodies, sums: Totals) -> dict[str, float]:
-    """What is measured, out of sums over a long time."""
+    """The measured quantities from sums over a long time."""
     volume = float(np.prod(bodies.sides))
     meetings = 2 * sums.collisions or math.nan
     virial = 2 * bodies.energy + sums.virial / sums.time
@@ -269,7 +270,7 @@ def _quantities(bodies: Bodies, sums: Totals) -> dict[str, float]:
     }
     if not bodies.walls:
         return found
-    # Two walls an axis, each of the area volume/side: both together have 2 volume/side.
+    # Two walls for each axis, each of area volume/side.
     pressure = sums.wall_momentum / (2 * sums.time * bodies.d * volume)
     return found | {"wall_rate": sums.wall_contacts / sums.time, "wall_pressure": pressure}
 

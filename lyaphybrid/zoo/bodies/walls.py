@@ -7,9 +7,9 @@ parameter u,
     h(q(t)) (1 + k²u²) = h + ḣ u + (ḧ/2 + k²h) u²        with the derivatives along the path at t = 0:
 
 for straight lines and parabolas u = t and k = 0; for lines and circles along the arc of a charge in a magnetic
-field B, k = B/2 and u = tan(kt)/k, which is t again as B → 0. In the course of a whole turn 1/u falls from ∞ to −∞,
-and h falls through zero once at most: where the larger root in 1/u is. The contact that a point has just left is
-the other root, so that nobody need remember the last wall, however soon it is met again.
+field B, k = B/2 and u = tan(kt)/k, which is t again as B → 0. During a whole turn 1/u falls from ∞ to −∞,
+and h falls through zero at most once, at the larger root in 1/u. The contact that the point has just left is the
+other root, so the last wall need not be remembered, however soon it is met again.
 
 M. Robnik & M. V. Berry, Classical billiards in magnetic fields, J. Phys. A 18 (1985) 1361,
 doi:10.1088/0305-4470/18/9/019.
@@ -29,7 +29,7 @@ __all__ = ["ARC", "FALL", "LINE", "Path", "billiard", "falls", "first", "lowest"
 
 
 class Path(NamedTuple):
-    """How a point moves between walls; n and d are numerator and denominator of u, n ≥ 0."""
+    """The motion of a point between walls; u = n/d with n ≥ 0."""
 
     flow: Callable  # (dt, t, x, args) -> x
     acceleration: Callable  # (v, args) -> (2,)
@@ -38,7 +38,7 @@ class Path(NamedTuple):
 
 
 def _over_x(function, series, x):
-    """function(x)/x from its series in x² near 0, where the derivative of the quotient would be rounding."""
+    """function(x)/x from its series in x² near 0, where rounding spoils the derivative of the quotient."""
     near = jnp.abs(x) < 0.1
     away = jnp.where(near, 1.0, x)
     return jnp.where(near, functools.reduce(lambda s, c: s * x * x + c, series), function(away) / away)
@@ -66,7 +66,7 @@ def _parabola(dt, t, x, args):
 
 
 def _arc(dt, t, x, args):
-    """The chord of an arc points along its middle."""
+    """The flow along an arc; its chord is parallel to the velocity at its middle."""
     half = args["field"] * dt / 2
     chord = dt * _over_x(jnp.sin, SIN_SERIES, half)
     return jnp.concatenate([x[:2] + chord * _turned(x[2:], half), _turned(x[2:], 2 * half)])
@@ -77,13 +77,13 @@ def _down(v, args):
 
 
 def _ahead(n, d, args):
-    """The parameter is the time itself."""
+    """The time, equal to the parameter n/d."""
     ahead = d > 0
     return jnp.where(ahead, n / jnp.where(ahead, d, 1.0), jnp.inf)
 
 
 def _along_the_arc(n, d, args):
-    """Where tan(kt)/k = n/d, kt in [0, π)."""
+    """The time t with tan(kt)/k = n/d, kt in [0, π)."""
     k = jnp.abs(args["field"] / 2)
     early, turns = k * n < 0.1 * d, k > 0
     u = n / jnp.where(early, d, 1.0)
@@ -135,7 +135,7 @@ def falls(path: Path, heights: Callable, x, args, inside: Any = True):
     discriminant = half * half - bend * value
     meets = discriminant > 0
     root = jnp.sqrt(jnp.where(meets, discriminant, 1.0))
-    # Of two forms of one root, the one that adds numbers of one sign; its numerator made positive.
+    # Of the two forms of the root, the one without cancellation; its numerator is made positive.
     sign = jnp.where(value < 0, -1.0, 1.0)
     n = jnp.where(half < 0, sign * value, root + half)
     d = jnp.where(half < 0, sign * (root - half), -bend)
@@ -150,8 +150,9 @@ def first(times):
 def lowest(heights):
     """The least of some heights, with the derivative of that one.
 
-    Within a loop compiled by jax 0.12 the derivative of `jnp.min` was seen to be nan. It looks for the numbers that
-    equal the least, and finds none if a compiler works them out twice with another rounding: the likely cause.
+    Within a loop compiled by jax 0.12 the derivative of `jnp.min` was seen to be nan. Likely
+    cause: it searches for the numbers equal to the least one, and finds none if the compiler computes them twice with
+    different rounding.
     """
     return heights[jnp.argmin(heights)]
 
@@ -161,11 +162,11 @@ def billiard(path: Path, next_event: Callable, height: Callable) -> EventDriven:
 
     Args:
         path: between the walls.
-        next_event: ``(t, x, args) -> (dt, which)``; which = -1: no wall, look again.
+        next_event: ``(t, x, args) -> (dt, which)``; which = -1: no wall, predict again then.
         height: ``(q, args, which) -> scalar``, above the wall that is met.
 
     Returns:
-        An `lh.EventDriven` of the state (q, v); (q, v) is canonical but in a magnetic field.
+        An `lh.EventDriven` of the state (q, v); (q, v) is canonical without a magnetic field.
     """
 
     def jump(t, x, args, which):
@@ -175,7 +176,7 @@ def billiard(path: Path, next_event: Callable, height: Callable) -> EventDriven:
         return jnp.concatenate([q, jnp.where(jnp.asarray(which) < 0, v, turned)])
 
     def guard(t, x, args, which):
-        again = lax.stop_gradient(t) - t  # falls through zero here and now, whatever the state
+        again = lax.stop_gradient(t) - t  # a guard that falls through zero at this time for every state
         return jnp.where(jnp.asarray(which) < 0, again, height(x[:2], args, which))
 
     return EventDriven(flow=path.flow, next_event=next_event, jump=jump, guard=guard, canonical=path is not ARC)

@@ -119,8 +119,8 @@ def _swing(t, x, args):
 
 SPRING_DAMPER = DAE(_semi_explicit(2, 4), _spring_damper, 2)
 ROTATED = DAE(_rotated_leading, _rotated, 2)
-LORENZ = DAE(_semi_explicit(3, 4), _lorenz, 3)
-PENDULUM = DAE(_semi_explicit(4, 5), _pendulum, 4)
+LORENZ = DAE(_semi_explicit(3, 4), _lorenz, 3, names=("x", "y", "z", "xy"))
+PENDULUM = DAE(_semi_explicit(4, 5), _pendulum, 4, names=("x", "y", "u", "v", "tension"))
 RECTIFIER = Hybrid(
     {
         "conducting": DAE(_semi_explicit(1, 3), _rectifier(True), 1),
@@ -134,8 +134,9 @@ RECTIFIER = Hybrid(
             target="conducting",
         ),
     ],
+    names=("charge", "voltage", "current"),
 )
-SWING = DAE(_semi_explicit(2, 4), _swing, 2)
+SWING = DAE(_semi_explicit(2, 4), _swing, 2, names=("angle", "speed", "phase", "voltage"))
 
 
 @problem
@@ -262,8 +263,8 @@ def pendulum_dae(*, damping: Real = 0.5, amplitude: Real = 1.5, omega: Real = 2 
     """A driven, damped pendulum, θ'' + c θ' + sin θ = A cos ωt, in Cartesian coordinates, of index one.
 
     The rod's tension λ is algebraic: 0 = u² + v² − c (xu + yv) − λ (x² + y²) − y says that x² + y² has no second
-    derivative. So the rod's length and its rate are free: perturbations of them neither grow nor decay but for a factor
-    of t. Two of the four exponents are these spurious zeros; the others are the pendulum's, and sum to −c.
+    derivative. So perturbations of the rod's length and of its rate neither grow nor decay, except for a factor
+    t. Two of the four exponents are these spurious zeros; the others are the pendulum's, and sum to −c.
 
     Args:
         damping: c.
@@ -420,7 +421,7 @@ def swing_dae(
 
 
 def _at_the_load(angle: float, args):
-    """The voltage at the load, the larger of the two that balance its power, with both sources taken as one."""
+    """The voltage at the load: the larger of the two solutions of its power balance, with both sources combined."""
     xp = jnp if traced(args) else np
     reactance = 1 / (1 / args["generator_reactance"] + 1 / args["line_reactance"])
     generator = args["emf"] / args["generator_reactance"] * reactance

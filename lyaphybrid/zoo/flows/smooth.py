@@ -19,8 +19,8 @@ def _lorenz96(t, x, args):
     return (jnp.roll(x, -1) - jnp.roll(x, 2)) * jnp.roll(x, 1) - x + args["forcing"]
 
 
-LORENZ = Flow(_lorenz)
-ROSSLER = Flow(_rossler)
+LORENZ = Flow(_lorenz, names=("x", "y", "z"))
+ROSSLER = Flow(_rossler, names=("x", "y", "z"))
 LORENZ96 = Flow(_lorenz96)
 
 

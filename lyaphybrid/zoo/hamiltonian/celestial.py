@@ -35,9 +35,10 @@ def _rotating(q, p, args):
     return 0.5 * (p[0] * p[0] + p[1] * p[1]) + y * p[0] - x * p[1] - (1 - mu) / larger - mu / smaller
 
 
-DOUBLE_PENDULUM = canonical_flow(_two_rods)
-KEPLER = Hamiltonian(_unit_mass, _centre)
-THREE_BODIES = canonical_flow(_rotating)
+PLANE = ("x", "y", "p_x", "p_y")
+DOUBLE_PENDULUM = canonical_flow(_two_rods, names=("θ1", "θ2", "p1", "p2"))
+KEPLER = Hamiltonian(_unit_mass, _centre, names=PLANE)
+THREE_BODIES = canonical_flow(_rotating, names=PLANE)
 
 
 @problem

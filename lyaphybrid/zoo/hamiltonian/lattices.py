@@ -22,7 +22,7 @@ def _unit_masses(p, args):
 
 
 def _differences(q):
-    """Of neighbours, with q = 0 beyond both ends (n + 1,)."""
+    """Differences (n + 1,) of neighbours, with q = 0 beyond both ends."""
     end = jnp.zeros(1, q.dtype)
     return jnp.concatenate([q, end]) - jnp.concatenate([end, q])
 
@@ -48,7 +48,7 @@ def _schroedinger_energy(q, p, args):
 
 
 def _turned(dt, t, x, args):
-    """Under the energy of the sites (q, p) turn, each by its own angle."""
+    """Flow of the sites' energy: each (q, p) rotates by its own angle."""
     del t
     q, p = halves(x)
     angle = dt * (args["disorder"] * args["levels"] + args["nonlinearity"] * (q**2 + p**2) / 2)
@@ -57,14 +57,14 @@ def _turned(dt, t, x, args):
 
 
 def _drifted(dt, t, x, args):
-    """Under −Σ p_l p_{l+1}."""
+    """Flow of −Σ p_l p_{l+1}."""
     del t, args
     q, p = halves(x)
     return jnp.concatenate([q - dt * _neighbours(p), p])
 
 
 def _kicked(dt, t, x, args):
-    """Under −Σ q_l q_{l+1}."""
+    """Flow of −Σ q_l q_{l+1}."""
     del t, args
     q, p = halves(x)
     return jnp.concatenate([q, p + dt * _neighbours(q)])
@@ -75,7 +75,7 @@ THREE_PARTS = (_turned, _drifted, _kicked)
 
 
 def _alike(n: int) -> dict:
-    """One deviation vector, all components alike: the largest exponent is what lattices are asked for."""
+    """Default options: one deviation vector with equal components, for the largest exponent."""
     return {"frame": np.full((2 * n, 1), (2 * n) ** -0.5)}
 
 

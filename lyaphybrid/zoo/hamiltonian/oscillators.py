@@ -8,7 +8,7 @@ from ...systems.hamiltonians import Hamiltonian
 from ..problem import Problem, Real, computed, near, positive, problem, require, state
 
 SKOKOS = "Ch. Skokos & E. Gerlach, Phys. Rev. E 82 (2010) 036704, doi:10.1103/PhysRevE.82.036704"
-STEP = 0.05  # of the paper
+STEP = 0.05  # step size of the paper
 OMEGA = np.sqrt([1.0, 2.0, 3.0])
 
 
@@ -34,7 +34,7 @@ def _three_potential(q, args):
 
 
 def _stretches(q):
-    """Of the springs of a chain with fixed ends (n + 1,)."""
+    """Extensions (n + 1,) of the springs of a chain with fixed ends."""
     end = jnp.zeros(1, q.dtype)
     return jnp.concatenate([q, end]) - jnp.concatenate([end, q])
 
@@ -49,7 +49,7 @@ def _cubic_chain(q, args):
     return jnp.sum(r**2 / 2 + args["alpha"] * r**3 / 3)
 
 
-HENON_HEILES = Hamiltonian(_unit_masses, _henon_heiles)
+HENON_HEILES = Hamiltonian(_unit_masses, _henon_heiles, names=("x", "y", "p_x", "p_y"))
 THREE = Hamiltonian(_three_kinetic, _three_potential)
 FPU_BETA = Hamiltonian(_unit_masses, _quartic_chain)
 FPU_ALPHA = Hamiltonian(_unit_masses, _cubic_chain)

@@ -13,7 +13,7 @@ KANTZ = "H. Kantz & P. Grassberger, J. Phys. A 21 (1988) L127, doi:10.1088/0305-
 
 
 class _CanonicalMap(Map):
-    """An `lh.Map` that keeps dθ∧dp: its runs start from the paired frame."""
+    """An `lh.Map` that preserves dθ∧dp, so that its runs start from the paired frame."""
 
     canonical: ClassVar[bool] = True
 

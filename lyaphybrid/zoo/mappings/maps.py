@@ -1,7 +1,7 @@
 """Maps. Exponents are per iteration.
 
-Trap: a slope of exactly 2 shifts binary digits out of a floating-point number, which has 53 of them; then the
-orbit stands at 0. So no default here has a slope that is a power of two.
+Note: a slope of exactly 2 shifts the 53 binary digits of a floating-point number out one by one; then the orbit
+stays at 0. So no default here has a slope that is a power of two.
 """
 
 import math
@@ -52,9 +52,11 @@ def _kaplan_yorke(n, x, args):
     return jnp.stack([_wrap(args["slope"] * x[0]), args["alpha"] * x[1] + jnp.cos(2 * TURN * x[0])])
 
 
-HENON, LOGISTIC, CAT, STANDARD = Map(_henon), Map(_logistic), Map(_cat), Map(_standard)
-BAKER, KAPLAN_YORKE = Map(_baker), Map(_kaplan_yorke)
-CAT_JUMPS = Hybrid(None, Transition(every=1.0, reset=_cat))
+PLANE = ("x", "y")
+HENON, LOGISTIC = Map(_henon, names=PLANE), Map(_logistic, names=("x",))
+CAT, STANDARD = Map(_cat, names=PLANE), Map(_standard, names=("θ", "p"))
+BAKER, KAPLAN_YORKE = Map(_baker, names=PLANE), Map(_kaplan_yorke, names=PLANE)
+CAT_JUMPS = Hybrid(None, Transition(every=1.0, reset=_cat), names=PLANE)
 
 
 @problem

@@ -1,4 +1,4 @@
-"""Dry friction and relays: two fields, a surface, and what slides on it. All are made by `lh.filippov`."""
+"""Dry friction and relays: two fields, a surface, and motion that slides on it. All are made by `lh.filippov`."""
 
 import math
 
@@ -48,7 +48,7 @@ def _slip_velocity(t, x, args):
 
 
 def _lags(direction):
-    """Three lags 1/(s + 1) in a row, the first of which the relay feeds."""
+    """Three lags 1/(s + 1) in series, the relay at the input of the first."""
 
     def field(t, x, args):
         return jnp.stack([x[1] - x[0], x[2] - x[1], -direction - x[2]])
@@ -72,9 +72,10 @@ def _weighted(t, x, args):
 
 
 PENDULUM_PARTS = (_pendulum(+1.0), _pendulum(-1.0), _velocity)  # plus, minus, surface
-PENDULUM = filippov(*PENDULUM_PARTS)
-BLOCK = filippov(_block(+1.0), _block(-1.0), _velocity)
-BELT = filippov(_on_belt(+1.0), _on_belt(-1.0), _slip_velocity)
+PENDULUM = filippov(*PENDULUM_PARTS, names=("θ", "θ'"))
+AUTONOMOUS = filippov(*PENDULUM_PARTS, names=("θ", "θ'", "z"))
+BLOCK = filippov(_block(+1.0), _block(-1.0), _velocity, names=("x", "v"))
+BELT = filippov(_on_belt(+1.0), _on_belt(-1.0), _slip_velocity, names=("x", "v"))
 RELAY = filippov(_lags(+1.0), _lags(-1.0), _first)
 SLIDING_RELAY = filippov(_masses(+1.0), _masses(-1.0), _weighted)
 
@@ -100,8 +101,8 @@ def friction_pendulum(
 
     It sticks where θ' = 0 and |A sin ωt − λ sin θ| ≤ α, and there loses the direction δθ'. At β = 0.3, α = 0.01 it
     slips to and fro with period 2π/ω; at β = 0.052, α = 0.5 it sticks twice a period; at β = 0.052, α = 0.01 it is
-    chaotic and sticks 3.7e-4 times a period, for 0.03 each: a run of a few hundred periods that has not stuck
-    honestly says −0.177, a longer one −inf.
+    chaotic and sticks 3.7e-4 times a period, for 0.03 each: a run of a few hundred periods without a stick
+    gives −0.177, a longer one −inf.
 
     Args:
         beta: β, viscous damping.
@@ -136,7 +137,7 @@ def friction_pendulum(
                 exponents, stderr = (tuple(values[i] for i in order) for values in (exponents, stderr))
             start, reference = point, computed(exponents, stderr, source=how)
     return Problem(
-        system=PENDULUM,
+        system=PENDULUM if form == "forced" else AUTONOMOUS,
         x0=state(*start) if form == "forced" else state(*start, 0.0),
         args={"beta": beta, "alpha": alpha, "gravity": gravity, "amplitude": amplitude, "omega": omega},
         t1=2000 * 2 * math.pi / omega,

@@ -57,7 +57,7 @@ def _bounces_on(t, x, args):
 
 
 def _chatter_ends(t, x, args):
-    """Whether the impact is slow, and all further ones come before the acceleration has changed much."""
+    """Whether the impact is slow and the chatter ends before the acceleration changes much."""
     r, v, press = args["restitution"], x[1], _pressing(t, x, args)
     swing = args["amplitude"] * args["omega"]  # largest rate of the acceleration
     lasts = press**2 * (1 - r) > 8 * r * v * swing  # the further bounces take the time 2rv / ((1 − r) press)
@@ -80,22 +80,24 @@ def _velocity(t, x, args):
     return x[1]
 
 
-SLOW = 1e-5  # velocity below which a pressed impact ends a chatter, times the amplitude
+SLOW = 1e-5  # velocity, in units of the amplitude, below which an impact under pressure ends the chatter
 
-BOUNCING = Hybrid(_fall, Transition(_height, _rebound))
-KICKED = Hybrid(_fall, Transition(_height_above_table, _rebound_from_table))
-ZASLAVSKY = Hybrid(_fall_in_own_units, Transition(_height, _kick))
-IMPACTING = Hybrid(_oscillate, Transition(_gap, _rebound))
+HEIGHT, MOTION = ("height", "velocity"), ("x", "v")
+BOUNCING = Hybrid(_fall, Transition(_height, _rebound), names=HEIGHT)
+KICKED = Hybrid(_fall, Transition(_height_above_table, _rebound_from_table), names=HEIGHT)
+ZASLAVSKY = Hybrid(_fall_in_own_units, Transition(_height, _kick), names=HEIGHT)
+IMPACTING = Hybrid(_oscillate, Transition(_gap, _rebound), names=MOTION)
 STICKING = Hybrid(
     {"free": _oscillate, "stuck": _stand, "leaving": _oscillate},
     [
         Transition(_gap, _rebound, source="free", when=_bounces_on),
         Transition(_gap, _put_on_wall, source="free", target="stuck", when=_chatter_ends),
         Transition(_pressing, source="stuck", target="leaving"),
-        # On leaving, the gap and its first two derivatives are zero: it is not asked before the mass turns back.
+        # On leaving, the gap and its first two derivatives are zero: the guard is inactive until the mass turns back.
         Transition(_velocity, source="leaving", target="free", direction=+1),
     ],
     tangent={"stuck": _nothing_moves},
+    names=MOTION,
 )
 
 
@@ -126,7 +128,7 @@ def bouncing_ball(*, restitution: Real = 0.5, gravity: Real = 1.0, velocity: Rea
     """
     require("restitution", restitution, lambda r: 0 < r < 1, "between 0 and 1")
     positive(gravity=gravity, velocity=velocity)
-    # so many bounces make the velocity a thousand times smaller; the first ones turn the frame onto the field
+    # bounces that reduce the velocity to a thousandth; the first ones align the frame with the field
     thousand = 20 if traced(restitution) else math.ceil(math.log(1e-3) / math.log(restitution))
     return Problem(
         system=BOUNCING,
@@ -295,14 +297,14 @@ def impact_oscillator(
     """A forced oscillator at a rigid wall: x'' + 2ζx' + x = A cos ωt for x ≤ gap, v⁺ = −r v⁻ at x = gap.
 
     The exponents sum to −2ζ + 2 ln r · (impacts per unit time) exactly. Time is explicit: two exponents, and
-    a third, 0, for those who count the phase as a variable.
+    a third one, 0, if the phase counts as a variable.
 
     Where the force presses the mass against the wall, impacts may follow each other faster and faster: a complete
     chatter, infinitely many in a finite time. Such a run ends as `zeno`. With `sticking` it goes on: an impact that
     presses and is slower than 10⁻⁵ A puts the mass to rest on the wall, mode "stuck", until A cos ωt − gap, its
     acceleration there, falls through 0; then it goes off, "leaving" until it turns back, "free" after that. At rest
-    it knows nothing of where it came from, both exponents are −inf, and it leaves at the same phase whatever happened:
-    that the last bounces are left out, some 10⁻⁵ of time, changes nothing later.
+    the state does not depend on the past: both exponents are −inf, and the mass always leaves at the same phase. So
+    leaving out the last bounces, about 10⁻⁵ of time, changes nothing later.
 
     Args:
         omega: ω, frequency of the forcing over the oscillator's own.

@@ -1,4 +1,4 @@
-"""Bodies that knock to and fro: a block that rocks, a gear that rattles. State (x, v); the forcing is explicit in time.
+"""Bodies with impacts on both sides: a rocking block, a rattling gear. State (x, v); the forcing is explicit in time.
 
 Between impacts both are linear, so that the symmetric motions with one impact each half period of the forcing,
 x(t + π/ω) = −x(t), are known in closed form: `_symmetric`.
@@ -53,8 +53,9 @@ ROCKING = Hybrid(
         Transition(_upright, _change_corner, source="left", target="right", direction=+1),
         Transition(_toppling, terminal=True),
     ],
+    names=("tilt", "rate"),
 )
-RATTLING = Hybrid(_drift, Transition(_clearances, _knock))
+RATTLING = Hybrid(_drift, Transition(_clearances, _knock), names=("x", "v"))
 
 
 class _Half(NamedTuple):
@@ -63,7 +64,7 @@ class _Half(NamedTuple):
     matrix: np.ndarray
     flow: Callable  # t -> exp(Mt)
     centre: np.ndarray
-    wall: float  # the impact that begins it is at −wall, the one that ends it at wall
+    wall: float  # it starts with an impact at −wall and ends with one at wall
     keeps: float  # v⁺ = keeps · v⁻
     free: Callable  # x -> whether a position between the impacts is possible
 
@@ -72,14 +73,14 @@ class _Orbit(NamedTuple):
     """A symmetric motion."""
 
     start: np.ndarray  # at t = 0
-    multipliers: np.ndarray  # of half a period, absolute values, descending
+    multipliers: np.ndarray  # absolute values for half a period, descending
 
 
 def _symmetric(half: _Half, amplitude: float, omega: float) -> _Orbit | None:
-    """The symmetric motion with one impact each half period, the fastest where there are two; None where none is.
+    """The symmetric motion with one impact each half period, the fastest if there are several; None if there is none.
 
     With the forced part z_p(t) = Re Z e^{i(ωt + φ)} a half period h takes z(0) = (−wall, v) to z(h), while z_p(h) =
-    −z_p(0). Both ends are known but for v, so that z_p(0) is linear in v, and its length, |Z₁|, gives v.
+    −z_p(0). Both ends depend only on v, so z_p(0) is linear in v, and its length |Z₁| determines v.
     """
     h, identity, unit = math.pi / omega, np.eye(2), np.array([0.0, 1.0])
     forced = np.linalg.solve(1j * omega * identity - half.matrix, amplitude * unit)
@@ -99,7 +100,7 @@ def _symmetric(half: _Half, amplitude: float, omega: float) -> _Orbit | None:
 
 
 def _one_symmetric(half: _Half, forced, amplitude: float, omega: float, v: float, phase: float) -> _Orbit | None:
-    """The motion that leaves an impact with velocity v at that phase of the forcing, if nothing is in its way."""
+    """The motion that leaves an impact with velocity v at this phase of the forcing, if it meets no wall before h."""
     h, begin = math.pi / omega, np.array([-half.wall, v])
 
     def driven(t):
@@ -110,9 +111,9 @@ def _one_symmetric(half: _Half, forced, amplitude: float, omega: float, v: float
 
     if v <= 0 or not all(half.free(at(t)[0]) for t in np.linspace(0, h, 402)[1:-1]):
         return None
-    zero = (-phase / omega) % (2 * h)  # time from the impact to where ωt + φ is a multiple of 2π
+    zero = (-phase / omega) % (2 * h)  # time from the impact until ωt + φ is a multiple of 2π
     start = at(zero) if zero < h else -at(zero - h)
-    # Accelerations before and after the impact at the end; after it all is as at the beginning, mirrored.
+    # Accelerations before and after the last impact; after it the motion is the mirrored start.
     end, force = np.array([half.wall, -v / half.keeps]), amplitude * math.cos(phase)
     before = (half.matrix @ (end - half.centre))[1] - force
     after = -(half.matrix @ (begin - half.centre))[1] - force

@@ -43,15 +43,17 @@ def _heel_strike(t, x, args):
     theta, rate = x[0], x[2]
     c = jnp.cos(2 * theta)
     struck = jnp.stack([-theta, -2 * theta, c * rate, c * (1 - c) * rate])
-    return jnp.where(theta < 0, struck, x)  # before the legs have passed each other the foot scuffs, and goes on
+    return jnp.where(theta < 0, struck, x)  # no strike before the legs have passed each other: the foot scuffs
 
 
 def _upright(t, x, args):
     return jnp.cos(x[0])
 
 
-RIMLESS = Hybrid(_topple, [Transition(_next_spoke, _step(1)), Transition(_last_spoke, _step(-1))])
-WALKER = Hybrid(_swing, [Transition(_foot, _heel_strike), Transition(_upright, terminal=True)])
+RIMLESS = Hybrid(_topple, [Transition(_next_spoke, _step(1)), Transition(_last_spoke, _step(-1))], names=("θ", "θ'"))
+WALKER = Hybrid(
+    _swing, [Transition(_foot, _heel_strike), Transition(_upright, terminal=True)], names=("θ", "φ", "θ'", "φ'")
+)
 
 
 @problem
@@ -89,7 +91,7 @@ def rimless_wheel(*, angle: Real = math.pi / 8, slope: Real = 0.2) -> Problem:
         x0=state(slope - angle, launch),
         args={"angle": angle, "slope": slope},
         t1=64 * period,
-        transient=20.5 * period,  # so that blocks end between two impacts
+        transient=20.5 * period,  # half a step more, so that blocks end between two impacts
         reference=reference,
         source="T. McGeer, Int. J. Robotics Res. 9 (1990) 62, doi:10.1177/027836499000900206",
     )
@@ -97,7 +99,7 @@ def rimless_wheel(*, angle: Real = math.pi / 8, slope: Real = 0.2) -> Problem:
 
 def _rolling(angle: float, slope: float, launch: float) -> tuple[float, Reference | None]:
     """The time of a step, by quadrature, and the reference; a guess and None where the wheel does not roll."""
-    # θ'² = E + 4 sin²(θ/2). With sin(θ/2) = √E/2 sinh u the time is ∫ du / cos(θ/2), smooth however slow the top.
+    # θ'² = E + 4 sin²(θ/2). With sin(θ/2) = √E/2 sinh u the time is ∫ du / cos(θ/2), smooth even for a slow top.
     energy = launch**2 - 4 * math.sin((slope - angle) / 2) ** 2
     if energy <= 0 or slope + angle >= math.pi / 2:
         return 1.4, None
@@ -114,7 +116,7 @@ def _rolling(angle: float, slope: float, launch: float) -> tuple[float, Referenc
 _GAIT, _GAIT_RATE = 0.20031090054423764, -0.19983247300494023
 _GAIT_DECAY = -0.13628896029417775
 # Elsewhere θ/γ^(1/3) and θ'/γ^(1/3) in powers of γ^(2/3): fitted to fixed points by SciPy, γ = 0.0005 to 0.02, to 3e-8.
-# The gait attracts from so near that a walker started by scaling alone falls.
+# The basin of the gait is so small that a start by scaling alone would fall.
 _GAITS = (0.9709556356626904, -0.18648758864353307, 0.06054561460502856, -0.07170966442733566)
 _GAIT_RATES = (-1.01484609463385, 1.2578921342393752, -0.150762477591438, 0.10093265153975915)
 

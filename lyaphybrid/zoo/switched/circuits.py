@@ -1,4 +1,4 @@
-"""Electronic circuits: kinks, comparators, clocks, diodes. Every mode has a linear field of its own."""
+"""Electronic circuits: kinks, comparators, clocks, diodes. Every mode has its own linear field."""
 
 import math
 
@@ -31,14 +31,15 @@ CHUA = Hybrid(
         Transition(_above(-1.0), source="middle", target="left", direction=-1),
         Transition(_above(-1.0), source="left", target="middle", direction=+1),
     ],
+    names=("x", "y", "z"),
 )
 
 
 def _phase(parity):
-    """The part of the present period that is over, for the even periods (parity 0) or the odd ones (1).
+    """The elapsed fraction of the current period, for the even (parity 0) or the odd periods (parity 1).
 
-    It is 0 at the tick that begins the period and 1 at the one that ends it, and goes on for half a period beyond
-    both: its own jump lies in the middle of the periods of the other parity, where nobody asks for it.
+    It is 0 at the tick that begins the period and 1 at the one that ends it, and continues smoothly for half a period
+    beyond both: its jump lies in the middle of a period of the other parity, where it is not used.
     """
 
     def phase(t, args):
@@ -84,7 +85,7 @@ def _ramp_above_control(parity):
 
 
 def _after_a_crossing(on, off):
-    """The mode after the ramp has met the control: on where it goes on above it."""
+    """The mode after the ramp has met the control: `on` where the ramp continues above it."""
 
     def target(t, x, args):
         climb = (args["high"] - args["low"]) / args["period"]
@@ -101,13 +102,15 @@ def _after_a_tick(on, off):
 BUCK = Hybrid(
     {"on_even": _filter(1.0), "off_even": _filter(0.0), "on_odd": _filter(1.0), "off_odd": _filter(0.0)},
     [
-        # Crossings may be all but tangent. Rounding of the time then puts the guard on either side after a jump: so the
-        # rates decide which mode it is, which are the same in both, and to fire once more does nothing.
+        # Crossings may be nearly tangent, and rounding of the time may put the guard on either side after a jump. So
+        # the mode follows from the rates, which are equal in both modes, and a second firing changes nothing.
         Transition(_ramp_above_control(0), source=("on_even", "off_even"), target=_after_a_crossing(0, 1), direction=0),
         Transition(_ramp_above_control(1), source=("on_odd", "off_odd"), target=_after_a_crossing(2, 3), direction=0),
         Transition(every=_two_periods, target=_after_a_tick(0, 1)),
         Transition(every=_two_periods, phase=_one_period, target=_after_a_tick(2, 3)),
     ],
+    names=("v", "i"),
+    units=("V", "A"),
 )
 
 
@@ -128,12 +131,12 @@ def _idle(t, x, args):
 
 
 def _duty_left(parity):
-    """Falls through 0 when the switch has been on for the duty ratio that was decided at the tick."""
+    """Guard: falls through 0 when the switch has been on for the fraction of the period chosen at the tick."""
     phase = _phase(parity)
 
     def guard(t, x, args):
         over = phase(t, args)
-        # While the switch is on v decays and nothing else: its value at the tick is known without holding it.
+        # While the switch is on, v only decays, so its value at the tick follows from the present one.
         sampled = x[0] * jnp.exp(over * args["period"] / (args["resistance"] * args["capacitance"]))
         return args["duty"] - args["feedback"] * (sampled - args["wanted"]) - over
 
@@ -162,6 +165,8 @@ BOOST = Hybrid(
         Transition(every=_two_periods, phase=_one_period, target="on_odd"),
     ],
     tangent={"idle": _without_current},
+    names=("v", "i"),
+    units=("V", "A"),
 )
 
 
@@ -191,10 +196,10 @@ CORRON = Hybrid(
 def chua(*, alpha: Real = 9.0, beta: Real = 100 / 7, m0: Real = -8 / 7, m1: Real = -5 / 7) -> Problem:
     """Chua's circuit: x' = α(y − x − f(x)), y' = x − y + z, z' = −βy; f has slope m₀ in |x| < 1 and m₁ beyond.
 
-    f is continuous, f(±1) = ±m₀: the field does not jump at the kinks and S = I there. They are landed on all the
-    same. At t = 2e5 the zero exponent comes out as −0.0038(5) with RK4 in steps of 0.05 over the kinks, and as
-    0.00002(6) in the same steps landing on them; an adaptive step over them gets it right too, by many small steps,
-    in three times the time. The exponents sum to the mean divergence.
+    f is continuous, f(±1) = ±m₀: the field does not jump at the kinks and S = I there. Steps end at the kinks
+    nevertheless. At t = 2e5 the zero exponent comes out as −0.0038(5) with RK4 in steps of 0.05 over the kinks, and as
+    0.00002(6) in the same steps that end at them; adaptive steps over the kinks are right too, but need many small
+    steps. The exponents sum to the mean divergence.
 
     Args:
         alpha: α, ratio of the capacitances, positive.
@@ -243,9 +248,9 @@ def buck_converter(*, voltage: Real = 33.0) -> Problem:
     a latch, so it may switch several times a period. R = 22 Ω, L = 20 mH, C = 47 µF, a = 8.4, v_ref = 11.3 V; state
     (v, i) in volts and amperes, time in seconds.
 
-    The ramp would be a floor of the time, a guard that jumps. Here a clock ticks at its falls and decides anew
-    whether the switch is on; and so that at the ticks themselves either ramp is known, the periods are even and
-    odd in turn, each with modes and with a ramp of its own that goes on smoothly beyond both ends of the period.
+    A ramp written with floor(t/T) would make a guard that jumps. Instead a clock ticks where the ramp falls, and sets
+    the switch again. For a smooth ramp on both sides of a tick, periods are even and odd in turn, each with its own
+    modes and a ramp that continues smoothly beyond both ends of the period.
     So the phase is no component of the state and there are two exponents. They sum to −1/(RC) exactly, S having
     determinant 1. The mode fits t = 0 and every even multiple of T as a start.
 
@@ -301,7 +306,7 @@ def boost_converter(
     On: L i' = V, C v' = −v/R. Off, the diode conducts: L i' = V − v, C v' = i − v/R. Idle, once i has come down to 0:
     i = 0, C v' = −v/R, and no perturbation of i. A clock puts the switch on every T = 1/3000 s, for a fraction of the
     period that the voltage at the tick decides: D − κ (v − 25 V), or not at all where that is negative. This voltage
-    need not be held: while the switch is on v is only discharged, so v e^{t/RC} still tells it. (The phase t is that
+    is not stored: while the switch is on v only decays, so it is v e^{t/RC}. (The phase t is that
     of `buck_converter`.) L = 208 µH, C = 222 µF; state (v, i) in volts and amperes, time in seconds.
 
     Every period with a pulse loses a direction: one exponent is −inf, the other that of the map of v at a tick to v at

@@ -1,6 +1,6 @@
-"""Networks of neurons that integrate, fire and kick each other: three models, three topologies, two forms.
+"""Networks of integrate-and-fire neurons: three models, three topologies, two forms.
 
-And one neuron by itself that adapts to what it does.
+And a single adaptive exponential neuron.
 """
 
 import functools
@@ -31,11 +31,11 @@ from ..problem import (
     traced,
 )
 
-SAME = 1e-12  # potentials nearer to threshold or reset than this are there, up to rounding
+SAME = 1e-12  # potentials this near to threshold or reset are equal to it up to rounding
 
 
 class Neuron(NamedTuple):
-    """One neuron by itself; its functions act on all neurons at once."""
+    """A model of one neuron; its functions act elementwise on all neurons."""
 
     field: Callable  # (x, current) -> dx/dt
     flow: Callable  # (dt, x, current) -> x after the time dt
@@ -46,11 +46,11 @@ class Neuron(NamedTuple):
 
 
 def _linear(slope: float) -> Neuron:
-    """The neuron x' = I + γx, γ = ±1: x + γI goes as e^γt."""
+    """The neuron x' = I + γx, γ = ±1: x + γI is proportional to e^γt."""
 
     def wait(x, current):
         ratio = (1 + slope * current) / (x + slope * current)
-        return slope * jnp.log(jnp.where(ratio > 0, ratio, jnp.inf))  # never, from beyond the fixed point of γ = 1
+        return slope * jnp.log(jnp.where(ratio > 0, ratio, jnp.inf))  # inf beyond the fixed point of γ = 1
 
     return Neuron(
         field=lambda x, current: current + slope * x,
@@ -63,7 +63,7 @@ def _linear(slope: float) -> Neuron:
 
 
 def _kicked_phase(x, strength, current):
-    """V = √I tan(φ/2) becomes V + ε. As an angle of the plane: continuous also where φ passes π by rounding."""
+    """V = √I tan(φ/2) becomes V + ε. By atan2, so that it is continuous where rounding takes φ past π."""
     across, along = jnp.sin(x / 2), jnp.cos(x / 2)
     return 2 * jnp.arctan2(across + strength / jnp.sqrt(current) * along, along)
 
@@ -88,7 +88,7 @@ def _to_neighbours(coupling, which, x):
     return jnp.where((apart == 1) | (apart == n - 1), coupling, 0.0)
 
 
-# What a spike of neuron `which` adds to all the others; what it adds to itself is not looked at.
+# What a spike of neuron `which` adds to all others; its own entry is ignored.
 PULSES = {
     "all": lambda coupling, which, x: coupling,
     "ring": _to_neighbours,
@@ -101,23 +101,23 @@ def _is(which, x):
 
 
 def _firing(neuron: Neuron, topology: str) -> Callable:
-    """The reset of one spike. Neurons at their reset value fired at this very instant: they are refractory."""
+    """The reset of one spike. Neurons at their reset value fired at the same time and are refractory."""
 
     def fire(t, x, args, which):
         which = jnp.asarray(which)
         kicked = neuron.pulse(x, PULSES[topology](args["coupling"], which, x), args["current"])
-        kicked = jnp.where(jnp.abs(x - neuron.reset) <= SAME, x, kicked)  # x, not the constant: neighbours keep theirs
+        kicked = jnp.where(jnp.abs(x - neuron.reset) <= SAME, x, kicked)  # x, not the constant, to keep the derivative
         return jnp.where(_is(which, x), neuron.reset, kicked)
 
     return fire
 
 
 def _avalanche(neuron: Neuron, topology: str) -> Callable:
-    """The spike of one neuron and of all that are lifted above threshold, the first of them first."""
+    """The spikes of one neuron and of all that it lifts above the threshold, in the order of their indices."""
     fire = _firing(neuron, topology)
 
     def above(x):
-        # Who is at the threshold but for rounding came there by flowing: that event has an instant of its own.
+        # A neuron at the threshold up to rounding came there by the flow: its spike is a separate event.
         return x > neuron.threshold + SAME
 
     def jump(t, x, args, which):
@@ -149,12 +149,12 @@ def _with_guards(neuron: Neuron, topology: str, n: int) -> Hybrid:
 
 @functools.cache
 def _network(model: str, topology: str, form: str, n: int) -> System:
-    """The same object for the same structure, so that what is compiled for it is found again."""
+    """The same object for the same structure, so that compiled code is reused."""
     neuron = NEURONS[model]
     return _with_guards(neuron, topology, n) if form == "hybrid" else _in_closed_form(neuron, topology)
 
 
-# Where exponents are known.
+# Known exponents.
 
 
 def _splay(slope: float, current: float, coupling: float, n: int) -> list[float] | None:
@@ -172,7 +172,7 @@ def _splay(slope: float, current: float, coupling: float, n: int) -> list[float]
     v = [reset]
     for _ in range(n - 1):
         v.insert(0, growth * v[0] + coupling)
-    if np.any(np.diff(v) >= 0):  # pulses throw some behind those that fired later, or above threshold
+    if np.any(np.diff(v) >= 0):  # pulses change the order of firing, or lift some above threshold
         return None
     matrix = growth * np.eye(n - 1, k=1)
     matrix[:, 0] -= growth * np.array(v[1:]) / v[0]
@@ -182,7 +182,7 @@ def _splay(slope: float, current: float, coupling: float, n: int) -> list[float]
 
 
 def _reference(model: str, current: float, coupling: Any, topology: str, n: int) -> Reference | None:
-    """All to all; and two neurons, for which a ring is the same."""
+    """The reference for all-to-all coupling; for two neurons a ring is the same."""
     if np.ndim(coupling) or (topology == "ring" and n > 2):
         return None
     if model == "qif":
@@ -198,13 +198,13 @@ def _reference(model: str, current: float, coupling: Any, topology: str, n: int)
 
 
 def _lifted_at_once(current: float, coupling: float) -> bool:
-    """Whether the first spike of an "xif" pair lifts the other over the threshold; if not, then no later one does."""
+    """Whether the first spike of an "xif" pair lifts the other over the threshold; if not, no later one does."""
     first, second = _potentials(2)
     return (second + current) / (first + current) * (1 + current) - current + coupling >= 1
 
 
 def _loses(model: str, coupling: Any) -> bool:
-    """Whether avalanches may kill directions: that is seen for sure only right after each of them."""
+    """Whether avalanches may destroy directions, which needs an orthonormalisation after each of them."""
     return model != "qif" and (traced(coupling) or bool(np.any(np.asarray(coupling) > 0)))
 
 
@@ -314,7 +314,7 @@ def integrate_and_fire(
     )
 
 
-# One neuron that adapts.
+# The adaptive exponential neuron.
 
 
 def _adapting(t, x, args):
@@ -331,6 +331,8 @@ ADEX = Hybrid(
         lambda t, x, args: args["peak"] - x[0],
         lambda t, x, args: jnp.stack([args["reset"], x[1] + args["b"]]),
     ),
+    names=("V", "w"),
+    units=("mV", "pA"),
 )
 
 
@@ -354,9 +356,9 @@ def adex(
     C V' = −g(V − E) + gΔ exp((V − V_T)/Δ) − w + I, τ w' = a(V − E) − w; at V_peak V falls to V_r, and w grows by b. In
     pF, mV, ms, nS and pA; exponents per ms.
 
-    The field is e^((V_peak − V_T)/Δ) times as fast before the reset as after it: 1e15 by default. The reset is not
-    singular for that, and where spikes are cut off decides nothing: one exponent is 0, the other one that of the map
-    from w after a spike to w after the next. Irregular spiking of Naud et al.
+    The field is e^((V_peak − V_T)/Δ) times as fast before the reset as after it: 1e15 by default. Still the
+    reset is not singular, and the cut-off V_peak does not matter: one exponent is 0, the other one that of the map from
+    w after a spike to w after the next. Irregular spiking of Naud et al.
 
     Args:
         current: I.

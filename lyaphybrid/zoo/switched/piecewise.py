@@ -1,4 +1,4 @@
-"""Hybrid systems whose exponents are known exactly, because something about them is piecewise linear."""
+"""Hybrid systems with exactly known exponents, from piecewise linear structure."""
 
 import math
 
@@ -88,8 +88,8 @@ def conewise_linear(
     Nothing is reset; the field jumps, so that S = I + (f⁺ − f⁻) e₁ᵀ / f⁻₁ is not the identity. In polar
     coordinates the angle turns at the rate ω whatever the radius, half a turn in π/ω, while the radius grows
     at the rate σ. A turn takes T = π/ω_r + π/ω_l and multiplies the radius by e^μ, μ = πσ_r/ω_r + πσ_l/ω_l.
-    The field is homogeneous, F(cx) = c F(x), so x(t) itself solves the variational equation, and
-    F(x(t)) does as it always does: both return to their direction after a turn, multiplied by e^μ. So the
+    The field is homogeneous, F(cx) = c F(x), so x(t) itself solves the variational equation, as
+    F(x(t)) does: both return to their direction after a turn, multiplied by e^μ. So the
     fundamental matrix over a turn is e^μ times the identity, and both exponents are μ/T, at every whole
     turn without transient.
 
@@ -210,7 +210,7 @@ def grow_reset(*, q: Real = 0.5, growth: Real = 0.25, peak: Real = 0.3) -> Probl
     The tent is that of `skew_tent_roof`; state (y, z, τ). The tangent is block triangular. y drives (its
     exponent is the tent's, h(c) per jump), the direction of the flow is neutral, and δz on top of them obeys
     δz' = g δz, δz → q δz. Lebesgue measure is invariant for y, so the mean roof is 1 and the exponents per
-    unit time are h(c), 0 and g + ln q. At q = 0 the reset kills z: S has rank 2, and the last exponent is
+    unit time are h(c), 0 and g + ln q. At q = 0 the reset destroys z: S has rank 2, and the last exponent is
     −inf after the first jump.
 
     Args:

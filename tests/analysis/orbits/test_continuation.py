@@ -29,10 +29,10 @@ def kinds(branch):
 @pytest.fixture(scope="module")
 def cascade():
     """The fixed point of the logistic map, its 2-cycle and its 4-cycle, each begun where the one before doubles."""
-    options = {"over": (1.5, 3.6), "period": 1}
-    found = [lh.continuation(LOGISTIC, [0.6], 2.5, "args", **options)]
+    options = {"over": {"args": (1.5, 3.6)}, "period": 1}
+    found = [lh.continuation(LOGISTIC, [0.6], 2.5, **options)]
     for _ in range(2):
-        found.append(lh.continuation(LOGISTIC, found[-1].of_kind("period doubling")[0], 2.5, "args", **options))
+        found.append(lh.continuation(LOGISTIC, found[-1].of_kind("period doubling")[0], 2.5, **options))
     return found
 
 
@@ -62,7 +62,7 @@ def test_the_whole_branch_is_the_closed_form(cascade):
 
 
 def test_the_window_of_period_three_begins_in_a_fold():
-    branch = lh.continuation(LOGISTIC, [0.1567], 3.84, "args", over=(3.8, 3.9), period=3)
+    branch = lh.continuation(LOGISTIC, [0.1567], 3.84, over={"args": (3.8, 3.9)}, period=3)
     assert places(branch, "fold") == pytest.approx([1 + np.sqrt(8)], abs=1e-12)
     assert np.any(branch.stable)
     assert not np.all(branch.stable)
@@ -71,7 +71,7 @@ def test_the_window_of_period_three_begins_in_a_fold():
 
 def test_a_system_that_only_jumps_is_a_map():
     jumps = lh.Hybrid(None, lh.Transition(lambda n, x, r: x[0], lambda n, x, r: r * x * (1 - x)))
-    branch = lh.continuation(jumps, [0.6], 2.5, "args", over=(2.0, 3.2), period=1)
+    branch = lh.continuation(jumps, [0.6], 2.5, over={"args": (2.0, 3.2)}, period=1)
     assert places(branch, "period doubling") == pytest.approx([3.0], abs=1e-12)
 
 
@@ -90,8 +90,8 @@ def henon_doubling(start, a, period):
 
 def test_henon_map_folds_and_doubles():
     """b = 0.3: fold at −(1 − b)²/4, doublings at 3(1 − b)²/4 and (1 − b)² + (1 + b)²/4."""
-    options = {"over": (-0.13, 1.1), "period": 1, "step": 0.1}
-    branch = lh.continuation(HENON, [0.8, 0.2], 0.2, "args", **options)
+    options = {"over": {"args": (-0.13, 1.1)}, "period": 1, "step": 0.1}
+    branch = lh.continuation(HENON, [0.8, 0.2], 0.2, **options)
     assert places(branch, "fold") == pytest.approx([-0.1225], abs=1e-12)
     assert kinds(branch) == ["fold", "period doubling"]
     exact = [0.3675, 0.9125, None, None]
@@ -101,7 +101,7 @@ def test_henon_map_folds_and_doubles():
         value = henon_doubling(special.x0, special.parameter + 1e-5, turns) if value is None else value
         assert special.parameter == pytest.approx(value, abs=1e-10)
         assert np.prod(special.multipliers) == pytest.approx((-0.3) ** turns, abs=1e-10)
-        branch = lh.continuation(HENON, special, 0.2, "args", **options)
+        branch = lh.continuation(HENON, special, 0.2, **options)
         assert branch.period[-1] == 2 * turns
 
 
@@ -142,32 +142,32 @@ def test_all_cycles_of_henon_map_up_to_period_eight():
 def test_a_circle_is_born_in_the_delayed_logistic_map():
     """X⁺ = r x (1 − y), y⁺ = x: at r = 2 the multipliers are exp(±iπ/3)."""
     delayed = lh.Map(lambda n, x, r: jnp.stack([r * x[0] * (1 - x[1]), x[0]]))
-    branch = lh.continuation(delayed, [0.3, 0.3], 1.5, "args", over=(1.2, 2.5), period=1)
+    branch = lh.continuation(delayed, [0.3, 0.3], 1.5, over={"args": (1.2, 2.5)}, period=1)
     assert kinds(branch) == ["Neimark–Sacker"]
     special = branch.specials[0]
     assert special.parameter == pytest.approx(2.0, abs=1e-12)
     assert_allclose(np.sort_complex(np.asarray(special.multipliers)), np.exp([-1j * np.pi / 3, 1j * np.pi / 3]))
     with pytest.raises(ValueError, match="No branch begins at a Neimark–Sacker"):
-        lh.continuation(delayed, special, 1.5, "args", over=(1.2, 2.5), period=1)
+        lh.continuation(delayed, special, 1.5, over={"args": (1.2, 2.5)}, period=1)
 
 
 def test_a_branch_that_begins_at_a_doubling_needs_the_period_too(cascade):
     with pytest.raises(ValueError, match="period, of a map its number of iterations"):
-        lh.continuation(LOGISTIC, cascade[0].specials[0], 2.5, "args", over=(2.0, 3.6))
+        lh.continuation(LOGISTIC, cascade[0].specials[0], 2.5, over={"args": (2.0, 3.6)})
     with pytest.raises(ValueError, match="args is 3: it must be in over, from 3.2 to 3.6"):
-        lh.continuation(LOGISTIC, cascade[0].specials[0], 2.5, "args", over=(3.2, 3.6), period=1)
+        lh.continuation(LOGISTIC, cascade[0].specials[0], 2.5, over={"args": (3.2, 3.6)}, period=1)
 
 
 def test_two_real_multipliers_whose_product_is_one_are_nothing_special():
     saddle = lh.Map(lambda n, x, p: jnp.stack([p * x[0] + 0.1, 0.5 * x[1]]))
-    branch = lh.continuation(saddle, [-0.2, 0.0], 1.5, "args", over=(1.2, 2.5), period=1)
+    branch = lh.continuation(saddle, [-0.2, 0.0], 1.5, over={"args": (1.2, 2.5)}, period=1)
     assert kinds(branch) == []
 
 
 def test_a_fold_with_a_parameter_that_is_one_entry_of_an_array():
     fold = lh.Map(lambda n, x, args: x + args["rates"][1] - x**2)
     args = {"rates": np.array([7.0, 0.25]), "count": 3}
-    branch = lh.continuation(fold, [0.5], args, "rates[1]", over=(-0.5, 0.5), period=1)
+    branch = lh.continuation(fold, [0.5], args, over={"rates[1]": (-0.5, 0.5)}, period=1)
     assert places(branch, "fold") == pytest.approx([0.0], abs=1e-14)
     assert_allclose(branch.x0[:, 0] ** 2, branch.values, atol=1e-12)
     assert branch.ends == ("range", "range")
@@ -178,34 +178,34 @@ def cubic(n, x, args):
 
 
 def test_a_pitchfork_from_its_handle_and_from_a_prong():
-    options = {"over": (0.2, 2.5), "period": 1, "step": 0.1}
-    handle = lh.continuation(lh.Map(cubic), [0.0], {"p": 0.5}, "p", **options)
+    options = {"over": {"p": (0.2, 2.5)}, "period": 1, "step": 0.1}
+    handle = lh.continuation(lh.Map(cubic), [0.0], {"p": 0.5}, **options)
     assert kinds(handle) == ["pitchfork"]
     assert handle.specials[0].parameter == pytest.approx(1.0, abs=1e-12)
-    prongs = lh.continuation(lh.Map(cubic), handle.specials[0], {"p": 0.5}, "p", **options)
+    prongs = lh.continuation(lh.Map(cubic), handle.specials[0], {"p": 0.5}, **options)
     assert_allclose(prongs.x0[:, 0] ** 2, prongs.values - 1, atol=1e-10)
     assert np.sign(prongs.x0[0, 0]) == -np.sign(prongs.x0[-1, 0])
     assert places(prongs, "period doubling") == pytest.approx([2.0, 2.0], abs=1e-12)
-    arrived = lh.continuation(lh.Map(cubic), [0.9], {"p": 1.8}, "p", **options)
+    arrived = lh.continuation(lh.Map(cubic), [0.9], {"p": 1.8}, **options)
     assert kinds(arrived) == ["period doubling", "pitchfork", "period doubling"]
-    back = lh.continuation(lh.Map(cubic), arrived.of_kind("pitchfork")[0], {"p": 1.8}, "p", **options)
+    back = lh.continuation(lh.Map(cubic), arrived.of_kind("pitchfork")[0], {"p": 1.8}, **options)
     assert_allclose(back.x0, 0.0, atol=1e-9)
 
 
 def test_two_branches_that_cross():
     crossing = lh.Map(lambda n, x, p: (1 + p) * x - x**2)
-    options = {"over": (-0.9, 0.9), "period": 1}
-    first = lh.continuation(crossing, [0.0], -0.5, "args", **options)
+    options = {"over": {"args": (-0.9, 0.9)}, "period": 1}
+    first = lh.continuation(crossing, [0.0], -0.5, **options)
     assert kinds(first) == ["transcritical"]
     assert first.specials[0].parameter == pytest.approx(0.0, abs=1e-12)
-    second = lh.continuation(crossing, first.specials[0], -0.5, "args", **options)
+    second = lh.continuation(crossing, first.specials[0], -0.5, **options)
     assert_allclose(second.x0[:, 0], second.values, atol=1e-12)
     assert second.values[0] * second.values[-1] == pytest.approx(-0.81)
 
 
 def test_a_branch_that_closes():
     circle = lh.Map(lambda n, x, p: x + 0.3 * (1 - p**2 - x**2))
-    branch = lh.continuation(circle, [1.0], 0.0, "args", over=(-2.0, 2.0), period=1, step=0.05)
+    branch = lh.continuation(circle, [1.0], 0.0, over={"args": (-2.0, 2.0)}, period=1, step=0.05)
     assert branch.ends == ("closed", "closed")
     assert sorted(places(branch, "fold")) == pytest.approx([-1.0, 1.0], abs=1e-12)
     assert_allclose(branch.x0[:, 0] ** 2 + branch.values**2, 1.0, atol=1e-12)
@@ -226,7 +226,7 @@ def hopf(t, x, args):
 
 
 def test_a_limit_cycle_whose_radius_and_period_are_known():
-    branch = lh.continuation(lh.Flow(hopf), [0.7, 0.0], {"m": 0.5, "c": 0.3}, "m", over=(0.2, 1.5))
+    branch = lh.continuation(lh.Flow(hopf), [0.7, 0.0], {"m": 0.5, "c": 0.3}, over={"m": (0.2, 1.5)})
     m = branch.values
     assert (np.min(m), np.max(m)) == (0.2, 1.5)
     assert_allclose(np.linalg.norm(branch.x0, axis=1), np.sqrt(m), atol=1e-12)
@@ -246,8 +246,8 @@ def rotating(t, x, args):
 @pytest.mark.parametrize("segments", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_folds_of_a_response_in_its_frequency(segments):
     args = {"omega": 0.5, "delta": 0.3, "force": 0.5}
-    options = {"over": (0.4, 3.5), "period": turn_of, "t0": 0.2, "transient": 100.0, "step": 0.1}
-    branch = lh.continuation(lh.Flow(rotating), [0.5, 0.0], args, "omega", segments=segments, **options)
+    options = {"over": {"omega": (0.4, 3.5)}, "period": turn_of, "t0": 0.2, "transient": 100.0, "step": 0.1}
+    branch = lh.continuation(lh.Flow(rotating), [0.5, 0.0], args, segments=segments, **options)
     square, omega = np.sum(branch.x0**2, axis=1), branch.values
     assert_allclose(square * (0.09 + (omega - square) ** 2), 0.25, atol=1e-10)
     assert_allclose(branch.period, 2 * np.pi / omega, rtol=1e-14)
@@ -275,9 +275,9 @@ def variational(field, jacobian, x0, period):
 def test_doublings_of_an_autonomous_flow():
     """Rössler's cycle doubles, and once more; at both places an independent integration has the multiplier −1."""
     problem = zoo.rossler()
-    options = {"over": (2.0, 4.5), "transient": 300.0}
-    first = lh.continuation(problem.system, [0.0, -4.0, 0.02], problem.args | {"c": 2.5}, "c", **options)
-    second = lh.continuation(problem.system, first.specials[0], problem.args, "c", segments=2, **options)
+    options = {"over": {"c": (2.0, 4.5)}, "transient": 300.0}
+    first = lh.continuation(problem.system, [0.0, -4.0, 0.02], problem.args | {"c": 2.5}, **options)
+    second = lh.continuation(problem.system, first.specials[0], problem.args, segments=2, **options)
     for branch in (first, second):
         assert kinds(branch) == ["period doubling"]
         special = branch.specials[0]
@@ -296,10 +296,10 @@ def test_doublings_of_an_autonomous_flow():
 def test_a_symmetric_cycle_of_lorenz_loses_its_symmetry_and_doubles():
     """Near ρ = 313 and 229.4 (C. Sparrow, The Lorenz Equations, Springer 1982, doi:10.1007/978-1-4612-5767-7)."""
     problem = zoo.lorenz63(rho=330.0)
-    options = {"over": (200.0, 350.0), "transient": 30.0}
-    symmetric = lh.continuation(problem.system, [30.0, 30.0, 320.0], problem.args, "rho", **options)
+    options = {"over": {"rho": (200.0, 350.0)}, "transient": 30.0}
+    symmetric = lh.continuation(problem.system, [30.0, 30.0, 320.0], problem.args, **options)
     assert places(symmetric, "pitchfork") == pytest.approx([312.97], abs=0.01)
-    lopsided = lh.continuation(problem.system, symmetric.specials[0], problem.args, "rho", **options)
+    lopsided = lh.continuation(problem.system, symmetric.specials[0], problem.args, **options)
     assert kinds(lopsided) == ["period doubling"] * 2
     assert places(lopsided, "period doubling") == pytest.approx([229.4] * 2, abs=0.05)
     assert np.max(lopsided.values) < 312.98
@@ -350,7 +350,7 @@ def test_unstable_periodic_orbits_of_lorenz():
 def test_an_orbit_ends_where_it_touches_the_wall():
     """Without impacts the amplitude is A/√((1 − ω²)² + 4ζ²ω²), and it may not exceed the gap."""
     problem = zoo.impact_oscillator(omega=2.0, gap=1.0)
-    branch = lh.continuation(problem.system, [-0.3, 0.0], problem.args, "amplitude", over=(0.5, 4.0), period=turn_of)
+    branch = lh.continuation(problem.system, [-0.3, 0.0], problem.args, over={"amplitude": (0.5, 4.0)}, period=turn_of)
     assert branch.ends == ("range", "grazing")
     assert kinds(branch) == ["grazing"]
     assert branch.specials[0].parameter == pytest.approx(np.sqrt(9 + 0.04), abs=1e-10)
@@ -361,11 +361,11 @@ def test_an_orbit_ends_where_it_touches_the_wall():
 @pytest.mark.slow
 def test_an_orbit_with_impacts_doubles_and_ends_where_they_graze():
     problem = zoo.impact_oscillator(omega=2.0)
-    branch = lh.continuation(problem.system, problem.x0, problem.args, "gap", over=(-0.1, 1.0), period=turn_of,
+    branch = lh.continuation(problem.system, problem.x0, problem.args, over={"gap": (-0.1, 1.0)}, period=turn_of,
                              transient=300.0)  # fmt: skip
     assert kinds(branch) == ["period doubling", "grazing"]
     assert branch.ends == ("range", "grazing")
-    impacts = np.array([orbit.events for orbit in branch.orbits])
+    impacts = np.array([orbit.jumps for orbit in branch.orbits])
     assert np.all(impacts == 1)
     product = np.exp(-0.1 * np.pi) * 0.8**2  # e^(−2ζT) r², whatever the orbit
     moderate = np.abs(branch.multipliers[:, 0]) < 100  # of the next to a grazing the smaller is lost in rounding
@@ -387,7 +387,7 @@ def rolling(angle, slope):
 @pytest.mark.slow
 def test_rimless_wheels_on_all_slopes():
     problem = zoo.rimless_wheel()
-    branch = lh.continuation(problem.system, problem.x0, problem.args, "slope", over=(0.1, 0.4))
+    branch = lh.continuation(problem.system, problem.x0, problem.args, over={"slope": (0.1, 0.4)})
     assert branch.ends == ("range", "range")
     assert kinds(branch) == []
     exact = np.array([rolling(np.pi / 8, slope) for slope in branch.values])
@@ -402,7 +402,7 @@ def test_rimless_wheels_on_all_slopes():
 def test_a_pendulum_that_sticks_from_some_friction_on():
     """It does where the force at a reversal is no larger than the friction: where A sin ωt − λ sin θ = ±α there."""
     problem = zoo.friction_pendulum(beta=0.052, alpha=0.5)
-    branch = lh.continuation(problem.system, problem.x0, problem.args, "alpha", over=(0.38, 0.55), period=FORCED,
+    branch = lh.continuation(problem.system, problem.x0, problem.args, over={"alpha": (0.38, 0.55)}, period=FORCED,
                              step=0.1)  # fmt: skip
     assert kinds(branch) == ["fold", "fold", "grazing"]
     onset = branch.of_kind("grazing")[0]
@@ -410,7 +410,7 @@ def test_a_pendulum_that_sticks_from_some_friction_on():
     motion = lh.trajectory(problem.system, onset.x0, args, t1=FORCED, method=lh.RungeKutta(rtol=1e-12, atol=1e-14))
     force = 0.586 * np.sin(0.666 * motion.events.t) - 0.87 * np.sin(motion.events.x_before[:, 0])
     assert np.min(np.abs(np.abs(force) - onset.parameter)) < 1e-8
-    sticks = np.array([orbit.events for orbit in branch.orbits]) == 4
+    sticks = np.array([orbit.jumps for orbit in branch.orbits]) == 4
     assert np.all(branch.multipliers[sticks, 1] == 0)
     assert np.all(branch.multipliers[~sticks, 1] != 0)
 
@@ -418,14 +418,16 @@ def test_a_pendulum_that_sticks_from_some_friction_on():
 @pytest.mark.slow
 def test_the_pendulum_with_dry_friction_in_its_damping():
     """Against an independent program."""
-    problem, options = zoo.friction_pendulum(beta=0.3, alpha=0.01), {"over": (0.14, 0.3), "period": FORCED}
-    symmetric = lh.continuation(problem.system, problem.x0, problem.args, "beta", **options)
+    problem, options = zoo.friction_pendulum(beta=0.3, alpha=0.01), {"over": {"beta": (0.14, 0.3)}, "period": FORCED}
+    symmetric = lh.continuation(problem.system, problem.x0, problem.args, **options)
     broken = symmetric.of_kind("pitchfork")[0]
     assert broken.parameter == pytest.approx(0.19052195475, abs=1e-10)
-    lopsided = lh.continuation(problem.system, broken, problem.args, "beta", **options)
+    lopsided = lh.continuation(problem.system, broken, problem.args, **options)
     assert places(lopsided, "period doubling") == pytest.approx([0.14671901457] * 2, abs=1e-10)
     b = problem.args | {"beta": 0.155}
-    third = lh.continuation(problem.system, [-6.71092484, -0.9236297], b, "beta", over=(0.144, 0.17), period=3 * FORCED)
+    third = lh.continuation(
+        problem.system, [-6.71092484, -0.9236297], b, over={"beta": (0.144, 0.17)}, period=3 * FORCED
+    )
     assert places(third, "fold") == pytest.approx([0.1587880508], abs=1e-9)
     assert places(third, "pitchfork") == pytest.approx([0.1459824746], abs=1e-9)
 
@@ -435,18 +437,19 @@ def test_a_cascade_ends_at_the_edge_of_chaos():
     """Doublings follow each other by Feigenbaum's ratio; where they accumulate a bisection finds that λ₁ passes 0."""
     problem, ratio = zoo.friction_pendulum(beta=0.144, alpha=0.01), 4.669201609
     start, options = [-2.04, -1.22], {"period": 2 * FORCED, "step": 0.1}
-    branch = lh.continuation(problem.system, start, problem.args, "beta", over=(0.139, 0.146), transient=400 * FORCED,
+    branch = lh.continuation(problem.system, start, problem.args, over={"beta": (0.139, 0.146)}, transient=400 * FORCED,
                              **options)  # fmt: skip
     doublings = places(branch, "period doubling")
     for gap in (1.4e-3, 3e-4, 7e-5):
         # Lengths are in units of the range: in a narrower one the branch begins so steeply that rounding hides it.
-        over = (doublings[-1] - 1.5 * gap, doublings[-1] + 10 * gap)
-        branch = lh.continuation(problem.system, branch.of_kind("period doubling")[0], problem.args, "beta", over=over,
-                                 **options)  # fmt: skip
+        over = {"beta": (doublings[-1] - 1.5 * gap, doublings[-1] + 10 * gap)}
+        branch = lh.continuation(
+            problem.system, branch.of_kind("period doubling")[0], problem.args, over=over, **options
+        )
         doublings += places(branch, "period doubling")[:1]
     apart = -np.diff(doublings)
     assert_allclose(apart[:-1] / apart[1:], ratio, rtol=0.01)
-    edge = lh.design(problem.system, start, problem.args, 0.0, free="beta", bounds={"beta": (0.13, 0.15)},
+    edge = lh.design(problem.system, start, problem.args, 0.0, over={"beta": (0.13, 0.15)},
                      optimiser="bisection", t1=2000 * FORCED, transient=500 * FORCED)  # fmt: skip
     assert edge.converged
     assert edge.parameters["beta"] == pytest.approx(doublings[-1] - apart[-1] / (ratio - 1), abs=1e-6)
@@ -484,13 +487,13 @@ def buck_doubling():
 def test_the_buck_converter_doubles():
     """The model's periods are even and odd in turn: a doubling is the pitchfork of an orbit of two periods."""
     problem = zoo.buck_converter(voltage=24.0)
-    branch = lh.continuation(problem.system, problem.x0, problem.args, "voltage", over=(23.0, 26.0), period=800e-6,
+    branch = lh.continuation(problem.system, problem.x0, problem.args, over={"voltage": (23.0, 26.0)}, period=800e-6,
                              mode=problem.mode, transient=problem.transient)  # fmt: skip
     assert kinds(branch) == ["pitchfork"]
     v, i, _, voltage = buck_doubling()
     assert branch.specials[0].parameter == pytest.approx(voltage, abs=1e-8)
     assert_allclose(branch.specials[0].x0, [v, i], atol=1e-8)
-    doubled = lh.continuation(problem.system, branch.specials[0], problem.args, "voltage", over=(23.0, 26.0),
+    doubled = lh.continuation(problem.system, branch.specials[0], problem.args, over={"voltage": (23.0, 26.0)},
                               period=800e-6, mode=problem.mode)  # fmt: skip
     assert np.all(doubled.stable[np.abs(doubled.values - 25.0) < 0.3])
 
@@ -501,11 +504,11 @@ def test_the_buck_converter_doubles():
 def test_where_newton_fails_the_branch_ends_and_is_kept():
     """X = 2 √(1 − p) ends at p = 1, and what is beyond is no number."""
     ending = lh.Map(lambda n, x, p: x / 2 + jnp.sqrt(1 - p))
-    branch = lh.continuation(ending, [2.0], 0.0, "args", over=(-0.5, 2.0), period=1)
+    branch = lh.continuation(ending, [2.0], 0.0, over={"args": (-0.5, 2.0)}, period=1)
     assert branch.ends == ("range", "no convergence")
     assert 0.99 < branch.values[-1] <= 1
     assert_allclose(branch.x0[:, 0], 2 * np.sqrt(1 - branch.values), atol=1e-8)
-    short = lh.continuation(LOGISTIC, [0.6], 2.5, "args", over=(1.5, 3.6), period=1, max_points=3)
+    short = lh.continuation(LOGISTIC, [0.6], 2.5, over={"args": (1.5, 3.6)}, period=1, max_points=3)
     assert short.ends == ("max_points", "max_points")
     assert len(short.values) == 5
 
@@ -513,25 +516,26 @@ def test_where_newton_fails_the_branch_ends_and_is_kept():
 def test_a_family_of_orbits_at_one_parameter_is_refused():
     anywhere = lh.Map(lambda n, x, p: jnp.stack([x[0], 0.5 * x[1] + p]))
     with pytest.raises(ValueError, match="one of a family at the same parameter"):
-        lh.continuation(anywhere, [0.3, 0.0], 0.1, "args", over=(0.0, 1.0), period=1)
+        lh.continuation(anywhere, [0.3, 0.0], 0.1, over={"args": (0.0, 1.0)}, period=1)
 
 
 def test_nothing_near_the_start_is_said():
     none = lh.Map(lambda n, x, p: x + 1 + 0 * p)
     with pytest.raises(lh.NoPeriodicOrbitError):
-        lh.continuation(none, [0.3], 0.1, "args", over=(0.0, 1.0), period=1)
+        lh.continuation(none, [0.3], 0.1, over={"args": (0.0, 1.0)}, period=1)
 
 
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ({"parameter": "q"}, "parameter must name some of p, rates, where; got"),
-        ({"parameter": 3}, "parameter must be the name of an entry of args; got 3"),
-        ({"parameter": "rates"}, r"parameter must be one number, such as 'rates\[0\]'; got 'rates'"),
-        ({"over": (0.4, 0.9)}, "p is 0.3: it must be in over, from 0.4 to 0.9"),
-        ({"over": (0.4, 0.1)}, "low < high"),
-        ({"over": 0.4}, r"over must be \(low, high\)"),
-        ({"over": (0.0, np.inf)}, "high, of over, must be a finite number"),
+        ({"over": {"q": (0.0, 1.0)}}, "over must name some of p, rates, where; got"),
+        ({"over": {3: (0.0, 1.0)}}, "the parameter must be the name of an entry of args; got 3"),
+        ({"over": {"rates": (0.0, 1.0)}}, r"over must name one number, such as 'rates\[0\]'; got 'rates'"),
+        ({"over": {"p": (0.0, 1.0), "where": (0.0, 1.0)}}, "over must name one parameter"),
+        ({"over": {"p": (0.4, 0.9)}}, "p is 0.3: it must be in over, from 0.4 to 0.9"),
+        ({"over": {"p": (0.4, 0.1)}}, "low < high"),
+        ({"over": {"p": 0.4}}, r"over must be \(low, high\)"),
+        ({"over": {"p": (0.0, np.inf)}}, "high, of over, must be a finite number"),
         ({"step": 0.0}, "step must be positive"),
         ({"max_points": 1}, "max_points must be an integer of at least 2"),
         ({"segments": 0}, "segments must be an integer of at least 1"),
@@ -541,8 +545,8 @@ def test_nothing_near_the_start_is_said():
 )
 def test_bad_arguments(arguments, says):
     args = {"p": 0.3, "rates": np.array([1.0, 2.0]), "where": 1.0}
-    good = {"system": lh.Map(lambda n, x, args: 0.5 * x + args["p"]), "x0": [0.6], "args": args, "parameter": "p",
-            "over": (0.0, 1.0), "period": 1}  # fmt: skip
+    good = {"system": lh.Map(lambda n, x, args: 0.5 * x + args["p"]), "x0": [0.6], "args": args,
+            "over": {"p": (0.0, 1.0)}, "period": 1}  # fmt: skip
     with pytest.raises(ValueError, match=says):
         lh.continuation(**(good | arguments))
 

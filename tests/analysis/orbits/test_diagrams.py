@@ -25,7 +25,7 @@ RK4 = lh.RungeKutta("rk4", dt=PERIOD / 100)
 
 
 def logistic(values, **options):
-    return lh.bifurcation_diagram(LOGISTIC, {"r": values}, UNIT, {"r": 0.0}, **options)
+    return lh.bifurcation_diagram(LOGISTIC, UNIT, {"r": 0.0}, over={"r": values}, **options)
 
 
 # --- against what is known ----------------------------------------------------------------------------------------
@@ -60,9 +60,9 @@ def test_up_and_down_differ_between_the_folds():
     method = lh.RungeKutta("rk4", dt=0.05)
     found = lh.bifurcation_diagram(
         cubic,
-        {"a": values},
         [[-2.0], [2.0]],
         {"a": 0.0},
+        over={"a": values},
         period=1.0,
         starts=6,
         transient=60,
@@ -92,7 +92,9 @@ def test_a_continuation_keeps_the_mode():
     )
     values = np.linspace(-2.05, 2.05, 42)
     options = {"period": 1.0, "transient": 30, "t1": 32, "samples": 4, "method": lh.RungeKutta("rk4", dt=0.1)}
-    found = lh.bifurcation_diagram(relay, {"a": values}, [[-1.0], [0.0]], {"a": 0.0}, mode="off", starts=1, **options)
+    found = lh.bifurcation_diagram(
+        relay, [[-1.0], [0.0]], {"a": 0.0}, over={"a": values}, mode="off", starts=1, **options
+    )
     end = found.points[:, :, -1, 0] - values[:, None]
     np.testing.assert_allclose(end[:, 1], np.where(values > 1.5, 1.0, -1.0), atol=1e-6)
     np.testing.assert_allclose(end[:, 2], np.where(values < -1.5, -1.0, 1.0), atol=1e-6)
@@ -108,7 +110,7 @@ def test_directions_that_are_lost():
     method = lh.RungeKutta("rk4", dt=0.1)
     box = [[0.5, 0.5], [1.0, 1.0]]
     found = lh.bifurcation_diagram(
-        forgetful, {"a": [0.1, 0.2]}, box, {"a": 0.0}, starts=2, period=1.0, t1=100, transient=10, method=method
+        forgetful, box, {"a": 0.0}, over={"a": [0.1, 0.2]}, starts=2, period=1.0, t1=100, transient=10, method=method
     )
     np.testing.assert_allclose(found.exponents[..., 0], [[-0.1] * 4, [-0.2] * 4], atol=1e-6)
     assert np.isneginf(found.exponents[..., 1]).all()
@@ -133,9 +135,9 @@ def test_the_escape_rate_of_an_open_tent_map():
     slope = np.array([2.0 + 1e-4, 2.01, 2.05])
     found = lh.bifurcation_diagram(
         tent,
-        {"slope": slope},
         UNIT,
         {"slope": 0.0},
+        over={"slope": slope},
         starts=400,
         directions=("random",),
         t1=400,
@@ -156,9 +158,9 @@ def test_exponents_of_a_run_that_has_settled_are_those_of_its_cycle():
     tent = _open_tent()
     found = lh.bifurcation_diagram(
         tent,
-        {"slope": [2.05]},
         UNIT,
         {"slope": 0.0},
+        over={"slope": [2.05]},
         starts=20,
         directions=("random",),
         t1=500,
@@ -179,7 +181,9 @@ def test_a_lane_is_a_single_run():
     options = {"period": PERIOD, "method": RK4, "transient": 100, "t1": 64, "samples": 16, "directions": ("random",)}
 
     def diagram(values, starts):
-        return lh.bifurcation_diagram(DUFFING, {"force": values}, starts[0], {"force": 0.0}, starts=starts, **options)
+        return lh.bifurcation_diagram(
+            DUFFING, starts[0], {"force": 0.0}, over={"force": values}, starts=starts, **options
+        )
 
     found = diagram(values, starts)
     for i in range(3):
@@ -195,7 +199,7 @@ def test_a_lane_agrees_with_the_verbs_for_single_runs():
     start, args = np.array([0.3, 0.1]), {"force": 0.2}
     options = {"period": PERIOD, "method": RK4}
     found = lh.bifurcation_diagram(
-        DUFFING, {"force": [0.2]}, start, args, starts=start[None], transient=100, t1=64, samples=16, **options
+        DUFFING, start, args, over={"force": [0.2]}, starts=start[None], transient=100, t1=64, samples=16, **options
     )
     points = lh.poincare_section(DUFFING, start, args, n=16, transient=148, **options)
     np.testing.assert_allclose(found.points[0, 0], points.x, atol=1e-9)
@@ -238,7 +242,7 @@ def test_runs_that_fail_hold_their_status_and_nan():
 
 def test_too_few_steps_are_a_status():
     found = lh.bifurcation_diagram(
-        DUFFING, {"force": [0.3]}, UNIT * np.ones(2), {"force": 0.0}, period=PERIOD, method=RK4, max_steps=500
+        DUFFING, UNIT * np.ones(2), {"force": 0.0}, over={"force": [0.3]}, period=PERIOD, method=RK4, max_steps=500
     )
     assert found.attractors() == ["max_steps:4"]
 
@@ -251,11 +255,11 @@ def test_angles_turn():
     turning = lh.Flow(lambda t, x, args: jnp.stack([1.0 + 0.0 * x[0], args["rate"] * (jnp.sin(2 * t) - x[1])]))
     options = {"period": np.pi, "method": lh.RungeKutta("rk4", dt=0.1), "transient": 50}
     found = lh.bifurcation_diagram(
-        turning, {"rate": [1.0]}, [[-3.0, 0.0], [3.0, 1.0]], {"rate": 0.0}, angles=(0,), **options
+        turning, [[-3.0, 0.0], [3.0, 1.0]], {"rate": 0.0}, over={"rate": [1.0]}, angles=(0,), **options
     )
     assert found.attractors() == ["P2w1:4"]
     assert np.ptp(found.points[0, 0, :, 0]) == pytest.approx(63 * np.pi)
-    free = lh.bifurcation_diagram(turning, {"rate": [1.0]}, [[-3.0, 0.0], [3.0, 1.0]], {"rate": 0.0}, **options)
+    free = lh.bifurcation_diagram(turning, [[-3.0, 0.0], [3.0, 1.0]], {"rate": 0.0}, over={"rate": [1.0]}, **options)
     assert free.attractors() == ["aperiodic/slow:4"]
 
 
@@ -266,7 +270,7 @@ def test_a_section_counts_crossings():
     options = {"section": lambda t, x, args: x[0], "transient": 20, "t1": 40, "samples": 16}
     method = lh.RungeKutta("rk4", dt=0.05)
     found = lh.bifurcation_diagram(
-        van_der_pol, {"mu": [1.0]}, box, {"mu": 0.0}, starts=2, method=method, directions=("random",), **options
+        van_der_pol, box, {"mu": 0.0}, over={"mu": [1.0]}, starts=2, method=method, directions=("random",), **options
     )
     assert found.attractors() == ["P1w0:2"]
     assert found.time == pytest.approx(40 * 6.663286859, rel=1e-6)
@@ -275,7 +279,7 @@ def test_a_section_counts_crossings():
 
 def test_parameters_within_parameters():
     nested = lh.Map(lambda n, x, args: args["a"]["r"] * x * (1 - x))
-    found = lh.bifurcation_diagram(nested, {"a.r": [3.2]}, UNIT, {"a": {"r": 1, "s": 2.0}})
+    found = lh.bifurcation_diagram(nested, UNIT, {"a": {"r": 1, "s": 2.0}}, over={"a.r": [3.2]})
     assert found.attractors() == ["P2w0:4"]
 
 
@@ -409,11 +413,11 @@ def test_bad_arguments(changed, message):
 def test_bad_arguments_of_flows():
     box = np.ones((2, 2))
     with pytest.raises(ValueError, match="exactly one of period"):
-        lh.bifurcation_diagram(DUFFING, {"force": [0.1]}, box, {"force": 0.0})
+        lh.bifurcation_diagram(DUFFING, box, {"force": 0.0}, over={"force": [0.1]})
     with pytest.raises(ValueError, match="period must be positive"):
-        lh.bifurcation_diagram(DUFFING, {"force": [0.1]}, box, {"force": 0.0}, period=-1.0)
+        lh.bifurcation_diagram(DUFFING, box, {"force": 0.0}, over={"force": [0.1]}, period=-1.0)
     with pytest.raises(ValueError, match="section is for an lh.Flow"):
-        lh.bifurcation_diagram(BALL, {"force": [0.1]}, box, {"force": 0.0}, section=lambda t, x, args: x[0])
+        lh.bifurcation_diagram(BALL, box, {"force": 0.0}, over={"force": [0.1]}, section=lambda t, x, args: x[0])
     with pytest.raises(ValueError, match="escape=True"):
         logistic([3.2]).mean_lifetimes()
 
@@ -463,7 +467,7 @@ def test_pictures():
 def test_angles_are_drawn_within_one_turn():
     turning = lh.Flow(lambda t, x, args: args["rate"] + 0.0 * x)
     options = {"period": 1.0, "method": lh.RungeKutta("rk4", dt=0.1), "angles": (0,), "directions": ("up",)}
-    found = lh.bifurcation_diagram(turning, {"rate": [1.0]}, [[0.0], [1.0]], {"rate": 0.0}, **options)
+    found = lh.bifurcation_diagram(turning, [[0.0], [1.0]], {"rate": 0.0}, over={"rate": [1.0]}, **options)
     heights = plots.bifurcations(found).get_lines()[0].get_ydata()
     assert np.ptp(found.points) > 60
     assert -np.pi < np.min(heights) < -3

@@ -44,7 +44,7 @@ def test_an_orbit_between_two_disks_has_the_multipliers_of_its_mirrors():
     """A flight of length d and a convex mirror of radius 1 make cosh μ = 1 + d of half a turn (normal incidence)."""
     orbit = lh.floquet(BETWEEN, [0.1, 1e-3, 1.0, -1e-3], conserve=lambda x, args: x[2:] @ x[2:])
     expanding = np.exp(2 * np.arccosh(1 + GAP))
-    assert orbit.events == 2
+    assert orbit.jumps == 2
     assert_allclose(orbit.x0[1::2], 0.0, atol=1e-9)
     assert_allclose(orbit.period, 2 * GAP / np.sqrt(1 + 1e-6), rtol=1e-9)  # at the speed of the start
     assert_allclose(np.real(orbit.multipliers), [expanding, 1.0, 1.0, 1 / expanding], rtol=1e-8)

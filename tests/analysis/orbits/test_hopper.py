@@ -81,7 +81,7 @@ def test_the_orbit_closes_in_its_mode(segments):
         orbit = lh.floquet(HOPPER, x0, ARGS, mode=mode, transient=transient, segments=segments)
         assert orbit.period == pytest.approx(period, abs=1e-10), (x0, mode)
         assert_allclose(orbit.multipliers, [1.0, multiplier], atol=1e-8)
-        assert orbit.events == 3
+        assert orbit.jumps == 3
 
 
 def test_where_the_period_is_given_the_motion_leads_to_the_orbit_too():
@@ -124,7 +124,9 @@ def test_an_equilibrium_is_no_orbit():
 
 
 def test_a_branch_stays_in_its_mode():
-    branch = lh.continuation(HOPPER, [1.0, -3.0], ARGS, "k", over=(150.0, 250.0), mode="down", transient=3.0, step=0.2)
+    branch = lh.continuation(
+        HOPPER, [1.0, -3.0], ARGS, over={"k": (150.0, 250.0)}, mode="down", transient=3.0, step=0.2
+    )
     assert branch.ends == ("range", "range")
     assert branch.specials == ()
     for k, period, multipliers in zip(branch.values, branch.period, branch.multipliers, strict=True):
@@ -136,7 +138,7 @@ def test_a_branch_stays_in_its_mode():
 @pytest.mark.slow
 def test_derivatives_are_of_that_orbit():
     found = lh.lyapunov_gradient(
-        HOPPER, [1.0, -3.0], ARGS, t1=10.0, free=("thrust",), mode="down", transient=3.0, method="implicit"
+        HOPPER, [1.0, -3.0], ARGS, t1=10.0, over=("thrust",), mode="down", transient=3.0, algorithm="implicit"
     )
     slope = (rate(ARGS | {"thrust": 12.01}) - rate(ARGS | {"thrust": 11.99})) / 0.02
     assert_allclose(found.value, [0.0, rate(ARGS)], atol=1e-8)
@@ -147,7 +149,15 @@ def test_derivatives_are_of_that_orbit():
 def test_the_thrust_of_a_rate_by_design():
     """The first step of Newton's method would lead to a thrust of −2, where the hopper comes to rest."""
     found = lh.design(
-        HOPPER, [1.2, 0.0], ARGS, [0.0, -0.5], t1=50.0, transient=20.0, free="thrust", mode="flight", method="implicit"
+        HOPPER,
+        [1.2, 0.0],
+        ARGS,
+        [0.0, -0.5],
+        t1=50.0,
+        transient=20.0,
+        over="thrust",
+        mode="flight",
+        algorithm="implicit",
     )
     assert (found.converged, found.trust) == (True, True), found
     assert_allclose(rate(ARGS | found.parameters, least=1.05), -0.5, rtol=1e-8)

@@ -197,7 +197,7 @@ def test_a_block_on_a_plate():
     orbit = lh.floquet(sticking.system, sticking.x0, sticking.args, period=2 * np.pi)
     assert orbit.multipliers[1] == 0.0
     assert np.isneginf(orbit.exponents[1])
-    assert orbit.events == 4
+    assert orbit.jumps == 4
 
 
 @pytest.mark.slow

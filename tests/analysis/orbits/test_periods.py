@@ -110,14 +110,14 @@ def test_a_wrong_period_is_refused_and_the_right_one_named(what, x):
     "call",
     [
         lambda period: lh.floquet(*FORCED, period=period),
-        lambda period: lh.continuation(*FORCED, "omega", over=(2.7, 2.9), period=period),
+        lambda period: lh.continuation(*FORCED, over={"omega": (2.7, 2.9)}, period=period),
         lambda period: lh.poincare_section(IMPACTS.system, IMPACTS.x0, args=IMPACTS.args, period=period, n=3),
         lambda period: lh.bifurcation_diagram(
-            IMPACTS.system, {"gap": [0.0, 0.1]}, [[-1.0, 0.0], [0.0, 1.0]], IMPACTS.args, period=period
+            IMPACTS.system, [[-1.0, 0.0], [0.0, 1.0]], IMPACTS.args, over={"gap": [0.0, 0.1]}, period=period
         ),
         lambda period: lh.lyapunov_gradient(*FORCED, t1=100.0, period=period, key=jax.random.key(0)),
-        lambda period: lh.lyapunov_gradient(*FORCED, t1=100.0, period=period, method="implicit"),
-        lambda period: lh.design(*FORCED, -0.1, t1=100.0, free="omega", period=period),
+        lambda period: lh.lyapunov_gradient(*FORCED, t1=100.0, period=period, algorithm="implicit"),
+        lambda period: lh.design(*FORCED, -0.1, t1=100.0, over="omega", period=period),
     ],
     ids=["floquet", "continuation", "section", "diagram", "gradient", "implicit", "design"],
 )
@@ -131,7 +131,7 @@ def test_wherever_a_period_is_given(call, period):
 def test_along_a_branch_the_period_is_that_of_the_parameters():
     """A number is the period at the start alone."""
     system = lh.Flow(lambda t, x, args: jnp.stack([x[1], jnp.cos(args["omega"] * t) - x[0] - 0.3 * x[1]]))
-    branch = {"system": system, "x0": [0.0, 0.0], "args": {"omega": 2.0}, "parameter": "omega", "over": (1.5, 2.5)}
+    branch = {"system": system, "x0": [0.0, 0.0], "args": {"omega": 2.0}, "over": {"omega": (1.5, 2.5)}}
     with pytest.raises(ValueError, match="period at omega = 1.5 must be one after which") as caught:
         lh.continuation(**branch, period=np.pi)
     assert seen(str(caught.value)) == pytest.approx(2 * np.pi / 1.5, rel=1e-7)

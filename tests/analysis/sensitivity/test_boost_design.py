@@ -94,7 +94,7 @@ def designed(mu, **changes):
     """The slope at which the leading multiplier is mu."""
     return lh.design(
         BOOST, [25.0, 2.3], ARGS | changes, np.log(abs(mu)) / PERIOD, t1=100 * PERIOD, transient=200 * PERIOD,
-        free="slope", bounds={"slope": (0.0, 2e4)}, method="implicit", period=_two, mode="on_even",
+        over={"slope": (0.0, 2e4)}, algorithm="implicit", period=_two, mode="on_even",
     )  # fmt: skip
 
 

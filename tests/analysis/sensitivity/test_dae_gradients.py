@@ -40,7 +40,7 @@ METHODS = {
 def test_exponents_that_are_means_of_the_diagonal(method):
     """λ = (−a, −c): the derivatives are −1 and 0, off the equilibrium that there is none of."""
     start = lh.consistent_start(FORCED, [0.1, 0.2, 1.0], ARGS)
-    found = lh.lyapunov_gradient(FORCED, start, ARGS, transient=6 * np.pi, method=method, **METHODS[method])
+    found = lh.lyapunov_gradient(FORCED, start, ARGS, transient=6 * np.pi, algorithm=method, **METHODS[method])
     assert found.trust
     assert_allclose(found.value, [-0.3, -1.1], atol=1e-6)
     assert_allclose(found.gradient["a"], [-1.0, 0.0], atol=1e-6)
@@ -52,7 +52,7 @@ def test_the_orbit_of_a_forced_dae():
     """The same to rounding: M has a multiplier 0 across the constraint, near to e^(−2πc), that is none of the orbit."""
     start = lh.consistent_start(FORCED, [0.1, 0.2, 1.0], ARGS)
     method = lh.HalfExplicit(rtol=1e-12)
-    found = lh.lyapunov_gradient(FORCED, start, ARGS, t1=1.0, transient=0.0, period=2 * np.pi, integrator=method)
+    found = lh.lyapunov_gradient(FORCED, start, ARGS, t1=1.0, transient=0.0, period=2 * np.pi, method=method)
     assert (found.method, found.trust) == ("implicit", True), found
     assert_allclose(found.value, [-0.3, -1.1], atol=1e-10)
     assert_allclose(found.gradient["a"], [-1.0, 0.0], atol=1e-8)
@@ -99,8 +99,8 @@ def test_an_autonomous_orbit_on_constraints():
 
     constrained = lh.DAE(lambda t, args: jnp.diag(jnp.array([1.0, 1.0, 0.0])), residual, 2)
     args = {"mu": 1.0, "w": 1.3}
-    free = lh.lyapunov_gradient(lh.Flow(flow), [2.0, 0.0], args, t1=20.0, method="implicit")
-    held = lh.lyapunov_gradient(constrained, [2.0, 0.0, -3.0], args, t1=20.0, method="implicit")
+    free = lh.lyapunov_gradient(lh.Flow(flow), [2.0, 0.0], args, t1=20.0, algorithm="implicit")
+    held = lh.lyapunov_gradient(constrained, [2.0, 0.0, -3.0], args, t1=20.0, algorithm="implicit")
     assert free.trust
     assert held.trust
     assert_allclose(held.value, free.value, atol=1e-11)
@@ -111,7 +111,7 @@ def test_an_autonomous_orbit_on_constraints():
 def test_linear_response_refuses_constraints():
     start = lh.consistent_start(FORCED, [0.1, 0.2, 1.0], ARGS)
     with pytest.raises(ValueError, match="cannot see how jumps or constraints move"):
-        lh.lyapunov_gradient(FORCED, start, ARGS, t1=10.0, method="linear_response", key=jax.random.key(0))
+        lh.lyapunov_gradient(FORCED, start, ARGS, t1=10.0, algorithm="linear_response", key=jax.random.key(0))
 
 
 # Functions that close over a parameter, in place of args: x' = −a y (1 + x²/10), and y + a y³ = x or y + y³ = x.

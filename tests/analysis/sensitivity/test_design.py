@@ -16,13 +16,13 @@ ACCUMULATION = 3.5699456718709449  # of the doublings of the logistic map
 
 
 def logistic(target=-0.5, r=2.8, **keywords):
-    return lh.design(LOGISTIC, [0.3], {"r": r}, target, **{"t1": 1000, "free": "r"} | keywords)
+    return lh.design(LOGISTIC, [0.3], {"r": r}, target, **{"t1": 1000, "over": "r"} | keywords)
 
 
 @pytest.mark.parametrize("bounds", [None, {"r": (2.5, 2.99)}, {"r": (2.5, None)}, {"r": (None, 2.99)}])
 def test_one_exponent_by_one_parameter(bounds):
     """λ = ln|2 − r|."""
-    found = logistic(bounds=bounds)
+    found = logistic(over=bounds or "r")
     assert (found.converged, found.trust) == (True, True), found
     assert_allclose(found.parameters["r"], 2 + np.exp(-0.5), rtol=1e-12)
     assert_allclose(found.exponents, [-0.5], rtol=1e-11)
@@ -31,7 +31,7 @@ def test_one_exponent_by_one_parameter(bounds):
 
 
 def test_two_exponents_by_two_parameters():
-    found = lh.design(DIAGONAL, [0.1, 0.1], {"a": 0.8, "b": 0.5}, [-1.0, -2.0], t1=100, free=("a", "b"))
+    found = lh.design(DIAGONAL, [0.1, 0.1], {"a": 0.8, "b": 0.5}, [-1.0, -2.0], t1=100, over=("a", "b"))
     assert found.converged, found
     values = sorted(np.log([found.parameters["a"] * found.parameters["b"], found.parameters["b"]]))
     assert_allclose(values, [-2, -1], rtol=1e-11)
@@ -39,13 +39,13 @@ def test_two_exponents_by_two_parameters():
 
 def test_one_exponent_by_two_parameters_takes_the_shortest_way():
     """λ₁ = ln b does not depend on a here: a stays."""
-    found = lh.design(DIAGONAL, [0.1, 0.1], {"a": 0.8, "b": 0.5}, -1.0, t1=100, free=("a", "b"))
+    found = lh.design(DIAGONAL, [0.1, 0.1], {"a": 0.8, "b": 0.5}, -1.0, t1=100, over=("a", "b"))
     assert_allclose([found.parameters["a"], found.parameters["b"]], [0.8, np.exp(-1)], rtol=1e-11)
 
 
 def test_a_target_that_is_not_reached():
     """λ = ln|4 − r| of the cycle at r > 3 has its largest value, 0, at its ends."""
-    found = logistic(0.5, r=2.8, bounds={"r": (2.1, 2.95)}, steps=8)
+    found = logistic(0.5, r=2.8, over={"r": (2.1, 2.95)}, steps=8)
     assert not found.converged
     assert found.exponents[0] < 0.5
 
@@ -63,14 +63,14 @@ def test_an_objective():
 
 
 def test_the_edge_of_chaos_by_bisection():
-    found = logistic(0.0, r=3.57, t1=200_000, bounds={"r": (3.55, 3.58)}, optimiser="bisection", steps=20)
+    found = logistic(0.0, r=3.57, t1=200_000, over={"r": (3.55, 3.58)}, optimiser="bisection", steps=20)
     assert found.converged, found
     assert_allclose(found.parameters["r"], ACCUMULATION, atol=2e-5)
     assert_allclose(found.exponents, [0], atol=2e-3)
 
 
 def test_bounds_on_one_side_are_no_bracket():
-    found = logistic(0.0, r=2.8, bounds={"r": (2.6, 2.9)}, optimiser="bisection")
+    found = logistic(0.0, r=2.8, over={"r": (2.6, 2.9)}, optimiser="bisection")
     assert (found.converged, found.trust) == (False, False)
     assert "one side" in found.reasons[0]
 
@@ -85,10 +85,10 @@ def test_chaos_that_has_no_derivative_ends_the_search():
     ("keywords", "message"),
     [
         ({"target": np.nan}, "target"),
-        ({"free": "s"}, "free must name"),
-        ({"bounds": {"r": (3.0, 4.0)}}, "between the bounds"),
-        ({"bounds": {"q": (3.0, 4.0)}}, "bounds must name"),
-        ({"bounds": {"r": (3.0,)}}, "pairs"),
+        ({"over": "s"}, "over must name"),
+        ({"over": {"r": (3.0, 4.0)}}, "between the bounds"),
+        ({"over": {"q": (3.0, 4.0)}}, "over must name"),
+        ({"over": {"r": (3.0,)}}, "pairs"),
         ({"optimiser": "newton"}, "bisection"),
         ({"optimiser": 3}, "optax"),
         ({"optimiser": "bisection"}, "both bounds"),
@@ -107,8 +107,8 @@ def test_damping_of_an_impact_oscillator():
     """A complex pair has λ = −ζ + ln r/T."""
     problem = lh.zoo.impact_oscillator(omega=2.3, zeta=0.02, restitution=0.8, gap=0.0)
     found = lh.design(
-        problem.system, problem.x0, problem.args, -0.05, t1=1000.0, transient=300.0, free="restitution",
-        bounds={"restitution": (0.0, 1.0)}, period=lambda args: 2 * jnp.pi / args["omega"],
+        problem.system, problem.x0, problem.args, -0.05, t1=1000.0, transient=300.0,
+        over={"restitution": (0.0, 1.0)}, period=lambda args: 2 * jnp.pi / args["omega"],
     )  # fmt: skip
     assert found.converged, found
     assert_allclose(found.parameters["restitution"], np.exp(2 * np.pi / 2.3 * (-0.05 + 0.02)), rtol=1e-10)
@@ -119,8 +119,8 @@ def test_lorenz_at_one():
     """By regression over ensembles; another ensemble at the end agrees."""
     problem = lh.zoo.lorenz63()
     found = lh.design(
-        problem.system, problem.x0, problem.args, 1.0, t1=2000.0, free="rho", bounds={"rho": (26.0, 45.0)},
-        method="regression", key=jax.random.key(3), window=0.05,
+        problem.system, problem.x0, problem.args, 1.0, t1=2000.0, over={"rho": (26.0, 45.0)},
+        algorithm="regression", key=jax.random.key(3), window=0.05,
     )  # fmt: skip
     assert found.converged, found
     again = lh.lyapunov_spectrum(

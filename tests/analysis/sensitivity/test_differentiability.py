@@ -206,3 +206,45 @@ def test_results_that_nobody_differentiates_do_not_spoil_the_others():
     """The derivative of a root at zero is infinite: times a cotangent of zero it would be nan."""
     function = reverse_mode.both_ways(*[lambda x: (jnp.sum(x * x), jnp.sqrt(jnp.sum(x)))] * 2)
     assert_allclose(jax.grad(lambda x: function(x)[0])(jnp.zeros(3)), np.zeros(3))
+
+
+def _growth(p):
+    """Of the logistic map from p[0], over two steps, with the rate p[1]: a run as short as can be."""
+    logistic = lh.Map(lambda n, x, rate: rate * x * (1 - x))
+    return lh.lyapunov_spectrum(logistic, p[:1], p[1], t1=2, blocks=2, throw=False).exponents[0]
+
+
+def _growth_exactly(p):
+    x, rate = p
+    return jnp.log(jnp.abs(rate * (1 - 2 * x) * rate * (1 - 2 * rate * x * (1 - x)))) / 2
+
+
+PLACE = jnp.array([0.3, 0.8])
+
+
+@pytest.mark.slow
+def test_second_derivatives_of_a_run():
+    found = jax.jacfwd(jax.jacfwd(_growth))(PLACE)
+    assert_allclose(found, jax.hessian(_growth_exactly)(PLACE), rtol=1e-12)
+
+
+@pytest.mark.parametrize("first", [jax.jacfwd, jax.grad])
+def test_second_derivatives_that_are_not_offered_say_what_to_take(first):
+    second = jax.grad if first is jax.jacfwd else jax.jacfwd
+    with pytest.raises(RuntimeError, match=r"In place of .* take jax\.jacfwd\(jax\.jacfwd\(f\)\)"):
+        jax.make_jaxpr(second(lambda p: jnp.sum(first(_growth)(p))))(PLACE)
+
+
+@pytest.mark.slow
+def test_the_reverse_derivative_of_runs_side_by_side():
+    places = jnp.stack([PLACE, jnp.array([0.2, 2.5])])
+    found = jax.grad(lambda places: jnp.sum(jax.vmap(_growth)(places)))(places)
+    assert_allclose(found, jax.vmap(jax.grad(_growth_exactly))(places), rtol=1e-12)
+
+
+def test_reverse_derivatives_of_what_a_function_closes_over_are_refused():
+    def end(rate):
+        return lh.lyapunov_spectrum(lh.Map(lambda n, x, _: rate * x), [0.3], t1=2, blocks=2, throw=False).x[0]
+
+    with pytest.raises(RuntimeError, match=r"close over a value .* let the functions take it from args"):
+        jax.make_jaxpr(jax.grad(end))(0.5)

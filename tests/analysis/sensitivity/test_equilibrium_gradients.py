@@ -103,7 +103,7 @@ def test_a_leading_matrix_that_depends_on_parameters():
 
 
 def test_an_unstable_equilibrium_is_not_trusted():
-    at_the_top = lh.lyapunov_gradient(DUFFING, [1e-9, 0.0], -1.0, t1=1.0, transient=0, method="equilibrium")
+    at_the_top = lh.lyapunov_gradient(DUFFING, [1e-9, 0.0], -1.0, t1=1.0, transient=0, algorithm="equilibrium")
     assert not at_the_top.trust
     assert_allclose(at_the_top.gradient[0], -1 / np.sqrt(13), rtol=1e-10)
     assert any("not stable" in reason for reason in at_the_top.reasons)
@@ -117,7 +117,7 @@ def test_a_motion_that_does_not_come_to_rest_is_not_trusted():
         rate = -a * (square - 0.25) * (square - 1)
         return jnp.stack([rate * x[0] - 0.3 * x[1], rate * x[1] + 0.3 * x[0]])
 
-    found = lh.lyapunov_gradient(lh.Flow(field), [0.55, 0.0], 1e-3, t1=1.0, transient=0, method="equilibrium")
+    found = lh.lyapunov_gradient(lh.Flow(field), [0.55, 0.0], 1e-3, t1=1.0, transient=0, algorithm="equilibrium")
     assert not found.trust, found
     assert any("does NOT come" in reason for reason in found.reasons)
 
@@ -125,11 +125,11 @@ def test_a_motion_that_does_not_come_to_rest_is_not_trusted():
 def test_what_has_no_equilibrium():
     forced = lh.Flow(lambda t, x, a: jnp.stack([x[1], -a * x[1] - x[0] + jnp.cos(t)]))
     with pytest.raises(ValueError, match="depends on time"):
-        lh.lyapunov_gradient(forced, [0.1, 0.2], 0.3, t1=10.0, method="equilibrium")
+        lh.lyapunov_gradient(forced, [0.1, 0.2], 0.3, t1=10.0, algorithm="equilibrium")
     with pytest.raises(ValueError, match=r"lh\.Flow or lh\.DAE"):
-        lh.lyapunov_gradient(lh.Map(lambda n, x, a: a * x), [0.1], 0.3, t1=10, method="equilibrium")
-    with pytest.raises(ValueError, match="does not converge"):
-        lh.lyapunov_gradient(lh.Flow(lambda t, x, a: a + x**2), [0.1], 0.3, t1=0.1, method="equilibrium")
+        lh.lyapunov_gradient(lh.Map(lambda n, x, a: a * x), [0.1], 0.3, t1=10, algorithm="equilibrium")
+    with pytest.raises(lh.NoDerivativeError, match="does not converge"):
+        lh.lyapunov_gradient(lh.Flow(lambda t, x, a: a + x**2), [0.1], 0.3, t1=0.1, algorithm="equilibrium")
 
 
 def test_progress_is_shown():

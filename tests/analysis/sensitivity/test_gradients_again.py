@@ -30,34 +30,36 @@ def of_impacts(i, **keywords):
 
 
 def of_design(i, **keywords):
-    options = {"t1": 1000 + i, "free": "r"}
+    options = {"t1": 1000 + i, "over": "r"}
     return lh.design(LOGISTIC, [0.3 + 0.01 * i], {"r": 2.8 + 0.01 * i}, -0.5 - 0.01 * i, **(options | keywords))
 
 
 CALLS = {
     "implicit, of a flow": lambda i: gradient(
-        HOPF, [0.9, 0.1 * i], 0.8 + 0.1 * i, t1=50.0 + i, transient=50.0 + i, method="implicit"
+        HOPF, [0.9, 0.1 * i], 0.8 + 0.1 * i, t1=50.0 + i, transient=50.0 + i, algorithm="implicit"
     ),
     "implicit, of a map": lambda i: gradient(LOGISTIC, [0.3 + 0.1 * i], {"r": 3.3 + 0.1 * i}, t1=1000 + i),
-    "implicit, with impacts": lambda i: of_impacts(i, method="implicit"),
+    "implicit, with impacts": lambda i: of_impacts(i, algorithm="implicit"),
     "birkhoff, of a map": lambda i: gradient(
-        CIRCLES, [0.3 + 0.1 * i, 0.1], {**TORUS, "depth": 0.3 + 0.1 * i}, t1=2000, transient=200 + i, method="birkhoff"
+        CIRCLES, [0.3 + 0.1 * i, 0.1], {**TORUS, "depth": 0.3 + 0.1 * i}, t1=2000, transient=200 + i,
+        algorithm="birkhoff",
     ),
     "birkhoff, of a flow": lambda i: gradient(
-        HOPF, [0.9, 0.1 * i], 0.8 + 0.1 * i, t1=60.0 + i, transient=50.0 + i, method="birkhoff"
+        HOPF, [0.9, 0.1 * i], 0.8 + 0.1 * i, t1=60.0 + i, transient=50.0 + i, algorithm="birkhoff"
     ),
     "regression": lambda i: gradient(
-        LOGISTIC, [0.3], {"r": 3.9 + 0.01 * i}, t1=500 + i, transient=50 + i, method="regression",
+        LOGISTIC, [0.3], {"r": 3.9 + 0.01 * i}, t1=500 + i, transient=50 + i, algorithm="regression",
         key=jax.random.key(i), window=0.01,
     ),
     "linear response": lambda i: gradient(
-        SADDLE, [0.3, 0.1], 3.9 + 0.01 * i, t1=1024, transient=50 + i, method="linear_response", key=jax.random.key(i)
+        SADDLE, [0.3, 0.1], 3.9 + 0.01 * i, t1=1024, transient=50 + i, algorithm="linear_response",
+        key=jax.random.key(i),
     ),
     "design": of_design,
     "design by an objective": lambda i: lh.design(
-        LOGISTIC, [0.3], {"r": 2.8}, lambda found, args: (found[0] + 0.5 + 0.01 * i) ** 2, t1=1000, free="r", steps=3
+        LOGISTIC, [0.3], {"r": 2.8}, lambda found, args: (found[0] + 0.5 + 0.01 * i) ** 2, t1=1000, over="r", steps=3
     ),
-    "design by bisection": lambda i: of_design(i, optimiser="bisection", bounds={"r": (2.2, 2.95)}, steps=5),
+    "design by bisection": lambda i: of_design(i, optimiser="bisection", over={"r": (2.2, 2.95)}, steps=5),
 }  # fmt: skip
 
 
@@ -78,7 +80,7 @@ def test_the_count_sees_what_is_compiled():
 
 @pytest.mark.slow
 def test_other_numbers_of_jumps_compile_nothing():
-    of_impacts(0, method="birkhoff", period=None, t1=4000.0)
+    of_impacts(0, algorithm="birkhoff", period=None, t1=4000.0)
     before = compilations()
-    of_impacts(1, method="birkhoff", period=None, t1=4030.0)
+    of_impacts(1, algorithm="birkhoff", period=None, t1=4030.0)
     assert compilations() == before

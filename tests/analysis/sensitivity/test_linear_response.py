@@ -27,15 +27,15 @@ KEY = jax.random.key(1)
 
 def lorenz(**keywords):
     problem = lh.zoo.lorenz63()
-    keywords = {"t1": 30.0, "transient": 30.0, "integrator": FIXED} | keywords
+    keywords = {"t1": 30.0, "transient": 30.0, "method": FIXED} | keywords
     return lh.lyapunov_gradient(
-        problem.system, problem.x0, problem.args, method="linear_response", key=KEY, **keywords
+        problem.system, problem.x0, problem.args, algorithm="linear_response", key=KEY, **keywords
     )  # fmt: skip
 
 
 def gradient(rule, x0, args, t1, **keywords):
     keywords = {"transient": 1000, "key": KEY} | keywords
-    return lh.lyapunov_gradient(lh.Map(rule), x0, args, t1=t1, method="linear_response", **keywords)
+    return lh.lyapunov_gradient(lh.Map(rule), x0, args, t1=t1, algorithm="linear_response", **keywords)
 
 
 def assert_within(found, exact, known=0.0, most=3.0):
@@ -104,8 +104,8 @@ def lorenz_field(x):
 def of_field(field, parameter, t1):
     """The derivative by one parameter of Lorenz' system, changed."""
     return lh.lyapunov_gradient(
-        lh.Flow(field), [1.0, 1.0, 20.0], parameter, t1=t1, transient=30.0, method="linear_response", key=KEY,
-        integrator=FIXED,
+        lh.Flow(field), [1.0, 1.0, 20.0], parameter, t1=t1, transient=30.0, algorithm="linear_response", key=KEY,
+        method=FIXED,
     )  # fmt: skip
 
 
@@ -156,7 +156,7 @@ def test_the_volume_of_lorenz():
 
 @pytest.mark.slow
 def test_lorenz():
-    found = lorenz(t1=600.0, free=["rho"])
+    found = lorenz(t1=600.0, over=["rho"])
     slopes, errors = found.gradient["rho"], found.stderr["rho"]
     assert found.trust, found.reasons
     assert errors[0] < 1e-3
@@ -309,7 +309,7 @@ def test_breaks(function, charts, expected):
 
 
 def test_runs_that_were_interrupted_are_left_out(monkeypatch):
-    whole = responses.run_chains
+    whole = responses.run_sequences
 
     def interrupted(*args, **keywords):
         results, done = whole(*args, **keywords)
@@ -317,11 +317,11 @@ def test_runs_that_were_interrupted_are_left_out(monkeypatch):
             one[-1] = False
         return results, done
 
-    monkeypatch.setattr(responses, "run_chains", interrupted)
+    monkeypatch.setattr(responses, "run_sequences", interrupted)
     found = gradient(blaschke, [0.3], 0.4, 2000)
     assert np.isfinite(found.gradient[0])
-    monkeypatch.setattr(responses, "run_chains", lambda *a, **k: (whole(*a, **k)[0], [np.zeros(3, bool)] * 32))
-    with pytest.raises(ValueError, match="interrupted before two runs were done"):
+    monkeypatch.setattr(responses, "run_sequences", lambda *a, **k: (whole(*a, **k)[0], [np.zeros(3, bool)] * 32))
+    with pytest.raises(lh.NoDerivativeError, match="interrupted before two runs were done"):
         gradient(blaschke, [0.3], 0.4, 2000)
 
 
@@ -334,9 +334,9 @@ BOUNCING = lh.Hybrid(lambda t, x, a: a * x, lh.Transition(lambda t, x, a: x[0], 
     [
         (BOUNCING, {}, "jumps.*'regression'"),
         (lh.Hamiltonian(lambda p, a: a * jnp.sum(p**2), lambda q, a: jnp.sum(q**2)), {}, "conserved energy"),
-        (FLOW, {}, "must be fixed: integrator=lh.RungeKutta"),
-        (FLOW, {"integrator": lh.RungeKutta(rtol=1e-6)}, "must be fixed"),
-        (lh.Flow(lambda t, x, a: a * x + jnp.cos(t)), {"integrator": FIXED}, "does not depend on time"),
+        (FLOW, {}, "must be fixed: method=lh.RungeKutta"),
+        (FLOW, {"method": lh.RungeKutta(rtol=1e-6)}, "must be fixed"),
+        (lh.Flow(lambda t, x, a: a * x + jnp.cos(t)), {"method": FIXED}, "does not depend on time"),
         (lh.Map(lambda n, x, a: a * x + n), {}, "does not depend on time"),
         (lh.Map(lambda n, x, a: a * x), {"key": None}, "key=jax.random.key"),
         (lh.Map(lambda n, x, a: a * x), {"clock": "jumps"}, "clock='jumps'"),
@@ -345,7 +345,7 @@ BOUNCING = lh.Hybrid(lambda t, x, a: a * x, lh.Transition(lambda t, x, a: x[0], 
 def test_bad_input(system, keywords, says):
     keywords = {"key": KEY, "t1": 100} | keywords
     with pytest.raises(ValueError, match=says):
-        lh.lyapunov_gradient(system, [0.5, 0.5], 0.5, method="linear_response", **keywords)
+        lh.lyapunov_gradient(system, [0.5, 0.5], 0.5, algorithm="linear_response", **keywords)
 
 
 def test_a_function_within_a_jit_may_take_a_time_that_it_does_not_need():

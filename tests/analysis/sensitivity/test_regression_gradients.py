@@ -1,5 +1,7 @@
 """Derivatives of chaotic exponents by regression against exact values and independent ones; and what is refused."""
 
+import re
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,7 +17,7 @@ KEY = jax.random.key(1)
 
 
 def gradient(rule, x0, args, t1, **keywords):
-    return lh.lyapunov_gradient(lh.Map(rule), x0, args, t1=t1, method="regression", key=KEY, **keywords)
+    return lh.lyapunov_gradient(lh.Map(rule), x0, args, t1=t1, algorithm="regression", key=KEY, **keywords)
 
 
 def assert_within(found, exact, known=0.0, most=3.0):
@@ -62,7 +64,7 @@ def test_lorenz():
         return problem.system.field(t, x, {"sigma": sigma, "rho": rho, "beta": beta})
 
     found = lh.lyapunov_gradient(
-        lh.Flow(field), problem.x0, 28.0, t1=3000.0, key=KEY, integrator=lh.RungeKutta("dopri5", rtol=1e-7, atol=1e-9)
+        lh.Flow(field), problem.x0, 28.0, t1=3000.0, key=KEY, method=lh.RungeKutta("dopri5", rtol=1e-7, atol=1e-9)
     )
     assert found.method == "regression"
     assert_within(found, [0.0242, 0, -0.0243], [2e-4, 0, 2e-4])
@@ -74,8 +76,8 @@ def test_lorenz():
 def test_lorenz_by_three_parameters_at_once():
     problem = lh.zoo.lorenz63()
     found = lh.lyapunov_gradient(
-        problem.system, problem.x0, problem.args, t1=300.0, key=KEY, degree=1, method="regression",
-        integrator=lh.RungeKutta("dopri5", rtol=1e-7, atol=1e-9),
+        problem.system, problem.x0, problem.args, t1=300.0, key=KEY, degree=1, algorithm="regression",
+        method=lh.RungeKutta("dopri5", rtol=1e-7, atol=1e-9),
     )  # fmt: skip
     for name, exact in {"sigma": -1, "rho": 0, "beta": -1}.items():
         assert_allclose(np.sum(found.gradient[name]), exact, atol=1e-5)
@@ -92,7 +94,7 @@ def test_hard_disks_and_their_energy():
         return jnp.concatenate([places, velocities * jnp.sqrt(args["energy"] / 4.0)])
 
     found = lh.lyapunov_gradient(
-        disks.system, start, disks.args | {"energy": 4.0}, t1=4000.0, transient=50.0, key=KEY, k=1, free=["energy"],
+        disks.system, start, disks.args | {"energy": 4.0}, t1=4000.0, transient=50.0, key=KEY, k=1, over=["energy"],
         window=0.5, degree=3,
     )  # fmt: skip
     exact = found.value[0] / 8
@@ -121,7 +123,7 @@ def test_the_mean_free_time_of_a_lorentz_gas():
     gas = billiard(LINE, next_event, lambda q, args, which: lowest(heights(q, args)))
     found = lh.lyapunov_gradient(
         gas, [0.5, 0.05, 0.6, 0.8], {"corner": 0.38, "middle": 0.3}, t1=10_000.0, transient=20.0, key=KEY, k=1,
-        free=["corner"], window=0.04,
+        over=["corner"], window=0.04,
     )  # fmt: skip
     assert found.method == "regression"
     assert_within_one(found, "corner", 24.17, 0.1)
@@ -129,7 +131,7 @@ def test_the_mean_free_time_of_a_lorentz_gas():
     assert_within_one(found.time_per_jump, "corner", -(np.pi * 0.38 + free) / 0.68)
     assert_allclose(found.time_per_jump.value, free, atol=4 * found.time_per_jump.value_stderr[0])
     assert found.time_per_jump.stderr["corner"] < 0.03
-    assert "time per jump = 0.19" in str(found)
+    assert re.search(r"time per jump +0\.19", str(found))
 
 
 def test_faster_time():
@@ -140,8 +142,8 @@ def test_faster_time():
         return c * problem.system.field(t, x, {"sigma": 10.0, "rho": 28.0, "beta": 8 / 3})
 
     found = lh.lyapunov_gradient(
-        lh.Flow(field), problem.x0, 1.0, t1=1000.0, key=KEY, method="regression",
-        integrator=lh.RungeKutta("dopri5", rtol=1e-7, atol=1e-9),
+        lh.Flow(field), problem.x0, 1.0, t1=1000.0, key=KEY, algorithm="regression",
+        method=lh.RungeKutta("dopri5", rtol=1e-7, atol=1e-9),
     )  # fmt: skip
     assert_within(found, found.value)
 
@@ -166,8 +168,8 @@ def test_a_chaotic_impact_oscillator_is_refused():
 
     wall = lh.Transition(guard=lambda t, x, omega: -x[0], reset=lambda t, x, omega: x * jnp.array([1.0, -0.8]))
     found = lh.lyapunov_gradient(
-        lh.Hybrid(field, wall), [0.0, -0.5], 2.8, t1=3000.0, method="regression", key=KEY, window=0.007,
-        integrator=lh.RungeKutta("dopri5", rtol=1e-7, atol=1e-9),
+        lh.Hybrid(field, wall), [0.0, -0.5], 2.8, t1=3000.0, algorithm="regression", key=KEY, window=0.007,
+        method=lh.RungeKutta("dopri5", rtol=1e-7, atol=1e-9),
     )  # fmt: skip
     assert not found.trust
     assert any("χ²" in reason and "no smooth function" in reason for reason in found.reasons)
@@ -208,7 +210,9 @@ def test_an_exponent_of_minus_infinity():
 def test_runs_that_fail_are_left_out_and_counted():
     """x' = a + x² ends in a finite time for a > 0."""
     runaway = lh.Flow(lambda t, x, a: a + x**2)
-    found = lh.lyapunov_gradient(runaway, [-0.5], -1e-3, t1=60.0, method="regression", key=KEY, window=np.array([0.01]))
+    found = lh.lyapunov_gradient(
+        runaway, [-0.5], -1e-3, t1=60.0, algorithm="regression", key=KEY, window=np.array([0.01])
+    )
     assert not found.trust
     assert "runs failed" in found.reasons[0]
 
@@ -242,7 +246,7 @@ def test_minus_infinity_in_a_part_of_the_window():
 def test_too_few_points_are_left():
     runaway = lh.Flow(lambda t, x, a: a + x**2)
     found = lh.lyapunov_gradient(
-        runaway, [-0.5], -1e-3, t1=60.0, method="regression", key=KEY, window=np.array([0.01]), points=8
+        runaway, [-0.5], -1e-3, t1=60.0, algorithm="regression", key=KEY, window=np.array([0.01]), points=8
     )
     assert not found.trust
     assert np.isnan(found.gradient[0])
@@ -292,13 +296,13 @@ def test_designs_are_symmetric():
         ({"points": 3}, "points"),
         ({"degree": 0}, "degree"),
         ({"key": None}, "key=jax.random.key"),
-        ({"free": ["mu"]}, "free must name some of args"),
+        ({"over": ["mu"]}, "over must name some of args"),
     ],
 )
 def test_bad_input(keywords, says):
     given = {"args": 0.5, "key": KEY} | keywords
     with pytest.raises(ValueError, match=says):
-        lh.lyapunov_gradient(lh.Map(lambda n, x, a: a * x), [0.5], t1=100, method="regression", **given)
+        lh.lyapunov_gradient(lh.Map(lambda n, x, a: a * x), [0.5], t1=100, algorithm="regression", **given)
 
 
 def test_names_of_parameters():

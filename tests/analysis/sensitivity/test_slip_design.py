@@ -92,7 +92,7 @@ def orbit():
 @pytest.mark.slow
 def test_derivatives_of_the_exponents_of_a_runner(orbit):
     x, mode = orbit
-    found = lh.lyapunov_gradient(RUNNER, x, ARGS, t1=20.0, mode=mode, method="implicit")
+    found = lh.lyapunov_gradient(RUNNER, x, ARGS, t1=20.0, mode=mode, algorithm="implicit")
     assert found.trust, found.reasons
     assert_allclose(found.value[1:3], rates(ARGS), rtol=1e-7)
     assert found.value[3] == -np.inf
@@ -106,7 +106,7 @@ def test_derivatives_of_the_exponents_of_a_runner(orbit):
 @pytest.mark.slow
 def test_a_runner_that_comes_back_as_fast_as_it_is_to(orbit):
     x, mode = orbit
-    found = lh.design(RUNNER, x, ARGS, [0.0, -0.5], free="drive", t1=20.0, mode=mode, method="implicit")
+    found = lh.design(RUNNER, x, ARGS, [0.0, -0.5], over="drive", t1=20.0, mode=mode, algorithm="implicit")
     assert (found.converged, found.trust) == (True, True), found
     print(found.parameters, rates(ARGS | found.parameters))
     assert_allclose(rates(ARGS | found.parameters)[0], -0.5, rtol=1e-6)

@@ -1,1 +1,1 @@
-"""The linear response of averages in chaos: derivatives along unstable directions, and what they need."""
+"""The linear response of averages in chaos: derivatives along the unstable direction."""

@@ -1,9 +1,9 @@
-"""Whether a rule or a field breaks: jumps and kinks that its derivatives do not show.
+"""Detect discontinuities of a rule or a field: jumps and kinks, which its derivatives do not show.
 
-Between two points of the attractor, a little apart along the unstable direction, the function should change by the
-mean of the slopes at both, and the slope by the mean of their derivatives: up to a thousand millionth of third and
-fourth derivatives. Where the function alone jumps, that may be a change of charts, as φ mod 2π is: it is one if the
-point that was found and the point that the slopes foresee go on alike.
+Between two points of the attractor, REACH apart along the unstable direction, a smooth function changes by the mean of
+the slopes at both, and its slope by the mean of the second derivatives, up to about REACH³ of third and fourth ones. A
+jump of a map alone may be a change of charts, as φ mod 2π is: it is one if the point found and the point predicted from
+the slopes have the same image.
 """
 
 from collections.abc import Callable
@@ -14,12 +14,12 @@ import jax.numpy as jnp
 
 __all__ = ["REACH", "breaks"]
 
-REACH = 1e-3  # how far apart the points are, over the size of the attractor
-SEEN = 1e-3  # a jump is seen from this part of the function's size on
+REACH = 1e-3  # distance of the two points, relative to the size of the attractor
+SEEN = 1e-3  # least relative size of a jump that is detected
 
 
 def breaks(function: Callable, x, direction, size, charts: bool) -> Any:
-    """Whether a function breaks between x and x + REACH size direction.
+    """Whether a function has a jump or kink between x and x + REACH size direction.
 
     Args:
         function: x (n,) -> (n,).

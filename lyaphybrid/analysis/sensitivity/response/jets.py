@@ -4,17 +4,17 @@ With one unstable direction, the motion of points and frames together,
 
     Φ(x, Q) = (φ(x), Q'),    Q' R = Dφ Q,    J_i = ln R_ii,
 
-has one too, u, for fibres of frames contract. Its part in x has length 1 and, in a flow, is perpendicular to the
-velocity F: what u has along F only shifts time, and where both are nearly parallel the two would be large and cancel.
+has one too, u, because frames over the same point converge. Its part in x has length 1 and, for a flow, is
+perpendicular to the velocity F: a part along F only shifts time, and would make large terms that cancel.
 
     DΦ u = α u' + κ F'
-    v' = DΦ v + ∂_θΦ − a u' − c F'           v ⟂ u, F in x: what parameters do, less what grows or drifts
-    ∂_u' = (∂_u − κ ∂_F)/α,  ∂_F' = ∂_F      of what belongs to the next point: of the whole step from this one
+    v' = DΦ v + ∂_θΦ − a u' − c F'           v ⟂ u, F in x: effect of parameters without its parts along u and F
+    ∂_u' = (∂_u − κ ∂_F)/α,  ∂_F' = ∂_F      for functions of the next point; without prime, of the step from this one
     g' = (g − ∂_u' α − ∂_F' κ)/α             the density gradient: the divergence of u under the invariant measure
     b' = ∂_u' a + a g'                       the divergence of a u
 
 In a map F = 0, and g = ∂_u ln ρ of the density on the unstable curve. The third line is the derivative of the second
-along a curve, and g' follows from the first, for Φ keeps the measure and with it divergences, and div F = 0.
+along a curve, and g' follows from the first, because Φ preserves the measure and so divergences, and div F = 0.
 
 N. Chandramoorthy & Q. Wang, SIAM J. Appl. Dyn. Syst. 21 (2022) 735, doi:10.1137/21M1405599 (u, v, g and b of a map);
 A. Ni & Q. Wang, J. Comput. Phys. 347 (2017) 56, doi:10.1016/j.jcp.2017.06.033 (c of a flow).
@@ -41,12 +41,12 @@ class Point(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """φ, and what it depends on."""
+    """The map φ and its inputs."""
 
     rule: Callable  # (θ, h, x) -> x'
     theta: Array  # (p,)
     h: Array  # length of the step
-    flows: bool  # h may change, and the velocity F is the derivative by it
+    flows: bool  # whether φ is a step of a flow; then F is its derivative by h
 
 
 class Along(NamedTuple):
@@ -58,7 +58,7 @@ class Along(NamedTuple):
 
 
 class Jet(NamedTuple):
-    """All that is carried along."""
+    """A point with all derivatives that are propagated."""
 
     z: Point
     u: Point
@@ -69,7 +69,7 @@ class Jet(NamedTuple):
 
 
 class Step(NamedTuple):
-    """What a step from z to z' shows."""
+    """The terms of a step from z to z' for the sums."""
 
     growth: Array  # (k,) J at z
     direct: Array  # (p, k) ∂_θJ + DJ v at z
@@ -90,7 +90,7 @@ class Carried(NamedTuple):
 
 
 def jet_at(x, frame, p: int) -> Jet:
-    """A jet that knows nothing yet: it forgets that as fast as the stable directions contract."""
+    """A first jet with zero derivatives; the error decays as the stable directions contract."""
     nothing = Point(jnp.zeros_like(x), jnp.zeros_like(frame))
     each = jax.tree.map(lambda leaf: jnp.zeros((p, *leaf.shape), leaf.dtype), nothing)
     u, still = Point(frame[:, 0], nothing.frame), Along(nothing, nothing, each)
@@ -98,9 +98,9 @@ def jet_at(x, frame, p: int) -> Jet:
 
 
 def onward(motion: Motion, jet: Jet) -> tuple[Jet, Step]:
-    """The jet after one step, and what was seen on the way.
+    """The jet after one step, and the terms of the step.
 
-    The one loop carries first derivatives alone; here a step of its method is differentiated further.
+    The engine's loop propagates first derivatives only; here a step of the same method is differentiated further.
     """
     new, derivative, (velocity, step) = jax.linearize(
         lambda z, u, v: _carried(motion, z, u, v), jet.z, jet.u, jet.v, has_aux=True
@@ -120,7 +120,7 @@ def _image(motion: Motion, theta, h, z: Point) -> tuple[Point, Array]:
 
 
 def _carried(motion: Motion, z: Point, u: Point, v: Point) -> tuple[Carried, tuple[Point, Step]]:
-    """The step, with the velocity where it ends and what it shows but b."""
+    """The first derivatives after a step; the velocity at its end; and its terms without b."""
     theta, h = motion.theta, motion.h
     (new, growth), (stretched, _) = jax.jvp(lambda z: _image(motion, theta, h, z), (z,), (u,))
     velocity, rate = _velocity(motion, z)
@@ -141,7 +141,7 @@ def _carried(motion: Motion, z: Point, u: Point, v: Point) -> tuple[Carried, tup
 
 
 def _velocity(motion: Motion, z: Point) -> tuple[Point, Array]:
-    """F and dJ/dh where the step ends; zero for a map."""
+    """F and dJ/dh at the end of the step; zero for a map."""
     if not motion.flows:
         return jax.tree.map(jnp.zeros_like, z), jnp.zeros(z.frame.shape[1], z.x.dtype)
     onwards = jnp.ones_like(motion.h)
@@ -149,5 +149,5 @@ def _velocity(motion: Motion, z: Point) -> tuple[Point, Array]:
 
 
 def _less(point: Point, factor: Any, other: Point) -> Point:
-    """What is left of a point without so much of another."""
+    """Point − factor · other."""
     return jax.tree.map(lambda one, two: one - factor * two, point, other)

@@ -1,17 +1,18 @@
 """Derivatives of chaotic exponents by linear response: smooth motion with one unstable direction.
 
-What a parameter does to a point is split into a part along the unstable direction, a u, and the rest, v, which stays
-bounded (`jets`). The rest is followed; of the part along u, partial integration leaves a correlation:
+The effect of a parameter on a point is split into a part along the unstable direction, a u, and the rest, v, which
+stays bounded (`jets`). v is propagated; partial integration turns the part along u into a correlation:
 
     dE[J]/dθ = E[∂_θJ + DJ v] + Σ_k E[D(J∘Φᵏ) a u] = E[∂_θJ + DJ v] − Σ_k E[b J∘Φᵏ],    b = ∂_u a + a g,
 
 D. Ruelle, Commun. Math. Phys. 187 (1997) 227, doi:10.1007/s002200050134, in the form of N. Chandramoorthy & Q. Wang,
-SIAM J. Appl. Dyn. Syst. 21 (2022) 735, doi:10.1137/21M1405599. Of exponents, J = ln R_ii is a function of points and
-frames. A part c F along a flow shifts time: the D(J∘Φᵏ) F add up to dJ/dh far away less dJ/dh here, so that c adds
-E[c] E[J]/h − E[c dJ/dh].
+SIAM J. Appl. Dyn. Syst. 21 (2022) 735, doi:10.1137/21M1405599. For exponents J = ln R_ii, a function of points and
+frames. A part c F along a flow shifts time: the sum of the D(J∘Φᵏ) F telescopes, so that c adds E[c] E[J]/h −
+E[c dJ/dh].
 
-Of a flow with one unstable direction λ₂ is zero whatever the parameters are, so that dλ₁ = d(λ₁ + λ₂). That is the
-growth of an area which holds the flow, and smoother than that of a length: on Lorenz' attractor its error is a fifth.
+In a flow with one unstable direction λ₂ = 0 for all parameters, so that dλ₁ = d(λ₁ + λ₂). That is the growth of an area
+that contains the flow direction; it fluctuates less than that of a length: on the Lorenz attractor its error is a
+fifth.
 """
 
 import math
@@ -33,21 +34,21 @@ from .responses import MEMORIES, TOP, Sums, responses
 
 __all__ = ["by_linear_response"]
 
-RUNS = 32  # independent: their scatter is the error
-SHORTEST = 16  # steps that the first memory has at least: a shorter one ends as suddenly as a cut
-TAIL = 200  # one in so many belongs to the tail
-HEAVY = 2.0  # tail index below which squares have no mean
-NONE = 100.0  # tail index from which there is no tail
-AGREE = 3.0  # standard errors: between memories, and of what is zero
-SURE = 4.0  # standard errors by which an exponent is negative, or positive
-GROWN = 20.0  # λ₁t₁ of chaos at least: regular motion grows as a power of time and has no scatter
-RARE = 0.03  # breaks, over those that one surface across the attractor would show
-SMALL = 0.1  # part of an error that does not matter
-TINY = 1e-12  # no standard error is smaller
+RUNS = 32  # independent runs; their scatter gives the error
+SHORTEST = 16  # least length of the first memory in steps; a shorter taper would be as abrupt as a cut
+TAIL = 200  # the tail is the largest 1/TAIL of the values
+HEAVY = 2.0  # tail index up to which the square has no mean
+NONE = 100.0  # tail index that stands for no tail
+AGREE = 3.0  # largest deviation between memories, and from zero, in standard errors
+SURE = 4.0  # standard errors by which an exponent must be negative or positive
+GROWN = 20.0  # least λ₁t₁ of chaos: tangents of regular motion grow as a power of time, without scatter
+RARE = 0.03  # largest share of detected breaks, relative to that of one surface across the attractor
+SMALL = 0.1  # fraction of an error that is negligible
+TINY = 1e-12  # least standard error
 
 
 class Pilot(NamedTuple):
-    """Plain runs: the exponents, and points all over the attractor."""
+    """Runs without jets: the exponents, and points on the attractor."""
 
     exponents: np.ndarray
     stderr: np.ndarray
@@ -60,7 +61,7 @@ def by_linear_response(case: Case, *, key, progress: Any = None) -> Estimate:
 
     Args:
         case: with the options of `lyapunov_spectrum`.
-        key: for where the runs start.
+        key: for the starts of the runs.
         progress: None, True for a bar, or a function of the fraction done.
     """
     _check(case)
@@ -98,12 +99,12 @@ def by_linear_response(case: Case, *, key, progress: Any = None) -> Estimate:
 
 
 def _check(case: Case) -> None:
-    """A ValueError where the system is nothing that this method can do."""
+    """Raise a ValueError for a system that this method cannot treat."""
     system, args, t0 = case.system, case.args_of(jnp.asarray(case.theta)), jnp.asarray(case.options["t0"], float)
     require(
         type(system) in (Flow, Map),
         "linear_response cannot see how jumps or constraints move, nor keep to a conserved energy: it takes an lh.Flow "
-        f"or lh.Map, not an lh.{type(system).__name__}. method='regression' can.",
+        f"or lh.Map, not an lh.{type(system).__name__}. algorithm='regression' can.",
     )
     require(case.options["clock"] == "time", f"linear_response counts time; got clock={case.options['clock']!r}.")
     function = system.field if isinstance(system, Flow) else system.rule
@@ -111,18 +112,17 @@ def _check(case: Case) -> None:
     require(
         closed.jaxpr.invars[0] not in needed(closed),
         "linear_response needs a system that does not depend on time: make the phase a component of the state, φ' = ω, "
-        "or take method='regression'.",
+        "or take algorithm='regression'.",
     )
     method = case.options["method"]
     require(
         isinstance(system, Map) or (isinstance(method, RungeKutta) and not method.adaptive),
-        "linear_response differentiates the step of a method, which must be fixed: "
-        "integrator=lh.RungeKutta('rk4', dt=…).",
+        "linear_response differentiates the step of a method, which must be fixed: method=lh.RungeKutta('rk4', dt=…).",
     )
 
 
 def _pilot(case: Case, key) -> tuple[Pilot, str]:
-    """Plain runs, and why they are no good: empty, if they are."""
+    """Runs without jets, and the reason why they cannot be used; empty if they can."""
     args, options = case.args_of(jnp.asarray(case.theta)), case.options
     x0 = jnp.asarray(case.start(args))
     k = min(x0.shape[-1], max(case.k, 2 + isinstance(case.system, Flow)))
@@ -135,7 +135,7 @@ def _pilot(case: Case, key) -> tuple[Pilot, str]:
 
 
 def _not_one_unstable(pilot: Pilot, flows: bool, t1: float) -> str:
-    """Why the motion has not one unstable direction with stable ones beside it; empty where it has."""
+    """Why the motion does not have exactly one unstable direction; empty if it has."""
     value, error, second = pilot.exponents, pilot.stderr, 1 + flows
     if value[0] <= SURE * error[0]:
         return f"λ1 = {value[0]:.3g} ± {error[0]:.1g} is not positive: the motion is not chaotic"
@@ -154,19 +154,19 @@ def _not_one_unstable(pilot: Pilot, flows: bool, t1: float) -> str:
 
 
 def _slopes(sums: Sums, h: float, flows: bool) -> tuple[np.ndarray, np.ndarray]:
-    """dλ/dθ of each run: what is followed (runs, p, k), and what partial integration leaves (runs, memories, p, k)."""
+    """dλ/dθ of each run: the part from v (runs, p, k), and the correlations (runs, memories, p, k)."""
     mean = np.mean(np.asarray(sums.growth), axis=0)
     correlation = sums.response - sums.memory[..., None] * mean
     if not flows:
         return np.asarray(sums.direct), -correlation
-    # E[c] E[J], linear in what differs from run to run: its scatter is then that of the product of both means.
+    # E[c] E[J], linearised in the deviations of each run: its scatter gives the error of the product of means.
     apart = sums.growth[:, None] - mean
     product = sums.dilation[..., None] * mean + np.mean(sums.dilation, axis=0)[:, None] * apart
     return np.asarray(sums.direct + product / h - sums.dilated) / h, -correlation / h
 
 
 def _with_zero(slopes) -> tuple[np.ndarray, np.ndarray]:
-    """What was found for the zero exponent, and the slopes with that put right: dλ₂ = 0, dλ₁ = d(λ₁ + λ₂)."""
+    """The slopes of the zero exponent, and all slopes corrected by dλ₂ = 0, dλ₁ = d(λ₁ + λ₂)."""
     of_zero, area = slopes[..., 1], slopes[..., 0] + slopes[..., 1]
     return of_zero, np.concatenate([np.stack([area, 0 * area], axis=-1), slopes[..., 2:]], axis=-1)
 
@@ -177,14 +177,14 @@ def _error(values) -> np.ndarray:
 
 
 def _worst(values) -> float:
-    """The largest of what should be zero, in standard errors."""
+    """The largest deviation from zero, in standard errors."""
     return float(np.max(np.abs(np.mean(values, axis=0)) / (_error(values) + TINY)))
 
 
 def _plateau(slopes, unit: float) -> tuple[int, bool, str]:
-    """Which memory is long enough, whether there is one, and why.
+    """The index of a memory that is long enough, whether there is one, and the reason.
 
-    It is twice the first that agrees with all longer ones: what is left of the correlations is then below its error.
+    It is twice the first memory that agrees with all longer ones; the neglected correlations are then below the error.
     """
     last = slopes.shape[1] - 1
     apart = [max(_worst(slopes[:, i] - slopes[:, j]) for j in range(i + 1, last + 1)) for i in range(last)]
@@ -196,12 +196,12 @@ def _plateau(slopes, unit: float) -> tuple[int, bool, str]:
 
 
 def _matters(part, whole) -> np.ndarray:
-    """Of which parameters (p,) a part of the slopes has an error that matters."""
+    """Mask (p,) of parameters for which the error of a part of the slopes is not negligible."""
     return np.max(_error(part), axis=-1) > SMALL * np.max(_error(whole) + TINY, axis=-1)
 
 
 def _tail(case: Case, largest: np.ndarray, steps: int, matters: np.ndarray) -> tuple[bool, str]:
-    """Whether the squares of the density gradient, and of b where it matters, have means: by Hill's estimator.
+    """Whether the squares of the density gradient, and of b where it is not negligible, have means (Hill's estimator).
 
     B. M. Hill, Ann. Statist. 3 (1975) 1163, doi:10.1214/aos/1176343247.
     """
@@ -217,7 +217,7 @@ def _tail(case: Case, largest: np.ndarray, steps: int, matters: np.ndarray) -> t
 
 
 def _unbroken(sums: Sums, steps: int) -> tuple[bool, str]:
-    """Whether the rule or the field broke no more often than by chance."""
+    """Whether discontinuities of the rule or the field were rare enough to be neglected."""
     share = float(np.mean(sums.broken))
     if share <= RARE * REACH:
         return True, f"no break between {steps:.2g} pairs of points {REACH:g} of the attractor apart"
@@ -228,7 +228,7 @@ def _unbroken(sums: Sums, steps: int) -> tuple[bool, str]:
 
 
 def _zero(slopes, level: int) -> tuple[bool, str]:
-    """Whether the exponent along a flow has no derivative."""
+    """Whether the derivative of the exponent along a flow is zero within its error."""
     if slopes is None:
         return True, ""
     worst = _worst(slopes[:, level])

@@ -10,61 +10,60 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ...._arguments import require
-from ....engine.host.lanes import run_chains
+from ....engine.host.lanes import run_sequences
 from ....systems.smooth import Flow
-from ..estimates import Case
+from ..estimates import Case, UntrustedError
 from .continuity import breaks
 from .jets import Jet, Motion, jet_at, onward
 
 __all__ = ["MEMORIES", "STEPS", "TOP", "Sums", "responses"]
 
-STEPS = 1024  # of a piece of a run
-STAGES = 8  # of what forgets
-MEMORIES = (8, 16, 32, 64)  # in units that the caller gives
-SPIN_UP = 1  # times the longest memory, before anything counts
-TOP = 16  # of each piece the largest are kept for the tail
+STEPS = 1024  # steps of a piece of a run
+STAGES = 8  # stages of a memory
+MEMORIES = (8, 16, 32, 64)  # lengths of the memories, in the caller's unit
+SPIN_UP = 1  # spin-up before sums are taken, in units of the longest memory
+TOP = 16  # largest values of each piece that are kept for the tail
 
 
 class Sums(NamedTuple):
-    """What the steps of a piece of a run add up to."""
+    """Sums over the steps of a piece of a run."""
 
     growth: Array  # (k,) J
     direct: Array  # (p, k) ∂_θJ + DJ v
     dilation: Array  # (p,) c
     dilated: Array  # (p, k) c dJ/dh
-    memory: Array  # (memories, p) B: the b before, as far as they are remembered
+    memory: Array  # (memories, p) B: earlier b, weighted by each memory
     response: Array  # (memories, p, k) B J
-    broken: Array  # how often the rule or the field broke
+    broken: Array  # number of detected discontinuities
 
 
 class Running(NamedTuple):
-    """What a run hands on from piece to piece."""
+    """The state of a run between pieces."""
 
     jet: Jet
     stages: Array  # (STAGES, memories, p)
 
 
 class Shared(NamedTuple):
-    """What all runs see."""
+    """The inputs that all runs share."""
 
     system: Any
     args_of: Callable
     method: Any
-    t: Array  # any: the system does not depend on it
+    t: Array  # arbitrary, as the system does not depend on time
     theta: Array  # (p,)
     h: Array
-    retained: Array  # (memories,) part of what a stage holds that stays there in a step
+    retained: Array  # (memories,) fraction of a stage that stays there in a step
     size: Array  # of the attractor
 
 
 class Piece(eqx.Module):
-    """A piece of a run: so many steps."""
+    """A piece of a run: STEPS steps."""
 
     flows: bool = eqx.field(static=True)
 
     def __call__(self, shared: Shared, running: Running, lane):
-        """The run after it, with the sums and the largest of |b| and |g| (p + 1, TOP)."""
+        """The state after the piece, with the sums and the largest of |b| and |g| (p + 1, TOP)."""
         del lane
         motion = Motion(_rule_of(shared), shared.theta, shared.h, self.flows)
 
@@ -120,11 +119,11 @@ def _rule_of(shared: Shared) -> Callable:
 
 
 def remembered(stages, b, retained):
-    """The stages (STAGES, memories, p) of what is remembered, after a b (p,) has come in.
+    """Update the stages (STAGES, memories, p) of the memories with a new b (p,).
 
-    Each b stays in a stage for a random time, and after the last it is forgotten: of one that came k steps ago their
-    sum holds the probability that STAGES geometric times together are longer than k. That is a smooth taper, flat where
-    it begins; a sudden end of the sum over lags is badly wrong, with small error bars.
+    A chain of STAGES leaky stages: a b of k steps ago has, summed over the stages, as weight the probability that the
+    sum of STAGES geometric waiting times exceeds k. This is a smooth taper of the sum over lags, flat at lag 0; a sharp
+    cut would give wrong sums with small error bars.
     """
     retained = jnp.broadcast_to(retained[None, :, None], stages.shape)
     first = jnp.broadcast_to(b[None, None, :], stages[:1].shape)
@@ -135,11 +134,11 @@ def responses(case: Case, points, framed, *, h: float, unit: float, progress: An
     """Runs of length t1 from points (runs, n) of an attractor with frames (runs, n, k).
 
     Args:
-        case: what runs.
-        points: where.
-        framed: with which frames.
+        case: system and parameters.
+        points: starts.
+        framed: frames at the starts.
         h: length of a step.
-        unit: of the memories, in steps.
+        unit: unit of the memories' lengths, in steps.
         progress: None, True for a bar, or a function of the fraction done.
 
     Returns:
@@ -154,13 +153,14 @@ def responses(case: Case, points, framed, *, h: float, unit: float, progress: An
     )  # fmt: skip
     spin, pieces = (math.ceil(steps / STEPS) for steps in (SPIN_UP * unit * MEMORIES[-1], options["t1"] / h))
     stages = jnp.zeros((STAGES, len(MEMORIES), len(theta)), theta.dtype)
-    chains = [
+    sequences = [
         (Running(jet_at(jnp.asarray(x), jnp.asarray(frame), len(theta)), stages), np.zeros(spin + pieces))
         for x, frame in zip(points, framed, strict=True)
     ]
-    results, done = run_chains(Piece(isinstance(case.system, Flow)), shared, chains, progress=progress)
+    results, done = run_sequences(Piece(isinstance(case.system, Flow)), shared, sequences, progress=progress)
     whole = [result for result, computed in zip(results, done, strict=True) if np.all(computed)]
-    require(len(whole) > 1, "interrupted before two runs were done: there is nothing to tell the error from.")
+    if len(whole) < 2:
+        raise UntrustedError("interrupted before two runs were done: there is nothing to tell the error from.")
     sums, largest = jax.tree.map(lambda *leaves: np.stack(leaves)[:, spin:], *whole)
     largest = np.moveaxis(largest, 2, 0).reshape(len(theta) + 1, -1)
     return jax.tree.map(lambda leaf: leaf.mean(axis=1) / STEPS, sums), largest, pieces * len(whole) * STEPS

@@ -1,1 +1,1 @@
-"""What the paper names and does not compute: other methods, other forms of equations, a large network."""
+"""What the paper names but does not compute: other methods, other forms of equations, a large network."""

@@ -1,4 +1,4 @@
-"""What Linh, Truong & Tuyen name and do not compute: other methods on their examples, and other equations.
+"""What Linh, Truong & Tuyen name but do not compute: other methods on their examples, and other equations.
 
 Collocation for (9), ESDIRK methods within the continuous algorithm, the SVD method of their reference [18], the bound
 of §4.1, fully implicit equations (§1 and §6), and a large system (§6).
@@ -26,9 +26,9 @@ __all__ = [
 ]  # fmt: skip
 
 BOTH = ("5.1", "5.2")
-SETTLED, COUNTED = 50.0, 100.0  # of runs at rest: directions settle by e^(−2.6 · 50)
+SETTLED, COUNTED = 50.0, 100.0  # lengths of runs at rest; directions have converged to e^(−2.6 · 50)
 TIGHT = 1e-9
-LENGTH = 6.0  # of the large system: its forty directions grow apart by e^4
+LENGTH = 6.0  # length for the large system, whose forty growths differ by e^4
 # Ẋ + 0.1 ẋ³ = … along x = sin t, y = x²: variations grow like exp ∫ −(1 + 2 sin t) / (1 + 0.3 cos² t).
 OF_IMPLICIT = -1 / np.sqrt(1.3)
 
@@ -50,13 +50,13 @@ class Large:
 
 @dataclasses.dataclass(frozen=True)
 class Extensions:
-    """What is computed beside what the paper computes.
+    """Results beyond those of the paper.
 
     Attributes:
         collocation: for each of `BOTH` |λ − exact| (3, 2) at T = 1000 by Radau IIA, for the tolerances of the tables.
         continuous_esdirk: the same by continuous QR in the stages of ESDIRK54b.
-        svd: for each of `BOTH` λ (2,) at T = 1000 by singular values, TOL = 1e-9, and how far it says that they may be
-            from the limits (2,): (2, 2).
+        svd: for each of `BOTH` λ (2,) at T = 1000 by singular values, TOL = 1e-9, and its estimated distances from
+            the limits (2,): (2, 2).
         bounds: for each of `BOTH`, at rest, |λ − exact| and the bounds of §4.1 (3, 2, 2), by tolerance.
         implicit: λ (2,) of Example 5.1 as F(t, x, x') = 0, and λ of an equation that is not linear in x': (3,).
         large: a power grid.
@@ -94,7 +94,7 @@ def svd(example: str) -> np.ndarray:
 
 
 def bounds(example: str) -> np.ndarray:
-    """At rest equations are linear, as the bound wants them, and settled directions grow by the limits."""
+    """At rest the equations are linear, as the bound assumes, and converged directions grow at the limits."""
     system, x0, args = problem_of(example)
     found = []
     for tolerance in OF_TABLES:
@@ -106,7 +106,7 @@ def bounds(example: str) -> np.ndarray:
 
 
 def implicit() -> np.ndarray:
-    """Example 5.1, its rows mixed, and a system with a known exponent that no E(t) writes."""
+    """Example 5.1 with mixed rows, and a system with a known exponent that has no form E(t) x' = f."""
     system, x0, args = problem_of("5.1")
     mixing = jnp.asarray(scipy.linalg.hadamard(4) / 2)
 
@@ -129,7 +129,7 @@ def implicit() -> np.ndarray:
 
 
 def large(length: int = 60) -> Large:
-    """A grid of three buses by `length`; constraints are banded, and factorised as such."""
+    """A grid of three buses by `length`; constraints are solved as banded ones."""
     grid = Grid(length)
     dae = grid.dae(3)
     start = consistent_start(dae, grid.rest)

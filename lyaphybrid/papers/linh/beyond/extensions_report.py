@@ -1,4 +1,4 @@
-"""What the extensions of Linh, Truong & Tuyen must satisfy, what the paper says of them, their lines and numbers."""
+"""Checks, claims, printed lines and numbers of the extensions of Linh, Truong & Tuyen."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -13,10 +13,10 @@ from .extensions import OF_IMPLICIT, Extensions
 
 __all__ = ["checks", "claims", "lines", "numbers"]
 
-WITHIN = 10  # tolerances: errors of exponents
-SAME, SUM = 1e-7, 1e-6  # exponents of the SVD method in both examples; their sum and that of the exact ones by QR
-SETTLED = 1.05  # of the error that the SVD method tells: what it may be off by
-SIZE = 50  # tolerances: bounds of §4.1
+WITHIN = 10  # largest error of exponents, in tolerances
+SAME, SUM = 1e-7, 1e-6  # differences of SVD exponents between both examples, and of their sum from that by QR
+SETTLED = 1.05  # largest error of the SVD method over its own estimate
+SIZE = 50  # largest bound of §4.1, in tolerances
 OF_EQUATIONS, OF_GRID = 1e-7, 1e-6
 
 
@@ -26,19 +26,19 @@ def _in_tolerances(errors) -> np.ndarray:
 
 
 def _apart(e: Extensions) -> float:
-    """By how much the SVD method's exponents differ between the examples."""
+    """Difference of the SVD method's exponents between the examples."""
     first, second = (found[0] for found in e.svd.values())
     return float(np.max(np.abs(first - second)))
 
 
 def _off_in_sum(e: Extensions) -> float:
-    """Volumes are the same by both methods."""
+    """Difference of the sums of exponents: both methods give the same volumes."""
     wanted = np.sum(exact("continuous", SHORT))
     return max(abs(float(np.sum(found[0]) - wanted)) for found in e.svd.values())
 
 
 def _off_in_limit(e: Extensions) -> list:
-    """|λ(T) − λ| over what the SVD method says of it."""
+    """|λ(T) − λ| over the SVD method's estimate of it."""
     return [np.abs(found[0] - limits()) / found[1] for found in e.svd.values()]
 
 
@@ -61,7 +61,7 @@ def _off_on_grid(e: Extensions) -> float:
 
 
 def checks(e: Extensions) -> Iterator[Check]:
-    """What must hold."""
+    """All checks."""
     for name, runs in (("Radau IIA", e.collocation), ("continuous, ESDIRK54b", e.continuous_esdirk)):
         for example, errors in runs.items():
             yield at_most(f"{EXAMPLES[example]}, {name}: errors over the tolerance", _in_tolerances(errors), WITHIN)
@@ -75,7 +75,7 @@ def checks(e: Extensions) -> Iterator[Check]:
 
 
 def claims(e: Extensions) -> list[Claim]:
-    """What the paper says of what it does not compute."""
+    """Claims of the paper on what it does not compute."""
     of_radau, of_continuous = (
         ranged([_in_tolerances(errors) for errors in runs.values()], ".1g")
         for runs in (e.collocation, e.continuous_esdirk)
@@ -125,7 +125,7 @@ def claims(e: Extensions) -> list[Claim]:
 
 
 def lines(e: Extensions) -> Iterator[str]:
-    """What is printed beside the tables."""
+    """Lines that are printed after the tables."""
     tolerances = ", ".join(f"{tol:.0e}".replace("e-0", "e-") for tol in OF_TABLES)
     yield f"What the paper names and does not compute. |λ − exact| at T = {SHORT:g}, TOL = {tolerances}, λ1; λ2:"
     for name, runs in (("Radau IIA for (9)", e.collocation), ("continuous QR, ESDIRK54b", e.continuous_esdirk)):

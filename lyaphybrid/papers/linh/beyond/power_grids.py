@@ -1,11 +1,11 @@
-"""A power grid whose structure is kept (Bergen & Hill, IEEE Trans. PAS-100 (1981) 25): buses and some generators.
+"""A structure-preserving power grid (Bergen & Hill, IEEE Trans. PAS-100 (1981) 25): buses and some generators.
 
 δ' = ω, M ω' = P − D ω − Y sin(δ − θ) at each generator; at each bus, an algebraic equation for its phase θ,
 
     0 = Y sin(δ − θ), where there is a generator, − load + Σ over lines of B sin(θ_j − θ).
 
-Its Jacobian in θ is banded: buses are numbered across the strip. What exponents are compared with is written by SciPy's
-sparse matrices, by hand.
+Its Jacobian in θ is banded: buses are numbered across the strip. The reference exponents use hand-written
+Jacobians as SciPy's sparse matrices.
 """
 
 import jax.numpy as jnp
@@ -53,7 +53,7 @@ class Grid:
         return jnp.concatenate([omega, turning, net])
 
     def dae(self, bandwidth: int | None) -> DAE:
-        """In full, or banded."""
+        """The grid as an `lh.DAE`, with full or banded constraints."""
         leading = np.diag((np.arange(self.n) < self.d).astype(float))
         return DAE(lambda t, args: jnp.asarray(leading), self.residual, self.d, bandwidth=bandwidth)
 
@@ -76,13 +76,13 @@ class Grid:
     def reduced(self, x):
         """∂θ/∂w (buses, d), and A of w' = A w, by a sparse LU factorisation."""
         f1w, f1z, f2w, f2z = self.jacobians(x)
-        lift = -scipy.sparse.linalg.splu(f2z).solve(f2w.toarray())
-        return lift, f1w.toarray() + f1z @ lift
+        inverse_block = -scipy.sparse.linalg.splu(f2z).solve(f2w.toarray())
+        return inverse_block, f1w.toarray() + f1z @ inverse_block
 
     def log_growth(self, length: float) -> np.ndarray:
         """Ln σ_i (d,) of the fundamental matrix at rest, on the tangent vectors [w; ∂θ/∂w w]."""
-        lift, a = self.reduced(self.rest)
-        _, r = np.linalg.qr(np.vstack([np.eye(self.d), lift]))
+        inverse_block, a = self.reduced(self.rest)
+        _, r = np.linalg.qr(np.vstack([np.eye(self.d), inverse_block]))
         moved = r @ scipy.linalg.expm(length * a) @ np.linalg.inv(r)
         return np.log(np.linalg.svd(moved, compute_uv=False))
 
@@ -92,7 +92,7 @@ class Grid:
         return np.concatenate([delta, np.zeros(count), theta])
 
     def _still(self, angles):
-        """All but the first generator's equation: powers are in balance."""
+        """The equations of rest without that of the first generator, which follows from the balance of power."""
         x, count = self._state(angles), len(self.at)
         delta, theta = x[:count], x[2 * count :]
         given = COUPLING * np.sin(delta - theta[self.at])

@@ -1,4 +1,4 @@
-"""What a run of a sweep returns, as named arrays."""
+"""The results of the runs of a sweep, as named arrays."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ from .._arguments import require
 from ..results.spectrum import Spectrum, guard_unreached, step_too_long, unresolved
 from ..statuses import STATUS, gravest
 
-__all__ = ["NOTES", "dims_of", "missing", "named"]
+__all__ = ["NOTES", "dims_of", "missing", "named", "spectra_in"]
 
 NOTES = (
     "grazing", "simultaneous", "interrupted", "unresolved", "rank_lost", "step_too_long", "guard_unreached",
@@ -20,7 +20,7 @@ KNOWN = {"exponents": "exponent", "stderr": "exponent", "finite_exponents": "exp
 
 
 def named(result: Any) -> dict[str, Any]:
-    """Arrays by name: of a `Spectrum` what matters, with nan where it failed; of any other pytree its leaves."""
+    """Arrays by name: the main fields of a `Spectrum`, nan if its run failed; the leaves of any other pytree."""
     if isinstance(result, Spectrum):
         return _of_spectrum(result)
     found = {}
@@ -32,6 +32,12 @@ def named(result: Any) -> dict[str, Any]:
             found[name or "value"] = jnp.asarray(leaf)
     require(bool(found), f"A run must return a Spectrum or a pytree of arrays; got {result!r}.")
     return found
+
+
+def spectra_in(result: Any) -> list[Spectrum]:
+    """The spectra among what a run returns."""
+    leaves = jax.tree.leaves(result, is_leaf=lambda one: isinstance(one, Spectrum))
+    return [leaf for leaf in leaves if isinstance(leaf, Spectrum)]
 
 
 def _of_spectrum(spectrum: Spectrum) -> dict[str, Any]:
@@ -54,7 +60,7 @@ def _of_spectrum(spectrum: Spectrum) -> dict[str, Any]:
 
 
 def dims_of(name: str, ndim: int) -> tuple[str, ...]:
-    """Names of the dimensions that a variable has at each point."""
+    """Names of the dimensions of a variable at one point; ndim: their number."""
     last = name.rpartition(".")[2]
     if last in KNOWN and ndim == 1:
         return (KNOWN[last],)
@@ -62,7 +68,7 @@ def dims_of(name: str, ndim: int) -> tuple[str, ...]:
 
 
 def missing(kind: np.dtype) -> Any:
-    """What stands where nothing was computed."""
+    """The fill value for points that were not computed."""
     if np.issubdtype(kind, np.complexfloating) or np.issubdtype(kind, np.floating):
         return np.nan
     return False if kind == np.bool_ else -1 if np.issubdtype(kind, np.signedinteger) else np.iinfo(kind).max

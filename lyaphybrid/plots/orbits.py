@@ -1,0 +1,91 @@
+"""Pictures of single orbits: multipliers, tangent maps, hybrid time domains."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .axes import COLOURS, whole_ticks
+from .axes import axes_of as _axes
+
+if TYPE_CHECKING:
+    from ..analysis.orbits.periodic_orbits import Floquet
+    from ..results.time_domains import TimeDomain
+
+__all__ = ["matrix", "multipliers", "time_domain"]
+
+WRITTEN = 8  # rows of a matrix up to which its entries are written
+
+
+def multipliers(found: "Floquet", ax=None):
+    """Multipliers in the complex plane; those inside the unit circle decay.
+
+    Args:
+        found: of `lh.floquet`.
+        ax: matplotlib axes; None: those of a new figure.
+
+    Returns:
+        The axes.
+    """
+    ax = _axes(ax, (4.4, 4.4))
+    turn = np.linspace(0.0, 2 * np.pi, 361)
+    ax.plot(np.cos(turn), np.sin(turn), color="0.6", linewidth=0.8, zorder=0)
+    values: np.ndarray = np.asarray(found.multipliers)
+    inside = np.abs(values) < 1
+    for own, colour in ((inside, COLOURS[0]), (~inside, COLOURS[1])):
+        ax.plot(np.real(values[own]), np.imag(values[own]), "o", color=colour, markersize=5)
+    reach = 1.15 * max(1.0, float(np.max(np.abs(values), initial=0.0)))
+    ax.set_xlim(-reach, reach)
+    ax.set_ylim(-reach, reach)
+    ax.set_aspect("equal")
+    ax.set_xlabel("Re μ")
+    ax.set_ylabel("Im μ")
+    return ax
+
+
+def matrix(matrix: np.ndarray, labels: Any, ax=None):
+    """A tangent map, entry by entry, blue below zero and red above.
+
+    Args:
+        matrix: (n, n), rows at the end and columns at the start.
+        labels: of the state.
+        ax: matplotlib axes; None: those of a new figure.
+
+    Returns:
+        The axes.
+    """
+    ax = _axes(ax, (4.8, 4.0))
+    size = float(np.max(np.abs(matrix), initial=0.0)) or 1.0
+    shown = ax.imshow(matrix, cmap="RdBu_r", vmin=-size, vmax=size)
+    ax.figure.colorbar(shown, ax=ax)
+    if len(matrix) <= WRITTEN:
+        places, names = range(len(matrix)), [labels.name(i) for i in range(len(matrix))]
+        ax.set_xticks(places, names)
+        ax.set_yticks(places, names)
+        for (i, j), entry in np.ndenumerate(matrix):
+            colour = "white" if abs(entry) > 0.6 * size else "black"
+            ax.text(j, i, f"{entry:.3g}", ha="center", va="center", fontsize="small", color=colour)
+    ax.set_xlabel("perturbation of the start")
+    ax.set_ylabel("perturbation of the end")
+    return ax
+
+
+def time_domain(domain: "TimeDomain", ax=None):
+    """The number of jumps against time: an interval of flow at each number, and a rise at each jump.
+
+    Args:
+        domain: of a trajectory.
+        ax: matplotlib axes; None: those of a new figure.
+
+    Returns:
+        The axes.
+    """
+    ax = _axes(ax)
+    ends = np.stack([domain.starts, domain.ends], axis=1).ravel()
+    counts = np.repeat(np.arange(len(domain.ends)), 2)
+    ax.plot(ends, counts, color="0.6", linewidth=0.8, linestyle=":", zorder=0)
+    ax.hlines(np.arange(len(domain.ends)), domain.starts, domain.ends, color=COLOURS[0], linewidth=1.6)
+    whole_ticks(ax.yaxis)
+    ax.set_xlabel("time t")
+    ax.set_ylabel("jumps j")
+    ax.set_title(domain.case, fontsize="medium")
+    return ax

@@ -1,0 +1,64 @@
+"""Pictures of derivatives of exponents, and of what a design has tried."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .axes import COLOURS, colours, whole_ticks
+from .axes import axes_of as _axes
+
+if TYPE_CHECKING:
+    from ..analysis.sensitivity import Design, Gradient
+
+__all__ = ["design", "gradient"]
+
+WIDTH = 0.8  # of the group of bars of one parameter
+
+
+def gradient(found: "Gradient", ax=None):
+    """The derivatives of each exponent by each parameter, with error bars of one standard error.
+
+    Args:
+        found: of `lh.lyapunov_gradient`.
+        ax: matplotlib axes; None: those of a new figure.
+
+    Returns:
+        The axes.
+    """
+    ax = _axes(ax)
+    slopes, errors = found.by_parameter()
+    errors = np.where(np.isfinite(errors), errors, 0.0)
+    k, places = len(slopes), np.arange(slopes.shape[1])
+    for i, colour in enumerate(colours(k)):
+        offset = WIDTH * ((i + 0.5) / k - 0.5)
+        bars = {"width": WIDTH / k, "color": colour, "capsize": 2.0, "label": f"λ$_{{{i + 1}}}$"}
+        ax.bar(places + offset, slopes[i], yerr=errors[i], **bars)
+    ax.axhline(0.0, color="0.6", linewidth=0.8)
+    ax.set_xticks(places, found.names)
+    ax.set_ylabel("derivative of the exponent")
+    ax.set_title("" if found.trust else "not to be trusted", color=COLOURS[1], fontsize="medium")
+    ax.margins(x=0.1)
+    ax.legend(frameon=False, fontsize="small", loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return ax
+
+
+def design(found: "Design", ax=None):
+    """The exponents of the points that were tried, in their order; lines are those of the result.
+
+    Args:
+        found: of `lh.design`.
+        ax: matplotlib axes; None: those of a new figure.
+
+    Returns:
+        The axes.
+    """
+    ax = _axes(ax)
+    tried = np.asarray(found.history)[:, len(found.parameters) :]
+    for i, colour in enumerate(colours(tried.shape[1])):
+        ax.plot(np.arange(1, len(tried) + 1), tried[:, i], "o-", color=colour, markersize=3.5, label=f"λ$_{{{i + 1}}}$")
+        ax.axhline(float(found.exponents[i]), color=colour, linewidth=0.8, linestyle=":")
+    whole_ticks(ax.xaxis)
+    ax.set_xlabel("point")
+    ax.set_ylabel("exponent")
+    ax.legend(frameon=False, fontsize="small")
+    return ax

@@ -1,0 +1,111 @@
+"""What every result has: it prints, shows itself in notebooks, and becomes a dataset with named dimensions."""
+
+import abc
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from .._jax.tracing import traced
+from .._text import Table, as_html, as_text
+from ..statuses import STATUS, status_of
+from ..systems.labels import Labels
+
+if TYPE_CHECKING:
+    import xarray
+
+__all__ = ["Data", "Result", "RunResult", "exponents_along", "states_along"]
+
+
+class Data(NamedTuple):
+    """What a dataset is made of; what is None is left out."""
+
+    variables: Mapping[str, tuple | None]  # name: (dimensions, values), or with {"units": …} for a third
+    coordinates: Mapping[str, Any] = {}
+    attributes: Mapping[str, Any] = {}
+
+
+class Result(abc.ABC):
+    """A result of a computation.
+
+    All of them print as a table (`str`, and as HTML in notebooks), have documented attributes, and `to_xarray()`.
+    Times are named alike: `t` is an instant, on the clock that the system sees; `time` is a length, counted from the
+    start of what counts. `jumps` is a number of jumps; `events` is the list of them.
+    """
+
+    @abc.abstractmethod
+    def _table(self) -> Table:
+        """What is printed."""
+
+    @abc.abstractmethod
+    def _data(self) -> Data:
+        """What a dataset holds."""
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """The result as an `xarray.Dataset` with named dimensions; what is no array is among its attributes.
+
+        Raises:
+            ImportError: without the extra "sweep".
+            ValueError: under jit, vmap or grad, where there are no values.
+        """
+        name = type(self).__name__
+        try:
+            import xarray
+        except ImportError as error:
+            raise ImportError(f"{name}.to_xarray needs xarray: pip install 'lyaphybrid[sweep]'.") from error
+        if traced(self):
+            raise ValueError(f"{name}.to_xarray is for results on the host, not under jit, vmap or grad.")
+        data = self._data()
+        variables = {name: _on_host(*own) for name, own in data.variables.items() if own is not None}
+        attributes = {"result": name, **data.attributes}
+        if isinstance(self, RunResult):
+            attributes["status"] = str(self.status)
+        attributes = {name: _attribute(value) for name, value in attributes.items() if value is not None}
+        return xarray.Dataset(variables, data.coordinates, attributes)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        return as_html(self._shown())
+
+    def __str__(self) -> str:
+        return as_text(self._shown())
+
+    __repr__ = __str__
+
+    def _shown(self) -> Table:
+        return Table(f"{type(self).__name__}(under a transformation)") if traced(self) else self._table()
+
+
+class RunResult(Result):
+    """A result of a run, or of several, with a verdict."""
+
+    status_code: Any  # () or (m,)
+
+    @property
+    def status(self) -> STATUS | Any:
+        """How the run ended, an `lh.STATUS`; of several runs the gravest. Under a transformation the bare code."""
+        return status_of(self.status_code)
+
+
+def _on_host(dimensions, values, attributes: dict[str, str] | None = None) -> tuple:
+    return dimensions, np.asarray(values), attributes or {}
+
+
+def _attribute(value: Any) -> Any:
+    """As files can hold it."""
+    if isinstance(value, frozenset | set):
+        return sorted(map(str, value))
+    if isinstance(value, bool | np.bool_):
+        return int(value)
+    return list(value) if isinstance(value, tuple) else value
+
+
+def exponents_along(count: int) -> dict[str, Any]:
+    """The coordinate of exponents: 1 for the largest."""
+    return {"exponent": np.arange(1, count + 1)}
+
+
+def states_along(labels: Labels, d: int) -> dict[str, Any]:
+    """The coordinates of the components of a state: their names, and their units where they are known."""
+    units = {"unit": ("state", list(labels.units))} if labels.units else {}
+    return {"state": labels.columns(d), **units}

@@ -1,0 +1,82 @@
+"""What the components of a state are called, and in which units they are measured."""
+
+import copy
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from .._arguments import require
+
+__all__ = ["Labels", "check_labels", "labels_of", "unlabelled", "words"]
+
+
+class Labels(NamedTuple):
+    """Names and units of the components of a state; where none were given they are x0, x1, ….
+
+    Attributes:
+        names: one a component; of many bodies, whose state is (N, d), one a column. Empty: none were given.
+        units: likewise.
+        rows: whether the state is (N, d).
+    """
+
+    names: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+    rows: bool = False
+
+    def name(self, i: int) -> str:
+        """What component i of the flat state is called."""
+        if not self.names:
+            return f"x{i}"
+        body, own = divmod(i, len(self.names))
+        return f"{self.names[own]}[{body}]" if self.rows else self.names[own]
+
+    def columns(self, d: int) -> list[str]:
+        """What the d components of a state, or of one of its rows, are called."""
+        return list(self.names) or [f"x{i}" for i in range(d)]
+
+    def axis(self, i: int) -> str:
+        """Component i with its unit, as an axis of a picture says it."""
+        name = self.name(i) if self.names else f"$x_{{{i}}}$"
+        unit = self.units[i % len(self.units)] if self.units else ""
+        return f"{name} ({unit})" if unit else name
+
+
+def words(given: Any) -> Any:
+    """Names or units as a tuple; what is no sequence of them stays as it is, for `check_labels`."""
+    return tuple(given) if isinstance(given, Sequence) and not isinstance(given, str) else given
+
+
+def check_labels(names: Any, units: Any) -> None:
+    """Raise a ValueError unless they are names, all different, and as many units."""
+    for word, given in (("names", names), ("units", units)):
+        good = given is None or (isinstance(given, tuple) and all(isinstance(one, str) for one in given))
+        require(good, f"{word} must be a sequence of strings, one for each component of the state; got {given!r}.")
+    if names is not None:
+        require(len(set(names)) == len(names), f"names must be different from each other; got {names!r}.")
+        require("" not in names, f"names must not be empty; got {names!r}.")
+    if units is not None and names is not None:
+        message = f"There must be as many units as names, {len(names)}; got {len(units)}: {units!r}."
+        require(len(units) == len(names), message)
+
+
+def labels_of(system: Any, shape: tuple[int, ...]) -> Labels:
+    """The labels of a system whose state has this shape.
+
+    Raises:
+        ValueError: where there are more or fewer names than components.
+    """
+    n, rows = shape[-1], len(shape) > 1
+    for word, given in (("names", system.names), ("units", system.units)):
+        what = f"d = {n} columns of the state, which has one row a body" if rows else f"n = {n} components of the state"
+        fits = given is None or len(given) == n
+        require(fits, f"{word} must have one entry for each of the {what}; got {len(given or ())}: {given!r}.")
+    return Labels(system.names or (), system.units or (), rows)
+
+
+def unlabelled(system: Any) -> Any:
+    """The system without names: what it is called changes nothing of what is computed, and compiles nothing."""
+    if system.names is None and system.units is None:
+        return system
+    plain = copy.copy(system)
+    for word in ("names", "units"):
+        object.__setattr__(plain, word, None)  # static: no leaf, which `equinox.tree_at` could replace
+    return plain

@@ -1,0 +1,199 @@
+"""Every verb on systems whose motion fails on the way: a result that says so, or an error of our family, no other."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import lyaphybrid as lh
+from lyaphybrid import STATUS
+
+ARGS = {"a": 1.0}
+KEY = jax.random.key(0)
+T1 = 10.0
+
+
+def fall(t, x, args):
+    return jnp.stack([x[1], 0 * x[0] - args["a"]])
+
+
+def floor(rebound):
+    return lh.Transition(lambda t, x, args: x[0], lambda t, x, args: jnp.stack([x[0], rebound(x[1])]))
+
+
+def to_the_fold(t, x, args):
+    """The last component is √x₀, and x₀ falls through zero."""
+    return jnp.stack([0 * x[0] - args["a"], -x[1], x[2] ** 2 - x[0]])
+
+
+CLOCKWORK = lh.EventDriven(
+    flow=lambda dt, t, x, args: jnp.stack([x[0] - dt, x[1]]),
+    next_event=lambda t, x, args: (jnp.where(x[1] < 2.5, x[0], jnp.nan), 0),
+    jump=lambda t, x, args, which: jnp.stack([x[0] + 1.0, x[1] + args["a"]]),
+    guard=lambda t, x, args, which: x[0],
+)
+# Each with its start and the verdicts that a run may end with.
+FAILING = {
+    "a map escapes": (lh.Map(lambda n, x, args: 2 * args["a"] * x**2), [1.5, 1.2], {STATUS.nonfinite}),
+    "blow-up in finite time": (lh.Flow(lambda t, x, args: args["a"] * x**2), [1.0, 0.5], {STATUS.nonfinite}),
+    "the field becomes nan": (
+        lh.Flow(lambda t, x, args: jnp.stack([args["a"] + 0 * x[0], jnp.sqrt(2 - x[0])])),
+        [0.0, 0.0],
+        {STATUS.nonfinite, STATUS.stalled},
+    ),
+    "events accumulate": (lh.Hybrid(fall, floor(lambda v: -0.5 * v)), [0.5, 0.0], {STATUS.zeno}),
+    "no way on": (lh.Hybrid(fall, floor(lambda v: 0 * v)), [0.5, 0.0], {STATUS.deadlock}),
+    "a reset gives nan": (lh.Hybrid(fall, floor(jnp.sqrt)), [0.5, 0.0], {STATUS.nonfinite}),
+    "constraints become singular": (
+        lh.DAE(lambda t, args: jnp.diag(jnp.array([1.0, 1.0, 0.0])), to_the_fold, n_differential=2),
+        [1.0, 1.0, 1.0],
+        {STATUS.singular_dae},
+    ),
+    "a time of flight is nan": (CLOCKWORK, [1.0, 1.0], {STATUS.nonfinite}),
+}  # fmt: skip
+FLOWS, MAPS, HYBRIDS, DAES, CLOSED = lh.Flow, lh.Map, lh.Hybrid, lh.DAE, lh.EventDriven
+ALL = FLOWS | MAPS | HYBRIDS | CLOSED
+JUMPING = lh.Hybrid(fall, floor(lambda v: -0.9 * v))
+
+
+def crossings(system, x0):
+    if isinstance(system, lh.Map | lh.EventDriven):
+        return lh.poincare_section(system, x0, ARGS, period=1, n=50)
+    return lh.poincare_section(system, x0, ARGS, section=lambda t, x, args: x[1] - 0.2, n=50)
+
+
+def diagram(system, x0):
+    box = [[0.99 * x for x in x0], [1.01 * x + 0.01 for x in x0]]
+    how = {"period": 1, "t1": 32, "transient": 10, "samples": 8, "key": KEY}
+    return lh.bifurcation_diagram(system, box, ARGS, over={"a": [0.9, 1.1]}, **how)
+
+
+def swept(system, x0):
+    run = lambda args: lh.lyapunov_spectrum(system, jnp.asarray(x0), args, t1=T1, blocks=4)  # noqa: E731
+    return lh.sweep(run, {"a": [0.9, 1.0, 1.1]}, args=ARGS, progress=False)
+
+
+def refined(system, x0):
+    run = lambda args: lh.lyapunov_spectrum(system, jnp.asarray(x0), args, t1=T1, blocks=4)  # noqa: E731
+    over = {"a": np.linspace(0.9, 1.1, 3), "b": np.linspace(0.0, 1.0, 3)}
+    coarse = lh.sweep(run, over, args=ARGS | {"b": 0.0}, progress=False)
+    return lh.refine(coarse, run, args=ARGS | {"b": 0.0}, levels=1, progress=False)
+
+
+def returns(system, x0):
+    return lh.lyapunov_spectrum(lh.return_map(system), jnp.asarray(x0), ARGS, t1=100, blocks=4)
+
+
+def turns(system):
+    """The period of a map."""
+    return 5 if isinstance(system, lh.Map) else None
+
+
+def near_the_fold(system, x0):
+    return lh.consistent_start(system, [-1.0, 0.0, 1.0], ARGS)
+
+
+# Each with the kinds of systems that it takes.
+VERBS = {
+    "lyapunov_spectrum": (ALL, lambda s, x: lh.lyapunov_spectrum(s, x, ARGS, t1=T1, blocks=4)),
+    "trajectory": (ALL, lambda s, x: lh.trajectory(s, x, ARGS, t1=T1, n=4)),
+    "tangent_map": (ALL, lambda s, x: lh.tangent_map(s, x, ARGS, t1=T1)),
+    "two_trajectories": (ALL, lambda s, x: lh.two_trajectories(s, x, ARGS, t1=T1, blocks=4)),
+    "gali": (ALL, lambda s, x: lh.gali(s, x, ARGS, t1=T1, blocks=4)),
+    "sali": (ALL, lambda s, x: lh.sali(s, x, ARGS, t1=T1, blocks=4)),
+    "megno": (ALL, lambda s, x: lh.megno(s, x, ARGS, t1=T1, blocks=4)),
+    "fli": (ALL, lambda s, x: lh.fli(s, x, ARGS, t1=T1, blocks=4)),
+    "ofli": (FLOWS | HYBRIDS, lambda s, x: lh.ofli(s, x, ARGS, t1=T1, blocks=4)),
+    "ofli2": (FLOWS, lambda s, x: lh.ofli2(s, x, ARGS, t1=T1, blocks=4)),
+    "covariant_vectors": (ALL, lambda s, x: lh.covariant_vectors(s, x, ARGS, t1=T1, blocks=4)),
+    "spectral_intervals": (ALL, lambda s, x: lh.spectral_intervals(s, x, ARGS, t1=T1, window=5.0, tau=1.0)),
+    "svd_spectrum": (ALL, lambda s, x: lh.svd_spectrum(s, x, ARGS, t1=T1, blocks=4)),
+    "exponent_bounds": (FLOWS | MAPS, lambda s, x: lh.exponent_bounds(s, x, ARGS, t1=T1)),
+    "floquet": (ALL, lambda s, x: lh.floquet(s, x, ARGS, period=turns(s))),
+    "continuation": (
+        FLOWS | MAPS | HYBRIDS,
+        lambda s, x: lh.continuation(s, x, ARGS, over={"a": (0.5, 1.5)}, period=turns(s)),
+    ),
+    "lyapunov_gradient": (ALL, lambda s, x: lh.lyapunov_gradient(s, x, ARGS, t1=T1)),
+    "lyapunov_gradient, regression": (
+        ALL, lambda s, x: lh.lyapunov_gradient(s, x, ARGS, t1=T1, key=KEY, algorithm="regression"),
+    ),
+    "design": (ALL, lambda s, x: lh.design(s, x, ARGS, -0.5, over="a", t1=T1)),
+    "design, bisection": (
+        ALL,
+        lambda s, x: lh.design(s, x, ARGS, -0.5, over={"a": (0.9, 1.1)}, t1=T1, optimiser="bisection"),
+    ),
+    "sweep": (ALL, swept),
+    "refine": (ALL, refined),
+    "solutions": (HYBRIDS, lambda s, x: lh.solutions(s, x, ARGS, t1=T1, blocks=4)),
+    "return_map": (HYBRIDS, returns),
+    "poincare_section": (ALL, crossings),
+    "bifurcation_diagram": (MAPS | HYBRIDS | CLOSED, diagram),
+    "consistent_start": (DAES, near_the_fold),
+}  # fmt: skip
+# A return map is nan where there is no return; the crossings between jumps hide from a section that these accumulate.
+ALSO = {"return_map": {STATUS.nonfinite}, "poincare_section": {STATUS.stalled}}
+# A point and no motion: what they need of it is asked before anything is computed.
+OF_A_POINT = {"saltation_matrix", "jacobians"}
+
+
+def test_no_verb_is_forgotten():
+    known = {name.partition(",")[0] for name in VERBS} | OF_A_POINT
+    makers = {"filippov", "impact", "implicit_dae", "canonical_flow"}
+    verbs = {name for name in lh.__all__ if name.islower() and callable(getattr(lh, name))} - makers
+    assert known == verbs
+
+
+def the_motion_fails_in(result) -> bool:
+    """Whether a result says that there is no answer, or up to where there is one."""
+    if isinstance(result, lh.Solutions):
+        return all(one.spectrum.status.failed for one in result.solutions)
+    if isinstance(result, lh.Floquet):
+        return not np.isfinite(result.residual)
+    if hasattr(result, "trust"):  # a gradient or a design
+        return not result.trust
+    if hasattr(result, "data_vars"):
+        return bool(np.all(result.status > 0) and np.all(np.isnan(result.exponents)))
+    if isinstance(result, lh.BifurcationDiagram):
+        return bool(np.all(np.asarray(result.status) > 0))
+    return result.status.failed
+
+
+def check(name: str, how: str) -> None:
+    """The verb on the system: what is raised holds what was computed, with the verdict of the run where there is one.
+
+    A return map is one of few that may end well: there the accumulation is a fixed point.
+    """
+    system, x0, verdicts = FAILING[how]
+    raised = None
+    try:
+        result = VERBS[name][1](system, x0)
+    except lh.LyaphybridError as error:
+        raised, result = error, error.result
+    assert result is not None
+    assert str(result)
+    if isinstance(raised, lh.RunFailedError):
+        assert raised.status in verdicts | ALSO.get(name, set())
+        assert f"{raised.status.name}: " in str(raised)
+    elif raised is None:
+        assert the_motion_fails_in(result) or name == "return_map"
+
+
+def takes(name: str, how: str) -> bool:
+    """`ofli2` is not for constraints."""
+    system = FAILING[how][0]
+    return isinstance(system, VERBS[name][0]) and not (isinstance(system, lh.DAE) and name == "ofli2")
+
+
+PAIRS = [(name, how) for how in FAILING for name in VERBS if takes(name, how)]
+
+
+@pytest.mark.parametrize(("name", "how"), [pair for pair in PAIRS if "map" in pair[1]])
+def test_every_verb_on_a_map_that_escapes(name, how):
+    check(name, how)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "how"), [pair for pair in PAIRS if "map" not in pair[1]])
+def test_every_verb_on_a_motion_that_fails(name, how):
+    check(name, how)

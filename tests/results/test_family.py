@@ -1,0 +1,222 @@
+"""The family of results: each prints, shows itself in notebooks, becomes a dataset and, where it can, a picture."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from matplotlib import pyplot
+
+import lyaphybrid as lh
+from lyaphybrid._text import Table, as_html, as_text
+
+HENON = lh.Map(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]]), names=("position", "memory"))
+BALL = lh.Hybrid(
+    lambda t, x, args: jnp.stack([x[1], 0 * x[1] - 1.0]),
+    lh.Transition(lambda t, x, args: x[0], lambda t, x, args: jnp.stack([x[0], -x[1]])),
+    names=("height", "speed"),
+    units=("m", "m/s"),
+)
+LINEAR = lh.Flow(lambda t, x, args: jnp.array([[1.0, 4.0], [0.0, -2.0]]) @ x)
+LOGISTIC = lh.Map(lambda n, x, args: args["r"] * x * (1 - x))
+START = [0.1, 0.2]
+
+
+@functools.cache
+def apart():
+    def field(rate, away):
+        return lambda t, x, args: jnp.stack([rate * x[0], away + 0 * x[1]])
+
+    system = lh.filippov(field(1.0, 1.0), field(-0.5, -1.0), lambda t, x, args: x[1], names=("along", "across"))
+    return lh.solutions(system, [0.0, 0.0], t1=2.0)
+
+
+MAKE = {
+    "Spectrum": lambda: lh.lyapunov_spectrum(HENON, START, 1.4, t1=1000),
+    "Trajectory": lambda: lh.trajectory(BALL, [0.5, 0.0], t1=4.0, n=8),
+    "TimeDomain": lambda: lh.trajectory(BALL, [0.5, 0.0], t1=4.0, n=8).domain,
+    "TangentMap": lambda: lh.tangent_map(BALL, [0.5, 0.0], t1=1.5),
+    "Jacobians": lambda: lh.jacobians(BALL, 1.0, [0.0, -1.0]),
+    "TwoTrajectories": lambda: lh.two_trajectories(HENON, START, 1.4, t1=1000),
+    "GALIResult": lambda: lh.gali(HENON, START, 1.4, t1=100, blocks=16),
+    "IndicatorResult": lambda: lh.megno(HENON, START, 1.4, t1=100, blocks=16),
+    "CovariantVectors": lambda: lh.covariant_vectors(HENON, START, 1.4, t1=20, blocks=20),
+    "SpectralIntervals": lambda: lh.spectral_intervals(HENON, START, 1.4, t1=200, window=20, tau=20),
+    "SVDSpectrum": lambda: lh.svd_spectrum(HENON, START, 1.4, t1=200, blocks=16),
+    "ExponentBounds": lambda: lh.exponent_bounds(HENON, START, 1.4, t1=50),
+    "Floquet": lambda: lh.floquet(HENON, [0.6, 0.2], 1.4, period=1),
+    "Continuation": lambda: lh.continuation(HENON, [0.6, 0.2], 0.3, over={"args": (0.2, 0.5)}, period=1),
+    "Design": lambda: lh.design(LOGISTIC, [0.3], {"r": 2.8}, -0.5, over="r", t1=500),
+    "Gradient": lambda: lh.lyapunov_gradient(LOGISTIC, [0.3], {"r": 2.9}, t1=500),
+    "PoincareSection": lambda: lh.poincare_section(HENON, START, 1.4, period=1, n=20),
+    "BifurcationDiagram": lambda: lh.bifurcation_diagram(
+        LOGISTIC, [[0.1], [0.9]], {"r": 0.0}, over={"r": [2.8, 3.2]}, t1=100, transient=50, samples=16
+    ),
+    "Solution": lambda: apart().solutions[0],
+    "Solutions": apart,
+}
+# Of each: a variable, its dimensions, and the attribute that holds the same numbers.
+HELD = {
+    "Spectrum": ("exponents", ("exponent",), lambda r: r.exponents),
+    "Trajectory": ("x", ("sample", "state"), lambda r: r.x),
+    "TimeDomain": ("starts", ("interval",), lambda r: r.starts),
+    "TangentMap": ("matrix", ("state", "start"), lambda r: r.matrix),
+    "Jacobians": ("Dg_0", ("state", "by"), lambda r: r.Dg[0]),
+    "TwoTrajectories": ("history", ("block",), lambda r: r.history.exponents),
+    "GALIResult": ("log_values", ("sample", "order"), lambda r: r.log_values),
+    "IndicatorResult": ("mean", ("sample",), lambda r: r.mean),
+    "CovariantVectors": ("vectors", ("sample", "state", "exponent"), lambda r: r.vectors),
+    "SpectralIntervals": ("sacker_sell", ("exponent", "bound"), lambda r: r.sacker_sell),
+    "SVDSpectrum": ("directions", ("sample", "state", "exponent"), lambda r: r.directions),
+    "ExponentBounds": ("bound", ("exponent",), lambda r: r.bound),
+    "Floquet": ("monodromy", ("state", "start"), lambda r: r.monodromy),
+    "Continuation": ("multipliers", ("point", "exponent"), lambda r: r.multipliers),
+    "Design": ("tried_exponents", ("point", "exponent"), lambda r: r.history[:, 1:]),
+    "Gradient": ("gradient", ("exponent", "parameter"), lambda r: np.reshape(r.gradient["r"], (1, 1))),
+    "PoincareSection": ("x", ("sample", "state"), lambda r: r.x),
+    "BifurcationDiagram": ("points", ("value", "start", "sample", "state"), lambda r: r.points),
+    "Solution": ("exponents", ("exponent",), lambda r: r.exponents),
+    "Solutions": ("exponents", ("solution", "exponent"), lambda r: r.exponents),
+}
+RUNS = {"Spectrum", "Trajectory", "TangentMap", "TwoTrajectories", "GALIResult", "IndicatorResult", "CovariantVectors"}
+RUNS |= {"SpectralIntervals", "SVDSpectrum", "ExponentBounds", "PoincareSection", "Solution"}
+
+
+def test_all_public_results_are_in_the_family():
+    assert set(MAKE) == {name for name in lh.__all__ if hasattr(getattr(lh, name), "to_xarray")}
+
+
+@pytest.fixture(scope="module")
+def made():
+    found = {}
+
+    def make(name):
+        if name not in found:
+            found[name] = MAKE[name]()
+        return found[name]
+
+    return make
+
+
+@pytest.mark.parametrize("name", MAKE)
+def test_a_result_prints_shows_itself_and_becomes_a_dataset(name, made):
+    result = made(name)
+    text, page, data = str(result), result._repr_html_(), result.to_xarray()
+    assert type(result).__name__ == name
+    assert repr(result) == text
+    title = text.splitlines()[0]
+    assert len(text.splitlines()) > 1
+    assert page.startswith("<table>")
+    assert title.replace("<", "&lt;").replace("'", "&#x27;") in page
+    variable, dimensions, attribute = HELD[name]
+    held = np.asarray(attribute(result))
+    assert data[variable].dims == dimensions
+    assert data[variable].shape == held.shape
+    np.testing.assert_array_equal(data[variable].values, held)
+    assert not any("dim_" in dimension for dimension in data.dims)
+    assert data.attrs["result"] == name
+    if name in RUNS:
+        assert isinstance(result.status, lh.STATUS)
+        assert data.attrs["status"] == str(result.status)
+        assert f"status {result.status}" in text
+
+
+@pytest.mark.parametrize("name", sorted(MAKE.keys() - {"Jacobians"}))
+def test_a_result_has_a_picture(name, made):
+    found = made(name).plot()
+    for ax in np.ravel(np.asarray(found, object)):
+        assert isinstance(ax, pyplot.Axes)
+        assert ax.has_data()
+        ax.figure.canvas.draw()
+    pyplot.close("all")
+    if isinstance(found, pyplot.Axes):
+        ax = pyplot.subplots()[1]
+        assert made(name).plot(ax) is ax
+    pyplot.close("all")
+
+
+def test_datasets_can_be_written_to_files(made, tmp_path):
+    for name in MAKE:
+        data = made(name).to_xarray()
+        if any(np.iscomplexobj(values) for values in data.data_vars.values()):
+            continue  # zarr holds them, but not each version
+        data.to_zarr(tmp_path / f"{name}.zarr", zarr_format=2)
+
+
+def test_under_a_transformation_a_result_says_so(made):
+    said = []
+
+    def look(x):
+        run = lh.lyapunov_spectrum(HENON, x, 1.4, t1=10)
+        said.append(str(run))
+        with pytest.raises(ValueError, match="not under jit"):
+            run.to_xarray()
+        return run.exponents
+
+    jax.jit(look)(jnp.array(START))
+    assert said == ["Spectrum(under a transformation)"]
+
+
+def test_decimal_points_stand_below_each_other():
+    table = Table(
+        "title", [("λ1", "0.92(11)"), ("λ10", "-14.577(67)"), ("λ2", "-inf"), ("λ3", "3"), ("λ4", "1e-10")], ["a < b"]
+    )
+    lines = as_text(table).splitlines()
+    assert lines == [
+        "title",
+        "  λ1      0.92(11)",
+        "  λ10   -14.577(67)",
+        "  λ2   -inf",
+        "  λ3      3",
+        "  λ4      1e-10",
+        "  a < b",
+    ]
+    assert "a &lt; b" in as_html(table)
+
+
+def test_long_tables_are_shortened():
+    lines = as_text(Table("title", [(str(i), "x") for i in range(1000)])).splitlines()
+    assert len(lines) == 42
+    assert lines[21].split() == ["…", "…"]
+
+
+@pytest.mark.parametrize("replicates", [None, 4])
+def test_errors_of_sums_are_those_of_the_exponents_with_their_correlation(replicates):
+    """The sum of Hénon's exponents is ln 0.3 at each step: the errors of both cancel, though each is large."""
+    key = None if replicates is None else jax.random.key(1)
+    s = lh.lyapunov_spectrum(HENON, START, 1.4, t1=2000, replicates=replicates, key=key)
+    for weights, known in (((1.0, 0.0), s.stderr[0]), ((0.0, 1.0), s.stderr[1]), ((1.0, 1.0), 0.0)):
+        assert s._stderr_of(np.array(weights)) == pytest.approx(float(known), rel=1e-9, abs=1e-12)
+    assert s.ks_entropy_stderr() == pytest.approx(float(s.stderr[0]), rel=1e-9)
+    # D = 1 − λ₁/λ₂ with λ₁ + λ₂ = ln 0.3: dD/dλ₁ = −ln 0.3/λ₂²
+    wanted = -np.log(0.3) / float(s.exponents[1]) ** 2 * float(s.stderr[0])
+    assert s.kaplan_yorke_stderr() == pytest.approx(wanted, rel=1e-6)
+    assert f"Kaplan–Yorke dimension {float(s.kaplan_yorke_dimension()):.4f}(" in str(s)
+
+
+def test_the_error_of_the_dimension_is_that_of_independent_runs():
+    runs = [
+        lh.lyapunov_spectrum(HENON, [0.1, 0.01 * i], 1.4, t1=2000, transient=100).kaplan_yorke_dimension()
+        for i in range(24)
+    ]
+    one = lh.lyapunov_spectrum(HENON, [0.1, 0.0], 1.4, t1=2000, transient=100).kaplan_yorke_stderr()
+    assert 0.6 < one / np.std(runs, ddof=1) < 1.7  # of 24 runs it is known to 15 %, of 64 blocks to 9 %
+
+
+def test_notes_are_explained(made):
+    idle = lh.Hybrid(lambda t, x, args: -x, lh.Transition(lambda t, x, args: x[0] + 10.0, lambda t, x, args: -x))
+    found = lh.lyapunov_spectrum(idle, [1.0], t1=5.0)
+    assert "guard_unreached: the system has guards, and none of them was reached" in str(found)
+
+
+def test_old_spellings_of_results_work(made):
+    orbit = made("Floquet")
+    with pytest.warns(DeprecationWarning, match=r"\.jumps") as said:
+        assert orbit.events == orbit.jumps
+    assert len(said) == 1
+    axes = pyplot.subplots(2)[1]
+    with pytest.warns(DeprecationWarning, match="ax=") as said:
+        made("Continuation").plot(axes=axes)
+    assert len(said) == 1
+    pyplot.close("all")
