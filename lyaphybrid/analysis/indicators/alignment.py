@@ -159,7 +159,7 @@ def gali(
         throw: raise where the run failed.
 
     Returns:
-        An `GALIResult` with `.time`, `.orders`, `.values` (times, orders), `.log_values`, `.status` and `.verdict`.
+        A `GALIResult` with `.time`, `.orders`, `.values` (times, orders), `.log_values`, `.status` and `.verdict`.
 
     Raises:
         ValueError: on arguments that do not fit.
@@ -231,7 +231,7 @@ def sali(
         frame: (n, 2) the deviation vectors; None: orthonormal ones of no special direction.
 
     Returns:
-        An `GALIResult` with `.time`, `.values` (times,), `.log_values`, `.status` and `.verdict`.
+        A `GALIResult` with `.time`, `.values` (times,), `.log_values`, `.status` and `.verdict`.
 
     Raises:
         ValueError: on arguments that do not fit.

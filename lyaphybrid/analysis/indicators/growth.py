@@ -163,7 +163,7 @@ def megno(
         throw: raise where the run failed.
 
     Returns:
-        A `IndicatorResult` with `.time`, `.values` (times,), `.mean` (times,), `.status` and `.verdict`.
+        An `IndicatorResult` with `.time`, `.values` (times,), `.mean` (times,), `.status` and `.verdict`.
 
     Raises:
         ValueError: on arguments that do not fit.
@@ -223,7 +223,7 @@ def fli(
         throw: as for `lh.megno`.
 
     Returns:
-        A `IndicatorResult` with `.time`, `.values` (times,), `.status` and `.verdict`.
+        An `IndicatorResult` with `.time`, `.values` (times,), `.status` and `.verdict`.
 
     Raises:
         ValueError: on arguments that do not fit.
@@ -282,7 +282,7 @@ def ofli(
         throw: as for `lh.megno`.
 
     Returns:
-        A `IndicatorResult` with `.time`, `.values` (times,), `.status` and `.verdict`.
+        An `IndicatorResult` with `.time`, `.values` (times,), `.status` and `.verdict`.
 
     Raises:
         ValueError: on arguments that do not fit; on a system without a field.

@@ -56,7 +56,7 @@ def ofli2(
         throw: raise where the run failed.
 
     Returns:
-        A `IndicatorResult` with `.time`, `.values` (times,), `.status` and `.verdict`.
+        An `IndicatorResult` with `.time`, `.values` (times,), `.status` and `.verdict`.
 
     Raises:
         ValueError: on arguments that do not fit; on another system than a smooth flow; on `lh.TangentHamiltonian`,
