@@ -26,8 +26,8 @@ def measure(points: int, stored: bool) -> dict[str, float]:
     from lyaphybrid.sweeps import sweeping
 
     jax.config.update("jax_enable_x64", True)
-    made, make = [], sweeping.Program
-    sweeping.Program = lambda *given: made.append(1) or make(*given)  # type: ignore[assignment, misc]
+    made, make = [], sweeping.LaneProgram
+    sweeping.LaneProgram = lambda *given: made.append(1) or make(*given)  # type: ignore[assignment, misc]
     problem, before = lh.zoo.impact_oscillator(), peak_memory()
 
     def run(args):

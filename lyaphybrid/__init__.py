@@ -7,6 +7,7 @@ changes no setting of JAX. For float64 call ``jax.config.update("jax_enable_x64"
 from . import zoo
 from ._renamed import name_of_before
 from ._version import __version__ as __version__
+from .analysis.checking import Report, check
 from .analysis.comparisons import TwoTrajectories, two_trajectories
 from .analysis.continuation import Continuation, continuation
 from .analysis.derivatives import Jacobians, jacobians, saltation_matrix
@@ -96,6 +97,7 @@ __all__ = [
     "ContinuousQR",
     "implicit_dae",
     "consistent_start",
+    "check",
     "lyapunov_spectrum",
     "trajectory",
     "tangent_map",
@@ -123,6 +125,7 @@ __all__ = [
     "return_map",
     "poincare_section",
     "bifurcation_diagram",
+    "Report",
     "Spectrum",
     "Trajectory",
     "TimeDomain",

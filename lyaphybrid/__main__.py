@@ -91,6 +91,19 @@ def _parser() -> argparse.ArgumentParser:
     option("--chunk", type=int, help="points that are computed and kept together")
     option("--workers", type=int, help='processes of a local dask cluster (extra "cluster")')
 
+    validate = commands.add_parser(
+        "validate",
+        help="every named problem against its reference, by two methods and at two tolerances",
+        description="Every named problem against its reference, by two methods and at two tolerances. The exit status "
+        "is 1 if an exponent is off by more than five standard errors.",
+    )
+    validate.set_defaults(run=_validate)
+    validate.add_argument("names", metavar="NAME", nargs="*", help="problems (default: all)")
+    validate.add_argument(
+        "--quick", action="store_true", help="two ways each, and long runs at a tenth of their length"
+    )
+    validate.add_argument("--out", type=Path, metavar="FILE", help="write all numbers as JSON")
+
     papers = commands.add_parser(
         "papers", help="a paper's tables and figures", description="A paper's tables and figures."
     )
@@ -153,7 +166,7 @@ def _spectrum(options) -> int:
     if options.json:
         print(json.dumps(_as_json(problem, spectrum, overrides), allow_nan=False))
     else:
-        parameters = ", ".join(f"{key}={_plain(value)}" for key, value in problem.parameters.items())
+        parameters = ", ".join(f"{key}={_as_json_value(value)}" for key, value in problem.parameters.items())
         print(f"{problem.name}({parameters})")
         print(spectrum)
         print(f"  reference {problem.reference or 'none for these parameters'}")
@@ -195,7 +208,7 @@ def _sweep(options) -> int:
         except StoreFailedError as error:
             print(f"lyaphybrid: {error}", file=sys.stderr)
             return FAILED
-    return _say(found, over)
+    return _print_points(found, over)
 
 
 def _axis(text: str, problem) -> tuple[str, Any]:
@@ -221,7 +234,7 @@ def _cluster(workers: int):
     return Client(LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=":0"))
 
 
-def _say(found, over: dict[str, Any]) -> int:
+def _print_points(found, over: dict[str, Any]) -> int:
     """Print one line for each point; for more than LINES points only the range of λ1."""
     import numpy as np
 
@@ -322,9 +335,9 @@ def _as_json(problem, spectrum, overrides: dict[str, Any]) -> dict[str, Any]:
     reference, jumps = problem.reference, float(np.mean(np.asarray(spectrum.jumps)))
     return {
         "name": problem.name,
-        "parameters": {key: _plain(value) for key, value in problem.parameters.items()},
-        "exponents": _plain(np.asarray(spectrum.exponents).tolist()),
-        "stderr": _plain(np.asarray(spectrum.stderr).tolist()),
+        "parameters": {key: _as_json_value(value) for key, value in problem.parameters.items()},
+        "exponents": _as_json_value(np.asarray(spectrum.exponents).tolist()),
+        "stderr": _as_json_value(np.asarray(spectrum.stderr).tolist()),
         "error_kind": spectrum.error_kind,
         "t1": float(overrides.get("t1", problem.t1)),
         "jumps": int(jumps) if jumps.is_integer() else jumps,
@@ -333,8 +346,8 @@ def _as_json(problem, spectrum, overrides: dict[str, Any]) -> dict[str, Any]:
         "reference": None
         if reference is None
         else {
-            "exponents": _plain(list(reference.exponents)),
-            "stderr": _plain(list(reference.stderr)),
+            "exponents": _as_json_value(list(reference.exponents)),
+            "stderr": _as_json_value(list(reference.stderr)),
             "exact": reference.exact,
             "clock": reference.clock,
             "source": reference.source,
@@ -342,18 +355,44 @@ def _as_json(problem, spectrum, overrides: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _plain(value: Any) -> Any:
+def _as_json_value(value: Any) -> Any:
     """The value as JSON can hold it."""
     match value:
         case None | bool() | int() | str():
             return value
         case list() | tuple():
-            return [_plain(v) for v in value]
+            return [_as_json_value(v) for v in value]
         case float():
             if math.isnan(value):
                 return None
             return value if math.isfinite(value) else ("-inf" if value < 0 else "inf")
     return str(value)
+
+
+def _validate(options) -> int:
+    from . import zoo
+    from .zoo import validation
+
+    try:
+        found = []
+        for one in validation.comparisons(options.names or zoo.names(), options.quick):
+            off = "" if one.has_reference else " from the first way, for there is no reference"
+            found.append(one)
+            verdict = "agrees" if one.agrees else "MISSES"
+            print(
+                f"{verdict}  {one.problem:<22} {one.way:<28} {one.deviation:5.1f} standard errors{off}, {one.status}, "
+                f"{one.seconds:.1f} s",
+                flush=True,
+            )
+    except ValueError as error:
+        raise RefusedError(str(error)) from error
+    missed = sum(not one.agrees for one in found)
+    print(f"{len(found)} runs of {len({one.problem for one in found})} problems, {missed} missed")
+    if options.out is not None:
+        rows = [{name: _as_json_value(value) for name, value in one._asdict().items()} for one in found]
+        options.out.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+        print(f"wrote {options.out}")
+    return FAILED if missed else WORKED
 
 
 def _papers(options) -> int:

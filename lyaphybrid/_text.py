@@ -11,7 +11,7 @@ __all__ = ["UNIT", "Table", "as_html", "as_text", "numbered", "with_error"]
 
 UNIT = {"time": "unit of time", "jumps": "jump", "hybrid": "unit of max(t, j)"}
 
-MOST = 40  # rows that are shown; of more, the first and the last ones
+MOST_ROWS = 40  # rows that are shown; of more, the first and the last ones
 NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?(\(\d+\))?|inf|nan)(e[-+]?\d+)?")
 
 
@@ -66,9 +66,9 @@ def _row(kind: str, cells: Sequence[str]) -> str:
 
 
 def _shortened(rows: list[list[str]]) -> list[list[str]]:
-    if len(rows) <= MOST:
+    if len(rows) <= MOST_ROWS:
         return rows
-    return [*rows[: MOST // 2], ["…"] * len(rows[0]), *rows[-MOST // 2 :]]
+    return [*rows[: MOST_ROWS // 2], ["…"] * len(rows[0]), *rows[-MOST_ROWS // 2 :]]
 
 
 def _aligned(column: Sequence[str]) -> list[str]:

@@ -29,7 +29,7 @@ class STATUS(enum.IntEnum):
         4,
         "neither flow nor jump is possible: (a) after a reset the guard has zero rate and the flow leaves through "
         "it; (b) every `when` of the transitions that share the guard said no; (c) repelling sliding, or a two-fold: "
-        "lh.solutions follows each way on",
+        "lh.solutions follows each way on; (d) a target is no mode's index",
     )
     nonfinite = (
         5,

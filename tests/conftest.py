@@ -68,6 +68,22 @@ def _references_soon(request):
     jax.config.update("jax_disable_most_optimizations", before)
 
 
+@pytest.hookimpl(tryfirst=True)  # before `-m` chooses
+def pytest_collection_modifyitems(config, items):
+    """Cases of parametrised tests are slow by their ids: slow_cases("a", "b"), or slow_cases(all_but=("c", "d"))."""
+    families = {}
+    for item in items:
+        if marker := item.get_closest_marker("slow_cases"):
+            families.setdefault(item.nodeid.partition("[")[0], (marker, {}))[1][item.callspec.id] = item
+    whole = not any("::" in argument for argument in config.args)  # or not all cases are collected
+    for function, (marker, cases) in families.items():
+        named = {*(marker.args or marker.kwargs["all_but"])}
+        if whole and (unknown := named - cases.keys()):
+            raise pytest.UsageError(f"{function}: slow_cases names {sorted(unknown)}; its cases are {sorted(cases)}.")
+        for case in named & cases.keys() if marker.args else cases.keys() - named:
+            cases[case].add_marker(pytest.mark.slow)
+
+
 @pytest.fixture(scope="session")
 def automata() -> dict:
     return references.load_automata()

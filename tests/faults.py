@@ -211,7 +211,7 @@ def main() -> int:
     if options.checkpoint:
         from lyaphybrid.engine.host import checkpoints as files
 
-        files.EVERY = 0.2
+        files.SECONDS_BETWEEN_WRITES = 0.2
         long_run(checkpoint=options.checkpoint, resume=True)
         return 0
     expected, failures = swept(), 0

@@ -22,13 +22,13 @@ from jaxtyping import Array
 from .jaxprs import MOVING, applied, evaluated
 from .precision import eps
 
-__all__ = ["Pair", "UnknownError", "added", "divided", "multiplied", "negated", "precise", "total"]
+__all__ = ["DoubleDouble", "UnknownError", "added", "divided", "multiplied", "negated", "precise", "total"]
 
 CHANGE = 4  # change of factors, in units of eps
-OF_BOTH = MOVING | {"copy", "neg"}  # primitives that are applied to both parts separately
+ON_BOTH_PARTS = MOVING | {"copy", "neg"}  # primitives that are applied to both parts separately
 
 
-class Pair(NamedTuple):
+class DoubleDouble(NamedTuple):
     """The sum of two arrays; the second is at most the rounding error of the first."""
 
     high: Array
@@ -39,14 +39,14 @@ class UnknownError(ValueError):
     """The function uses other operations than sums and products."""
 
 
-def _sum(a, b) -> Pair:
+def _sum(a, b) -> DoubleDouble:
     s = a + b
     back = s - a
-    return Pair(s, (a - (s - back)) + (b - back))
+    return DoubleDouble(s, (a - (s - back)) + (b - back))
 
 
 @jax.custom_jvp
-def _head(a):
+def _leading_half(a):
     """The number truncated to the first half of its digits."""
     whole = jnp.int64 if a.dtype == jnp.float64 else jnp.int32
     last = (2 - math.frexp(eps(a))[1] + 1) // 2
@@ -54,55 +54,57 @@ def _head(a):
     return lax.bitcast_convert_type(bits, a.dtype)
 
 
-@_head.defjvp
+@_leading_half.defjvp
 def _same(a, da):
-    return _head(*a), *da
+    return _leading_half(*a), *da
 
 
-def _product(a, b) -> Pair:
+def _product(a, b) -> DoubleDouble:
     """The product from halves, whose products are exact, so that the compiler may fuse products and sums freely."""
-    a1, b1 = _head(a), _head(b)
+    a1, b1 = _leading_half(a), _leading_half(b)
     a2, b2 = a - a1, b - b1
     s, e = _sum(a1 * b1, a1 * b2)
     s, f = _sum(s, a2 * b1)
-    return _tidy(s, (e + f) + a2 * b2)
+    return _renormalised(s, (e + f) + a2 * b2)
 
 
-def _tidy(high, low) -> Pair:
+def _renormalised(high, low) -> DoubleDouble:
     s = high + low
-    return Pair(s, low - (s - high))
+    return DoubleDouble(s, low - (s - high))
 
 
-def added(a: Pair, b: Pair) -> Pair:
+def added(a: DoubleDouble, b: DoubleDouble) -> DoubleDouble:
     """The sum."""
     (s, e), (t, f) = _sum(a.high, b.high), _sum(a.low, b.low)
-    s, e = _tidy(s, e + t)
-    return _tidy(s, e + f)
+    s, e = _renormalised(s, e + t)
+    return _renormalised(s, e + f)
 
 
-def negated(a: Pair) -> Pair:
+def negated(a: DoubleDouble) -> DoubleDouble:
     """The number with the other sign."""
-    return Pair(-a.high, -a.low)
+    return DoubleDouble(-a.high, -a.low)
 
 
-def multiplied(a: Pair, b: Pair) -> Pair:
+def multiplied(a: DoubleDouble, b: DoubleDouble) -> DoubleDouble:
     """The product."""
     p, e = _product(a.high, b.high)
-    return _tidy(p, e + (a.high * b.low + a.low * b.high))
+    return _renormalised(p, e + (a.high * b.low + a.low * b.high))
 
 
-def divided(a: Pair, b: Pair) -> Pair:
+def divided(a: DoubleDouble, b: DoubleDouble) -> DoubleDouble:
     """The quotient."""
     q = a.high / b.high
-    rest = added(a, negated(multiplied(b, Pair(q, jnp.zeros_like(q)))))
-    return _tidy(q, rest.high / b.high)
+    rest = added(a, negated(multiplied(b, DoubleDouble(q, jnp.zeros_like(q)))))
+    return _renormalised(q, rest.high / b.high)
 
 
-def total(a: Pair, axis: int) -> Pair:
+def total(a: DoubleDouble, axis: int) -> DoubleDouble:
     """The sum along an axis."""
     high, low = jnp.moveaxis(a.high, axis, 0), jnp.moveaxis(a.low, axis, 0)
     nothing = jnp.zeros_like(high[0])
-    return lax.fori_loop(0, len(high), lambda i, s: added(s, Pair(high[i], low[i])), Pair(nothing, nothing))
+    return lax.fori_loop(
+        0, len(high), lambda i, s: added(s, DoubleDouble(high[i], low[i])), DoubleDouble(nothing, nothing)
+    )
 
 
 def precise(function: Callable) -> Callable:
@@ -112,21 +114,21 @@ def precise(function: Callable) -> Callable:
 
     Example:
         >>> import jax, jax.numpy as jnp
-        >>> from lyaphybrid._jax.double_double import Pair, precise
+        >>> from lyaphybrid._jax.double_double import DoubleDouble, precise
         >>> with jax.enable_x64(True):
-        ...     dx = Pair(jnp.array([1.0, 1e-20]), jnp.zeros(2))
+        ...     dx = DoubleDouble(jnp.array([1.0, 1e-20]), jnp.zeros(2))
         ...     found = precise(lambda dx: (dx[0] + dx[1]) - dx[:1])(dx, jnp.array(0.0))
         ...     print(found.high)
         [1.e-20]
     """
 
-    def in_pairs(dx: Pair, seed) -> Pair:
+    def in_pairs(dx: DoubleDouble, seed) -> DoubleDouble:
         count = itertools.count(1)
 
-        def factor(value) -> Pair:
+        def factor(value) -> DoubleDouble:
             places = jnp.arange(value.size, dtype=value.dtype).reshape(value.shape)
             share = jnp.where(seed == 0, 0.0, CHANGE * eps(value)) * jnp.sin((places + 1.7) * seed + next(count))
-            return Pair(value, value * share)
+            return DoubleDouble(value, value * share)
 
         def through(closed: ClosedJaxpr, inputs: list) -> list:
             return evaluated(
@@ -138,22 +140,22 @@ def precise(function: Callable) -> Callable:
     return in_pairs
 
 
-def _pair(value) -> Pair:
-    return value if isinstance(value, Pair) else Pair(value, jnp.zeros_like(value))
+def _pair(value) -> DoubleDouble:
+    return value if isinstance(value, DoubleDouble) else DoubleDouble(value, jnp.zeros_like(value))
 
 
 def _through(closed: ClosedJaxpr, eqn, operands: list, through, factor) -> list:
-    if not any(isinstance(one, Pair) for one in operands):
+    if not any(isinstance(one, DoubleDouble) for one in operands):
         return applied(closed, eqn, operands)
     name, first = eqn.primitive.name, operands[0]
     if name in ("jit", "pjit"):
         return through(eqn.params["jaxpr"], operands)
-    if name == "cond" and not isinstance(first, Pair):
+    if name == "cond" and not isinstance(first, DoubleDouble):
         branches = [lambda rest, one=one: list(map(_pair, through(one, rest))) for one in eqn.params["branches"]]
         return lax.switch(first, branches, operands[1:])
-    pairs = [isinstance(one, Pair) for one in operands]
+    pairs = [isinstance(one, DoubleDouble) for one in operands]
     if (name in ("mul", "dot_general") and sum(pairs) == 1) or (name == "div" and pairs == [True, False]):
-        left, right = [one if isinstance(one, Pair) else factor(one) for one in operands]
+        left, right = [one if isinstance(one, DoubleDouble) else factor(one) for one in operands]
         if name == "dot_general":
             return [_dot(eqn, left, right)]
         return [(multiplied if name == "mul" else divided)(*_alike(left, right))]
@@ -164,29 +166,29 @@ def _through(closed: ClosedJaxpr, eqn, operands: list, through, factor) -> list:
         for axis in sorted(eqn.params["axes"], reverse=True):
             first = total(first, axis)
         return [first]
-    if name in OF_BOTH and not (name == "select_n" and isinstance(first, Pair)):
+    if name in ON_BOTH_PARTS and not (name == "select_n" and isinstance(first, DoubleDouble)):
         found = [applied(closed, eqn, [_part(one, i) for one in operands]) for i in range(2)]
-        return list(map(Pair, *found))
+        return list(map(DoubleDouble, *found))
     raise UnknownError(name)
 
 
 def _part(value, i: int):
     """Part i of a pair; other floating-point values have a low part of zero, and indices are returned unchanged."""
-    if isinstance(value, Pair):
+    if isinstance(value, DoubleDouble):
         return value[i]
     return jnp.zeros_like(value) if i and jnp.issubdtype(value.dtype, jnp.floating) else value
 
 
-def _alike(left: Pair, right: Pair) -> tuple[Pair, Pair]:
+def _alike(left: DoubleDouble, right: DoubleDouble) -> tuple[DoubleDouble, DoubleDouble]:
     shape = jnp.broadcast_shapes(left.high.shape, right.high.shape)
 
-    def wide(pair: Pair) -> Pair:
-        return Pair(*(jnp.broadcast_to(one, shape) for one in pair))
+    def wide(pair: DoubleDouble) -> DoubleDouble:
+        return DoubleDouble(*(jnp.broadcast_to(one, shape) for one in pair))
 
     return wide(left), wide(right)
 
 
-def _dot(eqn, left: Pair, right: Pair) -> Pair:
+def _dot(eqn, left: DoubleDouble, right: DoubleDouble) -> DoubleDouble:
     """All products in an array with batch axes first and the contracted axis last; then the sum over that axis."""
     (over_left, over_right), (batch_left, batch_right) = eqn.params["dimension_numbers"]
 
@@ -196,12 +198,12 @@ def _dot(eqn, left: Pair, right: Pair) -> Pair:
         shape = array.shape[: len(batch)], array.shape[len(batch) : len(batch) + len(free)]
         return array, *shape, array.size // math.prod((*shape[0], *shape[1]))
 
-    def spread(pair: Pair, over, batch, before: int, behind: int) -> Pair:
+    def spread(pair: DoubleDouble, over, batch, before: int, behind: int) -> DoubleDouble:
         def one(part):
             part, batches, free, size = arranged(part, over, batch)
             return part.reshape(*batches, *(1,) * before, *free, *(1,) * behind, size)
 
-        return Pair(*map(one, pair))
+        return DoubleDouble(*map(one, pair))
 
     free_left = left.high.ndim - len(over_left) - len(batch_left)
     free_right = right.high.ndim - len(over_right) - len(batch_right)

@@ -12,18 +12,18 @@ from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
-import equinox.internal as eqxi
 import jax
 import numpy as np
 
-from ..native import EVENTS, Compiled, Program, engine, native_call, no_collector
+from ..native import DURATION_PREFIX, Compiled, Program, engine, native_call, no_collector
+from .jaxprs import explicit
 from .reverse_mode import both_ways
 from .tracing import enclosed, traced, transforming
 
 CLOSED_OVER = (
     "A reverse derivative (jax.grad, jax.jacrev) of a run whose functions close over a value that is not known yet, "
     "such as a parameter that derivatives are taken by. These have forward derivatives only: let the functions take it "
-    "from args, field(t, x, args), and pass args=…; or take jax.jacfwd."
+    "from args, field(t, x, args), and pass args=…; or take jax.jacfwd, and jax.jacfwd(jax.jacfwd(f)) for a second one."
 )
 _MOST = 256  # most cached programs of one function; the least recently used is dropped
 _WORTH_A_LOOK = 0.01  # seconds; no program is optimised for a shorter run
@@ -44,12 +44,12 @@ def compilations() -> int:
     return _compilations.count
 
 
-def _listen(event: str, duration_secs: float, **kwargs: str | int) -> None:
+def _count_compilation(event: str, duration_secs: float, **kwargs: str | int) -> None:
     del duration_secs, kwargs
-    _compilations.count += event in ("/jax/core/compile/backend_compile_duration", f"{EVENTS}/LLVM")
+    _compilations.count += event in ("/jax/core/compile/backend_compile_duration", f"{DURATION_PREFIX}/LLVM")
 
 
-jax.monitoring.register_event_duration_secs_listener(_listen)
+jax.monitoring.register_event_duration_secs_listener(_count_compilation)
 
 
 def is_native() -> bool:
@@ -86,9 +86,8 @@ def compiled(
 
         @functools.wraps(function)
         def call(*args):
-            if transforming() and traced(enclosed(args)):  # closed-over tracers: forward derivatives only
-                found = by_xla(*args)
-                return found if backward is None else eqxi.nondifferentiable_backward(found, msg=CLOSED_OVER)
+            if transforming() and traced(enclosed(args)):
+                return by_xla(*args) if backward is None else _forwards_only(function, args)
             if is_native():
                 return natively(*args)
             return (with_derivatives if traced(args) else by_xla)(*args)
@@ -108,6 +107,21 @@ def compiled(
         return call
 
     return decorate
+
+
+def _forwards_only(function: Callable, args: tuple) -> Any:
+    """The results of a function that closes over tracers, with derivatives by them that go forwards."""
+    arrays, static = eqx.partition(args, eqx.is_array)
+    leaves, tree = jax.tree.flatten(arrays)
+
+    def flat(*leaves):
+        return function(*eqx.combine(jax.tree.unflatten(tree, leaves), static))
+
+    def backwards(*operands):
+        raise RuntimeError(CLOSED_OVER)
+
+    of_all, numbers = explicit(flat, *leaves)
+    return both_ways(jax.jit(of_all), backwards)(numbers, *leaves)
 
 
 class SideBySide:

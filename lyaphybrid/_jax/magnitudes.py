@@ -17,9 +17,9 @@ from jaxtyping import Array
 
 from .jaxprs import MOVING, applied, evaluated
 
-__all__ = ["UNKNOWN", "absolute"]
+__all__ = ["UNKNOWN_MAGNITUDE", "absolute"]
 
-UNKNOWN = 1e150  # so large that every result counts as rounding; products of two are finite
+UNKNOWN_MAGNITUDE = 1e150  # so large that every result counts as rounding; products of two are finite
 
 
 class Size(NamedTuple):
@@ -29,7 +29,7 @@ class Size(NamedTuple):
 
 
 def absolute(function: Callable) -> Callable:
-    """|A| of a linear function A, both from arrays (n,) to arrays; `UNKNOWN` where A does not only add and multiply.
+    """|A| of a linear function A, on arrays (n,); `UNKNOWN_MAGNITUDE` where A does more than add and multiply.
 
     Example:
         >>> import jax.numpy as jnp
@@ -58,16 +58,16 @@ def _through_equation(closed: ClosedJaxpr, eqn, operands: list) -> list:
     if name == "cond" and not isinstance(first, Size):
         branches = [lambda rest, one=one: list(map(_magnitude, _through(one, rest))) for one in eqn.params["branches"]]
         return list(map(Size, lax.switch(first, branches, operands[1:])))
-    if name in ENTRYWISE and (name != "div" or not isinstance(operands[1], Size)):
-        return [Size(ENTRYWISE[name](*jnp.broadcast_arrays(*map(_magnitude, operands))))]
-    if name in ALIKE and (name != "select_n" or not isinstance(first, Size)):
+    if name in ENTRYWISE_MAGNITUDES and (name != "div" or not isinstance(operands[1], Size)):
+        return [Size(ENTRYWISE_MAGNITUDES[name](*jnp.broadcast_arrays(*map(_magnitude, operands))))]
+    if name in APPLIED_UNCHANGED and (name != "select_n" or not isinstance(first, Size)):
         return list(map(Size, applied(closed, eqn, list(map(_magnitude, operands)))))
     return [Size(jnp.full(out.aval.shape, _unknown(out.aval.dtype), out.aval.dtype)) for out in eqn.outvars]
 
 
 def _unknown(dtype) -> float:
-    """`UNKNOWN`, or in float32 a number such that products of two are finite."""
-    return min(UNKNOWN, float(jnp.finfo(dtype).max) ** 0.49) if jnp.issubdtype(dtype, jnp.floating) else 1.0
+    """`UNKNOWN_MAGNITUDE`, or in float32 a number such that products of two are finite."""
+    return min(UNKNOWN_MAGNITUDE, float(jnp.finfo(dtype).max) ** 0.49) if jnp.issubdtype(dtype, jnp.floating) else 1.0
 
 
 def _magnitude(value):
@@ -78,7 +78,7 @@ def _magnitude(value):
 
 
 # Primitives by name: the operation on the magnitudes of the operands …
-ENTRYWISE: dict[str, Callable] = {
+ENTRYWISE_MAGNITUDES: dict[str, Callable] = {
     "add": lax.add,
     "add_any": lax.add,
     "copy": lambda x: x,
@@ -88,4 +88,4 @@ ENTRYWISE: dict[str, Callable] = {
     "sub": lax.add,
 }
 # … or primitives that are applied to the magnitudes unchanged.
-ALIKE = MOVING | {"cumsum", "dot_general", "reduce_sum", "scatter-add"}
+APPLIED_UNCHANGED = MOVING | {"cumsum", "dot_general", "reduce_sum", "scatter-add"}

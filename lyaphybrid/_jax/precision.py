@@ -8,12 +8,23 @@ import math
 
 import jax.numpy as jnp
 
-__all__ = ["BLUR", "CURE", "DOUBLE", "LEAST", "digits", "eps", "is_short", "nonzero", "require_double", "share"]
+__all__ = [
+    "GUARD_ROUNDING",
+    "CURE",
+    "DOUBLE",
+    "LEAST_TOLERANCE",
+    "digits",
+    "eps",
+    "is_short",
+    "nonzero",
+    "require_double",
+    "share",
+]
 
 DOUBLE = 2.220446049250313e-16  # eps of float64
 CURE = "For float64 set jax.config.update('jax_enable_x64', True) before the first array is made."
-BLUR = 64 * DOUBLE  # rounding error of a guard, relative to its terms
-LEAST = 32  # in units of `eps`: a smaller relative error estimate is rounding (float32: 3.8e-6)
+GUARD_ROUNDING = 64 * DOUBLE  # rounding error of a guard, relative to its terms
+LEAST_TOLERANCE = 32  # in units of `eps`: a smaller relative error estimate is rounding (float32: 3.8e-6)
 
 
 def eps(like) -> float:

@@ -24,14 +24,16 @@ from ..native import ONE_WAY
 __all__ = ["CHECKPOINTS", "both_ways", "checkpointed"]
 
 CHECKPOINTS = 64  # most checkpoints of a loop, half of them in the forward pass; an even number
-NEVER = 2**30  # an iteration that is never reached
+UNREACHED = 2**30  # an iteration that is never reached
 
-# REACH[s, r]: the most iterations that can be reversed with s checkpoints, the start included, if no iteration is
+# REVERSIBLE[s, r]: the most iterations that can be reversed with s checkpoints, the start included, if no iteration is
 # recomputed more than r times: the binomial coefficient of s + r over s.
-REACH = np.array([[min(math.comb(s + r, s), NEVER) for r in range(64)] for s in range(CHECKPOINTS + 1)], np.int32)
+REVERSIBLE = np.array(
+    [[min(math.comb(s + r, s), UNREACHED) for r in range(64)] for s in range(CHECKPOINTS + 1)], np.int32
+)
 
 
-class Kept(NamedTuple):
+class CheckpointStack(NamedTuple):
     """The checkpoints, as a stack."""
 
     states: Any  # leaves with a first axis (checkpoints,)
@@ -75,14 +77,14 @@ def _forwards(perturbed, moving, goes_on):
             return array.at[: room // 2].set(array[:room:2])
 
         turns, states = every_other(kept.turns), jax.tree.map(every_other, kept.states)
-        return Kept(states, turns, kept.count // 2), 2 * apart
+        return CheckpointStack(states, turns, kept.count // 2), 2 * apart
 
     def turn(loop):
         state, now, kept, apart = loop
         kept, apart = jax.lax.cond(kept.count == room, thinned, lambda *same: same, kept, apart)
-        return step(state), now + 1, _put(kept, state, now, now % apart == 0), apart
+        return step(state), now + 1, _push_checkpoint(kept, state, now, now % apart == 0), apart
 
-    start = state, nothing[0], Kept(stack, nothing, nothing[0]), nothing[0] + 1
+    start = state, nothing[0], CheckpointStack(stack, nothing, nothing[0]), nothing[0] + 1
     state, turns, kept, _ = jax.lax.while_loop(lambda loop: goes_on(loop[0]), turn, start)
     return state, (kept, turns)
 
@@ -115,17 +117,17 @@ def _backwards(residuals, back, perturbed, moving, goes_on):
     return gradient, back
 
 
-def _put(kept: Kept, state, turn, when) -> Kept:
+def _push_checkpoint(kept: CheckpointStack, state, turn, when) -> CheckpointStack:
     """Push one more checkpoint, if `when` holds."""
 
     def put(kept, state):
         states = jax.tree.map(lambda stack, leaf: stack.at[kept.count].set(leaf), kept.states, state)
-        return Kept(states, kept.turns.at[kept.count].set(turn), kept.count + 1)
+        return CheckpointStack(states, kept.turns.at[kept.count].set(turn), kept.count + 1)
 
     return jax.lax.cond(when, put, lambda kept, _: kept, kept, state)
 
 
-def _state_before(turn, step: Callable, kept: Kept) -> tuple[Any, Kept]:
+def _state_before(turn, step: Callable, kept: CheckpointStack) -> tuple[Any, CheckpointStack]:
     """The state before an iteration, recomputed from the last checkpoint; sets further checkpoints optimally."""
     last = kept.count - 1
 
@@ -136,7 +138,7 @@ def _state_before(turn, step: Callable, kept: Kept) -> tuple[Any, Kept]:
         state, now, kept, at = walk
         state, now = step(state), now + 1
         due = now == at
-        kept = _put(kept, state, now, due)
+        kept = _push_checkpoint(kept, state, now, due)
         return state, now, kept, jnp.where(due, next_one(kept, now), at)
 
     state, now = jax.tree.map(lambda stack: stack[last], kept.states), kept.turns[last]
@@ -147,9 +149,9 @@ def _state_before(turn, step: Callable, kept: Kept) -> tuple[Any, Kept]:
 
 def _distance(checkpoints, turns):
     """The number of iterations to the next checkpoint, from the numbers of free checkpoints and of iterations."""
-    reach = jnp.asarray(REACH)[checkpoints]
-    again = jnp.clip(jnp.sum(reach < turns), 1, REACH.shape[1] - 1)
-    return jnp.where(checkpoints > 1, jnp.minimum(reach[again - 1], turns - 1), NEVER)
+    reach = jnp.asarray(REVERSIBLE)[checkpoints]
+    again = jnp.clip(jnp.sum(reach < turns), 1, REVERSIBLE.shape[1] - 1)
+    return jnp.where(checkpoints > 1, jnp.minimum(reach[again - 1], turns - 1), UNREACHED)
 
 
 def both_ways(forward: Callable, backward: Callable) -> Callable:

@@ -14,10 +14,10 @@ from jaxtyping import Array, Float
 
 from .linear_systems import inverse
 
-__all__ = ["Factors", "factorised", "probes", "solve"]
+__all__ = ["BlockFactors", "factorised", "probes", "solve"]
 
 
-class Factors(NamedTuple):
+class BlockFactors(NamedTuple):
     """Block factors of a block tridiagonal matrix."""
 
     turned: Array  # (count, b, b) inverses of the diagonal blocks after elimination
@@ -30,7 +30,7 @@ def probes(m: int, bandwidth: int) -> np.ndarray:
     return np.eye(2 * bandwidth + 1)[np.arange(m) % (2 * bandwidth + 1)]
 
 
-def factorised(seen: Float[Array, "m c"]) -> tuple[Factors, Float[Array, ""]]:
+def factorised(seen: Float[Array, "m c"]) -> tuple[BlockFactors, Float[Array, ""]]:
     """Factors of a matrix from its product with `probes`, and the sign of its determinant."""
     b = (seen.shape[1] - 1) // 2
     diagonal, below, above = (_blocks(seen, b, shift) for shift in (0, -1, 1))
@@ -43,10 +43,10 @@ def factorised(seen: Float[Array, "m c"]) -> tuple[Factors, Float[Array, ""]]:
 
     start = jnp.zeros((b, b), seen.dtype), jnp.zeros((b, b), seen.dtype), jnp.ones((), seen.dtype)
     (_, _, sign), turned = jax.lax.scan(eliminate, start, (diagonal, below, above))
-    return Factors(turned, below, above), sign
+    return BlockFactors(turned, below, above), sign
 
 
-def solve(factors: Factors, right: Float[Array, "m *k"]) -> Float[Array, "m *k"]:
+def solve(factors: BlockFactors, right: Float[Array, "m *k"]) -> Float[Array, "m *k"]:
     """The solution for one right-hand side (m,), or several (m, k)."""
     count, b, _ = factors.turned.shape
     m, several = right.shape[0], right.reshape(right.shape[0], -1)

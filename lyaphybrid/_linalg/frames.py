@@ -16,19 +16,20 @@ from jaxtyping import Array, Float, Int
 
 from .._jax.precision import digits, eps, is_short, nonzero
 
-__all__ = ["KINDS", "orthonormalise", "refill", "staggered", "unit_vectors"]
+__all__ = ["QR_ALGORITHMS", "orthonormalise", "refill", "staggered", "unit_vectors"]
 
-KINDS = ("mgs", "lapack", "cholesky")
-FEW = 4  # products with at most so many rows are written out without a loop
+QR_ALGORITHMS = ("mgs", "lapack", "cholesky")
+MOST_ROWS_UNROLLED = 4  # products with at most so many rows are written out without a loop
 UNROLL = 16  # Gram–Schmidt with at most so many columns is unrolled: faster than a loop, but longer to compile
 BLOCKS_FROM = 32  # from this number of columns block Gram–Schmidt is faster than column by column
 PANEL = 32  # most columns of a panel
 UNEVEN = 300.0  # with a larger ratio of lengths in a panel the orthogonality error may exceed 1e-11
 LOST = 1e-12  # after one jump a column is lost if its residual is below this, relative to its length before the jump
 DEPENDENT = 1e-13  # after several jumps, if it is below this relative to its present length; always, to its own terms
-ROUNDING = 4  # residual of a lost column in float32, in units of eps times its length
-CLEARED = 4  # number of times that earlier columns are removed: then rows of 1e-60 times the others are accurate too
-TINY = 1e-290  # lower bound of a length, to avoid division by zero
+LOST_RESIDUAL = 4  # residual of a lost column in float32, in units of eps times its length
+# Number of times that earlier columns are removed: then rows of 1e-60 times the others are accurate too.
+REORTHOGONALISATIONS = 4
+SMALLEST_LENGTH = 1e-290  # lower bound of a length, to avoid division by zero
 
 
 def kind_for(k: int) -> str:
@@ -79,7 +80,7 @@ def orthonormalise(
             lengths,
             lost,
         )
-    log_r = jnp.log(jnp.where(lost, 1.0, jnp.maximum(lengths, nonzero(TINY, lengths))))
+    log_r = jnp.log(jnp.where(lost, 1.0, jnp.maximum(lengths, nonzero(SMALLEST_LENGTH, lengths))))
     return jnp.where(lost[None, :], 0.0, columns), log_r, lost
 
 
@@ -90,8 +91,8 @@ def _tolerance(frame, absolute, relative: float):
     relative to both its present length and its length before.
     """
     if not is_short(frame):
-        return absolute + relative * _norm(frame)
-    return jnp.where(absolute < 0, -1.0, ROUNDING * eps(frame) * jnp.minimum(4.0, _norm(frame)))
+        return absolute + relative * _column_norms(frame)
+    return jnp.where(absolute < 0, -1.0, LOST_RESIDUAL * eps(frame) * jnp.minimum(4.0, _column_norms(frame)))
 
 
 def _columns_and_lengths(frame, kind: str, tolerance):
@@ -129,13 +130,13 @@ def tracked(relative: float) -> bool:
     return relative > 0
 
 
-def _norm(v):
+def _column_norms(v):
     """The Euclidean norm along the first axis, with a derivative at 0."""
     square = jnp.sum(v * v, axis=0)
-    return _root(square)
+    return _square_root(square)
 
 
-def _root(square):
+def _square_root(square):
     """The square root, with a derivative at 0; nan stays nan, so that such a column does not look lost."""
     nothing = square <= 0
     return jnp.where(nothing, 0.0, jnp.sqrt(jnp.where(nothing, 1.0, square)))
@@ -143,13 +144,13 @@ def _root(square):
 
 def _scaled(columns, squares):
     """Normalise orthogonal columns; returns them and their lengths (k,)."""
-    lengths = _root(squares)
-    return columns / jnp.maximum(lengths, nonzero(TINY, lengths))[None, :], lengths
+    lengths = _square_root(squares)
+    return columns / jnp.maximum(lengths, nonzero(SMALLEST_LENGTH, lengths))[None, :], lengths
 
 
 def _inverse(square, floors, j):
     """1/|column j|²; 0 where the column is lost."""
-    inverse = 1 / jnp.maximum(square, nonzero(TINY, square))
+    inverse = 1 / jnp.maximum(square, nonzero(SMALLEST_LENGTH, square))
     return inverse if floors is None else jnp.where(square > floors[j], inverse, 0.0)
 
 
@@ -175,7 +176,7 @@ def _by_columns(frame, floors=None):
 
 def _overlaps(column, rest):
     """The products (k,) of one column with all columns."""
-    if len(column) > FEW:
+    if len(column) > MOST_ROWS_UNROLLED:
         return column @ rest
     return functools.reduce(jnp.add, [one * row for one, row in zip(column, rest, strict=True)])
 
@@ -235,12 +236,12 @@ def _entry_by_entry(frame, sizes, tolerance):
     def clear(j, state):
         columns, known, lengths, lost = state
         y, size = frame[:, j], sizes[:, j]
-        for _ in range(CLEARED):
+        for _ in range(REORTHOGONALISATIONS):
             share = y @ columns
             y, size = y - columns @ share, size + known @ jnp.abs(share)
-        length = _norm(y)
+        length = _column_norms(y)
         gone = (length <= tolerance[j]) & jnp.all(jnp.abs(y) <= digits(DEPENDENT, y) * size)
-        inverse = jnp.where(gone, 0.0, 1 / jnp.maximum(length, nonzero(TINY, length)))
+        inverse = jnp.where(gone, 0.0, 1 / jnp.maximum(length, nonzero(SMALLEST_LENGTH, length)))
         new = columns.at[:, j].set(y * inverse), known.at[:, j].set(size * inverse)
         return *new, lengths.at[j].set(length), lost.at[j].set(gone)
 
@@ -360,9 +361,9 @@ def refill(frame: Float[Array, "n k"], project, live: Array) -> tuple[Float[Arra
         for _ in range(2):  # two passes give orthogonality up to rounding
             overlap = jnp.sum(rest[:, :, None] * frame[None, :, :], axis=1)
             rest = rest - jnp.sum(overlap[:, None, :] * frame[None, :, :], axis=-1)
-        lengths = _norm(rest.T)
+        lengths = _column_norms(rest.T)
         best = jnp.argmax(lengths)
-        fresh = rest[best] / jnp.maximum(lengths[best], nonzero(TINY, lengths))
+        fresh = rest[best] / jnp.maximum(lengths[best], nonzero(SMALLEST_LENGTH, lengths))
         wanted = (j >= count) & (lengths[best] > digits(1e-6, lengths))
         return jnp.where(wanted & (jnp.arange(k) == j)[None, :], fresh[:, None], frame)
 
@@ -385,7 +386,7 @@ def log_abs_det(matrix: Float[Array, "n n"]) -> Float[Array, ""]:
         column = jax.lax.dynamic_index_in_dim(a, j, axis=1, keepdims=False)
         factor = jnp.where(index > j, column / jnp.where(value == 0, 1.0, value), 0.0)
         size = jnp.abs(value)
-        regular = size > nonzero(TINY, size)
+        regular = size > nonzero(SMALLEST_LENGTH, size)
         log = jnp.where(regular, jnp.log(jnp.where(regular, size, 1.0)), -jnp.inf)
         return a - factor[:, None] * row[None, :], total + log
 

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 __all__ = ["inverse", "matmul", "split", "sparse_matmul"]
 
 UNROLLED = 12  # most rows for which the elimination is unrolled
-WRITTEN_OUT = 4  # most terms of a product that are added one by one
+MOST_TERMS_UNROLLED = 4  # most terms of a product that are added one by one
 SPARSE = 0.5  # a known matrix with a smaller fraction of nonzero entries is applied entry by entry
 
 
@@ -69,7 +69,7 @@ def split(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def matmul(a: Array, b: Array) -> Array:
     """A @ b, (n, m) @ (m,) or (m, k); few terms are written out, so that XLA can fuse them with their neighbours."""
-    if a.shape[1] > WRITTEN_OUT or a.shape[1] == 0:
+    if a.shape[1] > MOST_TERMS_UNROLLED or a.shape[1] == 0:
         return a @ b
     rows = [a[:, j] * b[j] if b.ndim == 1 else a[:, j][:, None] * b[j][None, :] for j in range(a.shape[1])]
     return sum(rows[1:], rows[0])

@@ -6,27 +6,27 @@ from jaxtyping import Array
 
 from .._jax import double_double
 from .._jax.columns import each_column
-from .._jax.double_double import Pair
+from .._jax.double_double import DoubleDouble
 from .._jax.magnitudes import absolute
 from .._jax.precision import eps, nonzero
-from .frames import TINY
+from .frames import SMALLEST_LENGTH
 
-__all__ = ["LARGEST", "is_precise", "orthonormalised", "log_volume"]
+__all__ = ["MOST_COMPONENTS", "is_precise", "orthonormalised", "log_volume"]
 
-LARGEST = 16  # most components of a state; larger ones take too long to compile
-CLEARED = 10  # number of times that earlier columns are removed: then rows of 1e-300 times the others are accurate too
+MOST_COMPONENTS = 16  # most components of a state; larger ones take too long to compile
+REORTHOGONALISATIONS_OF_PAIRS = 10  # as in `frames`: then rows of 1e-300 times the others are accurate too
 SEEDS = (0.0, 0.7310585786300049, 1.3247179572447458)  # 0: factors unchanged; two different changes of the factors
 HIDDEN = 2.0  # an entry smaller than this times its change between seeds counts as rounding
-ALIKE = 0.01  # an entry whose relative change between seeds is larger is unresolved
-FLOOR = 1e4  # in eps² times the magnitude of the terms: smaller entries are rounding of pairs
+LARGEST_CHANGE = 0.01  # an entry whose relative change between seeds is larger is unresolved
+ROUNDING_OF_PAIRS = 1e4  # in eps² times the magnitude of the terms: smaller entries are rounding of pairs
 
 
 def is_precise(tangent, x) -> bool:
     """Whether the function (n,) -> (n,) can be evaluated in double-double arithmetic, and is small enough."""
-    if x.size > LARGEST:
+    if x.size > MOST_COMPONENTS:
         return False
     try:
-        jax.eval_shape(lambda dx: double_double.precise(tangent)(Pair(dx, dx), jnp.zeros((), dx.dtype)), x)
+        jax.eval_shape(lambda dx: double_double.precise(tangent)(DoubleDouble(dx, dx), jnp.zeros((), dx.dtype)), x)
     except double_double.UnknownError:
         return False
     return True
@@ -42,7 +42,7 @@ def orthonormalised(tangent, frame) -> tuple[Array, Array, Array, Array]:
     seeds = jnp.asarray(SEEDS, frame.dtype)
     # Loops instead of `vmap`: this is rarely executed, so short code matters more than speed.
     by_pairs = double_double.precise(tangent)
-    moved = jax.lax.map(lambda seed: jax.lax.map(lambda dx: by_pairs(_exact(dx), seed), frame.T), seeds)
+    moved = jax.lax.map(lambda seed: jax.lax.map(lambda dx: by_pairs(_as_double_double(dx), seed), frame.T), seeds)
     sizes = jax.lax.stop_gradient(each_column(absolute(tangent), jnp.abs(frame)))
     k, nothing = frame.shape[1], jnp.zeros_like(frame)
 
@@ -54,18 +54,19 @@ def orthonormalised(tangent, frame) -> tuple[Array, Array, Array, Array]:
             y, size = state
             i = i % k
             column = jax.tree.map(lambda a: jnp.where(i < j, a[:, :, i], 0.0), columns)
-            y, share = jax.lax.map(lambda both: _less(*both), (y, column))
+            y, share = jax.lax.map(lambda both: _without_component(*both), (y, column))
             return y, size + known[:, i] * jnp.abs(share.high[0])
 
-        y, size = jax.lax.fori_loop(0, CLEARED * k, clear, (y, size))
+        y, size = jax.lax.fori_loop(0, REORTHOGONALISATIONS_OF_PAIRS * k, clear, (y, size))
         apart, here = jnp.max(jnp.abs(y.high[1:] - y.high[:1]), axis=0), jnp.abs(y.high[0])
-        gone, hidden = jnp.all(here <= FLOOR * eps(frame) ** 2 * size), jnp.all(here <= HIDDEN * apart)
+        gone, hidden = jnp.all(here <= ROUNDING_OF_PAIRS * eps(frame) ** 2 * size), jnp.all(here <= HIDDEN * apart)
         largest = jnp.max(here)
-        doubtful = hidden | jnp.any((apart > ALIKE * here) & (here > ALIKE * largest))
-        length = jax.vmap(_length)(y.high)
-        inverse = jnp.where(gone | hidden, 0.0, 1 / jnp.maximum(length, nonzero(TINY, length)))
+        doubtful = hidden | jnp.any((apart > LARGEST_CHANGE * here) & (here > LARGEST_CHANGE * largest))
+        length = jax.vmap(_vector_length)(y.high)
+        inverse = jnp.where(gone | hidden, 0.0, 1 / jnp.maximum(length, nonzero(SMALLEST_LENGTH, length)))
         y = jax.lax.map(
-            lambda both: double_double.multiplied(both[0], _exact(jnp.full_like(size, both[1]))), (y, inverse)
+            lambda both: double_double.multiplied(both[0], _as_double_double(jnp.full_like(size, both[1]))),
+            (y, inverse),
         )
         return (
             jax.tree.map(lambda a, new: a.at[:, :, j].set(new), columns, y),
@@ -76,13 +77,13 @@ def orthonormalised(tangent, frame) -> tuple[Array, Array, Array, Array]:
         )
 
     several = jnp.stack([nothing] * len(SEEDS))
-    start = Pair(several, several), nothing, nothing[0], jnp.zeros(k, bool), jnp.asarray(True)
+    start = DoubleDouble(several, several), nothing, nothing[0], jnp.zeros(k, bool), jnp.asarray(True)
     columns, _, lengths, lost, sure = jax.lax.fori_loop(0, k, one, start)
-    log_r = jnp.log(jnp.where(lost, 1.0, jnp.maximum(lengths, nonzero(TINY, lengths))))
+    log_r = jnp.log(jnp.where(lost, 1.0, jnp.maximum(lengths, nonzero(SMALLEST_LENGTH, lengths))))
     return columns.high[0], log_r, lost, sure
 
 
-def _less(y: Pair, column: Pair) -> tuple[Pair, Pair]:
+def _without_component(y: DoubleDouble, column: DoubleDouble) -> tuple[DoubleDouble, DoubleDouble]:
     """Y minus its component along a column of length 1 (up to rounding) or 0, and that component."""
 
     def product(a, b):
@@ -91,7 +92,7 @@ def _less(y: Pair, column: Pair) -> tuple[Pair, Pair]:
     square = product(column, column)
     square = square._replace(high=jnp.where(square.high > 0, square.high, 1.0))
     share = double_double.divided(product(y, column), square)
-    along = double_double.multiplied(Pair(*(jnp.broadcast_to(one, y.high.shape) for one in share)), column)
+    along = double_double.multiplied(DoubleDouble(*(jnp.broadcast_to(one, y.high.shape) for one in share)), column)
     return double_double.added(y, double_double.negated(along)), share
 
 
@@ -101,11 +102,11 @@ def log_volume(tangent, n: int, dtype) -> Array:
     return jnp.where(jnp.any(lost), -jnp.inf, jnp.sum(log_r))
 
 
-def _exact(array) -> Pair:
-    return Pair(array, jnp.zeros_like(array))
+def _as_double_double(array) -> DoubleDouble:
+    return DoubleDouble(array, jnp.zeros_like(array))
 
 
-def _length(v):
+def _vector_length(v):
     """The length of a vector whose squared entries may underflow."""
     largest = jax.lax.stop_gradient(jnp.max(jnp.abs(v)))
     scale = jnp.where(largest > 0, largest, 1.0)

@@ -4,8 +4,8 @@ import numpy as np
 
 __all__ = ["product_eigenvalues"]
 
-TURNS = 60  # number of orthogonal iterations
-SETTLED = 1e-12  # entries of the last rotation below this are rounding and set to zero
+ORTHOGONAL_ITERATIONS = 60  # number of orthogonal iterations
+ROTATION_ROUNDING = 1e-12  # entries of the last rotation below this are rounding and set to zero
 
 
 def product_eigenvalues(matrices: list[np.ndarray]) -> np.ndarray:
@@ -24,11 +24,11 @@ def product_eigenvalues(matrices: list[np.ndarray]) -> np.ndarray:
         doi:10.1117/12.130915.
     """
     start = first = last = triangle = np.eye(len(matrices[0]))
-    for _ in range(TURNS):
+    for _ in range(ORTHOGONAL_ITERATIONS):
         first, last, triangle = start, start, np.eye(len(start))
         for matrix in matrices:
             last, upper = np.linalg.qr(matrix @ last)
             triangle = upper @ triangle
         start = last
     turned = first.T @ last
-    return np.linalg.eigvals(np.where(np.abs(turned) > SETTLED, turned, 0.0) @ triangle).astype(complex)
+    return np.linalg.eigvals(np.where(np.abs(turned) > ROTATION_ROUNDING, turned, 0.0) @ triangle).astype(complex)

@@ -28,10 +28,13 @@ from ..systems.kinds import iterates
 from ..systems.labels import Labels, labels_of
 from ..systems.smooth import Flow, Map
 from . import pairs
+from .orbits.periods import depends_on_time
+from .orbits.shooting import velocity
 
 __all__ = ["TwoTrajectories", "two_trajectories"]
 
 SKIPPED = 0.01  # fraction of skipped intervals above which a warning is given
+CLEAR = 100.0  # separations below this many roundings are refused at the start, or noted if states grow so large
 
 
 class TwoTrajectories(RunResult, eqx.Module):
@@ -130,7 +133,8 @@ def two_trajectories(
         t1: length after the transient (iterations for a map).
         t0: time at the start.
         transient: length before growth is counted.
-        separation: d₀, in units of x (Euclidean norm): small against the attractor, large against rounding.
+        separation: d₀, in units of x (Euclidean norm): small against the attractor, large against rounding (a warning
+            says where it is not: of x, and of t in a system that jumps and depends on time).
         renormalise_every: τ; None: adapted to the observed growth.
         mode: mode at the start, where there are several.
         method: `lh.RungeKutta` (default) or `lh.Diffrax`; None for maps and event-driven systems.
@@ -173,6 +177,8 @@ def two_trajectories(
     pair, records, why = pairs.all_blocks(problem, recipe, t0, pair, ends, why)
     pair = pair._replace(x=problems.in_rows(problem, pair.x))
     result = _summarise(t0, pair, records, recipe.separation, whole, labels_of(system, problem.shape))
+    if not traced(result) and not result.status.failed:
+        _note_rounding(problem, result, x0)
     return _deliver(result, problems.mode_names(system), throw, why)
 
 
@@ -192,11 +198,39 @@ def _require_start(x0, separation) -> None:
     if traced(x0) or traced(separation):
         return
     rounding = float(jnp.finfo(x0.dtype).eps * jnp.max(jnp.abs(x0)))
-    if separation < 100 * rounding:
+    if separation < CLEAR * rounding:
         raise ValueError(f"separation must be large against the rounding of x0, {rounding:.1e}; got {separation!r}.")
 
 
-def _summarise(t0, pair: pairs.Pair, records, separation, whole: bool, labels: Labels) -> TwoTrajectories:
+def _note_rounding(problem: problems.RunProblem, result: TwoTrajectories, x0) -> None:
+    """Warn where the separation is not large against rounding: of the state, and of the time where both jump.
+
+    After jumps at different times the forcing acts on each trajectory with its own rounding of the time, eps t, and so
+    displaces it by about eps t |f|.
+    """
+    eps, separation, x = float(jnp.finfo(x0.dtype).eps), float(result.separation), result.x.reshape(-1)
+    system, t, size = problem.system, float(result.t), float(max(jnp.max(jnp.abs(x0)), jnp.max(jnp.abs(x))))
+    shift = _shift_by_time(problem, result, x)
+    if separation >= CLEAR * eps * shift or not depends_on_time(system, x, problem.args):
+        shift = 0.0
+    if separation < CLEAR * eps * max(size, shift):
+        warnings.warn(
+            f"the separation, {separation:.2g}, is not large against rounding, {eps * size:.1e} of the state (up to "
+            f"{size:.3g}) and {eps * shift:.1e} by that of the time (t = {t:.6g}), so that λ1 is partly that of "
+            "rounding: (a) give a larger separation; (b) keep angles and times small, start at a t0 near 0.",
+            stacklevel=3,
+        )
+
+
+def _shift_by_time(problem: problems.RunProblem, result: TwoTrajectories, x) -> float:
+    """|t| |f| at the end of a run with jumps between flows; else 0."""
+    if not isinstance(problem.system, Hybrid) or not problem.system.fields:
+        return 0.0
+    speed = velocity(problem.system, result.t, x, problem.args, int(result.mode))
+    return abs(float(result.t)) * float(jnp.max(jnp.abs(speed)))
+
+
+def _summarise(t0, pair: pairs.TrajectoryPair, records, separation, whole: bool, labels: Labels) -> TwoTrajectories:
     """The exponent and its standard error from the sums of the blocks."""
     elapsed, growth, length, intervals, skipped = records
     before = jnp.concatenate([elapsed[:1] - length[:1], elapsed[:-1]])

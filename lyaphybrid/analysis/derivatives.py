@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array
 
 from .._arguments import Real, State
-from .._jax.precision import BLUR, digits
+from .._jax.precision import GUARD_ROUNDING, digits
 from .._jax.tracing import traced
 from .._text import Table
 from ..engine import preparation
@@ -317,7 +317,7 @@ def _require_on_guard(x, h: float, rate: float, near: float, terms: float) -> No
             f"(t, x) is not on the guard: its value is {h:.6g}, and zero is what is below "
             f"{on:.2g}. Give t and x_before of an event, as lh.trajectory lists them."
         )
-    if abs(rate) <= digits(BLUR, x) * terms:
+    if abs(rate) <= digits(GUARD_ROUNDING, x) * terms:
         raise ValueError(
             f"The contact is tangential: the guard's rate along the flow, ∂ₜh + ∇h·f⁻, is {rate:.2g}, and "
             "the saltation matrix grows like 1/rate."

@@ -17,7 +17,7 @@ from ..integrators.base import Method
 from ..results import averages
 from ..results.solution_sets import Choice, Solution, Solutions
 from ..statuses import STATUS
-from ..systems.contacts.surfaces import Start
+from ..systems.contacts.surfaces import InitialMode
 from ..systems.hybrid import Hybrid
 from ..systems.labels import labels_of
 from .spectra import initial_frame
@@ -25,10 +25,10 @@ from .spectra import initial_frame
 __all__ = ["solutions"]
 
 MOST_INSTANTS = 64  # of one solution: times at which the order of events is chosen
-BESIDE = 1e-9  # a perturbation lies in a surface if the sine of its angle with it is below this
+SINE_IN_SURFACE = 1e-9  # a perturbation lies in a surface if the sine of its angle with it is below this
 
 
-class Part(NamedTuple):
+class PendingPart(NamedTuple):
     """A part of a solution that has yet to be run."""
 
     before: tuple[driver.Outcome, ...]
@@ -129,10 +129,12 @@ def solutions(
     ends_of_blocks(t1, blocks, None, "t1")  # checks the arguments before anything is computed
     frame, initial = initial_frame(problem, t0, x0, frame, k)
     qr_schedule, interval = qr_schedule_for(problem, every)
-    plan = problems.Plan(qr_schedule=qr_schedule, kind=frames.kind_for(frame.shape[1]), collect=problems.first_losses)
+    plan = problems.RunPlan(
+        qr_schedule=qr_schedule, kind=frames.kind_for(frame.shape[1]), collect=problems.first_losses
+    )
     labels = labels_of(system, problem.shape)
     search = _Search(problem, plan, interval, 0.0 * initial, blocks, departures, max_steps, labels)
-    search.follow(Part((), (), (), t0, x0, frame, mode, float(t1)), most)
+    search.follow(PendingPart((), (), (), t0, x0, frame, mode, float(t1)), most)
     return Solutions(tuple(search.found), search.complete, problems.mode_names(system))
 
 
@@ -146,7 +148,7 @@ class _Search:
         self.found: list[Solution] = []
         self.complete = True
 
-    def follow(self, part: Part, most: int) -> None:
+    def follow(self, part: PendingPart, most: int) -> None:
         """Find up to `most` solutions that begin with this part."""
         open_ends = [part]
         while open_ends and len(self.found) < most:
@@ -161,7 +163,7 @@ class _Search:
                 break
         self.complete = self.complete and not open_ends
 
-    def _run(self, part: Part) -> driver.Outcome:
+    def _run(self, part: PendingPart) -> driver.Outcome:
         dtype = part.x.dtype
         loop_state = driver.start(
             self.problem, self.plan, part.t, part.x, part.frame, part.mode, array(self.interval, dtype)
@@ -177,7 +179,7 @@ class _Search:
         targets = targets_for(ends_of_blocks(length, self.blocks, None, "t1"), "time", False, dtype)
         return driver.drive(self.problem, self.plan, loop_state, *targets, self.max_steps)
 
-    def _orders(self, part: Part, outcome: driver.Outcome) -> tuple[list[Part], Part]:
+    def _orders(self, part: PendingPart, outcome: driver.Outcome) -> tuple[list[PendingPart], PendingPart]:
         """Parts with other orders of events, from the first free choice on; and this part with its choices recorded."""
         met = outcome.loop_state.carry.solver_state.choices
         if met is None:
@@ -197,13 +199,13 @@ class _Search:
             made.append(Choice(float(t), "order", names, names[pick]))
         return others, part._replace(choices=(*part.choices, *made))
 
-    def _ways(self, part: Part, outcome: driver.Outcome) -> list[Part]:
+    def _ways(self, part: PendingPart, outcome: driver.Outcome) -> list[PendingPart]:
         """Parts that continue this one, one for each possible mode; none at the end of the run or in a deadlock."""
         carry, leaves = outcome.loop_state.carry, part.leaves is not None
         if int(outcome.status) != (STATUS.ok if leaves else STATUS.deadlock):
             return []
         start = self.problem.system.initial_mode
-        if not isinstance(start, Start):
+        if not isinstance(start, InitialMode):
             return []
         t, mode = problems.time_of(outcome.loop_state), problems.mode_of(carry)
         possible, undecided = _continuations(start, t, carry.x, self.problem.args, mode)
@@ -217,7 +219,7 @@ class _Search:
         ways = []
         for i in modes:
             choice = Choice(float(t), "mode", options, names[i])
-            way = Part(
+            way = PendingPart(
                 (*part.before, outcome),
                 (*part.choices, choice),
                 (),
@@ -232,7 +234,7 @@ class _Search:
             ways += [way, *(way._replace(leaves=float(time)) for time in times)]
         return ways
 
-    def _solution(self, part: Part, outcome: driver.Outcome) -> Solution:
+    def _solution(self, part: PendingPart, outcome: driver.Outcome) -> Solution:
         outcomes = [*part.before, outcome]
         spectrum = averages.summarise(outcomes, self.problem, "time", self.growth, "uniform", self.labels)
         exponents = np.array(spectrum.exponents)
@@ -241,22 +243,22 @@ class _Search:
             exponents = np.concatenate([[np.inf], within])[: len(exponents)]
         return Solution(part.choices, spectrum, exponents)
 
-    def _is_pushed_off(self, part: Part, outcome: driver.Outcome) -> bool:
+    def _is_pushed_off(self, part: PendingPart, outcome: driver.Outcome) -> bool:
         """Whether the run ends on a repelling surface and its frame has a column that does not lie in the surface."""
         start, end = self.problem.system.initial_mode, outcome.loop_state
-        if not isinstance(start, Start) or int(outcome.status) != STATUS.ok:
+        if not isinstance(start, InitialMode) or int(outcome.status) != STATUS.ok:
             return False
         args, mode = self.problem.args, problems.mode_of(end.carry)
         repels, normal = _along(start, problems.time_of(end), end.carry.x, args, mode)
         across = np.abs(np.asarray(normal) @ np.asarray(part.frame))
-        return bool(repels) and bool(np.max(across) > BESIDE * np.linalg.norm(np.asarray(normal)))
+        return bool(repels) and bool(np.max(across) > SINE_IN_SURFACE * np.linalg.norm(np.asarray(normal)))
 
 
 @compiled()
-def _continuations(start: Start, t, x, args, mode):
+def _continuations(start: InitialMode, t, x, args, mode):
     return start.continuations(t, x, args, mode)
 
 
 @compiled()
-def _along(start: Start, t, x, args, mode):
+def _along(start: InitialMode, t, x, args, mode):
     return start.repels(t, x, args, mode), start.normal(t, x, args, mode)

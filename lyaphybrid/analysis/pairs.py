@@ -12,20 +12,21 @@ from .._jax.precision import digits
 from .._jax.tracing import traced
 from ..engine import beginning, binding, loop, problems, states
 from ..engine.host import driver
-from ..engine.host.paces import WINDOW, why_stalled
+from ..engine.host.paces import ATTEMPTS_BETWEEN_CHECKS, why_stalled
 from ..statuses import RUNNING, STATUS
 
-__all__ = ["Pair", "Recipe", "all_blocks", "finished", "recipe_of", "restarted", "start"]
+__all__ = ["TrajectoryPair", "Renormalisation", "all_blocks", "finished", "recipe_of", "restarted", "start"]
 
-PLAN = problems.Plan()
-SHORTEST, LONGEST = 1e-6, 0.5  # renormalisation interval, as a fraction of a block; the first one is SHORTEST
+PLAN = problems.RunPlan()
+SHORTEST_INTERVAL, LONGEST_INTERVAL = 1e-6, 0.5  # of renormalisations, as fractions of a block; first the shortest
 GOLDEN = 0.6180339887498949  # the first interval is this part of a fixed one: its ends then miss events at round times
 WANTED, SHORTER, LONGER = 1.0, 0.5, 1.2  # target ln of the growth in an interval; limits of an interval's change
-MORE = 8  # factor by which attempts are raised for an interval that does not end within `WINDOW` of them
-PATIENCE = 4  # attempts to lengthen an interval until both trajectories have made the same jumps
+# Factor by which attempts are raised for an interval that does not end within `ATTEMPTS_BETWEEN_CHECKS` of them.
+MORE = 8
+MOST_LENGTHENINGS = 4  # attempts to lengthen an interval until both trajectories have made the same jumps
 
 
-class Pair(NamedTuple):
+class TrajectoryPair(NamedTuple):
     """Two trajectories between renormalisations, and the sums of the present block."""
 
     elapsed: Array  # since the start of the run
@@ -43,7 +44,7 @@ class Pair(NamedTuple):
     begun: Array  # time reached in an interval that could not be finished within the attempts
 
 
-class Recipe(NamedTuple):
+class Renormalisation(NamedTuple):
     """When and to which distance the second trajectory is brought back."""
 
     whole: bool  # time is counted in iterations
@@ -53,24 +54,24 @@ class Recipe(NamedTuple):
     longest: Array
 
 
-def recipe_of(whole: bool, block, separation, every) -> Recipe:
+def recipe_of(whole: bool, block, separation, every) -> Renormalisation:
     """How a pair is followed; `whole`: intervals are counted in iterations or jumps."""
-    shortest, longest = SHORTEST * block, LONGEST * block
+    shortest, longest = SHORTEST_INTERVAL * block, LONGEST_INTERVAL * block
     if whole:
         shortest, longest = jnp.ones_like(block), jnp.maximum(jnp.floor(longest), 1.0)
     every = None if every is None else jnp.asarray(every, block.dtype)
-    return Recipe(whole, jnp.asarray(separation, block.dtype), every, shortest, longest)
+    return Renormalisation(whole, jnp.asarray(separation, block.dtype), every, shortest, longest)
 
 
-def _begin(problem: problems.Problem, t, x, mode, h) -> states.LoopState:
+def _begin(problem: problems.RunProblem, t, x, mode, h) -> states.LoopState:
     """One trajectory at its start, without a frame."""
     settings = binding.settings_of(problem, PLAN, t, x)
     none = jnp.zeros((x.shape[0], 0), x.dtype)
-    return beginning.begin(settings, t, x, none, mode, h, jnp.ones_like(t))
+    return beginning.initial_loop_state(settings, t, x, none, mode, h, jnp.ones_like(t))
 
 
 @compiled()
-def start(problem: problems.Problem, t0, x0, mode, key, recipe: Recipe) -> Pair:
+def start(problem: problems.RunProblem, t0, x0, mode, key, recipe: Renormalisation) -> TrajectoryPair:
     """The pair at its start, in a random direction."""
     carry = _begin(problem, t0, x0, mode, None).carry
     direction = jax.random.normal(key, x0.shape, x0.dtype)
@@ -80,16 +81,18 @@ def start(problem: problems.Problem, t0, x0, mode, key, recipe: Recipe) -> Pair:
     interval = jnp.maximum(jnp.round(interval), 1.0) if recipe.whole else interval
     step = getattr(carry.solver_state, "h", None)
     sums = zero, zero, none, none
-    return Pair(zero, x0, direction, problems.mode_of(carry), step, interval, *sums, none + RUNNING, none, zero)
+    return TrajectoryPair(
+        zero, x0, direction, problems.mode_of(carry), step, interval, *sums, none + RUNNING, none, zero
+    )
 
 
-def restarted(pair: Pair) -> Pair:
+def restarted(pair: TrajectoryPair) -> TrajectoryPair:
     """The pair with new sums."""
     zero, none = jnp.zeros_like(pair.growth), jnp.zeros_like(pair.intervals)
     return pair._replace(growth=zero, length=zero, intervals=none, skipped=none)
 
 
-def all_blocks(problem: problems.Problem, recipe: Recipe, t0, pair: Pair, ends, why: str):
+def all_blocks(problem: problems.RunProblem, recipe: Renormalisation, t0, pair: TrajectoryPair, ends, why: str):
     """Run all blocks: one compiled loop under a transformation; else a loop on the host, so that Ctrl-C works.
 
     `why` is the reason why the run has stalled, in the transient or later; empty if it has not.
@@ -112,7 +115,9 @@ def all_blocks(problem: problems.Problem, recipe: Recipe, t0, pair: Pair, ends, 
     return pair, jax.tree.map(lambda *parts: jnp.stack(parts), *records), why
 
 
-def finished(problem: problems.Problem, recipe: Recipe, t0, pair: Pair, end, stop) -> tuple[Pair, str]:
+def finished(
+    problem: problems.RunProblem, recipe: Renormalisation, t0, pair: TrajectoryPair, end, stop
+) -> tuple[TrajectoryPair, str]:
     """Run a block; also returns why the run has stalled, or "".
 
     On the host an interval that does not end within its attempts is repeated with more of them, or the run is given up.
@@ -121,7 +126,7 @@ def finished(problem: problems.Problem, recipe: Recipe, t0, pair: Pair, end, sto
         pair = _block(problem, recipe, t0, pair, end, stop, np.int32(driver.FOREVER))
         spent = (pair.budget <= 0) & (pair.status == RUNNING)
         return pair._replace(status=jnp.where(spent, int(STATUS.max_steps), pair.status)), ""
-    attempts, limit = WINDOW, float(stop) if np.isfinite(float(stop)) else float(end)
+    attempts, limit = ATTEMPTS_BETWEEN_CHECKS, float(stop) if np.isfinite(float(stop)) else float(end)
     while True:
         before = float(pair.elapsed)
         pair = _block(problem, recipe, t0, pair, end, stop, np.int32(attempts))
@@ -141,7 +146,9 @@ def finished(problem: problems.Problem, recipe: Recipe, t0, pair: Pair, end, sto
 
 
 @compiled()
-def _block(problem: problems.Problem, recipe: Recipe, t0, pair: Pair, end, stop, attempts) -> Pair:
+def _block(
+    problem: problems.RunProblem, recipe: Renormalisation, t0, pair: TrajectoryPair, end, stop, attempts
+) -> TrajectoryPair:
     """Whole intervals until the end of the block is passed; only at `stop`, the end of the run, one is cut short.
 
     Ends of blocks are round times, where clocks often have their events, and a trajectory that restarts on a guard
@@ -157,7 +164,7 @@ def _block(problem: problems.Problem, recipe: Recipe, t0, pair: Pair, end, stop,
     return jax.lax.while_loop(goes_on, lambda pair: _interval(problem, recipe, t0, pair, stop), pair)
 
 
-def _interval(problem: problems.Problem, recipe: Recipe, t0, pair: Pair, stop) -> Pair:
+def _interval(problem: problems.RunProblem, recipe: Renormalisation, t0, pair: TrajectoryPair, stop) -> TrajectoryPair:
     """Both trajectories over one interval, and the second one brought back."""
     t, rest, separation = t0 + pair.elapsed, stop - pair.elapsed, recipe.separation
     length = jnp.where(rest <= pair.interval * (1 + digits(1e-9, rest)), rest, pair.interval)
@@ -179,7 +186,7 @@ def _interval(problem: problems.Problem, recipe: Recipe, t0, pair: Pair, stop) -
     if interval is None:
         interval = _adapted(recipe, pair.interval, jnp.where(good, jnp.abs(growth), jnp.inf))
     step = getattr(first.solver_state, "h", None)
-    after = Pair(
+    after = TrajectoryPair(
         pair.elapsed + loop_states.elapsed[0],
         first.x[0],
         jnp.where(good & ~met, apart / jnp.where(met, 1.0, distance), pair.direction),
@@ -203,7 +210,7 @@ def _any_short(loop_states: states.LoopState):
     return jnp.any((loop_states.block == 0) & (loop_states.carry.status == RUNNING))
 
 
-def _modes(problem: problems.Problem, t, pair: Pair, starts):
+def _modes(problem: problems.RunProblem, t, pair: TrajectoryPair, starts):
     """The modes (2,) of both: next to a point on a surface the neighbour may be in another mode."""
     mode = jnp.asarray(pair.mode, jnp.int32)
     if getattr(problem.system, "initial_mode", None) is None:
@@ -212,7 +219,7 @@ def _modes(problem: problems.Problem, t, pair: Pair, starts):
     return jnp.stack([mode, settings.evolver.initial_mode(t, starts[1])])
 
 
-def _adapted(recipe: Recipe, interval, seen):
+def _adapted(recipe: Renormalisation, interval, seen):
     """The next interval, chosen from the observed growth."""
     wanted = WANTED * interval / jnp.maximum(seen, 1e-3)
     longer = jnp.maximum(LONGER * interval, interval + 1) if recipe.whole else LONGER * interval
@@ -226,7 +233,7 @@ def _agree(loop_states):
     return (jumps[0] == jumps[1]) & (modes[0] == modes[1])
 
 
-def _until_they_agree(problem: problems.Problem, loop_states: states.LoopState, length, budget):
+def _until_they_agree(problem: problems.RunProblem, loop_states: states.LoopState, length, budget):
     """Advance both by `length`; while their jumps or modes differ, go on by 0.01, 0.1 and 1 times `length`.
 
     Returns the states and the remaining attempts: 0 if a trajectory did not finish its flight.
@@ -241,11 +248,11 @@ def _until_they_agree(problem: problems.Problem, loop_states: states.LoopState, 
     def goes_on(state):
         loop_states, _, tries, budget = state
         apart = (tries == 0) | ~_agree(loop_states)
-        return apart & (tries < PATIENCE) & jnp.all(loop_states.carry.status == RUNNING) & (budget > 0)
+        return apart & (tries < MOST_LENGTHENINGS) & jnp.all(loop_states.carry.status == RUNNING) & (budget > 0)
 
     def go(state):
         loop_states, until, tries, budget = state
-        more = jnp.where(tries == 0, 1.0, 10.0 ** (tries - PATIENCE + 1).astype(length.dtype))
+        more = jnp.where(tries == 0, 1.0, 10.0 ** (tries - MOST_LENGTHENINGS + 1).astype(length.dtype))
         until = until + length * more
         if jax.default_backend() == "cpu":  # in turn: under vmap both sides of each branch would be computed
             loop_states = jax.lax.map(lambda loop_state: fly(loop_state, until, budget), loop_states)

@@ -120,8 +120,9 @@ def lyapunov_spectrum(
         A `Spectrum`. Its `status` is ok, terminated, interrupted, max_steps, zeno, deadlock, nonfinite, stalled,
         step_underflow or no_more_jumps, of a DAE also inconsistent_start, singular_dae or constraint_drift; its `notes`
         may hold rank_lost (an exponent is -inf), grazing, simultaneous, unresolved (the smallest exponents, or a loss,
-        may be rounding), step_too_long (of a fixed step), guard_unreached (there are guards, and none
-        was met), identity_reset (a jump within a mode that changes nothing), interrupted.
+        may be rounding), step_too_long (the sum of exponents shows it), guard_unreached (there are guards, and none
+        was met), identity_reset (a jump within a mode that changes nothing), stiff (an explicit method was kept at the
+        limit of its stability), interrupted.
 
     Raises:
         ValueError: on arguments that do not fit, before any computing; where `checkpoint` is the file of another run.
@@ -153,7 +154,7 @@ def lyapunov_spectrum(
     qr_schedule, interval = qr_schedule_for(problem, every)
     limit = SUM_RULE_EXACT if isinstance(system, EventDriven) else SUM_RULE_UP_TO
     closes = k == n <= limit
-    plan = problems.Plan(
+    plan = problems.RunPlan(
         qr_schedule=qr_schedule,
         kind=kind,
         sum_rule=closes,
@@ -202,8 +203,8 @@ def lyapunov_spectrum(
 class _Run(NamedTuple):
     """A run, its transient left out, from which its spectrum follows, and with which it can go on."""
 
-    problem: problems.Problem
-    plan: problems.Plan
+    problem: problems.RunProblem
+    plan: problems.RunPlan
     outcomes: tuple[driver.Outcome, ...]
     clock: str
     averaging: str
@@ -215,7 +216,8 @@ class _Run(NamedTuple):
         """The spectrum of a run of this length, in so many blocks."""
         how = self.clock, self.initial, self.averaging, self.labels
         spectrum = averages.summarise(list(self.outcomes), self.problem, *how)
-        spectrum = dataclasses.replace(spectrum, about=self.about)
+        stiff = any(outcome.stiff for outcome in self.outcomes)
+        spectrum = dataclasses.replace(spectrum, about=self.about.noting(stiff))
         return spectrum if traced(spectrum) else spectrum._resumed_by(functools.partial(_go_on, self, length, blocks))
 
 
@@ -260,7 +262,7 @@ def _identity(problem, plan, loop_state, initial, transient, blocks, times, word
 def _check_words(clock, averaging, orthonormalise, blocks, k, target_stderr, replicates, key, max_steps) -> None:
     require(clock in CLOCKS, f"clock must be one of {CLOCKS}; got {clock!r}.")
     require(averaging in AVERAGES, f"averaging must be one of {AVERAGES}; got {averaging!r}.")
-    kinds = ("auto", *frames.KINDS)
+    kinds = ("auto", *frames.QR_ALGORITHMS)
     require(orthonormalise in kinds, f"orthonormalise must be one of {kinds}; got {orthonormalise!r}.")
     whole("blocks", blocks, least=2)
     if k is not None:

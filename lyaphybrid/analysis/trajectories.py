@@ -30,7 +30,8 @@ from ..systems.smooth import Flow, Map
 
 __all__ = ["Events", "TangentMap", "Trajectory", "tangent_map", "trajectory"]
 
-ROOM = 1024  # events that one compiled call can record; when the log is full it is emptied and the run goes on
+# Events that one compiled call can record; when the log is full it is emptied and the run goes on.
+EVENT_LOG_ROWS = 1024
 
 
 class Events(eqx.Module):
@@ -175,8 +176,8 @@ def trajectory(
     discrete = iterates(system)
     ends = ends_of_blocks(t1, n, times, "t1")
     ends = array(jnp.ceil(ends - 1e-9) if discrete else ends, x0.dtype)
-    room = 0 if discrete or isinstance(system, Flow) else ROOM
-    plan = problems.Plan(log=room, collect=problems.point)
+    room = 0 if discrete or isinstance(system, Flow) else EVENT_LOG_ROWS
+    plan = problems.RunPlan(log=room, collect=problems.point)
     loop_state = driver.start(problem, plan, t0, x0, np.zeros((len(x0), 0), x0.dtype), mode, 1.0)
     outcome = driver.drive(problem, plan, loop_state, ends, ends, max_steps)
     t, x, modes, jumps = outcome.records.collected
@@ -308,7 +309,7 @@ def tangent_map(
     problem, x0, t0, mode = preparation.prepare(system, x0, args, t0, method, mode)
     _require_one(x0)
     check_counts(system, t1=t1)
-    plan = problems.Plan()
+    plan = problems.RunPlan()
     loop_state = driver.start(problem, plan, t0, x0, np.eye(len(x0), dtype=x0.dtype), mode, 1.0)
     ends = array(t1, x0.dtype).reshape(1)
     outcome = driver.drive(problem, plan, loop_state, ends, ends, max_steps)

@@ -9,12 +9,12 @@ from .._linalg import frames
 from ..statuses import RUNNING, STATUS
 from . import waiting
 from .orthonormalising import orthonormalise_and_accumulate
-from .states import Events, Left, LoopState, Settings, StepState, stop
+from .states import Compensation, EventLog, LoopState, Settings, StepState, stop
 
-__all__ = ["begin", "within_mode"]
+__all__ = ["initial_loop_state", "within_mode"]
 
 
-def begin(settings: Settings, t0, x, frame, mode, h, interval) -> LoopState:
+def initial_loop_state(settings: Settings, t0, x, frame, mode, h, interval) -> LoopState:
     """The start of a run at (t0, x) with the given frame.
 
     Args:
@@ -49,13 +49,13 @@ def begin(settings: Settings, t0, x, frame, mode, h, interval) -> LoopState:
         order=jnp.arange(k, dtype=jnp.int32) if tracks else None,
         solver_state=settings.evolver.init(t0, x, mode, h),
         log=_empty_log(settings, t0, x) if settings.log else None,
-        left=Left(zero, none, log_volume) if is_short(x) else None,
-        waiting=waiting.begun(x, none, log_volume) if settings.count_jumps else None,
+        left=Compensation(zero, none, log_volume) if is_short(x) else None,
+        waiting=waiting.init(x, none, log_volume) if settings.count_jumps else None,
     )
     carry = stop(within_mode(settings, carry, t0, mode) if k else carry, STATUS.deadlock, ~possible)
     carry = stop(carry, STATUS.inconsistent_start, wrong)
     if settings.observer is not None:
-        carry = carry._replace(observer=settings.observer.begin(t0, carry.frame))
+        carry = carry._replace(observer=settings.observer.init(t0, carry.frame))
     return LoopState(carry, jnp.stack([t0, zero]), zero, jnp.asarray(0, jnp.int32), interval, zero)
 
 
@@ -74,10 +74,10 @@ def within_mode(settings: Settings, carry: StepState, t, mode) -> StepState:
     return carry._replace(growth=kept[0], order=kept[1], left=kept[2])
 
 
-def _empty_log(settings: Settings, t, x) -> Events:
+def _empty_log(settings: Settings, t, x) -> EventLog:
     room = settings.log
     integers = jnp.zeros(room, jnp.int32)
     which = jax.tree.map(lambda leaf: jnp.zeros(room, leaf.dtype), settings.evolver.which_shape(t, x))
     points = jnp.zeros((room, *x.shape), x.dtype)
     times = jnp.zeros(room, x.dtype)
-    return Events(jnp.asarray(0, jnp.int32), times, integers, which, integers, integers, points, points)
+    return EventLog(jnp.asarray(0, jnp.int32), times, integers, which, integers, integers, points, points)

@@ -18,13 +18,13 @@ from .evolvers.flights import Flights
 from .evolvers.iterate import Iterating
 from .evolvers.scheduled import Scheduled
 from .evolvers.stepping import Stepping, are_nonlinear, are_timeless
-from .problems import Plan, Problem
+from .problems import RunPlan, RunProblem
 from .states import Settings
 
 __all__ = ["evolver_of", "number", "settings_of"]
 
 
-def evolver_of(problem: Problem, t, x):
+def evolver_of(problem: RunProblem, t, x):
     """The evolver of a problem, made while tracing; the user's functions are checked and get their `args`."""
     system, method, args, _ = problem
     check_functions(system, jax.ShapeDtypeStruct(problem.shape, x.dtype), args)
@@ -63,7 +63,7 @@ def number(value, args):
     return value(args) if callable(value) else value
 
 
-def settings_of(problem: Problem, plan: Plan, t, x, reverse: bool = False) -> Settings:
+def settings_of(problem: RunProblem, plan: RunPlan, t, x, reverse: bool = False) -> Settings:
     """Bind a plan to a problem, while tracing."""
     own = plan._asdict()
     del own["batched"]

@@ -21,7 +21,7 @@ def is_zero(value) -> bool:
     return isinstance(value, int | float) and value == 0
 
 
-def qr_schedule_for(problem: problems.Problem, every) -> tuple[QRSchedule, Any]:
+def qr_schedule_for(problem: problems.RunProblem, every) -> tuple[QRSchedule, Any]:
     """The schedule of orthonormalisations, with the unit of `every` for this kind of system, and the first interval."""
     system, method, *_ = problem
     by_time = isinstance(every, tuple | list)
@@ -44,7 +44,7 @@ def qr_schedule_for(problem: problems.Problem, every) -> tuple[QRSchedule, Any]:
     return QRSchedule(unit, False, each=unit == "steps" and not traced(every) and every == 1), every
 
 
-def each_step_of(problem: problems.Problem) -> tuple[QRSchedule, Any]:
+def each_step_of(problem: problems.RunProblem) -> tuple[QRSchedule, Any]:
     """Orthonormalise after every step; for event-driven systems after every flight."""
     method = problem.method
     unit = "jumps" if isinstance(problem.system, EventDriven) else "steps"

@@ -77,7 +77,7 @@ def _block(settings: Settings, loop_state: LoopState, index, end, last_jump):
     carry, _, interval, spread = _repeated(
         settings,
         lambda state: within(state[0]),
-        lambda state: _waited(settings, clock, state[0], _span(settings, clock, within, *state)),
+        lambda state: _end_if_no_jump(settings, clock, state[0], _span(settings, clock, within, *state)),
         state,
     )
     carry = stop(carry, STATUS.nonfinite, ~jnp.all(jnp.isfinite(carry.x)))
@@ -101,7 +101,7 @@ def _block(settings: Settings, loop_state: LoopState, index, end, last_jump):
     return select(done, _next_block(settings, here), here), record
 
 
-def _waited(settings: Settings, clock: Clock, before: StepState, state):
+def _end_if_no_jump(settings: Settings, clock: Clock, before: StepState, state):
     """After a span of a block that only a number of jumps ends: if no jump is expected, end the run at the last one."""
     if before.waiting is None:
         return state

@@ -53,7 +53,7 @@ def _of_a_hybrid_system(system: Hybrid, x, args: Any, t, mode) -> Membership:
     x, args, t = _as_arrays(x, args, t)
     q = mode_index(system, mode)
     if q is None:
-        raise ValueError(f"In which mode? The modes are {list(system.mode_names)}: say mode=….")
+        raise ValueError(f"mode is missing, and the system has the modes {list(system.mode_names)}: give mode=….")
     name, jump = system.mode_names[q], no
     for transition in system.transitions:
         if transition.source is not None and name not in transition.source:

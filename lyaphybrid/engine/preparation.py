@@ -1,4 +1,4 @@
-"""From the user's arguments to a `Problem`; everything is checked before any computation."""
+"""From the user's arguments to a `RunProblem`; everything is checked before any computation."""
 
 import math
 import warnings
@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._arguments import real, require
-from .._jax.precision import CURE, LEAST, eps, is_short, require_double
+from .._jax.precision import CURE, LEAST_TOLERANCE, eps, is_short, require_double
 from .._jax.tracing import array, traced
 from ..integrators import HalfExplicit, RungeKutta
 from ..integrators.base import Method
@@ -20,12 +20,12 @@ from ..systems.hybrid import Hybrid
 from ..systems.labels import labels_of, unlabelled
 from ..systems.smooth import Flow, Map
 from ..systems.validation import check_clocks
-from .problems import Problem, mode_names
+from .problems import RunProblem, mode_names
 
 __all__ = ["as_arrays", "at_precision", "method_for", "mode_index", "prepare"]
 
 
-def prepare(system, x0, args, t0, method, mode, name: str = "x0") -> tuple[Problem, Any, Any, Any]:
+def prepare(system, x0, args, t0, method, mode, name: str = "x0") -> tuple[RunProblem, Any, Any, Any]:
     """Check the user's arguments before any computation; returns (problem, x0, t0, index of the mode).
 
     `name` is the name of the state in error messages. The mode is None where each initial state determines its own. The
@@ -46,7 +46,7 @@ def prepare(system, x0, args, t0, method, mode, name: str = "x0") -> tuple[Probl
     check_clocks(system, args)
     t0 = array(t0, x0.dtype)
     check_constraints(system, x0 if x0.ndim == 1 else x0[0], t0, args)
-    return Problem(unlabelled(system), method, args, shape), x0, t0, mode_index(system, mode)
+    return RunProblem(unlabelled(system), method, args, shape), x0, t0, mode_index(system, mode)
 
 
 def as_arrays(tree, dtype):
@@ -57,7 +57,7 @@ def as_arrays(tree, dtype):
 def at_precision(method, x):
     """The method with its numbers as arrays, and with tolerances that the precision of x can meet."""
     if method is not None and is_short(x):
-        method = method.loosened(LEAST * eps(x))
+        method = method.loosened(LEAST_TOLERANCE * eps(x))
     return as_arrays(method, x.dtype)
 
 

@@ -11,8 +11,8 @@ from ..systems.hybrid import Hybrid
 from .states import LoopState, Observer, QRSchedule
 
 __all__ = [
-    "Plan",
-    "Problem",
+    "RunPlan",
+    "RunProblem",
     "first_losses",
     "in_rows",
     "mode_names",
@@ -24,7 +24,7 @@ __all__ = [
 ]
 
 
-class Problem(NamedTuple):
+class RunProblem(NamedTuple):
     """What is computed; arrays are traced, functions are static."""
 
     system: Any
@@ -38,14 +38,14 @@ def nothing(t, carry):
     del t, carry
 
 
-NEVER = QRSchedule("never", False)  # the frame is propagated without orthonormalisation
+NO_ORTHONORMALISATION = QRSchedule("never", False)  # the frame is propagated without orthonormalisation
 
 
-class Plan(NamedTuple):
+class RunPlan(NamedTuple):
     """How it is computed; all fields are static. By default the frame is propagated and nothing is collected."""
 
-    qr_schedule: QRSchedule = NEVER
-    kind: str = "mgs"  # algorithm of orthonormalisation, one of `frames.KINDS`
+    qr_schedule: QRSchedule = NO_ORTHONORMALISATION
+    kind: str = "mgs"  # algorithm of orthonormalisation, one of `frames.QR_ALGORITHMS`
     sum_rule: bool = False  # accumulate ∫ tr Df dt and Σ ln|det S|
     log: int = 0  # capacity of the event log, per call
     count_jumps: bool = False  # a block may end by its number of jumps
@@ -81,7 +81,7 @@ def mode_names(system) -> tuple[str, ...]:
     return system.mode_names if isinstance(system, Hybrid) else ("flow",)
 
 
-def in_rows(problem: Problem, x):
+def in_rows(problem: RunProblem, x):
     """Flat states (…, n) in the shape in which the user gave them."""
     return x.reshape(*x.shape[:-1], *problem.shape)
 

@@ -16,9 +16,9 @@ __all__ = [
     "StepState",
     "Clock",
     "ErrorObserver",
-    "Events",
+    "EventLog",
     "LoopState",
-    "Left",
+    "Compensation",
     "BlockRecord",
     "Orthonormalisation",
     "Settings",
@@ -29,6 +29,8 @@ __all__ = [
     "select",
     "stop",
     "stretched",
+    "time_after_event",
+    "until_end",
 ]
 
 LONGEST_BLIND = 4.0  # most jumps between two orthonormalisations where each jump may destroy a direction
@@ -58,7 +60,7 @@ class Orthonormalisation(NamedTuple):
 class Observer(Protocol):
     """What an indicator computes along a run; its state is a pytree of arrays, updated at each orthonormalisation."""
 
-    def begin(self, t, frame) -> Any:
+    def init(self, t, frame) -> Any:
         """The state at the start of a run, or at the end of its transient."""
         ...
 
@@ -98,7 +100,7 @@ class Settings(NamedTuple):
     reverse: bool = False  # loops keep checkpoints for reverse-mode derivatives
 
 
-class Events(NamedTuple):
+class EventLog(NamedTuple):
     """The event log: buffers with one row per event, of which the first `count` are filled; t is the global time."""
 
     count: Any
@@ -111,7 +113,7 @@ class Events(NamedTuple):
     x_after: Array
 
 
-class Left(NamedTuple):
+class Compensation(NamedTuple):
     """Compensation terms of Kahan summation for the sums of a block, used in float32, where rounding accumulates."""
 
     s: Array
@@ -135,9 +137,9 @@ class StepState(NamedTuple):
     first_loss: Any  # (k,) time of the first loss of each column; nan if never lost
     order: Any  # (k,) index of each column at the start of the block
     solver_state: Any  # the evolver's own state
-    log: Events | None
+    log: EventLog | None
     observer: Any = None  # the state of an `Observer`
-    left: Left | None = None  # None in float64
+    left: Compensation | None = None  # None in float64
     waiting: Waiting | None = None  # None unless a number of jumps ends a block
 
 
@@ -208,12 +210,12 @@ def restart(loop_state: LoopState, observer: Observer | None = None) -> LoopStat
     if carry.losses is not None:
         carry = carry._replace(losses=jnp.zeros_like(carry.losses), first_loss=jnp.full_like(carry.first_loss, jnp.nan))
     if observer is not None:
-        carry = carry._replace(observer=observer.begin(loop_state.base[0] + loop_state.base[1], carry.frame))
+        carry = carry._replace(observer=observer.init(loop_state.base[0] + loop_state.base[1], carry.frame))
     nothing = jnp.zeros_like(loop_state.elapsed)
     return LoopState(carry, loop_state.base, nothing, jnp.zeros_like(loop_state.block), loop_state.interval, nothing)
 
 
-def log_event(log: Events | None, entry: Events, real: Any = True) -> Events | None:
+def log_event(log: EventLog | None, entry: EventLog, real: Any = True) -> EventLog | None:
     """Append one event (its `count` is ignored) if `real`; the caller has made sure that there is room."""
     if log is None:
         return None
@@ -235,6 +237,20 @@ def added(carry: StepState, **terms) -> StepState:
     # Kahan summation: keep the difference between the term and the change of the rounded sum.
     left = {name: term - (sums[name] - getattr(carry, name)) for name, term in terms.items()}
     return carry._replace(**sums, left=carry.left._replace(**left))
+
+
+def time_after_event(carry: StepState, clock: Clock):
+    """The time s after an event; where it falls on the end of the block, that end: the same, but for its derivatives.
+
+    The time of an event depends on parameters, the end of a block does not.
+    """
+    return jnp.where((carry.s >= clock.length) & (carry.status == RUNNING), clock.length, carry.s)
+
+
+def until_end(carry: StepState, clock: Clock, velocity) -> StepState:
+    """The state after an event at `time_after_event`."""
+    s = time_after_event(carry, clock)
+    return carry._replace(x=carry.x + (s - carry.s) * velocity, s=s)
 
 
 def stop(carry: StepState, status, when: Any = True) -> StepState:

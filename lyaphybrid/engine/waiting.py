@@ -5,11 +5,11 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array
 
-__all__ = ["EVER", "FAR", "LONG", "Waiting", "begun", "hopeless", "next_block", "waited"]
+__all__ = ["EVER", "LONGEST_STEP", "MOST_ATTEMPTS_WITHOUT_JUMP", "Waiting", "init", "hopeless", "next_block", "waited"]
 
-LONG = 1_000_000  # no jump is expected after this number of attempts without one
+MOST_ATTEMPTS_WITHOUT_JUMP = 1_000_000  # no jump is expected after this number of attempts without one
 STILL, STILL_FIXED = 10_000, 100_000  # or if the state is at rest for so many attempts; STILL_FIXED: of fixed steps
-FAR = 1e15  # or if a step is this times the longest interval between jumps, which time then no longer resolves
+LONGEST_STEP = 1e15  # or if a step is this times the longest interval between jumps, which time then no longer resolves
 EVER = 1e40  # the same for the step itself, before the first jump
 
 
@@ -24,7 +24,7 @@ class Waiting(NamedTuple):
     lost: Array  # whether no further jump is expected
 
 
-def begun(x, growth, log_volume) -> Waiting:
+def init(x, growth, log_volume) -> Waiting:
     """The value at the start of a run."""
     zero = jnp.asarray(0, jnp.int32)
     return Waiting(zero, zero, x, growth, log_volume, jnp.asarray(False))
@@ -50,7 +50,7 @@ def waited(evolver, clock, before, after) -> Waiting:
         x=jnp.where(still > 0, was.x, after.x),
         growth=jnp.where(jumped, after.growth, was.growth),
         log_volume=None if was.log_volume is None else jnp.where(jumped, after.log_volume, was.log_volume),
-        lost=~jumped & ((attempts > LONG) | (still > long) | leaves),
+        lost=~jumped & ((attempts > MOST_ATTEMPTS_WITHOUT_JUMP) | (still > long) | leaves),
     )
 
 

@@ -1,8 +1,8 @@
 """Where in a step a guard crosses zero, and on which side of zero it is after a jump.
 
-The `guard_sign` of a guard is the sign that it has or is about to have. Guarantee: if a guard has at most one extremum
-inside an accepted step, no crossing is missed. A step is cut at an extremum that might lie beyond zero, so that every
-crossing is a change of sign between the ends of a step.
+The `guard_sign` of a guard is the sign that it has or is about to have. A step is cut at an extremum that might lie
+beyond zero, and where there may be more than one (`turns`), so that every crossing is a change of sign between the ends
+of a step.
 """
 
 from typing import Any
@@ -10,7 +10,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from .._jax.precision import BLUR, digits, nonzero
+from .._jax.precision import GUARD_ROUNDING, digits, nonzero
 from ..systems.daes.semi_linear import is_constrained
 
 __all__ = ["arm", "cubic", "hermite_root", "jets", "rates", "rounding", "to_arm", "turning_point"]
@@ -25,13 +25,15 @@ def rates(guards, t, x, f):
 
 def rounding(guards, t, x):
     """(slots,) the rounding errors of the guards that the rounding of time and state causes."""
-    return _felt(guards, t, x)(t, x)
+    return _rounding_at(guards, t, x)(t, x)
 
 
-def _felt(guards, t, x):
+def _rounding_at(guards, t, x):
     """(time, state) -> (slots,) the guards' rounding errors for a time and a state of this size, linear at (t, x)."""
     moving, gradient = jax.jacfwd(guards, argnums=(0, 1))(t, x)
-    return lambda t, x: digits(BLUR, x) * (jnp.abs(moving * t) + jnp.sum(jnp.abs(gradient * x[None, :]), axis=1))
+    return lambda t, x: (
+        digits(GUARD_ROUNDING, x) * (jnp.abs(moving * t) + jnp.sum(jnp.abs(gradient * x[None, :]), axis=1))
+    )
 
 
 def jets(guards, field, t, x):
@@ -45,14 +47,14 @@ def jets(guards, field, t, x):
 
 
 def to_arm(guards, field, t, x, h):
-    """The arguments of `arm` from the guards: g, rate, second, guard_tolerance and way, (slots,) each."""
+    """The arguments of `arm` from the guards: g, rate, second, guard_tolerance and step_rounding, (slots,) each."""
     f, bend = jax.jvp(field, (t, x), (jnp.ones_like(t), field(t, x)))
-    felt, part = _felt(guards, t, x), ALGEBRAIC / BLUR if is_constrained(field) else 1.0
-    way = felt(h, jnp.abs(f) * h + 0.5 * jnp.abs(bend) * h * h)
-    return *jets(guards, field, t, x), felt(t, x), part * way
+    rounding_at, part = _rounding_at(guards, t, x), ALGEBRAIC / GUARD_ROUNDING if is_constrained(field) else 1.0
+    step_rounding = rounding_at(h, jnp.abs(f) * h + 0.5 * jnp.abs(bend) * h * h)
+    return *jets(guards, field, t, x), rounding_at(t, x), part * step_rounding
 
 
-def arm(g, rate, second, guard_tolerance, way, h, t, fired) -> tuple[Any, Any, Any, Any]:
+def arm(g, rate, second, guard_tolerance, step_rounding, h, t, fired) -> tuple[Any, Any, Any, Any]:
     """(guard_sign, guards, rates, flat), (slots,) each: the side of zero of each guard, and exact zeros.
 
     A guard that is zero up to rounding takes its sign from its rate; if the rate is zero too, from its second
@@ -64,17 +66,18 @@ def arm(g, rate, second, guard_tolerance, way, h, t, fired) -> tuple[Any, Any, A
         rate: their first time derivatives.
         second: their second time derivatives.
         guard_tolerance: their rounding.
-        way: the guards' rounding that belongs to the distance that the state moves in a step, because a state that
-            passes through zero was rounded before. (The change of the guard itself would be too large: while only one
-            of two copies is past an event, their distance bends so sharply that all of it would count as rounding.)
+        step_rounding: the guards' rounding that belongs to the distance that the state moves in a step, because a
+            state that passes through zero was rounded before. (The change of the guard itself would be too large: while
+            only one of two copies is past an event, their distance bends so sharply that all of it would count as
+            rounding.)
         h: the controller's step, the local time scale.
         t: the time, whose rounding enters the rates.
         fired: the guard that has just fired here; its root is known only to the accuracy of the flow.
     """
     curve = 0.5 * jnp.abs(second) * h * h
     found = digits(1e-9, g) * jnp.maximum(jnp.abs(rate) * h, curve)
-    zero = jnp.abs(g) <= guard_tolerance + jnp.where(fired, found, way)
-    flat = zero & (jnp.abs(rate) * h <= digits(1e-8, g) * curve + digits(BLUR, g) * jnp.abs(t * second) * h)
+    zero = jnp.abs(g) <= guard_tolerance + jnp.where(fired, found, step_rounding)
+    flat = zero & (jnp.abs(rate) * h <= digits(1e-8, g) * curve + digits(GUARD_ROUNDING, g) * jnp.abs(t * second) * h)
     guard_sign = jnp.where(flat, jnp.sign(second), jnp.where(zero, jnp.sign(rate), jnp.sign(g)))
     return guard_sign, jnp.where(zero, 0.0, g), jnp.where(flat, 0.0, rate), flat
 

@@ -16,6 +16,7 @@ from .._jax.precision import nonzero
 from .._jax.tracing import traced
 
 Field = Callable[[Any, Array], Array]  # (t, x) -> dx/dt, args bound
+PROBE = 0.21132486540518713  # (3 - √3)/6 of a step, where the error of the cubic interpolant's slope is largest
 
 
 class Controller(NamedTuple):
@@ -42,6 +43,7 @@ class Step(NamedTuple):
     stage_points: tuple[
         Array, ...
     ] = ()  # stage points (or their differential parts), so that `Method.tangent` need not compute the step again
+    stage_slopes: tuple[Array, ...] = ()  # the field there, where `Method.samples` needs it
 
 
 class Tangent(NamedTuple):
@@ -119,6 +121,17 @@ class Method(eqx.Module):
     @abc.abstractmethod
     def inside(self, dense, theta) -> Array:
         """The solution (n,) at the fraction theta of the step."""
+
+    @property
+    def sample_fractions(self) -> tuple[float, ...]:
+        """Where in a step `samples` lie; by default at two points of an adaptive step."""
+        return (PROBE, 1 - PROBE) if self.adaptive else ()
+
+    def samples(self, field: Field, t, h, step: Step) -> list[tuple[Any, Array, Array]]:
+        """Times, states (n,) and slopes (n,) inside the step, to see what guards do there."""
+        times = [t + theta * h for theta in self.sample_fractions]
+        points = [self.inside(step.dense, theta) for theta in self.sample_fractions]
+        return [(time, point, field(time, point)) for time, point in zip(times, points, strict=True)]
 
     def tangent(self, field: Field, t, x, h, frame, stage_points: tuple[Array, ...] = ()) -> Tangent:
         """The derivative of the step over h from (t, x), applied to a frame (n, k).

@@ -20,13 +20,15 @@ from .._linalg.frames import kind_for, orthonormalise
 from .._linalg.linear_systems import inverse, matmul
 from ..systems.daes.semi_linear import is_constrained
 from .base import Field, Method, OfAnother, Step, Tangent
+from .implicit import radau
 from .implicit.half_explicit import ESDIRK, HalfExplicit
-from .implicit.linearised import Along, linearised
+from .implicit.linearised import FrameFunctions, linearised
+from .implicit.radau import RadauIIA
 from .runge_kutta import RungeKutta, Tableau, summed, tabulated
 
 __all__ = ["ContinuousQR"]
 
-NEWTON = 6  # iterations in an implicit stage; the convergence is quadratic
+NEWTON_ITERATIONS = 6  # iterations in an implicit stage; the convergence is quadratic
 LEFT = 1e-3  # largest residual after them, relative to the tolerance
 
 
@@ -40,7 +42,8 @@ class ContinuousQR(OfAnother):
 
     Args:
         method: an adaptive `lh.HalfExplicit` (for an `lh.DAE`) or `lh.RungeKutta` (for an `lh.Flow`); for stiff
-            equations `lh.ESDIRK`, whose stages solve for Q, d k equations at once, by Newton's method.
+            equations `lh.ESDIRK` or `lh.RadauIIA`, whose stages solve for Q by Newton's method, d k or 3 d k equations
+            at once.
 
     Raises:
         ValueError: on another method, or a fixed step.
@@ -60,13 +63,15 @@ class ContinuousQR(OfAnother):
     method: Any
 
     def __init__(self, method: Method):
-        if not isinstance(method, HalfExplicit | ESDIRK | RungeKutta):
+        if not isinstance(method, HalfExplicit | ESDIRK | RadauIIA | RungeKutta):
             raise ValueError(
-                "ContinuousQR runs in the stages of lh.HalfExplicit, lh.ESDIRK or lh.RungeKutta; "
+                "ContinuousQR runs in the stages of lh.HalfExplicit, lh.ESDIRK, lh.RadauIIA or lh.RungeKutta; "
                 f"got {type(method).__name__}."
             )
         require(method.adaptive, "ContinuousQR needs a method that controls its step: leave out dt.")
-        require(len(method.table.errors) == 1, f"ContinuousQR needs one error estimate; {method.tableau!r} has two.")
+        if not isinstance(method, RadauIIA):
+            one = len(method.table.errors) == 1
+            require(one, f"ContinuousQR needs one error estimate; {method.tableau!r} has two.")
         self.method = method
 
     def loosened(self, least: float) -> "ContinuousQR":
@@ -134,16 +139,21 @@ class ContinuousQR(OfAnother):
 
     def tangent(self, field: Field, t, x, h, frame, stage_points=()) -> Tangent:
         """Q after the step, and the increments of φ (k,)."""
-        table, new = self.method.table, None
+        new = None
         if not stage_points:
             done = self.method.step(field, t, x, field(t, x), h)
             stage_points, new = done.stage_points, done.x
-        points = self.method.points_on(field, t, h, stage_points)
-        columns, of_columns, rates = _through_stages(table, field, t, x, h, frame, points, self.rtol)
-        growth, error = (h * summed(one, rates) for one in (table.b, table.errors[0]))
+        if isinstance(self.method, RadauIIA):
+            (points,), times = stage_points, self.method.stage_times(t, h)
+            nodes = times, points
+            columns, of_columns, growth, error = _all_stages(field, t, x, h, frame, times, points, self.rtol)
+        else:
+            table, points = self.method.table, self.method.points_on(field, t, h, stage_points)
+            nodes = self.method.nodes_of(field, t, h, x, stage_points)
+            columns, of_columns, rates = _through_stages(table, field, t, x, h, frame, points, self.rtol)
+            growth, error = (h * summed(one, rates) for one in (table.b, table.errors[0]))
         size = jnp.abs(h) + jnp.max(jnp.abs(growth))  # scale of φ's error: exponents are means over time
         orthonormal, *_ = orthonormalise(columns, kind_for(frame.shape[1]))
-        nodes = self.method.nodes_of(field, t, h, x, stage_points)
         errors = jnp.concatenate([of_columns, (error / size)[None, :]])
         return Tangent(new, orthonormal, errors[None], nodes, growth)
 
@@ -176,28 +186,51 @@ def _through_stages(table: Tableau, field, t, x, h, frame, points, tolerance):
     return columns, matmul(inverse_block, h * summed(table.errors[0], slopes)), rates
 
 
-def _solved(here: Along, base, share, guess, tolerance):
-    """The differential part C (d, k) of an implicit stage: C − share (E₁ Q)' = base with Q = Ē⁻¹ [C; 0].
+def _all_stages(field, t, x, h, frame, times, points, tolerance):
+    """Q after a step by Radau IIA, its error, the growth (k,) over the step and its error.
 
-    Newton iteration from `guess`; nan where it does not converge.
+    The equations of the differential parts C_i = E₁ Q_i of the stages are C_i − h Σ_j a_ij (E₁ Q_j)' = E₁ Q.
     """
+    first = linearised(field, t, x)
+    start, (slope, rate) = first.differential_part(frame)[None], _turned(first, frame)
+    stages, a = [linearised(field, *node) for node in zip(times, points, strict=True)], jnp.asarray(radau.A, x.dtype)
+
+    def turned(parts):
+        each = [_turned(here, matmul(here.inverse_block, part)) for here, part in zip(stages, parts, strict=True)]
+        return [h * jnp.tensordot(a, jnp.stack(one), 1) for one in zip(*each, strict=True)]  # from the start to a stage
+
+    parts = _newton(lambda parts: parts - start - turned(parts)[0], jnp.repeat(start, len(stages), axis=0), tolerance)
+    grown = turned(parts)[1]
+    damped = linearised(field, t, x, radau.GAMMA * h).inverse_block
+    of_columns = matmul(damped, radau.estimate(h, slope, parts - start))
+    return matmul(stages[-1].inverse_block, parts[-1]), of_columns, grown[-1], radau.estimate(h, rate, grown)
+
+
+def _solved(here: FrameFunctions, base, share, guess, tolerance):
+    """The differential part C (d, k) of an implicit stage: C − share (E₁ Q)' = base with Q = Ē⁻¹ [C; 0]."""
 
     def left(differential_part):
-        differential_part = differential_part.reshape(base.shape)
-        return (
-            differential_part - base - share * _turned(here, matmul(here.inverse_block, differential_part))[0]
-        ).ravel()
+        return differential_part - base - share * _turned(here, matmul(here.inverse_block, differential_part))[0]
 
-    def again(_, differential_part):
-        backward, _ = inverse(jax.jacfwd(left)(differential_part))
-        return differential_part - matmul(backward, left(differential_part))
-
-    differential_part = jax.lax.fori_loop(0, NEWTON, again, guess.ravel())
-    done = jnp.max(jnp.abs(left(differential_part))) <= LEFT * tolerance * (1 + jnp.max(jnp.abs(differential_part)))
-    return jnp.where(done, differential_part, jnp.nan).reshape(base.shape)
+    return _newton(left, guess, tolerance)
 
 
-def _turned(here: Along, columns):
+def _newton(left, guess, tolerance):
+    """The root of `left`, a function between arrays of the shape of `guess`; nan where the iteration fails."""
+
+    def flat(values):
+        return left(values.reshape(guess.shape)).ravel()
+
+    def again(_, values):
+        backward, _ = inverse(jax.jacfwd(flat)(values))
+        return values - matmul(backward, flat(values))
+
+    values = jax.lax.fori_loop(0, NEWTON_ITERATIONS, again, guess.ravel())
+    done = jnp.max(jnp.abs(flat(values))) <= LEFT * tolerance * (1 + jnp.max(jnp.abs(values)))
+    return jnp.where(done, values, jnp.nan).reshape(guess.shape)
+
+
+def _turned(here: FrameFunctions, columns):
     """The derivative (E₁ Q)' (d, k) and the rates of growth w_ii (k,)."""
     turning = matmul(columns.T, here.derivative(columns))
     upper = jnp.triu(turning) + jnp.tril(turning, -1).T

@@ -19,10 +19,10 @@ from .divergences import trace
 
 __all__ = ["DiffraxEvents"]
 
-MOST = 100_000  # steps of one call of diffrax
+MOST_DIFFRAX_STEPS = 100_000  # steps of one call of diffrax
 
 
-class Flight(NamedTuple):
+class MotionToEvent(NamedTuple):
     """The motion up to the next event, or to the end of the interval if there is none."""
 
     h: Array  # its duration
@@ -102,7 +102,7 @@ class DiffraxEvents(ByDiffrax):
             "lh.HalfExplicit, or take lh.ESDIRK.",
         )
 
-    def flight(self, field: Field, t, x, h, condition: Callable | None = None) -> Flight:
+    def flight(self, field: Field, t, x, h, condition: Callable | None = None) -> MotionToEvent:
         """From (t, x) until condition(s, x) falls through zero, at most over h; s is the time since t."""
         solution = self._solve(field, t, x, h, condition)
         end, x = _last(solution)
@@ -110,7 +110,7 @@ class DiffraxEvents(ByDiffrax):
         found = jnp.asarray(False) if solution.event_mask is None else solution.event_mask
         failed = ~found & (solution.result != diffrax.RESULTS.successful)
         step = end / jnp.maximum(steps, 1).astype(end.dtype)
-        return Flight(end, step, found, failed, x)
+        return MotionToEvent(end, step, found, failed, x)
 
     def step(self, field: Field, t, x, f, h) -> Step:
         """The state over h."""
@@ -154,7 +154,7 @@ class DiffraxEvents(ByDiffrax):
             stepsize_controller=diffrax.PIDController(rtol=self.rtol, atol=self.atol),
             event=event,
             adjoint=diffrax.ForwardMode(),
-            max_steps=MOST,
+            max_steps=MOST_DIFFRAX_STEPS,
             throw=False,
         )
 

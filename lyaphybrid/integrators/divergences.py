@@ -10,8 +10,8 @@ from .base import Field
 
 __all__ = ["quadrature", "trace"]
 
-LONG = 100  # a trace with more equations in its jaxpr is evaluated in a loop over the nodes (sliding: 170 to 220)
-FEW = 4  # up to so many components the diagonal of Df is differentiated entry by entry
+LONG_TRACE = 100  # a trace with more equations in its jaxpr is evaluated in a loop over the nodes (sliding: 170 to 220)
+MOST_ENTRIES_ALONE = 4  # up to so many components the diagonal of Df is differentiated entry by entry
 
 
 def quadrature(field: Field, weights, times, points) -> Array:
@@ -38,13 +38,13 @@ def quadrature(field: Field, weights, times, points) -> Array:
 
 def _is_long(closed: ClosedJaxpr) -> bool:
     wanted = needed(closed)
-    return sum(bool(wanted.intersection(eqn.outvars)) for eqn in closed.jaxpr.eqns) > LONG
+    return sum(bool(wanted.intersection(eqn.outvars)) for eqn in closed.jaxpr.eqns) > LONG_TRACE
 
 
 def trace(field: Field, t, x) -> Array:
     """The divergence tr Df at (t, x)."""
     n = x.shape[0]
-    if n > FEW:
+    if n > MOST_ENTRIES_ALONE:
         return jnp.trace(jax.jacfwd(lambda y: field(t, y))(x))
     of_components = by_component(field, t, x)
 

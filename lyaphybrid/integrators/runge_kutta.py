@@ -41,17 +41,18 @@ class Tableau(NamedTuple):
     order: int  # of the error estimate, as a power of h
     last_is_next: bool  # the last stage is the field at the end of the step (FSAL)
     diagonal: float = 0.0  # a_ii of the stages after the first; if not 0, these stages are implicit
+    samples: tuple[int, ...] = ()  # indices of c: stages inside the step whose slopes show what guards do there
 
 
-def _from_diffrax(solver: type, order: int) -> Tableau:
+def _from_diffrax(solver: type, order: int, samples: tuple[int, ...]) -> Tableau:
     table = solver.tableau
-    return Tableau(table.a_lower, table.b_sol, tuple(table.c), (table.b_error,), order, table.fsal)
+    return Tableau(table.a_lower, table.b_sol, tuple(table.c), (table.b_error,), order, table.fsal, samples=samples)
 
 
 TABLEAUX = {
-    "dopri5": _from_diffrax(diffrax.Dopri5, 5),
-    "tsit5": _from_diffrax(diffrax.Tsit5, 5),
-    "dopri8": _from_diffrax(diffrax.Dopri8, 8),
+    "dopri5": _from_diffrax(diffrax.Dopri5, 5, (0, 1, 2, 3)),
+    "tsit5": _from_diffrax(diffrax.Tsit5, 5, (0, 1, 2)),
+    "dopri8": _from_diffrax(diffrax.Dopri8, 8, (5, 3, 6, 8, 9)),
     "dop853": Tableau(
         tableaux.DOP853_A,
         tableaux.DOP853_B,
@@ -59,8 +60,9 @@ TABLEAUX = {
         (tableaux.DOP853_E5, tableaux.DOP853_E3),
         8,
         False,
+        samples=(2, 3, 8, 9),
     ),
-    "rk4": Tableau(tableaux.RK4_A, np.array(tableaux.RK4_B), tableaux.RK4_C, (), 4, False),
+    "rk4": Tableau(tableaux.RK4_A, np.array(tableaux.RK4_B), tableaux.RK4_C, (), 4, False, samples=(1,)),
 }
 
 
@@ -160,7 +162,26 @@ class RungeKutta(Method):
         new = self._end(x, h, points, slopes)
         slope = slopes[-1] if table.last_is_next else field(t + h, new)
         error = self._errors(h, slopes) if self.adaptive else x[None, :0]
-        return Step(new, slope, error, (x, f, new, slope, h), self.nodes_of(field, t, h, x, points[1:]), points[1:])
+        return Step(
+            new,
+            slope,
+            error,
+            (x, f, new, slope, h),
+            self.nodes_of(field, t, h, x, points[1:]),
+            points[1:],
+            tuple(slopes[1:]),
+        )
+
+    @property
+    def sample_fractions(self) -> tuple[float, ...]:
+        """Where in a step `samples` lie: at some of the stages."""
+        return tuple(float(self.table.c[i]) for i in self.table.samples)
+
+    def samples(self, field: Field, t, h, step: Step) -> list:
+        """Times, states and slopes of some stages inside the step."""
+        del field
+        times = self.stage_times(t, h)[1:]
+        return [(times[i], step.stage_points[i], step.stage_slopes[i]) for i in self.table.samples]
 
     def tangent(self, field: Field, t, x, h, frame, stage_points=()) -> Tangent:
         """The derivative of the step: the same method for the linear field dx ↦ Df dx at the stage points."""

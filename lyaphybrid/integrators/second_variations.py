@@ -17,7 +17,7 @@ from ..systems.bound import Bound
 from .base import Field, Method, OfAnother, Step, Tangent
 from .runge_kutta import hermite
 
-__all__ = ["SecondVariation", "Varied", "highest_of", "started"]
+__all__ = ["SecondVariation", "VariedField", "highest_of", "started"]
 
 
 def started(x: Array, direction: Array, f: Array) -> Array:
@@ -46,7 +46,7 @@ def _across(u, w, s, f):
     return s + most + 0.5 * jnp.log(jnp.maximum(left, nonzero(1e-300, left)))
 
 
-class Varied(eqx.Module):
+class VariedField(eqx.Module):
     """The field of x, u, w and s: ρ = u·Df u = s', u' = Df u − ρu, w' = Df w + D²f(u, u) − 2ρw."""
 
     field: Any

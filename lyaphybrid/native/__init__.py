@@ -1,6 +1,6 @@
 """A small compiler from jaxprs to machine code, by LLVM. It is independent of dynamical systems."""
 
-from .bridge.compiled import EVENTS, Compiled, compile
+from .bridge.compiled import DURATION_PREFIX, Compiled, compile
 from .bridge.primitive import native, native_call
 from .bridge.programs import ONE_WAY, Program, engine
 from .lowering.costs import instructions
@@ -9,7 +9,7 @@ from .machine.collector import no_collector
 from .rules.calls import seldom
 
 __all__ = [
-    "EVENTS",
+    "DURATION_PREFIX",
     "ONE_WAY",
     "Compiled",
     "Program",

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 __all__ = ["AGREED", "CORRECTED", "NOT_REPRODUCIBLE", "Check", "Claim", "check_lines", "claim_lines"]
 
 AGREED, CORRECTED, NOT_REPRODUCIBLE = "agreed", "corrected", "not reproducible"
-WIDTH = 118
+LINE_WIDTH = 118
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,4 +71,4 @@ def claim_lines(claims: Iterable[Claim]) -> list[str]:
 
 
 def _wrapped(text: str, indent: str = "  ") -> list[str]:
-    return textwrap.wrap(text, WIDTH, initial_indent=indent, subsequent_indent="    ")
+    return textwrap.wrap(text, LINE_WIDTH, initial_indent=indent, subsequent_indent="    ")

@@ -9,6 +9,7 @@ from .continuations import continuation
 from .diagrams import bifurcations, diagram, largest_exponent, section
 from .indicators import alignment, angles, growth, intervals
 from .orbits import matrix, multipliers, time_domain
+from .reports import report
 from .results import against_density, bounds, convergence, phase, running, solutions, spectra, spectrum, trajectory
 from .sensitivities import design, gradient
 from .sweeps import sweep_lines, sweep_map
@@ -31,6 +32,7 @@ __all__ = [
     "matrix",
     "multipliers",
     "phase",
+    "report",
     "running",
     "section",
     "solutions",

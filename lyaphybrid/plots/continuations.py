@@ -17,7 +17,7 @@ MARKS = {
     "grazing": ("X", COLOURS[6]),
 }
 MARGIN = 1e-5  # tolerance for a multiplier of 1 at the end of a stable stretch
-SHADES = (COLOURS[0], "0.35", COLOURS[5])  # colours of branches, used cyclically
+BRANCH_COLOURS = (COLOURS[0], "0.35", COLOURS[5])  # colours of branches, used cyclically
 
 
 def continuation(branches: Any, axes=None, i: int = 0):
@@ -42,7 +42,7 @@ def continuation(branches: Any, axes=None, i: int = 0):
     upper, lower = axes
     lower.axhline(0.0, color="0.6", linewidth=0.8, zorder=0)
     for number, branch in enumerate(branches):
-        colour = SHADES[number % len(SHADES)]
+        colour = BRANCH_COLOURS[number % len(BRANCH_COLOURS)]
         exponents = np.where(np.isfinite(branch.exponents), branch.exponents, np.nan)
         _lines(upper, branch, branch.largest[:, i : i + 1], colour)
         _lines(lower, branch, exponents, colour)

@@ -28,9 +28,17 @@ __all__ = [
     "trajectory",
 ]
 
-SHADES = ("#FFFFFF", "#E8E8E8", "#DCEBF7", "#FBEBDD", "#DDF2EA", "#F6E4EE", "#FBF6D5")  # background colours of modes
+MODE_COLOURS = (
+    "#FFFFFF",
+    "#E8E8E8",
+    "#DCEBF7",
+    "#FBEBDD",
+    "#DDF2EA",
+    "#F6E4EE",
+    "#FBF6D5",
+)  # background colours of modes
 MARKED = 60  # up to this number each event gets a line; more are ticks at the bottom
-SHOWN = 4  # number of components drawn by default
+COMPONENTS_DRAWN = 4  # number of components drawn by default
 
 
 def spectrum(spectrum: "Spectrum", ax=None):
@@ -270,9 +278,9 @@ def trajectory(trajectory: "Trajectory", ax=None, components: Sequence[int] | No
     ax = _axes(ax)
     dimension = int(np.prod(trajectory.x.shape[1:]))
     labels = trajectory.state_labels
-    shown = range(min(SHOWN, dimension)) if components is None else components
+    shown = range(min(COMPONENTS_DRAWN, dimension)) if components is None else components
     discrete = _is_discrete(trajectory)
-    t, x, mode = _broken(trajectory)
+    t, x, mode = _with_gaps_at_events(trajectory)
     _shade(ax, t, mode, trajectory.mode_names)
     _mark(ax, np.asarray(trajectory.events.t))
     style: dict[str, Any] = {"linestyle": "none", "marker": "."} if discrete else {"linewidth": 1.3}
@@ -306,7 +314,7 @@ def _shade(ax, t, mode, names) -> None:
             1.0,
             where=mode == index,
             transform=ax.get_xaxis_transform(),
-            facecolor=SHADES[index % len(SHADES)],
+            facecolor=MODE_COLOURS[index % len(MODE_COLOURS)],
             edgecolor="0.8",
             linewidth=0.4,
             label=name,
@@ -327,7 +335,7 @@ def phase(trajectory: "Trajectory", ax=None, i: int = 0, j: int = 1):
         The axes.
     """
     ax = _axes(ax)
-    t, x, mode = _broken(trajectory)
+    t, x, mode = _with_gaps_at_events(trajectory)
     names = trajectory.mode_names
     if _is_discrete(trajectory):
         ax.plot(x[:, i], x[:, j], linestyle="none", marker=".", markersize=2, color=COLOURS[0])
@@ -344,14 +352,14 @@ def phase(trajectory: "Trajectory", ax=None, i: int = 0, j: int = 1):
     return ax
 
 
-def _flat(states) -> np.ndarray:
+def _flattened(states) -> np.ndarray:
     """States flattened to (m, n), also from the shape (m, N, d)."""
     states = np.asarray(states)
     return states.reshape(len(states), -1) if states.size else states.reshape(0, 0)
 
 
 def _draw_jumps(ax, events, i, j) -> None:
-    before, after = _flat(events.x_before), _flat(events.x_after)
+    before, after = _flattened(events.x_before), _flattened(events.x_after)
     if not 0 < len(before) <= MARKED:
         return
     ends = np.stack([before, after, np.full_like(before, np.nan)], axis=1).reshape(-1, before.shape[1])
@@ -360,20 +368,20 @@ def _draw_jumps(ax, events, i, j) -> None:
     ax.plot(after[:, i], after[:, j], "o", markersize=2.5, color="0.35")
 
 
-def _broken(trajectory: "Trajectory"):
+def _with_gaps_at_events(trajectory: "Trajectory"):
     """Samples and both sides of every event in order of time, with nan between the sides.
 
     Returns times (m,), states (m, n) and the mode of each (m,).
     """
     events = trajectory.events
     t, mode, jumps = (np.asarray(a) for a in (trajectory.t, trajectory.mode, trajectory.j))
-    x = _flat(trajectory.x)
+    x = _flattened(trajectory.x)
     reached = np.isfinite(t)
     t, x, mode, jumps = t[reached], x[reached], mode[reached], jumps[reached]
     if _is_discrete(trajectory) or not len(events):
         return t, x, mode
     when, count = np.asarray(events.t), len(events)
-    before, after = _flat(events.x_before), _flat(events.x_after)
+    before, after = _flattened(events.x_before), _flattened(events.x_after)
     times = np.concatenate([t, when, when, when])
     states = np.concatenate([x, before, np.full_like(before, np.nan), after])
     modes = np.concatenate([mode, events.mode_before, events.mode_before, events.mode_after])

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 __all__ = ["design", "gradient"]
 
-WIDTH = 0.8  # of the group of bars of one parameter
+GROUP_WIDTH = 0.8  # of the group of bars of one parameter
 
 
 def gradient(found: "Gradient", ax=None):
@@ -30,8 +30,8 @@ def gradient(found: "Gradient", ax=None):
     errors = np.where(np.isfinite(errors), errors, 0.0)
     k, places = len(slopes), np.arange(slopes.shape[1])
     for i, colour in enumerate(colours(k)):
-        offset = WIDTH * ((i + 0.5) / k - 0.5)
-        bars = {"width": WIDTH / k, "color": colour, "capsize": 2.0, "label": f"λ$_{{{i + 1}}}$"}
+        offset = GROUP_WIDTH * ((i + 0.5) / k - 0.5)
+        bars = {"width": GROUP_WIDTH / k, "color": colour, "capsize": 2.0, "label": f"λ$_{{{i + 1}}}$"}
         ax.bar(places + offset, slopes[i], yerr=errors[i], **bars)
     ax.axhline(0.0, color="0.6", linewidth=0.8)
     ax.set_xticks(places, found.names)

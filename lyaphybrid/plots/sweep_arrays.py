@@ -23,7 +23,7 @@ GREEK: dict[str, str] = dict(
 )
 NO_VALUE = -1  # code of points that were not computed
 PIXELS = (600, 450)  # size of the figure of a list of points, in pixels
-NEIGHBOURS, REACH = 4, 1.2  # pixels farther than REACH times the widest gap to a fourth neighbour are empty
+NEIGHBOURS, FARTHEST = 4, 1.2  # pixels farther than FARTHEST times the widest gap to a fourth neighbour are empty
 
 
 class Swept(NamedTuple):
@@ -217,6 +217,6 @@ def nearest(x: np.ndarray, y: np.ndarray):
     distance, index = tree.query(centres)
     count = min(NEIGHBOURS, len(x) - 1)
     gaps = tree.query(tree.data, k=count + 1)[0][:, -1] if count else np.inf
-    index = np.where(distance <= REACH * np.max(gaps), index, -1)
+    index = np.where(distance <= FARTHEST * np.max(gaps), index, -1)
     across, upwards = (a + d * one for a, d, one in zip(low, span, borders, strict=True))
     return across, upwards, index

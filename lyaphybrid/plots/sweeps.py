@@ -12,7 +12,7 @@ from .sweep_arrays import NO_VALUE, Swept, axes_scale, edges, label, list_or_gri
 __all__ = ["sweep_lines", "sweep_map"]
 
 
-class Kind(NamedTuple):
+class StatusStyle(NamedTuple):
     """How points with a status are drawn: as markers below lines, and as cells of a map."""
 
     name: str
@@ -21,8 +21,8 @@ class Kind(NamedTuple):
     hatch: str
 
 
-KINDS = {
-    int(status): Kind(status.name, *look)
+STATUS_STYLES = {
+    int(status): StatusStyle(status.name, *look)
     for status, look in {
         STATUS.max_steps: ("s", "0.78", "---"),
         STATUS.zeno: ("^", "0.66", "..."),
@@ -36,14 +36,14 @@ KINDS = {
         STATUS.no_more_jumps: ("p", "0.30", "oo.."),
     }.items()
 }
-KINDS[NO_VALUE] = Kind("no value", ".", "0.92", "")
-BEYOND = ("d", "0.36", "**")  # for an unknown status
+STATUS_STYLES[NO_VALUE] = StatusStyle("no value", ".", "0.92", "")
+UNKNOWN_STATUS = ("d", "0.36", "**")  # for an unknown status
 
 # Colours from −∞ through white at zero; one hue for each sign.
 SCALE = ("#00304D", COLOURS[0], "#8CC1DE", "#FFFFFF", "#F3B78E", COLOURS[1], "#662C00")
 UNDER = "#000000"
 PERCENTILE = 98  # of the values of each sign: larger ones have the last colour
-LEAST = 0.1  # least ratio of the colour ranges of both signs, so that errors around zero stay pale
+LEAST_RATIO = 0.1  # least ratio of the colour ranges of both signs, so that errors around zero stay pale
 ROW = 0.045  # height of a row of markers, in units of the axes' height
 DOTTED = 3000  # largest number of points that are drawn as dots
 ROWS = 4  # rows for exponents of −∞; more share one
@@ -91,7 +91,7 @@ def sweep_lines(dataset: Any, exponents: Sequence[int] | None = None, ax=None):
     _curves(ax, swept)
     ax.margins(x=0.02, y=0.08)
     ax.set_xscale(axes_scale(x))
-    _foot(ax, swept)
+    _status_markers(ax, swept)
     ax.set_xlabel(label(swept.names[0]))
     several = len(swept.numbers) > 1
     ax.set_ylabel("exponents λ$_i$" if several else f"exponent {_exponent(swept.numbers[0])}")
@@ -126,7 +126,7 @@ def _curves(ax, swept: Swept) -> None:
             ax.errorbar(x[alone], y[alone], np.nan_to_num(error[alone]), fmt="o", markersize=2.5, color=colour)
 
 
-def _foot(ax, swept: Swept) -> None:
+def _status_markers(ax, swept: Swept) -> None:
     """Rows of markers in extra space below the curves: statuses, and above them −∞."""
     x, kinds, lost = swept.parameters[0], _present(swept.codes), _lost(swept)
     height = (bool(kinds) + len(lost)) * ROW
@@ -156,11 +156,11 @@ def _lost(swept: Swept) -> list[tuple]:
     return rows if len(rows) <= ROWS else [(np.any(lost, axis=1), "0.3", "some λ$_{i}$ = −∞")]
 
 
-def _present(codes) -> dict[int, Kind]:
+def _present(codes) -> dict[int, StatusStyle]:
     """The kinds of points that failed, by code."""
     fine = (int(STATUS.ok), int(STATUS.terminated))
     found = [int(code) for code in np.unique(codes) if code not in fine]
-    return {code: KINDS.get(code, Kind(f"status {code}", *BEYOND)) for code in found}
+    return {code: STATUS_STYLES.get(code, StatusStyle(f"status {code}", *UNKNOWN_STATUS)) for code in found}
 
 
 def sweep_map(dataset: Any, exponent: int = 1, ax=None):
@@ -247,7 +247,7 @@ def _limits(values) -> tuple[float, float]:
     largest = max(below, above)
     if not largest:
         return -1.0, 1.0
-    return -max(below, LEAST * largest), max(above, LEAST * largest)
+    return -max(below, LEAST_RATIO * largest), max(above, LEAST_RATIO * largest)
 
 
 def _mesh(ax, cells: Cells, limits):

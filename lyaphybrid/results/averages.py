@@ -24,7 +24,7 @@ from .volumes import volume_error
 __all__ = ["birkhoff_weights", "empty_columns", "one_run", "places", "summarise"]
 
 
-class Found(NamedTuple):
+class RunOutput(NamedTuple):
     """The records and the final state of a run."""
 
     records: tuple[BlockRecord, ...]  # of successive calls of `driver.drive`
@@ -47,7 +47,7 @@ def summarise(outcomes: list[driver.Outcome], problem, clock: str, initial, aver
     """
     last = outcomes[-1]
     records = tuple(outcome.records for outcome in outcomes)
-    found = Found(records, last.loop_state, last.status, np.asarray(last.interrupted), initial)
+    found = RunOutput(records, last.loop_state, last.status, np.asarray(last.interrupted), initial)
     how = (clock, averaging, problems.mode_names(problem.system))
     if last.loop_state.carry.x.ndim == 2 or traced(found):
         return _in_rows(problem, _together(found, *how), labels)
@@ -95,19 +95,21 @@ def _together(found, clock, averaging, names) -> Spectrum:
     return _of_several(found, clock, averaging, names) if several else _of_one(jnp, found, clock, averaging, names)
 
 
-def _of_one(xp: ModuleType, found: Found, clock, averaging, names) -> Spectrum:
+def _of_one(xp: ModuleType, found: RunOutput, clock, averaging, names) -> Spectrum:
     records, loop_state, status, interrupted, initial = found
     chain = [_chained(xp, part, 0) for part in records]
     blocks = jax.tree.map(lambda *parts: xp.concatenate(parts), *chain)
     run = one_run(xp, blocks, empty_columns(xp, loop_state), clock, initial, averaging)
-    return _spectrum(xp, run, run["stderr"], None, _end(xp, loop_state, status, interrupted), "blocks", clock, names)
+    return _spectrum(
+        xp, run, run["stderr"], None, _final_state_fields(xp, loop_state, status, interrupted), "blocks", clock, names
+    )
 
 
-def _of_several(found: Found, clock, averaging, names) -> Spectrum:
+def _of_several(found: RunOutput, clock, averaging, names) -> Spectrum:
     records, loop_state, status, interrupted, initial = found
     chain = [_chained(jnp, part, 1) for part in records]
     blocks = jax.tree.map(lambda *parts: jnp.concatenate(parts, axis=1), *chain)
-    end = _end(jnp, loop_state, status, interrupted)
+    end = _final_state_fields(jnp, loop_state, status, interrupted)
     empty = empty_columns(jnp, loop_state)
     run = jax.vmap(lambda r, empty: one_run(jnp, r, empty, clock, initial, averaging))(blocks, empty)
     m, replicates = run["exponents"].shape[0], run["exponents"]
@@ -188,7 +190,7 @@ def _first_losses(xp: ModuleType, records: BlockRecord, losses):
     return xp.full(losses.shape, xp.nan) if records.collected is None else records.collected[-1]
 
 
-def _safe(xp: ModuleType, length):
+def _nonzero(xp: ModuleType, length):
     return xp.where(length == 0, 1.0, length)
 
 
@@ -221,13 +223,13 @@ def _birkhoff(xp: ModuleType, growth, length, reading, valid, regular: bool):
     For regular motion in conservative systems (`regular`) columns grow like a power of the time, so the local exponent
     is that power divided by t; it is subtracted.
     """
-    s = (reading - 0.5 * length) / _safe(xp, reading[-1])
+    s = (reading - 0.5 * length) / _nonzero(xp, reading[-1])
     weight = xp.where(valid, birkhoff_weights(xp, s), 0.0) * length
-    local = growth / _safe(xp, length)[:, None]
+    local = growth / _nonzero(xp, length)[:, None]
     if regular:
         earlier = reading - length
-        slope = xp.log(_safe(xp, reading) / xp.where(earlier > 0, earlier, 1.0)) / _safe(xp, length)
-        power = _power(xp, growth, reading, valid)
+        slope = xp.log(_nonzero(xp, reading) / xp.where(earlier > 0, earlier, 1.0)) / _nonzero(xp, length)
+        power = _growth_power(xp, growth, reading, valid)
         local = local - power * xp.where(earlier > 0, slope, 0.0)[:, None]
     return xp.sum(weight[:, None] * local, axis=0) / _or_nan(xp, xp.sum(weight))
 
@@ -242,15 +244,15 @@ def birkhoff_weights(xp: ModuleType, s):
     return xp.where(inside, xp.exp(-1 / (s * (1 - s))), 0.0)
 
 
-def _power(xp: ModuleType, growth, reading, valid):
+def _growth_power(xp: ModuleType, growth, reading, valid):
     """(k,) the integer p for which each column grows like t^p: 1, −1, or 0 in special directions."""
-    log_time = xp.log(_safe(xp, reading))
+    log_time = xp.log(_nonzero(xp, reading))
     count = xp.maximum(xp.sum(valid), 1)
     log_time = xp.where(valid, log_time - xp.sum(xp.where(valid, log_time, 0.0)) / count, 0.0)
-    return xp.round(log_time @ xp.cumsum(growth, axis=0) / _safe(xp, xp.sum(log_time**2)))
+    return xp.round(log_time @ xp.cumsum(growth, axis=0) / _nonzero(xp, xp.sum(log_time**2)))
 
 
-def _end(xp: ModuleType, loop_state: LoopState, status, interrupted) -> dict:
+def _final_state_fields(xp: ModuleType, loop_state: LoopState, status, interrupted) -> dict:
     """The fields of the result that describe the final state."""
     transversality, grazing, simultaneous, accumulation, doubtful = problems.summary_of(loop_state, xp)
     flags = [grazing, simultaneous, xp.full_like(grazing, interrupted)]

@@ -20,16 +20,18 @@ from ..systems.labels import Labels
 from .errors import standard_error
 from .result import Data, RunResult, exponents_along, states_along
 
-__all__ = ["NOTES", "About", "History", "Spectrum", "guard_unreached", "step_too_long", "unresolved"]
+__all__ = ["NOTE_TEXTS", "About", "History", "Spectrum", "guard_unreached", "step_too_long", "unresolved"]
 
-NOTES = {
+NOTE_TEXTS = {
     "rank_lost": "a jump destroys directions: their exponents are -inf",
     "grazing": "an event met its guard nearly tangentially, and there the saltation matrix is very large",
-    "simultaneous": "several guards were zero at one instant, and what follows depends on the order of their events",
+    "simultaneous": "several guards were zero at one instant: the order of their events matters, see lh.solutions",
     "interrupted": "Ctrl-C ended the run",
+    "stiff": "steps were as short as an explicit method needs to stay stable; an implicit one takes long steps here: "
+    "lh.RadauIIA() or lh.ESDIRK()",
     "guard_unreached": "the system has guards, and none of them was reached",
-    "identity_reset": "a jump within a mode changes nothing",
-    "step_too_long": "the fixed step is too long: it does not carry volumes as the flow does",
+    "identity_reset": "a jump within a mode changes nothing: is its reset missing?",
+    "step_too_long": "steps are too long to carry volumes as the flow does; take a shorter dt, or control='xY'",
     "unresolved": "the smallest exponents, or a loss, may be rounding: orthonormalise more often (every=…)",
 }
 
@@ -42,18 +44,23 @@ def unresolved(spread):
 
 
 VOLUME_PER_STEP = 1e-3  # the step is too long if the error of its ln|det| is larger …
+VOLUME_ROUNDING = 1e-6  # a sum of exponents this near to the mean divergence is right
 SMALL_PER_STEP, OF_EXPONENTS = 1e-5, 1e-2  # … or larger than this and not small relative to the exponents
 
 
 def step_too_long(spectrum: "Spectrum"):
-    """Whether a fixed step carries volumes wrongly: the sum of all exponents is not the mean divergence.
+    """Whether steps carry volumes wrongly: the sum of all exponents is not the mean divergence.
 
-    The sum of exponents is a property of the numerical steps, the divergence one of the flow. False if the step is not
-    fixed. If k < n, some steps from the final state are used (`volumes`).
+    The sum of exponents is a property of the numerical steps, the divergence one of the flow. If k < n, some steps from
+    the final state are used (`volumes`), of a fixed step; steps that are not fixed are wrong if they follow the state
+    alone (control="x") where perturbations shrink faster.
     """
-    if spectrum.step is None or (spectrum.residual is None and spectrum.volume_error is None):
+    if spectrum.residual is None and (spectrum.step is None or spectrum.volume_error is None):
         return False
-    xp, length = module_of(spectrum.time), spectrum._length
+    xp, length = module_of(spectrum.time), spectrum._run_length
+    if spectrum.step is None:
+        large = xp.max(spectrum.residual) > OF_EXPONENTS * xp.sum(xp.abs(spectrum.exponents)) + VOLUME_ROUNDING
+        return large & xp.all(xp.isfinite(spectrum.exponents)) & ~xp.any(unresolved(spectrum.spread))
     steps = xp.mean(spectrum.time) / spectrum.step / xp.where(length > 0, length, xp.nan)  # in a unit of the clock
     if spectrum.residual is None:
         per_step = spectrum.volume_error
@@ -92,10 +99,15 @@ class About:
 
     Attributes:
         system: its class, and its modes where there are several; method: with its tolerances, "" where there is none.
+        stiff: whether the run was seen to be stiff.
     """
 
-    def __init__(self, system: str = "", method: str = ""):
-        self.system, self.method = system, method
+    def __init__(self, system: str = "", method: str = "", stiff: bool = False):
+        self.system, self.method, self.stiff = system, method, stiff
+
+    def noting(self, stiff: bool) -> "About":
+        """The same of a run that was, or was not, seen to be stiff."""
+        return About(self.system, self.method, stiff)
 
     @classmethod
     def of(cls, system: Any, names: tuple[str, ...], method: Any) -> "About":
@@ -182,13 +194,14 @@ class Spectrum(RunResult, eqx.Module):
             "interrupted": bool(interrupted),
             "guard_unreached": bool(guard_unreached(self)),
             "identity_reset": self.identity_reset,
+            "stiff": self.about.stiff,
             "step_too_long": bool(step_too_long(self)),
             "unresolved": bool(np.any(unresolved(np.asarray(self.spread)))),
         }
         return frozenset(name for name, seen in found.items() if seen)
 
     @property
-    def _length(self) -> Array:
+    def _run_length(self) -> Array:
         """The length of the run in units of its clock; of several runs the mean."""
         xp = module_of(self.time)
         time, jumps = xp.mean(self.time), xp.mean(self.jumps)
@@ -198,7 +211,7 @@ class Spectrum(RunResult, eqx.Module):
     def loss_rate(self) -> Array:
         """(k,) losses per unit of the clock, of all runs together."""
         runs = 1 if self.replicates is None else self.replicates.shape[0]
-        return self.losses.astype(self.time.dtype) / (runs * self._length)
+        return self.losses.astype(self.time.dtype) / (runs * self._run_length)
 
     @property
     def sum_rule_residual(self) -> Array | None:
@@ -292,13 +305,13 @@ class Spectrum(RunResult, eqx.Module):
                 "is a copy, or came out of jit, vmap or a file. A run that is to outlive its process takes "
                 "checkpoint=…."
             )
-        return self._go_on(self, t1, max_steps, progress, throw)._called(self.name)
+        return self._go_on(self, t1, max_steps, progress, throw)._with_problem_name(self.name)
 
     def _resumed_by(self, go_on: Callable[..., "Spectrum"]) -> "Spectrum":
         object.__setattr__(self, "_go_on", go_on)
         return self
 
-    def _called(self, name: str) -> "Spectrum":
+    def _with_problem_name(self, name: str) -> "Spectrum":
         """The same with the name of a problem."""
         return self if not name else dataclasses.replace(self, name=name)._resumed_by(self._go_on)  # pyright: ignore
 
@@ -308,7 +321,7 @@ class Spectrum(RunResult, eqx.Module):
 
     def per_jump(self) -> Array:
         """(k,) exponents per jump instead of per unit of the clock."""
-        return self.exponents * self._length / jnp.mean(self.jumps)
+        return self.exponents * self._run_length / jnp.mean(self.jumps)
 
     def plot(self, ax=None, kind: str = "spectrum"):
         """The spectrum against its index, or (kind="convergence") its history in time."""
@@ -365,7 +378,7 @@ class Spectrum(RunResult, eqx.Module):
                 [how.format(value) if losses[i] > 0 else "" for i, value in enumerate(np.asarray(column))]
                 for how, column in zip(shown, lost, strict=True)
             ]
-        notes = [f"{name}: {NOTES[name]}" for name in sorted(self.notes)]
+        notes = [f"{name}: {NOTE_TEXTS[name]}" for name in sorted(self.notes)]
         return Table(title, list(zip(*cells, strict=True)), [*self._sums(), f"status {_verdict(self)}", *notes], heads)
 
     def _sums(self) -> list[str]:

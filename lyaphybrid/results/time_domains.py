@@ -13,8 +13,8 @@ __all__ = ["TimeDomain", "time_domain"]
 
 NUMBERS = {"eventually continuous": 1, "eventually discrete": 2, "hybrid": 3, "continuous": 4, "discrete": 5}
 GONE_ON = (STATUS.ok, STATUS.max_steps, STATUS.interrupted)  # the run ended, but the solution could go on
-SHOWN = 3  # number of intervals printed at each end
-SHRUNK = 1e-3  # the last interval of a Zeno solution is shorter than this times the longest
+INTERVALS_SHOWN = 3  # number of intervals printed at each end
+ZENO_INTERVAL = 1e-3  # the last interval of a Zeno solution is shorter than this times the longest
 
 
 class TimeDomain(Result, eqx.Module):
@@ -91,7 +91,7 @@ class TimeDomain(Result, eqx.Module):
         number = "" if self.number is None else f", Dinius' case {self.number}"
         title = f"TimeDomain(sup t = {self.sup_t:.10g}, sup j = {self.sup_j}: {self.case}{number})"
         count, lines = len(self.ends), []
-        hidden = range(SHOWN, count - SHOWN) if count > 2 * SHOWN + 1 else range(0)
+        hidden = range(INTERVALS_SHOWN, count - INTERVALS_SHOWN) if count > 2 * INTERVALS_SHOWN + 1 else range(0)
         for j in range(count):
             if j not in hidden:
                 lines.append(f"I^{j} = [{self.starts[j]:.10g}, {self.ends[j]:.10g}]")
@@ -116,7 +116,7 @@ def _case(lengths, status: STATUS) -> str:
     """The case that the lengths of the intervals and the status of the run indicate."""
     flows = lengths[lengths > 0]
     if status == STATUS.zeno:  # either intervals shrink to zero, or a cascade does not end
-        return "zeno" if len(flows) and flows[-1] < SHRUNK * np.max(flows) else _of_jumps(len(flows) > 0)
+        return "zeno" if len(flows) and flows[-1] < ZENO_INTERVAL * np.max(flows) else _of_jumps(len(flows) > 0)
     if status not in GONE_ON:
         return "incomplete"
     if len(lengths) == 1:

@@ -11,19 +11,23 @@ from ..engine.evolvers.stepping import Stepping
 from ..events.compiled_hybrid import by_mode
 from ..integrators import RungeKutta
 
-__all__ = ["LARGEST", "volume_error"]
+__all__ = ["MOST_COMPONENTS_OF_VOLUMES", "volume_error"]
 
-STEPS = 32  # number of steps, from the final state on
-LARGEST = 16  # most components: the volume of a step costs n³ operations
+STEPS_CHECKED = 32  # number of steps, from the final state on
+MOST_COMPONENTS_OF_VOLUMES = 16  # most components: the volume of a step costs n³ operations
 
 
-def volume_error(problem: problems.Problem, t, x, mode) -> Array | None:
+def volume_error(problem: problems.RunProblem, t, x, mode) -> Array | None:
     """The mean of |ln|det D step| − ∫ tr Df dt| over a few steps from (t, x) on.
 
     None where it is not computed: symplectic steps conserve volumes, and adaptive steps have an error control. Events
     are ignored: the steps use the vector field of the final mode.
     """
-    if not isinstance(problem.method, RungeKutta) or problem.method.adaptive or x.shape[-1] > LARGEST:
+    if (
+        not isinstance(problem.method, RungeKutta)
+        or problem.method.adaptive
+        or x.shape[-1] > MOST_COMPONENTS_OF_VOLUMES
+    ):
         return None
     if x.ndim == 2:  # of several runs use the first
         t, x, mode = (leaf[0] if jnp.ndim(leaf) else leaf for leaf in (t, x, mode))
@@ -31,7 +35,7 @@ def volume_error(problem: problems.Problem, t, x, mode) -> Array | None:
 
 
 @compiled()
-def _volume_error(problem: problems.Problem, t, x, mode):
+def _volume_error(problem: problems.RunProblem, t, x, mode):
     evolver, method = binding.evolver_of(problem, t, x), problem.method
     assert isinstance(evolver, Stepping), "what has a method has fields"
     if evolver.hybrid.constrained:
@@ -50,4 +54,4 @@ def _volume_error(problem: problems.Problem, t, x, mode):
         x, error = by_mode(mode, [in_mode(field) for field in evolver.hybrid.fields], t, x)
         return (t + h, x), jnp.abs(error)
 
-    return jnp.mean(jax.lax.scan(one, (t, x), None, length=STEPS)[1])
+    return jnp.mean(jax.lax.scan(one, (t, x), None, length=STEPS_CHECKED)[1])

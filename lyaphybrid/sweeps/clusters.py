@@ -12,12 +12,12 @@ from typing import Any
 import jax
 import numpy as np
 
-from ..engine.host.lanes import Program, run_sequences
+from ..engine.host.lanes import LaneProgram, run_sequences
 
 __all__ = ["run_on"]
 
 RETRIES = 5  # of a chunk whose worker died
-_programs: dict[str, Program] = {}  # compiled on this worker, by hash
+_programs: dict[str, LaneProgram] = {}  # compiled on this worker, by hash
 _compiling = threading.Lock()
 
 
@@ -66,7 +66,7 @@ def _chunk(problem, sequence):
     with jax.enable_x64(wide):
         with _compiling:
             if own not in _programs:
-                _programs[own] = Program(function, shared, sequence)
+                _programs[own] = LaneProgram(function, shared, sequence)
         results, done = run_sequences(function, shared, [sequence], threads=1, program=_programs[own])
     if not np.all(done[0]):
         raise RuntimeError("a worker was interrupted")

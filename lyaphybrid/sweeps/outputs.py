@@ -10,9 +10,9 @@ from .._arguments import require
 from ..results.spectrum import Spectrum, guard_unreached, step_too_long, unresolved
 from ..statuses import STATUS, gravest
 
-__all__ = ["NOTES", "dims_of", "missing", "named", "spectra_in"]
+__all__ = ["NOTE_NAMES", "dims_of", "missing", "named", "spectra_in"]
 
-NOTES = (
+NOTE_NAMES = (
     "grazing", "simultaneous", "interrupted", "unresolved", "rank_lost", "step_too_long", "guard_unreached",
     "identity_reset",
 )  # fmt: skip

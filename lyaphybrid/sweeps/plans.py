@@ -1,4 +1,4 @@
-"""The points of a sweep: axes over entries of args, starts x0 and PRNG keys; and `Lane`, the run at one point."""
+"""The points of a sweep: axes over entries of args, starts x0 and PRNG keys; and `PointRun`, the run at one point."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -10,7 +10,7 @@ import numpy as np
 
 from .._arguments import require
 
-__all__ = ["Lane", "Plan", "Runnable", "plan", "raw"]
+__all__ = ["PointRun", "SweepPlan", "Runnable", "plan", "raw"]
 
 EXTRAS = ("x0", "key")  # arguments of a run besides args that can be swept
 POINT = "point"
@@ -38,7 +38,7 @@ class Axis(NamedTuple):
     values: Any  # (m, …); typed PRNG keys for "key"
 
 
-class Plan(NamedTuple):
+class SweepPlan(NamedTuple):
     """All points of a sweep, in the order of a C array over its dimensions."""
 
     dims: tuple[str, ...]
@@ -73,7 +73,7 @@ class Plan(NamedTuple):
         return found
 
 
-def plan(over: Mapping[str, Any] | None, points: Mapping[str, Any] | None, args: Any) -> Plan:
+def plan(over: Mapping[str, Any] | None, points: Mapping[str, Any] | None, args: Any) -> SweepPlan:
     """The product of all axes of `over` and of the list `points`, whose entries change together.
 
     Raises:
@@ -90,7 +90,7 @@ def plan(over: Mapping[str, Any] | None, points: Mapping[str, Any] | None, args:
         known = lengths.setdefault(axis.dim, len(axis.values))
         wanted = f"All of points must have one length; {axis.path} has {len(axis.values)}, others {known}."
         require(known == len(axis.values), wanted)
-    return Plan(tuple(lengths), tuple(lengths.values()), tuple(axes))
+    return SweepPlan(tuple(lengths), tuple(lengths.values()), tuple(axes))
 
 
 def _axis(path: str, dim: str, values, args) -> Axis:
@@ -99,7 +99,9 @@ def _axis(path: str, dim: str, values, args) -> Axis:
         values = np.asarray(values)
         numeric = values.dtype.kind in "fiub" or (path == "key" and values.dtype.kind == "u")
         require(numeric, f"{path} must be an array of numbers; got {values.dtype}.")
-        require(values.dtype.kind != "f" or bool(np.all(np.isfinite(values))), f"{path} must be finite.")
+        require(
+            values.dtype.kind != "f" or bool(np.all(np.isfinite(values))), f"{path} must be finite; got {values!r}."
+        )
     require(values.ndim >= 1 and len(values) > 0, f"{path} must be an array of at least one value; got {values!r}.")
     places = _places(args)
     if path in places:
@@ -113,7 +115,7 @@ def _axis(path: str, dim: str, values, args) -> Axis:
     return Axis(path, dim, values)
 
 
-class Place(NamedTuple):
+class ArgsEntry(NamedTuple):
     """The place of an entry in args: the index of its leaf, and of a single number in that leaf (None: all of it)."""
 
     leaf: int
@@ -125,15 +127,15 @@ class Place(NamedTuple):
         return leaf if self.index is None else np.asarray(leaf)[self.index]
 
 
-def _places(args) -> dict[str, Place]:
+def _places(args) -> dict[str, ArgsEntry]:
     """All entries by name: "rho", "spring.rate", "rates" and "rates[2]"; "args" if args is a number."""
-    found: dict[str, Place] = {}
+    found: dict[str, ArgsEntry] = {}
     for i, (path, leaf) in enumerate(jax.tree_util.tree_leaves_with_path(args)):
         if not eqx.is_array_like(leaf):
             continue
         name = jax.tree_util.keystr(path, simple=True, separator=".") or "args"
-        found[name] = Place(i, None)
-        found |= {f"{name}{list(at)}": Place(i, at) for at in np.ndindex(*np.shape(leaf)) if at}
+        found[name] = ArgsEntry(i, None)
+        found |= {f"{name}{list(at)}": ArgsEntry(i, at) for at in np.ndindex(*np.shape(leaf)) if at}
     return found
 
 
@@ -146,19 +148,19 @@ def raw(values) -> np.ndarray:
     return np.asarray(jax.random.key_data(values)) if _is_key(values) else np.asarray(values)
 
 
-class Lane(eqx.Module):
+class PointRun(eqx.Module):
     """The run at one point of a sweep, as a function of args and of the values that vary."""
 
     run: Callable
-    places: tuple[tuple[str, Place], ...] = eqx.field(static=True)
+    places: tuple[tuple[str, ArgsEntry], ...] = eqx.field(static=True)
     keys: tuple[str, ...] = eqx.field(static=True)  # paths of typed PRNG keys
 
     @staticmethod
-    def of(run: Callable, plan: Plan, args: Any) -> "Lane":
+    def of(run: Callable, plan: SweepPlan, args: Any) -> "PointRun":
         """The lane of a run for the points of a plan."""
         places = _places(args)
         own = tuple((axis.path, places[axis.path]) for axis in plan.axes if axis.path in places)
-        return Lane(run, own, tuple(axis.path for axis in plan.axes if _is_key(axis.values)))
+        return PointRun(run, own, tuple(axis.path for axis in plan.axes if _is_key(axis.values)))
 
     def __call__(self, args, row: Mapping[str, Any]):
         """The result of the run with the values of `row` in place of those entries of args."""

@@ -20,7 +20,7 @@ from .._arguments import require
 from .._jax.hashes import as_bytes
 from ..errors import StoreFailedError
 from .outputs import dims_of
-from .plans import Plan
+from .plans import SweepPlan
 
 __all__ = ["Store", "opened"]
 
@@ -30,7 +30,7 @@ DIGESTS = "digest"
 
 @contextlib.contextmanager
 def opened(
-    path: Any, attributes: Mapping[str, Any], grid: Plan, variables: Mapping[str, np.ndarray], chunk: int
+    path: Any, attributes: Mapping[str, Any], grid: SweepPlan, variables: Mapping[str, np.ndarray], chunk: int
 ) -> Iterator["Store"]:
     """A store for these variables, (points, …) each: a new one, or that of an earlier run of the same problem.
 
@@ -56,7 +56,7 @@ def opened(
     try:
         try:
             if not path.exists():
-                _make(path, attributes, grid, variables, chunk)
+                _create_empty(path, attributes, grid, variables, chunk)
         except OSError as error:
             raise _failed(path, error) from error
         yield Store(path, attributes)
@@ -68,8 +68,8 @@ def _failed(path: Path, error: OSError) -> StoreFailedError:
     return StoreFailedError(error.errno, f"the store {path} cannot be written ({error.strerror or error})")
 
 
-def _make(
-    path: Path, attributes: Mapping[str, Any], grid: Plan, variables: Mapping[str, np.ndarray], chunk: int
+def _create_empty(
+    path: Path, attributes: Mapping[str, Any], grid: SweepPlan, variables: Mapping[str, np.ndarray], chunk: int
 ) -> None:
     """Create an empty store under a temporary name and rename it: no other process sees a half-made one."""
     import zarr
@@ -85,7 +85,7 @@ def _make(
         for name, values in variables.items():
             group.create_array(
                 name, shape=values.shape, chunks=(min(chunk, len(values)), *values.shape[1:]), dtype=values.dtype,
-                fill_value=_fill(values), dimension_names=("point", *dims_of(name, values.ndim - 1)),
+                fill_value=_fill_value(values), dimension_names=("point", *dims_of(name, values.ndim - 1)),
             )  # fmt: skip
         count = -(-len(next(iter(variables.values()))) // chunk)
         group.create_array(
@@ -97,7 +97,7 @@ def _make(
         raise
 
 
-def _fill(values: np.ndarray) -> Any:
+def _fill_value(values: np.ndarray) -> Any:
     return values.reshape(-1)[0].item()
 
 

@@ -17,14 +17,14 @@ from .._jax.jaxprs import needed
 from .._jax.tracing import traced
 from .._version import __version__
 from ..engine.host import devices
-from ..engine.host.lanes import Program, run_sequences
+from ..engine.host.lanes import LaneProgram, run_sequences
 from ..engine.host.reporting import reporter
 from ..errors import StoreFailedError
 from ..results.spectrum import Spectrum
 from ..statuses import STATUS
 from .clusters import run_on
-from .outputs import NOTES, dims_of, missing, named, spectra_in
-from .plans import Lane, Plan, Runnable, plan, raw
+from .outputs import NOTE_NAMES, dims_of, missing, named, spectra_in
+from .plans import PointRun, Runnable, SweepPlan, plan, raw
 from .stores import opened
 
 if TYPE_CHECKING:
@@ -128,7 +128,7 @@ class _OfProblem(eqx.Module):
 class _Named(eqx.Module):
     """A lane with named results, in the form (args, state, row) -> (state, results) of `lanes.run_sequences`."""
 
-    lane: Lane
+    lane: PointRun
 
     def __call__(self, args, state, row):
         return state, named(self.lane(args, row))
@@ -145,22 +145,22 @@ class Work:
 
     lane: _Named
     args: Any
-    grid: Plan
+    grid: SweepPlan
     chunk: int
     variables: dict[str, np.ndarray]  # (points, …)
     done: np.ndarray  # (points,) whether a point is computed
     function: str  # hash of the function and its args
     problem: str  # hash of these and of the points
     about: dict[str, str]  # attributes of the dataset that describe the run
-    program: Program | None = None
+    program: LaneProgram | None = None
     threads: int | None = None  # None: one per processor
 
     @staticmethod
-    def of(run: Any, function: Callable, args: Any, grid: Plan, chunk: int | None) -> "Work":
+    def of(run: Any, function: Callable, args: Any, grid: SweepPlan, chunk: int | None) -> "Work":
         """A sweep of which nothing is computed: all variables hold their fill values."""
         if chunk is not None:
             whole("chunk", chunk, least=1)
-        named, row = _Named(Lane.of(function, grid, args)), _row(grid)
+        named, row = _Named(PointRun.of(function, grid, args)), _first_values(grid)
         returned, shapes = eqx.filter_eval_shape(named.with_result, args, row)
         _warn_of_idle(named, args, row)
         twice = sorted(set(shapes) & set(grid.coordinates()))
@@ -190,7 +190,7 @@ class Work:
             if store is None:
                 self.compute(self.pieces(), lambda index, results: None, client, progress)
             else:
-                self._into(store, client, progress)
+                self._compute_into_store(store, client, progress)
         except StoreFailedError as error:
             error.dataset = found()
             raise
@@ -198,7 +198,7 @@ class Work:
             warnings.warn(f"{np.sum(~self.done)} of {self.grid.size} points were not computed.", stacklevel=3)
         return found()
 
-    def _into(self, store, client, progress) -> None:
+    def _compute_into_store(self, store, client, progress) -> None:
         """Read the chunks that a store holds; compute the others and write them to it."""
         with opened(store, self._attributes(), self.grid, self.variables, self.chunk) as kept:
             self.chunk = kept.chunk
@@ -217,7 +217,7 @@ class Work:
             return
         sequences = [((), self.grid.rows(piece)) for piece in pieces]
         if client is None and self.program is None and not devices.are_wanted():
-            self.program = Program(
+            self.program = LaneProgram(
                 self.lane, self.args, sequences[0]
             )  # compile before the progress bar starts its clock
         report, before, more = reporter(progress, self.grid.size, "point"), np.mean(self.done), sum(map(len, pieces))
@@ -264,7 +264,7 @@ def _chunk(points: int) -> int:
     return min(CHUNK, -(-points // (4 * (os.cpu_count() or 1))))
 
 
-def _row(grid: Plan) -> dict[str, Any]:
+def _first_values(grid: SweepPlan) -> dict[str, Any]:
     """The values of all axes at the first point."""
     return {path: values[0] for path, values in grid.rows(np.arange(1)).items()}
 
@@ -284,7 +284,7 @@ def _warn_of_idle(named: _Named, args: Any, row: dict[str, Any]) -> None:
         )
 
 
-def _hashes(named: _Named, args: Any, grid: Plan) -> tuple[str, str]:
+def _hashes(named: _Named, args: Any, grid: SweepPlan) -> tuple[str, str]:
     """Two hashes: of the function with its args, and of these and the points."""
     arrays, fixed = eqx.partition(args, eqx.is_array_like)
 
@@ -292,7 +292,7 @@ def _hashes(named: _Named, args: Any, grid: Plan) -> tuple[str, str]:
         return named(eqx.combine(arrays, fixed), (), row)[1]
 
     leaves = {f"args.{i}": np.asarray(leaf) for i, leaf in enumerate(jax.tree.leaves(arrays))}
-    function = hash_of_arrays(leaves, begun=hash_of_function(of_arrays, arrays, _row(grid)))
+    function = hash_of_arrays(leaves, begun=hash_of_function(of_arrays, arrays, _first_values(grid)))
     return function, hash_of_arrays({axis.path: raw(axis.values) for axis in grid.axes}, begun=function)
 
 
@@ -308,6 +308,6 @@ def _about(run, spectra: list[Spectrum]) -> dict[str, str]:
         "method": each(one.about.method for one in spectra),
         "lyaphybrid": __version__,
         "jax": jax.__version__,
-        "notes": ", ".join(f"{1 << i}: {note}" for i, note in enumerate(NOTES)),
+        "notes": ", ".join(f"{1 << i}: {note}" for i, note in enumerate(NOTE_NAMES)),
         "statuses": ", ".join(f"{int(one)}: {one.name}" for one in STATUS),
     }

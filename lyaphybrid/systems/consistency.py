@@ -58,8 +58,8 @@ def consistent_start(dae: DAE, x0: State, args: Any = None, *, t0: Any = 0.0) ->
         found = bool(np.all(np.isfinite(x))) and float(off) < 1e-6
         if not found:
             raise NoConsistentPointError(
-                f"No consistent point with the content of {x0} was found: equations are off by {float(off):.3g}. Start "
-                "nearer to one, and look whether ∂f₂/∂x and E₁ together are nonsingular there.",
+                f"No consistent point with the differential part E₁ x of {x0} was found: the constraints are off by "
+                f"{float(off):.3g}. Start nearer to one, and check that [E₁; ∂f₂/∂x] is nonsingular there.",
                 x,
             )
     return x

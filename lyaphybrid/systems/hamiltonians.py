@@ -17,7 +17,7 @@ from .bound import require_callable
 from .labels import words
 from .smooth import Flow
 
-__all__ = ["Hamiltonian", "Separable", "canonical_flow"]
+__all__ = ["Hamiltonian", "SeparableField", "canonical_flow"]
 
 
 def halves(x: Float[Array, " 2m"]) -> tuple[Float[Array, " m"], Float[Array, " m"]]:
@@ -26,7 +26,7 @@ def halves(x: Float[Array, " 2m"]) -> tuple[Float[Array, " m"], Float[Array, " m
     return x[:m], x[m:]
 
 
-class Separable(eqx.Module):
+class SeparableField(eqx.Module):
     """The field of H = T(p) + V(q), and its parts.
 
     Attributes:
@@ -108,14 +108,14 @@ class Hamiltonian(Flow):
     ):
         require_callable("kinetic", kinetic, "(p, args) -> number")
         require_callable("potential", potential, "(q, args) -> number")
-        self.field, self.names, self.units = Separable(kinetic, potential), words(names), words(units)
+        self.field, self.names, self.units = SeparableField(kinetic, potential), words(names), words(units)
 
     def energy(self, x, args: Any = None) -> Float[Array, ""]:
         """The value of H at a state x (2m,)."""
         return self.field.energy(x, args)  # pyright: ignore[reportFunctionMemberAccess]
 
 
-class General(eqx.Module):
+class HamiltonianField(eqx.Module):
     """The field J ∇H of any Hamiltonian."""
 
     hamiltonian: Callable
@@ -162,4 +162,4 @@ def canonical_flow(energy: Callable, *, names: Sequence[str] | None = None, unit
         [3.0, -2.0]
     """
     require_callable("energy", energy, "(q, p, args) -> number")
-    return _CanonicalFlow(General(energy), names=names, units=units)
+    return _CanonicalFlow(HamiltonianField(energy), names=names, units=units)

@@ -115,6 +115,7 @@ class Hybrid(eqx.Module):
 
     The jump set D is where a guard is at zero or on its fired side. If a reset ends in D, beyond any guard, its own
     included, the next jump follows at once; if it ends on its own guard, within rounding, the flow continues.
+    Several guards that the flow brings to zero at one instant fire once each.
 
     Raises:
         ValueError: without a transition, on an unknown mode name, on a field that is no function.

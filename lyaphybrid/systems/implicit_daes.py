@@ -29,7 +29,7 @@ from .daes.semi_linear import DAE, ILL, RANK, Constrained
 
 __all__ = ["ImplicitField", "implicit_dae"]
 
-LOOKS = 8  # random points around the start at which the kernel of ∂F/∂x' must be the same
+KERNEL_SAMPLES = 8  # random points around the start at which the kernel of ∂F/∂x' must be the same
 AROUND = 0.3  # their distance from it (standard deviation), relative to 1 + |x|
 
 
@@ -129,12 +129,12 @@ def _rows(equations: Callable, t, x, dx, args) -> np.ndarray:
     here = np.asarray(seen(t, x, dx, args))
     require(bool(np.all(np.isfinite(here))), "∂F/∂x' is not finite at x0 and slope: start elsewhere.")
     n, size = x.shape[0], np.max(np.abs(here))
-    require(size > 0, "equations do not depend on x' at x0: nothing is differential.")
+    require(size > 0, "equations(t, x, dx, args) do not depend on dx at x0: nothing is differential. Is dx used?")
     occurs = np.max(np.abs(here), axis=0) > RANK * size
     rank = int(np.linalg.matrix_rank(here, tol=RANK * size))
     rows = np.eye(n)[occurs] if occurs.sum() == rank else np.linalg.svd(here)[2][:rank]
     noise = np.random.default_rng(20101)
-    for _ in range(LOOKS):
+    for _ in range(KERNEL_SAMPLES):
         around = [AROUND * (1 + np.abs(one)) * noise.standard_normal(n) + one for one in (x, dx)]
         there = np.asarray(seen(t + noise.standard_normal(), *map(jnp.asarray, around), args))
         if not np.all(np.isfinite(there)):  # outside the domain of F

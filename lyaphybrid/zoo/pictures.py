@@ -14,16 +14,16 @@ from .._arguments import positive, whole
 from ..plots.axes import axes_of as _axes
 from .problem import Problem
 
-__all__ = ["Followed", "animate", "disks", "follow", "gif"]
+__all__ = ["Film", "animate", "disks", "follow", "gif"]
 
 FILL = ("#F3F3F3", "#F7C99A", "#D55E00")  # colours from no share of the perturbation to the largest
 EDGE = "#7A7A7A"
 ARROWS = (("δq", "#000000"), ("δp", "#0072B2"))
 LEGEND = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "ncols": 2, "frameon": False, "borderaxespad": 0.1}
-LONGEST = 0.9  # length of the longest arrow, in mean diameters
+LONGEST_ARROW = 0.9  # length of the longest arrow, in mean diameters
 
 
-class Followed(NamedTuple):
+class Film(NamedTuple):
     """Disks and one perturbation of them at equal times."""
 
     t: np.ndarray  # (frames,) time since the start
@@ -89,7 +89,7 @@ def disks(problem: Problem, x=None, perturbation=None, ax=None):
     return ax
 
 
-def follow(problem: Problem, x, perturbation, *, t1: float, frames: int = 100) -> Followed:
+def follow(problem: Problem, x, perturbation, *, t1: float, frames: int = 100) -> Film:
     """The motion of disks and of one perturbation, at the start and at equal times up to t1.
 
     Args:
@@ -100,7 +100,7 @@ def follow(problem: Problem, x, perturbation, *, t1: float, frames: int = 100) -
         frames: number of times.
 
     Returns:
-        A `Followed`.
+        A `Film`.
 
     Raises:
         ValueError: on a problem of another kind, or arguments that do not fit.
@@ -124,10 +124,10 @@ def follow(problem: Problem, x, perturbation, *, t1: float, frames: int = 100) -
         x, column = np.asarray(piece.x), np.asarray(piece.frame)
         states.append(x)
         columns.append(column)
-    return Followed(np.linspace(0.0, t1, frames), np.stack(states), np.stack(columns)[:, :, 0])
+    return Film(np.linspace(0.0, t1, frames), np.stack(states), np.stack(columns)[:, :, 0])
 
 
-def animate(problem: Problem, followed: Followed, ax=None, *, interval: float = 60.0):
+def animate(problem: Problem, followed: Film, ax=None, *, interval: float = 60.0):
     """A film of the disks and their perturbation: `disks`, frame by frame.
 
     Args:
@@ -251,7 +251,7 @@ class _Scene:
         for arrows, part in zip(self.arrows, parts, strict=False):
             longest = max(np.max(np.linalg.norm(part, axis=1)), np.finfo(float).tiny)
             arrows.set_offsets(q)
-            arrows.set_UVC(*(LONGEST * np.mean(self.box.diameter) / longest * part.T))
+            arrows.set_UVC(*(LONGEST_ARROW * np.mean(self.box.diameter) / longest * part.T))
         return [self.bodies, *self.arrows]
 
 

@@ -119,7 +119,7 @@ class Problem:
             A `Spectrum`.
         """
         own = {"t1": self.t1, "transient": self.transient, "clock": self.clock, **self.options}
-        return self._run(lyapunov_spectrum, {**self._start(), **own, **overrides})._called(self.name)
+        return self._run(lyapunov_spectrum, {**self._start(), **own, **overrides})._with_problem_name(self.name)
 
     def trajectory(self, **overrides: Any) -> Trajectory:
         """`lh.trajectory` of this problem; without t1 over a hundredth of the length of its spectrum.

@@ -135,10 +135,11 @@ VERBS = {
 ALSO = {"return_map": {STATUS.nonfinite}, "poincare_section": {STATUS.stalled}}
 # A point and no motion: what they need of it is asked before anything is computed.
 OF_A_POINT = {"saltation_matrix", "jacobians"}
+REPORTING = {"check"}  # says what it found, and raises nothing
 
 
 def test_no_verb_is_forgotten():
-    known = {name.partition(",")[0] for name in VERBS} | OF_A_POINT
+    known = {name.partition(",")[0] for name in VERBS} | OF_A_POINT | REPORTING
     makers = {"filippov", "impact", "implicit_dae", "canonical_flow"}
     verbs = {name for name in lh.__all__ if name.islower() and callable(getattr(lh, name))} - makers
     assert known == verbs
@@ -188,6 +189,12 @@ def takes(name: str, how: str) -> bool:
 PAIRS = [(name, how) for how in FAILING for name in VERBS if takes(name, how)]
 
 
+@pytest.mark.slow_cases(
+    "covariant_vectors-a map escapes",
+    "lyapunov_gradient, regression-a map escapes",
+    "sweep-a map escapes",
+    "refine-a map escapes",
+)
 @pytest.mark.parametrize(("name", "how"), [pair for pair in PAIRS if "map" in pair[1]])
 def test_every_verb_on_a_map_that_escapes(name, how):
     check(name, how)
@@ -197,3 +204,11 @@ def test_every_verb_on_a_map_that_escapes(name, how):
 @pytest.mark.parametrize(("name", "how"), [pair for pair in PAIRS if "map" not in pair[1]])
 def test_every_verb_on_a_motion_that_fails(name, how):
     check(name, how)
+
+
+@pytest.mark.slow_cases(all_but=("a map escapes", "a reset gives nan"))
+@pytest.mark.parametrize("how", FAILING)
+def test_a_check_says_that_the_motion_fails(how):
+    system, x0, _ = FAILING[how]
+    report = lh.check(system, x0, ARGS)
+    assert not report.ok, str(report)

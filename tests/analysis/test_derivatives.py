@@ -140,6 +140,7 @@ def assert_close(ours, real, tolerance=1e-7):
 # --- laws -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @hypothesis.given(st.integers(0, 2**32 - 1))
 @hypothesis.settings(max_examples=100)
 def test_saltation_is_the_derivative_of_the_real_flow(seed):
@@ -149,6 +150,7 @@ def test_saltation_is_the_derivative_of_the_real_flow(seed):
     assert_close(ours, real_saltation(*parts(case), t, x))
 
 
+@pytest.mark.slow
 @hypothesis.given(st.integers(0, 2**32 - 1))
 @hypothesis.settings(max_examples=30)
 def test_in_a_cascade_the_instant_belongs_to_the_first_guard(seed):
@@ -168,6 +170,7 @@ def test_a_clock_crosses_by_the_derivative_of_the_reset():
     assert_allclose(lh.saltation_matrix(system, t, x, jax.tree.map(jnp.asarray, case)), case["R"][0], rtol=1e-14)
 
 
+@pytest.mark.slow
 def test_the_engine_applies_this_matrix():
     """M(t1) = Φ S Φ, and the event log gives the points."""
     rng, found = np.random.default_rng(5), 0
@@ -188,6 +191,7 @@ def test_the_engine_applies_this_matrix():
     assert found >= 3
 
 
+@pytest.mark.slow_cases("beyond", "on")
 @pytest.mark.parametrize("variant", ["beyond", "on", "chain3"])
 def test_cascades_of_the_reference_automata(automata, variant):
     """S of each cascade, between exponentials of the linear flows, makes up the reference's M(T)."""

@@ -37,6 +37,9 @@ STATISTICAL = [  # problem, parameters, keywords, gate, sum rule to
 SLOW = ("standard_map", "skew_tent_roof", "sinai_billiard")
 
 
+@pytest.mark.slow_cases(
+    "baker_map", "lorenz63", "grow_reset", "grow_reset{'q': 0}", "kicked_ball{'restitution': 0.5, 'amplitude': 1.75}"
+)
 @pytest.mark.parametrize(
     ("name", "parameters", "keywords", "gate", "closes"),
     [pytest.param(*case, marks=pytest.mark.slow if case[0] in SLOW else ()) for case in STATISTICAL],
@@ -214,6 +217,7 @@ def ping_pong(a, b):
     return lh.Hybrid(lambda t, x, args: jnp.where(jnp.arange(len(x)) < 2, -1.0, 0.1 * x), [left, right])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("matrices", [([[2, 1], [0.3, 0.5]], [[0.5, 0.2], [0.1, 1.5]]), ([[0.5, 0.3], [0, 0.01]],) * 2])
 def test_a_cascade_without_end_has_the_exponents_of_its_product(matrices):
     """After the first jump time stands still. The second pair contracts by 1e-2 a jump: it must not look lost."""
@@ -230,6 +234,7 @@ def test_a_cascade_without_end_has_the_exponents_of_its_product(matrices):
         assert (short.status, int(short.jumps)) == (lh.STATUS.ok, 7)
 
 
+@pytest.mark.slow
 def test_a_cascade_that_ends_after_all_is_no_product():
     """A clock throws a neuron so high that it spikes 21 times at one instant, each time 1 lower."""
     spike = lh.Transition(lambda t, x, args: 1.0 - x[0], lambda t, x, args: x - 1.0)
@@ -261,6 +266,7 @@ def test_in_time_the_bouncing_ball_accumulates(restitution):
 # Clocks.
 
 
+@pytest.mark.slow
 def test_clocks_read_the_same_run():
     """Of a system with more jumps than units of time, and of one with fewer."""
     neurons = zoo.integrate_and_fire(form="event_driven").spectrum
@@ -295,6 +301,7 @@ def test_the_periodic_impact_oscillator():
 # Billiards.
 
 
+@pytest.mark.slow
 def test_two_disks_are_a_sinai_billiard(event_driven):
     """Their relative coordinate is one: λ = (2√K/L) λ_Sinai(σ/L)."""
     known, side = event_driven["billiards"]["sq", 0.4], 2.5

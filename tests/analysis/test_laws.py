@@ -62,6 +62,7 @@ def test_the_sum_of_the_lorenz_exponents_is_the_divergence():
     assert abs(float(run.exponents[1])) < 0.02  # along the flow
 
 
+@pytest.mark.slow
 def test_the_sum_rule_counts_the_jumps():
     """tr Df = -0.05; a bounce has ln|det S| = 2 ln r, a kick changes no volume."""
     run = lh.lyapunov_spectrum(TABLE, [1.0, 0.2], TABLE_ARGS, t1=12.0)
@@ -129,6 +130,7 @@ def _stiff_relaxation():
     )
 
 
+@pytest.mark.slow
 def test_a_stiff_flow_with_events_by_an_implicit_method():
     """Both methods see the same events; the implicit one in fewer steps, for stability does not bound them."""
     system, x0, steps = _stiff_relaxation(), [0.0, 2.0, 1.0], 4000

@@ -36,6 +36,7 @@ def orders():
     return lh.solutions(clocks(gate(0, A), gate(1, B)), np.zeros(4), t1=3.5)
 
 
+@pytest.mark.slow
 def test_two_events_at_one_instant_whose_orders_give_different_saltation_matrices(orders):
     """Three instants: eight solutions, and their exponents are those of the eight products of AB and BA."""
     assert len(orders) == 8
@@ -62,6 +63,7 @@ def test_the_first_solution_is_the_one_that_is_found_without_asking(orders):
     assert_allclose(orders.solutions[0].exponents, alone.exponents, rtol=0, atol=1e-14)
 
 
+@pytest.mark.slow
 def test_orders_that_do_not_matter_are_one_solution():
     found = lh.solutions(clocks(gate(0, np.diag([2.0, 1.0])), gate(1, np.diag([1.0, 3.0]))), np.zeros(4), t1=3.5)
     assert len(found) == 1
@@ -70,6 +72,7 @@ def test_orders_that_do_not_matter_are_one_solution():
     assert_allclose(found.exponents[0, :2], np.log([27.0, 8.0]) / 3.5, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_orders_that_lead_to_different_states():
     """w → 2w and w → w + 1, from w = 1: 3 or 4."""
     system = clocks(gate(0, 2 * np.eye(2)), gate(1, np.eye(2), shift=1.0))
@@ -77,6 +80,7 @@ def test_orders_that_lead_to_different_states():
     assert sorted(float(one.spectrum.x[2]) for one in found.solutions) == pytest.approx([3.0, 4.0], abs=1e-12)
 
 
+@pytest.mark.slow
 def test_of_three_events_each_comes_first():
     def strike(i):
         return lh.Transition(lambda t, x, args: 1 - x[i], lambda t, x, args: x.at[i].set(0.0).at[3].set(10 * x[3] + i))
@@ -110,6 +114,7 @@ def left():
     return lh.solutions(FOLD, [0.5, 0.0, 0.0], t1=4.0, departures=3, frame=ACROSS)
 
 
+@pytest.mark.slow
 def test_a_surface_that_repels_is_left_to_either_side_or_slid_on(left):
     """w' = w above, −w/2 below and so w/4 on the surface; beside it neighbours leave at once: +∞."""
     at_once = {one.choices[0].taken: one for one in left.solutions if len(one.choices) == 1}
@@ -120,12 +125,14 @@ def test_a_surface_that_repels_is_left_to_either_side_or_slid_on(left):
     assert not left.complete  # it may be left at any time
 
 
+@pytest.mark.slow
 def test_perturbations_within_a_surface_that_repels_stay_there():
     found = lh.solutions(FOLD, [0.5, 0.0, 0.0], t1=4.0, frame=ACROSS[:, :1])
     assert_allclose(found.exponents[:, 0], [1.0, -0.5, 0.25], atol=1e-9)
     assert_allclose([found.lower[0], found.upper[0]], [-0.5, 1.0], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_surface_that_repels_is_left_at_later_times(left):
     """After 1 of 4 units of time, 2 and 3: the exponents of w fill the interval between those of never and at once."""
     later = {(one.choices[1].t, one.choices[1].taken): one for one in left.solutions if len(one.choices) == 2}
@@ -137,6 +144,7 @@ def test_a_surface_that_repels_is_left_at_later_times(left):
         assert np.min(np.abs(one.exponents - wanted)) < 1e-9
 
 
+@pytest.mark.slow
 def test_sliding_that_comes_to_a_two_fold_leaves_to_either_side():
     """Sliding for 1 with w' = w/4, then 10 with w or −w/2: the exponents of w are exact."""
     found = lh.solutions(FOLD, [-1.0, 0.0, 0.0], t1=11.0, frame=ACROSS)
@@ -149,6 +157,7 @@ def test_sliding_that_comes_to_a_two_fold_leaves_to_either_side():
     assert not found.complete  # along the surface the field is 0/0 there
 
 
+@pytest.mark.slow
 def test_a_two_fold_that_both_sides_come_back_to_is_no_way_out():
     """z' = −x above and x below: at x = 0 both curve back to z = 0, which attracts from there on: one solution."""
     into = lh.filippov(field(1.0, -1.0), field(-0.5, 1.0), lambda t, x, args: x[1])

@@ -34,6 +34,7 @@ def theirs(problem, t1, **options):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["impact_oscillator", pytest.param("moving_table", marks=pytest.mark.slow)])
 def test_same_events_and_tangent_map(name):
     problem, t1, at_least = CASES[name]
@@ -49,6 +50,7 @@ def test_same_events_and_tangent_map(name):
     assert_allclose(ours.matrix, other.columns, rtol=0, atol=1e-7 * growth)
 
 
+@pytest.mark.slow
 def test_same_exponents_over_the_same_time():
     problem, t1, _ = CASES["impact_oscillator"]
     other = theirs(problem, t1)
@@ -57,6 +59,7 @@ def test_same_exponents_over_the_same_time():
     assert_allclose(ours.exponents, np.sort(other.exponents)[::-1], rtol=0, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_bounces_are_where_the_closed_form_has_them():
     problem = zoo.bouncing_ball(restitution=0.8)
     other = theirs(problem, 9.0)
@@ -66,6 +69,7 @@ def test_bounces_are_where_the_closed_form_has_them():
     assert_allclose(other.x_after[:, 1], 0.8 ** np.arange(1, len(other.t) + 1), rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow_cases("0.01-7.712442")
 @pytest.mark.parametrize(("depth", "reported"), [(1e-2, 7.712442), (1e-4, None)])
 def test_signs_at_the_ends_of_steps_miss_a_peak_between_them(depth, reported):
     """Where sin t first passes 1 - depth: what the README says of ours, and of diffrax with Dopri8."""

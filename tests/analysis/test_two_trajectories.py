@@ -32,6 +32,33 @@ def run(problem, **keywords):
 # --- values
 
 
+def forced_impacts(separation, turns):
+    """λ1 of the impact oscillator over 400, begun after so many periods of its forcing."""
+    problem = zoo.impact_oscillator()
+    late = turns * 2 * np.pi / problem.args["omega"]
+    return run(problem, t0=late, t1=400.0, transient=50.0, separation=separation), problem.reference.exponents[0]
+
+
+@pytest.mark.slow
+def test_a_separation_that_the_rounding_of_time_exceeds_is_noted():
+    """At t = 1e5 time has a rounding of 1e-11: 1.64 came out for 0.158, and nothing was said."""
+    with pytest.warns(UserWarning, match="not large against rounding"):
+        found, exact = forced_impacts(1e-12, 50_000)
+    assert float(found.exponent) > 5 * exact
+    found, exact = forced_impacts(1e-6, 50_000)
+    assert abs(float(found.exponent) - exact) < 5 * float(found.stderr)
+    assert found.stderr < 0.03
+
+
+def test_a_separation_that_the_rounding_of_a_growing_state_exceeds_is_noted():
+    def spiral(n, x, args):
+        return jnp.stack([x[0] + 1.0, 4.0 * x[1] * (1 - x[1])])
+
+    with pytest.warns(UserWarning, match=r"of the state \(up to 2e\+04\)"):
+        lh.two_trajectories(lh.Map(spiral), [0.0, 0.3], t1=20_000, separation=1e-11)
+
+
+@pytest.mark.slow
 def test_henon_is_what_the_tangent_gives_on_the_same_orbit():
     problem = zoo.henon_map()
     found = run(problem, t1=50_000, transient=100)
@@ -42,6 +69,7 @@ def test_henon_is_what_the_tangent_gives_on_the_same_orbit():
     assert_within(found, 0.41919054, 3.7e-5, gate=0.003)
 
 
+@pytest.mark.slow
 def test_lorenz():
     assert_within(run(zoo.lorenz63(), t1=2000.0, transient=20.0), 0.905873, 1.5e-4, gate=0.025)
 
@@ -53,11 +81,13 @@ def test_impact_oscillator():
     assert int(found.skipped) < 0.01 * int(found.intervals)
 
 
+@pytest.mark.slow
 def test_hard_disks():
     problem = zoo.hard_disks(n=4, density=0.7)
     assert_within(run(problem, t1=400.0, transient=10.0), 4.88239, 1e-3, gate=0.06)
 
 
+@pytest.mark.slow
 def test_two_modes_exactly():
     """The fundamental matrix over a turn is e^μ times the identity, whatever the separation."""
     problem = zoo.conewise_linear(sigma_right=0.1, sigma_left=-0.3)
@@ -67,11 +97,13 @@ def test_two_modes_exactly():
     assert found.skipped == 0
 
 
+@pytest.mark.slow
 def test_an_expanding_clock():
     problem = zoo.beta_clock()
     assert_allclose(run(problem, t1=500.0, transient=50.0).exponent, problem.reference.exponents[0], atol=1e-3)
 
 
+@pytest.mark.slow
 def test_slow_decay_and_fast_decay():
     """The choice of the interval has no scale of its own."""
     for rate in (1e-4, 1.0, 1e6):
@@ -116,6 +148,7 @@ def test_history_and_print():
     assert jax.jit(lambda: jnp.asarray(len(str(run(zoo.henon_map(), t1=64)))))() > 0
 
 
+@pytest.mark.slow
 def test_jit_and_vmap():
     problem = zoo.henon_map()
 
@@ -155,6 +188,7 @@ def test_intervals_that_are_too_long_are_told():
         run(zoo.henon_map(), t1=4000, renormalise_every=40)
 
 
+@pytest.mark.slow
 def test_jumps_of_one_trajectory_alone_do_not_count():
     """The first one passes above a guard that touches zero, the second one dips below, once a period."""
     passing = lh.Hybrid(

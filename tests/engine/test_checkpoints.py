@@ -38,11 +38,12 @@ def same(one, other) -> bool:
 @pytest.fixture
 def short_calls(monkeypatch):
     """Calls of few attempts, each of which is written."""
-    monkeypatch.setattr(checkpoints, "EVERY", 0.0)
-    monkeypatch.setattr(driver, "FIRST", 150)
-    monkeypatch.setattr(driver, "MOST", 400)
+    monkeypatch.setattr(checkpoints, "SECONDS_BETWEEN_WRITES", 0.0)
+    monkeypatch.setattr(driver, "FIRST_ATTEMPTS", 150)
+    monkeypatch.setattr(driver, "MOST_ATTEMPTS", 400)
 
 
+@pytest.mark.slow_cases("disks", "target_stderr")
 @pytest.mark.filterwarnings("ignore:interrupted")
 @pytest.mark.parametrize("name", RUNS)
 def test_after_ten_interruptions_it_is_the_same(name, tmp_path, short_calls, monkeypatch):

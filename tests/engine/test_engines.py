@@ -24,6 +24,7 @@ SECOND_CALLS = {
 }
 
 
+@pytest.mark.slow_cases("disks")
 @pytest.mark.parametrize("name", SECOND_CALLS)
 def test_a_second_call_compiles_nothing(name):
     problem, keywords = SECOND_CALLS[name]
@@ -43,6 +44,7 @@ def test_compilations_are_counted():
     assert [float(fresh(2.0)), float(fresh(4.0)), compilations() - before] == [2.5, 5.0, 1]
 
 
+@pytest.mark.slow
 def test_compiling_does_not_make_calls_shorter(monkeypatch):
     """A call that compiled took long for that reason: the next one has the same budget, not a smaller one."""
     budgets = []
@@ -64,6 +66,7 @@ def test_compiling_does_not_make_calls_shorter(monkeypatch):
     assert budgets[2] > 2 * budgets[1]
 
 
+@pytest.mark.slow_cases(all_but=("flow",))
 @pytest.mark.parametrize("name", SECOND_CALLS)
 def test_both_engines_compute_the_same(name, monkeypatch):
     problem, keywords = SECOND_CALLS[name]
@@ -94,6 +97,7 @@ TRANSFORMED = {
 }
 
 
+@pytest.mark.slow_cases(all_but=("jit",))
 @pytest.mark.parametrize("name", TRANSFORMED)
 def test_transformations_call_machine_code(name, monkeypatch):
     found = {}
@@ -103,6 +107,7 @@ def test_transformations_call_machine_code(name, monkeypatch):
     np.testing.assert_allclose(found["native"], found["xla"], rtol=1e-8, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_what_a_function_closes_over_is_left_to_xla(monkeypatch):
     natively, call = [], _engines._Natively.__call__
 
@@ -121,6 +126,7 @@ def test_what_a_function_closes_over_is_left_to_xla(monkeypatch):
     assert set(natively) <= {"restart", "_verdict", "_together"}  # what does not see the field
 
 
+@pytest.mark.slow
 def test_an_import_sets_nothing():
     code = "import os, jax, lyaphybrid; print(os.environ.get('XLA_FLAGS'), jax.config.jax_enable_x64)"
     clean = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}

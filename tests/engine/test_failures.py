@@ -90,6 +90,7 @@ def test_several_runs_are_told_apart():
     assert error.result.status is STATUS.nonfinite
 
 
+@pytest.mark.slow
 def test_what_has_failed_comes_before_what_has_been_ended():
     """One run escapes, the other spends its attempts, whose code is the larger or the smaller."""
     with pytest.warns(UserWarning, match="interrupted"):
@@ -101,6 +102,7 @@ def test_what_has_failed_comes_before_what_has_been_ended():
     assert "1 nonfinite, 1 interrupted" in str(spectrum)
 
 
+@pytest.mark.slow
 def test_an_accumulation_is_told_where_it_is_known():
     error = failure(lh.lyapunov_spectrum, ENDLESS_CASCADE, [0.5, 1.0], t1=2.2, k=1, blocks=2)
     assert error.status is STATUS.zeno
@@ -122,6 +124,7 @@ def test_a_time_of_flight_that_is_no_number_leaves_the_time_as_it_was():
     assert float(error.result.t) == pytest.approx(3.0, abs=1e-12)
 
 
+@pytest.mark.slow_cases(all_but=("gali", "section"))
 @pytest.mark.parametrize(
     "call",
     [
@@ -138,6 +141,7 @@ def test_others_tell_the_place_too(call):
     assert re.search(r"t = (0\.999\d*|1(\.0\d*)?), x = \[", str(error))
 
 
+@pytest.mark.slow
 def test_two_trajectories_that_get_nowhere_are_given_up():
     """The field jumps, and steps are as short as its error asks: the rest would take hours."""
     jumping = lh.Flow(lambda t, x, args: jnp.stack([-jnp.sign(x[0]), -x[1]]))
@@ -165,6 +169,7 @@ def test_a_search_for_an_orbit_returns_nothing_where_the_motion_fails():
     assert error.result.x0.tolist() == [1.0, 1.0]
 
 
+@pytest.mark.slow
 def test_a_derivative_of_a_run_that_fails():
     """Asked for by name, and by the first method that applies: nothing is known, and why."""
     for method in ("auto", "implicit", "birkhoff", "equilibrium"):
@@ -183,3 +188,20 @@ def test_a_design_that_comes_to_where_the_motion_fails_keeps_what_it_has():
     assert not found.trust
     assert "not known" in found.reasons[0]
     assert len(found.history) >= 1
+
+
+@pytest.mark.slow_cases("-1")
+@pytest.mark.parametrize("target", [2, -1])
+def test_a_target_that_is_no_mode(target):
+    """It was taken for the nearest mode, without a word."""
+    ball = lh.Hybrid(
+        {"down": lambda t, x, args: jnp.stack([x[1], -1.0]), "up": lambda t, x, args: jnp.stack([x[1], -1.0])},
+        lh.Transition(
+            lambda t, x, args: x[0], lambda t, x, args: jnp.stack([x[0], -x[1]]), target=lambda t, x, args: args
+        ),
+    )
+    for call in (lh.trajectory, lh.lyapunov_spectrum):
+        error = failure(call, ball, [0.5, 0.0], target, t1=3.0, mode="down")
+        assert error.status is STATUS.deadlock
+        assert f"mode {target}, which is none of ['down', 'up']" in str(error)
+        assert "t = 1," in str(error)

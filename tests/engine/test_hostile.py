@@ -10,7 +10,7 @@ import lyaphybrid as lh
 from hostile import CIRCLE, FRICTION, HOSTILE, MOD, STIFF, WHERE, answer
 from lyaphybrid import STATUS
 from lyaphybrid.engine import waiting
-from lyaphybrid.engine.host.paces import ENDLESS, LONG, WINDOW, Pace, Rates
+from lyaphybrid.engine.host.paces import ATTEMPTS_BETWEEN_CHECKS, ATTEMPTS_EXAMINED, ATTEMPTS_STOPPED, Pace, Rates
 
 SECONDS = 20  # of a processor
 
@@ -29,6 +29,16 @@ def limited():
     signal.signal(signal.SIGPROF, before)
 
 
+@pytest.mark.slow_cases(
+    "relay by sign",
+    "guard by mod",
+    "guard by floor",
+    "stiff",
+    "chattering",
+    "section never crossed",
+    "jumps that do not come",
+    "dice",
+)
 @pytest.mark.parametrize("name", HOSTILE)
 def test_hostile_systems_answer(name, limited, monkeypatch):
     if name == "dice":  # Python is called within the loop: XLA runs that
@@ -45,6 +55,7 @@ def stalled(system, x0, **options):
     return str(caught.value)
 
 
+@pytest.mark.slow
 def test_the_message_says_where_and_why(limited):
     assert re.search(r"t = 3\.34\d*, x = \[0\.01\d* 0\.1\].* h = \d.*not smooth here", stalled(FRICTION, [1.0, 0.0]))
     assert re.search(r"t = 0\.9\d*, x = \[1 1\.1\].*not smooth here", stalled(MOD, [0.1, 0.2]))
@@ -57,6 +68,7 @@ def test_who_gives_max_steps_decides_alone(limited):
     assert spectrum.status is STATUS.max_steps
 
 
+@pytest.mark.slow
 def test_of_several_runs_only_those_end_that_have_stalled(limited):
     """Where the second component is zero nothing moves, and the run reaches its end."""
     sliding = lh.Flow(lambda t, x, args: x[1] * WHERE.field(t, x, args))
@@ -84,7 +96,9 @@ def judged(moved, end, rates=None, jumped=0, last_jump=None, windows=1):
     """What is said after windows of attempts, in each of which so much was done."""
     pace = Pace(_Standing(0.0), 0, np.inf if end is None else end, last_jump or 0, last_jump is not None)
     for window in range(1, windows + 1):
-        found = pace.look(_Standing(moved * window, jumped * window), window * WINDOW, lambda run: rates)
+        found = pace.look(
+            _Standing(moved * window, jumped * window), window * ATTEMPTS_BETWEEN_CHECKS, lambda run: rates
+        )
         if found:
             return found[0]
     return ""
@@ -92,12 +106,14 @@ def judged(moved, end, rates=None, jumped=0, last_jump=None, windows=1):
 
 def test_long_runs_are_left_alone():
     smooth, stiff, rough = Rates(1.0, 1.0), Rates(1e6, 1.0), Rates(1.0, 1.0)
-    assert not judged(0.1 * WINDOW, 0.1 * ENDLESS / 2, smooth)  # a run of half the longest that makes sense
-    assert "unit" in judged(0.1 * WINDOW, 0.1 * ENDLESS * 2, smooth)
-    assert not judged(1e-6 * WINDOW, 1e-6 * LONG / 2, stiff)  # slow, but it will end
-    assert "stiff" in judged(1e-6 * WINDOW, 1e-6 * LONG * 2, stiff)
-    assert not judged(1e-9 * WINDOW, 1e-9 * LONG / 2, rough)
-    assert "not smooth" in judged(1e-9 * WINDOW, 1e-9 * LONG * 2, rough)
+    assert not judged(
+        0.1 * ATTEMPTS_BETWEEN_CHECKS, 0.1 * ATTEMPTS_STOPPED / 2, smooth
+    )  # a run of half the longest that makes sense
+    assert "unit" in judged(0.1 * ATTEMPTS_BETWEEN_CHECKS, 0.1 * ATTEMPTS_STOPPED * 2, smooth)
+    assert not judged(1e-6 * ATTEMPTS_BETWEEN_CHECKS, 1e-6 * ATTEMPTS_EXAMINED / 2, stiff)  # slow, but it will end
+    assert "stiff" in judged(1e-6 * ATTEMPTS_BETWEEN_CHECKS, 1e-6 * ATTEMPTS_EXAMINED * 2, stiff)
+    assert not judged(1e-9 * ATTEMPTS_BETWEEN_CHECKS, 1e-9 * ATTEMPTS_EXAMINED / 2, rough)
+    assert "not smooth" in judged(1e-9 * ATTEMPTS_BETWEEN_CHECKS, 1e-9 * ATTEMPTS_EXAMINED * 2, rough)
     assert "stands still" in judged(0.0, 1.0)
     assert "stands still" in judged(0.0, 1.0, jumped=5)
     assert not judged(0.0, None, jumped=5, last_jump=1000)
@@ -105,6 +121,6 @@ def test_long_runs_are_left_alone():
 
 def test_runs_that_wait_for_a_jump_end_by_themselves():
     """As `no_more_jumps` (tests/engine/test_statuses.py), long before anything could be said here."""
-    assert waiting.LONG <= WINDOW
+    assert waiting.MOST_ATTEMPTS_WITHOUT_JUMP <= ATTEMPTS_BETWEEN_CHECKS
     assert not judged(1.0, None, last_jump=100, windows=20)
     assert not judged(1.0, None, jumped=1, last_jump=100, windows=20)

@@ -74,7 +74,7 @@ def test_a_lane_of_a_chain_begins_where_the_one_before_has_ended(monkeypatch, si
 def test_side_by_side_is_one_after_the_other(monkeypatch):
     (x, _), _ = lanes.map_lanes(orbit, jnp.asarray(3.7), (STEPS, STARTS))
     monkeypatch.setattr(devices, "are_wanted", lambda: True)
-    monkeypatch.setattr(devices, "AT_ONCE", 64)
+    monkeypatch.setattr(devices, "SEQUENCES_PER_CALL", 64)
     (y, _), done = lanes.map_lanes(orbit, jnp.asarray(3.7), (STEPS, STARTS))
     assert done.all()
     np.testing.assert_allclose(x, y, atol=1e-6)  # other kernels round otherwise; 36 steps of chaos amplify it
@@ -101,6 +101,7 @@ def test_progress_rises_to_one():
     assert seen[-1] == 1.0
 
 
+@pytest.mark.slow
 def test_an_interrupted_map_says_what_it_has(monkeypatch):
     monkeypatch.setattr(lanes, "SECONDS_PER_CALL", 1e-6)  # pieces of one lane
 
@@ -149,6 +150,7 @@ def exponents_of(problem, name, **keywords):
 RK4 = lh.RungeKutta("rk4", dt=0.01)
 
 
+@pytest.mark.slow_cases(all_but=("problem2-c-values2-keywords2-True",))
 @pytest.mark.parametrize(
     ("problem", "name", "values", "keywords", "together"),
     [
@@ -161,7 +163,7 @@ RK4 = lh.RungeKutta("rk4", dt=0.01)
 def test_lanes_that_seldom_part_go_in_the_vectors_of_the_cpu(problem, name, values, keywords, together):
     run = exponents_of(problem, name, t1=20.0, transient=1.0, blocks=4, **keywords)
     values = np.linspace(*values, 19)  # not a whole number of vectors
-    program = lanes.Program(lanes._Alone(run), None, ((), values))
+    program = lanes.LaneProgram(lanes._Alone(run), None, ((), values))
     assert (program.at_once > 1) == together
     found, done = lanes.map_lanes(run, None, values)
     assert done.all()
@@ -170,6 +172,7 @@ def test_lanes_that_seldom_part_go_in_the_vectors_of_the_cpu(problem, name, valu
     np.testing.assert_allclose(found, single, rtol=1e-3 if adaptive else 1e-9)
 
 
+@pytest.mark.slow
 def test_lanes_that_surely_part_are_not_lowered_to_find_out(monkeypatch):
     """For a pendulum with dry friction that took seconds, and was thrown away."""
     made, original = [], _programs.Compiled
@@ -177,11 +180,12 @@ def test_lanes_that_surely_part_are_not_lowered_to_find_out(monkeypatch):
         _programs, "Compiled", lambda *given, **options: made.append(options) or original(*given, **options)
     )
     run = exponents_of(lh.zoo.friction_pendulum(), "beta", t1=1.0, transient=0.0)
-    assert lanes.Program(lanes._Alone(run), None, ((), np.linspace(0.02, 0.03, 9))).at_once == 1
+    assert lanes.LaneProgram(lanes._Alone(run), None, ((), np.linspace(0.02, 0.03, 9))).at_once == 1
     assert made
     assert all(options.get("lanes", 1) == 1 for options in made)
 
 
+@pytest.mark.slow_cases("henon_map-a-values1")
 @pytest.mark.parametrize(("name", "key", "values"), [("logistic_map", "r", (3.1, 3.4)), ("henon_map", "a", (0.4, 0.8))])
 def test_maps_go_in_the_vectors_of_the_cpu(name, key, values):
     problem = lh.zoo.get(name)()
@@ -192,12 +196,13 @@ def test_maps_go_in_the_vectors_of_the_cpu(name, key, values):
         return lh.lyapunov_spectrum(problem.system, problem.x0, args, t1=1000, throw=False).exponents
 
     values = np.linspace(*values, 19)
-    assert lanes.Program(lanes._Alone(run), None, ((), values)).at_once > 1
+    assert lanes.LaneProgram(lanes._Alone(run), None, ((), values)).at_once > 1
     found, _ = lanes.map_lanes(run, None, values)
     single = np.array([run(None, jnp.asarray(value)) for value in values])
     np.testing.assert_allclose(found, single, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_directions_that_are_short_or_lost_in_the_vectors_of_the_cpu():
     """Of a turned diag(2, d): lanes look at them with care where they need it, and each has what a single run has."""
     turn = jnp.array([[0.8, -0.6], [0.6, 0.8]])
@@ -208,7 +213,7 @@ def test_directions_that_are_short_or_lost_in_the_vectors_of_the_cpu():
         return lh.lyapunov_spectrum(turned, [0.0, 0.0], d, t1=20, transient=60, throw=False).exponents
 
     values = np.array([0.5, 1e-14, 0.0, 1e-20, 1e-3, 1e-16, 0.25, 1e-15, 0.0])
-    assert lanes.Program(lanes._Alone(run), None, ((), values)).at_once > 1
+    assert lanes.LaneProgram(lanes._Alone(run), None, ((), values)).at_once > 1
     found, _ = lanes.map_lanes(run, None, values)
     single = np.array([run(None, jnp.asarray(value)) for value in values])
     np.testing.assert_array_equal(np.isneginf(found), np.isneginf(single))

@@ -29,7 +29,7 @@ class Orthonormalisation(NamedTuple):
 class Counting:
     """A `Watch` of the instants of orthonormalisations."""
 
-    def begin(self, t, frame):
+    def init(self, t, frame):
         return Orthonormalisation(jnp.asarray(0), jnp.zeros_like(t))
 
     def update(self, state, seen):
@@ -62,11 +62,12 @@ def turns(factor):
 SYSTEMS = {"schedule": DISKS.system, "no schedule": predicting_anew(DISKS.system, DISKS.x0.shape)}
 
 
+@pytest.mark.slow_cases("no schedule")
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_it_is_done_at_the_multiples_of_the_interval_and_only_there(name):
     problem, x0, t0, mode = preparation.prepare(SYSTEMS[name], DISKS.x0, DISKS.args, 0.0, None, None)
     qr_schedule, interval = qr_schedule_for(problem, EVERY)
-    plan = problems.Plan(qr_schedule=qr_schedule, observer=Counting())
+    plan = problems.RunPlan(qr_schedule=qr_schedule, observer=Counting())
     loop_state = driver.start(problem, plan, t0, x0, jnp.eye(x0.shape[0]), mode, jnp.asarray(interval))
     targets = targets_for(np.array([1.0, 2.5]), "time", False, x0.dtype)
     outcome = driver.drive(problem, plan, loop_state, *targets)
@@ -77,6 +78,7 @@ def test_it_is_done_at_the_multiples_of_the_interval_and_only_there(name):
     assert_allclose(problems.time_of(outcome.loop_state), 2.5, rtol=1e-15)
 
 
+@pytest.mark.slow
 def test_the_motion_and_the_exponents_are_those_of_any_other_interval():
     """R of a product is the product of the R: only rounding may differ, which chaos multiplies by e^(4.9 t)."""
     keywords = {"t1": 1.0, "blocks": 4}
@@ -88,6 +90,7 @@ def test_the_motion_and_the_exponents_are_those_of_any_other_interval():
     assert_allclose(by_time.history.exponents, by_jumps.history.exponents, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_a_direction_that_an_event_destroys_is_lost_there():
     """Exponents per unit of time: 0 of the phase, 0.1 + ln r, −40; and −∞ where r = 0."""
     kept, lost = (lh.lyapunov_spectrum(turns(r), [1.0, 0.0, 0.0], t1=50.0, every=("time", 0.3)) for r in (0.5, 0.0))

@@ -41,6 +41,7 @@ def bounces(restitution, t1, x0=((0.0, 1.0),), **keywords):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("restitution", "reached"), [(0.9, 3000), (0.5, 450)])
 def test_bounces_go_on_to_the_end_of_double_precision(restitution, reached):
     """As without a schedule (test_short_or_lost.py), where each bounce is followed by a rebasing."""
@@ -55,6 +56,7 @@ def test_bounces_go_on_to_the_end_of_double_precision(restitution, reached):
     assert_allclose(end.exponents, known + turned / int(end.jumps), atol=1e-10)
 
 
+@pytest.mark.slow
 def test_bounces_that_the_time_since_a_rebasing_hides_end_before_they_are_wrong():
     """Comoving coordinates know a flight only to the rounding of the time since the rebasing."""
     spectrum = bounces(0.5, 2000, frame=FRAME, every=400, blocks=2)
@@ -89,6 +91,7 @@ def forgetful_balls():
 STARTS = np.array([[0.5, 1.0, 0.2], [0.25, -0.7, 0.1], [0.1, 0.3, 0.4]])
 
 
+@pytest.mark.slow
 def test_an_event_that_destroys_a_direction_of_one_body():
     """At speeds 1, 0.7 and 0.3 three w are forgotten at 2 walls a unit of time in all."""
     spectrum = lh.lyapunov_spectrum(forgetful_balls(), STARTS, 0.0, t1=200.0)
@@ -98,6 +101,7 @@ def test_an_event_that_destroys_a_direction_of_one_body():
     assert int(spectrum.losses.sum()) == int(spectrum.jumps)
 
 
+@pytest.mark.slow
 def test_one_that_only_shortens_it_does_not():
     spectrum = lh.lyapunov_spectrum(forgetful_balls(), STARTS, 1e-3, t1=200.0)
     assert "rank_lost" not in spectrum.notes

@@ -74,6 +74,7 @@ def test_zeno_tells_the_time_of_accumulation(start):
     assert computed(spectrum) == math.ceil(exact / (20 / BLOCKS))
 
 
+@pytest.mark.slow
 def test_zeno_on_a_moving_table_whose_rounding_hides_the_last_bounces():
     """At height 0.2 a bounce slower than 1e-8 is lower than the last digit: the ball would fall through the table."""
     spectrum = lh.lyapunov_spectrum(TABLE, [1.0, 0.2], TABLE_ARGS, t1=30.0, blocks=BLOCKS, throw=False)
@@ -116,6 +117,7 @@ def fold(sink):
     )
 
 
+@pytest.mark.slow
 def test_inconsistent_start():
     spectrum = lh.lyapunov_spectrum(fold(1.0), [1.0, 0.9], t1=0.5, blocks=BLOCKS, throw=False)
     assert spectrum.status is STATUS.inconsistent_start
@@ -155,6 +157,7 @@ def test_singular_dae_where_the_rank_of_e_rises():
     assert 1.0 < np.nanmax(path.t) <= 1.5
 
 
+@pytest.mark.slow
 def test_constraint_drift():
     """A method for ordinary equations integrates x' and forgets the constraints."""
     turning = lh.DAE(
@@ -208,6 +211,7 @@ def test_nonfinite_of_a_flow_without_events(method):
     assert np.allclose(spectrum.history.exponents[:7, 0], grown, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_nonfinite_where_the_field_is_undefined():
     root = lh.Flow(lambda t, x, args: jnp.sqrt(args - t) + 0 * x)
     spectrum = lh.lyapunov_spectrum(root, [1.0], 1.0, t1=2.0, blocks=16, throw=False)
@@ -298,6 +302,7 @@ FREE = lh.Hybrid(
 )
 
 
+@pytest.mark.slow_cases("4-adaptive")
 @pytest.mark.parametrize("method", [METHOD, lh.RungeKutta("rk4", dt=0.05)], ids=["adaptive", "fixed"])
 @pytest.mark.parametrize("t1", [4, 400])  # the jump alone in its block, or with others that do not come
 def test_no_more_jumps_where_the_motion_comes_to_rest(method, t1):
@@ -312,6 +317,7 @@ def test_no_more_jumps_where_the_motion_comes_to_rest(method, t1):
         lh.lyapunov_spectrum(FREE, [1.0, 0.0], t1=t1, clock="jumps", method=method)
 
 
+@pytest.mark.slow
 def test_no_more_jumps_where_it_never_comes_to_rest():
     """Forced for ever: nothing says that the wall is out of reach but a million steps without an impact."""
     spectrum = lh.lyapunov_spectrum(DAMPED, [0.0, 0.0], 0.05, t1=10, clock="jumps", k=1, method=METHOD, throw=False)
@@ -320,6 +326,7 @@ def test_no_more_jumps_where_it_never_comes_to_rest():
     assert np.isnan(spectrum.exponents).all()
 
 
+@pytest.mark.slow
 def test_no_more_jumps_where_the_motion_leaves_for_ever():
     leaving = lh.Hybrid(
         lambda t, x, args: jnp.stack([x[1], 0 * x[1]]),
@@ -359,6 +366,7 @@ def wait_for_a_wall(scheduled):
     )
 
 
+@pytest.mark.slow_cases("scheduled")
 @pytest.mark.parametrize("scheduled", [False, True], ids=["exact", "scheduled"])
 def test_no_more_jumps_of_an_exact_flow(scheduled):
     system, start = wait_for_a_wall(scheduled), [1.0, -1.0]
@@ -480,6 +488,7 @@ def test_grazing():
     assert exact.notes == {"grazing"} | (set() if exact.jumps else {"guard_unreached"})
 
 
+@pytest.mark.slow
 def test_simultaneous_only_where_the_order_matters():
     """Two clocks of sand run out together; one adds 1 to a counter, the other multiplies it."""
 
@@ -582,6 +591,7 @@ def test_interrupted_keeps_what_is_computed():
     assert abs(float(spectrum.exponents[0]) - math.log(2)) < 0.1
 
 
+@pytest.mark.slow
 def test_identity_reset():
     """A jump that hands back the state is told, where neither the mode changes nor the run ends."""
 

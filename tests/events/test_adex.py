@@ -50,6 +50,7 @@ def test_the_map_of_spikes_is_the_one_that_an_adaptive_integrator_finds():
         assert slope == pytest.approx((above - below) / 2e-3, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_a_reset_that_is_ill_conditioned_loses_nothing():
     currents, peaks = [160.0, 185.0], [0.0, 20.0, 40.0]  # down to |f⁺|/|f⁻| = 1e-19
     found = exponents(currents, peaks, 10_000.0)
@@ -59,6 +60,7 @@ def test_a_reset_that_is_ill_conditioned_loses_nothing():
     assert np.all(np.abs(found.exponents.values - wanted) <= 5 * np.hypot(found.stderr.values, error))
 
 
+@pytest.mark.slow
 def test_a_sweep_says_what_a_single_run_says():
     problem = zoo.adex(current=185.0)
     single = problem.spectrum(t1=2000.0)
@@ -73,6 +75,7 @@ def test_a_sweep_says_what_a_single_run_says():
     assert single.sum_rule_residual < 1e-9
 
 
+@pytest.mark.slow
 def test_per_spike_the_exponents_are_those_of_the_map():
     """Counted from reset to reset nothing depends on how fast the flow is there."""
     spectrum = zoo.adex(current=163.0).spectrum(clock="jumps", t1=400, transient=400)
@@ -94,6 +97,7 @@ def turned(system, angle):
     )
 
 
+@pytest.mark.slow
 def test_where_rounding_hides_the_small_direction_the_loss_is_flagged():
     """In coordinates that mix a fast and a slow direction 1e-14 of one is rounding of the other; 1e-10 is not."""
     turn, system = turned(zoo.adex().system, 0.7)

@@ -38,6 +38,7 @@ def test_all_lanes_at_once(automata, shape):
     assert missed(shapes.run(automata, shapes.members(automata, shape), batch="vmap")) == 0
 
 
+@pytest.mark.slow
 def test_exponents_of_cycles_and_lost_directions(automata):
     assert missed(shapes.exponents(automata, shapes.members(automata, "3_1_1", ("h", "i")))) == 0
 

@@ -96,6 +96,7 @@ def test_two_balls_that_bounce_one_soon_after_the_other_keep_their_difference(me
         assert abs(kept) < 5e-14, apart  # rounding of 20 bounces; in the wrong order each turns the difference
 
 
+@pytest.mark.slow_cases("method0")
 @pytest.mark.parametrize("method", METHODS)
 def test_a_distance_that_bends_sharply_between_two_events_does_not_fire(method):
     """x' = 3 where x < 0 and 1 beyond: two copies come out a third as far apart, not a tenth.
@@ -265,6 +266,7 @@ def test_who_is_thrown_beyond_zero_fires_with_the_first_though_the_flow_brought_
     assert_allclose(apart, np.eye(2), atol=1e-12)  # left at zero by the other, each has an instant of its own
 
 
+@pytest.mark.slow
 def test_a_reset_that_ends_beyond_its_own_guard_jumps_again():
     """A clock throws V from 0.5 to 3.7; each spike takes 1 from it, down to 0.7; on the way up V = 1 is reached at 1.3.
 
@@ -339,6 +341,7 @@ def test_a_chosen_target_and_a_vector_guard():
 # --- under transformation ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_derivative_of_an_event_time():
     """Impact at τ = √(2 x0), rebound r τ: x(t) = r τ (t - τ) - (t - τ)²/2, differentiated by hand."""
 

@@ -16,6 +16,7 @@ def agree(found, stderr, reference, reference_stderr, gate):
     assert abs(found - reference) <= 5 * np.hypot(stderr, reference_stderr), (found, stderr)
 
 
+@pytest.mark.slow
 def test_a_block_slips_and_sticks():
     """Over whole periods both exponents are exact: each period has the same multipliers."""
     slipping = zoo.block_on_plate().spectrum()
@@ -30,6 +31,7 @@ def test_a_block_slips_and_sticks():
     assert sticking.sum_rule_residual is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("angle", [-0.44, -0.45, -0.5])
 def test_a_start_at_rest_leaves_when_the_pull_exceeds_friction(angle):
     """The field there is a difference of equal forces, some 1e-17: that is no speed to choose a step by."""
@@ -87,6 +89,7 @@ def test_a_mass_on_a_shaken_belt(nonsmooth):
 # What a stick does, and what would go wrong without it.
 
 
+@pytest.mark.slow
 def test_a_direction_across_the_surface_does_not_live_on_while_sliding():
     """x' = −x/2 along the surface; across it the convex combination would let a δy grow, e^{2t}, that cannot exist."""
 
@@ -122,6 +125,7 @@ def test_the_saltation_matrix_grows_like_one_over_the_velocity(velocity):
     np.testing.assert_allclose(found, exact, rtol=1e-12, atol=1e-13)
 
 
+@pytest.mark.slow
 def test_late_in_a_run_a_stick_ends_once():
     """The instant is blurred by 6e-11, and the force at it: the motion must not be thrown to and fro between modes."""
     problem = zoo.friction_pendulum()

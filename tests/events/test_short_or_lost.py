@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
 from lyaphybrid._jax import double_double
-from lyaphybrid._jax.double_double import Pair
+from lyaphybrid._jax.double_double import DoubleDouble
 from lyaphybrid._jax.engines import compiled
 from lyaphybrid._linalg import lost_directions
 
@@ -46,7 +46,7 @@ def exact(array):
 def test_pairs_have_twice_the_digits(engine, function, wanted):
     high, low = RNG.normal(size=3), 1e-17 * RNG.normal(size=3)
     found = engine(lambda dx: double_double.precise(function)(dx, jnp.array(0.0)))(
-        Pair(jnp.asarray(high), jnp.asarray(low))
+        DoubleDouble(jnp.asarray(high), jnp.asarray(low))
     )
     right = wanted(exact(high) + exact(low))
     off = [abs(float(error)) for error in exact(found.high) + exact(found.low) - right]
@@ -59,6 +59,7 @@ def test_what_pairs_cannot_follow_is_known_before():
     assert not lost_directions.is_precise(lambda dx: dx * 2.0, jnp.zeros(17))
 
 
+@pytest.mark.slow_cases("1e-14-xla", "1e-20-xla", "1e-26-xla")
 @ENGINES
 @pytest.mark.parametrize("small", [1e-14, 1e-20, 1e-26])
 def test_a_product_of_matrices_keeps_its_small_direction(engine, small):
@@ -142,6 +143,7 @@ def test_a_singular_map_whose_derivatives_are_rounded():
     assert "rank_lost" in spectrum.notes
 
 
+@pytest.mark.slow
 def test_derivatives_of_what_is_very_short():
     def smallest(log_small):
         small = jnp.exp(log_small)
@@ -167,6 +169,7 @@ def ball(floor=0.0):
 FRAME = jnp.array([[1.0, 0.0], [-1.0, 1.0]])
 
 
+@pytest.mark.slow_cases(all_but=("hybrid-0.01-65",))
 @pytest.mark.parametrize(("restitution", "reached"), [(0.9, 3000), (0.5, 450), (0.01, 65)])
 @pytest.mark.parametrize("clock", ["jumps", "hybrid"])
 def test_bounces_in_closed_form_go_on_to_the_end_of_double_precision(restitution, reached, clock):
@@ -191,6 +194,7 @@ def test_bounces_in_closed_form_go_on_to_the_end_of_double_precision(restitution
     assert_allclose(end.exponents, known + turned / int(end.jumps), atol=1e-10)
 
 
+@pytest.mark.slow_cases("0.5")
 @pytest.mark.parametrize("restitution", [0.5, 0.9])
 def test_bounces_on_a_floor_that_rounding_blurs_end_before_they_are_wrong(restitution):
     spectrum = lh.lyapunov_spectrum(
@@ -203,11 +207,13 @@ def test_bounces_on_a_floor_that_rounding_blurs_end_before_they_are_wrong(restit
     assert_allclose(jumps * np.asarray(spectrum.exponents), [0, 2 * jumps * math.log(restitution)] + turned, atol=0.1)
 
 
+@pytest.mark.slow
 def test_in_time_bounces_in_closed_form_accumulate():
     spectrum = lh.lyapunov_spectrum(ball(), [0.0, 1.0], 0.5, t1=5.0, throw=False)
     assert spectrum.status is lh.STATUS.zeno
 
 
+@pytest.mark.slow
 def test_an_event_that_destroys_a_direction_and_a_flight_that_shortens_one():
     """Turns of length 1: the phase is neutral; 40 turns of decay are no loss, a reset to nothing is one."""
     turns = lh.EventDriven(

@@ -69,6 +69,7 @@ def test_forward_derivatives_are_those_of_the_default_method(monkeypatch):
     assert_allclose(other, mine, rtol=1e-7)
 
 
+@pytest.mark.slow
 def test_what_diffrax_misses_is_missed():
     """The limit that the docstring states: sin t passes 0.99 between two ends of steps (at t = 1.43)."""
     turn = lh.Flow(lambda t, x, args: jnp.stack([x[1], -x[0]])).field

@@ -1,5 +1,6 @@
 """Radau IIA: its coefficients, one step against the exact rational function, order, exponents, stiff equations."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -27,9 +28,10 @@ def test_coefficients():
         assert_allclose((b * c ** (q - 1)) @ a, b * (1 - c**q) / q, atol=1e-15)
     root = 6**0.5
     assert_allclose(1 / radau.GAMMA, 3 + 3 ** (2 / 3) - 3 ** (1 / 3), rtol=1e-14)
-    assert_allclose(radau.BEYOND, radau.GAMMA / 3 * np.array([-13 - 7 * root, -13 + 7 * root, -1]), rtol=1e-13)
+    assert_allclose(radau.ERROR_WEIGHTS, radau.GAMMA / 3 * np.array([-13 - 7 * root, -13 + 7 * root, -1]), rtol=1e-13)
 
 
+@pytest.mark.slow
 def test_one_step_of_linear_equations_is_the_rational_function():
     """R(z) = (1 + 2z/5 + z²/20) / (1 − 3z/5 + 3z²/20 − z³/60), for state and frame; with a constraint beside."""
     rates = np.array([-1.3, 0.7, -1e5])
@@ -55,6 +57,7 @@ def test_one_step_of_linear_equations_is_the_rational_function():
     assert_allclose(moved[3], moved[:3].sum(axis=0), rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_the_tangent_is_the_derivative_of_the_step():
     problem = zoo.rotated_dae(gamma1=1.0, gamma2=2.0, gamma3=3.0)
     field, method = Bound(problem.system.field, problem.args), lh.RadauIIA(1e-13)
@@ -75,6 +78,7 @@ def test_the_tangent_is_the_derivative_of_the_step():
         assert_allclose(ours, straight, atol=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["5.1", "5.2"])
 def test_exponents(name):
     """Errors are far below the tolerance, as the estimate has a lower order than the method."""
@@ -87,6 +91,7 @@ def test_exponents(name):
         assert np.max(np.abs(error)) < 3 * tolerance
 
 
+@pytest.mark.slow
 def test_stiff_equations():
     """At rest the exponent is an eigenvalue; the other one is −1e6: an explicit method would take a million steps."""
     start = lh.consistent_start(STIFF, [1.0, jnp.sin(1.0), 0.0], 1e6)
@@ -96,10 +101,65 @@ def test_stiff_equations():
     assert_allclose(s.exponents[0], slow, rtol=1e-5)
 
 
+def turning(t, x, args):
+    """Y' = (Θ B Θᵀ + Θ' Θᵀ) Y with the rotation Θ by the angle t: from Θ(0) = I on, Q = Θ and (ln R_ii)' = b_ii."""
+    c, s = jnp.cos(t), jnp.sin(t)
+    rotation = jnp.array([[c, -s], [s, c]])
+    triangular = jnp.array([[jnp.cos(t), 1.0], [0.0, jnp.sin(2 * t) - 2.0]])
+    return (rotation @ triangular @ rotation.T + jnp.array([[0.0, -1.0], [1.0, 0.0]])) @ x
+
+
+@pytest.mark.slow
+def test_the_order_of_the_continuous_method():
+    """Q and ln R at t = 1 by steps of 1/4 and 1/8 against the exact ones: order 5."""
+    field, method = Bound(lh.Flow(turning).field, None), lh.ContinuousQR(lh.RadauIIA(1e-10))
+
+    @compiled()
+    def run(frame, steps):
+        h = 1.0 / steps
+
+        def step(i, state):
+            frame, growth = state
+            done = method.tangent(field, i * h, jnp.zeros(2), h, frame)
+            return done.frame, growth + done.growth
+
+        return jax.lax.fori_loop(0, steps.astype(int), step, (frame, jnp.zeros(2)))
+
+    exact, c, s = np.array([np.sin(1.0), (1 - np.cos(2.0)) / 2 - 2]), np.cos(1.0), np.sin(1.0)
+    errors = []
+    for steps in (4.0, 8.0):
+        frame, growth = run(jnp.eye(2), jnp.asarray(steps))
+        errors.append((np.max(np.abs(growth - exact)), np.max(np.abs(frame - np.array([[c, -s], [s, c]])))))
+    orders = np.log2(np.array(errors[0]) / errors[1])
+    assert np.all(np.abs(orders - 5) < 0.5), (errors, orders)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["5.1", "5.2"])
+def test_exponents_by_the_continuous_method(name):
+    problem = zoo.spring_damper_dae() if name == "5.1" else zoo.rotated_dae(gamma1=1.0, gamma2=2.0, gamma3=3.0)
+    for tolerance in (1e-4, 1e-6):
+        method = lh.ContinuousQR(lh.RadauIIA(tolerance))
+        s = problem.spectrum(t1=1000.0, transient=0.0, method=method, blocks=2)
+        error = np.asarray(s.exponents) - EXACT
+        print(name, tolerance, error / tolerance)
+        assert s.status is lh.STATUS.ok
+        assert np.max(np.abs(error)) < 10 * tolerance
+
+
+@pytest.mark.slow
+def test_stiff_equations_by_the_continuous_method():
+    """Both exponents, −0.5 nearly and −1e6: steps do not see the second one."""
+    start = lh.consistent_start(STIFF, [1.0, jnp.sin(1.0), 0.0], 1e6)
+    exact = np.sort(np.linalg.eigvals([[-1.0, 0.5], [1e6, -1e6]]).real)[::-1]
+    method = lh.ContinuousQR(lh.RadauIIA(1e-7))
+    s = lh.lyapunov_spectrum(STIFF, start, 1e6, t1=50.0, transient=50.0, max_steps=3000, method=method)
+    assert s.status is lh.STATUS.ok
+    assert_allclose(s.exponents, exact, rtol=1e-5)
+
+
 def test_bad_arguments():
     with pytest.raises(ValueError, match="rtol must be positive"):
         lh.RadauIIA(0.0)
     with pytest.raises(ValueError, match="control must be"):
         lh.RadauIIA(control="Y")
-    with pytest.raises(ValueError, match="ContinuousQR runs in the stages of"):
-        lh.ContinuousQR(lh.RadauIIA())

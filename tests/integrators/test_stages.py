@@ -92,6 +92,7 @@ def spectrum_of_three_modes(method):
     return found
 
 
+@pytest.mark.slow
 def test_a_loop_for_each_mode_is_one_loop_with_a_switch(monkeypatch):
     method = lh.RungeKutta("rk4", dt=0.05)
     loops = spectrum_of_three_modes(method)

@@ -150,6 +150,7 @@ def test_the_rivals_go_along_orbits_by_any_method(variant, orbit):
     assert_allclose(matrix, rival(variant, points, h), rtol=0, atol=1e-14)
 
 
+@pytest.mark.slow_cases("implicit")
 @pytest.mark.parametrize(
     "orbit",
     [lh.RungeKutta("dop853", rtol=1e-13, atol=1e-15), lh.Diffrax(diffrax.Kvaerno5(), rtol=1e-10, atol=1e-12)],
@@ -200,6 +201,7 @@ def test_the_frozen_form_is_solved_exactly_for_any_masses_and_signs(h):
     assert_allclose(matrix, scipy.linalg.expm(h * generator), rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow_cases(all_but=("henon_heiles-SBAB2C", "henon_heiles-ABA864", "fpu_beta-ABA864", "fpu_beta-SRKN14a"))
 @pytest.mark.parametrize("scheme", ["SBAB2C", "ABA864", "SRKN14a"])
 @pytest.mark.parametrize("name", ["henon_heiles", "hamiltonian_3d", "fpu_beta"])
 def test_the_tangent_of_a_step_keeps_the_symplectic_form(scheme, name):
@@ -210,6 +212,7 @@ def test_the_tangent_of_a_step_keeps_the_symplectic_form(scheme, name):
     assert_allclose(matrix.T @ omega @ matrix, omega, rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_exponents_come_in_pairs_at_every_time():
     for name, t1 in (("henon_heiles", 20_000.0), ("hamiltonian_3d", 5000.0), ("fpu_beta", 2000.0)):
         spectrum = zoo.get(name)().spectrum(t1=t1)
@@ -218,6 +221,7 @@ def test_exponents_come_in_pairs_at_every_time():
         assert np.max(np.abs(running + running[:, ::-1])) < 1e-10
 
 
+@pytest.mark.slow
 def test_events_under_a_symplectic_method():
     """Hénon and Heiles with an elastic wall: energy is kept to the method's error through all impacts."""
     problem = zoo.henon_heiles()
@@ -266,6 +270,7 @@ def sun_and_bulge(q, p, args):
     return 0.5 * (p @ p) - 1 / jnp.sqrt(q @ q) + bulge(q, args)
 
 
+@pytest.mark.slow
 def test_kepler_and_a_perturbation():
     """With the flow of the first part exact, errors are those of a perturbation: they go with ε."""
     system, x0, errors = lh.canonical_flow(sun_and_bulge), jnp.array([0.7, 0.0, 0.0, 1.3]), {}
@@ -289,6 +294,7 @@ def test_kepler_and_a_perturbation():
     assert spectrum.sum_rule_residual < 1e-10
 
 
+@pytest.mark.slow
 def test_a_splitting_of_drifts_and_kicks_is_the_scheme():
     problem = zoo.henon_heiles()
 
@@ -356,6 +362,7 @@ def test_an_odd_state_is_refused():
         lh.trajectory(lh.Hamiltonian(bowl, bowl), [0.1, 0.2, 0.3], t1=1.0, method=lh.Symplectic("SABA2", dt=0.1))
 
 
+@pytest.mark.slow
 def test_a_general_hamiltonian_by_runge_kutta():
     """The same as T + V; and with p in the potential part too."""
     problem = zoo.henon_heiles()

@@ -40,6 +40,7 @@ def test_the_score_is_a_mean_of_ratios():
     assert found["dear"] == pytest.approx([3.0] * len(wp.TARGETS))
 
 
+@pytest.mark.slow
 def test_errors_fall_with_the_order():
     name = "Hénon–Heiles"
     problem = wp.PROBLEMS[name]()

@@ -53,6 +53,7 @@ NESTINGS = {
 }
 
 
+@pytest.mark.slow_cases("jacfwd of vmap")
 @pytest.mark.parametrize("nesting", NESTINGS)
 def test_every_nesting_gives_what_xla_gives(nesting):
     transform, operand = NESTINGS[nesting]
@@ -80,6 +81,7 @@ REVERSE = {
 }
 
 
+@pytest.mark.slow_cases(all_but=("grad", "jacrev", "jit of jacrev"))
 @pytest.mark.parametrize("nesting", REVERSE)
 def test_reverse_derivatives(nesting):
     ours, theirs = (REVERSE[nesting](function)(*PAIR) for function in (native.native(smooth), smooth))

@@ -47,6 +47,7 @@ def processes(number, **environment):
     return outputs
 
 
+@pytest.mark.slow
 def test_a_second_process_compiles_nothing(folder):
     (first,) = processes(1, PYTHONHASHSEED="1")
     (second,) = processes(1, PYTHONHASHSEED="2")
@@ -54,6 +55,7 @@ def test_a_second_process_compiles_nothing(folder):
     assert second[1] == "0"
 
 
+@pytest.mark.slow
 def test_several_processes_share_the_folder(folder):
     outputs = processes(3)
     assert len({value for value, _ in outputs}) == 1

@@ -10,7 +10,7 @@ from jax import lax
 
 from against_xla import PLANS, difference, differences
 from lyaphybrid import native
-from lyaphybrid.native.lowering.costs import Plan
+from lyaphybrid.native.lowering.costs import Options
 
 # --- single entries --------------------------------------------------------------------------------------------------
 
@@ -107,10 +107,10 @@ def test_entrywise(case):
     expected = jax.jit(function)(*operands)
     few = [x[:64] for x in operands]
     wrong = {
-        "loops": differences(function, *operands, plan=Plan(1, 1), expected=expected),
-        "entries": differences(function, *few, plan=Plan(64, 0), expected=jax.tree.map(lambda x: x[:64], expected)),
+        "loops": differences(function, *operands, plan=Options(1, 1), expected=expected),
+        "entries": differences(function, *few, plan=Options(64, 0), expected=jax.tree.map(lambda x: x[:64], expected)),
     }
-    known = native.compile(lambda: jax.jit(function)(*few), plan=Plan(64, 0))()  # folded while compiling, by NumPy
+    known = native.compile(lambda: jax.jit(function)(*few), plan=Options(64, 0))()  # folded while compiling, by NumPy
     for name, x in expected.items():
         if (how := difference(x[:64], known[name])) is not None:
             wrong[f"folded {name}"] = how
@@ -143,7 +143,7 @@ def test_denormal_numbers_are_kept():
 def test_terms_of_a_sum_are_not_reassociated():
     """Partial sums are taken side by side, and nothing else is moved; XLA is less strict."""
     x = np.linspace(1, 3, 20)
-    got = native.compile(lambda x: ((x + 1e16) - 1e16).sum(), x, plan=Plan(1, 2))(x)
+    got = native.compile(lambda x: ((x + 1e16) - 1e16).sum(), x, plan=Options(1, 2))(x)
     assert got == ((x + 1e16) - 1e16).sum()
 
 
@@ -611,6 +611,21 @@ def _by_xla(case):
     return jax.jit(function)(*operands)
 
 
+@pytest.mark.slow_cases(
+    "reductions-buffers",
+    "reductions-mixed",
+    "indices-buffers",
+    "indices-mixed",
+    "sorts-buffers",
+    "sorts-mixed",
+    "scans-buffers",
+    "whiles side by side-buffers",
+    "derivatives-buffers",
+    "derivatives-mixed",
+    "reductions of nan-buffers",
+    "reductions of nan-mixed",
+    "indices-entries",
+)
 @pytest.mark.parametrize("plan", PLANS)
 @pytest.mark.parametrize("case", ARRAYS)
 def test_arrays(case, plan):
@@ -689,11 +704,12 @@ def _frames(x, f, n):
     }
 
 
+@pytest.mark.slow_cases("3", "4", "8")
 @pytest.mark.parametrize("columns", [2, 3, 4, 8])
 def test_frames_in_vectors(columns):
     operands = _normal(3), _normal(3, columns), 2
-    wrong = differences(_frames, *operands, columns=columns, plan=Plan(32, 2))
-    wrong |= differences(_frames, *operands, columns=columns, plan=Plan(4, 1))
+    wrong = differences(_frames, *operands, columns=columns, plan=Options(32, 2))
+    wrong |= differences(_frames, *operands, columns=columns, plan=Options(4, 1))
     assert not wrong, wrong
 
 
@@ -805,12 +821,13 @@ def _recorded(x, n):
     return lax.while_loop(lambda c: (c[0] < n) & (c[2][0] < 9), turn, (0, jnp.zeros(8), x))
 
 
+@pytest.mark.slow_cases(all_but=("_lanes-3-16-4",))
 @pytest.mark.parametrize("lanes", [2, 4])
 @pytest.mark.parametrize(("function", "length", "small"), [(_lanes, 3, 16), (_lanes_of_many, 6, 4)])
 def test_lanes(function, length, small, lanes):
     x, n, p = _normal(lanes, length), np.arange(lanes) * 2 + 1, np.float64(1.5)
     expected = jax.jit(jax.vmap(function, (0, 0, None)))(x, n, p)
-    compiled = native.compile(function, x[0], n[0], p, lanes=lanes, wide=(True, True, False), plan=Plan(small, 1))
+    compiled = native.compile(function, x[0], n[0], p, lanes=lanes, wide=(True, True, False), plan=Options(small, 1))
     got = compiled(np.moveaxis(x, 0, -1), n, p)
     wrong = {
         jax.tree_util.keystr(path): how

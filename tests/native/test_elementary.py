@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from lyaphybrid import native
-from lyaphybrid.native.lowering.costs import Plan
+from lyaphybrid.native.lowering.costs import Options
 
 WAYS = {
-    "loop": dict(plan=Plan(1, 2)),
-    "entries": dict(plan=Plan(64, 1)),
-    "checked": dict(plan=Plan(1, 0), checked=True),
+    "loop": dict(plan=Options(1, 2)),
+    "entries": dict(plan=Options(64, 1)),
+    "checked": dict(plan=Options(1, 0), checked=True),
 }
 UNITS = 0.9  # in the last place
 RNG = np.random.default_rng(0)
@@ -66,7 +66,7 @@ def test_to_the_last_digit(name, way):
 def test_lanes_are_what_single_numbers_are_to_the_last_digit(name):
     function, exact, x = CASES[name]
     x = x[: len(x) // 4 * 4].reshape(-1, 4)
-    found = native.compile(function, x[:, 0], lanes=4, wide=(True,), plan=Plan(1, 2))(x)
+    found = native.compile(function, x[:, 0], lanes=4, wide=(True,), plan=Options(1, 2))(x)
     assert np.max(units_off(found.ravel(), exact, x.ravel())) < UNITS
 
 
@@ -86,7 +86,7 @@ def test_where_there_are_no_digits(name, way):
 def test_short_numbers_are_rounded_once_more(name):
     function, _, x = CASES[name]
     x = x[(np.abs(x) < 80) & (np.abs(x) > 1e-30)].astype(np.float32)
-    found = native.compile(function, x, plan=Plan(1, 2))(x)
+    found = native.compile(function, x, plan=Options(1, 2))(x)
     assert found.dtype == np.float32
     np.testing.assert_array_equal(found, getattr(np, name)(x.astype(float)).astype(np.float32))
 

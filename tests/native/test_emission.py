@@ -17,7 +17,7 @@ from test_each_primitive import ARRAYS
 from against_xla import differences
 from lyaphybrid import native
 from lyaphybrid.native import Compiled
-from lyaphybrid.native.lowering.costs import Plan, runs_long
+from lyaphybrid.native.lowering.costs import Options, runs_long
 from lyaphybrid.native.lowering.emitter import Emitter
 from lyaphybrid.native.lowering.lowering import lower
 from lyaphybrid.native.machine.code import Linked, object_code
@@ -37,6 +37,7 @@ def _trace(case):
     return jax.make_jaxpr(function)(*operands)
 
 
+@pytest.mark.slow_cases(all_but=("x86_64-pc-windows-msvc",))
 @pytest.mark.parametrize("triple", TRIPLES)
 def test_machine_code_for_other_machines(triple):
     llvm.initialize_all_targets()
@@ -107,15 +108,17 @@ def test_calls_that_use_their_operands_twice_do_not_double_the_code():
     assert lower(jax.make_jaxpr(f)(np.ones(50)), 1).count("\n") < 2000
 
 
+@pytest.mark.slow
 def test_long_chains_are_cut():
     def f(x):
         for _ in range(1500):
             x = jnp.sin(x)
         return x
 
-    assert not differences(f, np.linspace(0, 1, 30), plan=Plan(1, 0))
+    assert not differences(f, np.linspace(0, 1, 30), plan=Options(1, 0))
 
 
+@pytest.mark.slow
 def test_many_arrays_do_not_overflow_the_stack():
     def f(x):
         found = []
@@ -125,7 +128,7 @@ def test_many_arrays_do_not_overflow_the_stack():
         return sum(y[::-1] for y in found)
 
     x = np.linspace(0, 1, 2000)
-    assert not differences(f, x, plan=Plan(1, 0))
+    assert not differences(f, x, plan=Options(1, 0))
 
 
 # --- bounds ----------------------------------------------------------------------------------------------------------
@@ -142,10 +145,10 @@ def run_checked_programs():
     """Programs that keep within bounds."""
     for case, (_, operands) in ARRAYS.items():
         for small in (1, 16):
-            Compiled(_trace(case), plan=Plan(small, 0), checked=True)(*jax.tree.leaves(operands))
+            Compiled(_trace(case), plan=Options(small, 0), checked=True)(*jax.tree.leaves(operands))
     for seed in range(60):
         program, operands = random_program(functools.partial(random.Random(seed).randrange))
-        Compiled(program, plan=Plan((1, 8)[seed % 2], 0), checked=True)(*operands)
+        Compiled(program, plan=Options((1, 8)[seed % 2], 0), checked=True)(*operands)
 
 
 def test_a_branch_that_changes_nothing_copies_nothing():
@@ -198,11 +201,13 @@ def run_wrong_program():
     print("not stopped")
 
 
+@pytest.mark.slow
 def test_programs_keep_within_their_arrays():
     child = _child("run_checked_programs")
     assert child.returncode == 0, child.stderr[-2000:]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="abort() has another exit status")
 def test_access_out_of_bounds_is_stopped():
     child = _child("run_wrong_program")
@@ -255,6 +260,7 @@ def test_many_cells_make_little_code(n):
             np.testing.assert_allclose(np.abs(ours), np.abs(theirs), rtol=1e-7, atol=1e-9)
 
 
+@pytest.mark.slow_cases("<lambda>-True2")
 @pytest.mark.parametrize(
     ("function", "long"),
     [

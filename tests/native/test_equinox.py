@@ -9,9 +9,9 @@ import pytest
 from jax.extend.core import Primitive
 
 from lyaphybrid import native
-from lyaphybrid.native.lowering.costs import Plan
+from lyaphybrid.native.lowering.costs import Options
 
-PLANS = (Plan(1, 2), Plan(64, 0))
+PLANS = (Options(1, 2), Options(64, 0))
 
 
 def agree(function, *operands, tolerance=1e-12):
@@ -49,6 +49,7 @@ def test_loops(kind, n):
     agree(looped(kind, n), np.array([0.5, 1.5, 2.5]), n - 2)
 
 
+@pytest.mark.slow_cases("checkpointed")
 @pytest.mark.parametrize("kind", ["checkpointed", "bounded"])
 def test_gradients_of_loops(kind):
     def total(x, many):
@@ -58,6 +59,7 @@ def test_gradients_of_loops(kind):
     agree(jax.grad(total), np.array([0.5, 1.5, 2.5]), 7)
 
 
+@pytest.mark.slow_cases("solver1")
 @pytest.mark.parametrize("solver", [diffrax.Dopri5(), diffrax.Kvaerno5()])
 def test_diffrax(solver):
     def solve(x, mu):

@@ -10,9 +10,9 @@ from jax.extend.core import Primitive
 
 from lyaphybrid import native
 from lyaphybrid._jax.reverse_mode import both_ways, checkpointed
-from lyaphybrid.native.lowering.costs import Plan
+from lyaphybrid.native.lowering.costs import Options
 
-PLANS = {"in-memory": Plan(1, 1), "entries": Plan(64, 0)}
+PLANS = {"in-memory": Options(1, 1), "entries": Options(64, 0)}
 
 
 def check(function, *operands, plan, rtol=1e-12):
@@ -38,6 +38,7 @@ def squared(function):
     return lambda x: jnp.sum(function(x) ** 2)
 
 
+@pytest.mark.slow_cases("in-memory")
 @pytest.mark.parametrize("plan", PLANS)
 def test_equinoxs_loops_and_their_derivatives(plan):
     x = jnp.asarray([0.5, -0.25, 1.0])
@@ -57,6 +58,7 @@ def test_equinoxs_marks(plan):
     check(function, jnp.asarray([0.5, -0.25, 3.0]), plan=plan)
 
 
+@pytest.mark.slow_cases("in-memory")
 @pytest.mark.parametrize("plan", PLANS)
 def test_a_derivative_that_is_given_both_ways(plan):
     """The library's own primitive is made of its functions."""
@@ -82,7 +84,7 @@ def test_lanes_that_have_finished_keep_what_they_have():
 
     x = jnp.asarray(np.random.default_rng(0).normal(size=(3, 4)))
     closed = jax.make_jaxpr(function)(x[:, 0])
-    found = native.Compiled(closed, lanes=4, wide=(True,), plan=Plan(64, 1))(x)
+    found = native.Compiled(closed, lanes=4, wide=(True,), plan=Options(64, 1))(x)
     wanted = jax.tree.leaves(jax.vmap(function, in_axes=-1, out_axes=-1)(x))
     for ours, theirs in zip(found, wanted, strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=1e-12)
@@ -96,6 +98,7 @@ def test_an_implementation_that_cannot_be_traced_is_none():
         native.compile(lambda x: by_numpy.bind(x), jnp.ones(3))
 
 
+@pytest.mark.slow_cases("in-memory")
 @pytest.mark.parametrize("plan", PLANS)
 def test_modules(plan):
     layer = eqx.nn.MLP(3, 2, 8, 1, key=jax.random.key(0))

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from lyaphybrid import native
-from lyaphybrid.native.lowering.costs import Plan
+from lyaphybrid.native.lowering.costs import Options
 
-PLANS = (Plan(1, 2), Plan(64, 0))
+PLANS = (Options(1, 2), Options(64, 0))
 SIZES = (1, 2, 3, 5, 8, 9, 33, 70)
 
 
@@ -133,6 +133,7 @@ def test_tridiagonal_solve(n):
     all_agree([(jax.lax.linalg.tridiagonal_solve, *bands, random(n, k)) for k in (1, 3)])
 
 
+@pytest.mark.slow_cases("6-batch0", "6-batch1")
 @pytest.mark.parametrize("batch", [(2,), (2, 3)])
 @pytest.mark.parametrize("n", [2, 6])
 def test_batches(batch, n):
@@ -142,6 +143,7 @@ def test_batches(batch, n):
     all_agree([*((f, x) for f in of_one), (jnp.linalg.solve, x, random(*batch, n, 2))], tolerance=1e4)
 
 
+@pytest.mark.slow_cases("9", "40")
 @pytest.mark.parametrize("n", [3, 9, 40])
 def test_within_loops_and_branches(n):
     def steps(x, many):
@@ -172,6 +174,7 @@ def test_the_operand_is_still_there_afterwards():
     agree(used_twice, positive(10, 10))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [3, 9])
 def test_derivatives(n):
     derivatives = [jax.jacfwd(function) for function in (jnp.linalg.qr, jnp.linalg.cholesky, jnp.linalg.inv)]

@@ -25,6 +25,7 @@ for i in range(300):
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="how memory is asked for")
 def test_code_and_its_constants_lie_together():
     """An instruction reaches 2 GB far; free pages are farther apart here, as in a process that has grown large."""

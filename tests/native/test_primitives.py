@@ -9,10 +9,10 @@ import pytest
 from jax import lax
 
 from lyaphybrid import native
-from lyaphybrid.native.lowering.costs import Plan
+from lyaphybrid.native.lowering.costs import Options
 
 # Arrays up to the size are held as entries, larger ones in memory.
-PLANS = {"in memory": Plan(1, 1), "mixed": Plan(8, 1), "entries": Plan(64, 0)}
+PLANS = {"in memory": Options(1, 1), "mixed": Options(8, 1), "entries": Options(64, 0)}
 FLOATS = np.array([0.0, -0.0, 1.0, -1.5, 0.3, 2.5, -7.25, 1e10, -1e-10, np.inf, -np.inf, np.nan])
 INTEGERS = [0, 1, -1, 2, 7, -13, 100, 31, 32, 64, 127, -128]
 
@@ -297,6 +297,7 @@ CONTROL = [
 ]
 
 
+@pytest.mark.slow_cases("in-memory-plain-small")
 @pytest.mark.parametrize("matrix", [MATRIX, LARGE], ids=["small", "large"])
 @pytest.mark.parametrize("checked", [False, True], ids=["plain", "checked"])
 def test_control(matrix, checked, plan):
@@ -364,7 +365,7 @@ def test_rows_of_a_frame(columns):
             q[n % 3],
         )
 
-    check([function], frame, matrix, 5, plan=Plan(64, 1), columns=columns, rtol=1e-12)
+    check([function], frame, matrix, 5, plan=Options(64, 1), columns=columns, rtol=1e-12)
 
 
 @pytest.mark.parametrize("lanes", [2, 4, 8])
@@ -384,7 +385,7 @@ def test_lanes_are_vmap(lanes):
     x = jnp.asarray(np.random.default_rng(4).normal(size=(2, lanes)))
     rho = jnp.linspace(0.5, 1.5, lanes)
     closed = jax.make_jaxpr(function)(x[:, 0], rho[0])
-    found = native.Compiled(closed, lanes=lanes, wide=(True, True), plan=Plan(64, 1))(x, rho)
+    found = native.Compiled(closed, lanes=lanes, wide=(True, True), plan=Options(64, 1))(x, rho)
     wanted = jax.tree.leaves(jax.vmap(function, in_axes=-1, out_axes=-1)(x, rho))
     for ours, theirs in zip(found, wanted, strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=1e-13)
@@ -393,7 +394,7 @@ def test_lanes_are_vmap(lanes):
 def test_lanes_of_large_arrays():
     function = lambda x: jnp.cumsum(x * 2)  # noqa: E731
     x = jnp.asarray(np.random.default_rng(5).normal(size=(100, 4)))
-    (found,) = native.Compiled(jax.make_jaxpr(function)(x[:, 0]), lanes=4, wide=(True,), plan=Plan(64, 1))(x)
+    (found,) = native.Compiled(jax.make_jaxpr(function)(x[:, 0]), lanes=4, wide=(True,), plan=Options(64, 1))(x)
     np.testing.assert_allclose(found, jax.vmap(function, in_axes=-1, out_axes=-1)(x), rtol=1e-12)
 
 

@@ -7,9 +7,9 @@ import pytest
 from jax.scipy.special import erfinv
 
 from lyaphybrid import native
-from lyaphybrid.native.lowering.costs import Plan
+from lyaphybrid.native.lowering.costs import Options
 
-PLANS = (Plan(1, 2), Plan(64, 2))
+PLANS = (Options(1, 2), Options(64, 2))
 
 
 def words(x):
@@ -46,6 +46,15 @@ def counting(request):
 KEYS = [lambda: jax.random.key(7), lambda: jax.random.PRNGKey(7)]
 
 
+@pytest.mark.slow_cases(
+    "partitionable-shape2-typed",
+    "partitionable-shape4-typed",
+    "partitionable-shape4-raw",
+    "original-shape3-typed",
+    "original-shape3-raw",
+    "original-shape4-typed",
+    "original-shape4-raw",
+)
 @pytest.mark.usefixtures("counting")
 @pytest.mark.parametrize("key", KEYS, ids=["typed", "raw"])
 @pytest.mark.parametrize("shape", [(), (1,), (3,), (5, 2), (101,)])
@@ -56,6 +65,7 @@ def test_bits(key, shape):
     all_agree([*bits, *others], key())
 
 
+@pytest.mark.slow_cases("partitionable-typed", "partitionable-raw")
 @pytest.mark.usefixtures("counting")
 @pytest.mark.parametrize("key", KEYS, ids=["typed", "raw"])
 def test_keys_from_keys(key):
@@ -80,6 +90,7 @@ def test_uniform_and_normal(shape, dtype):
     agree(lambda k: jax.random.exponential(k, shape, dtype), jax.random.key(1), exactly=False, roundings=100)
 
 
+@pytest.mark.slow_cases("partitionable")
 @pytest.mark.usefixtures("counting")
 def test_arrays_of_keys():
     keys = jax.random.split(jax.random.key(2), 6)
@@ -90,6 +101,7 @@ def test_arrays_of_keys():
     agree(lambda ks: jax.random.key_data(ks), jax.random.split(keys[0], 90))
 
 
+@pytest.mark.slow
 def test_within_loops_and_branches():
     held = jax.random.key(5)
 

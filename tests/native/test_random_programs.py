@@ -1,5 +1,6 @@
 """Random programs, compiled natively and by XLA."""
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -7,8 +8,12 @@ from many_programs import wrong_results
 from random_programs import random_program
 
 
-@settings(max_examples=25)
-@given(st.data())
-def test_random_programs(data):
-    program, operands = random_program(lambda n: data.draw(st.integers(0, n - 1)))
-    assert not wrong_results(program, operands)
+@pytest.mark.parametrize("examples", [6, pytest.param(25, marks=pytest.mark.slow)])
+def test_random_programs(examples):
+    @settings(max_examples=examples)
+    @given(st.data())
+    def agree(data):
+        program, operands = random_program(lambda n: data.draw(st.integers(0, n - 1)))
+        assert not wrong_results(program, operands)
+
+    agree()

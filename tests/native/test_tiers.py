@@ -60,12 +60,13 @@ def test_all_levels_give_the_same_bits(made):
     assert all(same(results[0], other) for other in results[1:])
 
 
+@pytest.mark.slow_cases(all_but=("lorenz63",))
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_problems_have_the_same_bits_at_once_and_later(name, made, monkeypatch):
     problem, found = lh.zoo.get(name)(), []
-    for level in (_tiers.AT_ONCE, 2):
+    for level in (_tiers.FIRST_LEVEL, 2):
         _engines.forget_programs()
-        monkeypatch.setattr(_tiers, "AT_ONCE", level)
+        monkeypatch.setattr(_tiers, "FIRST_LEVEL", level)
         made.clear()
         found.append(problem.spectrum(**PROBLEMS[name], throw=False))
         assert level in made
@@ -141,6 +142,7 @@ def test_a_loop_that_is_one_call_is_optimised_before(made):
     assert made == [2, 0]
 
 
+@pytest.mark.slow
 def test_no_call_waits_long_for_better_code(made):
     """A step whose numbers are written out one by one: LLVM takes 2.5 s to optimise it, and it then runs 4 ms less."""
 
@@ -164,6 +166,7 @@ def test_no_call_waits_long_for_better_code(made):
     assert program.address("handler") != address
 
 
+@pytest.mark.slow
 def test_a_long_run_gets_better_code(made, monkeypatch):
     monkeypatch.setattr(_tiers, "SECONDS_A_LINE", 1e-7)
     problem = lh.zoo.lorenz63()

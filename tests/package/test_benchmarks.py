@@ -16,14 +16,17 @@ def needs_a_compiler():
         pytest.skip(str(reason))
 
 
+@pytest.mark.slow
 def test_the_c_computes_what_is_known():
     assert [check.name for check in references.validate() if not check.passed] == []
 
 
+@pytest.mark.slow
 def test_the_c_of_many_disks_computes_what_is_known():
     assert [check.name for check in many_disks.validate() if not check.passed] == []
 
 
+@pytest.mark.slow
 def test_both_sides_of_henon_and_heiles_agree():
     method, start = lh.Symplectic("SBAB2C", dt=problems.HENON_HEILES_DT), np.array(problems.HENON_HEILES_START)
     found = lh.zoo.henon_heiles().spectrum(x0=start, t1=60.0, method=method, every=10, blocks=2)
@@ -41,6 +44,7 @@ def test_both_sides_of_a_lattice_agree(name):
     np.testing.assert_allclose(found.exponents, np.sort(other.exponents)[::-1], rtol=0, atol=1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("adaptive", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_both_sides_of_the_friction_pendulum_agree(adaptive):
     from benchmarks import ours
@@ -57,6 +61,7 @@ def test_both_sides_of_the_friction_pendulum_agree(adaptive):
     np.testing.assert_allclose(found.exponents, other.exponents, rtol=0, atol=1e-7)
 
 
+@pytest.mark.slow_cases("True")
 @pytest.mark.parametrize("continuous", [False, True])
 def test_both_sides_of_the_spring_damper_agree(continuous):
     method = lh.HalfExplicit(rtol=problems.SPRING_TOL)
@@ -68,6 +73,7 @@ def test_both_sides_of_the_spring_damper_agree(continuous):
     np.testing.assert_allclose(np.abs(found.frame), np.abs(other.frame), rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_both_sides_of_the_spring_damper_sweep_agree():
     from benchmarks import ours
 
@@ -75,6 +81,7 @@ def test_both_sides_of_the_spring_damper_sweep_agree():
     np.testing.assert_allclose(found, references.run_spring_damper_sweep(3).exponents, rtol=0, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_the_c_takes_square_roots_by_an_instruction(tmp_path):
     # A call that may set errno in a loop costs the hard disks a factor of 2.7, and flattered our ratios once.
     careless = tuple(flag for flag in references.FLAGS if flag != "-fno-math-errno")

@@ -90,6 +90,7 @@ def test_a_run_that_fails_says_so_and_gives_what_it_has(capsys):
     assert "nonfinite" in captured.err
 
 
+@pytest.mark.slow
 def test_replicates_are_seeded(capsys):
     def run(seed):
         assert main(["spectrum", "henon_map", "--t1", "500", "--replicates", "3", "--seed", seed, "--json"]) == 0
@@ -141,7 +142,7 @@ def test_a_tolerance_reaches_the_method(capsys):
         (["spectrum"], "NAME"),
         (["papers", "dinious"], "there are: dinius, fu, linh, skokos"),
         (["papers"], "PAPER"),
-        (["swipe", "lorenz63"], "'list', 'spectrum', 'sweep', 'papers'"),
+        (["swipe", "lorenz63"], "'list', 'spectrum', 'sweep', 'validate', 'papers'"),
         (["sweep", "lorenz63"], "--over"),
         (["--rapid"], "--rapid"),
     ],
@@ -213,6 +214,7 @@ def test_interrupted(monkeypatch, tmp_path, capsys):
     assert "interrupted" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_it_sets_double_precision_itself_and_prints_nothing_else():
     done = run_alone("spectrum", "cat_map", "--t1", "200", "--json")
     assert done.returncode == 0, done.stderr
@@ -232,6 +234,7 @@ def test_the_main_job_itself(tmp_path):
     assert files == {"dinius.png", "dinius.pdf", "dinius.json"}
 
 
+@pytest.mark.slow
 def test_a_sweep_prints_its_points_and_is_taken_up(capsys, tmp_path):
     command = ["sweep", "henon_map", "--over", "a=1.0:1.4:3", "--set", "b=0.3", "--t1", "500"]
     store = ["--store", str(tmp_path / "sweep.zarr")]
@@ -250,6 +253,7 @@ def test_a_sweep_prints_its_points_and_is_taken_up(capsys, tmp_path):
     assert f"{float(spectrum.exponents[0]): .6g}" in first[2]
 
 
+@pytest.mark.slow
 def test_a_sweep_of_many_points_says_what_there_is_between(capsys):
     assert main(["sweep", "logistic_map", "--over", "r=3.6:4.4:41", "--t1", "200"]) == 0
     out = capsys.readouterr().out

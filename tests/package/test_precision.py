@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
-from lyaphybrid._jax.precision import LEAST, digits, eps, nonzero
+from lyaphybrid._jax.precision import LEAST_TOLERANCE, digits, eps, nonzero
 
 DIGITS = 1e-3  # three to four digits
 
@@ -92,6 +92,7 @@ def several(cases, slow):
     )
 
 
+@pytest.mark.slow_cases("trajectory", "two hundred thousand iterations", "megno", "events")
 @several(ALIKE, slow=("tangent map", "floquet with impacts", "sliding", "stiff"))
 def test_as_in_float64(name):
     got, wanted = np.asarray(in_float32(ALIKE[name])), np.asarray(ALIKE[name]())
@@ -130,6 +131,7 @@ CHAOTIC = {
 }  # fmt: skip
 
 
+@pytest.mark.slow_cases("Lorenz", "disks")
 @several(CHAOTIC, slow=("oscillator", "Lorenz, dop853"))
 def test_chaos(name):
     run, values, most = CHAOTIC[name]
@@ -140,6 +142,7 @@ def test_chaos(name):
     assert np.all(np.abs(np.asarray(s.exponents) - values) <= 5 * np.asarray(s.stderr) + DIGITS)
 
 
+@pytest.mark.slow
 def test_sweep():
     def run(kick):
         return lh.lyapunov_spectrum(CAT, jnp.stack([kick, 0.3 * kick]), t1=1000, blocks=4)
@@ -206,4 +209,4 @@ def test_float64_takes_constants_as_they_are():
     assert eps(x) == np.finfo(float).eps
     assert [digits(value, x) for value in (1e-9, 1e-12)] == [1e-9, 1e-12]
     assert [nonzero(value, x) for value in (1e-40, 1e-300)] == [1e-40, 1e-300]
-    assert LEAST * eps(x) < 1e-14
+    assert LEAST_TOLERANCE * eps(x) < 1e-14

@@ -14,6 +14,7 @@ import lyaphybrid as lh
 
 PUBLIC = {name: getattr(lh, name) for name in lh.__all__ if name not in ("zoo", "STATUS")}
 RESULTS = (
+    "Report",
     "Spectrum",
     "Trajectory",
     "TimeDomain",
@@ -53,6 +54,32 @@ def examples():
                 yield pytest.param(test, id=test.name.removeprefix("lyaphybrid."))
 
 
+@pytest.mark.slow_cases(
+    "analysis.comparisons.two_trajectories",
+    "analysis.continuation.continuing.continuation",
+    "analysis.diagrams.diagrams.bifurcation_diagram",
+    "analysis.indicators.alignment.gali",
+    "analysis.indicators.alignment.sali",
+    "analysis.indicators.covariant.covariant_vectors",
+    "analysis.indicators.second_order.ofli2",
+    "analysis.multiple_solutions.solutions",
+    "analysis.orbits.periodic_orbits.floquet",
+    "integrators.diffrax_events.DiffraxEvents",
+    "papers.fu.transfer_matrices.transfer_matrix",
+    "plots.sweeps.sweep_lines",
+    "plots.sweeps.sweep_map",
+    "results.solution_sets.Solutions",
+    "sweeps.refining.refine",
+    "sweeps.sweeping.sweep",
+    "systems.contacts.filippov.filippov",
+    "systems.daes.semi_linear.DAE",
+    "systems.implicit_daes.implicit_dae",
+    "zoo.bodies.statistics.collision_statistics",
+    "zoo.pictures.animate",
+    "zoo.pictures.disks",
+    "zoo.problem.Problem.floquet",
+    "zoo.problem.Problem.sweep",
+)
 @pytest.mark.parametrize("test", list(examples()))
 def test_the_examples_print_what_they_say(test, tmp_path, monkeypatch):
     """As a user runs them, whose promotion of types is not strict."""
@@ -191,6 +218,7 @@ OLD_CALLS = {
 }
 
 
+@pytest.mark.slow_cases("over={'r': ", "system, x0, args, over")
 @pytest.mark.parametrize("said", OLD_CALLS)
 def test_old_calls_work_and_say_the_new_ones(said):
     old, new, value = OLD_CALLS[said]
@@ -201,6 +229,7 @@ def test_old_calls_work_and_say_the_new_ones(said):
     np.testing.assert_array_equal(value(before), value(new()))
 
 
+@pytest.mark.slow
 def test_the_integrator_is_called_method_everywhere():
     decay = lh.Flow(lambda t, x, args: args["a"] * x)
     coarse = lh.RungeKutta("rk4", dt=0.1)

@@ -63,6 +63,7 @@ def test_the_lanes_do_what_their_parameters_say(i):
     assert jumps is None or single(i).jumps == jumps
 
 
+@pytest.mark.slow
 def test_vmap_equals_a_loop():
     args = [ball_args(**changes) for changes, *_ in BALL_LANES]
     stacked = {name: jnp.asarray([a[name] for a in args]) for name in args[0]}
@@ -71,12 +72,14 @@ def test_vmap_equals_a_loop():
         assert_same_lane(jax.tree.map(lambda leaf, i=i: leaf[i], batch), i)
 
 
+@pytest.mark.slow
 def test_jit_equals_eager_and_reports_the_status():
     jitted = jax.jit(ball_lane)
     for i in (1, 4, 5):
         assert_same_lane(jitted(jax.tree.map(jnp.asarray, ball_args(**BALL_LANES[i][0]))), i)
 
 
+@pytest.mark.slow
 def test_starts_of_shape_m_n_are_m_runs():
     """One of them escapes: it has its own status, and the whole the gravest."""
     starts = jnp.asarray([[0.3], [1.3], [0.4]])
@@ -88,6 +91,7 @@ def test_starts_of_shape_m_n_are_m_runs():
     np.testing.assert_allclose(together.x, [run.x for run in alone], rtol=0, atol=1e-13)
 
 
+@pytest.mark.slow
 def test_several_runs_have_the_mean_and_its_error():
     starts = jnp.asarray([[0.1, 0.1], [0.2, 0.1], [-0.3, 0.2]])
     together = lh.lyapunov_spectrum(HENON, starts, 1.4, t1=1000)
@@ -155,6 +159,7 @@ def test_the_tangent_map_is_the_jacobian_of_the_trajectory():
     np.testing.assert_allclose(end_and_matrix(POINT)[2:].reshape(2, 2), jacobian, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_no_nan_from_branches_that_are_not_taken():
     """A field at rest, where the error estimate is zero; a frame that is lost."""
     still = lh.Flow(lambda t, x, a: a * x)
@@ -183,6 +188,7 @@ jax.monitoring.register_event_duration_secs_listener(
 )
 
 
+@pytest.mark.slow
 def test_numbers_change_without_compiling_or_tracing_again():
     traced = []
 
@@ -230,6 +236,7 @@ def test_any_number_of_events_compiles_once():
 # --- going on where a run ended ----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_spectrum_goes_on_exactly_where_it_ended():
     """Steps of 1/16 and the same blocks of 16 steps: the two halves are the whole, to the last digits."""
     options = {"every": 1, "blocks": 4, "method": lh.RungeKutta("rk4", dt=1 / 16)}

@@ -109,10 +109,12 @@ def test_the_paper_s_own_clock_divides_by_the_jumps(table):
     np.testing.assert_allclose(per_jump[0], 4.88239 / 14.1993, rtol=0.05)
 
 
+@pytest.mark.slow
 def test_the_right_rule_passes(right):
     assert agrees(right)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RULES)
 def test_a_wrong_rule_is_told_apart(wrong, name):
     assert not agrees(wrong[name])
@@ -121,6 +123,7 @@ def test_a_wrong_rule_is_told_apart(wrong, name):
 
 
 @pytest.mark.parametrize("name", RULES)
+@pytest.mark.slow
 def test_a_wrong_rule_gives_what_the_reference_found_with_it(wrong, name, event_driven):
     reference = event_driven["hard_disks"]["N4_rho0.7_mutants"][NAMES[name]]
     assert tuple(reference) == RULES[name].exponents
@@ -130,6 +133,7 @@ def test_a_wrong_rule_gives_what_the_reference_found_with_it(wrong, name, event_
 
 
 @pytest.mark.parametrize("name", RULES)
+@pytest.mark.slow
 def test_the_sum_does_not_betray_a_wrong_rule(wrong, name):
     assert abs(float(jnp.sum(wrong[name].exponents))) < 1e-9
 
@@ -149,6 +153,7 @@ def _tangent_map(event_driven, mistake):
     return np.max(np.abs(np.asarray(result.matrix) - truth)) / np.max(np.abs(truth))
 
 
+@pytest.mark.slow
 def test_the_saltation_matrix_and_the_printed_rule_are_the_same(event_driven):
     assert _tangent_map(event_driven, None) < 1e-9
     assert _tangent_map(event_driven, RIGHT) < 1e-9
@@ -169,6 +174,7 @@ def test_a_rule_leaves_the_motion_alone():
     assert (changed.flow, changed.next_event, changed.guard) == (kept.flow, kept.next_event, kept.guard)
 
 
+@pytest.mark.slow
 def test_the_report_compares_and_passes(result):
     text = str(result)
     assert result.passed, result.checks
@@ -179,6 +185,7 @@ def test_the_report_compares_and_passes(result):
     assert max(map(len, text.splitlines())) <= 140
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RULES)
 def test_the_report_fails_with_a_wrong_rule(result, wrong, name):
     mistaken = dataclasses.replace(result, spectrum=wrong[name])
@@ -186,6 +193,7 @@ def test_the_report_fails_with_a_wrong_rule(result, wrong, name):
     assert "FAILED" in str(mistaken)
 
 
+@pytest.mark.slow
 def test_files(result, tmp_path):
     files = dinius.write(result, tmp_path)
     assert sorted(file.suffix for file in files) == [".json", ".pdf", ".png"]
@@ -202,6 +210,7 @@ def test_quick_changes_lengths_only():
     assert dinius_table.T1_MISTAKES_QUICK < dinius_table.T1_MISTAKES
 
 
+@pytest.mark.slow
 def test_the_paper_s_normalisation_gives_the_same_exponents(result, event_driven):
     """Sixteen runs against the scatter of twenty independent ones, which falls as 1/√t."""
     scatter = event_driven["hard_disks"]["N4_rho0.7_t1000_scatter"]
@@ -211,6 +220,7 @@ def test_the_paper_s_normalisation_gives_the_same_exponents(result, event_driven
     assert [t for t in dinius_checks.scatter_at(result)] == [10.0, 100.0]
 
 
+@pytest.mark.slow
 def test_running_exponents_that_do_not_settle_fail(result):
     """As with a growth that is wrong by a quarter in the last part of a run."""
     one = result.singles[0]
@@ -223,6 +233,7 @@ def test_running_exponents_that_do_not_settle_fail(result):
     assert {one.item: one.outcome for one in spoilt.claims}["§III.B, 2; Fig. 2, bottom"] == CORRECTED
 
 
+@pytest.mark.slow
 def test_a_start_without_collisions_has_the_energy_and_momentum_of_the_table(result):
     start = dinius.without_collisions().reshape(2, 4, 2)
     np.testing.assert_allclose(np.sum(start[1] ** 2) / 2, 4.0, rtol=1e-14)
@@ -231,6 +242,7 @@ def test_a_start_without_collisions_has_the_energy_and_momentum_of_the_table(res
     assert np.max(np.abs(result.straight.exponents)) < 1e-9
 
 
+@pytest.mark.slow
 def test_one_perturbation_grows_with_the_largest_exponent(result):
     """Not with the second, to which it was orthogonal at the start to the first."""
     reference, stderr = zoo.hard_disks().reference.exponents, float(result.alone.stderr[0])
@@ -239,6 +251,7 @@ def test_one_perturbation_grows_with_the_largest_exponent(result):
     assert abs(float(result.alone.exponents[0]) - reference[1]) > 5 * stderr
 
 
+@pytest.mark.slow
 def test_claims_end_in_one_of_three_ways(result):
     text = str(result)
     for outcome in (AGREED, CORRECTED, NOT_REPRODUCIBLE):
@@ -257,6 +270,7 @@ def test_what_is_said_of_misprints():
     assert np.max(np.abs(dinius_claims.eigenvalues_of_a_flight(3.0))) == 0
 
 
+@pytest.mark.slow
 def test_along_the_flow_the_printed_formula_needs_the_perturbation_before_its_shift(event_driven):
     """S f = f∘g, at the first collision of the case of sixty digits."""
     problem, case = zoo.hard_disks(), event_driven["hard_disks"]["N4_rho0.7_short_time_60digit"]

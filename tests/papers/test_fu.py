@@ -110,7 +110,7 @@ def test_step_matrix_is_a_step_of_each_method():
         return x * 0, J @ u
 
     J = jnp.array([[0.3, -1.0], [2.0, 0.1]])
-    for method in tm.METHODS:
+    for method in tm.TRANSFER_SCHEMES:
         _, u = tm._integrated(rates, jnp.zeros(2), jnp.eye(2), 0.1, method)
         np.testing.assert_allclose(u, tm.step_matrix(J, 0.1, method), rtol=0, atol=1e-15)
 
@@ -123,10 +123,12 @@ def schemes():
     return {case: tm.run(start, args, method=case[0], steps=case[1], periods=128, transient=20) for case in cases}
 
 
+@pytest.mark.slow
 def test_the_scheme_sticks_twice_a_period(schemes):
     assert all(run.sticks == 2 * 128 and run.crossings == 0 for run in schemes.values())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("steps", [500, 1000])
 def test_rk4_keeps_what_a_stick_destroys_at_any_step(schemes, steps):
     exponents = schemes["rk4", steps].exponents
@@ -136,6 +138,7 @@ def test_rk4_keeps_what_a_stick_destroys_at_any_step(schemes, steps):
     assert abs(exponents[1] + 0.028474432538) > 0.02  # the finite one is wrong too
 
 
+@pytest.mark.slow
 def test_euler_finds_the_finite_exponent_up_to_its_step(schemes):
     assert 5e-4 < abs(schemes["euler", 1000].exponents[1] + 0.028474432538) < 3e-3
 
@@ -213,6 +216,7 @@ def vanishings():
     return fu_bifurcations.vanishings(system, args, [one for one in fu_bifurcations.LISTED if one.name in wanted])
 
 
+@pytest.mark.slow
 def test_the_largest_exponent_vanishes_at_bifurcations(vanishings):
     assert len(vanishings) == 6
     for one in vanishings:
@@ -222,13 +226,15 @@ def test_the_largest_exponent_vanishes_at_bifurcations(vanishings):
         assert (one.listed.kind == "fold") == np.isnan(one.beyond)
 
 
+@pytest.mark.slow
 def test_exponents_near_bifurcations_follow_the_law_of_their_kind(vanishings):
     for one in vanishings:
         law = 0.5 if one.listed.kind == "fold" else 1.0
-        seen = np.log(one.stable[1] / one.stable[0]) / np.log(fu_bifurcations.FARTHER)
+        seen = np.log(one.stable[1] / one.stable[0]) / np.log(fu_bifurcations.SECOND_DISTANCE)
         assert abs(seen - law) < (0.2 if one.listed.cycle == "P1w3" else 0.05), one.listed.name
 
 
+@pytest.mark.slow
 def test_a_wrong_bifurcation_does_not_agree(vanishings):
     for one in vanishings:
         assert not dataclasses.replace(one, stable=tuple(-value for value in one.stable)).agrees
@@ -242,17 +248,19 @@ def pair():
     return fu._pair()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", cases.CASES[:2], ids=["slips", "sticks"])
 def test_a_copy_follows_where_the_coupling_exceeds_the_exponent(pair, case):
     _, x0, args = fu._off(case)
     exact = zoo.friction_pendulum(beta=case.beta, alpha=case.alpha).reference.exponents[0]
-    place = synchronisation.Place(0.0, np.asarray(x0), np.ones(2))
+    place = synchronisation.TrialStart(0.0, np.asarray(x0), np.ones(2))
     for _ in range(3):  # the first trials see how the motion settles
         _, place = synchronisation.trial(pair, place, args, -0.5, cases.PERIOD)
     for off, follows in ((-4e-3, False), (4e-3, True)):
         assert synchronisation.trial(pair, place, args, exact + off, cases.PERIOD)[0] == follows
 
 
+@pytest.mark.slow
 def test_a_copy_that_starts_near_goes_where_the_tangent_map_says(pair):
     """Two crossings per period, one copy soon after the other; 1e-10 apart rounding leaves five digits or so."""
     system, start, args = fu._off(cases.CASES[2])
@@ -269,11 +277,19 @@ def test_a_copy_that_starts_near_goes_where_the_tangent_map_says(pair):
 @pytest.mark.slow
 @pytest.mark.parametrize("start", [1e-6, 1e-8])
 def test_in_chaos_the_coupling_is_the_exponent_however_near_the_copies_start(start, monkeypatch):
-    monkeypatch.setattr(synchronisation, "START", start)
+    monkeypatch.setattr(synchronisation, "START_DISTANCE", start)
     found = fu._synchronised(cases.CASES[2], 100)
     exact = zoo.friction_pendulum(beta=0.052, alpha=0.01).reference.exponents[0]
     assert found.error < 2.5e-3
     assert abs(found.exponent - exact) < 3 * found.error
+
+
+def test_distances_that_guards_take_for_rounding_are_refused(pair, monkeypatch):
+    """At 1e-12 a trial would end where one copy crosses before the other, while they are 200 times too far apart."""
+    monkeypatch.setattr(synchronisation, "START_DISTANCE", 1e-12)
+    _, x0, args = fu._off(cases.CASES[2])
+    with pytest.raises(ValueError, match="cannot tell smaller distances"):
+        synchronisation.trial(pair, synchronisation.TrialStart(0.0, np.asarray(x0), np.ones(2)), args, 0.1, 1.0)
 
 
 def test_the_coupling_at_which_half_of_the_trials_follow():
@@ -304,7 +320,7 @@ def test_the_copy_is_pulled_as_the_formula_says(pair):
 def test_exponents_are_numbered_alike_everywhere():
     """λ1 ≥ λ2 ≥ λ3 of (θ, θ', z): the 0 of z = t is the first of a cycle and the second in chaos."""
     for case, order in zip(cases.CASES, ([0, 1, 2], [0, 1, 2], [1, 0, 2]), strict=True):
-        found = object.__new__(fu.Found)
+        found = object.__new__(fu.FigureResults)
         object.__setattr__(found, "case", case)
         assert found.order == order
         assert case.says[order.index(0)] == "zero"

@@ -68,6 +68,7 @@ def test_methods_of_the_tables():
     assert [tables.TABLES[i].method(1e-5).tableau for i in (2, 3, 8, 9)] == ["esdirk34", "esdirk54b"] * 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("example", "fewest", "most"), [("5.1", 4.5, 5.3), ("5.2", 2.7, 3.3)])
 def test_the_method_without_the_reformulation(example, fewest, most):
     """It keeps its order where E is constant, and loses two where it is not."""
@@ -76,6 +77,7 @@ def test_the_method_without_the_reformulation(example, fewest, most):
     assert fewest < np.log2(errors[0] / errors[1]) < most
 
 
+@pytest.mark.slow
 def test_the_method_without_the_reformulation_stays_on_the_constraints():
     system, x0, args = tables.problem_of("5.2")
     t, h = jnp.asarray(0.0), jnp.asarray(0.1)
@@ -83,6 +85,7 @@ def test_the_method_without_the_reformulation_stays_on_the_constraints():
     assert float(jnp.max(jnp.abs(system.field.constraint(t + h, x, args)))) < 1e-13
 
 
+@pytest.mark.slow
 def test_the_ordinary_equation_is_the_same_motion():
     system, x0, args = tables.problem_of("5.1")
     args = args | {"mass": jnp.asarray(1.7), "damping": jnp.asarray(0.6), "radius": jnp.asarray(1.4)}
@@ -90,6 +93,7 @@ def test_the_ordinary_equation_is_the_same_motion():
     assert_allclose(linh.spring(0.0, x[:2], args), system.field(jnp.asarray(0.0), x, args)[:2], rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_steps_are_counted():
     """By time: the run of twice the length has twice the steps, and the ends of halves are among them."""
     method = lh.HalfExplicit(rtol=1e-4)
@@ -105,9 +109,9 @@ def by_hand_row(row):
     high = 1.8 if row.table.algorithm == "continuous" else 1.02
     bounds = linh_intervals.wanted(row)
     if row.table.pair == "ESDIRK54b":
-        return linh.Found(np.array(row.exponents), row.steps, 0.01, bounds)
+        return linh.RowResults(np.array(row.exponents), row.steps, 0.01, bounds)
     as_in_table_9 = np.array(row.exponents) - row.exact if row.table.number == 9 else row.tolerance
-    return linh.Found(row.exact + as_in_table_9, round(high * row.steps), 0.01, bounds)
+    return linh.RowResults(row.exact + as_in_table_9, round(high * row.steps), 0.01, bounds)
 
 
 def characteristic_by_hand():
@@ -373,6 +377,7 @@ def test_claims_end_in_one_of_three_ways():
     assert text.index("check  ") < text.index(f"{AGREED}: ") < text.index(f"{CORRECTED}: ")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [1, 2])
 def test_bounds_and_steklov_differences(number):
     """λ(t) = λ + C/t, known to 1e-9; the first window holds C, but for a motion that is not quite at rest there."""
@@ -384,6 +389,7 @@ def test_bounds_and_steklov_differences(number):
     assert_allclose(found.steklov, wanted.steklov, rtol=0, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_the_matrix_whose_eigenvalues_are_the_exponents():
     """Beside the singular value decomposition of Y itself, as long as its condition number leaves digits."""
     found = linh_theory.characteristic((5, 10))
@@ -399,6 +405,7 @@ def test_the_matrix_whose_eigenvalues_are_the_exponents():
         assert_allclose(growth, found.exponents[i], atol=1e-5)
 
 
+@pytest.mark.slow
 def test_perturbed_equations():
     """Constant ones: eigenvalues; smaller ones move the exponents less; periodic ones of zero mean move them less."""
     found = linh_theory.perturbed()
@@ -413,6 +420,7 @@ def test_the_pencil_of_the_unperturbed_system():
     assert_allclose(linh_theory.pencil(0.0), tables.limits(), atol=1e-12)
 
 
+@pytest.mark.slow_cases(all_but=("continuous, right rectangle",))
 @pytest.mark.parametrize("name", linh_orders.EXPONENT_ORDERS)
 def test_exponents_have_the_order_of_the_method(name):
     example, method, p = linh_orders.EXPONENT_ORDERS[name]

@@ -71,7 +71,7 @@ def run(first, n=4, drift=1e-10, error=1e-3):
     values = np.zeros((len(TIME), n))
     values[:, 0], values[:, 1] = first(TIME), 1 / TIME
     values[:, n // 2 :] = -values[:, : n // 2][:, ::-1]
-    return skokos.Run(TIME, values, error, drift * np.ones_like(TIME))
+    return skokos.MethodRun(TIME, values, error, drift * np.ones_like(TIME))
 
 
 GROWING = 1e-16 * TIME  # errors of the energy by DOP853

@@ -95,6 +95,7 @@ def test_arrows_and_colours_are_the_perturbation():
     assert [text.get_text() for text in ax.get_legend().get_texts()] == ["δq", "δp"]
 
 
+@pytest.mark.slow
 def test_axes_that_are_given_are_used_and_nothing_else(gas):
     problem, run = gas
     figure, axes = pyplot.subplots(1, 2)
@@ -103,6 +104,7 @@ def test_axes_that_are_given_are_used_and_nothing_else(gas):
     assert len(axes[1].collections) == 0
 
 
+@pytest.mark.slow
 def test_following_is_the_run_itself(gas):
     """The end of ten pieces is that of one: the same state, and the perturbation that the tangent map makes."""
     problem, run = gas

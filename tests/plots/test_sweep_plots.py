@@ -294,8 +294,8 @@ def test_points_that_failed_are_grey_cells_with_a_legend():
 
 def test_every_status_that_fails_has_a_look_of_its_own():
     failing = [int(status) for status in STATUS if status.failed]
-    assert set(_sweep_plots.KINDS) == {*failing, arrays.NO_VALUE}
-    kinds = _sweep_plots.KINDS.values()
+    assert set(_sweep_plots.STATUS_STYLES) == {*failing, arrays.NO_VALUE}
+    kinds = _sweep_plots.STATUS_STYLES.values()
     for looks in ([kind.marker for kind in kinds], [kind.grey for kind in kinds], [kind.hatch for kind in kinds]):
         assert len(set(looks)) == len(looks)
     assert "v" not in [kind.marker for kind in kinds]  # −∞
@@ -392,6 +392,7 @@ def test_what_was_read_back_is_drawn_alike(tmp_path):
         assert marks(ax) == {"nonfinite (1)": [3.0]}
 
 
+@pytest.mark.slow
 def test_what_a_sweep_returns_is_drawn():
     def run(args):
         return lh.lyapunov_spectrum(lh.Map(lambda n, x, args: args["r"] * x * (1 - x)), [0.3], args, t1=64, blocks=8)
@@ -423,6 +424,7 @@ def test_the_legend_is_no_wider_than_the_axes():
     assert ax.get_legend().get_window_extent().width < ax.bbox.width
 
 
+@pytest.mark.slow
 def test_xarray_is_not_needed_to_import_plots():
     code = "import sys; sys.modules['xarray'] = None; from lyaphybrid import plots; plots.sweep_map"
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)

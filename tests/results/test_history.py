@@ -47,6 +47,7 @@ def test_weights_too(averaging):
     assert_allclose(found.exponents[0], np.log(2), rtol=1e-13)
 
 
+@pytest.mark.slow
 def test_of_several_runs_and_traced():
     several = lh.lyapunov_spectrum(STRETCHES, np.ones((2, 2)), t1=20, blocks=20, every=1)
     check(several, 2)

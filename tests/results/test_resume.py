@@ -19,6 +19,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow_cases(all_but=("a map",))
 @pytest.mark.parametrize("name", CASES)
 def test_a_run_that_goes_on_is_one_run(name):
     problem, t1, options = CASES[name]
@@ -44,6 +45,7 @@ def test_going_on_compiles_nothing_and_leaves_the_first_as_it_was():
     np.testing.assert_array_equal(short.exponents, before)
 
 
+@pytest.mark.slow
 def test_what_cannot_go_on_says_why():
     done = zoo.henon_map().spectrum(t1=64, blocks=8)
     with pytest.raises(ValueError, match="t1 must be beyond the 64 that the run has reached; got 64"):
@@ -60,6 +62,7 @@ def test_what_cannot_go_on_says_why():
         failed.resume(128)
 
 
+@pytest.mark.slow
 def test_problems_have_verbs():
     lorenz = zoo.lorenz63()
     path = lorenz.trajectory(n=3)

@@ -4,9 +4,9 @@ import jax
 import numpy as np
 
 from lyaphybrid import native
-from lyaphybrid.native.lowering.costs import Plan
+from lyaphybrid.native.lowering.costs import Options
 
-PLANS = {"buffers": Plan(1, 2), "mixed": Plan(16, 1), "entries": Plan(64, 0)}
+PLANS = {"buffers": Options(1, 2), "mixed": Options(16, 1), "entries": Options(64, 0)}
 TOLERANCE = {np.dtype(np.float64): 1e-12, np.dtype(np.float32): 2e-5}
 
 

@@ -9,12 +9,12 @@ import jax
 import numpy as np
 
 from lyaphybrid.native import Compiled
-from lyaphybrid.native.lowering.costs import Plan
+from lyaphybrid.native.lowering.costs import Options
 from random_programs import random_program
 
 WAYS = (
-    dict(plan=Plan(1, 2)), dict(plan=Plan(8, 2)), dict(), dict(plan=Plan(8, 0), checked=True),
-    dict(plan=Plan(1, 0), checked=True),
+    dict(plan=Options(1, 2)), dict(plan=Options(8, 2)), dict(), dict(plan=Options(8, 0), checked=True),
+    dict(plan=Options(1, 0), checked=True),
 )  # fmt: skip
 
 

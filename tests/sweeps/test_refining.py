@@ -59,6 +59,7 @@ def test_what_is_far_from_a_border_stays_coarse():
     assert lonely.point.size == 0
 
 
+@pytest.mark.slow
 def test_a_border_in_one_parameter_is_halved_each_time():
     def run(r):
         return lh.lyapunov_spectrum(LOGISTIC, jnp.array([0.3]), r, t1=4000, transient=1000, blocks=16)
@@ -74,8 +75,8 @@ def test_a_border_in_one_parameter_is_halved_each_time():
 
 def test_it_is_compiled_once_more(monkeypatch):
     made = []
-    real = sweeping.Program
-    monkeypatch.setattr(sweeping, "Program", lambda *given: made.append(1) or real(*given))
+    real = sweeping.LaneProgram
+    monkeypatch.setattr(sweeping, "LaneProgram", lambda *given: made.append(1) or real(*given))
     refined()
     assert len(made) == 2  # once for the grid, once for all that is added
 

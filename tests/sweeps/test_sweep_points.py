@@ -24,6 +24,7 @@ def whole():
     return swept()
 
 
+@pytest.mark.slow
 def test_points_are_single_runs(whole):
     for rho, status, exponents in zip(RHO, whole.status.values, whole.exponents.values, strict=True):
         args = LORENZ.args | {"rho": rho}

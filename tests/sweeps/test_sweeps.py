@@ -40,6 +40,7 @@ def whole():
 # --- points --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_every_point_is_a_single_run(whole):
     for r, point in zip(RATES, whole.transpose("args", ...).exponents.values, strict=True):
         alone = lh.lyapunov_spectrum(LOGISTIC, [0.3], r, t1=64, transient=10, blocks=8, throw=False)
@@ -52,6 +53,7 @@ def test_every_point_is_a_single_run(whole):
     assert set(np.unique(whole.status)) == {int(lh.STATUS.ok), int(lh.STATUS.nonfinite)}
 
 
+@pytest.mark.slow
 def test_points_that_fail_in_every_way_leave_their_neighbours_alone():
     cases = [ball_args(**changes) for changes, *_ in BALL_LANES]
     points = {name: np.array([float(case[name]) for case in cases]) for name in cases[0]}
@@ -97,6 +99,7 @@ def test_keys():
     assert found.sizes == {"key": 5, "key_0": 2}
 
 
+@pytest.mark.slow
 def test_a_problem_of_the_zoo_by_its_args():
     problem = lh.zoo.henon_map()
     found = lh.sweep(problem, {"a": np.array([1.0, 1.2, 1.4])}, progress=False)
@@ -144,7 +147,7 @@ def test_chunks_change_nothing(whole):
 
 def test_it_is_compiled_once(monkeypatch):
     made = []
-    monkeypatch.setattr(sweeping, "Program", lambda *given, make=lanes.Program: made.append(1) or make(*given))
+    monkeypatch.setattr(sweeping, "LaneProgram", lambda *given, make=lanes.LaneProgram: made.append(1) or make(*given))
     traces = []
 
     def run(args):
@@ -156,6 +159,7 @@ def test_it_is_compiled_once(monkeypatch):
     assert len(traces) <= 4  # for shapes, for the hash, and for the program
 
 
+@pytest.mark.slow
 def test_plain_vmap_stays_right(whole):
     good = RATES[RATES <= 4]
     assert_allclose(jax.vmap(logistic)(good).exponents, whole.exponents.sel(args=good), atol=1e-10)
@@ -178,6 +182,7 @@ def test_attributes(whole):
     assert whole.exponent.values.tolist() == [1]
 
 
+@pytest.mark.slow
 def test_attributes_come_from_the_spectra_among_what_is_returned():
     found = lh.sweep(lambda r: {"of": logistic(r), "r": r}, {"args": RATES[:2]}, args=3.0, progress=False)
     assert found.attrs["system"] == "Map"
@@ -194,6 +199,7 @@ def test_what_was_run_decides_nothing_about_compiling():
     assert jax.tree.structure(loose) == jax.tree.structure(tight)
 
 
+@pytest.mark.slow
 def test_attributes_of_a_problem():
     problem = lh.zoo.friction_pendulum()
 
@@ -319,6 +325,7 @@ def test_a_store_that_fails_on_the_way_keeps_what_is_computed(whole, tmp_path, m
     assert swept(store=store).equals(whole)
 
 
+@pytest.mark.slow
 def test_what_is_interrupted_is_kept(tmp_path, counted):
     def slow(r):
         return jax.lax.fori_loop(0, 10_000_000, lambda _, x: r * x * (1 - x), 0.3)
@@ -367,6 +374,7 @@ def test_rows_of_a_plan():
     assert grid.rows(np.array([5, 0]))["b"].tolist() == [1, 0]
 
 
+@pytest.mark.slow
 def test_an_axis_that_the_run_ignores_is_named():
     """The second run forgets the args that it is given, the third one of two."""
     logistic = lh.Map(lambda n, x, r: r * x * (1 - x))

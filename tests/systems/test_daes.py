@@ -43,6 +43,16 @@ def found(name, method, length, count_start):
     return np.asarray(s.exponents)
 
 
+@pytest.mark.slow_cases(
+    "5.2-1000-discrete",
+    "5.2-1000-continuous",
+    "5.2-5000-discrete",
+    "5.2-5000-continuous",
+    "5.2-10000-discrete",
+    "5.2-10000-continuous",
+    "5.2 fast-1000-discrete",
+    "5.2 fast-1000-continuous",
+)
 @pytest.mark.parametrize("kind", METHODS)
 @pytest.mark.parametrize(
     ("name", "length"),
@@ -63,6 +73,7 @@ def test_finite_time_values(name, length, kind):
             assert abs(error.sum()) < factor * tolerance
 
 
+@pytest.mark.slow_cases("5.2-continuous", "5.2-discrete")
 @pytest.mark.parametrize("kind", METHODS)
 @pytest.mark.parametrize("name", ["5.1", "5.2"])
 def test_a_tight_tolerance(name, kind):
@@ -79,6 +90,7 @@ def test_a_tight_tolerance_where_all_turns_fast(kind):
     assert np.max(np.abs(error)) < 1e-8
 
 
+@pytest.mark.slow_cases(all_but=("5.1-esdirk54b",))
 @pytest.mark.parametrize("tableau", IMPLICIT)
 @pytest.mark.parametrize("name", ["5.1", "5.2"])
 def test_implicit_methods(name, tableau):
@@ -90,6 +102,7 @@ def test_implicit_methods(name, tableau):
         assert np.max(np.abs(error)) < (127.5 if blind else 30) * tolerance
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tableau", ["tsit5", "dopri8"])
 def test_other_explicit_tableaux(tableau):
     error = found("5.2", lh.HalfExplicit(1e-7, tableau=tableau), 1000, True) - COUNTED[1000]
@@ -128,6 +141,7 @@ def slope(errors, counts):
     return -np.polyfit(np.log(counts), np.log(errors), 1)[0]
 
 
+@pytest.mark.slow_cases(all_but=("esdirk34-int",))
 @pytest.mark.parametrize(
     ("method", "order"),
     [
@@ -170,6 +184,7 @@ def at_a_point(name):
     return field, t, x, columns
 
 
+@pytest.mark.slow_cases("5.2")
 @pytest.mark.parametrize("name", ["5.1", "5.2"])
 def test_the_paper_s_p_and_e_cancel(name):
     """(22) and (23): PᵀĒ = 𝓔Qᵀ, 𝓔W = PᵀĀQ, with A₂' along the motion by differences (remark 3.2)."""
@@ -200,6 +215,7 @@ def test_the_paper_s_p_and_e_cancel(name):
     assert_allclose(q.T @ derivative, w, atol=1e-9)
 
 
+@pytest.mark.slow_cases("5.2")
 @pytest.mark.parametrize("name", ["5.1", "5.2"])
 def test_the_derivative_of_a_frame_is_that_of_the_velocity(name):
     """Ē⁻¹ [A₁; −A₂'] Q is the field x' = Ē⁻¹ [f₁; −∂f₂/∂t], differentiated along Q."""
@@ -214,6 +230,7 @@ def test_the_derivative_of_a_frame_is_that_of_the_velocity(name):
     assert_allclose(found, straight, atol=1e-11)
 
 
+@pytest.mark.slow_cases(all_but=("5.1-explicit",))
 @pytest.mark.parametrize("method", [lh.HalfExplicit(1e-9), lh.ESDIRK("kvaerno5", 1e-9)], ids=["explicit", "implicit"])
 @pytest.mark.parametrize("name", ["5.1", "5.2"])
 def test_the_tangent_of_a_step_is_its_derivative(name, method):
@@ -233,6 +250,7 @@ def test_the_tangent_of_a_step_is_its_derivative(name, method):
     assert_allclose(whole @ q, shared, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_inverses():
     rng = np.random.default_rng(1)
     for n in (0, 1, 2, 3, 5, 12, 15):
@@ -271,6 +289,7 @@ def decays(n, rates):
     return residual, np.concatenate([np.ones(d), mixing @ np.ones(d)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turning", [False, True])
 def test_many_components(turning):
     """More than are eliminated in a loop that is written out."""
@@ -353,6 +372,7 @@ def test_the_pendulum_in_cartesian_coordinates():
     assert_allclose(flat.exponents.sum(), -0.5, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_the_swing_equations_at_rest():
     """The finite eigenvalues of A v = λ E v where all is at rest."""
     import scipy.linalg
@@ -369,6 +389,7 @@ def test_the_swing_equations_at_rest():
     assert_allclose(s.exponents.sum(), finite.real.sum(), atol=1e-3)
 
 
+@pytest.mark.slow
 def test_the_voltage_collapses_under_too_large_a_load():
     """Behind the limit of what the network carries Ē is singular: the motion ends there."""
     with pytest.raises(ValueError, match="small enough for the network"):
@@ -391,6 +412,7 @@ def test_methods_for_ordinary_equations_agree():
     assert_allclose(s.exponents, ours.exponents, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_several_runs_at_once():
     problem, _ = EXAMPLES["5.1"]
     several = problem.spectrum(t1=50.0, replicates=3, key=jax.random.key(1))
@@ -402,6 +424,7 @@ def test_several_runs_at_once():
     assert_allclose(both.replicates[1], alone.exponents, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_fewer_exponents_and_other_frames():
     problem, _ = EXAMPLES["5.2"]
     one = problem.spectrum(t1=200.0, transient=0.0, k=1, method=lh.ContinuousQR(lh.HalfExplicit(1e-7)))
@@ -412,6 +435,7 @@ def test_fewer_exponents_and_other_frames():
     assert_allclose(frame.exponents, two.exponents, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_indicators_live_on_the_constraints():
     """As many vectors as there are exponents, and what they say is what they say of the flow."""
     constrained, smooth = zoo.lorenz_dae(), zoo.lorenz63()
@@ -431,6 +455,7 @@ def test_indicators_live_on_the_constraints():
     assert abs(float(found.exponent) - 0.906) < 0.3
 
 
+@pytest.mark.slow
 def test_derivatives_pass_through():
     problem, _ = EXAMPLES["5.1"]
 
@@ -451,6 +476,7 @@ def test_derivatives_pass_through():
     assert_allclose(compiled, problem.spectrum(t1=100.0).exponents, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_continuous_qr_of_a_flow():
     """Lorenz for a time that is short enough for both orbits to be the same, and its sum rule."""
     problem = zoo.lorenz63()
@@ -471,6 +497,7 @@ def test_continuous_qr_takes_large_steps():
     assert_allclose(s.exponents, [top, top - 3], atol=1e-5)
 
 
+@pytest.mark.slow
 def test_stiff_equations():
     """The fast component relaxes at the rate 1e6: an explicit method would take 1e6 steps and more."""
     start = lh.consistent_start(STIFF, [1.0, jnp.sin(1.0), 0.0], 1e6)
@@ -483,6 +510,7 @@ def test_stiff_equations():
         assert_allclose(path.x[:, 0], slow.x[:, 0], atol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tableau", ["esdirk34", "kvaerno5"])
 @pytest.mark.parametrize("name", ["5.1", "5.2"])
 def test_implicit_methods_in_the_continuous_method(name, tableau):
@@ -492,6 +520,7 @@ def test_implicit_methods_in_the_continuous_method(name, tableau):
         assert np.max(np.abs(error)) < 10 * tolerance
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("k", [1, 2])
 def test_stiff_equations_in_the_continuous_method(k):
     """At rest exponents are eigenvalues, here −0.5 and −1e6 nearly; steps do not see the second one."""
@@ -518,6 +547,7 @@ def test_the_continuous_method_in_implicit_stages_of_a_flow():
     assert s.sum_rule_residual < 1e-7
 
 
+@pytest.mark.slow
 def test_an_implicit_method_for_a_flow():
     van_der_pol = lh.Flow(lambda t, x, mu: jnp.stack([x[1], mu * ((1 - x[0] ** 2) * x[1]) - x[0]]))
     implicit = lh.trajectory(van_der_pol, [2.0, 0.0], 30.0, t1=20.0, n=4, method=lh.ESDIRK(rtol=1e-8))
@@ -552,7 +582,7 @@ def semi_explicit(leading=None, residual=None, n_differential=1):
         (lambda: lh.ESDIRK("dopri5"), "tableaux are esdirk34, esdirk54b, kvaerno3"),
         (
             lambda: lh.ContinuousQR(lh.Symplectic("SABA2C", 0.1)),
-            "in the stages of lh.HalfExplicit, lh.ESDIRK or .*; got S",
+            "in the stages of lh.HalfExplicit, lh.ESDIRK, lh.RadauIIA or .*; got S",
         ),
         (lambda: lh.ContinuousQR(lh.RungeKutta(dt=0.1)), "leave out dt"),
         (lambda: lh.ContinuousQR(lh.RungeKutta("dop853")), "has two"),

@@ -93,6 +93,7 @@ def test_stiction_holds_a_start_that_kinetic_friction_would_not():
     assert int(STICKY.initial_mode(t, jnp.zeros(2), ARGS)) == 2
 
 
+@pytest.mark.slow
 def test_a_start_where_both_fields_point_away_is_a_deadlock():
     repelling = lh.filippov(linear(np.zeros((2, 2)), (0.0, 1.0)), linear(np.zeros((2, 2)), (0.0, -1.0)), velocity)
     run = lh.trajectory(repelling, [0.3, 0.0], t1=1.0, n=4, method=METHOD, throw=False)
@@ -102,6 +103,7 @@ def test_a_start_where_both_fields_point_away_is_a_deadlock():
         lh.lyapunov_spectrum(repelling, [0.3, 0.0], t1=1.0, method=METHOD)
 
 
+@pytest.mark.slow
 def test_sliding_that_ends_in_a_two_fold_is_a_deadlock():
     """z' = ±x, x' = 1: the surface z = 0 attracts while x < 0 and repels from x = 0 on, where both are tangent."""
 
@@ -119,6 +121,7 @@ def test_sliding_that_ends_in_a_two_fold_is_a_deadlock():
 # Motion.
 
 
+@pytest.mark.slow
 def test_a_block_leaves_rest_when_the_pull_exceeds_friction():
     run = lh.trajectory(BLOCK, [0.0, 0.0], ARGS, t1=2.0, n=50, method=METHOD)
     start = np.arcsin(0.6)
@@ -128,6 +131,7 @@ def test_a_block_leaves_rest_when_the_pull_exceeds_friction():
     np.testing.assert_allclose(run.x[:, 1], slipped, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_stiction_holds_longer_than_kinetic_friction():
     run = lh.trajectory(STICKY, [0.0, 0.0], ARGS, t1=2.0, n=50, method=METHOD)
     start = np.arcsin(0.8)
@@ -137,6 +141,7 @@ def test_stiction_holds_longer_than_kinetic_friction():
     np.testing.assert_allclose(run.x[:, 1], slipped, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_convex_combination_stays_on_a_moving_curved_surface():
     """Sliding on the circle |x| = 1 + t/2: both fields point at it, and turn along it with different speeds."""
 
@@ -156,6 +161,7 @@ def test_the_convex_combination_stays_on_a_moving_curved_surface():
     assert np.all(np.asarray(run.mode) == 2)
 
 
+@pytest.mark.slow
 def test_a_relay_with_a_dead_zone_slides_on_one_of_its_surfaces():
     """y' = −1, 0, +1 by regions; x' = 1 adds nothing: from above y falls to 1 and rests there."""
 
@@ -211,6 +217,7 @@ def spring_margins(t, x, args):
     return jnp.stack([args["static"] - force, args["static"] + force])
 
 
+@pytest.mark.slow_cases("kinetic")
 @pytest.mark.parametrize("stick", [None, spring_margins], ids=["kinetic", "static"])
 def test_the_tangent_is_the_derivative_of_the_motion_through_sticks(stick):
     """δx₀ is what counts: δv₀ is destroyed by the first stick. Against central differences of the motion itself."""
@@ -228,6 +235,7 @@ def test_the_tangent_is_the_derivative_of_the_motion_through_sticks(stick):
     assert np.linalg.matrix_rank(np.asarray(run.matrix), tol=1e-12) == 1
 
 
+@pytest.mark.slow
 def test_a_direction_that_a_surface_has_no_room_for_is_lost_for_good():
     """The motion slides before growth is counted, and never leaves: −inf, not the 0 of a column that nobody moves."""
     problem = zoo.relay_feedback(form="sliding")
@@ -241,6 +249,7 @@ def test_a_direction_that_a_surface_has_no_room_for_is_lost_for_good():
     assert 0.0 < float(whole.first_loss[1]) < 5.0
 
 
+@pytest.mark.slow
 def test_a_run_that_begins_on_the_surface_has_no_perturbation_across_it():
     problem = zoo.relay_feedback(form="sliding", slope=0.5)
     run = lh.tangent_map(problem.system, [0.8, -0.4], problem.args, t1=2.0, method=METHOD)
@@ -250,6 +259,7 @@ def test_a_run_that_begins_on_the_surface_has_no_perturbation_across_it():
     np.testing.assert_allclose(run.matrix @ across, 0.0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_starts_in_different_modes_run_side_by_side():
     starts = jnp.array([[0.0, 0.3], [0.0, -0.3], [0.0, 0.0]])
     together = jax.vmap(lambda x: lh.tangent_map(BLOCK, x, ARGS, t1=3.0, method=METHOD).matrix)(starts)

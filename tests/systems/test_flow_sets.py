@@ -72,6 +72,7 @@ def run(system, start, args=None, **options):
     return lh.trajectory(system, start, args, t1=3.0, n=1, throw=False, **options)
 
 
+@pytest.mark.slow
 def test_a_flow_set_within_reach_changes_nothing():
     free = lh.trajectory(lh.Hybrid(fall, lh.Transition(height, bounce)), [0.5, 0.0], 0.9, t1=3.0, n=1)
     held = run(BALL, [0.5, 0.0], 0.9)
@@ -90,6 +91,7 @@ def test_deadlock_where_the_flow_leaves_the_flow_set():
     assert not path.domain.complete
 
 
+@pytest.mark.slow
 def test_deadlock_of_a_start_outside_both():
     gap = lh.Hybrid(fall, lh.Transition(lambda t, x, args: x[0] + 1, bounce), flow_set=height)
     path = run(gap, [-0.5, 0.0], 0.9)
@@ -100,6 +102,7 @@ def test_deadlock_of_a_start_outside_both():
     assert np.isnan(spectrum.exponents).all()
 
 
+@pytest.mark.slow
 def test_a_start_in_the_jump_set_alone_jumps_at_once():
     up = lh.Transition(height, lambda t, x, args: jnp.stack([x[0] + 2, args * x[1]]))
     path = run(lh.Hybrid(fall, up, flow_set=height), [-3.0, 1.0], 0.5)
@@ -119,6 +122,7 @@ def test_deadlock_after_a_jump_outside_both():
     assert path.domain.sup_t == pytest.approx(1.0, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_deadlock_on_the_border_where_the_exempt_guard_would_flow_through():
     """An identity reset leaves the ball on the floor, falling: without a flow set it falls through it."""
     still = lh.Transition(height)
@@ -128,6 +132,7 @@ def test_deadlock_on_the_border_where_the_exempt_guard_would_flow_through():
     assert (path.status, len(path.events)) == (STATUS.deadlock, 1)
 
 
+@pytest.mark.slow
 def test_a_section_keeps_the_flow_set():
     def crossings(flow_set):
         system = lh.Hybrid(fall, lh.Transition(lambda t, x, args: x[0] + 9, bounce), flow_set=flow_set)

@@ -34,6 +34,7 @@ def conducting(resistance=10.0, on_resistance=1.0, capacitance=0.2):
     return end - begin, u, slow, fast
 
 
+@pytest.mark.slow
 def test_a_rectifier_in_closed_form():
     """Between the switchings q' = −q/RC, or with −q/rC besides; at them S = 1: the exponent is a mean of two rates."""
     problem = zoo.diode_circuit()
@@ -63,6 +64,7 @@ def test_a_rectifier_in_closed_form():
     assert_allclose(matrix @ allowed, [1.0, 5.0, 0.0], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_impacts_of_a_constrained_pendulum():
     """Against the same in its angle; the rod's length and its rate add the exponents 0 and (impacts/t) ln r."""
     problem, restitution = zoo.pendulum_dae(), 0.9
@@ -131,6 +133,7 @@ def test_exponents_of_the_pendulum_with_a_wall():
     assert_allclose(values.sum(), -0.5 + 3 * spurious, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_a_jump_between_systems_of_different_degrees_of_freedom():
     """A mass that is caught by a support that moves as cos t: its velocity is then prescribed, nothing is free."""
     free = lambda t, x, args: jnp.stack([x[1], -1.0 + 0 * x[0], 0 * x[2]])  # noqa: E731
@@ -150,6 +153,7 @@ def test_a_jump_between_systems_of_different_degrees_of_freedom():
     assert int(np.sum(np.isneginf(np.asarray(s.exponents)))) >= 1
 
 
+@pytest.mark.slow
 def test_a_van_der_pol_cycle_with_an_algebraic_variable():
     def residual(t, x, mu):
         return jnp.stack([x[1], mu * x[2] * x[1] - x[0], x[2] - (1 - x[0] ** 2)])

@@ -19,6 +19,7 @@ CASES = [
 
 
 @pytest.mark.parametrize("parameters", CASES)
+@pytest.mark.slow
 def test_sticking_loses_both_directions_once_a_period(parameters):
     period = 2 * math.pi / parameters["omega"]
     problem = zoo.impact_oscillator(**parameters, sticking=True)
@@ -30,6 +31,7 @@ def test_sticking_loses_both_directions_once_a_period(parameters):
     assert "rank_lost" in result.notes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("parameters", CASES[:3])
 def test_without_the_option_the_run_ends_where_the_chatter_does(parameters):
     plain, sticking = zoo.impact_oscillator(**parameters), zoo.impact_oscillator(**parameters, sticking=True)
@@ -93,6 +95,7 @@ def test_sticking_changes_nothing_where_there_is_no_chatter():
     assert sticking.reference is None is not plain.reference
 
 
+@pytest.mark.slow
 def test_a_mass_that_is_pressed_for_ever_stays():
     problem = zoo.impact_oscillator(gap=-3.0, omega=0.5, restitution=0.5, sticking=True)
     motion = lh.trajectory(problem.system, problem.x0, problem.args, t1=100.0, n=4, mode="free")

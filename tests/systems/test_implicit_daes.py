@@ -23,6 +23,7 @@ METHODS = {
 }
 
 
+@pytest.mark.slow_cases(all_but=("esdirk",))
 @pytest.mark.parametrize("name", METHODS)
 def test_an_exact_solution(name):
     start = lh.consistent_start(FORCED, [0.0, 0.7, 0.9])
@@ -32,6 +33,7 @@ def test_an_exact_solution(name):
     assert_allclose(path.x, exact, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_its_exponent():
     """The mean of −(1 + 2 sin t) / (1 + 0.3 cos² t) over a turn is −1 / √1.3."""
     start = lh.consistent_start(FORCED, [0.0, 0.0, 1.0])
@@ -41,6 +43,7 @@ def test_its_exponent():
     assert_allclose(s.exponents[0], -1 / np.sqrt(1.3), atol=1e-7)
 
 
+@pytest.mark.slow
 def test_a_semi_linear_system_in_implicit_form():
     """Example 5.1 as E x' − f = 0, its rows mixed: the same motion, and at rest the same exponents."""
     problem = zoo.spring_damper_dae()
@@ -63,6 +66,7 @@ def test_a_semi_linear_system_in_implicit_form():
     assert_allclose(s.exponents, [np.sqrt(7) / 2 - 1.5, -np.sqrt(7) / 2 - 1.5], atol=1e-7)
 
 
+@pytest.mark.slow
 def test_derivatives_that_occur_in_one_combination():
     """(x + y)' = −(x + y), x − 2 y = 0, by a function that sees x' + y' alone; and one without constraints."""
     dae = lh.implicit_dae(
@@ -77,6 +81,7 @@ def test_derivatives_that_occur_in_one_combination():
     assert_allclose(s.exponents, [-2 / 1.2, -2 / 1.2], atol=1e-6)
 
 
+@pytest.mark.slow_cases("<lambda>-not of index one0")
 @pytest.mark.parametrize(
     ("equations", "message"),
     [
@@ -93,6 +98,7 @@ def test_what_is_refused(equations, message):
         lh.implicit_dae(equations, [1.0, 0.5])
 
 
+@pytest.mark.slow
 def test_the_pendulum_is_refused_with_positions_and_taken_with_accelerations():
     """Index three as it stands; with the constraint differentiated twice the multiplier is found."""
 

@@ -61,6 +61,7 @@ KINDS = {
 }
 
 
+@pytest.mark.slow_cases("filippov")
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_of_system_names_its_state_in_datasets_tables_and_axes(kind):
     found = lh.trajectory(KINDS[kind](**CALLED), [1.0, 2.0], t1=2, n=2)

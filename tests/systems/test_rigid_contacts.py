@@ -68,6 +68,7 @@ def test_the_momentum_jumps_along_the_normal_and_newtons_law_holds(restitution):
     np.testing.assert_allclose(lost, (1 - restitution**2) * (normal @ x[2:]) ** 2 / (2 * mobility), atol=1e-15)
 
 
+@pytest.mark.slow
 def test_a_ball_on_a_moving_table_is_that_of_the_zoo():
     problem = zoo.kicked_ball()
     guard, reset = problem.system.transitions[0].guard, problem.system.transitions[0].reset
@@ -91,6 +92,7 @@ def test_equal_masses_do_not_matter_in_whatever_form(mass):
     np.testing.assert_allclose(reset(0.0, x, None), expected(0.0, x, None), rtol=1e-14)
 
 
+@pytest.mark.slow
 def test_several_contacts():
     def gaps(t, x, args):
         return jnp.stack([x[0], 1 - x[1], x[1] - 0.4 * x[0] + 0.3])
@@ -146,6 +148,7 @@ START, LENGTH = np.array([-0.5, 0.5, 0.0, 1.0]), 6.0
 METHOD = lh.RungeKutta("dopri5", rtol=1e-11, atol=1e-13)
 
 
+@pytest.mark.slow
 def test_the_tangent_is_that_of_finite_differences_of_the_real_flow():
     found = lh.tangent_map(PENDULUM, START, ARGS, t1=LENGTH, method=METHOD)
     end, jumps = flown(START, LENGTH)
@@ -176,6 +179,7 @@ def test_the_derivative_of_a_run_with_impacts():
     np.testing.assert_allclose(slope, (end(0.7 + 1e-5) - end(0.7 - 1e-5)) / 2e-5, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_volumes_of_momenta_shrink_by_the_impacts_alone():
     """det M times the volume in (q, v) is that in (q, p), which only impacts change: by r² each."""
     length, r = 30.0, 0.9

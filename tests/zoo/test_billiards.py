@@ -136,6 +136,9 @@ def assert_first(problem, x, dt):
         assert expected == np.inf
 
 
+@pytest.mark.slow_cases(
+    all_but=("ellipse", "wedge{'angle': 1.1}", "sinai_billiard{'field': -9.0}", "stadium{'side': 2.0, 'field': 3.0}")
+)
 @each(ALL)
 def test_the_first_contact_is_that_of_brute_force(name, parameters):
     """From anywhere; and from the wall itself, which is left before sampling begins."""
@@ -174,6 +177,7 @@ def test_whispers_along_a_wall(name, parameters):
         arc += times
 
 
+@pytest.mark.slow
 def test_no_disk_is_missed_along_open_corridors():
     """Gap 1: rays that fly far, against all disks of a large patch at once."""
     problem = zoo.lorentz_gas(gap=1.0)
@@ -228,6 +232,7 @@ def end(system):
 QUICK = [("stadium", {"field": -0.4})]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "parameters"),
     [pytest.param(*case, marks=() if case in QUICK else pytest.mark.slow) for case in ALL],
@@ -324,6 +329,7 @@ def test_another_field_does_not_compile_again():
     assert zoo.stadium().system.canonical
 
 
+@pytest.mark.slow
 def test_a_point_that_meets_no_wall_turns_for_ever():
     for name in ("sinai_billiard", "stadium"):
         problem = zoo.get(name)(field=20.0)

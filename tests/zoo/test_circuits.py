@@ -36,6 +36,7 @@ def _chua_in_one_mode(t, x, args):
     return jnp.stack([args["alpha"] * (x[1] - x[0] - current), x[0] - x[1] + x[2], -args["beta"] * x[1]])
 
 
+@pytest.mark.slow
 def test_stepping_over_kinks_spoils_the_zero_exponent():
     problem = zoo.chua()
     fixed = {"t1": 100_000.0, "method": lh.RungeKutta("rk4", dt=0.05)}
@@ -64,6 +65,7 @@ def _buck_by_small_steps(periods, per_period=50_000):
     return x
 
 
+@pytest.mark.slow
 def test_buck_switches_where_the_comparator_says():
     """Chaos multiplies the errors of the small steps, 1e-5 A a switching, by e^0.5 a period."""
     problem = zoo.buck_converter()
@@ -72,6 +74,7 @@ def test_buck_switches_where_the_comparator_says():
         assert_allclose(spectrum.x, _buck_by_small_steps(periods), atol=1e-3)
 
 
+@pytest.mark.slow
 def test_buck_converter():
     problem = zoo.buck_converter()
     spectrum = problem.spectrum(t1=100_000 * BUCK_PERIOD)
@@ -93,6 +96,7 @@ def test_buck_converter_in_a_long_run(nonsmooth):
     assert np.all(np.abs(per_period - known["exponents_per_T"]) <= 5 * errors)
 
 
+@pytest.mark.slow
 def test_the_sum_of_buck_is_exact():
     """S has determinant 1: −T/(RC) a period, whatever the orbit does."""
     for voltage in (20.0, 33.0, 40.0):
@@ -182,6 +186,7 @@ def _by_the_map(feedback, orbits, periods, transient=1000):
     return np.mean(logs) / periods, np.std(logs) / periods / math.sqrt(orbits - 1), pulses / periods
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("feedback", [0.05, 0.1, 0.13, 0.165])
 def test_pulses_that_repeat(feedback):
     """One a period, the last two different ones in turn: the mean logarithm of their multipliers."""
@@ -196,6 +201,7 @@ def test_pulses_that_repeat(feedback):
     assert spectrum.jumps == 3 * periods
 
 
+@pytest.mark.slow
 def test_boost_converter():
     problem = zoo.boost_converter()
     spectrum = problem.spectrum(t1=100_000 * BOOST_PERIOD)

@@ -75,6 +75,7 @@ DRIFTS = {  # of the energy over t = 20 by the problem's own method: a few times
 hamiltonian = pytest.mark.parametrize("name", BY_HAND)
 
 
+@pytest.mark.slow_cases("fpu_beta", "fpu_alpha")
 @hamiltonian
 def test_the_field_is_that_derived_by_hand(name):
     problem, rng = zoo.get(name)(), np.random.default_rng(5)
@@ -86,6 +87,7 @@ def test_the_field_is_that_derived_by_hand(name):
         np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.slow_cases("henon_heiles", "hamiltonian_3d", "fpu_beta", "fpu_alpha")
 @hamiltonian
 def test_the_method_of_the_problem_keeps_its_energy(name):
     problem = zoo.get(name)()
@@ -104,6 +106,7 @@ def test_hamiltonian_problems_start_from_the_paired_frame(name):
     assert f"  {shown}, dimension {problem.x0.shape[0]}" in repr(problem)
 
 
+@pytest.mark.slow
 def test_starts_have_the_energy_asked_for_under_vmap_too():
     def energies(value):
         built = [
@@ -132,6 +135,7 @@ def frequencies(problem, x):
     return np.sort(values.imag)[len(x) // 2 :]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("build", [zoo.fpu_alpha, zoo.fpu_beta])
 def test_a_chain_has_the_frequencies_of_its_normal_modes(build):
     n = 12
@@ -139,6 +143,7 @@ def test_a_chain_has_the_frequencies_of_its_normal_modes(build):
     np.testing.assert_allclose(frequencies(build(n=n), jnp.zeros(2 * n)), expected, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_chain_of_small_amplitude_swings_in_its_lowest_mode():
     n, amplitude = 5, 1e-7
     problem = zoo.fpu_alpha(n=n, amplitude=amplitude)
@@ -150,6 +155,7 @@ def test_a_chain_of_small_amplitude_swings_in_its_lowest_mode():
     np.testing.assert_allclose(np.asarray(end) / amplitude, expected, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_three_oscillators_and_two_pendulums_have_their_frequencies():
     np.testing.assert_allclose(frequencies(zoo.hamiltonian_3d(), jnp.zeros(6)), np.sqrt([1, 2, 3]), rtol=1e-12)
     hanging = frequencies(zoo.double_pendulum(gravity=3.0), jnp.zeros(4))
@@ -208,6 +214,7 @@ def test_the_jacobi_constant_of_velocities_is_kept():
     assert np.min(larger) > 0.05  # nor collide
 
 
+@pytest.mark.slow_cases("double_pendulum-0.2")
 @pytest.mark.parametrize(("name", "least"), [("restricted_three_body", 0.01), ("double_pendulum", 0.2)])
 def test_the_default_motion_is_chaotic(name, least):
     found = zoo.get(name)().spectrum(t1=3000.0)
@@ -254,6 +261,7 @@ def test_a_map_is_symplectic(problem):
         np.testing.assert_allclose(jacobian.T @ omega @ jacobian, omega, atol=1e-13)
 
 
+@pytest.mark.slow_cases(all_but=("coupled_standard_maps4",))
 @maps
 def test_exponents_of_a_map_come_in_pairs(problem):
     found = problem.spectrum(t1=2000)
@@ -262,6 +270,7 @@ def test_exponents_of_a_map_come_in_pairs(problem):
     assert f"  Map, dimension {len(found.exponents)}" in repr(problem)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "problem", [zoo.froeschle_map(K1=6.9115, K2=6.9115, coupling=0), zoo.coupled_standard_maps(K=6.9115, coupling=0)]
 )
@@ -305,6 +314,7 @@ def test_exponents_of_the_ring_sum_to_minus_n():
     assert abs(float(jnp.sum(found.exponents)) + 8) < 1e-10
 
 
+@pytest.mark.slow
 def test_the_ring_of_forty_has_the_exponent_and_the_dimension_of_the_literature():
     """About 1.7 and 27.1: A. Karimi & M. R. Paul, Chaos 20 (2010) 043105, doi:10.1063/1.3496397."""
     found = zoo.lorenz96().spectrum(t1=200.0)

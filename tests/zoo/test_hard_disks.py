@@ -58,6 +58,7 @@ def check_table(spectrum, gate):
     assert abs(float(jnp.sum(spectrum.exponents))) < 1e-9
 
 
+@pytest.mark.slow
 def test_table_one_from_sixteen_replicates():
     """t = 1000 each; six zeros, pairing, sum."""
     problem = lh.zoo.hard_disks()

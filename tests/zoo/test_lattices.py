@@ -90,6 +90,7 @@ def test_the_linear_schroedinger_equation_is_an_exponential():
 # With it: another integrator, finite differences, what is conserved.
 
 
+@pytest.mark.slow_cases("schroedinger_lattice")
 @both
 def test_motion_and_exponent_are_those_of_runge_kutta(name):
     problem, other = zoo.get(name)(n=40), lh.RungeKutta("dop853", rtol=1e-11, atol=1e-13)
@@ -102,6 +103,7 @@ def test_motion_and_exponent_are_those_of_runge_kutta(name):
     assert_allclose(ours.exponents, theirs.exponents, rtol=0, atol=1e-7)
 
 
+@pytest.mark.slow_cases("schroedinger_lattice")
 @both
 def test_the_tangent_map_is_the_derivative_of_the_motion(name):
     n, t, small = 12, 5.0, 1e-5
@@ -116,6 +118,7 @@ def test_the_tangent_map_is_the_derivative_of_the_motion(name):
     assert_allclose(matrix.T @ turn @ matrix, turn, rtol=0, atol=1e-11)
 
 
+@pytest.mark.slow
 @both
 def test_hundreds_of_sites_keep_energy_and_norm(name):
     problem = zoo.get(name)(n=300)
@@ -127,6 +130,7 @@ def test_hundreds_of_sites_keep_energy_and_norm(name):
         assert_allclose(jnp.sum(way**2, axis=1) / 2, 1.0, rtol=0, atol=2e-5)
 
 
+@pytest.mark.slow
 def test_three_parts_have_the_order_of_their_scheme():
     """Halving the step divides errors by 2 to the power of the order."""
     problem = zoo.schroedinger_lattice(n=12)

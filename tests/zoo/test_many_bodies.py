@@ -81,6 +81,7 @@ def bodies(problem, name):
     return {name // n, name % n} if name < n * n else {(name - n * n) // (2 * d)}
 
 
+@pytest.mark.slow_cases(all_but=("disks in a box",))
 @kinds
 def test_the_first_two_hundred_events_by_brute_force(problem):
     """Chaos multiplies rounding until two exact programs differ: compared as far as they agree on what is next."""
@@ -97,6 +98,7 @@ def test_the_first_two_hundred_events_by_brute_force(problem):
         assert max(rounding[i] for i in range(same) if bodies(problem, names[i]) & meet) > 1e-6, same
 
 
+@pytest.mark.slow_cases("spheres", "disks in cells in a box", "mixture")
 @kinds
 def test_the_schedule_and_predicting_anew_agree(problem):
     """The same system, every pair at each event: the naive form."""
@@ -108,6 +110,7 @@ def test_the_schedule_and_predicting_anew_agree(problem):
     np.testing.assert_allclose(fast.t, slow.t, rtol=0, atol=1e-6 * t1)
 
 
+@pytest.mark.slow_cases("spheres", "disks in cells in a box")
 @kinds
 def test_energy_momentum_and_distances(problem):
     n, d = body_count(problem), len(box_of(problem))
@@ -128,6 +131,7 @@ def test_energy_momentum_and_distances(problem):
         assert np.linalg.norm(apart) > (sizes[a] + sizes[b]) / 2 - 1e-9
 
 
+@pytest.mark.slow_cases("spheres", "disks in cells in a box")
 @kinds
 def test_the_tangent_map_is_the_derivative(problem):
     """Central differences along two directions, over a stretch with several events."""
@@ -142,6 +146,7 @@ def test_the_tangent_map_is_the_derivative(problem):
         np.testing.assert_allclose(matrix @ dx, difference, rtol=0, atol=1e-4 * float(jnp.max(jnp.abs(difference))))
 
 
+@pytest.mark.slow_cases("mixture", "spheres")
 @of_problems([name for name in KINDS if "cells" not in name])
 def test_zeros_and_pairs(problem):
     """Energy and momenta with their partners are zeros; every λ has its -λ."""
@@ -156,6 +161,7 @@ def test_zeros_and_pairs(problem):
     assert generic[zeros - 1] < min(0.05, 0.4 * generic[zeros])
 
 
+@pytest.mark.slow
 def test_a_box_too_small_for_cells_is_refused():
     """With three cells an axis the nearest image would not always be the one that is met."""
     problem = in_cells(lh.zoo.hard_disks(n=9, density=0.7))
@@ -177,6 +183,7 @@ def test_many_are_looked_for_in_cells_and_meet_as_all_do(make):
     np.testing.assert_allclose(cells.events.t, rows.events.t[there], rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_state_in_rows_goes_in_and_comes_out():
     """Rows (position, momentum) of balls between two walls that do not see each other: a schedule written by a user."""
     balls = lh.EventDriven(
@@ -204,6 +211,7 @@ def test_a_state_in_rows_goes_in_and_comes_out():
         lh.trajectory(balls, x0.ravel(), t1=1.0)
 
 
+@pytest.mark.slow
 def test_four_times_the_energy_is_twice_the_speed():
     """K → 4K multiplies every number of a run by a power of two: not one bit may differ."""
     slow, fast = (lh.zoo.hard_spheres(kinetic_energy=energy) for energy in (8.0, 32.0))
@@ -217,6 +225,7 @@ def test_four_times_the_energy_is_twice_the_speed():
     np.testing.assert_array_equal(other, units[:, None] * np.asarray(one) / units[None, :])
 
 
+@pytest.mark.slow
 def test_exponents_go_as_the_root_of_the_energy_over_the_mass():
     """K → 4K with m → m/4 leaves the momenta, and so the metric of the frame, as they are: λ → 4λ exactly."""
     slow, fast = (lh.zoo.hard_spheres(kinetic_energy=8.0 * c, mass=1.0 / c) for c in (1.0, 4.0))

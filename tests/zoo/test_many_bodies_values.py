@@ -57,6 +57,7 @@ def entropies(spectrum, n, positive):
     return np.sum(np.asarray(spectrum.history.growth)[:, :positive], axis=1) / durations / n
 
 
+@pytest.mark.slow
 def test_four_disks_at_a_low_density():
     spectrum = lh.zoo.hard_disks(n=4, density=0.2).spectrum(t1=10_000.0, transient=50.0, every=4)
     check_low_density(spectrum, entropies(spectrum, 4, 5), 0.02)
@@ -69,6 +70,7 @@ def test_four_disks_at_a_low_density_from_many_starts():
     check_low_density(spectrum, np.sum(np.asarray(spectrum.replicates)[:, :5], axis=1) / 4, 0.004)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("t1", "seed", "gate"),
     [

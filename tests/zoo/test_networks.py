@@ -129,6 +129,7 @@ def by_hand(x, first, matrix):
         which = int(above[0])
 
 
+@pytest.mark.slow
 def test_an_avalanche_in_closed_form_and_as_a_cascade():
     """Of all sizes, through a matrix of both signs, where the order decides; the engine's and that of the jump."""
     n = 6
@@ -152,6 +153,7 @@ def test_an_avalanche_in_closed_form_and_as_a_cascade():
     assert len(sizes) >= 4
 
 
+@pytest.mark.slow
 def test_the_derivative_through_an_avalanche():
     """Both tangent maps are those of central differences, and lose one direction less than fire."""
     n, h = 5, 1e-6
@@ -172,6 +174,7 @@ def test_the_derivative_through_an_avalanche():
 # The two forms.
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("coupling", [-0.1, 0.1])
 def test_both_forms_have_the_same_exponents(coupling):
     assert_same(*run_both(10.0, n=4, coupling=coupling, topology="ring"))
@@ -193,6 +196,7 @@ def test_both_forms_have_the_same_exponents_everywhere(model, topology, sign, n)
     assert "unresolved" not in hybrid.notes | closed.notes
 
 
+@pytest.mark.slow
 def test_what_is_lost_stays_lost_when_another_direction_is_lost():
     """A second column is lost behind the place of a first one that had been replaced: neither is finite."""
     parameters = {"n": 8, "coupling": 1 / 16, "topology": "ring"}

@@ -45,6 +45,7 @@ def later(problem, start, length):
     return x, impacts
 
 
+@pytest.mark.slow_cases("rocking_block-parameters0")
 @pytest.mark.parametrize(("name", "parameters"), STABLE)
 def test_it_starts_on_the_symmetric_orbit_and_has_its_multipliers(name, parameters):
     problem = zoo.get(name)(**parameters)
@@ -71,6 +72,7 @@ def test_the_motion_and_its_derivative_are_those_of_another_program(name):
     np.testing.assert_allclose(found.matrix, np.transpose(columns), atol=1e-5 * np.max(np.abs(found.matrix)))
 
 
+@pytest.mark.slow_cases("rocking_block")
 @pytest.mark.parametrize("name", ["rocking_block", "gear_rattle"])
 def test_the_exponents_are_the_exact_ones(name):
     problem = zoo.get(name)()
@@ -89,6 +91,7 @@ def test_a_chaotic_gear_obeys_the_sum_rule():
     assert float(np.sum(result.exponents)) == pytest.approx(expected, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_blocks_topple_or_come_to_rest():
     toppled = zoo.rocking_block(amplitude=6.0, restitution=0.8)
     motion = lh.trajectory(toppled.system, toppled.x0, toppled.args, t1=100.0, n=1, mode=toppled.mode)

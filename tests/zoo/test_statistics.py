@@ -51,6 +51,7 @@ def two_disks():
     return lh.zoo.collision_statistics(problem, t1=30_000.0)
 
 
+@pytest.mark.slow
 def test_two_disks_are_a_billiard_with_a_known_free_path(two_disks):
     side, speed = 2.5, 2 * math.sqrt(2)
     path = math.pi * (side**2 - math.pi) / (2 * math.pi)

@@ -50,6 +50,7 @@ def test_the_multipliers_of_a_wheel(angle, slope):
     np.testing.assert_allclose(multipliers, [math.cos(2 * angle) ** 2, 1.0], atol=1e-8)
 
 
+@pytest.mark.slow
 def test_the_exponents_of_a_wheel():
     wheel = zoo.rimless_wheel()
     result = wheel.spectrum()
@@ -71,6 +72,7 @@ def test_a_wheel_that_does_not_get_over_the_top_rocks_to_rest():
     assert np.max(np.abs(motion.events.x_after[-4:, 1])) < 1e-3
 
 
+@pytest.mark.slow
 def test_the_multipliers_of_the_simplest_walker(nonsmooth):
     walker, known = zoo.simplest_walker(), nonsmooth[WALKER]
     start, found = over_a_period(walker, known["period"], 1.3)
@@ -95,6 +97,7 @@ def test_the_simplest_walker_strikes_once_a_step_and_not_where_the_foot_scuffs(n
     np.testing.assert_allclose(events.x_after[1:], np.broadcast_to(walker.x0, (10, 4)), atol=1e-8)
 
 
+@pytest.mark.slow
 def test_the_exponents_of_the_simplest_walker(nonsmooth):
     walker, known = zoo.simplest_walker(), nonsmooth[WALKER]
     period = known["period"]
@@ -109,6 +112,7 @@ def test_the_exponents_of_the_simplest_walker(nonsmooth):
     assert float(np.sum(result.exponents[1:3])) == pytest.approx(2 * walker.reference.exponents[1], abs=1e-8)
 
 
+@pytest.mark.slow
 def test_steeper_the_walker_doubles_its_period_becomes_chaotic_and_falls():
     """Garcia et al.: stable up to 0.0151, period doublings, chaos, and falls beyond 0.019."""
     for slope, strides in [(0.0145, 1), (0.016, 2)]:

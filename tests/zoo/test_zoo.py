@@ -388,6 +388,7 @@ def test_the_kicked_ball_starts_on_its_orbit(event_driven):
 # Neurons.
 
 
+@pytest.mark.slow
 def test_integrate_and_fire_in_closed_form_is_the_hybrid_one():
     hybrid, closed = zoo.integrate_and_fire(), zoo.integrate_and_fire(form="event_driven")
     transition, field, args = hybrid.system.transitions[0], hybrid.system.fields[0], hybrid.args
@@ -466,6 +467,7 @@ def test_hard_disks_meet_as_60_digits_say(sixty_digits):
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("until", ["t=0.1", "t=1.0"])
 def test_the_derivative_through_the_events_is_the_60_digit_matrix(sixty_digits, until):
     """AD through `next_event` itself: flow, jump and prediction are right to first order."""
@@ -531,6 +533,7 @@ def brute_force(x, n, args, images=40):
     return best if best[1] >= 0 else brute_force(x, n, args, 4 * images)
 
 
+@pytest.mark.slow_cases("parameters5")
 @pytest.mark.parametrize(
     "parameters",
     [
@@ -564,6 +567,7 @@ def test_no_contact_is_missed_through_any_image(parameters):
     assert looks > 0 or parameters["density"] > 0.2
 
 
+@pytest.mark.slow
 def test_looking_again_changes_nothing():
     problem = zoo.hard_disks(n=2, density=0.02)
     system, x, args = whole(problem), problem.x0, problem.args
@@ -635,6 +639,7 @@ def test_no_scatterer_is_missed():
     assert abs(np.mean(flights) - free_path) < 5 * np.std(flights) / math.sqrt(len(flights))
 
 
+@pytest.mark.slow
 def test_two_disks_are_a_sinai_billiard():
     disks = zoo.hard_disks(n=2, density=0.32, aspect=1)
     pair, point = whole(disks), zoo.sinai_billiard().system

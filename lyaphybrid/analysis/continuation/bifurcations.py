@@ -7,16 +7,16 @@ import numpy as np
 from ..orbits.families import family_of
 from ..orbits.multipliers import multipliers_of
 from ..orbits.periodic_orbits import in_any_case
-from .equations import Equations, Point
+from .equations import BranchEquations, BranchPoint
 
 __all__ = ["TESTS", "branching", "cycle_of_events", "is_complex", "monodromy", "of_doubling"]
 
 NUDGE = 1e-5  # step of the finite differences of the Jacobian
-FLAT = 1e-4  # a direction with a smaller parameter component does not change the parameter
-REAL = 1e-6  # a multiplier with a smaller imaginary part is real
+PARAMETER_UNCHANGED = 1e-4  # a direction with a smaller parameter component does not change the parameter
+REAL_MULTIPLIER = 1e-6  # a multiplier with a smaller imaginary part is real
 
 
-def monodromy(equations: Equations, point: Point) -> np.ndarray:
+def monodromy(equations: BranchEquations, point: BranchPoint) -> np.ndarray:
     """The monodromy matrix (n, n) at the first node, modulo the symmetry."""
     first = point.orbit.nodes[0]
     matrix = np.eye(len(first.x))
@@ -27,7 +27,7 @@ def monodromy(equations: Equations, point: Point) -> np.ndarray:
     return np.linalg.solve(equations.symmetry.image(first.x, point.orbit.shift).by_state, matrix)
 
 
-def transverse(equations: Equations, point: Point) -> np.ndarray:
+def transverse(equations: BranchEquations, point: BranchPoint) -> np.ndarray:
     """The multipliers of a point, without the 1 along the flow of an autonomous system.
 
     It is divided out by its eigenvector, the velocity, because next to a fold or a branch point two are near 1.
@@ -54,25 +54,25 @@ def _signed(factors: np.ndarray) -> float:
     return float(np.sign(sign) * np.min(sizes))
 
 
-def fold(equations: Equations, point: Point) -> float:
+def fold(equations: BranchEquations, point: BranchPoint) -> float:
     """The component of the tangent along the parameter."""
     del equations
     return float(point.tangent[-1])
 
 
-def branch(equations: Equations, point: Point) -> float:
+def branch(equations: BranchEquations, point: BranchPoint) -> float:
     """Smallest singular value of [Jacobian; tangent], with the sign of the determinant."""
     del equations
     square = np.vstack([point.jacobian, point.tangent])
     return float(np.linalg.slogdet(square)[0] * np.linalg.svd(square, compute_uv=False)[-1])
 
 
-def doubling(equations: Equations, point: Point) -> float:
+def doubling(equations: BranchEquations, point: BranchPoint) -> float:
     """The factor of Π (μ + 1) next to zero, with the sign of the product."""
     return _signed(transverse(equations, point) + 1)
 
 
-def torus(equations: Equations, point: Point) -> float:
+def torus(equations: BranchEquations, point: BranchPoint) -> float:
     """The factor of Π_{i<j} (μ_i μ_j − 1) next to zero, with the sign of the product."""
     multipliers = transverse(equations, point)
     i, j = np.triu_indices(len(multipliers), 1)
@@ -82,12 +82,12 @@ def torus(equations: Equations, point: Point) -> float:
 TESTS = {"branch point": branch, "fold": fold, "period doubling": doubling, "Neimark–Sacker": torus}
 
 
-def is_complex(equations: Equations, point: Point) -> bool:
+def is_complex(equations: BranchEquations, point: BranchPoint) -> bool:
     """Whether the pair of multipliers whose product is 1 is complex: a real pair is no Neimark–Sacker point."""
     multipliers = transverse(equations, point)
     i, j = np.triu_indices(len(multipliers), 1)
     at = int(np.argmin(np.abs(multipliers[i] * multipliers[j] - 1)))
-    return bool(abs(np.imag(multipliers[i[at]])) > REAL)
+    return bool(abs(np.imag(multipliers[i[at]])) > REAL_MULTIPLIER)
 
 
 class Branching(NamedTuple):
@@ -97,7 +97,7 @@ class Branching(NamedTuple):
     direction: np.ndarray  # (N + 1,) its tangent
 
 
-def branching(equations: Equations, point: Point) -> Branching:
+def branching(equations: BranchEquations, point: BranchPoint) -> Branching:
     """The kind of a branch point, and the tangent of the branch that crosses there.
 
     The tangent of a branch is a direction α v + β τ in the null space of the Jacobian, with τ the tangent of the known
@@ -113,11 +113,11 @@ def branching(equations: Equations, point: Point) -> Branching:
     own, mixed = change @ across, change @ along
     direction = 2 * mixed * across - own * along
     direction /= np.linalg.norm(direction)
-    flat = min(abs(direction[-1]), abs(along[-1])) < FLAT
+    flat = min(abs(direction[-1]), abs(along[-1])) < PARAMETER_UNCHANGED
     return Branching("pitchfork" if flat else "transcritical", direction)
 
 
-def _derivative(equations: Equations, point: Point, along: np.ndarray) -> np.ndarray:
+def _derivative(equations: BranchEquations, point: BranchPoint, along: np.ndarray) -> np.ndarray:
     """The derivative of the Jacobian (N, N + 1) along a direction, by central differences of fourth order."""
 
     def difference(nudge: float) -> np.ndarray:
@@ -128,14 +128,14 @@ def _derivative(equations: Equations, point: Point, along: np.ndarray) -> np.nda
     return (4 * difference(NUDGE) - difference(2 * NUDGE)) / 3
 
 
-def of_doubling(equations: Equations, point: Point) -> np.ndarray:
+def of_doubling(equations: BranchEquations, point: BranchPoint) -> np.ndarray:
     """The change (n,) of the first node towards the doubled orbit: the eigenvector of the multiplier −1."""
     values, vectors = np.linalg.eig(monodromy(equations, point))
     vector = np.real(vectors[:, np.argmin(np.abs(values + 1))])
     return vector / np.linalg.norm(vector)
 
 
-def cycle_of_events(point: Point) -> tuple[Any, ...]:
+def cycle_of_events(point: BranchPoint) -> tuple[Any, ...]:
     """The cyclic sequence of the jumps of a period, in a form that does not depend on where it starts."""
     found: list[tuple[int, ...]] = []
     for piece in point.orbit.pieces:

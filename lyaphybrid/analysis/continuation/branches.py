@@ -10,13 +10,13 @@ from ..._text import Table
 from ...results.result import Data, Result
 from ...systems.labels import Labels
 from ..orbits.periodic_orbits import Floquet
-from .locating import Change
+from .locating import OrbitChange
 
 __all__ = ["Continuation", "Special"]
 
 
-@dataclasses.dataclass(frozen=True)
-class Special:
+@dataclasses.dataclass(frozen=True, repr=False)
+class Special(Result):
     """A special point of a branch: a bifurcation, or grazing.
 
     Attributes:
@@ -34,7 +34,7 @@ class Special:
     orbit: Floquet
     turns: int
     turns_there: int
-    change: Change | None
+    change: OrbitChange | None
     largest: np.ndarray
 
     @property
@@ -52,10 +52,23 @@ class Special:
         """Complex (n,), the largest first."""
         return self.orbit.multipliers
 
-    def __str__(self) -> str:
+    @property
+    def title(self) -> str:
+        """Kind, parameter and period in one line."""
         return f"{self.kind} at {self.parameter:.12g}, T = {self.period:.9g}"
 
-    __repr__ = __str__
+    def plot(self, ax=None):
+        """The multipliers of its orbit in the complex plane, with the unit circle."""
+        return self.orbit.plot(ax)
+
+    def _table(self) -> Table:
+        return Table(self.title)
+
+    def _data(self) -> Data:
+        orbit = self.orbit._data()
+        words = ("kind", "parameter", "turns", "turns_there")
+        attributes = dict(orbit.attributes) | {word: getattr(self, word) for word in words}
+        return Data(dict(orbit.variables) | {"largest": ("state", self.largest)}, orbit.coordinates, attributes)
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -122,7 +135,7 @@ class Continuation(Result):
             f"Branch of periodic orbits over {self.parameter} from {low:.6g} to {high:.6g}: {len(self.values)} points, "
             f"{int(np.sum(self.stable))} stable; ends: {self.ends[0]}, {self.ends[1]}"
         )
-        return Table(title, notes=list(map(str, self.specials)))
+        return Table(title, notes=[special.title for special in self.specials])
 
     def _data(self) -> Data:
         along = ("point", "state")

@@ -27,14 +27,16 @@ from ..orbits.shooting import Motion, Node, at_start, states_of
 from ..orbits.symmetries import symmetry_of
 from ..sensitivity.estimates import parameters_of
 from .branches import Continuation, Special
-from .equations import NONE, Equations, ParameterOf, Point, Unchanged, states_over
-from .following import Arc, advanced, begun, follow, resumed
-from .locating import Found
+from .equations import ZERO_SINGULAR_VALUE, BranchEquations, BranchPoint, ConstantArgs, ParameterOf, states_over
+from .following import Arc, advanced, follow, point_of_orbit, resumed
+from .locating import LocatedPoint
 
 __all__ = ["continuation"]
 
-LEVEL = "conserved value"  # name of the parameter of a family
-FIRST = 0.4 ** np.arange(18)  # fractions of the largest step, tried in turn for the first step onto another branch
+CONSERVED_VALUE = "conserved value"  # name of the parameter of a family
+FIRST_STEPS = 0.4 ** np.arange(
+    18
+)  # fractions of the largest step, tried in turn for the first step onto another branch
 
 
 def _parameter_of_before(name: str, positional: tuple, given: dict[str, Any]) -> tuple:
@@ -137,7 +139,7 @@ def continuation(
     whole("max_points", max_points, least=2)
     positive("step", step)
     parameter, (low, high) = _named_range(over)
-    args_of, value = _parameter(args, parameter) if parameter is not None else (Unchanged(args), None)
+    args_of, value = _parameter(args, parameter) if parameter is not None else (ConstantArgs(args), None)
     require(
         parameter is not None or conserve not in (None, False),
         "over names no parameter: its range is that of the value which is conserved, give conserve too; or name an "
@@ -169,14 +171,18 @@ def continuation(
     turns = 1 if special is None else special.turns_there
     equations = _equations(system, args_of, (low, value, high), name, orbit, turns, options)
     within = (low, high), step, max_points
-    sides = _both(equations, orbit, value, within) if special is None else _branched(equations, special, within)
+    sides = (
+        _branch_to_both_sides(equations, orbit, value, within)
+        if special is None
+        else _branched(equations, special, within)
+    )
     return dataclasses.replace(_result(equations, name, orbit, *sides, float(t0)), state_labels=labels)
 
 
 def _named(system, parameter, value, special, x0, args, options) -> tuple[str, float]:
     """Name and value of the parameter; for a family those of the conserved quantity."""
     if parameter is not None or special is not None:
-        return parameter or LEVEL, value
+        return parameter or CONSERVED_VALUE, value
     problem, x, t, mode = preparation.prepare(system, x0, args, options["t0"], options["method"], options["mode"])
     mode = Motion(problem).mode(Node(float(t), x, mode))
     conserved = conserved_of(options["conserve"], system, x, mode, problem.args)
@@ -185,7 +191,7 @@ def _named(system, parameter, value, special, x0, args, options) -> tuple[str, f
         len(conserved.wanted) == 1,
         f"over names no parameter: conserve must then be one number; got {len(conserved.wanted)}.",
     )
-    return LEVEL, float(conserved.wanted[0])
+    return CONSERVED_VALUE, float(conserved.wanted[0])
 
 
 def _named_range(over) -> tuple[str | None, tuple[float, float]]:
@@ -215,19 +221,19 @@ def _parameter(args, parameter: str) -> tuple[ParameterOf, float]:
     return ParameterOf(args_of, jnp.asarray(leaf, float), entry), float(leaf[entry])
 
 
-def _equations(system, args_of, values, parameter: str, orbit: Floquet, turns: int, options) -> Equations:
+def _equations(system, args_of, values, parameter: str, orbit: Floquet, turns: int, options) -> BranchEquations:
     """The equations of the branch through an orbit, scaled by its size and its period."""
     args, period, method = args_of(jnp.asarray(values[1])), options["period"], options["method"]
     problem, *_ = preparation.prepare(system, orbit.base[1], args, options["t0"], method, options["mode"])
     base, scales = Node(*orbit.base), (orbit.period, values[2] - values[0])
     flow = Motion(problem)
     size = float(np.max(np.abs(states_of(flow.piece(base, orbit.period))[1])))
-    size = size if size > NONE else 1.0
+    size = size if size > ZERO_SINGULAR_VALUE else 1.0
     symmetry = symmetry_of(options["modulo"], system, base.x, problem.args, options["t0"])
     conserved = conserved_of(options["conserve"], system, base.x, flow.mode(base), problem.args)
     along = np.zeros((1, 0)) if symmetry is None else symmetry.image(base.x).by_shift
     closing = symmetry, conserved, tuple(float(size / length) for length in np.linalg.norm(along, axis=0))
-    equations = Equations(problem, args_of, method, period, turns, options["segments"], size, *scales, *closing)
+    equations = BranchEquations(problem, args_of, method, period, turns, options["segments"], size, *scales, *closing)
     for p in values:
         own = equations.own_period(p)
         if p == values[1] or own is None or 0 < own < np.inf:  # at the ends of the range a valid period need not exist
@@ -235,20 +241,26 @@ def _equations(system, args_of, values, parameter: str, orbit: Floquet, turns: i
     return equations
 
 
-def _both(equations: Equations, orbit: Floquet, value: float, within) -> tuple[Point, list[Arc]]:
+def _branch_to_both_sides(
+    equations: BranchEquations, orbit: Floquet, value: float, within
+) -> tuple[BranchPoint, list[Arc]]:
     """The branch through an orbit, to both sides."""
-    first = equations.begin(Node(*orbit.base), value, orbit.period)
+    first = equations.orbit_from(Node(*orbit.base), value, orbit.period)
     jacobian = equations.linearised(first, value)[0]
     singular, null = np.linalg.svd(jacobian)[1:]
     require(
-        singular[-1] > NONE * singular[0],
+        singular[-1] > ZERO_SINGULAR_VALUE * singular[0],
         "The orbit is one of a family at the same parameter, and there is no single branch through it: (a) something "
         "is conserved, give conserve; (b) a position does not matter, give modulo; (c) the orbit is a bifurcation, "
         "start beside it.",
     )
-    start = begun(equations, first, value, null[-1] * np.sign(null[-1, -1] or 1.0))
+    start = point_of_orbit(equations, first, value, null[-1] * np.sign(null[-1, -1] or 1.0))
     if start is None:
-        raise NoPeriodicOrbitError("Newton's method does not converge at the start, once nodes were placed.", orbit)
+        raise NoPeriodicOrbitError(
+            "Newton's method does not converge at the start of the branch, with nodes away from events: give another "
+            "number of segments, or begin at another value of the parameter.",
+            orbit,
+        )
     back = start._replace(tangent=-start.tangent)
     arcs = [follow(equations, back, *within)]
     if arcs[0].end != "closed":
@@ -256,7 +268,7 @@ def _both(equations: Equations, orbit: Floquet, value: float, within) -> tuple[P
     return start, [arc._replace(points=arc.points[1:]) for arc in arcs]
 
 
-def _branched(equations: Equations, special: Special, within) -> tuple[Point, list[Arc]]:
+def _branched(equations: BranchEquations, special: Special, within) -> tuple[BranchPoint, list[Arc]]:
     """The branch that begins at a special point: to both sides, except at a doubling, whose sides are the same."""
     assert special.change is not None
     over, step, _ = within
@@ -268,10 +280,10 @@ def _branched(equations: Equations, special: Special, within) -> tuple[Point, li
     along = null.T @ (null @ along)
     along /= np.linalg.norm(along)
     u = equations.vector(orbit, special.parameter)
-    origin = Point(orbit, special.parameter, u, jacobian, along, 0)
+    origin = BranchPoint(orbit, special.parameter, u, jacobian, along, 0)
     arcs = []
     for side in (-along, along) if special.turns == special.turns_there else (along,):
-        tries = (advanced(equations, origin._replace(tangent=side), float(share) * step, over) for share in FIRST)
+        tries = (advanced(equations, origin._replace(tangent=side), float(share) * step, over) for share in FIRST_STEPS)
         first = next((point for point in tries if point is not None), None)
         if first is not None:
             arcs.append(follow(equations, first, *within))
@@ -284,7 +296,9 @@ def _branched(equations: Equations, special: Special, within) -> tuple[Point, li
     return origin, arcs
 
 
-def _result(equations: Equations, name: str, orbit: Floquet, origin: Point, arcs: list[Arc], t0: float) -> Continuation:
+def _result(
+    equations: BranchEquations, name: str, orbit: Floquet, origin: BranchPoint, arcs: list[Arc], t0: float
+) -> Continuation:
     """Both arcs as one branch, the first one reversed."""
     after = arcs[-1]
     before = arcs[0] if len(arcs) == 2 else Arc([], [], "closed" if after.end == "closed" else "start")
@@ -295,15 +309,15 @@ def _result(equations: Equations, name: str, orbit: Floquet, origin: Point, arcs
     return Continuation(
         parameter=name,
         values=np.array([point.parameter for point in points]),
-        orbits=tuple(_shown(equations, point, start) for point in points),
-        specials=tuple(_special(equations, one, start) for one in found),
+        orbits=tuple(_orbit_as_result(equations, point, start) for point in points),
+        specials=tuple(_special_as_result(equations, one, start) for one in found),
         ends=(before.end, after.end),
         largest=np.array([np.max(x, axis=0) for x in states]),
         smallest=np.array([np.min(x, axis=0) for x in states]),
     )
 
 
-def _shown(equations: Equations, point: Point, start: Node) -> Floquet:
+def _orbit_as_result(equations: BranchEquations, point: BranchPoint, start: Node) -> Floquet:
     """The orbit of a point with its multipliers; for a forced system shown at t0."""
     flow, base = equations.motion(point.parameter), point.orbit.nodes[0]
     shown = base if equations.autonomous else at_start(flow, base, start, point.orbit.period, point.orbit.shift)
@@ -311,7 +325,7 @@ def _shown(equations: Equations, point: Point, start: Node) -> Floquet:
     return floquet_of(flow, point.orbit, shown, equations.autonomous, family)
 
 
-def _special(equations: Equations, found: Found, start: Node) -> Special:
-    orbit = _shown(equations, found.point, start)
+def _special_as_result(equations: BranchEquations, found: LocatedPoint, start: Node) -> Special:
+    orbit = _orbit_as_result(equations, found.point, start)
     largest, turns = np.max(states_over(found.point), axis=0), equations.turns
     return Special(found.kind, found.point.parameter, orbit, turns, turns * found.turns, found.change, largest)

@@ -25,15 +25,26 @@ from ...errors import RunFailedError
 from ...systems.smooth import Map
 from ..orbits.invariants import Conserved
 from ..orbits.periodic_orbits import CONVERGED
-from ..orbits.shooting import FINISHED, Motion, Node, Orbit, linearised, placed, retimed, shares_of, shot, states_of
+from ..orbits.shooting import (
+    NEWTON_RESIDUAL,
+    Motion,
+    Node,
+    OrbitIterate,
+    linearised,
+    placed,
+    retimed,
+    shares_of,
+    shot,
+    states_of,
+)
 from ..orbits.symmetries import Symmetry
-from ..sensitivity.implicit import Turn
+from ..sensitivity.implicit import PeriodRun
 
-__all__ = ["Equations", "ParameterOf", "Point", "Unchanged", "states_over", "tangent"]
+__all__ = ["BranchEquations", "ParameterOf", "BranchPoint", "ConstantArgs", "states_over", "tangent"]
 
 GAIN = 0.25  # Newton's method goes on while a step reduces the residual to less than this fraction
-ITERATIONS = 8
-NONE = 1e-11  # singular values below this fraction of the largest count as zero
+NEWTON_ITERATIONS = 8
+ZERO_SINGULAR_VALUE = 1e-11  # singular values below this fraction of the largest count as zero
 
 
 class ParameterOf(eqx.Module):
@@ -48,7 +59,7 @@ class ParameterOf(eqx.Module):
         return self.args_of(jnp.asarray(self.leaf).at[self.entry].set(p))
 
 
-class Unchanged(eqx.Module):
+class ConstantArgs(eqx.Module):
     """Args that do not depend on the parameter."""
 
     args: Any
@@ -59,10 +70,10 @@ class Unchanged(eqx.Module):
         return self.args
 
 
-class Point(NamedTuple):
+class BranchPoint(NamedTuple):
     """A point of a branch."""
 
-    orbit: Orbit
+    orbit: OrbitIterate
     parameter: float
     u: np.ndarray  # (N + 1,)
     jacobian: np.ndarray  # (N, N + 1)
@@ -70,11 +81,11 @@ class Point(NamedTuple):
     iterations: int  # of Newton's method
 
 
-class Equations(NamedTuple):
+class BranchEquations(NamedTuple):
     """The problem, scales and conditions that all points of a branch share."""
 
-    problem: problems.Problem
-    args_of: ParameterOf | Unchanged
+    problem: problems.RunProblem
+    args_of: ParameterOf | ConstantArgs
     method: Any
     period: Any  # None (unknown), a number, or args ↦ number
     turns: int  # number of given periods after which the orbit closes
@@ -89,7 +100,7 @@ class Equations(NamedTuple):
     @property
     def level(self) -> bool:
         """Whether the parameter is the conserved value."""
-        return isinstance(self.args_of, Unchanged)
+        return isinstance(self.args_of, ConstantArgs)
 
     @property
     def fixed(self) -> int:
@@ -121,26 +132,26 @@ class Equations(NamedTuple):
         """The period that was given, at this parameter."""
         return self.period(self.args_of(jnp.asarray(p, float))) if callable(self.period) else self.period
 
-    def begin(self, node: Node, p: float, period: float) -> Orbit:
+    def orbit_from(self, node: Node, p: float, period: float) -> OrbitIterate:
         """The motion from this node, over that time, cut into pieces away from events."""
         flow = self.motion(p)
         nodes = placed(flow, node, period, self.segments)
         return shot(flow, nodes, shares_of(nodes, period), period, 0)
 
-    def scales(self, orbit: Orbit) -> np.ndarray:
+    def scales(self, orbit: OrbitIterate) -> np.ndarray:
         """The scale (N + 1,) of each unknown."""
         nodes = orbit.nodes
         states = np.full(len(nodes) * len(nodes[0].x), self.size * np.sqrt(len(nodes)))
         forces = np.full(self.fixed, self.size)
         return np.concatenate([states, [self.time] * self.autonomous, self.shifts, forces, [self.span]])
 
-    def vector(self, orbit: Orbit, p: float) -> np.ndarray:
+    def vector(self, orbit: OrbitIterate, p: float) -> np.ndarray:
         """The unknowns u (N + 1,) of an orbit."""
         states = [np.asarray(node.x) for node in orbit.nodes]
         rest = [orbit.period] * self.autonomous, orbit.shift, np.zeros(self.fixed), [p]
         return np.concatenate([*states, *rest]) / self.scales(orbit)
 
-    def shoot(self, u: np.ndarray, like: Orbit) -> tuple[Orbit, float]:
+    def shoot(self, u: np.ndarray, like: OrbitIterate) -> tuple[OrbitIterate, float]:
         """The orbit with the nodes given by u, at the same fractions of the period as in `like`; and the parameter."""
         m, n = len(like.nodes), len(like.nodes[0].x)
         values = u * self.scales(like)
@@ -152,7 +163,7 @@ class Equations(NamedTuple):
         shares = shares_of(like.nodes, like.period)
         return shot(flow, retimed(nodes, shares, period), shares, period, 0, shift), p
 
-    def linearised(self, orbit: Orbit, p: float) -> tuple[np.ndarray, np.ndarray]:
+    def linearised(self, orbit: OrbitIterate, p: float) -> tuple[np.ndarray, np.ndarray]:
         """The Jacobian (N, N + 1) of the equations, and their residuals (N,)."""
         flow, shares = self.motion(p), shares_of(orbit.nodes, orbit.period)
         system, gaps = linearised(flow, orbit, shares, self.autonomous)
@@ -183,7 +194,7 @@ class Equations(NamedTuple):
         change = -np.ones(1) if self.level else np.asarray(jax.jacfwd(value)(jnp.asarray(p, float)))
         return change / np.linalg.norm(slopes, axis=1)
 
-    def _by_parameter(self, orbit: Orbit, shares, p: float) -> list[np.ndarray]:
+    def _by_parameter(self, orbit: OrbitIterate, shares, p: float) -> list[np.ndarray]:
         """Derivatives (n,) of the pieces' ends by the parameter, through a period that depends on it too."""
         longer = 0.0
         if callable(self.period) and not self.discrete:
@@ -198,19 +209,19 @@ class Equations(NamedTuple):
     def carried(self, node: Node, length: float, p: float, along: tuple) -> np.ndarray:
         """The derivative (n,) of the motion's end along changes (dp, dt, dx, dlength) of p, start and length."""
         mode = 0 if self.discrete else self.motion(p).mode(node)
-        turn = Turn(self.problem.system, self.args_of, None, None, self.method)
+        turn = PeriodRun(self.problem.system, self.args_of, None, None, self.method)
         given, changes = ([jnp.asarray(value, float) for value in values] for values in ((p, *node[:2], length), along))
         return np.asarray(_carried(turn, jnp.asarray(mode), given, changes, self.discrete))
 
     def corrected(
-        self, guess: np.ndarray, like: Orbit, across: np.ndarray, level: float, reach: float = np.inf
-    ) -> Point | None:
+        self, guess: np.ndarray, like: OrbitIterate, across: np.ndarray, level: float, reach: float = np.inf
+    ) -> BranchPoint | None:
         """The point of the branch near a guess on the hyperplane across·u = level; None without convergence.
 
         Gives up farther than `reach` from the guess: there the motion may be of another kind and take very long.
         """
         u, before = guess, np.inf
-        for iteration in range(ITERATIONS):
+        for iteration in range(NEWTON_ITERATIONS):
             try:
                 orbit, p = self.shoot(u, like)
             except (RunFailedError, ValueError):
@@ -219,8 +230,8 @@ class Equations(NamedTuple):
             if not np.all(np.isfinite(jacobian)):
                 return None
             u = self.vector(orbit, p)  # projected onto the constraints, if there are any
-            if orbit.residual <= CONVERGED and not FINISHED < orbit.residual < GAIN * before:
-                return Point(orbit, p, u, jacobian, tangent(jacobian, across), iteration)
+            if orbit.residual <= CONVERGED and not NEWTON_RESIDUAL < orbit.residual < GAIN * before:
+                return BranchPoint(orbit, p, u, jacobian, tangent(jacobian, across), iteration)
             if iteration > 1 and not orbit.residual < before:
                 return None
             before = orbit.residual
@@ -231,13 +242,13 @@ class Equations(NamedTuple):
         return None
 
 
-def states_over(point: Point) -> np.ndarray:
+def states_over(point: BranchPoint) -> np.ndarray:
     """States (samples, n) of the whole orbit."""
     return np.concatenate([states_of(piece)[1] for piece in point.orbit.pieces])
 
 
 @compiled()
-def _carried(turn: Turn, mode, given, along, discrete: bool):
+def _carried(turn: PeriodRun, mode, given, along, discrete: bool):
     n = given[2].shape[0]
 
     def end(p, t, x, length):
@@ -251,7 +262,7 @@ def _carried(turn: Turn, mode, given, along, discrete: bool):
 
 def solved(jacobian: np.ndarray, across: np.ndarray, right: np.ndarray) -> np.ndarray:
     """The Newton correction (N + 1,); of least norm where it is not unique, as at a branch point."""
-    return np.linalg.lstsq(np.vstack([jacobian, across]), right, rcond=NONE)[0]
+    return np.linalg.lstsq(np.vstack([jacobian, across]), right, rcond=ZERO_SINGULAR_VALUE)[0]
 
 
 def tangent(jacobian: np.ndarray, along: np.ndarray) -> np.ndarray:

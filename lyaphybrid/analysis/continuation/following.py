@@ -8,37 +8,38 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import RunFailedError
-from ..orbits.shooting import Node, Orbit
+from ..orbits.shooting import Node, OrbitIterate
 from .bifurcations import cycle_of_events
-from .equations import Equations, Point, states_over, tangent
-from .locating import Change, Found, change_of, crossings
+from .equations import BranchEquations, BranchPoint, states_over, tangent
+from .locating import LocatedPoint, OrbitChange, change_of, crossings
 from .touching import touches
 
-__all__ = ["Arc", "advanced", "begun", "follow", "resumed"]
+__all__ = ["Arc", "advanced", "point_of_orbit", "follow", "resumed"]
 
-TURN = 0.9  # least cosine of the angle between the tangents of two consecutive points
+LEAST_COSINE = 0.9  # least cosine of the angle between the tangents of two consecutive points
 ASTRAY = 0.5  # of the step length: a longer correction is rejected, it may lead to another branch
 GROWTH = 1.4  # factor of the step length where Newton's method converges quickly
-QUICK, LATE = 3, 5  # Newton iterations: at most QUICK lengthen the step, at least LATE shorten it
-SHORTEST = 1e-7  # of the largest step
+QUICK_ITERATIONS = 3  # at most so many Newton iterations lengthen the step …
+SLOW_ITERATIONS = 5  # … and at least so many shorten it
+SHORTEST_STEP = 1e-7  # of the largest step
 NEXT = 1e-12  # step length at which the approach to a change of the events ends
-CLEAR = 0.005  # of the period: nodes nearer to an event than this are moved
+LEAST_CLEARANCE = 0.005  # of the period: nodes nearer to an event than this are moved
 
 
 class Arc(NamedTuple):
     """The part of a branch to one side of its start."""
 
-    points: list[Point]
-    found: list[Found]
+    points: list[BranchPoint]
+    found: list[LocatedPoint]
     end: str
 
 
-def follow(equations: Equations, start: Point, over: tuple[float, float], step: float, most: int) -> Arc:
+def follow(equations: BranchEquations, start: BranchPoint, over: tuple[float, float], step: float, most: int) -> Arc:
     """The branch from a point, along its tangent, until it leaves the range, closes or ends."""
     points, found, length = [start], [], step / 4
     while True:
         last = points[-1]
-        end = _end(equations, points, over, most, length < SHORTEST * step)
+        end = _reason_to_stop(equations, points, over, most, length < SHORTEST_STEP * step)
         if end is not None:
             break
         after = advanced(equations, last, length, over)
@@ -47,17 +48,17 @@ def follow(equations: Equations, start: Point, over: tuple[float, float], step: 
             length /= 2
             continue
         found += met
-        points.append(_clear(equations, after))
-        length = min(step, length * GROWTH) if after.iterations <= QUICK else length
-        length = length / GROWTH if after.iterations >= LATE else length
+        points.append(_with_clear_nodes(equations, after))
+        length = min(step, length * GROWTH) if after.iterations <= QUICK_ITERATIONS else length
+        length = length / GROWTH if after.iterations >= SLOW_ITERATIONS else length
     if end == "no convergence":
         nearest = _approached(equations, last, length)
         if touches(equations, nearest):
-            return Arc(points, [*found, Found("grazing", nearest, None, 1)], "grazing")
+            return Arc(points, [*found, LocatedPoint("grazing", nearest, None, 1)], "grazing")
     return Arc(points, found, end)
 
 
-def _end(equations: Equations, points: list[Point], over, most: int, short: bool) -> str | None:
+def _reason_to_stop(equations: BranchEquations, points: list[BranchPoint], over, most: int, short: bool) -> str | None:
     """The reason to stop following the branch; None: go on."""
     last = points[-1]
     bound = over[1] if last.tangent[-1] > 0 else over[0]
@@ -70,7 +71,7 @@ def _end(equations: Equations, points: list[Point], over, most: int, short: bool
     return "no convergence" if short else None
 
 
-def _closed(equations: Equations, points: list[Point]) -> bool:
+def _closed(equations: BranchEquations, points: list[BranchPoint]) -> bool:
     """Whether the last step passed the start of the branch, in the same direction."""
     first, before, last = (_signature(equations, point) for point in (points[0], *points[-2:]))
     along = points[0].tangent[-1] * points[-1].tangent[-1] > 0
@@ -79,18 +80,22 @@ def _closed(equations: Equations, points: list[Point]) -> bool:
     )
 
 
-def _signature(equations: Equations, point: Point) -> np.ndarray:
+def _signature(equations: BranchEquations, point: BranchPoint) -> np.ndarray:
     """Scaled numbers of an orbit that do not depend on its first node."""
     states = states_over(point)
     ends = np.concatenate([states.max(axis=0), states.min(axis=0)]) / equations.size
     return np.append(ends, [point.orbit.period / equations.time, point.parameter / equations.span])
 
 
-def advanced(equations: Equations, last: Point, length: float, over) -> Point | None:
+def advanced(equations: BranchEquations, last: BranchPoint, length: float, over) -> BranchPoint | None:
     """The next point of the branch, or the point on the border of the range if the step would leave it."""
     guess = last.u + length * last.tangent
     after = equations.corrected(guess, last.orbit, last.tangent, float(last.tangent @ guess), reach=length)
-    if after is None or after.tangent @ last.tangent < TURN or np.linalg.norm(after.u - guess) > ASTRAY * length:
+    if (
+        after is None
+        or after.tangent @ last.tangent < LEAST_COSINE
+        or np.linalg.norm(after.u - guess) > ASTRAY * length
+    ):
         return None
     bound = float(np.clip(after.parameter, *over))
     if bound == after.parameter:
@@ -102,16 +107,18 @@ def advanced(equations: Equations, last: Point, length: float, over) -> Point | 
     return None if onto is None else onto._replace(tangent=tangent(onto.jacobian, last.tangent), parameter=bound)
 
 
-def _between(equations: Equations, before: Point, after: Point, length: float) -> list[Found] | None:
+def _between(
+    equations: BranchEquations, before: BranchPoint, after: BranchPoint, length: float
+) -> list[LocatedPoint] | None:
     """Special points between two points; None if they cannot be located, and the step must be shorter."""
     if cycle_of_events(before) == cycle_of_events(after):
         return crossings(equations, before, after)
     edge = _approached(equations, before, length)
     first = [] if edge is before else crossings(equations, before, edge)
-    return None if first is None else [*first, Found("grazing", edge, None, 1)]
+    return None if first is None else [*first, LocatedPoint("grazing", edge, None, 1)]
 
 
-def _approached(equations: Equations, last: Point, length: float) -> Point:
+def _approached(equations: BranchEquations, last: BranchPoint, length: float) -> BranchPoint:
     """The last point before the branch ends or the sequence of its events changes."""
     cycle, everywhere = cycle_of_events(last), (-np.inf, np.inf)
     while length > NEXT:
@@ -122,9 +129,11 @@ def _approached(equations: Equations, last: Point, length: float) -> Point:
     return last
 
 
-def resumed(equations: Equations, node: Node, p: float, period: float, change: Change) -> tuple[Orbit, np.ndarray]:
+def resumed(
+    equations: BranchEquations, node: Node, p: float, period: float, change: OrbitChange
+) -> tuple[OrbitIterate, np.ndarray]:
     """The orbit through a node with new nodes, and the direction `change` in its unknowns (N + 1,)."""
-    orbit = equations.begin(node, p, period)
+    orbit = equations.orbit_from(node, p, period)
     moved = [
         change.x
         if at.t == node.t
@@ -136,15 +145,15 @@ def resumed(equations: Equations, node: Node, p: float, period: float, change: C
     return orbit, values / equations.scales(orbit)
 
 
-def begun(equations: Equations, orbit: Orbit, p: float, along: np.ndarray) -> Point | None:
+def point_of_orbit(equations: BranchEquations, orbit: OrbitIterate, p: float, along: np.ndarray) -> BranchPoint | None:
     """The point of the branch next to an orbit, in that orbit's nodes, its tangent oriented like `along`."""
     u = equations.vector(orbit, p)
     return equations.corrected(u, orbit, along, float(along @ u))
 
 
-def _clear(equations: Equations, point: Point) -> Point:
+def _with_clear_nodes(equations: BranchEquations, point: BranchPoint) -> BranchPoint:
     """The same point, with new nodes if some are too near to events."""
-    near = CLEAR * point.orbit.period
+    near = LEAST_CLEARANCE * point.orbit.period
     times = [(piece.events.t, piece.length) for piece in point.orbit.pieces if piece.events is not None]
     if not any(np.any((t < near) | (length - t < near)) for t, length in times):
         return point
@@ -153,4 +162,4 @@ def _clear(equations: Equations, point: Point) -> Point:
         orbit, along = resumed(equations, point.orbit.nodes[0], point.parameter, point.orbit.period, change)
     except RunFailedError:
         return point
-    return begun(equations, orbit, point.parameter, along) or point
+    return point_of_orbit(equations, orbit, point.parameter, along) or point

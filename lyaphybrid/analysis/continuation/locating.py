@@ -12,16 +12,16 @@ import scipy  # submodules load on first use, because those used here load slowl
 
 from ...errors import RunFailedError
 from .bifurcations import TESTS, branching, is_complex, of_doubling
-from .equations import Equations, Point
+from .equations import BranchEquations, BranchPoint
 
-__all__ = ["Change", "Found", "change_of", "crossings"]
+__all__ = ["OrbitChange", "LocatedPoint", "change_of", "crossings"]
 
-ASIDE = 0.1 * np.array([-3, -2, -1, 1, 2, 3])  # of a step: offsets of the interpolation points
-SAME = 1e-3  # of a step: a fold nearer to a branch point than this is that branch point
+INTERPOLATION_OFFSETS = 0.1 * np.array([-3, -2, -1, 1, 2, 3])  # of a step: offsets of the interpolation points
+FOLD_AT_BRANCH_POINT = 1e-3  # of a step: a fold nearer to a branch point than this is that branch point
 ROOT = 1e-2  # of the test's values at both ends: a larger value at the root means a jump, not a root
 
 
-class Change(NamedTuple):
+class OrbitChange(NamedTuple):
     """A direction of change of an orbit, at its first node."""
 
     x: np.ndarray  # (n,)
@@ -30,19 +30,19 @@ class Change(NamedTuple):
     shift: np.ndarray  # (q,) change of the shift of a group
 
 
-class Found(NamedTuple):
+class LocatedPoint(NamedTuple):
     """A special point that was located on a branch."""
 
     kind: str
-    point: Point
-    change: Change | None  # direction to another branch
+    point: BranchPoint
+    change: OrbitChange | None  # direction to another branch
     turns: int  # turns of this orbit in one period on that branch
 
 
-def crossings(equations: Equations, before: Point, after: Point) -> list[Found] | None:
+def crossings(equations: BranchEquations, before: BranchPoint, after: BranchPoint) -> list[LocatedPoint] | None:
     """The special points between two points, in order; None if Newton's method fails there."""
     total = float(before.tangent @ (after.u - before.u))
-    places: list[tuple[float, Found]] = []
+    places: list[tuple[float, LocatedPoint]] = []
     for kind, test in TESTS.items():
         ends = test(equations, before), test(equations, after)
         if ends[0] * ends[1] >= 0:
@@ -50,10 +50,10 @@ def crossings(equations: Equations, before: Point, after: Point) -> list[Found] 
         try:
             place, point = _located(equations, before, after, total, kind)
             jump = abs(test(equations, point)) > ROOT * max(np.abs(ends))
-            found = None if jump else _found(equations, kind, point)
+            found = None if jump else _from_sign_change(equations, kind, point)
         except (_LostError, RunFailedError):
             return None
-        double = kind == "fold" and any(abs(place - other) < SAME * total for other, _ in places)
+        double = kind == "fold" and any(abs(place - other) < FOLD_AT_BRANCH_POINT * total for other, _ in places)
         if found is not None and not double:
             places.append((place, found))
     return [found for _, found in sorted(places, key=lambda pair: pair[0])]
@@ -63,13 +63,15 @@ class _LostError(Exception):
     """Newton's method found no point of the branch."""
 
 
-def _located(equations: Equations, before: Point, after: Point, total: float, kind: str) -> tuple[float, Point]:
+def _located(
+    equations: BranchEquations, before: BranchPoint, after: BranchPoint, total: float, kind: str
+) -> tuple[float, BranchPoint]:
     """The root of a test between two points: its place along the first tangent, and the point."""
     slopes = before.tangent, after.tangent / (before.tangent @ after.tangent)
     path = scipy.interpolate.CubicHermiteSpline([0.0, total], [before.u, after.u], slopes)
     known = {0.0: before, total: after}
 
-    def at(place: float) -> Point:
+    def at(place: float) -> BranchPoint:
         if place not in known:
             level = float(before.tangent @ before.u + place)
             point = equations.corrected(path(place), before.orbit, before.tangent, level, reach=total)
@@ -83,7 +85,7 @@ def _located(equations: Equations, before: Point, after: Point, total: float, ki
 
     if kind == "branch point":
         roughly = _root(value, 0.0, total, 0.05 * total)
-        return _from_aside(equations, roughly + ASIDE * total, at, value)
+        return _from_aside(equations, roughly + INTERPOLATION_OFFSETS * total, at, value)
     place = _root(value, 0.0, total, 1e-14)
     return place, at(place)
 
@@ -92,7 +94,9 @@ def _root(function: Callable[[float], float], low: float, high: float, within: f
     return float(scipy.optimize.brentq(function, low, high, xtol=within, rtol=8.9e-16))  # pyright: ignore[reportArgumentType]
 
 
-def _from_aside(equations: Equations, places: np.ndarray, at: Callable, value: Callable) -> tuple[float, Point]:
+def _from_aside(
+    equations: BranchEquations, places: np.ndarray, at: Callable, value: Callable
+) -> tuple[float, BranchPoint]:
     """A branch point, from the polynomials through points around it."""
     rows = [np.append(value(place), at(place).u) for place in map(float, places)]
     through = scipy.interpolate.KroghInterpolator(places, rows)
@@ -101,29 +105,29 @@ def _from_aside(equations: Equations, places: np.ndarray, at: Callable, value: C
     place = _root(lambda place: float(through(place)[0]), float(places[2]), float(places[3]), 1e-14)
     u, along = through(place)[1:], through.derivative(place)[1:]
     orbit, p = equations.shoot(u, at(float(places[2])).orbit)
-    return place, Point(orbit, p, u, equations.linearised(orbit, p)[0], along / np.linalg.norm(along), 0)
+    return place, BranchPoint(orbit, p, u, equations.linearised(orbit, p)[0], along / np.linalg.norm(along), 0)
 
 
-def _found(equations: Equations, kind: str, point: Point) -> Found | None:
+def _from_sign_change(equations: BranchEquations, kind: str, point: BranchPoint) -> LocatedPoint | None:
     """The special point of a change of sign, with the direction to the other branch."""
     if kind == "branch point":
         other = branching(equations, point)
-        return Found(other.kind, point, change_of(equations, point, other.direction), 1)
+        return LocatedPoint(other.kind, point, change_of(equations, point, other.direction), 1)
     if kind == "period doubling":
-        return Found(
+        return LocatedPoint(
             kind,
             point,
-            Change(of_doubling(equations, point) * equations.size, 0.0, 0.0, np.zeros(len(equations.shifts))),
+            OrbitChange(of_doubling(equations, point) * equations.size, 0.0, 0.0, np.zeros(len(equations.shifts))),
             2,
         )
     if kind == "Neimark–Sacker" and not is_complex(equations, point):
         return None
-    return Found(kind, point, None, 1)
+    return LocatedPoint(kind, point, None, 1)
 
 
-def change_of(equations: Equations, point: Point, direction: np.ndarray) -> Change:
-    """A direction of the scaled unknowns, as a `Change` at the first node."""
+def change_of(equations: BranchEquations, point: BranchPoint, direction: np.ndarray) -> OrbitChange:
+    """A direction of the scaled unknowns, as a `OrbitChange` at the first node."""
     values = direction * equations.scales(point.orbit)
     n, states = len(point.orbit.nodes[0].x), len(point.orbit.nodes) * len(point.orbit.nodes[0].x)
     shift = values[states + equations.autonomous :][: len(equations.shifts)]
-    return Change(values[:n], float(values[states]) if equations.autonomous else 0.0, float(values[-1]), shift)
+    return OrbitChange(values[:n], float(values[states]) if equations.autonomous else 0.0, float(values[-1]), shift)

@@ -5,16 +5,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...systems.hybrid import Hybrid, Transition
-from ..orbits.shooting import Motion, Piece
-from .equations import Equations, Point
+from ..orbits.shooting import Motion, MotionPiece
+from .equations import BranchEquations, BranchPoint
 
 __all__ = ["touches"]
 
 GRAZED = 1e-5  # largest |extremum| of a grazed guard, relative to the guard's range
-SLOW = 1e-3  # largest rate of a guard at a tangential event, relative to the largest rate on the orbit
+TANGENTIAL_RATE = 1e-3  # largest rate of a guard at a tangential event, relative to the largest rate on the orbit
 
 
-def touches(equations: Equations, point: Point) -> bool:
+def touches(equations: BranchEquations, point: BranchPoint) -> bool:
     """Whether some guard nearly vanishes together with its rate."""
     flow = equations.motion(point.parameter)
     system = flow.problem.system
@@ -24,7 +24,7 @@ def touches(equations: Equations, point: Point) -> bool:
     return any(_touched(flow, piece, j, transition) for piece in point.orbit.pieces for j, transition in guarded)
 
 
-def _touched(flow: Motion, piece: Piece, j: int, transition: Transition) -> bool:
+def _touched(flow: Motion, piece: MotionPiece, j: int, transition: Transition) -> bool:
     names = flow.problem.system.mode_names
     sources = range(len(names)) if transition.source is None else map(names.index, transition.source)
     for mode in sources:
@@ -34,14 +34,14 @@ def _touched(flow: Motion, piece: Piece, j: int, transition: Transition) -> bool
             continue
         times = np.concatenate([piece.times[inside], piece.events.t[fired]])
         states = np.concatenate([piece.points[inside], piece.events.x_before[fired]])
-        values, rates = _along(flow, transition, mode, piece.start.t + times, states)
+        values, rates = _guard_values(flow, transition, mode, piece.start.t + times, states)
         split = np.sum(inside)
         if _grazes(values[:split], np.flatnonzero(inside)) or _slow(rates[split:], rates):
             return True
     return False
 
 
-def _along(flow: Motion, transition: Transition, mode: int, times, states):
+def _guard_values(flow: Motion, transition: Transition, mode: int, times, states):
     """Values and rates (samples, m) of a guard along the motion in a mode."""
     field, guard, args = flow.problem.system.fields[mode], transition.guard, flow.problem.args
     assert guard is not None
@@ -66,4 +66,4 @@ def _grazes(values: np.ndarray, at: np.ndarray) -> bool:
 
 
 def _slow(rates: np.ndarray, everywhere: np.ndarray) -> bool:
-    return bool(len(rates)) and bool(np.any(np.abs(rates) < SLOW * np.max(np.abs(everywhere), axis=0)))
+    return bool(len(rates)) and bool(np.any(np.abs(rates) < TANGENTIAL_RATE * np.max(np.abs(everywhere), axis=0)))

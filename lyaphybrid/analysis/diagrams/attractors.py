@@ -6,13 +6,14 @@ from ...statuses import OK, STATUS
 
 __all__ = ["labels", "lifetime", "turns_of"]
 
-LONGEST = 24  # longest period that is recognised
+LONGEST_PERIOD = 24  # longest period that is recognised
 REPEATS = 1e-5  # points this near, relative to the range of each component, are equal
-SETTLED = 1e-3  # the same for a motion that still converges to its cycle …
-NEAR = 0.05  # … whose lifetime ends when it comes this near to the cycle
-LEAST = 0.01  # least range of a component, relative to its size
-STILL = 0.01  # largest relative change, from first to second half, of the misfit of a divisor of the period
-CLEARLY, GROWN = 5.0, 25.0  # chaos: λ₁ > CLEARLY standard errors, and the growth over the run exceeds e²⁵
+PERIODIC_CONVERGING = 1e-3  # the same for a motion that still converges to its cycle …
+NEAR_CYCLE = 0.05  # … whose lifetime ends when it comes this near to the cycle
+LEAST_RANGE = 0.01  # least range of a component, relative to its size
+LARGEST_DRIFT = 0.01  # largest relative change, from first to second half, of the misfit of a divisor of the period
+CHAOS_ERRORS = 5.0  # chaos: λ₁ is larger than so many standard errors …
+CHAOS_GROWTH = 25.0  # … and the growth over the run exceeds e²⁵
 
 
 def turns_of(n: int, angles) -> np.ndarray:
@@ -34,13 +35,13 @@ def apart(xp, a, b, turns):
 def _ranges(xp, points, turns):
     """(n,) the range of each component, at least a small part of its size and of the largest range."""
     low, high = xp.min(points, axis=0), xp.max(points, axis=0)
-    scale = xp.maximum(high - low, LEAST * xp.maximum(xp.abs(low), xp.abs(high)))
+    scale = xp.maximum(high - low, LEAST_RANGE * xp.maximum(xp.abs(low), xp.abs(high)))
     scale = xp.where(np.isfinite(turns), np.where(np.isfinite(turns), turns, 0.0), scale)
-    return xp.maximum(scale, LEAST**2 * xp.max(scale) + 1e-300)
+    return xp.maximum(scale, LEAST_RANGE**2 * xp.max(scale) + 1e-300)
 
 
 def period(xp, points, turns, scale, tolerance: float):
-    """The least p with x_{j+p} = x_j for all points (…, samples, n); 0 where there is none up to LONGEST.
+    """The least p with x_{j+p} = x_j for all points (…, samples, n); 0 where there is none up to LONGEST_PERIOD.
 
     Args:
         xp: NumPy or jax.numpy.
@@ -51,7 +52,7 @@ def period(xp, points, turns, scale, tolerance: float):
     """
     samples = points.shape[-2]
     found = xp.zeros(points.shape[:-2], np.int32)
-    for p in reversed(range(1, min(LONGEST, samples // 2) + 1)):
+    for p in reversed(range(1, min(LONGEST_PERIOD, samples // 2) + 1)):
         gap = apart(xp, points[..., p:, :], points[..., :-p, :], turns)
         same = xp.all(gap <= tolerance * xp.broadcast_to(scale, gap.shape), axis=(-2, -1))
         found = xp.where(same, np.int32(p), found)
@@ -70,11 +71,11 @@ def lifetime(xp, points, ends: np.ndarray, turns, samples: int):
     """
     m = points.shape[0]
     scale = _ranges(xp, points, turns)
-    p = period(xp, points[m - samples :], turns, scale, SETTLED)
+    p = period(xp, points[m - samples :], turns, scale, PERIODIC_CONVERGING)
     # Compare each point with the point of the last cycle that has the same phase.
     beside = m - 1 - xp.mod((ends[-1] - ends).astype(np.int32), xp.maximum(p, 1))
     gap = apart(xp, points, points[beside], turns)
-    away = xp.any(gap > NEAR * xp.broadcast_to(scale, gap.shape), axis=1)
+    away = xp.any(gap > NEAR_CYCLE * xp.broadcast_to(scale, gap.shape), axis=1)
     settled = xp.max(xp.where(away, ends.astype(points.dtype), 0.0))
     return xp.where(p > 0, settled, np.nan)
 
@@ -95,7 +96,7 @@ def labels(points, angles, status, exponents, stderr, lengths) -> np.ndarray:
     rows = rows[np.all(np.isfinite(rows), axis=1)]
     scale = _ranges(np, rows, turns) if len(rows) else np.ones_like(turns)
     p = _at_rest(points, turns, scale, period(np, points, turns, scale, REPEATS))
-    chaotic = (exponents > CLEARLY * stderr) & (exponents * lengths > GROWN)
+    chaotic = (exponents > CHAOS_ERRORS * stderr) & (exponents * lengths > CHAOS_GROWTH)
     found = np.where(chaotic, "chaos", "aperiodic/slow").astype(object)
     for i in np.argwhere(p > 0):
         found[tuple(i)] = f"P{p[tuple(i)]}w{_winding(points[tuple(i)], int(p[tuple(i)]), angles)}"
@@ -112,13 +113,13 @@ def _at_rest(points, turns, scale, p):
     Then x_{j+2q} = x_j holds nearly, long before x_{j+q} = x_j does.
     """
     p, half = p.copy(), points.shape[-2] // 2
-    for q in range(1, LONGEST // 2 + 1):
+    for q in range(1, LONGEST_PERIOD // 2 + 1):
         several = (p > q) & (p % q == 0)
         if not np.any(several):
             continue
         gap = np.max(apart(np, points[several][:, q:], points[several][:, :-q], turns) / scale, axis=-1)
         early, late = np.max(gap[:, :half], axis=1), np.max(gap[:, -half:], axis=1)
-        p[several] = np.where(np.abs(early - late) > STILL * early, 0, p[several])
+        p[several] = np.where(np.abs(early - late) > LARGEST_DRIFT * early, 0, p[several])
     return p
 
 

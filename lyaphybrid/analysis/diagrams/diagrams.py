@@ -29,12 +29,12 @@ from ..orbits.periods import check_period
 from ..spectra import initial_frame
 from . import attractors
 from .sections import with_section
-from .strobes import Found, Lane, State, at, placed, run, schedule
+from .strobes import RunEnd, StrobeResults, StrobeRun, at, placed, run, schedule
 
 __all__ = ["BifurcationDiagram", "bifurcation_diagram"]
 
-KINDS = ("random", "up", "down")
-PATIENCE = 10_000  # attempts of a step for each crossing of a section, in case there is none
+START_KINDS = ("random", "up", "down")
+ATTEMPTS_PER_CROSSING = 10_000  # attempts of a step for each crossing of a section, in case there is none
 MISSING = -1  # status of a lane that was not computed
 
 
@@ -162,7 +162,7 @@ def bifurcation_diagram(
     period: Any = None,
     section: Any = None,
     starts: Any = 4,
-    directions: Sequence[str] = KINDS,
+    directions: Sequence[str] = START_KINDS,
     transient: int = 200,
     t1: int = 1000,
     samples: int = 64,
@@ -231,13 +231,16 @@ def bifurcation_diagram(
     require(samples <= t1, f"samples must be at most t1 = {t1}; got {samples}.")
     attempts(max_steps)
     kinds = tuple(directions)
-    good = len(kinds) > 0 and set(kinds) <= set(KINDS) and len(set(kinds)) == len(kinds)
-    require(not isinstance(directions, str) and good, f"directions must be some of {KINDS}; got {directions!r}.")
+    good = len(kinds) > 0 and set(kinds) <= set(START_KINDS) and len(set(kinds)) == len(kinds)
+    require(not isinstance(directions, str) and good, f"directions must be some of {START_KINDS}; got {directions!r}.")
     period = _unit(system, period, section)
     system = system if section is None else with_section(system, section, -1)
     given, first = _starts(x0, starts, len(values), key)
     problem, given, t0, mode = preparation.prepare(system, given, args, 0.0, method, mode, "x0")
-    require(len(problem.shape) == 1, "Systems of many bodies have no bifurcation diagram.")
+    require(
+        len(problem.shape) == 1,
+        f"bifurcation_diagram needs states of shape (n,); got {problem.shape}. For many bodies use lh.sweep.",
+    )
     require(not traced(problem, given, values), "bifurcation_diagram drives many runs: it cannot be used under jit.")
     _check_parameter(problem, name, values, period, given[0], transient)
     n = problem.shape[0]
@@ -317,8 +320,8 @@ def _shared(problem, how, period, t0, mode, k, max_steps, start):
         whole("k", k, least=1)
     frame, _ = initial_frame(problem, t0, jnp.asarray(start), None, k)
     dtype, (qr_schedule, interval) = frame.dtype, qr_schedule_for(problem, None)
-    plan = problems.Plan(qr_schedule=qr_schedule, count_jumps=period is None)
-    limit = PATIENCE * how.ends[-1] if max_steps is None and period is None else max_steps
+    plan = problems.RunPlan(qr_schedule=qr_schedule, count_jumps=period is None)
+    limit = ATTEMPTS_PER_CROSSING * how.ends[-1] if max_steps is None and period is None else max_steps
     limit = np.int32(driver.FOREVER if limit is None else min(limit, driver.FOREVER))
     # Numbers as arrays, so that other values compile nothing new.
     period = period if period is None or callable(period) else array(period, dtype)
@@ -327,20 +330,22 @@ def _shared(problem, how, period, t0, mode, k, max_steps, start):
 
 def _sequences(values, random, follow_from, kinds) -> list:
     """All (kind, sequence); the two continuations come first because they are long."""
-    blank = State(np.zeros_like(follow_from[0]), np.int32(0), np.asarray(False))
+    blank = RunEnd(np.zeros_like(follow_from[0]), np.int32(0), np.asarray(False))
     sequences = []
     for kind, step in (("up", 1), ("down", -1)):
         if kind in kinds:
-            lane = Lane(values[::step], follow_from[::step], np.full(len(values), True))
+            lane = StrobeRun(values[::step], follow_from[::step], np.full(len(values), True))
             sequences.append((kind, (blank, lane)))
     if "random" in kinds:
         count = random.shape[1]
-        lane = Lane(np.repeat(values, count), random.reshape(-1, random.shape[2]), np.full(len(values) * count, False))
+        lane = StrobeRun(
+            np.repeat(values, count), random.reshape(-1, random.shape[2]), np.full(len(values) * count, False)
+        )
         sequences += [("random", sequence) for sequence in lanes.short_sequences(blank, lane)]
     return sequences
 
 
-def _columns(kinds, results, done, shape) -> tuple[Found, tuple[str, ...]]:
+def _columns(kinds, results, done, shape) -> tuple[StrobeResults, tuple[str, ...]]:
     """The results of all sequences as columns (values, starts, …) in the order random, up, down."""
     parts = []
     for result, ready in zip(results, done, strict=True):
@@ -362,7 +367,7 @@ def _columns(kinds, results, done, shape) -> tuple[Found, tuple[str, ...]]:
     return jax.tree.map(lambda *rows: np.concatenate(rows, axis=1), *columns), tuple(names)
 
 
-def _assembled(name, values, kinds, found: Found, angles, transient, t1, escape) -> BifurcationDiagram:
+def _assembled(name, values, kinds, found: StrobeResults, angles, transient, t1, escape) -> BifurcationDiagram:
     missing = found.status == MISSING
     found = jax.tree.map(
         lambda leaf: (

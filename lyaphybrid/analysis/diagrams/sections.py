@@ -24,11 +24,11 @@ from ...systems.kinds import iterates
 from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
 from ..orbits.periods import check_period
-from ..trajectories import ROOM
+from ..trajectories import EVENT_LOG_ROWS
 
 __all__ = ["PoincareSection", "poincare_section", "with_section"]
 
-MOST = 2.0**31 - 2.0**16  # jumps in one run, counted in 32 bits
+MOST_JUMPS = 2.0**31 - 2.0**16  # jumps in one run, counted in 32 bits
 
 
 class PoincareSection(RunResult, eqx.Module):
@@ -183,7 +183,7 @@ def _begin(problem, plan, t0, x0, mode):
 
 def _stroboscopic(problem, x0, t0, mode, period, n, transient, max_steps):
     """The points at t0 + k T."""
-    plan = problems.Plan(collect=problems.point)
+    plan = problems.RunPlan(collect=problems.point)
     ends = array(period * np.arange(1, transient + n + 1), x0.dtype)
     outcome = driver.drive(problem, plan, _begin(problem, plan, t0, x0, mode), ends, ends, max_steps)
     t, x, modes, _ = outcome.records.collected
@@ -194,12 +194,12 @@ def _stroboscopic(problem, x0, t0, mode, period, n, transient, max_steps):
 
 def _crossings(problem, x0, t0, mode, n, transient, max_steps):
     """The points on the section: run until enough jumps are crossings."""
-    plan = problems.Plan(log=ROOM, count_jumps=True)
+    plan = problems.RunPlan(log=EVENT_LOG_ROWS, count_jumps=True)
     wanted, found, seen, jumps, previous = transient + n, [], 0, 0, -np.inf
     loop_state, ends = _begin(problem, plan, t0, x0, mode), array([np.inf], x0.dtype)
     while True:
         # At least the missing crossings; with other jumps in between, as many more jumps as there were so far.
-        more = min(np.ceil((wanted - seen) * max(1.0, jumps / max(seen, 1))), MOST)
+        more = min(np.ceil((wanted - seen) * max(1.0, jumps / max(seen, 1))), MOST_JUMPS)
         outcome = driver.drive(problem, plan, driver.restart(loop_state), ends, array([more], x0.dtype), max_steps)
         for log in outcome.logs:
             # A crossing at the time of the previous event was caused by that event's jump.

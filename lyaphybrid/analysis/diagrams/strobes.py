@@ -15,13 +15,13 @@ from ...statuses import OK, RUNNING, STATUS
 from ...systems.hybrid import Hybrid
 from . import attractors
 
-__all__ = ["Found", "How", "Lane", "State", "at", "placed", "run", "schedule"]
+__all__ = ["StrobeResults", "StrobeSettings", "StrobeRun", "RunEnd", "at", "placed", "run", "schedule"]
 
 BATCHES = 32  # batches of a run, from which its standard errors come
-BLOCKS = 4096  # about the largest number of blocks of a run; longer runs have several periods in a block
+MOST_BLOCKS = 4096  # about the largest number of blocks of a run; longer runs have several periods in a block
 
 
-class Lane(NamedTuple):
+class StrobeRun(NamedTuple):
     """One run: a value of the parameter and where it starts."""
 
     value: Any
@@ -29,7 +29,7 @@ class Lane(NamedTuple):
     follows: Any  # whether it starts at the end of the run before
 
 
-class State(NamedTuple):
+class RunEnd(NamedTuple):
     """The end of a run, from which the next one of a continuation starts."""
 
     x: Any
@@ -37,7 +37,7 @@ class State(NamedTuple):
     good: Any
 
 
-class How(NamedTuple):
+class StrobeSettings(NamedTuple):
     """The static settings of a lane."""
 
     path: tuple[str, ...]
@@ -47,7 +47,7 @@ class How(NamedTuple):
     samples: int
 
 
-class Found(NamedTuple):
+class StrobeResults(NamedTuple):
     """The results of a lane."""
 
     exponents: Any
@@ -72,14 +72,14 @@ def placed(args, path, value):
     return eqx.tree_at(lambda tree: at(tree, path), args, value)
 
 
-def schedule(name: str, angles, transient: int, t1: int, samples: int) -> How:
+def schedule(name: str, angles, transient: int, t1: int, samples: int) -> StrobeSettings:
     """The settings; blocks are one period long unless there are too many, and always for the kept points."""
-    longest = -(-(transient + t1) // BLOCKS)
+    longest = -(-(transient + t1) // MOST_BLOCKS)
     quiet = _divided(0, transient, longest)
     loud = _divided(transient, transient + t1 - samples, longest)
     last = transient + t1 - samples + np.arange(1, samples + 1)
     ends = np.concatenate([quiet, loud, last])
-    return How(tuple(name.split(".")), angles, transient, tuple(ends.tolist()), samples)
+    return StrobeSettings(tuple(name.split(".")), angles, transient, tuple(ends.tolist()), samples)
 
 
 def _divided(first: int, last: int, longest: int) -> np.ndarray:
@@ -88,7 +88,7 @@ def _divided(first: int, last: int, longest: int) -> np.ndarray:
     return np.round(first + (last - first) * (np.arange(1, pieces + 1) / max(pieces, 1))).astype(int)
 
 
-def run(shared, state: State, lane: Lane) -> tuple[State, Found]:
+def run(shared, state: RunEnd, lane: StrobeRun) -> tuple[RunEnd, StrobeResults]:
     """One run, from its own start or from the end of the run before."""
     problem, plan, how, period, t0, frame, interval, mode, limit = shared
     args = placed(problem.args, how.path, lane.value)
@@ -102,7 +102,7 @@ def run(shared, state: State, lane: Lane) -> tuple[State, Found]:
             mode = jnp.where(carries_on, settings.evolver.initial_mode(t0, x), mode)
     else:
         mode = jnp.where(carries_on, state.mode, jnp.asarray(mode, jnp.int32))
-    loop_state = beginning.begin(settings, t0, x, frame, mode, None, interval)
+    loop_state = beginning.initial_loop_state(settings, t0, x, frame, mode, None, interval)
     multiples = np.asarray(how.ends, x.dtype)
     if period is None:
         targets = np.full_like(multiples, np.inf), multiples
@@ -121,7 +121,7 @@ def run(shared, state: State, lane: Lane) -> tuple[State, Found]:
     found = found._replace(
         exponents=jnp.where(failed, jnp.nan, found.exponents), finite=jnp.where(failed, jnp.nan, found.finite)
     )
-    end = State(loop_state.carry.x, problems.mode_of(loop_state.carry), status == OK)
+    end = RunEnd(loop_state.carry.x, problems.mode_of(loop_state.carry), status == OK)
     return end, found
 
 
@@ -152,7 +152,7 @@ def _blocks(settings, loop_state, angles, targets, limit):
     return loop_state, turns, records, points
 
 
-def _summary(how: How, records: BlockRecord, empty, status, points, lifetime) -> Found:
+def _summary(how: StrobeSettings, records: BlockRecord, empty, status, points, lifetime) -> StrobeResults:
     """Exponents and errors from batches of the blocks after the motion has converged; and the last points."""
     ends = np.asarray(how.ends, points.dtype)
     begins = np.concatenate([np.zeros(1, ends.dtype), ends[:-1]])
@@ -180,4 +180,4 @@ def _summary(how: How, records: BlockRecord, empty, status, points, lifetime) ->
     rank = jnp.argsort(-jnp.where(jnp.isfinite(exponents), exponents, -jnp.inf), stable=True)
     last = points[-how.samples :]
     time = run["time"]
-    return Found(exponents[rank], stderr[rank], run["finite"][rank], lost[rank], time, status, last, lifetime)
+    return StrobeResults(exponents[rank], stderr[rank], run["finite"][rank], lost[rank], time, status, last, lifetime)

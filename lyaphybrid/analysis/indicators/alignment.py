@@ -32,7 +32,7 @@ from .verdicts import Verdict, of_alignment
 __all__ = ["GALIResult", "gali", "sali"]
 
 
-class Triangle(NamedTuple):
+class Deviations(NamedTuple):
     """The deviation vectors as coefficients in the frame."""
 
     columns: Array  # (k, k) C, each column of length 1
@@ -40,34 +40,34 @@ class Triangle(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class Volumes:
+class AlignmentObserver:
     """The `states.Observer` that updates C."""
 
-    def begin(self, t, frame) -> Triangle:
+    def init(self, t, frame) -> Deviations:
         """The deviation vectors are the columns of the frame."""
         del t
         k = frame.shape[1]
-        return Triangle(jnp.eye(k, dtype=frame.dtype), jnp.zeros(k, frame.dtype))
+        return Deviations(jnp.eye(k, dtype=frame.dtype), jnp.zeros(k, frame.dtype))
 
-    def update(self, state: Triangle, seen: Orthonormalisation) -> Triangle:
+    def update(self, state: Deviations, seen: Orthonormalisation) -> Deviations:
         """C ← R C, its columns made unit vectors again."""
         r = jnp.triu(seen.frame.T @ seen.before)
         columns = r @ state.columns
         square = jnp.sum(columns**2, axis=0)
         length = jnp.sqrt(jnp.where(square > 0, square, 1.0))
         logs = state.logs + jnp.where(seen.lost, -jnp.inf, seen.log_r - jnp.log(length))
-        return Triangle(columns / length[None, :], logs)
+        return Deviations(columns / length[None, :], logs)
 
-    def moved(self, state: Triangle, source) -> Triangle:
+    def moved(self, state: Deviations, source) -> Deviations:
         """Reorder the rows of C like the columns of the frame; the deviation vectors stay the same."""
         return state._replace(columns=state.columns[source])
 
-    def next_block(self, state: Triangle) -> Triangle:
+    def next_block(self, state: Deviations) -> Deviations:
         """Unchanged: no sums of single blocks are kept."""
         return state
 
 
-def _logs(t, carry: StepState):
+def _collect(t, carry: StepState):
     del t
     return carry.observer.logs
 
@@ -98,7 +98,10 @@ class GALIResult(RunResult, eqx.Module):
     @property
     def verdict(self) -> Verdict:
         """Whether the motion is regular or chaotic, of one run, from GALI_2 or SALI."""
-        require(not traced(self.log_values) and self.time.ndim == 1, "A verdict is about one run, outside of jit.")
+        require(
+            not traced(self.log_values) and self.time.ndim == 1,
+            "verdict is of one run, outside of jit: start from one x0.",
+        )
         logs = self.log_values[:, self.orders.index(2)] if self.orders else self.log_values
         return of_alignment(np.asarray(self.time), np.asarray(logs))
 
@@ -181,7 +184,7 @@ def gali(
     good = len(orders) > 0 and all(2 <= k <= n for k in orders)
     require(good, f"orders must be numbers k with 2 ≤ k ≤ n = {n}; got {orders}.")
     found = follow(
-        Volumes(), _logs, system, x0, args, k=max(orders), t1=t1, t0=t0, transient=transient, times=times,
+        AlignmentObserver(), _collect, system, x0, args, k=max(orders), t1=t1, t0=t0, transient=transient, times=times,
         blocks=blocks, mode=mode, frame=frame, method=discrete("gali", method), every=every, max_steps=max_steps,
         progress=progress,
     )  # fmt: skip

@@ -33,7 +33,7 @@ from .following import discrete, follow, generic_frame, verdict_of
 __all__ = ["CovariantVectors", "covariant_vectors"]
 
 
-class Factor(NamedTuple):
+class BlockProduct(NamedTuple):
     """The product R of a block, in echelon form."""
 
     r: Array  # (k, k)
@@ -41,29 +41,29 @@ class Factor(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class Factors:
+class FactorObserver:
     """The `states.Observer` that multiplies the factors R of each block."""
 
-    def begin(self, t, frame) -> Factor:
+    def init(self, t, frame) -> BlockProduct:
         """R is the identity at the start."""
         del t
         k = frame.shape[1]
-        return Factor(jnp.eye(k, dtype=frame.dtype), jnp.arange(k, dtype=jnp.int32))
+        return BlockProduct(jnp.eye(k, dtype=frame.dtype), jnp.arange(k, dtype=jnp.int32))
 
-    def update(self, state: Factor, seen: Orthonormalisation) -> Factor:
+    def update(self, state: BlockProduct, seen: Orthonormalisation) -> BlockProduct:
         """R ← R' R; a lost column becomes a row of zeros."""
         r = jnp.triu(seen.frame.T @ seen.before) @ state.r
         gone = seen.lost | (state.pivot == len(state.pivot))
-        return Factor(jnp.where(gone[:, None], 0.0, r), jnp.where(gone, len(state.pivot), state.pivot))
+        return BlockProduct(jnp.where(gone[:, None], 0.0, r), jnp.where(gone, len(state.pivot), state.pivot))
 
-    def moved(self, state: Factor, source) -> Factor:
+    def moved(self, state: BlockProduct, source) -> BlockProduct:
         """Reorder the rows like the columns of the frame: columns that are not lost come first."""
-        return Factor(state.r[source], state.pivot[source])
+        return BlockProduct(state.r[source], state.pivot[source])
 
-    def next_block(self, state: Factor) -> Factor:
+    def next_block(self, state: BlockProduct) -> BlockProduct:
         """Start the product of the next block."""
         k = len(state.pivot)
-        return Factor(jnp.eye(k, dtype=state.r.dtype), jnp.arange(k, dtype=jnp.int32))
+        return BlockProduct(jnp.eye(k, dtype=state.r.dtype), jnp.arange(k, dtype=jnp.int32))
 
 
 def _least(values: np.ndarray) -> float:
@@ -209,7 +209,7 @@ def covariant_vectors(
     piece = t1 / blocks
     after = max(1, int(np.ceil(float(settle) / float(piece))))
     found = follow(
-        Factors(), _frame_and_factor, system, x0, args, k=number, t1=piece * (1 + blocks + after), t0=t0,
+        FactorObserver(), _frame_and_factor, system, x0, args, k=number, t1=piece * (1 + blocks + after), t0=t0,
         transient=max(0.0, transient - piece), times=None, blocks=1 + blocks + after, mode=mode, frame=frame,
         method=discrete("covariant_vectors", method), max_steps=max_steps, progress=progress,
     )  # fmt: skip
@@ -229,7 +229,7 @@ def covariant_vectors(
 
 
 @compiled()
-def _backwards(frames, factors: Factor):
+def _backwards(frames, factors: BlockProduct):
     """The vectors V_n = Q_n C_n (blocks, n, k), and ln of their growth from n to n + 1 (blocks − 1, k)."""
     k = frames.shape[-1]
     last = jnp.triu(jnp.asarray(generic_frame(k, k, frames.dtype)) + jnp.eye(k, dtype=frames.dtype))
@@ -243,7 +243,7 @@ def _backwards(frames, factors: Factor):
     return frames @ jnp.concatenate([columns, last[None]]), growth
 
 
-def _before(factor: Factor, c):
+def _before(factor: BlockProduct, c):
     """C_{n-1} with unit columns from R_n and C_n, and ln of their growth.
 
     Column p is determined by the row whose pivot is p; without such a row it is a vector of the kernel.

@@ -35,10 +35,10 @@ from .following import discrete, follow, start_frame, verdict_of
 
 __all__ = ["ExponentBounds", "exponent_bounds"]
 
-ROUNDING = 8  # rounding error of one iteration of a map, in units of n times that of one operation
+ITERATION_ROUNDING = 8  # rounding error of one iteration of a map, in units of n times that of one operation
 
 
-class Off(NamedTuple):
+class ProductError(NamedTuple):
     """Bounds for the distance of the exact product from the computed one."""
 
     growth: Array  # (k,) Σ ln R_jj
@@ -51,7 +51,7 @@ class Off(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class Bounds:
+class BoundsObserver:
     """The `states.ErrorObserver` that updates these bounds.
 
     The error of a column of length 1 after a step is its error estimate plus `local` (√n + its new length).
@@ -59,19 +59,19 @@ class Bounds:
 
     local: float
 
-    def begin(self, t, frame) -> Off:
+    def init(self, t, frame) -> ProductError:
         """All bounds are zero at the start."""
         del t
         k = frame.shape[1]
         none, zero = jnp.zeros(k, frame.dtype), jnp.zeros((), frame.dtype)
-        return Off(none, none, none, jnp.zeros((k, k), frame.dtype), zero, zero, jnp.zeros((), jnp.int32))
+        return ProductError(none, none, none, jnp.zeros((k, k), frame.dtype), zero, zero, jnp.zeros((), jnp.int32))
 
-    def stepped(self, state: Off, errors) -> Off:
+    def stepped(self, state: ProductError, errors) -> ProductError:
         """Add the error estimates of a step."""
         local = state.local + jnp.sqrt(jnp.sum(errors[0] ** 2, axis=0))
         return state._replace(local=local, largest=jnp.maximum(state.largest, jnp.max(local)), steps=state.steps + 1)
 
-    def update(self, state: Off, seen: Orthonormalisation) -> Off:
+    def update(self, state: ProductError, seen: Orthonormalisation) -> ProductError:
         """The bounds after an orthonormalisation; infinite from then on if a diagonal entry of S may be zero."""
         n, k = seen.before.shape
         r = jnp.abs(jnp.triu(seen.frame.T @ seen.before, 1)) + jnp.diag(jnp.where(seen.lost, 0.0, jnp.exp(seen.log_r)))
@@ -87,11 +87,11 @@ class Bounds:
             widest=jnp.where(sound, jnp.maximum(state.widest, jnp.max(tilt)), jnp.inf),
         )
 
-    def moved(self, state: Off, source) -> Off:
+    def moved(self, state: ProductError, source) -> ProductError:
         """A direction is lost: all bounds are infinite from then on."""
         return state._replace(growth=state.growth[source], bound=jnp.full_like(state.bound, jnp.inf))
 
-    def next_block(self, state: Off) -> Off:
+    def next_block(self, state: ProductError) -> ProductError:
         """Unchanged: no sums of single blocks are kept."""
         return state
 
@@ -124,7 +124,7 @@ def eliminated(r, off, tilt):
     return lower, share
 
 
-def _off(t, carry: StepState):
+def _collect(t, carry: StepState):
     del t
     return carry.observer
 
@@ -233,9 +233,9 @@ def exponent_bounds(
     local = _local(system, n, method, local_error)
     k = degrees_of_freedom(system, n)
     found = follow(
-        Bounds(local), _off, system, x0, args, k=k, t1=t1, t0=t0, transient=transient, times=None, blocks=2, mode=None,
-        frame=start_frame(system, t0, x0, args, k), method=discrete("exponent_bounds", method), max_steps=max_steps,
-        progress=progress, each_step=True,
+        BoundsObserver(local), _collect, system, x0, args, k=k, t1=t1, t0=t0, transient=transient, times=None, blocks=2,
+        mode=None, frame=start_frame(system, t0, x0, args, k), method=discrete("exponent_bounds", method),
+        max_steps=max_steps, progress=progress, each_step=True,
     )  # fmt: skip
     return verdict_of(found, _result(found, "iteration" if iterates(system) else UNIT["time"]), throw)
 
@@ -249,12 +249,12 @@ def _local(system, n: int, method, local_error) -> float:
         iterates(system) or method is None or method.adaptive,
         "A fixed step has no error estimate: take a method that controls its step, or give local_error.",
     )
-    return ROUNDING * n * float(np.finfo(float).eps)
+    return ITERATION_ROUNDING * n * float(np.finfo(float).eps)
 
 
 def _result(found, unit: str) -> ExponentBounds:
     reached = np.flatnonzero(np.isfinite(np.asarray(found.time)))
-    state: Off = jax.tree.map(lambda leaf: np.asarray(leaf)[reached[-1:]], found.collected)
+    state: ProductError = jax.tree.map(lambda leaf: np.asarray(leaf)[reached[-1:]], found.collected)
     if len(reached) == 0:
         nothing = np.full(state.growth.shape[1], np.nan)
         return ExponentBounds(nothing, nothing, np.nan, np.nan, 0, 0.0, jnp.asarray(found.status), unit)

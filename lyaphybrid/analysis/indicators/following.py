@@ -22,7 +22,7 @@ from ...systems.daes.semi_linear import DAE, degrees_of_freedom
 from ...systems.kinds import iterates
 
 __all__ = [
-    "Followed",
+    "IndicatorRun",
     "discrete",
     "follow",
     "generic_frame",
@@ -34,10 +34,10 @@ __all__ = [
     "verdict_of",
 ]
 
-SHOWN = 8  # times in a table
+TIMES_SHOWN = 8  # times in a table
 
 
-class Followed(NamedTuple):
+class IndicatorRun(NamedTuple):
     """The results of a run; the leading axes are ([m,] blocks)."""
 
     time: Any  # at the ends of the blocks, since the start of the part that counts; nan where not reached
@@ -74,7 +74,7 @@ def follow(
     progress,
     every=None,
     each_step: bool = False,
-) -> Followed:
+) -> IndicatorRun:
     """Run a system with k deviation vectors, and call `observer` at every orthonormalisation (k = 0: there are none).
 
     `collect` says what is recorded at the ends of the blocks; `frame` None: orthonormal vectors in generic
@@ -86,11 +86,11 @@ def follow(
     problem, x0, t0, mode = preparation.prepare(system, x0, args, t0, method, mode)
     n = x0.shape[-1]
     most = degrees_of_freedom(system, n)
-    require(k <= most, f"{k} deviation vectors were asked for, in a space of {most} dimensions.")
+    require(k <= most, f"{k} deviation vectors were asked for, in a space of {most} dimensions: at most {most}.")
     frame = generic_frame(n, k, x0.dtype) if frame is None else unit_columns(frame, n, k, x0.dtype)
     qr_schedule, interval = each_step_of(problem) if each_step else qr_schedule_for(problem, every)
-    qr_schedule = qr_schedule if k else problems.NEVER
-    plan = problems.Plan(
+    qr_schedule = qr_schedule if k else problems.NO_ORTHONORMALISATION
+    plan = problems.RunPlan(
         qr_schedule=qr_schedule, kind=frames.kind_for(k), batched=x0.ndim == 2, collect=collect, observer=observer
     )
     limits = ends_of_blocks(t1, blocks, times, "t1")
@@ -108,7 +108,7 @@ def follow(
     xp = jnp if traced(durations) else np
     time = xp.where(valid, xp.cumsum(xp.where(valid, durations, 0.0), axis=-1), xp.nan)
     collected, why = outcome.records.collected, why or outcome.why
-    return Followed(time, collected, outcome.status, outcome.interrupted, outcome.loop_state, problem.system, why)
+    return IndicatorRun(time, collected, outcome.status, outcome.interrupted, outcome.loop_state, problem.system, why)
 
 
 def discrete(name: str, method):
@@ -142,7 +142,7 @@ def unit_columns(frame, n, k, dtype):
     return frame / jnp.linalg.norm(frame, axis=0, keepdims=True)
 
 
-def verdict_of(followed: Followed, result, throw: bool):
+def verdict_of(followed: IndicatorRun, result, throw: bool):
     """Return the result, or raise if the run failed, its values are known and `throw` is set."""
     if throw and not traced(followed.status):
         status = STATUS(int(gravest(np.asarray(followed.status))))
@@ -171,7 +171,7 @@ def table_of(result, names: list[str], columns, before: str = "") -> Table:
         ]
         heads = ("", "time", *(before + name for name in names))
         return Table(f"{', '.join(names)} of {len(time)} runs", rows, [f"status {result.status}"], heads)
-    chosen = np.unique(np.linspace(0, len(time) - 1, SHOWN).astype(int))
+    chosen = np.unique(np.linspace(0, len(time) - 1, TIMES_SHOWN).astype(int))
     rows = [(f"{time[i]:.6g}", *_written(columns[i])) for i in chosen]
     notes = [str(result.verdict), f"status {result.status}"]
     return Table(f"{', '.join(names)} at {len(time)} times", rows, notes, ("time", *(before + name for name in names)))

@@ -27,7 +27,7 @@ from .verdicts import Verdict, of_fli, of_megno
 __all__ = ["IndicatorResult", "fli", "megno", "ofli"]
 
 
-class Length(NamedTuple):
+class LogLength(NamedTuple):
     """ln ‖w‖ and its averages."""
 
     t0: Array
@@ -41,17 +41,17 @@ class Length(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class Lengths:
+class LengthObserver:
     """The `states.Observer` of the length of the first column."""
 
     across: bool = False  # also follow the part across the flow
 
-    def begin(self, t, frame) -> Length:
+    def init(self, t, frame) -> LogLength:
         """The vector has length 1."""
         zero = jnp.zeros((), frame.dtype)
-        return Length(t, t, zero, zero, zero, zero, zero, zero - jnp.inf if self.across else zero)
+        return LogLength(t, t, zero, zero, zero, zero, zero, zero - jnp.inf if self.across else zero)
 
-    def update(self, state: Length, seen: Orthonormalisation) -> Length:
+    def update(self, state: LogLength, seen: Orthonormalisation) -> LogLength:
         """Y = (2/t) ∫ s d(ln ‖w‖) = 2 (ln ‖w(t)‖ − (1/t) ∫ ln ‖w‖ ds), integrals by the trapezoidal rule."""
         log = state.log + jnp.where(seen.lost[0], -jnp.inf, seen.log_r[0])
         dt, elapsed = seen.t - state.t, seen.t - state.t0
@@ -61,14 +61,14 @@ class Lengths:
         across = state.highest_across
         if self.across:
             across = jnp.maximum(across, log + _log_across(seen.frame[:, 0], seen.velocity()))
-        return Length(state.t0, seen.t, log, area, value, value_area, jnp.maximum(state.highest, log), across)
+        return LogLength(state.t0, seen.t, log, area, value, value_area, jnp.maximum(state.highest, log), across)
 
-    def moved(self, state: Length, source) -> Length:
+    def moved(self, state: LogLength, source) -> LogLength:
         """Unchanged: there is only one column."""
         del source
         return state
 
-    def next_block(self, state: Length) -> Length:
+    def next_block(self, state: LogLength) -> LogLength:
         """Unchanged: no sums of single blocks are kept."""
         return state
 
@@ -81,7 +81,7 @@ def _log_across(w, f):
     return 0.5 * jnp.log(jnp.maximum(left, nonzero(1e-300, left)))
 
 
-def _state(t, carry: StepState):
+def _collect(t, carry: StepState):
     del t
     return carry.observer
 
@@ -107,7 +107,9 @@ class IndicatorResult(RunResult, eqx.Module):
     @property
     def verdict(self) -> Verdict:
         """Whether the motion is regular or chaotic, of one run."""
-        require(not traced(self.values) and self.time.ndim == 1, "A verdict is about one run, outside of jit.")
+        require(
+            not traced(self.values) and self.time.ndim == 1, "verdict is of one run, outside of jit: start from one x0."
+        )
         time = np.asarray(self.time)
         return of_fli(time, np.asarray(self.values)) if self.mean is None else of_megno(time, np.asarray(self.mean))
 
@@ -309,7 +311,7 @@ def ofli(
 def _grown(name: str, across: bool, system, x0, args, throw: bool, **how: Any) -> IndicatorResult:
     discrete(name.lower(), how["method"])
     check_counts(system, t1=how["t1"], transient=how["transient"])
-    found = follow(Lengths(across), _state, system, x0, args, k=1, each_step=True, **how)
+    found = follow(LengthObserver(across), _collect, system, x0, args, k=1, each_step=True, **how)
     state, time = found.collected, jnp.asarray(found.time)
     values = {"MEGNO": state.value, "FLI": state.highest, "OFLI": state.highest_across}[name]
     values = jnp.where(jnp.isnan(time), jnp.nan, values)

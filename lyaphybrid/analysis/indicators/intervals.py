@@ -26,7 +26,7 @@ from ..spectra import lyapunov_spectrum
 
 __all__ = ["SpectralIntervals", "spectral_intervals"]
 
-LOOKS = 64  # windows start at multiples of window/LOOKS; extremes are off by about 1/64² of the change within one
+STARTS_PER_WINDOW = 64  # extremes are off by about its inverse square of the change within a window
 
 
 class SpectralIntervals(RunResult, eqx.Module):
@@ -167,7 +167,7 @@ def spectral_intervals(
     length, window, tau = float(t1), float(window), float(tau)
     require(window <= length, f"window must be at most t1 = {length:g}; got {window:g}.")
     require(0 <= tau < length, f"tau must be in [0, t1) = [0, {length:g}); got {tau:g}.")
-    step = max(1.0, round(window / LOOKS)) if iterates(system) else window / LOOKS
+    step = max(1.0, round(window / STARTS_PER_WINDOW)) if iterates(system) else window / STARTS_PER_WINDOW
     s = lyapunov_spectrum(
         system, x0, args, t1=length, times=_ends(length, step), t0=t0, transient=transient, mode=mode, k=k, frame=frame,
         method=method, every=every, max_steps=max_steps, progress=progress, throw=throw,
@@ -176,7 +176,9 @@ def spectral_intervals(
     reached, unit = np.isfinite(ends), "iteration" if iterates(system) else UNIT["time"]
     # A direction that was lost for good in the transient counts as lost in every window.
     losses = losses + (np.isneginf(np.asarray(s.exponents)) & ~np.any(losses > 0, axis=0))
-    return _of(ends[reached], growth[reached], losses[reached], round(window / step), step, tau, s.status_code, unit)
+    return _from_growth(
+        ends[reached], growth[reached], losses[reached], round(window / step), step, tau, s.status_code, unit
+    )
 
 
 def _ends(length: float, step: float) -> np.ndarray:
@@ -185,7 +187,7 @@ def _ends(length: float, step: float) -> np.ndarray:
     return np.append(inside, length)
 
 
-def _of(ends, growth, losses, across: int, step: float, tau: float, status, unit: str) -> SpectralIntervals:
+def _from_growth(ends, growth, losses, across: int, step: float, tau: float, status, unit: str) -> SpectralIntervals:
     """The intervals from the growth (times, k) of the pieces; a window is `across` pieces."""
     start = np.concatenate([[0.0], ends])
     total, gone = (np.vstack([np.zeros(growth.shape[1]), np.cumsum(a, axis=0)]) for a in (growth, losses))

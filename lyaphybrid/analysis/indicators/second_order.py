@@ -9,7 +9,7 @@ from ..._arguments import Frame, Progress, Real, State, require
 from ...engine import preparation
 from ...integrators import TangentHamiltonian
 from ...integrators.base import Method
-from ...integrators.second_variations import SecondVariation, Varied, highest_of, started
+from ...integrators.second_variations import SecondVariation, VariedField, highest_of, started
 from ...systems.daes.semi_linear import DAE
 from ...systems.smooth import Flow
 from .following import follow, generic_frame, unit_columns, verdict_of
@@ -87,7 +87,7 @@ def ofli2(
     n = x0.shape[-1]
     given = None if frame is None else unit_columns(frame, n, 1, x0.dtype)[:, 0]
     found = follow(
-        None, _highest, Flow(Varied(system.field)), jax.vmap(start)(x0) if x0.ndim == 2 else start(x0), args, k=0,
+        None, _highest, Flow(VariedField(system.field)), jax.vmap(start)(x0) if x0.ndim == 2 else start(x0), args, k=0,
         t1=t1, t0=t0, transient=0.0, times=times, blocks=blocks, mode=None, frame=None,
         method=SecondVariation(problem.method), max_steps=max_steps, progress=progress,
     )  # fmt: skip

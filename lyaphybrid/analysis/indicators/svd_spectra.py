@@ -39,7 +39,7 @@ from .graded import log_singular_values
 __all__ = ["SVDSpectrum", "svd_spectrum"]
 
 
-class Product(NamedTuple):
+class GradedProduct(NamedTuple):
     """The fundamental matrix on the span of the first frame."""
 
     start: Array  # (n, k) Q_0
@@ -48,36 +48,36 @@ class Product(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class Products:
+class ProductObserver:
     """The `states.Observer` that updates P."""
 
-    def begin(self, t, frame) -> Product:
+    def init(self, t, frame) -> GradedProduct:
         """Orthonormalise the first frame, frame = Q_0 R; then P = R⁻¹ at the start."""
         del t
         k = frame.shape[1]
         start, logs, _ = orthonormalise(frame)
         inverse = jax.scipy.linalg.solve_triangular(jnp.triu(start.T @ frame), jnp.eye(k, dtype=frame.dtype))
-        return Product(start, inverse * jnp.exp(logs)[:, None], -logs)
+        return GradedProduct(start, inverse * jnp.exp(logs)[:, None], -logs)
 
-    def update(self, state: Product, seen: Orthonormalisation) -> Product:
+    def update(self, state: GradedProduct, seen: Orthonormalisation) -> GradedProduct:
         """P ← R P, by rows."""
         r, (start, rows, logs) = jnp.triu(seen.frame.T @ seen.before, 1), state
         gone = seen.lost | jnp.isneginf(logs)
         scale = jnp.where(gone, 0.0, logs + seen.log_r)  # a direction that is lost now still adds to the rows above it
         ratio = logs[None, :] - scale[:, None]
         rows = jnp.where(gone[:, None], 0.0, rows + jnp.where(r == 0, 0.0, r * jnp.exp(ratio)) @ rows)
-        return Product(start, rows, jnp.where(gone, -jnp.inf, logs + seen.log_r))
+        return GradedProduct(start, rows, jnp.where(gone, -jnp.inf, logs + seen.log_r))
 
-    def moved(self, state: Product, source) -> Product:
+    def moved(self, state: GradedProduct, source) -> GradedProduct:
         """Reorder the rows like the columns of the frame: columns that are not lost come first."""
-        return Product(state.start, state.rows[source], state.logs[source])
+        return GradedProduct(state.start, state.rows[source], state.logs[source])
 
-    def next_block(self, state: Product) -> Product:
+    def next_block(self, state: GradedProduct) -> GradedProduct:
         """Unchanged: no sums of single blocks are kept."""
         return state
 
 
-def _product(t, carry: StepState):
+def _collect(t, carry: StepState):
     del t
     return carry.observer
 
@@ -237,8 +237,8 @@ def svd_spectrum(
     number = degrees_of_freedom(system, n) if k is None else k
     whole("k", number, least=1)
     found = follow(
-        Products(), _product, system, x0, args, k=number, t1=t1, t0=t0, transient=transient, times=times, blocks=blocks,
-        mode=mode, frame=start_frame(system, t0, x0, args, number),
+        ProductObserver(), _collect, system, x0, args, k=number, t1=t1, t0=t0, transient=transient, times=times,
+        blocks=blocks, mode=mode, frame=start_frame(system, t0, x0, args, number),
         method=discrete("svd_spectrum", method), max_steps=max_steps, progress=progress,
     )  # fmt: skip
     reached = np.isfinite(found.time)

@@ -6,7 +6,7 @@ import numpy as np
 
 __all__ = ["Verdict", "of_alignment", "of_fli", "of_megno"]
 
-FEWEST = 8  # least number of recorded times for a verdict
+FEWEST_TIMES = 8  # least number of recorded times for a verdict
 STEEP = 8.0  # GALI_2 and SALI of regular motion fall slower than t^-8 (t^-2 with one degree of freedom)
 TWO = 0.25  # the mean MEGNO of regular motion differs from 2 by less than this
 CLEARLY = 6.0  # chaos needs a larger mean MEGNO
@@ -26,7 +26,7 @@ def _late(time, values):
     """The points of the second half, in the logarithm of the time."""
     good = np.isfinite(time) & (time > 0)
     time, values = time[good], values[good]
-    if len(time) < FEWEST:
+    if len(time) < FEWEST_TIMES:
         return time[:0], values[:0]
     late = np.log(time) >= 0.5 * (np.log(time[0]) + np.log(time[-1]))
     return time[late], values[late]
@@ -35,8 +35,8 @@ def _late(time, values):
 def of_alignment(time: np.ndarray, logs: np.ndarray) -> Verdict:
     """From ln GALI_2 or ln SALI (times,): a power of the time, or an exponential."""
     t, y = _late(time, logs)
-    if len(t) < FEWEST // 2:
-        return Verdict("undecided", f"fewer than {FEWEST} times")
+    if len(t) < FEWEST_TIMES // 2:
+        return Verdict("undecided", f"fewer than {FEWEST_TIMES} times")
     if np.any(np.isneginf(y)):
         return Verdict(
             "undecided", "a jump destroyed a direction: deviation vectors are aligned whatever the motion is"
@@ -54,8 +54,8 @@ def of_alignment(time: np.ndarray, logs: np.ndarray) -> Verdict:
 def of_megno(time: np.ndarray, means: np.ndarray) -> Verdict:
     """From the mean MEGNO (times,): 2 for quasiperiodic motion, λt/2 in chaos."""
     t, y = _late(time, means)
-    if len(t) < FEWEST // 2:
-        return Verdict("undecided", f"fewer than {FEWEST} times")
+    if len(t) < FEWEST_TIMES // 2:
+        return Verdict("undecided", f"fewer than {FEWEST_TIMES} times")
     if not np.all(np.isfinite(y)):
         return Verdict("undecided", "a jump destroyed the deviation vector")
     rate, last = np.polyfit(t, y, 1)[0], y[-1]
@@ -69,8 +69,8 @@ def of_megno(time: np.ndarray, means: np.ndarray) -> Verdict:
 def of_fli(time: np.ndarray, values: np.ndarray) -> Verdict:
     """From the FLI or OFLI (times,): the logarithm of a power of the time, or linear in time."""
     t, y = _late(time, values)
-    if len(t) < FEWEST // 2:
-        return Verdict("undecided", f"fewer than {FEWEST} times")
+    if len(t) < FEWEST_TIMES // 2:
+        return Verdict("undecided", f"fewer than {FEWEST_TIMES} times")
     power, rate = np.polyfit(np.log(t), y, 1)[0], np.polyfit(t, y, 1)[0]
     if power > STEEP:
         return Verdict("chaotic", f"it grows like {rate:.3g} t")

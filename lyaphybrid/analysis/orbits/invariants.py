@@ -13,9 +13,9 @@ from ..._jax.precision import digits
 from ...systems.daes.semi_linear import fields_of
 from ...systems.smooth import Map
 
-__all__ = ["Conserved", "conserved_of", "require_conserved"]
+__all__ = ["Conserved", "conserved_of", "energies_of", "require_conserved"]
 
-SAME = 1e-8  # relative tolerance for a rate of change, or a change at a jump, of a conserved quantity
+EQUAL_QUANTITIES = 1e-8  # relative tolerance for a rate of change, or a change at a jump, of a conserved quantity
 
 
 class Conserved(NamedTuple):
@@ -83,17 +83,22 @@ def conserved_of(conserve: Any, system, x, mode: int, args) -> Conserved | None:
     return unset._replace(wanted=wanted)
 
 
+def energies_of(system) -> tuple[Callable | None, ...]:
+    """The energy of each mode's field; None where it is not known."""
+    return tuple(getattr(field, "energy", None) for field in fields_of(system))
+
+
 def _functions(conserve: Any, system) -> tuple[Callable | None, ...]:
     """One function for each mode; None in modes that the user leaves out."""
     names = getattr(system, "mode_names", ("flow",))
     if conserve is True:
-        energies = [getattr(field, "energy", None) for field in fields_of(system)]
+        energies = energies_of(system)
         require(
             bool(energies) and None not in energies,
             "conserve=True needs an lh.Hamiltonian, an lh.canonical_flow or an lh.Hybrid of them, whose energy is "
             "known; give conserve=(x, args) -> number.",
         )
-        return tuple(energies)
+        return energies
     if isinstance(conserve, Mapping):
         unknown = [name for name in conserve if name not in names]
         require(not unknown, f"conserve names unknown modes {unknown}; the modes are {list(names)}.")
@@ -128,7 +133,7 @@ def require_conserved(flow: Any, piece: Any) -> None:
         velocity = flow.velocity(node)
         rates, terms = slopes @ velocity, np.abs(slopes) @ np.abs(velocity)
         require(
-            not np.any(np.abs(rates) > digits(SAME, node.x) * terms),
+            not np.any(np.abs(rates) > digits(EQUAL_QUANTITIES, node.x) * terms),
             f"conserve must be a quantity that the motion conserves; got one that changes at the rate {rates} at x = "
             f"{node.x} in mode {names[node.mode]!r}, of terms as large as {terms}. Likely causes: (a) friction or "
             "driving; (b) the energy of another mode, give a function for each; (c) a factor, a mass or a sign.",
@@ -144,7 +149,7 @@ def _require_kept(conserved: Conserved, args, before: tuple, after: tuple, how: 
     """Require the same values at two (mode, state), up to the rounding of their terms."""
     (first, first_slopes), (then, then_slopes) = (conserved.with_slopes(mode, x, args) for mode, x in (before, after))
     terms = np.abs(first_slopes) @ np.abs(before[1]) + np.abs(then_slopes) @ np.abs(after[1])
-    rounding = digits(SAME, np.asarray(before[1])) * (np.abs(first) + np.abs(then) + terms)
+    rounding = digits(EQUAL_QUANTITIES, np.asarray(before[1])) * (np.abs(first) + np.abs(then) + terms)
     require(
         not np.any(np.abs(then - first) > rounding),
         f"conserve must be a quantity that the motion conserves; got one that is changed by {how} from x = "

@@ -9,7 +9,7 @@ from ..._linalg.products import product_eigenvalues
 __all__ = ["multipliers_of", "stability_of"]
 
 CIRCLE = 1e-7  # a multiplier nearer to the unit circle than this is on it
-DEPENDENT = 1e-6  # relative size below which a singular value means linear dependence
+DEPENDENT_SINGULAR_VALUE = 1e-6  # relative size below which a singular value means linear dependence
 
 
 def multipliers_of(matrices: list[np.ndarray], known: np.ndarray, free: int, autonomous: bool):
@@ -53,7 +53,7 @@ def _divided(matrices: list[np.ndarray], known: np.ndarray) -> tuple[list[np.nda
     if not known.shape[1]:
         return matrices, 0
     left, sizes, _ = np.linalg.svd(known / np.linalg.norm(known, axis=0), full_matrices=True)
-    ones = int(np.sum(sizes > DEPENDENT * sizes[0]))
+    ones = int(np.sum(sizes > DEPENDENT_SINGULAR_VALUE * sizes[0]))
     along, first = left[:, :ones], left[:, ones:]
     across, divided = first, []
     for i, matrix in enumerate(matrices):

@@ -33,13 +33,14 @@ from .families import energy_moved, family_of
 from .invariants import conserved_of, require_conserved
 from .multipliers import multipliers_of, stability_of
 from .periods import check_period, depends_on_time
-from .shooting import Motion, Node, Orbit, at_start, close_return, nearest, newton, placed
+from .shooting import Motion, Node, OrbitIterate, at_start, close_return, nearest, newton, placed
 from .symmetries import symmetry_of
 
 __all__ = ["CONVERGED", "Floquet", "floquet", "floquet_of", "in_any_case", "require_period"]
 
 CONVERGED = 1e-9  # residual, relative to the orbit, that a periodic orbit must reach
-ALONG = 1e-6  # M f = f must hold to this relative tolerance; it fails by about |f| where there is no orbit …
+# M f = f must hold to this relative tolerance; it fails by about |f| where there is no orbit ….
+FLOW_DIRECTION_KEPT = 1e-6
 ROUNDED = 1e-9  # … plus this fraction of |M| |f|, the rounding error of a large derivative
 
 
@@ -231,17 +232,17 @@ def floquet(
     require_period(flow, period, point)
     real("transient, a length,", transient)
     try:
-        found = _found(flow, point, period, transient, segments, max_iterations, throw, conserve)
+        found = _orbit_near(flow, point, period, transient, segments, max_iterations, throw, conserve)
         return dataclasses.replace(found, state_labels=labels_of(system, problem.shape))
     except LyaphybridError as failed:
         if failed.result is None:
-            failed.result = _nothing(flow, point)
+            failed.result = _no_orbit(flow, point)
         if throw:
             raise
         return failed.result
 
 
-def _found(
+def _orbit_near(
     flow: Motion, point: Node, period, transient, segments: int, max_iterations: int, throw: bool, conserve
 ) -> Floquet:
     """The orbit near a point."""
@@ -268,7 +269,7 @@ def _found(
     return result
 
 
-def _nothing(flow: Motion, point: Node) -> Floquet:
+def _no_orbit(flow: Motion, point: Node) -> Floquet:
     """The result where the motion from the start fails or does not return, so that no orbit was found."""
     none = jnp.full(flow.degrees_of_freedom(point), jnp.nan)
     n, mode = len(point.x), flow.mode(point)
@@ -279,7 +280,7 @@ def _nothing(flow: Motion, point: Node) -> Floquet:
     )  # fmt: skip
 
 
-def _failure(flow: Motion, orbit: Orbit, result: Floquet) -> str:
+def _failure(flow: Motion, orbit: OrbitIterate, result: Floquet) -> str:
     """The error message: what Newton's method found instead of an orbit."""
     if orbit.torn:
         wanted, found = (problems.mode_names(flow.problem.system)[mode] for mode in orbit.torn[0])
@@ -316,17 +317,17 @@ def _failure(flow: Motion, orbit: Orbit, result: Floquet) -> str:
     )
 
 
-def _rests(flow: Motion, orbit: Orbit) -> bool:
+def _rests(flow: Motion, orbit: OrbitIterate) -> bool:
     """Whether the motion is only along the group: modulo the group it is an equilibrium without a period."""
     if flow.symmetry is None or not flow.symmetry.freedom:
         return False
     base = orbit.nodes[0]
     velocity, along = flow.velocity(base), flow.symmetry.image(base.x).by_shift
     across = velocity - along @ np.linalg.lstsq(along, velocity)[0]
-    return bool(np.linalg.norm(across) <= digits(ALONG, base.x) * np.linalg.norm(velocity))
+    return bool(np.linalg.norm(across) <= digits(FLOW_DIRECTION_KEPT, base.x) * np.linalg.norm(velocity))
 
 
-def _repeats(flow: Motion, orbit: Orbit) -> bool:
+def _repeats(flow: Motion, orbit: OrbitIterate) -> bool:
     """Whether the next period is the image of this one, jumps included; if not, modulo is no symmetry."""
     if flow.symmetry is None or orbit.torn:
         return True
@@ -337,12 +338,12 @@ def _repeats(flow: Motion, orbit: Orbit) -> bool:
         return False
     spread = 1 + np.linalg.norm(again.matrix, 2)
     apart = np.linalg.norm(np.asarray(again.x) - np.asarray(end.x))
-    return bool(apart <= digits(ALONG, start.x) * spread * max(1.0, float(np.max(np.abs(start.x)))))
+    return bool(apart <= digits(FLOW_DIRECTION_KEPT, start.x) * spread * max(1.0, float(np.max(np.abs(start.x)))))
 
 
-def _goes_along(flow: Motion, orbit: Orbit) -> bool:
+def _goes_along(flow: Motion, orbit: OrbitIterate) -> bool:
     """Whether each piece maps its velocity to that of the next, M_i f(x_i) = f(x_{i+1}): then one multiplier is 1."""
-    along, rounded = (digits(part, orbit.nodes[0].x) for part in (ALONG, ROUNDED))
+    along, rounded = (digits(part, orbit.nodes[0].x) for part in (FLOW_DIRECTION_KEPT, ROUNDED))
     speeds = [(piece.matrix, flow.velocity(piece.start), flow.velocity(node)) for piece, node in orbit.seams]
     return all(
         np.linalg.norm(matrix @ before - after)
@@ -366,7 +367,7 @@ def require_period(flow: Motion, period, point: Node, where: str = "") -> None:
     )
 
 
-def in_any_case(flow: Motion, orbit: Orbit, autonomous: bool, family: np.ndarray) -> np.ndarray:
+def in_any_case(flow: Motion, orbit: OrbitIterate, autonomous: bool, family: np.ndarray) -> np.ndarray:
     """The directions (n, d) at the first node with the multiplier 1; empty if the flow is the only one."""
     base, known = orbit.nodes[0], family
     if flow.symmetry is not None:
@@ -374,7 +375,9 @@ def in_any_case(flow: Motion, orbit: Orbit, autonomous: bool, family: np.ndarray
     return np.column_stack([flow.velocity(base), known]) if autonomous and known.shape[1] else known
 
 
-def floquet_of(flow: Motion, orbit: Orbit, point: Node, autonomous: bool, family: np.ndarray | None = None) -> Floquet:
+def floquet_of(
+    flow: Motion, orbit: OrbitIterate, point: Node, autonomous: bool, family: np.ndarray | None = None
+) -> Floquet:
     """The multipliers of an orbit that Newton's method found.
 
     `point` is the point of the orbit to report; `family` holds the directions (n, f) to other orbits.

@@ -23,15 +23,19 @@ from ...systems.smooth import Flow, Map
 
 __all__ = ["check_period", "depends_on_time", "seeming_period"]
 
-TRIED = np.array([0.0, 0.1234, 1.3, 17.7])  # times at which the functions are compared for a dependence on time
-SAMPLES = 64  # number of times at which a period is checked
-SPREAD = np.modf(np.arange(1, SAMPLES + 1) * np.sqrt(2))[0]  # in periods; jumps there are unlikely
-TURNS = np.round(1 + 4000 * (np.arange(SAMPLES) / SAMPLES) ** 2)  # number of periods after which each is checked
-SAME = 1e-9  # relative tolerance for times and for values of functions
+TIMES_COMPARED = np.array(
+    [0.0, 0.1234, 1.3, 17.7]
+)  # times at which the functions are compared for a dependence on time
+TIMES_CHECKED = 64  # number of times at which a period is checked
+SPREAD = np.modf(np.arange(1, TIMES_CHECKED + 1) * np.sqrt(2))[0]  # in periods; jumps there are unlikely
+PERIODS_CHECKED = np.round(
+    1 + 4000 * (np.arange(TIMES_CHECKED) / TIMES_CHECKED) ** 2
+)  # number of periods after which each is checked
+EQUAL_VALUES = 1e-9  # relative tolerance for times and for values of functions
 CONTACTS = 8  # components of a vector guard whose resets are checked
-ASIDE = 0.1  # relative distance of a second state
+SECOND_STATE_DISTANCE = 0.1  # relative distance of a second state
 SCALES = 4.0 ** np.arange(-6, 9)  # windows of the search, in units of the given period
-ALIKE = 0.1  # largest `_distance` of values a period apart
+LARGEST_DISTANCE = 0.1  # largest `_distance` of values a period apart
 SHARES = np.linspace(-1, 1, 33)  # trial periods within a bracket
 MULTIPLES = 4.0 ** np.arange(11)  # numbers of periods for the refinement
 COLUMNS = 16  # largest number of values that are compared through a window
@@ -93,19 +97,19 @@ def depends_on_time(system: Any, x, args) -> bool:
     x = jnp.asarray(x)
     if traced((x, args)):
         return bool(_timed(system, x, args))
-    values = _values(system, array(TRIED, x.dtype), np.asarray(x)[None], args)
+    values = _values(system, array(TIMES_COMPARED, x.dtype), np.asarray(x)[None], args)
     return any(not np.array_equal(row, rows[0], equal_nan=True) for rows in values.values() for row in rows)
 
 
 def seeming_period(system: Any, period: float, x, args, t: float) -> float | None:
     """The least period that the functions of time seem to have, searched around the given one; None: none found."""
-    count, discrete = SAMPLES * len(SHARES), iterates(system)
+    count, discrete = TIMES_CHECKED * len(SHARES), iterates(system)
     half = count // 2
     for step in [1.0] if discrete else period * SCALES / count:
         values = _followed(system, t + step * np.arange(count), x, args)
         apart = np.append(_distances(values, half), np.inf)
         middle = apart[2:-1]  # without the shift by 0 or 1 step, where values have hardly changed
-        least = (middle <= apart[1:-2]) & (middle <= apart[3:]) & (middle < ALIKE)
+        least = (middle <= apart[1:-2]) & (middle <= apart[3:]) & (middle < LARGEST_DISTANCE)
         for k in 2 + np.flatnonzero(least)[:MINIMA]:
             own = float(k) if discrete else _refined(system, k * step, step, x, args, t)
             if own is not None and _misfit(system, own, x, args, t) is None:
@@ -119,9 +123,9 @@ def _refined(system, period: float, bracket: float, x, args, t: float) -> float 
     for turns in MULTIPLES:
         tried = period + bracket * SHARES
         later = times + turns * tried[:, None]
-        values = _followed(system, np.append(times, later), x, args).reshape(1 + len(tried), SAMPLES, -1)
+        values = _followed(system, np.append(times, later), x, args).reshape(1 + len(tried), TIMES_CHECKED, -1)
         apart = np.array([_distance(one, values[0]) for one in values[1:]])
-        if not np.min(apart) < ALIKE:
+        if not np.min(apart) < LARGEST_DISTANCE:
             return None
         best = tried[apart == np.min(apart)]  # several are equal while all jumps lie between samples
         period, bracket = float(np.mean(best)), np.ptp(best) / 2 + bracket / 8
@@ -131,10 +135,10 @@ def _refined(system, period: float, bracket: float, x, args, t: float) -> float 
 def _misfit(system, period: float, x, args, t: float) -> Misfit | None:
     """The largest difference after some periods beyond that of a shift by rounding errors; None: none."""
     rounding = 64 * float(np.finfo(x.dtype).eps)
-    same, discrete, misfits = max(SAME, rounding), iterates(system), []
-    times = t + (np.arange(SAMPLES) if discrete else period * SPREAD)
-    later = times + TURNS * period
-    shift = 0.0 if discrete else same * (np.abs(times) + TURNS * period)
+    same, discrete, misfits = max(EQUAL_VALUES, rounding), iterates(system), []
+    times = t + (np.arange(TIMES_CHECKED) if discrete else period * SPREAD)
+    later = times + PERIODS_CHECKED * period
+    shift = 0.0 if discrete else same * (np.abs(times) + PERIODS_CHECKED * period)
     values = _values(system, np.concatenate([times, later, later - shift, later + shift]), _states(x), args)
     values = {name: np.where(np.isfinite(rows), rows, np.nan) for name, rows in values.items()}
     # Where large terms cancel, the remainder is as uncertain as the rounding of the terms.
@@ -146,7 +150,7 @@ def _misfit(system, period: float, x, args, t: float) -> Misfit | None:
         beyond = difference - np.nan_to_num(np.abs(after - before)) - same * size - rounding * largest
         i, j = np.unravel_index(np.argmax(beyond), beyond.shape)
         if beyond[i, j] > 0:
-            misfits.append(Misfit(name, times[i], TURNS[i], difference[i, j], size[j]))
+            misfits.append(Misfit(name, times[i], PERIODS_CHECKED[i], difference[i, j], size[j]))
     return max(misfits, key=lambda found: found.difference / found.size, default=None)
 
 
@@ -180,7 +184,7 @@ def _states(x: np.ndarray) -> np.ndarray:
     """The state and a second one: at a single state a factor of t may vanish."""
     size = np.abs(x) + 0.1 * np.max(np.abs(x))
     aside = np.where(size > 0, size, 1.0) * np.random.default_rng(0).normal(size=x.shape)
-    return np.stack([x, x + ASIDE * aside]).astype(x.dtype)
+    return np.stack([x, x + SECOND_STATE_DISTANCE * aside]).astype(x.dtype)
 
 
 @eqx.filter_jit

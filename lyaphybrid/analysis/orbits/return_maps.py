@@ -19,7 +19,7 @@ from .periods import depends_on_time
 __all__ = ["return_map"]
 
 MOST_STEPS = 1_000_000  # attempts of a step between two firings
-PLAN = problems.Plan()
+PLAN = problems.RunPlan()
 
 
 def return_map(system: Hybrid, transition: int = 0, *, with_time: bool = False, method: Method | None = None) -> Map:
@@ -111,12 +111,12 @@ def _returned(rule: _Return, n, x, args):
                 "This system depends on time: its state at an event alone does not tell the next one. Ask for "
                 "return_map(…, with_time=True), whose state is (x, t)."
             )
-    problem = problems.Problem(rule.system, preparation.at_precision(rule.method, x), args, state.shape)
+    problem = problems.RunProblem(rule.system, preparation.at_precision(rule.method, x), args, state.shape)
     settings = binding.settings_of(problem, PLAN, start, state)
     ends = tuple(j == rule.transition and not fired.is_clock for j in range(len(rule.system.transitions)))
     evolver = dataclasses.replace(settings.evolver, terminal=ends, just_fired=rule.transition)
     settings = settings._replace(evolver=evolver)
-    loop_state = beginning.begin(
+    loop_state = beginning.initial_loop_state(
         settings, start, state, jnp.zeros((dim, 0), x.dtype), rule.mode, None, jnp.ones_like(n)
     )
     loop_state, _ = loop.advance(settings, loop_state, length[None], length[None], jnp.asarray(MOST_STEPS, jnp.int32))

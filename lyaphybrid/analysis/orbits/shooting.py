@@ -38,8 +38,8 @@ from .symmetries import Symmetry
 __all__ = [
     "Motion",
     "Node",
-    "Orbit",
-    "Piece",
+    "OrbitIterate",
+    "MotionPiece",
     "at_start",
     "close_return",
     "linearised",
@@ -53,15 +53,15 @@ __all__ = [
     "velocity",
 ]
 
-FINISHED = 1e-13  # residual, relative to the orbit, at which Newton's method stops
-SMALL = 1e-6  # least scale of an orbit, which may be the origin itself
+NEWTON_RESIDUAL = 1e-13  # residual, relative to the orbit, at which Newton's method stops
+LEAST_SCALE = 1e-6  # least scale of an orbit, which may be the origin itself
 HALVINGS = 8  # trial lengths of a Newton step, each half of the one before
-CLEAR = 0.02  # of the period: distance that nodes keep from events where possible
-NEAR = 1e-6  # of the period: an event this near to x0 counts as at x0
-CLOSE = 0.1  # of the orbit's size: largest distance of a close return
+NODE_CLEARANCE = 0.02  # of the period: distance that nodes keep from events where possible
+EVENT_AT_START = 1e-6  # of the period: an event this near to x0 counts as at x0
+CLOSE_RETURN = 0.1  # of the orbit's size: largest distance of a close return
 DOUBLINGS = 14  # doublings of the time in which a return is searched
-SAMPLES = 1000  # recorded points of a piece
-EVENTS = 1024  # events that one compiled call can record; a full log is emptied and the run goes on
+SAMPLES_PER_PIECE = 1000  # recorded points of a piece
+EVENT_LOG_ROWS = 1024  # events that one compiled call can record; a full log is emptied and the run goes on
 
 
 class Node(NamedTuple):
@@ -72,7 +72,7 @@ class Node(NamedTuple):
     mode: Any  # index; None: the state determines it
 
 
-class Piece(NamedTuple):
+class MotionPiece(NamedTuple):
     """The motion over a length of time from a node."""
 
     start: Node
@@ -84,7 +84,7 @@ class Piece(NamedTuple):
     times: np.ndarray  # (samples,) since the start
     points: np.ndarray  # (samples, n)
     modes: np.ndarray  # (samples,)
-    events: Any  # columns as in `states.Events`, times since the start
+    events: Any  # columns as in `states.EventLog`, times since the start
 
     @property
     def end(self) -> Node:
@@ -92,11 +92,11 @@ class Piece(NamedTuple):
         return Node(self.start.t + self.length, self.x, self.mode)
 
 
-class Orbit(NamedTuple):
+class OrbitIterate(NamedTuple):
     """An iterate of Newton's method."""
 
     nodes: list[Node]
-    pieces: list[Piece]
+    pieces: list[MotionPiece]
     period: float
     gap: float  # largest mismatch of states or of conserved values, relative to the orbit
     iterations: int
@@ -104,7 +104,7 @@ class Orbit(NamedTuple):
     goal: Node  # where the last piece is to end: the first node, or its image
 
     @property
-    def seams(self) -> list[tuple[Piece, Node]]:
+    def seams(self) -> list[tuple[MotionPiece, Node]]:
         """Each piece with the node at which it is to end."""
         return list(zip(self.pieces, [*self.nodes[1:], self.goal], strict=True))
 
@@ -129,16 +129,16 @@ def velocity(system, t, x, args, mode: int):
 class Motion(NamedTuple):
     """Motion of a point and its tangents, with the symmetry and the conserved values of its orbits."""
 
-    problem: problems.Problem
+    problem: problems.RunProblem
     symmetry: Symmetry | None = None
     conserved: Conserved | None = None
 
-    def piece(self, node: Node, length: float) -> Piece:
+    def piece(self, node: Node, length: float) -> MotionPiece:
         """Run the system from a node over a length of time."""
         x0, discrete = jnp.asarray(node.x), isinstance(self.problem.system, Map)
         hybrid = isinstance(self.problem.system, Hybrid | EventDriven)
-        plan = problems.Plan(log=EVENTS * hybrid, collect=problems.point)
-        t0, ends = array(node.t, x0.dtype), length * np.arange(1, SAMPLES + 1) / SAMPLES
+        plan = problems.RunPlan(log=EVENT_LOG_ROWS * hybrid, collect=problems.point)
+        t0, ends = array(node.t, x0.dtype), length * np.arange(1, SAMPLES_PER_PIECE + 1) / SAMPLES_PER_PIECE
         ends = array(np.arange(1, length + 1) if discrete else ends, x0.dtype)
         frame = np.eye(len(x0), dtype=x0.dtype)
         loop_state = driver.start(self.problem, plan, t0, x0, frame, node.mode, 1.0)
@@ -154,7 +154,7 @@ class Motion(NamedTuple):
         logs = jax.tree.map(lambda *parts: np.concatenate(parts), *outcome.logs) if hybrid else None
         logs = None if logs is None else logs._replace(t=logs.t - node.t)
         shown = np.asarray(t) - node.t, np.asarray(x), np.asarray(modes)
-        return Piece(node, length, carry.x, int(problems.mode_of(carry)), matrix, int(carry.jumps), *shown, logs)
+        return MotionPiece(node, length, carry.x, int(problems.mode_of(carry)), matrix, int(carry.jumps), *shown, logs)
 
     def velocity(self, node: Node) -> np.ndarray:
         """Dx/dt at a point."""
@@ -222,7 +222,7 @@ def close_return(flow: Motion, start: Node) -> tuple[Node, float]:
         size = np.maximum.accumulate(distance)
         distance = np.where(modes == flow.mode(start), distance, np.inf)
         inner = np.flatnonzero((distance[1:-1] <= distance[:-2]) & (distance[1:-1] <= distance[2:])) + 1
-        close = inner[distance[inner] < CLOSE * size[inner]]
+        close = inner[distance[inner] < CLOSE_RETURN * size[inner]]
         if len(close):
             return start, float(times[close[0]])
         start, horizon = Node(start.t, stretch.x, stretch.mode), 2 * horizon
@@ -233,7 +233,7 @@ def close_return(flow: Motion, start: Node) -> tuple[Node, float]:
     )
 
 
-def states_of(piece: Piece) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def states_of(piece: MotionPiece) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times, states and modes of a piece, including those after its jumps."""
     if piece.events is None:
         return piece.times, piece.points, piece.modes
@@ -248,34 +248,36 @@ def placed(flow: Motion, start: Node, period: float, segments: int) -> list[Node
     """Nodes along the motion from `start`, away from events."""
     if isinstance(flow.problem.system, Map):
         return [start]
-    whole = flow.piece(start, period * (1 + CLEAR))  # longer, to record an event at the end of the period
+    whole = flow.piece(start, period * (1 + NODE_CLEARANCE))  # longer, to record an event at the end of the period
     events = np.zeros(0) if whole.events is None else np.unique(whole.events.t % period)
-    clear = np.sort([_away(at, events, period) for at in period * np.arange(segments) / segments])
-    clear = clear[np.diff(clear, prepend=-period) > CLEAR * period]  # two may have been moved into the same gap
+    clear = np.sort([_away_from_events(at, events, period) for at in period * np.arange(segments) / segments])
+    clear = clear[
+        np.diff(clear, prepend=-period) > NODE_CLEARANCE * period
+    ]  # two may have been moved into the same gap
     return [start if at == 0 else flow.piece(start, float(at)).end for at in clear]
 
 
-def _away(at: float, events: np.ndarray, period: float) -> float:
+def _away_from_events(at: float, events: np.ndarray, period: float) -> float:
     """The wanted time, or, if it is near an event, the middle of the next gap between events."""
     if not len(events):
         return at
     distance = np.abs((events - at + period / 2) % period - period / 2)
-    if np.min(distance) > CLEAR * period:
+    if np.min(distance) > NODE_CLEARANCE * period:
         return at
     after = np.sort((events - at - 1e-9 * period) % period)
-    after = after[after > CLEAR * period]
+    after = after[after > NODE_CLEARANCE * period]
     gaps = np.diff(np.concatenate([[0.0], after, [period]]))
     ends = np.concatenate([after, [period]])
-    wide = np.flatnonzero(gaps > 2 * CLEAR * period)
+    wide = np.flatnonzero(gaps > 2 * NODE_CLEARANCE * period)
     i = wide[0] if len(wide) else int(np.argmax(gaps))
     return float((at + ends[i] - gaps[i] / 2) % period)
 
 
-def newton(flow: Motion, nodes: list[Node], period: float, autonomous: bool, most: int) -> Orbit:
+def newton(flow: Motion, nodes: list[Node], period: float, autonomous: bool, most: int) -> OrbitIterate:
     """Newton's method with step halving; where modes do not match it restarts from the state a period later."""
     orbit = shot(flow, nodes, shares_of(nodes, period), period, 0)
     for iteration in range(1, most + 1):
-        if orbit.residual <= digits(FINISHED, nodes[0].x):
+        if orbit.residual <= digits(NEWTON_RESIDUAL, nodes[0].x):
             break
         trial = _stepped(flow, orbit, period, autonomous, iteration)
         if not trial.residual < orbit.gap:
@@ -288,7 +290,7 @@ def newton(flow: Motion, nodes: list[Node], period: float, autonomous: bool, mos
     return orbit
 
 
-def _stepped(flow: Motion, orbit: Orbit, period: float, autonomous: bool, iteration: int) -> Orbit:
+def _stepped(flow: Motion, orbit: OrbitIterate, period: float, autonomous: bool, iteration: int) -> OrbitIterate:
     """A Newton step that reduces the residual, with matching modes; if none does, the shortest one tried."""
     shares, trial = shares_of(orbit.nodes, orbit.period), orbit
     steps, change, turn = _newton_step(flow, orbit, shares, autonomous)
@@ -306,7 +308,7 @@ def _stepped(flow: Motion, orbit: Orbit, period: float, autonomous: bool, iterat
     return trial
 
 
-def _carried_on(flow: Motion, orbit: Orbit, autonomous: bool) -> tuple[list[Node], float]:
+def _carried_on(flow: Motion, orbit: OrbitIterate, autonomous: bool) -> tuple[list[Node], float]:
     """New nodes that start at the state and mode after one period; and the period."""
     end = orbit.pieces[-1].end
     again = end._replace(t=orbit.nodes[0].t), orbit.period
@@ -326,7 +328,7 @@ def retimed(nodes: list[Node], shares, period: float) -> list[Node]:
     return [node._replace(t=float(t)) for node, t in zip(nodes, times, strict=True)]
 
 
-def shot(flow: Motion, nodes: list[Node], shares, period: float, iteration: int, shift=None) -> Orbit:
+def shot(flow: Motion, nodes: list[Node], shares, period: float, iteration: int, shift=None) -> OrbitIterate:
     """Run all pieces from the given nodes; a missing shift of the group is found from the motion."""
     nodes = [flow.consistent(node) for node in nodes]
     pieces = [flow.piece(node, float(share * period)) for node, share in zip(nodes, shares, strict=True)]
@@ -334,18 +336,18 @@ def shot(flow: Motion, nodes: list[Node], shares, period: float, iteration: int,
         # The shift is followed along the motion: after a turn by 2π the state is equal, but not the shift.
         points = np.concatenate([*(states_of(piece)[1] for piece in pieces), np.asarray(pieces[-1].x)[None]])
         shift = flow.apart(nodes[0].x, points)[1][-1]
-    size = max(SMALL, *(np.max(np.abs(piece.x)) for piece in pieces))
-    orbit = Orbit(nodes, pieces, period, np.inf, iteration, shift, flow.goal(nodes[0], shift))
+    size = max(LEAST_SCALE, *(np.max(np.abs(piece.x)) for piece in pieces))
+    orbit = OrbitIterate(nodes, pieces, period, np.inf, iteration, shift, flow.goal(nodes[0], shift))
     strayed = flow.strayed(nodes[0])[0]
     return orbit._replace(gap=float(max(np.max(np.abs(_gaps(orbit))), np.max(np.abs(strayed), initial=0.0)) / size))
 
 
-def _gaps(orbit: Orbit) -> np.ndarray:
+def _gaps(orbit: OrbitIterate) -> np.ndarray:
     """(m, n) differences between the end of each piece and its goal."""
     return np.array([np.asarray(piece.x) - np.asarray(node.x) for piece, node in orbit.seams])
 
 
-def linearised(flow: Motion, orbit: Orbit, shares, autonomous: bool) -> tuple[np.ndarray, np.ndarray]:
+def linearised(flow: Motion, orbit: OrbitIterate, shares, autonomous: bool) -> tuple[np.ndarray, np.ndarray]:
     """The Jacobian of all equations, and their residuals.
 
     Unknowns: the nodes, the period of an autonomous system, the shift (q,) of the group. Equations: the pieces match,
@@ -372,7 +374,9 @@ def linearised(flow: Motion, orbit: Orbit, shares, autonomous: bool) -> tuple[np
     return system, gaps
 
 
-def _newton_step(flow: Motion, orbit: Orbit, shares, autonomous: bool) -> tuple[list[np.ndarray], float, np.ndarray]:
+def _newton_step(
+    flow: Motion, orbit: OrbitIterate, shares, autonomous: bool
+) -> tuple[list[np.ndarray], float, np.ndarray]:
     """The changes of the nodes, of the period and of the shift."""
     m, n = len(orbit.nodes), len(orbit.nodes[0].x)
     # The least-norm solution: in a family of orbits (a block at rest anywhere) the matrix is singular.
@@ -384,7 +388,7 @@ def _newton_step(flow: Motion, orbit: Orbit, shares, autonomous: bool) -> tuple[
 
 def nearest(flow: Motion, base: Node, period: float, x) -> Node:
     """The point of an orbit that is nearest to a state; at a jump the nearer one of both sides."""
-    turn = flow.piece(base, period * (1 + digits(NEAR, base.x)))  # longer, to record a jump at the end
+    turn = flow.piece(base, period * (1 + digits(EVENT_AT_START, base.x)))  # longer, to record a jump at the end
     times, points, modes = [turn.times], [turn.points], [turn.modes]
     if turn.events is not None:
         times += [turn.events.t, turn.events.t]
@@ -407,7 +411,7 @@ def at_start(flow: Motion, base: Node, start: Node, period: float, shift: np.nda
     offset = (base.t - start.t) % period
     if offset == 0 or isinstance(flow.problem.system, Map):
         return base
-    length, near = period - offset, digits(NEAR, base.x) * period
+    length, near = period - offset, digits(EVENT_AT_START, base.x) * period
     ends = [flow.piece(base, length).end]
     events = flow.piece(base, length + near).events
     for i in np.flatnonzero(np.abs(events.t - length) < near):

@@ -19,11 +19,11 @@ from ...systems.smooth import Map
 
 __all__ = ["Symmetry", "symmetry_of"]
 
-TURNS = 4  # Newton iterations for the group element that maps one state nearest to another
-SAME = 1e-9  # relative tolerance of the comparison of a field with its image
-FLAT = 1e-10  # least ratio of singular values of an invertible transformation
-BESIDE = 0.1  # relative distance from x of the states at which a symmetry is checked
-TRIED = 3  # number of these states
+NEWTON_ITERATIONS = 4  # Newton iterations for the group element that maps one state nearest to another
+EQUAL_FIELDS = 1e-9  # relative tolerance of the comparison of a field with its image
+LEAST_SINGULAR_RATIO = 1e-10  # least ratio of singular values of an invertible transformation
+SAMPLE_DISTANCE = 0.1  # relative distance from x of the states at which a symmetry is checked
+SAMPLE_STATES = 3  # number of these states
 
 
 class _One(eqx.Module):
@@ -71,7 +71,7 @@ class Symmetry(NamedTuple):
     def back(self, x, shift) -> np.ndarray:
         """The point whose image is x."""
         before = np.asarray(x)
-        for _ in range(TURNS):
+        for _ in range(NEWTON_ITERATIONS):
             image = self.image(before, shift)
             before = before + np.linalg.solve(image.by_state, np.asarray(x) - image.x)
         return before
@@ -92,7 +92,7 @@ def _image(action, x, shift):
 @eqx.filter_jit
 def _followed(action, x, zero, points):
     def nearest(shift, point):
-        for _ in range(TURNS):
+        for _ in range(NEWTON_ITERATIONS):
             along, miss = jax.jacfwd(action, argnums=1)(x, shift), point - action(x, shift)
             normal = along.T @ along
             shift = shift + jnp.linalg.pinv(normal, hermitian=True) @ (along.T @ miss)
@@ -119,8 +119,8 @@ def symmetry_of(modulo: Any, system, x, args, t) -> Symmetry | None:
     symmetry, named = _meant(modulo, len(x))
     _check_action(symmetry, x)
     random = np.random.default_rng(0)
-    size = BESIDE * (np.abs(x) + BESIDE * max(1.0, float(np.max(np.abs(x)))))
-    for _ in range(TRIED):
+    size = SAMPLE_DISTANCE * (np.abs(x) + SAMPLE_DISTANCE * max(1.0, float(np.max(np.abs(x)))))
+    for _ in range(SAMPLE_STATES):
         beside = jnp.asarray(np.asarray(x) + size * random.normal(size=len(x)), x.dtype)
         _check_fields(symmetry, named, system, beside, args, t, random.normal(size=symmetry.freedom))
     return symmetry
@@ -160,10 +160,10 @@ def _check_action(symmetry: Symmetry, x) -> None:
     require(good, f"modulo: g must return a state like x, {x.shape} of {x.dtype}; got {result}.")
     image = symmetry.image(x)
     singular = np.linalg.svd(image.by_state, compute_uv=False)
-    invertible = np.all(np.isfinite(singular)) and singular[-1] > digits(FLAT, x) * singular[0]
+    invertible = np.all(np.isfinite(singular)) and singular[-1] > digits(LEAST_SINGULAR_RATIO, x) * singular[0]
     require(bool(invertible), f"modulo: it must be possible to undo g; its derivative at x = {x} is singular.")
     if symmetry.freedom:
-        still = np.max(np.abs(image.x - np.asarray(x))) <= digits(SAME, x) * (1 + np.max(np.abs(x)))
+        still = np.max(np.abs(image.x - np.asarray(x))) <= digits(EQUAL_FIELDS, x) * (1 + np.max(np.abs(x)))
         require(bool(still), f"modulo: g(x, 0) must be x, the identity of the group; got {image.x} at x = {x}.")
         moves = bool(np.any(image.by_shift))
         require(moves, f"modulo: g(x, s) must move x with s; at x = {x} it does not depend on s.")
@@ -188,7 +188,7 @@ def _check_fields(symmetry: Symmetry, named: str, system, x, args, t, shift) -> 
 def _require_same(named: str, name: str, x, found: np.ndarray, expected: np.ndarray, terms: float) -> None:
     apart = np.abs(found - expected)  # nan where a field is not defined beside the orbit; passes
     require(
-        not np.max(apart) > digits(SAME, x) * terms,
+        not np.max(apart) > digits(EQUAL_FIELDS, x) * terms,
         f"modulo must be a symmetry of the system, which takes motions to motions; got {named} that is none: at x = "
         f"{x} the {name} at the image of x is {found}, where that of x, carried along, is {expected}. Likely "
         "causes: (a) the system depends on what is changed (a slope, a wall, a mass); (b) velocities must be turned or "

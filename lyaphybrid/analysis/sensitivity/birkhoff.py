@@ -28,19 +28,19 @@ from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
 from ...systems.smooth import Flow, Map
 from ..spectra import lyapunov_spectrum
-from .estimates import Case, Estimate, UntrustedError, with_arrays
+from .estimates import Estimate, ExponentFunction, UntrustedError, with_arrays
 
 __all__ = ["by_birkhoff"]
 
-BLOCKS = 2000  # of a flow
-MOST = 20_000  # of a map, or of motion with jumps; up to this number each iteration or jump is a block
-FEW = 100  # jumps in a run from which on blocks end at jumps
+FLOW_BLOCKS = 2000  # of a flow
+MOST_JUMP_BLOCKS = 20_000  # of a map, or of motion with jumps; up to this number each iteration or jump is a block
+FEWEST_JUMPS = 100  # jumps in a run from which on blocks end at jumps
 EXPLODES = 20.0  # λ₁t₁ beyond which the motion counts as chaotic and no derivative is taken
-AGREE = 1e-4  # largest relative difference of the derivatives from a run and from its first half
+HALVES_AGREE = 1e-4  # largest relative difference of the derivatives from a run and from its first half
 CHEAPER = 4  # a reverse derivative is taken to cost as much as this many forward ones
 
 
-class Along(eqx.Module):
+class ExponentsOfRun(eqx.Module):
     """Exponents along one run as a function of the parameters."""
 
     system: Any
@@ -71,7 +71,7 @@ def _mean(growth, duration):
     return weights @ growth / (weights @ duration)
 
 
-def by_birkhoff(case: Case, *, progress: Any = None) -> Estimate:
+def by_birkhoff(case: ExponentFunction, *, progress: Any = None) -> Estimate:
     """Exponents and their derivatives along one run.
 
     Args:
@@ -81,10 +81,10 @@ def by_birkhoff(case: Case, *, progress: Any = None) -> Estimate:
     Raises:
         UntrustedError: where the motion is chaotic, or the run failed.
     """
-    options: dict[str, Any] = {**case.options, "blocks": BLOCKS}
+    options: dict[str, Any] = {**case.options, "blocks": FLOW_BLOCKS}
     if options.get("method") is None and isinstance(case.system, Flow | Hybrid):
         options["method"] = RungeKutta("dopri8", rtol=1e-11, atol=1e-13)
-    along, theta = Along(case.system, case.start, case.args_of, case.k, options), jnp.asarray(case.theta)
+    along, theta = ExponentsOfRun(case.system, case.start, case.args_of, case.k, options), jnp.asarray(case.theta)
     found, clock = along.run(theta, progress), options["clock"]
     if int(found.status_code) != int(STATUS.ok):
         raise UntrustedError(f"the run failed: {found.status}.", failed=True)
@@ -96,16 +96,16 @@ def by_birkhoff(case: Case, *, progress: Any = None) -> Estimate:
     return _judged(case, *_with_derivatives(along, theta, clock, reverse))
 
 
-def _blocks(case: Case, found) -> dict:
+def _blocks(case: ExponentFunction, found) -> dict:
     """Blocks of equal numbers of iterations or jumps, where there are any."""
     if isinstance(case.system, Map):
         count, others = int(case.options["t1"]), {}
-    elif found.jumps >= FEW and case.options["clock"] == "time":
+    elif found.jumps >= FEWEST_JUMPS and case.options["clock"] == "time":
         count, each = int(found.jumps), float(found.jumps) / float(found.time)
         others = {"transient": float(np.ceil(each * case.options["transient"])), "clock": "jumps"}
     else:
         return {}
-    size = math.ceil(count / MOST)
+    size = math.ceil(count / MOST_JUMP_BLOCKS)
     blocks = count // size if isinstance(case.system, Map) else _rounded(count // size)
     return {"t1": float(blocks * size), "blocks": max(2, blocks), **others}
 
@@ -117,7 +117,7 @@ def _rounded(count: int) -> int:
 
 
 @compiled(lambda along, *rest: along.k, hands_on=True)
-def _with_derivatives(along: Along, theta, clock: str, reverse: bool):
+def _with_derivatives(along: ExponentsOfRun, theta, clock: str, reverse: bool):
     def means(theta):
         return (along.means(theta, clock),) * 2
 
@@ -125,11 +125,11 @@ def _with_derivatives(along: Along, theta, clock: str, reverse: bool):
     return both, slopes
 
 
-def _judged(case: Case, both: np.ndarray, slopes: np.ndarray) -> Estimate:
+def _judged(case: ExponentFunction, both: np.ndarray, slopes: np.ndarray) -> Estimate:
     """The estimate from exponents (2, k) and derivatives (2, k, p) of the run and of its first half."""
     (value, half), (gradient, shorter) = both, slopes
     apart, largest = np.abs(gradient - shorter), np.max(np.abs(value))
     scale = np.max([np.max(np.abs(gradient), axis=0), largest / np.maximum(1, np.abs(case.theta))], axis=0)
-    worst = float(np.max(apart / np.maximum(scale, AGREE)))
+    worst = float(np.max(apart / np.maximum(scale, HALVES_AGREE)))
     reason = f"derivatives from the run and from its first half differ by {worst:.2g} of the largest"
-    return Estimate(value, np.abs(value - half), gradient, apart, worst <= AGREE, (reason,), 2 + len(case.theta))
+    return Estimate(value, np.abs(value - half), gradient, apart, worst <= HALVES_AGREE, (reason,), 2 + len(case.theta))

@@ -7,15 +7,15 @@ import numpy as np
 from scipy import special
 
 from ..._arguments import require
-from .estimates import Case
+from .estimates import ExponentFunction
 
-__all__ = ["Bounds", "bounds_of"]
+__all__ = ["ParameterBounds", "bounds_of"]
 
-LONGEST = 2.0  # largest step in the logarithm of a distance from a bound …
+LONGEST_LOG_STEP = 2.0  # largest step in the logarithm of a distance from a bound …
 HALF = 0.5  # … and, relative to its size, of a parameter without bounds
 
 
-class Bounds(NamedTuple):
+class ParameterBounds(NamedTuple):
     """Bounds of each parameter; ±∞ where there is none.
 
     Between two bounds θ = a + (b − a)/(1 + e^(−u)), above one θ = a + e^u, below one θ = b − e^(−u), else θ = u.
@@ -55,7 +55,7 @@ class Bounds(NamedTuple):
         """The longest step to try in u; beyond it exponents are not linear any more."""
         between, above, below = self._kinds()
         free = ~(between | above | below) & (u != 0)
-        longest = np.where(between | above | below, LONGEST, np.inf)
+        longest = np.where(between | above | below, LONGEST_LOG_STEP, np.inf)
         longest[free] = HALF * np.abs(u[free])
         return longest
 
@@ -71,7 +71,7 @@ class Bounds(NamedTuple):
         return low & high, low & ~high, high & ~low
 
 
-def bounds_of(case: Case, over: Mapping) -> Bounds:
+def bounds_of(case: ExponentFunction, over: Mapping) -> ParameterBounds:
     """The bounds of a case's parameters, {name: (low, high) or None}; of an array they hold for each element."""
     leaves = [name.split("[")[0] for name in case.names]
     pairs: list[Any] = [(None, None) if over[name] is None else over[name] for name in leaves]
@@ -80,4 +80,4 @@ def bounds_of(case: Case, over: Mapping) -> Bounds:
     high = np.array([np.inf if pair[1] is None else pair[1] for pair in pairs], float)
     for name, value, a, b in zip(case.names, case.theta, low, high, strict=True):
         require(a < value < b, f"args must lie between the bounds: {name} = {value:.6g} is not in ({a:.6g}, {b:.6g}).")
-    return Bounds(low, high)
+    return ParameterBounds(low, high)

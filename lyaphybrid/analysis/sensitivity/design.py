@@ -25,8 +25,8 @@ from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
 from ...systems.smooth import Flow, Map
 from ..spectra import lyapunov_spectrum
-from .bounds import Bounds, bounds_of
-from .estimates import Case, case_of
+from .bounds import ParameterBounds, bounds_of
+from .estimates import ExponentFunction, case_of
 from .gradient import Gradient, lyapunov_gradient, names_of_before
 
 __all__ = ["Design", "design"]
@@ -86,7 +86,7 @@ class Design(Result, eqx.Module):
         return Data(variables, {**exponents_along(len(self.exponents)), "parameter": list(self.parameters)}, attributes)
 
 
-class Point(NamedTuple):
+class DesignPoint(NamedTuple):
     """Exponents and derivatives at parameters θ."""
 
     theta: np.ndarray  # (p,)
@@ -205,12 +205,12 @@ def design(
     history: list[np.ndarray] = []
     report = reporter(progress)
 
-    def noted(point: Point) -> Point:
+    def noted(point: DesignPoint) -> DesignPoint:
         history.append(np.concatenate([point.theta, point.value]))
         report(min(1.0, len(history) / (steps + 1)))
         return point
 
-    def with_slopes(theta) -> Point:
+    def with_slopes(theta) -> DesignPoint:
         found = lyapunov_gradient(
             system, x0, case.args_of(theta), t1=t1, over=names, k=k, algorithm=algorithm, period=period, key=key,
             transient=transient, window=window, points=points, replicates=replicates, degree=degree, **alone,
@@ -249,31 +249,33 @@ def design(
     )
 
 
-def _point(case: Case, theta, found: Gradient) -> Point:
+def _point(case: ExponentFunction, theta, found: Gradient) -> DesignPoint:
     count = len(found.value)
     leaves = [np.reshape(leaf, (count, -1)) for leaf in jax.tree.leaves(found.gradient)]
-    return Point(theta, found.value, found.value_stderr, np.concatenate(leaves, axis=1), found.trust, found.reasons)
+    return DesignPoint(
+        theta, found.value, found.value_stderr, np.concatenate(leaves, axis=1), found.trust, found.reasons
+    )
 
 
-def _without_slopes(case: Case, how: Mapping[str, Any]) -> Callable:
+def _without_slopes(case: ExponentFunction, how: Mapping[str, Any]) -> Callable:
     """Exponents without derivatives, for a bisection."""
 
-    def look(theta) -> Point:
+    def look(theta) -> DesignPoint:
         args = case.args_of(jnp.asarray(theta))
         found = lyapunov_spectrum(case.system, case.start(args), args, throw=False, **how)
         status = STATUS(int(found.status_code))
         value, stderr = np.asarray(found.exponents[:1]), np.asarray(found.stderr[:1])
-        return Point(theta, value, stderr, None, status in WHOLE, (f"status: {status.name}",))
+        return DesignPoint(theta, value, stderr, None, status in WHOLE, (f"status: {status.name}",))
 
     return look
 
 
-def _near(point: Point, goal) -> bool:
+def _near(point: DesignPoint, goal) -> bool:
     """Whether a point is at the target, up to rounding or noise."""
     return bool(np.all(np.abs(point.value - goal) <= np.maximum(EXACT * (1 + np.abs(goal)), NOISE * point.stderr)))
 
 
-def _newton(look: Callable, goal, limits: Bounds, first, steps: int):
+def _newton(look: Callable, goal, limits: ParameterBounds, first, steps: int):
     """Newton (or Gauss–Newton) steps of least norm in the unbounded coordinates."""
     here, u = look(first), limits.unbounded(first)
     for _ in range(steps):
@@ -289,7 +291,7 @@ def _newton(look: Callable, goal, limits: Bounds, first, steps: int):
             ahead = u + 0.5**halving * whole_step
             try:
                 there = look(limits.bounded(ahead))
-            except (ValueError, LyaphybridError) as failed:  # no orbit of this kind exists so far away
+            except (ValueError, LyaphybridError) as failed:  # so far away: no orbit, wrong input, singular equations
                 failure = f"; a step failed: {str(failed).splitlines()[0]}"
                 continue
             if np.linalg.norm(there.value - goal) < distance or _near(there, goal):
@@ -300,7 +302,9 @@ def _newton(look: Callable, goal, limits: Bounds, first, steps: int):
     return here, _near(here, goal), (f"{steps} steps",)
 
 
-def _descent(look: Callable, objective: Callable, case: Case, limits: Bounds, optimiser, steps: int):
+def _descent(
+    look: Callable, objective: Callable, case: ExponentFunction, limits: ParameterBounds, optimiser, steps: int
+):
     """Steps of an optimiser; returns the best point."""
 
     def of_all(value, theta):
@@ -335,7 +339,7 @@ def _descent(look: Callable, objective: Callable, case: Case, limits: Bounds, op
     return best, here.trust, (f"{reason}; the objective is {least:.6g}",)
 
 
-def _bisection(look: Callable, goal: float, limits: Bounds, steps: int):
+def _bisection(look: Callable, goal: float, limits: ParameterBounds, steps: int):
     """Bisection between the bounds; one end stays below the target, the other above."""
     left, right = (look(theta) for theta in limits.both())
     for end in (left, right):

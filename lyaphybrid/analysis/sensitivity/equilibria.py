@@ -27,17 +27,17 @@ from ...systems.daes.semi_linear import Constrained
 from ...systems.smooth import Flow
 from ..orbits.periods import depends_on_time
 from ..orbits.shooting import Motion, Node
-from .estimates import Case, Estimate, UntrustedError
+from .estimates import Estimate, ExponentFunction, InapplicableError, UntrustedError
 
 __all__ = ["by_equilibrium"]
 
-ITERATIONS = 40  # of Newton's method
-FINISHED = 1e-12  # corrections below this fraction of 1 + |x| are rounding
-NEAR = 1e-3  # of 1 + |x|: a motion this near to the equilibrium has come to rest there
-CLOSE = 1e-6  # real parts nearer than this, relative to the eigenvalues' size, form one group
-WORST = 1e9  # largest condition numbers of A and of the eigenvalues
+NEWTON_ITERATIONS = 40  # of Newton's method
+CORRECTION_ROUNDING = 1e-12  # corrections below this fraction of 1 + |x| are rounding
+AT_REST = 1e-3  # of 1 + |x|: a motion this near to the equilibrium has come to rest there
+EQUAL_REAL_PARTS = 1e-6  # real parts nearer than this, relative to the eigenvalues' size, form one group
+WORST_CONDITION = 1e9  # largest condition numbers of A and of the eigenvalues
 HUGE = 1e8  # an eigenvalue this many times the largest finite one is infinite
-ROUNDING = 4 * float(np.finfo(float).eps)
+OPERATION_ROUNDING = 4 * float(np.finfo(float).eps)
 
 
 class Pencil(NamedTuple):
@@ -49,7 +49,7 @@ class Pencil(NamedTuple):
     slopes: Any  # (p, n) ∂f/∂θ
 
 
-class Rest(NamedTuple):
+class Equilibrium(NamedTuple):
     """An equilibrium."""
 
     x: np.ndarray  # (n,)
@@ -64,14 +64,14 @@ class Rest(NamedTuple):
 
     def is_near(self, node: Node) -> bool:
         """Whether a motion has come to rest at it."""
-        return self.distance(node) <= NEAR
+        return self.distance(node) <= AT_REST
 
     def distance(self, node: Node) -> float:
         """Distance of a point, relative to 1 + |x|."""
         return float(np.max(np.abs(np.asarray(node.x) - self.x)) / (1 + np.max(np.abs(self.x))))
 
 
-def by_equilibrium(case: Case, *, progress: Any = None) -> Estimate:
+def by_equilibrium(case: ExponentFunction, *, progress: Any = None) -> Estimate:
     """Exponents of the equilibrium at which the motion comes to rest, and their derivatives.
 
     Args:
@@ -80,18 +80,18 @@ def by_equilibrium(case: Case, *, progress: Any = None) -> Estimate:
 
     Raises:
         UntrustedError: where Newton's method finds no equilibrium.
-        ValueError: where the system jumps, or depends on time.
+        InapplicableError: where the system jumps, or depends on time.
     """
     if not isinstance(case.system, Flow):
-        raise ValueError("equilibria are looked for of an lh.Flow or lh.DAE alone.")
+        raise InapplicableError("equilibria are looked for of an lh.Flow or lh.DAE alone.")
     report = reporting.reporter(progress)
     try:
-        flow, end = _begun(case)
-        end = _later(flow, end, case.options["transient"])
+        flow, end = _motion_and_start(case)
+        end = _point_after(flow, end, case.options["transient"])
         report(0.4)
-        rest = _rest(case, end)
+        rest = _equilibrium_near(case, end)
         if rest.stable and not rest.is_near(end):
-            end = _later(flow, end, case.options["t1"])
+            end = _point_after(flow, end, case.options["t1"])
         report(0.8)
         found = _judged(case, rest, end)
         report(1.0)
@@ -100,7 +100,7 @@ def by_equilibrium(case: Case, *, progress: Any = None) -> Estimate:
         report(None)
 
 
-def _begun(case: Case) -> tuple[Motion, Node]:
+def _motion_and_start(case: ExponentFunction) -> tuple[Motion, Node]:
     """The motion and where it starts."""
     options, args = case.options, case.args_of(case.theta)
     constrained, method = isinstance(case.system.field, Constrained), options["method"]
@@ -110,11 +110,11 @@ def _begun(case: Case) -> tuple[Motion, Node]:
         case.system, case.start(args), args, options["t0"], method, options["mode"]
     )
     if depends_on_time(case.system, x, problem.args):
-        raise ValueError("no equilibrium: the system depends on time.")
+        raise InapplicableError("no equilibrium: the system depends on time.")
     return Motion(problem), Node(float(t), x, mode)
 
 
-def _later(flow: Motion, node: Node, length: float) -> Node:
+def _point_after(flow: Motion, node: Node, length: float) -> Node:
     """The point after some time."""
     try:
         return flow.piece(node, float(length)).end if length > 0 else node
@@ -122,18 +122,18 @@ def _later(flow: Motion, node: Node, length: float) -> Node:
         raise UntrustedError(f"no equilibrium: the run failed. {str(failed).splitlines()[0]}", failed=True) from failed
 
 
-def _rest(case: Case, start: Node) -> Rest:
+def _equilibrium_near(case: ExponentFunction, start: Node) -> Equilibrium:
     """The equilibrium that Newton's method finds from a point."""
     x, theta, correction = np.asarray(start.x), np.asarray(case.theta), np.inf
-    for _ in range(ITERATIONS):
+    for _ in range(NEWTON_ITERATIONS):
         pencil = Pencil(*map(np.asarray, _pencil(case.system, case.args_of, theta, array(start.t, x.dtype), x)))
         step = np.linalg.lstsq(pencil.matrix, -pencil.residual, rcond=1e-13)[0] if _finite(pencil) else np.nan * x
         if not np.all(np.isfinite(step)):
             break
         size = 1 + np.max(np.abs(x))
         before, correction = correction, float(np.max(np.abs(step)) / size)
-        if correction <= FINISHED and correction >= before / 2:  # only rounding is left
-            return Rest(x, pencil, correction, _finite_eigenvalues(case, pencil))
+        if correction <= CORRECTION_ROUNDING and correction >= before / 2:  # only rounding is left
+            return Equilibrium(x, pencil, correction, _finite_eigenvalues(case, pencil))
         x = x + step
     raise UntrustedError(f"no equilibrium: Newton's method does not converge from {np.asarray(start.x)}.")
 
@@ -152,7 +152,7 @@ def _pencil(system: Flow, args_of, theta, t, x) -> Pencil:
 
 
 @compiled(hands_on=True)
-def _moved(system: Flow, args_of, theta, t, x, dx):
+def _matrix_derivatives(system: Flow, args_of, theta, t, x, dx):
     """The derivatives of A and E (p, n, n) by the parameters, with the point moving by dx (p, n)."""
 
     def both(theta, x):
@@ -171,7 +171,7 @@ def _leading(system: Flow, t, x, args):
     return system.field.leading(t, args) if isinstance(system.field, Constrained) else jnp.eye(x.size, dtype=x.dtype)
 
 
-def _finite_eigenvalues(case: Case, pencil: Pencil) -> np.ndarray:
+def _finite_eigenvalues(case: ExponentFunction, pencil: Pencil) -> np.ndarray:
     """Finite eigenvalues of A − λE by descending real parts; constraints cause infinite ones."""
     if not isinstance(case.system.field, Constrained):
         found = np.linalg.eigvals(pencil.matrix)
@@ -183,17 +183,21 @@ def _finite_eigenvalues(case: Case, pencil: Pencil) -> np.ndarray:
     return found[np.lexsort((found.imag, -found.real))]
 
 
-def _judged(case: Case, rest: Rest, end: Node) -> Estimate:
+def _judged(case: ExponentFunction, rest: Equilibrium, end: Node) -> Estimate:
     """The estimate, and whether it can be trusted."""
     x, theta, pencil = rest.x, np.asarray(case.theta), rest.pencil
     condition = float(np.linalg.cond(pencil.matrix))
     dx = np.linalg.lstsq(pencil.matrix, -pencil.slopes.T, rcond=None)[0].T
-    changes = tuple(map(np.asarray, _moved(case.system, case.args_of, theta, array(end.t, x.dtype), x, dx)))
+    changes = tuple(
+        map(np.asarray, _matrix_derivatives(case.system, case.args_of, theta, array(end.t, x.dtype), x, dx))
+    )
     value, groups = np.real(rest.values), _groups(rest.values)
-    gradient, errors = np.empty((len(value), len(theta))), np.empty(len(value))
+    gradient, errors, apart = np.empty((len(value), len(theta))), np.empty(len(value)), np.empty(len(value))
     for group in groups:
         slope, errors[group] = _of_group(pencil, changes, rest.values, group)
         gradient[group] = slope / len(group)
+        others = np.delete(rest.values, group)
+        apart[group] = np.min(np.abs(rest.values[group][:, None] - others), initial=np.inf)
     near, k = rest.is_near(end), case.k
     reasons = [f"Newton's method ended with a correction of {rest.correction:.1e}"]
     reasons.append(f"the equilibrium is {'stable' if rest.stable else 'not stable: motion does not stay there'}")
@@ -205,13 +209,14 @@ def _judged(case: Case, rest: Rest, end: Node) -> Estimate:
             reasons.append(f"{names}: a complex pair or nearly the same, the derivative is that of their mean")
     size = float(np.linalg.norm(pencil.matrix))
     change = np.array([np.linalg.norm(one) for one in changes[0]]) + np.abs(np.linalg.norm(dx, axis=1))
-    stderr = ROUNDING * errors[:, None] * (condition * np.abs(gradient) + change)
+    mixing = (size / apart)[:, None]  # of the eigenvectors, by rounding of A
+    stderr = OPERATION_ROUNDING * errors[:, None] * ((condition + mixing) * np.abs(gradient) + change)
     return Estimate(
         value=value[:k],
-        value_stderr=ROUNDING * errors[:k] * size,
+        value_stderr=OPERATION_ROUNDING * errors[:k] * size,
         gradient=gradient[:k],
         stderr=stderr[:k],
-        trust=rest.stable and near and condition <= WORST and bool(np.max(errors[:k]) <= WORST),
+        trust=rest.stable and near and condition <= WORST_CONDITION and bool(np.max(errors[:k]) <= WORST_CONDITION),
         reasons=tuple(reasons),
         cost=1,
     )
@@ -225,7 +230,7 @@ def _groups(values: np.ndarray) -> list[list[int]]:
     groups = [[0]]
     for i in range(1, len(values)):
         gap = values[i - 1].real - values[i].real
-        if gap <= CLOSE * max(abs(values[i - 1]), abs(values[i])):
+        if gap <= EQUAL_REAL_PARTS * max(abs(values[i - 1]), abs(values[i])):
             groups[-1].append(i)
         else:
             groups.append([i])
@@ -254,5 +259,8 @@ def _subspace(matrix, leading, values: np.ndarray, group: list[int]) -> np.ndarr
         theirs = np.min(np.abs(ratio[:, None] - others), axis=1, initial=np.inf)
         return np.isfinite(ratio) & (mine < theirs) & (np.abs(ratio) < HUGE * np.max(np.abs(values)))
 
-    *_, vectors = scipy.linalg.ordqz(matrix, leading, sort=belongs, output="complex")  # pyright: ignore
+    try:
+        *_, vectors = scipy.linalg.ordqz(matrix, leading, sort=belongs, output="complex")  # pyright: ignore
+    except ValueError as failed:  # SciPy's word for LAPACK's "too ill-conditioned to be reordered"
+        raise UntrustedError("eigenvalues of the equilibrium cannot be told from one another.") from failed
     return vectors[:, : len(group)]

@@ -1,4 +1,4 @@
-"""Input (`Case`) and result (`Estimate`) of each method for derivatives of exponents."""
+"""Input (`ExponentFunction`) and result (`Estimate`) of each method for derivatives of exponents."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -15,8 +15,9 @@ from ...engine.preparation import as_arrays
 
 __all__ = [
     "ArgsOf",
-    "Case",
+    "ExponentFunction",
     "Estimate",
+    "InapplicableError",
     "UntrustedError",
     "case_of",
     "parameters_of",
@@ -25,7 +26,7 @@ __all__ = [
     "with_arrays",
 ]
 
-LENGTHS = ("t0", "transient", "t1")
+LENGTH_KEYWORDS = ("t0", "transient", "t1")
 
 
 class UntrustedError(Exception):
@@ -36,7 +37,11 @@ class UntrustedError(Exception):
         self.failed = failed
 
 
-class Case(NamedTuple):
+class InapplicableError(ValueError):
+    """A method does not apply to this kind of system: bad input where the user asks for it by its name."""
+
+
+class ExponentFunction(NamedTuple):
     """Exponents as a function of the parameters, all of them in one vector θ."""
 
     system: Any
@@ -61,23 +66,25 @@ class Estimate(NamedTuple):
     time_per_jump: Any = None  # an Estimate with k = 1, from a regression of a system that jumps
 
 
-def unknown(case: Case, why: str) -> Estimate:
+def unknown(case: ExponentFunction, why: str) -> Estimate:
     """Nothing is known of the derivatives, nor of the exponents."""
     value, gradient = np.full(case.k, np.nan), np.full((case.k, len(case.theta)), np.nan)
     return Estimate(value, value, gradient, gradient, trust=False, reasons=(why,), cost=0)
 
 
-def case_of(system, x0, args, k: int, options: Mapping[str, Any], free: Sequence[str] | None = None) -> Case:
+def case_of(
+    system, x0, args, k: int, options: Mapping[str, Any], free: Sequence[str] | None = None
+) -> ExponentFunction:
     """A case; the parameters are the floating-point leaves of args, or those named in `free`; the rest stays fixed."""
     theta, args_of, names = parameters_of(args, free)
-    start = x0 if callable(x0) else Fixed(x0)
+    start = x0 if callable(x0) else FixedStart(x0)
     require_double("x0", start(args), "a derivative of exponents")
-    return Case(system, start, theta, args_of, names, k, options)
+    return ExponentFunction(system, start, theta, args_of, names, k, options)
 
 
 def with_arrays(options: Mapping[str, Any], dtype) -> dict[str, Any]:
     """The options with arrays in place of numbers, so that other numbers compile nothing new."""
-    lengths = {name: options[name] for name in LENGTHS if name in options and not is_zero(options[name])}
+    lengths = {name: options[name] for name in LENGTH_KEYWORDS if name in options and not is_zero(options[name])}
     arrays = {name: np.asarray(value, dtype) for name, value in lengths.items()}
     return {**options, **arrays, "method": as_arrays(options.get("method"), dtype)}
 
@@ -87,7 +94,7 @@ def parameters_of(args, free: Sequence[str] | None, word: str = "over") -> tuple
     args = jax.tree.map(lambda leaf: jnp.asarray(leaf) if isinstance(leaf, float) else leaf, args)
     known = {_name(path): eqx.is_inexact_array_like(leaf) for path, leaf in jax.tree_util.tree_leaves_with_path(args)}
     known = [name for name, floating in known.items() if floating]
-    require(bool(known), "args has no floating-point leaf: there is nothing to differentiate by.")
+    require(bool(known), f"args has no floating-point number to differentiate by, got {args!r}: write 1.0 for 1.")
     wanted = known if free is None else list(free)
     wrong = [name for name in wanted if name not in known]
     require(not wrong and bool(wanted), f"{word} must name some of {', '.join(known)}; got {free!r}.")
@@ -116,7 +123,7 @@ class ArgsOf(eqx.Module):
         return jax.tree.unflatten(self.structure, leaves)
 
 
-class Fixed(eqx.Module):
+class FixedStart(eqx.Module):
     """A start that does not depend on args."""
 
     x0: Any
@@ -138,6 +145,6 @@ def _names(free) -> tuple[str, ...]:
     return tuple(names)
 
 
-def tree_of(case: Case, values: np.ndarray):
+def tree_of(case: ExponentFunction, values: np.ndarray):
     """Values (k, p) as a tree of args, leaves (k,) + leaf.shape; leaves that are no parameters are None."""
     return case.args_of.free(values)

@@ -25,7 +25,7 @@ from ...systems.smooth import Flow, Map
 from ..orbits.periods import check_period
 from .birkhoff import by_birkhoff
 from .equilibria import by_equilibrium
-from .estimates import Case, Estimate, UntrustedError, case_of, tree_of, unknown
+from .estimates import Estimate, ExponentFunction, InapplicableError, UntrustedError, case_of, tree_of, unknown
 from .implicit import by_implicit
 from .regression import by_regression
 from .response.linear_response import by_linear_response
@@ -249,7 +249,7 @@ def lyapunov_gradient(
     return _gradient(case, name, estimate)
 
 
-def _gradient(case: Case, algorithm: str, found: Estimate) -> Gradient:
+def _gradient(case: ExponentFunction, algorithm: str, found: Estimate) -> Gradient:
     return Gradient(
         value=found.value,
         value_stderr=found.value_stderr,
@@ -264,7 +264,7 @@ def _gradient(case: Case, algorithm: str, found: Estimate) -> Gradient:
     )
 
 
-def _estimate(case: Case, algorithm: str, period, key, ensemble) -> tuple[str, Estimate]:
+def _estimate(case: ExponentFunction, algorithm: str, period, key, ensemble) -> tuple[str, Estimate]:
     """The name of the algorithm that was used, and its estimate: the first applicable one that can be trusted."""
     window, points, replicates, degree, progress = ensemble
     if algorithm == "linear_response":
@@ -282,7 +282,7 @@ def _estimate(case: Case, algorithm: str, period, key, ensemble) -> tuple[str, E
             continue
         try:
             found = one()
-        except (UntrustedError, ValueError) as error:
+        except (UntrustedError, InapplicableError) as error:
             if algorithm == name:
                 raise
             before.append(f"{name}: {error}")
@@ -300,6 +300,7 @@ def _estimate(case: Case, algorithm: str, period, key, ensemble) -> tuple[str, E
     return "regression", found._replace(reasons=(*before, *found.reasons))
 
 
-def _implicit(case: Case, period, progress) -> Estimate:
-    require(not isinstance(case.system, EventDriven), "implicit needs an lh.Flow, lh.Map or lh.Hybrid.")
+def _implicit(case: ExponentFunction, period, progress) -> Estimate:
+    if isinstance(case.system, EventDriven):
+        raise InapplicableError("implicit needs an lh.Flow, lh.Map or lh.Hybrid.")
     return by_implicit(case, period=period, progress=progress)

@@ -31,21 +31,23 @@ from ...integrators.base import Method
 from ...systems.daes.semi_linear import Constrained, fields_of
 from ...systems.smooth import Map
 from ..orbits.periodic_orbits import CONVERGED, Floquet, floquet
+from ..orbits.periods import depends_on_time
 from ..orbits.shooting import velocity
-from .estimates import Case, Estimate, UntrustedError
+from .estimates import Estimate, ExponentFunction, InapplicableError, UntrustedError
 
 __all__ = ["by_implicit"]
 
 LOOSER = 100.0  # factor of the tolerance for a second run, whose difference estimates the error
-CLOSE = 1e-6  # multipliers nearer than this, relative to their size, form one group
-WORST = 1e9  # largest condition number of the equations of the orbit
-SINGULAR = 1e300  # stands for an infinite one
-ALONG = 1e-6  # largest derivative of the zero exponent, relative to the largest of the others
-MOST = 64  # longest period of a map that is searched
+EQUAL_MULTIPLIERS = 1e-6  # multipliers nearer than this, relative to their size, form one group
+WORST_CONDITION = 1e9  # largest condition numbers of the equations of the orbit and of the multipliers
+INFINITE_CONDITION = 1e300  # stands for an infinite one
+ROUNDING = 4 * float(np.finfo(float).eps)
+ZERO_EXPONENT_CHANGE = 1e-6  # largest derivative of the zero exponent, relative to the largest of the others
+LONGEST_MAP_PERIOD = 64  # longest period of a map that is searched
 RETURNS = 1e-3  # distance of a return that starts Newton's method
 
 
-class Turn(NamedTuple):
+class PeriodRun(NamedTuple):
     """The inputs of a run over one period of the orbit."""
 
     system: Any
@@ -57,7 +59,7 @@ class Turn(NamedTuple):
     def end(self, theta, x, length, frame):
         """The point (n,) and the columns (n, k) after a period."""
         problem, x, t, mode = preparation.prepare(self.system, x, self.args_of(theta), self.t, self.method, self.mode)
-        plan = problems.Plan()
+        plan = problems.RunPlan()
         ends = array(length, x.dtype).reshape(1)
         outcome = driver.drive(problem, plan, driver.start(problem, plan, t, x, frame, mode, 1.0), ends, ends)
         return outcome.loop_state.carry.x, outcome.loop_state.carry.frame
@@ -72,7 +74,7 @@ class Derivatives(NamedTuple):
     condition: float  # condition number of the equations of the orbit
 
 
-def by_implicit(case: Case, *, period: Any = None, progress: Any = None) -> Estimate:
+def by_implicit(case: ExponentFunction, *, period: Any = None, progress: Any = None) -> Estimate:
     """Exponents of the periodic orbit near the start, and their derivatives.
 
     Args:
@@ -81,37 +83,40 @@ def by_implicit(case: Case, *, period: Any = None, progress: Any = None) -> Esti
         progress: None, True for a bar, or a function of the fraction done.
 
     Raises:
-        UntrustedError: where there is no periodic orbit.
+        UntrustedError: where there is no periodic orbit, or its multipliers cannot be told apart.
+        InapplicableError: where the system depends on time and no period is given.
     """
     report = reporting.reporter(progress)
     try:
         orbit, method = _orbit(case, period)
         report(0.6)
-        turn = Turn(case.system, case.args_of, np.asarray(orbit.base[0], float), np.int32(orbit.base[2]), method)
+        turn = PeriodRun(case.system, case.args_of, np.asarray(orbit.base[0], float), np.int32(orbit.base[2]), method)
         found = derivatives(turn, case, orbit, period)
         report(0.8)
-        looser = _looser(turn, case, orbit, period)
+        looser = _with_looser_tolerance(turn, case, orbit, period)
         report(1.0)
     finally:
         report(None)
-    value, gradient, groups = of_exponents(found, orbit, case.k)
-    reasons, good = _reasons(case, orbit, found, gradient, groups, autonomous=_autonomous(case, period))
-    stderr = np.abs(gradient - looser) + 1e-15 * found.condition * np.abs(gradient)
+    of = of_exponents(found, orbit, case.k)
+    reasons, good = _reasons(case, orbit, found, of, autonomous=_autonomous(case, period))
+    stderr = np.abs(of.gradient - looser) + (1e-15 * found.condition + of.rounding[:, None]) * np.abs(of.gradient)
     error = orbit.residual
     if _autonomous(case, period):  # the exponent along the flow is zero: its deviation is an error
         error = max(error, float(np.abs(orbit.exponents[_along_the_flow(orbit)])))
-    return Estimate(value, np.full(case.k, error), gradient, stderr, good, tuple(reasons), 1)
+    return Estimate(of.value, np.full(case.k, error), of.gradient, stderr, good, tuple(reasons), 1)
 
 
-def _autonomous(case: Case, period) -> bool:
+def _autonomous(case: ExponentFunction, period) -> bool:
     return period is None and not isinstance(case.system, Map)
 
 
-def _orbit(case: Case, period) -> tuple[Floquet, Method | None]:
+def _orbit(case: ExponentFunction, period) -> tuple[Floquet, Method | None]:
     options, discrete = case.options, isinstance(case.system, Map)
     args, transient = case.args_of(case.theta), options.get("transient", 0.0)
     x0 = case.start(args)
     method = options.get("method")
+    if period is None and not discrete and depends_on_time(case.system, x0, args):
+        raise InapplicableError("the system depends on time: give period, that of its forcing or a multiple of it.")
     if method is None and not discrete:
         constrained = any(isinstance(field, Constrained) for field in fields_of(case.system))
         method = HalfExplicit(rtol=1e-12, tableau="dopri8") if constrained else RungeKutta(rtol=1e-12, atol=1e-14)
@@ -128,11 +133,11 @@ def _orbit(case: Case, period) -> tuple[Floquet, Method | None]:
 def _returning(system: Map, x0, args, transient: int):
     """A point of the motion after the transient, and the first number of iterations that bring it back."""
     start = x = _iterated(system, jnp.asarray(x0), args, np.asarray(transient))
-    for count in range(1, MOST + 1):
+    for count in range(1, LONGEST_MAP_PERIOD + 1):
         x = _iterated(system, x, args, np.asarray(1))
         if float(jnp.max(jnp.abs(x - start))) <= RETURNS * (1 + float(jnp.max(jnp.abs(start)))):
             return start, count
-    raise UntrustedError(f"no periodic orbit: the map does not come back within {MOST} iterations.")
+    raise UntrustedError(f"no periodic orbit: the map does not come back within {LONGEST_MAP_PERIOD} iterations.")
 
 
 @compiled()
@@ -140,7 +145,7 @@ def _iterated(system: Map, x, args, count):
     return jax.lax.fori_loop(0, count, lambda n, x: system.rule(n, x, args), x)
 
 
-def derivatives(turn: Turn, case: Case, orbit: Floquet, period) -> Derivatives:
+def derivatives(turn: PeriodRun, case: ExponentFunction, orbit: Floquet, period) -> Derivatives:
     """Derivatives of the orbit and of M, by two passes: first with the point fixed, then with it moving."""
     n, p = len(orbit.x0), len(case.theta)
     x, theta = orbit.base[1], jnp.asarray(case.theta)
@@ -148,19 +153,22 @@ def derivatives(turn: Turn, case: Case, orbit: Floquet, period) -> Derivatives:
     if callable(period):
         own = np.asarray(jax.jacfwd(lambda theta: jnp.asarray(period(case.args_of(theta)), theta.dtype))(theta))
     length, matrix = np.asarray(orbit.period, float), np.asarray(orbit.monodromy)
-    system, right = matrix - np.eye(n), -_along(turn, theta, x, length, np.eye(p), np.zeros((p, n)), own)[0].T
+    system, right = (
+        matrix - np.eye(n),
+        -_derivatives_along(turn, theta, x, length, np.eye(p), np.zeros((p, n)), own)[0].T,
+    )
     if autonomous:
         f = np.asarray(velocity(turn.system, turn.t, x, turn.args_of(theta), int(turn.mode)))
         system = np.block([[system, f[:, None]], [f[None, :], np.zeros((1, 1))]])
         right = np.concatenate([right, np.zeros((1, p))])
     change = np.linalg.lstsq(system, right, rcond=None)[0]
     own = change[n] if autonomous else own
-    _, moved = _along(turn, theta, x, length, np.eye(p), change[:n].T, own)
-    return Derivatives(matrix, moved, own, min(float(np.linalg.cond(system)), SINGULAR))
+    _, moved = _derivatives_along(turn, theta, x, length, np.eye(p), change[:n].T, own)
+    return Derivatives(matrix, moved, own, min(float(np.linalg.cond(system)), INFINITE_CONDITION))
 
 
 @compiled(lambda turn, theta, x, *rest: x.size, hands_on=True)
-def _along(turn: Turn, theta, x, length, of_theta, of_x, of_length):
+def _derivatives_along(turn: PeriodRun, theta, x, length, of_theta, of_x, of_length):
     """Derivatives of the end (p, n) and of its columns (p, n, n) along p directions."""
     discrete, frame = isinstance(turn.system, Map), np.eye(len(x), dtype=x.dtype)
 
@@ -175,21 +183,30 @@ def _along(turn: Turn, theta, x, length, of_theta, of_x, of_length):
     return jax.vmap(one)(of_theta, of_x, of_length)
 
 
-def of_exponents(found: Derivatives, orbit: Floquet, k: int) -> tuple[np.ndarray, np.ndarray, list[list[int]]]:
-    """The leading exponents (k,), their derivatives (k, p), and the groups among them.
+class Exponents(NamedTuple):
+    """The leading exponents of an orbit and their derivatives; the derivative of a group is that of its mean."""
 
-    The derivative of a group is that of its mean: single members may have none.
-    """
+    value: np.ndarray  # (k,)
+    gradient: np.ndarray  # (k, p)
+    groups: list[list[int]]  # those of more than one exponent
+    condition: np.ndarray  # (k,) condition numbers of the multipliers
+    rounding: np.ndarray  # (k,) relative errors of the derivatives by rounding of M
+
+
+def of_exponents(found: Derivatives, orbit: Floquet, k: int) -> Exponents:
+    """The exponents and their derivatives: single members of a group may have none."""
     value, multipliers = np.asarray(orbit.exponents), np.asarray(orbit.multipliers)
     gradient = np.full((len(value), len(found.period)), np.nan)
+    condition, rounding = np.ones(len(value)), np.zeros(len(value))
     groups = _groups(multipliers)
     # M also has eigenvalues 0 across constraints, which are no multipliers of the orbit.
     every = np.pad(multipliers, (0, len(found.monodromy) - len(multipliers)))
     for group in groups:
         if np.all(multipliers[group] != 0):
-            rates = _of_group(found, every, group) / len(group)
-            gradient[group] = (rates - np.mean(value[group]) * found.period) / orbit.period
-    return value[:k], gradient[:k], [group for group in groups if len(group) > 1 and min(group) < k]
+            rates, condition[group], rounding[group] = _of_group(found, every, group)
+            gradient[group] = (rates / len(group) - np.mean(value[group]) * found.period) / orbit.period
+    several = [group for group in groups if len(group) > 1 and min(group) < k]
+    return Exponents(value[:k], gradient[:k], several, condition[:k], rounding[:k])
 
 
 def _groups(multipliers: np.ndarray) -> list[list[int]]:
@@ -207,15 +224,26 @@ def _groups(multipliers: np.ndarray) -> list[list[int]]:
 
 
 def _same(a, b) -> bool:
-    return bool(abs(a - b) <= CLOSE * max(abs(a), abs(b)))
+    return bool(abs(a - b) <= EQUAL_MULTIPLIERS * max(abs(a), abs(b)))
 
 
-def _of_group(found: Derivatives, multipliers, group) -> np.ndarray:
-    """Derivative (p,) of Σ ln|μ| over the group; `multipliers` are all (n,) eigenvalues of M."""
-    right, left = (_invariant(matrix, multipliers, group) for matrix in (found.monodromy, found.monodromy.conj().T))
-    dual = np.linalg.solve(left.conj().T @ right, left.conj().T)
-    inside = np.linalg.inv(dual @ found.monodromy @ right)
-    return np.array([np.trace(inside @ dual @ change @ right).real for change in found.change])
+def _of_group(found: Derivatives, multipliers, group) -> tuple[np.ndarray, float, float]:
+    """Derivative (p,) of Σ ln|μ| over the group, its condition number and its relative error by rounding.
+
+    `multipliers` are all (n,) eigenvalues of M.
+    """
+    try:
+        right, left = (_invariant(matrix, multipliers, group) for matrix in (found.monodromy, found.monodromy.T))
+        dual = np.linalg.solve(left.conj().T @ right, left.conj().T)
+        inside = np.linalg.inv(dual @ found.monodromy @ right)
+    except np.linalg.LinAlgError as failed:
+        mu = np.mean(multipliers[group]).real
+        raise UntrustedError(f"the multiplier {mu:.6g} has no derivative: it cannot be told from another.") from failed
+    slopes = np.array([np.trace(inside @ dual @ change @ right).real for change in found.change])
+    condition, own = float(np.linalg.norm(dual, 2)), multipliers[group]
+    apart = np.append(np.abs(own[:, None] - np.delete(multipliers, group)), np.abs(own))  # from others, and from 0
+    rounded = condition * float(np.linalg.norm(found.monodromy, 2)) / float(np.min(apart))
+    return slopes, condition, ROUNDING * rounded
 
 
 def _invariant(matrix, multipliers, group) -> np.ndarray:
@@ -229,37 +257,40 @@ def _invariant(matrix, multipliers, group) -> np.ndarray:
     return vectors[:, : len(group)]
 
 
-def _looser(turn: Turn, case: Case, orbit: Floquet, period) -> np.ndarray:
+def _with_looser_tolerance(turn: PeriodRun, case: ExponentFunction, orbit: Floquet, period) -> np.ndarray:
     """The derivatives (k, p) along the same orbit with a looser tolerance."""
     method = turn.method
     if method is None:
-        return of_exponents(derivatives(turn, case, orbit, period), orbit, case.k)[1]
+        return of_exponents(derivatives(turn, case, orbit, period), orbit, case.k).gradient
     names = [name for name in ("rtol", "atol") if name in method.__dataclass_fields__]
     values = [LOOSER * getattr(method, name) for name in names]
     method = eqx.tree_at(lambda m: [getattr(m, name) for name in names], method, values)
-    return of_exponents(derivatives(turn._replace(method=method), case, orbit, period), orbit, case.k)[1]
+    return of_exponents(derivatives(turn._replace(method=method), case, orbit, period), orbit, case.k).gradient
 
 
 def _along_the_flow(orbit: Floquet) -> int:
     return int(np.argmin(np.abs(np.asarray(orbit.multipliers) - 1)))
 
 
-def _reasons(case: Case, orbit: Floquet, found: Derivatives, gradient, groups, autonomous: bool):
+def _reasons(case: ExponentFunction, orbit: Floquet, found: Derivatives, of: Exponents, autonomous: bool):
     """Reasons why the derivatives can be trusted or not; and whether they can."""
     good = orbit.residual <= CONVERGED
     reasons = [f"Newton's method ended at a residual of {orbit.residual:.1e} after {orbit.period:.6g}"]
     reasons.append(f"the orbit is {'stable' if orbit.stable else 'not stable: motion does not stay with it'}")
     reasons.append(f"condition number {found.condition:.1e} of the equations of the orbit")
-    for group in groups:
+    worst = float(np.max(of.condition))
+    if worst > WORST_CONDITION:
+        reasons.append(f"condition number {worst:.1e} of a multiplier: it cannot be told from another")
+    for group in of.groups:
         names = ", ".join(f"λ{i + 1}" for i in group)
         reasons.append(f"{names}: a complex pair or nearly the same, the derivative is that of their mean")
-    if np.any(np.isnan(gradient)):
+    if np.any(np.isnan(of.gradient)):
         reasons.append("an exponent that is −∞ has no derivative")
-    good = good and orbit.stable and found.condition <= WORST
+    good = good and orbit.stable and max(found.condition, worst) <= WORST_CONDITION
     if autonomous:
         at = _along_the_flow(orbit)
         if at < case.k:
-            slope = float(np.max(np.abs(gradient[at])))
+            slope = float(np.max(np.abs(of.gradient[at])))
             reasons.append(f"the zero exponent along the flow has a derivative of {slope:.1e}")
-            good = good and slope <= ALONG * max(1.0, float(np.nanmax(np.abs(gradient))))
+            good = good and slope <= ZERO_EXPONENT_CHANGE * max(1.0, float(np.nanmax(np.abs(of.gradient))))
     return reasons, bool(good)

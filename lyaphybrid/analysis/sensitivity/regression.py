@@ -23,20 +23,20 @@ from ...engine.host.lanes import map_lanes
 from ...statuses import STATUS
 from ...systems.kinds import iterates
 from ..spectra import lyapunov_spectrum, starts
-from .estimates import Case, Estimate, UntrustedError, with_arrays
+from .estimates import Estimate, ExponentFunction, UntrustedError, with_arrays
 
 __all__ = ["by_regression"]
 
-PER_TERM, LEAST = 2, 24  # points for each coefficient of the higher degree, and least number of points
+POINTS_PER_TERM, FEWEST_POINTS = 2, 24  # points for each coefficient of the higher degree, and least number of points
 FURTHER = 2  # difference of the compared degrees: in a symmetric design the next degree has the same slope
-FLOOR = 1e-9  # least noise, relative to 1 + |λ|: regular motion has almost none, and fits are not exact
+LEAST_NOISE = 1e-9  # least noise, relative to 1 + |λ|: regular motion has almost none, and fits are not exact
 UNLIKELY = 1e-4  # least probability of a χ² that counts as noise
-AGREE = 3.0  # largest difference of the slopes of both degrees, in standard errors
+DEGREES_AGREE = 3.0  # largest difference of the slopes of both degrees, in standard errors
 NOTHING = 4.0  # largest slope of a zero exponent, in standard errors
-LOST = 0.05  # fraction of the runs that may fail
+MOST_FAILED = 0.05  # fraction of the runs that may fail
 
 
-class Runs(NamedTuple):
+class EnsembleResults(NamedTuple):
     """Results of the ensemble, (points, replicates, …)."""
 
     exponents: np.ndarray  # (points, replicates, k); nan where the run failed
@@ -44,7 +44,7 @@ class Runs(NamedTuple):
     failed: int
 
 
-class Fit(NamedTuple):
+class PolynomialFit(NamedTuple):
     """A polynomial fit of one exponent."""
 
     value: float
@@ -59,7 +59,7 @@ class Fit(NamedTuple):
         return self.chi2 / self.freedom
 
 
-class Judged(NamedTuple):
+class WindowEstimate(NamedTuple):
     """Value and slopes of one mean from both fits, in units of the half window."""
 
     value: float
@@ -71,7 +71,7 @@ class Judged(NamedTuple):
 
 
 def by_regression(
-    case: Case, *, key, window: Any = 0.1, points: int | None = None, replicates: int = 4, degree: int = 3,
+    case: ExponentFunction, *, key, window: Any = 0.1, points: int | None = None, replicates: int = 4, degree: int = 3,
     threads: int | None = None, progress: Any = None,
 ) -> Estimate:  # fmt: skip
     """Exponents and their derivatives in the middle of a window of parameters.
@@ -89,7 +89,7 @@ def by_regression(
     whole("replicates", replicates, least=2)
     whole("degree", degree, least=1)
     half, terms = _half_widths(case, window), math.comb(len(case.theta) + degree + FURTHER, len(case.theta))
-    points = max(LEAST, PER_TERM * terms) if points is None else points
+    points = max(FEWEST_POINTS, POINTS_PER_TERM * terms) if points is None else points
     whole("points", points, least=terms + 2)
     at = _points(key, points, len(half))
     runs = _ensemble(case, key, case.theta + half * at, replicates, threads, progress)
@@ -97,27 +97,27 @@ def by_regression(
     lost = runs.failed / runs.time_per_jump.size
     reasons = [f"{runs.failed} of {runs.time_per_jump.size} runs failed"] * (runs.failed > 0)
     cost = len(at) * replicates
-    found = _together(judged, half, lost, reasons, cost)
+    found = _estimate_of_all(judged, half, lost, reasons, cost)
     if iterates(case.system) or np.any(np.isinf(runs.time_per_jump)):
         return found
     rare = _judged("time per jump", runs.time_per_jump, at, degree)
-    return found._replace(time_per_jump=_together([rare], half, lost, reasons, cost))
+    return found._replace(time_per_jump=_estimate_of_all([rare], half, lost, reasons, cost))
 
 
-def _together(judged: list["Judged"], half, lost: float, reasons: list[str], cost: int) -> Estimate:
+def _estimate_of_all(judged: list["WindowEstimate"], half, lost: float, reasons: list[str], cost: int) -> Estimate:
     """The estimate for all columns, in units of the parameters."""
     return Estimate(
         value=np.array([one.value for one in judged]),
         value_stderr=np.array([one.error for one in judged]),
         gradient=np.array([one.slope for one in judged]) / half,
         stderr=np.array([one.errors for one in judged]) / half,
-        trust=bool(all(one.good for one in judged) and lost <= LOST),
+        trust=bool(all(one.good for one in judged) and lost <= MOST_FAILED),
         reasons=(*reasons, *itertools.chain.from_iterable(one.reasons for one in judged)),
         cost=cost,
     )
 
 
-def _half_widths(case: Case, window) -> np.ndarray:
+def _half_widths(case: ExponentFunction, window) -> np.ndarray:
     """The half widths (p,) of the window."""
     given = np.asarray(window, float)
     require(bool(np.all(np.isfinite(given)) and np.all(given > 0)), f"window must be positive; got {window!r}.")
@@ -141,7 +141,7 @@ def _points(key, count: int, p: int) -> np.ndarray:
     return np.concatenate([half, -half])
 
 
-class Lane(eqx.Module):
+class EnsembleRun(eqx.Module):
     """A run of the ensemble."""
 
     k: int = eqx.field(static=True)
@@ -158,9 +158,9 @@ class Lane(eqx.Module):
         return found.exponents, found.time / found.jumps, found.status_code
 
 
-def _ensemble(case: Case, key, thetas: np.ndarray, replicates: int, threads, progress) -> Runs:
+def _ensemble(case: ExponentFunction, key, thetas: np.ndarray, replicates: int, threads, progress) -> EnsembleResults:
     options = with_arrays(case.options, case.theta.dtype)
-    lane = Lane(case.k, options.pop("clock", "time"), options.pop("mode", None))
+    lane = EnsembleRun(case.k, options.pop("clock", "time"), options.pop("mode", None))
     method = options.pop("method", None)
     shape = (len(thetas), replicates)
     lanes = np.repeat(thetas, replicates, axis=0), _starts(case, key, thetas, replicates)
@@ -170,14 +170,14 @@ def _ensemble(case: Case, key, thetas: np.ndarray, replicates: int, threads, pro
     good = done & (status == int(STATUS.ok)) & ~np.any(np.isnan(exponents), axis=1)
     if not np.any(good):
         raise UntrustedError(f"All runs of the ensemble failed: {STATUS(int(status[0]))}.", failed=True)
-    return Runs(
+    return EnsembleResults(
         exponents=np.where(good[:, None], exponents, np.nan).reshape(*shape, case.k),
         time_per_jump=np.where(good, apart, np.nan).reshape(shape),
         failed=int(np.sum(~good)),
     )
 
 
-def _starts(case: Case, key, thetas: np.ndarray, replicates: int) -> np.ndarray:
+def _starts(case: ExponentFunction, key, thetas: np.ndarray, replicates: int) -> np.ndarray:
     """Starts (points · replicates, n)."""
     t0, found = case.options.get("t0", 0.0), []
     for args, own in zip(map(case.args_of, thetas), jax.random.split(key, len(thetas)), strict=True):
@@ -185,7 +185,9 @@ def _starts(case: Case, key, thetas: np.ndarray, replicates: int) -> np.ndarray:
     return np.concatenate(found)
 
 
-def _both(at: np.ndarray, exponents: np.ndarray, degree: int) -> tuple[Fit, Fit] | None:
+def _fits_of_both_degrees(
+    at: np.ndarray, exponents: np.ndarray, degree: int
+) -> tuple[PolynomialFit, PolynomialFit] | None:
     """Fits of both degrees to one exponent (points, replicates); None where too few points are left."""
     counts = np.sum(np.isfinite(exponents), axis=1)
     kept = counts > 0
@@ -194,11 +196,11 @@ def _both(at: np.ndarray, exponents: np.ndarray, degree: int) -> tuple[Fit, Fit]
     means = np.nanmean(exponents[kept], axis=1)
     left = exponents[kept] - means[:, None]
     spare = max(1, int(np.sum(counts[kept] - 1)))
-    noise = np.sqrt(np.nansum(left**2) / spare / counts[kept] + (FLOOR * (1 + np.abs(means))) ** 2)
+    noise = np.sqrt(np.nansum(left**2) / spare / counts[kept] + (LEAST_NOISE * (1 + np.abs(means))) ** 2)
     return _fit(at[kept], means, noise, degree), _fit(at[kept], means, noise, degree + FURTHER)
 
 
-def _fit(at, means, noise, degree: int) -> Fit:
+def _fit(at, means, noise, degree: int) -> PolynomialFit:
     """Least squares with all monomials up to a total degree; the first are 1 and the coordinates."""
     p = at.shape[1]
     powers = [which for d in range(degree + 1) for which in itertools.combinations_with_replacement(range(p), d)]
@@ -206,10 +208,10 @@ def _fit(at, means, noise, degree: int) -> Fit:
     solution = np.linalg.lstsq(matrix, means / noise, rcond=None)[0]
     chi2 = float(np.sum((matrix @ solution - means / noise) ** 2))
     covariance = np.linalg.pinv(matrix.T @ matrix)[: p + 1, : p + 1]
-    return Fit(float(solution[0]), solution[1 : p + 1], covariance, chi2, len(means) - len(powers))
+    return PolynomialFit(float(solution[0]), solution[1 : p + 1], covariance, chi2, len(means) - len(powers))
 
 
-def _judged(name: str, runs: np.ndarray, at: np.ndarray, degree: int) -> Judged:
+def _judged(name: str, runs: np.ndarray, at: np.ndarray, degree: int) -> WindowEstimate:
     """The mean (of an exponent, say) in the middle of the window, from runs (points, replicates), and its slope."""
     nothing = np.full(at.shape[1], np.nan)
     destroyed, known = int(np.sum(np.isinf(runs))), int(np.sum(~np.isnan(runs)))
@@ -217,25 +219,27 @@ def _judged(name: str, runs: np.ndarray, at: np.ndarray, degree: int) -> Judged:
         everywhere = destroyed == known
         where = "has no derivative" if everywhere else f"in {destroyed} of {known} runs, not in all of the window"
         value = -np.inf if everywhere else np.nan
-        return Judged(value, np.nan, nothing, nothing, everywhere, [f"{name}: −∞ {where}"])
-    both = _both(at, runs, degree)
+        return WindowEstimate(value, np.nan, nothing, nothing, everywhere, [f"{name}: −∞ {where}"])
+    both = _fits_of_both_degrees(at, runs, degree)
     if both is None:
-        return Judged(np.nan, np.nan, nothing, nothing, False, [f"{name}: too few points are left for the degree"])
+        return WindowEstimate(
+            np.nan, np.nan, nothing, nothing, False, [f"{name}: too few points are left for the degree"]
+        )
     low, high = both
     errors = np.sqrt(np.diag(low.covariance) * max(1.0, low.excess))
     apart = np.abs(high.slope - low.slope)
     smooth, reason = _smooth(low)
     worst = float(np.max(apart / _of_difference(low, high)))
     reasons = [f"{name}: {reason}", f"{name}: slopes of two degrees differ by {worst:.2g} standard errors"]
-    good = smooth and worst <= AGREE
-    if abs(low.value) <= 5 * errors[0] + FLOOR:
+    good = smooth and worst <= DEGREES_AGREE
+    if abs(low.value) <= 5 * errors[0] + LEAST_NOISE:
         slope = float(np.max(np.abs(low.slope) / errors[1:]))
         reasons.append(f"{name}: a zero exponent, its slope is {slope:.2g} standard errors")
         good = good and slope <= NOTHING
-    return Judged(low.value, errors[0], low.slope, errors[1:], good, reasons)
+    return WindowEstimate(low.value, errors[0], low.slope, errors[1:], good, reasons)
 
 
-def _smooth(fit: Fit) -> tuple[bool, str]:
+def _smooth(fit: PolynomialFit) -> tuple[bool, str]:
     """Whether the exponent looks like a smooth function, and why.
 
     The noise is estimated from few replicates; the tail is that of χ² all the same, not of Fisher's F: F refuses fewer
@@ -247,7 +251,7 @@ def _smooth(fit: Fit) -> tuple[bool, str]:
     return False, f"{reason}: more than noise, it is no smooth function in this window; take a smaller one"
 
 
-def _of_difference(low: Fit, high: Fit):
+def _of_difference(low: PolynomialFit, high: PolynomialFit):
     """Standard errors (p,) of the difference of the slopes.
 
     Both fits use the same data, and the lower one is efficient in its model; then the variance of the difference is the

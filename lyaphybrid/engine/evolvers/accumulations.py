@@ -6,19 +6,19 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from ..._jax.precision import BLUR, digits, nonzero
+from ..._jax.precision import GUARD_ROUNDING, digits, nonzero
 from ...events.saltations import instant
-from .landing import LEAST, SHRUNK
+from .landing import SHRUNK_INTERVAL, SMALLEST_INTERVAL
 
 __all__ = ["accumulated", "hidden_below", "named"]
 
-PATIENCE = 30  # more short intervals in a row end the run
+MOST_SHORT_INTERVALS = 30  # more short intervals in a row end the run
 
 
 def hidden_below(guard, t, x, velocity) -> Array:
     """The longest flight from a guard (t, x) -> number and back to it that the guard's rounding can hide."""
     gradient, moving, rate = instant(guard, t, x, velocity)
-    guard_tolerance = digits(BLUR, x) * (jnp.sum(jnp.abs(gradient * x)) + jnp.abs(moving * t))
+    guard_tolerance = digits(GUARD_ROUNDING, x) * (jnp.sum(jnp.abs(gradient * x)) + jnp.abs(moving * t))
     return 4 * guard_tolerance / jnp.where(rate == 0, nonzero(1e-300, rate), jnp.abs(rate))
 
 
@@ -41,10 +41,10 @@ def accumulated(dt, longest, streak, more: Any = 1.0, again=None, hides=None) ->
         short, over = dt < digits(1e-9, dt) * longest, jnp.asarray(False)
     else:
         short = dt == 0
-        hidden = ~short & (dt < SHRUNK * longest) & again & (dt < hides)
-        over = hidden | ((dt > 0) & (dt < LEAST * longest))
+        hidden = ~short & (dt < SHRUNK_INTERVAL * longest) & again & (dt < hides)
+        over = hidden | ((dt > 0) & (dt < SMALLEST_INTERVAL * longest))
     streak = jnp.where(short, streak + more, 0.0)
-    return longest, streak, over | (streak > PATIENCE)
+    return longest, streak, over | (streak > MOST_SHORT_INTERVALS)
 
 
 def named(which, dtype) -> Array:

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from ..._jax.precision import BLUR, digits, nonzero
+from ..._jax.precision import GUARD_ROUNDING, digits, nonzero
 from ..._jax.reverse_mode import checkpointed
 from ...events.compiled_hybrid import CompiledHybrid, by_mode
 from ...events.roots import arm, to_arm
@@ -21,13 +21,13 @@ from ...events.saltations import (
     sizes_returned,
     to_reference_time,
 )
-from ..states import Events, Settings, StepState, log_event, select
+from ..states import EventLog, Settings, StepState, log_event, select
 from .trials import ALONE, pending, table
 
-__all__ = ["Landing", "Moves", "in_each_order", "orthonormalises"]
+__all__ = ["CascadeState", "CascadePerturbations", "in_each_order", "orthonormalises"]
 
 
-class Moves(NamedTuple):
+class CascadePerturbations(NamedTuple):
     """Perturbations during a cascade. A neighbour's perturbation at its own event time is columns + direction δτ."""
 
     columns: Array  # (n, columns)
@@ -36,11 +36,11 @@ class Moves(NamedTuple):
     sizes: Sizes | None  # magnitudes of these three, for the frame's columns; None if nothing is orthonormalised
 
 
-class Landing(NamedTuple):
+class CascadeState(NamedTuple):
     """The state of a cascade."""
 
     x: Array  # (n,)
-    moves: Moves
+    moves: CascadePerturbations
     mode: Array
     f: Array  # (n,) vector field of the new mode
     g: Array  # (slots,) guards of the new mode
@@ -58,9 +58,10 @@ class Landing(NamedTuple):
     speed: Array  # largest component of the vector field before the event
     shortest: Array  # the shortest flight from the guard and back that the guard's rounding does not hide
     together: Array  # (slots,) guards that are zero at this instant; in the result: whether their order matters
+    settled: Array  # (slots,) guards that have fired at this instant and have stayed at zero since
     more: Array  # whether another guard fires, or the same one again
     alone: Array  # whether this is one jump of a cascade without end, after which no time passes
-    log: Events | None
+    log: EventLog | None
 
 
 def orthonormalises(settings: Settings, c: StepState) -> bool:
@@ -68,22 +69,24 @@ def orthonormalises(settings: Settings, c: StepState) -> bool:
     return settings.qr_schedule.unit != "never" and c.frame.shape[1] > 0
 
 
-def _start_cascade(evolver, settings, t, c, columns, mode, event, together, at_once) -> Landing:
+def _start_cascade(evolver, settings, t, c, columns, mode, event, together, at_once) -> CascadeState:
     """On the guard, before the first jump: compute the event-time shift of each column."""
     w, x, (transition, which, guard_index) = evolver.hybrid, c.x, event
     f = by_mode(mode, w.fields, t, x)
-    gradient, moving, rate = _instant(evolver, mode, t, x, f, guard_index)
+    gradient, moving, rate = _guard_derivatives(evolver, mode, t, x, f, guard_index)
     ticking = (guard_index < 0) | at_once  # a clock's event time does not depend on the state; at_once: no new flow
     size = jnp.sqrt(jnp.sum(gradient**2) * jnp.sum(f**2) + nonzero(1e-300, f)) + jnp.abs(moving)
-    guard_tolerance = digits(BLUR, x) * (jnp.sum(jnp.abs(gradient * x)) + jnp.abs(moving * t))
+    guard_tolerance = digits(GUARD_ROUNDING, x) * (jnp.sum(jnp.abs(gradient * x)) + jnp.abs(moving * t))
     sizes = None
     if orthonormalises(settings, c):
         sizes = sizes_at(c.frame, f, gradient, moving, rate)
         sizes = sizes._replace(event_time_shift=jnp.where(ticking, 0.0, sizes.event_time_shift))
     slots, no = jnp.zeros(w.slots, x.dtype), jnp.asarray(False)
-    return Landing(
+    return CascadeState(
         x=x,
-        moves=Moves(columns, f, jnp.where(ticking, 0.0, event_time_shifts(gradient @ columns, rate)), sizes),
+        moves=CascadePerturbations(
+            columns, f, jnp.where(ticking, 0.0, event_time_shifts(gradient @ columns, rate)), sizes
+        ),
         mode=mode,
         f=f,
         g=slots,
@@ -103,49 +106,56 @@ def _start_cascade(evolver, settings, t, c, columns, mode, event, together, at_o
             ticking, 0.0, 4 * guard_tolerance / jnp.where(rate == 0, nonzero(1e-300, rate), jnp.abs(rate))
         ),
         together=together,
+        settled=jnp.zeros(w.slots, bool),
         more=no,
         alone=jnp.asarray(at_once) & (pending(c.solver_state) == ALONE),
         log=c.log,
     )
 
 
-def _cascade(evolver, settings: Settings, t, h, landing: Landing) -> Landing:
+def _cascade(evolver, settings: Settings, t, h, landing: CascadeState) -> CascadeState:
     """The reset of the located event, then of every guard that is beyond zero afterwards; or the first reset only."""
+    # Long: the resets of one instant share too many values to be taken apart.
     w, resolved = evolver.hybrid, jnp.zeros_like(t) if evolver.timeless else t
     most = jnp.where(landing.alone, 0, evolver.max_cascade) if evolver.per_jump else evolver.max_cascade
 
-    def jump(state: Landing) -> Landing:
+    def jump(state: CascadeState) -> CascadeState:
         pushers = [_pusher(reset) for reset in w.resets]
         x, moves = jax.lax.switch(state.transition, pushers, t, state.x, state.moves, state.which)
         mode = jax.lax.switch(state.transition, w.targets, state.mode, t, state.x, state.which)
         if w.constrained:  # the reset need not satisfy the constraints of the new mode
             x, moves = _pushed(functools.partial(evolver.onto_constraints, mode), t, x, moves)
-        f, g, rate, second, guard_tolerance, way = by_mode(mode, [_arrival(w, q) for q in range(w.modes)], t, x, h)
+        arrivals = [_arrival(w, q) for q in range(w.modes)]
+        f, g, rate, second, guard_tolerance, step_rounding = by_mode(mode, arrivals, t, x, h)
         fired = (jnp.arange(w.slots, dtype=jnp.int32) == state.guard_index) & (mode == state.mode)
-        guard_sign, g, rate, flat = arm(g, rate, second, guard_tolerance, way, h, resolved, fired)
-        entry = Events(None, t, state.transition, state.which, state.mode, mode, state.x, x)
+        settled = fired | (state.settled & (mode == state.mode))
+        guard_sign, g, rate, flat = arm(g, rate, second, guard_tolerance, step_rounding, h, resolved, settled)
+        settled = settled & (g == 0)
+        entry = EventLog(None, t, state.transition, state.which, state.mode, mode, state.x, x)
         terminal = state.terminal | jnp.asarray(evolver.terminal)[state.transition]
-        # A guard that is beyond zero fires now, except the one that has just fired if the reset ends exactly on it.
+        # A guard that is beyond zero fires now, and one without a direction that the flow brought to zero; except those
+        # that have fired here already and are still exactly at zero.
         directed = table(evolver, mode if w.modes > 1 else None, w.directed)
-        follows = directed & (guard_sign < 0) & ~(fired & (g == 0))
+        brought = state.together & (g == 0) & (mode == state.mode)
+        follows = jnp.where(directed, guard_sign < 0, brought) & ~settled
         follows = follows & by_mode(mode, w.whens, t, x) if w.shared else follows
         # A guard that the flow brought to zero and the reset left at zero fires after those that the reset pushed
         # beyond zero: the order would be the same if its event were slightly later.
-        alone = state.together & (g == 0) & (mode == state.mode)
-        guard_index = jnp.argmax(jnp.where(follows, jnp.where(alone, 1, 2), 0)).astype(jnp.int32)
+        guard_index = jnp.argmax(jnp.where(follows, jnp.where(brought, 1, 2), 0)).astype(jnp.int32)
         more = jnp.any(follows) & ~terminal
-        again = more & (state.count < most)
-        stuck = jnp.any(fired & flat & (guard_sign < 0) & directed) & ~again
+        nowhere = (mode < 0) | (mode >= w.modes)  # a target that is no mode's index
+        again = more & (state.count < most) & ~nowhere
+        stuck = nowhere | (jnp.any(fired & flat & (guard_sign < 0) & directed) & ~again)
         if w.borders is not None:  # outside the flow set, and no jump is possible
             stuck = stuck | (
                 jnp.any(table(evolver, mode if w.modes > 1 else None, w.borders) & (guard_sign < 0)) & ~more
             )
-        moves = _own_instant(evolver, again & alone[guard_index], mode, t, x, f, guard_index, moves)
+        moves = _own_instant(evolver, again & brought[guard_index], mode, t, x, f, guard_index, moves)
         transition = jnp.where(
             again, table(evolver, mode if w.modes > 1 else None, w.transition)[guard_index], state.transition
         )
         which = table(evolver, mode if w.modes > 1 else None, w.component)[guard_index]
-        return Landing(
+        return CascadeState(
             x,
             moves,
             mode,
@@ -165,6 +175,7 @@ def _cascade(evolver, settings: Settings, t, h, landing: Landing) -> Landing:
             state.speed,
             state.shortest,
             state.together,
+            settled,
             more,
             state.alone,
             log_event(state.log, entry),
@@ -176,7 +187,7 @@ def _cascade(evolver, settings: Settings, t, h, landing: Landing) -> Landing:
     return landing._replace(moves=_returned(f, landing.moves))
 
 
-def _to_its_end(evolver, settings: Settings, t, h, start: Landing) -> Landing:
+def _to_its_end(evolver, settings: Settings, t, h, start: CascadeState) -> CascadeState:
     """The whole cascade; where jumps are counted and it exceeds `max_cascade`, only its first jump."""
     if not evolver.per_jump:
         return _cascade(evolver, settings, t, h, start)
@@ -191,7 +202,7 @@ def _to_its_end(evolver, settings: Settings, t, h, start: Landing) -> Landing:
     return loop(lambda state: state[0], run, (jnp.asarray(True), start.alone, start))[2]
 
 
-def _instant(evolver, mode, t, x, f, guard_index):
+def _guard_derivatives(evolver, mode, t, x, f, guard_index):
     """∇h (n,), ∂ₜh and ḣ of one guard of the present mode."""
 
     def of_mode(guards):
@@ -200,16 +211,16 @@ def _instant(evolver, mode, t, x, f, guard_index):
     return by_mode(mode, [of_mode(g) for g in evolver.hybrid.guards], t, x, f)
 
 
-def _own_instant(evolver, alone, mode, t, x, f, guard_index, moves: Moves) -> Moves:
+def _own_instant(evolver, alone, mode, t, x, f, guard_index, moves: CascadePerturbations) -> CascadePerturbations:
     """If `alone`, change from the event times of the last guard to those of a guard that the flow brought to zero."""
-    gradient, moving, rate = _instant(evolver, mode, t, x, f, guard_index)
+    gradient, moving, rate = _guard_derivatives(evolver, mode, t, x, f, guard_index)
     back, _, _, sizes = _returned(f, moves)
     if sizes is not None:
         sizes = sizes_at(sizes.columns, f, gradient, moving, rate)
-    return select(alone, Moves(back, f, event_time_shifts(gradient @ back, rate), sizes), moves)
+    return select(alone, CascadePerturbations(back, f, event_time_shifts(gradient @ back, rate), sizes), moves)
 
 
-def _returned(f, moves: Moves) -> Moves:
+def _returned(f, moves: CascadePerturbations) -> CascadePerturbations:
     """Bring the columns back to the event time of the reference orbit."""
     columns, direction, event_time_shift, sizes = moves
     if sizes is not None:
@@ -217,7 +228,7 @@ def _returned(f, moves: Moves) -> Moves:
     return moves._replace(columns=to_reference_time(columns, direction, f, event_time_shift), sizes=sizes)
 
 
-def in_each_order(evolver, settings: Settings, t, h, c, columns, mode, event, together, at_once) -> Landing:
+def in_each_order(evolver, settings: Settings, t, h, c, columns, mode, event, together, at_once) -> CascadeState:
     """The cascade; where several guards are zero at one instant, run it again with another guard first and compare.
 
     One other order shows whether the order matters; where all solutions are asked for, each guard is first in turn.
@@ -244,7 +255,7 @@ def in_each_order(evolver, settings: Settings, t, h, c, columns, mode, event, to
     def run(state):
         turn, kept, chosen, differs = state
         landing = _to_its_end(evolver, settings, t, h, start(select(turn == 0, event, first(turn))))
-        differs = differs | ((turn > 0) & _apart(landing, kept))
+        differs = differs | ((turn > 0) & _orders_differ(landing, kept))
         chosen = None if chosen is None else select(turn == pick, landing, chosen)
         return turn + 1, select(turn == 0, landing, kept), chosen, differs
 
@@ -263,7 +274,7 @@ def _gradient(guard, t, x, f):
     return gradient, rate - jnp.sum(gradient * f), rate
 
 
-def _apart(a: Landing, b: Landing):
+def _orders_differ(a: CascadeState, b: CascadeState):
     """Whether two orders of the same events give different states or tangents."""
     alike = digits(1e-9, b.x)
     size = 1.0 + jnp.max(jnp.abs(b.moves.columns), initial=0.0)
@@ -276,13 +287,13 @@ def _pusher(reset):
     return lambda t, x, moves, which: _pushed(lambda t, x: reset(t, x, which), t, x, moves)
 
 
-def _pushed(reset, t, x, moves: Moves) -> tuple[Array, Moves]:
+def _pushed(reset, t, x, moves: CascadePerturbations) -> tuple[Array, CascadePerturbations]:
     """Carry the state and the perturbations through one reset."""
     columns, direction, event_time_shift, sizes = moves
     new, columns, direction = pushforward(reset, t, x, columns, direction)
     if sizes is not None:
         sizes = sizes_pushed(reset, t, x, sizes, direction)
-    return new, Moves(columns, direction, event_time_shift, sizes)
+    return new, CascadePerturbations(columns, direction, event_time_shift, sizes)
 
 
 def _arrival(w: CompiledHybrid, q: int):

@@ -16,13 +16,13 @@ from ...events.saltations import event_time_shifts, pushforward, to_reference_ti
 from ...statuses import STATUS
 from ...systems.event_driven import EventDriven
 from ..evolver import AbstractEvolver
-from ..states import Clock, Events, Settings, StepState, added, log_event, stop
+from ..states import Clock, EventLog, Settings, StepState, added, log_event, stop, until_end
 from .accumulations import accumulated, hidden_below, named
 
 __all__ = ["Exact", "integers", "is_event", "since_after"]
 
 
-class Flight(NamedTuple):
+class NextEvent(NamedTuple):
     """The flight to the next event."""
 
     dt: Array  # time to the event
@@ -43,7 +43,7 @@ class Exact(AbstractEvolver):
         return not self.system.canonical
 
     def init(self, t, x, mode, h):
-        """(4 + size of `which`,) what `_remember` needs; predictions are not stored, each is made from the state."""
+        """(4 + size of `which`,) what `_store_event` needs; predictions are not stored, each is made from the state."""
         del mode, h
         names = sum(math.prod(leaf.shape) for leaf in jax.tree.leaves(self.which_shape(t, x)))
         return jnp.zeros(4 + names, x.dtype).at[4:].set(-1.0) + 0 * t
@@ -60,14 +60,14 @@ class Exact(AbstractEvolver):
         """Shape and type of the label `which` that the user's `next_event` returns."""
         return jax.eval_shape(lambda t, x: integers(self.system.next_event(t, x, self.args)[1]), t, x)
 
-    def propose_step(self, c: StepState, clock: Clock) -> Flight:
+    def propose_step(self, c: StepState, clock: Clock) -> NextEvent:
         """Predict the next event."""
         dt, which = self.system.next_event(clock.base + c.s, c.x, self.args)
         dt, which = jnp.asarray(dt, c.x.dtype), integers(which)
         # A nan counts as an event, so that `step` stops the run with a status.
-        return Flight(dt, which, ~((dt > clock.limit(c) - c.s) | jnp.isposinf(dt)))
+        return NextEvent(dt, which, ~((dt > clock.limit(c) - c.s) | jnp.isposinf(dt)))
 
-    def is_regular(self, ahead: Flight):
+    def is_regular(self, ahead: NextEvent):
         """Regular if an event comes first; `locate_events` does the flight to the end of the block."""
         return ahead.lands
 
@@ -78,27 +78,27 @@ class Exact(AbstractEvolver):
         return x, each_column(linear, c.frame)
 
     def locate_events(
-        self, settings: Settings, clock: Clock, within, c: StepState, ahead: Flight
-    ) -> tuple[StepState, Flight]:
+        self, settings: Settings, clock: Clock, within, c: StepState, ahead: NextEvent
+    ) -> tuple[StepState, NextEvent]:
         """Flow to the end of the block, or to a scheduled orthonormalisation, if no event comes before."""
 
         def fly(c):
-            c = self._fly(settings, clock, c, ahead)
+            c = self._flow_over(settings, clock, c, ahead)
             return c, ahead if clock.interval is None else self.propose_step(clock.afresh(c), clock)
 
         return jax.lax.cond(within(c) & ~ahead.lands, fly, lambda c: (c, ahead), c)
 
-    def _fly(self, settings: Settings, clock: Clock, c: StepState, ahead: Flight) -> StepState:
+    def _flow_over(self, settings: Settings, clock: Clock, c: StepState, ahead: NextEvent) -> StepState:
         end = clock.limit(c)
         if settings.count_jumps:  # only jumps end the block, and no jump follows
             never = jnp.isinf(clock.length) & jnp.isposinf(ahead.dt)
             c, end = stop(c, STATUS.no_more_jumps, never), jnp.where(never, c.s, end)
         dt = end - c.s
         x, frame = self._carried(c, clock, dt)
-        c = c if c.log_volume is None else added(c, log_volume=self._flux(c, clock, dt))
+        c = c if c.log_volume is None else added(c, log_volume=self._log_volume_change(c, clock, dt))
         return c._replace(s=end, x=x, frame=frame, since=c.since if clock.interval is None else clock.flown(c, end))
 
-    def _flux(self, c: StepState, clock: Clock, dt):
+    def _log_volume_change(self, c: StepState, clock: Clock, dt):
         """ln|det Dφ| of the flow φ over dt, which is ∫ tr Df dt."""
         matrix = jax.jacfwd(lambda x: self.system.flow(dt, clock.base + c.s, x, self.args))(c.x)
         return frames.log_abs_det(matrix)
@@ -108,7 +108,7 @@ class Exact(AbstractEvolver):
         del solver
         return self.system.velocity(t, x, self.args)
 
-    def step(self, settings: Settings, clock: Clock, c: StepState, flight: Flight) -> StepState:
+    def step(self, settings: Settings, clock: Clock, c: StepState, flight: NextEvent) -> StepState:
         """Flow to the event and through it."""
         system, args, which = self.system, self.args, flight.which
         timed = jnp.isfinite(flight.dt)  # if not, the run ends here
@@ -118,13 +118,17 @@ class Exact(AbstractEvolver):
         t, n, k = clock.base + s, x.shape[0], frame.shape[1]
         columns = jnp.concatenate([frame, jnp.eye(n, dtype=x.dtype)], axis=1) if settings.sum_rule else frame
         before, real = self.velocity(t, x), is_event(which) & timed
-        event_time_shift = self._delays(real, t, x, which, columns, before)
+        event_time_shift = self._event_time_shifts(real, t, x, which, columns, before)
         new, columns, direction = pushforward(lambda t, x: system.jump(t, x, args, which), t, x, columns, before)
-        columns = to_reference_time(columns, direction, self.velocity(t, new), event_time_shift)
+        after = self.velocity(t, new)
+        columns = to_reference_time(columns, direction, after, event_time_shift)
         if c.log_volume is not None:
-            c = added(added(c, log_volume=self._flux(c, clock, dt)), log_volume=frames.log_abs_det(columns[:, k:]))
+            c = added(
+                added(c, log_volume=self._log_volume_change(c, clock, dt)),
+                log_volume=frames.log_abs_det(columns[:, k:]),
+            )
         zero = jnp.asarray(0, jnp.int32)
-        entry = Events(None, t, zero, which, zero, zero, x, new)
+        entry = EventLog(None, t, zero, which, zero, zero, x, new)
         landed = added(c, s=dt)._replace(
             x=jnp.where(timed, new, x),
             frame=columns[:, :k],
@@ -139,18 +143,18 @@ class Exact(AbstractEvolver):
         if clock.interval is not None:
             between = jnp.where(flight.dt < 0, flight.dt, jnp.maximum(flight.dt, landed.s - c.solver_state[0]))
             flight = flight._replace(dt=between)
-        return self._remember(landed, flight._replace(lands=real), hides)
+        return until_end(self._store_event(landed, flight._replace(lands=real), hides), clock, after)
 
-    def once(self, settings: Settings, clock: Clock, c: StepState, flight: Flight) -> StepState:
+    def once(self, settings: Settings, clock: Clock, c: StepState, flight: NextEvent) -> StepState:
         """Flow to the event and through it, or to the end of the block."""
         return jax.lax.cond(
             flight.lands,
             lambda c: self.step(settings, clock, c, flight),
-            lambda c: self._fly(settings, clock, c, flight),
+            lambda c: self._flow_over(settings, clock, c, flight),
             c,
         )
 
-    def tangent(self, clock: Clock, c: StepState, flight: Flight) -> Callable:
+    def tangent(self, clock: Clock, c: StepState, flight: NextEvent) -> Callable:
         """The derivative dx (n,) -> (n,) of `once`."""
         t, which = clock.base + c.s, flight.which
         dt = jnp.where(flight.lands, flight.dt, clock.limit(c) - c.s)
@@ -180,7 +184,7 @@ class Exact(AbstractEvolver):
 
         return linear
 
-    def _delays(self, real, t, x, which, columns, velocity):
+    def _event_time_shifts(self, real, t, x, which, columns, velocity):
         """Event-time shifts (columns,); zero where the prediction was only refreshed.
 
         The `cond` makes XLA compute them once instead of once per row.
@@ -195,7 +199,7 @@ class Exact(AbstractEvolver):
 
         return jax.lax.cond(real, late, lambda columns: jnp.zeros_like(columns[0]), columns)
 
-    def _remember(self, c: StepState, flight: Flight, hides=None) -> StepState:
+    def _store_event(self, c: StepState, flight: NextEvent, hides=None) -> StepState:
         """Store (event time, interval, longest, count of short ones, label); stop at Zeno or where not finite."""
         dt, (_, _, longest, streak) = flight.dt, c.solver_state[:4]
         name = named(flight.which, c.x.dtype)

@@ -19,7 +19,8 @@ from .trials import ADVANCE, FAIL, LAND, RootBracket, SolverState, Trial, firing
 
 __all__ = ["Flights"]
 
-STEPS = 20.0  # approximate number of steps of a flight; after it frames can be orthonormalised and the host can act
+# Approximate number of steps of a flight; after it frames can be orthonormalised and the host can act.
+STEPS_PER_FLIGHT = 20.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,10 +37,12 @@ class Flights(Stepping):
         return tr._replace(stage_points=(jnp.zeros_like(c.s),)) if isinstance(tr, Trial) else tr
 
     def propose_step(self, c: StepState, clock: Clock, bracket: RootBracket | None = None) -> Trial:
-        """A flight until a guard changes its sign, a clock ticks, the block ends, or `STEPS` steps are done."""
+        """A flight until a guard changes its sign, a clock ticks, the block ends, or `STEPS_PER_FLIGHT` steps."""
         del bracket  # the flight locates the event itself
         solver, t, w = c.solver_state, clock.base + c.s, self.hybrid
-        longest, final, tick = self._length(c._replace(solver_state=solver._replace(h=STEPS * solver.h)), clock, None)
+        longest, final, tick = self._length(
+            c._replace(solver_state=solver._replace(h=STEPS_PER_FLIGHT * solver.h)), clock, None
+        )
 
         trials = [self._flight_in(q, solver) for q in range(w.modes)]
         flight, x, f, g, rate, reached = by_mode(solver.mode, trials, t, c.x, jax.lax.stop_gradient(longest))
@@ -57,8 +60,8 @@ class Flights(Stepping):
         case = jnp.where(flight.failed, FAIL, jnp.where(lands, LAND, ADVANCE))
         if self.may_not_flow:
             case = jnp.where(pending(solver) > 0, LAND, case)
-        zero = jnp.zeros_like(h)
-        return Trial(case.astype(jnp.int32), h, x, f, zero, final & ~found, g, rate, miss, tick, (flight.step,))
+        zero, hidden = jnp.zeros_like(h), jnp.zeros(w.slots, bool) if self.has_events else None
+        return Trial(case.astype(jnp.int32), h, x, f, zero, final & ~found, g, rate, miss, tick, (flight.step,), hidden)
 
     def _flight_in(self, q: int, solver: SolverState):
         """(t, x, h) -> a flight in mode q, the state and vector field at its end, and the guards there if any."""
@@ -90,5 +93,5 @@ class Flights(Stepping):
         """The mean step of a full flight; a flight that was cut short can only raise the present value."""
         del ratio, passed
         (step,) = tr.stage_points
-        h = jnp.where(tr.h >= 0.99 * STEPS * solver.h, step, jnp.maximum(solver.h, step))
+        h = jnp.where(tr.h >= 0.99 * STEPS_PER_FLIGHT * solver.h, step, jnp.maximum(solver.h, step))
         return jax.lax.stop_gradient(h), solver.log_ratio

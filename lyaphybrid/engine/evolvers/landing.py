@@ -5,15 +5,15 @@ import jax.numpy as jnp
 
 from ..._jax.columns import each_column
 from ..._jax.magnitudes import absolute
-from ..._jax.precision import BLUR, digits, nonzero
+from ..._jax.precision import GUARD_ROUNDING, digits, nonzero
 from ..._linalg import frames
 from ...events.compiled_hybrid import by_mode
 from ...events.roots import rates, rounding
 from ...integrators.divergences import trace
 from ...statuses import STATUS
 from ..orthonormalising import orthonormalise_and_accumulate
-from ..states import Clock, Settings, StepState, added, select, stop
-from .cascade import Landing, in_each_order, orthonormalises
+from ..states import Clock, Settings, StepState, added, select, stop, until_end
+from .cascade import CascadeState, in_each_order, orthonormalises
 from .trials import (
     ALONE,
     NEAR,
@@ -32,10 +32,12 @@ from .trials import (
 __all__ = ["apply_event"]
 
 GRAZING = 1e-3  # a crossing is grazing if the sine of the angle between flow and guard is smaller
-SHORT = 1e-5  # an interval between events is short below this, relative to the step and to the longest interval
-LEAST = 1e-140  # smallest interval relative to the longest: squares of smaller numbers underflow in float64
-SHRUNK = 1e-3  # an interval has shrunk below this, relative to the step; to the longest one where jumps are counted
-REACH = 10.0  # where intervals between jumps shrink, the step is this times the last interval
+# An interval between events is short below this, relative to the step and to the longest interval.
+SHORT_INTERVAL = 1e-5
+SMALLEST_INTERVAL = 1e-140  # smallest interval relative to the longest: squares of smaller numbers underflow in float64
+# An interval has shrunk below this, relative to the step; to the longest one where jumps are counted.
+SHRUNK_INTERVAL = 1e-3
+STEP_PER_INTERVAL = 10.0  # where intervals between jumps shrink, the step is this times the last interval
 
 
 def apply_event(evolver, settings: Settings, clock: Clock, c: StepState, tr: Trial) -> StepState:
@@ -71,8 +73,9 @@ def apply_event(evolver, settings: Settings, clock: Clock, c: StepState, tr: Tri
         transition = jnp.where(ticking, clocks[tr.tick], transition)
         which = jnp.where(ticking, 0, which)
     event = transition, which, jnp.where(ticking, -1, guard_index)
-    crossed = _cross(evolver, settings, clock, c, mode, event, allowed & ~jnp.asarray(at_once), at_once, tr.h)
+    crossed = _apply_cascade(evolver, settings, clock, c, mode, event, allowed & ~jnp.asarray(at_once), at_once, tr.h)
     crossed = _keep_clocks(evolver, clock, crossed, tr, ticking)
+    crossed = until_end(crossed, clock, crossed.solver_state.f)
     return select(blocked, stop(c, STATUS.deadlock), crossed)
 
 
@@ -104,7 +107,7 @@ def _is_now(evolver, mode, t, x, lands, h):
 
     ahead, unsure = by_mode(mode, [of_mode(q) for q in range(w.modes)], t, x)
     first = jnp.argmin(jnp.where(lands, ahead, jnp.inf))
-    return ahead <= ahead[first] + unsure + unsure[first] + digits(BLUR, h) * h
+    return ahead <= ahead[first] + unsure + unsure[first] + digits(GUARD_ROUNDING, h) * h
 
 
 def _polish(evolver, clock: Clock, c: StepState, lands, ticking) -> StepState:
@@ -146,17 +149,19 @@ def _polish(evolver, clock: Clock, c: StepState, lands, ticking) -> StepState:
 
 def _within_reach(c: StepState, last_step) -> StepState:
     """Where intervals between jumps shrink, limit the step to their scale: guards are armed on the scale of a step."""
-    flown, before = _flown(c, last_step), Memory(*c.solver_state.memory).interval
-    short = (flown > 0) & (flown < before) & (flown < SHRUNK * c.solver_state.h)
-    return changed(c, h=jax.lax.stop_gradient(jnp.where(short, REACH * flown, c.solver_state.h)))
+    flown, before = _time_since_event(c, last_step), Memory(*c.solver_state.memory).interval
+    short = (flown > 0) & (flown < before) & (flown < SHRUNK_INTERVAL * c.solver_state.h)
+    return changed(c, h=jax.lax.stop_gradient(jnp.where(short, STEP_PER_INTERVAL * flown, c.solver_state.h)))
 
 
-def _flown(c: StepState, last_step):
+def _time_since_event(c: StepState, last_step):
     """The time since the last event; the length of the last step, where the block's time does not resolve it."""
     return jnp.maximum(c.s - Memory(*c.solver_state.memory).last, last_step)
 
 
-def _cross(evolver, settings, clock: Clock, c: StepState, mode, event, together, at_once, last_step) -> StepState:
+def _apply_cascade(
+    evolver, settings, clock: Clock, c: StepState, mode, event, together, at_once, last_step
+) -> StepState:
     """Apply the cascade that the event starts; then orthonormalise and store the armed guards."""
     guard_index = event[2]
     t, h, k = clock.base + c.s, c.solver_state.h, c.frame.shape[1]
@@ -200,7 +205,7 @@ def _cross(evolver, settings, clock: Clock, c: StepState, mode, event, together,
         hidden = digits(frames.DEPENDENT, c.x) * terms * landing.speed
         doubtful = jnp.any(c.losses > losses) & (speed > 0) & (speed < hidden)
     guard = jnp.where(guard_index < 0, -1, guard_index + evolver.hybrid.slots * mode)
-    c = _remember(evolver, c, landing, clock, guard, doubtful, last_step)
+    c = _store_event(evolver, c, landing, clock, guard, doubtful, last_step)
     c = stop(c, STATUS.terminated, landing.terminal)
     c = stop(c, STATUS.deadlock, landing.stuck)
     finite = jnp.all(jnp.isfinite(c.x)) & jnp.all(jnp.isfinite(c.frame))
@@ -222,22 +227,22 @@ def _keep_clocks(evolver, clock: Clock, c: StepState, tr: Trial, ticking) -> Ste
     return changed(c, ticks=number)
 
 
-def _remember(evolver, c: StepState, landing: Landing, clock: Clock, guard, doubtful, last_step) -> StepState:
+def _store_event(evolver, c: StepState, landing: CascadeState, clock: Clock, guard, doubtful, last_step) -> StepState:
     """Update `Memory`: intervals between events (Zeno), transversality, notes. `guard` counts over all modes."""
     m, first = Memory(*c.solver_state.memory), guard.astype(c.x.dtype)
-    interval = _flown(c, last_step) if evolver.per_jump else c.s - m.last
+    interval = _time_since_event(c, last_step) if evolver.per_jump else c.s - m.last
     longest = jnp.maximum(m.longest, interval)
-    short = interval < digits(SHORT, interval) * jnp.minimum(c.solver_state.h, longest)
+    short = interval < digits(SHORT_INTERVAL, interval) * jnp.minimum(c.solver_state.h, longest)
     streak = jnp.where(short, m.streak + 1, 0.0)
     shrink = jnp.clip(interval / jnp.where(m.interval > 0, m.interval, 1.0), 0.0, 1 - digits(1e-9, interval))
     ahead = clock.base + c.s + interval * shrink / (1 - shrink)
-    # Intervals may shrink below the resolution of the state, or below rounding, before PATIENCE is reached.
+    # Intervals may shrink below the resolution of the state, or below rounding, before MOST_SHORT_INTERVALS is reached.
     if evolver.per_jump:  # jumps are counted: go on as long as float64 separates them
-        small = interval < SHRUNK * longest
-        hidden = small & (interval < LEAST * longest) & ~landing.alone
+        small = interval < SHRUNK_INTERVAL * longest
+        hidden = small & (interval < SMALLEST_INTERVAL * longest) & ~landing.alone
         few, patience = small, jnp.inf
     else:
-        small, few, patience = interval < SHRUNK * c.solver_state.h, m.streak > 0, PATIENCE
+        small, few, patience = interval < SHRUNK_INTERVAL * c.solver_state.h, m.streak > 0, PATIENCE
         hidden = False
     shrunk = (m.interval > 0) & small
     hidden = hidden | (few & (m.guard_index == first) & (interval < landing.shortest))

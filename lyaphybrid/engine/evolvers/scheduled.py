@@ -23,16 +23,16 @@ from ...native import seldom
 from ...statuses import STATUS
 from ...systems.event_driven import EventDriven
 from ..evolver import AbstractEvolver
-from ..states import STRETCHED, Clock, Events, Settings, StepState, added, log_event, stop
+from ..states import STRETCHED, Clock, EventLog, Settings, StepState, added, log_event, stop, time_after_event
 from .accumulations import accumulated, hidden_below, named
 from .exact import integers, is_event, since_after
 
 __all__ = ["Scheduled", "predicting_anew"]
 
-LONGEST = 4096  # most events between two rebasings, and so between two orthonormalisations
+MOST_EVENTS_BETWEEN = 4096  # most events between two rebasings, and so between two orthonormalisations
 
 
-class Own(NamedTuple):
+class ScheduledState(NamedTuple):
     """The solver state."""
 
     cache: Any  # the schedule's predictions; times count from the last rebasing
@@ -46,16 +46,16 @@ class Own(NamedTuple):
     destroys: Array | None  # whether an event since the last orthonormalisation destroyed a direction; None: none can
 
 
-class Flight(NamedTuple):
+class ScheduledEvent(NamedTuple):
     """The flight to the next event."""
 
     t: Array  # time of the event, counted from the rebasing
     which: Any  # label of the event
     lands: Array  # whether the event comes before the block's end
-    full: Array  # whether the span has reached LONGEST events
+    full: Array  # whether the span has reached MOST_EVENTS_BETWEEN events
 
 
-class Rows(NamedTuple):
+class UserFunctions(NamedTuple):
     """The user's functions for flat states (n,): reshapes to the user's shape, (n,) or (N, d), and back."""
 
     system: EventDriven
@@ -96,7 +96,7 @@ class Scheduled(AbstractEvolver):
     per_jump: bool = False  # jumps may end a block
 
     by_rows: ClassVar[bool] = True
-    longest_interval: ClassVar[float] = float(LONGEST)
+    longest_interval: ClassVar[float] = float(MOST_EVENTS_BETWEEN)
 
     @property
     def may_lose_rank(self) -> bool:
@@ -104,11 +104,11 @@ class Scheduled(AbstractEvolver):
         return not self.system.canonical
 
     @property
-    def rows(self) -> Rows:
+    def rows(self) -> UserFunctions:
         """The user's functions for flat states."""
-        return Rows(self.system, self.args, self.shape)
+        return UserFunctions(self.system, self.args, self.shape)
 
-    def init(self, t, x, mode, h) -> Own:
+    def init(self, t, x, mode, h) -> ScheduledState:
         """The solver state with all predictions made."""
         del mode, h
         zero = jnp.zeros_like(t)
@@ -116,18 +116,18 @@ class Scheduled(AbstractEvolver):
         cache = jax.tree.map(jnp.asarray, cache)
         name = jnp.zeros_like(named(self.system.schedule.next(cache)[1], x.dtype)) - 1 if self.per_jump else None
         destroys = jnp.asarray(False) if self.may_lose_rank else None
-        return Own(cache, zero, zero, jnp.asarray(0, jnp.int32), zero, zero, zero, name, destroys)
+        return ScheduledState(cache, zero, zero, jnp.asarray(0, jnp.int32), zero, zero, zero, name, destroys)
 
     def least_length(self, c: StepState, jumps):
         """`LOST` after an event that destroys a direction; lengths alone only where double-double checks them."""
-        closely = c.x.shape[0] <= lost_directions.LARGEST
+        closely = c.x.shape[0] <= lost_directions.MOST_COMPONENTS
         return jnp.where(c.solver_state.destroys, frames.LOST, super().least_length(c, jumps) if closely else -jnp.inf)
 
     def onto_mode(self, mode, t, x):
         """There are no modes, and no constraints."""
         del mode, t, x
 
-    def rebase(self, solver: Own, s) -> Own:
+    def rebase(self, solver: ScheduledState, s) -> ScheduledState:
         """Make the time of the last rebasing local to the new block."""
         return solver._replace(start=solver.start - s)
 
@@ -136,14 +136,14 @@ class Scheduled(AbstractEvolver):
         del t
         return jax.eval_shape(lambda x: integers(self.system.schedule.next(self.init(x[0], x, 0, 0).cache)[1]), x)
 
-    def propose_step(self, c: StepState, clock: Clock) -> Flight:
+    def propose_step(self, c: StepState, clock: Clock) -> ScheduledEvent:
         """Read the next event from the schedule."""
         t, which = self.system.schedule.next(c.solver_state.cache)
         # A nan counts as an event, so that `step` stops the run with a status.
         lands = ~((t > clock.limit(c) - c.solver_state.start) | jnp.isposinf(t))
-        return Flight(t, integers(which), lands, c.solver_state.events >= LONGEST)
+        return ScheduledEvent(t, integers(which), lands, c.solver_state.events >= MOST_EVENTS_BETWEEN)
 
-    def is_regular(self, ahead: Flight):
+    def is_regular(self, ahead: ScheduledEvent):
         """Regular if an event comes first; `locate_events` does the flight to the end of the block."""
         return ahead.lands & ~ahead.full
 
@@ -151,7 +151,7 @@ class Scheduled(AbstractEvolver):
         """Whether the events since the rebasing stretched perturbations so much that an orthonormalisation is due."""
         return c.solver_state.stretch > share(c.x) * math.log(STRETCHED)
 
-    def step(self, settings: Settings, clock: Clock, c: StepState, flight: Flight) -> StepState:
+    def step(self, settings: Settings, clock: Clock, c: StepState, flight: ScheduledEvent) -> StepState:
         """Apply the next event to the rows that it touches and to their predictions."""
         t, which, solver = flight.t, flight.which, c.solver_state
         index = self.rows.components(which)
@@ -177,10 +177,10 @@ class Scheduled(AbstractEvolver):
         name, again, hides = solver.name, None, None
         if solver.name is not None:
             name = named(which, x.dtype)
-            again, hides = real & jnp.all(name == solver.name), self._hides(t, rows, which)
+            again, hides = real & jnp.all(name == solver.name), self._longest_hidden_flight(t, rows, which)
         longest, streak, over = accumulated(dt, solver.longest, solver.streak, more, again, hides)
         cache = self.system.schedule.update(solver.cache, t, x.reshape(self.shape), self.args, which)
-        solver = Own(cache, solver.start, now, solver.events + 1, stretch, longest, streak, name, destroys)
+        solver = ScheduledState(cache, solver.start, now, solver.events + 1, stretch, longest, streak, name, destroys)
         c = c._replace(
             s=s,
             x=x,
@@ -194,12 +194,12 @@ class Scheduled(AbstractEvolver):
         c = stop(c, STATUS.zeno, over)
         return stop(c, STATUS.nonfinite, ~jnp.isfinite(jnp.sum(new) + t))
 
-    def once(self, settings: Settings, clock: Clock, c: StepState, flight: Flight) -> StepState:
+    def once(self, settings: Settings, clock: Clock, c: StepState, flight: ScheduledEvent) -> StepState:
         """Through the event, or to the end of the block; then rebase."""
         c = jax.lax.cond(flight.lands, lambda c: self.step(settings, clock, c, flight), lambda c: c, c)
         return self.locate_events(settings, clock, lambda c: ~flight.lands, c, flight)[0]
 
-    def tangent(self, clock: Clock, c: StepState, flight: Flight) -> Callable:
+    def tangent(self, clock: Clock, c: StepState, flight: ScheduledEvent) -> Callable:
         """The derivative dx (n,) -> (n,) of `once`, started at a rebasing."""
         t, which, n = flight.t, flight.which, c.x.shape[0]
         index = self.rows.components(which)
@@ -218,7 +218,7 @@ class Scheduled(AbstractEvolver):
 
         return linear
 
-    def _hides(self, t, rows, which):
+    def _longest_hidden_flight(self, t, rows, which):
         """The longest flight that rounding can hide; the velocity is 0 in comoving coordinates."""
         return hidden_below(lambda t, rows: self.rows.guard(t, rows, which), t, rows, jnp.zeros_like(rows))
 
@@ -252,22 +252,22 @@ class Scheduled(AbstractEvolver):
         event_time_shift = of_slope * jax.jvp(lambda rows: guard(t, rows), (rows,), (dy,))[1]
         return jax.jvp(jump, (t, rows), (event_time_shift, dy))[1]
 
-    def _entry(self, clock: Clock, s, t, which, before, after) -> Events:
+    def _entry(self, clock: Clock, s, t, which, before, after) -> EventLog:
         zero = jnp.asarray(0, jnp.int32)
         before, after = self.rows.flow(t, before), self.rows.flow(t, after)
-        return Events(None, clock.base + s, zero, which, zero, zero, before, after)
+        return EventLog(None, clock.base + s, zero, which, zero, zero, before, after)
 
     def locate_events(
-        self, settings: Settings, clock: Clock, within, c: StepState, ahead: Flight
-    ) -> tuple[StepState, Flight]:
+        self, settings: Settings, clock: Clock, within, c: StepState, ahead: ScheduledEvent
+    ) -> tuple[StepState, ScheduledEvent]:
         """Flow to the block's end or a scheduled orthonormalisation, if no event comes before; then rebase."""
         flies = within(c) & ~ahead.lands
-        end = jnp.where(flies, clock.limit(c), c.s)
+        end = jnp.where(flies, clock.limit(c), time_after_event(c, clock))
         if settings.count_jumps:  # only jumps end the block, and no jump follows
             never = flies & jnp.isinf(clock.length) & jnp.isposinf(ahead.t)
             c, end = stop(c, STATUS.no_more_jumps, never), jnp.where(never, c.s, end)
         # After an event use its time since the rebasing, which resolves flights too short for the block's time.
-        dt = jnp.where(end > c.s, end - c.solver_state.start, c.solver_state.now)
+        dt = jnp.where(end > c.s, end - c.solver_state.start, c.solver_state.now + (end - c.s))
         x, linear = jax.linearize(lambda y: self.rows.flow(dt, y), c.x)
         zero = jnp.zeros_like(end)
         cache = self.system.schedule.shift(c.solver_state.cache, dt)
@@ -318,19 +318,19 @@ def predicting_anew(system: EventDriven, shape: tuple[int, ...]) -> EventDriven:
 
     def flow(dt, t, x, args):
         del t
-        return Rows(system, args, shape).flow(dt, x)
+        return UserFunctions(system, args, shape).flow(dt, x)
 
     def next_event(t, x, args):
         zero = jnp.zeros_like(t)
         return system.schedule.next(system.schedule.init(zero, x.reshape(shape), args))
 
     def jump(t, x, args, which):
-        rows = Rows(system, args, shape)
+        rows = UserFunctions(system, args, shape)
         index = rows.components(which)
         return _with_rows(x, index, rows.jump(jnp.zeros_like(t), x[index], which))
 
     def guard(t, x, args, which):
-        rows = Rows(system, args, shape)
+        rows = UserFunctions(system, args, shape)
         # A refreshed prediction has no guard: use one with the value 0 and the rate -1.
         standing = rows.guard(jnp.zeros_like(t), x[rows.components(which)], which)
         return jnp.where(is_event(which), standing, jax.lax.stop_gradient(t) - t)

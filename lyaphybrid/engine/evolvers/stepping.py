@@ -14,14 +14,14 @@ import jax
 import jax.numpy as jnp
 
 from ..._jax.jaxprs import is_affine, is_timeless
-from ..._jax.precision import BLUR, digits
+from ..._jax.precision import GUARD_ROUNDING, digits
 from ..._jax.reverse_mode import checkpointed
 from ...events.compiled_hybrid import CompiledHybrid, by_mode
 from ...events.roots import arm, rates, to_arm
 from ...integrators.base import Field, Method, Step
 from ...statuses import STATUS
 from ..states import Clock, ErrorObserver, Settings, StepState, added, stop
-from ..waiting import EVER, FAR
+from ..waiting import EVER, LONGEST_STEP
 from .constraints import OnConstraints
 from .landing import apply_event
 from .step_sizes import cut_at_end, first_step, goes_nowhere, next_step
@@ -32,7 +32,6 @@ from .trials import (
     LAND,
     LOCATE,
     NONE,
-    PROBE,
     REJECT,
     Memory,
     RootBracket,
@@ -42,6 +41,7 @@ from .trials import (
     finds,
     firing,
     grazes,
+    hides,
     next_bracket,
     no_bracket,
     pending,
@@ -155,11 +155,12 @@ class Stepping(OnConstraints):
         state = SolverState(f, h, jnp.zeros_like(h), mode if w.modes > 1 else None, *(None,) * 6)
         if not self.has_events:
             return state
-        g, rate, second, guard_tolerance, way = by_mode(mode, [_to_arm(w, q) for q in range(w.modes)], t, x, h)
+        modes = [_to_arm(w, q) for q in range(w.modes)]
+        g, rate, second, guard_tolerance, step_rounding = by_mode(mode, modes, t, x, h)
         fired = jnp.zeros(w.slots, bool)
         if self.just_fired is not None:
             fired = table(self, state.mode, w.transition == self.just_fired)
-        guard_sign, g, rate, _ = arm(g, rate, second, guard_tolerance, way, h, t, fired)
+        guard_sign, g, rate, _ = arm(g, rate, second, guard_tolerance, step_rounding, h, t, fired)
         # The start is on a guard and about to cross it: it has not fired yet, so it fires at once.
         guard_sign = jnp.where(
             table(self, state.mode, w.directed) & (g == 0) & (guard_sign < 0) & ~fired, 1.0, guard_sign
@@ -193,16 +194,16 @@ class Stepping(OnConstraints):
         solver, no = c.solver_state, jnp.asarray(False)
         if not self.timeless:
             return no, no
-        allowed = digits(BLUR, x) * jnp.abs(x)
+        allowed = digits(GUARD_ROUNDING, x) * jnp.abs(x)
         apart = solver.guard_tolerance
         if self.rejects:  # near an attracting equilibrium the state moves within the tolerances
             atol, rtol = self.method.atol, self.method.rtol
             allowed = NEARLY_STILL * (atol + rtol * jnp.abs(x))
-            apart = NEARLY_STILL * (atol + rtol * solver.guard_tolerance / digits(BLUR, x))
+            apart = NEARLY_STILL * (atol + rtol * solver.guard_tolerance / digits(GUARD_ROUNDING, x))
         still = jnp.all(jnp.abs(c.x - x) <= allowed)
         off = jnp.all(~firing(self, solver) | (jnp.abs(solver.g) > NEARLY_STILL * apart))
         longest = solver.memory[Memory._fields.index("longest")]
-        leaves = solver.h > jnp.where(longest > 0, FAR * longest, EVER)
+        leaves = solver.h > jnp.where(longest > 0, LONGEST_STEP * longest, EVER)
         return still & off, leaves if self.rejects else no
 
     def rebase(self, solver: SolverState, s) -> SolverState:
@@ -217,10 +218,10 @@ class Stepping(OnConstraints):
             return self.propose_step(c, clock)
         h, zeros = jnp.zeros_like(c.s), jnp.zeros(self.hybrid.slots, c.x.dtype)
         tick = None if c.solver_state.ticks is None else jnp.asarray(-1, jnp.int32)
-        none = jnp.asarray(NONE, jnp.int32)
+        none, no = jnp.asarray(NONE, jnp.int32), jnp.asarray(False)
         ratio, miss = (h, zeros) if self.rejects else (None, None)
         stage_points = self.method.blank_stage_points(c.x) if self.revisits and c.frame.shape[1] else ()
-        return Trial(none, h, c.x, c.solver_state.f, ratio, jnp.asarray(False), zeros, zeros, miss, tick, stage_points)
+        return Trial(none, h, c.x, c.solver_state.f, ratio, no, zeros, zeros, miss, tick, stage_points, zeros > 0)
 
     def propose_step(self, c: StepState, clock: Clock, bracket: RootBracket | None = None):
         """A trial step of the state, and its case; () for a plain flow with a fixed step, which needs no trial."""
@@ -234,21 +235,19 @@ class Stepping(OnConstraints):
                 step = self._alike(self.method.step(w.fields[q], t, x, f, h), x)
                 ratio = jax.lax.stop_gradient(self.method.state_ratio(step, x)) if self.rejects else None
                 if not self.has_events:
-                    return step, ratio, None, None, None
-                g, rate = rates(w.guards[q], t + h, step.x, step.f)
-                if not self.rejects:
-                    return step, ratio, g, rate, None
-                at, probe = t + PROBE * h, self.method.inside(step.dense, PROBE)
-                _, slope = rates(w.guards[q], at, probe, w.fields[q](at, probe))
-                return step, ratio, g, rate, slope
+                    return step._replace(stage_slopes=()), ratio, None, None, ()
+                at = w.calls.once(functools.partial(rates, w.guards[q]), "rates", w.guards[q])
+                g, rate = at(t + h, step.x, step.f)
+                inside = [at(*sample)[1] for sample in self.method.samples(w.fields[q], t, h, step)]
+                return step._replace(stage_slopes=()), ratio, g, rate, inside
 
             return w.calls.once(of_mode, "trial", self.method, w.fields[q], w.guards[q] if w.guards else None)
 
-        step, ratio, g, rate, slope = by_mode(solver.mode, [trial(q) for q in range(w.modes)], t, c.x, solver.f, h)
+        step, ratio, g, rate, inside = by_mode(solver.mode, [trial(q) for q in range(w.modes)], t, c.x, solver.f, h)
         stage_points = step.stage_points if self.revisits and c.frame.shape[1] else ()
         f = step.f if self.has_events or self.method.takes_slope else solver.f  # so that an unused step.f is dropped
         tr = Trial(None, h, step.x, f, ratio, final, g, rate, None, tick, stage_points)
-        return self._judge(c, clock, tr, slope, bracket)
+        return self._judge(c, clock, tr, inside, bracket)
 
     def _alike(self, step: Step, x) -> Step:
         """Pad the stage points, so that they have the same shape in all modes."""
@@ -294,16 +293,19 @@ class Stepping(OnConstraints):
         ]
         return jnp.where(table(self, solver.mode, self.hybrid.armed), jnp.maximum(jnp.stack(times), 0.0), jnp.inf)
 
-    def _judge(self, c: StepState, clock: Clock, tr: Trial, slope, bracket: RootBracket | None) -> Trial:
+    def _judge(self, c: StepState, clock: Clock, tr: Trial, inside, bracket: RootBracket | None) -> Trial:
         """Set the case of a trial: REJECT, ADVANCE, LOCATE, LAND or FAIL."""
         solver, ratio = c.solver_state, tr.ratio
         event, lands = jnp.asarray(False), jnp.asarray(False)
         if self.has_events:
-            tr = resolve(self, solver, tr, slope)
+            inside = jax.lax.stop_gradient(inside)
+            tr = resolve(self, solver, tr, inside)
             ratio = tr.ratio
             if bracket is None:
-                event = suspects(self, solver, tr)
+                event = suspects(self, solver, tr, inside)
+                tr = tr._replace(hidden=jnp.zeros(tr.g.shape, bool))
             else:
+                tr = tr._replace(hidden=hides(self, solver, tr, inside, clock.base + c.s, c.x))
                 event, lands = finds(self, solver, tr, bracket)
                 if self.rejects:  # a part of an accepted step is accepted too
                     ratio = jnp.where((bracket.guard_index >= 0) & jnp.isfinite(ratio), 0.0, ratio)

@@ -1,5 +1,6 @@
 """Trials: what a trial step shows about the guards, and where the next trial must end to locate an event."""
 
+import functools
 from typing import Any, NamedTuple
 
 import jax
@@ -7,17 +8,19 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ..._jax.precision import BLUR, digits, nonzero
-from ...events.roots import cubic, hermite_root, turning_point
+from ..._jax.precision import GUARD_ROUNDING, digits, nonzero
+from ...events.compiled_hybrid import by_mode
+from ...events.roots import cubic, hermite_root, rounding, turning_point
+from ...events.turns import clear, hidden
 from ..states import StepState
 
 REJECT, ADVANCE, LOCATE, LAND, FAIL, NONE = range(6)  # cases of a trial; NONE: no trial yet
 
 NEAR = 1e-6  # a trial lands if the root is closer than this, relative to the controller's step
-PROBE = 0.21132486540518713  # (3 - √3)/6 of a step, where the error of the cubic interpolant's slope is largest
 GUARD_RESOLUTION = 0.02  # largest relative error of a guard's cubic interpolant in the middle of a step
 TURNED, NEARLY = 1e-3, 10.0  # a guard grazes if its rate falls below this part, within so many tolerances of zero
 ALONE, FIRST = 1.0, 2.0  # jumps without a flow before: in a cascade without end; from a start outside the flow set
+STRAIGHT = 0.01  # a guard that bends by less than this part of its tolerance counts as straight
 PATIENCE = 30  # trials to locate one event before landing is forced
 
 
@@ -90,6 +93,7 @@ class Trial(NamedTuple):
     miss: Any = None  # (slots,) error of each guard's cubic interpolant
     tick: Any = None  # the clock that ticks at the end of the step; -1: none
     stage_points: tuple[Array, ...] = ()  # the stages' points, if the tangent reuses them
+    hidden: Any = None  # (slots,) whether the guard may have zeros inside that its ends do not show
 
 
 class RootBracket(NamedTuple):
@@ -127,14 +131,17 @@ def changed(c: StepState, **changes) -> StepState:
     return c._replace(solver_state=c.solver_state._replace(**changes))
 
 
-def resolve(evolver, solver: SolverState, tr: Trial, slope) -> Trial:
+def resolve(evolver, solver: SolverState, tr: Trial, inside) -> Trial:
     """Add the error of each guard's cubic interpolant to the step's error ratio: it must be small to detect events."""
-    if slope is None:
+    if not evolver.rejects:
         return tr
-    # The error of the cubic is proportional to θ²(1-θ)²; the error of its slope is largest at the probe, where it is
-    # 3.08 times the error of the cubic in the middle.
+    # The error of the cubic is proportional to θ²(1-θ)², that of its slope to the derivative of this, which is largest
+    # at (3 ± √3)/6 of the step.
+    shares = [abs(32 * theta * (1 - theta) * (1 - 2 * theta)) for theta in evolver.method.sample_fractions]
+    best = max(range(len(shares)), key=lambda i: (round(shares[i], 9), i))  # of two the later stage: it is more exact
     d0, d1 = tr.h * solver.rate, tr.h * tr.rate
-    miss = jnp.abs(tr.h * slope - cubic(PROBE, solver.g, d0, tr.g, d1)[1]) / 3.0792
+    slope = cubic(evolver.method.sample_fractions[best], solver.g, d0, tr.g, d1)[1]
+    miss = jnp.abs(tr.h * inside[best] - slope) / shares[best]
     size = jnp.abs(solver.g) + jnp.abs(tr.g) + 0.25 * (jnp.abs(d0) + jnp.abs(d1))
     # A guard that is within rounding of zero during the whole step cannot be resolved.
     hidden = jnp.where(size <= solver.guard_tolerance, solver.guard_tolerance, 0.0)
@@ -162,21 +169,34 @@ def stays(evolver, solver: SolverState, tr: Trial) -> tuple[Any, Any]:
     return guard_sign, jnp.where(guard_sign * tr.g < 0, 0.0, tr.g)
 
 
-def suspects(evolver, solver: SolverState, tr: Trial):
+def suspects(evolver, solver: SolverState, tr: Trial, inside):
     """Whether a guard may have been crossed: a cheap test without false negatives."""
-    before, after = solver.guard_sign * solver.g, solver.guard_sign * tr.g
-    crossed = firing(evolver, solver) & (after <= 0)
-    turns = (solver.guard_sign * solver.rate < 0) & (solver.guard_sign * tr.rate > 0) & (after > 0)
-    reach = tr.h * jnp.abs(tr.rate - solver.rate) + 4.0 * miss(tr)
-    return jnp.any(crossed | (turns & ((before <= reach) | (after <= reach))))
+    crossed = firing(evolver, solver) & (solver.guard_sign * tr.g <= 0)
+    rates = solver.rate, *inside, tr.rate
+    return jnp.any(crossed | ~clear(evolver.method.sample_fractions, solver.guard_sign, solver.g, rates, tr.h))
+
+
+def hides(evolver, solver: SolverState, tr: Trial, inside, t, x):
+    """(slots,) whether a guard may have zeros inside the step from (t, x) that its ends do not show."""
+    w = evolver.hybrid
+    each = [w.calls.once(functools.partial(rounding, guards), "rounding", guards) for guards in w.guards]
+    least = STRAIGHT * _tolerance(evolver, jax.lax.stop_gradient(by_mode(solver.mode, each, t, x)))
+    rates = solver.rate, *inside, tr.rate
+    return hidden(evolver.method.sample_fractions, solver.guard_sign, solver.g, tr.g, rates, tr.h, least)
+
+
+def _tolerance(evolver, guard_tolerance):
+    """(slots,) what the tolerances of the state are for the guards, from the guards' rounding."""
+    atol, rtol = evolver.method.atol, evolver.method.rtol
+    return atol + rtol * (guard_tolerance / digits(GUARD_ROUNDING, guard_tolerance))
 
 
 def finds(evolver, solver: SolverState, tr: Trial, bracket: RootBracket):
     """Whether an event still has to be located, and whether the trial ends at one."""
     signs, given_up = read_signs(evolver, solver, tr, bracket), bracket.tries > PATIENCE
-    found = jnp.any(signs.crossed | signs.turn)
+    found = jnp.any(signs.crossed | signs.turn | tr.hidden)
     event = (found | (bracket.guard_index >= 0)) & ~(given_up & ~jnp.any(signs.crossed))
-    far = jnp.any((signs.crossed & ~signs.lands) | signs.turn)
+    far = jnp.any((signs.crossed & ~signs.lands) | signs.turn | tr.hidden)
     return event, jnp.any(signs.lands) & (~far | given_up)
 
 
@@ -206,10 +226,7 @@ def grazes(evolver, solver: SolverState, tr: Trial, bracket: RootBracket):
     bend = (tr.rate - solver.rate) / tr.h
     least = solver.guard_sign * (tr.g - 0.5 * tr.rate**2 / jnp.where(bend == 0, nonzero(1e-300, bend), bend))
     turned = (solver.guard_sign * solver.rate < 0) & (jnp.abs(tr.rate) <= TURNED * jnp.abs(solver.rate))
-    tolerance = NEARLY * (
-        evolver.method.atol + evolver.method.rtol * (solver.guard_tolerance / digits(BLUR, solver.guard_tolerance))
-    )
-    close = firing(evolver, solver) & turned & (jnp.abs(least) <= tolerance)
+    close = firing(evolver, solver) & turned & (jnp.abs(least) <= NEARLY * _tolerance(evolver, solver.guard_tolerance))
     return (tr.case == ADVANCE) & (bracket.tries > 0) & (bracket.guard_index < 0) & jnp.any(close)
 
 
@@ -242,7 +259,7 @@ def next_bracket(evolver, solver: SolverState, tr: Trial, bracket: RootBracket) 
     lo = jnp.where((solver.g == 0) & (d0 * d1 < 0), turning_point(solver.g, d0, tr.g, d1), 0.0)
     roots = jnp.where(signs.crossed, h * hermite_root(lo, solver.g, d0, tr.g, d1), jnp.inf)
     guard_index = jnp.argmin(roots).astype(jnp.int32)
-    cut = jnp.min(jnp.where(signs.turn, h * signs.theta, jnp.inf))
+    cut = jnp.min(jnp.where(signs.turn, h * signs.theta, jnp.where(tr.hidden, 0.5 * h, jnp.inf)))
     # The trial ended before the targeted root: one Newton step, limited to the bracket (else bisection).
     aimed = jnp.maximum(bracket.guard_index, 0)
     newton = h + signs.ahead[aimed]

@@ -21,13 +21,13 @@ import numpy as np
 
 from ..._arguments import require
 
-__all__ = ["Checkpoint", "Part", "opened"]
+__all__ = ["Checkpoint", "RunPart", "opened"]
 
-EVERY = 5.0  # least time between two writes, in seconds
+SECONDS_BETWEEN_WRITES = 5.0  # least time between two writes, in seconds
 FORMAT = 2
 
 
-class State(NamedTuple):
+class StoredPart(NamedTuple):
     """One part as it is stored."""
 
     leaves: list[np.ndarray]  # of (loop's state, records)
@@ -39,13 +39,13 @@ class Checkpoint:
 
     def __init__(self, path: Path, header: dict[str, str], stretches: list[tuple[float, int]]):
         self.path, self.header, self.stretches = path, header, stretches
-        self.parts: dict[int, State] = {}
+        self.parts: dict[int, StoredPart] = {}
         self.finished = False  # whether all stretches, (length, blocks) each, are done
         self.written, self.works = time.perf_counter(), True
 
-    def part(self, number: int) -> "Part":
+    def part(self, number: int) -> "RunPart":
         """One part for `driver.drive`; number 0 is the transient."""
-        return Part(self, number)
+        return RunPart(self, number)
 
     def close(self) -> None:
         """Mark the run as finished and write the file."""
@@ -84,7 +84,7 @@ class Checkpoint:
         self.written = time.perf_counter()
 
 
-class Part(NamedTuple):
+class RunPart(NamedTuple):
     """One part of a run."""
 
     checkpoint: Checkpoint
@@ -100,12 +100,12 @@ class Part(NamedTuple):
         return jax.tree.map(jnp.asarray, loop_state), records, state.given
 
     def keep(self, loop_state, records, given: int, now: bool = False) -> None:
-        """Store the present state; writes the file if the last write is more than EVERY seconds ago, or `now`."""
+        """Store the present state; write the file if `now`, or SECONDS_BETWEEN_WRITES after the last write."""
         checkpoint = self.checkpoint
-        if not now and time.perf_counter() - checkpoint.written < EVERY:
+        if not now and time.perf_counter() - checkpoint.written < SECONDS_BETWEEN_WRITES:
             return
         leaves = [np.asarray(leaf) for leaf in jax.tree.leaves((loop_state, records))]
-        checkpoint.parts[self.number] = State(leaves, given)
+        checkpoint.parts[self.number] = StoredPart(leaves, given)
         checkpoint.write()
 
 
@@ -141,7 +141,7 @@ def opened(path: Any, resume: bool, header: dict[str, str], t1: float, blocks: i
         number, dot, rest = name.partition(".")
         if dot and rest == "given":
             leaves = [arrays[f"{number}.{i}"] for i in range(sum(key.startswith(f"{number}.") for key in arrays) - 1)]
-            checkpoint.parts[int(number)] = State(leaves, int(arrays[name]))
+            checkpoint.parts[int(number)] = StoredPart(leaves, int(arrays[name]))
     _extend(checkpoint, float(t1), extends)
     return checkpoint
 

@@ -14,7 +14,7 @@ from .reporting import reporter
 
 __all__ = ["are_wanted", "lanes_at_once", "run_on_devices"]
 
-AT_ONCE = 16_384  # sequences per call and device; larger batches mainly need more memory
+SEQUENCES_PER_CALL = 16_384  # sequences per call and device; larger batches mainly need more memory
 
 
 def are_wanted() -> bool:
@@ -24,7 +24,7 @@ def are_wanted() -> bool:
 
 def lanes_at_once() -> int:
     """The number of lanes that occupies all devices in one call."""
-    return AT_ONCE * jax.local_device_count()
+    return SEQUENCES_PER_CALL * jax.local_device_count()
 
 
 class Batch(NamedTuple):
@@ -74,7 +74,7 @@ def _length(lanes) -> int:
 
 def _of_lanes(sequences) -> Iterator[Batch]:
     """Independent lanes: each given sequence becomes a batch of sequences of one lane."""
-    room = _room(max(_length(lanes) for _, lanes in sequences))
+    room = _rounded_up(max(_length(lanes) for _, lanes in sequences))
     for i, (state, lanes) in enumerate(sequences):
         yield Batch(state, jax.tree.map(lambda leaf: np.asarray(leaf)[:, None], lanes), room, [i])
 
@@ -84,13 +84,13 @@ def _of_sequences(sequences) -> Iterator[Batch]:
     by_length = sorted(range(len(sequences)), key=lambda i: _length(sequences[i][1]))
     for _, group in itertools.groupby(by_length, key=lambda i: _length(sequences[i][1])):
         members = list(group)
-        room = _room(min(lanes_at_once(), len(members)))
+        room = _rounded_up(min(lanes_at_once(), len(members)))
         for own in (members[i : i + room] for i in range(0, len(members), room)):
             states, lanes = (_stacked([sequences[i][part] for i in own]) for part in (0, 1))
             yield Batch(states, lanes, room, own)
 
 
-def _room(count: int) -> int:
+def _rounded_up(count: int) -> int:
     """The count rounded up to a multiple of the number of devices."""
     devices = jax.local_device_count()
     return -(-count // devices) * devices

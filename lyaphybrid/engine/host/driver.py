@@ -16,34 +16,35 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..._jax.engines import compilations, compiled
-from ..._jax.tracing import traced
+from ..._jax.tracing import enclosed, traced, transforming
 from ...events.compiled_hybrid import by_mode
 from ...statuses import RUNNING, STATUS
 from .. import beginning, loop, states
 from ..binding import evolver_of, settings_of
 from ..evolvers.stepping import Stepping
-from ..problems import Plan, Problem, mode_of
+from ..problems import RunPlan, RunProblem, mode_of
 from ..states import LoopState, Observer
-from .checkpoints import Part
-from .paces import Pace, Rates, given_up, rates_of
+from .checkpoints import RunPart
+from .paces import Pace, Rates, StiffnessVotes, given_up, rates_of
 from .reporting import reporter
 
 __all__ = ["Outcome", "drive", "once", "rates_at", "restart", "sealed", "start"]
 
 FOREVER = 2**31 - 1
 SECONDS_PER_CALL = 0.3
-FIRST, FEWEST, MOST = 2000, 100, 10**8  # attempts in the first call; least and most in a later call
+FIRST_ATTEMPTS = 2000  # in the first call
+FEWEST_ATTEMPTS, MOST_ATTEMPTS = 100, 10**8  # in a later call
 MOST_FASTER = 64.0  # largest factor from one call's attempts to the next call's
-SHORT = np.int32(STATUS.max_steps)  # status of a run whose attempts are spent
+ATTEMPTS_SPENT = np.int32(STATUS.max_steps)  # status of a run whose attempts are spent
 
 
 @compiled(lambda problem, plan, t0, x0, frame, mode, interval: frame.shape[-1], hands_on=True)
-def start(problem: Problem, plan: Plan, t0, x0, frame, mode, interval) -> LoopState:
+def start(problem: RunProblem, plan: RunPlan, t0, x0, frame, mode, interval) -> LoopState:
     """The initial state of the loop; x0 (n,), or (m, n) if the plan is batched."""
 
     def one(x, frame):
         settings = settings_of(problem, plan, t0, x)
-        return beginning.begin(settings, t0, x, frame, mode, None, jnp.asarray(interval, x.dtype))
+        return beginning.initial_loop_state(settings, t0, x, frame, mode, None, jnp.asarray(interval, x.dtype))
 
     if not plan.batched:
         return one(x0, frame)
@@ -51,7 +52,7 @@ def start(problem: Problem, plan: Plan, t0, x0, frame, mode, interval) -> LoopSt
     return jax.vmap(one)(x0, frames)
 
 
-def _loop(problem: Problem, plan: Plan, loop_state: LoopState, ends, last_jumps, budget, reverse: bool = False):
+def _loop(problem: RunProblem, plan: RunPlan, loop_state: LoopState, ends, last_jumps, budget, reverse: bool = False):
     def one(loop_state):
         settings = settings_of(problem, plan, loop_state.base[0], loop_state.carry.x, reverse)
         return loop.advance(settings, loop_state, ends, last_jumps, budget)
@@ -88,18 +89,19 @@ class Outcome(NamedTuple):
     interrupted: bool
     logs: tuple = ()  # event logs of successive calls
     why: str = ""  # the reason, in words, if a run has stalled
+    stiff: bool = False  # whether an explicit method went at the limit of its stability
 
 
 def drive(
-    problem: Problem,
-    plan: Plan,
+    problem: RunProblem,
+    plan: RunPlan,
     loop_state: LoopState,
     ends,
     last_jumps,
     max_steps=None,
     progress=None,
     interrupted: bool = False,
-    part: Part | None = None,
+    part: RunPart | None = None,
 ) -> Outcome:
     """Run all blocks: in one call under a transformation, otherwise in several calls.
 
@@ -116,18 +118,19 @@ def drive(
     """
     limit = 0 if interrupted else FOREVER if max_steps is None else max_steps
     leaves = jax.tree.leaves((loop_state, problem, ends, last_jumps))
-    if traced(leaves):
+    if traced(leaves) or (transforming() and traced(enclosed(problem))):
         loop_state, records = _advance(problem, plan, loop_state, ends, last_jumps, limit)
         kept = () if loop_state.carry.log is None else (loop_state.carry.log,)
-        return Outcome(loop_state, records, _verdict(loop_state, ends, SHORT), False, kept)
-    blocks, records, budget, given, done = ends.shape[0], None, FIRST, 0, 0.0
-    logs: list[states.Events] = []
+        return Outcome(loop_state, records, _verdict(loop_state, ends, ATTEMPTS_SPENT), False, kept)
+    blocks, records, budget, given, done = ends.shape[0], None, FIRST_ATTEMPTS, 0, 0.0
+    logs: list[states.EventLog] = []
     report = reporter(progress)
     if part is not None:
         loop_state, records, given = part.begun(
             loop_state, lambda: eqx.filter_eval_shape(once, problem, plan, loop_state, ends, last_jumps, np.int32(0))[1]
         )
     pace, why = Pace(loop_state, given, ends[-1], last_jumps[-1], plan.count_jumps), ""
+    votes = StiffnessVotes(problem.method)
     try:
         while records is None or (not _finished(loop_state, blocks) and (limit == FOREVER or given < limit)):
             allowed = budget if limit == FOREVER else min(budget, limit - given)
@@ -143,10 +146,13 @@ def drive(
             before, done = done, float(np.mean(np.asarray(loop_state.block))) / blocks
             if compilations() == compiled:  # the time of a call that compiled says nothing about the loop's speed
                 seconds = time.perf_counter() - clock
-                budget = int(np.clip(budget * min(SECONDS_PER_CALL / seconds, MOST_FASTER), FEWEST, MOST))
+                budget = int(
+                    np.clip(budget * min(SECONDS_PER_CALL / seconds, MOST_FASTER), FEWEST_ATTEMPTS, MOST_ATTEMPTS)
+                )
                 if done > before:
                     left = (1 - done) / (done - before) * seconds
                     _advance.ahead(left, problem, plan, loop_state, ends, last_jumps, np.int32(allowed))
+            votes.look(loop_state, given, functools.partial(_rates, problem, loop_state))
             if max_steps is None:
                 stalled = pace.look(loop_state, given, functools.partial(_rates, problem, loop_state))
                 loop_state, said = given_up(loop_state, stalled)
@@ -160,11 +166,11 @@ def drive(
     report(None)
     if part is not None:
         part.keep(loop_state, records, given, now=True)
-    status = _verdict(loop_state, ends, np.int32(STATUS.interrupted) if interrupted else SHORT)
-    return Outcome(loop_state, records, status, interrupted, tuple(logs), why)
+    status = _verdict(loop_state, ends, np.int32(STATUS.interrupted) if interrupted else ATTEMPTS_SPENT)
+    return Outcome(loop_state, records, status, interrupted, tuple(logs), why, votes.stiff)
 
 
-def _rates(problem: Problem, loop_state: LoopState, run: int) -> Rates | None:
+def _rates(problem: RunProblem, loop_state: LoopState, run: int) -> Rates | None:
     """The `Rates` at the present state of a run; None where they are not known."""
     carry, several = loop_state.carry, loop_state.carry.x.ndim == 2
     t, x, mode = (
@@ -174,7 +180,7 @@ def _rates(problem: Problem, loop_state: LoopState, run: int) -> Rates | None:
     return rates_at(problem, t, x, mode)
 
 
-def rates_at(problem: Problem, t, x, mode) -> Rates | None:
+def rates_at(problem: RunProblem, t, x, mode) -> Rates | None:
     """The `Rates` at a point; None where there is no vector field, or no derivative of it."""
     if problem.method is None:
         return None
@@ -185,14 +191,14 @@ def rates_at(problem: Problem, t, x, mode) -> Rates | None:
 
 
 @compiled()
-def _rates_at(problem: Problem, t, x, mode):
+def _rates_at(problem: RunProblem, t, x, mode):
     evolver = evolver_of(problem, t, x)
     assert isinstance(evolver, Stepping), "what has a method has fields"
     return rates_of(lambda t, x: by_mode(mode, evolver.hybrid.fields, t, x), t, x)
 
 
 def once(
-    problem: Problem, plan: Plan, loop_state: LoopState, ends, last_jumps, budget
+    problem: RunProblem, plan: RunPlan, loop_state: LoopState, ends, last_jumps, budget
 ) -> tuple[LoopState, states.BlockRecord]:
     """One call of the compiled loop with a budget of step attempts."""
     return _advance(problem, plan, loop_state, ends, last_jumps, budget)

@@ -28,9 +28,9 @@ from ..._jax.engines import compiled
 from . import devices
 from .reporting import reporter
 
-__all__ = ["Program", "map_lanes", "run_sequences", "short_sequences"]
+__all__ = ["LaneProgram", "map_lanes", "run_sequences", "short_sequences"]
 
-ROOM = 64  # most lanes in one compiled call
+MOST_LANES = 64  # most lanes in one compiled call
 SECONDS_PER_CALL = 0.3
 
 
@@ -55,7 +55,7 @@ def map_lanes(function: Callable, shared: Any, lanes: Any, *, progress: Any = No
 def short_sequences(state: Any, lanes: Any, threads: int | None = None) -> list[tuple[Any, Any]]:
     """Divide independent lanes into sequences, so that threads can share the work."""
     count = len(jax.tree.leaves(lanes)[0])
-    size = max(1, min(ROOM, count // (4 * _threads(threads))))
+    size = max(1, min(MOST_LANES, count // (4 * _threads(threads))))
     if devices.are_wanted():  # lanes without a state are one batch; sequences run in parallel
         size = 1 if jax.tree.leaves(state) else devices.lanes_at_once()
     return [(state, _rows(lanes, first, first + size)) for first in range(0, count, size)]
@@ -78,7 +78,7 @@ def run_sequences(
     progress: Any = None,
     threads: int | None = None,
     finished: Callable[[int, Any], None] | None = None,
-    program: "Program | None" = None,
+    program: "LaneProgram | None" = None,
 ) -> tuple[list, list]:
     """Run sequences of lanes; they are started in the order in which they are given.
 
@@ -97,7 +97,7 @@ def run_sequences(
     """
     if devices.are_wanted():
         return devices.run_on_devices(function, shared, sequences, progress, finished)
-    pool = _Pool(program or Program(function, shared, sequences[0]), sequences, progress, finished)
+    pool = _Pool(program or LaneProgram(function, shared, sequences[0]), sequences, progress, finished)
     with concurrent.futures.ThreadPoolExecutor(_threads(threads)) as executor:
         running = [executor.submit(pool.run, i) for i in range(len(sequences))]
         try:
@@ -133,8 +133,8 @@ def _length(sequence) -> int:
 
 
 @compiled(in_pieces=True)
-def _piece(function: Callable, shared, state, lanes, count):
-    """Run the first `count` of the lanes (ROOM, …); returns (state, results)."""
+def _run_piece(function: Callable, shared, state, lanes, count):
+    """Run the first `count` of the lanes (MOST_LANES, …); returns (state, results)."""
     shapes = eqx.filter_eval_shape(function, shared, state, _lane(lanes, 0))[1]
     room = len(jax.tree.leaves(lanes)[0])
     empty = jax.tree.map(lambda leaf: jnp.zeros((room, *leaf.shape), leaf.dtype), shapes)
@@ -148,7 +148,7 @@ def _piece(function: Callable, shared, state, lanes, count):
 
 
 @compiled()
-def _one(function: Callable, shared, state, lane):
+def _run_lane(function: Callable, shared, state, lane):
     """Run one lane; returns (state, result)."""
     return function(shared, state, lane)
 
@@ -157,19 +157,19 @@ def _lane(lanes, i):
     return jax.tree.map(lambda leaf: leaf[i], lanes)
 
 
-class Program:
+class LaneProgram:
     """A function of lanes, compiled once, in the calling thread, whose JAX settings do not hold in others."""
 
     def __init__(self, function: Callable, shared: Any, sequence: tuple[Any, Any]):
         state, lanes = sequence
         self.fixed = function, shared
-        operands = _arrays(state), _full(lanes, 0), np.int32(0)
+        operands = _arrays(state), _padded(lanes, 0), np.int32(0)
         one = *self.fixed, operands[0], _arrays(_lane(operands[1], 0))
         # Lanes that start from the final state of another lane cannot run at once.
-        side_by_side = None if jax.tree.leaves(state) else _one.side_by_side(*one)
+        side_by_side = None if jax.tree.leaves(state) else _run_lane.side_by_side(*one)
         self.at_once = 1 if side_by_side is None else side_by_side.lanes
         if side_by_side is None:
-            compiled = _piece.prepared(*self.fixed, *operands)
+            compiled = _run_piece.prepared(*self.fixed, *operands)
             self.run = functools.partial(compiled, *self.fixed)
         else:
             self.run = lambda state, lanes, count: side_by_side(jax.tree.map(lambda leaf: leaf[:count], lanes))
@@ -204,26 +204,26 @@ class _Pool:
         if self.finished is not None:
             return self.results
         return [
-            _blank(self.program.empty, done) if one is None else one
+            _zeros(self.program.empty, done) if one is None else one
             for one, done in zip(self.results, self.done, strict=True)
         ]
 
     def run(self, index: int) -> None:
         """Run one sequence with the precision (x64) of the calling thread."""
         with jax.enable_x64(self.wide):
-            self._pieces(index)
+            self._run_sequence(index)
 
-    def _pieces(self, index: int) -> None:
+    def _run_sequence(self, index: int) -> None:
         """Run the pieces of one sequence in turn."""
         state, lanes = self.sequences[index]
-        self.results[index] = _blank(self.program.empty, self.done[index])
+        self.results[index] = _zeros(self.program.empty, self.done[index])
         state, first, length = _arrays(state), 0, _length(self.sequences[index])
         while first < length and not self.stopped:
             at_once = self.program.at_once
-            count = min(length - first, ROOM, at_once * max(1, int(self.size / at_once)))
+            count = min(length - first, MOST_LANES, at_once * max(1, int(self.size / at_once)))
             clock = time.perf_counter()
             whole = -(-count // at_once) * at_once  # rounded up to full vectors
-            state, results = self.program.run(state, _full(lanes, first), np.int32(whole))
+            state, results = self.program.run(state, _padded(lanes, first), np.int32(whole))
             results = jax.tree.map(np.asarray, results)
             seconds = time.perf_counter() - clock
             with self.lock:
@@ -231,13 +231,13 @@ class _Pool:
                     into[first : first + count] = new[:count]
                 self.done[index][first : first + count] = True
                 self.ready += count
-                self.size = min(ROOM, 4 * count, count * SECONDS_PER_CALL / seconds)
+                self.size = min(MOST_LANES, 4 * count, count * SECONDS_PER_CALL / seconds)
             first += count
         if first == length:
             self.complete.put(index)
 
 
-def _blank(like, done):
+def _zeros(like, done):
     """Arrays of zeros for the results of one sequence."""
     return jax.tree.map(lambda leaf: np.zeros((len(done), *leaf.shape[1:]), leaf.dtype), like)
 
@@ -247,11 +247,11 @@ def _arrays(tree):
     return jax.tree.map(jnp.asarray, tree)
 
 
-def _full(lanes, first):
-    """ROOM rows starting at `first`, padded with copies of the last row, which are not run."""
+def _padded(lanes, first):
+    """MOST_LANES rows starting at `first`, padded with copies of the last row, which are not run."""
 
     def rows(leaf):
         leaf = np.asarray(leaf)
-        return leaf[np.minimum(np.arange(first, first + ROOM), len(leaf) - 1)]
+        return leaf[np.minimum(np.arange(first, first + MOST_LANES), len(leaf) - 1)]
 
     return jax.tree.map(rows, lanes)

@@ -13,16 +13,23 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ...integrators.runge_kutta import RungeKutta
 from ...statuses import STATUS
 from ..states import LoopState
 
-__all__ = ["WINDOW", "Pace", "Rates", "given_up", "rates_of", "why_stalled"]
+__all__ = ["ATTEMPTS_BETWEEN_CHECKS", "Pace", "Rates", "StiffnessVotes", "given_up", "rates_of", "why_stalled"]
 
-WINDOW = 1_000_000  # attempts between two checks
-SLOW, SECONDS = 10_000, 5.0  # a check is made earlier after this many attempts and seconds
-LONG, ENDLESS = 3e9, 1e12  # remaining attempts from which a run is examined, and from which it is stopped
+ATTEMPTS_BETWEEN_CHECKS = 1_000_000  # attempts between two checks
+ATTEMPTS_IF_SLOW, SECONDS_IF_SLOW = 10_000, 5.0  # a check is made earlier after this many attempts and seconds
+ATTEMPTS_EXAMINED = 3e9  # remaining attempts from which a run is examined …
+ATTEMPTS_STOPPED = 1e12  # … and from which it is stopped
 SMOOTH = 1e-5  # steps of a smooth motion are longer than this times 1/‖Df‖
 STIFF = 1e-4  # a motion slower than this times ‖Df‖ is stiff
+ATTEMPTS_UNTIL_STIFF = 50_000  # shorter runs are quick all the same
+AT_STABILITY, SLOW = (
+    1.0,
+    1e-2,
+)  # steps are at the limit of stability beyond the first over ‖Df‖, below the second over ‖f'‖/‖f‖
 
 
 class Rates(NamedTuple):
@@ -32,7 +39,7 @@ class Rates(NamedTuple):
     motion: float  # |df/dt| / |f| along the motion
 
 
-class Reading(NamedTuple):
+class Progress(NamedTuple):
     """Time and number of jumps that the runs have reached, (m,) each."""
 
     time: np.ndarray
@@ -50,8 +57,8 @@ class Pace:
     def look(self, loop_state: LoopState, given: int, rates) -> dict[int, str]:
         """The runs that have stalled, with the reason; `rates(run)` returns `Rates`, or None if unknown."""
         self.attempts = given - self.given
-        slow = self.attempts >= SLOW and time.perf_counter() - self.since >= SECONDS
-        if self.attempts < WINDOW and not slow:
+        slow = self.attempts >= ATTEMPTS_IF_SLOW and time.perf_counter() - self.since >= SECONDS_IF_SLOW
+        if self.attempts < ATTEMPTS_BETWEEN_CHECKS and not slow:
             return {}
         self.since = time.perf_counter()
         now, before = _reading(loop_state), self.before
@@ -75,6 +82,29 @@ class Pace:
         return why_stalled(self.attempts, moved, ahead, rates)
 
 
+class StiffnessVotes:
+    """Whether a long run takes steps as long as stability allows, and not as its motion would: asked now and then."""
+
+    def __init__(self, method: Any):
+        explicit = isinstance(method, RungeKutta) and method.adaptive and method.longest_step is None
+        self.next, self.votes = (ATTEMPTS_UNTIL_STIFF if explicit else np.inf), []
+
+    def look(self, loop_state: LoopState, given: int, rates) -> None:
+        """Ask the first run after so many attempts, and then each time that their number has doubled."""
+        if given < self.next:
+            return
+        self.next = 2 * given
+        there, h = rates(0), getattr(loop_state.carry.solver_state, "h", None)
+        if there is not None and h is not None:
+            step = float(np.ravel(h)[0])
+            self.votes.append(there.field * step > AT_STABILITY and there.motion * step < SLOW)
+
+    @property
+    def stiff(self) -> bool:
+        """Whether most answers were yes."""
+        return sum(self.votes) * 2 > len(self.votes)
+
+
 def why_stalled(attempts, moved, ahead, rates) -> str:
     """The reason, in words, why a run is stopped as stalled; empty if it is not.
 
@@ -86,7 +116,7 @@ def why_stalled(attempts, moved, ahead, rates) -> str:
     """
     if moved == 0 and np.isinf(ahead):
         return "the time stands still. Is the field, or a guard, undefined or discontinuous just beyond?"
-    if ahead <= LONG or np.isinf(ahead):  # a run that waits for a jump ends by itself (`waiting`)
+    if ahead <= ATTEMPTS_EXAMINED or np.isinf(ahead):  # a run that waits for a jump ends by itself (`waiting`)
         return ""
     there, left = rates(), f"the rest would take {ahead:.1e} more"
     if there is not None and moved / attempts * there.field < SMOOTH:
@@ -96,14 +126,14 @@ def why_stalled(attempts, moved, ahead, rates) -> str:
         )
     if there is not None and 0 < there.motion < STIFF * there.field:
         return f"{left}. The flow is stiff here, ‖Df‖ = {there.field:.2g}: use lh.Diffrax(diffrax.Kvaerno5())."
-    if ahead > ENDLESS:
+    if ahead > ATTEMPTS_STOPPED:
         return f"{left}. Is t1 in the unit of the system's time? max_steps=… goes on all the same."
     return ""
 
 
-def _reading(loop_state: LoopState) -> Reading:
+def _reading(loop_state: LoopState) -> Progress:
     elapsed = np.asarray(loop_state.elapsed) + np.asarray(loop_state.carry.s)
-    return Reading(np.atleast_1d(elapsed), np.atleast_1d(np.array(loop_state.carry.jumps)))
+    return Progress(np.atleast_1d(elapsed), np.atleast_1d(np.array(loop_state.carry.jumps)))
 
 
 def given_up(loop_state: LoopState, stalled: dict[int, str]) -> tuple[LoopState, str]:

@@ -10,7 +10,7 @@ from ..states import LoopState
 
 __all__ = ["Place", "account", "place_of"]
 
-SHOWN = 6  # most components of a state that are printed
+COMPONENTS_SHOWN = 6  # most components of a state that are printed
 
 
 class Place(NamedTuple):
@@ -33,10 +33,12 @@ class Place(NamedTuple):
     def __str__(self) -> str:
         """For example ``t = 1.5, x = [0.25 -1], mode 'up'``."""
         x = np.asarray(self.x, float).ravel()
-        state = " ".join(f"{component:.6g}" for component in x[:SHOWN])
-        more = f" … ({len(x)} components)" if len(x) > SHOWN else ""
-        mode = f", mode {self.names[int(self.mode)]!r}" if len(self.names) > 1 else ""
-        return f"t = {float(self.t):.10g}, x = [{state}{more}]{mode}"
+        state = " ".join(f"{component:.6g}" for component in x[:COMPONENTS_SHOWN])
+        more = f" … ({len(x)} components)" if len(x) > COMPONENTS_SHOWN else ""
+        mode, known = int(self.mode), range(len(self.names))
+        named = f"{self.names[mode]!r}" if mode in known else f"{mode}, which is none of {list(self.names)}"
+        said = f", mode {named}" if len(self.names) > 1 or mode not in known else ""
+        return f"t = {float(self.t):.10g}, x = [{state}{more}]{said}"
 
 
 def place_of(loop_state: LoopState, system) -> Place:

@@ -16,7 +16,7 @@ from ..._jax.columns import each_column
 from ..._jax.jaxprs import jacobian
 from ..._linalg.frames import log_abs_det
 from ...native import instructions
-from ...systems.hamiltonians import Separable, halves
+from ...systems.hamiltonians import SeparableField, halves
 from ..base import Method, Step, Tangent
 from ..runge_kutta import hermite
 from .splittings import COMPOSITIONS, SCHEMES, A, Scheme, composed
@@ -159,11 +159,11 @@ def with_columns(function: Callable, point: tuple) -> tuple:
     return value, jacobian(function, x) @ columns
 
 
-def separable(field: Any, x, name: str) -> Separable:
+def separable(field: Any, x, name: str) -> SeparableField:
     """The parts T and V of a field; a ValueError if it is not that of an `lh.Hamiltonian`."""
     parts = field.field
     require(
-        isinstance(parts, Separable),
+        isinstance(parts, SeparableField),
         f"{name} moves the two parts of lh.Hamiltonian(kinetic, potential) in turn; got another field. For that take "
         "lh.RungeKutta, or lh.Splitting with the flows of two parts.",
     )

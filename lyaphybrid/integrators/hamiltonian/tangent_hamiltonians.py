@@ -33,7 +33,7 @@ SCHEME_AND_KICKS = {  # variant: its scheme, and for each kick the index of the 
 }
 VARIANTS = (*SCHEME_AND_KICKS, "es")
 TWO_STEPS = ("eps", "eps-drift")
-SMALL = 0.25  # truncation error of the series below this: 0.25⁸/16! = 7e-19
+SERIES_RANGE = 0.25  # truncation error of the series below this: 0.25⁸/16! = 7e-19
 COSINE, SINE = ([1 / math.factorial(2 * k + odd) for k in reversed(range(8))] for odd in (0, 1))
 
 
@@ -158,7 +158,7 @@ class TangentHamiltonian(Composition):
     def tangent(self, field: Any, t, x, h, frame, stage_points=()) -> Tangent:
         """The frame after the step, by the quadratic Hamiltonians at the points of the orbit."""
         points: Sequence = (x, *(stage_points or [one.x for one in self._orbit(field, t, x, field(t, x), h)]))
-        forms = [Form(field, point) for point in points]
+        forms = [QuadraticHamiltonian(field, point) for point in points]
         dq, dp = jnp.split(frame, 2)
         if self.variant == "es":
             dq, dp = forms[0].solved(dq, dp, h)
@@ -168,7 +168,7 @@ class TangentHamiltonian(Composition):
         return Tangent(points[-1], jnp.concatenate([dq, dp]), frame[None, :0], (t, x))
 
 
-class Form:
+class QuadraticHamiltonian:
     """The quadratic Hamiltonian ½ δpᵀ T'' δp + ½ δqᵀ D²V δq at a point; perturbations are columns (m, k)."""
 
     def __init__(self, field: Any, point):
@@ -198,7 +198,7 @@ class Form:
         return to_q @ (c * y + s * rate), to_p @ (c * rate - w[:, None] * s * y)
 
 
-def _composed(scheme: Scheme, forms: list[Form], dq, dp, h):
+def _composed(scheme: Scheme, forms: list[QuadraticHamiltonian], dq, dp, h):
     """A step over h of a scheme; its i-th kick uses forms[i]."""
     strength, waiting = scheme.corrector * h**3, iter(forms)
     dp = dp + strength * forms[0].bracket(dq)
@@ -239,7 +239,7 @@ def _eigenvectors(matrix):
 
 def _cosine_and_sine(z):
     """The entire functions cos √z and sin √z / √z of z (m,); by series if all |z| are small, the usual case."""
-    return jax.lax.cond(jnp.all(jnp.abs(z) < SMALL), _by_series, _by_functions, z)
+    return jax.lax.cond(jnp.all(jnp.abs(z) < SERIES_RANGE), _by_series, _by_functions, z)
 
 
 def _by_series(z):

@@ -26,14 +26,14 @@ from ..divergences import quadrature
 from ..runge_kutta import TABLEAUX, Tableau, along, summed, tabulated, through, times_of_stages, weighed
 from .implicit_tableaux import IMPLICIT
 from .linearised import linearised
-from .on_constraints import OnConstraints, check_control
+from .on_constraints import ConstrainedMethod, check_control
 
 __all__ = ["ESDIRK", "HalfExplicit"]
 
 EXPLICIT = tuple(name for name, table in TABLEAUX.items() if len(table.errors) == 1)
 
 
-class StageByStage(OnConstraints):
+class StageByStage(ConstrainedMethod):
     """Base class of the methods whose stages are solved one after the other."""
 
     tableau: eqx.AbstractVar[str]
@@ -127,10 +127,8 @@ class StageByStage(OnConstraints):
 
     def _of_content(self, dae: Eliminated, t, differential_part, h):
         """E₁ x (d,) after the step, its error estimate, and its values in all stages."""
-        table, slope_of = (
-            self.table,
-            jax.jit(functools.partial(Eliminated.slope_of, dae)),
-        )  # traced once, not in each stage
+        table = self.table
+        slope_of = jax.jit(functools.partial(Eliminated.slope_of, dae))  # traced once, not in each stage
         first, *later = (functools.partial(slope_of, time) for time in self.stage_times(t, h))
         points, slopes = through(table, differential_part, h, first(differential_part), later)
         new = points[-1] if table.last_is_next else along(differential_part, h, table.b, slopes)

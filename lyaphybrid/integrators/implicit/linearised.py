@@ -12,10 +12,10 @@ from ..._linalg.linear_systems import matmul, sparse_matmul
 from ...systems.daes.eliminations import Eliminated
 from ...systems.daes.semi_linear import Constrained, is_constrained, parts_of
 
-__all__ = ["Along", "linearised"]
+__all__ = ["FrameFunctions", "linearised"]
 
 
-class Along(NamedTuple):
+class FrameFunctions(NamedTuple):
     """Linear functions of frames (n, k)."""
 
     inverse_block: Array  # (n, d), with lift E₁ Y = Y for columns Y tangent to the constraints
@@ -24,18 +24,18 @@ class Along(NamedTuple):
     derivative: Callable  # Y ↦ Y' = Ē⁻¹ [A₁; −A₂'] Y
 
 
-def linearised(field: Any, t, x: Array, share: Any = None) -> Along:
+def linearised(field: Any, t, x: Array, share: Any = None) -> FrameFunctions:
     """A field linearised at (t, x); with a share h a_ii the lift is that of an implicit stage."""
     if share is None and not is_constrained(field):
         slope = linear_at(lambda x: field(t, x), x)
-        return Along(jnp.eye(x.shape[0], dtype=x.dtype), lambda frame: frame, slope, slope)
+        return FrameFunctions(jnp.eye(x.shape[0], dtype=x.dtype), lambda frame: frame, slope, slope)
     dae, args = parts_of(field, x.shape[0])
     if share is None and isinstance(dae, Eliminated):
         return _along_content(dae, t, x)
     return _along(dae, args, t, x, share)
 
 
-def _along(dae: Constrained, args, t, x, share) -> Along:
+def _along(dae: Constrained, args, t, x, share) -> FrameFunctions:
     inverse_blocks = dae.inverse_blocks(t, x, args, share)
     slope = linear_at(lambda x: dae.slope(t, x, args), x)
 
@@ -52,12 +52,12 @@ def _along(dae: Constrained, args, t, x, share) -> Along:
         differential, turning = each_column(rates, frame)
         return matmul(inverse_blocks.differential_part, differential) - matmul(inverse_blocks.constraint, turning)
 
-    return Along(
+    return FrameFunctions(
         inverse_blocks.differential_part, lambda frame: sparse_matmul(dae.rows(t, args), frame), slope, derivative
     )
 
 
-def _along_content(dae: Eliminated, t, x) -> Along:
+def _along_content(dae: Eliminated, t, x) -> FrameFunctions:
     """The same with d numbers per column: Q = [dw; L dw], dw' = D dw, and therefore Q' = [dw'; L dw' + L' dw]."""
     w = dae.differential_part(t, x, None)
     onwards = jnp.ones_like(t), dae.slope_of(t, w)
@@ -74,4 +74,4 @@ def _along_content(dae: Eliminated, t, x) -> Along:
         change = slope(frame)
         return dae.put_together(change, matmul(fall, change) + matmul(turning, differential_part(frame)))
 
-    return Along(dae.raised(fall, jnp.eye(len(w), dtype=x.dtype)), differential_part, slope, derivative)
+    return FrameFunctions(dae.raised(fall, jnp.eye(len(w), dtype=x.dtype)), differential_part, slope, derivative)

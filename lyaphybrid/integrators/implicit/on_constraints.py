@@ -10,10 +10,10 @@ from ..._jax.precision import nonzero
 from ..base import Controller, Field, Method, Step
 from ..runge_kutta import hermite
 
-__all__ = ["OnConstraints", "check_control"]
+__all__ = ["ConstrainedMethod", "check_control"]
 
 
-class OnConstraints(Method):
+class ConstrainedMethod(Method):
     """A method that integrates the differential part E₁ x and satisfies the constraints in all of its stages."""
 
     rtol: eqx.AbstractVar[Any]

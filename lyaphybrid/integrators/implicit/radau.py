@@ -23,22 +23,22 @@ from ...systems.daes.semi_linear import Constrained, InverseBlocks, parts_of
 from ..base import Field, Step, Tangent
 from ..divergences import quadrature
 from .linearised import linearised
-from .on_constraints import OnConstraints, check_control
+from .on_constraints import ConstrainedMethod, check_control
 
-__all__ = ["RadauIIA"]
+__all__ = ["RadauIIA", "estimate"]
 
 C = np.array([(4 - np.sqrt(6)) / 10, (4 + np.sqrt(6)) / 10, 1.0])
 STAGES = len(C)
 POWERS = C[:, None] ** np.arange(STAGES)  # Σ_j a_ij c_j^q = c_i^(q + 1) / (q + 1)
 A = (C[:, None] * POWERS / np.arange(1, STAGES + 1)) @ np.linalg.inv(POWERS)
-REAL = [value.real for value in np.linalg.eigvals(np.linalg.inv(A)) if value.imag == 0]
-GAMMA = 1 / REAL[0]
+REAL_EIGENVALUES = [value.real for value in np.linalg.eigvals(np.linalg.inv(A)) if value.imag == 0]
+GAMMA = 1 / REAL_EIGENVALUES[0]
 # Weights of the error estimate at the stages: the quadrature of order 3, with γ at the start, minus that of order 5.
 # They apply to the increments h Σ a_ij w'_j of w from the start to the stages, so that no slopes are needed.
-BEYOND = np.linalg.solve(A.T, np.linalg.solve(POWERS.T, [-GAMMA, 0.0, 0.0]))
+ERROR_WEIGHTS = np.linalg.solve(A.T, np.linalg.solve(POWERS.T, [-GAMMA, 0.0, 0.0]))
 
 
-class Together(eqx.Module):
+class StagesTogether(eqx.Module):
     """The equations of all stages as those of one point (3 n,) with a differential part (3 d,), at three times."""
 
     dae: Constrained
@@ -90,7 +90,7 @@ class Together(eqx.Module):
         return InverseBlocks(of_content, own + matmul(of_content, mixed[..., d:].reshape(size, -1)), sign)
 
 
-class RadauIIA(OnConstraints):
+class RadauIIA(ConstrainedMethod):
     """The Radau IIA method with three stages, of order 5, for a stiff `lh.DAE` or `lh.Flow`.
 
     An L-stable collocation method whose stages are solved simultaneously by Newton's method. Errors and steps as for
@@ -140,11 +140,11 @@ class RadauIIA(OnConstraints):
         guess = jax.vmap(lambda at, ahead: x + matmul(inverse_blocks, ahead - dae.differential_part(at, x, args)))(
             at, ahead
         )
-        points, _ = solved(Together(dae), args, at, jnp.tile(start, STAGES), guess.ravel(), self.rtol, h)
+        points, _ = solved(StagesTogether(dae), args, at, jnp.tile(start, STAGES), guess.ravel(), self.rtol, h)
         points = points.reshape(STAGES, -1)
         new = points[-1]
         beyond = jax.vmap(lambda at, x: dae.differential_part(at, x, args))(at, points) - start[None]
-        error = matmul(dae.inverse_blocks(t, x, args, GAMMA * h).differential_part, _estimate(h, slope, beyond))
+        error = matmul(dae.inverse_blocks(t, x, args, GAMMA * h).differential_part, estimate(h, slope, beyond))
         slope = field(t + h, new)
         return Step(new, slope, error[None], (x, f, new, slope, h), (at, points), (points,))
 
@@ -158,10 +158,10 @@ class RadauIIA(OnConstraints):
         dae, args = parts_of(field, x.shape[0])
         here = linearised(field, t, x, GAMMA * h)
         start = here.differential_part(frame)
-        inverse_blocks = Together(dae).inverse_blocks(at, points.ravel(), args, h).differential_part
+        inverse_blocks = StagesTogether(dae).inverse_blocks(at, points.ravel(), args, h).differential_part
         stages = matmul(inverse_blocks, jnp.tile(start, (STAGES, 1))).reshape(STAGES, *frame.shape)
         beyond = jax.vmap(lambda at, stage: dae.differential_part(at, stage, args))(at, stages) - start[None]
-        errors = matmul(here.inverse_block, _estimate(h, here.slope(frame), beyond))
+        errors = matmul(here.inverse_block, estimate(h, here.slope(frame), beyond))
         return Tangent(new, stages[-1], errors[None], (at, points))
 
     def divergence(self, field: Field, nodes, h):
@@ -169,6 +169,6 @@ class RadauIIA(OnConstraints):
         return h * quadrature(field, A[-1], *nodes)
 
 
-def _estimate(h, slope, beyond):
+def estimate(h, slope, beyond):
     """The difference of the methods of orders 3 and 5, of w (d,) or of its columns (d, k)."""
-    return GAMMA * h * slope + jnp.tensordot(jnp.asarray(BEYOND, beyond.dtype), beyond, 1)
+    return GAMMA * h * slope + jnp.tensordot(jnp.asarray(ERROR_WEIGHTS, beyond.dtype), beyond, 1)

@@ -10,14 +10,14 @@ import numpy as np
 from jax.extend.core import ClosedJaxpr
 
 from .. import rules  # noqa: F401  registers how each primitive is lowered
-from ..lowering.costs import Plan, plan, runs_long
+from ..lowering.costs import Options, plan, runs_long
 from ..lowering.lowering import lower
 from ..lowering.types import as_numpy, numpy_type, of_numpy
 from ..machine.collector import no_collector
-from ..machine.tiers import PATIENCE, Tiers, cost
+from ..machine.tiers import LONGEST_OPTIMISATION, Tiers, cost
 from .handler import handler
 
-EVENTS = "/lyaphybrid/native"  # prefix of the durations reported to `jax.monitoring`: …/lowering, …/LLVM
+DURATION_PREFIX = "/lyaphybrid/native"  # prefix of the durations reported to `jax.monitoring`: …/lowering, …/LLVM
 
 
 class Compiled:
@@ -39,7 +39,7 @@ class Compiled:
         wide: Sequence[bool] = (),
         checked: bool = False,
         most_apart: float = 1.0,
-        plan: Plan | None = None,
+        plan: Options | None = None,
         in_pieces: bool = False,
     ):
         """`in_pieces`: a long run consists of many calls, between which optimised code can replace the first one."""
@@ -53,8 +53,8 @@ class Compiled:
         lowered = time.perf_counter()
         # Without a long loop optimised code gains little, so LLVM gets less time for it.
         long = runs_long(program.jaxpr)
-        self._patience = PATIENCE if long else PATIENCE / 10
-        at_once = plan is None and (in_pieces or not long or cost(text) > PATIENCE)
+        self._patience = LONGEST_OPTIMISATION if long else LONGEST_OPTIMISATION / 10
+        at_once = plan is None and (in_pieces or not long or cost(text) > LONGEST_OPTIMISATION)
         self.code = Tiers(text, self.plan.level, self.plan.scattered, at_once)
         compiled = time.perf_counter()
         self.seconds = {
@@ -62,7 +62,7 @@ class Compiled:
             "LLVM": compiled - lowered,
         }
         for what, seconds in self.seconds.items():
-            jax.monitoring.record_event_duration_secs(f"{EVENTS}/{what}", seconds)
+            jax.monitoring.record_event_duration_secs(f"{DURATION_PREFIX}/{what}", seconds)
 
     @property
     def text(self) -> str:
@@ -95,7 +95,7 @@ def _forms(avals: Sequence) -> list[tuple[tuple[int, ...], np.dtype, Any]]:
     return [(tuple(aval.shape), numpy_type(aval.dtype), aval.dtype) for aval in avals]
 
 
-def _plan_of(program: ClosedJaxpr) -> Plan:
+def _plan_of(program: ClosedJaxpr) -> Options:
     return plan(program.jaxpr)
 
 

@@ -22,7 +22,7 @@ from ..lowering.unsupported import UnsupportedError
 from ..machine.code import doubles_in_a_vector
 from .compiled import Compiled
 
-VARIABLE = "LYAPHYBRID_ENGINE"
+ENGINE_VARIABLE = "LYAPHYBRID_ENGINE"
 _ENGINES = ("auto", "native", "xla")
 _MOST_APART = 0.2  # largest part of the code in branches that lanes do not share: beyond, lanes wait too often
 _SURELY = 2  # safety factor on it for the estimate from the jaxpr, which is made before lowering
@@ -36,9 +36,9 @@ _noted: set[str] = set()
 
 def engine() -> str:
     """The chosen engine: "auto" (XLA for programs that native does not support), "native" (an error there), "xla"."""
-    chosen = os.environ.get(VARIABLE, "").lower() or "auto"
+    chosen = os.environ.get(ENGINE_VARIABLE, "").lower() or "auto"
     if chosen not in _ENGINES:
-        raise ValueError(f"{VARIABLE} must be one of {', '.join(_ENGINES)}; got {chosen!r}.")
+        raise ValueError(f"{ENGINE_VARIABLE} must be one of {', '.join(_ENGINES)}; got {chosen!r}.")
     return chosen
 
 

@@ -19,18 +19,18 @@ from .values import size
 
 SMALL = (16, 8, 4)
 MUCH = 1.5  # ratio of instruction counts above which a smaller value of `small` is taken
-LEVEL = 2  # of LLVM's optimisation
-LONG = 1000  # iterations from which on a scan counts as long
+OPTIMISATION_LEVEL = 2  # of LLVM's optimisation
+LONG_SCAN = 1000  # iterations from which on a scan counts as long
 SCATTERED = 12_000  # instructions, up to which LLVM searches for vectors among scalar instructions
-TURNS = 8  # iterations of a scan that is unrolled, at most
-WRITTEN_OUT = 400  # instructions of all its iterations together, at most …
+MOST_ITERATIONS_UNROLLED = 8  # iterations of a scan that is unrolled, at most
+MOST_INSTRUCTIONS_UNROLLED = 400  # instructions of all its iterations together, at most …
 WITH_ARRAYS = 5000  # … or this if it indexes arrays in memory (a continuous QR): constant indices then save more
 WORTH_A_JUMP = 20  # equations from which on a branch that no lane takes is jumped over
 SELDOM = "seldom"  # name of jitted functions that are rarely executed
 _LOOP = 6  # estimated instructions of an equation that becomes part of a loop over memory
 
 
-class Plan(NamedTuple):
+class Options(NamedTuple):
     """Options with which a program is compiled."""
 
     small: int
@@ -38,19 +38,19 @@ class Plan(NamedTuple):
     scattered: bool = False  # whether LLVM searches for vectors among scalar instructions
 
 
-def plan(jaxpr: Jaxpr) -> Plan:
+def plan(jaxpr: Jaxpr) -> Options:
     """The options of a program: the largest `small` with at most `MUCH` times the fewest instructions."""
     estimates = {small: instructions(jaxpr, small) for small in SMALL}
     least = min(estimates.values())
     small = next(small for small in SMALL if estimates[small] <= MUCH * least)
-    return Plan(small, LEVEL, estimates[small] <= SCATTERED)
+    return Options(small, OPTIMISATION_LEVEL, estimates[small] <= SCATTERED)
 
 
 def runs_long(jaxpr: Jaxpr) -> bool:
     """Whether a program contains a loop of many iterations, or of an unknown number."""
     return any(
         eqn.primitive.name == "while"
-        or (eqn.primitive.name == "scan" and scan_of(eqn).length >= LONG)
+        or (eqn.primitive.name == "scan" and scan_of(eqn).length >= LONG_SCAN)
         or any(map(runs_long, subprograms(eqn)))
         for eqn in jaxpr.eqns
     )
@@ -70,8 +70,12 @@ def instructions(jaxpr: Jaxpr, small: float = math.inf) -> int:
 
 def turns_written_out(small: float, scan, avals) -> int:
     """The largest length at which a scan is unrolled, so that its indices are constants; `avals`: arrays it indexes."""
-    most = WRITTEN_OUT if all(size(aval.shape) <= small for aval in avals) else WITH_ARRAYS
-    return TURNS if min(scan.length, TURNS) * instructions(parts(scan.body)[0], small) <= most else 0
+    most = MOST_INSTRUCTIONS_UNROLLED if all(size(aval.shape) <= small for aval in avals) else WITH_ARRAYS
+    return (
+        MOST_ITERATIONS_UNROLLED
+        if min(scan.length, MOST_ITERATIONS_UNROLLED) * instructions(parts(scan.body)[0], small) <= most
+        else 0
+    )
 
 
 def _of_equation(eqn, small: float) -> int:

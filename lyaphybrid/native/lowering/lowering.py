@@ -17,7 +17,20 @@ from .jax_versions import ClosedJaxpr, Jaxpr, Literal, literal_value, parts
 from .types import as_numpy, llvm_type
 from .unsupported import UnsupportedError
 from .uses import Uses, uses_of
-from .values import Buffer, Lazy, Memory, Rows, Value, Values, filled, flat, memory_of, scalar, size, source_of
+from .values import (
+    Buffer,
+    Lazy,
+    MemoryBlock,
+    RowVectors,
+    Value,
+    Values,
+    filled,
+    flat,
+    memory_of,
+    scalar,
+    size,
+    source_of,
+)
 
 RULES: dict[str, Callable] = {}
 ENTRYWISE: dict[str, Callable] = {}
@@ -119,11 +132,11 @@ class Lowering(Values):
         if name not in RULES:
             return self.run(implementation(eqn), operands)
         found = None
-        if any(isinstance(value, Rows) for value in operands):
+        if any(isinstance(value, RowVectors) for value in operands):
             if name in IN_ROWS:
                 found = IN_ROWS[name](self, eqn, *operands)
             if found is None and name not in KEEPS_ROWS:
-                operands = [self.entries(value) if isinstance(value, Rows) else value for value in operands]
+                operands = [self.entries(value) if isinstance(value, RowVectors) else value for value in operands]
         if found is None:
             found = RULES[name](self, eqn, *operands)
         return found if isinstance(found, list) else [found]
@@ -131,7 +144,7 @@ class Lowering(Values):
     def _entry_by_entry(self, function: Callable, eqn, operands: list[Value]) -> Value:
         result, dtypes = eqn.outvars[0].aval, [atom.aval.dtype for atom in eqn.invars]
         llvm_type(result.dtype)
-        if any(isinstance(value, Rows) for value in operands):
+        if any(isinstance(value, RowVectors) for value in operands):
             lead = result.shape[:-1]
             columns = [
                 np.broadcast_to(v if v.ndim == 0 else self.rows(v, d).vectors, lead).ravel()
@@ -140,7 +153,7 @@ class Lowering(Values):
                 for v, d in zip(operands, dtypes, strict=True)
             ]
             vectors = filled(lead, [function(self, eqn, dtypes, *each) for each in zip(*columns, strict=True)])
-            return Rows(vectors, result.shape, result.dtype)
+            return RowVectors(vectors, result.shape, result.dtype)
         if self.is_small(result.shape):
             arrays = [self.entries(v) for v in operands]
             if not result.shape:
@@ -234,12 +247,12 @@ def _pointer(b: Lowering, array: str, place: int) -> str:
 
 def _input(b: Lowering, place: int, aval, wide: bool) -> Value:
     pointer, n = _pointer(b, "inputs", place), size(aval.shape)
-    return b.held(Buffer(Memory(pointer, n, False, wide), aval.shape, aval.dtype))
+    return b.held(Buffer(MemoryBlock(pointer, n, False, wide), aval.shape, aval.dtype))
 
 
 def _output(b: Lowering, place: int, aval, value: Value) -> None:
     pointer, n = _pointer(b, "outputs", place), size(aval.shape)
-    result = Buffer(Memory(pointer, n, True, b.lanes > 1), aval.shape, aval.dtype)
+    result = Buffer(MemoryBlock(pointer, n, True, b.lanes > 1), aval.shape, aval.dtype)
     if memory_of(value) is None:
         b.write(result, value, [0] * len(aval.shape))
     else:

@@ -28,7 +28,7 @@ class Source:
         self.readers: weakref.WeakKeyDictionary[Lazy, None] = weakref.WeakKeyDictionary()
 
 
-class Memory(Source):
+class MemoryBlock(Source):
     """A block of memory that holds the elements of buffers."""
 
     def __init__(self, pointer: str, size: int, writable: bool, wide: bool = False, mask: Entry | None = None):
@@ -46,7 +46,7 @@ class Memory(Source):
 class Buffer:
     """An array in memory, in row-major order."""
 
-    def __init__(self, memory: Memory, shape: Sequence[int], dtype):
+    def __init__(self, memory: MemoryBlock, shape: Sequence[int], dtype):
         self.memory, self.shape, self.dtype = memory, tuple(shape), numpy_type(dtype)
 
 
@@ -69,7 +69,7 @@ class Lazy(Source):
         self.buffer: Buffer | None = None  # its memory, once it has been computed
 
 
-class Rows:
+class RowVectors:
     """A small array whose last axis is held in vectors; the array `vectors` has one axis less."""
 
     def __init__(self, vectors: np.ndarray, shape: Sequence[int], dtype):
@@ -79,10 +79,10 @@ class Rows:
 _TOGETHER = 16  # most arrays that are computed in one loop
 _DEEP = 40  # largest depth of lazy arrays that read lazy arrays: their evaluation is recursive
 
-Value = Entries | Rows | Lazy | Buffer
+Value = Entries | RowVectors | Lazy | Buffer
 
 
-def memory_of(value: Value) -> Memory | None:
+def memory_of(value: Value) -> MemoryBlock | None:
     """The memory of a value, or None if it is not in memory."""
     buffer = value.buffer if isinstance(value, Lazy) else value
     return buffer.memory if isinstance(buffer, Buffer) else None
@@ -172,7 +172,7 @@ class Values(Emitter):
     def element_at(self, value: Value, indices: Sequence[Entry], dtype=None) -> Entry:
         """One element; the indices are constants or SSA values, within bounds. `dtype` is needed for entries only."""
         known = is_known(*indices)
-        if isinstance(value, Rows):
+        if isinstance(value, RowVectors):
             if known:
                 return self.element(value.vectors[tuple(indices[:-1])], int(indices[-1]), llvm_type(value.dtype))
             value, dtype = self.entries(value), value.dtype
@@ -201,9 +201,11 @@ class Values(Emitter):
         """Load an element of a buffer."""
         memory, type_, place = buffer.memory, llvm_type(buffer.dtype), self.linear_index(indices, buffer.shape)
         if is_wide(place):  # each lane has its own index
-            return self.vector([self.load(memory.pointer, type_, at) for at in self._places(memory, place)], type_)
+            return self.vector(
+                [self.load(memory.pointer, type_, at) for at in self._linear_indices(memory, place)], type_
+            )
         self.check_index(place, memory.size)
-        return self.load(memory.pointer, type_, self._place(memory, place), memory.wide)
+        return self.load(memory.pointer, type_, self._linear_index(memory, place), memory.wide)
 
     def store_element(self, buffer: Buffer, indices: Sequence[Entry], entry: Entry) -> None:
         """Store an element of a buffer; inactive lanes keep their old values."""
@@ -211,16 +213,16 @@ class Values(Emitter):
         if memory.wide and self.mask is not None and self.mask != memory.mask:
             entry = self.select(self.mask, type_, entry, self.load_element(buffer, indices))
         if is_wide(place):
-            for lane, at in enumerate(self._places(memory, place)):
+            for lane, at in enumerate(self._linear_indices(memory, place)):
                 self.store(memory.pointer, type_, at, self.element(entry, lane, type_))
             return
         self.check_index(place, memory.size)
-        self.store(memory.pointer, type_, self._place(memory, place), entry, memory.wide)
+        self.store(memory.pointer, type_, self._linear_index(memory, place), entry, memory.wide)
 
-    def _place(self, memory: Memory, place: Entry) -> Entry:
+    def _linear_index(self, memory: MemoryBlock, place: Entry) -> Entry:
         return self.index_times(place, self.lanes) if memory.wide else place
 
-    def _places(self, memory: Memory, place: Entry) -> list[Entry]:
+    def _linear_indices(self, memory: MemoryBlock, place: Entry) -> list[Entry]:
         """For each lane the linear index of its element."""
         found = []
         for lane in range(self.lanes):
@@ -235,7 +237,7 @@ class Values(Emitter):
         """A small value as entries."""
         if isinstance(value, np.ndarray):
             return value
-        if isinstance(value, Rows):
+        if isinstance(value, RowVectors):
             type_ = llvm_type(value.dtype)
             return filled(
                 value.shape,
@@ -245,19 +247,21 @@ class Values(Emitter):
             return filled(value.shape, [value.at(list(i)) for i in np.ndindex(value.shape)])
         return filled(value.shape, [self.element_at(value, i) for i in np.ndindex(value.shape)])
 
-    def rows(self, value: Value, dtype) -> Rows:
+    def rows(self, value: Value, dtype) -> RowVectors:
         """A frame as rows."""
-        if isinstance(value, Rows):
+        if isinstance(value, RowVectors):
             return value
         array, type_ = self.entries(value), llvm_type(dtype)
         lead = array.shape[:-1]
-        return Rows(filled(lead, [self.vector(array[i].tolist(), type_) for i in np.ndindex(lead)]), array.shape, dtype)
+        return RowVectors(
+            filled(lead, [self.vector(array[i].tolist(), type_) for i in np.ndindex(lead)]), array.shape, dtype
+        )
 
     def new_buffer(self, shape: Sequence[int], dtype) -> Buffer:
         """A new, uninitialised buffer; with lanes it holds one value per lane for each element."""
         n = size(shape)
         pointer = self.allocate(llvm_type(dtype), n * self.lanes)
-        return Buffer(Memory(pointer, n, True, self.lanes > 1, self.mask), shape, dtype)
+        return Buffer(MemoryBlock(pointer, n, True, self.lanes > 1, self.mask), shape, dtype)
 
     def in_memory(self, value: Value, dtype=None) -> Buffer:
         """A value as a buffer. `dtype` is needed for entries only."""
@@ -267,7 +271,7 @@ class Values(Emitter):
             self.work_out([value])
             assert value.buffer is not None
             return value.buffer
-        if isinstance(value, Rows):
+        if isinstance(value, RowVectors):
             value, dtype = self.entries(value), value.dtype
         numbers = flat(value)
         if numbers and is_known(*numbers):
@@ -295,7 +299,7 @@ class Values(Emitter):
     def constant_buffer(self, array: np.ndarray, dtype) -> Buffer:
         """A constant array in memory."""
         pointer = self.constant(array.ravel().tolist(), llvm_type(dtype))
-        return Buffer(Memory(pointer, array.size, False), array.shape, dtype)
+        return Buffer(MemoryBlock(pointer, array.size, False), array.shape, dtype)
 
     def held(self, buffer: Buffer) -> Value:
         """A result that was computed in memory: loaded as entries if it is small, otherwise the buffer."""
@@ -317,7 +321,7 @@ class Values(Emitter):
             self.in_memory(found)
         return found
 
-    def settle_readers(self, memory: Memory) -> None:
+    def settle_readers(self, memory: MemoryBlock) -> None:
         """Compute the lazy arrays that read from memory which is about to be overwritten."""
         for reader in list(memory.readers):
             self.in_memory(reader)
@@ -342,7 +346,7 @@ class Values(Emitter):
 
         `others` are values that are read while it is written.
         """
-        private = isinstance(value, np.ndarray | Rows)
+        private = isinstance(value, np.ndarray | RowVectors)
         buffer = self.in_memory(value, dtype)
         memory = buffer.memory
         if (private and memory.writable or memory.is_free()) and memory not in map(memory_of, others):
@@ -366,7 +370,7 @@ class Values(Emitter):
 
         large = []
         for value, corner in parts:
-            if isinstance(value, np.ndarray | Rows):
+            if isinstance(value, np.ndarray | RowVectors):
                 value = self.entries(value)
                 for i in np.ndindex(value.shape):
                     put(value, corner, i)

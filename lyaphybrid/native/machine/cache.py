@@ -17,7 +17,7 @@ from pathlib import Path
 
 import platformdirs
 
-VARIABLE = "LYAPHYBRID_CACHE"
+CACHE_VARIABLE = "LYAPHYBRID_CACHE"
 MOST_BYTES = 256 * 2**20
 LOOK_AFTER = 1 / 16  # the size of the folder is checked after this process has written this fraction of MOST_BYTES
 _HASH = hashlib.sha256().digest_size
@@ -25,7 +25,7 @@ _HASH = hashlib.sha256().digest_size
 
 def folder() -> Path | None:
     """The folder of the entries; None if the cache is off."""
-    chosen = os.environ.get(VARIABLE, "")
+    chosen = os.environ.get(CACHE_VARIABLE, "")
     if chosen.lower() == "off":
         return None
     return Path(chosen) if chosen else Path(platformdirs.user_cache_dir("lyaphybrid")) / "native"

@@ -14,11 +14,11 @@ import zlib
 from .cache import if_kept, kept
 from .code import Linked, describe, object_code
 
-AT_ONCE = 0  # LLVM's optimisation level of the first code
+FIRST_LEVEL = 0  # LLVM's optimisation level of the first code
 SECONDS_A_LINE = 1e-4  # estimated time for LLVM to optimise one line of a module, in seconds
 WORTH_IT = 2  # optimise if the remaining run time exceeds the optimisation time by this factor …
 AT_LAST = 3  # … or if the past run time does by this factor
-PATIENCE = 2.0  # longest optimisation, in seconds, that one long call waits for
+LONGEST_OPTIMISATION = 2.0  # longest optimisation, in seconds, that one long call waits for
 THREAD = "lyaphybrid optimises"
 
 
@@ -42,7 +42,7 @@ class Tiers:
         self._fixed: list[_Code] = []  # codes whose addresses were given out, and which must stay alive
         best = if_kept(_description(text, *self._best)) if at_once else _made(text, *self._best)
         self.is_best = best is not None
-        self._code = _Code(_made(text, AT_ONCE, False) if best is None else best)
+        self._code = _Code(_made(text, FIRST_LEVEL, False) if best is None else best)
 
     def __call__(self, inputs, outputs) -> None:
         """Run the function "call"; Python's lock is released meanwhile."""

@@ -12,7 +12,7 @@ from ..lowering.emitter import Entry, is_known, is_wide, same
 from ..lowering.jax_versions import parts
 from ..lowering.lowering import KEEPS_ROWS, Lowering, rule
 from ..lowering.types import llvm_type
-from ..lowering.values import Memory, Value, filled, flat, memory_of
+from ..lowering.values import MemoryBlock, Value, filled, flat, memory_of
 from .control import any_lane, held_like, in_registers, keeping, registers_of
 
 __all__ = ["cond"]
@@ -92,11 +92,11 @@ def _branch(b: Lowering, label: str, after: str, branch, values, avals) -> _End:
     return end
 
 
-def _memories(values: Sequence[Value]) -> set[Memory]:
+def _memories(values: Sequence[Value]) -> set[MemoryBlock]:
     return {memory for value in values if (memory := memory_of(value)) is not None}
 
 
-def _merged(b: Lowering, arms: list[_Arm], aval, free: Sequence[Memory], phis: list[str]) -> Value:
+def _merged(b: Lowering, arms: list[_Arm], aval, free: Sequence[MemoryBlock], phis: list[str]) -> Value:
     """One value from the values of all branches.
 
     A value in memory gets the memory that one of the branches uses, if that is among the `free` ones, so that this

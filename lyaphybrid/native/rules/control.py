@@ -18,7 +18,7 @@ from ..lowering.expansion import traced
 from ..lowering.jax_versions import ClosedJaxpr, parts, scan_of
 from ..lowering.lowering import KEEPS_ROWS, Lowering, rule
 from ..lowering.types import INDEX, llvm_type
-from ..lowering.values import Buffer, Entries, Rows, Value, filled, flat, memory_of, scalar
+from ..lowering.values import Buffer, Entries, RowVectors, Value, filled, flat, memory_of, scalar
 from .moving import with_axis
 
 KEEPS_ROWS |= {"while", "scan"}
@@ -33,15 +33,15 @@ class _Aval(NamedTuple):
 
 def registers_of(value: Value) -> Entries | None:
     """The entries or vectors of a value in registers; None for a value in memory."""
-    return value if isinstance(value, np.ndarray) else value.vectors if isinstance(value, Rows) else None
+    return value if isinstance(value, np.ndarray) else value.vectors if isinstance(value, RowVectors) else None
 
 
 def held_like(value: Value, registers: Entries) -> Value:
     """A value of the same form with other registers."""
-    return Rows(registers, value.shape, value.dtype) if isinstance(value, Rows) else registers
+    return RowVectors(registers, value.shape, value.dtype) if isinstance(value, RowVectors) else registers
 
 
-def in_registers(b: Lowering, value: Value, aval) -> Entries | Rows:
+def in_registers(b: Lowering, value: Value, aval) -> Entries | RowVectors:
     return b.rows(value, aval.dtype) if b.holds_rows(aval.shape, aval.dtype) else b.entries(value)
 
 

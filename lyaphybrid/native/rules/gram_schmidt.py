@@ -21,9 +21,9 @@ from ..machine.code import doubles_in_a_vector
 from .calls import program
 from .linear_algebra import blas
 
-_FEW = 8  # columns that are done otherwise
+_FEW_COLUMNS = 8  # columns that are done otherwise
 _PANEL = 64  # columns of a panel, at most
-_TINY = {"double": 1e-290, "float": 1e-30}  # a length that stands for none
+_SMALLEST_LENGTH = {"double": 1e-290, "float": 1e-30}  # a length that stands for none
 _SUMS = 4  # side by side: less waiting for additions
 _COMPARED = 32  # columns whose lengths are compared, at most
 
@@ -49,7 +49,7 @@ def _taken(b: Lowering, eqn, frames, results: int) -> bool:
     """Whether this is no derivative of it, say, and there are columns enough."""
     shape = eqn.invars[0].aval.shape
     alone = len(frames) == 1 and len(eqn.outvars) == results
-    return alone and len(shape) == 2 and shape[1] > _FEW and b.lanes == 1
+    return alone and len(shape) == 2 and shape[1] > _FEW_COLUMNS and b.lanes == 1
 
 
 def _in_place(b: Lowering, eqn, frame) -> tuple[Buffer, Buffer]:
@@ -204,6 +204,7 @@ def _without(module: Emitter, type_: str, n: int, count: int) -> str:
 
 def _orthonormal_vector(module: Emitter, type_: str, n: int, count: int) -> str:
     """The function `(y, lengths)`: orthonormalises the first `count` columns of one vector."""
+    # Long: one kernel, whose pointers all steps share.
 
     def body(f: Emitter, y: str, lengths: str) -> None:
         everywhere = f.type_text(type_, True)
@@ -244,7 +245,7 @@ def _orthonormal_vector(module: Emitter, type_: str, n: int, count: int) -> str:
             squares.append(f.element(overlap, c, type_))
             if c + 1 == count:
                 break
-            share = f.binary("fdiv", type_, -1.0, at_least(squares[c], _TINY[type_]))
+            share = f.binary("fdiv", type_, -1.0, at_least(squares[c], _SMALLEST_LENGTH[type_]))
             minus = behind(c, f.binary("fmul", type_, overlap, share))
 
             def remove(i, total, c=c, minus=minus):
@@ -257,7 +258,7 @@ def _orthonormal_vector(module: Emitter, type_: str, n: int, count: int) -> str:
             overlap = pass_over(remove)
         found = f.intrinsic("llvm.sqrt", type_, [f.vector([*squares, *[1.0] * (f.width - count)], type_)])
         f.store(lengths, type_, 0, found, wide=True)
-        scale = f.binary("fdiv", type_, 1.0, at_least(found, _TINY[type_]))
+        scale = f.binary("fdiv", type_, 1.0, at_least(found, _SMALLEST_LENGTH[type_]))
 
         def scaled(i, _):
             place = f.index_times(i, f.width)

@@ -31,7 +31,7 @@ def _clipped(b: Lowering, index: Entry, most: int) -> Entry:
     return a.minimum(b, INDEX, a.maximum(b, INDEX, index, 0), most)
 
 
-def _within(b: Lowering, index: Entry, most: int) -> Entry:
+def _in_bounds(b: Lowering, index: Entry, most: int) -> Entry:
     return b.logic("and", a.compare(b, INDEX, "ge", index, 0), a.compare(b, INDEX, "le", index, most))
 
 
@@ -57,7 +57,9 @@ def dynamic_update_slice(b, eqn, value, update, *starts):
     corner = _corner(b, starts, eqn.invars[2:], value.shape, update.shape)
     if b.is_small(aval.shape):
         where = lambda i: ([b.index_sum(x, start) for x, start in zip(i, corner, strict=True)], True)  # noqa: E731
-        return _put(b, b.entries(value), b.entries(update), where, llvm_type(aval.dtype), lambda old, new: new)
+        return _scatter_small(
+            b, b.entries(value), b.entries(update), where, llvm_type(aval.dtype), lambda old, new: new
+        )
     if isinstance(update, Lazy):
         update = b.in_memory(update)  # a lazy update may read elements that are overwritten
     found = b.to_write(value, aval.dtype, [update])
@@ -65,7 +67,9 @@ def dynamic_update_slice(b, eqn, value, update, *starts):
     return found
 
 
-def _put(b: Lowering, array: Entries, update: Entries, where: Callable, type_: str, combine: Callable) -> Entries:
+def _scatter_small(
+    b: Lowering, array: Entries, update: Entries, where: Callable, type_: str, combine: Callable
+) -> Entries:
     """A small array with the entries of `update`; where(indices) -> (indices in the array, whether to write)."""
     found = array.copy()
     for i in np.ndindex(update.shape):
@@ -97,7 +101,7 @@ def gather(b, eqn, value, indices):
         for place, axis in enumerate(numbers.start_index_map):
             start = _index(b, b.element_at(indices, [*batch, place], index_type), index_type)
             if mode == "drop":
-                inside = b.logic("and", inside, _within(b, start, shape[axis] - sizes[axis]))
+                inside = b.logic("and", inside, _in_bounds(b, start, shape[axis] - sizes[axis]))
             full[axis] = _clipped(b, start, shape[axis] - sizes[axis])
         for axis, x in zip(free, offset, strict=True):
             full[axis] = b.index_sum(full[axis], x)
@@ -152,7 +156,7 @@ def scatter(b, eqn, value, indices, updates):
             start = _index(b, b.element_at(indices, [*batch, place], index_type), index_type)
             most = shape[axis] - window.get(axis, 1)
             if mode != "clip":
-                inside = b.logic("and", inside, _within(b, start, most))
+                inside = b.logic("and", inside, _in_bounds(b, start, most))
             full[axis] = _clipped(b, start, most)
         for axis, x in zip(free, offset, strict=True):
             full[axis] = b.index_sum(full[axis], x)
@@ -160,7 +164,7 @@ def scatter(b, eqn, value, indices, updates):
 
     if few:
         joined = lambda old, new: combine(b, aval.dtype, old, new)  # noqa: E731
-        return _put(b, b.entries(value), b.entries(updates), where, llvm_type(aval.dtype), joined)
+        return _scatter_small(b, b.entries(value), b.entries(updates), where, llvm_type(aval.dtype), joined)
     indices, updates = b.readable(b.at_hand(indices), index_type), b.at_hand(updates)
     if not b.is_small(updates.shape):
         updates = b.in_memory(updates, aval.dtype)

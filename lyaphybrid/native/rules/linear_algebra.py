@@ -313,7 +313,7 @@ def tridiagonal_solve(b, eqn, below, diagonal, above, right):
     (*batch, n, k), dtype = right.shape, eqn.invars[3].aval.dtype
     if eqn.params.get("perturb_singular"):
         raise UnsupportedError("tridiagonal_solve with perturb_singular")
-    below, diagonal, above = (_own(b, value, dtype) for value in (below, diagonal, above))
+    below, diagonal, above = (_private_copy(b, value, dtype) for value in (below, diagonal, above))
     columns, info = _columns(b, right, dtype), b.new_buffer((1,), INTEGER)
 
     def one(part):
@@ -327,7 +327,7 @@ def tridiagonal_solve(b, eqn, below, diagonal, above, right):
     return _turned(b, columns, dtype)
 
 
-def _own(b: Lowering, value: Value, dtype) -> Buffer:
+def _private_copy(b: Lowering, value: Value, dtype) -> Buffer:
     """A private copy, even if the memory may be overwritten: one array may be passed as several operands."""
     if memory_of(value) is None:
         return b.to_write(value, dtype)

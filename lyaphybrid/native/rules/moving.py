@@ -6,7 +6,7 @@ import numpy as np
 from ..elementary import arithmetic as a
 from ..lowering.lowering import KEEPS_ROWS, Lowering, in_rows, rule
 from ..lowering.types import INDEX
-from ..lowering.values import Buffer, Lazy, Rows, Value, filled, size
+from ..lowering.values import Buffer, Lazy, RowVectors, Value, filled, size
 
 
 def moved(b: Lowering, aval, value: Value, where) -> Value:
@@ -40,7 +40,7 @@ def _(b, eqn, value, *lengths):
     shape = [1] * (len(aval.shape) - 1)
     for axis, n in zip(axes[:-1], value.shape[:-1], strict=True):
         shape[axis] = n
-    return Rows(np.broadcast_to(value.vectors.reshape(shape), aval.shape[:-1]), aval.shape, aval.dtype)
+    return RowVectors(np.broadcast_to(value.vectors.reshape(shape), aval.shape[:-1]), aval.shape, aval.dtype)
 
 
 @rule("tile")
@@ -81,7 +81,7 @@ def _(b, eqn, value, *lengths):
     turned = eqn.primitive.name == "reshape" and eqn.params["dimensions"] is not None
     if squeezed or turned or not aval.shape or aval.shape[-1] != value.shape[-1]:
         return None
-    return Rows(value.vectors.reshape(aval.shape[:-1]), aval.shape, aval.dtype)
+    return RowVectors(value.vectors.reshape(aval.shape[:-1]), aval.shape, aval.dtype)
 
 
 @rule("slice")
@@ -106,7 +106,7 @@ def _(b, eqn, value):
         return None
     steps = eqn.params["strides"] or (1,) * len(starts)
     part = tuple(map(slice, starts[:-1], ends[:-1], steps[:-1]))
-    return Rows(value.vectors[part], aval.shape, aval.dtype)
+    return RowVectors(value.vectors[part], aval.shape, aval.dtype)
 
 
 @rule("transpose")
@@ -127,7 +127,7 @@ def _(b, eqn, value):
     order, aval = eqn.params["permutation"], eqn.outvars[0].aval
     if order[-1] != len(order) - 1:
         return None
-    return Rows(value.vectors.transpose(order[:-1]), aval.shape, aval.dtype)
+    return RowVectors(value.vectors.transpose(order[:-1]), aval.shape, aval.dtype)
 
 
 @rule("rev")
@@ -186,7 +186,7 @@ def _(b, eqn, *values):
     if axis == len(aval.shape) - 1 or not b.is_small(aval.shape):
         return None
     parts = [b.rows(value, aval.dtype).vectors for value in values]
-    return Rows(np.stack(parts, axis) if stacks else np.concatenate(parts, axis), aval.shape, aval.dtype)
+    return RowVectors(np.stack(parts, axis) if stacks else np.concatenate(parts, axis), aval.shape, aval.dtype)
 
 
 @rule("split")
@@ -224,7 +224,7 @@ def _(b, eqn, value):
         else:
             part = filled(shape[:-1], np.asarray(value.vectors.take(at, axis), object).ravel().tolist())
             at += 1
-        found.append(Rows(part, shape, value.dtype))
+        found.append(RowVectors(part, shape, value.dtype))
     return found
 
 
@@ -263,13 +263,13 @@ def pad(b, eqn, value, filling):
 @in_rows("pad")
 def _(b, eqn, value, filling):
     aval, config = eqn.outvars[0].aval, eqn.params["padding_config"]
-    plain = isinstance(value, Rows) and config[-1] == (0, 0, 0) and b.is_small(aval.shape)
+    plain = isinstance(value, RowVectors) and config[-1] == (0, 0, 0) and b.is_small(aval.shape)
     if not plain or any(inside or low < 0 or high < 0 for low, high, inside in config):
         return None
     found = filled(aval.shape[:-1], [b.entry_of(filling)] * size(aval.shape[:-1]))
     inside = (slice(low, low + n) for (low, *_), n in zip(config[:-1], value.shape, strict=False))
     found[(*inside, ...)] = value.vectors  # without "..." the array of one vector would become an entry of an array
-    return Rows(found, aval.shape, aval.dtype)
+    return RowVectors(found, aval.shape, aval.dtype)
 
 
 @rule("iota")

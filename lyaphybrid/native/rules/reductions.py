@@ -7,7 +7,7 @@ import numpy as np
 from ..elementary import arithmetic as a
 from ..lowering.lowering import in_rows, rule
 from ..lowering.types import INDEX, kind, llvm_type
-from ..lowering.values import Lazy, Rows, filled, scalar, size
+from ..lowering.values import Lazy, RowVectors, filled, scalar, size
 
 SIDE_BY_SIDE = 4  # independent partial sums of a long sum; a power of two
 
@@ -118,7 +118,7 @@ def _(b, eqn, value):
     lead = aval.shape[:-1]
     groups = value.vectors.transpose(*kept, *axes).reshape(*lead, size([value.shape[axis] for axis in axes]))
     vectors = filled(lead, [_folded(b, fold, value.dtype, groups[i], neutral) for i in np.ndindex(lead)])
-    return Rows(vectors, aval.shape, aval.dtype)
+    return RowVectors(vectors, aval.shape, aval.dtype)
 
 
 @rule("argmax", "argmin")
@@ -256,15 +256,15 @@ def _(b, eqn, left, right):
         return None
     if any(atom.aval.dtype != aval.dtype for atom in eqn.invars):
         return None
-    if any(isinstance(value, Lazy) or not isinstance(value, np.ndarray | Rows) for value in (left, right)):
+    if any(isinstance(value, Lazy) or not isinstance(value, np.ndarray | RowVectors) for value in (left, right)):
         return None
     left_free = [k for k in range(len(left.shape)) if k not in left_over]
     right_free = [k for k in range(len(right.shape)) if k not in right_over]
-    if right_free and isinstance(right, Rows) and right_free[-1] == len(right.shape) - 1:
+    if right_free and isinstance(right, RowVectors) and right_free[-1] == len(right.shape) - 1:
         x = b.entries(left).transpose(*left_free, *left_over).reshape(*(left.shape[k] for k in left_free), -1)
         free = [right.shape[k] for k in right_free[:-1]]
         y = right.vectors.transpose(*right_over, *right_free[:-1]).reshape(-1, *free)
-    elif not right_free and isinstance(left, Rows) and left_free[-1] == len(left.shape) - 1:
+    elif not right_free and isinstance(left, RowVectors) and left_free[-1] == len(left.shape) - 1:
         y = b.entries(right).transpose(*right_over).reshape(-1)
         free = [left.shape[k] for k in left_free[:-1]]
         x = left.vectors.transpose(*left_free[:-1], *left_over).reshape(*free, -1)
@@ -277,4 +277,4 @@ def _(b, eqn, left, right):
             product = a.multiply(b, aval.dtype, p, q)
             total = product if total is None else a.add(b, aval.dtype, total, product)
         found.append(a.zero(aval.dtype) if total is None else total)
-    return Rows(filled(lead, found), aval.shape, aval.dtype)
+    return RowVectors(filled(lead, found), aval.shape, aval.dtype)

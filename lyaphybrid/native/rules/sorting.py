@@ -11,7 +11,7 @@ from ..lowering.lowering import Lowering, rule
 from ..lowering.types import kind, llvm_type
 from ..lowering.unsupported import UnsupportedError
 
-_FEW = 16
+_FEW_ENTRIES = 16
 
 
 def _before(b: Lowering, dtype, x: Entry, y: Entry) -> Entry:
@@ -35,7 +35,7 @@ def sort(b, eqn, *values):
         return found
 
     n = values[0].shape[axis]
-    if all(isinstance(value, np.ndarray) for value in values) and n <= _FEW:
+    if all(isinstance(value, np.ndarray) for value in values) and n <= _FEW_ENTRIES:
         return _by_exchanges(b, values, axis, dtypes, precedes)
     return _by_merging(b, values, axis, dtypes, precedes)
 

@@ -7,15 +7,15 @@ import numpy as np
 
 from ..._text import with_error
 from ..claims import Check
-from .examples import FIRST, SECOND, STRIKES
-from .table import CLOSED, COLLISION_RATE, COLLISION_RATE_ERROR, EARLY, SCATTER, WITHIN, ZERO
+from .examples import FIRST_MATRIX, SECOND_MATRIX, STRIKES
+from .table import CLOSED, COLLISION_RATE, COLLISION_RATE_ERROR, LAW_FROM, SCATTER, WITHIN, ZERO
 
 if TYPE_CHECKING:
     from . import reproduction as dinius
 
 __all__ = ["checks", "checks_of_convergence", "decay_of_zeros", "latest_off", "scatter_at", "signed", "settled"]
 
-ALIKE = 2.0  # largest factor between the scatter of a few runs and the expected one
+LARGEST_RATIO = 2.0  # largest factor between the scatter of a few runs and the expected one
 
 
 def signed(text: str) -> str:
@@ -69,19 +69,19 @@ def _of_the_normalisation(r: "dinius.Reproduction") -> list[Check]:
 def checks_of_convergence(r: "dinius.Reproduction") -> list[Check]:
     """Whether running exponents converge, and as fast as expected."""
     time, _ = r.running
-    late = time >= EARLY
+    late = time >= LAW_FROM
     scatter, decay = scatter_at(r), decay_of_zeros(r)
-    holds = all(1 / ALIKE < value < ALIKE for value in scatter.values())
+    holds = all(1 / LARGEST_RATIO < value < LARGEST_RATIO for value in scatter.values())
     names = ", ".join(f"{t:g}" for t in scatter)
     return [
         Check(
-            f"running λ1 … λ5 of single runs from t = {EARLY:g} on: scatters off",
+            f"running λ1 … λ5 of single runs from t = {LAW_FROM:g} on: scatters off",
             "at most 5",
             *_most(r.scattered[:, late]),
         ),
         Check(
             f"scatter of runs of t = {names} over that of the reference, which falls as 1/√t",
-            f"1, to a factor {ALIKE:g}",
+            f"1, to a factor {LARGEST_RATIO:g}",
             ", ".join(f"{value:.2f}" for value in scatter.values()),
             holds,
         ),
@@ -98,7 +98,7 @@ def checks_of_convergence(r: "dinius.Reproduction") -> list[Check]:
 def scatter_at(r: "dinius.Reproduction") -> dict[float, float]:
     """By time: root-mean-square error of single runs, over the expected scatter of such runs."""
     time, _ = r.running
-    decades = EARLY * 10.0 ** np.arange(np.log10(r.t1 / EARLY) + 1e-9)
+    decades = LAW_FROM * 10.0 ** np.arange(np.log10(r.t1 / LAW_FROM) + 1e-9)
     places = [int(np.argmin(np.abs(time - t))) for t in decades]
     return {float(t): float(np.sqrt(np.mean(r.scattered[:, i] ** 2))) for t, i in zip(decades, places, strict=True)}
 
@@ -147,7 +147,7 @@ def _of_other_starts(r: "dinius.Reproduction") -> list[Check]:
 def _of_orders(r: "dinius.Reproduction") -> Check:
     """Check of the largest exponents of solutions with different orders of events, against matrix products."""
     exact = []
-    for orders in itertools.product(((FIRST, SECOND), (SECOND, FIRST)), repeat=STRIKES):
+    for orders in itertools.product(((FIRST_MATRIX, SECOND_MATRIX), (SECOND_MATRIX, FIRST_MATRIX)), repeat=STRIKES):
         product = np.eye(2)
         for first, second in orders:
             product = second @ first @ product

@@ -8,14 +8,14 @@ from ..._text import with_error
 from ..claims import AGREED, CORRECTED, NOT_REPRODUCIBLE, Claim
 from .checks import checks_of_convergence, decay_of_zeros, latest_off, scatter_at, signed
 from .examples import STRIKES
-from .table import CLOSED, EARLY, WITHIN, N
+from .table import CLOSED, LAW_FROM, WITHIN, N
 
 if TYPE_CHECKING:
     from . import reproduction as dinius
 
 __all__ = ["claims", "eigenvalues_of_a_flight", "jump_back", "printed_rule"]
 
-FEW = 0.03  # "a few percent"
+A_FEW_PERCENT = 0.03  # "a few percent"
 CONTACT = np.array([0.6, 0.8]), np.array([-1.0, 0.5])  # q and p at a collision, σ = m = 1
 
 
@@ -173,9 +173,10 @@ def _about_disks(r: "dinius.Reproduction") -> list[Claim]:
 
 
 def _about_results(r: "dinius.Reproduction") -> list[Claim]:
+    # Long: a list of claims, one after the other.
     _, running = r.running
     percent = float(np.max(np.abs(running[:, -1, :5] / r.reference[0][:5] - 1)))
-    when, factors = latest_off(r, FEW), list(scatter_at(r).values())
+    when, factors = latest_off(r, A_FEW_PERCENT), list(scatter_at(r).values())
     kept, moving = int(np.sum(when < r.t1)), ~np.isnan(r.deviations)
     since = f", and stay there from t = {np.median(when[when < r.t1]):.0f} on (median)" if kept else ""
     apart = np.abs(r.by_time[0] - r.exponents)[moving] / np.hypot(r.by_time[1], r.stderr)[moving]
@@ -205,7 +206,7 @@ def _about_results(r: "dinius.Reproduction") -> list[Claim]:
             "§III.B, 2; Fig. 2, bottom",
             "the full spectrum converges over time",
             "single runs are off by what a law 1/√t wants, times "
-            f"{min(factors):.2f} to {max(factors):.2f}, from t = {EARLY:g} on",
+            f"{min(factors):.2f} to {max(factors):.2f}, from t = {LAW_FROM:g} on",
             *_by(all(one.holds for one in checks_of_convergence(r))),
         ),
         Claim(
@@ -235,7 +236,7 @@ def _about_results(r: "dinius.Reproduction") -> list[Claim]:
             "the exponents match those of Forster and of Dellago, Posch & Hoover within a few percent, after a similar "
             "time",
             f"single runs are off the reference by {percent:.1%} at most at t = {r.t1:g}; {kept} of {len(when)} are "
-            f"within {FEW:.0%} of it{since}",
+            f"within {A_FEW_PERCENT:.0%} of it{since}",
             NOT_REPRODUCIBLE,
             "the paper quotes no value of theirs, and says neither for which number of disks, density and box, nor "
             "which exponents were compared",

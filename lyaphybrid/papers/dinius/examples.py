@@ -7,9 +7,9 @@ from ...analysis.multiple_solutions import solutions
 from ...results.solution_sets import Solutions
 from ...systems.hybrid import Hybrid, Transition
 
-__all__ = ["FIRST", "SECOND", "STRIKES", "orders_of_two_clocks"]
+__all__ = ["FIRST_MATRIX", "SECOND_MATRIX", "STRIKES", "orders_of_two_clocks"]
 
-FIRST, SECOND = np.array([[2.0, 1.0], [0.0, 1.0]]), np.array([[1.0, 0.0], [1.0, 3.0]])
+FIRST_MATRIX, SECOND_MATRIX = np.array([[2.0, 1.0], [0.0, 1.0]]), np.array([[1.0, 0.0], [1.0, 3.0]])
 STRIKES = 3
 
 
@@ -24,5 +24,7 @@ def _clock(i: int, matrix: np.ndarray) -> Transition:
 
 def orders_of_two_clocks() -> Solutions:
     """Two clocks tick at the same time, three times, with resets of w that do not commute: eight solutions."""
-    system = Hybrid(lambda t, x, args: jnp.array([1.0, 1.0, 0.0, 0.0], x.dtype), [_clock(0, FIRST), _clock(1, SECOND)])
+    system = Hybrid(
+        lambda t, x, args: jnp.array([1.0, 1.0, 0.0, 0.0], x.dtype), [_clock(0, FIRST_MATRIX), _clock(1, SECOND_MATRIX)]
+    )
     return solutions(system, np.zeros(4), t1=STRIKES + 0.5, blocks=2)

@@ -16,4 +16,4 @@ SCATTER = np.array([0.03382, 0.03163, 0.02336, 0.02045, 0.02424]) * 1000**0.5  #
 WITHIN = 5.0  # standard errors
 ZERO = 0.01
 CLOSED = 1e-9  # pairing and sum
-EARLY = 10.0  # some 140 collisions: from then on running exponents are compared with the law of their scatter
+LAW_FROM = 10.0  # some 140 collisions: from then on running exponents are compared with the law of their scatter

@@ -20,8 +20,8 @@ from ...systems.hybrid import Hybrid
 __all__ = ["LISTED", "Bifurcation", "Vanishing", "vanishings"]
 
 PERIOD = 2 * np.pi / 0.666
-NEAR, NEAR_FOLD = 1e-6, 1e-8  # δ
-FARTHER = 4  # the second distance, in units of the first
+DISTANCE, DISTANCE_TO_FOLD = 1e-6, 1e-8  # δ
+SECOND_DISTANCE = 4  # the second distance, in units of the first
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,9 +73,9 @@ class Vanishing:
         """The zero of λ₁: linear in λ₁² at a fold, else by inverse interpolation through three points."""
         near, (low, high) = self.listed.near, self.stable
         if self.listed.kind == "fold":
-            distance = np.polyfit([low**2, high**2], [near, FARTHER * near], 1)[-1]
+            distance = np.polyfit([low**2, high**2], [near, SECOND_DISTANCE * near], 1)[-1]
         else:
-            distance = np.polyfit([self.beyond, low, high], [-near, near, FARTHER * near], 2)[-1]
+            distance = np.polyfit([self.beyond, low, high], [-near, near, SECOND_DISTANCE * near], 2)[-1]
         return float(self.listed.beta + self.listed.side * distance)
 
     @property
@@ -87,7 +87,7 @@ class Vanishing:
 
 
 def _listed(beta, kind, cycle, periods, turns, side, start, near=None, **error) -> Bifurcation:
-    near = (NEAR_FOLD if kind == "fold" else NEAR) if near is None else near
+    near = (DISTANCE_TO_FOLD if kind == "fold" else DISTANCE) if near is None else near
     return Bifurcation(beta, kind, cycle, periods, turns, side, start, near, **error)
 
 
@@ -135,7 +135,7 @@ def vanishings(system: Hybrid, args: Mapping[str, Any], listed=LISTED) -> tuple[
     """
     found = []
     for one in listed:
-        far, x = _exponent(system, args, one, jnp.asarray(one.start), FARTHER * one.near)
+        far, x = _exponent(system, args, one, jnp.asarray(one.start), SECOND_DISTANCE * one.near)
         near, x = _exponent(system, args, one, x, one.near)
         beyond = np.nan if one.kind == "fold" else _exponent(system, args, one, x, -one.near)[0]
         found.append(Vanishing(one, (near, far), beyond))

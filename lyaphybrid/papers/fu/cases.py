@@ -6,17 +6,17 @@ import numpy as np
 
 from . import bifurcations as fu_bifurcations
 
-__all__ = ["Case", "Lengths"]
+__all__ = ["FigureCase", "Lengths"]
 
 PERIOD = 2 * np.pi / 0.666
-STEPS = 1000  # steps per period of the paper's scheme, Δt = 0.0094; the paper gives no value
+STEPS_PER_PERIOD = 1000  # steps per period of the paper's scheme, Δt = 0.0094; the paper gives no value
 BOX = np.array([[-np.pi, -2.0], [np.pi, 2.0]])  # box of random starts
 CYCLE_STEPS, CHAOS_STEPS = 11, 8  # steps of the bisection of the coupling, to 5e-4 and 4e-3
 OFF = (0.4, 0.3)  # offset from the zoo's start, which is on the cycle, to show the convergence
 
 
 @dataclasses.dataclass(frozen=True)
-class Case:
+class FigureCase:
     """A figure of the paper.
 
     Attributes:
@@ -41,9 +41,9 @@ class Case:
 
 
 CASES = (
-    Case(1, 0.3, 0.01, "slips to and fro, period 1", ("zero", "negative", "negative"), 0),
-    Case(2, 0.052, 0.5, "sticks twice a period, period 1", ("zero", "negative", "negative"), 2),
-    Case(3, 0.052, 0.01, "chaos that rarely sticks", ("positive", "zero", "negative"), None),
+    FigureCase(1, 0.3, 0.01, "slips to and fro, period 1", ("zero", "negative", "negative"), 0),
+    FigureCase(2, 0.052, 0.5, "sticks twice a period, period 1", ("zero", "negative", "negative"), 2),
+    FigureCase(3, 0.052, 0.01, "chaos that rarely sticks", ("positive", "zero", "negative"), None),
 )
 BIFURCATIONS = tuple((one.beta, one.name) for one in fu_bifurcations.LISTED)
 SWEEP = {0.12: ("P3w2", -0.0183346577), 0.2: ("P1w0", -0.0358938838), 0.3: ("P1w0", -0.1526045112)}

@@ -16,9 +16,9 @@ __all__ = ["checks", "claims", "finite_error", "listed", "sign_of", "signed", "s
 FINITE_PART, FINITE_PART_ERROR = -0.17727, 1e-4  # of λ3 in Fig. 3: event-driven Taylor series, 3e6 periods
 STICKS, STICKS_ERROR = 3.7e-4, 1.1e-5  # sticks per period, in Fig. 3
 SLIPPING = 9.43421217 - 2.01777389218  # duration of the slip in a period, in Fig. 2
-WITHIN, FACTOR = 5.0, 1.5  # in standard errors; factor for the rate of sticks
+WITHIN, RATE_FACTOR = 5.0, 1.5  # in standard errors; factor for the rate of sticks
 GATE = 5e-4  # standard error of λ1 in Fig. 3, at full length
-COUPLING = {True: 5e-3, False: 2e-2}  # error of λmax by synchronisation, on a cycle and in chaos
+COUPLING_ERROR = {True: 5e-3, False: 1e-2}  # error of λmax by synchronisation, on a cycle and in chaos (4 s.e.)
 SIGNS = {"zero": 0, "positive": 1, "negative": -1}
 
 
@@ -64,7 +64,7 @@ def listed(values, digits: int) -> str:
     )
 
 
-def _of_cycle(found: "fu.Found") -> list[Check]:
+def _of_cycle(found: "fu.FigureResults") -> list[Check]:
     from ... import zoo
 
     case, orbit, exact = found.case, found.orbit, np.array(found.exact.exponents)
@@ -87,7 +87,7 @@ def _of_cycle(found: "fu.Found") -> list[Check]:
     ]
 
 
-def _of_chaos(found: "fu.Found", periods: int) -> list[Check]:
+def _of_chaos(found: "fu.FigureResults", periods: int) -> list[Check]:
     exact, s = found.exact, found.spectrum
     wanted, scatter = exact.exponents[0], exact.stderr[0]
     exponent, error = float(s.exponents[0]), float(s.stderr[0])
@@ -96,7 +96,7 @@ def _of_chaos(found: "fu.Found", periods: int) -> list[Check]:
     expected, counted = STICKS * periods, found.losses * periods
     # With few expected losses their scatter exceeds the factor.
     rate = abs(counted - expected) <= WITHIN * expected**0.5
-    rate = rate and (expected < 50 or 1 / FACTOR < counted / expected < FACTOR)
+    rate = rate and (expected < 50 or 1 / RATE_FACTOR < counted / expected < RATE_FACTOR)
     gate = GATE * (_full_chaos() / periods) ** 0.5
     return [
         _within("Fig. 3: λ1, 5 standard errors", wanted, scatter, exponent, error),
@@ -124,7 +124,7 @@ def finite_error(s) -> float:
     return float(np.std(rates, ddof=1) / len(rates) ** 0.5)
 
 
-def _of_scheme(found: "fu.Found") -> list[Check]:
+def _of_scheme(found: "fu.FigureResults") -> list[Check]:
     euler, rk4 = found.schemes["euler"].exponents, found.schemes["rk4"].exponents
     total, wanted, off = rk4[1] + rk4[2], sum_of_the_scheme(), abs(euler[1] - found.exact.exponents[0])
     return [
@@ -136,8 +136,8 @@ def _of_scheme(found: "fu.Found") -> list[Check]:
     ]
 
 
-def _of_synchronisation(found: "fu.Found") -> Check:
-    wanted, ours, gate = found.exact.exponents[0], found.synchronised, COUPLING[found.case.cycle]
+def _of_synchronisation(found: "fu.FigureResults") -> Check:
+    wanted, ours, gate = found.exact.exponents[0], found.synchronised, COUPLING_ERROR[found.case.cycle]
     name = f"Fig. {found.case.figure}: synchronisation, to {gate:.0e}"
     holds = abs(ours.exponent - wanted) < gate
     return Check(name, listed([wanted], 4), signed(f"{ours.exponent:.4f} ± {ours.error:.4f}"), holds)
@@ -148,7 +148,7 @@ def _of_zero(r: "fu.Reproduction") -> Check:
     return Check("z = t adds an exponent 0", f"below {gate:.0e}", f"{zeros:.0e}", zeros < gate)
 
 
-def _of_signs(found: "fu.Found") -> Check:
+def _of_signs(found: "fu.FigureResults") -> Check:
     names = {number: name for name, number in SIGNS.items()}
     signs = [names[sign_of(value)] for value in found.exponents]
     says = ", ".join(found.case.says)
@@ -190,7 +190,7 @@ def claims(r: "fu.Reproduction") -> list[Claim]:
     return [*_about_the_method(r.found[1]), *_about_the_motions(r), *_about_the_diagram(r)]
 
 
-def _about_the_method(two: "fu.Found") -> list[Claim]:
+def _about_the_method(two: "fu.FigureResults") -> list[Claim]:
     rk4, limit = two.schemes["rk4"].exponents, sum_of_the_scheme()
     return [
         Claim(
@@ -234,7 +234,7 @@ def _about_the_motions(r: "fu.Reproduction") -> list[Claim]:
             "§1, synchronisation",
             "the estimate by synchronisation of reference [5] tells chaos from periodic motion, but not bifurcations",
             "it has the sign of λmax in all three figures, but tells it only to some "
-            f"{COUPLING[True]:.0e} on cycles and {COUPLING[False]:.0e} in chaos",
+            f"{COUPLING_ERROR[True]:.0e} on cycles and {COUPLING_ERROR[False]:.0e} in chaos",
             *_by(all(np.sign(each.synchronised.exponent) == np.sign(each.exact.exponents[0]) for each in r.found)),
         ),
         Claim(

@@ -23,7 +23,7 @@ BANDS = {
 }
 
 
-def motion(found: "fu.Found"):
+def motion(found: "fu.FigureResults"):
     """Velocity against time, the running exponents, and the Poincaré map."""
     from matplotlib.figure import Figure
 

@@ -20,14 +20,14 @@ __all__ = ["OUTCOMES", "numbers", "outcomes", "table"]
 HEADS = ("paper", "exact", "ours", "its scheme, Euler", "its scheme, RK4", "two trajectories", "synchronisation")
 WIDTHS = (9, 15, 18, 18, 15, 17, 16)
 DIGITS = 6
-LATE = 100  # periods: usually more than convergence to a cycle takes
+LATE_PERIODS = 100  # periods: usually more than convergence to a cycle takes
 
 
 def _of_cycle(value: float) -> str:
     return signed("-inf" if np.isneginf(value) else f"{value:.6f}")
 
 
-def _rows(found: "fu.Found") -> list[list[str]]:
+def _rows(found: "fu.FigureResults") -> list[list[str]]:
     """λ1 ≥ λ2 ≥ λ3 of (θ, θ', z)."""
     exact, s, two, coupling = found.exact, found.spectrum, found.two, found.synchronised
     schemes = []
@@ -92,7 +92,7 @@ def table(r: "fu.Reproduction") -> str:
     return "\n".join([*(line.rstrip() for line in lines), "", verdict, f"(one period is 2π/ω = {cases.PERIOD:.6f})"])
 
 
-def _remarks(found: "fu.Found") -> list[str]:
+def _remarks(found: "fu.FigureResults") -> list[str]:
     s, orbit = found.spectrum, found.orbit
     periods = float(np.mean(np.asarray(s.time))) / cases.PERIOD
     if orbit is not None:
@@ -116,10 +116,10 @@ def _about_the_scheme(r: "fu.Reproduction") -> list[str]:
     rk4 = r.found[1].schemes["rk4"].exponents
     kept = transfer_matrices.fourth_order(-1.0)
     return textwrap.wrap(
-        f"The paper's scheme, {cases.STEPS} steps a period. RK4 keeps P₄(−1) = {kept:g} of what a stick destroys, at "
-        f"any step: in Fig. 2 the two exponents then have the sum {signed(f'{sum_of_the_scheme():.5f}')} as Δt → 0, "
-        f"here {signed(f'{rk4[1] + rk4[2]:.5f}')}; the truth is −∞. Euler destroys it; its λ3 is the rounding that "
-        "Gram–Schmidt finds in the third vector, and its λ2 is off by its step.",
+        f"The paper's scheme, {cases.STEPS_PER_PERIOD} steps a period. RK4 keeps P₄(−1) = {kept:g} of what a stick "
+        f"destroys, at any step: in Fig. 2 the two exponents then have the sum {signed(f'{sum_of_the_scheme():.5f}')} "
+        f"as Δt → 0, here {signed(f'{rk4[1] + rk4[2]:.5f}')}; the truth is −∞. Euler destroys it; its λ3 is the "
+        "rounding that Gram–Schmidt finds in the third vector, and its λ2 is off by its step.",
         118,
     )
 
@@ -138,7 +138,7 @@ OUTCOMES = {
     "coexisting": "several cycles",
     "beside chaos": "cycles in some runs, chaos in others",
     "undecided": "cycles in some runs, others that are neither settled nor clearly chaotic",
-    "transient": f"cycles and chaos, and runs left chaos for a cycle after more than {LATE} periods",
+    "transient": f"cycles and chaos, and runs left chaos for a cycle after more than {LATE_PERIODS} periods",
 }
 
 
@@ -150,7 +150,7 @@ def outcomes(diagram) -> list[str]:
 def _outcome(row, lifetimes) -> str:
     periodic = np.array([label.startswith("P") for label in row])
     if "chaos" in row and np.any(periodic):
-        return "transient" if np.any(lifetimes[periodic] > LATE) else "beside chaos"
+        return "transient" if np.any(lifetimes[periodic] > LATE_PERIODS) else "beside chaos"
     if len(set(row[periodic])) > 1:
         return "coexisting"
     return "undecided" if "aperiodic/slow" in row and np.any(periodic) else "one"
@@ -176,7 +176,7 @@ def numbers(r: "fu.Reproduction") -> dict[str, Any]:
         "period": cases.PERIOD,
         "figures": [_figure(found) for found in r.found],
         "scheme": {
-            "steps_a_period": cases.STEPS,
+            "steps_a_period": cases.STEPS_PER_PERIOD,
             "sum_in_fig_2": float(np.sum(r.found[1].schemes["rk4"].exponents[1:])),
             "predicted": sum_of_the_scheme(),
         },
@@ -199,7 +199,7 @@ def _bifurcation(one) -> dict[str, Any]:
     }
 
 
-def _figure(found: "fu.Found") -> dict[str, Any]:
+def _figure(found: "fu.FigureResults") -> dict[str, Any]:
 
     case, s, exact, orbit = found.case, found.spectrum, found.exact, found.orbit
     return {

@@ -31,13 +31,26 @@ from . import bifurcations as fu_bifurcations
 from . import checks as fu_checks
 from . import report as fu_report
 from . import synchronisation, transfer_matrices
-from .cases import BOX, CASES, CHAOS_STEPS, CYCLE_STEPS, FULL, OFF, PERIOD, QUICK, SCHEME_CYCLE, STEPS, Case, Lengths
+from .cases import (
+    BOX,
+    CASES,
+    CHAOS_STEPS,
+    CYCLE_STEPS,
+    FULL,
+    OFF,
+    PERIOD,
+    QUICK,
+    SCHEME_CYCLE,
+    STEPS_PER_PERIOD,
+    FigureCase,
+    Lengths,
+)
 
-__all__ = ["Found", "Reproduction", "reproduce", "write"]
+__all__ = ["FigureResults", "Reproduction", "reproduce", "write"]
 
 
 @dataclasses.dataclass(frozen=True)
-class Found:
+class FigureResults:
     """All results for one figure.
 
     Attributes:
@@ -53,13 +66,13 @@ class Found:
         loop: once round the cycle; None in chaos.
     """
 
-    case: Case
+    case: FigureCase
     spectrum: Spectrum
     autonomous: Spectrum
     orbit: Floquet | None
     two: TwoTrajectories
     synchronised: synchronisation.Synchronised
-    schemes: dict[str, transfer_matrices.Run]
+    schemes: dict[str, transfer_matrices.SchemeRun]
     motion: Trajectory
     section: PoincareSection
     loop: Trajectory | None
@@ -99,7 +112,7 @@ class Reproduction(reproductions.Reproduction):
     """Figs. 1 to 4, computed and compared.
 
     Attributes:
-        found: one `Found` for each of `CASES`.
+        found: one `FigureResults` for each of `CASES`.
         diagram: Fig. 4.
         vanishings: λ₁ at the bifurcations.
         lengths: in periods.
@@ -107,7 +120,7 @@ class Reproduction(reproductions.Reproduction):
 
     name = "fu"
 
-    found: tuple[Found, Found, Found]
+    found: tuple[FigureResults, FigureResults, FigureResults]
     diagram: BifurcationDiagram
     vanishings: tuple[fu_bifurcations.Vanishing, ...]
     lengths: Lengths
@@ -140,7 +153,7 @@ class Reproduction(reproductions.Reproduction):
 
 
 @functools.cache
-def _problem(case: Case, form: str = "forced"):
+def _problem(case: FigureCase, form: str = "forced"):
     """System, start, and parameters as arrays, so that all figures share compiled code."""
     problem = zoo.friction_pendulum(beta=case.beta, alpha=case.alpha, form=form)
     system = problem.system
@@ -148,13 +161,13 @@ def _problem(case: Case, form: str = "forced"):
     return system, problem.x0, {name: jnp.asarray(value, float) for name, value in problem.args.items()}
 
 
-def _off(case: Case, form: str = "forced"):
+def _off(case: FigureCase, form: str = "forced"):
     """The problem with a start beside the cycle."""
     system, start, args = _problem(case, form)
     return system, start + jnp.zeros_like(start).at[:2].set(jnp.asarray(OFF)), args
 
 
-def _found(case: Case, lengths: Lengths, progress=None) -> Found:
+def _found(case: FigureCase, lengths: Lengths, progress=None) -> FigureResults:
     forced, autonomous = _off(case), _off(case, "autonomous")
     periods = lengths.cycle if case.cycle else lengths.chaos
     transient = 0 if case.cycle else 500
@@ -164,14 +177,14 @@ def _found(case: Case, lengths: Lengths, progress=None) -> Found:
             autonomous[1],
             autonomous[2],
             method=method,
-            steps=STEPS,
+            steps=STEPS_PER_PERIOD,
             periods=SCHEME_CYCLE if case.cycle else lengths.scheme,
             transient=40,
         )
-        for method in transfer_matrices.METHODS
+        for method in transfer_matrices.TRANSFER_SCHEMES
     }
     orbit = floquet(*forced, period=PERIOD, transient=settle) if case.cycle else None
-    return Found(
+    return FigureResults(
         case,
         lyapunov_spectrum(*forced, t1=periods * PERIOD, blocks=200, transient=settle, progress=progress),
         lyapunov_spectrum(*autonomous, t1=lengths.shown * PERIOD, times=_times(lengths.shown)),
@@ -179,13 +192,15 @@ def _found(case: Case, lengths: Lengths, progress=None) -> Found:
         two_trajectories(*forced, t1=lengths.two * PERIOD, transient=settle),
         _synchronised(case, 1 if case.cycle else lengths.trials),
         schemes,
-        trajectory(*forced, t1=SHOWN * PERIOD, n=200 * SHOWN),
-        poincare_section(*forced, period=PERIOD, n=SETTLING if case.cycle else lengths.points, transient=transient),
+        trajectory(*forced, t1=PERIODS_SHOWN * PERIOD, n=200 * PERIODS_SHOWN),
+        poincare_section(
+            *forced, period=PERIOD, n=POINTS_BEFORE_CYCLE if case.cycle else lengths.points, transient=transient
+        ),
         None if orbit is None else trajectory(forced[0], orbit.x0, forced[2], t1=PERIOD, n=400),
     )
 
 
-def _synchronised(case: Case, trials: int) -> synchronisation.Synchronised:
+def _synchronised(case: FigureCase, trials: int) -> synchronisation.Synchronised:
     """Starts on the attractor at t = 0; on a cycle one trial is enough, and gives more digits."""
     system, start, args = _off(case)
     settled = trajectory(system, start, args, t1=50 * PERIOD, n=1).x[-1]
@@ -203,7 +218,7 @@ def _times(periods: int) -> np.ndarray:
     return np.unique(np.round(np.geomspace(1, periods, 300))) * PERIOD
 
 
-SHOWN, SETTLING = 12, 60  # periods of the velocity, and points on the way to a cycle
+PERIODS_SHOWN, POINTS_BEFORE_CYCLE = 12, 60  # periods of the velocity, and points on the way to a cycle
 
 
 def _diagram(lengths: Lengths) -> BifurcationDiagram:

@@ -18,16 +18,19 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from ..._arguments import require
+from ..._jax.precision import GUARD_ROUNDING
 from ...analysis.trajectories import trajectory
 from ...statuses import STATUS
 from ...systems.contacts.filippov import filippov
 from ...systems.hybrid import Hybrid, Transition
 
-__all__ = ["Place", "Synchronised", "coupled", "midpoint", "synchronised", "trial"]
+__all__ = ["TrialStart", "Synchronised", "coupled", "midpoint", "synchronised", "trial"]
 
-START, FACTOR = 1e-6, 1e4  # difference at the start of a trial, and the factor at which it ends
+START_DISTANCE, GROWTH_FACTOR = 1e-6, 1e4  # difference at the start of a trial, and the factor at which it ends
 RANGE = (-1.0, 1.0)  # range of the bisection
-PATIENCE = 400  # longest trial, in periods
+LONGEST_TRIAL = 400  # longest trial, in periods
+RESOLVED = 8 * GUARD_ROUNDING  # distances below this fraction of the state may be taken for zero when one of both jumps
 
 
 class Synchronised(NamedTuple):
@@ -35,9 +38,9 @@ class Synchronised(NamedTuple):
 
     Attributes:
         exponent: on a cycle the middle of the last interval of the bisection, in chaos from all trials.
-        error: half the width of that interval, or one standard error of the scatter. Rounding is
-            negligible as long as START/FACTOR is far above 1e-16 of the state. The tolerances of the steps do not
-            matter, because both copies make the same errors.
+        error: half the width of that interval, or one standard error of the scatter. Rounding is negligible as long
+            as START_DISTANCE/GROWTH_FACTOR is above RESOLVED of the state. The tolerances of the steps do not matter,
+            because both copies make the same errors.
         trials: number of trials for each coupling.
         couplings: (steps,) in the order in which they were tried; followed: (steps,) fraction of trials that
         synchronised.
@@ -204,12 +207,12 @@ def synchronised(
         steps: number of bisection steps.
     """
     low, high = RANGE
-    place, tried, followed = Place(0.0, np.asarray(x0), np.ones(len(x0))), [], []
+    place, tried, followed = TrialStart(0.0, np.array(x0), np.ones(len(x0))), [], []
     for _ in range(steps):
         middle, count = 0.5 * (low + high), 0
         for _ in range(trials):
-            follows, place = trial(system, place, args, middle, period)
             place.x[list(angles)] = np.remainder(place.x[list(angles)] + np.pi, 2 * np.pi) - np.pi
+            follows, place = trial(system, place, args, middle, period)
             count += follows
         tried.append(middle)
         followed.append(count / trials)
@@ -248,7 +251,7 @@ def midpoint(couplings, followed, trials: int) -> tuple[float, float]:
     return float(middle), float(np.sqrt(by @ covariance @ by))
 
 
-class Place(NamedTuple):
+class TrialStart(NamedTuple):
     """The start of a trial: time, state of the first system, direction to the second."""
 
     t: float
@@ -256,22 +259,28 @@ class Place(NamedTuple):
     direction: np.ndarray
 
 
-def trial(system: Hybrid, place: Place, args, coupling: float, period: float) -> tuple[bool, Place]:
+def trial(system: Hybrid, place: TrialStart, args, coupling: float, period: float) -> tuple[bool, TrialStart]:
     """Whether the copy synchronises, and the start of the next trial.
 
     The difference keeps its direction for the next trial, because it has aligned with the direction of growth λ₁.
     """
+    least = RESOLVED * float(np.max(np.abs(place.x)))
+    require(
+        START_DISTANCE / GROWTH_FACTOR >= least,
+        f"START_DISTANCE / GROWTH_FACTOR must be at least {least:.1e}: guards cannot tell smaller distances of copies "
+        f"at {place.x} from zero; got {START_DISTANCE / GROWTH_FACTOR:.1e}. Start farther apart, or keep angles small.",
+    )
     direction = place.direction / np.linalg.norm(place.direction)
-    start = np.concatenate([place.x, place.x + START * direction])
+    start = np.concatenate([place.x, place.x + START_DISTANCE * direction])
     args = {
         "system": args,
         "coupling": jnp.asarray(coupling),
-        "closer": jnp.asarray(START / FACTOR),
-        "farther": jnp.asarray(START * FACTOR),
+        "closer": jnp.asarray(START_DISTANCE / GROWTH_FACTOR),
+        "farther": jnp.asarray(START_DISTANCE * GROWTH_FACTOR),
     }
-    run = trajectory(system, start, args, t0=place.t, t1=PATIENCE * period, n=1)
+    run = trajectory(system, start, args, t0=place.t, t1=LONGEST_TRIAL * period, n=1)
     ended = run.status == STATUS.terminated
     end, state = (run.events.t[-1], run.events.x_after[-1]) if ended else (run.t[-1], run.x[-1])
     first, second = np.split(np.array(state), 2)
     apart = second - first
-    return bool(np.linalg.norm(apart) < START), Place(float(np.mod(float(end), period)), first, apart)
+    return bool(np.linalg.norm(apart) < START_DISTANCE), TrialStart(float(np.mod(float(end), period)), first, apart)

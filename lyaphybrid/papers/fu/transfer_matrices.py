@@ -23,10 +23,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-__all__ = ["FIELDS", "GUARDS", "Run", "fourth_order", "run", "saltation", "step_matrix", "transfer_matrix"]
+__all__ = ["FIELDS", "GUARDS", "SchemeRun", "fourth_order", "run", "saltation", "step_matrix", "transfer_matrix"]
 
 FORWARD, BACKWARD, STICK = 0, 1, 2  # f₂, f₁, f₃ of eq. (13)
-METHODS = ("euler", "rk4")
+TRANSFER_SCHEMES = ("euler", "rk4")
 
 
 def _force(x, args):
@@ -119,7 +119,7 @@ def fourth_order(y):
     return 1 + y * (1 + y / 2 * (1 + y / 3 * (1 + y / 4)))
 
 
-class Run(NamedTuple):
+class SchemeRun(NamedTuple):
     """The results of the scheme.
 
     Attributes:
@@ -153,7 +153,7 @@ class Run(NamedTuple):
         return (np.std(batches, axis=0, ddof=1) / np.sqrt(32))[order]
 
 
-def run(x0, args: dict[str, Any], *, method: str, steps: int, periods: int, transient: int = 0) -> Run:
+def run(x0, args: dict[str, Any], *, method: str, steps: int, periods: int, transient: int = 0) -> SchemeRun:
     """The scheme for the pendulum of the paper.
 
     Args:
@@ -165,14 +165,14 @@ def run(x0, args: dict[str, Any], *, method: str, steps: int, periods: int, tran
         transient: number of periods before.
 
     Returns:
-        A `Run`.
+        A `SchemeRun`.
 
     Source:
         Fu Shihui, Wang Qi & Wang Shimin, Numerical calculation of Lyapunov exponents of discontinuous systems with
         dry friction, Journal of Dynamics and Control 2 (2004), in Chinese.
     """
-    if method not in METHODS:
-        raise ValueError(f"method must be one of {METHODS}; got {method!r}.")
+    if method not in TRANSFER_SCHEMES:
+        raise ValueError(f"method must be one of {TRANSFER_SCHEMES}; got {method!r}.")
     args = {name: jnp.asarray(value, float) for name, value in args.items()}
     period = 2 * np.pi / float(args["omega"])
     dt = period / steps
@@ -180,7 +180,7 @@ def run(x0, args: dict[str, Any], *, method: str, steps: int, periods: int, tran
     growth, states, counts = _run(jnp.asarray(x0, float), args, step, method, number, transient + periods)
     counts = np.asarray(counts)[transient:].sum(axis=0)
     growth, states = np.asarray(growth)[transient:], np.asarray(states)[transient:]
-    return Run(growth, states, period, int(counts[0]), int(counts[1]))
+    return SchemeRun(growth, states, period, int(counts[0]), int(counts[1]))
 
 
 class _State(NamedTuple):

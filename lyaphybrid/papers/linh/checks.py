@@ -7,7 +7,7 @@ import numpy as np
 from ..claims import Check
 from .intervals import Intervals, wanted
 from .orders import COUNTS, EXPONENT_ORDERS
-from .tables import EXAMPLES, OFFSETS, SHORT, TABLES, TOLERANCES, Row, exact, limits
+from .tables import EXAMPLES, OFFSETS, SHORTEST_LENGTH, TABLES, TOLERANCES, PublishedRow, exact, limits
 from .theory import LENGTHS, SIZES
 
 if TYPE_CHECKING:
@@ -19,39 +19,39 @@ __all__ = [
 ]  # fmt: skip
 
 # Largest |λ − exact| of each table over the tolerance; more for fast rotation, and for the pair of order 5.
-WITHIN = {1: 10, 2: 10, 3: 10, 4: 30, 5: 10, 6: 30, 7: 10, 8: 30, 9: 10, 10: 30}
+LARGEST_ERRORS = {1: 10, 2: 10, 3: 10, 4: 30, 5: 10, 6: 30, 7: 10, 8: 30, 9: 10, 10: 30}
 # In Table 4 ESDIRK54b underestimates the error of long steps, in the paper too (51, 102 and 22 tolerances): there ours
 # may be this factor times the paper's.
 BLIND, OF_PAPERS = 4, 1.25
 ANYWHERE = 30  # the same over six decades
-STEPS = {"discrete": (0.8, 1.25), "continuous": (0.8, 4.0)}  # ratio to the paper's steps; ours control φ too
+STEP_RATIOS = {"discrete": (0.8, 1.25), "continuous": (0.8, 4.0)}  # ratio to the paper's steps; ours control φ too
 PAIR_5, AT_EQUAL_STEPS = "ESDIRK54b", 0.15  # relative difference of our errors of λ₂ from its, at its steps
 EXPLAINED = 0.25  # largest unexplained fraction of the errors of a table that the right rectangle rule explains
-SAME = 0.1  # relative difference of our errors from those of Table 9
-LATE, SETTLED = 100.0, 30e-8  # time from which errors follow C/t, and the largest deviation
+TABLE_9_AGREES = 0.1  # relative difference of our errors from those of Table 9
+LATE, LARGEST_DEVIATION = 100.0, 30e-8  # time from which errors follow C/t, and the largest deviation
 BOUNDED = 5.0  # bound of T |λ(T) − λ| of the ordinary equation
 ORDER = {"propagated": 5, "embedded": 4, "without (9), constant E": 5}
 TO = 0.4
 SAME_CONSTANT, FIXED = 1e-6, 1e-8  # for Λ: motion has decayed to e^(−0.35 · 50), vectors to e^(−2.6 · 20)
-OF_PENCIL, MOVED = 1e-8, 2.0
-LOST = 0.1  # least error of λ₂ if only x is controlled
+OF_PENCIL, LARGEST_AMPLIFICATION = 1e-8, 2.0
+LEAST_ERROR_UNCONTROLLED = 0.1  # least error of λ₂ if only x is controlled
 REDUCED = 3.5  # largest order without (9) if E depends on time
 FINEST = 3  # numbers of steps, the finest, over which orders are fitted
 PROPORTIONAL = 0.2
 SETTLING = 2e-3  # error of Steklov differences, because the motion comes to rest only during the first window
 CONTINUOUS = {2: "5.1", 7: "5.2", 8: "5.2 fast"}  # tables, and their examples
-ALIKE = 1e-9  # largest difference of ln R(t₀) and the offsets' difference
+OFFSETS_AGREE = 1e-9  # largest difference of ln R(t₀) and the offsets' difference
 
 
-def off(row: Row, exponents) -> float:
+def off(row: PublishedRow, exponents) -> float:
     """The largest |λ − exact| over the tolerance."""
     return float(np.max(np.abs(np.asarray(exponents) - row.exact)) / row.tolerance)
 
 
-def allowed(row: Row) -> float:
+def allowed(row: PublishedRow) -> float:
     """The largest |λ − exact| of a row of the tables, over the tolerance."""
     own = OF_PAPERS * off(row, row.exponents) if row.table.number == BLIND else 0.0
-    return max(WITHIN[row.table.number], own)
+    return max(LARGEST_ERRORS[row.table.number], own)
 
 
 def order(errors) -> float:
@@ -71,18 +71,18 @@ def rows_at(r: "linh.Reproduction", number: int) -> list:
 
 def unexplained(r: "linh.Reproduction", number: int) -> np.ndarray:
     """Fraction (3,) of the errors of a continuous table at T = 1000 not explained by the right rectangle rule."""
-    table = np.array([row.exponents for row in rows_at(r, number)]) - exact("continuous", SHORT)
-    ours = r.rectangle[CONTINUOUS[number]] - exact("continuous", SHORT)
+    table = np.array([row.exponents for row in rows_at(r, number)]) - exact("continuous", SHORTEST_LENGTH)
+    ours = r.rectangle[CONTINUOUS[number]] - exact("continuous", SHORTEST_LENGTH)
     return np.linalg.norm(table - ours, axis=1) / np.linalg.norm(table, axis=1)
 
 
-def at_equal_steps(row: Row, found: "linh.Found") -> float:
+def at_equal_steps(row: PublishedRow, found: "linh.RowResults") -> float:
     """Our error of λ₂, scaled as h⁵ to the paper's steps, over the paper's."""
     ours, paper = (float(one[1] - row.exact[1]) for one in (np.asarray(found.exponents), np.asarray(row.exponents)))
     return ours / paper * (found.steps / row.steps) ** 5
 
 
-def off_by_order(row: Row, found: "linh.Found") -> float:
+def off_by_order(row: PublishedRow, found: "linh.RowResults") -> float:
     """Relative difference of our errors from the paper's."""
     paper = np.array(row.exponents)
     return float(np.linalg.norm(found.exponents - paper) / np.linalg.norm(paper - row.exact))
@@ -119,7 +119,7 @@ def _tables(r: "linh.Reproduction"):
 
 def _steps(r: "linh.Reproduction"):
     for table in TABLES:
-        low, high = STEPS[table.algorithm]
+        low, high = STEP_RATIOS[table.algorithm]
         ratios = np.array([found.steps / row.steps for row, found in r.of(table)])
         name = f"Table {table.number}: {low:g} to {high:g} times the paper's steps"
         yield Check(name, f"{low:g} to {high:g}", ranged(ratios), bool(np.all((low <= ratios) & (ratios <= high))))
@@ -137,7 +137,7 @@ def _intervals(r: "linh.Reproduction"):
 
 def _limit(table) -> str:
     own = f" or {OF_PAPERS:g} times the paper's" if table.number == BLIND else ""
-    return f"over {WITHIN[table.number]} tolerances{own}"
+    return f"over {LARGEST_ERRORS[table.number]} tolerances{own}"
 
 
 def _furthest(one: Intervals, true: Intervals) -> float:
@@ -153,9 +153,11 @@ def _accuracy(r: "linh.Reproduction"):
 def _conventions(r: "linh.Reproduction"):
     apart = np.subtract(OFFSETS["discrete"], OFFSETS["continuous"])
     yield at_most(
-        "Table 9: the weights of order 4 have the paper's errors", [off_by_order(*p) for p in r.of(TABLES[8])], SAME
+        "Table 9: the weights of order 4 have the paper's errors",
+        [off_by_order(*p) for p in r.of(TABLES[8])],
+        TABLE_9_AGREES,
     )
-    yield at_most("the two algorithms differ by ln R(t0)/T", np.abs(r.initial - apart), ALIKE)
+    yield at_most("the two algorithms differ by ln R(t0)/T", np.abs(r.initial - apart), OFFSETS_AGREE)
     left = {number: np.max(unexplained(r, number)) for number in CONTINUOUS}
     yield at_most("what the right rectangle rule leaves of the errors of Table 8", left[8], EXPLAINED)
     others = min(left[2], left[7])
@@ -167,11 +169,14 @@ def _conventions(r: "linh.Reproduction"):
     yield Check(name, f"1 ± {AT_EQUAL_STEPS:g}", ranged(ratios), holds)
     for algorithm, (time, exponents) in r.running.items():
         away = np.abs(exponents - exact(algorithm, time))[time >= LATE]
-        yield at_most(f"Example 5.1, {algorithm}: λ(t) follows λ + C/t", away, SETTLED)
+        yield at_most(f"Example 5.1, {algorithm}: λ(t) follows λ + C/t", away, LARGEST_DEVIATION)
     rate = float(r.state_alone[1])
     name = "control of x alone loses λ2 of Example 5.1"
     yield Check(
-        name, f"off by > {LOST:g}", f"λ2 = {listed([rate])}", bool(abs(rate - exact("discrete", SHORT)[1]) > LOST)
+        name,
+        f"off by > {LEAST_ERROR_UNCONTROLLED:g}",
+        f"λ2 = {listed([rate])}",
+        bool(abs(rate - exact("discrete", SHORTEST_LENGTH)[1]) > LEAST_ERROR_UNCONTROLLED),
     )
 
 
@@ -201,7 +206,7 @@ def _theory(r: "linh.Reproduction"):
     found = r.perturbed
     name = "Definition 2.3: exponents under constant ΔE, ΔA are those of the pencil"
     yield at_most(name, np.abs(found.constant - found.eigenvalues), OF_PENCIL)
-    yield at_most("Definition 2.3: exponents move by at most so many times |ΔE|, |ΔA|", moved(r), MOVED)
+    yield at_most("Definition 2.3: exponents move by at most so many times |ΔE|, |ΔA|", moved(r), LARGEST_AMPLIFICATION)
 
 
 def growth_left(r: "linh.Reproduction") -> np.ndarray:

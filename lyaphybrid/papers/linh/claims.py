@@ -7,7 +7,7 @@ import numpy as np
 from ..claims import AGREED, CORRECTED, NOT_REPRODUCIBLE, Claim
 from .checks import (
     CONTINUOUS,
-    LOST,
+    LEAST_ERROR_UNCONTROLLED,
     PAIR_5,
     at_equal_steps,
     growth_left,
@@ -22,7 +22,7 @@ from .checks import (
     unexplained,
 )
 from .orders import EXPONENT_ORDERS
-from .tables import SHORT, TABLES, TOLERANCES, exact
+from .tables import SHORTEST_LENGTH, TABLES, TOLERANCES, exact
 
 if TYPE_CHECKING:
     from . import reproduction as linh
@@ -100,16 +100,16 @@ def _about_exponents(r: "linh.Reproduction") -> list[Claim]:
             f"discrete tables count ln R(t0) = {listed(r.initial, '.6f')}, continuous ones do not",
             CORRECTED,
             f"with it the tables differ from the exact values by {paper} tolerances at most, without it by "
-            f"{np.max(np.abs(r.initial)) / SHORT / 1e-6:.0f} (T = 1000, TOL = 1e-6)",
+            f"{np.max(np.abs(r.initial)) / SHORTEST_LENGTH / 1e-6:.0f} (T = 1000, TOL = 1e-6)",
         ),
         Claim(
             "Algorithms 3.1 and 3.3",
             "the error of x decides on the step",
             f"so λ2 of Example 5.1 is {listed([r.state_alone[1]], '.3f')} in place of "
-            f"{listed([exact('discrete', SHORT)[1]], '.3f')}",
+            f"{listed([exact('discrete', SHORTEST_LENGTH)[1]], '.3f')}",
             CORRECTED,
-            f"x comes to rest, and nothing then bounds the step: λ2 is off by more than {LOST:g} at TOL = 1e-6; the "
-            "steps of Tables 1, 3, 5, 6 and 9 are those of an error of x and Y",
+            f"x comes to rest, and nothing then bounds the step: λ2 is off by more than {LEAST_ERROR_UNCONTROLLED:g} "
+            "at TOL = 1e-6; the steps of Tables 1, 3, 5, 6 and 9 are those of an error of x and Y",
         ),
     ]
 

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from ...analysis.spectra import lyapunov_spectrum
-from .tables import OFFSETS, Row, exact, limits, problem_of
+from .tables import OFFSETS, PublishedRow, exact, limits, problem_of
 
 __all__ = ["WINDOWS", "Intervals", "intervals", "wanted"]
 
@@ -26,7 +26,7 @@ class Intervals:
     steklov: float
 
 
-def intervals(row: Row) -> Intervals:
+def intervals(row: PublishedRow) -> Intervals:
     """The intervals of the run of a row."""
     system, x0, args = problem_of(row.table.example)
     spectrum = lyapunov_spectrum(
@@ -38,7 +38,7 @@ def intervals(row: Row) -> Intervals:
     return Intervals(np.asarray(spectrum.lower), np.asarray(spectrum.upper), float(np.min(rates[:, 0] - rates[:, 1])))
 
 
-def wanted(row: Row) -> Intervals:
+def wanted(row: PublishedRow) -> Intervals:
     """The same from λ_i(t) = λ_i + C_i/t; the least difference is in the first window, because of C_i."""
     ends = exact(row.table.algorithm, np.array([row.length / 2, row.length]))
     first = limits() + np.array(OFFSETS["continuous"]) * WINDOWS / row.length

@@ -23,7 +23,7 @@ __all__ = [
 ]  # fmt: skip
 
 COUNTS = (8, 16, 32, 64, 128)  # numbers of equal steps over a unit of time
-NEWTON = 6  # Newton iterations of the method without the reformulation
+NEWTON_ITERATIONS = 6  # Newton iterations of the method without the reformulation
 ENOUGH = 2000  # steps of order 8, for the reference end
 
 
@@ -59,7 +59,9 @@ def unreformulated(dae: Constrained, args, t, x, h):
         def left(k):
             return jnp.concatenate([rows @ k - slope, dae.constraint(t + ahead * h, base + share * k, args) / share])
 
-        k = jax.lax.fori_loop(0, NEWTON, lambda _, k: k - jnp.linalg.solve(jax.jacfwd(left)(k), left(k)), guess)
+        k = jax.lax.fori_loop(
+            0, NEWTON_ITERATIONS, lambda _, k: k - jnp.linalg.solve(jax.jacfwd(left)(k), left(k)), guess
+        )
         return (base + share * k, slopes.at[i].set(k), k), None
 
     given = np.arange(count), np.tril(weights, -1), np.diag(weights), nodes[:-1], nodes[1:]

@@ -11,7 +11,7 @@ from . import checks as linh_checks
 from .beyond import extensions_report
 from .intervals import WINDOWS
 from .orders import COUNTS, EXPONENT_ORDERS
-from .tables import EXAMPLES, SHORT, TABLES, TOLERANCES, Row, exact
+from .tables import EXAMPLES, SHORTEST_LENGTH, TABLES, TOLERANCES, PublishedRow, exact
 from .theory import LENGTHS, SIZES
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def _power(tolerance: float) -> str:
     return f"{tolerance:.0e}".replace("e-0", "e-")
 
 
-def _row(row: Row, found: "linh.Found") -> tuple[str, ...]:
+def _row(row: PublishedRow, found: "linh.RowResults") -> tuple[str, ...]:
     values = (_signed(v) for i in (0, 1) for v in (row.exponents[i], row.exact[i], found.exponents[i]))
     return (
         str(row.length),
@@ -89,14 +89,14 @@ def _row(row: Row, found: "linh.Found") -> tuple[str, ...]:
     )
 
 
-def _bounds(row: Row, found: "linh_intervals.Intervals") -> str:
+def _bounds(row: PublishedRow, found: "linh_intervals.Intervals") -> str:
     ends = (f"λ{i + 1} [{_signed(found.lower[i])}, {_signed(found.upper[i])}]" for i in (0, 1))
     return f"{row.length:5d} {_power(row.tolerance):>5s}  {', '.join(ends)}, Steklov {found.steklov:.4f}"
 
 
 def _rectangle(r: "linh.Reproduction"):
     yield "λ1, λ2 less the exact ones at T = 1000, continuous: in the paper; ours by the right rectangle rule; ours"
-    truth = exact("continuous", SHORT)
+    truth = exact("continuous", SHORTEST_LENGTH)
     for number, example in ((2, "5.1"), (7, "5.2"), (8, "5.2 fast")):
         pairs = [pair for pair in zip(r.rows, r.found, strict=True) if pair[0] in linh_checks.rows_at(r, number)]
         for (row, found), rule in zip(pairs, r.rectangle[example], strict=True):
@@ -174,6 +174,7 @@ def _few(values, digits: int) -> str:
 
 def numbers(r: "linh.Reproduction") -> dict[str, Any]:
     """All numbers, ready for JSON."""
+    # Long: a list of all numbers of the report.
     return {
         "paper": "V. H. Linh, N. D. Truong & P. Q. Tuyen, On computation of Lyapunov exponents by QR methods with "
         "error control for semi-linear DAEs, DAE Panel 3 (2025), doi:10.52825/dae-p.v3i.2632",

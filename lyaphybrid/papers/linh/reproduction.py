@@ -40,10 +40,10 @@ from .tables import (
     EXAMPLES,
     OF_TABLES,
     OFFSETS,
-    SHORT,
+    SHORTEST_LENGTH,
     TOLERANCES,
-    Row,
-    Table,
+    PublishedRow,
+    PublishedTable,
     algorithm,
     exact,
     frame_at_start,
@@ -51,19 +51,19 @@ from .tables import (
     rows_of,
 )
 
-__all__ = ["FULL", "QUICK", "Found", "Linearisation", "Ordinary", "Reproduction", "reproduce", "write"]
+__all__ = ["FULL", "QUICK", "RowResults", "Linearisation", "Ordinary", "Reproduction", "reproduce", "write"]
 
 FULL, QUICK = (1000, 5000, 10000), (1000,)  # lengths of the runs
-SHORTER = 200.0  # with --quick, instead of SHORT
-RUNNING = 1e-8  # TOL of the running exponents
+QUICK_LENGTH = 200.0  # with --quick, instead of SHORTEST_LENGTH
+RUNNING_TOLERANCE = 1e-8  # TOL of the running exponents
 BRIEF = 0.2  # in seconds: shorter runs are timed five times
 FIGURES = ("errors", "orders", "convergence", "linearisation")
-OF_BOTH = ("collocation", "continuous_esdirk", "svd", "bounds")  # extensions
+EXTENSION_ALGORITHMS = ("collocation", "continuous_esdirk", "svd", "bounds")  # extensions
 SYSTEMS = {"5.1": "semi-explicit", "5.2": "turning", "5.2 fast": "turning"}
 
 
 @dataclasses.dataclass(frozen=True)
-class Found:
+class RowResults:
     """The computed results of a row.
 
     Attributes:
@@ -117,7 +117,7 @@ class Reproduction(reproductions.Reproduction):
 
     Attributes:
         lengths: T of the rows.
-        found: a `Found` for each of `rows`.
+        found: a `RowResults` for each of `rows`.
         accuracy: for each example and algorithm |λ − exact| (tolerances, 2), by `TOLERANCES`.
         rectangle: for each example λ (3, 2) at T = 1000 by the quadrature of the paper's continuous tables.
         running: for each algorithm times and λ(t) (times, 2) of Example 5.1.
@@ -136,7 +136,7 @@ class Reproduction(reproductions.Reproduction):
     name = "linh"
 
     lengths: tuple[int, ...]
-    found: tuple[Found, ...]
+    found: tuple[RowResults, ...]
     accuracy: dict[tuple[str, str], np.ndarray]
     rectangle: dict[str, np.ndarray]
     running: dict[str, tuple[np.ndarray, np.ndarray]]
@@ -152,11 +152,11 @@ class Reproduction(reproductions.Reproduction):
     extensions: linh_extensions.Extensions
 
     @property
-    def rows(self) -> tuple[Row, ...]:
+    def rows(self) -> tuple[PublishedRow, ...]:
         """The published rows of these lengths."""
         return rows_of(self.lengths)
 
-    def of(self, table: Table) -> list[tuple[Row, Found]]:
+    def of(self, table: PublishedTable) -> list[tuple[PublishedRow, RowResults]]:
         """The rows of a table, published and computed."""
         return [pair for pair in zip(self.rows, self.found, strict=True) if pair[0].table == table]
 
@@ -193,7 +193,7 @@ class Reproduction(reproductions.Reproduction):
 class Steps:
     """An observer that counts orthonormalisations, one after each accepted step."""
 
-    def begin(self, t, frame):
+    def init(self, t, frame):
         """The count starts at zero."""
         return jnp.zeros((), jnp.int32)
 
@@ -210,7 +210,7 @@ class Steps:
         return state
 
 
-STEPS = Steps()
+STEP_COUNTER = Steps()
 
 
 def _count(t, carry):
@@ -221,8 +221,8 @@ def _steps(example: str, method: Method, length: float) -> int:
     """The number of accepted steps."""
     system, x0, args = problem_of(example)
     seen = follow(
-        STEPS, _count, system, x0, args, k=2, t1=float(length), t0=0.0, transient=0.0, times=None, blocks=2, mode=None,
-        frame=frame_at_start(example)[0], method=method, max_steps=None, progress=None, each_step=True,
+        STEP_COUNTER, _count, system, x0, args, k=2, t1=float(length), t0=0.0, transient=0.0, times=None, blocks=2,
+        mode=None, frame=frame_at_start(example)[0], method=method, max_steps=None, progress=None, each_step=True,
     )  # fmt: skip
     return int(seen.collected[-1])
 
@@ -233,7 +233,7 @@ def _exponents(example: str, method: Method, length: float, *, counted: bool = F
     return np.asarray(spectrum.exponents)
 
 
-def _of_row(row: Row) -> np.ndarray:
+def _of_row(row: PublishedRow) -> np.ndarray:
     table = row.table
     return _exponents(
         table.example, table.method(row.tolerance), float(row.length), counted=table.algorithm == "discrete"
@@ -254,7 +254,7 @@ def _timed(run: Callable) -> tuple[Any, float]:
 
 
 def _state_alone() -> np.ndarray:
-    return _exponents("5.1", HalfExplicit(rtol=OF_TABLES[-1], control="x"), SHORT, counted=True)
+    return _exponents("5.1", HalfExplicit(rtol=OF_TABLES[-1], control="x"), SHORTEST_LENGTH, counted=True)
 
 
 def _accuracy(example: str, name: str, length: float) -> np.ndarray:
@@ -263,14 +263,14 @@ def _accuracy(example: str, name: str, length: float) -> np.ndarray:
 
 
 def _rectangle(example: str) -> np.ndarray:
-    return np.stack([_exponents(example, RightRectangle(HalfExplicit(rtol=tol)), SHORT) for tol in OF_TABLES])
+    return np.stack([_exponents(example, RightRectangle(HalfExplicit(rtol=tol)), SHORTEST_LENGTH) for tol in OF_TABLES])
 
 
 def _running(name: str) -> tuple[np.ndarray, np.ndarray]:
     system, x0, args = problem_of("5.1")
     spectrum = lyapunov_spectrum(
-        system, x0, args, t1=SHORT, times=np.geomspace(1.0, SHORT, 91), method=algorithm(name, RUNNING),
-        count_start=name == "discrete",
+        system, x0, args, t1=SHORTEST_LENGTH, times=np.geomspace(1.0, SHORTEST_LENGTH, 91),
+        method=algorithm(name, RUNNING_TOLERANCE), count_start=name == "discrete",
     )  # fmt: skip
     return np.asarray(spectrum.history.time), np.asarray(spectrum.history.exponents)
 
@@ -337,10 +337,11 @@ def reproduce(*, quick: bool = False, progress=None) -> Reproduction:
     """
     lengths = QUICK if quick else FULL
     rows = rows_of(lengths)
-    done = computed(_tasks(rows, SHORTER if quick else SHORT), progress)
+    done = computed(_tasks(rows, QUICK_LENGTH if quick else SHORTEST_LENGTH), progress)
     timed = [_timed(functools.partial(_of_row, row)) for row in rows]  # not in parallel with anything
     found = tuple(
-        Found(value, done["steps", row], s, done["intervals", row]) for row, (value, s) in zip(rows, timed, strict=True)
+        RowResults(value, done["steps", row], s, done["intervals", row])
+        for row, (value, s) in zip(rows, timed, strict=True)
     )
     seconds = {
         (row.table.number, row.tolerance): one.seconds
@@ -361,7 +362,10 @@ def reproduce(*, quick: bool = False, progress=None) -> Reproduction:
         done["state alone",],
         *(done[name,] for name in ("characteristic", "turning", "perturbed")),
         extensions=linh_extensions.Extensions(
-            **{part: {example: done[part, example] for example in linh_extensions.BOTH} for part in OF_BOTH},
+            **{
+                part: {example: done[part, example] for example in linh_extensions.BOTH}
+                for part in EXTENSION_ALGORITHMS
+            },
             implicit=done["implicit",],
             large=done["large",],
         ),
@@ -390,7 +394,7 @@ def _tasks(rows, length: float) -> dict[tuple, tuple]:
     for name in OFFSETS:
         tasks["running", name] = (("running", name), _running, name)
     tasks["state alone",] = ("state alone", _state_alone)
-    for name, example in itertools.product(OF_BOTH, linh_extensions.BOTH):
+    for name, example in itertools.product(EXTENSION_ALGORITHMS, linh_extensions.BOTH):
         tasks[name, example] = ((name, SYSTEMS[example]), getattr(linh_extensions, name), example)
     theory = (linh_theory.characteristic, linh_theory.turning, linh_theory.perturbed)
     for function in (*theory, linh_extensions.implicit, linh_extensions.large):

@@ -14,13 +14,13 @@ from ...systems.consistency import tangent_frame
 from ...systems.daes.semi_linear import DAE
 
 __all__ = [
-    "EXAMPLES", "OFFSETS", "OF_TABLES", "PUBLISHED", "SHORT", "TABLES", "TOLERANCES", "Row", "Table", "algorithm",
-    "exact", "frame_at_start", "limits", "problem_of", "rows_of",
+    "EXAMPLES", "OFFSETS", "OF_TABLES", "PUBLISHED", "SHORTEST_LENGTH", "TABLES", "TOLERANCES", "PublishedRow",
+    "PublishedTable", "algorithm", "exact", "frame_at_start", "limits", "problem_of", "rows_of",
 ]  # fmt: skip
 
 TOLERANCES = tuple(10.0**-k for k in range(4, 11))  # six decades of tolerances
 OF_TABLES = TOLERANCES[:3]
-SHORT = 1000.0  # the shortest of the tables' lengths, and that of the runs beside them
+SHORTEST_LENGTH = 1000.0  # the shortest of the tables' lengths, and that of the runs beside them
 # C_i of λ_i(T) = λ_i + C_i/T, with and without ln R(t₀), by an independent program.
 OFFSETS = {"discrete": (-1.897955472, 2.3684471444), "continuous": (-2.7026744283, 2.1826653662)}
 EXAMPLES = {
@@ -55,7 +55,7 @@ def algorithm(name: str, tolerance: float) -> Method:
 
 
 @dataclasses.dataclass(frozen=True)
-class Table:
+class PublishedTable:
     """A table of the paper.
 
     Attributes:
@@ -83,7 +83,7 @@ class Table:
 
 
 @dataclasses.dataclass(frozen=True)
-class Row:
+class PublishedRow:
     """A row of the tables as published.
 
     Attributes:
@@ -92,7 +92,7 @@ class Row:
         exponents: λ₁ and λ₂; steps: accepted ones; seconds: of CPU time (Core i5, 2.7 GHz, Matlab R2022a).
     """
 
-    table: Table
+    table: PublishedTable
     length: int
     tolerance: float
     exponents: tuple[float, float]
@@ -106,7 +106,7 @@ class Row:
 
 
 _TEXTS = {
-    Table(1, "5.1", "discrete", "DOPRI5(4)"): """
+    PublishedTable(1, "5.1", "discrete", "DOPRI5(4)"): """
         1000 1e-4 -0.17903157 -2.82030775 4580 0.558963
         5000 1e-4 -0.17750595 -2.82221670 22907 1.888204
         10000 1e-4 -0.17731527 -2.82245528 45816 3.891060
@@ -117,7 +117,7 @@ _TEXTS = {
         5000 1e-6 -0.17750396 -2.82240051 54464 4.749011
         10000 1e-6 -0.17731415 -2.82263738 108931 9.135048
     """,
-    Table(2, "5.1", "continuous", "DOPRI5(4)"): """
+    PublishedTable(2, "5.1", "continuous", "DOPRI5(4)"): """
         1000 1e-4 -0.17980518 -2.82074422 865 0.256192
         5000 1e-4 -0.17766056 -2.82244931 4277 0.832777
         10000 1e-4 -0.17739246 -2.82266247 8543 1.395277
@@ -128,7 +128,7 @@ _TEXTS = {
         5000 1e-6 -0.17766358 -2.82244421 4305 0.845633
         10000 1e-6 -0.17739399 -2.82265991 8570 1.458471
     """,
-    Table(3, "5.1", "discrete", "ESDIRK34"): """
+    PublishedTable(3, "5.1", "discrete", "ESDIRK34"): """
         1000 1e-4 -0.17902421 -2.82038368 10020 0.707572
         5000 1e-4 -0.17750535 -2.82227923 50113 2.565906
         10000 1e-4 -0.17731551 -2.82251616 100229 5.098090
@@ -139,7 +139,7 @@ _TEXTS = {
         5000 1e-6 -0.17750394 -2.82240085 164448 8.193071
         10000 1e-6 -0.17731414 -2.82263770 328913 16.396372
     """,
-    Table(4, "5.1", "discrete", "ESDIRK54b"): """
+    PublishedTable(4, "5.1", "discrete", "ESDIRK54b"): """
         1000 1e-4 -0.17902458 -2.81535892 2202 0.263587
         5000 1e-4 -0.17750439 -2.81724595 10955 0.982761
         10000 1e-4 -0.17731437 -2.81748183 21988 1.84532
@@ -150,7 +150,7 @@ _TEXTS = {
         5000 1e-6 -0.17750394 -2.82238048 34857 2.800313
         10000 1e-6 -0.17731414 -2.82261734 69713 5.513546
     """,
-    Table(5, "5.2", "discrete", "DOPRI5(4)"): """
+    PublishedTable(5, "5.2", "discrete", "DOPRI5(4)"): """
         1000 1e-4 -0.17903161 -2.82059790 3985 0.943338
         5000 1e-4 -0.17750554 -2.82240853 19917 4.506534
         10000 1e-4 -0.17731478 -2.82274736 39833 9.271679
@@ -161,7 +161,7 @@ _TEXTS = {
         5000 1e-6 -0.17750396 -2.82240265 46842 10.616184
         10000 1e-6 -0.17731415 -2.82263953 93678 21.575532
     """,
-    Table(6, "5.2 fast", "discrete", "DOPRI5(4)"): """
+    PublishedTable(6, "5.2 fast", "discrete", "DOPRI5(4)"): """
         1000 1e-4 -0.17976496 -2.82127345 31043 10.012391
         5000 1e-4 -0.17824721 -2.82317224 155155 48.464997
         10000 1e-4 -0.17805749 -2.82340959 310295 98.683108
@@ -172,7 +172,7 @@ _TEXTS = {
         5000 1e-6 -0.17751530 -2.82241518 357912 122.833276
         10000 1e-6 -0.17732549 -2.82265206 715778 251.898163
     """,
-    Table(7, "5.2", "continuous", "DOPRI5(4)"): """
+    PublishedTable(7, "5.2", "continuous", "DOPRI5(4)"): """
         1000 1e-4 -0.17937204 -2.82119132 2013 0.744567
         5000 1e-4 -0.17716789 -2.82294473 10032 3.195832
         10000 1e-4 -0.17689251 -2.82316380 20055 6.388512
@@ -183,7 +183,7 @@ _TEXTS = {
         5000 1e-6 -0.17767114 -2.82243776 24537 7.992353
         10000 1e-6 -0.17739754 -2.82265691 49058 15.725143
     """,
-    Table(8, "5.2 fast", "continuous", "DOPRI5(4)"): """
+    PublishedTable(8, "5.2 fast", "continuous", "DOPRI5(4)"): """
         1000 1e-4 -0.17926189 -2.82126759 29114 14.871598
         5000 1e-4 -0.17709000 -2.82301589 145501 73.598495
         10000 1e-4 -0.17681852 -2.82323442 290984 139.676315
@@ -194,7 +194,7 @@ _TEXTS = {
         5000 1e-6 -0.17766016 -2.82244476 378931 180.256558
         10000 1e-6 -0.17738895 -2.82266351 757844 366.559093
     """,
-    Table(9, "5.2", "discrete", "ESDIRK34"): """
+    PublishedTable(9, "5.2", "discrete", "ESDIRK34"): """
         1000 1e-4 -0.17901947 -2.82067699 8565 1.639997
         5000 1e-4 -0.17750054 -2.82257306 42771 8.083445
         10000 1e-4 -0.17731068 -2.82281006 85528 16.039974
@@ -205,7 +205,7 @@ _TEXTS = {
         5000 1e-6 -0.17750390 -2.82240349 138649 25.909193
         10000 1e-6 -0.17731410 -2.82264033 277261 51.264427
     """,
-    Table(10, "5.2", "discrete", "ESDIRK54b"): """
+    PublishedTable(10, "5.2", "discrete", "ESDIRK54b"): """
         1000 1e-4 -0.17903531 -2.82113820 3143 1.201963
         5000 1e-4 -0.17751485 -2.82303791 15695 6.077862
         10000 1e-4 -0.17732486 -2.82327528 31384 11.717520
@@ -219,7 +219,7 @@ _TEXTS = {
 }
 
 
-def _rows() -> tuple[Row, ...]:
+def _rows() -> tuple[PublishedRow, ...]:
     """The published rows, in the order of the paper."""
     rows = []
     for table, text in _TEXTS.items():
@@ -227,7 +227,7 @@ def _rows() -> tuple[Row, ...]:
             if line.strip():
                 length, tolerance, first, second, steps, seconds = line.split()
                 exponents = float(first), float(second)
-                rows.append(Row(table, int(length), float(tolerance), exponents, int(steps), float(seconds)))
+                rows.append(PublishedRow(table, int(length), float(tolerance), exponents, int(steps), float(seconds)))
     return tuple(rows)
 
 
@@ -237,9 +237,14 @@ TABLES = tuple(_TEXTS)
 
 def limits() -> np.ndarray:
     """The exponents, (−3 ± √7)/2."""
+    return np.array(_limits())
+
+
+@functools.cache
+def _limits() -> tuple[float, ...]:  # a report asks hundreds of times
     reference = zoo.spring_damper_dae().reference
     assert reference is not None
-    return np.array(reference.exponents)
+    return tuple(reference.exponents)
 
 
 def exact(algorithm: str, length) -> np.ndarray:
@@ -247,6 +252,6 @@ def exact(algorithm: str, length) -> np.ndarray:
     return limits() + np.array(OFFSETS[algorithm]) / np.asarray(length, float)[..., None]
 
 
-def rows_of(lengths) -> tuple[Row, ...]:
+def rows_of(lengths) -> tuple[PublishedRow, ...]:
     """The published rows of these lengths."""
     return tuple(row for row in PUBLISHED if row.length in lengths)

@@ -21,7 +21,7 @@ __all__ = [
 TIGHT = 1e-12
 LENGTHS = (10, 20, 50, 100)  # T of Λ(T), in pieces of length 1
 SIZES = (1e-1, 1e-2, 1e-3, 1e-4)  # δ of the perturbations of E and A
-SETTLED = 200.0  # length of runs of linear equations; the first half is not counted
+LINEAR_LENGTH = 200.0  # length of runs of linear equations; the first half is not counted
 AT = 20  # times at which the linearisations are compared, one unit apart
 
 
@@ -170,7 +170,7 @@ def perturbed() -> Perturbed:
         args = {"size": jnp.asarray(size), "moving": jnp.asarray(moving)}
         method = HalfExplicit(rtol=1e-10)
         found = lyapunov_spectrum(
-            system, jnp.zeros(4), args, t1=SETTLED / 2, transient=SETTLED / 2, method=method, blocks=2
+            system, jnp.zeros(4), args, t1=LINEAR_LENGTH / 2, transient=LINEAR_LENGTH / 2, method=method, blocks=2
         )
         return np.asarray(found.exponents)
 

@@ -3,19 +3,19 @@
 import dataclasses
 
 __all__ = [
-    "BEST", "EVERY", "FULL", "LOOSE", "METHODS", "ORBITS", "QUICK", "STEP", "SURE", "TABLE", "TIGHT", "Lengths",
-    "Orbit", "Row",
+    "BEST", "EVERY", "FULL", "LOOSE", "METHODS", "ORBITS", "QUICK", "STEP", "TRUSTED_METHODS", "TABLE", "TIGHT",
+    "Lengths", "PaperOrbit", "MethodRow",
 ]  # fmt: skip
 
 STEP = 0.05
 EVERY = 10  # steps between orthonormalisations; 1 in the paper and in the timed runs
 METHODS = ("DOP853", "TDHcc", "TDHes", "TDHeps", "TM")
-SURE = ("DOP853", "TM")  # methods that satisfy the laws of motion
+TRUSTED_METHODS = ("DOP853", "TM")  # methods that satisfy the laws of motion
 BEST = ("DOP853", "TDHeps", "TM")  # methods that the paper shows for more than two degrees of freedom
 
 
 @dataclasses.dataclass(frozen=True)
-class Orbit:
+class PaperOrbit:
     """An orbit of the paper.
 
     Attributes:
@@ -41,18 +41,18 @@ class Orbit:
 ORBITS = {
     orbit.name: orbit
     for orbit in (
-        Orbit("R1", "henon_heiles", (("y", 0.55),), "regular, Hénon–Heiles", 2, 2),
-        Orbit("C1", "henon_heiles", (("y", -0.016),), "chaotic, Hénon–Heiles", 2, None),
+        PaperOrbit("R1", "henon_heiles", (("y", 0.55),), "regular, Hénon–Heiles", 2, 2),
+        PaperOrbit("C1", "henon_heiles", (("y", -0.016),), "chaotic, Hénon–Heiles", 2, None),
         # Instead of y = −0.01344, which enters the big chaotic sea at t = 1e4 to 1e5 by every method.
-        Orbit("C2", "henon_heiles", (("y", -0.01333),), "weakly chaotic, Hénon–Heiles", 2, None),
-        Orbit("R2", "hamiltonian_3d", (), "regular, three oscillators", 3, 3),
-        Orbit("R3", "fpu_beta", (), "regular on a 4-torus, eight masses", 8, 4),
+        PaperOrbit("C2", "henon_heiles", (("y", -0.01333),), "weakly chaotic, Hénon–Heiles", 2, None),
+        PaperOrbit("R2", "hamiltonian_3d", (), "regular, three oscillators", 3, 3),
+        PaperOrbit("R3", "fpu_beta", (), "regular on a 4-torus, eight masses", 8, 4),
     )
 }
 
 
 @dataclasses.dataclass(frozen=True)
-class Row:
+class MethodRow:
     """A row of Table 1: how the exponents of R1 are computed.
 
     Attributes:
@@ -71,23 +71,23 @@ class Row:
 # The thresholds are missing in our text of the paper. These two give its relations of times between the rows.
 LOOSE, TIGHT = 1e-5, 1e-7
 TABLE = (
-    Row("DOP853", 0.05, LOOSE, 498),
-    Row("TDHcc", 0.05, None, 348),
-    Row("TDHes", 0.05, None, 336),
-    Row("TDHeps", 0.05, None, 363),
-    Row("TM", 0.05, None, 280),
-    Row("DOP853", 0.1, LOOSE, 251),
-    Row("DOP853", 0.1, TIGHT, 252),
-    Row("DOP853", 0.2, LOOSE, 126),
-    Row("DOP853", 0.2, TIGHT, 123),
-    Row("DOP853", 0.5, LOOSE, 50),
-    Row("DOP853", 0.5, TIGHT, 100),
-    Row("TDHeps", 0.1, None, 181),
-    Row("TDHeps", 0.2, None, 93),
-    Row("TDHeps", 0.5, None, 37),
-    Row("TM", 0.1, None, 136),
-    Row("TM", 0.2, None, 68),
-    Row("TM", 0.5, None, 27),
+    MethodRow("DOP853", 0.05, LOOSE, 498),
+    MethodRow("TDHcc", 0.05, None, 348),
+    MethodRow("TDHes", 0.05, None, 336),
+    MethodRow("TDHeps", 0.05, None, 363),
+    MethodRow("TM", 0.05, None, 280),
+    MethodRow("DOP853", 0.1, LOOSE, 251),
+    MethodRow("DOP853", 0.1, TIGHT, 252),
+    MethodRow("DOP853", 0.2, LOOSE, 126),
+    MethodRow("DOP853", 0.2, TIGHT, 123),
+    MethodRow("DOP853", 0.5, LOOSE, 50),
+    MethodRow("DOP853", 0.5, TIGHT, 100),
+    MethodRow("TDHeps", 0.1, None, 181),
+    MethodRow("TDHeps", 0.2, None, 93),
+    MethodRow("TDHeps", 0.5, None, 37),
+    MethodRow("TM", 0.1, None, 136),
+    MethodRow("TM", 0.2, None, 68),
+    MethodRow("TM", 0.5, None, 27),
 )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from ... import zoo
 from ..claims import Check
-from .cases import METHODS, ORBITS, SURE, Orbit
+from .cases import METHODS, ORBITS, TRUSTED_METHODS, PaperOrbit
 
 if TYPE_CHECKING:
     from . import reproduction as skokos
@@ -22,18 +22,18 @@ PAIRED = 10.0  # bound of t |λ_i + λ_{2N+1−i}| for vectors in generic direct
 EQUAL = 3.0  # bound of |ln GALI_2 + (λ₁ − λ₂) t|
 WITHIN = 5.0  # standard errors
 RATIOS = 0.03  # relative error of ratios of ln GALI_k in chaos
-SLOPES = {"R1": 0.3, "R2": 0.3, "R3": 0.5}
+LARGEST_SLOPES = {"R1": 0.3, "R2": 0.3, "R3": 0.5}
 DECADES = {"R1": 2, "R2": 2, "R3": 1}  # last decades of time, over which slopes are fitted
 ENERGY = {"DOP853": 1e-9, "TM": 2e-7}
 GROWS, STANDS = 0.5, 0.3  # least power of t of a growing energy error, largest of a bounded one
-ISLANDS, SMALL = 5, 0.2  # number of islands of R1 on its section, and their largest size
+ISLANDS, LARGEST_ISLAND = 5, 0.2  # number of islands of R1 on its section, and their largest size
 WEAK = (20.0, 1e-3)  # bounds of C2: least t λ₁ (a nearby torus has 8), largest λ₁
 FROZEN = ("TDHcc", "TDHes")  # methods that freeze coefficients at the start of a step
-EARLY = 1e5  # time at which C2 is compared; later λ₁ fluctuates with every method
+COMPARED_AT = 1e5  # time at which C2 is compared; later λ₁ fluctuates with every method
 CALM, FALLEN = -20.0, -40.0  # log10 GALI_4 of C2 at that time: least with frozen coefficients, largest by DOP853 and TM
 
 
-def law(orbit: Orbit) -> list[int]:
+def law(orbit: PaperOrbit) -> list[int]:
     """Exponents of t in GALI_2 … GALI_2N on a torus of s dimensions, N degrees of freedom; equation (17)."""
     n, s = orbit.freedoms, orbit.torus
     assert s is not None
@@ -47,19 +47,19 @@ def slopes(found, decades: int) -> np.ndarray:
     return np.polyfit(np.log(time[late]), logs[late], 1)[0]
 
 
-def level(run: "skokos.Run", i: int = 0) -> float:
+def level(run: "skokos.MethodRun", i: int = 0) -> float:
     """The rate d(t λ_i)/dt over the last decade: the value at which λ_i levels off; near 0 if it falls as 1/t."""
     product = run.time * run.exponents[:, i]
     first = int(np.searchsorted(run.time, 0.1 * run.time[-1] * (1 - 1e-9)))
     return float((product[-1] - product[first]) / (run.time[-1] - run.time[first]))
 
 
-def paired(run: "skokos.Run") -> float:
+def paired(run: "skokos.MethodRun") -> float:
     """The largest t |λ_i + λ_{2N+1−i}| at the end: bounded where the tangent is symplectic."""
     return float(np.max(np.abs(run.sums[-1])) * run.time[-1])
 
 
-def growth_of_energy(run: "skokos.Run") -> float:
+def growth_of_energy(run: "skokos.MethodRun") -> float:
     """The power of t of the growth of the energy error, from the last two decades."""
     size, last = np.abs(run.drift), run.time[-1]
     decades = [(run.time > last / 10 ** (i + 1)) & (run.time <= last / 10**i) for i in (1, 0)]
@@ -69,7 +69,7 @@ def growth_of_energy(run: "skokos.Run") -> float:
 
 def early(time, values):
     """The values at t = 1e5, where C2 is compared."""
-    return np.asarray(values)[int(np.searchsorted(np.asarray(time), EARLY * (1 - 1e-9)))]
+    return np.asarray(values)[int(np.searchsorted(np.asarray(time), COMPARED_AT * (1 - 1e-9)))]
 
 
 def checks(r: "skokos.Reproduction") -> list[Check]:
@@ -93,13 +93,15 @@ def _islands(r: "skokos.Reproduction"):
         name: [np.ptp(np.asarray(r.sections[name].x)[i::ISLANDS, [1, 3]], axis=0).max() for i in range(ISLANDS)]
         for name in ("R1", "C1")
     }
-    yield _below("Fig. 1: each fifth point of R1 lies on one island, of this size", SMALL, max(size["R1"]))
+    yield _below("Fig. 1: each fifth point of R1 lies on one island, of this size", LARGEST_ISLAND, max(size["R1"]))
     least = min(size["C1"])
-    yield Check("Fig. 1: those of C1 are scattered", f"above {SMALL}", f"{least:.3g}", bool(least > SMALL))
+    yield Check(
+        "Fig. 1: those of C1 are scattered", f"above {LARGEST_ISLAND}", f"{least:.3g}", bool(least > LARGEST_ISLAND)
+    )
 
 
 def _energy(r: "skokos.Reproduction"):
-    for method in SURE:
+    for method in TRUSTED_METHODS:
         yield _below(f"{method}: energy error at τ = 0.05", ENERGY[method], r.of_r1(method).energy)
     for method, step in (("TM", 0.05), ("TM", 0.2), ("TDHeps", 0.05), ("DOP853", 0.2)):
         power = growth_of_energy(r.of_r1(method, step))
@@ -115,7 +117,7 @@ def _energy(r: "skokos.Reproduction"):
 
 
 def _regular(r: "skokos.Reproduction"):
-    for method in SURE:
+    for method in TRUSTED_METHODS:
         for orbit in ("R1", "R2"):
             run = r.of(orbit)[method]
             yield _below(f"{method}: t λ1 of {orbit}", ONE_OVER_T, float(run.exponents[-1, 0] * run.time[-1]))
@@ -140,8 +142,8 @@ def _pairs(r: "skokos.Reproduction"):
 
 
 def _on_tori(r: "skokos.Reproduction"):
-    for name, tolerance in SLOPES.items():
-        for method in SURE:
+    for name, tolerance in LARGEST_SLOPES.items():
+        for method in TRUSTED_METHODS:
             off = np.max(np.abs(slopes(r.indices[name][method], DECADES[name]) - law(ORBITS[name])))
             yield _below(f"{method}: powers of t of GALIs of {name}, off by", tolerance, float(off))
     for method in LEVELS:
@@ -175,18 +177,18 @@ def _in_chaos(r: "skokos.Reproduction"):
 def _weak(r: "skokos.Reproduction"):
     """Checks of C2: DOP853 and TM show its chaos; with frozen coefficients it looks regular for longer."""
     first = {method: r.of("C2")[method].exponents[-1, 0] for method in METHODS}
-    for method in SURE:
+    for method in TRUSTED_METHODS:
         product = float(first[method] * r.of("C2")[method].time[-1])
         holds = bool(product > WEAK[0] and first[method] < WEAK[1])
         wanted = f"above {WEAK[0]:g}, below {WEAK[1] * r.of('C2')[method].time[-1]:g}"
         yield Check(f"{method}: t λ1 of C2", wanted, f"{product:.3g}", holds)
     then = {m: float(early(r.of("C2")[m].time, r.of("C2")[m].exponents[:, 0])) for m in METHODS}
-    least = min(then[m] for m in SURE)
+    least = min(then[m] for m in TRUSTED_METHODS)
     for method in FROZEN:
         yield _below(f"{method}: λ1 of C2 at t = 1e5, over that of DOP853 and TM", 0.5, then[method] / least)
     fourth = {m: early(found.time, found.log_values[:, -1]) / np.log(10) for m, found in r.indices["C2"].items()}
     for method in FROZEN:
         value = float(fourth[method])
         yield Check(f"{method}: log10 GALI4 of C2 at t = 1e5", f"above {CALM:g}", f"{value:.1f}", value > CALM)
-    for method in SURE:
+    for method in TRUSTED_METHODS:
         yield _below(f"{method}: log10 GALI4 of C2 at t = 1e5", FALLEN, float(fourth[method]))

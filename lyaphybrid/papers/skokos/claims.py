@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..claims import AGREED, CORRECTED, NOT_REPRODUCIBLE, Claim
-from .cases import METHODS, ORBITS, SURE, TABLE
+from .cases import METHODS, ORBITS, TABLE, TRUSTED_METHODS
 from .checks import DECADES, early, growth_of_energy, law, level, paired, slopes
 from .witness import SYMPLECTIC, WITNESS, constant, listed, witnessed
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["claims"]
 
-FALLEN = -4.0  # log10 GALI_2 of R3 below which it is not constant, as it must be on the torus
+FALLEN_GALI2 = -4.0  # log10 GALI_2 of R3 below which it is not constant, as it must be on the torus
 
 
 def claims(r: "skokos.Reproduction") -> list[Claim]:
@@ -66,17 +66,18 @@ def _about_energy(r: "skokos.Reproduction") -> list[Claim]:
 
 
 def _about_r1(r: "skokos.Reproduction") -> list[Claim]:
+    # Long: a list of claims, one after the other.
     t = r.lengths.table
     levels = {method: level(r.of_r1(method)) for method in ("TDHcc", "TDHes", "TDHeps")}
     by_step = [level(r.of_r1("TDHeps", step)) for step in (0.05, 0.1, 0.2, 0.5)]
     seconds = [float(r.of_r1(method).exponents[-1, 1]) * t for method in ("TDHcc", "TDHes")]
     off = [float(r.of_r1("DOP853", step).exponents[-1, 0] / r.of_r1("TM").exponents[-1, 0]) for step in (0.2, 0.5)]
-    powers = {m: slopes(r.indices["R1"][m], DECADES["R1"]) for m in SURE}
+    powers = {m: slopes(r.indices["R1"][m], DECADES["R1"]) for m in TRUSTED_METHODS}
     return [
         Claim(
             "Fig. 2 a, e",
             "λ1 and λ2 of R1 fall as 1/t by DOP853 and TM",
-            f"t λ1 = {listed([r.of_r1(m).exponents[-1, 0] * t for m in SURE], '.2f')} at t = {t:.0e}",
+            f"t λ1 = {listed([r.of_r1(m).exponents[-1, 0] * t for m in TRUSTED_METHODS], '.2f')} at t = {t:.0e}",
             AGREED,
         ),
         Claim(
@@ -183,7 +184,7 @@ def _about_c1(r: "skokos.Reproduction") -> list[Claim]:
 def _about_c2(r: "skokos.Reproduction") -> list[Claim]:
     then = {m: float(early(r.of("C2")[m].time, r.of("C2")[m].exponents[:, 0])) for m in METHODS}
     fourth = [early(found.time, found.log_values[:, -1]) / np.log(10) for found in r.indices["C2"].values()]
-    sure = [float(r.of("C2")[m].exponents[-1, 0]) for m in SURE]
+    sure = [float(r.of("C2")[m].exponents[-1, 0]) for m in TRUSTED_METHODS]
     substitute = "with y = −0.01333, on which the C program ran too"
     return [
         Claim(
@@ -231,14 +232,14 @@ def _about_c2(r: "skokos.Reproduction") -> list[Claim]:
 
 def _about_more_freedoms(r: "skokos.Reproduction") -> list[Claim]:
     two, eps = r.of("R2"), r.of("R2")["TDHeps"]
-    powers = {o: {m: slopes(r.indices[o][m], DECADES[o]) for m in SURE} for o in ("R2", "R3")}
+    powers = {o: {m: slopes(r.indices[o][m], DECADES[o]) for m in TRUSTED_METHODS} for o in ("R2", "R3")}
     fallen = r.indices["R2"]["TDHeps"].log_values[-1, 0] / np.log(10)
     off = {o: max(float(np.max(np.abs(p - law(ORBITS[o])))) for p in found.values()) for o, found in powers.items()}
     return [
         Claim(
             "Fig. 9 a, c, d, f",
             "exponents and sums of R2 fall as 1/t by DOP853 and TM",
-            f"t λ1 = {listed([two[m].exponents[-1, 0] * two[m].time[-1] for m in SURE], '.2f')}",
+            f"t λ1 = {listed([two[m].exponents[-1, 0] * two[m].time[-1] for m in TRUSTED_METHODS], '.2f')}",
             AGREED,
         ),
         Claim("Fig. 9 b", "λ1 of R2 levels off by TDHeps", f"at {listed([level(eps)])}", AGREED),
@@ -280,7 +281,7 @@ def _about_r3(r: "skokos.Reproduction") -> Claim:
     top = int(np.argmax(np.where(t > 1e5, logs, -np.inf)))
     hump = f"they rise again, GALI2 to 10^{listed([logs[top]], '.2f')} at t = {t[top]:.0e}"
     last = f"10^{listed([logs[-1]], '.1f')} at t = {t[-1]:.0e}"
-    fell = bool(logs[-1] < FALLEN)
+    fell = bool(logs[-1] < FALLEN_GALI2)
     end = f"{hump}, and then fall, to {last}" if fell else f"{hump}; no exponential fall yet: {last}"
     return Claim(
         "Fig. 11 b, e",

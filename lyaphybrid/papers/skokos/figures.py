@@ -6,15 +6,15 @@ import numpy as np
 
 from ...plots.axes import COLOURS, colours
 from . import checks as skokos_checks
-from .cases import BEST, LOOSE, METHODS, ORBITS, STEP, SURE, TABLE, TIGHT, Orbit
+from .cases import BEST, LOOSE, METHODS, ORBITS, STEP, TABLE, TIGHT, TRUSTED_METHODS, PaperOrbit
 
 if TYPE_CHECKING:
     from . import reproduction as skokos
 
 __all__ = ["figure"]
 
-SHADES = dict(zip((0.05, 0.1, 0.2, 0.5), COLOURS, strict=False))  # colours of step sizes
-ALIKE = 0.1  # energy errors that differ by less are drawn as one curve
+STEP_COLOURS = dict(zip((0.05, 0.1, 0.2, 0.5), COLOURS, strict=False))  # colours of step sizes
+DRAWN_AS_ONE = 0.1  # energy errors that differ by less are drawn as one curve
 BELOW = 2.0  # decades shown below the slowest curve in figures of GALIs
 
 
@@ -143,7 +143,7 @@ def _exponents(r: "skokos.Reproduction", orbit: str, methods, number: int):
     return made
 
 
-def _guide(ax, run: "skokos.Run") -> None:
+def _guide(ax, run: "skokos.MethodRun") -> None:
     """The slope of 1/t."""
     ends = np.log10(run.time[[0, -1]])
     start = np.nanmax(_logarithm(run.exponents[0])) + 0.6
@@ -157,11 +157,13 @@ def _steps(r: "skokos.Reproduction"):
     style = {"color": COLOURS[0], "linewidth": 1.1}
     sure.plot(np.log10(best.time), _logarithm(best.exponents[:, 0]), label="DOP853, τ = 0.05", **style)
     for row, run in zip(TABLE, r.table, strict=True):
-        style = {"color": SHADES[row.step], "linewidth": 1.1, "label": f"{row.method}, τ = {row.step:g}"}
+        style = {"color": STEP_COLOURS[row.step], "linewidth": 1.1, "label": f"{row.method}, τ = {row.step:g}"}
         if row.method == "TDHeps":
             rival.plot(np.log10(run.time), _logarithm(run.exponents[:, 0]), **style)
-            rival.axhline(np.log10(skokos_checks.level(run)), color=SHADES[row.step], linewidth=0.7, linestyle=":")
-        elif row.method in SURE and run is not best and row.threshold != TIGHT:
+            rival.axhline(
+                np.log10(skokos_checks.level(run)), color=STEP_COLOURS[row.step], linewidth=0.7, linestyle=":"
+            )
+        elif row.method in TRUSTED_METHODS and run is not best and row.threshold != TIGHT:
             dashes = {"linestyle": (0, (5, 2))} if row.method == "DOP853" else {}
             off = run.time * np.abs(run.exponents[:, 0] - best.exponents[:, 0])
             apart.plot(np.log10(run.time), _logarithm(np.maximum.accumulate(off)), **style, **dashes)
@@ -186,7 +188,7 @@ def _energies(r: "skokos.Reproduction"):
     for (method, name), colour in zip(names.items(), COLOURS, strict=False):
         _error(methods, r.of_r1(method), color=colour, label=name)
     for row, run in zip(TABLE, r.table, strict=True):
-        style = {"color": SHADES[row.step]}
+        style = {"color": STEP_COLOURS[row.step]}
         if row.method == "TM":
             _error(steps, run, label=f"τ = {row.step:g}", **style)
         elif row.method == "DOP853" and row.threshold == LOOSE:
@@ -196,7 +198,7 @@ def _energies(r: "skokos.Reproduction"):
                 if (other.step, other.threshold) == (row.step, TIGHT)
             ]
             # If only τ matters, both thresholds share one curve.
-            apart = [one for one in tight if not np.isclose(one.energy, run.energy, rtol=ALIKE)]
+            apart = [one for one in tight if not np.isclose(one.energy, run.energy, rtol=DRAWN_AS_ONE)]
             both = " and 1e-07" if len(tight) > len(apart) else ""
             _error(tolerances, run, label=f"τ = {row.step:g}, δ = {row.threshold:.0e}{both}", **style)
             for one in apart:
@@ -215,7 +217,7 @@ def _energies(r: "skokos.Reproduction"):
     return made
 
 
-def _error(ax, run: "skokos.Run", **style) -> None:
+def _error(ax, run: "skokos.MethodRun", **style) -> None:
     """The largest error so far, because fluctuating errors pass through 0."""
     ax.plot(np.log10(run.time), _logarithm(np.maximum.accumulate(np.abs(run.drift))), linewidth=1.1, **style)
 
@@ -266,7 +268,7 @@ def _curves(ax, found, orders, lowest: float) -> None:
     ax.set_ylim(lowest, -0.04 * lowest)
 
 
-def _laws(ax, orbit: Orbit, found, orders) -> None:
+def _laws(ax, orbit: PaperOrbit, found, orders) -> None:
     """Powers of t, through the point in the middle of the curve."""
     time, logs = np.log10(np.asarray(found.time)), np.asarray(found.log_values) / np.log(10)
     late = time > time[-1] - skokos_checks.DECADES[orbit.name]
@@ -285,7 +287,7 @@ def _indices(r: "skokos.Reproduction", orbit: str, methods, number: int):
     made, [axes] = _grid(1, len(methods), title, size, sharex=True, sharey=True)
     for i, (ax, method) in enumerate(zip(axes, methods, strict=True)):
         _curves(ax, found[method], which.orders, _foot(found, which.orders))
-        if which.torus and method in SURE:
+        if which.torus and method in TRUSTED_METHODS:
             _laws(ax, which, found[method], which.orders)
         _letter(ax, "abcde"[i], method)
     axes[0].set_ylabel("log$_{10}$ GALI$_k$")
@@ -303,7 +305,7 @@ def _many(r: "skokos.Reproduction"):
         for column, method in enumerate(BEST):
             ax = axes[row, column]
             _curves(ax, found[method], list(orders), foot)
-            if method in SURE:
+            if method in TRUSTED_METHODS:
                 _laws(ax, which, found[method], orders)
             _letter(ax, "abcdef"[3 * row + column], method)
         axes[row, 0].set_ylabel("log$_{10}$ GALI$_k$")

@@ -8,7 +8,7 @@ import numpy as np
 from ..claims import check_lines, claim_lines
 from ..output import plain
 from . import checks as skokos_checks
-from .cases import ORBITS, STEP, TABLE, Row
+from .cases import ORBITS, STEP, TABLE, MethodRow
 
 if TYPE_CHECKING:
     from . import reproduction as skokos
@@ -50,7 +50,7 @@ def _line(cells) -> str:
 
 
 def _rows(r: "skokos.Reproduction"):
-    tm = r.seconds[TABLE.index(Row("TM", STEP, None, PAPER_TM))]
+    tm = r.seconds[TABLE.index(MethodRow("TM", STEP, None, PAPER_TM))]
     for row, run, seconds in zip(TABLE, r.table, r.seconds, strict=True):
         yield (
             row.method,
@@ -118,7 +118,7 @@ def numbers(r: "skokos.Reproduction") -> dict[str, Any]:
     }
 
 
-def _run(run: "skokos.Run") -> dict[str, Any]:
+def _run(run: "skokos.MethodRun") -> dict[str, Any]:
     return {
         "energy_error": run.energy,
         "level": skokos_checks.level(run),

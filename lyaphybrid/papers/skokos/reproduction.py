@@ -29,17 +29,17 @@ from ..reproductions import computed, write
 from . import checks as skokos_checks
 from . import claims as skokos_claims
 from . import report as skokos_report
-from .cases import BEST, EVERY, FULL, LOOSE, METHODS, ORBITS, QUICK, STEP, TABLE, Lengths, Row
+from .cases import BEST, EVERY, FULL, LOOSE, METHODS, ORBITS, QUICK, STEP, TABLE, Lengths, MethodRow
 
-__all__ = ["FIGURES", "Reproduction", "Run", "reproduce", "write"]
+__all__ = ["NUMBER_OF_FIGURES", "Reproduction", "MethodRun", "reproduce", "write"]
 
-FIRST, A_DECADE = 10.0, 100  # start of curves, and points per decade: GALIs of tori fluctuate
+FIRST_TIME, POINTS_PER_DECADE = 10.0, 100  # start of curves, and points per decade: GALIs of tori fluctuate
 TIMED = 2e4  # length of the timed runs
-FIGURES = 12  # those of the paper, and one of the energy errors given in Table 1 and the text
+NUMBER_OF_FIGURES = 12  # those of the paper, and one of the energy errors given in Table 1 and the text
 
 
 @dataclasses.dataclass(frozen=True)
-class Run:
+class MethodRun:
     """The exponents of an orbit by a method.
 
     Attributes:
@@ -70,9 +70,9 @@ class Reproduction(reproductions.Reproduction):
     """Figs. 1 to 11, Table 1 and the energy errors, computed and compared.
 
     Attributes:
-        table: a `Run` of R1 for each of `TABLE`.
+        table: a `MethodRun` of R1 for each of `TABLE`.
         seconds: for each of `TABLE`, of computing for t = 10⁶, orthonormalised after each step.
-        exponents: for C1, C2 and R2 a `Run` for each method.
+        exponents: for C1, C2 and R2 a `MethodRun` for each method.
         indices: for each orbit an `lh.GALIResult` for each method.
         sections: of R1, C1 and C2 with x = 0, p_x ≥ 0.
         lengths: of the runs.
@@ -80,18 +80,18 @@ class Reproduction(reproductions.Reproduction):
 
     name = "skokos"
 
-    table: tuple[Run, ...]
+    table: tuple[MethodRun, ...]
     seconds: tuple[float, ...]
-    exponents: dict[str, dict[str, Run]]
+    exponents: dict[str, dict[str, MethodRun]]
     indices: dict[str, dict[str, GALIResult]]
     sections: dict[str, PoincareSection]
     lengths: Lengths
 
-    def of_r1(self, method: str, step: float = STEP) -> Run:
+    def of_r1(self, method: str, step: float = STEP) -> MethodRun:
         """The first row of Table 1 with this method and step."""
         return next(run for row, run in zip(TABLE, self.table, strict=True) if (row.method, row.step) == (method, step))
 
-    def of(self, orbit: str) -> dict[str, Run]:
+    def of(self, orbit: str) -> dict[str, MethodRun]:
         """The runs of an orbit by method, with the step 0.05."""
         return {method: self.of_r1(method) for method in METHODS} if orbit == "R1" else self.exponents[orbit]
 
@@ -113,7 +113,7 @@ class Reproduction(reproductions.Reproduction):
 
     def figures(self) -> dict:
         """All figures by the names of their files."""
-        return {f"skokos-{number}": self.figure(number) for number in range(1, FIGURES + 1)}
+        return {f"skokos-{number}": self.figure(number) for number in range(1, NUMBER_OF_FIGURES + 1)}
 
     def figure(self, number: int = 2):
         """Fig. 1 to 11 of the paper; 12: errors of the energy."""
@@ -149,11 +149,11 @@ def _problem(name: str):
 
 def _times(t1: float) -> np.ndarray:
     """Whole numbers, nearly even on a logarithmic scale, so that all step sizes divide them."""
-    count = round(A_DECADE * np.log10(t1 / FIRST)) + 1
-    return np.unique(np.round(np.geomspace(FIRST, t1, count)))
+    count = round(POINTS_PER_DECADE * np.log10(t1 / FIRST_TIME)) + 1
+    return np.unique(np.round(np.geomspace(FIRST_TIME, t1, count)))
 
 
-def _run(orbit: str, method: str, t1: float, step: float = STEP, threshold: float | None = None) -> Run:
+def _run(orbit: str, method: str, t1: float, step: float = STEP, threshold: float | None = None) -> MethodRun:
     system, x0, args = _problem(orbit)
     n, chosen = x0.shape[0], method_of(method, step, threshold)
     spectrum = lyapunov_spectrum(
@@ -163,7 +163,7 @@ def _run(orbit: str, method: str, t1: float, step: float = STEP, threshold: floa
     way = trajectory(system, x0, args, t1=t1, times=_times(t1), method=chosen)
     start, on_the_way = system.energy(x0, args), jax.vmap(lambda x: system.energy(x, args))(way.x)
     history = spectrum.history
-    return Run(
+    return MethodRun(
         np.asarray(history.time),
         np.asarray(history.exponents),
         _error_of(spectrum),
@@ -194,7 +194,7 @@ def _section(orbit: str, points: int) -> PoincareSection:
     )
 
 
-def _seconds(row: Row, t1: float = TIMED) -> float:
+def _seconds(row: MethodRow, t1: float = TIMED) -> float:
     """Seconds for t = 10⁶: the shortest of three runs, orthonormalised after each step, with everything compiled."""
     system, x0, args = _problem("R1")
     method = method_of(row.method, row.step, row.threshold)

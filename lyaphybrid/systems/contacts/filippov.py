@@ -18,7 +18,17 @@ from typing import Any
 
 from ..hybrid import Hybrid, Transition
 from ..smooth import Flow
-from .surfaces import Along, Arrival, Departure, HasASide, Margins, Onto, Side, Sliding, Start
+from .surfaces import (
+    InitialMode,
+    LeavesToOneSide,
+    ModeAfterArrival,
+    ModeAfterSliding,
+    SlidingField,
+    SlidingMargins,
+    SurfaceProjection,
+    SurfaceReset,
+    TwoSidedSurface,
+)
 
 __all__ = ["filippov"]
 
@@ -86,7 +96,10 @@ def filippov(
     several = isinstance(surface, Sequence)
     given = {"surface": surface, "plus": plus, "minus": minus, "sliding": sliding, "stick": stick}
     named = {name: _one_each(name, value, surface) for name, value in given.items()}
-    sides = [Side(*(_plain(name, named[name][i]) for name in named)) for i in range(len(named["surface"]))]
+    sides = [
+        TwoSidedSurface(*(_field_function(name, named[name][i]) for name in named))
+        for i in range(len(named["surface"]))
+    ]
     regions: list[Function] = []
     for side in sides:
         regions += [field for field in (side.plus, side.minus) if all(field is not other for other in regions)]
@@ -101,10 +114,10 @@ def filippov(
         transitions += _transitions(side, modes, above, below, len(regions) + i)
     slides = modes[len(regions) :]
     return Hybrid(
-        dict(zip(modes, [*regions, *(Sliding(side) for side in sides)], strict=True)),
+        dict(zip(modes, [*regions, *(SlidingField(side) for side in sides)], strict=True)),
         transitions,
-        tangent={name: Along(side.surface) for name, side in zip(slides, sides, strict=True)},
-        initial_mode=Start(tuple(sides), tuple(where), len(regions)),
+        tangent={name: SurfaceProjection(side.surface) for name, side in zip(slides, sides, strict=True)},
+        initial_mode=InitialMode(tuple(sides), tuple(where), len(regions)),
         names=names,
         units=units,
     )
@@ -124,7 +137,7 @@ def _one_each(name: str, value: Any, surface: Any) -> Sequence:
     return value
 
 
-def _plain(name: str, function: Any) -> Any:
+def _field_function(name: str, function: Any) -> Any:
     """The user's function; the field if a `Flow` is given."""
     function = function.field if isinstance(function, Flow) else function
     if function is None and name in ("sliding", "stick"):
@@ -138,12 +151,14 @@ def _place(field: Function, regions: list[Function]) -> int:
     return next(i for i, other in enumerate(regions) if other is field)
 
 
-def _transitions(side: Side, modes: list[str], above: int, below: int, slides: int) -> list[Transition]:
+def _transitions(side: TwoSidedSurface, modes: list[str], above: int, below: int, slides: int) -> list[Transition]:
     """The three transitions of a surface: from plus, from minus, and from sliding."""
-    onto, surface = Onto(side), side.surface
-    leave = HasASide(side) if side.sliding is None and side.stick is None else None
+    onto, surface = SurfaceReset(side), side.surface
+    leave = LeavesToOneSide(side) if side.sliding is None and side.stick is None else None
     return [
-        Transition(surface, onto, source=modes[above], target=Arrival(side, below, slides), direction=-1),
-        Transition(surface, onto, source=modes[below], target=Arrival(side, above, slides), direction=+1),
-        Transition(Margins(side), onto, source=modes[slides], target=Departure(side, above, below), when=leave),
+        Transition(surface, onto, source=modes[above], target=ModeAfterArrival(side, below, slides), direction=-1),
+        Transition(surface, onto, source=modes[below], target=ModeAfterArrival(side, above, slides), direction=+1),
+        Transition(
+            SlidingMargins(side), onto, source=modes[slides], target=ModeAfterSliding(side, above, below), when=leave
+        ),
     ]

@@ -10,9 +10,19 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ..._jax.precision import BLUR, digits
+from ..._jax.precision import GUARD_ROUNDING, digits
 
-__all__ = ["Along", "Arrival", "Departure", "HasASide", "Margins", "Onto", "Side", "Sliding", "Start"]
+__all__ = [
+    "SurfaceProjection",
+    "ModeAfterArrival",
+    "ModeAfterSliding",
+    "LeavesToOneSide",
+    "SlidingMargins",
+    "SurfaceReset",
+    "TwoSidedSurface",
+    "SlidingField",
+    "InitialMode",
+]
 
 TWO_FOLD = 1e-8  # both fields are tangent to the surface where both rates are below this, relative to |∇h| |f|
 
@@ -21,7 +31,7 @@ Function = Callable[..., Any]
 # Modules instead of closures: systems made of the same functions are then equal for JAX, which compiles them once.
 
 
-class Side(eqx.Module):
+class TwoSidedSurface(eqx.Module):
     """A surface h = 0 with the fields of its two sides, and the user's sliding field and stick margins (or None)."""
 
     surface: Function
@@ -69,10 +79,10 @@ class Side(eqx.Module):
         return x - jax.lax.stop_gradient(gradient * (value / _or_one(jnp.sum(gradient**2))))
 
 
-class Sliding(eqx.Module):
+class SlidingField(eqx.Module):
     """The field of the sliding mode."""
 
-    side: Side
+    side: TwoSidedSurface
 
     def __call__(self, t, x, args):
         """The field fₛ, or the user's sliding field."""
@@ -83,7 +93,7 @@ class Sliding(eqx.Module):
         return f_minus + v_minus / _or_one(v_minus - v_plus) * (f_plus - f_minus)
 
 
-class Along(eqx.Module):
+class SurfaceProjection(eqx.Module):
     """The projection onto the tangent space of a surface: dx minus its component along ∇h."""
 
     surface: Function
@@ -94,20 +104,20 @@ class Along(eqx.Module):
         return dx - normal * (jnp.sum(normal * dx) / _or_one(jnp.sum(normal**2)))
 
 
-class Onto(eqx.Module):
+class SurfaceReset(eqx.Module):
     """The reset of all transitions: the projection onto the surface."""
 
-    side: Side
+    side: TwoSidedSurface
 
     def __call__(self, t, x, args, *which):
         """The state on the surface."""
         return self.side.onto(t, x, args)
 
 
-class Arrival(eqx.Module):
+class ModeAfterArrival(eqx.Module):
     """The mode after reaching the surface: the other side, or sliding."""
 
-    side: Side
+    side: TwoSidedSurface
     beyond: int = eqx.field(static=True)
     slides: int = eqx.field(static=True)
 
@@ -116,10 +126,10 @@ class Arrival(eqx.Module):
         return jnp.where(self.side.holds(t, x, args), self.slides, self.beyond)
 
 
-class Margins(eqx.Module):
+class SlidingMargins(eqx.Module):
     """The guards at which sliding ends."""
 
-    side: Side
+    side: TwoSidedSurface
 
     def __call__(self, t, x, args):
         """The guards (m,): one falls through zero where sliding ends."""
@@ -129,10 +139,10 @@ class Margins(eqx.Module):
         return jnp.stack([-v_plus, v_minus])
 
 
-class Departure(eqx.Module):
+class ModeAfterSliding(eqx.Module):
     """The mode after sliding: the side to which v₊ + v₋ points; the other field is tangent to the surface there."""
 
-    side: Side
+    side: TwoSidedSurface
     above: int = eqx.field(static=True)
     below: int = eqx.field(static=True)
 
@@ -142,17 +152,17 @@ class Departure(eqx.Module):
         return jnp.where(v_plus + v_minus > 0, self.above, self.below)
 
 
-class HasASide(eqx.Module):
+class LeavesToOneSide(eqx.Module):
     """Whether the motion leaves sliding to a definite side: not at a two-fold, where both fields are tangent."""
 
-    side: Side
+    side: TwoSidedSurface
 
     def __call__(self, t, x, args):
         """Whether one of the fields crosses the surface."""
         return has_a_side(self.side, t, x, args)
 
 
-def has_a_side(side: Side, t, x, args):
+def has_a_side(side: TwoSidedSurface, t, x, args):
     """Whether one of the two fields crosses the surface, beyond rounding."""
     v_plus, f_plus = side.rate(side.plus, t, x, args)
     v_minus, f_minus = side.rate(side.minus, t, x, args)
@@ -161,10 +171,10 @@ def has_a_side(side: Side, t, x, args):
     return jnp.abs(v_plus) + jnp.abs(v_minus) > digits(TWO_FOLD, size) * size
 
 
-class Start(eqx.Module):
+class InitialMode(eqx.Module):
     """The initial mode of a state; −1 if it lies on a repelling surface, where the continuation is not unique."""
 
-    sides: tuple[Side, ...]
+    sides: tuple[TwoSidedSurface, ...]
     where: tuple[tuple[int, int], ...] = eqx.field(static=True)
     regions: int = eqx.field(static=True)
 
@@ -226,11 +236,11 @@ class Start(eqx.Module):
         return jnp.where(side.holds(t, x, args), self.regions + i, leaves)
 
 
-def _is_zero(side: Side, value, t, x, args):
+def _is_zero(side: TwoSidedSurface, value, t, x, args):
     """Whether a state is on the surface, up to rounding of the terms of h."""
     moving, gradient = jax.grad(side.surface, argnums=(0, 1))(t, x, args)
     terms = jnp.sqrt(jnp.sum(gradient**2) * jnp.sum(x**2)) + jnp.abs(moving * t)
-    return jnp.abs(value) <= digits(BLUR, x) * terms
+    return jnp.abs(value) <= digits(GUARD_ROUNDING, x) * terms
 
 
 def _or_one(value):

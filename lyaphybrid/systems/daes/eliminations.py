@@ -20,7 +20,7 @@ from .semi_linear import Constrained, InverseBlocks
 
 __all__ = ["Eliminated", "with_eliminations"]
 
-FEW = 16  # components, up to which we look for a constant C
+MOST_COMPONENTS_CONSTANT = 16  # components, up to which we look for a constant C
 
 
 class Eliminated(Constrained):
@@ -100,7 +100,7 @@ def with_eliminations(dae: Constrained, t, x, args) -> Constrained:
     residual = partially_evaluated(lambda t, x: dae.residual(t, x, args), t, x)
     bound = dataclasses.replace(dae, residual=lambda t, x, args: residual(t, x))
     rows = dae.rows(t, args)
-    if not isinstance(rows, np.ndarray) or not d < rows.shape[1] <= FEW:
+    if not isinstance(rows, np.ndarray) or not d < rows.shape[1] <= MOST_COMPONENTS_CONSTANT:
         return bound
     held = [int(i) for i in np.argmax(rows, axis=1)]
     if not np.array_equal(rows, np.eye(rows.shape[1])[held]):

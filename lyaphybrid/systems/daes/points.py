@@ -10,13 +10,13 @@ from ..._jax.jaxprs import explicit
 from ..._linalg.linear_systems import matmul
 from .semi_linear import Constrained, InverseBlocks
 
-__all__ = ["Equations", "landed", "solved"]
+__all__ = ["PointEquations", "landed", "solved"]
 
-ITERATIONS = 12  # Newton iterations; without convergence the stage fails
-FAR = 1e-2  # stop after a correction below FAR √tolerance: convergence is quadratic, so the next one is negligible
+STAGE_ITERATIONS = 12  # Newton iterations; without convergence the stage fails
+LAST_CORRECTION = 1e-2  # of √tolerance; the correction after a smaller one is negligible, as convergence is quadratic
 
 
-class Equations(Protocol):
+class PointEquations(Protocol):
     """The interface that `solved` needs; `Constrained` has it."""
 
     @property
@@ -46,7 +46,7 @@ def landed(dae: Constrained, args, t, x):
     return solved(dae, args, t, dae.differential_part(t, x, args), x, jnp.asarray(1e-14, x.dtype))[0]
 
 
-def solved(dae: Equations, args, t, base, guess, tolerance, share: Any = None) -> tuple[Array, InverseBlocks]:
+def solved(dae: PointEquations, args, t, base, guess, tolerance, share: Any = None) -> tuple[Array, InverseBlocks]:
     """The x (n,) with E₁ x = base (d,) and f₂(t, x) = 0, by Newton iteration; nan where it does not converge.
 
     With a share, as in implicit stages, E₁ x − share w'(t, x) = base. The second result is Ē⁻¹ at the last iterate but
@@ -87,10 +87,10 @@ def _implicit(left, inverse_blocks):
 
         def is_far(state):
             _, x, dx, _ = state
-            return ~(jnp.max(jnp.abs(dx) / (1 + jnp.abs(x))) <= FAR * jnp.sqrt(tolerance))
+            return ~(jnp.max(jnp.abs(dx) / (1 + jnp.abs(x))) <= LAST_CORRECTION * jnp.sqrt(tolerance))
 
         def goes_on(state):
-            return (state[0] == 0) | (is_far(state) & (state[0] < ITERATIONS))
+            return (state[0] == 0) | (is_far(state) & (state[0] < STAGE_ITERATIONS))
 
         blank = jax.tree.map(
             lambda one: jnp.zeros(one.shape, one.dtype), jax.eval_shape(inverse_blocks, in_lifts, guess)

@@ -20,7 +20,7 @@ import scipy.linalg
 from jaxtyping import Array
 
 from ..._jax.jaxprs import constant
-from ..._linalg.banded import Factors, factorised, probes, solve
+from ..._linalg.banded import BlockFactors, factorised, probes, solve
 from ..._linalg.frames import orthonormalise
 from ..._linalg.linear_systems import inverse, matmul, sparse_matmul, split
 from ..bound import require_callable
@@ -139,10 +139,10 @@ class Constrained(eqx.Module):
         return matmul(self.inverse_blocks(t, x, args).differential_part, self.differential_part(t, dx, args))
 
 
-class Falling(eqx.Module):
+class BandedInverseBlock(eqx.Module):
     """The constraint block K of Ē⁻¹ as a linear function for banded constraints: a banded solve, no full matrix."""
 
-    factors: Factors
+    factors: BlockFactors
     places: tuple[int, ...] = eqx.field(static=True)  # indices of the algebraic components
     shape: tuple[int, int] = eqx.field(static=True)
 
@@ -166,7 +166,7 @@ class Banded(Constrained):
         seen = _columns(along, kernel @ probes(kernel.shape[1], self.bandwidth))
         factors, sign = factorised(seen)
         places = tuple(int(i) for i in np.argmax(kernel, axis=0))
-        falling: Any = Falling(factors, places, kernel.shape)
+        falling: Any = BandedInverseBlock(factors, places, kernel.shape)
         return InverseBlocks(jnp.asarray(right, x.dtype) - falling @ _columns(along, right), falling, sign)
 
 
@@ -310,7 +310,9 @@ def _range(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     size = np.abs(np.diag(r))
     rank = int(np.sum(size > RANK * size[0]))
     if rank == 0:
-        raise ValueError("leading(t0, args) is zero: nothing is differential.")
+        raise ValueError(
+            "leading(t0, args) is zero: nothing is differential. Write E with E(t) x' = f(t, x), or solve f = 0."
+        )
     return order[:rank], q[:, rank:]
 
 

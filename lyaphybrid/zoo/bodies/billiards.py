@@ -25,10 +25,10 @@ from ..problem import (
     state,
     traced,
 )
-from .walls import ARC, FALL, LINE, billiard, falls, first, lowest
+from .walls import ARC, FALL, STRAIGHT_PATH, billiard, falls, first, lowest
 
 SQUARE = ((1.0, 0.0), (0.0, 1.0))
-TRIANGULAR = ((1.0, 0.5), (0.0, math.sqrt(3) / 2))
+TRIANGULAR_LATTICE = ((1.0, 0.5), (0.0, math.sqrt(3) / 2))
 CELLS = np.stack(np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]), axis=-1).reshape(9, 2)
 
 
@@ -113,10 +113,13 @@ def _unit_disks(args):
 
 
 # Keys: whether there is a magnetic field.
-SINAI = {False: _lattice_gas(LINE, SQUARE, _unit_square), True: _lattice_gas(ARC, SQUARE, _unit_square)}
-LORENTZ = {False: _lattice_gas(LINE, TRIANGULAR, _unit_disks), True: _lattice_gas(ARC, TRIANGULAR, _unit_disks)}
-STADIUM = {False: _in_stadium(LINE), True: _in_stadium(ARC)}
-ELLIPSE = _convex(LINE, _in_ellipse)
+SINAI = {False: _lattice_gas(STRAIGHT_PATH, SQUARE, _unit_square), True: _lattice_gas(ARC, SQUARE, _unit_square)}
+LORENTZ = {
+    False: _lattice_gas(STRAIGHT_PATH, TRIANGULAR_LATTICE, _unit_disks),
+    True: _lattice_gas(ARC, TRIANGULAR_LATTICE, _unit_disks),
+}
+STADIUM = {False: _in_stadium(STRAIGHT_PATH), True: _in_stadium(ARC)}
+ELLIPSE = _convex(STRAIGHT_PATH, _in_ellipse)
 WEDGE = _convex(FALL, _in_wedge)
 
 # Exponent per unit time and its standard error, by problem and parameter.

@@ -17,7 +17,7 @@ from jax import lax
 from jaxtyping import Array
 
 from .contacts import (
-    Kind,
+    BodyKind,
     bodies_of,
     contact,
     dot,
@@ -31,14 +31,14 @@ from .contacts import (
     with_motion_of,
 )
 
-__all__ = ["CELLS_AN_AXIS", "Predictions", "along", "look_at_all", "predicted", "shifted", "update"]
+__all__ = ["CELLS_AN_AXIS", "CellPredictions", "along", "look_at_all", "predicted", "shifted", "update"]
 
 CELLS_AN_AXIS = 4  # least number: then only the nearest image can be met
 NOBODY = -1
 LEAVES = -2  # the partner of a body that leaves its cell through border b is LEAVES - b
 
 
-class Cells(NamedTuple):
+class LinkedCells(NamedTuple):
     """The bodies of each cell as linked lists: `head` is the first one, `after` links to the next."""
 
     counts: Array  # (d,) cells along each axis
@@ -48,7 +48,7 @@ class Cells(NamedTuple):
     place: Array  # (d, n) cell of each body, along each axis
 
 
-class Predictions(NamedTuple):
+class CellPredictions(NamedTuple):
     """The cache of the schedule; positions and velocities by axis."""
 
     time: Array  # (n,) time of each body's next event, counted from the rebasing
@@ -61,7 +61,7 @@ class Predictions(NamedTuple):
     v: Array  # (d, n)
     diameter: Array  # (n,)
     box: Array  # (d,)
-    cells: Cells
+    cells: LinkedCells
 
 
 # Cells.
@@ -80,21 +80,21 @@ def along(side, n: int, sides, widest):
     return jnp.minimum(side / widest, side * (2 * n / math.prod(sides)) ** (1 / len(sides)))
 
 
-def _counts(kind: Kind, box, widest):
+def _counts(kind: BodyKind, box, widest):
     return jnp.stack([jnp.floor(along(side, kind.n, list(box), widest)).astype(jnp.int32) for side in box])
 
 
-def _filled(kind: Kind, q, box, widest) -> Cells:
+def _filled(kind: BodyKind, q, box, widest) -> LinkedCells:
     counts = jnp.maximum(_counts(kind, box, widest), 1)
     share = q / box[:, None]
     place = jnp.floor((share - jnp.floor(share)) * counts[:, None].astype(q.dtype)).astype(jnp.int32)
     place = jnp.minimum(place, counts[:, None] - 1)
     nobody = jnp.full(kind.n, NOBODY, jnp.int32)
-    empty = Cells(counts, jnp.full(2 * kind.n, NOBODY, jnp.int32), nobody, nobody, place)
+    empty = LinkedCells(counts, jnp.full(2 * kind.n, NOBODY, jnp.int32), nobody, nobody, place)
     return lax.fori_loop(0, kind.n, lambda body, cells: _entered(cells, body), empty)
 
 
-def _entered(cells: Cells, body) -> Cells:
+def _entered(cells: LinkedCells, body) -> LinkedCells:
     """Insert a body at the head of the list of its cell."""
     body = jnp.asarray(body, jnp.int32)
     cell = _index(cells.counts, cells.place[:, body])
@@ -106,7 +106,7 @@ def _entered(cells: Cells, body) -> Cells:
     )
 
 
-def _left(cells: Cells, body) -> Cells:
+def _left(cells: LinkedCells, body) -> LinkedCells:
     """Remove a body from the list of its cell."""
     cell = _index(cells.counts, cells.place[:, body])
     ahead, follower = cells.before[body], cells.after[body]
@@ -123,7 +123,7 @@ def _where_somebody(links, body, value):
     return links.at[safe].set(jnp.where(body < 0, links[safe], value))
 
 
-def _moved(cells: Cells, body, border) -> Cells:
+def _moved_to_neighbour(cells: LinkedCells, body, border) -> LinkedCells:
     """Move a body through the border 2·axis + (0 low, 1 high)."""
     cells = _left(cells, body)
     step = jnp.where(jnp.arange(cells.counts.shape[0], dtype=jnp.int32) == border // 2, 2 * (border % 2) - 1, 0)
@@ -135,13 +135,13 @@ def _moved(cells: Cells, body, border) -> Cells:
 # Predictions.
 
 
-def look_at_all(kind: Kind, t, x, args) -> Predictions:
+def look_at_all(kind: BodyKind, t, x, args) -> CellPredictions:
     """Predict the next events of all bodies from the time t on."""
     n = kind.n
     diameter, none = each(kind, args["diameter"]).astype(x.dtype), jnp.zeros(n, jnp.int32)
     q, v = motion(kind, x, args)
     box = of_axes(kind, args).astype(x.dtype)
-    start = Predictions(
+    start = CellPredictions(
         time=jnp.zeros_like(diameter),
         partner=none,
         looked=none,
@@ -161,17 +161,17 @@ def look_at_all(kind: Kind, t, x, args) -> Predictions:
     return _go_on(kind, every._replace(first=smallest(every.time)[1]), t)
 
 
-def predicted(kind: Kind, cache: Predictions):
+def predicted(kind: BodyKind, cache: CellPredictions):
     """The time of the next event, and its name."""
     return cache.time[cache.first], name_of(kind, cache.first, cache.partner[cache.first])
 
 
-def shifted(cache: Predictions, dt) -> Predictions:
+def shifted(cache: CellPredictions, dt) -> CellPredictions:
     """Subtract dt from all times (rebasing)."""
     return cache._replace(time=cache.time - dt, q=cache.q + dt * cache.v)
 
 
-def update(kind: Kind, cache: Predictions, t, x, args, which) -> Predictions:
+def update(kind: BodyKind, cache: CellPredictions, t, x, args, which) -> CellPredictions:
     """Predict again for both bodies of the event, then for bodies that leave a cell or had one of them as partner."""
     bodies, events, changed = bodies_of(kind, which), cache.events + 1, cache.changed
     for body in bodies:
@@ -182,7 +182,7 @@ def update(kind: Kind, cache: Predictions, t, x, args, which) -> Predictions:
     return _go_on(kind, cache._replace(first=smallest(cache.time)[1]), t)
 
 
-def _go_on(kind: Kind, cache: Predictions, t) -> Predictions:
+def _go_on(kind: BodyKind, cache: CellPredictions, t) -> CellPredictions:
     """Handle events of the schedule alone, from the time t to the next contact or wall."""
 
     def only_of_the_schedule(state):
@@ -197,14 +197,14 @@ def _go_on(kind: Kind, cache: Predictions, t) -> Predictions:
         partner = cache.partner[body]
         leaves = partner <= LEAVES
         now = jnp.where(leaves, cache.time[body], now)
-        cells = lax.cond(leaves, lambda: _moved(cache.cells, body, LEAVES - partner), lambda: cache.cells)
+        cells = lax.cond(leaves, lambda: _moved_to_neighbour(cache.cells, body, LEAVES - partner), lambda: cache.cells)
         cache = _look_at(kind, cache._replace(cells=cells), body, now)
         return cache._replace(first=smallest(cache.time)[1]), now
 
     return lax.while_loop(only_of_the_schedule, look_again, (cache, t))[0]
 
 
-def _look_at(kind: Kind, cache: Predictions, body, t) -> Predictions:
+def _look_at(kind: BodyKind, cache: CellPredictions, body, t) -> CellPredictions:
     """Predict the next event of a body from time t on: the first of a contact, a wall and the border of its cell."""
     dt, partner = _neighbours(kind, cache, body, t)
     if kind.walls:
@@ -219,7 +219,7 @@ def _look_at(kind: Kind, cache: Predictions, body, t) -> Predictions:
     )
 
 
-def _neighbours(kind: Kind, cache: Predictions, body, t):
+def _neighbours(kind: BodyKind, cache: CellPredictions, body, t):
     """Time to the first contact with a body of this or a neighbouring cell, and that body."""
     d, cells = kind.d, cache.cells
     around = jnp.asarray(list(itertools.product((-1, 0, 1), repeat=d)), jnp.int32)
@@ -244,7 +244,7 @@ def _neighbours(kind: Kind, cache: Predictions, body, t):
     return lax.fori_loop(0, around.shape[0], in_cell, never)
 
 
-def _leaves(cache: Predictions, body, t):
+def _leaves(cache: CellPredictions, body, t):
     """Time until a body leaves its cell, and the border 2·axis + (0 low, 1 high)."""
     v, side = cache.v[:, body], cache.box / cache.cells.counts.astype(cache.box.dtype)
     inside = cache.q[:, body] + t * v - cache.cells.place[:, body].astype(side.dtype) * side

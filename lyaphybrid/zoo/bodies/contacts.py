@@ -10,7 +10,7 @@ from jaxtyping import Array
 
 __all__ = [
     "SIDES",
-    "Kind",
+    "BodyKind",
     "bodies_of",
     "contact",
     "dot",
@@ -29,7 +29,7 @@ SIDES = ("width", "height", "depth")  # names of the box's sides in args
 LANES = 128  # numbers that are compared at once; more are compared in a loop, to keep the code short
 
 
-class Kind(NamedTuple):
+class BodyKind(NamedTuple):
     """The static properties of a system."""
 
     n: int
@@ -42,17 +42,17 @@ class Kind(NamedTuple):
         return 2 * self.d
 
 
-def each(kind: Kind, value) -> Array:
+def each(kind: BodyKind, value) -> Array:
     """A property of the bodies, (n,)."""
     return jnp.broadcast_to(jnp.asarray(value), (kind.n,))
 
 
-def of_axes(kind: Kind, args) -> Array:
+def of_axes(kind: BodyKind, args) -> Array:
     """The sides of the box, (d,)."""
     return jnp.stack([jnp.asarray(args[side]) for side in SIDES[: kind.d]])
 
 
-def bodies_of(kind: Kind, which) -> tuple[Any, Any]:
+def bodies_of(kind: BodyKind, which) -> tuple[Any, Any]:
     """The two bodies of an event; at a wall, or at a mere new prediction, the second one is arbitrary."""
     n = kind.n
     pair, at_wall, idle = which, (which - n * n) // kind.faces, -1 - which
@@ -61,19 +61,19 @@ def bodies_of(kind: Kind, which) -> tuple[Any, Any]:
     return jnp.where(single, alone, pair // n), jnp.where(single, (alone + 1) % n, pair % n)
 
 
-def name_of(kind: Kind, body, partner):
+def name_of(kind: BodyKind, body, partner):
     """The name of an event of a body with a partner: another body, or n + 2·axis + side for a wall."""
     pair = kind.n * jnp.minimum(body, partner) + jnp.maximum(body, partner)
     return jnp.where(partner < kind.n, pair, kind.n**2 + kind.faces * body + (partner - kind.n))
 
 
-def motion(kind: Kind, x, args) -> tuple[Array, Array]:
+def motion(kind: BodyKind, x, args) -> tuple[Array, Array]:
     """Comoving positions (d, n) and velocities (d, n) of all bodies."""
     q, p = x.reshape(2, kind.n, kind.d)
     return q.T, (p / each(kind, args["mass"])[:, None]).T
 
 
-def with_motion_of(kind: Kind, bodies, cache: Any, x, args) -> Any:
+def with_motion_of(kind: BodyKind, bodies, cache: Any, x, args) -> Any:
     """The cache with updated positions and velocities of these bodies."""
     q, v, half = cache.q, cache.v, kind.n * kind.d
     for body in bodies:
@@ -129,7 +129,7 @@ def smallest(values) -> tuple[Array, Array]:
     return pairs[0][0], pairs[1][0]
 
 
-def time_to_wall(kind: Kind, cache: Any, body, t):
+def time_to_wall(kind: BodyKind, cache: Any, body, t):
     """Time to the first wall, and the wall."""
     v, radius = cache.v[:, body], cache.diameter[body] / 2
     q = cache.q[:, body] + t * v

@@ -29,7 +29,7 @@ from .billiards import known_reference
 from .contacts import SIDES
 from .particles import better_in_cells, hard_particles
 
-TRIANGULAR = math.sqrt(3) / 2  # aspect of a box that fits a triangular lattice of 4 m² sites
+TRIANGULAR_ASPECT = math.sqrt(3) / 2  # aspect of a box that fits a triangular lattice of 4 m² sites
 WALLS = ("periodic", "hard")
 SOURCE = (
     "C. Dellago, H. A. Posch & W. G. Hoover, Phys. Rev. E 53 (1996) 1485, doi:10.1103/PhysRevE.53.1485; J. Dinius, "
@@ -38,13 +38,13 @@ SOURCE = (
 
 # By (n, density σ², aspect): positive exponents in units of √(K/(m n))/σ, standard errors, source.
 _DISK_VALUES = {
-    (4, 0.7, TRIANGULAR): (
+    (4, 0.7, TRIANGULAR_ASPECT): (
         (4.882388346721429, 4.131369664339284, 3.546932156196429, 3.054711729975, 2.6269126780428564),
         (0.0001998147082338836, 0.00015994570337895237, 0.00014755608759481882, 0.00015464533531656092)
         + (0.00014168204475602757,),
         "event-driven C, t = 2.8e7",
     ),
-    (4, 0.2, TRIANGULAR): (
+    (4, 0.2, TRIANGULAR_ASPECT): (
         (1.5808275537888894, 1.1704466810555554, 0.8674522158233333, 0.6382693979933334, 0.48097748955999986),
         (0.0002606812180448773, 0.0002480443740446444, 0.0002144278897259846, 0.00017893523565866453)
         + (0.00015821774569596645,),
@@ -160,7 +160,7 @@ def hard_disks(
     *,
     n: int = 4,
     density: Real = 0.7,
-    aspect: Real = TRIANGULAR,
+    aspect: Real = TRIANGULAR_ASPECT,
     diameter: Real | Float[Array, " n"] = 1.0,
     mass: Real | Float[Array, " n"] = 1.0,
     kinetic_energy: Real | None = None,

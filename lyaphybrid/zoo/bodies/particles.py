@@ -12,7 +12,7 @@ from jax import lax
 
 from ...systems.event_driven import EventDriven, Schedule
 from . import cells, rows
-from .contacts import SIDES, Kind, bodies_of, dot, each, nearest, square
+from .contacts import SIDES, BodyKind, bodies_of, dot, each, nearest, square
 
 __all__ = ["better_in_cells", "hard_particles"]
 
@@ -31,7 +31,7 @@ def hard_particles(n: int, d: int, walls: bool, in_cells: bool = False) -> Event
 
     args: "diameter" and "mass", a number or (n,); the sides of the box by the names in `SIDES`.
     """
-    kind, way = Kind(n, d, walls), cells if in_cells else rows
+    kind, way = BodyKind(n, d, walls), cells if in_cells else rows
 
     def bound(function):
         return functools.partial(function, kind)
@@ -44,7 +44,7 @@ def hard_particles(n: int, d: int, walls: bool, in_cells: bool = False) -> Event
         touch=bound(_touched),
         flat=True,
     )
-    return EventDriven(bound(_fly), None, bound(_collide), bound(_gap), schedule=schedule, canonical=True)
+    return EventDriven(bound(_free_flight), None, bound(_collide), bound(_gap), schedule=schedule, canonical=True)
 
 
 def better_in_cells(n: int, sides: Sequence[float], widest: float) -> bool:
@@ -53,7 +53,7 @@ def better_in_cells(n: int, sides: Sequence[float], widest: float) -> bool:
     return n >= IN_CELLS_FROM and all(map(bool, wide))
 
 
-def _fly(kind: Kind, dt, x, args):
+def _free_flight(kind: BodyKind, dt, x, args):
     half = kind.n * kind.d
     mass = jnp.repeat(each(kind, args["mass"]), kind.d)
     return jnp.concatenate([x[:half] + (dt / mass) * x[half:], x[half:]])
@@ -62,7 +62,7 @@ def _fly(kind: Kind, dt, x, args):
 # Events.
 
 
-def _touched(kind: Kind, which):
+def _touched(kind: BodyKind, which):
     """Indices of the state's components that belong to the two bodies."""
     one, other = bodies_of(kind, which)
     axes = jnp.arange(kind.d, dtype=which.dtype)
@@ -70,7 +70,7 @@ def _touched(kind: Kind, which):
     return jnp.concatenate([places, kind.n * kind.d + places])
 
 
-class Pair(NamedTuple):
+class BodyPair(NamedTuple):
     """Two bodies at the time t, as scalars by component, so that no arrays must be assembled."""
 
     lightness: Any  # 1/m of each
@@ -79,7 +79,7 @@ class Pair(NamedTuple):
     apart: list  # displacement from the first to the second, or to its nearest image
 
 
-def _pair(kind: Kind, t, rows, args, which) -> Pair:
+def _pair(kind: BodyKind, t, rows, args, which) -> BodyPair:
     d = kind.d
     lightness = tuple(1 / each(kind, args["mass"])[body] for body in bodies_of(kind, which))
     v = tuple([lightness[i] * rows[(2 + i) * d + axis] for axis in range(d)] for i in range(2))
@@ -87,10 +87,10 @@ def _pair(kind: Kind, t, rows, args, which) -> Pair:
     apart = [(rows[d + axis] - rows[axis]) + t * relative[axis] for axis in range(d)]
     if not kind.walls:
         apart = [nearest(apart[axis], args[SIDES[axis]]) for axis in range(d)]
-    return Pair(lightness, v, relative, apart)
+    return BodyPair(lightness, v, relative, apart)
 
 
-def _collide(kind: Kind, t, rows, args, which):
+def _collide(kind: BodyKind, t, rows, args, which):
     """The momentum 2μ (w·q) q/q² goes from the second to the first, w the relative velocity; at a wall p_a is reversed.
 
     μ is the reduced mass. A kick Δp also changes the comoving position, by -t Δp/m.
@@ -111,7 +111,7 @@ def _collide(kind: Kind, t, rows, args, which):
     return jnp.stack(q + p)
 
 
-def _gap(kind: Kind, t, rows, args, which):
+def _gap(kind: BodyKind, t, rows, args, which):
     """The guard: q² - σ² of the two bodies, or the distance of the first from the wall."""
     pair = _pair(kind, t, rows, args, which)
     diameter = [each(kind, args["diameter"])[body] for body in bodies_of(kind, which)]

@@ -21,7 +21,7 @@ from jax import lax
 from jaxtyping import Array
 
 from .contacts import (
-    Kind,
+    BodyKind,
     bodies_of,
     contact,
     dot,
@@ -35,16 +35,16 @@ from .contacts import (
     with_motion_of,
 )
 
-__all__ = ["Predictions", "look_at_all", "predicted", "shifted", "update"]
+__all__ = ["RowPredictions", "look_at_all", "predicted", "shifted", "update"]
 
-NEVER = -1  # the partner of a body whose next event is only a new prediction
+NEW_PREDICTION = -1  # the partner of a body whose next event is only a new prediction
 
 
-class Predictions(NamedTuple):
+class RowPredictions(NamedTuple):
     """The cache of the schedule; positions and velocities by axis, so that n partners are one vector."""
 
     time: Array  # (n,) time of each body's next event, counted from the rebasing
-    partner: Array  # (n,) its partner: another body, n + 2·axis + (0 low, 1 high) for a wall, or `NEVER`
+    partner: Array  # (n,) its partner: another body, n + 2·axis + (0 low, 1 high) for a wall, or `NEW_PREDICTION`
     looked: Array  # (n,) number of events before each body's last prediction
     since: Array  # (n,) time of that prediction
     known: Array  # (n, n) times from `since` to the contacts of each body
@@ -60,7 +60,7 @@ class Predictions(NamedTuple):
     horizon: Array  # time in which no displacement changes by more than 1.5 L - σ
 
 
-def look_at_all(kind: Kind, t, x, args) -> Predictions:
+def look_at_all(kind: BodyKind, t, x, args) -> RowPredictions:
     """Predict the next events of all bodies from the time t on."""
     n = kind.n
     diameter, none = each(kind, args["diameter"]).astype(x.dtype), jnp.zeros(n, jnp.int32)
@@ -68,7 +68,7 @@ def look_at_all(kind: Kind, t, x, args) -> Predictions:
     widest, box = jnp.max(diameter), of_axes(kind, args).astype(x.dtype)
     # Largest relative speed: that of two of the lightest bodies with all of the energy.
     fastest = jnp.sqrt(2 * jnp.sum(mass[None, :] * v * v) / jnp.min(mass))
-    start = Predictions(
+    start = RowPredictions(
         time=jnp.zeros_like(diameter),
         partner=none,
         looked=none,
@@ -89,20 +89,20 @@ def look_at_all(kind: Kind, t, x, args) -> Predictions:
     return every._replace(first=smallest(every.time)[1])
 
 
-def predicted(kind: Kind, cache: Predictions):
+def predicted(kind: BodyKind, cache: RowPredictions):
     """The time of the next event, and its name."""
     body, partner = cache.first, cache.partner[cache.first]
-    return cache.time[body], jnp.where(partner == NEVER, -1 - body, name_of(kind, body, partner))
+    return cache.time[body], jnp.where(partner == NEW_PREDICTION, -1 - body, name_of(kind, body, partner))
 
 
-def shifted(cache: Predictions, dt) -> Predictions:
+def shifted(cache: RowPredictions, dt) -> RowPredictions:
     """Subtract dt from all times (rebasing)."""
     return cache._replace(
         time=cache.time - dt, since=cache.since - dt, aside=cache.aside - dt, q=cache.q + dt * cache.v
     )
 
 
-def update(kind: Kind, cache: Predictions, t, x, args, which) -> Predictions:
+def update(kind: BodyKind, cache: RowPredictions, t, x, args, which) -> RowPredictions:
     """Predict again for the two bodies of the event; while the next event is void, choose again from known contacts."""
     bodies = bodies_of(kind, which)
     cache = with_motion_of(kind, bodies, cache._replace(events=cache.events + 1), x, args)
@@ -127,17 +127,17 @@ def update(kind: Kind, cache: Predictions, t, x, args, which) -> Predictions:
     return cache._replace(time=time, partner=partner, first=first)
 
 
-def _earliest(cache: Predictions, body, contacts) -> tuple[Array, Array]:
+def _earliest(cache: RowPredictions, body, contacts) -> tuple[Array, Array]:
     """The first of these contacts of a body, or an earlier wall or new prediction."""
     soonest, whom = smallest(contacts)
     contact, aside = cache.since[body] + soonest, cache.aside[body]
     return jnp.minimum(contact, aside), jnp.where(aside < contact, cache.face[body], whom)
 
 
-def _look_at(kind: Kind, cache: Predictions, bodies, t) -> Predictions:
+def _look_at(kind: BodyKind, cache: RowPredictions, bodies, t) -> RowPredictions:
     """Predict the next events of bodies from the time t on."""
     for body in bodies:
-        dt, face = time_to_wall(kind, cache, body, t) if kind.walls else (cache.horizon, NEVER)
+        dt, face = time_to_wall(kind, cache, body, t) if kind.walls else (cache.horizon, NEW_PREDICTION)
         contacts = _contacts(kind, cache, body, t)
         cache = cache._replace(
             looked=cache.looked.at[body].set(cache.events),
@@ -152,7 +152,7 @@ def _look_at(kind: Kind, cache: Predictions, bodies, t) -> Predictions:
     return cache
 
 
-def _contacts(kind: Kind, cache: Predictions, body, t):
+def _contacts(kind: BodyKind, cache: RowPredictions, body, t):
     """Times (n,) to the contacts of a body with all others."""
     if kind.walls:
         return contact(*_approach(cache, body, t))
@@ -174,20 +174,20 @@ def _contacts(kind: Kind, cache: Predictions, body, t):
     return lax.cond(cache.roomy, nearest_first, soonest)
 
 
-def _relative(cache: Predictions, body, t):
+def _relative(cache: RowPredictions, body, t):
     """For each axis displacements (n,) and relative velocities of all from a body at time t; and squared reaches."""
     velocity = [v - v[body] for v in cache.v]
     apart = [(q - q[body]) + t * w for q, w in zip(cache.q, velocity, strict=True)]
     return apart, velocity, ((cache.diameter + cache.diameter[body]) / 2) ** 2
 
 
-def _approach(cache: Predictions, body, t):
+def _approach(cache: RowPredictions, body, t):
     """q·w, q² - σ² and w² of all with a body; q is from it to them, w the relative velocity."""
     apart, velocity, reach2 = _relative(cache, body, t)
     return dot(apart, velocity), dot(apart, apart) - reach2, dot(velocity, velocity)
 
 
-def _images(cache: Predictions, body, t):
+def _images(cache: RowPredictions, body, t):
     """As `_approach`, for the images that can be met: (q·w, q² - σ²) of each, and w².
 
     These are, along each axis, the nearest image and the next one ahead.

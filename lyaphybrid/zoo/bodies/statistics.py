@@ -20,15 +20,16 @@ from typing import NamedTuple
 import numpy as np
 
 from ..._arguments import positive, whole
-from ..._text import with_error
+from ..._text import Table, with_error
 from ...analysis.trajectories import Events, trajectory
+from ...results.result import Data, Result
 from ..problem import Problem
 from .contacts import SIDES
 
 __all__ = ["CollisionStatistics", "Measured", "collision_statistics", "kick_by_energy"]
 
 ENTRIES = 2**20  # numbers in a log of states: 8 MiB for those before the events, 8 MiB for those after
-FEWEST = 16  # least number of events in a piece of the run
+FEWEST_EVENTS = 16  # least number of events in a piece of the run
 
 
 class Measured(NamedTuple):
@@ -41,8 +42,8 @@ class Measured(NamedTuple):
         return with_error(*self)
 
 
-@dataclasses.dataclass(frozen=True)
-class CollisionStatistics:
+@dataclasses.dataclass(frozen=True, repr=False)
+class CollisionStatistics(Result):
     """Measured quantities, each a `Measured`: a value with its standard error from blocks of the run.
 
     Attributes:
@@ -70,15 +71,20 @@ class CollisionStatistics:
     wall_rate: Measured | None = None
     wall_pressure: Measured | None = None
 
-    def __str__(self) -> str:
-        lines = [f"Collisions of hard bodies (t = {self.time:g}, {self.collisions} collisions)"]
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, Measured):
-                lines.append(f"  {field.name.replace('_', ' '):16s} {value}")
-        return "\n".join(lines)
+    def _measured(self) -> dict[str, Measured]:
+        """The quantities that were measured, by name."""
+        values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        return {name: value for name, value in values.items() if isinstance(value, Measured)}
 
-    __repr__ = __str__
+    def _table(self) -> Table:
+        title = f"Collisions of hard bodies (t = {self.time:g}, {self.collisions} collisions)"
+        return Table(title, [(name.replace("_", " "), str(value)) for name, value in self._measured().items()])
+
+    def _data(self) -> Data:
+        variables = {}
+        for name, measured in self._measured().items():
+            variables |= {name: ((), measured.value), f"{name}_stderr": ((), measured.stderr)}
+        return Data(variables, {}, {"time": self.time, "collisions": self.collisions})
 
 
 class Totals(NamedTuple):
@@ -140,7 +146,7 @@ def collision_statistics(
     positive("t1, a length of time,", t1)
     whole("blocks", blocks, least=2)
     transient = float(problem.transient if transient is None else transient)
-    run = _Run(problem, bodies)
+    run = _PiecewiseRun(problem, bodies)
     if transient:
         run.totals(transient)
     parts = np.array([run.totals(t1 / blocks) for _ in range(blocks)])
@@ -195,12 +201,12 @@ def _bodies(problem: Problem) -> Bodies:
     )
 
 
-class _Run:
+class _PiecewiseRun:
     """A trajectory in pieces whose logs have a bounded size."""
 
     def __init__(self, problem: Problem, bodies: Bodies):
         self.problem, self.bodies, self.x = problem, bodies, problem.x0
-        self.most = max(FEWEST, ENTRIES // problem.x0.shape[0])
+        self.most = max(FEWEST_EVENTS, ENTRIES // problem.x0.shape[0])
         self.rate = _dilute_rate(bodies)  # rate of events; replaced by the measured one
 
     def totals(self, length: float) -> Totals:

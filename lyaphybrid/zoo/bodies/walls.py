@@ -25,7 +25,7 @@ from jax import lax
 
 from ...systems.event_driven import EventDriven
 
-__all__ = ["ARC", "FALL", "LINE", "Path", "billiard", "falls", "first", "lowest"]
+__all__ = ["ARC", "FALL", "STRAIGHT_PATH", "Path", "billiard", "falls", "first", "lowest"]
 
 
 class Path(NamedTuple):
@@ -97,7 +97,7 @@ def _none(args):
     return 0.0
 
 
-LINE = Path(_straight, lambda v, args: 0 * v, _none, _ahead)
+STRAIGHT_PATH = Path(_straight, lambda v, args: 0 * v, _none, _ahead)
 FALL = Path(_parabola, _down, _none, _ahead)  # in gravity 1
 ARC = Path(_arc, lambda v, args: args["field"] * _perpendicular(v), lambda args: args["field"] / 2, _along_the_arc)
 

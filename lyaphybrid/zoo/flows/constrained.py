@@ -119,8 +119,8 @@ def _swing(t, x, args):
 
 SPRING_DAMPER = DAE(_semi_explicit(2, 4), _spring_damper, 2)
 ROTATED = DAE(_rotated_leading, _rotated, 2)
-LORENZ = DAE(_semi_explicit(3, 4), _lorenz, 3, names=("x", "y", "z", "xy"))
-PENDULUM = DAE(_semi_explicit(4, 5), _pendulum, 4, names=("x", "y", "u", "v", "tension"))
+LORENZ_DAE = DAE(_semi_explicit(3, 4), _lorenz, 3, names=("x", "y", "z", "xy"))
+PENDULUM_DAE = DAE(_semi_explicit(4, 5), _pendulum, 4, names=("x", "y", "u", "v", "tension"))
 RECTIFIER = Hybrid(
     {
         "conducting": DAE(_semi_explicit(1, 3), _rectifier(True), 1),
@@ -248,7 +248,7 @@ def lorenz_dae(*, sigma: Real = 10.0, rho: Real = 28.0, beta: Real = 8 / 3) -> P
     """
     smooth = lorenz63(sigma=sigma, rho=rho, beta=beta)
     return Problem(
-        system=LORENZ,
+        system=LORENZ_DAE,
         x0=state(1.0, 1.0, 20.0, 1.0),
         args=smooth.args,
         t1=2000.0,
@@ -287,7 +287,7 @@ def pendulum_dae(*, damping: Real = 0.5, amplitude: Real = 1.5, omega: Real = 2 
     known = near((damping, amplitude, omega), 0.5, 1.5, 2 / 3)
     angle = 0.2
     return Problem(
-        system=PENDULUM,
+        system=PENDULUM_DAE,
         x0=state(math.sin(angle), -math.cos(angle), 0.0, 0.0, math.cos(angle)),
         args={"damping": damping, "amplitude": amplitude, "omega": omega},
         t1=4000.0,

@@ -8,7 +8,9 @@ from ..problem import Problem, Real, positive, problem, require, state
 
 SHINBROT = "T. Shinbrot, C. Grebogi, J. Wisdom & J. A. Yorke, Am. J. Phys. 60 (1992) 491, doi:10.1119/1.16860"
 HAIRER = "E. Hairer, Ch. Lubich & G. Wanner, Geometric Numerical Integration (Springer 2006), doi:10.1007/3-540-30666-8"
-HENON = "M. Hénon, Generating Families in the Restricted Three-Body Problem (Springer 1997), doi:10.1007/3-540-69650-4"
+HENON_BOOK = (
+    "M. Hénon, Generating Families in the Restricted Three-Body Problem (Springer 1997), doi:10.1007/3-540-69650-4"
+)
 
 
 def _two_rods(q, p, args):
@@ -35,10 +37,10 @@ def _rotating(q, p, args):
     return 0.5 * (p[0] * p[0] + p[1] * p[1]) + y * p[0] - x * p[1] - (1 - mu) / larger - mu / smaller
 
 
-PLANE = ("x", "y", "p_x", "p_y")
+PHASE_PLANE = ("x", "y", "p_x", "p_y")
 DOUBLE_PENDULUM = canonical_flow(_two_rods, names=("θ1", "θ2", "p1", "p2"))
-KEPLER = Hamiltonian(_unit_mass, _centre, names=PLANE)
-THREE_BODIES = canonical_flow(_rotating, names=PLANE)
+KEPLER = Hamiltonian(_unit_mass, _centre, names=PHASE_PLANE)
+THREE_BODIES = canonical_flow(_rotating, names=PHASE_PLANE)
 
 
 @problem
@@ -161,5 +163,5 @@ def restricted_three_body(*, mu: Real = 0.0121505856, jacobi: Real = 3.19, x: Re
         args={"mu": mu},
         t1=10_000.0,
         transient=100.0,
-        source=HENON,
+        source=HENON_BOOK,
     )

@@ -21,15 +21,11 @@ def _unit_masses(p, args):
     return jnp.sum(p**2) / 2
 
 
-def _differences(q):
-    """Differences (n + 1,) of neighbours, with q = 0 beyond both ends."""
-    end = jnp.zeros(1, q.dtype)
-    return jnp.concatenate([q, end]) - jnp.concatenate([end, q])
-
-
 def _quartic_sites(q, args):
-    bond = jnp.sum(_differences(q) ** 2) / (2 * args["disorder"])
-    return jnp.sum(args["stiffness"] * q**2 / 2 + args["nonlinearity"] * q**4 / 4) + bond
+    # With q = 0 beyond both ends Σ (q_{l+1} − q_l)²/2 = Σ q_l² − Σ q_l q_{l+1}: less work than from the differences.
+    coupling = 1 / args["disorder"]
+    sites = (args["stiffness"] / 2 + coupling) * q**2 + args["nonlinearity"] * q**4 / 4
+    return jnp.sum(sites) - coupling * jnp.sum(q[1:] * q[:-1])
 
 
 KLEIN_GORDON = Hamiltonian(_unit_masses, _quartic_sites)

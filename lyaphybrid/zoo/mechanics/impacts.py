@@ -61,7 +61,7 @@ def _chatter_ends(t, x, args):
     r, v, press = args["restitution"], x[1], _pressing(t, x, args)
     swing = args["amplitude"] * args["omega"]  # largest rate of the acceleration
     lasts = press**2 * (1 - r) > 8 * r * v * swing  # the further bounces take the time 2rv / ((1 − r) press)
-    return (v < SLOW * args["amplitude"]) & (press > 0) & lasts
+    return (v < CHATTER_ENDS * args["amplitude"]) & (press > 0) & lasts
 
 
 def _put_on_wall(t, x, args):
@@ -80,7 +80,7 @@ def _velocity(t, x, args):
     return x[1]
 
 
-SLOW = 1e-5  # velocity, in units of the amplitude, below which an impact under pressure ends the chatter
+CHATTER_ENDS = 1e-5  # velocity, in units of the amplitude, below which an impact under pressure ends the chatter
 
 HEIGHT, MOTION = ("height", "velocity"), ("x", "v")
 BOUNCING = Hybrid(_fall, Transition(_height, _rebound), names=HEIGHT)

@@ -31,7 +31,7 @@ from ..problem import (
     traced,
 )
 
-SAME = 1e-12  # potentials this near to threshold or reset are equal to it up to rounding
+EQUAL_POTENTIALS = 1e-12  # potentials this near to threshold or reset are equal to it up to rounding
 
 
 class Neuron(NamedTuple):
@@ -68,9 +68,9 @@ def _kicked_phase(x, strength, current):
     return 2 * jnp.arctan2(across + strength / jnp.sqrt(current) * along, along)
 
 
-SLOPES = {"leaky": -1.0, "xif": 1.0}
+NEURON_SLOPES = {"leaky": -1.0, "xif": 1.0}
 NEURONS = {
-    **{model: _linear(slope) for model, slope in SLOPES.items()},
+    **{model: _linear(slope) for model, slope in NEURON_SLOPES.items()},
     "qif": Neuron(
         field=lambda x, current: 2 * jnp.sqrt(current) * jnp.ones_like(x),
         flow=lambda dt, x, current: x + 2 * jnp.sqrt(current) * dt,
@@ -106,7 +106,9 @@ def _firing(neuron: Neuron, topology: str) -> Callable:
     def fire(t, x, args, which):
         which = jnp.asarray(which)
         kicked = neuron.pulse(x, PULSES[topology](args["coupling"], which, x), args["current"])
-        kicked = jnp.where(jnp.abs(x - neuron.reset) <= SAME, x, kicked)  # x, not the constant, to keep the derivative
+        kicked = jnp.where(
+            jnp.abs(x - neuron.reset) <= EQUAL_POTENTIALS, x, kicked
+        )  # x, not the constant, to keep the derivative
         return jnp.where(_is(which, x), neuron.reset, kicked)
 
     return fire
@@ -118,7 +120,7 @@ def _avalanche(neuron: Neuron, topology: str) -> Callable:
 
     def above(x):
         # A neuron at the threshold up to rounding came there by the flow: its spike is a separate event.
-        return x > neuron.threshold + SAME
+        return x > neuron.threshold + EQUAL_POTENTIALS
 
     def jump(t, x, args, which):
         return jax.lax.while_loop(
@@ -191,7 +193,7 @@ def _reference(model: str, current: float, coupling: Any, topology: str, n: int)
         return exact(0.0, *[-math.inf] * (n - 1), source="synchrony")
     if model == "xif" and (n > 2 or _lifted_at_once(current, coupling)):
         return None
-    splay = _splay(SLOPES[model], current, coupling, n) if coupling else None
+    splay = _splay(NEURON_SLOPES[model], current, coupling, n) if coupling else None
     if splay is None:
         return None
     return exact(*splay, source="the antiphase orbit" if n == 2 else "the splay state")

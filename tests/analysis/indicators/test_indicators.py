@@ -37,6 +37,7 @@ def brute_force(matrices, vectors):
     return np.array(found)
 
 
+@pytest.mark.slow
 def test_gali_is_the_product_of_singular_values():
     problem, times = torus(), np.array([3.0, 10.0, 31.0, 60.0])
     vectors = np.linalg.qr(np.random.default_rng(5).standard_normal((4, 4)))[0]
@@ -51,6 +52,7 @@ def test_gali_is_the_product_of_singular_values():
     assert_allclose(ours.log_values, brute_force(matrices, vectors), rtol=0, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_gali_through_impacts_is_the_product_of_singular_values():
     problem = zoo.impact_oscillator(omega=2.0)
     options = {"mode": problem.mode, "method": lh.RungeKutta(rtol=1e-11, atol=1e-13)}
@@ -80,6 +82,7 @@ def test_sali_is_the_shorter_diagonal():
         assert_allclose(value, min(np.linalg.norm(a + b), np.linalg.norm(a - b)), rtol=1e-7)
 
 
+@pytest.mark.slow
 def test_several_starts_at_once_and_under_jit():
     problem = torus()
     starts = jnp.stack([problem.x0, sea().x0])
@@ -92,6 +95,7 @@ def test_several_starts_at_once_and_under_jit():
         assert_allclose(compiled(starts[i]), alone[i].log_values, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_direction_that_a_jump_destroys():
     """A reset that kills a direction makes all volumes 0 for ever."""
     system = lh.Hybrid(
@@ -150,6 +154,7 @@ def test_ofli2_in_closed_form(method, tolerance):
     assert found.verdict.kind == "chaotic"
 
 
+@pytest.mark.slow
 def test_ofli2_is_the_second_derivative_of_the_motion():
     """Two derivatives through all steps of a leapfrog that is written out here."""
     problem, h, times = sea(), 0.05, np.array([0.05, 5.0, 20.0, 60.0])
@@ -179,6 +184,7 @@ def test_ofli2_is_the_second_derivative_of_the_motion():
     assert_allclose(ours.values, expected, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_ofli2_of_several_starts_and_under_jit():
     problem, options = torus(), {"t1": 50.0, "blocks": 4, "method": lh.Symplectic("leapfrog", dt=0.05)}
     starts = jnp.stack([problem.x0, sea().x0])
@@ -220,6 +226,7 @@ def test_hybrid_chaos_and_hybrid_order():
         assert found.verdict.kind == kind
 
 
+@pytest.mark.slow
 def test_pictures_show_each_order():
     problem = torus()
     options = {"t1": 50.0, "blocks": 8, "method": problem.method}
@@ -283,6 +290,7 @@ def test_the_angle_of_the_cat_map():
     assert_allclose(found.time, np.arange(101))
 
 
+@pytest.mark.slow
 def test_vectors_of_the_henon_map_are_carried_along():
     problem = zoo.henon_map()
     found = lh.covariant_vectors(
@@ -299,6 +307,7 @@ def test_vectors_of_the_henon_map_are_carried_along():
     assert_allclose(jnp.sum(found.exponents), np.log(0.3), rtol=0, atol=2e-2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("k", [3, 2])
 def test_the_neutral_vector_of_lorenz_is_the_flow(k):
     problem = zoo.lorenz63()
@@ -314,6 +323,7 @@ def test_the_neutral_vector_of_lorenz_is_the_flow(k):
     assert np.mean(off < 1e-2) >= 0.99
 
 
+@pytest.mark.slow
 def test_vectors_through_impacts():
     """With the phase as a third component the flow itself is a covariant vector; it maps to itself across impacts."""
     omega, zeta, restitution = 2.8, 0.05, 0.8
@@ -338,6 +348,7 @@ def test_vectors_through_impacts():
     assert np.max(off) < 1e-8
 
 
+@pytest.mark.slow
 def test_a_direction_that_is_lost_at_each_period():
     """One direction is killed at each tick; those that go on are the vectors of what is left."""
     matrix = np.array([[0.1, 0.4, 0.2], [0.0, -0.3, 0.5], [0.3, 0.1, -0.2]])

@@ -23,6 +23,7 @@ SACKER_SELL = [[-1.2261651064867845, 1.4137865765175388], [-6.404430261108282, -
 STEKLOV = 3.0479317007732063
 
 
+@pytest.mark.slow
 def test_averages_that_never_settle():
     found = lh.spectral_intervals(SLOW, [0.0, 0.0], t1=1e4, window=100.0, tau=100.0)
     print(found)
@@ -57,6 +58,7 @@ def test_limits_by_large_steps():
     assert found.separated
 
 
+@pytest.mark.slow
 def test_a_map_in_closed_form():
     """Growth by 2 for ten iterations, by 1/2 for the next ten."""
     halves = lh.Map(lambda n, x, args: x * jnp.where(n % 20 < 10, 2.0, 0.5))
@@ -76,6 +78,7 @@ def test_directions_that_change_places_are_not_separated():
     assert "not integrally separated" in str(found)
 
 
+@pytest.mark.slow
 def test_jumps_count():
     """ẋ = −0.3 x, and x ← 2 x at each tick: over whole periods the average is always the same."""
     system = lh.Hybrid(lambda t, x, args: -0.3 * x, lh.Transition(every=1.0, phase=0.5, reset=lambda t, x, args: 2 * x))
@@ -88,6 +91,7 @@ def test_jumps_count():
     )
 
 
+@pytest.mark.slow
 def test_a_direction_that_is_destroyed():
     system = lh.Hybrid(
         lambda t, x, args: jnp.array([0.1, -0.2]) * x,

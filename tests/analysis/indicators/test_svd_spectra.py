@@ -94,6 +94,7 @@ def test_qr_and_svd_differ_at_finite_times(nonnormal):
     assert_allclose(along.exponents, nonnormal.exponents, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_a_product_of_maps():
     """Matrices that change from step to step; k of fewer directions grow by no more than all."""
     matrices = np.random.default_rng(5).standard_normal((60, 3, 3)) * np.array([3.0, 1.0, 0.1])
@@ -121,6 +122,7 @@ def test_what_a_jump_destroys():
     assert np.isneginf(found.exponents[2])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["5.1", "5.2"])
 def test_examples_of_linh_and_others(name):
     """Against the tangent map over a short time; over a long one the volume, and Λ's limits."""

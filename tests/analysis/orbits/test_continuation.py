@@ -36,6 +36,7 @@ def cascade():
     return found
 
 
+@pytest.mark.slow
 def test_the_logistic_map_doubles_where_it_should(cascade):
     exact = [3.0, 1 + np.sqrt(6), 3.5440903595519228536]  # the last: a root of a polynomial, OEIS A086181
     for branch, value, turns in zip(cascade, exact, (1, 2, 4), strict=True):
@@ -61,6 +62,7 @@ def test_the_whole_branch_is_the_closed_form(cascade):
     assert cycle.ends == ("start", "range")
 
 
+@pytest.mark.slow
 def test_the_window_of_period_three_begins_in_a_fold():
     branch = lh.continuation(LOGISTIC, [0.1567], 3.84, over={"args": (3.8, 3.9)}, period=3)
     assert places(branch, "fold") == pytest.approx([1 + np.sqrt(8)], abs=1e-12)
@@ -88,6 +90,7 @@ def henon_doubling(start, a, period):
     return scipy.optimize.fsolve(misses, [*start, a], xtol=1e-12)[2]
 
 
+@pytest.mark.slow
 def test_henon_map_folds_and_doubles():
     """b = 0.3: fold at −(1 − b)²/4, doublings at 3(1 − b)²/4 and (1 − b)² + (1 + b)²/4."""
     options = {"over": {"args": (-0.13, 1.1)}, "period": 1, "step": 0.1}
@@ -139,6 +142,7 @@ def test_all_cycles_of_henon_map_up_to_period_eight():
         assert len(cycles) == count, period
 
 
+@pytest.mark.slow
 def test_a_circle_is_born_in_the_delayed_logistic_map():
     """X⁺ = r x (1 − y), y⁺ = x: at r = 2 the multipliers are exp(±iπ/3)."""
     delayed = lh.Map(lambda n, x, r: jnp.stack([r * x[0] * (1 - x[1]), x[0]]))
@@ -158,12 +162,14 @@ def test_a_branch_that_begins_at_a_doubling_needs_the_period_too(cascade):
         lh.continuation(LOGISTIC, cascade[0].specials[0], 2.5, over={"args": (3.2, 3.6)}, period=1)
 
 
+@pytest.mark.slow
 def test_two_real_multipliers_whose_product_is_one_are_nothing_special():
     saddle = lh.Map(lambda n, x, p: jnp.stack([p * x[0] + 0.1, 0.5 * x[1]]))
     branch = lh.continuation(saddle, [-0.2, 0.0], 1.5, over={"args": (1.2, 2.5)}, period=1)
     assert kinds(branch) == []
 
 
+@pytest.mark.slow
 def test_a_fold_with_a_parameter_that_is_one_entry_of_an_array():
     fold = lh.Map(lambda n, x, args: x + args["rates"][1] - x**2)
     args = {"rates": np.array([7.0, 0.25]), "count": 3}
@@ -177,6 +183,7 @@ def cubic(n, x, args):
     return args["p"] * x - x**3
 
 
+@pytest.mark.slow
 def test_a_pitchfork_from_its_handle_and_from_a_prong():
     options = {"over": {"p": (0.2, 2.5)}, "period": 1, "step": 0.1}
     handle = lh.continuation(lh.Map(cubic), [0.0], {"p": 0.5}, **options)
@@ -192,6 +199,7 @@ def test_a_pitchfork_from_its_handle_and_from_a_prong():
     assert_allclose(back.x0, 0.0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_two_branches_that_cross():
     crossing = lh.Map(lambda n, x, p: (1 + p) * x - x**2)
     options = {"over": {"args": (-0.9, 0.9)}, "period": 1}
@@ -203,6 +211,7 @@ def test_two_branches_that_cross():
     assert second.values[0] * second.values[-1] == pytest.approx(-0.81)
 
 
+@pytest.mark.slow
 def test_a_branch_that_closes():
     circle = lh.Map(lambda n, x, p: x + 0.3 * (1 - p**2 - x**2))
     branch = lh.continuation(circle, [1.0], 0.0, over={"args": (-2.0, 2.0)}, period=1, step=0.05)
@@ -225,6 +234,7 @@ def hopf(t, x, args):
     return jnp.stack([growth * x[0] - turn * x[1], turn * x[0] + growth * x[1]])
 
 
+@pytest.mark.slow
 def test_a_limit_cycle_whose_radius_and_period_are_known():
     branch = lh.continuation(lh.Flow(hopf), [0.7, 0.0], {"m": 0.5, "c": 0.3}, over={"m": (0.2, 1.5)})
     m = branch.values
@@ -243,6 +253,7 @@ def rotating(t, x, args):
     return -args["delta"] * x + square * jnp.stack([-x[1], x[0]]) + force
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("segments", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_folds_of_a_response_in_its_frequency(segments):
     args = {"omega": 0.5, "delta": 0.3, "force": 0.5}
@@ -347,6 +358,7 @@ def test_unstable_periodic_orbits_of_lorenz():
 # --- jumps ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_an_orbit_ends_where_it_touches_the_wall():
     """Without impacts the amplitude is A/√((1 − ω²)² + 4ζ²ω²), and it may not exceed the gap."""
     problem = zoo.impact_oscillator(omega=2.0, gap=1.0)
@@ -501,6 +513,7 @@ def test_the_buck_converter_doubles():
 # --- what cannot be followed, and what cannot be right --------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_where_newton_fails_the_branch_ends_and_is_kept():
     """X = 2 √(1 − p) ends at p = 1, and what is beyond is no number."""
     ending = lh.Map(lambda n, x, p: x / 2 + jnp.sqrt(1 - p))

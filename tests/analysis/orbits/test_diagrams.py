@@ -31,6 +31,7 @@ def logistic(values, **options):
 # --- against what is known ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_period_doublings_of_the_logistic_map():
     found = logistic([2.95, 3.4, 3.5, 3.55, 3.83, 3.86, 4.0], t1=4000)
     assert found.attractors() == ["P1w0:4", "P2w0:4", "P4w0:4", "P8w0:4", "P3w0:4", "chaos:4", "chaos:4"]
@@ -41,12 +42,14 @@ def test_the_period_doublings_of_the_logistic_map():
         assert np.all(error < 0.02)
 
 
+@pytest.mark.slow
 def test_period_two_begins_at_three_and_four_at_one_plus_root_six():
     doublings = np.array([3.0, 1 + np.sqrt(6)])
     found = logistic(np.concatenate([doublings - 0.002, doublings + 0.002]), transient=20_000, starts=2)
     assert found.attractors() == ["P1w0:2", "P2w0:2", "P2w0:2", "P4w0:2"]
 
 
+@pytest.mark.slow
 def test_a_motion_still_on_its_way_to_a_shorter_period_is_not_taken_for_a_longer_one():
     """At the doubling x_{j+2} - x_j falls like j^(-3/2): it is small long before x_{j+1} - x_j, like j^(-1/2), is."""
     found = logistic([3.0], transient=5000)
@@ -81,6 +84,7 @@ def test_up_and_down_differ_between_the_folds():
     assert np.mean(both[np.abs(values) < 0.2]) > 0.8
 
 
+@pytest.mark.slow
 def test_a_continuation_keeps_the_mode():
     """A relay: on, x' = a + 1 - x, until x falls below -1/2; off, x' = a - 1 - x, until it rises above 1/2."""
     relay = lh.Hybrid(
@@ -101,6 +105,7 @@ def test_a_continuation_keeps_the_mode():
     np.testing.assert_allclose(found.exponents, -1.0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_directions_that_are_lost():
     """Once a unit of time the second component is forgotten."""
     forgetful = lh.Hybrid(
@@ -129,6 +134,7 @@ def _open_tent():
     return lh.Map(rule)
 
 
+@pytest.mark.slow
 def test_the_escape_rate_of_an_open_tent_map():
     """The density stays uniform, and of each unit of it 1 - 2/slope leaves at every iteration."""
     tent = _open_tent()
@@ -153,6 +159,7 @@ def test_the_escape_rate_of_an_open_tent_map():
     assert found.attractors()[2].startswith("P1w0:")
 
 
+@pytest.mark.slow
 def test_exponents_of_a_run_that_has_settled_are_those_of_its_cycle():
     """What chaos came before does not count: the slope at the fixed point -1 of the open tent map is a half."""
     tent = _open_tent()
@@ -207,6 +214,7 @@ def test_a_lane_agrees_with_the_verbs_for_single_runs():
     np.testing.assert_allclose(found.exponents[0, 0], whole.exponents, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_threads_and_chunks_change_nothing(monkeypatch):
     values = np.linspace(3.5, 4.0, 9)
     first = logistic(values)
@@ -217,6 +225,7 @@ def test_threads_and_chunks_change_nothing(monkeypatch):
         np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
 
 
+@pytest.mark.slow
 def test_side_by_side_finds_the_same(monkeypatch):
     values = np.array([2.8, 3.2, 3.5])
     options = {"starts": 2, "directions": ("random",), "samples": 16}
@@ -329,6 +338,7 @@ BALL = lh.Hybrid(
 )
 
 
+@pytest.mark.slow
 def test_crossings_of_a_circle():
     circle = lh.Flow(lambda t, x, args: jnp.stack([x[1], -x[0]]))
     for direction, first, step in ((1, 1.5, 2.0), (0, 0.5, 1.0)):
@@ -346,6 +356,7 @@ def test_a_section_on_a_guard_of_the_system_shows_the_state_before_the_jump():
     np.testing.assert_allclose(found.x[:, 1], -1.0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_jump_across_the_section_is_no_crossing():
     """The velocity falls through zero at the top, and jumps from below to above at the floor."""
     found = lh.poincare_section(
@@ -358,6 +369,7 @@ def test_a_jump_across_the_section_is_no_crossing():
     np.testing.assert_allclose(np.diff(both.t), 2 * np.sqrt(1.01), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_section_does_not_change_the_motion():
     modes = lh.poincare_section(BALL, [0.5, 0.0], section=lambda t, x, args: x[0] - 0.25, n=40, direction=0)
     plain = lh.trajectory(BALL, [0.5, 0.0], t1=float(modes.t[-1]), n=1)
@@ -464,6 +476,7 @@ def test_pictures():
     pyplot.close("all")
 
 
+@pytest.mark.slow
 def test_angles_are_drawn_within_one_turn():
     turning = lh.Flow(lambda t, x, args: args["rate"] + 0.0 * x)
     options = {"period": 1.0, "method": lh.RungeKutta("rk4", dt=0.1), "angles": (0,), "directions": ("up",)}

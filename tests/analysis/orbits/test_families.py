@@ -64,6 +64,7 @@ def test_of_a_period_that_is_given_too():
     assert energy_of(PENDULUM, orbit.x0) == pytest.approx(-np.cos(1.5), abs=1e-9)
 
 
+@pytest.mark.slow
 def test_henon_heiles_on_its_axis():
     """Along y the motion is that of one degree of freedom; across, x'' = −(1 + 2y) x, Hill's equation."""
     system, stabilities = lh.zoo.henon_heiles().system, []
@@ -137,6 +138,7 @@ def height(x, args):
     return args["g"] * x[0] + x[1] ** 2 / 2
 
 
+@pytest.mark.slow
 def test_an_elastic_ball():
     orbit = lh.floquet(BALL, [0.7, 0.3], {"g": 9.81, "r": 1.0}, conserve=height)
     speed = np.sqrt(2 * 9.81 * 0.7 + 0.09)
@@ -156,6 +158,7 @@ def test_forced_orbits_are_judged_by_the_circle_not_by_rounding():
         assert abs(np.prod(np.asarray(orbit.multipliers)) - 1) < 1e-9
 
 
+@pytest.mark.slow
 def test_a_block_that_may_lie_anywhere():
     problem = lh.zoo.block_on_plate()
     orbit = lh.floquet(problem.system, problem.x0, problem.args, period=2 * np.pi)
@@ -231,6 +234,7 @@ def turned(x, angle):
     return jnp.concatenate([turn @ x[:2], turn @ x[2:]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("segments", [1, 2])
 def test_an_orbit_that_precesses(segments):
     start = jnp.array([1.0, 0.2, -0.1, 1.2])
@@ -244,6 +248,7 @@ def test_an_orbit_that_precesses(segments):
     assert orbit.family == 2
 
 
+@pytest.mark.slow
 def test_a_circle_modulo_a_turn_that_is_known():
     """A relative equilibrium: over the angle φ its neighbours oscillate by √(L² + b)/L φ."""
     angle, spin = 1.0, np.sqrt(1 - EXTRA)  # r = L² + b = 1
@@ -348,6 +353,7 @@ def step(apex, energy):
     return y + vy**2 / (2 * G), fall + run.t_events[0][0] + rise, way
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("segments", [1, 2])
 def test_a_runner(segments):
     args, energy = {"k": STIFFNESS}, G * 1.0 + 12.5
@@ -400,6 +406,7 @@ def test_impacts_that_lose_energy_are_named():
         lh.floquet(BALL, [0.7, 0.3], {"g": 9.81, "r": 0.999}, conserve=height, period=1.0)
 
 
+@pytest.mark.slow
 def test_jumps_that_are_not_symmetric_are_found():
     """The field does not see where it is, and a turn closes; but the next is longer."""
     slower = lh.Hybrid(
@@ -414,6 +421,7 @@ def test_jumps_that_are_not_symmetric_are_found():
 # Continuation.
 
 
+@pytest.mark.slow
 def test_the_family_of_a_pendulum_is_followed_in_its_energy():
     branch = lh.continuation(PENDULUM, [1.0, 0.0], None, over=(-0.9, 0.9), conserve=True, step=0.2)
     assert branch.ends == ("range", "range")
@@ -425,6 +433,7 @@ def test_the_family_of_a_pendulum_is_followed_in_its_energy():
     assert all(orbit.family == 1 for orbit in branch.orbits)
 
 
+@pytest.mark.slow
 def test_a_parameter_changes_while_the_energy_is_kept():
     """p²/2 − g cos q at energy 0: the swing ends at q = π/2 whatever g is, and T ~ g^(−1/2)."""
     system = lh.Hamiltonian(lambda p, g: jnp.sum(p**2) / 2, lambda q, g: -g * jnp.sum(jnp.cos(q)))
@@ -433,6 +442,7 @@ def test_a_parameter_changes_while_the_energy_is_kept():
     assert_allclose(branch.period, swing_period(0.0) / np.sqrt(branch.values), rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("segments", [1, 2])
 def test_a_branch_modulo_a_group(segments):
     def field(t, x, mu):
@@ -448,6 +458,7 @@ def test_a_branch_modulo_a_group(segments):
         assert orbit.stable
 
 
+@pytest.mark.slow
 def test_the_axis_of_henon_heiles_is_followed_in_its_energy():
     system = lh.zoo.henon_heiles().system
     branch = lh.continuation(system, [0.0, 0.4, 0.0, 0.0], None, over=(0.05, 0.12), conserve=True, step=0.3)

@@ -73,6 +73,7 @@ STARTS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("segments", [1, 3])
 def test_the_orbit_closes_in_its_mode(segments):
     _, period, multiplier = cycle(ARGS)
@@ -84,6 +85,7 @@ def test_the_orbit_closes_in_its_mode(segments):
         assert orbit.jumps == 3
 
 
+@pytest.mark.slow
 def test_where_the_period_is_given_the_motion_leads_to_the_orbit_too():
     apex, period, _ = cycle(ARGS)
     orbit = lh.floquet(HOPPER, [0.957, 3.24], ARGS, mode="flight", period=period)
@@ -92,6 +94,7 @@ def test_where_the_period_is_given_the_motion_leads_to_the_orbit_too():
     assert_allclose(energies[orbit.base[2]], 0.0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_what_closes_in_another_mode_is_no_orbit():
     """A switch that is thrown in each unit of time: after 1 all is as before, but for the switch."""
     clock = {
@@ -123,6 +126,7 @@ def test_an_equilibrium_is_no_orbit():
     assert np.max(np.abs(caught.value.result.x0)) < 1e-9
 
 
+@pytest.mark.slow
 def test_a_branch_stays_in_its_mode():
     branch = lh.continuation(
         HOPPER, [1.0, -3.0], ARGS, over={"k": (150.0, 250.0)}, mode="down", transient=3.0, step=0.2
@@ -146,6 +150,7 @@ def test_derivatives_are_of_that_orbit():
     assert found.trust
 
 
+@pytest.mark.slow
 def test_the_thrust_of_a_rate_by_design():
     """The first step of Newton's method would lead to a thrust of −2, where the hopper comes to rest."""
     found = lh.design(

@@ -117,6 +117,7 @@ def test_bad_arguments(arguments, says):
 # Jumps.
 
 
+@pytest.mark.slow
 def test_rimless_wheel(nonsmooth):
     known, problem = nonsmooth["rimless a=pi/8,gam=0.2"], zoo.rimless_wheel()
     orbit = lh.floquet(problem.system, problem.x0, problem.args)
@@ -149,6 +150,7 @@ def _sorted(values):
     return np.sort_complex(np.round(np.asarray(values, complex), 12))
 
 
+@pytest.mark.slow
 def test_return_maps_of_systems_that_depend_on_time_carry_the_time():
     problem = zoo.impact_oscillator(omega=2.0)
     hits = lh.return_map(problem.system, with_time=True)
@@ -162,6 +164,7 @@ def test_return_maps_of_systems_that_depend_on_time_carry_the_time():
         lh.return_map(problem.system).rule(0.0, start[:2], problem.args)
 
 
+@pytest.mark.slow
 def test_the_map_of_a_clock_is_stroboscopic():
     """x' = −x, kicked by 1 each unit of time: x⁺ = x/e + 1."""
     kicked = lh.Hybrid(lambda t, x, args: -x, lh.Transition(every=1.0, reset=lambda t, x, args: x + 1))
@@ -189,6 +192,7 @@ def test_return_maps_need_to_know_the_mode():
 # Dry friction and relays.
 
 
+@pytest.mark.slow
 def test_a_block_on_a_plate():
     problem = zoo.block_on_plate()
     orbit = lh.floquet(problem.system, problem.x0, problem.args, period=2 * np.pi)
@@ -234,6 +238,7 @@ def test_a_mass_on_a_belt(nonsmooth):
     assert np.isneginf(orbit.exponents[1])
 
 
+@pytest.mark.slow
 def test_other_orbits_of_a_kind_compile_nothing_again():
     """What differs between two orbits, the period among it, is traced."""
     traced = []

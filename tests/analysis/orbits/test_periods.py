@@ -128,6 +128,7 @@ def test_wherever_a_period_is_given(call, period):
     assert seen(str(caught.value)) == pytest.approx(TURN, rel=1e-7)
 
 
+@pytest.mark.slow
 def test_along_a_branch_the_period_is_that_of_the_parameters():
     """A number is the period at the start alone."""
     system = lh.Flow(lambda t, x, args: jnp.stack([x[1], jnp.cos(args["omega"] * t) - x[0] - 0.3 * x[1]]))
@@ -138,6 +139,7 @@ def test_along_a_branch_the_period_is_that_of_the_parameters():
     assert lh.continuation(**branch, period=turn_of).ends == ("range", "range")
 
 
+@pytest.mark.slow
 def test_what_has_no_period_is_refused_but_by_a_stroboscope():
     two = lh.Flow(lambda t, x, args: jnp.cos(t) + jnp.cos(np.sqrt(2) * t) - x)
     with pytest.raises(ValueError, match="No period was found: .a. there are several frequencies"):

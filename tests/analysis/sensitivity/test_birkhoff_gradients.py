@@ -15,6 +15,7 @@ def birkhoff(system, x0, args, **keywords):
     return lh.lyapunov_gradient(system, x0, args, **{"t1": 4000, "transient": 200, "algorithm": "birkhoff"} | keywords)
 
 
+@pytest.mark.slow
 def test_a_torus():
     """The mean of cos(φ + s sin φ) is −J₁(s); a derivative by the frequency grows with t along the orbit."""
     found = birkhoff(lh.Map(torus), [0.3, 0.1], TORUS)
@@ -25,6 +26,7 @@ def test_a_torus():
         assert np.all(found.stderr[name] < 1e-6)
 
 
+@pytest.mark.slow
 def test_many_parameters_in_reverse():
     """The mean of ln(1 + b cos mφ) is ln((1 + √(1 − b²))/2)."""
     many = jnp.linspace(0.1, 0.6, 24)
@@ -39,6 +41,7 @@ def test_many_parameters_in_reverse():
     assert_allclose(found.gradient[1], -np.asarray(many) / root / (1 + root), atol=1e-7)
 
 
+@pytest.mark.slow
 def test_a_complex_pair_where_equal_weights_do_not_converge():
     """Of a linear focus in sheared coordinates with rate θ and frequency 1 + θ."""
     shear = np.array([[1.0, 0.5], [0.2, 1.3]])
@@ -68,12 +71,14 @@ def test_impacts_as_by_newtons_method():
     assert_allclose(found.gradient["omega"], np.log(0.8) / (2 * np.pi), atol=1e-5)
 
 
+@pytest.mark.slow
 def test_auto_takes_it_where_there_is_no_isolated_orbit():
     found = lh.lyapunov_gradient(lh.Map(torus), [0.3, 0.1], TORUS, t1=4000)
     assert (found.method, found.trust) == ("birkhoff", True)
     assert any(reason.startswith("implicit") for reason in found.reasons)
 
 
+@pytest.mark.slow
 def test_a_locked_phase_is_not_trusted_where_the_run_is_too_short():
     """Close to a resonance the weights need longer than the run."""
     found = birkhoff(lh.Map(lambda n, x, k: x + 2.1 + k * jnp.sin(x)), [0.3], 0.3, t1=2000)

@@ -103,6 +103,7 @@ def found():
     return designed(-0.8)
 
 
+@pytest.mark.slow
 def test_the_slope_of_a_multiplier(found):
     exact = brentq(lambda slope: np.min(multipliers(slope).real) + 0.8, 2500, 6000, xtol=1e-9, rtol=1e-14)
     assert (found.converged, found.trust) == (True, True), found
@@ -110,6 +111,23 @@ def test_the_slope_of_a_multiplier(found):
     assert_allclose(np.sort(multipliers(found.parameters["slope"]).real)[0], -0.8, rtol=1e-10)
 
 
+@pytest.mark.slow
+def test_the_slope_at_a_reference_of_2_5_amperes():
+    """An independent computation gave 2777.2735."""
+    found = designed(-0.8, reference=2.5)
+    assert (found.converged, found.trust) == (True, True), found
+    assert abs(found.parameters["slope"] - 2777.2735) < 1e-4
+
+
+def test_the_exact_flows_against_values_from_elsewhere():
+    """The reference at which the period doubles without a ramp, and the slope for −0.8 at 2.5 A."""
+    doubling = brentq(lambda reference: np.min(multipliers(0.0, reference=reference).real) + 1, 1.5, 2.0, xtol=1e-13)
+    assert abs(doubling - 1.70598249061) < 1e-10
+    slope = brentq(lambda slope: np.min(multipliers(slope, reference=2.5).real) + 0.8, 2000, 4000, xtol=1e-9)
+    assert abs(slope - 2777.2735) < 5e-5
+
+
+@pytest.mark.slow
 def test_a_second_design_compiles_nothing(found):
     before = compilations()
     again = designed(-0.7, slope=4000.0, reference=3.1)

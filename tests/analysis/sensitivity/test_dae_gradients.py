@@ -70,9 +70,9 @@ def test_multipliers_of_a_singular_monodromy_matrix(small):
     change = right @ growing @ inverse + turning @ matrix - matrix @ turning  # V and U turn too
     found = implicit.Derivatives(matrix, change[None], np.zeros(1), 1.0)
     orbit = SimpleNamespace(multipliers=np.array([0.9, small]), exponents=np.log([0.9, small]), period=1.0)
-    _, gradient, groups = implicit.of_exponents(found, orbit, 2)
-    assert groups == []
-    assert_allclose(gradient[:, 0], slopes, rtol=1e-14 / small + 1e-12)
+    of = implicit.of_exponents(found, orbit, 2)
+    assert of.groups == []
+    assert_allclose(of.gradient[:, 0], slopes, rtol=1e-14 / small + 1e-12)
 
 
 @pytest.mark.slow
@@ -135,6 +135,7 @@ def _point(p):
 POINTS = jnp.array([[0.5, 1.3], [0.5, 1.7]])
 
 
+@pytest.mark.slow
 def test_a_point_on_constraints_that_close_over_a_parameter():
     """(1, −y³) / (1 + 3 a y²), by each kind of derivative and of many values at once."""
     y = np.array([float(_point(one)) for one in POINTS])
@@ -151,6 +152,7 @@ SECOND = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", SECOND)
 def test_second_derivatives_of_a_point_on_curved_constraints(kind):
     """With F = y + a y³ − x and s = 1 + 3 a y²: y'' = −(6 a y y' y' + 3 y² (a' y' + y' a')) / s."""

@@ -50,6 +50,7 @@ def test_a_target_that_is_not_reached():
     assert found.exponents[0] < 0.5
 
 
+@pytest.mark.slow
 def test_an_objective():
     """Of (λ + 1/2)² + (r − 2.7)², with λ = ln(r − 2): by the gradient that optax is handed."""
 
@@ -75,6 +76,7 @@ def test_bounds_on_one_side_are_no_bracket():
     assert "one side" in found.reasons[0]
 
 
+@pytest.mark.slow
 def test_chaos_that_has_no_derivative_ends_the_search():
     found = logistic(0.3, r=3.9, key=jax.random.key(0), t1=20_000)
     assert not found.converged

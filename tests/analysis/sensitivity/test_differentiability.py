@@ -43,6 +43,7 @@ def with_one(name, value):
     return ARGS | {name: value}
 
 
+@pytest.mark.slow_cases(all_but=("restitution",))
 @pytest.mark.parametrize("name", list(ARGS))
 def test_motion_and_tangents_with_respect_to_parameters(name):
     """Of guards and resets too; against central differences."""
@@ -54,6 +55,7 @@ def test_motion_and_tangents_with_respect_to_parameters(name):
         assert_allclose(slope, (high - low) / (2 * step), rtol=1e-6, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_derivative_of_a_trajectory_is_the_tangent_map():
     def end(x0):
         return lh.trajectory(BALL, x0, ARGS, t1=4.0, n=1, method=TIGHT).x[-1]
@@ -86,12 +88,14 @@ def rates_of_stretching(rate):
     return lh.lyapunov_spectrum(lh.Flow(stretched), jnp.zeros(2), rate, **options).exponents
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("derivative", [jax.jacfwd, jax.jacrev])
 def test_the_derivative_of_exponents_of_regular_motion(derivative):
     """Rates of a linear system in sheared coordinates; its columns align at a rate that has a derivative too."""
     assert_allclose(jax.jit(derivative(rates_of_stretching))(jnp.asarray(0.7)), [1, -1], rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_reverse_derivatives_of_motion_and_tangents():
     """Through two impacts on a floor that moves: by rows as by columns."""
 
@@ -105,6 +109,7 @@ def test_reverse_derivatives_of_motion_and_tangents():
     jax.tree.map(functools.partial(assert_allclose, rtol=1e-11), reverse, forward)
 
 
+@pytest.mark.slow
 def test_reverse_derivatives_of_a_trajectory():
     def end(x0):
         return lh.trajectory(BALL, x0, ARGS, t1=4.0, n=3, method=TIGHT).x[-1]
@@ -123,6 +128,7 @@ def test_the_reverse_derivative_of_a_saltation_matrix():
     assert_allclose(np.abs(slopes), [1.7 / 2, 1.7 * 9 / 4], rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_the_memory_of_a_reverse_pass_does_not_grow_with_the_steps():
     """Of x(t) = cos ωt after 100 steps and after 100 000, by one program, whose memory is known beforehand."""
 
@@ -137,6 +143,7 @@ def test_the_memory_of_a_reverse_pass_does_not_grow_with_the_steps():
     assert_allclose(program(one, many), -1000 * np.sin(1000.0), rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_what_a_function_closes_over_has_forward_derivatives():
     def end(omega):
         swing = lh.Flow(lambda t, x, args: jnp.stack([x[1], -(omega**2) * x[0]]))
@@ -171,6 +178,7 @@ def _scanned(x, factor, turns):
     return jax.lax.scan(step, (x, jnp.zeros(())), jnp.arange(turns))[0][1]
 
 
+@pytest.mark.slow
 def test_a_loop_backwards_whatever_its_number_of_turns():
     """Few, as many as there are checkpoints, one more, and thousands: one program, whose memory is the same."""
     arguments = jnp.asarray(0.3), jnp.asarray(0.9)
@@ -181,6 +189,7 @@ def test_a_loop_backwards_whatever_its_number_of_turns():
         assert_allclose(backwards(*arguments, np.asarray(turns)), wanted(*arguments), rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.slow_cases("40000")
 @pytest.mark.parametrize("turns", [40, 2000, 40_000])
 def test_how_often_a_turn_is_computed_again(turns):
     """By where checkpoints are put, without the loop's work: three times over at most, up to forty thousand turns."""
@@ -228,6 +237,7 @@ def test_second_derivatives_of_a_run():
     assert_allclose(found, jax.hessian(_growth_exactly)(PLACE), rtol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first", [jax.jacfwd, jax.grad])
 def test_second_derivatives_that_are_not_offered_say_what_to_take(first):
     second = jax.grad if first is jax.jacfwd else jax.jacfwd
@@ -242,9 +252,30 @@ def test_the_reverse_derivative_of_runs_side_by_side():
     assert_allclose(found, jax.vmap(jax.grad(_growth_exactly))(places), rtol=1e-12)
 
 
-def test_reverse_derivatives_of_what_a_function_closes_over_are_refused():
-    def end(rate):
-        return lh.lyapunov_spectrum(lh.Map(lambda n, x, _: rate * x), [0.3], t1=2, blocks=2, throw=False).x[0]
+def _closed_over(rate):
+    """The same run, of a rule that closes over its rate."""
+    return lh.lyapunov_spectrum(lh.Map(lambda n, x, _: rate * x * (1 - x)), [0.3], t1=2, blocks=2).exponents[0]
 
+
+@pytest.mark.slow
+def test_reverse_derivatives_of_what_a_function_closes_over_are_refused():
     with pytest.raises(RuntimeError, match=r"close over a value .* let the functions take it from args"):
-        jax.make_jaxpr(jax.grad(end))(0.5)
+        jax.make_jaxpr(jax.grad(_closed_over))(0.5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("engine", "within"),
+    [("native", lambda f: f), ("native", jax.jit), ("xla", lambda f: f)],
+    ids=["plain", "jit", "xla"],
+)
+def test_second_derivatives_of_what_a_function_closes_over_say_what_to_take(monkeypatch, engine, within):
+    monkeypatch.setenv("LYAPHYBRID_ENGINE", engine)
+    with pytest.raises(RuntimeError, match=r"jax\.jacfwd\(jax\.jacfwd\(f\)\)"):
+        jax.make_jaxpr(jax.hessian(within(_closed_over)))(0.8)
+
+
+@pytest.mark.slow
+def test_second_derivatives_of_what_a_function_closes_over():
+    found = jax.jacfwd(jax.jacfwd(_closed_over))(0.8)
+    assert_allclose(found, jax.hessian(_growth_exactly)(PLACE)[1, 1], rtol=1e-12)

@@ -77,6 +77,7 @@ def test_an_equilibrium_that_moves_with_the_parameters():
         assert_allclose(found.gradient[name], (ahead - behind) / (2 * step), rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_dae_at_rest():
     """Example 5.1 of Linh et al."""
     problem = lh.zoo.spring_damper_dae()
@@ -89,6 +90,7 @@ def test_a_dae_at_rest():
         assert np.all(found.stderr[name] < 1e-11)
 
 
+@pytest.mark.slow
 def test_a_leading_matrix_that_depends_on_parameters():
     """c x' = −y, y = k x + x³: λ = −k/c."""
     system = lh.DAE(

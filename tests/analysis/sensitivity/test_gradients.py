@@ -1,5 +1,7 @@
 """Derivatives of exponents of periodic orbits against exact values, and what is refused."""
 
+from types import SimpleNamespace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,7 +10,8 @@ from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
 from known_gradients import OF_IMPACTS, complex_pair, estimated, logistic, sheared_hopf
-from lyaphybrid.analysis.sensitivity import implicit
+from lyaphybrid.analysis.sensitivity import gradient, implicit
+from lyaphybrid.analysis.sensitivity.estimates import UntrustedError
 
 
 def forcing_period(args):
@@ -63,6 +66,7 @@ def test_a_fixed_point_at_the_origin():
     assert_allclose(found.gradient, [-0.3, -0.3, 0.5882352941176471], rtol=1e-11)
 
 
+@pytest.mark.slow
 def test_a_cycle_whose_period_depends_on_the_parameter():
     found = lh.lyapunov_gradient(lh.Flow(sheared_hopf), [0.9, 0.0], 0.8, t1=500.0, transient=50.0)
     assert found.trust, found.reasons
@@ -71,6 +75,7 @@ def test_a_cycle_whose_period_depends_on_the_parameter():
     assert any("zero exponent" in reason for reason in found.reasons)
 
 
+@pytest.mark.slow
 def test_faster_time():
     """F → c f multiplies all exponents by c, jumps or not."""
     found = estimated("faster impact oscillator", "implicit")
@@ -122,6 +127,46 @@ def test_nearly_equal_multipliers_are_one_group():
     assert implicit._groups(np.array([0.5, 0.5 + 1e-9, 0.2j, -0.2j, -0.5])) == [[0, 1], [2, 3], [4]]
 
 
+def nearly_triple(n, x, a):
+    """The largest multiplier is 0.5 + a^⅓, with a derivative of ∞ at a = 0."""
+    turned = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0] @ np.diag([1.0, 2.0, 4.0])
+    block = jnp.array([[0.5, 1, 0], [0, 0.5, 1], [0, 0, 0.5]]).at[2, 0].set(a)
+    return turned @ (block @ (np.linalg.inv(turned) @ x))
+
+
+def test_multipliers_that_rounding_has_moved_apart_are_not_trusted():
+    """The three at a = 0 are one, and come out 1e-5 apart."""
+    found = lh.lyapunov_gradient(lh.Map(nearly_triple), [0.3, 0.2, 0.1], 0.0, t1=100, algorithm="implicit")
+    assert not found.trust, found
+    assert any("cannot be told from another" in reason for reason in found.reasons)
+
+
+def test_the_error_of_nearly_equal_multipliers_includes_rounding():
+    found = lh.lyapunov_gradient(lh.Map(nearly_triple), [0.3, 0.2, 0.1], 1e-6, t1=100, algorithm="implicit")
+    assert found.trust, found.reasons
+    exact = 1e4 / 3 / 0.51
+    assert abs(found.gradient[0] - exact) <= found.stderr[0] < 1e-6 * exact
+
+
+def test_multipliers_that_cannot_be_told_apart_have_no_derivative():
+    """Two multipliers, and left and right eigenvectors that are orthogonal: there is no dual."""
+    defective = np.array([[0.5, 1.0], [0.0, 0.5]])
+    found = implicit.Derivatives(defective, np.eye(2)[None], np.zeros(1), 1.0)
+    orbit = SimpleNamespace(multipliers=np.array([0.5, 0.5 + 1e-5]), exponents=np.log([0.5, 0.5]), period=1.0)
+    with pytest.raises(UntrustedError, match="cannot be told from another"):
+        implicit.of_exponents(found, orbit, 2)
+
+
+@pytest.mark.parametrize("error", [np.linalg.LinAlgError, ValueError])
+def test_an_error_within_a_method_is_not_taken_for_one_that_does_not_apply(monkeypatch, error):
+    def broken(*args, **keywords):
+        raise error("a defect")
+
+    monkeypatch.setattr(gradient, "by_implicit", broken)
+    with pytest.raises(error, match="a defect"):
+        lh.lyapunov_gradient(lh.Map(logistic), [0.3], 2.9, t1=100)
+
+
 def test_chaos_is_no_periodic_orbit():
     henon = lh.zoo.henon_map()
     with pytest.raises(lh.NoDerivativeError, match="does not come back"):
@@ -136,7 +181,7 @@ def test_chaos_is_no_periodic_orbit():
         ({"algorithm": "shadowing"}, "must be one of"),
         ({"t1": -1.0}, "t1, a length"),
         ({"k": 3}, "at most 1"),
-        ({"args": {"n": 3}}, "no floating-point leaf"),
+        ({"args": {"n": 3}}, "no floating-point number to differentiate by"),
     ],
 )
 def test_bad_input(keywords, says):

@@ -63,6 +63,14 @@ CALLS = {
 }  # fmt: skip
 
 
+@pytest.mark.slow_cases(
+    all_but=(
+        "implicit, of a map",
+        "design",
+        "design by an objective",
+        "design by bisection",
+    )
+)
 @pytest.mark.parametrize("name", CALLS)
 def test_a_second_call_compiles_nothing(name):
     CALLS[name](0)

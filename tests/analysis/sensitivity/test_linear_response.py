@@ -43,6 +43,7 @@ def assert_within(found, exact, known=0.0, most=3.0):
     assert found.trust, found.reasons
 
 
+@pytest.mark.slow
 def test_the_solenoid():
     a = 0.4
     found = gradient(solenoid, [0.3, 0.1, 0.2], a, 10_000)
@@ -60,6 +61,7 @@ def test_the_solenoid_to_a_thousandth(a):
     assert found.stderr[0] < 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("t1", [25_000, pytest.param(200_000, marks=pytest.mark.slow)])
 def test_the_perturbed_cat_map(t1):
     found = gradient(perturbed_cat, [0.3, 0.1], 0.4, t1)
@@ -67,6 +69,7 @@ def test_the_perturbed_cat_map(t1):
     assert np.max(found.stderr) < 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("c", [0.8, 1.5])
 def test_a_change_of_coordinates_changes_no_exponent(c):
     found = gradient(conjugate, [0.3], c, 5_000)
@@ -88,6 +91,8 @@ def of_transfer_operator(a, modes=64, points=4096):
     return np.mean((density / np.mean(density)).real * np.log(2 + a * np.cos(x)))
 
 
+@pytest.mark.slow
+@pytest.mark.slow_cases("0.5")
 @pytest.mark.parametrize("a", [0.5, 0.9])
 def test_a_circle_map_against_its_transfer_operator(a):
     found = gradient(bent, [0.3], a, 10_000)
@@ -109,6 +114,7 @@ def of_field(field, parameter, t1):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_faster_time():
     """f → c f multiplies all exponents by c: all of it is a shift of time."""
     found = of_field(lambda t, x, c: c * lorenz_field(x), 1.0, 30.0)
@@ -176,9 +182,10 @@ def test_errors_have_the_size_they_should(rule, x0, a, exact):
     assert sum(one.trust for one in found) >= 33
 
 
+@pytest.mark.slow
 def test_the_density_gradient_of_a_known_density():
     """ρ ∝ 1/(c² cos² x/2 + sin² x/2), g = ∂_x ln ρ and b = (∂_x∂_cφ)/φ' + ∂_cφ g."""
-    motion = jets.Motion(lambda c, h, x: conjugate(0, x, c[0]), jnp.array([0.6]), jnp.array(1.0), False)
+    motion = jets.JetMap(lambda c, h, x: conjugate(0, x, c[0]), jnp.array([0.6]), jnp.array(1.0), False)
     jet = jets.jet_at(jnp.array([0.3]), jnp.ones((1, 1)), 1)
     onward = jax.jit(lambda jet: jets.onward(motion, jet))
     for _ in range(60):
@@ -195,9 +202,10 @@ def test_the_density_gradient_of_a_known_density():
     assert_allclose(jet.v.x, 0, atol=1e-14)
 
 
+@pytest.mark.slow
 def test_derivatives_along_the_unstable_direction():
     """Those of u and v, against the difference between two points on one unstable curve."""
-    motion = jets.Motion(lambda a, h, x: solenoid(0, x, a[0]), jnp.array([0.4]), jnp.array(1.0), False)
+    motion = jets.JetMap(lambda a, h, x: solenoid(0, x, a[0]), jnp.array([0.4]), jnp.array(1.0), False)
     onward = jax.jit(lambda jet: jets.onward(motion, jet)[0])
     one = jets.jet_at(jnp.array([0.3, 0.1, 0.2]), jnp.eye(3), 1)
     for _ in range(100):
@@ -216,10 +224,10 @@ def test_derivatives_along_the_unstable_direction():
 
 def test_what_is_remembered_fades_smoothly():
     """As the probability that eight geometric times together take longer than the lag."""
-    retained, stages = jnp.array([0.5, 0.9]), jnp.zeros((responses.STAGES, 2, 1))
+    retained, stages = jnp.array([0.5, 0.9]), jnp.zeros((responses.MEMORY_STAGES, 2, 1))
     for lag in range(200):
         stages = responses.remembered(stages, jnp.full(1, float(lag == 0)), retained)
-        left = [stats.nbinom.sf(lag - responses.STAGES, responses.STAGES, 1 - r) for r in (0.5, 0.9)]
+        left = [stats.nbinom.sf(lag - responses.MEMORY_STAGES, responses.MEMORY_STAGES, 1 - r) for r in (0.5, 0.9)]
         assert_allclose(jnp.sum(stages, axis=0)[:, 0], left, atol=1e-12)
 
 
@@ -232,6 +240,7 @@ def stretched(n, x, a):
     return jnp.mod(2.3 * x + a * jnp.sin(CIRCLE * x) / CIRCLE, 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rule", "x0", "a"), [(baker, [0.31234, 0.1], 0.3), (lozi, [0.1, 0.1], 1.7), (stretched, [0.3], 0.2)]
 )
@@ -248,6 +257,7 @@ def test_a_field_with_a_kink_is_refused():
     assert any("discontinuity" in reason for reason in found.reasons)
 
 
+@pytest.mark.slow
 def test_henon_is_refused():
     """The density along the unstable manifold is singular: its gradient's tail is so heavy that it has no mean."""
     found = gradient(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]]), [0.1, 0.1], 1.4, 20_000)
@@ -264,6 +274,11 @@ def beside_a_rotation(n, x, a):
     return jnp.concatenate([perturbed_cat(n, x[:2], a), jnp.mod(x[2:] + 0.1, 1.0)])
 
 
+@pytest.mark.slow_cases(
+    "two_cats-x00-more than one unstable direction",
+    "beside_a_rotation-x01-or a neutral one",
+    "<lambda>-x03-those of regular motion",
+)
 @pytest.mark.parametrize(
     ("rule", "x0", "says"),
     [
@@ -308,6 +323,7 @@ def test_breaks(function, charts, expected):
     assert bool(found) == expected
 
 
+@pytest.mark.slow
 def test_runs_that_were_interrupted_are_left_out(monkeypatch):
     whole = responses.run_sequences
 
@@ -348,6 +364,7 @@ def test_bad_input(system, keywords, says):
         lh.lyapunov_gradient(system, [0.5, 0.5], 0.5, algorithm="linear_response", **keywords)
 
 
+@pytest.mark.slow
 def test_a_function_within_a_jit_may_take_a_time_that_it_does_not_need():
     rule = jax.jit(blaschke)
     found = gradient(lambda n, x, a: rule(n, x, a), [0.3], 0.4, 1000)

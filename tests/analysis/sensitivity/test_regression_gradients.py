@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 import lyaphybrid as lh
 from known_gradients import baker, of_solenoid, perturbed_cat, solenoid
 from lyaphybrid.analysis.sensitivity import estimates, regression
-from lyaphybrid.zoo.bodies.walls import LINE, billiard, falls, lowest
+from lyaphybrid.zoo.bodies.walls import STRAIGHT_PATH, billiard, falls, lowest
 
 KEY = jax.random.key(1)
 
@@ -30,6 +30,7 @@ def assert_within_one(found, name, exact, known=0.0):
     assert found.trust, found.reasons
 
 
+@pytest.mark.slow
 def test_a_discontinuity_that_moves():
     """No trajectory's derivative sees it; λ₁ = −p ln p − (1−p) ln(1−p)."""
     found = gradient(baker, [0.31234, 0.1], 0.3, 20_000, window=0.2)
@@ -115,12 +116,13 @@ def heights(q, args):
 
 
 def next_event(t, x, args):
-    return jnp.min(falls(LINE, heights, x, args)), 0
+    return jnp.min(falls(STRAIGHT_PATH, heights, x, args)), 0
 
 
+@pytest.mark.slow
 def test_the_mean_free_time_of_a_lorentz_gas():
     """⟨τ⟩ = π area/perimeter (N. Chernov, J. Stat. Phys. 88 (1997) 1, doi:10.1007/BF02508462), the speed being 1."""
-    gas = billiard(LINE, next_event, lambda q, args, which: lowest(heights(q, args)))
+    gas = billiard(STRAIGHT_PATH, next_event, lambda q, args, which: lowest(heights(q, args)))
     found = lh.lyapunov_gradient(
         gas, [0.5, 0.05, 0.6, 0.8], {"corner": 0.38, "middle": 0.3}, t1=10_000.0, transient=20.0, key=KEY, k=1,
         over=["corner"], window=0.04,
@@ -134,6 +136,7 @@ def test_the_mean_free_time_of_a_lorentz_gas():
     assert re.search(r"time per jump +0\.19", str(found))
 
 
+@pytest.mark.slow
 def test_faster_time():
     """F → c f multiplies all exponents by c."""
     problem = lh.zoo.lorenz63()
@@ -148,6 +151,7 @@ def test_faster_time():
     assert_within(found, found.value)
 
 
+@pytest.mark.slow
 def test_henon_is_refused():
     """Windows of periodic motion lie everywhere: λ is no smooth function of a."""
 
@@ -160,6 +164,7 @@ def test_henon_is_refused():
     assert any("χ²" in reason and "no smooth function" in reason for reason in found.reasons)
 
 
+@pytest.mark.slow
 def test_a_chaotic_impact_oscillator_is_refused():
     """Periodic windows everywhere: χ² grows with the length of the runs."""
 
@@ -175,6 +180,7 @@ def test_a_chaotic_impact_oscillator_is_refused():
     assert any("χ²" in reason and "no smooth function" in reason for reason in found.reasons)
 
 
+@pytest.mark.slow
 def test_two_degrees_must_agree():
     """A bend that a cubic over this window cannot follow, without any noise."""
 
@@ -191,6 +197,7 @@ def test_smooth_dependence_is_found_without_noise():
     assert found.trust, found.reasons
 
 
+@pytest.mark.slow
 def test_several_parameters_at_once():
     def rule(n, x, args):
         return jnp.stack([args["rates"][0] * x[0], args["rates"][1] * x[1]])
@@ -199,6 +206,7 @@ def test_several_parameters_at_once():
     assert_allclose(found.gradient["rates"], [[1 / 0.6, 0], [0, 1 / 0.3]], atol=1e-4)
 
 
+@pytest.mark.slow
 def test_an_exponent_of_minus_infinity():
     found = gradient(lambda n, x, a: jnp.stack([a * x[0], 0 * x[1]]), [0.5, 0.5], 0.5, 100, window=0.01)
     assert found.value[1] == -np.inf
@@ -207,6 +215,7 @@ def test_an_exponent_of_minus_infinity():
     assert any("−∞" in reason for reason in found.reasons)
 
 
+@pytest.mark.slow
 def test_runs_that_fail_are_left_out_and_counted():
     """x' = a + x² ends in a finite time for a > 0."""
     runaway = lh.Flow(lambda t, x, a: a + x**2)
@@ -217,6 +226,7 @@ def test_runs_that_fail_are_left_out_and_counted():
     assert "runs failed" in found.reasons[0]
 
 
+@pytest.mark.slow
 def test_smooth_dependence_may_ask_for_a_smaller_window():
     """A cubic ends long before the noise of regular motion, of which there is none."""
     found = gradient(lambda n, x, a: x * a, [0.5], 0.5, 100)
@@ -236,6 +246,7 @@ def test_good_cases_are_seldom_refused():
     assert_allclose(np.std(scores), 1.0, atol=0.2)
 
 
+@pytest.mark.slow
 def test_minus_infinity_in_a_part_of_the_window():
     found = gradient(lambda n, x, a: jnp.stack([0.5 * x[0], jnp.where(a > 0.5, 0.3, 0.0) * x[1]]), [0.5, 0.5], 0.5, 100)
     assert not found.trust
@@ -243,6 +254,7 @@ def test_minus_infinity_in_a_part_of_the_window():
     assert any("48 of 96" in reason for reason in found.reasons)
 
 
+@pytest.mark.slow
 def test_too_few_points_are_left():
     runaway = lh.Flow(lambda t, x, a: a + x**2)
     found = lh.lyapunov_gradient(
@@ -253,6 +265,7 @@ def test_too_few_points_are_left():
     assert any("too few points" in reason for reason in found.reasons)
 
 
+@pytest.mark.slow
 def test_lanes_that_were_not_computed_count_as_failed(monkeypatch):
     """After Ctrl-C they hold zeros, which is also the code of a run that went well."""
     whole = regression.map_lanes
@@ -271,6 +284,7 @@ def test_lanes_that_were_not_computed_count_as_failed(monkeypatch):
     assert "30 of 96 runs failed" in found.reasons
 
 
+@pytest.mark.slow
 def test_threads_change_nothing():
     case = estimates.case_of(lh.Map(baker), jnp.array([0.31234, 0.1]), 0.3, 2, {"t1": 500})
     one, two = (regression.by_regression(case, key=KEY, threads=threads) for threads in (1, 2))

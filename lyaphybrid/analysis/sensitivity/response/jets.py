@@ -30,17 +30,17 @@ from jaxtyping import Array
 from ...._jax.columns import each_column
 from ...._linalg import frames
 
-__all__ = ["Jet", "Motion", "Point", "Step", "jet_at", "onward"]
+__all__ = ["Jet", "JetMap", "FramedPoint", "StepTerms", "jet_at", "onward"]
 
 
-class Point(NamedTuple):
+class FramedPoint(NamedTuple):
     """A point with its frame; or a tangent of both, or (p, …) of them."""
 
     x: Array  # (n,)
     frame: Array  # (n, k)
 
 
-class Motion(NamedTuple):
+class JetMap(NamedTuple):
     """The map φ and its inputs."""
 
     rule: Callable  # (θ, h, x) -> x'
@@ -49,26 +49,26 @@ class Motion(NamedTuple):
     flows: bool  # whether φ is a step of a flow; then F is its derivative by h
 
 
-class Along(NamedTuple):
+class TangentJet(NamedTuple):
     """A tangent of a point, and the derivatives of u and v along it."""
 
-    z: Point
-    u: Point
-    v: Point
+    z: FramedPoint
+    u: FramedPoint
+    v: FramedPoint
 
 
 class Jet(NamedTuple):
     """A point with all derivatives that are propagated."""
 
-    z: Point
-    u: Point
-    v: Point  # (p, …), one for each parameter
-    unstable: Along  # along u
-    flow: Along  # along F
+    z: FramedPoint
+    u: FramedPoint
+    v: FramedPoint  # (p, …), one for each parameter
+    unstable: TangentJet  # along u
+    flow: TangentJet  # along F
     g: Array
 
 
-class Step(NamedTuple):
+class StepTerms(NamedTuple):
     """The terms of a step from z to z' for the sums."""
 
     growth: Array  # (k,) J at z
@@ -78,12 +78,12 @@ class Step(NamedTuple):
     rate: Array  # (k,) dJ/dh at z', of a flow
 
 
-class Carried(NamedTuple):
+class CarriedDerivatives(NamedTuple):
     """The first derivatives after a step, and their coefficients."""
 
-    z: Point
-    u: Point
-    v: Point
+    z: FramedPoint
+    u: FramedPoint
+    v: FramedPoint
     alpha: Array
     kappa: Array
     a: Array  # (p,)
@@ -91,13 +91,13 @@ class Carried(NamedTuple):
 
 def jet_at(x, frame, p: int) -> Jet:
     """A first jet with zero derivatives; the error decays as the stable directions contract."""
-    nothing = Point(jnp.zeros_like(x), jnp.zeros_like(frame))
+    nothing = FramedPoint(jnp.zeros_like(x), jnp.zeros_like(frame))
     each = jax.tree.map(lambda leaf: jnp.zeros((p, *leaf.shape), leaf.dtype), nothing)
-    u, still = Point(frame[:, 0], nothing.frame), Along(nothing, nothing, each)
-    return Jet(Point(x, frame), u, each, still._replace(z=u), still, jnp.zeros((), x.dtype))
+    u, still = FramedPoint(frame[:, 0], nothing.frame), TangentJet(nothing, nothing, each)
+    return Jet(FramedPoint(x, frame), u, each, still._replace(z=u), still, jnp.zeros((), x.dtype))
 
 
-def onward(motion: Motion, jet: Jet) -> tuple[Jet, Step]:
+def onward(motion: JetMap, jet: Jet) -> tuple[Jet, StepTerms]:
     """The jet after one step, and the terms of the step.
 
     The engine's loop propagates first derivatives only; here a step of the same method is differentiated further.
@@ -108,18 +108,20 @@ def onward(motion: Motion, jet: Jet) -> tuple[Jet, Step]:
     by_flow = derivative(*jet.flow)
     by_unstable = jax.tree.map(lambda one, two: (one - new.kappa * two) / new.alpha, derivative(*jet.unstable), by_flow)
     g = (jet.g - by_unstable.alpha - by_flow.kappa) / new.alpha
-    unstable, flow = Along(new.u, by_unstable.u, by_unstable.v), Along(velocity, by_flow.u, by_flow.v)
+    unstable, flow = TangentJet(new.u, by_unstable.u, by_unstable.v), TangentJet(velocity, by_flow.u, by_flow.v)
     return Jet(new.z, new.u, new.v, unstable, flow, g), step._replace(b=by_unstable.a + new.a * g)
 
 
-def _image(motion: Motion, theta, h, z: Point) -> tuple[Point, Array]:
+def _image(motion: JetMap, theta, h, z: FramedPoint) -> tuple[FramedPoint, Array]:
     """Φ and J."""
     x, linear = jax.linearize(lambda x: motion.rule(theta, h, x), z.x)
     frame, growth, _ = frames.orthonormalise(each_column(linear, z.frame), frames.kind_for(z.frame.shape[1]))
-    return Point(x, frame), growth
+    return FramedPoint(x, frame), growth
 
 
-def _carried(motion: Motion, z: Point, u: Point, v: Point) -> tuple[Carried, tuple[Point, Step]]:
+def _carried(
+    motion: JetMap, z: FramedPoint, u: FramedPoint, v: FramedPoint
+) -> tuple[CarriedDerivatives, tuple[FramedPoint, StepTerms]]:
     """The first derivatives after a step; the velocity at its end; and its terms without b."""
     theta, h = motion.theta, motion.h
     (new, growth), (stretched, _) = jax.jvp(lambda z: _image(motion, theta, h, z), (z,), (u,))
@@ -137,10 +139,13 @@ def _carried(motion: Motion, z: Point, u: Point, v: Point) -> tuple[Carried, tup
         return _less(_less(moved, c, velocity), a, u), direct, a, c
 
     v, direct, a, c = jax.vmap(of_parameter)(jnp.eye(theta.shape[0], dtype=theta.dtype), v)
-    return Carried(new, u, v, alpha, kappa, a), (velocity, Step(growth, direct, jnp.zeros_like(a), c, rate))
+    return CarriedDerivatives(new, u, v, alpha, kappa, a), (
+        velocity,
+        StepTerms(growth, direct, jnp.zeros_like(a), c, rate),
+    )
 
 
-def _velocity(motion: Motion, z: Point) -> tuple[Point, Array]:
+def _velocity(motion: JetMap, z: FramedPoint) -> tuple[FramedPoint, Array]:
     """F and dJ/dh at the end of the step; zero for a map."""
     if not motion.flows:
         return jax.tree.map(jnp.zeros_like, z), jnp.zeros(z.frame.shape[1], z.x.dtype)
@@ -148,6 +153,6 @@ def _velocity(motion: Motion, z: Point) -> tuple[Point, Array]:
     return jax.jvp(lambda h: _image(motion, motion.theta, h, z), (motion.h,), (onwards,))[1]
 
 
-def _less(point: Point, factor: Any, other: Point) -> Point:
+def _less(point: FramedPoint, factor: Any, other: FramedPoint) -> FramedPoint:
     """Point − factor · other."""
     return jax.tree.map(lambda one, two: one - factor * two, point, other)

@@ -28,23 +28,23 @@ from ....integrators import RungeKutta
 from ....statuses import STATUS
 from ....systems.smooth import Flow, Map
 from ...spectra import lyapunov_spectrum, starts
-from ..estimates import Case, Estimate
-from .continuity import REACH
-from .responses import MEMORIES, TOP, Sums, responses
+from ..estimates import Estimate, ExponentFunction
+from .continuity import PAIR_DISTANCE
+from .responses import MEMORIES, TOP, ResponseSums, responses
 
 __all__ = ["by_linear_response"]
 
 RUNS = 32  # independent runs; their scatter gives the error
-SHORTEST = 16  # least length of the first memory in steps; a shorter taper would be as abrupt as a cut
+SHORTEST_MEMORY = 16  # least length of the first memory in steps; a shorter taper would be as abrupt as a cut
 TAIL = 200  # the tail is the largest 1/TAIL of the values
 HEAVY = 2.0  # tail index up to which the square has no mean
-NONE = 100.0  # tail index that stands for no tail
-AGREE = 3.0  # largest deviation between memories, and from zero, in standard errors
-SURE = 4.0  # standard errors by which an exponent must be negative or positive
-GROWN = 20.0  # least λ₁t₁ of chaos: tangents of regular motion grow as a power of time, without scatter
+NO_TAIL = 100.0  # tail index that stands for no tail
+MEMORIES_AGREE = 3.0  # largest deviation between memories, and from zero, in standard errors
+SIGN_ERRORS = 4.0  # standard errors by which an exponent must be negative or positive
+LEAST_GROWTH = 20.0  # least λ₁t₁ of chaos: tangents of regular motion grow as a power of time, without scatter
 RARE = 0.03  # largest share of detected breaks, relative to that of one surface across the attractor
-SMALL = 0.1  # fraction of an error that is negligible
-TINY = 1e-12  # least standard error
+NEGLIGIBLE = 0.1  # fraction of an error that is negligible
+LEAST_STDERR = 1e-12  # least standard error
 
 
 class Pilot(NamedTuple):
@@ -56,7 +56,7 @@ class Pilot(NamedTuple):
     frames: np.ndarray  # (RUNS, n, k)
 
 
-def by_linear_response(case: Case, *, key, progress: Any = None) -> Estimate:
+def by_linear_response(case: ExponentFunction, *, key, progress: Any = None) -> Estimate:
     """Exponents and their derivatives, from 32 runs of length t1.
 
     Args:
@@ -73,7 +73,7 @@ def by_linear_response(case: Case, *, key, progress: Any = None) -> Estimate:
         value, error = pilot.exponents[: case.k], pilot.stderr[: case.k]
         return Estimate(value, error, nothing, nothing, trust=False, reasons=(unfit,), cost=RUNS)
     h = float(case.options["method"].dt) if flows else 1.0
-    unit = max(SHORTEST / MEMORIES[0], 1 / (pilot.exponents[0] * h))  # steps
+    unit = max(SHORTEST_MEMORY / MEMORIES[0], 1 / (pilot.exponents[0] * h))  # steps
     k = min(pilot.points.shape[1], max(case.k, 1 + flows))
     sums, largest, steps = responses(case, pilot.points, pilot.frames[..., :k], h=h, unit=unit, progress=progress)
     followed, correlated = _slopes(sums, h, flows)
@@ -98,7 +98,7 @@ def by_linear_response(case: Case, *, key, progress: Any = None) -> Estimate:
     )
 
 
-def _check(case: Case) -> None:
+def _check(case: ExponentFunction) -> None:
     """Raise a ValueError for a system that this method cannot treat."""
     system, args, t0 = case.system, case.args_of(jnp.asarray(case.theta)), jnp.asarray(case.options["t0"], float)
     require(
@@ -121,7 +121,7 @@ def _check(case: Case) -> None:
     )
 
 
-def _pilot(case: Case, key) -> tuple[Pilot, str]:
+def _pilot(case: ExponentFunction, key) -> tuple[Pilot, str]:
     """Runs without jets, and the reason why they cannot be used; empty if they can."""
     args, options = case.args_of(jnp.asarray(case.theta)), case.options
     x0 = jnp.asarray(case.start(args))
@@ -137,14 +137,14 @@ def _pilot(case: Case, key) -> tuple[Pilot, str]:
 def _not_one_unstable(pilot: Pilot, flows: bool, t1: float) -> str:
     """Why the motion does not have exactly one unstable direction; empty if it has."""
     value, error, second = pilot.exponents, pilot.stderr, 1 + flows
-    if value[0] <= SURE * error[0]:
+    if value[0] <= SIGN_ERRORS * error[0]:
         return f"λ1 = {value[0]:.3g} ± {error[0]:.1g} is not positive: the motion is not chaotic"
-    if value[0] * t1 <= GROWN:
+    if value[0] * t1 <= LEAST_GROWTH:
         return (
             f"λ1 t1 = {value[0] * t1:.3g}: tangents grow no more than those of regular motion do; if the motion is "
-            f"chaotic, t1 of {1.5 * GROWN / value[0]:.3g} would show it"
+            f"chaotic, t1 of {1.5 * LEAST_GROWTH / value[0]:.3g} would show it"
         )
-    if len(value) <= second or value[second] < -SURE * error[second]:
+    if len(value) <= second or value[second] < -SIGN_ERRORS * error[second]:
         return ""
     beside = " beside the flow" if flows else ""
     return (
@@ -153,7 +153,7 @@ def _not_one_unstable(pilot: Pilot, flows: bool, t1: float) -> str:
     )
 
 
-def _slopes(sums: Sums, h: float, flows: bool) -> tuple[np.ndarray, np.ndarray]:
+def _slopes(sums: ResponseSums, h: float, flows: bool) -> tuple[np.ndarray, np.ndarray]:
     """dλ/dθ of each run: the part from v (runs, p, k), and the correlations (runs, memories, p, k)."""
     mean = np.mean(np.asarray(sums.growth), axis=0)
     correlation = sums.response - sums.memory[..., None] * mean
@@ -178,7 +178,7 @@ def _error(values) -> np.ndarray:
 
 def _worst(values) -> float:
     """The largest deviation from zero, in standard errors."""
-    return float(np.max(np.abs(np.mean(values, axis=0)) / (_error(values) + TINY)))
+    return float(np.max(np.abs(np.mean(values, axis=0)) / (_error(values) + LEAST_STDERR)))
 
 
 def _plateau(slopes, unit: float) -> tuple[int, bool, str]:
@@ -188,7 +188,7 @@ def _plateau(slopes, unit: float) -> tuple[int, bool, str]:
     """
     last = slopes.shape[1] - 1
     apart = [max(_worst(slopes[:, i] - slopes[:, j]) for j in range(i + 1, last + 1)) for i in range(last)]
-    first = next((i for i, most in enumerate(apart) if most <= AGREE), None)
+    first = next((i for i, most in enumerate(apart) if most <= MEMORIES_AGREE), None)
     if first is None:
         return last, False, f"no lag plateau: memories of {unit * MEMORIES[-2]:.3g} and twice that do not agree"
     agree = f"memories of {unit * MEMORIES[first]:.3g} and more differ by {apart[first]:.2g} standard errors"
@@ -197,17 +197,17 @@ def _plateau(slopes, unit: float) -> tuple[int, bool, str]:
 
 def _matters(part, whole) -> np.ndarray:
     """Mask (p,) of parameters for which the error of a part of the slopes is not negligible."""
-    return np.max(_error(part), axis=-1) > SMALL * np.max(_error(whole) + TINY, axis=-1)
+    return np.max(_error(part), axis=-1) > NEGLIGIBLE * np.max(_error(whole) + LEAST_STDERR, axis=-1)
 
 
-def _tail(case: Case, largest: np.ndarray, steps: int, matters: np.ndarray) -> tuple[bool, str]:
+def _tail(case: ExponentFunction, largest: np.ndarray, steps: int, matters: np.ndarray) -> tuple[bool, str]:
     """Whether the squares of the density gradient, and of b where it is not negligible, have means (Hill's estimator).
 
     B. M. Hill, Ann. Statist. 3 (1975) 1163, doi:10.1214/aos/1176343247.
     """
     tails = -np.sort(-largest, axis=1)[:, : max(TOP, steps // TAIL) + 1]
-    excess = np.mean(np.log(np.maximum(tails[:, :-1], TINY) / np.maximum(tails[:, -1:], TINY)), axis=1)
-    indices = np.where(np.append(matters, True), 1 / np.maximum(excess, 1 / NONE), NONE)
+    excess = np.mean(np.log(np.maximum(tails[:, :-1], LEAST_STDERR) / np.maximum(tails[:, -1:], LEAST_STDERR)), axis=1)
+    indices = np.where(np.append(matters, True), 1 / np.maximum(excess, 1 / NO_TAIL), NO_TAIL)
     names = (*(f"b of {name}" for name in case.names), "the density gradient")
     least = len(names) - 1 if indices[-1] <= HEAVY else int(np.argmin(indices))
     reason = f"Hill index {indices[-1]:.2g} of the tail of the density gradient, {np.min(indices[:-1]):.2g} of b"
@@ -216,14 +216,14 @@ def _tail(case: Case, largest: np.ndarray, steps: int, matters: np.ndarray) -> t
     return False, f"{reason}: the square of {names[least]} has no mean, and error bars mean nothing"
 
 
-def _unbroken(sums: Sums, steps: int) -> tuple[bool, str]:
+def _unbroken(sums: ResponseSums, steps: int) -> tuple[bool, str]:
     """Whether discontinuities of the rule or the field were rare enough to be neglected."""
     share = float(np.mean(sums.broken))
-    if share <= RARE * REACH:
-        return True, f"no break between {steps:.2g} pairs of points {REACH:g} of the attractor apart"
+    if share <= RARE * PAIR_DISTANCE:
+        return True, f"no break between {steps:.2g} pairs of points {PAIR_DISTANCE:g} of the attractor apart"
     return False, (
-        f"values or derivatives jump between {share:.1g} of all pairs of points {REACH:g} of the attractor apart: "
-        "linear response does not see how a discontinuity moves; use regression"
+        f"values or derivatives jump between {share:.1g} of all pairs of points {PAIR_DISTANCE:g} of the attractor "
+        "apart: linear response does not see how a discontinuity moves; use regression"
     )
 
 
@@ -232,4 +232,4 @@ def _zero(slopes, level: int) -> tuple[bool, str]:
     if slopes is None:
         return True, ""
     worst = _worst(slopes[:, level])
-    return worst <= AGREE, f"the zero exponent along the flow has a slope of {worst:.2g} standard errors"
+    return worst <= MEMORIES_AGREE, f"the zero exponent along the flow has a slope of {worst:.2g} standard errors"

@@ -12,20 +12,20 @@ from jaxtyping import Array
 
 from ....engine.host.lanes import run_sequences
 from ....systems.smooth import Flow
-from ..estimates import Case, UntrustedError
+from ..estimates import ExponentFunction, UntrustedError
 from .continuity import breaks
-from .jets import Jet, Motion, jet_at, onward
+from .jets import Jet, JetMap, jet_at, onward
 
-__all__ = ["MEMORIES", "STEPS", "TOP", "Sums", "responses"]
+__all__ = ["MEMORIES", "STEPS_PER_PIECE", "TOP", "ResponseSums", "responses"]
 
-STEPS = 1024  # steps of a piece of a run
-STAGES = 8  # stages of a memory
+STEPS_PER_PIECE = 1024  # steps of a piece of a run
+MEMORY_STAGES = 8  # stages of a memory
 MEMORIES = (8, 16, 32, 64)  # lengths of the memories, in the caller's unit
 SPIN_UP = 1  # spin-up before sums are taken, in units of the longest memory
 TOP = 16  # largest values of each piece that are kept for the tail
 
 
-class Sums(NamedTuple):
+class ResponseSums(NamedTuple):
     """Sums over the steps of a piece of a run."""
 
     growth: Array  # (k,) J
@@ -37,14 +37,14 @@ class Sums(NamedTuple):
     broken: Array  # number of detected discontinuities
 
 
-class Running(NamedTuple):
+class ResponseState(NamedTuple):
     """The state of a run between pieces."""
 
     jet: Jet
-    stages: Array  # (STAGES, memories, p)
+    stages: Array  # (MEMORY_STAGES, memories, p)
 
 
-class Shared(NamedTuple):
+class SharedInputs(NamedTuple):
     """The inputs that all runs share."""
 
     system: Any
@@ -57,15 +57,15 @@ class Shared(NamedTuple):
     size: Array  # of the attractor
 
 
-class Piece(eqx.Module):
-    """A piece of a run: STEPS steps."""
+class RunPiece(eqx.Module):
+    """A piece of a run: STEPS_PER_PIECE steps."""
 
     flows: bool = eqx.field(static=True)
 
-    def __call__(self, shared: Shared, running: Running, lane):
+    def __call__(self, shared: SharedInputs, running: ResponseState, lane):
         """The state after the piece, with the sums and the largest of |b| and |g| (p + 1, TOP)."""
         del lane
-        motion = Motion(_rule_of(shared), shared.theta, shared.h, self.flows)
+        motion = JetMap(_rule_of(shared), shared.theta, shared.h, self.flows)
 
         def step(carry, _):
             running, sums = carry
@@ -73,16 +73,16 @@ class Piece(eqx.Module):
             return (running, jax.tree.map(jnp.add, sums, new)), tails
 
         nothing = jax.tree.map(jnp.zeros_like, jax.eval_shape(lambda: _step(motion, shared, running)[1]))
-        (running, sums), tails = jax.lax.scan(step, (running, nothing), None, length=STEPS)
+        (running, sums), tails = jax.lax.scan(step, (running, nothing), None, length=STEPS_PER_PIECE)
         return running, (sums, jax.lax.top_k(tails.T, TOP)[0])
 
 
-def _step(motion: Motion, shared: Shared, running: Running) -> tuple[Running, Sums, Array]:
+def _step(motion: JetMap, shared: SharedInputs, running: ResponseState) -> tuple[ResponseState, ResponseSums, Array]:
     z = running.jet.z
     broken = breaks(lambda x: _function(shared, motion.theta, x), z.x, z.frame[:, 0], shared.size, not motion.flows)
     jet, seen = onward(motion, running.jet)
     memory = jnp.sum(running.stages, axis=0)
-    sums = Sums(
+    sums = ResponseSums(
         growth=seen.growth,
         direct=seen.direct,
         dilation=seen.dilation,
@@ -92,16 +92,16 @@ def _step(motion: Motion, shared: Shared, running: Running) -> tuple[Running, Su
         broken=broken.astype(memory.dtype),
     )
     tails = jnp.abs(jnp.append(seen.b, jet.g))
-    return Running(jet, remembered(running.stages, seen.b, shared.retained)), sums, tails
+    return ResponseState(jet, remembered(running.stages, seen.b, shared.retained)), sums, tails
 
 
-def _function(shared: Shared, theta, x):
+def _function(shared: SharedInputs, theta, x):
     """The field of a flow, or the rule of a map."""
     function = shared.system.field if isinstance(shared.system, Flow) else shared.system.rule
     return function(shared.t, x, shared.args_of(theta))
 
 
-def _rule_of(shared: Shared) -> Callable:
+def _rule_of(shared: SharedInputs) -> Callable:
     """φ as (θ, h, x) -> x': a step of the method, or the rule of a map."""
 
     def of_map(theta, h, x):
@@ -119,18 +119,20 @@ def _rule_of(shared: Shared) -> Callable:
 
 
 def remembered(stages, b, retained):
-    """Update the stages (STAGES, memories, p) of the memories with a new b (p,).
+    """Update the stages (MEMORY_STAGES, memories, p) of the memories with a new b (p,).
 
-    A chain of STAGES leaky stages: a b of k steps ago has, summed over the stages, as weight the probability that the
-    sum of STAGES geometric waiting times exceeds k. This is a smooth taper of the sum over lags, flat at lag 0; a sharp
-    cut would give wrong sums with small error bars.
+    A chain of MEMORY_STAGES leaky stages: a b of k steps ago has, summed over the stages, as weight the probability
+    that the sum of MEMORY_STAGES geometric waiting times exceeds k. This is a smooth taper of the sum over lags, flat
+    at lag 0; a sharp cut would give wrong sums with small error bars.
     """
     retained = jnp.broadcast_to(retained[None, :, None], stages.shape)
     first = jnp.broadcast_to(b[None, None, :], stages[:1].shape)
     return retained * stages + jnp.concatenate([first, ((1 - retained) * stages)[:-1]])
 
 
-def responses(case: Case, points, framed, *, h: float, unit: float, progress: Any) -> tuple[Sums, np.ndarray, int]:
+def responses(
+    case: ExponentFunction, points, framed, *, h: float, unit: float, progress: Any
+) -> tuple[ResponseSums, np.ndarray, int]:
     """Runs of length t1 from points (runs, n) of an attractor with frames (runs, n, k).
 
     Args:
@@ -145,22 +147,26 @@ def responses(case: Case, points, framed, *, h: float, unit: float, progress: An
         Sums (runs, …) over the number of steps; the largest of |b| and |g| (p + 1, many); and from how many steps.
     """
     theta, options = jnp.asarray(case.theta), case.options
-    retained = 1 - STAGES / (unit * np.array(MEMORIES, float))
+    retained = 1 - MEMORY_STAGES / (unit * np.array(MEMORIES, float))
     size = np.linalg.norm(np.std(points, axis=0))
-    shared = Shared(
+    shared = SharedInputs(
         case.system, case.args_of, options["method"], *(jnp.asarray(one, theta.dtype) for one in (
             options["t0"], theta, h, retained, size))
     )  # fmt: skip
-    spin, pieces = (math.ceil(steps / STEPS) for steps in (SPIN_UP * unit * MEMORIES[-1], options["t1"] / h))
-    stages = jnp.zeros((STAGES, len(MEMORIES), len(theta)), theta.dtype)
+    spin, pieces = (math.ceil(steps / STEPS_PER_PIECE) for steps in (SPIN_UP * unit * MEMORIES[-1], options["t1"] / h))
+    stages = jnp.zeros((MEMORY_STAGES, len(MEMORIES), len(theta)), theta.dtype)
     sequences = [
-        (Running(jet_at(jnp.asarray(x), jnp.asarray(frame), len(theta)), stages), np.zeros(spin + pieces))
+        (ResponseState(jet_at(jnp.asarray(x), jnp.asarray(frame), len(theta)), stages), np.zeros(spin + pieces))
         for x, frame in zip(points, framed, strict=True)
     ]
-    results, done = run_sequences(Piece(isinstance(case.system, Flow)), shared, sequences, progress=progress)
+    results, done = run_sequences(RunPiece(isinstance(case.system, Flow)), shared, sequences, progress=progress)
     whole = [result for result, computed in zip(results, done, strict=True) if np.all(computed)]
     if len(whole) < 2:
         raise UntrustedError("interrupted before two runs were done: there is nothing to tell the error from.")
     sums, largest = jax.tree.map(lambda *leaves: np.stack(leaves)[:, spin:], *whole)
     largest = np.moveaxis(largest, 2, 0).reshape(len(theta) + 1, -1)
-    return jax.tree.map(lambda leaf: leaf.mean(axis=1) / STEPS, sums), largest, pieces * len(whole) * STEPS
+    return (
+        jax.tree.map(lambda leaf: leaf.mean(axis=1) / STEPS_PER_PIECE, sums),
+        largest,
+        pieces * len(whole) * STEPS_PER_PIECE,
+    )

@@ -17,7 +17,7 @@ from ....integrators import ESDIRK, ContinuousQR, HalfExplicit, RadauIIA
 from ....integrators.base import Method
 from ....systems.consistency import consistent_start
 from ....systems.implicit_daes import implicit_dae
-from ..tables import OF_TABLES, SHORT, exact, limits, problem_of
+from ..tables import OF_TABLES, SHORTEST_LENGTH, exact, limits, problem_of
 from .power_grids import Grid
 
 __all__ = [
@@ -26,9 +26,9 @@ __all__ = [
 ]  # fmt: skip
 
 BOTH = ("5.1", "5.2")
-SETTLED, COUNTED = 50.0, 100.0  # lengths of runs at rest; directions have converged to e^(−2.6 · 50)
+TIME_AT_REST, TIME_COUNTED = 50.0, 100.0  # lengths of runs at rest; directions have converged to e^(−2.6 · 50)
 TIGHT = 1e-9
-LENGTH = 6.0  # length for the large system, whose forty growths differ by e^4
+TIME_OF_LARGE_SYSTEM = 6.0  # length for the large system, whose forty growths differ by e^4
 # Ẋ + 0.1 ẋ³ = … along x = sin t, y = x²: variations grow like exp ∫ −(1 + 2 sin t) / (1 + 0.3 cos² t).
 OF_IMPLICIT = -1 / np.sqrt(1.3)
 
@@ -72,8 +72,10 @@ class Extensions:
 
 def _errors(example: str, methods: list[Method]) -> np.ndarray:
     system, x0, args = problem_of(example)
-    runs = [lyapunov_spectrum(system, x0, args, t1=SHORT, method=method, blocks=2).exponents for method in methods]
-    return np.abs(np.stack(runs) - exact("continuous", SHORT))  # ln R(t₀) is not counted
+    runs = [
+        lyapunov_spectrum(system, x0, args, t1=SHORTEST_LENGTH, method=method, blocks=2).exponents for method in methods
+    ]
+    return np.abs(np.stack(runs) - exact("continuous", SHORTEST_LENGTH))  # ln R(t₀) is not counted
 
 
 def collocation(example: str) -> np.ndarray:
@@ -89,7 +91,7 @@ def continuous_esdirk(example: str) -> np.ndarray:
 def svd(example: str) -> np.ndarray:
     """As in `Extensions`."""
     system, x0, args = problem_of(example)
-    found = svd_spectrum(system, x0, args, t1=SHORT, blocks=16, method=HalfExplicit(TIGHT))
+    found = svd_spectrum(system, x0, args, t1=SHORTEST_LENGTH, blocks=16, method=HalfExplicit(TIGHT))
     return np.stack([found.exponents, found.error])
 
 
@@ -99,7 +101,7 @@ def bounds(example: str) -> np.ndarray:
     found = []
     for tolerance in OF_TABLES:
         one = exponent_bounds(
-            system, jnp.zeros_like(x0), args, t1=COUNTED, transient=SETTLED, method=HalfExplicit(tolerance)
+            system, jnp.zeros_like(x0), args, t1=TIME_COUNTED, transient=TIME_AT_REST, method=HalfExplicit(tolerance)
         )
         found.append([np.abs(one.exponents - limits()), one.bound])
     return np.array(found)
@@ -123,7 +125,7 @@ def implicit() -> np.ndarray:
             dae, start, args, t1=t1, transient=transient, method=HalfExplicit(TIGHT), blocks=2
         ).exponents
 
-    first = exponents(implicit_dae(mixed, x0, args), x0, args, 3 * SETTLED, SETTLED)
+    first = exponents(implicit_dae(mixed, x0, args), x0, args, 3 * TIME_AT_REST, TIME_AT_REST)
     curved = implicit_dae(forced, [0.0, 0.0], slope=[1.0, 0.0])
     return np.concatenate([first, exponents(curved, [0.0, 0.0, 1.0], None, 2 * np.pi, 20 * np.pi)])
 
@@ -133,5 +135,5 @@ def large(length: int = 60) -> Large:
     grid = Grid(length)
     dae = grid.dae(3)
     start = consistent_start(dae, grid.rest)
-    found = svd_spectrum(dae, start, t1=LENGTH, blocks=2, method=HalfExplicit(1e-8))
-    return Large(grid.n, grid.d, found.exponents, grid.log_growth(LENGTH) / LENGTH)
+    found = svd_spectrum(dae, start, t1=TIME_OF_LARGE_SYSTEM, blocks=2, method=HalfExplicit(1e-8))
+    return Large(grid.n, grid.d, found.exponents, grid.log_growth(TIME_OF_LARGE_SYSTEM) / TIME_OF_LARGE_SYSTEM)

@@ -8,14 +8,17 @@ import numpy as np
 from ...claims import AGREED, Check, Claim
 from ...output import plain
 from ..checks import at_most, listed, ranged
-from ..tables import EXAMPLES, OF_TABLES, SHORT, exact, limits
+from ..tables import EXAMPLES, OF_TABLES, SHORTEST_LENGTH, exact, limits
 from .extensions import OF_IMPLICIT, Extensions
 
 __all__ = ["checks", "claims", "lines", "numbers"]
 
-WITHIN = 10  # largest error of exponents, in tolerances
-SAME, SUM = 1e-7, 1e-6  # differences of SVD exponents between both examples, and of their sum from that by QR
-SETTLED = 1.05  # largest error of the SVD method over its own estimate
+LARGEST_ERROR = 10  # largest error of exponents, in tolerances
+SVD_AGREES, SUM_AGREES = (
+    1e-7,
+    1e-6,
+)  # differences of SVD exponents between both examples, and of their sum from that by QR
+ERROR_OVER_ESTIMATE = 1.05  # largest error of the SVD method over its own estimate
 SIZE = 50  # largest bound of §4.1, in tolerances
 OF_EQUATIONS, OF_GRID = 1e-7, 1e-6
 
@@ -33,7 +36,7 @@ def _apart(e: Extensions) -> float:
 
 def _off_in_sum(e: Extensions) -> float:
     """Difference of the sums of exponents: both methods give the same volumes."""
-    wanted = np.sum(exact("continuous", SHORT))
+    wanted = np.sum(exact("continuous", SHORTEST_LENGTH))
     return max(abs(float(np.sum(found[0]) - wanted)) for found in e.svd.values())
 
 
@@ -64,10 +67,12 @@ def checks(e: Extensions) -> Iterator[Check]:
     """All checks."""
     for name, runs in (("Radau IIA", e.collocation), ("continuous, ESDIRK54b", e.continuous_esdirk)):
         for example, errors in runs.items():
-            yield at_most(f"{EXAMPLES[example]}, {name}: errors over the tolerance", _in_tolerances(errors), WITHIN)
-    yield at_most("SVD method: |λ(T) − λ| over what it says", _off_in_limit(e), SETTLED)
-    yield at_most("SVD method: its exponents have the sum of those by QR", _off_in_sum(e), SUM)
-    yield at_most("SVD method: Examples 5.1 and 5.2 have the same singular values", _apart(e), SAME)
+            yield at_most(
+                f"{EXAMPLES[example]}, {name}: errors over the tolerance", _in_tolerances(errors), LARGEST_ERROR
+            )
+    yield at_most("SVD method: |λ(T) − λ| over what it says", _off_in_limit(e), ERROR_OVER_ESTIMATE)
+    yield at_most("SVD method: its exponents have the sum of those by QR", _off_in_sum(e), SUM_AGREES)
+    yield at_most("SVD method: Examples 5.1 and 5.2 have the same singular values", _apart(e), SVD_AGREES)
     yield at_most("§4.1: errors over their bounds, at rest", _shares(e), 1)
     yield at_most("§4.1: bounds over the tolerance", _sizes(e), SIZE)
     yield at_most("F(t, x, x') = 0: exponents less the exact ones", _off_at_implicit(e), OF_EQUATIONS)
@@ -127,13 +132,14 @@ def claims(e: Extensions) -> list[Claim]:
 def lines(e: Extensions) -> Iterator[str]:
     """Lines that are printed after the tables."""
     tolerances = ", ".join(f"{tol:.0e}".replace("e-0", "e-") for tol in OF_TABLES)
-    yield f"What the paper names and does not compute. |λ − exact| at T = {SHORT:g}, TOL = {tolerances}, λ1; λ2:"
+    length = f"{SHORTEST_LENGTH:g}"
+    yield f"What the paper names and does not compute. |λ − exact| at T = {length}, TOL = {tolerances}, λ1; λ2:"
     for name, runs in (("Radau IIA for (9)", e.collocation), ("continuous QR, ESDIRK54b", e.continuous_esdirk)):
         for example, errors in runs.items():
             yield f"  {EXAMPLES[example]}, {name}: {'; '.join(listed(column, '.1e') for column in errors.T)}"
-    yield f"Exponents by the SVD method at T = {SHORT:g}; those by QR; how far the former may be from the limits:"
+    yield f"Exponents by the SVD method at T = {length}; those by QR; how far the former may be from the limits:"
     for example, (found, error) in e.svd.items():
-        by_qr = listed(exact("continuous", SHORT), ".8f")
+        by_qr = listed(exact("continuous", SHORTEST_LENGTH), ".8f")
         yield f"  {EXAMPLES[example]}: {listed(found, '.8f')}; {by_qr}; {listed(error, '.6f')}"
     yield "The bound of §4.1 at rest, |λ − exact| ≤ bound, λ1; λ2:"
     for example, found in e.bounds.items():

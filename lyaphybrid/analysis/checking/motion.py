@@ -1,0 +1,132 @@
+"""The motion itself: its derivative against differences and along the flow, finer tolerances, and stiffness."""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ...engine.host.paces import rates_of
+from ...integrators import RungeKutta
+from ...integrators.base import Method
+from ..trajectories import TangentMap, Trajectory
+from .report import Finding, noted, right, wrong
+
+__all__ = ["check_along_flow", "check_differences", "check_stiffness", "check_tolerance", "moderate"]
+
+LARGEST = 1e4  # growth of perturbations up to which differences of trajectories tell something
+DIRECTIONS = 3  # random ones
+SHIFT = 1e-5  # of a start, relative to its size
+MATRIX_ERROR = 1e-3  # a matrix is wrong if it differs from differences by more than this part
+FINER = 1e-2  # the tolerances of the run that is compared with
+
+
+def moderate(tangent: Callable[..., TangentMap], x0, length: float) -> tuple[float, TangentMap] | None:
+    """A length over which perturbations do not grow too much, and the tangent map over it; None: there is none."""
+    for _ in range(6):
+        found = tangent(x0, length)
+        if not found.status.failed and np.max(np.abs(found.matrix)) <= LARGEST:
+            return length, found
+        length /= 4
+    return None
+
+
+def check_differences(tangent: Callable[..., TangentMap], x0, length: float, exact: TangentMap) -> list[Finding]:
+    """The tangent map, with its saltation matrices, against central differences of the motion."""
+    draw, compared = np.random.default_rng(0), 0
+    size = np.maximum(np.abs(x0), 1e-2 * np.max(np.abs(x0), initial=1e-2))
+    how = f"over {length:.4g} units of time with {int(exact.jumps)} jumps"
+    for _ in range(DIRECTIONS):
+        direction = draw.normal(size=len(x0)) * size
+        wide, narrow = (_difference(tangent, x0, part * SHIFT * direction, length, exact) for part in (1.0, 0.25))
+        moved = np.asarray(exact.matrix) @ direction * SHIFT
+        largest = np.max(np.abs(moved))
+        if wide is None or narrow is None or np.max(np.abs(wide - 4 * narrow)) > 1e-4 * largest:
+            continue  # another order of events, or too curved
+        compared += 1
+        if np.max(np.abs(4 * narrow - moved)) > MATRIX_ERROR * largest:
+            return [
+                wrong("saltation", f"A perturbation along {_short(direction)} becomes {_short(moved / SHIFT)} by "
+                      f"the tangent map, and {_short(4 * narrow / SHIFT)} by differences of the motion, {how}. Is "
+                      "a derivative, a reset or the `tangent` of a mode wrong?")
+            ]  # fmt: skip
+    if not compared:
+        return []
+    return [right("saltation", f"the tangent map agrees with differences of the motion {how}, {compared} directions")]
+
+
+def _difference(tangent, x0, step, length: float, exact: TangentMap) -> np.ndarray | None:
+    """Half the difference of the ends of two runs; None where they have other events, or fail."""
+    up, down = (tangent(jnp.asarray(x0 + sign * step), length) for sign in (1.0, -1.0))
+    if {int(up.jumps), int(down.jumps)} != {int(exact.jumps)} or up.status.failed or down.status.failed:
+        return None
+    return 0.5 * (np.asarray(up.x) - np.asarray(down.x))
+
+
+def check_along_flow(fields, t0, x0, mode: int, exact: TangentMap, length: float) -> list[Finding]:
+    """In a system that does not depend on the time, a perturbation along the flow stays along the flow."""
+    before = np.asarray(fields[mode](t0, x0))
+    after = np.asarray(fields[int(exact.mode)](t0 + length, exact.x))
+    moved = np.asarray(exact.matrix) @ before
+    size = np.max(np.abs(exact.matrix)) * np.max(np.abs(before))
+    if size == 0:
+        return [noted("flow direction", "the run starts at an equilibrium: the field is zero there")]
+    if np.max(np.abs(moved - after)) > MATRIX_ERROR * size:
+        return [
+            wrong("flow direction", f"A perturbation along the flow, {_short(before)}, becomes {_short(moved)} over "
+                  f"{length:.4g} units of time, and the flow is {_short(after)} there: they must be equal where "
+                  "nothing depends on the time. So the exponent that must be 0 is not. Is a derivative wrong?")
+        ]  # fmt: skip
+    return [right("flow direction", "a perturbation along the flow stays along it: one exponent is 0")]
+
+
+def check_tolerance(tangent: Callable[..., TangentMap], x0, length: float, exact: TangentMap, method) -> list[Finding]:
+    """The end of a run at tolerances a hundred times finer."""
+    if not isinstance(method, Method) or not method.adaptive or not hasattr(method, "atol"):
+        return []
+    try:
+        finer = dataclasses.replace(method, rtol=FINER * method.rtol, atol=FINER * method.atol)
+    except (TypeError, ValueError):  # a method of another kind
+        return []
+    end = tangent(x0, length, finer)
+    moved = float(np.max(np.abs(np.asarray(end.x) - np.asarray(exact.x))))
+    size = float(np.max(np.abs(exact.x))) + float(np.max(np.abs(x0)))
+    allowed = 1e4 * (float(method.rtol) * size + float(method.atol)) * (1 + float(np.max(np.abs(exact.matrix))))
+    said = f"x after {length:.4g} units of time moves by {moved:.1e} when the tolerances are 100 times finer"
+    if moved > allowed or int(end.jumps) != int(exact.jumps):
+        return [wrong("tolerance", f"{said}, which is far more than they say ({int(exact.jumps)} and {int(end.jumps)} "
+                      "jumps). Is a function not smooth, or too noisy?")]  # fmt: skip
+    return [right("tolerance", said)]
+
+
+def check_stiffness(fields, run: Trajectory, step: float, method: Any) -> list[Finding]:
+    """Whether steps are as long as stability allows, and not as the motion would.
+
+    Args:
+        fields: (t, x) -> dx/dt of each mode.
+        run: the trial run.
+        step: the mean length of its steps.
+        method: the integrator.
+    """
+    if not isinstance(method, RungeKutta) or not method.adaptive or not fields:
+        return []
+    found = []
+    for i in np.unique(np.linspace(0, len(run.t) - 1, 9).astype(int)):
+        t, x, field = run.t[i], run.x[i], fields[int(run.mode[i])]
+        jacobian = np.asarray(jax.jacfwd(lambda x, t=t, field=field: field(t, x))(x))
+        if np.all(np.isfinite(jacobian)):
+            found.append((-np.min(np.linalg.eigvals(jacobian).real), float(rates_of(field, t, x)[1])))
+    decay, motion = np.median(found, axis=0) if found else (0.0, np.inf)
+    if decay * step > 1.0 and motion * step < 0.1:
+        return [
+            noted("stiffness", f"The flow is stiff: perturbations decay at the rate {decay:.3g}, the motion changes at "
+                  f"{motion:.3g}, and steps of {step:.2g} are as long as an explicit method stays stable. Take an "
+                  "implicit one: lh.RadauIIA(), lh.ESDIRK() or lh.Diffrax(diffrax.Kvaerno5()).")
+        ]  # fmt: skip
+    return [right("stiffness", f"steps of {step:.2g} follow the motion, not the stability of the method")]
+
+
+def _short(values) -> str:
+    return np.array2string(np.atleast_1d(np.asarray(values)), precision=4, threshold=6)

@@ -1,0 +1,87 @@
+"""Where functions jump within a mode: a `where`, `sign`, `floor` or `mod` that the motion crosses without an event."""
+
+from collections.abc import Callable, Iterable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .functions import Function
+from .report import Finding, noted, right, wrong
+
+__all__ = ["check_smoothness"]
+
+SUSPECTS = 4  # pairs of neighbouring states that are looked at closely
+HALVINGS = 40
+JUMP = 1e-4  # a change over a vanishing distance, relative to the size of the function, that is a jump
+
+
+def check_smoothness(functions: Iterable[Function], t, x, mode, jumps) -> list[Finding]:
+    """Each field and guard, and its derivative, between neighbouring states (m,), (m, n) of one stretch of flow."""
+    found, looked = [], 0
+    for one in functions:
+        if one.name.startswith("reset"):
+            continue
+        own = np.ones(len(t), bool) if one.modes is None else np.isin(mode, one.modes)
+        pairs = np.flatnonzero(own[:-1] & own[1:] & (jumps[:-1] == jumps[1:]) & (mode[:-1] == mode[1:]))
+        if not len(pairs):
+            continue
+        looked += 1
+        found += _of_function(one, t, x, pairs)
+    if found:
+        return found
+    return [right("smoothness", "no field and no guard jumps within a mode along the run")] if looked else []
+
+
+def _of_function(one: Function, t, x, pairs) -> list[Finding]:
+    def value(t, x):
+        return jnp.ravel(one.of(t, x))
+
+    def slope(t, x, dt, dx):
+        return jnp.ravel(jax.jvp(one.of, (t, x), (dt, dx))[1])
+
+    values, slopes = jax.jit(jax.vmap(value)), jax.jit(jax.vmap(slope))
+    place = _jump(lambda t, x, dt, dx: values(t, x), t, x, pairs)
+    if place is not None:
+        return [
+            wrong("smoothness", f"The {one.name} jumps {place} without an event. Give each smooth piece a mode, with a "
+                  "guard where it ends (lh.filippov for a field with a switch); else steps crawl there, and exponents "
+                  "lack what the jump does to perturbations.")
+        ]  # fmt: skip
+    place = _jump(slopes, t, x, pairs)
+    if place is None:
+        return []
+    return [
+        noted("smoothness", f"The {one.name} has a kink {place}: its derivative jumps. Where the field is continuous "
+              "exponents are right, but steps are short there.")
+    ]  # fmt: skip
+
+
+def _jump(of: Callable, t, x, pairs) -> str | None:
+    """Where between neighbouring states a function jumps, in words; None: nowhere."""
+    starts, ends = ((t[i], x[i]) for i in (pairs, pairs + 1))
+    across = tuple(end - start for start, end in zip(starts, ends, strict=True))
+    low, high = (np.asarray(of(*side, *across)) for side in (starts, ends))
+    size = np.max(np.abs(low), initial=0.0)
+    if not np.all(np.isfinite(low)) or size == 0:
+        return None
+    worst = np.argsort(np.max(np.abs(high - low), axis=1))[-SUSPECTS:]
+    starts, ends, across = ([one[worst] for one in both] for both in (starts, ends, across))
+    low, high = low[worst], high[worst]
+    for _ in range(HALVINGS):
+        middle = [0.5 * (start + end) for start, end in zip(starts, ends, strict=True)]
+        values = np.asarray(of(*middle, *across))
+        first = np.max(np.abs(values - low), axis=1) >= np.max(np.abs(high - values), axis=1)  # it jumps in this half
+        starts = [_chosen(first, start, half) for start, half in zip(starts, middle, strict=True)]
+        ends = [_chosen(first, half, end) for half, end in zip(middle, ends, strict=True)]
+        low, high = _chosen(first, low, values), _chosen(first, values, high)
+    rest = np.max(np.abs(high - low), axis=1)
+    if not np.max(rest) > JUMP * size:
+        return None
+    i = int(np.argmax(rest))
+    state = np.array2string(starts[1][i], precision=4, threshold=6)
+    return f"by {rest[i]:.3g} at t = {starts[0][i]:.6g}, x = {state}"
+
+
+def _chosen(which, one, other):
+    return np.where(which.reshape(-1, *[1] * (one.ndim - 1)), one, other)

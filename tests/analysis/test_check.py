@@ -1,0 +1,61 @@
+"""`lh.check` finds planted mistakes, and says nothing against systems that are right."""
+
+import re
+import time
+
+import jax
+import jax.numpy as jnp
+import pytest
+
+import lyaphybrid as lh
+from lyaphybrid import zoo
+from planted import PLANTED
+
+RIGHT = [
+    "lorenz63", "rossler", "henon_map", "standard_map", "impact_oscillator", "friction_pendulum", "buck_converter",
+    "block_on_plate", "henon_heiles", "hard_disks", "stadium", "integrate_and_fire", "adex", "gear_rattle",
+    "relay_feedback", "rocking_block", "simplest_walker", "pendulum_dae", "kicked_ball", "chua", "conewise_linear",
+    "boost_converter",
+]  # fmt: skip
+FAST = {"lorenz63", "henon_map"}
+
+
+def found(name: str) -> tuple[lh.Report, str, str]:
+    system, x0, topic, pattern = PLANTED[name]
+    with jax.enable_x64(name != "float32"):
+        return lh.check(system, x0, mode=0 if isinstance(system, lh.Hybrid) else None), topic, pattern
+
+
+@pytest.mark.parametrize(
+    "name", [name if i % 8 == 1 else pytest.param(name, marks=pytest.mark.slow) for i, name in enumerate(PLANTED)]
+)
+def test_a_planted_mistake_is_found(name):
+    start = time.process_time()
+    report, topic, pattern = found(name)
+    assert any(one.topic == topic and re.search(pattern, one.text) for one in report.notes), str(report)
+    assert time.process_time() - start < 20  # 5 s on a machine of its own
+
+
+@pytest.mark.parametrize(
+    "name", [name if name in FAST else pytest.param(name, marks=pytest.mark.slow) for name in RIGHT]
+)
+def test_nothing_is_said_against_a_right_system(name):
+    problem = getattr(zoo, name)()
+    report = lh.check(problem.system, problem.x0, problem.args, mode=problem.mode, method=problem.method)
+    assert report.ok
+    assert not report.notes, str(report)
+    assert len(report.findings) >= 3
+
+
+def test_a_report_prints_and_becomes_a_dataset():
+    report = lh.check(lh.Map(lambda n, x, args: args * x * (1 - x)), [0.3], 3.9)
+    assert str(report).startswith("Check of a system: ok (0 wrong, 0 notes)")
+    assert "<table>" in report._repr_html_()
+    assert list(report.to_xarray().topic.values) == [one.topic for one in report.findings]
+
+
+def test_what_is_no_system_is_refused():
+    with pytest.raises(ValueError, match=r"lh\.Flow"):
+        lh.check(lambda t, x, args: x, [1.0])
+    with pytest.raises(ValueError, match="t1"):
+        lh.check(lh.Flow(lambda t, x, args: -x), jnp.array([1.0]), t1=-1.0)

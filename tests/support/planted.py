@@ -1,0 +1,109 @@
+"""Systems with one mistake each, and what `lh.check` must find: (topic, a pattern in its text)."""
+
+import itertools
+
+import jax
+import jax.numpy as jnp
+
+import lyaphybrid as lh
+
+_calls = itertools.count()
+
+
+def _fall(t, x, args):
+    return jnp.stack([x[1], -jnp.ones_like(t)])
+
+
+def _height(t, x, args):
+    return x[0]
+
+
+def _bounce(t, x, args):
+    return jnp.stack([x[0], -0.9 * x[1]])
+
+
+def _swing(t, x, args):
+    return jnp.stack([x[1], -x[0]])
+
+
+def _impure(t, x, args):
+    return jnp.stack([x[1], -x[0] + 1e-3 * next(_calls)])
+
+
+@jax.custom_jvp
+def _cube(x):
+    return x**3
+
+
+@_cube.defjvp
+def _wrong_rule(primals, tangents):
+    (x,), (dx,) = primals, tangents
+    return x**3, 2 * x**2 * dx  # 3 x² dx
+
+
+def _ball(reset=_bounce, guard=_height, field=_fall, **options) -> lh.Hybrid:
+    return lh.Hybrid(field, lh.Transition(guard, reset, **options))
+
+
+def _two_modes(target) -> lh.Hybrid:
+    modes = {"down": _fall, "up": lambda t, x, args: jnp.stack([x[1], jnp.sqrt(x[0] - 1.0)])}
+    return lh.Hybrid(modes, lh.Transition(_height, _bounce, source="down", target=target))
+
+
+RELAX = lh.Flow(lambda t, x, args: jnp.stack([x[1], 1000.0 * (1 - x[0] ** 2) * x[1] - x[0]]))
+
+PLANTED = {
+    "wrong direction": (_ball(direction=1), [1.0, 0.0], "jumps", "never fired, but it fell"),
+    "sign of the reset": (_ball(lambda t, x, args: 0.9 * x), [1.0, 0.0], "jumps", "goes on through"),
+    "reset beyond the guard": (_ball(lambda t, x, args: jnp.stack([x[0] - 0.1, -x[1]])), [1.0, 0.0],
+                               "jumps", "fires again"),
+    "counter": (lh.Flow(_impure), [1.0, 0.0], "functions", "not pure"),
+    "field with a sign": (
+        lh.Flow(lambda t, x, args: jnp.stack([x[1], -x[0] - 0.3 * jnp.sign(x[1] - 0.5)])), [1.0, 0.0],
+        "smoothness", "The field jumps",
+    ),
+    "field with a floor of the time": (
+        lh.Flow(lambda t, x, args: jnp.stack([x[1], -x[0] + jnp.floor(t)])), [1.0, 0.0],
+        "smoothness", "The field jumps",
+    ),
+    "guard with a mod": (
+        _ball(guard=lambda t, x, args: jnp.mod(x[0], 1.0) - 0.5, field=lambda t, x, args: jnp.stack([x[1], -x[0]]),
+              reset=lambda t, x, args: x * jnp.array([1.0, -0.9])), [2.2, 0.3],
+        "smoothness", "guard of transition 0 jumps",
+    ),
+    "mode that is not there": (_two_modes(lambda t, x, args: 2), [1.0, 0.0], "jumps", "is the mode 2"),
+    "field undefined in the target": (_two_modes("up"), [1.0, 0.0], "jumps", "is not finite"),
+    "derivative by a wrong rule": (
+        lh.Flow(lambda t, x, args: jnp.stack([x[1], -_cube(x[0])])), [1.0, 0.0], "derivatives", "differences give",
+    ),
+    "reset by a wrong rule": (
+        _ball(lambda t, x, args: jnp.stack([x[0], -0.9 * jax.lax.stop_gradient(x[1])])), [1.0, 0.0],
+        "derivatives", "reset of transition 0",
+    ),
+    "root at zero": (
+        lh.Flow(lambda t, x, args: jnp.stack([jnp.sqrt(x[0] ** 2), -x[1]])), [0.0, 1.0], "derivatives", "is not finite",
+    ),
+    "stiff": (RELAX, [2.0, 0.0], "stiffness", "implicit"),
+    "float32": (lh.Flow(_swing), [1.0, 0.0], "precision", "float32"),
+    "guard of a clock": (
+        lh.Hybrid(_swing, lh.Transition(lambda t, x, args: jnp.sin(t), lambda t, x, args: 0.9 * x)), [1.0, 0.0],
+        "clocks", "depends on the time alone",
+    ),
+    "grazing": (
+        lh.Hybrid(_swing, lh.Transition(lambda t, x, args: 1.0 - 1e-9 - x[0], _bounce)), [0.0, 1.0],
+        "jumps", "tangentially",
+    ),
+    "wrong shape": (lh.Flow(lambda t, x, args: x[0]), [1.0, 0.0], "functions", "shape"),
+    "wrong number of arguments": (lh.Flow(lambda x, args: -x), [1.0, 0.0], "functions", "argument"),
+    "escape": (lh.Flow(lambda t, x, args: x**2), [1.0, 0.5], "run", "Does the state escape"),
+    "accumulating bounces": (_ball(lambda t, x, args: jnp.stack([x[0], -0.5 * x[1]])), [1.0, 0.0], "run", "zeno"),
+    "no mode continues": (
+        lh.Hybrid(_fall, lh.Transition(_height, _bounce, when=lambda t, x, args: x[1] > 0)), [1.0, 0.0],
+        "run", "deadlock",
+    ),
+    "tangent of a mode": (
+        lh.Hybrid({"a": _swing}, lh.Transition(lambda t, x, args: x[0] + 0.5, _bounce),
+                  tangent={"a": lambda t, x, args, dx: dx * jnp.array([1.0, 0.0])}), [1.0, 0.2],
+        "saltation", "differences",
+    ),
+}  # fmt: skip
