@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ..._jax.precision import GUARD_ROUNDING, digits, nonzero
+from ..._jax.precision import GUARD_ROUNDING, digits, is_short, nonzero
 from ...events.compiled_hybrid import by_mode
 from ...events.roots import cubic, hermite_root, rounding, turning_point
 from ...events.turns import clear, hidden
@@ -177,7 +177,12 @@ def suspects(evolver, solver: SolverState, tr: Trial, inside):
 
 
 def hides(evolver, solver: SolverState, tr: Trial, inside, t, x):
-    """(slots,) whether a guard may have zeros inside the step from (t, x) that its ends do not show."""
+    """(slots,) whether a guard may have zeros inside the step from (t, x) that its ends do not show.
+
+    False in float32, where the rates of a guard that starts at zero may be nothing but rounding.
+    """
+    if is_short(tr.g):
+        return jnp.zeros(tr.g.shape, bool)
     w = evolver.hybrid
     each = [w.calls.once(functools.partial(rounding, guards), "rounding", guards) for guards in w.guards]
     least = STRAIGHT * _tolerance(evolver, jax.lax.stop_gradient(by_mode(solver.mode, each, t, x)))
