@@ -29,8 +29,6 @@ __all__ = [
     "select",
     "stop",
     "stretched",
-    "time_after_event",
-    "until_end",
 ]
 
 LONGEST_BLIND = 4.0  # most jumps between two orthonormalisations where each jump may destroy a direction
@@ -237,20 +235,6 @@ def added(carry: StepState, **terms) -> StepState:
     # Kahan summation: keep the difference between the term and the change of the rounded sum.
     left = {name: term - (sums[name] - getattr(carry, name)) for name, term in terms.items()}
     return carry._replace(**sums, left=carry.left._replace(**left))
-
-
-def time_after_event(carry: StepState, clock: Clock):
-    """The time s after an event; where it falls on the end of the block, that end: the same, but for its derivatives.
-
-    The time of an event depends on parameters, the end of a block does not.
-    """
-    return jnp.where((carry.s >= clock.length) & (carry.status == RUNNING), clock.length, carry.s)
-
-
-def until_end(carry: StepState, clock: Clock, velocity) -> StepState:
-    """The state after an event at `time_after_event`."""
-    s = time_after_event(carry, clock)
-    return carry._replace(x=carry.x + (s - carry.s) * velocity, s=s)
 
 
 def stop(carry: StepState, status, when: Any = True) -> StepState:

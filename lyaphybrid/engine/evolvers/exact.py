@@ -16,7 +16,7 @@ from ...events.saltations import event_time_shifts, pushforward, to_reference_ti
 from ...statuses import STATUS
 from ...systems.event_driven import EventDriven
 from ..evolver import AbstractEvolver
-from ..states import Clock, EventLog, Settings, StepState, added, log_event, stop, until_end
+from ..states import Clock, EventLog, Settings, StepState, added, log_event, stop
 from .accumulations import accumulated, hidden_below, named
 
 __all__ = ["Exact", "integers", "is_event", "since_after"]
@@ -120,8 +120,7 @@ class Exact(AbstractEvolver):
         before, real = self.velocity(t, x), is_event(which) & timed
         event_time_shift = self._event_time_shifts(real, t, x, which, columns, before)
         new, columns, direction = pushforward(lambda t, x: system.jump(t, x, args, which), t, x, columns, before)
-        after = self.velocity(t, new)
-        columns = to_reference_time(columns, direction, after, event_time_shift)
+        columns = to_reference_time(columns, direction, self.velocity(t, new), event_time_shift)
         if c.log_volume is not None:
             c = added(
                 added(c, log_volume=self._log_volume_change(c, clock, dt)),
@@ -143,7 +142,7 @@ class Exact(AbstractEvolver):
         if clock.interval is not None:
             between = jnp.where(flight.dt < 0, flight.dt, jnp.maximum(flight.dt, landed.s - c.solver_state[0]))
             flight = flight._replace(dt=between)
-        return until_end(self._store_event(landed, flight._replace(lands=real), hides), clock, after)
+        return self._store_event(landed, flight._replace(lands=real), hides)
 
     def once(self, settings: Settings, clock: Clock, c: StepState, flight: NextEvent) -> StepState:
         """Flow to the event and through it, or to the end of the block."""

@@ -12,7 +12,7 @@ from ...events.roots import rates, rounding
 from ...integrators.divergences import trace
 from ...statuses import STATUS
 from ..orthonormalising import orthonormalise_and_accumulate
-from ..states import Clock, Settings, StepState, added, select, stop, until_end
+from ..states import Clock, Settings, StepState, added, select, stop
 from .cascade import CascadeState, in_each_order, orthonormalises
 from .trials import (
     ALONE,
@@ -75,7 +75,6 @@ def apply_event(evolver, settings: Settings, clock: Clock, c: StepState, tr: Tri
     event = transition, which, jnp.where(ticking, -1, guard_index)
     crossed = _apply_cascade(evolver, settings, clock, c, mode, event, allowed & ~jnp.asarray(at_once), at_once, tr.h)
     crossed = _keep_clocks(evolver, clock, crossed, tr, ticking)
-    crossed = until_end(crossed, clock, crossed.solver_state.f)
     return select(blocked, stop(c, STATUS.deadlock), crossed)
 
 

@@ -23,7 +23,7 @@ from ...native import seldom
 from ...statuses import STATUS
 from ...systems.event_driven import EventDriven
 from ..evolver import AbstractEvolver
-from ..states import STRETCHED, Clock, EventLog, Settings, StepState, added, log_event, stop, time_after_event
+from ..states import STRETCHED, Clock, EventLog, Settings, StepState, added, log_event, stop
 from .accumulations import accumulated, hidden_below, named
 from .exact import integers, is_event, since_after
 
@@ -262,12 +262,12 @@ class Scheduled(AbstractEvolver):
     ) -> tuple[StepState, ScheduledEvent]:
         """Flow to the block's end or a scheduled orthonormalisation, if no event comes before; then rebase."""
         flies = within(c) & ~ahead.lands
-        end = jnp.where(flies, clock.limit(c), time_after_event(c, clock))
+        end = jnp.where(flies, clock.limit(c), c.s)
         if settings.count_jumps:  # only jumps end the block, and no jump follows
             never = flies & jnp.isinf(clock.length) & jnp.isposinf(ahead.t)
             c, end = stop(c, STATUS.no_more_jumps, never), jnp.where(never, c.s, end)
         # After an event use its time since the rebasing, which resolves flights too short for the block's time.
-        dt = jnp.where(end > c.s, end - c.solver_state.start, c.solver_state.now + (end - c.s))
+        dt = jnp.where(end > c.s, end - c.solver_state.start, c.solver_state.now)
         x, linear = jax.linearize(lambda y: self.rows.flow(dt, y), c.x)
         zero = jnp.zeros_like(end)
         cache = self.system.schedule.shift(c.solver_state.cache, dt)
