@@ -25,13 +25,13 @@ def measured(name: str) -> dict[str, float]:
     jax.config.update("jax_enable_x64", True)
     import lyaphybrid as lh
     from lyaphybrid.engine.blocks import part_of
-    from lyaphybrid.native import EVENTS
+    from lyaphybrid.native import DURATION_PREFIX
 
     seconds: dict[str, float] = collections.defaultdict(float)
     seconds["import"] = time.perf_counter() - began
 
     def listen(event: str, duration: float, **kwargs) -> None:
-        if event.startswith(EVENTS):
+        if event.startswith(DURATION_PREFIX):
             seconds[event.rpartition("/")[2]] += duration
         elif event == "/jax/core/compile/backend_compile_duration":
             seconds["XLA"] += duration

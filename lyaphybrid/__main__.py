@@ -371,11 +371,11 @@ def _as_json_value(value: Any) -> Any:
 
 def _validate(options) -> int:
     from . import zoo
-    from .zoo import validation
+    from .zoo import reference_checks
 
     try:
         found = []
-        for one in validation.comparisons(options.names or zoo.names(), options.quick):
+        for one in reference_checks.comparisons(options.names or zoo.names(), options.quick):
             off = "" if one.has_reference else " from the first way, for there is no reference"
             found.append(one)
             verdict = "agrees" if one.agrees else "MISSES"

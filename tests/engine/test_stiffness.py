@@ -21,6 +21,20 @@ def test_a_stiff_flow_is_noted_with_what_to_do():
     np.testing.assert_allclose(explicit.exponents, implicit.exponents, rtol=1e-4)
 
 
+def test_long_steps_that_nothing_limits_are_not_stiff():
+    """A rotor moves evenly between kicks: its steps would be as long as one likes, and nothing decays."""
+    rotor = lh.Hybrid(
+        lambda t, x, args: jnp.stack([x[1], jnp.zeros_like(t)]),
+        lh.Transition(
+            every=1.0,
+            reset=lambda t, x, args: jnp.mod(jnp.stack([x[0], x[1] + args * jnp.sin(x[0])]), 2 * jnp.pi),
+        ),
+    )
+    assert lh.lyapunov_spectrum(rotor, [1.0, 2.0], 6.9115, t1=100_000.0).notes == frozenset()
+    block = lh.Hybrid(lambda t, x, args: -x, lh.Transition(every=1.0, reset=lambda t, x, args: x + 1.0))
+    assert lh.lyapunov_spectrum(block, [1.0], t1=100_000.0).notes == frozenset()
+
+
 @pytest.mark.slow
 def test_long_runs_that_are_not_stiff():
     assert "stiff" not in lh.zoo.lorenz63().spectrum(t1=5000.0).notes

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import lyaphybrid as lh
-from benchmarks import lattices, many_disks, problems, references
+from benchmarks import first_calls, lattices, many_disks, problems, references
 
 
 @pytest.fixture(autouse=True)
@@ -88,3 +88,9 @@ def test_the_c_takes_square_roots_by_an_instruction(tmp_path):
     for name, flags, calls in (("careless", careless, True), ("ours", references.FLAGS, False)):
         references.build(str(tmp_path / name), flags)
         assert (b"\0sqrt\0" in (tmp_path / name).read_bytes()) is calls, name  # the first: that it would be seen
+
+
+@pytest.mark.slow
+def test_first_calls_are_measured(tmp_path):
+    found = first_calls.in_a_process("cat_map", str(tmp_path / "code"), str(tmp_path / "bytes"))
+    assert 0 < found["second"] < found["first"]

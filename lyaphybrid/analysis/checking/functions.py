@@ -14,7 +14,7 @@ from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
 from ...systems.kinds import System
 from ...systems.smooth import Flow, Map
-from .report import Finding, noted, right, wrong
+from .report import Finding, in_short, noted, right, wrong
 
 __all__ = ["Function", "Visited", "check_derivatives", "check_purity", "functions_of"]
 
@@ -131,7 +131,7 @@ def _compare(one: Function, t, x, draw) -> str | None:
         return value, slope, ends
 
     value, slope, (wide, narrow) = jax.device_get(both(x, direction))
-    place = f"at t = {float(t):.6g}, x = {np.array2string(np.asarray(x), precision=4, threshold=6)}"
+    place = f"at t = {float(t):.6g}, x = {in_short(x)}"
     if np.all(np.isfinite(value)) and not np.all(np.isfinite(slope)):
         return (
             f"is not finite {place}: a root or a norm at zero, or a division? Write it so that its derivative exists."
@@ -141,13 +141,12 @@ def _compare(one: Function, t, x, draw) -> str | None:
     if np.max(np.abs(wide - narrow)) > 1e-5 * size + rounding:
         return None  # a kink nearby, or noise
     if np.max(np.abs(slope - narrow)) > DERIVATIVE_ERROR * size + rounding:
-        return f"is {_short(slope)} along a direction in which differences give {_short(narrow)}, {place}: a custom " \
-               "derivative rule, stop_gradient, or a rounded number?"  # fmt: skip
+        ours, theirs = in_short(slope), in_short(narrow)
+        return (
+            f"is {ours} along a direction in which differences give {theirs}, {place}: a custom derivative rule, "
+            "stop_gradient, or a rounded number?"
+        )
     return ""
-
-
-def _short(values) -> str:
-    return np.array2string(np.atleast_1d(values), precision=4, threshold=6)
 
 
 def depends_on_state(one: Function, t, x) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 from ...engine.evolvers.landing import GRAZING
 from ...systems.hybrid import Hybrid, Transition
 from ..trajectories import Trajectory
-from .report import Finding, noted, right, wrong
+from .report import Finding, in_short, noted, right, wrong
 
 __all__ = ["check_jumps", "check_targets"]
 
@@ -102,7 +102,7 @@ def _of_landing(system: Hybrid, j: int, guard: _Guard, fields, run: Trajectory, 
         f = fields[mode](t, x) if fields else None
         if f is not None and not np.all(np.isfinite(f)):
             return [wrong("jumps", f"After transition {j} at t = {float(t):.6g} the field of mode "
-                          f"{system.mode_names[mode]!r} is not finite: {_short(f)} at x = {_short(x)}.")]  # fmt: skip
+                          f"{system.mode_names[mode]!r} is not finite: {in_short(f)}, x = {in_short(x)}.")]  # fmt: skip
         source = system.transitions[j].source
         armed = source is None or system.mode_names[mode] in source
         stays = np.array_equal(e.x_before[i], x)
@@ -118,8 +118,8 @@ def _of_landing(system: Hybrid, j: int, guard: _Guard, fields, run: Trajectory, 
         rate = guard.rate(t, x, which, f)
         if abs(value) <= small and rate < -GRAZING * abs(guard.rate(t, e.x_before[i], which, f)):
             return [wrong("jumps", f"After the reset of transition {j} at t = {float(t):.6g} the state goes on through "
-                          f"the guard, to the side on which it had fired: x = {_short(e.x_before[i])} becomes "
-                          f"{_short(x)}. Is a sign in the reset wrong, or is a target mode missing?")]  # fmt: skip
+                          f"the guard, to the side on which it had fired: x = {in_short(e.x_before[i])} becomes "
+                          f"{in_short(x)}. Is a sign in the reset wrong, or is a target mode missing?")]  # fmt: skip
     return []
 
 
@@ -154,7 +154,3 @@ def _passed_unfired(system: Hybrid, j: int, guard: _Guard, run: Trajectory) -> l
     way, other = ("falls", "rose") if transition.direction < 0 else ("rises", "fell")
     return [noted("jumps", f"The guard of transition {j} never fired, but it {other} through zero {count} times in the "
                   f"trial run. It fires where it {way}: is direction={transition.direction} right?")]  # fmt: skip
-
-
-def _short(x) -> str:
-    return np.array2string(np.asarray(x), precision=4, threshold=6)

@@ -9,7 +9,7 @@ from ... import plots
 from ..._text import Table
 from ...results.result import Data, Result
 
-__all__ = ["Finding", "Report", "noted", "right", "wrong"]
+__all__ = ["Finding", "Report", "in_short", "noted", "right", "wrong"]
 
 
 class Finding(NamedTuple):
@@ -40,6 +40,11 @@ def noted(topic: str, text: str) -> Finding:
 def wrong(topic: str, text: str) -> Finding:
     """A mistake."""
     return Finding("wrong", topic, text)
+
+
+def in_short(values) -> str:
+    """Some numbers, as they stand in a text."""
+    return np.array2string(np.atleast_1d(np.asarray(values)), precision=4, threshold=6)
 
 
 class Report(Result):

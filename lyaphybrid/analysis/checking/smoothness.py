@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .functions import Function
-from .report import Finding, noted, right, wrong
+from .report import Finding, in_short, noted, right, wrong
 
 __all__ = ["check_smoothness"]
 
@@ -79,8 +79,7 @@ def _jump(of: Callable, t, x, pairs) -> str | None:
     if not np.max(rest) > JUMP * size:
         return None
     i = int(np.argmax(rest))
-    state = np.array2string(starts[1][i], precision=4, threshold=6)
-    return f"by {rest[i]:.3g} at t = {starts[0][i]:.6g}, x = {state}"
+    return f"by {rest[i]:.3g} at t = {starts[0][i]:.6g}, x = {in_short(starts[1][i])}"
 
 
 def _chosen(which, one, other):

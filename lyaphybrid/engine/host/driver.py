@@ -185,7 +185,7 @@ def rates_at(problem: RunProblem, t, x, mode) -> Rates | None:
     if problem.method is None:
         return None
     try:
-        return Rates(*map(float, _rates_at(problem, t, x, mode)))
+        return Rates.of(*_rates_at(problem, t, x, mode))
     except Exception:  # for example a callback, which has no derivative
         return None
 

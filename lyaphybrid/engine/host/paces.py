@@ -17,7 +17,17 @@ from ...integrators.runge_kutta import RungeKutta
 from ...statuses import STATUS
 from ..states import LoopState
 
-__all__ = ["ATTEMPTS_BETWEEN_CHECKS", "Pace", "Rates", "StiffnessVotes", "given_up", "rates_of", "why_stalled"]
+__all__ = [
+    "ATTEMPTS_BETWEEN_CHECKS",
+    "Pace",
+    "Rates",
+    "StiffnessVotes",
+    "at_stability_limit",
+    "given_up",
+    "may_be_stiff",
+    "rates_of",
+    "why_stalled",
+]
 
 ATTEMPTS_BETWEEN_CHECKS = 1_000_000  # attempts between two checks
 ATTEMPTS_IF_SLOW, SECONDS_IF_SLOW = 10_000, 5.0  # a check is made earlier after this many attempts and seconds
@@ -26,10 +36,9 @@ ATTEMPTS_STOPPED = 1e12  # … and from which it is stopped
 SMOOTH = 1e-5  # steps of a smooth motion are longer than this times 1/‖Df‖
 STIFF = 1e-4  # a motion slower than this times ‖Df‖ is stiff
 ATTEMPTS_UNTIL_STIFF = 50_000  # shorter runs are quick all the same
-AT_STABILITY, SLOW = (
-    1.0,
-    1e-2,
-)  # steps are at the limit of stability beyond the first over ‖Df‖, below the second over ‖f'‖/‖f‖
+AT_STABILITY = 1.0, 20.0  # between these over the fastest rate of decay steps are at the limit of stability …
+SLOW = 1e-2  # … if they are also shorter than this times the time in which the motion changes
+MOST_FOR_EIGENVALUES = 500  # components of a state
 
 
 class Rates(NamedTuple):
@@ -37,6 +46,15 @@ class Rates(NamedTuple):
 
     field: float  # ‖Df‖, or |∂f/∂t|/|f| where that is larger
     motion: float  # |df/dt| / |f| along the motion
+    decay: float = 0.0  # the fastest of perturbations, -min Re of the eigenvalues of Df
+
+    @classmethod
+    def of(cls, field, motion, jacobian) -> "Rates":
+        """From the arrays of `rates_of`."""
+        jacobian = np.asarray(jacobian)
+        known = len(jacobian) <= MOST_FOR_EIGENVALUES and np.all(np.isfinite(jacobian))
+        decay = -float(np.min(np.linalg.eigvals(jacobian).real)) if known else 0.0
+        return cls(float(field), float(motion), decay)
 
 
 class Progress(NamedTuple):
@@ -82,12 +100,22 @@ class Pace:
         return why_stalled(self.attempts, moved, ahead, rates)
 
 
+def may_be_stiff(method: Any) -> bool:
+    """Whether steps are free, and of an explicit method."""
+    return isinstance(method, RungeKutta) and method.adaptive and method.longest_step is None
+
+
+def at_stability_limit(rates: Rates, step: float) -> bool:
+    """Whether a step is as long as an explicit method stays stable, and far shorter than the motion would need."""
+    shortest, longest = AT_STABILITY
+    return shortest < rates.decay * step < longest and rates.motion * step < SLOW
+
+
 class StiffnessVotes:
     """Whether a long run takes steps as long as stability allows, and not as its motion would: asked now and then."""
 
     def __init__(self, method: Any):
-        explicit = isinstance(method, RungeKutta) and method.adaptive and method.longest_step is None
-        self.next, self.votes = (ATTEMPTS_UNTIL_STIFF if explicit else np.inf), []
+        self.next, self.votes = (ATTEMPTS_UNTIL_STIFF if may_be_stiff(method) else np.inf), []
 
     def look(self, loop_state: LoopState, given: int, rates) -> None:
         """Ask the first run after so many attempts, and then each time that their number has doubled."""
@@ -96,8 +124,7 @@ class StiffnessVotes:
         self.next = 2 * given
         there, h = rates(0), getattr(loop_state.carry.solver_state, "h", None)
         if there is not None and h is not None:
-            step = float(np.ravel(h)[0])
-            self.votes.append(there.field * step > AT_STABILITY and there.motion * step < SLOW)
+            self.votes.append(at_stability_limit(there, float(np.ravel(h)[0])))
 
     @property
     def stiff(self) -> bool:
@@ -145,11 +172,12 @@ def given_up(loop_state: LoopState, stalled: dict[int, str]) -> tuple[LoopState,
     return loop_state._replace(carry=loop_state.carry._replace(status=status)), next(iter(stalled.values()))
 
 
-def rates_of(field, t, x) -> tuple[Any, Any]:
-    """The fields of `Rates`, as arrays, for a vector field (t, x) -> dx/dt."""
+def rates_of(field, t, x) -> tuple[Any, Any, Any]:
+    """The rates of the field and of the motion, and Df (n, n), for a vector field (t, x) -> dx/dt."""
     f, acceleration = jax.jvp(field, (t, x), (jnp.ones_like(t), field(t, x)))
     _, along = jax.jvp(lambda t: field(t, x), (t,), (jnp.ones_like(t),))
     speed = jnp.max(jnp.abs(f))
     speed = jnp.where(speed > 0, speed, jnp.inf)
-    largest = jnp.max(jnp.sum(jnp.abs(jax.jacfwd(lambda x: field(t, x))(x)), axis=1))
-    return jnp.maximum(largest, jnp.max(jnp.abs(along)) / speed), jnp.max(jnp.abs(acceleration)) / speed
+    jacobian = jax.jacfwd(lambda x: field(t, x))(x)
+    largest = jnp.maximum(jnp.max(jnp.sum(jnp.abs(jacobian), axis=1)), jnp.max(jnp.abs(along)) / speed)
+    return largest, jnp.max(jnp.abs(acceleration)) / speed, jacobian

@@ -7,7 +7,7 @@ import pytest
 
 from lyaphybrid import zoo
 from lyaphybrid.__main__ import main
-from lyaphybrid.zoo import validation
+from lyaphybrid.zoo import reference_checks
 from lyaphybrid.zoo.problem import exact
 
 
@@ -24,7 +24,9 @@ def test_two_ways_are_compared_and_written(tmp_path, capsys):
 
 def test_a_wrong_reference_is_noticed(monkeypatch, capsys):
     wrong = exact(0.9, -0.9, source="nobody")
-    monkeypatch.setattr(validation, "get", lambda name: lambda: dataclasses.replace(zoo.cat_map(), reference=wrong))
+    monkeypatch.setattr(
+        reference_checks, "get", lambda name: lambda: dataclasses.replace(zoo.cat_map(), reference=wrong)
+    )
     assert main(["validate", "--quick", "cat_map"]) == 1
     assert "MISSES" in capsys.readouterr().out
 
@@ -36,9 +38,9 @@ def test_an_unknown_problem_is_refused(capsys):
 
 @pytest.mark.parametrize("name", ["lorenz63", "henon_heiles", "rotated_dae", "stadium", "impact_oscillator"])
 def test_there_are_four_ways(name):
-    ways = validation.ways_of(zoo.get(name)())
+    ways = reference_checks.ways_of(zoo.get(name)())
     assert len({way.name for way in ways}) == 4
-    assert validation.ways_of(zoo.get(name)(), quick=True) == [ways[0], ways[3]]
+    assert reference_checks.ways_of(zoo.get(name)(), quick=True) == [ways[0], ways[3]]
 
 
 @pytest.mark.slow
