@@ -5,10 +5,11 @@ On a CPU a function is traced once for each structure, shape and type of its arg
 functions that our compiler does not support, functions that close over traced values, and everything on other devices.
 """
 
+import contextlib
 import functools
 import threading
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import equinox as eqx
@@ -57,6 +58,16 @@ def is_native() -> bool:
     return engine() != "xla" and jax.default_backend() == "cpu"
 
 
+@contextlib.contextmanager
+def debug_switches_off() -> Iterator[None]:
+    """JAX's `debug_nans`, `debug_infs` and `disable_jit` off: nan marks what was not computed, inf what never happens.
+
+    A field that gives nan ends a run with a status of its own, and without jit the loop over the steps takes hours.
+    """
+    with jax.debug_nans(False), jax.debug_infs(False), jax.disable_jit(False):
+        yield
+
+
 def compiled(
     columns: Callable[..., int] | None = None,
     backward: Callable | None = None,
@@ -77,6 +88,7 @@ def compiled(
         by_xla: Any = eqx.filter_jit(function)
         with_derivatives = by_xla if backward is None else both_ways(by_xla, eqx.filter_jit(backward))
 
+        @debug_switches_off()
         def prepared(*args):
             """The function, compiled for arguments of these shapes and types."""
             if not is_native():
@@ -85,6 +97,7 @@ def compiled(
             return natively
 
         @functools.wraps(function)
+        @debug_switches_off()
         def call(*args):
             if transforming() and traced(enclosed(args)):
                 return by_xla(*args) if backward is None else _forwards_only(function, args)
@@ -92,6 +105,7 @@ def compiled(
                 return natively(*args)
             return (with_derivatives if traced(args) else by_xla)(*args)
 
+        @debug_switches_off()
         def side_by_side(*args):
             """A version for many last arguments at once; None if lanes branch differently too often."""
             return natively.side_by_side(*args) if is_native() else None

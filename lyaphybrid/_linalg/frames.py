@@ -16,7 +16,7 @@ from jaxtyping import Array, Float, Int
 
 from .._jax.precision import digits, eps, is_short, nonzero
 
-__all__ = ["QR_ALGORITHMS", "orthonormalise", "refill", "staggered", "unit_vectors"]
+__all__ = ["QR_ALGORITHMS", "orthonormalise", "refill", "unit_vectors"]
 
 QR_ALGORITHMS = ("mgs", "lapack", "cholesky")
 MOST_ROWS_UNROLLED = 4  # products with at most so many rows are written out without a loop
@@ -81,7 +81,16 @@ def orthonormalise(
             lost,
         )
     log_r = jnp.log(jnp.where(lost, 1.0, jnp.maximum(lengths, nonzero(SMALLEST_LENGTH, lengths))))
-    return jnp.where(lost[None, :], 0.0, columns), log_r, lost
+    return _zero_where(lost, columns), log_r, lost
+
+
+def _zero_where(lost, columns):
+    """The columns, those that are lost set to zero; a large frame is rewritten only if there are any."""
+    if columns.shape[1] < BLOCKS_FROM:
+        return jnp.where(lost[None, :], 0.0, columns)
+    return jax.lax.cond(
+        jnp.any(lost), lambda lost, columns: jnp.where(lost[None, :], 0.0, columns), lambda _, same: same, lost, columns
+    )
 
 
 def _tolerance(frame, absolute, relative: float):
@@ -328,11 +337,6 @@ def _by_gram_matrix(panel):
     lengths = jnp.sqrt(jnp.diagonal(state))
     inverse = jnp.tril(state, -1) + jnp.eye(k, dtype=state.dtype)
     return (inverse / lengths[:, None]) @ panel, lengths
-
-
-def staggered(frame: Float[Array, "n k"]) -> Float[Array, "n m"]:
-    """The frame with padded rows, so that rows do not start at equal offsets in memory pages (cache conflicts)."""
-    return jnp.pad(frame, ((0, 0), (0, 8))) if frame.shape[1] % 32 == 0 else frame
 
 
 def refill(frame: Float[Array, "n k"], project, live: Array) -> tuple[Float[Array, "n k"], Int[Array, " k"]]:

@@ -17,7 +17,6 @@ import jax
 import jax.numpy as jnp
 
 from .._jax.reverse_mode import checkpointed
-from .._linalg import frames
 from ..events.compiled_hybrid import by_mode
 from ..native import seldom
 from ..statuses import OK, RUNNING, STATUS
@@ -150,8 +149,7 @@ def _quick_span(settings: Settings, clock: Clock, within, carry: StepState, ahea
 
         return step
 
-    k, at_once = carry.frame.shape[1], frequent and _at_once(settings)
-    carry = carry._replace(frame=frames.staggered(carry.frame) if evolver.by_rows else carry.frame)
+    at_once = frequent and _at_once(settings)
     if _step_by_step(settings):
         carry, ahead, spread = stepping(evolver)((carry, ahead, spread))
     elif settings.reverse:  # the loop over spans keeps the checkpoints; a span is then at most one step
@@ -161,7 +159,6 @@ def _quick_span(settings: Settings, clock: Clock, within, carry: StepState, ahea
         steps = [stepping(one) for one in evolver.in_each_mode()]
         loops = [lambda state, step=step: jax.lax.while_loop(goes_on, step, state) for step in steps]
         carry, ahead, spread = by_mode(getattr(carry.solver_state, "mode", None), loops, (carry, ahead, spread))
-    carry = carry._replace(frame=carry.frame[:, :k])
     due = frequent and evolver.by_rows and is_due(carry)  # before `locate_events`, which resets `stretch`
     carry, ahead = evolver.locate_events(settings, clock, functools.partial(within, in_span=True), carry, ahead)
     if not frequent:

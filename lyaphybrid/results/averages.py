@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._jax.engines import compiled
+from .._jax.engines import compiled, debug_switches_off
 from .._jax.tracing import traced
 from ..engine import problems
 from ..engine.host import driver
@@ -83,6 +83,7 @@ def _in_rows(problem, spectrum: Spectrum, labels: Labels) -> Spectrum:
     return eqx.tree_at(lambda s: s.x, spectrum, problems.in_rows(problem, spectrum.x))
 
 
+@debug_switches_off()
 @jax.jit
 def _on_device(leaves):
     """The leaves as JAX arrays; one compiled call moves all of them and is faster than `jax.device_put`."""
