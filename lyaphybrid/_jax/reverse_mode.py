@@ -44,12 +44,17 @@ class CheckpointStack(NamedTuple):
 def checkpointed(goes_on: Callable, step: Callable, state: Any) -> Any:
     """A loop like `jax.lax.while_loop` with reverse-mode but without forward-mode derivatives."""
     state = jax.tree.map(jnp.asarray, state)
-    step, goes_on = eqx.filter_closure_convert(step, state), eqx.filter_closure_convert(goes_on, state)
+    step, goes_on = (jax.tree.map(_as_array, eqx.filter_closure_convert(each, state)) for each in (step, goes_on))
     return _loop((step, state), jax.tree.map(_fixed, goes_on))
 
 
+def _as_array(leaf):
+    """JAX 0.8 has constants, such as tables of numbers, of an array type that Equinox does not recognise."""
+    return jnp.asarray(leaf) if hasattr(leaf, "dtype") else leaf
+
+
 def _is_float(leaf) -> bool:
-    """Whether a leaf has derivatives; JAX 0.8 has constants of an array type that Equinox does not recognise."""
+    """Whether a leaf has derivatives."""
     return hasattr(leaf, "dtype") and jnp.issubdtype(leaf.dtype, jnp.inexact)
 
 

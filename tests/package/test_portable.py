@@ -1,0 +1,166 @@
+"""What must hold wherever the package runs: one small case of each kind, with its exact value.
+
+`python -m tests.portability` runs this file with each Python and each JAX, with either engine and on two CPU devices.
+`LYAPHYBRID_TEST_FLOAT32=1` runs it as a newcomer does, without float64.
+"""
+
+import os
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import lyaphybrid as lh
+
+FLOAT32 = bool(os.environ.get("LYAPHYBRID_TEST_FLOAT32"))
+CLOSE = {"rtol": 1e-3, "atol": 1e-3} if FLOAT32 else {"rtol": 1e-7, "atol": 1e-7}
+SWITCHES = ("jax_debug_nans", "jax_debug_infs", "jax_disable_jit")
+ARGS = {"rate": 0.25, "kept": 0.5}
+EXPONENTS = 0.0, ARGS["rate"] + np.log(ARGS["kept"])  # of `KICKED`
+TURN = {"t1": 8.0, "blocks": 4}
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:x0? is float32"),
+    pytest.mark.filterwarnings("ignore:.*float64:UserWarning"),
+]
+
+
+@pytest.fixture(autouse=True)
+def _precision():
+    with jax.enable_x64(not FLOAT32):
+        yield
+
+
+def drift(t, x, args):
+    """A phase that runs, and a height that grows at `rate`."""
+    return jnp.stack([jnp.ones_like(x[0]), args["rate"] * x[1]])
+
+
+KICKED = lh.Hybrid(  # once a turn the phase starts again, and a part of the height is kept
+    drift, lh.Transition(lambda t, x, args: 1.0 - x[0], lambda t, x, args: jnp.stack([x[0] - 1.0, args["kept"] * x[1]]))
+)
+SAMPLED = lh.Hybrid(  # the same by a clock
+    drift, lh.Transition(every=1.0, reset=lambda t, x, args: jnp.stack([x[0] - 1.0, args["kept"] * x[1]]))
+)
+START = np.array([0.25, 1.0])
+
+
+def spectrum(args, system=KICKED, **keywords):
+    start = jnp.asarray(START, jnp.result_type(float))
+    return lh.lyapunov_spectrum(system, start, args, **TURN | keywords)
+
+
+def by_rate(args):
+    return spectrum(args).exponents[1]
+
+
+def test_a_flow_that_jumps():
+    found = spectrum(ARGS)
+    assert_allclose(sorted(found.exponents), sorted(EXPONENTS), **CLOSE)
+    assert int(found.jumps) == 8
+    assert str(found.status).startswith("ok")
+
+
+def test_fixed_steps():
+    found = spectrum(ARGS, method=lh.RungeKutta("rk4", dt=0.01))
+    assert_allclose(sorted(found.exponents), sorted(EXPONENTS), **CLOSE)
+
+
+def test_a_clock():
+    assert_allclose(sorted(spectrum(ARGS, SAMPLED).exponents), sorted(EXPONENTS), **CLOSE)
+
+
+def test_a_map():
+    logistic = lh.Map(lambda n, x, r: r * x * (1 - x))
+    found = lh.lyapunov_spectrum(logistic, jnp.array([0.3]), 2.9, transient=500, t1=100)
+    assert_allclose(found.exponents, np.log(0.9), **CLOSE)
+
+
+def test_a_hamiltonian():
+    """Exponents of a saddle, ±1, and of a rotation, 0 and 0, in the first coordinates of each pair."""
+    saddle = lh.Hamiltonian(lambda p, args: jnp.sum(p * p) / 2, lambda q, args: (4 * q[1] * q[1] - q[0] * q[0]) / 2)
+    start = jnp.array([0.0, 0.5, 0.0, 0.0])
+    found = lh.lyapunov_spectrum(saddle, start, t1=16.0, transient=16.0)
+    first, *_, last = found.exponents
+    assert_allclose([first, last], [1.0, -1.0], rtol=1e-3)
+    assert_allclose(found.exponents + found.exponents[::-1], 0, atol=1e-3 if FLOAT32 else 1e-9)
+
+
+@pytest.mark.slow
+def test_a_dae():
+    """x' = -x/2, 0 = y - 2x."""
+    dae = lh.DAE(
+        lambda t, args: jnp.diag(jnp.array([1.0, 0.0])),
+        lambda t, x, args: jnp.stack([-0.5 * x[0], x[1] - 2 * x[0]]),
+        n_differential=1,
+    )
+    if FLOAT32:
+        with pytest.raises(ValueError, match=r"an lh\.DAE needs float64"):
+            lh.lyapunov_spectrum(dae, jnp.array([1.0, 2.0]), t1=8.0)
+        return
+    found = lh.lyapunov_spectrum(dae, jnp.array([1.0, 2.0]), t1=8.0)
+    assert_allclose(found.exponents, [-0.5], **CLOSE)
+
+
+@pytest.mark.slow
+def test_an_implicit_method():
+    found = spectrum(ARGS, method=lh.ESDIRK())
+    assert_allclose(sorted(found.exponents), sorted(EXPONENTS), rtol=1e-3, atol=1e-3)
+
+
+@pytest.mark.slow
+def test_lanes():
+    rates = jnp.array([0.1, 0.2, 0.3])
+    found = jax.vmap(lambda rate: by_rate(ARGS | {"rate": rate}))(rates)
+    assert_allclose(found, np.minimum(rates + np.log(0.5), 0), **CLOSE)
+
+
+@pytest.mark.slow
+def test_under_jit():
+    assert_allclose(jax.jit(by_rate)(ARGS), EXPONENTS[1], **CLOSE)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("derivative", [jax.jacfwd, jax.grad], ids=["forward", "reverse"])
+def test_derivatives(derivative):
+    """d/d rate = 1, d/d kept = 1/kept."""
+
+    def wanted(args):
+        return spectrum(args, method=lh.RungeKutta("rk4", dt=0.05), t1=4.0).exponents[1]
+
+    found = derivative(wanted)({name: jnp.asarray(value) for name, value in ARGS.items()})
+    assert_allclose(found["rate"], 1.0, rtol=1e-3)
+    assert_allclose(found["kept"], 2.0, rtol=1e-3)
+
+
+@pytest.mark.slow
+def test_a_sweep():
+    kept = np.array([0.4, 0.5, 0.6])
+    found = lh.sweep(spectrum, {"kept": kept}, args=ARGS, progress=False)
+    assert_allclose(found.exponents[:, 1], ARGS["rate"] + np.log(kept), **CLOSE)
+
+
+def test_a_trajectory():
+    found = lh.trajectory(KICKED, jnp.asarray(START), ARGS, t1=2.0)
+    assert_allclose(found.x[-1], [0.25, np.exp(0.5) * 0.25], **CLOSE)
+
+
+@pytest.mark.parametrize("switch", SWITCHES)
+def test_debugging_switches_change_nothing(switch):
+    """Runs mark by nan what was not computed, and loop without end without jit: so they ignore these switches."""
+    before = getattr(jax.config, switch)
+    jax.config.update(switch, True)
+    try:
+        found = spectrum(ARGS)
+        exponents = np.asarray(found.exponents)
+    finally:
+        jax.config.update(switch, before)
+    assert np.array_equal(exponents, spectrum(ARGS).exponents)
+
+
+@pytest.mark.skipif(not FLOAT32, reason="of float32")
+def test_float32_is_warned_of():
+    with pytest.warns(UserWarning, match="float32"):
+        spectrum(ARGS, t1=4.0)
