@@ -15,6 +15,7 @@ from .reporting import reporter
 __all__ = ["are_wanted", "lanes_at_once", "run_on_devices"]
 
 SEQUENCES_PER_CALL = 16_384  # sequences per call and device; larger batches mainly need more memory
+OUT_OF_MEMORY = "RESOURCE_EXHAUSTED"  # in what XLA says
 
 
 def are_wanted() -> bool:
@@ -43,10 +44,10 @@ def run_on_devices(
     report, ready, results = reporter(progress), 0, [None] * len(sequences)
     done = [np.zeros(_length(lanes), bool) for _, lanes in sequences]
     alone = not jax.tree.leaves([state for state, _ in sequences])
-    mesh = Mesh(np.array(jax.local_devices()), ("lanes",))
+    mesh, room = Mesh(np.array(jax.local_devices()), ("lanes",)), _Room()
     try:
         for batch in _of_lanes(sequences) if alone else _of_sequences(sequences):
-            found = _computed(function, shared, batch, mesh)
+            found = _computed(function, shared, batch, mesh, room)
             for row, i in enumerate(batch.belongs):
                 part = slice(None) if alone else row
                 results[i] = jax.tree.map(lambda leaf, part=part: leaf[part, 0] if alone else leaf[part], found)
@@ -100,16 +101,51 @@ def _stacked(trees):
     return jax.tree.map(lambda *rows: np.stack(rows), *trees)
 
 
-def _computed(function, shared, batch: Batch, mesh: Mesh) -> Any:
-    """The results of a batch, NumPy arrays (m, length, …)."""
-    count = _length(batch.lanes)
-    filled = np.minimum(np.arange(batch.room), count - 1)  # pad with copies of the last sequence
+class _Room:
+    """How many sequences one call takes; halved where the devices' memory does not suffice."""
+
+    def __init__(self):
+        self.most: int | None = None  # None: as many as the batch wants
+
+    def of(self, batch: Batch) -> int:
+        return batch.room if self.most is None else min(batch.room, self.most)
+
+    def halve(self, size: int, error: Exception) -> None:
+        """Make do with half of a size that was too much; raises the error where one sequence a device is."""
+        if size <= jax.local_device_count():
+            error.add_note("The memory of a device does not hold a single run: take fewer blocks, columns or samples.")
+            raise error
+        self.most = _rounded_up(size // 2)
+        warnings.warn(
+            f"{size} runs at once need more memory than the devices have: going on with {self.most}.", stacklevel=5
+        )
+
+
+def _computed(function, shared, batch: Batch, mesh: Mesh, room: _Room) -> Any:
+    """The results of a batch, NumPy arrays (m, length, …); in several calls if one needs too much memory."""
+    count, first, parts = _length(batch.lanes), 0, []
+    while first < count:
+        size = room.of(batch)
+        try:
+            parts.append(_in_one_call(function, shared, batch, mesh, range(first, min(first + size, count)), size))
+        except jax.errors.JaxRuntimeError as error:
+            if OUT_OF_MEMORY not in str(error):
+                raise
+            room.halve(size, error)
+        else:
+            first += size
+    return jax.tree.map(lambda *rows: np.concatenate(rows), *parts)
+
+
+def _in_one_call(function, shared, batch: Batch, mesh: Mesh, which: range, size: int) -> Any:
+    """The results of some sequences of a batch; copies of the last one fill the call."""
+    filled = np.minimum(np.arange(size) + which.start, which.stop - 1)
     along = NamedSharding(mesh, PartitionSpec("lanes"))
     states, lanes = jax.tree.map(
         lambda leaf: jax.device_put(np.asarray(leaf)[filled], along), (batch.states, batch.lanes)
     )
     found = _together(function, shared, states, lanes, mesh)
-    return jax.tree.map(lambda leaf: np.asarray(leaf)[:count], found)
+    return jax.tree.map(lambda leaf: np.asarray(leaf)[: len(which)], found)
 
 
 @eqx.filter_jit
