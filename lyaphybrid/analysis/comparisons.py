@@ -49,6 +49,13 @@ class TwoTrajectories(RunResult, eqx.Module):
         x, t, mode: the state of the first trajectory at the end.
         separation: the distance at which the second trajectory restarts after each interval.
         status: how the run ended, an `lh.STATUS`.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> henon = lh.Map(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]]))
+        >>> found = lh.two_trajectories(henon, [0.1, 0.2], 1.4, t1=2000)
+        >>> bool(abs(found.exponent - 0.4192) < 5 * found.stderr)
+        True
     """
 
     exponent: Array
@@ -66,7 +73,7 @@ class TwoTrajectories(RunResult, eqx.Module):
 
     state_labels: Labels = eqx.field(static=True, default=Labels())
 
-    def plot(self, ax=None):
+    def plot(self, ax: plots.Axes | None = None) -> plots.Axes:
         """The running exponent against time, with the final value as a band of one standard error to each side."""
         history = self.history
         found = np.atleast_1d(self.exponent), np.atleast_1d(self.stderr)

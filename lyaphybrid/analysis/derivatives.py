@@ -52,6 +52,17 @@ class Jacobians(Result, Parts):
         Dh: (n,) of each guard; (m, n) for a vector guard. A clock is the guard h = tick - t: zeros.
         dg_dt: (n,) or (m, n), partial derivative of each reset by time.
         dh_dt: () or (m,), partial derivative of each guard by time; -1 for a clock.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> ball = lh.Hybrid(
+        ...     lambda t, x, args: jnp.stack([x[1], 0 * x[1] - 1.0]),
+        ...     lh.Transition(lambda t, x, args: x[0], lambda t, x, args: jnp.stack([x[0], -x[1]])),
+        ...     names=("height", "speed"),
+        ... )
+        >>> found = lh.jacobians(ball, 1.0, [0.0, -1.0])
+        >>> found.Df.tolist(), found.Dg[0].tolist(), found.Dh[0].tolist()
+        ([[0.0, 1.0], [0.0, 0.0]], [[1.0, 0.0], [-0.0, -1.0]], [1.0, 0.0])
     """
 
     __slots__ = ()

@@ -65,7 +65,22 @@ class Trajectory(RunResult, eqx.Module):
         mode: (n,) indices of modes; j: (n,) number of jumps made so far.
         events: an `Events` log.
         status: how the run ended, an `lh.STATUS`.
+        begun, ended: times of the start and of the end.
+        iterated: whether these are numbers of iterations.
         domain: the hybrid time domain, an `lh.TimeDomain`; not under a transformation.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> ball = lh.Hybrid(
+        ...     lambda t, x, args: jnp.stack([x[1], 0 * x[1] - 1.0]),
+        ...     lh.Transition(lambda t, x, args: x[0], lambda t, x, args: jnp.stack([x[0], -x[1]])),
+        ...     names=("height", "speed"),
+        ... )
+        >>> found = lh.trajectory(ball, [0.5, 0.0], t1=4.0, n=8)
+        >>> found.x.shape, found.j.tolist(), found.status.name
+        ((8, 2), [0, 0, 1, 1, 1, 1, 2, 2], 'ok')
+        >>> found.events.t.round(6).tolist()
+        [1.0, 3.0]
     """
 
     t: Array
@@ -90,7 +105,7 @@ class Trajectory(RunResult, eqx.Module):
             jumps, end = np.full(int(np.max(self.j)), start), start
         return time_domain(start, jumps, end, STATUS(int(self.status_code)))
 
-    def plot(self, ax=None, components: Sequence[int] | None = None):
+    def plot(self, ax: plots.Axes | None = None, components: Sequence[int] | None = None) -> plots.Axes:
         """The components against time, with events and modes; of many the first four, or those that are asked for."""
         return plots.trajectory(self, ax, components)
 
@@ -233,6 +248,19 @@ class TangentMap(RunResult, eqx.Module):
         x: (n,) the end; matrix: (n, n) dx(t0 + t1)/dx(t0), jumps included; mode: index at the end.
         jumps: () how many there were.
         status: how the run ended, an `lh.STATUS`.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> ball = lh.Hybrid(
+        ...     lambda t, x, args: jnp.stack([x[1], 0 * x[1] - 1.0]),
+        ...     lh.Transition(lambda t, x, args: x[0], lambda t, x, args: jnp.stack([x[0], -x[1]])),
+        ...     names=("height", "speed"),
+        ... )
+        >>> found = lh.tangent_map(ball, [0.5, 0.0], t1=1.5)
+        >>> found.x.round(6).tolist(), int(found.jumps)
+        ([0.375, 0.5], 1)
+        >>> found.matrix.round(6).tolist()
+        [[-0.0, -0.5], [2.0, 1.0]]
     """
 
     x: Array
@@ -242,7 +270,7 @@ class TangentMap(RunResult, eqx.Module):
     status_code: Array
     state_labels: Labels = eqx.field(static=True, default=Labels())
 
-    def plot(self, ax=None):
+    def plot(self, ax: plots.Axes | None = None) -> plots.Axes:
         """The matrix, entry by entry."""
         return plots.matrix(np.asarray(self.matrix), self.state_labels, ax)
 

@@ -40,6 +40,9 @@ class CompiledHybrid(NamedTuple):
     borders: np.ndarray | None  # (modes, slots): guards that are borders of flow sets; None: there are none
     calls: Calls  # the functions of one step in each mode, each traced once
     initial_mode: Callable | None = None  # (t, x) -> mode
+    recording: np.ndarray | None = (
+        None  # (modes, slots): guards of transitions that change nothing; None: there are none
+    )
 
     @property
     def constrained(self) -> bool:
@@ -59,7 +62,7 @@ class CompiledHybrid(NamedTuple):
     def of_mode(self, q: int) -> "CompiledHybrid":
         """The same system restricted to mode q."""
         of_modes = "fields", "guards", "projections", "directed", "transition", "component", "armed", "whens"
-        of_modes += () if self.borders is None else ("borders",)
+        of_modes += tuple(name for name in ("borders", "recording") if getattr(self, name) is not None)
         return self._replace(**{name: getattr(self, name)[q : q + 1] for name in of_modes})
 
 
@@ -99,6 +102,7 @@ def wire(system: Hybrid, t, x, args) -> CompiledHybrid:
         _borders(system, transition),
         Calls(),
         _bind_initial_mode(system.initial_mode, args),
+        _recording(system, per_mode, widths, slots),
     )
 
 
@@ -106,6 +110,15 @@ def _borders(system: Hybrid, transition: np.ndarray) -> np.ndarray | None:
     """(modes, slots) which guards belong to transitions added for flow sets; padding belongs to transition 0."""
     count = len(system.transitions)
     return transition >= count if len(system.guarded) > count else None
+
+
+def _recording(system: Hybrid, per_mode, widths, slots) -> np.ndarray | None:
+    """(modes, slots) which guards belong to transitions that change nothing; the padding does not."""
+    table = np.zeros((len(per_mode), slots), bool)
+    for q, own in enumerate(per_mode):
+        of_slot = [system.guarded[j].changes_nothing for j in own for _ in range(max(1, widths[j]))]
+        table[q, : len(of_slot)] = of_slot
+    return table if table.any() else None
 
 
 def _armed(transition, name) -> bool:

@@ -1,10 +1,11 @@
 """The figure of branches of periodic orbits; public as `plots.continuation`."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from .axes import COLOURS
+from .axes import COLOURS, Axes, both_axes
 
 __all__ = ["continuation"]
 
@@ -20,7 +21,7 @@ MARGIN = 1e-5  # tolerance for a multiplier of 1 at the end of a stable stretch
 BRANCH_COLOURS = (COLOURS[0], "0.35", COLOURS[5])  # colours of branches, used cyclically
 
 
-def continuation(branches: Any, axes=None, i: int = 0):
+def continuation(branches: Any, axes: Sequence[Axes] | None = None, i: int = 0) -> Sequence[Axes]:
     """Branches of periodic orbits: the largest value of a component over each orbit, and below it the exponents.
 
     Lines are full where the orbits attract, else dashed. Exponents of −∞ are not drawn.
@@ -32,13 +33,19 @@ def continuation(branches: Any, axes=None, i: int = 0):
 
     Returns:
         Both axes.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> from matplotlib import pyplot
+        >>> henon = lh.Map(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]]))
+        >>> found = lh.continuation(henon, [0.6, 0.2], 0.3, over={"args": (0.2, 0.5)}, period=1)
+        >>> axes = lh.plots.continuation(found)
+        >>> [ax.get_ylabel() for ax in axes]
+        ['largest $x_{0}$ of the orbit', 'exponents λ']
+        >>> pyplot.close(axes[0].figure)
     """
     branches = [branches] if hasattr(branches, "orbits") else list(branches)
-    if axes is None:
-        from matplotlib import pyplot
-
-        shape = {"height_ratios": (3, 2), "sharex": True}
-        axes = pyplot.subplots(2, 1, figsize=(7.2, 6.6), layout="constrained", **shape)[1]
+    axes = both_axes(axes, (7.2, 6.6), height_ratios=(3, 2))
     upper, lower = axes
     lower.axhline(0.0, color="0.6", linewidth=0.8, zorder=0)
     for number, branch in enumerate(branches):

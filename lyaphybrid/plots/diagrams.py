@@ -1,11 +1,12 @@
 """Pictures of sections and bifurcation diagrams; public in `plots`."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from ..statuses import OK, STATUS
-from .axes import COLOURS, axes_of
+from .axes import COLOURS, Axes, axes_of, both_axes
 
 __all__ = ["bifurcations", "diagram", "largest_exponent", "section"]
 
@@ -14,7 +15,7 @@ DOTS = {"random": ("0.25", 2.4), "up": (COLOURS[0], 1.5), "down": (COLOURS[1], 0
 NAMES = {"random": "random starts", "up": "followed up", "down": "followed down"}
 
 
-def section(points: Any, ax=None, i: int = 0, j: int = 1):
+def section(points: Any, ax: Axes | None = None, i: int = 0, j: int = 1) -> Axes:
     """The points of a Poincaré section: component j against i (with one component, the next point against each).
 
     Args:
@@ -25,6 +26,15 @@ def section(points: Any, ax=None, i: int = 0, j: int = 1):
 
     Returns:
         The axes.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> from matplotlib import pyplot
+        >>> henon = lh.Map(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]]))
+        >>> ax = lh.plots.section(lh.poincare_section(henon, [0.1, 0.2], 1.4, period=1, n=20))
+        >>> ax.get_xlabel(), ax.get_ylabel()
+        ('$x_{0}$', '$x_{1}$')
+        >>> pyplot.close(ax.figure)
     """
     ax = axes_of(ax)
     x = np.asarray(points.x).reshape(len(points.x), -1)
@@ -37,7 +47,7 @@ def section(points: Any, ax=None, i: int = 0, j: int = 1):
     return ax
 
 
-def bifurcations(result: Any, ax=None, i: int = 0):
+def bifurcations(result: Any, ax: Axes | None = None, i: int = 0) -> Axes:
     """The last points of every run against the parameter; angles from −π to π.
 
     Args:
@@ -47,6 +57,18 @@ def bifurcations(result: Any, ax=None, i: int = 0):
 
     Returns:
         The axes.
+
+    Example:
+        >>> import lyaphybrid as lh
+        >>> from matplotlib import pyplot
+        >>> logistic = lh.Map(lambda n, x, args: args["r"] * x * (1 - x))
+        >>> found = lh.bifurcation_diagram(
+        ...     logistic, [[0.1], [0.9]], {"r": 0.0}, over={"r": [2.8, 3.2]}, t1=100, transient=50, samples=16
+        ... )
+        >>> ax = lh.plots.bifurcations(found)
+        >>> ax.get_xlabel(), ax.get_ylabel()
+        ('r', '$x_{0}$')
+        >>> pyplot.close(ax.figure)
     """
     ax = axes_of(ax, (7.2, 4.4))
     heights = result.points[..., i]
@@ -66,7 +88,7 @@ def bifurcations(result: Any, ax=None, i: int = 0):
     return ax
 
 
-def largest_exponent(result: Any, ax=None):
+def largest_exponent(result: Any, ax: Axes | None = None) -> Axes:
     """The largest exponent of every run against the parameter, with error bars of one standard error.
 
     Coexisting attractors are dots at the same value; runs followed up and down are joined by lines. A cross at the
@@ -78,6 +100,18 @@ def largest_exponent(result: Any, ax=None):
 
     Returns:
         The axes.
+
+    Example:
+        >>> import lyaphybrid as lh
+        >>> from matplotlib import pyplot
+        >>> logistic = lh.Map(lambda n, x, args: args["r"] * x * (1 - x))
+        >>> found = lh.bifurcation_diagram(
+        ...     logistic, [[0.1], [0.9]], {"r": 0.0}, over={"r": [2.8, 3.2]}, t1=100, transient=50, samples=16
+        ... )
+        >>> ax = lh.plots.largest_exponent(found)
+        >>> ax.get_xlabel(), ax.get_ylabel()
+        ('r', 'largest exponent λ$_1$')
+        >>> pyplot.close(ax.figure)
     """
     ax = axes_of(ax, (7.2, 3.4))
     ax.axhline(0.0, color="0.6", linewidth=0.8, zorder=0)
@@ -103,7 +137,7 @@ def largest_exponent(result: Any, ax=None):
     return ax
 
 
-def diagram(result: Any, axes=None, i: int = 0):
+def diagram(result: Any, axes: Sequence[Axes] | None = None, i: int = 0) -> Sequence[Axes]:
     """The points of a bifurcation diagram, and below them the largest exponent.
 
     Args:
@@ -113,12 +147,20 @@ def diagram(result: Any, axes=None, i: int = 0):
 
     Returns:
         Both axes.
-    """
-    if axes is None:
-        from matplotlib import pyplot
 
-        shape = {"height_ratios": (3, 2), "sharex": True}
-        axes = pyplot.subplots(2, 1, figsize=(7.2, 6.6), layout="constrained", **shape)[1]
+    Example:
+        >>> import lyaphybrid as lh
+        >>> from matplotlib import pyplot
+        >>> logistic = lh.Map(lambda n, x, args: args["r"] * x * (1 - x))
+        >>> found = lh.bifurcation_diagram(
+        ...     logistic, [[0.1], [0.9]], {"r": 0.0}, over={"r": [2.8, 3.2]}, t1=100, transient=50, samples=16
+        ... )
+        >>> axes = lh.plots.diagram(found)
+        >>> [ax.get_ylabel() for ax in axes]
+        ['$x_{0}$', 'largest exponent λ$_1$']
+        >>> pyplot.close(axes[0].figure)
+    """
+    axes = both_axes(axes, (7.2, 6.6), height_ratios=(3, 2))
     upper, lower = axes
     bifurcations(result, upper, i)
     largest_exponent(result, lower)

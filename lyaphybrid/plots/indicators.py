@@ -1,10 +1,11 @@
 """Figures of the indicators of chaos."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .axes import COLOURS, colours
+from .axes import COLOURS, Axes, both_axes, colours
 from .axes import axes_of as _axes
 
 if TYPE_CHECKING:
@@ -15,7 +16,7 @@ __all__ = ["alignment", "angles", "growth", "intervals"]
 PAIRS = 6  # angles that are drawn of covariant vectors
 
 
-def alignment(found: "GALIResult", ax=None):
+def alignment(found: "GALIResult", ax: Axes | None = None) -> Axes:
     """GALI_k or SALI against time, both logarithmic; values below the smallest float are drawn from their logarithms.
 
     Args:
@@ -24,6 +25,15 @@ def alignment(found: "GALIResult", ax=None):
 
     Returns:
         The axes.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> from matplotlib import pyplot
+        >>> henon = lh.Map(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]]))
+        >>> ax = lh.plots.alignment(lh.sali(henon, [0.1, 0.2], 1.4, t1=100, blocks=16))
+        >>> ax.get_xscale(), ax.get_yscale()
+        ('log', 'linear')
+        >>> pyplot.close(ax.figure)
     """
     ax = _axes(ax)
     time, logs = np.asarray(found.time), np.asarray(found.log_values).reshape(len(found.time), -1) / np.log(10)
@@ -38,7 +48,7 @@ def alignment(found: "GALIResult", ax=None):
     return ax
 
 
-def growth(found: "IndicatorResult", ax=None):
+def growth(found: "IndicatorResult", ax: Axes | None = None) -> Axes:
     """MEGNO with its mean, FLI, OFLI or OFLI2 against time.
 
     Args:
@@ -47,6 +57,15 @@ def growth(found: "IndicatorResult", ax=None):
 
     Returns:
         The axes.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> from matplotlib import pyplot
+        >>> henon = lh.Map(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]]))
+        >>> ax = lh.plots.growth(lh.megno(henon, [0.1, 0.2], 1.4, t1=100, blocks=16))
+        >>> [text.get_text() for text in ax.get_legend().get_texts()]
+        ['Y', 'its mean over time']
+        >>> pyplot.close(ax.figure)
     """
     ax = _axes(ax)
     ax.plot(found.time, found.values, color=COLOURS[0], linewidth=1.0, label="Y" if found.mean is not None else None)
@@ -60,7 +79,7 @@ def growth(found: "IndicatorResult", ax=None):
     return ax
 
 
-def intervals(found: "SpectralIntervals", axes=None):
+def intervals(found: "SpectralIntervals", axes: Sequence[Axes] | None = None) -> Sequence[Axes]:
     """Running averages and averages over windows against time, with the intervals that contain them.
 
     Args:
@@ -69,11 +88,18 @@ def intervals(found: "SpectralIntervals", axes=None):
 
     Returns:
         The two axes.
-    """
-    if axes is None:
-        from matplotlib import pyplot
 
-        axes = pyplot.subplots(2, 1, figsize=(6.4, 5.6), layout="constrained", sharex=True)[1]
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> from matplotlib import pyplot
+        >>> henon = lh.Map(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]]))
+        >>> found = lh.spectral_intervals(henon, [0.1, 0.2], 1.4, t1=200, window=20, tau=20)
+        >>> axes = lh.plots.intervals(found)
+        >>> len(axes), axes[1].get_xlabel()
+        (2, 'time t')
+        >>> pyplot.close(axes[0].figure)
+    """
+    axes = both_axes(axes, (6.4, 5.6))
     running, windows = axes
     for time, values, bounds, ax in (
         (found.time, found.running, found.lyapunov, running),
@@ -92,7 +118,7 @@ def intervals(found: "SpectralIntervals", axes=None):
     return axes
 
 
-def angles(found: "CovariantVectors", ax=None):
+def angles(found: "CovariantVectors", ax: Axes | None = None) -> Axes:
     """The angles between the first covariant vectors against time.
 
     Args:
@@ -101,6 +127,15 @@ def angles(found: "CovariantVectors", ax=None):
 
     Returns:
         The axes.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> from matplotlib import pyplot
+        >>> henon = lh.Map(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]]))
+        >>> ax = lh.plots.angles(lh.covariant_vectors(henon, [0.1, 0.2], 1.4, t1=20, blocks=20))
+        >>> ax.get_xlabel(), ax.get_ylabel()
+        ('time t', 'angle between vectors')
+        >>> pyplot.close(ax.figure)
     """
     ax = _axes(ax)
     pairs = list(zip(*np.triu_indices(found.vectors.shape[-1], 1), strict=True))[:PAIRS]

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .axes import COLOURS, whole_ticks
+from .axes import COLOURS, Axes, whole_ticks
 from .axes import axes_of as _axes
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ __all__ = ["matrix", "multipliers", "time_domain"]
 WRITTEN = 8  # rows of a matrix up to which its entries are written
 
 
-def multipliers(found: "Floquet", ax=None):
+def multipliers(found: "Floquet", ax: Axes | None = None) -> Axes:
     """Multipliers in the complex plane; those inside the unit circle decay.
 
     Args:
@@ -25,6 +25,15 @@ def multipliers(found: "Floquet", ax=None):
 
     Returns:
         The axes.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> from matplotlib import pyplot
+        >>> henon = lh.Map(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]]))
+        >>> ax = lh.plots.multipliers(lh.floquet(henon, [0.6, 0.2], 1.4, period=1))
+        >>> ax.get_xlabel(), ax.get_ylabel()
+        ('Re μ', 'Im μ')
+        >>> pyplot.close(ax.figure)
     """
     ax = _axes(ax, (4.4, 4.4))
     turn = np.linspace(0.0, 2 * np.pi, 361)
@@ -42,7 +51,7 @@ def multipliers(found: "Floquet", ax=None):
     return ax
 
 
-def matrix(matrix: np.ndarray, labels: Any, ax=None):
+def matrix(matrix: np.ndarray, labels: Any, ax: Axes | None = None) -> Axes:
     """A tangent map, entry by entry, blue below zero and red above.
 
     Args:
@@ -52,6 +61,20 @@ def matrix(matrix: np.ndarray, labels: Any, ax=None):
 
     Returns:
         The axes.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> from matplotlib import pyplot
+        >>> ball = lh.Hybrid(
+        ...     lambda t, x, args: jnp.stack([x[1], 0 * x[1] - 1.0]),
+        ...     lh.Transition(lambda t, x, args: x[0], lambda t, x, args: jnp.stack([x[0], -x[1]])),
+        ...     names=("height", "speed"),
+        ... )
+        >>> found = lh.tangent_map(ball, [0.5, 0.0], t1=1.5)
+        >>> ax = lh.plots.matrix(found.matrix, found.state_labels)
+        >>> [text.get_text() for text in ax.get_yticklabels()]
+        ['height', 'speed']
+        >>> pyplot.close(ax.figure)
     """
     ax = _axes(ax, (4.8, 4.0))
     size = float(np.max(np.abs(matrix), initial=0.0)) or 1.0
@@ -69,7 +92,7 @@ def matrix(matrix: np.ndarray, labels: Any, ax=None):
     return ax
 
 
-def time_domain(domain: "TimeDomain", ax=None):
+def time_domain(domain: "TimeDomain", ax: Axes | None = None) -> Axes:
     """The number of jumps against time: an interval of flow at each number, and a rise at each jump.
 
     Args:
@@ -78,6 +101,19 @@ def time_domain(domain: "TimeDomain", ax=None):
 
     Returns:
         The axes.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> from matplotlib import pyplot
+        >>> ball = lh.Hybrid(
+        ...     lambda t, x, args: jnp.stack([x[1], 0 * x[1] - 1.0]),
+        ...     lh.Transition(lambda t, x, args: x[0], lambda t, x, args: jnp.stack([x[0], -x[1]])),
+        ...     names=("height", "speed"),
+        ... )
+        >>> ax = lh.plots.time_domain(lh.trajectory(ball, [0.5, 0.0], t1=4.0, n=8).domain)
+        >>> ax.get_xlabel(), ax.get_ylabel()
+        ('time t', 'jumps j')
+        >>> pyplot.close(ax.figure)
     """
     ax = _axes(ax)
     ends = np.stack([domain.starts, domain.ends], axis=1).ravel()

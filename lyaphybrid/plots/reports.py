@@ -3,7 +3,7 @@
 import textwrap
 from collections.abc import Sequence
 
-from .axes import COLOURS, axes_of
+from .axes import COLOURS, Axes, axes_of
 
 __all__ = ["report"]
 
@@ -11,7 +11,7 @@ WIDTH = 96  # characters of a line of text
 VERDICT_MARKS = {"right": ("o", 2), "note": ("^", 0), "wrong": ("X", 1)}  # marker and number of the colour of a verdict
 
 
-def report(findings: Sequence[tuple[str, str, str]], ax=None):
+def report(findings: Sequence[tuple[str, str, str]], ax: Axes | None = None) -> Axes:
     """The findings below each other: a mark for the verdict, the topic, and what was found.
 
     Args:
@@ -20,6 +20,16 @@ def report(findings: Sequence[tuple[str, str, str]], ax=None):
 
     Returns:
         The axes.
+
+    Example:
+        >>> import lyaphybrid as lh
+        >>> from matplotlib import pyplot
+        >>> logistic = lh.Map(lambda n, x, args: args["r"] * x * (1 - x))
+        >>> found = lh.check(logistic, [0.3], {"r": 3.9})
+        >>> ax = lh.plots.report([(one.verdict, one.topic, one.text) for one in found.findings])
+        >>> len(ax.texts) > 0
+        True
+        >>> pyplot.close(ax.figure)
     """
     lines = [textwrap.wrap(text, WIDTH) for _, _, text in findings]
     ax = axes_of(ax, (9.0, 0.6 + 0.2 * sum(map(len, lines)) + 0.1 * len(lines)))

@@ -1,4 +1,4 @@
-"""Figures of spectra and trajectories."""
+"""Figures of spectra."""
 
 import itertools
 from collections.abc import Mapping, Sequence
@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._text import UNIT, with_error
-from .axes import COLOURS, colours, whole_ticks
+from .axes import COLOURS, Axes, colours, whole_ticks
 from .axes import axes_of as _axes
 
 if TYPE_CHECKING:
     from ..analysis.indicators import ExponentBounds
-    from ..analysis.trajectories import Trajectory
     from ..results.solution_sets import Solutions
     from ..results.spectrum import Spectrum
 
@@ -20,28 +19,14 @@ __all__ = [
     "against_density",
     "bounds",
     "convergence",
-    "phase",
     "running",
     "solutions",
     "spectra",
     "spectrum",
-    "trajectory",
 ]
 
-MODE_COLOURS = (
-    "#FFFFFF",
-    "#E8E8E8",
-    "#DCEBF7",
-    "#FBEBDD",
-    "#DDF2EA",
-    "#F6E4EE",
-    "#FBF6D5",
-)  # background colours of modes
-MARKED = 60  # up to this number each event gets a line; more are ticks at the bottom
-COMPONENTS_DRAWN = 4  # number of components drawn by default
 
-
-def spectrum(spectrum: "Spectrum", ax=None):
+def spectrum(spectrum: "Spectrum", ax: Axes | None = None) -> Axes:
     """Exponents against their index, with error bars of one standard error.
 
     Exponents of -inf are arrows at the bottom of the axes.
@@ -52,11 +37,20 @@ def spectrum(spectrum: "Spectrum", ax=None):
 
     Returns:
         The axes.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> from matplotlib import pyplot
+        >>> henon = lh.Map(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]]))
+        >>> ax = lh.plots.spectrum(lh.lyapunov_spectrum(henon, [0.1, 0.2], 1.4, t1=1000))
+        >>> ax.get_xlabel(), ax.get_ylabel()
+        ('index i', 'exponent λ$_i$ per unit of time')
+        >>> pyplot.close(ax.figure)
     """
     return exponents(spectrum.exponents, spectrum.stderr, UNIT[spectrum.clock], ax)
 
 
-def bounds(found: "ExponentBounds", ax=None):
+def bounds(found: "ExponentBounds", ax: Axes | None = None) -> Axes:
     """Exponents against their index, with bars as long as their bounds.
 
     Args:
@@ -65,11 +59,22 @@ def bounds(found: "ExponentBounds", ax=None):
 
     Returns:
         The axes.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> from matplotlib import pyplot
+        >>> henon = lh.Map(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]]))
+        >>> ax = lh.plots.bounds(lh.exponent_bounds(henon, [0.1, 0.2], 1.4, t1=50))
+        >>> ax.get_xlabel(), ax.get_ylabel()
+        ('index i', 'exponent λ$_i$ per iteration')
+        >>> pyplot.close(ax.figure)
     """
     return exponents(found.exponents, found.bound, found.unit, ax)
 
 
-def exponents(exponents, bars, unit: str, ax=None, colour: str = COLOURS[0], label: str | None = None):
+def exponents(
+    exponents, bars, unit: str, ax: Axes | None = None, colour: str = COLOURS[0], label: str | None = None
+) -> Axes:
     """Exponents (k,) against their index, with bars (k,) to both sides; those of -inf as arrows at the foot."""
     ax = _axes(ax)
     values, errors = np.asarray(exponents), np.asarray(bars)
@@ -104,7 +109,7 @@ def _arrows(ax, lost, finite) -> None:
         ax.annotate("−∞", (i, 0.14), ha="center", va="bottom", color=COLOURS[1], **place)
 
 
-def convergence(spectrum: "Spectrum", ax=None):
+def convergence(spectrum: "Spectrum", ax: Axes | None = None) -> Axes:
     """The running exponents in time, and the final values as bands of one standard error to each side.
 
     Exponents of -inf are listed in the corner.
@@ -115,6 +120,15 @@ def convergence(spectrum: "Spectrum", ax=None):
 
     Returns:
         The axes.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> from matplotlib import pyplot
+        >>> henon = lh.Map(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]]))
+        >>> ax = lh.plots.convergence(lh.lyapunov_spectrum(henon, [0.1, 0.2], 1.4, t1=1000))
+        >>> ax.get_xlabel(), len(ax.lines) >= 2
+        ('time t', True)
+        >>> pyplot.close(ax.figure)
     """
     history = spectrum.history
     ax = running(history.time, history.exponents, spectrum.exponents, spectrum.stderr, UNIT[spectrum.clock], ax)
@@ -122,7 +136,7 @@ def convergence(spectrum: "Spectrum", ax=None):
     return ax
 
 
-def running(time, course, exponents, stderr, unit: str, ax=None):
+def running(time: Any, course: Any, exponents: Any, stderr: Any, unit: str, ax: Axes | None = None) -> Axes:
     """Running exponents against time, and their last values as bands.
 
     Args:
@@ -135,6 +149,16 @@ def running(time, course, exponents, stderr, unit: str, ax=None):
 
     Returns:
         The axes.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> from matplotlib import pyplot
+        >>> time = jnp.arange(1.0, 101.0)
+        >>> course = jnp.stack([1 + 1 / time, -2 - 1 / time], axis=1)
+        >>> ax = lh.plots.running(time, course, course[-1], jnp.array([0.1, 0.1]), "time")
+        >>> ax.get_xlabel(), ax.get_ylabel()
+        ('time t', 'running exponents per time')
+        >>> pyplot.close(ax.figure)
     """
     ax = _axes(ax)
     time, course = np.nanmean(np.atleast_2d(np.asarray(time)), axis=0), np.asarray(course)
@@ -187,7 +211,7 @@ def _label_ends(ax, values, errors, finite) -> None:
         )
 
 
-def spectra(spectra: "Mapping[int, Spectrum]", ax=None):
+def spectra(spectra: "Mapping[int, Spectrum]", ax: Axes | None = None) -> Axes:
     """Spectra of systems of n bodies against i/n on one axes: as n grows they approach one curve.
 
     Of paired spectra only the upper half is drawn, with error bars of one standard error.
@@ -198,6 +222,15 @@ def spectra(spectra: "Mapping[int, Spectrum]", ax=None):
 
     Returns:
         The axes.
+
+    Example:
+        >>> import lyaphybrid as lh
+        >>> from matplotlib import pyplot
+        >>> problems = {n: lh.zoo.hard_disks(n=n, aspect=1) for n in (2, 3)}
+        >>> ax = lh.plots.spectra({n: problem.spectrum(t1=20.0, transient=5.0) for n, problem in problems.items()})
+        >>> ax.get_xlabel(), [text.get_text() for text in ax.get_legend().get_texts()]
+        ('i/N', ['N = 2', 'N = 3'])
+        >>> pyplot.close(ax.figure)
     """
     ax = _axes(ax)
     ax.axhline(0.0, color="0.6", linewidth=0.8, zorder=0)
@@ -217,7 +250,7 @@ def spectra(spectra: "Mapping[int, Spectrum]", ax=None):
     return ax
 
 
-def against_density(densities: Sequence[float], spectra: "Sequence[Spectrum]", n: int, ax=None):
+def against_density(densities: Sequence[float], spectra: "Sequence[Spectrum]", n: int, ax: Axes | None = None) -> Axes:
     """The largest exponent, and the entropy h per body (the sum of the positive ones over n), against density.
 
     Args:
@@ -228,6 +261,16 @@ def against_density(densities: Sequence[float], spectra: "Sequence[Spectrum]", n
 
     Returns:
         The axes; error bars of one standard error.
+
+    Example:
+        >>> import lyaphybrid as lh
+        >>> from matplotlib import pyplot
+        >>> densities = [0.2, 0.4]
+        >>> found = [lh.zoo.hard_disks(n=2, density=d, aspect=1).spectrum(t1=20.0, transient=5.0) for d in densities]
+        >>> ax = lh.plots.against_density(densities, found, n=2)
+        >>> ax.get_xlabel(), [text.get_text() for text in ax.get_legend().get_texts()]
+        ('number density ρσ$^d$', ['λ$_1$', 'h$_{KS}$/N, N = 2'])
+        >>> pyplot.close(ax.figure)
     """
     ax = _axes(ax)
     first = np.array([(float(s.exponents[0]), float(s.stderr[0])) for s in spectra])
@@ -246,7 +289,7 @@ def against_density(densities: Sequence[float], spectra: "Sequence[Spectrum]", n
     return ax
 
 
-def solutions(found: "Solutions", ax=None):
+def solutions(found: "Solutions", ax: Axes | None = None) -> Axes:
     """The exponents of each solution against their index.
 
     Args:
@@ -255,6 +298,17 @@ def solutions(found: "Solutions", ax=None):
 
     Returns:
         The axes.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> from matplotlib import pyplot
+        >>> def field(away):
+        ...     return lambda t, x, args: jnp.stack([x[0], away + 0 * x[1]])
+        >>> apart = lh.filippov(field(1.0), field(-1.0), lambda t, x, args: x[1])
+        >>> ax = lh.plots.solutions(lh.solutions(apart, [0.0, 0.0], t1=2.0))
+        >>> ax.get_xlabel(), ax.get_ylabel()
+        ('index i', 'exponent λ$_i$ per unit of time')
+        >>> pyplot.close(ax.figure)
     """
     ax = _axes(ax)
     for number, (one, colour) in enumerate(zip(found.solutions, colours(len(found)), strict=True)):
@@ -262,137 +316,3 @@ def solutions(found: "Solutions", ax=None):
         exponents(values, np.zeros(len(values)), UNIT["time"], ax, colour, f"solution {number}, {one.status.name}")
     ax.legend(frameon=False, fontsize="small")
     return ax
-
-
-def trajectory(trajectory: "Trajectory", ax=None, components: Sequence[int] | None = None):
-    """Components in time; events as vertical lines, modes as shades behind them.
-
-    Args:
-        trajectory: a `Trajectory`.
-        ax: matplotlib axes; None: those of a new figure.
-        components: indices of those to draw; None: the first four.
-
-    Returns:
-        The axes.
-    """
-    ax = _axes(ax)
-    dimension = int(np.prod(trajectory.x.shape[1:]))
-    labels = trajectory.state_labels
-    shown = range(min(COMPONENTS_DRAWN, dimension)) if components is None else components
-    discrete = _is_discrete(trajectory)
-    t, x, mode = _with_gaps_at_events(trajectory)
-    _shade(ax, t, mode, trajectory.mode_names)
-    _mark(ax, np.asarray(trajectory.events.t))
-    style: dict[str, Any] = {"linestyle": "none", "marker": "."} if discrete else {"linewidth": 1.3}
-    for i, colour in zip(shown, colours(len(shown)), strict=True):
-        ax.plot(t, x[:, i], color=colour, label=labels.axis(i), **style)
-    ax.set_xlabel("iteration" if discrete else "time t")
-    ax.set_ylabel("state" if len(shown) > 1 else labels.axis(shown[0]))
-    finite = t[np.isfinite(t)]
-    if len(finite) > 1:
-        ax.set_xlim(finite[0], finite[-1])
-    if len(shown) > 1 or len(trajectory.mode_names) > 1:
-        ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
-    return ax
-
-
-def _mark(ax, times) -> None:
-    """The event times: lines if there are few, else ticks at the bottom."""
-    top = 1.0 if len(times) <= MARKED else 0.03
-    style = {"color": "0.45", "linewidth": 0.6, "linestyle": ":" if top == 1.0 else "-"}
-    ax.vlines(times, 0.0, top, transform=ax.get_xaxis_transform(), **style)
-
-
-def _shade(ax, t, mode, names) -> None:
-    """A background colour for each mode, with the mode's name for the legend."""
-    if len(names) < 2:
-        return
-    for index, name in enumerate(names):
-        ax.fill_between(
-            t,
-            0.0,
-            1.0,
-            where=mode == index,
-            transform=ax.get_xaxis_transform(),
-            facecolor=MODE_COLOURS[index % len(MODE_COLOURS)],
-            edgecolor="0.8",
-            linewidth=0.4,
-            label=name,
-            zorder=0,
-        )
-
-
-def phase(trajectory: "Trajectory", ax=None, i: int = 0, j: int = 1):
-    """Component j against component i; a jump leads from a ring to a dot.
-
-    Args:
-        trajectory: a `Trajectory`.
-        ax: matplotlib axes; None: those of a new figure.
-        i: index of the component on the horizontal axis.
-        j: index of the component on the vertical axis.
-
-    Returns:
-        The axes.
-    """
-    ax = _axes(ax)
-    t, x, mode = _with_gaps_at_events(trajectory)
-    names = trajectory.mode_names
-    if _is_discrete(trajectory):
-        ax.plot(x[:, i], x[:, j], linestyle="none", marker=".", markersize=2, color=COLOURS[0])
-    else:
-        for index, (name, colour) in enumerate(zip(names, colours(len(names)), strict=True)):
-            own = (mode == index)[:, None]
-            path = np.where(own, x, np.nan)
-            ax.plot(path[:, i], path[:, j], color=colour, linewidth=1.0, label=name)
-        _draw_jumps(ax, trajectory.events, i, j)
-    ax.set_xlabel(trajectory.state_labels.axis(i))
-    ax.set_ylabel(trajectory.state_labels.axis(j))
-    if len(names) > 1:
-        ax.legend(frameon=False)
-    return ax
-
-
-def _flattened(states) -> np.ndarray:
-    """States flattened to (m, n), also from the shape (m, N, d)."""
-    states = np.asarray(states)
-    return states.reshape(len(states), -1) if states.size else states.reshape(0, 0)
-
-
-def _draw_jumps(ax, events, i, j) -> None:
-    before, after = _flattened(events.x_before), _flattened(events.x_after)
-    if not 0 < len(before) <= MARKED:
-        return
-    ends = np.stack([before, after, np.full_like(before, np.nan)], axis=1).reshape(-1, before.shape[1])
-    ax.plot(ends[:, i], ends[:, j], color="0.6", linewidth=0.6, linestyle=":", zorder=1)
-    ax.plot(before[:, i], before[:, j], "o", markersize=3.5, color="0.35", fillstyle="none", mew=0.7)
-    ax.plot(after[:, i], after[:, j], "o", markersize=2.5, color="0.35")
-
-
-def _with_gaps_at_events(trajectory: "Trajectory"):
-    """Samples and both sides of every event in order of time, with nan between the sides.
-
-    Returns times (m,), states (m, n) and the mode of each (m,).
-    """
-    events = trajectory.events
-    t, mode, jumps = (np.asarray(a) for a in (trajectory.t, trajectory.mode, trajectory.j))
-    x = _flattened(trajectory.x)
-    reached = np.isfinite(t)
-    t, x, mode, jumps = t[reached], x[reached], mode[reached], jumps[reached]
-    if _is_discrete(trajectory) or not len(events):
-        return t, x, mode
-    when, count = np.asarray(events.t), len(events)
-    before, after = _flattened(events.x_before), _flattened(events.x_after)
-    times = np.concatenate([t, when, when, when])
-    states = np.concatenate([x, before, np.full_like(before, np.nan), after])
-    modes = np.concatenate([mode, events.mode_before, events.mode_before, events.mode_after])
-    # A sample after j jumps comes after event j; at equal times the number of jumps gives the order.
-    order = np.arange(count)
-    place = np.concatenate([3 * jumps, 3 * order + 1, 3 * order + 2, 3 * order + 3])
-    kind = np.concatenate([np.ones(len(t)), np.full(2 * count, 2), np.zeros(count)])
-    order = np.lexsort((kind, place, times))
-    return times[order], states[order], modes[order]
-
-
-def _is_discrete(trajectory: "Trajectory") -> bool:
-    """Whether these are iterates of a map: one jump for each sample and no log of events."""
-    return len(trajectory.events) == 0 and int(np.max(trajectory.j)) > 0

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .axes import COLOURS, colours, whole_ticks
+from .axes import COLOURS, Axes, colours, whole_ticks
 from .axes import axes_of as _axes
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ __all__ = ["design", "gradient"]
 GROUP_WIDTH = 0.8  # of the group of bars of one parameter
 
 
-def gradient(found: "Gradient", ax=None):
+def gradient(found: "Gradient", ax: Axes | None = None) -> Axes:
     """The derivatives of each exponent by each parameter, with error bars of one standard error.
 
     Args:
@@ -24,6 +24,15 @@ def gradient(found: "Gradient", ax=None):
 
     Returns:
         The axes.
+
+    Example:
+        >>> import lyaphybrid as lh
+        >>> from matplotlib import pyplot
+        >>> logistic = lh.Map(lambda n, x, args: args["r"] * x * (1 - x))
+        >>> ax = lh.plots.gradient(lh.lyapunov_gradient(logistic, [0.3], {"r": 2.9}, t1=500))
+        >>> [text.get_text() for text in ax.get_xticklabels()]
+        ['r']
+        >>> pyplot.close(ax.figure)
     """
     ax = _axes(ax)
     slopes, errors = found.by_parameter()
@@ -42,7 +51,7 @@ def gradient(found: "Gradient", ax=None):
     return ax
 
 
-def design(found: "Design", ax=None):
+def design(found: "Design", ax: Axes | None = None) -> Axes:
     """The exponents of the points that were tried, in their order; lines are those of the result.
 
     Args:
@@ -51,6 +60,15 @@ def design(found: "Design", ax=None):
 
     Returns:
         The axes.
+
+    Example:
+        >>> import lyaphybrid as lh
+        >>> from matplotlib import pyplot
+        >>> logistic = lh.Map(lambda n, x, args: args["r"] * x * (1 - x))
+        >>> ax = lh.plots.design(lh.design(logistic, [0.3], {"r": 2.8}, -0.5, over="r", t1=500))
+        >>> ax.get_xlabel(), ax.get_ylabel()
+        ('point', 'exponent')
+        >>> pyplot.close(ax.figure)
     """
     ax = _axes(ax)
     tried = np.asarray(found.history)[:, len(found.parameters) :]

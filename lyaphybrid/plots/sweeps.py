@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..statuses import STATUS
-from .axes import COLOURS, axes_of, colours
+from .axes import COLOURS, Axes, axes_of, colours
 from .sweep_arrays import NO_VALUE, Swept, axes_scale, edges, label, list_or_grid, nearest, one_parameter
 
 __all__ = ["sweep_lines", "sweep_map"]
@@ -50,7 +50,7 @@ ROWS = 4  # rows for exponents of −∞; more share one
 ENTRY, LETTER = 0.45, 0.058  # widths of a legend's entry and letter, inches
 
 
-def sweep_lines(dataset: Any, exponents: Sequence[int] | None = None, ax=None):
+def sweep_lines(dataset: Any, exponents: Sequence[int] | None = None, ax: Axes | None = None) -> Axes:
     """Exponents against the parameter of a sweep, with bands of one standard error.
 
     Exponents of −∞ are triangles at the bottom, in the colour of their line. At failed points the lines have gaps, and
@@ -163,7 +163,7 @@ def _present(codes) -> dict[int, StatusStyle]:
     return {code: STATUS_STYLES.get(code, StatusStyle(f"status {code}", *UNKNOWN_STATUS)) for code in found}
 
 
-def sweep_map(dataset: Any, exponent: int = 1, ax=None):
+def sweep_map(dataset: Any, exponent: int = 1, ax: Axes | None = None) -> Axes:
     """One exponent over two parameters of a sweep, in colours; points that failed in greys, by their status.
 
     White is zero, one hue is above and one below. The colour range leaves out the few largest values, so that the rest

@@ -31,6 +31,12 @@ class Result(abc.ABC):
     All of them print as a table (`str`, and as HTML in notebooks), have documented attributes, and `to_xarray()`.
     Times are named alike: `t` is an instant, on the clock that the system sees; `time` is a length, counted from the
     start of what counts. `jumps` is a number of jumps; `events` is the list of them.
+
+    Attributes:
+        status_code: () or (m,) the numbers of `status`, for use under a transformation; of results of runs.
+        unit: what exponents are counted per.
+        mode_names: names of the modes, in the order of their indices.
+        state_labels: names and units of the components of a state.
     """
 
     @abc.abstractmethod

@@ -43,6 +43,17 @@ class Solution(Result, eqx.Module):
         spectrum: its `lh.Spectrum`; the status is deadlock if the solution cannot be continued.
         exponents: (k,) exponents of the spectrum, descending; +inf if the solution ends sliding along a repelling
             surface, because neighbouring states leave the surface at once.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> def field(rate, away):
+        ...     return lambda t, x, args: jnp.stack([rate * x[0], away + 0 * x[1]])
+        >>> apart = lh.filippov(field(1.0, 1.0), field(-0.5, -1.0), lambda t, x, args: x[1])
+        >>> found = lh.solutions(apart, [0.0, 0.0], t1=2.0).solutions[0]
+        >>> len(found.choices), found.choices[0].taken
+        (1, 'plus')
+        >>> found.exponents.round(6).tolist()
+        [1.0, 0.0]
     """
 
     choices: tuple[Choice, ...] = eqx.field(static=True)
@@ -54,7 +65,7 @@ class Solution(Result, eqx.Module):
         """How the run along it ended."""
         return self.spectrum.status
 
-    def plot(self, ax=None):
+    def plot(self, ax: plots.Axes | None = None) -> plots.Axes:
         """The spectrum against its index."""
         return self.spectrum.plot(ax)
 
@@ -126,7 +137,7 @@ class Solutions(Result, eqx.Module):
     def __len__(self) -> int:
         return len(self.solutions)
 
-    def plot(self, ax=None):
+    def plot(self, ax: plots.Axes | None = None) -> plots.Axes:
         """The exponents of each solution against their index."""
         return plots.solutions(self, ax)
 

@@ -52,7 +52,8 @@ class TimeDomain(Result, eqx.Module):
         ...     lambda t, x, args: jnp.array([x[1], -1.0]),
         ...     lh.Transition(lambda t, x, args: x[0], lambda t, x, args: jnp.array([x[0], -x[1]])),
         ... )
-        >>> lh.trajectory(ball, [0.5, 0.0], t1=4.0).domain
+        >>> domain = lh.trajectory(ball, [0.5, 0.0], t1=4.0).domain
+        >>> domain
         TimeDomain(sup t = 4, sup j = 2: hybrid, Dinius' case 3)
           I^0 = [0, 1]
           I^1 = [1, 3]
@@ -83,7 +84,7 @@ class TimeDomain(Result, eqx.Module):
         """Whether the solution did not end."""
         return self.case != "incomplete"
 
-    def plot(self, ax=None):
+    def plot(self, ax: plots.Axes | None = None) -> plots.Axes:
         """The number of jumps against time, a step at each jump."""
         return plots.time_domain(self, ax)
 

@@ -6,10 +6,11 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array
 
 from .bound import require_callable
 from .labels import check_labels, words
-from .membership import membership
+from .membership import Membership, membership
 
 __all__ = ["EventDriven", "Schedule"]
 
@@ -132,13 +133,21 @@ class EventDriven(eqx.Module):
         require_callable("jump", self.jump, "(t, x, args, which) -> x")
         require_callable("guard", self.guard, "(t, x, args, which) -> scalar")
 
-    def velocity(self, t, x, args: Any = None):
-        """The velocity dx/dt (n,), the derivative of the flow at dt = 0; not for a system with a schedule."""
+    def velocity(self, t: Any, x: Any, args: Any = None) -> Array:
+        """The velocity dx/dt (n,) at the time t and the state x (n,), with the parameters args.
+
+        It is the derivative of the flow at dt = 0; not for a system with a schedule.
+        """
         zero = jnp.zeros_like(t)
         return jax.jvp(lambda dt: self.flow(dt, t, x, args), (zero,), (jnp.ones_like(t),))[1]
 
-    def contains(self, x, args: Any = None, *, t=0.0):
+    def contains(self, x: Any, args: Any = None, *, t: Any = 0.0) -> Membership:
         """Whether x is in the flow set, the whole space, and in the jump set, where the time to the next event is 0.
+
+        Args:
+            x: state, (n,) or of many bodies (N, d).
+            args: pytree of parameters.
+            t: the time.
 
         Returns:
             As `Hybrid.contains`: `flow` and `jump`, up to rounding; `.where` is "C" or "both".

@@ -110,8 +110,8 @@ class Hamiltonian(Flow):
         require_callable("potential", potential, "(q, args) -> number")
         self.field, self.names, self.units = SeparableField(kinetic, potential), words(names), words(units)
 
-    def energy(self, x, args: Any = None) -> Float[Array, ""]:
-        """The value of H at a state x (2m,)."""
+    def energy(self, x: Any, args: Any = None) -> Float[Array, ""]:
+        """The value of H at a state x (2m,) with the parameters args."""
         return self.field.energy(x, args)  # pyright: ignore[reportFunctionMemberAccess]
 
 

@@ -7,7 +7,7 @@ import equinox as eqx
 
 from .bound import require_callable
 from .labels import check_labels, words
-from .membership import membership
+from .membership import Membership, membership
 from .smooth import Flow
 
 __all__ = ["Hybrid", "Transition"]
@@ -91,6 +91,12 @@ class Transition(eqx.Module):
         """Whether the event times of this transition come from a clock rather than from a guard."""
         return self.every is not None
 
+    @property
+    def changes_nothing(self) -> bool:
+        """Whether all that this transition does is to record where the flow crosses its guard."""
+        acts = self.reset is not None or self.target is not None or self.terminal
+        return not (self.is_clock or acts or self.when is not None)
+
 
 class Hybrid(eqx.Module):
     """A hybrid system: one or several modes that flow, and transitions between them.
@@ -115,6 +121,7 @@ class Hybrid(eqx.Module):
 
     The jump set D is where a guard is at zero or on its fired side. If a reset ends in D, beyond any guard, its own
     included, the next jump follows at once; if it ends on its own guard, within rounding, the flow continues.
+    A transition that changes nothing (a guard alone) never follows a jump: it records where the flow crosses it.
     Several guards that the flow brings to zero at one instant fire once each.
 
     Raises:
@@ -195,8 +202,14 @@ class Hybrid(eqx.Module):
             Transition(inside, when=_never, source=name) for name, inside in sets if inside is not None
         )
 
-    def contains(self, x, args: Any = None, *, t=0.0, mode: str | int | None = None):
+    def contains(self, x: Any, args: Any = None, *, t: Any = 0.0, mode: str | int | None = None) -> Membership:
         """Whether the state x (n,) is in the flow set C, the jump set D, both or neither, up to rounding.
+
+        Args:
+            x: state, (n,).
+            args: pytree of parameters.
+            t: the time.
+            mode: the mode, where there are several.
 
         Returns:
             A named tuple of truth values, `flow` and `jump`; `.where` is "C", "D", "both" or "neither".

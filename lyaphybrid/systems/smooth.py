@@ -7,7 +7,7 @@ import equinox as eqx
 
 from .bound import require_callable
 from .labels import check_labels, words
-from .membership import membership
+from .membership import Membership, membership
 
 __all__ = ["Flow", "Map"]
 
@@ -41,8 +41,11 @@ class Flow(eqx.Module):
         check_labels(self.names, self.units)
         require_callable("field", self.field, "(t, x, args) -> dx/dt")
 
-    def contains(self, x, args: Any = None, *, t=0.0):
-        """Whether x is in the flow set, the whole space (always true), and in the jump set, which is empty."""
+    def contains(self, x: Any, args: Any = None, *, t: Any = 0.0) -> Membership:
+        """Whether x (n,) is in the flow set, the whole space (always true), and in the jump set, which is empty.
+
+        For a flow neither depends on `args` or on the time `t`: they are there as for `Hybrid.contains`.
+        """
         return membership(self, x, args, t, None)
 
 
@@ -70,6 +73,9 @@ class Map(eqx.Module):
         check_labels(self.names, self.units)
         require_callable("rule", self.rule, "(n, x, args) -> next x")
 
-    def contains(self, x, args: Any = None, *, t=0.0):
-        """Whether x is in the flow set, which is empty, and in the jump set, the whole space (always true)."""
+    def contains(self, x: Any, args: Any = None, *, t: Any = 0.0) -> Membership:
+        """Whether x (n,) is in the flow set, which is empty, and in the jump set, the whole space (always true).
+
+        For a map neither depends on `args` or on the iteration `t`: they are there as for `Hybrid.contains`.
+        """
         return membership(self, x, args, t, None)

@@ -9,58 +9,26 @@ import pytest
 from matplotlib import pyplot
 
 import lyaphybrid as lh
+from docstring_examples import made_by_example
 from lyaphybrid._text import Table, as_html, as_text
-from lyaphybrid.results.result import Result
+from lyaphybrid.results.result import Result, RunResult
 
 HENON = lh.Map(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]]), names=("position", "memory"))
-BALL = lh.Hybrid(
-    lambda t, x, args: jnp.stack([x[1], 0 * x[1] - 1.0]),
-    lh.Transition(lambda t, x, args: x[0], lambda t, x, args: jnp.stack([x[0], -x[1]])),
-    names=("height", "speed"),
-    units=("m", "m/s"),
-)
-LINEAR = lh.Flow(lambda t, x, args: jnp.array([[1.0, 4.0], [0.0, -2.0]]) @ x)
-LOGISTIC = lh.Map(lambda n, x, args: args["r"] * x * (1 - x))
 START = [0.1, 0.2]
+SLOW = (
+    "Spectrum",
+    "TwoTrajectories",
+    "CovariantVectors",
+    "Continuation",
+    "BifurcationDiagram",
+    "Solution",
+    "Solutions",
+    "CollisionStatistics",
+    "Report",
+)
 
-
-@functools.cache
-def apart():
-    def field(rate, away):
-        return lambda t, x, args: jnp.stack([rate * x[0], away + 0 * x[1]])
-
-    system = lh.filippov(field(1.0, 1.0), field(-0.5, -1.0), lambda t, x, args: x[1], names=("along", "across"))
-    return lh.solutions(system, [0.0, 0.0], t1=2.0)
-
-
-MAKE = {
-    "Spectrum": lambda: lh.lyapunov_spectrum(HENON, START, 1.4, t1=1000),
-    "Trajectory": lambda: lh.trajectory(BALL, [0.5, 0.0], t1=4.0, n=8),
-    "TimeDomain": lambda: lh.trajectory(BALL, [0.5, 0.0], t1=4.0, n=8).domain,
-    "TangentMap": lambda: lh.tangent_map(BALL, [0.5, 0.0], t1=1.5),
-    "Jacobians": lambda: lh.jacobians(BALL, 1.0, [0.0, -1.0]),
-    "TwoTrajectories": lambda: lh.two_trajectories(HENON, START, 1.4, t1=1000),
-    "GALIResult": lambda: lh.gali(HENON, START, 1.4, t1=100, blocks=16),
-    "IndicatorResult": lambda: lh.megno(HENON, START, 1.4, t1=100, blocks=16),
-    "CovariantVectors": lambda: lh.covariant_vectors(HENON, START, 1.4, t1=20, blocks=20),
-    "SpectralIntervals": lambda: lh.spectral_intervals(HENON, START, 1.4, t1=200, window=20, tau=20),
-    "SVDSpectrum": lambda: lh.svd_spectrum(HENON, START, 1.4, t1=200, blocks=16),
-    "ExponentBounds": lambda: lh.exponent_bounds(HENON, START, 1.4, t1=50),
-    "Floquet": lambda: lh.floquet(HENON, [0.6, 0.2], 1.4, period=1),
-    "Continuation": lambda: lh.continuation(HENON, [0.6, 0.2], 0.3, over={"args": (0.2, 0.5)}, period=1),
-    "Design": lambda: lh.design(LOGISTIC, [0.3], {"r": 2.8}, -0.5, over="r", t1=500),
-    "Gradient": lambda: lh.lyapunov_gradient(LOGISTIC, [0.3], {"r": 2.9}, t1=500),
-    "PoincareSection": lambda: lh.poincare_section(HENON, START, 1.4, period=1, n=20),
-    "BifurcationDiagram": lambda: lh.bifurcation_diagram(
-        LOGISTIC, [[0.1], [0.9]], {"r": 0.0}, over={"r": [2.8, 3.2]}, t1=100, transient=50, samples=16
-    ),
-    "Special": lambda: MAKE["Continuation"]().specials[0],
-    "CollisionStatistics": lambda: lh.zoo.collision_statistics(lh.zoo.hard_disks(n=2, aspect=1), t1=50.0, blocks=4),
-    "Solution": lambda: apart().solutions[0],
-    "Solutions": apart,
-    "Report": lambda: lh.check(LOGISTIC, [0.3], {"r": 3.9}),
-}
-# Of each: a variable, its dimensions, and the attribute that holds the same numbers.
+# Of each: a variable, its dimensions, and the attribute that holds the same numbers. For a class that is not here all
+# variables that are named like an attribute are compared, as for those that are.
 HELD = {
     "Spectrum": ("exponents", ("exponent",), lambda r: r.exponents),
     "Trajectory": ("x", ("sample", "state"), lambda r: r.x),
@@ -86,8 +54,6 @@ HELD = {
     "Solutions": ("exponents", ("solution", "exponent"), lambda r: r.exponents),
     "Report": ("topic", ("finding",), lambda r: np.array([one.topic for one in r.findings])),
 }
-RUNS = {"Spectrum", "Trajectory", "TangentMap", "TwoTrajectories", "GALIResult", "IndicatorResult", "CovariantVectors"}
-RUNS |= {"SpectralIntervals", "SVDSpectrum", "ExponentBounds", "PoincareSection", "Solution"}
 
 
 def kinds_of(base):
@@ -98,25 +64,22 @@ def kinds_of(base):
             yield kind
 
 
+KINDS = {kind.__name__: kind for kind in kinds_of(Result)}
+
+
 def test_all_public_results_are_in_the_family():
-    assert set(MAKE) == {kind.__name__ for kind in kinds_of(Result)}
-    assert set(MAKE) >= {name for name in lh.__all__ if hasattr(getattr(lh, name), "to_xarray")}
+    assert set(KINDS) >= {name for name in lh.__all__ if hasattr(getattr(lh, name), "to_xarray")}
+    assert set(KINDS) >= set(HELD)
 
 
 @pytest.fixture(scope="module")
 def made():
-    found = {}
-
-    def make(name):
-        if name not in found:
-            found[name] = MAKE[name]()
-        return found[name]
-
-    return make
+    """One of each kind, from the example of its docstring."""
+    return functools.cache(lambda name: made_by_example(KINDS[name]))
 
 
-@pytest.mark.slow_cases("Spectrum", "CovariantVectors", "Continuation", "BifurcationDiagram", "Solution", "Solutions")
-@pytest.mark.parametrize("name", MAKE)
+@pytest.mark.slow_cases(*SLOW)
+@pytest.mark.parametrize("name", KINDS)
 def test_a_result_prints_shows_itself_and_becomes_a_dataset(name, made):
     result = made(name)
     text, page, data = str(result), result._repr_html_(), result.to_xarray()
@@ -126,21 +89,25 @@ def test_a_result_prints_shows_itself_and_becomes_a_dataset(name, made):
     assert len(text.splitlines()) > 1 or name == "Special"  # it is one line, of the table of its branch
     assert page.startswith("<table>")
     assert title.replace("<", "&lt;").replace("'", "&#x27;") in page
-    variable, dimensions, attribute = HELD[name]
-    held = np.asarray(attribute(result))
-    assert data[variable].dims == dimensions
-    assert data[variable].shape == held.shape
-    np.testing.assert_array_equal(data[variable].values, held)
+    same = {str(variable): getattr(result, str(variable), None) for variable in data.data_vars}
+    same = {variable: held for variable, held in same.items() if isinstance(held, np.ndarray | jax.Array)}
+    if name in HELD:
+        variable, dimensions, attribute = HELD[name]
+        assert data[variable].dims == dimensions
+        same[variable] = attribute(result)
+    assert same, "a dataset holds something under the name of an attribute"
+    for variable, held in same.items():
+        np.testing.assert_array_equal(data[variable].values, np.asarray(held))
     assert not any("dim_" in dimension for dimension in data.dims)
     assert data.attrs["result"] == name
-    if name in RUNS:
+    if isinstance(result, RunResult | lh.Solution):
         assert isinstance(result.status, lh.STATUS)
         assert data.attrs["status"] == str(result.status)
         assert f"status {result.status}" in text
 
 
-@pytest.mark.slow_cases("CovariantVectors", "BifurcationDiagram")
-@pytest.mark.parametrize("name", sorted(MAKE.keys() - {"Jacobians", "CollisionStatistics"}))
+@pytest.mark.slow_cases(*(name for name in SLOW if hasattr(KINDS[name], "plot")))
+@pytest.mark.parametrize("name", [name for name, kind in KINDS.items() if hasattr(kind, "plot")])
 def test_a_result_has_a_picture(name, made):
     found = made(name).plot()
     for ax in np.ravel(np.asarray(found, object)):
@@ -156,7 +123,7 @@ def test_a_result_has_a_picture(name, made):
 
 @pytest.mark.slow
 def test_datasets_can_be_written_to_files(made, tmp_path):
-    for name in MAKE:
+    for name in KINDS:
         data = made(name).to_xarray()
         if any(np.iscomplexobj(values) for values in data.data_vars.values()):
             continue  # zarr holds them, but not each version

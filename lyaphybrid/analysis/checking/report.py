@@ -52,6 +52,13 @@ class Report(Result):
 
     Attributes:
         findings: a tuple of `Finding`, each with `verdict`, `topic` and `text`.
+
+    Example:
+        >>> import lyaphybrid as lh
+        >>> logistic = lh.Map(lambda n, x, args: args["r"] * x * (1 - x))
+        >>> found = lh.check(logistic, [0.3], {"r": 3.9})
+        >>> found.ok, sorted({one.verdict for one in found.findings})
+        (True, ['right'])
     """
 
     def __init__(self, findings: Sequence[Finding]):
@@ -67,7 +74,7 @@ class Report(Result):
         """The findings that are not right: notes, and what is wrong."""
         return tuple(one for one in self.findings if one.verdict != "right")
 
-    def plot(self, ax=None):
+    def plot(self, ax: plots.Axes | None = None) -> plots.Axes:
         """The findings below each other, each with a mark for its verdict."""
         return plots.report(self.findings, ax)
 

@@ -1,6 +1,7 @@
 """Branches of periodic orbits: the result of a continuation."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -27,6 +28,14 @@ class Special(Result):
         turns_there: the same multiple on the branch that begins here.
         change: direction to that branch: changes of the orbit's `base`, period and parameter; None if none begins.
         largest: (n,) largest value of each component over the orbit.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> henon = lh.Map(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]]))
+        >>> branch = lh.continuation(henon, [0.6, 0.2], 0.3, over={"args": (0.2, 0.5)}, period=1)
+        >>> found = branch.specials[0]
+        >>> found.kind, round(float(found.parameter), 6), round(float(min(found.multipliers.real)), 6)
+        ('period doubling', 0.3675, -1.0)
     """
 
     kind: str
@@ -57,7 +66,7 @@ class Special(Result):
         """Kind, parameter and period in one line."""
         return f"{self.kind} at {self.parameter:.12g}, T = {self.period:.9g}"
 
-    def plot(self, ax=None):
+    def plot(self, ax: plots.Axes | None = None) -> plots.Axes:
         """The multipliers of its orbit in the complex plane, with the unit circle."""
         return self.orbit.plot(ax)
 
@@ -84,6 +93,15 @@ class Continuation(Result):
             "grazing" (an orbit touches a guard, and the branch does not go on), "max_points", "no convergence" (of
             Newton's method, whatever the step), "start" (a branch that begins at a `Special`).
         largest, smallest: (points, n) extreme values of each component over the orbit.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> henon = lh.Map(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]]))
+        >>> found = lh.continuation(henon, [0.6, 0.2], 0.3, over={"args": (0.2, 0.5)}, period=1)
+        >>> found.ends, found.values.shape
+        (('range', 'range'), (40,))
+        >>> [(one.kind, round(float(one.parameter), 6)) for one in found.specials]  # 3 (1 − b)²/4, b = 0.3
+        [('period doubling', 0.3675)]
     """
 
     parameter: str
@@ -125,7 +143,7 @@ class Continuation(Result):
         return [special for special in self.specials if special.kind == kind]
 
     @renamed.keywords(axes="ax")
-    def plot(self, ax=None, i: int = 0):
+    def plot(self, ax: Sequence[plots.Axes] | None = None, i: int = 0) -> Sequence[plots.Axes]:
         """The largest value of component i over the orbits, and below it their exponents, on two axes."""
         return plots.continuation(self, ax, i)
 

@@ -58,6 +58,15 @@ class BifurcationDiagram(Result):
             did not end on one. None unless escape=True.
         angles: components that are angles.
         transient, t1: lengths in periods (or crossings, or iterations).
+
+    Example:
+        >>> import lyaphybrid as lh
+        >>> logistic = lh.Map(lambda n, x, args: args["r"] * x * (1 - x))
+        >>> found = lh.bifurcation_diagram(
+        ...     logistic, [[0.1], [0.9]], {"r": 0.0}, over={"r": [2.8, 3.2]}, t1=100, transient=50, samples=16
+        ... )
+        >>> found.points.shape, found.labels[:, 0].tolist()
+        ((2, 6, 16, 1), ['P1w0', 'P2w0'])
     """
 
     parameter: str
@@ -106,7 +115,7 @@ class BifurcationDiagram(Result):
             return mean, np.where(escapes > 0, mean / np.sqrt(escapes), mean)
 
     @renamed.keywords(axes="ax")
-    def plot(self, ax=None, i: int = 0):
+    def plot(self, ax: Sequence[plots.Axes] | None = None, i: int = 0) -> Sequence[plots.Axes]:
         """Component i of the points, and below it the largest exponent, against the parameter, on two axes."""
         return plots.diagram(self, ax, i)
 

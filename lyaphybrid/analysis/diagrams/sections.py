@@ -39,6 +39,17 @@ class PoincareSection(RunResult, eqx.Module):
         x: (n, dim) states; of a crossing where the flow meets the section, before any jump there.
         mode: (n,) indices of the modes.
         status: how the run ended, an `lh.STATUS`.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> ball = lh.Hybrid(
+        ...     lambda t, x, args: jnp.stack([x[1], 0 * x[1] - 1.0]),
+        ...     lh.Transition(lambda t, x, args: x[0], lambda t, x, args: jnp.stack([x[0], -x[1]])),
+        ...     names=("height", "speed"),
+        ... )
+        >>> found = lh.poincare_section(ball, [0.5, 0.0], section=lambda t, x, args: x[0] - 0.375, n=4)
+        >>> found.t.round(6).tolist(), found.x[1].round(6).tolist()  # it falls through: direction=-1
+        ([0.5, 2.5, 4.5, 6.5], [0.375, -0.5])
     """
 
     t: Array
@@ -48,7 +59,7 @@ class PoincareSection(RunResult, eqx.Module):
     mode_names: tuple[str, ...] = eqx.field(static=True)
     state_labels: Labels = eqx.field(static=True, default=Labels())
 
-    def plot(self, ax=None, i: int = 0, j: int = 1):
+    def plot(self, ax: plots.Axes | None = None, i: int = 0, j: int = 1) -> plots.Axes:
         """Component j of the points against component i."""
         return plots.section(self, ax, i, j)
 

@@ -83,6 +83,13 @@ class GALIResult(RunResult, eqx.Module):
         values: the same without the logarithm.
         status: how the run ended, an `lh.STATUS`.
         verdict: whether the motion is regular or chaotic.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> henon = lh.Map(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]]))
+        >>> found = lh.gali(henon, [0.1, 0.2], 1.4, t1=100, blocks=16)
+        >>> found.orders, found.log_values.shape, found.verdict.kind
+        ((2,), (16, 1), 'chaotic')
     """
 
     time: Array
@@ -105,7 +112,7 @@ class GALIResult(RunResult, eqx.Module):
         logs = self.log_values[:, self.orders.index(2)] if self.orders else self.log_values
         return of_alignment(np.asarray(self.time), np.asarray(logs))
 
-    def plot(self, ax=None):
+    def plot(self, ax: plots.Axes | None = None) -> plots.Axes:
         """The values against time, both logarithmic."""
         return plots.alignment(self, ax)
 
@@ -225,13 +232,13 @@ def sali(
         t0: as for `lh.gali`.
         transient: as for `lh.gali`.
         mode: as for `lh.gali`.
+        frame: (n, 2) the deviation vectors; None: orthonormal ones of no special direction.
         method: as for `lh.gali`.
         every: as for `lh.gali`.
         blocks: as for `lh.gali`.
         max_steps: as for `lh.gali`.
         progress: as for `lh.gali`.
         throw: as for `lh.gali`.
-        frame: (n, 2) the deviation vectors; None: orthonormal ones of no special direction.
 
     Returns:
         A `GALIResult` with `.time`, `.values` (times,), `.log_values`, `.status` and `.verdict`.

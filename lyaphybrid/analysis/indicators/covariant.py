@@ -87,6 +87,15 @@ class CovariantVectors(RunResult, eqx.Module):
         exponents: (k,) the mean growth per unit of time.
         angles: (times, k(k−1)/2) in [0, π/2] between the lines of vectors i < j: (1,2), (1,3), …, (2,3), ….
         status: how the run ended, an `lh.STATUS`.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> henon = lh.Map(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]]))
+        >>> found = lh.covariant_vectors(henon, [0.1, 0.2], 1.4, t1=20, blocks=20)
+        >>> found.vectors.shape, found.angles.shape
+        ((21, 2, 2), (21, 1))
+        >>> jnp.linalg.norm(found.vectors[3], axis=0).round(6).tolist()
+        [1.0, 1.0]
     """
 
     time: Array
@@ -111,7 +120,7 @@ class CovariantVectors(RunResult, eqx.Module):
         across = jnp.linalg.norm(a - along[:, None, :] * b, axis=1)
         return jnp.arctan2(across, jnp.abs(along))
 
-    def plot(self, ax=None):
+    def plot(self, ax: plots.Axes | None = None) -> plots.Axes:
         """The angles between the vectors against time."""
         return plots.angles(self, ax)
 

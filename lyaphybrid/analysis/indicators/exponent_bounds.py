@@ -140,6 +140,13 @@ class ExponentBounds(RunResult, eqx.Module):
         local_error: the largest estimate of a step, of columns of length 1; steps: how many there were, of a method.
         time: the length of the run.
         status: how the run ended, an `lh.STATUS`.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> henon = lh.Map(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]]))
+        >>> found = lh.exponent_bounds(henon, [0.1, 0.2], 1.4, t1=50)
+        >>> found.exponents.shape, bool((found.bound < 1e-12).all())
+        ((2,), True)
     """
 
     exponents: np.ndarray
@@ -151,7 +158,7 @@ class ExponentBounds(RunResult, eqx.Module):
     status_code: Array
     unit: str = eqx.field(static=True)
 
-    def plot(self, ax=None):
+    def plot(self, ax: plots.Axes | None = None) -> plots.Axes:
         """The exponents against their index, with their bounds."""
         return plots.bounds(self, ax)
 

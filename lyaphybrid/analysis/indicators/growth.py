@@ -96,6 +96,13 @@ class IndicatorResult(RunResult, eqx.Module):
         name: "MEGNO", "FLI", "OFLI" or "OFLI2".
         status: how the run ended, an `lh.STATUS`.
         verdict: whether the motion is regular or chaotic.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> henon = lh.Map(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]]))
+        >>> found = lh.megno(henon, [0.1, 0.2], 1.4, t1=100, blocks=16)
+        >>> found.name, found.mean.shape, found.verdict.kind
+        ('MEGNO', (16,), 'chaotic')
     """
 
     time: Array
@@ -113,7 +120,7 @@ class IndicatorResult(RunResult, eqx.Module):
         time = np.asarray(self.time)
         return of_fli(time, np.asarray(self.values)) if self.mean is None else of_megno(time, np.asarray(self.mean))
 
-    def plot(self, ax=None):
+    def plot(self, ax: plots.Axes | None = None) -> plots.Axes:
         """The values against time."""
         return plots.growth(self, ax)
 

@@ -6,6 +6,7 @@ continuously on the system where neighbouring directions are integrally separate
 windows (Steklov), stays above 0.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -41,6 +42,13 @@ class SpectralIntervals(RunResult, eqx.Module):
         window: their length.
         separated: whether all neighbours are integrally separated, as far as these windows show.
         status: how the run ended, an `lh.STATUS`.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> henon = lh.Map(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]]))
+        >>> found = lh.spectral_intervals(henon, [0.1, 0.2], 1.4, t1=200, window=20, tau=20)
+        >>> found.sacker_sell.shape, found.running.shape, bool(found.separated)
+        ((2, 2), (181, 2), True)
     """
 
     lyapunov: np.ndarray
@@ -60,7 +68,7 @@ class SpectralIntervals(RunResult, eqx.Module):
         return bool(np.all(np.asarray(self.steklov) > 0))
 
     @renamed.keywords(axes="ax")
-    def plot(self, ax=None):
+    def plot(self, ax: Sequence[plots.Axes] | None = None) -> Sequence[plots.Axes]:
         """Running averages, and averages over windows, with their intervals, on two axes."""
         return plots.intervals(self, ax)
 

@@ -93,6 +93,13 @@ class SVDSpectrum(RunResult, eqx.Module):
         exponents: (k,) per unit of time, or iteration; `running`: (times, k).
         error: (k,) how far they may be from their limits; `turned`: (k,) by which angle directions turned at last.
         status: how the run ended, an `lh.STATUS`.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> henon = lh.Map(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]]))
+        >>> found = lh.svd_spectrum(henon, [0.1, 0.2], 1.4, t1=200, blocks=16)
+        >>> found.directions.shape, round(float(sum(found.exponents)), 6), round(float(jnp.log(0.3)), 6)
+        ((16, 2, 2), -1.203973, -1.203973)
     """
 
     time: np.ndarray
@@ -142,7 +149,7 @@ class SVDSpectrum(RunResult, eqx.Module):
         along = np.sum(before * now, axis=0)
         return np.arctan2(np.linalg.norm(now - along * before, axis=0), np.abs(along))
 
-    def plot(self, ax=None):
+    def plot(self, ax: plots.Axes | None = None) -> plots.Axes:
         """The running exponents against time."""
         return plots.running(self.time, self.running, self.exponents, self.error, self.unit, ax)
 

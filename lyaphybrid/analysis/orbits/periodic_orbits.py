@@ -67,6 +67,15 @@ class Floquet(Result, eqx.Module):
         family: number of parameters of the family of orbits around this one, whatever `conserve` is: 0 for an isolated
             orbit, 1 where an energy is conserved.
         notes: frozenset of names: "family", "moved" (the energy of this orbit is not that of the start).
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> henon = lh.Map(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]]))
+        >>> found = lh.floquet(henon, [0.6, 0.2], 1.4, period=1)
+        >>> found.x0.round(6).tolist(), found.stability
+        ([0.631354, 0.189406], 'unstable')
+        >>> bool(abs(found.multipliers.prod() + 0.3) < 1e-9)  # the determinant
+        True
     """
 
     x0: Array
@@ -91,7 +100,7 @@ class Floquet(Result, eqx.Module):
         """Whether `stability` is "stable": the orbit attracts; in a family, at fixed conserved values."""
         return self.stability == "stable"
 
-    def plot(self, ax=None):
+    def plot(self, ax: plots.Axes | None = None) -> plots.Axes:
         """The multipliers in the complex plane, with the unit circle."""
         return plots.multipliers(self, ax)
 

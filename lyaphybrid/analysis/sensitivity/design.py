@@ -51,6 +51,13 @@ class Design(Result, eqx.Module):
         trust: whether the last derivatives passed the checks of their method; for a bisection whether signs differed.
         reasons: why the search ended and whether it is trusted, with numbers.
         history: (steps, p + k) parameters and exponents of every point that was tried.
+
+    Example:
+        >>> import lyaphybrid as lh
+        >>> logistic = lh.Map(lambda n, x, args: args["r"] * x * (1 - x))
+        >>> found = lh.design(logistic, [0.3], {"r": 2.8}, -0.5, over="r", t1=500)
+        >>> round(found.parameters["r"], 4), found.converged
+        (2.6065, True)
     """
 
     args: Any
@@ -62,7 +69,7 @@ class Design(Result, eqx.Module):
     reasons: tuple[str, ...] = eqx.field(static=True)
     history: np.ndarray
 
-    def plot(self, ax=None):
+    def plot(self, ax: plots.Axes | None = None) -> plots.Axes:
         """The exponents of the points that were tried, in their order, with what was reached."""
         return plots.design(self, ax)
 

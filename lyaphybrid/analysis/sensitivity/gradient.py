@@ -49,6 +49,13 @@ class Gradient(Result, eqx.Module):
         names: of the parameters, in the order of the rows that `str` shows.
         cost: in runs of length t1.
         time_per_jump: the mean time between jumps as a `Gradient` with k = 1, from a regression of a system that jumps.
+
+    Example:
+        >>> import lyaphybrid as lh
+        >>> logistic = lh.Map(lambda n, x, args: args["r"] * x * (1 - x))
+        >>> found = lh.lyapunov_gradient(logistic, [0.3], {"r": 2.9}, t1=500)
+        >>> found.gradient["r"].round(6).tolist(), found.trust  # ln|2 − r|: 1/(r − 2)
+        ([1.111111], True)
     """
 
     value: np.ndarray
@@ -67,7 +74,7 @@ class Gradient(Result, eqx.Module):
         """The algorithm, under the name that it had before `method` came to mean the integrator everywhere."""
         return self.algorithm
 
-    def plot(self, ax=None):
+    def plot(self, ax: plots.Axes | None = None) -> plots.Axes:
         """The derivatives of each exponent by each parameter, with error bars of one standard error."""
         return plots.gradient(self, ax)
 

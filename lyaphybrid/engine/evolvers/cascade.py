@@ -133,11 +133,9 @@ def _cascade(evolver, settings: Settings, t, h, landing: CascadeState) -> Cascad
         settled = settled & (g == 0)
         entry = EventLog(None, t, state.transition, state.which, state.mode, mode, state.x, x)
         terminal = state.terminal | jnp.asarray(evolver.terminal)[state.transition]
-        # A guard that is beyond zero fires now, and one without a direction that the flow brought to zero; except those
-        # that have fired here already and are still exactly at zero.
         directed = table(evolver, mode if w.modes > 1 else None, w.directed)
         brought = state.together & (g == 0) & (mode == state.mode)
-        follows = jnp.where(directed, guard_sign < 0, brought) & ~settled
+        follows = _following(evolver, mode, directed, brought, guard_sign < 0) & ~settled
         follows = follows & by_mode(mode, w.whens, t, x) if w.shared else follows
         # A guard that the flow brought to zero and the reset left at zero fires after those that the reset pushed
         # beyond zero: the order would be the same if its event were slightly later.
@@ -185,6 +183,19 @@ def _cascade(evolver, settings: Settings, t, h, landing: CascadeState) -> Cascad
     landing = loop(lambda s: s.again, jump, landing)
     f = jnp.where(landing.alone, 0.0, landing.f) if evolver.per_jump else landing.f  # no flow follows
     return landing._replace(moves=_returned(f, landing.moves))
+
+
+def _following(evolver, mode, directed, brought, beyond):
+    """(slots,) the guards that fire after a jump: those beyond zero, and those that the flow brought to zero before it.
+
+    The latter where they have no direction; and where their transition changes nothing only such, for it records what
+    the flow does. Those that have fired here already and are still exactly at zero are for the caller to leave out.
+    """
+    w = evolver.hybrid
+    follows = jnp.where(directed, beyond, brought)
+    if w.recording is None:
+        return follows
+    return follows & (brought | ~table(evolver, mode if w.modes > 1 else None, w.recording))
 
 
 def _to_its_end(evolver, settings: Settings, t, h, start: CascadeState) -> CascadeState:

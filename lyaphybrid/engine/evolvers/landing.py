@@ -53,6 +53,9 @@ def apply_event(evolver, settings: Settings, clock: Clock, c: StepState, tr: Tri
             & (solver.guard_sign < 0)
             & ~(has_fired(evolver, solver) & (solver.g == 0))
         )
+        if w.recording is not None:  # what changes something goes first
+            changing = follows & ~table(evolver, solver.mode, w.recording)
+            follows = jnp.where(jnp.any(changing), changing, follows)
         moved, lands = select(at_once, (c, follows), (moved, lands))
     c = moved
     ticking = ~jnp.any(lands)

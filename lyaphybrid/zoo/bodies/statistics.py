@@ -58,6 +58,12 @@ class CollisionStatistics(Result):
         wall_rate: contacts with hard walls per unit time; None in a periodic box.
         wall_pressure: the momentum given to hard walls per time and area, the mean over the axes; None in a periodic
         box.
+
+    Example:
+        >>> import lyaphybrid as lh
+        >>> found = lh.zoo.collision_statistics(lh.zoo.hard_disks(n=2, aspect=1), t1=50.0, blocks=4)
+        >>> bool(found.rate.value > 0)
+        True
     """
 
     rate: Measured

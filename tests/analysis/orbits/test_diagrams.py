@@ -356,6 +356,16 @@ def test_a_section_on_a_guard_of_the_system_shows_the_state_before_the_jump():
     np.testing.assert_allclose(found.x[:, 1], -1.0, atol=1e-9)
 
 
+def test_a_jump_on_the_far_side_of_a_section_is_no_crossing():
+    """The floor is below the section: h < 0 at every bounce, where the section used to fire again and again."""
+    for direction, times in ((-1, [0.5, 2.5, 4.5]), (1, [1.5, 3.5, 5.5])):
+        found = lh.poincare_section(
+            BALL, [0.5, 0.0], section=lambda t, x, args: x[0] - 0.375, n=3, direction=direction, max_steps=1000
+        )
+        np.testing.assert_allclose(found.t, times, atol=1e-9)
+        np.testing.assert_allclose(found.x, [[0.375, 0.5 * direction]] * 3, atol=1e-9)
+
+
 @pytest.mark.slow
 def test_a_jump_across_the_section_is_no_crossing():
     """The velocity falls through zero at the top, and jumps from below to above at the floor."""
