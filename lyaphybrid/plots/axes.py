@@ -26,7 +26,7 @@ def both_axes(axes: Sequence[Axes] | None, figsize: tuple[float, float], **shape
         return axes
     from matplotlib import pyplot
 
-    return pyplot.subplots(2, 1, figsize=figsize, layout="constrained", sharex=True, **shape)[1]
+    return tuple(pyplot.subplots(2, 1, figsize=figsize, layout="constrained", sharex=True, **shape)[1])
 
 
 def whole_ticks(axis) -> None:

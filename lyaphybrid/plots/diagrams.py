@@ -165,8 +165,9 @@ def diagram(result: Any, axes: Sequence[Axes] | None = None, i: int = 0) -> Sequ
     bifurcations(result, upper, i)
     largest_exponent(result, lower)
     upper.set_xlabel("")
-    if lower.get_legend() is not None:
-        lower.get_legend().remove()
+    legend = lower.get_legend()
+    if legend is not None:
+        legend.remove()
     return upper, lower
 
 
