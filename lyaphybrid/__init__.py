@@ -13,24 +13,13 @@ from .analysis.continuation import Continuation, continuation
 from .analysis.derivatives import Jacobians, jacobians, saltation_matrix
 from .analysis.diagrams.diagrams import BifurcationDiagram, bifurcation_diagram
 from .analysis.diagrams.sections import PoincareSection, poincare_section
-from .analysis.indicators import (
-    CovariantVectors,
-    ExponentBounds,
-    GALIResult,
-    IndicatorResult,
-    SpectralIntervals,
-    SVDSpectrum,
-    covariant_vectors,
-    exponent_bounds,
-    fli,
-    gali,
-    megno,
-    ofli,
-    ofli2,
-    sali,
-    spectral_intervals,
-    svd_spectrum,
-)
+from .analysis.indicators.alignment import GALIResult, gali, sali
+from .analysis.indicators.covariant import CovariantVectors, covariant_vectors
+from .analysis.indicators.exponent_bounds import ExponentBounds, exponent_bounds
+from .analysis.indicators.growth import IndicatorResult, fli, megno, ofli
+from .analysis.indicators.intervals import SpectralIntervals, spectral_intervals
+from .analysis.indicators.second_order import ofli2
+from .analysis.indicators.svd_spectra import SVDSpectrum, svd_spectrum
 from .analysis.multiple_solutions import solutions
 from .analysis.orbits.periodic_orbits import Floquet, floquet
 from .analysis.orbits.return_maps import return_map

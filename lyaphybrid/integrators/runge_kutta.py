@@ -38,7 +38,7 @@ class Tableau(NamedTuple):
     b: np.ndarray
     c: tuple
     errors: tuple
-    order: int  # of the error estimate, as a power of h
+    order: int  # of the method; its error estimate is of this power of h, too
     last_is_next: bool  # the last stage is the field at the end of the step (FSAL)
     diagonal: float = 0.0  # a_ii of the stages after the first; if not 0, these stages are implicit
     samples: tuple[int, ...] = ()  # indices of c: stages inside the step whose slopes show what guards do there

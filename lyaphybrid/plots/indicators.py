@@ -9,7 +9,10 @@ from .axes import COLOURS, Axes, both_axes, colours
 from .axes import axes_of as _axes
 
 if TYPE_CHECKING:
-    from ..analysis.indicators import CovariantVectors, GALIResult, IndicatorResult, SpectralIntervals
+    from ..analysis.indicators.alignment import GALIResult
+    from ..analysis.indicators.covariant import CovariantVectors
+    from ..analysis.indicators.growth import IndicatorResult
+    from ..analysis.indicators.intervals import SpectralIntervals
 
 __all__ = ["alignment", "angles", "growth", "intervals"]
 

@@ -11,7 +11,7 @@ from .axes import COLOURS, Axes, colours, whole_ticks
 from .axes import axes_of as _axes
 
 if TYPE_CHECKING:
-    from ..analysis.indicators import ExponentBounds
+    from ..analysis.indicators.exponent_bounds import ExponentBounds
     from ..results.solution_sets import Solutions
     from ..results.spectrum import Spectrum
 

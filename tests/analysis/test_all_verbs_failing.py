@@ -1,5 +1,7 @@
 """Every verb on systems whose motion fails on the way: a result that says so, or an error of our family, no other."""
 
+import inspect
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -44,6 +46,11 @@ FAILING = {
     "events accumulate": (lh.Hybrid(fall, floor(lambda v: -0.5 * v)), [0.5, 0.0], {STATUS.zeno}),
     "no way on": (lh.Hybrid(fall, floor(lambda v: 0 * v)), [0.5, 0.0], {STATUS.deadlock}),
     "a reset gives nan": (lh.Hybrid(fall, floor(jnp.sqrt)), [0.5, 0.0], {STATUS.nonfinite}),
+    "a guard becomes nan": (
+        lh.Hybrid(fall, lh.Transition(lambda t, x, args: 0.1 + jnp.sqrt(x[0] - 0.2), lambda t, x, args: -x)),
+        [0.5, 0.0],
+        {STATUS.nonfinite},
+    ),
     "constraints become singular": (
         lh.DAE(lambda t, args: jnp.diag(jnp.array([1.0, 1.0, 0.0])), to_the_fold, n_differential=2),
         [1.0, 1.0, 1.0],
@@ -56,16 +63,16 @@ ALL = FLOWS | MAPS | HYBRIDS | CLOSED
 JUMPING = lh.Hybrid(fall, floor(lambda v: -0.9 * v))
 
 
-def crossings(system, x0):
+def crossings(system, x0, **more):
     if isinstance(system, lh.Map | lh.EventDriven):
-        return lh.poincare_section(system, x0, ARGS, period=1, n=50)
-    return lh.poincare_section(system, x0, ARGS, section=lambda t, x, args: x[1] - 0.2, n=50)
+        return lh.poincare_section(system, x0, ARGS, period=1, n=50, **more)
+    return lh.poincare_section(system, x0, ARGS, section=lambda t, x, args: x[1] - 0.2, n=50, **more)
 
 
-def diagram(system, x0):
+def diagram(system, x0, **more):
     box = [[0.99 * x for x in x0], [1.01 * x + 0.01 for x in x0]]
     how = {"period": 1, "t1": 32, "transient": 10, "samples": 8, "key": KEY}
-    return lh.bifurcation_diagram(system, box, ARGS, over={"a": [0.9, 1.1]}, **how)
+    return lh.bifurcation_diagram(system, box, ARGS, over={"a": [0.9, 1.1]}, **how, **more)
 
 
 def swept(system, x0):
@@ -93,30 +100,33 @@ def near_the_fold(system, x0):
     return lh.consistent_start(system, [-1.0, 0.0, 1.0], ARGS)
 
 
-# Each with the kinds of systems that it takes.
-VERBS = {
-    "lyapunov_spectrum": (ALL, lambda s, x: lh.lyapunov_spectrum(s, x, ARGS, t1=T1, blocks=4)),
-    "trajectory": (ALL, lambda s, x: lh.trajectory(s, x, ARGS, t1=T1, n=4)),
-    "tangent_map": (ALL, lambda s, x: lh.tangent_map(s, x, ARGS, t1=T1)),
-    "two_trajectories": (ALL, lambda s, x: lh.two_trajectories(s, x, ARGS, t1=T1, blocks=4)),
-    "gali": (ALL, lambda s, x: lh.gali(s, x, ARGS, t1=T1, blocks=4)),
-    "sali": (ALL, lambda s, x: lh.sali(s, x, ARGS, t1=T1, blocks=4)),
-    "megno": (ALL, lambda s, x: lh.megno(s, x, ARGS, t1=T1, blocks=4)),
-    "fli": (ALL, lambda s, x: lh.fli(s, x, ARGS, t1=T1, blocks=4)),
-    "ofli": (FLOWS | HYBRIDS, lambda s, x: lh.ofli(s, x, ARGS, t1=T1, blocks=4)),
-    "ofli2": (FLOWS, lambda s, x: lh.ofli2(s, x, ARGS, t1=T1, blocks=4)),
-    "covariant_vectors": (ALL, lambda s, x: lh.covariant_vectors(s, x, ARGS, t1=T1, blocks=4)),
-    "spectral_intervals": (ALL, lambda s, x: lh.spectral_intervals(s, x, ARGS, t1=T1, window=5.0, tau=1.0)),
-    "svd_spectrum": (ALL, lambda s, x: lh.svd_spectrum(s, x, ARGS, t1=T1, blocks=4)),
-    "exponent_bounds": (FLOWS | MAPS, lambda s, x: lh.exponent_bounds(s, x, ARGS, t1=T1)),
+def usual(verb):
+    """The kinds of systems that a verb takes, and a short run of it; None if it needs more than a length."""
+    parameters = inspect.signature(verb).parameters
+    needed = {name for name, one in parameters.items() if one.default is one.empty}
+    if not {"system", "x0", "t1"} <= needed <= {"system", "x0", "args", "t1"}:
+        return None
+    how = {"t1": T1} | ({"blocks": 4} if "blocks" in parameters else {})
+    return parameters["system"].annotation, lambda s, x, **more: verb(s, x, ARGS, **how, **more)
+
+
+FUNCTIONS = {name: getattr(lh, name) for name in lh.__all__ if inspect.isfunction(getattr(lh, name))}
+# Each with the kinds of systems that it takes. A new verb that needs a system, a start and a length is found here by
+# itself; one that needs more has its call below.
+VERBS = {name: found for name, verb in FUNCTIONS.items() if (found := usual(verb)) is not None}
+VERBS |= {
+    "spectral_intervals": (
+        ALL,
+        lambda s, x, **more: lh.spectral_intervals(s, x, ARGS, t1=T1, window=5.0, tau=1.0, **more),
+    ),
     "floquet": (ALL, lambda s, x: lh.floquet(s, x, ARGS, period=turns(s))),
     "continuation": (
         FLOWS | MAPS | HYBRIDS,
         lambda s, x: lh.continuation(s, x, ARGS, over={"a": (0.5, 1.5)}, period=turns(s)),
     ),
-    "lyapunov_gradient": (ALL, lambda s, x: lh.lyapunov_gradient(s, x, ARGS, t1=T1)),
     "lyapunov_gradient, regression": (
-        ALL, lambda s, x: lh.lyapunov_gradient(s, x, ARGS, t1=T1, key=KEY, algorithm="regression"),
+        ALL,
+        lambda s, x: lh.lyapunov_gradient(s, x, ARGS, t1=T1, key=KEY, algorithm="regression"),
     ),
     "design": (ALL, lambda s, x: lh.design(s, x, ARGS, -0.5, over="a", t1=T1)),
     "design, bisection": (
@@ -125,12 +135,11 @@ VERBS = {
     ),
     "sweep": (ALL, swept),
     "refine": (ALL, refined),
-    "solutions": (HYBRIDS, lambda s, x: lh.solutions(s, x, ARGS, t1=T1, blocks=4)),
     "return_map": (HYBRIDS, returns),
     "poincare_section": (ALL, crossings),
     "bifurcation_diagram": (MAPS | HYBRIDS | CLOSED, diagram),
     "consistent_start": (DAES, near_the_fold),
-}  # fmt: skip
+}
 # A return map is nan where there is no return; the crossings between jumps hide from a section that these accumulate.
 ALSO = {"return_map": {STATUS.nonfinite}, "poincare_section": {STATUS.stalled}}
 # A point and no motion: what they need of it is asked before anything is computed.
@@ -141,8 +150,7 @@ REPORTING = {"check"}  # says what it found, and raises nothing
 def test_no_verb_is_forgotten():
     known = {name.partition(",")[0] for name in VERBS} | OF_A_POINT | REPORTING
     makers = {"filippov", "impact", "implicit_dae", "canonical_flow"}
-    verbs = {name for name in lh.__all__ if name.islower() and callable(getattr(lh, name))} - makers
-    assert known == verbs
+    assert known == FUNCTIONS.keys() - makers, "a verb that needs more than a length has its call in VERBS"
 
 
 def the_motion_fails_in(result) -> bool:
@@ -160,15 +168,14 @@ def the_motion_fails_in(result) -> bool:
     return result.status.failed
 
 
-def check(name: str, how: str) -> None:
+def check(name: str, system, x0, verdicts: set, **more) -> None:
     """The verb on the system: what is raised holds what was computed, with the verdict of the run where there is one.
 
     A return map is one of few that may end well: there the accumulation is a fixed point.
     """
-    system, x0, verdicts = FAILING[how]
     raised = None
     try:
-        result = VERBS[name][1](system, x0)
+        result = VERBS[name][1](system, x0, **more)
     except lh.LyaphybridError as error:
         raised, result = error, error.result
     assert result is not None
@@ -197,13 +204,13 @@ PAIRS = [(name, how) for how in FAILING for name in VERBS if takes(name, how)]
 )
 @pytest.mark.parametrize(("name", "how"), [pair for pair in PAIRS if "map" in pair[1]])
 def test_every_verb_on_a_map_that_escapes(name, how):
-    check(name, how)
+    check(name, *FAILING[how])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "how"), [pair for pair in PAIRS if "map" not in pair[1]])
 def test_every_verb_on_a_motion_that_fails(name, how):
-    check(name, how)
+    check(name, *FAILING[how])
 
 
 @pytest.mark.slow_cases(all_but=("a map escapes", "a reset gives nan"))
@@ -212,3 +219,28 @@ def test_a_check_says_that_the_motion_fails(how):
     system, x0, _ = FAILING[how]
     report = lh.check(system, x0, ARGS)
     assert not report.ok, str(report)
+
+
+# What goes well, but not in so few attempts of a step.
+LONG = {
+    "map": (lh.Map(lambda n, x, args: jnp.cos(args["a"] + x)), [0.3, 0.2]),
+    "flow": (lh.Flow(lambda t, x, args: jnp.stack([x[1], -args["a"] * x[0]])), [1.0, 0.5]),
+    "hybrid": (JUMPING, [0.5, 0.0]),
+    "event-driven": (
+        lh.EventDriven(
+            flow=lambda dt, t, x, args: jnp.stack([x[0] - dt, x[1]]),
+            next_event=lambda t, x, args: (x[0], 0),
+            jump=lambda t, x, args, which: jnp.stack([x[0] + 1.0, args["a"] * x[1]]),
+            guard=lambda t, x, args, which: x[0],
+        ),
+        [1.0, 1.0],
+    ),
+}
+LIMITED = [name for name, verb in FUNCTIONS.items() if "max_steps" in inspect.signature(verb).parameters]
+SPENT = [(name, kind) for kind, (system, _) in LONG.items() for name in LIMITED if isinstance(system, VERBS[name][0])]
+
+
+@pytest.mark.slow_cases(all_but=("lyapunov_spectrum-map", "trajectory-flow"))
+@pytest.mark.parametrize(("name", "kind"), SPENT)
+def test_every_verb_says_that_its_attempts_are_spent(name, kind):
+    check(name, *LONG[kind], {STATUS.max_steps}, max_steps=3)

@@ -1,5 +1,7 @@
 """Laws that hold whatever the numbers: linear systems, sums, zeros, orders, two methods on one system."""
 
+import inspect
+
 import diffrax
 import jax
 import jax.numpy as jnp
@@ -10,6 +12,7 @@ from numpy.testing import assert_allclose
 import lyaphybrid as lh
 from examples import HENON, TABLE, TABLE_ARGS
 from lyaphybrid import zoo
+from lyaphybrid.integrators.runge_kutta import TABLEAUX
 
 SPIRAL = np.array([[0.3, -2.0, 0.0], [2.0, 0.3, 0.0], [0.1, 0.0, -0.7]])
 LINEAR = lh.Flow(lambda t, x, a: a @ x)
@@ -85,12 +88,11 @@ def test_the_sum_rule_sees_what_rounding_has_spoilt():
 # --- order, and two methods --------------------------------------------------------------------------------------
 
 
-SLOW_ORDERS = [pytest.param(*case, marks=pytest.mark.slow) for case in (("tsit5", 5), ("dopri8", 8), ("dop853", 8))]
-
-
-@pytest.mark.parametrize(("tableau", "order"), [("rk4", 4), ("dopri5", 5), *SLOW_ORDERS])
-def test_the_order_of_a_method_holds_for_state_and_tangent_across_impacts(tableau, order):
+@pytest.mark.slow_cases("tsit5", "dopri8", "dop853")
+@pytest.mark.parametrize("tableau", TABLEAUX)
+def test_the_order_of_a_method_holds_for_state_and_tangent_across_impacts(tableau):
     """Halving the step divides the error by 2^order: forced oscillator, three impacts, against a fine run."""
+    order = TABLEAUX[tableau].order
     problem = zoo.impact_oscillator()
 
     @jax.jit
@@ -106,6 +108,16 @@ def test_the_order_of_a_method_holds_for_state_and_tangent_across_impacts(tablea
     assert jumps >= 2
     assert errors[0] > 1e-9
     assert np.log2(errors[0] / errors[1]) > order - 0.7
+
+
+@pytest.mark.parametrize("tableau", TABLEAUX)
+def test_a_tableau_is_consistent_and_documented(tableau):
+    """Nodes are sums of the rows of A, the weights sum to 1 and those of error estimates to 0."""
+    table = TABLEAUX[tableau]
+    np.testing.assert_allclose([np.sum(row) for row in table.a], table.c, rtol=0, atol=1e-14)
+    assert np.sum(table.b) == pytest.approx(1.0, abs=1e-14)
+    assert all(abs(np.sum(row)) < 1e-14 for row in table.errors)
+    assert f'"{tableau}"' in inspect.getdoc(lh.RungeKutta)
 
 
 def test_tolerances_bound_the_error():

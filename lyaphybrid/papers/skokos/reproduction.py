@@ -16,7 +16,7 @@ import numpy as np
 
 from ... import zoo
 from ...analysis.diagrams.sections import PoincareSection, poincare_section
-from ...analysis.indicators import GALIResult, gali
+from ...analysis.indicators.alignment import GALIResult, gali
 from ...analysis.indicators.following import generic_frame
 from ...analysis.spectra import lyapunov_spectrum
 from ...analysis.trajectories import trajectory
