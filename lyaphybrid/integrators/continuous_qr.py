@@ -17,19 +17,17 @@ from jaxtyping import Array
 
 from .._arguments import require
 from .._linalg.frames import kind_for, orthonormalise
-from .._linalg.linear_systems import inverse, matmul
+from .._linalg.linear_systems import matmul
 from ..systems.daes.semi_linear import is_constrained
 from .base import Field, Method, OfAnother, Step, Tangent
 from .implicit import radau
 from .implicit.half_explicit import ESDIRK, HalfExplicit
 from .implicit.linearised import FrameFunctions, linearised
+from .implicit.orthonormal_stages import StageMatrices, solved_columns
 from .implicit.radau import RadauIIA
 from .runge_kutta import RungeKutta, Tableau, summed, tabulated
 
 __all__ = ["ContinuousQR"]
-
-NEWTON_ITERATIONS = 6  # iterations in an implicit stage; the convergence is quadratic
-LEFT = 1e-3  # largest residual after them, relative to the tolerance
 
 
 class ContinuousQR(OfAnother):
@@ -42,8 +40,8 @@ class ContinuousQR(OfAnother):
 
     Args:
         method: an adaptive `lh.HalfExplicit` (for an `lh.DAE`) or `lh.RungeKutta` (for an `lh.Flow`); for stiff
-            equations `lh.ESDIRK` or `lh.RadauIIA`, whose stages solve for Q by Newton's method, d k or 3 d k equations
-            at once.
+            equations `lh.ESDIRK` or `lh.RadauIIA`, whose stages solve for Q by Newton's method, one column after the
+            other: d or 3 d equations each.
 
     Raises:
         ValueError: on another method, or a fixed step.
@@ -171,11 +169,17 @@ def _through_stages(table: Tableau, field, t, x, h, frame, points, tolerance):
         i, weights, at, point, share = given
         here = linearised(field, at, point)
         base = start + h * jnp.tensordot(weights, slopes, 1)
-        differential_part = (
-            _solved(here, base, share, here.differential_part(columns), tolerance) if table.diagonal else base
-        )
-        columns = matmul(here.inverse_block, differential_part)
-        slope, rate = _turned(here, columns)
+        if table.diagonal:
+            guess, together = (
+                here.differential_part(columns),
+                jax.tree.map(lambda one: one[None], StageMatrices.of(here)),
+            )
+            solved = solved_columns(together, share[None, None], base[None], guess[None], tolerance)
+            part, slope, rate = (one[0] for one in solved)
+            columns = matmul(here.inverse_block, part)
+        else:
+            columns = matmul(here.inverse_block, base)
+            slope, rate = _turned(here, columns)
         return (columns, here.inverse_block, slopes.at[i].set(slope), rates.at[i].set(rate)), None
 
     slopes, rates = (jnp.zeros((len(times) + 1, *one.shape), one.dtype).at[0].set(one) for one in (slope, rate))
@@ -189,45 +193,18 @@ def _through_stages(table: Tableau, field, t, x, h, frame, points, tolerance):
 def _all_stages(field, t, x, h, frame, times, points, tolerance):
     """Q after a step by Radau IIA, its error, the growth (k,) over the step and its error.
 
-    The equations of the differential parts C_i = E₁ Q_i of the stages are C_i − h Σ_j a_ij (E₁ Q_j)' = E₁ Q.
+    The equations of the differential parts C_i = E₁ Q_i of the stages are C_i − h Σ_j a_ij C_j' = E₁ Q.
     """
     first = linearised(field, t, x)
-    start, (slope, rate) = first.differential_part(frame)[None], _turned(first, frame)
-    stages, a = [linearised(field, *node) for node in zip(times, points, strict=True)], jnp.asarray(radau.A, x.dtype)
-
-    def turned(parts):
-        each = [_turned(here, matmul(here.inverse_block, part)) for here, part in zip(stages, parts, strict=True)]
-        return [h * jnp.tensordot(a, jnp.stack(one), 1) for one in zip(*each, strict=True)]  # from the start to a stage
-
-    parts = _newton(lambda parts: parts - start - turned(parts)[0], jnp.repeat(start, len(stages), axis=0), tolerance)
-    grown = turned(parts)[1]
+    start, (slope, rate) = first.differential_part(frame), _turned(first, frame)
+    stages = [linearised(field, *node) for node in zip(times, points, strict=True)]
+    together = jax.tree.map(lambda *each: jnp.stack(each), *(StageMatrices.of(here) for here in stages))
+    weights, base = h * jnp.asarray(radau.A, x.dtype), jnp.repeat(start[None], len(stages), axis=0)
+    parts, _, rates = solved_columns(together, weights, base, base, tolerance)
+    grown = matmul(weights, rates)  # from the start to each stage
     damped = linearised(field, t, x, radau.GAMMA * h).inverse_block
-    of_columns = matmul(damped, radau.estimate(h, slope, parts - start))
+    of_columns = matmul(damped, radau.estimate(h, slope, parts - start[None]))
     return matmul(stages[-1].inverse_block, parts[-1]), of_columns, grown[-1], radau.estimate(h, rate, grown)
-
-
-def _solved(here: FrameFunctions, base, share, guess, tolerance):
-    """The differential part C (d, k) of an implicit stage: C − share (E₁ Q)' = base with Q = Ē⁻¹ [C; 0]."""
-
-    def left(differential_part):
-        return differential_part - base - share * _turned(here, matmul(here.inverse_block, differential_part))[0]
-
-    return _newton(left, guess, tolerance)
-
-
-def _newton(left, guess, tolerance):
-    """The root of `left`, a function between arrays of the shape of `guess`; nan where the iteration fails."""
-
-    def flat(values):
-        return left(values.reshape(guess.shape)).ravel()
-
-    def again(_, values):
-        backward, _ = inverse(jax.jacfwd(flat)(values))
-        return values - matmul(backward, flat(values))
-
-    values = jax.lax.fori_loop(0, NEWTON_ITERATIONS, again, guess.ravel())
-    done = jnp.max(jnp.abs(flat(values))) <= LEFT * tolerance * (1 + jnp.max(jnp.abs(values)))
-    return jnp.where(done, values, jnp.nan).reshape(guess.shape)
 
 
 def _turned(here: FrameFunctions, columns):
