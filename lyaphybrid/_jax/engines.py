@@ -17,6 +17,7 @@ import jax
 import numpy as np
 
 from ..native import DURATION_PREFIX, Compiled, Program, engine, native_call, no_collector
+from .forks import refuse_after_fork
 from .jaxprs import explicit
 from .reverse_mode import both_ways
 from .tracing import enclosed, traced, transforming
@@ -99,6 +100,7 @@ def compiled(
         @functools.wraps(function)
         @debug_switches_off()
         def call(*args):
+            refuse_after_fork()
             if transforming() and traced(enclosed(args)):
                 return by_xla(*args) if backward is None else _forwards_only(function, args)
             if is_native():

@@ -1,6 +1,10 @@
 """Runs that stop and go on: bit by bit what they would have been."""
 
 import functools
+import io
+import os
+import tracemalloc
+import zipfile
 
 import jax
 import jax.numpy as jnp
@@ -182,3 +186,61 @@ def test_not_under_transformations(tmp_path):
 
     with pytest.raises(ValueError, match="not under jit, vmap or grad"):
         jax.vmap(run)(jnp.ones((2, 3)))
+
+
+def entry(name, header=None, content=b""):
+    """An entry of an archive of arrays whose header may promise more than it holds."""
+    text = repr(header or {"descr": "<f8", "fortran_order": False, "shape": (len(content) // 8,)}).encode() + b"\n"
+    return name, b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text + content
+
+
+def changed(path, *entries, compression=zipfile.ZIP_STORED):
+    """The same file, some entries replaced, added, or left out (None)."""
+    with zipfile.ZipFile(path) as file:
+        kept = {name: file.read(name) for name in file.namelist()}
+    with zipfile.ZipFile(path, "w", compression) as file:
+        for name, content in (kept | dict(entries)).items():
+            if content is not None:
+                file.writestr(name, content)
+
+
+def array_entry(name, array):
+    into = io.BytesIO()
+    np.save(into, array, allow_pickle=True)
+    return name, into.getvalue()
+
+
+HUGE = {"descr": "<f8", "fortran_order": False, "shape": (10**13,)}
+HOSTILE = {
+    "an array that promises more than it holds": lambda path: changed(path, entry("1.0.npy", HUGE)),
+    "a small archive of a large array": lambda path: changed(
+        path, array_entry("1.0.npy", np.zeros(40_000_000)), compression=zipfile.ZIP_DEFLATED
+    ),
+    "another type": lambda path: changed(path, array_entry("1.3.npy", np.array("a", "U7"))),
+    "another shape": lambda path: changed(path, array_entry("1.3.npy", np.zeros((5, 5, 5)))),
+    "pickled objects": lambda path: changed(path, array_entry("1.0.npy", np.array([{}, []], object))),
+    "entries that are missing": lambda path: changed(path, ("1.2.npy", None)),
+    "a name that leads elsewhere": lambda path: changed(path, array_entry("../../1.given.npy", np.array(3))),
+    "no numbers in the stretches": lambda path: changed(path, array_entry("stretches.npy", np.zeros(3))),
+    "a header without end": lambda path: changed(path, array_entry("header.npy", np.array("[" * 100_000))),
+    "a folder": lambda path: (path.unlink(), path.mkdir()),
+    "a pipe": lambda path: (path.unlink(), os.mkfifo(path)),
+}
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes in folders on this platform")
+@pytest.mark.parametrize("what", HOSTILE)
+def test_a_hostile_file_is_refused_in_little_memory(tmp_path, what):
+    path = tmp_path / "deep" / "inside" / "run.npz"
+    path.parent.mkdir(parents=True)
+    flow(2.0, checkpoint=path)
+    HOSTILE[what](path)
+    tracemalloc.start()
+    try:
+        with pytest.raises(ValueError, match=r"run\.npz is no checkpoint of a run, or it is damaged"):
+            flow(2.0, checkpoint=path, resume=True)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 50e6
+    assert [*tmp_path.rglob("*.np[yz]")] == [path]

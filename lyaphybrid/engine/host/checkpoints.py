@@ -6,6 +6,7 @@ come from the call that resumes; hashes in the file tell whether it is the same 
 """
 
 import json
+import math
 import os
 import time
 import uuid
@@ -25,6 +26,8 @@ __all__ = ["Checkpoint", "RunPart", "opened"]
 
 SECONDS_BETWEEN_WRITES = 5.0  # least time between two writes, in seconds
 FORMAT = 2
+DAMAGED = "{} is no checkpoint of a run, or it is damaged: remove it, and begin anew."
+NOT_READABLE = (ValueError, KeyError, EOFError, TypeError, AttributeError, IndexError, MemoryError, RecursionError)
 
 
 class StoredPart(NamedTuple):
@@ -96,6 +99,9 @@ class RunPart(NamedTuple):
         if state is None:
             return loop_state, None, 0
         like = loop_state, shape_of_records()
+        wanted = [(leaf.shape, leaf.dtype) for leaf in jax.tree.leaves(like)]
+        known = [(leaf.shape, leaf.dtype) for leaf in state.leaves]
+        require(known == wanted, DAMAGED.format(self.checkpoint.path))
         loop_state, records = jax.tree.unflatten(jax.tree.structure(like), state.leaves)
         return jax.tree.map(jnp.asarray, loop_state), records, state.given
 
@@ -130,31 +136,59 @@ def opened(path: Any, resume: bool, header: dict[str, str], t1: float, blocks: i
         checkpoint.write()
         return checkpoint
     require(resume, f"{path} is there: resume=True goes on with it; for a new run give another path.")
-    arrays = _read(path)
-    kept = json.loads(str(arrays["header"]))
+    kept, stretches, finished, parts = _read(path)
     other = [name for name, value in header.items() if kept.get(name) != value]
     require(not other, f"{path} is the checkpoint of another run: another {', another '.join(other)}.")
-    stretches = [(float(length), int(count)) for length, count in arrays["stretches"]]
     checkpoint = Checkpoint(path, header, stretches)
-    checkpoint.finished = bool(arrays["finished"])
-    for name in arrays:
-        number, dot, rest = name.partition(".")
-        if dot and rest == "given":
-            leaves = [arrays[f"{number}.{i}"] for i in range(sum(key.startswith(f"{number}.") for key in arrays) - 1)]
-            checkpoint.parts[int(number)] = StoredPart(leaves, int(arrays[name]))
+    checkpoint.finished, checkpoint.parts = finished, parts
     _extend(checkpoint, float(t1), extends)
     return checkpoint
 
 
-def _read(path: Path) -> dict[str, np.ndarray]:
+def _read(path: Path) -> tuple[dict[str, str], list[tuple[float, int]], bool, dict[int, StoredPart]]:
+    """The header of a file, its stretches, whether it is finished, and its parts.
+
+    Raises:
+        ValueError: if the file is not one that `Checkpoint.write` has written.
+    """
+    damaged = DAMAGED.format(path)
+    require(path.is_file(), damaged)
     try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-        if json.loads(str(arrays["header"]))["format"] == str(FORMAT):
-            return arrays
-    except (zipfile.BadZipFile, ValueError, KeyError, EOFError, TypeError, AttributeError) as error:
-        raise ValueError(f"{path} is no checkpoint of a run, or it is damaged: remove it, and begin anew.") from error
+        arrays = _arrays(path)
+        header = json.loads(str(arrays["header"]))
+        if header["format"] == str(FORMAT):
+            stretches = [(float(length), int(count)) for length, count in arrays["stretches"]]
+            given = {name.removesuffix(".given"): int(arrays[name]) for name in arrays if name.endswith(".given")}
+            parts = {int(number): StoredPart(_leaves(arrays, number), spent) for number, spent in given.items()}
+            return header, stretches, bool(arrays["finished"]), parts
+    except (*NOT_READABLE, zipfile.BadZipFile) as error:
+        raise ValueError(damaged) from error
     raise ValueError(f"{path} is a checkpoint of another version: remove it, and begin anew.")
+
+
+def _arrays(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of a file; none takes more memory than it takes on the disk."""
+    with zipfile.ZipFile(path) as file:
+        entries = file.infolist()
+        apart = sum(entry.file_size for entry in entries) <= path.stat().st_size
+        if not apart or not all(_is_whole(file, entry) for entry in entries):
+            raise ValueError("entries are compressed, overlap, or promise more than they hold: we write no such files")
+    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+        return {name: file[name] for name in file.files}
+
+
+def _is_whole(file: zipfile.ZipFile, entry: zipfile.ZipInfo) -> bool:
+    """Whether an entry holds the array that its header describes, as it is."""
+    with file.open(entry) as stream:
+        np.lib.format.read_magic(stream)
+        shape, _, dtype = np.lib.format.read_array_header_1_0(stream)
+        wanted = stream.tell() + math.prod(shape) * dtype.itemsize
+    return entry.compress_type == zipfile.ZIP_STORED and entry.file_size == wanted
+
+
+def _leaves(arrays: dict[str, np.ndarray], number: str) -> list[np.ndarray]:
+    count = sum(key.startswith(f"{number}.") for key in arrays) - 1
+    return [arrays[f"{number}.{i}"] for i in range(count)]
 
 
 def _extend(checkpoint: Checkpoint, t1: float, extends: bool) -> None:
