@@ -68,6 +68,18 @@ def attempts(max_steps: Any) -> None:
         whole("max_steps", max_steps, least=1)
 
 
+def require_one_start(verb: str, x0: Any) -> None:
+    """Require a single start, not several at once."""
+    shape = np.shape(x0)
+    require(len(shape) == 1, f"{verb} follows one orbit: x0 must have shape (n,); got {shape}. Call it for each start.")
+
+
+def require_values(verb: str, *values: Any) -> None:
+    """Require values, which there are none of under a transformation."""
+    missing = "under jit, vmap and grad there are none. Call it outside of them, once for each set of values."
+    require(not traced(values), f"{verb} decides from values, and {missing}")
+
+
 def _is_number(value) -> bool:
     if isinstance(value, bool | str | bytes | type(None)):
         return False

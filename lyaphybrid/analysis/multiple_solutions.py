@@ -5,9 +5,9 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from .._arguments import Frame, State, attempts, require, whole
+from .._arguments import Frame, State, attempts, require, require_one_start, require_values, whole
 from .._jax.engines import compiled
-from .._jax.tracing import array, traced
+from .._jax.tracing import array
 from .._linalg import frames
 from ..engine import preparation, problems
 from ..engine.blocks import ends_of_blocks, qr_schedule_for, targets_for
@@ -122,10 +122,8 @@ def solutions(
     flows = isinstance(system, Hybrid) and system.fields is not None
     require(flows, f"solutions needs an lh.Hybrid with fields; got {type(system).__name__}. Others have one solution.")
     problem, x0, t0, mode = preparation.prepare(system, x0, args, t0, method, mode)
-    require(x0.ndim == 1, f"solutions takes one start, x0 of shape (n,); got {x0.shape}.")
-    require(
-        not traced((problem, x0, t0, t1)), "solutions decides from values: it cannot be used under jit, vmap, grad."
-    )
+    require_one_start("solutions", x0)
+    require_values("solutions", problem, x0, t0, t1)
     ends_of_blocks(t1, blocks, None, "t1")  # checks the arguments before anything is computed
     frame, initial = initial_frame(problem, t0, x0, frame, k)
     qr_schedule, interval = qr_schedule_for(problem, every)

@@ -36,6 +36,8 @@ from ..systems.smooth import Flow, Map
 __all__ = ["initial_frame", "lyapunov_spectrum", "starts"]
 
 CLOCKS = ("time", "jumps", "hybrid")
+ENDLESS = "clock='jumps' would never end: an lh.Flow has no jumps. Leave clock='time'."
+NOT_KEPT = "checkpoint=… is for runs on the host, not under jit, vmap or grad: there leave it out."
 AVERAGES = ("uniform", "birkhoff", "birkhoff-regular")
 SUM_RULE_UP_TO = 16  # dimension n; 6 for event-driven systems, whose jumps need a determinant, n³ operations each
 SUM_RULE_EXACT = 6
@@ -142,11 +144,11 @@ def lyapunov_spectrum(
     _check_words(clock, averaging, orthonormalise, blocks, k, target_stderr, replicates, key, max_steps)
     problem, x0, t0, mode = preparation.prepare(system, x0, args, t0, method, mode)
     about = About.of(system, problems.mode_names(system), preparation.method_for(system, method))
-    require(not isinstance(system, Flow) or clock != "jumps", "clock='jumps' would never end: an lh.Flow has no jumps.")
+    require(not isinstance(system, Flow) or clock != "jumps", ENDLESS)
     check_counts(system, clock, t1=t1, transient=transient)
     n = x0.shape[-1]
     if replicates is not None:
-        require(x0.ndim == 1, f"replicates and an x0 of shape (m, n) exclude each other; x0 has {x0.shape}.")
+        require(x0.ndim == 1, f"replicates perturbs one start, x0 (n,), or is left out; x0 has shape {x0.shape}.")
         x0 = starts(problem.system, t0, x0, problem.args, replicates, key)
     frame, initial = initial_frame(problem, t0, x0, frame, k)
     k = int(frame.shape[-1])
@@ -167,7 +169,7 @@ def lyapunov_spectrum(
     loop_state, interrupted = driver.start(problem, plan, t0, x0, frame, mode, array(interval, x0.dtype)), False
     file, stretches = None, [(t1, blocks)]
     if checkpoint is not None:
-        require(not traced((loop_state, problem)), "checkpoint=… is for runs on the host, not under jit, vmap or grad.")
+        require(not traced((loop_state, problem)), NOT_KEPT)
         identity = _identity(
             problem, plan, loop_state, initial, transient, blocks, times, (clock, averaging, target_stderr, count_start)
         )

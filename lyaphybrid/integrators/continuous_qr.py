@@ -66,10 +66,16 @@ class ContinuousQR(OfAnother):
                 "ContinuousQR runs in the stages of lh.HalfExplicit, lh.ESDIRK, lh.RadauIIA or lh.RungeKutta; "
                 f"got {type(method).__name__}."
             )
-        require(method.adaptive, "ContinuousQR needs a method that controls its step: leave out dt.")
+        require(
+            method.adaptive,
+            f"ContinuousQR needs a method that controls its step; got one with dt = {method.fixed_step}: leave out dt.",
+        )
         if not isinstance(method, RadauIIA):
             one = len(method.table.errors) == 1
-            require(one, f"ContinuousQR needs one error estimate; {method.tableau!r} has two.")
+            require(
+                one,
+                f"ContinuousQR needs one error estimate, and {method.tableau!r} has two: take 'dopri8' or 'dopri5'.",
+            )
         self.method = method
 
     def loosened(self, least: float) -> "ContinuousQR":

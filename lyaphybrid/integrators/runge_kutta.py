@@ -119,7 +119,10 @@ class RungeKutta(Method):
         if dt is not None:
             positive("dt", dt)
         if max_step is not None:
-            require(dt is None, "max_step is for adaptive steps; with dt every step has that length.")
+            require(
+                dt is None,
+                f"max_step = {max_step} is for adaptive steps, and dt = {dt} fixes their length: leave out one.",
+            )
             positive("max_step", max_step)
         self.tableau, self.control, self.rtol, self.atol = tableau, control, rtol, atol
         self.dt, self.max_step = dt, max_step

@@ -82,7 +82,7 @@ def plan(over: Mapping[str, Any] | None, points: Mapping[str, Any] | None, args:
     over, listed = dict(over or {}), dict(points or {})
     require(bool(over or listed), "Nothing to sweep: give over={name: values} or points={name: values}.")
     both = sorted(set(over) & set(listed))
-    require(not both, f"{', '.join(both)} cannot be in over and in points.")
+    require(not both, f"{', '.join(both)} are in over and in points: name each parameter in one of them.")
     axes = [_axis(path, path, values, args) for path, values in over.items()]
     axes += [_axis(path, POINT, values, args) for path, values in listed.items()]
     lengths: dict[str, int] = {}

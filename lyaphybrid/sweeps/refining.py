@@ -108,8 +108,14 @@ def refine(
 def _axes_of(dataset) -> dict[str, np.ndarray]:
     """The values of each axis of a grid."""
     dims = dataset.attrs.get("dims")
-    require(dims is not None, "refine takes a dataset of lh.sweep; this one has no attribute 'dims'.")
-    require(POINT not in dims, "refine takes a sweep over a grid, over={…}; this one has a list of points.")
+    require(
+        dims is not None,
+        "refine takes a dataset as lh.sweep returns it; this one has lost its attribute 'dims': keep the attributes.",
+    )
+    require(
+        POINT not in dims,
+        "refine takes a sweep over a grid; this one has a list of points: sweep with over={…} instead of points={…}.",
+    )
     for dim in dims:
         values = dataset[dim]
         plain = f"{dim}_value" not in dataset.coords and dim in dataset.dims

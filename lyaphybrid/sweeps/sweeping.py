@@ -11,10 +11,9 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from .._arguments import require, whole
+from .._arguments import require, require_values, whole
 from .._jax.hashes import hash_of_arrays, hash_of_function
 from .._jax.jaxprs import needed
-from .._jax.tracing import traced
 from .._version import __version__
 from ..engine.host import devices
 from ..engine.host.lanes import LaneProgram, run_sequences
@@ -94,7 +93,7 @@ def sweep(
         >>> round(float(found.exponents.sel(args=2.9)[0]), 6)  # ln|2 − r|
         -0.105361
     """
-    require(not traced((over, points, args)), "sweep compiles by itself: it cannot be used under jit, vmap or grad.")
+    require_values("sweep", over, points, args)
     function, args = function_of(run, args)
     work = Work.of(run, function, args, plan(over, points, args), chunk)
     return work.dataset(store, client, progress)

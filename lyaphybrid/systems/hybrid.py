@@ -190,7 +190,9 @@ class Hybrid(eqx.Module):
         if not self.transitions:
             raise ValueError("Hybrid needs at least one Transition; a system without jumps is an lh.Flow.")
         if self.fields is None and (len(self.transitions) != 1 or self.transitions[0].reset is None):
-            raise ValueError("fields=None (jumps only) needs exactly one Transition, with a reset to iterate.")
+            raise ValueError(
+                f"fields=None (jumps only) needs exactly one Transition, with a reset; got {self.transitions!r}."
+            )
         if self.fields is None and flow_set is not None:
             raise ValueError(f"fields=None (jumps only) has an empty flow set; got flow_set={flow_set!r}.")
 

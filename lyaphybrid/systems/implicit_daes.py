@@ -127,7 +127,10 @@ def _rows(equations: Callable, t, x, dx, args) -> np.ndarray:
     """The matrix P (d, n); its rows are unit vectors if F depends on some components of x' and not on the others."""
     seen = jax.jit(jax.jacfwd(equations, argnums=2))
     here = np.asarray(seen(t, x, dx, args))
-    require(bool(np.all(np.isfinite(here))), "∂F/∂x' is not finite at x0 and slope: start elsewhere.")
+    require(
+        bool(np.all(np.isfinite(here))),
+        f"∂F/∂x' is not finite at x0 = {np.asarray(x)} with the slope {np.asarray(dx)}: start elsewhere.",
+    )
     n, size = x.shape[0], np.max(np.abs(here))
     require(size > 0, "equations(t, x, dx, args) do not depend on dx at x0: nothing is differential. Is dx used?")
     occurs = np.max(np.abs(here), axis=0) > RANK * size

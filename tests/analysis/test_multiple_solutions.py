@@ -185,7 +185,7 @@ def test_deadlock_is_a_solution_that_does_not_go_on():
     ("system", "x0", "keywords", "says"),
     [
         (lh.Flow(lambda t, x, args: -x), [1.0], {}, "needs an lh.Hybrid with fields; got Flow"),
-        (clocks(gate(0, A)), np.zeros((2, 4)), {}, "one start, x0 of shape"),
+        (clocks(gate(0, A)), np.zeros((2, 4)), {}, "solutions follows one orbit: x0 must have shape"),
         (clocks(gate(0, A)), np.zeros(4), {"most": 0}, "most must be an integer of at least 1"),
         (clocks(gate(0, A)), np.zeros(4), {"departures": -1}, "departures must be an integer of at least 0"),
     ],

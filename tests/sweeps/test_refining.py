@@ -112,7 +112,7 @@ GRID = {"x": np.array([0.0, 1.0]), "y": np.array([1.0, 2.0])}
         ({"classify": lambda dataset: 1}, "one class for each of 4 points"),
         ({"over": {"x": np.array([0.0])}}, "two or more along each axis"),
         ({"points": {"x": np.array([0.0, 1.0])}}, "this one has a list of points"),
-        ({"attrs": {}}, "no attribute 'dims'"),
+        ({"attrs": {}}, "lost its attribute 'dims'"),
     ],
 )
 def test_bad_arguments(change, says):

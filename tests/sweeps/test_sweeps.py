@@ -124,7 +124,7 @@ def test_numbers_keep_their_kind():
         ({"over": {"a": ["x"]}}, "array of numbers"),
         ({"over": {"a": [np.nan]}}, "must be finite"),
         ({"over": {"b": [1.0, 2.0]}}, r"b has the shape \(2,\)"),
-        ({"over": {"a": [1.0]}, "points": {"a": [1.0]}}, "cannot be in over and in points"),
+        ({"over": {"a": [1.0]}, "points": {"a": [1.0]}}, "are in over and in points"),
         ({"points": {"a": [1.0], "b[0]": [1.0, 2.0]}}, "one length"),
         ({"over": {"a": [1.0]}, "chunk": 0}, "chunk must be an integer of at least 1"),
         ({"over": {3: [1.0]}}, "are strings"),

@@ -8,9 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from ... import _renamed as renamed
-from ..._arguments import Real, State, positive, real, require, whole
+from ..._arguments import Real, State, positive, real, require, require_values, whole
 from ..._jax.precision import require_double
-from ..._jax.tracing import traced
 from ...engine import preparation
 from ...errors import NoPeriodicOrbitError
 from ...integrators import HalfExplicit, RungeKutta
@@ -134,7 +133,7 @@ def continuation(
     require(
         isinstance(system, Flow | Hybrid | Map), f"continuation needs an lh.Flow, lh.Hybrid or lh.Map; got {system!r}."
     )
-    require(not traced((x0, args, t0)), "continuation decides from values: it cannot be used under jit, vmap or grad.")
+    require_values("continuation", x0, args, t0)
     whole("segments", segments, least=1)
     whole("max_points", max_points, least=2)
     positive("step", step)

@@ -11,8 +11,8 @@ import numpy as np
 
 from ... import _renamed as renamed
 from ... import plots
-from ..._arguments import Key, Progress, attempts, positive, require, whole
-from ..._jax.tracing import array, traced
+from ..._arguments import Key, Progress, attempts, positive, require, require_values, whole
+from ..._jax.tracing import array
 from ..._text import Table
 from ...engine import preparation, problems
 from ...engine.blocks import qr_schedule_for
@@ -121,7 +121,7 @@ class BifurcationDiagram(Result):
 
     def _known_lifetimes(self) -> np.ndarray:
         if self.lifetimes is None:
-            raise ValueError("Lifetimes are recorded with escape=True only.")
+            raise ValueError("This diagram has no lifetimes: lh.bifurcation_diagram(…, escape=True) records them.")
         return self.lifetimes
 
     def _table(self) -> Table:
@@ -250,7 +250,7 @@ def bifurcation_diagram(
         len(problem.shape) == 1,
         f"bifurcation_diagram needs states of shape (n,); got {problem.shape}. For many bodies use lh.sweep.",
     )
-    require(not traced(problem, given, values), "bifurcation_diagram drives many runs: it cannot be used under jit.")
+    require_values("bifurcation_diagram", problem, given, values)
     _check_parameter(problem, name, values, period, given[0], transient)
     n = problem.shape[0]
     require(all(i in range(n) for i in angles), f"angles must be components, 0 to {n - 1}; got {angles!r}.")
@@ -280,11 +280,14 @@ def _only(over) -> tuple[str, np.ndarray]:
 def _unit(system, period, section):
     """The period; None where points are crossings of a section."""
     if iterates(system):
-        require(section is None, "A map has no section: leave section=None.")
+        require(section is None, "A map has no section, for it does not flow: leave section=None.")
         period = 1.0 if period is None else period
         require(callable(period) or period == int(period), f"The period of a map must be whole; got {period!r}.")
         return period
-    require((period is None) != (section is None), "Give exactly one of period (of the forcing) and section (a guard).")
+    require(
+        (period is None) != (section is None),
+        f"Give exactly one of period (of the forcing) and section (a function); got {period=} and {section=}.",
+    )
     if section is not None:
         message = "section is for an lh.Flow: other transitions would be counted as crossings. Give a period instead."
         require(isinstance(system, Flow), message)

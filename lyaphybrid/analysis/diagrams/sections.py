@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Array
 
 from ... import plots
-from ..._arguments import Real, State, attempts, positive, require, whole
-from ..._jax.tracing import array, traced
+from ..._arguments import Real, State, attempts, positive, require, require_one_start, require_values, whole
+from ..._jax.tracing import array
 from ..._text import Table
 from ...engine import preparation, problems
 from ...engine.host import driver
@@ -134,16 +134,17 @@ def poincare_section(
         >>> [round(float(t / jnp.pi), 6) for t in crossings.t]
         [0.5, 2.5, 4.5]
     """
-    require((section is None) != (period is None), "Give exactly one of section (a guard) and period.")
+    require(
+        (section is None) != (period is None),
+        f"Give exactly one of section (a function) and period; got {section=} and {period=}.",
+    )
     whole("n, the number of points,", n, least=1)
     whole("transient, a number of points,", transient, least=0)
     attempts(max_steps)
     system = system if section is None else with_section(system, section, direction)
     problem, x0, t0, mode = preparation.prepare(system, x0, args, t0, method, mode)
-    require(x0.ndim == 1, f"x0 must have shape (n,) here; got {x0.shape}.")
-    require(
-        not traced(x0, problem, t0), "poincare_section decides from values how long to go on: not under jit or vmap."
-    )
+    require_one_start("poincare_section", x0)
+    require_values("poincare_section", x0, problem, t0)
     if section is None:
         length = _period(system, period, problem.args)
         check_period(system, length, x0, problem.args, float(t0) + transient * length, strobe=True)

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array
 
 from ... import plots
-from ..._arguments import Frame, Progress, Real, State, positive, require, whole
+from ..._arguments import Frame, Progress, Real, State, positive, require_one_start, whole
 from ..._jax.engines import compiled
 from ..._text import UNIT, Table, numbered
 from ...engine.blocks import check_counts
@@ -211,7 +211,7 @@ def covariant_vectors(
     positive("t1, a length,", t1)
     check_counts(system, t1=t1, transient=transient, settle=settle)
     n = np.shape(x0)[-1] if np.ndim(x0) else 1
-    require(np.ndim(x0) == 1, f"x0 must have shape (n,); got {np.shape(x0)}.")
+    require_one_start("covariant_vectors", x0)
     number = degrees_of_freedom(system, n) if k is None else k
     whole("k", number, least=1)
     transient, settle = (0.5 * t1 if length is None else length for length in (transient, settle))

@@ -21,8 +21,7 @@ import numpy as np
 from jaxtyping import Array
 
 from ... import plots
-from ..._arguments import Progress, Real, State, positive, require
-from ..._jax.tracing import traced
+from ..._arguments import Progress, Real, State, positive, require, require_one_start, require_values
 from ..._text import UNIT, Table, numbered
 from ...engine.blocks import check_counts
 from ...engine.states import Orthonormalisation, StepState
@@ -232,9 +231,8 @@ def exponent_bounds(
         True
     """
     require(isinstance(system, Flow | Map), f"exponent_bounds needs an lh.Flow, lh.DAE or lh.Map; got {system!r}.")
-    require(np.ndim(x0) == 1, f"exponent_bounds follows one orbit: x0 must have shape (n,); got {np.shape(x0)}.")
-    known = not traced((x0, args, t1, t0, transient, local_error, method))
-    require(known, "exponent_bounds needs known values: call it outside of jit.")
+    require_one_start("exponent_bounds", x0)
+    require_values("exponent_bounds", x0, args, t1, t0, transient, local_error, method)
     check_counts(system, t1=t1, transient=transient)
     n = np.shape(x0)[0]
     local = _local(system, n, method, local_error)

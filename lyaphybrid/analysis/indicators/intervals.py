@@ -15,7 +15,7 @@ from jaxtyping import Array
 
 from ... import _renamed as renamed
 from ... import plots
-from ..._arguments import Frame, Progress, Real, State, positive, require
+from ..._arguments import Frame, Progress, Real, State, positive, require, require_one_start
 from ..._text import UNIT, Table, numbered
 from ...integrators.base import Method
 from ...results.result import Data, RunResult, exponents_along
@@ -169,7 +169,7 @@ def spectral_intervals(
         >>> found.separated, round(float(found.steklov[0]), 6)
         (True, 3.0)
     """
-    require(np.ndim(x0) == 1, f"spectral_intervals follows one orbit: x0 must have shape (n,); got {np.shape(x0)}.")
+    require_one_start("spectral_intervals", x0)
     positive("t1, a length,", t1)
     positive("window", window)
     length, window, tau = float(t1), float(window), float(tau)

@@ -19,8 +19,7 @@ import numpy as np
 from jaxtyping import Array
 
 from ... import plots
-from ..._arguments import Progress, Real, State, Times, require, whole
-from ..._jax.tracing import traced
+from ..._arguments import Progress, Real, State, Times, require_one_start, require_values, whole
 from ..._linalg.frames import orthonormalise
 from ..._text import UNIT, Table, numbered
 from ...engine.blocks import check_counts
@@ -235,10 +234,8 @@ def svd_spectrum(
         >>> [round(float(value), 3) for value in found.exponents - found.error * jnp.array([1, -1])]
         [0.693, -0.693]
     """
-    require(np.ndim(x0) == 1, f"svd_spectrum follows one orbit: x0 must have shape (n,); got {np.shape(x0)}.")
-    require(
-        not traced((x0, args, t1, t0, transient)), "svd_spectrum needs values that are known: call it outside of jit."
-    )
+    require_one_start("svd_spectrum", x0)
+    require_values("svd_spectrum", x0, args, t1, t0, transient)
     check_counts(system, t1=t1, transient=transient)
     n = np.shape(x0)[0]
     number = degrees_of_freedom(system, n) if k is None else k

@@ -15,9 +15,8 @@ from jaxtyping import Array
 
 from ... import _renamed as renamed
 from ... import plots
-from ..._arguments import Real, State, positive, real, require, whole
+from ..._arguments import Real, State, positive, real, require, require_one_start, require_values, whole
 from ..._jax.precision import digits
-from ..._jax.tracing import traced
 from ..._text import Table
 from ...engine import preparation, problems
 from ...errors import LyaphybridError, NoPeriodicOrbitError, RunFailedError
@@ -226,13 +225,13 @@ def floquet(
     )
     whole("segments", segments, least=1)
     whole("max_iterations", max_iterations, least=1)
-    require(not traced((x0, args, t0)), "floquet decides from values: it cannot be used under jit, vmap or grad.")
+    require_values("floquet", x0, args, t0)
     discrete = isinstance(system, Map)
     if method is None and not discrete and not isinstance(system, EventDriven):
         constrained = any(isinstance(field, Constrained) for field in fields_of(system))
         method = HalfExplicit(rtol=1e-12, tableau="dopri8") if constrained else RungeKutta(rtol=1e-12, atol=1e-14)
     problem, start, time, index = preparation.prepare(system, x0, args, t0, method, mode)
-    require(start.ndim == 1, f"x0 must have shape (n,) here; got {start.shape}.")
+    require_one_start("floquet", start)
     symmetry = symmetry_of(modulo, system, start, problem.args, time)
     flow = Motion(problem, symmetry)
     point = Node(float(time), start, index)

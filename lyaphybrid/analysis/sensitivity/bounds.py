@@ -62,7 +62,8 @@ class ParameterBounds(NamedTuple):
     def both(self) -> tuple[np.ndarray, np.ndarray]:
         """The bounds of the only parameter."""
         good = len(self.low) == 1 and bool(np.isfinite(self.low[0]) and np.isfinite(self.high[0]))
-        require(good, "a bisection needs one free parameter with both bounds, over={name: (low, high)}.")
+        got = ", ".join(f"({low:g}, {high:g})" for low, high in zip(self.low, self.high, strict=True))
+        require(good, f"a bisection needs one free parameter with both bounds, over={{name: (low, high)}}; got {got}.")
         return self.low, self.high
 
     def _kinds(self):

@@ -12,8 +12,7 @@ import optax
 
 from ... import _renamed as renamed
 from ... import plots
-from ..._arguments import Real, State, positive, require, whole
-from ..._jax.tracing import traced
+from ..._arguments import Real, State, positive, require, require_values, whole
 from ..._text import Table, numbered, with_error
 from ...engine.blocks import part_of
 from ...engine.host.reporting import reporter
@@ -195,7 +194,7 @@ def design(
         >>> found.converged, round(found.parameters["r"], 9)
         (True, 2.60653066)
     """
-    require(not traced((x0, args)), "design decides from values: it cannot be used under jit or vmap.")
+    require_values("design", x0, args)
     positive("t1, a length,", t1)
     whole("steps", steps, least=1)
     over = {over: None} if isinstance(over, str) else over if isinstance(over, Mapping) else dict.fromkeys(over)
@@ -204,7 +203,7 @@ def design(
     if goal is not None:
         good = goal.ndim == 1 and bool(np.all(np.isfinite(goal)))
         require(good, f"target must be a number, a sequence of them, or a function; got {target!r}.")
-        require(k is None, "k belongs to a target that is a function: else there are as many exponents as numbers.")
+        require(k is None, f"k is for a target that is a function; there are as many exponents as numbers; got k={k}.")
         k = len(goal)
     case = case_of(system, x0, args, k or 0, {}, names)
     limits, first = bounds_of(case, over), case.theta
@@ -237,7 +236,8 @@ def design(
     else:
         objective = target if callable(target) else lambda exponents, args: jnp.sum((exponents - goal) ** 2)
         optimiser = optax.adam(RATE) if optimiser is None else optimiser
-        require(isinstance(optimiser, optax.GradientTransformation), f"optimiser must be of optax; got {optimiser!r}.")
+        good = isinstance(optimiser, optax.GradientTransformation)
+        require(good, f'optimiser must be of optax, as optax.adam(0.01), "bisection" or None; got {optimiser!r}.')
         search = functools.partial(_descent, with_slopes, objective, case, limits, optimiser, steps)
     try:
         end, reached, reasons = search()

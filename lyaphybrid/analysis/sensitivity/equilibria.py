@@ -83,7 +83,9 @@ def by_equilibrium(case: ExponentFunction, *, progress: Any = None) -> Estimate:
         InapplicableError: where the system jumps, or depends on time.
     """
     if not isinstance(case.system, Flow):
-        raise InapplicableError("equilibria are looked for of an lh.Flow or lh.DAE alone.")
+        raise InapplicableError(
+            f"equilibria are looked for of an lh.Flow or lh.DAE alone; got an lh.{type(case.system).__name__}."
+        )
     report = reporting.reporter(progress)
     try:
         flow, end = _motion_and_start(case)

@@ -10,8 +10,7 @@ import numpy as np
 
 from ... import _renamed as renamed
 from ... import plots
-from ..._arguments import Real, State, positive, real, require, whole
-from ..._jax.tracing import traced
+from ..._arguments import Real, State, positive, real, require, require_values, whole
 from ..._text import Table, numbered, with_error
 from ...engine import preparation
 from ...engine.blocks import check_counts, part_of
@@ -231,7 +230,7 @@ def lyapunov_gradient(
     """
     require(algorithm in ALGORITHMS, f"algorithm must be one of {ALGORITHMS}; got {algorithm!r}.")
     over = (over,) if isinstance(over, str) else over
-    require(not traced((x0, args, t0)), "lyapunov_gradient decides from values: it cannot be used under jit or vmap.")
+    require_values("lyapunov_gradient", x0, args, t0)
     positive("t1, a length,", t1)
     real("t0", t0)
     transient = part_of(system, clock, t1, 0.1) if transient is None else transient
@@ -309,5 +308,7 @@ def _estimate(case: ExponentFunction, algorithm: str, period, key, ensemble) -> 
 
 def _implicit(case: ExponentFunction, period, progress) -> Estimate:
     if isinstance(case.system, EventDriven):
-        raise InapplicableError("implicit needs an lh.Flow, lh.Map or lh.Hybrid.")
+        raise InapplicableError(
+            f"implicit needs an lh.Flow, lh.Map or lh.Hybrid; got an lh.{type(case.system).__name__}."
+        )
     return by_implicit(case, period=period, progress=progress)

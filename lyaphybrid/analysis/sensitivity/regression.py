@@ -122,7 +122,10 @@ def _half_widths(case: ExponentFunction, window) -> np.ndarray:
     given = np.asarray(window, float)
     require(bool(np.all(np.isfinite(given)) and np.all(given > 0)), f"window must be positive; got {window!r}.")
     if given.ndim:
-        require(given.shape == case.theta.shape, f"window must be one number or have shape {case.theta.shape}.")
+        require(
+            given.shape == case.theta.shape,
+            f"window must be one number, or one for each parameter, shape {case.theta.shape}; got {np.shape(window)}.",
+        )
         return given
     zero = [name for name, value in zip(case.names, case.theta, strict=True) if value == 0]
     names = ", ".join(zero)

@@ -84,7 +84,10 @@ class TangentHamiltonian(Composition):
         require(isinstance(orbit, Method), f"orbit must be a method, such as lh.RungeKutta('dop853'); got {orbit!r}.")
         if not orbit.adaptive and not traced((own, orbit.fixed_step)):
             fits = math.isclose(float(orbit.fixed_step), float(own))
-            require(fits, f"The orbit must go in steps of {own:g} here; its method has dt = {orbit.fixed_step:g}.")
+            require(
+                fits,
+                f"The orbit must go in steps of {own:g} here; its method has dt = {orbit.fixed_step:g}: give that one.",
+            )
         self.orbit = orbit
 
     @property

@@ -419,7 +419,7 @@ def test_a_terminal_transition_ends_the_points():
         ({"t1": 10.5}, "integer"),
         ({"directions": "up"}, "directions must be some of"),
         ({"directions": ("left",)}, "directions must be some of"),
-        ({"section": lambda t, x, args: x[0]}, "no section"),
+        ({"section": lambda t, x, args: x[0]}, "A map has no section"),
         ({"period": 0.5}, "whole"),
         ({"angles": (3,)}, "angles"),
         ({"max_steps": 0}, "max_steps"),

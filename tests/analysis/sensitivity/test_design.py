@@ -95,7 +95,7 @@ def test_chaos_that_has_no_derivative_ends_the_search():
         ({"optimiser": 3}, "optax"),
         ({"optimiser": "bisection"}, "both bounds"),
         ({"optimiser": "bisection", "target": lambda e, a: e[0]}, "one number"),
-        ({"k": 2}, "k belongs"),
+        ({"k": 2}, "k is for a target that is a function"),
         ({"t1": -1}, "t1"),
     ],
 )

@@ -305,7 +305,7 @@ def test_designs_are_symmetric():
     [
         ({"replicates": 1}, "replicates"),
         ({"window": 0.0}, "window must be positive"),
-        ({"window": np.ones(3)}, "have shape"),
+        ({"window": np.ones(3)}, "one for each parameter, shape"),
         ({"args": 0.0}, "has no width where args = 0"),
         ({"points": 3}, "points"),
         ({"degree": 0}, "degree"),
