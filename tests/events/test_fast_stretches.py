@@ -132,6 +132,7 @@ def test_one_small_row_among_many_columns(k):
     assert lost.tolist() == [False] * (k - 1) + [True]
 
 
+@pytest.mark.slow
 def test_magnitudes_of_a_linear_function():
     matrix = np.array([[1.0, -2.0, 0.0], [0.0, 3.0, -1e-30], [-4.0, 4.0, 0.5]])
     x = jnp.array([1.0, 10.0, 100.0])

@@ -308,6 +308,7 @@ def test_the_fixed_point_of_the_ring_has_the_eigenvalues_of_waves():
     assert max(distances.min(axis=0).max(), distances.min(axis=1).max()) < 1e-12
 
 
+@pytest.mark.slow
 def test_exponents_of_the_ring_sum_to_minus_n():
     found = zoo.lorenz96(n=8).spectrum(t1=50.0)
     assert found.exponents[0] > 0.5

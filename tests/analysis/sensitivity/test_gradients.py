@@ -29,6 +29,7 @@ def impacts():
     return {omega: impact_gradient(omega) for omega in (2.3, 2.65)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("omega", [2.3, 2.65])
 def test_sums_over_an_orbit_with_impacts(impacts, omega):
     """λ₁ + λ₂ = −2ζ + 2 ln r/T."""
