@@ -24,7 +24,7 @@ from .plans import SweepPlan
 
 __all__ = ["Store", "opened"]
 
-FORMAT = 1
+FORMAT = 2
 DIGESTS = "digest"
 
 
@@ -59,7 +59,7 @@ def opened(
                 _create_empty(path, attributes, grid, variables, chunk)
         except OSError as error:
             raise _failed(path, error) from error
-        yield Store(path, attributes)
+        yield Store(path, attributes, variables)
     finally:
         lock.release()
 
@@ -81,16 +81,18 @@ def _create_empty(
         group = zarr.open_group(str(aside), mode="w", zarr_format=3, attributes={**attributes, **own})
         for name, values in where.items():
             dims = ("point", *(f"{name}_{i}" for i in range(values.ndim - 1)))
-            group.create_array(name, data=values, dimension_names=dims)
+            group.create_array(name, data=values, dimension_names=dims, compressors=None)
         for name, values in variables.items():
             group.create_array(
                 name, shape=values.shape, chunks=(min(chunk, len(values)), *values.shape[1:]), dtype=values.dtype,
                 fill_value=_fill_value(values), dimension_names=("point", *dims_of(name, values.ndim - 1)),
+                compressors=None,
             )  # fmt: skip
         count = -(-len(next(iter(variables.values()))) // chunk)
         group.create_array(
-            DIGESTS, shape=(count,), chunks=(1,), dtype="uint64", fill_value=0, dimension_names=("chunk",)
-        )
+            DIGESTS, shape=(count,), chunks=(1,), dtype="uint64", fill_value=0, dimension_names=("chunk",),
+            compressors=None,
+        )  # fmt: skip
         os.rename(aside, path)
     except BaseException:
         shutil.rmtree(aside, ignore_errors=True)
@@ -104,7 +106,7 @@ def _fill_value(values: np.ndarray) -> Any:
 class Store:
     """An open store."""
 
-    def __init__(self, path: Path, attributes: Mapping[str, Any]):
+    def __init__(self, path: Path, attributes: Mapping[str, Any], variables: Mapping[str, np.ndarray]):
         import zarr
 
         try:
@@ -112,14 +114,29 @@ class Store:
         except (FileNotFoundError, ValueError, KeyError) as error:
             raise ValueError(f"{path} is there, and no store of a sweep: take another path.") from error
         self.path, kept = path, dict(self.group.attrs)
-        require(kept.get("format") == FORMAT, f"{path} is there, and no store of a sweep: take another path.")
+        version = kept.get("format")
+        require(
+            version == FORMAT, f"{path} is there, and no store of a sweep, or of another version: take another path."
+        )
         for name in ("problem", "dims", "shape"):
             require(
                 kept.get(name) == attributes[name],
                 f"{path} holds another sweep: its {name} is {kept.get(name)!r}, here it is {attributes[name]!r}. "
                 "Take another path, or what it was made with.",
             )
-        self.chunk = int(str(kept["chunk"]))
+        try:
+            self.chunk = int(str(kept["chunk"]))
+            sound = self.chunk > 0 and all(self._is_sound(name, values) for name, values in variables.items())
+        except (KeyError, ValueError, AttributeError, TypeError):
+            sound = False
+        require(sound, f"{path} is damaged: its arrays are not those of this sweep. Take another path.")
+
+    def _is_sound(self, name: str, values: np.ndarray) -> bool:
+        """Whether an array is as `_create_empty` makes it; a chunk then takes no more memory than it takes here."""
+        array = self._array(name)
+        chunks = (min(self.chunk, len(values)), *values.shape[1:])
+        same = (array.shape, array.chunks, array.dtype) == (values.shape, chunks, values.dtype)
+        return same and not array.compressors and not array.filters
 
     def _array(self, name: str) -> Any:
         return self.group[name]

@@ -1,5 +1,6 @@
 """Sweeps: the same as single runs, point by point, however they are cut, kept and taken up again."""
 
+import json
 import os
 import shutil
 import threading
@@ -254,6 +255,36 @@ def test_a_chunk_that_is_not_sound_is_computed_again(harm, whole, tmp_path, coun
     assert counted == [4]
     assert swept(store=store).equals(whole)
     assert counted == [4]
+
+
+COMPRESSED = [
+    {"name": "bytes", "configuration": {"endian": "little"}},
+    {"name": "gzip", "configuration": {"level": 5}},
+]
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("exponents", {"shape": [10**12, 1]}),
+        ("exponents", {"data_type": "complex128"}),
+        ("status", {"chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [10**9]}}}),
+        ("exponents", {"codecs": COMPRESSED}),
+        ("", {"attributes": {"chunk": 0}}),
+        ("", {"attributes": {"chunk": "many"}}),
+    ],
+)
+def test_a_store_whose_arrays_are_others_is_refused(name, change, tmp_path):
+    """Before anything of them is read: they could be of any size."""
+    store = tmp_path / "sweep.zarr"
+    swept(store=store)
+    file = store / name / "zarr.json"
+    about = json.loads(file.read_text())
+    for key, value in change.items():
+        about[key] = about[key] | value if key == "attributes" else value
+    file.write_text(json.dumps(about))
+    with pytest.raises(ValueError, match=r"sweep\.zarr is damaged: its arrays are not those of this sweep"):
+        swept(store=store)
 
 
 def test_a_store_is_a_dataset_by_itself(whole, tmp_path):
