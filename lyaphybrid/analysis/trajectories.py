@@ -166,7 +166,8 @@ def trajectory(
 
     Returns:
         A `Trajectory`. Under a transformation the log has room for about 1000 events: rows beyond the last are
-        zero, and a run with more of them ends as ``max_steps``.
+        zero, and a run with more of them ends as ``max_steps``. A sample at the very time of a tick is after it; one at
+        the very time of another event is before or after it, as rounding has it, and its derivatives are of that side.
 
     Raises:
         ValueError: on arguments that do not fit, before any computing.

@@ -118,6 +118,10 @@ class AbstractEvolver(abc.ABC):
         """Whether the state stays at x, and whether it escapes; used where only a number of jumps ends a block."""
         return jnp.asarray(False), jnp.asarray(False)
 
+    def ticks_now(self, c: StepState, clock: Clock) -> Any:
+        """Whether a clock ticks at this very time; a block ends after all ticks at its end."""
+        return False
+
     def least_length(self, c: StepState, jumps) -> Any:
         """The length at or below which a column counts as lost after this number of jumps.
 

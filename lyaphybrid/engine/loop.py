@@ -58,7 +58,7 @@ def _block(settings: Settings, loop_state: LoopState, index, end, last_jump):
     todo = (loop_state.block == index) & (loop_state.carry.budget > 0)
 
     def within(carry, in_span=False):
-        inside = carry.s < clock.length
+        inside = (carry.s < clock.length) | settings.evolver.ticks_now(carry, clock)
         if settings.count_jumps:
             inside = inside & (carry.jumps.astype(carry.s.dtype) < clock.last_jump)
         if carry.log is not None:  # leave room for one event and its whole cascade
@@ -81,7 +81,7 @@ def _block(settings: Settings, loop_state: LoopState, index, end, last_jump):
     )
     carry = stop(carry, STATUS.nonfinite, ~jnp.all(jnp.isfinite(carry.x)))
     carry = settings.evolver.inspected(carry, clock)
-    over = carry.s >= clock.length
+    over = ~((carry.s < clock.length) | settings.evolver.ticks_now(carry, clock))
     if settings.count_jumps:
         over = over | (carry.jumps.astype(carry.s.dtype) >= clock.last_jump)
     done = todo & ((over & (carry.status == RUNNING)) | (carry.status > OK))

@@ -178,7 +178,12 @@ class Clock(NamedTuple):
         """The time where a flight without an event ends: the block's end or the next scheduled orthonormalisation."""
         if self.interval is None:
             return self.length
-        return jnp.minimum(self.length, carry.s + jnp.maximum(self.interval - carry.since, 0.0))
+        due = carry.s + jnp.where(self.interval > carry.since, self.interval - carry.since, 0.0)
+        return jnp.where(due < self.length, due, self.length)  # `minimum` would halve derivatives where both are equal
+
+    def over(self, carry: StepState):
+        """Whether the block has come to its end in time, by an event there or by a step, and the run goes on."""
+        return (carry.s >= self.length) & (carry.status == RUNNING)
 
     def flown(self, carry: StepState, end):
         """`StepState.since` after such a flight; exactly `interval` where an orthonormalisation is due."""

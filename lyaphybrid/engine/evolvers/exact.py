@@ -80,13 +80,17 @@ class Exact(AbstractEvolver):
     def locate_events(
         self, settings: Settings, clock: Clock, within, c: StepState, ahead: NextEvent
     ) -> tuple[StepState, NextEvent]:
-        """Flow to the end of the block, or to a scheduled orthonormalisation, if no event comes before."""
+        """Flow to the end of the block, or to a scheduled orthonormalisation, if no event comes before.
+
+        Where an event has come at the very end, the flow from its time to that of the end has no length, but
+        derivatives: the event's time depends on parameters, that of the end does not.
+        """
 
         def fly(c):
             c = self._flow_over(settings, clock, c, ahead)
             return c, ahead if clock.interval is None else self.propose_step(clock.afresh(c), clock)
 
-        return jax.lax.cond(within(c) & ~ahead.lands, fly, lambda c: (c, ahead), c)
+        return jax.lax.cond((within(c) & ~ahead.lands) | clock.over(c), fly, lambda c: (c, ahead), c)
 
     def _flow_over(self, settings: Settings, clock: Clock, c: StepState, ahead: NextEvent) -> StepState:
         end = clock.limit(c)

@@ -77,7 +77,7 @@ def apply_event(evolver, settings: Settings, clock: Clock, c: StepState, tr: Tri
         which = jnp.where(ticking, 0, which)
     event = transition, which, jnp.where(ticking, -1, guard_index)
     crossed = _apply_cascade(evolver, settings, clock, c, mode, event, allowed & ~jnp.asarray(at_once), at_once, tr.h)
-    crossed = _keep_clocks(evolver, clock, crossed, tr, ticking)
+    crossed = _to_end(evolver, clock, _keep_clocks(evolver, clock, crossed, tr, ticking))
     return select(blocked, stop(c, STATUS.deadlock), crossed)
 
 
@@ -126,19 +126,13 @@ def _polish(evolver, clock: Clock, c: StepState, lands, ticking) -> StepState:
         def polish(t, x, frame, log_volume):
             def once(i, state):
                 t, x, frame, log_volume, shift = state
-                f, second = jax.jvp(w.fields[q], (t, x), (jnp.ones_like(t), w.fields[q](t, x)))
+                f, second = _rates_of_flow(w.fields[q], t, x)
                 g, rate = rates(w.guards[q], t, x, f)
                 guard_index = jnp.argmin(jnp.where(lands, _until_zero(g, rate), jnp.inf))
                 step = -g[guard_index] / jnp.where(rate[guard_index] == 0, 1.0, rate[guard_index])
                 step = jnp.where(ticking | (rate[guard_index] == 0), 0.0, step)
                 step = jnp.where(i == 0, jax.lax.stop_gradient(step), step)
-
-                def slope(dx):
-                    return jax.jvp(lambda y: w.fields[q](t, y), (x,), (dx,))[1]
-
-                frame = frame + step * each_column(slope, frame)
-                log_volume = None if log_volume is None else log_volume + step * trace(w.fields[q], t, x)
-                return t + step, x + step * (f + 0.5 * step * second), frame, log_volume, shift + step
+                return t + step, *_flown(w.fields[q], step, (f, second), t, x, frame, log_volume), shift + step
 
             return jax.lax.fori_loop(0, 2, once, (t, x, frame, log_volume, jnp.zeros_like(t)))
 
@@ -147,6 +141,47 @@ def _polish(evolver, clock: Clock, c: StepState, lands, ticking) -> StepState:
     start = (clock.base + c.s, c.x, c.frame, c.log_volume)
     _, x, frame, log_volume, shift = by_mode(c.solver_state.mode, [of_mode(q) for q in range(w.modes)], *start)
     return added(c._replace(x=x, frame=frame, log_volume=log_volume), s=shift)
+
+
+def _to_end(evolver, clock: Clock, c: StepState) -> StepState:
+    """After an event at the very end of a block: from the time of the event to that of the end, along the new flow.
+
+    The way has no length, up to rounding, but derivatives: the event's time depends on parameters, that of the end does
+    not. So the output is the state after the event, as a function of parameters too.
+    """
+    w = evolver.hybrid
+
+    def move(c):
+        step = clock.length - c.s
+
+        def of_mode(q):
+            def along(t, x, frame, log_volume):
+                f, second = _rates_of_flow(w.fields[q], t, x)
+                return f + step * second, *_flown(w.fields[q], step, (f, second), t, x, frame, log_volume)
+
+            return along
+
+        start = clock.base + c.s, c.x, c.frame, c.log_volume
+        f, x, frame, log_volume = by_mode(c.solver_state.mode, [of_mode(q) for q in range(w.modes)], *start)
+        return changed(c._replace(s=clock.length, x=x, frame=frame, log_volume=log_volume), f=f)
+
+    return jax.lax.cond(clock.over(c), move, lambda c: c, c)
+
+
+def _rates_of_flow(field, t, x):
+    """The first and second time derivatives (n,) of the state along the flow."""
+    return jax.jvp(field, (t, x), (jnp.ones_like(t), field(t, x)))
+
+
+def _flown(field, step, rates_of_flow, t, x, frame, log_volume):
+    """A tiny step of the state, to second order, and of the frame and ∫ tr Df dt, to first."""
+    f, second = rates_of_flow
+
+    def slope(dx):
+        return jax.jvp(lambda y: field(t, y), (x,), (dx,))[1]
+
+    log_volume = None if log_volume is None else log_volume + step * trace(field, t, x)
+    return x + step * (f + 0.5 * step * second), frame + step * each_column(slope, frame), log_volume
 
 
 def _within_reach(c: StepState, last_step) -> StepState:

@@ -262,12 +262,13 @@ class Scheduled(AbstractEvolver):
     ) -> tuple[StepState, ScheduledEvent]:
         """Flow to the block's end or a scheduled orthonormalisation, if no event comes before; then rebase."""
         flies = within(c) & ~ahead.lands
-        end = jnp.where(flies, clock.limit(c), c.s)
+        # An event at the very end: its time depends on parameters, that of the end does not.
+        end = jnp.where(flies, clock.limit(c), jnp.where(clock.over(c), clock.length, c.s))
         if settings.count_jumps:  # only jumps end the block, and no jump follows
             never = flies & jnp.isinf(clock.length) & jnp.isposinf(ahead.t)
             c, end = stop(c, STATUS.no_more_jumps, never), jnp.where(never, c.s, end)
         # After an event use its time since the rebasing, which resolves flights too short for the block's time.
-        dt = jnp.where(end > c.s, end - c.solver_state.start, c.solver_state.now)
+        dt = jnp.where(end > c.s, end - c.solver_state.start, c.solver_state.now + (end - c.s))
         x, linear = jax.linearize(lambda y: self.rows.flow(dt, y), c.x)
         zero = jnp.zeros_like(end)
         cache = self.system.schedule.shift(c.solver_state.cache, dt)

@@ -1,4 +1,4 @@
-"""Step sizes: the first step, the controller's step, the shortest step, and the rest of a block."""
+"""Step sizes: the first, the controller's and the shortest one; the rest of a block; the time until a clock ticks."""
 
 import jax
 import jax.numpy as jnp
@@ -6,11 +6,12 @@ import jax.numpy as jnp
 from ..._jax.precision import digits, eps, nonzero
 from ...integrators.base import Method
 from ..states import Clock, StepState
-from .trials import SolverState, Trial
+from .trials import SolverState, Trial, table
 
-__all__ = ["cut_at_end", "first_step", "goes_nowhere", "next_step"]
+__all__ = ["cut_at_end", "first_step", "goes_nowhere", "next_step", "unresolved", "until_ticks"]
 
 SHORTEST = 1e-3  # shortest step, in units of the rounding of the time …
+TIME_ROUNDING = 4.0  # in units of the rounding of the time: how well the time of a tick is known
 UNDEFINED = 4.0  # … and where the field is undefined just beyond
 
 
@@ -51,6 +52,23 @@ def goes_nowhere(c: StepState, clock: Clock, h, ratio, constrained: bool):
     rounding = eps(length) * jnp.maximum(jnp.abs(clock.base + c.s), length)
     least = SHORTEST if constrained else jnp.where(jnp.isfinite(ratio), SHORTEST, UNDEFINED)
     return h <= least * rounding + nonzero(1e-150, length)
+
+
+def until_ticks(evolver, c: StepState, clock: Clock):
+    """(clocks,) time to the next tick of each clock; inf where it is not armed in the mode."""
+    solver = c.solver_state
+    times = [
+        (phase + period * solver.ticks[i] - clock.base) - clock.rest - c.s
+        for i, (period, phase) in enumerate(evolver.clock_times)
+    ]
+    until = jnp.stack(times)  # a tick that is late by rounding comes now, with the derivatives of its own time
+    until = until + jax.lax.stop_gradient(jnp.maximum(until, 0.0) - until)
+    return jnp.where(table(evolver, solver.mode, evolver.hybrid.armed), until, jnp.inf)
+
+
+def unresolved(c: StepState, clock: Clock):
+    """A time so short that the next tick of a clock may come now: the rounding of the time."""
+    return TIME_ROUNDING * eps(c.s) * jnp.maximum(jnp.abs(clock.base), c.s)
 
 
 def next_step(method: Method, solver: SolverState, tr: Trial, ratio, passed):

@@ -24,7 +24,7 @@ from ..states import Clock, ErrorObserver, Settings, StepState, added, stop
 from ..waiting import EVER, LONGEST_STEP
 from .constraints import OnConstraints
 from .landing import apply_event
-from .step_sizes import cut_at_end, first_step, goes_nowhere, next_step
+from .step_sizes import cut_at_end, first_step, goes_nowhere, next_step, unresolved, until_ticks
 from .trials import (
     ADVANCE,
     FAIL,
@@ -270,9 +270,9 @@ class Stepping(OnConstraints):
         tick: Any = None
         final = rest <= h
         if solver.ticks is not None:
-            until = self._until_ticks(solver, c.s, clock)
+            until = until_ticks(self, c, clock)
             first = jnp.argmin(until)
-            ticks = until[first] <= h * (1 + digits(1e-9, h))
+            ticks = until[first] <= jnp.maximum(h * (1 + digits(1e-9, h)), unresolved(c, clock))
             h, tick = jnp.where(ticks, until[first], h), jnp.where(ticks, first.astype(jnp.int32), -1)
             final = final & ~ticks
         if bracket is not None:
@@ -285,13 +285,9 @@ class Stepping(OnConstraints):
             tick = None if tick is None else jnp.where(at_once, -1, tick)
         return h, final, tick
 
-    def _until_ticks(self, solver: SolverState, s, clock: Clock):
-        """(clocks,) time to the next tick of each clock; inf where it is not armed in the mode."""
-        times = [
-            (phase + period * solver.ticks[i] - clock.base) - clock.rest - s
-            for i, (period, phase) in enumerate(self.clock_times)
-        ]
-        return jnp.where(table(self, solver.mode, self.hybrid.armed), jnp.maximum(jnp.stack(times), 0.0), jnp.inf)
+    def ticks_now(self, c: StepState, clock: Clock):
+        """Whether the next tick of a clock cannot be told from the present time."""
+        return False if c.solver_state.ticks is None else jnp.min(until_ticks(self, c, clock)) <= unresolved(c, clock)
 
     def _judge(self, c: StepState, clock: Clock, tr: Trial, inside, bracket: RootBracket | None) -> Trial:
         """Set the case of a trial: REJECT, ADVANCE, LOCATE, LAND or FAIL."""
