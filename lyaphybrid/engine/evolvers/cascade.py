@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from ..._jax.precision import GUARD_ROUNDING, digits, nonzero
@@ -22,7 +23,7 @@ from ...events.saltations import (
     to_reference_time,
 )
 from ..states import EventLog, Settings, StepState, log_event, select
-from .trials import ALONE, pending, table
+from .trials import ALONE, pending, side, table
 
 __all__ = ["CascadeState", "CascadePerturbations", "in_each_order", "orthonormalises"]
 
@@ -43,7 +44,7 @@ class CascadeState(NamedTuple):
     moves: CascadePerturbations
     mode: Array
     f: Array  # (n,) vector field of the new mode
-    g: Array  # (slots,) guards of the new mode
+    g: Array  # (slots,) guards of the new mode; at first those before the jump
     rate: Array  # (slots,) their time derivatives
     guard_sign: Array  # (slots,)
     guard_tolerance: Array  # (slots,) their rounding
@@ -59,6 +60,7 @@ class CascadeState(NamedTuple):
     shortest: Array  # the shortest flight from the guard and back that the guard's rounding does not hide
     together: Array  # (slots,) guards that are zero at this instant; in the result: whether their order matters
     settled: Array  # (slots,) guards that have fired at this instant and have stayed at zero since
+    left: Array  # (slots,) guards that were beyond zero before and have been since: they do not fire anew
     more: Array  # whether another guard fires, or the same one again
     alone: Array  # whether this is one jump of a cascade without end, after which no time passes
     log: EventLog | None
@@ -82,6 +84,8 @@ def _start_cascade(evolver, settings, t, c, columns, mode, event, together, at_o
         sizes = sizes_at(c.frame, f, gradient, moving, rate)
         sizes = sizes._replace(event_time_shift=jnp.where(ticking, 0.0, sizes.event_time_shift))
     slots, no = jnp.zeros(w.slots, x.dtype), jnp.asarray(False)
+    g = jax.lax.stop_gradient(by_mode(mode, w.guards, t, x))
+    guard_sign = side(evolver, c.solver_state, g)
     return CascadeState(
         x=x,
         moves=CascadePerturbations(
@@ -89,9 +93,9 @@ def _start_cascade(evolver, settings, t, c, columns, mode, event, together, at_o
         ),
         mode=mode,
         f=f,
-        g=slots,
+        g=g,
         rate=slots,
-        guard_sign=slots,
+        guard_sign=guard_sign,
         guard_tolerance=slots,
         transition=transition,
         which=which,
@@ -107,6 +111,7 @@ def _start_cascade(evolver, settings, t, c, columns, mode, event, together, at_o
         ),
         together=together,
         settled=jnp.zeros(w.slots, bool),
+        left=_may_be_left(evolver, c.solver_state.mode) & (guard_sign < 0) & ~jnp.asarray(at_once),
         more=no,
         alone=jnp.asarray(at_once) & (pending(c.solver_state) == ALONE),
         log=c.log,
@@ -127,15 +132,16 @@ def _cascade(evolver, settings: Settings, t, h, landing: CascadeState) -> Cascad
             x, moves = _pushed(functools.partial(evolver.onto_constraints, mode), t, x, moves)
         arrivals = [_arrival(w, q) for q in range(w.modes)]
         f, g, rate, second, guard_tolerance, step_rounding = by_mode(mode, arrivals, t, x, h)
-        fired = (jnp.arange(w.slots, dtype=jnp.int32) == state.guard_index) & (mode == state.mode)
-        settled = fired | (state.settled & (mode == state.mode))
+        before = _in_new_mode(w, state, mode)
+        fired, settled = before.fired, before.fired | before.settled
         guard_sign, g, rate, flat = arm(g, rate, second, guard_tolerance, step_rounding, h, resolved, settled)
-        settled = settled & (g == 0)
+        settled, left = settled & (g == 0), before.left & (guard_sign < 0)
         entry = EventLog(None, t, state.transition, state.which, state.mode, mode, state.x, x)
         terminal = state.terminal | jnp.asarray(evolver.terminal)[state.transition]
-        directed = table(evolver, mode if w.modes > 1 else None, w.directed)
-        brought = state.together & (g == 0) & (mode == state.mode)
-        follows = _following(evolver, mode, directed, brought, guard_sign < 0) & ~settled
+        row = mode if w.modes > 1 else None
+        directed = table(evolver, row, w.directed)
+        brought = _brought(before, g, guard_sign, guard_tolerance + step_rounding)
+        follows = _following(evolver, row, directed, brought, (guard_sign < 0) & ~left) & ~settled
         follows = follows & by_mode(mode, w.whens, t, x) if w.shared else follows
         # A guard that the flow brought to zero and the reset left at zero fires after those that the reset pushed
         # beyond zero: the order would be the same if its event were slightly later.
@@ -145,38 +151,31 @@ def _cascade(evolver, settings: Settings, t, h, landing: CascadeState) -> Cascad
         again = more & (state.count < most) & ~nowhere
         stuck = nowhere | (jnp.any(fired & flat & (guard_sign < 0) & directed) & ~again)
         if w.borders is not None:  # outside the flow set, and no jump is possible
-            stuck = stuck | (
-                jnp.any(table(evolver, mode if w.modes > 1 else None, w.borders) & (guard_sign < 0)) & ~more
-            )
+            stuck = stuck | (jnp.any(table(evolver, row, w.borders) & (guard_sign < 0)) & ~more)
         moves = _own_instant(evolver, again & brought[guard_index], mode, t, x, f, guard_index, moves)
-        transition = jnp.where(
-            again, table(evolver, mode if w.modes > 1 else None, w.transition)[guard_index], state.transition
-        )
-        which = table(evolver, mode if w.modes > 1 else None, w.component)[guard_index]
-        return CascadeState(
-            x,
-            moves,
-            mode,
-            f,
-            g,
-            rate,
-            guard_sign,
-            guard_tolerance,
-            transition,
-            which,
-            guard_index,
-            state.count + 1,
-            again,
-            terminal,
-            stuck | state.stuck,
-            state.transversality,
-            state.speed,
-            state.shortest,
-            state.together,
-            settled,
-            more,
-            state.alone,
-            log_event(state.log, entry),
+        transition = jnp.where(again, table(evolver, row, w.transition)[guard_index], state.transition)
+        which = table(evolver, row, w.component)[guard_index]
+        return state._replace(
+            x=x,
+            moves=moves,
+            mode=mode,
+            f=f,
+            g=g,
+            rate=rate,
+            guard_sign=guard_sign,
+            guard_tolerance=guard_tolerance,
+            transition=transition,
+            which=which,
+            guard_index=guard_index,
+            count=state.count + 1,
+            again=again,
+            terminal=terminal,
+            stuck=stuck | state.stuck,
+            together=before.together,
+            settled=settled,
+            left=left,
+            more=more,
+            log=log_event(state.log, entry),
         )
 
     loop = checkpointed if settings.reverse else jax.lax.while_loop
@@ -185,17 +184,57 @@ def _cascade(evolver, settings: Settings, t, h, landing: CascadeState) -> Cascad
     return landing._replace(moves=_returned(f, landing.moves))
 
 
-def _following(evolver, mode, directed, brought, beyond):
+class _Before(NamedTuple):
+    """What was true of the guards (slots,) before a jump, in the order of the new mode; 0 or False for new ones."""
+
+    g: Array
+    guard_sign: Array
+    fired: Array  # the guard whose jump it is
+    together: Array
+    settled: Array
+    left: Array
+
+
+def _in_new_mode(w: CompiledHybrid, state: CascadeState, mode) -> _Before:
+    """What is known of the guards, for the mode after the jump: a transition from several modes has one guard."""
+    fired = jnp.arange(w.slots, dtype=jnp.int32) == state.guard_index
+    left = state.left | (state.settled & (state.guard_sign < 0))
+    known = _Before(state.g, state.guard_sign, fired, state.together, state.settled, left & ~fired)
+    if w.modes == 1:
+        return known
+    same = (w.transition[:, None, :, None] == w.transition[None, :, None, :]) & (
+        w.component[:, None, :, None] == w.component[None, :, None, :]
+    )
+    where, found = np.argmax(same, axis=3).astype(np.int32), np.any(same, axis=3)  # (new mode, old mode, slots)
+    where, found = (jnp.asarray(one)[mode, state.mode] for one in (where, found))
+    return jax.tree.map(lambda old: jnp.where(found, old[where], jnp.zeros((), old.dtype)), known)
+
+
+def _brought(before: _Before, g, guard_sign, rounding):
+    """(slots,) the guards at zero that the flow has brought there, exactly, or within rounding to be beyond it soon.
+
+    The next step would not see the latter: they seem to start beyond zero.
+    """
+    passes = (jnp.abs(before.g) <= rounding) & (before.guard_sign * guard_sign < 0)
+    return (g == 0) & (before.together | passes)
+
+
+def _following(evolver, row, directed, brought, beyond):
     """(slots,) the guards that fire after a jump: those beyond zero, and those that the flow brought to zero before it.
 
     The latter where they have no direction; and where their transition changes nothing only such, for it records what
-    the flow does. Those that have fired here already and are still exactly at zero are for the caller to leave out.
+    the flow does. Those that have fired here already and are still exactly at zero are for the caller to leave out, as
+    are those that were beyond zero before this instant and have not come back.
     """
     w = evolver.hybrid
     follows = jnp.where(directed, beyond, brought)
-    if w.recording is None:
-        return follows
-    return follows & (brought | ~table(evolver, mode if w.modes > 1 else None, w.recording))
+    return follows if w.recording is None else follows & (brought | ~table(evolver, row, w.recording))
+
+
+def _may_be_left(evolver, mode):
+    """(slots,) the guards that may stay beyond zero: those of one direction that are no border of a flow set."""
+    directed, borders = table(evolver, mode, evolver.hybrid.directed), evolver.hybrid.borders
+    return directed if borders is None else directed & ~table(evolver, mode, borders)
 
 
 def _to_its_end(evolver, settings: Settings, t, h, start: CascadeState) -> CascadeState:

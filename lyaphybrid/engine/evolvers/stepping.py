@@ -42,6 +42,7 @@ from .trials import (
     firing,
     grazes,
     hides,
+    is_beyond,
     next_bracket,
     no_bracket,
     pending,
@@ -303,6 +304,9 @@ class Stepping(OnConstraints):
             else:
                 tr = tr._replace(hidden=hides(self, solver, tr, inside, clock.base + c.s, c.x))
                 event, lands = finds(self, solver, tr, bracket)
+                if tr.tick is not None:  # a guard that was crossed before the tick comes first
+                    crossed = jnp.any(firing(self, solver) & is_beyond(solver, tr))
+                    tr = tr._replace(tick=jnp.where(lands & crossed, -1, tr.tick))
                 if self.rejects:  # a part of an accepted step is accepted too
                     ratio = jnp.where((bracket.guard_index >= 0) & jnp.isfinite(ratio), 0.0, ratio)
             if tr.tick is not None:

@@ -163,10 +163,13 @@ def is_beyond(solver: SolverState, tr: Trial):
 
 def stays(evolver, solver: SolverState, tr: Trial) -> tuple[Any, Any]:
     """Guard signs and guards after a step without an event; a guard beyond zero is so by rounding and is set to 0."""
-    guard_sign = jnp.where(
-        firing(evolver, solver), solver.guard_sign, jnp.where(tr.g == 0, solver.guard_sign, jnp.sign(tr.g))
-    )
+    guard_sign = side(evolver, solver, tr.g)
     return guard_sign, jnp.where(guard_sign * tr.g < 0, 0.0, tr.g)
+
+
+def side(evolver, solver: SolverState, g):
+    """(slots,) the side of zero of each guard where the guards are g: that of a guard that may fire has not changed."""
+    return jnp.where(firing(evolver, solver), solver.guard_sign, jnp.where(g == 0, solver.guard_sign, jnp.sign(g)))
 
 
 def suspects(evolver, solver: SolverState, tr: Trial, inside):
