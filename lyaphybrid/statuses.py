@@ -69,6 +69,12 @@ class STATUS(enum.IntEnum):
         "the last jump; for those of the flow after it use clock='time'",
     )
 
+    no_orbit = (
+        13,
+        "no periodic orbit was found: (a) the start is too far from one, give a transient; (b) there is none, the "
+        "motion rests, leaves for ever or does not repeat; (c) the orbit is unstable and long, give segments",
+    )
+
     def __new__(cls, code: int, meaning: str):
         """Make a member from its code and its meaning."""
         member = int.__new__(cls, code)

@@ -157,8 +157,6 @@ def the_motion_fails_in(result) -> bool:
     """Whether a result says that there is no answer, or up to where there is one."""
     if isinstance(result, lh.Solutions):
         return all(one.spectrum.status.failed for one in result.solutions)
-    if isinstance(result, lh.Floquet):
-        return not np.isfinite(result.residual)
     if hasattr(result, "trust"):  # a gradient or a design
         return not result.trust
     if hasattr(result, "data_vars"):

@@ -22,7 +22,8 @@ from ...engine import preparation, problems
 from ...errors import LyaphybridError, NoPeriodicOrbitError, RunFailedError
 from ...integrators import HalfExplicit, RungeKutta
 from ...integrators.base import Method
-from ...results.result import Data, Result
+from ...results.result import Data, RunResult
+from ...statuses import OK, STATUS
 from ...systems.daes.semi_linear import Constrained, fields_of
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
@@ -43,7 +44,7 @@ FLOW_DIRECTION_KEPT = 1e-6
 ROUNDED = 1e-9  # … plus this fraction of |M| |f|, the rounding error of a large derivative
 
 
-class Floquet(Result, eqx.Module):
+class Floquet(RunResult, eqx.Module):
     """A periodic orbit and its multipliers.
 
     Attributes:
@@ -66,6 +67,8 @@ class Floquet(Result, eqx.Module):
         family: number of parameters of the family of orbits around this one, whatever `conserve` is: 0 for an isolated
             orbit, 1 where an energy is conserved.
         notes: frozenset of names: "family", "moved" (the energy of this orbit is not that of the start).
+        status: an `lh.STATUS`: ok; no_orbit where Newton's method did not arrive at an orbit; where the motion from the
+            start failed, how it ended.
 
     Example:
         >>> import jax.numpy as jnp, lyaphybrid as lh
@@ -90,6 +93,7 @@ class Floquet(Result, eqx.Module):
     shift: Array
     family: int = eqx.field(static=True)
     notes: frozenset[str] = eqx.field(static=True)
+    status_code: int = eqx.field(static=True, default=OK)
     state_labels: Labels = eqx.field(static=True, default=Labels())
 
     events = renamed.attribute("events", "jumps")
@@ -116,7 +120,9 @@ class Floquet(Result, eqx.Module):
             lines.append(f"one of a family of orbits with {parameters}, along which multipliers are 1")
         if "moved" in self.notes:
             lines.append("its energy is not that of the start: conserve=True keeps it")
-        title = f"Periodic orbit, T = {self.period:.12g}, {self.jumps} jumps, residual {self.residual:.1e}"
+        lines.append(f"status {self.status}")
+        what = "No periodic orbit" if self.status.failed else "Periodic orbit"
+        title = f"{what}, T = {self.period:.12g}, {self.jumps} jumps, residual {self.residual:.1e}"
         return Table(title, rows, lines, ("multiplier", "", "exponent"))
 
     def _data(self) -> Data:
@@ -172,7 +178,7 @@ def floquet(
         segments: number of pieces for multiple shooting; more for orbits that are long and unstable, or to find small
             multipliers, which the rounding of the largest one hides in the derivative of one piece.
         max_iterations: largest number of Newton iterations.
-        throw: raise where it does not converge; False returns what there is, with its residual.
+        throw: raise where it does not converge; False returns what there is, with its status and residual.
         conserve: quantities to keep at their values at x0: a function ``(x, args) -> number``, or ``-> (c,)`` for
             several, that the motion conserves; ``{"mode": function, …}`` where it differs from mode to mode; True: the
             energy of an `lh.Hamiltonian` or `lh.canonical_flow`.
@@ -244,7 +250,7 @@ def floquet(
         return dataclasses.replace(found, state_labels=labels_of(system, problem.shape))
     except LyaphybridError as failed:
         if failed.result is None:
-            failed.result = _no_orbit(flow, point)
+            failed.result = _no_orbit(flow, point, getattr(failed, "status", STATUS.no_orbit))
         if throw:
             raise
         return failed.result
@@ -272,19 +278,19 @@ def _orbit_near(
     result = floquet_of(flow, orbit, end, autonomous, family_of(flow, orbit, autonomous))
     if result.family and conserve is None and energy_moved(flow, given, end):
         result = dataclasses.replace(result, notes=result.notes | {"moved"})
-    if throw and not result.residual <= digits(CONVERGED, start):
+    if throw and result.status.failed:
         raise NoPeriodicOrbitError(_failure(flow, orbit, result), result)
     return result
 
 
-def _no_orbit(flow: Motion, point: Node) -> Floquet:
+def _no_orbit(flow: Motion, point: Node, status: STATUS) -> Floquet:
     """The result where the motion from the start fails or does not return, so that no orbit was found."""
     none = jnp.full(flow.degrees_of_freedom(point), jnp.nan)
     n, mode = len(point.x), flow.mode(point)
     return Floquet(
         x0=point.x, period=np.nan, multipliers=none + 0j, exponents=none, stability="unknown", residual=np.inf,
         monodromy=jnp.full((n, n), jnp.nan), base=(point.t, point.x, mode), mode=mode, jumps=0, shift=jnp.zeros(0),
-        family=0, notes=frozenset(),
+        family=0, notes=frozenset(), status_code=status,
     )  # fmt: skip
 
 
@@ -402,13 +408,14 @@ def floquet_of(
     exponents = np.where(sizes > 0, np.log(np.where(sizes > 0, sizes, 1.0)) / orbit.period, -np.inf)
     good = not autonomous or (_goes_along(flow, orbit) and not _rests(flow, orbit))
     good = good and _repeats(flow, orbit)
+    residual = orbit.residual if good else np.inf
     return Floquet(
         x0=jnp.asarray(point.x),
         period=orbit.period,
         multipliers=jnp.asarray(multipliers),
         exponents=jnp.asarray(exponents),
         stability=stability_of(others, base.x),
-        residual=orbit.residual if good else np.inf,
+        residual=residual,
         monodromy=jnp.asarray(functools.reduce(lambda product, matrix: matrix @ product, matrices)),
         base=(base.t, jnp.asarray(base.x), flow.mode(base)),
         mode=flow.mode(point),
@@ -416,4 +423,5 @@ def floquet_of(
         shift=jnp.asarray(orbit.shift),
         family=family.shape[1],
         notes=frozenset({"family"} if family.shape[1] else ()),
+        status_code=STATUS.ok if residual <= digits(CONVERGED, base.x) else STATUS.no_orbit,
     )

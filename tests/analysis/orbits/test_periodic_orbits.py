@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import lyaphybrid as lh
-from lyaphybrid import zoo
+from lyaphybrid import STATUS, zoo
 from lyaphybrid.analysis.orbits.periods import depends_on_time
 
 FORCED = 2 * np.pi / 0.666
@@ -97,7 +97,21 @@ def test_no_return_and_no_convergence_are_errors_that_say_what_to_do():
     with pytest.raises(lh.NoPeriodicOrbitError, match="stands at a residual") as caught:
         lh.floquet(CIRCLE, [0.5, 0.1, 0.3], 0.5, period=2.0, max_iterations=1)
     assert caught.value.result.residual > 1e-9
-    assert lh.floquet(CIRCLE, [0.5, 0.1, 0.3], 0.5, period=2.0, max_iterations=1, throw=False).residual > 1e-9
+    assert caught.value.result.status is STATUS.no_orbit
+
+
+def test_a_status_says_whether_there_is_an_orbit_and_how_the_motion_failed():
+    assert lh.floquet(CIRCLE, [1.0, 0.1, 0.3], 0.5, period=2.0).status is STATUS.ok
+    stopped = lh.floquet(CIRCLE, [0.5, 0.1, 0.3], 0.5, period=2.0, max_iterations=1, throw=False)
+    assert stopped.residual > 1e-9
+    assert stopped.status is STATUS.no_orbit
+    assert str(stopped).startswith("No periodic orbit, T = 2")
+    assert "status no_orbit: no periodic orbit was found" in str(stopped)
+    away = lh.floquet(lh.Flow(lambda t, x, args: jnp.ones_like(x)), [0.0, 1.0], throw=False)
+    assert away.status is STATUS.no_orbit
+    escaping = lh.floquet(lh.Flow(lambda t, x, args: x**2), [1.0, 0.5], throw=False)
+    assert escaping.status is STATUS.nonfinite
+    assert np.isnan(escaping.period)
 
 
 @pytest.mark.parametrize(
