@@ -20,7 +20,7 @@ from .._jax.reverse_mode import checkpointed
 from ..events.compiled_hybrid import by_mode
 from ..native import seldom
 from ..statuses import OK, RUNNING, STATUS
-from . import waiting
+from . import stalling, waiting
 from .orthonormalising import needs_twice_the_digits, orthonormalise, step_with_twice_the_digits
 from .states import MOST_AT_ONCE, BlockRecord, Clock, LoopState, Settings, StepState, select, stop
 
@@ -37,21 +37,27 @@ def advance(settings: Settings, loop_state: LoopState, ends, last_jumps, budget)
         last_jumps: (blocks,) number of jumps since the run began at which the block ends as well.
         budget: most step attempts in this call.
     """
-    budget = jnp.where(_running(loop_state), budget, 0)
-    loop_state = loop_state._replace(carry=loop_state.carry._replace(budget=budget))
+    budget = jnp.where(_running(loop_state), jnp.asarray(budget, jnp.int32), 0)
+    carry, window = stalling.begun(loop_state.carry, loop_state.elapsed, budget)
+    last_jump = jax.lax.stop_gradient(last_jumps[-1]).astype(jnp.int32) if settings.count_jumps else None
+    goal = stalling.Goal(ends[-1], last_jump)
 
-    def one(loop_state, block):
-        return _block(settings, loop_state, *block)
+    def one(state, block):
+        return _block(settings, goal, *state, *block)
 
     one = jax.checkpoint(one) if settings.reverse else one
-    return jax.lax.scan(one, loop_state, (jnp.arange(ends.shape[0], dtype=jnp.int32), ends, last_jumps))
+    blocks = jnp.arange(ends.shape[0], dtype=jnp.int32), ends, last_jumps
+    (loop_state, _), records = jax.lax.scan(one, (loop_state._replace(carry=carry), window), blocks)
+    return loop_state, records
 
 
 def _running(loop_state: LoopState):
     return loop_state.carry.status == RUNNING
 
 
-def _block(settings: Settings, loop_state: LoopState, index, end, last_jump):
+def _block(
+    settings: Settings, goal: stalling.Goal, loop_state: LoopState, window: stalling.Window, index, end, last_jump
+):
     """Run one block; does nothing if the block is finished, the budget is spent or the run has ended."""
     by_time = loop_state.interval if settings.qr_schedule.unit == "time" else None
     clock = Clock(loop_state.base[0], loop_state.base[1], end - loop_state.elapsed, last_jump, by_time)
@@ -70,15 +76,16 @@ def _block(settings: Settings, loop_state: LoopState, index, end, last_jump):
         whole = settings.evolver.by_rows or (settings.evolver.always_regular and settings.qr_schedule.unit != "never")
         return inside & ((carry.status == RUNNING) if whole else (carry.budget > 0))
 
+    def span(state):
+        carry, ahead, interval, spread, window = state
+        end = _end_if_no_jump(settings, clock, carry, _span(settings, clock, within, carry, ahead, interval, spread))
+        carry, window = stalling.looked(window, end[0], loop_state.elapsed, goal)
+        return carry, *end[1:], window
+
     # The block's code always runs; budget 0 keeps a block that is not due from doing anything.
     start = loop_state.carry._replace(budget=jnp.where(todo, loop_state.carry.budget, 0))
-    state = (start, settings.evolver.enter(start, clock), loop_state.interval, loop_state.spread)
-    carry, _, interval, spread = _repeated(
-        settings,
-        lambda state: within(state[0]),
-        lambda state: _end_if_no_jump(settings, clock, state[0], _span(settings, clock, within, *state)),
-        state,
-    )
+    state = (start, settings.evolver.enter(start, clock), loop_state.interval, loop_state.spread, window)
+    carry, _, interval, spread, window = _repeated(settings, lambda state: within(state[0]), span, state)
     carry = stop(carry, STATUS.nonfinite, ~jnp.all(jnp.isfinite(carry.x)))
     carry = settings.evolver.inspected(carry, clock)
     over = ~((carry.s < clock.length) | settings.evolver.ticks_now(carry, clock))
@@ -97,7 +104,7 @@ def _block(settings: Settings, loop_state: LoopState, index, end, last_jump):
     )
     carry = carry._replace(budget=jnp.where(todo, carry.budget, loop_state.carry.budget))
     here = LoopState(carry, loop_state.base, loop_state.elapsed, loop_state.block, interval, spread)
-    return select(done, _next_block(settings, here), here), record
+    return (select(done, _next_block(settings, here), here), window), record
 
 
 def _end_if_no_jump(settings: Settings, clock: Clock, before: StepState, state):

@@ -23,6 +23,7 @@ from .. import beginning, loop, states
 from ..binding import evolver_of, settings_of
 from ..evolvers.stepping import Stepping
 from ..problems import RunPlan, RunProblem, mode_of
+from ..stalling import FOREVER
 from ..states import LoopState, Observer
 from .checkpoints import RunPart
 from .paces import Pace, Rates, StiffnessVotes, given_up, rates_of
@@ -30,7 +31,6 @@ from .reporting import reporter
 
 __all__ = ["Outcome", "drive", "once", "rates_at", "restart", "sealed", "start"]
 
-FOREVER = 2**31 - 1
 SECONDS_PER_CALL = 0.3
 FIRST_ATTEMPTS = 2000  # in the first call
 FEWEST_ATTEMPTS, MOST_ATTEMPTS = 100, 10**8  # in a later call
