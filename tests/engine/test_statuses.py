@@ -425,6 +425,11 @@ def test_failures_raise_with_the_result_and_the_causes():
     assert lh.tangent_map(ESCAPE, [1.0], 1.0, t1=2.0, throw=False).status is STATUS.nonfinite
 
 
+def test_no_orbit():
+    orbit = lh.floquet(LOGISTIC, [0.3], 3.9, period=5, max_iterations=1, throw=False)
+    assert orbit.status is STATUS.no_orbit
+
+
 @pytest.mark.parametrize("status", list(STATUS), ids=lambda status: status.name)
 def test_every_status_says_its_name(status):
     assert str(status).startswith(f"{status.name}: ")

@@ -69,6 +69,50 @@ def test_forward_derivatives_are_those_of_the_default_method(monkeypatch):
     assert_allclose(other, mine, rtol=1e-7)
 
 
+# x' = x (1 - x), halved at ticks.
+GROWING = lh.Hybrid(
+    lambda t, x, args: x * (1 - x), lh.Transition(every=lambda args: args, reset=lambda t, x, args: 0.5 * x)
+)
+
+
+@pytest.mark.slow
+def test_derivatives_by_the_end_of_the_run_and_by_the_period_of_a_clock(monkeypatch):
+    """They were zero; by the start too. The run ends between two ticks, and at one."""
+    monkeypatch.setenv("LYAPHYBRID_ENGINE", "auto")  # diffrax's derivatives call Python where they fail
+
+    def grown(x, dt):
+        return x * jnp.exp(dt) / (1 + x * (jnp.exp(dt) - 1))
+
+    def exact(x, period, t1):
+        for _ in range(2):
+            x = 0.5 * grown(x, period)
+        return grown(x, t1 - 2 * period)
+
+    def found(x, period, t1):
+        return lh.trajectory(GROWING, x[None], period, t1=t1, n=2, method=THEIRS, throw=False).x[-1, 0]
+
+    for t1 in (1.3, 1.0):
+        point = jnp.asarray(0.3), jnp.asarray(0.5), jnp.asarray(t1)
+        for along in jnp.eye(3):
+            x, dx = jax.jvp(found, point, tuple(along))
+            known, moved = jax.jvp(exact, point, tuple(along))
+            assert_allclose(x, known, rtol=1e-10)
+            assert_allclose(dx, moved, rtol=1e-9)
+
+
+@pytest.mark.slow
+def test_a_plain_flow_has_derivatives_by_its_end(monkeypatch):
+    monkeypatch.setenv("LYAPHYBRID_ENGINE", "auto")
+    spin = lh.Flow(lambda t, x, args: jnp.stack([x[1], -x[0]]))
+
+    def final(t1):
+        return lh.trajectory(spin, jnp.array([1.0, 0.0]), t1=t1, n=3, method=THEIRS, throw=False).x[-1]
+
+    x, dx = jax.jvp(final, (2.0,), (1.0,))
+    assert_allclose(x, [np.cos(2.0), -np.sin(2.0)], rtol=1e-10)
+    assert_allclose(dx, [-np.sin(2.0), -np.cos(2.0)], rtol=1e-10)
+
+
 @pytest.mark.slow
 def test_what_diffrax_misses_is_missed():
     """The limit that the docstring states: sin t passes 0.99 between two ends of steps (at t = 1.43)."""

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from ..._jax.precision import nonzero
 from ...events.compiled_hybrid import by_mode
 from ...events.roots import rates
-from ...integrators.diffrax_events import DiffraxEvents
+from ...integrators.diffrax_events import DiffraxEvents, MotionToEvent
 from ..states import Clock, StepState
 from .stepping import Stepping
 from .trials import ADVANCE, FAIL, LAND, RootBracket, SolverState, Trial, firing, pending
@@ -45,8 +45,8 @@ class Flights(Stepping):
         )
 
         trials = [self._flight_in(q, solver) for q in range(w.modes)]
-        flight, x, f, g, rate, reached = by_mode(solver.mode, trials, t, c.x, jax.lax.stop_gradient(longest))
-        h, found = jax.lax.stop_gradient(jnp.where(flight.found, flight.h, longest)), flight.found
+        flight, x, f, g, rate, reached = by_mode(solver.mode, trials, t, c.x, longest)
+        h, found = _duration(flight, longest), flight.found
         lands, miss = jnp.asarray(False), None
         if g is not None:
             # The guard that was reached has just passed zero: it fires, or it is armed now if it came from beyond zero.
@@ -70,7 +70,7 @@ class Flights(Stepping):
 
             def to_the_end(t, x, h):
                 flight = method.flight(field, t, x, h)
-                return flight, flight.x, field(t + flight.h, flight.x), None, None, None
+                return flight, flight.x, field(t + h, flight.x), None, None, None
 
             return to_the_end
         guards = self.hybrid.guards[q]
@@ -83,9 +83,10 @@ class Flights(Stepping):
                 return jnp.where(s > 0, jnp.min(distances(s, x)), 1.0)
 
             flight = method.flight(field, t, x, h, least)
-            step = method.step(field, t, x, solver.f, flight.h)  # avoids the interpolation error of dense output
+            end = _duration(flight, h)
+            step = method.step(field, t, x, solver.f, end)  # avoids the interpolation error of dense output
             reached = jnp.argmin(distances(flight.h, flight.x))
-            return flight, step.x, step.f, *rates(guards, t + flight.h, step.x, step.f), reached
+            return flight, step.x, step.f, *rates(guards, t + end, step.x, step.f), reached
 
         return to_an_event
 
@@ -95,3 +96,11 @@ class Flights(Stepping):
         (step,) = tr.stage_points
         h = jnp.where(tr.h >= 0.99 * STEPS_PER_FLIGHT * solver.h, step, jnp.maximum(solver.h, step))
         return jax.lax.stop_gradient(h), solver.log_ratio
+
+
+def _duration(flight: MotionToEvent, longest):
+    """How long a flight takes; to the end of a block or to a tick with the derivatives of these times.
+
+    The time of a located event has none here: the polishing of the root gives it.
+    """
+    return jnp.where(flight.found, jax.lax.stop_gradient(flight.h), longest)
