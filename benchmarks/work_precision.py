@@ -16,7 +16,7 @@ import numpy as np
 
 import lyaphybrid as lh
 from lyaphybrid import zoo
-from lyaphybrid.integrators.hamiltonian.splittings import SCHEMES, B
+from lyaphybrid.integrators.hamiltonian.splittings import PART_B, SCHEMES
 
 PROBLEMS = {
     "Hénon–Heiles": functools.partial(zoo.henon_heiles, y=0.55),
@@ -47,7 +47,7 @@ class Point(NamedTuple):
 def kicks(scheme: str) -> int:
     """Evaluations of the force in a step; the last one of a step that begins with it is the first of the next."""
     parts = SCHEMES[scheme].parts
-    return sum(part == B for part, _ in parts) - (parts[0][0] == B)
+    return sum(part == PART_B for part, _ in parts) - (parts[0][0] == PART_B)
 
 
 def steps(scheme: str) -> list[float]:

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
 from lyaphybrid._jax.engines import compiled
-from lyaphybrid.integrators.hamiltonian.splittings import SCHEMES, A, B
+from lyaphybrid.integrators.hamiltonian.splittings import PART_A, PART_B, SCHEMES
 from lyaphybrid.integrators.hamiltonian.symplectic import moved
 from lyaphybrid.systems.bound import Bound
 
@@ -86,7 +86,7 @@ def kicks(scheme):
     """Where the kicks stand in the step, and how strong they are."""
     at, found = 0.0, []
     for part, share in scheme.parts:
-        if part == A:
+        if part == PART_A:
             at += share
         else:
             found.append((at, share))
@@ -121,7 +121,7 @@ def test_rows_are_symmetric_and_complete(name):
     scheme = SCHEMES[name]
     assert_allclose(scheme.parts, scheme.parts[::-1], atol=1e-15)
     assert all(a != b for (a, _), (b, _) in zip(scheme.parts, scheme.parts[1:], strict=False))
-    for part in (A, B):
+    for part in (PART_A, PART_B):
         assert_allclose(sum(share for which, share in scheme.parts if which == part), 1.0, atol=1e-14)
     assert "doi:" in scheme.source
 

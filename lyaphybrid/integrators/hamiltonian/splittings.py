@@ -11,7 +11,7 @@ import numpy as np
 
 __all__ = ["COMPOSITIONS", "SCHEMES", "Scheme", "composed"]
 
-A, B = 0, 1
+PART_A, PART_B = 0, 1
 
 
 class Scheme(NamedTuple):
@@ -68,11 +68,11 @@ def composed(weights: Sequence[float], parts: int = 2) -> tuple[tuple[int, float
 
 def _quadrature_scheme(nodes, weights, first: int) -> tuple[tuple[int, float], ...]:
     """Kicks of the weights at the nodes in [0, 1], and drifts between them; with first = A also before and after."""
-    if first == A:
+    if first == PART_A:
         drifts = np.diff([0.0, *nodes, 1.0])
-        return _alternating(A, *[c for pair in zip(drifts, weights, strict=False) for c in pair], drifts[-1])
+        return _alternating(PART_A, *[c for pair in zip(drifts, weights, strict=False) for c in pair], drifts[-1])
     drifts = np.diff(nodes)
-    return _alternating(B, *[c for pair in zip(weights, drifts, strict=False) for c in pair], weights[-1])
+    return _alternating(PART_B, *[c for pair in zip(weights, drifts, strict=False) for c in pair], weights[-1])
 
 
 def _corrector(nodes, weights) -> float:
@@ -179,8 +179,8 @@ def _table() -> dict[str, Scheme]:
     schemes = {"leapfrog": Scheme(composed(COMPOSITIONS["leapfrog"]), 2, VERLET)}
     for n in range(1, 11):
         for name, first, (nodes, weights) in (
-            (f"SABA{n}", A, gauss_legendre(n)),
-            (f"SBAB{n}", B, gauss_lobatto(n + 1)),
+            (f"SABA{n}", PART_A, gauss_legendre(n)),
+            (f"SBAB{n}", PART_B, gauss_lobatto(n + 1)),
         ):
             parts = _quadrature_scheme(nodes, weights, first)
             schemes[name] = Scheme(parts, 2, LASKAR_ROBUTEL)
@@ -189,12 +189,12 @@ def _table() -> dict[str, Scheme]:
         "ForestRuth": Scheme(composed(COMPOSITIONS["ForestRuth"]), 4, FOREST_RUTH),
         "Yoshida6": Scheme(composed(COMPOSITIONS["Yoshida6"]), 6, YOSHIDA),
         "SuzukiUmeno8": Scheme(composed(COMPOSITIONS["SuzukiUmeno8"]), 8, SUZUKI_UMENO),
-        "ABA864": Scheme(_mirrored(A, *_ABA864), 4, BLANES),
-        "ABA1064": Scheme(_mirrored(A, *_ABA1064), 4, BLANES),
-        "BlanesMoan4": Scheme(_mirrored(A, *_BM4), 4, BLANES_MOAN),
-        "BlanesMoan6": Scheme(_mirrored(A, *_BM6), 6, BLANES_MOAN),
-        "SRKN11b": Scheme(_mirrored(B, *_SRKN11B), 6, BLANES_MOAN, quadratic=True),
-        "SRKN14a": Scheme(_mirrored(A, *_SRKN14A), 6, BLANES_MOAN, quadratic=True),
+        "ABA864": Scheme(_mirrored(PART_A, *_ABA864), 4, BLANES),
+        "ABA1064": Scheme(_mirrored(PART_A, *_ABA1064), 4, BLANES),
+        "BlanesMoan4": Scheme(_mirrored(PART_A, *_BM4), 4, BLANES_MOAN),
+        "BlanesMoan6": Scheme(_mirrored(PART_A, *_BM6), 6, BLANES_MOAN),
+        "SRKN11b": Scheme(_mirrored(PART_B, *_SRKN11B), 6, BLANES_MOAN, quadratic=True),
+        "SRKN14a": Scheme(_mirrored(PART_A, *_SRKN14A), 6, BLANES_MOAN, quadratic=True),
     }
 
 

@@ -19,7 +19,7 @@ from ...native import instructions
 from ...systems.hamiltonians import SeparableField, halves
 from ..base import Method, Step, Tangent
 from ..runge_kutta import hermite
-from .splittings import COMPOSITIONS, SCHEMES, A, Scheme, composed
+from .splittings import COMPOSITIONS, PART_A, SCHEMES, Scheme, composed
 
 __all__ = ["Composition", "Splitting", "Symplectic", "moved", "separable", "with_columns"]
 
@@ -132,10 +132,10 @@ def moved(scheme: Scheme, field: Any, state: Any, h, at: Callable = lambda funct
     def plus(tree, *changes):
         return jax.tree.map(lambda one, *others: sum(others, one), tree, *changes)
 
-    if scheme.corrector and scheme.parts[0][0] == A:
+    if scheme.corrector and scheme.parts[0][0] == PART_A:
         p = plus(p, correction())
     for i, (part, share) in enumerate(scheme.parts):
-        if part == A:
+        if part == PART_A:
             q = plus(q, velocity(share))
         elif scheme.corrector and i == 0:
             p = plus(p, push(share), correction())

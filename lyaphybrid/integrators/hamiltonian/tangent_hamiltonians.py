@@ -19,7 +19,7 @@ from ..._jax.columns import each_column
 from ..._jax.tracing import traced
 from ...systems.hamiltonians import halves
 from ..base import Controller, Method, Step, Tangent
-from .splittings import SCHEMES, A, Scheme
+from .splittings import PART_A, SCHEMES, Scheme
 from .symplectic import Composition, Symplectic, separable
 
 __all__ = ["TangentHamiltonian"]
@@ -206,7 +206,7 @@ def _composed(scheme: Scheme, forms: list[QuadraticHamiltonian], dq, dp, h):
     strength, waiting = scheme.corrector * h**3, iter(forms)
     dp = dp + strength * forms[0].bracket(dq)
     for part, share in scheme.parts:
-        if part == A:
+        if part == PART_A:
             dq = dq + share * h * forms[0].velocity(dp)
         else:
             dp = dp - share * h * next(waiting).stiffness(dq)

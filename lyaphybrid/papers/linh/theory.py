@@ -18,7 +18,7 @@ __all__ = [
     "LENGTHS", "SIZES", "Characteristic", "Perturbed", "Turning", "characteristic", "pencil", "perturbed", "turning",
 ]  # fmt: skip
 
-TIGHT = 1e-12
+RTOL_OF_PIECES = 1e-12
 LENGTHS = (10, 20, 50, 100)  # T of Λ(T), in pieces of length 1
 SIZES = (1e-1, 1e-2, 1e-3, 1e-4)  # δ of the perturbations of E and A
 LINEAR_LENGTH = 200.0  # length of runs of linear equations; the first half is not counted
@@ -55,7 +55,7 @@ def characteristic(lengths=LENGTHS) -> Characteristic:
         unit, total = np.triu(share) @ unit, total + np.log(sizes)
         if piece in lengths:
             found.append(_eigen(unit, total, piece))
-        moved = tangent_map(system, x, args, t0=float(piece), t1=1.0, method=HalfExplicit(rtol=TIGHT))
+        moved = tangent_map(system, x, args, t0=float(piece), t1=1.0, method=HalfExplicit(rtol=RTOL_OF_PIECES))
         x = moved.x
         columns, factor = np.linalg.qr(np.asarray(moved.matrix) @ columns)
     return Characteristic(*(np.stack(values) for values in zip(*found, strict=True)))

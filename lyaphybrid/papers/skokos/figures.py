@@ -171,7 +171,11 @@ def _steps(r: "skokos.Reproduction"):
         _guide(ax, best)
         ax.set_ylabel("log$_{10}$ λ$_1$")
     apart.set_ylabel("log$_{10}$ of the largest t |Δλ$_1$| so far")
-    titles = ("by DOP853; dashed: 1/t", "how far others are from it (δ = 1e−5)", "TDHeps; dotted: levels; dashed: 1/t")
+    titles = (
+        "by DOP853; dashed: 1/t",
+        f"how far others are from it (δ = {_power(LOOSE)})",
+        "TDHeps; dotted: levels; dashed: 1/t",
+    )
     for ax, letter, text in zip((sure, apart, rival), "abc", titles, strict=True):
         _letter(ax, letter, text)
         ax.legend(fontsize="x-small", loc="upper left" if ax is apart else "lower left", frameon=False)
@@ -199,12 +203,12 @@ def _energies(r: "skokos.Reproduction"):
             ]
             # If only τ matters, both thresholds share one curve.
             apart = [one for one in tight if not np.isclose(one.energy, run.energy, rtol=DRAWN_AS_ONE)]
-            both = " and 1e-07" if len(tight) > len(apart) else ""
-            _error(tolerances, run, label=f"τ = {row.step:g}, δ = {row.threshold:.0e}{both}", **style)
+            both = f" and {_power(TIGHT)}" if len(tight) > len(apart) else ""
+            _error(tolerances, run, label=f"τ = {row.step:g}, δ = {_power(row.threshold)}{both}", **style)
             for one in apart:
-                _error(tolerances, one, label=f"τ = {row.step:g}, δ = {TIGHT:.0e}", linestyle=(0, (5, 2)), **style)
+                _error(tolerances, one, label=f"τ = {row.step:g}, δ = {_power(TIGHT)}", linestyle=(0, (5, 2)), **style)
     for ax, letter, text in (
-        (methods, "a", f"methods, τ = {STEP:g}, δ = {LOOSE:.0e}"),
+        (methods, "a", f"methods, τ = {STEP:g}, δ = {_power(LOOSE)}"),
         (steps, "b", "TM"),
         (tolerances, "c", "DOP853"),
     ):
@@ -312,3 +316,8 @@ def _many(r: "skokos.Reproduction"):
         axes[row, 0].legend(fontsize="x-small", loc="lower left", frameon=False, ncols=2)
     _time_below(axes[1])
     return made
+
+
+def _power(value: float) -> str:
+    """A power of ten as 10⁻⁵ is drawn."""
+    return f"$10^{{{round(np.log10(value))}}}$"

@@ -27,7 +27,7 @@ __all__ = [
 
 BOTH = ("5.1", "5.2")
 TIME_AT_REST, TIME_COUNTED = 50.0, 100.0  # lengths of runs at rest; directions have converged to e^(−2.6 · 50)
-TIGHT = 1e-9
+RTOL_OF_EXTENSIONS = 1e-9
 TIME_OF_LARGE_SYSTEM = 6.0  # length for the large system, whose forty growths differ by e^4
 # Ẋ + 0.1 ẋ³ = … along x = sin t, y = x²: variations grow like exp ∫ −(1 + 2 sin t) / (1 + 0.3 cos² t).
 OF_IMPLICIT = -1 / np.sqrt(1.3)
@@ -91,7 +91,7 @@ def continuous_esdirk(example: str) -> np.ndarray:
 def svd(example: str) -> np.ndarray:
     """As in `Extensions`."""
     system, x0, args = problem_of(example)
-    found = svd_spectrum(system, x0, args, t1=SHORTEST_LENGTH, blocks=16, method=HalfExplicit(TIGHT))
+    found = svd_spectrum(system, x0, args, t1=SHORTEST_LENGTH, blocks=16, method=HalfExplicit(RTOL_OF_EXTENSIONS))
     return np.stack([found.exponents, found.error])
 
 
@@ -122,7 +122,7 @@ def implicit() -> np.ndarray:
     def exponents(dae, guess, args, transient, t1):
         start = consistent_start(dae, guess, args)
         return lyapunov_spectrum(
-            dae, start, args, t1=t1, transient=transient, method=HalfExplicit(TIGHT), blocks=2
+            dae, start, args, t1=t1, transient=transient, method=HalfExplicit(RTOL_OF_EXTENSIONS), blocks=2
         ).exponents
 
     first = exponents(implicit_dae(mixed, x0, args), x0, args, 3 * TIME_AT_REST, TIME_AT_REST)
