@@ -349,6 +349,11 @@ def test_signs_of_cycles_are_counted_where_the_points_say_so():
     assert fu_checks.signs_on_cycles(Signs) == (2, 1)
 
 
+def test_the_diagram_has_as_many_values_in_quick_mode():
+    """With 61 values the chaotic ranges of Fig. 4 were stripes."""
+    assert cases.QUICK.values == cases.FULL.values >= 301
+
+
 def test_the_starts_lie_beside_the_cycles():
     for case in cases.CASES[:2]:
         assert np.max(np.abs(fu._off(case)[1] - fu._problem(case)[1])) > 0.1
