@@ -318,6 +318,6 @@ def _many(r: "skokos.Reproduction"):
     return made
 
 
-def _power(value: float) -> str:
-    """A power of ten as 10⁻⁵ is drawn."""
-    return f"$10^{{{round(np.log10(value))}}}$"
+def _power(value: float | None) -> str:
+    """A power of ten, raised; "none" for the threshold of a method that has none."""
+    return "none" if value is None else f"$10^{{{round(np.log10(value))}}}$"
