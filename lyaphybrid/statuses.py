@@ -8,7 +8,9 @@ import numpy as np
 
 from ._jax.tracing import traced
 
-__all__ = ["OK", "RUNNING", "STATUS", "gravest", "status_of", "verdicts"]
+__all__ = ["OK", "RUNNING", "STATUS", "STIFF_REMEDY", "gravest", "status_of", "verdicts"]
+
+STIFF_REMEDY = "lh.RadauIIA(), and for several exponents lh.ContinuousQR(lh.RadauIIA())"
 
 
 class STATUS(enum.IntEnum):
@@ -53,13 +55,13 @@ class STATUS(enum.IntEnum):
     step_underflow = (
         9,
         "the step size went below the resolution of the time: (a) the field jumps, give each smooth piece a mode; "
-        "(b) the flow is stiff, use lh.Diffrax(diffrax.Kvaerno5()); (c) the tolerances are below rounding",
+        f"(b) the flow is stiff, use {STIFF_REMEDY}; (c) the tolerances are below rounding",
     )
     interrupted = 10, "Ctrl-C ended the run; what was computed until then is kept"
     stalled = (
         11,
         "many steps lead nowhere: (a) the field jumps (where, sign, floor), give each smooth piece a mode; (b) a guard "
-        "jumps (mod), use a clock, Transition(every=…); (c) the flow is stiff, use lh.Diffrax(diffrax.Kvaerno5()); "
+        f"jumps (mod), use a clock, Transition(every=…); (c) the flow is stiff, use {STIFF_REMEDY}; "
         "(d) a guard or a section is never reached; (e) t1 is very far; max_steps=… goes on all the same",
     )
     no_more_jumps = (

@@ -124,7 +124,7 @@ def lyapunov_spectrum(
         may hold rank_lost (an exponent is -inf), grazing, simultaneous, unresolved (the smallest exponents, or a loss,
         may be rounding), step_too_long (the sum of exponents shows it), guard_unreached (there are guards, and none
         was met), identity_reset (a jump within a mode that changes nothing), stiff (an explicit method was kept at the
-        limit of its stability), interrupted.
+        limit of its stability, or had to resolve a fast decay), interrupted.
 
     Raises:
         ValueError: on arguments that do not fit, before any computing; where `checkpoint` is the file of another run.

@@ -15,7 +15,7 @@ from .. import plots
 from .._jax.precision import share
 from .._jax.tracing import module_of, traced
 from .._text import UNIT, Table, numbered, with_error
-from ..statuses import status_of, verdicts
+from ..statuses import STIFF_REMEDY, status_of, verdicts
 from ..systems.labels import Labels
 from .errors import standard_error
 from .result import Data, RunResult, exponents_along, states_along
@@ -27,8 +27,8 @@ NOTE_TEXTS = {
     "grazing": "an event met its guard nearly tangentially, and there the saltation matrix is very large",
     "simultaneous": "several guards were zero at one instant: the order of their events matters, see lh.solutions",
     "interrupted": "Ctrl-C ended the run",
-    "stiff": "steps were as short as an explicit method needs to stay stable; an implicit one takes long steps here: "
-    "lh.RadauIIA() or lh.ESDIRK()",
+    "stiff": "steps were as short as an explicit method needs to stay stable, or to resolve a fast decay; an implicit "
+    f"one takes long steps here: {STIFF_REMEDY}",
     "guard_unreached": "the system has guards, and none of them was reached",
     "identity_reset": "a jump within a mode changes nothing: is its reset missing?",
     "step_too_long": "steps are too long to carry volumes as the flow does; take a shorter dt, or control='xY'",

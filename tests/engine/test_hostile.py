@@ -59,7 +59,7 @@ def stalled(system, x0, **options):
 def test_the_message_says_where_and_why(limited):
     assert re.search(r"t = 3\.34\d*, x = \[0\.01\d* 0\.1\].* h = \d.*not smooth here", stalled(FRICTION, [1.0, 0.0]))
     assert re.search(r"t = 0\.9\d*, x = \[1 1\.1\].*not smooth here", stalled(MOD, [0.1, 0.2]))
-    assert re.search(r"stiff here, ‖Df‖ = 1e\+09: use lh\.Diffrax", stalled(STIFF, [1.0, 1.0]))
+    assert re.search(r"stiff here, ‖Df‖ = 1e\+09: use lh\.RadauIIA", stalled(STIFF, [1.0, 1.0]))
     assert "unit of the system's time" in stalled(lh.Flow(lambda t, x, a: 1e12 * CIRCLE.field(t, x, a)), [1.0, 0.0])
 
 

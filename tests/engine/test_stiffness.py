@@ -21,6 +21,15 @@ def test_a_stiff_flow_is_noted_with_what_to_do():
     np.testing.assert_allclose(explicit.exponents, implicit.exponents, rtol=1e-4)
 
 
+def test_a_stiff_flow_with_all_exponents_is_noted():
+    """Steps resolve the decay of the last column, below the limit of stability."""
+    explicit, continuous = spectrum(), spectrum(method=lh.ContinuousQR(lh.RadauIIA()))
+    assert "stiff" in explicit.notes
+    assert "lh.ContinuousQR(lh.RadauIIA())" in str(explicit)
+    assert continuous.notes == frozenset()
+    np.testing.assert_allclose(explicit.exponents, continuous.exponents, rtol=1e-4)
+
+
 def test_long_steps_that_nothing_limits_are_not_stiff():
     """A rotor moves evenly between kicks: its steps would be as long as one likes, and nothing decays."""
     rotor = lh.Hybrid(
@@ -39,6 +48,8 @@ def test_long_steps_that_nothing_limits_are_not_stiff():
 def test_long_runs_that_are_not_stiff():
     assert "stiff" not in lh.zoo.lorenz63().spectrum(t1=5000.0).notes
     assert "stiff" not in lh.zoo.impact_oscillator().spectrum(t1=20_000.0).notes
+    relaxing = lh.lyapunov_spectrum(VAN_DER_POL, [2.0, 0.0], 5.0, t1=20_000.0)
+    assert "stiff" not in relaxing.notes
 
 
 def test_perturbations_that_the_steps_do_not_follow_are_noted():

@@ -50,6 +50,12 @@ def _two_modes(target) -> lh.Hybrid:
     return lh.Hybrid(modes, lh.Transition(_height, _bounce, source="down", target=target))
 
 
+def _oregonator(t, x, args):
+    """R. J. Field & R. M. Noyes, J. Chem. Phys. 60 (1974) 1877, doi:10.1063/1.1681288."""
+    a, b, c = x
+    return jnp.stack([77.27 * (b - a * b + a - 8.375e-6 * a**2), (c - b - a * b) / 77.27, 0.161 * (a - c)])
+
+
 RELAX = lh.Flow(lambda t, x, args: jnp.stack([x[1], 1000.0 * (1 - x[0] ** 2) * x[1] - x[0]]))
 
 PLANTED = {
@@ -84,6 +90,7 @@ PLANTED = {
         lh.Flow(lambda t, x, args: jnp.stack([jnp.sqrt(x[0] ** 2), -x[1]])), [0.0, 1.0], "derivatives", "is not finite",
     ),
     "stiff": (RELAX, [2.0, 0.0], "stiffness", "implicit"),
+    "stiff later": (lh.Flow(_oregonator), [1.0, 2.0, 3.0], "stiffness", "implicit"),  # from t = 20 on
     "float32": (lh.Flow(_swing), [1.0, 0.0], "precision", "float32"),
     "guard of a clock": (
         lh.Hybrid(_swing, lh.Transition(lambda t, x, args: jnp.sin(t), lambda t, x, args: 0.9 * x)), [1.0, 0.0],

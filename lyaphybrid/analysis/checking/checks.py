@@ -145,6 +145,22 @@ def _trial(system, x0, args, t0, t1, mode, method) -> tuple[Trajectory, float, l
         ]  # fmt: skip
 
 
+def _onward(system, problem):
+    """The function (t, x, mode, attempts) -> t, x, mode after so many attempts; None where the motion ends before."""
+
+    def onward(t, x, mode, attempts: int):
+        options = {"t0": float(t), "mode": mode if isinstance(system, Hybrid) else None, "n": SAMPLES, "throw": False}
+        options["method"] = problem.method
+        probe = trajectory(system, x, problem.args, t1=FARTHEST_TIME, max_steps=attempts, **options)
+        passed = float(probe.ended) - float(t)
+        if probe.status is not STATUS.max_steps or not passed > 0:
+            return None
+        found = trajectory(system, x, problem.args, t1=passed, **options)
+        return (found.t[-1], found.x[-1], int(found.mode[-1])) if found.status is STATUS.ok else None
+
+    return onward
+
+
 def _with_start(run: Trajectory, t0, x0, mode) -> Trajectory:
     """The samples of a run that it has reached, after its start."""
     seen, first = np.isfinite(np.asarray(run.t)), int(run.mode[0]) if mode is None or np.ndim(mode) else int(mode)
@@ -192,7 +208,7 @@ def _of_run(system, run: Trajectory, problem, own, compiled: CompiledHybrid | No
         if mistaken:  # the states after are of no mode
             return mistaken
     found = check_smoothness(own, *_with_end(run, compiled.fields))
-    found += motion.check_stiffness(compiled.fields, run, step, problem.method)
+    found += motion.check_stiffness(compiled.fields, run, step, problem.method, _onward(system, problem))
     if isinstance(system, Hybrid):
         found += jumps.check_jumps(system, problem.args, compiled.fields, run)
     return found

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...engine.host.paces import Rates, at_stability_limit, may_be_stiff, rates_of
 from ...integrators.base import Method
+from ...statuses import STIFF_REMEDY
 from ..trajectories import TangentMap, Trajectory
 from .report import Finding, in_short, noted, right, wrong
 
@@ -18,6 +19,8 @@ LARGEST = 1e4  # growth of perturbations up to which differences of trajectories
 DIRECTIONS = 3  # random ones
 SHIFT = 1e-5  # of a start, relative to its size
 MATRIX_ERROR = 1e-3  # a matrix is wrong if it differs from differences by more than this part
+STRETCHES, ATTEMPTS_PER_STRETCH = 8, 4000  # of a run that goes on to where a flow may be stiff
+ATTEMPTS_FOR_STEP = 100  # whose mean is the length of a step at a place
 FINER = 1e-2  # the tolerances of the run that is compared with
 
 
@@ -99,7 +102,7 @@ def check_tolerance(tangent: Callable[..., TangentMap], x0, length: float, exact
     return [right("tolerance", said)]
 
 
-def check_stiffness(fields, run: Trajectory, step: float, method: Any) -> list[Finding]:
+def check_stiffness(fields, run: Trajectory, step: float, method: Any, onward: Callable) -> list[Finding]:
     """Whether steps are as long as stability allows, and not as the motion would.
 
     Args:
@@ -107,16 +110,41 @@ def check_stiffness(fields, run: Trajectory, step: float, method: Any) -> list[F
         run: the trial run.
         step: the mean length of its steps.
         method: the integrator.
+        onward: (t, x, mode, attempts) -> t, x, mode after so many attempts; None where the motion has ended before.
     """
     if not may_be_stiff(method) or not fields:
         return []
     samples = np.unique(np.linspace(0, len(run.t) - 1, 9).astype(int))
-    met = [Rates.of(*rates_of(fields[int(run.mode[i])], run.t[i], run.x[i])) for i in samples]
-    if 2 * sum(at_stability_limit(one, step) for one in met) > len(met):
-        _, change, decay = np.median(met, axis=0)
+    met = [(_rates(fields, run.t[i], run.x[i], run.mode[i]), step) for i in samples]
+    if not _mostly_stiff(met):  # an explicit method may not have come to where the flow is stiff
+        met = _met_onward(fields, (run.t[-1], run.x[-1], int(run.mode[-1])), onward)
+    if _mostly_stiff(met):
+        _, change, decay = np.median([one for one, _ in met], axis=0)
+        length = np.median([length for _, length in met])
         return [
             noted("stiffness", f"The flow is stiff: perturbations decay at the rate {decay:.3g}, the motion changes at "
-                  f"{change:.3g}, and steps of {step:.2g} are as long as an explicit method stays stable. Take an "
-                  "implicit one: lh.RadauIIA() or lh.ESDIRK().")
+                  f"{change:.3g}, and steps of {length:.2g} are as long as an explicit method stays stable. Take an "
+                  f"implicit one: {STIFF_REMEDY}.")
         ]  # fmt: skip
     return [right("stiffness", f"steps of {step:.2g} follow the motion, not the stability of the method")]
+
+
+def _rates(fields, t, x, mode) -> Rates:
+    return Rates.of(*rates_of(fields[int(mode)], t, x))
+
+
+def _met_onward(fields, state, onward: Callable) -> list[tuple[Rates, float]]:
+    """Rates, and lengths of steps, after each of `STRETCHES` further stretches of the motion."""
+    met = []
+    for _ in range(STRETCHES):
+        state = onward(*state, ATTEMPTS_PER_STRETCH)
+        after = None if state is None else onward(*state, ATTEMPTS_FOR_STEP)
+        if state is None or after is None:
+            break
+        met.append((_rates(fields, *state), float(after[0] - state[0]) / ATTEMPTS_FOR_STEP))
+        state = after
+    return met
+
+
+def _mostly_stiff(met: list[tuple[Rates, float]]) -> bool:
+    return 2 * sum(at_stability_limit(one, step) for one, step in met) > len(met)

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...integrators.runge_kutta import RungeKutta
-from ...statuses import STATUS
+from ...statuses import STATUS, STIFF_REMEDY
 from ..states import LoopState
 
 __all__ = [
@@ -38,6 +38,8 @@ STIFF = 1e-4  # a motion slower than this times ‖Df‖ is stiff
 ATTEMPTS_UNTIL_STIFF = 50_000  # shorter runs are quick all the same
 AT_STABILITY = 1.0, 20.0  # between these over the fastest rate of decay steps are at the limit of stability …
 SLOW = 1e-2  # … if they are also shorter than this times the time in which the motion changes
+DECAY_PER_STEP = 0.02  # all columns: steps follow a decay that is faster than this over the step …
+FAR_FASTER = 1e3  # … and than this times the motion
 MOST_FOR_EIGENVALUES = 500  # components of a state
 
 
@@ -111,8 +113,18 @@ def at_stability_limit(rates: Rates, step: float) -> bool:
     return shortest < rates.decay * step < longest and rates.motion * step < SLOW
 
 
+def resolves_decay(rates: Rates, step: float) -> bool:
+    """Whether steps follow the fastest decay, that of the last of n columns, and are far shorter than the motion needs.
+
+    Error control of all columns demands it of implicit methods, too, but for lh.ContinuousQR, which divides it out.
+    """
+    longest = AT_STABILITY[1]
+    slow = rates.motion * step < SLOW and FAR_FASTER * rates.motion < rates.decay
+    return DECAY_PER_STEP < rates.decay * step < longest and slow
+
+
 class StiffnessVotes:
-    """Whether a long run takes steps as long as stability allows, and not as its motion would: asked now and then."""
+    """Whether a long run takes steps as stability or a decay allows, not as its motion would: asked now and then."""
 
     def __init__(self, method: Any):
         self.next, self.votes = (ATTEMPTS_UNTIL_STIFF if may_be_stiff(method) else np.inf), []
@@ -124,7 +136,8 @@ class StiffnessVotes:
         self.next = 2 * given
         there, h = rates(0), getattr(loop_state.carry.solver_state, "h", None)
         if there is not None and h is not None:
-            self.votes.append(at_stability_limit(there, float(np.ravel(h)[0])))
+            step, (n, k) = float(np.ravel(h)[0]), loop_state.carry.frame.shape[-2:]
+            self.votes.append(at_stability_limit(there, step) or (1 < k == n and resolves_decay(there, step)))
 
     @property
     def stiff(self) -> bool:
@@ -152,7 +165,7 @@ def why_stalled(attempts, moved, ahead, rates) -> str:
             "floor, an impure function), or of jumps that follow each other: give each smooth piece a mode."
         )
     if there is not None and 0 < there.motion < STIFF * there.field:
-        return f"{left}. The flow is stiff here, ‖Df‖ = {there.field:.2g}: use lh.Diffrax(diffrax.Kvaerno5())."
+        return f"{left}. The flow is stiff here, ‖Df‖ = {there.field:.2g}: use {STIFF_REMEDY}."
     if ahead > ATTEMPTS_STOPPED:
         return f"{left}. Is t1 in the unit of the system's time? max_steps=… goes on all the same."
     return ""
