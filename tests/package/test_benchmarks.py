@@ -95,3 +95,14 @@ def test_the_c_takes_square_roots_by_an_instruction(tmp_path):
 def test_first_calls_are_measured(tmp_path):
     found = first_calls.in_a_process("cat_map", str(tmp_path / "code"), str(tmp_path / "bytes"))
     assert 0 < found["second"] < found["first"]
+
+
+@pytest.mark.slow
+def test_steps_of_a_stiff_flow_are_counted():
+    from benchmarks import stiff
+
+    found = {name: stiff.measure("robertson", 3, method) for name, method in stiff.methods(3).items()}
+    explicit = found.pop("explicit")
+    for name, one in found.items():
+        assert 100 < one.attempts < explicit.attempts / 500, name
+        np.testing.assert_allclose(one.exponents, explicit.exponents, rtol=1e-6)
