@@ -140,7 +140,8 @@ def _cascade(evolver, settings: Settings, t, h, landing: CascadeState) -> Cascad
         terminal = state.terminal | jnp.asarray(evolver.terminal)[state.transition]
         row = mode if w.modes > 1 else None
         directed = table(evolver, row, w.directed)
-        brought = _brought(before, g, guard_sign, guard_tolerance + step_rounding)
+        by_flow = ~directed if w.recording is None else ~directed | table(evolver, row, w.recording)
+        brought = _brought(by_flow, before, g, guard_sign, guard_tolerance + step_rounding)
         follows = _following(evolver, row, directed, brought, (guard_sign < 0) & ~left) & ~settled
         follows = follows & by_mode(mode, w.whens, t, x) if w.shared else follows
         # A guard that the flow brought to zero and the reset left at zero fires after those that the reset pushed
@@ -210,13 +211,14 @@ def _in_new_mode(w: CompiledHybrid, state: CascadeState, mode) -> _Before:
     return jax.tree.map(lambda old: jnp.where(found, old[where], jnp.zeros((), old.dtype)), known)
 
 
-def _brought(before: _Before, g, guard_sign, rounding):
-    """(slots,) the guards at zero that the flow has brought there, exactly, or within rounding to be beyond it soon.
+def _brought(by_flow, before: _Before, g, guard_sign, rounding):
+    """(slots,) the guards at zero that the flow has brought there.
 
-    The next step would not see the latter: they seem to start beyond zero.
+    Of those that no jump fires, `by_flow`, also those that are there within rounding and will be beyond it soon: they
+    seem to start beyond zero, and the next step would not see them.
     """
     passes = (jnp.abs(before.g) <= rounding) & (before.guard_sign * guard_sign < 0)
-    return (g == 0) & (before.together | passes)
+    return (g == 0) & (before.together | (by_flow & passes))
 
 
 def _following(evolver, row, directed, brought, beyond):
