@@ -63,10 +63,14 @@ METHODS = {
 }
 
 
-@pytest.mark.parametrize("name", [*FUNCTIONS, *(f"plots.{name}" for name in PLOTS)])
+DESCRIBED = FUNCTIONS | {f"plots.{name}": one for name, one in PLOTS.items()}
+DESCRIBED |= {f"zoo.{name}": getattr(lh.zoo, name) for name in lh.zoo.names()}
+
+
+@pytest.mark.parametrize("name", DESCRIBED)
 def test_a_function_describes_each_argument(name):
     """By name and in the order of the signature; what it returns, and an example."""
-    function = PLOTS[name.removeprefix("plots.")] if name.startswith("plots.") else FUNCTIONS[name]
+    function = DESCRIBED[name]
     described = sections_of(inspect.getdoc(function) or "")
     assert described[""].strip().splitlines()[0].endswith((".", ":"))
     assert list(entries_of(described["Args"])) == list(inspect.signature(function).parameters)
