@@ -125,6 +125,14 @@ def _second_instant(system: dict) -> float:
     return system["M20"]["t"] + 0.5 * min(1e-3, system["ev"]["sep_post"][1])
 
 
+def motions_of(system: lh.Hybrid, cases: list[dict]) -> tuple[list, list]:
+    """Of cases with x0, mode0, t0, T and args: trajectories with their events, and tangent maps to T."""
+    column = {name: jnp.asarray(np.stack([case[name] for case in cases])) for name in ("x0", "mode0", "t0", "T")}
+    column["args"] = jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *(case["args"] for case in cases))
+    found = jax.device_get(_motions(system, None, column | {"until": column["T"][:, None]}, "map"))
+    return tuple([jax.tree.map(lambda leaf, i=i: leaf[i], part) for i in range(len(cases))] for part in found)
+
+
 def _matrix_20(data: dict, system: dict) -> np.ndarray:
     """M a little after event 19: what is stored, carried on by the closed-form flow."""
     index = system["ev_idx"].index(system["M20"]["event"])

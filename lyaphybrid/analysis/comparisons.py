@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array
 
 from .. import plots
-from .._arguments import Key, Real, State, positive, real, require, whole
+from .._arguments import Key, Real, State, flag, positive, random_key, real, require, whole
 from .._jax.tracing import traced
 from .._text import UNIT, Table, with_error
 from ..engine import preparation, problems
@@ -165,6 +165,8 @@ def two_trajectories(
         >>> abs(float(s.exponent) - 0.6931) < 0.01
         True
     """
+    flag("throw", throw)
+    random_key("key", key)
     _require_numbers(t1, transient, separation, renormalise_every, blocks)
     problem, x0, t0, mode = preparation.prepare(system, x0, args, t0, method, mode)
     _require_start(x0, separation)

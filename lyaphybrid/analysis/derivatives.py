@@ -133,7 +133,7 @@ def jacobians(
         >>> print(at_impact.Dh[0])
         [1. 0.]
     """
-    system, x, t, mode = _checked(system, x, args, t, mode)
+    system, x, args, t, mode = _checked(system, x, args, t, mode)
     return _jacobians(system, t, x, args, mode, integers(which))
 
 
@@ -227,11 +227,12 @@ def saltation_matrix(
             raise ValueError(
                 "An EventDriven needs which=…, the event as next_event(t, x, args) -> (dt, which) calls it."
             )
-        system, x, t, mode = _checked(system, x, args, t, mode)
+        system, x, args, t, mode = _checked(system, x, args, t, mode)
         sequence, components = (0,), (integers(which),)
     else:
         sequence = _sequence(system, transition)
-        _, x, t, mode = _checked(system, x, args, t, _only_source(system, sequence[0]) if mode is None else mode)
+        source = _only_source(system, sequence[0]) if mode is None else mode
+        _, x, args, t, mode = _checked(system, x, args, t, source)
         _require_armed(system, sequence[0], mode)
         components = _components(system, t, x, args, sequence, which)
     matrix, contact = _saltation(system, t, x, args, mode, sequence, components)
@@ -340,14 +341,20 @@ def _sequence(system: Hybrid, transition) -> tuple[int, ...]:
     several = transition if isinstance(transition, Sequence) else (transition,)
     count = len(system.transitions)
     for index in several:
-        whole = isinstance(index, int | np.integer | Array) and not isinstance(index, bool)
-        if not whole or not 0 <= operator.index(index) < count:
+        if not _is_index(index) or not 0 <= operator.index(index) < count:
             raise ValueError(
                 f"transition must be an index from 0 to {count - 1}, or several in order; got {transition!r}."
             )
     if not several:
         raise ValueError("transition must name at least one transition; got none.")
     return tuple(map(operator.index, several))
+
+
+def _is_index(value: Any) -> bool:
+    """Whether it is an integer, or an array of one."""
+    if isinstance(value, Array):
+        return value.ndim == 0 and jnp.issubdtype(value.dtype, jnp.integer)
+    return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
 def _only_source(system: Hybrid, index: int) -> str | None:
@@ -384,20 +391,21 @@ def _components(system: Hybrid, t, x, args, sequence, which) -> tuple:
             raise ValueError(
                 f"The guard of transition {index} has {most + 1} components: say which one fires, which=0 to {most}."
             )
-        if component is not None and not traced(component) and not 0 <= operator.index(component) <= most:
+        if component is None or traced(component):
+            continue
+        if not _is_index(component) or not 0 <= operator.index(component) <= most:
             raise ValueError(f"The components of transition {index}'s guard are 0 to {most}; got which={component!r}.")
     return tuple(integers(0 if component is None else component) for component in given)
 
 
 def _checked(system, x, args, t, mode):
-    """The system as functions of a flat state; the state, the time and the index of the mode, as arrays."""
-    if isinstance(mode, Array | np.integer) and not traced(mode):
-        mode = operator.index(mode)
+    """The system as functions of a flat state; the state, the parameters, the time, the mode's index: as arrays."""
     problem, x, t, mode = preparation.prepare(system, x, args, t, None, mode, "x")
     if x.ndim != 1:
         raise ValueError(f"x must have shape (n,) here; got {x.shape}. Use jax.vmap for several points.")
+    args = problem.args
     check_functions(system, jax.ShapeDtypeStruct(problem.shape, x.dtype), args)
     if mode is None:
         mode = system.initial_mode(t, x, args)
     flat = predicting_anew(system, problem.shape) if isinstance(system, EventDriven) else system
-    return flat, x, t, jnp.asarray(mode, jnp.int32)
+    return flat, x, args, t, jnp.asarray(mode, jnp.int32)

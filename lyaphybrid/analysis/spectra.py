@@ -10,7 +10,23 @@ import jax.numpy as jnp
 import numpy as np
 
 from .. import _renamed as renamed
-from .._arguments import Frame, Key, Progress, Real, State, Times, attempts, positive, require, whole
+from .._arguments import (
+    Frame,
+    Key,
+    Progress,
+    Real,
+    State,
+    Times,
+    attempts,
+    flag,
+    is_key,
+    is_one_of,
+    numbers,
+    positive,
+    random_key,
+    require,
+    whole,
+)
 from .._jax.engines import compiled
 from .._jax.hashes import hash_of_arrays, hash_of_function
 from .._jax.tracing import array, traced
@@ -142,6 +158,7 @@ def lyapunov_spectrum(
         True
     """
     _check_words(clock, averaging, orthonormalise, blocks, k, target_stderr, replicates, key, max_steps)
+    _check_flags(throw=throw, count_start=count_start, resume=resume)
     problem, x0, t0, mode = preparation.prepare(system, x0, args, t0, method, mode)
     about = About.of(system, problems.mode_names(system), preparation.method_for(system, method))
     require(not isinstance(system, Flow) or clock != "jumps", ENDLESS)
@@ -165,9 +182,8 @@ def lyapunov_spectrum(
         collect=problems.first_losses,
     )
     ends_of_blocks(t1, blocks, times, "t1")  # checks the arguments before anything is computed
-    discrete = iterates(system)
+    discrete, file, stretches = iterates(system), None, [(t1, blocks)]
     loop_state, interrupted = driver.start(problem, plan, t0, x0, frame, mode, array(interval, x0.dtype)), False
-    file, stretches = None, [(t1, blocks)]
     if checkpoint is not None:
         require(not traced((loop_state, problem)), NOT_KEPT)
         identity = _identity(
@@ -262,23 +278,25 @@ def _identity(problem, plan, loop_state, initial, transient, blocks, times, word
 
 
 def _check_words(clock, averaging, orthonormalise, blocks, k, target_stderr, replicates, key, max_steps) -> None:
-    require(clock in CLOCKS, f"clock must be one of {CLOCKS}; got {clock!r}.")
-    require(averaging in AVERAGES, f"averaging must be one of {AVERAGES}; got {averaging!r}.")
+    require(is_one_of(clock, CLOCKS), f"clock must be one of {CLOCKS}; got {clock!r}.")
+    require(is_one_of(averaging, AVERAGES), f"averaging must be one of {AVERAGES}; got {averaging!r}.")
     kinds = ("auto", *frames.QR_ALGORITHMS)
-    require(orthonormalise in kinds, f"orthonormalise must be one of {kinds}; got {orthonormalise!r}.")
+    require(is_one_of(orthonormalise, kinds), f"orthonormalise must be one of {kinds}; got {orthonormalise!r}.")
     whole("blocks", blocks, least=2)
     if k is not None:
         whole("k", k, least=1)
     if target_stderr is not None:
         positive("target_stderr, a standard error,", target_stderr)
     attempts(max_steps)
+    random_key("key", key)
     if replicates is not None:
         whole("replicates", replicates, least=2)
-        require(_is_key(key), f"replicates needs key=jax.random.key(seed), to perturb the starts; got {key!r}.")
+        require(is_key(key), f"replicates needs key=jax.random.key(seed), to perturb the starts; got {key!r}.")
 
 
-def _is_key(key) -> bool:
-    return hasattr(key, "dtype") and (jnp.issubdtype(key.dtype, jax.dtypes.prng_key) or key.dtype == jnp.uint32)
+def _check_flags(**flags) -> None:
+    for name, value in flags.items():
+        flag(name, value)
 
 
 def starts(system, t0, x0, args, replicates: int, key):
@@ -294,6 +312,8 @@ def initial_frame(problem, t0, x0, frame, k):
     """The orthonormal initial columns, and ln R_ii of the user's columns; for a DAE without any, of those of Ē⁻¹."""
     system, n, dtype = problem.system, x0.shape[-1], x0.dtype
     most = degrees_of_freedom(system, n)
+    if k is not None:
+        whole("k", k, least=1)
     require(k is None or k <= most, f"k must be at most {'n' if most == n else 'n_differential'} = {most}; got {k}.")
     k = k or (most if frame is None else None)
     if frame is None:
@@ -302,7 +322,7 @@ def initial_frame(problem, t0, x0, frame, k):
             canonical = getattr(system, "canonical", False)
             return frames.unit_vectors(n, k, dtype, paired=canonical), np.zeros(k, dtype)
         frame = tangent_frame(system, t0, x0 if x0.ndim == 1 else x0[0], problem.args)[:, :k]
-    frame = jnp.asarray(frame, dtype)
+    frame = jnp.asarray(numbers("frame", frame, dtype))
     fits = frame.ndim == 2 and frame.shape[0] == n and 1 <= frame.shape[1] <= most
     fits = fits and k in (None, frame.shape[1])
     require(fits, f"frame must have shape (n, k) = ({n}, {k or 'k'}) with 1 ≤ k ≤ {most}; got {frame.shape}.")

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array
 
 from .. import plots
-from .._arguments import Real, State, attempts, positive, whole
+from .._arguments import Real, State, attempts, flag, positive, whole
 from .._jax.tracing import array, traced
 from .._text import Table
 from ..engine import preparation, problems
@@ -20,6 +20,7 @@ from ..engine.host.places import account, place_of
 from ..errors import RunFailedError
 from ..integrators.base import Method
 from ..results.result import Data, RunResult, states_along
+from ..results.spectrum import NOTE_TEXTS
 from ..results.time_domains import TimeDomain, time_domain
 from ..statuses import STATUS
 from ..systems.event_driven import EventDriven
@@ -183,6 +184,7 @@ def trajectory(
         >>> len(fall.events), round(float(fall.events.t[0]), 9)
         (1, 1.0)
     """
+    flag("throw", throw)
     positive("t1, a length of time,", t1)
     whole("n, the number of samples,", n, least=1)
     attempts(max_steps)
@@ -249,6 +251,8 @@ class TangentMap(RunResult, eqx.Module):
         x: (n,) the end; matrix: (n, n) dx(t0 + t1)/dx(t0), jumps included; mode: index at the end.
         jumps: () how many there were.
         status: how the run ended, an `lh.STATUS`.
+        notes: "grazing", where an event met its guard nearly tangentially, or its guard's rate there is known to less
+            than two digits: the matrix, which has its inverse, is no better.
 
     Example:
         >>> import jax.numpy as jnp, lyaphybrid as lh
@@ -270,6 +274,12 @@ class TangentMap(RunResult, eqx.Module):
     jumps: Array
     status_code: Array
     state_labels: Labels = eqx.field(static=True, default=Labels())
+    grazing: Any = 0.0  # () whether there was such an event
+
+    @property
+    def notes(self) -> frozenset[str]:
+        """Names of observations that come with every status, as those of a `Spectrum`."""
+        return frozenset({"grazing"} if np.any(self.grazing) else ())
 
     def plot(self, ax: plots.Axes | None = None) -> plots.Axes:
         """The matrix, entry by entry."""
@@ -283,12 +293,13 @@ class TangentMap(RunResult, eqx.Module):
             for name, end, row in zip(names, x, matrix, strict=True)
         ]
         title = f"Tangent map of {len(x)} components ({int(self.jumps)} jumps)"
-        return Table(title, rows, [f"status {self.status}"], ("", "end", *(f"d/d {name}" for name in names)))
+        said = [f"status {self.status}", *(f"{note}: {NOTE_TEXTS[note]}" for note in sorted(self.notes))]
+        return Table(title, rows, said, ("", "end", *(f"d/d {name}" for name in names)))
 
     def _data(self) -> Data:
         labels = [self.state_labels.name(i) for i in range(self.matrix.shape[0])]
         variables = {"x": ("state", np.ravel(self.x)), "matrix": (("state", "start"), self.matrix)}
-        attributes = {"mode": int(self.mode), "jumps": int(self.jumps)}
+        attributes = {"mode": int(self.mode), "jumps": int(self.jumps), "notes": self.notes}
         return Data(variables, {"state": labels, "start": labels}, attributes)
 
 
@@ -333,6 +344,7 @@ def tangent_map(
         [[0.367879 0.      ]
          [0.       0.367879]]
     """
+    flag("throw", throw)
     positive("t1, a length of time,", t1)
     attempts(max_steps)
     problem, x0, t0, mode = preparation.prepare(system, x0, args, t0, method, mode)
@@ -346,7 +358,13 @@ def tangent_map(
     x = problems.in_rows(problem, carry.x)
     return _deliver(
         TangentMap(
-            x, carry.frame, problems.mode_of(carry), carry.jumps, outcome.status, labels_of(system, problem.shape)
+            x,
+            carry.frame,
+            problems.mode_of(carry),
+            carry.jumps,
+            outcome.status,
+            labels_of(system, problem.shape),
+            problems.summary_of(outcome.loop_state)[1],
         ),
         throw,
         outcome,

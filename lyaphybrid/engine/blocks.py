@@ -5,7 +5,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from .._arguments import positive, real, require
+from .._arguments import numbers, positive, real, require
 from .._jax.tracing import array, traced
 from ..integrators.base import Method
 from ..systems.event_driven import EventDriven
@@ -14,6 +14,9 @@ from . import problems
 from .states import QRSchedule
 
 __all__ = ["qr_schedule_for", "check_counts", "each_step_of", "ends_of_blocks", "is_zero", "part_of", "targets_for"]
+
+
+COUNTED = 2.0**53  # beyond it the next whole number is not a float
 
 
 def is_zero(value) -> bool:
@@ -32,7 +35,7 @@ def qr_schedule_for(problem: problems.RunProblem, every) -> tuple[QRSchedule, An
     else:
         unit = "steps" if every is None else "time"
     if by_time:
-        good = len(every) == 2 and every[0] == "time" and unit == "time"
+        good = len(every) == 2 and isinstance(every[0], str) and every[0] == "time" and unit == "time"
         where = "" if unit == "time" else f" for a system whose {unit} are counted"
         known = 'every must be a number; of an lh.EventDriven, or with adaptive steps, also ("time", length)'
         require(good, f"{known}; got {every!r}{where}.")
@@ -41,7 +44,7 @@ def qr_schedule_for(problem: problems.RunProblem, every) -> tuple[QRSchedule, An
         each = isinstance(method, Method) and method.each_step
         return QRSchedule(unit, not each, each), 1.0
     positive("every", every)
-    return QRSchedule(unit, False, each=unit == "steps" and not traced(every) and every == 1), every
+    return QRSchedule(unit, False, each=unit == "steps" and not traced(every) and bool(every == 1)), every
 
 
 def each_step_of(problem: problems.RunProblem) -> tuple[QRSchedule, Any]:
@@ -59,7 +62,7 @@ def ends_of_blocks(length, blocks, times, name):
     if isinstance(times, str):
         require(times == "log", f"times must be an increasing array or 'log'; got {times!r}.")
         return length * np.geomspace(1e-3, 1.0, blocks)
-    times = np.asarray(times, float)
+    times = numbers("times", times, float)
     rising = times.ndim == 1 and len(times) > 1 and times[0] > 0 and bool(np.all(np.diff(times) > 0))
     require(rising, f"times must be a positive, increasing array of at least two; got {times!r}.")
     matches = traced(length) or bool(np.isclose(times[-1], float(length)))
@@ -76,6 +79,9 @@ def check_counts(system, clock: str = "time", **lengths) -> None:
         if length is None or traced(length):
             continue
         real(name, length)
+        require(
+            float(length) <= COUNTED, f"{name} must be at most 2**53 {unit}, as far as floats count; got {length!r}."
+        )
         require(float(length).is_integer(), f"{name} counts {unit} here: it must be a whole number; got {length!r}.")
 
 

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._arguments import real, require
+from .._arguments import numbers, parameters, real, require
 from .._jax.precision import CURE, LEAST_TOLERANCE, eps, is_short, require_double
 from .._jax.tracing import array, traced
 from ..integrators import HalfExplicit, RungeKutta
@@ -17,9 +17,11 @@ from ..systems.consistency import check_constraints
 from ..systems.daes.semi_linear import Constrained, fields_of
 from ..systems.event_driven import EventDriven
 from ..systems.hybrid import Hybrid
+from ..systems.kinds import iterates
 from ..systems.labels import labels_of, unlabelled
 from ..systems.smooth import Flow, Map
 from ..systems.validation import check_clocks
+from .blocks import COUNTED
 from .problems import RunProblem, mode_names
 
 __all__ = ["as_arrays", "at_precision", "method_for", "mode_index", "prepare"]
@@ -39,9 +41,12 @@ def prepare(system, x0, args, t0, method, mode, name: str = "x0") -> tuple[RunPr
     x0, shape = _state(system, x0, name)
     labels_of(system, shape)  # refused before anything is computed
     real("t0" if name == "x0" else "t", t0)
+    counts = traced(t0) or not iterates(system) or abs(float(t0)) <= COUNTED
+    require(counts, f"t0, the number of an iteration, must be at most 2**53, as far as floats count; got {t0!r}.")
     # Python floats would be compiled in as constants; arrays can change without a new compilation.
     method = method_for(system, method)
     _check_precision(name, x0, system, method)
+    args = jax.tree.map(lambda leaf: parameters("args", leaf), args)
     args, method = as_arrays(args, x0.dtype), at_precision(method, x0)
     check_clocks(system, args)
     t0 = array(t0, x0.dtype)
@@ -79,12 +84,9 @@ def _check_precision(name: str, x, system, method) -> None:
 
 def _state(system, x0, name):
     """The states (n,) or (m, n), and the shape of one state as the user gave it: (n,), or (N, d) for many bodies."""
-    numbers = all(np.asarray(leaf).dtype.kind in "biufc" for leaf in jax.tree.leaves(x0) if not traced(leaf))
-    if not numbers or not jax.tree.leaves(x0):
-        raise ValueError(f"{name} must be an array of numbers; got {x0!r}.")
     if any(np.iscomplexobj(leaf) for leaf in jax.tree.leaves(x0)):
         raise ValueError(f"{name} must be real; write a complex state as its real and imaginary parts.")
-    x0 = jnp.asarray(x0)
+    x0 = jnp.asarray(numbers(name, x0))
     x0 = x0 if jnp.issubdtype(x0.dtype, jnp.floating) else x0.astype(float)
     rows = isinstance(system, EventDriven) and system.schedule is not None and not system.schedule.flat
     one = 2 if rows else 1
@@ -125,6 +127,15 @@ def mode_index(system, mode):
         if mode not in names:
             raise ValueError(f"Unknown mode {mode!r}; the modes are {list(names)}.")
         return names.index(mode)
-    if isinstance(mode, int) and not 0 <= mode < len(names):
-        raise ValueError(f"mode {mode} is out of range; the modes are {list(names)}.")
-    return mode
+    require(_is_index(mode), f"mode must be the name or the index of one of {list(names)}; got {mode!r}.")
+    if traced(mode):
+        return mode
+    require(0 <= int(mode) < len(names), f"mode {mode} is out of range; the modes are {list(names)}.")
+    return int(mode)
+
+
+def _is_index(mode) -> bool:
+    """Whether it is a single integer."""
+    if not hasattr(mode, "dtype"):
+        return isinstance(mode, int) and not isinstance(mode, bool)
+    return mode.shape == () and jnp.issubdtype(mode.dtype, jnp.integer)

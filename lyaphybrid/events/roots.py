@@ -28,6 +28,11 @@ def rounding(guards, t, x):
     return _rounding_at(guards, t, x)(t, x)
 
 
+def sizes(guards, t, x):
+    """(slots,) the sum of the terms of each guard that depend on the state."""
+    return _rounding_at(guards, t, x)(jnp.zeros_like(t), x) / digits(GUARD_ROUNDING, x)
+
+
 def _rounding_at(guards, t, x):
     """(time, state) -> (slots,) the guards' rounding errors for a time and a state of this size, linear at (t, x)."""
     moving, gradient = jax.jacfwd(guards, argnums=(0, 1))(t, x)

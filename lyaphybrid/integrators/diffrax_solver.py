@@ -7,7 +7,7 @@ import diffrax
 import equinox as eqx
 import jax.numpy as jnp
 
-from .._arguments import positive
+from .._arguments import is_one_of, positive
 from .base import Field, Method, Step
 from .divergences import trace
 
@@ -59,7 +59,7 @@ class Diffrax(ByDiffrax):
     control: str = eqx.field(static=True)
 
     def __init__(self, solver: diffrax.AbstractSolver, rtol: Any = 1e-9, atol: Any = 1e-12, control: str = "xY"):
-        if control not in ("x", "xY"):
+        if not is_one_of(control, ("x", "xY")):
             raise ValueError(f"control must be 'xY' (state and frame) or 'x' (state alone); got {control!r}.")
         positive("rtol", rtol)
         positive("atol", atol)

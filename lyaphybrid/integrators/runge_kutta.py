@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from .._arguments import positive, require
+from .._arguments import is_one_of, positive, require
 from .._jax.columns import linear_at
 from .._jax.precision import nonzero
 from . import tableaux
@@ -108,9 +108,9 @@ class RungeKutta(Method):
         control: str = "xY",
         max_step: Any = None,
     ):
-        if tableau not in TABLEAUX:
+        if not is_one_of(tableau, TABLEAUX):
             raise ValueError(f"Unknown tableau {tableau!r}; the tableaux are {sorted(TABLEAUX)}.")
-        if control not in ("x", "xY"):
+        if not is_one_of(control, ("x", "xY")):
             raise ValueError(f"control must be 'xY' (state and frame) or 'x' (state alone); got {control!r}.")
         if dt is None and not TABLEAUX[tableau].errors:
             raise ValueError(f"{tableau!r} has no error estimate: give a fixed step, RungeKutta({tableau!r}, dt=…).")
@@ -134,7 +134,7 @@ class RungeKutta(Method):
 
     def stage_times(self, t, h) -> list:
         """The times of the stages."""
-        return times_of_stages(tuple(self.table.c), t, h)
+        return times_of_stages(tuple(map(float, self.table.c)), t, h)  # Python's: NumPy's make float64 of float32
 
     @property
     def fixed_step(self) -> Any:

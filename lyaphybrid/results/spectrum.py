@@ -24,7 +24,7 @@ __all__ = ["NOTE_TEXTS", "About", "History", "Spectrum", "guard_unreached", "ste
 
 NOTE_TEXTS = {
     "rank_lost": "a jump destroys directions: their exponents are -inf",
-    "grazing": "an event met its guard nearly tangentially, and there the saltation matrix is very large",
+    "grazing": "an event met its guard nearly tangentially: the saltation matrix is large, or known to few digits",
     "simultaneous": "several guards were zero at one instant: the order of their events matters, see lh.solutions",
     "interrupted": "Ctrl-C ended the run",
     "stiff": "steps were as short as an explicit method needs to stay stable, or to resolve a fast decay; an implicit "

@@ -8,7 +8,7 @@ import numpy as np
 import optimistix
 from jaxtyping import Array, Float
 
-from .._arguments import State, require
+from .._arguments import State, numbers, parameters, real, require, shape
 from .._jax.engines import compiled
 from .._jax.precision import require_double
 from .._jax.tracing import traced
@@ -49,7 +49,10 @@ def consistent_start(dae: DAE, x0: State, args: Any = None, *, t0: Any = 0.0) ->
         [0.6, 0.8]
     """
     require(isinstance(dae, DAE), f"consistent_start needs an lh.DAE; got {type(dae).__name__}.")
-    x0 = dae.field.whole_guess(jnp.asarray(x0, float))
+    real("t0", t0)
+    args = jax.tree.map(lambda leaf: parameters("args", leaf), args)
+    shape("x0", x0)
+    x0 = dae.field.whole_guess(jnp.asarray(numbers("x0", x0, float)))
     require_double("x0", x0, "consistent_start")
     require(x0.ndim == 1 and bool(np.all(np.isfinite(x0))), f"x0 must be a finite state (n,); got {x0!r}.")
     check_functions(dae, jax.ShapeDtypeStruct(x0.shape, x0.dtype), args)

@@ -4,7 +4,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
+import numpy as np
 
+from .._arguments import flag, positive, real, require
 from .bound import require_callable
 from .labels import check_labels, words
 from .membership import Membership, membership
@@ -76,14 +78,17 @@ class Transition(eqx.Module):
         for name, function in (("reset", reset), ("when", when)):
             if function is not None:
                 require_callable(name, function, "(t, x, args) -> …")
-        if direction not in (-1, 0, 1):
+        if not isinstance(direction, int | np.integer) or direction not in (-1, 0, 1):
             raise ValueError(f"direction must be -1 (falls), +1 (rises) or 0 (both); got {direction!r}.")
-        if isinstance(every, int | float) and not every > 0:
-            raise ValueError(f"every, the clock's period, must be positive; got {every!r}.")
+        if guard is None and not callable(every):
+            positive("every, the clock's period,", every)
+        if not callable(phase):
+            real("phase", phase)
+        flag("terminal", terminal)
         if target is not None and not isinstance(target, str) and not callable(target):
             raise ValueError(f"target must be None, a mode name or (t, x, args) -> index; got {target!r}.")
         self.guard, self.reset, self.target, self.when = guard, reset, target, when
-        self.source = (source,) if isinstance(source, str) else None if source is None else tuple(source)
+        self.source = _sources(source)
         self.direction, self.terminal, self.every, self.phase = int(direction), bool(terminal), every, phase
 
     @property
@@ -96,6 +101,14 @@ class Transition(eqx.Module):
         """Whether all that this transition does is to record where the flow crosses its guard."""
         acts = self.reset is not None or self.target is not None or self.terminal
         return not (self.is_clock or acts or self.when is not None)
+
+
+def _sources(source: Any) -> tuple[str, ...] | None:
+    """The modes in which a transition is armed."""
+    given = (source,) if isinstance(source, str) else source
+    good = given is None or (isinstance(given, Sequence) and len(given) > 0 and all(isinstance(x, str) for x in given))
+    require(good, f"source must be None (every mode), the name of a mode or several names; got {source!r}.")
+    return None if given is None else tuple(given)
 
 
 class Hybrid(eqx.Module):
@@ -168,7 +181,11 @@ class Hybrid(eqx.Module):
         named = fields if isinstance(fields, Mapping) else {"jump" if fields is None else "flow": fields}
         self.mode_names = tuple(named)
         self.fields = None if fields is None else tuple(_as_field(k, v) for k, v in named.items())
-        self.transitions = (transitions,) if isinstance(transitions, Transition) else tuple(transitions)
+        self.transitions = _listed(transitions)
+        require(
+            tangent is None or isinstance(tangent, Mapping),
+            f'tangent must be {{"mode": (t, x, args, dx) -> dx}}; got {tangent!r}.',
+        )
         self.tangent = tuple((tangent or {}).get(name) for name in self.mode_names)
         self.initial_mode, self.max_cascade = initial_mode, max_cascade
         if initial_mode is not None:
@@ -176,14 +193,15 @@ class Hybrid(eqx.Module):
         if isinstance(max_cascade, bool) or not isinstance(max_cascade, int) or max_cascade < 1:
             raise ValueError(f"max_cascade must be a positive integer; got {max_cascade!r}.")
         for transition in self.transitions:
-            if not isinstance(transition, Transition):
-                raise ValueError(f"transitions must be lh.Transition objects; got {transition!r}.")
             target = (transition.target,) if isinstance(transition.target, str) else ()
             self._require_modes("source or target", (*(transition.source or ()), *target))
         self._require_modes("tangent", tuple(tangent or ()))
         one_each = flow_set if isinstance(flow_set, Mapping) else dict.fromkeys(self.mode_names, flow_set)
         self._require_modes("flow_set", tuple(one_each))
         self.flow_sets = tuple(one_each.get(name) for name in self.mode_names)
+        for function in self.tangent:
+            if function is not None:
+                require_callable("tangent", function, "(t, x, args, dx) -> dx")
         for function in self.flow_sets:
             if function is not None:
                 require_callable("flow_set", function, "(t, x, args) -> scalar, or {mode: function}")
@@ -235,6 +253,14 @@ class Hybrid(eqx.Module):
         unknown = [name for name in names if name not in self.mode_names]
         if unknown:
             raise ValueError(f"Unknown mode {unknown[0]!r} as {role}; the modes are {list(self.mode_names)}.")
+
+
+def _listed(transitions: Any) -> tuple[Transition, ...]:
+    """One transition, or a sequence of them, as a tuple."""
+    given = (transitions,) if isinstance(transitions, Transition) else transitions
+    good = isinstance(given, Sequence) and all(isinstance(one, Transition) for one in given)
+    require(good, f"transitions must be lh.Transition objects; got {transitions!r}.")
+    return tuple(given)
 
 
 def _never(t, x, args):

@@ -41,15 +41,23 @@ class Labels(NamedTuple):
 
 
 def words(given: Any) -> Any:
-    """Names or units as a tuple; what is no sequence of them stays as it is, for `check_labels`."""
-    return tuple(given) if isinstance(given, Sequence) and not isinstance(given, str) else given
+    """Names or units as a tuple.
+
+    Raises:
+        ValueError: unless they are a sequence of strings, or None.
+    """
+    listed = (
+        isinstance(given, Sequence) and not isinstance(given, str | bytes) and all(isinstance(x, str) for x in given)
+    )
+    require(
+        given is None or listed,
+        f"names must be a sequence of strings, one for each component of the state, and so must units; got {given!r}.",
+    )
+    return None if given is None else tuple(given)
 
 
 def check_labels(names: Any, units: Any) -> None:
-    """Raise a ValueError unless they are names, all different, and as many units."""
-    for word, given in (("names", names), ("units", units)):
-        good = given is None or (isinstance(given, tuple) and all(isinstance(one, str) for one in given))
-        require(good, f"{word} must be a sequence of strings, one for each component of the state; got {given!r}.")
+    """Raise a ValueError unless the names are all different, and the units as many."""
     if names is not None:
         require(len(set(names)) == len(names), f"names must be different from each other; got {names!r}.")
         require("" not in names, f"names must not be empty; got {names!r}.")

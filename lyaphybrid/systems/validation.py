@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from .._arguments import positive, real, require
 from .daes.semi_linear import Constrained
 from .event_driven import EventDriven
+from .hamiltonians import SeparableField
 from .hybrid import Hybrid, Transition
 from .smooth import Flow, Map
 
@@ -50,6 +51,12 @@ def check_functions(system: Any, x: jax.ShapeDtypeStruct, args: Any) -> None:
 
 
 def _check_field(name: str, field: Callable, t, x, args) -> None:
+    if isinstance(field, SeparableField):
+        for part, energy in (("kinetic", field.kinetic), ("potential", field.potential)):
+            half = jax.ShapeDtypeStruct((x.shape[0] // 2,), x.dtype)
+            _require_scalar(
+                f"{part} of the {name}", _result(part, energy, "x, args", half, args), jnp.floating, "a number"
+            )
     if not isinstance(field, Constrained):
         _returns_state(name, field, x, "t, x, args", t, x, args)
         return

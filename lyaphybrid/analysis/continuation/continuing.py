@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ... import _renamed as renamed
-from ..._arguments import Real, State, positive, real, require, require_values, whole
+from ..._arguments import Real, State, numbers, positive, real, require, require_values, shape, whole
 from ..._jax.precision import require_double
 from ...engine import preparation
 from ...errors import NoPeriodicOrbitError
@@ -145,7 +145,10 @@ def continuation(
         "entry of args, over={name: (low, high)}.",
     )
     first = x0.x0 if isinstance(x0, Special) else x0
-    labels = labels_of(system, np.shape(first)[-1:])
+    size = shape("x0", first)
+    require(len(size) == 1, f"x0 must have shape (n,); got {size}.")
+    x0 = x0 if isinstance(x0, Special) else jnp.asarray(numbers("x0", x0))
+    labels = labels_of(system, size)
     if isinstance(system, Hybrid) and iterates(system):
         reset = system.transitions[0].reset
         assert reset is not None, "lh.Hybrid wants one where nothing flows"
@@ -164,7 +167,7 @@ def continuation(
     name, value = _named(system, parameter, value, special, x0, args, options)
     require(low <= value <= high, f"{name} is {value:.6g}: it must be in over, from {low:.6g} to {high:.6g}.")
     if special is None:
-        orbit = floquet(system, jnp.asarray(x0, float), args_of(jnp.asarray(value)), transient=transient, **options)
+        orbit = floquet(system, x0.astype(float), args_of(jnp.asarray(value)), transient=transient, **options)
     else:
         orbit = special.orbit
     turns = 1 if special is None else special.turns_there
@@ -203,7 +206,8 @@ def _named_range(over) -> tuple[str | None, tuple[float, float]]:
 
 
 def _range(over) -> tuple[float, float]:
-    good = isinstance(over, tuple | list | np.ndarray) and len(over) == 2
+    good = isinstance(over, tuple | list) or (isinstance(over, np.ndarray) and over.ndim == 1)
+    good = good and len(over) == 2
     require(good, f"over must be (low, high), or {{name: (low, high)}}, the range of the parameter; got {over!r}.")
     real("low, of over,", over[0])
     real("high, of over,", over[1])
@@ -215,6 +219,7 @@ def _parameter(args, parameter: str) -> tuple[ParameterOf, float]:
     """P ↦ args, and the value of p in args."""
     require(isinstance(parameter, str), f"the parameter must be the name of an entry of args; got {parameter!r}.")
     leaf, args_of, names = parameters_of(args, [parameter.partition("[")[0]])
+    require(len(names) > 0, f"args has no numbers that over could name; got {args!r}.")
     require(parameter in names, f"over must name one number, such as {names[0]!r}; got {parameter!r}.")
     entry = names.index(parameter)
     return ParameterOf(args_of, jnp.asarray(leaf, float), entry), float(leaf[entry])

@@ -11,7 +11,20 @@ import numpy as np
 
 from ... import _renamed as renamed
 from ... import plots
-from ..._arguments import Key, Progress, attempts, positive, require, require_values, whole
+from ..._arguments import (
+    Key,
+    Progress,
+    attempts,
+    flag,
+    integers,
+    is_one_of,
+    numbers,
+    positive,
+    random_key,
+    require,
+    require_values,
+    whole,
+)
 from ..._jax.tracing import array
 from ..._text import Table
 from ...engine import preparation, problems
@@ -239,9 +252,11 @@ def bifurcation_diagram(
         whole(f"{word}, a number of periods,", length, least=1)
     require(samples <= t1, f"samples must be at most t1 = {t1}; got {samples}.")
     attempts(max_steps)
-    kinds = tuple(directions)
-    good = len(kinds) > 0 and set(kinds) <= set(START_KINDS) and len(set(kinds)) == len(kinds)
-    require(not isinstance(directions, str) and good, f"directions must be some of {START_KINDS}; got {directions!r}.")
+    flag("escape", escape)
+    random_key("key", key)
+    kinds = tuple(directions) if isinstance(directions, Sequence) and not isinstance(directions, str) else ()
+    good = len(kinds) > 0 and all(is_one_of(kind, START_KINDS) for kind in kinds) and len(set(kinds)) == len(kinds)
+    require(good, f"directions must be some of {START_KINDS}; got {directions!r}.")
     period = _unit(system, period, section)
     system = system if section is None else with_section(system, section, -1)
     given, first = _starts(x0, starts, len(values), key)
@@ -253,8 +268,7 @@ def bifurcation_diagram(
     require_values("bifurcation_diagram", problem, given, values)
     _check_parameter(problem, name, values, period, given[0], transient)
     n = problem.shape[0]
-    require(all(i in range(n) for i in angles), f"angles must be components, 0 to {n - 1}; got {angles!r}.")
-    angles = tuple(map(int, angles))
+    angles = integers("angles, which are components,", angles, 0, n - 1)
     how = schedule(name, angles, transient, t1, samples)
     random = np.asarray(given, given.dtype).reshape(len(values), -1, problem.shape[0])
     shared = _shared(problem, how, period, t0, mode, k, max_steps, random[0, 0])
@@ -271,9 +285,9 @@ def _only(over) -> tuple[str, np.ndarray]:
     good = isinstance(over, Mapping) and len(over) == 1 and isinstance(next(iter(over)), str)
     require(good, f"over must be a dictionary with one parameter, {{'beta': values}}; got {over!r}.")
     ((name, values),) = over.items()
-    values = np.asarray(values)
+    values = numbers(f"over: the values of {name!r}", values)
     good = values.ndim == 1 and len(values) > 0 and values.dtype.kind in "iuf" and bool(np.all(np.isfinite(values)))
-    require(good, f"The values of {name!r} must be finite numbers (values,); got {values!r}.")
+    require(good, f"over: the values of {name!r} must be finite numbers (values,); got {values!r}.")
     return name, values.astype(float)
 
 
@@ -282,7 +296,9 @@ def _unit(system, period, section):
     if iterates(system):
         require(section is None, "A map has no section, for it does not flow: leave section=None.")
         period = 1.0 if period is None else period
-        require(callable(period) or period == int(period), f"The period of a map must be whole; got {period!r}.")
+        if not callable(period):
+            positive("period", period)
+        require(callable(period) or float(period).is_integer(), f"The period of a map must be whole; got {period!r}.")
         return period
     require(
         (period is None) != (section is None),
@@ -296,15 +312,15 @@ def _unit(system, period, section):
 
 def _starts(x0, starts, values: int, key):
     """Starts (values · m, n), and where continuations begin (None: with the first of them)."""
-    x0 = np.asarray(x0)
+    x0 = numbers("x0", x0)
     if isinstance(starts, int) and not isinstance(starts, bool):
         whole("starts", starts, least=1)
-        box = x0.ndim == 2 and x0.shape[0] == 2 and x0.dtype.kind in "iuf"
+        box = x0.ndim == 2 and x0.shape[0] == 2 and x0.shape[1] > 0 and x0.dtype.kind in "iuf"
         require(box, f"x0 must be the two corners of a box of starts, (2, n); got shape {x0.shape}.")
         key = jax.random.key(0) if key is None else key
         drawn = np.asarray(jax.random.uniform(key, (values, starts, x0.shape[1])))
         return (x0[0] + drawn * (x0[1] - x0[0])).reshape(-1, x0.shape[1]), None
-    points = np.asarray(starts)
+    points = numbers("starts", starts)
     fits = points.ndim == 2 and len(points) > 0 and x0.ndim == 1 and points.shape[1] == x0.shape[0]
     require(
         fits and points.dtype.kind in "iuf",

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array
 
 from ... import plots
-from ..._arguments import Real, State, attempts, positive, require, require_one_start, require_values, whole
+from ..._arguments import Real, State, attempts, flag, positive, require, require_one_start, require_values, whole
 from ..._jax.tracing import array
 from ..._text import Table
 from ...engine import preparation, problems
@@ -134,6 +134,7 @@ def poincare_section(
         >>> [round(float(t / jnp.pi), 6) for t in crossings.t]
         [0.5, 2.5, 4.5]
     """
+    flag("throw", throw)
     require(
         (section is None) != (period is None),
         f"Give exactly one of section (a function) and period; got {section=} and {period=}.",

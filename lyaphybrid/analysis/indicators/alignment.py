@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array
 
 from ... import plots
-from ..._arguments import Frame, Progress, Real, State, require
+from ..._arguments import Frame, Progress, Real, State, flag, integers, require, shape
 from ..._jax.tracing import traced
 from ..._text import Table
 from ...engine.blocks import check_counts
@@ -185,11 +185,13 @@ def gali(
         >>> round(float(g.log_values[-1, 0]) / 1000, 2)  # −2 ln((3 + √5)/2), far below what a float can hold
         -1.92
     """
+    flag("throw", throw)
     check_counts(system, t1=t1, transient=transient)
-    n = degrees_of_freedom(system, np.shape(x0)[-1] if np.ndim(x0) else 1)
-    orders = tuple(range(2, min(n, 4) + 1)) if orders is None else tuple(int(k) for k in orders)
-    good = len(orders) > 0 and all(2 <= k <= n for k in orders)
-    require(good, f"orders must be numbers k with 2 ≤ k ≤ n = {n}; got {orders}.")
+    n = degrees_of_freedom(system, (shape("x0", x0) or (1,))[-1])
+    orders = tuple(range(2, min(n, 4) + 1)) if orders is None else integers("orders", orders, 2, n)
+    require(
+        len(orders) > 0, f"orders must be numbers k with 2 ≤ k ≤ n, of a state x0 of n = {n} components; got {orders}."
+    )
     found = follow(
         AlignmentObserver(), _collect, system, x0, args, k=max(orders), t1=t1, t0=t0, transient=transient, times=times,
         blocks=blocks, mode=mode, frame=frame, method=discrete("gali", method), every=every, max_steps=max_steps,
@@ -256,6 +258,7 @@ def sali(
         >>> lh.sali(cat, [0.1, 0.2], t1=100).verdict.kind
         'chaotic'
     """
+    flag("throw", throw)
     found = gali(
         system, x0, args, t1=t1, orders=(2,), times=times, t0=t0, transient=transient, mode=mode, frame=frame,
         method=method, every=every, blocks=blocks, max_steps=max_steps, progress=progress, throw=throw,

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array
 
 from ... import plots
-from ..._arguments import Frame, Progress, Real, State, positive, require_one_start, whole
+from ..._arguments import Frame, Progress, Real, State, flag, positive, require_one_start, shape, whole
 from ..._jax.engines import compiled
 from ..._text import UNIT, Table, numbered
 from ...engine.blocks import check_counts
@@ -207,11 +207,12 @@ def covariant_vectors(
         >>> round(float(jnp.rad2deg(found.angles[0, 0])), 8)
         73.89788625
     """
+    flag("throw", throw)
     whole("blocks", blocks, least=2)
     positive("t1, a length,", t1)
     check_counts(system, t1=t1, transient=transient, settle=settle)
-    n = np.shape(x0)[-1] if np.ndim(x0) else 1
     require_one_start("covariant_vectors", x0)
+    n = shape("x0", x0)[-1]
     number = degrees_of_freedom(system, n) if k is None else k
     whole("k", number, least=1)
     transient, settle = (0.5 * t1 if length is None else length for length in (transient, settle))

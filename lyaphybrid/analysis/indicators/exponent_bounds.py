@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Array
 
 from ... import plots
-from ..._arguments import Progress, Real, State, positive, require, require_one_start, require_values
+from ..._arguments import Progress, Real, State, flag, positive, require, require_one_start, require_values
 from ..._text import UNIT, Table, numbered
 from ...engine.blocks import check_counts
 from ...engine.states import Orthonormalisation, StepState
@@ -230,6 +230,7 @@ def exponent_bounds(
         >>> bool(abs(found.exponents[0] - 1.0) < found.bound[0] < 1e-4)
         True
     """
+    flag("throw", throw)
     require(isinstance(system, Flow | Map), f"exponent_bounds needs an lh.Flow, lh.DAE or lh.Map; got {system!r}.")
     require_one_start("exponent_bounds", x0)
     require_values("exponent_bounds", x0, args, t1, t0, transient, local_error, method)

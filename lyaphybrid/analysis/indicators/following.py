@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from ..._arguments import attempts, require, whole
+from ..._arguments import attempts, numbers, require, whole
 from ..._jax.tracing import array, traced
 from ..._linalg import frames
 from ..._text import Table
@@ -137,7 +137,7 @@ def start_frame(system, t0, x0, args, k: int):
 
 def unit_columns(frame, n, k, dtype):
     """The user's vectors, normalised: indicators are defined for unit vectors."""
-    frame = jnp.asarray(frame, dtype)
+    frame = jnp.asarray(numbers("frame", frame, dtype))
     require(frame.shape == (n, k), f"frame must have shape (n, k) = ({n}, {k}); got {frame.shape}.")
     return frame / jnp.linalg.norm(frame, axis=0, keepdims=True)
 

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array
 
 from ... import plots
-from ..._arguments import Frame, Progress, Real, State, require
+from ..._arguments import Frame, Progress, Real, State, flag, require
 from ..._jax.precision import nonzero
 from ..._jax.tracing import traced
 from ..._text import Table
@@ -188,6 +188,7 @@ def megno(
         >>> found.verdict.kind, round(float(found.mean[-1]), 1)
         ('regular', 2.0)
     """
+    flag("throw", throw)
     return _grown(
         "MEGNO", False, system, x0, args, throw, t1=t1, times=times, t0=t0, transient=transient, mode=mode,
         frame=frame, method=method, blocks=blocks, max_steps=max_steps, progress=progress,
@@ -247,6 +248,7 @@ def fli(
         >>> lh.fli(cat, [0.1, 0.2], t1=1000).verdict.kind
         'chaotic'
     """
+    flag("throw", throw)
     return _grown(
         "FLI", False, system, x0, args, throw, t1=t1, times=times, t0=t0, transient=transient, mode=mode,
         frame=frame, method=method, blocks=blocks, max_steps=max_steps, progress=progress,
@@ -307,6 +309,7 @@ def ofli(
         >>> lh.ofli(pendulum, [0.5, 0.0], t1=2000.0, method=lh.Symplectic("ABA864", dt=0.2)).verdict.kind
         'regular'
     """
+    flag("throw", throw)
     flows = isinstance(system, Flow) or (isinstance(system, Hybrid) and not iterates(system))
     require(flows, f"ofli looks across the flow: it needs an lh.Flow or an lh.Hybrid with fields; got {system!r}.")
     return _grown(

@@ -15,7 +15,7 @@ from jaxtyping import Array
 
 from ... import _renamed as renamed
 from ... import plots
-from ..._arguments import Frame, Progress, Real, State, positive, require, require_one_start
+from ..._arguments import Frame, Progress, Real, State, flag, positive, real, require, require_one_start
 from ..._text import UNIT, Table, numbered
 from ...integrators.base import Method
 from ...results.result import Data, RunResult, exponents_along
@@ -27,6 +27,7 @@ from ..spectra import lyapunov_spectrum
 
 __all__ = ["SpectralIntervals", "spectral_intervals"]
 
+MOST_PIECES = 1e8  # into which a run may be cut: their growth is kept
 STARTS_PER_WINDOW = 64  # extremes are off by about its inverse square of the change within a window
 
 
@@ -169,9 +170,13 @@ def spectral_intervals(
         >>> found.separated, round(float(found.steklov[0]), 6)
         (True, 3.0)
     """
+    flag("throw", throw)
     require_one_start("spectral_intervals", x0)
     positive("t1, a length,", t1)
     positive("window", window)
+    real("tau", tau)
+    pieces = STARTS_PER_WINDOW * float(t1) / float(window)
+    require(pieces <= MOST_PIECES, f"window must be at least {STARTS_PER_WINDOW / MOST_PIECES:.2g} t1; got {window!r}.")
     length, window, tau = float(t1), float(window), float(tau)
     require(window <= length, f"window must be at most t1 = {length:g}; got {window:g}.")
     require(0 <= tau < length, f"tau must be in [0, t1) = [0, {length:g}); got {tau:g}.")

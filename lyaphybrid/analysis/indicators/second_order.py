@@ -5,13 +5,15 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from ..._arguments import Frame, Progress, Real, State, require
+from ..._arguments import Frame, Progress, Real, State, flag, require
+from ..._jax.tracing import traced
 from ...engine import preparation
 from ...integrators import TangentHamiltonian
 from ...integrators.base import Method
 from ...integrators.second_variations import SecondVariation, VariedField, highest_of, started
 from ...systems.daes.semi_linear import DAE
 from ...systems.smooth import Flow
+from ...systems.validation import check_functions
 from .following import follow, generic_frame, unit_columns, verdict_of
 from .growth import IndicatorResult
 
@@ -74,11 +76,13 @@ def ofli2(
         >>> round(float(found.values[-1]), 6)
         1000.0
     """
+    flag("throw", throw)
     smooth = isinstance(system, Flow) and not isinstance(system, DAE)
     require(smooth, f"ofli2 takes two derivatives of a flow: it needs an lh.Flow or lh.Hamiltonian; got {system!r}.")
     good = not isinstance(method, TangentHamiltonian)
     require(good, "ofli2 differentiates the step itself, which lh.TangentHamiltonian does not: take lh.Symplectic.")
     problem, x0, t0, _ = preparation.prepare(system, x0, args, t0, method, None)
+    check_functions(system, jax.ShapeDtypeStruct(problem.shape, x0.dtype), problem.args)
 
     def start(x):
         f = system.field(t0, x, problem.args)
@@ -86,8 +90,13 @@ def ofli2(
 
     n = x0.shape[-1]
     given = None if frame is None else unit_columns(frame, n, 1, x0.dtype)[:, 0]
+    varied = jax.vmap(start)(x0) if x0.ndim == 2 else start(x0)
+    moving = traced(varied) or bool(jnp.all(jnp.isfinite(varied)))
+    require(
+        moving, f"The field and its derivative must be finite at x0, for these args; got {varied} and args {args!r}."
+    )
     found = follow(
-        None, _highest, Flow(VariedField(system.field)), jax.vmap(start)(x0) if x0.ndim == 2 else start(x0), args, k=0,
+        None, _highest, Flow(VariedField(system.field)), varied, args, k=0,
         t1=t1, t0=t0, transient=0.0, times=times, blocks=blocks, mode=None, frame=None,
         method=SecondVariation(problem.method), max_steps=max_steps, progress=progress,
     )  # fmt: skip

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Array
 
 from ... import plots
-from ..._arguments import Progress, Real, State, Times, require_one_start, require_values, whole
+from ..._arguments import Progress, Real, State, Times, flag, require_one_start, require_values, whole
 from ..._linalg.frames import orthonormalise
 from ..._text import UNIT, Table, numbered
 from ...engine.blocks import check_counts
@@ -234,6 +234,7 @@ def svd_spectrum(
         >>> [round(float(value), 3) for value in found.exponents - found.error * jnp.array([1, -1])]
         [0.693, -0.693]
     """
+    flag("throw", throw)
     require_one_start("svd_spectrum", x0)
     require_values("svd_spectrum", x0, args, t1, t0, transient)
     check_counts(system, t1=t1, transient=transient)

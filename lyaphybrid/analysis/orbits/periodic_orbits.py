@@ -15,7 +15,7 @@ from jaxtyping import Array
 
 from ... import _renamed as renamed
 from ... import plots
-from ..._arguments import Real, State, positive, real, require, require_one_start, require_values, whole
+from ..._arguments import Real, State, flag, positive, real, require, require_one_start, require_values, whole
 from ..._jax.precision import digits
 from ..._text import Table
 from ...engine import preparation, problems
@@ -38,6 +38,7 @@ from .symmetries import symmetry_of
 
 __all__ = ["CONVERGED", "Floquet", "floquet", "floquet_of", "in_any_case", "require_period"]
 
+MOST_ITERATES = 1e8  # of a map before the search: they are kept
 CONVERGED = 1e-9  # residual, relative to the orbit, that a periodic orbit must reach
 # M f = f must hold to this relative tolerance; it fails by about |f| where there is no orbit ….
 FLOW_DIRECTION_KEPT = 1e-6
@@ -220,6 +221,7 @@ def floquet(
         >>> round(lh.floquet(pendulum, [0.0, 3.0], conserve=True, modulo=lambda x: x + turn).period, 6)
         2.41289
     """
+    flag("throw", throw)
     kinds = Flow | Hybrid | Map | EventDriven
     require(
         isinstance(system, kinds), f"floquet needs an lh.Flow, lh.Hybrid, lh.Map or lh.EventDriven; got {system!r}."
@@ -245,6 +247,8 @@ def floquet(
     period = period(args) if callable(period) else period
     require_period(flow, period, point)
     real("transient, a length,", transient)
+    few = not discrete or transient <= MOST_ITERATES
+    require(few, f"transient must be at most {MOST_ITERATES:g} iterations; got {transient!r}.")
     try:
         found = _orbit_near(flow, point, period, transient, segments, max_iterations, throw, conserve)
         return dataclasses.replace(found, state_labels=labels_of(system, problem.shape))

@@ -6,8 +6,10 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from ..._arguments import flag
 from ..._jax.engines import compiled
 from ...engine import beginning, binding, loop, preparation, problems
+from ...engine.preparation import method_for
 from ...integrators import RungeKutta
 from ...integrators.base import Method
 from ...statuses import STATUS
@@ -59,11 +61,12 @@ def return_map(system: Hybrid, transition: int = 0, *, with_time: bool = False, 
     count = len(system.transitions)
     if isinstance(transition, bool) or not isinstance(transition, int | np.integer) or not 0 <= transition < count:
         raise ValueError(f"transition must be an index from 0 to {count - 1}; got {transition!r}.")
-    method = RungeKutta(rtol=1e-12, atol=1e-14) if method is None else method
+    flag("with_time", with_time)
+    method = method_for(system, RungeKutta(rtol=1e-12, atol=1e-14) if method is None else method)
     mode = _mode_after(system, int(transition))
     names = None if system.names is None else (*system.names, "t") if with_time else system.names
     units = None if system.units is None or with_time else system.units
-    return Map(_Return(unlabelled(system), method, int(transition), mode, with_time), names=names, units=units)
+    return Map(_Return(unlabelled(system), method, int(transition), mode, bool(with_time)), names=names, units=units)
 
 
 def _mode_after(system: Hybrid, index: int) -> int | None:

@@ -12,7 +12,7 @@ import optax
 
 from ... import _renamed as renamed
 from ... import plots
-from ..._arguments import Real, State, positive, require, require_values, whole
+from ..._arguments import Real, State, numbers, positive, random_key, require, require_values, whole, words
 from ..._text import Table, numbered, with_error
 from ...engine.blocks import part_of
 from ...engine.host.reporting import reporter
@@ -197,9 +197,10 @@ def design(
     require_values("design", x0, args)
     positive("t1, a length,", t1)
     whole("steps", steps, least=1)
-    over = {over: None} if isinstance(over, str) else over if isinstance(over, Mapping) else dict.fromkeys(over)
-    names = tuple(over)
-    goal = None if callable(target) else np.atleast_1d(np.asarray(target, float))
+    random_key("key", key)
+    over = over if isinstance(over, Mapping) else dict.fromkeys(words("over", over))
+    names, x0 = tuple(over), x0 if callable(x0) else jnp.asarray(numbers("x0", x0, float))
+    goal = None if callable(target) else np.atleast_1d(numbers("target", target, float))
     if goal is not None:
         good = goal.ndim == 1 and bool(np.all(np.isfinite(goal)))
         require(good, f"target must be a number, a sequence of them, or a function; got {target!r}.")
@@ -208,8 +209,7 @@ def design(
     case = case_of(system, x0, args, k or 0, {}, names)
     limits, first = bounds_of(case, over), case.theta
     alone = {"t0": t0, "mode": mode, "clock": clock, "method": method}
-    history: list[np.ndarray] = []
-    report = reporter(progress)
+    history, report = list[np.ndarray](), reporter(progress)
 
     def noted(point: DesignPoint) -> DesignPoint:
         history.append(np.concatenate([point.theta, point.value]))

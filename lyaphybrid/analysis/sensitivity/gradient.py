@@ -10,7 +10,20 @@ import numpy as np
 
 from ... import _renamed as renamed
 from ... import plots
-from ..._arguments import Real, State, positive, real, require, require_values, whole
+from ..._arguments import (
+    Real,
+    State,
+    is_one_of,
+    numbers,
+    parameters,
+    positive,
+    random_key,
+    real,
+    require,
+    require_values,
+    whole,
+    words,
+)
 from ..._text import Table, numbered, with_error
 from ...engine import preparation
 from ...engine.blocks import check_counts, part_of
@@ -21,6 +34,7 @@ from ...systems.daes.semi_linear import degrees_of_freedom
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
 from ...systems.smooth import Flow, Map
+from ...systems.validation import check_functions
 from ..orbits.periods import check_period
 from .birkhoff import by_birkhoff
 from .equilibria import by_equilibrium
@@ -228,8 +242,9 @@ def lyapunov_gradient(
         >>> found.algorithm, found.trust, round(float(found.gradient[0]), 6)
         ('implicit', True, 1.111111)
     """
-    require(algorithm in ALGORITHMS, f"algorithm must be one of {ALGORITHMS}; got {algorithm!r}.")
-    over = (over,) if isinstance(over, str) else over
+    require(is_one_of(algorithm, ALGORITHMS), f"algorithm must be one of {ALGORITHMS}; got {algorithm!r}.")
+    over = None if over is None else words("over", over)
+    random_key("key", key)
     require_values("lyapunov_gradient", x0, args, t0)
     positive("t1, a length,", t1)
     real("t0", t0)
@@ -237,8 +252,13 @@ def lyapunov_gradient(
     real("transient, a length,", transient)
     require(float(np.asarray(transient)) >= 0, f"transient, a length, must not be negative; got {transient!r}.")
     check_counts(system, clock, t1=t1, transient=transient)
-    start = x0 if callable(x0) else jnp.asarray(x0, float)
-    most = degrees_of_freedom(system, jnp.asarray(x0(args) if callable(x0) else x0).size)
+    args = jax.tree.map(lambda leaf: parameters("args", leaf), args)
+    start = x0 if callable(x0) else jnp.asarray(numbers("x0", x0, float))
+    most = degrees_of_freedom(system, jnp.asarray(x0(args) if callable(x0) else start).size)
+    if not callable(x0) and isinstance(system, Flow | Map | Hybrid | EventDriven) and start.ndim == 1:
+        check_functions(
+            system, jax.ShapeDtypeStruct(start.shape, start.dtype), preparation.as_arrays(args, start.dtype)
+        )
     if k is not None:
         whole("k", k, least=1)
         require(k <= most, f"k must be at most {most}; got {k}.")

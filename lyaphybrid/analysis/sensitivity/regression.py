@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import special
 
-from ..._arguments import require, whole
+from ..._arguments import numbers, require, whole
 from ...engine.host.lanes import map_lanes
 from ...statuses import STATUS
 from ...systems.kinds import iterates
@@ -119,7 +119,7 @@ def _estimate_of_all(judged: list["WindowEstimate"], half, lost: float, reasons:
 
 def _half_widths(case: ExponentFunction, window) -> np.ndarray:
     """The half widths (p,) of the window."""
-    given = np.asarray(window, float)
+    given = numbers("window", window, float)
     require(bool(np.all(np.isfinite(given)) and np.all(given > 0)), f"window must be positive; got {window!r}.")
     if given.ndim:
         require(

@@ -7,10 +7,13 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
+from ..._arguments import require
 from ..._jax.columns import each_column
 from ..._jax.precision import digits
+from ..._jax.tracing import traced
 from ..._linalg import frames
 from ...events.saltations import event_time_shifts, pushforward, to_reference_time
 from ...statuses import STATUS
@@ -225,6 +228,12 @@ def since_after(settings: Settings, clock: Clock, c: StepState, dt, real, may_lo
 
 def integers(which):
     """The label of an event with entries of type int32."""
+    for leaf in jax.tree.leaves(which):
+        if not traced(leaf):
+            good = not isinstance(leaf, bool) and jnp.issubdtype(getattr(leaf, "dtype", type(leaf)), jnp.integer)
+            require(good, f"which must be an integer, or a pytree of integers; got {which!r}.")
+            fits = np.all(np.abs(np.asarray(leaf, object)) <= jnp.iinfo(jnp.int32).max)
+            require(bool(fits), f"which must fit into 32 bits; got {which!r}.")
     return jax.tree.map(lambda leaf: jnp.asarray(leaf).astype(jnp.int32), which)
 
 

@@ -14,6 +14,7 @@ from ...statuses import STATUS
 from ..orthonormalising import orthonormalise_and_accumulate
 from ..states import Clock, Settings, StepState, added, select, stop
 from .cascade import CascadeState, in_each_order, orthonormalises
+from .grazing import hardly_crosses
 from .trials import (
     ALONE,
     NEAR,
@@ -44,6 +45,7 @@ def apply_event(evolver, settings: Settings, clock: Clock, c: StepState, tr: Tri
     """Handle a trial that ends at an event: polish the root, apply the cascade, orthonormalise, arm the guards."""
     solver, w = c.solver_state, evolver.hybrid
     mode = jnp.asarray(0, jnp.int32) if solver.mode is None else solver.mode
+    unsure = hardly_crosses(evolver, c, clock, tr)
     moved = evolver.commit(settings, c, tr.h, tr.x, evolver.landed(c, clock, tr))
     lands, at_once = _at_root(evolver, solver, tr), False
     if evolver.may_not_flow:  # a jump may follow the last one, or the start, without a flow
@@ -76,7 +78,8 @@ def apply_event(evolver, settings: Settings, clock: Clock, c: StepState, tr: Tri
         transition = jnp.where(ticking, clocks[tr.tick], transition)
         which = jnp.where(ticking, 0, which)
     event = transition, which, jnp.where(ticking, -1, guard_index)
-    crossed = _apply_cascade(evolver, settings, clock, c, mode, event, allowed & ~jnp.asarray(at_once), at_once, tr.h)
+    together = allowed & ~jnp.asarray(at_once)
+    crossed = _apply_cascade(evolver, settings, clock, c, mode, event, together, at_once, tr.h, unsure)
     crossed = _to_end(evolver, clock, _keep_clocks(evolver, clock, crossed, tr, ticking))
     return select(blocked, stop(c, STATUS.deadlock), crossed)
 
@@ -197,7 +200,7 @@ def _time_since_event(c: StepState, last_step):
 
 
 def _apply_cascade(
-    evolver, settings, clock: Clock, c: StepState, mode, event, together, at_once, last_step
+    evolver, settings, clock: Clock, c: StepState, mode, event, together, at_once, last_step, unsure
 ) -> StepState:
     """Apply the cascade that the event starts; then orthonormalise and store the armed guards."""
     guard_index = event[2]
@@ -242,7 +245,8 @@ def _apply_cascade(
         hidden = digits(frames.DEPENDENT, c.x) * terms * landing.speed
         doubtful = jnp.any(c.losses > losses) & (speed > 0) & (speed < hidden)
     guard = jnp.where(guard_index < 0, -1, guard_index + evolver.hybrid.slots * mode)
-    c = _store_event(evolver, c, landing, clock, guard, doubtful, last_step)
+    grazing = (landing.transversality < GRAZING) | ((guard_index >= 0) & unsure[guard_index] & _bends(landing))
+    c = _store_event(evolver, c, landing, clock, guard, (grazing, doubtful), last_step)
     c = stop(c, STATUS.terminated, landing.terminal)
     c = stop(c, STATUS.deadlock, landing.stuck)
     finite = jnp.all(jnp.isfinite(c.x)) & jnp.all(jnp.isfinite(c.frame))
@@ -250,6 +254,13 @@ def _apply_cascade(
     # Where jumps are counted the run goes on through an endless cascade, and stops if the cascade ends after all.
     ends = landing.alone & ~landing.more if evolver.per_jump else landing.count > evolver.max_cascade
     return stop(c, STATUS.zeno, ends)
+
+
+def _bends(landing: CascadeState):
+    """Whether the flow afterwards differs from the one before, seen through the reset: else S is Dg at any rate."""
+    through = landing.moves.direction
+    size = jnp.maximum(jnp.max(jnp.abs(through)), jnp.max(jnp.abs(landing.f)))
+    return jnp.max(jnp.abs(through - landing.f)) > digits(1e-9, size) * size
 
 
 def _keep_clocks(evolver, clock: Clock, c: StepState, tr: Trial, ticking) -> StepState:
@@ -264,8 +275,12 @@ def _keep_clocks(evolver, clock: Clock, c: StepState, tr: Trial, ticking) -> Ste
     return changed(c, ticks=number)
 
 
-def _store_event(evolver, c: StepState, landing: CascadeState, clock: Clock, guard, doubtful, last_step) -> StepState:
-    """Update `Memory`: intervals between events (Zeno), transversality, notes. `guard` counts over all modes."""
+def _store_event(evolver, c: StepState, landing: CascadeState, clock: Clock, guard, seen, last_step) -> StepState:
+    """Update `Memory`: intervals between events (Zeno), transversality, notes; `seen`: whether grazing, doubtful.
+
+    `guard` counts over all modes.
+    """
+    grazing, doubtful = seen
     m, first = Memory(*c.solver_state.memory), guard.astype(c.x.dtype)
     interval = _time_since_event(c, last_step) if evolver.per_jump else c.s - m.last
     longest = jnp.maximum(m.longest, interval)
@@ -290,7 +305,7 @@ def _store_event(evolver, c: StepState, landing: CascadeState, clock: Clock, gua
         longest,
         streak,
         jnp.minimum(m.transversality, landing.transversality),
-        jnp.maximum(m.grazing, (landing.transversality < GRAZING).astype(c.x.dtype)),
+        jnp.maximum(m.grazing, grazing.astype(c.x.dtype)),
         jnp.maximum(m.simultaneous, landing.together.astype(c.x.dtype)),
         jnp.where(zeno, ahead, m.accumulation),
         first,

@@ -17,12 +17,13 @@ from ..._jax.jaxprs import is_affine, is_timeless
 from ..._jax.precision import GUARD_ROUNDING, digits
 from ..._jax.reverse_mode import checkpointed
 from ...events.compiled_hybrid import CompiledHybrid, by_mode
-from ...events.roots import arm, rates, to_arm
+from ...events.roots import arm, to_arm
 from ...integrators.base import Field, Method, Step
 from ...statuses import STATUS
 from ..states import Clock, ErrorObserver, Settings, StepState, added, stop
 from ..waiting import EVER, LONGEST_STEP
 from .constraints import OnConstraints
+from .grazing import nearly_crosses
 from .landing import apply_event
 from .step_sizes import cut_at_end, first_step, goes_nowhere, next_step, unresolved, until_ticks
 from .trials import (
@@ -40,7 +41,6 @@ from .trials import (
     changed,
     finds,
     firing,
-    grazes,
     hides,
     is_beyond,
     next_bracket,
@@ -50,6 +50,7 @@ from .trials import (
     stays,
     suspects,
     table,
+    trial_in,
 )
 
 __all__ = ["Stepping", "are_nonlinear", "are_timeless"]
@@ -231,26 +232,15 @@ class Stepping(OnConstraints):
             return ()
         h, final, tick = self._length(c, clock, bracket)
 
-        def trial(q):
-            def of_mode(t, x, f, h):
-                step = self._alike(self.method.step(w.fields[q], t, x, f, h), x)
-                ratio = jax.lax.stop_gradient(self.method.state_ratio(step, x)) if self.rejects else None
-                if not self.has_events:
-                    return step._replace(stage_slopes=()), ratio, None, None, ()
-                at = w.calls.once(functools.partial(rates, w.guards[q]), "rates", w.guards[q])
-                g, rate = at(t + h, step.x, step.f)
-                inside = [at(*sample)[1] for sample in self.method.samples(w.fields[q], t, h, step)]
-                return step._replace(stage_slopes=()), ratio, g, rate, inside
-
-            return w.calls.once(of_mode, "trial", self.method, w.fields[q], w.guards[q] if w.guards else None)
-
-        step, ratio, g, rate, inside = by_mode(solver.mode, [trial(q) for q in range(w.modes)], t, c.x, solver.f, h)
+        step, ratio, g, rate, inside = by_mode(
+            solver.mode, [trial_in(self, q) for q in range(w.modes)], t, c.x, solver.f, h
+        )
         stage_points = step.stage_points if self.revisits and c.frame.shape[1] else ()
         f = step.f if self.has_events or self.method.takes_slope else solver.f  # so that an unused step.f is dropped
         tr = Trial(None, h, step.x, f, ratio, final, g, rate, None, tick, stage_points)
         return self._judge(c, clock, tr, inside, bracket)
 
-    def _alike(self, step: Step, x) -> Step:
+    def alike(self, step: Step, x) -> Step:
         """Pad the stage points, so that they have the same shape in all modes."""
         if not (self.has_events and self.revisits):
             return step
@@ -419,7 +409,8 @@ class Stepping(OnConstraints):
             tr = self.propose_step(c, clock, bracket)
             assert isinstance(tr, Trial), "a plain flow does not come here"
             seen = Memory._fields.index("grazing")
-            memory = c.solver_state.memory.at[seen].max(grazes(self, c.solver_state, tr, bracket).astype(c.x.dtype))
+            close = nearly_crosses(self, c, clock, tr, bracket)
+            memory = c.solver_state.memory.at[seen].max(close.astype(c.x.dtype))
             return changed(c, memory=memory), tr, bracket
 
         if self.always_regular:

@@ -10,7 +10,7 @@ from jaxtyping import Array
 
 from ..._jax.precision import GUARD_ROUNDING, digits, is_short, nonzero
 from ...events.compiled_hybrid import by_mode
-from ...events.roots import cubic, hermite_root, rounding, turning_point
+from ...events.roots import cubic, hermite_root, rates, rounding, turning_point
 from ...events.turns import clear, hidden
 from ..states import StepState
 
@@ -18,7 +18,6 @@ REJECT, ADVANCE, LOCATE, LAND, FAIL, NONE = range(6)  # cases of a trial; NONE: 
 
 NEAR = 1e-6  # a trial lands if the root is closer than this, relative to the controller's step
 GUARD_RESOLUTION = 0.02  # largest relative error of a guard's cubic interpolant in the middle of a step
-TURNED, NEARLY = 1e-3, 10.0  # a guard grazes if its rate falls below this part, within so many tolerances of zero
 ALONE, FIRST = 1.0, 2.0  # jumps without a flow before: in a cascade without end; from a start outside the flow set
 STRAIGHT = 0.01  # a guard that bends by less than this part of its tolerance counts as straight
 PATIENCE = 30  # trials to locate one event before landing is forced
@@ -131,22 +130,43 @@ def changed(c: StepState, **changes) -> StepState:
     return c._replace(solver_state=c.solver_state._replace(**changes))
 
 
+def trial_in(evolver, q: int):
+    """Of mode q: (t, x, f, h) -> step, error over tolerance, guards, their rates at the end and inside."""
+    w, method = evolver.hybrid, evolver.method
+
+    def of_mode(t, x, f, h):
+        step = evolver.alike(method.step(w.fields[q], t, x, f, h), x)
+        ratio = jax.lax.stop_gradient(method.state_ratio(step, x)) if evolver.rejects else None
+        if not evolver.has_events:
+            return step._replace(stage_slopes=()), ratio, None, None, ()
+        at = w.calls.once(functools.partial(rates, w.guards[q]), "rates", w.guards[q])
+        g, rate = at(t + h, step.x, step.f)
+        inside = [at(*sample)[1] for sample in method.samples(w.fields[q], t, h, step)]
+        return step._replace(stage_slopes=()), ratio, g, rate, inside
+
+    return w.calls.once(of_mode, "trial", method, w.fields[q], w.guards[q] if w.guards else None)
+
+
 def resolve(evolver, solver: SolverState, tr: Trial, inside) -> Trial:
     """Add the error of each guard's cubic interpolant to the step's error ratio: it must be small to detect events."""
     if not evolver.rejects:
         return tr
-    # The error of the cubic is proportional to θ²(1-θ)², that of its slope to the derivative of this, which is largest
-    # at (3 ± √3)/6 of the step.
-    shares = [abs(32 * theta * (1 - theta) * (1 - 2 * theta)) for theta in evolver.method.sample_fractions]
-    best = max(range(len(shares)), key=lambda i: (round(shares[i], 9), i))  # of two the later stage: it is more exact
-    d0, d1 = tr.h * solver.rate, tr.h * tr.rate
-    slope = cubic(evolver.method.sample_fractions[best], solver.g, d0, tr.g, d1)[1]
-    miss = jnp.abs(tr.h * inside[best] - slope) / shares[best]
-    size = jnp.abs(solver.g) + jnp.abs(tr.g) + 0.25 * (jnp.abs(d0) + jnp.abs(d1))
+    miss = interpolation_errors(evolver, solver, tr.g, tr.rate, tr.h, inside)
+    size = jnp.abs(solver.g) + jnp.abs(tr.g) + 0.25 * tr.h * (jnp.abs(solver.rate) + jnp.abs(tr.rate))
     # A guard that is within rounding of zero during the whole step cannot be resolved.
     hidden = jnp.where(size <= solver.guard_tolerance, solver.guard_tolerance, 0.0)
     allowed = GUARD_RESOLUTION * size + 1e3 * evolver.method.atol + hidden
     return tr._replace(miss=miss, ratio=jnp.maximum(tr.ratio, jax.lax.stop_gradient(jnp.max(miss / allowed))))
+
+
+def interpolation_errors(evolver, solver: SolverState, g, rate, h, inside):
+    """(slots,) errors of the guards' cubic interpolants in the middle of a step of length h, from a slope inside."""
+    # The error of the cubic is proportional to θ²(1-θ)², that of its slope to the derivative of this, which is largest
+    # at (3 ± √3)/6 of the step.
+    shares = [abs(32 * theta * (1 - theta) * (1 - 2 * theta)) for theta in evolver.method.sample_fractions]
+    best = max(range(len(shares)), key=lambda i: (round(shares[i], 9), i))  # of two the later stage: it is more exact
+    slope = cubic(evolver.method.sample_fractions[best], solver.g, h * solver.rate, g, h * rate)[1]
+    return jnp.abs(h * inside[best] - slope) / shares[best]
 
 
 def firing(evolver, solver: SolverState):
@@ -219,7 +239,7 @@ def read_signs(evolver, solver: SolverState, tr: Trial, bracket: RootBracket) ->
     extreme, _ = cubic(theta, solver.g, d0, tr.g, d1)
     drop = jnp.minimum(jnp.abs(solver.g - extreme), jnp.abs(tr.g - extreme))
     none = digits(1e-9, theta)
-    doubt = 0.2 * drop + 64.0 * (theta * (1 - theta)) ** 2 * miss(tr)
+    doubt = 0.2 * drop + 64.0 * (theta * (1 - theta)) ** 2 * miss(tr) + _tolerance(evolver, solver.guard_tolerance)
     turn = turns & (solver.guard_sign * extreme <= doubt) & (theta > none) & (theta < 1 - none)
     ahead = -tr.g / jnp.where(tr.rate == 0, nonzero(1e-300, tr.rate), tr.rate)
     close = fires & (solver.guard_sign * tr.rate < 0) & (jnp.abs(ahead) <= digits(NEAR, ahead) * solver.h)
@@ -227,15 +247,6 @@ def read_signs(evolver, solver: SolverState, tr: Trial, bracket: RootBracket) ->
     lands = close & ((bracket.guard_index >= 0) | jnp.any(crossed))
     lands = lands | ((bracket.tries > PATIENCE) & (crossed | aimed))
     return Signs(crossed, turn, theta, lands, ahead)
-
-
-def grazes(evolver, solver: SolverState, tr: Trial, bracket: RootBracket):
-    """Whether a trial was cut at an extremum of a guard that misses zero by less than the tolerance."""
-    bend = (tr.rate - solver.rate) / tr.h
-    least = solver.guard_sign * (tr.g - 0.5 * tr.rate**2 / jnp.where(bend == 0, nonzero(1e-300, bend), bend))
-    turned = (solver.guard_sign * solver.rate < 0) & (jnp.abs(tr.rate) <= TURNED * jnp.abs(solver.rate))
-    close = firing(evolver, solver) & turned & (jnp.abs(least) <= NEARLY * _tolerance(evolver, solver.guard_tolerance))
-    return (tr.case == ADVANCE) & (bracket.tries > 0) & (bracket.guard_index < 0) & jnp.any(close)
 
 
 def pending(solver: SolverState):

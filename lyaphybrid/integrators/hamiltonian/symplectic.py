@@ -11,7 +11,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ..._arguments import positive, require
+from ..._arguments import is_one_of, positive, require
 from ..._jax.columns import each_column
 from ..._jax.jaxprs import jacobian
 from ..._linalg.frames import log_abs_det
@@ -83,7 +83,7 @@ class Symplectic(Composition):
     dt: Any
 
     def __init__(self, scheme: str = "SRKN11b", dt: Any = None):
-        require(scheme in SCHEMES, f"Unknown scheme {scheme!r}; the schemes are {', '.join(SCHEMES)}.")
+        require(is_one_of(scheme, SCHEMES), f"Unknown scheme {scheme!r}; the schemes are {', '.join(SCHEMES)}.")
         require(dt is not None, f"A symplectic scheme needs its step: lh.Symplectic({scheme!r}, dt=…).")
         positive("dt", dt)
         self.scheme, self.dt = scheme, dt

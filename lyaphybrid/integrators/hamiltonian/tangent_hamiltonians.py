@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import jax.scipy.linalg
 
-from ..._arguments import positive, require
+from ..._arguments import is_one_of, positive, require
 from ..._jax.columns import each_column
 from ..._jax.tracing import traced
 from ...systems.hamiltonians import halves
@@ -76,7 +76,7 @@ class TangentHamiltonian(Composition):
     orbit: Any
 
     def __init__(self, variant: str, dt: Any, orbit: Method | None = None):
-        require(variant in VARIANTS, f"Unknown variant {variant!r}; the variants are {', '.join(VARIANTS)}.")
+        require(is_one_of(variant, VARIANTS), f"Unknown variant {variant!r}; the variants are {', '.join(VARIANTS)}.")
         positive("dt", dt)
         self.variant, self.dt = variant, dt
         own = dt / self.stage_count

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..._arguments import require
+from ..._arguments import is_one_of, require
 from ..._jax.columns import linear_at
 from ..._linalg.linear_systems import matmul
 from ...systems.daes.eliminations import Eliminated
@@ -261,5 +261,5 @@ class ESDIRK(StageByStage):
 
 
 def _check(rtol, control, tableau, known) -> None:
-    require(tableau in known, f"Unknown tableau {tableau!r}; the tableaux are {', '.join(known)}.")
+    require(is_one_of(tableau, known), f"Unknown tableau {tableau!r}; the tableaux are {', '.join(known)}.")
     check_control(rtol, control)

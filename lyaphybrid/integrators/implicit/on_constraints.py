@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 import equinox as eqx
 import jax.numpy as jnp
 
-from ..._arguments import positive, require
+from ..._arguments import is_one_of, positive, require
 from ..._jax.precision import nonzero
 from ..base import Controller, Field, Method, Step
 from ..runge_kutta import hermite
@@ -61,5 +61,8 @@ class ConstrainedMethod(Method):
 
 def check_control(rtol, control) -> None:
     """Raise a ValueError on a tolerance or a control that does not fit."""
-    require(control in ("x", "xY"), f"control must be 'xY' (state and frame) or 'x' (state alone); got {control!r}.")
+    require(
+        is_one_of(control, ("x", "xY")),
+        f"control must be 'xY' (state and frame) or 'x' (state alone); got {control!r}.",
+    )
     positive("rtol", rtol)

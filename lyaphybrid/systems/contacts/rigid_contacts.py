@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from ..._arguments import is_number, numbers
 from ..._jax.tracing import traced
 
 __all__ = ["impact"]
@@ -117,18 +118,16 @@ def _constant_mass(mass) -> Callable:
 
 def _check_mass(mass) -> None:
     wanted = "mass_matrix must be a function (t, x, args) -> (m, m), a symmetric positive definite matrix or a number"
-    values = np.asarray(mass)
+    values = numbers("mass_matrix", mass)
     square = values.ndim == 0 or (values.ndim == 2 and values.shape[0] == values.shape[1])
-    finite = values.dtype.kind in "iuf" and bool(np.all(np.isfinite(values)))
+    finite = bool(np.all(np.isfinite(values)))
+    values = values.astype(float)
     symmetric = square and finite and np.allclose(values, values.T, rtol=1e-12, atol=0)
     if not (symmetric and np.all(np.linalg.eigvalsh(np.atleast_2d(values)) > 0)):
         raise ValueError(f"{wanted}; got {mass!r}.")
 
 
 def _constant_restitution(restitution) -> Callable:
-    if not traced(restitution):
-        known = isinstance(restitution, int | float | np.number | np.ndarray | Array)
-        single = known and not isinstance(restitution, bool) and np.ndim(restitution) == 0
-        if not (single and 0 <= restitution <= 1):
-            raise ValueError(f"restitution must be between 0 and 1, or a function args -> number; got {restitution!r}.")
+    if not traced(restitution) and not (is_number(restitution) and 0 <= restitution <= 1):
+        raise ValueError(f"restitution must be between 0 and 1, or a function args -> number; got {restitution!r}.")
     return lambda args: restitution

@@ -1,0 +1,109 @@
+"""Impacts slower and slower, beside the orbit that grazes: growth is right to two digits, or the result says so."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import lyaphybrid as lh
+from grazing import grazing_case
+
+SYSTEM = lh.zoo.impact_oscillator().system
+METHODS = {
+    "default": None,
+    "dopri8 tight": lh.RungeKutta(rtol=1e-12, atol=1e-14),
+    "dopri5": lh.RungeKutta("dopri5"),
+    "dopri5 loose": lh.RungeKutta("dopri5", rtol=1e-6, atol=1e-8),
+    "rk4 short": lh.RungeKutta("rk4", dt=0.01),
+    "rk4": lh.RungeKutta("rk4", dt=0.05),
+    "rk4 long": lh.RungeKutta("rk4", dt=0.1),
+    "dopri5 steps": lh.RungeKutta("dopri5", dt=0.1),
+    "dopri8 steps": lh.RungeKutta("dopri8", dt=0.25),
+    "ESDIRK": lh.ESDIRK(),
+    "RadauIIA": lh.RadauIIA(),
+}
+FAST = {"default", "rk4 long"}
+SPEEDS = [10.0**-k for k in np.arange(0, 9.5, 0.5)]
+DIGITS = 1e-2  # what is stated: two digits, of the growth, of the derivative and of the state
+
+
+def answers(case, method):
+    """The spectrum and the derivative of the end by the start."""
+    how = {"t0": case.t0, "t1": case.t1, "method": method, "throw": False}
+    spectrum = lh.lyapunov_spectrum(SYSTEM, case.x0, case.args, blocks=2, **how)
+    return spectrum, lh.tangent_map(SYSTEM, case.x0, case.args, **how)
+
+
+def judged(case, method) -> list[tuple[bool, float]]:
+    """Of both results: whether they say that they graze; and the largest error, of the whole or as a part of it."""
+    spectrum, tangent = answers(case, method)
+    assert spectrum.status == tangent.status == lh.STATUS.ok
+    growth = np.max(np.abs(np.asarray(spectrum.exponents) * case.t1 - np.sort(case.growth)[::-1]))
+    matrix = np.linalg.norm(np.asarray(tangent.matrix) - case.matrix) / np.linalg.norm(case.matrix)
+    states = [float(np.max(np.abs(np.asarray(found.x) - case.end))) for found in (spectrum, tangent)]
+    said = ["grazing" in found.notes for found in (spectrum, tangent)]
+    return list(zip(said, np.maximum([growth, matrix], states), strict=True))
+
+
+def silently_wrong(case, method, allowed=DIGITS) -> list[float]:
+    """The errors of results that are neither right nor noted as grazing."""
+    return [float(error) for said, error in judged(case, method) if not said and not error < allowed]
+
+
+@pytest.mark.slow_cases(all_but=FAST)
+@pytest.mark.parametrize("name", METHODS)
+def test_right_or_said(name):
+    silently = []
+    for speed in SPEEDS[:: 3 if name in FAST else 1]:
+        for restitution in (0.8,) if name in FAST else (1.0, 0.8, 0.3):
+            case = grazing_case(speed, restitution)
+            silently += [(speed, restitution, error) for error in silently_wrong(case, METHODS[name])]
+    assert silently == []
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:x0 is float32")
+@pytest.mark.parametrize("name", ["default", "rk4", "dopri5 steps"])
+def test_right_or_said_in_float32(name):
+    """Two digits are asked for there too, and a little more is allowed: the start itself is rounded."""
+    silently = []
+    for speed in SPEEDS:
+        case = grazing_case(speed, 0.8, np.float32)
+        silently += [(speed, error) for error in silently_wrong(case, METHODS[name], 3 * DIGITS)]
+    assert silently == []
+
+
+@pytest.mark.parametrize("speed", [1.0, 0.1, 0.01, 3e-3])
+def test_ordinary_impacts_are_not_called_grazing(speed):
+    for said, error in judged(grazing_case(speed, 0.8), None):
+        assert not said
+        assert error < 1e-13 / speed**2 + 1e-11
+
+
+def test_beside_the_grazing_orbit_errors_grow_as_theory_says():
+    """An error δ of the guard changes the rate u of the impact by its acceleration times δ/u, a part of u like 1/u²."""
+    for speed in (1e-3, 1e-4, 1e-5):
+        for said, error in judged(grazing_case(speed, 0.8), None):
+            assert said
+            assert error < 1e-13 / speed**2
+
+
+@pytest.mark.parametrize("speed", [1.0, 0.03])
+def test_derivatives_by_a_parameter(speed):
+    """By the position of the wall; the closed form has 1/u."""
+    case = grazing_case(speed, 0.8)
+
+    def end(gap):
+        how = {"t0": case.t0, "t1": case.t1, "throw": False}
+        return lh.tangent_map(SYSTEM, jnp.asarray(case.x0), case.args | {"gap": gap}, **how).x
+
+    ours = jax.jvp(end, (jnp.asarray(case.args["gap"]),), (jnp.asarray(1.0),))[1]
+    assert np.allclose(ours, case.by_gap, rtol=1e-7, atol=0)
+
+
+def test_the_exact_family_is_exact():
+    """Its derivatives are those of its own end, by differences of 40 digits rounded to 16."""
+    case, h = grazing_case(0.1, 0.8), 1e-6
+    near = [grazing_case(0.1 + dh, 0.8) for dh in (-h, h)]
+    moved, kicked = (near[1].x0 - near[0].x0), (near[1].end - near[0].end)
+    assert np.allclose(case.matrix @ moved, kicked, rtol=0, atol=1e-4 * np.max(np.abs(kicked)))

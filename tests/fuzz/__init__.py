@@ -1,0 +1,1 @@
+"""Random cases whose right answer is known: see `__main__.py`."""
