@@ -141,8 +141,8 @@ def numbers(name: str, value: Any, dtype: Any = None) -> Any:
     if traced(value):
         return jnp.asarray(value, dtype)
     array = _array(value)
-    good = array is not None and array.dtype.kind in "biuf" and not isinstance(value, np.ma.MaskedArray)
-    require(good, f"{name} must be an array of numbers; got {value!r}.")
+    if array is None or array.dtype.kind not in "biuf" or isinstance(value, np.ma.MaskedArray):
+        raise ValueError(f"{name} must be an array of numbers; got {value!r}.")
     own = float if array.dtype.kind != "f" or array.dtype.itemsize > BYTES_OF_FLOAT else array.dtype.newbyteorder("=")
     return array.astype(dtype or own)
 

@@ -167,7 +167,7 @@ def continuation(
     name, value = _named(system, parameter, value, special, x0, args, options)
     require(low <= value <= high, f"{name} is {value:.6g}: it must be in over, from {low:.6g} to {high:.6g}.")
     if special is None:
-        orbit = floquet(system, x0.astype(float), args_of(jnp.asarray(value)), transient=transient, **options)
+        orbit = floquet(system, jnp.asarray(x0, float), args_of(jnp.asarray(value)), transient=transient, **options)
     else:
         orbit = special.orbit
     turns = 1 if special is None else special.turns_there

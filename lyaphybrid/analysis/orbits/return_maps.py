@@ -63,6 +63,7 @@ def return_map(system: Hybrid, transition: int = 0, *, with_time: bool = False, 
         raise ValueError(f"transition must be an index from 0 to {count - 1}; got {transition!r}.")
     flag("with_time", with_time)
     method = method_for(system, RungeKutta(rtol=1e-12, atol=1e-14) if method is None else method)
+    assert method is not None, "a system that flows has one"
     mode = _mode_after(system, int(transition))
     names = None if system.names is None else (*system.names, "t") if with_time else system.names
     units = None if system.units is None or with_time else system.units

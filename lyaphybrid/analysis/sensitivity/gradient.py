@@ -255,7 +255,7 @@ def lyapunov_gradient(
     args = jax.tree.map(lambda leaf: parameters("args", leaf), args)
     start = x0 if callable(x0) else jnp.asarray(numbers("x0", x0, float))
     most = degrees_of_freedom(system, jnp.asarray(x0(args) if callable(x0) else start).size)
-    if not callable(x0) and isinstance(system, Flow | Map | Hybrid | EventDriven) and start.ndim == 1:
+    if not callable(start) and isinstance(system, Flow | Map | Hybrid | EventDriven) and start.ndim == 1:
         check_functions(
             system, jax.ShapeDtypeStruct(start.shape, start.dtype), preparation.as_arrays(args, start.dtype)
         )
