@@ -253,6 +253,7 @@ class TangentMap(RunResult, eqx.Module):
         status: how the run ended, an `lh.STATUS`.
         notes: "grazing", where an event met its guard nearly tangentially, or its guard's rate there is known to less
             than two digits: the matrix, which has its inverse, is no better.
+        grazing: () the same as a number, also under a transformation.
 
     Example:
         >>> import jax.numpy as jnp, lyaphybrid as lh
@@ -274,7 +275,7 @@ class TangentMap(RunResult, eqx.Module):
     jumps: Array
     status_code: Array
     state_labels: Labels = eqx.field(static=True, default=Labels())
-    grazing: Any = 0.0  # () whether there was such an event
+    grazing: Any = 0.0
 
     @property
     def notes(self) -> frozenset[str]:

@@ -34,6 +34,7 @@ STATUS_STYLES = {
         STATUS.step_underflow: (">", "0.42", "\\\\\\"),
         STATUS.stalled: ("<", "0.88", "++"),
         STATUS.no_more_jumps: ("p", "0.30", "oo.."),
+        STATUS.no_orbit: ("h", "0.96", "xx.."),
     }.items()
 }
 STATUS_STYLES[NO_VALUE] = StatusStyle("no value", ".", "0.92", "")
