@@ -255,15 +255,15 @@ def lyapunov_gradient(
     args = jax.tree.map(lambda leaf: parameters("args", leaf), args)
     start = x0 if callable(x0) else jnp.asarray(numbers("x0", x0, float))
     most = degrees_of_freedom(system, jnp.asarray(x0(args) if callable(x0) else start).size)
-    if not callable(start) and isinstance(system, Flow | Map | Hybrid | EventDriven) and start.ndim == 1:
-        check_functions(
-            system, jax.ShapeDtypeStruct(start.shape, start.dtype), preparation.as_arrays(args, start.dtype)
-        )
     if k is not None:
         whole("k", k, least=1)
         require(k <= most, f"k must be at most {most}; got {k}.")
     options = {"t1": t1, "t0": t0, "transient": transient, "mode": mode, "method": method, "clock": clock}
     case = case_of(system, start, args, k or most, options, over)
+    if not callable(start) and isinstance(system, Flow | Map | Hybrid | EventDriven) and start.ndim == 1:
+        check_functions(
+            system, jax.ShapeDtypeStruct(start.shape, start.dtype), preparation.as_arrays(args, start.dtype)
+        )
     if period is not None:
         now, own = preparation.as_arrays(args, float), period(args) if callable(period) else period
         positive("period", own)
