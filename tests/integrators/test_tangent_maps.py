@@ -221,6 +221,16 @@ def test_exponents_come_in_pairs_at_every_time():
         assert np.max(np.abs(running + running[:, ::-1])) < 1e-10
 
 
+def test_one_event_under_a_symplectic_method():
+    """Free flight to a wall: of a fixed step without stages inside only its ends are known."""
+    free = lh.Hamiltonian(lambda p, args: jnp.sum(p * p) / 2, lambda q, args: 0.0 * q[0])
+    wall = lh.Transition(lambda t, x, args: 0.45 - x[0], lambda t, x, args: jnp.stack([x[0], -x[1]]))
+    found = lh.tangent_map(lh.Hybrid(free, wall), [0.0, 0.5], t1=1.0, method=lh.Symplectic("leapfrog", dt=0.25))
+    assert_allclose(found.x, [0.4, -0.5], rtol=0, atol=1e-14)
+    assert_allclose(found.matrix, [[-1.0, -1.0], [0.0, -1.0]], rtol=0, atol=1e-14)
+    assert found.notes == frozenset()
+
+
 @pytest.mark.slow
 def test_events_under_a_symplectic_method():
     """Hénon and Heiles with an elastic wall: energy is kept to the method's error through all impacts."""

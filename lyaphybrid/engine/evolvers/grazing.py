@@ -62,7 +62,7 @@ def _errors_of_guards(evolver, c: StepState, clock: Clock, bend, wanted):
     def estimated():
         terms = by_mode(solver.mode, [functools.partial(sizes, guards) for guards in w.guards], t, c.x)
         given = method.atol + method.rtol * terms + solver.guard_tolerance
-        if evolver.rejects:
+        if evolver.rejects or not method.sample_fractions:  # a map from point to point says nothing of g⁗
             return given
         trials = [trial_in(evolver, q) for q in range(w.modes)]
         _, _, g, rate, inside = by_mode(solver.mode, trials, t, c.x, solver.f, solver.h)
