@@ -173,7 +173,7 @@ def two_trajectories(
     check_counts(system, t1=t1, transient=transient, renormalise_every=renormalise_every)
     whole = iterates(system)
     length = jnp.asarray(t1, x0.dtype)
-    recipe = pairs.recipe_of(whole, length / blocks, separation, renormalise_every)
+    recipe = pairs.recipe_of(whole, length / int(blocks), separation, renormalise_every)
     pair = pairs.start(problem, t0, x0, mode, jax.random.key(0) if key is None else key, recipe)
     why = ""
     if traced(transient) or float(transient) > 0:
@@ -181,7 +181,7 @@ def two_trajectories(
         quiet = jnp.ceil(quiet - 1e-9) if whole else quiet
         pair, why = pairs.finished(problem, recipe, t0, pair, quiet, quiet if whole else jnp.inf * quiet)
         pair = pairs.restarted(pair)
-    ends = length * jnp.arange(1, blocks + 1, dtype=x0.dtype) / blocks
+    ends = length * jnp.arange(1, int(blocks) + 1, dtype=x0.dtype) / int(blocks)
     ends = pair.elapsed + (jnp.ceil(ends - 1e-9) if whole else ends)
     pair, records, why = pairs.all_blocks(problem, recipe, t0, pair, ends, why)
     pair = pair._replace(x=problems.in_rows(problem, pair.x))

@@ -239,7 +239,9 @@ def read_signs(evolver, solver: SolverState, tr: Trial, bracket: RootBracket) ->
     extreme, _ = cubic(theta, solver.g, d0, tr.g, d1)
     drop = jnp.minimum(jnp.abs(solver.g - extreme), jnp.abs(tr.g - extreme))
     none = digits(1e-9, theta)
-    doubt = 0.2 * drop + 64.0 * (theta * (1 - theta)) ** 2 * miss(tr) + _tolerance(evolver, solver.guard_tolerance)
+    doubt = 0.2 * drop + 64.0 * (theta * (1 - theta)) ** 2 * miss(tr)
+    if is_short(tr.x):  # then the motion's error hides slow impacts
+        doubt = doubt + _tolerance(evolver, solver.guard_tolerance)
     turn = turns & (solver.guard_sign * extreme <= doubt) & (theta > none) & (theta < 1 - none)
     ahead = -tr.g / jnp.where(tr.rate == 0, nonzero(1e-300, tr.rate), tr.rate)
     close = fires & (solver.guard_sign * tr.rate < 0) & (jnp.abs(ahead) <= digits(NEAR, ahead) * solver.h)
