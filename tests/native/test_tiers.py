@@ -174,6 +174,7 @@ def test_a_long_run_gets_better_code(made, monkeypatch):
     finished()
     assert set(made) == {0}
     monkeypatch.setattr(_tiers, "SECONDS_A_LINE", 1e-7)
+    _engines.forget_programs()
     problem.spectrum(t1=3000.0, transient=0.1)
     finished()
     assert 2 in made
