@@ -1,6 +1,6 @@
 """Small linear systems, solved inside a loop without calls of LAPACK, so that XLA can compile it to one kernel.
 
-They return inverses instead of factors: applying one to a frame is then a product of matrices, without substitution.
+Most return inverses instead of factors: applying one to a frame is then a product of matrices, without substitution.
 """
 
 import jax
@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-__all__ = ["inverse", "matmul", "split", "sparse_matmul"]
+__all__ = ["divided", "inverse", "matmul", "split", "sparse_matmul"]
 
 UNROLLED = 12  # most rows for which the elimination is unrolled
 MOST_TERMS_UNROLLED = 4  # most terms of a product that are added one by one
@@ -24,7 +24,17 @@ def inverse(matrix: Float[Array, "n n"]) -> tuple[Float[Array, "n n"], Float[Arr
         return _in_closed_form(matrix)
     if n > UNROLLED:
         return jnp.linalg.inv(matrix), jnp.sign(jnp.linalg.det(matrix))
-    return _by_elimination(matrix)
+    return _eliminated(matrix, jnp.eye(n, dtype=matrix.dtype))
+
+
+def divided(matrix: Float[Array, "n n"], right: Float[Array, " n"]) -> Float[Array, " n"]:
+    """The solution of one system, matrix⁻¹ right, for less than the inverse takes; not finite where it is singular."""
+    n = matrix.shape[0]
+    if n <= 2:
+        return matmul(inverse(matrix)[0], right)
+    if n > UNROLLED:
+        return jnp.linalg.solve(matrix, right)
+    return _eliminated(matrix, right[:, None])[0][:, 0]
 
 
 def _in_closed_form(matrix):
@@ -36,20 +46,29 @@ def _in_closed_form(matrix):
     return jnp.stack([jnp.stack([d, -b]), jnp.stack([-c, a])]) / determinant, jnp.sign(determinant)
 
 
-def _by_elimination(matrix):
-    """Gauss–Jordan elimination with the largest entry of each column as pivot."""
-    n = matrix.shape[0]
-    both, sign = jnp.concatenate([matrix, jnp.eye(n, dtype=matrix.dtype)], axis=1), jnp.ones((), matrix.dtype)
+def _eliminated(matrix, right):
+    """matrix⁻¹ right and the sign of the determinant; Gauss–Jordan, the largest entry of each column is the pivot.
+
+    The right side is kept apart, so that JAX sees a linear function of it.
+    """
+    n, sign = matrix.shape[0], jnp.ones((), matrix.dtype)
+    places = jnp.arange(n)[:, None]
     for j in range(n):
-        size = jnp.abs(both[j:, j])
+        size = jnp.abs(matrix[j:, j])
         pivot = j + jnp.argmax(jax.lax.stop_gradient(size))
-        chosen = jax.lax.dynamic_index_in_dim(both, pivot, keepdims=False)
-        places = jnp.arange(n)[:, None]
-        both = jnp.where(places == pivot, both[j][None, :], both)
-        sign = sign * jnp.sign(chosen[j]) * jnp.where(pivot == j, 1.0, -1.0)
-        row = chosen / chosen[j]
-        both = jnp.where(places == j, row[None, :], both - both[:, j][:, None] * row[None, :])
-    return both[:, n:], sign
+        top = jax.lax.dynamic_index_in_dim(matrix, pivot, keepdims=False)[j]
+        sign = sign * jnp.sign(top) * jnp.where(pivot == j, 1.0, -1.0)
+        shares = jnp.where(places == pivot, matrix[j][None, :], matrix)[:, j]
+        matrix, right = (_cleared(one, shares, top, j, pivot) for one in (matrix, right))
+    return right, sign
+
+
+def _cleared(rows, shares, top, j: int, pivot):
+    """Rows j and `pivot` exchanged, row j divided by its pivot, and its multiples subtracted from the others."""
+    places = jnp.arange(rows.shape[0])[:, None]
+    row = jax.lax.dynamic_index_in_dim(rows, pivot, keepdims=False) / top
+    rows = jnp.where(places == pivot, rows[j][None, :], rows)
+    return jnp.where(places == j, row[None, :], rows - shares[:, None] * row[None, :])
 
 
 def split(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

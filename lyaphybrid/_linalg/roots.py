@@ -23,13 +23,13 @@ def root(left: Callable, backward: Callable, corrected: Callable, guess: Array, 
 
     Args:
         left: x ↦ the negative residuals, a pytree. It may close over values that are traced.
-        backward: x ↦ the inverse of the Jacobian, in any form, a pytree; it may close over such values, too.
-        corrected: (an inverse, negative residuals) ↦ the correction of x.
+        backward: x ↦ the inverse of the Jacobian, or the Jacobian, in any form; it may close over such values, too.
+        corrected: (what `backward` gives, negative residuals) ↦ the correction of x.
         guess: the first x.
         tolerance: of the result, relative to 1 + |x|.
 
     Returns:
-        The root, and the inverse at the last iterate but one, which carries no derivative.
+        The root, and what `backward` gives at the last iterate but one, which carries no derivative.
     """
     (of_left, in_left), (of_backward, in_backward) = explicit(left, guess), explicit(backward, guess)
 

@@ -4,6 +4,7 @@ They are compared with explicit steps and discrete QR, another method for both t
 `REFERENCES`, which a slow test computes again. The sum of all is the mean divergence along a path by LSODA in SciPy.
 """
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -107,3 +108,20 @@ TRACES = {
     "Oregonator": lambda x: 77.27 * (1 - x[1] - 2 * 8.375e-6 * x[0]) - (1 + x[0]) / 77.27 - 0.161,
     "Robertson": lambda x: -0.04 - 1e4 * x[2] - 6e7 * x[1],
 }
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", METHODS)
+def test_derivatives_through_the_stages(method):
+    """Forward and reverse ones against differences."""
+    flow = lh.Flow(
+        lambda t, x, a: jnp.stack([x[1] ** 2 / 2 - x[0] + jnp.sin(t), 50 * a * (jnp.sin(x[0]) - x[1]), x[0] - a * x[2]])
+    )
+
+    def exponents(a):
+        inner = lh.ContinuousQR(METHODS[method])
+        return lh.lyapunov_spectrum(flow, [0.3, 0.2, 0.1], a, t1=2.0, method=inner, blocks=2).exponents
+
+    differences = (np.asarray(exponents(1.0 + 1e-4)) - np.asarray(exponents(1.0 - 1e-4))) / 2e-4
+    for derivative in (jax.jacfwd, jax.jacrev):
+        assert_allclose(derivative(exponents)(1.0), differences, rtol=1e-5, atol=1e-5)

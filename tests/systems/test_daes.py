@@ -10,7 +10,7 @@ import lyaphybrid as lh
 from examples import STIFF
 from lyaphybrid import zoo
 from lyaphybrid._jax.engines import compiled
-from lyaphybrid._linalg.linear_systems import inverse, sparse_matmul, split
+from lyaphybrid._linalg.linear_systems import divided, inverse, sparse_matmul, split
 from lyaphybrid.integrators.implicit.implicit_tableaux import IMPLICIT
 from lyaphybrid.integrators.implicit.linearised import linearised
 from lyaphybrid.systems.bound import Bound
@@ -263,6 +263,13 @@ def test_inverses():
     assert_allclose(needs_pivots, [[0, 0, 1], [1, 0, 0], [0, 1, 0]])
     assert sign == 1
     assert not np.all(np.isfinite(inverse(jnp.ones((3, 3)))[0]))
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 9, 13])
+def test_one_system_without_the_inverse(n):
+    draw = np.random.default_rng(n)
+    matrix, exact = draw.normal(size=(n, n)), draw.normal(size=n)
+    assert_allclose(divided(jnp.asarray(matrix), jnp.asarray(matrix @ exact)), exact, atol=1e-11)
 
 
 @pytest.mark.parametrize("rows", [np.eye(4)[:2], np.eye(4)[[2, 0]] * 3, np.arange(8.0).reshape(2, 4) ** 2, np.eye(3)])

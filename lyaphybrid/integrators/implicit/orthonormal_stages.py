@@ -20,7 +20,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from ..._jax.precision import eps
-from ..._linalg.linear_systems import inverse, matmul
+from ..._linalg.linear_systems import divided, matmul
 from ..._linalg.roots import root
 from .linearised import FrameFunctions
 
@@ -89,10 +89,10 @@ def _solved(slopes, stretching, weights, base, guess, tolerance):
         changes, _, _ = jax.vmap(_changing)(slopes, stretching, parts)
         return (base - parts + matmul(weights, changes)).ravel()
 
-    def backward(flat):
+    def jacobian(flat):
         _, rates, later = jax.vmap(_changing)(slopes, stretching, flat.reshape(shape))
         by_part = later - rates[:, None, None] * unit[None]
         coupled = jnp.einsum("il,lab->ialb", weights, by_part).reshape(flat.size, flat.size)
-        return inverse(jnp.eye(flat.size, dtype=flat.dtype) - coupled)[0]
+        return jnp.eye(flat.size, dtype=flat.dtype) - coupled
 
-    return root(left, backward, matmul, guess.ravel(), fine)[0].reshape(shape)
+    return root(left, jacobian, divided, guess.ravel(), fine)[0].reshape(shape)
