@@ -51,7 +51,7 @@ class AbstractEvolver(abc.ABC):
         """The solver state for a new block that starts s later: its times are local to the block."""
 
     @abc.abstractmethod
-    def propose_step(self, c: StepState, clock: Clock) -> Any:
+    def propose_step(self, carry: StepState, clock: Clock) -> Any:
         """Propose the next step; returns `ahead`."""
 
     @abc.abstractmethod
@@ -59,12 +59,12 @@ class AbstractEvolver(abc.ABC):
         """Whether `step` can handle the proposal (True, or a scalar bool); otherwise `locate_events` does."""
 
     @abc.abstractmethod
-    def step(self, settings: Settings, clock: Clock, c: StepState, ahead, /) -> StepState:
+    def step(self, settings: Settings, clock: Clock, carry: StepState, ahead, /) -> StepState:
         """Accept the step and propagate the frame; or reject it and make the next step smaller."""
 
     @abc.abstractmethod
     def locate_events(
-        self, settings: Settings, clock: Clock, within, c: StepState, ahead: Any, /
+        self, settings: Settings, clock: Clock, within, carry: StepState, ahead: Any, /
     ) -> tuple[StepState, Any]:
         """Do what `step` does not, until a step is regular again or the run has ended; within(c): the block goes on."""
 
@@ -78,15 +78,15 @@ class AbstractEvolver(abc.ABC):
 
     # --- defaults -------------------------------------------------------------------------------
 
-    def enter(self, c: StepState, clock: Clock) -> Any:
+    def enter(self, carry: StepState, clock: Clock) -> Any:
         """`ahead` at the start of a block."""
-        return self.propose_step(c, clock)
+        return self.propose_step(carry, clock)
 
-    def once(self, settings: Settings, clock: Clock, c: StepState, ahead, /) -> StepState:
+    def once(self, settings: Settings, clock: Clock, carry: StepState, ahead, /) -> StepState:
         """One step with at most one event, also where `step` handles several."""
-        return self.step(settings, clock, c, ahead)
+        return self.step(settings, clock, carry, ahead)
 
-    def tangent(self, clock: Clock, c: StepState, ahead, /) -> Any:
+    def tangent(self, clock: Clock, carry: StepState, ahead, /) -> Any:
         """The step's derivative dx (n,) -> (n,), for double-double arithmetic; needed where jumps are uncontrolled."""
         raise NotImplementedError(f"{type(self).__name__} has no step that is a function of the state alone")
 
@@ -102,27 +102,27 @@ class AbstractEvolver(abc.ABC):
         """The initial state moved onto the constraints of its mode, and whether it was too far from them."""
         return x, False
 
-    def kept_to_constraints(self, c: StepState, clock: Clock) -> StepState:
+    def kept_to_constraints(self, carry: StepState, clock: Clock) -> StepState:
         """The carry with its frame projected onto the tangent space of the constraints."""
-        return c
+        return carry
 
-    def inspected(self, c: StepState, clock: Clock) -> StepState:
+    def inspected(self, carry: StepState, clock: Clock) -> StepState:
         """Checks at the end of a block: the run ends if the state has left the constraints."""
-        return c
+        return carry
 
-    def stretched(self, c: StepState) -> Any:
+    def stretched(self, carry: StepState) -> Any:
         """Whether the frame must be orthonormalised now."""
-        return stretched(c)
+        return stretched(carry)
 
-    def rests(self, c: StepState, clock: Clock, x) -> tuple[Any, Any]:
+    def rests(self, carry: StepState, clock: Clock, x) -> tuple[Any, Any]:
         """Whether the state stays at x, and whether it escapes; used where only a number of jumps ends a block."""
         return jnp.asarray(False), jnp.asarray(False)
 
-    def ticks_now(self, c: StepState, clock: Clock) -> Any:
+    def ticks_now(self, carry: StepState, clock: Clock) -> Any:
         """Whether a clock ticks at this very time; a block ends after all ticks at its end."""
         return False
 
-    def least_length(self, c: StepState, jumps) -> Any:
+    def least_length(self, carry: StepState, jumps) -> Any:
         """The length at or below which a column counts as lost after this number of jumps.
 
         After many jumps rounding alone makes columns linearly dependent; such a column is unresolved, not lost.

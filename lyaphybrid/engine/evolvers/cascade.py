@@ -66,26 +66,26 @@ class CascadeState(NamedTuple):
     log: EventLog | None
 
 
-def orthonormalises(settings: Settings, c: StepState) -> bool:
+def orthonormalises(settings: Settings, carry: StepState) -> bool:
     """Whether there are columns and they are ever orthonormalised."""
-    return settings.qr_schedule.unit != "never" and c.frame.shape[1] > 0
+    return settings.qr_schedule.unit != "never" and carry.frame.shape[1] > 0
 
 
-def _start_cascade(evolver, settings, t, c, columns, mode, event, together, at_once) -> CascadeState:
+def _start_cascade(evolver, settings, t, carry, columns, mode, event, together, at_once) -> CascadeState:
     """On the guard, before the first jump: compute the event-time shift of each column."""
-    w, x, (transition, which, guard_index) = evolver.hybrid, c.x, event
-    f = by_mode(mode, w.fields, t, x)
+    hybrid, x, (transition, which, guard_index) = evolver.hybrid, carry.x, event
+    f = by_mode(mode, hybrid.fields, t, x)
     gradient, moving, rate = _guard_derivatives(evolver, mode, t, x, f, guard_index)
     ticking = (guard_index < 0) | at_once  # a clock's event time does not depend on the state; at_once: no new flow
     size = jnp.sqrt(jnp.sum(gradient**2) * jnp.sum(f**2) + nonzero(1e-300, f)) + jnp.abs(moving)
     guard_tolerance = digits(GUARD_ROUNDING, x) * (jnp.sum(jnp.abs(gradient * x)) + jnp.abs(moving * t))
     sizes = None
-    if orthonormalises(settings, c):
-        sizes = sizes_at(c.frame, f, gradient, moving, rate)
+    if orthonormalises(settings, carry):
+        sizes = sizes_at(carry.frame, f, gradient, moving, rate)
         sizes = sizes._replace(event_time_shift=jnp.where(ticking, 0.0, sizes.event_time_shift))
-    slots, no = jnp.zeros(w.slots, x.dtype), jnp.asarray(False)
-    g = jax.lax.stop_gradient(by_mode(mode, w.guards, t, x))
-    guard_sign = side(evolver, c.solver_state, g)
+    slots, no = jnp.zeros(hybrid.slots, x.dtype), jnp.asarray(False)
+    g = jax.lax.stop_gradient(by_mode(mode, hybrid.guards, t, x))
+    guard_sign = side(evolver, carry.solver_state, g)
     return CascadeState(
         x=x,
         moves=CascadePerturbations(
@@ -110,52 +110,52 @@ def _start_cascade(evolver, settings, t, c, columns, mode, event, together, at_o
             ticking, 0.0, 4 * guard_tolerance / jnp.where(rate == 0, nonzero(1e-300, rate), jnp.abs(rate))
         ),
         together=together,
-        settled=jnp.zeros(w.slots, bool),
-        left=_may_be_left(evolver, c.solver_state.mode) & (guard_sign < 0) & ~jnp.asarray(at_once),
+        settled=jnp.zeros(hybrid.slots, bool),
+        left=_may_be_left(evolver, carry.solver_state.mode) & (guard_sign < 0) & ~jnp.asarray(at_once),
         more=no,
-        alone=jnp.asarray(at_once) & (pending(c.solver_state) == ALONE),
-        log=c.log,
+        alone=jnp.asarray(at_once) & (pending(carry.solver_state) == ALONE),
+        log=carry.log,
     )
 
 
 def _cascade(evolver, settings: Settings, t, h, landing: CascadeState) -> CascadeState:
     """The reset of the located event, then of every guard that is beyond zero afterwards; or the first reset only."""
     # Long: the resets of one instant share too many values to be taken apart.
-    w, resolved = evolver.hybrid, jnp.zeros_like(t) if evolver.timeless else t
+    hybrid, resolved = evolver.hybrid, jnp.zeros_like(t) if evolver.timeless else t
     most = jnp.where(landing.alone, 0, evolver.max_cascade) if evolver.per_jump else evolver.max_cascade
 
     def jump(state: CascadeState) -> CascadeState:
-        pushers = [_pusher(reset) for reset in w.resets]
+        pushers = [_pusher(reset) for reset in hybrid.resets]
         x, moves = jax.lax.switch(state.transition, pushers, t, state.x, state.moves, state.which)
-        mode = jax.lax.switch(state.transition, w.targets, state.mode, t, state.x, state.which)
-        if w.constrained:  # the reset need not satisfy the constraints of the new mode
+        mode = jax.lax.switch(state.transition, hybrid.targets, state.mode, t, state.x, state.which)
+        if hybrid.constrained:  # the reset need not satisfy the constraints of the new mode
             x, moves = _pushed(functools.partial(evolver.onto_constraints, mode), t, x, moves)
-        arrivals = [_arrival(w, q) for q in range(w.modes)]
+        arrivals = [_arrival(hybrid, q) for q in range(hybrid.modes)]
         f, g, rate, second, guard_tolerance, step_rounding = by_mode(mode, arrivals, t, x, h)
-        before = _in_new_mode(w, state, mode)
+        before = _in_new_mode(hybrid, state, mode)
         fired, settled = before.fired, before.fired | before.settled
         guard_sign, g, rate, flat = arm(g, rate, second, guard_tolerance, step_rounding, h, resolved, settled)
         settled, left = settled & (g == 0), before.left & (guard_sign < 0)
         entry = EventLog(None, t, state.transition, state.which, state.mode, mode, state.x, x)
         terminal = state.terminal | jnp.asarray(evolver.terminal)[state.transition]
-        row = mode if w.modes > 1 else None
-        directed = table(evolver, row, w.directed)
-        by_flow = ~directed if w.recording is None else ~directed | table(evolver, row, w.recording)
+        row = mode if hybrid.modes > 1 else None
+        directed = table(evolver, row, hybrid.directed)
+        by_flow = ~directed if hybrid.recording is None else ~directed | table(evolver, row, hybrid.recording)
         brought = _brought(by_flow, before, g, guard_sign, guard_tolerance + step_rounding)
         follows = _following(evolver, row, directed, brought, (guard_sign < 0) & ~left) & ~settled
-        follows = follows & by_mode(mode, w.whens, t, x) if w.shared else follows
+        follows = follows & by_mode(mode, hybrid.whens, t, x) if hybrid.shared else follows
         # A guard that the flow brought to zero and the reset left at zero fires after those that the reset pushed
         # beyond zero: the order would be the same if its event were slightly later.
         guard_index = jnp.argmax(jnp.where(follows, jnp.where(brought, 1, 2), 0)).astype(jnp.int32)
         more = jnp.any(follows) & ~terminal
-        nowhere = (mode < 0) | (mode >= w.modes)  # a target that is no mode's index
+        nowhere = (mode < 0) | (mode >= hybrid.modes)  # a target that is no mode's index
         again = more & (state.count < most) & ~nowhere
         stuck = nowhere | (jnp.any(fired & flat & (guard_sign < 0) & directed) & ~again)
-        if w.borders is not None:  # outside the flow set, and no jump is possible
-            stuck = stuck | (jnp.any(table(evolver, row, w.borders) & (guard_sign < 0)) & ~more)
+        if hybrid.borders is not None:  # outside the flow set, and no jump is possible
+            stuck = stuck | (jnp.any(table(evolver, row, hybrid.borders) & (guard_sign < 0)) & ~more)
         moves = _own_instant(evolver, again & brought[guard_index], mode, t, x, f, guard_index, moves)
-        transition = jnp.where(again, table(evolver, row, w.transition)[guard_index], state.transition)
-        which = table(evolver, row, w.component)[guard_index]
+        transition = jnp.where(again, table(evolver, row, hybrid.transition)[guard_index], state.transition)
+        which = table(evolver, row, hybrid.component)[guard_index]
         return state._replace(
             x=x,
             moves=moves,
@@ -196,15 +196,15 @@ class _Before(NamedTuple):
     left: Array
 
 
-def _in_new_mode(w: CompiledHybrid, state: CascadeState, mode) -> _Before:
+def _in_new_mode(hybrid: CompiledHybrid, state: CascadeState, mode) -> _Before:
     """What is known of the guards, for the mode after the jump: a transition from several modes has one guard."""
-    fired = jnp.arange(w.slots, dtype=jnp.int32) == state.guard_index
+    fired = jnp.arange(hybrid.slots, dtype=jnp.int32) == state.guard_index
     left = state.left | (state.settled & (state.guard_sign < 0))
     known = _Before(state.g, state.guard_sign, fired, state.together, state.settled, left & ~fired)
-    if w.modes == 1:
+    if hybrid.modes == 1:
         return known
-    same = (w.transition[:, None, :, None] == w.transition[None, :, None, :]) & (
-        w.component[:, None, :, None] == w.component[None, :, None, :]
+    same = (hybrid.transition[:, None, :, None] == hybrid.transition[None, :, None, :]) & (
+        hybrid.component[:, None, :, None] == hybrid.component[None, :, None, :]
     )
     where, found = np.argmax(same, axis=3).astype(np.int32), np.any(same, axis=3)  # (new mode, old mode, slots)
     where, found = (jnp.asarray(one)[mode, state.mode] for one in (where, found))
@@ -228,9 +228,9 @@ def _following(evolver, row, directed, brought, beyond):
     the flow does. Those that have fired here already and are still exactly at zero are for the caller to leave out, as
     are those that were beyond zero before this instant and have not come back.
     """
-    w = evolver.hybrid
+    hybrid = evolver.hybrid
     follows = jnp.where(directed, beyond, brought)
-    return follows if w.recording is None else follows & (brought | ~table(evolver, row, w.recording))
+    return follows if hybrid.recording is None else follows & (brought | ~table(evolver, row, hybrid.recording))
 
 
 def _may_be_left(evolver, mode):
@@ -280,16 +280,16 @@ def _returned(f, moves: CascadePerturbations) -> CascadePerturbations:
     return moves._replace(columns=to_reference_time(columns, direction, f, event_time_shift), sizes=sizes)
 
 
-def in_each_order(evolver, settings: Settings, t, h, c, columns, mode, event, together, at_once) -> CascadeState:
+def in_each_order(evolver, settings: Settings, t, h, carry, columns, mode, event, together, at_once) -> CascadeState:
     """The cascade; where several guards are zero at one instant, run it again with another guard first and compare.
 
     One other order shows whether the order matters; where all solutions are asked for, each guard is first in turn.
     """
 
     def start(event):
-        return _start_cascade(evolver, settings, t, c, columns, mode, event, together, at_once)
+        return _start_cascade(evolver, settings, t, carry, columns, mode, event, together, at_once)
 
-    guard_index, choices = event[2], c.solver_state.choices
+    guard_index, choices = event[2], carry.solver_state.choices
     if evolver.hybrid.slots == 1:
         return _to_its_end(evolver, settings, t, h, start(event))._replace(together=jnp.asarray(False))
     count = jnp.sum(together)
@@ -299,7 +299,7 @@ def in_each_order(evolver, settings: Settings, t, h, c, columns, mode, event, to
     def first(turn):
         guard_index = jnp.argmax(jnp.cumsum(together) == turn + 1).astype(jnp.int32)
         named = (
-            table(evolver, c.solver_state.mode, of_slot)
+            table(evolver, carry.solver_state.mode, of_slot)
             for of_slot in (evolver.hybrid.transition, evolver.hybrid.component)
         )
         return (*(one[guard_index] for one in named), guard_index)
@@ -348,6 +348,6 @@ def _pushed(reset, t, x, moves: CascadePerturbations) -> tuple[Array, CascadePer
     return new, CascadePerturbations(columns, direction, event_time_shift, sizes)
 
 
-def _arrival(w: CompiledHybrid, q: int):
-    guards, field = w.guards[q], w.fields[q]
+def _arrival(hybrid: CompiledHybrid, q: int):
+    guards, field = hybrid.guards[q], hybrid.fields[q]
     return lambda t, x, h: (field(t, x), *to_arm(guards, field, t, x, h))

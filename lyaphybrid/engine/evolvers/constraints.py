@@ -27,19 +27,19 @@ class OnConstraints(AbstractEvolver):
 
     def onto_mode(self, mode, t, x):
         """The projection dx -> dx (n,) onto the tangent space of a mode; None where no mode has one."""
-        w = self.hybrid
-        if all(project is None for project in w.projections):
+        hybrid = self.hybrid
+        if all(project is None for project in hybrid.projections):
             return None
-        given = [project or (lambda t, x, dx: dx) for project in w.projections]
+        given = [project or (lambda t, x, dx: dx) for project in hybrid.projections]
         return lambda dx: by_mode(mode, [lambda dx, p=p: p(t, x, dx) for p in given], dx)
 
-    def kept_to_constraints(self, c: StepState, clock: Clock) -> StepState:
+    def kept_to_constraints(self, carry: StepState, clock: Clock) -> StepState:
         """Project the frame onto the tangent space of the constraints if the method does not: errors do not decay."""
         if self.method.keeps_constraints or not self.hybrid.constrained:
-            return c
-        project = self.onto_mode(c.solver_state.mode, clock.base + c.s, c.x)
+            return carry
+        project = self.onto_mode(carry.solver_state.mode, clock.base + carry.s, carry.x)
         assert project is not None, "constraints have a projection"
-        return c._replace(frame=each_column(project, c.frame))
+        return carry._replace(frame=each_column(project, carry.frame))
 
     def onto_constraints(self, mode, t, x):
         """The point on the constraints of a mode with the same differential part E₁ x."""
@@ -53,19 +53,23 @@ class OnConstraints(AbstractEvolver):
         wrong = ~(jnp.max(jnp.abs(new - x) / (1 + jnp.abs(x))) <= NEAR_CONSTRAINTS)
         return jnp.where(wrong, x, new), wrong
 
-    def inspected(self, c: StepState, clock: Clock) -> StepState:
+    def inspected(self, carry: StepState, clock: Clock) -> StepState:
         """At the end of a block: stop if the state has left the constraints or is at a singular point."""
         if not self.hybrid.constrained:
-            return c
+            return carry
 
-        mode = None if self.hybrid.modes == 1 else c.solver_state.mode
-        off, singular = by_mode(mode, [_distance_of(field) for field in self.hybrid.fields], clock.base + c.s, c.x)
+        mode = None if self.hybrid.modes == 1 else carry.solver_state.mode
+        off, singular = by_mode(
+            mode, [_distance_of(field) for field in self.hybrid.fields], clock.base + carry.s, carry.x
+        )
         # A step underflow or a state that is not finite is a consequence of the singular point.
-        ended = (c.status == STATUS.step_underflow) | (c.status == STATUS.nonfinite)
-        singular = singular & jnp.all(jnp.isfinite(c.x))
-        c = c._replace(status=jnp.where(ended & singular, jnp.asarray(STATUS.singular_dae, jnp.int32), c.status))
-        c = stop(c, STATUS.singular_dae, singular)
-        return stop(c, STATUS.constraint_drift, off > DRIFT)
+        ended = (carry.status == STATUS.step_underflow) | (carry.status == STATUS.nonfinite)
+        singular = singular & jnp.all(jnp.isfinite(carry.x))
+        carry = carry._replace(
+            status=jnp.where(ended & singular, jnp.asarray(STATUS.singular_dae, jnp.int32), carry.status)
+        )
+        carry = stop(carry, STATUS.singular_dae, singular)
+        return stop(carry, STATUS.constraint_drift, off > DRIFT)
 
 
 def _distance_of(field: Any):

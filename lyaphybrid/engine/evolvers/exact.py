@@ -63,25 +63,25 @@ class Exact(AbstractEvolver):
         """Shape and type of the label `which` that the user's `next_event` returns."""
         return jax.eval_shape(lambda t, x: integers(self.system.next_event(t, x, self.args)[1]), t, x)
 
-    def propose_step(self, c: StepState, clock: Clock) -> NextEvent:
+    def propose_step(self, carry: StepState, clock: Clock) -> NextEvent:
         """Predict the next event."""
-        dt, which = self.system.next_event(clock.base + c.s, c.x, self.args)
-        dt, which = jnp.asarray(dt, c.x.dtype), integers(which)
+        dt, which = self.system.next_event(clock.base + carry.s, carry.x, self.args)
+        dt, which = jnp.asarray(dt, carry.x.dtype), integers(which)
         # A nan counts as an event, so that `step` stops the run with a status.
-        return NextEvent(dt, which, ~((dt > clock.limit(c) - c.s) | jnp.isposinf(dt)))
+        return NextEvent(dt, which, ~((dt > clock.limit(carry) - carry.s) | jnp.isposinf(dt)))
 
     def is_regular(self, ahead: NextEvent):
         """Regular if an event comes first; `locate_events` does the flight to the end of the block."""
         return ahead.lands
 
-    def _carried(self, c: StepState, clock: Clock, dt):
+    def _carried(self, carry: StepState, clock: Clock, dt):
         """The state (n,) and the frame (n, k) after the closed-form flow over dt."""
-        t = clock.base + c.s
-        x, linear = jax.linearize(lambda x: self.system.flow(dt, t, x, self.args), c.x)
-        return x, each_column(linear, c.frame)
+        t = clock.base + carry.s
+        x, linear = jax.linearize(lambda x: self.system.flow(dt, t, x, self.args), carry.x)
+        return x, each_column(linear, carry.frame)
 
     def locate_events(
-        self, settings: Settings, clock: Clock, within, c: StepState, ahead: NextEvent
+        self, settings: Settings, clock: Clock, within, carry: StepState, ahead: NextEvent
     ) -> tuple[StepState, NextEvent]:
         """Flow to the end of the block, or to a scheduled orthonormalisation, if no event comes before.
 
@@ -89,25 +89,31 @@ class Exact(AbstractEvolver):
         derivatives: the event's time depends on parameters, that of the end does not.
         """
 
-        def fly(c):
-            c = self._flow_over(settings, clock, c, ahead)
-            return c, ahead if clock.interval is None else self.propose_step(clock.afresh(c), clock)
+        def fly(carry):
+            carry = self._flow_over(settings, clock, carry, ahead)
+            return carry, ahead if clock.interval is None else self.propose_step(clock.afresh(carry), clock)
 
-        return jax.lax.cond((within(c) & ~ahead.lands) | clock.over(c), fly, lambda c: (c, ahead), c)
+        return jax.lax.cond(
+            (within(carry) & ~ahead.lands) | clock.over(carry), fly, lambda carry: (carry, ahead), carry
+        )
 
-    def _flow_over(self, settings: Settings, clock: Clock, c: StepState, ahead: NextEvent) -> StepState:
-        end = clock.limit(c)
+    def _flow_over(self, settings: Settings, clock: Clock, carry: StepState, ahead: NextEvent) -> StepState:
+        end = clock.limit(carry)
         if settings.count_jumps:  # only jumps end the block, and no jump follows
             never = jnp.isinf(clock.length) & jnp.isposinf(ahead.dt)
-            c, end = stop(c, STATUS.no_more_jumps, never), jnp.where(never, c.s, end)
-        dt = end - c.s
-        x, frame = self._carried(c, clock, dt)
-        c = c if c.log_volume is None else added(c, log_volume=self._log_volume_change(c, clock, dt))
-        return c._replace(s=end, x=x, frame=frame, since=c.since if clock.interval is None else clock.flown(c, end))
+            carry, end = stop(carry, STATUS.no_more_jumps, never), jnp.where(never, carry.s, end)
+        dt = end - carry.s
+        x, frame = self._carried(carry, clock, dt)
+        carry = (
+            carry if carry.log_volume is None else added(carry, log_volume=self._log_volume_change(carry, clock, dt))
+        )
+        return carry._replace(
+            s=end, x=x, frame=frame, since=carry.since if clock.interval is None else clock.flown(carry, end)
+        )
 
-    def _log_volume_change(self, c: StepState, clock: Clock, dt):
+    def _log_volume_change(self, carry: StepState, clock: Clock, dt):
         """ln|det Dφ| of the flow φ over dt, which is ∫ tr Df dt."""
-        matrix = jax.jacfwd(lambda x: self.system.flow(dt, clock.base + c.s, x, self.args))(c.x)
+        matrix = jax.jacfwd(lambda x: self.system.flow(dt, clock.base + carry.s, x, self.args))(carry.x)
         return frames.log_abs_det(matrix)
 
     def velocity(self, t, x, solver=None):
@@ -115,55 +121,55 @@ class Exact(AbstractEvolver):
         del solver
         return self.system.velocity(t, x, self.args)
 
-    def step(self, settings: Settings, clock: Clock, c: StepState, flight: NextEvent) -> StepState:
+    def step(self, settings: Settings, clock: Clock, carry: StepState, flight: NextEvent) -> StepState:
         """Flow to the event and through it."""
         system, args, which = self.system, self.args, flight.which
         timed = jnp.isfinite(flight.dt)  # if not, the run ends here
         dt = jnp.where(timed, flight.dt, 0.0)
-        x, frame = self._carried(c, clock, dt)
-        s = c.s + dt
+        x, frame = self._carried(carry, clock, dt)
+        s = carry.s + dt
         t, n, k = clock.base + s, x.shape[0], frame.shape[1]
         columns = jnp.concatenate([frame, jnp.eye(n, dtype=x.dtype)], axis=1) if settings.sum_rule else frame
         before, real = self.velocity(t, x), is_event(which) & timed
         event_time_shift = self._event_time_shifts(real, t, x, which, columns, before)
         new, columns, direction = pushforward(lambda t, x: system.jump(t, x, args, which), t, x, columns, before)
         columns = to_reference_time(columns, direction, self.velocity(t, new), event_time_shift)
-        if c.log_volume is not None:
-            c = added(
-                added(c, log_volume=self._log_volume_change(c, clock, dt)),
+        if carry.log_volume is not None:
+            carry = added(
+                added(carry, log_volume=self._log_volume_change(carry, clock, dt)),
                 log_volume=frames.log_abs_det(columns[:, k:]),
             )
         zero = jnp.asarray(0, jnp.int32)
         entry = EventLog(None, t, zero, which, zero, zero, x, new)
-        landed = added(c, s=dt)._replace(
+        landed = added(carry, s=dt)._replace(
             x=jnp.where(timed, new, x),
             frame=columns[:, :k],
-            since=since_after(settings, clock, c, dt, real, self.may_lose_rank),
-            jumps=c.jumps + real.astype(jnp.int32),
-            log=log_event(c.log, entry, real),
+            since=since_after(settings, clock, carry, dt, real, self.may_lose_rank),
+            jumps=carry.jumps + real.astype(jnp.int32),
+            log=log_event(carry.log, entry, real),
         )
         hides = None
         if settings.count_jumps:
             hides = hidden_below(lambda t, x: system.guard(t, x, args, which), t, x, before)
         # Orthonormalisations by time interrupt flights: take the time between events from the last event.
         if clock.interval is not None:
-            between = jnp.where(flight.dt < 0, flight.dt, jnp.maximum(flight.dt, landed.s - c.solver_state[0]))
+            between = jnp.where(flight.dt < 0, flight.dt, jnp.maximum(flight.dt, landed.s - carry.solver_state[0]))
             flight = flight._replace(dt=between)
         return self._store_event(landed, flight._replace(lands=real), hides)
 
-    def once(self, settings: Settings, clock: Clock, c: StepState, flight: NextEvent) -> StepState:
+    def once(self, settings: Settings, clock: Clock, carry: StepState, flight: NextEvent) -> StepState:
         """Flow to the event and through it, or to the end of the block."""
         return jax.lax.cond(
             flight.lands,
-            lambda c: self.step(settings, clock, c, flight),
-            lambda c: self._flow_over(settings, clock, c, flight),
-            c,
+            lambda carry: self.step(settings, clock, carry, flight),
+            lambda carry: self._flow_over(settings, clock, carry, flight),
+            carry,
         )
 
-    def tangent(self, clock: Clock, c: StepState, flight: NextEvent) -> Callable:
+    def tangent(self, clock: Clock, carry: StepState, flight: NextEvent) -> Callable:
         """The derivative dx (n,) -> (n,) of `once`."""
-        t, which = clock.base + c.s, flight.which
-        dt = jnp.where(flight.lands, flight.dt, clock.limit(c) - c.s)
+        t, which = clock.base + carry.s, flight.which
+        dt = jnp.where(flight.lands, flight.dt, clock.limit(carry) - carry.s)
         dt = jnp.where(jnp.isfinite(dt), dt, 0.0)
 
         def flow(x):
@@ -175,14 +181,14 @@ class Exact(AbstractEvolver):
         def guard(t, x):
             return self.system.guard(t, x, self.args, which)
 
-        end, x, one = t + dt, flow(c.x), jnp.ones_like(t)
+        end, x, one = t + dt, flow(carry.x), jnp.ones_like(t)
         before, real = self.velocity(end, x), is_event(which)
         rate = jax.jvp(guard, (end, x), (one, before))[1]
         new, direction = jax.jvp(jump, (end, x), (one, before))
         after = self.velocity(end, new)
 
         def linear(dx):
-            moved = jax.jvp(flow, (c.x,), (dx,))[1]
+            moved = jax.jvp(flow, (carry.x,), (dx,))[1]
             late = event_time_shifts(jax.jvp(lambda x: guard(end, x), (x,), (moved,))[1], rate)
             late = jnp.where(real, late, 0.0)
             pushed = jax.jvp(lambda x: jump(end, x), (x,), (moved,))[1]
@@ -205,24 +211,24 @@ class Exact(AbstractEvolver):
 
         return jax.lax.cond(real, late, lambda columns: jnp.zeros_like(columns[0]), columns)
 
-    def _store_event(self, c: StepState, flight: NextEvent, hides=None) -> StepState:
+    def _store_event(self, carry: StepState, flight: NextEvent, hides=None) -> StepState:
         """Store (event time, interval, longest, count of short ones, label); stop at Zeno or where not finite."""
-        dt, (_, _, longest, streak) = flight.dt, c.solver_state[:4]
-        name = named(flight.which, c.x.dtype)
-        again = flight.lands & jnp.all(name == c.solver_state[4:])
+        dt, (_, _, longest, streak) = flight.dt, carry.solver_state[:4]
+        name = named(flight.which, carry.x.dtype)
+        again = flight.lands & jnp.all(name == carry.solver_state[4:])
         nothing = digits(1e-9, dt) * jnp.maximum(longest, dt)
         longest, streak, over = accumulated(dt, longest, streak, again=again, hides=hides)
-        solver = jax.lax.stop_gradient(jnp.concatenate([jnp.stack([c.s, dt, longest, streak]), name]))
-        c = stop(c._replace(solver_state=solver), STATUS.zeno, over)
-        finite = jnp.all(jnp.isfinite(c.x)) & jnp.all(jnp.isfinite(c.frame))
-        return stop(c, STATUS.nonfinite, ~(finite & (dt >= -nothing)))
+        solver = jax.lax.stop_gradient(jnp.concatenate([jnp.stack([carry.s, dt, longest, streak]), name]))
+        carry = stop(carry._replace(solver_state=solver), STATUS.zeno, over)
+        finite = jnp.all(jnp.isfinite(carry.x)) & jnp.all(jnp.isfinite(carry.frame))
+        return stop(carry, STATUS.nonfinite, ~(finite & (dt >= -nothing)))
 
 
-def since_after(settings: Settings, clock: Clock, c: StepState, dt, real, may_lose_rank: bool):
+def since_after(settings: Settings, clock: Clock, carry: StepState, dt, real, may_lose_rank: bool):
     """`StepState.since` after an event; an event that may destroy a direction makes an orthonormalisation due."""
     if settings.qr_schedule.unit != "time":
-        return c.since + {"steps": 1.0, "jumps": 1.0, "never": 0.0}[settings.qr_schedule.unit]
-    since = c.since + dt
+        return carry.since + {"steps": 1.0, "jumps": 1.0, "never": 0.0}[settings.qr_schedule.unit]
+    since = carry.since + dt
     return jnp.where(real, clock.interval, since) if may_lose_rank else since
 
 

@@ -31,26 +31,26 @@ class Flights(Stepping):
 
     longest_interval: ClassVar[float] = 1.0  # counted in flights
 
-    def enter(self, c: StepState, clock: Clock):
+    def enter(self, carry: StepState, clock: Clock):
         """As in `Stepping`; `stage_points` holds the mean step of the flight."""
-        tr = super().enter(c, clock)
-        return tr._replace(stage_points=(jnp.zeros_like(c.s),)) if isinstance(tr, Trial) else tr
+        trial = super().enter(carry, clock)
+        return trial._replace(stage_points=(jnp.zeros_like(carry.s),)) if isinstance(trial, Trial) else trial
 
-    def propose_step(self, c: StepState, clock: Clock, bracket: RootBracket | None = None) -> Trial:
+    def propose_step(self, carry: StepState, clock: Clock, bracket: RootBracket | None = None) -> Trial:
         """A flight until a guard changes its sign, a clock ticks, the block ends, or `STEPS_PER_FLIGHT` steps."""
         del bracket  # the flight locates the event itself
-        solver, t, w = c.solver_state, clock.base + c.s, self.hybrid
+        solver, t, hybrid = carry.solver_state, clock.base + carry.s, self.hybrid
         longest, final, tick = self._length(
-            c._replace(solver_state=solver._replace(h=STEPS_PER_FLIGHT * solver.h)), clock, None
+            carry._replace(solver_state=solver._replace(h=STEPS_PER_FLIGHT * solver.h)), clock, None
         )
 
-        trials = [self._flight_in(q, solver) for q in range(w.modes)]
-        flight, x, f, g, rate, reached = by_mode(solver.mode, trials, t, c.x, longest)
+        trials = [self._flight_in(q, solver) for q in range(hybrid.modes)]
+        flight, x, f, g, rate, reached = by_mode(solver.mode, trials, t, carry.x, longest)
         h, found = _duration(flight, longest), flight.found
         lands, miss = jnp.asarray(False), None
         if g is not None:
             # The guard that was reached has just passed zero: it fires, or it is armed now if it came from beyond zero.
-            here = found & (jnp.arange(w.slots) == reached)
+            here = found & (jnp.arange(hybrid.slots) == reached)
             beyond = 2 * solver.guard_sign * jnp.maximum(solver.guard_tolerance, nonzero(1e-300, g))
             g, lands = jnp.where(here, -beyond, g), jnp.any(here & firing(self, solver))
             miss = jnp.zeros_like(g)
@@ -60,7 +60,7 @@ class Flights(Stepping):
         case = jnp.where(flight.failed, FAIL, jnp.where(lands, LAND, ADVANCE))
         if self.may_not_flow:
             case = jnp.where(pending(solver) > 0, LAND, case)
-        zero, hidden = jnp.zeros_like(h), jnp.zeros(w.slots, bool) if self.has_events else None
+        zero, hidden = jnp.zeros_like(h), jnp.zeros(hybrid.slots, bool) if self.has_events else None
         return Trial(case.astype(jnp.int32), h, x, f, zero, final & ~found, g, rate, miss, tick, (flight.step,), hidden)
 
     def _flight_in(self, q: int, solver: SolverState):
@@ -90,11 +90,11 @@ class Flights(Stepping):
 
         return to_an_event
 
-    def _next_h(self, solver: SolverState, tr: Trial, ratio, passed):
+    def _next_h(self, solver: SolverState, trial: Trial, ratio, passed):
         """The mean step of a full flight; a flight that was cut short can only raise the present value."""
         del ratio, passed
-        (step,) = tr.stage_points
-        h = jnp.where(tr.h >= 0.99 * STEPS_PER_FLIGHT * solver.h, step, jnp.maximum(solver.h, step))
+        (step,) = trial.stage_points
+        h = jnp.where(trial.h >= 0.99 * STEPS_PER_FLIGHT * solver.h, step, jnp.maximum(solver.h, step))
         return jax.lax.stop_gradient(h), solver.log_ratio
 
 

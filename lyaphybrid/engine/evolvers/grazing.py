@@ -22,50 +22,50 @@ CUBIC = 384.0  # the error of a cubic in the middle of a step is g⁗ h⁴/384
 GLOBAL = 40.0  # the error of the motion by fixed steps of order p is taken as A (ωh)ᵖ/40, for motions A cos ωt
 
 
-def hardly_crosses(evolver, c: StepState, clock: Clock, tr: Trial):
+def hardly_crosses(evolver, carry: StepState, clock: Clock, trial: Trial):
     """(slots,) the guards whose rate at the end of a trial is known to less than two digits.
 
     An error δ of the guard moves its root by δ/ġ, and changes the rate there by g̈ δ/ġ. The saltation matrix has 1/ġ.
     """
-    bend = _bend(c, tr)
-    slow = (tr.h > 0) & (jnp.abs(tr.rate) < STEPS_TO_TURN * c.solver_state.h * jnp.abs(bend))
-    wanted = jnp.any(firing(evolver, c.solver_state) & slow)
-    errors = _errors_of_guards(evolver, c, clock, bend, wanted)
-    return (tr.h > 0) & (jnp.abs(bend) * errors > UNKNOWN_PART * tr.rate**2)
+    bend = _bend(carry, trial)
+    slow = (trial.h > 0) & (jnp.abs(trial.rate) < STEPS_TO_TURN * carry.solver_state.h * jnp.abs(bend))
+    wanted = jnp.any(firing(evolver, carry.solver_state) & slow)
+    errors = _errors_of_guards(evolver, carry, clock, bend, wanted)
+    return (trial.h > 0) & (jnp.abs(bend) * errors > UNKNOWN_PART * trial.rate**2)
 
 
-def nearly_crosses(evolver, c: StepState, clock: Clock, tr: Trial, bracket: RootBracket):
+def nearly_crosses(evolver, carry: StepState, clock: Clock, trial: Trial, bracket: RootBracket):
     """Whether a trial was cut at an extremum of a guard that misses zero by less than the error of the motion."""
-    solver, bend = c.solver_state, _bend(c, tr)
-    rest = 0.5 * tr.rate**2 / jnp.where(bend == 0, nonzero(1e-300, bend), bend)  # from the end to the extremum
+    solver, bend = carry.solver_state, _bend(carry, trial)
+    rest = 0.5 * trial.rate**2 / jnp.where(bend == 0, nonzero(1e-300, bend), bend)  # from the end to the extremum
     near = TURNED * jnp.maximum(jnp.abs(solver.rate), jnp.abs(bend) * solver.h)
-    turned = (solver.guard_sign * solver.rate < 0) & (jnp.abs(tr.rate) <= near)
+    turned = (solver.guard_sign * solver.rate < 0) & (jnp.abs(trial.rate) <= near)
     turned = turned & firing(evolver, solver)
-    cut = (tr.case == ADVANCE) & (bracket.tries > 0) & (bracket.guard_index < 0)
-    errors = _errors_of_guards(evolver, c, clock, bend, cut & jnp.any(turned))
-    return cut & jnp.any(turned & (jnp.abs(tr.g - rest) <= NEARLY * errors + UNSURE * jnp.abs(rest)))
+    cut = (trial.case == ADVANCE) & (bracket.tries > 0) & (bracket.guard_index < 0)
+    errors = _errors_of_guards(evolver, carry, clock, bend, cut & jnp.any(turned))
+    return cut & jnp.any(turned & (jnp.abs(trial.g - rest) <= NEARLY * errors + UNSURE * jnp.abs(rest)))
 
 
-def _bend(c: StepState, tr: Trial):
+def _bend(carry: StepState, trial: Trial):
     """(slots,) second time derivatives of the guards, the mean over the trial."""
-    return (tr.rate - c.solver_state.rate) / jnp.where(tr.h > 0, tr.h, 1.0)
+    return (trial.rate - carry.solver_state.rate) / jnp.where(trial.h > 0, trial.h, 1.0)
 
 
-def _errors_of_guards(evolver, c: StepState, clock: Clock, bend, wanted):
+def _errors_of_guards(evolver, carry: StepState, clock: Clock, bend, wanted):
     """(slots,) how far the guards may be off, where `wanted`: by the tolerances; of fixed steps by an estimate too.
 
     A fixed step of order p has no error estimate, but the guard's cubic over the step has, and shows g⁗. A guard that
     moves as A cos ωt has g⁗ = Aω⁴ and |g̈| = Aω² where it turns, so both A and ω follow.
     """
-    w, solver, method, t = evolver.hybrid, c.solver_state, evolver.method, clock.base + c.s
+    hybrid, solver, method, t = evolver.hybrid, carry.solver_state, evolver.method, clock.base + carry.s
 
     def estimated():
-        terms = by_mode(solver.mode, [functools.partial(sizes, guards) for guards in w.guards], t, c.x)
+        terms = by_mode(solver.mode, [functools.partial(sizes, guards) for guards in hybrid.guards], t, carry.x)
         given = method.atol + method.rtol * terms + solver.guard_tolerance
         if evolver.rejects or not method.sample_fractions:  # a map from point to point says nothing of g⁗
             return given
-        trials = [trial_in(evolver, q) for q in range(w.modes)]
-        _, _, g, rate, inside = by_mode(solver.mode, trials, t, c.x, solver.f, solver.h)
+        trials = [trial_in(evolver, q) for q in range(hybrid.modes)]
+        _, _, g, rate, inside = by_mode(solver.mode, trials, t, carry.x, solver.f, solver.h)
         largest = CUBIC * interpolation_errors(evolver, solver, g, rate, solver.h, inside)  # g⁗ h⁴
         squared = jnp.minimum(largest / jnp.maximum(jnp.abs(bend) * solver.h**2, nonzero(1e-300, bend)), 1.0)  # (ωh)²
         return jnp.maximum(given, largest * squared ** (0.5 * max(method.error_order - 4, 0)) / GLOBAL)

@@ -42,9 +42,9 @@ class Iterating(AbstractEvolver):
         del t, x
         return jax.ShapeDtypeStruct((), jnp.int32)
 
-    def propose_step(self, c: StepState, clock: Clock):
+    def propose_step(self, carry: StepState, clock: Clock):
         """A map needs no proposal."""
-        del c, clock
+        del carry, clock
         return ()
 
     def is_regular(self, ahead):
@@ -52,26 +52,28 @@ class Iterating(AbstractEvolver):
         del ahead
         return True
 
-    def locate_events(self, settings: Settings, clock: Clock, within, c: StepState, ahead):
+    def locate_events(self, settings: Settings, clock: Clock, within, carry: StepState, ahead):
         """A map has no events to locate."""
         del settings, clock, within
-        return c, ahead
+        return carry, ahead
 
-    def step(self, settings: Settings, clock: Clock, c: StepState, ahead) -> StepState:
+    def step(self, settings: Settings, clock: Clock, carry: StepState, ahead) -> StepState:
         """One iteration of the map and of its tangent."""
         del ahead
-        t = clock.base + c.s
-        x, linear = jax.linearize(lambda x: self.rule(t, x), c.x)
-        frame = each_column(linear, c.frame)
-        since = c.since + (0.0 if settings.qr_schedule.unit == "never" else 1.0)
+        t = clock.base + carry.s
+        x, linear = jax.linearize(lambda x: self.rule(t, x), carry.x)
+        frame = each_column(linear, carry.frame)
+        since = carry.since + (0.0 if settings.qr_schedule.unit == "never" else 1.0)
         log_volume = None
-        if c.log_volume is not None:
+        if carry.log_volume is not None:
             log_volume = frames.log_abs_det(each_column(linear, jnp.eye(x.shape[0], dtype=x.dtype)))
-        c = added(c._replace(x=x, frame=frame, since=since, jumps=c.jumps + 1), s=1.0, log_volume=log_volume)
-        return stop(c, STATUS.nonfinite, ~jnp.all(jnp.isfinite(x)))
+        carry = added(
+            carry._replace(x=x, frame=frame, since=since, jumps=carry.jumps + 1), s=1.0, log_volume=log_volume
+        )
+        return stop(carry, STATUS.nonfinite, ~jnp.all(jnp.isfinite(x)))
 
-    def tangent(self, clock: Clock, c: StepState, ahead) -> Callable:
+    def tangent(self, clock: Clock, carry: StepState, ahead) -> Callable:
         """The derivative dx (n,) -> (n,) of one iteration."""
         del ahead
-        t, x = clock.base + c.s, c.x
+        t, x = clock.base + carry.s, carry.x
         return lambda dx: jax.jvp(lambda x: self.rule(t, x), (x,), (dx,))[1]

@@ -41,56 +41,56 @@ SHRUNK_INTERVAL = 1e-3
 STEP_PER_INTERVAL = 10.0  # where intervals between jumps shrink, the step is this times the last interval
 
 
-def apply_event(evolver, settings: Settings, clock: Clock, c: StepState, tr: Trial) -> StepState:
+def apply_event(evolver, settings: Settings, clock: Clock, carry: StepState, trial: Trial) -> StepState:
     """Handle a trial that ends at an event: polish the root, apply the cascade, orthonormalise, arm the guards."""
-    solver, w = c.solver_state, evolver.hybrid
+    solver, hybrid = carry.solver_state, evolver.hybrid
     mode = jnp.asarray(0, jnp.int32) if solver.mode is None else solver.mode
-    unsure = hardly_crosses(evolver, c, clock, tr)
-    moved = evolver.commit(settings, c, tr.h, tr.x, evolver.landed(c, clock, tr))
-    lands, at_once = _at_root(evolver, solver, tr), False
+    unsure = hardly_crosses(evolver, carry, clock, trial)
+    moved = evolver.commit(settings, carry, trial.h, trial.x, evolver.landed(carry, clock, trial))
+    lands, at_once = _at_root(evolver, solver, trial), False
     if evolver.may_not_flow:  # a jump may follow the last one, or the start, without a flow
         at_once = pending(solver) > 0
         follows = (
-            table(evolver, solver.mode, w.directed)
+            table(evolver, solver.mode, hybrid.directed)
             & (solver.guard_sign < 0)
             & ~(has_fired(evolver, solver) & (solver.g == 0))
         )
-        if w.recording is not None:  # what changes something goes first
-            changing = follows & ~table(evolver, solver.mode, w.recording)
+        if hybrid.recording is not None:  # what changes something goes first
+            changing = follows & ~table(evolver, solver.mode, hybrid.recording)
             follows = jnp.where(jnp.any(changing), changing, follows)
-        moved, lands = select(at_once, (c, follows), (moved, lands))
-    c = moved
+        moved, lands = select(at_once, (carry, follows), (moved, lands))
+    carry = moved
     ticking = ~jnp.any(lands)
-    c = _polish(evolver, clock, c, lands, ticking | at_once)
+    carry = _polish(evolver, clock, carry, lands, ticking | at_once)
     if evolver.per_jump:
-        c = _within_reach(c, tr.h)
-    t = clock.base + c.s
-    c = orthonormalise_and_accumulate(settings, c, t)[0] if orthonormalises(settings, c) else c
+        carry = _within_reach(carry, trial.h)
+    t = clock.base + carry.s
+    carry = orthonormalise_and_accumulate(settings, carry, t)[0] if orthonormalises(settings, carry) else carry
     # The transition: the first of those at this instant whose `when` is true.
-    together = lands & (at_once | _is_now(evolver, mode, t, c.x, lands, solver.h)) if w.slots > 1 else lands
-    allowed = together & by_mode(mode, w.whens, t, c.x) if w.shared else together
+    together = lands & (at_once | _is_now(evolver, mode, t, carry.x, lands, solver.h)) if hybrid.slots > 1 else lands
+    allowed = together & by_mode(mode, hybrid.whens, t, carry.x) if hybrid.shared else together
     blocked = ~ticking & ~jnp.any(allowed)
     guard_index = jnp.argmax(allowed).astype(jnp.int32)
-    transition = table(evolver, solver.mode, w.transition)[guard_index]
-    which = table(evolver, solver.mode, w.component)[guard_index]
-    if w.clocks:
-        clocks = jnp.asarray(w.clocks, jnp.int32)
-        transition = jnp.where(ticking, clocks[tr.tick], transition)
+    transition = table(evolver, solver.mode, hybrid.transition)[guard_index]
+    which = table(evolver, solver.mode, hybrid.component)[guard_index]
+    if hybrid.clocks:
+        clocks = jnp.asarray(hybrid.clocks, jnp.int32)
+        transition = jnp.where(ticking, clocks[trial.tick], transition)
         which = jnp.where(ticking, 0, which)
     event = transition, which, jnp.where(ticking, -1, guard_index)
     together = allowed & ~jnp.asarray(at_once)
-    crossed = _apply_cascade(evolver, settings, clock, c, mode, event, together, at_once, tr.h, unsure)
-    crossed = _to_end(evolver, clock, _keep_clocks(evolver, clock, crossed, tr, ticking))
-    return select(blocked, stop(c, STATUS.deadlock), crossed)
+    crossed = _apply_cascade(evolver, settings, clock, carry, mode, event, together, at_once, trial.h, unsure)
+    crossed = _to_end(evolver, clock, _keep_clocks(evolver, clock, crossed, trial, ticking))
+    return select(blocked, stop(carry, STATUS.deadlock), crossed)
 
 
-def _at_root(evolver, solver: SolverState, tr: Trial):
+def _at_root(evolver, solver: SolverState, trial: Trial):
     """(slots,) the guards whose root is at the end of the trial."""
-    ahead = _until_zero(tr.g, tr.rate)
-    ticking = jnp.asarray(False) if tr.tick is None else tr.tick >= 0
+    ahead = _until_zero(trial.g, trial.rate)
+    ticking = jnp.asarray(False) if trial.tick is None else trial.tick >= 0
     fires = firing(evolver, solver)
-    crossed = fires & is_beyond(solver, tr)
-    close = fires & (solver.guard_sign * tr.rate < 0) & (jnp.abs(ahead) <= digits(NEAR, ahead) * solver.h)
+    crossed = fires & is_beyond(solver, trial)
+    close = fires & (solver.guard_sign * trial.rate < 0) & (jnp.abs(ahead) <= digits(NEAR, ahead) * solver.h)
     return jnp.where(ticking, False, jnp.where(jnp.any(close), close, crossed))
 
 
@@ -101,21 +101,21 @@ def _until_zero(g, rate):
 
 def _is_now(evolver, mode, t, x, lands, h):
     """(slots,) the guards whose root coincides, up to rounding, with the earliest root among `lands`."""
-    w, (t, x, h) = evolver.hybrid, jax.lax.stop_gradient((t, x, h))
+    hybrid, (t, x, h) = evolver.hybrid, jax.lax.stop_gradient((t, x, h))
 
     def of_mode(q):
         def roots(t, x):
-            g, rate = rates(w.guards[q], t, x, w.fields[q](t, x))
-            return _until_zero(g, rate), jnp.abs(_until_zero(rounding(w.guards[q], t, x), rate))
+            g, rate = rates(hybrid.guards[q], t, x, hybrid.fields[q](t, x))
+            return _until_zero(g, rate), jnp.abs(_until_zero(rounding(hybrid.guards[q], t, x), rate))
 
         return roots
 
-    ahead, unsure = by_mode(mode, [of_mode(q) for q in range(w.modes)], t, x)
+    ahead, unsure = by_mode(mode, [of_mode(q) for q in range(hybrid.modes)], t, x)
     first = jnp.argmin(jnp.where(lands, ahead, jnp.inf))
     return ahead <= ahead[first] + unsure + unsure[first] + digits(GUARD_ROUNDING, h) * h
 
 
-def _polish(evolver, clock: Clock, c: StepState, lands, ticking) -> StepState:
+def _polish(evolver, clock: Clock, carry: StepState, lands, ticking) -> StepState:
     """Two second-order Taylor steps onto the guard; the second is differentiable, the location of the root was not.
 
     Of several guards the one with the earliest root is taken. The second step identifies it, because it starts so close
@@ -123,52 +123,52 @@ def _polish(evolver, clock: Clock, c: StepState, lands, ticking) -> StepState:
 
     Frames are moved to first order only: as the step tends to zero, its derivative is still correct.
     """
-    w = evolver.hybrid
+    hybrid = evolver.hybrid
 
     def of_mode(q):
         def polish(t, x, frame, log_volume):
             def once(i, state):
                 t, x, frame, log_volume, shift = state
-                f, second = _rates_of_flow(w.fields[q], t, x)
-                g, rate = rates(w.guards[q], t, x, f)
+                f, second = _rates_of_flow(hybrid.fields[q], t, x)
+                g, rate = rates(hybrid.guards[q], t, x, f)
                 guard_index = jnp.argmin(jnp.where(lands, _until_zero(g, rate), jnp.inf))
                 step = -g[guard_index] / jnp.where(rate[guard_index] == 0, 1.0, rate[guard_index])
                 step = jnp.where(ticking | (rate[guard_index] == 0), 0.0, step)
                 step = jnp.where(i == 0, jax.lax.stop_gradient(step), step)
-                return t + step, *_flown(w.fields[q], step, (f, second), t, x, frame, log_volume), shift + step
+                return t + step, *_flown(hybrid.fields[q], step, (f, second), t, x, frame, log_volume), shift + step
 
             return jax.lax.fori_loop(0, 2, once, (t, x, frame, log_volume, jnp.zeros_like(t)))
 
         return polish
 
-    start = (clock.base + c.s, c.x, c.frame, c.log_volume)
-    _, x, frame, log_volume, shift = by_mode(c.solver_state.mode, [of_mode(q) for q in range(w.modes)], *start)
-    return added(c._replace(x=x, frame=frame, log_volume=log_volume), s=shift)
+    start = (clock.base + carry.s, carry.x, carry.frame, carry.log_volume)
+    _, x, frame, log_volume, shift = by_mode(carry.solver_state.mode, [of_mode(q) for q in range(hybrid.modes)], *start)
+    return added(carry._replace(x=x, frame=frame, log_volume=log_volume), s=shift)
 
 
-def _to_end(evolver, clock: Clock, c: StepState) -> StepState:
+def _to_end(evolver, clock: Clock, carry: StepState) -> StepState:
     """After an event at the very end of a block: from the time of the event to that of the end, along the new flow.
 
     The way has no length, up to rounding, but derivatives: the event's time depends on parameters, that of the end does
     not. So the output is the state after the event, as a function of parameters too.
     """
-    w = evolver.hybrid
+    hybrid = evolver.hybrid
 
-    def move(c):
-        step = clock.length - c.s
+    def move(carry):
+        step = clock.length - carry.s
 
         def of_mode(q):
             def along(t, x, frame, log_volume):
-                f, second = _rates_of_flow(w.fields[q], t, x)
-                return f + step * second, *_flown(w.fields[q], step, (f, second), t, x, frame, log_volume)
+                f, second = _rates_of_flow(hybrid.fields[q], t, x)
+                return f + step * second, *_flown(hybrid.fields[q], step, (f, second), t, x, frame, log_volume)
 
             return along
 
-        start = clock.base + c.s, c.x, c.frame, c.log_volume
-        f, x, frame, log_volume = by_mode(c.solver_state.mode, [of_mode(q) for q in range(w.modes)], *start)
-        return changed(c._replace(s=clock.length, x=x, frame=frame, log_volume=log_volume), f=f)
+        start = clock.base + carry.s, carry.x, carry.frame, carry.log_volume
+        f, x, frame, log_volume = by_mode(carry.solver_state.mode, [of_mode(q) for q in range(hybrid.modes)], *start)
+        return changed(carry._replace(s=clock.length, x=x, frame=frame, log_volume=log_volume), f=f)
 
-    return jax.lax.cond(clock.over(c), move, lambda c: c, c)
+    return jax.lax.cond(clock.over(carry), move, lambda carry: carry, carry)
 
 
 def _rates_of_flow(field, t, x):
@@ -187,43 +187,45 @@ def _flown(field, step, rates_of_flow, t, x, frame, log_volume):
     return x + step * (f + 0.5 * step * second), frame + step * each_column(slope, frame), log_volume
 
 
-def _within_reach(c: StepState, last_step) -> StepState:
+def _within_reach(carry: StepState, last_step) -> StepState:
     """Where intervals between jumps shrink, limit the step to their scale: guards are armed on the scale of a step."""
-    flown, before = _time_since_event(c, last_step), Memory(*c.solver_state.memory).interval
-    short = (flown > 0) & (flown < before) & (flown < SHRUNK_INTERVAL * c.solver_state.h)
-    return changed(c, h=jax.lax.stop_gradient(jnp.where(short, STEP_PER_INTERVAL * flown, c.solver_state.h)))
+    flown, before = _time_since_event(carry, last_step), Memory(*carry.solver_state.memory).interval
+    short = (flown > 0) & (flown < before) & (flown < SHRUNK_INTERVAL * carry.solver_state.h)
+    return changed(carry, h=jax.lax.stop_gradient(jnp.where(short, STEP_PER_INTERVAL * flown, carry.solver_state.h)))
 
 
-def _time_since_event(c: StepState, last_step):
+def _time_since_event(carry: StepState, last_step):
     """The time since the last event; the length of the last step, where the block's time does not resolve it."""
-    return jnp.maximum(c.s - Memory(*c.solver_state.memory).last, last_step)
+    return jnp.maximum(carry.s - Memory(*carry.solver_state.memory).last, last_step)
 
 
 def _apply_cascade(
-    evolver, settings, clock: Clock, c: StepState, mode, event, together, at_once, last_step, unsure
+    evolver, settings, clock: Clock, carry: StepState, mode, event, together, at_once, last_step, unsure
 ) -> StepState:
     """Apply the cascade that the event starts; then orthonormalise and store the armed guards."""
     guard_index = event[2]
-    t, h, k = clock.base + c.s, c.solver_state.h, c.frame.shape[1]
-    columns, was_live = c.frame, jnp.sum(c.frame * c.frame, axis=0) > 0.5
+    t, h, k = clock.base + carry.s, carry.solver_state.h, carry.frame.shape[1]
+    columns, was_live = carry.frame, jnp.sum(carry.frame * carry.frame, axis=0) > 0.5
     if settings.sum_rule:  # append the identity (n, n): its image is the saltation matrix
-        columns = jnp.concatenate([columns, jnp.eye(c.x.shape[0], dtype=c.x.dtype)], axis=1)
-    landing = in_each_order(evolver, settings, t, h, c, columns, mode, event, together, at_once)
-    since = c.since + landing.count.astype(c.since.dtype) if settings.qr_schedule.unit == "jumps" else c.since
+        columns = jnp.concatenate([columns, jnp.eye(carry.x.shape[0], dtype=carry.x.dtype)], axis=1)
+    landing = in_each_order(evolver, settings, t, h, carry, columns, mode, event, together, at_once)
+    since = (
+        carry.since + landing.count.astype(carry.since.dtype) if settings.qr_schedule.unit == "jumps" else carry.since
+    )
     log_volume = frames.log_abs_det(landing.moves.columns[:, k:]) if settings.sum_rule else None
     project, frame = evolver.onto_mode(landing.mode, t, landing.x), landing.moves.columns[:, :k]
     sizes = None if landing.moves.sizes is None else landing.moves.sizes.columns
     if project is not None and k:
         frame = each_column(project, frame)
         sizes = None if sizes is None else each_column(absolute(project), sizes)
-    c = c._replace(
+    carry = carry._replace(
         x=landing.x,
         frame=frame,
         since=since,
-        jumps=c.jumps + landing.count,
+        jumps=carry.jumps + landing.count,
         log=landing.log,
     )
-    c = added(c, log_volume=log_volume)
+    carry = added(carry, log_volume=log_volume)
     arrival = {
         "f": landing.f,
         "g": landing.g,
@@ -231,29 +233,29 @@ def _apply_cascade(
         "guard_sign": landing.guard_sign,
         "guard_tolerance": landing.guard_tolerance,
     }
-    c = changed(c, mode=None if c.solver_state.mode is None else landing.mode, **arrival)
-    if c.solver_state.choices is not None:
-        c = changed(c, choices=c.solver_state.choices.met(landing.together, jnp.sum(together), t))
+    carry = changed(carry, mode=None if carry.solver_state.mode is None else landing.mode, **arrival)
+    if carry.solver_state.choices is not None:
+        carry = changed(carry, choices=carry.solver_state.choices.met(landing.together, jnp.sum(together), t))
     doubtful = jnp.asarray(False)
     if sizes is not None:
-        losses, (c, _) = (
-            c.losses,
-            orthonormalise_and_accumulate(settings, c, t, frames.LOST, frames.LOST, project, was_live, sizes),
+        losses, (carry, _) = (
+            carry.losses,
+            orthonormalise_and_accumulate(settings, carry, t, frames.LOST, frames.LOST, project, was_live, sizes),
         )
         # The direction of the flow shrinks by the ratio of speeds: a loss is doubtful if rounding could hide it.
         speed, terms = jnp.max(jnp.abs(landing.f)), jnp.minimum(jnp.max(sizes), 1.0)  # unknown magnitudes are huge
-        hidden = digits(frames.DEPENDENT, c.x) * terms * landing.speed
-        doubtful = jnp.any(c.losses > losses) & (speed > 0) & (speed < hidden)
+        hidden = digits(frames.DEPENDENT, carry.x) * terms * landing.speed
+        doubtful = jnp.any(carry.losses > losses) & (speed > 0) & (speed < hidden)
     guard = jnp.where(guard_index < 0, -1, guard_index + evolver.hybrid.slots * mode)
     grazing = (landing.transversality < GRAZING) | ((guard_index >= 0) & unsure[guard_index] & _bends(landing))
-    c = _store_event(evolver, c, landing, clock, guard, (grazing, doubtful), last_step)
-    c = stop(c, STATUS.terminated, landing.terminal)
-    c = stop(c, STATUS.deadlock, landing.stuck)
-    finite = jnp.all(jnp.isfinite(c.x)) & jnp.all(jnp.isfinite(c.frame))
-    c = stop(c, STATUS.nonfinite, ~finite)
+    carry = _store_event(evolver, carry, landing, clock, guard, (grazing, doubtful), last_step)
+    carry = stop(carry, STATUS.terminated, landing.terminal)
+    carry = stop(carry, STATUS.deadlock, landing.stuck)
+    finite = jnp.all(jnp.isfinite(carry.x)) & jnp.all(jnp.isfinite(carry.frame))
+    carry = stop(carry, STATUS.nonfinite, ~finite)
     # Where jumps are counted the run goes on through an endless cascade, and stops if the cascade ends after all.
     ends = landing.alone & ~landing.more if evolver.per_jump else landing.count > evolver.max_cascade
-    return stop(c, STATUS.zeno, ends)
+    return stop(carry, STATUS.zeno, ends)
 
 
 def _bends(landing: CascadeState):
@@ -263,54 +265,54 @@ def _bends(landing: CascadeState):
     return jnp.max(jnp.abs(through - landing.f)) > digits(1e-9, size) * size
 
 
-def _keep_clocks(evolver, clock: Clock, c: StepState, tr: Trial, ticking) -> StepState:
+def _keep_clocks(evolver, clock: Clock, carry: StepState, trial: Trial, ticking) -> StepState:
     """Advance the clock that has ticked, and clocks that were not armed, to their next tick."""
     if not evolver.hybrid.clocks:
-        return c
-    t = clock.base + c.s
-    ticked = ticking & (jnp.arange(len(evolver.clock_times), dtype=jnp.int32) == tr.tick)
-    number = c.solver_state.ticks + ticked.astype(c.solver_state.ticks.dtype)
+        return carry
+    t = clock.base + carry.s
+    ticked = ticking & (jnp.arange(len(evolver.clock_times), dtype=jnp.int32) == trial.tick)
+    number = carry.solver_state.ticks + ticked.astype(carry.solver_state.ticks.dtype)
     now = jnp.stack([jnp.floor((t - phase) / period + digits(1e-9, t)) for period, phase in evolver.clock_times])
     number = jnp.where(number < now - 1e-3, now + 1, number)
-    return changed(c, ticks=number)
+    return changed(carry, ticks=number)
 
 
-def _store_event(evolver, c: StepState, landing: CascadeState, clock: Clock, guard, seen, last_step) -> StepState:
+def _store_event(evolver, carry: StepState, landing: CascadeState, clock: Clock, guard, seen, last_step) -> StepState:
     """Update `Memory`: intervals between events (Zeno), transversality, notes; `seen`: whether grazing, doubtful.
 
     `guard` counts over all modes.
     """
     grazing, doubtful = seen
-    m, first = Memory(*c.solver_state.memory), guard.astype(c.x.dtype)
-    interval = _time_since_event(c, last_step) if evolver.per_jump else c.s - m.last
+    m, first = Memory(*carry.solver_state.memory), guard.astype(carry.x.dtype)
+    interval = _time_since_event(carry, last_step) if evolver.per_jump else carry.s - m.last
     longest = jnp.maximum(m.longest, interval)
-    short = interval < digits(SHORT_INTERVAL, interval) * jnp.minimum(c.solver_state.h, longest)
+    short = interval < digits(SHORT_INTERVAL, interval) * jnp.minimum(carry.solver_state.h, longest)
     streak = jnp.where(short, m.streak + 1, 0.0)
     shrink = jnp.clip(interval / jnp.where(m.interval > 0, m.interval, 1.0), 0.0, 1 - digits(1e-9, interval))
-    ahead = clock.base + c.s + interval * shrink / (1 - shrink)
+    ahead = clock.base + carry.s + interval * shrink / (1 - shrink)
     # Intervals may shrink below the resolution of the state, or below rounding, before MOST_SHORT_INTERVALS is reached.
     if evolver.per_jump:  # jumps are counted: go on as long as float64 separates them
         small = interval < SHRUNK_INTERVAL * longest
         hidden = small & (interval < SMALLEST_INTERVAL * longest) & ~landing.alone
         few, patience = small, jnp.inf
     else:
-        small, few, patience = interval < SHRUNK_INTERVAL * c.solver_state.h, m.streak > 0, PATIENCE
+        small, few, patience = interval < SHRUNK_INTERVAL * carry.solver_state.h, m.streak > 0, PATIENCE
         hidden = False
     shrunk = (m.interval > 0) & small
     hidden = hidden | (few & (m.guard_index == first) & (interval < landing.shortest))
     zeno = (streak > patience) | (landing.stuck & shrunk) | hidden
     memory = Memory(
-        c.s,
+        carry.s,
         interval,
         longest,
         streak,
         jnp.minimum(m.transversality, landing.transversality),
-        jnp.maximum(m.grazing, grazing.astype(c.x.dtype)),
-        jnp.maximum(m.simultaneous, landing.together.astype(c.x.dtype)),
+        jnp.maximum(m.grazing, grazing.astype(carry.x.dtype)),
+        jnp.maximum(m.simultaneous, landing.together.astype(carry.x.dtype)),
         jnp.where(zeno, ahead, m.accumulation),
         first,
-        jnp.maximum(m.doubtful, doubtful.astype(c.x.dtype)),
+        jnp.maximum(m.doubtful, doubtful.astype(carry.x.dtype)),
         jnp.where(landing.more & landing.alone, ALONE, 0.0),
     )
-    memory = jax.lax.stop_gradient(jnp.stack([jnp.asarray(v, c.x.dtype) for v in memory]))
-    return stop(changed(c, memory=memory), STATUS.zeno, zeno)
+    memory = jax.lax.stop_gradient(jnp.stack([jnp.asarray(v, carry.x.dtype) for v in memory]))
+    return stop(changed(carry, memory=memory), STATUS.zeno, zeno)

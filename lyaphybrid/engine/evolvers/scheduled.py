@@ -118,10 +118,12 @@ class Scheduled(AbstractEvolver):
         destroys = jnp.asarray(False) if self.may_lose_rank else None
         return ScheduledState(cache, zero, zero, jnp.asarray(0, jnp.int32), zero, zero, zero, name, destroys)
 
-    def least_length(self, c: StepState, jumps):
+    def least_length(self, carry: StepState, jumps):
         """`LOST` after an event that destroys a direction; lengths alone only where double-double checks them."""
-        closely = c.x.shape[0] <= lost_directions.MOST_COMPONENTS
-        return jnp.where(c.solver_state.destroys, frames.LOST, super().least_length(c, jumps) if closely else -jnp.inf)
+        closely = carry.x.shape[0] <= lost_directions.MOST_COMPONENTS
+        return jnp.where(
+            carry.solver_state.destroys, frames.LOST, super().least_length(carry, jumps) if closely else -jnp.inf
+        )
 
     def onto_mode(self, mode, t, x):
         """There are no modes, and no constraints."""
@@ -136,39 +138,39 @@ class Scheduled(AbstractEvolver):
         del t
         return jax.eval_shape(lambda x: integers(self.system.schedule.next(self.init(x[0], x, 0, 0).cache)[1]), x)
 
-    def propose_step(self, c: StepState, clock: Clock) -> ScheduledEvent:
+    def propose_step(self, carry: StepState, clock: Clock) -> ScheduledEvent:
         """Read the next event from the schedule."""
-        t, which = self.system.schedule.next(c.solver_state.cache)
+        t, which = self.system.schedule.next(carry.solver_state.cache)
         # A nan counts as an event, so that `step` stops the run with a status.
-        lands = ~((t > clock.limit(c) - c.solver_state.start) | jnp.isposinf(t))
-        return ScheduledEvent(t, integers(which), lands, c.solver_state.events >= MOST_EVENTS_BETWEEN)
+        lands = ~((t > clock.limit(carry) - carry.solver_state.start) | jnp.isposinf(t))
+        return ScheduledEvent(t, integers(which), lands, carry.solver_state.events >= MOST_EVENTS_BETWEEN)
 
     def is_regular(self, ahead: ScheduledEvent):
         """Regular if an event comes first; `locate_events` does the flight to the end of the block."""
         return ahead.lands & ~ahead.full
 
-    def stretched(self, c: StepState):
+    def stretched(self, carry: StepState):
         """Whether the events since the rebasing stretched perturbations so much that an orthonormalisation is due."""
-        return c.solver_state.stretch > share(c.x) * math.log(STRETCHED)
+        return carry.solver_state.stretch > share(carry.x) * math.log(STRETCHED)
 
-    def step(self, settings: Settings, clock: Clock, c: StepState, flight: ScheduledEvent) -> StepState:
+    def step(self, settings: Settings, clock: Clock, carry: StepState, flight: ScheduledEvent) -> StepState:
         """Apply the next event to the rows that it touches and to their predictions."""
-        t, which, solver = flight.t, flight.which, c.solver_state
+        t, which, solver = flight.t, flight.which, carry.solver_state
         index = self.rows.components(which)
-        rows, real = c.x[index], is_event(which)
+        rows, real = carry.x[index], is_event(which)
         linear = functools.partial(self._linear, t, rows, which)
         new = self.rows.jump(t, rows, which)
-        x, frame = _with_rows(c.x, index, new), c.frame
+        x, frame = _with_rows(carry.x, index, new), carry.frame
         if frame.shape[1] > 0:
             frame = _with_rows(frame, index, _pushed(real, frame, index, linear))
         matrix = functools.cache(lambda: each_column(linear, jnp.eye(len(index), dtype=x.dtype)))  # S, (m, m)
-        s = jnp.where(solver.start + t > c.s, solver.start + t, c.s)  # a nan leaves the time unchanged
+        s = jnp.where(solver.start + t > carry.s, solver.start + t, carry.s)  # a nan leaves the time unchanged
         now = jnp.where(t > solver.now, t, solver.now)
         dt = now - solver.now  # times since the rebasing are small, so dt is accurate
-        entry = None if c.log is None else self._entry(clock, s, t, which, c.x, x)
+        entry = None if carry.log is None else self._entry(clock, s, t, which, carry.x, x)
         stretch, destroys = solver.stretch, solver.destroys
         if destroys is not None:
-            destroys = (destroys & (c.since > 0)) | (real & self._destroys(t, rows, which, matrix()))
+            destroys = (destroys & (carry.since > 0)) | (real & self._destroys(t, rows, which, matrix()))
         if settings.qr_schedule.automatic:
             stretch = stretch + _stretch(matrix(), x.shape[0])
             stretch = stretch if destroys is None else jnp.where(destroys, jnp.inf, stretch)
@@ -181,35 +183,37 @@ class Scheduled(AbstractEvolver):
         longest, streak, over = accumulated(dt, solver.longest, solver.streak, more, again, hides)
         cache = self.system.schedule.update(solver.cache, t, x.reshape(self.shape), self.args, which)
         solver = ScheduledState(cache, solver.start, now, solver.events + 1, stretch, longest, streak, name, destroys)
-        c = c._replace(
+        carry = carry._replace(
             s=s,
             x=x,
             frame=frame,
-            since=since_after(settings, clock, c, dt, real, self.may_lose_rank),
-            jumps=c.jumps + real.astype(jnp.int32),
+            since=since_after(settings, clock, carry, dt, real, self.may_lose_rank),
+            jumps=carry.jumps + real.astype(jnp.int32),
             solver_state=solver,
-            log=c.log if entry is None else log_event(c.log, entry, real),
+            log=carry.log if entry is None else log_event(carry.log, entry, real),
         )
-        c = c if c.log_volume is None else added(c, log_volume=frames.log_abs_det(matrix()))
-        c = stop(c, STATUS.zeno, over)
-        return stop(c, STATUS.nonfinite, ~jnp.isfinite(jnp.sum(new) + t))
+        carry = carry if carry.log_volume is None else added(carry, log_volume=frames.log_abs_det(matrix()))
+        carry = stop(carry, STATUS.zeno, over)
+        return stop(carry, STATUS.nonfinite, ~jnp.isfinite(jnp.sum(new) + t))
 
-    def once(self, settings: Settings, clock: Clock, c: StepState, flight: ScheduledEvent) -> StepState:
+    def once(self, settings: Settings, clock: Clock, carry: StepState, flight: ScheduledEvent) -> StepState:
         """Through the event, or to the end of the block; then rebase."""
-        c = jax.lax.cond(flight.lands, lambda c: self.step(settings, clock, c, flight), lambda c: c, c)
-        return self.locate_events(settings, clock, lambda c: ~flight.lands, c, flight)[0]
+        carry = jax.lax.cond(
+            flight.lands, lambda carry: self.step(settings, clock, carry, flight), lambda carry: carry, carry
+        )
+        return self.locate_events(settings, clock, lambda carry: ~flight.lands, carry, flight)[0]
 
-    def tangent(self, clock: Clock, c: StepState, flight: ScheduledEvent) -> Callable:
+    def tangent(self, clock: Clock, carry: StepState, flight: ScheduledEvent) -> Callable:
         """The derivative dx (n,) -> (n,) of `once`, started at a rebasing."""
-        t, which, n = flight.t, flight.which, c.x.shape[0]
+        t, which, n = flight.t, flight.which, carry.x.shape[0]
         index = self.rows.components(which)
-        place = (index[:, None] == jnp.arange(n, dtype=index.dtype)[None, :]).astype(c.x.dtype)
+        place = (index[:, None] == jnp.arange(n, dtype=index.dtype)[None, :]).astype(carry.x.dtype)
         crosses = flight.lands & is_event(which)
         rest = 1 - jnp.where(crosses, jnp.sum(place, axis=0), 0.0)
-        rows = c.x[index]
-        after = _with_rows(c.x, index, self.rows.jump(t, rows, which))
-        dt = jnp.where(flight.lands, t, clock.limit(c) - c.solver_state.start)
-        x, dt = jnp.where(crosses, after, c.x), jnp.where(jnp.isfinite(dt), dt, 0.0)
+        rows = carry.x[index]
+        after = _with_rows(carry.x, index, self.rows.jump(t, rows, which))
+        dt = jnp.where(flight.lands, t, clock.limit(carry) - carry.solver_state.start)
+        x, dt = jnp.where(crosses, after, carry.x), jnp.where(jnp.isfinite(dt), dt, 0.0)
 
         def linear(dx):
             pushed = self._linear(t, rows, which, place @ dx)
@@ -258,30 +262,30 @@ class Scheduled(AbstractEvolver):
         return EventLog(None, clock.base + s, zero, which, zero, zero, before, after)
 
     def locate_events(
-        self, settings: Settings, clock: Clock, within, c: StepState, ahead: ScheduledEvent
+        self, settings: Settings, clock: Clock, within, carry: StepState, ahead: ScheduledEvent
     ) -> tuple[StepState, ScheduledEvent]:
         """Flow to the block's end or a scheduled orthonormalisation, if no event comes before; then rebase."""
-        flies = within(c) & ~ahead.lands
+        flies = within(carry) & ~ahead.lands
         # An event at the very end: its time depends on parameters, that of the end does not.
-        end = jnp.where(flies, clock.limit(c), jnp.where(clock.over(c), clock.length, c.s))
+        end = jnp.where(flies, clock.limit(carry), jnp.where(clock.over(carry), clock.length, carry.s))
         if settings.count_jumps:  # only jumps end the block, and no jump follows
             never = flies & jnp.isinf(clock.length) & jnp.isposinf(ahead.t)
-            c, end = stop(c, STATUS.no_more_jumps, never), jnp.where(never, c.s, end)
+            carry, end = stop(carry, STATUS.no_more_jumps, never), jnp.where(never, carry.s, end)
         # After an event use its time since the rebasing, which resolves flights too short for the block's time.
-        dt = jnp.where(end > c.s, end - c.solver_state.start, c.solver_state.now + (end - c.s))
-        x, linear = jax.linearize(lambda y: self.rows.flow(dt, y), c.x)
+        dt = jnp.where(end > carry.s, end - carry.solver_state.start, carry.solver_state.now + (end - carry.s))
+        x, linear = jax.linearize(lambda y: self.rows.flow(dt, y), carry.x)
         zero = jnp.zeros_like(end)
-        cache = self.system.schedule.shift(c.solver_state.cache, dt)
-        solver = c.solver_state._replace(
-            cache=cache, start=end, now=zero, events=jnp.zeros_like(c.solver_state.events), stretch=zero
+        cache = self.system.schedule.shift(carry.solver_state.cache, dt)
+        solver = carry.solver_state._replace(
+            cache=cache, start=end, now=zero, events=jnp.zeros_like(carry.solver_state.events), stretch=zero
         )
-        if c.log_volume is not None:
-            c = added(c, log_volume=frames.log_abs_det(each_column(linear, jnp.eye(x.shape[0], dtype=x.dtype))))
-        since = c.since if clock.interval is None else jnp.where(flies, clock.flown(c, end), c.since)
-        c = c._replace(s=end, x=x, frame=each_column(linear, c.frame), solver_state=solver, since=since)
+        if carry.log_volume is not None:
+            carry = added(carry, log_volume=frames.log_abs_det(each_column(linear, jnp.eye(x.shape[0], dtype=x.dtype))))
+        since = carry.since if clock.interval is None else jnp.where(flies, clock.flown(carry, end), carry.since)
+        carry = carry._replace(s=end, x=x, frame=each_column(linear, carry.frame), solver_state=solver, since=since)
         if clock.interval is not None:
-            return c, self.propose_step(clock.afresh(c), clock)
-        return c, ahead._replace(t=ahead.t - dt, full=jnp.asarray(False))
+            return carry, self.propose_step(clock.afresh(carry), clock)
+        return carry, ahead._replace(t=ahead.t - dt, full=jnp.asarray(False))
 
 
 def _with_rows(array: Array, index: Array, rows: Array) -> Array:

@@ -41,7 +41,7 @@ def cut_at_end(rest, h):
     return jnp.where(last, rest, h), last
 
 
-def goes_nowhere(c: StepState, clock: Clock, h, ratio, constrained: bool):
+def goes_nowhere(carry: StepState, clock: Clock, h, ratio, constrained: bool):
     """Whether a rejected step of length h is too short to be repeated with a shorter one.
 
     Where the field is undefined just beyond the state, the error over tolerance `ratio` is not finite, and steps below
@@ -49,16 +49,16 @@ def goes_nowhere(c: StepState, clock: Clock, h, ratio, constrained: bool):
     constraints it stays low, because their singularity is detected only at the singular point itself.
     """
     length = jnp.where(jnp.isfinite(clock.length), clock.length, 0.0)
-    rounding = eps(length) * jnp.maximum(jnp.abs(clock.base + c.s), length)
+    rounding = eps(length) * jnp.maximum(jnp.abs(clock.base + carry.s), length)
     least = SHORTEST if constrained else jnp.where(jnp.isfinite(ratio), SHORTEST, UNDEFINED)
     return h <= least * rounding + nonzero(1e-150, length)
 
 
-def until_ticks(evolver, c: StepState, clock: Clock):
+def until_ticks(evolver, carry: StepState, clock: Clock):
     """(clocks,) time to the next tick of each clock; inf where it is not armed in the mode."""
-    solver = c.solver_state
+    solver = carry.solver_state
     times = [
-        (phase + period * solver.ticks[i] - clock.base) - clock.rest - c.s
+        (phase + period * solver.ticks[i] - clock.base) - clock.rest - carry.s
         for i, (period, phase) in enumerate(evolver.clock_times)
     ]
     until = jnp.stack(times)  # a tick that is late by rounding comes now, with the derivatives of its own time
@@ -66,12 +66,12 @@ def until_ticks(evolver, c: StepState, clock: Clock):
     return jnp.where(table(evolver, solver.mode, evolver.hybrid.armed), until, jnp.inf)
 
 
-def unresolved(c: StepState, clock: Clock):
+def unresolved(carry: StepState, clock: Clock):
     """A time so short that the next tick of a clock may come now: the rounding of the time."""
-    return TIME_ROUNDING * eps(c.s) * jnp.maximum(jnp.abs(clock.base), c.s)
+    return TIME_ROUNDING * eps(carry.s) * jnp.maximum(jnp.abs(clock.base), carry.s)
 
 
-def next_step(method: Method, solver: SolverState, tr: Trial, ratio, passed):
+def next_step(method: Method, solver: SolverState, trial: Trial, ratio, passed):
     """PI step-size controller; ratio is error over tolerance. Returns the next h and the stored log ratio."""
     order, by = method.error_order, method.controller
     log_ratio = jnp.log(jnp.clip(ratio, 1e-10, 1e10))  # clip keeps the nan of a state that is not finite
@@ -79,8 +79,8 @@ def next_step(method: Method, solver: SolverState, tr: Trial, ratio, passed):
     factor = jnp.clip(by.safety * jnp.exp(exponent), by.shrink, by.grow)
     smaller = jnp.maximum(by.safety * jnp.exp(-log_ratio / order), by.shrink)
     smaller = jnp.where(jnp.isfinite(ratio), jnp.minimum(smaller, by.safety), by.shrink)
-    whole = tr.h >= 0.99 * solver.h
+    whole = trial.h >= 0.99 * solver.h
     # A step that was cut at an event, a tick or the block's end must not make the controller's h smaller.
-    h = jnp.where(whole, tr.h * factor, jnp.maximum(solver.h, tr.h * factor))
-    h = _bounded(method, jnp.where(passed, h, tr.h * smaller))
+    h = jnp.where(whole, trial.h * factor, jnp.maximum(solver.h, trial.h * factor))
+    h = _bounded(method, jnp.where(passed, h, trial.h * smaller))
     return jax.lax.stop_gradient(h), jnp.where(whole & passed, log_ratio, solver.log_ratio)

@@ -151,27 +151,27 @@ class Stepping(OnConstraints):
         """The solver state at (t, x)."""
         if self.always_regular:
             return SolverState(*(None,) * 10)
-        w, mode = self.hybrid, jnp.asarray(mode, jnp.int32)
-        f = by_mode(mode, w.fields, t, x)
+        hybrid, mode = self.hybrid, jnp.asarray(mode, jnp.int32)
+        f = by_mode(mode, hybrid.fields, t, x)
         h = first_step(self.method, x, f) if h is None else h
-        state = SolverState(f, h, jnp.zeros_like(h), mode if w.modes > 1 else None, *(None,) * 6)
+        state = SolverState(f, h, jnp.zeros_like(h), mode if hybrid.modes > 1 else None, *(None,) * 6)
         if not self.has_events:
             return state
-        modes = [_to_arm(w, q) for q in range(w.modes)]
+        modes = [_to_arm(hybrid, q) for q in range(hybrid.modes)]
         g, rate, second, guard_tolerance, step_rounding = by_mode(mode, modes, t, x, h)
-        fired = jnp.zeros(w.slots, bool)
+        fired = jnp.zeros(hybrid.slots, bool)
         if self.just_fired is not None:
-            fired = table(self, state.mode, w.transition == self.just_fired)
+            fired = table(self, state.mode, hybrid.transition == self.just_fired)
         guard_sign, g, rate, _ = arm(g, rate, second, guard_tolerance, step_rounding, h, t, fired)
         # The start is on a guard and about to cross it: it has not fired yet, so it fires at once.
         guard_sign = jnp.where(
-            table(self, state.mode, w.directed) & (g == 0) & (guard_sign < 0) & ~fired, 1.0, guard_sign
+            table(self, state.mode, hybrid.directed) & (g == 0) & (guard_sign < 0) & ~fired, 1.0, guard_sign
         )
         ticks = [jnp.floor((t - phase) / period + digits(1e-9, t)) + 1 for period, phase in self.clock_times]
         zero, one = jnp.zeros_like(t), jnp.ones_like(t)
         memory = Memory(zero, zero, zero, zero, one * jnp.inf, zero, zero, one * jnp.nan, -one, zero, zero)
-        if w.borders is not None:
-            outside = jnp.any(table(self, state.mode, w.borders) & (guard_sign < 0))
+        if hybrid.borders is not None:
+            outside = jnp.any(table(self, state.mode, hybrid.borders) & (guard_sign < 0))
             memory = memory._replace(pending=jnp.where(outside, FIRST, zero))
         return SolverState(
             f,
@@ -191,9 +191,9 @@ class Stepping(OnConstraints):
         """Whether all steps have the same length."""
         return not self.rejects
 
-    def rests(self, c: StepState, clock: Clock, x):
+    def rests(self, carry: StepState, clock: Clock, x):
         """Whether the state stays at x, off all guards, and whether it escapes: its steps grow without bound."""
-        solver, no = c.solver_state, jnp.asarray(False)
+        solver, no = carry.solver_state, jnp.asarray(False)
         if not self.timeless:
             return no, no
         allowed = digits(GUARD_ROUNDING, x) * jnp.abs(x)
@@ -202,7 +202,7 @@ class Stepping(OnConstraints):
             atol, rtol = self.method.atol, self.method.rtol
             allowed = NEARLY_STILL * (atol + rtol * jnp.abs(x))
             apart = NEARLY_STILL * (atol + rtol * solver.guard_tolerance / digits(GUARD_ROUNDING, x))
-        still = jnp.all(jnp.abs(c.x - x) <= allowed)
+        still = jnp.all(jnp.abs(carry.x - x) <= allowed)
         off = jnp.all(~firing(self, solver) | (jnp.abs(solver.g) > NEARLY_STILL * apart))
         longest = solver.memory[Memory._fields.index("longest")]
         leaves = solver.h > jnp.where(longest > 0, LONGEST_STEP * longest, EVER)
@@ -214,31 +214,32 @@ class Stepping(OnConstraints):
 
     # --- looking ahead ---------------------------------------------------------------------------------------
 
-    def enter(self, c: StepState, clock: Clock):
+    def enter(self, carry: StepState, clock: Clock):
         """At the start of a block: with events an empty trial (`NONE`), so that `locate_events` makes the first."""
         if not self.has_events:
-            return self.propose_step(c, clock)
-        h, zeros = jnp.zeros_like(c.s), jnp.zeros(self.hybrid.slots, c.x.dtype)
-        tick = None if c.solver_state.ticks is None else jnp.asarray(-1, jnp.int32)
+            return self.propose_step(carry, clock)
+        h, zeros = jnp.zeros_like(carry.s), jnp.zeros(self.hybrid.slots, carry.x.dtype)
+        tick = None if carry.solver_state.ticks is None else jnp.asarray(-1, jnp.int32)
         none, no = jnp.asarray(NONE, jnp.int32), jnp.asarray(False)
         ratio, miss = (h, zeros) if self.rejects else (None, None)
-        stage_points = self.method.blank_stage_points(c.x) if self.revisits and c.frame.shape[1] else ()
-        return Trial(none, h, c.x, c.solver_state.f, ratio, no, zeros, zeros, miss, tick, stage_points, zeros > 0)
+        stage_points = self.method.blank_stage_points(carry.x) if self.revisits and carry.frame.shape[1] else ()
+        x, f = carry.x, carry.solver_state.f
+        return Trial(none, h, x, f, ratio, no, zeros, zeros, miss, tick, stage_points, zeros > 0)
 
-    def propose_step(self, c: StepState, clock: Clock, bracket: RootBracket | None = None):
+    def propose_step(self, carry: StepState, clock: Clock, bracket: RootBracket | None = None):
         """A trial step of the state, and its case; () for a plain flow with a fixed step, which needs no trial."""
-        solver, t, w = c.solver_state, clock.base + c.s, self.hybrid
+        solver, t, hybrid = carry.solver_state, clock.base + carry.s, self.hybrid
         if self.always_regular:
             return ()
-        h, final, tick = self._length(c, clock, bracket)
+        h, final, tick = self._length(carry, clock, bracket)
 
         step, ratio, g, rate, inside = by_mode(
-            solver.mode, [trial_in(self, q) for q in range(w.modes)], t, c.x, solver.f, h
+            solver.mode, [trial_in(self, q) for q in range(hybrid.modes)], t, carry.x, solver.f, h
         )
-        stage_points = step.stage_points if self.revisits and c.frame.shape[1] else ()
+        stage_points = step.stage_points if self.revisits and carry.frame.shape[1] else ()
         f = step.f if self.has_events or self.method.takes_slope else solver.f  # so that an unused step.f is dropped
-        tr = Trial(None, h, step.x, f, ratio, final, g, rate, None, tick, stage_points)
-        return self._judge(c, clock, tr, inside, bracket)
+        trial = Trial(None, h, step.x, f, ratio, final, g, rate, None, tick, stage_points)
+        return self._judge(carry, clock, trial, inside, bracket)
 
     def alike(self, step: Step, x) -> Step:
         """Pad the stage points, so that they have the same shape in all modes."""
@@ -254,16 +255,16 @@ class Stepping(OnConstraints):
         """Rejected and advancing steps are regular."""
         return True if self.always_regular else ahead.case <= ADVANCE
 
-    def _length(self, c: StepState, clock: Clock, bracket: RootBracket | None):
+    def _length(self, carry: StepState, clock: Clock, bracket: RootBracket | None):
         """The next h: the controller's, cut at the block's end, a tick or a root; if it is final; its clock or -1."""
-        solver, rest = c.solver_state, clock.length - c.s
+        solver, rest = carry.solver_state, clock.length - carry.s
         h, _ = cut_at_end(rest, jax.lax.stop_gradient(solver.h))
         tick: Any = None
         final = rest <= h
         if solver.ticks is not None:
-            until = until_ticks(self, c, clock)
+            until = until_ticks(self, carry, clock)
             first = jnp.argmin(until)
-            ticks = until[first] <= jnp.maximum(h * (1 + digits(1e-9, h)), unresolved(c, clock))
+            ticks = until[first] <= jnp.maximum(h * (1 + digits(1e-9, h)), unresolved(carry, clock))
             h, tick = jnp.where(ticks, until[first], h), jnp.where(ticks, first.astype(jnp.int32), -1)
             final = final & ~ticks
         if bracket is not None:
@@ -276,155 +277,162 @@ class Stepping(OnConstraints):
             tick = None if tick is None else jnp.where(at_once, -1, tick)
         return h, final, tick
 
-    def ticks_now(self, c: StepState, clock: Clock):
+    def ticks_now(self, carry: StepState, clock: Clock):
         """Whether the next tick of a clock cannot be told from the present time."""
-        return False if c.solver_state.ticks is None else jnp.min(until_ticks(self, c, clock)) <= unresolved(c, clock)
+        if carry.solver_state.ticks is None:
+            return False
+        return jnp.min(until_ticks(self, carry, clock)) <= unresolved(carry, clock)
 
-    def _judge(self, c: StepState, clock: Clock, tr: Trial, inside, bracket: RootBracket | None) -> Trial:
+    def _judge(self, carry: StepState, clock: Clock, trial: Trial, inside, bracket: RootBracket | None) -> Trial:
         """Set the case of a trial: REJECT, ADVANCE, LOCATE, LAND or FAIL."""
-        solver, ratio = c.solver_state, tr.ratio
+        solver, ratio = carry.solver_state, trial.ratio
         event, lands = jnp.asarray(False), jnp.asarray(False)
         if self.has_events:
             inside = jax.lax.stop_gradient(inside)
-            tr = resolve(self, solver, tr, inside)
-            ratio = tr.ratio
+            trial = resolve(self, solver, trial, inside)
+            ratio = trial.ratio
             if bracket is None:
-                event = suspects(self, solver, tr, inside)
-                tr = tr._replace(hidden=jnp.zeros(tr.g.shape, bool))
+                event = suspects(self, solver, trial, inside)
+                trial = trial._replace(hidden=jnp.zeros(trial.g.shape, bool))
             else:
-                tr = tr._replace(hidden=hides(self, solver, tr, inside, clock.base + c.s, c.x))
-                event, lands = finds(self, solver, tr, bracket)
-                if tr.tick is not None:  # a guard that was crossed before the tick comes first
-                    crossed = jnp.any(firing(self, solver) & is_beyond(solver, tr))
-                    tr = tr._replace(tick=jnp.where(lands & crossed, -1, tr.tick))
+                trial = trial._replace(hidden=hides(self, solver, trial, inside, clock.base + carry.s, carry.x))
+                event, lands = finds(self, solver, trial, bracket)
+                if trial.tick is not None:  # a guard that was crossed before the tick comes first
+                    crossed = jnp.any(firing(self, solver) & is_beyond(solver, trial))
+                    trial = trial._replace(tick=jnp.where(lands & crossed, -1, trial.tick))
                 if self.rejects:  # a part of an accepted step is accepted too
                     ratio = jnp.where((bracket.guard_index >= 0) & jnp.isfinite(ratio), 0.0, ratio)
-            if tr.tick is not None:
-                lands = lands | ((tr.tick >= 0) & ~event)
+            if trial.tick is not None:
+                lands = lands | ((trial.tick >= 0) & ~event)
         case = jnp.where(lands, LAND, jnp.where(event, LOCATE, ADVANCE))
         # A state that is not finite makes the error estimate so; without an estimate check the state itself.
-        passed = ratio <= 1.0 if self.rejects else jnp.all(jnp.isfinite(tr.x))
-        failed = (tr.h > 0) & goes_nowhere(c, clock, tr.h, ratio, self.hybrid.constrained) if self.rejects else True
+        passed = ratio <= 1.0 if self.rejects else jnp.all(jnp.isfinite(trial.x))
+        failed = True
+        if self.rejects:
+            failed = (trial.h > 0) & goes_nowhere(carry, clock, trial.h, ratio, self.hybrid.constrained)
         case = jnp.where(passed, case, jnp.where(failed, FAIL, REJECT))
         if self.may_not_flow:
             case = jnp.where(pending(solver) > 0, LAND, case)
-        return tr._replace(case=case.astype(jnp.int32), ratio=ratio)
+        return trial._replace(case=case.astype(jnp.int32), ratio=ratio)
 
     # --- advance ---------------------------------------------------------------------------------------------
 
-    def landed(self, c: StepState, clock: Clock, tr: Trial) -> Carried:
+    def landed(self, carry: StepState, clock: Clock, trial: Trial) -> Carried:
         """The frame after a trial that ends at an event."""
-        if not c.frame.shape[1]:
-            return Carried(frame=c.frame)
-        tangent = self.method.rare_tangent if tr.stage_points else self.method.tangent  # traced anyway
-        return self.carried(c, clock, tr.h, c.solver_state.mode, tr.stage_points, tangent)
+        if not carry.frame.shape[1]:
+            return Carried(frame=carry.frame)
+        tangent = self.method.rare_tangent if trial.stage_points else self.method.tangent  # traced anyway
+        return self.carried(carry, clock, trial.h, carry.solver_state.mode, trial.stage_points, tangent)
 
     def carried(
-        self, c: StepState, clock: Clock, h, mode, stage_points=(), of_method=None, with_errors: bool = False
+        self, carry: StepState, clock: Clock, h, mode, stage_points=(), of_method=None, with_errors: bool = False
     ) -> Carried:
         """The frame after a step of length h."""
         of_method = of_method or self.method.tangent
-        t, w = clock.base + c.s, self.hybrid
+        t, hybrid = clock.base + carry.s, self.hybrid
 
         def tangent(q):
             def of_mode(t, x, frame, h, stage_points):
-                field = w.fields[q]
+                field = hybrid.fields[q]
                 new, moved, errors, nodes, growth = of_method(field, t, x, h, frame, stage_points)
                 if self.rejects and self.method.control == "xY":
                     ratio = jax.lax.stop_gradient(self.method.frame_ratio(errors, frame, moved))
                 else:
                     ratio = jnp.zeros_like(h)
-                log_volume_change = self.method.divergence(field, nodes, h) if c.log_volume is not None else None
+                log_volume_change = self.method.divergence(field, nodes, h) if carry.log_volume is not None else None
                 return Carried(new, moved, ratio, log_volume_change, growth, errors if with_errors else None)
 
-            return w.calls.once(of_mode, "carried", of_method.__name__, self.method, with_errors, w.fields[q])
+            return hybrid.calls.once(of_mode, "carried", of_method.__name__, self.method, with_errors, hybrid.fields[q])
 
-        return by_mode(mode, [tangent(q) for q in range(w.modes)], t, c.x, c.frame, h, stage_points)
+        return by_mode(mode, [tangent(q) for q in range(hybrid.modes)], t, carry.x, carry.frame, h, stage_points)
 
-    def commit(self, settings: Settings, c: StepState, h, x, kept: Carried) -> StepState:
+    def commit(self, settings: Settings, carry: StepState, h, x, kept: Carried) -> StepState:
         """The carry after an accepted step."""
-        since = c.since + {"steps": 1.0, "time": h, "jumps": 0.0, "never": 0.0}[settings.qr_schedule.unit]
-        c = c._replace(x=x, frame=kept.frame, since=since)
+        since = carry.since + {"steps": 1.0, "time": h, "jumps": 0.0, "never": 0.0}[settings.qr_schedule.unit]
+        carry = carry._replace(x=x, frame=kept.frame, since=since)
         if kept.errors is not None:
-            c = c._replace(observer=settings.observer.stepped(c.observer, kept.errors))
-        return added(c, s=h, log_volume=kept.log_volume_change, growth=kept.growth)
+            carry = carry._replace(observer=settings.observer.stepped(carry.observer, kept.errors))
+        return added(carry, s=h, log_volume=kept.log_volume_change, growth=kept.growth)
 
     @staticmethod
-    def _ended(c: StepState, clock: Clock, final) -> StepState:
+    def _ended(carry: StepState, clock: Clock, final) -> StepState:
         """After the last step of a block, set the time to the block's end exactly."""
-        return c._replace(s=jnp.where(final, clock.length, c.s))
+        return carry._replace(s=jnp.where(final, clock.length, carry.s))
 
-    def step(self, settings: Settings, clock: Clock, c: StepState, tr) -> StepState:
+    def step(self, settings: Settings, clock: Clock, carry: StepState, trial) -> StepState:
         """Accept the trial and propagate the frame; or, if an error is too large, only make h smaller."""
         if self.always_regular:
-            return self._march(settings, clock, c)
-        solver, ratio, along = c.solver_state, tr.ratio, Carried(frame=c.frame)
-        if c.frame.shape[1]:
+            return self._march(settings, clock, carry)
+        solver, ratio, along = carry.solver_state, trial.ratio, Carried(frame=carry.frame)
+        if carry.frame.shape[1]:
             looks = self.rejects and isinstance(settings.observer, ErrorObserver)
-            along = self.carried(c, clock, tr.h, solver.mode, tr.stage_points, with_errors=looks)
+            along = self.carried(carry, clock, trial.h, solver.mode, trial.stage_points, with_errors=looks)
             ratio = jnp.maximum(ratio, along.ratio) if self.rejects else None
-        kept = self._ended(self.commit(settings, c, tr.h, tr.x, along), clock, tr.final)
-        kept = changed(kept, f=tr.f)
+        kept = self._ended(self.commit(settings, carry, trial.h, trial.x, along), clock, trial.final)
+        kept = changed(kept, f=trial.f)
         if self.has_events:
-            guard_sign, g = stays(self, solver, tr)
-            kept = changed(kept, g=g, rate=tr.rate, guard_sign=guard_sign)
+            guard_sign, g = stays(self, solver, trial)
+            kept = changed(kept, g=g, rate=trial.rate, guard_sign=guard_sign)
         if not self.rejects:
             return kept
         # The frame's error may reject a step that the state's error has accepted.
         passed = jnp.asarray(ratio) <= 1.0
-        kept = jax.tree.map(lambda a, b: a if a is b else jnp.where(passed, a, b), kept, c)
-        h, log_ratio = next_step(self.method, solver, tr, ratio, passed)
+        kept = jax.tree.map(lambda a, b: a if a is b else jnp.where(passed, a, b), kept, carry)
+        h, log_ratio = next_step(self.method, solver, trial, ratio, passed)
         kept = changed(kept, h=h, log_ratio=log_ratio)
-        hopeless = ~passed & goes_nowhere(c, clock, tr.h, jnp.asarray(ratio), self.hybrid.constrained)
+        hopeless = ~passed & goes_nowhere(carry, clock, trial.h, jnp.asarray(ratio), self.hybrid.constrained)
         underflow = jnp.where(jnp.isfinite(jnp.asarray(ratio)), STATUS.step_underflow, STATUS.nonfinite)
         return stop(kept, underflow, hopeless)
 
-    def _march(self, settings: Settings, clock: Clock, c: StepState) -> StepState:
+    def _march(self, settings: Settings, clock: Clock, carry: StepState) -> StepState:
         """A fixed step of a plain flow, without trial and guards."""
-        rest, step = clock.length - c.s, self.method.fixed_step
+        rest, step = clock.length - carry.s, self.method.fixed_step
         h, last = cut_at_end(rest, step)
-        along = self.carried(c, clock, h, None)
-        return self._ended(self.commit(settings, c, h, along.x, along), clock, last)
+        along = self.carried(carry, clock, h, None)
+        return self._ended(self.commit(settings, carry, h, along.x, along), clock, last)
 
     # --- events and failures ---------------------------------------------------------------------------------
 
-    def locate_events(self, settings: Settings, clock: Clock, within, c: StepState, tr) -> tuple[StepState, Trial]:
-        """Locate events and apply them, until a trial is regular again or the run has ended."""
+    def locate_events(self, settings: Settings, clock: Clock, within, carry: StepState, trial) -> tuple[StepState, Any]:
+        """Locate events and apply them, until a trial is regular again or the run has ended: state and trial."""
 
-        def landed(c, tr, bracket):
-            return apply_event(self, settings, clock, c, tr), no_bracket(tr.h)
+        def landed(carry, trial, bracket):
+            return apply_event(self, settings, clock, carry, trial), no_bracket(trial.h)
 
-        def narrow(c, tr, bracket):
-            return c, next_bracket(self, c.solver_state, tr, bracket)
+        def narrow(carry, trial, bracket):
+            return carry, next_bracket(self, carry.solver_state, trial, bracket)
 
-        def neither(c, tr, bracket):
-            return self._fail(c, tr), no_bracket(tr.h)
+        def neither(carry, trial, bracket):
+            return self._fail(carry, trial), no_bracket(trial.h)
 
         def again(state):
-            c, tr, bracket = state
+            carry, trial, bracket = state
             # The budget must not interrupt the location of an event, but it may after the event.
-            c = c._replace(budget=jnp.maximum(c.budget - 1, jnp.where(tr.case == LAND, 0, 1)))
-            which = jnp.where(tr.case == LOCATE, 0, jnp.where(tr.case == LAND, 1, 2))
-            c, bracket = jax.lax.switch(which, [narrow, landed, neither], c, tr, bracket)
-            tr = self.propose_step(c, clock, bracket)
-            assert isinstance(tr, Trial), "a plain flow does not come here"
+            carry = carry._replace(budget=jnp.maximum(carry.budget - 1, jnp.where(trial.case == LAND, 0, 1)))
+            which = jnp.where(trial.case == LOCATE, 0, jnp.where(trial.case == LAND, 1, 2))
+            carry, bracket = jax.lax.switch(which, [narrow, landed, neither], carry, trial, bracket)
+            trial = self.propose_step(carry, clock, bracket)
+            assert isinstance(trial, Trial), "a plain flow does not come here"
             seen = Memory._fields.index("grazing")
-            close = nearly_crosses(self, c, clock, tr, bracket)
-            memory = c.solver_state.memory.at[seen].max(close.astype(c.x.dtype))
-            return changed(c, memory=memory), tr, bracket
+            close = nearly_crosses(self, carry, clock, trial, bracket)
+            memory = carry.solver_state.memory.at[seen].max(close.astype(carry.x.dtype))
+            return changed(carry, memory=memory), trial, bracket
 
         if self.always_regular:
-            return c, tr
+            return carry, trial
         if not self.has_events:
-            return jax.lax.cond(tr.case == FAIL, self._fail, lambda c, tr: c, c, tr), tr
+            return jax.lax.cond(trial.case == FAIL, self._fail, lambda carry, trial: carry, carry, trial), trial
         loop = checkpointed if settings.reverse else jax.lax.while_loop
-        c, tr, _ = loop(lambda state: within(state[0]) & ~self.is_regular(state[1]), again, (c, tr, no_bracket(tr.h)))
-        return c, tr
 
-    def _fail(self, c: StepState, tr: Trial) -> StepState:
+        def unfinished(state):
+            return within(state[0]) & ~self.is_regular(state[1])
+
+        return loop(unfinished, again, (carry, trial, no_bracket(trial.h)))[:2]
+
+    def _fail(self, carry: StepState, trial: Trial) -> StepState:
         """No step is possible: the state is not finite, or the step would be too small."""
-        finite = jnp.all(jnp.isfinite(tr.x)) & (True if tr.ratio is None else jnp.isfinite(tr.ratio))
-        return stop(c, jnp.where(finite, STATUS.step_underflow, STATUS.nonfinite), tr.case == FAIL)
+        finite = jnp.all(jnp.isfinite(trial.x)) & (True if trial.ratio is None else jnp.isfinite(trial.ratio))
+        return stop(carry, jnp.where(finite, STATUS.step_underflow, STATUS.nonfinite), trial.case == FAIL)
 
 
 def are_nonlinear(fields: Iterable[Field], t, x) -> bool:
@@ -432,10 +440,10 @@ def are_nonlinear(fields: Iterable[Field], t, x) -> bool:
     return not all(is_affine(functools.partial(field, t), x) for field in fields)
 
 
-def are_timeless(w: CompiledHybrid, t, x) -> bool:
+def are_timeless(hybrid: CompiledHybrid, t, x) -> bool:
     """Whether fields, guards and event times provably do not depend on the time explicitly."""
-    return not w.clocks and all(is_timeless(one, t, x) for one in (*w.fields, *w.guards))
+    return not hybrid.clocks and all(is_timeless(one, t, x) for one in (*hybrid.fields, *hybrid.guards))
 
 
-def _to_arm(w: CompiledHybrid, q: int):
-    return lambda t, x, h: to_arm(w.guards[q], w.fields[q], t, x, h)
+def _to_arm(hybrid: CompiledHybrid, q: int):
+    return lambda t, x, h: to_arm(hybrid.guards[q], hybrid.fields[q], t, x, h)

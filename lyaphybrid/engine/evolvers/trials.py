@@ -114,9 +114,9 @@ class Signs(NamedTuple):
     ahead: Array  # time from the end to the root
 
 
-def miss(tr: Trial):
+def miss(trial: Trial):
     """(slots,) errors of the guards' cubic interpolants; not estimated, and taken as 0, for fixed steps."""
-    return jnp.zeros_like(tr.g) if tr.miss is None else tr.miss
+    return jnp.zeros_like(trial.g) if trial.miss is None else trial.miss
 
 
 def no_bracket(h) -> RootBracket:
@@ -125,38 +125,38 @@ def no_bracket(h) -> RootBracket:
     return RootBracket(infinity, infinity, jnp.asarray(-1, jnp.int32), jnp.asarray(0, jnp.int32))
 
 
-def changed(c: StepState, **changes) -> StepState:
+def changed(carry: StepState, **changes) -> StepState:
     """The carry with changed fields of the solver state."""
-    return c._replace(solver_state=c.solver_state._replace(**changes))
+    return carry._replace(solver_state=carry.solver_state._replace(**changes))
 
 
 def trial_in(evolver, q: int):
     """Of mode q: (t, x, f, h) -> step, error over tolerance, guards, their rates at the end and inside."""
-    w, method = evolver.hybrid, evolver.method
+    hybrid, method = evolver.hybrid, evolver.method
 
     def of_mode(t, x, f, h):
-        step = evolver.alike(method.step(w.fields[q], t, x, f, h), x)
+        step = evolver.alike(method.step(hybrid.fields[q], t, x, f, h), x)
         ratio = jax.lax.stop_gradient(method.state_ratio(step, x)) if evolver.rejects else None
         if not evolver.has_events:
             return step._replace(stage_slopes=()), ratio, None, None, ()
-        at = w.calls.once(functools.partial(rates, w.guards[q]), "rates", w.guards[q])
+        at = hybrid.calls.once(functools.partial(rates, hybrid.guards[q]), "rates", hybrid.guards[q])
         g, rate = at(t + h, step.x, step.f)
-        inside = [at(*sample)[1] for sample in method.samples(w.fields[q], t, h, step)]
+        inside = [at(*sample)[1] for sample in method.samples(hybrid.fields[q], t, h, step)]
         return step._replace(stage_slopes=()), ratio, g, rate, inside
 
-    return w.calls.once(of_mode, "trial", method, w.fields[q], w.guards[q] if w.guards else None)
+    return hybrid.calls.once(of_mode, "trial", method, hybrid.fields[q], hybrid.guards[q] if hybrid.guards else None)
 
 
-def resolve(evolver, solver: SolverState, tr: Trial, inside) -> Trial:
+def resolve(evolver, solver: SolverState, trial: Trial, inside) -> Trial:
     """Add the error of each guard's cubic interpolant to the step's error ratio: it must be small to detect events."""
     if not evolver.rejects:
-        return tr
-    miss = interpolation_errors(evolver, solver, tr.g, tr.rate, tr.h, inside)
-    size = jnp.abs(solver.g) + jnp.abs(tr.g) + 0.25 * tr.h * (jnp.abs(solver.rate) + jnp.abs(tr.rate))
+        return trial
+    miss = interpolation_errors(evolver, solver, trial.g, trial.rate, trial.h, inside)
+    size = jnp.abs(solver.g) + jnp.abs(trial.g) + 0.25 * trial.h * (jnp.abs(solver.rate) + jnp.abs(trial.rate))
     # A guard that is within rounding of zero during the whole step cannot be resolved.
     hidden = jnp.where(size <= solver.guard_tolerance, solver.guard_tolerance, 0.0)
     allowed = GUARD_RESOLUTION * size + 1e3 * evolver.method.atol + hidden
-    return tr._replace(miss=miss, ratio=jnp.maximum(tr.ratio, jax.lax.stop_gradient(jnp.max(miss / allowed))))
+    return trial._replace(miss=miss, ratio=jnp.maximum(trial.ratio, jax.lax.stop_gradient(jnp.max(miss / allowed))))
 
 
 def interpolation_errors(evolver, solver: SolverState, g, rate, h, inside):
@@ -175,16 +175,16 @@ def firing(evolver, solver: SolverState):
     return (solver.guard_sign > 0) | (~directed & (solver.guard_sign != 0))
 
 
-def is_beyond(solver: SolverState, tr: Trial):
+def is_beyond(solver: SolverState, trial: Trial):
     """(slots,) guards at or beyond zero at the end; one that starts at zero must be beyond it by more than rounding."""
-    after = solver.guard_sign * tr.g
+    after = solver.guard_sign * trial.g
     return jnp.where(solver.g == 0, after < -solver.guard_tolerance, after <= 0)
 
 
-def stays(evolver, solver: SolverState, tr: Trial) -> tuple[Any, Any]:
+def stays(evolver, solver: SolverState, trial: Trial) -> tuple[Any, Any]:
     """Guard signs and guards after a step without an event; a guard beyond zero is so by rounding and is set to 0."""
-    guard_sign = side(evolver, solver, tr.g)
-    return guard_sign, jnp.where(guard_sign * tr.g < 0, 0.0, tr.g)
+    guard_sign = side(evolver, solver, trial.g)
+    return guard_sign, jnp.where(guard_sign * trial.g < 0, 0.0, trial.g)
 
 
 def side(evolver, solver: SolverState, g):
@@ -192,25 +192,25 @@ def side(evolver, solver: SolverState, g):
     return jnp.where(firing(evolver, solver), solver.guard_sign, jnp.where(g == 0, solver.guard_sign, jnp.sign(g)))
 
 
-def suspects(evolver, solver: SolverState, tr: Trial, inside):
+def suspects(evolver, solver: SolverState, trial: Trial, inside):
     """Whether a guard may have been crossed: a cheap test without false negatives."""
-    crossed = firing(evolver, solver) & (solver.guard_sign * tr.g <= 0)
-    rates = solver.rate, *inside, tr.rate
-    return jnp.any(crossed | ~clear(evolver.method.sample_fractions, solver.guard_sign, solver.g, rates, tr.h))
+    crossed = firing(evolver, solver) & (solver.guard_sign * trial.g <= 0)
+    rates = solver.rate, *inside, trial.rate
+    return jnp.any(crossed | ~clear(evolver.method.sample_fractions, solver.guard_sign, solver.g, rates, trial.h))
 
 
-def hides(evolver, solver: SolverState, tr: Trial, inside, t, x):
+def hides(evolver, solver: SolverState, trial: Trial, inside, t, x):
     """(slots,) whether a guard may have zeros inside the step from (t, x) that its ends do not show.
 
     False in float32, where the rates of a guard that starts at zero may be nothing but rounding.
     """
-    if is_short(tr.g):
-        return jnp.zeros(tr.g.shape, bool)
-    w = evolver.hybrid
-    each = [w.calls.once(functools.partial(rounding, guards), "rounding", guards) for guards in w.guards]
+    if is_short(trial.g):
+        return jnp.zeros(trial.g.shape, bool)
+    hybrid = evolver.hybrid
+    each = [hybrid.calls.once(functools.partial(rounding, guards), "rounding", guards) for guards in hybrid.guards]
     least = STRAIGHT * _tolerance(evolver, jax.lax.stop_gradient(by_mode(solver.mode, each, t, x)))
-    rates = solver.rate, *inside, tr.rate
-    return hidden(evolver.method.sample_fractions, solver.guard_sign, solver.g, tr.g, rates, tr.h, least)
+    rates = solver.rate, *inside, trial.rate
+    return hidden(evolver.method.sample_fractions, solver.guard_sign, solver.g, trial.g, rates, trial.h, least)
 
 
 def _tolerance(evolver, guard_tolerance):
@@ -219,32 +219,32 @@ def _tolerance(evolver, guard_tolerance):
     return atol + rtol * (guard_tolerance / digits(GUARD_ROUNDING, guard_tolerance))
 
 
-def finds(evolver, solver: SolverState, tr: Trial, bracket: RootBracket):
+def finds(evolver, solver: SolverState, trial: Trial, bracket: RootBracket):
     """Whether an event still has to be located, and whether the trial ends at one."""
-    signs, given_up = read_signs(evolver, solver, tr, bracket), bracket.tries > PATIENCE
-    found = jnp.any(signs.crossed | signs.turn | tr.hidden)
+    signs, given_up = read_signs(evolver, solver, trial, bracket), bracket.tries > PATIENCE
+    found = jnp.any(signs.crossed | signs.turn | trial.hidden)
     event = (found | (bracket.guard_index >= 0)) & ~(given_up & ~jnp.any(signs.crossed))
-    far = jnp.any((signs.crossed & ~signs.lands) | signs.turn | tr.hidden)
+    far = jnp.any((signs.crossed & ~signs.lands) | signs.turn | trial.hidden)
     return event, jnp.any(signs.lands) & (~far | given_up)
 
 
-def read_signs(evolver, solver: SolverState, tr: Trial, bracket: RootBracket) -> Signs:
+def read_signs(evolver, solver: SolverState, trial: Trial, bracket: RootBracket) -> Signs:
     """Which guards crossed zero during a trial, have an extremum near zero inside it, or a root at its end."""
     fires = firing(evolver, solver)
-    crossed = fires & is_beyond(solver, tr)
+    crossed = fires & is_beyond(solver, trial)
     # A guard with an extremum inside the step: the step is cut there if the extremum may lie beyond zero.
-    d0, d1 = tr.h * solver.rate, tr.h * tr.rate
-    turns = (d0 * d1 < 0) & (solver.guard_sign * d0 < 0) & (solver.guard_sign * tr.g > 0)
-    theta = turning_point(solver.g, d0, tr.g, d1)
-    extreme, _ = cubic(theta, solver.g, d0, tr.g, d1)
-    drop = jnp.minimum(jnp.abs(solver.g - extreme), jnp.abs(tr.g - extreme))
+    d0, d1 = trial.h * solver.rate, trial.h * trial.rate
+    turns = (d0 * d1 < 0) & (solver.guard_sign * d0 < 0) & (solver.guard_sign * trial.g > 0)
+    theta = turning_point(solver.g, d0, trial.g, d1)
+    extreme, _ = cubic(theta, solver.g, d0, trial.g, d1)
+    drop = jnp.minimum(jnp.abs(solver.g - extreme), jnp.abs(trial.g - extreme))
     none = digits(1e-9, theta)
-    doubt = 0.2 * drop + 64.0 * (theta * (1 - theta)) ** 2 * miss(tr)
-    if is_short(tr.x):  # then the motion's error hides slow impacts
+    doubt = 0.2 * drop + 64.0 * (theta * (1 - theta)) ** 2 * miss(trial)
+    if is_short(trial.x):  # then the motion's error hides slow impacts
         doubt = doubt + _tolerance(evolver, solver.guard_tolerance)
     turn = turns & (solver.guard_sign * extreme <= doubt) & (theta > none) & (theta < 1 - none)
-    ahead = -tr.g / jnp.where(tr.rate == 0, nonzero(1e-300, tr.rate), tr.rate)
-    close = fires & (solver.guard_sign * tr.rate < 0) & (jnp.abs(ahead) <= digits(NEAR, ahead) * solver.h)
+    ahead = -trial.g / jnp.where(trial.rate == 0, nonzero(1e-300, trial.rate), trial.rate)
+    close = fires & (solver.guard_sign * trial.rate < 0) & (jnp.abs(ahead) <= digits(NEAR, ahead) * solver.h)
     aimed = jnp.arange(evolver.hybrid.slots, dtype=jnp.int32) == bracket.guard_index
     lands = close & ((bracket.guard_index >= 0) | jnp.any(crossed))
     lands = lands | ((bracket.tries > PATIENCE) & (crossed | aimed))
@@ -269,18 +269,18 @@ def table(evolver, mode, table: np.ndarray):
     return jnp.asarray(table[0]) if len(table) == 1 else jnp.asarray(table)[mode]
 
 
-def next_bracket(evolver, solver: SolverState, tr: Trial, bracket: RootBracket) -> RootBracket:
+def next_bracket(evolver, solver: SolverState, trial: Trial, bracket: RootBracket) -> RootBracket:
     """The next target after a guard was, or may have been, crossed: the earliest root or extremum.
 
     The first trial was only suspected of an event; if there is none the target is the same step again.
     """
-    signs, h = read_signs(evolver, solver, tr, bracket), tr.h
-    d0, d1 = h * solver.rate, h * tr.rate
+    signs, h = read_signs(evolver, solver, trial, bracket), trial.h
+    d0, d1 = h * solver.rate, h * trial.rate
     # A guard that starts at zero first moves away from it: its root lies after the extremum.
-    lo = jnp.where((solver.g == 0) & (d0 * d1 < 0), turning_point(solver.g, d0, tr.g, d1), 0.0)
-    roots = jnp.where(signs.crossed, h * hermite_root(lo, solver.g, d0, tr.g, d1), jnp.inf)
+    lo = jnp.where((solver.g == 0) & (d0 * d1 < 0), turning_point(solver.g, d0, trial.g, d1), 0.0)
+    roots = jnp.where(signs.crossed, h * hermite_root(lo, solver.g, d0, trial.g, d1), jnp.inf)
     guard_index = jnp.argmin(roots).astype(jnp.int32)
-    cut = jnp.min(jnp.where(signs.turn, h * signs.theta, jnp.where(tr.hidden, 0.5 * h, jnp.inf)))
+    cut = jnp.min(jnp.where(signs.turn, h * signs.theta, jnp.where(trial.hidden, 0.5 * h, jnp.inf)))
     # The trial ended before the targeted root: one Newton step, limited to the bracket (else bisection).
     aimed = jnp.maximum(bracket.guard_index, 0)
     newton = h + signs.ahead[aimed]
