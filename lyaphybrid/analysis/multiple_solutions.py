@@ -63,10 +63,10 @@ def solutions(
 
     A solution can go on in several ways
 
-        where the flow brings several guards to zero at one instant, and their order matters for the state or for the
-            saltation matrix: each of the events comes first in turn;
-        on the surface of an `lh.filippov` system, where both fields point away: to either side, or along it;
-        at a two-fold, where both are tangent to it: to the sides to which they curve away.
+    - where the flow brings several guards to zero at one instant, and their order matters for the state or for the
+      saltation matrix: each of the events comes first in turn;
+    - on the surface of an `lh.filippov` system, where both fields point away: to either side, or along it;
+    - at a two-fold, where both are tangent to it: to the sides to which they curve away.
 
     A solution that cannot go on ends with status deadlock. Each solution is computed by the loop of
     `lh.lyapunov_spectrum`, with its own choices. At a choice of the mode no derivative exists: the frame is unchanged.

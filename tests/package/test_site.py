@@ -1,0 +1,108 @@
+"""The documentation site: every public name has its page; what the build would not notice is noticed by its checks."""
+
+from pathlib import Path
+
+import pytest
+
+import lyaphybrid as lh
+from docs.building import checks, command_line, docstrings, evidence, reference, words
+from lyaphybrid import plots, zoo
+
+ROOT = Path(__file__).parents[2]
+
+
+def names_of(module: str) -> list[str]:
+    return [name for task in reference.TASKS.values() if task.module == module for name in task.names]
+
+
+@pytest.mark.parametrize(
+    ("module", "wanted"),
+    [
+        ("lyaphybrid", [name for name in lh.__all__ if name != "zoo"]),
+        ("lyaphybrid.plots", plots.__all__),
+        ("lyaphybrid.zoo", zoo.__all__),
+    ],
+)
+def test_every_public_name_stands_once_in_the_reference(module, wanted):
+    assert sorted(names_of(module)) == sorted(wanted)
+
+
+def write(folder: Path, name: str, body: str) -> Path:
+    path = folder / name
+    path.write_text(f"<html><head></head><body>{body}</body></html>")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("body", "fault"),
+    [
+        ("<p>the rate $\\lambda_1$ is</p>", "not drawn"),
+        ("<p>a display $$x^2$$ here</p>", "not drawn"),
+        ("<p>half a formula \\frac{1}{2}</p>", "not drawn"),
+        ('<a href="gone.html">x</a>', "no such file: gone.html"),
+        ('<a href="other.html#gone">x</a>', "no such place: other.html#gone"),
+        ('<a href="#gone">x</a>', "no such place: #gone"),
+        ('<img src="gone.png">', "no such file: gone.png"),
+        ('<script src="https://example.org/x.js"></script>', "from elsewhere"),
+    ],
+)
+def test_faults_of_a_page_are_found(tmp_path, body, fault):
+    write(tmp_path, "other.html", '<p id="here">x</p>')
+    write(tmp_path, "page.html", body)
+    found = [one for one in checks.faults(tmp_path) if "no page for" not in one]
+    assert len(found) == 1
+    assert fault in found[0]
+
+
+def test_a_good_page_has_no_faults(tmp_path):
+    write(tmp_path, "other.html", '<p id="a%20b">x</p><span class="math notranslate">\\(\\lambda\\)</span>')
+    good = '<a href="other.html#a%2520b">1</a> <a href="https://example.org">2</a> <code>$HOME $x$</code><br> costs 5$'
+    write(tmp_path, "page.html", good + '<div class="math">\\[\\frac{1}{2}\\]</div>')
+    assert [one for one in checks.faults(tmp_path) if "no page for" not in one] == []
+
+
+def test_missing_pages_of_names_are_found(tmp_path):
+    missing = checks.missing_names(tmp_path)
+    assert "lyaphybrid.lyapunov_spectrum" in missing
+    (tmp_path / "reference" / "api").mkdir(parents=True)
+    (tmp_path / "reference" / "api" / "lyaphybrid.lyapunov_spectrum.html").touch()
+    assert set(missing) - set(checks.missing_names(tmp_path)) == {"lyaphybrid.lyapunov_spectrum"}
+
+
+@pytest.mark.parametrize(
+    ("line", "plain"),
+    [
+        ("|Σ λ| of x_ and a*b", "\\|Σ λ\\| of x\\_ and a\\*b"),
+        ("an `lh.Flow`, `x_*|y`", "an :obj:`lh.Flow <lyaphybrid.Flow>`, ``x_*|y``"),
+        ("``**kwargs``", "``**kwargs``"),
+        ("a_b stays", "a_b stays"),
+    ],
+)
+def test_docstrings_hold_no_markup_but_code(line, plain):
+    assert docstrings.plain(line) == plain
+
+
+def test_examples_in_docstrings_stay_as_they_are():
+    lines = ["a|b", "", ">>> a | b", "c|d", "", "e|f"]
+    docstrings.process(None, None, None, None, None, lines)
+    assert lines == ["a\\|b", "", ">>> a | b", "c|d", "", "e\\|f"]
+
+
+def test_written_pages_say_all_there_is():
+    (statuses,) = words.pages(ROOT).values()
+    assert [status.name for status in lh.STATUS if f"## {status.name}\n" not in statuses] == []
+    assert "   - rank" not in words.listed("plain")
+    assert words.listed("why: (a) one; (b) two") == "why:\n\n   - one\n   - two"
+    (commands,) = command_line.pages(ROOT).values()
+    assert [
+        name for name in ("list", "spectrum", "sweep", "validate", "papers") if f"lyaphybrid {name}\n" not in commands
+    ] == []
+
+
+def test_the_page_of_automata_counts_them():
+    assert "holds 400 random hybrid automata" in evidence.automata(ROOT)
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "docs").rglob("*.md")), ids=lambda path: path.name)
+def test_pages_are_short(path):
+    assert len(path.read_text().splitlines()) <= 450
