@@ -125,6 +125,21 @@ def compiled(
     return decorate
 
 
+def for_once(function: Callable, *likes: Any) -> Callable[..., list]:
+    """A function that returns a list of arrays, compiled for arguments like these.
+
+    Nobody but the caller keeps it, for functions that are made anew for each use: the programs of `compiled` stay.
+    """
+    with debug_switches_off():
+        program = Program(jax.make_jaxpr(function)(*likes), columns=0)
+
+    @debug_switches_off()
+    def call(*operands: Any) -> list:
+        return program(*operands) if is_native() else list(program.by_xla(*operands))
+
+    return call
+
+
 def _forwards_only(function: Callable, args: tuple) -> Any:
     """The results of a function that closes over tracers, with derivatives by them that go forwards."""
     arrays, static = eqx.partition(args, eqx.is_array)

@@ -47,6 +47,15 @@ def test_nothing_is_said_against_a_right_system(name):
     assert len(report.findings) >= 3
 
 
+@pytest.mark.slow
+def test_functions_are_looked_at_by_one_program_each():
+    """XLA takes 0.02 s of CPU time and more for each program, and would make one for each operation of a field."""
+    problem, made = zoo.friction_pendulum(), []
+    jax.monitoring.register_event_duration_secs_listener(lambda event, *rest, **more: made.append(event))
+    assert lh.check(problem.system, problem.x0, problem.args, mode=problem.mode).ok
+    assert made.count("/jax/core/compile/backend_compile_duration") <= 12
+
+
 def test_a_report_prints_and_becomes_a_dataset():
     report = lh.check(lh.Map(lambda n, x, args: args * x * (1 - x)), [0.3], 3.9)
     assert str(report).startswith("Check of a system: ok (0 wrong, 0 notes)")

@@ -2,19 +2,21 @@
 
 import dataclasses
 import warnings
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from ..._arguments import Real, State, positive
+from ..._jax.engines import for_once
 from ..._jax.precision import CURE, is_short
 from ...engine import preparation
 from ...engine.binding import evolver_of
 from ...engine.evolvers.stepping import Stepping, are_timeless
 from ...errors import RunFailedError
-from ...events.compiled_hybrid import CompiledHybrid
+from ...events.compiled_hybrid import CompiledHybrid, by_mode
 from ...integrators.base import Method
 from ...statuses import STATUS
 from ...systems.daes.semi_linear import Constrained, fields_of
@@ -101,11 +103,11 @@ def check(
         run = _with_start(run, begin, state, index)
         found += functions.check_derivatives(own, *_visited(run))
         found += functions.check_clocks(own, begin, state)
-        compiled = None if iterates(system) or isinstance(system, EventDriven) else _compiled(problem, begin, start)
-        found += _of_run(system, run, problem, own, compiled, step)
+        flowing = None if iterates(system) or isinstance(system, EventDriven) else _flowing(problem, begin, start)
+        found += _of_run(system, run, problem, own, flowing, step)
         found += ended
         if not any(one.topic == "jumps" and one.verdict == "wrong" for one in found):
-            found += _of_motion(system, problem, run, begin, start, index, mode, compiled)
+            found += _of_motion(system, problem, run, begin, start, index, mode, flowing)
     return Report(found)
 
 
@@ -149,72 +151,85 @@ def _onward(system, problem):
     """The function (t, x, mode, attempts) -> t, x, mode after so many attempts; None where the motion ends before."""
 
     def onward(t, x, mode, attempts: int):
-        options = {"t0": float(t), "mode": mode if isinstance(system, Hybrid) else None, "n": SAMPLES, "throw": False}
+        options = {
+            "t0": float(t),
+            "mode": int(mode) if isinstance(system, Hybrid) else None,
+            "n": SAMPLES,
+            "throw": False,
+        }
         options["method"] = problem.method
         probe = trajectory(system, x, problem.args, t1=FARTHEST_TIME, max_steps=attempts, **options)
         passed = float(probe.ended) - float(t)
         if probe.status is not STATUS.max_steps or not passed > 0:
             return None
         found = trajectory(system, x, problem.args, t1=passed, **options)
-        return (found.t[-1], found.x[-1], int(found.mode[-1])) if found.status is STATUS.ok else None
+        return (found.t[-1], found.x[-1], found.mode[-1]) if found.status is STATUS.ok else None
 
     return onward
 
 
 def _with_start(run: Trajectory, t0, x0, mode) -> Trajectory:
-    """The samples of a run that it has reached, after its start."""
-    seen, first = np.isfinite(np.asarray(run.t)), int(run.mode[0]) if mode is None or np.ndim(mode) else int(mode)
+    """The samples of a run that it has reached, after its start; all arrays are NumPy's."""
+    run = jax.tree.map(lambda one: np.asarray(one) if isinstance(one, jax.Array) else one, run)
+    seen, first = np.isfinite(run.t), int(run.mode[0]) if mode is None or np.ndim(mode) else int(mode)
     start = {"t": t0, "x": x0, "mode": first, "j": 0}
     samples = {
-        name: jnp.concatenate([jnp.asarray(one, getattr(run, name).dtype)[None], getattr(run, name)[seen]])
+        name: np.concatenate([np.asarray(one, getattr(run, name).dtype)[None], getattr(run, name)[seen]])
         for name, one in start.items()
     }
     return dataclasses.replace(run, **samples)
 
 
-def _with_end(run: Trajectory, fields) -> list[np.ndarray]:
+def _with_end(run: Trajectory, slope: Callable) -> list:
     """Times, states, modes and jumps of the samples, and of one step on along the flow: a run may end before a jump."""
     t, x, mode, jumps_done = (np.asarray(one) for one in (run.t, run.x, run.mode, run.j))
     if len(t) < 2 or not np.all(np.isfinite(x[-1])):
         return [t, x, mode, jumps_done]
     dt = t[-1] - t[-2]
-    ahead = x[-1] + dt * np.asarray(fields[int(mode[-1])](run.t[-1], run.x[-1]))
+    ahead = x[-1] + dt * slope(t[-1], x[-1], mode[-1])
     ends = (t[-1] + dt, ahead, mode[-1], jumps_done[-1])
     return [
-        np.concatenate([one, np.asarray(end)[None]]) for one, end in zip((t, x, mode, jumps_done), ends, strict=True)
+        np.append(one, np.asarray(end)[None], axis=0) for one, end in zip((t, x, mode, jumps_done), ends, strict=True)
     ]
 
 
 def _visited(run: Trajectory) -> tuple[functions.Visited, functions.Visited]:
     """The states along the run, and those before its jumps."""
     e = run.events
-    along = functions.Visited(np.asarray(run.t), np.asarray(run.x), np.asarray(run.mode))
-    return along, functions.Visited(np.asarray(e.t), np.asarray(e.x_before), np.asarray(e.transition))
+    return functions.Visited(run.t, run.x, run.mode), functions.Visited(e.t, e.x_before, e.transition)
 
 
-def _compiled(problem, t0, x0) -> CompiledHybrid:
-    """Fields and guards of a system that flows, with its parameters."""
+class Flowing(NamedTuple):
+    """A system that flows, with its parameters."""
+
+    hybrid: CompiledHybrid
+    slope: Callable  # (t, x, mode) -> dx/dt, NumPy's array (n,)
+
+
+def _flowing(problem, t0, x0) -> Flowing:
     evolver = evolver_of(problem, t0, x0)
     assert isinstance(evolver, Stepping), "the caller sorts out maps and closed-form flows"
-    return evolver.hybrid
+    fields, mode = evolver.hybrid.fields, np.zeros((), np.int32)
+    slope = for_once(lambda t, x, mode: [by_mode(mode, fields, t, x)], t0, x0, mode)
+    return Flowing(evolver.hybrid, lambda *place: np.asarray(slope(*place)[0]))
 
 
-def _of_run(system, run: Trajectory, problem, own, compiled: CompiledHybrid | None, step: float) -> list[Finding]:
+def _of_run(system, run: Trajectory, problem, own, flowing: Flowing | None, step: float) -> list[Finding]:
     """What the states and the jumps of the run show."""
-    if compiled is None:
+    if flowing is None:
         return []
     if isinstance(system, Hybrid):
         mistaken = jumps.check_targets(system, problem.args, run)
         if mistaken:  # the states after are of no mode
             return mistaken
-    found = check_smoothness(own, *_with_end(run, compiled.fields))
-    found += motion.check_stiffness(compiled.fields, run, step, problem.method, _onward(system, problem))
+    found = check_smoothness(own, *_with_end(run, flowing.slope))
+    found += motion.check_stiffness(problem, run, step, _onward(system, problem))
     if isinstance(system, Hybrid):
-        found += jumps.check_jumps(system, problem.args, compiled.fields, run)
+        found += jumps.check_jumps(system, problem.args, flowing.slope, run)
     return found
 
 
-def _of_motion(system, problem, run: Trajectory, t0, x0, index, mode, compiled) -> list[Finding]:
+def _of_motion(system, problem, run: Trajectory, t0, x0, index, mode, flowing) -> list[Finding]:
     """The tangent map over a stretch with some jumps, where neighbouring states are states, too."""
     if (
         iterates(system)
@@ -233,15 +248,15 @@ def _of_motion(system, problem, run: Trajectory, t0, x0, index, mode, compiled) 
         return []
     length, exact = found
     checks = motion.check_differences(tangent, np.asarray(x0), length, exact)
-    if compiled is not None and index is not None and are_timeless(compiled, t0, x0):
-        checks += motion.check_along_flow(compiled.fields, t0, x0, int(index), exact, length)
+    if flowing is not None and index is not None and are_timeless(flowing.hybrid, t0, x0):
+        checks += motion.check_along_flow(flowing.slope, t0, x0, index, exact, length)
     return checks + motion.check_tolerance(tangent, x0, length, exact, problem.method)
 
 
 def _stretch(run: Trajectory, t0: float) -> float:
     """A length of time with up to three jumps, that ends between two."""
     reached = float(run.t[-1]) - t0
-    times = np.unique(np.asarray(run.events.t)) - t0
+    times = np.unique(run.events.t) - t0
     times = times[times < reached]
     if len(times) > 3:
         return float(0.5 * (times[2] + times[3]))

@@ -1,12 +1,14 @@
 """The user's functions by themselves: pure, with the derivatives that differences show, finite, and smooth."""
 
-from collections.abc import Callable, Iterable, Iterator
+import dataclasses
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..._jax.engines import for_once
 from ..._jax.jaxprs import needed
 from ..._jax.precision import digits, eps
 from ...systems.daes.semi_linear import Constrained
@@ -18,13 +20,16 @@ from .report import Finding, in_short, noted, right, wrong
 
 __all__ = ["Function", "Visited", "check_derivatives", "check_purity", "functions_of"]
 
+AT_ONCE = 4  # states of one call of a function's program
+MOST_STATES = 5  # at which the derivative of a function is looked at
 STATE_DIFFERENCE = 1e-5  # of a state for a central difference, relative to its size
 DERIVATIVE_ERROR = (
     1e-4  # a derivative is wrong if it differs by more than this part, and differences agree with each other
 )
 
 
-class Function(NamedTuple):
+@dataclasses.dataclass(eq=False)
+class Function:
     """One of the user's functions, of time and state."""
 
     name: str
@@ -32,20 +37,48 @@ class Function(NamedTuple):
     where: str  # "mode" or "event": at which states it is evaluated
     number: int  # of the mode, or of the transition; -1: all
     modes: tuple[int, ...] | None = None  # in which it is used; None: all
+    _at_once: Callable | None = dataclasses.field(default=None, init=False, repr=False)
+
+    def at(self, t, x, dx) -> list[np.ndarray]:
+        """At m states: values (m, p), derivatives along dx (m, p), and derivatives by the time (m, p).
+
+        One program for so many states at once is used for all, as code is made faster than it is called.
+        """
+        t, x, dx = np.asarray(t), np.asarray(x), np.asarray(dx)
+        if self._at_once is None:
+            self._at_once = for_once(self._all, *(_padded(one[:1]) for one in (t, x, dx)))
+        parts = [
+            self._at_once(*(_padded(one[i : i + AT_ONCE]) for one in (t, x, dx))) for i in range(0, len(t), AT_ONCE)
+        ]
+        return [np.concatenate([np.asarray(part) for part in each])[: len(t)] for each in zip(*parts, strict=True)]
+
+    def _all(self, *states):
+        def one(state):
+            t, x, dx = state
+            value, along = jax.jvp(lambda x: jnp.ravel(self.of(t, x)), (x,), (dx,))
+            _, by_time = jax.jvp(lambda t: jnp.ravel(self.of(t, x)), (t,), (jnp.ones_like(t),))
+            return [value, along, by_time]
+
+        return jax.lax.map(one, states)
+
+
+def _padded(rows: np.ndarray) -> np.ndarray:
+    """Rows (AT_ONCE, …); the last one is repeated."""
+    return np.concatenate([rows, np.repeat(rows[-1:], AT_ONCE - len(rows), axis=0)])
 
 
 class Visited(NamedTuple):
     """States that a trial run has met."""
 
-    t: np.ndarray  # (m,)
-    x: np.ndarray  # (m, n)
-    number: np.ndarray  # (m,) of the mode, or of the transition
+    t: Any  # (m,)
+    x: Any  # (m, n)
+    number: Any  # (m,) of the mode, or of the transition
 
-    def of(self, number: int, most: int) -> Iterator[tuple[Any, Any]]:
-        """Up to so many of them, spread evenly."""
+    def of(self, number: int, most: int) -> tuple[np.ndarray, np.ndarray]:
+        """Times and states of up to so many of them, spread evenly."""
         own = np.flatnonzero((self.number == number) | (number < 0))
-        for i in own[np.unique(np.linspace(0, len(own) - 1, most).astype(int))] if len(own) else ():
-            yield self.t[i], self.x[i]
+        own = own[np.unique(np.linspace(0, len(own) - 1, most).astype(int))] if len(own) else own
+        return self.t[own], self.x[own]
 
 
 def functions_of(system: System, args: Any, t, x) -> list[Function]:
@@ -86,12 +119,13 @@ def _of_transition(system: Hybrid, j: int, args: Any, t, x) -> list[Function]:
 def check_purity(functions: Iterable[Function], t, x) -> list[Finding]:
     """Whether each function returns the same for the same arguments, at once and when it is traced again."""
     found = []
+    here = [np.asarray(each)[None] for each in (t, x, x)]
     for one in functions:
-        first, second = np.asarray(one.of(t, x)), np.asarray(one.of(t, x))
         traced = [jax.make_jaxpr(lambda t, x, of=one.of: of(t, x))(t, x) for _ in range(2)]
         constants = [[np.asarray(const) for const in closed.consts] for closed in traced]
-        same = np.array_equal(first, second, equal_nan=True) and str(traced[0]) == str(traced[1])
+        same = str(traced[0]) == str(traced[1])
         same = same and all(np.array_equal(*pair, equal_nan=True) for pair in zip(*constants, strict=False))
+        same = same and np.array_equal(one.at(*here)[0], one.at(*here)[0], equal_nan=True)
         if not same:
             found.append(
                 wrong("functions", f"The {one.name} is not pure: two calls with the same arguments differ. A random "
@@ -104,33 +138,33 @@ def check_derivatives(functions: Iterable[Function], along: Visited, at_events: 
     """Derivatives along random directions against central differences, at states that the run has met."""
     draw, found, compared = np.random.default_rng(0), [], 0
     for one in functions:
-        met = along if one.where == "mode" else at_events
-        for t, x in met.of(one.number, 5):
-            verdict = _compare(one, jnp.asarray(t), jnp.asarray(x), draw)
-            compared += verdict is not None
-            if verdict:
-                found.append(wrong("derivatives", f"The derivative of the {one.name} {verdict}"))
-                break
+        met = (along if one.where == "mode" else at_events).of(one.number, MOST_STATES)
+        verdicts = _compare(one, *met, draw) if len(met[0]) else []
+        compared += sum(verdict is not None for verdict in verdicts)
+        found += [wrong("derivatives", f"The derivative of the {one.name} {said}") for said in verdicts if said][:1]
     if found:
         return found
     return [right("derivatives", f"those of the functions agree with differences, at {compared} states")]
 
 
-def _compare(one: Function, t, x, draw) -> str | None:
-    """What is wrong with a derivative; empty: nothing; None: differences do not tell."""
-    scale = np.maximum(np.abs(x), 1e-3 * np.max(np.abs(x), initial=1e-3))
-    direction = jnp.asarray(draw.normal(size=x.shape) * scale, x.dtype)
+def _compare(one: Function, t, x, draw) -> list[str | None]:
+    """What is wrong with a derivative at each state (m, n); empty: nothing; None: differences do not tell."""
+    sizes = np.max(np.abs(x), axis=tuple(range(1, x.ndim)), initial=1e-3, keepdims=True)
+    direction = np.asarray(draw.normal(size=x.shape) * np.maximum(np.abs(x), 1e-3 * sizes), x.dtype)
 
-    wide_step = digits(STATE_DIFFERENCE, x)
+    def difference(step):
+        step = np.asarray(step, x.dtype)
+        after, before = (one.at(t, x + side * step * direction, direction)[0] for side in (1, -1))
+        return (after - before) / (2 * step)
 
-    @jax.jit
-    def both(x, dx):
-        value, slope = jax.jvp(lambda x: one.of(t, x), (x,), (dx,))
-        steps = jnp.asarray([wide_step, wide_step / 4], x.dtype)
-        ends = jax.vmap(lambda s: (one.of(t, x + s * dx) - one.of(t, x - s * dx)) / (2 * s))(steps)
-        return value, slope, ends
+    step = digits(STATE_DIFFERENCE, x)
+    value, slope, _ = one.at(t, x, direction)
+    found = zip(t, x, value, slope, difference(step), difference(step / 4), strict=True)
+    return [_difference_from_slope(*each) for each in found]
 
-    value, slope, (wide, narrow) = jax.device_get(both(x, direction))
+
+def _difference_from_slope(t, x, value, slope, wide, narrow) -> str | None:
+    """What `_compare` says at one state: `wide` and `narrow` are central differences, (p,) each."""
     place = f"at t = {float(t):.6g}, x = {in_short(x)}"
     if np.all(np.isfinite(value)) and not np.all(np.isfinite(slope)):
         return (

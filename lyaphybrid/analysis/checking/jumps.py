@@ -1,11 +1,13 @@
 """The jumps of a trial run: what resets and targets do, how guards are met, and which are passed the other way."""
 
+from collections.abc import Callable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..._jax.engines import for_once
 from ...engine.evolvers.landing import GRAZING
 from ...systems.hybrid import Hybrid, Transition
 from ..trajectories import Trajectory
@@ -24,29 +26,45 @@ class _Guard:
         assert guard is not None
         shape = jax.eval_shape(guard, t, x, args).shape
         self.width = shape[0] if shape else 1
-        self.value = jax.jit(lambda t, x, which: sign * jnp.atleast_1d(guard(t, x, args))[which])
-        self.gradient = jax.jit(jax.grad(self.value, argnums=(0, 1)))
+
+        def component(t, x, which):
+            return sign * jnp.atleast_1d(guard(t, x, args))[which]
+
+        def all_of(t, x, which):
+            value, (moving, gradient) = jax.value_and_grad(component, argnums=(0, 1))(t, x, which)
+            return [value, moving, gradient]
+
+        self._all = for_once(all_of, t, x, np.zeros((), np.int32))
+
+    def value(self, t, x, which) -> float:
+        """Its value."""
+        return float(self._all(t, x, which)[0])
+
+    def gradient(self, t, x, which) -> tuple[float, np.ndarray]:
+        """Its derivatives by time, and by the state (n,)."""
+        _, moving, gradient = self._all(t, x, which)
+        return float(moving), np.asarray(gradient)
 
     def size(self, t, x, which) -> float:
         """The size of its terms."""
         moving, gradient = self.gradient(t, x, which)
-        return float(abs(moving * t) + jnp.sum(jnp.abs(gradient * x)) + jnp.max(jnp.abs(gradient)) * 1e-3)
+        return float(abs(moving * t) + np.sum(np.abs(gradient * x)) + np.max(np.abs(gradient)) * 1e-3)
 
     def rate(self, t, x, which, f) -> float:
         """Its time derivative along the flow f."""
         moving, gradient = self.gradient(t, x, which)
-        return float(moving + gradient @ f)
+        return float(moving + np.sum(gradient * f))
 
     def sees_the_same(self, t, before, after, which) -> bool:
         """Whether the components on which the guard depends are the same in two states."""
         _, gradient = self.gradient(t, before, which)
-        moved = jnp.abs(after - before) > BEYOND * (jnp.abs(before) + 1e-3 * jnp.max(jnp.abs(before)))
-        return not bool(jnp.any(moved & (gradient != 0)))
+        moved = np.abs(after - before) > BEYOND * (np.abs(before) + 1e-3 * np.max(np.abs(before)))
+        return not np.any(moved & (gradient != 0))
 
     def angle(self, t, x, which, f) -> float:
         """The sine of the angle between the flow and the guard; 1 for a guard of the time alone."""
         moving, gradient = self.gradient(t, x, which)
-        terms = float(jnp.abs(moving) + jnp.linalg.norm(gradient) * jnp.linalg.norm(f))
+        terms = abs(moving) + float(np.linalg.norm(gradient) * np.linalg.norm(f))
         return abs(self.rate(t, x, which, f)) / terms if terms > 0 else 0.0
 
 
@@ -54,24 +72,24 @@ def check_targets(system: Hybrid, args: Any, run: Trajectory) -> list[Finding]:
     """Targets that are no mode of the system."""
     found = []
     for j, transition in enumerate(system.transitions):
-        own = np.flatnonzero(np.asarray(run.events.transition) == j)[:5]
+        own = np.flatnonzero(run.events.transition == j)[:5]
         of = transition.guard
         is_vector = of is not None and bool(jax.eval_shape(of, run.t[0], run.x[0], args).shape)
         found += _of_target(system, j, args, run, own, is_vector)
     return found
 
 
-def check_jumps(system: Hybrid, args: Any, fields, run: Trajectory) -> list[Finding]:
-    """What the jumps of a run show; `fields` are (t, x) -> dx/dt of each mode."""
+def check_jumps(system: Hybrid, args: Any, slope: Callable, run: Trajectory) -> list[Finding]:
+    """What the jumps of a run show; `slope` is the field (t, x, mode) -> dx/dt."""
     found: list[Finding] = []
-    counts = np.bincount(np.asarray(run.events.transition), minlength=len(system.transitions))
+    counts = np.bincount(run.events.transition, minlength=len(system.transitions))
     for j, transition in enumerate(system.transitions):
-        own = np.flatnonzero(np.asarray(run.events.transition) == j)[:5]
+        own = np.flatnonzero(run.events.transition == j)[:5]
         if transition.guard is None:
             continue
         guard = _Guard(transition, args, run.t[0], run.x[0])
-        found += _of_landing(system, j, guard, fields, run, own)
-        found += _of_contact(j, guard, fields, run, own)
+        found += _of_landing(system, j, guard, slope, run, own)
+        found += _of_contact(j, guard, slope, run, own)
         if not counts[j]:
             found += _passed_unfired(system, j, guard, run)
     total = int(counts.sum())
@@ -81,34 +99,36 @@ def check_jumps(system: Hybrid, args: Any, fields, run: Trajectory) -> list[Find
 
 def _of_target(system: Hybrid, j: int, args: Any, run: Trajectory, own, is_vector: bool) -> list[Finding]:
     target = system.transitions[j].target
-    if not callable(target):
+    if not callable(target) or not len(own):
         return []
+    e = run.events
+    operands = [e.t, e.x_before, *([e.which] if is_vector else [])]
+    of_one = for_once(lambda t, x, *which: [target(t, x, args, *which)], *(one[0] for one in operands))
     for i in own:
-        which = (jnp.asarray(run.events.which[i]),) if is_vector else ()
-        index = int(target(run.events.t[i], run.events.x_before[i], args, *which))
+        index = int(of_one(*(one[i] for one in operands))[0])
         if not 0 <= index < len(system.mode_names):
             return [
-                wrong("jumps", f"The target of transition {j} is the mode {index} at t = {float(run.events.t[i]):.6g}; "
+                wrong("jumps", f"The target of transition {j} is the mode {index} at t = {float(e.t[i]):.6g}; "
                       f"there are the modes 0 to {len(system.mode_names) - 1}: {list(system.mode_names)}.")
             ]  # fmt: skip
     return []
 
 
-def _of_landing(system: Hybrid, j: int, guard: _Guard, fields, run: Trajectory, own) -> list[Finding]:
+def _of_landing(system: Hybrid, j: int, guard: _Guard, slope: Callable, run: Trajectory, own) -> list[Finding]:
     """Where a reset leaves the state: off its own guard, and where the field of the next mode is defined."""
     e = run.events
     for i in own:
         t, x, which, mode = e.t[i], e.x_after[i], e.which[i], int(e.mode_after[i])
-        f = fields[mode](t, x) if fields else None
-        if f is not None and not np.all(np.isfinite(f)):
+        f = slope(t, x, mode)
+        if not np.all(np.isfinite(f)):
             return [wrong("jumps", f"After transition {j} at t = {float(t):.6g} the field of mode "
                           f"{system.mode_names[mode]!r} is not finite: {in_short(f)}, x = {in_short(x)}.")]  # fmt: skip
         source = system.transitions[j].source
         armed = source is None or system.mode_names[mode] in source
         stays = np.array_equal(e.x_before[i], x)
-        if f is None or not armed or stays or system.transitions[j].direction == 0:
+        if not armed or stays or system.transitions[j].direction == 0:
             continue
-        value, small = float(guard.value(t, x, which)), BEYOND * guard.size(t, x, which)
+        value, small = guard.value(t, x, which), BEYOND * guard.size(t, x, which)
         if value < -small:
             return [wrong("jumps", f"The reset of transition {j} ends on the fired side of its own guard (by "
                           f"{-value:.3g}, at t = {float(t):.6g}), so that it fires again at once. It must end on the "
@@ -123,12 +143,10 @@ def _of_landing(system: Hybrid, j: int, guard: _Guard, fields, run: Trajectory, 
     return []
 
 
-def _of_contact(j: int, guard: _Guard, fields, run: Trajectory, own) -> list[Finding]:
+def _of_contact(j: int, guard: _Guard, slope: Callable, run: Trajectory, own) -> list[Finding]:
     e = run.events
-    if not fields:
-        return []
     for i in own:
-        f = fields[int(e.mode_before[i])](e.t[i], e.x_before[i])
+        f = slope(e.t[i], e.x_before[i], e.mode_before[i])
         angle = guard.angle(e.t[i], e.x_before[i], e.which[i], f)
         if angle < GRAZING:
             return [noted("jumps", f"The flow meets the guard of transition {j} nearly tangentially at t = "
@@ -142,11 +160,11 @@ def _passed_unfired(system: Hybrid, j: int, guard: _Guard, run: Trajectory) -> l
     transition = system.transitions[j]
     if transition.direction == 0 or guard.width > 1:
         return []
-    t, x, mode, j_done = (np.asarray(one) for one in (run.t, run.x, run.mode, run.j))
+    t, x, mode, j_done = run.t, run.x, run.mode, run.j
     here = np.ones(len(t), bool)
     if transition.source is not None:
         here &= np.isin(mode, [system.mode_names.index(name) for name in transition.source])
-    values = np.asarray(jax.vmap(lambda t, x: guard.value(t, x, 0))(t, x))
+    values = np.array([guard.value(*each, 0) for each in zip(t, x, strict=True)])
     same = here[:-1] & here[1:] & (j_done[:-1] == j_done[1:]) & (mode[:-1] == mode[1:])
     count = int(np.sum(same & (values[:-1] < 0) & (values[1:] > 0)))
     if not count:

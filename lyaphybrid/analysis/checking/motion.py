@@ -7,7 +7,9 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from ...engine.host.paces import Rates, at_stability_limit, may_be_stiff, rates_of
+from ...engine.host.driver import rates_at
+from ...engine.host.paces import Rates, at_stability_limit, may_be_stiff
+from ...engine.problems import RunProblem
 from ...integrators.base import Method
 from ...statuses import STIFF_REMEDY
 from ..trajectories import TangentMap, Trajectory
@@ -66,10 +68,13 @@ def _difference(tangent, x0, step, length: float, exact: TangentMap) -> np.ndarr
     return 0.5 * (np.asarray(up.x) - np.asarray(down.x))
 
 
-def check_along_flow(fields, t0, x0, mode: int, exact: TangentMap, length: float) -> list[Finding]:
-    """In a system that does not depend on the time, a perturbation along the flow stays along the flow."""
-    before = np.asarray(fields[mode](t0, x0))
-    after = np.asarray(fields[int(exact.mode)](t0 + length, exact.x))
+def check_along_flow(slope: Callable, t0, x0, mode: int, exact: TangentMap, length: float) -> list[Finding]:
+    """In a system that does not depend on the time, a perturbation along the flow stays along the flow.
+
+    `slope` is the field (t, x, mode) -> dx/dt.
+    """
+    before = slope(t0, x0, mode)
+    after = slope(t0 + length, exact.x, exact.mode)
     moved = np.asarray(exact.matrix) @ before
     size = np.max(np.abs(exact.matrix)) * np.max(np.abs(before))
     if size == 0:
@@ -102,22 +107,21 @@ def check_tolerance(tangent: Callable[..., TangentMap], x0, length: float, exact
     return [right("tolerance", said)]
 
 
-def check_stiffness(fields, run: Trajectory, step: float, method: Any, onward: Callable) -> list[Finding]:
+def check_stiffness(problem: RunProblem, run: Trajectory, step: float, onward: Callable) -> list[Finding]:
     """Whether steps are as long as stability allows, and not as the motion would.
 
     Args:
-        fields: (t, x) -> dx/dt of each mode.
+        problem: the system, its parameters and its method.
         run: the trial run.
         step: the mean length of its steps.
-        method: the integrator.
         onward: (t, x, mode, attempts) -> t, x, mode after so many attempts; None where the motion has ended before.
     """
-    if not may_be_stiff(method) or not fields:
+    if not may_be_stiff(problem.method):
         return []
     samples = np.unique(np.linspace(0, len(run.t) - 1, 9).astype(int))
-    met = [(_rates(fields, run.t[i], run.x[i], run.mode[i]), step) for i in samples]
+    met = _known((rates_at(problem, *_place(run, i)), step) for i in samples)
     if not _mostly_stiff(met):  # an explicit method may not have come to where the flow is stiff
-        met = _met_onward(fields, (run.t[-1], run.x[-1], int(run.mode[-1])), onward)
+        met = _met_onward(problem, _place(run, -1), onward)
     if _mostly_stiff(met):
         _, change, decay = np.median([one for one, _ in met], axis=0)
         length = np.median([length for _, length in met])
@@ -129,11 +133,12 @@ def check_stiffness(fields, run: Trajectory, step: float, method: Any, onward: C
     return [right("stiffness", f"steps of {step:.2g} follow the motion, not the stability of the method")]
 
 
-def _rates(fields, t, x, mode) -> Rates:
-    return Rates.of(*rates_of(fields[int(mode)], t, x))
+def _place(run: Trajectory, i: int) -> tuple[Any, Any, Any]:
+    """Time, state and mode of a sample."""
+    return run.t[i], run.x[i], run.mode[i]
 
 
-def _met_onward(fields, state, onward: Callable) -> list[tuple[Rates, float]]:
+def _met_onward(problem: RunProblem, state, onward: Callable) -> list[tuple[Rates, float]]:
     """Rates, and lengths of steps, after each of `STRETCHES` further stretches of the motion."""
     met = []
     for _ in range(STRETCHES):
@@ -141,9 +146,13 @@ def _met_onward(fields, state, onward: Callable) -> list[tuple[Rates, float]]:
         after = None if state is None else onward(*state, ATTEMPTS_FOR_STEP)
         if state is None or after is None:
             break
-        met.append((_rates(fields, *state), float(after[0] - state[0]) / ATTEMPTS_FOR_STEP))
+        met.append((rates_at(problem, *state), float(after[0] - state[0]) / ATTEMPTS_FOR_STEP))
         state = after
-    return met
+    return _known(met)
+
+
+def _known(met) -> list[tuple[Rates, float]]:
+    return [(rates, length) for rates, length in met if rates is not None]
 
 
 def _mostly_stiff(met: list[tuple[Rates, float]]) -> bool:

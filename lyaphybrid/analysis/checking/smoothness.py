@@ -2,8 +2,6 @@
 
 from collections.abc import Callable, Iterable
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from .functions import Function
@@ -34,14 +32,14 @@ def check_smoothness(functions: Iterable[Function], t, x, mode, jumps) -> list[F
 
 
 def _of_function(one: Function, t, x, pairs) -> list[Finding]:
-    def value(t, x):
-        return jnp.ravel(one.of(t, x))
+    def values(t, x, dt, dx):
+        return one.at(t, x, dx)[0]
 
-    def slope(t, x, dt, dx):
-        return jnp.ravel(jax.jvp(one.of, (t, x), (dt, dx))[1])
+    def slopes(t, x, dt, dx):
+        _, along, by_time = one.at(t, x, dx)
+        return along + dt[:, None] * by_time
 
-    values, slopes = jax.jit(jax.vmap(value)), jax.jit(jax.vmap(slope))
-    place = _jump(lambda t, x, dt, dx: values(t, x), t, x, pairs)
+    place = _jump(values, t, x, pairs)
     if place is not None:
         return [
             wrong("smoothness", f"The {one.name} jumps {place} without an event. Give each smooth piece a mode, with a "
@@ -61,7 +59,7 @@ def _jump(of: Callable, t, x, pairs) -> str | None:
     """Where between neighbouring states a function jumps, in words; None: nowhere."""
     starts, ends = ((t[i], x[i]) for i in (pairs, pairs + 1))
     across = tuple(end - start for start, end in zip(starts, ends, strict=True))
-    low, high = (np.asarray(of(*side, *across)) for side in (starts, ends))
+    low, high = (of(*side, *across) for side in (starts, ends))
     size = np.max(np.abs(low), initial=0.0)
     if not np.all(np.isfinite(low)) or size == 0:
         return None
@@ -70,7 +68,7 @@ def _jump(of: Callable, t, x, pairs) -> str | None:
     low, high = low[worst], high[worst]
     for _ in range(HALVINGS):
         middle = [0.5 * (start + end) for start, end in zip(starts, ends, strict=True)]
-        values = np.asarray(of(*middle, *across))
+        values = of(*middle, *across)
         first = np.max(np.abs(values - low), axis=1) >= np.max(np.abs(high - values), axis=1)  # it jumps in this half
         starts = [_chosen(first, start, half) for start, half in zip(starts, middle, strict=True)]
         ends = [_chosen(first, half, end) for half, end in zip(middle, ends, strict=True)]
