@@ -1,12 +1,14 @@
 """The matrix of Pythons, JAXs and ways to run: ``python -m tests.portability [--python …] [--jax …] [--out FILE]``.
 
-A row of the matrix is a fresh virtual environment with one Python and one JAX; in each way (`WAYS`) the tests of
-tests/package/test_portable.py run in it. Prints a table, writes it as JSON, and ends with 1 if any cell failed.
+A row of the matrix is a fresh virtual environment with one Python, one JAX and the installed package; in each way
+(`WAYS`) the tests of tests/package/test_portable.py run in it. Prints a table, and ends with 1 if any cell failed.
+What was found, without times, goes to tests/portability.json, or to build/ if only a part of the matrix was asked for.
 """
 
 import argparse
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -16,6 +18,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 TESTS = "tests/package/test_portable.py"
+TABLE = ROOT / "tests" / "portability.json"
 PYTHONS = "3.11", "3.12", "3.13"
 OLDEST, MIDDLE = "0.8.0", "0.10.1"
 JAXS = OLDEST, MIDDLE, "newest"
@@ -25,6 +28,7 @@ WAYS: dict[str, dict[str, str]] = {
     "two devices": {"LYAPHYBRID_ENGINE": "native", "XLA_FLAGS": "--xla_force_host_platform_device_count=2"},
     "float32": {"LYAPHYBRID_ENGINE": "native", "LYAPHYBRID_TEST_FLOAT32": "1"},
 }
+OURS = {"PYTHONPATH", "PYTHONDONTWRITEBYTECODE"}  # settings of who starts this that the tests do not take over
 VERSIONS = """
 import json, platform, jax, jaxlib, llvmlite, numpy
 found = {module.__name__: module.__version__ for module in (jax, jaxlib, llvmlite, numpy)}
@@ -52,48 +56,46 @@ def install(python: str, jax: str, place: Path) -> Path:
     subprocess.run([python, "-m", "venv", place], check=True)
     own = place / ("Scripts" if os.name == "nt" else "bin") / "python"
     wanted = [] if jax == "newest" else [f"jax=={jax}", f"jaxlib=={jax}"]
-    subprocess.run([own, "-m", "pip", "install", "-qq", f"{ROOT}[test]", *wanted], check=True)
+    # Python compiles what is imported; all files of all packages would take longer than the tests.
+    subprocess.run([own, "-m", "pip", "install", "-qq", "--no-compile", f"{ROOT}[test]", *wanted], check=True)
     return own
 
 
 def tested(python: Path, way: dict[str, str]) -> dict:
-    """How the tests went: passed, failed, the last lines of what they printed, and the seconds."""
-    started, own = time.perf_counter(), {k: v for k, v in os.environ.items() if k != "PYTHONPATH"} | way
+    """How the tests went: how many passed and were skipped, the last lines of what they printed, and the seconds."""
+    own = {name: value for name, value in os.environ.items() if name not in OURS} | way
+    own["PYTHONSAFEPATH"] = "1"  # the installed package, not the one in this folder
     command = [python, "-m", "pytest", "-q", "-n", "0", "-m", "slow or not slow", "--tb=line", TESTS]
+    started = time.perf_counter()
     done = subprocess.run(command, cwd=ROOT, env=own, capture_output=True, text=True)
-    last = done.stdout.strip().splitlines()[-12:] or done.stderr.strip().splitlines()[-12:]
-    return {"green": done.returncode == 0, "said": last, "seconds": round(time.perf_counter() - started, 1)}
+    seconds = round(time.perf_counter() - started, 1)
+    said = done.stdout.strip().splitlines()[-12:] or done.stderr.strip().splitlines()[-12:]
+    counts = {word: int(count) for count, word in re.findall(r"(\d+) (passed|failed|skipped|error)", said[-1])}
+    return {"green": done.returncode == 0, **counts, "said": said, "seconds": seconds}
 
 
-def cells(pythons: list[str], jaxs: list[str], kept: Path | None) -> list[dict]:
-    """One row per Python and JAX."""
-    rows = []
-    for version in pythons:
-        python = interpreter(version)
-        for jax in jaxs:
-            row: dict = {"asked": {"python": version, "jax": jax}}
-            rows.append(row)
-            if python is None:
-                row["missing"] = f"no Python {version} on this machine"
-                print(f"{version} jax {jax}: {row['missing']}", flush=True)
-                continue
-            place = Path(tempfile.mkdtemp(prefix="portable-", dir=kept))
-            try:
-                own = install(python, jax, place)
-                row["versions"] = json.loads(subprocess.check_output([own, "-c", VERSIONS]))
-                row["ways"] = {name: tested(own, way) for name, way in WAYS.items()}
-            except subprocess.CalledProcessError as error:
-                row["missing"] = f"the installation failed: {error}"
-            finally:
-                if kept is None:
-                    shutil.rmtree(place)
-            print(line(row), flush=True)
-    return rows
+def row(version: str, jax: str, kept: Path | None, before: list[dict]) -> dict:
+    """The cells of one Python and one JAX; those of a row before it if pip chose the very same versions."""
+    found: dict = {"python": version, "jax": jax}
+    if (python := interpreter(version)) is None:
+        return found | {"missing": f"no Python {version} on this machine"}
+    place = Path(tempfile.mkdtemp(prefix="portable-", dir=kept))
+    try:
+        own = install(python, jax, place)
+        found["versions"] = json.loads(subprocess.check_output([own, "-c", VERSIONS]))
+        same = [one for one in before if one.get("versions") == found["versions"]]
+        found["ways"] = same[0]["ways"] if same else {name: tested(own, way) for name, way in WAYS.items()}
+    except subprocess.CalledProcessError as error:
+        found["missing"] = f"the installation failed: {error}"
+    finally:
+        if kept is None:
+            shutil.rmtree(place)
+    return found
 
 
 def line(row: dict) -> str:
     """A row in words."""
-    asked = f"Python {row['asked']['python']}, jax {row['asked']['jax']}"
+    asked = f"Python {row['python']}, jax {row['jax']}"
     if "missing" in row:
         return f"{asked}: {row['missing']}"
     ways = (f"{name} {'green' if cell['green'] else 'RED'} ({cell['seconds']} s)" for name, cell in row["ways"].items())
@@ -101,21 +103,34 @@ def line(row: dict) -> str:
     return "\n    ".join([f"{asked} ({row['versions']['jax']}): {', '.join(ways)}", *red])
 
 
+def facts(row: dict) -> dict:
+    """A row as it is kept: what would be found again anywhere."""
+    ways = row.get("ways", {}).items()
+    cells = {name: {k: v for k, v in cell.items() if k not in {"said", "seconds"}} for name, cell in ways}
+    return row | ({"ways": cells} if cells else {})
+
+
 def main() -> int:
-    """Run the matrix; 0 if no cell is red."""
+    """Run the matrix; 0 if all of it is green."""
     parser = argparse.ArgumentParser("python -m tests.portability", description=__doc__)
     parser.add_argument("--python", nargs="+", default=PYTHONS, help="versions, such as 3.11")
     parser.add_argument("--jax", nargs="+", default=JAXS, help="versions, or newest")
-    parser.add_argument("--out", type=Path, default=ROOT / "build" / "portability.json", help="the table as JSON")
+    parser.add_argument("--out", type=Path, help="the table as JSON")
     parser.add_argument("--keep", type=Path, help="a folder in which the environments are kept")
     options = parser.parse_args()
-    rows = cells(list(options.python), list(options.jax), options.keep)
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    options.out.write_text(json.dumps(rows, indent=1))
-    red = sum(not cell["green"] for row in rows for cell in row.get("ways", {}).values())
-    broken = sum("installation" in row.get("missing", "") for row in rows)
-    print(f"{options.out}: {red} red cells, {broken} broken installations")
-    return int(red + broken > 0)
+    pythons, jaxs = tuple(options.python), tuple(options.jax)
+    out = options.out or (TABLE if (pythons, jaxs) == (PYTHONS, JAXS) else ROOT / "build" / "portability.json")
+    rows: list[dict] = []
+    for version in pythons:
+        for jax in jaxs:
+            rows.append(row(version, jax, options.keep, rows))
+            print(line(rows[-1]), flush=True)
+            out.parent.mkdir(parents=True, exist_ok=True)
+            out.write_text(json.dumps([facts(one) for one in rows], indent=1) + "\n")  # kept if a later row is stopped
+    red = sum(not cell["green"] for one in rows for cell in one.get("ways", {}).values())
+    missing = sum("missing" in one for one in rows)
+    print(f"{out}: {red} red cells, {missing} rows missing")
+    return int(red + missing > 0)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """What must hold wherever the package runs: one small case of each kind, with its exact value.
 
 `python -m tests.portability` runs this file with each Python and each JAX, with either engine and on two CPU devices.
-`LYAPHYBRID_TEST_FLOAT32=1` runs it as a newcomer does, without float64.
+`LYAPHYBRID_TEST_FLOAT32=1` runs it as a newcomer does, without float64. tests/portability.json is what was found.
 """
 
 import os
@@ -14,11 +14,12 @@ from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
 
+XLA = os.environ.get("LYAPHYBRID_ENGINE") == "xla"
 FLOAT32 = bool(os.environ.get("LYAPHYBRID_TEST_FLOAT32"))
 CLOSE = {"rtol": 1e-3, "atol": 1e-3} if FLOAT32 else {"rtol": 1e-7, "atol": 1e-7}
 SWITCHES = ("jax_debug_nans", "jax_debug_infs", "jax_disable_jit")
 ARGS = {"rate": 0.25, "kept": 0.5}
-EXPONENTS = 0.0, ARGS["rate"] + np.log(ARGS["kept"])  # of `KICKED`
+EXPONENTS = 0.0, ARGS["rate"] + np.log(ARGS["kept"])  # of all three systems below
 TURN = {"t1": 8.0, "blocks": 4}
 
 pytestmark = [
@@ -38,9 +39,20 @@ def drift(t, x, args):
     return jnp.stack([jnp.ones_like(x[0]), args["rate"] * x[1]])
 
 
-KICKED = lh.Hybrid(  # once a turn the phase starts again, and a part of the height is kept
-    drift, lh.Transition(lambda t, x, args: 1.0 - x[0], lambda t, x, args: jnp.stack([x[0] - 1.0, args["kept"] * x[1]]))
-)
+def kicked():
+    """Once a turn the phase starts again, and a part of the height is kept."""
+    return lh.Hybrid(
+        lambda t, x, args: drift(t, x, args),
+        lh.Transition(lambda t, x, args: 1.0 - x[0], lambda t, x, args: jnp.stack([x[0] - 1.0, args["kept"] * x[1]])),
+    )
+
+
+def spread():
+    """The same exponents without jumps: what a kick takes is spread over its turn."""
+    return lh.Flow(lambda t, x, args: jnp.stack([jnp.ones_like(x[0]), (args["rate"] + jnp.log(args["kept"])) * x[1]]))
+
+
+KICKED = kicked()
 SAMPLED = lh.Hybrid(  # the same by a clock
     drift, lh.Transition(every=1.0, reset=lambda t, x, args: jnp.stack([x[0] - 1.0, args["kept"] * x[1]]))
 )
@@ -52,8 +64,19 @@ def spectrum(args, system=KICKED, **keywords):
     return lh.lyapunov_spectrum(system, start, args, **TURN | keywords)
 
 
-def by_rate(args):
-    return spectrum(args).exponents[1]
+@pytest.fixture(scope="module")
+def make():
+    """What makes a system whose loop is compiled in several ways.
+
+    XLA takes nine tenths of this file's time to compile loops, and most of that for derivatives and lanes of one that
+    looks for events. There this system has no jumps; what XLA makes of jumps is seen by the plain spectra.
+    """
+    return spread if XLA else kicked
+
+
+@pytest.fixture(scope="module")
+def system(make):
+    return make()
 
 
 def test_a_flow_that_jumps():
@@ -111,24 +134,24 @@ def test_an_implicit_method():
 
 
 @pytest.mark.slow
-def test_lanes():
+def test_lanes(system):
     rates = jnp.array([0.1, 0.2, 0.3])
-    found = jax.vmap(lambda rate: by_rate(ARGS | {"rate": rate}))(rates)
+    found = jax.vmap(lambda rate: spectrum(ARGS | {"rate": rate}, system).exponents[1])(rates)
     assert_allclose(found, np.minimum(rates + np.log(0.5), 0), **CLOSE)
 
 
 @pytest.mark.slow
 def test_under_jit():
-    assert_allclose(jax.jit(by_rate)(ARGS), EXPONENTS[1], **CLOSE)
+    assert_allclose(jax.jit(lambda args: spectrum(args).exponents[1])(ARGS), EXPONENTS[1], **CLOSE)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("derivative", [jax.jacfwd, jax.grad], ids=["forward", "reverse"])
-def test_derivatives(derivative):
+def test_derivatives(derivative, system):
     """d/d rate = 1, d/d kept = 1/kept."""
 
     def wanted(args):
-        return spectrum(args, method=lh.RungeKutta("rk4", dt=0.05), t1=4.0).exponents[1]
+        return spectrum(args, system, method=lh.RungeKutta("rk4", dt=0.05), t1=4.0).exponents[1]
 
     found = derivative(wanted)({name: jnp.asarray(value) for name, value in ARGS.items()})
     assert_allclose(found["rate"], 1.0, rtol=1e-3)
@@ -136,9 +159,9 @@ def test_derivatives(derivative):
 
 
 @pytest.mark.slow
-def test_a_sweep():
+def test_a_sweep(system):
     kept = np.array([0.4, 0.5, 0.6])
-    found = lh.sweep(spectrum, {"kept": kept}, args=ARGS, progress=False)
+    found = lh.sweep(lambda args: spectrum(args, system), {"kept": kept}, args=ARGS, progress=False)
     assert_allclose(found.exponents[:, 1], ARGS["rate"] + np.log(kept), **CLOSE)
 
 
@@ -148,16 +171,19 @@ def test_a_trajectory():
 
 
 @pytest.mark.parametrize("switch", SWITCHES)
-def test_debugging_switches_change_nothing(switch):
-    """Runs mark by nan what was not computed, and loop without end without jit: so they ignore these switches."""
+def test_debugging_switches_change_nothing(switch, make, system):
+    """Runs mark by nan what was not computed, and loop without end without jit: so they ignore these switches.
+
+    The system is a new one, so that its functions are traced, compiled and run under the switch.
+    """
     before = getattr(jax.config, switch)
     jax.config.update(switch, True)
     try:
-        found = spectrum(ARGS)
+        found = spectrum(ARGS, make())
         exponents = np.asarray(found.exponents)
     finally:
         jax.config.update(switch, before)
-    assert np.array_equal(exponents, spectrum(ARGS).exponents)
+    assert np.array_equal(exponents, spectrum(ARGS, system).exponents)
 
 
 @pytest.mark.skipif(not FLOAT32, reason="of float32")
