@@ -62,6 +62,36 @@ def test_right_or_said(name):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("name", ["dopri8", "dopri5"])
+def test_a_step_that_ends_where_the_orbit_grazes(name):
+    """There is nothing to cut it at: the guard has its extremum at the end of the first step of the second block."""
+    method, silently = lh.RungeKutta(name, dt=0.25), []
+    for speed in [1e-3, 1e-5, 3e-7, 1e-7, 3e-8] if name == "dopri5" else [3e-7]:
+        for late in (0.0, 1e-12, -1e-9, 1e-6) if name == "dopri5" else (0.0,):
+            silently += silently_wrong(grazing_case(speed, 0.8, before=2.0 + late), method)
+    assert silently == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("by", ["clock", "guard"])
+@pytest.mark.parametrize("method", [lh.RungeKutta("dopri5", dt=0.25), lh.RungeKutta("dopri5", rtol=1e-6, atol=1e-8)])
+def test_another_event_at_the_instant_of_grazing(by, method):
+    """The step ends at the tick of a clock, or at a root of another guard, exactly where the orbit grazes."""
+    at = {
+        "clock": lh.Transition(every=100.0, phase=lambda args: args["instant"]),
+        "guard": lh.Transition(lambda t, x, args: args["instant"] - t),
+    }[by]
+    system, silently = lh.Hybrid(SYSTEM.fields[0], [*SYSTEM.transitions, at]), []
+    for speed in (1e-4, 1e-6, 3e-7, 3e-8):
+        case = grazing_case(speed, 0.8, before=1.9)
+        args, how = case.args | {"instant": case.t0 + 1.9}, {"t0": case.t0, "t1": case.t1, "method": method}
+        found = lh.lyapunov_spectrum(system, case.x0, args, **how)
+        error = np.max(np.abs(np.asarray(found.exponents) * case.t1 - np.sort(case.growth)[::-1]))
+        silently += [(speed, error)] if "grazing" not in found.notes and not error < DIGITS else []
+    assert silently == []
+
+
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:x0 is float32")
 @pytest.mark.parametrize("name", ["default", "rk4", "dopri5 steps"])
 def test_right_or_said_in_float32(name):

@@ -30,6 +30,7 @@ from ..._text import Table
 from ...engine import preparation, problems
 from ...engine.blocks import qr_schedule_for
 from ...engine.host import driver, lanes
+from ...engine.states import MOST_AT_ONCE
 from ...integrators.base import Method
 from ...results.result import Data, Result, exponents_along, states_along
 from ...statuses import OK, STATUS
@@ -211,8 +212,8 @@ def bifurcation_diagram(
         over: ``{"beta": values}``, the parameter's name in `args` and its values (values,) in order; "a.b" for
             ``args["a"]["b"]`` or ``args.a.b``.
         period: of the forcing, a number or ``args -> number``; None for a map (1 iteration).
-        section: for an `lh.Flow` that is not forced: ``(t, x, args) -> scalar``; points are taken where it falls
-            through zero, and lengths are in crossings.
+        section: for a system that is not forced: ``(t, x, args) -> scalar``; points are taken where the flow carries
+            it through zero from above, as in `lh.poincare_section`, and lengths are in crossings.
         starts: number of random starts; or (m, n) points, the same for each value.
         directions: which of "random", "up" and "down".
         transient: length of each run before growth is counted, in periods. Other lengths compile anew.
@@ -304,9 +305,6 @@ def _unit(system, period, section):
         (period is None) != (section is None),
         f"Give exactly one of period (of the forcing) and section (a function); got {period=} and {section=}.",
     )
-    if section is not None:
-        message = "section is for an lh.Flow: other transitions would be counted as crossings. Give a period instead."
-        require(isinstance(system, Flow), message)
     return period
 
 
@@ -348,7 +346,9 @@ def _shared(problem, how, period, t0, mode, k, max_steps, start):
         whole("k", k, least=1)
     frame, _ = initial_frame(problem, t0, jnp.asarray(start), None, k)
     dtype, (qr_schedule, interval) = frame.dtype, qr_schedule_for(problem, None)
-    plan = problems.RunPlan(qr_schedule=qr_schedule, count_jumps=period is None)
+    crosses = period is None
+    jumps_too = crosses and len(problem.system.transitions) > 1  # then crossings are told from other jumps by a log
+    plan = problems.RunPlan(qr_schedule=qr_schedule, count_jumps=crosses, log=MOST_AT_ONCE if jumps_too else 0)
     limit = ATTEMPTS_PER_CROSSING * how.ends[-1] if max_steps is None and period is None else max_steps
     limit = np.int32(driver.FOREVER if limit is None else min(limit, driver.FOREVER))
     # Numbers as arrays, so that other values compile nothing new.

@@ -103,13 +103,13 @@ def run(shared, state: RunEnd, lane: StrobeRun) -> tuple[RunEnd, StrobeResults]:
     else:
         mode = jnp.where(carries_on, state.mode, jnp.asarray(mode, jnp.int32))
     loop_state = beginning.initial_loop_state(settings, t0, x, frame, mode, None, interval)
-    multiples = np.asarray(how.ends, x.dtype)
-    if period is None:
+    multiples, wanted = np.asarray(how.ends, x.dtype), np.diff(how.ends, prepend=0).astype(np.int32)
+    if period is None:  # crossings: the jumps of a flow, see `_crossed` for systems with others
         targets = np.full_like(multiples, np.inf), multiples
     else:
         ends = multiples * (period(args) if callable(period) else period)
         targets = ends, multiples
-    loop_state, turns, records, points = _blocks(settings, loop_state, how.angles, targets, limit)
+    loop_state, turns, records, points = _blocks(settings, loop_state, how.angles, (*targets, wanted), limit)
     status = jnp.where(
         (loop_state.carry.status == RUNNING) & ~records.valid[-1], int(STATUS.max_steps), loop_state.carry.status
     )
@@ -131,25 +131,68 @@ def _blocks(settings, loop_state, angles, targets, limit):
 
     def block(state, target):
         loop_state, turns, budget = state
-        end, last = target
-        loop_state = loop_state._replace(block=jnp.zeros_like(loop_state.block))
-        loop_state, record = loop.advance(settings, loop_state, end[None], last[None], budget)
-        record = jax.tree.map(lambda leaf: leaf[0], record)
+        end, last, wanted = target
+        if settings.log:
+            loop_state, record, x = _crossed(settings, loop_state, wanted, budget)
+        else:
+            loop_state, record = _advanced(settings, loop_state, end, last, budget)
+            x = loop_state.carry.x
         carry = loop_state.carry
         good = record.valid & (carry.status == RUNNING)
-        budget = jnp.where(good, carry.budget, 0)
+        budget, whole = jnp.where(good, carry.budget, 0), turns
         if columns:
             more = jnp.zeros_like(turns)
             for i in columns:
                 more = more.at[i].set(jnp.round(carry.x[i] / (2 * np.pi)))
             turns = turns + more
             loop_state = loop_state._replace(carry=carry._replace(x=carry.x - 2 * np.pi * more))
-        point = jnp.where(good, loop_state.carry.x + 2 * np.pi * turns, jnp.nan)
+        point = jnp.where(good, x + 2 * np.pi * whole, jnp.nan)
         return (loop_state, turns, budget), (record, point)
 
     start = (loop_state, jnp.zeros_like(loop_state.carry.x), limit)
     (loop_state, turns, _), (records, points) = jax.lax.scan(block, start, targets)
     return loop_state, turns, records, points
+
+
+def _advanced(settings, loop_state, end, last, budget) -> tuple[Any, BlockRecord]:
+    """One block, until a time or a number of jumps."""
+    loop_state = loop_state._replace(block=jnp.zeros_like(loop_state.block))
+    loop_state, record = loop.advance(settings, loop_state, end[None], last[None], budget)
+    return loop_state, jax.tree.map(lambda leaf: leaf[0], record)
+
+
+def _crossed(settings, loop_state, wanted, budget) -> tuple[Any, BlockRecord, Any]:
+    """Jump after jump, until the section was crossed so often: one block; and the state of the last crossing.
+
+    The section is the first transition. It has been crossed by the flow if it fires before other guards that are zero
+    at the same instant; the state is that before their jumps, as in `lh.poincare_section`.
+    """
+    x, never = loop_state.carry.x, jnp.asarray(np.inf, loop_state.carry.x.dtype)
+
+    def jump(loop_state, budget):
+        log = loop_state.carry.log
+        carry = loop_state.carry._replace(log=log._replace(count=jnp.zeros_like(log.count)))
+        last = (carry.jumps + 1).astype(x.dtype)
+        return _advanced(settings, loop_state._replace(carry=carry), never, last, budget)
+
+    def once(state):
+        loop_state, before, x, count, budget = state
+        first = loop_state.carry.jumps == 0
+        loop_state, record = jump(loop_state, budget)
+        log, flowed = loop_state.carry.log, first | (record.duration > 0)
+        crossed = record.valid & flowed & (log.count > 0) & (log.transition[0] == 0)
+        record = record._replace(duration=record.duration + before.duration, growth=record.growth + before.growth)
+        count, x = count + crossed.astype(count.dtype), jnp.where(crossed, log.x_before[0], x)
+        return loop_state, record, x, count, jnp.where(record.valid, loop_state.carry.budget, 0)
+
+    def goes_on(state):
+        _, record, _, count, _ = state
+        return record.valid & (count < wanted)
+
+    nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(jump, loop_state, budget)[1])
+    start = loop_state, nothing._replace(valid=jnp.asarray(True)), x, jnp.zeros_like(wanted), budget
+    loop_state, record, x, _, _ = jax.lax.while_loop(goes_on, once, start)
+    return loop_state, record, x
 
 
 def _summary(how: StrobeSettings, records: BlockRecord, empty, status, points, lifetime) -> StrobeResults:

@@ -9,7 +9,7 @@ from ..._jax.precision import nonzero
 from ...events.compiled_hybrid import by_mode
 from ...events.roots import sizes
 from ..states import Clock, StepState
-from .trials import ADVANCE, RootBracket, Trial, firing, interpolation_errors, trial_in
+from .trials import ADVANCE, LAND, RootBracket, Trial, firing, interpolation_errors, trial_in
 
 __all__ = ["hardly_crosses", "nearly_crosses"]
 
@@ -35,15 +35,19 @@ def hardly_crosses(evolver, carry: StepState, clock: Clock, trial: Trial):
 
 
 def nearly_crosses(evolver, carry: StepState, clock: Clock, trial: Trial, bracket: RootBracket):
-    """Whether a trial was cut at an extremum of a guard that misses zero by less than the error of the motion."""
+    """Whether a trial ends at an extremum of a guard that misses zero by less than the error of the motion.
+
+    It was cut there, or ends there by itself; also if it ends a block, or at an event of another guard or of a clock.
+    """
     solver, bend = carry.solver_state, _bend(carry, trial)
     rest = 0.5 * trial.rate**2 / jnp.where(bend == 0, nonzero(1e-300, bend), bend)  # from the end to the extremum
     near = TURNED * jnp.maximum(jnp.abs(solver.rate), jnp.abs(bend) * solver.h)
     turned = (solver.guard_sign * solver.rate < 0) & (jnp.abs(trial.rate) <= near)
-    turned = turned & firing(evolver, solver)
-    cut = (trial.case == ADVANCE) & (bracket.tries > 0) & (bracket.guard_index < 0)
-    errors = _errors_of_guards(evolver, carry, clock, bend, cut & jnp.any(turned))
-    return cut & jnp.any(turned & (jnp.abs(trial.g - rest) <= NEARLY * errors + UNSURE * jnp.abs(rest)))
+    aimed = jnp.arange(evolver.hybrid.slots, dtype=jnp.int32) == bracket.guard_index
+    turned = turned & firing(evolver, solver) & ~aimed & (trial.h > 0)
+    ends = (trial.case == ADVANCE) | (trial.case == LAND)
+    errors = _errors_of_guards(evolver, carry, clock, bend, ends & jnp.any(turned))
+    return ends & jnp.any(turned & (jnp.abs(trial.g - rest) <= NEARLY * errors + UNSURE * jnp.abs(rest)))
 
 
 def _bend(carry: StepState, trial: Trial):

@@ -35,6 +35,7 @@ __all__ = ["apply_event"]
 GRAZING = 1e-3  # a crossing is grazing if the sine of the angle between flow and guard is smaller
 # An interval between events is short below this, relative to the step and to the longest interval.
 SHORT_INTERVAL = 1e-5
+AT_START = 1e-12  # an event within this part of a step of the start is there up to rounding
 SMALLEST_INTERVAL = 1e-140  # smallest interval relative to the longest: squares of smaller numbers underflow in float64
 # An interval has shrunk below this, relative to the step; to the longest one where jumps are counted.
 SHRUNK_INTERVAL = 1e-3
@@ -285,7 +286,9 @@ def _store_event(evolver, carry: StepState, landing: CascadeState, clock: Clock,
     grazing, doubtful = seen
     m, first = Memory(*carry.solver_state.memory), guard.astype(carry.x.dtype)
     interval = _time_since_event(carry, last_step) if evolver.per_jump else carry.s - m.last
-    longest = jnp.maximum(m.longest, interval)
+    # An event that the run begins with, up to rounding, comes after no interval.
+    begins = (m.longest == 0) & (interval <= digits(AT_START, interval) * carry.solver_state.h)
+    longest = jnp.maximum(m.longest, jnp.where(begins, 0.0, interval))
     short = interval < digits(SHORT_INTERVAL, interval) * jnp.minimum(carry.solver_state.h, longest)
     streak = jnp.where(short, m.streak + 1, 0.0)
     shrink = jnp.clip(interval / jnp.where(m.interval > 0, m.interval, 1.0), 0.0, 1 - digits(1e-9, interval))

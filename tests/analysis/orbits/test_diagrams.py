@@ -438,8 +438,9 @@ def test_bad_arguments_of_flows():
         lh.bifurcation_diagram(DUFFING, box, {"force": 0.0}, over={"force": [0.1]})
     with pytest.raises(ValueError, match="period must be positive"):
         lh.bifurcation_diagram(DUFFING, box, {"force": 0.0}, over={"force": [0.1]}, period=-1.0)
-    with pytest.raises(ValueError, match="section is for an lh.Flow"):
-        lh.bifurcation_diagram(BALL, box, {"force": 0.0}, over={"force": [0.1]}, section=lambda t, x, args: x[0])
+    table = lh.zoo.sinai_billiard().system
+    with pytest.raises(ValueError, match="A section is crossed by a flow"):
+        lh.bifurcation_diagram(table, box, {"force": 0.0}, over={"force": [0.1]}, section=lambda t, x, args: x[0])
     with pytest.raises(ValueError, match="escape=True"):
         logistic([3.2]).mean_lifetimes()
 
