@@ -101,7 +101,7 @@ def turning_point(g0, d0, g1, d1):
     root = jnp.sqrt(jnp.maximum(b * b - 4 * a * d0, nonzero(1e-300, a)))
     q = -0.5 * (b + jnp.where(b >= 0, root, -root))
     # d0 / q and q / a are the two roots of a θ² + b θ + d0; take the one inside (0, 1).
-    first = d0 / jnp.where(q == 0, nonzero(1e-300, q), q)
+    first = d0 / q  # q is at least half of the root
     second = q / jnp.where(a == 0, nonzero(1e-300, a), a)
     inside = (first >= 0) & (first <= 1)
     return jnp.clip(jnp.where(inside, first, second), 0.0, 1.0)
@@ -117,7 +117,7 @@ def hermite_root(lo, g0, d0, g1, d1):
         beyond = value * falling >= 0
         left, right = jnp.where(beyond, left, theta), jnp.where(beyond, theta, right)
         newton = theta - value / jnp.where(slope == 0, nonzero(1e-300, slope), slope)
-        good = (newton > left) & (newton < right)
+        good = ((newton > left) & (newton < right)) | (newton == theta)  # the latter at the root itself
         return left, right, jnp.where(good, newton, 0.5 * (left + right))
 
     chord = g0 / jnp.where(g0 == g1, 1.0, g0 - g1)
