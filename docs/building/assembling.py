@@ -3,10 +3,10 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from . import command_line, evidence, problems, reference, words
+from . import bibliography, command_line, evidence, problems, reference, words
 
 WRITTEN = ("start", "tutorials", "howto", "theory", "coming_from", "help", "reference", "evidence")  # folders of `docs`
-GENERATORS = (reference, problems, command_line, words, evidence)
+GENERATORS = (reference, problems, command_line, words, bibliography, evidence)
 
 
 def pages(root: Path) -> Iterator[tuple[str, bytes]]:
