@@ -1,5 +1,7 @@
 """Checks of numbers given by the user; each error says what was given and what is allowed."""
 
+import functools
+import os
 from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -73,11 +75,25 @@ def positive(name: str, value: Any) -> None:
         require(good, f"{name} must be positive and finite; got {value!r}.")
 
 
-def whole(name: str, value: Any, least: int) -> None:
-    """Require an integer of at least `least` that an array of so many entries can have."""
+def whole(name: str, value: Any, least: int, each: int = 0) -> None:
+    """Require an integer of at least `least`, and that this machine's memory holds so many rows of `each` floats."""
     good = isinstance(value, int | np.integer) and not isinstance(value, bool) and int(value) >= least
     require(good, f"{name} must be an integer of at least {least}; got {value!r}.")
     require(int(value) <= MOST, f"{name} must be an integer of at most {MOST}; got {value!r}.")
+    taken = int(value) * each * BYTES_OF_FLOAT
+    require(
+        taken < _memory(),
+        f"{name} must be smaller: {value} would take {taken / 2**30:.3g} GiB, more than the memory of this machine.",
+    )
+
+
+@functools.cache
+def _memory() -> int:
+    """The memory of this machine in bytes."""
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):  # a system that does not say
+        return MOST
 
 
 def flag(name: str, value: Any) -> None:

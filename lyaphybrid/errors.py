@@ -12,6 +12,7 @@ __all__ = [
     "NoPeriodicOrbitError",
     "RunFailedError",
     "StoreFailedError",
+    "UserFunctionError",
 ]
 
 
@@ -23,6 +24,10 @@ class LyaphybridError(Exception):
     """
 
     result: Any = None
+
+
+class UserFunctionError(ValueError):
+    """A function that was given cannot be used; the message is complete, with the place in the user's own file."""
 
 
 class RunFailedError(LyaphybridError, RuntimeError):

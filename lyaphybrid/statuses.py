@@ -36,7 +36,8 @@ class STATUS(enum.IntEnum):
     nonfinite = (
         5,
         "the state became infinite or nan: (a) the solution escapes; (b) a user function divides by zero or takes "
-        "a root of a negative number near this state",
+        "a root of a negative number near this state; (c) a fixed step dt is too long: halve it; "
+        "(d) a parameter is nan",
     )
     inconsistent_start = (
         6,

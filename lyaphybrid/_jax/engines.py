@@ -16,6 +16,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from ..errors import UserFunctionError
 from ..native import DURATION_PREFIX, Compiled, Program, engine, native_call, no_collector
 from .forks import refuse_after_fork
 from .jaxprs import explicit
@@ -27,6 +28,7 @@ CLOSED_OVER = (
     "such as a parameter that derivatives are taken by. These have forward derivatives only: let the functions take it "
     "from args, field(t, x, args), and pass args=…; or take jax.jacfwd, and jax.jacfwd(jax.jacfwd(f)) for a second one."
 )
+_PACKAGE = __name__.partition(".")[0]
 _MOST = 256  # most cached programs of one function; the least recently used is dropped
 _WORTH_A_LOOK = 0.01  # seconds; no program is optimised for a shorter run
 _WIDEST = 8  # most columns of a frame whose rows are held in vector registers
@@ -101,11 +103,17 @@ def compiled(
         @debug_switches_off()
         def call(*args):
             refuse_after_fork()
-            if transforming() and traced(enclosed(args)):
-                return by_xla(*args) if backward is None else _forwards_only(function, args)
-            if is_native():
-                return natively(*args)
-            return (with_derivatives if traced(args) else by_xla)(*args)
+            try:
+                if transforming() and traced(enclosed(args)):
+                    return by_xla(*args) if backward is None else _forwards_only(function, args)
+                if is_native():
+                    return natively(*args)
+                return (with_derivatives if traced(args) else by_xla)(*args)
+            except ValueError as error:
+                if not _is_complete(error):
+                    raise
+                kind, message = type(error), str(error)
+            raise kind(message)  # a new one, without the frames and the notes of JAX, which say nothing about it
 
         @debug_switches_off()
         def side_by_side(*args):
@@ -138,6 +146,15 @@ def for_once(function: Callable, *likes: Any) -> Callable[..., list]:
         return program(*operands) if is_native() else list(program.by_xla(*operands))
 
     return call
+
+
+def _is_complete(error: ValueError) -> bool:
+    """Whether an error comes from a check of this package, whose message says everything."""
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    ours = trace is not None and trace.tb_frame.f_globals.get("__name__", "").startswith(_PACKAGE)
+    return ours and type(error) in (ValueError, UserFunctionError)
 
 
 def _forwards_only(function: Callable, args: tuple) -> Any:

@@ -19,6 +19,7 @@ __all__ = [
     "divided",
     "evaluated",
     "explicit",
+    "inside",
     "is_affine",
     "is_call",
     "is_timeless",
@@ -122,11 +123,16 @@ def constants(closed: ClosedJaxpr) -> list:
     """The constant arrays of a jaxpr and of the jaxprs inside it."""
     found = list(closed.consts)
     for eqn in closed.jaxpr.eqns:
-        for value in eqn.params.values():
-            for one in value if isinstance(value, tuple | list) else (value,):
-                inner = ClosedJaxpr(one, ()) if isinstance(one, Jaxpr) else one
-                found += constants(inner) if isinstance(inner, ClosedJaxpr) else []
+        for inner in inside(eqn):
+            found += constants(inner)
     return found
+
+
+def inside(eqn) -> list[ClosedJaxpr]:
+    """The jaxprs among the parameters of an equation: of a call, of branches, of the body of a loop."""
+    values = [one for value in eqn.params.values() for one in (value if isinstance(value, tuple | list) else (value,))]
+    closed = [ClosedJaxpr(one, ()) if isinstance(one, Jaxpr) else one for one in values]
+    return [one for one in closed if isinstance(one, ClosedJaxpr)]
 
 
 def is_affine(function: Callable, x) -> bool:

@@ -198,7 +198,7 @@ def _require_numbers(t1, transient, separation, every, blocks) -> None:
         positive("renormalise_every", every)
     real("transient, a length,", transient)
     require(traced(transient) or transient >= 0, f"transient, a length, must not be negative; got {transient!r}.")
-    whole("blocks", blocks, least=2)
+    whole("blocks", blocks, least=2, each=1)
 
 
 def _require_start(x0, separation) -> None:

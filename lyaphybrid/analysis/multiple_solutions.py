@@ -117,7 +117,7 @@ def solutions(
     """
     whole("most", most, least=1)
     whole("departures", departures, least=0)
-    whole("blocks", blocks, least=2)
+    whole("blocks", blocks, least=2, each=1)
     attempts(max_steps)
     flows = isinstance(system, Hybrid) and system.fields is not None
     require(flows, f"solutions needs an lh.Hybrid with fields; got {type(system).__name__}. Others have one solution.")

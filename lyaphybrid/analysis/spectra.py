@@ -282,7 +282,7 @@ def _check_words(clock, averaging, orthonormalise, blocks, k, target_stderr, rep
     require(is_one_of(averaging, AVERAGES), f"averaging must be one of {AVERAGES}; got {averaging!r}.")
     kinds = ("auto", *frames.QR_ALGORITHMS)
     require(is_one_of(orthonormalise, kinds), f"orthonormalise must be one of {kinds}; got {orthonormalise!r}.")
-    whole("blocks", blocks, least=2)
+    whole("blocks", blocks, least=2, each=1)
     if k is not None:
         whole("k", k, least=1)
     if target_stderr is not None:
@@ -290,7 +290,7 @@ def _check_words(clock, averaging, orthonormalise, blocks, k, target_stderr, rep
     attempts(max_steps)
     random_key("key", key)
     if replicates is not None:
-        whole("replicates", replicates, least=2)
+        whole("replicates", replicates, least=2, each=1)
         require(is_key(key), f"replicates needs key=jax.random.key(seed), to perturb the starts; got {key!r}.")
 
 

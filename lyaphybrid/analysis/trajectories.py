@@ -186,7 +186,7 @@ def trajectory(
     """
     flag("throw", throw)
     positive("t1, a length of time,", t1)
-    whole("n, the number of samples,", n, least=1)
+    whole("n, the number of samples,", n, least=1, each=1)
     attempts(max_steps)
     problem, x0, t0, mode = preparation.prepare(system, x0, args, t0, method, mode)
     _require_one(x0)

@@ -56,6 +56,8 @@ def each_step_of(problem: problems.RunProblem) -> tuple[QRSchedule, Any]:
 
 def ends_of_blocks(length, blocks, times, name):
     """(blocks,) the ends of the blocks, measured from the start of the run."""
+    if isinstance(length, tuple | list):
+        raise ValueError(f"{name} is one number, a length; got {length!r}. From a to b: t0=a, {name}=b − a.")
     positive(f"{name}, a length,", length)
     if times is None:
         return length * (np.arange(1, blocks + 1) / blocks)

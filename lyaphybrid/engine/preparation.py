@@ -2,8 +2,10 @@
 
 import math
 import warnings
+from collections.abc import Mapping
 from typing import Any
 
+import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -24,6 +26,8 @@ from ..systems.validation import check_clocks
 from .blocks import COUNTED
 from .problems import RunProblem, mode_names
 
+_NO_STATE = "The start, such as [1.0, 0.0], comes before args, the parameters, which may have names."
+
 __all__ = ["as_arrays", "at_precision", "method_for", "mode_index", "prepare"]
 
 
@@ -36,7 +40,7 @@ def prepare(system, x0, args, t0, method, mode, name: str = "x0") -> tuple[RunPr
     if not isinstance(system, Flow | Map | Hybrid | EventDriven):
         raise ValueError(
             f"system must be an lh.Flow, lh.Map, lh.Hybrid or lh.EventDriven; got {type(system).__name__}. "
-            "Wrap a function: lh.Flow(field)."
+            f"{_wrapped(system)}"
         )
     x0, shape = _state(system, x0, name)
     labels_of(system, shape)  # refused before anything is computed
@@ -86,6 +90,8 @@ def _state(system, x0, name):
     """The states (n,) or (m, n), and the shape of one state as the user gave it: (n,), or (N, d) for many bodies."""
     if any(np.iscomplexobj(leaf) for leaf in jax.tree.leaves(x0)):
         raise ValueError(f"{name} must be real; write a complex state as its real and imaginary parts.")
+    if isinstance(x0, Mapping | str | None):
+        raise ValueError(f"{name} must be an array of numbers; got {x0!r}. {_NO_STATE}")
     x0 = jnp.asarray(numbers(name, x0))
     x0 = x0 if jnp.issubdtype(x0.dtype, jnp.floating) else x0.astype(float)
     rows = isinstance(system, EventDriven) and system.schedule is not None and not system.schedule.flat
@@ -106,12 +112,34 @@ def method_for(system, method):
             constrained = any(isinstance(field, Constrained) for field in fields_of(system))
             return HalfExplicit() if constrained else RungeKutta()
         if not isinstance(method, Method):
-            raise ValueError(f"A system that flows needs a method such as lh.RungeKutta(); got {method!r}.")
+            raise ValueError(
+                f"A system that flows needs a method such as lh.RungeKutta(); got {method!r}. {_as_method(method)}"
+            )
         return method
     if method is not None:
         kind = "A map is iterated" if isinstance(system, Map | Hybrid) else "An lh.EventDriven flow is exact"
         raise ValueError(f"{kind}: it takes no method; got {method!r}. Leave method=None.")
     return None
+
+
+def _wrapped(system) -> str:
+    """What to write instead of what is no system."""
+    if hasattr(system, "system"):  # a problem of the zoo
+        return "Give problem.system, with problem.x0 and problem.args; or call problem.spectrum(t1=…)."
+    if hasattr(system, "vector_field"):
+        return "Of a diffrax term take the function: lh.Flow(term.vector_field)."
+    return "Wrap a function: lh.Flow(field)."
+
+
+def _as_method(method) -> str:
+    """What to write instead of what is no method."""
+    if isinstance(method, type):
+        return f"Make one by brackets: {method.__name__}()."
+    if isinstance(method, str):
+        return "Names are tableaux: lh.RungeKutta('dopri5')."
+    if isinstance(method, diffrax.AbstractSolver):
+        return f"Wrap a solver of diffrax: lh.Diffrax(diffrax.{type(method).__name__}())."
+    return "Tolerances go with it: lh.RungeKutta(rtol=1e-9)."
 
 
 def mode_index(system, mode):

@@ -94,8 +94,9 @@ class Diffrax(ByDiffrax):
 def with_tolerances(solver: diffrax.AbstractSolver, rtol, atol) -> diffrax.AbstractSolver:
     """The solver, changed so that it has forward-mode derivatives; a ValueError if it has no error estimate."""
     if not isinstance(solver, diffrax.AbstractAdaptiveSolver):
+        made = f" Make one by brackets: diffrax.{solver.__name__}()." if isinstance(solver, type) else ""
         raise ValueError(
-            f"solver must be a diffrax solver with an error estimate, such as diffrax.Kvaerno5(); got {solver!r}."
+            f"solver must be a diffrax solver with an error estimate, such as diffrax.Kvaerno5(); got {solver!r}.{made}"
         )
     if isinstance(solver, diffrax.AbstractImplicitSolver):
         solver = _with_root_finder(solver, rtol, atol)

@@ -109,7 +109,8 @@ class RungeKutta(Method):
         max_step: Any = None,
     ):
         if not is_one_of(tableau, TABLEAUX):
-            raise ValueError(f"Unknown tableau {tableau!r}; the tableaux are {sorted(TABLEAUX)}.")
+            named = "" if isinstance(tableau, str) else " Tolerances are given by name: rtol=…, atol=…."
+            raise ValueError(f"Unknown tableau {tableau!r}; the tableaux are {sorted(TABLEAUX)}.{named}")
         if not is_one_of(control, ("x", "xY")):
             raise ValueError(f"control must be 'xY' (state and frame) or 'x' (state alone); got {control!r}.")
         if dt is None and not TABLEAUX[tableau].errors:

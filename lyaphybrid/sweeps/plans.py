@@ -1,5 +1,6 @@
 """The points of a sweep: axes over entries of args, starts x0 and PRNG keys; and `PointRun`, the run at one point."""
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
@@ -8,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._arguments import require
+from .._arguments import require, whole
 
 __all__ = ["PointRun", "SweepPlan", "Runnable", "plan", "raw"]
 
@@ -90,6 +91,8 @@ def plan(over: Mapping[str, Any] | None, points: Mapping[str, Any] | None, args:
         known = lengths.setdefault(axis.dim, len(axis.values))
         wanted = f"All of points must have one length; {axis.path} has {len(axis.values)}, others {known}."
         require(known == len(axis.values), wanted)
+    product = " × ".join(map(str, lengths.values()))
+    whole(f"the number of points, {product},", math.prod(lengths.values()), least=1, each=1)
     return SweepPlan(tuple(lengths), tuple(lengths.values()), tuple(axes))
 
 

@@ -18,12 +18,13 @@ from .._version import __version__
 from ..engine.host import devices
 from ..engine.host.lanes import LaneProgram, run_sequences
 from ..engine.host.reporting import reporter
-from ..errors import StoreFailedError
+from ..errors import LyaphybridError, StoreFailedError, UserFunctionError
 from ..results.spectrum import Spectrum
 from ..statuses import STATUS
+from ..systems.validation import Call, check_signature, explained
 from .clusters import run_on
 from .outputs import NOTE_NAMES, dims_of, missing, named, spectra_in
-from .plans import PointRun, Runnable, SweepPlan, plan, raw
+from .plans import EXTRAS, PointRun, Runnable, SweepPlan, plan, raw
 from .stores import opened
 
 if TYPE_CHECKING:
@@ -107,6 +108,20 @@ def function_of(run: Callable | Runnable, args: Any) -> tuple[Callable, Any]:
     return function, args
 
 
+def _shapes(named: "_Named", run: Callable, args: Any, row: Mapping[str, Any]) -> tuple[Any, Any]:
+    """What a run returns, and its named results, as shapes and types; an error names the line of the user's."""
+    call = Call("run", run, {"args": args, **{name: row[name] for name in EXTRAS if name in row}})
+    check_signature(call)
+    try:
+        return eqx.filter_eval_shape(named.with_result, args, row)
+    except LyaphybridError:
+        raise
+    except UserFunctionError as error:  # of a function within the run: it is the one to be named
+        raise UserFunctionError(str(error)) from None
+    except Exception as error:
+        raise UserFunctionError(explained(call, error)) from None
+
+
 def _xarray():
     try:
         import xarray
@@ -160,7 +175,7 @@ class Work:
         if chunk is not None:
             whole("chunk", chunk, least=1)
         named, row = _Named(PointRun.of(function, grid, args)), _first_values(grid)
-        returned, shapes = eqx.filter_eval_shape(named.with_result, args, row)
+        returned, shapes = _shapes(named, function, args, row)
         _warn_of_idle(named, args, row)
         twice = sorted(set(shapes) & set(grid.coordinates()))
         require(not twice, f"The run returns {', '.join(twice)}, which is the name of an axis: give it another name.")

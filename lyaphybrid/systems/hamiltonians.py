@@ -17,7 +17,7 @@ from .bound import require_callable
 from .labels import words
 from .smooth import Flow
 
-__all__ = ["Hamiltonian", "SeparableField", "canonical_flow"]
+__all__ = ["Hamiltonian", "HamiltonianField", "SeparableField", "canonical_flow"]
 
 
 def halves(x: Float[Array, " 2m"]) -> tuple[Float[Array, " m"], Float[Array, " m"]]:

@@ -45,6 +45,8 @@ def _parameter_of_before(name: str, positional: tuple, given: dict[str, Any]) ->
     if rest:
         (parameter,) = rest
     if parameter is not None:
+        wanted = f"over must give the range of the parameter: over={{{parameter!r}: (low, high)}}; got none."
+        require("over" in given, wanted)
         renamed.warn(f"{name}(…, {parameter!r}, over=(low, high))", f"over={{{parameter!r}: (low, high)}}")
         given["over"] = {parameter: given["over"]}
     return positional

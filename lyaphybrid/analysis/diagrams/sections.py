@@ -139,7 +139,7 @@ def poincare_section(
         (section is None) != (period is None),
         f"Give exactly one of section (a function) and period; got {section=} and {period=}.",
     )
-    whole("n, the number of points,", n, least=1)
+    whole("n, the number of points,", n, least=1, each=1)
     whole("transient, a number of points,", transient, least=0)
     attempts(max_steps)
     system = system if section is None else with_section(system, section, direction)

@@ -208,7 +208,7 @@ def covariant_vectors(
         73.89788625
     """
     flag("throw", throw)
-    whole("blocks", blocks, least=2)
+    whole("blocks", blocks, least=2, each=1)
     positive("t1, a length,", t1)
     check_counts(system, t1=t1, transient=transient, settle=settle)
     require_one_start("covariant_vectors", x0)

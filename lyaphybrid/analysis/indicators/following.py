@@ -81,7 +81,7 @@ def follow(
     directions; `each_step`: orthonormalise after each step, or each flight between events. All else as for
     `lyapunov_spectrum`.
     """
-    whole("blocks", blocks, least=2)
+    whole("blocks", blocks, least=2, each=1)
     attempts(max_steps)
     problem, x0, t0, mode = preparation.prepare(system, x0, args, t0, method, mode)
     n = x0.shape[-1]

@@ -86,7 +86,7 @@ def by_regression(
         threads: None: one for each processor.
         progress: None, True for a bar, or a function of the fraction done.
     """
-    whole("replicates", replicates, least=2)
+    whole("replicates", replicates, least=2, each=1)
     whole("degree", degree, least=1)
     half, terms = _half_widths(case, window), math.comb(len(case.theta) + degree + FURTHER, len(case.theta))
     points = max(FEWEST_POINTS, POINTS_PER_TERM * terms) if points is None else points

@@ -150,7 +150,7 @@ def collision_statistics(
     """
     bodies = _bodies(problem)
     positive("t1, a length of time,", t1)
-    whole("blocks", blocks, least=2)
+    whole("blocks", blocks, least=2, each=1)
     transient = float(problem.transient if transient is None else transient)
     run = _PiecewiseRun(problem, bodies)
     if transient:

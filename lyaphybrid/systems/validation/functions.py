@@ -1,7 +1,6 @@
-"""Checks of the user's functions and numbers before a run; an error says what was given, what is wanted, what to do."""
+"""Which functions a system has, with which arguments they are called, and what each must return."""
 
 import contextlib
-import inspect
 import weakref
 from collections.abc import Callable
 from typing import Any
@@ -9,14 +8,17 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from .._arguments import positive, real, require
-from .daes.semi_linear import Constrained
-from .event_driven import EventDriven
-from .hamiltonians import SeparableField
-from .hybrid import Hybrid, Transition
-from .smooth import Flow, Map
+from ..._arguments import positive, real
+from ...errors import UserFunctionError
+from ..daes.semi_linear import Constrained
+from ..event_driven import EventDriven
+from ..hamiltonians import HamiltonianField, SeparableField
+from ..hybrid import Hybrid, Transition
+from ..smooth import Flow, Map
+from .calling import call_of, results_of
+from .explanations import Call, described, explained, order_of_arguments
 
-__all__ = ["check_clocks", "check_functions"]
+__all__ = ["check_clocks", "check_functions", "has_identity_reset"]
 
 
 def check_clocks(system: Any, args: Any) -> None:
@@ -28,7 +30,12 @@ def check_clocks(system: Any, args: Any) -> None:
 
 
 def _check_clock(name: str, value, args, good: Callable) -> None:
-    good(name, value(args) if callable(value) else value)
+    if callable(value):
+        try:
+            value = value(args)
+        except Exception as error:
+            raise UserFunctionError(explained(call_of(name, value, "args", args), error)) from None
+    good(name, value)
 
 
 def check_functions(system: Any, x: jax.ShapeDtypeStruct, args: Any) -> None:
@@ -51,24 +58,25 @@ def check_functions(system: Any, x: jax.ShapeDtypeStruct, args: Any) -> None:
 
 
 def _check_field(name: str, field: Callable, t, x, args) -> None:
+    if isinstance(field, SeparableField | HamiltonianField):
+        even = f"x = (q, p) has an even number of components, as many positions as momenta; x0 has {x.shape[0]} components."
+        _require(x.shape[0] % 2 == 0, even)
     if isinstance(field, SeparableField):
-        for part, energy in (("kinetic", field.kinetic), ("potential", field.potential)):
-            half = jax.ShapeDtypeStruct((x.shape[0] // 2,), x.dtype)
-            _require_scalar(
-                f"{part} of the {name}", _result(part, energy, "x, args", half, args), jnp.floating, "a number"
-            )
+        for part, energy, given in (("kinetic", field.kinetic, "p, args"), ("potential", field.potential, "q, args")):
+            half, full = jax.ShapeDtypeStruct((x.shape[0] // 2,), x.dtype), f"{part} of the {name}"
+            _require_scalar(full, _result(full, energy, given, half, args), jnp.floating, "a number")
     if not isinstance(field, Constrained):
         _returns_state(name, field, x, "t, x, args", t, x, args)
         return
     leading = _result(f"leading of the {name}", field.leading, "t, args", t, args)
     square = getattr(leading, "shape", None) == (*x.shape, *x.shape) and _floating(leading)
-    require(
+    _require(
         square,
         f"The leading of the {name} must return E, a matrix of floats {(*x.shape, *x.shape)} for x of shape {x.shape}; "
-        f"got {_described(leading)}.",
+        f"got {described(leading)}.",
     )
     _returns_state(f"residual of the {name}", field.residual, x, "t, x, args", t, x, args)
-    require(
+    _require(
         field.n_differential <= x.shape[0],
         f"n_differential must be at most the number of components, {x.shape[0]}; got {field.n_differential}.",
     )
@@ -90,10 +98,10 @@ def _check_transition(j: int, transition: Transition, t, x, args) -> None:
     if transition.guard is not None:
         guard = _result(f"guard of transition {j}", transition.guard, given, t, x, args)
         shaped = _floating(guard) and len(guard.shape) < 2 and guard.shape != (0,)
-        require(
+        _require(
             shaped,
             f"The guard of transition {j} must return a scalar or (m,), m ≥ 1, a smooth function that crosses zero; "
-            f"got {_described(guard)}.",
+            f"got {described(guard)}.",
         )
         which = (jax.ShapeDtypeStruct((), jnp.int32),) if guard.shape else ()
     if transition.when is not None:
@@ -151,26 +159,26 @@ def _check_scheduled(system: EventDriven, t, y, args) -> None:
             (a.shape, a.dtype) == (b.shape, b.dtype)
             for a, b in zip(jax.tree.leaves(other), jax.tree.leaves(cache), strict=True)
         )
-        require(
+        _require(
             same,
-            f"The {name} of the schedule must return a cache like that of init, {_described(cache)}; it returned "
-            f"{_described(other)}.",
+            f"The {name} of the schedule must return a cache like that of init, {described(cache)}; it returned "
+            f"{described(other)}.",
         )
     rows = _result("touch of the schedule", schedule.touch, "which", which)
     listed = len(getattr(rows, "shape", ())) == 1 and jnp.issubdtype(rows.dtype, jnp.integer)
-    require(listed, f"The touch of the schedule must return a list of row indices (r,); got {_described(rows)}.")
+    _require(listed, f"The touch of the schedule must return a list of row indices (r,); got {described(rows)}.")
     _check_jump(system, t, jax.ShapeDtypeStruct((rows.shape[0], *y.shape[1:]), y.dtype), args, which)
 
 
 def _predicted(name: str, time: str, found):
     """Check a prediction (time, which); the shapes of `which`."""
     pair = isinstance(found, tuple) and len(found) == 2 and getattr(found[0], "shape", None) == ()
-    require(pair, f"{name} must return ({time}, which), {time} a single number; got {_described(found)}.")
+    _require(pair, f"{name} must return ({time}, which), {time} a single number; got {described(found)}.")
     moment, which = found
-    require(_floating(moment), f"The {time} of {name} must be a float (inf: no event); got {_described(moment)}.")
+    _require(_floating(moment), f"The {time} of {name} must be a float (inf: no event); got {described(moment)}.")
     integers = [jnp.issubdtype(leaf.dtype, jnp.integer) for leaf in jax.tree.leaves(which)]
     good = bool(integers) and all(integers)
-    require(good, f"The which of {name} must be an integer, or a pytree of integers; got {_described(which)}.")
+    _require(good, f"The which of {name} must be an integer, or a pytree of integers; got {described(which)}.")
     return jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, jnp.int32), which)
 
 
@@ -181,28 +189,40 @@ def _check_jump(system: EventDriven, t, x, args, which) -> None:
 
 
 def _result(name: str, function: Callable, given: str, *arguments) -> Any:
-    """The shapes and types that a function returns; a ValueError on the wrong number of arguments."""
-    try:
-        inspect.signature(function).bind(*arguments)
-    except TypeError as error:
-        raise ValueError(f"The {name} is called with ({given}): {error}.") from None
-    except ValueError:  # a builtin without a signature
-        pass
-    return jax.eval_shape(function, *arguments)
+    """The shapes and types that a function returns."""
+    return results_of(call_of(name, function, given, *arguments))
 
 
 def _returns_state(name: str, function: Callable, x, given: str, *arguments) -> None:
-    result = _result(name, function, given, *arguments)
-    shape = getattr(result, "shape", None)
-    require(
-        shape == x.shape,
-        f"The {name} must return an array of x's shape {x.shape}; it returned {_described(result)}. "
-        "Put components together with jnp.array([…]) or jnp.stack([…]).",
-    )
-    require(
+    call = call_of(name, function, given, *arguments)
+    result = results_of(call)
+    same = getattr(result, "shape", None) == x.shape
+    if not same:
+        raise UserFunctionError(
+            f"The {name} must return an array of x's shape {x.shape}; it returned {described(result)}. "
+            f"{_cure(result, call)}{order_of_arguments(call)}"
+        )
+    cures = {"c": "Write the real and the imaginary part as two components", "f": "Leave out what makes it shorter"}
+    cure = cures.get(result.dtype.kind, "Write 1.0 for 1")
+    _require(
         result.dtype == x.dtype,
-        f"The {name} must return {x.dtype}, the type of x; it returned {result.dtype}. Write 1.0 for 1.",
+        f"The {name} must return {x.dtype}, the type of x; it returned {result.dtype}. {cure}.",
     )
+
+
+def _cure(result: Any, call: Call) -> str:
+    """What to do about a result of another shape than the state's."""
+    if result is None:
+        return "Does it end without `return`?"
+    args = getattr(call.given.get("args"), "shape", None)
+    if getattr(result, "shape", ()) == args:
+        return "That is the shape of args: are x0 and args in each other's place?"
+    return "Put components together with jnp.array([…]) or jnp.stack([…])."
+
+
+def _require(condition: bool, message: str) -> None:
+    if not condition:
+        raise UserFunctionError(message)
 
 
 def _floating(result) -> bool:
@@ -211,11 +231,4 @@ def _floating(result) -> bool:
 
 def _require_scalar(name: str, result, kind, wanted: str) -> None:
     good = getattr(result, "shape", None) == () and jnp.issubdtype(result.dtype, kind)
-    require(good, f"The {name} must return {wanted}; got {_described(result)}.")
-
-
-def _described(result) -> str:
-    """Shapes and types in words, for error messages."""
-    if hasattr(result, "shape"):
-        return f"shape {result.shape} of {result.dtype}"
-    return f"{jax.tree.map(_described, result)}" if jax.tree.leaves(result) else repr(result)
+    _require(good, f"The {name} must return {wanted}; got {described(result)}.")
