@@ -234,7 +234,7 @@ ARGUMENTS = {
     ),
     "kinetic without args": Mistake(hamiltonian(lambda p: p @ p / 2), ("kinetic of the field", "(p, args)")),
     "kinetic of each": Mistake(hamiltonian(lambda p, a: p**2 / 2), ("must return a number", "got shape (1,)")),
-    "momenta missing": Mistake(hamiltonian(x0=[1.0, 0.0, 0.5]), ("as many positions as momenta", "3 components")),
+    "momenta missing": Mistake(hamiltonian(x0=[1.0, 0.0, 0.5]), ("as many positions as momenta", "x0 has 3")),
     "jump without which": Mistake(flight(jump=lambda t, x, a: x + 1.0), ("jump is called with (t, x, args, which)",)),
     "x0 and args swapped": Mistake(flow(swing, PAIR, x0={"k": 1.0}), ("got {'k': 1.0}", "comes before args")),
     "arrays swapped": Mistake(

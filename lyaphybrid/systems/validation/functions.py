@@ -59,7 +59,7 @@ def check_functions(system: Any, x: jax.ShapeDtypeStruct, args: Any) -> None:
 
 def _check_field(name: str, field: Callable, t, x, args) -> None:
     if isinstance(field, SeparableField | HamiltonianField):
-        even = f"x = (q, p) has an even number of components, as many positions as momenta; x0 has {x.shape[0]} components."
+        even = f"x = (q, p) is an even number of components, as many positions as momenta; x0 has {x.shape[0]}."
         _require(x.shape[0] % 2 == 0, even)
     if isinstance(field, SeparableField):
         for part, energy, given in (("kinetic", field.kinetic, "p, args"), ("potential", field.potential, "q, args")):
