@@ -1,5 +1,7 @@
 """Step sizes: the first, the controller's and the shortest one; the rest of a block; the time until a clock ticks."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 
@@ -8,22 +10,35 @@ from ...integrators.base import Method
 from ..states import Clock, StepState
 from .trials import SolverState, Trial, table
 
-__all__ = ["cut_at_end", "first_step", "goes_nowhere", "next_step", "unresolved", "until_ticks"]
+__all__ = ["cut_at_end", "first_step", "goes_nowhere", "next_step", "soonest_root", "unresolved", "until_ticks"]
 
 SHORTEST = 1e-3  # shortest step, in units of the rounding of the time …
 TIME_ROUNDING = 4.0  # in units of the rounding of the time: how well the time of a tick is known
 UNDEFINED = 4.0  # … and where the field is undefined just beyond
 
 
-def first_step(method: Method, x, f):
-    """The first step of a run, from the norms of state and vector field in units of the tolerances."""
+def first_step(method: Method, x, f, soonest: Any = jnp.inf):
+    """The first step of a run, from the norms of state and vector field in units of the tolerances.
+
+    At rest these say nothing; `soonest`, an estimate of the time until a guard is reached, bounds the step then.
+    """
     if not method.adaptive:
         return jnp.asarray(method.fixed_step, x.dtype)
     scale = method.atol + method.rtol * jnp.abs(x)
     size, speed = jnp.sqrt(jnp.mean((x / scale) ** 2)), jnp.sqrt(jnp.mean((f / scale) ** 2))
     # At rest the speed is rounding and the ratio means nothing; it is bounded, as guards are armed on the step's scale.
     usual = jnp.minimum(0.01 * size / jnp.maximum(speed, nonzero(1e-300, x)), 1.0)
-    return _bounded(method, jax.lax.stop_gradient(jnp.where((size > 1e-5) & (speed > 1e-5), usual, 1e-6)))
+    return _bounded(
+        method, jax.lax.stop_gradient(jnp.where((size > 1e-5) & (speed > 1e-5), usual, jnp.minimum(soonest, 1e-6)))
+    )
+
+
+def soonest_root(g, rate, second, guard_tolerance):
+    """An estimate of the time until one of the guards (slots,) is zero, from their first two time derivatives."""
+    distance = jnp.where(jnp.abs(g) > guard_tolerance, jnp.abs(g), jnp.inf)  # not of those that are zero now
+    none = nonzero(1e-300, g)
+    times = distance / jnp.maximum(jnp.abs(rate), none), jnp.sqrt(2 * distance / jnp.maximum(jnp.abs(second), none))
+    return jax.lax.stop_gradient(jnp.min(jnp.minimum(*times)))
 
 
 def _bounded(method: Method, h):

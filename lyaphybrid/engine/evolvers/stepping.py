@@ -25,7 +25,7 @@ from ..waiting import EVER, LONGEST_STEP
 from .constraints import OnConstraints
 from .grazing import nearly_crosses
 from .landing import apply_event
-from .step_sizes import cut_at_end, first_step, goes_nowhere, next_step, unresolved, until_ticks
+from .step_sizes import cut_at_end, first_step, goes_nowhere, next_step, soonest_root, unresolved, until_ticks
 from .trials import (
     ADVANCE,
     FAIL,
@@ -153,11 +153,14 @@ class Stepping(OnConstraints):
             return SolverState(*(None,) * 10)
         hybrid, mode = self.hybrid, jnp.asarray(mode, jnp.int32)
         f = by_mode(mode, hybrid.fields, t, x)
-        h = first_step(self.method, x, f) if h is None else h
+        given, h = h, first_step(self.method, x, f) if h is None else h
         state = SolverState(f, h, jnp.zeros_like(h), mode if hybrid.modes > 1 else None, *(None,) * 6)
         if not self.has_events:
             return state
-        modes = [_to_arm(hybrid, q) for q in range(hybrid.modes)]
+        both = zip(hybrid.guards, hybrid.fields, strict=True)
+        modes = [hybrid.calls.once(functools.partial(to_arm, *own), "to_arm", *own) for own in both]
+        if given is None:  # guards are armed on the scale of the step
+            h = first_step(self.method, x, f, soonest_root(*by_mode(mode, modes, t, x, h)[:4]))
         g, rate, second, guard_tolerance, step_rounding = by_mode(mode, modes, t, x, h)
         fired = jnp.zeros(hybrid.slots, bool)
         if self.just_fired is not None:
@@ -443,7 +446,3 @@ def are_nonlinear(fields: Iterable[Field], t, x) -> bool:
 def are_timeless(hybrid: CompiledHybrid, t, x) -> bool:
     """Whether fields, guards and event times provably do not depend on the time explicitly."""
     return not hybrid.clocks and all(is_timeless(one, t, x) for one in (*hybrid.fields, *hybrid.guards))
-
-
-def _to_arm(hybrid: CompiledHybrid, q: int):
-    return lambda t, x, h: to_arm(hybrid.guards[q], hybrid.fields[q], t, x, h)
