@@ -2,22 +2,22 @@
 
 A *mutant* is a module of the package with one small mistake: an operator, a constant, a condition or a call changed.
 The tests named in `TESTS` run on a seeded sample of them, until one fails: then the mutant is killed. What survives is
-a gap in the tests, or changes nothing that anybody could see; `tests/mutants.md` says which. Each mutant has a process,
-forked when all that the tests need except the package is imported. (POSIX only. Processes that tests begin by
-themselves import the right module.)
+a gap in the tests, or changes nothing that anybody could see; `tests/mutants.md` says which. The mutants of a module
+are put into its place one after the other, in one process: most take less than a second. (POSIX only. Processes that
+tests begin by themselves import the right module.)
 
 Writes a line of JSON for each mutant. `--again FILE` repeats those that survived there, `--show` prints the mutants.
 """
 
 import argparse
 import ast
+import functools
 import importlib.machinery
 import importlib.util
 import json
 import os
 import random
 import resource
-import signal
 import sys
 import tempfile
 import time
@@ -41,7 +41,7 @@ TESTS = {
     "events.saltations": "tests/events/test_saltations.py",
     "events.roots": "tests/events/test_guards_in_a_step.py",
     "events.turns": "tests/events/test_turns.py tests/events/test_roots.py",
-    "_linalg.frames": "tests/_linalg/test_frames.py",
+    "_linalg.frames": "tests/_linalg/test_lost_and_refilled.py tests/_linalg/test_frames.py",
     "engine.loop": LOOP,
     **{f"native.lowering.{name}": NATIVE for name in ("costs", "emitter", "lowering", "uses", "values")},
     **{
@@ -49,7 +49,7 @@ TESTS = {
         for name in ("branches", "control", "entrywise", "indexing", "moving", "reductions")
     },
 }
-ALONE = {"events.saltations", "events.roots", "events.turns", "_linalg.frames"}  # tested through the module itself
+IMPORTED_AGAIN = {"_linalg.frames"}  # its tests keep compiled functions
 COMPARISONS = {
     ast.Lt: (ast.LtE, ast.GtE), ast.LtE: (ast.Lt, ast.Gt), ast.Gt: (ast.GtE, ast.LtE), ast.GtE: (ast.Gt, ast.Lt),
     ast.Eq: (ast.NotEq,), ast.NotEq: (ast.Eq,), ast.Is: (ast.IsNot,), ast.IsNot: (ast.Is,),
@@ -62,7 +62,7 @@ OPERATORS = {
 NAMES = {"min": "max", "minimum": "maximum", "any": "all", "argmin": "argmax"}
 NAMES |= {new: old for old, new in NAMES.items()}
 ALREADY_IMPORTED = "ignore::pytest.PytestAssertRewriteWarning"
-CPU_SECONDS, WALL_SECONDS, MEMORY = 120, 1500, 12 * 2**30  # of one mutant, at most: more is killed
+CPU_SECONDS, MEMORY = 120, 12 * 2**30  # of one mutant, at most: more is killed
 
 
 def alternatives(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:  # noqa: PLR0912  a table of cases
@@ -136,22 +136,6 @@ class Change(ast.NodeTransformer):
             yield "call dropped", ast.Pass()
 
 
-class Mutated(importlib.machinery.SourceFileLoader):
-    """Loads one module with one change; as a finder it is asked before the others."""
-
-    def __init__(self, module: str, number: int | None):
-        super().__init__(module, str(path_of(module)))
-        self.number = number
-
-    def find_spec(self, name, path=None, target=None):
-        del path, target
-        return importlib.util.spec_from_file_location(name, self.path, loader=self) if name == self.name else None
-
-    def get_code(self, fullname):
-        tree = Change(self.number).visit(ast.parse(self.get_data(self.path), self.path))
-        return compile(ast.fix_missing_locations(tree), self.path, "exec")
-
-
 def path_of(module: str) -> Path:
     return ROOT.joinpath(*module.split(".")).with_suffix(".py")
 
@@ -163,77 +147,105 @@ def changes(module: str) -> list[tuple[int, str]]:
     return change.all
 
 
-def run(module: str) -> int:
-    """The exit status of the tests of a module; what they import is imported anew."""
+@functools.cache
+def first_seen(module: str) -> dict[str, tuple]:
+    """What each name of a module is without a mistake, and the other modules that have it by the same name."""
+    others = [one for key, one in sys.modules.items() if key.startswith("lyaphybrid.") and key != module]
+    return {
+        name: (value, [other for other in others if vars(other).get(name) is value])
+        for name, value in vars(importlib.import_module(module)).items()
+    }
+
+
+def put_in_place(module: str, number: int) -> None:
+    """Run the module with one change in its own namespace. Its classes stay what they are, with the new methods."""
+    place, known = importlib.import_module(module), first_seen(module)
+    tree = Change(number).visit(ast.parse(path_of(module).read_text()))
+    exec(compile(ast.fix_missing_locations(tree), str(path_of(module)), "exec"), vars(place))
+    for name, (old, others) in known.items():
+        new = vars(place)[name]
+        if isinstance(old, type) and old.__module__ == module:
+            _renew(old, new)
+            setattr(place, name, old)
+        elif isinstance(old, dict | set) and old and not new:  # what other modules have filled
+            setattr(place, name, old)
+        elif new is not old:
+            for other in others:
+                setattr(other, name, new)
+
+
+def _renew(old: type, new: type) -> None:
+    """Give a class the attributes of another."""
+    for name, value in vars(new).items():
+        for cell in getattr(value, "__closure__", None) or ():
+            if cell.cell_contents is new:  # what `super()` looks at
+                cell.cell_contents = old
+        if name not in ("__dict__", "__weakref__"):
+            setattr(old, name, value)
+
+
+def test(module: str, number: int | None) -> int:
+    """The exit status of the tests of a module with one change; what they import of the package is there already."""
     files = TESTS[module.removeprefix("lyaphybrid.")].split()
-    for file in files:
-        sys.modules.pop(Path(file).stem, None)
-    options = "-o addopts= -q -x -rf -p no:cacheprovider -p no:xdist --tb=line -W".split()
-    return int(pytest.main([*options, ALREADY_IMPORTED, "-m", "not slow", *files]))
-
-
-def tested(module: str, number: int | None, apart: bool) -> int:
-    """The status of the tests with one change: it is made while the module is imported, or in the module as it is."""
     try:
-        if apart:
-            sys.meta_path.insert(0, Mutated(module, number))
-        elif number is not None:
-            exec(Mutated(module, number).get_code(module), vars(importlib.import_module(module)))
-        signal.setitimer(signal.ITIMER_VIRTUAL, 0 if apart else CPU_SECONDS)
-        return run(module)
+        if number is not None:
+            put_in_place(module, number)
+            importlib.import_module("lyaphybrid._jax.engines").forget_programs()
+        if module.removeprefix("lyaphybrid.") in IMPORTED_AGAIN:
+            for file in files:
+                sys.modules.pop(Path(file).stem, None)
+        options = "-o addopts= -q -x -rf -p no:cacheprovider -p no:xdist --tb=line -W".split()
+        return int(pytest.main([*options, ALREADY_IMPORTED, "-m", "not slow", *files]))
     except BaseException:
         traceback.print_exc()
         return 1
 
 
-def stopped(*_):
-    raise KeyboardInterrupt("too long")
-
-
-def begin(module: str, numbers: list[int | None], apart: bool, file) -> int:
-    """Begin to test these mutants in a process of their own, whose number is returned."""
-    if child := os.fork():
-        return child
-    limits = {resource.RLIMIT_DATA: MEMORY} | ({resource.RLIMIT_CPU: CPU_SECONDS} if apart else {})
-    for kind, limit in limits.items():
-        resource.setrlimit(kind, (limit, limit))
-    signal.signal(signal.SIGVTALRM, stopped)
-    for number in numbers:
-        with tempfile.TemporaryFile("w+") as output:
-            for stream in (1, 2):
-                os.dup2(output.fileno(), stream)
-            status = tested(module, number, apart)
-            sys.stdout.flush()
-            output.seek(0)
-            printed = output.read()
-        said(file, module, number, status, printed)
-    os._exit(0)
-
-
-def said(file, module: str, number: int | None, status: int, printed: str) -> None:
+def said(file, module: str, number: int | None, status: int, printed: str, seconds: float) -> None:
     """Write a line of results."""
     failed = [line for line in printed.splitlines() if line.startswith(("FAILED", "ERROR", "E  "))]
     line, text = (0, "nothing") if number is None else changes(module)[number]
     about = {"module": module, "number": number, "line": line, "change": text, "killed": status != 0}
     why = printed[-3000:] if number is None and status else "".join(failed[-1:])[:150]
-    file.write(json.dumps(about | {"status": status, "by": why, "seconds": round(time.process_time(), 1)}) + "\n")
+    file.write(json.dumps(about | {"status": status, "by": why, "seconds": round(seconds, 1)}) + "\n")
     file.flush()
 
 
-def results(wanted: dict[str, list[int | None]], jobs: int, file) -> None:
+def begin(module: str, numbers: list[int | None], file, done) -> int:
+    """Begin to test these mutants in a process of their own, whose number is returned; it says how many are done."""
+    if child := os.fork():
+        return child
+    resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
+    for number in numbers:
+        before = time.process_time()
+        resource.setrlimit(resource.RLIMIT_CPU, (int(before) + CPU_SECONDS, resource.RLIM_INFINITY))
+        with tempfile.TemporaryFile("w+") as output:
+            for stream in (1, 2):
+                os.dup2(output.fileno(), stream)
+            status = test(module, number)
+            sys.stdout.flush()
+            output.seek(0)
+            said(file, module, number, status, output.read(), time.process_time() - before)
+        os.write(done, b".")
+    os._exit(0)
+
+
+def results(wanted: dict[str, list[int]], jobs: int, file) -> None:
     """Test these mutants of each module, first the module as it is; so many processes at once."""
-    waiting, running = [], {}
-    for module, numbers in wanted.items():
-        alone = module.removeprefix("lyaphybrid.") in ALONE
-        waiting += [(module, [None, *numbers], False)] if alone else [(module, [i], True) for i in [None, *numbers]]
+    waiting, running = [(module, [None, *numbers]) for module, numbers in wanted.items()], {}
     while running or waiting:
         while waiting and len(running) < jobs:
-            module, numbers, apart = waiting.pop(0)
-            running[begin(module, numbers, apart, file)] = module, numbers
+            module, numbers = waiting.pop(0)
+            done, end = os.pipe()
+            running[begin(module, numbers, file, end)] = module, numbers, done
+            os.close(end)
         process, status = os.wait()
-        module, numbers = running.pop(process)
-        if status:  # ended from outside: too long, too large, or it crashed
-            said(file, module, numbers[0], status, "")
+        module, numbers, done = running.pop(process)
+        rest = numbers[len(os.read(done, len(numbers))) :]
+        os.close(done)
+        if rest:  # the first of these took too long, or it crashed
+            said(file, module, rest[0], status, "", CPU_SECONDS)
+            waiting.append((module, rest[1:]))
 
 
 def main() -> int:

@@ -121,5 +121,5 @@ def hermite_root(lo, g0, d0, g1, d1):
         return left, right, jnp.where(good, newton, 0.5 * (left + right))
 
     chord = g0 / jnp.where(g0 == g1, 1.0, g0 - g1)
-    start = jnp.where((chord > lo) & (chord < 1), chord, 0.5 * (lo + 1))
+    start = jnp.where((chord > lo) & (chord <= 1), chord, 0.5 * (lo + 1))
     return jax.lax.fori_loop(0, 12, narrow, (lo, jnp.ones_like(lo), start))[2]

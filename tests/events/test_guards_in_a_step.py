@@ -44,6 +44,14 @@ def test_rounding_of_guards():
     assert_allclose(of_step, [unit * (6 * 0.5 + moved[0]), unit * (4 * 0.5 + 5 * moved[0] + 2 * moved[1])], rtol=1e-14)
 
 
+def test_algebraic_unknowns_are_less_sure(monkeypatch):
+    """1e-12 of what a state moves in a step, where a field has algebraic equations."""
+    monkeypatch.setattr(roots, "is_constrained", lambda _: True)
+    *_, tolerance, of_step = roots.to_arm(guards, field, T, X, jnp.array(0.5))
+    assert_allclose(tolerance, [GUARD_ROUNDING * 20, GUARD_ROUNDING * 32], rtol=1e-14)
+    assert_allclose(of_step, [1e-12 * 5.625, 1e-12 * (2 + 5 * 2.625 + 2 * 1.25)], rtol=1e-14)
+
+
 # g, rate, second, guard_tolerance, step_rounding, h, t, fired -> guard_sign, guard, rate, flat
 ARMED = {
     "positive": ([2.0, -3.0, 1.0, 0.0, 0.0, 1.0, 0.0, False], [1, 2.0, -3.0, False]),
@@ -103,6 +111,13 @@ def test_where_a_cubic_turns(sign, inside, other):
     assert_allclose(roots.turning_point(*ends(slope.integ(k=7.0).coef)), inside, rtol=1e-14)
 
 
+@pytest.mark.parametrize("other", [-1e8, 1e8])
+def test_where_a_cubic_turns_that_hardly_bends(other):
+    """Of its two extrema one is far away: there is no cancellation."""
+    slope = 1e-9 * np.polynomial.Polynomial.fromroots([0.3, other])
+    assert_allclose(roots.turning_point(*ends(slope.integ().coef)), 0.3, rtol=1e-13)
+
+
 def test_a_turning_point_stays_in_the_step():
     """Also where rounding, or slopes of one sign, leave none: nothing is infinite or undefined."""
     for slope in ([1.0, 0.0, 1.0], [1.0, -2.0, 4.0], [0.0], [1.0], [-1.0, -1.0]):
@@ -120,6 +135,21 @@ def test_the_root_of_a_cubic(root, others, sign):
     polynomial = sign * np.polynomial.Polynomial.fromroots([root, *others])
     found = roots.hermite_root(jnp.array(0.0), *ends(np.real(polynomial.coef)))
     assert_allclose(found, root, rtol=1e-13, atol=1e-15)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("places", [(0.04, 1.18, 1.53), (0.54, -0.04, -0.28), (0.69, -0.19, 1.38)], ids=str)
+def test_where_newton_would_leave_the_bracket(places, sign):
+    """Then the bracket is halved."""
+    found = roots.hermite_root(jnp.array(0.0), *ends(sign * np.polynomial.Polynomial.fromroots(places).coef))
+    assert_allclose(found, places[0], rtol=1e-13)
+
+
+@pytest.mark.parametrize("others", [[], [3.0], [1.5, -2.0]], ids=str)
+def test_a_root_at_the_end_of_the_step(others):
+    p = np.polynomial.Polynomial.fromroots([1.0, *others])
+    g0, d0, _, d1 = ends(p.coef)
+    assert_allclose(roots.hermite_root(jnp.array(0.0), g0, d0, jnp.array(0.0), d1), 1.0, rtol=1e-15)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
