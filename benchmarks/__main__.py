@@ -7,14 +7,18 @@ import sys
 from typing import Any
 
 from benchmarks.cases import CASES, run_case
-from benchmarks.harness import table
+from benchmarks.harness import head, line
 from benchmarks.references import NoCompilerError, compiler
 
 SIDES = {"both": ("ours", "c"), "ours": ("ours",), "c": ("c",)}
 
 
 def _parse(argv: list[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser("python -m benchmarks", description="Our times against hand-written C.")
+    parser = argparse.ArgumentParser(
+        "python -m benchmarks",
+        description="Our times against hand-written C; each case is printed when it is done.",
+        epilog="example: python -m benchmarks --quick --only lorenz_every10",
+    )
     parser.add_argument("--quick", action="store_true", help="shorter runs, fewer rounds")
     parser.add_argument("--only", metavar="NAME", choices=list(CASES), help=f"one of {', '.join(CASES)}")
     parser.add_argument("--json", action="store_true", help="rows as JSON, nothing else on standard output")
@@ -44,11 +48,18 @@ def main(argv: list[str] | None = None) -> int:
                     return 1
             compiled = False
     sides = {name: side if compiled or CASES[name].against != "c" else "ours" for name in names}
-    if options.only:
-        rows = [run_case(name, options.quick, SIDES[sides[name]]) for name in names]
-    else:
-        rows = [_row_of_child(name, options.quick, sides[name]) for name in names]
-    print(json.dumps(rows) if options.json else table(rows))
+    rows = []
+    if not options.json:
+        print(head(list(CASES)), flush=True)
+    for name in names:
+        if options.only:
+            rows.append(run_case(name, options.quick, SIDES[sides[name]]))
+        else:
+            rows.append(_row_of_child(name, options.quick, sides[name]))
+        if not options.json:  # each as soon as it is there
+            print(line(rows[-1], list(CASES)), flush=True)
+    if options.json:
+        print(json.dumps(rows))
     return 0
 
 

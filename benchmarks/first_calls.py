@@ -1,10 +1,11 @@
 """First calls: for every problem of the zoo the first and the second call of its spectrum, and what the first one does.
 
-`python -m benchmarks.first_calls [NAME …]`. Each problem has a process of its own, first with an empty folder for
-machine code, then ("again") with the one that the first process has filled. Times in seconds, imports not counted.
-"Tracing" is all that is neither compiling nor running: mostly JAX's tracing.
+`python -m benchmarks.first_calls [NAME …]`; `--help` lists the names. Each problem has a process of its own, first with
+an empty folder for machine code, then ("again") with the one that the first process has filled. Times in seconds,
+imports not counted. "Tracing" is all that is neither compiling nor running: mostly JAX's tracing.
 """
 
+import argparse
 import collections
 import json
 import os
@@ -63,12 +64,20 @@ def _environment(folder: str, byte_code: str) -> dict[str, str]:
     return own
 
 
-def main(names: list[str]) -> None:
-    """Measure, and print a line for each problem."""
-    if not names:
-        import lyaphybrid as lh
+def main(argv: list[str] | None = None) -> None:
+    """Measure, and print a line for each problem when it is done."""
+    from lyaphybrid import zoo
 
-        names = lh.zoo.names()
+    parser = argparse.ArgumentParser(
+        "python -m benchmarks.first_calls",
+        description="What a user waits for at first: the first and the second call of the spectrum of each problem.",
+        epilog="example: python -m benchmarks.first_calls lorenz63 chua",
+    )
+    parser.add_argument("names", metavar="NAME", nargs="*", help=f"problems (default: all): {', '.join(zoo.names())}")
+    names = parser.parse_args(argv).names or list(zoo.names())
+    unknown = [name for name in names if name not in zoo.names()]
+    if unknown:
+        parser.error(f"no problem is called {', '.join(unknown)}; --help lists them.")
     with tempfile.TemporaryDirectory() as byte_code:
         in_a_process(names[0], byte_code, byte_code)  # writes the byte code
         table(names, byte_code)
@@ -93,4 +102,4 @@ def table(names: list[str], byte_code: str) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

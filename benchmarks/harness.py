@@ -91,6 +91,8 @@ def compare(name: str, unit: str, makes: dict[str, Make], rounds: int) -> dict[s
 
 _COLUMNS = "case,unit,against,ours min,ours med,its min,its med,ratio min,ratio med,1st call s,MB".split(",")
 
+_WIDTHS = (9, 7, *(max(9, len(column)) for column in _COLUMNS[3:]))  # of all columns but the first
+
 
 def _cells(row: dict[str, Any]) -> list[str]:
     other = next((side for side in AGAINST if side in row), "-")
@@ -104,14 +106,18 @@ def _cells(row: dict[str, Any]) -> list[str]:
     return [row["case"], row["unit"], other, *times, *ratios, first_call, memory]
 
 
-def table(rows: list[dict[str, Any]]) -> str:
-    """The rows as text; times in ns per unit of work."""
-    lines = [_COLUMNS, *map(_cells, rows)]
-    widths = [max(len(line[i]) for line in lines) for i in range(len(_COLUMNS))]
+def head(cases: list[str]) -> str:
+    """The names of the columns, above the lines of these cases."""
+    return _aligned(_COLUMNS, cases)
 
-    def aligned(line: list[str]) -> str:
-        left = [cell.ljust(width) for cell, width in zip(line[:3], widths[:3], strict=True)]
-        right = [cell.rjust(width) for cell, width in zip(line[3:], widths[3:], strict=True)]
-        return "  ".join(left + right)
 
-    return "\n".join(map(aligned, lines))
+def line(row: dict[str, Any], cases: list[str]) -> str:
+    """A row as text, as wide as those of the other cases; times in ns per unit of work."""
+    return _aligned(_cells(row), cases)
+
+
+def _aligned(cells: list[str], cases: list[str]) -> str:
+    widths = [max(map(len, [*cases, _COLUMNS[0]])), *_WIDTHS]
+    left = [cell.ljust(width) for cell, width in zip(cells[:3], widths[:3], strict=True)]
+    right = [cell.rjust(width) for cell, width in zip(cells[3:], widths[3:], strict=True)]
+    return "  ".join(left + right)

@@ -5,16 +5,17 @@ Exit status: 0 success, 1 a run or a check failed, 2 wrong arguments, 130 interr
 
 import argparse
 import ast
+import contextlib
 import inspect
 import json
 import math
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
+from ._options import parser_of
+
 WORKED, FAILED, ASKED_WRONG, INTERRUPTED = 0, 1, 2, 130
-OUT = "lyaphybrid-out"
 LINES = 40  # a sweep of more points is printed as a summary
 
 
@@ -56,87 +57,8 @@ def _set_up() -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="lyaphybrid",
-        description="Lyapunov exponents of hybrid dynamical systems.",
-        epilog=f"Without a command: the hard disks of Dinius, Table I and Fig. 2, into ./{OUT}.",
-    )
-    parser.add_argument("--version", action="version", version=f"%(prog)s {_version()}")
-    parser.set_defaults(run=_papers, paper="dinius", quick=False, out=Path(OUT))
-    commands = parser.add_subparsers(metavar="COMMAND")
-
-    listing = commands.add_parser("list", help="the named problems", description="The named problems.")
-    listing.set_defaults(run=_list)
-
-    spectrum = commands.add_parser(
-        "spectrum",
-        help="the exponents of a named problem",
-        description="The Lyapunov exponents of a named problem; lengths are in the problem's own unit.",
-    )
-    spectrum.set_defaults(run=_spectrum)
-    _add_lengths(spectrum)
-    spectrum.add_argument("--json", action="store_true", help="one JSON object instead of a table")
-
-    sweep = commands.add_parser(
-        "sweep",
-        help="the exponents of a named problem over a grid of its parameters",
-        description='The Lyapunov exponents of a named problem over a grid of its parameters (extra "sweep").',
-    )
-    sweep.set_defaults(run=_sweep)
-    _add_lengths(sweep)
-    option = sweep.add_argument
-    option("--over", metavar="KEY=LOW:HIGH:COUNT", action="append", default=[], help="an axis; may be repeated")
-    option("--store", type=Path, metavar="DIR", help="zarr store that keeps each chunk as soon as it is computed")
-    option("--resume", action="store_true", help="go on with the store of an earlier sweep")
-    option("--chunk", type=int, help="points that are computed and kept together")
-    option("--workers", type=int, help='processes of a local dask cluster (extra "cluster")')
-
-    validate = commands.add_parser(
-        "validate",
-        help="every named problem against its reference, by two methods and at two tolerances",
-        description="Every named problem against its reference, by two methods and at two tolerances. The exit status "
-        "is 1 if an exponent is off by more than five standard errors.",
-    )
-    validate.set_defaults(run=_validate)
-    validate.add_argument("names", metavar="NAME", nargs="*", help="problems (default: all)")
-    validate.add_argument(
-        "--quick", action="store_true", help="two ways each, and long runs at a tenth of their length"
-    )
-    validate.add_argument("--out", type=Path, metavar="FILE", help="write all numbers as JSON")
-
-    papers = commands.add_parser(
-        "papers", help="a paper's tables and figures", description="A paper's tables and figures."
-    )
-    papers.set_defaults(run=_papers)
-    papers.add_argument("paper", metavar="PAPER", help="dinius, fu, linh or skokos")
-    papers.add_argument("--quick", action="store_true", help="shorter runs, nothing else")
-    papers.add_argument("--out", type=Path, default=Path(OUT), metavar="DIR", help=f"folder (default: {OUT})")
-    return parser
-
-
-def _add_lengths(command: argparse.ArgumentParser) -> None:
-    """Options that `spectrum` and `sweep` share."""
-    option = command.add_argument
-    option("name", metavar="NAME", help="one of `lyaphybrid list`")
-    option("--set", metavar="KEY=VALUE", action="append", default=[], help="a parameter; may be repeated")
-    option("--t1", type=float, help="length of the run")
-    option("--transient", type=float, help="length before growth is counted")
-    option("--k", type=int, help="number of exponents (default: all)")
-    option("--replicates", type=int, help="so many runs at once; they give the error")
-    option("--seed", type=int, default=0, help="of random starts (default: 0)")
-    option("--rtol", type=float, help="relative tolerance of the integration")
-    option("--atol", type=float, help="absolute tolerance of the integration")
-    option("--every", type=float, help="orthonormalise each so many steps or jumps, or so much time")
-    option("--max-steps", type=int, help="most attempts of a step")
-
-
-def _version() -> str:
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        return version("lyaphybrid")
-    except PackageNotFoundError:
-        return "(a source tree that is not installed)"
+    runs = {"list": _list, "spectrum": _spectrum, "sweep": _sweep, "validate": _validate, "papers": _papers}
+    return parser_of(runs)
 
 
 def _list(options) -> int:
@@ -158,7 +80,8 @@ def _spectrum(options) -> int:
     problem = _problem(options)
     overrides = _overrides(options, problem)
     try:
-        spectrum = problem.spectrum(throw=False, **overrides)
+        with _progress(options, problem.name) as progress:
+            spectrum = problem.spectrum(throw=False, progress=progress, **overrides)
     except ValueError as error:
         raise RefusedError(str(error)) from error
     status = spectrum.status
@@ -177,8 +100,6 @@ def _spectrum(options) -> int:
 
 
 def _sweep(options) -> int:
-    import contextlib
-
     from .sweeps import StoreFailedError, sweep
 
     problem = _problem(options)
@@ -200,8 +121,10 @@ def _sweep(options) -> int:
     with contextlib.ExitStack() as stack:
         try:
             client = None if options.workers is None else stack.enter_context(_cluster(options.workers))
+            progress = stack.enter_context(_progress(options, problem.name))
+            args = {name: 0.0 for name in over}
             found = sweep(
-                run, over, args={name: 0.0 for name in over}, chunk=options.chunk, store=options.store, client=client
+                run, over, args=args, chunk=options.chunk, store=options.store, client=client, progress=progress
             )
         except (ValueError, ImportError) as error:
             raise RefusedError(str(error)) from error
@@ -255,6 +178,14 @@ def _print_points(found, over: dict[str, Any]) -> int:
     verdicts = (f"{count} {STATUS(int(code)).name if code >= 0 else 'not computed'}" for code, count in pairs)
     print(f"{len(status)} points in {found.attrs['seconds']:.3g} s: {', '.join(verdicts)}")
     return WORKED if np.all(status >= 0) else INTERRUPTED
+
+
+def _progress(options, name: str):
+    """A context that gives a function to call with the fraction done; None where no progress is wanted."""
+    from .engine.host.reporting import line_of_progress
+
+    wanted = sys.stderr.isatty() if options.progress is None else options.progress
+    return line_of_progress(name, sys.stderr) if wanted else contextlib.nullcontext()
 
 
 def _problem(options):
@@ -406,7 +337,8 @@ def _papers(options) -> int:
         options.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RefusedError(f"The folder {options.out} cannot be made: {error.strerror}.") from error
-    result = paper.reproduce(quick=options.quick)
+    with _progress(options, options.paper) as progress:
+        result = paper.reproduce(quick=options.quick, progress=progress)
     print(result)
     for file in paper.write(result, options.out):
         print(f"wrote {file}")

@@ -1,5 +1,8 @@
 """The command line: what it prints and where, its exit status, its files."""
 
+import contextlib
+import io
+import itertools
 import json
 import os
 import subprocess
@@ -8,8 +11,12 @@ import time
 
 import pytest
 
+from benchmarks import __main__ as benchmarks_module
+from benchmarks import first_calls
+from benchmarks.__main__ import main as benchmarks_main
 from lyaphybrid import zoo
 from lyaphybrid.__main__ import main
+from lyaphybrid.engine.host.reporting import line_of_progress
 from lyaphybrid.papers.dinius import reproduction as dinius
 
 KEYS = [
@@ -199,7 +206,7 @@ def test_the_main_job(arguments, quick, folder, passed, monkeypatch, tmp_path, c
     monkeypatch.setattr(dinius, "write", write)
     monkeypatch.chdir(tmp_path)
     assert main(arguments) == (0 if passed else 1)
-    assert asked == {"quick": quick}
+    assert asked == {"quick": quick, "progress": None}
     assert (tmp_path / folder / "dinius.json").exists()
     assert "the table" in capsys.readouterr().out
 
@@ -273,3 +280,79 @@ def test_a_sweep_of_many_points_says_what_there_is_between(capsys):
 def test_a_sweep_that_does_not_fit_is_refused(arguments, says, capsys):
     assert main(["sweep", "henon_map", *arguments]) == 2
     assert says in capsys.readouterr().err
+
+
+def test_every_command_has_examples_that_can_be_typed(capsys):
+    """Each is one that the parser takes; of the first command nothing is computed."""
+    from lyaphybrid.__main__ import _parser
+    from lyaphybrid._options import TYPED
+
+    for name, examples in TYPED.items():
+        assert main([*([name] if name else []), "--help"]) == 0
+        said = capsys.readouterr().out
+        for typed, what in examples:
+            assert f"  {typed}\n      {what}" in said
+            program, *arguments = typed.split()
+            assert program == "lyaphybrid"
+            with contextlib.suppress(SystemExit):  # a help ends
+                assert _parser().parse_args(arguments).run
+            problem = next((one for one in arguments if one in zoo.names()), None)
+            swept = [
+                one.partition("=")[0] for flag, one in itertools.pairwise(arguments) if flag in ("--set", "--over")
+            ]
+            assert problem is None or set(swept) <= set(zoo.get(problem)().parameters)
+    assert set(TYPED) == {"", "list", "spectrum", "sweep", "validate", "papers"}
+
+
+def test_progress_goes_to_standard_error_where_it_is_wanted(capsys):
+    command = ["spectrum", "henon_map", "--t1", "1e5", "--json"]
+    assert main([*command, "--progress"]) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)["name"] == "henon_map"
+    lines = err.splitlines()
+    assert lines[0] == "henon_map: compiling"
+    assert lines[-1].startswith("henon_map: 100 % after ")
+    assert len(lines) < 14
+    assert main([*command, "--no-progress"]) == 0
+    assert capsys.readouterr().err == ""
+    assert main(command) == 0  # no terminal
+    assert capsys.readouterr().err == ""
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_on_a_terminal_progress_is_one_line_that_is_cleared():
+    stream = Terminal()
+    with line_of_progress("henon_map", stream) as progress:
+        for done in (0.0, 0.001, 0.5, 1.0):
+            progress(done)
+    said = stream.getvalue()
+    assert "\n" not in said
+    assert said.count("%") == 3
+    assert said.endswith("\r\x1b[K\r")
+
+
+def test_programs_of_benchmarks_have_a_help(capsys):
+    for program, word in ((first_calls.main, "lorenz63"), (benchmarks_main, "--only")):
+        with pytest.raises(SystemExit) as end:
+            program(["--help"])
+        assert end.value.code == 0
+        assert word in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        first_calls.main(["lorenz"])
+    assert "no problem is called lorenz" in capsys.readouterr().err
+
+
+def test_each_case_of_the_benchmarks_is_printed_when_it_is_done(monkeypatch, capsys):
+    printed = []
+
+    def row(name, quick, side):
+        printed.append(len(capsys.readouterr().out.splitlines()))
+        return {"case": name, "unit": "step", "peak_memory_mb": 1.0}
+
+    monkeypatch.setattr(benchmarks_module, "_row_of_child", row)
+    assert benchmarks_main(["--quick", "--side", "ours"]) == 0
+    assert printed == [1] * len(benchmarks_module.CASES)  # the head, then a line between each two

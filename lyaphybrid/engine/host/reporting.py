@@ -1,8 +1,14 @@
 """Progress of a run: a bar, or a function of the fraction done."""
 
+import contextlib
+import time
 import warnings
+from collections.abc import Callable, Iterator
+from typing import TextIO
 
-__all__ = ["reporter"]
+__all__ = ["line_of_progress", "reporter"]
+
+SHARE_OF_A_LINE = 0.1  # where lines cannot be written over, one for each so much that is done
 
 
 def reporter(progress, total: int = 100, unit: str = "%"):
@@ -28,3 +34,33 @@ def reporter(progress, total: int = 100, unit: str = "%"):
             bar.update(round(total * fraction) - bar.n)
 
     return report
+
+
+@contextlib.contextmanager
+def line_of_progress(name: str, stream: TextIO) -> Iterator[Callable[[float], None]]:
+    """A function to call with the fraction done, which says it on a stream: on a terminal in one line, written over.
+
+    Args:
+        name: of what is computed.
+        stream: standard error, for example.
+    """
+    began, terminal, said = time.monotonic(), stream.isatty(), -1.0
+
+    def write(text: str) -> None:
+        stream.write(f"\r{text}\x1b[K" if terminal else f"{text}\n")
+        stream.flush()
+
+    def report(fraction: float) -> None:
+        nonlocal said
+        if fraction >= said + (0.01 if terminal else SHARE_OF_A_LINE) or (fraction >= 1.0 > said):
+            said = fraction
+            write(f"{name}: {100 * fraction:.0f} % after {time.monotonic() - began:.0f} s")
+
+    write(f"{name}: compiling")
+    try:
+        yield report
+    finally:
+        if terminal:
+            write("")
+            stream.write("\r")
+            stream.flush()
