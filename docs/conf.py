@@ -45,7 +45,6 @@ napoleon_custom_sections = [("Attributes", "params_style")]
 napoleon_use_rtype = False
 add_module_names = False
 python_use_unqualified_type_names = True
-maximum_signature_line_length = 88
 
 sphinx_gallery_conf = {
     "examples_dirs": [str(DOCS / "gallery")],
@@ -82,5 +81,6 @@ html_theme_options = {
 
 
 def setup(app) -> None:
-    """Connect what makes docstrings plain, before napoleon reads their sections."""
+    """Connect what makes docstrings plain, before napoleon reads their sections, and signatures short."""
     app.connect("autodoc-process-docstring", docstrings.process, priority=400)
+    app.connect("autodoc-process-signature", docstrings.signature)

@@ -3,10 +3,10 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from . import bibliography, command_line, evidence, problems, reference, words
+from . import answers, bibliography, command_line, evidence, links, problems, reference, words
 
 WRITTEN = ("start", "tutorials", "howto", "theory", "coming_from", "help", "reference", "evidence")  # folders of `docs`
-GENERATORS = (reference, problems, command_line, words, bibliography, evidence)
+GENERATORS = (reference, problems, command_line, words, bibliography, answers, evidence)
 
 
 def pages(root: Path) -> Iterator[tuple[str, bytes]]:
@@ -14,8 +14,10 @@ def pages(root: Path) -> Iterator[tuple[str, bytes]]:
     docs = root / "docs"
     for path in [*docs.glob("*.md"), *(one for folder in WRITTEN for one in sorted((docs / folder).rglob("*.md")))]:
         yield path.relative_to(docs).as_posix(), path.read_bytes()
+    for path in docs.glob("_static/*.png"):
+        yield path.relative_to(docs).as_posix(), path.read_bytes()
     for path in sorted((root / "notebooks").glob("*.ipynb")):
-        yield f"tutorials/{path.name}", path.read_bytes()
+        yield f"tutorials/{path.name}", links.linked_notebook(path.read_text()).encode()
     yield "help/changelog.md", (root / "CHANGELOG.md").read_bytes()
     for generator in GENERATORS:
         for name, text in generator.pages(root).items():
@@ -24,7 +26,10 @@ def pages(root: Path) -> Iterator[tuple[str, bytes]]:
 
 def assemble(root: Path, source: Path) -> None:
     """Write the sources of a checkout at `root` into `source`; what has not changed keeps its date."""
-    wanted = dict(pages(root))
+    wanted = {
+        name: links.linked(content.decode()).encode() if name.endswith(".md") else content
+        for name, content in pages(root)
+    }
     kept = {source / name for name in wanted}
     for old in [*source.rglob("*.md"), *source.rglob("*.rst"), *source.rglob("*.ipynb")] if source.exists() else []:
         made_by_sphinx = {"gallery", "api"} & set(old.relative_to(source).parts)

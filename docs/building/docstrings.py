@@ -1,6 +1,9 @@
 """Docstrings are plain text: what reStructuredText would take for markup is made plain before Sphinx reads it."""
 
+import inspect
 import re
+
+from lyaphybrid.results.result import Result
 
 CODE = re.compile(r"(``.*?``|`[^`]*`)")
 NAME = re.compile(r"`lh\.((?:zoo\.|plots\.)?\w+)`")
@@ -24,3 +27,8 @@ def process(app, what, name, obj, options, lines: list[str]) -> None:
         example = bool(line.strip()) and (example or bool(DOCTEST.match(line)))
         if not example:
             lines[number] = plain(line)
+
+
+def signature(app, what, name, obj, options, arguments, returns):
+    """Results are made by verbs, not by users: their constructors are not shown (event autodoc-process-signature)."""
+    return ("", "") if inspect.isclass(obj) and issubclass(obj, Result) else None

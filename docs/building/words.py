@@ -31,9 +31,8 @@ def listed(meaning: str) -> str:
 def status(member: STATUS) -> str:
     """The section of a status."""
     failed = "a failure" if member.failed else "no failure"
-    return (
-        f"\n({'status-' + member.name})=\n## {member.name}\n\nCode {member.value}, {failed}: {listed(member.meaning)}\n"
-    )
+    said = f"Code {member.value}, {failed}: {listed(member.meaning)}."
+    return f"\n(status-{member.name})=\n## {member.name}\n\n{said}\n"
 
 
 def pages(root: Path) -> dict[str, str]:

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 import lyaphybrid as lh
-from docs.building import checks, command_line, docstrings, evidence, reference, words
+from docs.building import answers, checks, command_line, docstrings, evidence, links, reference, words
 from lyaphybrid import plots, zoo
 
 ROOT = Path(__file__).parents[2]
@@ -106,3 +106,26 @@ def test_the_page_of_automata_counts_them():
 @pytest.mark.parametrize("path", sorted((ROOT / "docs").rglob("*.md")), ids=lambda path: path.name)
 def test_pages_are_short(path):
     assert len(path.read_text().splitlines()) <= 450
+
+
+@pytest.mark.parametrize(
+    ("text", "linked"),
+    [
+        ("`lh.Flow` flows", "[`lh.Flow`](/reference/api/lyaphybrid.Flow.rst) flows"),
+        ("`lh.Map(rule)`", "[`lh.Map(rule)`](/reference/api/lyaphybrid.Map.rst)"),
+        ("`lh.zoo.stadium`", "[`lh.zoo.stadium`](/reference/api/lyaphybrid.zoo.stadium.rst)"),
+        ("[`lh.sweep`](sweeps.md) `lh.nothing`", "[`lh.sweep`](sweeps.md) `lh.nothing`"),
+        ("a\n```python\n`lh.Flow`\n```\nb", "a\n```python\n`lh.Flow`\n```\nb"),
+    ],
+)
+def test_names_on_pages_lead_to_the_reference(text, linked):
+    assert links.linked(text) == linked
+
+
+def test_an_answer_is_what_a_mistake_says():
+    assert answers.answer(lambda: lh.Flow(None)).startswith("ValueError: ")
+    with pytest.raises(AssertionError, match="was answered"):
+        answers.answer(lambda: None)
+    assert len(answers.table(ROOT).FUNCTIONS) > 40
+    assert answers.prose("a_b of `x*y` | 2") == "a\\_b of `x*y` \\| 2"
+    assert answers.prose("half a ` code") == "`` half a ` code ``"
