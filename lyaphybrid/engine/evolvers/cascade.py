@@ -23,7 +23,7 @@ from ...events.saltations import (
     to_reference_time,
 )
 from ..states import EventLog, Settings, StepState, log_event, select
-from .trials import ALONE, pending, side, table
+from .trials import ALONE, LEFT, pending, side, table
 
 __all__ = ["CascadeState", "CascadePerturbations", "in_each_order", "orthonormalises"]
 
@@ -111,7 +111,8 @@ def _start_cascade(evolver, settings, t, carry, columns, mode, event, together, 
         ),
         together=together,
         settled=jnp.zeros(hybrid.slots, bool),
-        left=_may_be_left(evolver, carry.solver_state.mode) & (guard_sign < 0) & ~jnp.asarray(at_once),
+        left=_may_be_left(evolver, carry.solver_state.mode)
+        & jnp.where(at_once, carry.solver_state.guard_sign == LEFT, guard_sign < 0),
         more=no,
         alone=jnp.asarray(at_once) & (pending(carry.solver_state) == ALONE),
         log=carry.log,

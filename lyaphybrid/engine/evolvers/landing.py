@@ -17,6 +17,7 @@ from .cascade import CascadeState, in_each_order, orthonormalises
 from .grazing import hardly_crosses
 from .trials import (
     ALONE,
+    LEFT,
     NEAR,
     PATIENCE,
     Memory,
@@ -54,6 +55,7 @@ def apply_event(evolver, settings: Settings, clock: Clock, carry: StepState, tri
         follows = (
             table(evolver, solver.mode, hybrid.directed)
             & (solver.guard_sign < 0)
+            & (solver.guard_sign != LEFT)
             & ~(has_fired(evolver, solver) & (solver.g == 0))
         )
         if hybrid.recording is not None:  # what changes something goes first
@@ -231,7 +233,7 @@ def _apply_cascade(
         "f": landing.f,
         "g": landing.g,
         "rate": landing.rate,
-        "guard_sign": landing.guard_sign,
+        "guard_sign": jnp.where(_stays_left(landing), LEFT, landing.guard_sign),
         "guard_tolerance": landing.guard_tolerance,
     }
     carry = changed(carry, mode=None if carry.solver_state.mode is None else landing.mode, **arrival)
@@ -257,6 +259,12 @@ def _apply_cascade(
     # Where jumps are counted the run goes on through an endless cascade, and stops if the cascade ends after all.
     ends = landing.alone & ~landing.more if evolver.per_jump else landing.count > evolver.max_cascade
     return stop(carry, STATUS.zeno, ends)
+
+
+def _stays_left(landing: CascadeState):
+    """(slots,) the guards beyond zero that must not fire in the next jump of a cascade without end, see `LEFT`."""
+    done = landing.left | (landing.settled & (landing.guard_sign < 0))
+    return done & landing.alone & landing.more
 
 
 def _bends(landing: CascadeState):

@@ -19,6 +19,7 @@ REJECT, ADVANCE, LOCATE, LAND, FAIL, NONE = range(6)  # cases of a trial; NONE: 
 NEAR = 1e-6  # a trial lands if the root is closer than this, relative to the controller's step
 GUARD_RESOLUTION = 0.02  # largest relative error of a guard's cubic interpolant in the middle of a step
 ALONE, FIRST = 1.0, 2.0  # jumps without a flow before: in a cascade without end; from a start outside the flow set
+LEFT = -0.5  # the `guard_sign` of a guard that was left beyond zero before a cascade without end: it does not follow
 STRAIGHT = 0.01  # a guard that bends by less than this part of its tolerance counts as straight
 PATIENCE = 30  # trials to locate one event before landing is forced
 
