@@ -28,6 +28,13 @@ WAYS: dict[str, dict[str, str]] = {
     "two devices": {"LYAPHYBRID_ENGINE": "native", "XLA_FLAGS": "--xla_force_host_platform_device_count=2"},
     "float32": {"LYAPHYBRID_ENGINE": "native", "LYAPHYBRID_TEST_FLOAT32": "1"},
 }
+CHOSEN = {  # what can tell two devices from one
+    "two devices": [
+        "tests/native/test_bridge.py::test_shard_map_over_devices",
+        "-k",
+        "devices or lanes or sweep or jumps",
+    ]
+}
 OURS = {"PYTHONPATH", "PYTHONDONTWRITEBYTECODE"}  # settings of who starts this that the tests do not take over
 VERSIONS = """
 import json, platform, jax, jaxlib, llvmlite, numpy
@@ -61,11 +68,23 @@ def install(python: str, jax: str, place: Path) -> Path:
     return own
 
 
-def tested(python: Path, way: dict[str, str]) -> dict:
+def tested(python: Path, way: str) -> dict:
     """How the tests went: how many passed and were skipped, the last lines of what they printed, and the seconds."""
-    own = {name: value for name, value in os.environ.items() if name not in OURS} | way
+    own = {name: value for name, value in os.environ.items() if name not in OURS} | WAYS[way]
     own["PYTHONSAFEPATH"] = "1"  # the installed package, not the one in this folder
-    command = [python, "-m", "pytest", "-q", "-n", "0", "-m", "slow or not slow", "--tb=line", TESTS]
+    command = [
+        python,
+        "-m",
+        "pytest",
+        "-q",
+        "-n",
+        "0",
+        "-m",
+        "slow or not slow",
+        "--tb=line",
+        TESTS,
+        *CHOSEN.get(way, []),
+    ]
     started = time.perf_counter()
     done = subprocess.run(command, cwd=ROOT, env=own, capture_output=True, text=True)
     seconds = round(time.perf_counter() - started, 1)
@@ -84,7 +103,7 @@ def row(version: str, jax: str, kept: Path | None, before: list[dict]) -> dict:
         own = install(python, jax, place)
         found["versions"] = json.loads(subprocess.check_output([own, "-c", VERSIONS]))
         same = [one for one in before if one.get("versions") == found["versions"]]
-        found["ways"] = same[0]["ways"] if same else {name: tested(own, way) for name, way in WAYS.items()}
+        found["ways"] = same[0]["ways"] if same else {way: tested(own, way) for way in WAYS}
     except subprocess.CalledProcessError as error:
         found["missing"] = f"the installation failed: {error}"
     finally:
