@@ -28,13 +28,7 @@ WAYS: dict[str, dict[str, str]] = {
     "two devices": {"LYAPHYBRID_ENGINE": "native", "XLA_FLAGS": "--xla_force_host_platform_device_count=2"},
     "float32": {"LYAPHYBRID_ENGINE": "native", "LYAPHYBRID_TEST_FLOAT32": "1"},
 }
-CHOSEN = {  # what can tell two devices from one
-    "two devices": [
-        "tests/native/test_bridge.py::test_shard_map_over_devices",
-        "-k",
-        "devices or lanes or sweep or jumps",
-    ]
-}
+CHOSEN = {"two devices": ["-k", "devices or lanes or sweep or jumps"]}  # what can tell two devices from one
 OURS = {"PYTHONPATH", "PYTHONDONTWRITEBYTECODE"}  # settings of who starts this that the tests do not take over
 VERSIONS = """
 import json, platform, jax, jaxlib, llvmlite, numpy

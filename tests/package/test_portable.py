@@ -141,6 +141,20 @@ def test_lanes(system):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("how", ["placed", "shard_map"])
+def test_lanes_divided_between_devices(how, system):
+    """All devices that there are, one or several; check_vma=False as for other loops that begin with constants."""
+    mesh, spec = jax.sharding.Mesh(np.array(jax.devices()), ("lanes",)), jax.sharding.PartitionSpec("lanes")
+    lanes = jax.vmap(lambda rate: spectrum(ARGS | {"rate": rate}, system).exponents[1])
+    rates = jax.device_put(jnp.linspace(0.1, 0.4, 4), jax.sharding.NamedSharding(mesh, spec))
+    if how == "shard_map":
+        lanes = jax.shard_map(lanes, mesh=mesh, in_specs=spec, out_specs=spec, check_vma=False)
+    found = jax.jit(lanes)(rates)
+    assert found.sharding.device_set == set(jax.devices())
+    assert_allclose(found, np.asarray(rates) + np.log(0.5), **CLOSE)
+
+
+@pytest.mark.slow
 def test_under_jit():
     assert_allclose(jax.jit(lambda args: spectrum(args).exponents[1])(ARGS), EXPONENTS[1], **CLOSE)
 

@@ -170,7 +170,7 @@ def _square(b, eqn, dtypes, x):
     return a.multiply(b, dtypes[0], x, x)
 
 
-@entrywise("copy", "copy_p", "stop_gradient", "real")
+@entrywise("copy", "copy_p", "stop_gradient", "real", "reshard", "sharding_constraint", "pvary")
 def _same(b, eqn, dtypes, x):
     llvm_type(dtypes[0])
     return x
