@@ -66,19 +66,8 @@ def tested(python: Path, way: str) -> dict:
     """How the tests went: how many passed and were skipped, the last lines of what they printed, and the seconds."""
     own = {name: value for name, value in os.environ.items() if name not in OURS} | WAYS[way]
     own["PYTHONSAFEPATH"] = "1"  # the installed package, not the one in this folder
-    command = [
-        python,
-        "-m",
-        "pytest",
-        "-q",
-        "-n",
-        "0",
-        "-m",
-        "slow or not slow",
-        "--tb=line",
-        TESTS,
-        *CHOSEN.get(way, []),
-    ]
+    how = ["-q", "-n", "0", "-m", "slow or not slow", "--tb=line", *CHOSEN.get(way, [])]
+    command = [python, "-m", "pytest", *how, TESTS]
     started = time.perf_counter()
     done = subprocess.run(command, cwd=ROOT, env=own, capture_output=True, text=True)
     seconds = round(time.perf_counter() - started, 1)
