@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import lyaphybrid
-from docs.building import docstrings
+from docs.building import docstrings, flowcharts
 
 DOCS = Path(__file__).parent
 
@@ -81,6 +81,7 @@ html_theme_options = {
 
 
 def setup(app) -> None:
-    """Connect what makes docstrings plain, before napoleon reads their sections, and signatures short."""
+    """Flowcharts; docstrings made plain, before napoleon reads their sections; short signatures."""
+    app.add_directive("flowchart", flowcharts.Flowchart)
     app.connect("autodoc-process-docstring", docstrings.process, priority=400)
     app.connect("autodoc-process-signature", docstrings.signature)

@@ -5,7 +5,7 @@ import re
 
 from .reference import TASKS
 
-FENCE = re.compile(r"(^[ ]*(`{3,})[^\n]*\n.*?^[ ]*\2`*[ ]*$)", flags=re.DOTALL | re.MULTILINE)
+FENCE = re.compile(r"(^[ ]*(`{3,})(?!\{flowchart\})[^\n]*\n.*?^[ ]*\2`*[ ]*$)", flags=re.DOTALL | re.MULTILINE)
 NAME = re.compile(r"(?<!\[)`lh\.((?:zoo\.)?\w+)(\([^`]*\))?`(?!\])")
 PAGES = {
     f"{task.module}.{name}".removeprefix("lyaphybrid."): f"/reference/api/{task.module}.{name}.rst"

@@ -115,6 +115,10 @@ def test_pages_are_short(path):
         ("`lh.Map(rule)`", "[`lh.Map(rule)`](/reference/api/lyaphybrid.Map.rst)"),
         ("`lh.zoo.stadium`", "[`lh.zoo.stadium`](/reference/api/lyaphybrid.zoo.stadium.rst)"),
         ("[`lh.sweep`](sweeps.md) `lh.nothing`", "[`lh.sweep`](sweeps.md) `lh.nothing`"),
+        (
+            "```{flowchart}\n=> `lh.Map`\n```\n",
+            "```{flowchart}\n=> [`lh.Map`](/reference/api/lyaphybrid.Map.rst)\n```\n",
+        ),
         ("a\n```python\n`lh.Flow`\n```\nb", "a\n```python\n`lh.Flow`\n```\nb"),
     ],
 )
