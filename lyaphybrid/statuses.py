@@ -63,7 +63,8 @@ class STATUS(enum.IntEnum):
         11,
         "many steps lead nowhere: (a) the field jumps (where, sign, floor), give each smooth piece a mode; (b) a guard "
         f"jumps (mod), use a clock, Transition(every=…); (c) the flow is stiff, use {STIFF_REMEDY}; "
-        "(d) a guard or a section is never reached; (e) t1 is very far; max_steps=… goes on all the same",
+        "(d) a guard or a section is never reached; (e) t1 is very far; max_steps=… goes on all the same; (f) "
+        "target_stderr is out of reach",
     )
     no_more_jumps = (
         12,

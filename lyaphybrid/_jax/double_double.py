@@ -22,7 +22,7 @@ from jaxtyping import Array
 from .jaxprs import MOVING, applied, evaluated
 from .precision import eps
 
-__all__ = ["DoubleDouble", "UnknownError", "added", "divided", "multiplied", "negated", "precise", "total"]
+__all__ = ["DoubleDouble", "UnknownError", "added", "changed", "divided", "multiplied", "negated", "precise", "total"]
 
 CHANGE = 4  # change of factors, in units of eps
 ON_BOTH_PARTS = MOVING | {"copy", "neg"}  # primitives that are applied to both parts separately
@@ -107,6 +107,13 @@ def total(a: DoubleDouble, axis: int) -> DoubleDouble:
     )
 
 
+def changed(value, seed, number: int = 0) -> DoubleDouble:
+    """The entries, each changed by some units in its last place that depend on the seed and a number; 0: unchanged."""
+    places = jnp.arange(value.size, dtype=value.dtype).reshape(value.shape)
+    share = jnp.where(seed == 0, 0.0, CHANGE * eps(value)) * jnp.sin((places + 1.7) * seed + number)
+    return DoubleDouble(value, value * share)
+
+
 def precise(function: Callable) -> Callable:
     """A linear function of arrays (n,) as a function of pairs, (dx, seed) -> pair; seed 0 changes no factor.
 
@@ -126,9 +133,7 @@ def precise(function: Callable) -> Callable:
         count = itertools.count(1)
 
         def factor(value) -> DoubleDouble:
-            places = jnp.arange(value.size, dtype=value.dtype).reshape(value.shape)
-            share = jnp.where(seed == 0, 0.0, CHANGE * eps(value)) * jnp.sin((places + 1.7) * seed + next(count))
-            return DoubleDouble(value, value * share)
+            return changed(value, seed, next(count))
 
         def through(closed: ClosedJaxpr, inputs: list) -> list:
             return evaluated(

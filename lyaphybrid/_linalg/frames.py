@@ -27,6 +27,7 @@ UNEVEN = 300.0  # with a larger ratio of lengths in a panel the orthogonality er
 LOST = 1e-12  # after one jump a column is lost if its residual is below this, relative to its length before the jump
 DEPENDENT = 1e-13  # after several jumps, if it is below this relative to its present length; always, to its own terms
 LOST_RESIDUAL = 4  # residual of a lost column in float32, in units of eps times its length
+DECIDES = 0.01  # an entry decides the length of a column if it is larger than this times the largest one
 # Number of times that earlier columns are removed: then rows of 1e-60 times the others are accurate too.
 REORTHOGONALISATIONS = 4
 SMALLEST_LENGTH = 1e-290  # lower bound of a length, to avoid division by zero
@@ -234,7 +235,28 @@ def _in_a_loop(frame, floors=None):
     return _scaled(*jax.lax.fori_loop(0, k, remove, (frame, jnp.zeros(k, frame.dtype))))
 
 
-def _entry_by_entry(frame, sizes, tolerance):
+def terms_of_columns(columns, frame, terms):
+    """(n, k) magnitudes of what adds up to the orthonormal columns Q, where QR = the frame, and those of the frame."""
+    shares = jnp.abs(columns.T @ frame)
+
+    def one(j, known):
+        earlier = jnp.where(jnp.arange(columns.shape[1]) < j, shares[:, j], 0.0)
+        length = jnp.maximum(shares[j, j], nonzero(SMALLEST_LENGTH, shares))
+        return known.at[:, j].set((terms[:, j] + known @ earlier) / length)
+
+    return jax.lax.stop_gradient(jax.lax.fori_loop(0, columns.shape[1], one, jnp.zeros_like(terms)))
+
+
+def is_rounding(frame: Float[Array, "n k"], sizes: Float[Array, "n k"], noise: float) -> Array:
+    """(k,) whether an entry of at most `noise` · its terms decides the length of a column, less the earlier ones."""
+
+    def decides(y, rounding):
+        return jnp.any(rounding & (jnp.abs(y) > DECIDES * jnp.max(jnp.abs(y))))
+
+    return _entry_by_entry(frame, sizes, jnp.full(frame.shape[1], jnp.inf, frame.dtype), noise, decides)[2]
+
+
+def _entry_by_entry(frame, sizes, tolerance, noise=DEPENDENT, judged=lambda y, rounding: jnp.all(rounding)):
     """Gram–Schmidt that tracks the magnitude of the terms of each entry; also returns which columns are lost.
 
     Rows may have very different sizes, for example after a reset of a fast component. A column is not lost if one of
@@ -249,7 +271,7 @@ def _entry_by_entry(frame, sizes, tolerance):
             share = y @ columns
             y, size = y - columns @ share, size + known @ jnp.abs(share)
         length = _column_norms(y)
-        gone = (length <= tolerance[j]) & jnp.all(jnp.abs(y) <= digits(DEPENDENT, y) * size)
+        gone = (length <= tolerance[j]) & judged(y, jnp.abs(y) <= digits(noise, y) * size)
         inverse = jnp.where(gone, 0.0, 1 / jnp.maximum(length, nonzero(SMALLEST_LENGTH, length)))
         new = columns.at[:, j].set(y * inverse), known.at[:, j].set(size * inverse)
         return *new, lengths.at[j].set(length), lost.at[j].set(gone)

@@ -11,12 +11,13 @@ from .._jax.magnitudes import absolute
 from .._jax.precision import eps, nonzero
 from .frames import SMALLEST_LENGTH
 
-__all__ = ["MOST_COMPONENTS", "is_precise", "orthonormalised", "log_volume"]
+__all__ = ["MOST_COMPONENTS", "is_precise", "log_volume", "may_be_rounding", "orthonormalised"]
 
 MOST_COMPONENTS = 16  # most components of a state; larger ones take too long to compile
 REORTHOGONALISATIONS_OF_PAIRS = 10  # as in `frames`: then rows of 1e-300 times the others are accurate too
-SEEDS = (0.0, 0.7310585786300049, 1.3247179572447458)  # 0: factors unchanged; two different changes of the factors
+SEEDS = (0.0, 0.7310585786300049, 1.3247179572447458)  # 0: nothing is changed; two different changes of all numbers
 HIDDEN = 2.0  # an entry smaller than this times its change between seeds counts as rounding
+LEFT_BY_ROUNDING = (1.25, 64.0)  # an entry is so large, at least in powers of eps and at most in units of it
 LARGEST_CHANGE = 0.01  # an entry whose relative change between seeds is larger is unresolved
 ROUNDING_OF_PAIRS = 1e4  # in eps² times the magnitude of the terms: smaller entries are rounding of pairs
 
@@ -32,17 +33,28 @@ def is_precise(tangent, x) -> bool:
     return True
 
 
+def may_be_rounding(frame) -> Array:
+    """Whether an entry of orthonormal columns has the size that rounding leaves of a sum that should be zero."""
+    sizes, (least, most) = jnp.abs(frame), LEFT_BY_ROUNDING
+    return jnp.any((sizes > eps(frame) ** least) & (sizes < most * eps(frame)))
+
+
 def orthonormalised(tangent, frame) -> tuple[Array, Array, Array, Array]:
     """Apply a linear function to orthonormal columns and orthonormalise the result.
 
     Returns:
         Columns (n, k), zero where lost; ln R_ii (k,), zero where lost; which columns are lost (k,); and whether all of
-        this is certain, that is, not decided by rounding of the function's own numbers.
+        this is certain, that is, not decided by rounding of the function's own numbers or of the frame. A column whose
+        length is nothing but such rounding counts as lost, and is not certain: it may only be very short.
     """
     seeds = jnp.asarray(SEEDS, frame.dtype)
     # Loops instead of `vmap`: this is rarely executed, so short code matters more than speed.
     by_pairs = double_double.precise(tangent)
-    moved = jax.lax.map(lambda seed: jax.lax.map(lambda dx: by_pairs(_as_double_double(dx), seed), frame.T), seeds)
+
+    def images(seed):
+        return jax.lax.map(lambda dx: by_pairs(dx, seed), double_double.changed(frame.T, seed))
+
+    moved = jax.lax.map(images, seeds)  # (seeds, k, n)
     sizes = jax.lax.stop_gradient(each_column(absolute(tangent), jnp.abs(frame)))
     k, nothing = frame.shape[1], jnp.zeros_like(frame)
 
@@ -59,9 +71,12 @@ def orthonormalised(tangent, frame) -> tuple[Array, Array, Array, Array]:
 
         y, size = jax.lax.fori_loop(0, REORTHOGONALISATIONS_OF_PAIRS * k, clear, (y, size))
         apart, here = jnp.max(jnp.abs(y.high[1:] - y.high[:1]), axis=0), jnp.abs(y.high[0])
-        gone, hidden = jnp.all(here <= ROUNDING_OF_PAIRS * eps(frame) ** 2 * size), jnp.all(here <= HIDDEN * apart)
-        largest = jnp.max(here)
-        doubtful = hidden | jnp.any((apart > LARGEST_CHANGE * here) & (here > LARGEST_CHANGE * largest))
+        nothing_left, rounding = here <= ROUNDING_OF_PAIRS * eps(frame) ** 2 * size, here <= HIDDEN * apart
+        gone, hidden, largest = jnp.all(nothing_left), jnp.all(rounding), jnp.max(here)
+        # A next jump may depend on this entry alone: as rounding it would look like a short column there.
+        y = jax.tree.map(lambda part: jnp.where(rounding, 0.0, part), y)
+        unsure = (apart > LARGEST_CHANGE * here) & (here > LARGEST_CHANGE * largest)
+        doubtful = jnp.any(unsure | (rounding & ~nothing_left))
         length = jax.vmap(_vector_length)(y.high)
         inverse = jnp.where(gone | hidden, 0.0, 1 / jnp.maximum(length, nonzero(SMALLEST_LENGTH, length)))
         y = jax.lax.map(

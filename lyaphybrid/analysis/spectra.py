@@ -57,6 +57,11 @@ NOT_KEPT = "checkpoint=… is for runs on the host, not under jit, vmap or grad:
 AVERAGES = ("uniform", "birkhoff", "birkhoff-regular")
 SUM_RULE_UP_TO = 16  # dimension n; 6 for event-driven systems, whose jumps need a determinant, n³ operations each
 SUM_RULE_EXACT = 6
+MOST_LENGTHS, MOST_AT_A_TIME = 1e6, 64  # how many times t1 a run with target_stderr goes on, in all and at a time
+OUT_OF_REACH = (
+    "target_stderr={:.3g} is out of reach: after {} t1 the error is still so large that, as it falls like 1/√t, {:.1e} "
+    "t1 would be needed; at most 1e6 are run. Take a longer t1, or a larger target_stderr."
+)
 
 
 @renamed.keywords(until="target_stderr")
@@ -122,7 +127,8 @@ def lyapunov_spectrum(
             exponent less 1/t, for conservative regular motion.
         count_start: count ln R of the initial frame too.
         replicates: run m times from x0 perturbed by a relative 1e-6 with `key`; the error is sd/√m.
-        target_stderr: go on, by multiples of t1, until every finite exponent's standard error is below this.
+        target_stderr: go on, by multiples of t1, until every finite exponent's standard error is below this. Errors
+            fall like 1/√t at best: where that would take more than a million times t1 the run ends as stalled.
         max_steps: most attempts of a step; None: no limit (Ctrl-C returns what is computed), but a run of many tiny
             steps that lead nowhere ends as stalled. Where there is a schedule,
             and in fixed steps, the run ends with the interval between orthonormalisations in which they are spent.
@@ -211,11 +217,11 @@ def lyapunov_spectrum(
             continue
         how = clock, averaging, initial if count_start else 0.0 * initial, labels_of(system, problem.shape), about
         spectrum = _Run(problem, plan, tuple(outcomes), *how).summarised(reached, in_blocks)
-        if target_stderr is None or _good_enough(spectrum, target_stderr):
+        spectrum, why, more = _more_lengths(spectrum, (*quieted, *outcomes), target_stderr, done, times)
+        if more == 0:
             if file is not None and not interrupted:
                 file.close()
-            return _deliver(spectrum, throw, next((one.why for one in (*quieted, *outcomes) if one.why), ""))
-        more = _missing(spectrum, target_stderr, done) if times is None else 1
+            return _deliver(spectrum, throw, why)
 
 
 class _Run(NamedTuple):
@@ -348,10 +354,20 @@ def _good_enough(spectrum: Spectrum, target_stderr: float) -> bool:
     return reached or bool(spectrum.status != STATUS.ok) or "interrupted" in spectrum.notes
 
 
-def _missing(spectrum: Spectrum, target_stderr: float, done: int) -> int:
-    """How many more times t1 to run, if errors fall like 1/√t; at most 64 at a time."""
-    worst = np.nanmax(np.where(np.isfinite(np.asarray(spectrum.exponents)), np.asarray(spectrum.stderr), 0.0))
-    return int(np.clip(np.ceil(done * ((worst / target_stderr) ** 2 - 1)), 1, 64))
+def _more_lengths(
+    spectrum: Spectrum, outcomes: tuple[driver.Outcome, ...], target_stderr: float | None, done: int, times: Times
+) -> tuple[Spectrum, str, int]:
+    """The spectrum, why it ends, and how many more times t1 to run if errors fall like 1/√t: 0 at the end."""
+    why = next((one.why for one in outcomes if one.why), "")
+    if target_stderr is None or _good_enough(spectrum, target_stderr):
+        return spectrum, why, 0
+    worst = np.max(np.where(np.isfinite(np.asarray(spectrum.exponents)), np.asarray(spectrum.stderr), 0.0))
+    with np.errstate(over="ignore"):
+        needed = done * (worst / np.float64(target_stderr)) ** 2
+    if needed <= MOST_LENGTHS:
+        return spectrum, why, int(np.clip(np.ceil(needed - done), 1, MOST_AT_A_TIME if times is None else 1))
+    stalled = np.full_like(spectrum.status_code, STATUS.stalled)
+    return dataclasses.replace(spectrum, status_code=stalled), OUT_OF_REACH.format(target_stderr, done, needed), 0
 
 
 def _deliver(spectrum: Spectrum, throw: bool, why: str) -> Spectrum:

@@ -87,7 +87,6 @@ def orthonormalise_and_accumulate(
     relative=0.0,
     project=None,
     was_live: Any = True,
-    sizes=None,
 ) -> tuple[StepState, Array]:
     """Orthonormalise the frame and add ln R_ii to the growth; also returns ln R_ii (k,), before columns are permuted.
 
@@ -101,9 +100,8 @@ def orthonormalise_and_accumulate(
         relative: tolerance, see `frames.orthonormalise`.
         project: projection onto the tangent space of the mode; None: no constraint.
         was_live: (k,) columns that were not empty before.
-        sizes: (n, k) magnitudes of terms, see `frames.orthonormalise`.
     """
-    found = frames.orthonormalise(carry.frame, settings.kind, absolute, relative, sizes)
+    found = frames.orthonormalise(carry.frame, settings.kind, absolute, relative)
     return accumulate(settings, carry, t, found, frames.tracked(relative), project, was_live), found[1]
 
 

@@ -215,6 +215,17 @@ def test_until_goes_on_to_the_wanted_error():
     assert_allclose(np.nansum(long.history.growth[:, 0]) / long.time, long.exponents[0], rtol=1e-12)
 
 
+@pytest.mark.parametrize("more", [{}, {"times": [1.0, 4.0, 64.0]}, {"max_steps": 10**6}])
+def test_an_error_that_no_run_reaches_ends_it(more):
+    """Errors fall like 1/√t: from 1e-2 to 1e-30 that would take 1e56 times t1."""
+    with pytest.raises(lh.RunFailedError, match="target_stderr=1e-30 is out of reach") as failed:
+        lh.lyapunov_spectrum(HENON, [0.1, 0.1], 1.4, t1=64, target_stderr=1e-30, **more)
+    found = failed.value.result
+    assert found.status is lh.STATUS.stalled
+    assert found.time == 64
+    assert np.all(np.isfinite(found.exponents))
+
+
 def test_replicates_are_perturbed_starts_and_their_scatter_is_the_error():
     runs = [
         lh.lyapunov_spectrum(HENON, [0.1, 0.1], 1.4, t1=1000, transient=100, replicates=8, key=jax.random.key(seed))

@@ -34,7 +34,7 @@ class CascadePerturbations(NamedTuple):
     columns: Array  # (n, columns)
     direction: Array  # (n,) f⁻ before the first jump; each reset maps it to Dg f⁻ + ∂ₜg
     event_time_shift: Array  # (columns,) δτ of each column
-    sizes: Sizes | None  # magnitudes of these three, for the frame's columns; None if nothing is orthonormalised
+    sizes: Sizes | None  # magnitudes of these three, for `terms` of the frame; None if nothing is orthonormalised
 
 
 class CascadeState(NamedTuple):
@@ -71,7 +71,7 @@ def orthonormalises(settings: Settings, carry: StepState) -> bool:
     return settings.qr_schedule.unit != "never" and carry.frame.shape[1] > 0
 
 
-def _start_cascade(evolver, settings, t, carry, columns, mode, event, together, at_once) -> CascadeState:
+def _start_cascade(evolver, settings, t, carry, columns, terms, mode, event, together, at_once) -> CascadeState:
     """On the guard, before the first jump: compute the event-time shift of each column."""
     hybrid, x, (transition, which, guard_index) = evolver.hybrid, carry.x, event
     f = by_mode(mode, hybrid.fields, t, x)
@@ -81,7 +81,7 @@ def _start_cascade(evolver, settings, t, carry, columns, mode, event, together, 
     guard_tolerance = digits(GUARD_ROUNDING, x) * (jnp.sum(jnp.abs(gradient * x)) + jnp.abs(moving * t))
     sizes = None
     if orthonormalises(settings, carry):
-        sizes = sizes_at(carry.frame, f, gradient, moving, rate)
+        sizes = sizes_at(terms, f, gradient, moving, rate)
         sizes = sizes._replace(event_time_shift=jnp.where(ticking, 0.0, sizes.event_time_shift))
     slots, no = jnp.zeros(hybrid.slots, x.dtype), jnp.asarray(False)
     g = jax.lax.stop_gradient(by_mode(mode, hybrid.guards, t, x))
@@ -281,14 +281,17 @@ def _returned(f, moves: CascadePerturbations) -> CascadePerturbations:
     return moves._replace(columns=to_reference_time(columns, direction, f, event_time_shift), sizes=sizes)
 
 
-def in_each_order(evolver, settings: Settings, t, h, carry, columns, mode, event, together, at_once) -> CascadeState:
+def in_each_order(
+    evolver, settings: Settings, t, h, carry, columns, terms, mode, event, together, at_once
+) -> CascadeState:
     """The cascade; where several guards are zero at one instant, run it again with another guard first and compare.
 
-    One other order shows whether the order matters; where all solutions are asked for, each guard is first in turn.
+    `terms`: magnitudes of the frame's columns, one or several (n, k) side by side. One other order shows whether the
+    order matters; where all solutions are asked for, each guard is first in turn.
     """
 
     def start(event):
-        return _start_cascade(evolver, settings, t, carry, columns, mode, event, together, at_once)
+        return _start_cascade(evolver, settings, t, carry, columns, terms, mode, event, together, at_once)
 
     guard_index, choices = event[2], carry.solver_state.choices
     if evolver.hybrid.slots == 1:

@@ -1,5 +1,7 @@
 """Apply an event: from a trial that ends on a guard, through the cascade, to guards armed again."""
 
+import math
+
 import jax
 import jax.numpy as jnp
 
@@ -11,7 +13,7 @@ from ...events.compiled_hybrid import by_mode
 from ...events.roots import rates, rounding
 from ...integrators.divergences import trace
 from ...statuses import STATUS
-from ..orthonormalising import orthonormalise_and_accumulate
+from ..orthonormalising import accumulate, orthonormalise_and_accumulate
 from ..states import Clock, Settings, StepState, added, select, stop
 from .cascade import CascadeState, in_each_order, orthonormalises
 from .grazing import hardly_crosses
@@ -33,6 +35,10 @@ from .trials import (
 
 __all__ = ["apply_event"]
 
+MOST_EXAMINED = 16  # the terms of the columns' entries are followed where there are no more components
+COLUMN_NOISE = (
+    1e-9  # a column made so short by a jump, and of its terms, may be what errors leave of one that is destroyed
+)
 GRAZING = 1e-3  # a crossing is grazing if the sine of the angle between flow and guard is smaller
 # An interval between events is short below this, relative to the step and to the longest interval.
 SHORT_INTERVAL = 1e-5
@@ -47,7 +53,7 @@ def apply_event(evolver, settings: Settings, clock: Clock, carry: StepState, tri
     """Handle a trial that ends at an event: polish the root, apply the cascade, orthonormalise, arm the guards."""
     solver, hybrid = carry.solver_state, evolver.hybrid
     mode = jnp.asarray(0, jnp.int32) if solver.mode is None else solver.mode
-    unsure = hardly_crosses(evolver, carry, clock, trial)
+    unsure, began = hardly_crosses(evolver, carry, clock, trial), carry.frame
     moved = evolver.commit(settings, carry, trial.h, trial.x, evolver.landed(carry, clock, trial))
     lands, at_once = _at_root(evolver, solver, trial), False
     if evolver.may_not_flow:  # a jump may follow the last one, or the start, without a flow
@@ -67,8 +73,14 @@ def apply_event(evolver, settings: Settings, clock: Clock, carry: StepState, tri
     carry = _polish(evolver, clock, carry, lands, ticking | at_once)
     if evolver.per_jump:
         carry = _within_reach(carry, trial.h)
-    t = clock.base + carry.s
-    carry = orthonormalise_and_accumulate(settings, carry, t)[0] if orthonormalises(settings, carry) else carry
+    t, terms = clock.base + carry.s, jnp.abs(carry.frame)
+    if orthonormalises(settings, carry):
+        landed = carry.frame
+        carry = orthonormalise_and_accumulate(settings, carry, t)[0]
+        terms = jnp.abs(carry.frame)
+        if max(landed.shape) <= MOST_EXAMINED:
+            own = frames.terms_of_columns(carry.frame, landed, jnp.maximum(jnp.abs(landed), jnp.abs(began)))
+            terms = jnp.concatenate([terms, own], axis=1)
     # The transition: the first of those at this instant whose `when` is true.
     together = lands & (at_once | _is_now(evolver, mode, t, carry.x, lands, solver.h)) if hybrid.slots > 1 else lands
     allowed = together & by_mode(mode, hybrid.whens, t, carry.x) if hybrid.shared else together
@@ -82,7 +94,7 @@ def apply_event(evolver, settings: Settings, clock: Clock, carry: StepState, tri
         which = jnp.where(ticking, 0, which)
     event = transition, which, jnp.where(ticking, -1, guard_index)
     together = allowed & ~jnp.asarray(at_once)
-    crossed = _apply_cascade(evolver, settings, clock, carry, mode, event, together, at_once, trial.h, unsure)
+    crossed = _apply_cascade(evolver, settings, clock, carry, terms, mode, event, together, at_once, trial.h, unsure)
     crossed = _to_end(evolver, clock, _keep_clocks(evolver, clock, crossed, trial, ticking))
     return select(blocked, stop(carry, STATUS.deadlock), crossed)
 
@@ -203,7 +215,7 @@ def _time_since_event(carry: StepState, last_step):
 
 
 def _apply_cascade(
-    evolver, settings, clock: Clock, carry: StepState, mode, event, together, at_once, last_step, unsure
+    evolver, settings, clock: Clock, carry: StepState, terms, mode, event, together, at_once, last_step, unsure
 ) -> StepState:
     """Apply the cascade that the event starts; then orthonormalise and store the armed guards."""
     guard_index = event[2]
@@ -211,7 +223,7 @@ def _apply_cascade(
     columns, was_live = carry.frame, jnp.sum(carry.frame * carry.frame, axis=0) > 0.5
     if settings.sum_rule:  # append the identity (n, n): its image is the saltation matrix
         columns = jnp.concatenate([columns, jnp.eye(carry.x.shape[0], dtype=carry.x.dtype)], axis=1)
-    landing = in_each_order(evolver, settings, t, h, carry, columns, mode, event, together, at_once)
+    landing = in_each_order(evolver, settings, t, h, carry, columns, terms, mode, event, together, at_once)
     since = (
         carry.since + landing.count.astype(carry.since.dtype) if settings.qr_schedule.unit == "jumps" else carry.since
     )
@@ -241,14 +253,21 @@ def _apply_cascade(
         carry = changed(carry, choices=carry.solver_state.choices.met(landing.together, jnp.sum(together), t))
     doubtful = jnp.asarray(False)
     if sizes is not None:
-        losses, (carry, _) = (
-            carry.losses,
-            orthonormalise_and_accumulate(settings, carry, t, frames.LOST, frames.LOST, project, was_live, sizes),
+        losses, sizes = carry.losses, (sizes[:, :k], sizes[:, -k:])
+        found = frames.orthonormalise(carry.frame, settings.kind, frames.LOST, frames.LOST, sizes[0])
+        may_be_lost = ~found[2] & was_live & (found[1] < math.log(digits(COLUMN_NOISE, carry.x)))
+        doubtful = jax.lax.cond(
+            jnp.any(may_be_lost),
+            lambda frame, size: jnp.any(may_be_lost & frames.is_rounding(frame, size, COLUMN_NOISE)),
+            lambda *_: jnp.asarray(False),
+            carry.frame,
+            sizes[1],
         )
+        carry = accumulate(settings, carry, t, found, True, project, was_live)
         # The direction of the flow shrinks by the ratio of speeds: a loss is doubtful if rounding could hide it.
-        speed, terms = jnp.max(jnp.abs(landing.f)), jnp.minimum(jnp.max(sizes), 1.0)  # unknown magnitudes are huge
-        hidden = digits(frames.DEPENDENT, carry.x) * terms * landing.speed
-        doubtful = jnp.any(carry.losses > losses) & (speed > 0) & (speed < hidden)
+        speed, size = jnp.max(jnp.abs(landing.f)), jnp.minimum(jnp.max(sizes[0]), 1.0)  # unknown magnitudes are huge
+        hidden = digits(frames.DEPENDENT, carry.x) * size * landing.speed
+        doubtful = doubtful | (jnp.any(carry.losses > losses) & (speed > 0) & (speed < hidden))
     guard = jnp.where(guard_index < 0, -1, guard_index + evolver.hybrid.slots * mode)
     grazing = (landing.transversality < GRAZING) | ((guard_index >= 0) & unsure[guard_index] & _bends(landing))
     carry = _store_event(evolver, carry, landing, clock, guard, (grazing, doubtful), last_step)

@@ -1,0 +1,55 @@
+"""What turns a direction exactly into the kernel of a jump: rounding hides the loss, which is seen or said."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import lyaphybrid as lh
+
+PRODUCT = lh.Map(lambda n, x, args: args[jnp.asarray(n, jnp.int32) % 3] @ x)
+
+
+@pytest.mark.slow_cases("5-11", "2-7")
+@pytest.mark.parametrize(("a", "b"), [(3, 7), (5, 11), (2, 7)])
+def test_a_regular_matrix_turns_an_image_into_a_kernel(a, b):
+    """(a, b) is turned to (0, a + b), which the third matrix destroys: the product is zero."""
+    matrices = np.array([[[a, 2 * a], [b, 2 * b]], [[b, -a], [1, 1]], [[1, 0], [2, 0]]], float)
+    spectrum = lh.lyapunov_spectrum(PRODUCT, [0.0, 0.0], matrices, t1=6, blocks=2)
+    assert spectrum.exponents.tolist() == [-np.inf, -np.inf]
+    assert spectrum.notes >= {"rank_lost", "unresolved"}
+
+
+def turned(kept, angle):
+    """A rotation by an angle between resets (x, y) -> (x, kept y)."""
+    turn = jnp.array([[0.0, -angle], [angle, 0.0]])
+    return lh.Hybrid(
+        lambda t, x, args: turn @ x,
+        lh.Transition(every=1.0, phase=0.5, reset=lambda t, x, args: x * jnp.array([1.0, kept])),
+    )
+
+
+@pytest.mark.parametrize("rtol", [1e-9, 1e-12])
+def test_a_flow_turns_an_image_into_a_kernel(rtol):
+    """By a right angle: the first reset leaves (1, 0), which is (0, 1) at the second, and lost."""
+    method = lh.RungeKutta(rtol=rtol)
+    spectrum = lh.lyapunov_spectrum(turned(0.0, np.pi / 2), [1.0, 1.0], t1=8.0, blocks=2, method=method)
+    assert spectrum.exponents[1] == -np.inf
+    assert spectrum.exponents[0] == -np.inf or "unresolved" in spectrum.notes
+
+
+@pytest.mark.slow_cases("1e-11", "1e-06")
+@pytest.mark.parametrize("kept", [1e-6, 1e-11, 1e-30])
+def test_a_reset_that_makes_a_direction_short_is_no_loss(kept):
+    spectrum = lh.lyapunov_spectrum(turned(kept, 0.0), [1.0, 1.0], t1=8.0, blocks=2)
+    assert_allclose(spectrum.exponents, [0.0, np.log(kept)], atol=1e-12)
+    assert spectrum.notes == frozenset()
+
+
+@pytest.mark.parametrize("kept", [1e-6, 1e-30])
+def test_a_short_direction_that_errors_of_the_flow_make_longer_is_flagged(kept):
+    """Turned by right angles the two directions share ln kept, unless the error of the turn is longer than `kept`."""
+    spectrum = lh.lyapunov_spectrum(turned(kept, np.pi / 2), [1.0, 1.0], t1=8.0, blocks=2)
+    right = np.allclose(spectrum.exponents, 0.5 * np.log(kept), rtol=0, atol=1e-3)
+    assert right == (kept > 1e-9)
+    assert spectrum.notes == (frozenset() if right else {"unresolved"})
