@@ -29,6 +29,31 @@ def test_a_compiled_run_that_stalls_ends(name):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("derivative", [jax.jacfwd, jax.jacrev])
+@pytest.mark.parametrize("name", ["field by where", "friction by sign", "guard by mod", "stiff"])
+def test_derivatives_through_a_run_that_stalls_end(name, derivative):
+    """They are finite, those of the motion so far, and the status tells that the end was not reached."""
+    system, start = STALLING[name]
+
+    def reached(x):
+        run = lh.trajectory(system, x, t1=LONG, n=1, throw=False)
+        return run.x[0], (run.status, run.ended)
+
+    def exponents(x):
+        spectrum = lh.lyapunov_spectrum(system, x, t1=LONG, blocks=2, throw=False)
+        return spectrum.exponents, spectrum.status_code
+
+    matrix, (status, ended) = derivative(reached, has_aux=True)(jnp.asarray(start))
+    assert int(status) in (STATUS.stalled, STATUS.step_underflow)
+    assert np.all(np.isfinite(matrix))
+    if name in ("field by where", "stiff"):  # the second component decays by itself
+        np.testing.assert_allclose(matrix[1], [0.0, np.exp(-ended)], rtol=1e-6, atol=1e-12)
+    slope, code = derivative(exponents, has_aux=True)(jnp.asarray(start))
+    assert int(code) in (STATUS.stalled, STATUS.step_underflow)
+    assert np.all(np.isfinite(slope))
+
+
+@pytest.mark.slow
 def test_of_runs_side_by_side_only_those_end_that_have_stalled():
     """Where the second component is zero nothing moves, and the run reaches its end."""
     sliding = lh.Flow(lambda t, x, args: x[1] * WHERE.field(t, x, args))
