@@ -89,6 +89,25 @@ def test_all_exponents_in_few_steps(name, method):
     assert s.sum_rule_residual < 1e-7
 
 
+@pytest.mark.slow_cases("kvaerno5")
+@pytest.mark.parametrize("tableau", ["esdirk54b", "kvaerno5"])
+def test_growth_along_a_relaxation_is_off_by_a_multiple_of_the_tolerance(tableau):
+    """Van der Pol's column falls by nine orders after a jump, so that an error before it counts; see `lh.ESDIRK`."""
+    tolerances = np.array([1e-8, 1e-9, 1e-10, 1e-11])
+    found = [spectrum("van der Pol", lh.ESDIRK(tableau, rtol), k=1).exponents[0] for rtol in tolerances]
+    errors = np.abs(np.array(found) - REFERENCES["van der Pol"][0]) * FLOWS["van der Pol"][2]
+    assert np.all(errors < 5e6 * tolerances)
+    assert np.all(errors[1:] < errors[:-1] / 5)  # a mistake in the derivative of a step would stay
+
+
+def test_a_column_falls_by_nine_orders_after_a_jump():
+    """What the docstring of `lh.ESDIRK` says of van der Pol's flow: the column along it is the flow, by LSODA."""
+    field, start, _ = FLOWS["van der Pol"]
+    path = scipy.integrate.solve_ivp(lambda t, x: field(t, x, None, np), (0.0, 900.0), start, "LSODA", rtol=1e-8)
+    speeds = np.linalg.norm(field(path.t, path.y, None, np), axis=0)
+    assert np.max(speeds) > 1e9 * np.min(speeds[np.argmax(speeds) :])
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FLOWS)
 def test_the_references(name):

@@ -232,6 +232,10 @@ class ESDIRK(StageByStage):
 
     Errors and steps as for `lh.HalfExplicit`.
 
+    An error of a column is compared with the column's length at that step. Where the motion relaxes, the column along
+    it falls by orders of magnitude within a thin layer, and an earlier error is large beside what is left. Along van
+    der Pol's oscillator with μ = 1000 its growth is off by about 10⁶ rtol: there take rtol = 1e-10 (a growth to 1e-4).
+
     Args:
         tableau: "esdirk34" (Jørgensen, Kristensen & Thomsen; advances with its weights of order 4), "esdirk54b"
             (advances with its weights of order 5; those of order 4 are L-stable), "kvaerno3", "kvaerno4" or "kvaerno5".
