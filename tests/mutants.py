@@ -35,8 +35,8 @@ for name in "diffrax hypothesis.extra.numpy llvmlite.binding matplotlib.pyplot m
 import pytest  # noqa: E402
 
 sys.dont_write_bytecode = False
-LOOP = "tests/engine/test_statuses.py tests/engine/test_checkpoints.py tests/events/test_short_or_lost.py"
-NATIVE = "tests/native/test_emission.py tests/native/test_each_primitive.py"
+LOOP = "tests/engine/test_statuses.py tests/events/test_short_or_lost.py tests/engine/test_checkpoints.py"
+NATIVE = "tests/native/test_memory_and_text.py tests/native/test_emission.py tests/native/test_each_primitive.py"
 TESTS = {
     "events.saltations": "tests/events/test_saltations.py",
     "events.roots": "tests/events/test_guards_in_a_step.py",
@@ -184,7 +184,7 @@ def _renew(old: type, new: type) -> None:
             setattr(old, name, value)
 
 
-def test(module: str, number: int | None) -> int:
+def test(module: str, number: int | None, which: str) -> int:
     """The exit status of the tests of a module with one change; what they import of the package is there already."""
     files = TESTS[module.removeprefix("lyaphybrid.")].split()
     try:
@@ -195,7 +195,7 @@ def test(module: str, number: int | None) -> int:
             for file in files:
                 sys.modules.pop(Path(file).stem, None)
         options = "-o addopts= -q -x -rf -p no:cacheprovider -p no:xdist --tb=line -W".split()
-        return int(pytest.main([*options, ALREADY_IMPORTED, "-m", "not slow", *files]))
+        return int(pytest.main([*options, ALREADY_IMPORTED, "-m", which, *files]))
     except BaseException:
         traceback.print_exc()
         return 1
@@ -211,7 +211,7 @@ def said(file, module: str, number: int | None, status: int, printed: str, secon
     file.flush()
 
 
-def begin(module: str, numbers: list[int | None], file, done) -> int:
+def begin(module: str, numbers: list[int | None], which: str, file, done) -> int:
     """Begin to test these mutants in a process of their own, whose number is returned; it says how many are done."""
     if child := os.fork():
         return child
@@ -222,7 +222,7 @@ def begin(module: str, numbers: list[int | None], file, done) -> int:
         with tempfile.TemporaryFile("w+") as output:
             for stream in (1, 2):
                 os.dup2(output.fileno(), stream)
-            status = test(module, number)
+            status = test(module, number, which)
             sys.stdout.flush()
             output.seek(0)
             said(file, module, number, status, output.read(), time.process_time() - before)
@@ -230,14 +230,14 @@ def begin(module: str, numbers: list[int | None], file, done) -> int:
     os._exit(0)
 
 
-def results(wanted: dict[str, list[int]], jobs: int, file) -> None:
+def results(wanted: dict[str, list[int]], jobs: int, which: str, file) -> None:
     """Test these mutants of each module, first the module as it is; so many processes at once."""
     waiting, running = [(module, [None, *numbers]) for module, numbers in wanted.items()], {}
     while running or waiting:
         while waiting and len(running) < jobs:
             module, numbers = waiting.pop(0)
             done, end = os.pipe()
-            running[begin(module, numbers, file, end)] = module, numbers, done
+            running[begin(module, numbers, which, file, end)] = module, numbers, done
             os.close(end)
         process, status = os.wait()
         module, numbers, done = running.pop(process)
@@ -256,12 +256,13 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "mutants.jsonl")
+    parser.add_argument("--slow", action="store_true", help="run slow tests, too")
     parser.add_argument("--again", type=Path, help="only the mutants that survived in this file")
     given = parser.parse_args()
     wanted = {}
     for module in [f"lyaphybrid.{name}" for name in given.modules]:
         numbers = range(len(changes(module)))
-        wanted[module] = random.Random(given.seed).sample(numbers, min(given.count, len(numbers)))
+        wanted[module] = random.Random(given.seed).sample(numbers, len(numbers))[: given.count]
     if given.again:
         before = [json.loads(line) for line in given.again.read_text().splitlines()]
         wanted = {module: [] for module in wanted}
@@ -270,7 +271,7 @@ def main() -> int:
                 wanted[one["module"]].append(one["number"])
     given.out.parent.mkdir(exist_ok=True)
     with given.out.open("a") as file:
-        results(wanted, given.jobs, file)
+        results(wanted, given.jobs, "slow or not slow" if given.slow else "not slow", file)
     return 0
 
 
