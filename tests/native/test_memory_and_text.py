@@ -1,8 +1,10 @@
 """The parts that lowering is made of, each alone: expressions, indices, memory, lanes; their code is run."""
 
 import ctypes
+import itertools
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -99,6 +101,33 @@ def test_vectors_of_entries(width):
     assert_array_equal(rows[4, :2], [4, 1])
 
 
+@pytest.mark.parametrize("type_", ["i1", "i64"])
+def test_selections(type_):
+    """Of what is known or not; conditions by `and` and `or`, where one side is known."""
+    b = Emitter()
+    condition, x, y = b.load("%inputs", "i1", 0), b.load("%inputs", type_, 1), b.load("%inputs", type_, 2)
+    assert (b.select(True, type_, x, y), b.select(False, type_, x, y), b.select(condition, type_, x, x)) == (x, y, x)
+    each = [(p, q) for p in (x, True, False) for q in (y, True, False)]
+    for place, (p, q) in enumerate(each):
+        b.store("%outputs", type_, place, b.select(condition, type_, p, q))
+    assert b.select(condition, type_, x, y) == b.select(condition, type_, x, y)
+    text = "\n".join(b.lines)
+    assert (" and i1" in text, " or i1" in text) == (type_ == "i1",) * 2
+    of = np.int8 if type_ == "i1" else np.int64
+    for inputs in itertools.product((0, 1), repeat=3):
+        results = np.zeros(9, of)
+        run(
+            b,
+            np.frombuffer(
+                np.array(inputs[:1], np.int8).tobytes() + bytes(of().itemsize - 1) + np.array(inputs[1:], of).tobytes(),
+                of,
+            ),
+            results,
+        )
+        values_of = {x: inputs[1], y: inputs[2]}
+        assert results.tolist() == [int(values_of.get(p if inputs[0] else q, p if inputs[0] else q)) for p, q in each]
+
+
 # --- indices and loops -----------------------------------------------------------------------------------------------
 
 
@@ -149,8 +178,10 @@ def test_memory_on_the_stack_and_elsewhere():
     assert sum("alloca" in line for line in b.allocations) == 16
     assert len(b.releases) == sum("@malloc(" in line for line in b.allocations) == 2
     assert f"@malloc(i64 {2049 * 8 + 64})" in "".join(b.allocations)
-    pointers.append(b.allocate("double", 2047))  # there is room for this one
+    pointers.append(b.allocate("i8", 2**18 - 15 * 16384 - 3))  # there is just room for this one
     assert len(b.releases) == 2
+    pointers.append(b.allocate("i8", 1))
+    assert len(b.releases) == 3
     for i, pointer in enumerate(pointers):
         name = b.name()
         b.line(f"{name} = ptrtoint ptr {pointer} to i64")
@@ -201,6 +232,17 @@ def test_arrays_that_read_what_is_overwritten_are_worked_out_before():
     later = b.lazy((6,), np.dtype(float), lambda i: b.load_element(own, i), [own])
     b.end_scope(scope)
     assert later not in own.memory.readers
+
+
+def test_what_two_loops_need_is_computed_once():
+    """Unless it is only read: then it needs no memory."""
+
+    def text(function):
+        return lower(jax.make_jaxpr(function)(np.ones(50)), 16)
+
+    assert text(lambda x: (lambda y: (y * 2, y[::-1]))(jnp.tanh(x))).count("call double @tanh(") == 1
+    assert text(lambda x: (lambda y: (y * 2, y[::-1]))(jnp.concatenate([x[:20], x[20:]]))).count("alloca") <= 1
+    assert text(lambda x: (lambda y: (y * 2, y.sum()))(x[::-1])).count("alloca") == 0
 
 
 def test_arrays_in_a_loop_are_at_most_sixteen():
