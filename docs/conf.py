@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import lyaphybrid
-from docs.building import docstrings, flowcharts
+from docs.building import docstrings, films, flowcharts
 
 DOCS = Path(__file__).parent
 
@@ -56,6 +56,7 @@ sphinx_gallery_conf = {
     "min_reported_time": 1e9,  # times are of this machine
     "write_computation_times": False,
     "within_subsection_order": "FileNameSortKey",
+    "thumbnail_size": (480, 360),
     "matplotlib_animations": (True, "jshtml"),
 }
 
@@ -84,4 +85,5 @@ def setup(app) -> None:
     """Flowcharts; docstrings made plain, before napoleon reads their sections; short signatures."""
     app.add_directive("flowchart", flowcharts.Flowchart)
     app.connect("autodoc-process-docstring", docstrings.process, priority=400)
+    app.connect("html-page-context", films.own_icons)
     app.connect("autodoc-process-signature", docstrings.signature)
