@@ -57,6 +57,7 @@ sphinx_gallery_conf = {
     "write_computation_times": False,
     "within_subsection_order": "FileNameSortKey",
     "thumbnail_size": (480, 360),
+    "image_srcset": ["2x"],
     "matplotlib_animations": (True, "jshtml"),
 }
 
