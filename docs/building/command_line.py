@@ -10,6 +10,17 @@ HEAD = """# Command line
 
 `lyaphybrid` and `python -m lyaphybrid` are the same. The exit status is 0 for success, 1 where a run or a check failed,
 2 for wrong arguments, 130 after Ctrl-C. All commands compute in float64.
+
+Four papers are computed again, with tables, figures and what becomes of their claims:
+
+| command | paper |
+|---|---|
+| `lyaphybrid papers dinius` | Dinius' hard disks, Table I and Fig. 2; the command without a name does the same |
+| `lyaphybrid papers fu` | Fu, Wang & Wang's dry friction, Figs. 1 to 4; exponents by its scheme, by synchronisation |
+| `lyaphybrid papers linh` | Linh, Truong & Tuyen's DAEs, Tables 1 to 10 |
+| `lyaphybrid papers skokos` | Skokos & Gerlach's tangent maps, Figs. 1 to 11, Table 1 |
+
+What follows is what `--help` prints.
 """
 
 

@@ -1,10 +1,13 @@
 """Pages of evidence, from files that tests and programs keep."""
 
+import functools
 import json
 import lzma
 import re
 from collections import Counter
 from pathlib import Path
+
+from lyaphybrid.zoo.reference_checks import Comparison
 
 AUTOMATA = """# Random hybrid automata
 
@@ -16,6 +19,58 @@ right order, and for times, states, tangent maps and exponents to the bounds tha
 | family | variant | automata | events |
 |---|---|---|---|
 """
+
+VALIDATION = """# The zoo against its references
+
+What `lyaphybrid validate --quick` found, in `docs/evidence/validation.json`: every problem of the zoo, in two ways,
+against a reference that is known independently of this package. A deviation is the largest of all exponents, in
+standard errors of both sides together; more than five is a miss. {runs} runs of {problems} problems, {missed} missed.
+
+| problem | way | deviation | status | against |
+|---|---|---|---|---|
+"""
+PORTABILITY = """# Pythons, JAXs and ways to run
+
+What `python -m tests.portability` found, in `tests/portability.json`: in each row a fresh environment with the
+installed package, in each column a way to run it. A number is that of the tests that passed.
+
+"""
+
+
+def validation(root: Path) -> str:
+    """What the command found, a line a run."""
+    runs = json.loads((root / "docs/evidence/validation.json").read_text())
+    compared = [Comparison(**run | {"deviation": float(run["deviation"])}) for run in runs]
+    rows = "".join(
+        f"| [`{one.problem}`](../reference/api/lyaphybrid.zoo.{one.problem}.rst) | {one.way} | {one.deviation:.1f} "
+        f"| {one.status} | {'its reference' if one.has_reference else 'the first way'} |\n"
+        for one in compared
+    )
+    missed = sum(not one.agrees for one in compared)
+    return VALIDATION.format(runs=len(runs), problems=len({one.problem for one in compared}), missed=missed) + rows
+
+
+def portability(root: Path) -> str:
+    """The matrix as a table."""
+    rows = json.loads((root / "tests/portability.json").read_text())
+    ways = list(dict.fromkeys(way for row in rows for way in row.get("ways", {})))
+    head = f"| Python | jax | {' | '.join(ways)} |\n|---|---|{'---|' * len(ways)}\n"
+    return PORTABILITY + head + "".join(map(functools.partial(cells, ways), rows))
+
+
+def cells(ways: list[str], row: dict) -> str:
+    """A line of the matrix."""
+    versions = row.get("versions", {})
+    said = [verdict(row.get("ways", {}).get(way)) for way in ways]
+    python, jax = versions.get("python", row["python"]), versions.get("jax", row["jax"])
+    return f"| {python} | {jax} | {' | '.join(said)} |\n"
+
+
+def verdict(cell: dict | None) -> str:
+    """A cell of the matrix: how many tests passed, or that it is red."""
+    if cell is None:
+        return "–"
+    return f"{cell.get('passed', 0)}" if cell["green"] else f"**red**, {cell.get('failed', 0)} failed"
 
 
 def automata(root: Path) -> str:

@@ -1,5 +1,6 @@
 """The documentation site: every public name has its page; what the build would not notice is noticed by its checks."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -133,3 +134,32 @@ def test_an_answer_is_what_a_mistake_says():
     assert len(answers.table(ROOT).FUNCTIONS) > 40
     assert answers.prose("a_b of `x*y` | 2") == "a\\_b of `x*y` \\| 2"
     assert answers.prose("half a ` code") == "`` half a ` code ``"
+
+
+def test_the_page_of_the_zoo_says_what_missed(tmp_path):
+    run = {"way": "rk4", "exponents": [1.0], "stderr": [0.1], "known": [1.0], "has_reference": True, "seconds": 1.0}
+    runs = [run | {"problem": "chua", "deviation": 0.5, "status": "ok"}]
+    runs += [run | {"problem": "adex", "deviation": 9.25, "status": "ok"}]
+    runs += [run | {"problem": "adex", "deviation": "inf", "status": "zeno", "has_reference": False}]
+    path = tmp_path / "docs" / "evidence" / "validation.json"
+    path.parent.mkdir(parents=True)
+    path.write_text(json.dumps(runs))
+    page = evidence.validation(tmp_path)
+    assert "3 runs of 2 problems, 2 missed." in page
+    assert "| rk4 | 9.2 | ok | its reference |" in page
+    assert "| rk4 | inf | zeno | the first way |" in page
+
+
+def test_the_page_of_portability_is_the_matrix(tmp_path):
+    green, red = {"green": True, "passed": 40}, {"green": False, "passed": 30, "failed": 2}
+    rows = [
+        {"python": "3.11", "jax": "newest", "versions": {"python": "3.11.7", "jax": "0.10.1"}, "ways": {"a": green}}
+    ]
+    rows += [{"python": "3.12", "jax": "0.8.0", "ways": {"a": red, "b": green}}]
+    rows += [{"python": "3.13", "jax": "0.8.0", "missing": "no wheel"}]
+    (tmp_path / "tests").mkdir()
+    (tmp_path / "tests" / "portability.json").write_text(json.dumps(rows))
+    page = evidence.portability(tmp_path)
+    assert "| 3.11.7 | 0.10.1 | 40 | – |" in page
+    assert "| 3.12 | 0.8.0 | **red**, 2 failed | 40 |" in page
+    assert "| 3.13 | 0.8.0 | – | – |" in page
