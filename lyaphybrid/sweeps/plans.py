@@ -80,6 +80,9 @@ def plan(over: Mapping[str, Any] | None, points: Mapping[str, Any] | None, args:
     Raises:
         ValueError: if nothing is varied, an entry does not exist, or arrays do not fit.
     """
+    for name, given in (("over", over), ("points", points)):
+        kind = type(given).__name__
+        require(given is None or isinstance(given, Mapping), f"{name} must be a dict {{name: values}}; got a {kind}.")
     over, listed = dict(over or {}), dict(points or {})
     require(bool(over or listed), "Nothing to sweep: give over={name: values} or points={name: values}.")
     both = sorted(set(over) & set(listed))
@@ -105,7 +108,8 @@ def _axis(path: str, dim: str, values, args) -> Axis:
         require(
             values.dtype.kind != "f" or bool(np.all(np.isfinite(values))), f"{path} must be finite; got {values!r}."
         )
-    require(values.ndim >= 1 and len(values) > 0, f"{path} must be an array of at least one value; got {values!r}.")
+    several = values.ndim >= 1 and len(values) > 0
+    require(several, f"{path}, in over or points, must be an array of at least one value; got {values!r}.")
     places = _places(args)
     if path in places:
         wanted = np.shape(places[path].of(args))

@@ -10,7 +10,7 @@ import numpy as np
 from .._arguments import require, whole
 from ..statuses import STATUS
 from .plans import POINT, Runnable, plan
-from .sweeping import Work, function_of
+from .sweeping import Work, function_of, xarray_module
 
 if TYPE_CHECKING:
     import xarray
@@ -82,6 +82,9 @@ def refine(
         (11, 385)
     """
     whole("levels", levels, least=1)
+    kind = type(dataset).__name__
+    require(isinstance(dataset, xarray_module().Dataset), f"dataset must be one that lh.sweep returned; got a {kind}.")
+    require(callable(classify), f"classify must be a function of a dataset; got {classify!r}.")
     function, args = function_of(run, args)
     axes = _axes_of(dataset)
     lattice = Lattice(list(axes.values()), levels)

@@ -11,7 +11,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from .._arguments import require, require_values, whole
+from .._arguments import parameters, require, require_values, whole
 from .._jax.hashes import hash_of_arrays, hash_of_function
 from .._jax.jaxprs import needed
 from .._version import __version__
@@ -105,6 +105,9 @@ def function_of(run: Callable | Runnable, args: Any) -> tuple[Callable, Any]:
     args = run.args if args is None and isinstance(run, Runnable) else args
     function = _OfProblem(run) if isinstance(run, Runnable) else run
     require(callable(function), f"run must be a function of args, or a zoo problem; got {run!r}.")
+    for leaf in jax.tree.leaves(args):
+        if isinstance(leaf, int):  # an integer beyond 64 bits
+            parameters("args", leaf)
     return function, args
 
 
@@ -122,7 +125,8 @@ def _shapes(named: "_Named", run: Callable, args: Any, row: Mapping[str, Any]) -
         raise UserFunctionError(explained(call, error)) from None
 
 
-def _xarray():
+def xarray_module():
+    """The package xarray."""
     try:
         import xarray
     except ImportError as error:
@@ -195,7 +199,7 @@ class Work:
 
     def dataset(self, store, client, progress):
         """Compute the missing points; an `xarray.Dataset` of all points."""
-        xarray, started = _xarray(), time.perf_counter()
+        xarray, started = xarray_module(), time.perf_counter()
 
         def found():
             return self._as_dataset(xarray, time.perf_counter() - started)

@@ -68,3 +68,12 @@ def test_what_is_no_system_is_refused():
         lh.check(lambda t, x, args: x, [1.0])
     with pytest.raises(ValueError, match="t1"):
         lh.check(lh.Flow(lambda t, x, args: -x), jnp.array([1.0]), t1=-1.0)
+
+
+def test_several_starts_and_parameters_without_a_motion_are_reported():
+    damped = lh.Flow(lambda t, x, a: jnp.stack([x[1], -x[0] - a * x[1]]))
+    several = lh.check(damped, [[0.1, 0.2], [0.3, 0.4]], 0.3)
+    assert not several.ok
+    assert "one start" in several.notes[0].text
+    nowhere = lh.check(damped, [0.1, 0.2], float("nan"), t1=1.0)
+    assert [one.topic for one in nowhere.notes if one.verdict == "wrong"] == ["run"]

@@ -51,6 +51,17 @@ SLIDING = lh.filippov(
     lambda t, x, a: x[1],
 )
 
+
+def run_of(args):
+    return lh.lyapunov_spectrum(HENON, [0.1, 0.2], args, t1=16, throw=False)
+
+
+@functools.cache
+def grid():
+    """A sweep, for what refines it; made when it is first needed."""
+    return lh.sweep(run_of, {"args": [0.2, 0.3]}, args=0.3, progress=None)
+
+
 # The verb, its system, and arguments with which it gives an answer soon.
 CALLS = {
     "spectrum of a map": (lh.lyapunov_spectrum, HENON, {"x0": [0.1, 0.2], "args": 1.4, "t1": 64}),
@@ -111,6 +122,10 @@ CALLS = {
     "DAE": (lh.DAE, None, {"leading": leading, "residual": residual, "n_differential": 1}),
     "impact": (lh.impact, None, {"mass_matrix": lambda q, a: jnp.eye(1), "gap": lambda q, a: q[0], "restitution": 0.5}),
     "return map": (lh.return_map, BALL, {}),
+    "sweep": (lh.sweep, None, {"run": run_of, "over": {"args": [0.2, 0.3]}, "args": 0.3, "progress": None}),
+    "refine": (lh.refine, None, {"dataset": grid, "run": run_of, "args": 0.3, "levels": 1, "progress": None}),
+    "check of a map": (lh.check, HENON, {"x0": [0.1, 0.2], "args": 0.3, "t1": 16}),
+    "check of a flow": (lh.check, DAMPED, {"x0": [0.1, 0.2], "args": 0.3, "t1": 1.0}),
 }
 
 
@@ -176,6 +191,7 @@ def verdict(call: str, replaced: dict[str, str]) -> str | None:
     """None where the answer is right, else what is wrong with it."""
     verb, system, arguments = CALLS[call]
     given = arguments | {name: HOSTILE[value] for name, value in replaced.items()}
+    given = {name: grid() if value is grid else value for name, value in given.items()}
     try:
         with limited(), warnings.catch_warnings():
             warnings.simplefilter("error")

@@ -113,6 +113,8 @@ GRID = {"x": np.array([0.0, 1.0]), "y": np.array([1.0, 2.0])}
         ({"over": {"x": np.array([0.0])}}, "two or more along each axis"),
         ({"points": {"x": np.array([0.0, 1.0])}}, "this one has a list of points"),
         ({"attrs": {}}, "lost its attribute 'dims'"),
+        ({"classify": 3}, "classify must be a function"),
+        ({"dataset": [1.0]}, "dataset must be one that lh.sweep returned; got a list"),
     ],
 )
 def test_bad_arguments(change, says):
@@ -122,4 +124,4 @@ def test_bad_arguments(change, says):
     keywords = {"levels": change.get("levels", 1), "classify": change.get("classify", classes)}
     keywords["args"] = change.get("args", START)
     with pytest.raises(ValueError, match=says):
-        lh.refine(grid, change.get("run", lens), progress=False, **keywords)
+        lh.refine(change.get("dataset", grid), change.get("run", lens), progress=False, **keywords)

@@ -129,6 +129,9 @@ def test_numbers_keep_their_kind():
         ({"points": {"a": [1.0], "b[0]": [1.0, 2.0]}}, "one length"),
         ({"over": {"a": [1.0]}, "chunk": 0}, "chunk must be an integer of at least 1"),
         ({"over": {3: [1.0]}}, "are strings"),
+        ({"over": np.array([1.0, 2.0])}, "over must be a dict"),
+        ({"points": 0.5}, "points must be a dict"),
+        ({"over": {"a": [1.0]}, "args": {"a": 10**400}}, "args holds .* an integer that does not fit"),
         ({"over": {"a": [1.0]}, "run": 5}, "run must be a function"),
     ],
 )

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..._arguments import Real, State, positive
+from ..._arguments import Real, State, positive, require
 from ..._jax.engines import for_once
 from ..._jax.precision import CURE, is_short
 from ...engine import preparation
@@ -88,6 +88,7 @@ def check(
         warnings.simplefilter("ignore")
         try:
             problem, start, begin, index = preparation.prepare(system, x0, args, t0, method, mode)
+            require(start.ndim == 1, f"check looks at one start: x0 must have shape (n,); got {start.shape}.")
             check_functions(system, jax.ShapeDtypeStruct(problem.shape, start.dtype), problem.args)
         except ValueError as error:
             if not isinstance(system, System):
@@ -243,7 +244,8 @@ def _of_motion(system, problem, run: Trajectory, t0, x0, index, mode, flowing) -
         options = {"t0": t0, "mode": mode, "method": method, "throw": False}
         return tangent_map(system, x, problem.args, t1=jnp.asarray(length), **options)
 
-    found = motion.moderate(tangent, x0, _stretch(run, float(t0)))
+    reached = _stretch(run, float(t0))
+    found = motion.moderate(tangent, x0, reached) if reached > 0 else None
     if found is None:
         return []
     length, exact = found
