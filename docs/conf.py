@@ -71,7 +71,7 @@ html_sidebars = {"index": [], "help/changelog": []}
 html_theme_options = {
     "logo": {"text": "lyaphybrid"},
     "navbar_align": "left",
-    "header_links_before_dropdown": 7,
+    "header_links_before_dropdown": 5,
     "navigation_with_keys": False,
     "show_prev_next": True,
     "secondary_sidebar_items": ["page-toc"],
