@@ -85,7 +85,8 @@ def check_along_flow(slope: Callable, t0, x0, mode: int, exact: TangentMap, leng
                   f"over {length:.4g} units of time, and the flow is {in_short(after)} there: they must be equal where "
                   "nothing depends on the time. So the exponent that must be 0 is not. Is a derivative wrong?")
         ]  # fmt: skip
-    return [right("flow direction", "a perturbation along the flow stays along it: one exponent is 0")]
+    said = "a perturbation along the flow stays along it: one exponent is 0, unless the motion ends at rest"
+    return [right("flow direction", said)]
 
 
 def check_tolerance(tangent: Callable[..., TangentMap], x0, length: float, exact: TangentMap, method) -> list[Finding]:
