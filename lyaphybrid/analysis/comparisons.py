@@ -73,11 +73,14 @@ class TwoTrajectories(RunResult, eqx.Module):
 
     state_labels: Labels = eqx.field(static=True, default=Labels())
 
-    def plot(self, ax: plots.Axes | None = None) -> plots.Axes:
-        """The running exponent against time, with the final value as a band of one standard error to each side."""
+    def plot(self, ax: plots.Axes | None = None, **style: Any) -> plots.Axes:
+        """The running exponent against time, with the final value as a band of one standard error to each side.
+
+        `style` goes to what it draws.
+        """
         history = self.history
         found = np.atleast_1d(self.exponent), np.atleast_1d(self.stderr)
-        return plots.running(history.time, np.asarray(history.exponents)[:, None], *found, self.unit, ax)
+        return plots.running(history.time, np.asarray(history.exponents)[:, None], *found, self.unit, ax, **style)
 
     def _table(self) -> Table:
         value = with_error(float(self.exponent), float(self.stderr))

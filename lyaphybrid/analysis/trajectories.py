@@ -1,7 +1,6 @@
 """Trajectories with their events, and the tangent map along a trajectory."""
 
-from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
@@ -28,6 +27,9 @@ from ..systems.hybrid import Hybrid
 from ..systems.kinds import iterates
 from ..systems.labels import Labels, labels_of
 from ..systems.smooth import Flow, Map
+
+if TYPE_CHECKING:
+    from matplotlib.animation import FuncAnimation
 
 __all__ = ["Events", "TangentMap", "Trajectory", "tangent_map", "trajectory"]
 
@@ -106,9 +108,14 @@ class Trajectory(RunResult, eqx.Module):
             jumps, end = np.full(int(np.max(self.j)), start), start
         return time_domain(start, jumps, end, STATUS(int(self.status_code)))
 
-    def plot(self, ax: plots.Axes | None = None, components: Sequence[int] | None = None) -> plots.Axes:
-        """The components against time, with events and modes; of many the first four, or those that are asked for."""
-        return plots.trajectory(self, ax, components)
+    @property
+    def plot(self) -> plots.TrajectoryPlots:
+        """Figures: ``plot()`` of the components against time, ``plot.phase()`` of one against another."""
+        return plots.TrajectoryPlots(self)
+
+    def animate(self, ax: plots.Axes | None = None, i: int = 0, j: int = 1, **options: Any) -> "FuncAnimation":
+        """A film of component j against component i, by `plots.animation`, which takes the other options."""
+        return plots.animation(self, ax, i, j, **options)
 
     def _table(self) -> Table:
         t, x = np.asarray(self.t), np.asarray(self.x)
@@ -282,9 +289,9 @@ class TangentMap(RunResult, eqx.Module):
         """Names of observations that come with every status, as those of a `Spectrum`."""
         return frozenset({"grazing"} if np.any(self.grazing) else ())
 
-    def plot(self, ax: plots.Axes | None = None) -> plots.Axes:
-        """The matrix, entry by entry."""
-        return plots.matrix(np.asarray(self.matrix), self.state_labels, ax)
+    def plot(self, ax: plots.Axes | None = None, **style: Any) -> plots.Axes:
+        """The matrix, entry by entry. `style` goes to what it draws."""
+        return plots.matrix(np.asarray(self.matrix), self.state_labels, ax, **style)
 
     def _table(self) -> Table:
         matrix, x = np.asarray(self.matrix), np.asarray(self.x).ravel()

@@ -1,26 +1,32 @@
 """Figures of results: functions (result, ax) -> ax.
 
-Every function draws into the given axes, or into those of a new figure, and changes nothing else.
-Colours are those of Okabe and Ito, which colour-blind readers can tell apart.
+Every function draws into the given axes, or into those of a new figure, and changes nothing else; what it does not know
+goes to what it draws (``linewidth=2``). Colours are those of Okabe and Ito, which colour-blind readers can tell apart;
+the i-th exponent has the same one in every figure. `style` gives figures for print, notebooks and dark pages.
 """
 
 from .axes import COLOURS, Axes
 from .continuations import continuation
-from .diagrams import bifurcations, diagram, largest_exponent, section
+from .diagrams import DiagramPlots, bifurcations, diagram, largest_exponent, section
 from .indicators import alignment, angles, growth, intervals
 from .orbits import matrix, multipliers, time_domain
 from .reports import report
-from .results import against_density, bounds, convergence, running, solutions, spectra, spectrum
+from .results import SpectrumPlots, against_density, bounds, convergence, running, solutions, spectra, spectrum
 from .sensitivities import design, gradient
+from .styles import style
 from .sweeps import sweep_lines, sweep_map
-from .trajectories import phase, trajectory
+from .trajectories import TrajectoryPlots, animation, phase, trajectory
 
 __all__ = [
     "COLOURS",
     "Axes",
+    "DiagramPlots",
+    "SpectrumPlots",
+    "TrajectoryPlots",
     "against_density",
     "alignment",
     "angles",
+    "animation",
     "bifurcations",
     "bounds",
     "continuation",
@@ -40,6 +46,7 @@ __all__ = [
     "solutions",
     "spectra",
     "spectrum",
+    "style",
     "sweep_lines",
     "sweep_map",
     "time_domain",

@@ -1,4 +1,7 @@
-"""Axes, and colours that colour-blind readers can tell apart (Okabe and Ito), for all figures."""
+"""Axes, and colours that colour-blind readers can tell apart (Okabe and Ito), for all figures.
+
+The i-th exponent has the same colour in every figure. On dark axes black and the greys are mirrored.
+"""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -9,11 +12,13 @@ else:
     Axes: TypeAlias = Any  # matplotlib takes long to import: only where a figure is drawn
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+LUMINANCE = (0.2126, 0.7152, 0.0722)  # of red, green and blue
 
 
 def axes_of(ax: Axes | None, figsize: tuple[float, float] = (6.4, 4.0)) -> Axes:
     """The axes that were given, or those of a new figure."""
     if ax is not None:
+        _check(ax)
         return ax
     from matplotlib import pyplot
 
@@ -23,10 +28,26 @@ def axes_of(ax: Axes | None, figsize: tuple[float, float] = (6.4, 4.0)) -> Axes:
 def both_axes(axes: Sequence[Axes] | None, figsize: tuple[float, float], **shape: Any) -> Sequence[Axes]:
     """The two axes that were given, or those of a new figure, one below the other."""
     if axes is not None:
+        if not hasattr(axes, "__len__") or len(axes) != 2:
+            raise ValueError(f"ax must be two axes, one above the other; got {axes!r}. pyplot.subplots(2) makes them.")
+        for ax in axes:
+            _check(ax)
         return axes
     from matplotlib import pyplot
 
     return tuple(pyplot.subplots(2, 1, figsize=figsize, layout="constrained", sharex=True, **shape)[1])
+
+
+def _check(ax: Any) -> None:
+    if not hasattr(ax, "errorbar"):
+        raise ValueError(f"ax must be axes of matplotlib, or None; got {ax!r}. pyplot.subplots() makes some.")
+
+
+def component(name: str, index: Any, dimension: int) -> int:
+    """The index of a component to draw, if the state has it."""
+    if not isinstance(index, int) or not -dimension <= index < dimension:
+        raise ValueError(f"{name} must be the index of a component, 0 to {dimension - 1}; got {index!r}.")
+    return index
 
 
 def whole_ticks(axis) -> None:
@@ -36,10 +57,36 @@ def whole_ticks(axis) -> None:
     axis.set_major_locator(MaxNLocator(nbins=16, integer=True))
 
 
-def colours(count: int) -> list:
+def is_dark(ax: Axes | None) -> bool:
+    """Whether axes are darker than middle grey."""
+    if ax is None:
+        return False
+    from matplotlib.colors import to_rgba
+
+    face, behind = to_rgba(ax.get_facecolor()), to_rgba(ax.figure.get_facecolor())
+    seen = [face[3] * one + (1 - face[3]) * other for one, other in zip(face[:3], behind[:3], strict=True)]
+    return sum(share * one for share, one in zip(LUMINANCE, seen, strict=True)) < 0.5
+
+
+def ink(ax: Axes, grey: float = 0.0) -> str:
+    """A grey, 0 for what is most visible on these axes and 1 for their own colour."""
+    return f"{1.0 - grey:.3g}" if is_dark(ax) else f"{grey:.3g}"
+
+
+def colours(count: int, ax: Axes | None = None) -> list:
     """Colours for a number of curves: distinct ones if there are enough, else a colour map."""
+    dark = is_dark(ax)
     if count <= len(COLOURS):
-        return list(COLOURS[:count])
+        return [*COLOURS[: min(count, 6)], *(["#F2F2F2" if dark else COLOURS[6]] if count == len(COLOURS) else [])]
     from matplotlib import colormaps
 
-    return [colormaps["viridis"](0.92 * i / (count - 1)) for i in range(count)]
+    low, high = (0.25, 1.0) if dark else (0.0, 0.92)
+    return [colormaps["viridis"](low + (high - low) * i / (count - 1)) for i in range(count)]
+
+
+def styled(artist: str, style: dict[str, Any], **usual: Any) -> dict[str, Any]:
+    """What the user asks of an artist, `style`, and the usual look for all else; short names ("lw") are understood."""
+    from matplotlib import cbook, collections, lines
+
+    kind = {"line": lines.Line2D, "collection": collections.Collection}[artist]
+    return cbook.normalize_kwargs(usual, kind) | cbook.normalize_kwargs(style, kind)

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from .axes import COLOURS, Axes, both_axes
+from .axes import COLOURS, Axes, both_axes, component, ink, styled
 
 __all__ = ["continuation"]
 
@@ -15,13 +15,13 @@ MARKS = {
     "transcritical": ("v", COLOURS[2]),
     "period doubling": ("D", COLOURS[3]),
     "Neimark–Sacker": ("o", COLOURS[4]),
-    "grazing": ("X", COLOURS[6]),
+    "grazing": ("X", None),  # in ink
 }
 MARGIN = 1e-5  # tolerance for a multiplier of 1 at the end of a stable stretch
-BRANCH_COLOURS = (COLOURS[0], "0.35", COLOURS[5])  # colours of branches, used cyclically
+BRANCH_COLOURS = (COLOURS[0], None, COLOURS[5])  # colours of branches, used cyclically; None: grey
 
 
-def continuation(branches: Any, axes: Sequence[Axes] | None = None, i: int = 0) -> Sequence[Axes]:
+def continuation(branches: Any, axes: Sequence[Axes] | None = None, i: int = 0, **style: Any) -> Sequence[Axes]:
     """Branches of periodic orbits: the largest value of a component over each orbit, and below it the exponents.
 
     Lines are full where the orbits attract, else dashed. Exponents of −∞ are not drawn.
@@ -30,6 +30,7 @@ def continuation(branches: Any, axes: Sequence[Axes] | None = None, i: int = 0) 
         branches: a `Continuation`, or several of the same parameter.
         axes: two matplotlib axes; None: those of a new figure.
         i: index of the component.
+        **style: of the lines, as matplotlib takes it.
 
     Returns:
         Both axes.
@@ -47,12 +48,13 @@ def continuation(branches: Any, axes: Sequence[Axes] | None = None, i: int = 0) 
     branches = [branches] if hasattr(branches, "orbits") else list(branches)
     axes = both_axes(axes, (7.2, 6.6), height_ratios=(3, 2))
     upper, lower = axes
-    lower.axhline(0.0, color="0.6", linewidth=0.8, zorder=0)
+    lower.axhline(0.0, color=ink(lower, 0.6), linewidth=0.8, zorder=0)
     for number, branch in enumerate(branches):
-        colour = BRANCH_COLOURS[number % len(BRANCH_COLOURS)]
+        colour = BRANCH_COLOURS[number % len(BRANCH_COLOURS)] or ink(upper, 0.35)
         exponents = np.where(np.isfinite(branch.exponents), branch.exponents, np.nan)
-        _lines(upper, branch, branch.largest[:, i : i + 1], colour)
-        _lines(lower, branch, exponents, colour)
+        place = component("i", i, branch.largest.shape[1])
+        _lines(upper, branch, branch.largest[:, [place]], colour, style)
+        _lines(lower, branch, exponents, colour, style)
         _marks(axes, branch, i)
     upper.set_ylabel(f"largest {branches[0].state_labels.axis(i)} of the orbit")
     lower.set_ylabel("exponents λ")
@@ -61,15 +63,16 @@ def continuation(branches: Any, axes: Sequence[Axes] | None = None, i: int = 0) 
     return upper, lower
 
 
-def _lines(ax, branch, heights, colour) -> None:
+def _lines(ax, branch, heights, colour, own) -> None:
     """Full lines where both ends of a segment are stable or at the limit of stability; dashed ones elsewhere."""
     attracts = np.max(np.abs(branch.multipliers), axis=1) < 1 + MARGIN
     both = attracts[:-1] & attracts[1:]
     edges = np.flatnonzero(both[1:] != both[:-1]) + 1
     for first, last in zip([0, *edges], [*edges, len(both)], strict=True):
-        style = "-" if np.any(both[first:last]) else "--"
+        kind = "-" if np.any(both[first:last]) else "--"
         stretch = slice(first, last + 1)
-        ax.plot(branch.values[stretch], heights[stretch], style, color=colour, linewidth=1.3)
+        look = styled("line", own, linestyle=kind, color=colour, linewidth=1.3)
+        ax.plot(branch.values[stretch], heights[stretch], **look)
 
 
 def _marks(axes, branch, i: int) -> None:
@@ -77,6 +80,7 @@ def _marks(axes, branch, i: int) -> None:
     upper, lower = axes
     for special in branch.specials:
         marker, colour = MARKS[special.kind]
+        colour = colour or ink(upper)
         style = {"linestyle": "none", "marker": marker, "color": colour, "markersize": 6, "mec": "white", "zorder": 4}
         upper.plot(special.parameter, special.largest[i], label=special.kind, **style)
         if special.kind != "grazing":

@@ -5,17 +5,18 @@ from typing import Any
 
 import numpy as np
 
+from .. import _renamed as renamed
 from ..statuses import OK, STATUS
-from .axes import COLOURS, Axes, axes_of, both_axes
+from .axes import COLOURS, Axes, axes_of, both_axes, component, ink, styled
 
 __all__ = ["bifurcations", "diagram", "largest_exponent", "section"]
 
 # Later dots are drawn smaller, so that earlier ones below them stay visible.
-DOTS = {"random": ("0.25", 2.4), "up": (COLOURS[0], 1.5), "down": (COLOURS[1], 0.7)}
+DOTS = {"random": (None, 2.4), "up": (COLOURS[0], 1.5), "down": (COLOURS[1], 0.7)}
 NAMES = {"random": "random starts", "up": "followed up", "down": "followed down"}
 
 
-def section(points: Any, ax: Axes | None = None, i: int = 0, j: int = 1) -> Axes:
+def section(points: Any, ax: Axes | None = None, i: int = 0, j: int = 1, **style: Any) -> Axes:
     """The points of a Poincaré section: component j against i (with one component, the next point against each).
 
     Args:
@@ -23,6 +24,7 @@ def section(points: Any, ax: Axes | None = None, i: int = 0, j: int = 1) -> Axes
         ax: matplotlib axes; None: those of a new figure.
         i: index of the component on the horizontal axis.
         j: index of the component on the vertical axis.
+        **style: of the dots, as matplotlib takes it.
 
     Returns:
         The axes.
@@ -39,21 +41,24 @@ def section(points: Any, ax: Axes | None = None, i: int = 0, j: int = 1) -> Axes
     ax = axes_of(ax)
     x = np.asarray(points.x).reshape(len(points.x), -1)
     next_one = x.shape[1] == 1
-    across, upwards = (x[:-1, 0], x[1:, 0]) if next_one else (x[:, i], x[:, j])
-    ax.plot(across, upwards, linestyle="none", marker=".", markersize=2, mew=0, color=COLOURS[0], rasterized=True)
+    n = x.shape[1]
+    across, upwards = (x[:-1, 0], x[1:, 0]) if next_one else (x[:, component("i", i, n)], x[:, component("j", j, n)])
+    usual = {"linestyle": "none", "marker": ".", "markersize": 2, "mew": 0, "color": COLOURS[0], "rasterized": True}
+    ax.plot(across, upwards, **styled("line", style, **usual))
     labels = points.state_labels
     ax.set_xlabel(f"this point's {labels.axis(0)}" if next_one else labels.axis(i))
     ax.set_ylabel(f"the next point's {labels.axis(0)}" if next_one else labels.axis(j))
     return ax
 
 
-def bifurcations(result: Any, ax: Axes | None = None, i: int = 0) -> Axes:
+def bifurcations(result: Any, ax: Axes | None = None, i: int = 0, **style: Any) -> Axes:
     """The last points of every run against the parameter; angles from −π to π.
 
     Args:
         result: a `BifurcationDiagram`.
         ax: matplotlib axes; None: those of a new figure.
         i: index of the component.
+        **style: of the dots, as matplotlib takes it.
 
     Returns:
         The axes.
@@ -71,7 +76,7 @@ def bifurcations(result: Any, ax: Axes | None = None, i: int = 0) -> Axes:
         >>> pyplot.close(ax.figure)
     """
     ax = axes_of(ax, (7.2, 4.4))
-    heights = result.points[..., i]
+    heights = result.points[..., component("i", i, result.points.shape[-1])]
     if i in result.angles:
         heights = np.pi - np.mod(np.pi - heights, 2 * np.pi)
         ax.set_yticks([-np.pi, 0.0, np.pi], ["−π", "0", "π"])
@@ -79,16 +84,18 @@ def bifurcations(result: Any, ax: Axes | None = None, i: int = 0) -> Axes:
     smaller = min(1.0, np.sqrt(100 / len(result.values)))
     for kind, columns in _by_kind(result):
         colour, size = DOTS[kind]
+        colour = colour or ink(ax, 0.25)
         values = np.broadcast_to(result.values[:, None, None], heights[:, columns].shape)
         dots = {"linestyle": "none", "marker": "o", "markersize": smaller * size, "mew": 0, "rasterized": True}
-        ax.plot(values.ravel(), heights[:, columns].ravel(), color=colour, label=NAMES[kind], **dots)
+        look = styled("line", style, color=colour, label=NAMES[kind], **dots)
+        ax.plot(values.ravel(), heights[:, columns].ravel(), **look)
     ax.set_xlabel(result.parameter)
     ax.set_ylabel(result.state_labels.axis(i) + (" mod 2π" if i in result.angles else ""))
     _legend(ax, result)
     return ax
 
 
-def largest_exponent(result: Any, ax: Axes | None = None) -> Axes:
+def largest_exponent(result: Any, ax: Axes | None = None, **style: Any) -> Axes:
     """The largest exponent of every run against the parameter, with error bars of one standard error.
 
     Coexisting attractors are dots at the same value; runs followed up and down are joined by lines. A cross at the
@@ -97,6 +104,7 @@ def largest_exponent(result: Any, ax: Axes | None = None) -> Axes:
     Args:
         result: a `BifurcationDiagram`.
         ax: matplotlib axes; None: those of a new figure.
+        **style: of the lines and points, as matplotlib takes it.
 
     Returns:
         The axes.
@@ -114,19 +122,20 @@ def largest_exponent(result: Any, ax: Axes | None = None) -> Axes:
         >>> pyplot.close(ax.figure)
     """
     ax = axes_of(ax, (7.2, 3.4))
-    ax.axhline(0.0, color="0.6", linewidth=0.8, zorder=0)
+    ax.axhline(0.0, color=ink(ax, 0.6), linewidth=0.8, zorder=0)
     exponents, errors = result.exponents[..., 0], result.stderr[..., 0]
     exponents = np.where(np.isfinite(exponents), exponents, np.nan)
     errors = np.where(np.isfinite(errors), errors, 0.0)
     for kind, columns in _by_kind(result):
-        colour, _ = DOTS[kind]
+        colour = DOTS[kind][0] or ink(ax, 0.25)
         for column in columns:
             label = NAMES[kind] if column == columns[0] else None
-            style = {"fmt": "o", "markersize": 2.4, "mew": 0, "zorder": 3}
+            usual: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 2.4, "mew": 0, "zorder": 3}
             if kind != "random":
-                style = {"fmt": "-", "linewidth": 0.9, "zorder": 2}
-            bars = {"elinewidth": 0.6, "ecolor": colour, "color": colour}
-            ax.errorbar(result.values, exponents[:, column], errors[:, column], label=label, **style, **bars)
+                usual = {"linewidth": 0.9, "zorder": 2}
+            bars = {"elinewidth": 0.6, "ecolor": colour}
+            look = bars | styled("line", style, color=colour, label=label, **usual)
+            ax.errorbar(result.values, exponents[:, column], errors[:, column], **look)
     failed = np.any((result.status != OK) & (result.status != int(STATUS.terminated)), axis=1)
     if np.any(failed):
         where = {"transform": ax.get_xaxis_transform(), "clip_on": False}
@@ -137,13 +146,14 @@ def largest_exponent(result: Any, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def diagram(result: Any, axes: Sequence[Axes] | None = None, i: int = 0) -> Sequence[Axes]:
+def diagram(result: Any, axes: Sequence[Axes] | None = None, i: int = 0, **style: Any) -> Sequence[Axes]:
     """The points of a bifurcation diagram, and below them the largest exponent.
 
     Args:
         result: a `BifurcationDiagram`.
         axes: two matplotlib axes; None: those of a new figure.
         i: index of the component.
+        **style: of the dots of the points, as matplotlib takes it.
 
     Returns:
         Both axes.
@@ -162,7 +172,7 @@ def diagram(result: Any, axes: Sequence[Axes] | None = None, i: int = 0) -> Sequ
     """
     axes = both_axes(axes, (7.2, 6.6), height_ratios=(3, 2))
     upper, lower = axes
-    bifurcations(result, upper, i)
+    bifurcations(result, upper, i, **style)
     largest_exponent(result, lower)
     upper.set_xlabel("")
     legend = lower.get_legend()
@@ -181,3 +191,25 @@ def _legend(ax, result) -> None:
     if len(set(result.kinds)) > 1:
         outside = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.2}
         ax.legend(frameon=False, ncols=3, markerscale=3, **outside)
+
+
+class DiagramPlots:
+    """The figures of a bifurcation diagram: ``diagram.plot()``, and ``.bifurcations()``, ``.largest_exponent()``."""
+
+    def __init__(self, result: Any):
+        self._result = result
+
+    def __call__(self, ax: Sequence[Axes] | None = None, i: int = 0, **style: Any) -> Sequence[Axes]:
+        """Component i of the points, and below it the largest exponent, against the parameter, on two axes."""
+        if "axes" in style:
+            renamed.warn("BifurcationDiagram.plot(axes=…)", "ax=")
+            ax = style.pop("axes")
+        return diagram(self._result, ax, i, **style)
+
+    def bifurcations(self, ax: Axes | None = None, i: int = 0, **style: Any) -> Axes:
+        """`plots.bifurcations` of it."""
+        return bifurcations(self._result, ax, i, **style)
+
+    def largest_exponent(self, ax: Axes | None = None, **style: Any) -> Axes:
+        """`plots.largest_exponent` of it."""
+        return largest_exponent(self._result, ax, **style)

@@ -1,11 +1,11 @@
 """Figures of the indicators of chaos."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .axes import COLOURS, Axes, both_axes, colours
+from .axes import COLOURS, Axes, both_axes, colours, ink, styled
 from .axes import axes_of as _axes
 
 if TYPE_CHECKING:
@@ -19,12 +19,13 @@ __all__ = ["alignment", "angles", "growth", "intervals"]
 PAIRS = 6  # angles that are drawn of covariant vectors
 
 
-def alignment(found: "GALIResult", ax: Axes | None = None) -> Axes:
+def alignment(found: "GALIResult", ax: Axes | None = None, **style: Any) -> Axes:
     """GALI_k or SALI against time, both logarithmic; values below the smallest float are drawn from their logarithms.
 
     Args:
         found: of `lh.gali` or `lh.sali`, of one run.
         ax: matplotlib axes; None: those of a new figure.
+        **style: of the lines, as matplotlib takes it.
 
     Returns:
         The axes.
@@ -41,8 +42,8 @@ def alignment(found: "GALIResult", ax: Axes | None = None) -> Axes:
     ax = _axes(ax)
     time, logs = np.asarray(found.time), np.asarray(found.log_values).reshape(len(found.time), -1) / np.log(10)
     names = [f"GALI$_{{{k}}}$" for k in found.orders] or ["SALI"]
-    for column, name, colour in zip(logs.T, names, colours(len(names)), strict=True):
-        ax.plot(time, column, color=colour, linewidth=1.2, label=name)
+    for column, name, colour in zip(logs.T, names, colours(len(names), ax), strict=True):
+        ax.plot(time, column, **styled("line", style, color=colour, linewidth=1.2, label=name))
     ax.set_xscale("log")
     ax.set_xlabel("time t")
     ax.set_ylabel("log$_{10}$ " + ("GALI$_k$" if found.orders else "SALI"))
@@ -51,12 +52,13 @@ def alignment(found: "GALIResult", ax: Axes | None = None) -> Axes:
     return ax
 
 
-def growth(found: "IndicatorResult", ax: Axes | None = None) -> Axes:
+def growth(found: "IndicatorResult", ax: Axes | None = None, **style: Any) -> Axes:
     """MEGNO with its mean, FLI, OFLI or OFLI2 against time.
 
     Args:
         found: of `lh.megno`, `lh.fli`, `lh.ofli` or `lh.ofli2`, of one run.
         ax: matplotlib axes; None: those of a new figure.
+        **style: of the line, as matplotlib takes it.
 
     Returns:
         The axes.
@@ -71,10 +73,11 @@ def growth(found: "IndicatorResult", ax: Axes | None = None) -> Axes:
         >>> pyplot.close(ax.figure)
     """
     ax = _axes(ax)
-    ax.plot(found.time, found.values, color=COLOURS[0], linewidth=1.0, label="Y" if found.mean is not None else None)
+    name = "Y" if found.mean is not None else None
+    ax.plot(found.time, found.values, **styled("line", style, color=COLOURS[0], linewidth=1.0, label=name))
     if found.mean is not None:
         ax.plot(found.time, found.mean, color=COLOURS[1], linewidth=1.4, label="its mean over time")
-        ax.axhline(2.0, color="0.6", linewidth=0.8, zorder=0)
+        ax.axhline(2.0, color=ink(ax, 0.6), linewidth=0.8, zorder=0)
         ax.legend(fontsize="small")
     ax.set_xscale("log")
     ax.set_xlabel("time t")
@@ -82,12 +85,13 @@ def growth(found: "IndicatorResult", ax: Axes | None = None) -> Axes:
     return ax
 
 
-def intervals(found: "SpectralIntervals", axes: Sequence[Axes] | None = None) -> Sequence[Axes]:
+def intervals(found: "SpectralIntervals", axes: Sequence[Axes] | None = None, **style: Any) -> Sequence[Axes]:
     """Running averages and averages over windows against time, with the intervals that contain them.
 
     Args:
         found: of `lh.spectral_intervals`.
         axes: two matplotlib axes; None: those of a new figure.
+        **style: of the lines, as matplotlib takes it.
 
     Returns:
         The two axes.
@@ -109,8 +113,8 @@ def intervals(found: "SpectralIntervals", axes: Sequence[Axes] | None = None) ->
         (found.start, found.windows, found.sacker_sell, windows),
     ):
         names = [f"λ$_{{{i + 1}}}$" for i in range(bounds.shape[0])]
-        for i, colour in enumerate(colours(len(names))):
-            ax.plot(time, values[:, i], color=colour, linewidth=1.1, label=names[i])
+        for i, colour in enumerate(colours(len(names), ax)):
+            ax.plot(time, values[:, i], **styled("line", style, color=colour, linewidth=1.1, label=names[i]))
             if np.all(np.isfinite(bounds[i])):
                 ax.axhspan(float(bounds[i, 0]), float(bounds[i, 1]), color=colour, alpha=0.12, linewidth=0)
         ax.set_xscale("symlog", linthresh=found.window)
@@ -121,12 +125,13 @@ def intervals(found: "SpectralIntervals", axes: Sequence[Axes] | None = None) ->
     return axes
 
 
-def angles(found: "CovariantVectors", ax: Axes | None = None) -> Axes:
+def angles(found: "CovariantVectors", ax: Axes | None = None, **style: Any) -> Axes:
     """The angles between the first covariant vectors against time.
 
     Args:
         found: of `lh.covariant_vectors`.
         ax: matplotlib axes; None: those of a new figure.
+        **style: of the lines, as matplotlib takes it.
 
     Returns:
         The axes.
@@ -142,8 +147,9 @@ def angles(found: "CovariantVectors", ax: Axes | None = None) -> Axes:
     """
     ax = _axes(ax)
     pairs = list(zip(*np.triu_indices(found.vectors.shape[-1], 1), strict=True))[:PAIRS]
-    for column, ((i, j), colour) in enumerate(zip(pairs, colours(len(pairs)), strict=True)):
-        ax.plot(found.time, found.angles[:, column], color=colour, linewidth=1.0, label=f"{i + 1} and {j + 1}")
+    for column, ((i, j), colour) in enumerate(zip(pairs, colours(len(pairs), ax), strict=True)):
+        look = styled("line", style, color=colour, linewidth=1.0, label=f"{i + 1} and {j + 1}")
+        ax.plot(found.time, found.angles[:, column], **look)
     ax.set_yticks([0.0, np.pi / 4, np.pi / 2], ["0", "π/4", "π/2"])
     ax.set_ylim(0.0, 0.52 * np.pi)
     ax.set_xlabel("time t")

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .axes import COLOURS, Axes, whole_ticks
+from .axes import COLOURS, Axes, ink, styled, whole_ticks
 from .axes import axes_of as _axes
 
 if TYPE_CHECKING:
@@ -16,12 +16,13 @@ __all__ = ["matrix", "multipliers", "time_domain"]
 WRITTEN = 8  # rows of a matrix up to which its entries are written
 
 
-def multipliers(found: "Floquet", ax: Axes | None = None) -> Axes:
+def multipliers(found: "Floquet", ax: Axes | None = None, **style: Any) -> Axes:
     """Multipliers in the complex plane; those inside the unit circle decay.
 
     Args:
         found: of `lh.floquet`.
         ax: matplotlib axes; None: those of a new figure.
+        **style: of the points, as matplotlib takes it.
 
     Returns:
         The axes.
@@ -37,11 +38,12 @@ def multipliers(found: "Floquet", ax: Axes | None = None) -> Axes:
     """
     ax = _axes(ax, (4.4, 4.4))
     turn = np.linspace(0.0, 2 * np.pi, 361)
-    ax.plot(np.cos(turn), np.sin(turn), color="0.6", linewidth=0.8, zorder=0)
+    ax.plot(np.cos(turn), np.sin(turn), color=ink(ax, 0.6), linewidth=0.8, zorder=0)
     values: np.ndarray = np.asarray(found.multipliers)
     inside = np.abs(values) < 1
     for own, colour in ((inside, COLOURS[0]), (~inside, COLOURS[1])):
-        ax.plot(np.real(values[own]), np.imag(values[own]), "o", color=colour, markersize=5)
+        look = styled("line", style, marker="o", linestyle="none", color=colour, markersize=5)
+        ax.plot(np.real(values[own]), np.imag(values[own]), **look)
     reach = 1.15 * max(1.0, float(np.max(np.abs(values), initial=0.0)))
     ax.set_xlim(-reach, reach)
     ax.set_ylim(-reach, reach)
@@ -51,13 +53,14 @@ def multipliers(found: "Floquet", ax: Axes | None = None) -> Axes:
     return ax
 
 
-def matrix(matrix: np.ndarray, labels: Any, ax: Axes | None = None) -> Axes:
+def matrix(matrix: np.ndarray, labels: Any, ax: Axes | None = None, **style: Any) -> Axes:
     """A tangent map, entry by entry, blue below zero and red above.
 
     Args:
         matrix: (n, n), rows at the end and columns at the start.
         labels: of the state.
         ax: matplotlib axes; None: those of a new figure.
+        **style: of the image, as matplotlib takes it.
 
     Returns:
         The axes.
@@ -78,7 +81,7 @@ def matrix(matrix: np.ndarray, labels: Any, ax: Axes | None = None) -> Axes:
     """
     ax = _axes(ax, (4.8, 4.0))
     size = float(np.max(np.abs(matrix), initial=0.0)) or 1.0
-    shown = ax.imshow(matrix, cmap="RdBu_r", vmin=-size, vmax=size)
+    shown = ax.imshow(matrix, **({"cmap": "RdBu_r", "vmin": -size, "vmax": size} | style))
     ax.figure.colorbar(shown, ax=ax)
     if len(matrix) <= WRITTEN:
         places, names = range(len(matrix)), [labels.name(i) for i in range(len(matrix))]
@@ -92,12 +95,13 @@ def matrix(matrix: np.ndarray, labels: Any, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def time_domain(domain: "TimeDomain", ax: Axes | None = None) -> Axes:
+def time_domain(domain: "TimeDomain", ax: Axes | None = None, **style: Any) -> Axes:
     """The number of jumps against time: an interval of flow at each number, and a rise at each jump.
 
     Args:
         domain: of a trajectory.
         ax: matplotlib axes; None: those of a new figure.
+        **style: of the lines, as matplotlib takes it.
 
     Returns:
         The axes.
@@ -118,8 +122,9 @@ def time_domain(domain: "TimeDomain", ax: Axes | None = None) -> Axes:
     ax = _axes(ax)
     ends = np.stack([domain.starts, domain.ends], axis=1).ravel()
     counts = np.repeat(np.arange(len(domain.ends)), 2)
-    ax.plot(ends, counts, color="0.6", linewidth=0.8, linestyle=":", zorder=0)
-    ax.hlines(np.arange(len(domain.ends)), domain.starts, domain.ends, color=COLOURS[0], linewidth=1.6)
+    ax.plot(ends, counts, color=ink(ax, 0.6), linewidth=0.8, linestyle=":", zorder=0)
+    look = styled("collection", style, color=COLOURS[0], linewidth=1.6)
+    ax.hlines(np.arange(len(domain.ends)), domain.starts, domain.ends, **look)
     whole_ticks(ax.yaxis)
     ax.set_xlabel("time t")
     ax.set_ylabel("jumps j")

@@ -2,8 +2,9 @@
 
 import textwrap
 from collections.abc import Sequence
+from typing import Any
 
-from .axes import COLOURS, Axes, axes_of
+from .axes import COLOURS, Axes, axes_of, styled
 
 __all__ = ["report"]
 
@@ -11,12 +12,13 @@ WIDTH = 96  # characters of a line of text
 VERDICT_MARKS = {"right": ("o", 2), "note": ("^", 0), "wrong": ("X", 1)}  # marker and number of the colour of a verdict
 
 
-def report(findings: Sequence[tuple[str, str, str]], ax: Axes | None = None) -> Axes:
+def report(findings: Sequence[tuple[str, str, str]], ax: Axes | None = None, **style: Any) -> Axes:
     """The findings below each other: a mark for the verdict, the topic, and what was found.
 
     Args:
         findings: (verdict, topic, text) of each.
         ax: matplotlib axes; None: those of a new figure.
+        **style: of the marks, as matplotlib takes it.
 
     Returns:
         The axes.
@@ -37,7 +39,8 @@ def report(findings: Sequence[tuple[str, str, str]], ax: Axes | None = None) -> 
     for (verdict, topic, _), text in zip(findings, lines, strict=True):
         marker, colour = VERDICT_MARKS[verdict]
         middle = depth + 0.35 * (len(text) - 1)
-        ax.plot(0.0, middle, marker, color=COLOURS[colour], label=verdict)
+        look = styled("line", style, marker=marker, linestyle="none", color=COLOURS[colour], label=verdict)
+        ax.plot(0.0, middle, **look)
         ax.text(0.02, middle, "\n".join(text), va="center_baseline" if len(text) == 1 else "center", fontsize="small")
         places.append((middle, topic))
         depth += 1.0 + 0.7 * (len(text) - 1)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._text import UNIT, with_error
-from .axes import COLOURS, Axes, colours, whole_ticks
+from .axes import COLOURS, Axes, colours, ink, styled, whole_ticks
 from .axes import axes_of as _axes
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ __all__ = [
 ]
 
 
-def spectrum(spectrum: "Spectrum", ax: Axes | None = None) -> Axes:
+def spectrum(spectrum: "Spectrum", ax: Axes | None = None, **style: Any) -> Axes:
     """Exponents against their index, with error bars of one standard error.
 
     Exponents of -inf are arrows at the bottom of the axes.
@@ -34,6 +34,7 @@ def spectrum(spectrum: "Spectrum", ax: Axes | None = None) -> Axes:
     Args:
         spectrum: a `Spectrum`.
         ax: matplotlib axes; None: those of a new figure.
+        **style: of the points, as matplotlib takes it.
 
     Returns:
         The axes.
@@ -47,15 +48,16 @@ def spectrum(spectrum: "Spectrum", ax: Axes | None = None) -> Axes:
         ('index i', 'exponent λ$_i$ per unit of time')
         >>> pyplot.close(ax.figure)
     """
-    return exponents(spectrum.exponents, spectrum.stderr, UNIT[spectrum.clock], ax)
+    return exponents(spectrum.exponents, spectrum.stderr, UNIT[spectrum.clock], ax, **style)
 
 
-def bounds(found: "ExponentBounds", ax: Axes | None = None) -> Axes:
+def bounds(found: "ExponentBounds", ax: Axes | None = None, **style: Any) -> Axes:
     """Exponents against their index, with bars as long as their bounds.
 
     Args:
         found: of `lh.exponent_bounds`.
         ax: matplotlib axes; None: those of a new figure.
+        **style: of the points, as matplotlib takes it.
 
     Returns:
         The axes.
@@ -69,22 +71,20 @@ def bounds(found: "ExponentBounds", ax: Axes | None = None) -> Axes:
         ('index i', 'exponent λ$_i$ per iteration')
         >>> pyplot.close(ax.figure)
     """
-    return exponents(found.exponents, found.bound, found.unit, ax)
+    return exponents(found.exponents, found.bound, found.unit, ax, **style)
 
 
-def exponents(
-    exponents, bars, unit: str, ax: Axes | None = None, colour: str = COLOURS[0], label: str | None = None
-) -> Axes:
+def exponents(exponents, bars, unit: str, ax: Axes | None = None, **style: Any) -> Axes:
     """Exponents (k,) against their index, with bars (k,) to both sides; those of -inf as arrows at the foot."""
     ax = _axes(ax)
     values, errors = np.asarray(exponents), np.asarray(bars)
     index = np.arange(1, len(values) + 1)
     finite = np.isfinite(values)
-    ax.axhline(0.0, color="0.6", linewidth=0.8, zorder=0)
+    ax.axhline(0.0, color=ink(ax, 0.6), linewidth=0.8, zorder=0)
     errors = np.where(np.isfinite(errors), errors, 0.0)
-    ax.errorbar(
-        index[finite], values[finite], errors[finite], fmt="o", markersize=4, capsize=2.5, color=colour, label=label
-    )
+    look: Any = {"capsize": 2.5}
+    look |= styled("line", style, marker="o", linestyle="none", markersize=4, color=COLOURS[0])
+    ax.errorbar(index[finite], values[finite], errors[finite], **look)
     ax.margins(y=0.08)
     _arrows(ax, index[np.isneginf(values)], finite)
     ax.set_xlabel("index i")
@@ -109,7 +109,9 @@ def _arrows(ax, lost, finite) -> None:
         ax.annotate("−∞", (i, 0.14), ha="center", va="bottom", color=COLOURS[1], **place)
 
 
-def convergence(spectrum: "Spectrum", ax: Axes | None = None) -> Axes:
+def convergence(
+    spectrum: "Spectrum", ax: Axes | None = None, exponents: Sequence[int] | None = None, **style: Any
+) -> Axes:
     """The running exponents in time, and the final values as bands of one standard error to each side.
 
     Exponents of -inf are listed in the corner.
@@ -117,6 +119,8 @@ def convergence(spectrum: "Spectrum", ax: Axes | None = None) -> Axes:
     Args:
         spectrum: a `Spectrum`.
         ax: matplotlib axes; None: those of a new figure.
+        exponents: numbers of those to draw, from 1; None: all. Each keeps its colour.
+        **style: of the lines, as matplotlib takes it.
 
     Returns:
         The axes.
@@ -131,12 +135,22 @@ def convergence(spectrum: "Spectrum", ax: Axes | None = None) -> Axes:
         >>> pyplot.close(ax.figure)
     """
     history = spectrum.history
-    ax = running(history.time, history.exponents, spectrum.exponents, spectrum.stderr, UNIT[spectrum.clock], ax)
+    unit = UNIT[spectrum.clock]
+    ax = running(history.time, history.exponents, spectrum.exponents, spectrum.stderr, unit, ax, exponents, **style)
     ax.set_xlabel({"time": "time t", "jumps": "jumps j", "hybrid": "max(t, j)"}[spectrum.clock])
     return ax
 
 
-def running(time: Any, course: Any, exponents: Any, stderr: Any, unit: str, ax: Axes | None = None) -> Axes:
+def running(
+    time: Any,
+    course: Any,
+    exponents: Any,
+    stderr: Any,
+    unit: str,
+    ax: Axes | None = None,
+    shown: Sequence[int] | None = None,
+    **style: Any,
+) -> Axes:
     """Running exponents against time, and their last values as bands.
 
     Args:
@@ -146,6 +160,8 @@ def running(time: Any, course: Any, exponents: Any, stderr: Any, unit: str, ax: 
         stderr: (k,) half widths of the bands.
         unit: which exponents are counted per.
         ax: matplotlib axes; None: those of a new figure.
+        shown: numbers of those to draw, from 1; None: all.
+        **style: of the lines, as matplotlib takes it.
 
     Returns:
         The axes.
@@ -164,15 +180,18 @@ def running(time: Any, course: Any, exponents: Any, stderr: Any, unit: str, ax: 
     time, course = np.nanmean(np.atleast_2d(np.asarray(time)), axis=0), np.asarray(course)
     values, errors = np.asarray(exponents), np.asarray(stderr)
     finite = np.flatnonzero(np.isfinite(values))
-    ax.axhline(0.0, color="0.6", linewidth=0.8, zorder=0)
-    for i, colour in zip(finite, colours(len(finite)), strict=True):
-        ax.plot(time, course[:, i], color=colour, linewidth=1.2)
+    if shown is not None:
+        finite = finite[np.isin(finite + 1, _numbers(shown, len(values)))]
+    ax.axhline(0.0, color=ink(ax, 0.6), linewidth=0.8, zorder=0)
+    for i, colour in zip(finite, np.array(colours(len(values), ax), object)[finite], strict=True):
+        ax.plot(time, course[:, i], **styled("line", style, color=colour, linewidth=1.2))
         if np.isfinite(errors[i]):
             ax.axhspan(values[i] - errors[i], values[i] + errors[i], color=colour, alpha=0.18, linewidth=0)
     _label_ends(ax, values, errors, finite)
-    lost = [f"λ$_{{{i + 1}}}$" for i in np.flatnonzero(np.isneginf(values))]
+    wanted = range(1, len(values) + 1) if shown is None else shown
+    lost = [f"λ$_{{{i + 1}}}$" for i in np.flatnonzero(np.isneginf(values)) if i + 1 in wanted]
     if lost:
-        ax.text(0.98, 0.03, f"{', '.join(lost)} = −∞", transform=ax.transAxes, ha="right", color="0.25")
+        ax.text(0.98, 0.03, f"{', '.join(lost)} = −∞", transform=ax.transAxes, ha="right", color=ink(ax, 0.25))
     if np.all(time > 0) and len(time) > 4 and time[len(time) // 2] < 0.25 * time[-1]:
         ax.set_xscale("log")
         ax.set_xlim(time[0], time[-1])
@@ -181,6 +200,14 @@ def running(time: Any, course: Any, exponents: Any, stderr: Any, unit: str, ax: 
     ax.set_xlabel("iteration" if unit == "iteration" else "time t")
     ax.set_ylabel(f"running exponents per {unit}")
     return ax
+
+
+def _numbers(shown: Sequence[int], k: int) -> list[int]:
+    """The numbers of exponents to draw, if they are there."""
+    numbers = [shown] if isinstance(shown, int) else list(shown)
+    if not numbers or not all(isinstance(one, int | np.integer) and 1 <= one <= k for one in numbers):
+        raise ValueError(f"exponents must be numbers of exponents, from 1 to {k}; got {shown!r}.")
+    return [int(one) for one in numbers]
 
 
 def _label_ends(ax, values, errors, finite) -> None:
@@ -211,7 +238,7 @@ def _label_ends(ax, values, errors, finite) -> None:
         )
 
 
-def spectra(spectra: "Mapping[int, Spectrum]", ax: Axes | None = None) -> Axes:
+def spectra(spectra: "Mapping[int, Spectrum]", ax: Axes | None = None, **style: Any) -> Axes:
     """Spectra of systems of n bodies against i/n on one axes: as n grows they approach one curve.
 
     Of paired spectra only the upper half is drawn, with error bars of one standard error.
@@ -219,6 +246,7 @@ def spectra(spectra: "Mapping[int, Spectrum]", ax: Axes | None = None) -> Axes:
     Args:
         spectra: by n, the number of bodies.
         ax: matplotlib axes; None: those of a new figure.
+        **style: of the points, as matplotlib takes it.
 
     Returns:
         The axes.
@@ -233,15 +261,16 @@ def spectra(spectra: "Mapping[int, Spectrum]", ax: Axes | None = None) -> Axes:
         >>> pyplot.close(ax.figure)
     """
     ax = _axes(ax)
-    ax.axhline(0.0, color="0.6", linewidth=0.8, zorder=0)
+    ax.axhline(0.0, color=ink(ax, 0.6), linewidth=0.8, zorder=0)
     markers = itertools.cycle("os^Dv")
-    for (n, found), colour, marker in zip(spectra.items(), colours(len(spectra)), markers, strict=False):
+    for (n, found), colour, marker in zip(spectra.items(), colours(len(spectra), ax), markers, strict=False):
         half = found.x.shape[-1] // 2
         values, errors = (np.asarray(a)[:half] for a in (found.exponents, found.stderr))
         errors = np.where(np.isfinite(errors), errors, 0.0)
         size = 3.0 + 9.0 / np.sqrt(len(values))
-        style = {"color": colour, "marker": marker, "markersize": size, "linestyle": "none", "elinewidth": 0.8}
-        ax.errorbar(np.arange(1, len(values) + 1) / n, values, errors, label=f"N = {n}", **style)
+        usual = {"color": colour, "marker": marker, "markersize": size, "linestyle": "none", "label": f"N = {n}"}
+        look: Any = {"elinewidth": 0.8} | styled("line", style, **usual)
+        ax.errorbar(np.arange(1, len(values) + 1) / n, values, errors, **look)
     ax.set_xlim(left=0.0)
     ax.set_xlabel("i/N")
     clock = next(iter(spectra.values())).clock
@@ -250,7 +279,9 @@ def spectra(spectra: "Mapping[int, Spectrum]", ax: Axes | None = None) -> Axes:
     return ax
 
 
-def against_density(densities: Sequence[float], spectra: "Sequence[Spectrum]", n: int, ax: Axes | None = None) -> Axes:
+def against_density(
+    densities: Sequence[float], spectra: "Sequence[Spectrum]", n: int, ax: Axes | None = None, **style: Any
+) -> Axes:
     """The largest exponent, and the entropy h per body (the sum of the positive ones over n), against density.
 
     Args:
@@ -258,6 +289,7 @@ def against_density(densities: Sequence[float], spectra: "Sequence[Spectrum]", n
         spectra: of systems of n bodies.
         n: number of bodies.
         ax: matplotlib axes; None: those of a new figure.
+        **style: of the points, as matplotlib takes it.
 
     Returns:
         The axes; error bars of one standard error.
@@ -279,8 +311,9 @@ def against_density(densities: Sequence[float], spectra: "Sequence[Spectrum]", n
         (first, "λ$_1$", COLOURS[0], "o"),
         (entropy, f"h$_{{KS}}$/N, N = {n}", COLOURS[1], "s"),
     ):
-        style = {"color": colour, "marker": marker, "markersize": 5, "linewidth": 1.0, "capsize": 2.5}
-        ax.errorbar(densities, *series.T, label=label, **style)
+        look: Any = {"capsize": 2.5}
+        look |= styled("line", style, color=colour, marker=marker, markersize=5, linewidth=1.0, label=label)
+        ax.errorbar(densities, *series.T, **look)
     ax.set_xlim(left=0.0)
     ax.set_ylim(bottom=0.0)
     ax.set_xlabel("number density ρσ$^d$")
@@ -289,12 +322,13 @@ def against_density(densities: Sequence[float], spectra: "Sequence[Spectrum]", n
     return ax
 
 
-def solutions(found: "Solutions", ax: Axes | None = None) -> Axes:
+def solutions(found: "Solutions", ax: Axes | None = None, **style: Any) -> Axes:
     """The exponents of each solution against their index.
 
     Args:
         found: of `lh.solutions`.
         ax: matplotlib axes; None: those of a new figure.
+        **style: of the points, as matplotlib takes it.
 
     Returns:
         The axes.
@@ -311,8 +345,31 @@ def solutions(found: "Solutions", ax: Axes | None = None) -> Axes:
         >>> pyplot.close(ax.figure)
     """
     ax = _axes(ax)
-    for number, (one, colour) in enumerate(zip(found.solutions, colours(len(found)), strict=True)):
+    for number, (one, colour) in enumerate(zip(found.solutions, colours(len(found), ax), strict=True)):
         values = np.where(np.isposinf(one.exponents), np.nan, one.exponents)
-        exponents(values, np.zeros(len(values)), UNIT["time"], ax, colour, f"solution {number}, {one.status.name}")
+        look = {"color": colour, "label": f"solution {number}, {one.status.name}"} | style
+        exponents(values, np.zeros(len(values)), UNIT["time"], ax, **look)
     ax.legend(frameon=False, fontsize="small")
     return ax
+
+
+class SpectrumPlots:
+    """The figures of a spectrum: ``spectrum.plot()``, ``spectrum.plot.spectrum()``, ``spectrum.plot.convergence()``."""
+
+    def __init__(self, result: "Spectrum"):
+        self._result = result
+
+    def __call__(self, ax: Axes | None = None, kind: str = "spectrum", **style: Any) -> Axes:
+        """The spectrum against its index, or (kind="convergence") its history in time."""
+        kinds = {"spectrum": spectrum, "convergence": convergence}
+        if kind not in kinds:
+            raise ValueError(f"kind must be one of {tuple(kinds)}; got {kind!r}.")
+        return kinds[kind](self._result, ax, **style)
+
+    def spectrum(self, ax: Axes | None = None, **style: Any) -> Axes:
+        """`plots.spectrum` of it."""
+        return spectrum(self._result, ax, **style)
+
+    def convergence(self, ax: Axes | None = None, exponents: Sequence[int] | None = None, **style: Any) -> Axes:
+        """`plots.convergence` of it; exponents: numbers of those to draw, from 1."""
+        return convergence(self._result, ax, exponents, **style)

@@ -1,10 +1,10 @@
 """Pictures of derivatives of exponents, and of what a design has tried."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .axes import COLOURS, Axes, colours, whole_ticks
+from .axes import COLOURS, Axes, colours, ink, styled, whole_ticks
 from .axes import axes_of as _axes
 
 if TYPE_CHECKING:
@@ -15,12 +15,13 @@ __all__ = ["design", "gradient"]
 GROUP_WIDTH = 0.8  # of the group of bars of one parameter
 
 
-def gradient(found: "Gradient", ax: Axes | None = None) -> Axes:
+def gradient(found: "Gradient", ax: Axes | None = None, **style: Any) -> Axes:
     """The derivatives of each exponent by each parameter, with error bars of one standard error.
 
     Args:
         found: of `lh.lyapunov_gradient`.
         ax: matplotlib axes; None: those of a new figure.
+        **style: of the bars, as matplotlib takes it.
 
     Returns:
         The axes.
@@ -38,11 +39,11 @@ def gradient(found: "Gradient", ax: Axes | None = None) -> Axes:
     slopes, errors = found.by_parameter()
     errors = np.where(np.isfinite(errors), errors, 0.0)
     k, places = len(slopes), np.arange(slopes.shape[1])
-    for i, colour in enumerate(colours(k)):
+    for i, colour in enumerate(colours(k, ax)):
         offset = GROUP_WIDTH * ((i + 0.5) / k - 0.5)
-        bars = {"width": GROUP_WIDTH / k, "color": colour, "capsize": 2.0, "label": f"λ$_{{{i + 1}}}$"}
-        ax.bar(places + offset, slopes[i], yerr=errors[i], **bars)
-    ax.axhline(0.0, color="0.6", linewidth=0.8)
+        bars: dict[str, Any] = {"width": GROUP_WIDTH / k, "color": colour, "ecolor": ink(ax), "capsize": 2.0}
+        ax.bar(places + offset, slopes[i], yerr=errors[i], label=f"λ$_{{{i + 1}}}$", **(bars | style))
+    ax.axhline(0.0, color=ink(ax, 0.6), linewidth=0.8)
     ax.set_xticks(places, found.names)
     ax.set_ylabel("derivative of the exponent")
     ax.set_title("" if found.trust else "not to be trusted", color=COLOURS[1], fontsize="medium")
@@ -51,12 +52,13 @@ def gradient(found: "Gradient", ax: Axes | None = None) -> Axes:
     return ax
 
 
-def design(found: "Design", ax: Axes | None = None) -> Axes:
+def design(found: "Design", ax: Axes | None = None, **style: Any) -> Axes:
     """The exponents of the points that were tried, in their order; lines are those of the result.
 
     Args:
         found: of `lh.design`.
         ax: matplotlib axes; None: those of a new figure.
+        **style: of the lines, as matplotlib takes it.
 
     Returns:
         The axes.
@@ -72,8 +74,9 @@ def design(found: "Design", ax: Axes | None = None) -> Axes:
     """
     ax = _axes(ax)
     tried = np.asarray(found.history)[:, len(found.parameters) :]
-    for i, colour in enumerate(colours(tried.shape[1])):
-        ax.plot(np.arange(1, len(tried) + 1), tried[:, i], "o-", color=colour, markersize=3.5, label=f"λ$_{{{i + 1}}}$")
+    for i, colour in enumerate(colours(tried.shape[1], ax)):
+        look = styled("line", style, marker="o", color=colour, markersize=3.5, label=f"λ$_{{{i + 1}}}$")
+        ax.plot(np.arange(1, len(tried) + 1), tried[:, i], **look)
         ax.axhline(float(found.exponents[i]), color=colour, linewidth=0.8, linestyle=":")
     whole_ticks(ax.xaxis)
     ax.set_xlabel("point")

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..statuses import STATUS
-from .axes import COLOURS, Axes, axes_of, colours
+from .axes import COLOURS, Axes, axes_of, colours, ink, styled
 from .sweep_arrays import NO_VALUE, Swept, axes_scale, edges, label, list_or_grid, nearest, one_parameter
 
 __all__ = ["sweep_lines", "sweep_map"]
@@ -51,7 +51,7 @@ ROWS = 4  # rows for exponents of −∞; more share one
 ENTRY, LETTER = 0.45, 0.058  # widths of a legend's entry and letter, inches
 
 
-def sweep_lines(dataset: Any, exponents: Sequence[int] | None = None, ax: Axes | None = None) -> Axes:
+def sweep_lines(dataset: Any, exponents: Sequence[int] | None = None, ax: Axes | None = None, **style: Any) -> Axes:
     """Exponents against the parameter of a sweep, with bands of one standard error.
 
     Exponents of −∞ are triangles at the bottom, in the colour of their line. At failed points the lines have gaps, and
@@ -64,6 +64,7 @@ def sweep_lines(dataset: Any, exponents: Sequence[int] | None = None, ax: Axes |
         dataset: what `lh.sweep` returned, or `xarray.open_dataset` read, with one swept dimension (and "key").
         exponents: numbers of those to draw, from 1; None: all.
         ax: matplotlib axes; None: those of a new figure.
+        **style: of the lines, as matplotlib takes it.
 
     Returns:
         The axes.
@@ -89,7 +90,7 @@ def sweep_lines(dataset: Any, exponents: Sequence[int] | None = None, ax: Axes |
     swept = one_parameter(dataset, exponents)
     ax = axes_of(ax, (7.2, 3.8))
     x = swept.parameters[0]
-    _curves(ax, swept)
+    _curves(ax, swept, style)
     ax.margins(x=0.02, y=0.08)
     ax.set_xscale(axes_scale(x))
     _status_markers(ax, swept)
@@ -104,32 +105,33 @@ def _exponent(number) -> str:
     return f"λ$_{{{number}}}$"
 
 
-def _colours(numbers) -> list:
+def _colours(numbers, ax) -> list:
     """Each exponent has a fixed colour, whatever else is drawn; many exponents use a colour map."""
     if max(numbers) <= len(COLOURS):
-        return [COLOURS[number - 1] for number in numbers]
-    return colours(len(numbers))
+        fixed = colours(len(COLOURS), ax)
+        return [fixed[number - 1] for number in numbers]
+    return colours(len(numbers), ax)
 
 
-def _curves(ax, swept: Swept) -> None:
+def _curves(ax, swept: Swept, style: dict[str, Any]) -> None:
     """A line and a band for each exponent; isolated points are dots."""
     x, numbers = swept.parameters[0], swept.numbers
     named = set(numbers) if len(numbers) <= len(COLOURS) else {numbers[0], numbers[-1]}
-    ax.axhline(0.0, color="0.6", linewidth=0.8, zorder=0)
-    for i, (number, colour) in enumerate(zip(numbers, _colours(numbers), strict=True)):
+    ax.axhline(0.0, color=ink(ax, 0.6), linewidth=0.8, zorder=0)
+    for i, (number, colour) in enumerate(zip(numbers, _colours(numbers, ax), strict=True)):
         y, error = (np.where(np.isfinite(one[:, i]), one[:, i], np.nan) for one in (swept.exponents, swept.stderr))
         apart = np.pad(np.isnan(y), 1, constant_values=True)
         alone = ~apart[1:-1] & apart[:-2] & apart[2:]
         name = _exponent(number) if number in named and len(numbers) > 1 else None
         ax.fill_between(x, y - error, y + error, color=colour, alpha=0.25, linewidth=0)
-        ax.plot(x, y, color=colour, linewidth=1.2, label=name)
+        ax.plot(x, y, **styled("line", style, color=colour, linewidth=1.2, label=name))
         if np.any(alone):
             ax.errorbar(x[alone], y[alone], np.nan_to_num(error[alone]), fmt="o", markersize=2.5, color=colour)
 
 
 def _status_markers(ax, swept: Swept) -> None:
     """Rows of markers in extra space below the curves: statuses, and above them −∞."""
-    x, kinds, lost = swept.parameters[0], _present(swept.codes), _lost(swept)
+    x, kinds, lost = swept.parameters[0], _present(swept.codes), _lost(ax, swept)
     height = (bool(kinds) + len(lost)) * ROW
     low, high = ax.get_ylim()
     ax.set_ylim(low - (high - low) * height / (1 - height), high)
@@ -141,20 +143,20 @@ def _status_markers(ax, swept: Swept) -> None:
 
     for code, kind in kinds.items():
         name = f"{kind.name} ({np.sum(swept.codes == code)})"
-        draw(np.any(swept.codes == code, axis=1), 0, kind.marker, color="0.3", mfc="none", mew=0.9, label=name)
+        draw(np.any(swept.codes == code, axis=1), 0, kind.marker, color=ink(ax, 0.3), mfc="none", mew=0.9, label=name)
     for row, (where, colour, name) in enumerate(lost, start=bool(kinds)):
         draw(where, row, "v", color=colour, label=name)
 
 
-def _lost(swept: Swept) -> list[tuple]:
+def _lost(ax, swept: Swept) -> list[tuple]:
     """Where exponents are −∞, with colours and names."""
     lost = np.isneginf(swept.exponents)
     rows = [
         (where, colour, f"{_exponent(number)} = −∞")
-        for where, colour, number in zip(lost.T, _colours(swept.numbers), swept.numbers, strict=True)
+        for where, colour, number in zip(lost.T, _colours(swept.numbers, ax), swept.numbers, strict=True)
         if np.any(where)
     ]
-    return rows if len(rows) <= ROWS else [(np.any(lost, axis=1), "0.3", "some λ$_{i}$ = −∞")]
+    return rows if len(rows) <= ROWS else [(np.any(lost, axis=1), ink(ax, 0.3), "some λ$_{i}$ = −∞")]
 
 
 def _present(codes) -> dict[int, StatusStyle]:
@@ -164,7 +166,7 @@ def _present(codes) -> dict[int, StatusStyle]:
     return {code: STATUS_STYLES.get(code, StatusStyle(f"status {code}", *UNKNOWN_STATUS)) for code in found}
 
 
-def sweep_map(dataset: Any, exponent: int = 1, ax: Axes | None = None) -> Axes:
+def sweep_map(dataset: Any, exponent: int = 1, ax: Axes | None = None, **style: Any) -> Axes:
     """One exponent over two parameters of a sweep, in colours; points that failed in greys, by their status.
 
     White is zero, one hue is above and one below. The colour range leaves out the few largest values, so that the rest
@@ -176,6 +178,7 @@ def sweep_map(dataset: Any, exponent: int = 1, ax: Axes | None = None) -> Axes:
             points with two coordinates.
         exponent: its number, from 1.
         ax: matplotlib axes; None: those of a new figure.
+        **style: of the mesh, as matplotlib takes it.
 
     Returns:
         The axes.
@@ -206,7 +209,7 @@ def sweep_map(dataset: Any, exponent: int = 1, ax: Axes | None = None) -> Axes:
     ax.set_xlim(cells.across[0], cells.across[-1])
     ax.set_ylim(cells.upwards[0], cells.upwards[-1])
     values = swept.exponents[..., 0]
-    _colour_bar(ax, _mesh(ax, cells, _limits(values)), values, swept.numbers[0])
+    _colour_bar(ax, _mesh(ax, cells, _limits(values), style), values, swept.numbers[0])
     _overlay(ax, cells, swept.codes)
     ax.set_xlabel(label(swept.names[0]))
     ax.set_ylabel(label(swept.names[1]))
@@ -251,7 +254,7 @@ def _limits(values) -> tuple[float, float]:
     return -max(below, LEAST_RATIO * largest), max(above, LEAST_RATIO * largest)
 
 
-def _mesh(ax, cells: Cells, limits):
+def _mesh(ax, cells: Cells, limits, style: dict[str, Any]):
     from matplotlib.colors import LinearSegmentedColormap, TwoSlopeNorm
 
     low, high = limits
@@ -261,8 +264,8 @@ def _mesh(ax, cells: Cells, limits):
     scale = LinearSegmentedColormap.from_list("exponents", SCALE, N=511)
     if np.any(lost):
         scale = scale.with_extremes(under=UNDER)
-    style = {"cmap": scale, "norm": TwoSlopeNorm(0.0, low, high), "rasterized": True, "zorder": 1}
-    return ax.pcolormesh(cells.across, cells.upwards, np.ma.masked_invalid(drawn), **style)
+    usual = {"cmap": scale, "norm": TwoSlopeNorm(0.0, low, high), "rasterized": True, "zorder": 1}
+    return ax.pcolormesh(cells.across, cells.upwards, np.ma.masked_invalid(drawn), **(usual | style))
 
 
 def _colour_bar(ax, mesh, values, number) -> None:

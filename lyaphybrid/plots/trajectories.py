@@ -5,13 +5,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .axes import COLOURS, Axes, colours
+from .._arguments import whole
+from .axes import COLOURS, Axes, colours, component, ink, is_dark, styled
 from .axes import axes_of as _axes
 
 if TYPE_CHECKING:
+    from matplotlib.animation import FuncAnimation
+
     from ..analysis.trajectories import Trajectory
 
-__all__ = ["phase", "trajectory"]
+__all__ = ["animation", "phase", "trajectory"]
 
 MODE_COLOURS = (
     "#FFFFFF",
@@ -22,17 +25,21 @@ MODE_COLOURS = (
     "#F6E4EE",
     "#FBF6D5",
 )  # background colours of modes
+DARK_MODE_COLOURS = ("#14181F", "#2B313B", "#1B2C3D", "#3A2A1E", "#1B342B", "#372532", "#353119")  # on dark axes
 MARKED = 60  # up to this number each event gets a line; more are ticks at the bottom
 COMPONENTS_DRAWN = 4  # number of components drawn by default
 
 
-def trajectory(trajectory: "Trajectory", ax: Axes | None = None, components: Sequence[int] | None = None) -> Axes:
+def trajectory(
+    trajectory: "Trajectory", ax: Axes | None = None, components: Sequence[int] | None = None, **style: Any
+) -> Axes:
     """Components in time; events as vertical lines, modes as shades behind them.
 
     Args:
         trajectory: a `Trajectory`.
         ax: matplotlib axes; None: those of a new figure.
         components: indices of those to draw; None: the first four.
+        **style: of the lines, as matplotlib takes it.
 
     Returns:
         The axes.
@@ -54,13 +61,15 @@ def trajectory(trajectory: "Trajectory", ax: Axes | None = None, components: Seq
     dimension = int(np.prod(trajectory.x.shape[1:]))
     labels = trajectory.state_labels
     shown = range(min(COMPONENTS_DRAWN, dimension)) if components is None else components
+    for index in shown:
+        component("components", index, dimension)
     discrete = _is_discrete(trajectory)
     t, x, mode = _with_gaps_at_events(trajectory)
     _shade(ax, t, mode, trajectory.mode_names)
     _mark(ax, np.asarray(trajectory.events.t))
-    style: dict[str, Any] = {"linestyle": "none", "marker": "."} if discrete else {"linewidth": 1.3}
-    for i, colour in zip(shown, colours(len(shown)), strict=True):
-        ax.plot(t, x[:, i], color=colour, label=labels.axis(i), **style)
+    usual: dict[str, Any] = {"linestyle": "none", "marker": "."} if discrete else {"linewidth": 1.3}
+    for i, colour in zip(shown, colours(len(shown), ax), strict=True):
+        ax.plot(t, x[:, i], **styled("line", style, color=colour, label=labels.axis(i), **usual))
     ax.set_xlabel("iteration" if discrete else "time t")
     ax.set_ylabel("state" if len(shown) > 1 else labels.axis(shown[0]))
     finite = t[np.isfinite(t)]
@@ -74,7 +83,7 @@ def trajectory(trajectory: "Trajectory", ax: Axes | None = None, components: Seq
 def _mark(ax, times) -> None:
     """The event times: lines if there are few, else ticks at the bottom."""
     top = 1.0 if len(times) <= MARKED else 0.03
-    style = {"color": "0.45", "linewidth": 0.6, "linestyle": ":" if top == 1.0 else "-"}
+    style = {"color": ink(ax, 0.45), "linewidth": 0.6, "linestyle": ":" if top == 1.0 else "-"}
     ax.vlines(times, 0.0, top, transform=ax.get_xaxis_transform(), **style)
 
 
@@ -82,6 +91,7 @@ def _shade(ax, t, mode, names) -> None:
     """A background colour for each mode, with the mode's name for the legend."""
     if len(names) < 2:
         return
+    shades = DARK_MODE_COLOURS if is_dark(ax) else MODE_COLOURS
     for index, name in enumerate(names):
         ax.fill_between(
             t,
@@ -89,15 +99,15 @@ def _shade(ax, t, mode, names) -> None:
             1.0,
             where=mode == index,
             transform=ax.get_xaxis_transform(),
-            facecolor=MODE_COLOURS[index % len(MODE_COLOURS)],
-            edgecolor="0.8",
+            facecolor=shades[index % len(shades)],
+            edgecolor=ink(ax, 0.8),
             linewidth=0.4,
             label=name,
             zorder=0,
         )
 
 
-def phase(trajectory: "Trajectory", ax: Axes | None = None, i: int = 0, j: int = 1) -> Axes:
+def phase(trajectory: "Trajectory", ax: Axes | None = None, i: int = 0, j: int = 1, **style: Any) -> Axes:
     """Component j against component i; a jump leads from a ring to a dot.
 
     Args:
@@ -105,6 +115,7 @@ def phase(trajectory: "Trajectory", ax: Axes | None = None, i: int = 0, j: int =
         ax: matplotlib axes; None: those of a new figure.
         i: index of the component on the horizontal axis.
         j: index of the component on the vertical axis.
+        **style: of the lines, as matplotlib takes it.
 
     Returns:
         The axes.
@@ -124,20 +135,89 @@ def phase(trajectory: "Trajectory", ax: Axes | None = None, i: int = 0, j: int =
     """
     ax = _axes(ax)
     t, x, mode = _with_gaps_at_events(trajectory)
+    component("i", i, x.shape[1])
+    component("j", j, x.shape[1])
     names = trajectory.mode_names
     if _is_discrete(trajectory):
-        ax.plot(x[:, i], x[:, j], linestyle="none", marker=".", markersize=2, color=COLOURS[0])
+        look = styled("line", style, linestyle="none", marker=".", markersize=2, color=COLOURS[0])
+        ax.plot(x[:, i], x[:, j], **look)
     else:
-        for index, (name, colour) in enumerate(zip(names, colours(len(names)), strict=True)):
+        for index, (name, colour) in enumerate(zip(names, colours(len(names), ax), strict=True)):
             own = (mode == index)[:, None]
             path = np.where(own, x, np.nan)
-            ax.plot(path[:, i], path[:, j], color=colour, linewidth=1.0, label=name)
+            ax.plot(path[:, i], path[:, j], **styled("line", style, color=colour, linewidth=1.0, label=name))
         _draw_jumps(ax, trajectory.events, i, j)
     ax.set_xlabel(trajectory.state_labels.axis(i))
     ax.set_ylabel(trajectory.state_labels.axis(j))
     if len(names) > 1:
         ax.legend(frameon=False)
     return ax
+
+
+def animation(
+    trajectory: "Trajectory",
+    ax: Axes | None = None,
+    i: int = 0,
+    j: int = 1,
+    frames: int = 200,
+    tail: float = 0.25,
+    interval: float = 40.0,
+    **style: Any,
+) -> "FuncAnimation":
+    """A film: the point of component j against component i, which moves along its path; colours are modes.
+
+    Args:
+        trajectory: a `Trajectory` of at least two components.
+        ax: matplotlib axes; None: those of a new figure.
+        i: index of the component on the horizontal axis.
+        j: index of the component on the vertical axis.
+        frames: number of pictures, at equal steps of the samples.
+        tail: share of the whole path that is drawn behind the point.
+        interval: milliseconds between two pictures.
+        **style: of the path, as matplotlib takes it.
+
+    Returns:
+        A matplotlib `FuncAnimation`: ``.save("film.gif")``, ``.to_jshtml()`` for a notebook. Keep it in a variable as
+        long as it is shown.
+
+    Raises:
+        ValueError: on components that the state does not have, and fewer than two pictures.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> from matplotlib import pyplot
+        >>> swing = lh.Flow(lambda t, x, args: jnp.stack([x[1], -x[0]]), names=("angle", "rate"))
+        >>> ax = pyplot.figure().subplots()
+        >>> film = lh.plots.animation(lh.trajectory(swing, [1.0, 0.0], t1=6.0, n=60), ax, frames=4)
+        >>> film.to_jshtml().count("data:image/png"), ax.get_xlabel()
+        (4, 'angle')
+        >>> pyplot.close(ax.figure)
+    """
+    from matplotlib.animation import FuncAnimation
+
+    whole("frames", frames, least=2)
+    ax = phase(trajectory, ax, i, j, **({"alpha": 0.15} | style))
+    t, x, mode = _with_gaps_at_events(trajectory)
+    looks = colours(len(trajectory.mode_names), ax)
+    own = styled("line", style, color=ink(ax), linewidth=1.4)
+    (path,) = ax.plot([], [], **own)
+    (point,) = ax.plot([], [], "o", markersize=6, zorder=5)
+    seen = np.flatnonzero(np.isfinite(x).all(axis=1))  # a jump leaves a gap between its two sides
+    ends = seen[np.linspace(0, len(seen) - 1, frames).round().astype(int)]
+    length = round(tail * len(t))
+
+    def draw(number: int):
+        end = ends[number]
+        past = slice(max(0, end - length), end + 1)
+        path.set_data(x[past, i], x[past, j])
+        point.set_data(x[[end], i], x[[end], j])
+        point.set_color(looks[int(mode[end])])
+        ax.set_title(f"t = {t[end]:.4g}", loc="left", fontsize="medium")
+        return path, point
+
+    draw(0)
+    figure: Any = ax.figure
+    return FuncAnimation(figure, draw, frames=frames, interval=interval)
 
 
 def _flattened(states) -> np.ndarray:
@@ -151,9 +231,9 @@ def _draw_jumps(ax, events, i, j) -> None:
     if not 0 < len(before) <= MARKED:
         return
     ends = np.stack([before, after, np.full_like(before, np.nan)], axis=1).reshape(-1, before.shape[1])
-    ax.plot(ends[:, i], ends[:, j], color="0.6", linewidth=0.6, linestyle=":", zorder=1)
-    ax.plot(before[:, i], before[:, j], "o", markersize=3.5, color="0.35", fillstyle="none", mew=0.7)
-    ax.plot(after[:, i], after[:, j], "o", markersize=2.5, color="0.35")
+    ax.plot(ends[:, i], ends[:, j], color=ink(ax, 0.6), linewidth=0.6, linestyle=":", zorder=1)
+    ax.plot(before[:, i], before[:, j], "o", markersize=3.5, color=ink(ax, 0.35), fillstyle="none", mew=0.7)
+    ax.plot(after[:, i], after[:, j], "o", markersize=2.5, color=ink(ax, 0.35))
 
 
 def _with_gaps_at_events(trajectory: "Trajectory"):
@@ -184,3 +264,18 @@ def _with_gaps_at_events(trajectory: "Trajectory"):
 def _is_discrete(trajectory: "Trajectory") -> bool:
     """Whether these are iterates of a map: one jump for each sample and no log of events."""
     return len(trajectory.events) == 0 and int(np.max(trajectory.j)) > 0
+
+
+class TrajectoryPlots:
+    """The figures of a trajectory: ``trajectory.plot()``, ``trajectory.plot.phase()``, and the film of `animation`."""
+
+    def __init__(self, result: "Trajectory"):
+        self._result = result
+
+    def __call__(self, ax: Axes | None = None, components: Sequence[int] | None = None, **style: Any) -> Axes:
+        """The components against time, with events and modes; of many the first four, or those that are asked for."""
+        return trajectory(self._result, ax, components, **style)
+
+    def phase(self, ax: Axes | None = None, i: int = 0, j: int = 1, **style: Any) -> Axes:
+        """`plots.phase` of it: component j against component i."""
+        return phase(self._result, ax, i, j, **style)

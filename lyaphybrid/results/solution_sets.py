@@ -1,6 +1,7 @@
 """The result of `solutions`: all solutions from one initial state, the choices that lead to each, their exponents."""
 
 import dataclasses
+from typing import Any
 
 import equinox as eqx
 import numpy as np
@@ -65,9 +66,9 @@ class Solution(Result, eqx.Module):
         """How the run along it ended."""
         return self.spectrum.status
 
-    def plot(self, ax: plots.Axes | None = None) -> plots.Axes:
-        """The spectrum against its index."""
-        return self.spectrum.plot(ax)
+    def plot(self, ax: plots.Axes | None = None, **style: Any) -> plots.Axes:
+        """The spectrum against its index. `style` goes to what it draws."""
+        return self.spectrum.plot(ax, **style)
 
     def _table(self) -> Table:
         rows = [
@@ -137,9 +138,9 @@ class Solutions(Result, eqx.Module):
     def __len__(self) -> int:
         return len(self.solutions)
 
-    def plot(self, ax: plots.Axes | None = None) -> plots.Axes:
-        """The exponents of each solution against their index."""
-        return plots.solutions(self, ax)
+    def plot(self, ax: plots.Axes | None = None, **style: Any) -> plots.Axes:
+        """The exponents of each solution against their index. `style` goes to what it draws."""
+        return plots.solutions(self, ax, **style)
 
     def _table(self) -> Table:
         more = "all there are" if self.complete else "there are more"

@@ -341,12 +341,10 @@ class Spectrum(RunResult, eqx.Module):
         """(k,) exponents per jump instead of per unit of the clock."""
         return self.exponents * self._run_length / jnp.mean(self.jumps)
 
-    def plot(self, ax: plots.Axes | None = None, kind: str = "spectrum") -> plots.Axes:
-        """The spectrum against its index, or (kind="convergence") its history in time."""
-        kinds = {"spectrum": plots.spectrum, "convergence": plots.convergence}
-        if kind not in kinds:
-            raise ValueError(f"kind must be one of {tuple(kinds)}; got {kind!r}.")
-        return kinds[kind](self, ax)
+    @property
+    def plot(self) -> plots.SpectrumPlots:
+        """Figures: ``plot()`` of the exponents against their index, ``plot.convergence()`` of their history."""
+        return plots.SpectrumPlots(self)
 
     def _data(self) -> Data:
         per = {"units": f"1/{UNIT[self.clock]}"}

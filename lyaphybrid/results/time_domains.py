@@ -1,5 +1,7 @@
 """Hybrid time domains: the pairs (t, j) of times and numbers of jumps over which a solution is defined."""
 
+from typing import Any
+
 import equinox as eqx
 import numpy as np
 from jaxtyping import Float
@@ -84,9 +86,9 @@ class TimeDomain(Result, eqx.Module):
         """Whether the solution did not end."""
         return self.case != "incomplete"
 
-    def plot(self, ax: plots.Axes | None = None) -> plots.Axes:
-        """The number of jumps against time, a step at each jump."""
-        return plots.time_domain(self, ax)
+    def plot(self, ax: plots.Axes | None = None, **style: Any) -> plots.Axes:
+        """The number of jumps against time, a step at each jump. `style` goes to what it draws."""
+        return plots.time_domain(self, ax, **style)
 
     def _table(self) -> Table:
         number = "" if self.number is None else f", Dinius' case {self.number}"

@@ -1,7 +1,7 @@
 """What `lh.check` found."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -74,9 +74,9 @@ class Report(Result):
         """The findings that are not right: notes, and what is wrong."""
         return tuple(one for one in self.findings if one.verdict != "right")
 
-    def plot(self, ax: plots.Axes | None = None) -> plots.Axes:
-        """The findings below each other, each with a mark for its verdict."""
-        return plots.report(self.findings, ax)
+    def plot(self, ax: plots.Axes | None = None, **style: Any) -> plots.Axes:
+        """The findings below each other, each with a mark for its verdict. `style` goes to what it draws."""
+        return plots.report(self.findings, ax, **style)
 
     def _table(self) -> Table:
         errors, notes = (sum(one.verdict == verdict for one in self.findings) for verdict in ("wrong", "note"))

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -66,9 +67,9 @@ class Special(Result):
         """Kind, parameter and period in one line."""
         return f"{self.kind} at {self.parameter:.12g}, T = {self.period:.9g}"
 
-    def plot(self, ax: plots.Axes | None = None) -> plots.Axes:
-        """The multipliers of its orbit in the complex plane, with the unit circle."""
-        return self.orbit.plot(ax)
+    def plot(self, ax: plots.Axes | None = None, **style: Any) -> plots.Axes:
+        """The multipliers of its orbit in the complex plane, with the unit circle. `style` goes to what it draws."""
+        return self.orbit.plot(ax, **style)
 
     def _table(self) -> Table:
         return Table(self.title)
@@ -143,9 +144,12 @@ class Continuation(Result):
         return [special for special in self.specials if special.kind == kind]
 
     @renamed.keywords(axes="ax")
-    def plot(self, ax: Sequence[plots.Axes] | None = None, i: int = 0) -> Sequence[plots.Axes]:
-        """The largest value of component i over the orbits, and below it their exponents, on two axes."""
-        return plots.continuation(self, ax, i)
+    def plot(self, ax: Sequence[plots.Axes] | None = None, i: int = 0, **style: Any) -> Sequence[plots.Axes]:
+        """The largest value of component i over the orbits, and below it their exponents, on two axes.
+
+        `style` goes to what it draws.
+        """
+        return plots.continuation(self, ax, i, **style)
 
     def _table(self) -> Table:
         low, high = float(np.min(self.values)), float(np.max(self.values))

@@ -128,10 +128,10 @@ class BifurcationDiagram(Result):
             mean = np.where(total > 0, total / escapes, np.nan)
             return mean, np.where(escapes > 0, mean / np.sqrt(escapes), mean)
 
-    @renamed.keywords(axes="ax")
-    def plot(self, ax: Sequence[plots.Axes] | None = None, i: int = 0) -> Sequence[plots.Axes]:
-        """Component i of the points, and below it the largest exponent, against the parameter, on two axes."""
-        return plots.diagram(self, ax, i)
+    @property
+    def plot(self) -> plots.DiagramPlots:
+        """Figures: ``plot()`` on two axes; ``plot.bifurcations()`` and ``plot.largest_exponent()`` on one each."""
+        return plots.DiagramPlots(self)
 
     def _known_lifetimes(self) -> np.ndarray:
         if self.lifetimes is None:

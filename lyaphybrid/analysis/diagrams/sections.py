@@ -59,9 +59,9 @@ class PoincareSection(RunResult, eqx.Module):
     mode_names: tuple[str, ...] = eqx.field(static=True)
     state_labels: Labels = eqx.field(static=True, default=Labels())
 
-    def plot(self, ax: plots.Axes | None = None, i: int = 0, j: int = 1) -> plots.Axes:
-        """Component j of the points against component i."""
-        return plots.section(self, ax, i, j)
+    def plot(self, ax: plots.Axes | None = None, i: int = 0, j: int = 1, **style: Any) -> plots.Axes:
+        """Component j of the points against component i. `style` goes to what it draws."""
+        return plots.section(self, ax, i, j, **style)
 
     def _table(self) -> Table:
         t, x = np.asarray(self.t), np.reshape(self.x, (len(self.t), -1))

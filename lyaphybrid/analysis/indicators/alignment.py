@@ -112,9 +112,9 @@ class GALIResult(RunResult, eqx.Module):
         logs = self.log_values[:, self.orders.index(2)] if self.orders else self.log_values
         return of_alignment(np.asarray(self.time), np.asarray(logs))
 
-    def plot(self, ax: plots.Axes | None = None) -> plots.Axes:
-        """The values against time, both logarithmic."""
-        return plots.alignment(self, ax)
+    def plot(self, ax: plots.Axes | None = None, **style: Any) -> plots.Axes:
+        """The values against time, both logarithmic. `style` goes to what it draws."""
+        return plots.alignment(self, ax, **style)
 
     def _table(self) -> Table:
         names = [f"GALI{k}" for k in self.orders] or ["SALI"]

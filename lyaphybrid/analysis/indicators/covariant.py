@@ -120,9 +120,9 @@ class CovariantVectors(RunResult, eqx.Module):
         across = jnp.linalg.norm(a - along[:, None, :] * b, axis=1)
         return jnp.arctan2(across, jnp.abs(along))
 
-    def plot(self, ax: plots.Axes | None = None) -> plots.Axes:
-        """The angles between the vectors against time."""
-        return plots.angles(self, ax)
+    def plot(self, ax: plots.Axes | None = None, **style: Any) -> plots.Axes:
+        """The angles between the vectors against time. `style` goes to what it draws."""
+        return plots.angles(self, ax, **style)
 
     def _pairs(self) -> list[str]:
         return [f"{i + 1},{j + 1}" for i, j in zip(*np.triu_indices(self.vectors.shape[-1], 1), strict=True)]

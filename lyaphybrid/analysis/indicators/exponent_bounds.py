@@ -157,9 +157,9 @@ class ExponentBounds(RunResult, eqx.Module):
     status_code: Array
     unit: str = eqx.field(static=True)
 
-    def plot(self, ax: plots.Axes | None = None) -> plots.Axes:
-        """The exponents against their index, with their bounds."""
-        return plots.bounds(self, ax)
+    def plot(self, ax: plots.Axes | None = None, **style: Any) -> plots.Axes:
+        """The exponents against their index, with their bounds. `style` goes to what it draws."""
+        return plots.bounds(self, ax, **style)
 
     def _table(self) -> Table:
         cells = ([f"{value:.10g}" for value in self.exponents], [f"{value:.2g}" for value in self.bound])

@@ -120,9 +120,9 @@ class IndicatorResult(RunResult, eqx.Module):
         time = np.asarray(self.time)
         return of_fli(time, np.asarray(self.values)) if self.mean is None else of_megno(time, np.asarray(self.mean))
 
-    def plot(self, ax: plots.Axes | None = None) -> plots.Axes:
-        """The values against time."""
-        return plots.growth(self, ax)
+    def plot(self, ax: plots.Axes | None = None, **style: Any) -> plots.Axes:
+        """The values against time. `style` goes to what it draws."""
+        return plots.growth(self, ax, **style)
 
     def _table(self) -> Table:
         columns = [self.values] if self.mean is None else [self.values, self.mean]

@@ -69,9 +69,12 @@ class SpectralIntervals(RunResult, eqx.Module):
         return bool(np.all(np.asarray(self.steklov) > 0))
 
     @renamed.keywords(axes="ax")
-    def plot(self, ax: Sequence[plots.Axes] | None = None) -> Sequence[plots.Axes]:
-        """Running averages, and averages over windows, with their intervals, on two axes."""
-        return plots.intervals(self, ax)
+    def plot(self, ax: Sequence[plots.Axes] | None = None, **style: Any) -> Sequence[plots.Axes]:
+        """Running averages, and averages over windows, with their intervals, on two axes.
+
+        `style` goes to what it draws.
+        """
+        return plots.intervals(self, ax, **style)
 
     def _table(self) -> Table:
         names = numbered("λ", len(self.lyapunov))

@@ -148,9 +148,9 @@ class SVDSpectrum(RunResult, eqx.Module):
         along = np.sum(before * now, axis=0)
         return np.arctan2(np.linalg.norm(now - along * before, axis=0), np.abs(along))
 
-    def plot(self, ax: plots.Axes | None = None) -> plots.Axes:
-        """The running exponents against time."""
-        return plots.running(self.time, self.running, self.exponents, self.error, self.unit, ax)
+    def plot(self, ax: plots.Axes | None = None, **style: Any) -> plots.Axes:
+        """The running exponents against time. `style` goes to what it draws."""
+        return plots.running(self.time, self.running, self.exponents, self.error, self.unit, ax, **style)
 
     def _table(self) -> Table:
         columns = (self.exponents, self.error, self.turned)

@@ -104,9 +104,9 @@ class Floquet(RunResult, eqx.Module):
         """Whether `stability` is "stable": the orbit attracts; in a family, at fixed conserved values."""
         return self.stability == "stable"
 
-    def plot(self, ax: plots.Axes | None = None) -> plots.Axes:
-        """The multipliers in the complex plane, with the unit circle."""
-        return plots.multipliers(self, ax)
+    def plot(self, ax: plots.Axes | None = None, **style: Any) -> plots.Axes:
+        """The multipliers in the complex plane, with the unit circle. `style` goes to what it draws."""
+        return plots.multipliers(self, ax, **style)
 
     def _table(self) -> Table:
         rows = []

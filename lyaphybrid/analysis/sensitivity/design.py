@@ -68,9 +68,12 @@ class Design(Result, eqx.Module):
     reasons: tuple[str, ...] = eqx.field(static=True)
     history: np.ndarray
 
-    def plot(self, ax: plots.Axes | None = None) -> plots.Axes:
-        """The exponents of the points that were tried, in their order, with what was reached."""
-        return plots.design(self, ax)
+    def plot(self, ax: plots.Axes | None = None, **style: Any) -> plots.Axes:
+        """The exponents of the points that were tried, in their order, with what was reached.
+
+        `style` goes to what it draws.
+        """
+        return plots.design(self, ax, **style)
 
     def _table(self) -> Table:
         trust = "trusted" if self.trust else "NOT to be trusted"

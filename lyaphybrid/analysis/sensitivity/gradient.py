@@ -87,9 +87,12 @@ class Gradient(Result, eqx.Module):
         """The algorithm, under the name that it had before `method` came to mean the integrator everywhere."""
         return self.algorithm
 
-    def plot(self, ax: plots.Axes | None = None) -> plots.Axes:
-        """The derivatives of each exponent by each parameter, with error bars of one standard error."""
-        return plots.gradient(self, ax)
+    def plot(self, ax: plots.Axes | None = None, **style: Any) -> plots.Axes:
+        """The derivatives of each exponent by each parameter, with error bars of one standard error.
+
+        `style` goes to what it draws.
+        """
+        return plots.gradient(self, ax, **style)
 
     def by_parameter(self) -> tuple[np.ndarray, np.ndarray]:
         """The derivatives, and their standard errors, as matrices (k, p), p the parameters in the order of `names`."""
