@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 import lyaphybrid as lh
+import portability
 from docs.building import answers, checks, command_line, docstrings, evidence, links, reference, words
 from lyaphybrid import plots, zoo
 
@@ -148,6 +149,18 @@ def test_the_page_of_the_zoo_says_what_missed(tmp_path):
     assert "3 runs of 2 problems, 2 missed." in page
     assert "| rk4 | 9.2 | ok | its reference |" in page
     assert "| rk4 | inf | zeno | the first way |" in page
+
+
+def test_the_matrix_that_is_kept_is_green():
+    """The rows that were run so far, those of the first Python among them."""
+    rows = json.loads(portability.TABLE.read_text())
+    asked = [(python, jax) for python in portability.PYTHONS for jax in portability.JAXS]
+    assert [(row["python"], row["jax"]) for row in rows] == asked[: max(len(rows), 4)]
+    for row in rows:
+        assert row["versions"]["python"].startswith(f"{row['python']}.")
+        assert row["jax"] in {"newest", row["versions"]["jax"]}
+        assert row["ways"].keys() == portability.WAYS.keys()
+        assert all(cell["green"] and cell["passed"] > 4 for cell in row["ways"].values())
 
 
 def test_the_page_of_portability_is_the_matrix(tmp_path):
