@@ -225,7 +225,8 @@ def in_user_code(error: BaseException) -> bool:
 
 FUNCTIONS = ("rule", "field", "guard", "reset", "flow", "next_event", "jump", "residual", "leading", "energy")
 SAID = {
-    "x0": ("start", "orders", "x of shape", "x's shape", "deviation vectors"), "x": ("x's shape",), "args": FUNCTIONS,
+    "x0": ("start", "orders", "x of shape", "x: shape", "x's shape", "deviation vectors"),
+    "x": ("x's shape",), "args": FUNCTIONS,
     "fields": ("field",),
     "over": ("parameter",), "t1": ("needs key=",),
     "transitions": ("transition",), "times": ("block",), "t": ("(t, x)",),
