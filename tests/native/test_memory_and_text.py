@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from against_xla import differences
 from lyaphybrid.native.lowering import emitter, values
+from lyaphybrid.native.lowering.costs import Options
 from lyaphybrid.native.lowering.emitter import Emitter
 from lyaphybrid.native.lowering.lowering import lower
+from lyaphybrid.native.lowering.unsupported import UnsupportedError
 from lyaphybrid.native.lowering.values import Buffer, MemoryBlock, Values
 from lyaphybrid.native.machine.code import Linked, object_code
 
@@ -245,6 +248,18 @@ def test_what_two_loops_need_is_computed_once():
     assert text(lambda x: (lambda y: (y * 2, y.sum()))(x[::-1])).count("alloca") == 0
 
 
+def test_entries_that_a_loop_reads_lie_in_memory():
+    """Not chosen from by comparisons, each time."""
+    program = jax.make_jaxpr(lambda x, y: x[:, None] * y)(np.ones(8), np.ones((8, 50)))
+    assert " select " not in lower(program, 16)
+
+
+def test_numbers_without_a_type_here_are_refused():
+    program = jax.make_jaxpr(lambda x: x * jnp.real(jnp.asarray([1 + 2j, 3.0])))(np.ones(2))
+    with pytest.raises(UnsupportedError, match="complex128"):
+        lower(program, 16)
+
+
 def test_arrays_in_a_loop_are_at_most_sixteen():
     groups = values._alike([*range(40), *range(100, 103)], lambda i: i >= 100)
     assert [len(group) for group in groups] == [16, 16, 8, 3]
@@ -261,6 +276,18 @@ def test_which_arrays_are_frames():
     program = jax.make_jaxpr(lambda x: jax.lax.fori_loop(0, 9, lambda i, x: x * x, x))(np.ones((5, 2)))
     assert lower(program, 16, columns=2).count("fmul <2 x double>") == 5
     assert "x double>" not in lower(program, 9, columns=2)
+
+
+def test_rows_become_entries_where_a_rule_has_none():
+    def function(frame):
+        def body(_, c):
+            return jnp.cumsum(jnp.sort(c * 1.5, axis=0), axis=1) - c.argmax(axis=0).astype(float)[None] * c
+
+        return jax.lax.fori_loop(0, 3, body, frame)
+
+    frame = np.array([[0.5, -1.0, 2.0], [1.0, 0.25, -3.0]])
+    assert "fmul <4 x double>" in lower(jax.make_jaxpr(function)(frame), 32, columns=3)
+    assert not differences(function, frame, columns=3, plan=Options(32, 1))
 
 
 MASK = [True, False, True, True]
@@ -310,3 +337,10 @@ def test_each_lane_has_its_own_index(shared):
     results = np.zeros(6)
     run(b, np.array([7.0, 8.0]), results)
     assert_array_equal(results, [0, 0, 0, 8, 7, 0])
+    assert "abort" not in "".join(b.lines)  # indices are checked only where that is wanted
+
+
+def test_memory_of_lanes():
+    assert Values(1, lanes=2).new_buffer((3,), np.dtype(float)).memory.wide
+    assert not Values(1).new_buffer((3,), np.dtype(float)).memory.wide
+    assert Values(1, lanes=2).carries_vectors
