@@ -6,7 +6,7 @@ a gap in the tests, or changes nothing that anybody could see; `tests/mutants.md
 are put into its place one after the other, in one process: most take less than a second. (POSIX only. Processes that
 tests begin by themselves import the right module.)
 
-Writes a line of JSON for each mutant. `--again FILE` repeats those that survived there, `--show` prints the mutants.
+Writes a line of JSON for each mutant. `--again FILE` repeats those that survived there, `--slow` runs slow tests, too.
 """
 
 import argparse
@@ -238,6 +238,8 @@ def begin(module: str, numbers: list[int | None], which: str, file, done) -> int
             sys.stdout.flush()
             output.seek(0)
             said(file, module, number, status, output.read(), time.process_time() - before)
+        if number is None and status:
+            os._exit(1)
         os.write(done, b".")
     os._exit(0)
 
@@ -255,6 +257,8 @@ def results(wanted: dict[str, list[int]], jobs: int, which: str, file) -> None:
         module, numbers, done = running.pop(process)
         rest = numbers[len(os.read(done, len(numbers))) :]
         os.close(done)
+        if rest and rest[0] is None:
+            raise SystemExit(f"The tests of {module} fail without a mistake, see {file.name}.")
         if rest:  # the first of these took too long, or it crashed
             said(file, module, rest[0], status, "", CPU_SECONDS)
             waiting.append((module, rest[1:]))

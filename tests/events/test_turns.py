@@ -13,6 +13,7 @@ import lyaphybrid as lh
 from lyaphybrid.events import turns
 
 INSIDE = {name: lh.RungeKutta(name).sample_fractions for name in ("dopri8", "dopri5", "tsit5", "dop853")}
+UNKNOWN, MISFIT = 4.0, 0.04  # as they are chosen
 GIVEN = {"middle": (0.5,), "quarter": (0.25,), "two": (0.25, 0.5), **INSIDE}
 FINE = np.linspace(0, 1, 20001)
 all_fractions = pytest.mark.parametrize("fractions", GIVEN.values(), ids=GIVEN)
@@ -84,7 +85,7 @@ def test_errors_of_fits(fractions):
         misses.append(data_of(points, rest))
     if fractions == (0.5,):  # a cubic that is 0 at 0, 1/2 and 1 has the mean 0: the data do not show it
         assert_allclose(misses, 0, atol=1e-12)
-        assert (by.slope, by.value) == (turns.UNKNOWN, turns.UNKNOWN)
+        assert (by.slope, by.value) == (UNKNOWN, UNKNOWN)
         return
     if len(rests) == 2:  # made orthogonal and equally large, so that the mixtures are spread evenly
         share = misses[0] @ misses[1] / (misses[0] @ misses[0])
@@ -162,7 +163,7 @@ def test_hidden_where_the_fit_is_exact(coefficients, g0, wanted, side):
 def test_a_fit_that_misses_the_data(part, least, side):
     """Of a monotonic guard with slopes 2, 3 and 2, up to 0.04 of the largest slope and up to rounding."""
     g0, g1, rates = step_of(side * np.array([2.0, 4.0, 2.0]), side * 0.01)
-    off = side * part * (turns.MISFIT * 3 + least) / (turns.UNKNOWN * WORST)
+    off = side * part * (MISFIT * 3 + least) / (UNKNOWN * WORST)
     least, sides = jnp.array([least]), jnp.array([side])
     assert turns.hidden(MIDDLE, sides, g0, g1 + off, rates, H, least).item() == (part > 1)
     # What starts at zero has its change from the slopes alone.
@@ -175,7 +176,7 @@ def test_a_fit_that_misses_the_data(part, least, side):
 def test_away_from_zero_by_more_than_the_error(part, coefficients, side):
     """A guard that may turn twice, and whose change is not known better than by 1e-3."""
     off = 1e-3
-    error = turns.UNKNOWN * WORST * off
+    error = UNKNOWN * WORST * off
     fitted = np.array(coefficients) + np.array([6, 42, 6]) / 54 * off
     lowest = min(0.0, *(np.cumsum(fitted) / 3))
     _, change, rates = step_of(side * np.array(coefficients))
