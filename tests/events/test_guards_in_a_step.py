@@ -160,5 +160,7 @@ def test_the_root_after_a_point(sign):
             jnp.array(0.25), *ends(sign * np.polynomial.Polynomial.fromroots([first, root, 5.0]).coef)
         )
         assert_allclose(found, root, rtol=1e-14)
+    soon = sign * np.polynomial.Polynomial.fromroots([0.0, 0.75, 1.1])  # a root soon after the step is another one
+    assert_allclose(roots.hermite_root(jnp.array(0.25), *ends(soon.coef)), 0.75, rtol=1e-13)
     same = roots.hermite_root(jnp.array(0.5), *ends(sign * np.polynomial.Polynomial.fromroots([0.0, 0.75, 2.5]).coef))
     assert_allclose(same, 0.75, rtol=1e-14)
