@@ -96,6 +96,7 @@ def pages(root: Path) -> dict[str, str]:
     """The pages by name."""
     return {
         "evidence/automata.md": automata(root),
+        "evidence/portability.md": portability(root),
         "evidence/papers.md": moved((root / "tests/papers.md").read_text()),
         "evidence/conformance.md": moved((root / "tests/conformance/README.md").read_text()),
     }
