@@ -18,7 +18,7 @@ __all__ = ["Comparison", "Way", "comparisons", "ways_of"]
 SECOND_TOLERANCE = 1e-7  # the second relative tolerance
 WITHIN = 5.0  # standard errors
 FINITE_TIME = 5.0  # a run of length T knows an exponent to this over T, whatever its statistics say
-RARE = 10  # times as long a run goes that has lost no direction yet, where the reference says that one is lost
+UNTIL_LOST = 10  # times as long a run goes that has lost no direction yet, where the reference says that one is lost
 SHORT = 2000.0  # longer runs, and those without a reference, are cut to a tenth in quick mode
 
 
@@ -110,7 +110,7 @@ def _compare(problem: Problem, way: Way, first: Comparison | None, quick: bool) 
         options["t1"] = length = type(length)(length / 10)
     spectrum = problem.spectrum(throw=False, **options)
     if rarely_lost and not np.any(np.isneginf(spectrum.exponents)):
-        options["t1"] = length = RARE * length
+        options["t1"] = length = UNTIL_LOST * length
         spectrum = problem.spectrum(throw=False, **options)
     values, errors = np.asarray(spectrum.exponents, float), np.nan_to_num(np.asarray(spectrum.stderr, float))
     own = (problem.name, way.name, tuple(map(float, values)), tuple(map(float, errors)))
