@@ -251,6 +251,7 @@ def bifurcation_diagram(
     name, values = _only(over)
     for word, length in (("transient", transient), ("t1", t1), ("samples", samples)):
         whole(f"{word}, a number of periods,", length, least=1)
+    transient, t1, samples = int(transient), int(t1), int(samples)  # sums of NumPy's short integers overflow
     require(samples <= t1, f"samples must be at most t1 = {t1}; got {samples}.")
     attempts(max_steps)
     flag("escape", escape)

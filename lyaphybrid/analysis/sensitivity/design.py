@@ -205,7 +205,7 @@ def design(
     names, x0 = tuple(over), x0 if callable(x0) else jnp.asarray(numbers("x0", x0, float))
     goal = None if callable(target) else np.atleast_1d(numbers("target", target, float))
     if goal is not None:
-        good = goal.ndim == 1 and bool(np.all(np.isfinite(goal)))
+        good = goal.ndim == 1 and goal.size > 0 and bool(np.all(np.isfinite(goal)))
         require(good, f"target must be a number, a sequence of them, or a function; got {target!r}.")
         require(k is None, f"k is for a target that is a function; there are as many exponents as numbers; got k={k}.")
         k = len(goal)

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..._arguments import require
+from ..._arguments import numbers, require
 from ..._jax.precision import require_double
 from ...engine.blocks import is_zero
 from ...engine.preparation import as_arrays
@@ -78,8 +78,20 @@ def case_of(
     """A case; the parameters are the floating-point leaves of args, or those named in `free`; the rest stays fixed."""
     theta, args_of, names = parameters_of(args, free)
     start = x0 if callable(x0) else FixedStart(x0)
-    require_double("x0", start(args), "a derivative of exponents")
+    require_double("x0", start_of(x0, args), "a derivative of exponents")
     return ExponentFunction(system, start, theta, args_of, names, k, options)
+
+
+def start_of(x0, args):
+    """The start as an array, x0 itself or what x0(args) gives.
+
+    Raises:
+        ValueError: if it is not made of real numbers, or of none.
+    """
+    name, given = ("x0(args)", x0(args)) if callable(x0) else ("x0", x0)
+    start = numbers(name, given)
+    require(0 not in start.shape, f"{name} must have shape (n,); got {start.shape}.")
+    return start
 
 
 def with_arrays(options: Mapping[str, Any], dtype) -> dict[str, Any]:

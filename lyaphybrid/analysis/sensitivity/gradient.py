@@ -38,7 +38,16 @@ from ...systems.validation import check_functions
 from ..orbits.periods import check_period
 from .birkhoff import by_birkhoff
 from .equilibria import by_equilibrium
-from .estimates import Estimate, ExponentFunction, InapplicableError, UntrustedError, case_of, tree_of, unknown
+from .estimates import (
+    Estimate,
+    ExponentFunction,
+    InapplicableError,
+    UntrustedError,
+    case_of,
+    start_of,
+    tree_of,
+    unknown,
+)
 from .implicit import by_implicit
 from .regression import by_regression
 from .response.linear_response import by_linear_response
@@ -257,7 +266,7 @@ def lyapunov_gradient(
     check_counts(system, clock, t1=t1, transient=transient)
     args = jax.tree.map(lambda leaf: parameters("args", leaf), args)
     start = x0 if callable(x0) else jnp.asarray(numbers("x0", x0, float))
-    most = degrees_of_freedom(system, jnp.asarray(x0(args) if callable(x0) else start).size)
+    most = degrees_of_freedom(system, start_of(x0, args).size)
     if k is not None:
         whole("k", k, least=1)
         require(k <= most, f"k must be at most {most}; got {k}.")
