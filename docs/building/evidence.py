@@ -95,6 +95,7 @@ def moved(text: str) -> str:
 def pages(root: Path) -> dict[str, str]:
     """The pages by name."""
     return {
+        "evidence/validation.md": validation(root),
         "evidence/automata.md": automata(root),
         "evidence/portability.md": portability(root),
         "evidence/papers.md": moved((root / "tests/papers.md").read_text()),

@@ -17,5 +17,5 @@ spectrum = lh.zoo.impact_oscillator().spectrum(t1=5000.0)
 print(spectrum)
 
 _, ax = pyplot.subplots(figsize=(7.0, 3.4), layout="constrained")
-spectrum.plot(kind="convergence", ax=ax)
+spectrum.plot.convergence(ax=ax)
 pyplot.show()
