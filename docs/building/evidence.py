@@ -98,6 +98,7 @@ def pages(root: Path) -> dict[str, str]:
         "evidence/validation.md": validation(root),
         "evidence/automata.md": automata(root),
         "evidence/portability.md": portability(root),
+        "evidence/mutants.md": moved((root / "tests/mutants.md").read_text()),
         "evidence/papers.md": moved((root / "tests/papers.md").read_text()),
         "evidence/conformance.md": moved((root / "tests/conformance/README.md").read_text()),
     }
