@@ -98,9 +98,10 @@ class TwoTrajectories(RunResult, eqx.Module):
             "stderr": ((), self.stderr),
             "history": ("block", self.history.exponents),
             "growth": ("block", self.history.growth),
+            "mode": ((), self.mode),
             "x": (("body", "state") if self.state_labels.rows else ("state",), self.x),
         }
-        names = ("time", "intervals", "skipped", "t", "mode", "separation")
+        names = ("time", "intervals", "skipped", "t", "separation")
         attributes = {name: np.asarray(getattr(self, name)).item() for name in names}
         coordinates = {
             "time": ("block", np.asarray(self.history.time)),

@@ -1,5 +1,6 @@
 """Trajectories with their events, and the tangent map along a trajectory."""
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
@@ -45,6 +46,20 @@ class Events(eqx.Module):
         transition: (e,) index of the transition; `which`: (e,) component of a vector guard (0 for a scalar one).
         mode_before, mode_after: (e,) indices of modes.
         x_before, x_after: (e, n).
+        state_labels: names and units of the components of a state.
+
+    Iterating gives a dictionary of single numbers for each event, so that ``pandas.DataFrame(events)`` is a table.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> ball = lh.Hybrid(
+        ...     lambda t, x, args: jnp.stack([x[1], 0 * x[1] - 1.0]),
+        ...     lh.Transition(lambda t, x, args: x[0], lambda t, x, args: jnp.stack([x[0], -x[1]])),
+        ...     names=("height", "speed"),
+        ... )
+        >>> events = lh.trajectory(ball, [0.5, 0.0], t1=4.0, n=8).events
+        >>> [(round(event["t"], 6), round(event["speed_after"], 6)) for event in events]
+        [(1.0, 1.0), (3.0, 1.0)]
     """
 
     t: Array
@@ -54,9 +69,21 @@ class Events(eqx.Module):
     mode_after: Array
     x_before: Array
     x_after: Array
+    state_labels: Labels = eqx.field(static=True, default=Labels())
 
     def __len__(self) -> int:
         return self.t.shape[0]
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        columns = {"t": self.t, "transition": self.transition}
+        parts = jax.tree.leaves(self.which)  # of some systems several numbers say which guard it was
+        columns |= {"which": parts[0]} if len(parts) == 1 else {f"which_{i}": part for i, part in enumerate(parts)}
+        columns |= {"mode_before": self.mode_before, "mode_after": self.mode_after}
+        for side, states in (("before", self.x_before), ("after", self.x_after)):
+            flat = np.reshape(states, (len(self), int(np.prod(np.shape(states)[1:]))))
+            columns |= {f"{self.state_labels.name(i)}_{side}": column for i, column in enumerate(flat.T)}
+        lists = [np.asarray(column).tolist() for column in columns.values()]
+        return (dict(zip(columns, row, strict=True)) for row in zip(*lists, strict=True))
 
 
 class Trajectory(RunResult, eqx.Module):
@@ -212,7 +239,7 @@ def trajectory(
         problems.in_rows(problem, jnp.where(valid[:, None], x, jnp.nan)),
         modes,
         jumps,
-        _joined(outcome.logs, problem, x0),
+        _joined(outcome.logs, problem, x0, labels_of(system, problem.shape)),
         outcome.status,
         problems.mode_names(system),
         t0,
@@ -228,12 +255,12 @@ def _require_one(x0) -> None:
         raise ValueError(f"x0 must have shape (n,) here; got {x0.shape}. Use jax.vmap for several starts.")
 
 
-def _joined(logs, problem, x0) -> Events:
+def _joined(logs, problem, x0, labels: Labels) -> Events:
     """The event logs of several compiled calls, joined into one."""
     if not logs:
         none = jnp.zeros(0, jnp.int32)
         point = jnp.zeros((0, *problem.shape), x0.dtype)
-        return Events(jnp.zeros(0, x0.dtype), none, none, none, none, point, point)
+        return Events(jnp.zeros(0, x0.dtype), none, none, none, none, point, point, labels)
     if traced(logs):
         (log,) = logs
     else:
@@ -241,7 +268,7 @@ def _joined(logs, problem, x0) -> Events:
         log = jax.device_put(jax.tree.map(lambda *parts: np.concatenate(parts), *logs))
     _, t, transition, which, mode_before, mode_after, *states = log
     before, after = (problems.in_rows(problem, x) for x in states)
-    return Events(t, transition, which, mode_before, mode_after, before, after)
+    return Events(t, transition, which, mode_before, mode_after, before, after, labels)
 
 
 def _deliver(result, throw: bool, outcome: driver.Outcome, system):
@@ -307,7 +334,8 @@ class TangentMap(RunResult, eqx.Module):
     def _data(self) -> Data:
         labels = [self.state_labels.name(i) for i in range(self.matrix.shape[0])]
         variables = {"x": ("state", np.ravel(self.x)), "matrix": (("state", "start"), self.matrix)}
-        attributes = {"mode": int(self.mode), "jumps": int(self.jumps), "notes": self.notes}
+        variables["mode"] = ((), self.mode)
+        attributes = {"jumps": int(self.jumps), "notes": self.notes}
         return Data(variables, {"state": labels, "start": labels}, attributes)
 
 

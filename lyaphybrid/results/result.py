@@ -1,9 +1,11 @@
 """What every result has: it prints, shows itself in notebooks, and becomes a dataset with named dimensions."""
 
 import abc
+import os
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import jax
 import numpy as np
 
 from .._jax.tracing import traced
@@ -50,15 +52,17 @@ class Result(abc.ABC):
     def to_xarray(self) -> "xarray.Dataset":
         """The result as an `xarray.Dataset` with named dimensions; what is no array is among its attributes.
 
+        From there ``.to_dataframe()`` makes a table of pandas, ``.to_zarr(path)`` a store.
+
         Raises:
-            ImportError: without the extra "sweep".
+            ImportError: without the extra "xarray".
             ValueError: under jit, vmap or grad, where there are no values.
         """
         name = type(self).__name__
         try:
             import xarray
         except ImportError as error:
-            raise ImportError(f"{name}.to_xarray needs xarray: pip install 'lyaphybrid[sweep]'.") from error
+            raise ImportError(f"{name}.to_xarray needs xarray: pip install 'lyaphybrid[xarray]'.") from error
         if traced(self):
             raise ValueError(f"{name}.to_xarray is for results on the host, not under jit, vmap or grad.")
         data = self._data()
@@ -68,6 +72,26 @@ class Result(abc.ABC):
             attributes["status"] = str(self.status)
         attributes = {name: _attribute(value) for name, value in attributes.items() if value is not None}
         return xarray.Dataset(variables, data.coordinates, attributes)
+
+    def to_netcdf(self, path: "str | os.PathLike[str]") -> None:
+        """Write what `to_xarray` gives to a NetCDF file, which ``xarray.open_dataset(path)`` reads.
+
+        NetCDF has no complex numbers: a complex variable is written as two, ``multipliers_real`` and
+        ``multipliers_imag``.
+
+        Args:
+            path: of the file, which is written anew.
+
+        Raises:
+            ImportError: without the extra "xarray".
+            ValueError: under jit, vmap or grad, where there are no values.
+        """
+        data = self.to_xarray()
+        for name, values in data.data_vars.items():
+            if np.iscomplexobj(values):
+                parts = {f"{name}_real": values.real, f"{name}_imag": values.imag}
+                data = data.drop_vars(str(name)).assign(parts)
+        data.to_netcdf(path)
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""
@@ -100,10 +124,15 @@ def _on_host(dimensions, values, attributes: dict[str, str] | None = None) -> tu
 def _attribute(value: Any) -> Any:
     """As files can hold it."""
     if isinstance(value, frozenset | set):
-        return sorted(map(str, value))
+        value = sorted(map(str, value))
+    if isinstance(value, np.ndarray | jax.Array):
+        value = np.asarray(value)
+        value = value if value.ndim else value.item()
     if isinstance(value, bool | np.bool_):
         return int(value)
-    return list(value) if isinstance(value, tuple) else value
+    if isinstance(value, tuple | list):  # files of some kinds hold one text, but no list of texts and no empty list
+        return "; ".join(value) if all(isinstance(one, str) for one in value) else list(value)
+    return value
 
 
 def exponents_along(count: int) -> dict[str, Any]:

@@ -15,6 +15,10 @@ __all__ = ["Flow", "Map"]
 class Flow(eqx.Module):
     """A smooth flow, dx/dt = field(t, x, args).
 
+    A term of diffrax is ``lh.Flow(term.vector_field)``. A right side f(t, y) as SciPy takes it, if it is written with
+    `jax.numpy`, is ``lh.Flow(lambda t, x, args: jnp.stack(f(t, x)))``, and f(t, y, a, b) is
+    ``lh.Flow(lambda t, x, args: jnp.stack(f(t, x, *args)))`` with args=(a, b).
+
     Args:
         field: ``(t, x, args) -> dx/dt``, x and dx/dt of shape (n,).
         names: what the components of x are called, such as ("x", "v"); None: x0, x1, …. Tables, axes of pictures and
@@ -31,6 +35,11 @@ class Flow(eqx.Module):
         >>> swing = lh.Flow(lambda t, x, args: jnp.stack([x[1], -x[0]]), names=("x", "v"), units=("m", "m/s"))
         >>> lh.trajectory(swing, [1.0, 0.0], t1=1.0, n=4).to_xarray().state.values.tolist()
         ['x', 'v']
+        >>> def right_side(t, y, k):  # of scipy.integrate.solve_ivp
+        ...     return [y[1], -k * y[0]]
+        >>> spring = lh.Flow(lambda t, x, args: jnp.stack(right_side(t, x, *args)))
+        >>> round(float(lh.trajectory(spring, [1.0, 0.0], (4.0,), t1=1.0).x[-1, 0]), 6)  # cos 2
+        -0.416147
     """
 
     field: Callable

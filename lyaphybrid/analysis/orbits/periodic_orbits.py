@@ -134,8 +134,9 @@ class Floquet(RunResult, eqx.Module):
             "exponents": ("exponent", self.exponents),
             "monodromy": (("state", "start"), self.monodromy),
             "shift": ("parameter", self.shift) if self.shift.size else None,
+            "mode": ((), self.mode),
         }
-        words = ("period", "stability", "residual", "mode", "jumps", "family", "notes")
+        words = ("period", "stability", "residual", "jumps", "family", "notes")
         attributes = {word: getattr(self, word) for word in words}
         coordinates = {"state": names, "start": names, "exponent": np.arange(1, len(self.exponents) + 1)}
         return Data(variables, coordinates, attributes)
