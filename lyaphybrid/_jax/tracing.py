@@ -10,7 +10,7 @@ import numpy as np
 from jax._src.core import trace_state_clean  # there is no public name for it
 from jax.core import Tracer
 
-__all__ = ["array", "enclosed", "module_of", "traced", "transforming"]
+__all__ = ["array", "enclosed", "module_of", "traced", "transforming", "varying"]
 
 
 def array(value: Any, dtype) -> Any:
@@ -31,6 +31,13 @@ def traced(*values: Any) -> bool:
 def transforming() -> bool:
     """Whether a transformation (jit, vmap, grad) is under way: else nothing is traced, and new arrays are not."""
     return not trace_state_clean()
+
+
+def varying(values: Any) -> set[str]:
+    """The axes of a mesh over which leaves are said to vary, inside `jax.shard_map` with check_vma=True."""
+    kinds = [jax.typeof(leaf) for leaf in jax.tree.leaves(values) if isinstance(leaf, Tracer)]
+    # Types of JAX 0.8 have the axes as `vma`, later ones as `mat.varying`.
+    return {axis for kind in kinds for axis in (kind.vma if hasattr(kind, "vma") else kind.mat.varying)}
 
 
 def enclosed(values: Any) -> list:

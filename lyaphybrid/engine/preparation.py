@@ -12,7 +12,7 @@ import numpy as np
 
 from .._arguments import numbers, parameters, real, require
 from .._jax.precision import CURE, LEAST_TOLERANCE, eps, is_short, require_double
-from .._jax.tracing import array, traced
+from .._jax.tracing import array, traced, varying
 from ..integrators import HalfExplicit, RungeKutta
 from ..integrators.base import Method
 from ..systems.consistency import check_constraints
@@ -42,6 +42,11 @@ def prepare(system, x0, args, t0, method, mode, name: str = "x0") -> tuple[RunPr
             f"system must be an lh.Flow, lh.Map, lh.Hybrid or lh.EventDriven; got {type(system).__name__}. "
             f"{_wrapped(system)}"
         )
+    axes = varying((x0, args, t0))
+    require(
+        not axes,
+        f"inside jax.shard_map pass check_vma=False to it; now values are typed as varying over {sorted(axes)}.",
+    )
     x0, shape = _state(system, x0, name)
     labels_of(system, shape)  # refused before anything is computed
     real("t0" if name == "x0" else "t", t0)

@@ -140,10 +140,19 @@ def test_lanes(system):
     assert_allclose(found, np.minimum(rates + np.log(0.5), 0), **CLOSE)
 
 
+def test_shard_map_that_checks_what_varies_is_refused_and_spoils_nothing(system):
+    mesh, spec = jax.sharding.Mesh(np.array(jax.devices()), ("lanes",)), jax.sharding.PartitionSpec("lanes")
+    lanes = jax.vmap(lambda rate: spectrum(ARGS | {"rate": rate}, system).exponents[1])
+    checked = jax.shard_map(lanes, mesh=mesh, in_specs=spec, out_specs=spec)
+    with pytest.raises(ValueError, match=r"check_vma=False.*'lanes'"):
+        checked(jnp.array([0.1, 0.2] * len(jax.devices())))
+    assert_allclose(spectrum(ARGS, system).exponents, EXPONENTS, **CLOSE)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("how", ["placed", "shard_map"])
 def test_lanes_divided_between_devices(how, system):
-    """All devices that there are, one or several; check_vma=False as for other loops that begin with constants."""
+    """All devices that there are, one or several."""
     mesh, spec = jax.sharding.Mesh(np.array(jax.devices()), ("lanes",)), jax.sharding.PartitionSpec("lanes")
     lanes = jax.vmap(lambda rate: spectrum(ARGS | {"rate": rate}, system).exponents[1])
     rates = jax.device_put(jnp.linspace(0.1, 0.4, 4), jax.sharding.NamedSharding(mesh, spec))
