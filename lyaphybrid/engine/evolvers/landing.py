@@ -36,9 +36,8 @@ from .trials import (
 __all__ = ["apply_event"]
 
 MOST_EXAMINED = 16  # the terms of the columns' entries are followed where there are no more components
-COLUMN_NOISE = (
-    1e-9  # a column made so short by a jump, and of its terms, may be what errors leave of one that is destroyed
-)
+# A column that a jump makes so short, of entries so small beside their terms, may be what errors leave of a lost one.
+COLUMN_NOISE = 1e-12
 GRAZING = 1e-3  # a crossing is grazing if the sine of the angle between flow and guard is smaller
 # An interval between events is short below this, relative to the step and to the longest interval.
 SHORT_INTERVAL = 1e-5
@@ -218,6 +217,16 @@ def _within_reach(carry: StepState, last_step) -> StepState:
     return changed(carry, h=jax.lax.stop_gradient(jnp.where(short, STEP_PER_INTERVAL * flown, carry.solver_state.h)))
 
 
+def _may_be_lost(frame, found, was_live, terms):
+    """Whether rounding in `terms`, those of the last step, can have made a column short that should be lost."""
+    short = ~found[2] & was_live & (found[1] < math.log(digits(COLUMN_NOISE, frame)))
+
+    def examined(frame, terms):
+        return jnp.any(short & frames.is_rounding(frame, terms, COLUMN_NOISE))
+
+    return jax.lax.cond(jnp.any(short), examined, lambda *_: jnp.asarray(False), frame, terms)
+
+
 def _time_since_event(carry: StepState, last_step):
     """The time since the last event; the length of the last step, where the block's time does not resolve it."""
     return jnp.maximum(carry.s - Memory(*carry.solver_state.memory).last, last_step)
@@ -264,14 +273,8 @@ def _apply_cascade(
     if sizes is not None:
         losses, sizes = carry.losses, (sizes[:, :k], sizes[:, -k:])
         found = frames.orthonormalise(carry.frame, settings.kind, frames.LOST, frames.LOST, sizes[0])
-        may_be_lost = ~found[2] & was_live & (found[1] < math.log(digits(COLUMN_NOISE, carry.x)))
-        doubtful = jax.lax.cond(
-            jnp.any(may_be_lost),
-            lambda frame, size: jnp.any(may_be_lost & frames.is_rounding(frame, size, COLUMN_NOISE)),
-            lambda *_: jnp.asarray(False),
-            carry.frame,
-            sizes[1],
-        )
+        if max(carry.frame.shape) <= MOST_EXAMINED:
+            doubtful = _may_be_lost(carry.frame, found, was_live, sizes[1])
         carry = accumulate(settings, carry, t, found, True, project, was_live)
         # The direction of the flow shrinks by the ratio of speeds: a loss is doubtful if rounding could hide it.
         speed, size = jnp.max(jnp.abs(landing.f)), jnp.minimum(jnp.max(sizes[0]), 1.0)  # unknown magnitudes are huge
