@@ -3,10 +3,10 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from . import answers, bibliography, command_line, evidence, links, problems, reference, words
+from . import answers, bibliography, claims, command_line, evidence, links, problems, reference, words
 
 WRITTEN = ("start", "tutorials", "howto", "theory", "coming_from", "help", "reference", "evidence")  # folders of `docs`
-GENERATORS = (reference, problems, command_line, words, bibliography, answers, evidence)
+GENERATORS = (reference, problems, command_line, words, bibliography, answers, claims, evidence)
 
 
 def pages(root: Path) -> Iterator[tuple[str, bytes]]:

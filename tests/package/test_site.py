@@ -7,7 +7,8 @@ import pytest
 
 import lyaphybrid as lh
 import portability
-from docs.building import answers, checks, command_line, docstrings, evidence, links, reference, words
+from docs import reproduced
+from docs.building import answers, checks, claims, command_line, docstrings, evidence, links, reference, words
 from lyaphybrid import plots, zoo
 
 ROOT = Path(__file__).parents[2]
@@ -176,3 +177,17 @@ def test_the_page_of_portability_is_the_matrix(tmp_path):
     assert "| 3.11.7 | 0.10.1 | 40 | – |" in page
     assert "| 3.12 | 0.8.0 | **red**, 2 failed | 40 |" in page
     assert "| 3.13 | 0.8.0 | – | – |" in page
+
+
+def test_the_page_of_claims_says_which_checks_fail():
+    claim = {"item": "(1)", "says": "a|b", "found": "c_d", "outcome": "agreed", "why": None}
+    page = claims.section({"paper": "P", "checks": {"one": True, "two": False}, "claims": [claim]})
+    assert "1 of 2 checks hold; claims: 1 agreed." in page
+    assert "**not found again**: two" in page
+    assert "| (1) | a\\|b | c\\_d | agreed |  |" in page
+
+
+@pytest.mark.parametrize("checks", [{"one": True}, [{"name": "one", "holds": True}]])
+def test_checks_of_papers_are_kept_in_one_form(checks):
+    report = {"paper": "P", "checks": checks, "claims": [], "more": 1}
+    assert reproduced.kept(report) == {"paper": "P", "checks": {"one": True}, "claims": []}
