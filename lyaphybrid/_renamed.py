@@ -1,10 +1,11 @@
 """Old names, which still work for one release; each use warns and gives the new name."""
 
 import functools
-import inspect
 import warnings
 from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar
+
+from ._keywords import user_level
 
 __all__ = ["arguments", "attribute", "keywords", "name_of_before", "warn"]
 
@@ -14,11 +15,8 @@ T = TypeVar("T")
 
 def warn(old: str, new: str) -> None:
     """Warn that `old` is now `new`, at the line outside of this package that uses it."""
-    frame, level = inspect.currentframe(), 1
-    while frame is not None and frame.f_globals.get("__name__", "").startswith(__package__):
-        frame, level = frame.f_back, level + 1
     said = f"{old} is now called {new}; the old name goes with the next release."
-    warnings.warn(said, DeprecationWarning, level)
+    warnings.warn(said, DeprecationWarning, user_level())
 
 
 def keywords(**renamed: str) -> Callable[[Callable[P, T]], Callable[P, T]]:

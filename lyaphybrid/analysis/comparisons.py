@@ -12,6 +12,7 @@ from jaxtyping import Array
 from .. import plots
 from .._arguments import Key, Real, State, flag, positive, random_key, real, require, whole
 from .._jax.tracing import traced
+from .._keywords import explains_keywords, user_level
 from .._text import UNIT, Table, with_error
 from ..engine import preparation, problems
 from ..engine.blocks import check_counts
@@ -110,6 +111,7 @@ class TwoTrajectories(RunResult, eqx.Module):
         return Data(variables, coordinates, attributes | {"unit": self.unit})
 
 
+@explains_keywords
 def two_trajectories(
     system: Flow | Map | Hybrid | EventDriven,
     x0: State,
@@ -231,7 +233,7 @@ def _note_rounding(problem: problems.RunProblem, result: TwoTrajectories, x0) ->
             f"the separation, {separation:.2g}, is not large against rounding, {eps * size:.1e} of the state (up to "
             f"{size:.3g}) and {eps * shift:.1e} by that of the time (t = {t:.6g}), so that λ1 is partly that of "
             "rounding: (a) give a larger separation; (b) keep angles and times small, start at a t0 near 0.",
-            stacklevel=3,
+            stacklevel=user_level(),
         )
 
 
@@ -284,6 +286,6 @@ def _deliver(result: TwoTrajectories, names: tuple[str, ...], throw: bool, why: 
         warnings.warn(
             f"{int(result.skipped)} of {int(result.intervals)} intervals did not count: (a) the distance "
             "leaves the linear regime within one, shorten renormalise_every; (b) the motion often grazes.",
-            stacklevel=3,
+            stacklevel=user_level(),
         )
     return result

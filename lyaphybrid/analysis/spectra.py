@@ -30,6 +30,7 @@ from .._arguments import (
 from .._jax.engines import compiled
 from .._jax.hashes import hash_of_arrays, hash_of_function
 from .._jax.tracing import array, traced
+from .._keywords import explains_keywords
 from .._linalg import frames
 from .._version import __version__
 from ..engine import preparation, problems
@@ -64,6 +65,7 @@ OUT_OF_REACH = (
 )
 
 
+@explains_keywords
 @renamed.keywords(until="target_stderr")
 def lyapunov_spectrum(
     system: Flow | Map | Hybrid | EventDriven,

@@ -12,6 +12,7 @@ from jaxtyping import Array
 from .. import plots
 from .._arguments import Real, State, attempts, flag, positive, whole
 from .._jax.tracing import array, traced
+from .._keywords import explains_keywords
 from .._text import Table
 from ..engine import preparation, problems
 from ..engine.blocks import check_counts, ends_of_blocks
@@ -169,6 +170,7 @@ class Trajectory(RunResult, eqx.Module):
         return Data(variables | of_events, coordinates, {"mode_names": self.mode_names})
 
 
+@explains_keywords
 def trajectory(
     system: Flow | Map | Hybrid | EventDriven,
     x0: State,
@@ -339,6 +341,7 @@ class TangentMap(RunResult, eqx.Module):
         return Data(variables, {"state": labels, "start": labels}, attributes)
 
 
+@explains_keywords
 def tangent_map(
     system: Flow | Map | Hybrid | EventDriven,
     x0: State,

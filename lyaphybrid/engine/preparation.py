@@ -13,6 +13,7 @@ import numpy as np
 from .._arguments import numbers, parameters, real, require
 from .._jax.precision import CURE, LEAST_TOLERANCE, eps, is_short, require_double
 from .._jax.tracing import array, traced, varying
+from .._keywords import user_level
 from ..integrators import HalfExplicit, RungeKutta
 from ..integrators.base import Method
 from ..systems.consistency import check_constraints
@@ -87,7 +88,7 @@ def _check_precision(name: str, x, system, method) -> None:
         steps = f" Steps are controlled to rtol = {kept.rtol:.2g} and not {method.rtol:.2g}."
     warnings.warn(
         f"{name} is float32: exponents will carry three to four digits, and events may be missed.{steps} {CURE}",
-        stacklevel=4,
+        stacklevel=user_level(),
     )
 
 

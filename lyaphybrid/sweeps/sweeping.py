@@ -14,6 +14,7 @@ import numpy as np
 from .._arguments import parameters, require, require_values, whole
 from .._jax.hashes import hash_of_arrays, hash_of_function
 from .._jax.jaxprs import needed
+from .._keywords import explains_keywords, user_level
 from .._version import __version__
 from ..engine.host import devices
 from ..engine.host.lanes import LaneProgram, run_sequences
@@ -35,6 +36,7 @@ __all__ = ["sweep"]
 CHUNK = 256  # points in a chunk, the unit of work of a thread, at most
 
 
+@explains_keywords
 def sweep(
     run: Callable | Runnable,
     over: Mapping[str, Any] | None = None,
@@ -213,7 +215,9 @@ class Work:
             error.dataset = found()
             raise
         if not np.all(self.done):
-            warnings.warn(f"{np.sum(~self.done)} of {self.grid.size} points were not computed.", stacklevel=3)
+            warnings.warn(
+                f"{np.sum(~self.done)} of {self.grid.size} points were not computed.", stacklevel=user_level()
+            )
         return found()
 
     def _compute_into_store(self, store, client, progress) -> None:
@@ -298,7 +302,7 @@ def _warn_of_idle(named: _Named, args: Any, row: dict[str, Any]) -> None:
         warnings.warn(
             f"The run does not depend on {', '.join(idle)}: each point of that axis gives the same. Does run use the "
             "args that it is given?",
-            stacklevel=5,
+            stacklevel=user_level(),
         )
 
 

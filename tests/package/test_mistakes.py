@@ -6,6 +6,7 @@ from pathlib import Path
 import equinox
 import jax
 import mistakes
+import numpy as np
 import pytest
 
 import lyaphybrid as lh
@@ -18,7 +19,7 @@ LIBRARIES = tuple(str(Path(module.__file__).parent) for module in (jax, equinox)
 
 def answer(call) -> Exception:
     """The error that a call raises; another kind than ours is no answer."""
-    with pytest.raises((ValueError, AttributeError, lh.LyaphybridError)) as caught, limited(SECONDS):
+    with pytest.raises((ValueError, TypeError, AttributeError, lh.LyaphybridError)) as caught, limited(SECONDS):
         call()
     return caught.value
 
@@ -65,3 +66,10 @@ def test_the_line_is_the_one_of_the_mistake():
     assert f"(mistakes.py, line {line})" in str(answer(mistakes.FUNCTIONS["while"].call))
     nested = mistakes.flow(lambda t, x, args: mistakes.with_while(t, x, args))
     assert f"(mistakes.py, line {line})" in str(answer(nested))
+
+
+@pytest.mark.parametrize("verb", [lh.lyapunov_spectrum, lh.trajectory, lh.tangent_map])
+def test_warnings_point_to_the_line_of_the_user(verb):
+    with pytest.warns(UserWarning, match="x0 is float32") as caught:
+        verb(lh.Map(lambda n, x, a: 3.7 * x * (1 - x)), np.array([0.3], np.float32), t1=10)
+    assert [Path(one.filename).name for one in caught if "x0 is float32" in str(one.message)] == [Path(__file__).name]

@@ -26,6 +26,7 @@ from ..._arguments import (
     whole,
 )
 from ..._jax.tracing import array
+from ..._keywords import explains_keywords
 from ..._text import Table
 from ...engine import preparation, problems
 from ...engine.blocks import qr_schedule_for
@@ -175,6 +176,7 @@ def _order_of_before(name: str, positional: tuple, given: dict[str, Any]) -> tup
     return positional
 
 
+@explains_keywords
 @renamed.arguments(_order_of_before)
 def bifurcation_diagram(
     system: Flow | Map | Hybrid | EventDriven,

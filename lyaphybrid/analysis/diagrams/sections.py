@@ -10,6 +10,7 @@ from jaxtyping import Array
 from ... import plots
 from ..._arguments import Real, State, attempts, flag, positive, require, require_one_start, require_values, whole
 from ..._jax.tracing import array
+from ..._keywords import explains_keywords
 from ..._text import Table
 from ...engine import preparation, problems
 from ...engine.host import driver
@@ -79,6 +80,7 @@ class PoincareSection(RunResult, eqx.Module):
         return Data(variables, coordinates, {"mode_names": self.mode_names})
 
 
+@explains_keywords
 def poincare_section(
     system: Flow | Map | Hybrid | EventDriven,
     x0: State,

@@ -17,6 +17,7 @@ from jaxtyping import Array
 from ... import plots
 from ..._arguments import Frame, Progress, Real, State, flag, integers, require, shape
 from ..._jax.tracing import traced
+from ..._keywords import explains_keywords
 from ..._text import Table
 from ...engine.blocks import check_counts
 from ...engine.states import Orthonormalisation, StepState
@@ -126,6 +127,7 @@ class GALIResult(RunResult, eqx.Module):
         return Data(variables, {**times_of(self), **({"order": list(self.orders)} if self.orders else {})})
 
 
+@explains_keywords
 def gali(
     system: Flow | Map | Hybrid | EventDriven,
     x0: State,
@@ -203,6 +205,7 @@ def gali(
     return verdict_of(found, result, throw)
 
 
+@explains_keywords
 def sali(
     system: Flow | Map | Hybrid | EventDriven,
     x0: State,

@@ -18,6 +18,7 @@ from jaxtyping import Array
 from ... import plots
 from ..._arguments import Frame, Progress, Real, State, flag, positive, require_one_start, shape, whole
 from ..._jax.engines import compiled
+from ..._keywords import explains_keywords
 from ..._text import UNIT, Table, numbered
 from ...engine.blocks import check_counts
 from ...engine.states import Orthonormalisation, StepState
@@ -148,6 +149,7 @@ class CovariantVectors(RunResult, eqx.Module):
         return Data(variables, {"time": ("sample", np.asarray(self.time)), **exponents_along(k), **names})
 
 
+@explains_keywords
 def covariant_vectors(
     system: Flow | Map | Hybrid | EventDriven,
     x0: State,

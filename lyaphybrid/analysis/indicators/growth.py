@@ -12,6 +12,7 @@ from ... import plots
 from ..._arguments import Frame, Progress, Real, State, flag, require
 from ..._jax.precision import nonzero
 from ..._jax.tracing import traced
+from ..._keywords import explains_keywords
 from ..._text import Table
 from ...engine.blocks import check_counts
 from ...engine.states import Orthonormalisation, StepState
@@ -133,6 +134,7 @@ class IndicatorResult(RunResult, eqx.Module):
         return Data({"values": (samples_of(self), self.values), "mean": mean}, times_of(self), {"name": self.name})
 
 
+@explains_keywords
 def megno(
     system: Flow | Map | Hybrid | EventDriven,
     x0: State,
@@ -195,6 +197,7 @@ def megno(
     )  # fmt: skip
 
 
+@explains_keywords
 def fli(
     system: Flow | Map | Hybrid | EventDriven,
     x0: State,
@@ -255,6 +258,7 @@ def fli(
     )  # fmt: skip
 
 
+@explains_keywords
 def ofli(
     system: Flow | Hybrid,
     x0: State,

@@ -16,6 +16,7 @@ from jaxtyping import Array
 from ... import _renamed as renamed
 from ... import plots
 from ..._arguments import Frame, Progress, Real, State, flag, positive, real, require, require_one_start
+from ..._keywords import explains_keywords
 from ..._text import UNIT, Table, numbered
 from ...integrators.base import Method
 from ...results.result import Data, RunResult, exponents_along
@@ -113,6 +114,7 @@ def _interval(bounds) -> str:
     return f"[{bounds[0]:.5g}, {bounds[1]:.5g}]"
 
 
+@explains_keywords
 def spectral_intervals(
     system: Flow | Map | Hybrid | EventDriven,
     x0: State,

@@ -17,6 +17,7 @@ from ... import _renamed as renamed
 from ... import plots
 from ..._arguments import Real, State, flag, positive, real, require, require_one_start, require_values, whole
 from ..._jax.precision import digits
+from ..._keywords import explains_keywords
 from ..._text import Table
 from ...engine import preparation, problems
 from ...errors import LyaphybridError, NoPeriodicOrbitError, RunFailedError
@@ -142,6 +143,7 @@ class Floquet(RunResult, eqx.Module):
         return Data(variables, coordinates, attributes)
 
 
+@explains_keywords
 def floquet(
     system: Flow | Map | Hybrid | EventDriven,
     x0: State,

@@ -1,0 +1,64 @@
+"""What the wrappers of verbs need: what an unknown keyword is called here, and where the user's own line is."""
+
+import difflib
+import functools
+import inspect
+import re
+from collections.abc import Callable
+from typing import ParamSpec, TypeVar
+
+__all__ = ["explains_keywords", "user_level"]
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+UNEXPECTED = re.compile(r"\(\) got an unexpected keyword argument '(\w+)'")
+# Names of other libraries, and what to write instead.
+ELSEWHERE = {
+    **dict.fromkeys(("rtol", "atol", "tol", "reltol", "abstol"), "tolerances go with method=lh.RungeKutta(rtol=…)"),
+    "dt": "a fixed step goes with the method, lh.RungeKutta('rk4', dt=…); n=… is a number of samples",
+    **dict.fromkeys(
+        ("t_end", "tend", "tmax", "t_max", "t_final", "tf", "T", "t2", "t_span", "tspan", "duration"),
+        "the length of a run is t1=…",
+    ),
+    **dict.fromkeys(("solver", "integrator"), "the integrator is method=…"),
+    **dict.fromkeys(("params", "parameters", "p", "pars"), "parameters are args=…"),
+    **dict.fromkeys(("y0", "u0", "ic", "initial", "initial_state"), "the start is x0=…"),
+    **dict.fromkeys(("seed", "rng", "random_state"), "random numbers come from key=jax.random.key(seed)"),
+    **dict.fromkeys(("Ttr", "ttr", "t_transient", "burn_in", "discard"), "what is not counted is transient=…"),
+    **dict.fromkeys(("n_lyap", "n_exponents", "num_exponents", "dim", "number"), "the number of exponents is k=…"),
+    **dict.fromkeys(("verbose", "show_progress", "progress_bar"), "a bar is progress=True"),
+}
+
+
+def explains_keywords(function: Callable[P, T]) -> Callable[P, T]:
+    """Decorate a verb: a keyword that it does not take is answered with what to write instead."""
+
+    @functools.wraps(function)
+    def call(*args: P.args, **given: P.kwargs) -> T:
+        try:
+            return function(*args, **given)
+        except TypeError as error:
+            found = UNEXPECTED.search(str(error))
+            if found is None or found[1] not in given or found[1] in inspect.signature(function).parameters:
+                raise
+            message = f"{function.__name__}() takes no {found[1]}=: {_instead(function, found[1])}."
+        raise TypeError(message)
+
+    return call
+
+
+def user_level() -> int:
+    """The `stacklevel` with which a warning of the caller is one of the line outside of this package."""
+    frame, level = inspect.currentframe(), 0
+    while frame is not None and frame.f_globals.get("__name__", "").startswith(__package__):
+        frame, level = frame.f_back, level + 1
+    return level
+
+
+def _instead(function: Callable, name: str) -> str:
+    taken = list(inspect.signature(function).parameters)
+    near = difflib.get_close_matches(name, taken, n=1)
+    if name in ELSEWHERE and not near:
+        return ELSEWHERE[name]
+    return f"did you mean {near[0]}=?" if near else f"it takes {', '.join(taken)}"
