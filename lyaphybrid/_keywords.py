@@ -12,7 +12,8 @@ __all__ = ["explains_keywords", "user_level"]
 P = ParamSpec("P")
 T = TypeVar("T")
 
-UNEXPECTED = re.compile(r"\(\) got an unexpected keyword argument '(\w+)'")
+UNEXPECTED_WORDS = " got an unexpected keyword argument"
+UNEXPECTED = re.compile(rf"\(\){UNEXPECTED_WORDS} '(\w+)'")
 # Names of other libraries, and what to write instead.
 ELSEWHERE = {
     **dict.fromkeys(("rtol", "atol", "tol", "reltol", "abstol"), "tolerances go with method=lh.RungeKutta(rtol=…)"),
@@ -42,7 +43,7 @@ def explains_keywords(function: Callable[P, T]) -> Callable[P, T]:
             found = UNEXPECTED.search(str(error))
             if found is None or found[1] not in given or found[1] in inspect.signature(function).parameters:
                 raise
-            message = f"{function.__name__}() takes no {found[1]}=: {_instead(function, found[1])}."
+            message = f"{function.__name__}(){UNEXPECTED_WORDS} '{found[1]}': {_instead(function, found[1])}."
         raise TypeError(message)
 
     return call
@@ -58,7 +59,7 @@ def user_level() -> int:
 
 def _instead(function: Callable, name: str) -> str:
     taken = list(inspect.signature(function).parameters)
-    near = difflib.get_close_matches(name, taken, n=1)
+    near = difflib.get_close_matches(name, taken, n=1, cutoff=0.75)
     if name in ELSEWHERE and not near:
         return ELSEWHERE[name]
     return f"did you mean {near[0]}=?" if near else f"it takes {', '.join(taken)}"

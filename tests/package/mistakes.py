@@ -353,15 +353,23 @@ ARGUMENTS = {
     "parameter of another name": Mistake(lambda: lh.zoo.lorenz63(rh=28.0), ("no parameter 'rh'", "nearest is 'rho'")),
     "parameters without names": Mistake(lambda: lh.zoo.lorenz63(10.0), ("by name", "rho=28", "got (10.0,)")),
     "parameter as a word": Mistake(lambda: lh.zoo.lorenz63(rho="28"), ("rho must be a finite real", "got '28'")),
-    "tolerance of the verb": Mistake(functools.partial(flow(swing), rtol=1e-6), ("no rtol=", "lh.RungeKutta(rtol=…)")),
+    "tolerance of the verb": Mistake(
+        functools.partial(flow(swing), rtol=1e-6), ("argument 'rtol'", "lh.RungeKutta(rtol=…)")
+    ),
     "step of the verb": Mistake(
         functools.partial(lh.trajectory, SWING, PAIR, t1=1.0, dt=0.01),
-        ("no dt=", "dt=…)", "n=… is a number of"),
+        ("argument 'dt'", "dt=…)", "n=… is a number of"),
     ),
-    "end of time": Mistake(functools.partial(lh.lyapunov_spectrum, SWING, PAIR, t_end=9.0), ("no t_end=", "t1=…")),
-    "seed": Mistake(functools.partial(flow(swing), replicates=4, seed=1), ("no seed=", "key=jax.random.key(seed)")),
+    "end of time": Mistake(
+        functools.partial(lh.lyapunov_spectrum, SWING, PAIR, t_end=9.0), ("argument 't_end'", "t1=…")
+    ),
+    "seed": Mistake(
+        functools.partial(flow(swing), replicates=4, seed=1), ("argument 'seed'", "key=jax.random.key(seed)")
+    ),
     "keyword with a slip": Mistake(functools.partial(flow(swing), transients=1.0), ("did you mean transient=?",)),
-    "keyword of nobody": Mistake(functools.partial(flow(swing), colour="red"), ("no colour=", "it takes system, x0")),
+    "keyword of nobody": Mistake(
+        functools.partial(flow(swing), colour="red"), ("argument 'colour'", "it takes system, x0")
+    ),
     "step too long": Mistake(
         functools.partial(
             lh.lyapunov_spectrum, lh.Flow(lambda t, x, a: -(x**3)), [9.0], t1=50.0, method=lh.RungeKutta("rk4", dt=0.5)
