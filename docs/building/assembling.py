@@ -3,13 +3,14 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from . import answers, bibliography, claims, command_line, evidence, links, problems, reference, words
+from . import links
+from .pages import answers, bibliography, claims, command_line, evidence, problems, reference, words
 
 WRITTEN = ("start", "tutorials", "howto", "theory", "coming_from", "help", "reference", "evidence")  # folders of `docs`
 GENERATORS = (reference, problems, command_line, words, bibliography, answers, claims, evidence)
 
 
-def pages(root: Path) -> Iterator[tuple[str, bytes]]:
+def sources(root: Path) -> Iterator[tuple[str, bytes]]:
     """(path within the site, content) of every source, of a checkout at `root`."""
     docs = root / "docs"
     for path in [*docs.glob("*.md"), *(one for folder in WRITTEN for one in sorted((docs / folder).rglob("*.md")))]:
@@ -28,7 +29,7 @@ def assemble(root: Path, source: Path) -> None:
     """Write the sources of a checkout at `root` into `source`; what has not changed keeps its date."""
     wanted = {
         name: links.linked(content.decode()).encode() if name.endswith(".md") else content
-        for name, content in pages(root)
+        for name, content in sources(root)
     }
     kept = {source / name for name in wanted}
     for old in [*source.rglob("*.md"), *source.rglob("*.rst"), *source.rglob("*.ipynb")] if source.exists() else []:

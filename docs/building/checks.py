@@ -6,7 +6,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
-from .reference import TASKS
+from .pages.reference import TASKS
 
 UNREAD = {"code", "pre", "script", "style", "textarea", "svg"}  # elements whose text may hold anything
 VOID = set("area base br col embed hr img input link meta source track wbr".split())

@@ -3,7 +3,7 @@
 import json
 import re
 
-from .reference import TASKS
+from .pages.reference import TASKS
 
 FENCE = re.compile(r"(^[ ]*(`{3,})(?!\{flowchart\})[^\n]*\n.*?^[ ]*\2`*[ ]*$)", flags=re.DOTALL | re.MULTILINE)
 NAME = re.compile(r"(?<!\[)`lh\.((?:zoo\.)?\w+)(\([^`]*\))?`(?!\])")

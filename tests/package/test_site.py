@@ -1,6 +1,7 @@
 """The documentation site: every public name has its page; what the build would not notice is noticed by its checks."""
 
 import json
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -8,7 +9,8 @@ import pytest
 import lyaphybrid as lh
 import portability
 from docs import reproduced
-from docs.building import answers, checks, claims, command_line, docstrings, evidence, links, reference, words
+from docs.building import checks, docstrings, links
+from docs.building.pages import answers, claims, command_line, evidence, reference, words
 from lyaphybrid import plots, zoo
 
 ROOT = Path(__file__).parents[2]
@@ -191,3 +193,10 @@ def test_the_page_of_claims_says_which_checks_fail():
 def test_checks_of_papers_are_kept_in_one_form(checks):
     report = {"paper": "P", "checks": checks, "claims": [], "more": 1}
     assert reproduced.kept(report) == {"paper": "P", "checks": {"one": True}, "claims": []}
+
+
+def test_folders_of_the_site_are_short():
+    """But for the gallery, where each script is a picture."""
+    files = [path for path in (ROOT / "docs").rglob("*.*") if path.is_file() and path.suffix != ".pyc"]
+    count = Counter(path.parent for path in files if path.name != "__init__.py")
+    assert [folder for folder, files in count.items() if files > 12 and folder.name != "gallery"] == []
