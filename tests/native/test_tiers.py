@@ -178,3 +178,14 @@ def test_a_long_run_gets_better_code(made, monkeypatch):
     problem.spectrum(t1=3000.0, transient=0.1)
     finished()
     assert 2 in made
+
+
+def test_what_waits_for_its_turn_is_left_when_python_ends(made, monkeypatch):
+    """Of several optimisations that were asked for, only the one under way holds up the end of a program."""
+    program = compiled(np.ones((40, 21)))
+    with _tiers._one_at_a_time:  # another optimisation is under way …
+        program.code.ahead(1e9)
+        monkeypatch.setattr(_tiers.threading.main_thread(), "is_alive", lambda: False)  # … when the program ends
+    finished()
+    assert made == [0]
+    assert not program.code.is_best

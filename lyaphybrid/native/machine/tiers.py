@@ -20,6 +20,7 @@ WORTH_IT = 2  # optimise if the remaining run time exceeds the optimisation time
 AT_LAST = 3  # … or if the past run time does by this factor
 LONGEST_OPTIMISATION = 2.0  # longest optimisation, in seconds, that one long call waits for
 THREAD = "lyaphybrid optimises"
+_one_at_a_time = threading.Lock()
 
 
 class _Code:
@@ -64,7 +65,13 @@ class Tiers:
     def _improve_aside(self) -> None:
         if not self.is_best and not self._asked:
             self._asked = True
-            threading.Thread(target=self._improve, name=THREAD).start()
+            threading.Thread(target=self._improve_in_turn, name=THREAD).start()
+
+    def _improve_in_turn(self) -> None:
+        """Wait for the optimisations that began earlier; where Python has begun to end meanwhile, leave it."""
+        with _one_at_a_time:  # Python ends after all threads: those that have not begun must not hold it up
+            if threading.main_thread().is_alive():
+                self._improve()
 
     def _improve(self) -> None:
         with self._lock:
