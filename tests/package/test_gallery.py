@@ -7,7 +7,7 @@ import pytest
 from matplotlib import animation, colors, pyplot, rcParams
 
 SCRIPTS = sorted((Path(__file__).parents[2] / "docs" / "gallery").glob("plot_*.py"))
-QUICK = ("plot_kaplan_yorke", "plot_spiking_network")
+QUICK = ("plot_spiking_network", "plot_wedge_billiard")
 WIDTHS = (3.4, 7.0)  # of one and of two columns, inches
 
 
@@ -16,6 +16,10 @@ def no_display(monkeypatch):
     monkeypatch.setattr(pyplot, "show", lambda: None)
     yield
     pyplot.close("all")
+
+
+def test_the_gallery_has_at_least_24_pictures():
+    assert len(SCRIPTS) >= 24
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
