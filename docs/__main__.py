@@ -19,14 +19,15 @@ SITE = ROOT / "build" / "site"
 def main() -> int:
     """Assemble the pages, build them, check what came out."""
     parser = argparse.ArgumentParser(prog="python -m docs", description=__doc__.splitlines()[0])
-    parser.add_argument("--no-pictures", action="store_true", help="do not run the scripts of the gallery")
+    parser.add_argument("--no-pictures", action="store_true", help="leave the gallery's scripts; into build/site/plain")
     parser.add_argument("--fresh", action="store_true", help="forget what was built before")
     options = parser.parse_args()
-    source, html = SITE / "source", SITE / "html"
+    site = SITE / "plain" if options.no_pictures else SITE  # apart: stand-ins for pictures would stay
+    source, html = site / "source", site / "html"
     if options.fresh:
-        shutil.rmtree(SITE, ignore_errors=True)
+        shutil.rmtree(site, ignore_errors=True)
     assembling.assemble(ROOT, source)
-    asked = ["-b", "html", "-W", "--keep-going", "-q", "-c", str(ROOT / "docs"), "-d", str(SITE / "doctrees")]
+    asked = ["-b", "html", "-W", "--keep-going", "-q", "-c", str(ROOT / "docs"), "-d", str(site / "doctrees")]
     pictures = ["-D", "plot_gallery=0"] if options.no_pictures else []
     if build_main([*asked, *pictures, str(source), str(html)]):
         return 1
