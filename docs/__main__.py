@@ -19,7 +19,7 @@ SITE = ROOT / "build" / "site"
 def main() -> int:
     """Assemble the pages, build them, check what came out."""
     parser = argparse.ArgumentParser(prog="python -m docs", description=__doc__.splitlines()[0])
-    parser.add_argument("--no-pictures", action="store_true", help="leave the gallery's scripts; into build/site/plain")
+    parser.add_argument("--no-pictures", action="store_true", help="do not run the gallery; into build/site/plain")
     parser.add_argument("--fresh", action="store_true", help="forget what was built before")
     options = parser.parse_args()
     site = SITE / "plain" if options.no_pictures else SITE  # apart: stand-ins for pictures would stay
