@@ -28,6 +28,6 @@ for code, count in zip(codes, counts, strict=True):
     print(f"{count} points end as", str(lh.STATUS(int(code))).split(":")[0])
 
 _, ax = pyplot.subplots(figsize=(7.0, 3.8), layout="constrained")
-lh.plots.sweep_map(found, ax=ax)
+lh.plots.sweep_map(found, ax=ax).figure.axes[-1].set_ylabel("$λ_1$ per unit of time")
 ax.set(xlabel=r"frequency $\omega$ of the drive (over its own)", ylabel="restitution $r$")
 pyplot.show()

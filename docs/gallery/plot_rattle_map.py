@@ -3,7 +3,8 @@ Rattling gears over frequency and amplitude
 ===========================================
 
 A gear tooth between two flanks. The largest exponent over frequency and amplitude of the drive: regular and chaotic
-rattling lie in bands beside each other. Hatched: impacts come faster and faster, and the run ends.
+rattling lie in bands beside each other. White, lower right: the tooth no longer hits. Hatched: impacts come faster and
+faster, and the run ends.
 """
 
 import jax
@@ -26,6 +27,6 @@ found = lh.sweep(run, over, args=gears.args, progress=False)
 print(f"{float(np.mean(found.exponents[..., 0] > 0.02)):.0%} of the points have λ₁ above 0.02 per unit of time")
 
 _, ax = pyplot.subplots(figsize=(7.0, 3.6), layout="constrained")
-lh.plots.sweep_map(found, ax=ax)
+lh.plots.sweep_map(found, ax=ax).figure.axes[-1].set_ylabel("$λ_1$ per unit of time")
 ax.set(xlabel=r"frequency $\omega$ of the drive", ylabel="amplitude of the drive")
 pyplot.show()
