@@ -21,7 +21,7 @@ network = lh.zoo.integrate_and_fire(n=n, current=2.0, coupling=coupling, form="e
 x0 = random.random(n)
 spikes = network.trajectory(x0=x0, t1=12.0, n=2).events
 run = network.spectrum(x0=x0, clock="time", t1=200.0, transient=0.0)
-print(run)
+print("λ₁, λ₂ =", *(f"{run.exponents[i]:.4f} ± {run.stderr[i]:.4f}" for i in (0, 1)), "per unit of time")
 
 _, (top, bottom) = pyplot.subplots(2, 1, figsize=(7.0, 4.2), layout="constrained", height_ratios=(1.6, 1))
 top.plot(spikes.t, np.asarray(spikes.which) + 1, "|", ms=4, color="black")
