@@ -52,7 +52,7 @@ def apply_event(evolver, settings: Settings, clock: Clock, carry: StepState, tri
     """Handle a trial that ends at an event: polish the root, apply the cascade, orthonormalise, arm the guards."""
     solver, hybrid = carry.solver_state, evolver.hybrid
     mode = jnp.asarray(0, jnp.int32) if solver.mode is None else solver.mode
-    unsure, began, began_at = hardly_crosses(evolver, carry, clock, trial), carry.frame, carry.s
+    unsure, began = hardly_crosses(evolver, carry, clock, trial), carry.frame
     moved = evolver.commit(settings, carry, trial.h, trial.x, evolver.landed(carry, clock, trial))
     lands, at_once = _at_root(evolver, solver, trial), False
     if evolver.may_not_flow:  # a jump may follow the last one, or the start, without a flow
@@ -69,7 +69,7 @@ def apply_event(evolver, settings: Settings, clock: Clock, carry: StepState, tri
         moved, lands = select(at_once, (carry, follows), (moved, lands))
     carry = moved
     ticking = ~jnp.any(lands)
-    carry = _polish(evolver, clock, carry, lands, ticking | at_once, trial.h - (carry.s - began_at))
+    carry = _polish(evolver, clock, carry, lands, ticking | at_once)
     if evolver.per_jump:
         carry = _within_reach(carry, trial.h)
     t, terms = clock.base + carry.s, jnp.abs(carry.frame)
@@ -129,14 +129,13 @@ def _is_now(evolver, mode, t, x, lands, h):
     return ahead <= ahead[first] + unsure + unsure[first] + digits(GUARD_ROUNDING, h) * h
 
 
-def _polish(evolver, clock: Clock, carry: StepState, lands, ticking, lost) -> StepState:
+def _polish(evolver, clock: Clock, carry: StepState, lands, ticking) -> StepState:
     """Two second-order Taylor steps onto the guard; the second is differentiable, the location of the root was not.
 
     Of several guards the one with the earliest root is taken. The second step identifies it, because it starts so close
     that the roots are known to rounding.
 
-    Frames are moved to first order only: as the step tends to zero, its derivative is still correct. `lost` is what
-    rounding took from the time of the landing step; with what it took before it is added here, unless a clock ticks.
+    Frames are moved to first order only: as the step tends to zero, its derivative is still correct.
     """
     hybrid = evolver.hybrid
 
@@ -158,15 +157,7 @@ def _polish(evolver, clock: Clock, carry: StepState, lands, ticking, lost) -> St
 
     start = (clock.base + carry.s, carry.x, carry.frame, carry.log_volume)
     _, x, frame, log_volume, shift = by_mode(carry.solver_state.mode, [of_mode(q) for q in range(hybrid.modes)], *start)
-    carry = carry._replace(x=x, frame=frame, log_volume=log_volume)
-    if carry.left is not None:  # all sums are compensated
-        return added(carry, s=shift)
-    place = Memory._fields.index("lost")
-    memory = jax.lax.stop_gradient(carry.solver_state.memory)
-    late = jnp.where(ticking, 0.0, memory[place] + jax.lax.stop_gradient(lost))
-    moved = added(carry, s=shift + late)
-    rest = jax.lax.stop_gradient((shift + late) - (moved.s - carry.s))
-    return changed(moved, memory=memory.at[place].set(jnp.where(ticking, memory[place], rest)))
+    return added(carry._replace(x=x, frame=frame, log_volume=log_volume), s=shift)
 
 
 def _to_end(evolver, clock: Clock, carry: StepState) -> StepState:
@@ -354,7 +345,6 @@ def _store_event(evolver, carry: StepState, landing: CascadeState, clock: Clock,
         jnp.where(zeno, ahead, m.accumulation),
         first,
         jnp.maximum(m.doubtful, doubtful.astype(carry.x.dtype)),
-        m.lost,
         jnp.where(landing.more & landing.alone, ALONE, 0.0),
     )
     memory = jax.lax.stop_gradient(jnp.stack([jnp.asarray(v, carry.x.dtype) for v in memory]))

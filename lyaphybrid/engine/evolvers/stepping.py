@@ -172,7 +172,7 @@ class Stepping(OnConstraints):
         )
         ticks = [jnp.floor((t - phase) / period + digits(1e-9, t)) + 1 for period, phase in self.clock_times]
         zero, one = jnp.zeros_like(t), jnp.ones_like(t)
-        memory = Memory(zero, zero, zero, zero, one * jnp.inf, zero, zero, one * jnp.nan, -one, zero, zero, zero)
+        memory = Memory(zero, zero, zero, zero, one * jnp.inf, zero, zero, one * jnp.nan, -one, zero, zero)
         if hybrid.borders is not None:
             outside = jnp.any(table(self, state.mode, hybrid.borders) & (guard_sign < 0))
             memory = memory._replace(pending=jnp.where(outside, FIRST, zero))

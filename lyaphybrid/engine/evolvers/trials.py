@@ -37,7 +37,6 @@ class Memory(NamedTuple):
     accumulation: Any  # estimated time at which events accumulate (Zeno)
     guard_index: Any  # guard of the last event, counted over all modes; -1: a clock
     doubtful: Any  # 1 if a column was lost where rounding may be the cause, else 0
-    lost: Any  # time that rounding took from the block's time at landings: the next one adds it (Kahan)
     pending: Any  # `ALONE` or `FIRST` if a jump comes next without a flow before it, else 0
 
 
