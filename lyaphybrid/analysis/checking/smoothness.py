@@ -60,8 +60,8 @@ def _jump(of: Callable, t, x, pairs) -> str | None:
     starts, ends = ((t[i], x[i]) for i in (pairs, pairs + 1))
     across = tuple(end - start for start, end in zip(starts, ends, strict=True))
     low, high = (of(*side, *across) for side in (starts, ends))
-    size = np.max(np.abs(low), initial=0.0)
-    if not np.all(np.isfinite(low)) or size == 0:
+    size = np.max(np.abs([low, high]), initial=0.0)  # a guard may be zero wherever a stretch begins
+    if not np.all(np.isfinite([low, high])) or size == 0:
         return None
     worst = np.argsort(np.max(np.abs(high - low), axis=1))[-SUSPECTS:]
     starts, ends, across = ([one[worst] for one in both] for both in (starts, ends, across))
