@@ -397,7 +397,7 @@ def test_the_command_line_finds_the_paper(passed, tmp_path, capsys, monkeypatch)
     monkeypatch.setattr(fu, "reproduce", lambda **keywords: asked.update(keywords) or Stub("the table"))
     monkeypatch.setattr(fu, "write", lambda result, out: [out / "fu.json"])
     assert main(["papers", "fu", "--quick", "--out", str(tmp_path)]) == (0 if passed else 1)
-    assert asked == {"quick": True}
+    assert asked == {"quick": True, "progress": None}
     assert capsys.readouterr().out.splitlines() == ["the table", f"wrote {tmp_path / 'fu.json'}"]
 
 
