@@ -15,6 +15,7 @@ import numpy as np
 import scipy.special
 
 import lyaphybrid as lh
+from examples import flight
 
 
 class Mistake(NamedTuple):
@@ -77,14 +78,8 @@ def first_row(t, a):
     return jnp.diag(jnp.array([1.0, 0.0]))
 
 
-def flight(**parts):
-    usual = {
-        "flow": lambda dt, t, x, a: x - dt,
-        "next_event": lambda t, x, a: (x[0], 0),
-        "jump": lambda t, x, a, which: x + 1.0,
-        "guard": lambda t, x, a, which: x[0],
-    }
-    return functools.partial(lh.lyapunov_spectrum, lh.EventDriven(**(usual | parts)), PAIR, t1=1.0)
+def flown(**parts):
+    return functools.partial(lh.lyapunov_spectrum, flight(**parts), PAIR, t1=1.0)
 
 
 def swept(run, args=None, **over):
@@ -204,7 +199,7 @@ FUNCTIONS = {
         jumping(every=lambda a: 2 * jnp.pi / a["omega"]), ("every of transition 0", "args is None")
     ),
     "next event by if": Mistake(
-        flight(next_event=lambda t, x, a: (x[0] if x[0] > 0 else x[1], 0)), ("next_event fails", "jnp.where")
+        flown(next_event=lambda t, x, a: (x[0] if x[0] > 0 else x[1], 0)), ("next_event fails", "jnp.where")
     ),
     "float in a run": Mistake(
         swept(lambda a: lh.lyapunov_spectrum(DAMPED, PAIR, {"k": float(a["k"]), "c": 0.1}, t1=1.0)),
@@ -235,7 +230,7 @@ ARGUMENTS = {
     "kinetic without args": Mistake(hamiltonian(lambda p: p @ p / 2), ("kinetic of the field", "(p, args)")),
     "kinetic of each": Mistake(hamiltonian(lambda p, a: p**2 / 2), ("must return a number", "got shape (1,)")),
     "momenta missing": Mistake(hamiltonian(x0=[1.0, 0.0, 0.5]), ("as many positions as momenta", "x0 has 3")),
-    "jump without which": Mistake(flight(jump=lambda t, x, a: x + 1.0), ("jump is called with (t, x, args, which)",)),
+    "jump without which": Mistake(flown(jump=lambda t, x, a: x + 1.0), ("jump is called with (t, x, args, which)",)),
     "x0 and args swapped": Mistake(flow(swing, PAIR, x0={"k": 1.0}), ("got {'k': 1.0}", "comes before args")),
     "arrays swapped": Mistake(
         flow(lambda t, x, a: a * jnp.sum(x), jnp.ones(3)), ("shape (3,)", "are x0 and args in each other's place?")

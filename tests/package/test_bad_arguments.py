@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import pytest
 
 import lyaphybrid as lh
+from examples import flight
 
 DECAY = lh.Flow(lambda t, x, a: -x)
 HENON = lh.zoo.henon_map()
@@ -149,16 +150,6 @@ def jump(guard=guard, **parts):
 
 def two(target):
     return lh.Hybrid({"up": DECAY, "down": DECAY}, lh.Transition(guard, source="up", target=target))
-
-
-def flight(**parts):
-    usual = {
-        "flow": lambda dt, t, x, a: x - dt,
-        "next_event": lambda t, x, a: (x[0], 0),
-        "jump": lambda t, x, a, which: x + 1.0,
-        "guard": lambda t, x, a, which: x[0],
-    }
-    return lh.EventDriven(**(usual | parts))
 
 
 FUNCTIONS = {

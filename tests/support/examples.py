@@ -151,3 +151,17 @@ STIFF = lh.DAE(
     lambda t, x, args: jnp.stack([-x[0] + x[2], -args * (x[1] - jnp.sin(x[0])), x[2] - 0.5 * x[1]]),
     n_differential=2,
 )
+
+
+# --- a flight whose parts a test replaces by wrong ones -------------------------------------------------------------
+
+
+def flight(**parts) -> lh.EventDriven:
+    """All components fall at the rate 1, and rise by 1 where the first one is zero; `parts` are taken instead."""
+    usual = {
+        "flow": lambda dt, t, x, a: x - dt,
+        "next_event": lambda t, x, a: (x[0], 0),
+        "jump": lambda t, x, a, which: x + 1.0,
+        "guard": lambda t, x, a, which: x[0],
+    }
+    return lh.EventDriven(**(usual | parts))
