@@ -9,6 +9,7 @@ from pathlib import Path
 import jax
 
 TABLE = "tests/package/mistakes.py"
+SUPPORT = "tests/support"  # on the path of the tests: the table imports from there
 HEAD = """# Mistakes and answers
 
 What the package answers to {count} mistakes: what was given, what was wanted, what to do. A test makes each of
@@ -23,7 +24,11 @@ def table(root: Path):
     assert spec is not None
     assert spec.loader is not None
     module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    sys.path.insert(0, str(root / SUPPORT))
+    try:
+        spec.loader.exec_module(module)
+    finally:
+        sys.path.remove(str(root / SUPPORT))
     return module
 
 
