@@ -163,6 +163,7 @@ def one_run(xp: ModuleType, records: BlockRecord, empty, clock: str, initial, av
     else:
         finite = _birkhoff(xp, growth, length, reading, valid, regular=averaging == "birkhoff-regular")
     gone = (losses > 0) | (empty & xp.any(valid))  # empty: lost before growth was counted and never replaced
+    course = xp.where((xp.cumsum(counts, axis=0) > 0) | empty[None, :], -xp.inf, running)
     count = xp.maximum(xp.sum(valid), 2).astype(growth.dtype)
     stderr = standard_error(xp, growth, length, finite, count, _or_nan(xp, reading[-1]))
     late = (reading >= 0.5 * reading[-1]) & (valid | ~xp.any(valid))
@@ -172,14 +173,14 @@ def one_run(xp: ModuleType, records: BlockRecord, empty, clock: str, initial, av
         "exponents": xp.where(gone, -xp.inf, finite),
         "finite": finite,
         "stderr": xp.where(gone, xp.nan, stderr),
-        "upper": xp.max(xp.where(late[:, None], running, -xp.inf), axis=0),
-        "lower": xp.min(xp.where(late[:, None], running, xp.inf), axis=0),
+        "upper": xp.max(xp.where(late[:, None], course, -xp.inf), axis=0),
+        "lower": xp.min(xp.where(late[:, None], course, xp.inf), axis=0),
         "losses": losses,
         "first": _first_losses(xp, records, losses),
         "time": time[-1],
         "jumps": jumped[-1],
         "history_time": xp.where(valid, reading, xp.nan),
-        "history": xp.where(valid[:, None], running, xp.nan),
+        "history": xp.where(valid[:, None], course, xp.nan),
         "growth": xp.where(valid[:, None], growth, xp.nan),
         "history_losses": counts,
         "history_elapsed": xp.where(valid, time, xp.nan),

@@ -84,8 +84,8 @@ class History(eqx.Module):
     """The convergence of a spectrum by blocks, in the order of its exponents; nan where a block was not reached."""
 
     time: Array  # (blocks,) in units of the clock, measured from the end of the transient
-    exponents: Array  # (blocks, k) running averages
-    growth: Array  # (blocks, k) Σ ln R_ii of each block
+    exponents: Array  # (blocks, k) running averages; -inf from the first loss on
+    growth: Array  # (blocks, k) Σ ln R_ii of each block, without what was lost
     losses: Array | None = None  # (blocks, k) how often a column was lost in each block
     elapsed: Array | None = None  # (blocks,) time since the end of the transient, for every clock
 

@@ -108,6 +108,24 @@ def test_zeno_of_a_cascade_without_end():
     assert computed(spectrum) == 2
 
 
+def thermostat(on, off):
+    """Heats until x rises through `off`, cools until it falls through `on`."""
+    heats = lh.Transition(lambda t, x, args: x[0] - on, source="cools", target="heats", direction=-1)
+    cools = lh.Transition(lambda t, x, args: x[0] - off, source="heats", target="cools", direction=+1)
+    return lh.Hybrid({"heats": lambda t, x, args: 30.0 - x, "cools": lambda t, x, args: 10.0 - x}, [heats, cools])
+
+
+def test_zeno_of_a_hysteresis_the_wrong_way_round():
+    """Where one mode ends the other one is beyond its threshold, and fires at once; the message says so."""
+    assert lh.trajectory(thermostat(19.0, 21.0), [15.0], t1=5.0, mode="heats").status is STATUS.ok
+    with pytest.raises(
+        lh.RunFailedError, match=r"beyond zero where its mode is entered .* thresholds are exchanged"
+    ) as e:
+        lh.trajectory(thermostat(21.0, 19.0), [15.0], t1=5.0, mode="heats")
+    assert e.value.status is STATUS.zeno
+    assert float(e.value.result.events.t[0]) == pytest.approx(math.log(15 / 11), abs=1e-9)
+
+
 def fold(sink):
     """X falls at the rate `sink`; z = √x ends where x does."""
     return lh.DAE(

@@ -6,6 +6,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
+from lyaphybrid import zoo
 
 PRODUCT = lh.Map(lambda n, x, args: args[jnp.asarray(n, jnp.int32) % 3] @ x)
 
@@ -53,3 +54,16 @@ def test_a_short_direction_that_errors_of_the_flow_make_longer_is_flagged(kept):
     right = np.allclose(spectrum.exponents, 0.5 * np.log(kept), rtol=0, atol=1e-3)
     assert right == (kept > 1e-9)
     assert spectrum.notes == (frozenset() if right else {"unresolved"})
+
+
+@pytest.mark.slow_cases("0.54", "0.9")
+@pytest.mark.parametrize("alpha", [0.54, 0.7, 0.9])
+def test_a_loss_for_which_a_mode_has_no_room_is_no_rounding(alpha):
+    """A block that sticks moves with the velocity 1e-17 of rounding: the direction that it loses is v all the same."""
+    stuck = zoo.block_on_plate(alpha=alpha).spectrum()
+    assert_allclose(stuck.exponents, [0.0, -np.inf], atol=1e-12)
+    assert stuck.notes == {"rank_lost"}
+
+
+def test_a_loss_that_the_slowness_of_a_flow_may_fake_is_flagged_in_a_mode_with_room():
+    """The direction of the flow, alone in the frame, becomes as short as the flow becomes slow: 1e-17, or zero."""

@@ -62,6 +62,18 @@ def test_instructions_that_change_entries():
     assert costs._of_equation(put, 4) == 6
 
 
+@pytest.mark.parametrize("name", ["add", "multiply", "min", "max"])
+def test_a_scatter_that_adds_costs_as_much_as_one_that_sets(name):
+    """Its parameters hold a program, which is the operation of its name and no call."""
+    changed = program(lambda x, y: getattr(x.at[np.array([1, 3])], name)(y), X, np.ones(2)).eqns[-1]
+    assert changed.primitive.name.startswith("scatter")
+    assert costs._of_equation(changed, 16) == 2 * 5 * 2
+    assert costs._of_equation(changed, 4) == 6
+    assert not costs.worth_a_jump(program(lambda x: x.at[0].add(x[1]), X))
+    several = lambda x: lax.cond(x[0] > 0, lambda x: x.at[np.array([1, 3])].add(x[:2]), lambda x: x, x)  # noqa: E731
+    assert costs.apart(program(several, X)) == 0
+
+
 def scan(length, n=5, work=1):
     """A scan whose body has `work` equations of n entries."""
 

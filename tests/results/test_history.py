@@ -29,7 +29,9 @@ def check(spectrum, before):
     assert_allclose(history.exponents[:, 0], np.log(2), rtol=1e-14)
     counted = np.where(np.arange(20) == LOST_AT, 0.0, np.log(3))
     assert_allclose(history.growth[:, 1], counted, rtol=1e-14, atol=1e-15)
-    assert_allclose(history.exponents[:, 1], np.cumsum(counted) / time, rtol=1e-13)
+    running = np.where(time <= LOST_AT, np.cumsum(counted) / time, -np.inf)
+    assert_allclose(history.exponents[:, 1], running, rtol=1e-13)
+    assert [spectrum.upper[1], spectrum.lower[1]] == [-np.inf, -np.inf]
     assert_allclose(history.losses[:, 1], np.arange(20) == LOST_AT)
     assert not np.any(history.losses[:, 0])
     assert_allclose([spectrum.upper[0], spectrum.lower[0]], np.log(2), rtol=1e-14)
@@ -38,6 +40,24 @@ def check(spectrum, before):
 
 def test_a_history_keeps_to_its_exponent_across_a_loss():
     check(lh.lyapunov_spectrum(STRETCHES, [1.0, 1.0], t1=20, blocks=20, every=1), 1)
+
+
+def test_bounds_of_the_second_half_see_a_loss_within_it():
+    """Of 8 iterations the sixth loses a direction: until then its running exponent was ln 3."""
+    spectrum = lh.lyapunov_spectrum(STRETCHES, [1.0, 1.0], t1=8, blocks=8, every=1)
+    assert_allclose([spectrum.upper[1], spectrum.lower[1]], [np.log(3), -np.inf], rtol=1e-14)
+
+
+def test_what_is_lost_before_growth_is_counted_is_lost_in_every_block():
+    """A flow on a surface, entered in the transient: its frame has an empty column."""
+    stuck = lh.filippov(
+        lambda t, x, args: jnp.array([-1.0, 0.5]) * x + jnp.array([0.0, -1.0]),
+        lambda t, x, args: jnp.array([-1.0, 0.5]) * x + jnp.array([0.0, 1.0]),
+        lambda t, x, args: x[1],
+    )
+    spectrum = lh.lyapunov_spectrum(stuck, [1.0, 0.1], t1=4.0, transient=2.0, blocks=4)
+    assert_allclose(spectrum.history.exponents, [[-1.0, -np.inf]] * 4, rtol=1e-7)
+    assert_allclose(spectrum.exponents, [-1.0, -np.inf], rtol=1e-7)
 
 
 @pytest.mark.parametrize("averaging", ["birkhoff"])

@@ -267,10 +267,13 @@ def _apply_cascade(
         if max(carry.frame.shape) <= MOST_EXAMINED:
             doubtful = _may_be_lost(carry.frame, found, was_live, sizes[1])
         carry = accumulate(settings, carry, t, found, True, project, was_live)
-        # The direction of the flow shrinks by the ratio of speeds: a loss is doubtful if rounding could hide it.
+        # The direction of the flow shrinks by the ratio of speeds: a loss is doubtful if rounding could hide it, unless
+        # the new mode has no room for what is lost.
+        forced = jnp.maximum(jnp.sum(was_live, dtype=jnp.int32) - _room(project, carry.x), 0)
+        lost = jnp.sum(carry.losses - losses, dtype=jnp.int32) > forced
         speed, size = jnp.max(jnp.abs(landing.f)), jnp.minimum(jnp.max(sizes[0]), 1.0)  # unknown magnitudes are huge
         hidden = digits(frames.DEPENDENT, carry.x) * size * landing.speed
-        doubtful = doubtful | (jnp.any(carry.losses > losses) & (speed > 0) & (speed < hidden))
+        doubtful = doubtful | (lost & (speed > 0) & (speed < hidden))
     guard = jnp.where(guard_index < 0, -1, guard_index + evolver.hybrid.slots * mode)
     grazing = (landing.transversality < GRAZING) | ((guard_index >= 0) & unsure[guard_index] & _bends(landing))
     carry = _store_event(evolver, carry, landing, clock, guard, (grazing, doubtful), last_step)
@@ -281,6 +284,14 @@ def _apply_cascade(
     # Where jumps are counted the run goes on through an endless cascade, and stops if the cascade ends after all.
     ends = landing.alone & ~landing.more if evolver.per_jump else landing.count > evolver.max_cascade
     return stop(carry, STATUS.zeno, ends)
+
+
+def _room(project, x):
+    """The dimension of the tangent space of a mode: the trace of the projection onto it."""
+    n = x.shape[0]
+    if project is None:
+        return n
+    return jnp.round(jnp.trace(each_column(project, jnp.eye(n, dtype=x.dtype)))).astype(jnp.int32)
 
 
 def _stays_left(landing: CascadeState):

@@ -9,6 +9,7 @@ import numpy as np
 from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
 
 _CALLED = ("jaxpr", "call_jaxpr", "fun_jaxpr")
+_UPDATE = "update_jaxpr"  # of a scatter-add and the like, whose names say the same
 
 
 class Scan(NamedTuple):
@@ -71,9 +72,11 @@ def parts(jaxpr: ClosedJaxpr | Jaxpr) -> tuple[Jaxpr, Any]:
 
 
 def subprograms(equation) -> list[Jaxpr]:
-    """All jaxprs among an equation's parameters; a `native_call` has a `Program`, with its jaxpr in `closed`."""
+    """The programs that an equation runs; a `native_call` has a `Program`, with its jaxpr in `closed`."""
     found = []
-    for parameter in equation.params.values():
+    for name, parameter in equation.params.items():
+        if name == _UPDATE:
+            continue
         for each in parameter if isinstance(parameter, tuple | list) else (parameter,):
             program = getattr(each, "closed", each)
             if isinstance(program, ClosedJaxpr | Jaxpr):
