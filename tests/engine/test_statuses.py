@@ -118,12 +118,10 @@ def thermostat(on, off):
 def test_zeno_of_a_hysteresis_the_wrong_way_round():
     """Where one mode ends the other one is beyond its threshold, and fires at once; the message says so."""
     assert lh.trajectory(thermostat(19.0, 21.0), [15.0], t1=5.0, mode="heats").status is STATUS.ok
-    with pytest.raises(
-        lh.RunFailedError, match=r"beyond zero where its mode is entered .* thresholds are exchanged"
-    ) as e:
+    with pytest.raises(lh.RunFailedError, match=r"beyond zero .* exchanged thresholds") as caught:
         lh.trajectory(thermostat(21.0, 19.0), [15.0], t1=5.0, mode="heats")
-    assert e.value.status is STATUS.zeno
-    assert float(e.value.result.events.t[0]) == pytest.approx(math.log(15 / 11), abs=1e-9)
+    assert caught.value.status is STATUS.zeno
+    assert float(caught.value.result.events.t[0]) == pytest.approx(math.log(15 / 11), abs=1e-9)
 
 
 def fold(sink):
