@@ -113,3 +113,53 @@ def test_a_clock_does_not_get_stuck_at_one_instant(start):
     assert len(run.events) > np.sum(strokes)
     assert np.asarray(run.events.which)[strokes].tolist() == which
     assert_allclose(np.asarray(run.events.t)[strokes], times, rtol=0, atol=1e-9)
+
+
+# --- chattering ------------------------------------------------------------------------------------------------------
+
+ABOVE, BELOW = np.array([-2.0, 1.5]), np.array([2.0, -3.0])  # x' and y' where x > y, and where x < y
+MET = 1 / 7  # 0.5/3.5
+
+
+def _apart(t, x, args):
+    return x[0] - x[1]
+
+
+def _at(rates):
+    return lambda t, x, args: jnp.asarray(rates) + 0 * x
+
+
+def test_two_fields_that_point_at_each_other_slide():
+    """https://github.com/OpenModelica/OpenModelica/issues/12190: events without end where x = y; the run gets stuck.
+
+    Both rates there are −6/17, the convex combination that keeps x = y: x(1) = 17/14 − (6/17)(6/7) = 31/34.
+    """
+    slides = lh.filippov(_at(ABOVE), _at(BELOW), _apart)
+    run = lh.trajectory(slides, [1.5, 1.0], t1=1.0)
+    assert run.status is lh.STATUS.ok
+    assert_allclose(run.events.t, [MET], rtol=1e-13)
+    assert_allclose(run.x[-1], 31 / 34, rtol=1e-12)
+    onto = np.eye(2) + np.outer(-6 / 17 - ABOVE, [1, -1]) / (ABOVE[0] - ABOVE[1])  # S, of rank 1
+    spectrum = lh.lyapunov_spectrum(slides, [1.5, 1.0], t1=1.0)
+    assert_allclose(spectrum.exponents, [np.log(np.linalg.norm(onto[:, 0])), -np.inf], rtol=1e-12)
+    assert spectrum.notes == {"rank_lost"}
+
+
+def test_two_modes_that_throw_the_state_to_each_other_end_at_once():
+    """The same without sliding, as two modes: no run without end, but `zeno` at the time, with a finite cascade."""
+    falls = lh.Transition(_apart, source="above", target="below", direction=-1)
+    rises = lh.Transition(_apart, source="below", target="above", direction=+1)
+    switches = lh.Hybrid({"above": _at(ABOVE), "below": _at(BELOW)}, [falls, rises])
+    run = lh.trajectory(switches, [1.5, 1.0], t1=1.0, mode="above", throw=False)
+    assert run.status is lh.STATUS.zeno
+    assert len(run.events) < 100
+    assert_allclose(run.events.t, MET, rtol=1e-12)
+
+
+@pytest.mark.slow
+def test_a_field_with_a_jump_is_not_stuck_on_it():
+    """The same as one field with `where`: the run ends, and its message names the jump."""
+    jumps = lh.Flow(lambda t, x, args: jnp.where(x[0] > x[1], ABOVE, BELOW))
+    with pytest.raises(lh.RunFailedError, match="the field jumps .* give each smooth piece a mode") as caught:
+        lh.trajectory(jumps, [1.5, 1.0], t1=1.0)
+    assert caught.value.status is lh.STATUS.stalled
