@@ -30,10 +30,19 @@ def with_error(value: float, error: float) -> str:
         return "-inf" if value < 0 else str(value)
     if not np.isfinite(error) or error <= 0:
         return f"{value:.12g}"
-    digits = max(0, 1 - int(np.floor(np.log10(error))))
+    last = int(np.floor(np.log10(error)))
+    digits = max(0, 1 - last)
     if digits > 12:
-        return f"{value:.12f}" if abs(value) >= 1e-12 else f"{value:.0e}"
+        return f"{value:.12f}" if abs(value) >= 1e-12 else _small_with_error(value, error, last)
     return f"{value:.{digits}f}({error * 10**digits:.0f})" if digits else f"{value:.0f}({error:.0f})"
+
+
+def _small_with_error(value: float, error: float, last: int) -> str:
+    """2.2(18)e-16: what is small itself, with its own power of ten; the error begins at 10^last."""
+    if value == 0:
+        return "0"
+    power = max(last, int(np.floor(np.log10(abs(value)))))
+    return f"{value * 10.0**-power:.{power - last + 1}f}({error * 10.0 ** (1 - last):.0f})e{power}"
 
 
 def numbered(symbol: str, count: int) -> list[str]:

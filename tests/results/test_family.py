@@ -10,7 +10,7 @@ from matplotlib import pyplot
 
 import lyaphybrid as lh
 from docstring_examples import made_by_example
-from lyaphybrid._text import Table, as_html, as_text
+from lyaphybrid._text import Table, as_html, as_text, with_error
 from lyaphybrid.results.result import Result, RunResult
 
 HENON = lh.Map(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]]), names=("position", "memory"))
@@ -160,6 +160,22 @@ def test_decimal_points_stand_below_each_other():
         "  a < b",
     ]
     assert "a &lt; b" in as_html(table)
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "shown"),
+    [
+        (0.905872, 0.00153, "0.9059(15)"),
+        (-14.57254, 3.1, "-14.6(31)"),
+        (-1.2039728043259, 1e-17, "-1.203972804326"),  # the error is rounding
+        (2.2e-16, 1.8e-16, "2.2(18)e-16"),
+        (-7.8e-14, 1.2e-15, "-7.80(12)e-14"),
+        (3e-18, 4e-15, "0.0(40)e-15"),
+        (0.0, 2e-17, "0"),
+    ],
+)
+def test_errors_stand_behind_values(value, error, shown):
+    assert with_error(value, error) == shown
 
 
 def test_long_tables_are_shortened():
