@@ -316,6 +316,27 @@ def test_clocks_tick_only_in_the_modes_that_listen():
     assert_allclose(ticks, [0.25, 0.75, 2.25, 2.75], rtol=0, atol=1e-13)
 
 
+@pytest.mark.parametrize("phase", [0.6, lambda args: 0.6], ids=["number", "function"])
+def test_a_tick_while_nobody_listens_does_not_come_late(phase):
+    """The last tick before the mode is entered, at 0.6, is over; one at the very instant of the entry comes."""
+
+    def ticks(entry):
+        system = lh.Hybrid(
+            {"deaf": clockwork, "hears": clockwork},
+            [
+                lh.Transition(every=10.0, phase=entry, source="deaf", target="hears"),
+                lh.Transition(every=1.0, phase=phase, reset=counter, source="hears"),
+            ],
+        )
+        log = lh.trajectory(system, [0.0, 0.0], t1=3.0, n=2, mode="deaf").events
+        return np.asarray(log.t)[np.asarray(log.transition) == 1]
+
+    assert_allclose(ticks(0.7), [1.6, 2.6], rtol=0, atol=1e-13)
+    assert_allclose(ticks(0.5), [0.6, 1.6, 2.6], rtol=0, atol=1e-13)
+    assert_allclose(ticks(0.6), [0.6, 1.6, 2.6], rtol=0, atol=1e-13)
+    assert_allclose(ticks(2.6), [2.6], rtol=0, atol=1e-13)
+
+
 def test_clocks_do_not_drift():
     """A million ticks of 0.1 after t = 1e5 stand at 0.1 k, to the resolution of t."""
     system = lh.Hybrid(lambda t, x, a: 0 * x, lh.Transition(every=0.1, reset=lambda t, x, a: x.at[0].set(t)))

@@ -17,6 +17,7 @@ from ..orthonormalising import accumulate, orthonormalise_and_accumulate
 from ..states import Clock, Settings, StepState, added, select, stop
 from .cascade import CascadeState, in_each_order, orthonormalises
 from .grazing import hardly_crosses
+from .step_sizes import unresolved
 from .trials import (
     ALONE,
     LEFT,
@@ -314,9 +315,16 @@ def _keep_clocks(evolver, clock: Clock, carry: StepState, trial: Trial, ticking)
     t = clock.base + carry.s
     ticked = ticking & (jnp.arange(len(evolver.clock_times), dtype=jnp.int32) == trial.tick)
     number = carry.solver_state.ticks + ticked.astype(carry.solver_state.ticks.dtype)
-    now = jnp.stack([jnp.floor((t - phase) / period + digits(1e-9, t)) for period, phase in evolver.clock_times])
-    number = jnp.where(number < now - 1e-3, now + 1, number)
-    return changed(carry, ticks=number)
+    rounding_of_time = unresolved(carry, clock)
+    number = [_tick_to_come(t, number[i], *times, rounding_of_time) for i, times in enumerate(evolver.clock_times)]
+    return changed(carry, ticks=jnp.stack(number))
+
+
+def _tick_to_come(t, number, period, phase, rounding_of_time):
+    """The number of a clock's next tick: what passed while it was not armed is over, what rounding made late comes."""
+    slack = digits(1e-9, t)
+    late = t - phase - period * number > slack * period + rounding_of_time
+    return jnp.where(late, jnp.ceil((t - phase) / period - slack), number)
 
 
 def _store_event(evolver, carry: StepState, landing: CascadeState, clock: Clock, guard, seen, last_step) -> StepState:
