@@ -26,9 +26,14 @@ def _load(path: pathlib.Path):
     return sys.modules[path.stem]
 
 
+def second_implementation():
+    """The module of the tests that finds events by diffrax."""
+    return _load(SECOND_IMPLEMENTATION)
+
+
 def diffrax_events(field, guard, reset, t1: float) -> Run:
     """The impact oscillator by an outer `lax.scan` over `diffrax.diffeqsolve(event=…)`, Dormand–Prince 5(4)."""
-    second = _load(SECOND_IMPLEMENTATION)
+    second = second_implementation()
     options = second.Options(problems.IMPACT_RTOL, problems.IMPACT_ATOL, segments_per_call=SEGMENTS)
     start, args = problems.IMPACT_START, problems.IMPACT_PARAMETERS
 

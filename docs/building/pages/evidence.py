@@ -7,7 +7,13 @@ import re
 from collections import Counter
 from pathlib import Path
 
+from benchmarks.peers import tables
 from lyaphybrid.zoo.reference_checks import Comparison
+
+NOT_YET = """# Ours and theirs, the same work at the same error
+
+`python -m benchmarks.peers` has not been run as a whole yet: it writes this page.
+"""
 
 AUTOMATA = """# Random hybrid automata
 
@@ -73,6 +79,12 @@ def verdict(cell: dict | None) -> str:
     return f"{cell.get('passed', 0)}" if cell["green"] else f"**red**, {cell.get('failed', 0)} failed"
 
 
+def peers(root: Path) -> str:
+    """Other programs at the same error."""
+    data = root / "benchmarks/results.json"
+    return tables.page(json.loads(data.read_text())) if data.exists() else NOT_YET
+
+
 def automata(root: Path) -> str:
     """How many automata and events of each family there are."""
     with lzma.open(root / "tests/data/automata.json.xz", "rt") as file:
@@ -98,6 +110,7 @@ def pages(root: Path) -> dict[str, str]:
         "evidence/validation.md": validation(root),
         "evidence/automata.md": automata(root),
         "evidence/portability.md": portability(root),
+        "evidence/peers.md": peers(root),
         "evidence/mutants.md": moved((root / "tests/mutants.md").read_text()),
         "evidence/papers.md": moved((root / "tests/papers.md").read_text()),
         "evidence/conformance.md": moved((root / "tests/conformance/README.md").read_text()),

@@ -1,0 +1,1 @@
+"""Our times against those of other programs, on the same work at the same error: ``python -m benchmarks.peers``."""

@@ -1,0 +1,79 @@
+"""The command line: ``python -m benchmarks.peers [--only WORKLOAD …] [--quick] [--check]``."""
+
+import argparse
+import datetime
+import json
+import os
+import platform
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+from benchmarks.peers import measuring, tables
+from benchmarks.peers.workloads import WORKLOADS
+
+FOLDER = Path(__file__).parents[1]
+DATA, PAGE = FOLDER / "results.json", FOLDER / "RESULTS.md"
+
+
+def _parse(argv: list[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        "python -m benchmarks.peers",
+        description="Our times against those of other programs, at the same error. A run of all workloads writes "
+        "benchmarks/results.json and benchmarks/RESULTS.md, unless --quick or --check is given.",
+        epilog="example: python -m benchmarks.peers --only lorenz --quick",
+    )
+    parser.add_argument("--only", metavar="WORKLOAD", nargs="+", choices=list(WORKLOADS), help=", ".join(WORKLOADS))
+    parser.add_argument("--quick", action="store_true", help="shorter runs, fewer rounds")
+    parser.add_argument("--check", action="store_true", help="print ratios that are worse than recorded by over 25 %%")
+    return parser.parse_args(argv)
+
+
+def described() -> dict[str, Any]:
+    """When and where."""
+    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=FOLDER, capture_output=True, text=True)
+    load = f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "unknown"
+    return {
+        "date": datetime.date.today().isoformat(),
+        "commit": commit.stdout.strip() or "unknown",
+        "machine": f"{os.cpu_count()} processors ({_processor()}), Python {platform.python_version()}",
+        "load": load,
+        "versions": measuring.versions(),
+    }
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    known = dict(line.split(":", 1) for line in reversed(lines) if ":" in line)
+    known = {name.strip(): value.strip() for name, value in known.items()}
+    widest = "AVX-512" if "avx512f" in known.get("flags", "").split() else "no AVX-512"
+    return f"{known.get('model name', platform.machine())}, {widest}"
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Measure and print; 1 where `--check` finds something worse."""
+    options = _parse(argv)
+    for peer in measuring.missing():
+        print(f"{peer} is not installed: skipped.", file=sys.stderr)
+    results = described() | {"workloads": {}}
+    for name in options.only or WORKLOADS:
+        results["workloads"][name] = measuring.measure(name, options.quick)
+        print(tables.table(results["workloads"][name]), flush=True)
+    if options.check:
+        found = list(tables.worse(results, json.loads(DATA.read_text())))
+        print(
+            "\n".join(["Worse than recorded by over 25 %:", *found] if found else ["Nothing is worse than recorded."])
+        )
+        return 1 if found else 0
+    if not options.only and not options.quick:
+        DATA.write_text(json.dumps(results, indent=1) + "\n")
+        PAGE.write_text(tables.page(results))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,63 @@
+"""lyapax: its problem object, fixed steps and diffrax's adaptive ones, the whole call under `jax.jit`."""
+
+import dataclasses
+import functools
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+import jax.numpy as jnp  # noqa: E402
+import lyapax  # noqa: E402
+from lyapax.adaptive import diffrax_adaptive_step  # noqa: E402
+
+from benchmarks.peers.adapters import Bound  # noqa: E402
+from benchmarks.peers.workloads import Workload  # noqa: E402
+
+TOLERANCES = (1e-6, 1e-9)
+
+
+def spectrum(workload: Workload, problem, count: int, renorm_every: int):
+    """The call as one compiled function of the start."""
+
+    @jax.jit
+    def exponents(start):
+        begun = dataclasses.replace(problem, state0=start)
+        k = workload.frame.shape[1]
+        return lyapax.lyapunov_spectrum(begun, n_steps=count, k=k, renorm_every=renorm_every).exponents
+
+    return exponents
+
+
+def drawn(workload: Workload) -> jax.Array:
+    """The columns that it begins with: drawn with seed 0."""
+    return jnp.linalg.qr(jax.random.normal(jax.random.PRNGKey(0), workload.frame.shape, jnp.float64))[0]
+
+
+def flow(workload: Workload) -> Bound:
+    components, start, p = workload.formula(jnp), jnp.array(workload.start), workload.parameters
+
+    def rhs(x):
+        return jnp.stack(components(0.0, x, p))
+
+    ladder = {f"{name} 1/{steps}": (name, steps) for name in ("rk4", "rk6") for steps in workload.steps}
+    ladder |= {f"adaptive {rtol:.0e}": (diffrax_adaptive_step(rtol=rtol, atol=rtol), 1) for rtol in TOLERANCES}
+
+    @functools.cache
+    def compiled(setting, length):
+        integrator, steps = setting
+        problem = lyapax.ode_problem(rhs, start, workload.every / steps, integrator)
+        return spectrum(workload, problem, round(length / workload.every) * steps, steps)
+
+    return Bound(ladder, lambda setting, length: compiled(setting, length)(start), drawn(workload), typical=2)
+
+
+def iterated(workload: Workload) -> Bound:
+    rule, start = workload.formula(jnp), jnp.array(workload.start)
+    problem = lyapax.ODEProblem(lambda x: jnp.stack(rule(0, x, workload.parameters)), start, 1.0)
+    compiled = functools.cache(lambda every, length: spectrum(workload, problem, length, every))
+    ladder = {"exact, QR every 10": 10}
+    return Bound(ladder, lambda every, length: compiled(every, round(length))(start), drawn(workload))
+
+
+KINDS = {"flow": flow, "map": iterated}

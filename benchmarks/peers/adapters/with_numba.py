@@ -1,0 +1,63 @@
+"""numba: loops written by hand (`numba_loops`), compiled at the first call."""
+
+import functools
+import math
+
+import numba
+import numpy as np
+
+from benchmarks.peers.adapters import Bound, numba_loops
+from benchmarks.peers.workloads import Workload
+
+TOLERANCES = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
+
+
+def stepping(workload: Workload, loop) -> Bound:
+    """`loop` makes the compiled function of a method."""
+    compiled, every = functools.cache(lambda method: loop(workload, method)), workload.every
+
+    def run(setting, length):
+        method, rtol, steps = setting
+        y = np.concatenate([workload.start, workload.frame.ravel()])
+        return compiled(method)(y, rtol, every / steps, round(length / every)) / length
+
+    ladder = {f"rk4 1/{steps}": (numba_loops.rk4, 0.0, steps) for steps in workload.steps}
+    ladder |= {f"dopri5 {rtol:.0e}": (numba_loops.dopri5, rtol, workload.steps[0]) for rtol in TOLERANCES}
+    return Bound(ladder, run, typical=len(workload.steps) + 3)
+
+
+def flow(workload: Workload) -> Bound:
+    return stepping(workload, numba_loops.smooth)
+
+
+def impact(workload: Workload) -> Bound:
+    return stepping(workload, numba_loops.with_impacts)
+
+
+def iterated(workload: Workload) -> Bound:
+    rule, jacobian = numba.njit(workload.formula(math)), numba.njit(workload.jacobian(math))
+    (n, k), p = workload.frame.shape, workload.parameters
+    orthonormalise = numba_loops.gram_schmidt(n, k)
+
+    @numba.njit
+    def growth(x, columns, count):
+        y, total = np.empty(n + n * k), np.zeros(k)
+        for _ in range(count):
+            matrix = jacobian(0, x, p)
+            for i in range(n):
+                for c in range(k):
+                    y[n + i * k + c] = 0.0
+                    for j in range(n):
+                        y[n + i * k + c] += matrix[i][j] * columns[j, c]
+            orthonormalise(y, total)
+            columns[:] = y[n:].reshape(n, k)
+            x = rule(0, x, p)
+        return total
+
+    def run(_, length):
+        return growth(workload.start, workload.frame.copy(), round(length)) / length
+
+    return Bound({"exact": None}, run)
+
+
+KINDS = {"flow": flow, "map": iterated, "impact": impact}

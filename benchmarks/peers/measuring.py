@@ -1,0 +1,102 @@
+"""One workload with all its programs: first calls one after the other, then the ladders, then warm runs in turn."""
+
+import contextlib
+import time
+from typing import Any
+
+import numpy as np
+
+from benchmarks.peers import converged
+from benchmarks.peers.adapters import PEERS
+from benchmarks.peers.conversation import Conversation, FailedError
+from benchmarks.peers.precision import TARGETS, wanted
+from benchmarks.peers.workloads import WORKLOADS
+
+QUICK = 10  # shorter runs
+ROUNDS, QUICK_ROUNDS = 9, 3
+SHARE = 0.5  # seconds that the warm runs of one setting may take, after which it is left out of the rounds
+
+
+def able(name: str) -> list[str]:
+    """The installed programs that can do a workload, ours first."""
+    return [peer for peer, one in PEERS.items() if WORKLOADS[name].kind in one.kinds and one.version is not None]
+
+
+def measure(name: str, quick: bool) -> dict[str, Any]:
+    """The row of a workload: by program what `begin`, `climb` and the rounds found, or why it failed."""
+    rows: dict[str, dict[str, Any]] = {peer: {} for peer in able(name)}
+    length = WORKLOADS[name].long / (QUICK if quick else 1)
+    with contextlib.ExitStack() as stack:
+        workers = {}
+        for peer, row in rows.items():
+            try:
+                worker = stack.enter_context(Conversation(peer, name))
+                row.update(begin(worker, length))
+                row["points"] = climb(worker, name, row)
+                workers[peer] = worker
+            except FailedError as failed:
+                row["failed"] = str(failed)
+        run_in_turn(workers, rows, length, quick)
+    return {"length": length, "unit": WORKLOADS[name].unit, "title": WORKLOADS[name].title, "peers": rows}
+
+
+def begin(worker: Conversation, length: float) -> dict[str, Any]:
+    """The import and the first call, in seconds; the peak of memory after it in MB."""
+    imported = worker.listen()["import"]
+    return {"import": imported, **worker.ask(length=length)}
+
+
+def climb(worker: Conversation, name: str, row: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """The error of each setting over the short length; `frame` is then said in words."""
+    workload, frame = WORKLOADS[name], row.pop("frame")
+    columns = workload.frame if frame is None else np.array(frame)
+    row["frame"] = "identity" if frame is None else "its own"
+    exact = converged.exponents(workload, columns)
+    points = {}
+    for i, label in enumerate(row.pop("ladder")):
+        found = np.array(worker.ask(setting=i, length=workload.short)["exponents"])
+        error = float(np.max(np.abs(found - exact)))
+        points[label] = {"error": error if np.isfinite(error) else None, "seconds": []}
+    return points
+
+
+def run_in_turn(workers: dict[str, Conversation], rows: dict[str, Any], length: float, quick: bool) -> None:
+    """Warm runs, A B A B …, of the settings that the targets need."""
+    turns, spent = [], {}
+    for peer in workers:
+        points = rows[peer]["points"]
+        errors = {label: np.inf if one["error"] is None else one["error"] for label, one in points.items()}
+        turns += [(peer, i, list(points)[i]) for i in wanted(errors, TARGETS)]
+    for peer, i, label in turns:
+        began = time.perf_counter()
+        with noted(rows[peer]):
+            answer = workers[peer].ask(setting=i, length=length)
+            if not PEERS[peer].compiles:
+                rows[peer]["points"][label]["seconds"].append(answer["seconds"])
+        spent[peer, i] = time.perf_counter() - began if not PEERS[peer].compiles else 0.0
+    for _ in range(QUICK_ROUNDS if quick else ROUNDS):
+        for peer, i, label in turns:
+            if spent[peer, i] < SHARE and "failed" not in rows[peer]:
+                with noted(rows[peer]):
+                    seconds = workers[peer].ask(setting=i, length=length)["seconds"]
+                    rows[peer]["points"][label]["seconds"].append(seconds)
+                    spent[peer, i] += seconds
+
+
+@contextlib.contextmanager
+def noted(row: dict[str, Any]):
+    """A failure is written down and ends nothing else."""
+    try:
+        yield
+    except FailedError as failed:
+        row["failed"] = str(failed)
+
+
+def missing() -> list[str]:
+    """The programs that are not installed."""
+    return [peer for peer, one in PEERS.items() if one.version is None]
+
+
+def versions() -> dict[str, str]:
+    """Of the installed ones."""
+    return {peer: one.version for peer, one in PEERS.items() if one.version is not None}

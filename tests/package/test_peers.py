@@ -1,0 +1,106 @@
+"""The comparison with other programs: what is converged, what is interpolated, and what the table says."""
+
+import math
+
+import numpy as np
+import pytest
+
+import lyaphybrid as lh
+from benchmarks.peers import converged, measuring, tables
+from benchmarks.peers.adapters import OURS, PEERS, Peer
+from benchmarks.peers.conversation import Conversation, FailedError
+from benchmarks.peers.precision import Point, cost_at, wanted
+from benchmarks.peers.workloads import WORKLOADS
+
+TIGHT = lh.RungeKutta("dop853", rtol=1e-13, atol=1e-15)
+ASKED = [(peer, name) for peer, one in PEERS.items() for name in WORKLOADS if WORKLOADS[name].kind in one.kinds]
+
+
+def test_a_cost_lies_on_a_line_in_logarithms():
+    points = [Point("rk4", 1e-2, 1.0), Point("rk4", 1e-4, 4.0), Point("rk4", 1e-8, 32.0)]
+    assert cost_at(points, 1e-3) == pytest.approx(2.0)
+    assert cost_at(points, 1e-5) == pytest.approx(4.0 * 8.0**0.25)
+    assert cost_at(points, 1e-9) is None
+    assert cost_at([*points, Point("dop853", 1e-10, 3.0)], 1e-5) == 3.0  # nothing coarser is known: as it is
+    assert cost_at([], 1e-3) is None
+
+
+def test_settings_beside_the_targets_are_timed():
+    errors = {
+        "rk4 1/5": 1e-2,
+        "rk4 1/10": 1e-4,
+        "rk4 1/20": 1e-5,
+        "rk4 1/40": 1e-7,
+        "rk6 1/5": math.inf,
+        "rk6 1/9": 1e-4,
+    }
+    assert wanted(errors, [1e-3]) == [0, 1, 4, 5]
+    assert wanted(errors, [1e-6]) == [2, 3]
+    assert wanted(errors, [1e-9]) == []
+
+
+def row(*points, **more):
+    labels = ("rk4 coarse", "rk4 fine")
+    found = {
+        label: {"error": error, "seconds": seconds} for label, (error, seconds) in zip(labels, points, strict=True)
+    }
+    return {"points": found, "first": 1.5, "import": 0.5, "memory": 99.7} | more
+
+
+def results(theirs):
+    ours = row((1e-2, [10.0, 11.0]), (1e-4, [40.0, 80.0]))
+    peers = {OURS: ours, "scipy": row((1e-2, theirs), (1e-4, theirs)), "numba": {"failed": "no answer in 60 s"}}
+    return {"workloads": {"lorenz": {"title": "Lorenz", "unit": "unit of time", "length": 1000.0, "peers": peers}}}
+
+
+def test_the_table_says_costs_and_ratios_at_the_same_error():
+    workload = results([200.0])["workloads"]["lorenz"]
+    assert tables.ratios(workload) == {("scipy", 1e-3): pytest.approx(10.0)}
+    said = tables.table(workload)
+    assert f"| {OURS} | 20 ms (25.1 ms) | – | – |  | 1.50 s | 0.50 s | 100 MB |" in said
+    assert "| scipy | 200 ms | – | – | 10, –, – |" in said
+    assert "| numba | – | – | – | –, –, – | – | – | – |" in said
+    assert "numba: no answer in 60 s." in said
+
+
+def test_what_is_worse_by_more_than_a_quarter_is_said():
+    recorded = results([200.0])
+    assert list(tables.worse(results([161.0]), recorded)) == []
+    (line,) = tables.worse(results([159.0]), recorded)
+    assert line == "lorenz, scipy, error 1e-03: 7.95 times, recorded 10"
+    assert list(tables.worse(results([300.0]), recorded)) == []
+
+
+def test_a_program_that_is_not_installed_is_left_out(monkeypatch):
+    monkeypatch.setitem(PEERS, "absent", Peer("no-such-distribution-of-lyaphybrid", "absent", ("map",), ""))
+    assert "absent" in measuring.missing()
+    assert measuring.able("henon_map")[0] == OURS
+    assert "absent" not in measuring.able("henon_map")
+
+
+def test_a_worker_that_ends_says_why():
+    with Conversation("nobody", "henon_map") as worker, pytest.raises(FailedError, match="KeyError: 'nobody'"):
+        worker.listen()
+
+
+@pytest.mark.slow_cases(all_but=("henon_map",))
+@pytest.mark.parametrize("name", WORKLOADS)
+def test_converged_values_are_ours(name):
+    from benchmarks.peers.adapters import ours
+
+    workload = WORKLOADS[name]
+    bound = ours.KINDS[workload.kind](workload)
+    how = {"method": TIGHT} if workload.steps else {}
+    exact = converged.exponents(workload, workload.frame)
+    np.testing.assert_allclose(bound.run(how, workload.short), exact, rtol=0, atol=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("peer", "name"), ASKED)
+def test_a_program_reaches_a_small_error(peer, name):
+    if PEERS[peer].version is None:
+        pytest.skip(f"{peer} is not installed")
+    with Conversation(peer, name) as worker:
+        found = measuring.begin(worker, WORKLOADS[name].short)
+        points = measuring.climb(worker, name, found)
+    assert min(one["error"] for one in points.values()) < 1e-6
