@@ -179,11 +179,13 @@ def parameters(name: str, leaf: Any) -> Any:
     wanted = isinstance(leaf, bool | int | float | complex | jax.Array | jax.ShapeDtypeStruct)
     if isinstance(leaf, np.ndarray | np.generic):
         wanted = leaf.dtype.kind in KINDS and not isinstance(leaf, np.ma.MaskedArray)
-    require(
-        wanted,
-        f"{name} must hold numbers, or arrays of numbers; got {leaf!r}. What is none belongs into the function itself, "
-        "as by functools.partial.",
+    cure = (
+        "Take the arrays of a module apart: arrays, rest = equinox.partition(module, equinox.is_array), give the "
+        "arrays as args, and in the function write equinox.combine(args, rest)."
+        if callable(leaf)
+        else "What is none belongs into the function itself, as by functools.partial."
     )
+    require(wanted, f"{name} must hold numbers, or arrays of numbers; got {leaf!r}. {cure}")
     if isinstance(leaf, int) and not -MOST - 1 <= leaf <= MOST:
         raise ValueError(f"{name} holds {leaf!r}, an integer that does not fit into 64 bits: write it as a float.")
     if isinstance(leaf, np.ndarray | np.generic):
@@ -207,7 +209,10 @@ def require_one_start(verb: str, x0: Any) -> None:
 
 def require_values(verb: str, *values: Any) -> None:
     """Require values, which there are none of under a transformation."""
-    missing = "under jit, vmap and grad there are none. Call it outside of them, once for each set of values."
+    missing = (
+        "under jit, vmap and grad there are none. Call it outside of them, once for each set of values; derivatives "
+        "by parameters are those of lh.lyapunov_gradient."
+    )
     require(not traced(values), f"{verb} decides from values, and {missing}")
 
 

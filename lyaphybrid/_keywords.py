@@ -1,11 +1,12 @@
-"""What the wrappers of verbs need: what an unknown keyword is called here, and where the user's own line is."""
+"""What the wrappers of verbs need: what a keyword that a verb does not take is called here, what has to be given by name,
+and where the user's own line is."""
 
 import difflib
 import functools
 import inspect
 import re
 from collections.abc import Callable
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 __all__ = ["explains_keywords", "user_level"]
 
@@ -33,20 +34,32 @@ ELSEWHERE = {
 
 
 def explains_keywords(function: Callable[P, T]) -> Callable[P, T]:
-    """Decorate a verb: a keyword that it does not take is answered with what to write instead."""
+    """Decorate a verb: arguments that it does not take, or not by place, are answered with what to write instead."""
 
     @functools.wraps(function)
     def call(*args: P.args, **given: P.kwargs) -> T:
         try:
             return function(*args, **given)
         except TypeError as error:
-            found = UNEXPECTED.search(str(error))
-            if found is None or found[1] not in given or found[1] in inspect.signature(function).parameters:
+            message = _answer(function, str(error), given)
+            if message is None:
                 raise
-            message = f"{function.__name__}(){UNEXPECTED_WORDS} '{found[1]}': {_instead(function, found[1])}."
         raise TypeError(message)
 
     return call
+
+
+def _answer(function: Callable, said: str, given: dict[str, Any]) -> str | None:
+    """What to say to Python's words about the arguments of a call; None where they are about another call."""
+    taken, name = inspect.signature(function).parameters, function.__name__
+    if said.startswith(f"{name}() takes ") and "positional argument" in said:
+        by_place = [key for key, one in taken.items() if one.kind is one.POSITIONAL_OR_KEYWORD]
+        by_name = [f"{key}=…" for key, one in taken.items() if one.kind is one.KEYWORD_ONLY]
+        return f"{said}: by place only {', '.join(by_place)}; by name {', '.join(by_name)}."
+    found = UNEXPECTED.search(said)
+    if found is None or found[1] not in given or found[1] in taken:
+        return None
+    return f"{name}(){UNEXPECTED_WORDS} '{found[1]}': {_instead(function, found[1])}."
 
 
 def user_level() -> int:

@@ -15,7 +15,7 @@ from .results import SpectrumPlots, against_density, bounds, convergence, runnin
 from .sensitivities import design, gradient
 from .styles import style
 from .sweeps import sweep_lines, sweep_map
-from .trajectories import TrajectoryPlots, animation, phase, trajectory
+from .trajectories import TrajectoryPlots, animation, phase, raster, trajectory
 
 __all__ = [
     "COLOURS",
@@ -40,6 +40,7 @@ __all__ = [
     "matrix",
     "multipliers",
     "phase",
+    "raster",
     "report",
     "running",
     "section",

@@ -15,6 +15,25 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0
 LUMINANCE = (0.2126, 0.7152, 0.0722)  # of red, green and blue
 
 
+# What is asked of a figure and is no style of its lines, and what to do instead.
+ELSEWHERE = {
+    **dict.fromkeys(("component", "variable", "index"), "a component is i=…, on the other axis j=…, several components=[…]"),
+    **dict.fromkeys(("figsize", "dpi"), "draw into axes of your own, ax=pyplot.subplots(figsize=…)[1]"),
+    **dict.fromkeys(
+        ("title", "xlabel", "ylabel", "xlim", "ylim", "xscale", "yscale"), "the axes come back: .plot().set(title=…)"
+    ),
+    **dict.fromkeys(("save", "filename", "path"), "the axes come back: .plot().figure.savefig(…)"),
+}
+
+
+class Figures:
+    """The figures of a result: the attribute `plot`, which is called, and has a method for each further figure."""
+
+    def __getattr__(self, name: str):
+        named = [f".plot.{known}()" for known in dir(type(self)) if not known.startswith("_")]
+        raise AttributeError(f"There is no figure {name!r} of this result; it has .plot(), {', '.join(named)}.")
+
+
 def axes_of(ax: Axes | None, figsize: tuple[float, float] = (6.4, 4.0)) -> Axes:
     """The axes that were given, or those of a new figure."""
     if ax is not None:
@@ -88,5 +107,8 @@ def styled(artist: str, style: dict[str, Any], **usual: Any) -> dict[str, Any]:
     """What the user asks of an artist, `style`, and the usual look for all else; short names ("lw") are understood."""
     from matplotlib import cbook, collections, lines
 
+    for name in style:
+        if name in ELSEWHERE:
+            raise TypeError(f"{name}={style[name]!r} is no style of what is drawn: {ELSEWHERE[name]}.")
     kind = {"line": lines.Line2D, "collection": collections.Collection}[artist]
     return cbook.normalize_kwargs(usual, kind) | cbook.normalize_kwargs(style, kind)

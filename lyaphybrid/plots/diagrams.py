@@ -7,7 +7,7 @@ import numpy as np
 
 from .. import _renamed as renamed
 from ..statuses import OK, STATUS
-from .axes import COLOURS, Axes, axes_of, both_axes, component, ink, styled
+from .axes import COLOURS, Axes, Figures, axes_of, both_axes, component, ink, styled
 
 __all__ = ["bifurcations", "diagram", "largest_exponent", "section"]
 
@@ -193,7 +193,7 @@ def _legend(ax, result) -> None:
         ax.legend(frameon=False, ncols=3, markerscale=3, **outside)
 
 
-class DiagramPlots:
+class DiagramPlots(Figures):
     """The figures of a bifurcation diagram: ``diagram.plot()``, and ``.bifurcations()``, ``.largest_exponent()``."""
 
     def __init__(self, result: Any):

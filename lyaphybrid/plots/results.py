@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._text import UNIT, with_error
-from .axes import COLOURS, Axes, colours, ink, styled, whole_ticks
+from .axes import COLOURS, Axes, Figures, colours, ink, styled, whole_ticks
 from .axes import axes_of as _axes
 
 if TYPE_CHECKING:
@@ -353,7 +353,7 @@ def solutions(found: "Solutions", ax: Axes | None = None, **style: Any) -> Axes:
     return ax
 
 
-class SpectrumPlots:
+class SpectrumPlots(Figures):
     """The figures of a spectrum: ``spectrum.plot()``, ``spectrum.plot.spectrum()``, ``spectrum.plot.convergence()``."""
 
     def __init__(self, result: "Spectrum"):

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._arguments import whole
-from .axes import COLOURS, Axes, colours, component, ink, is_dark, styled
+from .axes import COLOURS, Axes, Figures, colours, component, ink, is_dark, styled, whole_ticks
 from .axes import axes_of as _axes
 
 if TYPE_CHECKING:
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from ..analysis.trajectories import Trajectory
 
-__all__ = ["animation", "phase", "trajectory"]
+__all__ = ["animation", "phase", "raster", "trajectory"]
 
 MODE_COLOURS = (
     "#FFFFFF",
@@ -154,6 +154,45 @@ def phase(trajectory: "Trajectory", ax: Axes | None = None, i: int = 0, j: int =
     return ax
 
 
+def raster(trajectory: "Trajectory", ax: Axes | None = None, transition: int = 0, **style: Any) -> Axes:
+    """A raster: which component of a vector guard fired, against time, as of spiking neurons.
+
+    Args:
+        trajectory: a `Trajectory`.
+        ax: matplotlib axes; None: those of a new figure.
+        transition: index of the transition whose events are drawn.
+        **style: of the marks, as matplotlib takes it.
+
+    Returns:
+        The axes.
+
+    Raises:
+        ValueError: if one number does not say which guard it was, as for pairs of bodies.
+
+    Example:
+        >>> import lyaphybrid as lh
+        >>> from matplotlib import pyplot
+        >>> neurons = lh.zoo.integrate_and_fire(n=3)
+        >>> ax = neurons.trajectory(t1=5.0).plot.raster()
+        >>> ax.get_xlabel(), ax.get_ylabel(), ax.get_ylim()
+        ('time t', 'which', (-0.5, 2.5))
+        >>> pyplot.close(ax.figure)
+    """
+    events = trajectory.events
+    if np.ndim(events.which) != 1:
+        raise ValueError("A raster needs events that one number tells apart; take trajectory.events as a table.")
+    whole("transition", transition, least=0)
+    wanted = np.asarray(events.transition) == transition
+    which = np.asarray(events.which)[wanted]
+    ax = _axes(ax)
+    usual: dict[str, Any] = {"linestyle": "none", "marker": "|", "color": ink(ax)}
+    ax.plot(np.asarray(events.t)[wanted], which, **styled("line", style, **usual))
+    ax.set(xlabel="time t", ylabel="which", xlim=(trajectory.begun, trajectory.ended))
+    ax.set_ylim(-0.5, np.max(which, initial=0) + 0.5)
+    whole_ticks(ax.yaxis)
+    return ax
+
+
 def animation(
     trajectory: "Trajectory",
     ax: Axes | None = None,
@@ -266,8 +305,8 @@ def _is_discrete(trajectory: "Trajectory") -> bool:
     return len(trajectory.events) == 0 and int(np.max(trajectory.j)) > 0
 
 
-class TrajectoryPlots:
-    """The figures of a trajectory: ``trajectory.plot()``, ``trajectory.plot.phase()``, and the film of `animation`."""
+class TrajectoryPlots(Figures):
+    """The figures of a trajectory: ``trajectory.plot()``, ``.plot.phase()``, ``.plot.raster()``."""
 
     def __init__(self, result: "Trajectory"):
         self._result = result
@@ -279,3 +318,7 @@ class TrajectoryPlots:
     def phase(self, ax: Axes | None = None, i: int = 0, j: int = 1, **style: Any) -> Axes:
         """`plots.phase` of it: component j against component i."""
         return phase(self._result, ax, i, j, **style)
+
+    def raster(self, ax: Axes | None = None, transition: int = 0, **style: Any) -> Axes:
+        """`plots.raster` of it: which component of a guard fired, against time."""
+        return raster(self._result, ax, transition, **style)

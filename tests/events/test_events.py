@@ -359,6 +359,21 @@ def test_a_chosen_target_and_a_vector_guard():
     assert_allclose(path.x[-1], [0.6], rtol=0, atol=1e-12)
 
 
+def test_a_numpy_matrix_among_the_parameters_is_taken_at_which():
+    """Two leaky neurons that inhibit each other: 0, and the known exponent of their antiphase orbit."""
+
+    def spike(t, x, args, which):
+        return (x + args["W"][:, which]).at[which].set(0.0)
+
+    def field(t, x, args):
+        return args["current"] - x
+
+    neurons = lh.Hybrid(field, lh.Transition(lambda t, x, args: 1.0 - x, spike))
+    args = {"W": np.array([[0.0, -0.1], [-0.1, 0.0]]), "current": np.full(2, 2.0)}
+    found = lh.lyapunov_spectrum(neurons, [0.6326, 0.4684], args, t1=200.0, transient=100.0)
+    assert_allclose(found.exponents, [0.0, -0.1851059509884756], rtol=0, atol=2e-3)
+
+
 # --- under transformation ------------------------------------------------------------------------------------------
 
 

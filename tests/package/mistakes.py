@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import diffrax
+import equinox
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -364,6 +365,31 @@ ARGUMENTS = {
     "keyword with a slip": Mistake(functools.partial(flow(swing), transients=1.0), ("did you mean transient=?",)),
     "keyword of nobody": Mistake(
         functools.partial(flow(swing), colour="red"), ("argument 'colour'", "it takes system, x0")
+    ),
+    "arguments by place": Mistake(
+        lambda: lh.bifurcation_diagram(DAMPED, "k", [0.1, 0.2], PAIR, POINT), ("by place only system, x0, args", "over=…")
+    ),
+    "length by place": Mistake(lambda: lh.trajectory(SWING, PAIR, None, 10.0), ("by place only", "by name t1=…")),
+    "one start, and random ones": Mistake(
+        functools.partial(lh.bifurcation_diagram, DAMPED, PAIR, POINT, over={"k": [0.1]}, period=1.0),
+        ("the two corners of a box", "got shape (2,)", "starts=[[…], …]", "directions=('up', 'down')"),
+    ),
+    "module as parameters": Mistake(
+        flow(lambda t, x, network: network(x), equinox.nn.MLP(2, 2, 4, 1, key=jax.random.key(0))),
+        ("equinox.partition(module, equinox.is_array)", "equinox.combine(args, rest)"),
+    ),
+    "orbit under grad": Mistake(
+        functools.partial(jax.grad(lambda k: lh.floquet(DAMPED, PAIR, POINT | {"k": k}, period=1.0).exponents[0]), 1.0),
+        ("decides from values", "lh.lyapunov_gradient"),
+    ),
+    "figure of another name": Mistake(
+        lambda: lh.trajectory(SWING, PAIR, t1=1.0).plot.time(), ("no figure 'time'", ".plot(), .plot.phase()", ".raster()")
+    ),
+    "component of a figure": Mistake(
+        lambda: lh.trajectory(SWING, PAIR, t1=1.0).plot(component=1), ("component=1", "components=[…]")
+    ),
+    "size of a figure": Mistake(
+        lambda: lh.trajectory(SWING, PAIR, t1=1.0).plot.phase(figsize=(3, 3)), ("pyplot.subplots(figsize=…)",)
     ),
     "step too long": Mistake(
         functools.partial(

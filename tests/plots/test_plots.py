@@ -189,6 +189,16 @@ def test_phase_shows_one_path_for_each_mode_and_the_jumps():
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("$x_{1}$", "$x_{0}$")
 
 
+def test_a_raster_has_a_mark_for_each_event_of_a_transition():
+    """Three guards that fall at 1, 2, 3 and a clock: the marks are those of the guards."""
+    guards = lh.Transition(lambda t, x, args: jnp.arange(1.0, 4.0) - t, lambda t, x, args, which: x)
+    run = lh.trajectory(lh.Hybrid(lambda t, x, args: -x, [guards, lh.Transition(every=0.7)]), [1.0], t1=4.0)
+    ax = run.plot.raster()
+    np.testing.assert_allclose(ax.lines[0].get_xydata(), [[1.0, 0.0], [2.0, 1.0], [3.0, 2.0]], atol=1e-12)
+    assert ax.get_xlim() == (0.0, 4.0)
+    assert len(run.plot.raster(transition=1).lines[0].get_xdata()) == 5
+
+
 def test_iterates_of_a_map_are_points():
     trajectory = lh.trajectory(lh.Map(lambda n, x, r: r * x * (1 - x)), [0.3], 4.0, t1=20, n=20)
     ax = plots.trajectory(trajectory)

@@ -209,7 +209,8 @@ def bifurcation_diagram(
     Args:
         system: an `lh.Flow`, `lh.Map` or `lh.Hybrid`.
         x0: (2, n) corners of the box from which starts are drawn, differently for each value; the continuations
-            begin with the first of them. Where `starts` are given: (n,), where the continuations begin.
+            begin with the first of them. Where `starts` are given, or nothing is drawn (`directions` without
+            "random"): (n,), where the continuations begin.
         args: pytree of parameters.
         over: ``{"beta": values}``, the parameter's name in `args` and its values (values,) in order; "a.b" for
             ``args["a"]["b"]`` or ``args.a.b``.
@@ -263,7 +264,7 @@ def bifurcation_diagram(
     require(good, f"directions must be some of {START_KINDS}; got {directions!r}.")
     period = _unit(system, period, section)
     system = system if section is None else with_section(system, section, -1)
-    given, first = _starts(x0, starts, len(values), key)
+    given, first = _starts(x0, starts, len(values), key, "random" in kinds)
     problem, given, t0, mode = preparation.prepare(system, given, args, 0.0, method, mode, "x0")
     require(
         len(problem.shape) == 1,
@@ -311,13 +312,19 @@ def _unit(system, period, section):
     return period
 
 
-def _starts(x0, starts, values: int, key):
+def _starts(x0, starts, values: int, key, draws: bool):
     """Starts (values · m, n), and where continuations begin (None: with the first of them)."""
     x0 = numbers("x0", x0)
+    if x0.ndim == 1 and not draws and isinstance(starts, int):
+        starts = x0[None]
     if isinstance(starts, int) and not isinstance(starts, bool):
         whole("starts", starts, least=1)
         box = x0.ndim == 2 and x0.shape[0] == 2 and x0.shape[1] > 0 and x0.dtype.kind in "iuf"
-        require(box, f"x0 must be the two corners of a box of starts, (2, n); got shape {x0.shape}.")
+        require(
+            box,
+            f"x0 must be the two corners of a box of starts, (2, n); got shape {x0.shape}. For starts of your own give "
+            "starts=[[…], …] and one of them as x0; directions=('up', 'down') alone begin at one x0.",
+        )
         key = jax.random.key(0) if key is None else key
         drawn = np.asarray(jax.random.uniform(key, (values, starts, x0.shape[1])))
         return (x0[0] + drawn * (x0[1] - x0[0])).reshape(-1, x0.shape[1]), None

@@ -134,7 +134,7 @@ def _is_identity(transition: Transition, t, x, args) -> bool:
         return _known_identities[reset]
     vector = jax.eval_shape(guard, t, x, args).shape
     which = (jax.ShapeDtypeStruct((), jnp.int32),) if vector else ()
-    program = jax.make_jaxpr(lambda x, t, *which: reset(t, x, args, *which))(x, t, *which).jaxpr
+    program = jax.make_jaxpr(lambda x, t, args, *which: reset(t, x, args, *which))(x, t, args, *which).jaxpr
     found = program.outvars[0] is program.invars[0]
     with contextlib.suppress(TypeError):
         _known_identities[reset] = found
