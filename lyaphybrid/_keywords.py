@@ -1,5 +1,4 @@
-"""What the wrappers of verbs need: what a keyword that a verb does not take is called here, what has to be given by name,
-and where the user's own line is."""
+"""What the wrappers of verbs need: what to write instead of arguments that they do not take, the user's own line."""
 
 import difflib
 import functools

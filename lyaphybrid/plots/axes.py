@@ -16,8 +16,10 @@ LUMINANCE = (0.2126, 0.7152, 0.0722)  # of red, green and blue
 
 
 # What is asked of a figure and is no style of its lines, and what to do instead.
-ELSEWHERE = {
-    **dict.fromkeys(("component", "variable", "index"), "a component is i=…, on the other axis j=…, several components=[…]"),
+NO_STYLE = {
+    **dict.fromkeys(
+        ("component", "variable", "index"), "a component is i=…, on the other axis j=…, several components=[…]"
+    ),
     **dict.fromkeys(("figsize", "dpi"), "draw into axes of your own, ax=pyplot.subplots(figsize=…)[1]"),
     **dict.fromkeys(
         ("title", "xlabel", "ylabel", "xlim", "ylim", "xscale", "yscale"), "the axes come back: .plot().set(title=…)"
@@ -107,8 +109,8 @@ def styled(artist: str, style: dict[str, Any], **usual: Any) -> dict[str, Any]:
     """What the user asks of an artist, `style`, and the usual look for all else; short names ("lw") are understood."""
     from matplotlib import cbook, collections, lines
 
-    for name in style:
-        if name in ELSEWHERE:
-            raise TypeError(f"{name}={style[name]!r} is no style of what is drawn: {ELSEWHERE[name]}.")
+    for name, value in style.items():
+        if name in NO_STYLE:
+            raise TypeError(f"{name}={value!r} is no style of what is drawn: {NO_STYLE[name]}.")
     kind = {"line": lines.Line2D, "collection": collections.Collection}[artist]
     return cbook.normalize_kwargs(usual, kind) | cbook.normalize_kwargs(style, kind)

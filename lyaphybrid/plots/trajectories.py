@@ -174,8 +174,8 @@ def raster(trajectory: "Trajectory", ax: Axes | None = None, transition: int = 0
         >>> from matplotlib import pyplot
         >>> neurons = lh.zoo.integrate_and_fire(n=3)
         >>> ax = neurons.trajectory(t1=5.0).plot.raster()
-        >>> ax.get_xlabel(), ax.get_ylabel(), ax.get_ylim()
-        ('time t', 'which', (-0.5, 2.5))
+        >>> ax.get_xlabel(), ax.get_ylabel(), len(ax.lines[0].get_xdata())
+        ('time t', 'which', 17)
         >>> pyplot.close(ax.figure)
     """
     events = trajectory.events

@@ -67,3 +67,25 @@ def test_a_loss_for_which_a_mode_has_no_room_is_no_rounding(alpha):
 
 def test_a_loss_that_the_slowness_of_a_flow_may_fake_is_flagged_in_a_mode_with_room():
     """The direction of the flow, alone in the frame, becomes as short as the flow becomes slow: 1e-17, or zero."""
+
+
+@pytest.mark.parametrize("t0", [0.07, 0.085, 0.0875])
+def test_a_body_put_to_rest_on_a_moving_table_forgets_its_past(t0):
+    """At rest the state is a function of time; rounding tells the table's velocity from the derivative of its place."""
+
+    def table(t, args):
+        size, omega = args
+        return size * jnp.array([jnp.sin(omega * t), omega * jnp.cos(omega * t), -(omega**2) * jnp.sin(omega * t)])
+
+    lands = lh.Transition(
+        lambda t, x, args: x[0] - table(t, args)[0],
+        lambda t, x, args: table(t, args)[:2],
+        source="flight",
+        target="rest",
+    )
+    fields = {"flight": lambda t, x, args: jnp.array([x[1], -9.81]), "rest": lambda t, x, args: table(t, args)[1:]}
+    ball, args = lh.Hybrid(fields, lands), (0.02, 20 * np.pi)
+    start = table(t0, args)[:2] + jnp.array([1e-9, -5e-5])
+    found = lh.lyapunov_spectrum(ball, start, args, mode="flight", t0=t0, t1=0.002, blocks=2)
+    assert found.jumps == 1
+    assert found.losses.tolist() == [1, 1]

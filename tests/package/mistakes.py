@@ -367,7 +367,8 @@ ARGUMENTS = {
         functools.partial(flow(swing), colour="red"), ("argument 'colour'", "it takes system, x0")
     ),
     "arguments by place": Mistake(
-        lambda: lh.bifurcation_diagram(DAMPED, "k", [0.1, 0.2], PAIR, POINT), ("by place only system, x0, args", "over=…")
+        lambda: lh.bifurcation_diagram(DAMPED, "k", [0.1, 0.2], PAIR, POINT),
+        ("by place only system, x0, args", "over=…"),
     ),
     "length by place": Mistake(lambda: lh.trajectory(SWING, PAIR, None, 10.0), ("by place only", "by name t1=…")),
     "one start, and random ones": Mistake(
@@ -383,7 +384,8 @@ ARGUMENTS = {
         ("decides from values", "lh.lyapunov_gradient"),
     ),
     "figure of another name": Mistake(
-        lambda: lh.trajectory(SWING, PAIR, t1=1.0).plot.time(), ("no figure 'time'", ".plot(), .plot.phase()", ".raster()")
+        lambda: lh.trajectory(SWING, PAIR, t1=1.0).plot.time(),
+        ("no figure 'time'", ".plot(), .plot.phase()", ".raster()"),
     ),
     "component of a figure": Mistake(
         lambda: lh.trajectory(SWING, PAIR, t1=1.0).plot(component=1), ("component=1", "components=[…]")

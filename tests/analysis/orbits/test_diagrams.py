@@ -56,6 +56,14 @@ def test_a_motion_still_on_its_way_to_a_shorter_period_is_not_taken_for_a_longer
     assert found.attractors() == ["aperiodic/slow:4"]
 
 
+def test_continuations_alone_begin_at_one_start():
+    """Where nothing is drawn x0 is one state, as everywhere; x² + r has the cycle 0, −1 at r = −1."""
+    square = lh.Map(lambda n, x, args: x**2 + args["r"])
+    found = lh.bifurcation_diagram(square, [0.1], {"r": 0.0}, over={"r": [-0.9, -1.0]}, directions=("up", "down"))
+    assert found.attractors() == ["P2w0:2"] * 2
+    np.testing.assert_allclose(np.sort(found.points[1, 0, -2:, 0]), [-1.0, 0.0], atol=1e-12)
+
+
 def test_up_and_down_differ_between_the_folds():
     """Of x' = a + x - x³ two equilibria are stable for |a| < 2/(3√3) = 0.3849."""
     cubic = lh.Flow(lambda t, x, args: args["a"] + x - x**3)
