@@ -1,4 +1,4 @@
-"""Converged exponents, independent of the programs that are compared: SciPy's DOP853 at 1e-13 and QR.
+"""Converged exponents, by SciPy: DOP853 at 1e-13 and QR, Radau where stiff, closed form for impacts.
 
 Exponents of a finite time depend on the columns at the start, not on when they are orthonormalised.
 """
@@ -8,10 +8,12 @@ import math
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from benchmarks.peers.events import friction_growth
 from benchmarks.peers.impacts import impact_growth
 from benchmarks.peers.workloads import Workload
 
-RTOL, ATOL = 1e-13, 1e-15
+ATOL = 1e-15
+METHODS = {"flow": ("DOP853", 1e-13), "stiff": ("Radau", 1e-12)}  # with the relative tolerance
 
 
 def exponents(workload: Workload, columns: np.ndarray) -> np.ndarray:
@@ -23,12 +25,12 @@ def exponents(workload: Workload, columns: np.ndarray) -> np.ndarray:
 def flow_growth(workload: Workload, columns: np.ndarray) -> np.ndarray:
     """Σ ln R_ii of the variational equation."""
     (n, k), count = columns.shape, round(workload.short / workload.every)
-    variational = variational_equation(workload, k)
+    variational, (method, rtol) = variational_equation(workload, k), METHODS[workload.kind]
     x, growth = np.array(workload.start, float), np.zeros(k)
     for i in range(count):
         span = (i * workload.every, (i + 1) * workload.every)
         y = np.concatenate([x, columns.ravel()])
-        y = solve_ivp(variational, span, y, method="DOP853", rtol=RTOL, atol=ATOL).y[:, -1]
+        y = solve_ivp(variational, span, y, method=method, rtol=rtol, atol=ATOL).y[:, -1]
         x, (columns, r) = y[:n], np.linalg.qr(y[n:].reshape(n, k))
         growth += np.log(np.abs(np.diagonal(r)))
     return growth
@@ -36,8 +38,11 @@ def flow_growth(workload: Workload, columns: np.ndarray) -> np.ndarray:
 
 def variational_equation(workload: Workload, k: int):
     """State and k columns as one vector, as a user of SciPy writes it."""
-    field, jacobian = workload.formula(math), workload.jacobian(math)
     n, p = workload.n, workload.parameters
+    if workload.forms:
+        array, tangent = workload.forms.array(np), workload.forms.tangent(np)
+        return lambda t, y: np.concatenate([array(t, y[:n], p), tangent(t, y[:n], p, y[n:].reshape(n, k)).ravel()])
+    field, jacobian = workload.formula(math), workload.jacobian(math)
 
     def variational(t, y):
         x = y[:n].tolist()
@@ -57,4 +62,10 @@ def map_growth(workload: Workload, columns: np.ndarray) -> np.ndarray:
     return growth
 
 
-GROWTH = {"flow": flow_growth, "map": map_growth, "impact": impact_growth}
+GROWTH = {
+    "flow": flow_growth,
+    "stiff": flow_growth,
+    "map": map_growth,
+    "impact": impact_growth,
+    "friction": friction_growth,
+}

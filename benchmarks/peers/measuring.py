@@ -19,7 +19,7 @@ SHARE = 0.5  # seconds that the warm runs of one setting may take, after which i
 
 def able(name: str) -> list[str]:
     """The installed programs that can do a workload, ours first."""
-    return [peer for peer, one in PEERS.items() if WORKLOADS[name].kind in one.kinds and one.version is not None]
+    return [peer for peer, one in PEERS.items() if one.can(WORKLOADS[name]) and one.version is not None]
 
 
 def measure(name: str, quick: bool) -> dict[str, Any]:

@@ -14,9 +14,10 @@ Written by `python -m benchmarks.peers` on {date}, commit {commit}: {machine}. L
 {versions}.
 
 Each program computes the same exponents over a short length from the same start; their error is that against a
-converged value (SciPy's DOP853 at 1e-13, closed form for impacts) for the columns that it begins with. Each has a
-ladder of tolerances or steps, and each is timed over the same long run. What a unit costs at an error is interpolated
-between two settings in logarithms, of its cheapest method; a dash: no setting reaches that error, or it was not timed.
+converged value (SciPy's DOP853 at 1e-13, Radau for stiff flows, closed form for impacts) for the columns that it
+begins with. Each has a ladder of tolerances or steps, and each is timed over the same long run. What a unit costs at an
+error is interpolated between two settings in logarithms, of its cheapest method; a dash: no setting reaches that error,
+or it was not timed.
 Minimum of the warm runs, in brackets the median where it is more by a tenth. The ratio is their minimum over ours:
 above 1 ours is faster. The first call goes from nothing to the result of the long run, at one setting of middle
 accuracy, the import apart; memory is the peak of a process after it. Which instructions are used each program decides

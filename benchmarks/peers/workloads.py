@@ -1,21 +1,31 @@
 """What is computed: one table. Lengths are units of time, or iterations of a map, or points of a sweep."""
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from benchmarks import problems
-from benchmarks.peers import formulas
+from benchmarks.peers.formulas import large, small
+from benchmarks.peers.formulas.large import Large
+
+
+class Event(NamedTuple):
+    """A component passes zero: the state is multiplied by `reset`, or the field's last parameter changes its sign."""
+
+    guard: int
+    reset: tuple[float, ...]
+    flips: bool
 
 
 class Workload(NamedTuple):
     """One system, one start and one set of parameters for all programs."""
 
     title: str
-    kind: str  # "flow", "map", "impact"
-    formula: Callable  # m -> field(t, x, p)
-    jacobian: Callable  # m -> jacobian(t, x, p)
+    kind: str  # "flow", "map", "stiff", "impact", "friction"
+    formula: Callable  # m -> field(t, x, p), components
+    jacobian: Callable | None  # m -> jacobian(t, x, p), rows; of few components
     start: tuple[float, ...]
     parameters: tuple[float, ...]
     short: float  # length over which exponents are compared
@@ -23,7 +33,10 @@ class Workload(NamedTuple):
     every: float = 1.0  # between orthonormalisations, where the program leaves that to the user
     steps: tuple[int, ...] = ()  # fixed steps within `every`, from coarse to fine
     k: int = 0  # exponents; 0: all
+    forms: Large | None = None  # the other forms of a formula of many components
+    potential: Callable | None = None  # of H = p²/2 + V(q)
     before: Callable | None = None  # of a map: the point whose image is the start
+    event: Event | None = None  # then the field has one parameter more, the sign
     unit: str = "unit of time"
 
     @property
@@ -32,48 +45,102 @@ class Workload(NamedTuple):
         return len(self.start)
 
     @property
+    def sign(self) -> float:
+        """On which side of the guard the start lies."""
+        return math.copysign(1.0, self.start[self.event.guard]) if self.event and self.event.flips else 0.0
+
+    @property
     def frame(self) -> np.ndarray:
         """The columns (n, k) to begin with."""
         return np.eye(self.n)[:, : self.k or self.n]
 
+    def field(self, xp) -> Callable:
+        """``field(t, x, p)`` that returns an array of `xp`."""
+        if self.forms:
+            return self.forms.array(xp)
+        components = self.formula(xp)
+        return lambda t, x, p: xp.stack(components(t, x, p))
 
-_IMPACT = tuple(problems.IMPACT_PARAMETERS[name] for name in ("zeta", "omega", "restitution"))
+
+def _large(title: str, formula: Large, start, parameters, short, long, k, every, steps) -> Workload:
+    form = {"forms": formula, "potential": formula.potential}
+    return Workload(title, "flow", formula.components, None, start, parameters, short, long, every, steps, k, **form)
+
+
+def _impact_oscillator() -> Workload:
+    zeta, omega, restitution = (problems.IMPACT_PARAMETERS[name] for name in ("zeta", "omega", "restitution"))
+    formulas = small.oscillator, small.oscillator_jacobian
+    title = "Oscillator with impacts, both exponents"
+    steps = (5, 10, 25, 50, 100)
+    event = Event(0, (1.0, -restitution), False)
+    start, parameters = problems.IMPACT_START, (zeta, omega)
+    return Workload(title, "impact", *formulas, start, parameters, 10.0, 1000.0, 0.5, steps, event=event)
+
+
+def _friction_pendulum() -> Workload:
+    names = ("beta", "alpha", "stiffness", "amplitude", "omega")
+    parameters = tuple(problems.FRICTION_PARAMETERS[name] for name in names)
+    formulas = small.friction_pendulum, small.friction_pendulum_jacobian
+    event = Event(1, (1.0, 1.0), True)
+    title, steps = "Pendulum with dry friction, both exponents", (10, 25, 50, 100)
+    return Workload(
+        title, "friction", *formulas, problems.FRICTION_START, parameters, 30.0, 500.0, 1.0, steps, event=event
+    )
+
+
+def _map(title: str, rule, jacobian, before, start, parameters, short) -> Workload:
+    return Workload(title, "map", rule, jacobian, start, parameters, short, 100_000, before=before, unit="iteration")
+
+
+def _flow(title: str, formula, jacobian, start, parameters, every, steps, **more) -> Workload:
+    return Workload(title, "flow", formula, jacobian, start, parameters, 10.0, 1000.0, every, steps, **more)
+
 
 WORKLOADS = {
-    "lorenz": Workload(
-        "Lorenz, all exponents",
-        "flow",
-        formulas.lorenz,
-        formulas.lorenz_jacobian,
-        problems.LORENZ_START,
-        problems.LORENZ_PARAMETERS,
-        10.0,
-        1000.0,
-        every=0.5,
-        steps=(25, 50, 100, 300, 800),
+    "lorenz": _flow(
+        "Lorenz, all exponents", small.lorenz, small.lorenz_jacobian, problems.LORENZ_START,
+        problems.LORENZ_PARAMETERS, 0.5, (25, 50, 100, 300, 800),
     ),
-    "henon_map": Workload(
-        "Hénon map, both exponents",
-        "map",
-        formulas.henon_map,
-        formulas.henon_map_jacobian,
-        (0.1, 0.1),
-        (1.4, 0.3),
-        20,
-        100_000,
-        before=formulas.henon_map_before,
-        unit="iteration",
+    "rossler": _flow(
+        "Rössler, all exponents", small.rossler, small.rossler_jacobian, (1.0, 1.0, 0.0), (0.2, 0.2, 5.7),
+        1.0, (10, 20, 50, 100, 400),
     ),
-    "impact_oscillator": Workload(
-        "Oscillator with impacts, both exponents",
-        "impact",
-        formulas.oscillator,
-        formulas.oscillator_jacobian,
-        problems.IMPACT_START,
-        _IMPACT,
-        10.0,
-        1000.0,
-        every=0.5,
-        steps=(5, 10, 25, 50, 100),
+    "henon_heiles": _flow(
+        "Hénon–Heiles, all exponents", small.henon_heiles, small.henon_heiles_jacobian,
+        problems.HENON_HEILES_START, (), 1.0, (5, 10, 25, 50, 200), potential=small.henon_heiles_potential,
     ),
-}
+    "henon_map": _map(
+        "Hénon's map, both exponents", small.henon_map, small.henon_map_jacobian, small.henon_map_before,
+        (0.1, 0.1), (1.4, 0.3), 20,
+    ),
+    "standard_map": _map(
+        "Standard map, K = 6.9115, both exponents", small.standard_map, small.standard_map_jacobian,
+        small.standard_map_before, (0.1, 0.2), (6.9115,), 10,
+    ),
+    "fpu_beta": _large(
+        "FPU-β, 8 masses, 16 exponents", large.FPU, (0.1,) * 8 + (0.0,) * 8, (1.5,), 10.0, 200.0, 16,
+        1.0, (5, 10, 25, 50, 200),
+    ),
+    "lorenz96_40": _large(
+        "Lorenz-96, N = 40, 40 exponents", large.LORENZ96, large.lorenz96_start(40), (8.0,), 5.0, 20.0, 40,
+        0.2, (10, 25, 50, 100, 200),
+    ),
+    "lorenz96_1000": _large(
+        "Lorenz-96, N = 1000, 10 exponents", large.LORENZ96, large.lorenz96_start(1000), (8.0,), 2.0, 4.0, 10,
+        0.2, (10, 25, 50, 100, 200),
+    ),
+    "kuramoto_200": _large(
+        "Kuramoto, N = 200, 5 exponents", large.KURAMOTO, large.kuramoto_start(200), (1.0,), 10.0, 50.0, 5,
+        1.0, (4, 10, 25, 50),
+    ),
+    "kuramoto_2000": _large(
+        "Kuramoto, N = 2000, 5 exponents", large.KURAMOTO, large.kuramoto_start(2000), (1.0,), 10.0, 10.0, 5,
+        1.0, (4, 10, 25, 50),
+    ),
+    "oregonator": Workload(
+        "Oregonator (stiff), the largest exponent", "stiff", small.oregonator, small.oregonator_jacobian,
+        (1.0, 2.0, 3.0), (77.27, 8.375e-6, 0.161), 30.0, 320.0, every=10.0, k=1,
+    ),
+    "impact_oscillator": _impact_oscillator(),
+    "friction_pendulum": _friction_pendulum(),
+}  # fmt: skip

@@ -3,12 +3,15 @@
 A module has ``KINDS``, from the kind of a workload to a function of the workload that returns a `Bound`.
 """
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any, NamedTuple
 
 import numpy as np
+
+from benchmarks.peers.workloads import Workload
 
 
 class Bound(NamedTuple):
@@ -17,7 +20,7 @@ class Bound(NamedTuple):
     ladder: dict[
         str, Any
     ]  # settings by name, several methods from coarse to fine each; the name begins with the method
-    run: Callable[[Any, float], Sequence[float]]  # (setting, length) -> exponents
+    run: Callable[[Any, float], Any]  # (setting, length) -> exponents
     frame: np.ndarray | None = None  # the columns (n, k) that it begins with; None: the identity
     typical: int = 0  # which setting the first call has
 
@@ -30,6 +33,11 @@ class Peer(NamedTuple):
     kinds: tuple[str, ...]
     use: str  # how it is used
     compiles: bool = True  # so that the first run of a setting says nothing
+    largest: float = math.inf  # equations n (k + 1), beyond which it is not tried
+
+    def can(self, workload: Workload) -> bool:
+        """Whether it is asked."""
+        return workload.kind in self.kinds and workload.n * (workload.frame.shape[1] + 1) <= self.largest
 
     def adapter(self):
         """Its module, which imports the program."""
@@ -46,13 +54,31 @@ class Peer(NamedTuple):
 
 OURS = "lyaphybrid"
 PEERS = {
-    OURS: Peer("lyaphybrid", "ours", ("flow", "map", "impact"), "`lyapunov_spectrum`"),
+    OURS: Peer("lyaphybrid", "ours", ("flow", "map", "stiff", "impact", "friction"), "`lyapunov_spectrum`"),
     "lyapax": Peer("lyapax", "with_lyapax", ("flow", "map"), "`ode_problem` (rk4, rk6, adaptive), under `jax.jit`"),
-    "jitcode": Peer("jitcode", "with_jitcode", ("flow",), "`jitcode_lyap`, compiled C, dopri5 and dop853"),
-    "heyoka": Peer("heyoka", "with_heyoka", ("flow", "impact"), "`var_ode_sys`, `taylor_adaptive`, QR by NumPy"),
+    "jitcode": Peer(
+        "jitcode", "with_jitcode", ("flow",), "`jitcode_lyap`, compiled C, dopri5 and dop853", largest=2000
+    ),
+    "heyoka": Peer(
+        "heyoka",
+        "with_heyoka",
+        ("flow", "stiff", "impact", "friction"),
+        "`var_ode_sys`, `taylor_adaptive`, QR by NumPy",
+    ),
     "pynamicalsys": Peer("pynamicalsys", "with_pynamicalsys", ("flow", "map"), "`lyapunov`, QR, rk4 and rk45"),
     "chaotax": Peer("chaotax", "with_chaotax", ("flow", "map"), "`lyapunov_spectrum` of an RK4 step, `jax.jit`"),
-    "numba": Peer("numba", "with_numba", ("flow", "map", "impact"), "loops written by hand: RK4, Dormand–Prince"),
-    "scipy": Peer("scipy", "with_scipy", ("flow", "map", "impact"), "`solve_ivp` and NumPy's QR", compiles=False),
+    "numba": Peer(
+        "numba",
+        "with_numba",
+        ("flow", "map", "stiff", "impact", "friction"),
+        "loops written by hand: RK4, Dormand–Prince",
+    ),
+    "scipy": Peer(
+        "scipy",
+        "with_scipy",
+        ("flow", "map", "stiff", "impact", "friction"),
+        "`solve_ivp` and NumPy's QR",
+        compiles=False,
+    ),
     "diffrax": Peer("diffrax", "with_diffrax", ("impact",), "`diffeqsolve(event=…)` in a scan"),
 }

@@ -23,13 +23,19 @@ ERROR = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 5
 
 
 def slopes(workload: Workload):
-    """``rhs(t, y, out)`` of the state and the columns (n, k) by rows, from the formulas."""
-    field, jacobian = numba.njit(workload.formula(math)), numba.njit(workload.jacobian(math))
+    """``rhs(t, y, sign, out)`` of the state and the columns (n, k) by rows, from the formulas."""
     (n, k), p = workload.frame.shape, workload.parameters
+    if workload.forms:
+        loop = numba.njit(workload.forms.loop(n, k, p))
+        return numba.njit(lambda t, y, sign, out: loop(t, y, out))
+    field, jacobian = numba.njit(workload.formula(math)), numba.njit(workload.jacobian(math))
+
+    event = workload.event is not None
 
     @numba.njit
-    def rhs(t, y, out):
-        rates, matrix = field(t, y, p), jacobian(t, y, p)
+    def rhs(t, y, sign, out):
+        args = p + (sign,) if event else p
+        rates, matrix = field(t, y, args), jacobian(t, y, args)
         for i in range(n):
             out[i] = rates[i]
             for c in range(k):
@@ -41,20 +47,20 @@ def slopes(workload: Workload):
 
 
 def rk4(rhs, size: int):
-    """``step(t, y, h, new) -> 0``: no error is known."""
+    """``step(t, y, h, new, …) -> 0``: no error is known."""
 
     @numba.njit
-    def step(t, y, h, new, rtol, stages):
-        rhs(t, y, stages[0])
+    def step(t, y, h, new, rtol, sign, stages):
+        rhs(t, y, sign, stages[0])
         for i in range(size):
             new[i] = y[i] + h / 2 * stages[0, i]
-        rhs(t + h / 2, new, stages[1])
+        rhs(t + h / 2, new, sign, stages[1])
         for i in range(size):
             new[i] = y[i] + h / 2 * stages[1, i]
-        rhs(t + h / 2, new, stages[2])
+        rhs(t + h / 2, new, sign, stages[2])
         for i in range(size):
             new[i] = y[i] + h * stages[2, i]
-        rhs(t + h, new, stages[3])
+        rhs(t + h, new, sign, stages[3])
         for i in range(size):
             new[i] = y[i] + h / 6 * (stages[0, i] + 2 * stages[1, i] + 2 * stages[2, i] + stages[3, i])
         return 0.0
@@ -63,18 +69,18 @@ def rk4(rhs, size: int):
 
 
 def dopri5(rhs, size: int):
-    """``step(t, y, h, new) -> error``, in units of the tolerance; the first stage is the last one of before."""
+    """``step(t, y, h, new, …) -> error``, in units of the tolerance; the first stage is the last one of before."""
 
     @numba.njit
-    def step(t, y, h, new, rtol, stages):
-        rhs(t, y, stages[0])
+    def step(t, y, h, new, rtol, sign, stages):
+        rhs(t, y, sign, stages[0])
         for s in range(1, 7):
             for i in range(size):
                 new[i] = y[i]
             for r in range(s):
                 for i in range(size):
                     new[i] += h * STAGES[s, r] * stages[r, i]
-            rhs(t + NODES[s] * h, new, stages[s])
+            rhs(t + NODES[s] * h, new, sign, stages[s])
         square = 0.0
         for i in range(size):
             error = 0.0
@@ -130,7 +136,7 @@ def smooth(workload: Workload, method):
             t, end = interval * every, (interval + 1) * every
             while t < end - 1e-12:
                 taken = min(h, end - t)
-                error = step(t, y, taken, new, rtol, stages)
+                error = step(t, y, taken, new, rtol, 0.0, stages)
                 if error <= 1.0:
                     t += taken
                     y[:] = new
@@ -142,54 +148,59 @@ def smooth(workload: Workload, method):
     return run
 
 
-def with_impacts(workload: Workload, method):
-    """The same with a wall at zero, v → -r v: a step that ends behind it is shortened until it ends there."""
-    zeta, omega, restitution = workload.parameters
-    rhs, every, size = slopes(workload), workload.every, 6
-    step, orthonormalise = method(rhs, size), gram_schmidt(2, 2)
+def with_events(workload: Workload, method):
+    """The same with an event: a step that ends behind it is shortened until it ends there."""
+    (n, k), every, sign_of_start = workload.frame.shape, workload.every, workload.sign
+    guard, reset, flips = workload.event.guard, np.array(workload.event.reset), workload.event.flips
+    rhs, size = slopes(workload), n * (k + 1)
+    step, orthonormalise = method(rhs, size), gram_schmidt(n, k)
 
     @numba.njit
-    def land(t, y, h, new, rtol, stages):
-        """The length of the step that ends at the wall, by the secant method kept within a bracket."""
-        low, high, below, above = 0.0, h, y[0], new[0]
-        taken = h
+    def land(t, y, h, new, rtol, sign, stages):
+        """The length of the step that ends at the event, by the secant method kept within a bracket."""
+        low, high, below, above, taken = 0.0, h, y[guard], new[guard], h
         for _ in range(60):
             taken = low - below * (high - low) / (above - below)
-            step(t, y, taken, new, rtol, stages)
-            if abs(new[0]) < 1e-15 or high - low < 1e-15:
+            step(t, y, taken, new, rtol, sign, stages)
+            if abs(new[guard]) < 1e-15 or high - low < 1e-15:
                 break
-            if new[0] > 0.0:
-                high, above, below = taken, new[0], below / 2
+            if new[guard] * above > 0.0:
+                high, above, below = taken, new[guard], below / 2
             else:
-                low, below, above = taken, new[0], above / 2
+                low, below, above = taken, new[guard], above / 2
         return taken
 
     @numba.njit
-    def rebound(t, y, before, after):
-        rhs(t, y, before)
-        y[0], y[1] = 0.0, -restitution * y[1]
-        rhs(t, y, after)
-        turned = (after[1] + restitution * before[1]) / before[0]
-        for c in range(2):
-            y[4 + c] = turned * y[2 + c] - restitution * y[4 + c]
-            y[2 + c] *= -restitution
+    def cross(t, y, sign, before, after):
+        rhs(t, y, sign, before)
+        y[guard] = 0.0
+        for i in range(n):
+            y[i] *= reset[i]
+        rhs(t, y, -sign, after)
+        for c in range(k):
+            at_guard = y[n + guard * k + c] / before[guard]
+            for i in range(n):
+                at = n + i * k + c
+                y[at] = reset[i] * y[at] + (after[i] - reset[i] * before[i]) * at_guard
 
     @numba.njit
     def run(y, rtol, h, count):
-        growth, new, stages, fixed = np.zeros(2), np.empty(size), np.empty((7, size)), h
+        growth, new, stages, fixed = np.zeros(k), np.empty(size), np.empty((7, size)), h
+        sign = sign_of_start
         for interval in range(count):
             t, end = interval * every, (interval + 1) * every
             while t < end - 1e-12:
-                taken = min(h, end - t)
-                error = step(t, y, taken, new, rtol, stages)
+                taken, side = min(h, end - t), -sign if flips else 1.0
+                error = step(t, y, taken, new, rtol, sign, stages)
                 if error > 1.0:
                     h = next_step(taken, error, fixed)
-                elif new[0] > 0.0 and y[0] == 0.0:  # from the wall to behind it: a flight within the step
+                elif new[guard] * side > 0.0 and y[guard] == 0.0:  # a flight within the step
                     h = taken / 2
-                elif new[0] > 0.0:
-                    t += land(t, y, taken, new, rtol, stages)
+                elif new[guard] * side > 0.0:
+                    t += land(t, y, taken, new, rtol, sign, stages)
                     y[:] = new
-                    rebound(t, y, stages[0], stages[1])
+                    cross(t, y, sign, stages[0], stages[1])
+                    sign = -sign
                     orthonormalise(y, growth)
                 else:
                     t += taken

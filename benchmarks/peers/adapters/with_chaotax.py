@@ -34,10 +34,10 @@ def bound(workload: Workload, ladder, stepper, count) -> Bound:
 
 
 def flow(workload: Workload) -> Bound:
-    components = workload.formula(jnp)
+    rates = workload.field(jnp)
 
     def field(x):
-        return jnp.stack(components(0.0, x, workload.parameters))
+        return rates(0.0, x, workload.parameters)
 
     def stepper(steps):
         h = workload.every / steps
@@ -55,8 +55,11 @@ def flow(workload: Workload) -> Bound:
 
 
 def iterated(workload: Workload) -> Bound:
-    rule = workload.formula(jnp)
-    step = lambda x: jnp.stack(rule(0, x, workload.parameters))  # noqa: E731
+    rule = workload.field(jnp)
+
+    def step(x):
+        return rule(0, x, workload.parameters)
+
     return bound(workload, {"exact": 1}, lambda _: step, lambda _, length: round(length))
 
 

@@ -8,20 +8,23 @@ import jax.numpy as jnp  # noqa: E402
 
 from benchmarks import rivals  # noqa: E402
 from benchmarks.peers.adapters import Bound  # noqa: E402
-from benchmarks.peers.adapters.stacking import stacked  # noqa: E402
 from benchmarks.peers.workloads import Workload  # noqa: E402
 
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)
 
 
 def impact(workload: Workload) -> Bound:
-    second, field = rivals.second_implementation(), stacked(workload.formula)
+    second, rates = rivals.second_implementation(), workload.field(jnp)
+    reset = jnp.array(workload.event.reset)
+
+    def field(t, x, args):
+        return rates(t, x, (*args, 0.0))
 
     def gap(t, x, args):
         return -x[0]
 
     def rebound(t, x, args):
-        return jnp.stack([x[0], -args[2] * x[1]])
+        return reset * x
 
     def run(rtol, length):
         options = second.Options(rtol, 1e-2 * rtol)

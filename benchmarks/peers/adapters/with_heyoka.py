@@ -5,6 +5,7 @@ import functools
 import heyoka
 import numpy as np
 
+from benchmarks.peers import events
 from benchmarks.peers.adapters import Bound
 from benchmarks.peers.workloads import Workload
 
@@ -19,12 +20,13 @@ def variables(n: int) -> list:
 def system(workload: Workload):
     """With the derivatives with respect to the first k variables; the state is x, then (n, k) of them by rows."""
     x = variables(workload.n)
-    rates = workload.formula(heyoka)(heyoka.time, x, workload.parameters)
+    sign = (heyoka.par[0],) if workload.event else ()
+    rates = workload.formula(heyoka)(heyoka.time, x, (*workload.parameters, *sign))
     equations = [(one, heyoka.expression(rate)) for one, rate in zip(x, rates, strict=True)]
     return heyoka.var_ode_sys(equations, x[: workload.frame.shape[1]], order=1)
 
 
-def bound(workload: Workload, **events) -> Bound:
+def bound(workload: Workload, **how) -> Bound:
     start = np.concatenate([workload.start, workload.frame.ravel()])
     (n, k), every = workload.frame.shape, workload.every
     equations = system(workload)
@@ -32,12 +34,13 @@ def bound(workload: Workload, **events) -> Bound:
     @functools.cache
     def integrator(tolerance):
         compact = n * (k + 1) > COMPACT
-        return heyoka.taylor_adaptive(equations, start, tol=tolerance, compact_mode=compact, **events)
+        return heyoka.taylor_adaptive(equations, start, tol=tolerance, compact_mode=compact, **how)
 
     def run(tolerance, length):
         integrate = integrator(tolerance)
         integrate.time, integrate.state[:], growth = 0.0, start, np.zeros(k)
-        if events:
+        if workload.event:
+            integrate.pars[:] = workload.sign
             integrate.reset_cooldowns()
         columns = integrate.state[n:].reshape(n, k)  # a view
         for i in range(round(length / every)):
@@ -49,23 +52,23 @@ def bound(workload: Workload, **events) -> Bound:
     return Bound({f"taylor {tolerance:.0e}": tolerance for tolerance in TOLERANCES}, run, typical=3)
 
 
-def impact(workload: Workload) -> Bound:
-    """The wall is a terminal event; its callback multiplies by the saltation matrix."""
-    zeta, omega, restitution = workload.parameters
+def with_events(workload: Workload) -> Bound:
+    """A terminal event; its callback multiplies by the saltation matrix. The sign is a parameter of the integrator."""
+    event, (n, k) = workload.event, workload.frame.shape
+    rhs = events.variational_equation(workload, k)
 
-    def rebound(integrate, d_sgn):
-        state, before = integrate.state, integrate.state[1]
-        drive = np.cos(omega * integrate.time)
-        state[0], state[1] = 0.0, -restitution * before
-        accelerations = [drive - 2.0 * zeta * v for v in (before, state[1])]
-        columns = state[2:].reshape(2, 2)
-        turned = (accelerations[1] + restitution * accelerations[0]) / before
-        columns[1] = turned * columns[0] - restitution * columns[1]
-        columns[0] *= -restitution
+    def cross(integrate, d_sgn):
+        t, state, sign = integrate.time, integrate.state, integrate.pars[0] if event.flips else 0.0
+        before = rhs(t, state, sign)[:n]
+        state[event.guard] = 0.0
+        state[:n] *= event.reset
+        state[n:] = events.crossed(state[n:].reshape(n, k), before, rhs(t, state, -sign)[:n], event).ravel()
+        integrate.pars[:] *= -1.0
         return True
 
-    wall = heyoka.t_event(variables(1)[0], direction=heyoka.event_direction.positive, callback=rebound)
-    return bound(workload, t_events=[wall])
+    direction = heyoka.event_direction.any if event.flips else heyoka.event_direction.positive
+    crossing = heyoka.t_event(variables(n)[event.guard], direction=direction, callback=cross)
+    return bound(workload, t_events=[crossing])
 
 
-KINDS = {"flow": bound, "impact": impact}
+KINDS = {"flow": bound, "stiff": bound, "impact": with_events, "friction": with_events}

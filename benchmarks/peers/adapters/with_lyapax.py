@@ -35,10 +35,10 @@ def drawn(workload: Workload) -> jax.Array:
 
 
 def flow(workload: Workload) -> Bound:
-    components, start, p = workload.formula(jnp), jnp.array(workload.start), workload.parameters
+    field, start, p = workload.field(jnp), jnp.array(workload.start), workload.parameters
 
     def rhs(x):
-        return jnp.stack(components(0.0, x, p))
+        return field(0.0, x, p)
 
     ladder = {f"{name} 1/{steps}": (name, steps) for name in ("rk4", "rk6") for steps in workload.steps}
     ladder |= {f"adaptive {rtol:.0e}": (diffrax_adaptive_step(rtol=rtol, atol=rtol), 1) for rtol in TOLERANCES}
@@ -53,8 +53,8 @@ def flow(workload: Workload) -> Bound:
 
 
 def iterated(workload: Workload) -> Bound:
-    rule, start = workload.formula(jnp), jnp.array(workload.start)
-    problem = lyapax.ODEProblem(lambda x: jnp.stack(rule(0, x, workload.parameters)), start, 1.0)
+    rule, start = workload.field(jnp), jnp.array(workload.start)
+    problem = lyapax.ODEProblem(lambda x: rule(0, x, workload.parameters), start, 1.0)
     compiled = functools.cache(lambda every, length: spectrum(workload, problem, length, every))
     ladder = {"exact, QR every 10": 10}
     return Bound(ladder, lambda every, length: compiled(every, round(length))(start), drawn(workload))

@@ -22,7 +22,7 @@ def stepping(workload: Workload, loop) -> Bound:
         return compiled(method)(y, rtol, every / steps, round(length / every)) / length
 
     ladder = {f"rk4 1/{steps}": (numba_loops.rk4, 0.0, steps) for steps in workload.steps}
-    ladder |= {f"dopri5 {rtol:.0e}": (numba_loops.dopri5, rtol, workload.steps[0]) for rtol in TOLERANCES}
+    ladder |= {f"dopri5 {rtol:.0e}": (numba_loops.dopri5, rtol, 1000) for rtol in TOLERANCES}
     return Bound(ladder, run, typical=len(workload.steps) + 3)
 
 
@@ -30,8 +30,8 @@ def flow(workload: Workload) -> Bound:
     return stepping(workload, numba_loops.smooth)
 
 
-def impact(workload: Workload) -> Bound:
-    return stepping(workload, numba_loops.with_impacts)
+def with_events(workload: Workload) -> Bound:
+    return stepping(workload, numba_loops.with_events)
 
 
 def iterated(workload: Workload) -> Bound:
@@ -60,4 +60,4 @@ def iterated(workload: Workload) -> Bound:
     return Bound({"exact": None}, run)
 
 
-KINDS = {"flow": flow, "map": iterated, "impact": impact}
+KINDS = {"flow": flow, "stiff": flow, "map": iterated, "impact": with_events, "friction": with_events}

@@ -9,7 +9,13 @@ from benchmarks.peers.adapters import Bound
 from benchmarks.peers.workloads import Workload
 
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
-MODELS = {"lorenz": "lorenz system", "henon_map": "henon map"}
+MODELS = {
+    "lorenz": "lorenz system",
+    "rossler": "rossler system",
+    "henon_heiles": "henon heiles",
+    "henon_map": "henon map",
+    "standard_map": "standard map",
+}
 SEED, SEED_OF_MAPS = 13, 1312  # the defaults; for maps it cannot be chosen
 
 
@@ -20,14 +26,37 @@ def drawn(seed, n, k, low, high):
     return qr(low + (high - low) * np.random.rand(n, k))[0]  # noqa: NPY002
 
 
+def system_of(workload: Workload):
+    """Its own model, or one by loops: its Jacobian is what they do to the identity."""
+    if workload.forms is None:
+        return pynamicalsys.ContinuousDynamicalSystem(model=MODELS[workload.formula.__name__])
+    n, p = workload.n, workload.parameters
+    alone, together = (numba.njit(workload.forms.loop(n, k, p)) for k in (0, n))
+
+    @numba.njit
+    def field(t, u, parameters):
+        rates = np.empty(n)
+        alone(t, u, rates)
+        return rates
+
+    @numba.njit
+    def jacobian(t, u, parameters):
+        y, rates = np.zeros(n + n * n), np.empty(n + n * n)
+        y[:n] = u
+        y[n :: n + 1] = 1.0
+        together(t, y, rates)
+        return rates[n:].reshape(n, n)
+
+    how = {"system_dimension": n, "number_of_parameters": len(p)}
+    return pynamicalsys.ContinuousDynamicalSystem(equations_of_motion=field, jacobian=jacobian, **how)
+
+
 def flow(workload: Workload) -> Bound:
-    n, k = workload.frame.shape
-    model = MODELS[workload.formula.__name__]
-    system = pynamicalsys.ContinuousDynamicalSystem(model=model)
+    (n, k), system = workload.frame.shape, system_of(workload)
 
     def run(setting, length):
         system.integrator(setting[0], **setting[1])
-        how = {"parameters": workload.parameters, "num_exponents": k, "seed": SEED, "endpoint": False}
+        how = {"parameters": workload.parameters or None, "num_exponents": k, "seed": SEED, "endpoint": False}
         return np.atleast_1d(system.lyapunov(workload.start, length, **how))
 
     ladder = {f"rk4 1/{steps}": ("rk4", {"time_step": workload.every / steps}) for steps in workload.steps}

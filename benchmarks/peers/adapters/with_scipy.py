@@ -5,12 +5,15 @@ import math
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from benchmarks.peers import events
 from benchmarks.peers.adapters import Bound
 from benchmarks.peers.converged import variational_equation
 from benchmarks.peers.workloads import Workload
 
 TOLERANCES = {"RK45": (1e-4, 1e-6), "DOP853": (1e-5, 1e-7, 1e-9, 1e-11)}
 LADDER = {f"{method} {rtol:.0e}": (method, rtol) for method, rtols in TOLERANCES.items() for rtol in rtols}
+
+IMPLICIT = {f"{method} {rtol:.0e}": (method, rtol) for method in ("Radau", "LSODA") for rtol in (1e-4, 1e-7, 1e-10)}
 
 
 def orthonormalised(columns, growth):
@@ -35,6 +38,11 @@ def flow(workload: Workload) -> Bound:
     return Bound(LADDER, run, typical=4)
 
 
+def stiff(workload: Workload) -> Bound:
+    """Implicit, with the Jacobian of the variational equation by differences."""
+    return flow(workload)._replace(ladder=IMPLICIT, typical=1)
+
+
 def iterated(workload: Workload) -> Bound:
     rule, jacobian, p = workload.formula(math), workload.jacobian(math), workload.parameters
 
@@ -48,33 +56,36 @@ def iterated(workload: Workload) -> Bound:
     return Bound({"exact": None}, run)
 
 
-def impact(workload: Workload) -> Bound:
-    """A flight ends at the wall, or after ten units of time; then QR."""
-    zeta, omega, restitution = workload.parameters
-    variational, reset, longest = variational_equation(workload, 2), np.diag([1.0, -restitution]), 10.0
-
-    def wall(t, y):
-        return y[0]
-
-    wall.terminal, wall.direction = True, 1
+def with_events(workload: Workload) -> Bound:
+    """A flight ends at the event, or after ten units of time; then QR."""
+    event, (n, k), longest = workload.event, workload.frame.shape, 10.0
+    rhs = events.variational_equation(workload, k)
 
     def run(setting, length):
         method, rtol = setting
-        t, growth, y = 0.0, np.zeros(2), np.concatenate([workload.start, workload.frame.ravel()])
+        t, growth, y = 0.0, np.zeros(k), np.concatenate([workload.start, workload.frame.ravel()])
+        sign = workload.sign
+
+        def reached(t, y, sign):
+            return y[event.guard]
+
+        reached.terminal = True
         while t < length:
-            span = (t, min(t + longest, length))
-            flight = solve_ivp(variational, span, y, method, events=wall, rtol=rtol, atol=1e-2 * rtol)
+            reached.direction = -sign if event.flips else 1
+            how = {"events": reached, "rtol": rtol, "atol": 1e-2 * rtol, "args": (sign,)}
+            flight = solve_ivp(rhs, (t, min(t + longest, length)), y, method, **how)
             t, y = flight.t[-1], flight.y[:, -1]
-            columns = y[2:].reshape(2, 2)
+            columns = y[n:].reshape(n, k)
             if flight.status == 1:
-                before = variational(t, y)[:2]
-                y[:2] = 0.0, -restitution * y[1]
-                jump = variational(t, y)[:2] - reset @ before
-                columns = reset @ columns + np.outer(jump, columns[0]) / before[0]
-            y[2:] = orthonormalised(columns, growth).ravel()
+                before = rhs(t, y, sign)[:n]
+                y[event.guard] = 0.0
+                y[:n] *= event.reset
+                sign = -sign
+                columns = events.crossed(columns, before, rhs(t, y, sign)[:n], event)
+            y[n:] = orthonormalised(columns, growth).ravel()
         return growth / length
 
     return Bound(LADDER, run, typical=4)
 
 
-KINDS = {"flow": flow, "map": iterated, "impact": impact}
+KINDS = {"flow": flow, "map": iterated, "stiff": stiff, "impact": with_events, "friction": with_events}
