@@ -3,6 +3,7 @@
 import re
 import signal
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -124,3 +125,11 @@ def test_runs_that_wait_for_a_jump_end_by_themselves():
     assert waiting.MOST_ATTEMPTS_WITHOUT_JUMP <= ATTEMPTS_BETWEEN_CHECKS
     assert not judged(1.0, None, last_jump=100, windows=20)
     assert not judged(1.0, None, jumped=1, last_jump=100, windows=20)
+
+
+def test_a_full_log_of_events_is_no_stall_and_spends_no_attempts():
+    """The events of one block fill the log many times; a call that it ends has not made all attempts that it might."""
+    jumps = lh.Transition(every=1e-4, reset=lambda t, x, args: -x)
+    ticking = lh.Hybrid(lambda t, x, args: jnp.cos(1e3 * t) * jnp.ones_like(x), jumps)
+    assert lh.trajectory(ticking, [1.0], t1=2.0, n=1).j[-1] == 20_000
+    assert lh.trajectory(ticking, [1.0], t1=0.5, n=1, max_steps=20_000).j[-1] == 5000

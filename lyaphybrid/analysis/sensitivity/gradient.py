@@ -36,6 +36,7 @@ from ...systems.hybrid import Hybrid
 from ...systems.smooth import Flow, Map
 from ...systems.validation import check_functions
 from ..orbits.periods import check_period
+from ..spectra import CLOCKS, ENDLESS
 from .birkhoff import by_birkhoff
 from .equilibria import by_equilibrium
 from .estimates import (
@@ -227,7 +228,8 @@ def lyapunov_gradient(
         mode: mode at the start, where there are several.
         method: the integrator of the flow; None: the default (implicit: with rtol = 1e-12, birkhoff: 1e-11). A linear
             response needs a fixed step, `lh.RungeKutta("rk4", dt=…)`.
-        clock: of the exponents, as for `lyapunov_spectrum`.
+        clock: of the exponents, as for `lyapunov_spectrum`. Those of an orbit are per unit of time, or with "jumps" per
+            jump: where it jumps once a period they are the ln|μ| of its multipliers.
         window: half width of the window of parameters, relative to each, or an array of absolute ones.
         points: number of points in the window; None: enough for the degree.
         replicates: runs at each point.
@@ -260,6 +262,8 @@ def lyapunov_gradient(
     require_values("lyapunov_gradient", x0, args, t0)
     positive("t1, a length,", t1)
     real("t0", t0)
+    require(is_one_of(clock, CLOCKS), f"clock must be one of {CLOCKS}; got {clock!r}.")
+    require(clock != "jumps" or not isinstance(system, Flow), ENDLESS)
     transient = part_of(system, clock, t1, 0.1) if transient is None else transient
     real("transient, a length,", transient)
     require(float(np.asarray(transient)) >= 0, f"transient, a length, must not be negative; got {transient!r}.")

@@ -91,13 +91,13 @@ def by_implicit(case: ExponentFunction, *, period: Any = None, progress: Any = N
         orbit, method = _orbit(case, period)
         report(0.6)
         turn = PeriodRun(case.system, case.args_of, np.asarray(orbit.base[0], float), np.int32(orbit.base[2]), method)
-        found = derivatives(turn, case, orbit, period)
+        found, unit = derivatives(turn, case, orbit, period), _unit(case, orbit)
         report(0.8)
-        looser = _with_looser_tolerance(turn, case, orbit, period)
+        looser = _with_looser_tolerance(turn, case, orbit, period, unit)
         report(1.0)
     finally:
         report(None)
-    of = of_exponents(found, orbit, case.k)
+    of = of_exponents(found, orbit, case.k, unit)
     reasons, good = _reasons(case, orbit, found, of, autonomous=_autonomous(case, period))
     stderr = np.abs(of.gradient - looser) + (1e-15 * found.condition + of.rounding[:, None]) * np.abs(of.gradient)
     error = orbit.residual
@@ -193,9 +193,23 @@ class Exponents(NamedTuple):
     rounding: np.ndarray  # (k,) relative errors of the derivatives by rounding of M
 
 
-def of_exponents(found: Derivatives, orbit: Floquet, k: int) -> Exponents:
-    """The exponents and their derivatives: single members of a group may have none."""
+def _unit(case: ExponentFunction, orbit: Floquet) -> int | None:
+    """The number of jumps in a period where exponents are per jump, else None."""
+    clock = case.options.get("clock", "time")
+    if clock == "time" or isinstance(case.system, Map):
+        return None
+    if clock != "jumps":
+        raise InapplicableError(f"exponents of an orbit are per unit of time or per jump; got clock={clock!r}.")
+    if orbit.jumps == 0:
+        raise InapplicableError("clock='jumps' asks for exponents per jump, and the orbit has none.")
+    return orbit.jumps
+
+
+def of_exponents(found: Derivatives, orbit: Floquet, k: int, jumps: int | None = None) -> Exponents:
+    """The exponents, per jump where their number is given, and their derivatives: members of a group may have none."""
     value, multipliers = np.asarray(orbit.exponents), np.asarray(orbit.multipliers)
+    length, change = (orbit.period, found.period) if jumps is None else (jumps, np.zeros_like(found.period))
+    value = value * (orbit.period / length)
     gradient = np.full((len(value), len(found.period)), np.nan)
     condition, rounding = np.ones(len(value)), np.zeros(len(value))
     groups = _groups(multipliers)
@@ -204,7 +218,7 @@ def of_exponents(found: Derivatives, orbit: Floquet, k: int) -> Exponents:
     for group in groups:
         if np.all(multipliers[group] != 0):
             rates, condition[group], rounding[group] = _of_group(found, every, group)
-            gradient[group] = (rates / len(group) - np.mean(value[group]) * found.period) / orbit.period
+            gradient[group] = (rates / len(group) - np.mean(value[group]) * change) / length
     several = [group for group in groups if len(group) > 1 and min(group) < k]
     return Exponents(value[:k], gradient[:k], several, condition[:k], rounding[:k])
 
@@ -257,15 +271,15 @@ def _invariant(matrix, multipliers, group) -> np.ndarray:
     return vectors[:, : len(group)]
 
 
-def _with_looser_tolerance(turn: PeriodRun, case: ExponentFunction, orbit: Floquet, period) -> np.ndarray:
+def _with_looser_tolerance(turn: PeriodRun, case: ExponentFunction, orbit: Floquet, period, unit) -> np.ndarray:
     """The derivatives (k, p) along the same orbit with a looser tolerance."""
     method = turn.method
     if method is None:
-        return of_exponents(derivatives(turn, case, orbit, period), orbit, case.k).gradient
+        return of_exponents(derivatives(turn, case, orbit, period), orbit, case.k, unit).gradient
     names = [name for name in ("rtol", "atol") if name in method.__dataclass_fields__]
     values = [LOOSER * getattr(method, name) for name in names]
     method = eqx.tree_at(lambda m: [getattr(m, name) for name in names], method, values)
-    return of_exponents(derivatives(turn._replace(method=method), case, orbit, period), orbit, case.k).gradient
+    return of_exponents(derivatives(turn._replace(method=method), case, orbit, period), orbit, case.k, unit).gradient
 
 
 def _along_the_flow(orbit: Floquet) -> int:

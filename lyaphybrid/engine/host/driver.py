@@ -139,15 +139,15 @@ def drive(
                 _advance(problem, plan, loop_state, ends, last_jumps, np.int32(allowed))
             )
             records = fresh if records is None else _merge(records, fresh)
-            loop_state = _drain(loop_state, logs)
-            given += allowed
+            loop_state, spent = _drain(loop_state, logs), _spent(loop_state, allowed)
+            given += spent
             if part is not None:
                 part.keep(loop_state, records, given)
             before, done = done, float(np.mean(np.asarray(loop_state.block))) / blocks
             if compilations() == compiled:  # the time of a call that compiled says nothing about the loop's speed
                 seconds = time.perf_counter() - clock
                 budget = int(
-                    np.clip(budget * min(SECONDS_PER_CALL / seconds, MOST_FASTER), FEWEST_ATTEMPTS, MOST_ATTEMPTS)
+                    np.clip(spent * min(SECONDS_PER_CALL / seconds, MOST_FASTER), FEWEST_ATTEMPTS, MOST_ATTEMPTS)
                 )
                 if done > before:
                     left = (1 - done) / (done - before) * seconds
@@ -208,6 +208,11 @@ def sealed(outcome: Outcome) -> LoopState:
     """The loop's state of an outcome with its status stored in it, so that an unfinished run does not go on."""
     loop_state = outcome.loop_state
     return loop_state._replace(carry=loop_state.carry._replace(status=outcome.status))
+
+
+def _spent(loop_state: LoopState, allowed: int) -> int:
+    """The attempts of a call: fewer than allowed where a full log of events ended it."""
+    return allowed if loop_state.carry.log is None else allowed - int(loop_state.carry.budget)
 
 
 def _drain(loop_state: LoopState, logs: list) -> LoopState:

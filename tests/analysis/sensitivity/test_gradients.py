@@ -42,6 +42,25 @@ def test_sums_over_an_orbit_with_impacts(impacts, omega):
     assert found.trust, found.reasons
 
 
+@pytest.mark.slow
+def test_exponents_per_jump():
+    """One impact a period: λ₁ + λ₂ = −2ζT + 2 ln r per jump."""
+    found, turn = impact_gradient(2.65, clock="jumps"), 2 * np.pi / 2.65
+    exact = {"restitution": 2 / 0.8, "zeta": -2 * turn, "omega": 0.04 * turn / 2.65}
+    for name, value in exact.items():
+        assert_allclose(np.sum(found.gradient[name]), value, rtol=1e-9)
+    assert_allclose(np.sum(found.value), -0.04 * turn + 2 * np.log(0.8), rtol=1e-12)
+
+
+def test_an_orbit_counts_time_or_jumps():
+    with pytest.raises(ValueError, match="per unit of time or per jump; got clock='hybrid'"):
+        impact_gradient(2.65, clock="hybrid")
+    with pytest.raises(ValueError, match="never end: an lh.Flow has no jumps"):
+        lh.lyapunov_gradient(lh.Flow(lambda t, x, a: -a * x), [1.0], 1.0, t1=10, clock="jumps")
+    with pytest.raises(ValueError, match="clock must be one of"):
+        impact_gradient(2.65, clock="steps")
+
+
 def test_a_complex_pair_has_the_derivative_of_its_mean(impacts):
     found = impacts[2.3]
     assert_allclose(found.value, -0.1016831182, atol=5e-11)
