@@ -8,6 +8,7 @@ import math
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from benchmarks.peers.disks import converged_growth
 from benchmarks.peers.events import friction_growth
 from benchmarks.peers.impacts import impact_growth
 from benchmarks.peers.workloads import Workload
@@ -17,7 +18,10 @@ METHODS = {"flow": ("DOP853", 1e-13), "stiff": ("Radau", 1e-12)}  # with the rel
 
 
 def exponents(workload: Workload, columns: np.ndarray) -> np.ndarray:
-    """Over the short length, from these columns (n, k); descending (k,)."""
+    """Over the short length, from these columns (n, k); descending (k,); of a sweep those of all points."""
+    if workload.sweep:
+        each = [exponents(workload.at(value), columns) for value in workload.sweep.values(workload.short)]
+        return np.sort(np.concatenate(each))[::-1]
     growth = GROWTH[workload.kind](workload, columns)
     return np.sort(growth / workload.short)[::-1]
 
@@ -38,7 +42,7 @@ def flow_growth(workload: Workload, columns: np.ndarray) -> np.ndarray:
 
 def variational_equation(workload: Workload, k: int):
     """State and k columns as one vector, as a user of SciPy writes it."""
-    n, p = workload.n, workload.parameters
+    n, p = workload.n, workload.p
     if workload.forms:
         array, tangent = workload.forms.array(np), workload.forms.tangent(np)
         return lambda t, y: np.concatenate([array(t, y[:n], p), tangent(t, y[:n], p, y[n:].reshape(n, k)).ravel()])
@@ -68,4 +72,5 @@ GROWTH = {
     "map": map_growth,
     "impact": impact_growth,
     "friction": friction_growth,
+    "disks": converged_growth,
 }

@@ -18,11 +18,11 @@ def crossed(columns: np.ndarray, before, after, event: Event) -> np.ndarray:
 
 
 def variational_equation(workload: Workload, k: int):
-    """``rhs(t, y, sign)`` of state and columns as one vector."""
+    """``rhs(t, y, last)`` of state and columns as one vector."""
     field, jacobian, n, p = workload.formula(math), workload.jacobian(math), workload.n, workload.parameters
 
-    def rhs(t, y, sign):
-        x, args = y[:n].tolist(), (*p, sign)
+    def rhs(t, y, last):
+        x, args = y[:n].tolist(), (*p, last)
         return np.concatenate([field(t, x, args), (np.array(jacobian(t, x, args)) @ y[n:].reshape(n, k)).ravel()])
 
     return rhs
@@ -30,7 +30,7 @@ def variational_equation(workload: Workload, k: int):
 
 def friction_growth(workload: Workload, columns: np.ndarray) -> np.ndarray:
     """Σ ln R_ii over the short length; the velocity only passes zero (it must not stick)."""
-    (n, k), event, sign = columns.shape, workload.event, workload.sign
+    (n, k), event, sign = columns.shape, workload.event, workload.last
     rhs, t, growth = variational_equation(workload, k), 0.0, np.zeros(k)
     x = np.array(workload.start)
     while t < workload.short:

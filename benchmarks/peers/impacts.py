@@ -46,7 +46,7 @@ class Flight:
 
 def impact_growth(workload: Workload, columns: np.ndarray) -> np.ndarray:
     """Σ ln R_ii over the short length."""
-    (zeta, omega), restitution = workload.parameters, -workload.event.reset[1]
+    (zeta, omega), restitution = workload.p, -workload.event.reset[1]
     reset = np.diag([1.0, -restitution])
     t, x, growth = 0.0, np.array(workload.start), np.zeros(columns.shape[1])
     while t < workload.short:

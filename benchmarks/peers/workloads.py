@@ -1,6 +1,5 @@
 """What is computed: one table. Lengths are units of time, or iterations of a map, or points of a sweep."""
 
-import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -12,19 +11,35 @@ from benchmarks.peers.formulas.large import Large
 
 
 class Event(NamedTuple):
-    """A component passes zero: the state is multiplied by `reset`, or the field's last parameter changes its sign."""
+    """A component passes zero: the state is multiplied by `reset`, and the last parameter may change its sign."""
 
     guard: int
     reset: tuple[float, ...]
     flips: bool
+
+    def beyond(self, last: float) -> float:
+        """The last parameter after the event."""
+        return -last if self.flips else last
+
+
+class Sweep(NamedTuple):
+    """Many values of the last parameter, each for so long."""
+
+    first: float
+    final: float
+    t1: float
+    kind: str  # of a single one
+
+    def values(self, count: float) -> np.ndarray:
+        return np.linspace(self.first, self.final, round(count))
 
 
 class Workload(NamedTuple):
     """One system, one start and one set of parameters for all programs."""
 
     title: str
-    kind: str  # "flow", "map", "stiff", "impact", "friction"
-    formula: Callable  # m -> field(t, x, p), components
+    kind: str  # "flow", "map", "stiff", "impact", "friction", "disks", "flow_sweep", …
+    formula: Callable | None  # m -> field(t, x, p), components
     jacobian: Callable | None  # m -> jacobian(t, x, p), rows; of few components
     start: tuple[float, ...]
     parameters: tuple[float, ...]
@@ -36,7 +51,9 @@ class Workload(NamedTuple):
     forms: Large | None = None  # the other forms of a formula of many components
     potential: Callable | None = None  # of H = p²/2 + V(q)
     before: Callable | None = None  # of a map: the point whose image is the start
-    event: Event | None = None  # then the field has one parameter more, the sign
+    last: float | None = None  # one parameter more, which events or sweeps change
+    event: Event | None = None
+    sweep: Sweep | None = None
     unit: str = "unit of time"
 
     @property
@@ -45,9 +62,13 @@ class Workload(NamedTuple):
         return len(self.start)
 
     @property
-    def sign(self) -> float:
-        """On which side of the guard the start lies."""
-        return math.copysign(1.0, self.start[self.event.guard]) if self.event and self.event.flips else 0.0
+    def p(self) -> tuple[float, ...]:
+        """What the field is given."""
+        return self.parameters if self.last is None else (*self.parameters, self.last)
+
+    def at(self, value: float) -> "Workload":
+        """One point of a sweep."""
+        return self._replace(kind=self.sweep.kind, last=value, short=self.sweep.t1, sweep=None)
 
     @property
     def frame(self) -> np.ndarray:
@@ -73,19 +94,25 @@ def _impact_oscillator() -> Workload:
     title = "Oscillator with impacts, both exponents"
     steps = (5, 10, 25, 50, 100)
     event = Event(0, (1.0, -restitution), False)
-    start, parameters = problems.IMPACT_START, (zeta, omega)
-    return Workload(title, "impact", *formulas, start, parameters, 10.0, 1000.0, 0.5, steps, event=event)
+    start, more = problems.IMPACT_START, {"event": event, "last": omega}
+    return Workload(title, "impact", *formulas, start, (zeta,), 10.0, 1000.0, 0.5, steps, **more)
 
 
 def _friction_pendulum() -> Workload:
     names = ("beta", "alpha", "stiffness", "amplitude", "omega")
     parameters = tuple(problems.FRICTION_PARAMETERS[name] for name in names)
     formulas = small.friction_pendulum, small.friction_pendulum_jacobian
-    event = Event(1, (1.0, 1.0), True)
-    title, steps = "Pendulum with dry friction, both exponents", (10, 25, 50, 100)
-    return Workload(
-        title, "friction", *formulas, problems.FRICTION_START, parameters, 30.0, 500.0, 1.0, steps, event=event
-    )
+    title, steps, more = "Pendulum with dry friction, both exponents", (10, 25, 50, 100), {"last": 1.0}
+    more["event"] = Event(1, (1.0, 1.0), True)
+    return Workload(title, "friction", *formulas, problems.FRICTION_START, parameters, 30.0, 500.0, 1.0, steps, **more)
+
+
+def _sweep(title: str, one: Workload, first: float, final: float) -> Workload:
+    """10⁴ points for ten units of time; exponents of eight are compared."""
+    parameters = one.parameters if one.last is not None else one.parameters[:-1]
+    sweep = Sweep(first, final, 10.0, one.kind)
+    changed = {"parameters": parameters, "last": first, "short": 8, "long": 10_000, "unit": "point"}
+    return one._replace(title=title, kind=f"{one.kind}_sweep", sweep=sweep, **changed)
 
 
 def _map(title: str, rule, jacobian, before, start, parameters, short) -> Workload:
@@ -96,10 +123,13 @@ def _flow(title: str, formula, jacobian, start, parameters, every, steps, **more
     return Workload(title, "flow", formula, jacobian, start, parameters, 10.0, 1000.0, every, steps, **more)
 
 
+_SIGMA, _RHO, _BETA = problems.LORENZ_PARAMETERS
+_LORENZ = (_SIGMA, _BETA, _RHO)
+
 WORKLOADS = {
     "lorenz": _flow(
         "Lorenz, all exponents", small.lorenz, small.lorenz_jacobian, problems.LORENZ_START,
-        problems.LORENZ_PARAMETERS, 0.5, (25, 50, 100, 300, 800),
+        _LORENZ, 0.5, (25, 50, 100, 300, 800),
     ),
     "rossler": _flow(
         "Rössler, all exponents", small.rossler, small.rossler_jacobian, (1.0, 1.0, 0.0), (0.2, 0.2, 5.7),
@@ -118,7 +148,7 @@ WORKLOADS = {
         small.standard_map_before, (0.1, 0.2), (6.9115,), 10,
     ),
     "fpu_beta": _large(
-        "FPU-β, 8 masses, 16 exponents", large.FPU, (0.1,) * 8 + (0.0,) * 8, (1.5,), 10.0, 200.0, 16,
+        "FPU-β, 8 masses, 16 exponents", large.FPU, (0.1,) * 8 + (0.0,) * 8, (1.5,), 10.0, 1000.0, 16,
         1.0, (5, 10, 25, 50, 200),
     ),
     "lorenz96_40": _large(
@@ -143,4 +173,11 @@ WORKLOADS = {
     ),
     "impact_oscillator": _impact_oscillator(),
     "friction_pendulum": _friction_pendulum(),
+    "hard_disks": Workload(
+        "Four hard disks, 16 exponents", "disks", None, None, problems.DISKS_START, (), 2.0, 1000.0
+    ),
 }  # fmt: skip
+WORKLOADS |= {
+    "lorenz_sweep": _sweep("Lorenz at 10⁴ values of ρ", WORKLOADS["lorenz"], 26.0, 30.0),
+    "impact_sweep": _sweep("Oscillators with impacts at 10⁴ frequencies", WORKLOADS["impact_oscillator"], 2.7, 2.9),
+}

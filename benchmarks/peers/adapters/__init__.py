@@ -23,6 +23,7 @@ class Bound(NamedTuple):
     run: Callable[[Any, float], Any]  # (setting, length) -> exponents
     frame: np.ndarray | None = None  # the columns (n, k) that it begins with; None: the identity
     typical: int = 0  # which setting the first call has
+    system: Any = None  # what a sweep takes from a single run
 
 
 class Peer(NamedTuple):
@@ -32,7 +33,7 @@ class Peer(NamedTuple):
     module: str
     kinds: tuple[str, ...]
     use: str  # how it is used
-    compiles: bool = True  # so that the first run of a setting says nothing
+    by_length: bool = False  # it compiles for each length, so that the first run of one says nothing
     largest: float = math.inf  # equations n (k + 1), beyond which it is not tried
 
     def can(self, workload: Workload) -> bool:
@@ -53,32 +54,28 @@ class Peer(NamedTuple):
 
 
 OURS = "lyaphybrid"
+SINGLE, SWEEPS = ("flow", "map", "stiff", "impact", "friction", "disks"), ("flow_sweep", "impact_sweep")
+EVENTS = ("impact", "friction")
 PEERS = {
-    OURS: Peer("lyaphybrid", "ours", ("flow", "map", "stiff", "impact", "friction"), "`lyapunov_spectrum`"),
-    "lyapax": Peer("lyapax", "with_lyapax", ("flow", "map"), "`ode_problem` (rk4, rk6, adaptive), under `jax.jit`"),
-    "jitcode": Peer(
-        "jitcode", "with_jitcode", ("flow",), "`jitcode_lyap`, compiled C, dopri5 and dop853", largest=2000
+    OURS: Peer("lyaphybrid", "ours", (*SINGLE, *SWEEPS), "`lyapunov_spectrum`, `sweep`", by_length=True),
+    "lyapax": Peer(
+        *("lyapax", "with_lyapax", ("flow", "map", "flow_sweep")),
+        "`ode_problem` (rk4, rk6, adaptive) and `sweep_lyapunov_spectrum`, under `jax.jit`",
+        by_length=True,
     ),
+    "jitcode": Peer("jitcode", "with_jitcode", ("flow",), "`jitcode_lyap`, compiled C, dopri5, dop853", largest=2000),
     "heyoka": Peer(
-        "heyoka",
-        "with_heyoka",
-        ("flow", "stiff", "impact", "friction"),
-        "`var_ode_sys`, `taylor_adaptive`, QR by NumPy",
+        *("heyoka", "with_heyoka", ("flow", "stiff", *EVENTS, *SWEEPS)),
+        "`var_ode_sys`, `taylor_adaptive`, terminal events, `taylor_adaptive_batch` for the flow's sweep; QR by NumPy",
     ),
     "pynamicalsys": Peer("pynamicalsys", "with_pynamicalsys", ("flow", "map"), "`lyapunov`, QR, rk4 and rk45"),
-    "chaotax": Peer("chaotax", "with_chaotax", ("flow", "map"), "`lyapunov_spectrum` of an RK4 step, `jax.jit`"),
+    "chaotax": Peer(
+        "chaotax", "with_chaotax", ("flow", "map"), "`lyapunov_spectrum` of an RK4 step, `jax.jit`", by_length=True
+    ),
     "numba": Peer(
-        "numba",
-        "with_numba",
-        ("flow", "map", "stiff", "impact", "friction"),
-        "loops written by hand: RK4, Dormand–Prince",
+        *("numba", "with_numba", (*SINGLE, *SWEEPS)),
+        "loops written by hand: RK4, Dormand–Prince, events by the secant method, disks, `prange` for sweeps",
     ),
-    "scipy": Peer(
-        "scipy",
-        "with_scipy",
-        ("flow", "map", "stiff", "impact", "friction"),
-        "`solve_ivp` and NumPy's QR",
-        compiles=False,
-    ),
+    "scipy": Peer("scipy", "with_scipy", SINGLE, "`solve_ivp`, its `events`, NumPy's QR; disks by NumPy"),
     "diffrax": Peer("diffrax", "with_diffrax", ("impact",), "`diffeqsolve(event=…)` in a scan"),
 }

@@ -23,18 +23,18 @@ ERROR = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 5
 
 
 def slopes(workload: Workload):
-    """``rhs(t, y, sign, out)`` of the state and the columns (n, k) by rows, from the formulas."""
+    """``rhs(t, y, last, out)`` of the state and the columns (n, k) by rows, from the formulas."""
     (n, k), p = workload.frame.shape, workload.parameters
     if workload.forms:
         loop = numba.njit(workload.forms.loop(n, k, p))
-        return numba.njit(lambda t, y, sign, out: loop(t, y, out))
+        return numba.njit(lambda t, y, last, out: loop(t, y, out))
     field, jacobian = numba.njit(workload.formula(math)), numba.njit(workload.jacobian(math))
 
-    event = workload.event is not None
+    longer = workload.last is not None
 
     @numba.njit
-    def rhs(t, y, sign, out):
-        args = p + (sign,) if event else p
+    def rhs(t, y, last, out):
+        args = p + (last,) if longer else p
         rates, matrix = field(t, y, args), jacobian(t, y, args)
         for i in range(n):
             out[i] = rates[i]
@@ -50,17 +50,17 @@ def rk4(rhs, size: int):
     """``step(t, y, h, new, …) -> 0``: no error is known."""
 
     @numba.njit
-    def step(t, y, h, new, rtol, sign, stages):
-        rhs(t, y, sign, stages[0])
+    def step(t, y, h, new, rtol, last, stages):
+        rhs(t, y, last, stages[0])
         for i in range(size):
             new[i] = y[i] + h / 2 * stages[0, i]
-        rhs(t + h / 2, new, sign, stages[1])
+        rhs(t + h / 2, new, last, stages[1])
         for i in range(size):
             new[i] = y[i] + h / 2 * stages[1, i]
-        rhs(t + h / 2, new, sign, stages[2])
+        rhs(t + h / 2, new, last, stages[2])
         for i in range(size):
             new[i] = y[i] + h * stages[2, i]
-        rhs(t + h, new, sign, stages[3])
+        rhs(t + h, new, last, stages[3])
         for i in range(size):
             new[i] = y[i] + h / 6 * (stages[0, i] + 2 * stages[1, i] + 2 * stages[2, i] + stages[3, i])
         return 0.0
@@ -72,15 +72,15 @@ def dopri5(rhs, size: int):
     """``step(t, y, h, new, …) -> error``, in units of the tolerance; the first stage is the last one of before."""
 
     @numba.njit
-    def step(t, y, h, new, rtol, sign, stages):
-        rhs(t, y, sign, stages[0])
+    def step(t, y, h, new, rtol, last, stages):
+        rhs(t, y, last, stages[0])
         for s in range(1, 7):
             for i in range(size):
                 new[i] = y[i]
             for r in range(s):
                 for i in range(size):
                     new[i] += h * STAGES[s, r] * stages[r, i]
-            rhs(t + NODES[s] * h, new, sign, stages[s])
+            rhs(t + NODES[s] * h, new, last, stages[s])
         square = 0.0
         for i in range(size):
             error = 0.0
@@ -124,19 +124,19 @@ def next_step(h, error, fixed):
 
 
 def smooth(workload: Workload, method):
-    """``run(y, rtol, h, count) -> growth``: `count` intervals, QR after each."""
+    """``run(y, last, rtol, h, count) -> growth``: `count` intervals, QR after each."""
     (n, k), every = workload.frame.shape, workload.every
     size = n * (k + 1)
     step, orthonormalise = method(slopes(workload), size), gram_schmidt(n, k)
 
     @numba.njit
-    def run(y, rtol, h, count):
+    def run(y, last, rtol, h, count):
         growth, new, stages, fixed = np.zeros(k), np.empty(size), np.empty((7, size)), h
         for interval in range(count):
             t, end = interval * every, (interval + 1) * every
             while t < end - 1e-12:
                 taken = min(h, end - t)
-                error = step(t, y, taken, new, rtol, 0.0, stages)
+                error = step(t, y, taken, new, rtol, last, stages)
                 if error <= 1.0:
                     t += taken
                     y[:] = new
@@ -150,18 +150,18 @@ def smooth(workload: Workload, method):
 
 def with_events(workload: Workload, method):
     """The same with an event: a step that ends behind it is shortened until it ends there."""
-    (n, k), every, sign_of_start = workload.frame.shape, workload.every, workload.sign
+    (n, k), every = workload.frame.shape, workload.every
     guard, reset, flips = workload.event.guard, np.array(workload.event.reset), workload.event.flips
     rhs, size = slopes(workload), n * (k + 1)
     step, orthonormalise = method(rhs, size), gram_schmidt(n, k)
 
     @numba.njit
-    def land(t, y, h, new, rtol, sign, stages):
+    def land(t, y, h, new, rtol, last, stages):
         """The length of the step that ends at the event, by the secant method kept within a bracket."""
         low, high, below, above, taken = 0.0, h, y[guard], new[guard], h
         for _ in range(60):
             taken = low - below * (high - low) / (above - below)
-            step(t, y, taken, new, rtol, sign, stages)
+            step(t, y, taken, new, rtol, last, stages)
             if abs(new[guard]) < 1e-15 or high - low < 1e-15:
                 break
             if new[guard] * above > 0.0:
@@ -171,12 +171,12 @@ def with_events(workload: Workload, method):
         return taken
 
     @numba.njit
-    def cross(t, y, sign, before, after):
-        rhs(t, y, sign, before)
+    def cross(t, y, last, before, after):
+        rhs(t, y, last, before)
         y[guard] = 0.0
         for i in range(n):
             y[i] *= reset[i]
-        rhs(t, y, -sign, after)
+        rhs(t, y, -last if flips else last, after)
         for c in range(k):
             at_guard = y[n + guard * k + c] / before[guard]
             for i in range(n):
@@ -184,23 +184,22 @@ def with_events(workload: Workload, method):
                 y[at] = reset[i] * y[at] + (after[i] - reset[i] * before[i]) * at_guard
 
     @numba.njit
-    def run(y, rtol, h, count):
+    def run(y, last, rtol, h, count):
         growth, new, stages, fixed = np.zeros(k), np.empty(size), np.empty((7, size)), h
-        sign = sign_of_start
         for interval in range(count):
             t, end = interval * every, (interval + 1) * every
             while t < end - 1e-12:
-                taken, side = min(h, end - t), -sign if flips else 1.0
-                error = step(t, y, taken, new, rtol, sign, stages)
+                taken, side = min(h, end - t), -last if flips else 1.0
+                error = step(t, y, taken, new, rtol, last, stages)
                 if error > 1.0:
                     h = next_step(taken, error, fixed)
                 elif new[guard] * side > 0.0 and y[guard] == 0.0:  # a flight within the step
                     h = taken / 2
                 elif new[guard] * side > 0.0:
-                    t += land(t, y, taken, new, rtol, sign, stages)
+                    t += land(t, y, taken, new, rtol, last, stages)
                     y[:] = new
-                    cross(t, y, sign, stages[0], stages[1])
-                    sign = -sign
+                    cross(t, y, last, stages[0], stages[1])
+                    last = -last if flips else last
                     orthonormalise(y, growth)
                 else:
                     t += taken

@@ -1,5 +1,7 @@
 """This package, by its public interface."""
 
+from collections.abc import Callable
+
 import jax
 
 jax.config.update("jax_enable_x64", True)
@@ -36,14 +38,14 @@ def runge_kutta(workload: Workload) -> dict[str, dict]:
 
 
 def bound(system, workload: Workload, ladder, typical: str = TYPICAL) -> Bound:
-    start, frame, args = jnp.array(workload.start), jnp.array(workload.frame), workload.parameters
+    start, frame, args = jnp.array(workload.start), jnp.array(workload.frame), workload.p
 
     def run(how, length):
         # steps end with blocks: 64 of them in the short length would make its error smaller than that of a long run
         how = how | {"blocks": 2 if length <= workload.short else 64, "k": frame.shape[1], "frame": frame}
         return lh.lyapunov_spectrum(system, start, args, t1=length, **how).exponents
 
-    return Bound(ladder, run, typical=list(ladder).index(typical))
+    return Bound(ladder, run, typical=list(ladder).index(typical), system=system)
 
 
 def flow(workload: Workload) -> Bound:
@@ -65,14 +67,11 @@ def stiff(workload: Workload) -> Bound:
 
 
 def iterated(workload: Workload) -> Bound:
-    return bound(lh.Map(workload.field(jnp)), workload, {"exact": {}, "exact, QR every 10": {"every": 10}}, "exact")
+    return bound(lh.Map(workload.field(jnp)), workload, {"exact": {}, "exact, QR every 5": {"every": 5}}, "exact")
 
 
 def impact(workload: Workload) -> Bound:
-    rates, reset = workload.field(jnp), jnp.array(workload.event.reset)
-
-    def field(t, x, args):
-        return rates(t, x, (*args, 0.0))
+    reset = jnp.array(workload.event.reset)
 
     def gap(t, x, args):
         return -x[0]
@@ -80,13 +79,55 @@ def impact(workload: Workload) -> Bound:
     def rebound(t, x, args):
         return reset * x
 
-    return bound(lh.Hybrid(field, [lh.Transition(gap, rebound)]), workload, runge_kutta(workload))
+    return bound(lh.Hybrid(workload.field(jnp), [lh.Transition(gap, rebound)]), workload, runge_kutta(workload))
 
 
 def friction(workload: Workload) -> Bound:
     rates = workload.field(jnp)
-    sides = [lambda t, x, args, sign=sign: rates(t, x, (*args, sign)) for sign in (1.0, -1.0)]
+    sides = [lambda t, x, args, sign=sign: rates(t, x, (*args[:-1], sign)) for sign in (1.0, -1.0)]
     return bound(lh.filippov(*sides, lambda t, x, args: x[1]), workload, runge_kutta(workload))
 
 
-KINDS = {"flow": flow, "map": iterated, "stiff": stiff, "impact": impact, "friction": friction}
+def disks(workload: Workload) -> Bound:
+    problem = lh.zoo.hard_disks(n=4, density=0.7)
+    start, frame = jnp.array(workload.start), jnp.array(workload.frame)
+
+    def run(how, length):
+        return lh.lyapunov_spectrum(problem.system, start, problem.args, t1=length, frame=frame, **how).exponents
+
+    return Bound({"exact": {"method": problem.method}}, run)
+
+
+def swept(one) -> Callable[[Workload], Bound]:
+    """`lh.sweep` over the last parameter, by the system and the methods of a single run."""
+
+    def swept(workload: Workload) -> Bound:
+        single, start, frame = one(workload), jnp.array(workload.start), jnp.array(workload.frame)
+
+        def point(how):
+            def run(args):
+                p, how_long = (*workload.parameters, args["last"]), {"t1": workload.sweep.t1, "blocks": 2}
+                return lh.lyapunov_spectrum(single.system, start, p, frame=frame, **how_long, **how)
+
+            return run
+
+        def run(point, count):
+            values = workload.sweep.values(count)
+            found = lh.sweep(point, {"last": values}, args={"last": workload.last}, progress=False)
+            return found["exponents"].values.ravel()
+
+        return single._replace(ladder={name: point(how) for name, how in single.ladder.items()}, run=run)
+
+    return swept
+
+
+KINDS = {
+    "flow": flow,
+    "map": iterated,
+    "stiff": stiff,
+    "impact": impact,
+    "friction": friction,
+    "disks": disks,
+    "flow_sweep": swept(flow),
+    "impact_sweep": swept(impact),
+}

@@ -37,7 +37,7 @@ def flow(workload: Workload) -> Bound:
     rates = workload.field(jnp)
 
     def field(x):
-        return rates(0.0, x, workload.parameters)
+        return rates(0.0, x, workload.p)
 
     def stepper(steps):
         h = workload.every / steps
@@ -58,7 +58,7 @@ def iterated(workload: Workload) -> Bound:
     rule = workload.field(jnp)
 
     def step(x):
-        return rule(0, x, workload.parameters)
+        return rule(0, x, workload.p)
 
     return bound(workload, {"exact": 1}, lambda _: step, lambda _, length: round(length))
 

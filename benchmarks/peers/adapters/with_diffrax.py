@@ -14,11 +14,8 @@ TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)
 
 
 def impact(workload: Workload) -> Bound:
-    second, rates = rivals.second_implementation(), workload.field(jnp)
+    second, field = rivals.second_implementation(), workload.field(jnp)
     reset = jnp.array(workload.event.reset)
-
-    def field(t, x, args):
-        return rates(t, x, (*args, 0.0))
 
     def gap(t, x, args):
         return -x[0]
@@ -28,7 +25,7 @@ def impact(workload: Workload) -> Bound:
 
     def run(rtol, length):
         options = second.Options(rtol, 1e-2 * rtol)
-        system = field, gap, rebound, workload.start, workload.parameters
+        system = field, gap, rebound, workload.start, workload.p
         return second.diffrax_spectrum(*system, t1=length, columns=workload.frame, options=options).exponents
 
     return Bound({f"dopri5 {rtol:.0e}": rtol for rtol in TOLERANCES}, run, typical=2)

@@ -20,8 +20,8 @@ def variables(n: int) -> list:
 def system(workload: Workload):
     """With the derivatives with respect to the first k variables; the state is x, then (n, k) of them by rows."""
     x = variables(workload.n)
-    sign = (heyoka.par[0],) if workload.event else ()
-    rates = workload.formula(heyoka)(heyoka.time, x, (*workload.parameters, *sign))
+    last = () if workload.last is None else (heyoka.par[0],)
+    rates = workload.formula(heyoka)(heyoka.time, x, (*workload.parameters, *last))
     equations = [(one, heyoka.expression(rate)) for one, rate in zip(x, rates, strict=True)]
     return heyoka.var_ode_sys(equations, x[: workload.frame.shape[1]], order=1)
 
@@ -36,11 +36,11 @@ def bound(workload: Workload, **how) -> Bound:
         compact = n * (k + 1) > COMPACT
         return heyoka.taylor_adaptive(equations, start, tol=tolerance, compact_mode=compact, **how)
 
-    def run(tolerance, length):
+    def run(tolerance, length, last=workload.last):
         integrate = integrator(tolerance)
         integrate.time, integrate.state[:], growth = 0.0, start, np.zeros(k)
+        integrate.pars[:] = last
         if workload.event:
-            integrate.pars[:] = workload.sign
             integrate.reset_cooldowns()
         columns = integrate.state[n:].reshape(n, k)  # a view
         for i in range(round(length / every)):
@@ -53,17 +53,19 @@ def bound(workload: Workload, **how) -> Bound:
 
 
 def with_events(workload: Workload) -> Bound:
-    """A terminal event; its callback multiplies by the saltation matrix. The sign is a parameter of the integrator."""
+    """A terminal event; its callback multiplies by the saltation matrix."""
     event, (n, k) = workload.event, workload.frame.shape
     rhs = events.variational_equation(workload, k)
 
     def cross(integrate, d_sgn):
-        t, state, sign = integrate.time, integrate.state, integrate.pars[0] if event.flips else 0.0
-        before = rhs(t, state, sign)[:n]
+        t, state, last = integrate.time, integrate.state, integrate.pars[0]
+        before = rhs(t, state, last)[:n]
         state[event.guard] = 0.0
         state[:n] *= event.reset
-        state[n:] = events.crossed(state[n:].reshape(n, k), before, rhs(t, state, -sign)[:n], event).ravel()
-        integrate.pars[:] *= -1.0
+        state[n:] = events.crossed(
+            state[n:].reshape(n, k), before, rhs(t, state, event.beyond(last))[:n], event
+        ).ravel()
+        integrate.pars[0] = event.beyond(last)
         return True
 
     direction = heyoka.event_direction.any if event.flips else heyoka.event_direction.positive
@@ -71,4 +73,49 @@ def with_events(workload: Workload) -> Bound:
     return bound(workload, t_events=[crossing])
 
 
-KINDS = {"flow": bound, "stiff": bound, "impact": with_events, "friction": with_events}
+def flow_sweep(workload: Workload) -> Bound:
+    """As many points at once as its batch mode recommends, one batch after the other."""
+    equations, width, sweep, every = system(workload), heyoka.recommended_simd_size(), workload.sweep, workload.every
+    (n, k), start = workload.frame.shape, np.concatenate([workload.start, workload.frame.ravel()])
+
+    @functools.cache
+    def integrator(tolerance):
+        state = np.repeat(start[:, None], width, axis=1)
+        return heyoka.taylor_adaptive_batch(equations, state, tol=tolerance, pars=np.zeros((1, width)))
+
+    def run(tolerance, count):
+        integrate, values, found = integrator(tolerance), sweep.values(count), []
+        for i in range(0, len(values), width):
+            integrate.set_time(0.0)
+            integrate.state[:], growth = start[:, None], np.zeros((width, k))
+            integrate.pars[:] = np.resize(values[i : i + width], width)
+            for j in range(round(sweep.t1 / every)):
+                integrate.propagate_until((j + 1) * every)
+                columns = integrate.state[n:].reshape(n, k, width)
+                q, r = np.linalg.qr(np.moveaxis(columns, 2, 0))
+                columns[:] = np.moveaxis(q, 0, 2)
+                growth += np.log(np.abs(np.diagonal(r, axis1=1, axis2=2)))
+            found.append(growth / sweep.t1)
+        return np.concatenate(found)[: len(values)].ravel()
+
+    return Bound({f"taylor {tolerance:.0e}": tolerance for tolerance in TOLERANCES}, run, typical=3)
+
+
+def impact_sweep(workload: Workload) -> Bound:
+    """A run after the other."""
+    single, sweep = with_events(workload), workload.sweep
+
+    def run(tolerance, count):
+        return np.concatenate([single.run(tolerance, sweep.t1, value) for value in sweep.values(count)])
+
+    return single._replace(run=run)
+
+
+KINDS = {
+    "flow": bound,
+    "stiff": bound,
+    "impact": with_events,
+    "friction": with_events,
+    "flow_sweep": flow_sweep,
+    "impact_sweep": impact_sweep,
+}

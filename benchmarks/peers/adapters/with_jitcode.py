@@ -24,7 +24,7 @@ def flow(workload: Workload) -> Bound:
     """The columns are drawn, by a generator without a seed: those of the first call are set again for each run."""
     (n, k), every = workload.frame.shape, workload.every
     state = [jitcode.y(i) for i in range(n)]
-    equations = list(workload.formula(symengine)(jitcode.t, state, workload.parameters))
+    equations = list(workload.formula(symengine)(jitcode.t, state, workload.p))
     location = jitcode.jitcode_lyap(equations, n_lyap=k, verbose=False).save_compiled()
 
     @functools.cache

@@ -16,6 +16,7 @@ MODELS = {
     "henon_map": "henon map",
     "standard_map": "standard map",
 }
+ORDER = {"lorenz": (0, 2, 1)}  # of its parameters, where it is another
 SEED, SEED_OF_MAPS = 13, 1312  # the defaults; for maps it cannot be chosen
 
 
@@ -30,7 +31,7 @@ def system_of(workload: Workload):
     """Its own model, or one by loops: its Jacobian is what they do to the identity."""
     if workload.forms is None:
         return pynamicalsys.ContinuousDynamicalSystem(model=MODELS[workload.formula.__name__])
-    n, p = workload.n, workload.parameters
+    n, p = workload.n, workload.p
     alone, together = (numba.njit(workload.forms.loop(n, k, p)) for k in (0, n))
 
     @numba.njit
@@ -52,11 +53,12 @@ def system_of(workload: Workload):
 
 
 def flow(workload: Workload) -> Bound:
-    (n, k), system = workload.frame.shape, system_of(workload)
+    (n, k), system, p = workload.frame.shape, system_of(workload), workload.p
+    parameters = [p[i] for i in ORDER.get(workload.formula.__name__, range(len(p)))]
 
     def run(setting, length):
         system.integrator(setting[0], **setting[1])
-        how = {"parameters": workload.parameters or None, "num_exponents": k, "seed": SEED, "endpoint": False}
+        how = {"parameters": parameters or None, "num_exponents": k, "seed": SEED, "endpoint": False}
         return np.atleast_1d(system.lyapunov(workload.start, length, **how))
 
     ladder = {f"rk4 1/{steps}": ("rk4", {"time_step": workload.every / steps}) for steps in workload.steps}
@@ -67,10 +69,10 @@ def flow(workload: Workload) -> Bound:
 def iterated(workload: Workload) -> Bound:
     """It takes the derivative after it has moved on: its start is the point whose image is the start."""
     system = pynamicalsys.DiscreteDynamicalSystem(model=MODELS[workload.formula.__name__])
-    start = workload.before(workload.start, workload.parameters)
+    start = workload.before(workload.start, workload.p)
 
     def run(method, length):
-        return system.lyapunov(start, round(length), parameters=workload.parameters, method=method)
+        return system.lyapunov(start, round(length), parameters=workload.p, method=method)
 
     return Bound({"QR": "QR"}, run, drawn(SEED_OF_MAPS, *workload.frame.shape, 0.0, 1.0))
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from benchmarks.peers import events
+from benchmarks.peers import disks, events
 from benchmarks.peers.adapters import Bound
 from benchmarks.peers.converged import variational_equation
 from benchmarks.peers.workloads import Workload
@@ -64,28 +64,46 @@ def with_events(workload: Workload) -> Bound:
     def run(setting, length):
         method, rtol = setting
         t, growth, y = 0.0, np.zeros(k), np.concatenate([workload.start, workload.frame.ravel()])
-        sign = workload.sign
+        last = workload.last
 
-        def reached(t, y, sign):
+        def reached(t, y, last):
             return y[event.guard]
 
         reached.terminal = True
         while t < length:
-            reached.direction = -sign if event.flips else 1
-            how = {"events": reached, "rtol": rtol, "atol": 1e-2 * rtol, "args": (sign,)}
+            reached.direction = -last if event.flips else 1
+            how = {"events": reached, "rtol": rtol, "atol": 1e-2 * rtol, "args": (last,)}
             flight = solve_ivp(rhs, (t, min(t + longest, length)), y, method, **how)
             t, y = flight.t[-1], flight.y[:, -1]
             columns = y[n:].reshape(n, k)
             if flight.status == 1:
-                before = rhs(t, y, sign)[:n]
+                before = rhs(t, y, last)[:n]
                 y[event.guard] = 0.0
                 y[:n] *= event.reset
-                sign = -sign
-                columns = events.crossed(columns, before, rhs(t, y, sign)[:n], event)
+                last = event.beyond(last)
+                columns = events.crossed(columns, before, rhs(t, y, last)[:n], event)
             y[n:] = orthonormalised(columns, growth).ravel()
         return growth / length
 
     return Bound(LADDER, run, typical=4)
 
 
-KINDS = {"flow": flow, "map": iterated, "stiff": stiff, "impact": with_events, "friction": with_events}
+def four_disks(workload: Workload) -> Bound:
+    def orthonormalise(columns):
+        q, r = np.linalg.qr(columns)
+        return q, np.diagonal(r)
+
+    def run(_, length):
+        return disks.growth(np.array(workload.start), workload.frame, length, orthonormalise) / length
+
+    return Bound({"exact": None}, run)
+
+
+KINDS = {
+    "flow": flow,
+    "map": iterated,
+    "stiff": stiff,
+    "impact": with_events,
+    "friction": with_events,
+    "disks": four_disks,
+}

@@ -9,7 +9,7 @@ from math import pi, sin
 
 def lorenz(m):
     def field(t, x, p):
-        sigma, rho, beta = p
+        sigma, beta, rho = p
         return (sigma * (x[1] - x[0]), x[0] * (rho - x[2]) - x[1], x[0] * x[1] - beta * x[2])
 
     return field
@@ -17,7 +17,7 @@ def lorenz(m):
 
 def lorenz_jacobian(m):
     def jacobian(t, x, p):
-        sigma, rho, beta = p
+        sigma, beta, rho = p
         return ((-sigma, sigma, 0.0), (rho - x[2], -1.0, -x[0]), (x[1], x[0], -beta))
 
     return jacobian
@@ -47,10 +47,10 @@ def henon_map_before(x, p):
 
 
 def oscillator(m):
-    """It flies between impacts; the last parameter says the side of friction and is nothing here."""
+    """It flies between impacts."""
 
     def field(t, x, p):
-        zeta, omega, _sign = p
+        zeta, omega = p
         return (x[1], m.cos(omega * t) - 2.0 * zeta * x[1] - x[0])
 
     return field
@@ -58,7 +58,7 @@ def oscillator(m):
 
 def oscillator_jacobian(m):
     def jacobian(t, x, p):
-        zeta, omega, _sign = p
+        zeta, omega = p
         return ((0.0, 1.0), (-1.0, -2.0 * zeta))
 
     return jacobian
