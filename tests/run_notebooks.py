@@ -27,7 +27,8 @@ async def execute(notebook: nbformat.NotebookNode) -> None:
         notebook,
         kernel_name="python3",
         timeout=TIMEOUT,
-        record_timing=False,  # so that outputs differ only where results do
+        record_timing=False,  # this and the next: outputs differ only where results do
+        coalesce_streams=True,
         resources={"metadata": {"path": str(FOLDER)}},
     )
     await asyncio.wait_for(client.async_execute(), TIMEOUT)
