@@ -66,7 +66,7 @@ def ways_of(problem: Problem, quick: bool = False) -> list[Way]:
     Where nothing is integrated (maps, closed-form flows) two algorithms of orthonormalisation at two intervals.
     """
     if iterates(problem.system) or isinstance(problem.system, EventDriven):
-        every = 10 if isinstance(problem.system, EventDriven) else 2
+        every = 4 if isinstance(problem.system, EventDriven) else 2
         found = [
             Way(f"{algorithm}, QR every {count}", {"orthonormalise": algorithm, "every": count})
             for algorithm in ("mgs", "lapack") for count in (every // 2, every)

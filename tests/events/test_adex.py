@@ -50,6 +50,16 @@ def test_the_map_of_spikes_is_the_one_that_an_adaptive_integrator_finds():
         assert slope == pytest.approx((above - below) / 2e-3, rel=1e-5)
 
 
+@pytest.mark.parametrize("t0", [0.0, 1e6])
+def test_spikes_faster_than_the_rounding_of_the_time(t0):
+    """At the peak V doubles within 1e-19 ms, and the time is known to 1e-10: steps are far below that."""
+    problem = zoo.adex(peak=40.0)
+    for method in (lh.RungeKutta("dopri5", rtol=1e-7, atol=1e-9), lh.RungeKutta("dopri8", rtol=1e-7, atol=1e-9)):
+        path = lh.trajectory(problem.system, problem.x0, problem.args, t0=t0, t1=300.0, n=1, method=method)
+        assert len(path.events) == 17
+        np.testing.assert_allclose(path.x[-1], [-48.072717, 100.935474], rtol=5e-6)
+
+
 @pytest.mark.slow
 def test_a_reset_that_is_ill_conditioned_loses_nothing():
     currents, peaks = [160.0, 185.0], [0.0, 20.0, 40.0]  # down to |f⁺|/|f⁻| = 1e-19

@@ -13,8 +13,9 @@ from .trials import SolverState, Trial, table
 __all__ = ["cut_at_end", "first_step", "goes_nowhere", "next_step", "soonest_root", "unresolved", "until_ticks"]
 
 SHORTEST = 1e-3  # shortest step, in units of the rounding of the time …
-TIME_ROUNDING = 4.0  # in units of the rounding of the time: how well the time of a tick is known
 UNDEFINED = 4.0  # … and where the field is undefined just beyond
+FAR = 1e-6  # a step that moves the state by more than this part of its size is not too short
+TIME_ROUNDING = 4.0  # in units of the rounding of the time: how well the time of a tick is known
 
 
 def first_step(method: Method, x, f, soonest: Any = jnp.inf):
@@ -61,12 +62,15 @@ def goes_nowhere(carry: StepState, clock: Clock, h, ratio, constrained: bool):
 
     Where the field is undefined just beyond the state, the error over tolerance `ratio` is not finite, and steps below
     the rounding of the time may be accepted for ever without any progress. The limit is then higher. With algebraic
-    constraints it stays low, because their singularity is detected only at the singular point itself.
+    constraints it stays low, because their singularity is detected only at the singular point itself. A spike that runs
+    away makes progress in steps far below the rounding of the time.
     """
     length = jnp.where(jnp.isfinite(clock.length), clock.length, 0.0)
     rounding = eps(length) * jnp.maximum(jnp.abs(clock.base + carry.s), length)
     least = SHORTEST if constrained else jnp.where(jnp.isfinite(ratio), SHORTEST, UNDEFINED)
-    return h <= least * rounding + nonzero(1e-150, length)
+    path, size = h * jnp.max(jnp.abs(carry.solver_state.f)), jnp.max(jnp.abs(carry.x))
+    short = (h <= least * rounding) & (path <= digits(FAR, path) * size)
+    return short | (h <= nonzero(1e-150, length))
 
 
 def until_ticks(evolver, carry: StepState, clock: Clock):
