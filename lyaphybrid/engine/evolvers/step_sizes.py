@@ -67,10 +67,16 @@ def goes_nowhere(carry: StepState, clock: Clock, h, ratio, constrained: bool):
     """
     length = jnp.where(jnp.isfinite(clock.length), clock.length, 0.0)
     rounding = eps(length) * jnp.maximum(jnp.abs(clock.base + carry.s), length)
-    least = SHORTEST if constrained else jnp.where(jnp.isfinite(ratio), SHORTEST, UNDEFINED)
-    path, size = h * jnp.max(jnp.abs(carry.solver_state.f)), jnp.max(jnp.abs(carry.x))
-    short = (h <= least * rounding) & (path <= digits(FAR, path) * size)
-    return short | (h <= nonzero(1e-150, length))
+    least, nothing = jnp.where(jnp.isfinite(ratio), SHORTEST, UNDEFINED), nonzero(1e-150, length)
+    if constrained:
+        return h <= SHORTEST * rounding + nothing
+
+    def is_near(f, x):
+        return h * jnp.max(jnp.abs(f)) <= digits(FAR, x) * jnp.max(jnp.abs(x))
+
+    short = h <= least * rounding  # rarely
+    near = jax.lax.cond(short, is_near, lambda *_: jnp.asarray(False), carry.solver_state.f, carry.x)
+    return near | (h <= nothing)
 
 
 def until_ticks(evolver, carry: StepState, clock: Clock):
