@@ -47,6 +47,16 @@ def test_nothing_is_said_against_a_right_system(name):
     assert len(report.findings) >= 3
 
 
+def test_neurons_that_come_to_rest_below_the_threshold_they_cannot_fire_at():
+    """v' = I − v with the guard v − 1, which rises: it never fires, and a perturbation decays to nothing."""
+    spike = lh.Transition(lambda t, v, args: v - 1.0, lambda t, v, args, which: v.at[which].set(0.0))
+    report = lh.check(lh.Hybrid(lambda t, v, args: args - v, spike), [0.2, 0.5], jnp.array([1.1, 1.2]))
+    assert [(one.topic, one.verdict) for one in report.notes] == [("jumps", "note")]
+    assert "never fired, but it rose through zero 2 times" in report.notes[0].text
+    said = {one.topic: one.text for one in report.findings}
+    assert "agrees with differences" in said["saltation"]
+
+
 @pytest.mark.slow
 def test_functions_are_looked_at_by_one_program_each():
     """XLA takes 0.02 s of CPU time and more for each program, and would make one for each operation of a field."""

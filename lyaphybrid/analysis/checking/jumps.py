@@ -15,6 +15,7 @@ from .report import Finding, in_short, noted, right, wrong
 
 __all__ = ["check_jumps", "check_targets"]
 
+COMPONENTS = 4  # of a vector guard that never fired, looked at
 BEYOND = 1e-9  # a guard is on its fired side after a jump if it is by more than this part of its terms
 
 
@@ -158,15 +159,16 @@ def _of_contact(j: int, guard: _Guard, slope: Callable, run: Trajectory, own) ->
 def _passed_unfired(system: Hybrid, j: int, guard: _Guard, run: Trajectory) -> list[Finding]:
     """A guard that never fired, and crossed zero in the direction in which it does not fire."""
     transition = system.transitions[j]
-    if transition.direction == 0 or guard.width > 1:
+    if transition.direction == 0:
         return []
     t, x, mode, j_done = run.t, run.x, run.mode, run.j
     here = np.ones(len(t), bool)
     if transition.source is not None:
         here &= np.isin(mode, [system.mode_names.index(name) for name in transition.source])
-    values = np.array([guard.value(*each, 0) for each in zip(t, x, strict=True)])
+    which = range(min(guard.width, COMPONENTS))
+    values = np.array([[guard.value(*each, i) for i in which] for each in zip(t, x, strict=True)])
     same = here[:-1] & here[1:] & (j_done[:-1] == j_done[1:]) & (mode[:-1] == mode[1:])
-    count = int(np.sum(same & (values[:-1] < 0) & (values[1:] > 0)))
+    count = int(np.sum(same[:, None] & (values[:-1] < 0) & (values[1:] > 0)))
     if not count:
         return []
     way, other = ("falls", "rose") if transition.direction < 0 else ("rises", "fell")

@@ -17,7 +17,8 @@ from .report import Finding, in_short, noted, right, wrong
 
 __all__ = ["check_along_flow", "check_differences", "check_stiffness", "check_tolerance", "moderate"]
 
-LARGEST = 1e4  # growth of perturbations up to which differences of trajectories tell something
+LARGEST = 1e4  # growth, and decay, of perturbations up to which differences of trajectories tell something
+SHORTENED = 6  # so often a stretch is made shorter
 DIRECTIONS = 3  # random ones
 SHIFT = 1e-5  # of a start, relative to its size
 MATRIX_ERROR = 1e-3  # a matrix is wrong if it differs from differences by more than this part
@@ -27,13 +28,16 @@ FINER = 1e-2  # the tolerances of the run that is compared with
 
 
 def moderate(tangent: Callable[..., TangentMap], x0, length: float) -> tuple[float, TangentMap] | None:
-    """A length over which perturbations do not grow too much, and the tangent map over it; None: there is none."""
-    for _ in range(6):
+    """A length over which perturbations grow and decay little, and the tangent map over it; None: they always grow."""
+    decayed = None
+    for _ in range(SHORTENED):
         found = tangent(x0, length)
-        if not found.status.failed and np.max(np.abs(found.matrix)) <= LARGEST:
+        largest = np.inf if found.status.failed else np.max(np.abs(found.matrix))
+        if 1 / LARGEST <= largest <= LARGEST:
             return length, found
+        decayed = (length, found) if decayed is None and largest < 1 else decayed
         length /= 4
-    return None
+    return decayed
 
 
 def check_differences(tangent: Callable[..., TangentMap], x0, length: float, exact: TangentMap) -> list[Finding]:
@@ -153,7 +157,8 @@ def _met_onward(problem: RunProblem, state, onward: Callable) -> list[tuple[Rate
 
 
 def _known(met) -> list[tuple[Rates, float]]:
-    return [(rates, length) for rates, length in met if rates is not None]
+    """Without states at rest, where every step is longer than the motion needs."""
+    return [(rates, length) for rates, length in met if rates is not None and rates.motion > 0]
 
 
 def _mostly_stiff(met: list[tuple[Rates, float]]) -> bool:
