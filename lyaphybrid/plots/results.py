@@ -45,10 +45,10 @@ def spectrum(spectrum: "Spectrum", ax: Axes | None = None, **style: Any) -> Axes
         >>> henon = lh.Map(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]]))
         >>> ax = lh.plots.spectrum(lh.lyapunov_spectrum(henon, [0.1, 0.2], 1.4, t1=1000))
         >>> ax.get_xlabel(), ax.get_ylabel()
-        ('index i', 'exponent λ$_i$ per unit of time')
+        ('index i', 'exponent λ$_i$ per iteration')
         >>> pyplot.close(ax.figure)
     """
-    return exponents(spectrum.exponents, spectrum.stderr, UNIT[spectrum.clock], ax, **style)
+    return exponents(spectrum.exponents, spectrum.stderr, spectrum.unit, ax, **style)
 
 
 def bounds(found: "ExponentBounds", ax: Axes | None = None, **style: Any) -> Axes:
@@ -131,13 +131,13 @@ def convergence(
         >>> henon = lh.Map(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]]))
         >>> ax = lh.plots.convergence(lh.lyapunov_spectrum(henon, [0.1, 0.2], 1.4, t1=1000))
         >>> ax.get_xlabel(), len(ax.lines) >= 2
-        ('time t', True)
+        ('iteration', True)
         >>> pyplot.close(ax.figure)
     """
     history = spectrum.history
-    unit = UNIT[spectrum.clock]
+    unit, names = spectrum.unit, {"time": "time t", "jumps": "jumps j", "hybrid": "max(t, j)"}
     ax = running(history.time, history.exponents, spectrum.exponents, spectrum.stderr, unit, ax, exponents, **style)
-    ax.set_xlabel({"time": "time t", "jumps": "jumps j", "hybrid": "max(t, j)"}[spectrum.clock])
+    ax.set_xlabel("iteration" if unit == "iteration" else names[spectrum.clock])
     return ax
 
 
@@ -273,8 +273,7 @@ def spectra(spectra: "Mapping[int, Spectrum]", ax: Axes | None = None, **style: 
         ax.errorbar(np.arange(1, len(values) + 1) / n, values, errors, **look)
     ax.set_xlim(left=0.0)
     ax.set_xlabel("i/N")
-    clock = next(iter(spectra.values())).clock
-    ax.set_ylabel(f"exponent λ$_i$ per {UNIT[clock]}")
+    ax.set_ylabel(f"exponent λ$_i$ per {next(iter(spectra.values())).unit}")
     ax.legend(frameon=False)
     return ax
 
@@ -317,7 +316,7 @@ def against_density(
     ax.set_xlim(left=0.0)
     ax.set_ylim(bottom=0.0)
     ax.set_xlabel("number density ρσ$^d$")
-    ax.set_ylabel(f"per {UNIT[spectra[0].clock]}")
+    ax.set_ylabel(f"per {spectra[0].unit}")
     ax.legend(frameon=False, loc="upper left")
     return ax
 

@@ -96,13 +96,19 @@ def sweep_lines(dataset: Any, exponents: Sequence[int] | None = None, ax: Axes |
     _status_markers(ax, swept)
     ax.set_xlabel(label(swept.names[0]))
     several = len(swept.numbers) > 1
-    ax.set_ylabel("exponents λ$_i$" if several else f"exponent {_exponent(swept.numbers[0])}")
+    ax.set_ylabel(("exponents λ$_i$" if several else f"exponent {_exponent(swept.numbers[0])}") + _per(dataset))
     _legend(ax, ax.get_legend_handles_labels()[0])
     return ax
 
 
 def _exponent(number) -> str:
     return f"λ$_{{{number}}}$"
+
+
+def _per(dataset: Any) -> str:
+    """The unit of the exponents, where the sweep knows it and all its spectra have the same."""
+    unit = dataset.attrs.get("unit", "")
+    return f" per {unit}" if unit and ";" not in unit else ""
 
 
 def _colours(numbers, ax) -> list:
@@ -209,7 +215,7 @@ def sweep_map(dataset: Any, exponent: int = 1, ax: Axes | None = None, **style: 
     ax.set_xlim(cells.across[0], cells.across[-1])
     ax.set_ylim(cells.upwards[0], cells.upwards[-1])
     values = swept.exponents[..., 0]
-    _colour_bar(ax, _mesh(ax, cells, _limits(values), style), values, swept.numbers[0])
+    _colour_bar(ax, _mesh(ax, cells, _limits(values), style), values, _exponent(swept.numbers[0]) + _per(dataset))
     _overlay(ax, cells, swept.codes)
     ax.set_xlabel(label(swept.names[0]))
     ax.set_ylabel(label(swept.names[1]))
@@ -268,13 +274,13 @@ def _mesh(ax, cells: Cells, limits, style: dict[str, Any]):
     return ax.pcolormesh(cells.across, cells.upwards, np.ma.masked_invalid(drawn), **(usual | style))
 
 
-def _colour_bar(ax, mesh, values, number) -> None:
+def _colour_bar(ax, mesh, values, name: str) -> None:
     from matplotlib.ticker import MaxNLocator
 
     low, high = mesh.norm.vmin, mesh.norm.vmax
     beyond = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}
     extend = beyond[bool(np.any(values < low)), bool(np.any(values > high))]
-    bar = ax.figure.colorbar(mesh, ax=ax, extend=extend, label=_exponent(number))
+    bar = ax.figure.colorbar(mesh, ax=ax, extend=extend, label=f"exponent {name}")
     ticks = np.concatenate([MaxNLocator(4).tick_values(low, 0.0), MaxNLocator(4).tick_values(0.0, high)])
     ticks = np.unique(ticks[(low <= ticks) & (ticks <= high)])
     bar.set_ticks(ticks, labels=[f"{tick:.6g}".replace("-", "−") for tick in ticks])

@@ -17,6 +17,7 @@ from .._jax.tracing import module_of, traced
 from .._text import UNIT, Table, numbered, with_error
 from ..statuses import STIFF_REMEDY, status_of, verdicts
 from ..systems.labels import Labels
+from ..systems.smooth import Map
 from .errors import standard_error
 from .result import Data, RunResult, exponents_along, states_along
 
@@ -337,6 +338,11 @@ class Spectrum(RunResult, eqx.Module):
         """What is pickled: the loop's state, with the user's functions, stays behind."""
         return {name: value for name, value in self.__dict__.items() if name != "_go_on"}
 
+    @property
+    def unit(self) -> str:
+        """What exponents are counted by, in words: of a map its iterations, else what the clock says."""
+        return "iteration" if self.about.system == Map.__name__ else UNIT[self.clock]
+
     def per_jump(self) -> Array:
         """(k,) exponents per jump instead of per unit of the clock."""
         return self.exponents * self._run_length / jnp.mean(self.jumps)
@@ -347,7 +353,7 @@ class Spectrum(RunResult, eqx.Module):
         return plots.SpectrumPlots(self)
 
     def _data(self) -> Data:
-        per = {"units": f"1/{UNIT[self.clock]}"}
+        per = {"units": f"1/{self.unit}"}
         d = self.x.shape[-1]
         runs, bodies = (("run",) if self.replicates is not None else ()), (("body",) if self.state_labels.rows else ())
         variables: dict[str, Any] = {
@@ -363,7 +369,7 @@ class Spectrum(RunResult, eqx.Module):
             "x": ((*runs, *bodies, "state"), self.x),
         }
         coordinates = {**exponents_along(len(self.exponents)), **states_along(self.state_labels, d)}
-        coordinates["time"] = ("block", np.asarray(history.time), {"units": UNIT[self.clock]})
+        coordinates["time"] = ("block", np.asarray(history.time), {"units": self.unit})
         attributes = {
             "notes": self.notes,
             "error_kind": self.error_kind,
@@ -380,9 +386,10 @@ class Spectrum(RunResult, eqx.Module):
 
     def _table_of_host(self) -> Table:
         runs = "" if self.replicates is None else f", {self.replicates.shape[0]} runs"
-        length = f"t = {float(np.mean(self.time)):.6g}, {float(np.mean(self.jumps)):.6g} jumps{runs}"
+        time, jumps = (float(np.mean(one)) for one in (self.time, self.jumps))
+        length = f"{time:.6g} iterations" if self.unit == "iteration" else f"t = {time:.6g}, {jumps:.6g} jumps"
         of = f"{self.name}: " if self.name else ""
-        title = f"{of}Lyapunov spectrum per {UNIT[self.clock]} ({length}; errors from {self.error_kind})"
+        title = f"{of}Lyapunov spectrum per {self.unit} ({length}{runs}; errors from {self.error_kind})"
         values, errors = np.asarray(self.exponents), np.asarray(self.stderr)
         cells = [numbered("λ", len(values)), list(map(with_error, values, errors))]
         heads, losses = (), np.asarray(self.losses)

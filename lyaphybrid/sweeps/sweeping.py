@@ -328,6 +328,7 @@ def _about(run, spectra: list[Spectrum]) -> dict[str, str]:
         "run": getattr(run, "name", None) or getattr(run, "__qualname__", type(run).__name__),
         "system": each(one.about.system for one in spectra),
         "method": each(one.about.method for one in spectra),
+        "unit": each(one.unit for one in spectra),
         "lyaphybrid": __version__,
         "jax": jax.__version__,
         "notes": ", ".join(f"{1 << i}: {note}" for i, note in enumerate(NOTE_NAMES)),

@@ -223,7 +223,7 @@ def test_a_map_has_cells_around_its_values():
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("β", "gap")
     assert ax.get_xlim() == (-0.5, 9.0)
     assert ax.get_ylim() == (-1.5, 0.75)
-    assert ax.figure.axes[1].get_ylabel() == "λ$_{1}$"
+    assert ax.figure.axes[1].get_ylabel() == "exponent λ$_{1}$"
     assert legend(ax) == []
 
 
@@ -232,7 +232,7 @@ def test_a_map_of_another_exponent_and_in_another_order():
     ax = plots.sweep_map(found, 2)
     np.testing.assert_allclose(mesh_of(ax).get_array()[3, 1], -6 + 0.2 * (3 * 3 + 1))
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("gap", "β")
-    assert ax.figure.axes[1].get_ylabel() == "λ$_{2}$"
+    assert ax.figure.axes[1].get_ylabel() == "exponent λ$_{2}$"
 
 
 def test_zero_is_white_and_the_signs_have_a_hue_each():
@@ -399,7 +399,9 @@ def test_what_a_sweep_returns_is_drawn():
 
     over, args = {"r": np.array([2.9, 3.9, 4.5]), "s": np.array([0.0, 1.0])}, {"r": 3.0, "s": 0.0}
     found = lh.sweep(run, over, args=args, progress=False)
-    assert legend(plots.sweep_map(found)) == ["nonfinite (2)"]
+    ax = plots.sweep_map(found)
+    assert legend(ax) == ["nonfinite (2)"]
+    assert ax.figure.axes[1].get_ylabel() == "exponent λ$_{1}$ per iteration"
     line = curves(plots.sweep_lines(found.sel(s=1.0)))[0]
     np.testing.assert_allclose(line[:, 1], found.exponents.sel(s=1.0)[:, 0])
     listed = lh.sweep(run, points={"r": [2.9, 3.9, 4.5], "s": [0.0, 1.0, 0.0]}, args=args, progress=False)

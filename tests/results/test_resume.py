@@ -78,4 +78,4 @@ def test_problems_have_verbs():
 
 
 def test_a_printed_spectrum_names_the_problem():
-    assert str(zoo.henon_map().spectrum(t1=64)).startswith("henon_map: Lyapunov spectrum per jump")
+    assert str(zoo.henon_map().spectrum(t1=64)).startswith("henon_map: Lyapunov spectrum per iteration (64 iterations")
