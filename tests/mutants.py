@@ -43,7 +43,6 @@ TESTS = {
     "events.turns": "tests/events/test_turns.py tests/events/test_roots.py",
     "_linalg.frames": "tests/_linalg/test_lost_and_refilled.py tests/_linalg/test_frames.py",
     "engine.loop": LOOP,
-    "events.compiled_hybrid": "tests/systems/test_names.py tests/events/test_events.py",
     **{f"native.lowering.{name}": NATIVE for name in ("emitter", "lowering", "values")},
     **{f"native.lowering.{name}": f"tests/native/test_costs_and_uses.py {NATIVE}" for name in ("costs", "uses")},
     **{

@@ -45,7 +45,7 @@ def test_instructions_of_equations():
 EXTRA = {"out_sharding": None} if "out_sharding" in str(jax.make_jaxpr(lambda x: x.sum())(X)) else {}
 
 
-@pytest.mark.parametrize(("length", "small", "each"), [(5, 16, 10), (17, 16, 6 + 3 * 0), (5, 4, 6)])
+@pytest.mark.parametrize(("length", "small", "each"), [(5, 16, 10), (5, 5, 10), (17, 16, 6), (5, 4, 6)])
 def test_instructions_that_index_at_run_time(length, small, each):
     """A slice at an index that is not known: of entries each is compared; from memory it is one of three lines."""
     equation = [e for e in program(lambda x, i: lax.dynamic_slice(x, (i,), (2,)), np.ones(length), 1).eqns]
@@ -102,6 +102,8 @@ def test_turns_that_are_written_out():
     assert turns(scan(100, work=11), X) == 0  # … if they are short
     assert turns(scan(3, work=26), X) == 8  # 3 · 26 · 5 = 390
     assert turns(scan(3, work=27), X) == 0
+    assert turns(scan(1, work=400), np.ones(1)) == 8
+    assert turns(scan(1, work=401), np.ones(1)) == 0
     records = lambda x: lax.scan(lambda c, x: (c * x, c), x, jnp.ones(8))[1]  # noqa: E731  (8, 5), not entries
     assert turns(records, X, small=16) == 8
     many = lambda x: lax.scan(lambda c, x: (scan(1, work=50)(c) * x, c), x, jnp.ones(8))[1]  # noqa: E731
@@ -150,6 +152,8 @@ def test_branches_that_lanes_do_not_share():
     assert abs(part(100, rest=100) - 0.5) < 0.02
     assert abs(part(100, rest=300) - 0.25) < 0.01
     assert part(100, rest=100, wrap=native.seldom) == 0
+    sixteen = lambda x, y: lax.cond(y > 0, branch(25), lambda x: x, x).sum() + branch(84)(y)  # noqa: E731
+    assert abs(costs.apart(program(sixteen, np.ones(16), 1.0)) - 400 / (400 + 16 + 84)) < 0.01  # as entries, and a sum
     assert costs.apart(program(lambda x: x, X)) == 0
     nested = lambda x: lax.cond(x[0] > 0, jax.jit(branch(50)), lambda x: x, x)  # noqa: E731
     assert costs.worth_a_jump(program(jax.jit(branch(19)), X))  # the call counts, too
@@ -169,7 +173,7 @@ def test_where_values_are_used_last():
     def function(x, y):
         a = jnp.sin(x)
         b = a * y
-        jnp.cos(b)  # not used
+        jnp.cos(y)  # not used
         return b + a, x
 
     jaxpr, found = uses(function, MANY, MANY)
