@@ -35,6 +35,7 @@ from .errors import (
     RunFailedError,
     StoreFailedError,
 )
+from .explorer import Explorer, explore
 from .integrators import (
     ESDIRK,
     ContinuousQR,
@@ -114,6 +115,7 @@ __all__ = [
     "return_map",
     "poincare_section",
     "bifurcation_diagram",
+    "explore",
     "Report",
     "Spectrum",
     "Trajectory",
@@ -135,6 +137,7 @@ __all__ = [
     "Gradient",
     "PoincareSection",
     "BifurcationDiagram",
+    "Explorer",
     "Solution",
     "Solutions",
     "STATUS",

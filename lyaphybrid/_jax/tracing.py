@@ -10,12 +10,17 @@ import numpy as np
 from jax._src.core import trace_state_clean  # there is no public name for it
 from jax.core import Tracer
 
-__all__ = ["array", "enclosed", "module_of", "traced", "transforming", "varying"]
+__all__ = ["array", "as_arrays", "enclosed", "module_of", "traced", "transforming", "varying"]
 
 
 def array(value: Any, dtype) -> Any:
     """An array of the type: NumPy's for concrete values, which a compiled function accepts with less overhead."""
     return (jnp if traced(value) else np).asarray(value, dtype)
+
+
+def as_arrays(tree, dtype):
+    """The tree with Python floats replaced by arrays, because floats would be compiled in as constants."""
+    return jax.tree.map(lambda leaf: array(leaf, dtype) if isinstance(leaf, float) else leaf, tree)
 
 
 def module_of(value: Any) -> ModuleType:

@@ -5,7 +5,7 @@ from typing import Any
 import jax.numpy as jnp
 
 from .._jax.precision import digits
-from .._jax.tracing import array
+from .._jax.tracing import array, as_arrays
 from ..events import roots
 from ..systems.event_driven import EventDriven
 from ..systems.hybrid import Hybrid
@@ -16,7 +16,7 @@ from .binding import number
 from .evolvers.accumulations import hidden_below
 from .evolvers.exact import integers, is_event
 from .evolvers.scheduled import predicting_anew
-from .preparation import as_arrays, mode_index
+from .preparation import mode_index
 
 __all__: list[str] = []
 

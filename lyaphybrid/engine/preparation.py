@@ -12,7 +12,7 @@ import numpy as np
 
 from .._arguments import numbers, parameters, real, require
 from .._jax.precision import CURE, LEAST_TOLERANCE, eps, is_short, require_double
-from .._jax.tracing import array, traced, varying
+from .._jax.tracing import array, as_arrays, traced, varying
 from .._keywords import user_level
 from ..integrators import HalfExplicit, RungeKutta
 from ..integrators.base import Method
@@ -29,7 +29,7 @@ from .problems import RunProblem, mode_names
 
 _NO_STATE = "The start, such as [1.0, 0.0], comes before args, the parameters, which may have names."
 
-__all__ = ["as_arrays", "at_precision", "method_for", "mode_index", "prepare"]
+__all__ = ["at_precision", "method_for", "mode_index", "prepare"]
 
 
 def prepare(system, x0, args, t0, method, mode, name: str = "x0") -> tuple[RunProblem, Any, Any, Any]:
@@ -62,11 +62,6 @@ def prepare(system, x0, args, t0, method, mode, name: str = "x0") -> tuple[RunPr
     t0 = array(t0, x0.dtype)
     check_constraints(system, x0 if x0.ndim == 1 else x0[0], t0, args)
     return RunProblem(unlabelled(system), method, args, shape), x0, t0, mode_index(system, mode)
-
-
-def as_arrays(tree, dtype):
-    """The tree with Python floats replaced by arrays, because floats would be compiled in as constants."""
-    return jax.tree.map(lambda leaf: array(leaf, dtype) if isinstance(leaf, float) else leaf, tree)
 
 
 def at_precision(method, x):

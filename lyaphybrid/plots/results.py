@@ -177,7 +177,9 @@ def running(
         >>> pyplot.close(ax.figure)
     """
     ax = _axes(ax)
-    time, course = np.nanmean(np.atleast_2d(np.asarray(time)), axis=0), np.asarray(course)
+    time = np.ma.masked_invalid(np.atleast_2d(np.asarray(time))).mean(axis=0).filled(np.nan)
+    reached = np.isfinite(time)  # a run that fails ends before
+    time, course = time[reached], np.asarray(course)[reached]
     values, errors = np.asarray(exponents), np.asarray(stderr)
     finite = np.flatnonzero(np.isfinite(values))
     if shown is not None:
@@ -195,7 +197,7 @@ def running(
     if np.all(time > 0) and len(time) > 4 and time[len(time) // 2] < 0.25 * time[-1]:
         ax.set_xscale("log")
         ax.set_xlim(time[0], time[-1])
-    else:
+    elif len(time):
         ax.set_xlim(0.0, time[-1])
     ax.set_xlabel("iteration" if unit == "iteration" else "time t")
     ax.set_ylabel(f"running exponents per {unit}")

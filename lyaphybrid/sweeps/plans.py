@@ -11,7 +11,7 @@ import numpy as np
 
 from .._arguments import require, whole
 
-__all__ = ["PointRun", "SweepPlan", "Runnable", "plan", "raw"]
+__all__ = ["ArgsEntry", "PointRun", "Runnable", "SweepPlan", "places", "plan", "raw"]
 
 EXTRAS = ("x0", "key")  # arguments of a run besides args that can be swept
 POINT = "point"
@@ -110,15 +110,15 @@ def _axis(path: str, dim: str, values, args) -> Axis:
         )
     several = values.ndim >= 1 and len(values) > 0
     require(several, f"{path}, in over or points, must be an array of at least one value; got {values!r}.")
-    places = _places(args)
-    if path in places:
-        wanted = np.shape(places[path].of(args))
+    known = places(args)
+    if path in known:
+        wanted = np.shape(known[path].of(args))
         inner = values.shape[1:]
         require(inner == wanted, f"{path} has the shape {wanted}: values need (m, *{wanted}); got {values.shape}.")
     else:
-        names = ", ".join(places) or "nothing"
-        known = f"args has {names}; x0 and key are given to a run that takes them"
-        require(path in EXTRAS, f"{path!r} is no entry of args: {known}.")
+        names = ", ".join(known) or "nothing"
+        there = f"args has {names}; x0 and key are given to a run that takes them"
+        require(path in EXTRAS, f"{path!r} is no entry of args: {there}.")
     return Axis(path, dim, values)
 
 
@@ -134,7 +134,7 @@ class ArgsEntry(NamedTuple):
         return leaf if self.index is None else np.asarray(leaf)[self.index]
 
 
-def _places(args) -> dict[str, ArgsEntry]:
+def places(args) -> dict[str, ArgsEntry]:
     """All entries by name: "rho", "spring.rate", "rates" and "rates[2]"; "args" if args is a number."""
     found: dict[str, ArgsEntry] = {}
     for i, (path, leaf) in enumerate(jax.tree_util.tree_leaves_with_path(args)):
@@ -165,8 +165,8 @@ class PointRun(eqx.Module):
     @staticmethod
     def of(run: Callable, plan: SweepPlan, args: Any) -> "PointRun":
         """The lane of a run for the points of a plan."""
-        places = _places(args)
-        own = tuple((axis.path, places[axis.path]) for axis in plan.axes if axis.path in places)
+        known = places(args)
+        own = tuple((axis.path, known[axis.path]) for axis in plan.axes if axis.path in known)
         return PointRun(run, own, tuple(axis.path for axis in plan.axes if _is_key(axis.values)))
 
     def __call__(self, args, row: Mapping[str, Any]):

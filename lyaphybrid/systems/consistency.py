@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from .._arguments import State, numbers, parameters, real, require, shape
 from .._jax.engines import compiled
 from .._jax.precision import require_double
-from .._jax.tracing import traced
+from .._jax.tracing import as_arrays, traced
 from .._linalg.linear_systems import split
 from ..errors import NoConsistentPointError
 from .daes.points import landed, solved
@@ -56,7 +56,7 @@ def consistent_start(dae: DAE, x0: State, args: Any = None, *, t0: Any = 0.0) ->
     require_double("x0", x0, "consistent_start")
     require(x0.ndim == 1 and bool(np.all(np.isfinite(x0))), f"x0 must be a finite state (n,); got {x0!r}.")
     check_functions(dae, jax.ShapeDtypeStruct(x0.shape, x0.dtype), args)
-    x, off = _consistent(dae.field, x0, args, jnp.asarray(t0, x0.dtype))
+    x, off = _consistent(dae.field, x0, as_arrays(args, x0.dtype), jnp.asarray(t0, x0.dtype))
     if not traced(x):
         found = bool(np.all(np.isfinite(x))) and float(off) < 1e-6
         if not found:

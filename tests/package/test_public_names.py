@@ -29,6 +29,8 @@ HOLDING = (Result, BaseException)  # made by a computation, not by a user
     "analysis.indicators.second_order.ofli2",
     "analysis.multiple_solutions.solutions",
     "analysis.orbits.periodic_orbits.floquet",
+    "explorer.exploring.Explorer",
+    "explorer.exploring.explore",
     "integrators.diffrax_events.DiffraxEvents",
     "papers.fu.transfer_matrices.transfer_matrix",
     "plots.results.solutions",

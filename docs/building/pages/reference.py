@@ -58,6 +58,11 @@ TASKS = {
         "Indicators of chaos from deviation vectors, sooner than exponents converge.",
         ("sali", "gali", "GALIResult", "megno", "fli", "ofli", "ofli2", "IndicatorResult"),
     ),
+    "exploring": Task(
+        "Exploring in a notebook",
+        "Sliders over parameters and start; see :doc:`how to explore </howto/results/explore>`.",
+        ("explore", "Explorer"),
+    ),
     "orbits": Task(
         "Sections, periodic orbits, bifurcations",
         "What repeats, and how it changes with a parameter.",

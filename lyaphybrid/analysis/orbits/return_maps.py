@@ -8,6 +8,7 @@ import numpy as np
 
 from ..._arguments import flag
 from ..._jax.engines import compiled
+from ..._jax.tracing import as_arrays
 from ...engine import beginning, binding, loop, preparation, problems
 from ...engine.preparation import method_for
 from ...integrators import RungeKutta
@@ -97,7 +98,7 @@ class _Return(eqx.Module):
 
     def __call__(self, n, x, args):
         x = jnp.asarray(x)
-        return _returned(self, jnp.asarray(n, x.dtype), x, preparation.as_arrays(args, x.dtype))
+        return _returned(self, jnp.asarray(n, x.dtype), x, as_arrays(args, x.dtype))
 
 
 @compiled()

@@ -10,8 +10,8 @@ import numpy as np
 
 from ..._arguments import numbers, require
 from ..._jax.precision import require_double
+from ..._jax.tracing import as_arrays
 from ...engine.blocks import is_zero
-from ...engine.preparation import as_arrays
 
 __all__ = [
     "ArgsOf",

@@ -24,8 +24,8 @@ from ..._arguments import (
     whole,
     words,
 )
+from ..._jax.tracing import as_arrays
 from ..._text import Table, numbered, with_error
-from ...engine import preparation
 from ...engine.blocks import check_counts, part_of
 from ...errors import NoDerivativeError
 from ...integrators.base import Method
@@ -277,11 +277,9 @@ def lyapunov_gradient(
     options = {"t1": t1, "t0": t0, "transient": transient, "mode": mode, "method": method, "clock": clock}
     case = case_of(system, start, args, k or most, options, over)
     if not callable(start) and isinstance(system, Flow | Map | Hybrid | EventDriven) and start.ndim == 1:
-        check_functions(
-            system, jax.ShapeDtypeStruct(start.shape, start.dtype), preparation.as_arrays(args, start.dtype)
-        )
+        check_functions(system, jax.ShapeDtypeStruct(start.shape, start.dtype), as_arrays(args, start.dtype))
     if period is not None:
-        now, own = preparation.as_arrays(args, float), period(args) if callable(period) else period
+        now, own = as_arrays(args, float), period(args) if callable(period) else period
         positive("period", own)
         check_period(system, own, case.start(now), now, t0)
     try:
