@@ -290,6 +290,22 @@ def test_rows_become_entries_where_a_rule_has_none():
     assert not differences(function, frame, columns=3, plan=Options(32, 1))
 
 
+@pytest.mark.parametrize("axis", [0, 1])
+def test_rows_are_taken_apart_along_their_axes(axis):
+    """`split` and `unstack` of a frame: along the first axis rows stay vectors, along the last they become entries."""
+
+    def function(frame):
+        def body(_, c):
+            first, second = jnp.split(c * 1.5, [1], axis=axis)
+            a, b, *_ = jnp.unstack(jnp.concatenate([second, first], axis=axis), axis=axis)
+            return c + 0.1 * jnp.stack([a - b, b, a], axis=axis)
+
+        return jax.lax.fori_loop(0, 3, body, frame)
+
+    frame = np.array([[0.5, -1.0, 2.0], [1.0, 0.25, -3.0], [0.1, 0.7, 0.3]])
+    assert not differences(function, frame, columns=3, plan=Options(32, 1))
+
+
 MASK = [True, False, True, True]
 
 
