@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-__all__ = ["UNIT", "Table", "as_html", "as_text", "numbered", "with_error"]
+__all__ = ["UNIT", "Table", "as_html", "as_text", "in_full", "numbered", "with_error"]
 
 UNIT = {"time": "unit of time", "jumps": "jump", "hybrid": "unit of max(t, j)"}
 
@@ -43,6 +43,11 @@ def _small_with_error(value: float, error: float, last: int) -> str:
         return "0"
     power = max(last, int(np.floor(np.log10(abs(value)))))
     return f"{value * 10.0**-power:.{power - last + 1}f}({error * 10.0 ** (1 - last):.0f})e{power}"
+
+
+def in_full(value: float) -> str:
+    """1000000, not 1e+06: whole numbers with all digits, others with six."""
+    return f"{value:.0f}" if value.is_integer() and abs(value) < 1e15 else f"{value:.6g}"
 
 
 def numbered(symbol: str, count: int) -> list[str]:

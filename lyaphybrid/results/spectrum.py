@@ -14,7 +14,7 @@ from jaxtyping import Array
 from .. import plots
 from .._jax.precision import share
 from .._jax.tracing import module_of, traced
-from .._text import UNIT, Table, numbered, with_error
+from .._text import UNIT, Table, in_full, numbered, with_error
 from ..statuses import STIFF_REMEDY, status_of, verdicts
 from ..systems.labels import Labels
 from ..systems.smooth import Map
@@ -386,8 +386,8 @@ class Spectrum(RunResult, eqx.Module):
 
     def _table_of_host(self) -> Table:
         runs = "" if self.replicates is None else f", {self.replicates.shape[0]} runs"
-        time, jumps = (float(np.mean(one)) for one in (self.time, self.jumps))
-        length = f"{time:.6g} iterations" if self.unit == "iteration" else f"t = {time:.6g}, {jumps:.6g} jumps"
+        time, jumps = in_full(float(np.mean(self.time))), float(np.mean(self.jumps))
+        length = f"{time} iterations" if self.unit == "iteration" else f"t = {time}, {jumps:.0f} jumps"
         of = f"{self.name}: " if self.name else ""
         title = f"{of}Lyapunov spectrum per {self.unit} ({length}{runs}; errors from {self.error_kind})"
         values, errors = np.asarray(self.exponents), np.asarray(self.stderr)

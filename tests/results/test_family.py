@@ -178,6 +178,17 @@ def test_errors_stand_behind_values(value, error, shown):
     assert with_error(value, error) == shown
 
 
+def test_lengths_of_runs_are_written_in_full():
+    doubling = lh.Map(lambda n, x, r: r * x * (1 - x))
+    long = lh.lyapunov_spectrum(doubling, [0.3], 4.0, t1=1_000_000)
+    assert "(1000000 iterations;" in str(long)
+    disks = lh.zoo.hard_disks(n=2, aspect=1)
+    x0 = np.asarray(disks.x0)
+    both = np.stack([x0, x0[[0, 1, 2, 3, 5, 4, 7, 6]]])
+    runs = disks.spectrum(x0=both, t1=3.5, transient=0.0)
+    assert f"(t = 3.5, {np.mean(runs.jumps):.0f} jumps, 2 runs;" in str(runs)
+
+
 def test_long_tables_are_shortened():
     lines = as_text(Table("title", [(str(i), "x") for i in range(1000)])).splitlines()
     assert len(lines) == 42
