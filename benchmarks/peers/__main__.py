@@ -55,8 +55,11 @@ def _processor() -> str:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Measure and print; 1 where `--check` finds something worse."""
+    """Measure and print; 1 where `--check` finds something worse, 2 where nothing is recorded."""
     options = _parse(argv)
+    if options.check and not DATA.exists():
+        print(f"benchmarks.peers: nothing is recorded in {DATA} yet; run it without --check first.", file=sys.stderr)
+        return 2
     for peer in measuring.missing():
         print(f"{peer} is not installed: skipped.", file=sys.stderr)
     results = described() | {"workloads": {}}

@@ -12,8 +12,8 @@ from benchmarks.peers.precision import TARGETS, wanted
 from benchmarks.peers.workloads import WORKLOADS
 
 QUICK = 4  # times shorter runs
-ROUNDS, QUICK_ROUNDS = 9, 3
-SHARE = 0.5  # seconds that the warm runs of one setting may take, after which it is left out of the rounds
+ROUNDS, QUICK_ROUNDS = 7, 3
+SHARE = 0.3  # seconds that the warm runs of one setting may take, after which it is left out of the rounds
 
 
 def able(name: str) -> list[str]:

@@ -1,11 +1,13 @@
 """The comparison with other programs: what is converged, what is interpolated, and what the table says."""
 
+import json
 import math
 
 import numpy as np
 import pytest
 
 import lyaphybrid as lh
+from benchmarks.peers import __main__ as command
 from benchmarks.peers import converged, measuring, tables
 from benchmarks.peers.adapters import OURS, PEERS, Peer
 from benchmarks.peers.conversation import Conversation, FailedError
@@ -69,6 +71,36 @@ def test_what_is_worse_by_more_than_a_quarter_is_said():
     (line,) = tables.worse(results([159.0]), recorded)
     assert line == "lorenz, scipy, error 1e-03: 7.95 times, recorded 10"
     assert list(tables.worse(results([300.0]), recorded)) == []
+
+
+@pytest.fixture
+def measured(monkeypatch, tmp_path):
+    """What the command measures, by the seconds of SciPy, written to a folder of its own."""
+    monkeypatch.setattr(command, "DATA", tmp_path / "results.json")
+    monkeypatch.setattr(command, "PAGE", tmp_path / "RESULTS.md")
+
+    def choose(seconds):
+        monkeypatch.setattr(measuring, "measure", lambda name, quick: results([seconds])["workloads"]["lorenz"])
+
+    choose(200.0)
+    return choose
+
+
+def test_the_command_records_a_whole_run_and_checks_against_it(measured, capsys):
+    assert command.main(["--check"]) == 2
+    assert command.main(["--quick"]) == command.main(["--only", "lorenz"]) == 0
+    assert not command.DATA.exists()
+    assert command.main([]) == 0
+    assert list(json.loads(command.DATA.read_text())["workloads"]) == list(WORKLOADS)
+    said = command.PAGE.read_text()
+    assert said.startswith("# Ours and theirs")
+    assert said.count("| scipy | 200 ms | – | – | 10, –, – |") == len(WORKLOADS)
+    assert f"{OURS} {lh.__version__}" in said
+    assert command.main(["--check", "--only", "lorenz"]) == 0
+    measured(100.0)
+    capsys.readouterr()
+    assert command.main(["--check", "--only", "lorenz"]) == 1
+    assert "lorenz, scipy, error 1e-03: 5 times, recorded 10" in capsys.readouterr().out
 
 
 def test_a_program_that_is_not_installed_is_left_out(monkeypatch):
