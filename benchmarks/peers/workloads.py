@@ -156,7 +156,7 @@ WORKLOADS = {
         0.2, (10, 25, 50, 100, 200),
     ),
     "lorenz96_1000": _large(
-        "Lorenz-96, N = 1000, 10 exponents", large.LORENZ96, large.lorenz96_start(1000), (8.0,), 2.0, 4.0, 10,
+        "Lorenz-96, N = 1000, 10 exponents", large.LORENZ96, large.lorenz96_start(1000), (8.0,), 1.0, 4.0, 10,
         0.2, (10, 25, 50, 100, 200),
     ),
     "kuramoto_200": _large(

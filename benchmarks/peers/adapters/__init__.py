@@ -35,10 +35,13 @@ class Peer(NamedTuple):
     use: str  # how it is used
     by_length: bool = False  # it compiles for each length, so that the first run of one says nothing
     largest: float = math.inf  # equations n (k + 1), beyond which it is not tried
+    dense: bool = True  # whether it is tried where each component depends on all
 
     def can(self, workload: Workload) -> bool:
         """Whether it is asked."""
-        return workload.kind in self.kinds and workload.n * (workload.frame.shape[1] + 1) <= self.largest
+        small = workload.n * (workload.frame.shape[1] + 1) <= self.largest
+        sparse = workload.forms is None or not workload.forms.dense
+        return workload.kind in self.kinds and small and (self.dense or sparse)
 
     def adapter(self):
         """Its module, which imports the program."""
@@ -63,12 +66,19 @@ PEERS = {
         "`ode_problem` (rk4, rk6, adaptive) and `sweep_lyapunov_spectrum`, under `jax.jit`",
         by_length=True,
     ),
-    "jitcode": Peer("jitcode", "with_jitcode", ("flow",), "`jitcode_lyap`, compiled C, dopri5, dop853", largest=2000),
+    "jitcode": Peer(
+        *("jitcode", "with_jitcode", ("flow",), "`jitcode_lyap`, compiled C, dopri5, dop853"),
+        largest=2000,
+        dense=False,
+    ),
     "heyoka": Peer(
         *("heyoka", "with_heyoka", ("flow", "stiff", *EVENTS, *SWEEPS)),
-        "`var_ode_sys`, `taylor_adaptive`, terminal events, `taylor_adaptive_batch` for the flow's sweep; QR by NumPy",
+        "`var_ode_sys`, `taylor_adaptive`, terminal events, `taylor_adaptive_batch` for the flow's sweep; QR by NumPy; "
+        "the variational equation of Kuramoto's model by hand",
     ),
-    "pynamicalsys": Peer("pynamicalsys", "with_pynamicalsys", ("flow", "map"), "`lyapunov`, QR, rk4 and rk45"),
+    "pynamicalsys": Peer(
+        "pynamicalsys", "with_pynamicalsys", ("flow", "map"), "`lyapunov`, QR, rk4 and rk45", largest=2000
+    ),
     "chaotax": Peer(
         "chaotax", "with_chaotax", ("flow", "map"), "`lyapunov_spectrum` of an RK4 step, `jax.jit`", by_length=True
     ),
