@@ -71,7 +71,7 @@ def as_html(table: Table) -> str:
     rows = [_row("td", cells) for cells in _shortened([list(map(str, row)) for row in table.rows])]
     heads = [_row("th", table.heads)] if table.heads else []
     notes = "".join(f"<div>{html.escape(note)}</div>" for note in table.notes)
-    title = f"<caption style='text-align: left'>{html.escape(table.title)}</caption>"
+    title = f"<caption style='text-align: left; white-space: nowrap'>{html.escape(table.title)}</caption>"
     return f"<table>{title}{''.join([*heads, *rows])}</table>{notes}"
 
 
