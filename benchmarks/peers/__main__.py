@@ -66,15 +66,15 @@ def main(argv: list[str] | None = None) -> int:
     for name in options.only or WORKLOADS:
         results["workloads"][name] = measuring.measure(name, options.quick)
         print(tables.table(results["workloads"][name]), flush=True)
+        if not options.only and not options.quick and not options.check:  # each when it is done: a run may be cut
+            DATA.write_text(json.dumps(results, indent=1) + "\n")
+            PAGE.write_text(tables.page(results))
     if options.check:
         found = list(tables.worse(results, json.loads(DATA.read_text())))
         print(
             "\n".join(["Worse than recorded by over 25 %:", *found] if found else ["Nothing is worse than recorded."])
         )
         return 1 if found else 0
-    if not options.only and not options.quick:
-        DATA.write_text(json.dumps(results, indent=1) + "\n")
-        PAGE.write_text(tables.page(results))
     return 0
 
 

@@ -68,7 +68,7 @@ def run_in_turn(workers: dict[str, Conversation], rows: dict[str, Any], length: 
         turns += [(peer, i, list(points)[i]) for i in wanted(errors, TARGETS)]
     for peer, i, _ in turns:
         spent[peer, i] = 0.0
-        if PEERS[peer].by_length:
+        if PEERS[peer].by_length and "failed" not in rows[peer]:
             with noted(rows[peer]):
                 workers[peer].ask(setting=i, length=length)
     for _ in range(QUICK_ROUNDS if quick else ROUNDS):
