@@ -6,6 +6,7 @@ import pytest
 from jax import lax
 
 from lyaphybrid import native
+from lyaphybrid._jax.engines import compiled
 from lyaphybrid.native.lowering.values import Values
 
 X, SQUARE = np.array([1.0, 2.0, 3.0]), np.diag([1.0, 2.0, 3.0])
@@ -15,6 +16,7 @@ HALVES = {np.dtype(np.float16): "float16", jnp.dtype(jnp.bfloat16): "bfloat16"}
 @pytest.mark.parametrize(
     ("function", "message"),
     [
+        (lambda x: lax.bitcast_convert_type(x, np.int32), "bitcast_convert_type that changes the number of axes"),
         (lambda x: lax.bitcast_convert_type(x[0], np.int32), "bitcast_convert_type between sizes"),
         (lambda x: lax.reduce_precision(x, 5, 10), "reduce_precision to a type that is no type of LLVM"),
         (lambda x: x.at[np.array([0, 2])].get(mode="one_hot"), "gather in the mode one_hot"),
@@ -54,3 +56,10 @@ def test_of_short_numbers(function, dtype):
 def test_vectors_of_columns_and_of_lanes_at_once():
     with pytest.raises(ValueError, match="either the columns of frames or lanes"):
         Values(16, columns=2, lanes=2)
+
+
+@pytest.mark.parametrize("engine", ["auto", "xla"])
+def test_xla_takes_what_is_refused(engine, monkeypatch):
+    monkeypatch.setenv("LYAPHYBRID_ENGINE", engine)
+    halves = compiled()(lambda x: lax.bitcast_convert_type(x, np.int32))
+    assert np.asarray(halves(jnp.asarray(X)))[:, 1].tolist() == [0x3FF00000, 0x40000000, 0x40080000]

@@ -144,6 +144,8 @@ class Lowering(Values):
     def _entry_by_entry(self, function: Callable, eqn, operands: list[Value]) -> Value:
         result, dtypes = eqn.outvars[0].aval, [atom.aval.dtype for atom in eqn.invars]
         llvm_type(result.dtype)
+        if any(len(value.shape) not in (0, len(result.shape)) for value in operands):  # numbers as the bits of others
+            raise UnsupportedError(f"{eqn.primitive.name} that changes the number of axes")
         if any(isinstance(value, RowVectors) for value in operands):
             lead = result.shape[:-1]
             columns = [
