@@ -327,7 +327,10 @@ def _keep_clocks(evolver, clock: Clock, carry: StepState, trial: Trial, ticking)
     ticked = ticking & (jnp.arange(len(evolver.clock_times), dtype=jnp.int32) == trial.tick)
     number = carry.solver_state.ticks + ticked.astype(carry.solver_state.ticks.dtype)
     rounding_of_time = unresolved(carry, clock)
-    number = [_tick_to_come(t, number[i], *times, rounding_of_time) for i, times in enumerate(evolver.clock_times)]
+    number = [
+        _tick_to_come(t, number[i], period, phase, rounding_of_time)
+        for i, (period, phase) in enumerate(evolver.clock_times)
+    ]
     return changed(carry, ticks=jnp.stack(number))
 
 
