@@ -32,6 +32,11 @@ def test_every_public_name_stands_once_in_the_reference(module, wanted):
     assert sorted(names_of(module)) == sorted(wanted)
 
 
+def test_every_task_is_in_the_reference_s_contents():
+    contents = (ROOT / "docs" / "reference" / "index.md").read_text().splitlines()
+    assert set(reference.TASKS) <= set(contents)
+
+
 def write(folder: Path, name: str, body: str) -> Path:
     path = folder / name
     path.write_text(f"<html><head></head><body>{body}</body></html>")
