@@ -144,7 +144,7 @@ VERBS |= {
 ALSO = {"return_map": {STATUS.nonfinite}, "poincare_section": {STATUS.stalled}}
 # A point and no motion: what they need of it is asked before anything is computed.
 OF_A_POINT = {"saltation_matrix", "jacobians"}
-REPORTING = {"check"}  # says what it found, and raises nothing
+REPORTING = {"check", "explore"}  # say what they found, and raise nothing
 
 
 def test_no_verb_is_forgotten():
@@ -219,6 +219,16 @@ def test_a_check_says_that_the_motion_fails(how):
     assert not report.ok, str(report)
 
 
+@pytest.mark.slow_cases(all_but=("a map escapes", "a reset gives nan"))
+@pytest.mark.parametrize("how", FAILING)
+def test_a_view_of_the_explorer_says_that_the_motion_fails(how):
+    system, x0, verdicts = FAILING[how]
+    view = lh.explore(system, x0, ARGS, t1=T1).view
+    assert view.spectrum is not None
+    assert view.spectrum.status in verdicts
+    assert all(str(part) for part in (view.trajectory, view.section, view.spectrum))
+
+
 # What goes well, but not in so few attempts of a step.
 LONG = {
     "map": (lh.Map(lambda n, x, args: jnp.cos(args["a"] + x)), [0.3, 0.2]),
@@ -234,7 +244,7 @@ LONG = {
         [1.0, 1.0],
     ),
 }
-LIMITED = [name for name, verb in FUNCTIONS.items() if "max_steps" in inspect.signature(verb).parameters]
+LIMITED = [name for name in VERBS if "max_steps" in inspect.signature(FUNCTIONS[name.partition(",")[0]]).parameters]
 SPENT = [(name, kind) for kind, (system, _) in LONG.items() for name in LIMITED if isinstance(system, VERBS[name][0])]
 
 

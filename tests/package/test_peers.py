@@ -8,7 +8,7 @@ import pytest
 
 import lyaphybrid as lh
 from benchmarks.peers import __main__ as command
-from benchmarks.peers import converged, measuring, tables
+from benchmarks.peers import conversation, converged, measuring, tables
 from benchmarks.peers.adapters import OURS, PEERS, Peer
 from benchmarks.peers.conversation import Conversation, FailedError
 from benchmarks.peers.precision import Point, cost_at, wanted
@@ -137,7 +137,8 @@ def test_converged_values_are_ours(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("peer", "name"), ASKED)
-def test_a_program_reaches_a_small_error(peer, name):
+def test_a_program_reaches_a_small_error(peer, name, monkeypatch):
+    monkeypatch.setattr(conversation, "PATIENCE", 600.0)  # beside other tests
     if PEERS[peer].version is None:
         pytest.skip(f"{peer} is not installed")
     with Conversation(peer, name) as worker:

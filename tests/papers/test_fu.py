@@ -332,11 +332,12 @@ def test_running_exponents_are_numbered_like_the_final_ones():
     class History:
         time = np.array([1.0, 2.0, 3.0])
         exponents = np.array([[0.1, -0.2, 0.0], [0.1, -0.2, 0.0], [0.1, 0.0, 0.3]])
+        growth = np.diff(exponents * time[:, None], axis=0, prepend=0.0)
         losses = np.array([[0, 0, 0], [0, 0, 0], [0, 0, 1]])
 
     time, running, lost = fu_figures.ordered(History)
     np.testing.assert_array_equal(time, History.time)
-    np.testing.assert_array_equal(running, [[0.1, 0.0, -0.2], [0.1, 0.0, -0.2], [0.1, 0.0, 0.3]])
+    np.testing.assert_allclose(running, [[0.1, 0.0, -0.2], [0.1, 0.0, -0.2], [0.1, 0.0, 0.3]], atol=1e-15)
     np.testing.assert_array_equal(lost, [[False] * 3, [False] * 3, [False, False, True]])
 
 

@@ -1,5 +1,6 @@
 """Poincaré sections: the states where a guard is crossed, or once a period of the forcing."""
 
+import math
 from typing import Any
 
 import equinox as eqx
@@ -65,7 +66,7 @@ class PoincareSection(RunResult, eqx.Module):
         return plots.section(self, ax, i, j, **style)
 
     def _table(self) -> Table:
-        t, x = np.asarray(self.t), np.reshape(self.x, (len(self.t), -1))
+        t, x = np.asarray(self.t), np.reshape(self.x, (len(self.t), math.prod(self.x.shape[1:])))  # of no points too
         reached = np.isfinite(t)
         names = [self.state_labels.name(i) for i in range(x.shape[1])]
         ends = [x[reached].min(axis=0), x[reached].max(axis=0)] if np.any(reached) else []

@@ -86,11 +86,12 @@ def _running(found, ax) -> None:
 
 
 def ordered(history):
-    """Time (m,), running λ1 ≥ λ2 ≥ λ3 (m, 3), and whether each has lost a direction up to then; those come last."""
-    running, lost = np.asarray(history.exponents), np.cumsum(np.asarray(history.losses), axis=0) > 0
+    """Time (m,), running λ1 ≥ λ2 ≥ λ3 (m, 3) without the losses, and whether there was one up to then; those last."""
+    time, lost = np.asarray(history.time), np.cumsum(np.asarray(history.losses), axis=0) > 0
+    running = np.cumsum(np.asarray(history.growth), axis=0) / time[:, None]
     order = np.lexsort((-running, lost), axis=1)
     sort = {"indices": order, "axis": 1}
-    return np.asarray(history.time), np.take_along_axis(running, **sort), np.take_along_axis(lost, **sort)
+    return time, np.take_along_axis(running, **sort), np.take_along_axis(lost, **sort)
 
 
 def _value(value: float) -> str:
