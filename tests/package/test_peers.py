@@ -8,7 +8,7 @@ import pytest
 
 import lyaphybrid as lh
 from benchmarks.peers import __main__ as command
-from benchmarks.peers import conversation, converged, measuring, tables
+from benchmarks.peers import converged, conversation, measuring, tables
 from benchmarks.peers.adapters import OURS, PEERS, Peer
 from benchmarks.peers.conversation import Conversation, FailedError
 from benchmarks.peers.precision import Point, cost_at, wanted
