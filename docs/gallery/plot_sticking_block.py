@@ -20,9 +20,7 @@ orbit = block.trajectory(x0=[0.0, 1.5], t1=length, n=2000)
 run = block.spectrum(x0=[0.0, 1.5], t1=length, transient=0.0, blocks=400)
 t, second = np.asarray(run.history.time), np.cumsum(np.asarray(run.history.growth)[:, 1])
 stick, lost = orbit.mode_names.index("sliding"), float(run.first_loss[1])
-print(
-    f"λ₂ = {run.exponents[1]}: lost {run.losses[1]} times, first at t = {lost:.3f}; finite part {run.finite_exponents[1]:.3f}"
-)
+print(f"λ₂ = {run.exponents[1]}: lost {run.losses[1]} times, first at t = {lost:.3f}")
 
 _, (top, bottom) = pyplot.subplots(2, 1, figsize=(7.0, 3.6), sharex=True, layout="constrained")
 top.plot(orbit.t, orbit.x[:, 1], color="#0072B2", lw=1.2)
