@@ -38,6 +38,7 @@ sys.dont_write_bytecode = False
 LOOP = "tests/engine/test_statuses.py tests/events/test_short_or_lost.py tests/engine/test_checkpoints.py"
 NATIVE = "tests/native/test_memory_and_text.py tests/native/test_emission.py tests/native/test_each_primitive.py"
 TESTS = {
+    "events.compiled_hybrid": "tests/events/test_compiled_hybrid.py",
     "events.saltations": "tests/events/test_saltations.py",
     "events.roots": "tests/events/test_guards_in_a_step.py",
     "events.turns": "tests/events/test_turns.py tests/events/test_roots.py",
@@ -50,7 +51,7 @@ TESTS = {
         for name in ("branches", "control", "entrywise", "indexing", "moving", "reductions")
     },
 }
-IMPORTED_AGAIN = {"_linalg.frames"}  # its tests keep compiled functions
+IMPORTED_AGAIN = {"_linalg.frames", "events.compiled_hybrid"}  # their tests keep functions, compiled or not
 COMPARISONS = {
     ast.Lt: (ast.LtE, ast.GtE), ast.LtE: (ast.Lt, ast.Gt), ast.Gt: (ast.GtE, ast.LtE), ast.GtE: (ast.Gt, ast.Lt),
     ast.Eq: (ast.NotEq,), ast.NotEq: (ast.Eq,), ast.Is: (ast.IsNot,), ast.IsNot: (ast.Is,),
