@@ -35,7 +35,10 @@ for name in "diffrax hypothesis.extra.numpy llvmlite.binding matplotlib.pyplot m
 import pytest  # noqa: E402
 
 sys.dont_write_bytecode = False
-LOOP = "tests/engine/test_statuses.py tests/events/test_short_or_lost.py tests/engine/test_checkpoints.py"
+LOOP = (
+    "tests/engine/test_loop.py tests/engine/test_statuses.py tests/events/test_short_or_lost.py "
+    "tests/engine/test_checkpoints.py"
+)
 NATIVE = "tests/native/test_memory_and_text.py tests/native/test_emission.py tests/native/test_each_primitive.py"
 TESTS = {
     "events.compiled_hybrid": "tests/events/test_compiled_hybrid.py",
@@ -44,14 +47,22 @@ TESTS = {
     "events.turns": "tests/events/test_turns.py tests/events/test_roots.py",
     "_linalg.frames": "tests/_linalg/test_lost_and_refilled.py tests/_linalg/test_frames.py",
     "engine.loop": LOOP,
-    **{f"native.lowering.{name}": NATIVE for name in ("emitter", "lowering", "values")},
+    **{f"native.lowering.{name}": NATIVE for name in ("emitter", "values")},
+    "native.lowering.lowering": f"tests/native/test_lowering.py {NATIVE}",
     **{f"native.lowering.{name}": f"tests/native/test_costs_and_uses.py {NATIVE}" for name in ("costs", "uses")},
     **{
         f"native.rules.{name}": NATIVE
-        for name in ("branches", "control", "entrywise", "indexing", "moving", "reductions")
+        for name in ("branches", "calls", "control", "entrywise", "indexing", "moving", "reductions", "sorting")
     },
+    "native.rules.gram_schmidt": "tests/_linalg/test_frames.py tests/native/test_linear_algebra.py",
+    "native.rules.linear_algebra": f"tests/native/test_linear_algebra.py {NATIVE}",
+    "native.rules.random_bits": "tests/native/test_random_bits.py",
 }
-IMPORTED_AGAIN = {"_linalg.frames", "events.compiled_hybrid"}  # their tests keep functions, compiled or not
+IMPORTED_AGAIN = {
+    "_linalg.frames",
+    "events.compiled_hybrid",
+    "native.lowering.lowering",
+}  # their tests keep functions, compiled or not
 COMPARISONS = {
     ast.Lt: (ast.LtE, ast.GtE), ast.LtE: (ast.Lt, ast.Gt), ast.Gt: (ast.GtE, ast.LtE), ast.GtE: (ast.Gt, ast.Lt),
     ast.Eq: (ast.NotEq,), ast.NotEq: (ast.Eq,), ast.Is: (ast.IsNot,), ast.IsNot: (ast.Is,),
