@@ -17,7 +17,7 @@ import jax
 import numpy as np
 
 from ..errors import UserFunctionError
-from ..native import DURATION_PREFIX, Compiled, Program, engine, native_call, no_collector
+from ..native import DURATION_PREFIX, Compiled, Program, engine, native_call, no_collector, on_device
 from .forks import refuse_after_fork
 from .jaxprs import explicit
 from .reverse_mode import both_ways
@@ -67,6 +67,9 @@ def debug_switches_off() -> Iterator[None]:
 
     A field that gives nan ends a run with a status of its own, and without jit the loop over the steps takes hours.
     """
+    if not any(getattr(jax.config, f"jax_{name}") for name in ("debug_nans", "debug_infs", "disable_jit")):
+        yield  # without entering three contexts
+        return
     with jax.debug_nans(False), jax.debug_infs(False), jax.disable_jit(False):
         yield
 
@@ -224,7 +227,7 @@ class _Natively:
         if transforming() or traced(leaves):  # within jit, even if the arguments are concrete
             return jax.tree.unflatten(result, native_call.bind(*leaves, program=program))
         found = program(*leaves)
-        return jax.tree.unflatten(result, found if self.hands_on else jax.device_put(found))
+        return jax.tree.unflatten(result, found if self.hands_on else on_device(found))
 
     def prepare(self, *args) -> None:
         """Trace and compile for arguments of these shapes and types."""

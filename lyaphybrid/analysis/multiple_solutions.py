@@ -16,6 +16,7 @@ from ..engine.host import driver
 from ..integrators.base import Method
 from ..results import averages
 from ..results.solution_sets import Choice, Solution, Solutions
+from ..results.spectrum import About
 from ..statuses import STATUS
 from ..systems.contacts.surfaces import InitialMode
 from ..systems.hybrid import Hybrid
@@ -234,7 +235,7 @@ class _Search:
 
     def _solution(self, part: PendingPart, outcome: driver.Outcome) -> Solution:
         outcomes = [*part.before, outcome]
-        spectrum = averages.summarise(outcomes, self.problem, "time", self.growth, "uniform", self.labels)
+        spectrum = averages.summarise(outcomes, self.problem, "time", self.growth, "uniform", self.labels, About())
         exponents = np.array(spectrum.exponents)
         if self._is_pushed_off(part, outcome):
             within = exponents[: len(exponents) - int(np.sum(np.all(np.asarray(spectrum.frame) == 0, axis=0)))]

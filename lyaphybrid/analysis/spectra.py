@@ -240,10 +240,9 @@ class _Run(NamedTuple):
 
     def summarised(self, length, blocks: int) -> Spectrum:
         """The spectrum of a run of this length, in so many blocks."""
-        how = self.clock, self.initial, self.averaging, self.labels
-        spectrum = averages.summarise(list(self.outcomes), self.problem, *how)
-        stiff = any(outcome.stiff for outcome in self.outcomes)
-        spectrum = dataclasses.replace(spectrum, about=self.about.noting(stiff))
+        about = self.about.noting(any(outcome.stiff for outcome in self.outcomes))
+        how = self.clock, self.initial, self.averaging, self.labels, about
+        spectrum = averages.summarise(self.outcomes, self.problem, *how)
         return spectrum if traced(spectrum) else spectrum._resumed_by(functools.partial(_go_on, self, length, blocks))
 
 

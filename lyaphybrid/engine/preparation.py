@@ -1,5 +1,6 @@
 """From the user's arguments to a `RunProblem`; everything is checked before any computation."""
 
+import functools
 import math
 import warnings
 from collections.abc import Mapping
@@ -93,8 +94,8 @@ def _state(system, x0, name):
         raise ValueError(f"{name} must be real; write a complex state as its real and imaginary parts.")
     if isinstance(x0, Mapping | str | None):
         raise ValueError(f"{name} must be an array of numbers; got {x0!r}. {_NO_STATE}")
-    x0 = jnp.asarray(numbers(name, x0))
-    x0 = x0 if jnp.issubdtype(x0.dtype, jnp.floating) else x0.astype(float)
+    x0 = numbers(name, x0)
+    x0 = array(x0, jax.dtypes.canonicalize_dtype(x0.dtype if jnp.issubdtype(x0.dtype, jnp.floating) else float))
     rows = isinstance(system, EventDriven) and system.schedule is not None and not system.schedule.flat
     one = 2 if rows else 1
     if x0.ndim not in (one, one + 1) or 0 in x0.shape:
@@ -106,12 +107,17 @@ def _state(system, x0, name):
     return x0.reshape(*x0.shape[:-one], math.prod(shape)), shape
 
 
+@functools.cache
+def _default_method(constrained: bool) -> Method:
+    return HalfExplicit() if constrained else RungeKutta()
+
+
 def method_for(system, method):
     """The method that was given, or the default of such a system; None where nothing is stepped."""
     if isinstance(system, Flow) or (isinstance(system, Hybrid) and system.fields is not None):
         if method is None:
             constrained = any(isinstance(field, Constrained) for field in fields_of(system))
-            return HalfExplicit() if constrained else RungeKutta()
+            return _default_method(constrained)
         if not isinstance(method, Method):
             raise ValueError(
                 f"A system that flows needs a method such as lh.RungeKutta(); got {method!r}. {_as_method(method)}"

@@ -1,6 +1,7 @@
 """A small compiler from jaxprs to machine code, by LLVM. It is independent of dynamical systems."""
 
 from .bridge.compiled import DURATION_PREFIX, Compiled, compile
+from .bridge.placing import on_device
 from .bridge.primitive import native, native_call
 from .bridge.programs import ONE_WAY, Program, engine
 from .lowering.costs import instructions
@@ -20,5 +21,6 @@ __all__ = [
     "native",
     "native_call",
     "no_collector",
+    "on_device",
     "seldom",
 ]

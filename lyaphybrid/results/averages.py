@@ -1,24 +1,24 @@
 """Exponents from the block records of a run: means, weights, standard errors, history."""
 
-import dataclasses
+from collections.abc import Sequence
 from types import ModuleType
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._jax.engines import compiled, debug_switches_off
+from .._jax.engines import compiled
 from .._jax.tracing import traced
 from ..engine import problems
 from ..engine.host import driver
 from ..engine.states import BlockRecord, LoopState
+from ..native import on_device
 from ..systems.hybrid import Hybrid
 from ..systems.labels import Labels
 from ..systems.validation import has_identity_reset
 from .errors import standard_error
-from .spectrum import History, Spectrum
+from .spectrum import About, History, Spectrum
 from .volumes import volume_error
 
 __all__ = ["birkhoff_weights", "empty_columns", "one_run", "places", "summarise"]
@@ -34,7 +34,15 @@ class RunOutput(NamedTuple):
     initial: Any  # (k,) ln R_ii of the initial frame
 
 
-def summarise(outcomes: list[driver.Outcome], problem, clock: str, initial, averaging: str, labels: Labels) -> Spectrum:
+def summarise(
+    outcomes: Sequence[driver.Outcome],
+    problem: problems.RunProblem,
+    clock: str,
+    initial: Any,
+    averaging: str,
+    labels: Labels,
+    about: About,
+) -> Spectrum:
     """The spectrum of one run, or of several at once (leading axis m), continued over several outcomes.
 
     Args:
@@ -44,69 +52,71 @@ def summarise(outcomes: list[driver.Outcome], problem, clock: str, initial, aver
         initial: (k,) ln R_ii of the initial frame, which are added to the growth.
         averaging: "uniform", "birkhoff" or "birkhoff-regular".
         labels: of the state.
+        about: what was run, in words.
     """
     last = outcomes[-1]
     records = tuple(outcome.records for outcome in outcomes)
     found = RunOutput(records, last.loop_state, last.status, np.asarray(last.interrupted), initial)
-    how = (clock, averaging, problems.mode_names(problem.system))
-    if last.loop_state.carry.x.ndim == 2 or traced(found):
-        return _in_rows(problem, _together(found, *how), labels)
-    # One run on the host is averaged with NumPy: compiling the same for a single use would take longer.
-    dtype = last.loop_state.carry.x.dtype
-    with np.errstate(all="ignore"):
-        spectrum = _of_one(np, jax.tree.map(np.asarray, found), *how)
-    real = jax.tree.map(lambda leaf: leaf.astype(dtype) if leaf.dtype.kind == "f" else leaf, spectrum)
-    return _in_rows(problem, _on_device(real), labels)
+    several = last.loop_state.carry.x.ndim == 2
+    if several or traced(found):
+        fields = _together(found, clock, averaging)
+    else:
+        # One run on the host is averaged with NumPy: compiling the same for a single use would take longer.
+        with np.errstate(all="ignore"):
+            fields = _of_one(np, jax.tree.map(np.asarray, found), clock, averaging)
+        fields = _on_device(fields, last.loop_state.carry.x.dtype)
+    return Spectrum(
+        **fields | _of_problem(problem, fields),
+        error_kind="replicates" if several else "blocks",
+        clock=clock,
+        mode_names=problems.mode_names(problem.system),
+        state_labels=labels,
+        about=about,
+    )
 
 
-def _in_rows(problem, spectrum: Spectrum, labels: Labels) -> Spectrum:
-    """Add the fields that depend on the problem, and give the final state the user's shape."""
+def _of_problem(problem: problems.RunProblem, fields: dict[str, Any]) -> dict[str, Any]:
+    """The fields of a result that depend on the problem, and the final state in the user's shape."""
     step = None if problem.method is None else problem.method.fixed_step
     step = None if step is None else jnp.asarray(step)
     guards = isinstance(problem.system, Hybrid) and any(
         transition.guard is not None and not transition.terminal for transition in problem.system.transitions
     )
-    state = jax.ShapeDtypeStruct(spectrum.x.shape[-1:], spectrum.x.dtype)
+    x = fields["x"]
     volume = None
-    if step is not None and spectrum.residual is None:
-        volume = volume_error(problem, spectrum.t, spectrum.x, spectrum.mode)
-    spectrum = dataclasses.replace(
-        spectrum,
-        step=step,
-        volume_error=volume,
-        has_guards=guards and problem.system.fields is not None,
-        identity_reset=has_identity_reset(problem.system, state, problem.args),
-        state_labels=labels,
-    )
-    if len(problem.shape) == 1:
-        return spectrum
-    return eqx.tree_at(lambda s: s.x, spectrum, problems.in_rows(problem, spectrum.x))
+    if step is not None and fields["residual"] is None:
+        volume = volume_error(problem, fields["t"], x, fields["mode"])
+    return {
+        "x": x if len(problem.shape) == 1 else problems.in_rows(problem, x),
+        "step": step,
+        "volume_error": volume,
+        "has_guards": guards and problem.system.fields is not None,
+        "identity_reset": has_identity_reset(problem.system, jax.ShapeDtypeStruct(x.shape[-1:], x.dtype), problem.args),
+    }
 
 
-@debug_switches_off()
-@jax.jit
-def _on_device(leaves):
-    """The leaves as JAX arrays; one compiled call moves all of them and is faster than `jax.device_put`."""
-    return leaves
+def _on_device(fields: dict[str, Any], dtype: np.dtype) -> dict[str, Any]:
+    """NumPy's arrays as JAX arrays, floats in the given type."""
+    leaves, tree = jax.tree.flatten(fields)
+    arrays = [np.array(leaf, dtype if leaf.dtype.kind == "f" else leaf.dtype) for leaf in leaves]
+    return jax.tree.unflatten(tree, on_device(arrays))
 
 
 @compiled()
-def _together(found, clock, averaging, names) -> Spectrum:
+def _together(found: RunOutput, clock: str, averaging: str) -> dict[str, Any]:
     several = found.loop_state.carry.x.ndim == 2
-    return _of_several(found, clock, averaging, names) if several else _of_one(jnp, found, clock, averaging, names)
+    return _of_several(found, clock, averaging) if several else _of_one(jnp, found, clock, averaging)
 
 
-def _of_one(xp: ModuleType, found: RunOutput, clock, averaging, names) -> Spectrum:
+def _of_one(xp: ModuleType, found: RunOutput, clock: str, averaging: str) -> dict[str, Any]:
     records, loop_state, status, interrupted, initial = found
     chain = [_chained(xp, part, 0) for part in records]
-    blocks = jax.tree.map(lambda *parts: xp.concatenate(parts), *chain)
+    blocks = chain[0] if len(chain) == 1 else jax.tree.map(lambda *parts: xp.concatenate(parts), *chain)
     run = one_run(xp, blocks, empty_columns(xp, loop_state), clock, initial, averaging)
-    return _spectrum(
-        xp, run, run["stderr"], None, _final_state_fields(xp, loop_state, status, interrupted), "blocks", clock, names
-    )
+    return _fields(xp, run, run["stderr"], None, _final_state_fields(xp, loop_state, status, interrupted))
 
 
-def _of_several(found: RunOutput, clock, averaging, names) -> Spectrum:
+def _of_several(found: RunOutput, clock: str, averaging: str) -> dict[str, Any]:
     records, loop_state, status, interrupted, initial = found
     chain = [_chained(jnp, part, 1) for part in records]
     blocks = jax.tree.map(lambda *parts: jnp.concatenate(parts, axis=1), *chain)
@@ -118,7 +128,7 @@ def _of_several(found: RunOutput, clock, averaging, names) -> Spectrum:
     mean = {name: jnp.mean(value, axis=0) for name, value in run.items()}
     first = jnp.min(jnp.where(jnp.isnan(run["first"]), jnp.inf, run["first"]), axis=0)
     mean |= {"losses": jnp.sum(run["losses"], axis=0), "first": jnp.where(jnp.isinf(first), jnp.nan, first)}
-    return _spectrum(jnp, mean, spread, replicates, end, "replicates", clock, names)
+    return _fields(jnp, mean, spread, replicates, end)
 
 
 def _chained(xp: ModuleType, records: BlockRecord, axis: int) -> BlockRecord:
@@ -271,30 +281,27 @@ def _final_state_fields(xp: ModuleType, loop_state: LoopState, status, interrupt
     }
 
 
-def _spectrum(xp: ModuleType, run: dict, stderr, replicates, end: dict, error_kind, clock, names) -> Spectrum:
-    """Assemble the result with the exponents in descending order."""
+def _fields(xp: ModuleType, run: dict, stderr, replicates, end: dict) -> dict[str, Any]:
+    """The arrays of the result, with the exponents in descending order."""
     rank = xp.argsort(-xp.where(xp.isfinite(run["exponents"]), run["exponents"], -xp.inf), stable=True)
-    return Spectrum(
-        exponents=run["exponents"][rank],
-        stderr=stderr[rank],
-        finite_exponents=run["finite"][rank],
-        time=run["time"],
-        jumps=run["jumps"],
-        upper=run["upper"][rank],
-        lower=run["lower"][rank],
-        losses=run["losses"][rank],
-        first_loss=run["first"][rank],
-        history=History(
+    return {
+        "exponents": run["exponents"][rank],
+        "stderr": stderr[rank],
+        "finite_exponents": run["finite"][rank],
+        "time": run["time"],
+        "jumps": run["jumps"],
+        "upper": run["upper"][rank],
+        "lower": run["lower"][rank],
+        "losses": run["losses"][rank],
+        "first_loss": run["first"][rank],
+        "history": History(
             run["history_time"],
             run["history"][:, rank],
             run["growth"][:, rank],
             run["history_losses"][:, rank],
             run["history_elapsed"],
         ),
-        replicates=None if replicates is None else replicates[:, rank],
-        residual=run.get("residual"),
-        error_kind=error_kind,
-        clock=clock,
-        mode_names=names,
+        "replicates": None if replicates is None else replicates[:, rank],
+        "residual": run.get("residual"),
         **end,
-    )
+    }

@@ -243,3 +243,15 @@ def test_results_that_nobody_differentiates_do_not_spoil_the_others():
     x = jnp.zeros(3)
     np.testing.assert_array_equal(jax.grad(lambda x: call(x)[0])(x), np.zeros(3))
     np.testing.assert_array_equal(jax.jacrev(lambda x: call(x + 1.0)[0])(x), np.full(3, 2.0))
+
+
+@pytest.mark.parametrize("bits", [32, 64])
+def test_arrays_are_placed_as_jax_places_them(bits):
+    arrays = [np.arange(6.0).reshape(2, 3), np.array(1.5), np.arange(3), np.array([True, False]), np.zeros((0, 2))]
+    arrays = [*arrays, np.float64(2.0), jnp.ones(2), np.arange(8.0)[::2], np.ones(3, np.float32), jax.random.key(1)]
+    with jax.enable_x64(bits == 64):
+        for ours, theirs in zip(native.on_device(arrays), jax.device_put(arrays), strict=True):
+            assert ours.aval == theirs.aval
+            assert ours.committed == theirs.committed
+            assert ours.sharding == theirs.sharding
+            assert jnp.array_equal(ours, theirs)

@@ -135,15 +135,13 @@ def drive(
         while records is None or (not _finished(loop_state, blocks) and (limit == FOREVER or given < limit)):
             allowed = budget if limit == FOREVER else min(budget, limit - given)
             clock, compiled = time.perf_counter(), compilations()
-            loop_state, fresh = jax.block_until_ready(
-                _advance(problem, plan, loop_state, ends, last_jumps, np.int32(allowed))
-            )
+            loop_state, fresh = _advance(problem, plan, loop_state, ends, last_jumps, np.int32(allowed))
             records = fresh if records is None else _merge(records, fresh)
             loop_state, spent = _drain(loop_state, logs), _spent(loop_state, allowed)
             given += spent
             if part is not None:
                 part.keep(loop_state, records, given)
-            before, done = done, float(np.mean(np.asarray(loop_state.block))) / blocks
+            before, done = done, float(np.mean(np.asarray(loop_state.block))) / blocks  # waits for the call to end
             if compilations() == compiled:  # the time of a call that compiled says nothing about the loop's speed
                 seconds = time.perf_counter() - clock
                 budget = int(

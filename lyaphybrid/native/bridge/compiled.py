@@ -100,7 +100,14 @@ def _plan_of(program: ClosedJaxpr) -> Options:
 
 
 def _pointers(arrays: Sequence[np.ndarray]):
-    return (ctypes.c_void_p * max(1, len(arrays)))(*(array.__array_interface__["data"][0] for array in arrays))
+    return (ctypes.c_void_p * max(1, len(arrays)))(*map(_address, arrays))
+
+
+def _address(array: np.ndarray) -> int:
+    """The address of the first element; `ctypes` says it faster than NumPy, but only of what may be written."""
+    if array.size > 0 and array.flags.writeable:
+        return ctypes.addressof(ctypes.c_char.from_buffer(array))  # pyright: ignore[reportArgumentType]
+    return array.__array_interface__["data"][0]
 
 
 def compile(function: Callable, *example, **options) -> Callable:

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jax.extend.core import Primitive, jaxpr_as_fun
 from jax.interpreters import ad, batching, mlir
 
+from .placing import on_device
 from .programs import Program, inexact
 
 native_call = Primitive("native_call")
@@ -21,7 +22,7 @@ native_call.multiple_results = True
 
 @native_call.def_impl
 def _call(*operands, program: Program):
-    return jax.device_put(program(*operands))
+    return on_device(program(*operands))
 
 
 @native_call.def_abstract_eval
