@@ -65,9 +65,7 @@ def _block(
     todo = (loop_state.block == index) & (loop_state.carry.budget > 0)
 
     def within(carry, in_span=False):
-        inside = (carry.s < clock.length) | settings.evolver.ticks_now(carry, clock)
-        if settings.count_jumps:
-            inside = inside & (carry.jumps.astype(carry.s.dtype) < clock.last_jump)
+        inside = _inside(settings, clock, carry)
         if carry.log is not None:  # leave room for one event and its whole cascade
             inside = inside & (carry.log.count <= settings.log - MOST_AT_ONCE)
         if not in_span:
@@ -89,10 +87,7 @@ def _block(
     carry, _, interval, spread, window = _repeated(settings, lambda state: within(state[0]), span, state)
     carry = stop(carry, STATUS.nonfinite, ~jnp.all(jnp.isfinite(carry.x)))
     carry = settings.evolver.inspected(carry, clock)
-    over = ~((carry.s < clock.length) | settings.evolver.ticks_now(carry, clock))
-    if settings.count_jumps:
-        over = over | (carry.jumps.astype(carry.s.dtype) >= clock.last_jump)
-    done = todo & ((over & (carry.status == RUNNING)) | (carry.status > OK))
+    done = todo & ((~_inside(settings, clock, carry) & (carry.status == RUNNING)) | (carry.status > OK))
     record = BlockRecord(
         done,
         carry.s,
@@ -106,6 +101,12 @@ def _block(
     carry = carry._replace(budget=jnp.where(todo, carry.budget, loop_state.carry.budget))
     here = LoopState(carry, loop_state.base, loop_state.elapsed, loop_state.block, interval, spread)
     return (select(done, _next_block(settings, here), here), window), record
+
+
+def _inside(settings: Settings, clock: Clock, carry: StepState):
+    """Whether the end of the block, in time and in jumps, is still ahead."""
+    inside = (carry.s < clock.length) | settings.evolver.ticks_now(carry, clock)
+    return inside & (carry.jumps.astype(carry.s.dtype) < clock.last_jump) if settings.count_jumps else inside
 
 
 def _end_if_no_jump(settings: Settings, clock: Clock, before: StepState, state):
@@ -177,6 +178,8 @@ def _quick_span(settings: Settings, clock: Clock, within, carry: StepState, ahea
     due = due | is_due(carry) | (carry.s >= clock.length)
     if settings.count_jumps:
         due = due | (carry.jumps.astype(carry.s.dtype) >= clock.last_jump) | (carry.status == STATUS.no_more_jumps)
+    # Where an event is next it comes first, also if the host's call ends in between: rounding would differ.
+    due = due & (evolver.is_regular(ahead) | (carry.status != RUNNING) | ~_inside(settings, clock, carry))
     if evolver.always_regular and not settings.count_jumps:  # then only an orthonormalisation ends a span
         return orthonormalise(settings, clock, carry, ahead, interval, spread)
     return jax.lax.cond(

@@ -68,9 +68,6 @@ class Explorer:
         self.view = self._seen()
         for error in self.view.refused:
             raise error
-        self.view = (
-            self._seen()
-        )  # the first one compiled: only now runs go on for long, and look whether they are stiff
 
     @property
     def args(self) -> Any:

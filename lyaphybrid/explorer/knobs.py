@@ -14,9 +14,8 @@ from ..systems.labels import Labels
 __all__ = ["Knob", "knobs_of", "replaced"]
 
 SLIDERS_SHOWN = 40  # sliders that are made unasked
-FAR_FROM_ONE = (
-    100.0  # a positive value that is this factor from 1 gets a logarithmic scale, over as large a factor to both sides
-)
+# A positive value that is this factor from 1 gets a logarithmic scale, over as large a factor to both sides.
+FAR_FROM_ONE = 100.0
 
 
 class Knob(NamedTuple):

@@ -16,15 +16,8 @@ if TYPE_CHECKING:
 
 __all__ = ["animation", "phase", "raster", "trajectory"]
 
-MODE_COLOURS = (
-    "#FFFFFF",
-    "#E8E8E8",
-    "#DCEBF7",
-    "#FBEBDD",
-    "#DDF2EA",
-    "#F6E4EE",
-    "#FBF6D5",
-)  # background colours of modes
+# Background colours of modes.
+MODE_COLOURS = ("#FFFFFF", "#E8E8E8", "#DCEBF7", "#FBEBDD", "#DDF2EA", "#F6E4EE", "#FBF6D5")
 DARK_MODE_COLOURS = ("#14181F", "#2B313B", "#1B2C3D", "#3A2A1E", "#1B342B", "#372532", "#353119")  # on dark axes
 MARKED = 60  # up to this number each event gets a line; more are ticks at the bottom
 COMPONENTS_DRAWN = 4  # number of components drawn by default

@@ -133,7 +133,7 @@ def drive(
     votes = StiffnessVotes(problem.method)
     try:
         while records is None or (not _finished(loop_state, blocks) and (limit == FOREVER or given < limit)):
-            allowed = budget if limit == FOREVER else min(budget, limit - given)
+            allowed = int(min(budget, votes.left(given), np.inf if limit == FOREVER else limit - given))
             clock, compiled = time.perf_counter(), compilations()
             loop_state, fresh = _advance(problem, plan, loop_state, ends, last_jumps, np.int32(allowed))
             records = fresh if records is None else _merge(records, fresh)
@@ -209,8 +209,9 @@ def sealed(outcome: Outcome) -> LoopState:
 
 
 def _spent(loop_state: LoopState, allowed: int) -> int:
-    """The attempts of a call: fewer than allowed where a full log of events ended it."""
-    return allowed if loop_state.carry.log is None else allowed - int(loop_state.carry.budget)
+    """The attempts of a call by the run that made most: fewer than allowed if the end, or a full log, was reached."""
+    left = np.asarray(loop_state.carry.budget)[np.asarray(loop_state.carry.status) == RUNNING]
+    return allowed - int(np.min(left, initial=allowed)) if left.size else allowed
 
 
 def _drain(loop_state: LoopState, logs: list) -> LoopState:

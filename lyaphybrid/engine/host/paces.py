@@ -124,10 +124,17 @@ def resolves_decay(rates: Rates, step: float) -> bool:
 
 
 class StiffnessVotes:
-    """Whether a long run takes steps as stability or a decay allows, not as its motion would: asked now and then."""
+    """Whether a long run takes steps as stability or a decay allows, not as its motion would: asked now and then.
+
+    The questions come after fixed numbers of attempts, so that the answer does not depend on the speed of the machine.
+    """
 
     def __init__(self, method: Any):
         self.next, self.votes = (ATTEMPTS_UNTIL_STIFF if may_be_stiff(method) else np.inf), []
+
+    def left(self, given: int) -> float:
+        """The most attempts until the next question; inf if there is none."""
+        return max(1, self.next - given)
 
     def look(self, loop_state: LoopState, given: int, rates) -> None:
         """Ask the first run after so many attempts, and then each time that their number has doubled."""

@@ -106,9 +106,8 @@ def _firing(neuron: Neuron, topology: str) -> Callable:
     def fire(t, x, args, which):
         which = jnp.asarray(which)
         kicked = neuron.pulse(x, PULSES[topology](args["coupling"], which, x), args["current"])
-        kicked = jnp.where(
-            jnp.abs(x - neuron.reset) <= EQUAL_POTENTIALS, x, kicked
-        )  # x, not the constant, to keep the derivative
+        refractory = jnp.abs(x - neuron.reset) <= EQUAL_POTENTIALS
+        kicked = jnp.where(refractory, x, kicked)  # x, not the constant, to keep the derivative
         return jnp.where(_is(which, x), neuron.reset, kicked)
 
     return fire
