@@ -74,7 +74,7 @@ def test_stiffness_is_asked_after_fixed_numbers_of_attempts(first, monkeypatch):
     """A short run, of which a call allowed many more attempts than it made, was asked on fast machines only."""
     monkeypatch.setattr(driver, "FIRST_ATTEMPTS", first)
     asked = []
-    monkeypatch.setattr(driver.StiffnessVotes, "look", lambda votes, state, given, rates: asked.append(given))
+    monkeypatch.setattr(driver.StiffnessVotes, "at_the_end", lambda votes, state, given, rates: asked.append(given))
     flow = lh.Flow(lambda t, x, args: -args * x)
     method = lh.RungeKutta(rtol=1e-11, atol=1e-11)
     lh.lyapunov_spectrum(flow, [1.0], 1.0, t1=100.0, method=method)

@@ -150,12 +150,13 @@ def drive(
                 if done > before:
                     left = (1 - done) / (done - before) * seconds
                     _advance.ahead(left, problem, plan, loop_state, ends, last_jumps, np.int32(allowed))
-            votes.look(loop_state, given, functools.partial(_rates, problem, loop_state))
+            votes.on_the_way(loop_state, given, functools.partial(_rates, problem, loop_state))
             if max_steps is None:
                 stalled = pace.look(loop_state, given, functools.partial(_rates, problem, loop_state))
                 loop_state, said = given_up(loop_state, stalled)
                 why = why or said
             report(done)
+        votes.at_the_end(loop_state, given, functools.partial(_rates, problem, loop_state))
     except KeyboardInterrupt:
         if records is None:
             raise

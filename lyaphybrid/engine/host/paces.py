@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...integrators.runge_kutta import RungeKutta
-from ...statuses import STATUS, STIFF_REMEDY
+from ...statuses import RUNNING, STATUS, STIFF_REMEDY
 from ..states import LoopState
 
 __all__ = [
@@ -36,6 +36,7 @@ ATTEMPTS_STOPPED = 1e12  # … and from which it is stopped
 SMOOTH = 1e-5  # steps of a smooth motion are longer than this times 1/‖Df‖
 STIFF = 1e-4  # a motion slower than this times ‖Df‖ is stiff
 ATTEMPTS_UNTIL_STIFF = 50_000  # shorter runs are quick all the same
+ATTEMPTS_UNTIL_ASKED = 400_000  # a longer run is asked on the way as well, not at its end alone
 AT_STABILITY = 1.0, 20.0  # between these over the fastest rate of decay steps are at the limit of stability …
 SLOW = 1e-2  # … if they are also shorter than this times the time in which the motion changes
 DECAY_PER_STEP = 0.02  # all columns: steps follow a decay that is faster than this over the step …
@@ -130,17 +131,26 @@ class StiffnessVotes:
     """
 
     def __init__(self, method: Any):
-        self.next, self.votes = (ATTEMPTS_UNTIL_STIFF if may_be_stiff(method) else np.inf), []
+        self.asks, self.next, self.votes = may_be_stiff(method), ATTEMPTS_UNTIL_ASKED, []
 
-    def left(self, given: int) -> float:
-        """The most attempts until the next question; inf if there is none."""
+    def left(self, given: int) -> int:
+        """The most attempts until the next question on the way."""
         return max(1, self.next - given)
 
-    def look(self, loop_state: LoopState, given: int, rates) -> None:
+    def on_the_way(self, loop_state: LoopState, given: int, rates) -> None:
         """Ask the first run after so many attempts, and then each time that their number has doubled."""
-        if given < self.next:
+        if given >= self.next:
+            self.next = 2 * given
+            self._ask(loop_state, rates)
+
+    def at_the_end(self, loop_state: LoopState, given: int, rates) -> None:
+        """Ask the first run at its end, unless it was short or failed, for then its attempts are not known."""
+        if given >= ATTEMPTS_UNTIL_STIFF and np.ravel(loop_state.carry.status)[0] == RUNNING:
+            self._ask(loop_state, rates)
+
+    def _ask(self, loop_state: LoopState, rates) -> None:
+        if not self.asks:
             return
-        self.next = 2 * given
         there, h = rates(0), getattr(loop_state.carry.solver_state, "h", None)
         if there is not None and h is not None:
             step, (n, k) = float(np.ravel(h)[0]), loop_state.carry.frame.shape[-2:]

@@ -1,5 +1,6 @@
 """Rules for sums, products, extrema and their indices along axes; for cumulative ones; and for matrix products."""
 
+import functools
 from collections.abc import Callable
 
 import numpy as np
@@ -10,6 +11,8 @@ from ..lowering.types import INDEX, kind, llvm_type
 from ..lowering.values import Lazy, RowVectors, filled, scalar, size
 
 SIDE_BY_SIDE = 4  # independent partial sums of a long sum; a power of two
+
+_IN_ANY_ORDER = "max", "min", "and", "or", "xor"  # the result does not depend on the order
 
 # name: (function of two entries, its neutral element)
 _FOLDS: dict[str, tuple[Callable, Callable]] = {
@@ -31,13 +34,14 @@ def _bits(b, dtype, operation, x, y):
 
 @rule(*(f"reduce_{name}" for name in _FOLDS))
 def reduce(b, eqn, value):
-    fold, neutral = _FOLDS[eqn.primitive.name.removeprefix("reduce_")]
+    name = eqn.primitive.name.removeprefix("reduce_")
+    fold, neutral = _FOLDS[name]
     aval, dtype, axes, shape = eqn.outvars[0].aval, eqn.invars[0].aval.dtype, eqn.params["axes"], value.shape
     kept = [axis for axis in range(len(shape)) if axis not in axes]
     over = [shape[axis] for axis in axes]
     if isinstance(value, np.ndarray):
         groups = value.transpose(*kept, *axes).reshape(*aval.shape, size(over))
-        return filled(aval.shape, [_folded(b, fold, dtype, groups[i], neutral) for i in np.ndindex(aval.shape)])
+        return filled(aval.shape, [_folded(b, name, dtype, groups[i]) for i in np.ndindex(aval.shape)])
 
     def source(indices, inner):
         found = [0] * len(shape)
@@ -97,19 +101,20 @@ def _total(b, over, take_in, together, start):
     return sums[0]
 
 
-def _folded(b, fold, dtype, entries, neutral):
+def _folded(b, name, dtype, entries):
+    fold, neutral = _FOLDS[name]
     entries = entries.ravel().tolist()
     if not entries:
         return neutral(dtype)
-    found = entries[0]
-    for entry in entries[1:]:
-        found = fold(b, dtype, found, entry)
-    return found
+    while name in _IN_ANY_ORDER and len(entries) > 2:  # in pairs: less waiting for one another
+        pairs = zip(entries[::2], entries[1::2], strict=False)
+        entries = [fold(b, dtype, *pair) for pair in pairs] + entries[len(entries) // 2 * 2 :]
+    return functools.reduce(functools.partial(fold, b, dtype), entries)
 
 
 @in_rows("reduce_sum", "reduce_prod", "reduce_max", "reduce_min")
 def _(b, eqn, value):
-    fold, neutral = _FOLDS[eqn.primitive.name.removeprefix("reduce_")]
+    name = eqn.primitive.name.removeprefix("reduce_")
     axes, aval = eqn.params["axes"], eqn.outvars[0].aval
     last = len(value.shape) - 1
     if last in axes:
@@ -117,7 +122,7 @@ def _(b, eqn, value):
     kept = [axis for axis in range(last) if axis not in axes]
     lead = aval.shape[:-1]
     groups = value.vectors.transpose(*kept, *axes).reshape(*lead, size([value.shape[axis] for axis in axes]))
-    vectors = filled(lead, [_folded(b, fold, value.dtype, groups[i], neutral) for i in np.ndindex(lead)])
+    vectors = filled(lead, [_folded(b, name, value.dtype, groups[i]) for i in np.ndindex(lead)])
     return RowVectors(vectors, aval.shape, aval.dtype)
 
 
