@@ -1,4 +1,4 @@
-"""The command line: `lyaphybrid`, and its commands `list`, `spectrum NAME`, `sweep NAME` and `papers PAPER`.
+"""The command line: `lyaphybrid`, and its commands `list`, `spectrum`, `sweep`, `reference`, `validate`, `papers`.
 
 Exit status: 0 success, 1 a run or a check failed, 2 wrong arguments, 130 interrupted by Ctrl-C.
 """
@@ -6,6 +6,7 @@ Exit status: 0 success, 1 a run or a check failed, 2 wrong arguments, 130 interr
 import argparse
 import ast
 import contextlib
+import functools
 import inspect
 import json
 import math
@@ -57,8 +58,8 @@ def _set_up() -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    runs = {"list": _list, "spectrum": _spectrum, "sweep": _sweep, "validate": _validate, "papers": _papers}
-    return parser_of(runs)
+    runs = {"list": _list, "spectrum": _spectrum, "sweep": _sweep, "reference": _reference}
+    return parser_of({**runs, "validate": _validate, "papers": _papers})
 
 
 def _list(options) -> int:
@@ -114,9 +115,7 @@ def _sweep(options) -> int:
         raise RefusedError(f"{options.store} is there: --resume goes on with it, another --store begins anew.")
 
     def run(swept):
-        from . import zoo
-
-        return zoo.get(problem.name)(**fixed, **swept).spectrum(throw=False, **overrides)
+        return _builder(problem.name)(**fixed, **swept).spectrum(throw=False, **overrides)
 
     with contextlib.ExitStack() as stack:
         try:
@@ -192,8 +191,6 @@ def _problem(options):
     """The named problem with its parameters; an error lists the possible names."""
     import jax
 
-    from . import zoo
-
     parameters = {}
     for setting in options.set:
         key, equals, value = setting.partition("=")
@@ -201,7 +198,7 @@ def _problem(options):
             raise RefusedError(f"--set takes KEY=VALUE; got {setting!r}.")
         parameters[key] = _literal(value)
     try:
-        build = zoo.get(options.name)
+        build = _builder(options.name)
         if "key" in parameters:
             raise RefusedError("Random starts are chosen by --seed, not by --set key=….")
         if "key" in inspect.signature(build).parameters:
@@ -209,6 +206,13 @@ def _problem(options):
         return build(**parameters)
     except ValueError as error:
         raise RefusedError(str(error)) from error
+
+
+def _builder(name: str):
+    """The function of the problem, or of the published flow, that has this name."""
+    from . import zoo
+
+    return functools.partial(zoo.flow, name) if name not in zoo.names() and name in zoo.flow_names() else zoo.get(name)
 
 
 def _literal(text: str) -> Any:
@@ -298,6 +302,21 @@ def _as_json_value(value: Any) -> Any:
                 return None
             return value if math.isfinite(value) else ("-inf" if value < 0 else "inf")
     return str(value)
+
+
+def _reference(options) -> int:
+    from .zoo.published.accounts import account, as_data, summary
+    from .zoo.published.spectra import recorded
+
+    try:
+        if options.json:
+            found = as_data(options.name) if options.name else {name: as_data(name) for name in recorded()}
+            print(json.dumps(found, ensure_ascii=False, allow_nan=False))
+        else:
+            print(account(options.name) if options.name else "\n".join(map(summary, recorded())))
+    except ValueError as error:
+        raise RefusedError(str(error)) from error
+    return WORKED
 
 
 def _validate(options) -> int:

@@ -36,6 +36,11 @@ TYPED = {
             "goes on where it ended",
         ),
     ),
+    "reference": (
+        ("lyaphybrid reference halvorsen", "its recorded spectrum, by which methods, and what was published"),
+        ("lyaphybrid reference", "one line for each published flow"),
+        ("lyaphybrid reference sprott_s --json", "for another program"),
+    ),
     "validate": (
         ("lyaphybrid validate --quick", "all problems, shorter"),
         ("lyaphybrid validate lorenz63 chua --out found.json", "two of them, and all numbers into a file"),
@@ -73,6 +78,7 @@ def parser_of(runs: Mapping[str, Callable]) -> argparse.ArgumentParser:
     command("list", "the named problems")
     _add_spectrum(command)
     _add_sweep(command)
+    _add_reference(command)
     _add_validate(command)
     _add_papers(command)
     return parser
@@ -108,6 +114,17 @@ def _add_sweep(command: Callable) -> None:
     option("--chunk", type=int, help="points that are computed and kept together")
     option("--workers", type=int, help='processes of a local dask cluster (extra "cluster")')
     _add_progress(own)
+
+
+def _add_reference(command: Callable) -> None:
+    own = command(
+        "reference",
+        "the recorded spectra of published chaotic flows",
+        "The recorded spectrum of a published flow: exponents with errors by two methods, what other starts lead to,\n"
+        "what was published, the source, and the command that computes it again.",
+    )
+    own.add_argument("name", metavar="NAME", nargs="?", help="one of the flows (default: a line for each)")
+    own.add_argument("--json", action="store_true", help="one JSON object instead of text")
 
 
 def _add_validate(command: Callable) -> None:

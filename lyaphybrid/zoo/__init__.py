@@ -20,6 +20,7 @@ from .mechanics.impacts import bouncing_ball, impact_oscillator, kicked_ball, za
 from .mechanics.rattling import gear_rattle, rocking_block
 from .mechanics.walkers import rimless_wheel, simplest_walker
 from .problem import Problem, Reference, get, unknown
+from .published.table import flow, flow_names
 from .switched.circuits import boost_converter, buck_converter, chua, corron_oscillator
 from .switched.neurons import adex, integrate_and_fire
 from .switched.piecewise import beta_clock, conewise_linear, grow_reset, skew_tent_roof
@@ -28,6 +29,8 @@ __all__ = [
     "Problem",
     "Reference",
     "get",
+    "flow",
+    "flow_names",
     "mean_free_path",
     "names",
     # statistics of the collisions of hard bodies

@@ -149,7 +149,7 @@ def test_a_tolerance_reaches_the_method(capsys):
         (["spectrum"], "NAME"),
         (["papers", "dinious"], "there are: dinius, fu, linh, skokos"),
         (["papers"], "PAPER"),
-        (["swipe", "lorenz63"], "'list', 'spectrum', 'sweep', 'validate', 'papers'"),
+        (["swipe", "lorenz63"], "'list', 'spectrum', 'sweep', 'reference', 'validate', 'papers'"),
         (["sweep", "lorenz63"], "--over"),
         (["--rapid"], "--rapid"),
     ],
@@ -301,7 +301,7 @@ def test_every_command_has_examples_that_can_be_typed(capsys):
                 one.partition("=")[0] for flag, one in itertools.pairwise(arguments) if flag in ("--set", "--over")
             ]
             assert problem is None or set(swept) <= set(zoo.get(problem)().parameters)
-    assert set(TYPED) == {"", "list", "spectrum", "sweep", "validate", "papers"}
+    assert set(TYPED) == {"", "list", "spectrum", "sweep", "reference", "validate", "papers"}
 
 
 def test_progress_goes_to_standard_error_where_it_is_wanted(capsys):

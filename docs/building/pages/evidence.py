@@ -8,6 +8,9 @@ from collections import Counter
 from pathlib import Path
 
 from benchmarks.peers import tables
+from lyaphybrid.zoo.published import accounts
+from lyaphybrid.zoo.published.spectra import recorded
+from lyaphybrid.zoo.published.table import entry_of
 from lyaphybrid.zoo.reference_checks import Comparison
 
 NOT_YET = """# Ours and theirs, the same work at the same error
@@ -41,6 +44,40 @@ What `python -m tests.portability` found, in `tests/portability.json`: in each r
 installed package, in each column a way to run it. A number is that of the tests that passed.
 
 """
+
+
+FLOWS = """# Reference spectra of {count} published chaotic flows
+
+Flows of the literature, those that the dysts collection keeps (W. Gilpin,
+[arXiv:2110.05266](https://arxiv.org/abs/2110.05266)), with equations written anew and parameters as published or as
+there. `lh.zoo.flow("{first}")` is one of them as a problem; `lyaphybrid reference {first}` prints how its spectrum was
+found, its source, and what was published.
+
+Each spectrum is that of two runs: discrete QR in an explicit method of order 8, and, from where that ended, continuous
+QR in a method of order 5. Errors are standard errors from blocks, and one over the length of the run, which no run
+knows better. In {agree} of {count} the two agree within three combined errors in all exponents. {chaotic} are chaotic.
+Of a flow that is driven by time the exponent 0 of its phase is left out. Other starts are random points around the
+attractor: how many lead to the same exponents, to others, or to infinity. `python -m benchmarks.reference_flows`
+computes the table again; it took {minutes:.0f} minutes of CPU time.
+
+| flow | kind | exponents per unit of time | published λ₁ | other starts |
+|---|---|---|---|---|
+"""
+
+
+def flows() -> str:
+    """The recorded spectra, a line a flow."""
+    found = recorded()
+    rows = "".join(f"| {name} | {' | '.join(accounts.cells(name))} |\n" for name in found)
+    chaotic = sum("chao" in one.kind for one in found.values())
+    minutes, agree = sum(one.seconds for one in found.values()) / 60, sum(one.agrees for one in found.values())
+    head = FLOWS.format(count=len(found), first=next(iter(found)), agree=agree, chaotic=chaotic, minutes=minutes)
+    return head + rows + "".join(f"\n- **{name}**: {escaped(entry_of(name).source)}." for name in found) + "\n"
+
+
+def escaped(source: str) -> str:
+    """A source as Markdown: the brackets of an old DOI are no HTML."""
+    return source.replace("<", "&lt;").replace(">", "&gt;")
 
 
 def validation(root: Path) -> str:
@@ -108,6 +145,7 @@ def pages(root: Path) -> dict[str, str]:
     """The pages by name."""
     return {
         "evidence/validation.md": validation(root),
+        "evidence/flows.md": flows(),
         "evidence/automata.md": automata(root),
         "evidence/portability.md": portability(root),
         "evidence/peers.md": peers(root),

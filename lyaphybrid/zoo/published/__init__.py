@@ -1,0 +1,1 @@
+"""Published chaotic flows as tables: equations, parameters, sources and reference spectra."""

@@ -1,0 +1,1 @@
+"""The published flows, by what they describe."""
