@@ -1,6 +1,7 @@
 """Bind a problem to its evolver and its plan; this runs while JAX traces."""
 
 import dataclasses
+import functools
 
 import jax
 import numpy as np
@@ -39,7 +40,7 @@ def evolver_of(problem: RunProblem, t, x):
         method.require(fields[0], t, x)
         onto = (projection(fields[0], None, args),)
         hybrid = CompiledHybrid(fields, (), onto, empty, empty, empty, (), empty, (), (), (), False, None, Calls())
-        return _moving(hybrid, method, (), (), 0, are_nonlinear(fields, t, x))
+        return _moving(hybrid, method, (), (), 0, t, x)
     if system.fields is None:
         reset = system.transitions[0].reset
         return Iterating(lambda n, x: reset(n, x, args))
@@ -50,12 +51,15 @@ def evolver_of(problem: RunProblem, t, x):
         (number(system.transitions[j].every, args), number(system.transitions[j].phase, args)) for j in hybrid.clocks
     )
     terminal = tuple(tr.terminal for tr in system.guarded)
-    return _moving(hybrid, method, clocks, terminal, system.max_cascade, are_nonlinear(hybrid.fields, t, x))
+    return _moving(hybrid, method, clocks, terminal, system.max_cascade, t, x)
 
 
-def _moving(hybrid, method, *rest) -> Stepping:
+def _moving(hybrid, method, clocks, terminal, max_cascade, t, x) -> Stepping:
     """The evolver of a flow: `Flights` if the method locates events itself, else `Stepping`."""
-    return (Flights if isinstance(method, DiffraxEvents) else Stepping)(hybrid, method, *rest)
+    kind = Flights if isinstance(method, DiffraxEvents) else Stepping
+    # Worked out when it is first asked for: it takes a derivative of each field, and many programs do not ask.
+    nonlinear = functools.cache(lambda: are_nonlinear(hybrid.fields, t, x))
+    return kind(hybrid, method, clocks, terminal, max_cascade, nonlinear)
 
 
 def number(value, args):

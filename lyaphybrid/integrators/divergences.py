@@ -1,5 +1,8 @@
 """The divergence tr Df of a field: the rate of growth of the phase-space volume, independent of the frame."""
 
+import weakref
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
@@ -19,10 +22,9 @@ def quadrature(field: Field, weights, times, points) -> Array:
 
     A long trace, such as that of a sliding field, is a loop over the nodes: unrolled it would be most of the code.
     """
-    closed = written_out(lambda t, x: trace(field, t, x), times[0], points[0])
-    of_field = jax.jit(lambda t, x: jaxpr_as_fun(closed)(t, x)[0])  # traced once, not for each node
+    of_field, is_long = _traced_once(field, times[0], points[0])
     nodes = [(float(w), *node) for w, *node in zip(weights, times, points, strict=True) if w != 0]
-    if not _is_long(closed):
+    if not is_long:
         first, *others = [weight * of_field(t, x) for weight, t, x in nodes]
         return sum(others, first)
     weights, times, points = zip(*nodes, strict=True)
@@ -34,6 +36,22 @@ def quadrature(field: Field, weights, times, points) -> Array:
         return total + weight * of_field(t, x), None
 
     return jax.lax.scan(add, jnp.zeros((), kind), columns)[0]
+
+
+# Of each field, while it exists: steps, landings and blocks of a program all ask for the trace of the same one.
+_known: weakref.WeakKeyDictionary[Field, dict[tuple, tuple[Callable, bool]]] = weakref.WeakKeyDictionary()
+
+
+def _traced_once(field: Field, t, x) -> tuple[Callable, bool]:
+    """The trace of a field as a jitted function (t, x) ↦ tr Df, for a time and a state of these types; if it is long.
+
+    It must not close over the field, which would then exist as long as this module.
+    """
+    known, types = _known.setdefault(field, {}), (jax.typeof(t), jax.typeof(x))
+    if types not in known:
+        closed = written_out(lambda t, x: trace(field, t, x), t, x)
+        known[types] = jax.jit(lambda t, x: jaxpr_as_fun(closed)(t, x)[0]), _is_long(closed)
+    return known[types]
 
 
 def _is_long(closed: ClosedJaxpr) -> bool:

@@ -169,6 +169,7 @@ def _crossed(settings, loop_state, wanted, budget) -> tuple[Any, BlockRecord, An
     """
     x, never = loop_state.carry.x, jnp.asarray(np.inf, loop_state.carry.x.dtype)
 
+    @jax.jit  # traced once, for shapes and loop
     def jump(loop_state, budget):
         log = loop_state.carry.log
         carry = loop_state.carry._replace(log=log._replace(count=jnp.zeros_like(log.count)))

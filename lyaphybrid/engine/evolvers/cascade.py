@@ -290,6 +290,7 @@ def in_each_order(
     order matters; where all solutions are asked for, each guard is first in turn.
     """
 
+    @jax.jit  # traced once, for shapes and loop
     def start(event):
         return _start_cascade(evolver, settings, t, carry, columns, terms, mode, event, together, at_once)
 

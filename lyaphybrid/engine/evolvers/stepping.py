@@ -7,7 +7,7 @@ event is a root along the numerical flow itself, up to rounding.
 
 import dataclasses
 import functools
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any, ClassVar, NamedTuple
 
 import jax
@@ -78,7 +78,7 @@ class Stepping(OnConstraints):
     clock_times: tuple[tuple[Any, Any], ...]  # (period, phase)
     terminal: tuple[bool, ...]
     max_cascade: int
-    nonlinear: bool  # Df depends on x in some mode
+    nonlinear: Callable[[], bool]  # whether Df depends on x in some mode
     just_fired: int | None = None  # the transition whose reset produced the initial state
     per_jump: bool = False  # a number of jumps may end a block: jumps count even if no time passes
     timeless: bool = False  # fields and guards provably do not depend on the time; used where jumps end blocks
@@ -119,7 +119,7 @@ class Stepping(OnConstraints):
     def revisits(self) -> bool:
         """Whether the tangent reuses the stage points of its trial instead of recomputing them."""
         solved = any(self.method.solves(field) for field in self.hybrid.fields)
-        return (solved or self.nonlinear) and not self.always_regular and self.method.stage_count > 0
+        return not self.always_regular and self.method.stage_count > 0 and (solved or self.nonlinear())
 
     def in_each_mode(self) -> tuple["Stepping", ...]:
         """The evolvers for the innermost loop, one per mode: only events, handled further out, change the mode.

@@ -135,13 +135,14 @@ def _length(sequence) -> int:
 @compiled(in_pieces=True)
 def _run_piece(function: Callable, shared, state, lanes, count):
     """Run the first `count` of the lanes (MOST_LANES, …); returns (state, results)."""
-    shapes = eqx.filter_eval_shape(function, shared, state, _lane(lanes, 0))[1]
+    of_lane = jax.jit(lambda state, lane: function(shared, state, lane))  # traced once, for shapes and loop
+    shapes = jax.eval_shape(of_lane, state, _lane(lanes, 0))[1]
     room = len(jax.tree.leaves(lanes)[0])
     empty = jax.tree.map(lambda leaf: jnp.zeros((room, *leaf.shape), leaf.dtype), shapes)
 
     def one(carry):
         i, state, results = carry
-        state, result = function(shared, state, _lane(lanes, i))
+        state, result = of_lane(state, _lane(lanes, i))
         return i + 1, state, jax.tree.map(lambda all, new: all.at[i].set(new), results, result)
 
     return jax.lax.while_loop(lambda carry: carry[0] < count, one, (jnp.zeros_like(count), state, empty))[1:]

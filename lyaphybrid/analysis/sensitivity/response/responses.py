@@ -66,13 +66,14 @@ class RunPiece(eqx.Module):
         """The state after the piece, with the sums and the largest of |b| and |g| (p + 1, TOP)."""
         del lane
         motion = JetMap(_rule_of(shared), shared.theta, shared.h, self.flows)
+        next_step = jax.jit(lambda running: _step(motion, shared, running))  # traced once, for shapes and loop
 
         def step(carry, _):
             running, sums = carry
-            running, new, tails = _step(motion, shared, running)
+            running, new, tails = next_step(running)
             return (running, jax.tree.map(jnp.add, sums, new)), tails
 
-        nothing = jax.tree.map(jnp.zeros_like, jax.eval_shape(lambda: _step(motion, shared, running)[1]))
+        nothing = jax.tree.map(jnp.zeros_like, jax.eval_shape(next_step, running)[1])
         (running, sums), tails = jax.lax.scan(step, (running, nothing), None, length=STEPS_PER_PIECE)
         return running, (sums, jax.lax.top_k(tails.T, TOP)[0])
 
