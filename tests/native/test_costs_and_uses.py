@@ -187,7 +187,8 @@ def test_where_values_are_used_last():
     ("function", "apart"),
     [
         (lambda x: jnp.sin(x) * x, False),
-        (lambda x: (jnp.sin(x) * 2, jnp.sin(x).sum()), True),  # two loops, if `sin` were one equation
+        (lambda x: (x * 2, x.sum()), True),  # two loops
+        (lambda x: (jnp.sin(x) * 2, jnp.sin(x).sum()), False),  # one that computes the sine, of which there is one
         (lambda x: jnp.sin(x) + 1, False),
     ],
 )
@@ -236,3 +237,25 @@ def test_an_entry_that_is_spread_is_another_loop():
     jaxpr, found = uses(lambda x, y: lax.mul(jnp.broadcast_to(jnp.sin(x), (50,)), y), 1.0, MANY)
     assert found.roots[1] == {("result", 0)}
     assert all(name != "mul" for _, name in found.roots[0])
+
+
+def test_costly_functions_of_the_same_are_computed_once():
+    def function(x, y):
+        first = jnp.exp(2.0 * x) + jnp.exp(3.0 * x)
+        return first * jnp.exp(2.0 * x), jnp.exp(2.0 * y), jnp.exp(3.0 * x), 2.0 * x
+
+    jaxpr, found = uses(function, MANY, MANY)
+    exps = [eqn.outvars[0] for eqn in jaxpr.eqns if eqn.primitive.name == "exp"]
+    assert found.twins == {exps[2]: exps[0], exps[4]: exps[1]}
+    assert not found.last.keys() & found.twins.keys()
+    x, y = np.random.default_rng(1).normal(size=(2, *MANY.shape))
+    for ours, theirs in zip(native.compile(function, x, y)(x, y), function(x, y), strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=1e-15)
+
+
+def test_a_field_and_its_derivative_share_sines():
+    jaxpr, found = uses(lambda x, dx: jax.jvp(lambda x: jnp.sin(x) * jnp.cos(x), (x,), (dx,)), MANY, MANY)
+    names = {variable: "" for variable in jaxpr.invars}
+    names |= {eqn.outvars[0]: eqn.primitive.name for eqn in jaxpr.eqns}
+    assert sorted(names[twin] for twin in found.twins) == ["cos", "sin"]
+    assert {names[one] for one in found.apart} >= {"sin", "cos"}

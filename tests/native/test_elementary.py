@@ -95,3 +95,18 @@ def test_derivatives():
     x = jnp.linspace(-3, 3, 20)
     found = native.compile(jax.vmap(jax.grad(lambda x: jnp.sin(x) * jnp.exp(-x))), x)(x)
     np.testing.assert_allclose(found, np.exp(-x) * (np.cos(x) - np.sin(x)), rtol=1e-14, atol=1e-15)
+
+
+@pytest.mark.parametrize("level", [0, 2])
+def test_a_large_angle_changes_no_other_sine(level):
+    def both(x):
+        return jnp.sin(x), jnp.cos(x)
+
+    x = ANGLES[np.abs(ANGLES) < 2.0**50]
+    alone = native.compile(both, x, plan=Options(1, level))(x)
+    more = np.append(x, 1e22)
+    beside = native.compile(both, more, plan=Options(1, level))(more)
+    for found, other, exact in zip(alone, beside, (mpmath.sin, mpmath.cos), strict=True):
+        assert np.max(units_off(found, exact, x)) < UNITS
+        assert np.array_equal(found, other[:-1])
+        assert units_off(other[-1:], exact, more[-1:]) < UNITS

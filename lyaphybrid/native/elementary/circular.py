@@ -2,7 +2,8 @@
 
 x = k π/2 + r + c, k the nearest integer, |r| ≤ π/4 and c the rounding error of r (W. J. Cody and W. Waite, Software
 Manual for the Elementary Functions, Prentice-Hall 1980, with fused products and π/2 in three parts). Then Taylor's
-series, up to terms below 1e-18. For |x| ≥ 2^50, where the spacing of doubles is 1/4 or more, the C library is called.
+series, up to terms below 1e-18. For |x| ≥ 2^50, where the spacing of doubles is 1/4 or more, the C library is called:
+by a branch, or after a loop over memory, which without branches is done in vectors.
 Errors are below 0.8 units in the last place.
 """
 
@@ -77,6 +78,9 @@ def _cosine_of_rest(b: Emitter, r: Entry, c: Entry, z: Entry) -> Entry:
 def _otherwise(b: Emitter, function: str, x: Entry, found: Entry) -> Entry:
     """The value `found`, or the C library's if |x| is large: that call stands in a block that is rarely executed."""
     large = b.binary("fcmp oge", "double", b.intrinsic("llvm.fabs", "double", [x]), LARGE)
+    if b.rare is not None:
+        b.rare.append(large)
+        return found
     before, cold, after = b.label, b.block_name(), b.block_name()
     b.line(f"br i1 {_seldom(b, large)}, label %{cold}, label %{after}")
     b.begin_block(cold)

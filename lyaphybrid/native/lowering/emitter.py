@@ -54,6 +54,7 @@ class Emitter:
         self.label = "entry"
         self.carries_vectors = False  # whether the values that `count_up` carries are vectors
         self.in_vector_loop = False  # whether this is the body of a loop over memory, which LLVM may vectorise
+        self.rare: list[Entry] | None = None  # where rare cases are noted, to be computed later; None: they are at once
         self.products: dict[Entry, tuple[Entry, Entry]] = {}  # the factors of each product, for fused sums
         self._count = self._on_stack = 0
         self._known: dict[tuple, Entry] = {}  # common subexpressions …
@@ -310,8 +311,10 @@ class Emitter:
         self.lines.append("")  # placeholder for the phi instructions
         wide = self.carries_vectors
         i, carried = self.name(), [self.name(wide) for _ in start]
-        scope = self.scope()
+        scope, rare = self.scope(), self.rare
+        self.rare = None
         new = list(body(i, list(carried)) or [])
+        self.rare = rare
         lasts = [self.text(last, type_, wide) for last, (_, type_) in zip(new, start, strict=True)]
         self.end_scope(scope)
         after, again, done = self.name(), self.name(), self.block_name()

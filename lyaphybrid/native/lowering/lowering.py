@@ -7,6 +7,7 @@ rule for operands in rows; if there is none, or it returns None, rows are conver
 """
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import jax
 import numpy as np
@@ -16,7 +17,7 @@ from .expansion import implementation
 from .jax_versions import ClosedJaxpr, Jaxpr, Literal, literal_value, parts
 from .types import as_numpy, llvm_type
 from .unsupported import UnsupportedError
-from .uses import Uses, uses_of
+from .uses import WITH_RARE_CASES, Uses, uses_of
 from .values import (
     Buffer,
     Lazy,
@@ -83,11 +84,15 @@ class Lowering(Values):
         """The results of a jaxpr for these operands."""
         inner, constants = parts(jaxpr)
         uses = uses_of(inner, ENTRYWISE, CALLS, self._uses)
-        last, held = uses.last, {}
+        last, twins, held = uses.last, uses.twins, {}
+        waiting: dict[Any, Lazy] = {}  # successive arrays that come to lie in memory, with rare cases
 
         def hold(variable, value):
             if isinstance(value, Lazy) and variable in uses.apart and not value.cheap:
-                value = self.in_memory(value)
+                if value.has_rare_cases:
+                    waiting[variable] = value
+                else:
+                    value = self.in_memory(value)
             held[variable] = value
             if (source := source_of(value)) is not None:
                 source.holders += 1
@@ -99,7 +104,7 @@ class Lowering(Values):
         def read(atom):
             if isinstance(atom, Literal):
                 return self.constant_value(literal_value(atom))
-            return held[atom]
+            return held[twins.get(atom, atom)]
 
         for variable, value in zip(
             (*inner.constvars, *inner.invars), (*map(self.constant_value, constants), *values), strict=True
@@ -110,8 +115,12 @@ class Lowering(Values):
         for place, eqn in enumerate(inner.eqns):
             if not any(variable in last for variable in eqn.outvars) and not eqn.effects:
                 continue  # the results are not used
+            read_here = {twins.get(v, v) for v in eqn.invars if not isinstance(v, Literal)}
+            if waiting and (eqn.primitive.name not in WITH_RARE_CASES or not waiting.keys().isdisjoint(read_here)):
+                self.work_out(list(waiting.values()))
+                waiting.clear()
             operands = [read(atom) for atom in eqn.invars]
-            for variable in {v for v in eqn.invars if not isinstance(v, Literal) and last[v] == place}:
+            for variable in [v for v in read_here if last[v] == place]:
                 release(variable)
             results = self.equation(eqn, operands)
             del operands
@@ -119,6 +128,7 @@ class Lowering(Values):
                 if variable in last:
                     hold(variable, value)
             del results
+        self.work_out(list(waiting.values()))
         results = [read(atom) for atom in inner.outvars]
         for variable in list(held):
             release(variable)
@@ -173,7 +183,9 @@ class Lowering(Values):
             self.in_vector_loop = outer
             return found
 
-        return self.lazy(result.shape, result.dtype, at, readable)
+        lazy = self.lazy(result.shape, result.dtype, at, readable)
+        lazy.has_rare_cases = eqn.primitive.name in WITH_RARE_CASES
+        return lazy
 
     def readable(self, value: Value, dtype, often: bool = False) -> Value:
         """The value in a form whose elements can be read cheaply at indices that are known only at run time.

@@ -66,6 +66,7 @@ class Lazy(Source):
         self.sources = sources  # all that it reads, directly or through other lazy arrays
         self.depth = 1 + max((source.depth for source in sources if isinstance(source, Lazy)), default=0)
         self.cheap = cheap  # whether it may be evaluated again for each use, because it only reads elements
+        self.has_rare_cases = False  # whether elements are computed in another way in rare cases, by a branch
         self.buffer: Buffer | None = None  # its memory, once it has been computed
 
 
@@ -286,15 +287,43 @@ class Values(Emitter):
         waiting = dict.fromkeys(value for value in values if isinstance(value, Lazy) and value.buffer is None)
         for lazies in _alike(waiting, lambda lazy: lazy.shape):
             buffers = [self.new_buffer(lazy.shape, lazy.dtype) for lazy in lazies]
-
-            def body(i, lazies=lazies, buffers=buffers):
-                for buffer, entry in zip(buffers, [lazy.at(i) for lazy in lazies], strict=True):
-                    self.store_element(buffer, i, entry)
-
-            self.for_each_index(lazies[0].shape, body)
+            self._store_elements(lazies, buffers)
             for lazy, buffer in zip(lazies, buffers, strict=True):
                 lazy.buffer = buffer
                 buffer.memory.holders, buffer.memory.readers = lazy.holders, lazy.readers
+
+    def _store_elements(self, lazies: Sequence[Lazy], buffers: Sequence[Buffer]) -> None:
+        """Compute lazy arrays of one shape in one loop, in vectors also where they have rare cases.
+
+        If such a case was met, a second loop, with branches, computes all of them again.
+        """
+        shape = lazies[0].shape
+
+        def store(i):
+            for buffer, entry in zip(buffers, [lazy.at(i) for lazy in lazies], strict=True):
+                self.store_element(buffer, i, entry)
+
+        def regular(i, carried):
+            (met,) = carried
+            self.rare = []
+            store(i)
+            for case in dict.fromkeys(self.rare):
+                met = self.binary("or", "i1", met, case)
+            self.rare = None
+            return [met]
+
+        if self.lanes > 1 or 0 in shape or not any(lazy.has_rare_cases for lazy in lazies):
+            self.for_each_index(shape, store)
+            return
+        (met,) = self.fold_indices(shape, regular, [("false", "i1")])
+        again, done = self.block_name(), self.block_name()
+        self.line(f"br i1 {met}, label %{again}, label %{done}")
+        self.begin_block(again)
+        scope = self.scope()
+        self.for_each_index(shape, store)
+        self.end_scope(scope)
+        self.line(f"br label %{done}")
+        self.begin_block(done)
 
     def constant_buffer(self, array: np.ndarray, dtype) -> Buffer:
         """A constant array in memory."""
