@@ -31,6 +31,7 @@ CLOSED_OVER = (
 _PACKAGE = __name__.partition(".")[0]
 _MOST = 256  # most cached programs of one function; the least recently used is dropped
 _WORTH_A_LOOK = 0.01  # seconds; no program is optimised for a shorter run
+_WORTH_A_COUNT = 0.001  # seconds; shorter runs are not counted, which would take them longer
 _WIDEST = 8  # most columns of a frame whose rows are held in vector registers
 
 
@@ -128,7 +129,13 @@ def compiled(
             if seconds > _WORTH_A_LOOK and is_native():
                 natively.ahead(seconds, *args)
 
+        def ended(seconds: float, *args) -> None:
+            """Announce the end of a run of so many seconds, which consisted of calls with such arguments."""
+            if seconds > _WORTH_A_COUNT and is_native():
+                natively.ended(*args)
+
         call.ahead = ahead  # pyright: ignore[reportAttributeAccessIssue]
+        call.ended = ended  # pyright: ignore[reportAttributeAccessIssue]
         call.prepared = prepared  # pyright: ignore[reportAttributeAccessIssue]
         call.side_by_side = side_by_side  # pyright: ignore[reportAttributeAccessIssue]
         return call
@@ -239,6 +246,12 @@ class _Natively:
         _, program, _ = self._program(args)
         if program.compiled is not None:
             program.compiled.code.ahead(seconds)
+
+    def ended(self, *args) -> None:
+        """A run has ended, and may be repeated: optimised code may be worth its compilation."""
+        _, program, _ = self._program(args)
+        if program.compiled is not None:
+            program.compiled.code.ended()
 
     def side_by_side(self, *args) -> SideBySide | None:
         """A version for many last arguments at once; None if lanes branch differently too often, e.g. at events."""

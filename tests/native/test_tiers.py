@@ -102,6 +102,31 @@ def test_better_code_follows_what_has_run_for_long(made, monkeypatch):
     assert made == [0, 2]
 
 
+def test_better_code_follows_where_runs_are_repeated(made, monkeypatch):
+    x = np.ones((40, 21))
+    program = compiled(x)
+    monkeypatch.setattr(program.code, "_cost", 1.0)
+    for spent, expected in ((0.7, [0]), (0.7, [0]), (0.4, [0]), (0.7, [0, 2]), (2.0, [0, 2])):  # a transient, a run, …
+        program(x)
+        monkeypatch.setattr(program.code, "_spent", spent)
+        program.code.ended()
+        finished()
+        assert made == expected
+
+
+def test_a_verb_that_is_called_again_and_again_gets_better_code(made, monkeypatch):
+    problem, spectra = lh.zoo.lorenz63(), []
+    _engines.forget_programs()
+    monkeypatch.setattr(_engines, "_WORTH_A_COUNT", 0.0)
+    monkeypatch.setattr(_tiers, "REPEATED", 0.0)
+    monkeypatch.setattr(_tiers, "SECONDS_A_LINE", 1.0)  # no other rule is met
+    for _ in range(3):
+        spectra.append(problem.spectrum(t1=2.0))
+        finished()
+        assert (2 in made) == (len(spectra) > 1)
+    assert same(spectra[0].exponents, spectra[2].exponents)
+
+
 def test_many_threads_may_run_it_meanwhile(made):
     x = np.random.default_rng(2).normal(size=(40, 21))
     program, wrong = compiled(x), []

@@ -129,7 +129,7 @@ def drive(
         loop_state, records, given = part.begun(
             loop_state, lambda: eqx.filter_eval_shape(once, problem, plan, loop_state, ends, last_jumps, np.int32(0))[1]
         )
-    pace, why = Pace(loop_state, given, ends[-1], last_jumps[-1], plan.count_jumps), ""
+    pace, why, begun = Pace(loop_state, given, ends[-1], last_jumps[-1], plan.count_jumps), "", time.perf_counter()
     votes = StiffnessVotes(problem.method)
     try:
         while records is None or (not _finished(loop_state, blocks) and (limit == FOREVER or given < limit)):
@@ -163,6 +163,7 @@ def drive(
         warnings.warn("interrupted: the result holds what was computed until then.", stacklevel=3)
         interrupted = True
     report(None)
+    _advance.ended(time.perf_counter() - begun, problem, plan, loop_state, ends, last_jumps, np.int32(0))
     if part is not None:
         part.keep(loop_state, records, given, now=True)
     status = _verdict(loop_state, ends, np.int32(STATUS.interrupted) if interrupted else ATTEMPTS_SPENT)

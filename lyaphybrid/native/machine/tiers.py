@@ -3,6 +3,7 @@
 LLVM needs much longer to optimise a module than to translate it, and most programs run for less time than the
 optimisation would take (`benchmarks.first_calls` measures LLVM's part of a first call). So a program that is called
 repeatedly is only translated at first. If much is left to run, a thread makes optimised code, which later calls use.
+So it does for runs that are repeated: who has repeated a run for half the time of an optimisation will go on.
 Both codes give the same bits: no flag allows LLVM to change the order of a sum.
 """
 
@@ -17,7 +18,9 @@ from .code import Linked, describe, object_code
 FIRST_LEVEL = 0  # LLVM's optimisation level of the first code
 SECONDS_A_LINE = 1e-4  # estimated time for LLVM to optimise one line of a module, in seconds
 WORTH_IT = 2  # optimise if the remaining run time exceeds the optimisation time by this factor …
-AT_LAST = 3  # … or if the past run time does by this factor
+AT_LAST = 3  # … or if the past run time does by this factor …
+REPEATED = 0.5  # … or by this one where runs are repeated
+ONCE = 2  # a transient and a run
 LONGEST_OPTIMISATION = 2.0  # longest optimisation, in seconds, that one long call waits for
 THREAD = "lyaphybrid optimises"
 _one_at_a_time = threading.Lock()
@@ -39,6 +42,7 @@ class Tiers:
         """`level`, `scattered`: options of the optimised code; `at_once`: begin with unoptimised code."""
         self._text, self._best = zlib.compress(text.encode(), 1), (level, scattered)
         self._cost, self._spent = cost(text), 0.0  # estimated time to optimise, past run time; in seconds
+        self._runs = 0  # that have ended
         self._lock, self._asked = threading.Lock(), False
         self._fixed: list[_Code] = []  # codes whose addresses were given out, and which must stay alive
         best = if_kept(_description(text, *self._best)) if at_once else _made(text, *self._best)
@@ -60,6 +64,12 @@ class Tiers:
     def ahead(self, seconds: float) -> None:
         """Report the estimated remaining run time in seconds; it starts the optimisation if that is long enough."""
         if seconds > WORTH_IT * self._cost:
+            self._improve_aside()
+
+    def ended(self) -> None:
+        """Report the end of a run, which may have consisted of several calls."""
+        self._runs += 1
+        if self._runs > ONCE and self._spent > REPEATED * self._cost:
             self._improve_aside()
 
     def _improve_aside(self) -> None:
