@@ -70,7 +70,7 @@ def run_in_turn(workers: dict[str, Conversation], rows: dict[str, Any], length: 
         spent[peer, i] = 0.0
         if PEERS[peer].by_length and "failed" not in rows[peer]:
             with noted(rows[peer]):
-                workers[peer].ask(setting=i, length=length)
+                workers[peer].ask(setting=i, length=length, repeated=PEERS[peer].repeated)
     for _ in range(QUICK_ROUNDS if quick else ROUNDS):
         for peer, i, label in turns:
             if spent[peer, i] < SHARE and "failed" not in rows[peer]:

@@ -10,7 +10,7 @@ from benchmarks.peers.precision import TARGETS, Point, cost_at, method_of
 WORSE = 1.25
 HEAD = """# Ours and theirs, the same work at the same error
 
-Written by `python -m benchmarks.peers` on {date}, commit {commit}: {machine}. Load at the beginning: {load}.
+Written by `python -m benchmarks.peers --record` on {date}, commit {commit}: {machine}. Load at the beginning: {load}.
 {versions}.
 
 Each program computes the same exponents over a short length from the same start; their error is that against a
@@ -18,6 +18,7 @@ converged value (SciPy's DOP853 at 1e-13, Radau for stiff flows, closed form for
 begins with. Each has a ladder of tolerances or steps, and each is timed over the same long run. What a unit costs at an
 error is interpolated between two settings in logarithms, of its cheapest method; a dash: no setting reaches that error,
 or it was not timed.
+What compiles for each length has run once before; `lyaphybrid`, which optimises what is repeated, for two seconds.
 Minimum of the warm runs, in brackets the median where it is more by a tenth. The ratio is their minimum over ours:
 above 1 ours is faster. The first call goes from nothing to the result of the long run, at one setting of middle
 accuracy, the import apart; memory is the peak of a process after it. Which instructions are used each program decides

@@ -2,14 +2,16 @@
 
 import json
 import math
+import threading
+import time
 
 import numpy as np
 import pytest
 
 import lyaphybrid as lh
 from benchmarks.peers import __main__ as command
-from benchmarks.peers import converged, conversation, measuring, tables
-from benchmarks.peers.adapters import OURS, PEERS, Peer
+from benchmarks.peers import converged, conversation, measuring, tables, worker
+from benchmarks.peers.adapters import OURS, PEERS, Bound, Peer
 from benchmarks.peers.conversation import Conversation, FailedError
 from benchmarks.peers.precision import Point, cost_at, wanted
 from benchmarks.peers.workloads import WORKLOADS
@@ -90,7 +92,10 @@ def test_the_command_records_a_whole_run_and_checks_against_it(measured, capsys)
     assert command.main(["--check"]) == 2
     assert command.main(["--quick"]) == command.main(["--only", "lorenz"]) == 0
     assert not command.DATA.exists()
-    assert command.main([]) == 0
+    for other in ("--quick", "--check", "--only=lorenz"):
+        with pytest.raises(SystemExit):
+            command.main(["--record", other])
+    assert command.main(["--record"]) == 0
     assert list(json.loads(command.DATA.read_text())["workloads"]) == list(WORKLOADS)
     said = command.PAGE.read_text()
     assert said.startswith("# Ours and theirs")
@@ -108,6 +113,24 @@ def test_a_program_that_is_not_installed_is_left_out(monkeypatch):
     assert "absent" in measuring.missing()
     assert measuring.able("henon_map")[0] == OURS
     assert "absent" not in measuring.able("henon_map")
+
+
+def test_a_run_is_repeated_until_nothing_works_aside():
+    calls, aside = [], []
+
+    def run(setting, length):
+        calls.append((setting, length))
+        if len(calls) == 3:
+            aside.append(threading.Thread(target=time.sleep, args=(0.3,)))
+            aside[0].start()
+        time.sleep(0.01)
+        return [1.0, 2.0]
+
+    found = worker.repeated(Bound({"exact": "how"}, run), 0, 5.0, 0.05)
+    assert found["exponents"] == [2.0, 1.0]
+    assert 3 <= len(calls) <= 6
+    assert set(calls) == {("how", 5.0)}
+    assert not aside[0].is_alive()
 
 
 def test_a_worker_that_ends_says_why():

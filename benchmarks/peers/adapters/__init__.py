@@ -34,6 +34,7 @@ class Peer(NamedTuple):
     kinds: tuple[str, ...]
     use: str  # how it is used
     by_length: bool = False  # it compiles for each length, so that the first run of one says nothing
+    repeated: float = 0.0  # seconds for which a run is repeated untimed: it optimises what is repeated
     largest: float = math.inf  # equations n (k + 1), beyond which it is not tried
     dense: bool = True  # whether it is tried where each component depends on all
 
@@ -60,7 +61,7 @@ OURS = "lyaphybrid"
 SINGLE, SWEEPS = ("flow", "map", "stiff", "impact", "friction", "disks"), ("flow_sweep", "impact_sweep")
 EVENTS = ("impact", "friction")
 PEERS = {
-    OURS: Peer("lyaphybrid", "ours", (*SINGLE, *SWEEPS), "`lyapunov_spectrum`, `sweep`", by_length=True),
+    OURS: Peer("lyaphybrid", "ours", (*SINGLE, *SWEEPS), "`lyapunov_spectrum`, `sweep`", by_length=True, repeated=2.0),
     "lyapax": Peer(
         *("lyapax", "with_lyapax", ("flow", "map", "flow_sweep")),
         "`ode_problem` (rk4, rk6, adaptive) and `sweep_lyapunov_spectrum`, under `jax.jit`",

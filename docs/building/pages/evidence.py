@@ -15,7 +15,7 @@ from lyaphybrid.zoo.reference_checks import Comparison
 
 NOT_YET = """# Ours and theirs, the same work at the same error
 
-`python -m benchmarks.peers` has not been run as a whole yet: it writes this page.
+`python -m benchmarks.peers --record` has not been run yet: it writes this page.
 """
 
 AUTOMATA = """# Random hybrid automata
