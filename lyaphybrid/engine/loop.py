@@ -211,11 +211,14 @@ def _repeated(settings: Settings, goes_on, step, state):
 
 
 def _next_block(settings: Settings, loop_state: LoopState) -> LoopState:
-    """Move the time base to the end of the block (two-sum, exact) and set the block's sums to zero."""
+    """Move the time base to the end of the block (exact sums) and set the block's sums to zero."""
     carry, (high, low) = loop_state.carry, (loop_state.base[0], loop_state.base[1])
     total = high + carry.s
     back = total - high
     low = low + ((high - (total - back)) + (carry.s - back))
+    # Fields are given the rounded base alone: the remainder must not grow from block to block.
+    rounded = total + low
+    low = low - (rounded - total)
 
     def cleared(sums):
         return jax.tree.map(jnp.zeros_like, sums)
@@ -230,5 +233,5 @@ def _next_block(settings: Settings, loop_state: LoopState) -> LoopState:
         waiting=waiting.next_block(carry.waiting, cleared(carry.growth), cleared(carry.log_volume)),
         observer=None if settings.observer is None else settings.observer.next_block(carry.observer),
     )
-    base, elapsed = jnp.stack([total, low]), loop_state.elapsed + loop_state.carry.s
+    base, elapsed = jnp.stack([rounded, low]), loop_state.elapsed + loop_state.carry.s
     return LoopState(carry, base, elapsed, loop_state.block + 1, loop_state.interval, loop_state.spread)

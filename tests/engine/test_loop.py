@@ -272,3 +272,20 @@ def test_only_what_is_differentiated_backwards_keeps_checkpoints(reverse):
     targets = targets_for(np.array([4.0]), "time", True, np.dtype(float))
     closed = jax.make_jaxpr(lambda state: driver._loop(problem, plan, state, *targets, 10, reverse=reverse))(loop_state)
     assert any(name in str(closed) for name in ("remat", "checkpoint")) == reverse
+
+
+@pytest.mark.parametrize("t0", [0.0, 1e6])
+def test_the_time_of_a_field_does_not_drift_over_many_blocks(t0):
+    """ẋ = cos t − x from its periodic motion; each block's start rounds the time, and what is cut off is kept."""
+
+    def periodic(t):
+        return (np.cos(t) + np.sin(t)) / 2
+
+    blocks = 10_000
+    first = 100.0 / blocks
+    found = lh.covariant_vectors(
+        lh.Flow(lambda t, x, args: jnp.cos(t) - x), [periodic(t0)], t0=t0, t1=100.0, blocks=blocks, transient=first,
+        settle=1.0, method=lh.RungeKutta("dopri8", rtol=1e-12, atol=1e-14),
+    )  # fmt: skip
+    off = np.asarray(found.x)[:, 0] - periodic(t0 + first + np.asarray(found.time))
+    assert np.max(np.abs(off)) < 1e-12 + np.spacing(t0)

@@ -27,6 +27,7 @@ from ...results.result import Data, RunResult, exponents_along
 from ...systems.daes.semi_linear import degrees_of_freedom
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
+from ...systems.kinds import iterates
 from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
 from .following import discrete, follow, generic_frame, verdict_of
@@ -85,9 +86,10 @@ class CovariantVectors(RunResult, eqx.Module):
         x: (times, n) the orbit.
         vectors: (times, n, k) unit vectors, the first for the largest exponent; up to their signs.
         growth: (times − 1, k) ln of the growth of each vector from one time to the next; -inf where it is destroyed.
-        exponents: (k,) the mean growth per unit of time.
+        exponents: (k,) the mean growth per `unit`.
         angles: (times, k(k−1)/2) in [0, π/2] between the lines of vectors i < j: (1,2), (1,3), …, (2,3), ….
         status: how the run ended, an `lh.STATUS`.
+        unit: of time, "unit of time" or "iteration".
 
     Example:
         >>> import jax.numpy as jnp, lyaphybrid as lh
@@ -105,10 +107,11 @@ class CovariantVectors(RunResult, eqx.Module):
     growth: Array
     status_code: Array
     state_labels: Labels = eqx.field(static=True, default=Labels())
+    unit: str = eqx.field(static=True, default=UNIT["time"])
 
     @property
     def exponents(self) -> Array:
-        """(k,) per unit of time."""
+        """(k,) per unit of time; of a map per iteration."""
         return jnp.sum(self.growth, axis=0) / (self.time[-1] - self.time[0])
 
     @property
@@ -133,7 +136,7 @@ class CovariantVectors(RunResult, eqx.Module):
         rows = [(name, f"{value:.6g}") for name, value in zip(numbered("λ", len(exponents)), exponents, strict=True)]
         least = [f"{pair}: {_least(own):.3g}" for pair, own in zip(self._pairs(), angles.T, strict=True)][:8]
         notes = [f"least angles between vectors {', '.join(least)}"] if least else []
-        title = f"Covariant vectors at {len(self.time)} times; their growth per {UNIT['time']}"
+        title = f"Covariant vectors at {len(self.time)} times; their growth per {self.unit}"
         return Table(title, rows, [*notes, f"status {self.status}"])
 
     def _data(self) -> Data:
@@ -180,7 +183,7 @@ def covariant_vectors(
         t1: length of the part of the orbit on which vectors are wanted (iterations for a map).
         k: number of vectors; None: n.
         t0: time at the start.
-        transient: length of the run before it, in which the frame converges; None: half of t1.
+        transient: length of the run before it, in which the frame converges; at least one piece, None: half of t1.
         settle: length of the run after it, over which the backward vectors converge; None: half of t1.
         mode: mode at the start, where there are several.
         frame: (n, k) columns at the start; None: orthonormal vectors in generic directions.
@@ -236,6 +239,7 @@ def covariant_vectors(
         growth[:blocks],
         jnp.asarray(found.status),
         labels_of(system, (n,)),
+        "iteration" if iterates(system) else UNIT["time"],
     )
     return verdict_of(found, result, throw)
 

@@ -288,6 +288,7 @@ def test_the_angle_of_the_cat_map():
     assert_allclose(np.degrees(found.angles), 73.89788624801, rtol=0, atol=1e-8)
     assert_allclose(found.exponents, np.log([2 + np.sqrt(3), 2 - np.sqrt(3)]), rtol=0, atol=1e-12)
     assert_allclose(found.time, np.arange(101))
+    assert "growth per iteration" in str(found)
 
 
 @pytest.mark.slow
