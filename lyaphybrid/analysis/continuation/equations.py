@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..._jax.engines import compiled
+from ..._jax.tracing import traced
 from ...engine import problems
 from ...errors import RunFailedError
 from ...systems.smooth import Map
@@ -56,7 +57,11 @@ class ParameterOf(eqx.Module):
 
     def __call__(self, p):
         """The args with this parameter."""
-        return self.args_of(jnp.asarray(self.leaf).at[self.entry].set(p))
+        if traced(p, self.leaf):
+            return self.args_of(jnp.asarray(self.leaf).at[self.entry].set(p))
+        leaf = np.array(self.leaf)  # of numbers without programs of XLA, which take long to compile
+        leaf[self.entry] = p
+        return self.args_of(jnp.asarray(leaf))
 
 
 class ConstantArgs(eqx.Module):
@@ -191,14 +196,14 @@ class BranchEquations(NamedTuple):
         def value(p):
             return jnp.atleast_1d(function(jnp.asarray(node.x), self.args_of(p)))
 
-        change = -np.ones(1) if self.level else np.asarray(jax.jacfwd(value)(jnp.asarray(p, float)))
+        change = -np.ones(1) if self.level else _slope(value, p)
         return change / np.linalg.norm(slopes, axis=1)
 
     def _by_parameter(self, orbit: OrbitIterate, shares, p: float) -> list[np.ndarray]:
         """Derivatives (n,) of the pieces' ends by the parameter, through a period that depends on it too."""
         longer = 0.0
         if callable(self.period) and not self.discrete:
-            longer = self.turns * float(jax.jacfwd(self.own_period)(jnp.asarray(p, float)))
+            longer = self.turns * float(_slope(self.own_period, p))
         later = longer * np.concatenate([[0.0], np.cumsum(shares)[:-1]])
         still = np.zeros(len(orbit.nodes[0].x))
         return [
@@ -245,6 +250,12 @@ class BranchEquations(NamedTuple):
 def states_over(point: BranchPoint) -> np.ndarray:
     """States (samples, n) of the whole orbit."""
     return np.concatenate([states_of(piece)[1] for piece in point.orbit.pieces])
+
+
+def _slope(function: Callable, p: float) -> np.ndarray:
+    """The derivative of a function of one number, evaluated as it stands: it need not be compiled for one use."""
+    at = jnp.asarray(p, float)
+    return np.asarray(jax.jvp(lambda p: jnp.asarray(function(p), p.dtype), (at,), (jnp.ones_like(at),))[1])
 
 
 @compiled()

@@ -130,7 +130,8 @@ class ArgsOf(eqx.Module):
     def free(self, values):
         """The tree of the parameters alone, of values (…, p): leaves (…) + their shape."""
         ends = np.cumsum([int(np.prod(shape)) for shape in self.shapes])[:-1]
-        parts = jnp.split(jnp.asarray(values), ends, axis=-1)
+        values = jnp.asarray(values)
+        parts = jnp.split(values, ends, axis=-1) if len(ends) else [values]
         leaves = [part.reshape(*part.shape[:-1], *shape) for part, shape in zip(parts, self.shapes, strict=True)]
         return jax.tree.unflatten(self.structure, leaves)
 
