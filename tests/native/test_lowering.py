@@ -1,11 +1,14 @@
 """What the walk through a program does itself: in which form operands reach a rule, what is refused, what it writes."""
 
+import re
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import lax
 
+from lyaphybrid import native
 from lyaphybrid.native.lowering import lowering
 from lyaphybrid.native.lowering.lowering import Lowering, lower
 from lyaphybrid.native.lowering.unsupported import UnsupportedError
@@ -44,8 +47,11 @@ def test_a_constant_without_a_type_here_is_refused_where_it_stands(small):
         Lowering(small).constant_value(np.array([1 + 2j, 3.0]))
 
 
-def test_one_run_is_lowered_for_one_run():
-    assert "x double>" not in text(lambda x: x * x + 1.0, np.ones(3))
+def test_one_run_is_lowered_for_one_run_and_its_indices_are_not_checked():
+    program = jax.make_jaxpr(lambda x, i: x[i] * x)(np.ones(50), 1)
+    assert "x double>" not in lower(program, 16)
+    assert "abort" not in lower(program, 16)
+    assert "abort" in lower(program, 16, checked=True)
 
 
 def test_what_a_broadcast_reads_again_and_again_is_computed_once():
@@ -53,3 +59,32 @@ def test_what_a_broadcast_reads_again_and_again_is_computed_once():
     y = np.ones((50, 50))
     assert "alloca" in text(lambda x, y: jnp.tanh(x)[:, None] * y, np.ones(50), y)
     assert "alloca" not in text(lambda x, y: x[::-1][:, None] * y, np.ones(50), y)
+
+
+def repeated(times):
+    """So many equations in a row."""
+
+    def function(x):
+        for _ in range(times):
+            x = x * 1.5
+        return x
+
+    return function
+
+
+def test_lanes_that_part_in_too_much_of_the_code_are_refused():
+    """Lines in branches that lanes do not share, of all; what is seldom run counts on neither side."""
+
+    def counts(often, **options):
+        function = lambda x: native.seldom(repeated(often))(lax.cond(x[0] > 0, repeated(30), lambda x: x, x))  # noqa: E731
+        return text(function, np.ones(5), lanes=2, wide=[True], **options)
+
+    with pytest.raises(UnsupportedError, match="lanes that part in") as caught:
+        counts(1, most_apart=0.0)
+    apart, lines = map(int, re.findall(r"\d+", str(caught.value)))
+    assert 30 * 5 <= apart < lines
+    for often in (1, 200):
+        with pytest.raises(UnsupportedError, match=f"part in {apart} of {lines} lines"):
+            counts(often, most_apart=(apart - 0.5) / lines)
+        assert " fmul " in counts(often, most_apart=(apart + 0.5) / lines)
+    assert " fmul " in counts(1)
