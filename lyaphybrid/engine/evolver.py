@@ -26,6 +26,8 @@ class AbstractEvolver(abc.ABC):
         jumps_uncontrolled: whether an event may stretch or shrink columns without bound before the next
             orthonormalisation, so that the frame must be checked after each event.
         always_regular: whether steps are never rejected and no event must ever be located.
+        flies_by_schedule: whether a proposal that is not regular is a flight, which ends where an orthonormalisation is
+            scheduled by time.
         by_rows: whether the rows of the frame are contiguous in memory, for systems of many bodies.
         by_fixed_steps: whether all steps have the same length.
         longest_interval: most steps (or jumps) between two orthonormalisations if the interval is adapted.
@@ -34,6 +36,7 @@ class AbstractEvolver(abc.ABC):
 
     always_regular: bool = False
     by_fixed_steps: bool = False
+    flies_by_schedule: ClassVar[bool] = False
     by_rows: ClassVar[bool] = False
     jumps_uncontrolled: bool = True
     may_lose_rank: bool = True

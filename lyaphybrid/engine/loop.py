@@ -178,8 +178,10 @@ def _quick_span(settings: Settings, clock: Clock, within, carry: StepState, ahea
     due = due | is_due(carry) | (carry.s >= clock.length)
     if settings.count_jumps:
         due = due | (carry.jumps.astype(carry.s.dtype) >= clock.last_jump) | (carry.status == STATUS.no_more_jumps)
-    # Where an event is next it comes first, also if the host's call ends in between: rounding would differ.
-    due = due & (evolver.is_regular(ahead) | (carry.status != RUNNING) | ~_inside(settings, clock, carry))
+    # An event or a flight that is next comes first, also if the host's call ends in between: rounding would differ.
+    # But a flight may end at this very orthonormalisation: what is next is then another one.
+    if clock.interval is None or not evolver.flies_by_schedule:
+        due = due & (evolver.is_regular(ahead) | (carry.status != RUNNING) | ~_inside(settings, clock, carry))
     if evolver.always_regular and not settings.count_jumps:  # then only an orthonormalisation ends a span
         return orthonormalise(settings, clock, carry, ahead, interval, spread)
     return jax.lax.cond(

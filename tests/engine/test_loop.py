@@ -11,6 +11,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import lyaphybrid as lh
+from examples import alone, between_walls, wall_ahead
 from lyaphybrid.engine import loop, preparation, stalling, states
 from lyaphybrid.engine.blocks import targets_for
 from lyaphybrid.engine.host import driver
@@ -18,7 +19,7 @@ from lyaphybrid.engine.problems import RunPlan
 from lyaphybrid.engine.states import QRSchedule
 from lyaphybrid.statuses import RUNNING, STATUS
 
-ROOM = 40
+ROOM = 100
 
 
 class Instants(NamedTuple):
@@ -289,3 +290,45 @@ def test_the_time_of_a_field_does_not_drift_over_many_blocks(t0):
     )  # fmt: skip
     off = np.asarray(found.x)[:, 0] - periodic(t0 + first + np.asarray(found.time))
     assert np.max(np.abs(off)) < 1e-12 + np.spacing(t0)
+
+
+# --- calls -----------------------------------------------------------------------------------------------------------
+
+BODIES = lh.EventDriven(  # two between walls at 0 and 1
+    lambda dt, y, args: jnp.stack([y[:, 0] + dt * y[:, 1], y[:, 1]], axis=1),
+    None,
+    lambda t, rows, args, which: jnp.stack([rows[:, 0] + 2 * t * rows[:, 1], -rows[:, 1]], axis=1),
+    between_walls,
+    schedule=alone(wall_ahead),
+)
+STARTS = [[0.2, 0.31], [0.7, -0.13]]
+CALLS = {
+    "map": (lh.Map(lambda n, x, args: 3.7 * x * (1 - x)), [0.3], 50.0, None, QRSchedule("steps", False), 3.0),
+    "guards": (FALLING, [0.3], 3.0, lh.RungeKutta(), QRSchedule("steps", True), 1.0),
+    "guards, by time": (FALLING, [0.3], 3.0, lh.RungeKutta(), QRSchedule("time", False), 0.3),
+    "events": (COUNTING, [0.3], 9.5, None, QRSchedule("jumps", True), 1.0),
+    "events, by time": (COUNTING, [0.3], 9.5, None, QRSchedule("time", False), 0.3),
+    "bodies": (BODIES, STARTS, 20.0, None, QRSchedule("jumps", True), 1.0),
+    "bodies, by time": (BODIES, STARTS, 20.0, None, QRSchedule("time", False), 0.3),
+}
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_the_bits_do_not_depend_on_where_calls_end(name):
+    """One attempt a call, or all at once; many orthonormalisations lie between two events, and none is left out."""
+    system, x0, end, method, schedule, every = CALLS[name]
+    plan = RunPlan(schedule, observer=Instant())
+    problem, state = begun(system, x0, plan, method=method, every=every)
+    targets = targets_for(np.array([end / 4, end]), "time", isinstance(system, lh.Map), np.dtype(float))
+    whole, _ = driver.once(problem, plan, state, *targets, np.int32(10**6))
+    assert schedule.unit != "time" or int(whole.carry.observer.count) >= end / every
+    for _ in range(200):
+        if int(state.block) < 2:
+            state, _ = driver.once(problem, plan, state, *targets, np.int32(1))
+    for one, other in zip(jax.tree.leaves(emptied(state)), jax.tree.leaves(emptied(whole)), strict=True):
+        assert_array_equal(one, other)
+
+
+def emptied(loop_state):
+    """The state without the attempts that are left."""
+    return loop_state._replace(carry=loop_state.carry._replace(budget=0))

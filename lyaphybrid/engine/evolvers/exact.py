@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -39,6 +39,8 @@ class Exact(AbstractEvolver):
 
     system: EventDriven
     args: Any
+
+    flies_by_schedule: ClassVar[bool] = True
 
     @property
     def may_lose_rank(self) -> bool:

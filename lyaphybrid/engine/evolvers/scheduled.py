@@ -95,6 +95,7 @@ class Scheduled(AbstractEvolver):
     shape: tuple[int, ...]
     per_jump: bool = False  # jumps may end a block
 
+    flies_by_schedule: ClassVar[bool] = True
     by_rows: ClassVar[bool] = True
     longest_interval: ClassVar[float] = float(MOST_EVENTS_BETWEEN)
 
