@@ -41,7 +41,7 @@ class Recorded:
             "chaotic sea" or "regular".
         exponents, stderr: of both runs together, weighted by their errors; per unit of time, descending.
         runs: of each: method, start, time, exponents, stderr, |sum − mean divergence|, notes.
-        starts: what other starts lead to: [how many, "the same" | "other" | "escapes" | "fails", λ₁ of the first].
+        starts: what other starts lead to: [how many, "the same" | "other" | "escaped" | "undecided", λ₁ of the first].
         transient: where the start leads to chaos that ends: "until" which time it had ended, and the "largest" exponent
             over that time; else None.
         ends: statuses of runs that did not come to their end, among them the first one.

@@ -154,6 +154,7 @@ def wang_sun(x, y, z, *, a=0.2, b=-0.01, d=-0.4, e=-1.0, f=-1.0, q=1.0):
     turn=8.0,
     source="W. Liu & G. Chen, Can a three-dimensional smooth autonomous quadratic chaotic system generate a single "
     "four-scroll attractor?, Int. J. Bifurcation Chaos 14 (2004) 1395, doi:10.1142/S0218127404009880",
+    note="orbits come within 1e-14 of the x axis, which is invariant, and stay near it for long times",
 )
 def liu_chen(x, y, z, *, a=0.4, b=12.0, c=-5.0):
     """A quadratic flow with products in all three equations."""
@@ -237,7 +238,7 @@ def bouali(x, y, z, *, a=1.0, b=-0.3, bb=1.0, c=0.05, g=1.0, m=1.0, y0=4.0):
     return _business_cycle(x, y, z, a, b, bb, c, g, m, y0)
 
 
-@published(start=(0.8429, 1.426, 0.05004), turn=5.0, source=CYCLES)
+@published(start=(0.8429, 1.426, 0.05004), turn=10.0, source=CYCLES)
 def bouali_weak(x, y, z, *, a=3.0, b=2.2, g=1.0, m=-0.0026667, y0=1.0):
     """The same with a weak and undamped feedback."""
     return _business_cycle(x, y, z, a, b, 0.0, 0.0, g, m, y0)
@@ -249,7 +250,7 @@ def _scrolls(x, y, z, a, c, d, eps, f, k):
 
 @published(
     start=(9.581, -124.0, 179.8),
-    turn=0.15,
+    turn=2.0,
     source="D. Li, A three-scroll chaotic attractor, Phys. Lett. A 372 (2008) 387, doi:10.1016/j.physleta.2007.07.045",
 )
 def dequan_li(x, y, z, *, a=40.0, c=1.833, d=0.16, eps=0.65, f=20.0, k=55.0):
@@ -270,7 +271,7 @@ def pan_xu_zhou(x, y, z, *, a=10.0, c=-2.6667, k=16.0):
 
 @published(
     start=(-3.122, -2.435, 26.65),
-    turn=0.35,
+    turn=3.0,
     source="Pan, Zhou & Li, Synchronization of three-scroll unified chaotic system (TSUCS) and its hyper-chaotic "
     "system using active pinning control (2013), as cited by the dysts collection; its parameters",
 )
