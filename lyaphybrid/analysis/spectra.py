@@ -329,7 +329,7 @@ def initial_frame(problem, t0, x0, frame, k):
             canonical = getattr(system, "canonical", False)
             return frames.unit_vectors(n, k, dtype, paired=canonical), np.zeros(k, dtype)
         frame = tangent_frame(system, t0, x0 if x0.ndim == 1 else x0[0], problem.args)[:, :k]
-    frame = jnp.asarray(numbers("frame", frame, dtype))
+    frame = array(numbers("frame", frame), dtype)
     fits = frame.ndim == 2 and frame.shape[0] == n and 1 <= frame.shape[1] <= most
     fits = fits and k in (None, frame.shape[1])
     require(fits, f"frame must have shape (n, k) = ({n}, {k or 'k'}) with 1 ≤ k ≤ {most}; got {frame.shape}.")
@@ -340,7 +340,7 @@ def initial_frame(problem, t0, x0, frame, k):
     return columns, log_r
 
 
-@compiled()
+@compiled(hands_on=True)
 def _orthonormal(frame):
     return frames.orthonormalise(frame, "mgs", frames.LOST, frames.LOST)
 

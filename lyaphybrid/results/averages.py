@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -22,6 +22,8 @@ from .spectrum import About, History, Spectrum
 from .volumes import volume_error
 
 __all__ = ["birkhoff_weights", "empty_columns", "one_run", "places", "summarise"]
+
+T = TypeVar("T")
 
 
 class RunOutput(NamedTuple):
@@ -65,14 +67,24 @@ def summarise(
         with np.errstate(all="ignore"):
             fields = _of_one(np, jax.tree.map(np.asarray, found), clock, averaging)
         fields = _on_device(fields, last.loop_state.carry.x.dtype)
-    return Spectrum(
-        **fields | _of_problem(problem, fields),
-        error_kind="replicates" if several else "blocks",
-        clock=clock,
-        mode_names=problems.mode_names(problem.system),
-        state_labels=labels,
-        about=about,
-    )
+    words = {
+        "error_kind": "replicates" if several else "blocks",
+        "clock": clock,
+        "mode_names": problems.mode_names(problem.system),
+        "state_labels": labels,
+        "about": about,
+        "name": "",
+    }
+    fields["history"] = _module(History, fields["history"])
+    return _module(Spectrum, fields | _of_problem(problem, fields) | words)
+
+
+def _module(kind: type[T], fields: dict[str, Any]) -> T:
+    """An equinox module with all its fields, made as from its leaves: its constructor takes as long as a short run."""
+    made = object.__new__(kind)
+    for name, value in fields.items():
+        object.__setattr__(made, name, value)
+    return made
 
 
 def _of_problem(problem: problems.RunProblem, fields: dict[str, Any]) -> dict[str, Any]:
@@ -294,13 +306,13 @@ def _fields(xp: ModuleType, run: dict, stderr, replicates, end: dict) -> dict[st
         "lower": run["lower"][rank],
         "losses": run["losses"][rank],
         "first_loss": run["first"][rank],
-        "history": History(
-            run["history_time"],
-            run["history"][:, rank],
-            run["growth"][:, rank],
-            run["history_losses"][:, rank],
-            run["history_elapsed"],
-        ),
+        "history": {
+            "time": run["history_time"],
+            "exponents": run["history"][:, rank],
+            "growth": run["growth"][:, rank],
+            "losses": run["history_losses"][:, rank],
+            "elapsed": run["history_elapsed"],
+        },
         "replicates": None if replicates is None else replicates[:, rank],
         "residual": run.get("residual"),
         **end,

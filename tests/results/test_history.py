@@ -1,5 +1,7 @@
 """The history of a run in the order of its exponents, also where columns of the frame change places."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -73,3 +75,14 @@ def test_of_several_runs_and_traced():
     check(several, 2)
     history = jax.jit(lambda x: lh.lyapunov_spectrum(STRETCHES, x, t1=20, blocks=20, every=1).history)(jnp.ones(2))
     assert_allclose(history.exponents[:, 0], np.log(2), rtol=1e-14)
+
+
+def test_a_spectrum_is_what_its_constructor_makes():
+    problem = lh.zoo.henon_map()
+    found = lh.lyapunov_spectrum(problem.system, problem.x0, problem.args, t1=100)
+    fields = {one.name: getattr(found, one.name) for one in dataclasses.fields(found)}
+    built = type(found)(**fields)._resumed_by(found._go_on)
+    assert vars(found).keys() == vars(built).keys()
+    assert vars(found.history).keys() == {one.name for one in dataclasses.fields(found.history)}
+    assert jax.tree.structure(found) == jax.tree.structure(built)
+    assert all(map(np.array_equal, jax.tree.leaves(found), jax.tree.leaves(built)))

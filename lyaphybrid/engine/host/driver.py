@@ -142,7 +142,7 @@ def drive(
             if part is not None:
                 part.keep(loop_state, records, given)
             before, done = done, float(np.mean(np.asarray(loop_state.block))) / blocks  # waits for the call to end
-            if compilations() == compiled:  # the time of a call that compiled says nothing about the loop's speed
+            if done < 1.0 and compilations() == compiled:  # a call that compiled says nothing about the loop's speed
                 seconds = time.perf_counter() - clock
                 budget = int(
                     np.clip(spent * min(SECONDS_PER_CALL / seconds, MOST_FASTER), FEWEST_ATTEMPTS, MOST_ATTEMPTS)
