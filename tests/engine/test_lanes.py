@@ -80,6 +80,17 @@ def test_side_by_side_is_one_after_the_other(monkeypatch):
     np.testing.assert_allclose(x, y, atol=1e-6)  # other kernels round otherwise; 36 steps of chaos amplify it
 
 
+def test_a_chain_is_traced_once():
+    traced = []
+
+    def noted(shared, total, lane):
+        traced.append(threading.get_ident())
+        return add(shared, total, lane)
+
+    lanes.run_sequences(noted, jnp.asarray(1.0), [(np.zeros(()), np.arange(3.0))])
+    assert traced == [threading.get_ident()]
+
+
 def test_it_is_compiled_once():
     traced = []
 

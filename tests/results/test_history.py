@@ -85,4 +85,4 @@ def test_a_spectrum_is_what_its_constructor_makes():
     assert vars(found).keys() == vars(built).keys()
     assert vars(found.history).keys() == {one.name for one in dataclasses.fields(found.history)}
     assert jax.tree.structure(found) == jax.tree.structure(built)
-    assert all(map(np.array_equal, jax.tree.leaves(found), jax.tree.leaves(built)))
+    jax.tree.map(np.testing.assert_array_equal, found, built)
