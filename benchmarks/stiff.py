@@ -64,7 +64,7 @@ def counted() -> Iterator[list[int]]:
     advance, counts = driver._advance, []
 
     class Counting:
-        ahead = staticmethod(advance.ahead)
+        ahead, ended = staticmethod(advance.ahead), staticmethod(advance.ended)
 
         def __call__(self, problem, plan, loop_state, ends, last_jumps, budget):
             found = advance(problem, plan, loop_state, ends, last_jumps, budget)
