@@ -1,5 +1,6 @@
 """The comparison with other programs: what is converged, what is interpolated, and what the table says."""
 
+import concurrent.futures
 import json
 import math
 import threading
@@ -15,6 +16,7 @@ from benchmarks.peers.adapters import OURS, PEERS, Bound, Peer
 from benchmarks.peers.conversation import Conversation, FailedError
 from benchmarks.peers.precision import Point, cost_at, wanted
 from benchmarks.peers.workloads import WORKLOADS
+from lyaphybrid.native.machine import tiers
 
 TIGHT = lh.RungeKutta("dop853", rtol=1e-13, atol=1e-15)
 ASKED = [(peer, name) for peer, one in PEERS.items() for name in WORKLOADS if one.can(WORKLOADS[name])]
@@ -121,12 +123,14 @@ def test_a_run_is_repeated_until_nothing_works_aside():
     def run(setting, length):
         calls.append((setting, length))
         if len(calls) == 3:
-            aside.append(threading.Thread(target=time.sleep, args=(0.3,)))
+            aside.append(threading.Thread(target=time.sleep, args=(0.3,), name=tiers.THREAD))
             aside[0].start()
         time.sleep(0.01)
         return [1.0, 2.0]
 
-    found = worker.repeated(Bound({"exact": "how"}, run), 0, 5.0, 0.05)
+    with concurrent.futures.ThreadPoolExecutor() as pool:  # its threads wait for more work
+        pool.submit(int).result()
+        found = worker.repeated(Bound({"exact": "how"}, run), 0, 5.0, 0.05)
     assert found["exponents"] == [2.0, 1.0]
     assert 3 <= len(calls) <= 6
     assert set(calls) == {("how", 5.0)}
