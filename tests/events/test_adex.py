@@ -139,7 +139,7 @@ def test_a_reset_to_a_point_is_singular_however_fast_the_flow():
 @pytest.mark.slow
 def test_41_currents_and_three_peaks_are_those_of_the_map_of_spikes():
     currents = np.linspace(150.0, 190.0, 41)
-    found = exponents(currents, PEAKS, 50_000.0)
+    found = exponents(currents, PEAKS, 35_000.0)
     wanted, error = known(currents, PEAKS)
     assert np.all(found.status == int(lh.STATUS.ok))
     assert not np.any(found.losses)
