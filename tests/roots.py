@@ -78,63 +78,88 @@ def random_polynomial(draw: np.random.Generator) -> dict:
     }  # fmt: skip
 
 
-def random_sinusoids(draw: np.random.Generator) -> dict:
-    """A sum of two sinusoids with 2 to 6 extrema between the start and the end."""
-    while True:
-        fast = draw.uniform(0.5, 6.5) * np.pi / (END - START)
-        args = {
-            "mean": draw.uniform(-0.8, 0.8), "size": np.array([1.0, draw.uniform(0, 0.5)]),
-            "omega": np.array([fast, fast * draw.uniform(0.1, 2)]), "phase": draw.uniform(0, 2 * np.pi, 2),
-        }  # fmt: skip
-        extrema = zeros(lambda t, args=args: -_sum(args, t, np.sin, args["omega"]))
-        if 2 <= len(extrema) <= 6 and np.all(np.abs(_value(args, extrema)) > DEPTH):
-            return args
+def random_sinusoids(draw: np.random.Generator, count: int) -> dict:
+    """Sums of two sinusoids with 2 to 6 extrema between the start and the end; each leaf has `count` rows."""
+    kept, missing = [], count
+    while missing > 0:
+        args = _drawn_sinusoids(draw.random((min(missing, 1000), 6)))
+        rows, extrema = zeros(lambda rows, t, args=args: -_sum(args, rows, t, np.sin, args["omega"]), len(args["mean"]))
+        numbers = np.bincount(rows, minlength=len(args["mean"]))
+        shallow = np.bincount(rows, np.abs(_value(args, rows, extrema)) <= DEPTH, len(args["mean"])) > 0
+        right = (numbers >= 2) & (numbers <= 6) & ~shallow
+        kept.append(jax.tree.map(lambda leaf, right=right: leaf[right], args))
+        missing -= np.sum(right)
+    return jax.tree.map(lambda *leaves: np.concatenate(leaves), *kept)
 
 
-def _sum(args: dict, t, of, weight=1.0) -> np.ndarray:
-    return np.sum(weight * args["size"] * of(args["omega"] * np.asarray(t)[..., None] + args["phase"]), axis=-1)
+def _drawn_sinusoids(u: np.ndarray) -> dict:
+    """From (count, 6) numbers between 0 and 1."""
+    fast = (0.5 + 6 * u[:, 0]) * np.pi / (END - START)
+    return {
+        "mean": 1.6 * u[:, 1] - 0.8, "size": np.stack([np.ones(len(u)), 0.5 * u[:, 2]], axis=1),
+        "omega": np.stack([fast, fast * (0.1 + 1.9 * u[:, 3])], axis=1), "phase": 2 * np.pi * u[:, 4:],
+    }  # fmt: skip
 
 
-def _value(args: dict, t) -> np.ndarray:
-    return args["mean"] + _sum(args, t, np.cos)
+def _sum(args: dict, rows, t, of, weight=None) -> np.ndarray:
+    """The sum of a member's sinusoids (or their slopes) at times whose first axis is that of `rows`."""
+    size = (args["size"] if weight is None else args["size"] * weight)[rows]
+    angles = [args["omega"][rows, i].reshape(_as(t)) * t + args["phase"][rows, i].reshape(_as(t)) for i in range(2)]
+    return sum(size[:, i].reshape(_as(t)) * of(angles[i]) for i in range(2))
 
 
-def zeros(of, most: int = 1000) -> np.ndarray:
-    """The zeros of a smooth function between the start and the end, by signs on a fine grid and bisection."""
+def _as(t) -> tuple[int, ...]:
+    return (-1,) + (1,) * (np.ndim(t) - 1)
+
+
+def _value(args: dict, rows, t) -> np.ndarray:
+    return args["mean"][rows].reshape(_as(t)) + _sum(args, rows, t, np.cos)
+
+
+def zeros(of, count: int, most: int = 1000) -> tuple[np.ndarray, np.ndarray]:
+    """The zeros of smooth functions between the start and the end, by signs on a fine grid and bisection.
+
+    Returns:
+        The rows of the zeros, ascending, and where they are, ascending in each row.
+    """
     grid = np.linspace(START, END, most)
-    values = of(grid)
-    left = grid[:-1][values[:-1] * values[1:] < 0]
-    right, sign = left + (grid[1] - grid[0]), np.sign(of(left))
+    values = of(np.arange(count), np.broadcast_to(grid, (count, most)))
+    rows, places = np.nonzero(values[:, :-1] * values[:, 1:] < 0)
+    return rows, bisected(of, rows, grid[places], grid[places + 1])
+
+
+def bisected(of, rows, left, right) -> np.ndarray:
+    """The zeros of the functions `rows` between left and right, where the signs differ."""
+    sign = np.sign(of(rows, left))
     for _ in range(60):
         middle = 0.5 * (left + right)
-        same = np.sign(of(middle)) == sign
+        same = np.sign(of(rows, middle)) == sign
         left, right = np.where(same, middle, left), np.where(same, right, middle)
     return 0.5 * (left + right)
 
 
-def roots_of(kind: str, args: dict) -> tuple[np.ndarray, np.ndarray]:
-    """The roots, and the slopes there."""
+def roots_of(kind: str, args: dict) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of stacked members: rows of the roots, ascending; the roots, ascending in each row; the slopes there."""
     if kind == "polynomials":
-        roots = args["roots"][args["used"]]
-        slopes = jax.device_get(_slopes(args, jnp.asarray(args["roots"])))[args["used"]]
-        return roots, slopes
-    extrema = zeros(lambda t: -_sum(args, t, np.sin, args["omega"]))
-    ends = np.array([START, *extrema, END])
-    signs = np.sign(_value(args, ends))
-    left, right, sign = ends[:-1], ends[1:], signs[:-1]
-    kept = signs[:-1] != signs[1:]
-    left, right, sign = left[kept], right[kept], sign[kept]
-    for _ in range(60):
-        middle = 0.5 * (left + right)
-        same = np.sign(_value(args, middle)) == sign
-        left, right = np.where(same, middle, left), np.where(same, right, middle)
-    roots = 0.5 * (left + right)
-    return roots, -_sum(args, roots, np.sin, args["omega"])
+        rows, places = np.nonzero(args["used"])
+        return rows, args["roots"][rows, places], np.asarray(_slopes(args, args["roots"]))[rows, places]
+    count = len(args["mean"])
+    at, extrema = zeros(lambda rows, t: -_sum(args, rows, t, np.sin, args["omega"]), count)
+    # The ends of the stretches on which a member is monotonic.
+    rows = np.concatenate([at, np.arange(count), np.arange(count)])
+    ends = np.concatenate([extrema, np.full(count, START), np.full(count, END)])
+    order = np.lexsort([ends, rows])
+    rows, ends = rows[order], ends[order]
+    signs = np.sign(_value(args, rows, ends))
+    kept = (rows[:-1] == rows[1:]) & (signs[:-1] != signs[1:])
+    rows, left, right = rows[:-1][kept], ends[:-1][kept], ends[1:][kept]
+    roots = bisected(lambda rows, t: _value(args, rows, t), rows, left, right)
+    return rows, roots, -_sum(args, rows, roots, np.sin, args["omega"])
 
 
 @jax.jit
 def _slopes(args, roots):
-    return jax.vmap(jax.grad(lambda t: polynomial(t, args)))(roots)
+    return jax.vmap(lambda args, roots: jax.vmap(jax.grad(lambda t: polynomial(t, args)))(roots))(args, roots)
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1, 2))
@@ -150,28 +175,32 @@ def _events(kind: str, way: str, method, batch):
     return jax.lax.map(one, batch)
 
 
-def run(kind: str, way: str, members: list[dict], method=None) -> dict[str, int]:
+def run(kind: str, way: str, guards: tuple, method=None) -> dict[str, int]:
     """How many events were missed, invented or out of order, how many runs failed, and the number of roots."""
-    batch = jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *members)
+    batch, (rows, roots, slopes) = guards
     times, counts, statuses = jax.device_get(_events(kind, way, method, batch))
-    found = {"roots": 0, "missed": 0, "spurious": 0, "disordered": 0, "inexact": 0, "failed": 0}
-    for args, ours, count, status in zip(members, times, counts, statuses, strict=True):
-        roots, slopes = roots_of(kind, args)
-        ours = ours[: int(count)]
-        found["roots"] += len(roots)
-        found["failed"] += int(status != lh.STATUS.ok)
-        found["missed"] += max(len(roots) - int(count), 0)
-        found["spurious"] += max(int(count) - len(roots), 0)
-        found["disordered"] += int(np.any(np.diff(ours) <= 0))
-        if len(ours) == len(roots):
-            found["inexact"] += int(np.any(np.abs(ours - roots) > TOLERANCE * np.maximum(1, 1 / np.abs(slopes))))
-    return found
+    numbers, column = np.bincount(rows, minlength=len(counts)), np.arange(times.shape[1])
+    place = np.arange(len(rows)) - np.searchsorted(rows, rows)  # of a root among those of its member
+    far = np.abs(times[rows, place] - roots) > TOLERANCE * np.maximum(1, 1 / np.abs(slopes))
+    return {
+        "roots": len(roots),
+        "missed": int(np.sum(np.maximum(numbers - counts, 0))),
+        "spurious": int(np.sum(np.maximum(counts - numbers, 0))),
+        "disordered": int(np.sum(np.any((np.diff(times) <= 0) & (column[1:] < counts[:, None]), axis=1))),
+        "inexact": int(np.sum((np.bincount(rows, far, len(counts)) > 0) & (counts == numbers))),
+        "failed": int(np.sum(statuses != lh.STATUS.ok)),
+    }
 
 
-def members_of(kind: str, count: int, seed: int = 0) -> list[dict]:
-    """Random guards of a kind."""
+@functools.cache
+def guards_of(kind: str, count: int, seed: int = 0) -> tuple[dict, tuple]:
+    """Random guards of a kind, stacked; and their roots."""
     draw = np.random.default_rng(seed)
-    return [(random_polynomial if kind == "polynomials" else random_sinusoids)(draw) for _ in range(count)]
+    if kind == "polynomials":
+        batch = jax.tree.map(lambda *leaves: np.stack(leaves), *(random_polynomial(draw) for _ in range(count)))
+    else:
+        batch = random_sinusoids(draw, count)
+    return jax.tree.map(jnp.asarray, batch), roots_of(kind, batch)
 
 
 def main(count: int = 10_000, seed: int = 0) -> int:
@@ -179,10 +208,9 @@ def main(count: int = 10_000, seed: int = 0) -> int:
     jax.config.update("jax_enable_x64", True)
     wrong = 0
     for kind in GUARDS:
-        members = members_of(kind, count, seed)
         for way in ("path", "time"):
             clock = time.time()
-            found = run(kind, way, members)
+            found = run(kind, way, guards_of(kind, count, seed))
             wrong += sum(number for name, number in found.items() if name != "roots")
             print(f"{count} {kind}, {way}: {found}, {time.time() - clock:.0f} s", flush=True)
     return wrong
