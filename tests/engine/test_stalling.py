@@ -1,5 +1,7 @@
 """Runs that stall where no host looks on: under jit and vmap, and in sweeps; each ends soon, and says so."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -20,6 +22,18 @@ STALLING = {
 }
 
 
+@pytest.fixture
+def short_windows(monkeypatch):
+    """Of fewer attempts. What is traced meanwhile keeps them: no system of another test may be run."""
+    monkeypatch.setattr(stalling, "ATTEMPTS_OF_WINDOW", stalling.ATTEMPTS_OF_WINDOW // 20)
+
+
+@functools.cache
+def again(name):
+    """The system with functions of its own."""
+    return jax.tree.map(lambda leaf: functools.partial(leaf) if callable(leaf) else leaf, STALLING[name][0])
+
+
 @pytest.mark.slow_cases(all_but=("field by where",))
 @pytest.mark.parametrize("name", STALLING)
 def test_a_compiled_run_that_stalls_ends(name):
@@ -31,9 +45,9 @@ def test_a_compiled_run_that_stalls_ends(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("derivative", [jax.jacfwd, jax.jacrev])
 @pytest.mark.parametrize("name", ["field by where", "friction by sign", "guard by mod", "stiff"])
-def test_derivatives_through_a_run_that_stalls_end(name, derivative):
+def test_derivatives_through_a_run_that_stalls_end(name, derivative, short_windows):
     """They are finite, those of the motion so far, and the status tells that the end was not reached."""
-    system, start = STALLING[name]
+    system, start = again(name), STALLING[name][1]
 
     def reached(x):
         run = lh.trajectory(system, x, t1=LONG, n=1, throw=False)
@@ -68,7 +82,7 @@ def test_of_runs_side_by_side_only_those_end_that_have_stalled():
 
 
 @pytest.mark.slow
-def test_a_sweep_goes_on_where_a_point_has_stalled():
+def test_a_sweep_goes_on_where_a_point_has_stalled(short_windows):
     sliding = lh.Flow(lambda t, x, args: args["speed"] * WHERE.field(t, x, args))
     found = lh.sweep(
         lambda args: lh.lyapunov_spectrum(sliding, jnp.array([1.0, 1.0]), args, t1=LONG, blocks=4),
