@@ -39,7 +39,7 @@ def test_averages_that_never_settle():
 @pytest.mark.slow
 def test_intervals_approach_their_limits():
     """[-1, 1] and [-6, -4]; [-√2, √2] and [-5 - √2, -5 + √2]; 2 cos ln(t + 1) + 5 ≥ 3."""
-    found = lh.spectral_intervals(SLOW, [0.0, 0.0], t1=1e6, window=1e3, tau=1e3)
+    found = lh.spectral_intervals(SLOW, [0.0, 0.0], t1=6e5, window=1e3, tau=1e3)
     print(found)
     assert_allclose(found.lyapunov, [[-1, 1], [-6, -4]], rtol=0, atol=1e-2)
     assert_allclose(found.sacker_sell, [[-ROOT, ROOT], [-5 - ROOT, -5 + ROOT]], rtol=0, atol=1e-2)
