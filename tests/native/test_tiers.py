@@ -167,6 +167,30 @@ def test_a_loop_that_is_one_call_is_optimised_before(made):
     assert made == [2, 0]
 
 
+def test_one_call_waits_for_loops_only_where_that_is_soon_done(made, monkeypatch):
+    def turns(x):
+        return jax.lax.while_loop(lambda x: x.sum() < 1e9, lambda x: jnp.sin(x) + x + jnp.cumsum(x)[::-1], x)
+
+    x = np.random.default_rng(3).random(1000)
+    closed = jax.make_jaxpr(turns)(x)
+    best = Compiled(closed)
+    monkeypatch.setattr(_tiers, "SECONDS_A_BLOCK", 1.0)
+    plain, in_pieces = Compiled(closed), Compiled(closed, in_pieces=True)
+    assert made == [2, 2, 0]
+    assert best.code.is_best
+    assert not plain.code.is_best
+    expected = best(x)
+    assert same(plain(x), expected)
+    in_pieces.address("handler")  # one call within a jit
+    assert made == [2, 2, 0, 2]
+    assert not in_pieces.code.is_best
+    assert same(in_pieces(x), expected)
+    plain.code.ahead(1e6)
+    finished()
+    assert plain.code.is_best
+    assert same(plain(x), expected)
+
+
 @pytest.mark.slow
 def test_no_call_waits_long_for_better_code(made):
     """A step whose numbers are written out one by one: LLVM takes 2.5 s to optimise it, and it then runs 4 ms less."""
@@ -199,6 +223,7 @@ def test_a_long_run_gets_better_code(made, monkeypatch):
     finished()
     assert set(made) == {0}
     monkeypatch.setattr(_tiers, "SECONDS_A_LINE", 1e-7)
+    monkeypatch.setattr(_tiers, "SECONDS_A_BLOCK", 1e-7)
     _engines.forget_programs()
     problem.spectrum(t1=3000.0, transient=0.1)
     finished()

@@ -1,6 +1,7 @@
 """A compiled program, called with NumPy arrays."""
 
 import ctypes
+import math
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -14,7 +15,7 @@ from ..lowering.costs import Options, plan, runs_long
 from ..lowering.lowering import lower
 from ..lowering.types import as_numpy, numpy_type, of_numpy
 from ..machine.collector import no_collector
-from ..machine.tiers import LONGEST_OPTIMISATION, Tiers, cost
+from ..machine.tiers import LONGEST_OPTIMISATION, Tiers
 from .handler import handler
 
 DURATION_PREFIX = "/lyaphybrid/native"  # prefix of the durations reported to `jax.monitoring`: …/lowering, …/LLVM
@@ -54,8 +55,8 @@ class Compiled:
         # Without a long loop optimised code gains little, so LLVM gets less time for it.
         long = runs_long(program.jaxpr)
         self._patience = LONGEST_OPTIMISATION if long else LONGEST_OPTIMISATION / 10
-        at_once = plan is None and (in_pieces or not long or cost(text) > LONGEST_OPTIMISATION)
-        self.code = Tiers(text, self.plan.level, self.plan.scattered, at_once)
+        at_once = 0.0 if in_pieces or not long else LONGEST_OPTIMISATION
+        self.code = Tiers(text, self.plan.level, self.plan.scattered, at_once if plan is None else math.inf)
         compiled = time.perf_counter()
         self.seconds = {
             "lowering": lowered - clock,

@@ -373,10 +373,15 @@ class Emitter:
         return pointer
 
     def constant(self, numbers: Sequence, type_: str) -> str:
-        """A constant array."""
-        name, held = f"@c{len(self.constants)}", in_memory(type_)
+        """A constant array; programs use the same one at many places."""
+        held = in_memory(type_)
         texts = ", ".join(f"{held} {literal(number, held)}" for number in numbers)
-        self.constants.append(f"{name} = private constant [{len(numbers)} x {held}] [{texts}], align 64")
+        content = f" = private constant [{len(numbers)} x {held}] [{texts}], align 64"
+        for known in self.constants:
+            if known.endswith(content):
+                return known.removesuffix(content)
+        name = f"@c{len(self.constants)}"
+        self.constants.append(name + content)
         return name
 
     def address(self, pointer: str, type_: str, index: Entry) -> str:

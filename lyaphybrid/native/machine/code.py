@@ -68,22 +68,28 @@ def _target_machine(level: int):
     )
 
 
-def object_code(text: str, level: int, scattered: bool = False) -> bytes:
-    """The object code of a module; `scattered`: whether to search for vectors among scalar instructions (SLP)."""
+def object_code(text: str, level: int, scattered: bool = False, loops: bool = True) -> bytes:
+    """The object code of a module.
+
+    Args:
+        text: the module.
+        level: LLVM's optimisation level, 0 to 3.
+        scattered: whether to search for vectors among scalar instructions (SLP).
+        loops: whether loops become vectors and are unrolled, from level 2 on.
+    """
     machine = _target_machine(level)
     module = llvm.parse_assembly(text)
     module.triple, module.data_layout = machine.triple, str(machine.target_data)
     options = llvm.create_pipeline_tuning_options(speed_level=level)
     options.slp_vectorization = scattered
-    options.loop_vectorization = level >= 2
-    options.loop_unrolling = level >= 2
+    options.loop_vectorization = options.loop_unrolling = loops and level >= 2
     builder = llvm.create_pass_builder(machine, options)
     builder.getModulePassManager().run(module, builder)
     if scattered:  # LLVM's search for them can put an instruction after its uses; to emit that ends the process
         try:
             module.verify()
         except RuntimeError:
-            return object_code(text, level)
+            return object_code(text, level, loops=loops)
     return machine.emit_object(module)
 
 

@@ -4,19 +4,23 @@ LLVM needs much longer to optimise a module than to translate it, and most progr
 optimisation would take (`benchmarks.first_calls` measures LLVM's part of a first call). So a program that is called
 repeatedly is only translated at first. If much is left to run, a thread makes optimised code, which later calls use.
 So it does for runs that are repeated: who has repeated a run for half the time of an optimisation will go on.
-Both codes give the same bits: no flag allows LLVM to change the order of a sum.
+A program that is one long call has no better code later. Where the optimisation would take too long, its loops over
+memory are left as they are: vectors in loops, and loops written out, take most of LLVM's time if there are many.
+All codes give the same bits: no flag allows LLVM to change the order of a sum.
 """
 
 import ctypes
 import threading
 import time
 import zlib
+from typing import NamedTuple
 
 from .cache import if_kept, kept
 from .code import Linked, describe, object_code
 
 FIRST_LEVEL = 0  # LLVM's optimisation level of the first code
-SECONDS_A_LINE = 1e-4  # estimated time for LLVM to optimise one line of a module, in seconds
+SECONDS_A_LINE = 1e-4  # estimated time for LLVM to optimise one line of a module, in seconds, loops left as they are
+SECONDS_A_BLOCK = 3e-3  # the same for one block of a module with many loops, which are optimised, too
 WORTH_IT = 2  # optimise if the remaining run time exceeds the optimisation time by this factor …
 AT_LAST = 3  # … or if the past run time does by this factor …
 REPEATED = 0.5  # … or by this one where runs are repeated
@@ -35,19 +39,39 @@ class _Code:
         self.call = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(self.address("call"))
 
 
+class _Effort(NamedTuple):
+    """How hard LLVM tries: its level, and whether it makes vectors of scattered instructions, and of loops."""
+
+    level: int
+    scattered: bool = False
+    loops: bool = False
+
+
 class Tiers:
     """A module's machine code, which is replaced by optimised code while it is in use."""
 
-    def __init__(self, text: str, level: int, scattered: bool, at_once: bool):
-        """`level`, `scattered`: options of the optimised code; `at_once`: begin with unoptimised code."""
-        self._text, self._best = zlib.compress(text.encode(), 1), (level, scattered)
-        self._cost, self._spent = cost(text), 0.0  # estimated time to optimise, past run time; in seconds
-        self._runs = 0  # that have ended
+    def __init__(self, text: str, level: int, scattered: bool, patience: float):
+        """`level`, `scattered`: options of the optimised code; `patience`: seconds that the first code may take."""
+        self._text = zlib.compress(text.encode(), 1)
+        self._best, self._plain = _Effort(level, scattered, loops=True), _Effort(level)
+        self._cost, self._plain_cost = cost(text), SECONDS_A_LINE * text.count("\n")  # estimated, in seconds
+        self._spent, self._runs = 0.0, 0  # past run time, in seconds; runs that have ended
         self._lock, self._asked = threading.Lock(), False
         self._fixed: list[_Code] = []  # codes whose addresses were given out, and which must stay alive
-        best = if_kept(_description(text, *self._best)) if at_once else _made(text, *self._best)
-        self.is_best = best is not None
-        self._code = _Code(_made(text, FIRST_LEVEL, False) if best is None else best)
+        self._effort, code = self._best, if_kept(_description(text, self._best))
+        if code is None:
+            self._effort = self._within(patience) or _Effort(FIRST_LEVEL)
+            code = _made(text, self._effort)
+        self._code = _Code(code)
+
+    @property
+    def is_best(self) -> bool:
+        """Whether the code is the optimised one."""
+        return self._effort == self._best
+
+    def _within(self, patience: float) -> _Effort | None:
+        """The greatest effort that takes no more than about `patience` seconds."""
+        return self._best if self._cost <= patience else self._plain if self._plain_cost <= patience else None
 
     def __call__(self, inputs, outputs) -> None:
         """Run the function "call"; Python's lock is released meanwhile."""
@@ -81,33 +105,35 @@ class Tiers:
         """Wait for the optimisations that began earlier; where Python has begun to end meanwhile, leave it."""
         with _one_at_a_time:  # Python ends after all threads: those that have not begun must not hold it up
             if threading.main_thread().is_alive():
-                self._improve()
+                self._improve(self._best)
 
-    def _improve(self) -> None:
+    def _improve(self, effort: _Effort) -> None:
         with self._lock:
-            if not self.is_best:
-                self._code = _Code(_made(zlib.decompress(self._text).decode(), *self._best))
-                self._text, self.is_best = b"", True
+            if self._effort not in (effort, self._best):
+                self._code = _Code(_made(zlib.decompress(self._text).decode(), effort))
+                self._effort = effort
+                if self.is_best:
+                    self._text = b""
 
     def address(self, function: str, patience: float) -> int:
         """The address of a function, valid as long as this object lives.
 
         The code is optimised first if that takes no more than about `patience` seconds.
         """
-        if self._cost <= patience:
-            self._improve()
+        if effort := self._within(patience):
+            self._improve(effort)
         self._fixed.append(self._code)
         return self._code.address(function)
 
 
 def cost(text: str) -> float:
     """The estimated time in seconds for LLVM to optimise a module."""
-    return SECONDS_A_LINE * text.count("\n")
+    return max(SECONDS_A_LINE * text.count("\n"), SECONDS_A_BLOCK * text.count(":\n"))
 
 
-def _description(text: str, level: int, scattered: bool) -> str:
-    return f"{describe()}, level {level}, scattered {scattered}\n{text}"
+def _description(text: str, effort: _Effort) -> str:
+    return f"{describe()}, level {effort.level}, scattered {effort.scattered}, loops {effort.loops}\n{text}"
 
 
-def _made(text: str, level: int, scattered: bool) -> bytes:
-    return kept(_description(text, level, scattered), lambda: object_code(text, level, scattered))
+def _made(text: str, effort: _Effort) -> bytes:
+    return kept(_description(text, effort), lambda: object_code(text, *effort))
