@@ -280,7 +280,8 @@ def trial(system: Hybrid, place: TrialStart, args, coupling: float, period: floa
     }
     run = trajectory(system, start, args, t0=place.t, t1=LONGEST_TRIAL * period, n=1)
     ended = run.status == STATUS.terminated
-    end, state = (run.events.t[-1], run.events.x_after[-1]) if ended else (run.t[-1], run.x[-1])
-    first, second = np.split(np.array(state), 2)
+    times, states = (run.events.t, run.events.x_after) if ended else (run.t, run.x)
+    end, state = np.asarray(times)[-1], np.array(states)[-1]  # JAX would compile an index for each number of events
+    first, second = np.split(state, 2)
     apart = second - first
     return bool(np.linalg.norm(apart) < START_DISTANCE), TrialStart(float(np.mod(float(end), period)), first, apart)
