@@ -290,7 +290,10 @@ def test_progress_tells_how_many_runs_are_done():
 
 
 @pytest.mark.slow
-def test_the_figures_by_the_command_line(tmp_path, capsys):
+def test_the_figures_by_the_command_line(tmp_path, capsys, monkeypatch):
+    """R3, which takes most of the time, over half of the length of the quick mode; timed runs, over a tenth."""
+    monkeypatch.setattr(skokos, "QUICK", dataclasses.replace(skokos_cases.QUICK, many=2.5e5, longer=2.5e5))
+    monkeypatch.setattr(skokos, "TIMED", 2e3)
     assert main(["papers", "skokos", "--quick", "--out", str(tmp_path)]) == 0
     assert "passed: all" in capsys.readouterr().out
     names = [f"skokos-{number}.{kind}" for number in range(1, 13) for kind in ("png", "pdf")]
