@@ -71,6 +71,11 @@ def component(name: str, index: Any, dimension: int) -> int:
     return index
 
 
+def time_label(unit: str) -> str:
+    """What stands at an axis of times that are counted in this unit."""
+    return "iteration" if unit == "iteration" else "time t"
+
+
 def whole_ticks(axis) -> None:
     """Marks at whole numbers only."""
     from matplotlib.ticker import MaxNLocator

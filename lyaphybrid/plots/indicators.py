@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .axes import COLOURS, Axes, both_axes, colours, ink, styled
+from .axes import COLOURS, Axes, both_axes, colours, ink, styled, time_label
 from .axes import axes_of as _axes
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def alignment(found: "GALIResult", ax: Axes | None = None, **style: Any) -> Axes
     for column, name, colour in zip(logs.T, names, colours(len(names), ax), strict=True):
         ax.plot(time, column, **styled("line", style, color=colour, linewidth=1.2, label=name))
     ax.set_xscale("log")
-    ax.set_xlabel("time t")
+    ax.set_xlabel(time_label(found.unit))
     ax.set_ylabel("log$_{10}$ " + ("GALI$_k$" if found.orders else "SALI"))
     if found.orders:
         ax.legend(fontsize="small")
@@ -80,7 +80,7 @@ def growth(found: "IndicatorResult", ax: Axes | None = None, **style: Any) -> Ax
         ax.axhline(2.0, color=ink(ax, 0.6), linewidth=0.8, zorder=0)
         ax.legend(fontsize="small")
     ax.set_xscale("log")
-    ax.set_xlabel("time t")
+    ax.set_xlabel(time_label(found.unit))
     ax.set_ylabel(found.name)
     return ax
 
@@ -103,7 +103,7 @@ def intervals(found: "SpectralIntervals", axes: Sequence[Axes] | None = None, **
         >>> found = lh.spectral_intervals(henon, [0.1, 0.2], 1.4, t1=200, window=20, tau=20)
         >>> axes = lh.plots.intervals(found)
         >>> len(axes), axes[1].get_xlabel()
-        (2, 'time t')
+        (2, 'iteration')
         >>> pyplot.close(axes[0].figure)
     """
     axes = both_axes(axes, (6.4, 5.6))
@@ -120,7 +120,7 @@ def intervals(found: "SpectralIntervals", axes: Sequence[Axes] | None = None, **
         ax.set_xscale("symlog", linthresh=found.window)
     running.set_ylabel(f"average over [0, t]\nper {found.unit}")
     windows.set_ylabel(f"average over [t, t + {found.window:g}]\nper {found.unit}")
-    windows.set_xlabel("time t")
+    windows.set_xlabel(time_label(found.unit))
     running.legend(fontsize="small", frameon=False)
     return axes
 
@@ -142,7 +142,7 @@ def angles(found: "CovariantVectors", ax: Axes | None = None, **style: Any) -> A
         >>> henon = lh.Map(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]]))
         >>> ax = lh.plots.angles(lh.covariant_vectors(henon, [0.1, 0.2], 1.4, t1=20, blocks=20))
         >>> ax.get_xlabel(), ax.get_ylabel()
-        ('time t', 'angle between vectors')
+        ('iteration', 'angle between vectors')
         >>> pyplot.close(ax.figure)
     """
     ax = _axes(ax)
@@ -152,7 +152,7 @@ def angles(found: "CovariantVectors", ax: Axes | None = None, **style: Any) -> A
         ax.plot(found.time, found.angles[:, column], **look)
     ax.set_yticks([0.0, np.pi / 4, np.pi / 2], ["0", "π/4", "π/2"])
     ax.set_ylim(0.0, 0.52 * np.pi)
-    ax.set_xlabel("time t")
+    ax.set_xlabel(time_label(found.unit))
     ax.set_ylabel("angle between vectors")
     if pairs:
         ax.legend(fontsize="small", frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._text import UNIT, with_error
-from .axes import COLOURS, Axes, Figures, colours, ink, styled, whole_ticks
+from .axes import COLOURS, Axes, Figures, colours, ink, styled, time_label, whole_ticks
 from .axes import axes_of as _axes
 
 if TYPE_CHECKING:
@@ -199,7 +199,7 @@ def running(
         ax.set_xlim(time[0], time[-1])
     elif len(time):
         ax.set_xlim(0.0, time[-1])
-    ax.set_xlabel("iteration" if unit == "iteration" else "time t")
+    ax.set_xlabel(time_label(unit))
     ax.set_ylabel(f"running exponents per {unit}")
     return ax
 

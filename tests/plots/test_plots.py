@@ -253,3 +253,15 @@ def test_exponent_and_entropy_against_density():
     growth = np.asarray(one.history.growth)[:, :2].sum(axis=1)
     np.testing.assert_allclose(spans[1], np.std(growth, ddof=1) / 10**0.5 / 2)
     assert "density" in ax.get_xlabel()
+
+
+HENON = lh.Map(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]]))
+LINEAR = lh.Flow(lambda t, x, a: jnp.stack([x[1], -a * x[0]]))
+
+
+@pytest.mark.parametrize("verb", ["gali", "sali", "megno", "fli", "covariant_vectors", "spectral_intervals"])
+@pytest.mark.parametrize(("system", "label"), [(HENON, "iteration"), (LINEAR, "time t")])
+def test_times_have_the_name_of_what_is_counted(verb, system, label):
+    length = {"window": 10, "tau": 10} if verb == "spectral_intervals" else {"blocks": 10}
+    axes = getattr(lh, verb)(system, [0.1, 0.2], 1.4, t1=40, **length).plot()
+    assert np.ravel(axes)[-1].get_xlabel() == label

@@ -18,7 +18,7 @@ from ... import plots
 from ..._arguments import Frame, Progress, Real, State, flag, integers, require, shape
 from ..._jax.tracing import traced
 from ..._keywords import explains_keywords
-from ..._text import Table
+from ..._text import UNIT, Table
 from ...engine.blocks import check_counts
 from ...engine.states import Orthonormalisation, StepState
 from ...integrators.base import Method
@@ -27,7 +27,7 @@ from ...systems.daes.semi_linear import degrees_of_freedom
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
 from ...systems.smooth import Flow, Map
-from .following import discrete, follow, samples_of, table_of, times_of, verdict_of
+from .following import discrete, follow, samples_of, table_of, times_of, unit_of, verdict_of
 from .verdicts import Verdict, of_alignment
 
 __all__ = ["GALIResult", "gali", "sali"]
@@ -83,6 +83,7 @@ class GALIResult(RunResult, eqx.Module):
             where a jump destroyed a direction.
         values: the same without the logarithm.
         status: how the run ended, an `lh.STATUS`.
+        unit: of time, "unit of time" or "iteration".
         verdict: whether the motion is regular or chaotic.
 
     Example:
@@ -97,6 +98,7 @@ class GALIResult(RunResult, eqx.Module):
     log_values: Array
     status_code: Array
     orders: tuple[int, ...] = eqx.field(static=True)
+    unit: str = eqx.field(static=True, default=UNIT["time"])
 
     @property
     def values(self) -> Array:
@@ -201,7 +203,7 @@ def gali(
     )  # fmt: skip
     volumes = jnp.cumsum(jnp.asarray(found.collected), axis=-1)[..., jnp.asarray(orders) - 1]
     volumes = jnp.where(jnp.isnan(jnp.asarray(found.time))[..., None], jnp.nan, volumes)
-    result = GALIResult(jnp.asarray(found.time), volumes, jnp.asarray(found.status), orders)
+    result = GALIResult(jnp.asarray(found.time), volumes, jnp.asarray(found.status), orders, unit_of(system))
     return verdict_of(found, result, throw)
 
 
@@ -269,4 +271,4 @@ def sali(
     log_sine = found.log_values[..., 0]
     square = jnp.exp(2 * jnp.minimum(log_sine, 0.0))
     cosine = jnp.sqrt(jnp.maximum(1 - square, 0.0))
-    return GALIResult(found.time, log_sine + 0.5 * jnp.log(2 / (1 + cosine)), found.status_code, ())
+    return GALIResult(found.time, log_sine + 0.5 * jnp.log(2 / (1 + cosine)), found.status_code, (), found.unit)

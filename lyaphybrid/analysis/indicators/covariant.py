@@ -27,10 +27,9 @@ from ...results.result import Data, RunResult, exponents_along
 from ...systems.daes.semi_linear import degrees_of_freedom
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
-from ...systems.kinds import iterates
 from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
-from .following import discrete, follow, generic_frame, verdict_of
+from .following import discrete, follow, generic_frame, unit_of, verdict_of
 
 __all__ = ["CovariantVectors", "covariant_vectors"]
 
@@ -239,7 +238,7 @@ def covariant_vectors(
         growth[:blocks],
         jnp.asarray(found.status),
         labels_of(system, (n,)),
-        "iteration" if iterates(system) else UNIT["time"],
+        unit_of(system),
     )
     return verdict_of(found, result, throw)
 

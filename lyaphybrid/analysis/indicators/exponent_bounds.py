@@ -22,7 +22,7 @@ from jaxtyping import Array
 
 from ... import plots
 from ..._arguments import Progress, Real, State, flag, positive, require, require_one_start, require_values
-from ..._text import UNIT, Table, numbered
+from ..._text import Table, numbered
 from ...engine.blocks import check_counts
 from ...engine.states import Orthonormalisation, StepState
 from ...integrators.base import Method
@@ -30,7 +30,7 @@ from ...results.result import Data, RunResult, exponents_along
 from ...systems.daes.semi_linear import degrees_of_freedom
 from ...systems.kinds import iterates
 from ...systems.smooth import Flow, Map
-from .following import discrete, follow, start_frame, verdict_of
+from .following import discrete, follow, start_frame, unit_of, verdict_of
 
 __all__ = ["ExponentBounds", "exponent_bounds"]
 
@@ -243,7 +243,7 @@ def exponent_bounds(
         mode=None, frame=start_frame(system, t0, x0, args, k), method=discrete("exponent_bounds", method),
         max_steps=max_steps, progress=progress, each_step=True,
     )  # fmt: skip
-    return verdict_of(found, _result(found, "iteration" if iterates(system) else UNIT["time"]), throw)
+    return verdict_of(found, _result(found, unit_of(system)), throw)
 
 
 def _local(system, n: int, method, local_error) -> float:

@@ -13,7 +13,7 @@ from ..._arguments import Frame, Progress, Real, State, flag, require
 from ..._jax.precision import nonzero
 from ..._jax.tracing import traced
 from ..._keywords import explains_keywords
-from ..._text import Table
+from ..._text import UNIT, Table
 from ...engine.blocks import check_counts
 from ...engine.states import Orthonormalisation, StepState
 from ...integrators.base import Method
@@ -22,7 +22,7 @@ from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
 from ...systems.kinds import iterates
 from ...systems.smooth import Flow, Map
-from .following import discrete, follow, samples_of, table_of, times_of, verdict_of
+from .following import discrete, follow, samples_of, table_of, times_of, unit_of, verdict_of
 from .verdicts import Verdict, of_fli, of_megno
 
 __all__ = ["IndicatorResult", "fli", "megno", "ofli"]
@@ -96,6 +96,7 @@ class IndicatorResult(RunResult, eqx.Module):
         mean: (times,) of MEGNO, its mean over [0, t]; None for the others.
         name: "MEGNO", "FLI", "OFLI" or "OFLI2".
         status: how the run ended, an `lh.STATUS`.
+        unit: of time, "unit of time" or "iteration".
         verdict: whether the motion is regular or chaotic.
 
     Example:
@@ -111,6 +112,7 @@ class IndicatorResult(RunResult, eqx.Module):
     mean: Array | None
     status_code: Array
     name: str = eqx.field(static=True)
+    unit: str = eqx.field(static=True, default=UNIT["time"])
 
     @property
     def verdict(self) -> Verdict:
@@ -330,5 +332,5 @@ def _grown(name: str, across: bool, system, x0, args, throw: bool, **how: Any) -
     values = {"MEGNO": state.value, "FLI": state.highest, "OFLI": state.highest_across}[name]
     values = jnp.where(jnp.isnan(time), jnp.nan, values)
     mean = jnp.where(jnp.isnan(values), jnp.nan, state.value_area) / time if name == "MEGNO" else None
-    result = IndicatorResult(time, values, mean, jnp.asarray(found.status), name)
+    result = IndicatorResult(time, values, mean, jnp.asarray(found.status), name, unit_of(system))
     return verdict_of(found, result, throw)

@@ -17,7 +17,7 @@ from ... import _renamed as renamed
 from ... import plots
 from ..._arguments import Frame, Progress, Real, State, flag, positive, real, require, require_one_start
 from ..._keywords import explains_keywords
-from ..._text import UNIT, Table, numbered
+from ..._text import Table, numbered
 from ...integrators.base import Method
 from ...results.result import Data, RunResult, exponents_along
 from ...systems.event_driven import EventDriven
@@ -25,6 +25,7 @@ from ...systems.hybrid import Hybrid
 from ...systems.kinds import iterates
 from ...systems.smooth import Flow, Map
 from ..spectra import lyapunov_spectrum
+from .following import unit_of
 
 __all__ = ["SpectralIntervals", "spectral_intervals"]
 
@@ -191,7 +192,7 @@ def spectral_intervals(
         method=method, every=every, max_steps=max_steps, progress=progress, throw=throw,
     )  # fmt: skip
     ends, growth, losses = (np.asarray(a) for a in (s.history.time, s.history.growth, s.history.losses))
-    reached, unit = np.isfinite(ends), "iteration" if iterates(system) else UNIT["time"]
+    reached, unit = np.isfinite(ends), unit_of(system)
     # A direction that was lost for good in the transient counts as lost in every window.
     losses = losses + (np.isneginf(np.asarray(s.exponents)) & ~np.any(losses > 0, axis=0))
     return _from_growth(

@@ -14,7 +14,7 @@ from ...integrators.second_variations import SecondVariation, VariedField, highe
 from ...systems.daes.semi_linear import DAE
 from ...systems.smooth import Flow
 from ...systems.validation import check_functions
-from .following import follow, generic_frame, unit_columns, verdict_of
+from .following import follow, generic_frame, unit_columns, unit_of, verdict_of
 from .growth import IndicatorResult
 
 __all__ = ["ofli2"]
@@ -102,7 +102,9 @@ def ofli2(
     )  # fmt: skip
     time = jnp.asarray(found.time)
     values = jnp.where(jnp.isnan(time), jnp.nan, found.collected)
-    return verdict_of(found, IndicatorResult(time, values, None, jnp.asarray(found.status), "OFLI2"), throw)
+    return verdict_of(
+        found, IndicatorResult(time, values, None, jnp.asarray(found.status), "OFLI2", unit_of(system)), throw
+    )
 
 
 def _highest(t, carry):

@@ -21,7 +21,7 @@ from jaxtyping import Array
 from ... import plots
 from ..._arguments import Progress, Real, State, Times, flag, require_one_start, require_values, whole
 from ..._linalg.frames import orthonormalise
-from ..._text import UNIT, Table, numbered
+from ..._text import Table, numbered
 from ...engine.blocks import check_counts
 from ...engine.states import Orthonormalisation, StepState
 from ...integrators.base import Method
@@ -29,10 +29,9 @@ from ...results.result import Data, RunResult, exponents_along
 from ...systems.daes.semi_linear import degrees_of_freedom
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
-from ...systems.kinds import iterates
 from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
-from .following import discrete, follow, start_frame, verdict_of
+from .following import discrete, follow, start_frame, unit_of, verdict_of
 from .graded import log_singular_values
 
 __all__ = ["SVDSpectrum", "svd_spectrum"]
@@ -249,7 +248,7 @@ def svd_spectrum(
     reached = np.isfinite(found.time)
     start, rows, logs = (np.asarray(part)[reached] for part in found.collected)
     logs, vectors = log_singular_values(rows, logs)
-    unit = "iteration" if iterates(system) else UNIT["time"]
+    unit = unit_of(system)
     status, labels = jnp.asarray(found.status), labels_of(system, (n,))
     result = SVDSpectrum(np.asarray(found.time)[reached], logs, start @ vectors, status, unit, labels)
     return verdict_of(found, result, throw)
