@@ -235,7 +235,7 @@ def _periods(system: dict) -> int:
     ratios = sizes[1:] / sizes[:-1]
     pairs = np.any(ratios >= 1 - 1e-9)  # these turn for ever
     slowest = np.max(ratios[ratios < 1 - 1e-9])
-    return max(10_000 if pairs else 128, int(2 * np.log(1e-10) / np.log(slowest)))
+    return max(20_000 if pairs else 128, int(2 * np.log(1e-10) / np.log(slowest)))
 
 
 def _smooth_mean(values: np.ndarray) -> np.ndarray:
