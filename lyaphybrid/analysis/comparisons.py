@@ -13,7 +13,7 @@ from .. import plots
 from .._arguments import Key, Real, State, flag, positive, random_key, real, require, whole
 from .._jax.tracing import traced
 from .._keywords import explains_keywords, user_level
-from .._text import UNIT, Table, with_error
+from .._text import Table, with_error
 from ..engine import preparation, problems
 from ..engine.blocks import check_counts
 from ..engine.host.places import Place, account
@@ -25,7 +25,7 @@ from ..results.spectrum import History
 from ..statuses import STATUS
 from ..systems.event_driven import EventDriven
 from ..systems.hybrid import Hybrid
-from ..systems.kinds import iterates
+from ..systems.kinds import iterates, unit_of
 from ..systems.labels import Labels, labels_of
 from ..systems.smooth import Flow, Map
 from . import pairs
@@ -191,7 +191,7 @@ def two_trajectories(
     ends = pair.elapsed + (jnp.ceil(ends - 1e-9) if whole else ends)
     pair, records, why = pairs.all_blocks(problem, recipe, t0, pair, ends, why)
     pair = pair._replace(x=problems.in_rows(problem, pair.x))
-    result = _summarise(t0, pair, records, recipe.separation, whole, labels_of(system, problem.shape))
+    result = _summarise(t0, pair, records, recipe.separation, unit_of(system), labels_of(system, problem.shape))
     if not traced(result) and not result.status.failed:
         _note_rounding(problem, result, x0)
     return _deliver(result, problems.mode_names(system), throw, why)
@@ -245,7 +245,7 @@ def _shift_by_time(problem: problems.RunProblem, result: TwoTrajectories, x) -> 
     return abs(float(result.t)) * float(jnp.max(jnp.abs(speed)))
 
 
-def _summarise(t0, pair: pairs.TrajectoryPair, records, separation, whole: bool, labels: Labels) -> TwoTrajectories:
+def _summarise(t0, pair: pairs.TrajectoryPair, records, separation, unit: str, labels: Labels) -> TwoTrajectories:
     """The exponent and its standard error from the sums of the blocks."""
     elapsed, growth, length, intervals, skipped = records
     before = jnp.concatenate([elapsed[:1] - length[:1], elapsed[:-1]])
@@ -269,7 +269,7 @@ def _summarise(t0, pair: pairs.TrajectoryPair, records, separation, whole: bool,
         mode=pair.mode,
         separation=separation,
         status_code=pair.status,
-        unit="iteration" if whole else UNIT["time"],
+        unit=unit,
         state_labels=labels,
     )
 

@@ -1,10 +1,11 @@
-"""The union type of all systems."""
+"""The union type of all systems, and what their times are counted in."""
 
+from .._text import UNIT
 from .event_driven import EventDriven
 from .hybrid import Hybrid
 from .smooth import Flow, Map
 
-__all__ = ["System", "iterates"]
+__all__ = ["System", "iterates", "unit_of"]
 
 System = Flow | Map | Hybrid | EventDriven
 
@@ -12,3 +13,8 @@ System = Flow | Map | Hybrid | EventDriven
 def iterates(system: System) -> bool:
     """Whether time is the number of iterations: a map, or a hybrid system without a flow."""
     return isinstance(system, Map) or (isinstance(system, Hybrid) and system.fields is None)
+
+
+def unit_of(system: System) -> str:
+    """What the times of a system are counted in."""
+    return "iteration" if iterates(system) else UNIT["time"]

@@ -1,4 +1,4 @@
-"""Random cases of each kind: a few dozen in the fast suite, 8500 in the slow one."""
+"""Random cases of each kind: a few dozen in the fast suite, more than 5000 in the slow one."""
 
 import jax.numpy as jnp
 import pytest
@@ -8,7 +8,7 @@ from fuzz import arguments
 from fuzz.kinds import KINDS
 
 FAST = {"arguments": 120, "automata": 50, "calls": 3, "daes": 50, "hamiltonians": 50, "resets": 50}  # seeds, from 0
-SLOW = {"arguments": 2000, "automata": 1500, "calls": 60, "daes": 2000, "hamiltonians": 2000, "resets": 1000}
+SLOW = {"arguments": 2500, "automata": 1500, "calls": 120, "daes": 1500, "hamiltonians": 1500, "resets": 1500}
 
 
 @pytest.fixture(autouse=True)

@@ -26,8 +26,9 @@ from ...results.result import Data, RunResult
 from ...systems.daes.semi_linear import degrees_of_freedom
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
+from ...systems.kinds import unit_of
 from ...systems.smooth import Flow, Map
-from .following import discrete, follow, samples_of, table_of, times_of, unit_of, verdict_of
+from .following import discrete, follow, samples_of, table_of, times_of, verdict_of
 from .verdicts import Verdict, of_alignment
 
 __all__ = ["GALIResult", "gali", "sali"]

@@ -27,9 +27,10 @@ from ...results.result import Data, RunResult, exponents_along
 from ...systems.daes.semi_linear import degrees_of_freedom
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
+from ...systems.kinds import unit_of
 from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
-from .following import discrete, follow, generic_frame, unit_of, verdict_of
+from .following import discrete, follow, generic_frame, verdict_of
 
 __all__ = ["CovariantVectors", "covariant_vectors"]
 

@@ -28,9 +28,9 @@ from ...engine.states import Orthonormalisation, StepState
 from ...integrators.base import Method
 from ...results.result import Data, RunResult, exponents_along
 from ...systems.daes.semi_linear import degrees_of_freedom
-from ...systems.kinds import iterates
+from ...systems.kinds import iterates, unit_of
 from ...systems.smooth import Flow, Map
-from .following import discrete, follow, start_frame, unit_of, verdict_of
+from .following import discrete, follow, start_frame, verdict_of
 
 __all__ = ["ExponentBounds", "exponent_bounds"]
 

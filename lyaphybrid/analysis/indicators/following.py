@@ -8,7 +8,7 @@ import numpy as np
 from ..._arguments import attempts, numbers, require, whole
 from ..._jax.tracing import array, traced
 from ..._linalg import frames
-from ..._text import UNIT, Table
+from ..._text import Table
 from ...engine import preparation, problems
 from ...engine.blocks import each_step_of, ends_of_blocks, is_zero, qr_schedule_for, targets_for
 from ...engine.host import driver
@@ -31,16 +31,10 @@ __all__ = [
     "table_of",
     "times_of",
     "unit_columns",
-    "unit_of",
     "verdict_of",
 ]
 
 TIMES_SHOWN = 8  # times in a table
-
-
-def unit_of(system) -> str:
-    """What the times of a system are counted in."""
-    return "iteration" if iterates(system) else UNIT["time"]
 
 
 class IndicatorRun(NamedTuple):

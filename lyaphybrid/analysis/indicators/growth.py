@@ -20,9 +20,9 @@ from ...integrators.base import Method
 from ...results.result import Data, RunResult
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
-from ...systems.kinds import iterates
+from ...systems.kinds import iterates, unit_of
 from ...systems.smooth import Flow, Map
-from .following import discrete, follow, samples_of, table_of, times_of, unit_of, verdict_of
+from .following import discrete, follow, samples_of, table_of, times_of, verdict_of
 from .verdicts import Verdict, of_fli, of_megno
 
 __all__ = ["IndicatorResult", "fli", "megno", "ofli"]

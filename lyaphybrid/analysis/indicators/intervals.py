@@ -22,10 +22,9 @@ from ...integrators.base import Method
 from ...results.result import Data, RunResult, exponents_along
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
-from ...systems.kinds import iterates
+from ...systems.kinds import iterates, unit_of
 from ...systems.smooth import Flow, Map
 from ..spectra import lyapunov_spectrum
-from .following import unit_of
 
 __all__ = ["SpectralIntervals", "spectral_intervals"]
 

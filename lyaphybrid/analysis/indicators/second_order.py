@@ -12,9 +12,10 @@ from ...integrators import TangentHamiltonian
 from ...integrators.base import Method
 from ...integrators.second_variations import SecondVariation, VariedField, highest_of, started
 from ...systems.daes.semi_linear import DAE
+from ...systems.kinds import unit_of
 from ...systems.smooth import Flow
 from ...systems.validation import check_functions
-from .following import follow, generic_frame, unit_columns, unit_of, verdict_of
+from .following import follow, generic_frame, unit_columns, verdict_of
 from .growth import IndicatorResult
 
 __all__ = ["ofli2"]

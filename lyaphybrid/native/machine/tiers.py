@@ -5,7 +5,8 @@ optimisation would take (`benchmarks.first_calls` measures LLVM's part of a firs
 repeatedly is only translated at first. If much is left to run, a thread makes optimised code, which later calls use.
 So it does for runs that are repeated: who has repeated a run for half the time of an optimisation will go on.
 A program that is one long call has no better code later. Where the optimisation would take too long, its loops over
-memory are left as they are: vectors in loops, and loops written out, take most of LLVM's time if there are many.
+memory are left as they are: vectors in loops, and loops written out, take most of LLVM's time if there are many. Such
+code runs about half as fast.
 All codes give the same bits: no flag allows LLVM to change the order of a sum.
 """
 
@@ -19,8 +20,8 @@ from .cache import if_kept, kept
 from .code import Linked, describe, object_code
 
 FIRST_LEVEL = 0  # LLVM's optimisation level of the first code
-SECONDS_A_LINE = 1e-4  # estimated time for LLVM to optimise one line of a module, in seconds, loops left as they are
-SECONDS_A_BLOCK = 3e-3  # the same for one block of a module with many loops, which are optimised, too
+SECONDS_A_LINE = 1e-4  # estimated time for LLVM to optimise a line of a module whose loops stay as they are, in seconds
+SECONDS_A_BLOCK = 3e-3  # the same for a block of a module whose loops become vectors and are unrolled
 WORTH_IT = 2  # optimise if the remaining run time exceeds the optimisation time by this factor …
 AT_LAST = 3  # … or if the past run time does by this factor …
 REPEATED = 0.5  # … or by this one where runs are repeated
@@ -52,9 +53,9 @@ class Tiers:
 
     def __init__(self, text: str, level: int, scattered: bool, patience: float):
         """`level`, `scattered`: options of the optimised code; `patience`: seconds that the first code may take."""
-        self._text = zlib.compress(text.encode(), 1)
         self._best, self._plain = _Effort(level, scattered, loops=True), _Effort(level)
-        self._cost, self._plain_cost = cost(text), SECONDS_A_LINE * text.count("\n")  # estimated, in seconds
+        self._plain_cost = SECONDS_A_LINE * text.count("\n")  # estimated time for LLVM, in seconds
+        self._cost = max(self._plain_cost, SECONDS_A_BLOCK * text.count(":\n"))
         self._spent, self._runs = 0.0, 0  # past run time, in seconds; runs that have ended
         self._lock, self._asked = threading.Lock(), False
         self._fixed: list[_Code] = []  # codes whose addresses were given out, and which must stay alive
@@ -62,6 +63,7 @@ class Tiers:
         if code is None:
             self._effort = self._within(patience) or _Effort(FIRST_LEVEL)
             code = _made(text, self._effort)
+        self._text = b"" if self.is_best else zlib.compress(text.encode(), 1)  # for better code
         self._code = _Code(code)
 
     @property
@@ -124,11 +126,6 @@ class Tiers:
             self._improve(effort)
         self._fixed.append(self._code)
         return self._code.address(function)
-
-
-def cost(text: str) -> float:
-    """The estimated time in seconds for LLVM to optimise a module."""
-    return max(SECONDS_A_LINE * text.count("\n"), SECONDS_A_BLOCK * text.count(":\n"))
 
 
 def _description(text: str, effort: _Effort) -> str:
