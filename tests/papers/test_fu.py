@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.special import expit
 
 import lyaphybrid as lh
 import references
@@ -302,6 +303,44 @@ def test_the_coupling_at_which_half_of_the_trials_follow():
     drawn = np.random.default_rng(1).binomial(400, p, size=(200, len(d))) / 400
     middles = [synchronisation.midpoint(d, one, 400)[0] for one in drawn]
     assert abs(np.std(middles) / synchronisation.midpoint(d, p, 400)[1] - 1) < 0.2
+
+
+@pytest.mark.parametrize("trials", [2, 29])
+def test_too_few_trials_in_chaos_are_refused(pair, trials):
+    _, x0, args = fu._off(cases.CASES[2])
+    with pytest.raises(ValueError, match=f"at least 30 .* too small.*got {trials}"):
+        synchronisation.synchronised(pair, np.asarray(x0), args, period=1.0, angles=(0,), trials=trials, steps=3)
+
+
+def bisections(trials: int, steepness: float, repetitions: int):
+    """The limit d₀ of each repetition, drawn anew, and what bisection finds of trials that follow a logistic law."""
+    rng = np.random.default_rng(3)
+    for limit in rng.uniform(0.05, 0.3, repetitions):
+
+        def following(d, limit=limit):
+            return int(rng.binomial(trials, expit(steepness * (d - limit))))
+
+        yield limit, synchronisation.bisected(following, trials, cases.CHAOS_STEPS)
+
+
+@pytest.mark.slow_cases(all_but=("30-70.0",))
+@pytest.mark.parametrize("steepness", [20.0, 70.0, 300.0])
+@pytest.mark.parametrize("trials", [30, 100])
+def test_errors_of_the_midpoint_hold_it_as_often_as_they_say(trials, steepness):
+    """Of repetitions, couplings chosen by bisection, that of a Gaussian: 68 and 95 %."""
+    off = np.array([abs(found.exponent - limit) / found.error for limit, found in bisections(trials, steepness, 600)])
+    assert 0.60 < np.mean(off < 1) < 0.75
+    assert 0.90 < np.mean(off < 2) < 0.98
+
+
+def test_where_all_trials_end_alike_the_midpoint_lies_between():
+    """A law far steeper than the bisection is fine: half the width of its last interval, whatever the trials."""
+    for trials in (1, 2, 30):
+        for limit, found in bisections(trials, 1e9, 50):
+            assert found.error == 2.0**-cases.CHAOS_STEPS
+            assert abs(found.exponent - limit) <= found.error
+    # Where one coupling is at the limit itself, between its neighbours.
+    assert synchronisation.midpoint([0.0, 0.5, 0.25, 0.125], [0, 1, 1, 0.5], 2) == (0.125, 0.125)
 
 
 def test_the_copy_is_pulled_as_the_formula_says(pair):

@@ -25,10 +25,11 @@ from ...statuses import STATUS
 from ...systems.contacts.filippov import filippov
 from ...systems.hybrid import Hybrid, Transition
 
-__all__ = ["TrialStart", "Synchronised", "coupled", "midpoint", "synchronised", "trial"]
+__all__ = ["TrialStart", "Synchronised", "bisected", "coupled", "midpoint", "synchronised", "trial"]
 
 START_DISTANCE, GROWTH_FACTOR = 1e-6, 1e4  # difference at the start of a trial, and the factor at which it ends
 RANGE = (-1.0, 1.0)  # range of the bisection
+FEWEST_TRIALS = 30  # in chaos: with fewer one standard error, of first order, holds d₀ in less than 65 % of the cases
 LONGEST_TRIAL = 400  # longest trial, in periods
 RESOLVED = 8 * GUARD_ROUNDING  # distances below this fraction of the state may be taken for zero when one of both jumps
 
@@ -37,7 +38,7 @@ class Synchronised(NamedTuple):
     """The coupling at the limit of synchronisation.
 
     Attributes:
-        exponent: on a cycle the middle of the last interval of the bisection, in chaos from all trials.
+        exponent: `midpoint`: on a cycle the middle of the last interval of the bisection, in chaos from all trials.
         error: half the width of that interval, or one standard error of the scatter. Rounding is negligible as long
             as START_DISTANCE/GROWTH_FACTOR is above RESOLVED of the state. The tolerances of the steps do not matter,
             because both copies make the same errors.
@@ -203,23 +204,45 @@ def synchronised(
         period: of the forcing.
         angles: components of x0 that are angles: each trial starts with them in [−π, π], because rounding grows with
             the angle.
-        trials: number for each coupling; one is enough if the first system is on a cycle.
+        trials: number for each coupling: one if the first system is on a cycle, in chaos at least FEWEST_TRIALS.
         steps: number of bisection steps.
     """
-    low, high = RANGE
-    place, tried, followed = TrialStart(0.0, np.array(x0), np.ones(len(x0))), [], []
-    for _ in range(steps):
-        middle, count = 0.5 * (low + high), 0
+    require(
+        trials == 1 or trials >= FEWEST_TRIALS,
+        f"trials must be 1 (on a cycle all trials at a coupling end alike) or at least {FEWEST_TRIALS} (in chaos the "
+        "standard error is that of a curve through the fractions that synchronise, and with fewer is too small); "
+        f"got {trials}.",
+    )
+    place = TrialStart(0.0, np.array(x0), np.ones(len(x0)))
+
+    def following(coupling: float) -> int:
+        nonlocal place
+        count = 0
         for _ in range(trials):
             place.x[list(angles)] = np.remainder(place.x[list(angles)] + np.pi, 2 * np.pi) - np.pi
-            follows, place = trial(system, place, args, middle, period)
+            follows, place = trial(system, place, args, coupling, period)
             count += follows
+        return count
+
+    return bisected(following, trials, steps)
+
+
+def bisected(following: Callable[[float], int], trials: int, steps: int) -> Synchronised:
+    """The limit of synchronisation, by bisection of RANGE.
+
+    Args:
+        following: coupling -> how many of the trials synchronise.
+        trials: number of trials at each coupling.
+        steps: number of bisection steps.
+    """
+    (low, high), tried, counts = RANGE, [], []
+    for _ in range(steps):
+        middle = 0.5 * (low + high)
         tried.append(middle)
-        followed.append(count / trials)
-        low, high = (low, middle) if 2 * count > trials else (middle, high)
-    tried, followed = np.array(tried), np.array(followed)
-    exponent, error = (0.5 * (low + high), 0.5 * (high - low)) if trials == 1 else midpoint(tried, followed, trials)
-    return Synchronised(exponent, error, trials, tried, followed)
+        counts.append(following(middle))
+        low, high = (low, middle) if 2 * counts[-1] > trials else (middle, high)
+    couplings, followed = np.array(tried), np.array(counts) / trials
+    return Synchronised(*midpoint(couplings, followed, trials), trials, couplings, followed)
 
 
 def midpoint(couplings, followed, trials: int) -> tuple[float, float]:
@@ -227,7 +250,9 @@ def midpoint(couplings, followed, trials: int) -> tuple[float, float]:
 
     ln of the distance is a random walk with the drift λ₁ − d between two barriers at equal distances. It reaches the
     lower one first with the probability p = 1/(1 + e^{−κ(d − d₀)}), d₀ = λ₁, whose parameters
-    are found by maximum likelihood.
+    are found by maximum likelihood; the error is that of d₀ to first order in the errors of both. Where the fractions
+    jump from none to all, no κ is the best: then d₀ is the middle between the largest coupling at which none did and
+    the smallest at which all did, and the error half their distance.
 
     Args:
         couplings: (m,) d.
@@ -235,6 +260,9 @@ def midpoint(couplings, followed, trials: int) -> tuple[float, float]:
         trials: number of trials at each.
     """
     d, seen = np.asarray(couplings), np.asarray(followed)
+    if np.max(d[seen < 1], initial=RANGE[0]) <= np.min(d[seen > 0], initial=RANGE[1]):
+        none, every = np.max(d[seen == 0], initial=RANGE[0]), np.min(d[seen == 1], initial=RANGE[1])
+        return float(0.5 * (none + every)), float(0.5 * (every - none))
     design = np.stack([np.ones_like(d), d], axis=1)
 
     def weighed(parameters):
