@@ -48,7 +48,7 @@ def kawczynski_strizhak(x, y, z, *, beta=-0.4, gamma=0.49, kappa=0.2, mu=2.1):
     start=(0.4064, 1.819),
     turn=7.76,
     source="K. Tomita & T. Kai, Stroboscopic phase portrait and strange attractors, Phys. Lett. A 66 (1978) 91; "
-    "I. Prigogine, From Being to Becoming, Freeman (1980)",
+    "I. Prigogine, From Being to Becoming, Freeman (1980); form and parameters as in the dysts collection",
 )
 def forced_brusselator(t, x, y, *, a=0.4, b=1.2, force=0.05, omega=0.81):
     """The Brusselator under a periodic feed."""

@@ -85,7 +85,7 @@ def cellular_neural_network(x, y, z, *, a=4.4, b=3.21, c=1.1, d=1.24):
     turn=30.0,
     source="R. D. Beer, On the dynamics of small continuous-time recurrent neural networks, Adapt. Behav. 3 (1995) "
     "469, doi:10.1177/105971239500300405",
-    known=Known((0.010,), 5e-4, "Fig. 9D of the source"),
+    known=Known((0.010,), 5e-4, "Fig. 9D of the source, after LyapunovExponents.jl"),
 )
 def beer_rnn(*x):
     """Three neurons with graded response and a chaotic choice of weights."""
@@ -132,8 +132,8 @@ def forced_fitzhugh_nagumo(
 @published(
     start=(-0.02181, -0.03754, 0.03337),
     turn=1.8,
-    source="M. Marhl & M. Perc, Chaos Solitons Fractals (2005), as cited by the dysts collection; its form and "
-    "parameters",
+    source="M. Marhl & M. Perc, Determining the flexibility of regular and chaotic attractors, Chaos Solitons Fractals "
+    "28 (2006) 822; form and parameters as in the dysts collection, which cites no title and the year 2005",
 )
 def hindmarsh_rose(x, y, z, *, a=0.49, b=1.0, c=0.0322, d=1.0, s=1.0, tx=0.03, tz=0.8):
     """A bursting neuron of the type of Hindmarsh and Rose, in scaled variables."""

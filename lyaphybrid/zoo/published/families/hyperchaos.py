@@ -1,25 +1,20 @@
 """Flows in four dimensions, most of them with two positive exponents."""
 
-from ..spectra import Known
 from ..table import published
 
 MEIER = "J. Meier, Presentation of Attractors with Cinema (2003), a collection; as in the dysts collection"
-WOLF = (
-    "A. Wolf, J. B. Swift, H. L. Swinney & J. A. Vastano, Determining Lyapunov exponents from a time series, Physica "
-)
-WOLF += "D 16 (1985) 285, doi:10.1016/0167-2789(85)90011-9; there 0.16, 0.03, 0, −39 bits per unit of time"
 
 
 def _lorenz_with_memory(x, y, z, w, a, b, c, d):
     return a * (y - x) + w, x * (b - z) - y, x * y - c * z, d * w - x * z
 
 
+# No published exponents here: the table of A. Wolf et al., Physica D 16 (1985) 285, could not be read to check them.
 @published(
     start=(-24.7, -10.28, 0.1196, 19.28),
     turn=6.0,
     source="O. E. Rössler, An equation for hyperchaos, Phys. Lett. A 71 (1979) 155, doi:10.1016/0375-9601(79)90150-6",
     note="stiff in the spikes of z",
-    known=Known((0.1109, 0.021, 0.0, -27.0), 3.5e-3, WOLF),
 )
 def hyper_rossler(x, y, z, w, *, a=0.25, b=3.0, c=0.5, d=0.05):
     """Rössler's equation for hyperchaos."""
@@ -41,8 +36,9 @@ def hyper_jha(x, y, z, w, *, a=10.0, b=28.0, c=2.667, d=1.3):
 @published(
     start=(11.72, 13.48, 28.97, 22.85),
     turn=0.6,
-    source="G. Cai & J. Huang, A new finance chaotic attractor, Int. J. Nonlinear Sci. 3 (2007), as cited by the "
-    "dysts collection",
+    source="form and parameters as in the dysts collection, which cites a paper on another flow; the hyperchaotic Cai "
+    "system is of Wang & Cai (2009), as cited by S. Pakiriswamy & S. Vaidyanathan, Int. J. Adv. Inf. Technol. 2 (2012) "
+    "75, doi:10.5121/ijait.2012.2206",
 )
 def hyper_cai(x, y, z, w, *, a=27.5, b=3.0, c=19.3, d=2.9, e=3.3):
     """A Lorenz-like flow whose third component is driven by y²."""
@@ -53,7 +49,8 @@ def hyper_cai(x, y, z, w, *, a=27.5, b=3.0, c=19.3, d=2.9, e=3.3):
     start=(1.626, 1.852, 19.17, 4.421),
     turn=0.6,
     source="B. Bao & Z. Liu, A hyperchaotic attractor coined from chaotic Lü system, Chin. Phys. Lett. 25 (2008) 2396, "
-    "doi:10.1088/0256-307X/25/7/018",
+    "doi:10.1088/0256-307X/25/7/018; form and parameters as in the dysts collection (PredefinedDynamicalSystems.jl has "
+    "c = 20.5 and − d y z)",
 )
 def hyper_bao(x, y, z, w, *, a=36.0, b=3.0, c=20.0, d=0.1, e=21.0):
     """Lü's system with a fourth component."""
@@ -96,8 +93,8 @@ def hyper_qi(x, y, z, w, *, a=50.0, b=24.0, c=13.0, d=8.0, e=33.0, f=30.0):
 @published(
     start=(2.387, 0.7779, 42.95, 8.527),
     turn=0.6,
-    source="Z. Wang, Y. Sun, B. J. van Wyk, G. Qi & M. A. van Wyk, A 3-D four-wing attractor and its analysis, Braz. "
-    "J. Phys. 39 (2009) 547, as cited by the dysts collection",
+    source="form and parameters as in the dysts collection, which cites a paper on a flow in three dimensions: Z. "
+    "Wang, Y. Sun, B. J. van Wyk, G. Qi & M. A. van Wyk, Braz. J. Phys. 39 (2009) 547",
 )
 def hyper_wang(x, y, z, w, *, a=10.0, b=40.0, c=2.5, d=10.6, e=4.0):
     """Liu's system with a fourth component."""
@@ -107,8 +104,10 @@ def hyper_wang(x, y, z, w, *, a=10.0, b=40.0, c=2.5, d=10.6, e=4.0):
 @published(
     start=(4.594, -0.0114, -3.511, 12.41),
     turn=1.0,
-    source="C. Letellier & O. E. Rössler, Hyperchaos, Scholarpedia 2 (2007) 1936, doi:10.4249/scholarpedia.1936, as "
-    "cited by the dysts collection",
+    source="form and parameters as in the dysts collection, which cites C. Letellier & O. E. Rössler, Hyperchaos, "
+    "Scholarpedia 2 (2007) 1936, doi:10.4249/scholarpedia.1936; the hyperchaotic Xu system is of Xu, Cai & Zheng "
+    "(2009), as cited by S. Vaidyanathan, Int. J. Comput. Sci. Eng. Inf. Technol. 2 (2012) 81, "
+    "doi:10.5121/ijcseit.2012.2306",
 )
 def hyper_xu(x, y, z, w, *, a=10.0, b=40.0, c=2.5, d=2.0, e=16.0):
     """A Lorenz-like flow whose fourth component is driven by x z."""
@@ -135,7 +134,7 @@ def hyper_yang_chen(x, y, z, w, *, a=30.0, b=3.0, c=35.0, d=8.0):
     start=(0.1898, 0.9969, 7.932, 3.224),
     turn=0.4,
     source="G. Qi, S. Du, G. Chen, Z. Chen & Z. Yuan, On a four-dimensional chaotic system, Chaos Solitons Fractals 23 "
-    "(2005) 1671; parameters as in the dysts collection",
+    "(2005) 1671; form and parameters as in the dysts collection, which cites another paper of G. Qi",
 )
 def qi(x, y, z, w, *, a=45.0, b=10.0, c=1.0, d=10.0):
     """A flow with a product of three components in each equation."""

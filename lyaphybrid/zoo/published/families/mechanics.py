@@ -48,7 +48,7 @@ def arnold_web(t, p1, p2, q1, q2, *, mu=0.01, omega=1.0):
     start=(-0.8559, 1.481, -0.8508, 1.636),
     turn=6.0,
     conservative=True,
-    source="V. Baran & A. A. Raduta, Int. J. Mod. Phys. E 7 (1998); form and parameters as in the dysts collection",
+    source="V. Baran & A. A. Raduta, Int. J. Mod. Phys. E 7 (1998) 527; form and parameters as in the dysts collection",
 )
 def nuclear_quadrupole(q1, q2, p1, p2, *, a=1.0, b=0.55, d=0.4):
     """Quadrupole vibrations of a nucleus, a quartic Hénon–Heiles system."""
