@@ -76,7 +76,8 @@ def hadley(x, y, z, *, a=0.2, b=4.0, f=9.0, g=1.0):
     start=(-0.2574, 0.2783, 1.075),
     turn=6.0,
     source="T. Shimizu & N. Morioka, On the bifurcation of a symmetric limit cycle to an asymmetric one in a simple "
-    "model, Phys. Lett. A 76 (1980) 201, doi:10.1016/0375-9601(80)90466-1",
+    "model, Phys. Lett. A 76 (1980) 201, doi:10.1016/0375-9601(80)90466-1; parameters as in the dysts collection "
+    "(often a = 0.75, b = 0.45)",
 )
 def shimizu_morioka(x, y, z, *, a=0.85, b=0.5):
     """A simplified Lorenz model near a symmetric homoclinic orbit."""
@@ -138,7 +139,7 @@ def atmospheric_regime(x, y, z, *, alpha=-2.0, beta=-5.0, mu1=0.05, mu2=-0.01, o
     start=(0.6542, 4.467, 95.13),
     turn=3.0,
     source="J. P. Smith, J.-L. Thiffeault & W. Horton, J. Geophys. Res. 105 (2000) 12983, doi:10.1029/1999JA000218; "
-    "W. Horton, R. S. Weigel & J. C. Sprott, Phys. Plasmas 8 (2001) 2946; form and parameters "
+    "W. Horton, R. S. Weigel & J. C. Sprott, Phys. Plasmas 8 (2001) 2946, doi:10.1063/1.1371522; form and parameters "
     "as in the dysts collection",
     note="the switch tanh(d (i − 1)) is steep: nearly a jump of the field",
 )
@@ -164,7 +165,7 @@ def rikitake(x, y, z, *, a=1.0, mu=1.0):
     turn=1.0,
     source="L. Stenflo, Generalized Lorenz equations for acoustic-gravity waves in the atmosphere, Phys. Scr. 53 "
     "(1996) 83, doi:10.1088/0031-8949/53/1/015; C. Letellier & O. E. Rössler, Hyperchaos, Scholarpedia 2 (2007) 1936, "
-    "doi:10.4249/scholarpedia.1936",
+    "doi:10.4249/scholarpedia.1936; parameters as in the dysts collection",
 )
 def lorenz_stenflo(x, y, z, w, *, a=2.0, b=0.7, c=26.0, d=1.5):
     """Acoustic-gravity waves in a rotating atmosphere."""
@@ -175,9 +176,8 @@ def lorenz_stenflo(x, y, z, w, *, a=2.0, b=0.7, c=26.0, d=1.5):
     start=(1.193, -1.162, -0.05764),
     turn=0.8,
     source="R. Shaw, Strange attractors, chaotic behavior and information flow, Z. Naturforsch. A 36 (1981) 80, "
-    "doi:10.1515/zna-1981-0115; parameters as in the dysts collection, which writes + y in the second "
-    "equation instead of − y",
-    known=Known((2.2499, 0.0, -13.2499), 5e-5, BOOK),
+    "p. 104, doi:10.1515/zna-1981-0115; the dysts collection writes + y in the second equation instead of − y",
+    known=Known((2.2499, 0.0, -13.2499), 5e-5, f"{BOOK} A.5.14, where the sign of s x y is a misprint"),
 )
 def burke_shaw(x, y, z, *, s=10.0, v=13.0):
     """A system of the Lorenz type with another symmetry, by W. Burke and R. Shaw."""
@@ -189,7 +189,7 @@ def burke_shaw(x, y, z, *, s=10.0, v=13.0):
     turn=0.4,
     source="G. Chen & T. Ueta, Yet another chaotic attractor, Int. J. Bifurcation Chaos 9 (1999) 1465, "
     "doi:10.1142/S0218127499001024",
-    known=Known((2.0272, 0.0, -12.0272), 5e-5, BOOK),
+    known=Known((2.0272, 0.0, -12.0272), 5e-5, f"{BOOK} A.5.5"),
 )
 def chen(x, y, z, *, a=35.0, b=3.0, c=28.0):
     """Chen's system, dual to that of Lorenz."""
@@ -200,7 +200,7 @@ def chen(x, y, z, *, a=35.0, b=3.0, c=28.0):
     start=(15.13, 15.56, 22.78),
     turn=0.5,
     source="J. Lü & G. Chen, A new chaotic attractor coined, Int. J. Bifurcation Chaos 12 (2002) 659, "
-    "doi:10.1142/S0218127402004620",
+    "doi:10.1142/S0218127402004620; c as in the dysts collection (often 20)",
 )
 def lu_chen(x, y, z, *, a=36.0, b=3.0, c=18.0):
     """Lü's system, between those of Lorenz and of Chen."""
@@ -222,7 +222,7 @@ def lu_chen_cheng(x, y, z, *, a=-10.0, b=-4.0, c=18.1):
     start=(-9.025, 6.84, 89.87),
     turn=0.4,
     source="G. Qi, G. Chen, M. A. van Wyk, B. J. van Wyk & Y. Zhang, A four-wing chaotic attractor generated from a "
-    "new 3-D quadratic autonomous system, Chaos Solitons Fractals 38 (2008) 705",
+    "new 3-D quadratic autonomous system, Chaos Solitons Fractals 38 (2008) 705; parameters as in the dysts collection",
 )
 def qi_chen(x, y, z, *, a=38.0, b=2.666, c=80.0):
     """A Lorenz-like system with a product in each equation."""

@@ -6,8 +6,12 @@ from ..spectra import Known
 from ..table import published
 from .sources import BOOK
 
-VOLTERRA = "A. Arneodo, P. Coullet & C. Tresser, Occurence of strange attractors in three-dimensional Volterra "
-VOLTERRA += "equations, Phys. Lett. A 79 (1980) 259, doi:10.1016/0375-9601(80)90342-4"
+CUBIC_JERK = (
+    "form and parameters as in the dysts collection, which cites A. Arneodo, P. Coullet & C. Tresser, Occurence of "
+    "strange attractors in three-dimensional Volterra equations, Phys. Lett. A 79 (1980) 259, "
+    "doi:10.1016/0375-9601(80)90342-4; see also P. Coullet, C. Tresser & A. Arneodo, Transition to stochasticity for a "
+    "class of forced oscillators, Phys. Lett. A 72 (1979) 268, doi:10.1016/0375-9601(79)90464-X"
+)
 FEEDBACK = "R. Thomas, Deterministic chaos seen in terms of feedback circuits: analysis, synthesis, “labyrinth "
 FEEDBACK += (
     "chaos”, Int. J. Bifurcation Chaos 9 (1999) 1889, doi:10.1142/S0218127499001383; parameters as in the dysts "
@@ -46,13 +50,13 @@ def _cubic_jerk(x, y, z, a, b, c, d):
     return y, z, -a * x - b * y - c * z + d * x**3
 
 
-@published(start=(-2.44, 1.517, 2.897), turn=3.2, source=VOLTERRA)
+@published(start=(-2.44, 1.517, 2.897), turn=3.2, source=f"{CUBIC_JERK}; other collections have b = 3.5")
 def arneodo(x, y, z, *, a=-5.5, b=4.5, c=1.0, d=-1.0):
     """A cubic jerk equation with two spirals."""
     return _cubic_jerk(x, y, z, a, b, c, d)
 
 
-@published(start=(0.3454, 0.4285, 0.08698), turn=5.8, source=VOLTERRA)
+@published(start=(0.3454, 0.4285, 0.08698), turn=5.8, source=CUBIC_JERK)
 def coullet(x, y, z, *, a=-0.8, b=1.1, c=0.45, d=-1.0):
     """The same cubic jerk equation after a cascade of doublings."""
     return _cubic_jerk(x, y, z, a, b, c, d)
@@ -74,7 +78,7 @@ def genesio_tesi(x, y, z, *, a=0.44, b=1.1, c=1.0):
     turn=2.3,
     source="M. I. Rabinovich & A. L. Fabrikant, Stochastic self-modulation of waves in nonequilibrium media, Sov. "
     "Phys. JETP 50 (1979) 311; parameters as in Sprott, Chaos and Time-Series Analysis, Oxford (2003)",
-    known=Known((0.1981, 0.0, -0.6581), 5e-5, BOOK),
+    known=Known((0.1981, 0.0, -0.6581), 5e-5, f"{BOOK} A.5.8"),
 )
 def rabinovich_fabrikant(x, y, z, *, a=1.1, g=0.87):
     """Waves that modulate themselves in a plasma."""
@@ -120,7 +124,7 @@ def newton_leipnik(x, y, z, *, a=0.4, b=0.175):
     start=(2.531, -0.1463, 0.03799),
     turn=0.9,
     source="T. Zhou & G. Chen, A simple smooth chaotic system with a 3-layer attractor, Int. J. Bifurcation Chaos 14 "
-    "(2004) 1795",
+    "(2004) 1795, doi:10.1142/S0218127404010175",
 )
 def zhou_chen(x, y, z, *, a=2.97, b=0.15, c=-3.0, d=1.0, e=-8.78):
     """An attractor of three layers."""
@@ -153,7 +157,8 @@ def wang_sun(x, y, z, *, a=0.2, b=-0.01, d=-0.4, e=-1.0, f=-1.0, q=1.0):
     start=(4.672, 1e-3, -1e-3),
     turn=8.0,
     source="W. Liu & G. Chen, Can a three-dimensional smooth autonomous quadratic chaotic system generate a single "
-    "four-scroll attractor?, Int. J. Bifurcation Chaos 14 (2004) 1395, doi:10.1142/S0218127404009880",
+    "four-scroll attractor?, Int. J. Bifurcation Chaos 14 (2004) 1395, doi:10.1142/S0218127404009880; form and "
+    "parameters as in the dysts collection",
     note="orbits come within 1e-14 of the x axis, which is invariant, and stay near it for long times",
 )
 def liu_chen(x, y, z, *, a=0.4, b=12.0, c=-5.0):
@@ -164,11 +169,12 @@ def liu_chen(x, y, z, *, a=0.4, b=12.0, c=-5.0):
 @published(
     start=(10.84, -1.744, -3.017),
     turn=5.0,
-    source="C. Li, I. Pehlivan, J. C. Sprott & A. Akgul, A novel four-wing strange attractor born in bistability, "
-    "IEICE Electron. Express 12 (2015) 20141116, doi:10.1587/elex.12.20141116",
+    source="form and parameters as in the dysts collection, which cites C. Li, I. Pehlivan, J. C. Sprott & A. Akgul, A "
+    "novel four-wing strange attractor born in bistability, IEICE Electron. Express 12 (2015) 20141116, "
+    "doi:10.1587/elex.12.20141116; PredefinedDynamicalSystems.jl has another flow for that paper",
 )
 def sakarya(x, y, z, *, p=0.4, q=0.3):
-    """An attractor of four wings, born of two with two wings each."""
+    """A flow with a product in each equation."""
     return -x + y + y * z, -x - y + p * x * z, z - q * x * y
 
 
@@ -221,7 +227,8 @@ def laser(x, y, z, *, a=10.0, b=1.0, c=5.0, d=-1.0, h=-5.0, k=-6.0):
 @published(
     start=(0.6728, -3.947, -0.1262),
     turn=6.0,
-    source="G. Cai & J. Huang, A new finance chaotic attractor, Int. J. Nonlinear Sci. 3 (2007)",
+    source="G. Cai & J. Huang, A new finance chaotic attractor, Int. J. Nonlinear Sci. 3 (2007) 213; parameters as in "
+    "the dysts collection",
 )
 def finance(x, y, z, *, a=0.001, b=0.2, c=1.1):
     """Interest rate, investment demand and price index."""
@@ -272,8 +279,8 @@ def pan_xu_zhou(x, y, z, *, a=10.0, c=-2.6667, k=16.0):
 @published(
     start=(-3.122, -2.435, 26.65),
     turn=3.0,
-    source="Pan, Zhou & Li, Synchronization of three-scroll unified chaotic system (TSUCS) and its hyper-chaotic "
-    "system using active pinning control (2013), as cited by the dysts collection; its parameters",
+    source="L. Pan, W. Zhou, J. Fang & D. Li, A new three-scroll unified chaotic system coined, Int. J. Nonlinear Sci. "
+    "10 (2010) 462; parameters as in the dysts collection, which cites a paper of 2013 on its synchronization",
 )
 def tsucs2(x, y, z, *, a=40.0, c=0.833, d=0.5, eps=0.65, f=20.0):
     """The second three-scroll unified chaotic system."""
