@@ -49,8 +49,10 @@ installed package, in each column a way to run it. A number is that of the tests
 FLOWS = """# Reference spectra of {count} published chaotic flows
 
 Flows of the literature, those that the dysts collection keeps (W. Gilpin,
-[arXiv:2110.05266](https://arxiv.org/abs/2110.05266)), with equations written anew and parameters as published or as
-there. `lh.zoo.flow("{first}")` is one of them as a problem; `lyaphybrid reference {first}` prints how its spectrum was
+[arXiv:2110.05266](https://arxiv.org/abs/2110.05266)), with equations written anew. All fields and parameters were
+compared with that collection and are the same, but for a sign of `burke_shaw` and the frequency of
+`forced_van_der_pol`; few were compared with the papers. Where a text with others was found, the source of the flow says
+so. `lh.zoo.flow("{first}")` is one of them as a problem; `lyaphybrid reference {first}` prints how its spectrum was
 found, its source, and what was published.
 
 Each spectrum is that of two runs: discrete QR in an explicit method of order 8, and, from where that ended, continuous

@@ -42,7 +42,8 @@ class Entry:
         field: (*state, **parameters) -> the derivatives; its first argument is named t if the flow is driven.
         start: on the attractor, or where the flow conserves volume in its chaotic sea.
         turn: rough time of a turn; lengths of runs are multiples of it.
-        source: of the equations and the parameters.
+        source: of the equations and the parameters. All are those of the dysts collection too, but for those
+            of burke_shaw and forced_van_der_pol; where a text with others was found, this says so.
         known: exponents that were published, with their source; None if none were found.
         conservative: whether volume is conserved on average, so that there is a chaotic sea and no attractor.
         note: what a reader must know: stiff, piecewise, transient.
