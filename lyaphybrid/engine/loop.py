@@ -76,10 +76,12 @@ def _block(
         return inside & ((carry.status == RUNNING) if whole else (carry.budget > 0))
 
     def span(state):
-        carry, ahead, interval, spread, window = state
-        end = _end_if_no_jump(settings, clock, carry, _span(settings, clock, within, carry, ahead, interval, spread))
-        carry, window = stalling.looked(window, end[0], loop_state.elapsed, goal)
-        return carry, *end[1:], window
+        carry, window = state[0], state[-1]
+        after, *rest = _end_if_no_jump(settings, clock, carry, _span(settings, clock, within, *state[:-1]))
+        if settings.evolver.flies_by_schedule:  # a flight is an attempt, for a run may consist of flights alone
+            after = after._replace(budget=jnp.minimum(after.budget, carry.budget - 1))
+        after, window = stalling.looked(window, after, loop_state.elapsed, goal)
+        return after, *rest, window
 
     # The block's code always runs; budget 0 keeps a block that is not due from doing anything.
     start = loop_state.carry._replace(budget=jnp.where(todo, loop_state.carry.budget, 0))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import lyaphybrid as lh
+from examples import alone, between_walls
 from hostile import CIRCLE, FRICTION, MOD, STIFF, WHERE
 from lyaphybrid import STATUS
 from lyaphybrid.engine import stalling
@@ -133,3 +134,59 @@ def test_when_a_window_is_hopeless(moved, end, jumped, last, expected):
     assert int(budget) == stalling.ATTEMPTS_OF_WINDOW
     assert int(after.left) == stalling.FOREVER - stalling.ATTEMPTS_OF_WINDOW
     assert int(after.hopeless) == (2 if expected else 0)
+
+
+# --- event-driven motion without events, orthonormalised at times ---------------------------------------------------
+
+RESTING = {
+    "no schedule": lh.EventDriven(
+        lambda dt, t, x, args: x * jnp.exp(dt * jnp.array([1e-9, -1e-9])),
+        lambda t, x, args: (jnp.full_like(t, jnp.inf), 0),
+        lambda t, x, args, which: x,
+        lambda t, x, args, which: x[0],
+    ),
+    "schedule": lh.EventDriven(
+        lambda dt, y, args: jnp.stack([y[:, 0] + dt * y[:, 1], y[:, 1]], axis=1),
+        None,
+        lambda t, rows, args, which: rows,
+        between_walls,
+        schedule=alone(lambda t, y: jnp.full_like(y[:, 0], jnp.inf)),
+    ),
+}
+AT_REST = {"no schedule": np.array([1.0, 1.0]), "schedule": np.zeros((8, 2))}
+
+
+def at_times(name, interval, **more):
+    system, x0 = RESTING[name], AT_REST[name]
+    return lh.lyapunov_spectrum(system, x0, t1=1e9, k=2, every=("time", interval), throw=False, **more)
+
+
+@pytest.mark.parametrize("name", RESTING)
+def test_flights_are_attempts(name):
+    """Each ends at an orthonormalisation; of 1e13 of them a thousand are made, and not one more."""
+    found = at_times(name, 1e-4, max_steps=1000)
+    assert found.status is STATUS.max_steps
+    np.testing.assert_allclose(found.t, 1000e-4, rtol=1e-9)
+
+
+@pytest.mark.parametrize("interval", [1e-4, 1e-20])
+@pytest.mark.parametrize("name", RESTING)
+def test_flights_that_lead_nowhere_end(name, interval):
+    """A time that never moves, or that would need 1e13 of them."""
+    assert at_times(name, interval).status is STATUS.stalled
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", RESTING)
+def test_flights_that_lead_nowhere_end_where_they_are_compiled(name):
+    assert int(jax.jit(lambda: at_times(name, 1e-4, blocks=2).status_code)()) == STATUS.stalled
+
+
+@pytest.mark.parametrize("name", RESTING)
+def test_flights_can_be_interrupted(name):
+    def interrupt(fraction):
+        raise KeyboardInterrupt
+
+    with pytest.warns(UserWarning, match="interrupted"):
+        found = at_times(name, 1e-4, progress=interrupt)
+    assert found.status is STATUS.interrupted
