@@ -1,30 +1,18 @@
 """Impacts slower and slower, beside the orbit that grazes: growth is right to two digits, or the result says so."""
 
+import json
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import lyaphybrid as lh
-from grazing import grazing_case
+from grazing import METHODS, STATED, SYSTEM, grazing_case
+from tests import near_grazing
 
-SYSTEM = lh.zoo.impact_oscillator().system
-METHODS = {
-    "default": None,
-    "dopri8 tight": lh.RungeKutta(rtol=1e-12, atol=1e-14),
-    "dopri5": lh.RungeKutta("dopri5"),
-    "dopri5 loose": lh.RungeKutta("dopri5", rtol=1e-6, atol=1e-8),
-    "rk4 short": lh.RungeKutta("rk4", dt=0.01),
-    "rk4": lh.RungeKutta("rk4", dt=0.05),
-    "rk4 long": lh.RungeKutta("rk4", dt=0.1),
-    "dopri5 steps": lh.RungeKutta("dopri5", dt=0.1),
-    "dopri8 steps": lh.RungeKutta("dopri8", dt=0.25),
-    "ESDIRK": lh.ESDIRK(),
-    "RadauIIA": lh.RadauIIA(),
-}
 FAST = {"default", "rk4 long"}
 SPEEDS = [10.0**-k for k in np.arange(0, 9.5, 0.5)]
-DIGITS = 1e-2  # what is stated: two digits, of the growth, of the derivative and of the state
 
 
 def answers(case, method):
@@ -45,7 +33,7 @@ def judged(case, method) -> list[tuple[bool, float]]:
     return list(zip(said, np.maximum([growth, matrix], states), strict=True))
 
 
-def silently_wrong(case, method, allowed=DIGITS) -> list[float]:
+def silently_wrong(case, method, allowed=STATED) -> list[float]:
     """The errors of results that are neither right nor noted as grazing."""
     return [float(error) for said, error in judged(case, method) if not said and not error < allowed]
 
@@ -59,6 +47,19 @@ def test_right_or_said(name):
             case = grazing_case(speed, restitution)
             silently += [(speed, restitution, error) for error in silently_wrong(case, METHODS[name])]
     assert silently == []
+
+
+@pytest.mark.slow_cases(all_but=FAST)
+@pytest.mark.parametrize("name", METHODS)
+def test_decade_by_decade_the_growth_factor_is_right_or_the_result_says_so(name):
+    """For impact speeds from 0.1 to 1e-6; and as often noted as in the kept table."""
+    kept = [row for row in json.loads(near_grazing.TABLE.read_text()) if row["method"] == name]
+    assert [row["decade"] for row in kept] == list(near_grazing.DECADES)
+    for row in kept[:: 3 if name in FAST else 1]:
+        found = near_grazing.found(name, row["decade"])
+        assert found["without"] < STATED
+        assert (found["noted"], found["cases"]) == (row["noted"], row["cases"])
+        assert found["without"] < 3 * row["without"] + 1e-9  # rounding differs between machines
 
 
 @pytest.mark.slow
@@ -87,7 +88,7 @@ def test_another_event_at_the_instant_of_grazing(by, method):
         args, how = case.args | {"instant": case.t0 + 1.9}, {"t0": case.t0, "t1": case.t1, "method": method}
         found = lh.lyapunov_spectrum(system, case.x0, args, **how)
         error = np.max(np.abs(np.asarray(found.exponents) * case.t1 - np.sort(case.growth)[::-1]))
-        silently += [(speed, error)] if "grazing" not in found.notes and not error < DIGITS else []
+        silently += [(speed, error)] if "grazing" not in found.notes and not error < STATED else []
     assert silently == []
 
 
@@ -99,7 +100,7 @@ def test_right_or_said_in_float32(name):
     silently = []
     for speed in SPEEDS:
         case = grazing_case(speed, 0.8, np.float32)
-        silently += [(speed, error) for error in silently_wrong(case, METHODS[name], 3 * DIGITS)]
+        silently += [(speed, error) for error in silently_wrong(case, METHODS[name], 3 * STATED)]
     assert silently == []
 
 

@@ -159,6 +159,18 @@ def test_the_page_of_the_zoo_says_what_missed(tmp_path):
     assert "| rk4 | inf | zeno | the first way |" in page
 
 
+def test_the_page_of_grazing_counts_what_is_silently_wrong(tmp_path):
+    row = {"method": "rk4", "cases": 9, "noted": 0, "without": 2e-7, "with": 0.0}
+    rows = [row | {"decade": 1}, row | {"decade": 2, "noted": 6, "without": 0.03, "with": 0.5}]
+    rows += [row | {"decade": 3, "noted": 9, "without": 0.0, "with": 40.0}]
+    (tmp_path / "tests").mkdir()
+    (tmp_path / "tests" / "near_grazing.json").write_text(json.dumps(rows))
+    page = evidence.grazing(tmp_path)
+    assert "by more than 1e-02: 3 of 27 results" in page
+    assert "| rk4 | 2e-07 | 3e-02, 5e-01 (6 noted) | 4e+01 (9 noted) |" in page
+    assert " 0 of 594 " in evidence.grazing(ROOT)
+
+
 def test_the_matrix_that_is_kept_is_green():
     """The rows that were run so far, those of the first two Pythons among them."""
     rows = json.loads(portability.TABLE.read_text())

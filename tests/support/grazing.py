@@ -10,6 +10,23 @@ from typing import NamedTuple
 import mpmath
 import numpy as np
 
+import lyaphybrid as lh
+
+SYSTEM = lh.zoo.impact_oscillator().system
+METHODS = {
+    "default": None,
+    "dopri8 tight": lh.RungeKutta(rtol=1e-12, atol=1e-14),
+    "dopri5": lh.RungeKutta("dopri5"),
+    "dopri5 loose": lh.RungeKutta("dopri5", rtol=1e-6, atol=1e-8),
+    "rk4 short": lh.RungeKutta("rk4", dt=0.01),
+    "rk4": lh.RungeKutta("rk4", dt=0.05),
+    "rk4 long": lh.RungeKutta("rk4", dt=0.1),
+    "dopri5 steps": lh.RungeKutta("dopri5", dt=0.1),
+    "dopri8 steps": lh.RungeKutta("dopri8", dt=0.25),
+    "ESDIRK": lh.ESDIRK(),
+    "RadauIIA": lh.RadauIIA(),
+}
+STATED = 1e-2  # two digits, of the growth, of the derivative and of the state
 OMEGA, ZETA, AMPLITUDE = 0.8, 0.05, 1.0
 BEFORE, AFTER = 2.03, 1.5  # time before and after the impact; no step ends there unless a test asks for it
 DIGITS = 40
@@ -45,6 +62,15 @@ def grazing_case(speed: float, restitution: float, dtype=np.float64, before: flo
     return GrazingCase(
         x0, float(t0), float(t1), args, float(u), numbers[0].ravel(), numbers[1], numbers[2].ravel(), np.array(growth)
     )
+
+
+def growth_of(case: GrazingCase, method) -> tuple[bool, float]:
+    """Whether a spectrum says that it grazes, and the largest relative error of its growth factors e^{λt}."""
+    how = {"t0": case.t0, "t1": case.t1, "method": method, "throw": False}
+    found = lh.lyapunov_spectrum(SYSTEM, case.x0, case.args, blocks=2, **how)
+    assert found.status is lh.STATUS.ok
+    off = np.asarray(found.exponents) * case.t1 - np.sort(case.growth)[::-1]
+    return "grazing" in found.notes, float(np.max(np.abs(np.expm1(off))))
 
 
 def _steady(t):
