@@ -423,6 +423,9 @@ def _whiles(x, n):
         "constant": lax.while_loop(lambda c: c[1].sum() < 100 + x.sum(), lambda c: (c[0], c[1] + jnp.abs(x)), (x, x)),
         "collapsed": lax.while_loop(lambda c: c[0] < n, lambda c: (c[0] + 1, c[1], c[1]), (0, x, x + 1)),
         "rotated": lax.fori_loop(0, n, lambda i, c: (c[1], c[2], c[0].at[i].set(0.0)), (x, x + 1, x + 2)),
+        "known at the end": lax.while_loop(
+            lambda c: c[0] < n, lambda c: (c[0] + 1, True, np.inf, 7), (0, x[0] > 9, x[0], n)
+        ),
         "initial kept": (lax.fori_loop(0, n, lambda i, c: c.at[i].set(0.0), jnp.sin(x)), jnp.sin(x)),
         "mirrored": lax.fori_loop(0, n, lambda i, c: c.at[i].set(c[::-1][i] + 1), x),
         "shifted": lax.fori_loop(0, n, lambda i, c: jnp.roll(c, 1).at[i].add(c[0]), x),
@@ -763,6 +766,7 @@ def _lanes(x, n, p):
         )(jnp.arange(4), x),
         "cond in loop": lax.fori_loop(0, 5, lambda i, c: lax.cond(i < n, lambda c: c + 1, lambda c: c * 2, c), x),
         "fixed": lax.while_loop(lambda c: c[0] < n, lambda c: (c[0] + 1, c[1], c[2] + c[1]), (0, x, y)),
+        "shared at the end": lax.while_loop(lambda c: c[0] < 3, lambda c: (c[0] + 1, c[2], p, 1), (0, x[0], x[1], n)),
         "summed records": lax.scan(lambda c, i: (c * 0.9 + x, c), x, jnp.arange(20))[1].sum(0),
     }
 

@@ -255,6 +255,15 @@ def test_entries_that_a_loop_reads_lie_in_memory():
         assert " select " not in lower(program, 16)
 
 
+def test_few_numbers_are_put_into_an_array_from_registers():
+    """One after the other; many are put by a loop."""
+
+    def text(n):
+        return lower(jax.make_jaxpr(lambda x, at, y: x.at[at].add(y * 2))(np.ones(50), np.arange(n), np.ones(n)), 16)
+
+    assert (" phi " in text(3), " phi " in text(30)) == (False, True)
+
+
 def test_numbers_without_a_type_here_are_refused():
     program = jax.make_jaxpr(lambda x: x * jnp.real(jnp.asarray([1 + 2j, 3.0])))(np.ones(2))
     with pytest.raises(UnsupportedError, match="complex128"):

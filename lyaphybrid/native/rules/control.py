@@ -58,14 +58,13 @@ def _state(b: Lowering, values: Sequence[Value], avals) -> list[Value]:
 
 
 def _returned(b: Lowering, state: list[Value], results: Sequence[Value], avals) -> list[Value]:
-    """The results of the body, moved to the registers and buffers of the state."""
+    """Moves the results of the body to the buffers of the state; returns those that go to its registers."""
     settled, moves = [], []
     places = {memory_of(value) for value in state} - {None}
     for value, result, aval in zip(state, results, avals, strict=True):
         if not isinstance(value, Buffer):
             settled.append(in_registers(b, result, aval))
             continue
-        settled.append(value)
         result = b.in_memory(result, aval.dtype)
         if result.memory is value.memory:
             continue

@@ -4,7 +4,6 @@ Indices out of bounds are treated as in JAX: slices are shifted into the array; 
 according to their mode.
 """
 
-import math
 from collections.abc import Callable
 
 import numpy as np
@@ -13,7 +12,7 @@ from ..elementary import arithmetic as a
 from ..lowering.emitter import Entry
 from ..lowering.jax_versions import index_mode
 from ..lowering.lowering import Lowering, rule
-from ..lowering.types import INDEX, kind, llvm_type
+from ..lowering.types import INDEX, llvm_type
 from ..lowering.unsupported import UnsupportedError
 from ..lowering.values import Entries, Lazy, filled, memory_of
 from .moving import moved
@@ -46,8 +45,7 @@ def _corner(b: Lowering, starts, atoms, shape, lengths) -> list[Entry]:
 @rule("dynamic_slice")
 def dynamic_slice(b, eqn, value, *starts):
     aval = eqn.outvars[0].aval
-    ndim = len(value.shape)
-    corner = _corner(b, starts[:ndim], eqn.invars[1 : 1 + ndim], value.shape, aval.shape)
+    corner = _corner(b, starts, eqn.invars[1:], value.shape, aval.shape)
     return moved(b, aval, value, lambda i: [b.index_sum(x, start) for x, start in zip(i, corner, strict=True)])
 
 
@@ -106,7 +104,7 @@ def gather(b, eqn, value, indices):
         for axis, x in zip(free, offset, strict=True):
             full[axis] = b.index_sum(full[axis], x)
         found = b.element_at(source_value, full, aval.dtype)
-        return b.select(inside, llvm_type(aval.dtype), found, _filling(eqn, aval.dtype))
+        return b.select(inside, llvm_type(aval.dtype), found, eqn.params["fill_value"])  # None where all are inside
 
     if b.is_small(aval.shape):
         source_value = value
@@ -114,14 +112,6 @@ def gather(b, eqn, value, indices):
     source_value = b.readable(b.at_hand(value), aval.dtype)
     only_reads = not isinstance(indices, Lazy) or indices.cheap
     return b.lazy(aval.shape, aval.dtype, at, [source_value, indices], cheap=only_reads)
-
-
-def _filling(eqn, dtype) -> Entry:
-    """The value of a gather where an index is out of bounds."""
-    if eqn.params["fill_value"] is not None:
-        return eqn.params["fill_value"]
-    letter = kind(dtype)
-    return math.nan if letter == "f" else a.greatest(dtype) if letter in "bu" else a.least(dtype)
 
 
 _SCATTERS = {
