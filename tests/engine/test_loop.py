@@ -101,6 +101,11 @@ def test_a_reset_orthonormalises_before_and_after():
     assert_allclose(instants(FALLING, [0.3], [1.0], every=100.0, method=RK4), [0.3, 0.3, 1.0], rtol=1e-14)
 
 
+def test_in_a_block_of_jumps_too_and_once_more_only_at_its_end():
+    found = instants(FALLING, [0.3], [1, 3], every=100.0, method=RK4, clock="jumps")
+    assert_allclose(found, [0.3, 0.3, 0.3, 1.3, 1.3, 2.3, 2.3, 2.3], rtol=1e-14)
+
+
 def test_events_orthonormalise_when_they_are_due_and_at_the_last_jump_of_a_block():
     assert_array_equal(instants(COUNTING, [1.0], [4.5, 11.5], unit="jumps"), [3, 4.5, 7, 10, 11.5])
     assert_array_equal(instants(COUNTING, [1.0], [4, 10], unit="jumps", clock="jumps"), [3, 4, 7, 10])
@@ -122,6 +127,12 @@ def test_a_frame_that_a_jump_has_stretched_is_orthonormalised_at_once(factor, au
     plan = RunPlan(QRSchedule("jumps", automatic), observer=Instant())
     seen = advanced(stretching, [1.0, 1.0], [3.5], plan, every=4.0)[0].carry.observer
     assert_array_equal(seen.times[: int(seen.count)], expected)
+
+
+def test_small_entries_of_a_frame_are_looked_at_only_where_a_direction_is_lost():
+    """Until then 1e-17 may be rounding or not: intervals stay as long as they are."""
+    nearly_apart = lh.Map(lambda n, x, args: jnp.stack([2 * x[0], 0.5 * x[1] + 1e-17 * x[0]]))
+    assert_array_equal(instants(nearly_apart, [1.0, 1.0], [7]), [3, 6, 7])
 
 
 def test_what_is_lost_is_lost_once():
@@ -170,6 +181,33 @@ def test_a_run_that_has_ended_takes_no_attempts():
     assert int(after.carry.budget) == 0
 
 
+EACH = QRSchedule("steps", False, each=True)
+AT_ONCE = {
+    "flow": (DECAY, [1.0], lh.RungeKutta(), RunPlan(EACH), True),
+    "sometimes": (DECAY, [1.0], lh.RungeKutta(), RunPlan(EACH._replace(each=False)), False),
+    "observed": (DECAY, [1.0], lh.RungeKutta(), RunPlan(EACH, observer=Instant()), False),
+    "fixed step": (DECAY, [1.0], RK4, RunPlan(EACH), False),
+    "guards": (FALLING, [0.3], lh.RungeKutta(), RunPlan(EACH), False),
+}
+
+
+@pytest.mark.parametrize("name", AT_ONCE)
+def test_where_a_step_also_orthonormalises(name):
+    """Where a step may be rejected, and nothing else is to be done between two steps."""
+    system, x0, method, plan, expected = AT_ONCE[name]
+    problem, state = begun(system, x0, plan, method=method)
+    assert loop._at_once(driver.settings_of(problem, plan, state.base[0], state.carry.x)) == expected
+
+
+def test_what_has_only_regular_steps_orthonormalises_without_a_branch():
+    """The one that there is belongs to the windows."""
+    plan = RunPlan(QRSchedule("steps", False))
+    problem, state = begun(DECAY, [1.0], plan, method=RK4)
+    targets = targets_for(np.array([4.0]), "time", False, np.dtype(float))
+    text = str(jax.make_jaxpr(lambda state: driver._loop(problem, plan, state, *targets, 10))(state))
+    assert text.count(" cond[") == 1
+
+
 # --- the ends of blocks ----------------------------------------------------------------------------------------------
 
 
@@ -181,10 +219,17 @@ def test_what_is_collected_is_that_of_the_end_of_a_block():
     assert_array_equal(points[:, 0], [0.25, 0.5**5])
 
 
-def test_a_state_one_component_of_which_is_no_number_is_not_finite():
+GROWING = {
+    "map": (lh.Map(lambda n, x, args: jnp.stack([0.5 * x[0], x[1] + 1e308])), None),
+    "flow": (lh.Flow(lambda t, x, args: jnp.stack([-x[0], 0 * x[1] + 1e308])), RK4),
+}
+
+
+@pytest.mark.parametrize("name", GROWING)
+def test_a_state_one_component_of_which_is_no_number_is_not_finite(name):
     """The frame, one column along the other component, does not see it."""
-    growing = lh.Map(lambda n, x, args: jnp.stack([0.5 * x[0], x[1] + 1e308]))
-    problem, x0, t0, mode = preparation.prepare(growing, [1.0, 0.0], None, 0.0, None, None)
+    system, method = GROWING[name]
+    problem, x0, t0, mode = preparation.prepare(system, [1.0, 0.0], None, 0.0, method, None)
     plan = RunPlan(QRSchedule("steps", False))
     loop_state = driver.start(problem, plan, t0, x0, jnp.eye(2)[:, :1], mode, jnp.asarray(1.0))
     after, _ = driver.once(problem, plan, loop_state, np.array([9.0]), np.array([np.inf]), np.int32(100))
