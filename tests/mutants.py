@@ -39,7 +39,6 @@ LOOP = (
     "tests/engine/test_loop.py tests/engine/test_statuses.py tests/events/test_short_or_lost.py "
     "tests/engine/test_checkpoints.py"
 )
-LOSSES = "tests/engine/test_normalisation_by_time.py tests/engine/test_scheduled_losses.py"
 NATIVE = "tests/native/test_memory_and_text.py tests/native/test_emission.py tests/native/test_each_primitive.py"
 TESTS = {
     "events.compiled_hybrid": "tests/events/test_compiled_hybrid.py",
@@ -48,7 +47,7 @@ TESTS = {
     "events.turns": "tests/events/test_turns.py tests/events/test_roots.py",
     "_linalg.frames": "tests/_linalg/test_lost_and_refilled.py tests/_linalg/test_frames.py",
     "engine.loop": LOOP,
-    "engine.orthonormalising": f"{LOOP} {LOSSES}",
+    "engine.orthonormalising": f"tests/engine/test_orthonormalising.py tests/engine/test_scheduled_losses.py {LOOP}",
     **{f"native.lowering.{name}": NATIVE for name in ("emitter", "values")},
     "native.lowering.lowering": f"tests/native/test_lowering.py {NATIVE}",
     **{f"native.lowering.{name}": f"tests/native/test_costs_and_uses.py {NATIVE}" for name in ("costs", "uses")},

@@ -122,8 +122,8 @@ def _as_double_double(array) -> DoubleDouble:
 
 
 def _vector_length(v):
-    """The length of a vector whose squared entries may underflow."""
+    """The length of a vector whose squared entries may underflow; nan if an entry is no finite number."""
     largest = jax.lax.stop_gradient(jnp.max(jnp.abs(v)))
     scale = jnp.where(largest > 0, largest, 1.0)
     square = jnp.sum((v / scale) ** 2)
-    return jnp.where(square > 0, scale * jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
+    return jnp.where(square == 0, 0.0, scale * jnp.sqrt(jnp.where(square == 0, 1.0, square)))
