@@ -22,23 +22,24 @@ CLOCK = Clock(jnp.asarray(7.0), jnp.asarray(0.0), jnp.asarray(100.0), jnp.asarra
 
 
 class Seen(NamedTuple):
-    """How many orthonormalisations there were, and where the columns come from."""
+    """How many orthonormalisations there were, when the last was, and where the columns come from."""
 
     count: jnp.ndarray
+    t: jnp.ndarray
     source: jnp.ndarray  # (k,)
 
 
 class Counting:
-    """An observer of both."""
+    """An observer of this."""
 
     def init(self, t, frame):
-        return Seen(jnp.asarray(0), jnp.arange(frame.shape[1], dtype=jnp.int32))
+        return Seen(jnp.asarray(0), jnp.asarray(t), jnp.arange(frame.shape[1], dtype=jnp.int32))
 
     def update(self, state, seen):
-        return Seen(state.count + 1, state.source)
+        return Seen(state.count + 1, jnp.asarray(seen.t), state.source)
 
     def moved(self, state, source):
-        return Seen(state.count, state.source[source])
+        return state._replace(source=state.source[source])
 
     def next_block(self, state):
         return state
@@ -88,17 +89,18 @@ def orthonormalised(settings, carry, interval=4.0, spread=0.5):
 )
 def test_intervals_aim_at_a_spread(since, interval, gained, expected):
     evolver = SimpleNamespace(
-        kept_to_constraints=lambda carry, clock: carry, jumps_uncontrolled=False, may_lose_rank=False,
+        kept_to_constraints=lambda carry, clock: carry, jumps_uncontrolled=False, may_lose_rank=True,
         longest_interval=20.0, spread_wanted=4.0,
     )  # fmt: skip
     for schedule in (AUTOMATIC, AUTOMATIC._replace(automatic=False)):
-        settings, carry = begun(lambda n, x, args: x, np.diag(np.exp(gained)), plan=RunPlan(schedule))
+        plan = RunPlan(schedule, observer=Counting())
+        settings, carry = begun(lambda n, x, args: x, np.diag(np.exp(gained)), plan=plan)
         settings, carry = settings._replace(evolver=evolver), carry._replace(since=jnp.asarray(float(since)))
         carry, found, spread = orthonormalised(settings, carry, float(interval))
         assert found == (expected if schedule.automatic else interval)
         assert_allclose(spread, max(*gained, 0) - min(*gained, 0) or 0.5, rtol=1e-14)
         assert_allclose(carry.growth, np.add(gained, 0.25), rtol=1e-14)
-        assert int(carry.status) == RUNNING
+        assert (int(carry.status), float(carry.observer.t)) == (RUNNING, 10.0)
 
 
 def test_a_frame_that_is_no_number_changes_no_sum():
@@ -132,6 +134,16 @@ def test_what_is_lost_moves_to_the_end_and_is_counted():
     carry, *_ = orthonormalised(settings, carry)
     assert_array_equal(carry.losses, [0, 1, 2])
     assert_array_equal(carry.first_loss, [np.nan, 11.0, 10.0])
+
+
+@pytest.mark.parametrize(
+    ("unit", "since", "lost"), [("steps", 1.0, True), ("steps", 2.0, False), ("time", 0.3, True), ("time", 9.0, True)]
+)
+def test_a_short_column_is_lost_where_one_jump_made_it(unit, since, lost):
+    """After several it may have been shortened by all of them; by time, each jump makes an orthonormalisation due."""
+    settings, carry = begun(lambda n, x, args: x, np.diag([1.0, 1e-15]), plan=RunPlan(QRSchedule(unit, False)))
+    carry, *_ = orthonormalised(settings, carry._replace(since=jnp.asarray(since)))
+    assert_array_equal(carry.losses, [0, lost])
 
 
 def test_columns_that_were_empty_before_are_not_lost_again():
@@ -174,7 +186,7 @@ def test_a_step_with_twice_the_digits(automatic):
 
 
 def test_a_frame_that_is_not_orthonormal_becomes_so_first():
-    carry, _, spread = stepped(lambda n, x, args: 3 * x, np.diag(np.exp([2.0, -1.0])), since=2.0)
+    carry, _, spread = stepped(lambda n, x, args: 3 * x, np.diag(np.exp([2.0, -1.0])), since=0.5)
     assert_allclose(carry.growth, np.array([2.25, -0.75]) + np.log(3.0), rtol=1e-14)
     assert_allclose(spread, 3.0, rtol=1e-15)
     assert int(carry.observer.count) == 2
@@ -188,13 +200,14 @@ def test_what_is_lost_for_certain_and_what_is_only_rounding():
     assert_array_equal(carry.first_loss, [np.nan, 11.0])
     assert spread == 0.5
     rounded = lambda n, x, args: jnp.stack([0.1 * x[0] + 0.3 * x[1], 0.7 * x[0] + 2.1 * x[1]])  # noqa: E731
-    carry, _, spread = stepped(rounded, np.eye(2))
+    carry, _, spread = stepped(rounded, np.eye(2), plan=RunPlan(AUTOMATIC, sum_rule=True))
     assert_array_equal(carry.losses, [0, 1])
     assert spread == np.inf
+    assert carry.log_volume == -np.inf
 
 
 def test_a_derivative_that_is_no_number_changes_no_sum():
-    root = lambda n, x, args: jnp.stack([jnp.sqrt(x[0]), x[1]])  # noqa: E731
-    carry, *_ = stepped(root, np.eye(2), x=[0.0, 1.0])
+    root = lambda n, x, args: jnp.stack([x[0], jnp.sqrt(x[1])])  # noqa: E731
+    carry, *_ = stepped(root, np.eye(2), x=[1.0, 0.0])
     assert int(carry.status) == STATUS.nonfinite
     assert_array_equal(carry.growth, 0.25)
