@@ -206,8 +206,12 @@ def test_what_is_lost_for_certain_and_what_is_only_rounding():
     assert carry.log_volume == -np.inf
 
 
-def test_a_derivative_that_is_no_number_changes_no_sum():
-    root = lambda n, x, args: jnp.stack([x[0], jnp.sqrt(x[1])])  # noqa: E731
-    carry, *_ = stepped(root, np.eye(2), x=[1.0, 0.0])
+@pytest.mark.parametrize("name", ["undefined", "too large"])
+def test_a_derivative_that_is_no_number_changes_no_sum(name):
+    """Of all columns, or of the second one alone."""
+    if name == "undefined":
+        carry, *_ = stepped(lambda n, x, args: jnp.stack([x[0], jnp.sqrt(x[1])]), np.eye(2), x=[1.0, 0.0])
+    else:
+        carry, *_ = stepped(lambda n, x, args: jnp.stack([x[0], 1e200 * x[1] * 1e200]), np.eye(2), x=[1.0, 0.0])
     assert int(carry.status) == STATUS.nonfinite
     assert_array_equal(carry.growth, 0.25)
