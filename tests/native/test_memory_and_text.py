@@ -2,6 +2,7 @@
 
 import ctypes
 import itertools
+import re
 
 import jax
 import jax.numpy as jnp
@@ -264,6 +265,16 @@ def test_few_numbers_are_put_into_an_array_from_registers():
     assert (" phi " in text(3), " phi " in text(30)) == (False, True)
 
 
+def test_axes_of_length_one_need_no_memory():
+    text = lower(jax.make_jaxpr(lambda x: jnp.tanh(x).reshape(50, 1) * 2.0)(np.ones(50)), 16)
+    assert "alloca" not in text
+
+
+def test_long_arrays_of_counted_numbers_are_not_kept():
+    text = lower(jax.make_jaxpr(lambda x: x + jnp.arange(50.0))(np.ones(50)), 16)
+    assert " constant " not in text
+
+
 def test_numbers_without_a_type_here_are_refused():
     program = jax.make_jaxpr(lambda x: x * jnp.real(jnp.asarray([1 + 2j, 3.0])))(np.ones(2))
     with pytest.raises(UnsupportedError, match="complex128"):
@@ -286,6 +297,8 @@ def test_which_arrays_are_frames():
     program = jax.make_jaxpr(lambda x: jax.lax.fori_loop(0, 9, lambda i, x: x * x, x))(np.ones((5, 2)))
     assert lower(program, 16, columns=2).count("fmul <2 x double>") == 5
     assert "x double>" not in lower(program, 9, columns=2)
+    product = jax.make_jaxpr(lambda a, x: jax.lax.fori_loop(0, 9, lambda i, x: a @ x, x))(np.eye(5), np.ones((5, 2)))
+    assert not re.search(r"f(add|mul) double", lower(product, 32, columns=2))
 
 
 def test_rows_become_entries_where_a_rule_has_none():
