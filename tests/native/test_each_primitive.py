@@ -486,6 +486,8 @@ def _branches(x, n):
         found[f"of one {index}"] = lax.switch(which, several, y, y)
         z = y * 2
         found[f"kept {index}"] = (lax.switch(which, several, z, z[::-1]), z, z.sum())
+    found["platform"] = lax.platform_dependent(x, cuda=lambda a: a - 1, cpu=lambda a: a + 1, default=lambda a: a * 2)
+    found["other platform"] = lax.platform_dependent(x, cuda=lambda a: a - 1, default=lambda a: a * 2)
     for yes in (True, False):
         condition = (n == 3) == yes
         w = x * 3

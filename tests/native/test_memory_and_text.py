@@ -301,6 +301,14 @@ def test_which_arrays_are_frames():
     assert not re.search(r"f(add|mul) double", lower(product, 32, columns=2))
 
 
+def test_rows_go_through_calls_and_loops_as_they_are():
+    def turn(i, x):
+        return jax.lax.fori_loop(0, 3, lambda j, y: jax.jit(jnp.square)(y), jax.lax.optimization_barrier(x))
+
+    text = lower(jax.make_jaxpr(lambda x: jax.lax.fori_loop(0, 9, turn, x))(np.ones((5, 2))), 16, columns=2)
+    assert text.count("extractelement") == 10  # at the end
+
+
 def test_rows_become_entries_where_a_rule_has_none():
     def function(frame):
         def body(_, c):
