@@ -347,6 +347,23 @@ def _indices(x, m, at, pairs):
     return found
 
 
+def _few_indices(m, at):
+    """m: (4, 5); `at`: three indices, some of them out of bounds or negative."""
+    found = {}
+    for mode in _MODES:
+        i = at % 4 if mode == "promise_in_bounds" else at
+        found |= {
+            f"take {mode}": m.at[i].get(mode=mode),
+            f"columns {mode}": m.at[:, i].get(mode=mode),
+            f"add {mode}": m.at[i].add(m[:3], mode=mode),
+            f"max {mode}": m.at[i, i].max(0.5, mode=mode),
+            f"set a column {mode}": m.at[:, i[2]].set(m[:, 1], mode=mode),
+        }
+    place = at[0], at[1]
+    found["slice"] = lax.dynamic_slice(m, place, (2, 3))
+    return found | {"update": lax.dynamic_update_slice(m, m[:2, :3] * 2, place)}
+
+
 def _sorts(x, i, many):
     """x: floats with nan, i: integers with ties; many: 50 floats."""
     return {
@@ -610,6 +627,7 @@ ARRAYS = {
     "along one axis of nan": (_along_one_axis, (_NAN, _whole(3, 4, 2, high=2))),
     "products": (_products, (_normal(3, 4), _normal(4, 5), _normal(4), _whole(3, 3))),
     "indices": (_indices, (_normal(9), _normal(4, 5), np.array([2, -3, 50, 8, -100, 0]), _whole(5, 2, high=7))),
+    "few indices": (_few_indices, (_normal(4, 5), np.array([2, -3, 50]))),
     "sorts": (
         _sorts,
         (np.array([2.0, np.nan, -np.inf, 0.0, -0.0, np.nan, np.inf, 2, -7, 0, 1, 1]), _whole(12, high=3), _normal(50)),

@@ -265,6 +265,17 @@ def test_few_numbers_are_put_into_an_array_from_registers():
     assert (" phi " in text(3), " phi " in text(30)) == (False, True)
 
 
+def test_a_slice_is_written_into_registers_or_into_memory():
+    """Where its place is known at run time only: few numbers are chosen one by one, many are not."""
+
+    def text(n):
+        put = lambda x, i: jax.lax.dynamic_update_slice(x * 2, x[:2], (i,))  # noqa: E731
+        return lower(jax.make_jaxpr(put)(np.ones(n), 1), 16)
+
+    assert "alloca" not in text(4)
+    assert text(4).count(" select ") > 4 > text(50).count(" select ")
+
+
 def test_axes_of_length_one_need_no_memory():
     text = lower(jax.make_jaxpr(lambda x: jnp.tanh(x).reshape(50, 1) * 2.0)(np.ones(50)), 16)
     assert "alloca" not in text
