@@ -276,6 +276,13 @@ def test_a_slice_is_written_into_registers_or_into_memory():
     assert text(4).count(" select ") > 4 > text(50).count(" select ")
 
 
+def test_up_to_sixteen_numbers_are_sorted_in_registers():
+    def text(n):
+        return lower(jax.make_jaxpr(lambda x: jnp.sort(x * 1.5))(np.ones(n)), 64)
+
+    assert ("alloca" in text(16), "alloca" in text(17)) == (False, True)
+
+
 def test_axes_of_length_one_need_no_memory():
     text = lower(jax.make_jaxpr(lambda x: jnp.tanh(x).reshape(50, 1) * 2.0)(np.ones(50)), 16)
     assert "alloca" not in text
