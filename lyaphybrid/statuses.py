@@ -3,10 +3,9 @@
 import enum
 from collections import Counter
 
-import jax.numpy as jnp
 import numpy as np
 
-from ._jax.tracing import traced
+from ._jax.tracing import numpy_for, traced
 
 __all__ = ["OK", "RUNNING", "STATUS", "STIFF_REMEDY", "gravest", "status_of", "verdicts"]
 
@@ -97,7 +96,7 @@ class STATUS(enum.IntEnum):
 
 def gravest(codes):
     """The code of the gravest status of one or several runs: failures are graver than early ends."""
-    xp = jnp if traced(codes) else np
+    xp = numpy_for(codes)
     return xp.asarray(BY_GRAVITY)[xp.max(xp.asarray(GRAVITY)[codes])]
 
 

@@ -4,18 +4,31 @@ import functools
 from types import ModuleType
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax._src.core import trace_state_clean  # there is no public name for it
 from jax.core import Tracer
 
-__all__ = ["array", "as_arrays", "enclosed", "module_of", "traced", "transforming", "varying"]
+from ..native import on_device
+
+__all__ = [
+    "array",
+    "as_arrays",
+    "as_jax",
+    "enclosed",
+    "module_of",
+    "numpy_for",
+    "traced",
+    "transforming",
+    "varying",
+]
 
 
 def array(value: Any, dtype) -> Any:
     """An array of the type: NumPy's for concrete values, which a compiled function accepts with less overhead."""
-    return (jnp if traced(value) else np).asarray(value, dtype)
+    return numpy_for(value).asarray(value, dtype)
 
 
 def as_arrays(tree, dtype):
@@ -26,6 +39,18 @@ def as_arrays(tree, dtype):
 def module_of(value: Any) -> ModuleType:
     """`jax.numpy` for its arrays, NumPy for all else."""
     return jnp if isinstance(value, jax.Array) else np
+
+
+def numpy_for(*values: Any) -> ModuleType:
+    """`jax.numpy` where some of the values are tracers, else NumPy: each of JAX's functions would be compiled first."""
+    return jnp if traced(*values) else np
+
+
+def as_jax(tree: Any) -> Any:
+    """The tree with NumPy's arrays and numbers as JAX arrays, which compiles nothing; all else stays as it is."""
+    ours, others = eqx.partition(tree, lambda leaf: isinstance(leaf, np.ndarray | np.generic))
+    leaves, structure = jax.tree.flatten(ours)
+    return eqx.combine(jax.tree.unflatten(structure, on_device([np.asarray(leaf) for leaf in leaves])), others)
 
 
 def traced(*values: Any) -> bool:

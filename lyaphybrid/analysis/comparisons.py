@@ -1,17 +1,17 @@
 """The largest exponent without derivatives, from the separation of two trajectories."""
 
+import math
 import warnings
 from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
 from .. import plots
 from .._arguments import Key, Real, State, flag, positive, random_key, real, require, whole
-from .._jax.tracing import traced
+from .._jax.tracing import array, as_jax, numpy_for, traced
 from .._keywords import explains_keywords, user_level
 from .._text import Table, with_error
 from ..engine import preparation, problems
@@ -178,17 +178,17 @@ def two_trajectories(
     _require_start(x0, separation)
     check_counts(system, t1=t1, transient=transient, renormalise_every=renormalise_every)
     whole = iterates(system)
-    length = jnp.asarray(t1, x0.dtype)
+    length, xp = array(t1, x0.dtype), numpy_for(t1)
     recipe = pairs.recipe_of(whole, length / int(blocks), separation, renormalise_every)
     pair = pairs.start(problem, t0, x0, mode, jax.random.key(0) if key is None else key, recipe)
     why = ""
     if traced(transient) or float(transient) > 0:
-        quiet = jnp.asarray(transient, x0.dtype)
-        quiet = jnp.ceil(quiet - 1e-9) if whole else quiet
-        pair, why = pairs.finished(problem, recipe, t0, pair, quiet, quiet if whole else jnp.inf * quiet)
+        quiet = array(transient, x0.dtype)
+        quiet = array(numpy_for(quiet).ceil(quiet - 1e-9), x0.dtype) if whole else quiet
+        pair, why = pairs.finished(problem, recipe, t0, pair, quiet, quiet if whole else array(math.inf, x0.dtype))
         pair = pairs.restarted(pair)
-    ends = length * jnp.arange(1, int(blocks) + 1, dtype=x0.dtype) / int(blocks)
-    ends = pair.elapsed + (jnp.ceil(ends - 1e-9) if whole else ends)
+    ends = length * np.arange(1, int(blocks) + 1, dtype=x0.dtype) / int(blocks)
+    ends = array(pair.elapsed, x0.dtype) + (xp.ceil(ends - 1e-9) if whole else ends)
     pair, records, why = pairs.all_blocks(problem, recipe, t0, pair, ends, why)
     pair = pair._replace(x=problems.in_rows(problem, pair.x))
     result = _summarise(t0, pair, records, recipe.separation, unit_of(system), labels_of(system, problem.shape))
@@ -212,7 +212,7 @@ def _require_start(x0, separation) -> None:
         raise ValueError(f"x0 must have shape (n,) here; got {x0.shape}. Use jax.vmap for several starts.")
     if traced(x0) or traced(separation):
         return
-    rounding = float(jnp.finfo(x0.dtype).eps * jnp.max(jnp.abs(x0)))
+    rounding = float(np.finfo(x0.dtype).eps * np.max(np.abs(x0)))
     if separation < CLEAR * rounding:
         raise ValueError(f"separation must be large against the rounding of x0, {rounding:.1e}; got {separation!r}.")
 
@@ -223,8 +223,8 @@ def _note_rounding(problem: problems.RunProblem, result: TwoTrajectories, x0) ->
     After jumps at different times the forcing acts on each trajectory with its own rounding of the time, eps t, and so
     displaces it by about eps t |f|.
     """
-    eps, separation, x = float(jnp.finfo(x0.dtype).eps), float(result.separation), result.x.reshape(-1)
-    system, t, size = problem.system, float(result.t), float(max(jnp.max(jnp.abs(x0)), jnp.max(jnp.abs(x))))
+    eps, separation, x = float(np.finfo(x0.dtype).eps), float(result.separation), result.x.reshape(-1)
+    system, t, size = problem.system, float(result.t), float(max(np.max(np.abs(x0)), np.max(np.abs(x))))
     shift = _shift_by_time(problem, result, x)
     if separation >= CLEAR * eps * shift or not depends_on_time(system, x, problem.args):
         shift = 0.0
@@ -242,36 +242,39 @@ def _shift_by_time(problem: problems.RunProblem, result: TwoTrajectories, x) -> 
     if not isinstance(problem.system, Hybrid) or not problem.system.fields:
         return 0.0
     speed = velocity(problem.system, result.t, x, problem.args, int(result.mode))
-    return abs(float(result.t)) * float(jnp.max(jnp.abs(speed)))
+    return abs(float(result.t)) * float(np.max(np.abs(speed)))
 
 
+@np.errstate(all="ignore")  # as JAX does
 def _summarise(t0, pair: pairs.TrajectoryPair, records, separation, unit: str, labels: Labels) -> TwoTrajectories:
     """The exponent and its standard error from the sums of the blocks."""
-    elapsed, growth, length, intervals, skipped = records
-    before = jnp.concatenate([elapsed[:1] - length[:1], elapsed[:-1]])
+    xp = numpy_for(records, t0, pair.elapsed)
+    elapsed, growth, length, intervals, skipped = jax.tree.map(xp.asarray, records)
+    before = xp.concatenate([elapsed[:1] - length[:1], elapsed[:-1]])
     reached = elapsed > before
-    total = jnp.sum(length)
-    running = jnp.cumsum(growth) / jnp.where(jnp.cumsum(length) == 0, jnp.nan, jnp.cumsum(length))
-    exponent, count = running[-1], jnp.maximum(jnp.sum(reached), 2).astype(growth.dtype)
-    return TwoTrajectories(
+    total = xp.sum(length)
+    running = xp.cumsum(growth) / xp.where(xp.cumsum(length) == 0, xp.nan, xp.cumsum(length))
+    exponent, count = running[-1], xp.maximum(xp.sum(reached), 2).astype(growth.dtype)
+    found = TwoTrajectories(
         exponent=exponent,
-        stderr=standard_error(jnp, growth, length, exponent, count, total),
+        stderr=standard_error(xp, growth, length, exponent, count, total),
         time=total,
-        intervals=jnp.sum(intervals),
-        skipped=jnp.sum(skipped),
+        intervals=xp.sum(intervals),
+        skipped=xp.sum(skipped),
         history=History(
-            jnp.where(reached, jnp.cumsum(length), jnp.nan),
-            jnp.where(reached, running, jnp.nan),
-            jnp.where(reached, growth, jnp.nan),
+            xp.where(reached, xp.cumsum(length), xp.nan),
+            xp.where(reached, running, xp.nan),
+            xp.where(reached, growth, xp.nan),
         ),
         x=pair.x,
-        t=t0 + pair.elapsed,
+        t=xp.asarray(t0) + xp.asarray(pair.elapsed),
         mode=pair.mode,
         separation=separation,
         status_code=pair.status,
         unit=unit,
         state_labels=labels,
     )
+    return as_jax(found)
 
 
 def _deliver(result: TwoTrajectories, names: tuple[str, ...], throw: bool, why: str) -> TwoTrajectories:

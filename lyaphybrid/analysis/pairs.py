@@ -9,7 +9,7 @@ from jaxtyping import Array
 
 from .._jax.engines import compiled
 from .._jax.precision import digits
-from .._jax.tracing import traced
+from .._jax.tracing import array, as_jax, numpy_for, traced
 from ..engine import beginning, binding, loop, problems, states
 from ..engine.host import driver
 from ..engine.host.paces import ATTEMPTS_BETWEEN_CHECKS, why_stalled
@@ -56,11 +56,13 @@ class Renormalisation(NamedTuple):
 
 def recipe_of(whole: bool, block, separation, every) -> Renormalisation:
     """How a pair is followed; `whole`: intervals are counted in iterations or jumps."""
+    xp = numpy_for(block)
     shortest, longest = SHORTEST_INTERVAL * block, LONGEST_INTERVAL * block
     if whole:
-        shortest, longest = jnp.ones_like(block), jnp.maximum(jnp.floor(longest), 1.0)
-    every = None if every is None else jnp.asarray(every, block.dtype)
-    return Renormalisation(whole, jnp.asarray(separation, block.dtype), every, shortest, longest)
+        shortest, longest = xp.ones_like(block), xp.maximum(xp.floor(longest), 1.0)
+    limits = (array(each, block.dtype) for each in (shortest, longest))
+    every = None if every is None else array(every, block.dtype)
+    return Renormalisation(whole, array(separation, block.dtype), every, *limits)
 
 
 def _begin(problem: problems.RunProblem, t, x, mode, h) -> states.LoopState:
@@ -88,7 +90,8 @@ def start(problem: problems.RunProblem, t0, x0, mode, key, recipe: Renormalisati
 
 def restarted(pair: TrajectoryPair) -> TrajectoryPair:
     """The pair with new sums."""
-    zero, none = jnp.zeros_like(pair.growth), jnp.zeros_like(pair.intervals)
+    xp = numpy_for(pair)
+    zero, none = (as_jax(xp.zeros_like(xp.asarray(sums))) for sums in (pair.growth, pair.intervals))
     return pair._replace(growth=zero, length=zero, intervals=none, skipped=none)
 
 
@@ -109,10 +112,10 @@ def all_blocks(problem: problems.RunProblem, recipe: Renormalisation, t0, pair: 
         return *jax.lax.scan(lambda pair, end: one(pair, end)[:2], pair, ends), why
     records = []
     for end in np.asarray(ends):
-        pair, record, said = one(pair, jnp.asarray(end))
+        pair, record, said = one(pair, np.asarray(end))
         records.append(record)
         why = why or said
-    return pair, jax.tree.map(lambda *parts: jnp.stack(parts), *records), why
+    return pair, jax.tree.map(lambda *parts: np.stack(parts), *records), why
 
 
 def finished(

@@ -5,13 +5,12 @@ from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
 from .. import plots
 from .._arguments import Real, State, attempts, flag, positive, whole
-from .._jax.tracing import array, traced
+from .._jax.tracing import array, as_jax, numpy_for, traced
 from .._keywords import explains_keywords
 from .._text import Table
 from ..engine import preparation, problems
@@ -229,16 +228,18 @@ def trajectory(
     check_counts(system, t1=t1)
     discrete = iterates(system)
     ends = ends_of_blocks(t1, n, times, "t1")
-    ends = array(jnp.ceil(ends - 1e-9) if discrete else ends, x0.dtype)
+    ends = array(numpy_for(ends).ceil(ends - 1e-9) if discrete else ends, x0.dtype)
     room = 0 if discrete or isinstance(system, Flow) else EVENT_LOG_ROWS
     plan = problems.RunPlan(log=room, collect=problems.point)
     loop_state = driver.start(problem, plan, t0, x0, np.zeros((len(x0), 0), x0.dtype), mode, 1.0)
     outcome = driver.drive(problem, plan, loop_state, ends, ends, max_steps)
-    t, x, modes, jumps = outcome.records.collected
-    valid = outcome.records.valid
+    xp = numpy_for(outcome.records)
+    (t, x, modes, jumps), valid = jax.tree.map(xp.asarray, (outcome.records.collected, outcome.records.valid))
+    x = problems.in_rows(problem, xp.where(valid[:, None], x, xp.nan))
+    t, x, modes, jumps = as_jax((xp.where(valid, t, xp.nan), x, modes, jumps))
     result = Trajectory(
-        jnp.where(valid, t, jnp.nan),
-        problems.in_rows(problem, jnp.where(valid[:, None], x, jnp.nan)),
+        t,
+        x,
         modes,
         jumps,
         _joined(outcome.logs, problem, x0, labels_of(system, problem.shape)),
@@ -260,9 +261,8 @@ def _require_one(x0) -> None:
 def _joined(logs, problem, x0, labels: Labels) -> Events:
     """The event logs of several compiled calls, joined into one."""
     if not logs:
-        none = jnp.zeros(0, jnp.int32)
-        point = jnp.zeros((0, *problem.shape), x0.dtype)
-        return Events(jnp.zeros(0, x0.dtype), none, none, none, none, point, point, labels)
+        none, point = np.zeros(0, np.int32), np.zeros((0, *problem.shape), x0.dtype)
+        return as_jax(Events(np.zeros(0, x0.dtype), none, none, none, none, point, point, labels))
     if traced(logs):
         (log,) = logs
     else:
@@ -399,7 +399,7 @@ def tangent_map(
         TangentMap(
             x,
             carry.frame,
-            problems.mode_of(carry),
+            as_jax(problems.mode_of(carry, numpy_for(carry))),
             carry.jumps,
             outcome.status,
             labels_of(system, problem.shape),

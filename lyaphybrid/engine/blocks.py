@@ -2,11 +2,10 @@
 
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from .._arguments import numbers, positive, real, require
-from .._jax.tracing import array, traced
+from .._jax.tracing import array, numpy_for, traced
 from ..integrators.base import Method
 from ..systems.event_driven import EventDriven
 from ..systems.kinds import iterates
@@ -90,12 +89,12 @@ def check_counts(system, clock: str = "time", **lengths) -> None:
 def part_of(system, clock: str, t1, fraction: float):
     """A fraction of the length of a run, rounded up to a whole number where iterations or jumps are counted."""
     part = fraction * t1
-    return (jnp if traced(part) else np).ceil(part) if iterates(system) or clock == "jumps" else part
+    return numpy_for(part).ceil(part) if iterates(system) or clock == "jumps" else part
 
 
 def targets_for(ends, clock, discrete, dtype):
     """(blocks,) the end of each block in time, and in jumps."""
-    xp = jnp if traced(ends) else np  # with NumPy nothing is compiled
+    xp = numpy_for(ends)
     whole = xp.ceil(ends - 1e-9)
     times = whole if discrete else xp.full_like(ends, np.inf) if clock == "jumps" else ends
     return array(times, dtype), array(whole, dtype)

@@ -8,12 +8,11 @@ from typing import Any, ClassVar, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array
 
 from .._jax.columns import each_column
 from .._jax.precision import nonzero
-from .._jax.tracing import traced
+from .._jax.tracing import numpy_for
 
 Field = Callable[[Any, Array], Array]  # (t, x) -> dx/dt, args bound
 PROBE = 0.21132486540518713  # (3 - √3)/6 of a step, where the error of the cubic interpolant's slope is largest
@@ -107,7 +106,7 @@ class Method(eqx.Module):
         names = {field.name for field in dataclasses.fields(self)} & {"rtol", "atol"}
         if not names:
             return self
-        factor = (jnp if traced(self.rtol) else np).maximum(1.0, least / self.rtol)
+        factor = numpy_for(self.rtol).maximum(1.0, least / self.rtol)
         return dataclasses.replace(self, **{name: factor * getattr(self, name) for name in names})
 
     def require(self, field: Field, t, x) -> None:

@@ -61,20 +61,6 @@ def test_gram_schmidt_in_vectors(shape, dtype):
         assert_allclose(lengths, known, rtol=500 * np.finfo(dtype).eps)
 
 
-def test_the_linear_part_of_gram_schmidt_is_not_taken_for_it():
-    """Of this name is also what a derivative calls, with other operands or results."""
-    rng = np.random.default_rng(4)
-    frame, other = rng.normal(size=(2, 12, 10))
-
-    def moved(frame, other):
-        (columns, lengths), linear = jax.linearize(frames.modified_gram_schmidt, frame)
-        return columns, lengths, *linear(other)
-
-    found, wanted = compiled()(moved)(frame, other), jax.jit(moved)(frame, other)
-    for ours, theirs in zip(found, wanted, strict=True):
-        assert_allclose(ours, theirs, rtol=1e-10, atol=1e-10)
-
-
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("k", [2, 3, 16, 20, 64, 100])
 def test_columns_and_lengths_are_those_of_lapack(kind, k):

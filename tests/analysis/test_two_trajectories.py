@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
 from lyaphybrid import zoo
+from lyaphybrid._jax.engines import compilations
 
 BALL = lh.EventDriven(
     flow=lambda dt, t, x, g: jnp.stack([x[0] + x[1] * dt - 0.5 * g * dt**2, x[1] - g * dt]),
@@ -167,6 +168,14 @@ def test_jit_and_vmap_with_events():
 
     starts = jnp.array([[0.5, 0.0], [0.1, 0.3], [3.0, 4.0]])
     assert_allclose(jax.jit(jax.vmap(exponent))(starts), [exponent(x0) for x0 in starts], atol=1e-7)
+
+
+def test_a_first_call_waits_for_few_programs():
+    """Each function of JAX outside compiled code would be a program of its own, compiled by XLA: there were over 40."""
+    jax.clear_caches()
+    before = compilations()
+    run(zoo.logistic_map(), t1=50.0, transient=10.0, blocks=5)
+    assert 0 < compilations() - before <= 12
 
 
 # --- statuses and warnings

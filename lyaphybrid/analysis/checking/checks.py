@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from ..._arguments import Real, State, positive, require
@@ -131,7 +130,8 @@ def _trial(system, x0, args, t0, t1, mode, method) -> tuple[Trajectory, float, l
         length = t1 or (1.5 if probe.status is not STATUS.max_steps else 1.0) * passed or 1.0
     try:
         run = trajectory(system, x0, args, t1=length, max_steps=None if t1 else 3 * ATTEMPTS, **options)
-        return run, step, [right("run", f"{run.status}: {length:.6g} units of time, {int(run.j[-1])} jumps")]
+        jumps = int(np.asarray(run.j)[-1])
+        return run, step, [right("run", f"{run.status}: {length:.6g} units of time, {jumps} jumps")]
     except RunFailedError as failure:
         run, reached = failure.result, float(failure.result.ended) - float(t0)
         if not iterates(system) and 0 < reached < length:  # again, with all samples before the end
@@ -164,7 +164,8 @@ def _onward(system, problem):
         if probe.status is not STATUS.max_steps or not passed > 0:
             return None
         found = trajectory(system, x, problem.args, t1=passed, **options)
-        return (found.t[-1], found.x[-1], found.mode[-1]) if found.status is STATUS.ok else None
+        t, x, modes = map(np.asarray, (found.t, found.x, found.mode))
+        return (t[-1], x[-1], modes[-1]) if found.status is STATUS.ok else None
 
     return onward
 
@@ -242,7 +243,7 @@ def _of_motion(system, problem, run: Trajectory, t0, x0, index, mode, flowing) -
 
     def tangent(x, length, method=problem.method):
         options = {"t0": t0, "mode": mode, "method": method, "throw": False}
-        return tangent_map(system, x, problem.args, t1=jnp.asarray(length), **options)
+        return tangent_map(system, x, problem.args, t1=np.asarray(length), **options)
 
     reached = _stretch(run, float(t0))
     found = motion.moderate(tangent, x0, reached) if reached > 0 else None

@@ -10,6 +10,7 @@ import numpy as np
 from ... import _renamed as renamed
 from ..._arguments import Real, State, numbers, positive, real, require, require_values, shape, whole
 from ..._jax.precision import require_double
+from ..._jax.tracing import as_jax
 from ...engine import preparation
 from ...errors import NoPeriodicOrbitError
 from ...integrators import HalfExplicit, RungeKutta
@@ -169,7 +170,8 @@ def continuation(
     name, value = _named(system, parameter, value, special, x0, args, options)
     require(low <= value <= high, f"{name} is {value:.6g}: it must be in over, from {low:.6g} to {high:.6g}.")
     if special is None:
-        orbit = floquet(system, jnp.asarray(x0, float), args_of(jnp.asarray(value)), transient=transient, **options)
+        at = args_of(as_jax(np.asarray(value, float)))
+        orbit = floquet(system, jnp.asarray(x0, float), at, transient=transient, **options)
     else:
         orbit = special.orbit
     turns = 1 if special is None else special.turns_there
@@ -242,7 +244,8 @@ def _equations(system, args_of, values, parameter: str, orbit: Floquet, turns: i
     equations = BranchEquations(problem, args_of, method, period, turns, options["segments"], size, *scales, *closing)
     for p in values:
         own = equations.own_period(p)
-        if p == values[1] or own is None or 0 < own < np.inf:  # at the ends of the range a valid period need not exist
+        # At the ends of the range a valid period need not exist.
+        if p == values[1] or own is None or 0 < np.asarray(own) < np.inf:
             require_period(equations.motion(p), own, base, f" at {parameter} = {p:.6g}")
     return equations
 

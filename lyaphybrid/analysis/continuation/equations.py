@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..._jax.engines import compiled
-from ..._jax.tracing import traced
+from ..._jax.tracing import as_jax, traced
 from ...engine import problems
 from ...errors import RunFailedError
 from ...systems.smooth import Map
@@ -58,10 +58,10 @@ class ParameterOf(eqx.Module):
     def __call__(self, p):
         """The args with this parameter."""
         if traced(p, self.leaf):
-            return self.args_of(jnp.asarray(self.leaf).at[self.entry].set(p))
+            return self.args_of(jnp.where(np.arange(len(self.leaf)) == self.entry, p, self.leaf))
         leaf = np.array(self.leaf)  # of numbers without programs of XLA, which take long to compile
         leaf[self.entry] = p
-        return self.args_of(jnp.asarray(leaf))
+        return self.args_of(as_jax(leaf))
 
 
 class ConstantArgs(eqx.Module):
@@ -127,7 +127,7 @@ class BranchEquations(NamedTuple):
         conserved = self.conserved
         if conserved is not None and self.level:
             conserved = conserved._replace(wanted=np.array([p]))
-        return Motion(self.problem._replace(args=self.args_of(jnp.asarray(p, float))), self.symmetry, conserved)
+        return Motion(self.problem._replace(args=self.args_of(_number(p))), self.symmetry, conserved)
 
     def length(self, p: float) -> float:
         """The time after which a forced orbit closes."""
@@ -135,7 +135,7 @@ class BranchEquations(NamedTuple):
 
     def own_period(self, p) -> Any:
         """The period that was given, at this parameter."""
-        return self.period(self.args_of(jnp.asarray(p, float))) if callable(self.period) else self.period
+        return self.period(self.args_of(_number(p))) if callable(self.period) else self.period
 
     def orbit_from(self, node: Node, p: float, period: float) -> OrbitIterate:
         """The motion from this node, over that time, cut into pieces away from events."""
@@ -215,8 +215,8 @@ class BranchEquations(NamedTuple):
         """The derivative (n,) of the motion's end along changes (dp, dt, dx, dlength) of p, start and length."""
         mode = 0 if self.discrete else self.motion(p).mode(node)
         turn = PeriodRun(self.problem.system, self.args_of, None, None, self.method)
-        given, changes = ([jnp.asarray(value, float) for value in values] for values in ((p, *node[:2], length), along))
-        return np.asarray(_carried(turn, jnp.asarray(mode), given, changes, self.discrete))
+        given, changes = ([_number(value) for value in values] for values in ((p, *node[:2], length), along))
+        return np.asarray(_carried(turn, as_jax(np.asarray(mode)), given, changes, self.discrete))
 
     def corrected(
         self, guess: np.ndarray, like: OrbitIterate, across: np.ndarray, level: float, reach: float = np.inf
@@ -252,9 +252,14 @@ def states_over(point: BranchPoint) -> np.ndarray:
     return np.concatenate([states_of(piece)[1] for piece in point.orbit.pieces])
 
 
+def _number(value) -> Any:
+    """A float or an array of floats as a JAX array; a tracer stays as it is."""
+    return value if traced(value) else as_jax(np.asarray(value, float))
+
+
 def _slope(function: Callable, p: float) -> np.ndarray:
     """The derivative of a function of one number, evaluated as it stands: it need not be compiled for one use."""
-    at = jnp.asarray(p, float)
+    at = _number(p)
     return np.asarray(jax.jvp(lambda p: jnp.asarray(function(p), p.dtype), (at,), (jnp.ones_like(at),))[1])
 
 

@@ -16,7 +16,7 @@ from jaxtyping import Array
 
 from ... import plots
 from ..._arguments import Frame, Progress, Real, State, flag, integers, require, shape
-from ..._jax.tracing import traced
+from ..._jax.tracing import as_jax, numpy_for, traced
 from ..._keywords import explains_keywords
 from ..._text import UNIT, Table
 from ...engine.blocks import check_counts
@@ -202,10 +202,12 @@ def gali(
         blocks=blocks, mode=mode, frame=frame, method=discrete("gali", method), every=every, max_steps=max_steps,
         progress=progress,
     )  # fmt: skip
-    volumes = jnp.cumsum(jnp.asarray(found.collected), axis=-1)[..., jnp.asarray(orders) - 1]
-    volumes = jnp.where(jnp.isnan(jnp.asarray(found.time))[..., None], jnp.nan, volumes)
-    result = GALIResult(jnp.asarray(found.time), volumes, jnp.asarray(found.status), orders, unit_of(system))
-    return verdict_of(found, result, throw)
+    xp = numpy_for(found.time, found.collected, found.status)
+    time, status = xp.asarray(found.time), xp.asarray(found.status)
+    volumes = xp.cumsum(xp.asarray(found.collected), axis=-1)[..., np.asarray(orders) - 1]
+    volumes = xp.where(xp.isnan(time)[..., None], xp.nan, volumes)
+    result = GALIResult(time, volumes, status, orders, unit_of(system))
+    return verdict_of(found, as_jax(result), throw)
 
 
 @explains_keywords
@@ -269,7 +271,9 @@ def sali(
         system, x0, args, t1=t1, orders=(2,), times=times, t0=t0, transient=transient, mode=mode, frame=frame,
         method=method, every=every, blocks=blocks, max_steps=max_steps, progress=progress, throw=throw,
     )  # fmt: skip
-    log_sine = found.log_values[..., 0]
-    square = jnp.exp(2 * jnp.minimum(log_sine, 0.0))
-    cosine = jnp.sqrt(jnp.maximum(1 - square, 0.0))
-    return GALIResult(found.time, log_sine + 0.5 * jnp.log(2 / (1 + cosine)), found.status_code, (), found.unit)
+    xp = numpy_for(found.log_values)
+    log_sine = xp.asarray(found.log_values)[..., 0]
+    square = xp.exp(2 * xp.minimum(log_sine, 0.0))
+    cosine = xp.sqrt(xp.maximum(1 - square, 0.0))
+    values = as_jax(log_sine + 0.5 * xp.log(2 / (1 + cosine)))
+    return GALIResult(found.time, values, found.status_code, (), found.unit)

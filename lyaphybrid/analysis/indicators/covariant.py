@@ -18,6 +18,7 @@ from jaxtyping import Array
 from ... import plots
 from ..._arguments import Frame, Progress, Real, State, flag, positive, require_one_start, shape, whole
 from ..._jax.engines import compiled
+from ..._jax.tracing import as_jax, numpy_for
 from ..._keywords import explains_keywords
 from ..._text import UNIT, Table, numbered
 from ...engine.blocks import check_counts
@@ -228,20 +229,20 @@ def covariant_vectors(
         transient=max(0.0, transient - piece), times=None, blocks=1 + blocks + after, mode=mode, frame=frame,
         method=discrete("covariant_vectors", method), max_steps=max_steps, progress=progress,
     )  # fmt: skip
-    frames, factors, x = jax.tree.map(jnp.asarray, found.collected)
-    vectors, growth = _backwards(frames, factors)
-    time = jnp.asarray(found.time)
+    xp = numpy_for(found.time, found.collected, found.status)
+    frames, factors, x = found.collected
+    time, x, status, vectors, growth = map(xp.asarray, (found.time, x, found.status, *_backwards(frames, factors)))
     wanted = slice(0, blocks + 1)
     result = CovariantVectors(
         time[wanted] - time[0],
         x[wanted],
         vectors[wanted],
         growth[:blocks],
-        jnp.asarray(found.status),
+        status,
         labels_of(system, (n,)),
         unit_of(system),
     )
-    return verdict_of(found, result, throw)
+    return verdict_of(found, as_jax(result), throw)
 
 
 @compiled()

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..._arguments import attempts, numbers, require, whole
-from ..._jax.tracing import array, traced
+from ..._jax.tracing import array, numpy_for, traced
 from ..._linalg import frames
 from ..._text import Table
 from ...engine import preparation, problems
@@ -105,7 +105,7 @@ def follow(
         problem, plan, loop_state, *targets_for(limits, "time", discrete, x0.dtype), max_steps, progress, interrupted
     )
     valid, durations = outcome.records.valid, outcome.records.duration
-    xp = jnp if traced(durations) else np
+    xp = numpy_for(durations)
     time = xp.where(valid, xp.cumsum(xp.where(valid, durations, 0.0), axis=-1), xp.nan)
     collected, why = outcome.records.collected, why or outcome.why
     return IndicatorRun(time, collected, outcome.status, outcome.interrupted, outcome.loop_state, problem.system, why)

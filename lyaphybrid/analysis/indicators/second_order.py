@@ -4,9 +4,11 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from ..._arguments import Frame, Progress, Real, State, flag, require
-from ..._jax.tracing import traced
+from ..._jax.engines import for_once
+from ..._jax.tracing import as_jax, numpy_for, traced, transforming
 from ...engine import preparation
 from ...integrators import TangentHamiltonian
 from ...integrators.base import Method
@@ -91,8 +93,9 @@ def ofli2(
 
     n = x0.shape[-1]
     given = None if frame is None else unit_columns(frame, n, 1, x0.dtype)[:, 0]
-    varied = jax.vmap(start)(x0) if x0.ndim == 2 else start(x0)
-    moving = traced(varied) or bool(jnp.all(jnp.isfinite(varied)))
+    starts = jax.vmap(start) if x0.ndim == 2 else start
+    varied = starts(x0) if transforming() else for_once(lambda x: [starts(x)], x0)(x0)[0]
+    moving = traced(varied) or bool(np.all(np.isfinite(varied)))
     require(
         moving, f"The field and its derivative must be finite at x0, for these args; got {varied} and args {args!r}."
     )
@@ -101,11 +104,10 @@ def ofli2(
         t1=t1, t0=t0, transient=0.0, times=times, blocks=blocks, mode=None, frame=None,
         method=SecondVariation(problem.method), max_steps=max_steps, progress=progress,
     )  # fmt: skip
-    time = jnp.asarray(found.time)
-    values = jnp.where(jnp.isnan(time), jnp.nan, found.collected)
-    return verdict_of(
-        found, IndicatorResult(time, values, None, jnp.asarray(found.status), "OFLI2", unit_of(system)), throw
-    )
+    xp = numpy_for(found.time, found.collected, found.status)
+    time, status = xp.asarray(found.time), xp.asarray(found.status)
+    values = xp.where(xp.isnan(time), xp.nan, found.collected)
+    return verdict_of(found, as_jax(IndicatorResult(time, values, None, status, "OFLI2", unit_of(system))), throw)
 
 
 def _highest(t, carry):

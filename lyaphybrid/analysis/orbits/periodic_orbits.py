@@ -17,6 +17,7 @@ from ... import _renamed as renamed
 from ... import plots
 from ..._arguments import Real, State, flag, positive, real, require, require_one_start, require_values, whole
 from ..._jax.precision import digits
+from ..._jax.tracing import as_jax
 from ..._keywords import explains_keywords
 from ..._text import Table
 from ...engine import preparation, problems
@@ -269,7 +270,8 @@ def _orbit_near(
     """The orbit near a point."""
     start = point.x
     if transient > 0:
-        run = flow.piece(point, float(transient if period is None else np.ceil(transient / period) * period))
+        turn = None if period is None else float(np.asarray(period))
+        run = flow.piece(point, float(transient if turn is None else np.ceil(transient / turn) * turn))
         point = Node(point.t, run.x, run.mode)
     autonomous = period is None
     given = point
@@ -417,17 +419,17 @@ def floquet_of(
     good = good and _repeats(flow, orbit)
     residual = orbit.residual if good else np.inf
     return Floquet(
-        x0=jnp.asarray(point.x),
+        x0=as_jax(point.x),
         period=orbit.period,
-        multipliers=jnp.asarray(multipliers),
-        exponents=jnp.asarray(exponents),
+        multipliers=as_jax(multipliers),
+        exponents=as_jax(exponents),
         stability=stability_of(others, base.x),
         residual=residual,
-        monodromy=jnp.asarray(functools.reduce(lambda product, matrix: matrix @ product, matrices)),
-        base=(base.t, jnp.asarray(base.x), flow.mode(base)),
+        monodromy=as_jax(functools.reduce(lambda product, matrix: matrix @ product, matrices)),
+        base=(base.t, as_jax(base.x), flow.mode(base)),
         mode=flow.mode(point),
         jumps=sum(piece.jumps for piece in orbit.pieces),
-        shift=jnp.asarray(orbit.shift),
+        shift=as_jax(np.asarray(orbit.shift)),
         family=family.shape[1],
         notes=frozenset({"family"} if family.shape[1] else ()),
         status_code=STATUS.ok if residual <= digits(CONVERGED, base.x) else STATUS.no_orbit,

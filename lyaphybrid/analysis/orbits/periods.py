@@ -8,11 +8,11 @@ period is searched: autocorrelations on windows of many lengths give it roughly,
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..._jax.engines import compiled
 from ..._jax.jaxprs import needed
 from ..._jax.tracing import array, traced
 from ...systems.daes.semi_linear import Constrained
@@ -187,7 +187,7 @@ def _states(x: np.ndarray) -> np.ndarray:
     return np.stack([x, x + SECOND_STATE_DISTANCE * aside]).astype(x.dtype)
 
 
-@eqx.filter_jit
+@compiled()
 def _values(system, times, states, args) -> dict[str, Any]:
     """Values of the functions of time by name, each (times, numbers) with all states in one row."""
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from ..._jax.engines import compiled
 from ..._jax.precision import digits
-from ..._jax.tracing import array
+from ..._jax.tracing import array, as_jax
 from ...engine import problems
 from ...engine.host import driver
 from ...engine.host.places import account, place_of
@@ -135,7 +135,7 @@ class Motion(NamedTuple):
 
     def piece(self, node: Node, length: float) -> MotionPiece:
         """Run the system from a node over a length of time."""
-        x0, discrete = jnp.asarray(node.x), isinstance(self.problem.system, Map)
+        x0, discrete = as_jax(np.asarray(node.x)), isinstance(self.problem.system, Map)
         hybrid = isinstance(self.problem.system, Hybrid | EventDriven)
         plan = problems.RunPlan(log=EVENT_LOG_ROWS * hybrid, collect=problems.point)
         t0, ends = array(node.t, x0.dtype), length * np.arange(1, SAMPLES_PER_PIECE + 1) / SAMPLES_PER_PIECE
@@ -179,11 +179,11 @@ class Motion(NamedTuple):
 
     def moved(self, node: Node, dx) -> Node:
         """The point moved by dx, projected onto the tangent space of its mode; without a fixed mode not projected."""
-        system, dx = self.problem.system, jnp.asarray(dx)
+        system, dx = self.problem.system, as_jax(np.asarray(dx, node.x.dtype))
         onto = system.tangent[node.mode] if isinstance(system, Hybrid) and node.mode is not None else None
         if onto is not None:
             dx = onto(jnp.asarray(node.t, node.x.dtype), node.x, self.problem.args, dx)
-        return node._replace(x=node.x + dx)
+        return node._replace(x=as_jax(np.add(node.x, dx)))
 
     def apart(self, x, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distances of points (samples, n) from x or its nearest image; the shifts (samples, q) of the group."""

@@ -5,12 +5,11 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from ..._arguments import numbers, require
 from ..._jax.precision import require_double
-from ..._jax.tracing import as_arrays
+from ..._jax.tracing import as_arrays, as_jax, numpy_for
 from ...engine.blocks import is_zero
 
 __all__ = [
@@ -103,7 +102,7 @@ def with_arrays(options: Mapping[str, Any], dtype) -> dict[str, Any]:
 
 def parameters_of(args, free: Sequence[str] | None, word: str = "over") -> tuple[np.ndarray, "ArgsOf", tuple[str, ...]]:
     """The free leaves of args: their values (p,), args as a function of them, their names."""
-    args = jax.tree.map(lambda leaf: jnp.asarray(leaf) if isinstance(leaf, float) else leaf, args)
+    args = as_jax(jax.tree.map(lambda leaf: np.asarray(leaf) if isinstance(leaf, float) else leaf, args))
     known = {_name(path): eqx.is_inexact_array_like(leaf) for path, leaf in jax.tree_util.tree_leaves_with_path(args)}
     known = [name for name, floating in known.items() if floating]
     require(bool(known), f"args has no floating-point number to differentiate by, got {args!r}: write 1.0 for 1.")
@@ -130,10 +129,11 @@ class ArgsOf(eqx.Module):
     def free(self, values):
         """The tree of the parameters alone, of values (…, p): leaves (…) + their shape."""
         ends = np.cumsum([int(np.prod(shape)) for shape in self.shapes])[:-1]
-        values = jnp.asarray(values)
-        parts = jnp.split(values, ends, axis=-1) if len(ends) else [values]
-        leaves = [part.reshape(*part.shape[:-1], *shape) for part, shape in zip(parts, self.shapes, strict=True)]
-        return jax.tree.unflatten(self.structure, leaves)
+        xp = numpy_for(values)
+        values = xp.asarray(values)
+        parts = xp.split(values, ends, axis=-1) if len(ends) else [values]
+        leaves = [part.reshape((*part.shape[:-1], *shape)) for part, shape in zip(parts, self.shapes, strict=True)]
+        return jax.tree.unflatten(self.structure, as_jax(leaves))
 
 
 class FixedStart(eqx.Module):

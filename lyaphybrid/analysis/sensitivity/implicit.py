@@ -21,8 +21,8 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
 
-from ..._jax.engines import compiled
-from ..._jax.tracing import array
+from ..._jax.engines import compiled, for_once
+from ..._jax.tracing import array, as_jax
 from ...engine import preparation, problems
 from ...engine.host import driver, reporting
 from ...errors import NoPeriodicOrbitError, RunFailedError
@@ -130,12 +130,13 @@ def _orbit(case: ExponentFunction, period) -> tuple[Floquet, Method | None]:
         raise UntrustedError(f"no periodic orbit: {why}", failed=broken) from failed
 
 
+@np.errstate(invalid="ignore")  # a map that escapes does not come back
 def _returning(system: Map, x0, args, transient: int):
     """A point of the motion after the transient, and the first number of iterations that bring it back."""
     start = x = _iterated(system, jnp.asarray(x0), args, np.asarray(transient))
     for count in range(1, LONGEST_MAP_PERIOD + 1):
         x = _iterated(system, x, args, np.asarray(1))
-        if float(jnp.max(jnp.abs(x - start))) <= RETURNS * (1 + float(jnp.max(jnp.abs(start)))):
+        if np.max(np.abs(np.subtract(x, start))) <= RETURNS * (1 + np.max(np.abs(start))):
             return start, count
     raise UntrustedError(f"no periodic orbit: the map does not come back within {LONGEST_MAP_PERIOD} iterations.")
 
@@ -148,10 +149,11 @@ def _iterated(system: Map, x, args, count):
 def derivatives(turn: PeriodRun, case: ExponentFunction, orbit: Floquet, period) -> Derivatives:
     """Derivatives of the orbit and of M, by two passes: first with the point fixed, then with it moving."""
     n, p = len(orbit.x0), len(case.theta)
-    x, theta = orbit.base[1], jnp.asarray(case.theta)
+    x, theta = orbit.base[1], as_jax(case.theta)
     autonomous, own = _autonomous(case, period), np.zeros(p)
     if callable(period):
-        own = np.asarray(jax.jacfwd(lambda theta: jnp.asarray(period(case.args_of(theta)), theta.dtype))(theta))
+        by_parameters = jax.jacfwd(lambda theta: jnp.asarray(period(case.args_of(theta)), theta.dtype))
+        own = np.asarray(for_once(lambda theta: [by_parameters(theta)], theta)(theta)[0])
     length, matrix = np.asarray(orbit.period, float), np.asarray(orbit.monodromy)
     system, right = (
         matrix - np.eye(n),

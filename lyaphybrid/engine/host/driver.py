@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..._jax.engines import compilations, compiled
-from ..._jax.tracing import enclosed, traced, transforming
+from ..._jax.tracing import as_jax, enclosed, numpy_for, traced, transforming
 from ...events.compiled_hybrid import by_mode
 from ...statuses import RUNNING, STATUS
 from .. import beginning, loop, states
@@ -223,7 +223,7 @@ def _drain(loop_state: LoopState, logs: list) -> LoopState:
         return loop_state
     # With NumPy, because JAX would compile a slice for every number of events.
     logs.append(jax.tree.map(lambda leaf, upto=int(log.count): np.array(leaf)[:upto], log._replace(count=None)))
-    emptied = log._replace(count=jnp.zeros_like(log.count))
+    emptied = log._replace(count=as_jax(np.zeros_like(np.asarray(log.count))))
     return loop_state._replace(carry=loop_state.carry._replace(log=emptied))
 
 
@@ -234,7 +234,7 @@ def _finished(loop_state: LoopState, blocks: int) -> bool:
 
 def _verdict(loop_state: LoopState, ends, otherwise):
     """The status of a run; `otherwise` if it is still running and blocks are left."""
-    xp = jnp if traced(loop_state.carry.status) else np
+    xp = numpy_for(loop_state.carry.status)
     status, block = xp.asarray(loop_state.carry.status), xp.asarray(loop_state.block)
     return xp.where((status == RUNNING) & (block < ends.shape[0]), otherwise, status)
 

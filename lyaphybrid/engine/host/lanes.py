@@ -25,6 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..._jax.engines import compiled
+from ..._jax.tracing import as_jax
 from . import devices
 from .reporting import reporter
 
@@ -245,7 +246,7 @@ def _zeros(like, done):
 
 def _arrays(tree):
     """JAX arrays, the type that a compiled call returns, so that all calls have arguments of the same type."""
-    return jax.tree.map(jnp.asarray, tree)
+    return jax.tree.map(jnp.asarray, as_jax(tree))  # of numbers, too
 
 
 def _padded(lanes, first):

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..._jax.tracing import traced
+from ..._jax.tracing import numpy_for, traced
 from ...systems.daes.semi_linear import DAE
 from ...systems.hybrid import Hybrid, Transition
 from ..problem import Problem, Real, computed, exact, near, positive, problem, require, state
@@ -422,7 +422,7 @@ def swing_dae(
 
 def _at_the_load(angle: float, args):
     """The voltage at the load: the larger of the two solutions of its power balance, with both sources combined."""
-    xp = jnp if traced(args) else np
+    xp = numpy_for(args)
     reactance = 1 / (1 / args["generator_reactance"] + 1 / args["line_reactance"])
     generator = args["emf"] / args["generator_reactance"] * reactance
     real = generator * xp.cos(angle) + reactance / args["line_reactance"]

@@ -83,7 +83,7 @@ def rimless_wheel(*, angle: Real = math.pi / 8, slope: Real = 0.2) -> Problem:
     """
     require("angle", angle, lambda a: 0 < a < math.pi / 4, "between 0 and π/4")
     positive(slope=slope)
-    numbers = jnp if traced(angle, slope) else np
+    numbers = numpy_for(angle, slope)
     launch = 2 * numbers.sqrt(numbers.sin(slope) * numbers.sin(angle)) / numbers.tan(2 * angle)
     period, reference = (1.4, None) if traced(angle, slope) else _rolling(angle, slope, float(launch))
     return Problem(
