@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose
 
 from lyaphybrid._jax.engines import compiled
 from lyaphybrid._linalg import frames
+from lyaphybrid.native.lowering.lowering import lower
 
 KINDS = ("mgs", "lapack", "cholesky")
 orthonormalise = compiled()(frames.orthonormalise)
@@ -59,6 +60,26 @@ def test_gram_schmidt_in_vectors(shape, dtype):
         assert columns.dtype == lengths.dtype == dtype
         assert_allclose(columns, wanted, atol=500 * np.finfo(dtype).eps)
         assert_allclose(lengths, known, rtol=500 * np.finfo(dtype).eps)
+
+
+@pytest.mark.parametrize("k", [8, 9])
+def test_from_nine_columns_on_gram_schmidt_is_in_vectors(k):
+    text = lower(jax.make_jaxpr(frames.modified_gram_schmidt)(np.ones((12, k))), 16)
+    assert ("@panel" in text) == (k > 8)
+
+
+def test_the_linear_part_of_gram_schmidt_is_not_taken_for_it():
+    """Of this name is also what a derivative calls, with other operands or results."""
+    rng = np.random.default_rng(4)
+    frame, other = rng.normal(size=(2, 12, 10))
+
+    def moved(frame, other):
+        (columns, lengths), linear = jax.linearize(frames.modified_gram_schmidt, frame)
+        return columns, lengths, *linear(other)
+
+    found, wanted = compiled()(moved)(frame, other), jax.jit(moved)(frame, other)
+    for ours, theirs in zip(found, wanted, strict=True):
+        assert_allclose(ours, theirs, rtol=1e-10, atol=1e-10)
 
 
 @pytest.mark.parametrize("kind", KINDS)

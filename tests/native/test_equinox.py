@@ -43,6 +43,18 @@ def looped(kind, n):
     return function
 
 
+@pytest.mark.parametrize("small", [1, 16])
+def test_what_a_loop_selects_in_lanes(small):
+    """For each lane by itself; without lanes the condition holds."""
+    function = eqxi.select_if_vmap_p.bind
+    condition, x, y = np.array([True, False]), np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([5.0, 6.0])
+    found = native.compile(
+        function, True, x[:, 0], y, lanes=2, wide=(True, True, False), plan=Options(small, 1)
+    )(condition, x, y)  # fmt: skip
+    np.testing.assert_array_equal(found, [[1.0, 5.0], [3.0, 6.0]])
+    agree(function, np.array(True), x, x + 1)
+
+
 @pytest.mark.parametrize("kind", ["lax", "checkpointed", "bounded"])
 @pytest.mark.parametrize("n", [6, 40])
 def test_loops(kind, n):

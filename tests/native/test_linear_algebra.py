@@ -9,6 +9,7 @@ import pytest
 
 from lyaphybrid import native
 from lyaphybrid.native.lowering.costs import Options
+from lyaphybrid.native.lowering.lowering import lower
 
 PLANS = (Options(1, 2), Options(64, 0))
 SIZES = (1, 2, 3, 5, 8, 9, 33, 70)
@@ -197,6 +198,21 @@ def test_large_products(axes, left, right, dtype):
         return jnp.einsum(axes, x, y), jnp.einsum(axes, jnp.sin(x), y)
 
     agree(product, random(*left, dtype=dtype), random(*right, dtype=dtype), tolerance=1000)
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "types", "by"),
+    [
+        ((32, 32), (32, 32), "dd", "gemm"), ((32, 32), (32, 31), "dd", None), ((32, 32), (32, 32), "fd", None),
+        ((32, 32), (32, 32), "ff", "gemm"), ((32, 32), (32, 32), "ll", None), ((128, 128), (128, 2), "dd", "gemm"),
+        ((64, 64), (64,), "dd", "gemv"), ((64, 63), (63,), "dd", None), ((64,), (64, 64), "dd", "gemv"),
+    ],
+)  # fmt: skip
+def test_products_of_a_certain_size_are_those_of_blas(left, right, types, by):
+    """2^15 multiplications of two matrices, 2^12 elements of one, and numbers of one type."""
+    operands = [np.ones(shape, dtype) for shape, dtype in zip((left, right), types, strict=True)]
+    text = lower(jax.make_jaxpr(lambda x, y: jax.lax.dot(x, y, preferred_element_type=y.dtype))(*operands), 16)
+    assert [name for name in ("gemm", "gemv") if name in text] == [by] * (by is not None)
 
 
 def test_what_is_missing_is_named():

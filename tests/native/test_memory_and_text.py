@@ -2,6 +2,7 @@
 
 import ctypes
 import itertools
+import re
 
 import jax
 import jax.numpy as jnp
@@ -264,6 +265,34 @@ def test_few_numbers_are_put_into_an_array_from_registers():
     assert (" phi " in text(3), " phi " in text(30)) == (False, True)
 
 
+def test_a_slice_is_written_into_registers_or_into_memory():
+    """Where its place is known at run time only: few numbers are chosen one by one, many are not."""
+
+    def text(n):
+        put = lambda x, i: jax.lax.dynamic_update_slice(x * 2, x[:2], (i,))  # noqa: E731
+        return lower(jax.make_jaxpr(put)(np.ones(n), 1), 16)
+
+    assert "alloca" not in text(4)
+    assert text(4).count(" select ") > 4 > text(50).count(" select ")
+
+
+def test_up_to_sixteen_numbers_are_sorted_in_registers():
+    def text(n):
+        return lower(jax.make_jaxpr(lambda x: jnp.sort(x * 1.5))(np.ones(n)), 64)
+
+    assert ("alloca" in text(16), "alloca" in text(17)) == (False, True)
+
+
+def test_axes_of_length_one_need_no_memory():
+    text = lower(jax.make_jaxpr(lambda x: jnp.tanh(x).reshape(50, 1) * 2.0)(np.ones(50)), 16)
+    assert "alloca" not in text
+
+
+def test_long_arrays_of_counted_numbers_are_not_kept():
+    text = lower(jax.make_jaxpr(lambda x: x + jnp.arange(50.0))(np.ones(50)), 16)
+    assert " constant " not in text
+
+
 def test_numbers_without_a_type_here_are_refused():
     program = jax.make_jaxpr(lambda x: x * jnp.real(jnp.asarray([1 + 2j, 3.0])))(np.ones(2))
     with pytest.raises(UnsupportedError, match="complex128"):
@@ -286,6 +315,16 @@ def test_which_arrays_are_frames():
     program = jax.make_jaxpr(lambda x: jax.lax.fori_loop(0, 9, lambda i, x: x * x, x))(np.ones((5, 2)))
     assert lower(program, 16, columns=2).count("fmul <2 x double>") == 5
     assert "x double>" not in lower(program, 9, columns=2)
+    product = jax.make_jaxpr(lambda a, x: jax.lax.fori_loop(0, 9, lambda i, x: a @ x, x))(np.eye(5), np.ones((5, 2)))
+    assert not re.search(r"f(add|mul) double", lower(product, 32, columns=2))
+
+
+def test_rows_go_through_calls_and_loops_as_they_are():
+    def turn(i, x):
+        return jax.lax.fori_loop(0, 3, lambda j, y: jax.jit(jnp.square)(y), jax.lax.optimization_barrier(x))
+
+    text = lower(jax.make_jaxpr(lambda x: jax.lax.fori_loop(0, 9, turn, x))(np.ones((5, 2))), 16, columns=2)
+    assert text.count("extractelement") == 10  # at the end
 
 
 def test_rows_become_entries_where_a_rule_has_none():

@@ -8,6 +8,7 @@ from jax.scipy.special import erfinv
 
 from lyaphybrid import native
 from lyaphybrid.native.lowering.costs import Options
+from lyaphybrid.native.lowering.lowering import lower
 
 PLANS = (Options(1, 2), Options(64, 2))
 
@@ -99,6 +100,17 @@ def test_arrays_of_keys():
     agree(lambda ks: (ks[::-1], ks.reshape(2, 3), jnp.concatenate([ks, ks[:1]]), ks[2]), keys)
     agree(lambda ks, i: jax.random.bits(ks[i]), keys, 4)
     agree(lambda ks: jax.random.key_data(ks), jax.random.split(keys[0], 90))
+
+
+def test_keys_that_a_loop_reads_lie_in_memory():
+    """Not chosen from by comparisons: nine keys are few, their eighteen words are many."""
+
+    def words_again(words):
+        return jax.random.key_data(jax.random.wrap_key_data(words))
+
+    words = np.arange(18, dtype=np.uint32).reshape(9, 2)
+    assert " select " not in lower(jax.make_jaxpr(words_again)(words), 16)
+    agree(words_again, words)
 
 
 @pytest.mark.slow

@@ -23,6 +23,7 @@ HALVES = {np.dtype(np.float16): "float16", jnp.dtype(jnp.bfloat16): "bfloat16"}
         (lambda x: x.at[np.array([0, 2])].set(1.0, mode="one_hot"), "scatter in the mode one_hot"),
         (lambda x: lax.reduce(x, 0.0, lambda a, b: a + 2 * b, (0,)), "the primitive reduce"),
         (lambda x: lax.igamma(x, x), "the primitive igamma"),
+        (lambda x: lax.pow(x, np.arange(3, dtype=np.int32)), "pow of float64, int32"),
     ],
 )
 def test_of_arrays(function, message):

@@ -172,7 +172,6 @@ def _square(b, eqn, dtypes, x):
 
 @entrywise("copy", "copy_p", "stop_gradient", "real", "reshard", "sharding_constraint", "pvary")
 def _same(b, eqn, dtypes, x):
-    llvm_type(dtypes[0])
     return x
 
 

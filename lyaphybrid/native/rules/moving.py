@@ -247,7 +247,7 @@ def pad(b, eqn, value, filling):
     parts = []
     for (low, _, inside), n, m in zip(config, shape, aval.shape, strict=True):
         step = inside + 1
-        first = max(0, -(low // step)) if low < 0 else 0
+        first = max(0, -(low // step))
         last = min(n - 1, (m - 1 - low) // step)
         parts.append((first, max(0, last - first + 1), low, step))
 

@@ -42,7 +42,10 @@ def sort(b, eqn, *values):
 
 @rule("top_k")
 def top_k(b, eqn, value):
-    """The k largest along an axis in decreasing order, and their indices; nan counts as the largest."""
+    """The k largest along an axis in decreasing order, and their indices; nan counts as the largest.
+
+    Of equal ones the first comes first, as JAX says, also of -0 and 0: XLA takes 0 for the larger one.
+    """
     k, axis = eqn.params["k"], axis_of_greatest(eqn)
     of_places = eqn.outvars[1].aval.dtype
 
