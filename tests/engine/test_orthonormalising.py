@@ -22,10 +22,10 @@ CLOCK = Clock(jnp.asarray(7.0), jnp.asarray(0.0), jnp.asarray(100.0), jnp.asarra
 
 
 class Seen(NamedTuple):
-    """How many orthonormalisations there were, when the last was, and where the columns come from."""
+    """How many orthonormalisations there were, the sum of their times, and where the columns come from."""
 
     count: jnp.ndarray
-    t: jnp.ndarray
+    times: jnp.ndarray
     source: jnp.ndarray  # (k,)
 
 
@@ -33,10 +33,10 @@ class Counting:
     """An observer of this."""
 
     def init(self, t, frame):
-        return Seen(jnp.asarray(0), jnp.asarray(t), jnp.arange(frame.shape[1], dtype=jnp.int32))
+        return Seen(jnp.asarray(0), jnp.asarray(0.0), jnp.arange(frame.shape[1], dtype=jnp.int32))
 
     def update(self, state, seen):
-        return Seen(state.count + 1, jnp.asarray(seen.t), state.source)
+        return Seen(state.count + 1, state.times + seen.t, state.source)
 
     def moved(self, state, source):
         return state._replace(source=state.source[source])
@@ -100,7 +100,7 @@ def test_intervals_aim_at_a_spread(since, interval, gained, expected):
         assert found == (expected if schedule.automatic else interval)
         assert_allclose(spread, max(*gained, 0) - min(*gained, 0) or 0.5, rtol=1e-14)
         assert_allclose(carry.growth, np.add(gained, 0.25), rtol=1e-14)
-        assert (int(carry.status), float(carry.observer.t)) == (RUNNING, 10.0)
+        assert (int(carry.status), float(carry.observer.times)) == (RUNNING, 10.0)
 
 
 def test_a_frame_that_is_no_number_changes_no_sum():
@@ -157,6 +157,31 @@ def test_columns_that_were_empty_before_are_not_lost_again():
 # --- twice the digits ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize(
+    ("columns", "n", "unit", "expected"),
+    [
+        (2, 2, "steps", True),
+        (1, 2, "steps", True),
+        (0, 2, "steps", False),
+        (2, 2, "never", False),
+        (2, 17, "steps", False),
+    ],
+)
+def test_where_twice_the_digits_are_needed(columns, n, unit, expected):
+    """Where columns are followed, of few components, and nothing is differentiated backwards."""
+    settings, carry = begun(lambda n, x, args: 2 * x, np.eye(n, columns), plan=RunPlan(QRSchedule(unit, False)))
+    for reverse, wanted in ((False, expected), (True, False)):
+        settings = settings._replace(reverse=reverse)
+        assert orthonormalising.needs_twice_the_digits(settings, CLOCK, carry, ()) == wanted
+
+
+@pytest.mark.parametrize(("uncontrolled", "loses"), [(True, False), (False, True), (False, False)])
+def test_where_no_jump_may_destroy_a_direction_they_are_not(uncontrolled, loses):
+    settings, carry = begun(lambda n, x, args: 2 * x, np.eye(2))
+    evolver = SimpleNamespace(jumps_uncontrolled=uncontrolled, may_lose_rank=loses, tangent=lambda *_: lambda dx: dx)
+    assert not orthonormalising.needs_twice_the_digits(settings._replace(evolver=evolver), CLOCK, carry, ())
+
+
 def stepped(rule, frame, since=0.0, **more):
     """The state, the interval and the spread after one step."""
     settings, carry = begun(rule, frame, **more)
@@ -189,7 +214,7 @@ def test_a_frame_that_is_not_orthonormal_becomes_so_first():
     carry, _, spread = stepped(lambda n, x, args: 3 * x, np.diag(np.exp([2.0, -1.0])), since=0.5)
     assert_allclose(carry.growth, np.array([2.25, -0.75]) + np.log(3.0), rtol=1e-14)
     assert_allclose(spread, 3.0, rtol=1e-15)
-    assert int(carry.observer.count) == 2
+    assert (int(carry.observer.count), float(carry.observer.times)) == (2, 10.0 + 11.0)
 
 
 def test_what_is_lost_for_certain_and_what_is_only_rounding():
