@@ -123,7 +123,8 @@ def lyapunov_spectrum(
             accumulate, as far as double precision can tell them apart, and where a cascade does not end: exponents are
             then those of the product of the jumps, and ∂ₜ of resets plays no part. By "jumps" it ends as no_more_jumps
             where the flow does not reach a guard again: at rest, escaping, or a million steps without a guard.
-        blocks: number of equal blocks in which the run is recorded; they give the history and the error.
+        blocks: number of equal blocks in which the run is recorded; they give the history and the error, which knows of
+            correlations as long as a twentieth of the run.
         times: ends of the blocks instead, increasing, or "log".
         averaging: "uniform"; "birkhoff", smooth weights over the blocks; "birkhoff-regular", the same on the local
             exponent less 1/t, for conservative regular motion.
