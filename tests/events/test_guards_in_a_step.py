@@ -61,6 +61,7 @@ ARMED = {
     "within its rounding": ([-1.99e-9, 3.0, 0.0, 1e-9, 1e-9, 1.0, 0.0, False], [1, 0.0, 3.0, False]),
     "beyond its rounding": ([-2.01e-9, 3.0, 0.0, 1e-9, 1e-9, 1.0, 0.0, False], [-1, -2.01e-9, 3.0, False]),
     "just fired": ([-0.99e-9, 4.0, 0.0, 0.0, 0.0, 0.25, 0.0, True], [1, 0.0, 4.0, False]),
+    "just fired, fast": ([-1.99e-9, 8.0, 0.0, 0.0, 0.0, 0.25, 0.0, True], [1, 0.0, 8.0, False]),
     "fired before": ([-1.01e-9, 4.0, 0.0, 0.0, 0.0, 0.25, 0.0, True], [-1, -1.01e-9, 4.0, False]),
     "fired, step rounding": ([-0.99e-9, 4.0, 0.0, 0.0, 1e-3, 0.25, 0.0, True], [1, 0.0, 4.0, False]),
     "fired, beyond": ([-1.01e-9, 4.0, 0.0, 0.0, 1e-3, 0.25, 0.0, True], [-1, -1.01e-9, 4.0, False]),
