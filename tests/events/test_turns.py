@@ -189,6 +189,11 @@ def changes(signs) -> int:
     return sum(one != other for one, other in itertools.pairwise(signs))
 
 
+def test_a_guard_that_stands_still_hides_nothing():
+    one, zero = jnp.ones(1), jnp.zeros(1)
+    assert not turns.hidden(MIDDLE, one, one, one, [zero] * 3, H, zero).item()
+
+
 def test_most_changes_of_sign():
     """All signs tried that the coefficients may have; what is up to `least` has none."""
     error, least = 0.5, 0.125
