@@ -261,8 +261,8 @@ def _require_one(x0) -> None:
 def _joined(logs, problem, x0, labels: Labels) -> Events:
     """The event logs of several compiled calls, joined into one."""
     if not logs:
-        none, point = np.zeros(0, np.int32), np.zeros((0, *problem.shape), x0.dtype)
-        return as_jax(Events(np.zeros(0, x0.dtype), none, none, none, none, point, point, labels))
+        t, none, point = as_jax((np.zeros(0, x0.dtype), np.zeros(0, np.int32), np.zeros((0, *problem.shape), x0.dtype)))
+        return Events(t, none, none, none, none, point, point, labels)
     if traced(logs):
         (log,) = logs
     else:

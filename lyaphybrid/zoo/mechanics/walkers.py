@@ -5,6 +5,7 @@ import math
 import jax.numpy as jnp
 import numpy as np
 
+from ..._jax.tracing import numpy_for
 from ...systems.hybrid import Hybrid, Transition
 from ..problem import Problem, Real, Reference, computed, exact, near, positive, problem, require, state, traced
 
