@@ -90,8 +90,8 @@ def shimizu_morioka(x, y, z, *, a=0.85, b=0.5):
     source="A. M. Rucklidge, Chaos in models of double convection, J. Fluid Mech. 237 (1992) 209, "
     "doi:10.1017/S0022112092003392",
     known=Known((0.0643,), 5e-5, f"{BOOK} A.5.15"),
-    note="The published λ₁ is a third of ours. Both methods, all starts, a run from the book's own start (0.195(3)) and "
-    "the estimate of the dysts collection (0.194) agree with ours.",
+    note="The published λ₁ is a third of ours. Both methods, all starts, a run from the book's own start (0.195(3)) "
+    "and the estimate of the dysts collection (0.194) agree with ours.",
 )
 def rucklidge(x, y, z, *, a=2.0, b=6.7):
     """Double convection in a magnetic field."""
