@@ -53,8 +53,9 @@ TESTS = {
     **{f"native.lowering.{name}": f"tests/native/test_costs_and_uses.py {NATIVE}" for name in ("costs", "uses")},
     **{
         f"native.rules.{name}": f"{NATIVE} tests/native/test_refusals.py tests/native/test_elementary.py"
-        for name in ("branches", "control", "entrywise", "indexing", "moving", "reductions", "sorting")
+        for name in ("control", "entrywise", "indexing", "moving", "reductions", "sorting")
     },
+    "native.rules.branches": f"tests/native/test_lowering.py {NATIVE}",
     "native.rules.calls": f"tests/native/test_lowering.py tests/native/test_equinox.py {NATIVE}",
     "native.rules.gram_schmidt": "tests/_linalg/test_frames.py tests/native/test_linear_algebra.py",
     "native.rules.linear_algebra": f"tests/native/test_linear_algebra.py {NATIVE}",

@@ -4,6 +4,7 @@ import re
 
 import jax
 import jax.numpy as jnp
+import llvmlite.binding as llvm
 import numpy as np
 import pytest
 from jax import lax
@@ -88,3 +89,11 @@ def test_lanes_that_part_in_too_much_of_the_code_are_refused():
             counts(often, most_apart=(apart - 0.5) / lines)
         assert " fmul " in counts(often, most_apart=(apart + 0.5) / lines)
     assert " fmul " in counts(1)
+
+
+def test_what_a_branch_computes_is_used_behind_it_only_where_it_was_run_through():
+    """LLVM verifies it; lanes may jump over a long branch."""
+    function = lambda x: lax.cond(x[0] > 0, repeated(200), lambda x: x, x)  # noqa: E731
+    written = text(function, np.ones(5), lanes=2, wide=[True])
+    assert " poison, " in written
+    llvm.parse_assembly(written).verify()
