@@ -79,6 +79,7 @@ def test_no_transposition(name):
     assert "transpose" in primitives(vmapped.eqns)
 
 
+@pytest.mark.slow
 def test_under_transformations():
     def doubled(scale, frame):
         return each_column(lambda dx: lax.cond(scale > 0, lambda dx: scale * dx[::-1], lambda dx: dx, dx), frame)

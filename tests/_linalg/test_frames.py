@@ -68,6 +68,7 @@ def test_from_nine_columns_on_gram_schmidt_is_in_vectors(k):
     assert ("@panel" in text) == (k > 8)
 
 
+@pytest.mark.slow
 def test_the_linear_part_of_gram_schmidt_is_not_taken_for_it():
     """Of this name is also what a derivative calls, with other operands or results."""
     rng = np.random.default_rng(4)

@@ -219,7 +219,7 @@ def test_a_check_says_that_the_motion_fails(how):
     assert not report.ok, str(report)
 
 
-@pytest.mark.slow_cases(all_but=("a map escapes", "a reset gives nan"))
+@pytest.mark.slow
 @pytest.mark.parametrize("how", FAILING)
 def test_a_view_of_the_explorer_says_that_the_motion_fails(how):
     system, x0, verdicts = FAILING[how]

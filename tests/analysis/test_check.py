@@ -47,6 +47,7 @@ def test_nothing_is_said_against_a_right_system(name):
     assert len(report.findings) >= 3
 
 
+@pytest.mark.slow
 def test_neurons_that_come_to_rest_below_the_threshold_they_cannot_fire_at():
     """v' = I − v with the guard v − 1, which rises: it never fires, and a perturbation decays to nothing."""
     spike = lh.Transition(lambda t, v, args: v - 1.0, lambda t, v, args, which: v.at[which].set(0.0))

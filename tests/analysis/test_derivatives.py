@@ -191,7 +191,7 @@ def test_the_engine_applies_this_matrix():
     assert found >= 3
 
 
-@pytest.mark.slow_cases("beyond", "on")
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", ["beyond", "on", "chain3"])
 def test_cascades_of_the_reference_automata(automata, variant):
     """S of each cascade, between exponentials of the linear flows, makes up the reference's M(T)."""

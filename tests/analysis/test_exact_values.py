@@ -38,7 +38,12 @@ SLOW = ("standard_map", "skew_tent_roof", "sinai_billiard")
 
 
 @pytest.mark.slow_cases(
-    "baker_map", "lorenz63", "grow_reset", "grow_reset{'q': 0}", "kicked_ball{'restitution': 0.5, 'amplitude': 1.75}"
+    "baker_map",
+    "lorenz63",
+    "grow_reset",
+    "grow_reset{'q': 0}",
+    "kicked_ball{'restitution': 0.5, 'amplitude': 1.75}",
+    "henon_map",
 )
 @pytest.mark.parametrize(
     ("name", "parameters", "keywords", "gate", "closes"),
@@ -115,6 +120,7 @@ def test_kaplan_yorke_map_is_exact_but_for_the_first_turn():
     assert_allclose(np.sum(spectrum.exponents), np.sum(problem.reference.exponents), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_skew_tent_exponents_go_together():
     """Per jump both are linear in the fraction of left branches, whatever the orbit does."""
     spectrum, c = zoo.skew_tent_roof().spectrum(t1=100_000.0), 0.3
@@ -124,6 +130,7 @@ def test_skew_tent_exponents_go_together():
     assert_allclose(zero, 0, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_grow_reset_decays_between_jumps_and_at_them():
     spectrum = zoo.grow_reset().spectrum(t1=100_000.0, transient=200.0)
     _, zero, decay = np.asarray(spectrum.exponents)
@@ -155,6 +162,7 @@ def test_period_1_of_the_kicked_ball():
     assert_allclose(np.mean(uniform.exponents), math.log(0.8) / period, atol=1e-11)  # the sum does not turn
 
 
+@pytest.mark.slow_cases("hybrid")
 @pytest.mark.parametrize("form", ["hybrid", "event_driven"])
 def test_two_neurons_in_antiphase(form):
     problem = zoo.integrate_and_fire(form=form)

@@ -88,7 +88,7 @@ def test_the_sum_rule_sees_what_rounding_has_spoilt():
 # --- order, and two methods --------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow_cases("tsit5", "dopri8", "dop853")
+@pytest.mark.slow_cases("tsit5", "dopri8", "dop853", "dopri5")
 @pytest.mark.parametrize("tableau", TABLEAUX)
 def test_the_order_of_a_method_holds_for_state_and_tangent_across_impacts(tableau):
     """Halving the step divides the error by 2^order: forced oscillator, three impacts, against a fine run."""
@@ -120,6 +120,7 @@ def test_a_tableau_is_consistent_and_documented(tableau):
     assert f'"{tableau}"' in inspect.getdoc(lh.RungeKutta)
 
 
+@pytest.mark.slow
 def test_tolerances_bound_the_error():
     exact = lh.tangent_map(TABLE, [1.0, 0.2], TABLE_ARGS, t1=6.0, method=lh.RungeKutta(rtol=1e-13, atol=1e-15))
     for rtol in (1e-5, 1e-8):
@@ -226,6 +227,7 @@ def test_an_error_that_no_run_reaches_ends_it(more):
     assert np.all(np.isfinite(found.exponents))
 
 
+@pytest.mark.slow
 def test_replicates_are_perturbed_starts_and_their_scatter_is_the_error():
     runs = [
         lh.lyapunov_spectrum(HENON, [0.1, 0.1], 1.4, t1=1000, transient=100, replicates=8, key=jax.random.key(seed))

@@ -57,6 +57,7 @@ def test_two_events_at_one_instant_whose_orders_give_different_saltation_matrice
     assert np.max(orders.upper - orders.lower) > 0.01
 
 
+@pytest.mark.slow
 def test_the_first_solution_is_the_one_that_is_found_without_asking(orders):
     alone = lh.lyapunov_spectrum(clocks(gate(0, A), gate(1, B)), np.zeros(4), t1=3.5)
     assert all(choice.taken == "event 1 first" for choice in orders.solutions[0].choices)
@@ -90,6 +91,7 @@ def test_of_three_events_each_comes_first():
     assert [float(one.spectrum.x[3]) for one in found.solutions] == pytest.approx([12.0, 102.0, 201.0], abs=1e-9)
 
 
+@pytest.mark.slow
 def test_what_is_beyond_the_most_solutions_is_said():
     found = lh.solutions(clocks(gate(0, A), gate(1, B)), np.zeros(4), t1=3.5, most=3)
     assert (len(found), found.complete) == (3, False)

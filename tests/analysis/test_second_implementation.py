@@ -69,7 +69,7 @@ def test_bounces_are_where_the_closed_form_has_them():
     assert_allclose(other.x_after[:, 1], 0.8 ** np.arange(1, len(other.t) + 1), rtol=0, atol=1e-9)
 
 
-@pytest.mark.slow_cases("0.01-7.712442")
+@pytest.mark.slow
 @pytest.mark.parametrize(("depth", "reported"), [(1e-2, 7.712442), (1e-4, None)])
 def test_signs_at_the_ends_of_steps_miss_a_peak_between_them(depth, reported):
     """Where sin t first passes 1 - depth: what the README says of ours, and of diffrax with Dopri8."""

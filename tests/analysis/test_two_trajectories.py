@@ -75,6 +75,7 @@ def test_lorenz():
     assert_within(run(zoo.lorenz63(), t1=2000.0, transient=20.0), 0.905873, 1.5e-4, gate=0.025)
 
 
+@pytest.mark.slow
 def test_impact_oscillator():
     problem = zoo.impact_oscillator()
     found = run(problem, t1=10_000.0, transient=100.0)

@@ -104,6 +104,7 @@ def test_reverse_derivatives_of_a_bouncing_ball():
     assert_allclose(found, exact, rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("after", [0.0, 1.0, 5.0])
 def test_an_event_at_the_very_time_of_a_sample(after):
     """https://github.com/SciML/SciMLSensitivity.jl/issues/1447: 7 % off where an event falls on a sample.
@@ -153,6 +154,7 @@ LEVEL = lh.Hybrid(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tableau", ["tsit5", pytest.param("dopri8", marks=pytest.mark.slow)])
 def test_the_derivative_of_an_event_time(tableau):
     """https://github.com/SciML/OrdinaryDiffEq.jl/issues/4388: up to 1e-5 off, more for higher orders.

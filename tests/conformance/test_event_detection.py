@@ -137,6 +137,7 @@ def test_a_neuron_that_is_reset_and_goes_on():
     assert_allclose(run.events.t, interval * np.arange(1, len(run.events) + 1), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_ball_never_falls_through_the_floor():
     """https://github.com/SciML/DifferentialEquations.jl/issues/696: with restitution 0.5, and with none.
 

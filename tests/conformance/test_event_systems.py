@@ -129,6 +129,7 @@ def _at(rates):
     return lambda t, x, args: jnp.asarray(rates) + 0 * x
 
 
+@pytest.mark.slow
 def test_two_fields_that_point_at_each_other_slide():
     """https://github.com/OpenModelica/OpenModelica/issues/12190: events without end where x = y; the run gets stuck.
 

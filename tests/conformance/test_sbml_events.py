@@ -54,6 +54,7 @@ def test_a_second_implementation(name):
     assert_allclose(x, truth, rtol=0, atol=1e-9 * np.max(np.abs(truth)))
 
 
+@pytest.mark.slow
 def test_a_model_whose_events_accumulate():
     """00374: S4 > S2 sets S1 and S4 to 2e-4; while S2 falls to 2e-4, each time to the next event is half of the last.
 

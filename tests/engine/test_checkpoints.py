@@ -47,7 +47,7 @@ def short_calls(monkeypatch):
     monkeypatch.setattr(driver, "MOST_ATTEMPTS", 400)
 
 
-@pytest.mark.slow_cases("disks", "target_stderr")
+@pytest.mark.slow_cases("disks", "target_stderr", "impacts")
 @pytest.mark.filterwarnings("ignore:interrupted")
 @pytest.mark.parametrize("name", RUNS)
 def test_after_ten_interruptions_it_is_the_same(name, tmp_path, short_calls, monkeypatch):
@@ -228,6 +228,7 @@ HOSTILE = {
 }
 
 
+@pytest.mark.slow_cases("a small archive of a large array", "a pipe")
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes in folders on this platform")
 @pytest.mark.parametrize("what", HOSTILE)
 def test_a_hostile_file_is_refused_in_little_memory(tmp_path, what):

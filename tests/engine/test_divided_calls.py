@@ -53,7 +53,7 @@ def _all_of(spectrum):
     return [np.asarray(value) for value in values], spectrum.notes
 
 
-@pytest.mark.slow_cases(all_but=("neurons", "impact oscillator"))
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RUNS)
 def test_results_do_not_depend_on_where_calls_end(name, monkeypatch):
     found = []

@@ -66,7 +66,7 @@ def test_compiling_does_not_make_calls_shorter(monkeypatch):
     assert budgets[2] > 2 * budgets[1]
 
 
-@pytest.mark.slow_cases(all_but=("flow",))
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SECOND_CALLS)
 def test_both_engines_compute_the_same(name, monkeypatch):
     problem, keywords = SECOND_CALLS[name]
@@ -97,7 +97,7 @@ TRANSFORMED = {
 }
 
 
-@pytest.mark.slow_cases(all_but=("jit",))
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TRANSFORMED)
 def test_transformations_call_machine_code(name, monkeypatch):
     found = {}

@@ -45,6 +45,7 @@ def test_a_wall_that_is_met_at_the_end(system):
     assert_allclose(dx, [2 * 1.1 - 0.3 - 5 * 0.7, -0.7], rtol=1e-12)  # one side's, as a little later
 
 
+@pytest.mark.slow
 def test_a_clock_that_ticks_at_the_end():
     """x = 1 + t doubles at T: 2 (1 + T) + t - T afterwards."""
     assert_allclose(jax.jvp(lambda period: final(TICKING, jnp.ones(1), period, 1.0), (1.0,), (1.0,)), [[4.0], [1.0]])

@@ -190,7 +190,7 @@ def test_a_design_that_comes_to_where_the_motion_fails_keeps_what_it_has():
     assert len(found.history) >= 1
 
 
-@pytest.mark.slow_cases("-1")
+@pytest.mark.slow
 @pytest.mark.parametrize("target", [2, -1])
 def test_a_target_that_is_no_mode(target):
     """It was taken for the nearest mode, without a word."""

@@ -196,7 +196,7 @@ def test_lanes_that_surely_part_are_not_lowered_to_find_out(monkeypatch):
     assert all(options.get("lanes", 1) == 1 for options in made)
 
 
-@pytest.mark.slow_cases("henon_map-a-values1")
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "key", "values"), [("logistic_map", "r", (3.1, 3.4)), ("henon_map", "a", (0.4, 0.8))])
 def test_maps_go_in_the_vectors_of_the_cpu(name, key, values):
     problem = lh.zoo.get(name)()

@@ -106,6 +106,7 @@ def test_in_a_block_of_jumps_too_and_once_more_only_at_its_end():
     assert_allclose(found, [0.3, 0.3, 0.3, 1.3, 1.3, 2.3, 2.3, 2.3], rtol=1e-14)
 
 
+@pytest.mark.slow
 def test_events_orthonormalise_when_they_are_due_and_at_the_last_jump_of_a_block():
     assert_array_equal(instants(COUNTING, [1.0], [4.5, 11.5], unit="jumps"), [3, 4.5, 7, 10, 11.5])
     assert_array_equal(instants(COUNTING, [1.0], [4, 10], unit="jumps", clock="jumps"), [3, 4, 7, 10])
@@ -320,6 +321,7 @@ def test_only_what_is_differentiated_backwards_keeps_checkpoints(reverse):
     assert any(name in str(closed) for name in ("remat", "checkpoint")) == reverse
 
 
+@pytest.mark.slow_cases("1000000.0")
 @pytest.mark.parametrize("t0", [0.0, 1e6])
 def test_the_time_of_a_field_does_not_drift_over_many_blocks(t0):
     """ẋ = cos t − x from its periodic motion; each block's start rounds the time, and what is cut off is kept."""
@@ -358,6 +360,7 @@ CALLS = {
 }
 
 
+@pytest.mark.slow_cases("bodies", "bodies, by time")
 @pytest.mark.parametrize("name", CALLS)
 def test_the_bits_do_not_depend_on_where_calls_end(name):
     """One attempt a call, or all at once; many orthonormalisations lie between two events, and none is left out."""

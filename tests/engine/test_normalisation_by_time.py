@@ -114,6 +114,7 @@ def test_a_run_by_jumps_ends_where_there_are_none_any_more():
     assert int(found.jumps) == 1
 
 
+@pytest.mark.slow
 def test_the_exponents_of_table_one_by_its_own_normalisation():
     """Within five standard errors of the reference, from sixteen runs; and six zeros, exactly paired."""
     starts = jnp.stack([lh.zoo.hard_disks(key=key).x0 for key in jax.random.split(jax.random.key(5), 16)])

@@ -66,6 +66,7 @@ def test_bounces_that_the_time_since_a_rebasing_hides_end_before_they_are_wrong(
     assert_allclose(spectrum.x[0, 1], 0.5**jumps, rtol=0.05)
 
 
+@pytest.mark.slow
 def test_in_time_they_accumulate():
     system = bouncing_balls()
     spectrum = lh.lyapunov_spectrum(system, np.array([[0.0, 1.0]]), 0.5, t1=5.0, throw=False)

@@ -169,6 +169,7 @@ def test_flights_are_attempts(name):
     np.testing.assert_allclose(found.t, 1000e-4, rtol=1e-9)
 
 
+@pytest.mark.slow_cases("schedule-0.0001")
 @pytest.mark.parametrize("interval", [1e-4, 1e-20])
 @pytest.mark.parametrize("name", RESTING)
 def test_flights_that_lead_nowhere_end(name, interval):

@@ -115,6 +115,7 @@ def thermostat(on, off):
     return lh.Hybrid({"heats": lambda t, x, args: 30.0 - x, "cools": lambda t, x, args: 10.0 - x}, [heats, cools])
 
 
+@pytest.mark.slow
 def test_zeno_of_a_hysteresis_the_wrong_way_round():
     """Where one mode ends the other one is beyond its threshold, and fires at once; the message says so."""
     assert lh.trajectory(thermostat(19.0, 21.0), [15.0], t1=5.0, mode="heats").status is STATUS.ok
@@ -318,7 +319,7 @@ FREE = lh.Hybrid(
 )
 
 
-@pytest.mark.slow_cases("4-adaptive")
+@pytest.mark.slow_cases("4-adaptive", "4-fixed")
 @pytest.mark.parametrize("method", [METHOD, lh.RungeKutta("rk4", dt=0.05)], ids=["adaptive", "fixed"])
 @pytest.mark.parametrize("t1", [4, 400])  # the jump alone in its block, or with others that do not come
 def test_no_more_jumps_where_the_motion_comes_to_rest(method, t1):

@@ -21,6 +21,7 @@ def test_a_stiff_flow_is_noted_with_what_to_do():
     np.testing.assert_allclose(explicit.exponents, implicit.exponents, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_a_stiff_flow_with_all_exponents_is_noted():
     """Steps resolve the decay of the last column, below the limit of stability."""
     explicit, continuous = spectrum(), spectrum(method=lh.ContinuousQR(lh.RadauIIA()))
@@ -30,6 +31,7 @@ def test_a_stiff_flow_with_all_exponents_is_noted():
     np.testing.assert_allclose(explicit.exponents, continuous.exponents, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_long_steps_that_nothing_limits_are_not_stiff():
     """A rotor moves evenly between kicks: its steps would be as long as one likes, and nothing decays."""
     rotor = lh.Hybrid(
@@ -52,6 +54,7 @@ def test_long_runs_that_are_not_stiff():
     assert "stiff" not in relaxing.notes
 
 
+@pytest.mark.slow
 def test_perturbations_that_the_steps_do_not_follow_are_noted():
     """Steps that follow the state alone were far off here, without a word."""
     blind, right = spectrum(method=lh.RungeKutta(control="x")), spectrum()

@@ -50,6 +50,7 @@ def test_the_map_of_spikes_is_the_one_that_an_adaptive_integrator_finds():
         assert slope == pytest.approx((above - below) / 2e-3, rel=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("t0", [0.0, 1e6])
 def test_spikes_faster_than_the_rounding_of_the_time(t0):
     """At the peak V doubles within 1e-19 ms, and the time is known to 1e-10: steps are far below that."""
@@ -121,6 +122,7 @@ def test_where_rounding_hides_the_small_direction_the_loss_is_flagged():
     assert found[1].notes == {"rank_lost", "unresolved"}
 
 
+@pytest.mark.slow
 def test_a_reset_to_a_point_is_singular_however_fast_the_flow():
     """Both w and V are set: nothing of a perturbation is left but its delay."""
     (field,) = zoo.adex().system.fields

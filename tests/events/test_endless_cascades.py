@@ -20,6 +20,7 @@ def _falling(t, x, args):
 ORDERS = {"last": [TO, FRO, COUNT], "first": [COUNT, TO, FRO], "between": [TO, COUNT, FRO]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("order", "at"),
     [

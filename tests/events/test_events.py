@@ -96,7 +96,7 @@ def test_two_balls_that_bounce_one_soon_after_the_other_keep_their_difference(me
         assert abs(kept) < 5e-14, apart  # rounding of 20 bounces; in the wrong order each turns the difference
 
 
-@pytest.mark.slow_cases("method0")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_a_distance_that_bends_sharply_between_two_events_does_not_fire(method):
     """x' = 3 where x < 0 and 1 beyond: two copies come out a third as far apart, not a tenth.
@@ -300,6 +300,7 @@ def test_guards_of_both_directions_are_never_fired_by_a_jump():
 # --- modes and clocks ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_clocks_tick_only_in_the_modes_that_listen():
     """Ticks at 0.25 + k/2; in "deaf" (from 1.1 to 2.1) they are lost, and the next is in phase."""
     fields = {"hears": clockwork, "deaf": clockwork}
@@ -316,6 +317,7 @@ def test_clocks_tick_only_in_the_modes_that_listen():
     assert_allclose(ticks, [0.25, 0.75, 2.25, 2.75], rtol=0, atol=1e-13)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("phase", [0.6, lambda args: 0.6], ids=["number", "function"])
 def test_a_tick_while_nobody_listens_does_not_come_late(phase):
     """The last tick before the mode is entered, at 0.6, is over; one at the very instant of the entry comes."""
@@ -345,6 +347,7 @@ def test_clocks_do_not_drift():
     assert_allclose(path.x[-1, 0], 100100.0, rtol=0, atol=2e-11)
 
 
+@pytest.mark.slow
 def test_a_chosen_target_and_a_vector_guard():
     """`which` reaches reset and target; modes are counted in the order of the dictionary."""
     fields = {name: ones for name in ("a", "b", "c")}

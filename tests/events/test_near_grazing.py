@@ -38,7 +38,7 @@ def silently_wrong(case, method, allowed=STATED) -> list[float]:
     return [float(error) for said, error in judged(case, method) if not said and not error < allowed]
 
 
-@pytest.mark.slow_cases(all_but=FAST)
+@pytest.mark.slow
 @pytest.mark.parametrize("name", METHODS)
 def test_right_or_said(name):
     silently = []
@@ -119,6 +119,7 @@ def test_beside_the_grazing_orbit_errors_grow_as_theory_says():
             assert error < 1e-13 / speed**2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [1.0, 0.03])
 def test_derivatives_by_a_parameter(speed):
     """By the position of the wall; the closed form has 1/u."""

@@ -94,6 +94,7 @@ def compared(seeds, method=None):
         assert_allclose(run.x[-1, :2], [x, v], rtol=0, atol=1e-9, err_msg=f"seed {seed}")
 
 
+@pytest.mark.slow
 def test_a_few_lines():
     compared(range(20))
 
@@ -127,7 +128,7 @@ NEAR = [0.0, *(sign * 10.0**-power for power in (8, 10, 12, 13, 14, 15, 16) for 
 
 @pytest.mark.parametrize("target", [None, "two"], ids=["one mode", "another mode"])
 @pytest.mark.parametrize("direction", WAYS)
-@pytest.mark.slow_cases(all_but=("0-one mode",))
+@pytest.mark.slow
 def test_a_level_that_is_passed_at_a_tick(direction, target):
     """A level of both directions was lost in half of the cases; one upwards was counted again at each later tick."""
     system, expected = ticking(direction, target), 0 if direction == 1 else 1

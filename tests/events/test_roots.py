@@ -19,7 +19,7 @@ def wrong(kind, way, count, method=None, seed=0) -> dict:
     return found
 
 
-@pytest.mark.slow_cases("path-sinusoids", "time-sinusoids", "path-polynomials")
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["polynomials", "sinusoids"])
 @pytest.mark.parametrize("way", ["path", "time"])
 def test_all_crossings_in_one_step(kind, way):
@@ -81,6 +81,7 @@ def test_a_clear_step_shows_all_zeros_at_its_ends(method):
     assert np.all(zeros[clear] == (np.sign(g0) != np.sign(g1))[clear])
 
 
+@pytest.mark.slow_cases("dopri8")
 @pytest.mark.parametrize("method", METHODS, ids=lambda method: method.tableau)
 def test_a_step_with_nothing_hidden_turns_at_most_once_near_zero(method):
     degree = len(method.sample_fractions) + 3

@@ -169,7 +169,7 @@ def ball(floor=0.0):
 FRAME = jnp.array([[1.0, 0.0], [-1.0, 1.0]])
 
 
-@pytest.mark.slow_cases(all_but=("hybrid-0.01-65",))
+@pytest.mark.slow
 @pytest.mark.parametrize(("restitution", "reached"), [(0.9, 3000), (0.5, 450), (0.01, 65)])
 @pytest.mark.parametrize("clock", ["jumps", "hybrid"])
 def test_bounces_in_closed_form_go_on_to_the_end_of_double_precision(restitution, reached, clock):

@@ -216,6 +216,7 @@ def test_without_ipywidgets_an_error_names_the_extra(monkeypatch):
         explorer.widget()
 
 
+@pytest.mark.slow
 def test_sliders_move_the_explorer():
     pytest.importorskip("ipywidgets", reason="ipywidgets, extra notebooks")
     explorer = lh.explore(LOGISTIC, [0.3], 3.7, t1=400)

@@ -15,6 +15,7 @@ OURS = lh.RungeKutta("dopri8", rtol=1e-12, atol=1e-13)
 PERIOD = 2 * np.pi / 0.666
 
 
+@pytest.mark.slow
 def test_bounces_are_where_the_closed_form_has_them():
     problem = zoo.bouncing_ball(restitution=0.8)
     run = lh.trajectory(problem.system, problem.x0, problem.args, t1=9.0, n=1, method=THEIRS)

@@ -49,6 +49,7 @@ def spectrum(name, method, **options):
     return lh.lyapunov_spectrum(lh.Flow(field), start, t1=length, blocks=2, method=method, **options)
 
 
+@pytest.mark.slow_cases("3")
 @pytest.mark.parametrize("together", [1, 3])
 def test_columns_one_after_the_other_solve_the_stages_of_all(together):
     """C_i − Σ_l w_il C_l' = base_i, with C' = A C − C B written for all columns, by SciPy from the same guess."""
@@ -100,6 +101,7 @@ def test_growth_along_a_relaxation_is_off_by_a_multiple_of_the_tolerance(tableau
     assert np.all(errors[1:] < errors[:-1] / 5)  # a mistake in the derivative of a step would stay
 
 
+@pytest.mark.slow
 def test_a_column_falls_by_nine_orders_after_a_jump():
     """What the docstring of `lh.ESDIRK` says of van der Pol's flow: the column along it is the flow, by LSODA."""
     field, start, _ = FLOWS["van der Pol"]

@@ -150,7 +150,7 @@ def test_the_rivals_go_along_orbits_by_any_method(variant, orbit):
     assert_allclose(matrix, rival(variant, points, h), rtol=0, atol=1e-14)
 
 
-@pytest.mark.slow_cases("implicit")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "orbit",
     [lh.RungeKutta("dop853", rtol=1e-13, atol=1e-15), lh.Diffrax(diffrax.Kvaerno5(), rtol=1e-10, atol=1e-12)],

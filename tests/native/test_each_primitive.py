@@ -663,6 +663,7 @@ def _by_xla(case):
     "along one axis of nan-buffers",
     "along one axis of nan-mixed",
     "indices-entries",
+    "along one axis-buffers",
 )
 @pytest.mark.parametrize("plan", PLANS)
 @pytest.mark.parametrize("case", ARRAYS)
@@ -760,7 +761,7 @@ def _frames_in_a_loop(x, f, n):
     return lax.while_loop(lambda c: c[0] < n, lambda c: (c[0] + n, -c[1], _frames(x, c[1], n)), (0, f, start))[2]
 
 
-@pytest.mark.slow_cases("3", "4", "8")
+@pytest.mark.slow
 @pytest.mark.parametrize("columns", [2, 3, 4, 8])
 def test_frames_in_vectors(columns):
     operands = _normal(3), _normal(3, columns), 2

@@ -37,7 +37,7 @@ def _trace(case):
     return jax.make_jaxpr(function)(*operands)
 
 
-@pytest.mark.slow_cases(all_but=("x86_64-pc-windows-msvc",))
+@pytest.mark.slow
 @pytest.mark.parametrize("triple", TRIPLES)
 def test_machine_code_for_other_machines(triple):
     llvm.initialize_all_targets()

@@ -8,6 +8,7 @@ from many_programs import wrong_results
 from random_programs import random_program
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("examples", [2, pytest.param(25, marks=pytest.mark.slow)])
 def test_random_programs(examples):
     @settings(max_examples=examples)

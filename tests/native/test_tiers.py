@@ -60,7 +60,7 @@ def test_all_levels_give_the_same_bits(made):
     assert all(same(results[0], other) for other in results[1:])
 
 
-@pytest.mark.slow_cases(all_but=("lorenz63",))
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_problems_have_the_same_bits_at_once_and_later(name, made, monkeypatch):
     problem, found = lh.zoo.get(name)(), []

@@ -35,7 +35,7 @@ def test_both_sides_of_henon_and_heiles_agree():
     np.testing.assert_allclose(found.exponents, np.sort(other.exponents)[::-1], rtol=0, atol=1e-10)
 
 
-@pytest.mark.slow_cases("klein_gordon")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", lattices.NAMES)
 def test_both_sides_of_a_lattice_agree(name):
     problem = lh.zoo.get(name)(n=20)

@@ -79,6 +79,7 @@ def test_json_has_exactly_the_contract_s_keys(capsys):
     assert data["notes"] == []
 
 
+@pytest.mark.slow
 def test_minus_infinity_is_a_string(capsys):
     assert main(["spectrum", "grow_reset", "--set", "q=0", "--t1", "20", "--transient", "0", "--json"]) == 0
     data = parsed(capsys)

@@ -30,7 +30,7 @@ def test_a_script_is_short_and_begins_with_its_title(script):
     assert len(lines[2]) >= len(lines[1])
 
 
-@pytest.mark.slow_cases(all_but=QUICK)
+@pytest.mark.slow
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
 def test_a_script_makes_one_figure(script, tmp_path, capsys):
     settings = dict(rcParams)

@@ -50,6 +50,8 @@ HOLDING = (Result, BaseException)  # made by a computation, not by a user
     "zoo.pictures.disks",
     "zoo.problem.Problem.floquet",
     "zoo.problem.Problem.sweep",
+    "plots.indicators.angles",
+    "zoo.pictures.follow",
 )
 @pytest.mark.parametrize("test", [pytest.param(one, id=one.name.removeprefix("lyaphybrid.")) for one in examples()])
 def test_the_examples_print_what_they_say(test, tmp_path, monkeypatch):

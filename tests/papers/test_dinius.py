@@ -86,6 +86,7 @@ def test_starts_have_the_energy_and_no_momentum():
     assert len(np.unique(momenta[:, 0, 0])) == 16
 
 
+@pytest.mark.slow
 def test_the_table_agrees_with_the_reference(table):
     reference = zoo.hard_disks().reference.exponents
     assert np.max(table.stderr) < 0.1

@@ -420,7 +420,7 @@ def test_the_pencil_of_the_unperturbed_system():
     assert_allclose(linh_theory.pencil(0.0), tables.limits(), atol=1e-12)
 
 
-@pytest.mark.slow_cases(all_but=("continuous, right rectangle",))
+@pytest.mark.slow
 @pytest.mark.parametrize("name", linh_orders.EXPONENT_ORDERS)
 def test_exponents_have_the_order_of_the_method(name):
     example, method, p = linh_orders.EXPONENT_ORDERS[name]

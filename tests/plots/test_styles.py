@@ -104,6 +104,7 @@ def a_domain():
     return lh.trajectory(ball, [0.5, 0.0], t1=4.0, n=8).domain
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", STYLES)
 def test_what_is_drawn_is_seen(name):
     """Every curve in the picture itself: its colour is there, and apart from the background for both eyes."""

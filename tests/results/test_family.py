@@ -178,6 +178,7 @@ def test_errors_stand_behind_values(value, error, shown):
     assert with_error(value, error) == shown
 
 
+@pytest.mark.slow
 def test_lengths_of_runs_are_written_in_full():
     doubling = lh.Map(lambda n, x, r: r * x * (1 - x))
     long = lh.lyapunov_spectrum(doubling, [0.3], 4.0, t1=1_000_000)

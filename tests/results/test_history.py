@@ -40,6 +40,7 @@ def check(spectrum, before):
     assert float(spectrum.stderr[0]) < 1e-14
 
 
+@pytest.mark.slow
 def test_a_history_keeps_to_its_exponent_across_a_loss():
     check(lh.lyapunov_spectrum(STRETCHES, [1.0, 1.0], t1=20, blocks=20, every=1), 1)
 
@@ -50,6 +51,7 @@ def test_bounds_of_the_second_half_see_a_loss_within_it():
     assert_allclose([spectrum.upper[1], spectrum.lower[1]], [np.log(3), -np.inf], rtol=1e-14)
 
 
+@pytest.mark.slow
 def test_what_is_lost_before_growth_is_counted_is_lost_in_every_block():
     """A flow on a surface, entered in the transient: its frame has an empty column."""
     stuck = lh.filippov(

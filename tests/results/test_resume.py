@@ -19,7 +19,7 @@ CASES = {
 }
 
 
-@pytest.mark.slow_cases(all_but=("a map",))
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_a_run_that_goes_on_is_one_run(name):
     problem, t1, options = CASES[name]

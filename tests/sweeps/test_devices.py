@@ -52,6 +52,7 @@ def swept(monkeypatch, most, said="RESOURCE_EXHAUSTED: Out of memory allocating 
     return lh.sweep(run, {"args": RATES}, args=2.5, progress=False), sizes
 
 
+@pytest.mark.slow
 def test_a_chunk_that_needs_too_much_memory_is_halved(monkeypatch):
     with pytest.warns(UserWarning, match=r"23 runs at once need more memory than the devices have: going on with 11"):
         found, sizes = swept(monkeypatch, 11)

@@ -92,6 +92,7 @@ def test_it_is_taken_up_from_its_stores(tmp_path, monkeypatch):
     assert again.equals(first)
 
 
+@pytest.mark.slow
 def test_classes_of_spectra():
     def run(args):
         return lh.lyapunov_spectrum(LOGISTIC, jnp.array([0.3]), args, t1=4000, transient=1000, blocks=16)

@@ -144,6 +144,7 @@ def test_bad_arguments(keywords, says):
 # --- how it is computed --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_chunks_change_nothing(whole):
     for chunk in (1, 7, 1000, None):
         assert swept(chunk=chunk).equals(whole)

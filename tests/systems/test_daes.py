@@ -67,6 +67,8 @@ def at_three_lengths(name, kind, tolerance, count_start):
     "5.2-10000-continuous",
     "5.2 fast-1000-discrete",
     "5.2 fast-1000-continuous",
+    "5.1-1000-discrete",
+    "5.1-1000-continuous",
 )
 @pytest.mark.parametrize("kind", METHODS)
 @pytest.mark.parametrize(
@@ -105,7 +107,7 @@ def test_a_tight_tolerance_where_all_turns_fast(kind):
     assert np.max(np.abs(error)) < 1e-8
 
 
-@pytest.mark.slow_cases(all_but=("5.1-esdirk54b",))
+@pytest.mark.slow
 @pytest.mark.parametrize("tableau", IMPLICIT)
 @pytest.mark.parametrize("name", ["5.1", "5.2"])
 def test_implicit_methods(name, tableau):
@@ -156,7 +158,7 @@ def slope(errors, counts):
     return -np.polyfit(np.log(counts), np.log(errors), 1)[0]
 
 
-@pytest.mark.slow_cases(all_but=("esdirk34-int",))
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "order"),
     [
@@ -245,7 +247,7 @@ def test_the_derivative_of_a_frame_is_that_of_the_velocity(name):
     assert_allclose(found, straight, atol=1e-11)
 
 
-@pytest.mark.slow_cases(all_but=("5.1-explicit",))
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [lh.HalfExplicit(1e-9), lh.ESDIRK("kvaerno5", 1e-9)], ids=["explicit", "implicit"])
 @pytest.mark.parametrize("name", ["5.1", "5.2"])
 def test_the_tangent_of_a_step_is_its_derivative(name, method):
@@ -280,6 +282,7 @@ def test_inverses():
     assert not np.all(np.isfinite(inverse(jnp.ones((3, 3)))[0]))
 
 
+@pytest.mark.slow_cases("9")
 @pytest.mark.parametrize("n", [1, 2, 3, 9, 13])
 def test_one_system_without_the_inverse(n):
     draw = np.random.default_rng(n)

@@ -217,7 +217,7 @@ def spring_margins(t, x, args):
     return jnp.stack([args["static"] - force, args["static"] + force])
 
 
-@pytest.mark.slow_cases("kinetic")
+@pytest.mark.slow
 @pytest.mark.parametrize("stick", [None, spring_margins], ids=["kinetic", "static"])
 def test_the_tangent_is_the_derivative_of_the_motion_through_sticks(stick):
     """δx₀ is what counts: δv₀ is destroyed by the first stick. Against central differences of the motion itself."""

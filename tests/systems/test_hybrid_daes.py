@@ -166,6 +166,7 @@ def test_a_van_der_pol_cycle_with_an_algebraic_variable():
     assert orbit.stable
 
 
+@pytest.mark.slow
 def test_spectral_intervals_of_a_dae():
     """The sin-log system with the sum of its components as an algebraic variable: the metric changes, rates do not."""
 

@@ -45,6 +45,7 @@ def test_without_the_option_the_run_ends_where_the_chatter_does(parameters):
     np.testing.assert_allclose(ended.accumulation_time, sticks[0], atol=2e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("parameters", CASES[:3])
 def test_the_mass_leaves_where_the_acceleration_ends_and_flies_on(parameters):
     omega, r, gap = parameters.values()
@@ -79,6 +80,7 @@ def test_the_mass_leaves_where_the_acceleration_ends_and_flies_on(parameters):
     np.testing.assert_allclose(after[following + 1, 1], -r * flight.y_events[0][0, 1], atol=1e-8)
 
 
+@pytest.mark.slow
 def test_periods_after_a_rest_are_the_same():
     """What happened before the first rest is forgotten: two starts, one motion."""
     problem = zoo.impact_oscillator(**CASES[1], sticking=True)
@@ -88,6 +90,7 @@ def test_periods_after_a_rest_are_the_same():
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_sticking_changes_nothing_where_there_is_no_chatter():
     plain, sticking = zoo.impact_oscillator(omega=2.0), zoo.impact_oscillator(omega=2.0, sticking=True)
     results = [p.spectrum(t1=500.0) for p in (plain, sticking)]

@@ -104,6 +104,7 @@ def test_the_sum_of_buck_is_exact():
         assert_allclose(np.sum(spectrum.exponents) * BUCK_PERIOD, BUCK_SUM, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("voltage", "repeats"), [(24.0, 1), (25.5, 2)])
 def test_buck_doubles_its_period(voltage, repeats):
     buck = zoo.buck_converter(voltage=voltage)
@@ -221,6 +222,7 @@ def test_boost_converter():
 # Corron's oscillator.
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("beta", "omega"), [(0.68, 2 * math.pi), (0.3, 2 * math.pi), (0.68, 7.0)])
 def test_corron_oscillator(beta, omega):
     """The start is an event: whole turns multiply by e^{2πβ/ω} exactly, with no transient."""

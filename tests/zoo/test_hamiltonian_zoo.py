@@ -214,7 +214,7 @@ def test_the_jacobi_constant_of_velocities_is_kept():
     assert np.min(larger) > 0.05  # nor collide
 
 
-@pytest.mark.slow_cases("double_pendulum-0.2")
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "least"), [("restricted_three_body", 0.01), ("double_pendulum", 0.2)])
 def test_the_default_motion_is_chaotic(name, least):
     found = zoo.get(name)().spectrum(t1=3000.0)
@@ -261,7 +261,7 @@ def test_a_map_is_symplectic(problem):
         np.testing.assert_allclose(jacobian.T @ omega @ jacobian, omega, atol=1e-13)
 
 
-@pytest.mark.slow_cases(all_but=("coupled_standard_maps4",))
+@pytest.mark.slow
 @maps
 def test_exponents_of_a_map_come_in_pairs(problem):
     found = problem.spectrum(t1=2000)

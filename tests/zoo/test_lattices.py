@@ -143,6 +143,7 @@ def test_three_parts_have_the_order_of_their_scheme():
         assert abs(np.log2(errors[0] / errors[1]) - order) < 0.3, (scheme, errors)
 
 
+@pytest.mark.slow
 def test_all_exponents_come_in_pairs():
     problem = zoo.schroedinger_lattice(n=6)
     found = problem.spectrum(t1=100.0, blocks=2, frame=None)

@@ -131,7 +131,7 @@ def test_energy_momentum_and_distances(problem):
         assert np.linalg.norm(apart) > (sizes[a] + sizes[b]) / 2 - 1e-9
 
 
-@pytest.mark.slow_cases("spheres", "disks in cells in a box")
+@pytest.mark.slow
 @kinds
 def test_the_tangent_map_is_the_derivative(problem):
     """Central differences along two directions, over a stretch with several events."""

@@ -45,7 +45,7 @@ def later(problem, start, length):
     return x, impacts
 
 
-@pytest.mark.slow_cases("rocking_block-parameters0")
+@pytest.mark.slow_cases("rocking_block-parameters0", "rocking_block-parameters1")
 @pytest.mark.parametrize(("name", "parameters"), STABLE)
 def test_it_starts_on_the_symmetric_orbit_and_has_its_multipliers(name, parameters):
     problem = zoo.get(name)(**parameters)
@@ -72,7 +72,7 @@ def test_the_motion_and_its_derivative_are_those_of_another_program(name):
     np.testing.assert_allclose(found.matrix, np.transpose(columns), atol=1e-5 * np.max(np.abs(found.matrix)))
 
 
-@pytest.mark.slow_cases("rocking_block")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["rocking_block", "gear_rattle"])
 def test_the_exponents_are_the_exact_ones(name):
     problem = zoo.get(name)()

@@ -12,6 +12,7 @@ from lyaphybrid.zoo import reference_checks
 from lyaphybrid.zoo.problem import exact
 
 
+@pytest.mark.slow
 def test_two_ways_are_compared_and_written(tmp_path, capsys):
     out = tmp_path / "found.json"
     assert main(["validate", "--quick", "--out", str(out), "cat_map", "bouncing_ball"]) == 0

@@ -41,6 +41,7 @@ def test_the_time_of_a_step_of_the_wheel_by_another_quadrature(angle, slope):
     assert wheel.reference.exponents[1] == pytest.approx(2 * math.log(math.cos(2 * angle)) / time, rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("angle", "slope"), [(math.pi / 8, 0.2), (0.3, 0.1)])
 def test_the_multipliers_of_a_wheel(angle, slope):
     wheel = zoo.rimless_wheel(angle=angle, slope=slope)
@@ -84,6 +85,7 @@ def test_the_multipliers_of_the_simplest_walker(nonsmooth):
     assert np.linalg.svd(np.asarray(found.matrix), compute_uv=False)[3] < 1e-12
 
 
+@pytest.mark.slow
 def test_the_simplest_walker_strikes_once_a_step_and_not_where_the_foot_scuffs(nonsmooth):
     walker, period = zoo.simplest_walker(), nonsmooth[WALKER]["period"]
     motion = lh.trajectory(walker.system, walker.x0, walker.args, t1=10.5 * period, n=4000, method=PRECISE)

@@ -217,6 +217,7 @@ def test_a_short_run_decides_nothing():
     assert lh.fli(problem.system, problem.x0, t1=30.0, blocks=4, method=problem.method).verdict.kind == "undecided"
 
 
+@pytest.mark.slow
 def test_hybrid_chaos_and_hybrid_order():
     for parameters, kind in (({}, "chaotic"), ({"omega": 2.0}, "regular")):
         problem = zoo.impact_oscillator(**parameters)
@@ -282,6 +283,7 @@ def test_a_run_that_fails_says_so_and_keeps_what_it_has():
 # Covariant vectors.
 
 
+@pytest.mark.slow
 def test_the_angle_of_the_cat_map():
     found = lh.covariant_vectors(cat, [0.1, 0.2], t1=100, blocks=100)
     assert_allclose(np.degrees(found.angles), 73.89788624801, rtol=0, atol=1e-8)

@@ -47,6 +47,7 @@ def test_the_logistic_map_doubles_where_it_should(cascade):
         assert special.period == turns
 
 
+@pytest.mark.slow
 def test_the_whole_branch_is_the_closed_form(cascade):
     fixed, cycle, _ = cascade
     r = fixed.values

@@ -280,6 +280,7 @@ def test_angles_turn():
     assert free.attractors() == ["aperiodic/slow:4"]
 
 
+@pytest.mark.slow
 def test_a_section_counts_crossings():
     """The van der Pol oscillator has one limit cycle, of period 6.6633 at μ = 1."""
     van_der_pol = lh.Flow(lambda t, x, args: jnp.stack([x[1], args["mu"] * (1 - x[0] ** 2) * x[1] - x[0]]))
@@ -364,6 +365,7 @@ def test_a_section_on_a_guard_of_the_system_shows_the_state_before_the_jump():
     np.testing.assert_allclose(found.x[:, 1], -1.0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_jump_on_the_far_side_of_a_section_is_no_crossing():
     """The floor is below the section: h < 0 at every bounce, where the section used to fire again and again."""
     for direction, times in ((-1, [0.5, 2.5, 4.5]), (1, [1.5, 3.5, 5.5])):

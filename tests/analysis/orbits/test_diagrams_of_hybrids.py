@@ -27,6 +27,7 @@ KICKS = [0.5, 1.0, 2.0]
 HOW = {"over": {"kick": KICKS}, "starts": 2, "t1": 40, "transient": 60, "samples": 8, "mode": "up"}
 
 
+@pytest.mark.slow
 def test_a_continuation_starts_on_the_section_and_goes_on():
     """Each run starts where the last one ended, on the section up to rounding: that crossing is at its very start."""
     van_der_pol = lh.Flow(lambda t, x, args: jnp.stack([x[1], args["mu"] * (1 - x[0] ** 2) * x[1] - x[0]]))

@@ -189,6 +189,7 @@ def test_a_pendulum_that_goes_round(segments):
     assert orbit.shift.shape == (0,)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("segments", [1, 3])
 def test_a_component_that_grows(segments):
     """Beside a van der Pol oscillator something moves on: by T in a period, as the velocity's mean is 0."""

@@ -32,6 +32,7 @@ CIRCLE = lh.Flow(normal_form)
 # Smooth flows and maps.
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("segments", [1, 3])
 def test_a_limit_cycle_of_unknown_period(segments):
     orbit = lh.floquet(CIRCLE, [0.9, 0.1, 0.3], 0.5, segments=segments)

@@ -43,7 +43,7 @@ def with_one(name, value):
     return ARGS | {name: value}
 
 
-@pytest.mark.slow_cases(all_but=("restitution",))
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list(ARGS))
 def test_motion_and_tangents_with_respect_to_parameters(name):
     """Of guards and resets too; against central differences."""

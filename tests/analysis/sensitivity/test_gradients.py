@@ -52,6 +52,7 @@ def test_exponents_per_jump():
     assert_allclose(np.sum(found.value), -0.04 * turn + 2 * np.log(0.8), rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_an_orbit_counts_time_or_jumps():
     with pytest.raises(ValueError, match="per unit of time or per jump; got clock='hybrid'"):
         impact_gradient(2.65, clock="hybrid")
@@ -61,6 +62,7 @@ def test_an_orbit_counts_time_or_jumps():
         impact_gradient(2.65, clock="steps")
 
 
+@pytest.mark.slow
 def test_a_complex_pair_has_the_derivative_of_its_mean(impacts):
     found = impacts[2.3]
     assert_allclose(found.value, -0.1016831182, atol=5e-11)

@@ -193,6 +193,7 @@ def test_two_degrees_must_agree():
     assert not found.trust
 
 
+@pytest.mark.slow
 def test_smooth_dependence_is_found_without_noise():
     found = gradient(lambda n, x, a: x * a, [0.5], 0.5, 100, window=0.01, degree=5)
     assert_allclose(found.gradient, 2.0, rtol=1e-6)
