@@ -7,8 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..._arguments import Frame, Progress, Real, State, flag, require
-from ..._jax.engines import for_once
-from ..._jax.tracing import as_jax, numpy_for, traced, transforming
+from ..._jax.tracing import as_jax, numpy_for, traced
 from ...engine import preparation
 from ...integrators import TangentHamiltonian
 from ...integrators.base import Method
@@ -93,8 +92,7 @@ def ofli2(
 
     n = x0.shape[-1]
     given = None if frame is None else unit_columns(frame, n, 1, x0.dtype)[:, 0]
-    starts = jax.vmap(start) if x0.ndim == 2 else start
-    varied = starts(x0) if transforming() else for_once(lambda x: [starts(x)], x0)(x0)[0]
+    varied = jax.vmap(start)(x0) if x0.ndim == 2 else start(x0)
     moving = traced(varied) or bool(np.all(np.isfinite(varied)))
     require(
         moving, f"The field and its derivative must be finite at x0, for these args; got {varied} and args {args!r}."

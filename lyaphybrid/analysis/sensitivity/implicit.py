@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
 
-from ..._jax.engines import compiled, for_once
+from ..._jax.engines import compiled
 from ..._jax.tracing import array, as_jax
 from ...engine import preparation, problems
 from ...engine.host import driver, reporting
@@ -152,8 +152,7 @@ def derivatives(turn: PeriodRun, case: ExponentFunction, orbit: Floquet, period)
     x, theta = orbit.base[1], as_jax(case.theta)
     autonomous, own = _autonomous(case, period), np.zeros(p)
     if callable(period):
-        by_parameters = jax.jacfwd(lambda theta: jnp.asarray(period(case.args_of(theta)), theta.dtype))
-        own = np.asarray(for_once(lambda theta: [by_parameters(theta)], theta)(theta)[0])
+        own = np.asarray(jax.jacfwd(lambda theta: jnp.asarray(period(case.args_of(theta)), theta.dtype))(theta))
     length, matrix = np.asarray(orbit.period, float), np.asarray(orbit.monodromy)
     system, right = (
         matrix - np.eye(n),
