@@ -43,7 +43,7 @@ def main() -> int:
     wrong = [row for row in rows if row["without"] > STATED]
     for row in rows:
         print(*row.values())
-    print(f"silently wrong: {len(wrong)} of {len(rows)}")
+    print(f"silently wrong in {len(wrong)} of {len(rows)} lines")
     return len(wrong) > 0
 
 
