@@ -58,6 +58,7 @@ from .systems.contacts.filippov import filippov
 from .systems.contacts.rigid_contacts import impact
 from .systems.daes.semi_linear import DAE
 from .systems.event_driven import EventDriven, Schedule
+from .systems.event_queue import EventQueue
 from .systems.hamiltonians import Hamiltonian, canonical_flow
 from .systems.hybrid import Hybrid, Transition
 from .systems.implicit_daes import implicit_dae
@@ -70,6 +71,7 @@ __all__ = [
     "Transition",
     "filippov",
     "EventDriven",
+    "EventQueue",
     "Schedule",
     "Hamiltonian",
     "DAE",

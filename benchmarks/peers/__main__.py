@@ -1,15 +1,12 @@
 """The command line: ``python -m benchmarks.peers [--only WORKLOAD …] [--quick] [--check | --record]``."""
 
 import argparse
-import datetime
 import json
-import os
-import platform
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
+from benchmarks.machine import here
 from benchmarks.peers import measuring, tables
 from benchmarks.peers.workloads import WORKLOADS
 
@@ -39,27 +36,8 @@ def _parse(argv: list[str] | None) -> argparse.Namespace:
 
 
 def described() -> dict[str, Any]:
-    """When and where."""
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=FOLDER, capture_output=True, text=True)
-    load = f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "unknown"
-    return {
-        "date": datetime.date.today().isoformat(),
-        "commit": commit.stdout.strip() or "unknown",
-        "machine": f"{os.cpu_count()} processors ({_processor()}), Python {platform.python_version()}",
-        "load": load,
-        "versions": measuring.versions(),
-    }
-
-
-def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return platform.processor() or platform.machine()
-    known = dict(line.split(":", 1) for line in reversed(lines) if ":" in line)
-    known = {name.strip(): value.strip() for name, value in known.items()}
-    widest = "AVX-512" if "avx512f" in known.get("flags", "").split() else "no AVX-512"
-    return f"{known.get('model name', platform.machine())}, {widest}"
+    """When, where, and of which versions."""
+    return here() | {"versions": measuring.versions()}
 
 
 def main(argv: list[str] | None = None) -> int:

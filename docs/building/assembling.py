@@ -4,10 +4,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from . import links
-from .pages import answers, bibliography, claims, command_line, evidence, problems, reference, words
+from .pages import answers, bibliography, claims, command_line, evidence, problems, reference, scaling, words
 
 WRITTEN = ("start", "tutorials", "howto", "theory", "coming_from", "help", "reference", "evidence")  # folders of `docs`
-GENERATORS = (reference, problems, command_line, words, bibliography, answers, claims, evidence)
+GENERATORS = (reference, problems, command_line, words, bibliography, answers, claims, evidence, scaling)
 
 
 def sources(root: Path) -> Iterator[tuple[str, bytes]]:

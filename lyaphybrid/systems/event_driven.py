@@ -91,6 +91,8 @@ class EventDriven(eqx.Module):
             get only the touched rows of the comoving state, in the order of `touch`; `next_event` is None.
         canonical: whether x = (q, p), and flow and jump conserve dq∧dp. Runs then start from the paired frame e_q1 …
             e_qn, e_pn … e_p1, with which λ_i + λ_{2n+1−i} = 0 up to rounding at all times, and no direction is lost.
+        invertible: whether no event destroys a direction, as is promised by `canonical`, too: a run does not look then
+            for directions that are lost, which costs r³ operations an event that touches r components.
         names: what the components of x are called, as for `lh.Flow`; of many bodies, x (N, d), the d columns.
         units: in which they are measured, likewise.
 
@@ -113,6 +115,7 @@ class EventDriven(eqx.Module):
     guard: Callable
     schedule: Any = None
     canonical: bool = eqx.field(static=True, default=False)
+    invertible: bool = eqx.field(static=True, default=False, kw_only=True)
     names: tuple[str, ...] | None = eqx.field(static=True, default=None, converter=words, kw_only=True)
     units: tuple[str, ...] | None = eqx.field(static=True, default=None, converter=words, kw_only=True)
 

@@ -24,6 +24,7 @@ from .published.table import flow, flow_names
 from .switched.circuits import boost_converter, buck_converter, chua, corron_oscillator
 from .switched.neurons import adex, integrate_and_fire
 from .switched.piecewise import beta_clock, conewise_linear, grow_reset, skew_tent_roof
+from .switched.sparse_networks import sparse_network
 
 __all__ = [
     "Problem",
@@ -65,6 +66,7 @@ __all__ = [
     "zaslavsky",
     "impact_oscillator",
     "integrate_and_fire",
+    "sparse_network",
     "adex",
     "conewise_linear",
     "beta_clock",

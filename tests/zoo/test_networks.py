@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
 from lyaphybrid import zoo
+from lyaphybrid.zoo.switched.sparse_networks import random_targets
 
 MODELS = ("leaky", "xif", "qif")
 BY_HAND = {"leaky": lambda x: 2 - x, "xif": lambda x: 2 + x, "qif": lambda v: v * v + 2}  # x' at I = 2
@@ -356,3 +357,80 @@ def test_a_matrix_may_be_traced_and_is_described_by_its_shape():
 
     assert_allclose(jax.jacfwd(after)(jnp.zeros((2, 2))), [[0, 0], [1, 0]])
     assert "coupling=an array (2, 2)" in repr(zoo.integrate_and_fire(coupling=np.zeros((2, 2))))
+
+
+# Sparse networks.
+
+
+def dense(sparse, strengths):
+    """The same network by its matrix, without a schedule."""
+    n = sparse.parameters["n"]
+    targets = random_targets(n, sparse.parameters["synapses"], sparse.parameters["seed"])
+    matrix = np.zeros((n, n))
+    for source, reached in enumerate(targets):
+        matrix[reached, source] = strengths[source]
+    parameters = {name: sparse.parameters[name] for name in ("n", "current", "model")}
+    return zoo.integrate_and_fire(form="event_driven", coupling=matrix, **parameters)
+
+
+@pytest.mark.parametrize(("model", "current"), [("qif", 0.8), ("leaky", 2.5)])
+@pytest.mark.parametrize("alike", [True, False], ids=["one strength", "a strength each"])
+def test_a_sparse_network_is_the_dense_one_with_its_matrix(model, current, alike):
+    """All exponents at a finite time, and the state."""
+    n = 15
+    strengths = np.full(n, -0.3) if alike else np.linspace(-0.1, -0.7, n)
+    sparse = zoo.sparse_network(
+        n=n, synapses=4, current=current, coupling=-0.3 if alike else strengths, model=model, seed=3
+    )
+    full = dense(sparse, strengths)
+    kwargs = {"k": n, "t1": 300.0, "transient": 0.0, "clock": "jumps", "every": 5}
+    found = sparse.spectrum(**kwargs)
+    wanted = lh.lyapunov_spectrum(full.system, sparse.x0, full.args, **kwargs)
+    assert found.status == wanted.status == lh.STATUS.ok
+    assert_allclose(found.exponents, wanted.exponents, rtol=0, atol=1e-10)
+    assert_allclose(found.x, wanted.x, rtol=0, atol=1e-10)
+
+
+def test_a_chosen_interval_agrees_with_every_spike():
+    """The interval between orthonormalisations adapts; with it 17 components a spike are judged by the frame."""
+    sparse = zoo.sparse_network(n=60, synapses=20)
+    adapted, each = (sparse.spectrum(k=5, t1=400, transient=0.0, clock="jumps", **how) for how in ({}, {"every": 1}))
+    assert_allclose(adapted.exponents, each.exponents, rtol=0, atol=1e-11)
+
+
+def test_balanced_networks_are_chaotic_or_stable_by_their_neurons():
+    """Inhibited "qif" neurons have λ₁ > 0 (Monteforte & Wolf), "leaky" ones a zero and λ₂ < 0 (Jahnke et al.)."""
+    chaotic = zoo.sparse_network(n=300, synapses=30).spectrum(k=2, t1=100.0)
+    assert chaotic.exponents[0] > 10 * chaotic.stderr[0] > 0
+    stable = zoo.sparse_network(n=300, synapses=30, current=5.0, model="leaky").spectrum(k=2, t1=100.0)
+    assert abs(stable.exponents[0]) < 1e-3
+    assert stable.exponents[1] < -10 * stable.stderr[1] < 0
+
+
+@pytest.mark.parametrize("synapses", [1, 3, 9])
+def test_targets_are_different_others(synapses):
+    """Also where a neuron reaches all others."""
+    targets = random_targets(10, synapses, 5)
+    assert targets.shape == (10, synapses)
+    for neuron, reached in enumerate(targets):
+        assert len(set(reached) - {neuron}) == synapses
+        assert set(reached) <= set(range(10))
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"n": 2}, "n must be at least 3"),
+        ({"n": 10, "synapses": 10}, "synapses must be from 1 to n - 1 = 9"),
+        ({"model": "xif"}, "model must be"),
+        ({"model": "leaky"}, "current must be above the threshold 1"),
+        ({"current": -1.0}, "current must be"),
+        ({"model": "leaky", "current": 2.0, "coupling": 0.1}, "coupling must be at most 0"),
+        ({"coupling": np.nan}, "coupling must be finite"),
+        ({"n": 60, "coupling": np.zeros(3)}, r"shape \(n,\) = \(60,\); got \(3,\)"),
+    ],
+)
+def test_bad_parameters_of_a_sparse_network_are_refused(parameters, message):
+    """Before anything is computed."""
+    with pytest.raises(ValueError, match=message):
+        zoo.sparse_network(**parameters)

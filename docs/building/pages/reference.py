@@ -23,7 +23,7 @@ TASKS = {
         "Mathematics only: what flows, what jumps, and when. User functions are pure, take ``(t, x, args)`` and return "
         "arrays of JAX.",
         (
-            *("Flow", "Map", "Hybrid", "Transition", "filippov", "impact", "EventDriven", "Schedule"),
+            *("Flow", "Map", "Hybrid", "Transition", "filippov", "impact", "EventDriven", "Schedule", "EventQueue"),
             *("Hamiltonian", "canonical_flow", "DAE", "implicit_dae", "consistent_start", "check", "Report"),
         ),
     ),

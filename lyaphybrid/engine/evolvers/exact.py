@@ -45,7 +45,7 @@ class Exact(AbstractEvolver):
     @property
     def may_lose_rank(self) -> bool:
         """Canonical maps conserve dq∧dp and so destroy no direction."""
-        return not self.system.canonical
+        return not (self.system.canonical or self.system.invertible)
 
     def init(self, t, x, mode, h):
         """(4 + size of `which`,) what `_store_event` needs; predictions are not stored, each is made from the state."""

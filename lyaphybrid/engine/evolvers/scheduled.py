@@ -29,7 +29,8 @@ from .exact import integers, is_event, since_after
 
 __all__ = ["Scheduled", "predicting_anew"]
 
-MOST_EVENTS_BETWEEN = 4096  # most events between two rebasings, and so between two orthonormalisations
+MOST_EVENTS_BETWEEN = 4096  # most events between two rebasings, where there are fewer components than this
+FEW_ROWS = 16  # up to so many touched components the matrix of an event costs less than what else is done for it
 
 
 class ScheduledState(NamedTuple):
@@ -52,7 +53,7 @@ class ScheduledEvent(NamedTuple):
     t: Array  # time of the event, counted from the rebasing
     which: Any  # label of the event
     lands: Array  # whether the event comes before the block's end
-    full: Array  # whether the span has reached MOST_EVENTS_BETWEEN events
+    full: Array  # whether the span has reached its largest number of events
 
 
 class UserFunctions(NamedTuple):
@@ -97,12 +98,21 @@ class Scheduled(AbstractEvolver):
 
     flies_by_schedule: ClassVar[bool] = True
     by_rows: ClassVar[bool] = True
-    longest_interval: ClassVar[float] = float(MOST_EVENTS_BETWEEN)
+
+    @property
+    def most_events(self) -> int:
+        """Most events between two rebasings, which cost in proportion to n."""
+        return max(MOST_EVENTS_BETWEEN, math.prod(self.shape))
+
+    @property
+    def longest_interval(self) -> float:
+        """Most events between two orthonormalisations; after each there is a rebasing."""
+        return float(self.most_events)
 
     @property
     def may_lose_rank(self) -> bool:
         """Canonical maps conserve dq∧dp and so destroy no direction."""
-        return not self.system.canonical
+        return not (self.system.canonical or self.system.invertible)
 
     @property
     def rows(self) -> UserFunctions:
@@ -144,7 +154,7 @@ class Scheduled(AbstractEvolver):
         t, which = self.system.schedule.next(carry.solver_state.cache)
         # A nan counts as an event, so that `step` stops the run with a status.
         lands = ~((t > clock.limit(carry) - carry.solver_state.start) | jnp.isposinf(t))
-        return ScheduledEvent(t, integers(which), lands, carry.solver_state.events >= MOST_EVENTS_BETWEEN)
+        return ScheduledEvent(t, integers(which), lands, carry.solver_state.events >= self.most_events)
 
     def is_regular(self, ahead: ScheduledEvent):
         """Regular if an event comes first; `locate_events` does the flight to the end of the block."""
@@ -163,7 +173,8 @@ class Scheduled(AbstractEvolver):
         new = self.rows.jump(t, rows, which)
         x, frame = _with_rows(carry.x, index, new), carry.frame
         if frame.shape[1] > 0:
-            frame = _with_rows(frame, index, _pushed(real, frame, index, linear))
+            before, after = frame[index], _pushed(real, frame, index, linear)
+            frame = _with_rows(frame, index, after)
         matrix = functools.cache(lambda: each_column(linear, jnp.eye(len(index), dtype=x.dtype)))  # S, (m, m)
         s = jnp.where(solver.start + t > carry.s, solver.start + t, carry.s)  # a nan leaves the time unchanged
         now = jnp.where(t > solver.now, t, solver.now)
@@ -172,8 +183,9 @@ class Scheduled(AbstractEvolver):
         stretch, destroys = solver.stretch, solver.destroys
         if destroys is not None:
             destroys = (destroys & (carry.since > 0)) | (real & self._destroys(t, rows, which, matrix()))
-        if settings.qr_schedule.automatic:
-            stretch = stretch + _stretch(matrix(), x.shape[0])
+        if settings.qr_schedule.automatic and frame.shape[1] > 0:
+            grows = _largest(matrix()) if len(index) <= FEW_ROWS else _growth(before, after)
+            stretch = stretch + _stretch(grows, len(index) / x.shape[0])
             stretch = stretch if destroys is None else jnp.where(destroys, jnp.inf, stretch)
         # Many predictions may be refreshed at one instant: that is no accumulation, so each counts only 1/n.
         more = jnp.where(real, 1.0, 1 / x.shape[0])
@@ -304,13 +316,23 @@ def _pushed(real, frame: Array, index: Array, linear: Callable) -> Array:
     return jax.lax.cond(real, lambda: each_column(linear, frame[index]), lambda: frame[index])
 
 
-def _stretch(matrix, n: int):
-    """The logarithm of an event's stretching, weighted by the fraction m/n of touched components; inf if grazing.
+def _largest(entries):
+    """The largest entry, of which no derivative is wanted."""
+    return jax.lax.stop_gradient(jnp.max(jnp.abs(entries)))
+
+
+def _growth(before, after):
+    """How much the largest entry of the touched rows of a frame grows: a lower bound of that of the event's matrix."""
+    largest = _largest(before)
+    return jnp.where(largest > 0, _largest(after) / largest, 1.0)
+
+
+def _stretch(grows, share: float):
+    """The logarithm of an event's stretching, weighted by the share m/n of touched components; inf if grazing.
 
     The weight: with two bodies all events stretch the same perturbation, with many bodies they stretch different ones.
     """
-    largest = jax.lax.stop_gradient(jnp.max(jnp.abs(matrix)))
-    return jnp.where(largest > STRETCHED, jnp.inf, jnp.log(jnp.maximum(largest, 1.0)) * len(matrix) / n)
+    return jnp.where(grows > STRETCHED, jnp.inf, jnp.log(jnp.maximum(grows, 1.0)) * share)
 
 
 @functools.cache
@@ -341,4 +363,4 @@ def predicting_anew(system: EventDriven, shape: tuple[int, ...]) -> EventDriven:
         standing = rows.guard(jnp.zeros_like(t), x[rows.components(which)], which)
         return jnp.where(is_event(which), standing, jax.lax.stop_gradient(t) - t)
 
-    return EventDriven(flow, next_event, jump, guard, canonical=system.canonical)
+    return EventDriven(flow, next_event, jump, guard, canonical=system.canonical, invertible=system.invertible)
