@@ -4,10 +4,21 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from . import links
-from .pages import answers, bibliography, claims, command_line, evidence, problems, reference, scaling, words
+from .pages import (
+    answers,
+    bibliography,
+    claims,
+    command_line,
+    evidence,
+    many_points,
+    problems,
+    reference,
+    scaling,
+    words,
+)
 
 WRITTEN = ("start", "tutorials", "howto", "theory", "coming_from", "help", "reference", "evidence")  # folders of `docs`
-GENERATORS = (reference, problems, command_line, words, bibliography, answers, claims, evidence, scaling)
+GENERATORS = (reference, problems, command_line, words, bibliography, answers, claims, evidence, scaling, many_points)
 
 
 def sources(root: Path) -> Iterator[tuple[str, bytes]]:
