@@ -8,7 +8,7 @@ import numpy as np
 from benchmarks.peers import converged
 from benchmarks.peers.adapters import PEERS
 from benchmarks.peers.conversation import Conversation, FailedError
-from benchmarks.peers.precision import TARGETS, wanted
+from benchmarks.peers.precision import ENOUGH, TARGETS, wanted
 from benchmarks.peers.workloads import WORKLOADS
 
 QUICK = 4  # times shorter runs
@@ -60,24 +60,36 @@ def climb(worker: Conversation, name: str, row: dict[str, Any]) -> dict[str, dic
 
 
 def run_in_turn(workers: dict[str, Conversation], rows: dict[str, Any], length: float, quick: bool) -> None:
-    """Warm runs, A B A B …, of the settings that the targets need."""
+    """Warm runs, A B A B …, of the settings that the targets need; each point gets its seconds and its length."""
     turns, spent = [], {}
     for peer in workers:
         points = rows[peer]["points"]
         errors = {label: np.inf if one["error"] is None else one["error"] for label, one in points.items()}
         turns += [(peer, i, list(points)[i]) for i in wanted(errors, TARGETS)]
-    for peer, i, _ in turns:
-        spent[peer, i] = 0.0
-        if PEERS[peer].by_length and "failed" not in rows[peer]:
-            with noted(rows[peer]):
-                workers[peer].ask(setting=i, length=length, repeated=PEERS[peer].repeated)
-    for _ in range(QUICK_ROUNDS if quick else ROUNDS):
+    for turn in range(QUICK_ROUNDS if quick else ROUNDS):
         for peer, i, label in turns:
-            if spent[peer, i] < SHARE and "failed" not in rows[peer]:
-                with noted(rows[peer]):
-                    seconds = workers[peer].ask(setting=i, length=length)["seconds"]
-                    rows[peer]["points"][label]["seconds"].append(seconds)
-                    spent[peer, i] += seconds
+            row = rows[peer]
+            if "failed" in row or spent.get((peer, i), 0.0) >= SHARE:
+                continue
+            with noted(row):
+                point = row["points"][label]
+                if turn == 0:
+                    point["length"], seconds = long_enough(workers[peer], peer, i, length)
+                else:
+                    seconds = workers[peer].ask(setting=i, length=point["length"])["seconds"]
+                point["seconds"].append(seconds)
+                spent[peer, i] = spent.get((peer, i), 0.0) + seconds
+
+
+def long_enough(worker: Conversation, peer: str, setting: int, length: float) -> tuple[float, float]:
+    """The length, or ten or a hundred times as much where a run is shorter than `ENOUGH`; and the seconds of a run."""
+    for longer in (1, 10, 100):
+        if PEERS[peer].by_length:
+            worker.ask(setting=setting, length=longer * length, repeated=PEERS[peer].repeated if longer == 1 else 0.0)
+        seconds = worker.ask(setting=setting, length=longer * length)["seconds"]
+        if seconds >= ENOUGH:
+            break
+    return longer * length, seconds
 
 
 @contextlib.contextmanager

@@ -6,6 +6,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 TARGETS = (1e-3, 1e-6, 1e-9)
+ENOUGH = 0.05  # seconds of a run, of which what a call costs by itself is a small part
 
 
 class Point(NamedTuple):

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from benchmarks.peers.adapters import OURS, PEERS
-from benchmarks.peers.precision import TARGETS, Point, cost_at, method_of
+from benchmarks.peers.precision import ENOUGH, TARGETS, Point, cost_at, method_of
 
 WORSE = 1.25
 HEAD = """# Ours and theirs, the same work at the same error
@@ -15,14 +15,14 @@ Written by `python -m benchmarks.peers --record` on {date}, commit {commit}: {ma
 
 Each program computes the same exponents over a short length from the same start; their error is that against a
 converged value (SciPy's DOP853 at 1e-13, Radau for stiff flows, closed form for impacts) for the columns that it
-begins with. Each has a ladder of tolerances or steps, and each is timed over the same long run. What a unit costs at an
-error is interpolated between two settings in logarithms, of its cheapest method; a dash: no setting reaches that error,
-or it was not timed.
-What compiles for each length has run once before; `lyaphybrid`, which optimises what is repeated, for two seconds.
-Minimum of the warm runs, in brackets the median where it is more by a tenth. The ratio is their minimum over ours:
-above 1 ours is faster. The first call goes from nothing to the result of the long run, at one setting of middle
-accuracy, the import apart; memory is the peak of a process after it. Which instructions are used each program decides
-by itself: none is kept from AVX-512 where the machine has it.
+begins with. Each has a ladder of tolerances or steps, and each is timed over the same long run, or over one that is
+ten or a hundred times as long if it needs less than {enough} s for that. What a unit costs at an error is
+interpolated between two settings in logarithms, of its cheapest method; a dash: no setting reaches that error, or it
+was not timed. What compiles for each length has run once before; `lyaphybrid`, which optimises what is repeated, for
+two seconds. Minimum of the warm runs, in brackets the median where it is more by a tenth. The ratio is their minimum
+over ours: above 1 ours is faster. The first call goes from nothing to the result of the long run, at one setting of
+middle accuracy, the import apart; memory is the peak of a process after it. Which instructions are used each program
+decides by itself: none is kept from AVX-512 where the machine has it.
 
 nolds estimates exponents from a measured series and has none of a given equation: it is not compared.
 """
@@ -32,7 +32,7 @@ USES = "\n## How each program is used\n\n| program | use |\n|---|---|\n"
 def points(row: dict[str, Any], length: float, summary=min) -> list[Point]:
     """Of one program, with the cost of a unit in seconds."""
     return [
-        Point(method_of(label), one["error"], summary(one["seconds"]) / length)
+        Point(method_of(label), one["error"], summary(one["seconds"]) / one.get("length", length))
         for label, one in row.get("points", {}).items()
         if one["seconds"] and one["error"] is not None
     ]
@@ -103,4 +103,4 @@ def page(results: dict[str, Any]) -> str:
     """All of it."""
     said = dict(results, versions=", ".join(f"{name} {version}" for name, version in results["versions"].items()))
     uses = "".join(f"| {name} | {PEERS[name].use} |\n" for name in results["versions"])
-    return "\n".join([HEAD.format(**said), *map(table, results["workloads"].values())]) + USES + uses
+    return "\n".join([HEAD.format(**said, enough=ENOUGH), *map(table, results["workloads"].values())]) + USES + uses

@@ -137,6 +137,33 @@ def test_a_run_is_repeated_until_nothing_works_aside():
     assert not aside[0].is_alive()
 
 
+@pytest.mark.parametrize(("rate", "longer"), [(1e-3, 1), (4e-5, 10), (1e-7, 100)])
+@pytest.mark.parametrize("peer", ["scipy", "lyapax", OURS])
+def test_a_run_is_long_enough_that_its_call_costs_little(rate, longer, peer):
+    """Up to a hundred times as long; what compiles for each length has run with it before it is timed."""
+    asked = []
+
+    class Worker:
+        def ask(self, setting, length, repeated=None):
+            asked.append((length, repeated))
+            return {"seconds": rate * length}
+
+    assert measuring.long_enough(Worker(), peer, 3, 1000.0) == (1000.0 * longer, rate * (1000.0 * longer))
+    timed = [length for length, repeated in asked if repeated is None]
+    assert timed == [1000.0 * times for times in (1, 10, 100) if times <= longer]
+    before = [length for length, repeated in asked if repeated is not None]
+    assert before == (timed if PEERS[peer].by_length else [])
+
+
+def test_costs_are_those_of_each_length():
+    """A point that was timed over ten times the length took ten times as long for a unit less."""
+    found = results([1.0])["workloads"]["lorenz"]
+    for point in found["peers"]["scipy"]["points"].values():
+        point["length"] = 10 * found["length"]
+    least = tables.costs(results([1.0])["workloads"]["lorenz"])["scipy"]
+    assert tables.costs(found)["scipy"] == {error: one and pytest.approx(one / 10) for error, one in least.items()}
+
+
 def test_a_worker_that_ends_says_why():
     with Conversation("nobody", "henon_map") as worker, pytest.raises(FailedError, match="KeyError: 'nobody'"):
         worker.listen()
