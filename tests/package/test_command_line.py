@@ -7,7 +7,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 
 import pytest
 
@@ -233,10 +232,8 @@ def test_it_sets_double_precision_itself_and_prints_nothing_else():
 
 @pytest.mark.slow
 def test_the_main_job_itself(tmp_path):
-    start = time.perf_counter()
     done = run_alone(cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert time.perf_counter() - start < 60
     assert "passed" in done.stdout
     files = {file.name for file in (tmp_path / "lyaphybrid-out").iterdir()}
     assert files == {"dinius.png", "dinius.pdf", "dinius.json"}
