@@ -3,6 +3,7 @@
 import diffrax
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
 
 import lyaphybrid as lh
@@ -200,3 +201,32 @@ def test_trajectory_and_tangent_map_refuse_too():
         lh.trajectory(DECAY, [1.0], t1=1.0, n=0)
     with pytest.raises(ValueError, match="Use jax.vmap"):
         lh.tangent_map(DECAY, [[1.0]], t1=1.0)
+
+
+LOGISTIC = lh.Map(lambda n, x, a: a["r"] * x * (1 - x))
+FOUND_BY_RANDOM_ARGUMENTS = {
+    "args must hold numbers.*dtype=object": lambda: lh.continuation(
+        LOGISTIC, [0.6], {"r": 2.5, "more": np.array([None, 1.0], object)}, over={"r": (2.0, 3.0)}, period=1
+    ),
+    "args must hold numbers.*datetime64": lambda: lh.design(
+        LOGISTIC, [0.6], {"r": 2.5, "more": np.datetime64("2026-11-28")}, -0.1, over={"r": (2.0, 3.0)}, t1=100
+    ),
+    r"x0 must have shape \(n,\).*got \(1, 1, 1\)": lambda: lh.design(
+        LOGISTIC, np.full((1, 1, 1), 0.6), {"r": 2.5}, -0.1, over={"r": (2.0, 3.0)}, t1=100
+    ),
+    "method.*got 'abc'": lambda: lh.lyapunov_gradient(DECAY, [1.0], 2.5, t1=100, method="abc"),
+}
+
+
+@pytest.mark.parametrize("message", FOUND_BY_RANDOM_ARGUMENTS)
+def test_what_random_arguments_have_found(message):
+    """By `python -m tests.fuzz arguments`: errors of JAX, and a text taken for the old name of an algorithm."""
+    with pytest.raises(ValueError, match=message):
+        FOUND_BY_RANDOM_ARGUMENTS[message]()
+
+
+def test_a_period_in_few_bits_is_a_number_like_others():
+    """200 periods of an int8 are not counted in 8 bits."""
+    how = {"over": {"r": [2.8, 3.2]}, "t1": 200, "transient": 200, "samples": 8}
+    found = lh.bifurcation_diagram(LOGISTIC, [[0.1], [0.9]], {"r": 0.0}, period=np.int8(2), **how)
+    assert found.labels[:, 0].tolist() == ["P1w0", "P1w0"]  # of the second iterate

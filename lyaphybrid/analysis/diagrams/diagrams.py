@@ -298,6 +298,7 @@ def _only(over) -> tuple[str, np.ndarray]:
 
 def _unit(system, period, section):
     """The period; None where points are crossings of a section."""
+    period = int(period) if isinstance(period, np.integer) else period  # in 8 bits 200 periods are none
     if iterates(system):
         require(section is None, "A map has no section, for it does not flow: leave section=None.")
         period = 1.0 if period is None else period

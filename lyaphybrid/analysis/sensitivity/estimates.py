@@ -1,5 +1,6 @@
 """Input (`ExponentFunction`) and result (`Estimate`) of each method for derivatives of exponents."""
 
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -7,7 +8,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from ..._arguments import numbers, require
+from ..._arguments import numbers, parameters, require
 from ..._jax.precision import require_double
 from ..._jax.tracing import as_arrays, as_jax, numpy_for
 from ...engine.blocks import is_zero
@@ -89,7 +90,10 @@ def start_of(x0, args):
     """
     name, given = ("x0(args)", x0(args)) if callable(x0) else ("x0", x0)
     start = numbers(name, given)
-    require(0 not in start.shape, f"{name} must have shape (n,); got {start.shape}.")
+    several = "or (N, d) where the system has rows of bodies"
+    require(
+        0 not in start.shape and start.ndim in (1, 2), f"{name} must have shape (n,), {several}; got {start.shape}."
+    )
     return start
 
 
@@ -102,6 +106,7 @@ def with_arrays(options: Mapping[str, Any], dtype) -> dict[str, Any]:
 
 def parameters_of(args, free: Sequence[str] | None, word: str = "over") -> tuple[np.ndarray, "ArgsOf", tuple[str, ...]]:
     """The free leaves of args: their values (p,), args as a function of them, their names."""
+    args = jax.tree.map(functools.partial(parameters, "args"), args)
     args = as_jax(jax.tree.map(lambda leaf: np.asarray(leaf) if isinstance(leaf, float) else leaf, args))
     known = {_name(path): eqx.is_inexact_array_like(leaf) for path, leaf in jax.tree_util.tree_leaves_with_path(args)}
     known = [name for name, floating in known.items() if floating]

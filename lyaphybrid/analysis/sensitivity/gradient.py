@@ -148,7 +148,7 @@ class Gradient(Result, eqx.Module):
 
 def names_of_before(name: str, positional: tuple, given: dict[str, Any]) -> tuple:
     """`method` was the algorithm, and `integrator` what `method` is everywhere else."""
-    if isinstance(given.get("method"), str):
+    if is_one_of(given.get("method"), ALGORITHMS):
         renamed.warn(f"{name}(…, method={given['method']!r})", "algorithm=")
         given["algorithm"] = given.pop("method")
     if "integrator" in given:
