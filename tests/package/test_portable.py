@@ -213,3 +213,10 @@ def test_debugging_switches_change_nothing(switch, make, system):
 def test_float32_is_warned_of():
     with pytest.warns(UserWarning, match="float32"):
         spectrum(ARGS, t1=4.0)
+
+
+@pytest.mark.parametrize("read", [lambda x: x[2], lambda x: x[jnp.array([0, 2])], lambda x: x.at[2].set(0.0)])
+def test_an_entry_beyond_the_end_is_refused(read):
+    """Of JAX's versions each keeps constants in another way."""
+    with pytest.raises(ValueError, match="entry 2"):
+        lh.lyapunov_spectrum(lh.Flow(lambda t, x, args: read(x) * jnp.ones_like(x)), START, t1=1.0)

@@ -63,7 +63,8 @@ def entry_beyond_the_end(closed: ClosedJaxpr, given: Sequence = ()) -> Beyond | 
 
 def _is_index(value) -> bool:
     """Whether it is known, and consists of integers or truth values."""
-    good = isinstance(value, int | np.generic | np.ndarray | jax.Array) and not traced(value)
+    array = hasattr(value, "__array__")  # those of JAX 0.8's constants are of a type of their own
+    good = (isinstance(value, int) or array) and not traced(value)
     return good and getattr(np.result_type(value) if isinstance(value, int) else value.dtype, "kind", "") in "bui"
 
 
