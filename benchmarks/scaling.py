@@ -197,7 +197,7 @@ def main() -> None:
         costs = [cost(law, size) for size in law.sizes]
         shown = ", ".join(f"{size}: {1e9 * one:.0f}" for size, one in zip(law.sizes, costs, strict=True))
         grows = power(law.sizes, costs)
-        print(f"{law.title}, ns a {law.unit} by {law.size}: {shown}; ~ {law.size}^{grows:.2f}", flush=True)
+        print(f"{law.title}, ns for each {law.unit} by {law.size}: {shown}; ~ {law.size}^{grows:.2f}", flush=True)
         results["laws"][name] = {
             "title": law.title, "size": law.size, "unit": law.unit,
             "sizes": law.sizes, "seconds": costs, "power": grows,
