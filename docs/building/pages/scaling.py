@@ -18,7 +18,8 @@ TEXT = """# How costs grow
 Measured by `python -m benchmarks.scaling --record` on {date}, commit {commit}: {machine}, one thread. Load at the
 beginning: {load}. The cost of a unit of work is the difference of two runs of different length, the fastest of several
 each; the last column is the exponent of the size in it, between the smallest and the largest. What a size touches grows
-with it, from caches of a core to memory.
+with it, from caches of a core to memory. That an impact is dearer in a long run comes from the rounding of late times
+([sharp bits](../help/sharp_bits.md)).
 
 ```{{image}} scaling.svg
 :alt: Costs of a unit of work against sizes, in logarithms; the numbers are in the table below.
@@ -45,23 +46,24 @@ def written(seconds: float) -> str:
 def row(law: dict) -> str:
     """A law as a line of the table."""
     costs = ", ".join(f"{size}: {written(seconds)}" for size, seconds in zip(law["sizes"], law["seconds"], strict=True))
-    return f"| {law['title']} | {law['size']} | a {law['unit']}: {costs} | {law['power']:.2f} |\n"
+    return f"| {law['title']} | {law['size']} | one {law['unit']}: {costs} | {law['power']:.2f} |\n"
 
 
 def picture(laws: dict[str, dict], dark: bool) -> str:
     """All laws in three panels, by what grows, as SVG."""
-    panels = {"of the system": [], "exponents": [], "of the run": []}
+    panels: dict[str, list[dict]] = {"size of the system": [], "number of exponents": [], "length of the run": []}
     for law in laws.values():
-        kind = {"k": "exponents", "n": "of the system", "N": "of the system"}.get(law["size"], "of the run")
+        kinds = {"k": "number of exponents", "n": "size of the system", "N": "size of the system"}
+        kind = kinds.get(law["size"], "length of the run")
         panels[kind].append(law)
     with mpl.rc_context({"svg.hashsalt": "scaling", **(mpl.style.library["dark_background"] if dark else {})}):
         figure = Figure(figsize=(10.5, 4.6), layout="constrained")
         figure.patch.set_alpha(0)
-        for ax, (kind, shown) in zip(figure.subplots(1, 3), panels.items(), strict=True):
+        for ax, (kind, shown) in zip(figure.subplots(1, 3, width_ratios=(1.5, 1, 1)), panels.items(), strict=True):
             ax.patch.set_alpha(0)
             for law in shown:
                 ax.loglog(law["sizes"], law["seconds"], "o-", ms=4, label=law["title"])
-            ax.set(xlabel={"exponents": "number of exponents"}.get(kind, f"size {kind}"), title=kind)
+            ax.set_xlabel(kind)
             ax.grid(alpha=0.3)
             ax.legend(fontsize=7, frameon=False, loc="upper left")
             low, high = ax.get_ylim()
