@@ -171,10 +171,10 @@ class Scheduled(AbstractEvolver):
         rows, real = carry.x[index], is_event(which)
         linear = functools.partial(self._linear, t, rows, which)
         new = self.rows.jump(t, rows, which)
-        x, frame = _with_rows(carry.x, index, new), carry.frame
+        x, frame, growth = _with_rows(carry.x, index, new), carry.frame, None
         if frame.shape[1] > 0:
             before, after = frame[index], _pushed(real, frame, index, linear)
-            frame = _with_rows(frame, index, after)
+            frame, growth = _with_rows(frame, index, after), functools.partial(_growth, before, after)
         matrix = functools.cache(lambda: each_column(linear, jnp.eye(len(index), dtype=x.dtype)))  # S, (m, m)
         s = jnp.where(solver.start + t > carry.s, solver.start + t, carry.s)  # a nan leaves the time unchanged
         now = jnp.where(t > solver.now, t, solver.now)
@@ -183,8 +183,8 @@ class Scheduled(AbstractEvolver):
         stretch, destroys = solver.stretch, solver.destroys
         if destroys is not None:
             destroys = (destroys & (carry.since > 0)) | (real & self._destroys(t, rows, which, matrix()))
-        if settings.qr_schedule.automatic and frame.shape[1] > 0:
-            grows = _largest(matrix()) if len(index) <= FEW_ROWS else _growth(before, after)
+        if settings.qr_schedule.automatic and growth is not None:
+            grows = _largest(matrix()) if len(index) <= FEW_ROWS else growth()
             stretch = stretch + _stretch(grows, len(index) / x.shape[0])
             stretch = stretch if destroys is None else jnp.where(destroys, jnp.inf, stretch)
         # Many predictions may be refreshed at one instant: that is no accumulation, so each counts only 1/n.
