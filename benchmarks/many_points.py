@@ -7,12 +7,10 @@ From that a simulated cluster: workers take chunks, die now and then, and hand r
 import argparse
 import heapq
 import json
-import resource
 import shutil
 import tempfile
 import time
 from pathlib import Path
-from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -22,33 +20,26 @@ from benchmarks.machine import here
 
 DATA = Path(__file__).parent / "many_points.json"
 POINTS = 10**9
-SWEEP = 10**6  # points of one sweep of many: its results lie in memory
 LANES = 2048  # points that are timed
-LENGTHS = {"lorenz63": ("rho", 26.0, 32.0, 100.0), "impact_oscillator": ("restitution", 0.3, 0.9, 100.0),
-           "friction_pendulum": ("beta", 0.4, 0.6, 100.0)}  # fmt: skip
+LENGTH = 100.0  # units of time of each run
+SWEPT = {  # an entry of args, from, to
+    "lorenz63": ("rho", 26.0, 32.0),
+    "impact_oscillator": ("restitution", 0.3, 0.9),
+    "friction_pendulum": ("beta", 0.4, 0.6),
+}
 SIMULATED = "impact_oscillator"
 WORKERS, CHUNKS = (16, 256, 4096), (256, 2048, 16384)
 LIFETIME = 24 * 3600.0  # seconds until a worker dies, on average
 TASKS = 2000
 
 
-class Costs(NamedTuple):
-    """What was measured, in seconds and bytes."""
-
-    point: float  # of a core
-    task: float  # of the scheduler
-    write: float  # of a chunk, of the process that writes
-    memory: float  # of a point's results
-    stored: float  # of a point on disk
-
-
 def seconds_a_point(name: str) -> float:
     """A sweep on one core, compiled before."""
-    entry, low, high, length = LENGTHS[name]
-    problem = getattr(lh.zoo, name)()
+    entry, low, high = SWEPT[name]
+    problem = lh.zoo.get(name)()
 
     def run(args):
-        return problem.spectrum(args=args, t1=length, transient=0.0, blocks=8, throw=False)
+        return problem.spectrum(args=args, t1=LENGTH, transient=0.0, blocks=8, throw=False)
 
     def timed(count: int) -> float:
         start = time.perf_counter()
@@ -96,25 +87,32 @@ def seconds_a_task() -> float:
         return (time.perf_counter() - start) / TASKS
 
 
-def simulated(costs: Costs, workers: int, chunk: int, points: int = POINTS, seed: int = 0) -> float:
+def simulated(point: float, task: float, write: float, workers: int, chunk: int) -> float:
     """Seconds until all points are written.
 
     The scheduler hands out one chunk after another, the writer writes one after another; chunks differ by a tenth in
     their time; what a worker was computing when it dies is computed again by another, and a new worker takes its place.
+
+    Args:
+        point: seconds of a point.
+        task: of the scheduler, for each chunk.
+        write: of the writer, for each chunk.
+        workers: their number.
+        chunk: points of each.
     """
-    draw, pieces = np.random.default_rng(seed), -(-points // chunk)
+    draw, pieces = np.random.default_rng(0), -(-POINTS // chunk)
     handed, written = 0.0, 0.0
     free = [(0.0, worker) for worker in range(workers)]
     while pieces:
         ready, worker = heapq.heappop(free)
-        handed = max(ready, handed) + costs.task
-        took = costs.point * chunk * max(0.5, 1 + 0.1 * draw.standard_normal())
+        handed = max(ready, handed) + task
+        took = point * chunk * max(0.5, 1 + 0.1 * draw.standard_normal())
         dies = draw.exponential(LIFETIME)
         if dies < took:
             heapq.heappush(free, (handed + dies, worker))
             continue
         pieces -= 1
-        written = max(written, handed + took) + costs.write
+        written = max(written, handed + took) + write
         heapq.heappush(free, (handed + took, worker))
     return written
 
@@ -125,9 +123,9 @@ def main() -> None:
     parser.add_argument("--record", action="store_true", help="write benchmarks/many_points.json")
     options = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
-    points = {name: seconds_a_point(name) for name in LENGTHS}
+    points = {name: seconds_a_point(name) for name in SWEPT}
     for name, seconds in points.items():
-        print(f"{name}, t = {LENGTHS[name][-1]:g}: {1 / seconds:.0f} points a second and core", flush=True)
+        print(f"{name}, t = {LENGTH:g}: {1 / seconds:.0f} points a second and core", flush=True)
     task = seconds_a_task()
     print(f"a task: {1e3 * task:.2f} ms of the scheduler", flush=True)
     rows, measured = [], {}
@@ -137,18 +135,15 @@ def main() -> None:
             f"{chunk} points a chunk: {1e3 * write:.1f} ms to write, {memory:.0f} bytes a point, {stored:.0f} on disk"
         )
         for workers in WORKERS:
-            hours = simulated(Costs(points[SIMULATED], task, write, memory, stored), workers, chunk) / 3600
+            hours = simulated(points[SIMULATED], task, write, workers, chunk) / 3600
             perfect = points[SIMULATED] * POINTS / workers / 3600
             rows.append({"chunk": chunk, "workers": workers, "hours": hours, "efficiency": perfect / hours})
             print(f"  {workers} workers: {hours:.2f} hours, {perfect / hours:.0%} of them used", flush=True)
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
-    print(f"peak memory of this process {peak:.0f} MB")
     if options.record:
-        lengths = {name: length for name, (*_, length) in LENGTHS.items()}
         writes = {
             str(chunk): dict(zip(("write", "memory", "stored"), one, strict=True)) for chunk, one in measured.items()
         }
-        results = here() | {"points": points, "lengths": lengths, "task": task, "writes": writes, "rows": rows}
+        results = here() | {"points": points, "task": task, "writes": writes, "rows": rows}
         DATA.write_text(json.dumps(results, indent=1) + "\n")
 
 

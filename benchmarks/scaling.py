@@ -18,10 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import lyaphybrid as lh
-from benchmarks import many_disks, ours
+from benchmarks import many_disks, ours, swept
 from benchmarks.machine import here
-from lyaphybrid.sweeps.plans import plan
-from lyaphybrid.sweeps.sweeping import Work
 
 DATA = Path(__file__).parent / "scaling.json"
 SECONDS = 0.2
@@ -31,7 +29,7 @@ SITES = 256  # of the chain with different columns
 LEADING = 10  # exponents, where the size is something else
 LEADING_OF_DISKS = 16
 STEP = 0.01
-SWEPT_TIME = 20.0  # of each oscillator of a sweep
+NEVER = 1e9  # collisions between two orthonormalisations
 
 Run = Callable[[int], object]  # a run of so many units of work
 
@@ -80,12 +78,12 @@ def impacts(_: int) -> Run:
     return lambda count: run(float(count), clock="jumps")
 
 
-def disks(n: int, k: int) -> Run:
-    """Hard disks, in collisions; with all columns none are orthonormalised on the way."""
+def disks(n: int, k: int, every: float | None = None) -> Run:
+    """Hard disks, in collisions."""
     x0, (width, height) = many_disks.lattice_start(n)
     problem = lh.zoo.hard_disks(n=n)
     args = problem.args | {"width": float(width), "height": float(height)}
-    run = _spectrum(problem.system, x0, args, k=k, every=1e9 if k == 4 * n or n == DISKS else None)
+    run = _spectrum(problem.system, x0, args, k=k, every=every)
     return lambda count: run(float(count), clock="jumps")
 
 
@@ -102,20 +100,12 @@ def neurons(n: int, model: str, current: float) -> Run:
 
 
 def lanes(count: int) -> Run:
-    """A sweep of impact oscillators, in points: whole sweeps, several if there are more points than lanes."""
-    problem, values = lh.zoo.impact_oscillator(), np.linspace(0.3, 0.9, count)
+    """Sweeps of Lorenz' system on one thread, in points."""
+    sweep, _ = swept.lorenz(1, count)()
 
-    def spectrum(args):
-        return problem.spectrum(args=args, t1=SWEPT_TIME, transient=0.0, blocks=4)
-
-    grid = plan({"restitution": values}, None, problem.args)
-    sweep = Work.of(None, spectrum, problem.args, grid, min(count, 1024))
-    sweep.threads = 1
-
-    def run(points: int) -> object:
+    def run(points: int) -> None:
         for _ in range(max(1, points // count)):
-            sweep.compute(sweep.pieces(), lambda index, results: None, None, None)
-        return sweep.variables["exponents"]
+            sweep()
 
     return run
 
@@ -132,11 +122,12 @@ LAWS = {
     "time": Law("Lorenz, all exponents", "steps", "step", (10**4, 10**5, 10**6, 10**7), attractor, lambda steps: steps),
     "events": Law("impact oscillator, all exponents", "impacts", "impact", (10**3, 10**4, 10**5), impacts,
                   lambda count: count),
-    "lanes": Law("sweep of impact oscillators", "points", "point", (16, 128, 1024, 8192), lanes,
+    "lanes": Law("sweep of Lorenz' system", "points", "point", (16, 128, 1024, 4096), lanes,
                  lambda count: 4 * count),
-    "disks": Law("hard disks, all exponents", "N", "collision", ALL, lambda n: disks(n, 4 * n), COLLISIONS),
+    "disks": Law("hard disks, all columns, no QR", "N", "collision", ALL, lambda n: disks(n, 4 * n, NEVER), COLLISIONS),
     "disks_c": Law("the same in C", "N", "collision", ALL, lambda n: disks_in_c(n, 4 * n), COLLISIONS),
-    "columns": Law("64 hard disks", "k", "collision", FEW, lambda k: disks(DISKS, k), lambda _: COLLISIONS(DISKS)),
+    "columns": Law("64 hard disks, no QR", "k", "collision", FEW, lambda k: disks(DISKS, k, NEVER),
+                   lambda _: COLLISIONS(DISKS)),
     "columns_c": Law("the same in C", "k", "collision", FEW, lambda k: disks_in_c(DISKS, k),
                      lambda _: COLLISIONS(DISKS)),
     "many_disks": Law("hard disks, 16 exponents", "N", "collision", (64, 256, 1024, 4096, 10_000),

@@ -5,14 +5,11 @@ import json
 import math
 from pathlib import Path
 
-import matplotlib as mpl
+from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-PAGE = "evidence/scaling.md"
-NOT_YET = """# How costs grow
+from lyaphybrid import plots
 
-`python -m benchmarks.scaling --record` has not been run yet: it writes this page.
-"""
 TEXT = """# How costs grow
 
 Measured by `python -m benchmarks.scaling --record` on {date}, commit {commit}: {machine}, one thread. Load at the
@@ -56,11 +53,9 @@ def picture(laws: dict[str, dict], dark: bool) -> str:
         kinds = {"k": "number of exponents", "n": "size of the system", "N": "size of the system"}
         kind = kinds.get(law["size"], "length of the run")
         panels[kind].append(law)
-    with mpl.rc_context({"svg.hashsalt": "scaling", **(mpl.style.library["dark_background"] if dark else {})}):
+    with plots.style("dark" if dark else "notebook"), rc_context({"svg.hashsalt": "scaling"}):
         figure = Figure(figsize=(10.5, 4.6), layout="constrained")
-        figure.patch.set_alpha(0)
         for ax, (kind, shown) in zip(figure.subplots(1, 3, width_ratios=(1.5, 1, 1)), panels.items(), strict=True):
-            ax.patch.set_alpha(0)
             for law in shown:
                 ax.loglog(law["sizes"], law["seconds"], "o-", ms=4, label=law["title"])
             ax.set_xlabel(kind)
@@ -76,13 +71,10 @@ def picture(laws: dict[str, dict], dark: bool) -> str:
 
 def pages(root: Path) -> dict[str, str]:
     """The page and its pictures by name."""
-    data = root / "benchmarks/scaling.json"
-    if not data.exists():
-        return {PAGE: NOT_YET}
-    found = json.loads(data.read_text())
+    found = json.loads((root / "benchmarks/scaling.json").read_text())
     laws = found["laws"]
     return {
-        PAGE: TEXT.format(**found) + "".join(map(row, laws.values())),
+        "evidence/scaling.md": TEXT.format(**found) + "".join(map(row, laws.values())),
         "evidence/scaling.svg": picture(laws, dark=False),
         "evidence/scaling_dark.svg": picture(laws, dark=True),
     }

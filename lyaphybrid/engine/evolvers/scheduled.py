@@ -111,7 +111,7 @@ class Scheduled(AbstractEvolver):
 
     @property
     def may_lose_rank(self) -> bool:
-        """Canonical maps conserve dq∧dp and so destroy no direction."""
+        """Canonical maps conserve dq∧dp and so destroy no direction; of others the user may say so."""
         return not (self.system.canonical or self.system.invertible)
 
     @property
