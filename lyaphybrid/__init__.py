@@ -25,6 +25,7 @@ from .analysis.orbits.periodic_orbits import Floquet, floquet
 from .analysis.orbits.return_maps import return_map
 from .analysis.sensitivity import Design, Gradient, design, lyapunov_gradient
 from .analysis.spectra import lyapunov_spectrum
+from .analysis.synchronisation import MasterStability, master_stability, transverse_spectrum
 from .analysis.trajectories import TangentMap, Trajectory, tangent_map, trajectory
 from .engine import memberships as _memberships  # noqa: F401  answers what `contains` asks
 from .errors import (
@@ -62,6 +63,7 @@ from .systems.event_queue import EventQueue
 from .systems.hamiltonians import Hamiltonian, canonical_flow
 from .systems.hybrid import Hybrid, Transition
 from .systems.implicit_daes import implicit_dae
+from .systems.networks import coupled_network
 from .systems.smooth import Flow, Map
 
 __all__ = [
@@ -77,6 +79,7 @@ __all__ = [
     "DAE",
     "canonical_flow",
     "impact",
+    "coupled_network",
     "RungeKutta",
     "Diffrax",
     "DiffraxEvents",
@@ -105,6 +108,8 @@ __all__ = [
     "covariant_vectors",
     "spectral_intervals",
     "svd_spectrum",
+    "transverse_spectrum",
+    "master_stability",
     "exponent_bounds",
     "floquet",
     "continuation",
@@ -130,6 +135,7 @@ __all__ = [
     "CovariantVectors",
     "SpectralIntervals",
     "SVDSpectrum",
+    "MasterStability",
     "ExponentBounds",
     "Floquet",
     "Continuation",

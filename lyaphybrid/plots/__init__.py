@@ -11,7 +11,17 @@ from .diagrams import DiagramPlots, bifurcations, diagram, largest_exponent, sec
 from .indicators import alignment, angles, growth, intervals
 from .orbits import matrix, multipliers, time_domain
 from .reports import report
-from .results import SpectrumPlots, against_density, bounds, convergence, running, solutions, spectra, spectrum
+from .results import (
+    SpectrumPlots,
+    against_density,
+    bounds,
+    convergence,
+    master_stability,
+    running,
+    solutions,
+    spectra,
+    spectrum,
+)
 from .sensitivities import design, gradient
 from .styles import style
 from .sweeps import sweep_lines, sweep_map
@@ -37,6 +47,7 @@ __all__ = [
     "growth",
     "intervals",
     "largest_exponent",
+    "master_stability",
     "matrix",
     "multipliers",
     "phase",

@@ -12,6 +12,7 @@ from .axes import axes_of as _axes
 
 if TYPE_CHECKING:
     from ..analysis.indicators.exponent_bounds import ExponentBounds
+    from ..analysis.synchronisation import MasterStability
     from ..results.solution_sets import Solutions
     from ..results.spectrum import Spectrum
 
@@ -19,6 +20,7 @@ __all__ = [
     "against_density",
     "bounds",
     "convergence",
+    "master_stability",
     "running",
     "solutions",
     "spectra",
@@ -374,3 +376,44 @@ class SpectrumPlots(Figures):
     def convergence(self, ax: Axes | None = None, exponents: Sequence[int] | None = None, **style: Any) -> Axes:
         """`plots.convergence` of it; exponents: numbers of those to draw, from 1."""
         return convergence(self._result, ax, exponents, **style)
+
+
+def master_stability(found: "MasterStability", ax: Axes | None = None, **style: Any) -> Axes:
+    """The largest exponent against real α with its standard error; of complex α its sign and size over the plane.
+
+    Args:
+        found: of `lh.master_stability`.
+        ax: matplotlib axes; None: those of a new figure.
+        **style: of the line, or of the points in the plane, as matplotlib takes it.
+
+    Returns:
+        The axes.
+
+    Example:
+        >>> import lyaphybrid as lh
+        >>> from matplotlib import pyplot
+        >>> rule = lambda n, x, r: r * x * (1 - x)
+        >>> found = lh.master_stability(lh.Map(rule), rule, [0.3], 4.0, at=[-0.8, -0.2], t1=1000)
+        >>> ax = found.plot()
+        >>> ax.get_xlabel()
+        'α = strength × eigenvalue'
+        >>> pyplot.close(ax.figure)
+    """
+    ax = _axes(ax)
+    at, largest = np.asarray(found.at), np.asarray(found.largest)
+    if np.iscomplexobj(at):
+        limit = np.nanmax(np.abs(largest[np.isfinite(largest)]), initial=1e-12)
+        look = styled("collection", style, cmap="RdBu_r")
+        points = ax.scatter(at.real, at.imag, 12, largest, vmin=-limit, vmax=limit, **look)
+        ax.figure.colorbar(points, ax=ax, label=f"largest exponent per {found.unit}")
+        ax.set_xlabel("Re α")
+        ax.set_ylabel("Im α")
+        return ax
+    order = np.argsort(at)
+    errors = np.nan_to_num(np.asarray(found.stderr)[order, 0])
+    look = {"capsize": 2.0, **styled("line", style, marker="o", markersize=3, linewidth=1.2, color=COLOURS[0])}
+    ax.axhline(0.0, color=ink(ax, 0.6), linewidth=0.8, zorder=0)
+    ax.errorbar(at[order], largest[order], errors, **look)
+    ax.set_xlabel("α = strength × eigenvalue")
+    ax.set_ylabel(f"largest exponent per {found.unit}")
+    return ax

@@ -59,7 +59,7 @@ FAILING = {
     "a time of flight is nan": (CLOCKWORK, [1.0, 1.0], {STATUS.nonfinite}),
 }  # fmt: skip
 FLOWS, MAPS, HYBRIDS, DAES, CLOSED = lh.Flow, lh.Map, lh.Hybrid, lh.DAE, lh.EventDriven
-ALL = FLOWS | MAPS | HYBRIDS | CLOSED
+ALL, SMOOTH = FLOWS | MAPS | HYBRIDS | CLOSED, FLOWS | MAPS | HYBRIDS
 JUMPING = lh.Hybrid(fall, floor(lambda v: -0.9 * v))
 
 
@@ -94,6 +94,11 @@ def returns(system, x0):
 def turns(system):
     """The period of a map."""
     return 5 if isinstance(system, lh.Map) else None
+
+
+def coupled(t, x, args):
+    """What systems that are coupled hear of each other: their first component, which jumps leave as it is."""
+    return jnp.concatenate([0 * x[:1], x[:1], 0 * x[2:]])
 
 
 def near_the_fold(system, x0):
@@ -139,6 +144,14 @@ VERBS |= {
     "poincare_section": (ALL, crossings),
     "bifurcation_diagram": (MAPS | HYBRIDS | CLOSED, diagram),
     "consistent_start": (DAES, near_the_fold),
+    "transverse_spectrum": (
+        SMOOTH,
+        lambda s, x, **more: lh.transverse_spectrum(s, x, ARGS, response=[1], t1=T1, blocks=4, **more),
+    ),
+    "master_stability": (
+        SMOOTH,
+        lambda s, x, **more: lh.master_stability(s, coupled, x, ARGS, at=[-0.1, 0.1], t1=T1, blocks=4, **more),
+    ),
 }
 # A return map is nan where there is no return; the crossings between jumps hide from a section that these accumulate.
 ALSO = {"return_map": {STATUS.nonfinite}, "poincare_section": {STATUS.stalled}}
@@ -149,7 +162,7 @@ REPORTING = {"check", "explore"}  # say what they found, and raise nothing
 
 def test_no_verb_is_forgotten():
     known = {name.partition(",")[0] for name in VERBS} | OF_A_POINT | REPORTING
-    makers = {"filippov", "impact", "implicit_dae", "canonical_flow"}
+    makers = {"filippov", "impact", "implicit_dae", "canonical_flow", "coupled_network"}
     assert known == FUNCTIONS.keys() - makers, "a verb that needs more than a length has its call in VERBS"
 
 
@@ -186,9 +199,9 @@ def check(name: str, system, x0, verdicts: set, **more) -> None:
 
 
 def takes(name: str, how: str) -> bool:
-    """`ofli2` is not for constraints."""
-    system = FAILING[how][0]
-    return isinstance(system, VERBS[name][0]) and not (isinstance(system, lh.DAE) and name == "ofli2")
+    """Some verbs are not for constraints."""
+    system, unconstrained = FAILING[how][0], ("ofli2", "transverse_spectrum", "master_stability")
+    return isinstance(system, VERBS[name][0]) and not (isinstance(system, lh.DAE) and name in unconstrained)
 
 
 PAIRS = [(name, how) for how in FAILING for name in VERBS if takes(name, how)]

@@ -58,6 +58,12 @@ TASKS = {
         "Indicators of chaos from deviation vectors, sooner than exponents converge.",
         ("sali", "gali", "GALIResult", "megno", "fli", "ofli", "ofli2", "IndicatorResult"),
     ),
+    "synchronisation": Task(
+        "Synchronisation",
+        "Perturbations across a motion that coupled systems share, or of a system that another one drives; see "
+        ":doc:`how to tell whether systems synchronise </howto/kinds/synchronisation>`.",
+        ("transverse_spectrum", "master_stability", "MasterStability", "coupled_network"),
+    ),
     "exploring": Task(
         "Exploring in a notebook",
         "Sliders over parameters and start; see :doc:`how to explore </howto/results/explore>`.",
