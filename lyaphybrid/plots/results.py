@@ -404,7 +404,7 @@ def master_stability(found: "MasterStability", ax: Axes | None = None, **style: 
     if np.iscomplexobj(at):
         limit = np.nanmax(np.abs(largest[np.isfinite(largest)]), initial=1e-12)
         look = styled("collection", style, cmap="RdBu_r")
-        points = ax.scatter(at.real, at.imag, 12, largest, vmin=-limit, vmax=limit, **look)
+        points = ax.scatter(np.real(at), np.imag(at), 12, largest, vmin=-limit, vmax=limit, **look)
         ax.figure.colorbar(points, ax=ax, label=f"largest exponent per {found.unit}")
         ax.set_xlabel("Re α")
         ax.set_ylabel("Im α")

@@ -31,14 +31,14 @@ class _Coupled(eqx.Module):
     resets: bool = eqx.field(static=True, default=False)
 
     def __call__(self, t, x, args):
-        own, strength = args
+        (own, strength), enters = args, self.enters
         nodes = _rows(x, self.matrix)
         outputs = jax.vmap(lambda x: self.coupling(t, x, own))(nodes)
         # Differences, so that equal nodes do not act on each other, not even by rounding.
         differences = outputs[None, :, :] - outputs[:, None, :]
         inputs = strength * jnp.sum(self.matrix[:, :, None] * differences, axis=1)
-        if self.enters is not None:
-            return jax.vmap(lambda x, c: self.function(t, x, self.enters(own, c)))(nodes, inputs).reshape(-1)
+        if enters is not None:
+            return jax.vmap(lambda x, c: self.function(t, x, enters(own, c)))(nodes, inputs).reshape(-1)
         moved = jax.vmap(lambda x: self.function(t, x, own))(nodes)
         return (moved if self.resets else moved + inputs).reshape(-1)
 

@@ -70,18 +70,18 @@ class MasterStability(RunResult, eqx.Module):
     """
 
     at: np.ndarray
-    exponents: Array
-    stderr: Array
-    status_code: Array
+    exponents: Array | np.ndarray
+    stderr: Array | np.ndarray
+    status_code: Array | np.ndarray
     unit: str = eqx.field(static=True)
 
     @property
-    def largest(self) -> Array:
+    def largest(self) -> Array | np.ndarray:
         """(m,) the largest exponents."""
         return self.exponents[:, 0]
 
     @property
-    def stable(self) -> Array:
+    def stable(self) -> Array | np.ndarray:
         """(m,) whether the largest exponent is negative."""
         return self.largest < 0
 

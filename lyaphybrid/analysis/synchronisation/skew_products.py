@@ -47,7 +47,10 @@ Columns = Float[Array, "n parts"]
 class Cocycle(eqx.Module):
     """A linear rule for ξ (size,), given by what it does to vectors (n, parts) of the system's tangent space."""
 
-    size: eqx.AbstractVar[int]
+    @property
+    @abc.abstractmethod
+    def size(self) -> int:
+        """The dimension of ξ."""
 
     @abc.abstractmethod
     def vectors(self, xi: Float[Array, " size"]) -> Columns:
