@@ -81,7 +81,7 @@ def crossing_by(rule: Callable, system: EventDriven) -> EventDriven:
     back along the new flow. Here `jump` gets a derivative that cancels both moves around the rule.
 
     Args:
-        rule: ``(t, x, args, which, dx) -> dx⁺``, linear in dx (n,), x before the jump.
+        rule: ``(t, x, args, which, dx) -> dx⁺``, linear in dx (n,), x before the jump; as invertible as the system's.
         system: an `lh.EventDriven`.
 
     Returns:
@@ -103,7 +103,10 @@ def crossing_by(rule: Callable, system: EventDriven) -> EventDriven:
         dx = rule(t, x, args, which, dx - velocity(t, x, args) * shift)
         return new, dx + velocity(t, new, args) * shift
 
-    return EventDriven(flow=system.flow, next_event=system.next_event, jump=jump, guard=system.guard)
+    keeps_volume = system.canonical or system.invertible
+    return EventDriven(
+        flow=system.flow, next_event=system.next_event, jump=jump, guard=system.guard, invertible=keeps_volume
+    )
 
 
 def collide(t, x, args, which, dx):
