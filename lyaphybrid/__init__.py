@@ -22,6 +22,7 @@ from .analysis.indicators.second_order import ofli2
 from .analysis.indicators.svd_spectra import SVDSpectrum, svd_spectrum
 from .analysis.multiple_solutions import solutions
 from .analysis.orbits.periodic_orbits import Floquet, floquet
+from .analysis.orbits.phase_responses import PhaseResponse, phase_response
 from .analysis.orbits.return_maps import return_map
 from .analysis.sensitivity import Design, Gradient, design, lyapunov_gradient
 from .analysis.spectra import lyapunov_spectrum
@@ -112,6 +113,7 @@ __all__ = [
     "master_stability",
     "exponent_bounds",
     "floquet",
+    "phase_response",
     "continuation",
     "design",
     "Design",
@@ -138,6 +140,7 @@ __all__ = [
     "MasterStability",
     "ExponentBounds",
     "Floquet",
+    "PhaseResponse",
     "Continuation",
     "NoPeriodicOrbitError",
     "NoConsistentPointError",

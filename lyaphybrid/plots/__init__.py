@@ -9,7 +9,7 @@ from .axes import COLOURS, Axes
 from .continuations import continuation
 from .diagrams import DiagramPlots, bifurcations, diagram, largest_exponent, section
 from .indicators import alignment, angles, growth, intervals
-from .orbits import matrix, multipliers, time_domain
+from .orbits import matrix, multipliers, phase_responses, time_domain
 from .reports import report
 from .results import (
     SpectrumPlots,
@@ -51,6 +51,7 @@ __all__ = [
     "matrix",
     "multipliers",
     "phase",
+    "phase_responses",
     "raster",
     "report",
     "running",

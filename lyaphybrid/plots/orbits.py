@@ -4,14 +4,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .axes import COLOURS, Axes, ink, styled, whole_ticks
+from .axes import COLOURS, Axes, colours, ink, styled, whole_ticks
 from .axes import axes_of as _axes
 
 if TYPE_CHECKING:
     from ..analysis.orbits.periodic_orbits import Floquet
+    from ..analysis.orbits.phase_responses import PhaseResponse
     from ..results.time_domains import TimeDomain
 
-__all__ = ["matrix", "multipliers", "time_domain"]
+__all__ = ["matrix", "multipliers", "phase_responses", "time_domain"]
 
 WRITTEN = 8  # rows of a matrix up to which its entries are written
 
@@ -50,6 +51,39 @@ def multipliers(found: "Floquet", ax: Axes | None = None, **style: Any) -> Axes:
     ax.set_aspect("equal")
     ax.set_xlabel("Re μ")
     ax.set_ylabel("Im μ")
+    return ax
+
+
+def phase_responses(found: "PhaseResponse", ax: Axes | None = None, **style: Any) -> Axes:
+    """The phase response of each component against the phase, from 0 to the period.
+
+    Args:
+        found: of `lh.phase_response`.
+        ax: matplotlib axes; None: those of a new figure.
+        **style: of the lines, as matplotlib takes it.
+
+    Returns:
+        The axes.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> from matplotlib import pyplot
+        >>> clock = lh.Flow(lambda t, x, a: x * (1 - x @ x) + jnp.stack([-x[1], x[0]]))
+        >>> ax = lh.plots.phase_responses(lh.phase_response(clock, [1.0, 0.2], phases=8))
+        >>> ax.get_xlabel(), ax.get_ylabel()
+        ('phase θ', '∂θ/∂x')
+        >>> pyplot.close(ax.figure)
+    """
+    ax = _axes(ax)
+    names = found.state_labels.columns(found.x.shape[1])
+    ax.axhline(0.0, color=ink(ax, 0.6), linewidth=0.8, zorder=0)
+    for column, name, colour in zip(found.response.T, names, colours(len(names), ax), strict=True):
+        ax.plot(found.t, column, **styled("line", style, color=colour, linewidth=1.2, label=name))
+    ax.set_xlim(0.0, found.period)
+    ax.set_xlabel("phase θ")
+    ax.set_ylabel("∂θ/∂x")
+    if len(names) > 1:
+        ax.legend(fontsize="small", title="component")
     return ax
 
 

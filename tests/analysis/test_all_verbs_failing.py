@@ -124,6 +124,7 @@ VERBS |= {
         ALL,
         lambda s, x, **more: lh.spectral_intervals(s, x, ARGS, t1=T1, window=5.0, tau=1.0, **more),
     ),
+    "phase_response": (FLOWS | HYBRIDS, lambda s, x: lh.phase_response(s, x, ARGS, phases=8)),
     "floquet": (ALL, lambda s, x: lh.floquet(s, x, ARGS, period=turns(s))),
     "continuation": (
         FLOWS | MAPS | HYBRIDS,
@@ -200,7 +201,7 @@ def check(name: str, system, x0, verdicts: set, **more) -> None:
 
 def takes(name: str, how: str) -> bool:
     """Some verbs are not for constraints."""
-    system, unconstrained = FAILING[how][0], ("ofli2", "transverse_spectrum", "master_stability")
+    system, unconstrained = FAILING[how][0], ("ofli2", "transverse_spectrum", "master_stability", "phase_response")
     return isinstance(system, VERBS[name][0]) and not (isinstance(system, lh.DAE) and name in unconstrained)
 
 

@@ -32,7 +32,7 @@ from .skew_products import GuardJump, frame_of, require_flow_or_map, skew_produc
 
 __all__ = ["MasterStability", "master_stability"]
 
-SHOWN = 12  # rows of a table
+STRENGTHS_SHOWN = 12  # rows of a table
 JUMPS = (
     "At t = {:.6g} the coupling's output jumps, from {} to {}. Systems that have jumped then act on those that have "
     "not, and what neighbours of the common motion do depends on their order: no linear rule tells it. Couple through "
@@ -102,7 +102,7 @@ class MasterStability(RunResult, eqx.Module):
 
     def _table(self) -> Table:
         at, k = np.asarray(self.at), self.exponents.shape[1]
-        chosen = np.unique(np.linspace(0, len(at) - 1, SHOWN).astype(int))
+        chosen = np.unique(np.linspace(0, len(at) - 1, STRENGTHS_SHOWN).astype(int))
         values, errors = np.asarray(self.exponents), np.asarray(self.stderr)
         rows = [(f"{at[i]:.6g}", *map(with_error, values[i], errors[i])) for i in chosen]
         notes = [f"stable at {int(np.sum(self.stable))} of {len(at)}", verdicts(self.status_code)]
