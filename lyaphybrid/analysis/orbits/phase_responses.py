@@ -59,8 +59,9 @@ class _Cycle(NamedTuple):
 
     def field(self, x, mode: int):
         """The velocity (n,) at a state in a mode."""
-        field = self.system.fields[mode] if isinstance(self.system, Hybrid) else self.system.field
-        return field(jnp.zeros((), x.dtype), x, self.args)
+        fields = self.system.fields if isinstance(self.system, Hybrid) else (self.system.field,)
+        assert fields is not None, "it flows"
+        return fields[mode](jnp.zeros((), x.dtype), x, self.args)
 
     def mode(self, index) -> int | None:
         """The mode as runs take it."""
@@ -80,8 +81,8 @@ class PhaseResponse(Result, eqx.Module):
     Attributes:
         t: (phases,) the phases, as times since `x[0]`; x: (phases, n) states there; mode: (phases,) indices.
         period: T.
-        response: (phases, n) Z = ∂θ/∂x, by how much time the motion is ahead for good after a small kick, per unit of it;
-            in a mode that is bound to a surface for kicks along the surface.
+        response: (phases, n) Z = ∂θ/∂x, by how much time the motion is ahead for good after a small kick, per unit of
+            it; in a mode that is bound to a surface for kicks along the surface.
         multipliers: (m,) Floquet multipliers but that of the phase and those that are 0, the largest first.
         isostables: (phases, n, m) I = ∂ψ/∂x, complex, scaled by I·v = 1 at x[0] with the eigenvector v, |v| = 1.
         orbit: the `Floquet` orbit.
@@ -297,7 +298,7 @@ def phase_response(
 
 
 def _responses(maps: list[np.ndarray], velocities: list[np.ndarray], period: float):
-    """Z (phases, n), I (phases, n, m) and the multipliers (m,) from the tangent maps of the pieces and the velocities."""
+    """Z (phases, n), I (phases, n, m) and the multipliers (m,) from the tangent maps of pieces and the velocities."""
     monodromy = np.linalg.multi_dot(maps[::-1]) if len(maps) > 1 else maps[0]
     values, left = np.linalg.eig(monodromy.T)
     own = int(np.argmin(np.abs(values - 1)))
