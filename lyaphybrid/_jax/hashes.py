@@ -6,15 +6,20 @@ from collections.abc import Callable, Mapping
 
 import jax
 import numpy as np
+from jax.extend.core import ClosedJaxpr
 
 from .jaxprs import constants
 
-__all__ = ["as_bytes", "hash_of_arrays", "hash_of_function"]
+__all__ = ["as_bytes", "hash_of_arrays", "hash_of_function", "hash_of_jaxpr"]
 
 
 def hash_of_function(function: Callable, *example) -> str:
     """Hash of a function's jaxpr and its constants."""
-    closed = jax.make_jaxpr(function)(*example)
+    return hash_of_jaxpr(jax.make_jaxpr(function)(*example))
+
+
+def hash_of_jaxpr(closed: ClosedJaxpr) -> str:
+    """Hash of a jaxpr and its constants."""
     digest = hashlib.sha256(re.sub(r"0x[0-9a-f]+", "", str(closed)).encode())  # without the addresses of functions
     for constant in constants(closed):
         digest.update(as_bytes(np.asarray(constant)))

@@ -5,14 +5,15 @@ import os
 import time
 import warnings
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import equinox as eqx
 import jax
 import numpy as np
+from jax.extend.core import ClosedJaxpr
 
 from .._arguments import parameters, require, require_values, whole
-from .._jax.hashes import hash_of_arrays, hash_of_function
+from .._jax.hashes import hash_of_arrays, hash_of_jaxpr
 from .._jax.jaxprs import needed
 from .._keywords import explains_keywords, user_level
 from .._version import __version__
@@ -20,7 +21,6 @@ from ..engine.host import devices
 from ..engine.host.lanes import LaneProgram, run_sequences
 from ..engine.host.reporting import reporter
 from ..errors import LyaphybridError, StoreFailedError, UserFunctionError
-from ..results.spectrum import Spectrum
 from ..statuses import STATUS
 from ..systems.validation import Call, check_signature, explained
 from .clusters import run_on
@@ -113,12 +113,29 @@ def function_of(run: Callable | Runnable, args: Any) -> tuple[Callable, Any]:
     return function, args
 
 
-def _shapes(named: "_Named", run: Callable, args: Any, row: Mapping[str, Any]) -> tuple[Any, Any]:
-    """What a run returns, and its named results, as shapes and types; an error names the line of the user's."""
+class _TracedRun(NamedTuple):
+    """The run of one point, traced once for all that has to be known of it before."""
+
+    jaxpr: ClosedJaxpr  # of (arrays of args, row); JAX sorts the row by name
+    shapes: dict[str, jax.ShapeDtypeStruct]  # of the named results
+    words: list[tuple[str, str, str]]  # system, method and unit of the spectra that it returns
+
+
+def _traced(named: "_Named", run: Callable, args: Any, row: Mapping[str, Any]) -> _TracedRun:
+    """Trace the run of one point; an error names the line of the user's."""
     call = Call("run", run, {"args": args, **{name: row[name] for name in EXTRAS if name in row}})
     check_signature(call)
+    arrays, fixed = eqx.partition(args, eqx.is_array_like)
+    words: list[tuple[str, str, str]] = []
+
+    def of_arrays(arrays, row):
+        returned, results = named.with_result(eqx.combine(arrays, fixed), row)
+        words[:] = [(one.about.system, one.about.method, one.unit) for one in spectra_in(returned)]
+        return results
+
     try:
-        return eqx.filter_eval_shape(named.with_result, args, row)
+        closed, shapes = jax.make_jaxpr(of_arrays, return_shape=True)(arrays, dict(row))
+        return _TracedRun(closed, shapes, words)
     except LyaphybridError:
         raise
     except UserFunctionError as error:  # of a function within the run: it is the one to be named
@@ -181,19 +198,17 @@ class Work:
         if chunk is not None:
             whole("chunk", chunk, least=1)
         named, row = _Named(PointRun.of(function, grid, args)), _first_values(grid)
-        returned, shapes = _shapes(named, function, args, row)
-        _warn_of_idle(named, args, row)
-        twice = sorted(set(shapes) & set(grid.coordinates()))
+        traced = _traced(named, function, args, row)
+        _warn_of_idle(traced.jaxpr, sorted(row))
+        twice = sorted(set(traced.shapes) & set(grid.coordinates()))
         require(not twice, f"The run returns {', '.join(twice)}, which is the name of an axis: give it another name.")
         variables = {
             name: np.full((grid.size, *one.shape), missing(np.dtype(one.dtype)), one.dtype)
-            for name, one in shapes.items()
+            for name, one in traced.shapes.items()
         }
         chunk = chunk or _chunk(grid.size)
-        hashes = _hashes(named, args, grid)
-        return Work(
-            named, args, grid, chunk, variables, np.zeros(grid.size, bool), *hashes, _about(run, spectra_in(returned))
-        )
+        hashes, about = _hashes(traced.jaxpr, args, grid), _about(run, traced.words)
+        return Work(named, args, grid, chunk, variables, np.zeros(grid.size, bool), *hashes, about)
 
     def pieces(self) -> list[np.ndarray]:
         """The indices of the points of each chunk."""
@@ -291,13 +306,10 @@ def _first_values(grid: SweepPlan) -> dict[str, Any]:
     return {path: values[0] for path, values in grid.rows(np.arange(1)).items()}
 
 
-def _warn_of_idle(named: _Named, args: Any, row: dict[str, Any]) -> None:
-    """Warn of axes that change nothing, because the run does not use the entries that they set."""
-    arrays, fixed = eqx.partition(args, eqx.is_array_like)
-    closed = jax.make_jaxpr(lambda row, arrays: named(eqx.combine(arrays, fixed), (), row)[1])(row, arrays)
-    used = needed(closed)
-    # The inputs of the jaxpr are the row's arrays first: JAX sorts the dictionary by name.
-    idle = [path for path, own in zip(sorted(row), closed.jaxpr.invars, strict=False) if own not in used]
+def _warn_of_idle(jaxpr: ClosedJaxpr, paths: list[str]) -> None:
+    """Warn of axes that change nothing, because the run does not use the entries that they set: the last inputs."""
+    used, own = needed(jaxpr), jaxpr.jaxpr.invars[-len(paths) :]
+    idle = [path for path, one in zip(paths, own, strict=True) if one not in used]
     if idle:
         warnings.warn(
             f"The run does not depend on {', '.join(idle)}: each point of that axis gives the same. Does run use the "
@@ -306,29 +318,25 @@ def _warn_of_idle(named: _Named, args: Any, row: dict[str, Any]) -> None:
         )
 
 
-def _hashes(named: _Named, args: Any, grid: SweepPlan) -> tuple[str, str]:
+def _hashes(jaxpr: ClosedJaxpr, args: Any, grid: SweepPlan) -> tuple[str, str]:
     """Two hashes: of the function with its args, and of these and the points."""
-    arrays, fixed = eqx.partition(args, eqx.is_array_like)
-
-    def of_arrays(arrays, row):
-        return named(eqx.combine(arrays, fixed), (), row)[1]
-
-    leaves = {f"args.{i}": np.asarray(leaf) for i, leaf in enumerate(jax.tree.leaves(arrays))}
-    function = hash_of_arrays(leaves, begun=hash_of_function(of_arrays, arrays, _first_values(grid)))
+    arrays = jax.tree.leaves(eqx.filter(args, eqx.is_array_like))
+    leaves = {f"args.{i}": np.asarray(leaf) for i, leaf in enumerate(arrays)}
+    function = hash_of_arrays(leaves, begun=hash_of_jaxpr(jaxpr))
     return function, hash_of_arrays({axis.path: raw(axis.values) for axis in grid.axes}, begun=function)
 
 
-def _about(run, spectra: list[Spectrum]) -> dict[str, str]:
+def _about(run, words: list[tuple[str, str, str]]) -> dict[str, str]:
     """What was run, in words, and the versions: attributes of the dataset."""
 
-    def each(words) -> str:
-        return "; ".join(dict.fromkeys(one for one in words if one))
+    def each(i: int) -> str:
+        return "; ".join(dict.fromkeys(one[i] for one in words if one[i]))
 
     return {
         "run": getattr(run, "name", None) or getattr(run, "__qualname__", type(run).__name__),
-        "system": each(one.about.system for one in spectra),
-        "method": each(one.about.method for one in spectra),
-        "unit": each(one.unit for one in spectra),
+        "system": each(0),
+        "method": each(1),
+        "unit": each(2),
         "lyaphybrid": __version__,
         "jax": jax.__version__,
         "notes": ", ".join(f"{1 << i}: {note}" for i, note in enumerate(NOTE_NAMES)),
