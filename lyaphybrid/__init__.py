@@ -7,6 +7,7 @@ changes no setting of JAX. For float64 call ``jax.config.update("jax_enable_x64"
 from . import zoo
 from ._renamed import name_of_before
 from ._version import __version__ as __version__
+from .analysis.basins import Basins, basins
 from .analysis.checking import Report, check
 from .analysis.comparisons import TwoTrajectories, two_trajectories
 from .analysis.continuation import Continuation, continuation
@@ -124,6 +125,7 @@ __all__ = [
     "return_map",
     "poincare_section",
     "bifurcation_diagram",
+    "basins",
     "explore",
     "Report",
     "Spectrum",
@@ -148,6 +150,7 @@ __all__ = [
     "Gradient",
     "PoincareSection",
     "BifurcationDiagram",
+    "Basins",
     "Explorer",
     "Solution",
     "Solutions",

@@ -1,15 +1,18 @@
 """Pictures of sections and bifurcation diagrams; public in `plots`."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .. import _renamed as renamed
 from ..statuses import OK, STATUS
-from .axes import COLOURS, Axes, Figures, axes_of, both_axes, component, ink, styled
+from .axes import COLOURS, Axes, Figures, axes_of, both_axes, colours, component, ink, styled
 
-__all__ = ["bifurcations", "diagram", "largest_exponent", "section"]
+if TYPE_CHECKING:
+    from ..analysis.basins import Basins
+
+__all__ = ["basins", "bifurcations", "diagram", "largest_exponent", "section"]
 
 # Later dots are drawn smaller, so that earlier ones below them stay visible.
 DOTS = {"random": (None, 2.4), "up": (COLOURS[0], 1.5), "down": (COLOURS[1], 0.7)}
@@ -213,3 +216,43 @@ class DiagramPlots(Figures):
     def largest_exponent(self, ax: Axes | None = None, **style: Any) -> Axes:
         """`plots.largest_exponent` of it."""
         return largest_exponent(self._result, ax, **style)
+
+
+def basins(found: "Basins", ax: Axes | None = None, **style: Any) -> Axes:
+    """The classes of starts over a grid of two components; what is no attractor is grey.
+
+    Args:
+        found: of `lh.basins`.
+        ax: matplotlib axes; None: those of a new figure.
+        **style: of the map, as matplotlib takes it.
+
+    Returns:
+        The axes.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> from matplotlib import pyplot
+        >>> wells = lh.Flow(lambda t, x, a: jnp.stack([x[1], x[0] - x[0] ** 3 - 0.5 * x[1]]))
+        >>> ax = lh.plots.basins(lh.basins(wells, [[-2.0, -1.0], [2.0, 1.0]], shape=(20, 10), t1=80.0))
+        >>> pyplot.close(ax.figure)
+    """
+    from matplotlib.colors import ListedColormap
+    from matplotlib.patches import Patch
+
+    ax = axes_of(ax)
+    (first, across), (second, up) = found.axes.items()
+    count, others = len(found.attractors), len(found.names) - len(found.attractors)
+    shades = [str(0.35 + 0.5 * i / max(1, others)) for i in range(others)]
+    paint = [*colours(count, ax), *shades]
+    look = {"cmap": ListedColormap(paint), "vmin": -0.5, "vmax": len(paint) - 0.5, "rasterized": True}
+    ax.pcolormesh(across, up, found.labels.T, **(look | style))
+    for attractor, colour in zip(found.attractors, paint, strict=False):
+        ax.plot(attractor.points[:, first], attractor.points[:, second], ".", color=ink(ax, 1.0), markersize=5)
+        ax.plot(attractor.points[:, first], attractor.points[:, second], ".", color=colour, markersize=2)
+    marks = [Patch(facecolor=colour, label=name) for name, colour in zip(found.names, paint, strict=True)]
+    ax.legend(handles=marks, fontsize="small", loc="upper right")
+    ax.set_xlim(across[0], across[-1])
+    ax.set_ylim(up[0], up[-1])
+    ax.set_xlabel(found.state_labels.axis(first))
+    ax.set_ylabel(found.state_labels.axis(second))
+    return ax

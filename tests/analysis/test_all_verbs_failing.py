@@ -101,6 +101,11 @@ def coupled(t, x, args):
     return jnp.concatenate([0 * x[:1], x[:1], 0 * x[2:]])
 
 
+def starts_of(system, x0, **more):
+    box = [[0.99 * x for x in x0], [1.01 * x + 0.01 for x in x0]]
+    return lh.basins(system, box, ARGS, starts=16, key=KEY, t1=T1, **more)
+
+
 def near_the_fold(system, x0):
     return lh.consistent_start(system, [-1.0, 0.0, 1.0], ARGS)
 
@@ -144,6 +149,7 @@ VERBS |= {
     "return_map": (HYBRIDS, returns),
     "poincare_section": (ALL, crossings),
     "bifurcation_diagram": (MAPS | HYBRIDS | CLOSED, diagram),
+    "basins": (ALL, starts_of),
     "consistent_start": (DAES, near_the_fold),
     "transverse_spectrum": (
         SMOOTH,
@@ -175,6 +181,8 @@ def the_motion_fails_in(result) -> bool:
         return not result.trust
     if hasattr(result, "data_vars"):
         return bool(np.all(result.status > 0) and np.all(np.isnan(result.exponents)))
+    if isinstance(result, lh.Basins):
+        return not result.attractors
     if isinstance(result, lh.BifurcationDiagram):
         return bool(np.all(np.asarray(result.status) > 0))
     return result.status.failed
@@ -201,7 +209,10 @@ def check(name: str, system, x0, verdicts: set, **more) -> None:
 
 def takes(name: str, how: str) -> bool:
     """Some verbs are not for constraints."""
-    system, unconstrained = FAILING[how][0], ("ofli2", "transverse_spectrum", "master_stability", "phase_response")
+    system, unconstrained = (
+        FAILING[how][0],
+        ("ofli2", "transverse_spectrum", "master_stability", "phase_response", "basins"),
+    )
     return isinstance(system, VERBS[name][0]) and not (isinstance(system, lh.DAE) and name in unconstrained)
 
 

@@ -74,7 +74,7 @@ TASKS = {
         "What repeats, and how it changes with a parameter.",
         (
             *("poincare_section", "PoincareSection", "return_map", "floquet", "Floquet", "continuation"),
-            *("phase_response", "PhaseResponse"),
+            *("phase_response", "PhaseResponse", "basins", "Basins"),
             *("Continuation", "bifurcation_diagram", "BifurcationDiagram"),
         ),
     ),

@@ -1,0 +1,313 @@
+"""`basins`: to which attractor each start of a grid, or of a random sample, leads."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from ... import plots
+from ..._arguments import Key, Progress, Real, integers, is_key, numbers, positive, require, require_values, whole
+from ..._keywords import explains_keywords
+from ..._text import Table, with_error
+from ...engine import preparation, problems
+from ...engine.host.lanes import map_lanes
+from ...integrators.base import Method
+from ...results.result import Data, Result, states_along
+from ...statuses import OK, STATUS
+from ...systems.daes.semi_linear import DAE
+from ...systems.event_driven import EventDriven
+from ...systems.hybrid import Hybrid
+from ...systems.kinds import iterates
+from ...systems.labels import Labels, labels_of
+from ...systems.smooth import Flow, Map
+from ..indicators.following import follow
+from . import measures
+from .recognition import Attractor, Metric, arrived, found_in
+
+__all__ = ["Basins", "basins"]
+
+LAST_SAMPLES = 3  # last samples of a run, all of which must be at an attractor
+PILOT_RUNS, PILOT_SAMPLES = 96, 400  # runs that show the attractors, and their samples
+LONGER_TRANSIENT = 4  # the transient of runs that had not arrived is so many times longer
+SAMPLES_PER_LENGTH = 64  # of the transient, where no period is given
+NO_CLASS = "undecided"
+ATTEMPTS_OF_START = 10_000_000
+
+
+class _Sampled(NamedTuple):
+    """The last samples of runs: states (m, samples, n), modes (m, samples) and statuses (m,)."""
+
+    points: np.ndarray
+    modes: np.ndarray
+    status: np.ndarray
+
+
+class _Lane(eqx.Module):
+    """One start: (shared, start) -> its last points, modes and status."""
+
+    transient: float = eqx.field(static=True)
+    gap: float = eqx.field(static=True)
+    samples: int = eqx.field(static=True)
+    max_steps: int = eqx.field(static=True)
+
+    def __call__(self, shared, x):
+        system, args, method, mode, t0 = shared
+        run = follow(
+            None, problems.point, system, x, args, k=0, t1=self.gap * self.samples, t0=t0, transient=self.transient,
+            times=None, blocks=self.samples, mode=mode, frame=None, method=method, max_steps=self.max_steps,
+            progress=None,
+        )  # fmt: skip
+        _, points, modes, _ = run.collected
+        return points, modes, run.status
+
+
+class Basins(Result, eqx.Module):
+    """Classes of starts: attractors, and whatever else runs end as.
+
+    Attributes:
+        labels: index of the class of each start, in the shape of the grid, or (m,).
+        names: of the classes: "attractor 0", … in the order of `attractors`, then names of statuses, then "undecided".
+        attractors: their points (p, n), modes (p,), and period in samples, 0 where points do not repeat.
+        shares: (classes,) parts of the starts; stderr: (classes,) of independent starts √(p (1 − p) / m).
+        starts: (m, n), as rows in the order of the labels.
+        axes: the varied components and their values, of a grid; empty for random starts.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> wells = lh.Flow(lambda t, x, a: jnp.stack([x[1], x[0] - x[0] ** 3 - 0.5 * x[1]]))
+        >>> found = lh.basins(wells, [[-2.0, -1.0], [2.0, 1.0]], shape=(20, 10), t1=80.0)
+        >>> found.names, found.shares.tolist()
+        (('attractor 0', 'attractor 1'), [0.5, 0.5])
+    """
+
+    labels: np.ndarray
+    names: tuple[str, ...] = eqx.field(static=True)
+    attractors: tuple[Attractor, ...]
+    starts: np.ndarray
+    axes: dict[int, np.ndarray]
+    state_labels: Labels = eqx.field(static=True)
+
+    @property
+    def shares(self) -> np.ndarray:
+        """(classes,) parts of the starts."""
+        return np.bincount(self.labels.ravel(), minlength=len(self.names)) / self.labels.size
+
+    @property
+    def stderr(self) -> np.ndarray:
+        """(classes,) standard errors of the shares, of independent random starts."""
+        return np.sqrt(self.shares * (1 - self.shares) / self.labels.size)
+
+    def entropy(self, size: int = 5) -> measures.Entropy:
+        """Basin entropies over boxes of `size` cells along each side, with standard errors; for grids.
+
+        A. Daza, A. Wagemakers, B. Georgeot, D. Guéry-Odelin & M. A. F. Sanjuán, Sci. Rep. 6 (2016) 31416,
+        doi:10.1038/srep31416.
+
+        Raises:
+            ValueError: for random starts; on a size that fits no two boxes along a side.
+        """
+        self._require_grid()
+        return measures.entropy(self.labels, size)
+
+    def boundary_dimension(self) -> measures.BoundaryDimension:
+        """The dimension of the boundaries in the space of the grid, with the standard error of the fit; for grids.
+
+        S. W. McDonald, C. Grebogi, E. Ott & J. A. Yorke, Physica D 17 (1985) 125, doi:10.1016/0167-2789(85)90001-6.
+
+        Raises:
+            ValueError: for random starts; for fewer than 64 cells along a side; where there is no boundary.
+        """
+        self._require_grid()
+        return measures.boundary_dimension(self.labels)
+
+    def plot(self, ax: plots.Axes | None = None, **style: Any) -> plots.Axes:
+        """The classes over a grid of two components. `style` goes to what it draws."""
+        self._require_grid()
+        require(len(self.axes) == 2, f"A picture needs a grid of two components; this one has {len(self.axes)}.")
+        return plots.basins(self, ax, **style)
+
+    def _require_grid(self) -> None:
+        require(bool(self.axes), "This needs starts on a grid, shape=…; these are random ones.")
+
+    def _table(self) -> Table:
+        rows = []
+        for i, (name, share, error) in enumerate(zip(self.names, self.shares, self.stderr, strict=True)):
+            what = ""
+            if i < len(self.attractors):
+                period = self.attractors[i].period
+                what = f"repeats after {period}" if period else "does not repeat"
+            rows.append((name, what, f"{share:.6g}" if self.axes else with_error(share, error)))
+        kind = "grid" if self.axes else "sample"
+        return Table(f"Basins: {self.labels.size} starts, a {kind}", rows, [], ("class", "samples", "share"))
+
+    def _data(self) -> Data:
+        along = [self.state_labels.name(i) for i in self.axes] or ["start"]
+        coordinates = {self.state_labels.name(i): values for i, values in self.axes.items()}
+        n = self.starts.shape[1]
+        variables = {
+            "label": (tuple(along), self.labels),
+            "share": ("class", self.shares),
+            "starts": (("start", "state"), self.starts) if not self.axes else None,
+        }
+        more = {} if self.axes else states_along(self.state_labels, n)
+        return Data(variables, {"class": list(self.names), **coordinates, **more})
+
+
+@explains_keywords
+def basins(
+    system: Flow | Map | Hybrid | EventDriven,
+    x0: Any,
+    args: Any = None,
+    *,
+    t1: Real,
+    shape: Any = None,
+    starts: int | None = None,
+    key: Key = None,
+    period: Real | None = None,
+    angles: Any = (),
+    t0: Real = 0.0,
+    mode: str | int | None = None,
+    method: Method | None = None,
+    max_steps: int = ATTEMPTS_OF_START,
+    progress: Progress = None,
+) -> Basins:
+    """Which attractor each start leads to.
+
+    Some runs from among the starts, followed for long, show the attractors: cycles, whose samples repeat, and sets of
+    points, for tori and chaos. Each start is then run for t1, and belongs to the attractor at which its last samples
+    are. Runs that have not arrived go on for four times as long; they may show attractors that were not seen before.
+    Runs that end otherwise (escape, accumulation, deadlock) are classes of their own, by their status.
+
+    Args:
+        system: an `lh.Flow`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
+        x0: (2, n) corners of the box of starts; components that are equal in both corners are not varied.
+        args: pytree of parameters.
+        t1: length of each run before samples count (iterations for a map).
+        shape: numbers of cells along the varied components: a grid of the cells' middles.
+        starts: number of random starts instead, drawn with `key`: shares then have standard errors.
+        key: a `jax.random.key`, for `starts`.
+        period: of the forcing: samples are one period apart, and t1 is made a multiple of it. None: for a map one
+            iteration, for any other system t1/64.
+        angles: components modulo 2π.
+        t0: time at the start.
+        mode: mode at the start, where there are several and the system does not determine it.
+        method: as for `lh.lyapunov_spectrum`.
+        max_steps: most attempts of a step in one run.
+        progress: True for a bar, or a function of the fraction done.
+
+    Returns:
+        A `Basins` with `.labels`, `.names`, `.attractors`, `.shares`, `.entropy()`, `.boundary_dimension()`, `.plot()`.
+
+    Raises:
+        ValueError: on arguments that do not fit.
+
+    Source:
+        P. J. Menck, J. Heitzig, N. Marwan & J. Kurths, How basin stability complements the linear-stability paradigm,
+        Nature Phys. 9 (2013) 89, doi:10.1038/nphys2516.
+
+    Example:
+        Newton's method for z³ = 1: three basins of one third each, by symmetry.
+
+        >>> import jax, jax.numpy as jnp, lyaphybrid as lh
+        >>> def newton(n, x, args):
+        ...     a, b = x
+        ...     c, d = (a**2 - b**2) / (a**2 + b**2) ** 2, -2 * a * b / (a**2 + b**2) ** 2  # 1/z²
+        ...     return jnp.stack([2 * a + c, 2 * b + d]) / 3
+        >>> found = lh.basins(lh.Map(newton), [[-1.0, -1.0], [1.0, 1.0]], starts=2000, key=jax.random.key(0), t1=60)
+        >>> len(found.attractors), bool(abs(found.shares - 1 / 3).max() < 5 * found.stderr.max())
+        (3, True)
+    """
+    require(not isinstance(system, DAE), "basins takes no lh.DAE: starts of a box are not on its constraints.")
+    require_values("basins", x0, args)
+    positive("t1, a length,", t1)
+    whole("max_steps", max_steps, least=1)
+    corners = np.asarray(numbers("x0", x0), float)
+    box = corners.ndim == 2 and corners.shape[0] == 2 and bool(np.all(np.isfinite(corners)))
+    require(box, f"x0 must be the two corners of a box of starts, (2, n); got shape {corners.shape}.")
+    n = corners.shape[1]
+    angles = integers("angles", angles, 0, n - 1)
+    if period is not None:
+        positive("period", period)
+    grid, axes = _starts(corners, shape, starts, key)
+    problem, first, _, mode = preparation.prepare(system, grid[0], args, t0, method, mode)
+    gap = float(period or (1.0 if iterates(system) else float(t1) / SAMPLES_PER_LENGTH))
+    transient = gap * np.ceil(float(t1) / gap - 1e-9)
+    shared = system, problem.args, method, mode, float(t0)
+
+    def run(rows, times: int, samples: int, report=None) -> _Sampled:
+        lane = _Lane(float(times * transient), gap, samples, max_steps)
+        (points, modes, status), done = map_lanes(lane, shared, np.asarray(rows, first.dtype), progress=report)
+        status = np.where(done, status, np.int32(STATUS.interrupted))
+        return _Sampled(points, modes, status)
+
+    labels, attractors, status = _classified(grid, run, angles, progress)
+    labels, names = _named(labels, status, len(attractors))
+    shape = tuple(len(values) for values in axes.values()) if axes else (len(grid),)
+    return Basins(labels.reshape(shape), names, tuple(attractors), grid, axes, labels_of(system, problem.shape))
+
+
+def _starts(corners, shape, starts, key):
+    """The starts (m, n), and of a grid the varied components with their values."""
+    require((shape is None) != (starts is None), f"Give one of shape=… and starts=…; got {shape!r} and {starts!r}.")
+    low, high = corners
+    varied = np.flatnonzero(low != high)
+    require(len(varied) > 0, f"The corners of the box must differ; got {corners.tolist()} twice.")
+    if starts is not None:
+        whole("starts", starts, least=1)
+        require(is_key(key), f"starts needs key=jax.random.key(seed), to draw them; got {key!r}.")
+        return low + (high - low) * np.asarray(jax.random.uniform(key, (starts, len(low)))), {}
+    counts = integers("shape", shape, 1, 10**9)
+    require(len(counts) == len(varied), f"shape must have one number for each of the {len(varied)} varied components.")
+    axes = {
+        int(i): low[i] + (high[i] - low[i]) * (np.arange(count) + 0.5) / count
+        for i, count in zip(varied, counts, strict=True)
+    }
+    mesh = np.meshgrid(*axes.values(), indexing="ij")
+    grid = np.tile(low, (mesh[0].size, 1))
+    for i, values in zip(axes, mesh, strict=True):
+        grid[:, i] = values.ravel()
+    return grid, axes
+
+
+def _classified(grid, run, angles, progress):
+    """Labels (m,) of all starts, −1 where undecided; the attractors; the statuses (m,)."""
+    pilots = np.random.default_rng(0).permutation(len(grid))[:PILOT_RUNS]
+    shown = run(grid[pilots], LONGER_TRANSIENT, PILOT_SAMPLES)
+    extent = np.ptp(grid, axis=0)
+    metric = Metric.of(_late(shown), extent, angles)
+    attractors = _seen(shown, metric, [])
+    last = run(grid, 1, LAST_SAMPLES, progress)
+    labels, status = arrived(last.points, last.modes, metric, attractors), last.status.copy()
+    for _ in range(2):
+        late = np.flatnonzero((labels < 0) & (status == OK))
+        if not len(late):
+            break
+        some = np.random.default_rng(1).permutation(late)[:PILOT_RUNS]
+        attractors = _seen(run(grid[some], 4 * LONGER_TRANSIENT, PILOT_SAMPLES), metric, attractors)
+        again = run(grid[late], LONGER_TRANSIENT, LAST_SAMPLES)
+        labels[late], status[late] = arrived(again.points, again.modes, metric, attractors), again.status
+    return np.where(status == OK, labels, -1), attractors, status
+
+
+def _late(shown: _Sampled) -> np.ndarray:
+    """The second half of the points of the runs that ended well."""
+    return shown.points[shown.status == OK, shown.points.shape[1] // 2 :]
+
+
+def _seen(shown: _Sampled, metric: Metric, known) -> list[Attractor]:
+    """The attractors that runs show beside those that are known."""
+    good = shown.status == OK
+    return found_in(shown.points[good], shown.modes[good], metric, known) if np.any(good) else known
+
+
+def _named(labels, status, count: int):
+    """Labels of attractors, then of the statuses that occur, then of what is undecided; and the names of all."""
+    names, labels = [f"attractor {i}" for i in range(count)], labels.copy()
+    for code in sorted({int(one) for one in status} - {OK}):
+        labels[status == code] = len(names)
+        names.append(STATUS(code).name)
+    if np.any(labels < 0):
+        labels[labels < 0] = len(names)
+        names.append(NO_CLASS)
+    return labels, tuple(names)

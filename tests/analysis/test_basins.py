@@ -1,0 +1,155 @@
+"""Basins: exact shares, symmetries, a Cantor set as boundary, chaos beside a cycle, runs that end otherwise."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import lyaphybrid as lh
+from lyaphybrid.analysis.basins import measures
+
+KEY = jax.random.key(0)
+WELLS = lh.Flow(lambda t, x, a: jnp.stack([x[1], x[0] - x[0] ** 3 - 0.5 * x[1]]), names=("x", "v"))
+
+
+def newton(n, x, args):
+    """Newton's method for z³ = 1, in real numbers: z − (z³ − 1) / 3z² = (2 z + 1/z²) / 3."""
+    a, b = x
+    square = (a * a + b * b) ** 2
+    return jnp.stack([(2 * a + (a * a - b * b) / square) / 3, (2 * b - 2 * a * b / square) / 3])
+
+
+def gap(n, x, args):
+    """A tent of slope 3: starts leave through its gap, by the left half to −1, by the right half to 2."""
+    inside = jnp.where(x < 1 / 3, 3 * x, jnp.where(x > 2 / 3, 3 - 3 * x, jnp.where(x < 0.5, -1.0, 2.0)))
+    return jnp.where(x < 0, -1.0, jnp.where(x > 1, 2.0, inside))
+
+
+def double_well(t, x, a):
+    return jnp.stack([x[1], x[0] - x[0] ** 3 - 0.15 * x[1] + 0.15 * jnp.cos(1.2 * t)])
+
+
+WALLED = lh.Hybrid(
+    double_well,
+    lh.Transition(lambda t, x, a: 1.25 - x[0], lambda t, x, a: jnp.stack([x[0], -0.8 * x[1]])),
+    names=("x", "v"),
+)
+
+
+def of_walled(method, shape=(14, 14)):
+    turn = 2 * np.pi / 1.2
+    return lh.basins(WALLED, [[-2.0, -2.0], [1.25, 2.0]], shape=shape, t1=40 * turn, period=turn, method=method)
+
+
+def test_two_wells_share_a_symmetric_box():
+    found = lh.basins(WELLS, [[-2.0, -1.0], [2.0, 1.0]], shape=(20, 10), t1=80.0)
+    assert found.shares.tolist() == [0.5, 0.5]
+    assert np.array_equal(found.labels, 1 - found.labels[::-1, ::-1])
+    assert sorted(round(float(one.points[0, 0]), 9) for one in found.attractors) == [-1.0, 1.0]
+
+
+def test_newton_s_basins_have_the_symmetries_of_the_roots():
+    box = [[-1.0, -1.0], [1.0, 1.0]]
+    found = lh.basins(lh.Map(newton), box, shape=(128, 128), t1=60)
+    right = found.labels[np.argmin(np.abs(found.axes[0] - 1)), 64]
+    mirrored = found.labels[:, ::-1]
+    assert np.array_equal(found.labels == right, mirrored == right)
+    assert len(found.attractors) == 3
+    of_some = lh.basins(lh.Map(newton), box, starts=3000, key=KEY, t1=60)
+    assert np.all(np.abs(of_some.shares - 1 / 3) < 5 * of_some.stderr)
+    assert_allclose(of_some.stderr, np.sqrt(of_some.shares * (1 - of_some.shares) / 3000))
+
+
+def test_a_boundary_is_a_cantor_set():
+    found = lh.basins(lh.Map(gap), [[0.0], [1.0]], shape=(2**13,), t1=60)
+    assert_allclose(found.shares, 0.5, atol=0.01)
+    dimension = found.boundary_dimension()
+    assert abs(dimension.dimension - np.log(2) / np.log(3)) < 0.03
+    assert dimension.stderr < 0.04
+
+
+def test_a_smooth_boundary_has_one_dimension_less():
+    found = lh.basins(WELLS, [[-1.0, -1.0], [1.0, 1.0]], shape=(128, 128), t1=80.0)
+    assert abs(found.boundary_dimension().dimension - 1) < 0.05
+
+
+@pytest.mark.slow
+def test_chaos_beside_a_cycle_and_a_rerun_at_tighter_tolerance():
+    loose = of_walled(lh.RungeKutta("dopri5", rtol=1e-7, atol=1e-9))
+    assert sorted(one.period > 0 for one in loose.attractors) == [False, True]
+    assert np.min(loose.shares[:2]) > 0.3
+    tight = of_walled(lh.RungeKutta("dopri5", rtol=1e-9, atol=1e-11))
+    assert np.mean(loose.labels != tight.labels) < 0.01  # starts within rounding of a fractal boundary
+    cycle = next(one for one in loose.attractors if one.period)
+    turn = 2 * np.pi / 1.2
+    orbit = lh.floquet(WALLED, cycle.points[0], period=turn * cycle.period)
+    assert_allclose(orbit.x0, cycle.points[0], rtol=0, atol=1e-4)
+
+
+def test_a_turning_pendulum_is_an_attractor_beside_rest():
+    pendulum = lh.Flow(lambda t, x, a: jnp.stack([x[1], 0.6 - jnp.sin(x[0]) - 0.3 * x[1]]), names=("angle", "speed"))
+    found = lh.basins(pendulum, [[-3.0, -4.0], [3.0, 4.0]], shape=(16, 16), t1=100.0, angles=[0])
+    assert sorted(one.period for one in found.attractors) == [0, 1]
+    turning = next(one for one in found.attractors if not one.period)
+    assert np.min(turning.points[:, 1]) > 0.5
+
+
+def test_runs_that_end_otherwise_are_classes_of_their_own():
+    ball = lh.Hybrid(
+        lambda t, x, a: jnp.stack([x[1], 0 * x[1] - 1.0]),
+        lh.Transition(lambda t, x, a: x[0], lambda t, x, a: jnp.stack([x[0], -0.5 * x[1]])),
+    )
+    assert lh.basins(ball, [[0.1, 0.0], [1.0, 0.1]], starts=20, key=KEY, t1=20.0).names == ("zeno",)
+    escaping = lh.basins(lh.Map(lambda n, x, a: x**2), [[0.0], [2.0]], shape=(64,), t1=40)
+    assert escaping.names == ("attractor 0", "nonfinite")
+    assert escaping.shares.tolist() == [0.5, 0.5]
+
+
+def test_slow_motions_are_undecided_and_later_found():
+    slow = lh.Flow(lambda t, x, a: -0.02 * x)
+    found = lh.basins(slow, [[-1.0], [1.0]], shape=(32,), t1=100.0)
+    assert found.names == ("attractor 0",)
+    assert found.shares.tolist() == [1.0]
+
+
+def test_entropies_of_boxes_in_closed_form():
+    labels = np.zeros((12, 12), int)
+    labels[:, 4:] = 1  # boxes of 3: columns 3 … 5 are mixed, one third and two thirds
+    found = measures.entropy(labels, 3)
+    mixed = -(np.log(1 / 3) + 2 * np.log(2 / 3)) / 3
+    assert_allclose(found.boundary, mixed, rtol=1e-12)
+    assert_allclose(found.all, mixed / 4, rtol=1e-12)
+    assert found.boundary_stderr < 1e-12
+
+
+def test_it_says_what_it_found():
+    found = of_walled(lh.RungeKutta("dopri5", rtol=1e-6, atol=1e-8), shape=(6, 6))
+    assert "does not repeat" in str(found)
+    data = found.to_xarray()
+    assert data.label.dims == ("x", "v")
+    assert_allclose(float(data.share.sum()), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: lh.basins(WELLS, [[0.0, 0.0], [1.0, 1.0]], t1=9.0), "Give one of shape"),
+        (lambda: lh.basins(WELLS, [0.0, 1.0], t1=9.0, shape=(3, 3)), "two corners"),
+        (lambda: lh.basins(WELLS, [[0.0, 0.0], [1.0, 1.0]], t1=9.0, shape=(3,)), "one number for each"),
+        (lambda: lh.basins(WELLS, [[0.0, 0.0], [1.0, 1.0]], t1=9.0, starts=10), "starts needs key"),
+        (lambda: lh.basins(WELLS, [[1.0, 1.0], [1.0, 1.0]], t1=9.0, shape=(3, 3)), "must differ"),
+        (lambda: lh.basins(WELLS, [[0.0, 0.0], [1.0, 1.0]], t1=9.0, shape=(3, 3), angles=[2]), "angles"),
+        (
+            lambda: lh.basins(WELLS, [[0.0, 0.0], [1.0, 1.0]], t1=40.0, starts=9, key=KEY).entropy(),
+            "needs starts on a grid",
+        ),
+        (
+            lambda: lh.basins(WELLS, [[0.5, 0.0], [1.0, 0.1]], t1=40.0, shape=(6, 6)).boundary_dimension(),
+            "at least 64 cells",
+        ),
+    ],
+)
+def test_what_cannot_be_is_refused(call, words):
+    with pytest.raises(ValueError, match=words):
+        call()
