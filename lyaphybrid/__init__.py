@@ -60,12 +60,13 @@ from .systems.consistency import consistent_start
 from .systems.contacts.filippov import filippov
 from .systems.contacts.rigid_contacts import impact
 from .systems.daes.semi_linear import DAE
+from .systems.ensembles.networks import coupled_network
+from .systems.ensembles.noise import frozen_noise
 from .systems.event_driven import EventDriven, Schedule
 from .systems.event_queue import EventQueue
 from .systems.hamiltonians import Hamiltonian, canonical_flow
 from .systems.hybrid import Hybrid, Transition
 from .systems.implicit_daes import implicit_dae
-from .systems.networks import coupled_network
 from .systems.smooth import Flow, Map
 
 __all__ = [
@@ -82,6 +83,7 @@ __all__ = [
     "canonical_flow",
     "impact",
     "coupled_network",
+    "frozen_noise",
     "RungeKutta",
     "Diffrax",
     "DiffraxEvents",

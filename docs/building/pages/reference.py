@@ -25,6 +25,7 @@ TASKS = {
         (
             *("Flow", "Map", "Hybrid", "Transition", "filippov", "impact", "EventDriven", "Schedule", "EventQueue"),
             *("Hamiltonian", "canonical_flow", "DAE", "implicit_dae", "consistent_start", "check", "Report"),
+            *("frozen_noise",),
         ),
     ),
     "methods": Task(

@@ -9,12 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._arguments import numbers, require
-from .bound import require_callable
-from .daes.semi_linear import Constrained
-from .event_driven import EventDriven
-from .hybrid import Hybrid, Transition
-from .smooth import Flow, Map
+from ..._arguments import numbers, require
+from ..bound import require_callable
+from ..daes.semi_linear import Constrained
+from ..event_driven import EventDriven
+from ..hybrid import Hybrid, Transition
+from ..smooth import Flow, Map
 
 __all__ = ["coupled_network"]
 

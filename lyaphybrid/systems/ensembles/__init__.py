@@ -1,0 +1,1 @@
+"""Many equal systems as one, and noise that is the same for all."""

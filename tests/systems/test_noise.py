@@ -1,0 +1,135 @@
+"""Frozen noise: exponents of random systems with closed forms, the same noise for all, derivatives at fixed noise."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.integrate import quad
+from scipy.special import digamma
+from scipy.stats import norm
+
+import lyaphybrid as lh
+
+RATE, EVERY = 0.7, 0.25
+
+
+def mean_of(function):
+    """The mean over a normal variable."""
+    return quad(lambda z: function(z) * norm.pdf(z), -12, 12, points=[-2.0], limit=400)[0]
+
+
+def lognormal(n, x, args):
+    return x * jnp.exp(0.3 + 0.8 * lh.frozen_noise(args["seed"], n))
+
+
+def matrices(n, x, args):
+    return lh.frozen_noise(args["seed"], n, (3, 3)) @ x
+
+
+def additive(n, x, args):
+    return 0.6 * x + lh.frozen_noise(args["seed"], n)
+
+
+def kicked(t, x, args):
+    return x * (1 + 0.5 * lh.frozen_noise(args["seed"], t / EVERY))
+
+
+def held(t, x, args):
+    """x' = u x, u a component that a clock sets anew."""
+    return jnp.stack([x[1] * x[0], 0 * x[1]])
+
+
+def set_anew(t, x, args):
+    return jnp.stack([x[0], 0.5 - lh.frozen_noise(args["seed"], t / EVERY, kind="exponential")])
+
+
+def bent(n, x, args):
+    """A random tent map, its peak at a uniform place: λ = ⟨−p ln p − (1 − p) ln(1 − p)⟩ = 1/2."""
+    peak = lh.frozen_noise(args["seed"], n, kind="uniform")
+    return jnp.where(x < peak, x / peak, (1 - x) / (1 - peak))
+
+
+CLOSED = {
+    "lognormal factors": (lh.Map(lognormal), [0.0], [0.3], {"t1": 40_000}),
+    "Gaussian matrices": (
+        lh.Map(matrices),
+        [0.0, 0.0, 0.0],  # a linear map: perturbations of rest
+        [0.5 * (np.log(2) + digamma(m / 2)) for m in (3, 2, 1)],
+        {"t1": 40_000, "transient": 100},
+    ),
+    "additive noise": (lh.Map(additive), [0.0], [np.log(0.6)], {"t1": 1000}),
+    "random kicks": (
+        lh.Hybrid(lambda t, x, args: -RATE * x, lh.Transition(every=EVERY, reset=kicked)),
+        [1.0],
+        [-RATE + mean_of(lambda z: np.log(abs(1 + 0.5 * z))) / EVERY],
+        {"t1": 5000.0},
+    ),
+    "a rate that is held": (
+        lh.Hybrid(held, lh.Transition(every=EVERY, reset=set_anew)),
+        [1.0, 0.0],
+        [-0.5],
+        {"t1": 5000.0, "frame": [[1.0], [0.0]]},
+    ),
+    "random tents": (lh.Map(bent), [0.3], [0.5], {"t1": 40_000}),
+}
+
+
+@pytest.mark.parametrize("name", CLOSED)
+def test_exponents_of_random_systems(name):
+    """Within three standard errors of what is known; where nothing is random but the state, exactly."""
+    system, x0, exact, how = CLOSED[name]
+    found = lh.lyapunov_spectrum(system, x0, {"seed": 1}, **how)
+    least = 1e-9 if name == "additive noise" else 0.0
+    assert np.all(np.abs(found.exponents - np.array(exact)) < 3 * np.asarray(found.stderr) + least), (found, exact)
+
+
+def test_all_starts_see_the_same_noise():
+    """A stable random map: all starts end on one trajectory, another for another seed."""
+    run = lambda x, seed: lh.trajectory(lh.Map(additive), [x], {"seed": seed}, t1=200, n=1).x[-1, 0]  # noqa: E731
+    assert_allclose(run(3.0, 1), run(-2.0, 1), rtol=0, atol=1e-12)
+    assert abs(run(3.0, 1) - run(3.0, 2)) > 1e-3
+
+
+def test_a_driven_neuron_is_reliable():
+    """A leaky neuron with a random current: a negative exponent, and spikes at the same times from different starts."""
+
+    def current(t, x, args):
+        return jnp.stack([x[0], 1.2 + 0.8 * lh.frozen_noise(args["seed"], t / EVERY)])
+
+    neuron = lh.Hybrid(
+        lambda t, x, args: jnp.stack([x[1] - x[0], 0 * x[1]]),
+        [
+            lh.Transition(lambda t, x, args: 1.0 - x[0], lambda t, x, args: jnp.stack([0 * x[0], x[1]])),
+            lh.Transition(every=EVERY, reset=current),
+        ],
+    )
+    found = lh.lyapunov_spectrum(neuron, [0.2, 1.2], {"seed": 1}, t1=2000.0, frame=[[1.0], [0.0]])
+    assert found.exponents[0] < -5 * found.stderr[0]
+    late = []
+    for start in (0.1, 0.9):
+        events = lh.trajectory(neuron, [start, 1.2], {"seed": 1}, t1=200.0, n=1).events
+        spikes = np.asarray(events.t)[np.asarray(events.transition) == 0]
+        late.append(spikes[spikes > 150])
+    assert_allclose(late[0], late[1], rtol=0, atol=1e-8)
+
+
+def test_derivatives_are_at_fixed_noise():
+    def end(strength):
+        rule = lambda n, x, args: 0.5 * x + args * lh.frozen_noise(7, n)  # noqa: E731
+        return lh.trajectory(lh.Map(rule), [0.0], strength, t1=30, n=1).x[-1, 0]
+
+    assert_allclose(jax.jacfwd(end)(jnp.asarray(0.3)), end(1.0), rtol=1e-12)  # linear in the strength
+
+
+def test_numbers_are_those_of_their_count():
+    counts = jnp.asarray([0.0, 1.0, 2.0**32, 2.0**32 + 1, -1.0, 2.0**50])
+    values = [float(lh.frozen_noise(3, count)) for count in counts]
+    assert len(set(values)) == len(values)
+    assert float(lh.frozen_noise(3, 4.0 + 1e-9)) == float(lh.frozen_noise(3, 4.0 - 1e-9))
+    many = np.asarray(jax.vmap(lambda n: lh.frozen_noise(3, n))(jnp.arange(20_000.0)))
+    assert abs(np.mean(many)) < 4 / 20_000**0.5
+    assert abs(np.std(many) - 1) < 0.03
+    assert abs(np.mean(many[1:] * many[:-1])) < 4 / 20_000**0.5
+    with pytest.raises(ValueError, match="kind must be one of"):
+        lh.frozen_noise(3, 1.0, kind="white")
