@@ -62,7 +62,7 @@ def run(entry, x0, method, seconds):
         if more < 0.2 * reached:
             break
         piece = time.process_time()
-        longer = found.resume((reached + more) * turn, throw=False, max_steps=MAX_STEPS)
+        longer = found.resume((reached + more) * turn, throw=False, max_steps=int(MAX_STEPS * max(1.0, seconds)))
         rate, reached = (time.process_time() - piece) / more, reached + more
         if longer.status.name != "ok":
             return found, longer.status.name
