@@ -160,6 +160,8 @@ def spectrum_of(name, seconds):
     weights = [1 / np.square(row["stderr"]) for row in rows]
     value = sum(w * row["exponents"] for w, row in zip(weights, rows, strict=True)) / sum(weights)
     error = 1 / np.sqrt(sum(weights))
+    order = np.argsort(-value)  # two that are nearly equal may have changed places
+    value, error = value[order], error[order]
     others = [] if entry.conservative else other_starts(entry, value, error, one.x, 0.2 * seconds)
     kind = kind_of(value, error, entry)
     for row in rows:

@@ -127,8 +127,8 @@ def test_it_says_what_it_found():
     found = of_walled(lh.RungeKutta("dopri5", rtol=1e-6, atol=1e-8), shape=(6, 6))
     assert "does not repeat" in str(found)
     data = found.to_xarray()
-    assert data.label.dims == ("x", "v")
-    assert_allclose(float(data.share.sum()), 1.0)
+    assert data.labels.dims == ("x", "v")
+    assert_allclose(float(data.shares.sum()), 1.0)
 
 
 @pytest.mark.parametrize(

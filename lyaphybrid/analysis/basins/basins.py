@@ -146,8 +146,8 @@ class Basins(Result, eqx.Module):
         coordinates = {self.state_labels.name(i): values for i, values in self.axes.items()}
         n = self.starts.shape[1]
         variables = {
-            "label": (tuple(along), self.labels),
-            "share": ("class", self.shares),
+            "labels": (tuple(along), self.labels),
+            "shares": ("class", self.shares),
             "starts": (("start", "state"), self.starts) if not self.axes else None,
         }
         more = {} if self.axes else states_along(self.state_labels, n)

@@ -105,7 +105,7 @@ class MasterStability(RunResult, eqx.Module):
         chosen = np.unique(np.linspace(0, len(at) - 1, STRENGTHS_SHOWN).astype(int))
         values, errors = np.asarray(self.exponents), np.asarray(self.stderr)
         rows = [(f"{at[i]:.6g}", *map(with_error, values[i], errors[i])) for i in chosen]
-        notes = [f"stable at {int(np.sum(self.stable))} of {len(at)}", verdicts(self.status_code)]
+        notes = [f"stable at {int(np.sum(self.stable))} of {len(at)}", f"status {self.status}"]
         heads = ("α", *(f"λ{i + 1}" for i in range(k)))
         return Table(f"Master stability function per {self.unit}", rows, notes, heads)
 
