@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from ..diagrams.attractors import period, turns_of
 
@@ -103,7 +102,7 @@ def arrived(points: np.ndarray, modes: np.ndarray, metric: Metric, attractors: S
 
 def _distances(attractor: Attractor, points, modes, metric: Metric) -> np.ndarray:
     """Distances (…) of points (…, n) from the attractor's, relative to the scale; infinite for what is not finite."""
-    tree = KDTree(metric.placed(attractor.points, attractor.modes))
+    tree = _tree(metric.placed(attractor.points, attractor.modes))
     placed = metric.placed(points, modes)
     finite = np.all(np.isfinite(placed), axis=-1)
     found = np.full(placed.shape[:-1], np.inf)
@@ -111,9 +110,16 @@ def _distances(attractor: Attractor, points, modes, metric: Metric) -> np.ndarra
     return found
 
 
+def _tree(placed):
+    """The points as a tree for searches."""
+    from scipy.spatial import KDTree  # a quarter of a second, for this alone
+
+    return KDTree(placed)
+
+
 def _spacing(placed) -> float:
     """How far points lie from their nearest neighbours, all but a few of them."""
-    return float(np.quantile(KDTree(placed).query(placed, k=2)[0][:, 1], NEIGHBOURS_QUANTILE))
+    return float(np.quantile(_tree(placed).query(placed, k=2)[0][:, 1], NEIGHBOURS_QUANTILE))
 
 
 def _told_apart(attractors: list[Attractor], metric: Metric) -> list[Attractor]:
