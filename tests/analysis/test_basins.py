@@ -123,6 +123,7 @@ def test_entropies_of_boxes_in_closed_form():
     assert found.boundary_stderr < 1e-12
 
 
+@pytest.mark.slow
 def test_it_says_what_it_found():
     found = of_walled(lh.RungeKutta("dopri5", rtol=1e-6, atol=1e-8), shape=(6, 6))
     assert "does not repeat" in str(found)

@@ -85,7 +85,7 @@ def test_maps_coupled_through_themselves_gain_ln_of_one_plus_alpha(alpha):
     assert_allclose(found.exponents[0], alone.exponents + np.log(abs(1 + alpha)), rtol=0, atol=1e-11)
 
 
-@pytest.mark.parametrize("alpha", [-0.7, 0.4 + 0.9j, -1.5 - 0.2j])
+@pytest.mark.parametrize("alpha", [-0.7, 0.4 + 0.9j, pytest.param(-1.5 - 0.2j, marks=pytest.mark.slow)])
 def test_a_linear_flow_has_the_eigenvalues_of_its_matrix_with_the_coupling(alpha):
     a, h = np.array([[0.1, -1.0], [1.2, -0.4]]), np.array([[0.5, 0.2], [0.0, 1.0]])
     node, couple = lh.Flow(lambda t, x, args: jnp.asarray(a) @ x), lambda t, x, args: jnp.asarray(h) @ x
@@ -178,6 +178,7 @@ CRITICAL = {
 }
 
 
+@pytest.mark.slow_cases("impacts")
 @pytest.mark.parametrize("name", CRITICAL)
 def test_the_critical_strength_is_that_of_the_whole_network(name):
     """Where the largest exponent of finite runs across the common motion of a ring of four is zero."""
@@ -240,6 +241,7 @@ def both_sides(signs):
     return field
 
 
+@pytest.mark.slow
 def test_two_coupled_relays_that_slide_move_apart_as_the_mode_says():
     """Two Filippov systems, each in one of three modes, pushed a little apart: a difference of whole motions."""
     alpha, end, push = -0.5, 9.0, 1e-6

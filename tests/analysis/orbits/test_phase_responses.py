@@ -104,6 +104,7 @@ def test_a_neuron_in_closed_form():
     assert_allclose(found.finite([0.1])[early], exact[early], rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow_cases("Glass", "stick-slip", "walker")
 @pytest.mark.parametrize("name", CYCLES)
 def test_the_flow_leads_ahead_by_its_time(name):
     found = found_of(name)
@@ -114,6 +115,7 @@ def test_the_flow_leads_ahead_by_its_time(name):
         assert np.max(np.abs(along)) < 1e-6 * np.max(np.abs(found.isostables)) * np.max(np.abs(velocities))
 
 
+@pytest.mark.slow_cases("Glass", "stick-slip", "walker", "relay")
 @pytest.mark.parametrize("name", CYCLES)
 def test_small_kicks_of_whole_motions_agree(name):
     """Differences of fourth order, at phases from which no kick crosses a guard or leaves a surface."""
@@ -138,6 +140,7 @@ def test_small_kicks_of_whole_motions_agree(name):
             assert abs(slope - found.response[k, i]) < 1e-8 * scale, (name, k, i, slope, found.response[k, i])
 
 
+@pytest.mark.slow
 def test_two_weakly_coupled_oscillators_lock_where_predicted():
     """Two impact oscillators, coupled through their positions: the whole motion ends at a predicted difference."""
     system, x0, args, how = CYCLES["impact"]
