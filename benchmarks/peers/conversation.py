@@ -46,7 +46,8 @@ class Conversation:
         line = self._process.stdout.readline()
         if not line:
             self._errors.seek(0)
-            last = (self._errors.read().strip().splitlines() or ["without a word"])[-1]
+            said = [line for line in self._errors.read().splitlines() if any(map(str.isalpha, line))]
+            last = said[-1] if said else "without a word"
             raise FailedError(f"ended: {last}")
         return json.loads(line)
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..diagrams.attractors import period, turns_of
+from ..diagrams.attractors import at_rest, period, turns_of
 
 __all__ = ["Attractor", "Metric", "arrived", "found_in"]
 
@@ -74,7 +74,7 @@ def found_in(points: np.ndarray, modes: np.ndarray, metric: Metric, known: Seque
     """The known attractors, and those that the late points (runs, samples, n) of other runs show."""
     attractors = list(known)
     turns = turns_of(points.shape[-1], metric.angles)
-    repeats = period(np, points, turns, metric.scale, CYCLE_REPEATS)
+    repeats = at_rest(points, turns, metric.scale, period(np, points, turns, metric.scale, CYCLE_REPEATS))
     for i in np.argsort(repeats == 0, kind="stable"):  # cycles first: runs that still converge to one are on it
         half = points.shape[1] // 2
         late, mode, p = points[i, half:], modes[i, half:], int(repeats[i])

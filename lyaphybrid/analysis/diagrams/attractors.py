@@ -4,7 +4,7 @@ import numpy as np
 
 from ...statuses import OK, STATUS
 
-__all__ = ["labels", "lifetime", "turns_of"]
+__all__ = ["at_rest", "labels", "lifetime", "period", "turns_of"]
 
 LONGEST_PERIOD = 24  # longest period that is recognised
 REPEATS = 1e-5  # points this near, relative to the range of each component, are equal
@@ -95,7 +95,7 @@ def labels(points, angles, status, exponents, stderr, lengths) -> np.ndarray:
     rows = points.reshape(-1, points.shape[-1])
     rows = rows[np.all(np.isfinite(rows), axis=1)]
     scale = _ranges(np, rows, turns) if len(rows) else np.ones_like(turns)
-    p = _at_rest(points, turns, scale, period(np, points, turns, scale, REPEATS))
+    p = at_rest(points, turns, scale, period(np, points, turns, scale, REPEATS))
     chaotic = (exponents > CHAOS_ERRORS * stderr) & (exponents * lengths > CHAOS_GROWTH)
     found = np.where(chaotic, "chaos", "aperiodic/slow").astype(object)
     for i in np.argwhere(p > 0):
@@ -107,7 +107,7 @@ def labels(points, angles, status, exponents, stderr, lengths) -> np.ndarray:
     return found
 
 
-def _at_rest(points, turns, scale, p):
+def at_rest(points, turns, scale, p):
     """The period; 0 if the motion may still converge to a cycle of a shorter period with a multiplier near −1.
 
     Then x_{j+2q} = x_j holds nearly, long before x_{j+q} = x_j does.

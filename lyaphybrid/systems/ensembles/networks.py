@@ -44,7 +44,7 @@ class _Coupled(eqx.Module):
 
 
 class _EachNode(eqx.Module):
-    """A guard, a condition or a flow set of all nodes: (N m,)."""
+    """A guard or a condition of all nodes: (N m,)."""
 
     function: Callable
     matrix: Float[Array, "N N"]
