@@ -20,6 +20,8 @@ import numpy as np
 import optimistix
 
 SOLVER = diffrax.Dopri5()
+# At coarse tolerances Newton's steps on the dense output may not end: then bisection.
+NEWTON, BISECTION = optimistix.Newton(1e-12, 1e-12), optimistix.Bisection(1e-12, 1e-12)
 
 
 class Options(NamedTuple):
@@ -28,6 +30,7 @@ class Options(NamedTuple):
     rtol: float = 1e-9
     atol: float = 1e-12
     dt0: float = 1e-3
+    root_finder: optimistix.AbstractRootFinder = NEWTON
     orthonormalise: bool = True
     segments_per_call: int = 256
 
@@ -129,7 +132,7 @@ def _fly(functions, solver, options: Options, args, base, x, columns, end):
         (x, columns),
         args,
         stepsize_controller=diffrax.PIDController(options.rtol, options.atol),
-        event=diffrax.Event(condition, optimistix.Newton(1e-12, 1e-12), direction=False),
+        event=diffrax.Event(condition, options.root_finder, direction=False),
         adjoint=diffrax.ForwardMode(),
         max_steps=None,
     )

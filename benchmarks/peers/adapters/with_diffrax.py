@@ -24,7 +24,7 @@ def impact(workload: Workload) -> Bound:
         return reset * x
 
     def run(rtol, length):
-        options = second.Options(rtol, 1e-2 * rtol)
+        options = second.Options(rtol, 1e-2 * rtol, root_finder=second.BISECTION)
         system = field, gap, rebound, workload.start, workload.p
         return second.diffrax_spectrum(*system, t1=length, columns=workload.frame, options=options).exponents
 
