@@ -15,16 +15,23 @@ from .hamiltonian.lattices import klein_gordon, schroedinger_lattice
 from .hamiltonian.oscillators import fpu_alpha, fpu_beta, hamiltonian_3d, henon_heiles
 from .mappings.coupled_maps import coupled_standard_maps, froeschle_map
 from .mappings.maps import baker_map, cat_map, henon_map, kaplan_yorke_map, logistic_map, standard_map
+from .mappings.restitution import cardiac_alternans
+from .mechanics.brakes import abs_brake
 from .mechanics.friction import block_on_plate, friction_pendulum, relay_feedback, stick_slip_belt
+from .mechanics.hoppers import slip_runner, vertical_hopper
 from .mechanics.impacts import bouncing_ball, impact_oscillator, kicked_ball, zaslavsky
+from .mechanics.kicked import escapement_clock, kicked_rotor, moving_wall_billiard, paddle_juggler
 from .mechanics.rattling import gear_rattle, rocking_block
 from .mechanics.walkers import rimless_wheel, simplest_walker
 from .problem import Problem, Reference, get, unknown
 from .published.table import flow, flow_names
 from .switched.circuits import boost_converter, buck_converter, chua, corron_oscillator
+from .switched.gene_networks import glass_network
 from .switched.neurons import adex, integrate_and_fire
+from .switched.phase_locked import charge_pump_pll
 from .switched.piecewise import beta_clock, conewise_linear, grow_reset, skew_tent_roof
 from .switched.sparse_networks import sparse_network
+from .switched.spiking import izhikevich
 
 __all__ = [
     "Problem",
@@ -44,6 +51,7 @@ __all__ = [
     "standard_map",
     "baker_map",
     "kaplan_yorke_map",
+    "cardiac_alternans",
     "froeschle_map",
     "coupled_standard_maps",
     # smooth flows
@@ -68,6 +76,12 @@ __all__ = [
     "integrate_and_fire",
     "sparse_network",
     "adex",
+    "izhikevich",
+    "glass_network",
+    "kicked_rotor",
+    "escapement_clock",
+    "paddle_juggler",
+    "moving_wall_billiard",
     "conewise_linear",
     "beta_clock",
     "skew_tent_roof",
@@ -77,11 +91,13 @@ __all__ = [
     "block_on_plate",
     "stick_slip_belt",
     "relay_feedback",
+    "abs_brake",
     # circuits
     "chua",
     "buck_converter",
     "boost_converter",
     "corron_oscillator",
+    "charge_pump_pll",
     # differential–algebraic systems
     "spring_damper_dae",
     "rotated_dae",
@@ -92,9 +108,11 @@ __all__ = [
     # impacts on both sides
     "rocking_block",
     "gear_rattle",
-    # walkers
+    # walkers, runners
     "rimless_wheel",
     "simplest_walker",
+    "vertical_hopper",
+    "slip_runner",
     # event-driven: the next event is known exactly
     "hard_disks",
     "hard_spheres",

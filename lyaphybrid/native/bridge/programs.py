@@ -25,7 +25,6 @@ from .compiled import Compiled
 ENGINE_VARIABLE = "LYAPHYBRID_ENGINE"
 _ENGINES = ("auto", "native", "xla")
 _MOST_APART = 0.2  # largest part of the code in branches that lanes do not share: beyond, lanes wait too often
-_SURELY = 2  # safety factor on it for the estimate from the jaxpr, which is made before lowering
 ONE_WAY = (
     "A second derivative of a run is a forward derivative of a forward one; a reverse derivative is among those asked "
     "for. In place of jax.hessian(f), jax.grad(jax.grad(f)) or the like take jax.jacfwd(jax.jacfwd(f))."
@@ -182,7 +181,7 @@ class Program:
         if ("in lanes", last) not in self._derived:
             wide = [place >= len(self.closed.in_avals) - last for place in range(len(self.closed.in_avals))]
             try:
-                if apart(self.closed.jaxpr) > _SURELY * _MOST_APART:  # decided without lowering, which takes long
+                if apart(self.closed.jaxpr) > _MOST_APART:  # decided without lowering, which takes long
                     raise UnsupportedError("lanes that part often")
                 lanes = doubles_in_a_vector()
                 code = Compiled(self.closed, lanes=lanes, wide=wide, most_apart=_MOST_APART, in_pieces=True)

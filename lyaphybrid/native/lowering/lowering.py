@@ -88,6 +88,9 @@ class Lowering(Values):
         waiting: dict[Any, Lazy] = {}  # successive arrays that come to lie in memory, with rare cases
 
         def hold(variable, value):
+            if isinstance(value, np.ndarray):  # entries, which most values are
+                held[variable] = value
+                return
             if isinstance(value, Lazy) and variable in uses.apart and not value.cheap:
                 if value.has_rare_cases:
                     waiting[variable] = value
@@ -98,7 +101,8 @@ class Lowering(Values):
                 source.holders += 1
 
         def release(variable):
-            if (source := source_of(held.pop(variable))) is not None:
+            value = held.pop(variable)
+            if not isinstance(value, np.ndarray) and (source := source_of(value)) is not None:
                 source.holders -= 1
 
         def read(atom):
@@ -154,6 +158,8 @@ class Lowering(Values):
     def _entry_by_entry(self, function: Callable, eqn, operands: list[Value]) -> Value:
         result, dtypes = eqn.outvars[0].aval, [atom.aval.dtype for atom in eqn.invars]
         llvm_type(result.dtype)
+        if not result.shape and all(isinstance(value, np.ndarray) and not value.shape for value in operands):
+            return scalar(function(self, eqn, dtypes, *(value.item() for value in operands)))  # most often
         if any(len(value.shape) not in (0, len(result.shape)) for value in operands):  # numbers as the bits of others
             raise UnsupportedError(f"{eqn.primitive.name} that changes the number of axes")
         if any(isinstance(value, RowVectors) for value in operands):
@@ -168,9 +174,13 @@ class Lowering(Values):
             return RowVectors(vectors, result.shape, result.dtype)
         if self.is_small(result.shape):
             arrays = [self.entries(v) for v in operands]
-            if not result.shape:
-                return scalar(function(self, eqn, dtypes, *(array.item() for array in arrays)))
-            columns = [flat(a if a.shape == result.shape else np.broadcast_to(a, result.shape)) for a in arrays]
+            n = size(result.shape)
+            columns = [
+                flat(a) if a.shape == result.shape
+                else [a.item()] * n if not a.shape
+                else flat(np.broadcast_to(a, result.shape))
+                for a in arrays
+            ]  # fmt: skip
             return filled(result.shape, [function(self, eqn, dtypes, *each) for each in zip(*columns, strict=True)])
         readable = [
             self.readable(v, d, often=size(v.shape) < size(result.shape)) for v, d in zip(operands, dtypes, strict=True)
