@@ -85,7 +85,9 @@ def test_maps_coupled_through_themselves_gain_ln_of_one_plus_alpha(alpha):
     assert_allclose(found.exponents[0], alone.exponents + np.log(abs(1 + alpha)), rtol=0, atol=1e-11)
 
 
-@pytest.mark.parametrize("alpha", [-0.7, 0.4 + 0.9j, pytest.param(-1.5 - 0.2j, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "alpha", [-0.7, pytest.param(0.4 + 0.9j, marks=pytest.mark.slow), pytest.param(-1.5 - 0.2j, marks=pytest.mark.slow)]
+)
 def test_a_linear_flow_has_the_eigenvalues_of_its_matrix_with_the_coupling(alpha):
     a, h = np.array([[0.1, -1.0], [1.2, -0.4]]), np.array([[0.5, 0.2], [0.0, 1.0]])
     node, couple = lh.Flow(lambda t, x, args: jnp.asarray(a) @ x), lambda t, x, args: jnp.asarray(h) @ x
@@ -105,6 +107,7 @@ def test_a_coupling_through_the_resets_of_clocks_has_the_eigenvalues_of_the_cycl
     assert_allclose(per_cycle.largest[0], largest, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_linear_response_has_its_own_eigenvalues():
     a = np.array([[0.0, 1.0, 0.5], [-1.0, 0.0, 0.0], [0.3, 0.4, -0.6]])
     found = lh.transverse_spectrum(lh.Flow(lambda t, x, a: a @ x), [1.0, 0, 0], jnp.asarray(a), response=[2], t1=20.0)
@@ -120,6 +123,7 @@ def test_lorenz_driven_by_x_or_by_y():
     assert_allclose(by_y.exponents, [-8 / 3, -10.0], rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_driven_impact_oscillator_has_the_exponents_of_the_driven_part():
     """The drive, a harmonic oscillator, does not feel the impacts: the response is a forced oscillator."""
 
@@ -152,6 +156,9 @@ def test_a_driven_impact_oscillator_has_the_exponents_of_the_driven_part():
     ],
     ids=["map", "flow", "impacts", "neurons", "clocks"],
 )
+@pytest.mark.slow_cases(
+    *(f"matrix{i}-vector{i}-{g}-{one}" for i, g in ((0, -4.0), (1, -2.0)) for one in ("impacts", "neurons"))
+)
 @pytest.mark.parametrize(("matrix", "vector", "gamma"), [(RING, [1.0, -1, 1, -1], -4.0), (RING, [1.0, 0, -1, 0], -2.0)])
 def test_a_mode_is_a_block_of_the_network(node, coupling, x0, args, more, matrix, vector, gamma):
     how = {"blocks": 4, "every": 1, **more}
@@ -161,6 +168,7 @@ def test_a_mode_is_a_block_of_the_network(node, coupling, x0, args, more, matrix
     assert_allclose(block.exponents[0], whole, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_complex_mode_is_a_block_of_a_directed_ring():
     values, vectors = np.linalg.eig(CYCLE)
     one = np.flatnonzero(values.imag > 0.1)[0]
@@ -304,6 +312,7 @@ def test_two_coupled_relays_that_slide_move_apart_as_the_mode_says():
 # --- derivatives, sweeps -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_derivative_by_a_parameter_is_that_of_differences():
     def largest(force):
         args = IMPACTS | {"force": force}
@@ -315,6 +324,7 @@ def test_a_derivative_by_a_parameter_is_that_of_differences():
     assert_allclose(slope, (largest(1.0 + h) - largest(1.0 - h)) / (2 * h), rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_the_strength_has_a_derivative():
     def largest(alpha):
         return lh.master_stability(lh.Map(logistic), logistic, [0.3], 3.9, at=alpha, t1=50, blocks=4).exponents[0, 0]
@@ -322,6 +332,7 @@ def test_the_strength_has_a_derivative():
     assert_allclose(jax.grad(largest)(jnp.asarray(-0.3)), 1 / 0.7, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_conditional_exponents_are_swept():
     def run(args):
         how = {"response": [0, 2], "t1": 5.0, "transient": 5.0}

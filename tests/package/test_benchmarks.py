@@ -62,7 +62,7 @@ def test_both_sides_of_the_friction_pendulum_agree(adaptive):
     np.testing.assert_allclose(found.exponents, other.exponents, rtol=0, atol=1e-7)
 
 
-@pytest.mark.slow_cases("True")
+@pytest.mark.slow
 @pytest.mark.parametrize("continuous", [False, True])
 def test_both_sides_of_the_spring_damper_agree(continuous):
     method = lh.HalfExplicit(rtol=problems.SPRING_TOL)

@@ -91,6 +91,7 @@ def next_apex(y, energy, k, angle):
     return end[1] + end[3] ** 2 / 2, down + run.t[-1] + end[3]
 
 
+@pytest.mark.slow
 def test_the_runner_by_scipy():
     problem = zoo.slip_runner()
     energy, y = float(problem.x0[2] ** 2 / 2 + problem.x0[1]), 0.95

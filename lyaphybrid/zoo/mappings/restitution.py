@@ -9,7 +9,7 @@ from ..problem import Problem, Real, Reference, exact, positive, problem, requir
 
 __all__ = ["cardiac_alternans"]
 
-REPEATS, MOST_BEATS = 1e-13, 100_000
+SAME_BEAT, MOST_BEATS = 1e-13, 100_000
 
 
 def _beat(n, x, args):
@@ -81,7 +81,7 @@ def _alternation(a: float, period, longest, loss, recovery, refractory) -> Refer
     for _ in range(MOST_BEATS):
         first, slope = beat(a)
         second, other = beat(first)
-        if abs(second - a) < REPEATS * longest:
+        if abs(second - a) < SAME_BEAT * longest:
             rate = math.log(slope * other) / 2
             what = "equal beats" if abs(first - a) < 1e-9 * longest else "long and short beats in turn"
             return exact(rate, source=what, clock="jumps") if rate < 0 else None

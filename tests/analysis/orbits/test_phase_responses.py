@@ -104,7 +104,7 @@ def test_a_neuron_in_closed_form():
     assert_allclose(found.finite([0.1])[early], exact[early], rtol=0, atol=1e-9)
 
 
-@pytest.mark.slow_cases("Glass", "stick-slip", "walker")
+@pytest.mark.slow_cases("Glass", "stick-slip", "walker", "relay", "impact")
 @pytest.mark.parametrize("name", CYCLES)
 def test_the_flow_leads_ahead_by_its_time(name):
     found = found_of(name)
