@@ -158,8 +158,10 @@ class Lowering(Values):
     def _entry_by_entry(self, function: Callable, eqn, operands: list[Value]) -> Value:
         result, dtypes = eqn.outvars[0].aval, [atom.aval.dtype for atom in eqn.invars]
         llvm_type(result.dtype)
-        if not result.shape and all(isinstance(value, np.ndarray) and not value.shape for value in operands):
-            return scalar(function(self, eqn, dtypes, *(value.item() for value in operands)))  # most often
+        if not result.shape:  # most often
+            numbers = [value.item() for value in operands if isinstance(value, np.ndarray) and not value.shape]
+            if len(numbers) == len(operands):
+                return scalar(function(self, eqn, dtypes, *numbers))
         if any(len(value.shape) not in (0, len(result.shape)) for value in operands):  # numbers as the bits of others
             raise UnsupportedError(f"{eqn.primitive.name} that changes the number of axes")
         if any(isinstance(value, RowVectors) for value in operands):
