@@ -85,7 +85,7 @@ def long_enough(worker: Conversation, peer: str, setting: int, length: float) ->
     """The length, or ten or a hundred times as much where a run is shorter than `ENOUGH`; and the seconds of a run."""
     for longer in (1, 10, 100):
         if PEERS[peer].by_length:
-            worker.ask(setting=setting, length=longer * length, repeated=PEERS[peer].repeated if longer == 1 else 0.0)
+            worker.ask(setting=setting, length=longer * length, repeated=PEERS[peer].repeated)
         seconds = worker.ask(setting=setting, length=longer * length)["seconds"]
         if seconds >= ENOUGH:
             break
