@@ -55,13 +55,14 @@ from .results.solution_sets import Solution, Solutions
 from .results.spectrum import Spectrum
 from .results.time_domains import TimeDomain
 from .statuses import STATUS
-from .sweeps import refine, sweep
+from .sweeps import FTLEField, ftle_field, refine, sweep
 from .systems.consistency import consistent_start
 from .systems.contacts.filippov import filippov
 from .systems.contacts.rigid_contacts import impact
 from .systems.daes.semi_linear import DAE
 from .systems.ensembles.networks import coupled_network
 from .systems.ensembles.noise import frozen_noise
+from .systems.ensembles.white_noise import white_noise
 from .systems.event_driven import EventDriven, Schedule
 from .systems.event_queue import EventQueue
 from .systems.hamiltonians import Hamiltonian, canonical_flow
@@ -84,6 +85,7 @@ __all__ = [
     "impact",
     "coupled_network",
     "frozen_noise",
+    "white_noise",
     "RungeKutta",
     "Diffrax",
     "DiffraxEvents",
@@ -123,6 +125,7 @@ __all__ = [
     "lyapunov_gradient",
     "sweep",
     "refine",
+    "ftle_field",
     "solutions",
     "return_map",
     "poincare_section",
@@ -153,6 +156,7 @@ __all__ = [
     "PoincareSection",
     "BifurcationDiagram",
     "Basins",
+    "FTLEField",
     "Explorer",
     "Solution",
     "Solutions",

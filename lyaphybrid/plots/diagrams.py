@@ -11,8 +11,9 @@ from .axes import COLOURS, Axes, Figures, axes_of, both_axes, colours, component
 
 if TYPE_CHECKING:
     from ..analysis.basins import Basins
+    from ..sweeps import FTLEField
 
-__all__ = ["basins", "bifurcations", "diagram", "largest_exponent", "section"]
+__all__ = ["basins", "bifurcations", "diagram", "ftle_field", "largest_exponent", "section"]
 
 # Later dots are drawn smaller, so that earlier ones below them stay visible.
 DOTS = {"random": (None, 2.4), "up": (COLOURS[0], 1.5), "down": (COLOURS[1], 0.7)}
@@ -253,6 +254,37 @@ def basins(found: "Basins", ax: Axes | None = None, **style: Any) -> Axes:
     ax.legend(handles=marks, fontsize="small", loc="upper right")
     ax.set_xlim(across[0], across[-1])
     ax.set_ylim(up[0], up[-1])
+    ax.set_xlabel(found.state_labels.axis(first))
+    ax.set_ylabel(found.state_labels.axis(second))
+    return ax
+
+
+def ftle_field(found: "FTLEField", ax: Axes | None = None, exponent: int = 1, **style: Any) -> Axes:
+    """A finite-time exponent over a grid of two components, with a colour bar; where a run failed the axes show.
+
+    Args:
+        found: of `lh.ftle_field`.
+        ax: matplotlib axes; None: those of a new figure.
+        exponent: which one, from 1, the largest.
+        **style: of the map, as matplotlib takes it.
+
+    Returns:
+        The axes.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> from matplotlib import pyplot
+        >>> pendulum = lh.Flow(lambda t, x, a: jnp.stack([x[1], -jnp.sin(x[0])]), names=("θ", "ω"))
+        >>> ax = lh.plots.ftle_field(lh.ftle_field(pendulum, [[-3.0, -2.0], [3.0, 2.0]], t1=5.0, shape=(12, 8)))
+        >>> ax.get_xlabel(), ax.get_ylabel()
+        ('θ', 'ω')
+        >>> pyplot.close(ax.figure)
+    """
+    ax = axes_of(ax)
+    (first, across), (second, up) = found.axes.items()
+    values = found.exponents[..., component("exponent", exponent - 1, found.exponents.shape[-1])]
+    mesh = ax.pcolormesh(across, up, values.T, **({"cmap": "viridis", "rasterized": True} | style))
+    ax.figure.colorbar(mesh, ax=ax, label=f"finite-time exponent $\\lambda_{exponent}$, t$_1$ = {found.t1:g}")
     ax.set_xlabel(found.state_labels.axis(first))
     ax.set_ylabel(found.state_labels.axis(second))
     return ax

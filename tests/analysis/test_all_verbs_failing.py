@@ -106,6 +106,11 @@ def starts_of(system, x0, **more):
     return lh.basins(system, box, ARGS, starts=16, key=KEY, t1=T1, **more)
 
 
+def field_of(system, x0, **more):
+    box = [[0.99 * x for x in x0], [1.01 * x + 0.01 for x in x0]]
+    return lh.ftle_field(system, box, ARGS, shape=[2] * len(x0), t1=T1, **more)
+
+
 def near_the_fold(system, x0):
     return lh.consistent_start(system, [-1.0, 0.0, 1.0], ARGS)
 
@@ -150,6 +155,7 @@ VERBS |= {
     "poincare_section": (ALL, crossings),
     "bifurcation_diagram": (MAPS | HYBRIDS | CLOSED, diagram),
     "basins": (ALL, starts_of),
+    "ftle_field": (ALL, field_of),
     "consistent_start": (DAES, near_the_fold),
     "transverse_spectrum": (
         SMOOTH,
@@ -169,7 +175,7 @@ REPORTING = {"check", "explore"}  # say what they found, and raise nothing
 
 def test_no_verb_is_forgotten():
     known = {name.partition(",")[0] for name in VERBS} | OF_A_POINT | REPORTING
-    makers = {"filippov", "impact", "implicit_dae", "canonical_flow", "coupled_network", "frozen_noise"}
+    makers = {"filippov", "impact", "implicit_dae", "canonical_flow", "coupled_network", "frozen_noise", "white_noise"}
     assert known == FUNCTIONS.keys() - makers, "a verb that needs more than a length has its call in VERBS"
 
 
@@ -211,7 +217,7 @@ def takes(name: str, how: str) -> bool:
     """Some verbs are not for constraints."""
     system, unconstrained = (
         FAILING[how][0],
-        ("ofli2", "transverse_spectrum", "master_stability", "phase_response", "basins"),
+        ("ofli2", "transverse_spectrum", "master_stability", "phase_response", "basins", "ftle_field"),
     )
     return isinstance(system, VERBS[name][0]) and not (isinstance(system, lh.DAE) and name in unconstrained)
 

@@ -25,7 +25,7 @@ TASKS = {
         (
             *("Flow", "Map", "Hybrid", "Transition", "filippov", "impact", "EventDriven", "Schedule", "EventQueue"),
             *("Hamiltonian", "canonical_flow", "DAE", "implicit_dae", "consistent_start", "check", "Report"),
-            *("frozen_noise",),
+            *("frozen_noise", "white_noise"),
         ),
     ),
     "methods": Task(
@@ -84,7 +84,11 @@ TASKS = {
         "How exponents change with parameters, and which parameters give the exponents that are wanted.",
         ("lyapunov_gradient", "Gradient", "design", "Design"),
     ),
-    "sweeps": Task("Sweeps", "Many parameters, many starts, on all cores or a cluster.", ("sweep", "refine")),
+    "sweeps": Task(
+        "Sweeps",
+        "Many parameters, many starts, on all cores or a cluster; fields of finite-time exponents over starts.",
+        ("sweep", "refine", "ftle_field", "FTLEField"),
+    ),
     "errors": Task(
         "Status and errors",
         "How a run ended is data, an `lh.STATUS`; the verbs raise where ``throw=True``. The meanings of all statuses "

@@ -7,7 +7,7 @@ import jax
 import numpy as np
 
 from ... import plots
-from ..._arguments import Key, Progress, Real, integers, is_key, numbers, positive, require, require_values, whole
+from ..._arguments import Key, Progress, Real, integers, is_key, positive, require, require_values, whole
 from ..._keywords import explains_keywords
 from ..._text import Table, with_error
 from ...engine import preparation, problems
@@ -21,6 +21,7 @@ from ...systems.hybrid import Hybrid
 from ...systems.kinds import iterates
 from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
+from ..grids import box_of, grid_of
 from ..indicators.following import follow
 from . import measures
 from .recognition import Attractor, Metric, arrived, found_in
@@ -222,11 +223,8 @@ def basins(
     require_values("basins", x0, args)
     positive("t1, a length,", t1)
     whole("max_steps", max_steps, least=1)
-    corners = np.asarray(numbers("x0", x0), float)
-    box = corners.ndim == 2 and corners.shape[0] == 2 and bool(np.all(np.isfinite(corners)))
-    require(box, f"x0 must be the two corners of a box of starts, (2, n); got shape {corners.shape}.")
-    n = corners.shape[1]
-    angles = integers("angles", angles, 0, n - 1)
+    corners = box_of(x0)
+    angles = integers("angles", angles, 0, corners.shape[1] - 1)
     if period is not None:
         positive("period", period)
     grid, axes = _starts(corners, shape, starts, key)
@@ -250,24 +248,12 @@ def basins(
 def _starts(corners, shape, starts, key):
     """The starts (m, n), and of a grid the varied components with their values."""
     require((shape is None) != (starts is None), f"Give one of shape=… and starts=…; got {shape!r} and {starts!r}.")
-    low, high = corners
-    varied = np.flatnonzero(low != high)
-    require(len(varied) > 0, f"The corners of the box must differ; got {corners.tolist()} twice.")
     if starts is not None:
         whole("starts", starts, least=1)
         require(is_key(key), f"starts needs key=jax.random.key(seed), to draw them; got {key!r}.")
+        low, high = corners
         return low + (high - low) * np.asarray(jax.random.uniform(key, (starts, len(low)))), {}
-    counts = integers("shape", shape, 1, 10**9)
-    require(len(counts) == len(varied), f"shape must have one number for each of the {len(varied)} varied components.")
-    axes = {
-        int(i): low[i] + (high[i] - low[i]) * (np.arange(count) + 0.5) / count
-        for i, count in zip(varied, counts, strict=True)
-    }
-    mesh = np.meshgrid(*axes.values(), indexing="ij")
-    grid = np.tile(low, (mesh[0].size, 1))
-    for i, values in zip(axes, mesh, strict=True):
-        grid[:, i] = values.ravel()
-    return grid, axes
+    return grid_of(corners, shape)
 
 
 def _classified(grid, run, angles, progress):
