@@ -7,7 +7,7 @@ changes no setting of JAX. For float64 call ``jax.config.update("jax_enable_x64"
 from . import zoo
 from ._renamed import name_of_before
 from ._version import __version__ as __version__
-from .analysis.basins import Basins, basins
+from .analysis.basins import Basins, EdgeState, basins, edge_state
 from .analysis.checking import Report, check
 from .analysis.comparisons import TwoTrajectories, two_trajectories
 from .analysis.continuation import Continuation, continuation
@@ -131,6 +131,7 @@ __all__ = [
     "poincare_section",
     "bifurcation_diagram",
     "basins",
+    "edge_state",
     "explore",
     "Report",
     "Spectrum",
@@ -156,6 +157,7 @@ __all__ = [
     "PoincareSection",
     "BifurcationDiagram",
     "Basins",
+    "EdgeState",
     "FTLEField",
     "Explorer",
     "Solution",

@@ -75,7 +75,7 @@ TASKS = {
         "What repeats, and how it changes with a parameter.",
         (
             *("poincare_section", "PoincareSection", "return_map", "floquet", "Floquet", "continuation"),
-            *("phase_response", "PhaseResponse", "basins", "Basins"),
+            *("phase_response", "PhaseResponse", "basins", "Basins", "edge_state", "EdgeState"),
             *("Continuation", "bifurcation_diagram", "BifurcationDiagram"),
         ),
     ),

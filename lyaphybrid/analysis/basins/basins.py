@@ -44,7 +44,7 @@ class _Sampled(NamedTuple):
     status: np.ndarray
 
 
-class _Lane(eqx.Module):
+class Lane(eqx.Module):
     """One start: (shared, start) -> its last points, modes and status."""
 
     transient: float = eqx.field(static=True)
@@ -73,6 +73,7 @@ class Basins(Result, eqx.Module):
         shares: (classes,) parts of the starts; stderr: (classes,) of independent starts √(p (1 − p) / m).
         starts: (m, n), as rows in the order of the labels.
         axes: the varied components and their values, of a grid; empty for random starts.
+        metric: the scale of each component in which distances from attractors are measured.
 
     Example:
         >>> import jax.numpy as jnp, lyaphybrid as lh
@@ -87,6 +88,7 @@ class Basins(Result, eqx.Module):
     attractors: tuple[Attractor, ...]
     starts: np.ndarray
     axes: dict[int, np.ndarray]
+    metric: Metric
     state_labels: Labels = eqx.field(static=True)
 
     @property
@@ -234,15 +236,15 @@ def basins(
     shared = system, problem.args, method, mode, float(t0)
 
     def run(rows, times: int, samples: int, report=None) -> _Sampled:
-        lane = _Lane(float(times * transient), gap, samples, max_steps)
+        lane = Lane(float(times * transient), gap, samples, max_steps)
         (points, modes, status), done = map_lanes(lane, shared, np.asarray(rows, first.dtype), progress=report)
         status = np.where(done, status, np.int32(STATUS.interrupted))
         return _Sampled(points, modes, status)
 
-    labels, attractors, status = _classified(grid, run, angles, progress)
+    labels, attractors, status, metric = _classified(grid, run, angles, progress)
     labels, names = _named(labels, status, len(attractors))
     shape = tuple(len(values) for values in axes.values()) if axes else (len(grid),)
-    return Basins(labels.reshape(shape), names, tuple(attractors), grid, axes, labels_of(system, problem.shape))
+    return Basins(labels.reshape(shape), names, tuple(attractors), grid, axes, metric, labels_of(system, problem.shape))
 
 
 def _starts(corners, shape, starts, key):
@@ -257,7 +259,7 @@ def _starts(corners, shape, starts, key):
 
 
 def _classified(grid, run, angles, progress):
-    """Labels (m,) of all starts, −1 where undecided; the attractors; the statuses (m,)."""
+    """Labels (m,) of all starts, −1 where undecided; the attractors; the statuses (m,); the metric."""
     pilots = np.random.default_rng(0).permutation(len(grid))[:PILOT_RUNS]
     shown = run(grid[pilots], LONGER_TRANSIENT, PILOT_SAMPLES)
     extent = np.ptp(grid, axis=0)
@@ -273,7 +275,7 @@ def _classified(grid, run, angles, progress):
         attractors = _seen(run(grid[some], 4 * LONGER_TRANSIENT, PILOT_SAMPLES), metric, attractors)
         again = run(grid[late], LONGER_TRANSIENT, LAST_SAMPLES)
         labels[late], status[late] = arrived(again.points, again.modes, metric, attractors), again.status
-    return np.where(status == OK, labels, -1), attractors, status
+    return np.where(status == OK, labels, -1), attractors, status, metric
 
 
 def _late(shown: _Sampled) -> np.ndarray:

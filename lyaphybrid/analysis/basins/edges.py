@@ -1,0 +1,223 @@
+"""`edge_state`: the motion on the boundary between two basins, to which neither side leads."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import numpy as np
+
+from ..._arguments import Real, positive, require, require_values, whole
+from ..._keywords import explains_keywords
+from ..._text import Table, with_error
+from ...engine import preparation
+from ...engine.host.lanes import map_lanes
+from ...integrators.base import Method
+from ...results.result import Data, Result, states_along
+from ...statuses import OK
+from ...systems.event_driven import EventDriven
+from ...systems.hybrid import Hybrid
+from ...systems.kinds import iterates
+from ...systems.labels import Labels, labels_of
+from ...systems.smooth import Flow, Map
+from .basins import ATTEMPTS_OF_START, LAST_SAMPLES, SAMPLES_PER_LENGTH, Basins, Lane
+from .recognition import arrived
+
+__all__ = ["EdgeState", "edge_state"]
+
+BETWEEN = 15  # starts between two that are told apart at once
+NARROW, WIDE = 1e-9, 1e-4  # distances of the pair, relative to the scale of the attractors
+AT_ONCE = 16  # samples of the pair in one run
+
+
+class EdgeState(Result, eqx.Module):
+    """A motion on the boundary between two basins.
+
+    Attributes:
+        t: (m,) times; x: (m, n) states on the boundary, to about a ten-thousandth of the extent of the attractors.
+        modes: (m,) indices.
+        rate: at which two motions on both sides part: the largest exponent of the motion on the boundary.
+        stderr: its standard error, of the several times that they parted; nan of one.
+        rounds: how often the pair was brought together again.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> wells = lh.Flow(lambda t, x, a: jnp.stack([x[1], x[0] - x[0] ** 3 - 0.5 * x[1]]))
+        >>> found = lh.basins(wells, [[-2.0, -1.0], [2.0, 1.0]], shape=(20, 10), t1=80.0)
+        >>> edge = lh.edge_state(wells, found, t1=60.0, settle=80.0)
+        >>> bool(abs(edge.x[-1]).max() < 1e-3)  # the saddle between the wells
+        True
+    """
+
+    t: np.ndarray
+    x: np.ndarray
+    modes: np.ndarray
+    rate: float
+    stderr: float
+    rounds: int
+    state_labels: Labels = eqx.field(static=True)
+
+    def _table(self) -> Table:
+        names = [self.state_labels.name(i) for i in range(self.x.shape[1])]
+        rows = [(f"{t:.6g}", *(f"{value:.6g}" for value in x)) for t, x in zip(self.t[-4:], self.x[-4:], strict=True)]
+        rate = f"{self.rate:.6g}" if np.isnan(self.stderr) else with_error(self.rate, self.stderr)
+        said = [f"motions on both sides part at the rate {rate}, seen {self.rounds} times"]
+        return Table(f"Edge state: {len(self.t)} points, the last of them", rows, said, ("t", *names))
+
+    def _data(self) -> Data:
+        variables = {"x": (("t", "state"), self.x), "modes": ("t", self.modes)}
+        more = {"rate": self.rate, "stderr": self.stderr, "rounds": self.rounds}
+        return Data(variables, {"t": self.t, **states_along(self.state_labels, self.x.shape[1])}, more)
+
+
+class _Pair(NamedTuple):
+    """Two motions at one time and in one mode, one on each side."""
+
+    t: float
+    mode: Any
+    x: np.ndarray  # (2, n)
+
+
+@explains_keywords
+def edge_state(
+    system: Flow | Map | Hybrid | EventDriven,
+    found: Basins,
+    args: Any = None,
+    *,
+    t1: Real,
+    settle: Real,
+    between: tuple[int, int] = (0, 1),
+    period: Real | None = None,
+    t0: Real = 0.0,
+    mode: str | int | None = None,
+    method: Method | None = None,
+    max_steps: int = ATTEMPTS_OF_START,
+) -> EdgeState:
+    """Follow the boundary between two basins to what attracts on it: a saddle, an unstable cycle, a chaotic saddle.
+
+    Two starts, one in each basin, are brought together by bisection, and both are followed until they have parted; then
+    they are brought together again, where they are then. What is between them stays near the boundary.
+
+    Args:
+        system: as in `basins`.
+        found: what `basins` found of it, with the same args and period.
+        args: pytree of parameters.
+        t1: length of the motion on the boundary.
+        settle: time within which a start beside the boundary arrives at its attractor; longer than that in `basins`.
+        between: the two attractors, by their numbers.
+        period: of the forcing, as in `basins`; None: for a map one iteration, else settle/64.
+        t0: time at the start, as in `basins`.
+        mode: mode at the start, as in `basins`.
+        method: as for `lh.lyapunov_spectrum`.
+        max_steps: most attempts of a step in one run.
+
+    Returns:
+        An `EdgeState` with `.t`, `.x`, `.modes`, `.rate`. Where it repeats, `lh.floquet` finds the orbit from its end.
+
+    Raises:
+        ValueError: on arguments that do not fit; where there is no boundary between these two basins alone.
+
+    Source:
+        J. D. Skufca, J. A. Yorke & B. Eckhardt, Edge of chaos in a parallel shear flow, Phys. Rev. Lett. 96 (2006)
+        174101, doi:10.1103/PhysRevLett.96.174101.
+
+    Example:
+        x → 2x − x³ has the fixed points ±1, and between them 0 with the exponent ln 2.
+
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> cubic = lh.Map(lambda n, x, a: 2 * x - x**3)
+        >>> edge = lh.edge_state(cubic, lh.basins(cubic, [[-1.3], [1.2]], shape=(50,), t1=100), t1=100, settle=200)
+        >>> bool(abs(edge.rate - jnp.log(2.0)) < 1e-6)
+        True
+    """
+    require_values("edge_state", args, t0)
+    require(isinstance(found, Basins), f"found must be a Basins, of lh.basins; got {found!r}.")
+    for name, value in (("t1, a length,", t1), ("settle, a length,", settle)):
+        positive(name, value)
+    if period is not None:
+        positive("period", period)
+    whole("max_steps", max_steps, least=1)
+    count = len(found.attractors)
+    apart = len(between) == 2 and all(0 <= one < count for one in between) and between[0] != between[1]
+    require(apart, f"between must be the numbers of two of the {count} attractors; got {between!r}.")
+    start = _nearest(found, *between)
+    problem, first, t0, mode = preparation.prepare(system, start[0], args, t0, method, mode)
+    gap = float(period or (1.0 if iterates(system) else float(settle) / SAMPLES_PER_LENGTH))
+    transient = gap * float(np.ceil(float(settle) / gap - 1e-9))
+
+    def run(t: float, mode, rows, before: float, samples: int):
+        shared = system, problem.args, method, mode, np.asarray(t, first.dtype)
+        lane = Lane(before, gap, samples, max_steps)
+        (points, modes, status), done = map_lanes(lane, shared, np.asarray(rows, first.dtype))
+        return points, modes, np.where(done, status, -1)
+
+    def classes(t: float, mode, rows) -> np.ndarray:
+        points, modes, status = run(t, mode, rows, transient, LAST_SAMPLES)
+        return np.where(status == OK, arrived(points, modes, found.metric, found.attractors), -1)
+
+    path, rates = [], []
+    pair = _Pair(float(t0), mode, start)
+    while not path or path[-1][0] < float(t0) + float(t1):
+        pair = _together(pair, between, classes, found.metric)
+        path.append((pair.t, np.mean(pair.x, axis=0), pair.mode))
+        pair, on_the_way, rate = _parted(pair, run, gap, found.metric)
+        path += on_the_way
+        rates.append(rate)
+    length = sum(time for _, time in rates)
+    each = np.array([grown / time for grown, time in rates])
+    stderr = float(np.std(each, ddof=1) / len(each) ** 0.5) if len(each) > 1 else np.nan
+    t, x, modes = zip(*path, strict=True)
+    modes = np.array([0 if mode is None else int(mode) for mode in modes], np.int32)
+    rate = float(sum(grown for grown, _ in rates) / length)
+    return EdgeState(np.array(t), np.array(x), modes, rate, stderr, len(rates), labels_of(system, problem.shape))
+
+
+def _nearest(found: Basins, i: int, j: int) -> np.ndarray:
+    """The nearest two starts (2, n) that lead to these attractors."""
+    from scipy.spatial import KDTree
+
+    labels, places = found.labels.ravel(), found.starts / found.metric.scale
+    one, other = np.flatnonzero(labels == i), np.flatnonzero(labels == j)
+    for attractor, starts in ((i, one), (j, other)):
+        require(len(starts) > 0, f"No start leads to attractor {attractor}: there is nothing to begin with.")
+    distance, nearest = KDTree(places[other]).query(places[one])
+    closest = int(np.argmin(distance))
+    return found.starts[[one[closest], other[nearest[closest]]]]
+
+
+def _distance(x: np.ndarray, metric) -> Any:
+    """Between the two rows of (2, …, n), relative to the scale."""
+    return np.sqrt(np.sum(((x[1] - x[0]) / metric.scale) ** 2, axis=-1))
+
+
+def _together(pair: _Pair, between: tuple[int, int], classes: Callable, metric) -> _Pair:
+    """The pair, brought together along the line between them."""
+    a, b = pair.x
+    parts = np.linspace(0.0, 1.0, BETWEEN + 2)[:, None]
+    while _distance(np.stack([a, b]), metric) > NARROW:
+        line = a + parts * (b - a)
+        labels = np.array([between[0], *classes(pair.t, pair.mode, line[1:-1]), between[1]])
+        changes = np.flatnonzero((labels[:-1] == between[0]) & (labels[1:] == between[1]))
+        require(
+            len(changes) > 0,
+            f"Between attractors {between[0]} and {between[1]} lies something else at t = {pair.t:g}: a third basin, "
+            "or motions that have not arrived after `settle`. Take a longer one, or two other attractors.",
+        )
+        a, b = line[changes[-1]], line[changes[-1] + 1]
+    return pair._replace(x=np.stack([a, b]))
+
+
+def _parted(pair: _Pair, run: Callable, gap: float, metric) -> tuple[_Pair, list, tuple[float, float]]:
+    """The pair after it has parted; the points between them on the way; by how much they parted (ln), in what time."""
+    first, begun, path = float(_distance(pair.x, metric)), pair.t, []
+    while True:
+        points, modes, _ = run(pair.t, pair.mode, pair.x, 0.0, AT_ONCE)
+        apart = _distance(points, metric)
+        alike = (modes[0] == modes[1]) & np.isfinite(apart)  # else one has jumped, the other is just about to
+        require(bool(np.any(alike)), f"No two motions at the boundary are in one mode from t = {pair.t:g} on.")
+        for k in np.flatnonzero(alike):
+            now = pair.t + (k + 1) * gap
+            here = _Pair(now, None if pair.mode is None else modes[0, k], points[:, k])
+            if apart[k] > WIDE:
+                return here, path, (float(np.log(apart[k] / first)), now - begun)
+            path.append((now, np.mean(points[:, k], axis=0), here.mode))
+        pair = here

@@ -1,0 +1,80 @@
+"""Motions on the boundaries of basins: a fixed point of a map, a saddle, an unstable cycle with impacts."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import lyaphybrid as lh
+
+CUBIC = lh.Map(lambda n, x, args: args * x - x**3)
+WELLS = lh.Flow(lambda t, x, args: jnp.stack([x[1], x[0] - x[0] ** 3 - args * x[1]]), names=("x", "v"))
+TURN = 2 * np.pi / 1.2
+
+
+def driven(t, x, args):
+    return jnp.stack([x[1], x[0] - x[0] ** 3 - 0.4 * x[1] + args * jnp.cos(1.2 * t)])
+
+
+WALLED = lh.Hybrid(
+    driven, lh.Transition(lambda t, x, args: 1.3 - x[0], lambda t, x, args: jnp.stack([x[0], -0.8 * x[1]]))
+)
+
+
+def test_a_fixed_point_of_a_map():
+    """x → ax − x³ from both sides of 0: the exponent ln a."""
+    found = lh.basins(CUBIC, [[-1.3], [1.2]], 1.7, shape=(50,), t1=100)
+    edge = lh.edge_state(CUBIC, found, 1.7, t1=200, settle=300)
+    assert_allclose(edge.x, 0.0, atol=1e-4)
+    assert edge.rate == pytest.approx(np.log(1.7), abs=1e-6)
+    assert edge.rounds > 3
+    assert edge.t[-1] >= 200
+
+
+@pytest.mark.slow
+def test_a_saddle_between_two_wells():
+    found = lh.basins(WELLS, [[-2.0, -1.0], [2.0, 1.0]], 0.5, shape=(20, 10), t1=80.0)
+    edge = lh.edge_state(WELLS, found, 0.5, t1=80.0, settle=80.0)
+    late = edge.t > 40
+    assert_allclose(edge.x[late], 0.0, atol=1e-3)
+    growing = (-0.5 + np.sqrt(0.25 + 4)) / 2
+    assert edge.rate == pytest.approx(growing, rel=0.05)  # the first round comes in along the boundary
+
+
+@pytest.mark.slow
+def test_an_unstable_cycle_beside_a_wall():
+    """From its end `floquet` finds the cycle, whose multiplier is what the pair parted by."""
+    found = lh.basins(WALLED, [[-1.6, -1.0], [1.2, 1.0]], 0.1, shape=(24, 24), t1=40 * TURN, period=TURN)
+    assert len(found.attractors) >= 2
+    edge = lh.edge_state(WALLED, found, 0.1, t1=40 * TURN, settle=60 * TURN, period=TURN)
+    orbit = lh.floquet(WALLED, edge.x[-1], 0.1, t0=0.0, period=TURN)
+    assert orbit.status == lh.STATUS.ok
+    assert np.min(np.linalg.norm(np.asarray(orbit.x0) - edge.x[edge.t > 20 * TURN], axis=1)) < 1e-2
+    assert edge.rate == pytest.approx(float(np.max(orbit.exponents)), rel=0.1)
+
+
+def test_it_prints_and_becomes_a_dataset():
+    found = lh.basins(CUBIC, [[-1.3], [1.2]], 1.7, shape=(50,), t1=100)
+    edge = lh.edge_state(CUBIC, found, 1.7, t1=50, settle=300)
+    assert "part at the rate 0.53" in str(edge)
+    data = edge.to_xarray()
+    assert data["x"].dims == ("t", "state")
+    assert data.attrs["rounds"] == edge.rounds
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"between": (0, 0)}, "two of the 2 attractors"),
+        ({"between": (0, 7)}, "two of the 2 attractors"),
+        ({"found": 3}, "must be a Basins"),
+        ({"settle": 0.0}, "settle, a length"),
+        ({"t1": -1}, "t1, a length"),
+        ({"settle": 1}, "something else"),
+    ],
+)
+def test_what_cannot_be_is_refused(change, words):
+    found = lh.basins(CUBIC, [[-1.3], [1.2]], 1.7, shape=(50,), t1=100)
+    how = {"found": found, "t1": 50, "settle": 300} | change
+    with pytest.raises(ValueError, match=words):
+        lh.edge_state(CUBIC, how.pop("found"), 1.7, **how)
