@@ -109,7 +109,7 @@ def test_the_strong_order_is_one(noise):
 
     def ends(step):
         system = lh.white_noise(flow, diffusion, step=step, until=4.0, seed=lambda p: p["seed"])
-        return np.array([end(system, [0.4], {"seed": seed}, 4.0)[0] for seed in range(24)])
+        return np.array([end(system, [0.4], {"seed": jnp.asarray(seed)}, 4.0)[0] for seed in range(24)])
 
     exact = ends(2.0**-10)
     errors = [np.mean(np.abs(ends(step) - exact)) for step in (2.0**-3, 2.0**-5)]
