@@ -7,7 +7,7 @@ changes no setting of JAX. For float64 call ``jax.config.update("jax_enable_x64"
 from . import zoo
 from ._renamed import name_of_before
 from ._version import __version__ as __version__
-from .analysis.basins import Basins, EdgeState, basins, edge_state
+from .analysis.basins import Basins, BasinShares, EdgeState, basin_shares, basins, edge_state
 from .analysis.checking import Report, check
 from .analysis.comparisons import TwoTrajectories, two_trajectories
 from .analysis.continuation import Continuation, continuation
@@ -132,6 +132,7 @@ __all__ = [
     "bifurcation_diagram",
     "basins",
     "edge_state",
+    "basin_shares",
     "explore",
     "Report",
     "Spectrum",
@@ -158,6 +159,7 @@ __all__ = [
     "BifurcationDiagram",
     "Basins",
     "EdgeState",
+    "BasinShares",
     "FTLEField",
     "Explorer",
     "Solution",

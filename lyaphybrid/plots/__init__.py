@@ -7,7 +7,7 @@ the i-th exponent has the same one in every figure. `style` gives figures for pr
 
 from .axes import COLOURS, Axes
 from .continuations import continuation
-from .diagrams import DiagramPlots, basins, bifurcations, diagram, ftle_field, largest_exponent, section
+from .diagrams import DiagramPlots, basin_shares, basins, bifurcations, diagram, ftle_field, largest_exponent, section
 from .indicators import alignment, angles, growth, intervals
 from .orbits import matrix, multipliers, phase_responses, time_domain
 from .reports import report
@@ -37,6 +37,7 @@ __all__ = [
     "alignment",
     "angles",
     "animation",
+    "basin_shares",
     "basins",
     "bifurcations",
     "bounds",

@@ -10,10 +10,10 @@ from ..statuses import OK, STATUS
 from .axes import COLOURS, Axes, Figures, axes_of, both_axes, colours, component, ink, styled
 
 if TYPE_CHECKING:
-    from ..analysis.basins import Basins
+    from ..analysis.basins import Basins, BasinShares
     from ..sweeps import FTLEField
 
-__all__ = ["basins", "bifurcations", "diagram", "ftle_field", "largest_exponent", "section"]
+__all__ = ["basin_shares", "basins", "bifurcations", "diagram", "ftle_field", "largest_exponent", "section"]
 
 # Later dots are drawn smaller, so that earlier ones below them stay visible.
 DOTS = {"random": (None, 2.4), "up": (COLOURS[0], 1.5), "down": (COLOURS[1], 0.7)}
@@ -256,6 +256,40 @@ def basins(found: "Basins", ax: Axes | None = None, **style: Any) -> Axes:
     ax.set_ylim(up[0], up[-1])
     ax.set_xlabel(found.state_labels.axis(first))
     ax.set_ylabel(found.state_labels.axis(second))
+    return ax
+
+
+def basin_shares(found: "BasinShares", ax: Axes | None = None, **style: Any) -> Axes:
+    """The parts of a box that lead to each attractor along a parameter, one above the other; others are grey.
+
+    Args:
+        found: of `lh.basin_shares`.
+        ax: matplotlib axes; None: those of a new figure.
+        **style: of the areas, as matplotlib takes it.
+
+    Returns:
+        The axes.
+
+    Example:
+        >>> import jax, jax.numpy as jnp, lyaphybrid as lh
+        >>> from matplotlib import pyplot
+        >>> tilted = lh.Flow(lambda t, x, a: x - x**3 + a["tilt"])
+        >>> how = {"over": {"tilt": [0.0, 0.2]}, "t1": 60.0, "starts": 100, "key": jax.random.key(0)}
+        >>> ax = lh.plots.basin_shares(lh.basin_shares(tilted, [[-1.5], [1.5]], {"tilt": 0.0}, **how))
+        >>> ax.get_xlabel(), ax.get_ylabel()
+        ('tilt', 'share of the starts')
+        >>> pyplot.close(ax.figure)
+    """
+    ax = axes_of(ax)
+    count = sum(name.startswith("attractor") for name in found.names)
+    others = len(found.names) - count
+    paint = [*colours(count, ax), *(str(0.35 + 0.5 * i / max(1, others)) for i in range(others))]
+    ax.stackplot(found.values, found.shares.T, **({"labels": found.names, "colors": paint, "linewidth": 0} | style))
+    ax.legend(fontsize="small", loc="upper right")
+    ax.set_xlabel(found.parameter)
+    ax.set_ylabel("share of the starts")
+    ax.set_xlim(found.values[0], found.values[-1])
+    ax.set_ylim(0.0, 1.0)
     return ax
 
 

@@ -1,5 +1,6 @@
 """Motions on the boundaries of basins: a fixed point of a map, a saddle, an unstable cycle with impacts."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -78,3 +79,46 @@ def test_what_cannot_be_is_refused(change, words):
     how = {"found": found, "t1": 50, "settle": 300} | change
     with pytest.raises(ValueError, match=words):
         lh.edge_state(CUBIC, how.pop("found"), 1.7, **how)
+
+
+TILTED = lh.Flow(lambda t, x, args: x - x**3 + args["tilt"])
+
+
+def test_shares_along_a_parameter_are_those_of_the_middle_fixed_point():
+    """x' = x − x³ + a: what begins above the middle root goes up; beyond a = 2/√27 one well is left."""
+    values = np.array([-0.3, 0.0, 0.2, 0.35, 0.45])
+    how = {"over": {"tilt": values}, "t1": 80.0, "starts": 2000, "key": jax.random.key(5)}
+    found = lh.basin_shares(TILTED, [[-1.5], [1.5]], {"tilt": 0.0}, **how)
+    assert found.names == ("attractor 0", "attractor 1")
+    first = found.basins[0].attractors
+    up = int(np.argmax([one.points[0, 0] for one in first]))
+    for row, error, a in zip(found.shares, found.stderr, values, strict=True):
+        real = np.sort([root.real for root in np.roots([-1, 0, 1, a]) if abs(root.imag) < 1e-9])
+        exact = (1.5 - real[1]) / 3 if len(real) == 3 else 1.0
+        assert abs(row[up] - exact) <= 4 * error[up]
+        assert np.sum(row) == pytest.approx(1.0)
+    data = found.to_xarray()
+    assert data["shares"].dims == ("tilt", "class")
+    assert "attractor 1" in str(found)
+    ax = found.plot()
+    assert ax.get_xlabel() == "tilt"
+
+
+def test_what_is_no_attractor_has_its_share_too():
+    """x' = ax + x³ escapes from beyond √−a."""
+    runs_away = lh.Flow(lambda t, x, args: args["a"] * x + x**3)
+    how = {"over": {"a": [-1.0, -0.25]}, "t1": 100.0, "starts": 1000, "key": jax.random.key(1)}
+    found = lh.basin_shares(runs_away, [[0.0], [2.0]], {"a": 0.0}, **how)
+    assert found.names[0] == "attractor 0"
+    assert len(found.names) == 2
+    assert np.all(np.abs(found.shares[:, 0] - [0.5, 0.25]) < 4 * found.stderr[:, 0])
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [({"over": {"lean": [0.0]}}, "lean"), ({"over": [0.0]}, "over must be a dictionary"), ({"t1": 0}, "t1, a length")],
+)
+def test_shares_refuse_what_does_not_fit(change, words):
+    how = {"over": {"tilt": [0.0]}, "t1": 80.0, "starts": 20, "key": jax.random.key(5)} | change
+    with pytest.raises((ValueError, TypeError), match=words):
+        lh.basin_shares(TILTED, [[-1.5], [1.5]], {"tilt": 0.0}, **how)

@@ -2,5 +2,6 @@
 
 from .basins import Basins, basins
 from .edges import EdgeState, edge_state
+from .shares import BasinShares, basin_shares
 
-__all__ = ["Basins", "EdgeState", "basins", "edge_state"]
+__all__ = ["BasinShares", "Basins", "EdgeState", "basin_shares", "basins", "edge_state"]

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..diagrams.attractors import at_rest, period, turns_of
 
-__all__ = ["Attractor", "Metric", "arrived", "found_in"]
+__all__ = ["Attractor", "Metric", "arrived", "distances", "found_in"]
 
 CYCLE_REPEATS = 1e-6  # relative to the range of each component: points of a cycle repeat to this
 CYCLE_RADIUS = 1e-3  # of the points of a cycle, relative to the ranges
@@ -80,7 +80,7 @@ def found_in(points: np.ndarray, modes: np.ndarray, metric: Metric, known: Seque
         late, mode, p = points[i, half:], modes[i, half:], int(repeats[i])
         if not np.all(np.isfinite(late)):
             continue
-        if any(np.mean(_distances(one, late, mode, metric) < one.radius) >= SHARED_POINTS for one in attractors):
+        if any(np.mean(distances(one, late, mode, metric) < one.radius) >= SHARED_POINTS for one in attractors):
             continue
         if p:
             attractors.append(Attractor(late[-p:], mode[-p:], p, CYCLE_RADIUS))
@@ -94,13 +94,13 @@ def arrived(points: np.ndarray, modes: np.ndarray, metric: Metric, attractors: S
     """(m,) index of the attractor at which the last points (m, samples, n) are; −1 where they are at none."""
     nearest, label = np.full(len(points), 1.0), np.full(len(points), -1, np.int32)
     for k, one in enumerate(attractors):
-        distance = np.max(_distances(one, points, modes, metric), axis=1) / one.radius
+        distance = np.max(distances(one, points, modes, metric), axis=1) / one.radius
         closer = distance < nearest
         nearest[closer], label[closer] = distance[closer], k
     return label
 
 
-def _distances(attractor: Attractor, points, modes, metric: Metric) -> np.ndarray:
+def distances(attractor: Attractor, points, modes, metric: Metric) -> np.ndarray:
     """Distances (…) of points (…, n) from the attractor's, relative to the scale; infinite for what is not finite."""
     tree = _tree(metric.placed(attractor.points, attractor.modes))
     placed = metric.placed(points, modes)
@@ -126,7 +126,7 @@ def _told_apart(attractors: list[Attractor], metric: Metric) -> list[Attractor]:
     """The same with radii of cycles so small that no two overlap."""
     apart = []
     for one in attractors:
-        others = [np.min(_distances(other, one.points, one.modes, metric)) for other in attractors if other is not one]
+        others = [np.min(distances(other, one.points, one.modes, metric)) for other in attractors if other is not one]
         least = CYCLES_APART * min(others, default=np.inf)
         apart.append(one._replace(radius=min(one.radius, least)) if one.period else one)
     return apart

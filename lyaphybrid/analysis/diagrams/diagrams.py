@@ -46,7 +46,7 @@ from . import attractors
 from .sections import with_section
 from .strobes import RunEnd, StrobeResults, StrobeRun, at, placed, run, schedule
 
-__all__ = ["BifurcationDiagram", "bifurcation_diagram"]
+__all__ = ["BifurcationDiagram", "bifurcation_diagram", "only_parameter"]
 
 START_KINDS = ("random", "up", "down")
 ATTEMPTS_PER_CROSSING = 10_000  # attempts of a step for each crossing of a section, in case there is none
@@ -251,7 +251,7 @@ def bifurcation_diagram(
         >>> found.attractors()
         ['P1w0:4', 'P2w0:4', 'P4w0:4', 'chaos:4']
     """
-    name, values = _only(over)
+    name, values = only_parameter(over)
     for word, length in (("transient", transient), ("t1", t1), ("samples", samples)):
         whole(f"{word}, a number of periods,", length, least=1)
     transient, t1, samples = int(transient), int(t1), int(samples)  # sums of NumPy's short integers overflow
@@ -285,7 +285,7 @@ def bifurcation_diagram(
     return dataclasses.replace(found, state_labels=labels_of(system, problem.shape))
 
 
-def _only(over) -> tuple[str, np.ndarray]:
+def only_parameter(over) -> tuple[str, np.ndarray]:
     """The parameter's name and values."""
     good = isinstance(over, Mapping) and len(over) == 1 and isinstance(next(iter(over)), str)
     require(good, f"over must be a dictionary with one parameter, {{'beta': values}}; got {over!r}.")
