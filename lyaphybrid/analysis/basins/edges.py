@@ -121,12 +121,12 @@ def edge_state(
         174101, doi:10.1103/PhysRevLett.96.174101.
 
     Example:
-        x → 2x − x³ has the fixed points ±1, and between them 0 with the exponent ln 2.
+        x → 3x/2 − x³ has the fixed points ±1/√2, and between them 0 with the exponent ln 3/2.
 
         >>> import jax.numpy as jnp, lyaphybrid as lh
-        >>> cubic = lh.Map(lambda n, x, a: 2 * x - x**3)
+        >>> cubic = lh.Map(lambda n, x, a: 1.5 * x - x**3)
         >>> edge = lh.edge_state(cubic, lh.basins(cubic, [[-1.3], [1.2]], shape=(50,), t1=100), t1=100, settle=200)
-        >>> bool(abs(edge.rate - jnp.log(2.0)) < 1e-6)
+        >>> bool(abs(edge.rate - jnp.log(1.5)) < 1e-6)
         True
     """
     require_values("edge_state", args, t0)
