@@ -35,7 +35,8 @@ class EdgeState(Result, eqx.Module):
     Attributes:
         t: (m,) times; x: (m, n) states on the boundary, to about a ten-thousandth of the extent of the attractors.
         modes: (m,) indices.
-        rate: at which two motions on both sides part: the largest exponent of the motion on the boundary.
+        rate: at which two motions on both sides part, the first time left out if there are more: the largest exponent of
+            the motion on the boundary.
         stderr: its standard error, of the several times that they parted; nan of one.
         rounds: how often the pair was brought together again.
 
@@ -162,12 +163,13 @@ def edge_state(
         pair, on_the_way, rate = _parted(pair, run, gap, found.metric)
         path += on_the_way
         rates.append(rate)
-    length = sum(time for _, time in rates)
-    each = np.array([grown / time for grown, time in rates])
+    settled = rates[1:] or rates  # the first time they may come in from afar
+    length = sum(time for _, time in settled)
+    each = np.array([grown / time for grown, time in settled])
     stderr = float(np.std(each, ddof=1) / len(each) ** 0.5) if len(each) > 1 else np.nan
     t, x, modes = zip(*path, strict=True)
     modes = np.array([0 if mode is None else int(mode) for mode in modes], np.int32)
-    rate = float(sum(grown for grown, _ in rates) / length)
+    rate = float(sum(grown for grown, _ in settled) / length)
     return EdgeState(np.array(t), np.array(x), modes, rate, stderr, len(rates), labels_of(system, problem.shape))
 
 
