@@ -35,7 +35,7 @@ class EdgeState(Result, eqx.Module):
     Attributes:
         t: (m,) times; x: (m, n) states on the boundary, to about a ten-thousandth of the extent of the attractors.
         modes: (m,) indices.
-        rate: at which two motions on both sides part, the first time left out if there are more: the largest exponent of
+        rate: at which two motions on both sides part, after the first time if there are more: the largest exponent of
             the motion on the boundary.
         stderr: its standard error, of the several times that they parted; nan of one.
         rounds: how often the pair was brought together again.
