@@ -5,6 +5,8 @@ doi:10.1109/34.659930: a point is on a ridge where the first derivative across t
 negative; both are those of the function smoothed by a Gaussian.
 """
 
+from typing import Any
+
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
@@ -38,4 +40,4 @@ def ridge_points(values: np.ndarray, width: float, sharpest: float) -> tuple[np.
     return places[sharp], bend[sharp]
 
 
-_ORDERS = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+_ORDERS: Any = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))

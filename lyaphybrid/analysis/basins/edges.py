@@ -183,7 +183,7 @@ def _nearest(found: Basins, i: int, j: int) -> np.ndarray:
         require(len(starts) > 0, f"No start leads to attractor {attractor}: there is nothing to begin with.")
     distance, nearest = KDTree(places[other]).query(places[one])
     closest = int(np.argmin(distance))
-    return found.starts[[one[closest], other[nearest[closest]]]]
+    return found.starts[[one[closest], other[np.asarray(nearest)[closest]]]]
 
 
 def _distance(x: np.ndarray, metric) -> Any:
@@ -216,6 +216,7 @@ def _parted(pair: _Pair, run: Callable, gap: float, metric) -> tuple[_Pair, list
         apart = _distance(points, metric)
         alike = (modes[0] == modes[1]) & np.isfinite(apart)  # else one has jumped, the other is just about to
         require(bool(np.any(alike)), f"No two motions at the boundary are in one mode from t = {pair.t:g} on.")
+        here = pair
         for k in np.flatnonzero(alike):
             now = pair.t + (k + 1) * gap
             here = _Pair(now, None if pair.mode is None else modes[0, k], points[:, k])
