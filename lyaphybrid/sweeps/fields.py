@@ -26,7 +26,7 @@ from .sweeping import sweep
 
 __all__ = ["FTLEField", "ftle_field"]
 
-ROUNDING = 1e-14  # singular values below this part of the largest are rounding
+ROUNDED_AWAY = 1e-14  # singular values below this part of the largest are rounding
 
 
 class FTLEField(RunResult, eqx.Module):
@@ -210,6 +210,6 @@ def _singular(matrices: np.ndarray, status: np.ndarray, length: float) -> tuple[
     """The exponents ln σ / length, and the directions that grow most; nan where a run did not end well."""
     good = (status == OK) & np.all(np.isfinite(matrices), axis=(1, 2))
     _, sizes, directions = np.linalg.svd(np.where(good[:, None, None], matrices, np.eye(matrices.shape[1])))
-    resolved = good[:, None] & (sizes > ROUNDING * sizes[:, :1])
+    resolved = good[:, None] & (sizes > ROUNDED_AWAY * sizes[:, :1])
     exponents = np.where(resolved, np.log(np.where(resolved, sizes, 1.0)) / length, np.nan)
     return exponents, np.where(good[:, None], directions[:, 0], np.nan)

@@ -24,9 +24,9 @@ from .recognition import arrived
 
 __all__ = ["EdgeState", "edge_state"]
 
-BETWEEN = 15  # starts between two that are told apart at once
-NARROW, WIDE = 1e-9, 1e-4  # distances of the pair, relative to the scale of the attractors
-AT_ONCE = 16  # samples of the pair in one run
+STARTS_BETWEEN = 15  # starts between two that are told apart at once
+CLOSE_PAIR, PARTED_PAIR = 1e-9, 1e-4  # distances of the pair, relative to the scale of the attractors
+SAMPLES_OF_PAIR = 16  # samples of the pair in one run
 
 
 class EdgeState(Result, eqx.Module):
@@ -194,8 +194,8 @@ def _distance(x: np.ndarray, metric) -> Any:
 def _together(pair: _Pair, between: tuple[int, int], classes: Callable, metric) -> _Pair:
     """The pair, brought together along the line between them."""
     a, b = pair.x
-    parts = np.linspace(0.0, 1.0, BETWEEN + 2)[:, None]
-    while _distance(np.stack([a, b]), metric) > NARROW:
+    parts = np.linspace(0.0, 1.0, STARTS_BETWEEN + 2)[:, None]
+    while _distance(np.stack([a, b]), metric) > CLOSE_PAIR:
         line = a + parts * (b - a)
         labels = np.array([between[0], *classes(pair.t, pair.mode, line[1:-1]), between[1]])
         changes = np.flatnonzero((labels[:-1] == between[0]) & (labels[1:] == between[1]))
@@ -212,7 +212,7 @@ def _parted(pair: _Pair, run: Callable, gap: float, metric) -> tuple[_Pair, list
     """The pair after it has parted; the points between them on the way; by how much they parted (ln), in what time."""
     first, begun, path = float(_distance(pair.x, metric)), pair.t, []
     while True:
-        points, modes, _ = run(pair.t, pair.mode, pair.x, 0.0, AT_ONCE)
+        points, modes, _ = run(pair.t, pair.mode, pair.x, 0.0, SAMPLES_OF_PAIR)
         apart = _distance(points, metric)
         alike = (modes[0] == modes[1]) & np.isfinite(apart)  # else one has jumped, the other is just about to
         require(bool(np.any(alike)), f"No two motions at the boundary are in one mode from t = {pair.t:g} on.")
@@ -220,7 +220,7 @@ def _parted(pair: _Pair, run: Callable, gap: float, metric) -> tuple[_Pair, list
         for k in np.flatnonzero(alike):
             now = pair.t + (k + 1) * gap
             here = _Pair(now, None if pair.mode is None else modes[0, k], points[:, k])
-            if apart[k] > WIDE:
+            if apart[k] > PARTED_PAIR:
                 return here, path, (float(np.log(apart[k] / first)), now - begun)
             path.append((now, np.mean(points[:, k], axis=0), here.mode))
         pair = here

@@ -23,7 +23,7 @@ from .recognition import Attractor, Metric, distances
 
 __all__ = ["BasinShares", "basin_shares"]
 
-FARTHEST = 0.25  # distance, relative to the scale, up to which an attractor is the same as at the value before
+SAME_ATTRACTOR = 0.25  # distance, relative to the scale, up to which an attractor is the same as at the value before
 
 
 class BasinShares(Result, eqx.Module):
@@ -166,7 +166,7 @@ def _matched(attractors, known: list[Attractor], metric: Metric) -> list[int]:
     apart = {(i, j): _apart(one, other, metric) for i, one in enumerate(attractors) for j, other in enumerate(known)}
     numbers: dict[int, int] = {}
     for (i, j), distance in sorted(apart.items(), key=lambda item: item[1]):
-        if distance < FARTHEST and i not in numbers and j not in numbers.values():
+        if distance < SAME_ATTRACTOR and i not in numbers and j not in numbers.values():
             numbers[i] = j
     for i, one in enumerate(attractors):
         if i not in numbers:
