@@ -70,7 +70,7 @@ class EdgeState(Result, eqx.Module):
         return Data(variables, {"t": self.t, **states_along(self.state_labels, self.x.shape[1])}, more)
 
 
-class _Pair(NamedTuple):
+class _Straddling(NamedTuple):
     """Two motions at one time and in one mode, one on each side."""
 
     t: float
@@ -156,7 +156,7 @@ def edge_state(
         return np.where(status == OK, arrived(points, modes, found.metric, found.attractors), -1)
 
     path, rates = [], []
-    pair = _Pair(float(t0), mode, start)
+    pair = _Straddling(float(t0), mode, start)
     while not path or path[-1][0] < float(t0) + float(t1):
         pair = _together(pair, between, classes, found.metric)
         path.append((pair.t, np.mean(pair.x, axis=0), pair.mode))
@@ -191,7 +191,7 @@ def _distance(x: np.ndarray, metric) -> Any:
     return np.sqrt(np.sum(((x[1] - x[0]) / metric.scale) ** 2, axis=-1))
 
 
-def _together(pair: _Pair, between: tuple[int, int], classes: Callable, metric) -> _Pair:
+def _together(pair: _Straddling, between: tuple[int, int], classes: Callable, metric) -> _Straddling:
     """The pair, brought together along the line between them."""
     a, b = pair.x
     parts = np.linspace(0.0, 1.0, STARTS_BETWEEN + 2)[:, None]
@@ -208,7 +208,7 @@ def _together(pair: _Pair, between: tuple[int, int], classes: Callable, metric) 
     return pair._replace(x=np.stack([a, b]))
 
 
-def _parted(pair: _Pair, run: Callable, gap: float, metric) -> tuple[_Pair, list, tuple[float, float]]:
+def _parted(pair: _Straddling, run: Callable, gap: float, metric) -> tuple[_Straddling, list, tuple[float, float]]:
     """The pair after it has parted; the points between them on the way; by how much they parted (ln), in what time."""
     first, begun, path = float(_distance(pair.x, metric)), pair.t, []
     while True:
@@ -219,7 +219,7 @@ def _parted(pair: _Pair, run: Callable, gap: float, metric) -> tuple[_Pair, list
         here = pair
         for k in np.flatnonzero(alike):
             now = pair.t + (k + 1) * gap
-            here = _Pair(now, None if pair.mode is None else modes[0, k], points[:, k])
+            here = _Straddling(now, None if pair.mode is None else modes[0, k], points[:, k])
             if apart[k] > PARTED_PAIR:
                 return here, path, (float(np.log(apart[k] / first)), now - begun)
             path.append((now, np.mean(points[:, k], axis=0), here.mode))
