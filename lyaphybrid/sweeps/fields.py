@@ -100,7 +100,9 @@ class FTLEField(RunResult, eqx.Module):
             known = values[np.isfinite(values)]
             found = (f"{one:.6g}" for one in (np.min(known), np.median(known), np.max(known))) if len(known) else "———"
             rows.append((f"λ{i + 1}", *found))
-        said = [f"status {STATUS(int(code)).name}: {count} starts" for code, count in zip(codes, counts, strict=True)]
+        said = [f"status {self.status}"]
+        if len(codes) > 1:
+            said += [f"{count} starts {STATUS(int(code)).name}" for code, count in zip(codes, counts, strict=True)]
         title = f"Finite-time exponents of {self.status_code.size} starts (t1 = {self.t1:g})"
         return Table(title, rows, said, ("", "least", "median", "greatest"))
 

@@ -96,7 +96,7 @@ def test_starts_that_fail_are_told():
     assert np.all(np.isnan(found.exponents[3]))
     x = found.axes[0][:3]
     assert_allclose(found.exponents[:3, 0], -2 * np.log(1 - 2 * x) / 2.0, rtol=1e-9)
-    assert f"status {codes[3].name}: 1 starts" in str(found)
+    assert f"1 starts {codes[3].name}" in str(found)
     with pytest.raises(ValueError, match="two components"):
         found.plot()
 
