@@ -26,7 +26,8 @@ def frozen_noise(seed: Any, count: Any, shape: tuple[int, ...] = (), kind: str =
     - An input that stays constant between ticks is a component of the state that a clock sets; fields must be smooth.
 
     Args:
-        seed: a whole number, or an array of one, such as an entry of `args`.
+        seed: a whole number, or an array of one, such as an entry of `args`; there ``jnp.asarray(3)`` may change freely,
+            while each new Python integer is compiled anew.
         count: a number, rounded to an integer, from −2**53 to 2**53.
         shape: of the array.
         kind: "normal" (mean 0, variance 1), "uniform" (from 0 to 1) or "exponential" (mean 1).
