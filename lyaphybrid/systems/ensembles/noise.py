@@ -26,7 +26,7 @@ def frozen_noise(seed: Any, count: Any, shape: tuple[int, ...] = (), kind: str =
     - An input that stays constant between ticks is a component of the state that a clock sets; fields must be smooth.
 
     Args:
-        seed: a whole number, or an array of one, such as an entry of `args`; there ``jnp.asarray(3)`` may change freely,
+        seed: a whole number, or an array of one, such as an entry of `args`; there ``jnp.asarray(3)`` may change,
             while each new Python integer is compiled anew.
         count: a number, rounded to an integer, from −2**53 to 2**53.
         shape: of the array.
