@@ -71,7 +71,14 @@ def _impulse(t, x, args):
     return jnp.stack([x[0], jnp.sqrt(x[1] ** 2 + 2 * args["energy"])])
 
 
-CLOCK = Hybrid(_swing, Transition(lambda t, x, args: x[0], _impulse, direction=1), names=("x", "v"))
+CLOCK = Hybrid(
+    {"armed": _swing, "released": _swing},  # the way back arms the escapement
+    [
+        Transition(lambda t, x, args: -x[0], _impulse, source="armed", target="released"),
+        Transition(lambda t, x, args: x[0], source="released", target="armed"),
+    ],
+    names=("x", "v"),
+)
 
 
 @problem
@@ -109,6 +116,7 @@ def escapement_clock(*, damping: Real = 0.05, energy: Real = 0.1) -> Problem:
         # a quarter of a period after the impulse, about: blocks end between two of them
         x0=state(launch, 0.0 * launch),
         args={"damping": damping, "energy": energy},
+        mode="released",
         t1=100 * period,
         transient=50 * period,
         reference=None if traced(damping, energy) else exact(0.0, -2 * damping, source="multipliers 1 and q²"),
