@@ -242,9 +242,7 @@ def basins(found: "Basins", ax: Axes | None = None, **style: Any) -> Axes:
 
     ax = axes_of(ax)
     (first, across), (second, up) = found.axes.items()
-    count, others = len(found.attractors), len(found.names) - len(found.attractors)
-    shades = [str(0.35 + 0.5 * i / max(1, others)) for i in range(others)]
-    paint = [*colours(count, ax), *shades]
+    paint = _of_classes(found.names, ax)
     look = {"cmap": ListedColormap(paint), "vmin": -0.5, "vmax": len(paint) - 0.5, "rasterized": True}
     ax.pcolormesh(across, up, found.labels.T, **(look | style))
     for attractor, colour in zip(found.attractors, paint, strict=False):
@@ -257,6 +255,13 @@ def basins(found: "Basins", ax: Axes | None = None, **style: Any) -> Axes:
     ax.set_xlabel(found.state_labels.axis(first))
     ax.set_ylabel(found.state_labels.axis(second))
     return ax
+
+
+def _of_classes(names: Sequence[str], ax: Axes) -> list:
+    """A colour for each attractor, and greys for other classes."""
+    count = sum(name.startswith("attractor") for name in names)
+    others = len(names) - count
+    return [*colours(count, ax), *(str(0.35 + 0.5 * i / max(1, others)) for i in range(others))]
 
 
 def basin_shares(found: "BasinShares", ax: Axes | None = None, **style: Any) -> Axes:
@@ -281,9 +286,7 @@ def basin_shares(found: "BasinShares", ax: Axes | None = None, **style: Any) -> 
         >>> pyplot.close(ax.figure)
     """
     ax = axes_of(ax)
-    count = sum(name.startswith("attractor") for name in found.names)
-    others = len(found.names) - count
-    paint = [*colours(count, ax), *(str(0.35 + 0.5 * i / max(1, others)) for i in range(others))]
+    paint = _of_classes(found.names, ax)
     ax.stackplot(found.values, found.shares.T, **({"labels": found.names, "colors": paint, "linewidth": 0} | style))
     ax.legend(fontsize="small", loc="upper right")
     ax.set_xlabel(found.parameter)

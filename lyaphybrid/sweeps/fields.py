@@ -14,7 +14,7 @@ from ..analysis.trajectories import tangent_map
 from ..engine import preparation
 from ..engine.blocks import check_counts
 from ..integrators.base import Method
-from ..results.result import Data, RunResult, exponents_along
+from ..results.result import Data, RunResult, exponents_along, states_along
 from ..statuses import OK, STATUS
 from ..systems.daes.semi_linear import DAE
 from ..systems.event_driven import EventDriven
@@ -115,9 +115,8 @@ class FTLEField(RunResult, eqx.Module):
             "jumps": (along, self.jumps),
             "status_code": (along, self.status_code),
         }
-        names = {"state": [self.state_labels.name(i) for i in range(n)]}
         axes = {self.state_labels.name(i): values for i, values in self.axes.items()}
-        return Data(variables, {**exponents_along(n), **names, **axes}, {"t1": self.t1})
+        return Data(variables, {**exponents_along(n), **states_along(self.state_labels, n), **axes}, {"t1": self.t1})
 
 
 @explains_keywords
@@ -147,7 +146,7 @@ def ftle_field(
         system: an `lh.Flow`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
         x0: (2, n) corners of the box of starts; components that are equal in both corners are not varied.
         args: pytree of parameters.
-        t1: length in time (iterations for a map). Beyond ln σ₁ = 32 the smallest singular value is rounding.
+        t1: length in time (iterations for a map). Beyond ln(σ₁/σ_n) = 32 the smallest singular value is rounding.
         shape: numbers of cells along the varied components: starts are the cells' middles.
         t0: time at the start.
         mode: mode at the start, where there are several and the system does not determine it.
@@ -188,21 +187,21 @@ def ftle_field(
     problem, *_ = preparation.prepare(system, grid[0], args, t0, method, mode)
 
     def run(args, x0):
-        found = tangent_map(
-            system, x0, args, t1=t1, t0=t0, mode=mode, method=method, max_steps=max_steps, throw=False
-        )  # fmt: skip
+        found = tangent_map(system, x0, args, t1=t1, t0=t0, mode=mode, method=method, max_steps=max_steps, throw=False)
         return {"matrix": found.matrix, "jumps": found.jumps, "status_code": found.status_code}
 
     how = {"chunk": chunk, "store": store, "client": client, "progress": progress}
     found = sweep(run, points={"x0": grid}, args=args, **how)
     cells = tuple(len(values) for values in axes.values())
-    exponents, stretched = _singular(found["matrix"].values, found["status_code"].values, float(t1))
+    status = found["status_code"].values
+    status = np.where(status < 0, np.int32(STATUS.interrupted), status)  # not computed, after Ctrl-C
+    exponents, stretched = _singular(found["matrix"].values, status, float(t1))
     return FTLEField(
         exponents.reshape(*cells, -1),
         stretched.reshape(*cells, -1),
         axes,
         found["jumps"].values.reshape(cells),
-        found["status_code"].values.reshape(cells),
+        status.reshape(cells),
         float(t1),
         labels_of(system, problem.shape),
     )

@@ -1,5 +1,7 @@
 """Motions on the boundaries of basins: a fixed point of a map, a saddle, an unstable cycle with impacts."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,6 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
+from lyaphybrid.analysis.basins import edges, recognition, sampling
 
 CUBIC = lh.Map(lambda n, x, args: args * x - x**3)
 WELLS = lh.Flow(lambda t, x, args: jnp.stack([x[1], x[0] - x[0] ** 3 - args * x[1]]), names=("x", "v"))
@@ -122,3 +125,45 @@ def test_shares_refuse_what_does_not_fit(change, words):
     how = {"over": {"tilt": [0.0]}, "t1": 80.0, "starts": 20, "key": jax.random.key(5)} | change
     with pytest.raises((ValueError, TypeError), match=words):
         lh.basin_shares(TILTED, [[-1.5], [1.5]], {"tilt": 0.0}, **how)
+
+
+def test_ctrl_c_keeps_the_values_before_it(monkeypatch):
+    """`basins` says that it was interrupted; then no further value is begun."""
+    asked = []
+
+    def once(*given, **how):
+        asked.append(given[2]["tilt"])
+        here = lh.basins(*given, **how)
+        names = (*here.names[:-1], lh.STATUS.interrupted.name)
+        return here if len(asked) < 2 else dataclasses.replace(here, names=names)
+
+    monkeypatch.setattr("lyaphybrid.analysis.basins.shares.basins", once)
+    how = {"t1": 60.0, "starts": 50, "key": jax.random.key(0)}
+    with pytest.warns(UserWarning, match="1 of 3 values"):
+        found = lh.basin_shares(TILTED, [[-1.5], [1.5]], {"tilt": 0.0}, over={"tilt": [0.0, 0.1, 0.2]}, **how)
+    assert asked == [0.0, 0.1]
+    assert found.values.tolist() == [0.0]
+    with pytest.raises(KeyboardInterrupt):
+        lh.basin_shares(TILTED, [[-1.5], [1.5]], {"tilt": 0.0}, over={"tilt": [0.0, 0.1, 0.2]}, **how)
+
+
+def test_ctrl_c_ends_the_motion_on_an_edge(monkeypatch):
+    found = lh.basins(CUBIC, [[-1.3], [1.2]], 1.7, shape=(50,), t1=100)
+    run = sampling.map_lanes
+
+    def stopped(*given, **how):
+        results, done = run(*given, **how)
+        return results, np.zeros_like(done)
+
+    monkeypatch.setattr(sampling, "map_lanes", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        lh.edge_state(CUBIC, found, 1.7, t1=50, settle=300)
+
+
+def test_a_pair_far_from_zero_is_as_near_as_floats_can_be():
+    """Near 1e9 two floats are 1e-7 apart, more than a pair should be."""
+    pair = edges._Straddling(0.0, None, np.array([[1e9 - 1.0], [1e9 + 1.0]]))
+    metric = recognition.Metric(np.array([1.0]), ())
+    near = edges._together(pair, (0, 1), lambda t, mode, rows: (rows[:, 0] > 1e9 + 0.3).astype(int), metric)
+    assert near.x[0, 0] <= 1e9 + 0.3 < near.x[1, 0]
+    assert near.x[1, 0] == np.nextafter(near.x[0, 0], np.inf)

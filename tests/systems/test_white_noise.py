@@ -143,3 +143,11 @@ def test_what_cannot_be_is_refused(change, words):
     how = {"flow": flow, "diffusion": lambda t, x, p: 0.1 + 0 * x, "step": 0.1, "until": 1.0} | change
     with pytest.raises(ValueError, match=words):
         lh.white_noise(how.pop("flow"), how.pop("diffusion"), **how)
+
+
+def test_beyond_its_end_there_is_no_path():
+    """Neither after `until` nor before 0 is the noise silently left out."""
+    system = lh.white_noise(lh.Flow(lambda t, x, p: -x), lambda t, x, p: 1 + 0 * x, step=0.25, until=2.0)
+    assert lh.tangent_map(system, [0.0], t1=2.1).status == lh.STATUS.ok
+    for how in ({"t1": 2.4}, {"t1": 1.0, "t0": -1.1}):
+        assert lh.tangent_map(system, [0.0], throw=False, **how).status == lh.STATUS.nonfinite

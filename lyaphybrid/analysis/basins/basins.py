@@ -1,6 +1,6 @@
 """`basins`: to which attractor each start of a grid, or of a random sample, leads."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -10,57 +10,27 @@ from ... import plots
 from ..._arguments import Key, Progress, Real, integers, is_key, positive, require, require_values, whole
 from ..._keywords import explains_keywords
 from ..._text import Table, with_error
-from ...engine import preparation, problems
-from ...engine.host.lanes import map_lanes
+from ...engine import preparation
 from ...integrators.base import Method
 from ...results.result import Data, Result, states_along
 from ...statuses import OK, STATUS
 from ...systems.daes.semi_linear import DAE
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
-from ...systems.kinds import iterates
 from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
 from ..grids import box_of, grid_of
-from ..indicators.following import follow
 from . import measures
 from .recognition import Attractor, Metric, arrived, found_in
+from .sampling import Sampled, Sampling, gap_and_transient
 
 __all__ = ["Basins", "basins"]
 
 LAST_SAMPLES = 3  # last samples of a run, all of which must be at an attractor
 PILOT_RUNS, PILOT_SAMPLES = 96, 400  # runs that show the attractors, and their samples
 LONGER_TRANSIENT = 4  # the transient of runs that had not arrived is so many times longer
-SAMPLES_PER_LENGTH = 64  # of the transient, where no period is given
 NO_CLASS = "undecided"
 ATTEMPTS_OF_START = 10_000_000
-
-
-class _Sampled(NamedTuple):
-    """The last samples of runs: states (m, samples, n), modes (m, samples) and statuses (m,)."""
-
-    points: np.ndarray
-    modes: np.ndarray
-    status: np.ndarray
-
-
-class Lane(eqx.Module):
-    """One start: (shared, start) -> its last points, modes and status."""
-
-    transient: float = eqx.field(static=True)
-    gap: float = eqx.field(static=True)
-    samples: int = eqx.field(static=True)
-    max_steps: int = eqx.field(static=True)
-
-    def __call__(self, shared, x):
-        system, args, method, mode, t0 = shared
-        run = follow(
-            None, problems.point, system, x, args, k=0, t1=self.gap * self.samples, t0=t0, transient=self.transient,
-            times=None, blocks=self.samples, mode=mode, frame=None, method=method, max_steps=self.max_steps,
-            progress=None,
-        )  # fmt: skip
-        _, points, modes, _ = run.collected
-        return points, modes, run.status
 
 
 class Basins(Result, eqx.Module):
@@ -231,15 +201,11 @@ def basins(
         positive("period", period)
     grid, axes = _starts(corners, shape, starts, key)
     problem, first, _, mode = preparation.prepare(system, grid[0], args, t0, method, mode)
-    gap = float(period or (1.0 if iterates(system) else float(t1) / SAMPLES_PER_LENGTH))
-    transient = gap * np.ceil(float(t1) / gap - 1e-9)
-    shared = system, problem.args, method, mode, float(t0)
+    gap, transient = gap_and_transient(system, t1, period)
+    sampling = Sampling(system, problem.args, method, gap, max_steps, first.dtype)
 
-    def run(rows, times: int, samples: int, report=None) -> _Sampled:
-        lane = Lane(float(times * transient), gap, samples, max_steps)
-        (points, modes, status), done = map_lanes(lane, shared, np.asarray(rows, first.dtype), progress=report)
-        status = np.where(done, status, np.int32(STATUS.interrupted))
-        return _Sampled(points, modes, status)
+    def run(rows, times: int, samples: int, report=None) -> Sampled:
+        return sampling(rows, float(t0), mode, times * transient, samples, report)
 
     labels, attractors, status, metric = _classified(grid, run, angles, progress)
     labels, names = _named(labels, status, len(attractors))
@@ -278,12 +244,12 @@ def _classified(grid, run, angles, progress):
     return np.where(status == OK, labels, -1), attractors, status, metric
 
 
-def _late(shown: _Sampled) -> np.ndarray:
+def _late(shown: Sampled) -> np.ndarray:
     """The second half of the points of the runs that ended well."""
     return shown.points[shown.status == OK, shown.points.shape[1] // 2 :]
 
 
-def _seen(shown: _Sampled, metric: Metric, known) -> list[Attractor]:
+def _seen(shown: Sampled, metric: Metric, known) -> list[Attractor]:
     """The attractors that runs show beside those that are known."""
     good = shown.status == OK
     return found_in(shown.points[good], shown.modes[good], metric, known) if np.any(good) else known

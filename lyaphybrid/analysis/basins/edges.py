@@ -10,17 +10,16 @@ from ..._arguments import Real, positive, require, require_values, whole
 from ..._keywords import explains_keywords
 from ..._text import Table, with_error
 from ...engine import preparation
-from ...engine.host.lanes import map_lanes
 from ...integrators.base import Method
 from ...results.result import Data, Result, states_along
-from ...statuses import OK
+from ...statuses import OK, STATUS
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
-from ...systems.kinds import iterates
 from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
-from .basins import ATTEMPTS_OF_START, LAST_SAMPLES, SAMPLES_PER_LENGTH, Basins, Lane
+from .basins import ATTEMPTS_OF_START, LAST_SAMPLES, Basins
 from .recognition import arrived
+from .sampling import Sampled, Sampling, gap_and_transient
 
 __all__ = ["EdgeState", "edge_state"]
 
@@ -142,14 +141,14 @@ def edge_state(
     require(apart, f"between must be the numbers of two of the {count} attractors; got {between!r}.")
     start = _nearest(found, *between)
     problem, first, t0, mode = preparation.prepare(system, start[0], args, t0, method, mode)
-    gap = float(period or (1.0 if iterates(system) else float(settle) / SAMPLES_PER_LENGTH))
-    transient = gap * float(np.ceil(float(settle) / gap - 1e-9))
+    gap, transient = gap_and_transient(system, settle, period)
+    sampling = Sampling(system, problem.args, method, gap, max_steps, first.dtype)
 
-    def run(t: float, mode, rows, before: float, samples: int):
-        shared = system, problem.args, method, mode, np.asarray(t, first.dtype)
-        lane = Lane(before, gap, samples, max_steps)
-        (points, modes, status), done = map_lanes(lane, shared, np.asarray(rows, first.dtype))
-        return points, modes, np.where(done, status, -1)
+    def run(t: float, mode, rows, before: float, samples: int) -> Sampled:
+        seen = sampling(rows, t, mode, before, samples)
+        if np.any(seen.status == STATUS.interrupted):  # of half a pair nothing can be told
+            raise KeyboardInterrupt
+        return seen
 
     def classes(t: float, mode, rows) -> np.ndarray:
         points, modes, status = run(t, mode, rows, transient, LAST_SAMPLES)
@@ -204,7 +203,10 @@ def _together(pair: _Straddling, between: tuple[int, int], classes: Callable, me
             f"Between attractors {between[0]} and {between[1]} lies something else at t = {pair.t:g}: a third basin, "
             "or motions that have not arrived after `settle`. Take a longer one, or two other attractors.",
         )
+        before = a, b
         a, b = line[changes[-1]], line[changes[-1] + 1]
+        if np.array_equal(before, (a, b)):  # as near as floats can be
+            break
     return pair._replace(x=np.stack([a, b]))
 
 

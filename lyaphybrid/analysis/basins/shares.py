@@ -1,5 +1,6 @@
 """`basin_shares`: how much of a box leads to each attractor, along a parameter."""
 
+import warnings
 from collections.abc import Mapping
 from typing import Any
 
@@ -8,16 +9,17 @@ import numpy as np
 
 from ... import plots
 from ..._arguments import Key, Progress, Real, require_values
-from ..._keywords import explains_keywords
+from ..._keywords import explains_keywords, user_level
 from ..._text import Table, with_error
 from ...engine.host.reporting import reporter
 from ...integrators.base import Method
 from ...results.result import Data, Result
+from ...statuses import STATUS
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
 from ...systems.smooth import Flow, Map
 from ..diagrams.diagrams import only_parameter
-from ..diagrams.strobes import at, placed
+from ..diagrams.strobes import parameter_in, placed
 from .basins import ATTEMPTS_OF_START, Basins, basins
 from .recognition import Attractor, Metric, distances
 
@@ -114,7 +116,7 @@ def basin_shares(
         progress: True for a bar, or a function of the fraction done.
 
     Returns:
-        A `BasinShares` with `.names`, `.shares`, `.stderr`, `.basins`, `.plot()`.
+        A `BasinShares` with `.names`, `.shares`, `.stderr`, `.basins`, `.plot()`; after Ctrl-C of the values before.
 
     Raises:
         ValueError: on arguments that do not fit.
@@ -138,19 +140,24 @@ def basin_shares(
     """
     require_values("basin_shares", x0, args)
     name, values = only_parameter(over)
-    try:
-        at(args, name.split("."))
-    except (KeyError, AttributeError, TypeError) as error:
-        raise ValueError(f"args has no parameter {name!r} to vary; args: {args!r}.") from error
+    parameter_in(args, name)
     path, known, found, numbers = tuple(name.split(".")), [], [], []
     how = {"period": period, "angles": angles, "t0": t0, "mode": mode, "method": method, "max_steps": max_steps}
     report = reporter(progress, len(values), "value")
     for i, value in enumerate(values):
         there = placed(args, path, float(value))
-        found.append(basins(system, x0, there, t1=t1, starts=starts, key=key, **how))
+        here = basins(system, x0, there, t1=t1, starts=starts, key=key, **how)
+        if STATUS.interrupted.name in here.names:  # what was computed before is returned
+            break
+        found.append(here)
         numbers.append(_matched(found[-1].attractors, known, found[-1].metric))
         report((i + 1) / len(values))
     report(None)
+    if not found:
+        raise KeyboardInterrupt
+    if len(found) < len(values):
+        warnings.warn(f"interrupted: {len(found)} of {len(values)} values were computed.", stacklevel=user_level())
+    values = values[: len(found)]
     names = [f"attractor {i}" for i in range(len(known))]
     names += sorted({one for each in found for one in each.names[len(each.attractors) :]})
     shares = np.zeros((len(values), len(names)))

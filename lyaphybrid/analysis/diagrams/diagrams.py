@@ -44,7 +44,7 @@ from ..orbits.periods import check_period
 from ..spectra import initial_frame
 from . import attractors
 from .sections import with_section
-from .strobes import RunEnd, StrobeResults, StrobeRun, at, placed, run, schedule
+from .strobes import RunEnd, StrobeResults, StrobeRun, parameter_in, placed, run, schedule
 
 __all__ = ["BifurcationDiagram", "bifurcation_diagram", "only_parameter"]
 
@@ -339,10 +339,7 @@ def _starts(x0, starts, values: int, key, draws: bool):
 
 
 def _check_parameter(problem, name, values, period, x, transient) -> None:
-    try:
-        leaf = at(problem.args, name.split("."))
-    except (KeyError, AttributeError, TypeError):
-        raise ValueError(f"args has no parameter {name!r}; args: {problem.args!r}.") from None
+    leaf = parameter_in(problem.args, name)
     require(np.shape(leaf) == (), f"The parameter {name!r} must be a single number; got shape {np.shape(leaf)}.")
     for value in () if period is None else values[[0, -1]]:
         args = placed(problem.args, name.split("."), value)

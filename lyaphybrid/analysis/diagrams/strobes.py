@@ -67,6 +67,14 @@ def at(tree, path):
     return tree
 
 
+def parameter_in(args, name: str):
+    """The parameter of that name, "a.b" for a["b"] or a.b; a ValueError where there is none."""
+    try:
+        return at(args, name.split("."))
+    except (KeyError, AttributeError, TypeError):
+        raise ValueError(f"args has no parameter {name!r}; args: {args!r}.") from None
+
+
 def placed(args, path, value):
     """The parameters with another value of one of them."""
     return eqx.tree_at(lambda tree: at(tree, path), args, value)

@@ -45,7 +45,7 @@ def white_noise(
         seed: a whole number, or a function of args that gives one.
 
     Returns:
-        An `lh.Hybrid` with a clock; runs start at t0 = 0 or later.
+        An `lh.Hybrid` with a clock. Runs begin at t0 = 0 or later; one that goes beyond `until` ends as `nonfinite`.
 
     Raises:
         ValueError: on anything but an `lh.Flow`, with the reason; on arguments that do not fit.
@@ -70,12 +70,14 @@ def white_noise(
     positive("until", until)
     whole("sources", sources, least=1)
 
+    most = until / step + 0.5
     levels = math.floor(math.log2(until / step)) + 1  # the path has 2**levels steps, more than are asked for
 
     def kick(t, x, args):
         tick = jnp.round(jax.lax.stop_gradient(t) / step)
         where = (seed(args) if callable(seed) else seed), levels, step, sources
         change = _walked(tick, *where) - _walked(tick - 1, *where)
+        change = jnp.where((tick > 0) & (tick <= most), change, jnp.nan)  # the path ends: the run is `nonfinite`
         return _along(lambda x: jnp.reshape(diffusion(t, x, args), (x.shape[0], sources)) @ change, x)
 
     return Hybrid(flow.field, Transition(every=step, reset=kick), names=flow.names, units=flow.units)
