@@ -11,6 +11,7 @@ from .analysis.basins import Basins, BasinShares, EdgeState, basin_shares, basin
 from .analysis.checking import Report, check
 from .analysis.comparisons import TwoTrajectories, two_trajectories
 from .analysis.continuation import Continuation, continuation
+from .analysis.curves import BifurcationCurve, bifurcation_curve
 from .analysis.derivatives import Jacobians, jacobians, saltation_matrix
 from .analysis.diagrams.diagrams import BifurcationDiagram, bifurcation_diagram
 from .analysis.diagrams.sections import PoincareSection, poincare_section
@@ -120,6 +121,7 @@ __all__ = [
     "floquet",
     "phase_response",
     "continuation",
+    "bifurcation_curve",
     "design",
     "Design",
     "lyapunov_gradient",
@@ -151,6 +153,7 @@ __all__ = [
     "Floquet",
     "PhaseResponse",
     "Continuation",
+    "BifurcationCurve",
     "NoPeriodicOrbitError",
     "NoConsistentPointError",
     "NoDerivativeError",

@@ -6,7 +6,7 @@ the i-th exponent has the same one in every figure. `style` gives figures for pr
 """
 
 from .axes import COLOURS, Axes
-from .continuations import continuation
+from .continuations import continuation, curves
 from .diagrams import DiagramPlots, basin_shares, basins, bifurcations, diagram, ftle_field, largest_exponent, section
 from .indicators import alignment, angles, growth, intervals
 from .orbits import matrix, multipliers, phase_responses, time_domain
@@ -43,6 +43,7 @@ __all__ = [
     "bounds",
     "continuation",
     "convergence",
+    "curves",
     "design",
     "diagram",
     "ftle_field",

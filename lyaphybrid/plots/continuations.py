@@ -1,13 +1,14 @@
-"""The figure of branches of periodic orbits; public as `plots.continuation`."""
+"""Figures of branches of periodic orbits and of bifurcation curves; public in `plots`."""
 
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from .axes import COLOURS, Axes, both_axes, component, ink, styled
+from .axes import COLOURS, Axes, axes_of, both_axes, component, ink, styled
+from .sweep_arrays import label
 
-__all__ = ["continuation"]
+__all__ = ["continuation", "curves"]
 
 MARKS = {
     "fold": ("s", COLOURS[1]),
@@ -16,6 +17,25 @@ MARKS = {
     "period doubling": ("D", COLOURS[3]),
     "Neimark–Sacker": ("o", COLOURS[4]),
     "grazing": ("X", None),  # in ink
+}
+CURVE_STYLES = {
+    "fold": (COLOURS[1], "-"),
+    "pitchfork": (COLOURS[2], "-"),
+    "transcritical": (COLOURS[2], "--"),
+    "period doubling": (COLOURS[3], "-"),
+    "Neimark–Sacker": (COLOURS[4], "-"),
+    "grazing": (None, "-"),  # in ink
+    "edge": (None, "--"),
+    "border": (None, ":"),
+}
+SPECIAL_MARKERS = {
+    "cusp": "^",
+    "fold–flip": "s",
+    "1:1 resonance": "o",
+    "1:2 resonance": "D",
+    "1:3 resonance": "v",
+    "1:4 resonance": "P",
+    "grazing": "X",
 }
 MARGIN = 1e-5  # tolerance for a multiplier of 1 at the end of a stable stretch
 BRANCH_COLOURS = (COLOURS[0], None, COLOURS[5])  # colours of branches, used cyclically; None: grey
@@ -87,9 +107,71 @@ def _marks(axes, branch, i: int) -> None:
             lower.plot(special.parameter, 0.0, **style)
 
 
+def curves(found: Any, ax: Axes | None = None, **style: Any) -> Axes:
+    """Bifurcation curves in the plane of their parameters, alone or over a map of a sweep.
+
+    The first parameter is along x, or, on axes that carry the names of both already, where its name stands. Each kind
+    has its colour, each kind of special point its marker.
+
+    Args:
+        found: a `BifurcationCurve`, or several with the same two parameters, in either order.
+        ax: matplotlib axes, such as those of `sweep_map`, which keep their limits; None: those of a new figure.
+        **style: of the lines, as matplotlib takes it.
+
+    Returns:
+        The axes.
+
+    Raises:
+        ValueError: where the curves have other parameters.
+
+    Example:
+        >>> import lyaphybrid as lh
+        >>> from matplotlib import pyplot
+        >>> cubic = lh.Map(lambda n, x, args: args["a"] + (1 + args["b"]) * x - x**3)
+        >>> args = {"a": 0.0, "b": 0.75}
+        >>> branch = lh.continuation(cubic, [0.9], args, over={"a": (-1.0, 1.0)}, period=1)
+        >>> over = {"a": (-1.0, 1.0), "b": (-0.5, 1.0)}
+        >>> fold = lh.bifurcation_curve(cubic, branch.of_kind("fold")[0], args, over=over, period=1)
+        >>> ax = lh.plots.curves(fold)
+        >>> ax.get_xlabel(), [text.get_text() for text in ax.get_legend().get_texts()]
+        ('a', ['fold', 'cusp'])
+        >>> pyplot.close(ax.figure)
+    """
+    found = [found] if hasattr(found, "orbits") else list(found)
+    drawn_before = ax is not None and ax.has_data()
+    ax = axes_of(ax, (6.0, 4.6))
+    x, y = _order(ax, found)
+    limits = ax.get_xlim(), ax.get_ylim()
+    for curve in found:
+        if set(curve.parameters) != {x, y}:
+            raise ValueError(
+                f"All curves must be in the plane of {x} and {y}; got one of {' and '.join(curve.parameters)}."
+            )
+        columns = [curve.parameters.index(name) for name in (x, y)]
+        colour, kind = CURVE_STYLES[curve.kind]
+        look = styled("line", style, color=colour or ink(ax), linestyle=kind, linewidth=1.4, label=curve.kind)
+        ax.plot(*curve.values[:, columns].T, **look)
+        for special in curve.specials:
+            place = {"marker": SPECIAL_MARKERS[special.kind], "linestyle": "none", "label": special.kind}
+            at = np.asarray(special.values)[columns]
+            ax.plot(*at, **place, color=look["color"], markersize=6, mec=ink(ax, 1.0), zorder=4)
+    if drawn_before:
+        ax.set(xlim=limits[0], ylim=limits[1])
+    ax.set(xlabel=ax.get_xlabel() or label(x), ylabel=ax.get_ylabel() or label(y))
+    _legend(ax)
+    return ax
+
+
+def _order(ax: Axes, found: list) -> tuple[str, str]:
+    """Which parameter is along which axis."""
+    first, second = found[0].parameters
+    turned = label(second) == ax.get_xlabel() and label(first) == ax.get_ylabel()
+    return (second, first) if turned else (first, second)
+
+
 def _legend(ax) -> None:
     """A legend above the axes with each kind once."""
     handles = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
     if handles:
         outside = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.2}
-        ax.legend(handles.values(), handles.keys(), frameon=False, ncols=len(handles), **outside)
+        ax.legend(handles.values(), handles.keys(), frameon=False, ncols=min(len(handles), 5), **outside)

@@ -170,7 +170,7 @@ VERBS |= {
 ALSO = {"return_map": {STATUS.nonfinite}, "poincare_section": {STATUS.stalled}}
 # A point and no motion: what they need of it is asked before anything is computed.
 OF_A_POINT = {"saltation_matrix", "jacobians"}
-OF_A_RESULT = {"edge_state", "basin_shares"}  # of what `basins` finds
+OF_A_RESULT = {"edge_state", "basin_shares", "bifurcation_curve"}  # of what `basins` or `continuation` finds
 REPORTING = {"check", "explore"}  # say what they found, and raise nothing
 
 

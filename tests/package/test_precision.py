@@ -184,9 +184,18 @@ CIRCLE = lh.DAE(
     n_differential=1,
 )
 LOGISTIC = lh.Map(lambda n, x, r: r * x * (1 - x))
+LOGISTIC_OF_TWO = lh.Map(lambda n, x, p: p["r"] * x * (1 - x) + p["s"])
 REFUSED = {
     "an lh.DAE": lambda: lh.lyapunov_spectrum(CIRCLE, [0.6, 0.8], t1=1.0),
     "consistent_start": lambda: lh.consistent_start(CIRCLE, [0.6, 0.8]),
+    "bifurcation_curve": lambda: lh.bifurcation_curve(
+        LOGISTIC_OF_TWO,
+        [0.6],
+        {"r": 2.5, "s": 0.0},
+        over={"r": (2.0, 3.0), "s": (-1.0, 1.0)},
+        period=1,
+        border=lambda n, x, args: x[0] - 0.6,
+    ),
     "continuation": lambda: lh.continuation(LOGISTIC, [0.6], 2.5, over={"args": (2.0, 3.0)}, period=1),
     "a derivative of exponents": lambda: lh.lyapunov_gradient(LOGISTIC, [0.3], 2.9, t1=1000),
 }

@@ -77,7 +77,7 @@ TASKS = {
             *("poincare_section", "PoincareSection", "return_map", "floquet", "Floquet", "continuation"),
             *("phase_response", "PhaseResponse", "basins", "Basins", "edge_state", "EdgeState"),
             *("basin_shares", "BasinShares"),
-            *("Continuation", "bifurcation_diagram", "BifurcationDiagram"),
+            *("Continuation", "bifurcation_curve", "BifurcationCurve", "bifurcation_diagram", "BifurcationDiagram"),
         ),
     ),
     "derivatives": Task(

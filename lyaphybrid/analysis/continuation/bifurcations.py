@@ -7,9 +7,10 @@ import numpy as np
 from ..orbits.families import family_of
 from ..orbits.multipliers import multipliers_of
 from ..orbits.periodic_orbits import in_any_case
+from ..orbits.shooting import OrbitIterate
 from .equations import BranchEquations, BranchPoint
 
-__all__ = ["TESTS", "branching", "cycle_of_events", "is_complex", "monodromy", "of_doubling"]
+__all__ = ["TESTS", "across_flow", "branching", "cycle_of_events", "is_complex", "monodromy", "of_doubling"]
 
 NUDGE = 1e-5  # step of the finite differences of the Jacobian
 PARAMETER_UNCHANGED = 1e-4  # a direction with a smaller parameter component does not change the parameter
@@ -32,17 +33,22 @@ def transverse(equations: BranchEquations, point: BranchPoint) -> np.ndarray:
 
     It is divided out by its eigenvector, the velocity, because next to a fold or a branch point two are near 1.
     """
-    matrix = monodromy(equations, point)
     if equations.symmetry is not None or equations.conserved is not None:
-        flow = equations.motion(point.parameter)
+        matrix, flow = monodromy(equations, point), equations.motion(point.parameter)
         family = family_of(flow, point.orbit, equations.autonomous, equations.fixed)
         known = in_any_case(flow, point.orbit, equations.autonomous, family)
         return multipliers_of([matrix], known, len(matrix), equations.autonomous)[1]
-    if equations.autonomous:
-        velocity = equations.motion(point.parameter).velocity(point.orbit.nodes[0])
-        across = np.linalg.svd(velocity[None, :])[2][1:]
-        matrix = across @ matrix @ across.T
-    return np.linalg.eigvals(matrix).astype(complex)
+    return np.linalg.eigvals(across_flow(equations, point)).astype(complex)
+
+
+def across_flow(equations: BranchEquations, point: BranchPoint) -> np.ndarray:
+    """The monodromy matrix on the quotient by the flow of an autonomous system, without symmetry or conservation."""
+    matrix = monodromy(equations, point)
+    if not equations.autonomous:
+        return matrix
+    velocity = equations.motion(point.parameter).velocity(point.orbit.nodes[0])
+    across = np.linalg.svd(velocity[None, :])[2][1:]
+    return across @ matrix @ across.T
 
 
 def _signed(factors: np.ndarray) -> float:
@@ -135,10 +141,10 @@ def of_doubling(equations: BranchEquations, point: BranchPoint) -> np.ndarray:
     return vector / np.linalg.norm(vector)
 
 
-def cycle_of_events(point: BranchPoint) -> tuple[Any, ...]:
+def cycle_of_events(orbit: OrbitIterate) -> tuple[Any, ...]:
     """The cyclic sequence of the jumps of a period, in a form that does not depend on where it starts."""
     found: list[tuple[int, ...]] = []
-    for piece in point.orbit.pieces:
+    for piece in orbit.pieces:
         if piece.events is not None:
             columns = (piece.events.transition, piece.events.mode_before, piece.events.mode_after)
             rows = np.column_stack([*columns, piece.events.which])

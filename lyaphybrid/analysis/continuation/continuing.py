@@ -31,7 +31,7 @@ from .equations import ZERO_SINGULAR_VALUE, BranchEquations, BranchPoint, Consta
 from .following import Arc, advanced, follow, point_of_orbit, resumed
 from .locating import LocatedPoint
 
-__all__ = ["continuation"]
+__all__ = ["continuation", "equations_of", "moving", "orbit_as_result", "parameters_named", "range_of"]
 
 CONSERVED_VALUE = "conserved value"  # name of the parameter of a family
 FIRST_STEPS = 0.4 ** np.arange(
@@ -141,7 +141,9 @@ def continuation(
     whole("max_points", max_points, least=2)
     positive("step", step)
     parameter, (low, high) = _named_range(over)
-    args_of, value = _parameter(args, parameter) if parameter is not None else (ConstantArgs(args), None)
+    args_of, value = ConstantArgs(args), None
+    if parameter is not None:
+        (args_of,), (value,) = parameters_named(args, parameter)
     require(
         parameter is not None or conserve not in (None, False),
         "over names no parameter: its range is that of the value which is conserved, give conserve too; or name an "
@@ -152,13 +154,7 @@ def continuation(
     require(len(size) == 1, f"x0 must have shape (n,); got {size}.")
     x0 = x0 if isinstance(x0, Special) else jnp.asarray(numbers("x0", x0))
     labels = labels_of(system, size)
-    if isinstance(system, Hybrid) and iterates(system):
-        reset = system.transitions[0].reset
-        assert reset is not None, "lh.Hybrid wants one where nothing flows"
-        system = Map(reset, names=system.names, units=system.units)
-    if method is None and not isinstance(system, Map):
-        constrained = any(isinstance(field, Constrained) for field in fields_of(system))
-        method = HalfExplicit(rtol=1e-12, tableau="dopri8") if constrained else RungeKutta(rtol=1e-12, atol=1e-14)
+    system, method = moving(system, method)
     options = {"period": period, "t0": t0, "mode": mode, "method": method, "segments": segments}
     options |= {"conserve": conserve, "modulo": modulo}
     special = x0 if isinstance(x0, Special) else None
@@ -175,7 +171,7 @@ def continuation(
     else:
         orbit = special.orbit
     turns = 1 if special is None else special.turns_there
-    equations = _equations(system, args_of, (low, value, high), name, orbit, turns, options)
+    equations = equations_of(system, args_of, (low, value, high), name, orbit, turns, options)
     within = (low, high), step, max_points
     sides = (
         _branch_to_both_sides(equations, orbit, value, within)
@@ -183,6 +179,18 @@ def continuation(
         else _branched(equations, special, within)
     )
     return dataclasses.replace(_result(equations, name, orbit, *sides, float(t0)), state_labels=labels)
+
+
+def moving(system: Flow | Map | Hybrid, method: Method | None) -> tuple[Flow | Map | Hybrid, Method | None]:
+    """The system, as a map where nothing flows, and the method that follows its orbits."""
+    if isinstance(system, Hybrid) and iterates(system):
+        reset = system.transitions[0].reset
+        assert reset is not None, "lh.Hybrid wants one where nothing flows"
+        system = Map(reset, names=system.names, units=system.units)
+    if method is None and not isinstance(system, Map):
+        constrained = any(isinstance(field, Constrained) for field in fields_of(system))
+        method = HalfExplicit(rtol=1e-12, tableau="dopri8") if constrained else RungeKutta(rtol=1e-12, atol=1e-14)
+    return system, method
 
 
 def _named(system, parameter, value, special, x0, args, options) -> tuple[str, float]:
@@ -203,13 +211,14 @@ def _named(system, parameter, value, special, x0, args, options) -> tuple[str, f
 def _named_range(over) -> tuple[str | None, tuple[float, float]]:
     """The parameter and its range; None for what is conserved."""
     if not isinstance(over, Mapping):
-        return None, _range(over)
+        return None, range_of(over)
     require(len(over) == 1, f"over must name one parameter, {{name: (low, high)}}; got {over!r}.")
     ((parameter, own),) = over.items()
-    return parameter, _range(own)
+    return parameter, range_of(own)
 
 
-def _range(over) -> tuple[float, float]:
+def range_of(over) -> tuple[float, float]:
+    """The range of a parameter."""
     good = isinstance(over, tuple | list) or (isinstance(over, np.ndarray) and over.ndim == 1)
     good = good and len(over) == 2
     require(good, f"over must be (low, high), or {{name: (low, high)}}, the range of the parameter; got {over!r}.")
@@ -219,17 +228,24 @@ def _range(over) -> tuple[float, float]:
     return float(over[0]), float(over[1])
 
 
-def _parameter(args, parameter: str) -> tuple[ParameterOf, float]:
-    """P ↦ args, and the value of p in args."""
-    require(isinstance(parameter, str), f"the parameter must be the name of an entry of args; got {parameter!r}.")
-    leaf, args_of, names = parameters_of(args, [parameter.partition("[")[0]])
-    require(len(names) > 0, f"args has no numbers that over could name; got {args!r}.")
-    require(parameter in names, f"over must name one number, such as {names[0]!r}; got {parameter!r}.")
-    entry = names.index(parameter)
-    return ParameterOf(args_of, jnp.asarray(leaf, float), entry), float(leaf[entry])
+def parameters_named(args, *names: str) -> tuple[tuple[ParameterOf, ...], tuple[float, ...]]:
+    """P ↦ args for each named entry, and the values of these in args.
+
+    All numbers of args are in the leaf, so that what is compiled for one parameter serves for another.
+    """
+    for name in names:
+        require(isinstance(name, str), f"the parameter must be the name of an entry of args; got {name!r}.")
+    known = parameters_of(args, [name.partition("[")[0] for name in dict.fromkeys(names)])[2]
+    require(len(known) > 0, f"args has no numbers that over could name; got {args!r}.")
+    for name in names:
+        require(name in known, f"over must name one number, such as {known[0]!r}; got {name!r}.")
+    leaf, args_of, known = parameters_of(args, None)
+    entries = [known.index(name) for name in names]
+    leaf = jnp.asarray(leaf, float)
+    return tuple(ParameterOf(args_of, leaf, entry) for entry in entries), tuple(float(leaf[i]) for i in entries)
 
 
-def _equations(system, args_of, values, parameter: str, orbit: Floquet, turns: int, options) -> BranchEquations:
+def equations_of(system, args_of, values, parameter: str, orbit: Floquet, turns: int, options) -> BranchEquations:
     """The equations of the branch through an orbit, scaled by its size and its period."""
     args, period, method = args_of(jnp.asarray(values[1])), options["period"], options["method"]
     problem, *_ = preparation.prepare(system, orbit.base[1], args, options["t0"], method, options["mode"])
@@ -318,7 +334,7 @@ def _result(
     return Continuation(
         parameter=name,
         values=np.array([point.parameter for point in points]),
-        orbits=tuple(_orbit_as_result(equations, point, start) for point in points),
+        orbits=tuple(orbit_as_result(equations, point, start) for point in points),
         specials=tuple(_special_as_result(equations, one, start) for one in found),
         ends=(before.end, after.end),
         largest=np.array([np.max(x, axis=0) for x in states]),
@@ -326,7 +342,7 @@ def _result(
     )
 
 
-def _orbit_as_result(equations: BranchEquations, point: BranchPoint, start: Node) -> Floquet:
+def orbit_as_result(equations: BranchEquations, point: BranchPoint, start: Node) -> Floquet:
     """The orbit of a point with its multipliers; for a forced system shown at t0."""
     flow, base = equations.motion(point.parameter), point.orbit.nodes[0]
     shown = base if equations.autonomous else at_start(flow, base, start, point.orbit.period, point.orbit.shift)
@@ -335,6 +351,6 @@ def _orbit_as_result(equations: BranchEquations, point: BranchPoint, start: Node
 
 
 def _special_as_result(equations: BranchEquations, found: LocatedPoint, start: Node) -> Special:
-    orbit = _orbit_as_result(equations, found.point, start)
+    orbit = orbit_as_result(equations, found.point, start)
     largest, turns = np.max(states_over(found.point), axis=0), equations.turns
     return Special(found.kind, found.point.parameter, orbit, turns, turns * found.turns, found.change, largest)

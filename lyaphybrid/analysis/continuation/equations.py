@@ -49,15 +49,15 @@ ZERO_SINGULAR_VALUE = 1e-11  # singular values below this fraction of the larges
 
 
 class ParameterOf(eqx.Module):
-    """The function p ↦ args as a pytree, so that another leaf value compiles nothing new."""
+    """The function p ↦ args as a pytree, so that another leaf value, or another parameter, compiles nothing new."""
 
     args_of: Callable  # (q,) ↦ args
     leaf: Any  # (q,) values of the leaf that has p as an entry
-    entry: int = eqx.field(static=True)
+    entry: Any = eqx.field(converter=np.asarray)
 
     def __call__(self, p):
         """The args with this parameter."""
-        if traced(p, self.leaf):
+        if traced(p, self.leaf, self.entry):
             return self.args_of(jnp.where(np.arange(len(self.leaf)) == self.entry, p, self.leaf))
         leaf = np.array(self.leaf)  # of numbers without programs of XLA, which take long to compile
         leaf[self.entry] = p
@@ -214,7 +214,7 @@ class BranchEquations(NamedTuple):
     def carried(self, node: Node, length: float, p: float, along: tuple) -> np.ndarray:
         """The derivative (n,) of the motion's end along changes (dp, dt, dx, dlength) of p, start and length."""
         mode = 0 if self.discrete else self.motion(p).mode(node)
-        turn = PeriodRun(self.problem.system, self.args_of, None, None, self.method)
+        turn = PeriodRun(self.motion(p).problem_from(node).system, self.args_of, None, None, self.method)
         given, changes = ([_number(value) for value in values] for values in ((p, *node[:2], length), along))
         return np.asarray(_carried(turn, as_jax(np.asarray(mode)), given, changes, self.discrete))
 

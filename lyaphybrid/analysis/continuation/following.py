@@ -3,7 +3,7 @@
 E. L. Allgower & K. Georg, Introduction to Numerical Continuation Methods (SIAM 2003), doi:10.1137/1.9780898719154.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,7 +14,17 @@ from .equations import BranchEquations, BranchPoint, states_over, tangent
 from .locating import LocatedPoint, OrbitChange, change_of, crossings
 from .touching import touches
 
-__all__ = ["Arc", "advanced", "point_of_orbit", "follow", "resumed"]
+__all__ = [
+    "LEAST_CLEARANCE",
+    "SHORTEST_STEP",
+    "Arc",
+    "advanced",
+    "follow",
+    "next_length",
+    "point_of_orbit",
+    "resumed",
+    "stepped",
+]
 
 LEAST_COSINE = 0.9  # least cosine of the angle between the tangents of two consecutive points
 ASTRAY = 0.5  # of the step length: a longer correction is rejected, it may lead to another branch
@@ -49,8 +59,7 @@ def follow(equations: BranchEquations, start: BranchPoint, over: tuple[float, fl
             continue
         found += met
         points.append(_with_clear_nodes(equations, after))
-        length = min(step, length * GROWTH) if after.iterations <= QUICK_ITERATIONS else length
-        length = length / GROWTH if after.iterations >= SLOW_ITERATIONS else length
+        length = next_length(length, after.iterations, step)
     if end == "no convergence":
         nearest = _approached(equations, last, length)
         if touches(equations, nearest):
@@ -87,8 +96,8 @@ def _signature(equations: BranchEquations, point: BranchPoint) -> np.ndarray:
     return np.append(ends, [point.orbit.period / equations.time, point.parameter / equations.span])
 
 
-def advanced(equations: BranchEquations, last: BranchPoint, length: float, over) -> BranchPoint | None:
-    """The next point of the branch, or the point on the border of the range if the step would leave it."""
+def stepped(equations: Any, last: Any, length: float) -> Any:
+    """The point a step further along the tangent; None where it is not found, or is too far from the tangent."""
     guess = last.u + length * last.tangent
     after = equations.corrected(guess, last.orbit, last.tangent, float(last.tangent @ guess), reach=length)
     if (
@@ -97,11 +106,25 @@ def advanced(equations: BranchEquations, last: BranchPoint, length: float, over)
         or np.linalg.norm(after.u - guess) > ASTRAY * length
     ):
         return None
+    return after
+
+
+def next_length(length: float, iterations: int, largest: float) -> float:
+    """The length of the next step, from the number of Newton iterations of the last one."""
+    length = min(largest, length * GROWTH) if iterations <= QUICK_ITERATIONS else length
+    return length / GROWTH if iterations >= SLOW_ITERATIONS else length
+
+
+def advanced(equations: BranchEquations, last: BranchPoint, length: float, over) -> BranchPoint | None:
+    """The next point of the branch, or the point on the border of the range if the step would leave it."""
+    after = stepped(equations, last, length)
+    if after is None:
+        return None
     bound = float(np.clip(after.parameter, *over))
     if bound == after.parameter:
         return after
     share = (bound - last.parameter) / (after.parameter - last.parameter)
-    across = np.zeros(len(guess))
+    across = np.zeros(len(after.u))
     across[-1] = 1.0
     onto = equations.corrected(last.u + share * (after.u - last.u), last.orbit, across, bound / equations.span)
     return None if onto is None else onto._replace(tangent=tangent(onto.jacobian, last.tangent), parameter=bound)
@@ -111,7 +134,7 @@ def _between(
     equations: BranchEquations, before: BranchPoint, after: BranchPoint, length: float
 ) -> list[LocatedPoint] | None:
     """Special points between two points; None if they cannot be located, and the step must be shorter."""
-    if cycle_of_events(before) == cycle_of_events(after):
+    if cycle_of_events(before.orbit) == cycle_of_events(after.orbit):
         return crossings(equations, before, after)
     edge = _approached(equations, before, length)
     first = [] if edge is before else crossings(equations, before, edge)
@@ -120,11 +143,11 @@ def _between(
 
 def _approached(equations: BranchEquations, last: BranchPoint, length: float) -> BranchPoint:
     """The last point before the branch ends or the sequence of its events changes."""
-    cycle, everywhere = cycle_of_events(last), (-np.inf, np.inf)
+    cycle, everywhere = cycle_of_events(last.orbit), (-np.inf, np.inf)
     while length > NEXT:
         length /= 2
         after = advanced(equations, last, length, everywhere)
-        if after is not None and cycle_of_events(after) == cycle:
+        if after is not None and cycle_of_events(after.orbit) == cycle:
             last = after
     return last
 

@@ -5,7 +5,7 @@ nearly singular: there the branch and the test are interpolated from points at s
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy  # submodules load on first use, because those used here load slowly
@@ -14,7 +14,7 @@ from ...errors import RunFailedError
 from .bifurcations import TESTS, branching, is_complex, of_doubling
 from .equations import BranchEquations, BranchPoint
 
-__all__ = ["OrbitChange", "LocatedPoint", "change_of", "crossings"]
+__all__ = ["LocatedPoint", "LostError", "OrbitChange", "between", "change_of", "crossings", "root"]
 
 INTERPOLATION_OFFSETS = 0.1 * np.array([-3, -2, -1, 1, 2, 3])  # of a step: offsets of the interpolation points
 FOLD_AT_BRANCH_POINT = 1e-3  # of a step: a fold nearer to a branch point than this is that branch point
@@ -48,10 +48,10 @@ def crossings(equations: BranchEquations, before: BranchPoint, after: BranchPoin
         if ends[0] * ends[1] >= 0:
             continue
         try:
-            place, point = _located(equations, before, after, total, kind)
+            place, point = _located(equations, before, after, kind)
             jump = abs(test(equations, point)) > ROOT * max(np.abs(ends))
             found = None if jump else _from_sign_change(equations, kind, point)
-        except (_LostError, RunFailedError):
+        except (LostError, RunFailedError):
             return None
         double = kind == "fold" and any(abs(place - other) < FOLD_AT_BRANCH_POINT * total for other, _ in places)
         if found is not None and not double:
@@ -59,38 +59,51 @@ def crossings(equations: BranchEquations, before: BranchPoint, after: BranchPoin
     return [found for _, found in sorted(places, key=lambda pair: pair[0])]
 
 
-class _LostError(Exception):
+class LostError(Exception):
     """Newton's method found no point of the branch."""
 
 
-def _located(
-    equations: BranchEquations, before: BranchPoint, after: BranchPoint, total: float, kind: str
-) -> tuple[float, BranchPoint]:
-    """The root of a test between two points: its place along the first tangent, and the point."""
+def between(equations: Any, before: Any, after: Any) -> tuple[float, Callable[[float], Any]]:
+    """The length between two points along the first tangent, and the points in between, each computed once.
+
+    Raises:
+        LostError: by the function, where Newton's method finds no point.
+    """
+    total = float(before.tangent @ (after.u - before.u))
     slopes = before.tangent, after.tangent / (before.tangent @ after.tangent)
     path = scipy.interpolate.CubicHermiteSpline([0.0, total], [before.u, after.u], slopes)
     known = {0.0: before, total: after}
 
-    def at(place: float) -> BranchPoint:
+    def at(place: float) -> Any:
         if place not in known:
             level = float(before.tangent @ before.u + place)
             point = equations.corrected(path(place), before.orbit, before.tangent, level, reach=total)
             if point is None:
-                raise _LostError
+                raise LostError
             known[place] = point
         return known[place]
+
+    return total, at
+
+
+def _located(
+    equations: BranchEquations, before: BranchPoint, after: BranchPoint, kind: str
+) -> tuple[float, BranchPoint]:
+    """The root of a test between two points: its place along the first tangent, and the point."""
+    total, at = between(equations, before, after)
 
     def value(place: float) -> float:
         return TESTS[kind](equations, at(place))
 
     if kind == "branch point":
-        roughly = _root(value, 0.0, total, 0.05 * total)
+        roughly = root(value, 0.0, total, 0.05 * total)
         return _from_aside(equations, roughly + INTERPOLATION_OFFSETS * total, at, value)
-    place = _root(value, 0.0, total, 1e-14)
+    place = root(value, 0.0, total)
     return place, at(place)
 
 
-def _root(function: Callable[[float], float], low: float, high: float, within: float) -> float:
+def root(function: Callable[[float], float], low: float, high: float, within: float = 1e-14) -> float:
+    """A root between two places where the signs differ."""
     return float(scipy.optimize.brentq(function, low, high, xtol=within, rtol=8.9e-16))  # pyright: ignore[reportArgumentType]
 
 
@@ -101,8 +114,8 @@ def _from_aside(
     rows = [np.append(value(place), at(place).u) for place in map(float, places)]
     through = scipy.interpolate.KroghInterpolator(places, rows)
     if rows[2][0] * rows[3][0] >= 0:
-        raise _LostError
-    place = _root(lambda place: float(through(place)[0]), float(places[2]), float(places[3]), 1e-14)
+        raise LostError
+    place = root(lambda place: float(through(place)[0]), float(places[2]), float(places[3]))
     u, along = through(place)[1:], through.derivative(place)[1:]
     orbit, p = equations.shoot(u, at(float(places[2])).orbit)
     return place, BranchPoint(orbit, p, u, equations.linearised(orbit, p)[0], along / np.linalg.norm(along), 0)

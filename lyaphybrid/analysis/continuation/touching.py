@@ -1,69 +1,148 @@
-"""Whether an orbit touches a guard: grazes it from one side, or reaches it with no speed."""
+"""Where an orbit touches a guard, from one side or with no speed, or has an event on the edge of another guard."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ...systems.hybrid import Hybrid, Transition
-from ..orbits.shooting import Motion, MotionPiece
+from ...engine import problems
+from ...systems.hybrid import Hybrid
+from ..orbits.shooting import Motion, MotionPiece, Node, OrbitIterate
 from .equations import BranchEquations, BranchPoint
 
-__all__ = ["touches"]
+__all__ = ["FoundTouch", "Touch", "found_touch", "touches"]
 
-GRAZED = 1e-5  # largest |extremum| of a grazed guard, relative to the guard's range
-TANGENTIAL_RATE = 1e-3  # largest rate of a guard at a tangential event, relative to the largest rate on the orbit
+GRAZED = 1e-5  # largest value at a touch at which a branch ends, relative to the guard's range over the orbit
+TOUCHES = 1e-4  # the same where a touch is looked for
+STAYS = 1e-4  # change in a period, relative to the range, of a guard on whose surface the motion stays
+SAME_SURFACE = 1e-6  # of 1 − cos of the angle between the gradients of two guards that are the same surface
+
+
+class Touch(NamedTuple):
+    """A guard that is touched, or an event on the edge of another guard; each is a transition and an entry."""
+
+    guard: tuple[int, int]
+    edge: tuple[int, int] | None  # None: the guard's own rate
+    mode: int  # before the event
+
+
+class FoundTouch(NamedTuple):
+    """A touch of an orbit."""
+
+    touch: Touch
+    t: float
+    fired: bool  # the touched guard fires at this time
+    off: float  # relative value: 0 for an exact touch
 
 
 def touches(equations: BranchEquations, point: BranchPoint) -> bool:
     """Whether some guard nearly vanishes together with its rate."""
     flow = equations.motion(point.parameter)
-    system = flow.problem.system
-    if not isinstance(system, Hybrid):
+    if not isinstance(flow.problem.system, Hybrid):
         return False
-    guarded = [(j, transition) for j, transition in enumerate(system.transitions) if transition.guard is not None]
-    return any(_touched(flow, piece, j, transition) for piece in point.orbit.pieces for j, transition in guarded)
+    tangent = (found for piece in point.orbit.pieces for j in _guarded(flow) for found in _tangencies(flow, piece, j))
+    return any(found.off < GRAZED for found in tangent)
 
 
-def _touched(flow: Motion, piece: MotionPiece, j: int, transition: Transition) -> bool:
-    names = flow.problem.system.mode_names
-    sources = range(len(names)) if transition.source is None else map(names.index, transition.source)
-    for mode in sources:
-        inside = piece.modes == mode
-        fired = (piece.events.transition == j) & (piece.events.mode_before == mode)
-        if not np.any(inside) and not np.any(fired):
+def found_touch(equations: BranchEquations, orbit: OrbitIterate, p: float) -> FoundTouch | None:
+    """The touch that an orbit is nearest to; None if it is near none."""
+    flow = equations.motion(p)
+    seen = [
+        found
+        for j in _guarded(flow)
+        for piece in orbit.pieces
+        for found in (*_tangencies(flow, piece, j), *_edges(flow, orbit, piece, j))
+    ]
+    return min((found for found in seen if found.off < TOUCHES), key=lambda found: found.off, default=None)
+
+
+def _guarded(flow: Motion) -> list[int]:
+    """The transitions that have a guard."""
+    return [j for j, transition in enumerate(flow.problem.system.transitions) if transition.guard is not None]
+
+
+def _sources(flow: Motion, j: int) -> list[int]:
+    names, source = problems.mode_names(flow.problem.system), flow.problem.system.transitions[j].source
+    return list(range(len(names))) if source is None else [names.index(name) for name in source]
+
+
+def _tangencies(flow: Motion, piece: MotionPiece, j: int) -> Iterator[FoundTouch]:
+    """Extrema of a guard next to zero, and events at which it hardly moves."""
+    for mode in _sources(flow, j):
+        inside = np.flatnonzero(piece.modes == mode)
+        fired = np.flatnonzero((piece.events.transition == j) & (piece.events.mode_before == mode))
+        if not len(inside):
             continue
         times = np.concatenate([piece.times[inside], piece.events.t[fired]])
         states = np.concatenate([piece.points[inside], piece.events.x_before[fired]])
-        values, rates = _guard_values(flow, transition, mode, piece.start.t + times, states)
-        split = np.sum(inside)
-        if _grazes(values[:split], np.flatnonzero(inside)) or _slow(rates[split:], rates):
-            return True
-    return False
+        values, rates = _along(flow, j, mode, piece.start.t + times, states)
+        for entry in range(values.shape[1]):
+            touch, range_of = Touch((j, entry), None, mode), float(np.ptp(values[:, entry])) or 1.0
+            for at, value in _extrema(times[: len(inside)], values[: len(inside), entry], inside):
+                yield FoundTouch(touch, piece.start.t + at, False, abs(value) / range_of)
+            fastest = float(np.max(np.abs(rates[:, entry]))) or 1.0
+            for k, event in enumerate(fired, len(inside)):
+                if piece.events.which[event] in (entry, -1):
+                    # Beside a touch the rate at the event is the root of the distance.
+                    yield FoundTouch(touch, piece.start.t + times[k], True, float(rates[k, entry] / fastest) ** 2)
 
 
-def _guard_values(flow: Motion, transition: Transition, mode: int, times, states):
+def _extrema(times: np.ndarray, values: np.ndarray, places: np.ndarray) -> Iterator[tuple[float, float]]:
+    """Times and values of extrema, from the parabola through three consecutive samples."""
+    a, b, c = values[:-2], values[1:-1], values[2:]
+    curvature = a - 2 * b + c
+    turning = (places[2:] - places[:-2] == 2) & ((b - a) * (c - b) <= 0) & (curvature != 0)
+    for i in np.flatnonzero(turning):
+        shift = (a[i] - c[i]) / (2 * curvature[i])
+        yield (
+            float(times[i + 1] + shift * (times[i + 2] - times[i + 1])),
+            float(b[i] - (c[i] - a[i]) ** 2 / (8 * curvature[i])),
+        )
+
+
+def _edges(flow: Motion, orbit: OrbitIterate, piece: MotionPiece, j: int) -> Iterator[FoundTouch]:
+    """Events of a guard at which another guard is next to zero, but not all the time, as on its surface."""
+    for event in np.flatnonzero(piece.events.transition == j):
+        mode, t, x = int(piece.events.mode_before[event]), piece.events.t[event], piece.events.x_before[event]
+        entry, time = max(int(piece.events.which[event]), 0), piece.start.t + float(t)
+        normal = _gradients(flow, j, time, x)[1][entry]
+        velocity = np.append(1.0, flow.velocity(Node(time, jnp.asarray(x), mode)))
+        for other in _guarded(flow):
+            values, gradients = _gradients(flow, other, time, x)
+            ranges = np.ptp(np.concatenate([_values(flow, other, one) for one in orbit.pieces]), axis=0)
+            for k, (value, gradient) in enumerate(zip(values, gradients, strict=True)):
+                lengths, range_of = float(np.linalg.norm(gradient) * np.linalg.norm(normal)), float(ranges[k]) or 1.0
+                same = lengths == 0 or abs(gradient @ normal) > (1 - SAME_SURFACE) * lengths
+                stays = abs(gradient @ velocity) * orbit.period < STAYS * range_of
+                if not same and not stays:
+                    yield FoundTouch(Touch((j, entry), (other, k), mode), time, True, float(abs(value)) / range_of)
+
+
+def _guard(flow: Motion, j: int):
+    guard, args = flow.problem.system.transitions[j].guard, flow.problem.args
+    return lambda t, x: jnp.ravel(jnp.asarray(guard(t, x, args)))
+
+
+def _along(flow: Motion, j: int, mode: int, times, states) -> list[np.ndarray]:
     """Values and rates (samples, m) of a guard along the motion in a mode."""
-    field, guard, args = flow.problem.system.fields[mode], transition.guard, flow.problem.args
-    assert guard is not None
+    field, args, guard = flow.problem.system.fields[mode], flow.problem.args, _guard(flow, j)
 
     def one(t, x):
-        velocity = field(t, x, args)
-        return jax.jvp(lambda t, x: jnp.ravel(guard(t, x, args)), (t, x), (jnp.ones_like(t), velocity))
+        return jax.jvp(guard, (t, x), (jnp.ones_like(t), field(t, x, args)))
 
     return [np.asarray(found) for found in jax.vmap(one)(jnp.asarray(times), jnp.asarray(states))]
 
 
-def _grazes(values: np.ndarray, at: np.ndarray) -> bool:
-    """Whether an extremum, from the parabola through three consecutive samples, is nearly zero."""
-    if len(values) < 3:
-        return False
-    a, b, c = values[:-2], values[1:-1], values[2:]
-    together = ((at[2:] - at[:-2]) == 2)[:, None]
-    curvature = a - 2 * b + c
-    turning = together & ((b - a) * (c - b) <= 0) & (curvature != 0)
-    extrema = b - (c - a) ** 2 / (8 * np.where(turning, curvature, 1.0))
-    return bool(np.any(turning & (np.abs(extrema) < GRAZED * np.ptp(values, axis=0))))
+def _values(flow: Motion, j: int, piece: MotionPiece) -> np.ndarray:
+    """Values (samples, m) of a guard on a piece of motion."""
+    times, guard = jnp.asarray(piece.start.t + piece.times), _guard(flow, j)
+    return np.asarray(jax.vmap(guard)(times, jnp.asarray(piece.points)))
 
 
-def _slow(rates: np.ndarray, everywhere: np.ndarray) -> bool:
-    return bool(len(rates)) and bool(np.any(np.abs(rates) < TANGENTIAL_RATE * np.max(np.abs(everywhere), axis=0)))
+def _gradients(flow: Motion, j: int, t: float, x) -> tuple[np.ndarray, np.ndarray]:
+    """Values (m,) of a guard, and gradients (m, 1 + n) by time and state."""
+    guard, at = _guard(flow, j), (jnp.asarray(t, float), jnp.asarray(x))
+    by_time, by_state = jax.jacfwd(guard, argnums=(0, 1))(*at)
+    return np.asarray(guard(*at)), np.column_stack([by_time, by_state])

@@ -13,8 +13,10 @@ of states alone may be no orbit: fields continue beyond the guards at which thei
 return to a state in another mode.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -70,6 +72,19 @@ class Node(NamedTuple):
     t: float
     x: Any  # (n,)
     mode: Any  # index; None: the state determines it
+    without: tuple[int, int] | None = None  # transition, entry of its guard: what the piece from here does not feel
+
+
+class DisarmedGuard(eqx.Module):
+    """A guard of which one entry never falls to zero."""
+
+    guard: Callable
+    entry: int = eqx.field(static=True)
+
+    def __call__(self, t, x, args):
+        """The values, 1 for that entry."""
+        values = jnp.asarray(self.guard(t, x, args))
+        return jnp.where(np.arange(values.size).reshape(values.shape) == self.entry, 1.0, values)
 
 
 class MotionPiece(NamedTuple):
@@ -133,16 +148,28 @@ class Motion(NamedTuple):
     symmetry: Symmetry | None = None
     conserved: Conserved | None = None
 
+    def problem_from(self, node: Node) -> problems.RunProblem:
+        """The problem of the piece from a node."""
+        if node.without is None:
+            return self.problem
+        transition, entry = node.without
+        system = eqx.tree_at(
+            lambda system: system.transitions[transition].guard,
+            self.problem.system,
+            DisarmedGuard(self.problem.system.transitions[transition].guard, entry),
+        )
+        return self.problem._replace(system=system)
+
     def piece(self, node: Node, length: float) -> MotionPiece:
         """Run the system from a node over a length of time."""
         x0, discrete = as_jax(np.asarray(node.x)), isinstance(self.problem.system, Map)
-        hybrid = isinstance(self.problem.system, Hybrid | EventDriven)
+        hybrid, problem = isinstance(self.problem.system, Hybrid | EventDriven), self.problem_from(node)
         plan = problems.RunPlan(log=EVENT_LOG_ROWS * hybrid, collect=problems.point)
         t0, ends = array(node.t, x0.dtype), length * np.arange(1, SAMPLES_PER_PIECE + 1) / SAMPLES_PER_PIECE
         ends = array(np.arange(1, length + 1) if discrete else ends, x0.dtype)
         frame = np.eye(len(x0), dtype=x0.dtype)
-        loop_state = driver.start(self.problem, plan, t0, x0, frame, node.mode, 1.0)
-        outcome = driver.drive(self.problem, plan, loop_state, ends, ends)
+        loop_state = driver.start(problem, plan, t0, x0, frame, node.mode, 1.0)
+        outcome = driver.drive(problem, plan, loop_state, ends, ends)
         status, matrix = STATUS(int(outcome.status)), np.asarray(outcome.loop_state.carry.frame)
         where, why = f"On a piece of length {length:.6g} from t = {node.t:.6g}: ", outcome.why
         if status == STATUS.ok and not np.all(np.isfinite(matrix)):

@@ -1,0 +1,166 @@
+"""Follow a curve in the plane of two parameters by predictor and corrector."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...errors import RunFailedError
+from ..continuation.bifurcations import cycle_of_events
+from ..continuation.following import LEAST_CLEARANCE, SHORTEST_STEP, next_length, stepped
+from ..continuation.locating import LostError
+from ..continuation.touching import FoundTouch
+from ..orbits.shooting import Node, OrbitIterate, states_of
+from .equations import CurveEquations, CurvePoint
+from .special_points import special_points
+from .touch_conditions import TouchCondition, placed_around
+
+__all__ = ["CurveBound", "CurveArc", "follow_curve"]
+
+PLAIN_ENDS = ("range", "closed", "max_points", "no convergence")  # the others are special points
+ON_BOUND = 1e-12  # of the span
+ENDS_OF_PIECE = 0.15  # of its length: a touch nearer to its ends than this gets other nodes
+
+
+class CurveBound(NamedTuple):
+    """The range of one unknown, counted from the end of z, and what the curve reaches at its ends."""
+
+    place: int
+    low: float
+    high: float
+    ends: tuple[str, str]
+
+
+class CurveArc(NamedTuple):
+    """The part of a curve to one side of its start."""
+
+    points: list[CurvePoint]
+    found: list[tuple[str, CurvePoint]]
+    end: str
+
+
+def follow_curve(
+    equations: CurveEquations, kind: str, start: CurvePoint, bounds: list[CurveBound], step: float, most: int
+) -> CurveArc:
+    """The curve from a point, along its tangent, until it leaves a range, closes or ends."""
+    points, found, length, changes = [start], [], step / 4, False
+    while True:
+        last = points[-1]
+        end = _reached(last, bounds) or _reason_to_end(equations, points, most, length < SHORTEST_STEP * step)
+        if end is not None:
+            end = "grazing" if changes and end == "no convergence" else end
+            ahead = [] if end in PLAIN_ENDS else [(end, last)]
+            return CurveArc(points, [*found, *ahead], end)
+        after = _advanced(equations, last, length, bounds)
+        met, changes = None, after is not None and not _same_events(equations, last, after)
+        if after is not None and not changes:
+            try:
+                met = special_points(equations, kind, last, after)
+            except (LostError, RunFailedError):
+                met = None
+        if after is None or met is None:
+            length /= 2
+            continue
+        found += met
+        points.append(_with_clear_nodes(equations, after))
+        length = next_length(length, after.iterations, step)
+
+
+def _reason_to_end(equations: CurveEquations, points: list[CurvePoint], most: int, short: bool) -> str | None:
+    if len(points) > 3 and _back(equations, points):
+        return "closed"
+    if len(points) >= most:
+        return "max_points"
+    return "no convergence" if short else None
+
+
+def _reached(point: CurvePoint, bounds: list[CurveBound]) -> str | None:
+    """What the curve has reached, if it stands at the end of a range and leads out of it."""
+    for bound in bounds:
+        value, heading = float(point.u[bound.place]), float(point.tangent[bound.place])
+        for side, edge, name in ((-1.0, bound.low, bound.ends[0]), (1.0, bound.high, bound.ends[1])):
+            if heading * side > 0 and abs(value - edge) <= ON_BOUND * (bound.high - bound.low):
+                return name
+    return None
+
+
+def _advanced(
+    equations: CurveEquations, last: CurvePoint, length: float, bounds: list[CurveBound]
+) -> CurvePoint | None:
+    """The next point, or that on the edge of the first range which the step would leave."""
+    after = stepped(equations, last, length)
+    if after is None:
+        return None
+    share, place, edge = 1.0, None, 0.0
+    for bound in bounds:
+        value, before = float(after.u[bound.place]), float(last.u[bound.place])
+        nearest = float(np.clip(value, bound.low, bound.high))
+        if nearest != value and (nearest - before) / (value - before) < share:
+            share, place, edge = (nearest - before) / (value - before), bound.place, nearest
+    if place is None:
+        return after
+    across = np.zeros(len(after.u))
+    across[place] = 1.0
+    onto = equations.corrected(last.u + share * (after.u - last.u), last.orbit, across, edge)
+    if onto is None:
+        return None
+    along = onto.tangent if onto.tangent @ last.tangent > 0 else -onto.tangent
+    return onto._replace(tangent=along)
+
+
+def _same_events(equations: CurveEquations, before: CurvePoint, after: CurvePoint) -> bool:
+    """Whether the sequence of events is the same; at an event on an edge it may be either."""
+    condition = equations.condition
+    if isinstance(condition, TouchCondition) and condition.touch.edge is not None:
+        return True
+    return cycle_of_events(before.orbit) == cycle_of_events(after.orbit)
+
+
+def _back(equations: CurveEquations, points: list[CurvePoint]) -> bool:
+    """Whether the last step passed the start of the curve."""
+    first, before, last = (_signature(equations, point) for point in (points[0], *points[-2:]))
+    return bool(max(np.linalg.norm(first - last), np.linalg.norm(first - before)) < np.linalg.norm(last - before))
+
+
+def _signature(equations: CurveEquations, point: CurvePoint) -> np.ndarray:
+    """Scaled numbers of an orbit and its parameters, which do not depend on its first node."""
+    states = np.concatenate([states_of(piece)[1] for piece in point.orbit.pieces])
+    ends = np.concatenate([states.max(axis=0), states.min(axis=0)]) / equations.base.size
+    pair = np.divide(point.pair, equations.spans)
+    return np.concatenate([ends, [point.orbit.period / equations.base.time], pair, point.own])
+
+
+def _with_clear_nodes(equations: CurveEquations, point: CurvePoint) -> CurvePoint:
+    """The same point, with new nodes if some are too near to events, or the touch leaves its piece."""
+    if _are_clear(equations, point):
+        return point
+    try:
+        orbit, own = _placed_anew(equations, point)
+    except RunFailedError:
+        return point
+    z = equations.vector(orbit, point.pair, own)
+    unknowns, across = len(own), np.zeros(len(z))
+    across[len(z) - unknowns - 2 : len(z) - unknowns] = point.parameters_along(unknowns)
+    return equations.corrected(z, orbit, across, float(across @ z)) or point
+
+
+def _are_clear(equations: CurveEquations, point: CurvePoint) -> bool:
+    """Whether no node is near an event, and a touch not near the ends of the piece that holds it."""
+    near, condition = LEAST_CLEARANCE * point.orbit.period, equations.condition
+    if isinstance(condition, TouchCondition):
+        share = float(point.own[0]) * equations.base.time / point.orbit.pieces[0].length
+        if not ENDS_OF_PIECE < share < 1 - ENDS_OF_PIECE:
+            return False
+    times = [(piece.events.t, piece.length) for piece in point.orbit.pieces if piece.events is not None]
+    return not any(np.any((t < near) | (length - t < near)) for t, length in times)
+
+
+def _placed_anew(equations: CurveEquations, point: CurvePoint) -> tuple[OrbitIterate, np.ndarray]:
+    """The orbit of a point with other nodes, and the condition's own unknowns there."""
+    branch, condition, first = equations.along(0, point.pair), equations.condition, point.orbit.nodes[0]
+    if isinstance(condition, TouchCondition):
+        at = first.t + float(point.own[0]) * branch.time
+        found = FoundTouch(condition.touch, at, condition.touch.edge is not None, 0.0)
+        orbit, before = placed_around(branch, point.orbit, point.pair[0], found)
+        return orbit, np.array([before / branch.time])
+    node = Node(first.t, first.x, first.mode)
+    return branch.orbit_from(node, point.pair[0], point.orbit.period), point.own

@@ -1,0 +1,138 @@
+"""Conditions on the multipliers: fold, branch point, period doubling, Neimark–Sacker.
+
+That a matrix A is singular is the one equation g = 0 of the bordered system
+
+    A w + B g = 0,   C·w = 1,
+
+whose derivatives are −ψ·(∂A) w with ψ from the transposed system. A holds first derivatives of the motion, ∂A second
+ones; as these are symmetric, ψ·(∂A) w is the derivative along w of the first derivatives by all unknowns: two
+differences, however many unknowns there are.
+
+Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory (Springer 2004), sections 10.2 and 10.3,
+doi:10.1007/978-1-4757-3978-7.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .equations import EXACTLY, ConditionValue, CurveIterate
+
+__all__ = ["BranchPointCondition", "DoublingCondition", "FoldCondition", "TorusCondition", "monodromy_of"]
+
+
+class Bordered(NamedTuple):
+    """The solution of a bordered system with as many borders as A has singular values near zero."""
+
+    g: np.ndarray  # (d, d)
+    w: np.ndarray  # (n, d) null vectors of A, where g = 0
+    psi: np.ndarray  # (n, d) left null vectors
+    left: np.ndarray  # (n, d) the border B
+
+
+def bordered(matrix: np.ndarray, defect: int) -> Bordered:
+    """The bordered system of a square matrix, its borders the singular vectors."""
+    n = len(matrix)
+    left, _, right = np.linalg.svd(matrix)
+    b, c = left[:, n - defect :], right[n - defect :].T
+    square = np.block([[matrix, b], [c.T, np.zeros((defect, defect))]])
+    unit = np.vstack([np.zeros((n, defect)), np.eye(defect)])
+    straight, transposed = np.linalg.solve(square, unit), np.linalg.solve(square.T, unit)
+    return Bordered(straight[n:], straight[:n], transposed[:n], b)
+
+
+class FoldCondition(NamedTuple):
+    """Two orbits meet: the Jacobian by all unknowns but the parameters is singular."""
+
+    unknowns: int = 0
+    beside: tuple[float, ...] = EXACTLY
+
+    def at(self, there: CurveIterate) -> ConditionValue:
+        """Residual and derivatives."""
+        found = bordered(there.jacobian[:, :-2], 1)
+        row = -found.psi[:, 0] @ there.second(np.append(found.w[:, 0], [0.0, 0.0]))
+        return ConditionValue(found.g[0], row[None, :], np.zeros((len(there.gaps), 0)))
+
+
+class BranchPointCondition(NamedTuple):
+    """Two branches cross: what folds, and the parameter does not unfold it.
+
+    In two parameters this is one condition too many. It holds along a curve where a symmetry, or an orbit that is there
+    anyway, demands it: then the force α along the border B, which is one more unknown, is zero.
+    """
+
+    unknowns: int = 1
+    beside: tuple[float, ...] = EXACTLY
+
+    def at(self, there: CurveIterate) -> ConditionValue:
+        """Residuals and derivatives."""
+        matrix, by_first = there.jacobian[:, :-2], there.jacobian[:, -2]
+        found = bordered(matrix, 1)
+        psi, w = found.psi[:, 0], found.w[:, 0]
+        known = np.linalg.lstsq(np.vstack([matrix, w]), np.append(by_first, 0.0), rcond=None)[0]
+        rows = np.array(
+            [-psi @ there.second(np.append(w, [0.0, 0.0])), psi @ there.second(np.append(-known, [1.0, 0.0]))]
+        )
+        residuals = np.array([found.g[0, 0], psi @ by_first])
+        return ConditionValue(residuals, np.hstack([rows, np.zeros((2, 1))]), found.left)
+
+
+def monodromy_of(there: CurveIterate) -> tuple[np.ndarray, np.ndarray]:
+    """The monodromy matrix (n, n) modulo the symmetry, and the inverse of the symmetry's own derivative."""
+    first = there.orbit.nodes[0]
+    matrix = np.eye(len(first.x))
+    for piece in there.orbit.pieces:
+        matrix = piece.matrix @ matrix
+    symmetry = there.motion.symmetry
+    back = np.eye(len(first.x))
+    if symmetry is not None:
+        back = np.linalg.inv(symmetry.image(first.x, there.orbit.shift).by_state)
+    return back @ matrix, back
+
+
+def _slope(there: CurveIterate, back: np.ndarray, psi: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """The derivatives (N + 2,) of ψ·M w by all unknowns, M the monodromy matrix: the sum over its pieces."""
+    pieces, n = there.orbit.pieces, len(w)
+    ahead, behind = [w], [back.T @ psi]
+    for piece in pieces[:-1]:
+        ahead.append(piece.matrix @ ahead[-1])
+    for piece in reversed(pieces[1:]):
+        behind.insert(0, piece.matrix.T @ behind[0])
+    size, scale = there.branch.size, there.branch.scales(there.orbit)[0]
+    direction = np.append(np.concatenate(ahead) / scale, np.zeros(len(there.u) - len(pieces) * n))
+    return size * np.concatenate(behind) @ there.second(direction)[: len(pieces) * n]
+
+
+class DoublingCondition(NamedTuple):
+    """One multiplier is −1: M + I is singular."""
+
+    unknowns: int = 0
+    beside: tuple[float, ...] = EXACTLY
+
+    def at(self, there: CurveIterate) -> ConditionValue:
+        """Residual and derivatives."""
+        matrix, back = monodromy_of(there)
+        found = bordered(matrix + np.eye(len(matrix)), 1)
+        row = -_slope(there, back, found.psi[:, 0], found.w[:, 0])
+        return ConditionValue(found.g[0], row[None, :], np.zeros((len(there.gaps), 0)))
+
+
+class TorusCondition(NamedTuple):
+    """Two multipliers are exp(±iθ): M² − 2κM + I has two null vectors; κ = cos θ is one more unknown."""
+
+    unknowns: int = 1
+    beside: tuple[float, ...] = EXACTLY
+
+    def at(self, there: CurveIterate) -> ConditionValue:
+        """Residuals and derivatives."""
+        (matrix, back), kappa = monodromy_of(there), float(there.own[0])
+        found = bordered(matrix @ matrix - 2 * kappa * matrix + np.eye(len(matrix)), 2)
+        # One null vector and its image span the plane; of the two the one that turns more is taken.
+        turned = np.linalg.norm(matrix @ found.w - kappa * found.w, axis=0)
+        i = int(np.argmax(turned))
+        w = found.w[:, i]
+        rows = []
+        for psi in found.psi.T:
+            by_state = _slope(there, back, psi, matrix @ w) + _slope(there, back, matrix.T @ psi - 2 * kappa * psi, w)
+            rows.append(-np.append(by_state, -2 * psi @ matrix @ w))
+        return ConditionValue(found.g[:, i], np.array(rows), np.zeros((len(there.gaps), 1)))

@@ -1,0 +1,169 @@
+"""Conditions on events: an orbit touches a guard, an event falls on another guard's zero, a point lies on a border.
+
+A touch at the time τ after the first node is h = 0 and dh/dt = 0; an event on the edge of another guard e is h = 0 and
+e = 0; τ is one more unknown. The motion up to there does not feel the guard h, so that it is smooth on both sides.
+
+M. di Bernardo, C. Budd, A. Champneys & P. Kowalczyk, Piecewise-smooth Dynamical Systems (Springer 2008), chapters 3, 6
+and 8, doi:10.1007/978-1-84628-708-4.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..._jax.engines import compiled
+from ..._jax.tracing import as_jax
+from ...errors import RunFailedError
+from ...systems.daes.semi_linear import fields_of
+from ..continuation.equations import BranchEquations
+from ..continuation.touching import FoundTouch, Touch
+from ..orbits.shooting import OrbitIterate, shares_of, shot
+from .equations import EXACTLY, ConditionValue, CurveIterate
+
+__all__ = ["BorderCondition", "TouchCondition", "placed_around"]
+
+BESIDE_EDGE = (0.0, 1e-11, -1e-11, 1e-10, -1e-10)  # of the range
+SAME_EVENT = 1e-6  # of the period: an event so near to the touch is it, or follows from it
+SAME_EVENT = 1e-6  # of the period: an event so near to the touch is it, or follows from it
+LONGEST_SHARE = 0.4  # of the period: the first node lies no longer before the touch
+
+
+class TouchCondition(NamedTuple):
+    """There is a touch."""
+
+    touch: Touch
+    unknowns: int = 1
+
+    @property
+    def beside(self) -> tuple[float, ...]:
+        """Exactly on an edge rounding decides which field holds, and may do so again and again."""
+        return EXACTLY if self.touch.edge is None else BESIDE_EDGE
+
+    def at(self, there: CurveIterate) -> ConditionValue:
+        """Residuals and derivatives."""
+        branch, motion, node = there.branch, there.motion, there.orbit.nodes[0]
+        length = float(there.own[0]) * branch.time
+        if not 0 < length < there.orbit.period:
+            raise ValueError("the touch has left the piece of motion that was to hold it")
+        free = node._replace(without=self.touch.guard)
+        run = motion.piece(free, length)
+        values, by_args, by_time, by_state = _touched(
+            motion.problem.system,
+            self.touch,
+            there.equations.args_of.args_of,
+            there.equations.leaf(there.pair),
+            run.end[:2],
+        )
+        sizes = np.linalg.norm(by_state, axis=1) * branch.size + np.abs(by_time) * branch.time
+        sizes = np.where(sizes > 0, sizes, 1.0)
+        states = by_state @ run.matrix * branch.scales(there.orbit)[0]
+        rows = np.zeros((2, len(there.u) + 1))
+        rows[:, : states.shape[1]] = states
+        still = (1.0, 0.0, np.zeros(len(node.x)), 0.0)
+        for i, (entry, span) in enumerate(zip(there.equations.entries, there.equations.spans, strict=True)):
+            moved = there.equations.along(i, there.pair).carried(free, length, there.pair[i], still)
+            rows[:, len(there.u) - 2 + i] = (by_args[:, entry] + by_state @ moved) * span
+        rows[:, -1] = (by_time + by_state @ motion.velocity(run.end)) * branch.time
+        none = np.zeros((len(there.gaps), 1))
+        return ConditionValue(values / sizes, rows / sizes[:, None], none)
+
+
+@compiled()
+def _derivatives_of_touch(system, touch: Touch, args_of, leaf, at):
+    field = fields_of(system)[touch.mode]
+
+    def entry_of(which, t, x, args):
+        transition, entry = which
+        return jnp.ravel(jnp.asarray(system.transitions[transition].guard(t, x, args)))[entry]
+
+    def values(leaf, t, x):
+        args = args_of(leaf)
+        if touch.edge is not None:
+            return jnp.stack([entry_of(touch.guard, t, x, args), entry_of(touch.edge, t, x, args)])
+        along = jnp.ones_like(t), field(t, x, args)
+        return jnp.stack(jax.jvp(lambda t, x: entry_of(touch.guard, t, x, args), (t, x), along))
+
+    return values(leaf, *at), jax.jacfwd(values, argnums=(0, 1, 2))(leaf, *at)
+
+
+def _touched(system, touch: Touch, args_of, leaf: np.ndarray, at: tuple) -> tuple[np.ndarray, ...]:
+    """Both values (2,) of a touch, and their derivatives by the leaf of args, the time and the state."""
+    t, x = (as_jax(np.asarray(one, float)) for one in at)
+    values, slopes = _derivatives_of_touch(system, touch, args_of, as_jax(leaf), (t, x))
+    return tuple(np.asarray(found) for found in (values, *slopes))
+
+
+class BorderCondition(NamedTuple):
+    """The point of a map's orbit at the start lies on a border."""
+
+    border: Callable  # (n, x, args) -> number
+    unknowns: int = 0
+    beside: tuple[float, ...] = EXACTLY
+
+    def at(self, there: CurveIterate) -> ConditionValue:
+        """Residual and derivatives."""
+        branch, node = there.branch, there.orbit.nodes[0]
+        leaf, at = as_jax(there.equations.leaf(there.pair)), (as_jax(np.asarray(node.t, float)), as_jax(node.x))
+        value, (by_args, by_state) = _derivatives_of_border(self.border, there.equations.args_of.args_of, leaf, at)
+        by_args, by_state = np.asarray(by_args), np.asarray(by_state)
+        size = float(np.linalg.norm(by_state)) * branch.size or 1.0
+        row = np.zeros((1, len(there.u)))
+        row[0, : len(by_state)] = by_state * branch.scales(there.orbit)[0]
+        row[0, -2:] = by_args[list(there.equations.entries)] * there.equations.spans
+        return ConditionValue(np.atleast_1d(value) / size, row / size, np.zeros((len(there.gaps), 0)))
+
+
+@compiled()
+def _derivatives_of_border(border: Callable, args_of: Any, leaf, at):
+    n, x = at
+
+    def value(leaf, x):
+        return jnp.reshape(border(n, x, args_of(leaf)), ())
+
+    return value(leaf, x), jax.grad(value, argnums=(0, 1))(leaf, x)
+
+
+def placed_around(
+    equations: BranchEquations, orbit: OrbitIterate, p: float, found: FoundTouch
+) -> tuple[OrbitIterate, float]:
+    """The orbit with its first node before a touch, and the time from there to the touch.
+
+    A guard that is touched is not felt on the piece that holds the touch; this piece ends before the next event. An
+    event on an edge is felt: only the place of the event is looked for without it.
+    """
+    period, times = orbit.period, _event_times(orbit)
+    others = times[(_apart(times, found.t, period) > SAME_EVENT * period) | (not found.fired)]
+    ahead, behind = (np.min(side * (others - found.t) % period, initial=period) for side in (1.0, -1.0))
+    before = float(min(behind / 2, LONGEST_SHARE * period))
+    after = float(min(ahead / 2, LONGEST_SHARE * period)) if found.touch.edge is None and len(others) else None
+    *beside, last = TouchCondition(found.touch).beside
+    for shift in beside:
+        try:
+            return _with_nodes(equations, orbit, p + shift * equations.span, found, before, after), before
+        except RunFailedError:
+            continue
+    return _with_nodes(equations, orbit, p + last * equations.span, found, before, after), before
+
+
+def _with_nodes(equations: BranchEquations, orbit: OrbitIterate, p: float, found: FoundTouch, before, after):
+    """The orbit from a node so long before a touch, and another one after it if given."""
+    flow, period, base = equations.motion(p), orbit.period, orbit.nodes[0]
+    length = float((found.t - before - base.t) % period)
+    start = flow.piece(base, length).end if length > 0 else base
+    nodes = [start._replace(without=found.touch.guard if found.touch.edge is None else None)]
+    if after is not None:
+        nodes.append(flow.piece(nodes[0], before + after).end)
+    return shot(flow, nodes, shares_of(nodes, period), period, 0, orbit.shift)
+
+
+def _event_times(orbit: OrbitIterate) -> np.ndarray:
+    return np.concatenate([piece.start.t + piece.events.t for piece in orbit.pieces if piece.events is not None])
+
+
+def _apart(times: np.ndarray, other: float, period: float) -> np.ndarray:
+    """The distances of times of a periodic motion from one of them."""
+    away = (times - other) % period
+    return np.minimum(away, period - away)
