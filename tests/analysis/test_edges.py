@@ -107,6 +107,17 @@ def test_shares_along_a_parameter_are_those_of_the_middle_fixed_point():
     assert ax.get_xlabel() == "tilt"
 
 
+def test_attractors_that_move_farther_than_they_are_apart_in_a_component():
+    """The second component is nearly the same for both, and moves with the parameter: a point of each leads to it."""
+    both = lh.Map(lambda n, x, p: jnp.stack([x[0] + 0.2 * (x[0] - x[0] ** 3), 0.5 * x[1] + p["a"] + 0.005 * x[0]]))
+    how = {"over": {"a": np.linspace(0.0, 1.0, 5)}, "t1": 200, "starts": 500, "key": jax.random.key(2)}
+    found = lh.basin_shares(both, [[-1.5, -1.0], [1.5, 1.0]], {"a": 0.0}, **how)
+    assert found.names == ("attractor 0", "attractor 1")
+    for each in found.basins:
+        assert {float(np.sign(one.points[0, 0])) for one in each.attractors} == {-1.0, 1.0}
+    assert_allclose(found.shares, np.broadcast_to(found.shares[0], found.shares.shape), atol=1e-12)
+
+
 def test_what_is_no_attractor_has_its_share_too():
     """x' = ax + x³ escapes from beyond √−a."""
     runs_away = lh.Flow(lambda t, x, args: args["a"] * x + x**3)

@@ -11,6 +11,7 @@ from ... import plots
 from ..._arguments import Key, Progress, Real, require_values
 from ..._keywords import explains_keywords, user_level
 from ..._text import Table, with_error
+from ...engine import preparation
 from ...engine.host.reporting import reporter
 from ...integrators.base import Method
 from ...results.result import Data, Result
@@ -20,8 +21,9 @@ from ...systems.hybrid import Hybrid
 from ...systems.smooth import Flow, Map
 from ..diagrams.diagrams import only_parameter
 from ..diagrams.strobes import parameter_in, placed
-from .basins import ATTEMPTS_OF_START, Basins, basins
-from .recognition import Attractor, Metric, distances
+from .basins import ATTEMPTS_OF_START, LAST_SAMPLES, Basins, basins
+from .recognition import Attractor, Metric, arrived, distances
+from .sampling import Sampling, gap_and_transient
 
 __all__ = ["BasinShares", "basin_shares"]
 
@@ -94,9 +96,9 @@ def basin_shares(
 ) -> BasinShares:
     """`basins` of the same random starts at several values of a parameter, their attractors matched.
 
-    An attractor is the same as one at the value before if each lies within a quarter of the attractors' extent of the
-    other, in the mean over its points; the nearest are matched first. One that vanishes and comes again keeps its
-    number.
+    An attractor is the same as one at the value before to which a point of that one leads, or, of those left over, if
+    each lies within a quarter of the attractors' extent of the other, in the mean over its points; the nearest are
+    matched first. One that vanishes and comes again keeps its number.
 
     Args:
         system: as in `basins`.
@@ -149,8 +151,9 @@ def basin_shares(
         here = basins(system, x0, there, t1=t1, starts=starts, key=key, **how)
         if STATUS.interrupted.name in here.names:  # what was computed before is returned
             break
+        led = _led_to(known, here, system, there, t1, how)
         found.append(here)
-        numbers.append(_matched(found[-1].attractors, known, found[-1].metric))
+        numbers.append(_matched(here.attractors, known, here.metric, led))
         report((i + 1) / len(values))
     report(None)
     if not found:
@@ -168,13 +171,30 @@ def basin_shares(
     return BasinShares(name, values, tuple(names), shares, stderr, tuple(found))
 
 
-def _matched(attractors, known: list[Attractor], metric: Metric) -> list[int]:
+def _led_to(known: list[Attractor], here: Basins, system, args, t1, how: dict[str, Any]) -> list[int]:
+    """To which attractor here a point of each known one leads; −1 for none."""
+    gap, transient = gap_and_transient(system, t1, how["period"])
+    labels = []
+    for one in known:
+        mode = None if how["mode"] is None else int(one.modes[-1])
+        problem, x, t0, mode = preparation.prepare(system, one.points[-1], args, how["t0"], how["method"], mode)
+        run = Sampling(system, problem.args, how["method"], gap, how["max_steps"], x.dtype)
+        last = run(one.points[-1:], float(t0), mode, transient, LAST_SAMPLES)
+        at = arrived(last.points, last.modes, here.metric, here.attractors)
+        labels.append(int(at[0]) if last.status[0] == STATUS.ok else -1)
+    return labels
+
+
+def _matched(attractors, known: list[Attractor], metric: Metric, led: list[int]) -> list[int]:
     """The number of each attractor among the known ones, which are replaced by them, or which they join."""
     apart = {(i, j): _apart(one, other, metric) for i, one in enumerate(attractors) for j, other in enumerate(known)}
+    nearest_first = sorted(apart.items(), key=lambda item: item[1])
     numbers: dict[int, int] = {}
-    for (i, j), distance in sorted(apart.items(), key=lambda item: item[1]):
-        if distance < SAME_ATTRACTOR and i not in numbers and j not in numbers.values():
-            numbers[i] = j
+    for by_leading in (True, False):
+        for (i, j), distance in nearest_first:
+            same = led[j] == i if by_leading else distance < SAME_ATTRACTOR
+            if same and i not in numbers and j not in numbers.values():
+                numbers[i] = j
     for i, one in enumerate(attractors):
         if i not in numbers:
             numbers[i] = len(known)
