@@ -28,6 +28,7 @@ from ..orbits.invariants import Conserved
 from ..orbits.periodic_orbits import CONVERGED
 from ..orbits.shooting import (
     NEWTON_RESIDUAL,
+    SAMPLES_PER_PIECE,
     Motion,
     Node,
     OrbitIterate,
@@ -101,6 +102,7 @@ class BranchEquations(NamedTuple):
     symmetry: Symmetry | None = None
     conserved: Conserved | None = None
     shifts: tuple[float, ...] = ()  # (q,) scales of the shift of a group
+    samples: int = SAMPLES_PER_PIECE  # recorded points of a piece of motion
 
     @property
     def level(self) -> bool:
@@ -127,7 +129,7 @@ class BranchEquations(NamedTuple):
         conserved = self.conserved
         if conserved is not None and self.level:
             conserved = conserved._replace(wanted=np.array([p]))
-        return Motion(self.problem._replace(args=self.args_of(_number(p))), self.symmetry, conserved)
+        return Motion(self.problem._replace(args=self.args_of(_number(p))), self.symmetry, conserved, self.samples)
 
     def length(self, p: float) -> float:
         """The time after which a forced orbit closes."""
@@ -192,18 +194,15 @@ class BranchEquations(NamedTuple):
         slopes = flow.conserved.with_slopes(mode, x, flow.problem.args)[1]
         function = flow.conserved.functions[mode]
         assert function is not None
-
-        def value(p):
-            return jnp.atleast_1d(function(jnp.asarray(node.x), self.args_of(p)))
-
-        change = -np.ones(1) if self.level else _slope(value, p)
+        x = as_jax(np.asarray(node.x))
+        change = -np.ones(1) if self.level else np.atleast_1d(_slope(function, self.args_of, _number(p), x))
         return change / np.linalg.norm(slopes, axis=1)
 
     def _by_parameter(self, orbit: OrbitIterate, shares, p: float) -> list[np.ndarray]:
         """Derivatives (n,) of the pieces' ends by the parameter, through a period that depends on it too."""
         longer = 0.0
         if callable(self.period) and not self.discrete:
-            longer = self.turns * float(_slope(self.own_period, p))
+            longer = self.turns * float(_slope(self.period, self.args_of, _number(p)))
         later = longer * np.concatenate([[0.0], np.cumsum(shares)[:-1]])
         still = np.zeros(len(orbit.nodes[0].x))
         return [
@@ -213,8 +212,9 @@ class BranchEquations(NamedTuple):
 
     def carried(self, node: Node, length: float, p: float, along: tuple) -> np.ndarray:
         """The derivative (n,) of the motion's end along changes (dp, dt, dx, dlength) of p, start and length."""
-        mode = 0 if self.discrete else self.motion(p).mode(node)
-        turn = PeriodRun(self.motion(p).problem_from(node).system, self.args_of, None, None, self.method)
+        flow = self.motion(p)
+        mode = 0 if self.discrete else flow.mode(node)
+        turn = PeriodRun(flow.problem_from(node).system, self.args_of, None, None, self.method)
         given, changes = ([_number(value) for value in values] for values in ((p, *node[:2], length), along))
         return np.asarray(_carried(turn, as_jax(np.asarray(mode)), given, changes, self.discrete))
 
@@ -257,10 +257,14 @@ def _number(value) -> Any:
     return value if traced(value) else as_jax(np.asarray(value, float))
 
 
-def _slope(function: Callable, p: float) -> np.ndarray:
-    """The derivative of a function of one number, evaluated as it stands: it need not be compiled for one use."""
-    at = _number(p)
-    return np.asarray(jax.jvp(lambda p: jnp.asarray(function(p), p.dtype), (at,), (jnp.ones_like(at),))[1])
+@compiled()
+def _slope(function: Callable, args_of: ParameterOf, p, *state):
+    """The derivative by the parameter of a function of a state, if it has one, and of args."""
+
+    def value(p):
+        return jnp.asarray(function(*state, args_of(p)), p.dtype)
+
+    return jax.jvp(value, (p,), (jnp.ones_like(p),))[1]
 
 
 @compiled()

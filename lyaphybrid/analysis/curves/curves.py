@@ -20,7 +20,7 @@ from ..continuation.continuing import equations_of, moving, orbit_as_result, par
 from ..continuation.equations import ParameterOf
 from ..continuation.touching import found_touch
 from ..orbits.periodic_orbits import Floquet, floquet
-from ..orbits.shooting import Node, OrbitIterate
+from ..orbits.shooting import SAMPLES_PER_PIECE, Node, OrbitIterate
 from .bifurcation_curves import BifurcationCurve, CurveSpecial
 from .equations import Condition, CurveEquations, CurvePoint
 from .following_curves import CurveArc, CurveBound, follow_curve
@@ -36,6 +36,7 @@ CONDITIONS: dict[str, Condition] = {
     "period doubling": DoublingCondition(),
     "Neimark–Sacker": TorusCondition(),
 }
+FEW_SAMPLES = 24  # recorded points of a piece of motion: enough to tell one orbit from another
 # Largest distances, in scaled unknowns, from the given orbit to the first point of the curve.
 FROM_SPECIAL, FROM_ORBIT = 0.2, 2.0
 
@@ -157,6 +158,7 @@ def bifurcation_curve(
     base = equations_of(system, args_of[0], within, names[0], orbit, turns, options)
     entries = int(args_of[0].entry), int(args_of[1].entry)
     spans = ranges[0][1] - ranges[0][0], ranges[1][1] - ranges[1][0]
+    base = base._replace(samples=FEW_SAMPLES)
     equations = CurveEquations(base, args_of[0], entries, spans, _NO_CONDITION)
     kind, equations, first = _first(equations, special, border, orbit, pair)
     arcs = _both_sides(equations, kind, first, ranges, step, max_points)
@@ -211,7 +213,8 @@ def _condition(
         if special.kind == "Neimark–Sacker":
             own[0] = _cosine(np.asarray(special.multipliers))
         return special.kind, condition, orbit, own
-    found = found_touch(branch, orbit, pair[0])
+    seen = branch._replace(samples=SAMPLES_PER_PIECE)
+    found = found_touch(seen, seen.orbit_from(orbit.nodes[0], pair[0], orbit.period), pair[0])
     require(
         found is not None,
         "At this special point the sequence of the events changes, but the orbit neither touches a guard nor has an "

@@ -40,6 +40,7 @@ from .symmetries import Symmetry
 __all__ = [
     "Motion",
     "Node",
+    "SAMPLES_PER_PIECE",
     "OrbitIterate",
     "MotionPiece",
     "at_start",
@@ -147,6 +148,7 @@ class Motion(NamedTuple):
     problem: problems.RunProblem
     symmetry: Symmetry | None = None
     conserved: Conserved | None = None
+    samples: int = SAMPLES_PER_PIECE
 
     def problem_from(self, node: Node) -> problems.RunProblem:
         """The problem of the piece from a node."""
@@ -165,7 +167,7 @@ class Motion(NamedTuple):
         x0, discrete = as_jax(np.asarray(node.x)), isinstance(self.problem.system, Map)
         hybrid, problem = isinstance(self.problem.system, Hybrid | EventDriven), self.problem_from(node)
         plan = problems.RunPlan(log=EVENT_LOG_ROWS * hybrid, collect=problems.point)
-        t0, ends = array(node.t, x0.dtype), length * np.arange(1, SAMPLES_PER_PIECE + 1) / SAMPLES_PER_PIECE
+        t0, ends = array(node.t, x0.dtype), length * np.arange(1, self.samples + 1) / self.samples
         ends = array(np.arange(1, length + 1) if discrete else ends, x0.dtype)
         frame = np.eye(len(x0), dtype=x0.dtype)
         loop_state = driver.start(problem, plan, t0, x0, frame, node.mode, 1.0)
