@@ -12,7 +12,7 @@ from ...systems.hybrid import Hybrid
 from ..orbits.shooting import Motion, MotionPiece, Node, OrbitIterate
 from .equations import BranchEquations, BranchPoint
 
-__all__ = ["FoundTouch", "Touch", "found_touch", "touches"]
+__all__ = ["FoundTouch", "Touch", "found_touches", "touches"]
 
 GRAZED = 1e-5  # largest value at a touch at which a branch ends, relative to the guard's range over the orbit
 TOUCHES = 1e-4  # the same where a touch is looked for
@@ -46,8 +46,8 @@ def touches(equations: BranchEquations, point: BranchPoint) -> bool:
     return any(found.off < GRAZED for found in tangent)
 
 
-def found_touch(equations: BranchEquations, orbit: OrbitIterate, p: float) -> FoundTouch | None:
-    """The touch that an orbit is nearest to; None if it is near none."""
+def found_touches(equations: BranchEquations, orbit: OrbitIterate, p: float) -> list[FoundTouch]:
+    """The touches that an orbit is near to, the nearest first."""
     flow = equations.motion(p)
     seen = [
         found
@@ -55,7 +55,7 @@ def found_touch(equations: BranchEquations, orbit: OrbitIterate, p: float) -> Fo
         for piece in orbit.pieces
         for found in (*_tangencies(flow, piece, j), *_edges(flow, orbit, piece, j))
     ]
-    return min((found for found in seen if found.off < TOUCHES), key=lambda found: found.off, default=None)
+    return sorted((found for found in seen if found.off < TOUCHES), key=lambda found: found.off)
 
 
 def _guarded(flow: Motion) -> list[int]:

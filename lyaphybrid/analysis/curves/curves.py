@@ -18,7 +18,7 @@ from ...systems.smooth import Flow, Map
 from ..continuation.branches import Special
 from ..continuation.continuing import equations_of, moving, orbit_as_result, parameters_named, range_of
 from ..continuation.equations import ParameterOf
-from ..continuation.touching import found_touch
+from ..continuation.touching import found_touches
 from ..orbits.periodic_orbits import Floquet, floquet
 from ..orbits.shooting import SAMPLES_PER_PIECE, Node, OrbitIterate
 from .bifurcation_curves import BifurcationCurve, CurveSpecial
@@ -214,16 +214,16 @@ def _condition(
             own[0] = _cosine(np.asarray(special.multipliers))
         return special.kind, condition, orbit, own
     seen = branch._replace(samples=SAMPLES_PER_PIECE)
-    found = found_touch(seen, seen.orbit_from(orbit.nodes[0], pair[0], orbit.period), pair[0])
+    found = found_touches(seen, seen.orbit_from(orbit.nodes[0], pair[0], orbit.period), pair[0])
     require(
-        found is not None,
+        len(found) > 0,
         "At this special point the sequence of the events changes, but the orbit neither touches a guard nor has an "
         "event on the zero of another: there is no curve to follow.",
     )
-    assert found is not None
-    orbit, before = placed_around(branch, orbit, pair[0], found)
-    kind = "grazing" if found.touch.edge is None else "edge"
-    return kind, TouchCondition(found.touch), orbit, np.array([before / branch.time])
+    nearest = found[0]
+    orbit, before = placed_around(branch, orbit, pair[0], nearest)
+    kind = "grazing" if nearest.touch.edge is None else "edge"
+    return kind, TouchCondition(nearest.touch), orbit, np.array([before / branch.time])
 
 
 def _cosine(multipliers: np.ndarray) -> float:

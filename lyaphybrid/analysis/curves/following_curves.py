@@ -5,19 +5,22 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import RunFailedError
+from ...systems.hybrid import Hybrid
 from ..continuation.bifurcations import cycle_of_events
 from ..continuation.following import LEAST_CLEARANCE, SHORTEST_STEP, next_length, stepped
 from ..continuation.locating import LostError
-from ..continuation.touching import FoundTouch
-from ..orbits.shooting import Node, OrbitIterate, states_of
+from ..continuation.touching import FoundTouch, found_touches
+from ..orbits.shooting import SAMPLES_PER_PIECE, Node, OrbitIterate, states_of
 from .equations import CurveEquations, CurvePoint
 from .special_points import special_points
-from .touch_conditions import TouchCondition, placed_around
+from .touch_conditions import TouchCondition, apart, placed_around
 
 __all__ = ["CurveBound", "CurveArc", "follow_curve"]
 
 PLAIN_ENDS = ("range", "closed", "max_points", "no convergence")  # the others are special points
 ON_BOUND = 1e-12  # of the span
+NOT_ITSELF = 1e-3  # of the period: a touch farther than this from that of the curve is another one
+NEW_NODES = 0.01  # largest change of the scaled unknowns by new nodes
 ENDS_OF_PIECE = 0.15  # of its length: a touch nearer to its ends than this gets other nodes
 
 
@@ -47,7 +50,8 @@ def follow_curve(
         last = points[-1]
         end = _reached(last, bounds) or _reason_to_end(equations, points, most, length < SHORTEST_STEP * step)
         if end is not None:
-            end = "grazing" if changes and end == "no convergence" else end
+            if end == "no convergence" and (changes or _touches_elsewhere(equations, last)):
+                end = "grazing"
             ahead = [] if end in PLAIN_ENDS else [(end, last)]
             return CurveArc(points, [*found, *ahead], end)
         after = _advanced(equations, last, length, bounds)
@@ -115,6 +119,19 @@ def _same_events(equations: CurveEquations, before: CurvePoint, after: CurvePoin
     return cycle_of_events(before.orbit) == cycle_of_events(after.orbit)
 
 
+def _touches_elsewhere(equations: CurveEquations, point: CurvePoint) -> bool:
+    """Whether the orbit touches a guard, at another time than the curve says."""
+    if not isinstance(equations.base.problem.system, Hybrid):
+        return False
+    branch = equations.along(0, point.pair)._replace(samples=SAMPLES_PER_PIECE)
+    orbit = branch.shoot(branch.vector(point.orbit, point.pair[0]), point.orbit)[0]
+    found, condition = found_touches(branch, orbit, point.pair[0]), equations.condition
+    if isinstance(condition, TouchCondition):
+        own = point.orbit.nodes[0].t + float(point.own[0]) * branch.time
+        found = [one for one in found if apart(one.t, own, orbit.period) > NOT_ITSELF * orbit.period]
+    return len(found) > 0
+
+
 def _back(equations: CurveEquations, points: list[CurvePoint]) -> bool:
     """Whether the last step passed the start of the curve."""
     first, before, last = (_signature(equations, point) for point in (points[0], *points[-2:]))
@@ -140,7 +157,8 @@ def _with_clear_nodes(equations: CurveEquations, point: CurvePoint) -> CurvePoin
     z = equations.vector(orbit, point.pair, own)
     unknowns, across = len(own), np.zeros(len(z))
     across[len(z) - unknowns - 2 : len(z) - unknowns] = point.parameters_along(unknowns)
-    return equations.corrected(z, orbit, across, float(across @ z)) or point
+    again = equations.corrected(z, orbit, across, float(across @ z), reach=NEW_NODES)
+    return point if again is None or not _same_events(equations, point, again) else again
 
 
 def _are_clear(equations: CurveEquations, point: CurvePoint) -> bool:

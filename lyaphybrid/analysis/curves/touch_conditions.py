@@ -20,10 +20,10 @@ from ...errors import RunFailedError
 from ...systems.daes.semi_linear import fields_of
 from ..continuation.equations import BranchEquations
 from ..continuation.touching import FoundTouch, Touch
-from ..orbits.shooting import OrbitIterate, shares_of, shot
+from ..orbits.shooting import Motion, Node, OrbitIterate, shares_of, shot
 from .equations import EXACTLY, ConditionValue, CurveIterate
 
-__all__ = ["BorderCondition", "TouchCondition", "placed_around"]
+__all__ = ["BorderCondition", "TouchCondition", "apart", "placed_around"]
 
 BESIDE_EDGE = (0.0, 1e-11, -1e-11, 1e-10, -1e-10)  # of the range
 SAME_EVENT = 1e-6  # of the period: an event so near to the touch is it, or follows from it
@@ -135,7 +135,7 @@ def placed_around(
     event on an edge is felt: only the place of the event is looked for without it.
     """
     period, times = orbit.period, _event_times(orbit)
-    others = times[(_apart(times, found.t, period) > SAME_EVENT * period) | (not found.fired)]
+    others = times[(apart(times, found.t, period) > SAME_EVENT * period) | (not found.fired)]
     ahead, behind = (np.min(side * (others - found.t) % period, initial=period) for side in (1.0, -1.0))
     before = float(min(behind / 2, LONGEST_SHARE * period))
     after = float(min(ahead / 2, LONGEST_SHARE * period)) if found.touch.edge is None and len(others) else None
@@ -150,20 +150,27 @@ def placed_around(
 
 def _with_nodes(equations: BranchEquations, orbit: OrbitIterate, p: float, found: FoundTouch, before, after):
     """The orbit from a node so long before a touch, and another one after it if given."""
-    flow, period, base = equations.motion(p), orbit.period, orbit.nodes[0]
-    length = float((found.t - before - base.t) % period)
-    start = flow.piece(base, length).end if length > 0 else base
+    flow, period = equations.motion(p), orbit.period
+    start = _at(flow, orbit, found.t - before)
     nodes = [start._replace(without=found.touch.guard if found.touch.edge is None else None)]
     if after is not None:
         nodes.append(flow.piece(nodes[0], before + after).end)
     return shot(flow, nodes, shares_of(nodes, period), period, 0, orbit.shift)
 
 
+def _at(flow: Motion, orbit: OrbitIterate, t: float) -> Node:
+    """The point of an orbit at a time, modulo the period; each piece feels what it felt."""
+    starts = np.array([node.t for node in orbit.nodes])
+    within = starts[0] + float((t - starts[0]) % orbit.period)
+    node = orbit.nodes[int(np.searchsorted(starts, within, side="right")) - 1]
+    return flow.piece(node, within - node.t).end if within > node.t else node
+
+
 def _event_times(orbit: OrbitIterate) -> np.ndarray:
     return np.concatenate([piece.start.t + piece.events.t for piece in orbit.pieces if piece.events is not None])
 
 
-def _apart(times: np.ndarray, other: float, period: float) -> np.ndarray:
+def apart(times: Any, other: float, period: float) -> Any:
     """The distances of times of a periodic motion from one of them."""
     away = (times - other) % period
     return np.minimum(away, period - away)

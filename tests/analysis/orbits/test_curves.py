@@ -207,31 +207,82 @@ def test_doublings_of_an_orbit_with_impacts():
         assert np.min(np.abs(multipliers + 1)) < 1e-6
 
 
-def by_hand(orbit, args):
-    """How far an orbit with one impact is from closing, and its multipliers."""
-    omega, zeta, restitution, amplitude = (args[key] for key in ("omega", "zeta", "restitution", "amplitude"))
-    matrix = np.array([[0.0, 1.0], [-1.0, -2 * zeta]])
+def roots(function, times):
+    """The roots between the times at which a function changes sign."""
+    values = np.asarray(function(times))
+    changes = np.flatnonzero(values[:-1] * values[1:] < 0)
+    return [scipy.optimize.brentq(function, times[i], times[i + 1], xtol=1e-15) for i in changes]
 
-    def forced(t):  # x'' + 2ζx' + x = A cos ωt
-        phasor = amplitude / (1 - omega**2 + 2j * zeta * omega) * np.exp(1j * omega * t)
+
+class Oscillator:
+    """x'' + 2ζx' + x = A cos ωt between two impacts, in closed form."""
+
+    def __init__(self, args):
+        self.omega, self.zeta, self.amplitude = args["omega"], args["zeta"], args["amplitude"]
+        self.matrix = np.array([[0.0, 1.0], [-1.0, -2 * self.zeta]])
+
+    def forced(self, t):
+        omega = self.omega
+        phasor = self.amplitude / (1 - omega**2 + 2j * self.zeta * omega) * np.exp(1j * omega * t)
         return np.array([phasor.real, (1j * omega * phasor).real])
 
-    def free(x, t, s):
-        return forced(t + s) + scipy.linalg.expm(matrix * s) @ (x - forced(t))
+    def free(self, x, t, s):
+        return self.forced(t + s) + scipy.linalg.expm(self.matrix * s) @ (x - self.forced(t))
 
-    start, period = np.asarray(orbit.x0), TURN / omega
-    at = np.linspace(0, period, 20001)
-    values = np.array([free(start, 0.0, s)[0] for s in at]) - args["gap"]
-    i = np.flatnonzero((values[:-1] < 0) & (values[1:] >= 0))[0]
-    hit = scipy.optimize.brentq(lambda s: free(start, 0.0, s)[0] - args["gap"], at[i], at[i + 1], xtol=1e-15)
-    before = free(start, 0.0, hit)
+    def pushes(self, x, t):
+        return self.amplitude * np.cos(self.omega * t) - x[0] - 2 * self.zeta * x[1]
+
+    def hit(self, x, gap, length):
+        """The time at which it first goes clearly beyond the gap."""
+        at = np.linspace(0, length, 20001)
+        beyond = np.array([self.free(x, 0.0, s)[0] for s in at]) - gap
+        i = np.flatnonzero(beyond > 1e-7)[0]
+        return scipy.optimize.brentq(lambda s: self.free(x, 0.0, s)[0] - gap, at[i - 1], at[i], xtol=1e-15)
+
+    def extrema(self, x, t, length):
+        """The places at which it turns."""
+        times = np.linspace(1e-6, length, 2001)
+        speed = np.vectorize(lambda s: self.free(x, t, s)[1])
+        return [self.free(x, t, s)[0] for s in roots(speed, times)]
+
+
+def by_hand(orbit, args):
+    """How far an orbit with one impact is from closing, and its multipliers."""
+    free, restitution, start = Oscillator(args), args["restitution"], np.asarray(orbit.x0)
+    hit = free.hit(start, args["gap"], orbit.period)
+    before = free.free(start, 0.0, hit)
     after = before * [1, -restitution]
-    push = amplitude * np.cos(omega * hit)
-    rates = [push - x[0] - 2 * zeta * x[1] for x in (before, after)]
-    saltation = np.array([[-restitution, 0], [(rates[1] + restitution * rates[0]) / before[1], -restitution]])
-    parts = [scipy.linalg.expm(matrix * s) for s in (hit, period - hit)]
-    end = free(after, hit, period - hit)
+    corner = (free.pushes(after, hit) + restitution * free.pushes(before, hit)) / before[1]
+    saltation = np.array([[-restitution, 0], [corner, -restitution]])
+    parts = [scipy.linalg.expm(free.matrix * s) for s in (hit, orbit.period - hit)]
+    end = free.free(after, hit, orbit.period - hit)
     return np.linalg.norm(end - start), np.linalg.eigvals(parts[1] @ saltation @ parts[0])
+
+
+@pytest.mark.slow
+def test_an_orbit_that_hits_the_wall_and_then_touches_it():
+    """One impact in two periods of the drive; the curve ends where a third maximum touches the wall too."""
+    problem = zoo.impact_oscillator(omega=3.2, gap=0.1)
+    first, second = {"gap": (-0.3, 0.6)}, {"omega": (2.9, 4.0)}
+    curve = followed(problem.system, problem.x0, problem.args, first, second, "grazing", step=0.1, transient=300.0,
+                     period=lambda args: 2 * turn_of(args))  # fmt: skip
+    assert sorted(curve.ends) == ["grazing", "range"]
+    assert kinds(curve) == ["grazing"]
+    for (gap, omega), orbit in zip(curve.values[::6], curve.orbits[::6], strict=True):
+        args = problem.args | {"gap": gap, "omega": omega}
+        assert by_hand(orbit, args)[0] < 1e-8
+        free, start = Oscillator(args), np.asarray(orbit.x0)
+        hit = free.hit(start, gap, orbit.period)
+        after = free.free(start, 0.0, hit) * [1, -args["restitution"]]
+        turns = [*free.extrema(start, 0.0, hit), *free.extrema(after, hit, orbit.period - hit)]
+        assert np.min(np.abs(np.array(turns) - gap)) < 1e-9
+    gap, omega = curve.specials[0].values
+    orbit, args = curve.specials[0].orbit, problem.args | {"gap": gap, "omega": omega}
+    free, start = Oscillator(args), np.asarray(orbit.x0)
+    hit = free.hit(start, gap, orbit.period)
+    after = free.free(start, 0.0, hit) * [1, -args["restitution"]]
+    turns = [*free.extrema(start, 0.0, hit), *free.extrema(after, hit, orbit.period - hit)]
+    assert np.sum(np.abs(np.array(turns) - gap) < 1e-6) == 2
 
 
 @pytest.mark.slow
@@ -266,13 +317,6 @@ def touching(tau):
     matrix = np.column_stack([column - columns[2] for column in columns[:2]])[:2]
     p, q = np.linalg.solve(matrix, np.array([1.0, 0.0]) - columns[2][:2])
     return np.array([p, q]), float(waves(tau, p, q)[2])
-
-
-def roots(function, times):
-    """The roots between the times at which a function changes sign."""
-    values = np.asarray(function(times))
-    changes = np.flatnonzero(values[:-1] * values[1:] < 0)
-    return [scipy.optimize.brentq(function, times[i], times[i + 1], xtol=1e-15) for i in changes]
 
 
 @pytest.mark.slow
