@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 
 from .._arguments import flag, positive, real, require
@@ -12,7 +13,7 @@ from .labels import check_labels, words
 from .membership import Membership, membership
 from .smooth import Flow
 
-__all__ = ["Hybrid", "Transition"]
+__all__ = ["Hybrid", "Transition", "disarmed"]
 
 
 class Transition(eqx.Module):
@@ -273,3 +274,23 @@ def _as_field(name: str, field: Any) -> Callable:
     field = field.field if isinstance(field, Flow) else field
     require_callable(f"The field of mode {name!r}", field, "(t, x, args) -> dx/dt, or an lh.Flow")
     return field
+
+
+class DisarmedGuard(eqx.Module):
+    """A guard of which one entry never falls to zero."""
+
+    guard: Callable
+    entry: int = eqx.field(static=True)
+
+    def __call__(self, t, x, args):
+        """The values, 1 for that entry."""
+        values = jnp.asarray(self.guard(t, x, args))
+        return jnp.where(np.arange(values.size).reshape(values.shape) == self.entry, 1.0, values)
+
+
+def disarmed(system: Hybrid, transition: int, entry: int) -> Hybrid:
+    """The system in which one entry of a transition's guard never fires."""
+    guard = system.transitions[transition].guard
+    assert guard is not None, "a clock is no guard"
+    guard = DisarmedGuard(guard, entry)
+    return eqx.tree_at(lambda system: system.transitions[transition].guard, system, guard)

@@ -17,7 +17,7 @@ from ...systems.labels import labels_of
 from ...systems.smooth import Flow, Map
 from ..continuation.branches import Special
 from ..continuation.continuing import equations_of, moving, orbit_as_result, parameters_named, range_of
-from ..continuation.equations import ParameterOf
+from ..continuation.equations import BranchEquations, ParameterOf
 from ..continuation.touching import found_touches
 from ..orbits.periodic_orbits import Floquet, floquet
 from ..orbits.shooting import SAMPLES_PER_PIECE, Node, OrbitIterate
@@ -155,17 +155,21 @@ def bifurcation_curve(
     else:
         orbit = special.orbit
     turns, within = 1 if special is None else special.turns, (ranges[0][0], pair[0], ranges[0][1])
-    base = equations_of(system, args_of[0], within, names[0], orbit, turns, options)
+    base = equations_of(system, args_of[0], within, names[0], orbit, turns, options)._replace(samples=FEW_SAMPLES)
+    kind, condition, placed, own = _condition(base, special, border, orbit, pair[0])
     entries = int(args_of[0].entry), int(args_of[1].entry)
     spans = ranges[0][1] - ranges[0][0], ranges[1][1] - ranges[1][0]
-    base = base._replace(samples=FEW_SAMPLES)
-    equations = CurveEquations(base, args_of[0], entries, spans, _NO_CONDITION)
-    kind, equations, first = _first(equations, special, border, orbit, pair)
+    equations = CurveEquations(base, args_of[0], entries, spans, condition)
+    first = equations.corrected(*_at_second(equations, placed, pair, own), FROM_SPECIAL if special else FROM_ORBIT)
+    if first is None:
+        raise NoPeriodicOrbitError(
+            f"Newton's method does not arrive on the curve of {kind} from the orbit given: (a) the first name in over "
+            "must be the parameter of its branch, and system, args and options the same as there; (b) at a cusp or a "
+            "fold of the curve begin at another value of the second parameter; (c) the orbit is not near enough.",
+            orbit,
+        )
     arcs = _both_sides(equations, kind, first, ranges, step, max_points)
     return dataclasses.replace(_as_result(equations, kind, names, orbit, first, arcs, float(t0)), state_labels=labels)
-
-
-_NO_CONDITION: Any = None  # until it is known from the orbit
 
 
 def _pair(args, over) -> tuple[tuple[str, str], list, tuple[ParameterOf, ParameterOf], tuple[float, float]]:
@@ -177,33 +181,21 @@ def _pair(args, over) -> tuple[tuple[str, str], list, tuple[ParameterOf, Paramet
     return (first, second), [range_of(over[first]), range_of(over[second])], (of_first, of_second), (p, q)
 
 
-def _first(
-    equations: CurveEquations, special: Special | None, border: Callable | None, found: Floquet, pair
-) -> tuple[str, CurveEquations, CurvePoint]:
-    """The kind of the curve, its equations, and its first point, at the same value of the second parameter."""
-    branch = equations.along(0, pair)
-    orbit = branch.orbit_from(Node(*found.base), pair[0], found.period)
-    kind, condition, orbit, own = _condition(branch, special, border, orbit, pair)
-    equations = equations._replace(condition=condition)
+def _at_second(
+    equations: CurveEquations, orbit: OrbitIterate, pair: tuple[float, float], own: np.ndarray
+) -> tuple[np.ndarray, OrbitIterate, np.ndarray, float]:
+    """The unknowns of an orbit, the orbit, and the hyperplane on which the second parameter is what it is."""
     z = equations.vector(orbit, pair, own)
     across = np.zeros(len(z))
     across[len(z) - len(own) - 1] = 1.0
-    reach = FROM_SPECIAL if border is None else FROM_ORBIT
-    first = equations.corrected(z, orbit, across, float(across @ z), reach)
-    if first is None:
-        raise NoPeriodicOrbitError(
-            f"Newton's method does not arrive on the curve of {kind} from the orbit given: (a) the first name in over "
-            "must be the parameter of its branch, and system, args and options the same as there; (b) at a cusp or a "
-            "fold of the curve begin at another value of the second parameter; (c) the orbit is not near enough.",
-            found,
-        )
-    return kind, equations, first
+    return z, orbit, across, float(across @ z)
 
 
 def _condition(
-    branch, special: Special | None, border: Callable | None, orbit: OrbitIterate, pair
+    branch: BranchEquations, special: Special | None, border: Callable | None, found: Floquet, p: float
 ) -> tuple[str, Condition, OrbitIterate, np.ndarray]:
     """The kind of the curve, its condition, the orbit with nodes that fit, and the condition's unknowns."""
+    orbit = branch.orbit_from(Node(*found.base), p, found.period)
     if border is not None:
         return "border", BorderCondition(border), orbit, np.zeros(0)
     assert special is not None
@@ -214,14 +206,14 @@ def _condition(
             own[0] = _cosine(np.asarray(special.multipliers))
         return special.kind, condition, orbit, own
     seen = branch._replace(samples=SAMPLES_PER_PIECE)
-    found = found_touches(seen, seen.orbit_from(orbit.nodes[0], pair[0], orbit.period), pair[0])
+    touches = found_touches(seen, seen.orbit_from(orbit.nodes[0], p, orbit.period), p)
     require(
-        len(found) > 0,
+        len(touches) > 0,
         "At this special point the sequence of the events changes, but the orbit neither touches a guard nor has an "
         "event on the zero of another: there is no curve to follow.",
     )
-    nearest = found[0]
-    orbit, before = placed_around(branch, orbit, pair[0], nearest)
+    nearest = touches[0]
+    orbit, before = placed_around(branch, orbit, p, nearest)
     kind = "grazing" if nearest.touch.edge is None else "edge"
     return kind, TouchCondition(nearest.touch), orbit, np.array([before / branch.time])
 

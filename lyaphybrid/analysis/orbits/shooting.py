@@ -13,10 +13,8 @@ of states alone may be no orbit: fields continue beyond the guards at which thei
 return to a state in another mode.
 """
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -32,7 +30,7 @@ from ...statuses import STATUS
 from ...systems.consistency import put_on_constraints
 from ...systems.daes.semi_linear import Constrained, fields_of
 from ...systems.event_driven import EventDriven
-from ...systems.hybrid import Hybrid
+from ...systems.hybrid import Hybrid, disarmed
 from ...systems.smooth import Map
 from .invariants import Conserved
 from .symmetries import Symmetry
@@ -74,18 +72,6 @@ class Node(NamedTuple):
     x: Any  # (n,)
     mode: Any  # index; None: the state determines it
     without: tuple[int, int] | None = None  # transition, entry of its guard: what the piece from here does not feel
-
-
-class DisarmedGuard(eqx.Module):
-    """A guard of which one entry never falls to zero."""
-
-    guard: Callable
-    entry: int = eqx.field(static=True)
-
-    def __call__(self, t, x, args):
-        """The values, 1 for that entry."""
-        values = jnp.asarray(self.guard(t, x, args))
-        return jnp.where(np.arange(values.size).reshape(values.shape) == self.entry, 1.0, values)
 
 
 class MotionPiece(NamedTuple):
@@ -154,13 +140,7 @@ class Motion(NamedTuple):
         """The problem of the piece from a node."""
         if node.without is None:
             return self.problem
-        transition, entry = node.without
-        system = eqx.tree_at(
-            lambda system: system.transitions[transition].guard,
-            self.problem.system,
-            DisarmedGuard(self.problem.system.transitions[transition].guard, entry),
-        )
-        return self.problem._replace(system=system)
+        return self.problem._replace(system=disarmed(self.problem.system, *node.without))
 
     def piece(self, node: Node, length: float) -> MotionPiece:
         """Run the system from a node over a length of time."""
