@@ -31,7 +31,7 @@ from .switched.neurons import adex, integrate_and_fire
 from .switched.phase_locked import charge_pump_pll
 from .switched.piecewise import beta_clock, conewise_linear, grow_reset, skew_tent_roof
 from .switched.sparse_networks import sparse_network
-from .switched.spiking import izhikevich
+from .switched.spiking import conductance_neuron, izhikevich, two_compartment_neuron
 
 __all__ = [
     "Problem",
@@ -77,6 +77,8 @@ __all__ = [
     "sparse_network",
     "adex",
     "izhikevich",
+    "conductance_neuron",
+    "two_compartment_neuron",
     "glass_network",
     "kicked_rotor",
     "escapement_clock",

@@ -9,6 +9,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
+from scipy.linalg import expm
+from scipy.optimize import brentq
 
 import lyaphybrid as lh
 from lyaphybrid import zoo
@@ -322,6 +324,46 @@ def test_izhikevichs_neuron_is_its_map():
     assert abs(np.mean(each) - known.exponents[0]) < 4 * np.std(each) / u.size**0.5 + known.stderr[0]
     found = problem.spectrum()
     assert abs(float(found.exponents[0]) - known.exponents[0]) < 4 * float(found.stderr[0])
+
+
+def test_a_dendrite_that_no_spike_resets():
+    """Between spikes the motion is linear; the other exponent is the trace and what the jump does to areas."""
+    problem = zoo.two_compartment_neuron()
+    coupling, current, reset = (problem.args[name] for name in ("coupling", "current", "reset"))
+    matrix, drive = np.array([[-1 - coupling, coupling], [coupling, -1 - coupling]]), np.array([0.0, current])
+    rest = -np.linalg.solve(matrix, drive)
+
+    def later(x, t):
+        return rest + expm(matrix * t) @ (x - rest)
+
+    d = 1.0
+    for _ in range(60):
+        time = brentq(lambda t, d=d: later([reset, d], t)[0] - 1, 1e-9, 50.0, xtol=1e-15)
+        before = later([reset, d], time)
+        d = before[1]
+    after = np.array([reset, d])
+    rate = np.trace(matrix) + math.log((matrix @ after + drive)[0] / (matrix @ before + drive)[0]) / time
+    assert_allclose(problem.reference.exponents, [0.0, rate], atol=1e-9)
+    assert_allclose(np.sort(over_cycles(problem, transient=50.0).exponents), [rate, 0.0], atol=1e-8)
+
+
+def test_a_neuron_that_tires():
+    """The conductance decays exponentially: its mean, and so the trace along the motion, is known from a period."""
+    problem = zoo.conductance_neuron()
+    current, gain, memory, reversal = (problem.args[name] for name in ("current", "gain", "memory", "reversal"))
+
+    def rate_of(v, g):
+        return -v - g * (v - reversal) + current
+
+    g, threshold = 0.5, until(lambda t, x: x[0] - 1, 1)
+    for _ in range(60):
+        run = integrate(lambda t, x: [rate_of(*x), -x[1] / memory], (0, 100), [0.0, g], events=threshold)
+        g, time = run.y[1, -1] + gain, run.t[-1]
+    mean = g * memory * (1 - math.exp(-time / memory)) / time
+    jump = math.log(rate_of(0.0, g) / rate_of(1.0, g - gain)) / time
+    rate = -1 - mean - 1 / memory + jump
+    assert_allclose(problem.reference.exponents, [0.0, rate], atol=1e-8)
+    assert_allclose(np.sort(over_cycles(problem, transient=100.0).exponents), [rate, 0.0], atol=1e-8)
 
 
 @pytest.mark.parametrize("period", [300.0, 250.0, 225.0])
