@@ -92,7 +92,8 @@ class Continuation(Result):
         specials: tuple of `Special`, in the order of the branch.
         ends: why the branch ends at its first and at its last point: "range" (of `over`), "closed" (back at its start),
             "grazing" (an orbit touches a guard, and the branch does not go on), "max_points", "no convergence" (of
-            Newton's method, whatever the step), "start" (a branch that begins at a `Special`).
+            Newton's method, whatever the step), "interrupted" (by Ctrl-C), "start" (a branch that begins at a
+            `Special`).
         largest, smallest: (points, n) extreme values of each component over the orbit.
 
     Example:

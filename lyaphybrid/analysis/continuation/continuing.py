@@ -15,6 +15,7 @@ from ...engine import preparation
 from ...errors import NoPeriodicOrbitError
 from ...integrators import HalfExplicit, RungeKutta
 from ...integrators.base import Method
+from ...statuses import STATUS
 from ...systems.daes.semi_linear import Constrained, fields_of
 from ...systems.hybrid import Hybrid
 from ...systems.kinds import iterates
@@ -288,7 +289,9 @@ def _branch_to_both_sides(
         )
     back = start._replace(tangent=-start.tangent)
     arcs = [follow(equations, back, *within)]
-    if arcs[0].end != "closed":
+    if arcs[0].end == STATUS.interrupted.name:
+        arcs.append(Arc([start], [], arcs[0].end))
+    elif arcs[0].end != "closed":
         arcs.append(follow(equations, start, *within))
     return start, [arc._replace(points=arc.points[1:]) for arc in arcs]
 
@@ -312,6 +315,8 @@ def _branched(equations: BranchEquations, special: Special, within) -> tuple[Bra
         first = next((point for point in tries if point is not None), None)
         if first is not None:
             arcs.append(follow(equations, first, *within))
+        if arcs and arcs[-1].end == STATUS.interrupted.name:
+            break
     if not arcs:
         raise NoPeriodicOrbitError(
             f"Newton's method did not arrive on the branch that begins at the {special.kind} at "

@@ -3,11 +3,13 @@
 E. L. Allgower & K. Georg, Introduction to Numerical Continuation Methods (SIAM 2003), doi:10.1137/1.9780898719154.
 """
 
+import warnings
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...errors import RunFailedError
+from ...statuses import STATUS
 from ..orbits.shooting import Node, OrbitIterate
 from .bifurcations import cycle_of_events
 from .equations import BranchEquations, BranchPoint, states_over, tangent
@@ -45,8 +47,20 @@ class Arc(NamedTuple):
 
 
 def follow(equations: BranchEquations, start: BranchPoint, over: tuple[float, float], step: float, most: int) -> Arc:
-    """The branch from a point, along its tangent, until it leaves the range, closes or ends."""
-    points, found, length = [start], [], step / 4
+    """The branch from a point, along its tangent, until it leaves the range, closes or ends; or until Ctrl-C."""
+    points, found = [start], []
+    try:
+        return Arc(points, found, _followed(equations, points, found, over, step, most))
+    except KeyboardInterrupt:
+        warnings.warn("interrupted: the branch holds the points until then.", stacklevel=2)
+        return Arc(points, found, STATUS.interrupted.name)
+
+
+def _followed(
+    equations: BranchEquations, points: list[BranchPoint], found: list[LocatedPoint], over, step: float, most: int
+) -> str:
+    """Append the points of the branch, and what is special on the way; return why it ends."""
+    length = step / 4
     while True:
         last = points[-1]
         end = _reason_to_stop(equations, points, over, most, length < SHORTEST_STEP * step)
@@ -63,8 +77,9 @@ def follow(equations: BranchEquations, start: BranchPoint, over: tuple[float, fl
     if end == "no convergence":
         nearest = _approached(equations, last, length)
         if touches(equations, nearest):
-            return Arc(points, [*found, LocatedPoint("grazing", nearest, None, 1)], "grazing")
-    return Arc(points, found, end)
+            found.append(LocatedPoint("grazing", nearest, None, 1))
+            return "grazing"
+    return end
 
 
 def _reason_to_stop(equations: BranchEquations, points: list[BranchPoint], over, most: int, short: bool) -> str | None:

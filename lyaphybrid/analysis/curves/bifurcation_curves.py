@@ -72,7 +72,8 @@ class BifurcationCurve(Result):
         specials: tuple of `CurveSpecial`, in the order of the curve: cusps; fold–flips (multipliers 1 and −1); 1:1,
             1:2, 1:3 and 1:4 resonances; "grazing", where the sequence of the events changes.
         ends: why the curve ends at its first and at its last point: "range" (of `over`), "closed", "max_points", "no
-            convergence" (of Newton's method, whatever the step), or the kind of the special at which it ends.
+            convergence" (of Newton's method, whatever the step), "interrupted" (by Ctrl-C), or the kind of the special
+            at which it ends.
         angles: (points,) θ of the multipliers exp(±iθ) on a Neimark–Sacker curve, else NaN.
 
     Example:

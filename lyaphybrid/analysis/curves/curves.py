@@ -11,6 +11,7 @@ from ..._jax.precision import require_double
 from ..._jax.tracing import as_jax
 from ...errors import NoPeriodicOrbitError
 from ...integrators.base import Method
+from ...statuses import STATUS
 from ...systems.hybrid import Hybrid
 from ...systems.kinds import iterates
 from ...systems.labels import labels_of
@@ -240,7 +241,9 @@ def _both_sides(equations: CurveEquations, kind: str, first: CurvePoint, ranges,
     if kind == "Neimark–Sacker":
         bounds.append(CurveBound(-1, -1.0, 1.0, ("1:2 resonance", "1:1 resonance")))
     arcs = [follow_curve(equations, kind, first._replace(tangent=-first.tangent), bounds, step, most)]
-    if arcs[0].end != "closed":
+    if arcs[0].end == STATUS.interrupted.name:
+        arcs.append(CurveArc([first], [], arcs[0].end))
+    elif arcs[0].end != "closed":
         arcs.append(follow_curve(equations, kind, first, bounds, step, most))
     return arcs
 

@@ -1,10 +1,12 @@
 """Follow a curve in the plane of two parameters by predictor and corrector."""
 
+import warnings
 from typing import NamedTuple
 
 import numpy as np
 
 from ...errors import RunFailedError
+from ...statuses import STATUS
 from ...systems.hybrid import Hybrid
 from ..continuation.bifurcations import cycle_of_events
 from ..continuation.following import LEAST_CLEARANCE, SHORTEST_STEP, next_length, stepped
@@ -44,16 +46,30 @@ class CurveArc(NamedTuple):
 def follow_curve(
     equations: CurveEquations, kind: str, start: CurvePoint, bounds: list[CurveBound], step: float, most: int
 ) -> CurveArc:
-    """The curve from a point, along its tangent, until it leaves a range, closes or ends."""
-    points, found, length, changes = [start], [], step / 4, False
+    """The curve from a point, along its tangent, until it leaves a range, closes or ends; or until Ctrl-C."""
+    points, found = [start], []
+    try:
+        end = _followed(equations, kind, points, found, bounds, step, most)
+    except KeyboardInterrupt:
+        warnings.warn("interrupted: the curve holds the points until then.", stacklevel=2)
+        return CurveArc(points, found, STATUS.interrupted.name)
+    if end not in PLAIN_ENDS:
+        found.append((end, points[-1]))
+    return CurveArc(points, found, end)
+
+
+def _followed(
+    equations: CurveEquations, kind: str, points: list[CurvePoint], found: list, bounds, step: float, most: int
+) -> str:
+    """Append the points of the curve, and what is special on the way; return why it ends."""
+    length, changes = step / 4, False
     while True:
         last = points[-1]
         end = _reached(last, bounds) or _reason_to_end(equations, points, most, length < SHORTEST_STEP * step)
+        if end == "no convergence" and (changes or _touches_elsewhere(equations, last)):
+            return "grazing"
         if end is not None:
-            if end == "no convergence" and (changes or _touches_elsewhere(equations, last)):
-                end = "grazing"
-            ahead = [] if end in PLAIN_ENDS else [(end, last)]
-            return CurveArc(points, [*found, *ahead], end)
+            return end
         after = _advanced(equations, last, length, bounds)
         met, changes = None, after is not None and not _same_events(equations, last, after)
         if after is not None and not changes:

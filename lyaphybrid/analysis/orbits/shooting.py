@@ -154,6 +154,8 @@ class Motion(NamedTuple):
         outcome = driver.drive(problem, plan, loop_state, ends, ends)
         status, matrix = STATUS(int(outcome.status)), np.asarray(outcome.loop_state.carry.frame)
         where, why = f"On a piece of length {length:.6g} from t = {node.t:.6g}: ", outcome.why
+        if status == STATUS.interrupted:  # of an orbit in parts nothing can be told
+            raise KeyboardInterrupt
         if status == STATUS.ok and not np.all(np.isfinite(matrix)):
             status, where = STATUS.nonfinite, where + "its derivative by its start is not finite. "
         if status != STATUS.ok:

@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose
 import lyaphybrid as lh
 from examples import HENON, LOGISTIC
 from lyaphybrid import plots, zoo
+from lyaphybrid.analysis.continuation import equations
 
 FORCED = 2 * np.pi / 0.666
 
@@ -525,6 +526,23 @@ def test_where_newton_fails_the_branch_ends_and_is_kept():
     short = lh.continuation(LOGISTIC, [0.6], 2.5, over={"args": (1.5, 3.6)}, period=1, max_points=3)
     assert short.ends == ("max_points", "max_points")
     assert len(short.values) == 5
+
+
+@pytest.mark.filterwarnings("ignore:interrupted")
+def test_ctrl_c_leaves_what_was_computed(monkeypatch):
+    counted = iter(range(10_000))
+
+    def corrected(equations, *arguments, **more):
+        if next(counted) == 10:
+            raise KeyboardInterrupt
+        return original(equations, *arguments, **more)
+
+    original = equations.BranchEquations.corrected
+    monkeypatch.setattr(equations.BranchEquations, "corrected", corrected)
+    branch = lh.continuation(LOGISTIC, [0.6], 2.5, over={"args": (1.5, 3.6)}, period=1)
+    assert branch.ends == ("interrupted", "interrupted")
+    assert 2 < len(branch.values) < 12
+    assert_allclose(branch.x0[:, 0], 1 - 1 / branch.values, atol=1e-12)
 
 
 def test_a_family_of_orbits_at_one_parameter_is_refused():

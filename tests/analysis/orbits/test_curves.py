@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
 from lyaphybrid import plots, zoo
+from lyaphybrid.analysis.curves import equations as curve_equations
 
 TURN = 2 * np.pi
 FORCED = TURN / 0.666
@@ -414,6 +415,26 @@ def test_a_special_of_another_branch_is_refused(fold):
         lh.bifurcation_curve(
             CUBIC, fold, {"a": 0.0, "b": -0.4}, over={"a": (-1.0, 1.0), "b": (-0.5, 1.0)}, period=1
         )  # fmt: skip
+
+
+@pytest.mark.filterwarnings("ignore:interrupted")
+def test_ctrl_c_leaves_what_was_computed(fold, monkeypatch):
+    counted = iter(range(10_000))
+
+    def corrected(equations, *arguments, **more):
+        if next(counted) == 12:
+            raise KeyboardInterrupt
+        return original(equations, *arguments, **more)
+
+    original = curve_equations.CurveEquations.corrected
+    monkeypatch.setattr(curve_equations.CurveEquations, "corrected", corrected)
+    curve = lh.bifurcation_curve(
+        CUBIC, fold, {"a": 0.0, "b": 0.75}, over={"a": (-1.0, 1.0), "b": (-0.5, 1.0)}, period=1
+    )
+    assert curve.ends == ("interrupted", "interrupted")
+    assert 2 < len(curve.values) < 14
+    a, b = curve.values.T
+    assert_allclose(a**2, 4 * (b / 3) ** 3, atol=1e-12)
 
 
 def test_the_picture(cusp):
