@@ -25,7 +25,7 @@ wall = lh.Transition(lambda t, x, args: 1.25 - x[0], lambda t, x, args: jnp.stac
 system = lh.Hybrid(field, wall, names=("x", "v"))
 turn = 2 * np.pi / 1.2
 method = lh.RungeKutta("dopri5", rtol=1e-7, atol=1e-9)
-found = lh.basins(system, [[-2.0, -2.0], [1.25, 2.0]], shape=(240, 240), t1=40 * turn, period=turn, method=method)
+found = lh.basins(system, [[-2.0, -2.0], [1.25, 2.0]], shape=(180, 180), t1=40 * turn, period=turn, method=method)
 print(found)
 edge = lh.edge_state(system, found, t1=40 * turn, settle=80 * turn, period=turn)
 print(edge)

@@ -24,14 +24,14 @@ def run(args):
     return lh.lyapunov_spectrum(system, oscillator.x0, args, t1=200.0, transient=200.0, k=1, throw=False)
 
 
-grid = {"omega": np.linspace(*omega["omega"], 91), "gap": np.linspace(*gap["gap"], 61)}
+grid = {"omega": np.linspace(*omega["omega"], 71), "gap": np.linspace(*gap["gap"], 49)}
 ax = pyplot.subplots(figsize=(7.0, 4.2), layout="constrained")[1]
 lh.plots.sweep_map(lh.sweep(run, grid, args=args, progress=False), ax=ax)
 beats = lh.continuation(system, oscillator.x0, args, over=omega, period=turn, transient=300.0)
-still = lh.continuation(system, [-0.1, 0.0], args | {"gap": 0.3}, over=gap, period=turn)
+still = lh.continuation(system, [-0.1, 0.0], args | {"gap": 0.3}, over=gap, period=turn, step=0.1)
 curves = [
-    lh.bifurcation_curve(system, beats.of_kind("period doubling")[0], args, over=omega | gap, period=turn),
-    lh.bifurcation_curve(system, still.of_kind("grazing")[0], args, over=gap | omega, period=turn),
+    lh.bifurcation_curve(system, beats.of_kind("period doubling")[0], args, over=omega | gap, period=turn, step=0.1),
+    lh.bifurcation_curve(system, still.of_kind("grazing")[0], args, over=gap | omega, period=turn, step=0.1),
 ]
 print(*curves, sep="\n")
 lh.plots.curves(curves, ax)

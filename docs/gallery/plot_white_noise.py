@@ -16,11 +16,11 @@ import lyaphybrid as lh
 jax.config.update("jax_enable_x64", True)
 
 flow = lh.Flow(lambda t, x, args: args["a"] * x - x**3)
-noisy = lh.white_noise(flow, lambda t, x, args: args["s"] + 0 * x, step=0.02, until=1600.0)
+noisy = lh.white_noise(flow, lambda t, x, args: args["s"] + 0 * x, step=0.02, until=900.0)
 
 
 def run(args):
-    return lh.lyapunov_spectrum(noisy, [0.3], args, t1=1500.0, transient=100.0)
+    return lh.lyapunov_spectrum(noisy, [0.3], args, t1=850.0, transient=50.0)
 
 
 a, x = np.linspace(-1.0, 1.5, 101), np.linspace(-4.0, 4.0, 4001)

@@ -21,6 +21,7 @@ NEIGHBOURS_QUANTILE = 0.98  # … of this quantile
 SHARED_POINTS = 0.5  # part of the late points of a run that lie among those of an attractor, if it is the same
 CYCLES_APART = 0.25  # of the distance of two cycles: their radius is not larger
 LEAST_EXTENT = 1e-3  # least range of a component, relative to that of the starts
+WORTH_THREADS = 10_000  # points: the search among fewer ends before threads have begun
 OTHER_MODE = 1e6  # distance of points in different modes
 
 
@@ -106,7 +107,8 @@ def distances(attractor: Attractor, points, modes, metric: Metric) -> np.ndarray
     placed = metric.placed(points, modes)
     finite = np.all(np.isfinite(placed), axis=-1)
     found = np.full(placed.shape[:-1], np.inf)
-    found[finite] = tree.query(placed[finite], workers=-1)[0]
+    wanted = placed[finite]
+    found[finite] = tree.query(wanted, workers=-1 if len(wanted) > WORTH_THREADS else 1)[0]
     return found
 
 

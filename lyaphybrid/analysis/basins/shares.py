@@ -171,21 +171,24 @@ def basin_shares(
     return BasinShares(name, values, tuple(names), shares, stderr, tuple(found))
 
 
-def _led_to(known: list[Attractor], here: Basins, system, args, t1, how: dict[str, Any]) -> list[int]:
+def _led_to(known: list[Attractor], here: Basins, system, args, t1, how: dict[str, Any]) -> np.ndarray:
     """To which attractor here a point of each known one leads; −1 for none."""
     gap, transient = gap_and_transient(system, t1, how["period"])
-    labels = []
-    for one in known:
-        mode = None if how["mode"] is None else int(one.modes[-1])
-        problem, x, t0, mode = preparation.prepare(system, one.points[-1], args, how["t0"], how["method"], mode)
+    labels = np.full(len(known), -1)
+    modes = np.array([int(one.modes[-1]) if how["mode"] is not None else -1 for one in known], int)
+    for mode in np.unique(modes):
+        these = np.flatnonzero(modes == mode)
+        rows = np.array([known[i].points[-1] for i in these])
+        given = None if mode < 0 else int(mode)
+        problem, x, t0, given = preparation.prepare(system, rows[0], args, how["t0"], how["method"], given)
         run = Sampling(system, problem.args, how["method"], gap, how["max_steps"], x.dtype)
-        last = run(one.points[-1:], float(t0), mode, transient, LAST_SAMPLES)
+        last = run(rows, float(t0), given, transient, LAST_SAMPLES)
         at = arrived(last.points, last.modes, here.metric, here.attractors)
-        labels.append(int(at[0]) if last.status[0] == STATUS.ok else -1)
+        labels[these] = np.where(last.status == STATUS.ok, at, -1)
     return labels
 
 
-def _matched(attractors, known: list[Attractor], metric: Metric, led: list[int]) -> list[int]:
+def _matched(attractors, known: list[Attractor], metric: Metric, led: np.ndarray) -> list[int]:
     """The number of each attractor among the known ones, which are replaced by them, or which they join."""
     apart = {(i, j): _apart(one, other, metric) for i, one in enumerate(attractors) for j, other in enumerate(known)}
     nearest_first = sorted(apart.items(), key=lambda item: item[1])

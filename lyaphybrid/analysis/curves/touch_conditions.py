@@ -27,7 +27,6 @@ __all__ = ["BorderCondition", "TouchCondition", "apart", "placed_around"]
 
 BESIDE_EDGE = (0.0, 1e-11, -1e-11, 1e-10, -1e-10)  # of the range
 SAME_EVENT = 1e-6  # of the period: an event so near to the touch is it, or follows from it
-SAME_EVENT = 1e-6  # of the period: an event so near to the touch is it, or follows from it
 LONGEST_SHARE = 0.4  # of the period: the first node lies no longer before the touch
 
 
