@@ -30,8 +30,9 @@ class CurveSpecial(Result):
         >>> branch = lh.continuation(cubic, [0.9], args, over={"a": (-1.0, 1.0)}, period=1)
         >>> over = {"a": (-1.0, 1.0), "b": (-0.5, 1.0)}
         >>> curve = lh.bifurcation_curve(cubic, branch.of_kind("fold")[0], args, over=over, period=1)
-        >>> [one.kind for one in curve.specials]
-        ['cusp']
+        >>> cusp = curve.specials[0]
+        >>> cusp.kind, [round(abs(value), 9) for value in cusp.values.tolist()]
+        ('cusp', [0.0, 0.0])
     """
 
     kind: str
