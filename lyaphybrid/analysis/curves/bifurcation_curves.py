@@ -41,6 +41,11 @@ class CurveSpecial(Result):
     orbit: Floquet
 
     @property
+    def multipliers(self):
+        """Complex (n,), the largest first."""
+        return self.orbit.multipliers
+
+    @property
     def title(self) -> str:
         """Kind and parameters in one line."""
         pairs = zip(self.names, self.values, strict=True)
@@ -55,8 +60,9 @@ class CurveSpecial(Result):
 
     def _data(self) -> Data:
         orbit = self.orbit._data()
-        own = dict(zip(self.names, map(float, self.values), strict=True))
-        return Data(orbit.variables, orbit.coordinates, dict(orbit.attributes) | {"kind": self.kind} | own)
+        variables = dict(orbit.variables) | {"values": ("parameter", self.values)}
+        coordinates = dict(orbit.coordinates) | {"parameter": list(self.names)}
+        return Data(variables, coordinates, dict(orbit.attributes) | {"kind": self.kind})
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
