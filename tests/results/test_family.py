@@ -20,6 +20,8 @@ SLOW = (
     "TwoTrajectories",
     "CovariantVectors",
     "Continuation",
+    "BifurcationCurve",
+    "CurveSpecial",
     "BifurcationDiagram",
     "Solution",
     "Solutions",
