@@ -73,11 +73,6 @@ class CurveIterate(NamedTuple):
         """The motion at these parameters."""
         return self.branch.motion(self.pair[0])
 
-    @property
-    def states(self) -> int:
-        """How many unknowns are states of nodes."""
-        return len(self.orbit.nodes) * len(self.orbit.nodes[0].x)
-
     def second(self, direction: np.ndarray) -> np.ndarray:
         """The derivative (N, N + 2) of the Jacobian along a direction (N + 2,) of the unknowns."""
         length = float(np.linalg.norm(direction))
