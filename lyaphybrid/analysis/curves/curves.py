@@ -64,16 +64,16 @@ def bifurcation_curve(
     It begins at a `Special` that `lh.continuation` found, and is followed to both sides by pseudo-arclength, round its
     own folds and through cusps. Besides the orbit's equations this holds:
 
-        fold                the Jacobian of the orbit's equations is singular
-        pitchfork, transcritical    the same, and the parameter does not unfold it: where a symmetry, or an orbit that
-            is there anyway, demands it
-        period doubling     M + I is singular, M the monodromy matrix
-        Neimark–Sacker      M² − 2 cos θ M + I has two null vectors
-        grazing             an orbit touches a guard: h = 0 and dh/dt = 0 at one time (an impact with no speed; where
-            sliding begins by grazing, or ends or splits inside)
-        edge                an event falls on the zero of another guard: h = 0 and e = 0 (where sliding begins at a
-            crossing; two walls at once)
-        border              a point of a map's orbit lies on a border
+    - fold: the Jacobian of the orbit's equations is singular;
+    - pitchfork, transcritical: the same, and the parameter does not unfold it, for a symmetry, or an orbit that is
+      there anyway, demands it;
+    - period doubling: M + I is singular, M the monodromy matrix;
+    - Neimark–Sacker: M² − 2 cos θ M + I has two null vectors;
+    - grazing: an orbit touches a guard, h = 0 and dh/dt = 0 at one time (an impact with no speed; where sliding begins
+      by a touch, or ends or splits inside);
+    - edge: an event falls on the zero of another guard, h = 0 and e = 0 (where sliding begins at a crossing; two walls
+      at once);
+    - border: a point of a map's orbit lies on a border.
 
     Which of grazing and edge a `Special` of kind "grazing" is, is found from its orbit. The motion up to a touch does
     not feel the touched guard, so that the curve is smooth, and goes on beyond a cusp, where the touch is from the
