@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -35,6 +36,7 @@ from .locating import LocatedPoint
 __all__ = ["continuation", "equations_of", "moving", "orbit_as_result", "parameters_named", "range_of"]
 
 CONSERVED_VALUE = "conserved value"  # name of the parameter of a family
+FEW_NUMBERS = 100  # of args
 FIRST_STEPS = 0.4 ** np.arange(
     18
 )  # fractions of the largest step, tried in turn for the first step onto another branch
@@ -232,15 +234,17 @@ def range_of(over) -> tuple[float, float]:
 def parameters_named(args, *names: str) -> tuple[tuple[ParameterOf, ...], tuple[float, ...]]:
     """P ↦ args for each named entry, and the values of these in args.
 
-    All numbers of args are in the leaf, so that what is compiled for one parameter serves for another.
+    All numbers of args are in the leaf if they are few, so that what is compiled for one parameter serves for another.
     """
     for name in names:
         require(isinstance(name, str), f"the parameter must be the name of an entry of args; got {name!r}.")
-    known = parameters_of(args, [name.partition("[")[0] for name in dict.fromkeys(names)])[2]
+    heads = list(dict.fromkeys(name.partition("[")[0] for name in names))
+    leaf, args_of, known = parameters_of(args, heads)
     require(len(known) > 0, f"args has no numbers that over could name; got {args!r}.")
     for name in names:
         require(name in known, f"over must name one number, such as {known[0]!r}; got {name!r}.")
-    leaf, args_of, known = parameters_of(args, None)
+    if sum(np.size(one) for one in jax.tree.leaves(args)) <= FEW_NUMBERS:
+        leaf, args_of, known = parameters_of(args, None)
     entries = [known.index(name) for name in names]
     leaf = jnp.asarray(leaf, float)
     return tuple(ParameterOf(args_of, leaf, entry) for entry in entries), tuple(float(leaf[i]) for i in entries)

@@ -12,6 +12,7 @@ import lyaphybrid as lh
 from examples import HENON, LOGISTIC
 from lyaphybrid import plots, zoo
 from lyaphybrid.analysis.continuation import equations
+from lyaphybrid.analysis.continuation.continuing import parameters_named
 
 FORCED = 2 * np.pi / 0.666
 
@@ -549,6 +550,15 @@ def test_a_family_of_orbits_at_one_parameter_is_refused():
     anywhere = lh.Map(lambda n, x, p: jnp.stack([x[0], 0.5 * x[1] + p]))
     with pytest.raises(ValueError, match="one of a family at the same parameter"):
         lh.continuation(anywhere, [0.3, 0.0], 0.1, over={"args": (0.0, 1.0)}, period=1)
+
+
+def test_large_arrays_in_args_are_carried_along_as_they_are():
+    few, many = {"p": 0.3, "rates": np.ones(3)}, {"p": 0.3, "rates": np.ones((200, 200))}
+    (of_few,), _ = parameters_named(few, "p")
+    (of_many,), (value,) = parameters_named(many, "p")
+    assert (len(of_few.leaf), len(of_many.leaf), value) == (4, 1, 0.3)
+    assert of_many(0.5)["p"] == of_few(0.5)["p"] == 0.5
+    assert of_many(0.5)["rates"].shape == (200, 200)
 
 
 def test_nothing_near_the_start_is_said():
