@@ -75,7 +75,7 @@ def _followed(
         if after is not None and not changes:
             try:
                 met = special_points(equations, kind, last, after)
-            except (LostError, RunFailedError):
+            except (LostError, RunFailedError, ValueError):
                 met = None
         if after is None or met is None:
             length /= 2

@@ -299,6 +299,40 @@ def test_where_an_oscillator_first_touches_the_wall():
     assert_allclose(curve.period, TURN / omega, rtol=1e-14)
 
 
+@pytest.mark.slow
+def test_one_of_two_walls_with_one_guard():
+    """The nearer wall is touched first, wherever it stands in the guard."""
+
+    def field(t, x, args):
+        return jnp.stack([x[1], args["force"] * jnp.cos(args["omega"] * t) - x[0] - 0.1 * x[1]])
+
+    def walls(t, x, args):
+        return jnp.stack([3.0 + x[0], 1.0 - x[0]])
+
+    both = lh.Hybrid(field, lh.Transition(walls, lambda t, x, args, which: jnp.stack([x[0], -0.8 * x[1]])))
+    args, first, second = {"force": 0.5, "omega": 2.0}, {"force": (0.05, 5.0)}, {"omega": (0.5, 2.4)}
+    curve = followed(both, [-0.1, 0.0], args, first, second, "grazing", period=turn_of, step=0.1)
+    force, omega = curve.values.T
+    assert curve.ends == ("range", "range")
+    assert_allclose(force, np.sqrt((1 - omega**2) ** 2 + (0.1 * omega) ** 2), atol=1e-11)
+
+
+@pytest.mark.slow
+def test_a_limit_cycle_that_touches_a_wall():
+    """R' = (m − r²) r and a turn: the circle r² = m touches the wall x = w where m = w²."""
+
+    def field(t, x, args):
+        return (args["m"] - x @ x) * x + jnp.stack([-x[1], x[0]])
+
+    wall = lh.Transition(lambda t, x, args: args["w"] - x[0], lambda t, x, args: jnp.stack([x[0], -0.7 * x[1]]))
+    args, first, second = {"m": 0.3, "w": 1.0}, {"m": (0.05, 3.0)}, {"w": (0.4, 1.6)}
+    curve = followed(lh.Hybrid(field, wall), [0.5, 0.0], args, first, second, "grazing", step=0.1)
+    m, w = curve.values.T
+    assert (np.min(w), np.max(w)) == pytest.approx((0.4, 1.6), abs=1e-12)
+    assert_allclose(m, w**2, atol=1e-11)
+    assert_allclose(curve.period, TURN, atol=1e-10)
+
+
 WAVES = (0.3, 0.1)
 
 
