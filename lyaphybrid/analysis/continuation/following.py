@@ -10,21 +10,22 @@ import numpy as np
 
 from ...errors import RunFailedError
 from ...statuses import STATUS
-from ..orbits.shooting import Node, OrbitIterate
+from ..orbits.shooting import Node, OrbitIterate, states_of
 from .bifurcations import cycle_of_events
-from .equations import BranchEquations, BranchPoint, states_over, tangent
+from .equations import BranchEquations, BranchPoint, tangent
 from .locating import LocatedPoint, OrbitChange, change_of, crossings
 from .touching import touches
 
 __all__ = [
-    "LEAST_CLEARANCE",
     "SHORTEST_STEP",
     "Arc",
     "advanced",
     "follow",
     "next_length",
+    "nodes_are_clear",
     "point_of_orbit",
     "resumed",
+    "shape_of",
     "stepped",
 ]
 
@@ -106,9 +107,14 @@ def _closed(equations: BranchEquations, points: list[BranchPoint]) -> bool:
 
 def _signature(equations: BranchEquations, point: BranchPoint) -> np.ndarray:
     """Scaled numbers of an orbit that do not depend on its first node."""
-    states = states_over(point)
+    return np.append(shape_of(equations, point.orbit), point.parameter / equations.span)
+
+
+def shape_of(equations: BranchEquations, orbit: OrbitIterate) -> np.ndarray:
+    """Largest and smallest value of each component, and the period, all scaled."""
+    states = np.concatenate([states_of(piece)[1] for piece in orbit.pieces])
     ends = np.concatenate([states.max(axis=0), states.min(axis=0)]) / equations.size
-    return np.append(ends, [point.orbit.period / equations.time, point.parameter / equations.span])
+    return np.append(ends, orbit.period / equations.time)
 
 
 def stepped(equations: Any, last: Any, length: float) -> Any:
@@ -189,11 +195,16 @@ def point_of_orbit(equations: BranchEquations, orbit: OrbitIterate, p: float, al
     return equations.corrected(u, orbit, along, float(along @ u))
 
 
+def nodes_are_clear(orbit: OrbitIterate) -> bool:
+    """Whether no node is too near to an event."""
+    near = LEAST_CLEARANCE * orbit.period
+    times = [(piece.events.t, piece.length) for piece in orbit.pieces if piece.events is not None]
+    return not any(np.any((t < near) | (length - t < near)) for t, length in times)
+
+
 def _with_clear_nodes(equations: BranchEquations, point: BranchPoint) -> BranchPoint:
     """The same point, with new nodes if some are too near to events."""
-    near = LEAST_CLEARANCE * point.orbit.period
-    times = [(piece.events.t, piece.length) for piece in point.orbit.pieces if piece.events is not None]
-    if not any(np.any((t < near) | (length - t < near)) for t, length in times):
+    if nodes_are_clear(point.orbit):
         return point
     change = change_of(equations, point, point.tangent)
     try:

@@ -9,10 +9,10 @@ from ...errors import RunFailedError
 from ...statuses import STATUS
 from ...systems.hybrid import Hybrid
 from ..continuation.bifurcations import cycle_of_events
-from ..continuation.following import LEAST_CLEARANCE, SHORTEST_STEP, next_length, stepped
+from ..continuation.following import SHORTEST_STEP, next_length, nodes_are_clear, shape_of, stepped
 from ..continuation.locating import LostError
 from ..continuation.touching import FoundTouch, found_touches
-from ..orbits.shooting import SAMPLES_PER_PIECE, Node, OrbitIterate, states_of
+from ..orbits.shooting import SAMPLES_PER_PIECE, Node, OrbitIterate
 from .equations import CurveEquations, CurvePoint
 from .special_points import special_points
 from .touch_conditions import TouchCondition, apart, placed_around
@@ -156,10 +156,8 @@ def _back(equations: CurveEquations, points: list[CurvePoint]) -> bool:
 
 def _signature(equations: CurveEquations, point: CurvePoint) -> np.ndarray:
     """Scaled numbers of an orbit and its parameters, which do not depend on its first node."""
-    states = np.concatenate([states_of(piece)[1] for piece in point.orbit.pieces])
-    ends = np.concatenate([states.max(axis=0), states.min(axis=0)]) / equations.base.size
     pair = np.divide(point.pair, equations.spans)
-    return np.concatenate([ends, [point.orbit.period / equations.base.time], pair, point.own])
+    return np.concatenate([shape_of(equations.base, point.orbit), pair, point.own])
 
 
 def _with_clear_nodes(equations: CurveEquations, point: CurvePoint) -> CurvePoint:
@@ -179,13 +177,12 @@ def _with_clear_nodes(equations: CurveEquations, point: CurvePoint) -> CurvePoin
 
 def _are_clear(equations: CurveEquations, point: CurvePoint) -> bool:
     """Whether no node is near an event, and a touch not near the ends of the piece that holds it."""
-    near, condition = LEAST_CLEARANCE * point.orbit.period, equations.condition
+    condition = equations.condition
     if isinstance(condition, TouchCondition):
         share = float(point.own[0]) * equations.base.time / point.orbit.pieces[0].length
         if not ENDS_OF_PIECE < share < 1 - ENDS_OF_PIECE:
             return False
-    times = [(piece.events.t, piece.length) for piece in point.orbit.pieces if piece.events is not None]
-    return not any(np.any((t < near) | (length - t < near)) for t, length in times)
+    return nodes_are_clear(point.orbit)
 
 
 def _placed_anew(equations: CurveEquations, point: CurvePoint) -> tuple[OrbitIterate, np.ndarray]:
