@@ -70,23 +70,34 @@ def _sources(flow: Motion, j: int) -> list[int]:
 
 def _tangencies(flow: Motion, piece: MotionPiece, j: int) -> Iterator[FoundTouch]:
     """Extrema of a guard next to zero, and events at which it hardly moves."""
+    ranges, fastest = _scales(flow, piece, j)
     for mode in _sources(flow, j):
         inside = np.flatnonzero(piece.modes == mode)
         fired = np.flatnonzero((piece.events.transition == j) & (piece.events.mode_before == mode))
-        if not len(inside):
-            continue
-        times = np.concatenate([piece.times[inside], piece.events.t[fired]])
-        states = np.concatenate([piece.points[inside], piece.events.x_before[fired]])
-        values, rates = _along(flow, j, mode, piece.start.t + times, states)
-        for entry in range(values.shape[1]):
-            touch, range_of = Touch((j, entry), None, mode), float(np.ptp(values[:, entry])) or 1.0
-            for at, value in _extrema(times[: len(inside)], values[: len(inside), entry], inside):
-                yield FoundTouch(touch, piece.start.t + at, False, abs(value) / range_of)
-            fastest = float(np.max(np.abs(rates[:, entry]))) or 1.0
-            for k, event in enumerate(fired, len(inside)):
-                if piece.events.which[event] in (entry, -1):
-                    # Beside a touch the rate at the event is the root of the distance.
-                    yield FoundTouch(touch, piece.start.t + times[k], True, float(rates[k, entry] / fastest) ** 2)
+        if len(inside) > 2:
+            values = _along(flow, j, mode, piece.start.t + piece.times[inside], piece.points[inside])[0]
+            for entry, range_of in enumerate(ranges):
+                for at, value in _extrema(piece.times[inside], values[:, entry], inside):
+                    yield FoundTouch(Touch((j, entry), None, mode), piece.start.t + at, False, abs(value) / range_of)
+        if len(fired):
+            times = piece.start.t + piece.events.t[fired]
+            rates = _along(flow, j, mode, times, piece.events.x_before[fired])[1]
+            for t, rate, which in zip(times, rates, piece.events.which[fired], strict=True):
+                entry = max(int(which), 0)
+                # Beside a touch the rate at the event is the root of the distance.
+                off = float(rate[entry] / fastest[entry]) ** 2
+                yield FoundTouch(Touch((j, entry), None, mode), float(t), True, off)
+
+
+def _scales(flow: Motion, piece: MotionPiece, j: int) -> tuple[np.ndarray, np.ndarray]:
+    """The range (m,) of a guard on a piece of motion, and its largest rate (m,), in whatever mode; 1 for 0."""
+    parts = []
+    for mode in np.unique(piece.modes):
+        here = piece.modes == mode
+        parts.append(_along(flow, j, int(mode), piece.start.t + piece.times[here], piece.points[here]))
+    values, rates = (np.concatenate(part) for part in zip(*parts, strict=True))
+    ranges, fastest = np.ptp(values, axis=0), np.max(np.abs(rates), axis=0)
+    return np.where(ranges > 0, ranges, 1.0), np.where(fastest > 0, fastest, 1.0)
 
 
 def _extrema(times: np.ndarray, values: np.ndarray, places: np.ndarray) -> Iterator[tuple[float, float]]:

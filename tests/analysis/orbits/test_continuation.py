@@ -414,6 +414,43 @@ def test_rimless_wheels_on_all_slopes():
 
 
 @pytest.mark.slow
+def test_a_runner_whose_flight_ends_where_it_begins_to_fall():
+    """Where the highest point of the flight is as high as it lands, there is no gait beyond; from the equations."""
+    problem = zoo.slip_runner()
+    level, stiffness = 1.596**2 / 2 + 1, problem.args["stiffness"]
+
+    def energy(x, args):
+        return (x[2] ** 2 + x[3] ** 2) / 2 + x[1]
+
+    def with_spring(x, args):
+        return energy(x, args) + args["stiffness"] * (1 - jnp.hypot(x[0], x[1])) ** 2 / 2
+
+    kept = {"ascent": energy, "descent": energy, "stance": with_spring}
+    gait = lh.floquet(problem.system, problem.x0, problem.args, mode=problem.mode, transient=50.0, conserve=kept)
+    how = {"mode": problem.system.mode_names[gait.mode], "conserve": kept, "step": 0.1}
+    branch = lh.continuation(problem.system, gait.x0, problem.args, over={"angle": (1.18, 1.3)}, **how)
+    assert sorted(branch.ends) == ["grazing", "range"]
+
+    def rises_above(angle):
+        def field(t, x):
+            push = stiffness * (1 / np.hypot(x[0], x[1]) - 1)
+            return [x[2], x[3], push * x[0], push * x[1] - 1]
+
+        def leaves(t, x):
+            return np.hypot(x[0], x[1]) - 1
+
+        leaves.terminal, leaves.direction = True, 1
+        start = [-np.cos(angle), np.sin(angle), np.sqrt(2 * (level - np.sin(angle))), 0.0]
+        run = scipy.integrate.solve_ivp(field, (0, 5), start, events=leaves, method="DOP853", rtol=1e-12, atol=1e-13)
+        return run.y[1, -1] + run.y[3, -1] ** 2 / 2 - np.sin(angle)
+
+    exact = scipy.optimize.brentq(rises_above, 1.22, 1.25, xtol=1e-13)
+    end = branch.of_kind("grazing")[0]
+    assert np.max(np.abs(end.multipliers)) > 1e4  # so near to it Newton's method comes
+    assert end.parameter == pytest.approx(exact, abs=2e-6)
+
+
+@pytest.mark.slow
 def test_a_pendulum_that_sticks_from_some_friction_on():
     """It does where the force at a reversal is no larger than the friction: where A sin ωt − λ sin θ = ±α there."""
     problem = zoo.friction_pendulum(beta=0.052, alpha=0.5)
