@@ -17,15 +17,15 @@ PARAMETER_UNCHANGED = 1e-4  # a direction with a smaller parameter component doe
 REAL_MULTIPLIER = 1e-6  # a multiplier with a smaller imaginary part is real
 
 
-def monodromy(equations: BranchEquations, point: BranchPoint) -> np.ndarray:
+def monodromy(equations: BranchEquations, orbit: OrbitIterate) -> np.ndarray:
     """The monodromy matrix (n, n) at the first node, modulo the symmetry."""
-    first = point.orbit.nodes[0]
+    first = orbit.nodes[0]
     matrix = np.eye(len(first.x))
-    for piece in point.orbit.pieces:
+    for piece in orbit.pieces:
         matrix = piece.matrix @ matrix
     if equations.symmetry is None:
         return matrix
-    return np.linalg.solve(equations.symmetry.image(first.x, point.orbit.shift).by_state, matrix)
+    return np.linalg.solve(equations.symmetry.image(first.x, orbit.shift).by_state, matrix)
 
 
 def transverse(equations: BranchEquations, point: BranchPoint) -> np.ndarray:
@@ -34,19 +34,19 @@ def transverse(equations: BranchEquations, point: BranchPoint) -> np.ndarray:
     It is divided out by its eigenvector, the velocity, because next to a fold or a branch point two are near 1.
     """
     if equations.symmetry is not None or equations.conserved is not None:
-        matrix, flow = monodromy(equations, point), equations.motion(point.parameter)
+        matrix, flow = monodromy(equations, point.orbit), equations.motion(point.parameter)
         family = family_of(flow, point.orbit, equations.autonomous, equations.fixed)
         known = in_any_case(flow, point.orbit, equations.autonomous, family)
         return multipliers_of([matrix], known, len(matrix), equations.autonomous)[1]
-    return np.linalg.eigvals(across_flow(equations, point)).astype(complex)
+    return np.linalg.eigvals(across_flow(equations, point.orbit, point.parameter)).astype(complex)
 
 
-def across_flow(equations: BranchEquations, point: BranchPoint) -> np.ndarray:
+def across_flow(equations: BranchEquations, orbit: OrbitIterate, p: float) -> np.ndarray:
     """The monodromy matrix on the quotient by the flow of an autonomous system, without symmetry or conservation."""
-    matrix = monodromy(equations, point)
+    matrix = monodromy(equations, orbit)
     if not equations.autonomous:
         return matrix
-    velocity = equations.motion(point.parameter).velocity(point.orbit.nodes[0])
+    velocity = equations.motion(p).velocity(orbit.nodes[0])
     across = np.linalg.svd(velocity[None, :])[2][1:]
     return across @ matrix @ across.T
 
@@ -136,7 +136,7 @@ def _derivative(equations: BranchEquations, point: BranchPoint, along: np.ndarra
 
 def of_doubling(equations: BranchEquations, point: BranchPoint) -> np.ndarray:
     """The change (n,) of the first node towards the doubled orbit: the eigenvector of the multiplier −1."""
-    values, vectors = np.linalg.eig(monodromy(equations, point))
+    values, vectors = np.linalg.eig(monodromy(equations, point.orbit))
     vector = np.real(vectors[:, np.argmin(np.abs(values + 1))])
     return vector / np.linalg.norm(vector)
 

@@ -14,11 +14,56 @@ from ...systems.labels import Labels
 from ..orbits.periodic_orbits import Floquet
 from .locating import OrbitChange
 
-__all__ = ["Continuation", "Special"]
+__all__ = ["Continuation", "OrbitsAlong", "Special", "SpecialOrbit"]
+
+
+class SpecialOrbit(Result):
+    """What special points of branches and of curves have in common: they are an orbit."""
+
+    orbit: Floquet
+    title: str
+
+    @property
+    def multipliers(self):
+        """Complex (n,), the largest first."""
+        return self.orbit.multipliers
+
+    def plot(self, ax: plots.Axes | None = None, **style: Any) -> plots.Axes:
+        """The multipliers of its orbit in the complex plane, with the unit circle. `style` goes to what it draws."""
+        return self.orbit.plot(ax, **style)
+
+    def _table(self) -> Table:
+        return Table(self.title)
+
+
+class OrbitsAlong(Result):
+    """What branches and curves have in common: orbits, one after the other."""
+
+    orbits: tuple[Floquet, ...]
+    specials: tuple[Any, ...]
+
+    @property
+    def x0(self) -> np.ndarray:
+        """(points, n) a point of each orbit: at t0, where the system is forced."""
+        return np.array([orbit.x0 for orbit in self.orbits])
+
+    @property
+    def period(self) -> np.ndarray:
+        """(points,)."""
+        return np.array([orbit.period for orbit in self.orbits])
+
+    @property
+    def multipliers(self) -> np.ndarray:
+        """Complex (points, n), the largest first."""
+        return np.array([orbit.multipliers for orbit in self.orbits])
+
+    def of_kind(self, kind: str) -> list[Any]:
+        """The specials of a kind."""
+        return [special for special in self.specials if special.kind == kind]
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
-class Special(Result):
+class Special(SpecialOrbit):
     """A special point of a branch: a bifurcation, or grazing.
 
     Attributes:
@@ -58,21 +103,9 @@ class Special(Result):
         return self.orbit.period
 
     @property
-    def multipliers(self):
-        """Complex (n,), the largest first."""
-        return self.orbit.multipliers
-
-    @property
     def title(self) -> str:
         """Kind, parameter and period in one line."""
         return f"{self.kind} at {self.parameter:.12g}, T = {self.period:.9g}"
-
-    def plot(self, ax: plots.Axes | None = None, **style: Any) -> plots.Axes:
-        """The multipliers of its orbit in the complex plane, with the unit circle. `style` goes to what it draws."""
-        return self.orbit.plot(ax, **style)
-
-    def _table(self) -> Table:
-        return Table(self.title)
 
     def _data(self) -> Data:
         orbit = self.orbit._data()
@@ -82,7 +115,7 @@ class Special(Result):
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
-class Continuation(Result):
+class Continuation(OrbitsAlong):
     """A branch of periodic orbits.
 
     Attributes:
@@ -116,21 +149,6 @@ class Continuation(Result):
     state_labels: Labels = Labels()
 
     @property
-    def x0(self) -> np.ndarray:
-        """(points, n) a point of each orbit: at t0, where the system is forced."""
-        return np.array([orbit.x0 for orbit in self.orbits])
-
-    @property
-    def period(self) -> np.ndarray:
-        """(points,)."""
-        return np.array([orbit.period for orbit in self.orbits])
-
-    @property
-    def multipliers(self) -> np.ndarray:
-        """Complex (points, n), the largest first."""
-        return np.array([orbit.multipliers for orbit in self.orbits])
-
-    @property
     def exponents(self) -> np.ndarray:
         """(points, n) ln|μ|/T, descending; -inf where μ = 0."""
         return np.array([orbit.exponents for orbit in self.orbits])
@@ -139,10 +157,6 @@ class Continuation(Result):
     def stable(self) -> np.ndarray:
         """(points,) whether the orbit attracts."""
         return np.array([orbit.stable for orbit in self.orbits])
-
-    def of_kind(self, kind: str) -> list[Special]:
-        """The specials of a kind."""
-        return [special for special in self.specials if special.kind == kind]
 
     @renamed.keywords(axes="ax")
     def plot(self, ax: Sequence[plots.Axes] | None = None, i: int = 0, **style: Any) -> Sequence[plots.Axes]:

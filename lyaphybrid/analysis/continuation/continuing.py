@@ -25,7 +25,7 @@ from ...systems.smooth import Flow, Map
 from ..orbits.families import family_of
 from ..orbits.invariants import conserved_of
 from ..orbits.periodic_orbits import Floquet, floquet, floquet_of, require_period
-from ..orbits.shooting import Motion, Node, at_start, states_of
+from ..orbits.shooting import Motion, Node, OrbitIterate, at_start, states_of
 from ..orbits.symmetries import symmetry_of
 from ..sensitivity.estimates import parameters_of
 from .branches import Continuation, Special
@@ -343,7 +343,7 @@ def _result(
     return Continuation(
         parameter=name,
         values=np.array([point.parameter for point in points]),
-        orbits=tuple(orbit_as_result(equations, point, start) for point in points),
+        orbits=tuple(orbit_as_result(equations, point.orbit, point.parameter, start) for point in points),
         specials=tuple(_special_as_result(equations, one, start) for one in found),
         ends=(before.end, after.end),
         largest=np.array([np.max(x, axis=0) for x in states]),
@@ -351,15 +351,15 @@ def _result(
     )
 
 
-def orbit_as_result(equations: BranchEquations, point: BranchPoint, start: Node) -> Floquet:
-    """The orbit of a point with its multipliers; for a forced system shown at t0."""
-    flow, base = equations.motion(point.parameter), point.orbit.nodes[0]
-    shown = base if equations.autonomous else at_start(flow, base, start, point.orbit.period, point.orbit.shift)
-    family = family_of(flow, point.orbit, equations.autonomous, equations.fixed)
-    return floquet_of(flow, point.orbit, shown, equations.autonomous, family)
+def orbit_as_result(equations: BranchEquations, orbit: OrbitIterate, p: float, start: Node) -> Floquet:
+    """The orbit with its multipliers; for a forced system shown at t0."""
+    flow, base = equations.motion(p), orbit.nodes[0]
+    shown = base if equations.autonomous else at_start(flow, base, start, orbit.period, orbit.shift)
+    family = family_of(flow, orbit, equations.autonomous, equations.fixed)
+    return floquet_of(flow, orbit, shown, equations.autonomous, family)
 
 
 def _special_as_result(equations: BranchEquations, found: LocatedPoint, start: Node) -> Special:
-    orbit = orbit_as_result(equations, found.point, start)
+    orbit = orbit_as_result(equations, found.point.orbit, found.point.parameter, start)
     largest, turns = np.max(states_over(found.point), axis=0), equations.turns
     return Special(found.kind, found.point.parameter, orbit, turns, turns * found.turns, found.change, largest)

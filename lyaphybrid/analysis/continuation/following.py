@@ -4,6 +4,7 @@ E. L. Allgower & K. Georg, Introduction to Numerical Continuation Methods (SIAM 
 """
 
 import warnings
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,16 +18,15 @@ from .locating import LocatedPoint, OrbitChange, change_of, crossings
 from .touching import touches
 
 __all__ = [
-    "SHORTEST_STEP",
     "Arc",
     "advanced",
     "follow",
-    "next_length",
     "nodes_are_clear",
     "point_of_orbit",
     "resumed",
     "shape_of",
     "stepped",
+    "walked",
 ]
 
 LEAST_COSINE = 0.9  # least cosine of the angle between the tangents of two consecutive points
@@ -50,37 +50,50 @@ class Arc(NamedTuple):
 def follow(equations: BranchEquations, start: BranchPoint, over: tuple[float, float], step: float, most: int) -> Arc:
     """The branch from a point, along its tangent, until it leaves the range, closes or ends; or until Ctrl-C."""
     points, found = [start], []
-    try:
-        return Arc(points, found, _followed(equations, points, found, over, step, most))
-    except KeyboardInterrupt:
-        warnings.warn("interrupted: the branch holds the points until then.", stacklevel=2)
-        return Arc(points, found, STATUS.interrupted.name)
-
-
-def _followed(
-    equations: BranchEquations, points: list[BranchPoint], found: list[LocatedPoint], over, step: float, most: int
-) -> str:
-    """Append the points of the branch, and what is special on the way; return why it ends."""
-    length = step / 4
-    while True:
-        last = points[-1]
-        end = _reason_to_stop(equations, points, over, most, length < SHORTEST_STEP * step)
-        if end is not None:
-            break
-        after = advanced(equations, last, length, over)
-        met = None if after is None else _between(equations, last, after, length)
-        if after is None or met is None:
-            length /= 2
-            continue
-        found += met
-        points.append(_with_clear_nodes(equations, after))
-        length = next_length(length, after.iterations, step)
+    end, length = walked(
+        points, found, step,
+        reason=lambda short: _reason_to_stop(equations, points, over, most, short),
+        onward=lambda last, length: advanced(equations, last, length, over),
+        between=lambda last, after, length: _between(equations, last, after, length),
+        clear=lambda after: _with_clear_nodes(equations, after),
+    )  # fmt: skip
     if end == "no convergence":
-        nearest = _approached(equations, last, length)
+        nearest = _approached(equations, points[-1], length)
         if touches(equations, nearest):
-            found.append(LocatedPoint("grazing", nearest, None, 1))
-            return "grazing"
-    return end
+            return Arc(points, [*found, LocatedPoint("grazing", nearest, None, 1)], "grazing")
+    return Arc(points, found, end)
+
+
+def walked(
+    points: list, found: list, step: float, *, reason: Callable, onward: Callable, between: Callable, clear: Callable
+) -> tuple[str, float]:
+    """Append the points of a branch or curve and what is special on the way; why it ends, and the last step length.
+
+    Args:
+        points: where it begins.
+        found: nothing.
+        step: the largest step.
+        reason: (whether the step is too short) -> why to end here, or None.
+        onward: (last point, length) -> the next point, or None for a shorter step.
+        between: (last point, next one, length) -> what is special between them, or None for a shorter step.
+        clear: (point) -> the same with nodes that are clear of events.
+    """
+    length = step / 4
+    try:
+        while (end := reason(length < SHORTEST_STEP * step)) is None:
+            last = points[-1]
+            after = onward(last, length)
+            met = None if after is None else between(last, after, length)
+            if after is None or met is None:
+                length /= 2
+                continue
+            found += met
+            points.append(clear(after))
+            length = _next_length(length, after.iterations, step)
+    except KeyboardInterrupt:
+        warnings.warn("interrupted: what was computed until then is returned.", stacklevel=3)
+        return STATUS.interrupted.name, length
+    return end, length
 
 
 def _reason_to_stop(equations: BranchEquations, points: list[BranchPoint], over, most: int, short: bool) -> str | None:
@@ -130,7 +143,7 @@ def stepped(equations: Any, last: Any, length: float) -> Any:
     return after
 
 
-def next_length(length: float, iterations: int, largest: float) -> float:
+def _next_length(length: float, iterations: int, largest: float) -> float:
     """The length of the next step, from the number of Newton iterations of the last one."""
     length = min(largest, length * GROWTH) if iterations <= QUICK_ITERATIONS else length
     return length / GROWTH if iterations >= SLOW_ITERATIONS else length

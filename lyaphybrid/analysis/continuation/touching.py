@@ -115,16 +115,20 @@ def _extrema(times: np.ndarray, values: np.ndarray, places: np.ndarray) -> Itera
 
 def _edges(flow: Motion, orbit: OrbitIterate, piece: MotionPiece, j: int) -> Iterator[FoundTouch]:
     """Events of a guard at which another guard is next to zero, but not all the time, as on its surface."""
-    for event in np.flatnonzero(piece.events.transition == j):
+    events = np.flatnonzero(piece.events.transition == j)
+    ranges = {other: _range_along(flow, other, orbit) for other in _guarded(flow)} if len(events) else {}
+    for event in events:
         mode, t, x = int(piece.events.mode_before[event]), piece.events.t[event], piece.events.x_before[event]
         entry, time = max(int(piece.events.which[event]), 0), piece.start.t + float(t)
         normal = _gradients(flow, j, time, x)[1][entry]
         velocity = np.append(1.0, flow.velocity(Node(time, jnp.asarray(x), mode)))
-        for other in _guarded(flow):
+        for other in ranges:
             values, gradients = _gradients(flow, other, time, x)
-            ranges = np.ptp(np.concatenate([_values(flow, other, one) for one in orbit.pieces]), axis=0)
             for k, (value, gradient) in enumerate(zip(values, gradients, strict=True)):
-                lengths, range_of = float(np.linalg.norm(gradient) * np.linalg.norm(normal)), float(ranges[k]) or 1.0
+                lengths, range_of = (
+                    float(np.linalg.norm(gradient) * np.linalg.norm(normal)),
+                    float(ranges[other][k]) or 1.0,
+                )
                 same = lengths == 0 or abs(gradient @ normal) > (1 - SAME_SURFACE) * lengths
                 stays = abs(gradient @ velocity) * orbit.period < STAYS * range_of
                 if not same and not stays:
@@ -146,10 +150,11 @@ def _along(flow: Motion, j: int, mode: int, times, states) -> list[np.ndarray]:
     return [np.asarray(found) for found in jax.vmap(one)(jnp.asarray(times), jnp.asarray(states))]
 
 
-def _values(flow: Motion, j: int, piece: MotionPiece) -> np.ndarray:
-    """Values (samples, m) of a guard on a piece of motion."""
-    times, guard = jnp.asarray(piece.start.t + piece.times), _guard(flow, j)
-    return np.asarray(jax.vmap(guard)(times, jnp.asarray(piece.points)))
+def _range_along(flow: Motion, j: int, orbit: OrbitIterate) -> np.ndarray:
+    """The range (m,) of a guard over an orbit."""
+    times = np.concatenate([piece.start.t + piece.times for piece in orbit.pieces])
+    points = np.concatenate([piece.points for piece in orbit.pieces])
+    return np.ptp(np.asarray(jax.vmap(_guard(flow, j))(jnp.asarray(times), jnp.asarray(points))), axis=0)
 
 
 def _gradients(flow: Motion, j: int, t: float, x) -> tuple[np.ndarray, np.ndarray]:

@@ -7,15 +7,16 @@ import numpy as np
 
 from ... import plots
 from ..._text import Table
-from ...results.result import Data, Result
+from ...results.result import Data
 from ...systems.labels import Labels
+from ..continuation.branches import OrbitsAlong, SpecialOrbit
 from ..orbits.periodic_orbits import Floquet
 
 __all__ = ["BifurcationCurve", "CurveSpecial"]
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
-class CurveSpecial(Result):
+class CurveSpecial(SpecialOrbit):
     """A point of a bifurcation curve at which one more condition holds.
 
     Attributes:
@@ -41,22 +42,10 @@ class CurveSpecial(Result):
     orbit: Floquet
 
     @property
-    def multipliers(self):
-        """Complex (n,), the largest first."""
-        return self.orbit.multipliers
-
-    @property
     def title(self) -> str:
         """Kind and parameters in one line."""
         pairs = zip(self.names, self.values, strict=True)
         return f"{self.kind} at " + ", ".join(f"{name} = {value + 0.0:.9g}" for name, value in pairs)
-
-    def plot(self, ax: plots.Axes | None = None, **style: Any) -> plots.Axes:
-        """The multipliers of its orbit in the complex plane, with the unit circle. `style` goes to what it draws."""
-        return self.orbit.plot(ax, **style)
-
-    def _table(self) -> Table:
-        return Table(self.title)
 
     def _data(self) -> Data:
         orbit = self.orbit._data()
@@ -66,7 +55,7 @@ class CurveSpecial(Result):
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
-class BifurcationCurve(Result):
+class BifurcationCurve(OrbitsAlong):
     """A curve of bifurcations, of grazing or of border collisions, in the plane of two parameters.
 
     Attributes:
@@ -105,21 +94,6 @@ class BifurcationCurve(Result):
     ends: tuple[str, str]
     angles: np.ndarray
     state_labels: Labels = Labels()
-
-    @property
-    def x0(self) -> np.ndarray:
-        """(points, n) a point of each orbit: at t0, where the system is forced."""
-        return np.array([orbit.x0 for orbit in self.orbits])
-
-    @property
-    def period(self) -> np.ndarray:
-        """(points,)."""
-        return np.array([orbit.period for orbit in self.orbits])
-
-    @property
-    def multipliers(self) -> np.ndarray:
-        """Complex (points, n), the largest first."""
-        return np.array([orbit.multipliers for orbit in self.orbits])
 
     def plot(self, ax: plots.Axes | None = None, **style: Any) -> plots.Axes:
         """The curve in the plane of its parameters. `style` goes to the line."""

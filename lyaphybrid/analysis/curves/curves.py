@@ -196,18 +196,19 @@ def _condition(
     branch: BranchEquations, special: Special | None, border: Callable | None, found: Floquet, p: float
 ) -> tuple[str, Condition, OrbitIterate, np.ndarray]:
     """The kind of the curve, its condition, the orbit with nodes that fit, and the condition's unknowns."""
-    orbit = branch.orbit_from(Node(*found.base), p, found.period)
+    node, period = Node(*found.base), found.period
     if border is not None:
-        return "border", BorderCondition(border), orbit, np.zeros(0)
+        return "border", BorderCondition(border), branch.orbit_from(node, p, period), np.zeros(0)
     assert special is not None
     if special.kind != "grazing":
         condition = CONDITIONS[special.kind]
         own = np.zeros(condition.unknowns)
         if special.kind == "Neimark–Sacker":
             own[0] = _cosine(np.asarray(special.multipliers))
-        return special.kind, condition, orbit, own
+        return special.kind, condition, branch.orbit_from(node, p, period), own
     seen = branch._replace(samples=SAMPLES_PER_PIECE)
-    touches = found_touches(seen, seen.orbit_from(orbit.nodes[0], p, orbit.period), p)
+    orbit = seen.orbit_from(node, p, period)
+    touches = found_touches(seen, orbit, p)
     require(
         len(touches) > 0,
         "At this special point the sequence of the events changes, but the orbit neither touches a guard nor has an "
@@ -257,7 +258,7 @@ def _as_result(
     points = [*reversed(before.points[1:]), *after.points]
 
     def orbit_of(point: CurvePoint) -> Floquet:
-        return orbit_as_result(*equations.point_of_branch(point), start)
+        return orbit_as_result(equations.along(0, point.pair), point.orbit, point.pair[0], start)
 
     specials = [*reversed(before.found), *after.found]
     return BifurcationCurve(

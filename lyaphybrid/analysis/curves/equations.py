@@ -8,22 +8,34 @@ W. J. F. Govaerts, Numerical Methods for Bifurcations of Dynamical Equilibria (S
 Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory (Springer 2004), chapter 10, doi:10.1007/978-1-4757-3978-7.
 """
 
-from typing import NamedTuple, Protocol
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from ...errors import RunFailedError
-from ..continuation.equations import BranchEquations, BranchPoint, ParameterOf, solved, tangent
+from ..continuation.equations import BranchEquations, ParameterOf, solved, tangent
 from ..orbits.periodic_orbits import CONVERGED
 from ..orbits.shooting import Motion, OrbitIterate
 
-__all__ = ["EXACTLY", "Condition", "ConditionValue", "CurveEquations", "CurvePoint", "CurveIterate"]
+__all__ = ["EXACTLY", "Condition", "ConditionValue", "CurveEquations", "CurvePoint", "CurveIterate", "first_that_runs"]
 
 EXACTLY = (0.0,)
 SECOND_DIFFERENCE = 1e-4  # step, in scaled unknowns, of the differences of the Jacobian
 CURVE_ITERATIONS = 10  # of Newton's method
 CURVE_RESIDUAL = 1e-12  # of the condition, where Newton's method may stop
 STILL_GAINS = 0.25  # Newton's method goes on while a step reduces what is left to less than this fraction
+
+
+def first_that_runs(run: Callable[[float], Any], shifts: tuple[float, ...]) -> Any:
+    """What a run gives with the first of the shifts with which it does not fail."""
+    *others, last = shifts
+    for shift in others:
+        try:
+            return run(shift)
+        except RunFailedError:
+            continue
+    return run(last)
 
 
 class ConditionValue(NamedTuple):
@@ -139,19 +151,12 @@ class CurveEquations(NamedTuple):
 
     def _shot(self, u: np.ndarray, like: OrbitIterate) -> tuple[OrbitIterate, tuple[float, float]]:
         """The orbit with these unknowns, and both parameters; the first one a little beside where none has a motion."""
-        *others, last = self.condition.beside
-        second = float(u[-1] * self.spans[1])
-        for beside in others:
-            try:
-                return self._shot_at(u, beside, second, like)
-            except RunFailedError:
-                continue
-        return self._shot_at(u, last, second, like)
 
-    def _shot_at(self, u, beside: float, second: float, like: OrbitIterate) -> tuple[OrbitIterate, tuple[float, float]]:
-        first = float((u[-2] + beside) * self.spans[0])
-        orbit, _ = self.along(0, (first, second)).shoot(np.append(u[:-2], first / self.spans[0]), like)
-        return orbit, (first, second)
+        def shot_beside(shift: float) -> tuple[OrbitIterate, tuple[float, float]]:
+            pair = float((u[-2] + shift) * self.spans[0]), float(u[-1] * self.spans[1])
+            return self.along(0, pair).shoot(np.append(u[:-2], pair[0] / self.spans[0]), like)[0], pair
+
+        return first_that_runs(shot_beside, self.condition.beside)
 
     def corrected(
         self, guess: np.ndarray, like: OrbitIterate, across: np.ndarray, level: float, reach: float = np.inf
@@ -180,10 +185,3 @@ class CurveEquations(NamedTuple):
             if not np.linalg.norm(z - guess) <= reach:
                 return None
         return None
-
-    def point_of_branch(self, point: CurvePoint) -> tuple[BranchEquations, BranchPoint]:
-        """The same orbit as a point of the branch in the first parameter."""
-        branch = self.along(0, point.pair)
-        jacobian, _ = branch.linearised(point.orbit, point.pair[0])
-        u = branch.vector(point.orbit, point.pair[0])
-        return branch, BranchPoint(point.orbit, point.pair[0], u, jacobian, np.zeros(len(u)), 0)

@@ -1,6 +1,5 @@
 """Follow a curve in the plane of two parameters by predictor and corrector."""
 
-import warnings
 from typing import NamedTuple
 
 import numpy as np
@@ -9,17 +8,23 @@ from ...errors import RunFailedError
 from ...statuses import STATUS
 from ...systems.hybrid import Hybrid
 from ..continuation.bifurcations import cycle_of_events
-from ..continuation.following import SHORTEST_STEP, next_length, nodes_are_clear, shape_of, stepped
+from ..continuation.following import nodes_are_clear, shape_of, stepped, walked
 from ..continuation.locating import LostError
 from ..continuation.touching import FoundTouch, found_touches
-from ..orbits.shooting import SAMPLES_PER_PIECE, Node, OrbitIterate
+from ..orbits.shooting import SAMPLES_PER_PIECE, Node, OrbitIterate, times_apart
 from .equations import CurveEquations, CurvePoint
 from .special_points import special_points
-from .touch_conditions import TouchCondition, apart, placed_around
+from .touch_conditions import TouchCondition, placed_around
 
 __all__ = ["CurveBound", "CurveArc", "follow_curve"]
 
-PLAIN_ENDS = ("range", "closed", "max_points", "no convergence")  # the others are special points
+PLAIN_ENDS = (
+    "range",
+    "closed",
+    "max_points",
+    "no convergence",
+    STATUS.interrupted.name,
+)  # the others are special points
 ON_BOUND = 1e-12  # of the span
 NOT_ITSELF = 1e-3  # of the period: a touch farther than this from that of the curve is another one
 NEW_NODES = 0.01  # largest change of the scaled unknowns by new nodes
@@ -48,41 +53,37 @@ def follow_curve(
 ) -> CurveArc:
     """The curve from a point, along its tangent, until it leaves a range, closes or ends; or until Ctrl-C."""
     points, found = [start], []
-    try:
-        end = _followed(equations, kind, points, found, bounds, step, most)
-    except KeyboardInterrupt:
-        warnings.warn("interrupted: the curve holds the points until then.", stacklevel=2)
-        return CurveArc(points, found, STATUS.interrupted.name)
+    end, length = walked(
+        points, found, step,
+        reason=lambda short: _reached(points[-1], bounds) or _reason_to_end(equations, points, most, short),
+        onward=lambda last, length: _advanced(equations, last, length, bounds),
+        between=lambda last, after, length: _between(equations, kind, last, after),
+        clear=lambda after: _with_clear_nodes(equations, after),
+    )  # fmt: skip
+    if end == "no convergence" and _events_end(equations, points[-1], length, bounds):
+        end = "grazing"
     if end not in PLAIN_ENDS:
         found.append((end, points[-1]))
     return CurveArc(points, found, end)
 
 
-def _followed(
-    equations: CurveEquations, kind: str, points: list[CurvePoint], found: list, bounds, step: float, most: int
-) -> str:
-    """Append the points of the curve, and what is special on the way; return why it ends."""
-    length, changes = step / 4, False
-    while True:
-        last = points[-1]
-        end = _reached(last, bounds) or _reason_to_end(equations, points, most, length < SHORTEST_STEP * step)
-        if end == "no convergence" and (changes or _touches_elsewhere(equations, last)):
-            return "grazing"
-        if end is not None:
-            return end
-        after = _advanced(equations, last, length, bounds)
-        met, changes = None, after is not None and not _same_events(equations, last, after)
-        if after is not None and not changes:
-            try:
-                met = special_points(equations, kind, last, after)
-            except (LostError, RunFailedError, ValueError):
-                met = None
-        if after is None or met is None:
-            length /= 2
-            continue
-        found += met
-        points.append(_with_clear_nodes(equations, after))
-        length = next_length(length, after.iterations, step)
+def _between(
+    equations: CurveEquations, kind: str, before: CurvePoint, after: CurvePoint
+) -> list[tuple[str, CurvePoint]] | None:
+    """Special points between two points; None if the events change, or Newton's method fails on the way."""
+    if not _same_events(equations, before, after):
+        return None
+    try:
+        return special_points(equations, kind, before, after)
+    except (LostError, RunFailedError, ValueError):
+        return None
+
+
+def _events_end(equations: CurveEquations, last: CurvePoint, length: float, bounds: list[CurveBound]) -> bool:
+    """Whether the sequence of events changes beside the last point: by the last step tried, or at another touch."""
+    after = _advanced(equations, last, 2 * length, bounds)
+    changes = after is not None and not _same_events(equations, last, after)
+    return changes or _touches_elsewhere(equations, last)
 
 
 def _reason_to_end(equations: CurveEquations, points: list[CurvePoint], most: int, short: bool) -> str | None:
@@ -144,7 +145,7 @@ def _touches_elsewhere(equations: CurveEquations, point: CurvePoint) -> bool:
     found, condition = found_touches(branch, orbit, point.pair[0]), equations.condition
     if isinstance(condition, TouchCondition):
         own = point.orbit.nodes[0].t + float(point.own[0]) * branch.time
-        found = [one for one in found if apart(one.t, own, orbit.period) > NOT_ITSELF * orbit.period]
+        found = [one for one in found if times_apart(one.t, own, orbit.period) > NOT_ITSELF * orbit.period]
     return len(found) > 0
 
 

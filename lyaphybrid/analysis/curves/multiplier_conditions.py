@@ -16,9 +16,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..continuation.bifurcations import monodromy
 from .equations import EXACTLY, ConditionValue, CurveIterate
 
-__all__ = ["BranchPointCondition", "DoublingCondition", "FoldCondition", "TorusCondition", "monodromy_of"]
+__all__ = ["BranchPointCondition", "DoublingCondition", "FoldCondition", "TorusCondition"]
 
 
 class Bordered(NamedTuple):
@@ -77,30 +78,30 @@ class BranchPointCondition(NamedTuple):
         return ConditionValue(residuals, np.hstack([rows, np.zeros((2, 1))]), found.left)
 
 
-def monodromy_of(there: CurveIterate) -> tuple[np.ndarray, np.ndarray]:
-    """The monodromy matrix (n, n) modulo the symmetry, and the inverse of the symmetry's own derivative."""
-    first = there.orbit.nodes[0]
-    matrix = np.eye(len(first.x))
-    for piece in there.orbit.pieces:
-        matrix = piece.matrix @ matrix
-    symmetry = there.motion.symmetry
-    back = np.eye(len(first.x))
-    if symmetry is not None:
-        back = np.linalg.inv(symmetry.image(first.x, there.orbit.shift).by_state)
-    return back @ matrix, back
+def _back(there: CurveIterate) -> np.ndarray:
+    """The inverse (n, n) of the derivative of the symmetry; the identity without one."""
+    first, symmetry = there.orbit.nodes[0], there.branch.symmetry
+    if symmetry is None:
+        return np.eye(len(first.x))
+    return np.linalg.inv(symmetry.image(first.x, there.orbit.shift).by_state)
 
 
-def _slope(there: CurveIterate, back: np.ndarray, psi: np.ndarray, w: np.ndarray) -> np.ndarray:
-    """The derivatives (N + 2,) of ψ·M w by all unknowns, M the monodromy matrix: the sum over its pieces."""
-    pieces, n = there.orbit.pieces, len(w)
-    ahead, behind = [w], [back.T @ psi]
+def _bent(there: CurveIterate, w: np.ndarray) -> np.ndarray:
+    """The derivatives (states, N + 2) of M_i w_i, what each piece makes of what w has become, by all unknowns."""
+    pieces, ahead = there.orbit.pieces, [w]
     for piece in pieces[:-1]:
         ahead.append(piece.matrix @ ahead[-1])
-    for piece in reversed(pieces[1:]):
+    states, scale = len(pieces) * len(w), there.branch.scales(there.orbit)[0]
+    direction = np.append(np.concatenate(ahead) / scale, np.zeros(len(there.u) - states))
+    return there.branch.size * there.second(direction)[:states]
+
+
+def _through(there: CurveIterate, psi: np.ndarray) -> np.ndarray:
+    """The weights (states,) of the ends of the pieces in ψ·M w, M the monodromy matrix."""
+    behind = [_back(there).T @ psi]
+    for piece in reversed(there.orbit.pieces[1:]):
         behind.insert(0, piece.matrix.T @ behind[0])
-    size, scale = there.branch.size, there.branch.scales(there.orbit)[0]
-    direction = np.append(np.concatenate(ahead) / scale, np.zeros(len(there.u) - len(pieces) * n))
-    return size * np.concatenate(behind) @ there.second(direction)[: len(pieces) * n]
+    return np.concatenate(behind)
 
 
 class DoublingCondition(NamedTuple):
@@ -111,9 +112,9 @@ class DoublingCondition(NamedTuple):
 
     def at(self, there: CurveIterate) -> ConditionValue:
         """Residual and derivatives."""
-        matrix, back = monodromy_of(there)
+        matrix = monodromy(there.branch, there.orbit)
         found = bordered(matrix + np.eye(len(matrix)), 1)
-        row = -_slope(there, back, found.psi[:, 0], found.w[:, 0])
+        row = -_through(there, found.psi[:, 0]) @ _bent(there, found.w[:, 0])
         return ConditionValue(found.g[0], row[None, :], np.zeros((len(there.gaps), 0)))
 
 
@@ -125,14 +126,14 @@ class TorusCondition(NamedTuple):
 
     def at(self, there: CurveIterate) -> ConditionValue:
         """Residuals and derivatives."""
-        (matrix, back), kappa = monodromy_of(there), float(there.own[0])
+        matrix, kappa = monodromy(there.branch, there.orbit), float(there.own[0])
         found = bordered(matrix @ matrix - 2 * kappa * matrix + np.eye(len(matrix)), 2)
         # One null vector and its image span the plane; of the two the one that turns more is taken.
         turned = np.linalg.norm(matrix @ found.w - kappa * found.w, axis=0)
         i = int(np.argmax(turned))
         w = found.w[:, i]
-        rows = []
+        once, twice, rows = _bent(there, w), _bent(there, matrix @ w), []
         for psi in found.psi.T:
-            by_state = _slope(there, back, psi, matrix @ w) + _slope(there, back, matrix.T @ psi - 2 * kappa * psi, w)
+            by_state = _through(there, psi) @ twice + _through(there, matrix.T @ psi - 2 * kappa * psi) @ once
             rows.append(-np.append(by_state, -2 * psi @ matrix @ w))
         return ConditionValue(found.g[:, i], np.array(rows), np.zeros((len(there.gaps), 1)))

@@ -17,7 +17,7 @@ ANGLES = {"1:3 resonance": -0.5, "1:4 resonance": 0.0}  # cos θ
 
 def _characteristic(equations: CurveEquations, point: CurvePoint, at: float, derivative: int = 0) -> float:
     """The characteristic polynomial of the monodromy matrix across the flow, or its derivative."""
-    matrix = across_flow(*equations.point_of_branch(point))
+    matrix = across_flow(equations.along(0, point.pair), point.orbit, point.pair[0])
     polynomial = np.poly(matrix) if len(matrix) else np.ones(1)
     return float(np.polyval(np.polyder(polynomial, derivative), at).real)
 

@@ -16,14 +16,13 @@ import numpy as np
 
 from ..._jax.engines import compiled
 from ..._jax.tracing import as_jax
-from ...errors import RunFailedError
 from ...systems.daes.semi_linear import fields_of
 from ..continuation.equations import BranchEquations
 from ..continuation.touching import FoundTouch, Touch
-from ..orbits.shooting import Motion, Node, OrbitIterate, shares_of, shot
-from .equations import EXACTLY, ConditionValue, CurveIterate
+from ..orbits.shooting import Motion, Node, OrbitIterate, shares_of, shot, times_apart
+from .equations import EXACTLY, ConditionValue, CurveIterate, first_that_runs
 
-__all__ = ["BorderCondition", "TouchCondition", "apart", "placed_around"]
+__all__ = ["BorderCondition", "TouchCondition", "placed_around"]
 
 BESIDE_EDGE = (0.0, 1e-11, -1e-11, 1e-10, -1e-10)  # of the range
 SAME_EVENT = 1e-6  # of the period: an event so near to the touch is it, or follows from it
@@ -134,17 +133,15 @@ def placed_around(
     event on an edge is felt: only the place of the event is looked for without it.
     """
     period, times = orbit.period, _event_times(orbit)
-    others = times[(apart(times, found.t, period) > SAME_EVENT * period) | (not found.fired)]
+    others = times[(times_apart(times, found.t, period) > SAME_EVENT * period) | (not found.fired)]
     ahead, behind = (np.min(side * (others - found.t) % period, initial=period) for side in (1.0, -1.0))
     before = float(min(behind / 2, LONGEST_SHARE * period))
     after = float(min(ahead / 2, LONGEST_SHARE * period)) if found.touch.edge is None and len(others) else None
-    *beside, last = TouchCondition(found.touch).beside
-    for shift in beside:
-        try:
-            return _with_nodes(equations, orbit, p + shift * equations.span, found, before, after), before
-        except RunFailedError:
-            continue
-    return _with_nodes(equations, orbit, p + last * equations.span, found, before, after), before
+
+    def placed_beside(shift: float) -> OrbitIterate:
+        return _with_nodes(equations, orbit, p + shift * equations.span, found, before, after)
+
+    return first_that_runs(placed_beside, TouchCondition(found.touch).beside), before
 
 
 def _with_nodes(equations: BranchEquations, orbit: OrbitIterate, p: float, found: FoundTouch, before, after):
@@ -167,9 +164,3 @@ def _at(flow: Motion, orbit: OrbitIterate, t: float) -> Node:
 
 def _event_times(orbit: OrbitIterate) -> np.ndarray:
     return np.concatenate([piece.start.t + piece.events.t for piece in orbit.pieces if piece.events is not None])
-
-
-def apart(times: Any, other: float, period: float) -> Any:
-    """The distances of times of a periodic motion from one of them."""
-    away = (times - other) % period
-    return np.minimum(away, period - away)

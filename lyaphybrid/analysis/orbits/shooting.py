@@ -51,6 +51,7 @@ __all__ = [
     "shares_of",
     "shot",
     "states_of",
+    "times_apart",
     "velocity",
 ]
 
@@ -268,12 +269,16 @@ def placed(flow: Motion, start: Node, period: float, segments: int) -> list[Node
     return [start if at == 0 else flow.piece(start, float(at)).end for at in clear]
 
 
+def times_apart(times: Any, other: float, period: float) -> Any:
+    """How far times of a periodic motion are from one of them."""
+    return np.abs((times - other + period / 2) % period - period / 2)
+
+
 def _away_from_events(at: float, events: np.ndarray, period: float) -> float:
     """The wanted time, or, if it is near an event, the middle of the next gap between events."""
     if not len(events):
         return at
-    distance = np.abs((events - at + period / 2) % period - period / 2)
-    if np.min(distance) > NODE_CLEARANCE * period:
+    if np.min(times_apart(events, at, period)) > NODE_CLEARANCE * period:
         return at
     after = np.sort((events - at - 1e-9 * period) % period)
     after = after[after > NODE_CLEARANCE * period]

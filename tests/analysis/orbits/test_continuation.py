@@ -10,9 +10,10 @@ from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
 from examples import HENON, LOGISTIC
+from interrupts import interrupted_at
 from lyaphybrid import plots, zoo
-from lyaphybrid.analysis.continuation import equations
 from lyaphybrid.analysis.continuation.continuing import parameters_named
+from lyaphybrid.analysis.continuation.equations import BranchEquations
 
 FORCED = 2 * np.pi / 0.666
 
@@ -568,15 +569,7 @@ def test_where_newton_fails_the_branch_ends_and_is_kept():
 
 @pytest.mark.filterwarnings("ignore:interrupted")
 def test_ctrl_c_leaves_what_was_computed(monkeypatch):
-    counted = iter(range(10_000))
-
-    def corrected(equations, *arguments, **more):
-        if next(counted) == 10:
-            raise KeyboardInterrupt
-        return original(equations, *arguments, **more)
-
-    original = equations.BranchEquations.corrected
-    monkeypatch.setattr(equations.BranchEquations, "corrected", corrected)
+    interrupted_at(monkeypatch, BranchEquations, "corrected", 10)
     branch = lh.continuation(LOGISTIC, [0.6], 2.5, over={"args": (1.5, 3.6)}, period=1)
     assert branch.ends == ("interrupted", "interrupted")
     assert 2 < len(branch.values) < 12

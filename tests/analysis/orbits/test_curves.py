@@ -8,8 +8,9 @@ import scipy.optimize
 from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
+from interrupts import interrupted_at
 from lyaphybrid import plots, zoo
-from lyaphybrid.analysis.curves import equations as curve_equations
+from lyaphybrid.analysis.curves.equations import CurveEquations
 
 TURN = 2 * np.pi
 FORCED = TURN / 0.666
@@ -453,15 +454,7 @@ def test_a_special_of_another_branch_is_refused(fold):
 
 @pytest.mark.filterwarnings("ignore:interrupted")
 def test_ctrl_c_leaves_what_was_computed(fold, monkeypatch):
-    counted = iter(range(10_000))
-
-    def corrected(equations, *arguments, **more):
-        if next(counted) == 12:
-            raise KeyboardInterrupt
-        return original(equations, *arguments, **more)
-
-    original = curve_equations.CurveEquations.corrected
-    monkeypatch.setattr(curve_equations.CurveEquations, "corrected", corrected)
+    interrupted_at(monkeypatch, CurveEquations, "corrected", 12)
     curve = lh.bifurcation_curve(
         CUBIC, fold, {"a": 0.0, "b": 0.75}, over={"a": (-1.0, 1.0), "b": (-0.5, 1.0)}, period=1
     )
