@@ -8,6 +8,7 @@ constant or a scalar stands for a vector of equal elements where it is combined 
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from .seams import Seams, Spans, cut
 from .types import BYTES, in_memory, literal
 from .unsupported import UnsupportedError
 
@@ -56,6 +57,7 @@ class Emitter:
         self.in_vector_loop = False  # whether this is the body of a loop over memory, which LLVM may vectorise
         self.rare: list[Entry] | None = None  # where rare cases are noted, to be computed later; None: they are at once
         self.products: dict[Entry, tuple[Entry, Entry]] = {}  # the factors of each product, for fused sums
+        self.spans = Spans()
         self._count = self._on_stack = 0
         self._known: dict[tuple, Entry] = {}  # common subexpressions …
         self._order: list[tuple] = []  # … in the order in which they were written
@@ -277,7 +279,9 @@ class Emitter:
             return b
         if not isinstance(b, str) and b == 0:
             return a
-        return self.binary("add nsw", "i64", a, b, commutes=True)
+        total = self.binary("add nsw", "i64", a, b, commutes=True)
+        self.spans.shift(total, a, b)
+        return total
 
     def index_times(self, a: Entry, factor: int) -> Entry:
         """The product with a constant."""
@@ -311,6 +315,7 @@ class Emitter:
         self.lines.append("")  # placeholder for the phi instructions
         wide = self.carries_vectors
         i, carried = self.name(), [self.name(wide) for _ in start]
+        self.spans.note(i, 0, length)
         scope, rare = self.scope(), self.rare
         self.rare = None
         new = list(body(i, list(carried)) or [])
@@ -329,23 +334,29 @@ class Emitter:
         self.begin_block(done)
         return lasts if wide else new
 
-    def for_each_index(self, shape: Sequence[int], body: Callable[[list], None]) -> None:
+    def for_each_index(self, shape: Sequence[int], body: Callable[[list], None], seams: Seams = ()) -> None:
         """Nested loops: body(indices) for all indices of an array."""
         if 0 not in shape:
-            self.fold_indices(shape, lambda i, _: body(i), ())
+            self.fold_indices(shape, lambda i, _: body(i), (), seams)
 
     def fold_indices(
-        self, shape: Sequence[int], body: Callable, start: Sequence[tuple[Entry, str]], indices: tuple = ()
+        self, shape: Sequence[int], body: Callable, start: Sequence[tuple[Entry, str]], seams: Seams = ()
     ) -> list[Entry]:
-        """Nested loops: carried = body(indices, carried) for all indices; no length is zero."""
-        if len(indices) == len(shape):
-            return list(body(list(indices), [entry for entry, _ in start]) or [])
+        """Nested loops: carried = body(indices, carried) for all indices; no length is zero.
 
-        def inner(i, carried):
-            now = [(entry, type_) for entry, (_, type_) in zip(carried, start, strict=True)]
-            return self.fold_indices(shape, body, now, (*indices, i))
+        The outermost loop is cut at the seams.
+        """
+        carried, types = [entry for entry, _ in start], [type_ for _, type_ in start]
+        if not shape:
+            return list(body([], carried) or [])
+        for first, end in cut(shape[0], seams):
 
-        return self.count_up(shape[len(indices)], inner, start)
+            def one(i, carried, first=first):
+                outer, now = self.index_sum(i, first), list(zip(carried, types, strict=True))
+                return self.fold_indices(shape[1:], lambda inner, carried: body([outer, *inner], carried), now)
+
+            carried = self.count_up(end - first, one, list(zip(carried, types, strict=True)))
+        return carried
 
     # --- memory ----------------------------------------------------------------------------------------------
 

@@ -15,6 +15,7 @@ import numpy as np
 from .emitter import is_known
 from .expansion import implementation
 from .jax_versions import ClosedJaxpr, Jaxpr, Literal, literal_value, parts
+from .seams import MOST_SEAMS, united
 from .types import as_numpy, llvm_type
 from .unsupported import UnsupportedError
 from .uses import WITH_RARE_CASES, Uses, uses_of
@@ -29,6 +30,7 @@ from .values import (
     flat,
     memory_of,
     scalar,
+    seams_of,
     size,
     source_of,
 )
@@ -184,8 +186,11 @@ class Lowering(Values):
                 for a in arrays
             ]  # fmt: skip
             return filled(result.shape, [function(self, eqn, dtypes, *each) for each in zip(*columns, strict=True)])
+        seams = united(seams_of(v) for v in operands if v.shape[:1] == result.shape[:1])
+        cut = len(seams) <= MOST_SEAMS
         readable = [
-            self.readable(v, d, often=size(v.shape) < size(result.shape)) for v, d in zip(operands, dtypes, strict=True)
+            self.readable(v, d, size(v.shape) < size(result.shape), cut and v.shape[:1] == result.shape[:1])
+            for v, d in zip(operands, dtypes, strict=True)
         ]
 
         def at(indices):
@@ -197,14 +202,16 @@ class Lowering(Values):
 
         lazy = self.lazy(result.shape, result.dtype, at, readable)
         lazy.has_rare_cases = eqn.primitive.name in WITH_RARE_CASES
+        lazy.seams = united(map(seams_of, readable))
         return lazy
 
-    def readable(self, value: Value, dtype, often: bool = False) -> Value:
+    def readable(self, value: Value, dtype, often: bool = False, cut: bool = False) -> Value:
         """The value in a form whose elements can be read cheaply at indices that are known only at run time.
 
-        `often`: whether elements are read more than once, so that a lazy array is computed into memory first.
+        `often`: whether elements are read more than once, so that a lazy array is computed into memory first; `cut`:
+        whether the loop that reads it is cut at its seams, for otherwise it is computed into memory too.
         """
-        if isinstance(value, Lazy) and often and not value.cheap:
+        if isinstance(value, Lazy) and (often and not value.cheap or seams_of(value) and not cut):
             return self.in_memory(value)
         if isinstance(value, np.ndarray) and value.ndim and value.size > 1:
             return self.in_memory(value, dtype)

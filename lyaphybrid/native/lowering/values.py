@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from .emitter import Emitter, Entry, is_known, is_wide
+from .seams import Seams
 from .types import BYTES, is_float, llvm_type, numpy_type
 
 Entries = np.ndarray  # of type object
@@ -67,6 +68,7 @@ class Lazy(Source):
         self.depth = 1 + max((source.depth for source in sources if isinstance(source, Lazy)), default=0)
         self.cheap = cheap  # whether it may be evaluated again for each use, because it only reads elements
         self.has_rare_cases = False  # whether elements are computed in another way in rare cases, by a branch
+        self.seams: Seams = ()  # where it is best cut in a loop
         self.buffer: Buffer | None = None  # its memory, once it has been computed
 
 
@@ -92,6 +94,11 @@ def memory_of(value: Value) -> MemoryBlock | None:
 def source_of(value: Value) -> Source | None:
     """The object that counts the uses of a value; None for entries and rows, which are never overwritten."""
     return value if isinstance(value, Lazy) and value.buffer is None else memory_of(value)
+
+
+def seams_of(value: Value) -> Seams:
+    """The seams of a value; only a lazy array that has not been computed yet has some."""
+    return value.seams if isinstance(value, Lazy) and value.buffer is None else ()
 
 
 def scalar(entry: Entry) -> Entries:
@@ -285,7 +292,7 @@ class Values(Emitter):
     def work_out(self, values: Sequence[Value]) -> None:
         """Compute lazy arrays into memory. Arrays of one shape share a loop, so that common terms are computed once."""
         waiting = dict.fromkeys(value for value in values if isinstance(value, Lazy) and value.buffer is None)
-        for lazies in _alike(waiting, lambda lazy: lazy.shape):
+        for lazies in _alike(waiting, lambda lazy: (lazy.shape, lazy.seams)):
             buffers = [self.new_buffer(lazy.shape, lazy.dtype) for lazy in lazies]
             self._store_elements(lazies, buffers)
             for lazy, buffer in zip(lazies, buffers, strict=True):
@@ -297,7 +304,7 @@ class Values(Emitter):
 
         If such a case was met, a second loop, with branches, computes all of them again.
         """
-        shape = lazies[0].shape
+        shape, seams = lazies[0].shape, lazies[0].seams
 
         def store(i):
             for buffer, entry in zip(buffers, [lazy.at(i) for lazy in lazies], strict=True):
@@ -313,14 +320,14 @@ class Values(Emitter):
             return [met]
 
         if self.lanes > 1 or 0 in shape or not any(lazy.has_rare_cases for lazy in lazies):
-            self.for_each_index(shape, store)
+            self.for_each_index(shape, store, seams)
             return
-        (met,) = self.fold_indices(shape, regular, [("false", "i1")])
+        (met,) = self.fold_indices(shape, regular, [("false", "i1")], seams)
         again, done = self.block_name(), self.block_name()
         self.line(f"br i1 {met}, label %{again}, label %{done}")
         self.begin_block(again)
         scope = self.scope()
-        self.for_each_index(shape, store)
+        self.for_each_index(shape, store, seams)
         self.end_scope(scope)
         self.line(f"br label %{done}")
         self.begin_block(done)
@@ -405,13 +412,13 @@ class Values(Emitter):
                     put(value, corner, i)
             else:
                 large.append((value, corner))
-        for alike in _alike(large, lambda part: part[0].shape):
+        for alike in _alike(large, lambda part: (part[0].shape, seams_of(part[0]))):
 
             def body(i, alike=alike):
                 for value, corner in alike:
                     put(value, corner, i)
 
-            self.for_each_index(alike[0][0].shape, body)
+            self.for_each_index(alike[0][0].shape, body, seams_of(alike[0][0]))
 
 
 def _alike(items: Iterable, of: Callable) -> list[list]:

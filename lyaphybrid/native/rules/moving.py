@@ -5,18 +5,31 @@ import numpy as np
 
 from ..elementary import arithmetic as a
 from ..lowering.lowering import KEEPS_ROWS, Lowering, in_rows, rule
-from ..lowering.types import INDEX
-from ..lowering.values import Buffer, Lazy, RowVectors, Value, filled, size
+from ..lowering.seams import MOST_SEAMS, Seams, within
+from ..lowering.types import INDEX, llvm_type
+from ..lowering.values import Buffer, Lazy, RowVectors, Value, filled, seams_of, size
 
 
-def moved(b: Lowering, aval, value: Value, where) -> Value:
-    """The array whose entry at `indices` is the entry of `value` at `where(indices)`."""
+def moved(b: Lowering, aval, value: Value, where, first: int | None = None) -> Value:
+    """The array whose entry at `indices` is the entry of `value` at `where(indices)`.
+
+    `first`: where it begins along the first axis of `value`, if that is its own first axis.
+    """
     if b.is_small(aval.shape):
         places = np.ndindex(aval.shape)
         return filled(aval.shape, [b.element_at(value, where(list(i)), aval.dtype) for i in places])
-    value = b.readable(value, aval.dtype)
-    cheap = not isinstance(value, Lazy) or value.cheap or value.buffer is not None
-    return b.lazy(aval.shape, aval.dtype, lambda i: b.element_at(value, where(i), aval.dtype), [value], cheap)
+    value = b.readable(value, aval.dtype, cut=first is not None)
+    found = b.lazy(
+        aval.shape, aval.dtype, lambda i: b.element_at(value, where(i), aval.dtype), [value], is_cheap(value)
+    )
+    if first is not None:
+        found.seams = within(seams_of(value), first, aval.shape[0])
+    return found
+
+
+def is_cheap(value: Value) -> bool:
+    """Whether elements may be read again for each use."""
+    return not isinstance(value, Lazy) or value.cheap or value.buffer is not None
 
 
 @rule("broadcast_in_dim")
@@ -27,9 +40,11 @@ def broadcast(b, eqn, value, *lengths):
         for axis, n in zip(axes, value.shape, strict=True):
             shape[axis] = n
         return np.broadcast_to(value.reshape(shape), aval.shape)
-    value = b.readable(value, aval.dtype, often=size(value.shape) < size(aval.shape))
     own = value.shape
-    return moved(b, aval, value, lambda i: [0 if n == 1 else i[axis] for axis, n in zip(axes, own, strict=True)])
+    same_first = axes[:1] == (0,) and own[0] == aval.shape[0]
+    value = b.readable(value, aval.dtype, often=size(own) < size(aval.shape), cut=same_first)
+    where = lambda i: [0 if n == 1 else i[axis] for axis, n in zip(axes, own, strict=True)]  # noqa: E731
+    return moved(b, aval, value, where, 0 if same_first else None)
 
 
 @in_rows("broadcast_in_dim")
@@ -96,7 +111,7 @@ def slice_(b, eqn, value):
             b.index_sum(b.index_times(i, step), start) for i, step, start in zip(indices, steps, starts, strict=True)
         ]
 
-    return moved(b, eqn.outvars[0].aval, value, where)
+    return moved(b, eqn.outvars[0].aval, value, where, starts[0] if steps[0] == 1 else None)
 
 
 @in_rows("slice")
@@ -151,11 +166,44 @@ def joined(b: Lowering, aval, values, axis: int) -> Value:
     """The concatenation of arrays along an axis."""
     if b.is_small(aval.shape):
         return np.concatenate([b.entries(value) for value in values], axis)
-    found, at, parts = b.new_buffer(aval.shape, aval.dtype), 0, []
-    for value in values:
-        parts.append((value, [at if k == axis else 0 for k in range(len(aval.shape))]))
-        at += value.shape[axis]
-    b.write_parts(found, parts)
+    firsts = [0, *np.cumsum([value.shape[axis] for value in values]).tolist()]
+    if axis == 0 and all(map(is_cheap, values)):
+        seams = set(firsts[1:-1])
+        for value, first in zip(values, firsts, strict=False):
+            seams |= {first + seam for seam in seams_of(value)}
+        if len(seams) <= MOST_SEAMS:
+            return _in_pieces(b, aval, values, firsts, tuple(sorted(seams - {0, aval.shape[0]})))
+    found, ndim = b.new_buffer(aval.shape, aval.dtype), len(aval.shape)
+    corners = [[first if k == axis else 0 for k in range(ndim)] for first in firsts[:-1]]
+    b.write_parts(found, list(zip(values, corners, strict=True)))
+    return found
+
+
+def _in_pieces(b: Lowering, aval, values, firsts: list[int], seams: Seams) -> Lazy:
+    """A concatenation along the first axis that is not written to memory: each element is read in its piece."""
+    pieces = [
+        (b.readable(value, aval.dtype, cut=True), first, end)
+        for value, first, end in zip(values, firsts[:-1], firsts[1:], strict=True)
+        if first < end
+    ]
+
+    def read(piece, first, i, rest):
+        return b.element_at(piece, [b.index_sum(i, -first), *rest], aval.dtype)
+
+    def at(indices):
+        i, *rest = indices
+        for piece, first, end in pieces:
+            if b.spans.inside(i, first, end):
+                return read(piece, first, i, rest)
+        found = None  # a loop that is not cut at the seams: of all pieces, each at an index of its own
+        for piece, first, end in pieces:
+            inside = a.minimum(b, INDEX, a.maximum(b, INDEX, i, first), end - 1)
+            entry, here = read(piece, first, inside, rest), a.compare(b, INDEX, "ge", i, first)
+            found = entry if found is None else b.select(here, llvm_type(aval.dtype), entry, found)
+        return found
+
+    found = b.lazy(aval.shape, aval.dtype, at, [piece for piece, *_ in pieces], cheap=True)
+    found.seams = seams
     return found
 
 
