@@ -58,6 +58,8 @@ class CascadeState(NamedTuple):
     transversality: Array  # |sin| of the angle between flow and first guard
     speed: Array  # largest component of the vector field before the event
     shortest: Array  # the shortest flight from the guard and back that the guard's rounding does not hide
+    directed: Array  # whether the first guard fires in one direction only …
+    leaves: Array  # … and moves against it: rounding hides the flight at whose end it seems to be
     together: Array  # (slots,) guards that are zero at this instant; in the result: whether their order matters
     settled: Array  # (slots,) guards that have fired at this instant and have stayed at zero since
     left: Array  # (slots,) guards that were beyond zero before and have been since: they do not fire anew
@@ -86,6 +88,7 @@ def _start_cascade(evolver, settings, t, carry, columns, terms, mode, event, tog
     slots, no = jnp.zeros(hybrid.slots, x.dtype), jnp.asarray(False)
     g = jax.lax.stop_gradient(by_mode(mode, hybrid.guards, t, x))
     guard_sign = side(evolver, carry.solver_state, g)
+    directed = ~ticking & table(evolver, carry.solver_state.mode, hybrid.directed)[guard_index]
     return CascadeState(
         x=x,
         moves=CascadePerturbations(
@@ -109,6 +112,8 @@ def _start_cascade(evolver, settings, t, carry, columns, terms, mode, event, tog
         shortest=jnp.where(
             ticking, 0.0, 4 * guard_tolerance / jnp.where(rate == 0, nonzero(1e-300, rate), jnp.abs(rate))
         ),
+        directed=directed,
+        leaves=directed & (guard_sign[guard_index] * rate > 0),
         together=together,
         settled=jnp.zeros(hybrid.slots, bool),
         left=_may_be_left(evolver, carry.solver_state.mode)

@@ -228,7 +228,7 @@ def _apply_cascade(
     evolver, settings, clock: Clock, carry: StepState, terms, mode, event, together, at_once, last_step, unsure
 ) -> StepState:
     """Apply the cascade that the event starts; then orthonormalise and store the armed guards."""
-    guard_index = event[2]
+    guard_index, arrived = event[2], carry
     t, h, k = clock.base + carry.s, carry.solver_state.h, carry.frame.shape[1]
     columns, was_live = carry.frame, jnp.sum(carry.frame * carry.frame, axis=0) > 0.5
     if settings.sum_rule:  # append the identity (n, n): its image is the saltation matrix
@@ -285,7 +285,8 @@ def _apply_cascade(
     carry = stop(carry, STATUS.nonfinite, ~finite)
     # Where jumps are counted the run goes on through an endless cascade, and stops if the cascade ends after all.
     ends = landing.alone & ~landing.more if evolver.per_jump else landing.count > evolver.max_cascade
-    return stop(carry, STATUS.zeno, ends)
+    # A reset would turn a state that leaves the guard to the side beyond it.
+    return select(landing.leaves, stop(arrived, STATUS.zeno), stop(carry, STATUS.zeno, ends))
 
 
 def _left_of_velocities(landing: CascadeState):
@@ -352,7 +353,10 @@ def _store_event(evolver, carry: StepState, landing: CascadeState, clock: Clock,
     # An event that the run begins with, up to rounding, comes after no interval.
     begins = (m.longest == 0) & (interval <= digits(AT_START, interval) * carry.solver_state.h)
     longest = jnp.maximum(m.longest, jnp.where(begins, 0.0, interval))
+    # A flight from a guard and back to it that is lower than the guard's rounding.
+    unresolved = (m.guard_index == first) & (interval < landing.shortest)
     short = interval < digits(SHORT_INTERVAL, interval) * jnp.minimum(carry.solver_state.h, longest)
+    short = short | (unresolved & landing.directed)
     streak = jnp.where(short, m.streak + 1, 0.0)
     shrink = jnp.clip(interval / jnp.where(m.interval > 0, m.interval, 1.0), 0.0, 1 - digits(1e-9, interval))
     ahead = clock.base + carry.s + interval * shrink / (1 - shrink)
@@ -365,7 +369,7 @@ def _store_event(evolver, carry: StepState, landing: CascadeState, clock: Clock,
         small, few, patience = interval < SHRUNK_INTERVAL * carry.solver_state.h, m.streak > 0, PATIENCE
         hidden = False
     shrunk = (m.interval > 0) & small
-    hidden = hidden | (few & (m.guard_index == first) & (interval < landing.shortest))
+    hidden = hidden | (few & unresolved)
     zeno = (streak > patience) | (landing.stuck & shrunk) | hidden
     memory = Memory(
         carry.s,
