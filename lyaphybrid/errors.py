@@ -34,7 +34,8 @@ class RunFailedError(LyaphybridError, RuntimeError):
     """A run failed before its end; ``.result`` holds everything computed so far, ``.status`` the `STATUS`."""
 
     def __init__(self, status: Any, detail: str, result: Any):
-        super().__init__(f"{status}. {detail} The result so far is in `.result` of this error; throw=False returns it.")
+        self.told = f"{status}. {detail}"  # without what to do with the error
+        super().__init__(f"{self.told} The result so far is in `.result` of this error; throw=False returns it.")
         self.status, self.result = status, result
 
 

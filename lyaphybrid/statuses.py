@@ -23,7 +23,8 @@ class STATUS(enum.IntEnum):
     zeno = (
         3,
         "events accumulate: (a) the motion itself has infinitely many jumps in finite time, as a ball that comes "
-        "to rest; end the run with a terminal transition, or give the rest a mode of its own; (b) a cascade went "
+        "to rest; end the run with a terminal transition, or give the rest a mode of its own, as the page on "
+        "accumulating events shows for a table that moves; (b) a cascade went "
         "beyond max_cascade, resets that throw the state from guard to guard, or modes that change to and fro: a guard "
         "that is beyond zero where its mode is entered fires at once, as in a hysteresis with exchanged thresholds",
     )

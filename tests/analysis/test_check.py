@@ -58,6 +58,20 @@ def test_neurons_that_come_to_rest_below_the_threshold_they_cannot_fire_at():
     assert "agrees with differences" in said["saltation"]
 
 
+def test_a_motion_that_comes_to_rest_is_no_mistake():
+    """But a cascade without end is."""
+    fall = lambda t, x, args: jnp.stack([x[1], -1.0 + 0.0 * x[1]])  # noqa: E731
+    floor = lambda t, x, args: x[0]  # noqa: E731
+    ball = lh.Hybrid(fall, lh.Transition(floor, lambda t, x, args: jnp.stack([x[0], -0.5 * x[1]])))
+    report = lh.check(ball, [1.0, 0.0])
+    assert report.ok
+    assert [(one.topic, one.verdict) for one in report.notes] == [("run", "note")]
+    assert "zeno" in report.notes[0].text
+    assert "`.result`" not in report.notes[0].text
+    again = lh.Hybrid(fall, lh.Transition(floor, lambda t, x, args: jnp.stack([x[0] - 0.1, x[1]])))
+    assert [one.verdict for one in lh.check(again, [1.0, 0.0]).notes][-1] == "wrong"
+
+
 @pytest.mark.slow
 def test_functions_are_looked_at_by_one_program_each():
     """XLA takes 0.02 s of CPU time and more for each program, and would make one for each operation of a field."""

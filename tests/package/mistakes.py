@@ -108,6 +108,12 @@ def changing(t, x, args):
     return x
 
 
+def changing_numpy(t, x, args):
+    dx = np.zeros(2)
+    dx[0] = x[1]
+    return dx
+
+
 def without_return(t, x, args):
     jnp.stack([x[1], -x[0]])
 
@@ -180,6 +186,9 @@ FUNCTIONS = {
         jumping(guard=lambda t, x, a: np.sin(x[0])), ("guard of transition 0", "jnp.sin for np.sin")
     ),
     "guard of args": Mistake(jumping(guard=lambda t, x, a: x[0] - a["h"]), ("guard of transition 0", "args is None")),
+    "assignment to an array of NumPy": Mistake(
+        flow(changing_numpy), ("dx[0] = x[1]", "NumPy holds numbers", "jnp.stack")
+    ),
     "reset in place": Mistake(jumping(reset=changing), ("reset of transition 0", "x.at[0].set(value)")),
     "when by np": Mistake(
         jumping(when=lambda t, x, a: np.sign(x[0]) > 0), ("when of transition 0", "jnp.sign for np.sign")

@@ -104,6 +104,7 @@ PLANTED = {
     "wrong number of arguments": (lh.Flow(lambda x, args: -x), [1.0, 0.0], "functions", "argument"),
     "escape": (lh.Flow(lambda t, x, args: x**2), [1.0, 0.5], "run", "Does the state escape"),
     "accumulating bounces": (_ball(lambda t, x, args: jnp.stack([x[0], -0.5 * x[1]])), [1.0, 0.0], "run", "zeno"),
+    "start in the wall": (_ball(), [-0.1, 0.0], "jumps", r"beyond the guard of transition 0 \(by 0\.1\)"),
     "no mode continues": (
         lh.Hybrid(_fall, lh.Transition(_height, _bounce, when=lambda t, x, args: x[1] > 0)), [1.0, 0.0],
         "run", "deadlock",

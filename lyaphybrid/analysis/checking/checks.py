@@ -140,12 +140,18 @@ def _trial(system, x0, args, t0, t1, mode, method) -> tuple[Trajectory, float, l
             )
             run = dataclasses.replace(again, events=run.events)
         if failure.status is not STATUS.max_steps:
-            return run, step, [wrong("run", f"The trial run ended early: {failure}")]
+            verdict = noted if _accumulates(failure.status, run) else wrong
+            return run, step, [verdict("run", f"The trial run ended early: {failure.told}")]
         return run, step, [
             wrong("run", f"Steps become ever shorter: {3 * ATTEMPTS} led to t = {float(t0) + reached:.6g} only, where "
                   f"{ATTEMPTS} had led to {float(t0) + ATTEMPTS * step:.6g}. Does the state escape, or is a function "
                   "not smooth?")
         ]  # fmt: skip
+
+
+def _accumulates(status, run: Trajectory) -> bool:
+    """Whether a run ended at the rest of a motion: jumps in ever shorter intervals, and no cascade without end."""
+    return status is STATUS.zeno and len(run.events.t) > 1 and float(run.events.t[-1]) > float(run.events.t[-2])
 
 
 def _onward(system, problem):

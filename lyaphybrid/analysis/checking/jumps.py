@@ -92,8 +92,10 @@ def check_jumps(system: Hybrid, args: Any, slope: Callable, run: Trajectory) -> 
         found += _of_landing(system, j, guard, slope, run, own)
         found += _of_contact(j, guard, slope, run, own)
         if not counts[j]:
-            found += _passed_unfired(system, j, guard, run)
+            found += _passed_unfired(system, j, guard, run) or _starts_beyond(system, j, guard, run)
     total = int(counts.sum())
+    if not total:
+        return found or [right("jumps", "none in the trial run: nothing is known of guards, resets and targets")]
     said = ", ".join(f"transition {j}: {count}" for j, count in enumerate(counts))
     return found or [right("jumps", f"{total} in the trial run ({said}); resets, targets and contacts are sound")]
 
@@ -154,6 +156,21 @@ def _of_contact(j: int, guard: _Guard, slope: Callable, run: Trajectory, own) ->
                           f"{float(e.t[i]):.6g} (sine of the angle {angle:.1e}): there the saltation matrix is very "
                           "large, and a small change decides whether the event happens.")]  # fmt: skip
     return []
+
+
+def _starts_beyond(system: Hybrid, j: int, guard: _Guard, run: Trajectory) -> list[Finding]:
+    """A guard that never fired, on whose fired side the run began: it would fire only after the state came back."""
+    t, x, transition, mode = run.t[0], run.x[0], system.transitions[j], int(run.mode[0])
+    armed = transition.source is None or system.mode_names[mode] in transition.source
+    if transition.direction == 0 or not armed or system.flow_sets[mode] is not None:  # which lets it jump at once
+        return []
+    values = [guard.value(t, x, i) for i in range(min(guard.width, COMPONENTS))]
+    which = int(np.argmin(values))
+    if values[which] >= -BEYOND * guard.size(t, x, which):
+        return []
+    return [noted("jumps", f"The start is beyond the guard of transition {j} (by {-values[which]:.3g}), on the side on "
+                  "which it has fired already, and it never fired in the trial run. Does the start lie inside the "
+                  "wall, or is a sign of the guard wrong?")]  # fmt: skip
 
 
 def _passed_unfired(system: Hybrid, j: int, guard: _Guard, run: Trajectory) -> list[Finding]:

@@ -75,11 +75,15 @@ def _described(value: Any, brief: bool) -> str:
 
 
 def _in_place(call: Call, error: Exception, line: str) -> str | None:
-    if "JAX arrays are immutable" not in str(error):
+    by_jax, by_numpy = "JAX arrays are immutable", "setting an array element with a sequence"
+    if by_jax not in str(error) and by_numpy not in str(error):
         return None
+    whose = "an array of JAX cannot be changed in place" if by_jax in str(error) else (
+        "an array of NumPy holds numbers, but JAX writes this function down once, for all states and parameters"
+    )  # fmt: skip
     return (
-        "an array of JAX cannot be changed in place. Make a new one, x.at[0].set(value) for x[0] = value, or put the "
-        "components together with jnp.stack([…])."
+        f"{whose}. Make a new one, x.at[0].set(value) for x[0] = value, or put the components together with "
+        "jnp.stack([…])."
     )
 
 
