@@ -187,7 +187,7 @@ FUNCTIONS = {
     ),
     "guard of args": Mistake(jumping(guard=lambda t, x, a: x[0] - a["h"]), ("guard of transition 0", "args is None")),
     "assignment to an array of NumPy": Mistake(
-        flow(changing_numpy), ("dx[0] = x[1]", "NumPy holds numbers", "jnp.stack")
+        flow(changing_numpy), ("NumPy holds numbers", "x.at[0].set(value)", "jnp.stack")
     ),
     "reset in place": Mistake(jumping(reset=changing), ("reset of transition 0", "x.at[0].set(value)")),
     "when by np": Mistake(
