@@ -5,11 +5,35 @@ import numpy as np
 from ..._jax.precision import digits
 from ..._linalg import frames
 from ..._linalg.products import product_eigenvalues
+from ...errors import RunFailedError
+from ...systems.smooth import Map
+from .shooting import Motion, OrbitIterate, placed, shares_of, shot
 
-__all__ = ["multipliers_of", "stability_of"]
+__all__ = ["matrices_of", "multipliers_of", "stability_of"]
 
 CIRCLE = 1e-7  # a multiplier nearer to the unit circle than this is on it
 DEPENDENT_SINGULAR_VALUE = 1e-6  # relative size below which a singular value means linear dependence
+
+ILL_CONDITIONED = 1e-9  # a ratio of the least to the greatest singular value of a piece below which it is cut
+CUTS = 4  # pieces that it becomes
+
+
+def matrices_of(flow: Motion, orbit: OrbitIterate) -> list[np.ndarray]:
+    """The derivatives (n, n) of the pieces of an orbit; of shorter pieces where rounding could hide a direction.
+
+    A motion that lingers near a saddle stretches so much in one piece that what it contracts looks destroyed.
+    """
+    matrices = [piece.matrix for piece in orbit.pieces]
+    finite = all(np.all(np.isfinite(matrix)) for matrix in matrices)
+    hidden = finite and any(np.linalg.cond(matrix) * digits(ILL_CONDITIONED, matrix) > 1 for matrix in matrices)
+    if not hidden or isinstance(flow.problem.system, Map):
+        return matrices
+    try:
+        nodes = placed(flow, orbit.nodes[0], orbit.period, CUTS * len(orbit.nodes))
+        finer = shot(flow, nodes, shares_of(nodes, orbit.period), orbit.period, 0, orbit.shift)
+    except RunFailedError:
+        return matrices
+    return [piece.matrix for piece in finer.pieces] if not finer.torn else matrices
 
 
 def multipliers_of(matrices: list[np.ndarray], known: np.ndarray, free: int, autonomous: bool):

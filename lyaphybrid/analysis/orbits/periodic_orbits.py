@@ -33,7 +33,7 @@ from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
 from .families import energy_moved, family_of
 from .invariants import conserved_of, require_conserved
-from .multipliers import multipliers_of, stability_of
+from .multipliers import matrices_of, multipliers_of, stability_of
 from .periods import check_period, depends_on_time
 from .shooting import Motion, Node, OrbitIterate, at_start, close_return, nearest, newton, placed
 from .symmetries import symmetry_of
@@ -407,7 +407,7 @@ def floquet_of(
     """
     base = orbit.nodes[0]
     family = np.zeros((len(point.x), 0)) if family is None else family
-    matrices = [piece.matrix for piece in orbit.pieces]
+    matrices = matrices_of(flow, orbit)
     if flow.symmetry is not None:
         matrices[-1] = np.linalg.solve(flow.symmetry.image(base.x, orbit.shift).by_state, matrices[-1])
     known = in_any_case(flow, orbit, autonomous, family)
