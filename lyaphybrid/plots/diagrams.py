@@ -335,7 +335,7 @@ def ftle_field(found: "FTLEField", ax: Axes | None = None, exponent: int = 1, **
     return ax
 
 
-def angle_field(found: "AngleField", ax: Axes | None = None, **style: Any) -> Axes:
+def angle_field(found: "AngleField", ax: Axes | None = None, within: float = 1e-3, **style: Any) -> Axes:
     """Angles between covariant vectors over a grid of two components, with a colour bar.
 
     With `inverse` they are drawn over the starts; without it at the points where they are found.
@@ -343,6 +343,7 @@ def angle_field(found: "AngleField", ax: Axes | None = None, **style: Any) -> Ax
     Args:
         found: of `lh.angle_field`.
         ax: matplotlib axes; None: those of a new figure.
+        within: angles whose remainder is larger are left out.
         **style: of the map or the points, as matplotlib takes it.
 
     Returns:
@@ -359,13 +360,14 @@ def angle_field(found: "AngleField", ax: Axes | None = None, **style: Any) -> Ax
         >>> pyplot.close(ax.figure)
     """
     ax = axes_of(ax)
+    angles = np.where(found.remainder <= within, found.angles, np.nan)
     look = {"cmap": "cividis", "vmin": 0.0, "vmax": np.pi / 2, "rasterized": True}
     if found.missed is None:
-        size = float(np.clip(AREA_OF_DOTS / found.angles.size, 0.3, 20.0))
+        size = float(np.clip(AREA_OF_DOTS / angles.size, 0.3, 20.0))
         x, y = (found.where[..., i].ravel() for i in found.axes)
-        drawn = ax.scatter(x, y, c=found.angles.ravel(), **(look | {"s": size, "linewidths": 0.0} | style))
+        drawn = ax.scatter(x, y, c=angles.ravel(), **(look | {"s": size, "linewidths": 0.0} | style))
     else:
-        drawn = ax.pcolormesh(*found.axes.values(), found.angles.T, **(look | style))
+        drawn = ax.pcolormesh(*found.axes.values(), angles.T, **(look | style))
     bar = _over_starts(found, ax, drawn, "angle between vectors")
     bar.set_ticks([0.0, np.pi / 4, np.pi / 2], labels=["0", "π/4", "π/2"])
     return ax

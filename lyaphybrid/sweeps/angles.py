@@ -28,6 +28,7 @@ from .starts import Starts, starts_of, status_lines
 __all__ = ["AngleField", "angle_field"]
 
 PIECES_OF_FLOW = 64  # in which the frame of a flow is kept, where the user does not say
+UNSETTLED = 1e-3  # what the remainder of an angle is to be below
 
 
 class AngleField(RunResult, eqx.Module):
@@ -37,6 +38,9 @@ class AngleField(RunResult, eqx.Module):
         angles: (…) radians in [0, π/2], in the shape of the grid; nan where a run failed.
         where: (…, n) the point of the orbit where the angle is found.
         time: (…) when the orbit is there, since the beginning of the part that is looked at.
+        remainder: (…) what is left of the errors with which the two spans begin, the larger one: exp(−gap), where gap
+            is how much more the last vector of the first span grows than the first of the others, in the past and in
+            the future. Those errors are of order one, or larger near a tangency.
         missed: (…) how far from the start that part begins, of a run with `inverse`: rounding; None without it.
         axes: the varied components, by index, and their values.
         status_code: (…) how each run ended; status: the gravest.
@@ -52,20 +56,28 @@ class AngleField(RunResult, eqx.Module):
     angles: np.ndarray
     where: np.ndarray
     time: np.ndarray
+    remainder: np.ndarray
     missed: np.ndarray | None
     axes: dict[int, np.ndarray]
     status_code: np.ndarray
     state_labels: Labels = eqx.field(static=True)
 
-    def plot(self, ax: plots.Axes | None = None, **style: Any) -> plots.Axes:
-        """The angles of a grid of two components: with `inverse` over the starts, without it at the points `where`."""
+    def plot(self, ax: plots.Axes | None = None, *, within: float = UNSETTLED, **style: Any) -> plots.Axes:
+        """The angles of a grid of two components: with `inverse` over the starts, without it at the points `where`.
+
+        Angles with a larger remainder than `within` are left out. `style` goes to what it draws.
+        """
         require(len(self.axes) == 2, f"A picture needs a grid of two components; this one has {len(self.axes)}.")
-        return plots.angle_field(self, ax, **style)
+        return plots.angle_field(self, ax, within, **style)
 
     def _table(self) -> Table:
         known = self.angles[np.isfinite(self.angles)]
         found = (f"{one:.6g}" for one in (np.min(known), np.median(known), np.max(known))) if len(known) else "———"
         notes = status_lines(self)
+        if unsettled := int(np.sum(self.remainder > UNSETTLED)):
+            notes.append(
+                f"{unsettled} angles with a remainder above {UNSETTLED}: equal exponents, or a short transient"
+            )
         if self.missed is not None and len(known):
             notes.append(f"the starts were met again to {np.nanmax(self.missed):.2g}")
         title = f"Angles between covariant vectors, of {self.angles.size} starts"
@@ -77,6 +89,7 @@ class AngleField(RunResult, eqx.Module):
             "angles": (along, self.angles, {"units": "rad"}),
             "where": ((*along, "state"), self.where),
             "time": (along, self.time),
+            "remainder": (along, self.remainder, {"units": "rad"}),
             "missed": None if self.missed is None else (along, self.missed),
             "status_code": (along, self.status_code),
         }
@@ -120,7 +133,8 @@ def angle_field(
         x0: (2, n) corners of the box of starts; components that are equal in both corners are not varied.
         args: pytree of parameters.
         shape: numbers of cells along the varied components: starts are the cells' middles.
-        transient: length over which the first span converges, like exp(−(λ_split − λ_{split+1}) transient).
+        transient: length over which the first span converges, rounded up to whole pieces. Where λ_split and λ_{split+1}
+            are equal, as in islands of regular motion, there are no two spans, and `.remainder` is not small.
         settle: length of the run after t1, over which the other span converges backwards; None: as `transient`.
         t1: length of the part of the orbit on which the smallest angle is sought (iterations for a map); 0: one point.
         split: number of vectors in the first span, 1 to n − 1.
@@ -130,8 +144,8 @@ def angle_field(
         t0: time at the start; with `inverse` time of the grid.
         mode: mode at the start, where there are several and the system does not determine it.
         method: as for `lh.lyapunov_spectrum`.
-        blocks: number of equal pieces of t1 + `settle`, at most `transient` long, at whose ends in t1 angles are looked
-            at; None: each iteration of a map, and 64 for others. In a piece vectors may grow by e^300.
+        blocks: number of equal pieces of t1 + `settle`, at whose ends in t1 angles are looked at; None: each iteration
+            of a map, and 64 for others. In a piece vectors may grow by e^300.
         max_steps: most attempts of a step in one run.
         chunk: as for `lh.sweep`.
         store: path of a zarr store, where each chunk is kept as soon as it is computed; the same call goes on with it.
@@ -139,8 +153,8 @@ def angle_field(
         progress: True for a bar, or a function of the fraction done.
 
     Returns:
-        An `AngleField` with `.angles`, `.where`, `.time`, `.missed`, `.status_code`, `.plot()`. It warns if starts are
-        missed by more than a cell: shorten `transient`, or see whether `inverse` is the inverse.
+        An `AngleField` with `.angles`, `.remainder`, `.where`, `.time`, `.missed`, `.status_code`, `.plot()`. It warns
+        if starts are missed by more than a cell: shorten `transient`, or see whether `inverse` is the inverse.
 
     Raises:
         ValueError: on arguments that do not fit, before any computing.
@@ -160,7 +174,7 @@ def angle_field(
         [73.89788625, 73.89788625]
     """
     settle = transient if settle is None else settle
-    piece, pieces, looks = _pieces(system, transient, settle, t1, blocks)
+    piece, before, after, looks = _pieces(system, transient, settle, t1, blocks)
     starts = starts_of("angle_field", system, x0, args, shape, t0=t0, method=method, mode=mode, max_steps=max_steps)
     n = starts.grid.shape[1]
     whole("split", split, least=1)
@@ -172,33 +186,36 @@ def angle_field(
     how = {"frame": None, "method": method, "max_steps": max_steps, "progress": None}
 
     def run(args, x0):
-        begin, begin_mode, clock, before = x0, mode, t0, OK
+        begin, begin_mode, clock, status = x0, mode, t0, OK
         if inverse is not None:
             back = follow(
-                None, problems.point, inverse, x0, args, k=0, t1=transient, t0=-t0, transient=0.0, times=None,
+                None, problems.point, inverse, x0, args, k=0, t1=before * piece, t0=-t0, transient=0.0, times=None,
                 blocks=2, mode=mode, **how,
             )  # fmt: skip
             _, x, modes, _ = back.collected
-            begin, begin_mode, clock, before = x[-1], None if mode is None else modes[-1], t0 - transient, back.status
-        lengths = {"piece": piece, "pieces": pieces, "transient": transient}
+            begin, begin_mode, clock = x[-1], None if mode is None else modes[-1], t0 - before * piece
+            status = back.status
+        lengths = {"piece": piece, "pieces": before - 1 + after, "transient": piece}
         found = forwards(system, begin, args, k=n, t0=clock, mode=begin_mode, **lengths, **how)
-        _, factors, x = found.collected
-        angles = angles_of_split(factors, split, looks)
+        looked_at = slice(before - 1, before - 1 + looks)
+        angles, remainders = angles_of_split(found.collected[1], split, looked_at)
+        x, time = found.collected[2][looked_at], found.time[looked_at]
         least = jnp.argmin(jnp.where(jnp.isnan(angles), jnp.inf, angles))
         return {
             "angles": angles[least],
             "where": x[least],
-            "time": found.time[least] - found.time[0],
+            "time": time[least] - time[0],
+            "remainder": remainders[least],
             "missed": jnp.linalg.norm(x[0] - x0),
-            "status_code": jnp.where(before == OK, found.status, before),
+            "status_code": jnp.where(status == OK, found.status, status),
         }
 
     found = starts.swept(run, args, chunk=chunk, store=store, client=client, progress=progress)
     return _field(starts, found, inverse is not None)
 
 
-def _pieces(system, transient, settle, t1, blocks) -> tuple[float, int, int]:
-    """The length of a piece, how many follow the transient, and at how many of their ends the angle is looked at."""
+def _pieces(system, transient, settle, t1, blocks) -> tuple[float, int, int, int]:
+    """The length of a piece, how many are before and after, and at how many times the angle is looked at."""
     require_values("angle_field", transient, settle, t1)
     for name, length in (("transient", transient), ("settle", settle)):
         positive(f"{name}, a length,", length)
@@ -211,9 +228,9 @@ def _pieces(system, transient, settle, t1, blocks) -> tuple[float, int, int]:
     whole("blocks", blocks, least=1, each=1)
     piece = length / blocks
     check_counts(system, **{"a piece, (t1 + settle)/blocks,": piece})
-    fits = piece <= transient
-    require(fits, f"A piece, (t1 + settle)/blocks = {piece:g}, must not be longer than transient = {transient}.")
-    return piece, blocks, 1 + int(np.floor(float(t1) / piece + 1e-9))
+    before = max(1, int(np.ceil(float(transient) / piece - 1e-9)))
+    whole("the number of pieces", before + blocks, least=1, each=1)
+    return piece, before, blocks, 1 + int(np.floor(float(t1) / piece + 1e-9))
 
 
 def _check_inverse(system, inverse) -> None:
@@ -239,7 +256,8 @@ def _field(starts: Starts, found: dict[str, np.ndarray], returns: bool) -> Angle
         _warn_of_missed(kept["missed"], starts.axes)
     status = found["status_code"].reshape(starts.cells)
     missed = kept["missed"] if returns else None
-    return AngleField(kept["angles"], kept["where"], kept["time"], missed, starts.axes, status, starts.labels)
+    values = (kept[name] for name in ("angles", "where", "time", "remainder"))
+    return AngleField(*values, missed, starts.axes, status, starts.labels)
 
 
 def _warn_of_missed(missed: np.ndarray, axes: dict[int, np.ndarray]) -> None:

@@ -274,18 +274,23 @@ def _coefficients(factors: BlockProduct):
     return jnp.concatenate([columns, last[None]]), growth
 
 
-def angles_of_split(factors: BlockProduct, split: int, count: int) -> Array:
-    """The smallest angle (count,) between the spans of the first `split` vectors and of the others, at the first times.
+def angles_of_split(factors: BlockProduct, split: int, times: slice) -> tuple[Array, Array]:
+    """The smallest angle between the spans of the first `split` vectors and of the others at some times.
 
     In coordinates of Q the first span is that of the first axes, since C is upper triangular; the other one is a graph
     [G; 1] over the other axes, with G = C₁₂ C₂₂⁻¹. The cotangent of the smallest angle is the largest singular value
-    of G.
+    of G. With it what remains of the first errors of both spans: exp(−gap), where gap = ∫ (λ_split − λ_{split+1}) over
+    the past or over the future, the smaller one.
     """
-    columns = _coefficients(factors)[0][:count]
+    columns = _coefficients(factors)[0][times]
     upper, lower = columns[:, :split, split:], columns[:, split:, split:]
     graph = jax.scipy.linalg.solve_triangular(jnp.swapaxes(lower, 1, 2), jnp.swapaxes(upper, 1, 2), lower=True)
     order = None if 1 in graph.shape[1:] else 2  # of one row or column the Frobenius norm is the singular value
-    return jnp.arctan2(1.0, jnp.linalg.norm(graph, order, axis=(1, 2)))
+    growth = jnp.log(jnp.abs(jnp.diagonal(factors.r, axis1=1, axis2=2)))
+    gaps = growth[:, split - 1] - growth[:, split]  # inf where a jump destroys directions of the other span
+    past, future = jnp.cumsum(gaps), jnp.append(jnp.cumsum(gaps[:0:-1])[::-1], 0.0)
+    remainder = jnp.exp(-jnp.minimum(past, future)[times])
+    return jnp.arctan2(1.0, jnp.linalg.norm(graph, order, axis=(1, 2))), remainder
 
 
 def _before(factor: BlockProduct, c):
