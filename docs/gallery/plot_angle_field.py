@@ -3,8 +3,9 @@ Where stable and unstable directions touch
 ==========================================
 
 A ball that bounces without loss on a plate that vibrates; height and speed are relative to the plate. The colour is the
-angle between the stable and the unstable direction at each start, through all impacts of its past and its future. Along
-dark curves stable and unstable manifolds are tangent. In islands of regular motion the angle has no meaning.
+angle between the stable and the unstable direction at each start, through all impacts of its past and its future. On
+dark curves stable and unstable manifolds are nearly tangent. White: starts whose directions have not converged in this
+time, among them those of regular motion, which have none.
 """
 
 import jax
@@ -25,11 +26,11 @@ def ball(sign):
     )
 
 
-method = lh.RungeKutta("dop853", rtol=1e-9, atol=1e-11)
-how = {"shape": (210, 160), "transient": 40.0, "inverse": ball(-1), "method": method}
-found = lh.angle_field(ball(1), [[0.0, -3.5], [5.0, 3.5]], 2.0, **how)
+method = lh.RungeKutta("dop853", rtol=1e-11, atol=1e-13)
+how = {"shape": (200, 150), "transient": 80.0, "inverse": ball(-1), "method": method}
+found = lh.angle_field(ball(1), [[0.0, -1.6], [2.8, 1.6]], 0.8, **how)
 print(found)
 
 _, ax = pyplot.subplots(figsize=(7.0, 4.6), layout="constrained")
-found.plot(ax=ax)
+found.plot(ax=ax, within=0.01)
 pyplot.show()

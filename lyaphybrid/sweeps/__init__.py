@@ -1,4 +1,4 @@
-"""Sweeps over parameters, starts and keys; fields of finite-time exponents over starts."""
+"""Sweeps over parameters, starts and keys; fields of finite-time exponents and of angles over starts."""
 
 from ..errors import StoreFailedError
 from .angles import AngleField, angle_field

@@ -42,6 +42,19 @@ def test_subspaces_of_a_linear_map(split):
     found = lh.angle_field(system, box, shape=(2,), transient=50, split=split)
     wanted = np.min(scipy.linalg.subspace_angles(vectors[:, :split], vectors[:, split:]))
     assert_allclose(found.angles, wanted, rtol=1e-10)
+    rates = np.log([2.0, 1.1, 0.5, 0.2])
+    assert_allclose(np.log(found.remainder), -50 * (rates[split - 1] - rates[split]), rtol=0, atol=3.0)
+    assert np.ptp(found.remainder) < 1e-9 * found.remainder[0]
+
+
+@pytest.mark.slow
+def test_regular_motion_has_no_two_spans():
+    """A rotation: nothing converges, which the remainder says; the picture leaves the angles out."""
+    turn = np.array([[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]])
+    found = lh.angle_field(lh.Map(lambda n, x, args: turn @ x), [[0.0, 0.0], [1.0, 1.0]], shape=(2, 2), transient=50)
+    assert_allclose(found.remainder, 1.0, rtol=1e-12)
+    assert "4 angles with a remainder above 0.001" in str(found)
+    assert np.all(np.ma.getmaskarray(np.ma.masked_invalid(found.plot().collections[0].get_array())))
 
 
 def bent(p):
@@ -161,15 +174,15 @@ OSCILLATOR = lh.Hybrid(
 @pytest.mark.slow
 def test_an_impact_oscillator_as_covariant_vectors_have_it():
     box = [[-0.5, 0.1], [-0.1, 0.6]]
-    how = {"transient": 50.0, "settle": 50.0, "method": PRECISE}
-    found = lh.angle_field(OSCILLATOR, box, shape=(2, 2), t1=10.0, blocks=120, **how)
+    how = {"settle": 50.0, "method": PRECISE}
+    found = lh.angle_field(OSCILLATOR, box, shape=(2, 2), transient=50.0, t1=10.0, blocks=120, **how)
     for at in np.ndindex(2, 2):
         x0 = [found.axes[i][at[i]] for i in (0, 1)]
-        one = lh.covariant_vectors(OSCILLATOR, x0, t1=10.0, blocks=20, **how)
-        assert_allclose(found.angles[at], np.min(one.angles), rtol=0, atol=1e-9)
-        there = round(found.time[at] / 0.5)  # on a periodic orbit several times are as good
-        assert_allclose(found.angles[at], one.angles[there, 0], rtol=0, atol=1e-9)
-        assert_allclose(found.where[at], one.x[there], rtol=0, atol=1e-9)
+        one = lh.covariant_vectors(OSCILLATOR, x0, transient=0.5, t1=59.5, blocks=119, **how)  # the same steps
+        angles, x = np.asarray(one.angles)[99:, 0], np.asarray(one.x)[99:]
+        assert_allclose(found.angles[at], np.min(angles), rtol=0, atol=1e-9)
+        assert found.time[at] == pytest.approx(0.5 * np.argmin(angles), abs=1e-12)
+        assert_allclose(found.where[at], x[np.argmin(angles)], rtol=0, atol=1e-9)
 
 
 def ball(sign):
@@ -199,6 +212,8 @@ def test_at_starts_the_directions_are_those_that_contract_to_and_fro():
     settled = np.minimum(ahead, behind) > 1e4  # to about 100 σ⁻²
     assert np.sum(settled) >= 6
     assert_allclose(found.angles.ravel()[settled], wanted[settled], rtol=0, atol=1e-5)
+    assert np.all(found.remainder.ravel()[settled] < 1e-5)
+    assert np.all(found.remainder.ravel()[np.minimum(ahead, behind) < 100] > 1e-5)
 
 
 def test_starts_that_fail_are_told():
@@ -240,6 +255,7 @@ def test_pictures_at_points_and_at_starts():
     ax = found.plot()
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("x", "y")
     assert_allclose(ax.collections[0].get_offsets(), found.where.reshape(-1, 2))
+    assert_allclose(np.ma.filled(found.plot(within=1.0).collections[0].get_array()), found.angles.ravel())
     assert ax.figure.axes[1].get_ylabel() == "angle between vectors"
     found = lh.angle_field(BAKER, INSIDE, shape=(5, 4), transient=12, inverse=BAKER_BACK)
     assert_allclose(np.asarray(found.plot().collections[0].get_array()).ravel(), found.angles.T.ravel())
@@ -274,7 +290,6 @@ FLOW = lh.Flow(lambda t, x, args: -x)
         ({"split": 2}, "split must be at most 1, for 2 vectors"),
         ({"blocks": 0}, "blocks must be an integer of at least 1"),
         ({"blocks": 3}, "a piece, .* counts iterations here"),
-        ({"settle": 40, "blocks": 1}, "must not be longer than transient = 20"),
         ({"inverse": 3.0}, "inverse must be a system like the first, one that iterates; got float"),
         ({"inverse": FLOW}, "inverse must be a system like the first, one that iterates; got Flow"),
         ({"method": lh.RungeKutta()}, "takes no method"),
