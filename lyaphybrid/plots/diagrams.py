@@ -361,11 +361,11 @@ def angle_field(found: "AngleField", ax: Axes | None = None, within: float = 1e-
     """
     ax = axes_of(ax)
     angles = np.where(found.remainder <= within, found.angles, np.nan)
-    look = {"cmap": "cividis", "vmin": 0.0, "vmax": np.pi / 2, "rasterized": True}
+    look: dict[str, Any] = {"cmap": "cividis", "vmin": 0.0, "vmax": np.pi / 2, "rasterized": True}
     if found.missed is None:
-        size = float(np.clip(AREA_OF_DOTS / angles.size, 0.3, 20.0))
+        dots: dict[str, Any] = {"s": np.clip(AREA_OF_DOTS / angles.size, 0.3, 20.0), "linewidths": 0.0}
         x, y = (found.where[..., i].ravel() for i in found.axes)
-        drawn = ax.scatter(x, y, c=angles.ravel(), **(look | {"s": size, "linewidths": 0.0} | style))
+        drawn = ax.scatter(x, y, c=angles.ravel(), **(look | dots | style))
     else:
         drawn = ax.pcolormesh(*found.axes.values(), angles.T, **(look | style))
     bar = _over_starts(found, ax, drawn, "angle between vectors")

@@ -227,7 +227,8 @@ def _pieces(system, transient, settle, t1, blocks) -> tuple[float, int, int, int
         blocks = int(length) if isinstance(system, Flow | Map | Hybrid) and iterates(system) else PIECES_OF_FLOW
     whole("blocks", blocks, least=1, each=1)
     piece = length / blocks
-    check_counts(system, **{"a piece, (t1 + settle)/blocks,": piece})
+    lengths: dict[str, Any] = {"a piece, (t1 + settle)/blocks,": piece}
+    check_counts(system, **lengths)
     before = max(1, int(np.ceil(float(transient) / piece - 1e-9)))
     whole("the number of pieces", before + blocks, least=1, each=1)
     return piece, before, blocks, 1 + int(np.floor(float(t1) / piece + 1e-9))
@@ -244,20 +245,18 @@ def _check_inverse(system, inverse) -> None:
 
 def _field(starts: Starts, found: dict[str, np.ndarray], returns: bool) -> AngleField:
     """The field of what was found; nan where a run did not end well."""
-    good = found["status_code"] == OK
-    kept = {
-        name: np.where(good.reshape(-1, *[1] * (values.ndim - 1)), values, np.nan).reshape(
-            *starts.cells, *values.shape[1:]
-        )
-        for name, values in found.items()
-        if name != "status_code"
-    }
+    status = found.pop("status_code")
+
+    def shaped(values: np.ndarray) -> np.ndarray:
+        good = (status == OK).reshape(-1, *[1] * (values.ndim - 1))
+        return np.where(good, values, np.nan).reshape(*starts.cells, *values.shape[1:])
+
+    kept: dict[str, Any] = {name: shaped(values) for name, values in found.items()}
     if returns:
         _warn_of_missed(kept["missed"], starts.axes)
-    status = found["status_code"].reshape(starts.cells)
-    missed = kept["missed"] if returns else None
-    values = (kept[name] for name in ("angles", "where", "time", "remainder"))
-    return AngleField(*values, missed, starts.axes, status, starts.labels)
+    else:
+        kept["missed"] = None
+    return AngleField(axes=starts.axes, status_code=status.reshape(starts.cells), state_labels=starts.labels, **kept)
 
 
 def _warn_of_missed(missed: np.ndarray, axes: dict[int, np.ndarray]) -> None:

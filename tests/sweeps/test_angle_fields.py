@@ -304,6 +304,32 @@ def test_what_cannot_be_is_refused(change, words):
         lh.angle_field(**how)
 
 
+@pytest.mark.slow
+def test_modes_are_carried_back():
+    """The ball in two modes by turns, which are alike but for a third component that only contracts in one of them."""
+
+    def by_turns(sign):
+        fall = ball(sign)
+        rates = {"even": 0.0, "odd": 0.6}
+        fields = {
+            name: lambda t, x, args, rate=rate: jnp.append(fall.fields[0](t, x[:2], args), -sign * rate * x[2])
+            for name, rate in rates.items()
+        }
+        reset = lambda t, x, args: jnp.array([1.0, -1.0, 1.0]) * x  # noqa: E731
+        turns = [
+            lh.Transition(lambda t, x, args: x[0], reset, source=a, target=b)
+            for a, b in (("even", "odd"), ("odd", "even"))
+        ]
+        return lh.Hybrid(fields, turns)
+
+    box = [[0.3, -0.5, 1.0], [0.9, 0.5, 1.0]]
+    how = {"shape": (2, 2), "transient": 20.0, "method": PRECISE, "inverse": by_turns(-1), "split": 1}
+    for mode in ("even", "odd"):
+        found = lh.angle_field(by_turns(1), box, mode=mode, **how)
+        assert_allclose(found.where[..., 2], 1.0, rtol=1e-7)  # the same modes to and fro, or it would have changed
+        assert np.max(found.missed) < 1e-7
+
+
 def test_an_inverse_has_the_same_modes():
     def modes(*names):
         leave = lh.Transition(lambda t, x, args: x[0], source=names[0], target=names[1])
