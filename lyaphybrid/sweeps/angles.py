@@ -163,8 +163,8 @@ def angle_field(
 
     Source:
         F. Ginelli, P. Poggi, A. Turchi, H. Chaté, R. Livi & A. Politi, Phys. Rev. Lett. 99 (2007) 130601,
-        doi:10.1103/PhysRevLett.99.130601; of tangencies H. L. Yang & G. Radons, Phys. Rev. Lett. 100 (2008) 024101,
-        doi:10.1103/PhysRevLett.100.024101.
+        doi:10.1103/PhysRevLett.99.130601; angles between subspaces as a test of hyperbolicity: P. V. Kuptsov,
+        arXiv:1111.4828 (2011), doi:10.48550/arXiv.1111.4828.
 
     Example:
         >>> import jax.numpy as jnp, lyaphybrid as lh
