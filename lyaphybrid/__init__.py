@@ -56,7 +56,7 @@ from .results.solution_sets import Solution, Solutions
 from .results.spectrum import Spectrum
 from .results.time_domains import TimeDomain
 from .statuses import STATUS
-from .sweeps import FTLEField, ftle_field, refine, sweep
+from .sweeps import AngleField, FTLEField, angle_field, ftle_field, refine, sweep
 from .systems.consistency import consistent_start
 from .systems.contacts.filippov import filippov
 from .systems.contacts.rigid_contacts import impact
@@ -127,6 +127,7 @@ __all__ = [
     "lyapunov_gradient",
     "sweep",
     "refine",
+    "angle_field",
     "ftle_field",
     "solutions",
     "return_map",
@@ -163,6 +164,7 @@ __all__ = [
     "Basins",
     "EdgeState",
     "BasinShares",
+    "AngleField",
     "FTLEField",
     "Explorer",
     "Solution",

@@ -7,7 +7,17 @@ the i-th exponent has the same one in every figure. `style` gives figures for pr
 
 from .axes import COLOURS, Axes
 from .continuations import continuation, curves
-from .diagrams import DiagramPlots, basin_shares, basins, bifurcations, diagram, ftle_field, largest_exponent, section
+from .diagrams import (
+    DiagramPlots,
+    angle_field,
+    basin_shares,
+    basins,
+    bifurcations,
+    diagram,
+    ftle_field,
+    largest_exponent,
+    section,
+)
 from .indicators import alignment, angles, growth, intervals
 from .orbits import matrix, multipliers, phase_responses, time_domain
 from .reports import report
@@ -35,6 +45,7 @@ __all__ = [
     "TrajectoryPlots",
     "against_density",
     "alignment",
+    "angle_field",
     "angles",
     "animation",
     "basin_shares",

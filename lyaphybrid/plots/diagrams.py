@@ -11,10 +11,20 @@ from .axes import COLOURS, Axes, Figures, axes_of, both_axes, colours, component
 
 if TYPE_CHECKING:
     from ..analysis.basins import Basins, BasinShares
-    from ..sweeps import FTLEField
+    from ..sweeps import AngleField, FTLEField
 
-__all__ = ["basin_shares", "basins", "bifurcations", "diagram", "ftle_field", "largest_exponent", "section"]
+__all__ = [
+    "angle_field",
+    "basin_shares",
+    "basins",
+    "bifurcations",
+    "diagram",
+    "ftle_field",
+    "largest_exponent",
+    "section",
+]
 
+AREA_OF_DOTS = 2e4  # of all dots of a field together, in square points
 # Later dots are drawn smaller, so that earlier ones below them stay visible.
 DOTS = {"random": (None, 2.4), "up": (COLOURS[0], 1.5), "down": (COLOURS[1], 0.7)}
 NAMES = {"random": "random starts", "up": "followed up", "down": "followed down"}
@@ -318,10 +328,53 @@ def ftle_field(found: "FTLEField", ax: Axes | None = None, exponent: int = 1, **
         >>> pyplot.close(ax.figure)
     """
     ax = axes_of(ax)
-    (first, across), (second, up) = found.axes.items()
     values = found.exponents[..., component("exponent", exponent - 1, found.exponents.shape[-1])]
-    mesh = ax.pcolormesh(across, up, values.T, **({"cmap": "viridis", "rasterized": True} | style))
-    ax.figure.colorbar(mesh, ax=ax, label=f"finite-time exponent $\\lambda_{exponent}$, t$_1$ = {found.t1:g}")
-    ax.set_xlabel(found.state_labels.axis(first))
-    ax.set_ylabel(found.state_labels.axis(second))
+    label = f"finite-time exponent $\\lambda_{exponent}$, t$_1$ = {found.t1:g}"
+    mesh = ax.pcolormesh(*found.axes.values(), values.T, **({"cmap": "viridis", "rasterized": True} | style))
+    _over_starts(found, ax, mesh, label)
     return ax
+
+
+def angle_field(found: "AngleField", ax: Axes | None = None, within: float = 1e-3, **style: Any) -> Axes:
+    """Angles between covariant vectors over a grid of two components, with a colour bar.
+
+    With `inverse` they are drawn over the starts; without it at the points where they are found.
+
+    Args:
+        found: of `lh.angle_field`.
+        ax: matplotlib axes; None: those of a new figure.
+        within: angles whose remainder is larger are left out.
+        **style: of the map or the points, as matplotlib takes it.
+
+    Returns:
+        The axes.
+
+    Example:
+        >>> import jax.numpy as jnp, lyaphybrid as lh
+        >>> from matplotlib import pyplot
+        >>> henon = lh.Map(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]]), names=("x", "y"))
+        >>> found = lh.angle_field(henon, [[-0.1, -0.1], [0.1, 0.1]], 1.4, shape=(8, 6), transient=30)
+        >>> ax = lh.plots.angle_field(found)
+        >>> ax.get_xlabel(), ax.get_ylabel()
+        ('x', 'y')
+        >>> pyplot.close(ax.figure)
+    """
+    ax = axes_of(ax)
+    angles = np.where(found.remainder <= within, found.angles, np.nan)
+    look: dict[str, Any] = {"cmap": "cividis", "vmin": 0.0, "vmax": np.pi / 2, "rasterized": True}
+    if found.missed is None:
+        dots: dict[str, Any] = {"s": np.clip(AREA_OF_DOTS / angles.size, 0.3, 20.0), "linewidths": 0.0}
+        x, y = (found.where[..., i].ravel() for i in found.axes)
+        drawn = ax.scatter(x, y, c=angles.ravel(), **(look | dots | style))
+    else:
+        drawn = ax.pcolormesh(*found.axes.values(), angles.T, **(look | style))
+    bar = _over_starts(found, ax, drawn, "angle between vectors")
+    bar.set_ticks([0.0, np.pi / 4, np.pi / 2], labels=["0", "π/4", "π/2"])
+    return ax
+
+
+def _over_starts(found: "FTLEField | AngleField", ax: Axes, drawn: Any, label: str) -> Any:
+    """The names of the varied components and a colour bar, which comes back."""
+    ax.set_xlabel(found.state_labels.axis(list(found.axes)[0]))
+    ax.set_ylabel(found.state_labels.axis(list(found.axes)[1]))
+    return ax.figure.colorbar(drawn, ax=ax, label=label)

@@ -6,23 +6,20 @@ import equinox as eqx
 import numpy as np
 
 from .. import plots
-from .._arguments import Progress, Real, attempts, positive, require, require_values
+from .._arguments import Progress, Real, positive, require, require_values
 from .._keywords import explains_keywords
 from .._text import Table
-from ..analysis.grids import box_of, grid_of
 from ..analysis.trajectories import tangent_map
-from ..engine import preparation
 from ..engine.blocks import check_counts
 from ..integrators.base import Method
 from ..results.result import Data, RunResult, exponents_along, states_along
-from ..statuses import OK, STATUS
-from ..systems.daes.semi_linear import DAE
+from ..statuses import OK
 from ..systems.event_driven import EventDriven
 from ..systems.hybrid import Hybrid
-from ..systems.labels import Labels, labels_of
+from ..systems.labels import Labels
 from ..systems.smooth import Flow, Map
 from .ridges import ridge_points
-from .sweeping import sweep
+from .starts import starts_of, status_lines
 
 __all__ = ["FTLEField", "ftle_field"]
 
@@ -93,18 +90,14 @@ class FTLEField(RunResult, eqx.Module):
         return plots.ftle_field(self, ax, exponent=exponent, **style)
 
     def _table(self) -> Table:
-        codes, counts = np.unique(self.status_code, return_counts=True)
         rows = []
         for i in range(self.exponents.shape[-1]):
             values = self.exponents[..., i]
             known = values[np.isfinite(values)]
             found = (f"{one:.6g}" for one in (np.min(known), np.median(known), np.max(known))) if len(known) else "———"
             rows.append((f"λ{i + 1}", *found))
-        said = [f"status {self.status}"]
-        if len(codes) > 1:
-            said += [f"{count} starts {STATUS(int(code)).name}" for code, count in zip(codes, counts, strict=True)]
         title = f"Finite-time exponents of {self.status_code.size} starts (t1 = {self.t1:g})"
-        return Table(title, rows, said, ("", "least", "median", "greatest"))
+        return Table(title, rows, status_lines(self), ("", "least", "median", "greatest"))
 
     def _data(self) -> Data:
         along = tuple(self.state_labels.name(i) for i in self.axes)
@@ -178,32 +171,26 @@ def ftle_field(
         >>> round(float(found.exponents[0, 0, 0]), 12) == round(float(jnp.log(2.0) / 1.5), 12)
         True
     """
-    require(not isinstance(system, DAE), "ftle_field takes no lh.DAE: starts of a box are not on its constraints.")
-    require_values("ftle_field", x0, args, t1, t0)
+    require_values("ftle_field", t1)
     positive("t1, a length of time,", t1)
-    attempts(max_steps)
     check_counts(system, t1=t1)
-    grid, axes = grid_of(box_of(x0), shape)
-    problem, *_ = preparation.prepare(system, grid[0], args, t0, method, mode)
+    starts = starts_of("ftle_field", system, x0, args, shape, t0=t0, method=method, mode=mode, max_steps=max_steps)
 
     def run(args, x0):
         found = tangent_map(system, x0, args, t1=t1, t0=t0, mode=mode, method=method, max_steps=max_steps, throw=False)
         return {"matrix": found.matrix, "jumps": found.jumps, "status_code": found.status_code}
 
-    how = {"chunk": chunk, "store": store, "client": client, "progress": progress}
-    found = sweep(run, points={"x0": grid}, args=args, **how)
-    cells = tuple(len(values) for values in axes.values())
-    status = found["status_code"].values
-    status = np.where(status < 0, np.int32(STATUS.interrupted), status)  # not computed, after Ctrl-C
-    exponents, stretched = _singular(found["matrix"].values, status, float(t1))
+    found = starts.swept(run, args, chunk=chunk, store=store, client=client, progress=progress)
+    status = found["status_code"]
+    exponents, stretched = _singular(found["matrix"], status, float(t1))
     return FTLEField(
-        exponents.reshape(*cells, -1),
-        stretched.reshape(*cells, -1),
-        axes,
-        found["jumps"].values.reshape(cells),
-        status.reshape(cells),
+        exponents.reshape(*starts.cells, -1),
+        stretched.reshape(*starts.cells, -1),
+        starts.axes,
+        found["jumps"].reshape(starts.cells),
+        status.reshape(starts.cells),
         float(t1),
-        labels_of(system, problem.shape),
+        starts.labels,
     )
 
 

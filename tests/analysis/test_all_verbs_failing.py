@@ -111,6 +111,11 @@ def field_of(system, x0, **more):
     return lh.ftle_field(system, box, ARGS, shape=[2] * len(x0), t1=T1, **more)
 
 
+def angles_of(system, x0, **more):
+    box = [[0.99 * x for x in x0], [1.01 * x + 0.01 for x in x0]]
+    return lh.angle_field(system, box, ARGS, shape=[2] * len(x0), transient=T1, **more)
+
+
 def near_the_fold(system, x0):
     return lh.consistent_start(system, [-1.0, 0.0, 1.0], ARGS)
 
@@ -156,6 +161,7 @@ VERBS |= {
     "bifurcation_diagram": (MAPS | HYBRIDS | CLOSED, diagram),
     "basins": (ALL, starts_of),
     "ftle_field": (ALL, field_of),
+    "angle_field": (ALL, angles_of),
     "consistent_start": (DAES, near_the_fold),
     "transverse_spectrum": (
         SMOOTH,
@@ -218,7 +224,7 @@ def takes(name: str, how: str) -> bool:
     """Some verbs are not for constraints."""
     system, unconstrained = (
         FAILING[how][0],
-        ("ofli2", "transverse_spectrum", "master_stability", "phase_response", "basins", "ftle_field"),
+        ("ofli2", "transverse_spectrum", "master_stability", "phase_response", "basins", "ftle_field", "angle_field"),
     )
     return isinstance(system, VERBS[name][0]) and not (isinstance(system, lh.DAE) and name in unconstrained)
 
@@ -230,6 +236,7 @@ PAIRS = [(name, how) for how in FAILING for name in VERBS if takes(name, how)]
     "covariant_vectors-a map escapes",
     "lyapunov_gradient, regression-a map escapes",
     "sweep-a map escapes",
+    "angle_field-a map escapes",
     "refine-a map escapes",
 )
 @pytest.mark.parametrize(("name", "how"), [pair for pair in PAIRS if "map" in pair[1]])

@@ -157,6 +157,8 @@ def test_covariant_vectors_and_gali():
     found = in_float32(lambda: lh.covariant_vectors(lh.Flow(lorenz), [1.0, 1.0, 1.0], t1=100.0, transient=20.0))
     assert found.status == lh.STATUS.ok
     assert abs(float(np.sum(found.exponents)) + 41 / 3) < DIGITS * 41 / 3
+    field = in_float32(lambda: lh.angle_field(CAT, [[0.0, 0.0], [1.0, 1.0]], shape=(2, 2), transient=20))
+    assert_allclose(field.angles, np.pi / 2, rtol=DIGITS)  # the matrix is symmetric
     indicator = in_float32(lambda: lh.gali(HENON_HEILES, REGULAR, t1=100.0, method=LEAPS))
     assert indicator.status == lh.STATUS.ok
 

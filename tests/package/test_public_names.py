@@ -44,6 +44,8 @@ HOLDING = (Result, BaseException)  # made by a computation, not by a user
     "results.solution_sets.Solutions",
     "results.solution_sets.Solution",
     "results.spectrum.Spectrum",
+    "sweeps.angles.AngleField",
+    "sweeps.angles.angle_field",
     "sweeps.refining.refine",
     "sweeps.sweeping.sweep",
     "systems.contacts.filippov.filippov",
@@ -55,6 +57,7 @@ HOLDING = (Result, BaseException)  # made by a computation, not by a user
     "zoo.problem.Problem.floquet",
     "zoo.problem.Problem.sweep",
     "plots.indicators.angles",
+    "plots.diagrams.angle_field",
     "zoo.pictures.follow",
 )
 @pytest.mark.parametrize("test", [pytest.param(one, id=one.name.removeprefix("lyaphybrid.")) for one in examples()])
@@ -97,6 +100,7 @@ def test_every_public_name_is_documented(name):
         "poincare_section",
         "bifurcation_diagram",
         "svd_spectrum",
+        "angle_field",
         "implicit_dae",
         "exponent_bounds",
         "solutions",

@@ -87,8 +87,8 @@ TASKS = {
     ),
     "sweeps": Task(
         "Sweeps",
-        "Many parameters, many starts, on all cores or a cluster; fields of finite-time exponents over starts.",
-        ("sweep", "refine", "ftle_field", "FTLEField"),
+        "Many parameters, many starts, on all cores or a cluster; fields of exponents and of angles over starts.",
+        ("sweep", "refine", "ftle_field", "FTLEField", "angle_field", "AngleField"),
     ),
     "errors": Task(
         "Status and errors",

@@ -31,9 +31,9 @@ from ...systems.hybrid import Hybrid
 from ...systems.kinds import unit_of
 from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
-from .following import discrete, follow, generic_frame, verdict_of
+from .following import IndicatorRun, discrete, follow, generic_frame, verdict_of
 
-__all__ = ["CovariantVectors", "covariant_vectors"]
+__all__ = ["CovariantVectors", "angles_of_split", "covariant_vectors", "forwards"]
 
 
 class BlockProduct(NamedTuple):
@@ -224,10 +224,9 @@ def covariant_vectors(
     transient, settle = (0.5 * t1 if length is None else length for length in (transient, settle))
     piece = t1 / blocks
     after = max(1, int(np.ceil(float(settle) / float(piece))))
-    found = follow(
-        FactorObserver(), _frame_and_factor, system, x0, args, k=number, t1=piece * (1 + blocks + after), t0=t0,
-        transient=max(0.0, transient - piece), times=None, blocks=1 + blocks + after, mode=mode, frame=frame,
-        method=discrete("covariant_vectors", method), max_steps=max_steps, progress=progress,
+    found = forwards(
+        system, x0, args, k=number, piece=piece, pieces=blocks + after, transient=transient, t0=t0, mode=mode,
+        frame=frame, method=discrete("covariant_vectors", method), max_steps=max_steps, progress=progress,
     )  # fmt: skip
     xp = numpy_for(found.time, found.collected, found.status)
     frames, factors, x = found.collected
@@ -245,11 +244,26 @@ def covariant_vectors(
     return verdict_of(found, as_jax(result), throw)
 
 
+def forwards(system, x0, args, *, k, piece, pieces, transient, **how) -> IndicatorRun:
+    """Run forwards; frame, factor and x at the end of the transient, at least one piece, and of each piece after it."""
+    return follow(
+        FactorObserver(), _frame_and_factor, system, x0, args, k=k, t1=piece * (1 + pieces), times=None,
+        transient=max(0.0, transient - piece), blocks=1 + pieces, **how,
+    )  # fmt: skip
+
+
 @compiled()
 def _backwards(frames, factors: BlockProduct):
     """The vectors V_n = Q_n C_n (blocks, n, k), and ln of their growth from n to n + 1 (blocks − 1, k)."""
-    k = frames.shape[-1]
-    last = jnp.triu(jnp.asarray(generic_frame(k, k, frames.dtype)) + jnp.eye(k, dtype=frames.dtype))
+    columns, growth = _coefficients(factors)
+    return frames @ columns, growth
+
+
+def _coefficients(factors: BlockProduct):
+    """The upper triangular C_n (blocks, k, k) with unit columns, and ln of the growth of the vectors."""
+    _, k, _ = factors.r.shape
+    dtype = factors.r.dtype
+    last = jnp.triu(jnp.asarray(generic_frame(k, k, dtype)) + jnp.eye(k, dtype=dtype))
     last = last / jnp.linalg.norm(last, axis=0, keepdims=True)
 
     def back(c, factor):
@@ -257,7 +271,26 @@ def _backwards(frames, factors: BlockProduct):
         return earlier, (earlier, growth)
 
     _, (columns, growth) = jax.lax.scan(back, last, jax.tree.map(lambda leaf: leaf[1:], factors), reverse=True)
-    return frames @ jnp.concatenate([columns, last[None]]), growth
+    return jnp.concatenate([columns, last[None]]), growth
+
+
+def angles_of_split(factors: BlockProduct, split: int, times: slice) -> tuple[Array, Array]:
+    """The smallest angle between the spans of the first `split` vectors and of the others at some times.
+
+    In coordinates of Q the first span is that of the first axes, since C is upper triangular; the other one is a graph
+    [G; 1] over the other axes, with G = C₁₂ C₂₂⁻¹. The cotangent of the smallest angle is the largest singular value
+    of G. With it what remains of the first errors of both spans: exp(−gap), where gap = ∫ (λ_split − λ_{split+1}) over
+    the past or over the future, the smaller one.
+    """
+    columns = _coefficients(factors)[0][times]
+    upper, lower = columns[:, :split, split:], columns[:, split:, split:]
+    graph = jax.scipy.linalg.solve_triangular(jnp.swapaxes(lower, 1, 2), jnp.swapaxes(upper, 1, 2), lower=True)
+    order = None if 1 in graph.shape[1:] else 2  # of one row or column the Frobenius norm is the singular value
+    growth = jnp.log(jnp.abs(jnp.diagonal(factors.r, axis1=1, axis2=2)))
+    gaps = growth[:, split - 1] - growth[:, split]  # inf where a jump destroys directions of the other span
+    past, future = jnp.cumsum(gaps), jnp.append(jnp.cumsum(gaps[:0:-1])[::-1], 0.0)
+    remainder = jnp.exp(-jnp.minimum(past, future)[times])
+    return jnp.arctan2(1.0, jnp.linalg.norm(graph, order, axis=(1, 2))), remainder
 
 
 def _before(factor: BlockProduct, c):
