@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -20,6 +19,7 @@ from ..systems.labels import Labels
 from ..systems.smooth import Map
 from .errors import standard_error
 from .result import Data, RunResult, exponents_along, states_along
+from .resuming import Resumable
 
 __all__ = ["NOTE_TEXTS", "About", "History", "Spectrum", "guard_unreached", "step_too_long", "unresolved"]
 
@@ -128,7 +128,7 @@ class About:
         return hash(About)
 
 
-class Spectrum(RunResult, eqx.Module):
+class Spectrum(Resumable, RunResult, eqx.Module):
     """Lyapunov exponents with standard errors, and further results of a run.
 
     Attributes:
@@ -199,8 +199,6 @@ class Spectrum(RunResult, eqx.Module):
     about: About = eqx.field(static=True, default=About())
     state_labels: Labels = eqx.field(static=True, default=Labels())
     name: str = eqx.field(static=True, default="")
-
-    _go_on = None  # how `resume` does it, on the object that a verb returns: no field, for it is no array
 
     @property
     def notes(self) -> frozenset[str]:
@@ -318,25 +316,12 @@ class Spectrum(RunResult, eqx.Module):
             >>> float(longer.time), bool(longer.stderr[0] < short.stderr[0])
             (4000.0, True)
         """
-        if self._go_on is None:
-            raise ValueError(
-                "resume needs the object that lh.lyapunov_spectrum has returned, with the state of its loop: this one "
-                "is a copy, or came out of jit, vmap or a file. A run that is to outlive its process takes "
-                "checkpoint=…."
-            )
-        return self._go_on(self, t1, max_steps, progress, throw)._with_problem_name(self.name)
-
-    def _resumed_by(self, go_on: Callable[..., "Spectrum"]) -> "Spectrum":
-        object.__setattr__(self, "_go_on", go_on)
-        return self
+        go_on = self._goes_on("lh.lyapunov_spectrum", "A run that is to outlive its process takes checkpoint=….")
+        return go_on(self, t1, max_steps, progress, throw)._with_problem_name(self.name)
 
     def _with_problem_name(self, name: str) -> "Spectrum":
         """The same with the name of a problem."""
         return self if not name else dataclasses.replace(self, name=name)._resumed_by(self._go_on)  # pyright: ignore
-
-    def __getstate__(self):
-        """What is pickled: the loop's state, with the user's functions, stays behind."""
-        return {name: value for name, value in self.__dict__.items() if name != "_go_on"}
 
     @property
     def unit(self) -> str:
