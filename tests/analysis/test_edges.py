@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import lyaphybrid as lh
 from lyaphybrid.analysis.basins import edges, recognition, sampling
+from lyaphybrid.analysis.basins.basins import BasinRun
 
 CUBIC = lh.Map(lambda n, x, args: args * x - x**3)
 WELLS = lh.Flow(lambda t, x, args: jnp.stack([x[1], x[0] - x[0] ** 3 - args * x[1]]), names=("x", "v"))
@@ -182,15 +183,14 @@ def test_shares_refuse_what_does_not_fit(change, words):
 
 def test_ctrl_c_keeps_the_values_before_it(monkeypatch):
     """`basins` says that it was interrupted; then no further value is begun."""
-    asked = []
+    asked, found_by = [], BasinRun.found
 
-    def once(*given, **how):
-        asked.append(given[2]["tilt"])
-        here = lh.basins(*given, **how)
-        names = (*here.names[:-1], lh.STATUS.interrupted.name)
-        return here if len(asked) < 2 else dataclasses.replace(here, names=names)
+    def once(run, steps, progress=None):
+        asked.append(run.sampling.args["tilt"])
+        steps.interrupted = len(asked) >= 2
+        return found_by(run, steps, progress)
 
-    monkeypatch.setattr("lyaphybrid.analysis.basins.shares.basins", once)
+    monkeypatch.setattr(BasinRun, "found", once)
     how = {"t1": 60.0, "starts": 50, "key": jax.random.key(0)}
     with pytest.warns(UserWarning, match="1 of 3 values"):
         found = lh.basin_shares(TILTED, [[-1.5], [1.5]], {"tilt": 0.0}, over={"tilt": [0.0, 0.1, 0.2]}, **how)
