@@ -250,7 +250,8 @@ def phase_response(
 
     Returns:
         A `PhaseResponse` with `.response` (phases, n), `.isostables`, `.finite(kick)`, `.interaction(coupling)`,
-        `.locked(coupling)` and `.plot()`.
+        `.locked(coupling)` and `.plot()`. It is found by Newton's method and has no derivatives of its own; that of the
+        period of a smooth flow by a parameter p is −period · `.interaction(∂f/∂p)[0]`.
 
     Raises:
         ValueError: on arguments that do not fit; on a system that depends on time; where the orbit is one of a family.
