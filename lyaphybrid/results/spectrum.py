@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -20,6 +19,7 @@ from ..systems.labels import Labels
 from ..systems.smooth import Map
 from .errors import standard_error
 from .result import Data, RunResult, exponents_along, states_along
+from .resuming import Resumable
 
 __all__ = ["NOTE_TEXTS", "About", "History", "Spectrum", "guard_unreached", "step_too_long", "unresolved"]
 
@@ -128,7 +128,7 @@ class About:
         return hash(About)
 
 
-class Spectrum(RunResult, eqx.Module):
+class Spectrum(Resumable, RunResult, eqx.Module):
     """Lyapunov exponents with standard errors, and further results of a run.
 
     Attributes:
@@ -200,8 +200,6 @@ class Spectrum(RunResult, eqx.Module):
     state_labels: Labels = eqx.field(static=True, default=Labels())
     name: str = eqx.field(static=True, default="")
 
-    _go_on = None  # how `resume` does it, on the object that a verb returns: no field, for it is no array
-
     @property
     def notes(self) -> frozenset[str]:
         """Names of observations that come with every status, for example "grazing"."""
@@ -242,7 +240,10 @@ class Spectrum(RunResult, eqx.Module):
         return self.residual
 
     def kaplan_yorke_dimension(self) -> Array:
-        """J + Σ_{i≤j} λ_i / |λ_{j+1}| with the largest j whose sum is not negative (Kaplan & Yorke 1979)."""
+        """J + Σ_{i≤j} λ_i / |λ_{j+1}| with the largest j whose sum is not negative (Kaplan & Yorke 1979).
+
+        nan where the largest exponent is.
+        """
         xp = module_of(self.exponents)
         sums = xp.cumsum(xp.where(xp.isfinite(self.exponents), self.exponents, -xp.inf))
         j = xp.sum(xp.cumprod(sums >= 0))
@@ -250,7 +251,8 @@ class Spectrum(RunResult, eqx.Module):
         last = xp.where(j > 0, sums[xp.maximum(j - 1, 0)], 0.0)
         following = xp.abs(self.exponents[xp.minimum(j, k - 1)])
         fraction = last / xp.where((j > 0) & (j < k), following, 1.0)
-        return xp.where(j >= k, float(k), j.astype(fraction.dtype) + fraction)
+        dimension = xp.where(j >= k, float(k), j.astype(fraction.dtype) + fraction)
+        return xp.where(xp.isnan(self.exponents[0]), xp.nan, dimension)
 
     def kaplan_yorke_stderr(self) -> float:
         """One standard error of it, to first order in the errors of the exponents, which are correlated.
@@ -318,25 +320,12 @@ class Spectrum(RunResult, eqx.Module):
             >>> float(longer.time), bool(longer.stderr[0] < short.stderr[0])
             (4000.0, True)
         """
-        if self._go_on is None:
-            raise ValueError(
-                "resume needs the object that lh.lyapunov_spectrum has returned, with the state of its loop: this one "
-                "is a copy, or came out of jit, vmap or a file. A run that is to outlive its process takes "
-                "checkpoint=…."
-            )
-        return self._go_on(self, t1, max_steps, progress, throw)._with_problem_name(self.name)
-
-    def _resumed_by(self, go_on: Callable[..., "Spectrum"]) -> "Spectrum":
-        object.__setattr__(self, "_go_on", go_on)
-        return self
+        go_on = self._goes_on("lh.lyapunov_spectrum", "A run that is to outlive its process takes checkpoint=….")
+        return go_on(self, t1, max_steps, progress, throw)._with_problem_name(self.name)
 
     def _with_problem_name(self, name: str) -> "Spectrum":
         """The same with the name of a problem."""
         return self if not name else dataclasses.replace(self, name=name)._resumed_by(self._go_on)  # pyright: ignore
-
-    def __getstate__(self):
-        """What is pickled: the loop's state, with the user's functions, stays behind."""
-        return {name: value for name, value in self.__dict__.items() if name != "_go_on"}
 
     @property
     def unit(self) -> str:
@@ -414,9 +403,13 @@ class Spectrum(RunResult, eqx.Module):
         dimension, error = float(self.kaplan_yorke_dimension()), self.kaplan_yorke_stderr()
         known = with_error(dimension, error) if error > LEAST_ERROR else f"{dimension:.4f}"
         at_least = dimension == len(self.exponents) < self.frame.shape[-2]
+        first, doubt = float(np.mean(self.exponents[0])), float(np.mean(self.stderr[0]))
+        if dimension <= 1 and abs(first) <= ZERO_WITHIN * doubt:
+            known = f"{known}; λ1 may be 0, and with it the dimension 1"
         return [*lines, f"Kaplan–Yorke dimension {'at least ' if at_least else ''}{known}"]
 
 
+ZERO_WITHIN = 2.0  # standard errors within which λ₁ may be 0
 LEAST_ERROR = 1e-12  # of a dimension: what is smaller is rounding
 
 

@@ -6,10 +6,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 import lyaphybrid as lh
 from lyaphybrid.analysis.basins import edges, recognition, sampling
+from lyaphybrid.analysis.basins.basins import BasinRun
 
 CUBIC = lh.Map(lambda n, x, args: args * x - x**3)
 WELLS = lh.Flow(lambda t, x, args: jnp.stack([x[1], x[0] - x[0] ** 3 - args * x[1]]), names=("x", "v"))
@@ -84,6 +85,48 @@ def test_what_cannot_be_is_refused(change, words):
         lh.edge_state(CUBIC, how.pop("found"), 1.7, **how)
 
 
+def same_edge(one, other):
+    assert one.rounds == other.rounds
+    for name in ("t", "x", "modes", "rate", "stderr"):
+        assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+def test_a_motion_that_goes_on_is_that_of_one_call():
+    found = lh.basins(CUBIC, [[-1.3], [1.2]], 1.7, shape=(50,), t1=100)
+    whole = lh.edge_state(CUBIC, found, 1.7, t1=300, settle=300)
+    short = lh.edge_state(CUBIC, found, 1.7, t1=60, settle=300)
+    assert short.rounds < whole.rounds
+    same_edge(short.resume(150).resume(300), whole)
+    with pytest.raises(ValueError, match="beyond the"):
+        whole.resume(200)
+    with pytest.raises(ValueError, match="is a copy"):
+        dataclasses.replace(short).resume(300)
+
+
+@pytest.mark.slow
+def test_a_driven_motion_with_impacts_goes_on_too():
+    found = lh.basins(WALLED, [[-1.6, -1.0], [1.2, 1.0]], 0.1, shape=(24, 24), t1=40 * TURN, period=TURN)
+    how = {"settle": 60 * TURN, "period": TURN}
+    short = lh.edge_state(WALLED, found, 0.1, t1=5 * TURN, **how)
+    same_edge(short.resume(20 * TURN), lh.edge_state(WALLED, found, 0.1, t1=20 * TURN, **how))
+
+
+def test_ctrl_c_keeps_the_motion_until_then_and_it_goes_on(monkeypatch):
+    found = lh.basins(CUBIC, [[-1.3], [1.2]], 1.7, shape=(50,), t1=100)
+    whole, run, calls = lh.edge_state(CUBIC, found, 1.7, t1=300, settle=300), sampling.map_lanes, []
+
+    def stopped(*given, **how):
+        calls.append(given)
+        results, done = run(*given, **how)
+        return results, done & (len(calls) != 60)
+
+    monkeypatch.setattr(sampling, "map_lanes", stopped)
+    with pytest.warns(UserWarning, match="resume goes on"):
+        short = lh.edge_state(CUBIC, found, 1.7, t1=300, settle=300)
+    assert 0 < short.rounds < whole.rounds
+    same_edge(short.resume(300), whole)
+
+
 TILTED = lh.Flow(lambda t, x, args: x - x**3 + args["tilt"])
 
 
@@ -140,15 +183,14 @@ def test_shares_refuse_what_does_not_fit(change, words):
 
 def test_ctrl_c_keeps_the_values_before_it(monkeypatch):
     """`basins` says that it was interrupted; then no further value is begun."""
-    asked = []
+    asked, found_by = [], BasinRun.found
 
-    def once(*given, **how):
-        asked.append(given[2]["tilt"])
-        here = lh.basins(*given, **how)
-        names = (*here.names[:-1], lh.STATUS.interrupted.name)
-        return here if len(asked) < 2 else dataclasses.replace(here, names=names)
+    def once(run, steps, progress=None):
+        asked.append(run.sampling.args["tilt"])
+        steps.interrupted = len(asked) >= 2
+        return found_by(run, steps, progress)
 
-    monkeypatch.setattr("lyaphybrid.analysis.basins.shares.basins", once)
+    monkeypatch.setattr(BasinRun, "found", once)
     how = {"t1": 60.0, "starts": 50, "key": jax.random.key(0)}
     with pytest.warns(UserWarning, match="1 of 3 values"):
         found = lh.basin_shares(TILTED, [[-1.5], [1.5]], {"tilt": 0.0}, over={"tilt": [0.0, 0.1, 0.2]}, **how)

@@ -343,6 +343,35 @@ def test_conditional_exponents_are_swept():
     assert_allclose(found.exponents[:, 0], [-1.0, -2.0], rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
+def test_conditional_exponents_have_derivatives_and_go_on():
+    """Driven by y, Lorenz' z contracts at the rate β whatever the motion."""
+
+    def conditional(beta, t1, blocks=4):
+        how = {"response": [0, 2], "t1": t1, "transient": 4.0, "blocks": blocks}
+        return lh.transverse_spectrum(LORENZ.system, [1.0, 2.0, 20.0], LORENZ.args | {"beta": beta}, **how)
+
+    assert_allclose(jax.jacfwd(lambda beta: conditional(beta, 2.0).exponents[0])(jnp.asarray(1.5)), -1, rtol=1e-6)
+    one, longer = conditional(1.5, 8.0, 8), conditional(1.5, 4.0).resume(8.0)
+    assert_allclose(longer.exponents, one.exponents, rtol=1e-8)
+
+
+@pytest.mark.slow
+def test_strengths_are_swept_into_a_store(tmp_path):
+    """A long master stability function: each strength is a point, kept as soon as it is done."""
+
+    def run(args):
+        found = lh.master_stability(lh.Map(logistic), logistic, [0.3], args["r"], at=args["alpha"], t1=200, throw=False)
+        return {"largest": found.largest[0], "status_code": found.status_code[0]}
+
+    over, args = {"alpha": np.linspace(-1.5, -0.5, 6)}, {"r": 3.9, "alpha": -1.0}
+    how = {"args": args, "chunk": 2, "progress": False, "store": tmp_path / "strengths.zarr"}
+    found, again = lh.sweep(run, over, **how), lh.sweep(run, over, **how)
+    exact = lh.master_stability(lh.Map(logistic), logistic, [0.3], 3.9, at=over["alpha"], t1=200)
+    assert_allclose(found.largest, exact.largest, rtol=1e-9)
+    assert np.array_equal(found.largest, again.largest)
+
+
 def test_critical_strengths_are_where_the_largest_exponent_changes_its_sign():
     found = lh.master_stability(lh.Map(logistic), logistic, [0.3], 4.0, at=np.linspace(-1.9, -0.1, 37), t1=4000)
     assert_allclose(found.critical, [-1.5, -0.5], atol=0.02)  # ln 2 + ln|1 + α| = 0

@@ -105,6 +105,11 @@ PLANTED = {
     "escape": (lh.Flow(lambda t, x, args: x**2), [1.0, 0.5], "run", "Does the state escape"),
     "accumulating bounces": (_ball(lambda t, x, args: jnp.stack([x[0], -0.5 * x[1]])), [1.0, 0.0], "run", "zeno"),
     "start in the wall": (_ball(), [-0.1, 0.0], "jumps", r"beyond the guard of transition 0 \(by 0\.1\)"),
+    "weights of the wrong shape": (
+        lh.Hybrid(lambda t, v, args: 1.2 - v, lh.Transition(
+            lambda t, v, args: 1.0 - v, lambda t, v, args, which: (v * jnp.ones((3, 2))[:, which]).at[which].set(0.0)
+        )), [0.0, 0.3, 0.6], "jumps", r"for which = 2 its reset takes entry 2 along axis 1",
+    ),
     "no mode continues": (
         lh.Hybrid(_fall, lh.Transition(_height, _bounce, when=lambda t, x, args: x[1] > 0)), [1.0, 0.0],
         "run", "deadlock",

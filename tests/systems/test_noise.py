@@ -122,6 +122,26 @@ def test_derivatives_are_at_fixed_noise():
     assert_allclose(jax.jacfwd(end)(jnp.asarray(0.3)), end(1.0), rtol=1e-12)  # linear in the strength
 
 
+def test_seeds_are_swept_and_runs_go_on_with_their_noise(tmp_path):
+    """Each point is its own run; a run that was cut in two sees what the whole one sees."""
+
+    def exponents(args, **more):
+        return lh.lyapunov_spectrum(lh.Map(multiplied), [1.0], args, **{"t1": 400, "blocks": 8} | more)
+
+    def multiplied(n, x, args):
+        return x * (0.5 + 0.1 * lh.frozen_noise(args["seed"], n))
+
+    seeds = np.array([1, 2, 5])
+    found = lh.sweep(exponents, {"seed": seeds}, args={"seed": jnp.asarray(1)}, progress=False)
+    alone = [exponents({"seed": jnp.asarray(seed)}).exponents for seed in seeds]
+    assert_allclose(found.exponents, alone, rtol=1e-12)
+    assert len(np.unique(found.exponents)) == 3
+    path, args = tmp_path / "run.npz", {"seed": jnp.asarray(5)}
+    exponents(args, t1=200, blocks=4, checkpoint=path)
+    longer = exponents(args, blocks=4, checkpoint=path, resume=True)
+    assert_allclose(longer.exponents, alone[2], rtol=1e-12)
+
+
 def test_numbers_are_those_of_their_count():
     counts = jnp.asarray([0.0, 1.0, 2.0**32, 2.0**32 + 1, -1.0, 2.0**50])
     values = [float(lh.frozen_noise(3, count)) for count in counts]

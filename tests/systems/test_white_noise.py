@@ -127,6 +127,23 @@ def test_starts_and_parameters_see_the_same_path():
     assert_allclose(slope, differences, rtol=1e-6)
 
 
+@pytest.mark.slow
+def test_paths_are_swept_and_a_run_goes_on_along_its_own():
+    flow = lh.Flow(lambda t, x, p: -(x**3) - x)
+    noisy = lh.white_noise(flow, lambda t, x, p: 0.5 + 0 * x, step=0.05, until=20.0, seed=lambda p: p["seed"])
+
+    def run(args, t1=16.0, blocks=8):
+        return lh.lyapunov_spectrum(noisy, [1.0], args, t1=t1, blocks=blocks)
+
+    seeds = np.array([1, 2, 5])
+    found = lh.sweep(run, {"seed": seeds}, args={"seed": jnp.asarray(1)}, progress=False)
+    alone = [run({"seed": jnp.asarray(seed)}) for seed in seeds]
+    assert_allclose(found.exponents, [one.exponents for one in alone], rtol=1e-9)
+    longer = run({"seed": jnp.asarray(5)}, 8.0, 4).resume(16.0)
+    assert_allclose(longer.exponents, alone[2].exponents, rtol=1e-8)
+    assert_allclose(longer.x, alone[2].x, rtol=1e-8)
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [

@@ -1,6 +1,9 @@
 """`basins`: to which attractor each start of a grid, or of a random sample, leads."""
 
-from typing import Any
+import functools
+import os
+from contextlib import AbstractContextManager
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -11,6 +14,7 @@ from ..._arguments import Key, Progress, Real, integers, is_key, positive, requi
 from ..._keywords import explains_keywords
 from ..._text import Table, with_error
 from ...engine import preparation
+from ...engine.host.reporting import reporter
 from ...integrators.base import Method
 from ...results.result import Data, Result, states_along
 from ...statuses import OK, STATUS
@@ -21,14 +25,16 @@ from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
 from ..grids import box_of, grid_of
 from . import measures
+from .keeping import KeptSteps, as_arrays, attractors_in, kept_steps
 from .recognition import Attractor, Metric, arrived, found_in
 from .sampling import Sampled, Sampling, gap_and_transient
 
-__all__ = ["Basins", "basins"]
+__all__ = ["BasinRun", "Basins", "basins"]
 
 LAST_SAMPLES = 3  # last samples of a run, all of which must be at an attractor
 PILOT_RUNS, PILOT_SAMPLES = 96, 400  # runs that show the attractors, and their samples
 LONGER_TRANSIENT = 4  # the transient of runs that had not arrived is so many times longer
+STARTS_OF_STEP = 4096  # starts that a checkpoint keeps together
 NO_CLASS = "undecided"
 ATTEMPTS_OF_START = 10_000_000
 
@@ -144,6 +150,8 @@ def basins(
     method: Method | None = None,
     max_steps: int = ATTEMPTS_OF_START,
     progress: Progress = None,
+    checkpoint: str | os.PathLike[str] | None = None,
+    resume: bool = False,
 ) -> Basins:
     """Which attractor each start leads to.
 
@@ -168,12 +176,17 @@ def basins(
         method: as for `lh.lyapunov_spectrum`.
         max_steps: most attempts of a step in one run.
         progress: True for a bar, or a function of the fraction done.
+        checkpoint: path of a file which keeps what is done, some thousand starts at a time, every few seconds and after
+            Ctrl-C.
+        resume: go on from that file, if it is there: the result is that of a run that never stopped.
 
     Returns:
         A `Basins` with `.labels`, `.names`, `.attractors`, `.shares`, `.entropy()`, `.boundary_dimension()`, `.plot()`.
+        Labels are whole numbers and have no derivatives.
 
     Raises:
-        ValueError: on arguments that do not fit.
+        ValueError: on arguments that do not fit; where `checkpoint` is the file of another run.
+        OSError: where `checkpoint` cannot be written from the start.
 
     Source:
         P. J. Menck, J. Heitzig, N. Marwan & J. Kurths, How basin stability complements the linear-stability paradigm,
@@ -191,26 +204,60 @@ def basins(
         >>> len(found.attractors), bool(abs(found.shares - 1 / 3).max() < 5 * found.stderr.max())
         (3, True)
     """
-    require(not isinstance(system, DAE), "basins takes no lh.DAE: starts of a box are not on its constraints.")
-    require_values("basins", x0, args)
-    positive("t1, a length,", t1)
-    whole("max_steps", max_steps, least=1)
-    corners = box_of(x0)
-    angles = integers("angles", angles, 0, corners.shape[1] - 1)
-    if period is not None:
-        positive("period", period)
-    grid, axes = _starts(corners, shape, starts, key)
-    problem, first, _, mode = preparation.prepare(system, grid[0], args, t0, method, mode)
-    gap, transient = gap_and_transient(system, t1, period)
-    sampling = Sampling(system, problem.args, method, gap, max_steps, first.dtype)
+    how = {"period": period, "angles": angles, "t0": t0, "mode": mode, "method": method, "max_steps": max_steps}
+    run = BasinRun.of(system, x0, args, t1, (shape, starts, key), **how)
+    with run.kept(checkpoint, resume) as steps:
+        return run.found(steps, progress)
 
-    def run(rows, times: int, samples: int, report=None) -> Sampled:
-        return sampling(rows, float(t0), mode, times * transient, samples, report)
 
-    labels, attractors, status, metric = _classified(grid, run, angles, progress)
-    labels, names = _named(labels, status, len(attractors))
-    shape = tuple(len(values) for values in axes.values()) if axes else (len(grid),)
-    return Basins(labels.reshape(shape), names, tuple(attractors), grid, axes, metric, labels_of(system, problem.shape))
+class BasinRun(NamedTuple):
+    """What is run to find basins."""
+
+    sampling: Sampling
+    grid: np.ndarray  # (m, n) the starts
+    axes: dict[int, np.ndarray]
+    t0: float
+    mode: Any
+    transient: float
+    angles: tuple[int, ...]
+    labels: Labels
+
+    @classmethod
+    def of(cls, system, x0, args, t1, starts: tuple, *, period, angles, t0, mode, method, max_steps) -> "BasinRun":
+        """The run that the arguments of `basins` describe; `starts` is shape, starts and key."""
+        require(not isinstance(system, DAE), "basins takes no lh.DAE: starts of a box are not on its constraints.")
+        require_values("basins", x0, args)
+        positive("t1, a length,", t1)
+        whole("max_steps", max_steps, least=1)
+        corners = box_of(x0)
+        angles = integers("angles", angles, 0, corners.shape[1] - 1)
+        if period is not None:
+            positive("period", period)
+        grid, axes = _starts(corners, *starts)
+        problem, first, _, mode = preparation.prepare(system, grid[0], args, t0, method, mode)
+        gap, transient = gap_and_transient(system, t1, period)
+        sampling = Sampling(system, problem.args, method, gap, max_steps, first.dtype)
+        return cls(sampling, grid, axes, float(t0), mode, transient, angles, labels_of(system, problem.shape))
+
+    def kept(self, checkpoint: Any, resume: bool) -> AbstractContextManager[KeptSteps]:
+        """The steps of this run with its file, if it has one."""
+        first = np.asarray(self.grid[0], self.sampling.dtype)
+        length = np.array([self.transient, self.sampling.gap, self.sampling.max_steps])
+        same = {"box, shape, starts or key": self.grid, "t1, period or max_steps": length, "angles": self.angles}
+        return kept_steps(checkpoint, resume, self.sampling, (self.t0, self.mode, first), same)
+
+    def found(self, steps: KeptSteps, progress: Progress = None) -> Basins:
+        """The basins, step by step."""
+
+        def run(rows, times: int, samples: int, report=None) -> Sampled:
+            seen = self.sampling(rows, self.t0, self.mode, times * self.transient, samples, report)
+            steps.interrupted |= bool(np.any(seen.status == STATUS.interrupted))
+            return seen
+
+        labels, attractors, status, metric = _classified(self.grid, run, self.angles, steps, progress)
+        labels, names = _named(labels, status, len(attractors))
+        shape = tuple(len(values) for values in self.axes.values()) or (len(self.grid),)
+        return Basins(labels.reshape(shape), names, tuple(attractors), self.grid, self.axes, metric, self.labels)
 
 
 def _starts(corners, shape, starts, key):
@@ -224,24 +271,63 @@ def _starts(corners, shape, starts, key):
     return grid_of(corners, shape)
 
 
-def _classified(grid, run, angles, progress):
+def _classified(grid, run, angles, steps: KeptSteps, progress):
     """Labels (m,) of all starts, −1 where undecided; the attractors; the statuses (m,); the metric."""
-    pilots = np.random.default_rng(0).permutation(len(grid))[:PILOT_RUNS]
-    shown = run(grid[pilots], LONGER_TRANSIENT, PILOT_SAMPLES)
-    extent = np.ptp(grid, axis=0)
-    metric = Metric.of(_late(shown), extent, angles)
-    attractors = _seen(shown, metric, [])
-    last = run(grid, 1, LAST_SAMPLES, progress)
-    labels, status = arrived(last.points, last.modes, metric, attractors), last.status.copy()
+    scale, *arrays = steps(functools.partial(_shown_by_pilots, grid, run, angles))
+    metric, attractors = Metric(scale, angles), attractors_in(arrays)
+    labels, status = _arrived(grid, run, metric, attractors, steps, progress)
     for _ in range(2):
         late = np.flatnonzero((labels < 0) & (status == OK))
         if not len(late):
             break
-        some = np.random.default_rng(1).permutation(late)[:PILOT_RUNS]
-        attractors = _seen(run(grid[some], 4 * LONGER_TRANSIENT, PILOT_SAMPLES), metric, attractors)
-        again = run(grid[late], LONGER_TRANSIENT, LAST_SAMPLES)
-        labels[late], status[late] = arrived(again.points, again.modes, metric, attractors), again.status
+        if not steps.interrupted:
+            attractors = attractors_in(steps(functools.partial(_shown_by_late, grid[late], run, metric, attractors)))
+        if steps.interrupted:  # they had not arrived
+            status[late] = STATUS.interrupted
+            break
+        labels[late], status[late] = steps(functools.partial(_after_longer_runs, grid[late], run, metric, attractors))
     return np.where(status == OK, labels, -1), attractors, status, metric
+
+
+def _shown_by_pilots(grid, run, angles) -> list[np.ndarray]:
+    """The scale (n,) of the metric, and the attractors, as arrays."""
+    pilots = np.random.default_rng(0).permutation(len(grid))[:PILOT_RUNS]
+    shown = run(grid[pilots], LONGER_TRANSIENT, PILOT_SAMPLES)
+    metric = Metric.of(_late(shown), np.ptp(grid, axis=0), angles)
+    return [metric.scale, *as_arrays(_seen(shown, metric, []))]
+
+
+def _arrived(grid, run, metric, attractors, steps: KeptSteps, progress) -> tuple[np.ndarray, np.ndarray]:
+    """Labels (m,) and statuses (m,) of all starts, in pieces if they are kept."""
+    size, report = STARTS_OF_STEP if steps.are_kept else len(grid), reporter(progress)
+    labels, status = np.full(len(grid), -1, np.int32), np.full(len(grid), STATUS.interrupted, np.int32)
+    for first in range(0, len(grid), size):
+        rows = grid[first : first + size]
+
+        def one(rows=rows, first=first) -> list[np.ndarray]:
+            def fraction(part: float) -> None:
+                report((first + part * len(rows)) / len(grid))
+
+            last = run(rows, 1, LAST_SAMPLES, fraction)
+            return [arrived(last.points, last.modes, metric, attractors), last.status]
+
+        if steps.interrupted:
+            break
+        labels[first : first + size], status[first : first + size] = steps(one)
+    report(None)
+    return labels, status
+
+
+def _shown_by_late(grid, run, metric, attractors) -> list[np.ndarray]:
+    """The attractors, and those that starts which have not arrived show beside them, as arrays."""
+    some = np.random.default_rng(1).permutation(len(grid))[:PILOT_RUNS]
+    return as_arrays(_seen(run(grid[some], 4 * LONGER_TRANSIENT, PILOT_SAMPLES), metric, attractors))
+
+
+def _after_longer_runs(grid, run, metric, attractors) -> list[np.ndarray]:
+    """Labels and statuses of starts that have not arrived, after longer runs."""
+    again = run(grid, LONGER_TRANSIENT, LAST_SAMPLES)
+    return [arrived(again.points, again.modes, metric, attractors), again.status]
 
 
 def _late(shown: Sampled) -> np.ndarray:

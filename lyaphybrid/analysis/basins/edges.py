@@ -1,5 +1,7 @@
 """`edge_state`: the motion on the boundary between two basins, to which neither side leads."""
 
+import functools
+import warnings
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -7,18 +9,19 @@ import equinox as eqx
 import numpy as np
 
 from ..._arguments import Real, positive, require, require_values, whole
-from ..._keywords import explains_keywords
+from ..._keywords import explains_keywords, user_level
 from ..._text import Table, with_error
 from ...engine import preparation
 from ...integrators.base import Method
 from ...results.result import Data, Result, states_along
+from ...results.resuming import Resumable
 from ...statuses import OK, STATUS
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
 from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
 from .basins import ATTEMPTS_OF_START, LAST_SAMPLES, Basins
-from .recognition import arrived
+from .recognition import Metric, arrived
 from .sampling import Sampled, Sampling, gap_and_transient
 
 __all__ = ["EdgeState", "edge_state"]
@@ -28,7 +31,7 @@ CLOSE_PAIR, PARTED_PAIR = 1e-9, 1e-4  # distances of the pair, relative to the s
 SAMPLES_OF_PAIR = 16  # samples of the pair in one run
 
 
-class EdgeState(Result, eqx.Module):
+class EdgeState(Resumable, Result, eqx.Module):
     """A motion on the boundary between two basins.
 
     Attributes:
@@ -55,6 +58,32 @@ class EdgeState(Result, eqx.Module):
     stderr: float
     rounds: int
     state_labels: Labels = eqx.field(static=True)
+
+    def resume(self, t1: Real) -> "EdgeState":
+        """Go on along the boundary to the length t1, with the same settings: bit by bit what one call to t1 gives.
+
+        Args:
+            t1: the whole length, beyond what was reached.
+
+        Returns:
+            An `EdgeState` of the whole motion.
+
+        Raises:
+            ValueError: on a t1 that is not beyond the end; where this is not the object that `lh.edge_state` has
+                returned (a copy of it, or one out of a file).
+
+        Example:
+            >>> import jax.numpy as jnp, lyaphybrid as lh
+            >>> cubic = lh.Map(lambda n, x, a: 1.5 * x - x**3)
+            >>> found = lh.basins(cubic, [[-1.3], [1.2]], shape=(50,), t1=100)
+            >>> short = lh.edge_state(cubic, found, t1=100, settle=200)
+            >>> longer = short.resume(400)
+            >>> longer.rounds > short.rounds, bool(longer.t[-1] >= 400)
+            (True, True)
+        """
+        go_on = self._goes_on("lh.edge_state", "Begin anew, with the same Basins.")
+        positive("t1, a length,", t1)
+        return go_on(self, t1)
 
     def _table(self) -> Table:
         names = [self.state_labels.name(i) for i in range(self.x.shape[1])]
@@ -111,7 +140,9 @@ def edge_state(
         max_steps: most attempts of a step in one run.
 
     Returns:
-        An `EdgeState` with `.t`, `.x`, `.modes`, `.rate`. Where it repeats, `lh.floquet` finds the orbit from its end.
+        An `EdgeState` with `.t`, `.x`, `.modes`, `.rate`, `.resume(t1)`; after Ctrl-C of the motion until then. Where
+        it repeats, `lh.floquet` finds the orbit from its end. What is computed decides which way it goes, so that it
+        has no derivatives by parameters: take those of the orbit.
 
     Raises:
         ValueError: on arguments that do not fit; where there is no boundary between these two basins alone.
@@ -154,22 +185,57 @@ def edge_state(
         points, modes, status = run(t, mode, rows, transient, LAST_SAMPLES)
         return np.where(status == OK, arrived(points, modes, found.metric, found.attractors), -1)
 
-    path, rates = [], []
-    pair = _Straddling(float(t0), mode, start)
-    while not path or path[-1][0] < float(t0) + float(t1):
-        pair = _together(pair, between, classes, found.metric)
-        path.append((pair.t, np.mean(pair.x, axis=0), pair.mode))
-        pair, on_the_way, rate = _parted(pair, run, gap, found.metric)
-        path += on_the_way
-        rates.append(rate)
-    settled = rates[1:] or rates  # the first time they may come in from afar
-    length = sum(time for _, time in settled)
-    each = np.array([grown / time for grown, time in settled])
-    stderr = float(np.std(each, ddof=1) / len(each) ** 0.5) if len(each) > 1 else np.nan
-    t, x, modes = zip(*path, strict=True)
-    modes = np.array([0 if mode is None else int(mode) for mode in modes], np.int32)
-    rate = float(sum(grown for grown, _ in settled) / length)
-    return EdgeState(np.array(t), np.array(x), modes, rate, stderr, len(rates), labels_of(system, problem.shape))
+    along = _Along(run, classes, between, gap, found.metric, float(t0), labels_of(system, problem.shape))
+    return along.followed(_Way(_Straddling(float(t0), mode, start), (), ()), t1)
+
+
+class _Way(NamedTuple):
+    """Where the pair is, the points on the way there, and by how much it has parted (ln) in what time, each round."""
+
+    pair: _Straddling
+    path: tuple[tuple[float, np.ndarray, Any], ...]
+    rates: tuple[tuple[float, float], ...]
+
+
+class _Along(NamedTuple):
+    """How a boundary is followed."""
+
+    run: Callable
+    classes: Callable
+    between: tuple[int, int]
+    gap: float
+    metric: Metric
+    t0: float
+    labels: Labels
+
+    def followed(self, way: _Way, t1: Real) -> EdgeState:
+        """On the way until t1; or until Ctrl-C, if there is something to return."""
+        try:
+            while not way.path or way.path[-1][0] < self.t0 + float(t1):
+                pair = _together(way.pair, self.between, self.classes, self.metric)
+                first = (pair.t, np.mean(pair.x, axis=0), pair.mode)
+                pair, later, rate = _parted(pair, self.run, self.gap, self.metric)
+                way = _Way(pair, (*way.path, first, *later), (*way.rates, rate))
+        except KeyboardInterrupt:
+            if not way.path:
+                raise
+            reached = way.path[-1][0] - self.t0
+            warnings.warn(f"interrupted at {reached:.6g} of {float(t1):.6g}: .resume goes on.", stacklevel=user_level())
+        return self._as_result(way)._resumed_by(functools.partial(self._again, way))
+
+    def _again(self, way: _Way, found: EdgeState, t1: Real) -> EdgeState:
+        reached = float(found.t[-1]) - self.t0
+        require(float(t1) > reached, f"t1 must be beyond the {reached:.15g} that was reached; got {t1!r}.")
+        return self.followed(way, t1)
+
+    def _as_result(self, way: _Way) -> EdgeState:
+        settled = way.rates[1:] or way.rates  # the first time they may come in from afar
+        each = np.array([grown / time for grown, time in settled])
+        stderr = float(np.std(each, ddof=1) / len(each) ** 0.5) if len(each) > 1 else np.nan
+        rate = float(sum(grown for grown, _ in settled) / sum(time for _, time in settled))
+        t, x, modes = zip(*way.path, strict=True)
+        modes = np.array([0 if mode is None else int(mode) for mode in modes], np.int32)
+        return EdgeState(np.array(t), np.array(x), modes, rate, stderr, len(way.rates), self.labels)
 
 
 def _nearest(found: Basins, i: int, j: int) -> np.ndarray:

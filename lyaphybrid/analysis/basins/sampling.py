@@ -64,7 +64,14 @@ class Sampling:
 
     def __call__(self, rows, t, mode, transient: float, samples: int, report=None) -> Sampled:
         """Run from the starts (m, n) at the time t and in a mode; after Ctrl-C some are `STATUS.interrupted`."""
-        lane = _Lane(float(transient), self.gap, samples, self.max_steps)
-        shared = self.system, self.args, self.method, mode, np.asarray(t, self.dtype)
+        lane, shared = self.lane(transient, samples), self.shared(t, mode)
         (points, modes, status), done = map_lanes(lane, shared, np.asarray(rows, self.dtype), progress=report)
         return Sampled(points, modes, np.where(done, status, np.int32(STATUS.interrupted)))
+
+    def lane(self, transient: float, samples: int) -> _Lane:
+        """The run of one start."""
+        return _Lane(float(transient), self.gap, samples, self.max_steps)
+
+    def shared(self, t, mode):
+        """What all starts share."""
+        return self.system, self.args, self.method, mode, np.asarray(t, self.dtype)

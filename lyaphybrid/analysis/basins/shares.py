@@ -1,5 +1,7 @@
 """`basin_shares`: how much of a box leads to each attractor, along a parameter."""
 
+import functools
+import os
 import warnings
 from collections.abc import Mapping
 from typing import Any
@@ -8,7 +10,7 @@ import equinox as eqx
 import numpy as np
 
 from ... import plots
-from ..._arguments import Key, Progress, Real, require_values
+from ..._arguments import Key, Progress, Real, require, require_values
 from ..._keywords import explains_keywords, user_level
 from ..._text import Table, with_error
 from ...engine import preparation
@@ -21,12 +23,13 @@ from ...systems.hybrid import Hybrid
 from ...systems.smooth import Flow, Map
 from ..diagrams.diagrams import only_parameter
 from ..diagrams.strobes import parameter_in, placed
-from .basins import ATTEMPTS_OF_START, LAST_SAMPLES, Basins, basins
+from .basins import ATTEMPTS_OF_START, LAST_SAMPLES, BasinRun, Basins
+from .keeping import KeptSteps
 from .recognition import Attractor, Metric, arrived, distances
-from .sampling import Sampling, gap_and_transient
 
 __all__ = ["BasinShares", "basin_shares"]
 
+OTHER_VALUES = "{} holds other values: number {} of {} is {:.15g} there, and {:.15g} here. Take another path."
 SAME_ATTRACTOR = 0.25  # distance, relative to the scale, up to which an attractor is the same as at the value before
 
 
@@ -93,6 +96,8 @@ def basin_shares(
     method: Method | None = None,
     max_steps: int = ATTEMPTS_OF_START,
     progress: Progress = None,
+    checkpoint: str | os.PathLike[str] | None = None,
+    resume: bool = False,
 ) -> BasinShares:
     """`basins` of the same random starts at several values of a parameter, their attractors matched.
 
@@ -116,12 +121,17 @@ def basin_shares(
         method: as for `lh.lyapunov_spectrum`.
         max_steps: most attempts of a step in one run.
         progress: True for a bar, or a function of the fraction done.
+        checkpoint: path of a file which keeps what is done, every few seconds and after Ctrl-C.
+        resume: go on from that file, if it is there: the result is that of a run that never stopped. A run that is
+            finished goes on to values that follow those before.
 
     Returns:
         A `BasinShares` with `.names`, `.shares`, `.stderr`, `.basins`, `.plot()`; after Ctrl-C of the values before.
+        Shares count starts and have no derivatives: their slope is that of a line through several values.
 
     Raises:
-        ValueError: on arguments that do not fit.
+        ValueError: on arguments that do not fit; where `checkpoint` is the file of another run.
+        OSError: where `checkpoint` cannot be written from the start.
 
     Source:
         G. Datseris, K. Luiz Rossi & A. Wagemakers, Framework for global stability analysis of dynamical systems, Chaos
@@ -145,16 +155,23 @@ def basin_shares(
     parameter_in(args, name)
     path, known, found, numbers = tuple(name.split(".")), [], [], []
     how = {"period": period, "angles": angles, "t0": t0, "mode": mode, "method": method, "max_steps": max_steps}
+
+    def run_at(value) -> BasinRun:
+        return BasinRun.of(system, x0, placed(args, path, float(value)), t1, (None, starts, key), **how)
+
     report = reporter(progress, len(values), "value")
-    for i, value in enumerate(values):
-        there = placed(args, path, float(value))
-        here = basins(system, x0, there, t1=t1, starts=starts, key=key, **how)
-        if STATUS.interrupted.name in here.names:  # what was computed before is returned
-            break
-        led = _led_to(known, here, system, there, t1, how)
-        found.append(here)
-        numbers.append(_matched(here.attractors, known, here.metric, led))
-        report((i + 1) / len(values))
+    with run_at(values[0]).kept(checkpoint, resume) as steps:
+        for i, value in enumerate(values):
+            (kept,) = steps(lambda value=value: [np.asarray(value)])
+            require(bool(kept == value), OTHER_VALUES.format(checkpoint, i, name, float(kept), float(value)))
+            run = run_at(value)
+            here = run.found(steps)
+            (led,) = steps(functools.partial(_led_to, known, here, run, mode is not None, steps))
+            if steps.interrupted:  # what was computed before is returned
+                break
+            found.append(here)
+            numbers.append(_matched(here.attractors, known, here.metric, led))
+            report((i + 1) / len(values))
     report(None)
     if not found:
         raise KeyboardInterrupt
@@ -171,21 +188,19 @@ def basin_shares(
     return BasinShares(name, values, tuple(names), shares, stderr, tuple(found))
 
 
-def _led_to(known: list[Attractor], here: Basins, system, args, t1, how: dict[str, Any]) -> np.ndarray:
+def _led_to(known: list[Attractor], here: Basins, run: BasinRun, in_modes: bool, steps: KeptSteps) -> list[np.ndarray]:
     """To which attractor here a point of each known one leads; −1 for none."""
-    gap, transient = gap_and_transient(system, t1, how["period"])
-    labels = np.full(len(known), -1)
-    modes = np.array([int(one.modes[-1]) if how["mode"] is not None else -1 for one in known], int)
-    for mode in np.unique(modes):
+    labels, sampling = np.full(len(known), -1), run.sampling
+    modes = np.array([int(one.modes[-1]) if in_modes else -1 for one in known], int)
+    for mode in [] if steps.interrupted else np.unique(modes):
         these = np.flatnonzero(modes == mode)
-        rows = np.array([known[i].points[-1] for i in these])
-        given = None if mode < 0 else int(mode)
-        problem, x, t0, given = preparation.prepare(system, rows[0], args, how["t0"], how["method"], given)
-        run = Sampling(system, problem.args, how["method"], gap, how["max_steps"], x.dtype)
-        last = run(rows, float(t0), given, transient, LAST_SAMPLES)
+        rows, given = np.array([known[i].points[-1] for i in these]), None if mode < 0 else int(mode)
+        _, _, t0, given = preparation.prepare(sampling.system, rows[0], sampling.args, run.t0, sampling.method, given)
+        last = sampling(rows, float(t0), given, run.transient, LAST_SAMPLES)
+        steps.interrupted |= bool(np.any(last.status == STATUS.interrupted))
         at = arrived(last.points, last.modes, here.metric, here.attractors)
         labels[these] = np.where(last.status == STATUS.ok, at, -1)
-    return labels
+    return [labels]
 
 
 def _matched(attractors, known: list[Attractor], metric: Metric, led: np.ndarray) -> list[int]:

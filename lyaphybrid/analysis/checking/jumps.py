@@ -10,6 +10,7 @@ import numpy as np
 from ..._jax.engines import for_once
 from ...engine.evolvers.landing import GRAZING
 from ...systems.hybrid import Hybrid, Transition
+from ...systems.validation.indices import entry_beyond_the_end
 from ..trajectories import Trajectory
 from .report import Finding, in_short, noted, right, wrong
 
@@ -89,6 +90,7 @@ def check_jumps(system: Hybrid, args: Any, slope: Callable, run: Trajectory) -> 
         if transition.guard is None:
             continue
         guard = _Guard(transition, args, run.t[0], run.x[0])
+        found += _of_labels(j, transition, guard.width, args, run)
         found += _of_landing(system, j, guard, slope, run, own)
         found += _of_contact(j, guard, slope, run, own)
         if not counts[j]:
@@ -115,6 +117,20 @@ def _of_target(system: Hybrid, j: int, args: Any, run: Trajectory, own, is_vecto
                       f"there are the modes 0 to {len(system.mode_names) - 1}: {list(system.mode_names)}.")
             ]  # fmt: skip
     return []
+
+
+def _of_labels(j: int, transition: Transition, width: int, args: Any, run: Trajectory) -> list[Finding]:
+    """A reset of a vector guard that takes entries beyond the end of an array for its last components."""
+    if width == 1 or transition.reset is None:
+        return []
+    which = np.int32(width - 1)
+    closed = jax.make_jaxpr(transition.reset)(run.t[0], run.x[0], args, which)
+    beyond = entry_beyond_the_end(closed, [*[None] * (len(closed.jaxpr.invars) - 1), which])
+    if beyond is None:
+        return []
+    return [noted("jumps", f"The guard of transition {j} has {width} components, and for which = {which} its reset "
+                  f"takes entry {beyond.entry} along axis {beyond.axis} of an array of shape {beyond.shape}. JAX takes "
+                  "the last entry instead, without a word. Has an array of args the wrong shape?")]  # fmt: skip
 
 
 def _of_landing(system: Hybrid, j: int, guard: _Guard, slope: Callable, run: Trajectory, own) -> list[Finding]:

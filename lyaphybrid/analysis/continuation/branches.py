@@ -1,15 +1,17 @@
 """Branches of periodic orbits: the result of a continuation."""
 
 import dataclasses
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, Self
 
 import numpy as np
 
 from ... import _renamed as renamed
 from ... import plots
+from ..._arguments import whole
 from ..._text import Table
 from ...results.result import Data, Result
+from ...results.resuming import Resumable
 from ...systems.labels import Labels
 from ..orbits.periodic_orbits import Floquet
 from .locating import OrbitChange
@@ -36,11 +38,45 @@ class SpecialOrbit(Result):
         return Table(self.title)
 
 
-class OrbitsAlong(Result):
+class OrbitsAlong(Resumable, Result):
     """What branches and curves have in common: orbits, one after the other."""
 
     orbits: tuple[Floquet, ...]
     specials: tuple[Any, ...]
+
+    def resume(
+        self,
+        *,
+        max_points: int | None = None,
+        over: Mapping[str, tuple[float, float]] | tuple[float, float] | None = None,
+    ) -> Self:
+        """Go on at both ends that are "max_points", "interrupted" or "range", with the same settings.
+
+        With more points, or after Ctrl-C, it is bit by bit what one call gives. In a wider range it is the same branch
+        or curve, but steps stay as long as they were, relative to the first range.
+
+        Args:
+            max_points: largest number of points to each side, in all; None: as before.
+            over: the same names with wider ranges; None: as before.
+
+        Returns:
+            The whole branch or curve.
+
+        Raises:
+            ValueError: on arguments that do not fit; where this is not the object that `lh.continuation` or
+                `lh.bifurcation_curve` has returned (a copy of it, or one out of a file).
+
+        Example:
+            >>> import lyaphybrid as lh
+            >>> logistic = lh.Map(lambda n, x, r: r * x * (1 - x))
+            >>> short = lh.continuation(logistic, [0.6], 2.5, over={"args": (2.4, 2.6)}, period=1)
+            >>> short.resume(over={"args": (2.0, 3.5)}).specials
+            (period doubling at 3, T = 1,)
+        """
+        go_on = self._goes_on("lh.continuation or lh.bifurcation_curve", "Begin at its last orbit, or at a special.")
+        if max_points is not None:
+            whole("max_points", max_points, least=2)
+        return go_on(max_points, over)
 
     @property
     def x0(self) -> np.ndarray:

@@ -1,8 +1,8 @@
 """Continuation of periodic orbits in a parameter."""
 
-import dataclasses
+import functools
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -16,11 +16,10 @@ from ...engine import preparation
 from ...errors import NoPeriodicOrbitError
 from ...integrators import HalfExplicit, RungeKutta
 from ...integrators.base import Method
-from ...statuses import STATUS
 from ...systems.daes.semi_linear import Constrained, fields_of
 from ...systems.hybrid import Hybrid
 from ...systems.kinds import iterates
-from ...systems.labels import labels_of
+from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
 from ..orbits.families import family_of
 from ..orbits.invariants import conserved_of
@@ -30,10 +29,10 @@ from ..orbits.symmetries import symmetry_of
 from ..sensitivity.estimates import parameters_of
 from .branches import Continuation, Special
 from .equations import ZERO_SINGULAR_VALUE, BranchEquations, BranchPoint, ConstantArgs, ParameterOf, states_over
-from .following import Arc, advanced, follow, point_of_orbit, resumed
+from .following import Arc, advanced, follow, followed, point_of_orbit, resumed
 from .locating import LocatedPoint
 
-__all__ = ["continuation", "equations_of", "moving", "orbit_as_result", "parameters_named", "range_of"]
+__all__ = ["continuation", "equations_of", "moving", "orbit_as_result", "parameters_named", "range_of", "require_wider"]
 
 CONSERVED_VALUE = "conserved value"  # name of the parameter of a family
 FEW_NUMBERS = 100  # of args
@@ -113,7 +112,8 @@ def continuation(
         modulo: as for `lh.floquet`.
 
     Returns:
-        A `Continuation`. Where Newton's method fails on the way, it holds the points until then, and `ends` says so.
+        A `Continuation`. Where Newton's method fails on the way, it holds the points until then, and `ends` says so;
+        `.resume(…)` goes on at its ends.
 
     Raises:
         ValueError: on arguments that do not fit; where the first orbit is one of a family at the same parameter.
@@ -175,13 +175,13 @@ def continuation(
         orbit = special.orbit
     turns = 1 if special is None else special.turns_there
     equations = equations_of(system, args_of, (low, value, high), name, orbit, turns, options)
-    within = (low, high), step, max_points
-    sides = (
-        _branch_to_both_sides(equations, orbit, value, within)
-        if special is None
-        else _branched(equations, special, within)
-    )
-    return dataclasses.replace(_result(equations, name, orbit, *sides, float(t0)), state_labels=labels)
+    branch = _Branch(equations, name, orbit, (low, high), step, max_points, float(t0), labels)
+    if special is None:
+        origin = _origin(equations, orbit, value)
+        arcs = [Arc.begun(origin._replace(tangent=side * origin.tangent), step) for side in (-1.0, 1.0)]
+    else:
+        origin, arcs = _branched(equations, special, (low, high), step)
+    return branch.followed(origin, arcs)
 
 
 def moving(system: Flow | Map | Hybrid, method: Method | None) -> tuple[Flow | Map | Hybrid, Method | None]:
@@ -271,10 +271,8 @@ def equations_of(system, args_of, values, parameter: str, orbit: Floquet, turns:
     return equations
 
 
-def _branch_to_both_sides(
-    equations: BranchEquations, orbit: Floquet, value: float, within
-) -> tuple[BranchPoint, list[Arc]]:
-    """The branch through an orbit, to both sides."""
+def _origin(equations: BranchEquations, orbit: Floquet, value: float) -> BranchPoint:
+    """The point of the branch through an orbit."""
     first = equations.orbit_from(Node(*orbit.base), value, orbit.period)
     jacobian = equations.linearised(first, value)[0]
     singular, null = np.linalg.svd(jacobian)[1:]
@@ -291,19 +289,14 @@ def _branch_to_both_sides(
             "number of segments, or begin at another value of the parameter.",
             orbit,
         )
-    back = start._replace(tangent=-start.tangent)
-    arcs = [follow(equations, back, *within)]
-    if arcs[0].end == STATUS.interrupted.name:
-        arcs.append(Arc([start], [], arcs[0].end))
-    elif arcs[0].end != "closed":
-        arcs.append(follow(equations, start, *within))
-    return start, [arc._replace(points=arc.points[1:]) for arc in arcs]
+    return start
 
 
-def _branched(equations: BranchEquations, special: Special, within) -> tuple[BranchPoint, list[Arc]]:
+def _branched(
+    equations: BranchEquations, special: Special, over: tuple[float, float], step: float
+) -> tuple[BranchPoint, list[Arc]]:
     """The branch that begins at a special point: to both sides, except at a doubling, whose sides are the same."""
     assert special.change is not None
-    over, step, _ = within
     period = special.orbit.period * special.turns_there / special.turns
     node = Node(*special.orbit.base)
     orbit, along = resumed(equations, node, special.parameter, period, special.change)
@@ -318,9 +311,7 @@ def _branched(equations: BranchEquations, special: Special, within) -> tuple[Bra
         tries = (advanced(equations, origin._replace(tangent=side), float(share) * step, over) for share in FIRST_STEPS)
         first = next((point for point in tries if point is not None), None)
         if first is not None:
-            arcs.append(follow(equations, first, *within))
-        if arcs and arcs[-1].end == STATUS.interrupted.name:
-            break
+            arcs.append(Arc.begun(first, step))
     if not arcs:
         raise NoPeriodicOrbitError(
             f"Newton's method did not arrive on the branch that begins at the {special.kind} at "
@@ -330,25 +321,53 @@ def _branched(equations: BranchEquations, special: Special, within) -> tuple[Bra
     return origin, arcs
 
 
-def _result(
-    equations: BranchEquations, name: str, orbit: Floquet, origin: BranchPoint, arcs: list[Arc], t0: float
-) -> Continuation:
-    """Both arcs as one branch, the first one reversed."""
-    after = arcs[-1]
-    before = arcs[0] if len(arcs) == 2 else Arc([], [], "closed" if after.end == "closed" else "start")
-    points = [*reversed(before.points), origin, *after.points]
-    found = [*reversed(before.found), *after.found]
-    start = Node(t0, orbit.x0, orbit.mode)
-    states = [states_over(point) for point in points]
-    return Continuation(
-        parameter=name,
-        values=np.array([point.parameter for point in points]),
-        orbits=tuple(orbit_as_result(equations, point.orbit, point.parameter, start) for point in points),
-        specials=tuple(_special_as_result(equations, one, start) for one in found),
-        ends=(before.end, after.end),
-        largest=np.array([np.max(x, axis=0) for x in states]),
-        smallest=np.array([np.min(x, axis=0) for x in states]),
-    )
+class _Branch(NamedTuple):
+    """A branch, whose arcs can be followed on."""
+
+    equations: BranchEquations
+    name: str
+    orbit: Floquet
+    over: tuple[float, float]
+    step: float
+    most: int
+    t0: float
+    labels: Labels
+
+    def followed(self, origin: BranchPoint, arcs: list[Arc]) -> Continuation:
+        """The branch with both arcs followed on."""
+        arcs = followed(arcs, lambda arc: follow(self.equations, arc, self.over, self.step, self.most))
+        return self._as_result(origin, arcs)._resumed_by(functools.partial(self._again, origin, arcs))
+
+    def _again(self, origin: BranchPoint, arcs: list[Arc], most: int | None, over) -> Continuation:
+        name, wider = (self.name, self.over) if over is None else _named_range(over)
+        require((name or CONSERVED_VALUE) == self.name, f"over must be the range of {self.name}; got {over!r}.")
+        require_wider(self.name, wider, self.over)
+        return self._replace(over=wider, most=most or self.most).followed(origin, arcs)
+
+    def _as_result(self, origin: BranchPoint, arcs: list[Arc]) -> Continuation:
+        """Both arcs as one branch, the first one reversed; the origin is the first point of each, or before it."""
+        after = arcs[-1]
+        before = arcs[0] if len(arcs) == 2 else Arc([], [], "closed" if after.end == "closed" else "start", 0.0)
+        own = [[point for point in arc.points if point.orbit is not origin.orbit] for arc in (before, after)]
+        points = [*reversed(own[0]), origin, *own[1]]
+        equations, start = self.equations, Node(self.t0, self.orbit.x0, self.orbit.mode)
+        states = [states_over(point) for point in points]
+        return Continuation(
+            parameter=self.name,
+            values=np.array([point.parameter for point in points]),
+            orbits=tuple(orbit_as_result(equations, point.orbit, point.parameter, start) for point in points),
+            specials=tuple(_special_as_result(equations, one, start) for one in (*before.found[::-1], *after.found)),
+            ends=(before.end, after.end),
+            largest=np.array([np.max(x, axis=0) for x in states]),
+            smallest=np.array([np.min(x, axis=0) for x in states]),
+            state_labels=self.labels,
+        )
+
+
+def require_wider(name: str, over: tuple[float, float], before: tuple[float, float]) -> None:
+    """Raise a ValueError unless a range holds that before."""
+    wider = over[0] <= before[0] and before[1] <= over[1]
+    require(wider, f"The range of {name} must hold that before, from {before[0]:.6g} to {before[1]:.6g}; got {over}.")
 
 
 def orbit_as_result(equations: BranchEquations, orbit: OrbitIterate, p: float, start: Node) -> Floquet:

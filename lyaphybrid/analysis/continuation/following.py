@@ -21,6 +21,7 @@ __all__ = [
     "Arc",
     "advanced",
     "follow",
+    "followed",
     "nodes_are_clear",
     "point_of_orbit",
     "resumed",
@@ -39,19 +40,40 @@ NEXT = 1e-12  # step length at which the approach to a change of the events ends
 LEAST_CLEARANCE = 0.005  # of the period: nodes nearer to an event than this are moved
 
 
+GOES_ON = ("range", "max_points", STATUS.interrupted.name)  # ends from which a branch or curve can be followed on
+
+
 class Arc(NamedTuple):
-    """The part of a branch to one side of its start."""
+    """The part of a branch or curve to one side of its start."""
 
-    points: list[BranchPoint]
-    found: list[LocatedPoint]
+    points: list[Any]
+    found: list[Any]  # what is special on the way
     end: str
+    length: float  # of the next step
+
+    @classmethod
+    def begun(cls, start: Any, step: float) -> "Arc":
+        """An arc of which nothing is followed, in steps of at most this length."""
+        return cls([start], [], STATUS.interrupted.name, step / 4)
 
 
-def follow(equations: BranchEquations, start: BranchPoint, over: tuple[float, float], step: float, most: int) -> Arc:
-    """The branch from a point, along its tangent, until it leaves the range, closes or ends; or until Ctrl-C."""
-    points, found = [start], []
+def followed(arcs: list[Arc], on: Callable[[Arc], Arc]) -> list[Arc]:
+    """The arcs to both sides, each followed on; one alone where it closes. After Ctrl-C the others stay as they are."""
+    after: list[Arc] = []
+    for i, arc in enumerate(arcs):
+        after.append(on(arc) if arc.end in GOES_ON else arc)
+        if after[-1].end == "closed":
+            return after[-1:]
+        if after[-1].end == STATUS.interrupted.name:
+            return [*after, *arcs[i + 1 :]]
+    return after
+
+
+def follow(equations: BranchEquations, arc: Arc, over: tuple[float, float], step: float, most: int) -> Arc:
+    """The branch from where an arc ends, until it leaves the range, closes or ends; or until Ctrl-C."""
+    points, found = list(arc.points), list(arc.found)
     end, length = walked(
-        points, found, step,
+        points, found, arc.length, step,
         reason=lambda short: _reason_to_stop(equations, points, over, most, short),
         onward=lambda last, length: advanced(equations, last, length, over),
         between=lambda last, after, length: _between(equations, last, after, length),
@@ -60,25 +82,33 @@ def follow(equations: BranchEquations, start: BranchPoint, over: tuple[float, fl
     if end == "no convergence":
         nearest = _approached(equations, points[-1], length)
         if touches(equations, nearest):
-            return Arc(points, [*found, LocatedPoint("grazing", nearest, None, 1)], "grazing")
-    return Arc(points, found, end)
+            return Arc(points, [*found, LocatedPoint("grazing", nearest, None, 1)], "grazing", length)
+    return Arc(points, found, end, length)
 
 
 def walked(
-    points: list, found: list, step: float, *, reason: Callable, onward: Callable, between: Callable, clear: Callable
+    points: list,
+    found: list,
+    length: float,
+    step: float,
+    *,
+    reason: Callable,
+    onward: Callable,
+    between: Callable,
+    clear: Callable,
 ) -> tuple[str, float]:
-    """Append the points of a branch or curve and what is special on the way; why it ends, and the last step length.
+    """Append the points of a branch or curve and what is special on the way; why it ends, and the next step length.
 
     Args:
-        points: where it begins.
-        found: nothing.
+        points: those that are known, one at least.
+        found: what is special between them.
+        length: of the first step.
         step: the largest step.
         reason: (whether the step is too short) -> why to end here, or None.
         onward: (last point, length) -> the next point, or None for a shorter step.
         between: (last point, next one, length) -> what is special between them, or None for a shorter step.
         clear: (point) -> the same with nodes that are clear of events.
     """
-    length = step / 4
     try:
         while (end := reason(length < SHORTEST_STEP * step)) is None:
             last = points[-1]
@@ -87,8 +117,9 @@ def walked(
             if after is None or met is None:
                 length /= 2
                 continue
+            cleared = clear(after)  # before anything is noted, for Ctrl-C may come on the way
             found += met
-            points.append(clear(after))
+            points.append(cleared)
             length = _next_length(length, after.iterations, step)
     except KeyboardInterrupt:
         warnings.warn("interrupted: what was computed until then is returned.", stacklevel=3)

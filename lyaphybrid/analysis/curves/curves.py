@@ -1,8 +1,8 @@
 """Bifurcations of periodic orbits followed in two parameters."""
 
-import dataclasses
+import functools
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,20 +11,20 @@ from ..._jax.precision import require_double
 from ..._jax.tracing import as_jax
 from ...errors import NoPeriodicOrbitError
 from ...integrators.base import Method
-from ...statuses import STATUS
 from ...systems.hybrid import Hybrid
 from ...systems.kinds import iterates
-from ...systems.labels import labels_of
+from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
 from ..continuation.branches import Special
-from ..continuation.continuing import equations_of, moving, orbit_as_result, parameters_named, range_of
+from ..continuation.continuing import equations_of, moving, orbit_as_result, parameters_named, range_of, require_wider
 from ..continuation.equations import BranchEquations, ParameterOf
+from ..continuation.following import Arc, followed
 from ..continuation.touching import found_touches
 from ..orbits.periodic_orbits import Floquet, floquet
 from ..orbits.shooting import SAMPLES_PER_PIECE, Node, OrbitIterate
 from .bifurcation_curves import BifurcationCurve, CurveSpecial
 from .equations import Condition, CurveEquations, CurvePoint
-from .following_curves import CurveArc, CurveBound, follow_curve
+from .following_curves import CurveBound, follow_curve
 from .multiplier_conditions import BranchPointCondition, DoublingCondition, FoldCondition, TorusCondition
 from .touch_conditions import BorderCondition, TouchCondition, placed_around
 
@@ -98,7 +98,8 @@ def bifurcation_curve(
         modulo: as for `lh.continuation`.
 
     Returns:
-        A `BifurcationCurve`. Where Newton's method fails on the way it holds the points until then, and `ends` says so.
+        A `BifurcationCurve`. Where Newton's method fails on the way it holds the points until then, and `ends` says so;
+        `.resume(…)` goes on at its ends.
 
     Raises:
         ValueError: on arguments that do not fit; where no touch is found at a `Special` of kind "grazing".
@@ -169,8 +170,8 @@ def bifurcation_curve(
             "fold of the curve begin at another value of the second parameter; (c) the orbit is not near enough.",
             orbit,
         )
-    arcs = _both_sides(equations, kind, first, ranges, step, max_points)
-    return dataclasses.replace(_as_result(equations, kind, names, orbit, first, arcs, float(t0)), state_labels=labels)
+    curve = _Curve(equations, kind, names, orbit, tuple(ranges), step, max_points, float(t0), labels)
+    return curve.followed([Arc.begun(first._replace(tangent=side * first.tangent), step) for side in (-1.0, 1.0)])
 
 
 def _pair(args, over) -> tuple[tuple[str, str], list, tuple[ParameterOf, ParameterOf], tuple[float, float]]:
@@ -232,41 +233,62 @@ def _angle(point: CurvePoint) -> float:
     return float(np.arccos(np.clip(point.own[0], -1, 1)))
 
 
-def _both_sides(equations: CurveEquations, kind: str, first: CurvePoint, ranges, step, most) -> list[CurveArc]:
-    """The curve to both sides of its first point; one side where it closes."""
-    own = equations.condition.unknowns
-    bounds = [
-        CurveBound(place - own, low / span, high / span, ("range", "range"))
-        for place, (low, high), span in zip((-2, -1), ranges, equations.spans, strict=True)
-    ]
-    if kind == "Neimark–Sacker":
-        bounds.append(CurveBound(-1, -1.0, 1.0, ("1:2 resonance", "1:1 resonance")))
-    arcs = [follow_curve(equations, kind, first._replace(tangent=-first.tangent), bounds, step, most)]
-    if arcs[0].end == STATUS.interrupted.name:
-        arcs.append(CurveArc([first], [], arcs[0].end))
-    elif arcs[0].end != "closed":
-        arcs.append(follow_curve(equations, kind, first, bounds, step, most))
-    return arcs
+class _Curve(NamedTuple):
+    """A curve, whose arcs can be followed on."""
 
+    equations: CurveEquations
+    kind: str
+    names: tuple[str, str]
+    orbit: Floquet
+    ranges: tuple[tuple[float, float], ...]
+    step: float
+    most: int
+    t0: float
+    labels: Labels
 
-def _as_result(
-    equations: CurveEquations, kind: str, names, orbit: Floquet, first: CurvePoint, arcs: list[CurveArc], t0: float
-) -> BifurcationCurve:
-    """Both arcs as one curve, the first one reversed."""
-    start, after = Node(t0, orbit.x0, orbit.mode), arcs[-1]
-    before = arcs[0] if len(arcs) == 2 else CurveArc([first], [], "closed")
-    points = [*reversed(before.points[1:]), *after.points]
+    def followed(self, arcs: list[Arc]) -> BifurcationCurve:
+        """The curve with both arcs followed on."""
+        bounds, how = self._bounds(), (self.step, self.most)
+        arcs = followed(arcs, lambda arc: follow_curve(self.equations, self.kind, arc, bounds, *how))
+        return self._as_result(arcs)._resumed_by(functools.partial(self._again, arcs))
 
-    def orbit_of(point: CurvePoint) -> Floquet:
-        return orbit_as_result(equations.along(0, point.pair), point.orbit, point.pair[0], start)
+    def _again(self, arcs: list[Arc], most: int | None, over) -> BifurcationCurve:
+        ranges = self.ranges
+        if over is not None:
+            good = isinstance(over, Mapping) and set(over) == set(self.names)
+            require(good, f"over must give ranges of {' and '.join(self.names)}; got {over!r}.")
+            ranges = tuple(range_of(over[name]) for name in self.names)
+        for name, wider, before in zip(self.names, ranges, self.ranges, strict=True):
+            require_wider(name, wider, before)
+        return self._replace(ranges=ranges, most=most or self.most).followed(arcs)
 
-    specials = [*reversed(before.found), *after.found]
-    return BifurcationCurve(
-        kind=kind,
-        parameters=names,
-        values=np.array([point.pair for point in points]),
-        orbits=tuple(orbit_of(point) for point in points),
-        specials=tuple(CurveSpecial(name, names, np.array(one.pair), orbit_of(one)) for name, one in specials),
-        ends=(before.end, after.end),
-        angles=np.array([_angle(one) if kind == "Neimark–Sacker" else np.nan for one in points]),
-    )
+    def _bounds(self) -> list[CurveBound]:
+        own = self.equations.condition.unknowns
+        bounds = [
+            CurveBound(place - own, low / span, high / span, ("range", "range"))
+            for place, (low, high), span in zip((-2, -1), self.ranges, self.equations.spans, strict=True)
+        ]
+        if self.kind == "Neimark–Sacker":
+            bounds.append(CurveBound(-1, -1.0, 1.0, ("1:2 resonance", "1:1 resonance")))
+        return bounds
+
+    def _as_result(self, arcs: list[Arc]) -> BifurcationCurve:
+        """Both arcs as one curve, the first one reversed."""
+        start, after = Node(self.t0, self.orbit.x0, self.orbit.mode), arcs[-1]
+        before = arcs[0] if len(arcs) == 2 else Arc(after.points[:1], [], "closed", 0.0)
+        points = [*reversed(before.points[1:]), *after.points]
+
+        def orbit_of(point: CurvePoint) -> Floquet:
+            return orbit_as_result(self.equations.along(0, point.pair), point.orbit, point.pair[0], start)
+
+        specials = [*reversed(before.found), *after.found]
+        return BifurcationCurve(
+            kind=self.kind,
+            parameters=self.names,
+            values=np.array([point.pair for point in points]),
+            orbits=tuple(orbit_of(point) for point in points),
+            specials=tuple(CurveSpecial(name, self.names, np.array(one.pair), orbit_of(one)) for name, one in specials),
+            ends=(before.end, after.end),
+            angles=np.array([_angle(one) if self.kind == "Neimark–Sacker" else np.nan for one in points]),
+            state_labels=self.labels,
+        )

@@ -8,7 +8,7 @@ from ...errors import RunFailedError
 from ...statuses import STATUS
 from ...systems.hybrid import Hybrid
 from ..continuation.bifurcations import cycle_of_events
-from ..continuation.following import nodes_are_clear, shape_of, stepped, walked
+from ..continuation.following import Arc, nodes_are_clear, shape_of, stepped, walked
 from ..continuation.locating import LostError
 from ..continuation.touching import FoundTouch, found_touches
 from ..orbits.shooting import SAMPLES_PER_PIECE, Node, OrbitIterate, times_apart
@@ -16,7 +16,7 @@ from .equations import CurveEquations, CurvePoint
 from .special_points import special_points
 from .touch_conditions import TouchCondition, placed_around
 
-__all__ = ["CurveBound", "CurveArc", "follow_curve"]
+__all__ = ["CurveBound", "follow_curve"]
 
 PLAIN_ENDS = (
     "range",
@@ -40,21 +40,13 @@ class CurveBound(NamedTuple):
     ends: tuple[str, str]
 
 
-class CurveArc(NamedTuple):
-    """The part of a curve to one side of its start."""
-
-    points: list[CurvePoint]
-    found: list[tuple[str, CurvePoint]]
-    end: str
-
-
 def follow_curve(
-    equations: CurveEquations, kind: str, start: CurvePoint, bounds: list[CurveBound], step: float, most: int
-) -> CurveArc:
-    """The curve from a point, along its tangent, until it leaves a range, closes or ends; or until Ctrl-C."""
-    points, found = [start], []
+    equations: CurveEquations, kind: str, arc: Arc, bounds: list[CurveBound], step: float, most: int
+) -> Arc:
+    """The curve from where an arc ends, until it leaves a range, closes or ends; or until Ctrl-C."""
+    points, found = list(arc.points), list(arc.found)
     end, length = walked(
-        points, found, step,
+        points, found, arc.length, step,
         reason=lambda short: _reached(points[-1], bounds) or _reason_to_end(equations, points, most, short),
         onward=lambda last, length: _advanced(equations, last, length, bounds),
         between=lambda last, after, length: _between(equations, kind, last, after),
@@ -64,7 +56,7 @@ def follow_curve(
         end = "grazing"
     if end not in PLAIN_ENDS:
         found.append((end, points[-1]))
-    return CurveArc(points, found, end)
+    return Arc(points, found, end, length)
 
 
 def _between(

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..._arguments import require
 from ..._jax.engines import compiled
 from ..._jax.jaxprs import needed
 from ..._jax.tracing import array, traced
@@ -31,6 +32,7 @@ SPREAD = np.modf(np.arange(1, TIMES_CHECKED + 1) * np.sqrt(2))[0]  # in periods;
 PERIODS_CHECKED = np.round(
     1 + 4000 * (np.arange(TIMES_CHECKED) / TIMES_CHECKED) ** 2
 )  # number of periods after which each is checked
+MOST_TICKS = 1e6  # of a clock in one period
 EQUAL_VALUES = 1e-9  # relative tolerance for times and for values of functions
 CONTACTS = 8  # components of a vector guard whose resets are checked
 SECOND_STATE_DISTANCE = 0.1  # relative distance of a second state
@@ -67,6 +69,7 @@ def check_period(system: Any, period: Any, x, args, t=0.0, *, where: str = "", s
     if traced((period, x, args, t)):
         return
     x, period, t = np.asarray(x), float(period), float(t)
+    _check_ticks(system, period, args, where)
     found = _misfit(system, period, x, args, t)
     if found is None:
         return
@@ -86,6 +89,19 @@ def check_period(system: Any, period: Any, x, args, t=0.0, *, where: str = "", s
         f"state the {found.name} at t = {found.t:.6g} and {found.turns:.0f} × {period:.6g} later differ by "
         f"{found.difference:.3g} (size {found.size:.3g}). {advice}"
     )
+
+
+def _check_ticks(system: Any, period: float, args, where: str) -> None:
+    """Require that a period has no more ticks of a clock than can be run."""
+    for j, transition in enumerate(getattr(system, "transitions", ())):
+        if transition.every is None:
+            continue
+        every = float(transition.every(args) if callable(transition.every) else transition.every)
+        require(
+            period <= MOST_TICKS * every,
+            f"period{where} is to be a time; got {period:.9g}, in which the clock of transition {j} ticks "
+            f"{period / every:.3g} times (every {every:.6g}). Is it a frequency? Then the period is its reciprocal.",
+        )
 
 
 def depends_on_time(system: Any, x, args) -> bool:

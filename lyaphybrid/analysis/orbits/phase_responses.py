@@ -150,16 +150,19 @@ class PhaseResponse(Result, eqx.Module):
         step, scale = self.period / len(self.t), 1e-12 + np.ptp(self.x, axis=0)
         far = np.max(np.abs((self.x - y) / scale), axis=1) + np.where(self.mode == mode, 0.0, np.inf)
         j = int(np.argmin(far))
-        j = j - 1 if self.response[j] @ (y - self.x[j]) < 0 else j
-        later, point, own, row = 0.0, self.x[j], int(self.mode[j]), self.response[j]
+        row, point, own = self.response[j], self.x[j], int(self.mode[j])
+        more = float(row @ (y - point) / (row @ np.asarray(self._cycle.field(jnp.asarray(point), own))))
+        j, later = (
+            (j, min(more, step)) if more >= 0 else (j - 1, max(0.0, step + more))
+        )  # there may be a jump between the two samples
         for _ in range(PHASE_CORRECTIONS):  # Newton's method for Z·(y − γ(s)) = 0
+            point, own = self._cycle.moved(jnp.asarray(self.x[j]), self.mode[j], later)
             rate = row @ np.asarray(self._cycle.field(jnp.asarray(point), own))
+            point = np.asarray(point)
             more = float(row @ (y - point) / rate)
             later = float(np.clip(later + more, 0.0, 2 * step))
             if abs(more) < 1e-14 * self.period:
                 break
-            point, own = self._cycle.moved(jnp.asarray(self.x[j]), self.mode[j], later)
-            point = np.asarray(point)
         return self.t[j] + later if np.max(np.abs((y - point) / scale)) < 1e-5 else np.nan
 
     def interaction(self, coupling: Callable) -> np.ndarray:
@@ -250,7 +253,8 @@ def phase_response(
 
     Returns:
         A `PhaseResponse` with `.response` (phases, n), `.isostables`, `.finite(kick)`, `.interaction(coupling)`,
-        `.locked(coupling)` and `.plot()`.
+        `.locked(coupling)` and `.plot()`. It is found by Newton's method and has no derivatives of its own; that of the
+        period of a smooth flow by a parameter p is −period · `.interaction(∂f/∂p)[0]`.
 
     Raises:
         ValueError: on arguments that do not fit; on a system that depends on time; where the orbit is one of a family.

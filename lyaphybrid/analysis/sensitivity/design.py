@@ -33,6 +33,7 @@ __all__ = ["Design", "design"]
 EXACT = 1e-12  # difference from the target, relative to 1 + |target|, that counts as zero
 NOISE = 1.0  # … and the same in standard errors of the exponent
 HALVINGS = 8  # trial lengths of a Newton step, each half of the one before
+ALL_STEPS = "all steps made"
 RATE = 0.1  # learning rate of the default optimiser, Adam, in the unbounded coordinates
 WHOLE = (STATUS.ok, STATUS.terminated)  # status of a run that reached its end
 
@@ -46,7 +47,7 @@ class Design(Result, eqx.Module):
         exponents: (k,) at args.
         stderr: (k,) their standard errors.
         converged: whether the target was reached, up to rounding or noise; for an objective whether its last
-            derivatives could be trusted.
+            derivatives could be trusted (also where all steps were made: the objective may fall further with more).
         trust: whether the last derivatives passed the checks of their method; for a bisection whether signs differed.
         reasons: why the search ended and whether it is trusted, with numbers.
         history: (steps, p + k) parameters and exponents of every point that was tried.
@@ -77,7 +78,10 @@ class Design(Result, eqx.Module):
 
     def _table(self) -> Table:
         trust = "trusted" if self.trust else "NOT to be trusted"
-        title = f"Design: {'converged' if self.converged else 'NOT converged'} in {len(self.history)} points, {trust}"
+        ended = "converged" if self.converged else "NOT converged"
+        if self.converged and self.reasons[0].startswith(ALL_STEPS):
+            ended = "all steps made"
+        title = f"Design: {ended} in {len(self.history)} points, {trust}"
         rows = [(name, f"{value:.12g}") for name, value in self.parameters.items()]
         found = map(with_error, self.exponents, self.stderr)
         return Table(title, [*rows, *zip(numbered("λ", len(self.exponents)), found, strict=True)], self.reasons)
@@ -345,7 +349,13 @@ def _descent(
     assert best is not None
     assert here is not None
     ended = "the derivatives are not to be trusted where the steps ended"
-    reason = ended if not here.trust else "the objective is stationary" if not np.any(slope) else f"{steps} steps"
+    reason = (
+        ended
+        if not here.trust
+        else "the objective is stationary"
+        if not np.any(slope)
+        else f"{ALL_STEPS}, {steps}: more may come nearer"
+    )
     return best, here.trust, (f"{reason}; the objective is {least:.6g}",)
 
 

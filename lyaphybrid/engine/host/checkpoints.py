@@ -1,7 +1,8 @@
 """Checkpoints of long runs on disk: a resumed run gives the same bits as one that was never interrupted.
 
 A checkpoint is one NumPy file without pickled objects, replaced atomically. It holds the parts of a run (the transient
-and the measured part), each as the leaves of the loop's state and of its block records. Tree structure and functions
+and the measured part), each as the leaves of the loop's state and of its block records; or the arrays of the steps of
+another computation that are done. Tree structure and functions
 come from the call that resumes; hashes in the file tell whether it is the same run.
 """
 
@@ -49,6 +50,16 @@ class Checkpoint:
     def part(self, number: int) -> "RunPart":
         """One part for `driver.drive`; number 0 is the transient."""
         return RunPart(self, number)
+
+    def keep(self, number: int, leaves: list[np.ndarray], given: int = 0, now: bool = False) -> None:
+        """Keep a part; write the file if `now`, or SECONDS_BETWEEN_WRITES after the last write."""
+        self.parts[number] = StoredPart(leaves, given)
+        if now or self.is_due():
+            self.write()
+
+    def is_due(self) -> bool:
+        """Whether the last write is long ago."""
+        return time.perf_counter() - self.written >= SECONDS_BETWEEN_WRITES
 
     def close(self) -> None:
         """Mark the run as finished and write the file."""
@@ -106,13 +117,10 @@ class RunPart(NamedTuple):
         return jax.tree.map(jnp.asarray, loop_state), records, state.given
 
     def keep(self, loop_state, records, given: int, now: bool = False) -> None:
-        """Store the present state; write the file if `now`, or SECONDS_BETWEEN_WRITES after the last write."""
-        checkpoint = self.checkpoint
-        if not now and time.perf_counter() - checkpoint.written < SECONDS_BETWEEN_WRITES:
-            return
-        leaves = [np.asarray(leaf) for leaf in jax.tree.leaves((loop_state, records))]
-        checkpoint.parts[self.number] = StoredPart(leaves, given)
-        checkpoint.write()
+        """Store the present state if `now`, or if the last write is long ago; it replaces that before."""
+        if now or self.checkpoint.is_due():
+            leaves = [np.asarray(leaf) for leaf in jax.tree.leaves((loop_state, records))]
+            self.checkpoint.keep(self.number, leaves, given, now=True)
 
 
 def opened(path: Any, resume: bool, header: dict[str, str], t1: float, blocks: int, extends: bool) -> Checkpoint:

@@ -112,4 +112,5 @@ def _of_scatter(eqn, values) -> Beyond | None:
 
 
 USES = {"dynamic_slice": _of_slice, "gather": _of_gather}
-USES |= dict.fromkeys(("scatter", "scatter-add", "scatter_add", "scatter_mul"), _of_scatter)
+HOW = ("add", "sub", "mul", "min", "max")  # the names of scatters differ between versions of JAX
+USES |= dict.fromkeys(("scatter", *(f"scatter{join}{how}" for join in "-_" for how in HOW)), _of_scatter)

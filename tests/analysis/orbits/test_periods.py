@@ -193,3 +193,11 @@ def test_values_that_are_no_numbers_tell_nothing():
     check_period(system, 2 * np.pi, np.array([-1.0, 1.0]), None)
     with pytest.raises(ValueError, match="must be one after which"):
         check_period(system, 2.0, np.array([1.5, -1.0]), None)
+
+
+def test_a_frequency_in_place_of_a_period_is_refused():
+    """50 kHz is a multiple of 20 µs, too: a period with 2.5e9 ticks."""
+    tick = lh.Transition(every=2e-5, reset=lambda t, x, args: 0.5 * x)
+    sampled = lh.Hybrid(lambda t, x, args: -x, tick)
+    with pytest.raises(ValueError, match=r"transition 0 ticks 2\.5e\+09 times \(every 2e-05\). Is it a frequency"):
+        lh.floquet(sampled, [1.0], period=50e3)

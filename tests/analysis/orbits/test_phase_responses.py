@@ -1,5 +1,6 @@
 """Phase responses of cycles with jumps: closed forms, and kicks of whole motions."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -102,6 +103,9 @@ def test_a_neuron_in_closed_form():
     early = found.x[:, 0] < 0.9
     exact = np.log((1.7 - found.x) / (1.6 - found.x))[:, 0]
     assert_allclose(found.finite([0.1])[early], exact[early], rtol=0, atol=1e-9)
+    behind_reset = np.log((1.7 - found.x) / (1.7 - 1e-4))[:, 0]  # each phase is kicked to just behind the reset at 0
+    apart = found.finite(1e-4 - found.x) - behind_reset
+    assert_allclose(apart - found.period * np.round(apart / found.period), 0.0, atol=1e-9)
 
 
 @pytest.mark.slow_cases("Glass", "stick-slip", "walker", "relay", "impact")
@@ -165,6 +169,20 @@ def test_two_weakly_coupled_oscillators_lock_where_predicted():
     apart = (last[0] - last[1]) % found.period  # the second is ahead by this
     near = [abs((apart - one + found.period / 2) % found.period - found.period / 2) for one in attracting]
     assert min(near) < 0.02 * found.period, (apart, states)
+
+
+def test_the_derivative_of_the_period_by_a_parameter():
+    """dT/dp = −∫ Z · ∂f/∂p dt, the interaction function with ∂f/∂p at 0; against differences of periods."""
+    system = lh.Flow(lambda t, x, mu: jnp.stack([x[1], mu * (1 - x[0] ** 2) * x[1] - x[0]]))
+    found, h = lh.phase_response(system, [2.0, 0.0], 1.0, phases=300), 1e-4
+    pushed = found.interaction(lambda x, y, args: jnp.stack([0 * x[0], (1 - x[0] ** 2) * x[1]]))[0]
+    periods = [lh.floquet(system, [2.0, 0.0], mu).period for mu in (1.0 - h, 1.0 + h)]
+    assert_allclose(-found.period * pushed, (periods[1] - periods[0]) / (2 * h), rtol=1e-7)
+
+
+def test_under_a_transformation_it_is_refused_with_what_to_do():
+    with pytest.raises(ValueError, match="once for each set of values"):
+        jax.jacfwd(lambda drive: lh.phase_response(LEAKY, [0.5], drive, phases=8).response)(1.7)
 
 
 def test_it_says_what_it_found():
