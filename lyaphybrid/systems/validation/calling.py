@@ -47,6 +47,8 @@ def check_signature(call: Call) -> None:
         cure = "give it all of these arguments, also those that it does not use"
         if list(call.given) == ["t", "x", "args"]:
             cure += "; f(t, x) becomes lambda t, x, args: f(t, x)"
+        elif list(call.given)[-1] == "which":
+            cure += "; a guard of shape (m,) says which of its components fires; one that returns x[0] does not"
         raise UserFunctionError(
             f"The {call.name} is called with {call.signature}: {error}; {cure}.{order_of_arguments(call)}"
         ) from None

@@ -91,7 +91,7 @@ def _numpy(call: Call, error: Exception, line: str) -> str | None:
     if not isinstance(error, jax.errors.TracerArrayConversionError):
         return None
     used = NUMPY.search(line)
-    cure = "the functions of jax.numpy instead"
+    cure = "the functions of jax.numpy instead; an array that it looks up goes into args, or becomes jnp.asarray(array)"
     if used and hasattr(jnp, used[3]):
         cure = f"jnp.{used[3]} for {used[0]}, with `import jax.numpy as jnp`"
     elif used and hasattr(jax.scipy.special, used[3]):
@@ -106,14 +106,15 @@ def _decision(call: Call, error: Exception, line: str) -> str | None:
     whole = (jax.errors.TracerBoolConversionError, jax.errors.NonConcreteBooleanIndexError)
     if not isinstance(error, whole):
         return None
-    modes = "" if call.name == "run" else (
-        " If the motion itself changes there (contact, switch, threshold), give each side a mode of its own: "
-        "lh.Hybrid({…}, [lh.Transition(…)])."
+    formula = "jnp.where(condition, one, other), jnp.maximum, jnp.minimum"
+    cure = f"Use {formula}." if call.name == "run" else (
+        "Where the motion itself changes (contact, switch, threshold), give each side a mode of its own: "
+        "lh.Hybrid({…}, [lh.Transition(…)]); a change at given times is a clock, lh.Transition(every=…). A formula "
+        f"that stays continuous takes {formula}."
     )  # fmt: skip
     return (
         "Python's if, while, and, or, not, max, min and x[x > 0] need one answer at once, but JAX writes this function "
-        "down once, for all states and parameters. Use jnp.where(condition, one, other), jnp.maximum, jnp.minimum."
-        f"{modes}"
+        f"down once, for all states and parameters. {cure}"
     )
 
 
