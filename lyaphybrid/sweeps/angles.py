@@ -89,7 +89,7 @@ class AngleField(RunResult, eqx.Module):
             "angles": (along, self.angles, {"units": "rad"}),
             "where": ((*along, "state"), self.where),
             "time": (along, self.time),
-            "remainder": (along, self.remainder, {"units": "rad"}),
+            "remainder": (along, self.remainder),
             "missed": None if self.missed is None else (along, self.missed),
             "status_code": (along, self.status_code),
         }
