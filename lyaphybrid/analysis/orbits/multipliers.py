@@ -1,6 +1,9 @@
 """The Floquet multipliers of an orbit, and its stability."""
 
+import functools
+
 import numpy as np
+import scipy.linalg
 
 from ..._jax.precision import digits
 from ..._linalg import frames
@@ -48,6 +51,7 @@ def multipliers_of(matrices: list[np.ndarray], known: np.ndarray, free: int, aut
         free: number of degrees of freedom.
         autonomous: whether one multiplier is 1 along the flow.
     """
+    matrices, known = _in_even_units(matrices, known)
     matrices, ones = _divided(matrices, known)
     found = product_eigenvalues(matrices) if len(matrices[0]) else np.zeros(0, complex)
     found = found[np.argsort(-np.abs(found), kind="stable")]
@@ -58,6 +62,15 @@ def multipliers_of(matrices: list[np.ndarray], known: np.ndarray, free: int, aut
         together = np.concatenate([np.ones(ones, complex), found])
         return together[np.argsort(-np.abs(together), kind="stable")], found
     return found, np.delete(found, np.argmin(np.abs(found - 1))) if autonomous else found
+
+
+def _in_even_units(matrices: list[np.ndarray], known: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
+    """In units of x, powers of 2, in which rows and columns of the product are of one size: nothing depends on them."""
+    product = functools.reduce(lambda product, matrix: matrix @ product, matrices)
+    if not np.all(np.isfinite(product)):
+        return matrices, known
+    units = scipy.linalg.matrix_balance(product, permute=False, separate=True)[1][0]
+    return [matrix * units / units[:, None] for matrix in matrices], known / units[:, None]
 
 
 def stability_of(others: np.ndarray, like) -> str:

@@ -147,25 +147,32 @@ def _iterated(system: Map, x, args, count):
 
 
 def derivatives(turn: PeriodRun, case: ExponentFunction, orbit: Floquet, period) -> Derivatives:
-    """Derivatives of the orbit and of M, by two passes: first with the point fixed, then with it moving."""
+    """Derivatives of the orbit and of M, by two passes: first with the point fixed, then with it moving.
+
+    M comes in units in which its rows and columns are of one size, so that no condition number depends on those of x.
+    """
     n, p = len(orbit.x0), len(case.theta)
     x, theta = orbit.base[1], as_jax(case.theta)
-    autonomous, own = _autonomous(case, period), np.zeros(p)
+    autonomous, own, speed = _autonomous(case, period), np.zeros(p), 1.0
     if callable(period):
         own = np.asarray(jax.jacfwd(lambda theta: jnp.asarray(period(case.args_of(theta)), theta.dtype))(theta))
-    length, matrix = np.asarray(orbit.period, float), np.asarray(orbit.monodromy)
-    system, right = (
-        matrix - np.eye(n),
-        -_derivatives_along(turn, theta, x, length, np.eye(p), np.zeros((p, n)), own)[0].T,
-    )
+    length, monodromy = np.asarray(orbit.period, float), np.asarray(orbit.monodromy)
+    matrix, (units, _) = scipy.linalg.matrix_balance(monodromy, permute=False, separate=True)
+    ahead = _derivatives_along(turn, theta, x, length, np.eye(p), np.zeros((p, n)), own)[0].T
+    system, right = matrix - np.eye(n), -ahead / units[:, None]
     if autonomous:
-        f = np.asarray(velocity(turn.system, turn.t, x, turn.args_of(theta), int(turn.mode)))
+        f = np.asarray(velocity(turn.system, turn.t, x, turn.args_of(theta), int(turn.mode))) / units
+        speed = float(np.linalg.norm(f))
+        f = f / speed
         system = np.block([[system, f[:, None]], [f[None, :], np.zeros((1, 1))]])
         right = np.concatenate([right, np.zeros((1, p))])
     change = np.linalg.lstsq(system, right, rcond=None)[0]
-    own = change[n] if autonomous else own
-    _, moved = _derivatives_along(turn, theta, x, length, np.eye(p), change[:n].T, own)
-    return Derivatives(matrix, moved, own, min(float(np.linalg.cond(system)), INFINITE_CONDITION))
+    moves = (change[:n] * units[:, None]).T
+    own = change[n] / speed if autonomous else own
+    _, moved = _derivatives_along(turn, theta, x, length, np.eye(p), moves, own)
+    return Derivatives(
+        matrix, moved * units / units[:, None], own, min(float(np.linalg.cond(system)), INFINITE_CONDITION)
+    )
 
 
 @compiled(lambda turn, theta, x, *rest: x.size, hands_on=True)

@@ -218,3 +218,23 @@ def test_it_decides_from_values():
 
     with pytest.raises(ValueError, match="jit"):
         jax.jit(under_jit)(0.3)
+
+
+def test_trust_does_not_depend_on_units():
+    """A driven oscillator whose velocity is counted in small units."""
+
+    def gradient_in(unit):
+        def field(t, x, args):
+            v = unit * x[1]
+            return jnp.stack([v, (jnp.cos(t) - args["damping"] * v - x[0] - 0.1 * x[0] ** 3) / unit])
+
+        return lh.lyapunov_gradient(
+            lh.Flow(field), [0.5, 0.5 / unit], {"damping": 0.3}, t1=50.0, transient=200.0, period=2 * np.pi,
+            algorithm="implicit", over=["damping"], k=2,
+        )  # fmt: skip
+
+    here, there = gradient_in(1.0), gradient_in(1e-5)
+    assert here.trust
+    assert there.trust, there.reasons
+    np.testing.assert_allclose(there.gradient["damping"], here.gradient["damping"], rtol=1e-5)
+    np.testing.assert_allclose(np.sum(here.gradient["damping"]), -1.0, rtol=1e-6)  # λ₁ + λ₂ is minus the damping
