@@ -148,7 +148,8 @@ class Spectrum(Resumable, RunResult, eqx.Module):
         accumulation_time: estimate of the time at which events accumulate; nan where they do not.
         flags: (3,) whether the run met grazing, simultaneous events, an interruption: what `notes` are made from.
         spread: (k,) how far apart the lengths of columns became between two orthonormalisations, as `notes` need it.
-        residual: |Σ λ − (mean divergence + mean ln|det S|)|, whatever was lost; None where k < n.
+        residual: |Σ λ − (mean divergence + mean ln|det S|)|, whatever was lost; None where k < n,
+            and of many components (16; 6 if event-driven).
         step: the step of a method with a fixed one; None.
         volume_error: how much volume such a step loses, where the divergence is not known; None.
         has_guards: whether there are transitions with guards that do not end the run.
@@ -232,7 +233,7 @@ class Spectrum(Resumable, RunResult, eqx.Module):
 
     @property
     def sum_rule_residual(self) -> Array | None:
-        """|Σ λ - (mean divergence + mean ln|det S|)|; None where k < n or something was lost."""
+        """|Σ λ - (mean divergence + mean ln|det S|)|; None as `residual`, or where something was lost."""
         if self.residual is None:
             return None
         if not traced(self.exponents) and np.any(np.isneginf(np.asarray(self.exponents))):
