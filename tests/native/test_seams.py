@@ -36,6 +36,7 @@ CASES = {
     "at places": lambda x, v: (jnp.roll(x, 3)[np.array([0, 3, 39])], lax.dynamic_slice(jnp.roll(x, 3), (2,), (30,))),
     "sums and products": lambda x, v: (jnp.roll(x, 3).sum(), jnp.roll(x, 3) @ v, jnp.cumsum(jnp.roll(x, 3))),
     "moved about": lambda x, v: [f(jnp.roll(v, 3, 0)) for f in (jnp.transpose, jnp.flip, lambda v: v[1::2])],
+    "stacked": lambda x, v: (jnp.stack([jnp.roll(x, 3), x]), jnp.stack([jnp.roll(x, 3), x], axis=1)),
     "reshaped": lambda x, v: (jnp.roll(x, 3).reshape(8, 5), jnp.roll(x, 3)[:, None] + v, jnp.roll(v, 3, 0).ravel()),
     "sines": lambda x, v: jnp.sin(jnp.roll(x, 1) - x) + jnp.cos(jnp.roll(x, -1)),
     "along the other axis": lambda x, v: jnp.roll(v, 1, 1) - v,
@@ -77,6 +78,18 @@ def test_neighbours_are_not_written_and_loops_are_cut_where_they_begin():
 def test_what_has_too_many_pieces_or_a_costly_one_is_written():
     assert loops_of(lambda x, v: many(x) - 1.0)[0] == 1
     assert loops_of(lambda x, v: jnp.roll(jnp.exp(x), 3) - x)[0] >= 1
+
+
+def test_loops_that_are_not_cut_read_from_memory():
+    """They would select among all pieces for each element."""
+    for function in (
+        lambda x, v: jnp.sum(jnp.roll(x, 3) * x),
+        lambda x, v: (jnp.roll(x, 3) - x) @ v,
+        lambda x, v: jnp.flip(jnp.roll(x, 3)),
+        lambda x, v: jnp.stack([jnp.roll(x, 3), x]),
+        lambda x, v: jnp.stack([jnp.roll(x, 3), x], axis=1),
+    ):
+        assert "select i1" not in lower(jax.make_jaxpr(function)(VECTOR, FRAME), 1)
 
 
 def test_seams():

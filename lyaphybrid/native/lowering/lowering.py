@@ -147,6 +147,8 @@ class Lowering(Values):
             return [self._entry_by_entry(ENTRYWISE[name], eqn, operands)]
         if name not in RULES:
             return self.run(implementation(eqn), operands)
+        if name not in KEEPS_SEAMS and name not in CALLS:  # its loops are not cut
+            operands = [self.in_memory(value) if seams_of(value) else value for value in operands]
         found = None
         if any(isinstance(value, RowVectors) for value in operands):
             if name in IN_ROWS:
@@ -229,6 +231,7 @@ def spread(indices: Sequence, shape: Sequence[int]) -> list:
 
 NO_CALLS = '"no-builtin-memcpy" "no-builtin-memmove" "no-builtin-memset"'
 KEEPS_ROWS: set[str] = set()  # primitives whose rules accept operands in rows
+KEEPS_SEAMS: set[str] = set()  # primitives whose rules tell the seams of their results from those of their operands
 CALLS: set[str] = set()  # primitives that call a program, whose equations are inlined
 
 

@@ -4,7 +4,7 @@ import jax
 import numpy as np
 
 from ..elementary import arithmetic as a
-from ..lowering.lowering import KEEPS_ROWS, Lowering, in_rows, rule
+from ..lowering.lowering import KEEPS_ROWS, KEEPS_SEAMS, Lowering, in_rows, rule
 from ..lowering.seams import MOST_SEAMS, Seams, within
 from ..lowering.types import INDEX, llvm_type
 from ..lowering.values import Buffer, Lazy, RowVectors, Value, filled, seams_of, size
@@ -222,9 +222,13 @@ def with_axis(b: Lowering, value: Value, axis: int) -> Value:
     """A value with an additional axis of length 1; it must be written immediately, because it counts no uses."""
     if b.is_small(value.shape):
         return np.expand_dims(b.entries(value), axis)
+    if axis == 0 and seams_of(value):
+        value = b.in_memory(value)
     assert isinstance(value, Lazy | Buffer)
     shape = (*value.shape[:axis], 1, *value.shape[axis:])
-    return Lazy(shape, value.dtype, lambda i: b.element_at(value, [*i[:axis], *i[axis + 1 :]]))
+    found = Lazy(shape, value.dtype, lambda i: b.element_at(value, [*i[:axis], *i[axis + 1 :]]))
+    found.seams = seams_of(value)
+    return found
 
 
 @in_rows("concatenate", "stack")
@@ -344,3 +348,4 @@ def unchanged(b, eqn, *values):
 
 
 KEEPS_ROWS.add("optimization_barrier")
+KEEPS_SEAMS.update(("broadcast_in_dim", "concatenate", "optimization_barrier", "slice", "stack"))
