@@ -248,8 +248,10 @@ class BranchEquations(NamedTuple):
 
 
 def states_over(point: BranchPoint) -> np.ndarray:
-    """States (samples, n) of the whole orbit."""
-    return np.concatenate([states_of(piece)[1] for piece in point.orbit.pieces])
+    """States (samples, n) of the whole orbit, those before and after its jumps included."""
+    pieces = point.orbit.pieces
+    before = [piece.events.x_before for piece in pieces if piece.events is not None]
+    return np.concatenate([*(states_of(piece)[1] for piece in pieces), *before])
 
 
 def _number(value) -> Any:

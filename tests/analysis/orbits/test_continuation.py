@@ -643,3 +643,16 @@ def test_a_branch_prints_what_it_found(cascade):
     lines = str(cascade[0]).splitlines()
     assert lines[0].startswith("Branch of periodic orbits over args from 1.5 to 3.6: ")
     assert lines[1] == "  period doubling at 3, T = 1"
+
+
+def test_the_largest_value_may_be_one_before_a_jump():
+    """A rimless wheel leans farthest where its next leg lands, at the slope plus half of the angle between legs."""
+    half = np.pi / 8
+    lands = lh.Transition(
+        lambda t, x, slope: slope + half - x[0],
+        lambda t, x, slope: jnp.stack([slope - half, jnp.cos(2 * half) * x[1]]),
+    )
+    wheel = lh.Hybrid(lambda t, x, slope: jnp.stack([x[1], jnp.sin(x[0])]), lands)
+    branch = lh.continuation(wheel, [0.1 - half, 0.6], 0.1, over={"args": (0.09, 0.12)}, transient=20.0)
+    assert_allclose(branch.largest[:, 0], branch.values + half, rtol=0, atol=1e-9)
+    assert_allclose(branch.smallest[:, 0], branch.values - half, rtol=0, atol=1e-9)
