@@ -17,26 +17,35 @@ __all__ = ["matrices_of", "multipliers_of", "stability_of"]
 CIRCLE = 1e-7  # a multiplier nearer to the unit circle than this is on it
 DEPENDENT_SINGULAR_VALUE = 1e-6  # relative size below which a singular value means linear dependence
 
-ILL_CONDITIONED = 1e-9  # a ratio of the least to the greatest singular value of a piece below which it is cut
+# What is left of a direction beside another where M does not tell whether it is lost: more than rounding, but little.
+ROUNDED_AWAY, HARDLY_LEFT = 2e-15, 1e-9
 CUTS = 4  # pieces that it becomes
 
 
 def matrices_of(flow: Motion, orbit: OrbitIterate) -> list[np.ndarray]:
     """The derivatives (n, n) of the pieces of an orbit; of shorter pieces where rounding could hide a direction.
 
-    A motion that lingers near a saddle stretches so much in one piece that what it contracts looks destroyed.
+    A motion that lingers near a saddle stretches so much in one piece that what it contracts looks destroyed. What a
+    jump destroys is gone in a shorter piece, too.
     """
     matrices = [piece.matrix for piece in orbit.pieces]
-    finite = all(np.all(np.isfinite(matrix)) for matrix in matrices)
-    hidden = finite and any(np.linalg.cond(matrix) * digits(ILL_CONDITIONED, matrix) > 1 for matrix in matrices)
-    if not hidden or isinstance(flow.problem.system, Map):
+    left = _least_left(matrices)
+    if not ROUNDED_AWAY < left < HARDLY_LEFT or isinstance(flow.problem.system, Map):
         return matrices
     try:
         nodes = placed(flow, orbit.nodes[0], orbit.period, CUTS * len(orbit.nodes))
         finer = shot(flow, nodes, shares_of(nodes, orbit.period), orbit.period, 0, orbit.shift)
     except RunFailedError:
         return matrices
-    return [piece.matrix for piece in finer.pieces] if not finer.torn else matrices
+    shorter = [piece.matrix for piece in finer.pieces]
+    return matrices if finer.torn or _least_left(shorter) < HARDLY_LEFT else shorter
+
+
+def _least_left(matrices: list[np.ndarray]) -> float:
+    """The least ratio of the smallest to the greatest singular value of a matrix; 1 where some are not finite."""
+    if not all(np.all(np.isfinite(matrix)) for matrix in matrices):
+        return 1.0
+    return min(1 / float(np.linalg.cond(matrix)) for matrix in matrices)
 
 
 def multipliers_of(matrices: list[np.ndarray], known: np.ndarray, free: int, autonomous: bool):
