@@ -18,7 +18,7 @@ CIRCLE = 1e-7  # a multiplier nearer to the unit circle than this is on it
 DEPENDENT_SINGULAR_VALUE = 1e-6  # relative size below which a singular value means linear dependence
 
 # What is left of a direction beside another where M does not tell whether it is lost: more than rounding, but little.
-ROUNDED_AWAY, HARDLY_LEFT = 2e-15, 1e-9
+NOTHING_LEFT, HARDLY_LEFT = 2e-15, 1e-9
 CUTS = 4  # pieces that it becomes
 
 
@@ -30,7 +30,7 @@ def matrices_of(flow: Motion, orbit: OrbitIterate) -> list[np.ndarray]:
     """
     matrices = [piece.matrix for piece in orbit.pieces]
     left = _least_left(matrices)
-    if not ROUNDED_AWAY < left < HARDLY_LEFT or isinstance(flow.problem.system, Map):
+    if not NOTHING_LEFT < left < HARDLY_LEFT or isinstance(flow.problem.system, Map):
         return matrices
     try:
         nodes = placed(flow, orbit.nodes[0], orbit.period, CUTS * len(orbit.nodes))
