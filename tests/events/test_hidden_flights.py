@@ -65,3 +65,10 @@ def test_events_before_a_hidden_flight_are_those_of_a_ball_that_bounces_geometri
     assert abs(float(run.events.t[-1]) - end) < 1e-7
     found = lh.lyapunov_spectrum(BALL, [1.0, 0.0], args, t1=10.0, throw=False)
     assert abs(float(found.accumulation_time) - end) < 1e-9
+
+
+def test_a_run_that_ends_before_its_transient_has_no_dimension():
+    found = lh.lyapunov_spectrum(BALL, [1.0, 0.0], {"A": 0.0}, t1=10.0, transient=50.0, throw=False)
+    assert found.status.name == "zeno"
+    assert np.all(np.isnan(found.exponents))
+    assert np.isnan(found.kaplan_yorke_dimension())
