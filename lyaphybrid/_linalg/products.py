@@ -1,8 +1,9 @@
-"""Eigenvalues of a product of matrices, each with small relative error."""
+"""Eigenvalues of a product of matrices, each with small relative error; units in which its entries are even."""
 
 import numpy as np
+import scipy.linalg
 
-__all__ = ["product_eigenvalues"]
+__all__ = ["even_units", "in_units", "product_eigenvalues"]
 
 ORTHOGONAL_ITERATIONS = 60  # number of orthogonal iterations
 ROTATION_ROUNDING = 1e-12  # entries of the last rotation below this are rounding and set to zero
@@ -32,3 +33,20 @@ def product_eigenvalues(matrices: list[np.ndarray]) -> np.ndarray:
         start = last
     turned = first.T @ last
     return np.linalg.eigvals(np.where(np.abs(turned) > ROTATION_ROUNDING, turned, 0.0) @ triangle).astype(complex)
+
+
+def even_units(matrix: np.ndarray) -> np.ndarray:
+    """(n,) powers of 2: in these units of x, rows and columns of a map of x are of one size; 1 if it is not finite.
+
+    Source:
+        B. N. Parlett & C. Reinsch, Balancing a matrix for calculation of eigenvalues and eigenvectors, Numer. Math. 13
+        (1969) 293, doi:10.1007/BF02165404.
+    """
+    if not np.all(np.isfinite(matrix)):
+        return np.ones(len(matrix))
+    return scipy.linalg.matrix_balance(matrix, permute=False, separate=True)[1][0]
+
+
+def in_units(matrix: np.ndarray, units: np.ndarray) -> np.ndarray:
+    """A matrix (…, n, n) that maps x to x, for x in other units (n,)."""
+    return matrix * units / units[:, None]

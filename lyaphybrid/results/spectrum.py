@@ -405,8 +405,8 @@ class Spectrum(Resumable, RunResult, eqx.Module):
         known = with_error(dimension, error) if error > LEAST_ERROR else f"{dimension:.4f}"
         at_least = dimension == len(self.exponents) < self.frame.shape[-2]
         first, doubt = float(np.mean(self.exponents[0])), float(np.mean(self.stderr[0]))
-        if dimension <= 1 and abs(first) <= ZERO_WITHIN * doubt:
-            known = f"{known}; λ1 may be 0, and with it the dimension 1"
+        if dimension == 0 and abs(first) <= ZERO_WITHIN * doubt:
+            known = f"{known}; it is 1 if λ1 is 0, as it may be within its error"
         return [*lines, f"Kaplan–Yorke dimension {'at least ' if at_least else ''}{known}"]
 
 

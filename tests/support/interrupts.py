@@ -1,4 +1,8 @@
-"""Ctrl-C at a chosen moment."""
+"""Ctrl-C at a chosen moment, and what it leaves."""
+
+import numpy as np
+
+from lyaphybrid.sweeps import starts
 
 
 def interrupted_at(monkeypatch, owner, name, call):
@@ -11,3 +15,14 @@ def interrupted_at(monkeypatch, owner, name, call):
         return original(*arguments, **more)
 
     monkeypatch.setattr(owner, name, wrapped)
+
+
+def only_computed(monkeypatch, count):
+    """Let a field be what it is after Ctrl-C, with so many starts computed."""
+    run = starts.sweep
+
+    def some(*given, **how):
+        found = run(*given, **how)
+        return found.assign(status_code=found["status_code"].where(np.arange(found.sizes["point"]) < count, -1))
+
+    monkeypatch.setattr(starts, "sweep", some)

@@ -10,7 +10,7 @@ import scipy.linalg
 from numpy.testing import assert_allclose, assert_array_equal
 
 import lyaphybrid as lh
-from lyaphybrid.sweeps import starts
+from interrupts import only_computed
 
 HENON = lh.Map(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]]), names=("x", "y"))
 NEAR = [[-0.1, -0.1], [0.1, 0.1]]
@@ -340,13 +340,7 @@ def test_an_inverse_has_the_same_modes():
 
 
 def test_what_was_not_computed_is_interrupted(monkeypatch):
-    run = starts.sweep
-
-    def half(*given, **how):
-        found = run(*given, **how)
-        return found.assign(status_code=found["status_code"].where(np.arange(found.sizes["point"]) < 4, -1))
-
-    monkeypatch.setattr(starts, "sweep", half)
+    only_computed(monkeypatch, 4)
     found = lh.angle_field(HENON, NEAR, 1.4, transient=10, shape=(3, 3))
     assert found.status == lh.STATUS.interrupted
     assert np.sum(np.isnan(found.angles)) == 5

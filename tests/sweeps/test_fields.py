@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import lyaphybrid as lh
-from lyaphybrid.sweeps import starts
+from interrupts import only_computed
 from lyaphybrid.sweeps.ridges import ridge_points
 
 BOX = [[-3.0, 0.5], [0.0, 2.5]]
@@ -146,13 +146,7 @@ def test_ridges_refuse_what_does_not_fit(how, words):
 
 
 def test_what_was_not_computed_is_interrupted(monkeypatch):
-    run = starts.sweep
-
-    def half(*given, **how):
-        found = run(*given, **how)
-        return found.assign(status_code=found["status_code"].where(np.arange(found.sizes["point"]) < 4, -1))
-
-    monkeypatch.setattr(starts, "sweep", half)
+    only_computed(monkeypatch, 4)
     found = lh.ftle_field(PENDULUM, BOX, 1.0, t1=1.0, shape=(3, 3))
     assert found.status == lh.STATUS.interrupted
     assert np.sum(np.isnan(found.exponents[..., 0])) == 5

@@ -3,11 +3,10 @@
 import functools
 
 import numpy as np
-import scipy.linalg
 
 from ..._jax.precision import digits
 from ..._linalg import frames
-from ..._linalg.products import product_eigenvalues
+from ..._linalg.products import even_units, in_units, product_eigenvalues
 from ...errors import RunFailedError
 from ...systems.smooth import Map
 from .shooting import Motion, OrbitIterate, placed, shares_of, shot
@@ -19,7 +18,7 @@ DEPENDENT_SINGULAR_VALUE = 1e-6  # relative size below which a singular value me
 
 # What is left of a direction beside another where M does not tell whether it is lost: more than rounding, but little.
 NOTHING_LEFT, HARDLY_LEFT = 2e-15, 1e-9
-CUTS = 4  # pieces that it becomes
+CUTS = 4  # pieces that such a piece becomes
 
 
 def matrices_of(flow: Motion, orbit: OrbitIterate) -> list[np.ndarray]:
@@ -52,7 +51,8 @@ def multipliers_of(matrices: list[np.ndarray], known: np.ndarray, free: int, aut
     """All multipliers (free,), the largest first, and those that decide on the stability.
 
     In a family a double multiplier 1 has only one eigenvector, and rounding would change it by the square root of the
-    rounding error. So the directions that are known to be mapped to themselves are divided out first.
+    rounding error. So the directions that are known to be mapped to themselves are divided out first. Nothing depends
+    on the units of the state.
 
     Args:
         matrices: (n, n) of the pieces, in the order in which they act.
@@ -60,8 +60,8 @@ def multipliers_of(matrices: list[np.ndarray], known: np.ndarray, free: int, aut
         free: number of degrees of freedom.
         autonomous: whether one multiplier is 1 along the flow.
     """
-    matrices, known = _in_even_units(matrices, known)
-    matrices, ones = _divided(matrices, known)
+    units = even_units(functools.reduce(lambda product, matrix: matrix @ product, matrices))
+    matrices, ones = _divided([in_units(matrix, units) for matrix in matrices], known / units[:, None])
     found = product_eigenvalues(matrices) if len(matrices[0]) else np.zeros(0, complex)
     found = found[np.argsort(-np.abs(found), kind="stable")]
     n = len(found)
@@ -71,15 +71,6 @@ def multipliers_of(matrices: list[np.ndarray], known: np.ndarray, free: int, aut
         together = np.concatenate([np.ones(ones, complex), found])
         return together[np.argsort(-np.abs(together), kind="stable")], found
     return found, np.delete(found, np.argmin(np.abs(found - 1))) if autonomous else found
-
-
-def _in_even_units(matrices: list[np.ndarray], known: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
-    """In units of x, powers of 2, in which rows and columns of the product are of one size: nothing depends on them."""
-    product = functools.reduce(lambda product, matrix: matrix @ product, matrices)
-    if not np.all(np.isfinite(product)):
-        return matrices, known
-    units = scipy.linalg.matrix_balance(product, permute=False, separate=True)[1][0]
-    return [matrix * units / units[:, None] for matrix in matrices], known / units[:, None]
 
 
 def stability_of(others: np.ndarray, like) -> str:

@@ -16,6 +16,7 @@ from ..._arguments import require
 from ..._jax.engines import compiled
 from ..._jax.jaxprs import needed
 from ..._jax.tracing import array, traced
+from ...engine.binding import number
 from ...systems.daes.semi_linear import Constrained
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid, Transition
@@ -96,7 +97,7 @@ def _check_ticks(system: Any, period: float, args, where: str) -> None:
     for j, transition in enumerate(getattr(system, "transitions", ())):
         if transition.every is None:
             continue
-        every = float(transition.every(args) if callable(transition.every) else transition.every)
+        every = float(number(transition.every, args))
         require(
             period <= MOST_TICKS * every,
             f"period{where} is to be a time; got {period:.9g}, in which the clock of transition {j} ticks "
@@ -277,6 +278,5 @@ def _of_contacts(function: Callable, shape: tuple[int, ...]) -> Callable:
 
 def _hand(t, transition: Transition, args):
     """Phase of a clock as a point (2,) on the unit circle; one turn from tick to tick."""
-    every = transition.every(args) if callable(transition.every) else transition.every
-    angle = 2 * jnp.pi * t / every
+    angle = 2 * jnp.pi * t / number(transition.every, args)
     return jnp.stack([jnp.cos(angle), jnp.sin(angle)])

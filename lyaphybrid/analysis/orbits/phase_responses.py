@@ -152,9 +152,9 @@ class PhaseResponse(Result, eqx.Module):
         j = int(np.argmin(far))
         row, point, own = self.response[j], self.x[j], int(self.mode[j])
         more = float(row @ (y - point) / (row @ np.asarray(self._cycle.field(jnp.asarray(point), own))))
-        j, later = (
-            (j, min(more, step)) if more >= 0 else (j - 1, max(0.0, step + more))
-        )  # there may be a jump between the two samples
+        later = min(more, step)
+        if more < 0:  # from the sample before: there may be a jump between the two
+            j, later = j - 1, max(0.0, step + more)
         for _ in range(PHASE_CORRECTIONS):  # Newton's method for Z·(y − γ(s)) = 0
             point, own = self._cycle.moved(jnp.asarray(self.x[j]), self.mode[j], later)
             rate = row @ np.asarray(self._cycle.field(jnp.asarray(point), own))

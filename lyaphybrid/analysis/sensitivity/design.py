@@ -80,7 +80,7 @@ class Design(Result, eqx.Module):
         trust = "trusted" if self.trust else "NOT to be trusted"
         ended = "converged" if self.converged else "NOT converged"
         if self.converged and self.reasons[0].startswith(ALL_STEPS):
-            ended = "all steps made"
+            ended = ALL_STEPS
         title = f"Design: {ended} in {len(self.history)} points, {trust}"
         rows = [(name, f"{value:.12g}") for name, value in self.parameters.items()]
         found = map(with_error, self.exponents, self.stderr)
@@ -348,14 +348,11 @@ def _descent(
         u = optax.apply_updates(u, changes)
     assert best is not None
     assert here is not None
-    ended = "the derivatives are not to be trusted where the steps ended"
-    reason = (
-        ended
-        if not here.trust
-        else "the objective is stationary"
-        if not np.any(slope)
-        else f"{ALL_STEPS}, {steps}: more may come nearer"
-    )
+    reason = f"{ALL_STEPS}, {steps}: more may come nearer"
+    if not here.trust:
+        reason = "the derivatives are not to be trusted where the steps ended"
+    elif not np.any(slope):
+        reason = "the objective is stationary"
     return best, here.trust, (f"{reason}; the objective is {least:.6g}",)
 
 

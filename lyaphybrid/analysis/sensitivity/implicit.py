@@ -23,6 +23,7 @@ import scipy.linalg
 
 from ..._jax.engines import compiled
 from ..._jax.tracing import array, as_jax
+from ..._linalg.products import even_units, in_units
 from ...engine import preparation, problems
 from ...engine.host import driver, reporting
 from ...errors import NoPeriodicOrbitError, RunFailedError
@@ -157,7 +158,8 @@ def derivatives(turn: PeriodRun, case: ExponentFunction, orbit: Floquet, period)
     if callable(period):
         own = np.asarray(jax.jacfwd(lambda theta: jnp.asarray(period(case.args_of(theta)), theta.dtype))(theta))
     length, monodromy = np.asarray(orbit.period, float), np.asarray(orbit.monodromy)
-    matrix, (units, _) = scipy.linalg.matrix_balance(monodromy, permute=False, separate=True)
+    units = even_units(monodromy)
+    matrix = in_units(monodromy, units)
     ahead = _derivatives_along(turn, theta, x, length, np.eye(p), np.zeros((p, n)), own)[0].T
     system, right = matrix - np.eye(n), -ahead / units[:, None]
     if autonomous:
@@ -170,9 +172,7 @@ def derivatives(turn: PeriodRun, case: ExponentFunction, orbit: Floquet, period)
     moves = (change[:n] * units[:, None]).T
     own = change[n] / speed if autonomous else own
     _, moved = _derivatives_along(turn, theta, x, length, np.eye(p), moves, own)
-    return Derivatives(
-        matrix, moved * units / units[:, None], own, min(float(np.linalg.cond(system)), INFINITE_CONDITION)
-    )
+    return Derivatives(matrix, in_units(moved, units), own, min(float(np.linalg.cond(system)), INFINITE_CONDITION))
 
 
 @compiled(lambda turn, theta, x, *rest: x.size, hands_on=True)

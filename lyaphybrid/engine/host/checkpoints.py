@@ -2,8 +2,8 @@
 
 A checkpoint is one NumPy file without pickled objects, replaced atomically. It holds the parts of a run (the transient
 and the measured part), each as the leaves of the loop's state and of its block records; or the arrays of the steps of
-another computation that are done. Tree structure and functions
-come from the call that resumes; hashes in the file tell whether it is the same run.
+another computation that are done. Tree structure and functions come from the call that resumes; hashes in the file tell
+whether it is the same run.
 """
 
 import json

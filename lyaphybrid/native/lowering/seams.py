@@ -13,7 +13,7 @@ MOST_SEAMS = 6  # of one loop: each adds a copy of its body
 Seams = tuple[int, ...]
 
 
-def united(several: Iterable[Seams]) -> Seams:
+def united(several: Iterable[Iterable[int]]) -> Seams:
     """The seams of a loop that reads all these arrays."""
     return tuple(sorted({seam for seams in several for seam in seams}))
 

@@ -5,7 +5,7 @@ import numpy as np
 
 from ..elementary import arithmetic as a
 from ..lowering.lowering import KEEPS_ROWS, KEEPS_SEAMS, Lowering, in_rows, rule
-from ..lowering.seams import MOST_SEAMS, Seams, within
+from ..lowering.seams import MOST_SEAMS, Seams, united, within
 from ..lowering.types import INDEX, llvm_type
 from ..lowering.values import Buffer, Lazy, RowVectors, Value, filled, seams_of, size
 
@@ -168,11 +168,10 @@ def joined(b: Lowering, aval, values, axis: int) -> Value:
         return np.concatenate([b.entries(value) for value in values], axis)
     firsts = [0, *np.cumsum([value.shape[axis] for value in values]).tolist()]
     if axis == 0 and all(map(is_cheap, values)):
-        seams = set(firsts[1:-1])
-        for value, first in zip(values, firsts, strict=False):
-            seams |= {first + seam for seam in seams_of(value)}
+        inner = [[first + seam for seam in seams_of(value)] for value, first in zip(values, firsts[:-1], strict=True)]
+        seams = within(united([firsts, *inner]), 0, aval.shape[0])
         if len(seams) <= MOST_SEAMS:
-            return _in_pieces(b, aval, values, firsts, tuple(sorted(seams - {0, aval.shape[0]})))
+            return _in_pieces(b, aval, values, firsts, seams)
     found, ndim = b.new_buffer(aval.shape, aval.dtype), len(aval.shape)
     corners = [[first if k == axis else 0 for k in range(ndim)] for first in firsts[:-1]]
     b.write_parts(found, list(zip(values, corners, strict=True)))
