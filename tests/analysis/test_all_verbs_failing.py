@@ -255,7 +255,11 @@ def test_every_verb_on_a_motion_that_fails(name, how):
 def test_a_check_says_that_the_motion_fails(how):
     system, x0, _ = FAILING[how]
     report = lh.check(system, x0, ARGS)
-    assert not report.ok, str(report)
+    if how == "events accumulate":  # the motion comes to rest, which is no mistake of the user
+        (run,) = (finding for finding in report.findings if finding.topic == "run")
+        assert report.ok and run.verdict == "note" and "zeno" in run.text, str(report)
+    else:
+        assert not report.ok, str(report)
 
 
 @pytest.mark.slow
