@@ -257,7 +257,9 @@ def test_a_check_says_that_the_motion_fails(how):
     report = lh.check(system, x0, ARGS)
     if how == "events accumulate":  # the motion comes to rest, which is no mistake of the user
         (run,) = (finding for finding in report.findings if finding.topic == "run")
-        assert report.ok and run.verdict == "note" and "zeno" in run.text, str(report)
+        assert report.ok, str(report)
+        assert run.verdict == "note", str(report)
+        assert "zeno" in run.text
     else:
         assert not report.ok, str(report)
 
