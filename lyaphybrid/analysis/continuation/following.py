@@ -15,7 +15,7 @@ from ..orbits.shooting import Node, OrbitIterate, states_of
 from .bifurcations import cycle_of_events
 from .equations import BranchEquations, BranchPoint, tangent
 from .locating import LocatedPoint, OrbitChange, change_of, crossings
-from .touching import touches
+from .touching import ending_touch
 
 __all__ = [
     "Arc",
@@ -38,6 +38,7 @@ SLOW_ITERATIONS = 5  # … and at least so many shorten it
 SHORTEST_STEP = 1e-7  # of the largest step
 NEXT = 1e-12  # step length at which the approach to a change of the events ends
 LEAST_CLEARANCE = 0.005  # of the period: nodes nearer to an event than this are moved
+BEHIND_A_CORNER = 1e-3  # of the largest step: where the branch is looked for behind a corner
 
 
 GOES_ON = ("range", "max_points", STATUS.interrupted.name)  # ends from which a branch or curve can be followed on
@@ -71,19 +72,52 @@ def followed(arcs: list[Arc], on: Callable[[Arc], Arc]) -> list[Arc]:
 
 def follow(equations: BranchEquations, arc: Arc, over: tuple[float, float], step: float, most: int) -> Arc:
     """The branch from where an arc ends, until it leaves the range, closes or ends; or until Ctrl-C."""
-    points, found = list(arc.points), list(arc.found)
-    end, length = walked(
-        points, found, arc.length, step,
-        reason=lambda short: _reason_to_stop(equations, points, over, most, short),
-        onward=lambda last, length: advanced(equations, last, length, over),
-        between=lambda last, after, length: _between(equations, last, after, length),
-        clear=lambda after: _with_clear_nodes(equations, after),
-    )  # fmt: skip
-    if end == "no convergence":
-        nearest = _approached(equations, points[-1], length)
-        if touches(equations, nearest):
-            return Arc(points, [*found, LocatedPoint("grazing", nearest, None, 1)], "grazing", length)
-    return Arc(points, found, end, length)
+    points, found, length = list(arc.points), list(arc.found), arc.length
+    while True:
+        end, length = walked(
+            points, found, length, step,
+            reason=lambda short: _reason_to_stop(equations, points, over, most, short),
+            onward=lambda last, length: advanced(equations, last, length, over),
+            between=lambda last, after, length: _between(equations, last, after, length, step),
+            clear=lambda after: _with_clear_nodes(equations, after),
+        )  # fmt: skip
+        if end != "no convergence":
+            return Arc(points, found, end, length)
+        try:
+            nearest = _approached(equations, points[-1], length)
+            touch = ending_touch(equations, nearest)
+            behind = _behind_a_corner(equations, nearest, step, over) if touch and not touch.tangential else None
+        except KeyboardInterrupt:
+            return Arc(points, found, _interrupted(), length)
+        if touch is None:
+            return Arc(points, found, end, length)
+        found.append(LocatedPoint("grazing", nearest, None, 1))
+        if behind is None:
+            return Arc(points, found, "grazing", length)
+        points.append(behind)
+        length = step / 4
+
+
+def _behind_a_corner(equations: BranchEquations, edge: BranchPoint, step: float, over) -> BranchPoint | None:
+    """A point behind a corner of the branch, where another sequence of events begins; None if none is found.
+
+    The equations are linearised on the other side of the corner. Of both directions along their tangent the branch goes
+    on in the one that has the other events: the parameter may go on, or turn back.
+    """
+    ahead = BEHIND_A_CORNER * step
+    try:
+        orbit, p = equations.shoot(edge.u + ahead * edge.tangent, edge.orbit)
+    except (RunFailedError, ValueError):
+        return None
+    along = tangent(equations.linearised(orbit, p)[0], edge.tangent)
+    for heading in (along, -along):
+        guess = edge.u + ahead * heading
+        after = equations.corrected(guess, edge.orbit, heading, float(heading @ guess), reach=ahead)
+        if after is None or not over[0] <= after.parameter <= over[1]:
+            continue
+        if cycle_of_events(after.orbit) != cycle_of_events(edge.orbit):
+            return after
+    return None
 
 
 def walked(
@@ -122,9 +156,14 @@ def walked(
             points.append(cleared)
             length = _next_length(length, after.iterations, step)
     except KeyboardInterrupt:
-        warnings.warn("interrupted: what was computed until then is returned.", stacklevel=3)
-        return STATUS.interrupted.name, length
+        return _interrupted(), length
     return end, length
+
+
+def _interrupted() -> str:
+    """Say that Ctrl-C ended it; how such a branch or curve ends."""
+    warnings.warn("interrupted: what was computed until then is returned.", stacklevel=4)
+    return STATUS.interrupted.name
 
 
 def _reason_to_stop(equations: BranchEquations, points: list[BranchPoint], over, most: int, short: bool) -> str | None:
@@ -196,11 +235,15 @@ def advanced(equations: BranchEquations, last: BranchPoint, length: float, over)
 
 
 def _between(
-    equations: BranchEquations, before: BranchPoint, after: BranchPoint, length: float
+    equations: BranchEquations, before: BranchPoint, after: BranchPoint, length: float, step: float
 ) -> list[LocatedPoint] | None:
     """Special points between two points; None if they cannot be located, and the step must be shorter."""
     if cycle_of_events(before.orbit) == cycle_of_events(after.orbit):
         return crossings(equations, before, after)
+    if length < BEHIND_A_CORNER * step:
+        touch = ending_touch(equations, after)
+        if touch is not None and not touch.tangential:
+            return None  # so near to a corner the events, and the tangent, are those of neither side
     edge = _approached(equations, before, length)
     first = [] if edge is before else crossings(equations, before, edge)
     return None if first is None else [*first, LocatedPoint("grazing", edge, None, 1)]

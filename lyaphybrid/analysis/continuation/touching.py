@@ -1,18 +1,19 @@
-"""Where an orbit touches a guard, from one side or with no speed, or has an event on the edge of another guard."""
+"""Where an orbit touches a guard, or has an event on the edge of another guard or at the tick of a clock."""
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from ...engine import problems
-from ...systems.hybrid import Hybrid
+from ...engine.binding import number
+from ...systems.hybrid import Hybrid, Transition
 from ..orbits.shooting import Motion, MotionPiece, Node, OrbitIterate
 from .equations import BranchEquations, BranchPoint
 
-__all__ = ["FoundTouch", "Touch", "found_touches", "touches"]
+__all__ = ["FoundTouch", "Touch", "ending_touch", "found_touches", "tick_time"]
 
 GRAZED = 1e-5  # largest value at a touch at which a branch ends, relative to the guard's range over the orbit
 TOUCHES = 1e-4  # the same where a touch is looked for
@@ -21,11 +22,17 @@ SAME_SURFACE = 1e-6  # of 1 − cos of the angle between the gradients of two gu
 
 
 class Touch(NamedTuple):
-    """A guard that is touched, or an event on the edge of another guard; each is a transition and an entry."""
+    """A guard that is touched, or whose event falls on the edge of another guard, or on the tick of a clock."""
 
-    guard: tuple[int, int]
-    edge: tuple[int, int] | None  # None: the guard's own rate
+    guard: tuple[int, int]  # transition, entry
     mode: int  # before the event
+    edge: tuple[int, int] | None = None  # transition, entry
+    tick: tuple[int, int] | None = None  # transition, number of the tick
+
+    @property
+    def tangential(self) -> bool:
+        """Whether the guard's own rate is zero, too."""
+        return self.edge is None and self.tick is None
 
 
 class FoundTouch(NamedTuple):
@@ -37,23 +44,27 @@ class FoundTouch(NamedTuple):
     off: float  # relative value: 0 for an exact touch
 
 
-def touches(equations: BranchEquations, point: BranchPoint) -> bool:
-    """Whether some guard nearly vanishes together with its rate."""
-    flow = equations.motion(point.parameter)
-    if not isinstance(flow.problem.system, Hybrid):
-        return False
-    tangent = (found for piece in point.orbit.pieces for j in _guarded(flow) for found in _tangencies(flow, piece, j))
-    return any(found.off < GRAZED for found in tangent)
+def ending_touch(equations: BranchEquations, point: BranchPoint) -> Touch | None:
+    """The touch at which a branch ends; None if it does not end at one."""
+    found = found_touches(equations, point.orbit, point.parameter)
+    return found[0].touch if found and found[0].off < GRAZED else None
 
 
 def found_touches(equations: BranchEquations, orbit: OrbitIterate, p: float) -> list[FoundTouch]:
     """The touches that an orbit is near to, the nearest first."""
     flow = equations.motion(p)
+    if not isinstance(flow.problem.system, Hybrid):
+        return []
     seen = [
         found
         for j in _guarded(flow)
         for piece in orbit.pieces
-        for found in (*_tangencies(flow, piece, j), *_edges(flow, orbit, piece, j))
+        for found in (
+            *_tangencies(flow, piece, j),
+            *_edges(flow, orbit, piece, j),
+            *_events_at_ticks(flow, orbit, piece, j),
+            *_values_at_ticks(flow, orbit, piece, j),
+        )
     ]
     return sorted((found for found in seen if found.off < TOUCHES), key=lambda found: found.off)
 
@@ -78,7 +89,7 @@ def _tangencies(flow: Motion, piece: MotionPiece, j: int) -> Iterator[FoundTouch
             values = _along(flow, j, mode, piece.start.t + piece.times[inside], piece.points[inside])[0]
             for entry, range_of in enumerate(ranges):
                 for at, value in _extrema(piece.times[inside], values[:, entry], inside):
-                    yield FoundTouch(Touch((j, entry), None, mode), piece.start.t + at, False, abs(value) / range_of)
+                    yield FoundTouch(Touch((j, entry), mode), piece.start.t + at, False, abs(value) / range_of)
         if len(fired):
             times = piece.start.t + piece.events.t[fired]
             rates = _along(flow, j, mode, times, piece.events.x_before[fired])[1]
@@ -86,7 +97,7 @@ def _tangencies(flow: Motion, piece: MotionPiece, j: int) -> Iterator[FoundTouch
                 entry = max(int(which), 0)
                 # Beside a touch the rate at the event is the root of the distance.
                 off = float(rate[entry] / fastest[entry]) ** 2
-                yield FoundTouch(Touch((j, entry), None, mode), float(t), True, off)
+                yield FoundTouch(Touch((j, entry), mode), float(t), True, off)
 
 
 def _scales(flow: Motion, piece: MotionPiece, j: int) -> tuple[np.ndarray, np.ndarray]:
@@ -132,7 +143,58 @@ def _edges(flow: Motion, orbit: OrbitIterate, piece: MotionPiece, j: int) -> Ite
                 same = lengths == 0 or abs(gradient @ normal) > (1 - SAME_SURFACE) * lengths
                 stays = abs(gradient @ velocity) * orbit.period < STAYS * range_of
                 if not same and not stays:
-                    yield FoundTouch(Touch((j, entry), (other, k), mode), time, True, float(abs(value)) / range_of)
+                    yield FoundTouch(Touch((j, entry), mode, edge=(other, k)), time, True, float(abs(value)) / range_of)
+
+
+def _events_at_ticks(flow: Motion, orbit: OrbitIterate, piece: MotionPiece, j: int) -> Iterator[FoundTouch]:
+    """Events of a guard next to a tick, by how far the guard moves between both."""
+    events = np.flatnonzero(piece.events.transition == j)
+    ranges = _range_along(flow, j, orbit) if len(events) and _clocks(flow) else ()
+    for event in events if len(ranges) else ():
+        mode, entry = int(piece.events.mode_before[event]), max(int(piece.events.which[event]), 0)
+        t, x = piece.start.t + float(piece.events.t[event]), piece.events.x_before[event]
+        rate = _along(flow, j, mode, [t], x[None])[1][0, entry]
+        for clock in _clocks(flow):
+            tick, at = _nearest_tick(flow, clock, t)
+            off = abs(rate * (t - at)) / (float(ranges[entry]) or 1.0)
+            yield FoundTouch(Touch((j, entry), mode, tick=(clock, tick)), at, True, float(off))
+
+
+def _values_at_ticks(flow: Motion, orbit: OrbitIterate, piece: MotionPiece, j: int) -> Iterator[FoundTouch]:
+    """Ticks at which a guard that waits is next to zero, but not all the time."""
+    for clock in _clocks(flow):
+        ticks = np.flatnonzero(
+            (piece.events.transition == clock) & np.isin(piece.events.mode_before, _sources(flow, j))
+        )
+        ranges = _range_along(flow, j, orbit) if len(ticks) else ()
+        for event in ticks:
+            mode, t = int(piece.events.mode_before[event]), piece.start.t + float(piece.events.t[event])
+            values, rates = _along(flow, j, mode, [t], piece.events.x_before[event][None])
+            for entry, (value, rate) in enumerate(zip(values[0], rates[0], strict=True)):
+                range_of = float(ranges[entry]) or 1.0
+                if abs(rate) * orbit.period >= STAYS * range_of:
+                    tick, at = _nearest_tick(flow, clock, t)
+                    touch = Touch((j, entry), mode, tick=(clock, tick))
+                    yield FoundTouch(touch, at, True, float(abs(value)) / range_of)
+
+
+def _clocks(flow: Motion) -> list[int]:
+    """The transitions that are clocks."""
+    return [j for j, transition in enumerate(flow.problem.system.transitions) if transition.is_clock]
+
+
+def _nearest_tick(flow: Motion, clock: int, t: float) -> tuple[int, float]:
+    """The number and the time of the tick that is nearest to a time."""
+    transition, args = flow.problem.system.transitions[clock], flow.problem.args
+    first, second = (float(tick_time(transition, tick, args)) for tick in (0, 1))
+    nearest = round((t - first) / (second - first))
+    return nearest, float(tick_time(transition, nearest, args))
+
+
+def tick_time(transition: Transition, tick: int, args: Any) -> Any:
+    """The time of a tick of a clock."""
+    phase, every = (jnp.asarray(number(value, args)) for value in (transition.phase, transition.every))
+    return phase + tick * every
 
 
 def _guard(flow: Motion, j: int):

@@ -72,7 +72,7 @@ def bifurcation_curve(
     - grazing: an orbit touches a guard, h = 0 and dh/dt = 0 at one time (an impact with no speed; where sliding begins
       by a touch, or ends or splits inside);
     - edge: an event falls on the zero of another guard, h = 0 and e = 0 (where sliding begins at a crossing; two walls
-      at once);
+      at once), or on the tick of a clock (a border collision of a converter);
     - border: a point of a map's orbit lies on a border.
 
     Which of grazing and edge a `Special` of kind "grazing" is, is found from its orbit. The motion up to a touch does
@@ -213,11 +213,11 @@ def _condition(
     require(
         len(touches) > 0,
         "At this special point the sequence of the events changes, but the orbit neither touches a guard nor has an "
-        "event on the zero of another: there is no curve to follow.",
+        "event on the zero of another or at the tick of a clock: there is no curve to follow.",
     )
     nearest = touches[0]
     orbit, before = placed_around(branch, orbit, p, nearest)
-    kind = "grazing" if nearest.touch.edge is None else "edge"
+    kind = "grazing" if nearest.touch.tangential else "edge"
     return kind, TouchCondition(nearest.touch), orbit, np.array([before / branch.time])
 
 

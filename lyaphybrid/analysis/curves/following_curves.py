@@ -121,9 +121,9 @@ def _advanced(
 
 
 def _same_events(equations: CurveEquations, before: CurvePoint, after: CurvePoint) -> bool:
-    """Whether the sequence of events is the same; at an event on an edge it may be either."""
+    """Whether the sequence of events is the same; at an event on an edge or a tick it may be either."""
     condition = equations.condition
-    if isinstance(condition, TouchCondition) and condition.touch.edge is not None:
+    if isinstance(condition, TouchCondition) and not condition.touch.tangential:
         return True
     return cycle_of_events(before.orbit) == cycle_of_events(after.orbit)
 
@@ -183,7 +183,7 @@ def _placed_anew(equations: CurveEquations, point: CurvePoint) -> tuple[OrbitIte
     branch, condition, first = equations.along(0, point.pair), equations.condition, point.orbit.nodes[0]
     if isinstance(condition, TouchCondition):
         at = first.t + float(point.own[0]) * branch.time
-        found = FoundTouch(condition.touch, at, condition.touch.edge is not None, 0.0)
+        found = FoundTouch(condition.touch, at, not condition.touch.tangential, 0.0)
         orbit, before = placed_around(branch, point.orbit, point.pair[0], found)
         return orbit, np.array([before / branch.time])
     node = Node(first.t, first.x, first.mode)

@@ -1,7 +1,8 @@
 """Conditions on events: an orbit touches a guard, an event falls on another guard's zero, a point lies on a border.
 
 A touch at the time τ after the first node is h = 0 and dh/dt = 0; an event on the edge of another guard e is h = 0 and
-e = 0; τ is one more unknown. The motion up to there does not feel the guard h, so that it is smooth on both sides.
+e = 0; an event at a tick is h = 0 and t = phase + n·period of the clock; τ is one more unknown. The motion up to there
+does not feel the guard h, so that it is smooth on both sides.
 
 M. di Bernardo, C. Budd, A. Champneys & P. Kowalczyk, Piecewise-smooth Dynamical Systems (Springer 2008), chapters 3, 6
 and 8, doi:10.1007/978-1-84628-708-4.
@@ -18,7 +19,7 @@ from ..._jax.engines import compiled
 from ..._jax.tracing import as_jax
 from ...systems.daes.semi_linear import fields_of
 from ..continuation.equations import BranchEquations
-from ..continuation.touching import FoundTouch, Touch
+from ..continuation.touching import FoundTouch, Touch, tick_time
 from ..orbits.shooting import Motion, Node, OrbitIterate, shares_of, shot, times_apart
 from .equations import EXACTLY, ConditionValue, CurveIterate, first_that_runs
 
@@ -26,6 +27,7 @@ __all__ = ["BorderCondition", "TouchCondition", "placed_around"]
 
 BESIDE_EDGE = (0.0, 1e-11, -1e-11, 1e-10, -1e-10)  # of the range
 SAME_EVENT = 1e-6  # of the period: an event so near to the touch is it, or follows from it
+BEFORE_TICK = 1e-8  # of the time from the first node: the motion runs so near to a tick
 LONGEST_SHARE = 0.4  # of the period: the first node lies no longer before the touch
 
 
@@ -38,7 +40,7 @@ class TouchCondition(NamedTuple):
     @property
     def beside(self) -> tuple[float, ...]:
         """Exactly on an edge rounding decides which field holds, and may do so again and again."""
-        return EXACTLY if self.touch.edge is None else BESIDE_EDGE
+        return EXACTLY if self.touch.tangential else BESIDE_EDGE
 
     def at(self, there: CurveIterate) -> ConditionValue:
         """Residuals and derivatives."""
@@ -47,13 +49,15 @@ class TouchCondition(NamedTuple):
         if not 0 < length < there.orbit.period:
             raise ValueError("the touch has left the piece of motion that was to hold it")
         free = node._replace(without=self.touch.guard)
-        run = motion.piece(free, length)
+        felt = self._until_tick(motion, node, length)
+        run = motion.piece(free, felt)
+        velocity = motion.velocity(run.end)
         values, by_args, by_time, by_state = _touched(
             motion.problem.system,
             self.touch,
             there.equations.args_of.args_of,
             there.equations.leaf(there.pair),
-            run.end[:2],
+            (node.t + length, np.asarray(run.x) + velocity * (length - felt)),
         )
         sizes = np.linalg.norm(by_state, axis=1) * branch.size + np.abs(by_time) * branch.time
         sizes = np.where(sizes > 0, sizes, 1.0)
@@ -62,11 +66,23 @@ class TouchCondition(NamedTuple):
         rows[:, : states.shape[1]] = states
         still = (1.0, 0.0, np.zeros(len(node.x)), 0.0)
         for i, (entry, span) in enumerate(zip(there.equations.entries, there.equations.spans, strict=True)):
-            moved = there.equations.along(i, there.pair).carried(free, length, there.pair[i], still)
+            moved = there.equations.along(i, there.pair).carried(free, felt, there.pair[i], still)
             rows[:, len(there.u) - 2 + i] = (by_args[:, entry] + by_state @ moved) * span
-        rows[:, -1] = (by_time + by_state @ motion.velocity(run.end)) * branch.time
+        rows[:, -1] = (by_time + by_state @ velocity) * branch.time
         none = np.zeros((len(there.gaps), 1))
         return ConditionValue(values / sizes, rows / sizes[:, None], none)
+
+    def _until_tick(self, motion: Motion, node: Node, length: float) -> float:
+        """How long the motion runs: to just before the tick, which is not to be felt, and straight on from there."""
+        if self.touch.tick is None:
+            return length
+        clock, tick = self.touch.tick
+        transition, args = motion.problem.system.transitions[clock], motion.problem.args
+        to_tick = float(tick_time(transition, tick, args)) - node.t
+        before = min(length, to_tick) - BEFORE_TICK * abs(length)
+        if not before > 0:
+            raise ValueError("the tick has left the piece of motion that was to hold it")
+        return before
 
 
 @compiled()
@@ -79,6 +95,9 @@ def _derivatives_of_touch(system, touch: Touch, args_of, leaf, at):
 
     def values(leaf, t, x):
         args = args_of(leaf)
+        if touch.tick is not None:
+            clock, tick = touch.tick
+            return jnp.stack([entry_of(touch.guard, t, x, args), t - tick_time(system.transitions[clock], tick, args)])
         if touch.edge is not None:
             return jnp.stack([entry_of(touch.guard, t, x, args), entry_of(touch.edge, t, x, args)])
         along = jnp.ones_like(t), field(t, x, args)
@@ -136,7 +155,7 @@ def placed_around(
     others = times[(times_apart(times, found.t, period) > SAME_EVENT * period) | (not found.fired)]
     ahead, behind = (np.min(side * (others - found.t) % period, initial=period) for side in (1.0, -1.0))
     before = float(min(behind / 2, LONGEST_SHARE * period))
-    after = float(min(ahead / 2, LONGEST_SHARE * period)) if found.touch.edge is None and len(others) else None
+    after = float(min(ahead / 2, LONGEST_SHARE * period)) if found.touch.tangential and len(others) else None
 
     def placed_beside(shift: float) -> OrbitIterate:
         return _with_nodes(equations, orbit, p + shift * equations.span, found, before, after)
@@ -147,8 +166,8 @@ def placed_around(
 def _with_nodes(equations: BranchEquations, orbit: OrbitIterate, p: float, found: FoundTouch, before, after):
     """The orbit from a node so long before a touch, and another one after it if given."""
     flow, period = equations.motion(p), orbit.period
-    start = _at(flow, orbit, found.t - before)
-    nodes = [start._replace(without=found.touch.guard if found.touch.edge is None else None)]
+    start = _at(flow, orbit, found.t - before)._replace(t=found.t - before)  # not a period later: ticks are numbered
+    nodes = [start._replace(without=found.touch.guard if found.touch.tangential else None)]
     if after is not None:
         nodes.append(flow.piece(nodes[0], before + after).end)
     return shot(flow, nodes, shares_of(nodes, period), period, 0, orbit.shift)

@@ -22,6 +22,7 @@ from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid, Transition
 from ...systems.kinds import iterates
 from ...systems.smooth import Flow, Map
+from ...systems.validation import check_functions
 
 __all__ = ["check_period", "depends_on_time", "seeming_period"]
 
@@ -219,6 +220,7 @@ def _values(system, times, states, args) -> dict[str, Any]:
 
 def _timed(system: Any, x, args) -> dict[str, Callable]:
     """The functions of (t, x, args) whose result uses t."""
+    check_functions(system, jax.ShapeDtypeStruct(x.shape, x.dtype), args)
 
     def takes_time(function) -> bool:
         closed = jax.make_jaxpr(lambda t: function(t, x, args))(jnp.zeros((), x.dtype))

@@ -201,3 +201,9 @@ def test_a_frequency_in_place_of_a_period_is_refused():
     sampled = lh.Hybrid(lambda t, x, args: -x, tick)
     with pytest.raises(ValueError, match=r"transition 0 ticks 2\.5e\+09 times \(every 2e-05\). Is it a frequency"):
         lh.floquet(sampled, [1.0], period=50e3)
+
+
+def test_functions_are_checked_before_they_are_compared():
+    walls = lh.Transition(lambda t, x, args: jnp.stack([x[0], 1 - x[0]]), lambda t, x, args: -x)
+    with pytest.raises(ValueError, match=r"The reset of transition 0 is called with \(t, x, args, which\)"):
+        lh.floquet(lh.Hybrid(lambda t, x, args: -x, walls), [0.5], period=1.0)
