@@ -16,7 +16,7 @@ from jaxtyping import Array, Float, Int
 
 from .._jax.precision import digits, eps, is_short, nonzero
 
-__all__ = ["QR_ALGORITHMS", "orthonormalise", "refill", "unit_vectors"]
+__all__ = ["QR_ALGORITHMS", "generic_frame", "orthonormalise", "refill", "unit_vectors"]
 
 QR_ALGORITHMS = ("mgs", "lapack", "cholesky")
 MOST_ROWS_UNROLLED = 4  # products with at most so many rows are written out without a loop
@@ -44,6 +44,12 @@ def unit_vectors(n: int, k: int, dtype, paired: bool = False) -> np.ndarray:
     frame = np.zeros((n, k), dtype)
     frame[[*range(m), *reversed(range(m, n))][:k], range(k)] = 1
     return frame
+
+
+def generic_frame(n: int, k: int, dtype) -> np.ndarray:
+    """A fixed orthonormal frame (n, k) in generic directions."""
+    q, r = np.linalg.qr(np.random.default_rng(20101).standard_normal((n, k)))
+    return (q * np.sign(np.diag(r))).astype(dtype)
 
 
 def orthonormalise(

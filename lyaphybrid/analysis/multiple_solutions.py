@@ -80,7 +80,7 @@ def solutions(
         t0: time at the start.
         mode: name or index of the mode at the start, as for `lh.lyapunov_spectrum`.
         k: number of exponents; None: n.
-        frame: (n, k) initial columns; None: unit vectors.
+        frame: (n, k) initial columns; None: as for `lh.lyapunov_spectrum`.
         method: None: adaptive `lh.RungeKutta`.
         every: as for `lh.lyapunov_spectrum`.
         blocks: as for `lh.lyapunov_spectrum`, for each part between two choices of the mode.

@@ -109,9 +109,10 @@ def lyapunov_spectrum(
         transient: length of the run before growth is counted; the frame evolves too.
         mode: name or index of the mode at the start; needed where there are several.
         k: number of exponents; None: n, or n_differential of an `lh.DAE`.
-        frame: (n, k) initial columns; None: unit vectors, in the paired order where the system is canonical. Of an
-            `lh.DAE` they are projected onto the tangent space of the constraints; None: column i changes
-            component i of E₁ x alone.
+        frame: (n, k) initial columns; None: unit vectors, in the paired order where the system is canonical; fewer than
+            n columns have generic directions instead, for unit vectors may never leave a subspace, as of the driven
+            part of two. Of an `lh.DAE` they are projected onto the tangent space of the constraints; None: column i
+            changes component i of E₁ x alone.
         method: None: adaptive `lh.RungeKutta`, for an `lh.DAE` `lh.HalfExplicit`; maps and event-driven systems
             have none.
         every: interval of orthonormalisations in iterations (maps), steps (fixed dt), units of time (adaptive) or jumps
@@ -328,8 +329,10 @@ def initial_frame(problem, t0, x0, frame, k):
         assert k is not None
         if not isinstance(system, DAE):
             canonical = getattr(system, "canonical", False)
-            return frames.unit_vectors(n, k, dtype, paired=canonical), np.zeros(k, dtype)
-        frame = tangent_frame(system, t0, x0 if x0.ndim == 1 else x0[0], problem.args)[:, :k]
+            whole_space = frames.unit_vectors(n, n, dtype, paired=canonical)
+            return whole_space if k == n else frames.generic_frame(n, k, dtype), np.zeros(k, dtype)
+        frame = tangent_frame(system, t0, x0 if x0.ndim == 1 else x0[0], problem.args)
+        frame = frame if k == most else frame @ frames.generic_frame(most, k, dtype)
     frame = array(numbers("frame", frame), dtype)
     fits = frame.ndim == 2 and frame.shape[0] == n and 1 <= frame.shape[1] <= most
     fits = fits and k in (None, frame.shape[1])

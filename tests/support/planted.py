@@ -58,6 +58,15 @@ def _oregonator(t, x, args):
 
 RELAX = lh.Flow(lambda t, x, args: jnp.stack([x[1], 1000.0 * (1 - x[0] ** 2) * x[1] - x[0]]))
 
+
+def _spiking(t, x, args):
+    """An adaptive exponential neuron whose current rises at t = 40."""
+    v, w = x
+    current = jnp.where(t > 40, 205.0, 175.0)
+    rise = -12 * (v + 60) + 24 * jnp.exp((v + 50) / 2) - w + current
+    return jnp.stack([rise / 100, (-11 * (v + 60) - w) / 130])
+
+
 PLANTED = {
     "wrong direction": (_ball(direction=1), [1.0, 0.0], "jumps", "never fired, but it fell"),
     "sign of the reset": (_ball(lambda t, x, args: 0.9 * x), [1.0, 0.0], "jumps", "goes on through"),
@@ -71,6 +80,15 @@ PLANTED = {
     "field with a floor of the time": (
         lh.Flow(lambda t, x, args: jnp.stack([x[1], -x[0] + jnp.floor(t)])), [1.0, 0.0],
         "smoothness", "The field jumps",
+    ),
+    "a step of a current, small beside the spikes": (
+        lh.Hybrid(_spiking, lh.Transition(lambda t, x, args: 20.0 - x[0], lambda t, x, args: jnp.stack([-48.0, x[1] + 30]))),
+        [-48.0, 90.0], "smoothness", r"field of mode 'flow' jumps by 0\.3 at t = 40",
+    ),
+    "a long pulse into a neuron at rest": (
+        lh.Hybrid(lambda t, x, args: jnp.where((t > 20) & (t < 300), 2.0, 0.5) - x,
+                  lh.Transition(lambda t, x, args: 1 - x[0], lambda t, x, args: 0 * x)),
+        [0.0], "smoothness", "field of mode 'flow' jumps by 1.5 at t = 20",
     ),
     "guard with a mod": (
         _ball(guard=lambda t, x, args: jnp.mod(x[0], 1.0) - 0.5, field=lambda t, x, args: jnp.stack([x[1], -x[0]]),

@@ -9,9 +9,11 @@ from .report import Finding, in_short, noted, right, wrong
 
 __all__ = ["check_smoothness"]
 
-SUSPECTS = 4  # pairs of neighbouring states that are looked at closely
+SUSPECTS = 4  # pairs of neighbouring states of each kind that are looked at closely
 HALVINGS = 40
-JUMP = 1e-4  # a change over a vanishing distance, relative to the size of the function, that is a jump
+JUMP = 1e-4  # a change over a vanishing distance, relative to the size of the function there, that is a jump
+STAYS_LARGE = 1e-6  # of the change between two states: what is left of it over a vanishing distance, at a jump
+ROUNDED = 1e-12  # of the largest size of a function: what is smaller, also as a change between two states, is rounding
 
 
 def check_smoothness(functions: Iterable[Function], t, x, mode, jumps) -> list[Finding]:
@@ -46,7 +48,8 @@ def _of_function(one: Function, t, x, pairs) -> list[Finding]:
                   "guard where it ends (lh.filippov for a field with a switch); else steps crawl there, and exponents "
                   "lack what the jump does to perturbations.")
         ]  # fmt: skip
-    place = _jump(slopes, t, x, pairs)
+    least = ROUNDED * np.max(np.abs(values(t[pairs], x[pairs], t[pairs], x[pairs])), initial=0.0)
+    place = _jump(slopes, t, x, pairs, least)
     if place is None:
         return []
     return [
@@ -55,17 +58,18 @@ def _of_function(one: Function, t, x, pairs) -> list[Finding]:
     ]  # fmt: skip
 
 
-def _jump(of: Callable, t, x, pairs) -> str | None:
-    """Where between neighbouring states a function jumps, in words; None: nowhere."""
+def _jump(of: Callable, t, x, pairs, least: float = 0.0) -> str | None:
+    """Where between neighbouring states a function jumps by more than `least`, in words; None: nowhere."""
     starts, ends = ((t[i], x[i]) for i in (pairs, pairs + 1))
     across = tuple(end - start for start, end in zip(starts, ends, strict=True))
     low, high = (of(*side, *across) for side in (starts, ends))
     size = np.max(np.abs([low, high]), initial=0.0)  # a guard may be zero wherever a stretch begins
     if not np.all(np.isfinite([low, high])) or size == 0:
         return None
-    worst = np.argsort(np.max(np.abs(high - low), axis=1))[-SUSPECTS:]
+    worst = _suspects(low, high, of(starts[0], ends[1], *across))
     starts, ends, across = ([one[worst] for one in both] for both in (starts, ends, across))
     low, high = low[worst], high[worst]
+    change = np.max(np.abs(high - low), axis=1)
     for _ in range(HALVINGS):
         middle = [0.5 * (start + end) for start, end in zip(starts, ends, strict=True)]
         values = of(*middle, *across)
@@ -74,10 +78,24 @@ def _jump(of: Callable, t, x, pairs) -> str | None:
         ends = [_chosen(first, half, end) for half, end in zip(middle, ends, strict=True)]
         low, high = _chosen(first, low, values), _chosen(first, values, high)
     rest = np.max(np.abs(high - low), axis=1)
-    if not np.max(rest) > JUMP * size:
+    here = np.max(np.maximum(np.abs(low), np.abs(high)), axis=1)
+    jumps = (rest > JUMP * here) & (rest > STAYS_LARGE * change) & (rest > max(least, ROUNDED * size))
+    if not np.any(jumps):
         return None
-    i = int(np.argmax(rest))
+    i = int(np.argmax(np.where(jumps, rest, 0.0)))
     return f"by {rest[i]:.3g} at t = {starts[0][i]:.6g}, x = {in_short(starts[1][i])}"
+
+
+def _suspects(low, high, earlier) -> np.ndarray:
+    """The pairs with the largest changes: absolute, relative, and those that the time alone makes.
+
+    `earlier` are the values at the second states, at the times of the first ones. Where a function is huge elsewhere, as
+    at spikes, the absolute changes show those places only.
+    """
+    change, of_time = (np.max(np.abs(high - other), axis=1) for other in (low, earlier))
+    here = np.max(np.maximum(np.abs(low), np.abs(high)), axis=1)
+    kinds = change, change / np.maximum(here, np.finfo(float).tiny), of_time
+    return np.unique(np.concatenate([np.argsort(kind)[-SUSPECTS:] for kind in kinds]))
 
 
 def _chosen(which, one, other):

@@ -20,6 +20,7 @@ from ..._arguments import Frame, Progress, Real, State, flag, positive, require_
 from ..._jax.engines import compiled
 from ..._jax.tracing import as_jax, numpy_for
 from ..._keywords import explains_keywords
+from ..._linalg.frames import generic_frame
 from ..._text import UNIT, Table, numbered
 from ...engine.blocks import check_counts
 from ...engine.states import Orthonormalisation, StepState
@@ -31,7 +32,7 @@ from ...systems.hybrid import Hybrid
 from ...systems.kinds import unit_of
 from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
-from .following import IndicatorRun, discrete, follow, generic_frame, verdict_of
+from .following import IndicatorRun, discrete, follow, verdict_of
 
 __all__ = ["CovariantVectors", "angles_of_split", "covariant_vectors", "forwards"]
 

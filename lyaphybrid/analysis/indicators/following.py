@@ -25,7 +25,6 @@ __all__ = [
     "IndicatorRun",
     "discrete",
     "follow",
-    "generic_frame",
     "samples_of",
     "start_frame",
     "table_of",
@@ -87,7 +86,7 @@ def follow(
     n = x0.shape[-1]
     most = degrees_of_freedom(system, n)
     require(k <= most, f"{k} deviation vectors were asked for, in a space of {most} dimensions: at most {most}.")
-    frame = generic_frame(n, k, x0.dtype) if frame is None else unit_columns(frame, n, k, x0.dtype)
+    frame = frames.generic_frame(n, k, x0.dtype) if frame is None else unit_columns(frame, n, k, x0.dtype)
     qr_schedule, interval = each_step_of(problem) if each_step else qr_schedule_for(problem, every)
     qr_schedule = qr_schedule if k else problems.NO_ORTHONORMALISATION
     plan = problems.RunPlan(
@@ -120,16 +119,10 @@ def discrete(name: str, method):
     return method
 
 
-def generic_frame(n: int, k: int, dtype) -> np.ndarray:
-    """A fixed orthonormal frame (n, k) in generic directions."""
-    q, r = np.linalg.qr(np.random.default_rng(20101).standard_normal((n, k)))
-    return (q * np.sign(np.diag(r))).astype(dtype)
-
-
 def start_frame(system, t0, x0, args, k: int):
     """The generic frame at x0 (n,); for a DAE an orthonormal one of its tangent space."""
     x = jnp.asarray(x0, float)
-    frame = generic_frame(x.shape[0], k, x.dtype)
+    frame = frames.generic_frame(x.shape[0], k, x.dtype)
     if not isinstance(system, DAE):
         return frame
     return np.linalg.qr(np.asarray(onto_constraints(system, jnp.asarray(t0, x.dtype), x, args, jnp.asarray(frame))))[0]

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..._arguments import Frame, Progress, Real, State, flag, require
 from ..._jax.tracing import as_jax, numpy_for, traced
+from ..._linalg.frames import generic_frame
 from ...engine import preparation
 from ...integrators import TangentHamiltonian
 from ...integrators.base import Method
@@ -16,7 +17,7 @@ from ...systems.daes.semi_linear import DAE
 from ...systems.kinds import unit_of
 from ...systems.smooth import Flow
 from ...systems.validation import check_functions
-from .following import follow, generic_frame, unit_columns, verdict_of
+from .following import follow, unit_columns, verdict_of
 from .growth import IndicatorResult
 
 __all__ = ["ofli2"]

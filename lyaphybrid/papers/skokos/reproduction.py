@@ -15,9 +15,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from ... import zoo
+from ..._linalg.frames import generic_frame
 from ...analysis.diagrams.sections import PoincareSection, poincare_section
 from ...analysis.indicators.alignment import GALIResult, gali
-from ...analysis.indicators.following import generic_frame
 from ...analysis.spectra import lyapunov_spectrum
 from ...analysis.trajectories import trajectory
 from ...integrators import RungeKutta, Symplectic, TangentHamiltonian

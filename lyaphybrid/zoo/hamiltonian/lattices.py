@@ -92,7 +92,7 @@ def klein_gordon(
     """The disordered quartic Klein–Gordon chain, H = Σ p²/2 + ε q²/2 + g q⁴/4 + (q_{l+1} − q_l)²/(2W), fixed ends.
 
     The ε_l are drawn evenly from [1/2, 3/2]. At the start the site in the middle has all of the energy, as p. There is
-    one deviation vector unless `frame` says otherwise: ``spectrum(k=8, frame=None)`` takes eight unit vectors.
+    one deviation vector unless `frame` says otherwise: ``spectrum(k=8, frame=None)`` takes eight.
 
     Args:
         n: number of sites.

@@ -8,8 +8,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
+from lyaphybrid._linalg.frames import generic_frame
 from lyaphybrid.analysis.indicators.exponent_bounds import eliminated
-from lyaphybrid.analysis.indicators.following import generic_frame
 
 A = np.array([[1.0, 30.0, -5.0], [0.0, -3.0, 20.0], [0.0, 0.0, -10.0]])
 
