@@ -140,8 +140,10 @@ def _cascade(evolver, settings: Settings, t, h, landing: CascadeState) -> Cascad
         f, g, rate, second, guard_tolerance, step_rounding = by_mode(mode, arrivals, t, x, h)
         before = _in_new_mode(hybrid, state, mode)
         fired, settled = before.fired, before.fired | before.settled
+        touching = _touching(before, g, guard_tolerance + step_rounding)
         guard_sign, g, rate, flat = arm(g, rate, second, guard_tolerance, step_rounding, h, resolved, settled)
-        settled, left = settled & (g == 0), before.left & (guard_sign < 0)
+        turned = before.settled & ~fired & (before.guard_sign * guard_sign < 0)  # back to zero, by another's reset
+        settled, left = settled & (g == 0) & ~turned, before.left & (guard_sign < 0)
         entry = EventLog(None, t, state.transition, state.which, state.mode, mode, state.x, x)
         terminal = state.terminal | jnp.asarray(evolver.terminal)[state.transition]
         row = mode if hybrid.modes > 1 else None
@@ -159,7 +161,8 @@ def _cascade(evolver, settings: Settings, t, h, landing: CascadeState) -> Cascad
         stuck = nowhere | (jnp.any(fired & flat & (guard_sign < 0) & directed) & ~again)
         if hybrid.borders is not None:  # outside the flow set, and no jump is possible
             stuck = stuck | (jnp.any(table(evolver, row, hybrid.borders) & (guard_sign < 0)) & ~more)
-        moves = _own_instant(evolver, again & brought[guard_index], mode, t, x, f, guard_index, moves)
+        by_a_flow = (brought | touching)[guard_index]  # so that it comes to a neighbour in its own time
+        moves = _own_instant(evolver, again & by_a_flow, mode, t, x, f, guard_index, moves)
         transition = jnp.where(again, table(evolver, row, hybrid.transition)[guard_index], state.transition)
         which = table(evolver, row, hybrid.component)[guard_index]
         return state._replace(
@@ -194,6 +197,7 @@ def _cascade(evolver, settings: Settings, t, h, landing: CascadeState) -> Cascad
 class _Before(NamedTuple):
     """What was true of the guards (slots,) before a jump, in the order of the new mode; 0 or False for new ones."""
 
+    known: Array  # whether it is a guard of the mode before, too
     g: Array
     guard_sign: Array
     fired: Array  # the guard whose jump it is
@@ -206,7 +210,8 @@ def _in_new_mode(hybrid: CompiledHybrid, state: CascadeState, mode) -> _Before:
     """What is known of the guards, for the mode after the jump: a transition from several modes has one guard."""
     fired = jnp.arange(hybrid.slots, dtype=jnp.int32) == state.guard_index
     left = state.left | (state.settled & (state.guard_sign < 0))
-    known = _Before(state.g, state.guard_sign, fired, state.together, state.settled, left & ~fired)
+    every = jnp.ones(hybrid.slots, bool)
+    known = _Before(every, state.g, state.guard_sign, fired, state.together, state.settled, left & ~fired)
     if hybrid.modes == 1:
         return known
     same = (hybrid.transition[:, None, :, None] == hybrid.transition[None, :, None, :]) & (
@@ -225,6 +230,11 @@ def _brought(by_flow, before: _Before, g, guard_sign, rounding):
     """
     passes = (jnp.abs(before.g) <= rounding) & (before.guard_sign * guard_sign < 0)
     return (g == 0) & (before.together | (by_flow & passes))
+
+
+def _touching(before: _Before, g, rounding):
+    """(slots,) the guards that are at zero before and after a jump, as those of bodies that touch."""
+    return before.known & (jnp.abs(g) <= rounding) & (jnp.abs(before.g) <= rounding)
 
 
 def _following(evolver, row, directed, brought, beyond):
