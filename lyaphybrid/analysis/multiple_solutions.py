@@ -170,7 +170,9 @@ class _Search:
         picks = np.zeros(MOST_INSTANTS, np.int32)
         picks[: len(part.picks)] = part.picks
         nothing = jnp.zeros(MOST_INSTANTS, jnp.int32)
-        choices = Choices(jnp.asarray(picks), nothing, jnp.zeros(MOST_INSTANTS, dtype), jnp.asarray(0, jnp.int32))
+        choices = Choices(
+            jnp.asarray(picks), nothing, jnp.zeros(MOST_INSTANTS, dtype), jnp.asarray(0, jnp.int32), jnp.asarray(False)
+        )
         if loop_state.carry.solver_state.memory is not None:
             own = loop_state.carry.solver_state._replace(choices=choices)
             loop_state = loop_state._replace(carry=loop_state.carry._replace(solver_state=own))
@@ -184,7 +186,7 @@ class _Search:
         if met is None:
             return [], part
         count = min(int(met.count), MOST_INSTANTS)
-        self.complete = self.complete and int(met.count) <= MOST_INSTANTS
+        self.complete = self.complete and int(met.count) <= MOST_INSTANTS and not bool(met.others)
         picks = (*part.picks, *(0,) * (count - len(part.picks)))
         options = np.asarray(met.options)[:count]
         others = [  # the last choice is changed first

@@ -26,11 +26,11 @@ __all__ = ["NOTE_TEXTS", "About", "History", "Spectrum", "guard_unreached", "ste
 NOTE_TEXTS = {
     "rank_lost": "a jump destroys directions: their exponents are -inf",
     "grazing": "an event met its guard nearly tangentially: the saltation matrix is large, or known to few digits",
-    "simultaneous": "several guards were zero at one instant: the order of their events matters, see lh.solutions",
+    "simultaneous": "several events were due at one instant, and their order matters: see lh.solutions",
     "interrupted": "Ctrl-C ended the run",
     "stiff": "steps were as short as an explicit method needs to stay stable, or to resolve a fast decay; an implicit "
     f"one takes long steps here: {STIFF_REMEDY}",
-    "guard_unreached": "the system has guards, and none of them was reached",
+    "guard_unreached": "the system has guards, and the flow reached none of them",
     "identity_reset": "a jump within a mode changes nothing: is its reset missing?",
     "step_too_long": "steps are too long to carry volumes as the flow does; take a shorter dt, or control='xY'",
     "unresolved": "the smallest exponents, or a loss, may be rounding: a column shrank so much that it may be lost or "

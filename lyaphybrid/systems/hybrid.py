@@ -136,7 +136,9 @@ class Hybrid(eqx.Module):
     The jump set D is where a guard is at zero or on its fired side. If a reset ends in D, beyond any guard, its own
     included, the next jump follows at once; if it ends on its own guard, within rounding, the flow continues.
     A transition that changes nothing (a guard alone) never follows a jump: it records where the flow crosses it.
-    Several guards that the flow brings to zero at one instant fire once each.
+    Several guards that the flow brings to zero at one instant fire in turn, unless a jump takes the state back from
+    one; one that has fired fires again where another's jump turns the state back to it. Clocks that tick at one time
+    do so in the order of the list.
 
     Raises:
         ValueError: without a transition, on an unknown mode name, on a field that is no function.

@@ -227,7 +227,7 @@ def test_the_error_of_the_dimension_is_that_of_independent_runs():
 def test_notes_are_explained(made):
     idle = lh.Hybrid(lambda t, x, args: -x, lh.Transition(lambda t, x, args: x[0] + 10.0, lambda t, x, args: -x))
     found = lh.lyapunov_spectrum(idle, [1.0], t1=5.0)
-    assert "guard_unreached: the system has guards, and none of them was reached" in str(found)
+    assert "guard_unreached: the system has guards, and the flow reached none of them" in str(found)
 
 
 def test_old_spellings_of_results_work(made):

@@ -82,7 +82,8 @@ PLANTED = {
         "smoothness", "The field jumps",
     ),
     "a step of a current, small beside the spikes": (
-        lh.Hybrid(_spiking, lh.Transition(lambda t, x, args: 20.0 - x[0], lambda t, x, args: jnp.stack([-48.0, x[1] + 30]))),
+        lh.Hybrid(_spiking, lh.Transition(lambda t, x, args: 20.0 - x[0],
+                                          lambda t, x, args: jnp.stack([-48.0, x[1] + 30]))),
         [-48.0, 90.0], "smoothness", r"field of mode 'flow' jumps by 0\.3 at t = 40",
     ),
     "a long pulse into a neuron at rest": (

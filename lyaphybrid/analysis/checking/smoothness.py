@@ -89,8 +89,8 @@ def _jump(of: Callable, t, x, pairs, least: float = 0.0) -> str | None:
 def _suspects(low, high, earlier) -> np.ndarray:
     """The pairs with the largest changes: absolute, relative, and those that the time alone makes.
 
-    `earlier` are the values at the second states, at the times of the first ones. Where a function is huge elsewhere, as
-    at spikes, the absolute changes show those places only.
+    `earlier` are the values at the second states, at the times of the first ones. Where a function is huge elsewhere,
+    as at spikes, the absolute changes show those places only.
     """
     change, of_time = (np.max(np.abs(high - other), axis=1) for other in (low, earlier))
     here = np.max(np.maximum(np.abs(low), np.abs(high)), axis=1)

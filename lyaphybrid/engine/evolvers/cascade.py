@@ -64,6 +64,8 @@ class CascadeState(NamedTuple):
     settled: Array  # (slots,) guards that have fired at this instant and have stayed at zero since
     left: Array  # (slots,) guards that were beyond zero before and have been since: they do not fire anew
     more: Array  # whether another guard fires, or the same one again
+    last_first: Array  # whether of several guards that a jump sent beyond zero the last one fires first, not the first
+    several: Array  # whether there were several
     alone: Array  # whether this is one jump of a cascade without end, after which no time passes
     log: EventLog | None
 
@@ -119,6 +121,8 @@ def _start_cascade(evolver, settings, t, carry, columns, terms, mode, event, tog
         left=_may_be_left(evolver, carry.solver_state.mode)
         & jnp.where(at_once, carry.solver_state.guard_sign == LEFT, guard_sign < 0),
         more=no,
+        last_first=no,
+        several=no,
         alone=jnp.asarray(at_once) & (pending(carry.solver_state) == ALONE),
         log=carry.log,
     )
@@ -154,7 +158,10 @@ def _cascade(evolver, settings: Settings, t, h, landing: CascadeState) -> Cascad
         follows = follows & by_mode(mode, hybrid.whens, t, x) if hybrid.shared else follows
         # A guard that the flow brought to zero and the reset left at zero fires after those that the reset pushed
         # beyond zero: the order would be the same if its event were slightly later.
-        guard_index = jnp.argmax(jnp.where(follows, jnp.where(brought, 1, 2), 0)).astype(jnp.int32)
+        rank = jnp.where(follows, jnp.where(brought, 1, 2), 0)
+        equal = rank == jnp.max(rank)
+        last = hybrid.slots - 1 - jnp.argmax(equal[::-1])
+        guard_index = jnp.where(state.last_first, last, jnp.argmax(equal)).astype(jnp.int32)
         more = jnp.any(follows) & ~terminal
         nowhere = (mode < 0) | (mode >= hybrid.modes)  # a target that is no mode's index
         again = more & (state.count < most) & ~nowhere
@@ -185,6 +192,7 @@ def _cascade(evolver, settings: Settings, t, h, landing: CascadeState) -> Cascad
             settled=settled,
             left=left,
             more=more,
+            several=state.several | (again & (jnp.sum(equal) > 1)),
             log=log_event(state.log, entry),
         )
 
@@ -299,19 +307,23 @@ def _returned(f, moves: CascadePerturbations) -> CascadePerturbations:
 def in_each_order(
     evolver, settings: Settings, t, h, carry, columns, terms, mode, event, together, at_once
 ) -> CascadeState:
-    """The cascade; where several guards are zero at one instant, run it again with another guard first and compare.
+    """The cascade; where several guards may be next at one instant, run it again with another one and compare.
 
     `terms`: magnitudes of the frame's columns, one or several (n, k) side by side. One other order shows whether the
-    order matters; where all solutions are asked for, each guard is first in turn.
+    order matters; where all solutions are asked for, each guard that the flow brings to zero is first in turn. Where a
+    jump sends several guards beyond zero at once, it is run once more, with the last of them first.
     """
 
     @jax.jit  # traced once, for shapes and loop
-    def start(event):
-        return _start_cascade(evolver, settings, t, carry, columns, terms, mode, event, together, at_once)
+    def start(event, last_first):
+        begun = _start_cascade(evolver, settings, t, carry, columns, terms, mode, event, together, at_once)
+        return begun._replace(last_first=last_first)
 
     guard_index, choices = event[2], carry.solver_state.choices
     if evolver.hybrid.slots == 1:
-        return _to_its_end(evolver, settings, t, h, start(event))._replace(together=jnp.asarray(False))
+        return _to_its_end(evolver, settings, t, h, start(event, jnp.asarray(False)))._replace(
+            together=jnp.asarray(False)
+        )
     count = jnp.sum(together)
     several, turns = (count > 1) & (guard_index >= 0), 2 if choices is None else count
     pick = None if choices is None else choices.pick()
@@ -324,21 +336,27 @@ def in_each_order(
         )
         return (*(one[guard_index] for one in named), guard_index)
 
-    def run(state):
-        turn, kept, chosen, differs = state
-        landing = _to_its_end(evolver, settings, t, h, start(select(turn == 0, event, first(turn))))
-        differs = differs | ((turn > 0) & _orders_differ(landing, kept))
-        chosen = None if chosen is None else select(turn == pick, landing, chosen)
-        return turn + 1, select(turn == 0, landing, kept), chosen, differs
-
-    nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(start, event))
     last = jnp.where(several, turns, 1)
-    begin = (jnp.asarray(0), nothing, None if choices is None else nothing, jnp.asarray(False))
+
+    def run(state):
+        turn, kept, chosen, differs, later = state
+        once_more = turn == last
+        own = select((turn == 0) | once_more, event, first(turn))
+        landing = _to_its_end(evolver, settings, t, h, start(own, once_more))
+        differ = (turn > 0) & _orders_differ(landing, kept)
+        chosen = None if chosen is None else select(turn == pick, landing, chosen)
+        return turn + 1, select(turn == 0, landing, kept), chosen, differs | (differ & ~once_more), differ & once_more
+
+    no = jnp.asarray(False)
+    nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(start, event, no))
+    begin = (jnp.asarray(0), nothing, None if choices is None else nothing, no, no)
     loop = checkpointed if settings.reverse else jax.lax.while_loop
-    _, landing, chosen, differs = loop(lambda state: state[0] < last, run, begin)
+    _, landing, chosen, differs, later = loop(
+        lambda state: (state[0] < last) | ((state[0] == last) & state[1].several), run, begin
+    )
     if chosen is not None:
         landing = select(differs, chosen, landing)
-    return landing._replace(together=differs)
+    return landing._replace(together=differs, several=later)
 
 
 def _gradient(guard, t, x, f):

@@ -260,7 +260,8 @@ def _apply_cascade(
     }
     carry = changed(carry, mode=None if carry.solver_state.mode is None else landing.mode, **arrival)
     if carry.solver_state.choices is not None:
-        carry = changed(carry, choices=carry.solver_state.choices.met(landing.together, jnp.sum(together), t))
+        met = carry.solver_state.choices.met(landing.together, jnp.sum(together), t)
+        carry = changed(carry, choices=met._replace(others=met.others | landing.several))
     doubtful = jnp.asarray(False)
     if sizes is not None:
         losses, sizes = carry.losses, (sizes[:, :k], sizes[:, -k:])
@@ -378,7 +379,7 @@ def _store_event(evolver, carry: StepState, landing: CascadeState, clock: Clock,
         streak,
         jnp.minimum(m.transversality, landing.transversality),
         jnp.maximum(m.grazing, grazing.astype(carry.x.dtype)),
-        jnp.maximum(m.simultaneous, landing.together.astype(carry.x.dtype)),
+        jnp.maximum(m.simultaneous, (landing.together | landing.several).astype(carry.x.dtype)),
         jnp.where(zeno, ahead, m.accumulation),
         first,
         jnp.maximum(m.doubtful, doubtful.astype(carry.x.dtype)),

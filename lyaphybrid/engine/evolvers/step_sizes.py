@@ -10,7 +10,16 @@ from ...integrators.base import Method
 from ..states import Clock, StepState
 from .trials import SolverState, Trial, table
 
-__all__ = ["cut_at_end", "first_step", "goes_nowhere", "next_step", "soonest_root", "unresolved", "until_ticks"]
+__all__ = [
+    "cut_at_end",
+    "first_of",
+    "first_step",
+    "goes_nowhere",
+    "next_step",
+    "soonest_root",
+    "unresolved",
+    "until_ticks",
+]
 
 SHORTEST = 1e-3  # shortest step, in units of the rounding of the time …
 UNDEFINED = 4.0  # … and where the field is undefined just beyond
@@ -91,9 +100,16 @@ def until_ticks(evolver, carry: StepState, clock: Clock):
     return jnp.where(table(evolver, solver.mode, evolver.hybrid.armed), until, jnp.inf)
 
 
-def unresolved(carry: StepState, clock: Clock):
-    """A time so short that the next tick of a clock may come now: the rounding of the time."""
-    return TIME_ROUNDING * eps(carry.s) * jnp.maximum(jnp.abs(clock.base), carry.s)
+def unresolved(carry: StepState, clock: Clock, ahead=0.0):
+    """A time so short that the next tick of a clock may come now: the rounding of the time, that far ahead."""
+    return TIME_ROUNDING * eps(carry.s) * jnp.maximum(jnp.abs(clock.base), carry.s + ahead)
+
+
+def first_of(until, carry: StepState, clock: Clock):
+    """The clock that ticks first; of several that tick at one time, but for rounding, the first in the list."""
+    soonest = jax.lax.stop_gradient(jnp.min(until))
+    late = unresolved(carry, clock, jnp.where(jnp.isfinite(soonest), jnp.abs(soonest), 0.0))
+    return jnp.argmax(until <= soonest + late)
 
 
 def next_step(method: Method, solver: SolverState, trial: Trial, ratio, passed):

@@ -25,7 +25,7 @@ from ..waiting import EVER, LONGEST_STEP
 from .constraints import OnConstraints
 from .grazing import nearly_crosses
 from .landing import apply_event
-from .step_sizes import cut_at_end, first_step, goes_nowhere, next_step, soonest_root, unresolved, until_ticks
+from .step_sizes import cut_at_end, first_of, first_step, goes_nowhere, next_step, soonest_root, unresolved, until_ticks
 from .trials import (
     ADVANCE,
     FAIL,
@@ -266,7 +266,7 @@ class Stepping(OnConstraints):
         final = rest <= h
         if solver.ticks is not None:
             until = until_ticks(self, carry, clock)
-            first = jnp.argmin(until)
+            first = first_of(until, carry, clock)
             ticks = until[first] <= jnp.maximum(h * (1 + digits(1e-9, h)), unresolved(carry, clock))
             h, tick = jnp.where(ticks, until[first], h), jnp.where(ticks, first.astype(jnp.int32), -1)
             final = final & ~ticks

@@ -47,6 +47,7 @@ class Choices(NamedTuple):
     options: Any  # (most,) number of coinciding events; 0 for instants that were not reached
     times: Any  # (most,) times of the instants
     count: Any  # number of such instants so far; beyond `most` the first event is applied first
+    others: Any  # whether the order of later jumps of a cascade matters too, which no pick changes
 
     def pick(self):
         """The index of the event to apply first at the next such instant."""

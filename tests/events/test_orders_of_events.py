@@ -1,0 +1,86 @@
+"""Several events due at one instant: where their order matters a note says so, and clocks keep that of the list."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import lyaphybrid as lh
+
+# --- one jump sends several guards beyond zero ------------------------------------------------------------------------
+
+
+def pair(weight):
+    """Two leaky neurons; an input lifts both over the threshold at once, a spike moves the other one by a weight."""
+    fire = lh.Transition(
+        lambda t, v, args: 1 - v,
+        lambda t, v, args, which: (v + weight).at[which].set(0.0),
+    )
+    lift = lh.Transition(every=1.0, reset=lambda t, v, args: v + 0.8)
+    return lh.Hybrid(lambda t, v, args: args - v, [fire, lift])
+
+
+def test_which_of_two_neurons_fires_first_is_noted_where_it_matters():
+    drive = jnp.array([0.9, 0.8])
+    inhibited = lh.lyapunov_spectrum(pair(-0.6), [0.8, 0.7], drive, t1=50.0)
+    assert "simultaneous" in inhibited.notes
+    apart = lh.lyapunov_spectrum(pair(0.0), [0.8, 0.7], drive, t1=50.0)
+    assert "simultaneous" not in apart.notes
+
+
+def test_where_later_orders_matter_the_solutions_are_not_all():
+    drive = jnp.array([0.9, 0.8])
+    assert not lh.solutions(pair(-0.6), [0.8, 0.7], drive, t1=3.0).complete
+    assert lh.solutions(pair(0.0), [0.8, 0.7], drive, t1=3.0).complete
+
+
+def test_two_pairs_that_reach_the_threshold_together():
+    """One of each pair wins: four ends, of which the choice of the first spike alone finds three."""
+    weights = -0.5 * np.kron(np.eye(2), [[0.0, 1.0], [1.0, 0.0]])
+    fire = lh.Transition(
+        lambda t, v, args: 1 - v, lambda t, v, args, which: (v + jnp.asarray(weights)[:, which]).at[which].set(0.0)
+    )
+    found = lh.solutions(lh.Hybrid(lambda t, v, args: 1.5 - v, fire), [0.5] * 4, t1=0.8)
+    assert not found.complete
+    assert {tuple(np.flatnonzero(np.asarray(one.spectrum.x) < 0.5)) for one in found.solutions} <= {
+        (0, 2), (0, 3), (1, 2), (1, 3)
+    }  # fmt: skip
+
+
+# --- clocks -----------------------------------------------------------------------------------------------------------
+
+GROW, ADD = (lambda t, x, args: 2 * x), (lambda t, x, args: x + 1)
+
+
+@pytest.mark.parametrize("first", ["grow", "add"])
+def test_clocks_that_tick_together_do_so_in_the_order_of_the_list(first):
+    """0.1 · 3 k is above or below 0.3 · k as it rounds."""
+    grow, add = lh.Transition(every=0.1, reset=GROW), lh.Transition(every=0.3, reset=ADD)
+    clocks = [grow, add] if first == "grow" else [add, grow]
+    run = lh.trajectory(lh.Hybrid(lambda t, x, args: -10 * x, clocks), [1.0], t1=6.05, n=1)
+    times, transitions = run.events.t, run.events.transition
+    together = np.flatnonzero(np.diff(times) < 0.01)
+    assert len(together) == 20
+    assert np.all(transitions[together] == 0)
+    assert np.all(transitions[together + 1] == 1)
+    x = 1.0
+    for tick in range(1, 61):  # by hand
+        x *= np.exp(-1.0)
+        for name in ("grow", "add") if first == "grow" else ("add", "grow"):
+            x = 2 * x if name == "grow" else x + (tick % 3 == 0)
+    assert run.x[-1, 0] == pytest.approx(x * np.exp(-0.5), rel=1e-7)
+
+
+def test_derivatives_by_the_period_of_clocks_that_tick_together():
+    """Each clock's own period moves its own ticks."""
+    system = lh.Hybrid(
+        lambda t, x, args: -x,
+        [lh.Transition(every=lambda args: args[0], reset=GROW), lh.Transition(every=lambda args: args[1], reset=ADD)],
+    )
+
+    def end(args):
+        return lh.trajectory(system, jnp.array([1.0]), args, t1=1.0, n=1).x[-1, 0]
+
+    found = np.asarray(jax.jacfwd(end)(jnp.array([0.7, 0.7])))
+    # x(1) = (2 e^{-p} e^{-(q - p)} + 1) e^{-(1 - q)} with p < q; the order of the list holds at p = q, too.
+    assert found == pytest.approx([0.0, np.exp(-0.3)], abs=1e-6)
