@@ -14,6 +14,7 @@ from ...results.result import Data, Result
 from ...results.resuming import Resumable
 from ...systems.labels import Labels
 from ..orbits.periodic_orbits import Floquet
+from ..orbits.sides import BEYOND_GUARD
 from .locating import OrbitChange
 
 __all__ = ["Continuation", "OrbitsAlong", "Special", "SpecialOrbit"]
@@ -208,7 +209,9 @@ class Continuation(OrbitsAlong):
             f"Branch of periodic orbits over {self.parameter} from {low:.6g} to {high:.6g}: {len(self.values)} points, "
             f"{int(np.sum(self.stable))} stable; ends: {self.ends[0]}, {self.ends[1]}"
         )
-        return Table(title, notes=[special.title for special in self.specials])
+        beyond = sum(BEYOND_GUARD in orbit.notes for orbit in self.orbits)
+        more = [f"{beyond} of the orbits lie beyond a guard that they never fire, see their notes"] if beyond else []
+        return Table(title, notes=[*(special.title for special in self.specials), *more])
 
     def _data(self) -> Data:
         along = ("point", "state")

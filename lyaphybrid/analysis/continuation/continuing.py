@@ -24,7 +24,8 @@ from ...systems.smooth import Flow, Map
 from ..orbits.families import family_of
 from ..orbits.invariants import conserved_of
 from ..orbits.periodic_orbits import Floquet, floquet, floquet_of, require_period
-from ..orbits.shooting import Motion, Node, OrbitIterate, at_start, states_of
+from ..orbits.points import at_start
+from ..orbits.shooting import Motion, Node, OrbitIterate, states_of
 from ..orbits.symmetries import symmetry_of
 from ..sensitivity.estimates import parameters_of
 from .branches import Continuation, Special

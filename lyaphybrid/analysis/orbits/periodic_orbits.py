@@ -35,7 +35,9 @@ from .families import energy_moved, family_of
 from .invariants import conserved_of, require_conserved
 from .multipliers import matrices_of, multipliers_of, stability_of
 from .periods import check_period, depends_on_time
-from .shooting import Motion, Node, OrbitIterate, at_start, close_return, nearest, newton, placed
+from .points import at_start, nearest
+from .shooting import Motion, Node, OrbitIterate, close_return, newton, placed
+from .sides import BEYOND_GUARD, beyond_a_guard
 from .symmetries import symmetry_of
 
 __all__ = ["CONVERGED", "Floquet", "floquet", "floquet_of", "in_any_case", "require_period"]
@@ -69,7 +71,8 @@ class Floquet(RunResult, eqx.Module):
         shift: (q,) s after a period, for an orbit modulo a group g(x, s): the length of a runner's step.
         family: number of parameters of the family of orbits around this one, whatever `conserve` is: 0 for an isolated
             orbit, 1 where an energy is conserved.
-        notes: frozenset of names: "family", "moved" (the energy of this orbit is not that of the start).
+        notes: frozenset of names: "family", "moved" (the energy of this orbit is not that of the start), "beyond_guard"
+            (the orbit lies on the fired side of a directed guard, and never fires it: as a start there does).
         status: an `lh.STATUS`: ok; no_orbit where Newton's method did not arrive at an orbit; where the motion from the
             start failed, how it ended.
 
@@ -123,6 +126,10 @@ class Floquet(RunResult, eqx.Module):
             lines.append(f"one of a family of orbits with {parameters}, along which multipliers are 1")
         if "moved" in self.notes:
             lines.append("its energy is not that of the start: conserve=True keeps it")
+        if BEYOND_GUARD in self.notes:
+            lines.append(
+                "it lies beyond a guard that it never fires, on the fired side: is the start beyond that guard?"
+            )
         lines.append(f"status {self.status}")
         what = "No periodic orbit" if self.status.failed else "Periodic orbit"
         title = f"{what}, T = {self.period:.12g}, {self.jumps} jumps, residual {self.residual:.1e}"
@@ -431,6 +438,7 @@ def floquet_of(
         jumps=sum(piece.jumps for piece in orbit.pieces),
         shift=as_jax(np.asarray(orbit.shift)),
         family=family.shape[1],
-        notes=frozenset({"family"} if family.shape[1] else ()),
+        notes=frozenset({"family"} if family.shape[1] else ())
+        | ({BEYOND_GUARD} if beyond_a_guard(flow, orbit) else set()),
         status_code=STATUS.ok if residual <= digits(CONVERGED, base.x) else STATUS.no_orbit,
     )

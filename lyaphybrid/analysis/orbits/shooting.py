@@ -41,10 +41,8 @@ __all__ = [
     "SAMPLES_PER_PIECE",
     "OrbitIterate",
     "MotionPiece",
-    "at_start",
     "close_return",
     "linearised",
-    "nearest",
     "newton",
     "placed",
     "retimed",
@@ -59,9 +57,9 @@ NEWTON_RESIDUAL = 1e-13  # residual, relative to the orbit, at which Newton's me
 LEAST_SCALE = 1e-6  # least scale of an orbit, which may be the origin itself
 HALVINGS = 8  # trial lengths of a Newton step, each half of the one before
 NODE_CLEARANCE = 0.02  # of the period: distance that nodes keep from events where possible
-EVENT_AT_START = 1e-6  # of the period: an event this near to x0 counts as at x0
 CLOSE_RETURN = 0.1  # of the orbit's size: largest distance of a close return
 DOUBLINGS = 14  # doublings of the time in which a return is searched
+LONG = 100.0  # the first time is no longer than this times that in which the velocity changes
 SAMPLES_PER_PIECE = 1000  # recorded points of a piece
 EVENT_LOG_ROWS = 1024  # events that one compiled call can record; a full log is emptied and the run goes on
 
@@ -226,7 +224,7 @@ def close_return(flow: Motion, start: Node) -> tuple[Node, float]:
 
     Each piece is twice as long as the one before and starts at its end, so that a motion towards an orbit gets closer.
     """
-    horizon = (np.linalg.norm(start.x) + 1e-3) / max(float(np.linalg.norm(flow.velocity(start))), 1e-12)
+    horizon = _first_horizon(flow, start)
     for _ in range(DOUBLINGS):
         stretch = flow.piece(start, float(horizon))
         times, points, modes = states_of(stretch)
@@ -243,6 +241,25 @@ def close_return(flow: Motion, start: Node) -> tuple[Node, float]:
         "from a periodic orbit, give a transient; (b) it moves towards a fixed point; (c) give the period.",
         None,
     )
+
+
+def _first_horizon(flow: Motion, start: Node) -> float:
+    """A time to begin with, from the size of the state, its velocity and its acceleration.
+
+    Near an equilibrium the velocity is small, and its own rate of change is what tells a time.
+    """
+    velocity = flow.velocity(start)
+    size, speed = float(np.linalg.norm(start.x)) + 1e-3, float(np.linalg.norm(velocity))
+    if speed == 0:
+        raise NoPeriodicOrbitError(
+            "x0 is at rest: its velocity is 0, and so it has no period. Start beside this equilibrium, and give a "
+            "transient; what perturbations of an equilibrium do is in the eigenvalues of the field's derivative there.",
+            None,
+        )
+    ahead = 1e-6 * size / speed
+    moved = start._replace(t=start.t + ahead, x=as_jax(np.add(start.x, ahead * velocity)))
+    change = float(np.linalg.norm(flow.velocity(moved) - velocity)) / ahead
+    return min(size / speed, LONG * speed / change) if change > 0 else size / speed
 
 
 def states_of(piece: MotionPiece) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -400,39 +417,3 @@ def _newton_step(
     change = np.linalg.lstsq(system, -gaps, rcond=digits(1e-11, orbit.nodes[0].x))[0]
     states, shift = change[: m * n].reshape(m, n), change[m * n + autonomous :]
     return list(states), float(change[m * n]) if autonomous else 0.0, shift
-
-
-def nearest(flow: Motion, base: Node, period: float, x) -> Node:
-    """The point of an orbit that is nearest to a state; at a jump the nearer one of both sides."""
-    turn = flow.piece(base, period * (1 + digits(EVENT_AT_START, base.x)))  # longer, to record a jump at the end
-    times, points, modes = [turn.times], [turn.points], [turn.modes]
-    if turn.events is not None:
-        times += [turn.events.t, turn.events.t]
-        points += [turn.events.x_before, turn.events.x_after]
-        modes += [turn.events.mode_before, turn.events.mode_after]
-    times, points, modes = np.concatenate(times), np.concatenate(points), np.concatenate(modes)
-    if flow.symmetry is not None and flow.symmetry.freedom:
-        order = np.argsort(times, kind="stable")
-        times, points, modes = times[order], points[order], modes[order]
-        distance, shifts = flow.symmetry.followed(x, points)
-        i = int(np.argmin(distance))
-        points[i] = flow.symmetry.back(points[i], shifts[i])
-    else:
-        i = int(np.argmin(np.linalg.norm(points - np.asarray(x), axis=1)))
-    return Node(base.t + float(times[i]), jnp.asarray(points[i]), int(modes[i]))
-
-
-def at_start(flow: Motion, base: Node, start: Node, period: float, shift: np.ndarray) -> Node:
-    """The point of a forced orbit at t0; if it jumps there, the side of the jump that is nearer to x0."""
-    offset = (base.t - start.t) % period
-    if offset == 0 or isinstance(flow.problem.system, Map):
-        return base
-    length, near = period - offset, digits(EVENT_AT_START, base.x) * period
-    ends = [flow.piece(base, length).end]
-    events = flow.piece(base, length + near).events
-    for i in np.flatnonzero(np.abs(events.t - length) < near):
-        ends.append(Node(start.t, jnp.asarray(events.x_before[i]), int(events.mode_before[i])))
-        ends.append(Node(start.t, jnp.asarray(events.x_after[i]), int(events.mode_after[i])))
-    if flow.symmetry is not None:  # the ends lie one period later
-        ends = [node._replace(x=jnp.asarray(flow.symmetry.back(node.x, shift))) for node in ends]
-    return min(ends, key=lambda node: float(np.linalg.norm(np.asarray(node.x) - np.asarray(start.x))))

@@ -100,7 +100,7 @@ def until_ticks(evolver, carry: StepState, clock: Clock):
     return jnp.where(table(evolver, solver.mode, evolver.hybrid.armed), until, jnp.inf)
 
 
-def unresolved(carry: StepState, clock: Clock, ahead=0.0):
+def unresolved(carry: StepState, clock: Clock, ahead: Any = 0.0):
     """A time so short that the next tick of a clock may come now: the rounding of the time, that far ahead."""
     return TIME_ROUNDING * eps(carry.s) * jnp.maximum(jnp.abs(clock.base), carry.s + ahead)
 

@@ -268,3 +268,28 @@ def test_other_orbits_of_a_kind_compile_nothing_again():
         orbit = lh.floquet(system, [1.0, 0.1], omega)
         np.testing.assert_allclose(turns(orbit)[0], 10 * omega / (2 * np.pi), rtol=1e-8)
     assert len(traced) == 1
+
+
+@pytest.mark.parametrize("x0", [[0.0, 0.0], [1e-17, 3e-18]])
+def test_an_equilibrium_has_no_period(x0):
+    """At rest nothing comes back; next to it the motion takes no longer to tell than elsewhere."""
+    sink = lh.Flow(lambda t, x, args: -x * jnp.array([1.0, 2.0]))
+    with pytest.raises(lh.NoPeriodicOrbitError, match="at rest" if x0[0] == 0 else "did not come back"):
+        lh.floquet(sink, x0)
+
+
+def test_an_orbit_beyond_a_guard_says_so():
+    """A switch that is to open where the current is above a ramp; the start is above it, and so is the whole orbit."""
+    up = lambda t, x, args: jnp.stack([40.0 - 10 * x[0], 1.0 + 0 * x[1]])  # noqa: E731
+    down = lambda t, x, args: jnp.stack([-10 * x[0], 1.0 + 0 * x[1]])  # noqa: E731
+    ramp = lh.Transition(lambda t, x, args: x[0] - 1.5 - x[1], source="on", target="off", direction=+1)
+    tick = lh.Transition(every=1.0, reset=lambda t, x, args: x.at[1].set(0.0))
+    closed = lh.Transition(every=1.0, reset=lambda t, x, args: x.at[1].set(0.0), target="on")
+    stuck = lh.floquet(
+        lh.Hybrid({"on": up, "off": down}, [ramp, tick]), [3.0, 0.0], period=1.0, mode="on", transient=20
+    )
+    assert stuck.notes == {"beyond_guard"}
+    assert "never fires" in str(stuck)
+    works = lh.floquet(lh.Hybrid({"on": up, "off": down}, [ramp, closed]), [0.5, 0.0], period=1.0, mode="on")
+    assert works.notes == frozenset()
+    assert works.jumps == 2
