@@ -218,6 +218,7 @@ def trajectory(
         >>> fall = lh.trajectory(ball, [0.5, 0.0], t1=2.5)
         >>> len(fall.events), round(float(fall.events.t[0]), 9)
         (1, 1.0)
+        >>> ax = fall.plot(components=[0])  # .plot(): all components; .plot.phase(): one against another
     """
     flag("throw", throw)
     positive("t1, a length of time,", t1)

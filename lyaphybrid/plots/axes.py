@@ -33,7 +33,8 @@ class Figures:
 
     def __getattr__(self, name: str):
         named = [f".plot.{known}()" for known in dir(type(self)) if not known.startswith("_")]
-        raise AttributeError(f"There is no figure {name!r} of this result; it has .plot(), {', '.join(named)}.")
+        motion = " The motion is drawn by lh.trajectory(…).plot()." if name in ("trajectory", "motion", "phase") else ""
+        raise AttributeError(f"There is no figure {name!r} of this result; it has .plot(), {', '.join(named)}.{motion}")
 
 
 def axes_of(ax: Axes | None, figsize: tuple[float, float] = (6.4, 4.0)) -> Axes:

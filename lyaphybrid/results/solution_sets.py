@@ -94,7 +94,8 @@ class Solutions(Result, eqx.Module):
     Attributes:
         solutions: one `Solution` each.
         complete: whether these are all solutions. False if there are more than `most`, or if a choice can be made at
-            any later time: a repelling surface may be left at any time, and after a two-fold sliding may go on.
+            any later time: a repelling surface may be left at any time, and after a two-fold sliding may go on; or
+            where the order of the later jumps of one instant matters, of which that of the first one alone is varied.
         mode_names: names of the system's modes.
 
     Example:

@@ -117,11 +117,13 @@ class PhaseResponse(Result, eqx.Module):
 
         Args:
             kick: what is added to the state, (n,), or (phases, n). The mode stays as it is: in one that is bound to a
-                surface, kick along the surface.
+                surface, kick along the surface. A kick across a guard is no crossing, unless a `flow_set` ends there:
+                with ``flow_set=lambda t, x, args: 1 - x[0]`` a kick over the threshold 1 is a spike.
             at: indices of phases; None: all.
 
         Returns:
-            (phases,) times in (−T/2, T/2]; nan where the motion does not come back to the cycle.
+            (phases,) times in (−T/2, T/2], for phases are equal modulo T: a delay by 0.9 T is ahead by 0.1 T. nan where
+            the motion does not come back to the cycle.
 
         Raises:
             ValueError: on another shape, or on indices that are none.

@@ -340,7 +340,8 @@ def _descent(
         )
         if best is None or size < least:
             best, least = here, float(size)
-        slope = (by_value @ here.jacobian + by_theta) * limits.slope(np.asarray(u))
+        used = np.asarray(by_value) != 0  # an exponent that is -inf has no derivatives, and need have none
+        slope = (by_value[used] @ np.asarray(here.jacobian)[used] + by_theta) * limits.slope(np.asarray(u))
         if not here.trust or not np.any(slope):
             break
         with jax.numpy_dtype_promotion("standard"):  # optax mixes integers and floats

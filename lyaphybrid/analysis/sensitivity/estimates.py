@@ -108,12 +108,13 @@ def parameters_of(args, free: Sequence[str] | None, word: str = "over") -> tuple
     """The free leaves of args: their values (p,), args as a function of them, their names."""
     args = jax.tree.map(functools.partial(parameters, "args"), args)
     args = as_jax(jax.tree.map(lambda leaf: np.asarray(leaf) if isinstance(leaf, float) else leaf, args))
-    known = {_name(path): eqx.is_inexact_array_like(leaf) for path, leaf in jax.tree_util.tree_leaves_with_path(args)}
-    known = [name for name, floating in known.items() if floating]
+    named = {_name(path): leaf for path, leaf in jax.tree_util.tree_leaves_with_path(args)}
+    known = [name for name, leaf in named.items() if eqx.is_inexact_array_like(leaf)]
     require(bool(known), f"args has no floating-point number to differentiate by, got {args!r}: write 1.0 for 1.")
     wanted = known if free is None else list(free)
     wrong = [name for name in wanted if name not in known]
-    require(not wrong and bool(wanted), f"{word} must name some of {', '.join(known)}; got {free!r}.")
+    integers = "".join(f" {name} is an integer in args: write 2.0 for 2." for name in wrong if name in named)
+    require(not wrong and bool(wanted), f"{word} must name some of {', '.join(known)}; got {free!r}.{integers}")
     parts, fixed = eqx.partition(args, jax.tree_util.tree_map_with_path(lambda path, _: _name(path) in wanted, args))
     leaves, structure = jax.tree.flatten(parts)
     theta = np.concatenate([np.ravel(leaf) for leaf in leaves])

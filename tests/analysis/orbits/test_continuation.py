@@ -601,6 +601,7 @@ def test_nothing_near_the_start_is_said():
     ("arguments", "says"),
     [
         ({"over": {"q": (0.0, 1.0)}}, "over must name some of p, rates, where; got"),
+        ({"args": {"p": 0.3, "turns": 2}, "over": {"turns": (1.0, 3.0)}}, "turns is an integer in args: write 2.0 for"),
         ({"over": {3: (0.0, 1.0)}}, "the parameter must be the name of an entry of args; got 3"),
         ({"over": {"rates": (0.0, 1.0)}}, r"over must name one number, such as 'rates\[0\]'; got 'rates'"),
         ({"over": {"p": (0.0, 1.0), "where": (0.0, 1.0)}}, "over must name one parameter"),

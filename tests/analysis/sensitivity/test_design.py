@@ -132,3 +132,22 @@ def test_lorenz_at_one():
     spread = np.hypot(found.stderr[0], float(again.stderr[0]))
     assert abs(float(again.exponents[0]) - found.exponents[0]) <= 3 * spread
     assert abs(float(again.exponents[0]) - 1.0) <= 3 * np.hypot(found.stderr[0], float(again.stderr[0]))
+
+
+@pytest.mark.slow
+def test_an_objective_need_not_use_an_exponent_that_is_minus_infinity():
+    """The stopwatch of a sampled oscillator forgets its past at each tick; the objective asks for the motion's λ₁.
+
+    λ² + 0.2 λ + k has the root −0.05 at k = 0.0075.
+    """
+
+    def field(t, x, args):
+        return jnp.stack([x[1], -args["k"] * x[0] - 0.2 * x[1], 1.0 + 0 * x[2]])
+
+    tick = lh.Transition(every=1.0, reset=lambda t, x, args: x.at[2].set(0.0))
+    found = lh.design(
+        lh.Hybrid(field, tick), [0.1, 0.0, 0.0], {"k": 0.005}, lambda exponents, args: 1e3 * (exponents[0] + 0.05) ** 2,
+        over={"k": (1e-4, 0.009)}, period=1.0, t1=50.0, steps=60,
+    )  # fmt: skip
+    assert not any("failed" in reason for reason in found.reasons)
+    assert found.parameters["k"] == pytest.approx(0.0075, rel=0.02)
