@@ -8,23 +8,26 @@ import pytest
 import lyaphybrid as lh
 
 
-def driven(n, x, r):
+def driven(n, x, args):
     """A leaky sum of the logistic map, which it does not act on: exponents ln 0.5 and that of the map."""
-    return jnp.stack([0.5 * x[0] + x[1], r * x[1] * (1 - x[1])])
+    return jnp.stack([0.5 * x[0] + x[1], args["r"] * x[1] * (1 - x[1])])
+
+
+CHAOS = {"r": 4.0}
 
 
 @pytest.mark.parametrize("k", [1, 2])
 def test_the_largest_exponent_of_a_map_that_drives_another(k):
-    found = lh.lyapunov_spectrum(lh.Map(driven), [0.0, 0.3], 4.0, t1=20_000, transient=100, k=k)
+    found = lh.lyapunov_spectrum(lh.Map(driven), [0.0, 0.3], CHAOS, t1=20_000, transient=100, k=k)
     assert abs(found.exponents[0] - np.log(2)) < max(5 * found.stderr[0], 1e-3)
 
 
 def test_replicates_and_derivatives_have_it_too():
     several = lh.lyapunov_spectrum(
-        lh.Map(driven), [0.0, 0.3], 4.0, t1=5000, transient=100, k=1, replicates=3, key=jax.random.key(1)
+        lh.Map(driven), [0.0, 0.3], CHAOS, t1=5000, transient=100, k=1, replicates=3, key=jax.random.key(1)
     )
     assert np.all(np.abs(several.exponents - np.log(2)) < 0.05)
-    diagram = lh.bifurcation_diagram(lh.Map(driven), [0.0, 0.3], 3.9, over={"args": [3.9]}, directions=("up",), k=1)
+    diagram = lh.bifurcation_diagram(lh.Map(driven), [0.0, 0.3], CHAOS, over={"r": [3.9]}, directions=("up",), k=1)
     assert np.all(diagram.exponents > 0.4)
 
 

@@ -13,7 +13,9 @@ SUSPECTS = 4  # pairs of neighbouring states of each kind that are looked at clo
 HALVINGS = 40
 JUMP = 1e-4  # a change over a vanishing distance, relative to the size of the function there, that is a jump
 STAYS_LARGE = 1e-6  # of the change between two states: what is left of it over a vanishing distance, at a jump
-ROUNDED = 1e-12  # of the largest size of a function: what is smaller, also as a change between two states, is rounding
+OF_ROUNDING = (
+    1e-12  # of the largest size of a function: what is smaller, also as a change between two states, is rounding
+)
 
 
 def check_smoothness(functions: Iterable[Function], t, x, mode, jumps) -> list[Finding]:
@@ -48,7 +50,7 @@ def _of_function(one: Function, t, x, pairs) -> list[Finding]:
                   "guard where it ends (lh.filippov for a field with a switch); else steps crawl there, and exponents "
                   "lack what the jump does to perturbations.")
         ]  # fmt: skip
-    least = ROUNDED * np.max(np.abs(values(t[pairs], x[pairs], t[pairs], x[pairs])), initial=0.0)
+    least = OF_ROUNDING * np.max(np.abs(values(t[pairs], x[pairs], t[pairs], x[pairs])), initial=0.0)
     place = _jump(slopes, t, x, pairs, least)
     if place is None:
         return []
@@ -79,7 +81,7 @@ def _jump(of: Callable, t, x, pairs, least: float = 0.0) -> str | None:
         low, high = _chosen(first, low, values), _chosen(first, values, high)
     rest = np.max(np.abs(high - low), axis=1)
     here = np.max(np.maximum(np.abs(low), np.abs(high)), axis=1)
-    jumps = (rest > JUMP * here) & (rest > STAYS_LARGE * change) & (rest > max(least, ROUNDED * size))
+    jumps = (rest > JUMP * here) & (rest > STAYS_LARGE * change) & (rest > max(least, OF_ROUNDING * size))
     if not np.any(jumps):
         return None
     i = int(np.argmax(np.where(jumps, rest, 0.0)))
