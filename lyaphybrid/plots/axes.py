@@ -6,12 +6,15 @@ The i-th exponent has the same colour in every figure. On dark axes black and th
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+import numpy as np
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 else:
     Axes: TypeAlias = Any  # matplotlib takes long to import: only where a figure is drawn
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+VARIES = 1e-6  # a component varies by more than this part of its size
 LUMINANCE = (0.2126, 0.7152, 0.0722)  # of red, green and blue
 
 
@@ -47,6 +50,14 @@ def axes_of(ax: Axes | None, figsize: tuple[float, float] = (6.4, 4.0)) -> Axes:
     return pyplot.subplots(figsize=figsize, layout="constrained")[1]
 
 
+def panels(count: int) -> Sequence[Axes]:
+    """Axes of a new figure, one below the other, with one horizontal axis."""
+    from matplotlib import pyplot
+
+    height = 1.6 + 1.8 * count
+    return tuple(pyplot.subplots(count, 1, figsize=(6.4, height), layout="constrained", sharex=True)[1])
+
+
 def both_axes(axes: Sequence[Axes] | None, figsize: tuple[float, float], **shape: Any) -> Sequence[Axes]:
     """The two axes that were given, or those of a new figure, one below the other."""
     if axes is not None:
@@ -63,6 +74,14 @@ def both_axes(axes: Sequence[Axes] | None, figsize: tuple[float, float], **shape
 def _check(ax: Any) -> None:
     if not hasattr(ax, "errorbar"):
         raise ValueError(f"ax must be axes of matplotlib, or None; got {ax!r}. pyplot.subplots() makes some.")
+
+
+def varying(values: np.ndarray) -> int:
+    """The first component of values (…, n) that varies; the first one where none does."""
+    flat = values.reshape(-1, values.shape[-1])
+    flat = flat[np.all(np.isfinite(flat), axis=1)]
+    ranges, sizes = (np.max(of, axis=0, initial=0.0) for of in (np.abs(flat - flat[:1]), np.abs(flat)))
+    return int(np.argmax(ranges > VARIES * sizes))
 
 
 def component(name: str, index: Any, dimension: int) -> int:

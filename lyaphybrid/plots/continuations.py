@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from .axes import COLOURS, Axes, axes_of, both_axes, component, ink, styled
+from .axes import COLOURS, Axes, axes_of, both_axes, component, ink, styled, varying
 from .sweep_arrays import label
 
 __all__ = ["continuation", "curves"]
@@ -41,7 +41,9 @@ MARGIN = 1e-5  # tolerance for a multiplier of 1 at the end of a stable stretch
 BRANCH_COLOURS = (COLOURS[0], None, COLOURS[5])  # colours of branches, used cyclically; None: grey
 
 
-def continuation(branches: Any, axes: Sequence[Axes] | None = None, i: int = 0, **style: Any) -> Sequence[Axes]:
+def continuation(
+    branches: Any, axes: Sequence[Axes] | None = None, i: int | None = None, **style: Any
+) -> Sequence[Axes]:
     """Branches of periodic orbits: the largest value of a component over each orbit, and below it the exponents.
 
     Lines are full where the orbits attract, else dashed. Exponents of −∞ are not drawn.
@@ -49,7 +51,7 @@ def continuation(branches: Any, axes: Sequence[Axes] | None = None, i: int = 0, 
     Args:
         branches: a `Continuation`, or several of the same parameter.
         axes: two matplotlib axes; None: those of a new figure.
-        i: index of the component.
+        i: index of the component; None: the first whose largest value varies, as one that a stop bounds does not.
         **style: of the lines, as matplotlib takes it.
 
     Returns:
@@ -68,6 +70,7 @@ def continuation(branches: Any, axes: Sequence[Axes] | None = None, i: int = 0, 
     branches = [branches] if hasattr(branches, "orbits") else list(branches)
     axes = both_axes(axes, (7.2, 6.6), height_ratios=(3, 2))
     upper, lower = axes
+    i = varying(np.asarray(branches[0].largest)) if i is None else i
     lower.axhline(0.0, color=ink(lower, 0.6), linewidth=0.8, zorder=0)
     for number, branch in enumerate(branches):
         colour = BRANCH_COLOURS[number % len(BRANCH_COLOURS)] or ink(upper, 0.35)

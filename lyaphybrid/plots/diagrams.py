@@ -7,7 +7,7 @@ import numpy as np
 
 from .. import _renamed as renamed
 from ..statuses import OK, STATUS
-from .axes import COLOURS, Axes, Figures, axes_of, both_axes, colours, component, ink, styled
+from .axes import COLOURS, Axes, Figures, axes_of, both_axes, colours, component, ink, styled, varying
 
 if TYPE_CHECKING:
     from ..analysis.basins import Basins, BasinShares
@@ -65,13 +65,13 @@ def section(points: Any, ax: Axes | None = None, i: int = 0, j: int = 1, **style
     return ax
 
 
-def bifurcations(result: Any, ax: Axes | None = None, i: int = 0, **style: Any) -> Axes:
+def bifurcations(result: Any, ax: Axes | None = None, i: int | None = None, **style: Any) -> Axes:
     """The last points of every run against the parameter; angles from −π to π.
 
     Args:
         result: a `BifurcationDiagram`.
         ax: matplotlib axes; None: those of a new figure.
-        i: index of the component.
+        i: index of the component; None: the first that varies, as one on a section does not.
         **style: of the dots, as matplotlib takes it.
 
     Returns:
@@ -90,6 +90,7 @@ def bifurcations(result: Any, ax: Axes | None = None, i: int = 0, **style: Any) 
         >>> pyplot.close(ax.figure)
     """
     ax = axes_of(ax, (7.2, 4.4))
+    i = varying(np.asarray(result.points)) if i is None else i
     heights = result.points[..., component("i", i, result.points.shape[-1])]
     if i in result.angles:
         heights = np.pi - np.mod(np.pi - heights, 2 * np.pi)
@@ -160,13 +161,13 @@ def largest_exponent(result: Any, ax: Axes | None = None, **style: Any) -> Axes:
     return ax
 
 
-def diagram(result: Any, axes: Sequence[Axes] | None = None, i: int = 0, **style: Any) -> Sequence[Axes]:
+def diagram(result: Any, axes: Sequence[Axes] | None = None, i: int | None = None, **style: Any) -> Sequence[Axes]:
     """The points of a bifurcation diagram, and below them the largest exponent.
 
     Args:
         result: a `BifurcationDiagram`.
         axes: two matplotlib axes; None: those of a new figure.
-        i: index of the component.
+        i: index of the component; None: the first that varies, as one on a section does not.
         **style: of the dots of the points, as matplotlib takes it.
 
     Returns:
@@ -213,14 +214,14 @@ class DiagramPlots(Figures):
     def __init__(self, result: Any):
         self._result = result
 
-    def __call__(self, ax: Sequence[Axes] | None = None, i: int = 0, **style: Any) -> Sequence[Axes]:
+    def __call__(self, ax: Sequence[Axes] | None = None, i: int | None = None, **style: Any) -> Sequence[Axes]:
         """Component i of the points, and below it the largest exponent, against the parameter, on two axes."""
         if "axes" in style:
             renamed.warn("BifurcationDiagram.plot(axes=…)", "ax=")
             ax = style.pop("axes")
         return diagram(self._result, ax, i, **style)
 
-    def bifurcations(self, ax: Axes | None = None, i: int = 0, **style: Any) -> Axes:
+    def bifurcations(self, ax: Axes | None = None, i: int | None = None, **style: Any) -> Axes:
         """`plots.bifurcations` of it."""
         return bifurcations(self._result, ax, i, **style)
 

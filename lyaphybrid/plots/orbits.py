@@ -81,7 +81,7 @@ def phase_responses(found: "PhaseResponse", ax: Axes | None = None, **style: Any
         ax.plot(found.t, column, **styled("line", style, color=colour, linewidth=1.2, label=name))
     ax.set_xlim(0.0, found.period)
     ax.set_xlabel("phase θ")
-    ax.set_ylabel("∂θ/∂x")
+    ax.set_ylabel("∂θ/∂x" if len(names) > 1 else f"∂θ/∂{names[0]}")
     if len(names) > 1:
         ax.legend(fontsize="small", title="component")
     return ax

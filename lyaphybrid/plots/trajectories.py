@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._arguments import whole
-from .axes import COLOURS, Axes, Figures, colours, component, ink, is_dark, styled, whole_ticks
+from .axes import COLOURS, Axes, Figures, colours, component, ink, is_dark, panels, styled, whole_ticks
 from .axes import axes_of as _axes
 
 if TYPE_CHECKING:
@@ -28,14 +28,16 @@ def trajectory(
 ) -> Axes:
     """Components in time; events as vertical lines, modes as shades behind them.
 
+    Components with several units get a panel for each unit, one below the other.
+
     Args:
         trajectory: a `Trajectory`.
-        ax: matplotlib axes; None: those of a new figure.
+        ax: matplotlib axes, for all components; None: those of a new figure.
         components: indices of those to draw; None: the first four.
         **style: of the lines, as matplotlib takes it.
 
     Returns:
-        The axes.
+        The axes; of several panels the first, `ax.figure.axes` holds all.
 
     Example:
         >>> import jax.numpy as jnp, lyaphybrid as lh
@@ -50,27 +52,40 @@ def trajectory(
         ('time t', 'height')
         >>> pyplot.close(ax.figure)
     """
-    ax = _axes(ax)
     dimension = int(np.prod(trajectory.x.shape[1:]))
-    labels = trajectory.state_labels
-    shown = range(min(COMPONENTS_DRAWN, dimension)) if components is None else components
+    shown = list(range(min(COMPONENTS_DRAWN, dimension)) if components is None else components)
     for index in shown:
         component("components", index, dimension)
-    discrete = _is_discrete(trajectory)
-    t, x, mode = _with_gaps_at_events(trajectory)
+    groups = [shown] if ax is not None else _by_unit(trajectory.state_labels, shown)
+    axes = [_axes(ax)] if len(groups) == 1 else panels(len(groups))
+    samples = _with_gaps_at_events(trajectory)
+    hues = dict(zip(shown, colours(len(shown), axes[0]), strict=True))
+    for one, group in zip(axes, groups, strict=True):
+        _panel(one, trajectory, samples, group, hues, style)
+    axes[-1].set_xlabel("iteration" if _is_discrete(trajectory) else "time t")
+    return axes[0]
+
+
+def _by_unit(labels, shown: Sequence[int]) -> list[list[int]]:
+    """The components by their units, in the order of the first of each."""
+    units = [labels.units[i % len(labels.units)] if labels.units else "" for i in shown]
+    return [[i for i, own in zip(shown, units, strict=True) if own == unit] for unit in dict.fromkeys(units)]
+
+
+def _panel(ax, trajectory: "Trajectory", samples, shown: list[int], hues, style) -> None:
+    """Some components in one axes."""
+    labels, (t, x, mode) = trajectory.state_labels, samples
     _shade(ax, t, mode, trajectory.mode_names)
     _mark(ax, np.asarray(trajectory.events.t))
-    usual: dict[str, Any] = {"linestyle": "none", "marker": "."} if discrete else {"linewidth": 1.3}
-    for i, colour in zip(shown, colours(len(shown), ax), strict=True):
-        ax.plot(t, x[:, i], **styled("line", style, color=colour, label=labels.axis(i), **usual))
-    ax.set_xlabel("iteration" if discrete else "time t")
+    usual: dict[str, Any] = {"linestyle": "none", "marker": "."} if _is_discrete(trajectory) else {"linewidth": 1.3}
+    for i in shown:
+        ax.plot(t, x[:, i], **styled("line", style, color=hues[i], label=labels.axis(i), **usual))
     ax.set_ylabel("state" if len(shown) > 1 else labels.axis(shown[0]))
     finite = t[np.isfinite(t)]
     if len(finite) > 1:
         ax.set_xlim(finite[0], finite[-1])
     if len(shown) > 1 or len(trajectory.mode_names) > 1:
         ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
-    return ax
 
 
 def _mark(ax, times) -> None:
@@ -126,7 +141,9 @@ def phase(trajectory: "Trajectory", ax: Axes | None = None, i: int = 0, j: int =
         ('height', 'speed')
         >>> pyplot.close(ax.figure)
     """
-    ax = _axes(ax)
+    own, ax = ax is None, _axes(ax)
+    if own:
+        ax.locator_params(axis="x", nbins=6)  # numbers of many digits do not overlap
     t, x, mode = _with_gaps_at_events(trajectory)
     component("i", i, x.shape[1])
     component("j", j, x.shape[1])

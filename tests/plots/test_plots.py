@@ -10,6 +10,7 @@ from matplotlib.colors import to_hex
 import lyaphybrid as lh
 from lyaphybrid import plots
 from lyaphybrid.analysis.trajectories import Events, Trajectory
+from lyaphybrid.plots.axes import varying
 from lyaphybrid.results.spectrum import History, Spectrum
 
 
@@ -155,6 +156,35 @@ def test_a_trajectory_breaks_at_its_events_in_their_order():
     expected = [(0.5, 0), (1, 10), (1, np.nan), (1, 11), (1, 1), (2, 2)]
     expected += [(2.5, 20), (2.5, np.nan), (2.5, 21), (2.5, 30), (2.5, np.nan), (2.5, 31), (3, 3)]
     np.testing.assert_allclose(np.stack([times, first], axis=1), expected)
+
+
+def test_components_with_several_units_have_a_panel_for_each():
+    ball = lh.Hybrid(
+        lambda t, x, args: jnp.stack([x[1], 0 * x[1] - 1.0, x[0]]),
+        lh.Transition(lambda t, x, args: x[0], lambda t, x, args: x.at[1].multiply(-1)),
+        names=("height", "speed", "distance"), units=("m", "m/s", "m"),
+    )  # fmt: skip
+    run = lh.trajectory(ball, [0.5, 0.0, 0.0], t1=4.0, n=50)
+    first = run.plot()
+    upper, lower = first.figure.axes
+    assert first is upper
+    assert [line.get_label() for line in upper.get_lines()] == ["height (m)", "distance (m)"]
+    assert lower.get_ylabel() == "speed (m/s)"
+    assert (upper.get_xlabel(), lower.get_xlabel()) == ("", "time t")
+    assert len({line.get_color() for ax in (upper, lower) for line in ax.get_lines()}) == 3
+    assert len(run.plot(components=[0, 2]).figure.axes) == 1
+    own = pyplot.subplots()[1]
+    assert run.plot(own) is own
+    assert len(own.get_lines()) == 3
+    pyplot.close("all")
+
+
+def test_a_component_that_does_not_vary_is_not_chosen():
+    values = np.stack([np.full(5, 0.7), np.linspace(1.0, 2.0, 5)], axis=1)
+    assert varying(values) == 1
+    assert varying(values[:, :1]) == 0
+    assert varying(np.array([[1.0, np.nan], [1.0, 2.0], [1.0, 3.0]])) == 1
+    assert varying(np.full((3, 2), np.nan)) == 0
 
 
 def test_a_trajectory_names_its_modes_and_marks_its_events():

@@ -63,10 +63,10 @@ class _Guard:
         moved = np.abs(after - before) > BEYOND * (np.abs(before) + 1e-3 * np.max(np.abs(before)))
         return not np.any(moved & (gradient != 0))
 
-    def angle(self, t, x, which, f) -> float:
-        """The sine of the angle between the flow and the guard; 1 for a guard of the time alone."""
+    def angle(self, t, x, which, f, scales) -> float:
+        """The sine of the angle between the flow and the guard, in units of the scales (n,); 1 for one of time."""
         moving, gradient = self.gradient(t, x, which)
-        terms = abs(moving) + float(np.linalg.norm(gradient) * np.linalg.norm(f))
+        terms = abs(moving) + float(np.linalg.norm(gradient * scales) * np.linalg.norm(f / scales))
         return abs(self.rate(t, x, which, f)) / terms if terms > 0 else 0.0
 
 
@@ -163,10 +163,11 @@ def _of_landing(system: Hybrid, j: int, guard: _Guard, slope: Callable, run: Tra
 
 
 def _of_contact(j: int, guard: _Guard, slope: Callable, run: Trajectory, own) -> list[Finding]:
-    e = run.events
+    e, ranges = run.events, np.ptp(run.x, axis=0)
+    scales = np.where(ranges > 0, ranges, 1.0)  # so that the angle does not depend on the units
     for i in own:
         f = slope(e.t[i], e.x_before[i], e.mode_before[i])
-        angle = guard.angle(e.t[i], e.x_before[i], e.which[i], f)
+        angle = guard.angle(e.t[i], e.x_before[i], e.which[i], f, scales)
         if angle < GRAZING:
             return [noted("jumps", f"The flow meets the guard of transition {j} nearly tangentially at t = "
                           f"{float(e.t[i]):.6g} (sine of the angle {angle:.1e}): there the saltation matrix is very "

@@ -196,10 +196,10 @@ class Continuation(OrbitsAlong):
         return np.array([orbit.stable for orbit in self.orbits])
 
     @renamed.keywords(axes="ax")
-    def plot(self, ax: Sequence[plots.Axes] | None = None, i: int = 0, **style: Any) -> Sequence[plots.Axes]:
+    def plot(self, ax: Sequence[plots.Axes] | None = None, i: int | None = None, **style: Any) -> Sequence[plots.Axes]:
         """The largest value of component i over the orbits, and below it their exponents, on two axes.
 
-        `style` goes to what it draws.
+        Without i it is the first component that varies along the branch. `style` goes to what it draws.
         """
         return plots.continuation(self, ax, i, **style)
 
