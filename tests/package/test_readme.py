@@ -33,6 +33,8 @@ def test_the_example_of_the_readme_draws_its_figure():
     (example,) = pages.blocks((ROOT / "README.md").read_text())
     names = {}
     pages.run(example, names)
+    (path,) = names["motion"].figure.axes
+    assert path.get_ylabel() == "x"
     (ax,) = pyplot.gcf().axes
     drawn = [line.get_ydata() for line in ax.lines if len(line.get_ydata()) == 64]
     assert_allclose(drawn, names["spectrum"].history.exponents.T)
