@@ -72,7 +72,7 @@ def test_one_column_side_by_side_and_in_a_sweep():
     swept = lh.sweep(lambda args: spectrum(**args), {"F": np.array([1e12, 1e14])}, args=args, progress=False)
     for found in (several, lanes, swept.exponents.values):
         np.testing.assert_allclose(found, [wanted, wanted], atol=1e-9)
-    np.testing.assert_allclose(spectrum(0.5, 1.0, 1e14, k=1).exponents, wanted[:1], atol=1e-9)
+    np.testing.assert_allclose(spectrum(0.5, 1.0, 1e14, frame=np.eye(2)[:, :1]).exponents, wanted[:1], atol=1e-9)
 
 
 def exponents(p):
