@@ -69,8 +69,9 @@ def test_every_kind_of_system_names_its_state_in_datasets_tables_and_axes(kind):
     assert data.state.values.tolist() == list(NAMES)
     assert data.unit.values.tolist() == list(UNITS)
     assert "\n  v " in str(found)
-    ax = found.plot()
-    assert [text.get_text() for text in ax.get_legend().get_texts()][-2:] == ["x (m)", "v (m/s)"]
+    assert [ax.get_ylabel() for ax in found.plot().figure.axes] == ["x (m)", "v (m/s)"]
+    together = found.plot(pyplot.subplots()[1])
+    assert [text.get_text() for text in together.get_legend().get_texts()][-2:] == ["x (m)", "v (m/s)"]
     pyplot.close("all")
 
 
