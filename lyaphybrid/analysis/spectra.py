@@ -328,9 +328,10 @@ def initial_frame(problem, t0, x0, frame, k):
     if frame is None:
         assert k is not None
         if not isinstance(system, DAE):
-            canonical = getattr(system, "canonical", False)
-            whole_space = frames.unit_vectors(n, n, dtype, paired=canonical)
-            return whole_space if k == n else frames.generic_frame(n, k, dtype), np.zeros(k, dtype)
+            canonical, no_growth = getattr(system, "canonical", False), np.zeros(k, dtype)
+            if k == n:
+                return frames.unit_vectors(n, n, dtype, paired=canonical), no_growth
+            return frames.generic_frame(n, k, dtype), no_growth
         frame = tangent_frame(system, t0, x0 if x0.ndim == 1 else x0[0], problem.args)
         frame = frame if k == most else frame @ frames.generic_frame(most, k, dtype)
     frame = array(numbers("frame", frame), dtype)

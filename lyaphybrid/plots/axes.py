@@ -50,12 +50,11 @@ def axes_of(ax: Axes | None, figsize: tuple[float, float] = (6.4, 4.0)) -> Axes:
     return pyplot.subplots(figsize=figsize, layout="constrained")[1]
 
 
-def panels(count: int) -> Sequence[Axes]:
+def panels(count: int, figsize: tuple[float, float], **shape: Any) -> Sequence[Axes]:
     """Axes of a new figure, one below the other, with one horizontal axis."""
     from matplotlib import pyplot
 
-    height = 1.6 + 1.8 * count
-    return tuple(pyplot.subplots(count, 1, figsize=(6.4, height), layout="constrained", sharex=True)[1])
+    return tuple(pyplot.subplots(count, 1, figsize=figsize, layout="constrained", sharex=True, **shape)[1])
 
 
 def both_axes(axes: Sequence[Axes] | None, figsize: tuple[float, float], **shape: Any) -> Sequence[Axes]:
@@ -66,9 +65,7 @@ def both_axes(axes: Sequence[Axes] | None, figsize: tuple[float, float], **shape
         for ax in axes:
             _check(ax)
         return axes
-    from matplotlib import pyplot
-
-    return tuple(pyplot.subplots(2, 1, figsize=figsize, layout="constrained", sharex=True, **shape)[1])
+    return panels(2, figsize, **shape)
 
 
 def _check(ax: Any) -> None:

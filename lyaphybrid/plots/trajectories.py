@@ -57,7 +57,7 @@ def trajectory(
     for index in shown:
         component("components", index, dimension)
     groups = [shown] if ax is not None else _by_unit(trajectory.state_labels, shown)
-    axes = [_axes(ax)] if len(groups) == 1 else panels(len(groups))
+    axes = [_axes(ax)] if len(groups) == 1 else panels(len(groups), (6.4, 1.6 + 1.8 * len(groups)))
     samples = _with_gaps_at_events(trajectory)
     hues = dict(zip(shown, colours(len(shown), axes[0]), strict=True))
     for one, group in zip(axes, groups, strict=True):

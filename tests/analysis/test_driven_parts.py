@@ -50,3 +50,9 @@ def test_the_same_with_a_constraint(k):
     )
     found = lh.lyapunov_spectrum(constrained, [0.0, 1.0, 1.0, 20.0, 1.0], t1=200.0, transient=20.0, k=k)
     assert abs(found.exponents[0] - 0.9056) < 0.15
+
+
+def test_few_columns_of_many_components_take_no_square_of_memory():
+    """A whole frame of these would be 320 GB."""
+    found = lh.lyapunov_spectrum(lh.Map(lambda n, x, args: 0.5 * x), np.ones(200_000), t1=4, k=1, blocks=2)
+    assert found.exponents[0] == pytest.approx(np.log(0.5))

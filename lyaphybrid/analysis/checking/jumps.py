@@ -163,7 +163,10 @@ def _of_landing(system: Hybrid, j: int, guard: _Guard, slope: Callable, run: Tra
 
 
 def _of_contact(j: int, guard: _Guard, slope: Callable, run: Trajectory, own) -> list[Finding]:
-    e, ranges = run.events, np.ptp(run.x, axis=0)
+    e = run.events
+    states = np.concatenate([run.x, e.x_before])
+    states = states[np.all(np.isfinite(states), axis=1)]
+    ranges = np.max(np.abs(states - states[:1]), axis=0, initial=0.0)
     scales = np.where(ranges > 0, ranges, 1.0)  # so that the angle does not depend on the units
     for i in own:
         f = slope(e.t[i], e.x_before[i], e.mode_before[i])

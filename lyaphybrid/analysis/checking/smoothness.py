@@ -13,9 +13,7 @@ SUSPECTS = 4  # pairs of neighbouring states of each kind that are looked at clo
 HALVINGS = 40
 JUMP = 1e-4  # a change over a vanishing distance, relative to the size of the function there, that is a jump
 STAYS_LARGE = 1e-6  # of the change between two states: what is left of it over a vanishing distance, at a jump
-OF_ROUNDING = (
-    1e-12  # of the largest size of a function: what is smaller, also as a change between two states, is rounding
-)
+OF_ROUNDING = 1e-12  # of the largest size of a function: smaller jumps, and jumps of its changes, are rounding
 
 
 def check_smoothness(functions: Iterable[Function], t, x, mode, jumps) -> list[Finding]:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..._keywords import user_level
 from ...errors import RunFailedError
 from ...statuses import STATUS
 from ..orbits.shooting import Node, OrbitIterate, states_of
@@ -73,6 +74,7 @@ def followed(arcs: list[Arc], on: Callable[[Arc], Arc]) -> list[Arc]:
 def follow(equations: BranchEquations, arc: Arc, over: tuple[float, float], step: float, most: int) -> Arc:
     """The branch from where an arc ends, until it leaves the range, closes or ends; or until Ctrl-C."""
     points, found, length = list(arc.points), list(arc.found), arc.length
+    behind = None  # the point behind the last corner: without a step from there the branch ends
     while True:
         end, length = walked(
             points, found, length, step,
@@ -81,7 +83,7 @@ def follow(equations: BranchEquations, arc: Arc, over: tuple[float, float], step
             between=lambda last, after, length: _between(equations, last, after, length, step),
             clear=lambda after: _with_clear_nodes(equations, after),
         )  # fmt: skip
-        if end != "no convergence":
+        if end != "no convergence" or points[-1] is behind:
             return Arc(points, found, end, length)
         try:
             nearest = _approached(equations, points[-1], length)
@@ -162,7 +164,7 @@ def walked(
 
 def _interrupted() -> str:
     """Say that Ctrl-C ended it; how such a branch or curve ends."""
-    warnings.warn("interrupted: what was computed until then is returned.", stacklevel=4)
+    warnings.warn("interrupted: what was computed until then is returned.", stacklevel=user_level())
     return STATUS.interrupted.name
 
 

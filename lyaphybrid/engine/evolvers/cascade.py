@@ -65,7 +65,7 @@ class CascadeState(NamedTuple):
     left: Array  # (slots,) guards that were beyond zero before and have been since: they do not fire anew
     more: Array  # whether another guard fires, or the same one again
     last_first: Array  # whether of several guards that a jump sent beyond zero the last one fires first, not the first
-    several: Array  # whether there were several
+    several: Array  # whether there were several; in the result: whether their order matters
     alone: Array  # whether this is one jump of a cascade without end, after which no time passes
     log: EventLog | None
 
@@ -319,11 +319,9 @@ def in_each_order(
         begun = _start_cascade(evolver, settings, t, carry, columns, terms, mode, event, together, at_once)
         return begun._replace(last_first=last_first)
 
-    guard_index, choices = event[2], carry.solver_state.choices
+    guard_index, choices, no = event[2], carry.solver_state.choices, jnp.asarray(False)
     if evolver.hybrid.slots == 1:
-        return _to_its_end(evolver, settings, t, h, start(event, jnp.asarray(False)))._replace(
-            together=jnp.asarray(False)
-        )
+        return _to_its_end(evolver, settings, t, h, start(event, no))._replace(together=no)
     count = jnp.sum(together)
     several, turns = (count > 1) & (guard_index >= 0), 2 if choices is None else count
     pick = None if choices is None else choices.pick()
@@ -347,7 +345,6 @@ def in_each_order(
         chosen = None if chosen is None else select(turn == pick, landing, chosen)
         return turn + 1, select(turn == 0, landing, kept), chosen, differs | (differ & ~once_more), differ & once_more
 
-    no = jnp.asarray(False)
     nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(start, event, no))
     begin = (jnp.asarray(0), nothing, None if choices is None else nothing, no, no)
     loop = checkpointed if settings.reverse else jax.lax.while_loop
