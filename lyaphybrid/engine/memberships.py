@@ -72,8 +72,7 @@ def _of_a_hybrid_system(system: Hybrid, x, args: Any, t, mode) -> Membership:
                 x,
             )
             at = at[0] if transition.direction else at[1]
-            at = jnp.any(at)
-        jump = jump | (at if transition.when is None else at & transition.when(t, x, args))
+        jump = jump | jnp.any(at if transition.when is None else at & transition.when(t, x, args))
     inside = system.flow_sets[q]
     if inside is None:
         return Membership(yes, jump)

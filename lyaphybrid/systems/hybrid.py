@@ -32,8 +32,9 @@ class Transition(eqx.Module):
         target: mode after the jump: None (stays), a name, or ``(t, x, args) -> index`` (with ``which`` last for
             a vector guard), evaluated at the state before the jump.
         direction: -1 the guard falls through 0, +1 it rises, 0 both.
-        when: ``(t, x, args) -> bool``, evaluated at the root (before the jump). It can choose between several
-            transitions with the same guard; if it is true for none of them the run ends as ``deadlock``.
+        when: ``(t, x, args) -> bool``, or ``-> (m,)`` for a vector guard, evaluated at the root (before the jump). It
+            can choose between several transitions with the same guard; if it is true for none of them the run ends as
+            ``deadlock``.
         terminal: whether the run ends here, after the reset, with status ``terminated``.
 
     Raises:

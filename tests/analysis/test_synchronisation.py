@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import lyaphybrid as lh
@@ -249,6 +250,116 @@ def both_sides(signs):
     return field
 
 
+PAIR = np.array([[-1.0, 1.0], [1.0, -1.0]])
+TWO_RELAYS = lh.coupled_network(RELAY, lambda t, x, args: x[:1], PAIR, enters=one_pushes)
+
+
+@pytest.mark.slow
+def test_a_network_of_relays_has_the_exponents_of_its_modes():
+    """Both reach the surface, slide and leave it at one instant, one after the other."""
+    start, how = np.array([0.8, 0.5]), {"t1": 9.0, "blocks": 2, "method": lh.RungeKutta(rtol=1e-12, atol=1e-13)}
+    assert TWO_RELAYS.mode_names[:4] == ("plus,plus", "plus,minus", "plus,sliding", "minus,plus")
+    apart = np.kron([[1.0], [-1.0]], np.eye(2))[:, :1]
+    args = ({"u": 0.0}, 0.25)
+    whole = lh.lyapunov_spectrum(TWO_RELAYS, [*start, *start], args, frame=apart, transient=0.0, **how)
+    found = lh.master_stability(
+        RELAY, lambda t, x, args: x[:1], start, {"u": 0.0}, at=-0.5, enters=one_pushes, mode="plus", **how
+    )
+    assert_allclose(whole.exponents, found.exponents[0], rtol=0, atol=1e-9)
+    assert_allclose(whole.x[:2], whole.x[2:], rtol=0, atol=1e-12)
+
+
+def toggling(clock, **more):
+    def field(level):
+        return lambda t, x, args: jnp.stack([level + 0.3 * x[1] - x[0], args["u"] - x[1]])
+
+    return lh.Hybrid({"a": field(1.0), "b": field(-1.0)}, lh.Transition(every=0.5, **clock), **more)
+
+
+def test_clocks_change_the_modes_of_nodes():
+    """Two nodes that begin in different modes: a tick moves those in "a", and a guard brings them back one by one."""
+    fields = dict(zip("ab", toggling({}).fields, strict=True))
+    node = lh.Hybrid(
+        fields,
+        [
+            lh.Transition(every=0.5, source="a", target="b"),
+            lh.Transition(lambda t, x, args: x[0] + 0.2, source="b", target=lambda t, x, args: jnp.asarray(0)),
+        ],
+    )
+    pair = lh.coupled_network(node, lambda t, x, args: x[1:], PAIR, enters=one_pushes)
+    found = lh.trajectory(pair, [0.3, 1.0, -0.1, 0.4], ({"u": 0.2}, 0.7), t1=6.0, mode="a,b", n=2)
+    t, x, modes, ends = 0.0, np.array([0.3, 1.0, -0.1, 0.4]), [0, 1], []
+
+    def field(t, x):
+        u = 0.2 + 0.7 * np.array([x[3] - x[1], x[1] - x[3]])
+        return [
+            rate for i in (0, 1) for rate in (1 - 2 * modes[i] + 0.3 * x[2 * i + 1] - x[2 * i], u[i] - x[2 * i + 1])
+        ]
+
+    def falls(i):
+        def guard(t, x):
+            return x[2 * i] + 0.2 if modes[i] else 1.0
+
+        guard.terminal, guard.direction = True, -1
+        return guard
+
+    while t < 6.0:
+        tick = 0.5 * np.floor(t / 0.5 + 1 + 1e-12)
+        part = solve_ivp(field, (t, tick), x, events=[falls(0), falls(1)], rtol=1e-12, atol=1e-13)
+        t, x = part.t[-1], part.y[:, -1]
+        modes = [0 if len(part.t_events[i]) else 1 if t == tick else modes[i] for i in (0, 1)]
+        ends.append((t, 2 * modes[0] + modes[1]))
+    changes = [ends[0], *(b for a, b in zip(ends, ends[1:], strict=False) if a[1] != b[1])]
+    seen = np.asarray(found.events.mode_after), np.asarray(found.events.t)
+    assert len(changes) > 6
+    kept = np.flatnonzero(np.diff(seen[0], prepend=-1))
+    assert_allclose(seen[1][kept], [t for t, _ in changes], rtol=0, atol=1e-7)
+    assert list(seen[0][kept]) == [q for _, q in changes]
+    assert_allclose(found.x[-1], x, rtol=0, atol=1e-6)
+
+
+def test_nodes_with_a_vector_guard_and_a_condition_for_each_component():
+    """A ball between two walls, one of which can be switched off; two of them joined by a spring."""
+    between = lh.Hybrid(
+        lambda t, x, args: jnp.stack([x[1], -0.1 * x[0]]),
+        lh.Transition(
+            lambda t, x, args: jnp.stack([1.0 - x[0], 1.0 + x[0]]),
+            lambda t, x, args, which: jnp.stack([x[0], jnp.where(which == 0, -0.9, -0.8) * x[1]]),
+            when=lambda t, x, args: jnp.stack([x[1] > 0, x[1] < 0]),
+        ),
+        names=["x", "v"],
+    )
+    pair = lh.coupled_network(between, lambda t, x, args: jnp.stack([0 * x[0], x[0]]), PAIR)
+    assert pair.names == ("x1", "v1", "x2", "v2")
+    found = lh.trajectory(pair, [0.0, 1.0, 0.2, -0.7], (None, 0.3), t1=20.0, n=2)
+    t, x = 0.0, np.array([0.0, 1.0, 0.2, -0.7])
+    stiffness = np.array([[0.0, 1, 0, 0], [-0.4, 0, 0.3, 0], [0, 0, 0, 1], [0.3, 0, -0.4, 0]])
+    walls = []
+    for i, sign in ((0, 1), (0, -1), (1, 1), (1, -1)):
+        walls.append(lambda t, x, i=i, sign=sign: 1.0 - sign * x[2 * i])
+        walls[-1].terminal, walls[-1].direction = True, -1
+    count = 0
+    while t < 20.0:
+        part = solve_ivp(lambda t, x: stiffness @ x, (t, 20.0), x, events=walls, rtol=1e-12, atol=1e-13)
+        t, x = part.t[-1], part.y[:, -1].copy()
+        for j in range(4):
+            if len(part.t_events[j]):
+                x[2 * (j // 2) + 1] *= (-0.9, -0.8)[j % 2]
+                count += 1
+    assert len(found.events) == count > 4
+    assert_allclose(found.x[-1], x, rtol=0, atol=1e-6)
+
+
+def test_many_nodes_may_jump_at_one_instant():
+    """Twenty equal neurons fire together: no cascade of one."""
+    ring = np.roll(np.eye(20), 1, axis=0) - np.eye(20)
+    many = lh.coupled_network(NEURON, filtered, ring)
+    run = lh.trajectory(many, np.tile([0.2, 0.1, 0.1], 20), (1.6, 0.1), t1=4.0, n=2)
+    assert run.status is STATUS.ok
+    assert len(run.events) % 20 == 0
+    assert len(run.events) >= 40
+
+
 @pytest.mark.slow
 def test_two_coupled_relays_that_slide_move_apart_as_the_mode_says():
     """Two Filippov systems, each in one of three modes, pushed a little apart: a difference of whole motions."""
@@ -281,6 +392,11 @@ def test_two_coupled_relays_that_slide_move_apart_as_the_mode_says():
         pair = lh.Hybrid(fields, transitions)
         run = lh.trajectory(pair, [*first, *second], -alpha / 2, t1=end, mode="++", n=2, method=lh.RungeKutta(**tight))
         assert len(run.events) > 4
+        same = lh.trajectory(
+            TWO_RELAYS, [*first, *second], ({"u": 0.0}, -alpha / 2), t1=end, n=2, method=lh.RungeKutta(**tight)
+        )
+        assert_allclose(same.events.t, run.events.t, rtol=0, atol=1e-10)
+        assert_allclose(same.x[-1], run.x[-1], rtol=0, atol=1e-10)
         return np.asarray(run.x[-1])
 
     def _force(own):
@@ -417,7 +533,9 @@ def of_impacts(coupling, at=0.1, t1=9.0, **more):
             "does not stay in the subspace: the field",
         ),
         (lambda: lh.coupled_network(IMPACTING, spring, [[1.0, 1.0], [1.0, 1.0]]), "must sum to 0"),
-        (lambda: lh.coupled_network(RELAY, spring, RING), "one mode"),
+        (lambda: lh.coupled_network(RELAY, spring, CYCLE), "the modes .'sliding'. a node is bound to a surface"),
+        (lambda: lh.coupled_network(RELAY, spring, RING, enters=one_pushes), "4 nodes with 3 modes have 81"),
+        (lambda: lh.coupled_network(toggling({"target": "b"}), spring, CYCLE), "clocks that change no mode"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused(call, words):

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
 
@@ -84,3 +85,28 @@ def test_derivatives_by_the_period_of_clocks_that_tick_together():
     found = np.asarray(jax.jacfwd(end)(jnp.array([0.7, 0.7])))
     # x(1) = (2 e^{-p} e^{-(q - p)} + 1) e^{-(1 - q)} with p < q; the order of the list holds at p = q, too.
     assert found == pytest.approx([0.0, np.exp(-0.3)], abs=1e-6)
+
+
+@pytest.mark.parametrize("apart", [0.0, 1e-4])
+def test_two_parts_change_their_modes_at_one_instant(apart):
+    """Each x' = 1 below zero and 3 above, so that dx(t)/dx(0) = 3 after it; every pair of sides is a mode."""
+
+    def field(*slopes):
+        return lambda t, x, args: jnp.array(slopes)
+
+    def rises(i):
+        return lambda t, x, args: x[i]
+
+    pair = lh.Hybrid(
+        {"--": field(1.0, 1.0), "+-": field(3.0, 1.0), "-+": field(1.0, 3.0), "++": field(3.0, 3.0)},
+        [
+            lh.Transition(rises(0), source="--", target="+-", direction=1),
+            lh.Transition(rises(1), source="--", target="-+", direction=1),
+            lh.Transition(rises(1), source="+-", target="++", direction=1),
+            lh.Transition(rises(0), source="-+", target="++", direction=1),
+        ],
+    )
+    found = lh.tangent_map(pair, [-1.0, -1.0 - apart], t1=2.0, mode="--")
+    assert_allclose(found.matrix, 3 * np.eye(2), rtol=0, atol=1e-12)
+    run = lh.lyapunov_spectrum(pair, [-1.0, -1.0 - apart], t1=2.0, mode="--", transient=0.0, blocks=2)
+    assert "simultaneous" not in run.notes

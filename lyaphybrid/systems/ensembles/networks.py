@@ -1,13 +1,11 @@
 """Networks: N identical systems with diffusive coupling as one system."""
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Sequence
 from typing import Any
 
-import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
 from ..._arguments import numbers, require
 from ..bound import require_callable
@@ -15,71 +13,24 @@ from ..daes.semi_linear import Constrained
 from ..event_driven import EventDriven
 from ..hybrid import Hybrid, Transition
 from ..smooth import Flow, Map
+from .nodes import NodeWiring, of_clock, of_each, of_group, of_one, of_start, projected, target_of
 
 __all__ = ["coupled_network"]
 
 ROW_SUM = 1e-12  # relative: sums of rows below this are rounding
-
-
-class _Coupled(eqx.Module):
-    """A field, the rule of a map or the reset of a clock, of all nodes; the parameters are (of a node, strength)."""
-
-    function: Callable
-    coupling: Callable
-    matrix: Float[Array, "N N"]
-    enters: Callable | None
-    resets: bool = eqx.field(static=True, default=False)
-
-    def __call__(self, t, x, args):
-        (own, strength), enters = args, self.enters
-        nodes = _rows(x, self.matrix)
-        outputs = jax.vmap(lambda x: self.coupling(t, x, own))(nodes)
-        # Differences, so that equal nodes do not act on each other, not even by rounding.
-        differences = outputs[None, :, :] - outputs[:, None, :]
-        inputs = strength * jnp.sum(self.matrix[:, :, None] * differences, axis=1)
-        if enters is not None:
-            return jax.vmap(lambda x, c: self.function(t, x, enters(own, c)))(nodes, inputs).reshape(-1)
-        moved = jax.vmap(lambda x: self.function(t, x, own))(nodes)
-        return (moved if self.resets else moved + inputs).reshape(-1)
-
-
-class _EachNode(eqx.Module):
-    """A guard or a condition of all nodes: (N m,)."""
-
-    function: Callable
-    matrix: Float[Array, "N N"]
-
-    def __call__(self, t, x, args):
-        values = jax.vmap(lambda x: jnp.atleast_1d(self.function(t, x, args[0])))(_rows(x, self.matrix))
-        return values.reshape(-1)
-
-
-class _OneNode(eqx.Module):
-    """The reset of the node whose guard fires; all others stay."""
-
-    reset: Callable
-    guard: Callable
-    matrix: Float[Array, "N N"]
-
-    def __call__(self, t, x, args, which):
-        nodes, own = _rows(x, self.matrix), args[0]
-        shape = jax.eval_shape(self.guard, t, nodes[0], own).shape
-        node, component = (which // shape[0], (which % shape[0],)) if shape else (which, ())
-        return nodes.at[node].set(self.reset(t, nodes[node], own, *component)).reshape(-1)
-
-
-class _OfNode(eqx.Module):
-    """The period or the phase of a clock from the parameters of a node."""
-
-    function: Callable
-
-    def __call__(self, args):
-        return self.function(args[0])
-
-
-def _rows(x, matrix):
-    """(N, n) the states of the nodes."""
-    return x.reshape(matrix.shape[0], -1)
+COMBINATIONS = 32  # of modes: each is compiled by itself, in a second or two
+TOO_MANY_MODES = (
+    "coupled_network makes a mode of each combination of the modes of its nodes: {} nodes with {} modes have {}, and "
+    "at most {} are compiled. lh.master_stability tells of any network of them."
+)
+CLOCK_OF_NODES = (
+    "coupled_network takes clocks that change no mode, or that lead from the modes of their source=… to a target "
+    "outside them, so that no node is armed again at the same tick."
+)
+BOUND_NODES = (
+    "In the modes {} a node is bound to a surface, which an input that is added to its field would leave. Give "
+    "enters=…, which puts the input into args, and let the fields on both sides read it there."
+)
 
 
 def coupled_network(
@@ -88,19 +39,24 @@ def coupled_network(
     """N identical systems xᵢ' = f(xᵢ) + strength Σⱼ Gᵢⱼ H(xⱼ) as one system, whose rows of G sum to 0.
 
     Its state is x₁, …, x_N one after the other, (N n,), and its args are the pair (args of a node, strength). Equal
-    nodes stay equal to the last bit. A step costs in proportion to N².
+    nodes stay equal to the last bit, nodes with several modes within rounding. A step costs in proportion to N².
+
+    A node with M modes, such as that of `lh.filippov`, makes a network with the Mᴺ combinations of them, "plus,sliding"
+    for one: N blocks that rub, coupled by springs, and each of them slides or sticks by itself.
 
     Args:
-        node: an `lh.Flow`, `lh.Map`, or an `lh.Hybrid` with one mode.
+        node: an `lh.Flow`, `lh.Map` or `lh.Hybrid`.
         coupling: H, ``(t, x, args) -> (m,)``, with m = n where it is added to the fields.
         matrix: G, (N, N), such as minus the Laplacian of a graph.
-        enters: as for `lh.master_stability`.
+        enters: as for `lh.master_stability`; all functions of a node find the input in their args, but the surface of
+            an `lh.filippov` must not depend on it.
 
     Returns:
         An `lh.Flow`, `lh.Map` or `lh.Hybrid`.
 
     Raises:
-        ValueError: on arguments that do not fit; on rows that do not sum to 0; on an `lh.Hybrid` with several modes.
+        ValueError: on arguments that do not fit; on rows that do not sum to 0; on more combinations of modes than can
+            be compiled; without `enters` where a mode is bound to a surface, which an added input would leave.
 
     Example:
         >>> import jax.numpy as jnp, lyaphybrid as lh
@@ -124,43 +80,94 @@ def coupled_network(
         f"The rows of matrix must sum to 0, so that equal nodes do not act on each other; they sum to up to {off:.3g}. "
         "From an adjacency matrix A make A - numpy.diag(A.sum(axis=1)).",
     )
-    matrix = jnp.asarray(matrix)
-
-    def of(function, resets: bool = False):
-        return _Coupled(function, coupling, matrix, enters, resets)
-
+    wiring = NodeWiring(coupling, jnp.asarray(matrix), enters)
+    everyone = tuple(range(len(matrix)))
     if isinstance(node, Map):
-        return Map(of(node.rule))
+        return Map(of_group(wiring, [(node.rule, everyone)], adds=True), **_labels(node, len(matrix)))
     if isinstance(node, Flow):
         require(not isinstance(node.field, Constrained), "coupled_network takes no lh.DAE: eliminate its constraints.")
-        return Flow(of(node.field))
+        return Flow(of_group(wiring, [(node.field, everyone)], adds=True), **_labels(node, len(matrix)))
+    return _hybrid(node, wiring, len(matrix))
+
+
+def _labels(node: Flow | Map | Hybrid, count: int) -> dict[str, Any]:
+    """Names and units of all components: x1, v1, x2, v2, and so on."""
+    names = node.names and [f"{name}{i + 1}" for i in range(count) for name in node.names]
+    return {"names": names, "units": node.units and [*node.units] * count}
+
+
+def _hybrid(node: Hybrid, wiring: NodeWiring, count: int) -> Hybrid:
+    """The network of nodes that jump: its modes are the combinations of theirs, the last node's changing fastest."""
+    fields, modes = node.fields, node.mode_names
     require(
-        node.fields is not None and len(node.fields) == 1,
-        f"coupled_network takes an lh.Hybrid with one mode; this one has {list(node.mode_names)}: N of them have all "
-        "combinations of modes. lh.master_stability tells of any network of them.",
+        fields is not None, "coupled_network needs nodes that flow; this lh.Hybrid has fields=None: write an lh.Map."
     )
-    assert node.fields is not None, "checked above"
-    inside = node.flow_sets[0]
-    project = node.tangent[0]
-    require(inside is None and project is None, "coupled_network takes an lh.Hybrid without flow_set and tangent.")
-    return Hybrid(of(node.fields[0]), [_of_nodes(one, of, matrix) for one in node.transitions])
+    assert fields is not None, "checked above"
+    constrained = any(isinstance(field, Constrained) for field in fields)
+    require(not constrained, "coupled_network takes no lh.DAE: eliminate its constraints.")
+    require(not any(node.flow_sets), "coupled_network takes an lh.Hybrid without flow_set.")
+    bound = [name for name, one in zip(modes, node.tangent, strict=True) if one is not None]
+    require(not bound or wiring.enters is not None, BOUND_NODES.format(bound))
+    total = len(modes) ** count
+    require(total <= COMBINATIONS or len(modes) == 1, TOO_MANY_MODES.format(count, len(modes), total, COMBINATIONS))
+    combinations = list(itertools.product(range(len(modes)), repeat=count))
+    names = [",".join(modes[q] for q in one) if len(modes) > 1 else modes[0] for one in combinations]
+
+    def groups(functions: Sequence[Any], one: Sequence[int]):
+        """The functions of the modes that occur in a combination, each with its nodes."""
+        return [(functions[q], tuple(i for i, other in enumerate(one) if other == q)) for q in sorted(set(one))]
+
+    tangent = {
+        name: projected(wiring, groups(node.tangent, one)) for name, one in zip(names, combinations, strict=True)
+    }
+    return Hybrid(
+        {n: of_group(wiring, groups(fields, one), adds=True) for n, one in zip(names, combinations, strict=True)},
+        [
+            network
+            for one in node.transitions
+            for network in _transitions(one, modes, wiring, dict(zip(names, combinations, strict=True)))
+        ],
+        tangent=tangent if bound else None,
+        max_cascade=node.max_cascade * count,
+        initial_mode=node.initial_mode and of_start(wiring, node.initial_mode, len(modes)),
+        **_labels(node, count),
+    )
 
 
-def _of_nodes(transition: Transition, of: Callable, matrix) -> Transition:
-    """The transition of a node, for all of them."""
-    require(not callable(transition.target), "coupled_network takes transitions without a target: there is one mode.")
-    shared: dict[str, Any] = {"direction": transition.direction, "terminal": transition.terminal}
-    if transition.when is not None:
-        shared["when"] = _EachNode(transition.when, matrix)
+def _transitions(transition: Transition, modes, wiring: NodeWiring, combinations: dict) -> list[Transition]:
+    """A transition of a node as those of the network: one, or one for each combination in which it is armed."""
+    count = wiring.count
+    if len(modes) == 1 or (transition.source is None and transition.target is None):
+        return [_of_nodes(transition, modes, wiring, None, None, tuple(range(count)))]
+    armed = {modes.index(name) for name in transition.source or modes}
+    chosen = {name: tuple(i for i in range(count) if one[i] in armed) for name, one in combinations.items()}
+    return [
+        _of_nodes(transition, modes, wiring, name, one, chosen[name])
+        for name, one in combinations.items()
+        if chosen[name]
+    ]
+
+
+def _of_nodes(transition: Transition, modes, wiring: NodeWiring, source, combination, chosen) -> Transition:
+    """The transition of the nodes `chosen` in a combination of modes; None: of all combinations."""
+    target = transition.target
+    if isinstance(target, str):
+        target = modes.index(target)
+    if target is not None:
+        target = target_of(wiring, transition, target, len(modes), combination or (0,) * wiring.count, chosen)
+    shared: dict[str, Any] = {
+        "source": source, "target": target, "direction": transition.direction, "terminal": transition.terminal,
+    }  # fmt: skip
     if transition.is_clock:
         require(transition.when is None, "coupled_network takes clocks without when=….")
-
-        def timed(value):
-            return _OfNode(value) if callable(value) else value
-
-        reset = transition.reset and of(transition.reset, True)
-        return Transition(None, reset, every=timed(transition.every), phase=timed(transition.phase), **shared)
+        leaves = isinstance(transition.target, str) and transition.target not in (transition.source or modes)
+        require(target is None or leaves or len(modes) == 1, CLOCK_OF_NODES)
+        reset = transition.reset and of_group(wiring, [(transition.reset, chosen)])
+        clock = {"every": of_clock(transition.every), "phase": of_clock(transition.phase)}
+        return Transition(None, reset, **clock, **shared)
     guard = transition.guard
     assert guard is not None, "no clock"
-    reset = transition.reset and _OneNode(transition.reset, guard, matrix)
-    return Transition(_EachNode(guard, matrix), reset, **shared)
+    if transition.when is not None:
+        shared["when"] = of_each(wiring, transition.when, chosen, like=guard)
+    reset = transition.reset and of_one(wiring, transition.reset, guard, chosen)
+    return Transition(of_each(wiring, guard, chosen), reset, **shared)

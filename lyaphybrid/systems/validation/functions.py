@@ -94,7 +94,7 @@ def _check_hybrid(system: Hybrid, t, x, args) -> None:
 
 def _check_transition(j: int, transition: Transition, t, x, args) -> None:
     which: tuple = ()
-    given = "t, x, args"
+    shape, given = (), "t, x, args"
     if transition.guard is not None:
         guard = _result(f"guard of transition {j}", transition.guard, given, t, x, args)
         shaped = _floating(guard) and len(guard.shape) < 2 and guard.shape != (0,)
@@ -103,10 +103,14 @@ def _check_transition(j: int, transition: Transition, t, x, args) -> None:
             f"The guard of transition {j} must return a scalar or (m,), m ≥ 1, a smooth function that crosses zero; "
             f"got {described(guard)}.",
         )
-        which = (jax.ShapeDtypeStruct((), jnp.int32),) if guard.shape else ()
+        shape = guard.shape
+        which = (jax.ShapeDtypeStruct((), jnp.int32),) if shape else ()
     if transition.when is not None:
         when = _result(f"when of transition {j}", transition.when, given, t, x, args)
-        _require_scalar(f"when of transition {j}", when, jnp.bool_, "a single truth value")
+        each = which and getattr(when, "shape", None) == shape and when.dtype == jnp.bool_
+        or_each = f", or one for each of its guards {shape}" if which else ""
+        if not each:
+            _require_scalar(f"when of transition {j}", when, jnp.bool_, f"a single truth value{or_each}")
     given += ", which" if which else ""
     if transition.reset is not None:
         _returns_state(f"reset of transition {j}", transition.reset, x, given, t, x, args, *which)
