@@ -92,7 +92,7 @@ def _impact_oscillator() -> Workload:
     zeta, omega, restitution = (problems.IMPACT_PARAMETERS[name] for name in ("zeta", "omega", "restitution"))
     formulas = small.oscillator, small.oscillator_jacobian
     title = "Oscillator with impacts, both exponents"
-    steps = (5, 10, 25, 50, 100)
+    steps = (3, 5, 10, 25, 50, 100)
     event = Event(0, (1.0, -restitution), False)
     start, more = problems.IMPACT_START, {"event": event, "last": omega}
     return Workload(title, "impact", *formulas, start, (zeta,), 10.0, 1000.0, 0.5, steps, **more)
@@ -137,7 +137,7 @@ WORKLOADS = {
     ),
     "henon_heiles": _flow(
         "Hénon–Heiles, all exponents", small.henon_heiles, small.henon_heiles_jacobian,
-        problems.HENON_HEILES_START, (), 1.0, (5, 10, 25, 50, 200), potential=small.henon_heiles_potential,
+        problems.HENON_HEILES_START, (), 1.0, (2, 3, 5, 10, 25, 50, 200), potential=small.henon_heiles_potential,
     ),
     "henon_map": _map(
         "Hénon's map, both exponents", small.henon_map, small.henon_map_jacobian, small.henon_map_before,
@@ -149,7 +149,7 @@ WORKLOADS = {
     ),
     "fpu_beta": _large(
         "FPU-β, 8 masses, 16 exponents", large.FPU, (0.1,) * 8 + (0.0,) * 8, (1.5,), 10.0, 1000.0, 16,
-        1.0, (5, 10, 25, 50, 200),
+        1.0, (2, 3, 5, 10, 25, 50, 200),
     ),
     "lorenz96_40": _large(
         "Lorenz-96, N = 40, 40 exponents", large.LORENZ96, large.lorenz96_start(40), (8.0,), 5.0, 20.0, 40,

@@ -111,7 +111,7 @@ def _hybrid(node: Hybrid, wiring: NodeWiring, count: int) -> Hybrid:
     total = len(modes) ** count
     require(total <= COMBINATIONS or len(modes) == 1, TOO_MANY_MODES.format(count, len(modes), total, COMBINATIONS))
     combinations = list(itertools.product(range(len(modes)), repeat=count))
-    names = [",".join(modes[q] for q in one) if len(modes) > 1 else modes[0] for one in combinations]
+    names = [",".join(modes[q] for q in one) for one in combinations] if len(modes) > 1 else list(modes)
 
     def groups(functions: Sequence[Any], one: Sequence[int]):
         """The functions of the modes that occur in a combination, each with its nodes."""
