@@ -30,7 +30,7 @@ from ..orbits.symmetries import symmetry_of
 from ..sensitivity.estimates import parameters_of
 from .branches import Continuation, Special
 from .equations import ZERO_SINGULAR_VALUE, BranchEquations, BranchPoint, ConstantArgs, ParameterOf, states_over
-from .following import Arc, advanced, follow, followed, point_of_orbit, resumed
+from .following import ASTRAY, Arc, follow, followed, point_of_orbit, resumed
 from .locating import LocatedPoint
 
 __all__ = ["continuation", "equations_of", "moving", "orbit_as_result", "parameters_named", "range_of", "require_wider"]
@@ -309,7 +309,7 @@ def _branched(
     origin = BranchPoint(orbit, special.parameter, u, jacobian, along, 0)
     arcs = []
     for side in (-along, along) if special.turns == special.turns_there else (along,):
-        tries = (advanced(equations, origin._replace(tangent=side), float(share) * step, over) for share in FIRST_STEPS)
+        tries = (_onto(equations, origin, side, float(share) * step, step, over) for share in FIRST_STEPS)
         first = next((point for point in tries if point is not None), None)
         if first is not None:
             arcs.append(Arc.begun(first, step))
@@ -320,6 +320,20 @@ def _branched(
             special,
         )
     return origin, arcs
+
+
+def _onto(equations: BranchEquations, origin: BranchPoint, side, length: float, step: float, over):
+    """A first point of a branch, as far from its origin as `length` across the parameter; None if it is not there.
+
+    The branch leaves along `side`, in which the parameter does not change, and then bends: how much, and so where the
+    point is along the parameter, depends on the range. It is looked for on the plane across `side` alone.
+    """
+    guess, longest = origin.u + length * side, step / 4
+    after = equations.corrected(guess, origin.orbit, side, float(side @ guess), reach=length + longest)
+    if after is None or not over[0] <= after.parameter <= over[1]:
+        return None
+    off = np.abs(after.u - guess)
+    return after if np.linalg.norm(off[:-1]) <= ASTRAY * length and off[-1] <= longest else None
 
 
 class _Branch(NamedTuple):

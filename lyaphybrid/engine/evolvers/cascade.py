@@ -144,7 +144,7 @@ def _cascade(evolver, settings: Settings, t, h, landing: CascadeState) -> Cascad
         f, g, rate, second, guard_tolerance, step_rounding = by_mode(mode, arrivals, t, x, h)
         before = _in_new_mode(hybrid, state, mode)
         fired, settled = before.fired, before.fired | before.settled
-        touching = _touching(hybrid, before, mode, t, state.x, g, guard_tolerance + step_rounding)
+        touching = _touching(hybrid, state, before, mode, t, g, guard_tolerance + step_rounding)
         guard_sign, g, rate, flat = arm(g, rate, second, guard_tolerance, step_rounding, h, resolved, settled)
         turned = before.settled & ~fired & (before.guard_sign * guard_sign < 0)  # back to zero, by another's reset
         settled, left = settled & (g == 0) & ~turned, before.left & (guard_sign < 0)
@@ -240,15 +240,19 @@ def _brought(by_flow, before: _Before, g, guard_sign, rounding):
     return (g == 0) & (before.together | (by_flow & passes))
 
 
-def _touching(hybrid: CompiledHybrid, before: _Before, mode, t, x_before, g, rounding):
+def _touching(hybrid: CompiledHybrid, state: CascadeState, before: _Before, mode, t, g, rounding):
     """(slots,) the guards that are at zero before and after a jump, as those of bodies that touch.
 
-    A guard that the mode before did not have is asked at the state before, too: where each combination of the modes of
-    two bodies is a mode of its own, the guard of one of them is another transition's after each jump of the other one.
+    Where each combination of the modes of two bodies is a mode of its own, the guard of one of them is another
+    transition's after each jump of the other one. So a guard that the mode before does not have is asked at the state
+    before, if in that mode some guard was at zero besides the one that fired.
     """
     g_before = before.g
     if hybrid.modes > 1:
-        g_before = jnp.where(before.known, g_before, by_mode(mode, hybrid.guards, t, x_before))
+        fired = jnp.arange(hybrid.slots, dtype=jnp.int32) == state.guard_index
+        others = jnp.min(jnp.where(fired, jnp.inf, jnp.abs(state.g))) <= rounding
+        asked = by_mode(mode, hybrid.guards, t, state.x)
+        g_before = jnp.where(before.known, g_before, jnp.where(others, asked, jnp.inf))
     return (jnp.abs(g) <= rounding) & (jnp.abs(g_before) <= rounding)
 
 
