@@ -108,6 +108,22 @@ def test_a_coupling_through_the_resets_of_clocks_has_the_eigenvalues_of_the_cycl
     assert_allclose(per_cycle.largest[0], largest, rtol=0, atol=1e-9)
 
 
+def beside(t, x, args):
+    """x' = a x of three parts, the first of which is driven by the others and acts on nothing; x = 0 is the motion."""
+    return jnp.stack([-2.0 * x[0] + x[1] + x[2], 0.5 * x[1] + x[2], -x[1] + 0.3 * x[2]])
+
+
+@pytest.mark.parametrize("alpha", [-0.1, 0.1 + 0.4j])
+def test_one_exponent_is_the_largest_wherever_the_part_that_grows_stands(alpha):
+    a = np.asarray(jax.jacfwd(lambda x: beside(0.0, x, None))(np.zeros(3)))
+    node, couple = lh.Flow(beside), lambda t, x, args: x
+    found = lh.master_stability(node, couple, np.zeros(3), at=alpha, t1=400.0, transient=100.0)
+    exact = np.linalg.eigvals(a + alpha * np.eye(3)).real
+    assert_allclose(found.largest[0], exact.max(), rtol=0, atol=3e-3)
+    pair = lh.transverse_spectrum(node, np.zeros(3), response=[0, 1], k=1, t1=400.0, transient=100.0)
+    assert_allclose(pair.exponents, [0.5], rtol=0, atol=1e-6)
+
+
 @pytest.mark.slow
 def test_a_linear_response_has_its_own_eigenvalues():
     a = np.array([[0.0, 1.0, 0.5], [-1.0, 0.0, 0.0], [0.3, 0.4, -0.6]])
@@ -194,14 +210,18 @@ def test_the_critical_strength_is_that_of_the_whole_network(name):
     node, coupling, x0, args, how, bracket = CRITICAL[name]
     how = {"blocks": 4, "every": 1, **how}
 
+    def blocks(strengths):
+        found = lh.master_stability(node, coupling, x0, args, at=-4.0 * strengths, k=len(x0), **how)
+        return np.max(np.asarray(found.exponents), axis=1)
+
     def block(strength):
-        return float(lh.master_stability(node, coupling, x0, args, at=-4.0 * strength, **how).largest[0])
+        return float(blocks(np.array([strength]))[0])
 
     def whole(strength):
         return of_network(node, coupling, RING, x0, args, strength, [np.array([1.0, -1, 1, -1])], **how)[0]
 
     strengths = np.linspace(*bracket, 21)
-    curve = np.asarray(lh.master_stability(node, coupling, x0, args, at=-4.0 * strengths, **how).largest)
+    curve = blocks(strengths)
     at = np.flatnonzero(np.sign(curve[:-1]) != np.sign(curve[1:]))[0]
     low, high = strengths[at : at + 2]
     assert abs(brentq(block, low, high, xtol=1e-9) - brentq(whole, low, high, xtol=1e-9)) < 1e-6

@@ -233,7 +233,7 @@ def master_stability(
         "max_steps": max_steps,
     }  # fmt: skip
     lane, lifted = _OneStrength(tuple(options.items()), parts), skew_product(system, cocycle, n)
-    shared = lifted, method, start_of(x, cocycle.size), _frame(n, parts, k, x.dtype), own
+    shared = lifted, method, start_of(x, cocycle.size), frame_of(n, cocycle.size, k, x.dtype, parts), own
     exponents, stderr, codes = _at_each(lane, shared, at, progress)
     found = MasterStability(at, exponents, stderr, codes, unit_of(system))
     status = found.status
@@ -255,12 +255,6 @@ def _at_each(lane: _OneStrength, shared, at, progress):
         np.where(missing, np.nan, stderr),
         np.where(done, codes, np.int32(STATUS.interrupted)),
     )
-
-
-def _frame(n: int, parts: int, k: int, dtype) -> np.ndarray:
-    """The first k directions of ξ; complex ones as pairs of real columns, that of the real part first."""
-    order = [part * n + i for i in range(k) for part in range(parts)]
-    return frame_of(n, n * parts, n * parts, dtype)[:, order]
 
 
 def _strengths(at) -> Any:

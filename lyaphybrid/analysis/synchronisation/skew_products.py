@@ -24,6 +24,7 @@ from jaxtyping import Array, Float
 
 from ..._arguments import require
 from ..._jax.columns import each_column, linear_at
+from ..._linalg.frames import generic_frame
 from ...events import saltations
 from ...systems.daes.semi_linear import Constrained
 from ...systems.event_driven import EventDriven
@@ -265,6 +266,23 @@ def start_of(x0, size: int):
     return jnp.concatenate([x0, jnp.zeros(size, x0.dtype)])
 
 
-def frame_of(n: int, size: int, k: int, dtype) -> np.ndarray:
-    """(n + size, k) the first k unit vectors along ξ."""
-    return np.eye(n + size, dtype=dtype)[:, n : n + k]
+def frame_of(n: int, size: int, k: int, dtype, parts: int = 1) -> np.ndarray:
+    """(n + size, parts k) directions along ξ: all unit vectors, or k generic ones where there are fewer.
+
+    Unit vectors may all lie in a part of ξ that never acts on the rest, and then miss the largest exponents. With two
+    parts, the real and the imaginary one of complex ξ, each direction v is the pair of v and i v, as real columns.
+    """
+    count = size // parts
+    if k == count:
+        directions = np.eye(count, dtype=complex if parts == 2 else dtype)
+    elif parts == 1:
+        directions = generic_frame(count, k, dtype)
+    else:
+        real, imaginary = generic_frame(2 * count, k, dtype).reshape(2, count, k)
+        directions = np.linalg.qr(real + 1j * imaginary)[0]
+    if parts == 2:
+        pairs = np.stack([directions, 1j * directions], axis=2).reshape(count, 2 * k)
+        directions = np.concatenate([pairs.real, pairs.imag])
+    frame = np.zeros((n + size, parts * k), dtype)
+    frame[n:] = directions
+    return frame
