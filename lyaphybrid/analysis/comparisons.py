@@ -35,6 +35,7 @@ from .orbits.shooting import velocity
 __all__ = ["TwoTrajectories", "two_trajectories"]
 
 SKIPPED = 0.01  # fraction of skipped intervals above which a warning is given
+SMALL = 1e-4  # a larger part of the motion is no small separation
 CLEAR = 100.0  # separations below this many roundings are refused at the start, or noted if states grow so large
 
 
@@ -136,8 +137,8 @@ def two_trajectories(
     Nothing of the tangent dynamics is used, no Jacobian and no saltation matrix; each trajectory meets
     its events at its own times. An interval that ends when one has jumped and the other has not is
     lengthened until both have made the same jumps. Where they never do (one grazes, the other passes), or the
-    distance leaves the linear regime, d_i > √(d₀ max(1, |x|)), the interval does not count and the second
-    trajectory starts anew.
+    distance leaves the linear regime, d_i > √(d₀ max |x|), the interval does not count and the second trajectory
+    starts anew.
 
     Args:
         system: an `lh.Flow`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
@@ -146,8 +147,8 @@ def two_trajectories(
         t1: length after the transient (iterations for a map).
         t0: time at the start.
         transient: length before growth is counted.
-        separation: d₀, in units of x (Euclidean norm): small against the attractor, large against rounding (a warning
-            says where it is not: of x, and of t in a system that jumps and depends on time).
+        separation: d₀, in units of x (Euclidean norm): small against the attractor (a warning says where it is not),
+            large against rounding (likewise: of x, and of t in a system that jumps and depends on time).
         renormalise_every: τ; None: adapted to the observed growth.
         mode: mode at the start, where there are several.
         method: `lh.RungeKutta` (default) or `lh.Diffrax`; None for maps and event-driven systems.
@@ -193,6 +194,7 @@ def two_trajectories(
     pair = pair._replace(x=problems.in_rows(problem, pair.x))
     result = _summarise(t0, pair, records, recipe.separation, unit_of(system), labels_of(system, problem.shape))
     if not traced(result) and not result.status.failed:
+        _note_size(separation, float(pair.reach))
         _note_rounding(problem, result, x0)
     return _deliver(result, problems.mode_names(system), throw, why)
 
@@ -215,6 +217,16 @@ def _require_start(x0, separation) -> None:
     rounding = float(np.finfo(x0.dtype).eps * np.max(np.abs(x0)))
     if separation < CLEAR * rounding:
         raise ValueError(f"separation must be large against the rounding of x0, {rounding:.1e}; got {separation!r}.")
+
+
+def _note_size(separation, reach: float) -> None:
+    """Warn where the separation is not small against the motion."""
+    if separation > SMALL * reach:
+        warnings.warn(
+            f"the separation, {float(separation):.2g}, is not small against the motion, which stays within "
+            f"{reach:.2g}, so that λ1 is not that of small perturbations: give a smaller separation.",
+            stacklevel=user_level(),
+        )
 
 
 def _note_rounding(problem: problems.RunProblem, result: TwoTrajectories, x0) -> None:

@@ -42,6 +42,7 @@ class TrajectoryPair(NamedTuple):
     status: Array
     budget: Array  # remaining attempts of a step
     begun: Array  # time reached in an interval that could not be finished within the attempts
+    reach: Array  # the largest |x| at ends of intervals
 
 
 class Renormalisation(NamedTuple):
@@ -77,15 +78,20 @@ def start(problem: problems.RunProblem, t0, x0, mode, key, recipe: Renormalisati
     """The pair at its start, in a random direction."""
     carry = _begin(problem, t0, x0, mode, None).carry
     direction = jax.random.normal(key, x0.shape, x0.dtype)
-    direction = direction / jnp.sqrt(jnp.sum(direction**2))
+    direction = direction / _length(direction)
     zero, none = jnp.zeros_like(t0), jnp.asarray(0, jnp.int32)
     interval = recipe.shortest if recipe.every is None else recipe.every * GOLDEN
     interval = jnp.maximum(jnp.round(interval), 1.0) if recipe.whole else interval
     step = getattr(carry.solver_state, "h", None)
     sums = zero, zero, none, none
     return TrajectoryPair(
-        zero, x0, direction, problems.mode_of(carry), step, interval, *sums, none + RUNNING, none, zero
+        zero, x0, direction, problems.mode_of(carry), step, interval, *sums, none + RUNNING, none, zero, _length(x0)
     )
+
+
+def _length(x):
+    """The Euclidean norm."""
+    return jnp.sqrt(jnp.sum(x**2))
 
 
 def restarted(pair: TrajectoryPair) -> TrajectoryPair:
@@ -180,9 +186,8 @@ def _interval(problem: problems.RunProblem, recipe: Renormalisation, t0, pair: T
     first, modes = loop_states.carry, problems.mode_of(loop_states.carry)
     status = jnp.max(first.status)
     apart = first.x[1] - first.x[0]
-    distance = jnp.sqrt(jnp.sum(apart**2))
-    size = jnp.maximum(1.0, jnp.sqrt(jnp.sum(first.x[0] ** 2)))
-    good = _agree(loop_states) & (status == RUNNING) & (distance <= jnp.sqrt(separation * size))
+    distance, reach = _length(apart), jnp.maximum(pair.reach, _length(first.x[0]))
+    good = _agree(loop_states) & (status == RUNNING) & (distance <= jnp.sqrt(separation * reach))
     growth = jnp.log(distance / separation)
     met = distance == 0
     interval = recipe.every
@@ -203,6 +208,7 @@ def _interval(problem: problems.RunProblem, recipe: Renormalisation, t0, pair: T
         status,
         budget,
         pair.begun,
+        reach,
     )
     undone = pair._replace(budget=budget, begun=jnp.min(loop_states.elapsed + first.s))
     return states.select(_any_short(loop_states), undone, after)

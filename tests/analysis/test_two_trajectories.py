@@ -202,16 +202,16 @@ def test_intervals_that_are_too_long_are_told():
 def test_jumps_of_one_trajectory_alone_do_not_count():
     """The first one passes above a guard that touches zero, the second one dips below, once a period."""
     passing = lh.Hybrid(
-        lambda t, x, args: 0 * x, lh.Transition(lambda t, x, args: x[0] + 1 + jnp.cos(t), lambda t, x, args: x)
+        lambda t, x, args: 0 * x, lh.Transition(lambda t, x, args: x[0] - 99 + jnp.cos(t), lambda t, x, args: x)
     )
     keys = [key for key in map(jax.random.key, range(8)) if jax.random.normal(key, (1,))[0] < 0]
     assert keys
     periods = 20
     with pytest.warns(UserWarning, match=f"^{periods} of .* the motion often grazes"):
         found = lh.two_trajectories(
-            passing, [5e-4], t1=2 * np.pi * periods, separation=1e-3, renormalise_every=0.5, key=keys[0]
+            passing, [100 + 5e-4], t1=2 * np.pi * periods, separation=1e-3, renormalise_every=0.5, key=keys[0]
         )
-    assert found.exponent == 0
+    assert found.exponent == pytest.approx(0, abs=1e-9)
     assert found.skipped == periods
     assert found.time < 2 * np.pi * periods
 
@@ -238,3 +238,23 @@ def test_bad_arguments(keywords, message):
     keywords = {"x0": [0.3], "t1": 100} | keywords
     with pytest.raises(ValueError, match=message):
         lh.two_trajectories(LOGISTIC, keywords.pop("x0"), 4.0, **keywords)
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1e-6, 1e9])
+def test_small_units_need_a_smaller_separation_and_say_so(scale):
+    """Hénon's map in other units: λ1 is the same, and where the default separation is too large a warning says so."""
+
+    def rule(n, x, s):
+        a, b = x / s
+        return s * jnp.stack([1 - 1.4 * a**2 + b, 0.3 * a])
+
+    start, how = scale * np.array([0.1, 0.1]), {"t1": 4000, "transient": 100}
+    if scale < 1e-8:
+        with (
+            pytest.warns(UserWarning, match="not small against the motion"),
+            pytest.warns(UserWarning, match="did not count"),
+        ):
+            lh.two_trajectories(lh.Map(rule), start, scale, **how)
+    found = lh.two_trajectories(lh.Map(rule), start, scale, separation=1e-8 * scale, **how)
+    same = lh.two_trajectories(lh.Map(rule), [0.1, 0.1], 1.0, **how)
+    assert_allclose(found.exponent, same.exponent, rtol=0, atol=0.02)

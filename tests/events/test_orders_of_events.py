@@ -110,3 +110,45 @@ def test_two_parts_change_their_modes_at_one_instant(apart):
     assert_allclose(found.matrix, 3 * np.eye(2), rtol=0, atol=1e-12)
     run = lh.lyapunov_spectrum(pair, [-1.0, -1.0 - apart], t1=2.0, mode="--", transient=0.0, blocks=2)
     assert "simultaneous" not in run.notes
+
+
+# --- an edge, charges: what rounding and units must not hide ----------------------------------------------------------
+
+
+@pytest.mark.parametrize("corner", [(0.0, 0.0), (0.1, -3.0)])
+def test_both_ways_out_of_an_edge_wherever_it_is(corner):
+    """A particle is aimed at the edge of a wedge; by hand it leaves by one way or the other."""
+    corner = np.array(corner)
+
+    def solutions(angle, part, length):
+        walls = np.array([[0.0, 1.0], [np.sin(angle), -np.cos(angle)]])
+
+        def field(t, x, args):
+            return jnp.concatenate([x[2:], 0 * x[2:]])
+
+        def hit(t, x, args, which):
+            n = jnp.asarray(walls)[which]
+            return x.at[2:].add(-2 * n * (n @ x[2:]))
+
+        wedge = lh.Hybrid(field, lh.Transition(lambda t, x, args: walls @ (x[:2] - corner), hit))
+        inwards = -np.array([np.cos(part * angle), np.sin(part * angle)])
+        return lh.solutions(wedge, [*(corner - length * inwards), *inwards], t1=1.5)
+
+    for angle, part, length in ((0.9, 0.5, 0.7), (0.9, 0.5, 0.5), (1.0, 0.3, 0.7), (1.05, 0.37, 0.7)):
+        assert len(solutions(angle, part, length).solutions) == 2
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-9, 1e-12])
+def test_orders_differ_by_a_small_component_too(unit):
+    """Two timers end at one instant, and each sets a charge: the last one decides."""
+
+    def rates(t, x, args):
+        return jnp.stack([1 + 0 * x[0], 1 + 0 * x[1], 0 * x[2]])
+
+    timers = [
+        lh.Transition(lambda t, x, args, i=i: 1 - x[i], lambda t, x, args, i=i, q=q: x.at[i].set(0.0).at[2].set(q))
+        for i, q in enumerate((unit, 2 * unit))
+    ]
+    found = lh.solutions(lh.Hybrid(rates, timers), [0.0, 0.0, 5 * unit], t1=1.5)
+    ends = sorted(float(one.spectrum.x[2]) / unit for one in found.solutions)
+    assert_allclose(ends, [1.0, 2.0], rtol=1e-12)

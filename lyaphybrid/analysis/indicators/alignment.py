@@ -29,7 +29,7 @@ from ...systems.hybrid import Hybrid
 from ...systems.kinds import unit_of
 from ...systems.smooth import Flow, Map
 from .following import discrete, follow, samples_of, table_of, times_of, verdict_of
-from .verdicts import Verdict, of_alignment
+from .verdicts import Verdict, of_alignment, of_volumes
 
 __all__ = ["GALIResult", "gali", "sali"]
 
@@ -108,13 +108,17 @@ class GALIResult(RunResult, eqx.Module):
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the motion is regular or chaotic, of one run, from GALI_2 or SALI."""
+        """Whether the motion is regular or chaotic, of one run, from GALI_2 or SALI.
+
+        Where the two largest exponents are equal, two deviation vectors never align, and SALI sees nothing. GALI_3 then
+        falls exponentially, as it does on a torus that attracts: "undecided", and `lh.fli` tells which.
+        """
         require(
             not traced(self.log_values) and self.time.ndim == 1,
             "verdict is of one run, outside of jit: start from one x0.",
         )
-        logs = self.log_values[:, self.orders.index(2)] if self.orders else self.log_values
-        return of_alignment(np.asarray(self.time), np.asarray(logs))
+        time, logs = np.asarray(self.time), np.asarray(self.log_values)
+        return of_volumes(time, logs, self.orders) if self.orders else of_alignment(time, logs)
 
     def plot(self, ax: plots.Axes | None = None, **style: Any) -> plots.Axes:
         """The values against time, both logarithmic. `style` goes to what it draws."""

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-__all__ = ["Verdict", "of_alignment", "of_fli", "of_megno"]
+__all__ = ["Verdict", "of_alignment", "of_fli", "of_megno", "of_volumes"]
 
 FEWEST_TIMES = 8  # least number of recorded times for a verdict
 STEEP = 8.0  # GALI_2 and SALI of regular motion fall slower than t^-8 (t^-2 with one degree of freedom)
@@ -49,6 +49,20 @@ def of_alignment(time: np.ndarray, logs: np.ndarray) -> Verdict:
     if power < 3.0:
         return Verdict("regular", f"over the second half it goes like t^{-power:+.2f}: no exponential decay")
     return Verdict("undecided", f"it falls like t^{-power:.1f}: follow the orbit for longer")
+
+
+def of_volumes(time: np.ndarray, logs: np.ndarray, orders: tuple[int, ...]) -> Verdict:
+    """From ln GALI_k (times, orders), by order 2, unless order 3 says that two vectors can tell nothing."""
+    if 2 not in orders:
+        return Verdict("undecided", f"orders {orders} have no 2, which tells regular from chaotic motion")
+    found = of_alignment(time, logs[:, orders.index(2)])
+    if found.kind == "regular" and 3 in orders and of_alignment(time, logs[:, orders.index(3)]).kind == "chaotic":
+        return Verdict(
+            "undecided",
+            "GALI2 does not fall, but GALI3 falls exponentially: the two largest exponents are equal, of chaos or of a "
+            "torus that attracts; lh.fli tells which",
+        )
+    return found
 
 
 def of_megno(time: np.ndarray, means: np.ndarray) -> Verdict:

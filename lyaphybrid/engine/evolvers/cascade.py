@@ -337,13 +337,15 @@ def in_each_order(
     several, turns = (count > 1) & (guard_index >= 0), 2 if choices is None else count
     pick = None if choices is None else choices.pick()
 
+    others = together & (jnp.arange(evolver.hybrid.slots, dtype=jnp.int32) != guard_index)
+
     def first(turn):
-        guard_index = jnp.argmax(jnp.cumsum(together) == turn + 1).astype(jnp.int32)
+        other = jnp.argmax(jnp.cumsum(others) == turn).astype(jnp.int32)
         named = (
             table(evolver, carry.solver_state.mode, of_slot)
             for of_slot in (evolver.hybrid.transition, evolver.hybrid.component)
         )
-        return (*(one[guard_index] for one in named), guard_index)
+        return (*(one[other] for one in named), other)
 
     last = jnp.where(several, turns, 1)
 
@@ -373,11 +375,14 @@ def _gradient(guard, t, x, f):
 
 
 def _orders_differ(a: CascadeState, b: CascadeState):
-    """Whether two orders of the same events give different states or tangents."""
-    alike = digits(1e-9, b.x)
+    """Whether two orders of the same events give different states or tangents.
+
+    Components may be in very different units: each is compared with itself, and with the rounding of the largest.
+    """
+    alike, sizes = digits(1e-9, b.x), jnp.abs(a.x) + jnp.abs(b.x)
     size = 1.0 + jnp.max(jnp.abs(b.moves.columns), initial=0.0)
     columns = jnp.max(jnp.abs(a.moves.columns - b.moves.columns), initial=0.0) > alike * size
-    states = jnp.max(jnp.abs(a.x - b.x)) > alike * (1.0 + jnp.max(jnp.abs(b.x)))
+    states = jnp.any(jnp.abs(a.x - b.x) > alike * sizes + digits(GUARD_ROUNDING, b.x) * jnp.max(sizes))
     return columns | states | (a.mode != b.mode)
 
 

@@ -82,10 +82,16 @@ def apply_event(evolver, settings: Settings, clock: Clock, carry: StepState, tri
             own = frames.terms_of_columns(carry.frame, landed, jnp.maximum(jnp.abs(landed), jnp.abs(began)))
             terms = jnp.concatenate([terms, own], axis=1)
     # The transition: the first of those at this instant whose `when` is true.
-    together = lands & (at_once | _is_now(evolver, mode, t, carry.x, lands, solver.h)) if hybrid.slots > 1 else lands
-    allowed = together & by_mode(mode, hybrid.whens, t, carry.x) if hybrid.shared else together
+    together = earliest = lands
+    if hybrid.slots > 1:
+        flown = jnp.maximum(solver.h, carry.s - Memory(*solver.memory).last)
+        earliest, together = (
+            lands & (at_once | now) for now in _are_now(evolver, mode, t, carry.x, lands, (solver.h, flown))
+        )
+    whens = by_mode(mode, hybrid.whens, t, carry.x) if hybrid.shared else jnp.asarray(True)
+    allowed, earliest = together & whens, earliest & whens
     blocked = ~ticking & ~jnp.any(allowed)
-    guard_index = jnp.argmax(allowed).astype(jnp.int32)
+    guard_index = jnp.argmax(jnp.where(jnp.any(earliest), earliest, allowed)).astype(jnp.int32)
     transition = table(evolver, solver.mode, hybrid.transition)[guard_index]
     which = table(evolver, solver.mode, hybrid.component)[guard_index]
     if hybrid.clocks:
@@ -114,9 +120,13 @@ def _until_zero(g, rate):
     return -g / jnp.where(rate == 0, nonzero(1e-300, rate), rate)
 
 
-def _is_now(evolver, mode, t, x, lands, h):
-    """(slots,) the guards whose root coincides, up to rounding, with the earliest root among `lands`."""
-    hybrid, (t, x, h) = evolver.hybrid, jax.lax.stop_gradient((t, x, h))
+def _are_now(evolver, mode, t, x, lands, spans):
+    """(slots,) the guards whose root coincides, up to rounding, with the earliest root among `lands`, for each span.
+
+    The rounding of an instant is that of the guard there, and that of a time of the length `span`: the step, within
+    which roots are ordered; and the whole flight, for the state has been rounded at its other places, too.
+    """
+    hybrid, (t, x, spans) = evolver.hybrid, jax.lax.stop_gradient((t, x, spans))
 
     def of_mode(q):
         def roots(t, x):
@@ -127,7 +137,8 @@ def _is_now(evolver, mode, t, x, lands, h):
 
     ahead, unsure = by_mode(mode, [of_mode(q) for q in range(hybrid.modes)], t, x)
     first = jnp.argmin(jnp.where(lands, ahead, jnp.inf))
-    return ahead <= ahead[first] + unsure + unsure[first] + digits(GUARD_ROUNDING, h) * h
+    latest = ahead[first] + unsure + unsure[first]
+    return [ahead <= latest + digits(GUARD_ROUNDING, span) * span for span in spans]
 
 
 def _polish(evolver, clock: Clock, carry: StepState, lands, ticking) -> StepState:

@@ -463,3 +463,20 @@ def test_a_map_of_stability_is_settled_early():
     print(len(starts), np.mean(chaotic[10_000.0]), same)
     assert 0.4 < np.mean(chaotic[10_000.0]) < 0.7
     assert same >= 0.97
+
+
+def test_two_equal_largest_exponents_are_no_regular_motion():
+    """Two cat maps side by side: two deviation vectors never align, and GALI_3 says that they tell nothing."""
+
+    def cats(n, x, args):
+        a, b, c, d = x
+        return jnp.stack([2 * a + b, a + b, 2 * c + d, c + d]) % 1.0
+
+    start = [0.1, 0.2, 0.37, 0.71]
+    found = lh.gali(lh.Map(cats), start, t1=300)
+    assert found.verdict.kind == "undecided"
+    assert "lh.fli" in found.verdict.reason
+    assert lh.fli(lh.Map(cats), start, t1=300).verdict.kind == "chaotic"
+    without = lh.gali(lh.Map(cats), start, t1=300, orders=(3, 4))
+    assert without.verdict.kind == "undecided"
+    assert "no 2" in str(without)
