@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
 from lyaphybrid import zoo
@@ -265,3 +266,23 @@ def test_starts_in_different_modes_run_side_by_side():
     together = jax.vmap(lambda x: lh.tangent_map(BLOCK, x, ARGS, t1=3.0, method=METHOD).matrix)(starts)
     for x, matrix in zip(starts, together, strict=True):
         np.testing.assert_allclose(matrix, lh.tangent_map(BLOCK, x, ARGS, t1=3.0, method=METHOD).matrix, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("plus", "minus", "mode"), [(1, -1, "plus"), (-1, 1, "minus"), (-1, -1, "sliding"), (1, 1, None)]
+)
+def test_a_start_at_a_two_fold_goes_where_a_field_curves_away(plus, minus, mode):
+    """y' = ± x and x' = 1 from x = y = 0: both fields are tangent there, and y = ± x²/2 leaves the surface or comes back."""
+    folded = lh.filippov(
+        lambda t, x, args: jnp.stack([1.0 + 0 * x[0], plus * x[0]]),
+        lambda t, x, args: jnp.stack([1.0 + 0 * x[0], -minus * x[0]]),
+        lambda t, x, args: x[1],
+    )
+    if mode is None:
+        ends = [np.asarray(one.spectrum.x) for one in lh.solutions(folded, [0.0, 0.0], t1=1.0).solutions]
+        assert_allclose(sorted(end[1] for end in ends), [-0.5, 0.5], atol=1e-9)
+        assert lh.trajectory(folded, [0.0, 0.0], t1=1.0, throw=False).status == STATUS.deadlock
+        return
+    run = lh.trajectory(folded, [0.0, 0.0], t1=1.0)
+    assert run.mode_names[int(run.mode[-1])] == mode
+    assert_allclose(run.x[-1], [1.0, {"plus": 0.5, "minus": -0.5, "sliding": 0.0}[mode]], atol=1e-9)

@@ -30,6 +30,7 @@ from ...errors import NoPeriodicOrbitError, RunFailedError
 from ...integrators import HalfExplicit, RungeKutta
 from ...integrators.base import Method
 from ...systems.daes.semi_linear import Constrained, fields_of
+from ...systems.hybrid import Hybrid
 from ...systems.smooth import Map
 from ..orbits.periodic_orbits import CONVERGED, Floquet, floquet
 from ..orbits.periods import depends_on_time
@@ -161,7 +162,11 @@ def derivatives(turn: PeriodRun, case: ExponentFunction, orbit: Floquet, period)
     units = even_units(monodromy)
     matrix = in_units(monodromy, units)
     ahead = _derivatives_along(turn, theta, x, length, np.eye(p), np.zeros((p, n)), own)[0].T
-    system, right = matrix - np.eye(n), -ahead / units[:, None]
+    across = matrix
+    if _on_a_surface(turn):  # the surface moves with the parameters, and the start with it, which columns of M never do
+        along = np.zeros((n, p)), np.eye(n), np.zeros(n)
+        across = in_units(_derivatives_along(turn, theta, x, length, *along)[0].T, units)
+    system, right = across - np.eye(n), -ahead / units[:, None]
     if autonomous:
         f = np.asarray(velocity(turn.system, turn.t, x, turn.args_of(theta), int(turn.mode))) / units
         speed = float(np.linalg.norm(f))
@@ -173,6 +178,11 @@ def derivatives(turn: PeriodRun, case: ExponentFunction, orbit: Floquet, period)
     own = change[n] / speed if autonomous else own
     _, moved = _derivatives_along(turn, theta, x, length, np.eye(p), moves, own)
     return Derivatives(matrix, in_units(moved, units), own, min(float(np.linalg.cond(system)), INFINITE_CONDITION))
+
+
+def _on_a_surface(turn: PeriodRun) -> bool:
+    """Whether the orbit begins in a mode in which it is bound to a surface."""
+    return isinstance(turn.system, Hybrid) and turn.system.tangent[int(turn.mode)] is not None
 
 
 @compiled(lambda turn, theta, x, *rest: x.size, hands_on=True)

@@ -231,8 +231,12 @@ class InitialMode(eqx.Module):
     def _on(self, i: int, t, x, args):
         """The initial mode on the surface i, by the two fields."""
         side, (above, below) = self.sides[i], self.where[i]
-        v_plus, v_minus = side.rates(t, x, args)
+        (v_plus, rate_plus), (v_minus, rate_minus) = (side.jet(field, t, x, args) for field in (side.plus, side.minus))
         leaves = jnp.where((v_plus > 0) & (v_minus < 0), -1, jnp.where(v_plus + v_minus < 0, below, above))
+        # At a two-fold both are tangent: a field leaves the surface if it curves away from it.
+        up, down = rate_plus > 0, rate_minus < 0
+        curves = jnp.where(up & down, -1, jnp.where(up, above, jnp.where(down, below, self.regions + i)))
+        leaves = jnp.where(has_a_side(side, t, x, args), leaves, curves)
         return jnp.where(side.holds(t, x, args), self.regions + i, leaves)
 
 
