@@ -526,6 +526,13 @@ def of_impacts(coupling, at=0.1, t1=9.0, **more):
     ("call", "words"),
     [
         (lambda: of_impacts(lambda t, x, a: x, t1=200.0), "output jumps"),
+        (  # no impact before t = 12
+            lambda: lh.master_stability(
+                lh.Hybrid(lambda t, x, a: jnp.stack([x[1], 0 * x[0] - 1]), lh.Transition(lambda t, x, a: x[0], rebound)),
+                lambda t, x, a: x, [50.0, 5.0], at=0.1, t1=100.0,
+            ),
+            "output jumps",
+        ),
         (lambda: of_impacts(lambda t, x, a: x[0]), "shape"),
         (lambda: of_impacts(spring, at=np.nan), "finite"),
         (lambda: of_impacts(spring, k=3), "at most n = 2"),

@@ -272,7 +272,7 @@ def test_starts_in_different_modes_run_side_by_side():
     ("plus", "minus", "mode"), [(1, -1, "plus"), (-1, 1, "minus"), (-1, -1, "sliding"), (1, 1, None)]
 )
 def test_a_start_at_a_two_fold_goes_where_a_field_curves_away(plus, minus, mode):
-    """y' = ± x and x' = 1 from x = y = 0: both fields are tangent there, and y = ± x²/2 leaves the surface or comes back."""
+    """y' = ± x and x' = 1 from x = y = 0: both fields are tangent there, y = ± x²/2 leaves or comes back."""
     folded = lh.filippov(
         lambda t, x, args: jnp.stack([1.0 + 0 * x[0], plus * x[0]]),
         lambda t, x, args: jnp.stack([1.0 + 0 * x[0], -minus * x[0]]),

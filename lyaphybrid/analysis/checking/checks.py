@@ -249,7 +249,7 @@ def _of_motion(system, problem, run: Trajectory, t0, x0, index, mode, flowing) -
 
     def tangent(x, length, method=problem.method):
         options = {"t0": t0, "mode": mode, "method": method, "throw": False}
-        return tangent_map(system, x, problem.args, t1=np.asarray(length), **options)
+        return tangent_map(system, np.reshape(x, problem.shape), problem.args, t1=np.asarray(length), **options)
 
     reached = _stretch(run, float(t0))
     found = motion.moderate(tangent, x0, reached) if reached > 0 else None

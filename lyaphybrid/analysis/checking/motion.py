@@ -68,7 +68,7 @@ def _difference(tangent, x0, step, length: float, exact: TangentMap) -> np.ndarr
     up, down = (tangent(x0 + sign * step, length) for sign in (1.0, -1.0))
     if {int(up.jumps), int(down.jumps)} != {int(exact.jumps)} or up.status.failed or down.status.failed:
         return None
-    return 0.5 * (np.asarray(up.x) - np.asarray(down.x))
+    return 0.5 * np.ravel(np.asarray(up.x) - np.asarray(down.x))
 
 
 def check_along_flow(slope: Callable, t0, x0, mode: int, exact: TangentMap, length: float) -> list[Finding]:

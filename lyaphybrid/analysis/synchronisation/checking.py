@@ -14,7 +14,7 @@ from .skew_products import GuardJump, guard_jumps
 
 __all__ = ["check_jumps", "differ"]
 
-LOOKED_AT = 1 / 16  # of the run: its jumps are looked at
+LOOKED_AT = 1 / 16, 1.0  # parts of the run whose jumps are looked at: more where a transition has not fired
 EACH = 8  # jumps that are looked at, of each transition out of each mode
 SAME = 1e-8  # relative: two values that should be equal
 TOGETHER = (
@@ -24,7 +24,9 @@ TOGETHER = (
 
 
 def check_jumps(system: Any, x0, args, check: Callable[..., None], *, length: float, **how) -> None:
-    """Follow the motion alone for a part of its length, and call ``check(jump, t, x, new, *which)`` at its jumps.
+    """Follow the motion alone and call ``check(jump, t, x, new, *which)`` at its first jumps.
+
+    It is followed for a part of its length, and for the whole of it where a transition has not fired by then.
 
     Args:
         system: of the motion; nothing is done where it is no `lh.Hybrid` with guards.
@@ -34,9 +36,17 @@ def check_jumps(system: Any, x0, args, check: Callable[..., None], *, length: fl
         length: of the run.
         **how: t0, mode and method, as for `lh.trajectory`.
     """
-    if not isinstance(system, Hybrid) or all(one.is_clock or one.changes_nothing for one in system.transitions):
+    if not isinstance(system, Hybrid):
         return
-    events = trajectory(system, x0, args, t1=LOOKED_AT * length, n=1, throw=False, **how).events
+    jumping = {i for i, one in enumerate(system.transitions) if not one.is_clock and not one.changes_nothing}
+    for part in LOOKED_AT:
+        if jumping:
+            events = trajectory(system, x0, args, t1=part * length, n=1, throw=False, **how).events
+            jumping -= _looked_at(system, args, events, check)
+
+
+def _looked_at(system: Hybrid, args, events, check) -> set[int]:
+    """Check the jumps among the events of a run; the numbers of the transitions that have fired."""
     instants, seen = np.asarray(events.t), Counter[tuple[int, int]]()
     for i, number in enumerate(np.asarray(events.transition)):
         if number >= len(system.transitions):  # the border of a flow set
@@ -50,6 +60,7 @@ def check_jumps(system: Any, x0, args, check: Callable[..., None], *, length: fl
         if seen[number, here] <= EACH:
             jump = dict(guard_jumps(system, transition))[system.mode_names[here]]
             check(jump, events.t[i], events.x_before[i], events.x_after[i], *_which(jump, events, i, args))
+    return {number for number, _ in seen}
 
 
 def _which(jump: GuardJump, events, i: int, args) -> tuple:

@@ -166,8 +166,8 @@ def master_stability(
 
     Of jumping systems that are coupled, some have jumped and some have not for a moment. Perturbations have a linear
     rule only if that does not matter: H is continuous at jumps, and so is its rate where a guard or its reset depends
-    on the input. The motion is looked at over the first sixteenth of the run, and refused where it is not so. Clocks
-    tick for all at once: their resets may depend on the input.
+    on the input. The first jumps of each transition are looked at, and refused where it is not so. Clocks tick for all
+    at once: their resets may depend on the input.
 
     Args:
         system: of one node: an `lh.Flow`, `lh.Map` (x⁺ᵢ = f(xᵢ) + s Σⱼ Gᵢⱼ H(xⱼ)) or `lh.Hybrid`.

@@ -95,7 +95,7 @@ def transverse_spectrum(
 
     Raises:
         ValueError: on arguments that do not fit; where the start, the field or a reset leaves the subspace; where a
-            jump that the response decides moves the drive (looked at over the first sixteenth of the run).
+            jump that the response decides moves the drive (the first jumps of each transition are looked at).
         RunFailedError: where the run failed and `throw`.
 
     Source:
