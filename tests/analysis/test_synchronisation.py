@@ -528,7 +528,7 @@ def of_impacts(coupling, at=0.1, t1=9.0, **more):
         (lambda: of_impacts(lambda t, x, a: x, t1=200.0), "output jumps"),
         (  # no impact before t = 12
             lambda: lh.master_stability(
-                lh.Hybrid(lambda t, x, a: jnp.stack([x[1], 0 * x[0] - 1]), lh.Transition(lambda t, x, a: x[0], rebound)),
+                lh.Hybrid(lambda t, x, a: jnp.stack([x[1], 0 * t - 1]), lh.Transition(lambda t, x, a: x[0], rebound)),
                 lambda t, x, a: x, [50.0, 5.0], at=0.1, t1=100.0,
             ),
             "output jumps",
