@@ -35,7 +35,7 @@ from .orbits.shooting import velocity
 __all__ = ["TwoTrajectories", "two_trajectories"]
 
 SKIPPED = 0.01  # fraction of skipped intervals above which a warning is given
-SMALL = 1e-4  # a larger part of the motion is no small separation
+SMALL_SEPARATION = 1e-4  # a larger part of the motion is no small separation
 CLEAR = 100.0  # separations below this many roundings are refused at the start, or noted if states grow so large
 
 
@@ -221,7 +221,7 @@ def _require_start(x0, separation) -> None:
 
 def _note_size(separation, reach: float) -> None:
     """Warn where the separation is not small against the motion."""
-    if separation > SMALL * reach:
+    if separation > SMALL_SEPARATION * reach:
         warnings.warn(
             f"the separation, {float(separation):.2g}, is not small against the motion, which stays within "
             f"{reach:.2g}, so that λ1 is not that of small perturbations: give a smaller separation.",
