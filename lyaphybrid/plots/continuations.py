@@ -16,6 +16,8 @@ MARKS = {
     "transcritical": ("v", COLOURS[2]),
     "period doubling": ("D", COLOURS[3]),
     "Neimark–Sacker": ("o", COLOURS[4]),
+    "Hopf": ("*", COLOURS[5]),
+    "boundary equilibrium": ("P", COLOURS[5]),
     "grazing": ("X", None),  # in ink
 }
 CURVE_STYLES = {
@@ -35,6 +37,7 @@ SPECIAL_MARKERS = {
     "1:2 resonance": "D",
     "1:3 resonance": "v",
     "1:4 resonance": "P",
+    "Hopf": "*",
     "grazing": "X",
 }
 MARGIN = 1e-5  # tolerance for a multiplier of 1 at the end of a stable stretch

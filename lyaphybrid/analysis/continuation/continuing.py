@@ -1,5 +1,6 @@
 """Continuation of periodic orbits in a parameter."""
 
+import dataclasses
 import functools
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -16,6 +17,7 @@ from ...engine import preparation
 from ...errors import NoPeriodicOrbitError
 from ...integrators import HalfExplicit, RungeKutta
 from ...integrators.base import Method
+from ...statuses import STATUS
 from ...systems.daes.semi_linear import Constrained, fields_of
 from ...systems.hybrid import Hybrid
 from ...systems.kinds import iterates
@@ -32,8 +34,18 @@ from .branches import Continuation, Special
 from .equations import ZERO_SINGULAR_VALUE, BranchEquations, BranchPoint, ConstantArgs, ParameterOf, states_over
 from .following import ASTRAY, Arc, follow, followed, point_of_orbit, resumed
 from .locating import LocatedPoint
+from .shrinking import BOUNDARY_EQUILIBRIUM, HOPF
 
-__all__ = ["continuation", "equations_of", "moving", "orbit_as_result", "parameters_named", "range_of", "require_wider"]
+__all__ = [
+    "at_rest",
+    "continuation",
+    "equations_of",
+    "moving",
+    "orbit_as_result",
+    "parameters_named",
+    "range_of",
+    "require_wider",
+]
 
 CONSERVED_VALUE = "conserved value"  # name of the parameter of a family
 FEW_NUMBERS = 100  # of args
@@ -393,7 +405,13 @@ def orbit_as_result(equations: BranchEquations, orbit: OrbitIterate, p: float, s
     return floquet_of(flow, orbit, shown, equations.autonomous, family)
 
 
+def at_rest(found: Floquet, orbit: OrbitIterate) -> Floquet:
+    """An orbit that has shrunk to an equilibrium: it closes, but has no velocity that says so."""
+    return dataclasses.replace(found, residual=orbit.residual, status_code=STATUS.ok)
+
+
 def _special_as_result(equations: BranchEquations, found: LocatedPoint, start: Node) -> Special:
     orbit = orbit_as_result(equations, found.point.orbit, found.point.parameter, start)
+    orbit = at_rest(orbit, found.point.orbit) if found.kind in (HOPF, BOUNDARY_EQUILIBRIUM) else orbit
     largest, turns = np.max(states_over(found.point), axis=0), equations.turns
     return Special(found.kind, found.point.parameter, orbit, turns, turns * found.turns, found.change, largest)
