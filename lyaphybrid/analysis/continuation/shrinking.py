@@ -26,6 +26,7 @@ from ..._jax.tracing import as_jax
 from ...errors import RunFailedError
 from ...systems.daes.semi_linear import Constrained, fields_of
 from ..orbits.shooting import Node, OrbitIterate
+from ..orbits.symmetries import Symmetry
 from .equations import BranchEquations, BranchPoint
 
 __all__ = [
@@ -47,6 +48,8 @@ COLLAPSED = 1e-3  # of the extent: a step that leaves less has arrived at an equ
 OVERTONES = 0.3  # largest share of an orbit that is not its first harmonic, next to a Hopf point
 LAST_ORBIT = 0.1  # of the extent: that of the last orbit of a branch, relative to the one before
 ROUNDED = 1e-9  # of the range of the parameter: less tells nothing about what it changes with
+MOST_IMAGES = 12  # of an orbit modulo a symmetry, that make up the whole orbit
+IMAGE_IS_BACK = 1e-6  # of its size
 POINT = 1e-5  # extent, relative to the first orbit, of what is a point
 HOPF_ITERATIONS = 12
 HOPF_CONVERGED = 1e-10  # last correction of Newton's method, in scaled unknowns
@@ -58,7 +61,8 @@ class Swing(NamedTuple):
     mean: np.ndarray  # (n,)
     away: np.ndarray  # (samples, n) of its points from the mean
     weights: np.ndarray  # (samples,) shares of the period
-    turns: np.ndarray  # (samples,) time since the first node, in periods
+    turns: np.ndarray  # (samples,) time since the first node, in periods of the whole orbit
+    images: int  # modulo a symmetry: how many make up the whole orbit
 
     def times(self, other: "Swing") -> float:
         """The mean product of two orbits."""
@@ -69,9 +73,11 @@ class Swing(NamedTuple):
         """The root of the mean square distance from the mean."""
         return float(np.sqrt(self.times(self)))
 
-    def is_like(self, other: "Swing", share: float) -> bool:
-        """Whether this is another orbit at the same phase, with about this share of its extent."""
-        ratio = self.extent / (share * other.extent)
+    def resembles(self, other: "Swing | None", share: float) -> bool:
+        """Whether another orbit is at the same phase, with about this share of the extent."""
+        if other is None or other.images != self.images:
+            return False
+        ratio = other.extent / (share * self.extent)
         return self.times(other) > 0.5 * self.extent * other.extent and 0.5 < ratio < 2
 
     @property
@@ -80,13 +86,32 @@ class Swing(NamedTuple):
         return 2 * (self.weights * np.exp(-2j * np.pi * self.turns)) @ self.away
 
 
-def swing_of(orbit: OrbitIterate) -> Swing:
-    points, begin = np.concatenate([piece.points for piece in orbit.pieces]), orbit.nodes[0].t
-    counts = [np.full(len(piece.points), piece.length / len(piece.points)) for piece in orbit.pieces]
-    turns = np.concatenate([piece.start.t - begin + piece.times for piece in orbit.pieces]) / orbit.period
-    weights = np.concatenate(counts) / orbit.period
-    mean = weights @ points
-    return Swing(mean, points - mean, weights, turns)
+def swing_of(orbit: OrbitIterate, symmetry: Symmetry | None = None) -> Swing | None:
+    """The whole orbit, with its images modulo a symmetry; None where these do not come back, or change with a group."""
+    points = np.concatenate([piece.points for piece in orbit.pieces])
+    lengths = [np.full(len(piece.points), piece.length / len(piece.points)) for piece in orbit.pieces]
+    times = np.concatenate([piece.start.t - orbit.nodes[0].t + piece.times for piece in orbit.pieces])
+    images = [points] if symmetry is None else _images(symmetry, points)
+    if images is None:
+        return None
+    count, whole = len(images), np.concatenate(images)
+    weights = np.tile(np.concatenate(lengths), count) / (count * orbit.period)
+    turns = np.concatenate([times + i * orbit.period for i in range(count)]) / (count * orbit.period)
+    mean = weights @ whole
+    return Swing(mean, whole - mean, weights, turns, count)
+
+
+def _images(symmetry: Symmetry, points: np.ndarray) -> list[np.ndarray] | None:
+    """The points (samples, n) and their images, until these are back."""
+    if symmetry.freedom:
+        return None
+    images, size = [points], float(np.max(np.abs(points)))
+    for _ in range(MOST_IMAGES):
+        after = np.asarray(jax.vmap(lambda x: symmetry.action(x, jnp.zeros(0, x.dtype)))(as_jax(images[-1])))
+        if np.max(np.abs(after - points)) <= IMAGE_IS_BACK * size:
+            return images
+        images.append(after)
+    return None
 
 
 def is_smooth(orbit: OrbitIterate) -> bool:
@@ -102,7 +127,7 @@ def before_equilibrium(
 ) -> Any:
     """The next point of a branch or curve, None for a shorter step; or, before a Hopf point, the last one.
 
-    Where the period is given, or something conserved, a small orbit is like any other.
+    Where the period is given, or something is conserved, a small orbit is like any other.
 
     Args:
         equations: those of the branch through the last point.
@@ -111,16 +136,17 @@ def before_equilibrium(
         length: of that step.
         in_front: (the last orbit) -> a point with a smaller orbit and the Hopf point that is its `limit`, or None.
     """
-    free = equations.autonomous and equations.conserved is None and equations.symmetry is None
-    if not free or equations.discrete:
+    swing = _swing_at(equations, last)
+    if swing is None:
         return after
-    swing = swing_of(last.orbit)
     centre = np.concatenate([swing.mean - np.asarray(node.x) for node in last.orbit.nodes])
     if np.linalg.norm(centre / equations.scales(last.orbit)[: len(centre)]) > IN_REACH * length:
         return after
     passed, left = False, 0.0
     if after is not None:
-        ahead = swing_of(after.orbit)
+        ahead = _swing_at(equations, after)
+        if ahead is None or ahead.images != swing.images:
+            return after
         passed, left = swing.times(ahead) <= 0, ahead.extent / swing.extent
         if left > SHRINKS and not passed:
             return after
@@ -151,8 +177,8 @@ def in_front_of_hopf(
     off, before = (abs(point.parameter - limit.parameter) for point in (end, last))
     if off > LAST_ORBIT * before + ROUNDED * equations.span:
         return None
-    ahead = swing_of(end.orbit)
-    return end._replace(tangent=-end.tangent, limit=limit) if ahead.is_like(swing, LAST_ORBIT) else None
+    ahead = swing_of(end.orbit, equations.symmetry)
+    return end._replace(tangent=-end.tangent, limit=limit) if swing.resembles(ahead, LAST_ORBIT) else None
 
 
 def hopf_point(equations: BranchEquations, near: OrbitIterate, p: float, swing: Swing) -> BranchPoint | None:
@@ -161,14 +187,14 @@ def hopf_point(equations: BranchEquations, near: OrbitIterate, p: float, swing: 
     rest = swing.away - np.real(np.exp(2j * np.pi * swing.turns)[:, None] * v)
     if swing._replace(away=rest).extent > OVERTONES * swing.extent:
         return None
-    found = _solved(equations, near.nodes[0], p, 2 * np.pi / near.period, swing.mean, v)
+    found = _solved(equations, near.nodes[0], p, 2 * np.pi / (swing.images * near.period), swing.mean, v)
     if found is None:
         return None
     x, p, omega = found
     scales, states = equations.scales(near), len(near.nodes) * len(x)
     values = equations.vector(near, p) * scales
     inward = -values / scales
-    values[:states], values[states] = np.tile(x, len(near.nodes)), 2 * np.pi / omega
+    values[:states], values[states] = np.tile(x, len(near.nodes)), 2 * np.pi / (swing.images * omega)
     u = values / scales
     try:
         orbit, p = equations.shoot(u, near)
@@ -220,13 +246,20 @@ def _hopf_equations(system, args_of, mode: int, t, z, near):
     return gaps(z), jax.jacfwd(gaps)(z)
 
 
+def _swing_at(equations: BranchEquations, point: Any) -> Swing | None:
+    """The orbit of a point about its mean; None where a small orbit is like any other."""
+    free = equations.autonomous and not equations.discrete and equations.conserved is None
+    return swing_of(point.orbit, equations.symmetry) if free else None
+
+
 def at_a_point(equations: BranchEquations, points: list[Any]) -> BranchPoint | None:
     """The equilibrium that the last orbits have shrunk to, as the last one but with its parameter; None if they have
     not.
     """
-    if not equations.autonomous or equations.discrete or equations.conserved is not None or len(points) < 3:
+    swings = [_swing_at(equations, point) for point in points[-2:]]
+    if len(swings) < 2 or swings[0] is None or swings[1] is None:
         return None
-    before, last = (swing_of(point.orbit).extent for point in points[-2:])
+    before, last = swings[0].extent, swings[1].extent
     if not last < min(before, POINT * equations.size):
         return None
     share = last / (before - last)

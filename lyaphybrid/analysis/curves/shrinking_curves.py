@@ -50,7 +50,7 @@ def before_the_end(
     for share in SMALLER:
         guess = last.u - (1 - share) * outward - (1 - share**2) * others
         point = equations.corrected(guess, last.orbit, across, float(across @ guess), reach=distance)
-        if point is None or not swing_of(point.orbit).is_like(swing, share):
+        if point is None or not swing.resembles(swing_of(point.orbit, branch.symmetry), share):
             return None
         points.append(point)
     limit = _limit(equations, points)
@@ -60,7 +60,7 @@ def before_the_end(
 
 def _limit(equations: CurveEquations, points: list[CurvePoint]) -> CurvePoint | None:
     """The equilibrium that orbits shrink to, from the polynomials through them in the square of their extent."""
-    swings = [swing_of(point.orbit) for point in points]
+    swings = [swing for point in points if (swing := swing_of(point.orbit, equations.base.symmetry)) is not None]
     nodes = points[-1].orbit.nodes
     rows = [
         np.append(np.tile(swing.mean, len(nodes)), (point.u * _units(equations, point))[len(nodes) * len(swing.mean) :])
