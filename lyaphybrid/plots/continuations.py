@@ -109,7 +109,7 @@ def _marks(axes, branch, i: int) -> None:
         colour = colour or ink(upper)
         style = {"linestyle": "none", "marker": marker, "color": colour, "markersize": 6, "mec": "white", "zorder": 4}
         upper.plot(special.parameter, special.largest[i], label=special.kind, **style)
-        if special.kind != "grazing":
+        if special.kind not in ("grazing", "boundary equilibrium"):
             lower.plot(special.parameter, 0.0, **style)
 
 

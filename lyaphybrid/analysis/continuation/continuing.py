@@ -98,6 +98,9 @@ def continuation(
         Neimark–Sacker      Π (μ_i μ_j − 1), where the pair is complex
         grazing             the sequence of the jumps of a period: an impact appears, sliding begins or ends
 
+    Where the orbits of an autonomous system shrink to an equilibrium the branch ends, at a Hopf point: there a pair of
+    eigenvalues of the field's derivative is ±iω. If events remain until the end it is a boundary equilibrium.
+
     To follow the branch that begins at a pitchfork, transcritical point or doubling, call again with that `Special`
     for x0 and the other arguments as they were.
 

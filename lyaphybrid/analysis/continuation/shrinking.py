@@ -6,8 +6,8 @@ replaced by one to a smaller orbit, and the Hopf point itself is found from
 
     f(x; p) = 0,    Df(x; p) v = iω E v,    c·v = 1
 
-(E = I, except in a DAE), by Newton's method from the mean and the first harmonic of the last orbit. Where events remain, however small the orbit
-is, the equilibrium lies on a guard; such a branch is followed until the orbits are points.
+(E = I, except in a DAE), by Newton's method from the mean and the first harmonic of the last orbit. Where events remain,
+however small the orbit is, the equilibrium lies on a guard; such a branch is followed until the orbits are points.
 
 Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory (Springer 2004), chapters 3 and 5 and section 10.2,
 doi:10.1007/978-1-4757-3978-7; M. di Bernardo, C. Budd, A. Champneys & P. Kowalczyk, Piecewise-smooth Dynamical Systems
@@ -17,6 +17,7 @@ doi:10.1007/978-1-4757-3978-7; M. di Bernardo, C. Budd, A. Champneys & P. Kowalc
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -47,10 +48,10 @@ SHRINKS = 0.5  # of the extent: a step that leaves less may lead through an equi
 COLLAPSED = 1e-3  # of the extent: a step that leaves less has arrived at an equilibrium, which is no orbit
 OVERTONES = 0.3  # largest share of an orbit that is not its first harmonic, next to a Hopf point
 LAST_ORBIT = 0.1  # of the extent: that of the last orbit of a branch, relative to the one before
-ROUNDED = 1e-9  # of the range of the parameter: less tells nothing about what it changes with
+PARAMETER_ROUNDED = 1e-9  # of the range of the parameter: less tells nothing about what it changes with
 MOST_IMAGES = 12  # of an orbit modulo a symmetry, that make up the whole orbit
 IMAGE_IS_BACK = 1e-6  # of its size
-POINT = 1e-5  # extent, relative to the first orbit, of what is a point
+SHRUNK = 1e-5  # extent, relative to the largest orbit, of what is a point
 HOPF_ITERATIONS = 12
 HOPF_CONVERGED = 1e-10  # last correction of Newton's method, in scaled unknowns
 
@@ -105,13 +106,20 @@ def _images(symmetry: Symmetry, points: np.ndarray) -> list[np.ndarray] | None:
     """The points (samples, n) and their images, until these are back."""
     if symmetry.freedom:
         return None
-    images, size = [points], float(np.max(np.abs(points)))
-    for _ in range(MOST_IMAGES):
-        after = np.asarray(jax.vmap(lambda x: symmetry.action(x, jnp.zeros(0, x.dtype)))(as_jax(images[-1])))
-        if np.max(np.abs(after - points)) <= IMAGE_IS_BACK * size:
+    x, size = points[-1], float(np.max(np.abs(points)))
+    for count in range(1, MOST_IMAGES + 1):
+        x = symmetry.image(x).x
+        if np.max(np.abs(x - points[-1])) <= IMAGE_IS_BACK * size:
+            images = [points]
+            for _ in range(count - 1):
+                images.append(np.asarray(_image_of_all(symmetry.action, as_jax(images[-1]))))
             return images
-        images.append(after)
     return None
+
+
+@eqx.filter_jit
+def _image_of_all(action, points):
+    return jax.vmap(lambda x: action(x, jnp.zeros(0, x.dtype)))(points)
 
 
 def is_smooth(orbit: OrbitIterate) -> bool:
@@ -175,7 +183,7 @@ def in_front_of_hopf(
     if end is None or not over[0] <= end.parameter <= over[1]:
         return None
     off, before = (abs(point.parameter - limit.parameter) for point in (end, last))
-    if off > LAST_ORBIT * before + ROUNDED * equations.span:
+    if off > LAST_ORBIT * before + PARAMETER_ROUNDED * equations.span:
         return None
     ahead = swing_of(end.orbit, equations.symmetry)
     return end._replace(tangent=-end.tangent, limit=limit) if swing.resembles(ahead, LAST_ORBIT) else None
@@ -208,18 +216,22 @@ def _solved(
     equations: BranchEquations, node: Node, p: float, omega: float, x: np.ndarray, v: np.ndarray
 ) -> tuple[np.ndarray, float, float] | None:
     """State, parameter and frequency at a Hopf point, by Newton's method."""
-    n, flow = len(x), equations.motion(p)
-    unit = v / np.linalg.norm(v)
-    z = np.concatenate([x, [p, omega], unit.real, unit.imag])
-    columns = np.concatenate([np.full(n, equations.size), [equations.span, omega], np.ones(2 * n)])
-    rows = np.concatenate([np.full(n, equations.size * omega), np.full(2 * n, omega), np.ones(2)])
-    system, mode, near = flow.problem.system, flow.mode(node), z[n + 2 :]
+    n, flow, swings = len(x), equations.motion(p), np.abs(v)
+    units = np.where(swings > 0, swings, np.max(swings))  # of each component, so that those of the state do not matter
+    unit = v / units / np.linalg.norm(v / units)
+    c = np.concatenate([unit.real / units, unit.imag / units])
+    z = np.concatenate([x, [p, omega], unit.real * units, unit.imag * units])
+    columns = np.concatenate([np.maximum(units, np.abs(x)), [equations.span, omega], units, units])
+    system, mode = flow.problem.system, flow.mode(node)
     for _ in range(HOPF_ITERATIONS):
-        gaps, jacobian = _hopf_equations(system, equations.args_of, mode, *as_jax((np.asarray(node.t), z, near)))
-        matrix, right = np.asarray(jacobian) * columns / rows[:, None], -np.asarray(gaps) / rows
-        if not (np.all(np.isfinite(matrix)) and np.all(np.isfinite(right))):
+        gaps, jacobian = map(
+            np.asarray, _hopf_equations(system, equations.args_of, mode, *as_jax((np.asarray(node.t), z, c)))
+        )
+        if not (np.all(np.isfinite(jacobian)) and np.all(np.isfinite(gaps))):
             return None
-        step = np.linalg.lstsq(matrix, right, rcond=1e-13)[0]
+        rows = np.linalg.norm(jacobian * columns, axis=1)
+        rows = np.where(rows > 0, rows, 1.0)
+        step = np.linalg.lstsq(jacobian * columns / rows[:, None], -gaps / rows, rcond=1e-13)[0]
         z = z + step * columns
         if np.linalg.norm(step) <= HOPF_CONVERGED:
             return z[:n], float(z[n]), float(z[n + 1])
@@ -227,7 +239,7 @@ def _solved(
 
 
 @compiled()
-def _hopf_equations(system, args_of, mode: int, t, z, near):
+def _hopf_equations(system, args_of, mode: int, t, z, c):
     """The residuals (3n + 2,) of the equations of a Hopf point, and their Jacobian."""
     n, field = (z.shape[0] - 2) // 3, fields_of(system)[mode]
     constrained = isinstance(field, Constrained)
@@ -239,8 +251,7 @@ def _hopf_equations(system, args_of, mode: int, t, z, near):
         value, along = jax.linearize(lambda x: slope(t, x, args), x)
         leading = jnp.asarray(field.leading(t, args)) if constrained else jnp.eye(n, dtype=z.dtype)
         rates = along(real) + omega * leading @ imaginary, along(imaginary) - omega * leading @ real
-        across = near[:n] @ imaginary - near[n:] @ real  # the imaginary part of c·v, with c conjugate to a v nearby
-        ends = jnp.stack([near @ z[n + 2 :] - 1, across])
+        ends = jnp.stack([c[:n] @ real + c[n:] @ imaginary - 1, c[:n] @ imaginary - c[n:] @ real])
         return jnp.concatenate([value, *rates, ends])
 
     return gaps(z), jax.jacfwd(gaps)(z)
@@ -253,14 +264,10 @@ def _swing_at(equations: BranchEquations, point: Any) -> Swing | None:
 
 
 def at_a_point(equations: BranchEquations, points: list[Any]) -> BranchPoint | None:
-    """The equilibrium that the last orbits have shrunk to, as the last one but with its parameter; None if they have
-    not.
-    """
-    swings = [_swing_at(equations, point) for point in points[-2:]]
-    if len(swings) < 2 or swings[0] is None or swings[1] is None:
+    """The last orbit, with the parameter at which it would be a point; None unless the orbits have shrunk to one."""
+    swings = [_swing_at(equations, point) for point in points]
+    extents = [swing.extent for swing in swings if swing is not None]
+    if len(extents) < 2 or not extents[-1] < min(extents[-2], SHRUNK * max(extents)):
         return None
-    before, last = swings[0].extent, swings[1].extent
-    if not last < min(before, POINT * equations.size):
-        return None
-    share = last / (before - last)
-    return points[-1]._replace(parameter=points[-1].parameter + share * (points[-1].parameter - points[-2].parameter))
+    share, last = extents[-1] / (extents[-2] - extents[-1]), points[-1]
+    return last._replace(parameter=last.parameter + share * (last.parameter - points[-2].parameter))
