@@ -6,8 +6,8 @@ replaced by one to a smaller orbit, and the Hopf point itself is found from
 
     f(x; p) = 0,    Df(x; p) v = iω E v,    c·v = 1
 
-(E = I, except in a DAE), by Newton's method from the mean and the first harmonic of the last orbit. Where events remain,
-however small the orbit is, the equilibrium lies on a guard; such a branch is followed until the orbits are points.
+(E = I, except in a DAE), by Newton's method from the mean and the first harmonic of the last orbit. Where events remain
+until the end, the equilibrium lies on a guard; such a branch is followed until the orbits are points.
 
 Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory (Springer 2004), chapters 3 and 5 and section 10.2,
 doi:10.1007/978-1-4757-3978-7; M. di Bernardo, C. Budd, A. Champneys & P. Kowalczyk, Piecewise-smooth Dynamical Systems
