@@ -16,6 +16,8 @@ MARKS = {
     "transcritical": ("v", COLOURS[2]),
     "period doubling": ("D", COLOURS[3]),
     "Neimark–Sacker": ("o", COLOURS[4]),
+    "Hopf": ("*", COLOURS[5]),
+    "boundary equilibrium": ("P", COLOURS[5]),
     "grazing": ("X", None),  # in ink
 }
 CURVE_STYLES = {
@@ -35,6 +37,7 @@ SPECIAL_MARKERS = {
     "1:2 resonance": "D",
     "1:3 resonance": "v",
     "1:4 resonance": "P",
+    "Hopf": "*",
     "grazing": "X",
 }
 MARGIN = 1e-5  # tolerance for a multiplier of 1 at the end of a stable stretch
@@ -106,7 +109,7 @@ def _marks(axes, branch, i: int) -> None:
         colour = colour or ink(upper)
         style = {"linestyle": "none", "marker": marker, "color": colour, "markersize": 6, "mec": "white", "zorder": 4}
         upper.plot(special.parameter, special.largest[i], label=special.kind, **style)
-        if special.kind != "grazing":
+        if special.kind not in ("grazing", "boundary equilibrium"):
             lower.plot(special.parameter, 0.0, **style)
 
 

@@ -104,9 +104,10 @@ class Special(SpecialOrbit):
     """A special point of a branch: a bifurcation, or grazing.
 
     Attributes:
-        kind: "fold", "pitchfork", "transcritical", "period doubling", "Neimark–Sacker" or "grazing".
+        kind: "fold", "pitchfork", "transcritical", "period doubling", "Neimark–Sacker", "grazing", or where the orbits
+            shrink to an equilibrium "Hopf" and "boundary equilibrium".
         parameter: its value there.
-        orbit: an `lh.Floquet`.
+        orbit: an `lh.Floquet`; at a Hopf point the equilibrium, with the period 2π/ω of the small orbits beside it.
         turns: multiple of the given period after which it closes.
         turns_there: the same multiple on the branch that begins here.
         change: direction to that branch: changes of the orbit's `base`, period and parameter; None if none begins.
@@ -161,9 +162,10 @@ class Continuation(OrbitsAlong):
         orbits: an `lh.Floquet` for each point.
         specials: tuple of `Special`, in the order of the branch.
         ends: why the branch ends at its first and at its last point: "range" (of `over`), "closed" (back at its start),
-            "grazing" (an orbit touches a guard, and the branch does not go on), "max_points", "no convergence" (of
-            Newton's method, whatever the step), "interrupted" (by Ctrl-C), "start" (a branch that begins at a
-            `Special`).
+            "grazing" (an orbit touches a guard, and the branch does not go on), "Hopf" (the orbits of an autonomous
+            system have shrunk to an equilibrium), "boundary equilibrium" (to one on a guard, with events until the
+            end), "max_points", "no convergence" (of Newton's method, whatever the step), "interrupted" (by Ctrl-C),
+            "start" (a branch that begins at a `Special`).
         largest, smallest: (points, n) extreme values of each component over the orbit.
 
     Example:

@@ -1,5 +1,6 @@
 """Continuation of periodic orbits in a parameter."""
 
+import dataclasses
 import functools
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -16,6 +17,7 @@ from ...engine import preparation
 from ...errors import NoPeriodicOrbitError
 from ...integrators import HalfExplicit, RungeKutta
 from ...integrators.base import Method
+from ...statuses import STATUS
 from ...systems.daes.semi_linear import Constrained, fields_of
 from ...systems.hybrid import Hybrid
 from ...systems.kinds import iterates
@@ -32,8 +34,18 @@ from .branches import Continuation, Special
 from .equations import ZERO_SINGULAR_VALUE, BranchEquations, BranchPoint, ConstantArgs, ParameterOf, states_over
 from .following import ASTRAY, Arc, follow, followed, point_of_orbit, resumed
 from .locating import LocatedPoint
+from .shrinking import BOUNDARY_EQUILIBRIUM, HOPF
 
-__all__ = ["continuation", "equations_of", "moving", "orbit_as_result", "parameters_named", "range_of", "require_wider"]
+__all__ = [
+    "at_rest",
+    "continuation",
+    "equations_of",
+    "moving",
+    "orbit_as_result",
+    "parameters_named",
+    "range_of",
+    "require_wider",
+]
 
 CONSERVED_VALUE = "conserved value"  # name of the parameter of a family
 FEW_NUMBERS = 100  # of args
@@ -85,6 +97,9 @@ def continuation(
         period doubling     Π (μ_i + 1)
         Neimark–Sacker      Π (μ_i μ_j − 1), where the pair is complex
         grazing             the sequence of the jumps of a period: an impact appears, sliding begins or ends
+
+    Where the orbits of an autonomous system shrink to an equilibrium the branch ends, at a Hopf point: there a pair of
+    eigenvalues of the field's derivative is ±iω. If events remain until the end it is a boundary equilibrium.
 
     To follow the branch that begins at a pitchfork, transcritical point or doubling, call again with that `Special`
     for x0 and the other arguments as they were.
@@ -393,7 +408,13 @@ def orbit_as_result(equations: BranchEquations, orbit: OrbitIterate, p: float, s
     return floquet_of(flow, orbit, shown, equations.autonomous, family)
 
 
+def at_rest(found: Floquet, orbit: OrbitIterate) -> Floquet:
+    """An orbit that has shrunk to an equilibrium: it closes, but has no velocity that says so."""
+    return dataclasses.replace(found, residual=orbit.residual, status_code=STATUS.ok)
+
+
 def _special_as_result(equations: BranchEquations, found: LocatedPoint, start: Node) -> Special:
     orbit = orbit_as_result(equations, found.point.orbit, found.point.parameter, start)
+    orbit = at_rest(orbit, found.point.orbit) if found.kind in (HOPF, BOUNDARY_EQUILIBRIUM) else orbit
     largest, turns = np.max(states_over(found.point), axis=0), equations.turns
     return Special(found.kind, found.point.parameter, orbit, turns, turns * found.turns, found.change, largest)

@@ -85,6 +85,7 @@ class BranchPoint(NamedTuple):
     jacobian: np.ndarray  # (N, N + 1)
     tangent: np.ndarray  # (N + 1,) of length 1
     iterations: int  # of Newton's method
+    limit: "BranchPoint | None" = None  # the equilibrium to which the orbits shrink from here, at the end of a branch
 
 
 class BranchEquations(NamedTuple):

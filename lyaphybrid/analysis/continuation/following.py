@@ -16,6 +16,7 @@ from ..orbits.shooting import Node, OrbitIterate, states_of
 from .bifurcations import cycle_of_events
 from .equations import BranchEquations, BranchPoint, tangent
 from .locating import LocatedPoint, OrbitChange, change_of, crossings
+from .shrinking import BOUNDARY_EQUILIBRIUM, HOPF, at_a_point, before_equilibrium, in_front_of_hopf, is_smooth
 from .touching import ending_touch
 
 __all__ = [
@@ -79,12 +80,19 @@ def follow(equations: BranchEquations, arc: Arc, over: tuple[float, float], step
         end, length = walked(
             points, found, length, step,
             reason=lambda short: _reason_to_stop(equations, points, over, most, short),
-            onward=lambda last, length: advanced(equations, last, length, over),
+            onward=lambda last, length: before_equilibrium(
+                equations, last, advanced(equations, last, length, over), length,
+                lambda swing: in_front_of_hopf(equations, last, swing, over),
+            ),
             between=lambda last, after, length: _between(equations, last, after, length, step),
             clear=lambda after: _with_clear_nodes(equations, after),
         )  # fmt: skip
         if end != "no convergence" or points[-1] is behind:
             return Arc(points, found, end, length)
+        shrunk = at_a_point(equations, points)
+        if shrunk is not None:
+            kind = HOPF if is_smooth(shrunk.orbit) else BOUNDARY_EQUILIBRIUM
+            return Arc(points, [*found, LocatedPoint(kind, shrunk, None, 1)], kind, length)
         try:
             nearest = _approached(equations, points[-1], length)
             touch = ending_touch(equations, nearest)
@@ -171,6 +179,8 @@ def _interrupted() -> str:
 def _reason_to_stop(equations: BranchEquations, points: list[BranchPoint], over, most: int, short: bool) -> str | None:
     """The reason to stop following the branch; None: go on."""
     last = points[-1]
+    if last.limit is not None:
+        return HOPF
     bound = over[1] if last.tangent[-1] > 0 else over[0]
     if abs(last.parameter - bound) <= 1e-12 * equations.span:
         return "range"
@@ -241,7 +251,8 @@ def _between(
 ) -> list[LocatedPoint] | None:
     """Special points between two points; None if they cannot be located, and the step must be shorter."""
     if cycle_of_events(before.orbit) == cycle_of_events(after.orbit):
-        return crossings(equations, before, after)
+        met = crossings(equations, before, after)
+        return met if met is None or after.limit is None else [*met, LocatedPoint(HOPF, after.limit, None, 1)]
     if length < BEHIND_A_CORNER * step:
         touch = ending_touch(equations, after)
         if touch is not None and not touch.tangential:

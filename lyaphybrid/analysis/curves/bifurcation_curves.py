@@ -20,7 +20,8 @@ class CurveSpecial(SpecialOrbit):
     """A point of a bifurcation curve at which one more condition holds.
 
     Attributes:
-        kind: "cusp", "fold–flip", "1:1 resonance", "1:2 resonance", "1:3 resonance", "1:4 resonance" or "grazing".
+        kind: "cusp", "fold–flip", "1:1 resonance", "1:2 resonance", "1:3 resonance", "1:4 resonance", "grazing"
+            or "Hopf".
         values: (2,) both parameters.
         orbit: an `lh.Floquet`.
 
@@ -66,7 +67,8 @@ class BifurcationCurve(OrbitsAlong):
         values: (points, 2) along the curve, which may turn back in both.
         orbits: an `lh.Floquet` for each point.
         specials: tuple of `CurveSpecial`, in the order of the curve: cusps; fold–flips (multipliers 1 and −1); 1:1,
-            1:2, 1:3 and 1:4 resonances; "grazing", where the sequence of the events changes.
+            1:2, 1:3 and 1:4 resonances; "grazing", where the sequence of the events changes; "Hopf", where the orbit
+            has shrunk to an equilibrium (on a curve of folds a generalised Hopf point, Bautin's).
         ends: why the curve ends at its first and at its last point: "range" (of `over`), "closed", "max_points", "no
             convergence" (of Newton's method, whatever the step), "interrupted" (by Ctrl-C), or the kind of the special
             at which it ends.

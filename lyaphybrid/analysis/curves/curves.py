@@ -16,16 +16,26 @@ from ...systems.kinds import iterates
 from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
 from ..continuation.branches import Special
-from ..continuation.continuing import equations_of, moving, orbit_as_result, parameters_named, range_of, require_wider
+from ..continuation.continuing import (
+    at_rest,
+    equations_of,
+    moving,
+    orbit_as_result,
+    parameters_named,
+    range_of,
+    require_wider,
+)
 from ..continuation.equations import BranchEquations, ParameterOf
 from ..continuation.following import Arc, followed
+from ..continuation.shrinking import HOPF
 from ..continuation.touching import found_touches
 from ..orbits.periodic_orbits import Floquet, floquet
 from ..orbits.shooting import SAMPLES_PER_PIECE, Node, OrbitIterate
 from .bifurcation_curves import BifurcationCurve, CurveSpecial
 from .equations import Condition, CurveEquations, CurvePoint
-from .following_curves import CurveBound, follow_curve
+from .following_curves import follow_curve
 from .multiplier_conditions import BranchPointCondition, DoublingCondition, FoldCondition, TorusCondition
+from .shrinking_curves import CurveBound
 from .touch_conditions import BorderCondition, TouchCondition, placed_around
 
 __all__ = ["bifurcation_curve"]
@@ -134,6 +144,11 @@ def bifurcation_curve(
     require(
         special is not None or border is not None,
         f"x0 must be a Special of an lh.continuation, such as branch.specials[0], or border be given; got {x0!r}.",
+    )
+    require(
+        special is None or special.kind == "grazing" or special.kind in CONDITIONS,
+        f"No curve begins at a {special.kind if special else ''} point: there the orbit is an equilibrium. Give a "
+        "special point of another kind.",
     )
     require_values("bifurcation_curve", start, args, t0)
     whole("segments", segments, least=1)
@@ -281,13 +296,17 @@ class _Curve(NamedTuple):
         def orbit_of(point: CurvePoint) -> Floquet:
             return orbit_as_result(self.equations.along(0, point.pair), point.orbit, point.pair[0], start)
 
-        specials = [*reversed(before.found), *after.found]
+        def special_of(name: str, point: CurvePoint) -> CurveSpecial:
+            orbit = orbit_of(point)
+            orbit = at_rest(orbit, point.orbit) if name == HOPF else orbit
+            return CurveSpecial(name, self.names, np.array(point.pair), orbit)
+
         return BifurcationCurve(
             kind=self.kind,
             parameters=self.names,
             values=np.array([point.pair for point in points]),
             orbits=tuple(orbit_of(point) for point in points),
-            specials=tuple(CurveSpecial(name, self.names, np.array(one.pair), orbit_of(one)) for name, one in specials),
+            specials=tuple(special_of(name, one) for name, one in [*reversed(before.found), *after.found]),
             ends=(before.end, after.end),
             angles=np.array([_angle(one) if self.kind == "Neimark–Sacker" else np.nan for one in points]),
             state_labels=self.labels,

@@ -106,6 +106,7 @@ class CurvePoint(NamedTuple):
     u: np.ndarray  # (N + 2 + e,) all unknowns, scaled
     tangent: np.ndarray  # (N + 2 + e,) of length 1
     iterations: int
+    limit: "CurvePoint | None" = None  # the equilibrium to which the orbits shrink from here, at the end of a curve
 
     def parameters_along(self, unknowns: int) -> np.ndarray:
         """The components (2,) of the tangent along both parameters."""

@@ -1,7 +1,5 @@
 """Follow a curve in the plane of two parameters by predictor and corrector."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from ...errors import RunFailedError
@@ -10,9 +8,11 @@ from ...systems.hybrid import Hybrid
 from ..continuation.bifurcations import cycle_of_events
 from ..continuation.following import Arc, nodes_are_clear, shape_of, stepped, walked
 from ..continuation.locating import LostError
+from ..continuation.shrinking import HOPF, before_equilibrium
 from ..continuation.touching import FoundTouch, found_touches
 from ..orbits.shooting import SAMPLES_PER_PIECE, Node, OrbitIterate, times_apart
 from .equations import CurveEquations, CurvePoint
+from .shrinking_curves import CurveBound, before_the_end
 from .special_points import special_points
 from .touch_conditions import TouchCondition, placed_around
 
@@ -31,15 +31,6 @@ NEW_NODES = 0.01  # largest change of the scaled unknowns by new nodes
 ENDS_OF_PIECE = 0.15  # of its length: a touch nearer to its ends than this gets other nodes
 
 
-class CurveBound(NamedTuple):
-    """The range of one unknown, counted from the end of z, and what the curve reaches at its ends."""
-
-    place: int
-    low: float
-    high: float
-    ends: tuple[str, str]
-
-
 def follow_curve(
     equations: CurveEquations, kind: str, arc: Arc, bounds: list[CurveBound], step: float, most: int
 ) -> Arc:
@@ -48,14 +39,17 @@ def follow_curve(
     end, length = walked(
         points, found, arc.length, step,
         reason=lambda short: _reached(points[-1], bounds) or _reason_to_end(equations, points, most, short),
-        onward=lambda last, length: _advanced(equations, last, length, bounds),
+        onward=lambda last, length: before_equilibrium(
+            equations.along(0, last.pair), last, _advanced(equations, last, length, bounds), length,
+            lambda swing: before_the_end(equations, last, swing, bounds),
+        ),
         between=lambda last, after, length: _between(equations, kind, last, after),
         clear=lambda after: _with_clear_nodes(equations, after),
     )  # fmt: skip
     if end == "no convergence" and _events_end(equations, points[-1], length, bounds):
         end = "grazing"
     if end not in PLAIN_ENDS:
-        found.append((end, points[-1]))
+        found.append((end, points[-1].limit or points[-1]))
     return Arc(points, found, end, length)
 
 
@@ -88,6 +82,8 @@ def _reason_to_end(equations: CurveEquations, points: list[CurvePoint], most: in
 
 def _reached(point: CurvePoint, bounds: list[CurveBound]) -> str | None:
     """What the curve has reached, if it stands at the end of a range and leads out of it."""
+    if point.limit is not None:
+        return HOPF
     for bound in bounds:
         value, heading = float(point.u[bound.place]), float(point.tangent[bound.place])
         for side, edge, name in ((-1.0, bound.low, bound.ends[0]), (1.0, bound.high, bound.ends[1])):
