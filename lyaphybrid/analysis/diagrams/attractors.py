@@ -12,8 +12,10 @@ PERIODIC_CONVERGING = 1e-3  # the same for a motion that still converges to its 
 NEAR_CYCLE = 0.05  # … whose lifetime ends when it comes this near to the cycle
 LEAST_RANGE = 0.01  # least range of a component, relative to its size
 LARGEST_DRIFT = 0.01  # largest relative change, from first to second half, of the misfit of a divisor of the period
-CHAOS_ERRORS = 5.0  # chaos: λ₁ is larger than so many standard errors …
-CHAOS_GROWTH = 25.0  # … and the growth over the run exceeds e²⁵
+GROWTH_ERRORS = 5.0  # motions part if λ₁ is larger than so many standard errors …
+NEUTRAL_GROWTH = 0.1  # … and the growth over the run exceeds this, ln: more than errors of a neutral direction
+CHAOS_GROWTH = 25.0  # chaos: it even exceeds e²⁵, which a power of the time, as of slow motions, does not reach
+EXACT_REPEATS = 1e-12  # a cycle from which motions part repeats to this, if the run is on it
 
 
 def turns_of(n: int, angles) -> np.ndarray:
@@ -83,6 +85,9 @@ def lifetime(xp, points, ends: np.ndarray, turns, samples: int):
 def labels(points, angles, status, exponents, stderr, lengths) -> np.ndarray:
     """The attractor of each lane: "P{p}w{q}", "chaos", "aperiodic/slow", or the name of its status.
 
+    "P": the points repeat, and motions beside it do not part; or it repeats to rounding, for a run may start on a cycle
+    that repels. Else "chaos", if they part by more than e²⁵ over the run. "aperiodic/slow" is all that is left.
+
     Args:
         points: (…, samples, n) stroboscopic points, angles not wrapped.
         angles: components that are angles.
@@ -96,7 +101,9 @@ def labels(points, angles, status, exponents, stderr, lengths) -> np.ndarray:
     rows = rows[np.all(np.isfinite(rows), axis=1)]
     scale = _ranges(np, rows, turns) if len(rows) else np.ones_like(turns)
     p = at_rest(points, turns, scale, period(np, points, turns, scale, REPEATS))
-    chaotic = (exponents > CHAOS_ERRORS * stderr) & (exponents * lengths > CHAOS_GROWTH)
+    growth = np.where(exponents > GROWTH_ERRORS * stderr, exponents * lengths, 0.0)
+    exact = period(np, points, turns, scale, EXACT_REPEATS) > 0
+    p, chaotic = np.where((growth > NEUTRAL_GROWTH) & ~exact, 0, p), growth > CHAOS_GROWTH
     found = np.where(chaotic, "chaos", "aperiodic/slow").astype(object)
     for i in np.argwhere(p > 0):
         found[tuple(i)] = f"P{p[tuple(i)]}w{_winding(points[tuple(i)], int(p[tuple(i)]), angles)}"

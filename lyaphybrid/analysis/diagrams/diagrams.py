@@ -67,8 +67,11 @@ class BifurcationDiagram(Result):
         time: (values, starts) over which the exponents are means.
         status: (values, starts) codes; −1 for runs that were not started before Ctrl-C.
         points: (values, starts, samples, n) the last points, once a period; angles are not wrapped.
-        labels: (values, starts) "P3w1" (of period 3, one turn of the angles in it), "chaos", "aperiodic/slow" (or
-            slowly settling), or the name of the status.
+        labels: (values, starts) "P3w1" (of period 3, one turn of the angles in it): the points repeat to 1e-5 of their
+            range, and λ₁ is not positive by 5 standard errors (unless the run is on a cycle that repels: it repeats to
+            rounding). "chaos": λ₁ is positive by 5 standard errors, and λ₁ · time > 25. "aperiodic/slow": neither, as
+            of quasi-periodic motions, of those that still settle, and of chaos too weak for the run: a longer t1
+            decides. Or the name of the status.
         lifetimes: (values, starts) periods after which the motion came near the cycle on which it ended; nan where it
             did not end on one. None unless escape=True.
         angles: components that are angles.

@@ -9,8 +9,10 @@ from the left eigenvectors of the monodromy matrix: Zᵀ M = Zᵀ with Z·f = 1,
 inverted, so directions that a jump destroys are no obstacle.
 """
 
+import functools
+import warnings
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -19,7 +21,8 @@ import numpy as np
 
 from ... import plots
 from ..._arguments import State, integers, require, require_values, whole
-from ..._keywords import explains_keywords
+from ..._keywords import explains_keywords, user_level
+from ..._linalg.eigenrows import eigenrows
 from ..._text import Table
 from ...errors import RunFailedError
 from ...integrators import RungeKutta
@@ -29,50 +32,36 @@ from ...systems.daes.semi_linear import Constrained, fields_of
 from ...systems.hybrid import Hybrid
 from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow
-from ..trajectories import tangent_map, trajectory
+from ..trajectories import tangent_map
 from .periodic_orbits import Floquet, floquet
 from .periods import depends_on_time
+from .phase_readings import MovingOn, PhaseReader
 
 __all__ = ["PhaseResponse", "phase_response"]
 
 PHASES_SHOWN = 12  # rows of a table
-SETTLED = 1e-11  # size to which deviations from the cycle must decay before a phase is read off …
-MOST_TURNS = 400  # … within so many periods
-PHASE_CORRECTIONS = 20  # most corrections of the phase of a state
-DESTROYED = 1e-12  # a multiplier below this, relative to the monodromy matrix, is a destroyed direction
+SETTLED = 1e-7  # part to which what decays slowest shrinks before a phase is read off …
+MOST_TURNS = 20_000  # … within so many periods …
+LONGER_RETURNS = 4  # … and so many times these, where the motion took its time …
+NEAR_ENOUGH, BACK_ON_CYCLE = 1e-6, 1e-5  # … to come so near to the cycle, relative to its size; it must come so near
+NEUTRAL_RATE = 1e-9  # rates of a phase difference below this, relative to the interaction function, are errors of it
 FORCED = (
     "phase_response is of systems that do not depend on time: a forced motion has the phase of what forces it. "
     "lh.floquet gives its multipliers."
+)
+EVEN = (
+    "The interaction function is even: every phase difference stays as it is, to the first order of the coupling, and "
+    "none attracts. None is returned."
+)
+NO_EIGENVECTORS = (
+    "`isostables` are nan for multipliers of size {}: equal ones, as far as can be told, with fewer eigenvectors than "
+    "that (a Jordan block), so that motions decay like t·exp(κt) and there is no isostable coordinate for each. "
+    "`response` is not concerned."
 )
 FAMILY = (
     "This orbit is one of a family with a conserved quantity: a kick leads to a neighbour, not back, so that there is "
     "no phase response."
 )
-
-
-class _Cycle(NamedTuple):
-    """What moves, for runs from the cycle."""
-
-    system: Flow | Hybrid
-    args: Any
-    method: Method
-
-    def field(self, x, mode: int):
-        """The velocity (n,) at a state in a mode."""
-        fields = self.system.fields if isinstance(self.system, Hybrid) else (self.system.field,)
-        assert fields is not None, "it flows"
-        return fields[mode](jnp.zeros((), x.dtype), x, self.args)
-
-    def mode(self, index) -> int | None:
-        """The mode as runs take it."""
-        return int(index) if isinstance(self.system, Hybrid) else None
-
-    def moved(self, x, mode, length: float):
-        """State and mode after a length of time."""
-        if length <= 0:
-            return x, mode
-        run = trajectory(self.system, x, self.args, t1=length, n=1, mode=self.mode(mode), method=self.method)
-        return run.x[-1], int(run.mode[-1])
 
 
 class PhaseResponse(Result, eqx.Module):
@@ -84,7 +73,8 @@ class PhaseResponse(Result, eqx.Module):
         response: (phases, n) Z = ∂θ/∂x, by how much time the motion is ahead for good after a small kick, per unit of
             it; in a mode that is bound to a surface for kicks along the surface.
         multipliers: (m,) Floquet multipliers but that of the phase and those that are 0, the largest first.
-        isostables: (phases, n, m) I = ∂ψ/∂x, complex, scaled by I·v = 1 at x[0] with the eigenvector v, |v| = 1.
+        isostables: (phases, n, m) I = ∂ψ/∂x, complex, scaled by I·v = 1 at x[0] with the eigenvector v, |v| = 1; of
+            equal multipliers for a basis of their eigenspace, nan if it has fewer dimensions (a Jordan block).
         orbit: the `Floquet` orbit.
 
     Example:
@@ -105,7 +95,7 @@ class PhaseResponse(Result, eqx.Module):
     multipliers: np.ndarray
     orbit: Floquet
     state_labels: Labels = eqx.field(static=True)
-    _cycle: _Cycle = eqx.field(static=True)
+    _cycle: MovingOn = eqx.field(static=True)
 
     @property
     def period(self) -> float:
@@ -123,7 +113,8 @@ class PhaseResponse(Result, eqx.Module):
 
         Returns:
             (phases,) times in (−T/2, T/2], for phases are equal modulo T: a delay by 0.9 T is ahead by 0.1 T. nan where
-            the motion does not come back to the cycle.
+            the motion has not come back to the cycle after four times the periods in which the multipliers let a kick
+            decay to 1e-7 (at most 80 000).
 
         Raises:
             ValueError: on another shape, or on indices that are none.
@@ -134,38 +125,24 @@ class PhaseResponse(Result, eqx.Module):
         m = len(phases)
         require(kicks.shape in ((d,), (m, d)), f"kick must have shape ({d},) or ({m}, {d}); got {kicks.shape}.")
         kicks = np.broadcast_to(kicks, (m, d))
-        return np.array([self._ahead_after(k, one) for k, one in zip(phases, kicks, strict=True)])
+        reader = PhaseReader.of(self._cycle, self.period, self.x, self.mode, self.response)
+        return np.array([self._ahead_after(reader, k, one) for k, one in zip(phases, kicks, strict=True)])
 
-    def _ahead_after(self, k: int, kick) -> float:
+    def _ahead_after(self, reader: PhaseReader, k: int, kick) -> float:
         slowest = float(np.max(np.abs(self.multipliers), initial=0.0))
-        wanted = 1 if slowest < SETTLED else int(np.ceil(np.log(SETTLED) / np.log(min(slowest, 1 - 1e-9))))
+        wanted = 1.0 if slowest < SETTLED else np.log(SETTLED) / np.log(min(slowest, 1 - 1e-9))
+        turns = max(2, min(MOST_TURNS, int(np.ceil(wanted)))) * self.period
+        y, mode, phase, distance = self.x[k] + kick, self.mode[k], np.nan, np.inf
         try:
-            turns = max(2, min(MOST_TURNS, wanted)) * self.period
-            y, mode = self._cycle.moved(jnp.asarray(self.x[k] + kick), self.mode[k], turns)
-            ahead = self._phase_of(np.asarray(y), mode) - self.t[k]
+            for _ in range(LONGER_RETURNS):
+                y, mode = self._cycle.moved(y, mode, turns)
+                phase, distance = reader.read(y, mode)
+                if distance <= NEAR_ENOUGH:
+                    break
         except RunFailedError:
             return np.nan
+        ahead = phase - self.t[k] if distance <= BACK_ON_CYCLE else np.nan
         return (ahead + self.period / 2) % self.period - self.period / 2
-
-    def _phase_of(self, y, mode: int) -> float:
-        """The phase of a state on the cycle; nan of one that is not."""
-        step, scale = self.period / len(self.t), 1e-12 + np.ptp(self.x, axis=0)
-        far = np.max(np.abs((self.x - y) / scale), axis=1) + np.where(self.mode == mode, 0.0, np.inf)
-        j = int(np.argmin(far))
-        row, point, own = self.response[j], self.x[j], int(self.mode[j])
-        more = float(row @ (y - point) / (row @ np.asarray(self._cycle.field(jnp.asarray(point), own))))
-        later = min(more, step)
-        if more < 0:  # from the sample before: there may be a jump between the two
-            j, later = j - 1, max(0.0, step + more)
-        for _ in range(PHASE_CORRECTIONS):  # Newton's method for Z·(y − γ(s)) = 0
-            point, own = self._cycle.moved(jnp.asarray(self.x[j]), self.mode[j], later)
-            rate = row @ np.asarray(self._cycle.field(jnp.asarray(point), own))
-            point = np.asarray(point)
-            more = float(row @ (y - point) / rate)
-            later = float(np.clip(later + more, 0.0, 2 * step))
-            if abs(more) < 1e-14 * self.period:
-                break
-        return self.t[j] + later if np.max(np.abs((y - point) / scale)) < 1e-5 else np.nan
 
     def interaction(self, coupling: Callable) -> np.ndarray:
         """(phases,) the interaction function Γ(Δ) = ⟨Z(s) · G(x(s), x(s + Δ))⟩ at Δ = `t`.
@@ -185,7 +162,8 @@ class PhaseResponse(Result, eqx.Module):
     def locked(self, coupling: Callable) -> list[tuple[float, bool]]:
         """Phase differences at which two such oscillators, each coupled to the other, stay; with whether each attracts.
 
-        The zeros of Γ(−Δ) − Γ(Δ), by linear interpolation, 0 ≤ Δ < T.
+        The zeros of Γ(−Δ) − Γ(Δ), by linear interpolation, 0 ≤ Δ < T. Where this is 0 for all Δ, to a billionth of the
+        largest |Γ|, every difference stays, to this order, and none attracts: none is returned, with a warning.
 
         Args:
             coupling: as for `interaction`.
@@ -193,7 +171,10 @@ class PhaseResponse(Result, eqx.Module):
         of = self.interaction(coupling)
         rate = np.roll(of[::-1], 1) - of  # of Δ
         after, step, found = np.roll(rate, -1), self.period / len(rate), []
-        tiny = 1e-12 * np.max(np.abs(rate), initial=1e-300)
+        tiny = NEUTRAL_RATE * np.max(np.abs(of))
+        if np.all(np.abs(rate) <= tiny):
+            warnings.warn(EVEN, stacklevel=user_level())
+            return []
         for k, (one, other) in enumerate(zip(rate, after, strict=True)):
             if abs(one) <= tiny:
                 found.append((float(self.t[k]), bool(other < 0)))
@@ -211,6 +192,8 @@ class PhaseResponse(Result, eqx.Module):
         rows = [(f"{self.t[i]:.6g}", *(f"{value:.6g}" for value in (*self.x[i], *self.response[i]))) for i in chosen]
         sizes = ", ".join(f"{abs(mu):.6g}" for mu in self.multipliers) or "none"
         notes = [f"other multipliers, their sizes: {sizes}"]
+        if np.any(np.isnan(self.isostables)):
+            notes.append("some isostable responses are nan: equal multipliers with too few eigenvectors")
         heads = ("phase", *names, *(f"∂θ/∂{name}" for name in names))
         return Table(f"Phase response of a cycle of period {self.period:.9g}, in units of time", rows, notes, heads)
 
@@ -288,7 +271,7 @@ def phase_response(
     method = RungeKutta(rtol=1e-12, atol=1e-14) if method is None else method
     orbit = floquet(system, x0, args, mode=mode, method=method, transient=transient, segments=segments)
     require(not orbit.family, FAMILY)
-    cycle, (_, x, index) = _Cycle(system, args, method), orbit.base
+    cycle, (_, x, index) = MovingOn(system, args, method), orbit.base
     step, points, modes, maps = orbit.period / phases, [x], [index], []
     for _ in range(phases):
         piece = tangent_map(system, points[-1], args, t1=step, mode=cycle.mode(modes[-1]), method=method)
@@ -296,29 +279,22 @@ def phase_response(
         modes.append(int(piece.mode))
         maps.append(np.asarray(piece.matrix))
     velocities = [np.asarray(cycle.field(point, mode)) for point, mode in zip(points[:-1], modes[:-1], strict=True)]
-    found = _responses(maps, velocities, orbit.period)
+    found = _responses(maps, velocities)
+    missing = np.any(np.isnan(found[1]), axis=(0, 1))
+    if np.any(missing):
+        sizes = ", ".join(f"{abs(mu):.6g}" for mu in found[2][missing])
+        warnings.warn(NO_EIGENVECTORS.format(sizes), stacklevel=user_level())
     return PhaseResponse(
         step * np.arange(phases), np.array(points[:-1]), np.array(modes[:-1], np.int32), *found, orbit,
         labels_of(system, (len(x),)), cycle,
     )  # fmt: skip
 
 
-def _responses(maps: list[np.ndarray], velocities: list[np.ndarray], period: float):
+def _responses(maps: list[np.ndarray], velocities: list[np.ndarray]):
     """Z (phases, n), I (phases, n, m) and the multipliers (m,) from the tangent maps of pieces and the velocities."""
-    monodromy = np.linalg.multi_dot(maps[::-1]) if len(maps) > 1 else maps[0]
-    values, left = np.linalg.eig(monodromy.T)
-    own = int(np.argmin(np.abs(values - 1)))
-    kept = [
-        i for i in np.argsort(-np.abs(values)) if i != own and abs(values[i]) > DESTROYED * np.linalg.norm(monodromy)
-    ]
-    right_values, right = np.linalg.eig(monodromy)
-    phase, isostables = np.real(left[:, own]), []
-    for i in kept:
-        vector = right[:, np.argmin(np.abs(right_values - values[i]))]
-        vector = vector / np.linalg.norm(vector)
-        isostables.append(left[:, i] / (left[:, i] @ vector))
-    rates = np.log(values[kept].astype(complex)) / period
-    rows, decays = np.array(isostables, complex).reshape(len(kept), len(phase)), np.exp(-rates * period / len(maps))
+    monodromy = functools.reduce(lambda product, matrix: matrix @ product, maps)
+    phase, values, rows = eigenrows(monodromy)
+    decays = np.exp(-np.log(values.astype(complex)) / len(maps))
     phases, others = [], []
     for matrix, velocity in zip(maps[::-1], velocities[::-1], strict=True):
         phase = phase @ matrix
@@ -326,4 +302,4 @@ def _responses(maps: list[np.ndarray], velocities: list[np.ndarray], period: flo
         rows = (rows @ matrix) * decays[:, None]
         phases.append(phase)
         others.append(rows.T)
-    return np.array(phases[::-1]), np.array(others[::-1]), values[kept]
+    return np.array(phases[::-1]), np.array(others[::-1]), values

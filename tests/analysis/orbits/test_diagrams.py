@@ -330,6 +330,32 @@ def test_labels():
     assert labelled(-2 * np.pi * 5 / 3 * steps) == "aperiodic/slow"
 
 
+def test_narrow_bands_of_chaos_are_not_periodic():
+    """Points that nearly repeat while motions part; a run on a cycle that repels repeats to rounding."""
+    bands = np.cos(np.pi * np.arange(64.0))[:, None] + 1e-6 * np.random.default_rng(0).uniform(size=(64, 1))
+    assert labelled(bands) == labelled(bands, 1e-5, error=1e-7) == "P2w0"  # the growth is e^0.01
+    assert labelled(bands, 0.002, error=0.0005) == "P2w0"
+    assert labelled(bands, 0.002, error=0.0003) == "aperiodic/slow"
+    assert labelled(bands, 0.05, error=0.001) == "chaos"
+    assert labelled(np.cos(np.pi * np.arange(64.0))[:, None], 0.05, error=0.001) == "P2w0"
+
+
+def test_the_current_of_a_converter_whose_map_expands():
+    """Peak-current control: i + (24 − V)/2, or 5 − (1 − t) V/2 after t = 2 (5 − i)/(24 − V) < 1. The slope is 1 or
+    −V/(24 − V): no cycle attracts for V > 12, and bands are narrow just above."""
+
+    def current(n, i, args):
+        up = (24.0 - args["V"]) / 2
+        return jnp.where(5.0 - i >= up, i + up, 5.0 - args["V"] / 2 * (1 - (5.0 - i) / up))
+
+    over = {"V": [9.0, 11.9, 12.02, 12.05, 12.1, 13.0]}
+    found = lh.bifurcation_diagram(lh.Map(current), [[3.0], [4.9]], {"V": 9.0}, over=over)
+    assert found.attractors()[:2] == ["P1w0:4", "P1w0:4"]
+    np.testing.assert_allclose(found.exponents[:2, 0, 0], np.log([9 / 15, 11.9 / 12.1]), rtol=1e-6)
+    assert not any(label.startswith("P") for label in found.labels[2:].flat), found.labels
+    assert np.all(found.labels[5] == "chaos")
+
+
 def test_lifetimes():
     wild = np.random.default_rng(0).uniform(-1, 1, (100, 1))
     cycle = 0.5 * np.cos(np.pi * np.arange(200.0))[:, None]

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.integrate
 from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
@@ -138,7 +139,7 @@ def test_small_kicks_of_whole_motions_agree(name):
         for i in range(d):
             unit = np.zeros(d)
             unit[i] = size[i]
-            one, two = (found._ahead_after(k, m * unit) - found._ahead_after(k, -m * unit) for m in (1, 2))
+            one, two = (found.finite(m * unit, at=[k])[0] - found.finite(-m * unit, at=[k])[0] for m in (1, 2))
             slope = (8 * one - two) / (12 * size[i])
             scale = np.max(np.abs(found.response[:, i]))
             assert abs(slope - found.response[k, i]) < 1e-8 * scale, (name, k, i, slope, found.response[k, i])
@@ -169,6 +170,96 @@ def test_two_weakly_coupled_oscillators_lock_where_predicted():
     apart = (last[0] - last[1]) % found.period  # the second is ahead by this
     near = [abs((apart - one + found.period / 2) % found.period - found.period / 2) for one in attracting]
     assert min(near) < 0.02 * found.period, (apart, states)
+
+
+def sheared(t, x, a):
+    """r' = a r (1 − r²), φ' = 2 r²: the phase is (φ + 2/a ln r) / 2."""
+    r2 = x @ x
+    return jnp.stack([a * (1 - r2) * x[0] - 2 * r2 * x[1], 2 * r2 * x[0] + a * (1 - r2) * x[1]])
+
+
+@pytest.mark.slow_cases("0.3-50", "0.01-50")
+@pytest.mark.parametrize(("a", "phases"), [(0.3, 4), (0.3, 50), (0.01, 50), (0.003, 8)])
+def test_finite_kicks_under_strong_shear_and_slow_decay(a, phases):
+    """In closed form: few phases, and multipliers up to exp(−2π a) = 0.98, which need 850 turns."""
+    found = lh.phase_response(lh.Flow(sheared), [1.0001, 0.0], a, phases=phases)
+    phase = lambda x: (np.arctan2(x[:, 1], x[:, 0]) + 2 / a * np.log(np.hypot(*x.T))) / 2  # noqa: E731
+    kick = np.array([0.05, 0.0])
+    apart = found.finite(kick) - (phase(found.x + kick) - phase(found.x))
+    assert_allclose(apart - np.pi * np.round(apart / np.pi), 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("mu", [3.0, pytest.param(20.0, marks=pytest.mark.slow)])
+def test_finite_kicks_of_a_relaxation_oscillation(mu):
+    """Against the instants at which another integrator lets the kicked motion cross x = 0, six periods later."""
+    system = lh.Flow(lambda t, x, mu: jnp.stack([x[1], mu * (1 - x[0] ** 2) * x[1] - x[0]]))
+    found = lh.phase_response(system, [2.0, 0.0], mu, transient=60.0)
+    upwards = lambda t, y: y[0]  # noqa: E731
+    upwards.direction = 1
+
+    def crossing(x):
+        field = lambda t, y: [y[1], mu * (1 - y[0] ** 2) * y[1] - y[0]]  # noqa: E731
+        how = {"method": "DOP853" if mu < 9 else "LSODA", "rtol": 1e-11, "atol": 1e-13, "events": upwards}
+        return scipy.integrate.solve_ivp(field, (0, 6 * found.period), x, **how).t_events[0][-1]
+
+    at, kick = range(0, 200, 25), np.array([0.1, 0.0])
+    ahead = found.finite(kick, at=at)
+    apart = ahead - [crossing(found.x[i]) - crossing(found.x[i] + kick) for i in at]
+    assert_allclose(apart - found.period * np.round(apart / found.period), 0.0, atol=1e-8)
+
+
+def test_an_even_interaction_function_locks_nowhere():
+    clock_twice = lh.Flow(lambda t, x, a: x * (1 - x @ x) + 2 * jnp.stack([-x[1], x[0]]))
+    found = lh.phase_response(clock_twice, [1.0, 0.1], phases=100)
+    turned = lambda x, y, args: jnp.stack([-y[1], y[0]])  # noqa: E731
+    assert_allclose(found.interaction(turned), np.cos(2 * found.t) / 2, atol=1e-13)
+    with pytest.warns(UserWarning, match="interaction function is even"):
+        assert found.locked(turned) == []
+    # A small odd part beside a large even one counts: 1e-3 (y − x) has the Γ of 5e-4 sin 2Δ, and attracts at 0.
+    both = lambda x, y, args: turned(x, y, args) + 1e-3 * (y - x)  # noqa: E731
+    assert_allclose(found.locked(both), [(0.0, True), (found.period / 2, False)], atol=1e-9)
+
+
+def filters(a):
+    """The clock at twice its speed with two equal filters behind it, x3' = −x3/2 + a x4 + x/10, x4' = −x4/2 + y/5."""
+
+    def field(t, x, args):
+        own = x[:2] * (1 - x[:2] @ x[:2]) + 2 * jnp.stack([-x[1], x[0]])
+        return jnp.concatenate([own, jnp.stack([-x[2] / 2 + a * x[3] + x[0] / 10, -x[3] / 2 + x[1] / 5])])
+
+    return lh.phase_response(lh.Flow(field), [1.0, 0.0, 0.1, 0.1], phases=8, transient=5.0)
+
+
+def test_equal_multipliers_have_isostables_of_a_basis():
+    """ψ of the filters are their distances from what they show on the cycle, in closed form."""
+    found = filters(0.0)
+    assert_allclose(found.multipliers, np.exp(-np.pi * np.array([0.5, 0.5, 2.0])), rtol=1e-8)
+    rows = found.isostables[:, :, :2]
+    mixed = rows[:, 2:]  # (phases, 2, 2): orthogonal, the same at all phases
+    assert_allclose(mixed, np.broadcast_to(mixed[0], mixed.shape), atol=1e-8)
+    velocities = np.array([found._cycle.field(jnp.asarray(x), 0) for x in found.x])
+    assert_allclose(np.einsum("kdm,kd->km", rows, velocities), 0.0, atol=1e-9)
+    # ψ3 = x3 − Re(c e^{iφ}) with the angle φ and c = 0.1 / (1/2 + 2i).
+    own = np.linalg.solve(mixed[0].T, rows[0].T)  # rows of ψ3 and ψ4
+    circle = found.x[0, 0] + 1j * found.x[0, 1]
+    tangent = np.array([-found.x[0, 1], found.x[0, 0]])
+    c = np.array([0.1, -0.2j]) / (0.5 + 2j)
+    assert_allclose(own[:, :2] @ tangent, -np.real(1j * c * circle), atol=1e-8)
+    assert_allclose(own[:, 2:], np.eye(2), atol=1e-8)
+
+
+@pytest.mark.parametrize("a", [1e-6, 1.0])
+def test_a_jordan_block_has_no_isostables(a):
+    with pytest.warns(UserWarning, match=r"nan for multipliers of size 0.20788, 0.20788: .*Jordan block"):
+        found = filters(a)
+    assert np.all(np.isnan(found.isostables[:, :, :2]))
+    assert np.all(np.isfinite(found.isostables[:, :, 2]))
+    assert "isostable responses are nan" in str(found)
+
+
+def test_a_thousand_phases_in_closed_form():
+    found = lh.phase_response(LEAKY, [0.5], 1.7, phases=1000)
+    assert_allclose(found.response, 1 / (1.7 - found.x), rtol=1e-10)
 
 
 def test_the_derivative_of_the_period_by_a_parameter():
