@@ -21,7 +21,7 @@ SAME_CYCLE = 1e-5  # distance up to which two cycles are one
 CYCLE_RADIUS = 1e-3  # of the points of a cycle, relative to the ranges
 RADIUS_DISTANCES = 4.0  # the radius of other attractors, in distances of one half of its points from the other …
 DISTANCES_QUANTILE = 0.98  # … of this quantile, …
-FARTHEST = 2.0  # … or in the greatest
+MOST_DISTANCES = 2.0  # … or in the greatest
 AS_NEAR = 0.9  # points are as near as others if half of them are nearer than this part of the others
 LEAST_DRIFT = 1e-4  # distance below which a run has not drifted
 SHRINKING, ROUNDING_EXTENT = 1.5, 1e-9  # a run drifts that shrinks or grows by this factor; extents that are none
@@ -222,6 +222,6 @@ def _with_radii(attractors: list[Attractor], metric: Metric) -> list[Attractor]:
         else:
             between = _between_halves(metric.placed(one.points, one.modes))
             most = RADIUS_DISTANCES * float(np.quantile(between, DISTANCES_QUANTILE))
-            radius = max(CYCLE_RADIUS, most, FARTHEST * float(np.max(between)))
+            radius = max(CYCLE_RADIUS, most, MOST_DISTANCES * float(np.max(between)))
         fitted.append(one._replace(radius=float(radius)))
     return fitted
