@@ -93,6 +93,8 @@ def test_a_turning_pendulum_is_an_attractor_beside_rest():
     assert sorted(one.period for one in found.attractors) == [0, 1]
     turning = next(one for one in found.attractors if not one.period)
     assert np.min(turning.points[:, 1]) > 0.5
+    for one in found.attractors:  # angles are those of one turn
+        assert np.all((one.points[:, 0] > -np.pi) & (one.points[:, 0] <= np.pi))
 
 
 def test_runs_that_end_otherwise_are_classes_of_their_own():
@@ -111,6 +113,81 @@ def test_slow_motions_are_undecided_and_later_found():
     found = lh.basins(slow, [[-1.0], [1.0]], shape=(32,), t1=100.0)
     assert found.names == ("attractor 0",)
     assert found.shares.tolist() == [1.0]
+
+
+@pytest.mark.parametrize("e", [0.1, 0.01])
+def test_two_cycles_near_each_other(e):
+    """r' = −(r − 1)(r − 1 − e/2)(r − 1 − e)/e²: starts within 1 + e/2 go to 1, all others to 1 + e."""
+
+    def field(t, x, e):
+        r = jnp.hypot(x[0], x[1])
+        return -(r - 1) * (r - 1 - e / 2) * (r - 1 - e) / e**2 / r * x + jnp.stack([-x[1], x[0]])
+
+    found = lh.basins(lh.Flow(field), [[-2.0, -2.0], [2.0, 2.0]], e, shape=(20, 20), t1=100.0)
+    radii = [np.hypot(*one.points.T) for one in found.attractors]
+    assert_allclose(sorted(np.mean(one) for one in radii), [1.0, 1 + e], atol=1e-6)
+    inner = int(np.argmin([np.mean(one) for one in radii]))
+    assert np.array_equal(found.labels.ravel() == inner, np.hypot(*found.starts.T) < 1 + e / 2)
+
+
+def test_a_cycle_whose_period_is_the_time_between_samples():
+    clock = lh.Flow(lambda t, x, a: x * (1 - x @ x) + 2 * np.pi * jnp.stack([-x[1], x[0]]))
+    found = lh.basins(clock, [[-2.0, -2.0], [2.0, 2.0]], shape=(10, 10), t1=64.0)
+    assert found.names == ("attractor 0",)
+    assert found.attractors[0].period == 0
+    angles = np.sort(np.arctan2(*found.attractors[0].points.T))
+    assert np.max(np.diff(angles)) < 0.1  # it is seen all round
+
+
+def test_two_equilibria_near_each_other():
+    cubic = lh.Flow(lambda t, x, d: -x * (x - d) * (x - 2 * d) / d**2)
+    found = lh.basins(cubic, [[-1.0], [1.0]], 1e-4, shape=(50,), t1=60.0)
+    assert found.shares.tolist() == [0.5, 0.5]
+    assert_allclose(sorted(float(one.points[0, 0]) for one in found.attractors), [0.0, 2e-4], atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("system", "box", "args", "shape", "t1"),
+    [
+        (lambda t, x, a: jnp.stack([x[1], x[0] - x[0] ** 3 - a * x[1]]), [[-2.0, -2.0], [2.0, 2.0]], 1e-3, (8, 8), 200),
+        (lambda t, x, a: jnp.stack([x[1], x[0] - x[0] ** 3 - a * x[1]]), [[-2.0, -2.0], [2.0, 2.0]], 1e-2, (8, 8), 100),
+        (lambda t, x, a: -(x**3), [[-1.0], [1.0]], None, (20,), 100),
+    ],
+    ids=["hardly damped", "weakly damped", "algebraic"],
+)
+def test_what_has_not_settled_is_undecided(system, box, args, shape, t1):
+    """The motions are on their way to the bottom of a well, and draw rings; or to 0 like 1/√t."""
+    found = lh.basins(lh.Flow(system), box, args, shape=shape, t1=float(t1))
+    assert found.names == ("undecided",)
+
+
+def test_a_doubling_at_its_point_is_undecided():
+    """At r = 3 motions of the logistic map settle like 1/√n, on both sides in turn."""
+    logistic = lh.Map(lambda n, x, r: r * x * (1 - x))
+    assert lh.basins(logistic, [[0.01], [0.99]], 3.0, shape=(50,), t1=200).names == ("undecided",)
+
+
+def test_chaos_in_four_bands_is_one_attractor():
+    """The current of a converter, slopes 1 and −13/11."""
+
+    def current(n, i, args):
+        return jnp.where(5.0 - i >= 5.5, i + 5.5, 5.0 - 6.5 * (1 - (5.0 - i) / 5.5))
+
+    found = lh.basins(lh.Map(current), [[2.0], [4.9]], shape=(40,), t1=100)
+    assert found.names == ("attractor 0",)
+    assert found.attractors[0].period == 0
+
+
+def test_starts_on_a_smaller_torus_stay_there():
+    """Two clocks side by side; where one stands at its centre there are cycles, and a point where both do."""
+
+    def clocks(t, x, a):
+        turned = jnp.stack([-x[1], x[0], -a * x[3], a * x[2]])
+        sizes = jnp.stack([x[0] ** 2 + x[1] ** 2, x[2] ** 2 + x[3] ** 2])
+        return x * (1 - jnp.repeat(sizes, 2, total_repeat_length=4)) + turned
+
+    found = lh.basins(lh.Flow(clocks), [[-2.0] * 4, [2.0] * 4], 2**0.5, shape=(3, 3, 3, 3), t1=60.0)
+    assert sorted(np.round(found.shares * 81).astype(int)) == [1, 8, 8, 64]
 
 
 def test_entropies_of_boxes_in_closed_form():

@@ -21,6 +21,7 @@ from ...statuses import OK, STATUS
 from ...systems.daes.semi_linear import DAE
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
+from ...systems.kinds import iterates
 from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
 from ..grids import box_of, grid_of
@@ -45,7 +46,8 @@ class Basins(Result, eqx.Module):
     Attributes:
         labels: index of the class of each start, in the shape of the grid, or (m,).
         names: of the classes: "attractor 0", … in the order of `attractors`, then names of statuses, then "undecided".
-        attractors: their points (p, n), modes (p,), and period in samples, 0 where points do not repeat.
+        attractors: their points (p, n), angles in (−π, π], modes (p,), and period in samples, 0 where points do not
+            repeat. Two that are nearer than 1e-5 of the extents are one.
         shares: (classes,) parts of the starts; stderr: (classes,) of independent starts √(p (1 − p) / m).
         starts: (m, n), as rows in the order of the labels.
         axes: the varied components and their values, of a grid; empty for random starts.
@@ -156,9 +158,10 @@ def basins(
     """Which attractor each start leads to.
 
     Some runs from among the starts, followed for long, show the attractors: cycles, whose samples repeat, and sets of
-    points, for tori and chaos. Each start is then run for t1, and belongs to the attractor at which its last samples
-    are. Runs that have not arrived go on for four times as long; they may show attractors that were not seen before.
-    Runs that end otherwise (escape, accumulation, deadlock) are classes of their own, by their status.
+    points, for tori and chaos. Runs that still drift show none. Each start is then run for t1, and belongs to the
+    attractor at which its last samples are, if none other is about as near. Runs that have not arrived go on for four
+    times as long; they may show attractors that were not seen before. What has not settled even then is "undecided": a
+    longer t1 decides. Runs that end otherwise (escape, accumulation, deadlock) are classes of their own, by status.
 
     Args:
         system: an `lh.Flow`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
@@ -169,7 +172,7 @@ def basins(
         starts: number of random starts instead, drawn with `key`: shares then have standard errors.
         key: a `jax.random.key`, for `starts`.
         period: of the forcing: samples are one period apart, and t1 is made a multiple of it. None: for a map one
-            iteration, for any other system t1/64.
+            iteration, for any other system t1/64, and at random times in runs that show attractors.
         angles: components modulo 2π.
         t0: time at the start.
         mode: mode at the start, where there are several and the system does not determine it.
@@ -236,7 +239,8 @@ class BasinRun(NamedTuple):
         grid, axes = _starts(corners, *starts)
         problem, first, _, mode = preparation.prepare(system, grid[0], args, t0, method, mode)
         gap, transient = gap_and_transient(system, t1, period)
-        sampling = Sampling(system, problem.args, method, gap, max_steps, first.dtype)
+        free = period is None and not iterates(system)
+        sampling = Sampling(system, problem.args, method, gap, max_steps, first.dtype, free)
         return cls(sampling, grid, axes, float(t0), mode, transient, angles, labels_of(system, problem.shape))
 
     def kept(self, checkpoint: Any, resume: bool) -> AbstractContextManager[KeptSteps]:
@@ -250,7 +254,8 @@ class BasinRun(NamedTuple):
         """The basins, step by step."""
 
         def run(rows, times: int, samples: int, report=None) -> Sampled:
-            seen = self.sampling(rows, self.t0, self.mode, times * self.transient, samples, report)
+            length, spread = times * self.transient, samples > LAST_SAMPLES
+            seen = self.sampling(rows, self.t0, self.mode, length, samples, report, spread)
             steps.interrupted |= bool(np.any(seen.status == STATUS.interrupted))
             return seen
 

@@ -36,16 +36,15 @@ class _Lane(eqx.Module):
     """One start: (shared, start) -> its last points, modes and status."""
 
     transient: float = eqx.field(static=True)
-    gap: float = eqx.field(static=True)
-    samples: int = eqx.field(static=True)
+    times: tuple[float, ...] = eqx.field(static=True)  # of the samples, after the transient
     max_steps: int = eqx.field(static=True)
 
     def __call__(self, shared, x):
         system, args, method, mode, t0 = shared
+        times = np.array(self.times)
         run = follow(
-            None, problems.point, system, x, args, k=0, t1=self.gap * self.samples, t0=t0, transient=self.transient,
-            times=None, blocks=self.samples, mode=mode, frame=None, method=method, max_steps=self.max_steps,
-            progress=None,
+            None, problems.point, system, x, args, k=0, t1=self.times[-1], t0=t0, transient=self.transient, times=times,
+            blocks=len(times), mode=mode, frame=None, method=method, max_steps=self.max_steps, progress=None,
         )  # fmt: skip
         _, points, modes, _ = run.collected
         return points, modes, run.status
@@ -53,7 +52,10 @@ class _Lane(eqx.Module):
 
 @dataclasses.dataclass(frozen=True)
 class Sampling:
-    """How starts are run: samples `gap` apart, at most `max_steps` attempts in a run, in the precision `dtype`."""
+    """How starts are run: samples `gap` apart, at most `max_steps` attempts in a run, in the precision `dtype`.
+
+    `free`: samples may be taken at any times, for the motion is not forced, as far as is known.
+    """
 
     system: Any
     args: Any
@@ -61,16 +63,23 @@ class Sampling:
     gap: float
     max_steps: int
     dtype: Any
+    free: bool = False
 
-    def __call__(self, rows, t, mode, transient: float, samples: int, report=None) -> Sampled:
-        """Run from the starts (m, n) at the time t and in a mode; after Ctrl-C some are `STATUS.interrupted`."""
-        lane, shared = self.lane(transient, samples), self.shared(t, mode)
+    def __call__(self, rows, t, mode, transient: float, samples: int, report=None, spread: bool = False) -> Sampled:
+        """Run from the starts (m, n) at the time t and in a mode; after Ctrl-C some are `STATUS.interrupted`.
+
+        `spread`: at random times, if they are free, so that a cycle is seen all round: equal gaps may be its period.
+        """
+        lane, shared = self.lane(transient, samples, spread and self.free), self.shared(t, mode)
         (points, modes, status), done = map_lanes(lane, shared, np.asarray(rows, self.dtype), progress=report)
         return Sampled(points, modes, np.where(done, status, np.int32(STATUS.interrupted)))
 
-    def lane(self, transient: float, samples: int) -> _Lane:
+    def lane(self, transient: float, samples: int, spread: bool = False) -> _Lane:
         """The run of one start."""
-        return _Lane(float(transient), self.gap, samples, self.max_steps)
+        parts = np.arange(1.0, samples + 1)
+        if spread:
+            parts[:-1] -= np.random.default_rng(2).uniform(0.0, 1.0, samples - 1)
+        return _Lane(float(transient), tuple((self.gap * parts).tolist()), self.max_steps)
 
     def shared(self, t, mode):
         """What all starts share."""
