@@ -19,6 +19,7 @@ from ..._arguments import Real, State, flag, positive, real, require, require_on
 from ..._jax.precision import digits
 from ..._jax.tracing import as_jax
 from ..._keywords import explains_keywords
+from ..._linalg.products import in_units
 from ..._text import Table
 from ...engine import preparation, problems
 from ...errors import LyaphybridError, NoPeriodicOrbitError, RunFailedError
@@ -33,10 +34,12 @@ from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
 from .families import energy_moved, family_of
 from .invariants import conserved_of, require_conserved
+from .motions import Motion, Node, sized
 from .multipliers import matrices_of, multipliers_of, stability_of
 from .periods import check_period, depends_on_time
 from .points import at_start, nearest
-from .shooting import Motion, Node, OrbitIterate, close_return, newton, placed
+from .returns import close_return
+from .shooting import OrbitIterate, newton, placed
 from .sides import BEYOND_GUARD, beyond_a_guard
 from .symmetries import symmetry_of
 
@@ -246,7 +249,8 @@ def floquet(
     whole("max_iterations", max_iterations, least=1)
     require_values("floquet", x0, args, t0)
     discrete = isinstance(system, Map)
-    if method is None and not discrete and not isinstance(system, EventDriven):
+    is_default = method is None
+    if is_default and not discrete and not isinstance(system, EventDriven):
         constrained = any(isinstance(field, Constrained) for field in fields_of(system))
         method = HalfExplicit(rtol=1e-12, tableau="dopri8") if constrained else RungeKutta(rtol=1e-12, atol=1e-14)
     problem, start, time, index = preparation.prepare(system, x0, args, t0, method, mode)
@@ -261,7 +265,7 @@ def floquet(
     few = not discrete or transient <= MOST_ITERATES
     require(few, f"transient must be at most {MOST_ITERATES:g} iterations; got {transient!r}.")
     try:
-        found = _orbit_near(flow, point, period, transient, segments, max_iterations, throw, conserve)
+        found = _orbit_near(flow, point, period, transient, segments, max_iterations, throw, conserve, is_default)
         return dataclasses.replace(found, state_labels=labels_of(system, problem.shape))
     except LyaphybridError as failed:
         if failed.result is None:
@@ -272,7 +276,7 @@ def floquet(
 
 
 def _orbit_near(
-    flow: Motion, point: Node, period, transient, segments: int, max_iterations: int, throw: bool, conserve
+    flow: Motion, point: Node, period, transient, segments: int, max_iterations: int, throw: bool, conserve, is_default
 ) -> Floquet:
     """The orbit near a point."""
     start = point.x
@@ -283,16 +287,18 @@ def _orbit_near(
     autonomous = period is None
     given = point
     point, guess = close_return(flow, point) if period is None else (point, float(np.asarray(period)))
+    trial = flow.piece(point, guess)
     if flow.conserved is not None:
-        require_conserved(flow, flow.piece(point, guess))
+        require_conserved(flow, trial)
+    flow = sized(flow, trial, is_default)
     orbit = newton(flow, placed(flow, point, guess, segments), guess, autonomous, max_iterations)
     base = orbit.nodes[0]
     if autonomous:
-        end = nearest(flow, base, orbit.period, start)
+        end = nearest(flow, base, orbit.period, start, orbit.extents)
     else:
-        end = at_start(flow, base, given, guess, orbit.shift)
+        end = at_start(flow, orbit, given, guess)
     result = floquet_of(flow, orbit, end, autonomous, family_of(flow, orbit, autonomous))
-    if result.family and conserve is None and energy_moved(flow, given, end):
+    if result.family and conserve is None and energy_moved(flow, given, end, orbit.sizes):
         result = dataclasses.replace(result, notes=result.notes | {"moved"})
     if throw and result.status.failed:
         raise NoPeriodicOrbitError(_failure(flow, orbit, result), result)
@@ -352,7 +358,7 @@ def _rests(flow: Motion, orbit: OrbitIterate) -> bool:
     if flow.symmetry is None or not flow.symmetry.freedom:
         return False
     base = orbit.nodes[0]
-    velocity, along = flow.velocity(base), flow.symmetry.image(base.x).by_shift
+    velocity, along = flow.velocity(base) / orbit.units, flow.symmetry.image(base.x).by_shift / orbit.units[:, None]
     across = velocity - along @ np.linalg.lstsq(along, velocity)[0]
     return bool(np.linalg.norm(across) <= digits(FLOW_DIRECTION_KEPT, base.x) * np.linalg.norm(velocity))
 
@@ -366,15 +372,20 @@ def _repeats(flow: Motion, orbit: OrbitIterate) -> bool:
         again = flow.piece(orbit.goal._replace(t=start.t), orbit.period)
     except RunFailedError:
         return False
-    spread = 1 + np.linalg.norm(again.matrix, 2)
-    apart = np.linalg.norm(np.asarray(again.x) - np.asarray(end.x))
-    return bool(apart <= digits(FLOW_DIRECTION_KEPT, start.x) * spread * max(1.0, float(np.max(np.abs(start.x)))))
+    units = np.maximum(orbit.sizes, np.abs(end.x))
+    spread = 1 + np.linalg.norm(in_units(again.matrix, units), 2)
+    apart = np.linalg.norm((np.asarray(again.x) - np.asarray(end.x)) / units)
+    return bool(apart <= digits(FLOW_DIRECTION_KEPT, start.x) * spread)
 
 
 def _goes_along(flow: Motion, orbit: OrbitIterate) -> bool:
     """Whether each piece maps its velocity to that of the next, M_i f(x_i) = f(x_{i+1}): then one multiplier is 1."""
     along, rounded = (digits(part, orbit.nodes[0].x) for part in (FLOW_DIRECTION_KEPT, ROUNDED))
-    speeds = [(piece.matrix, flow.velocity(piece.start), flow.velocity(node)) for piece, node in orbit.seams]
+    units = orbit.units
+    speeds = [
+        (in_units(piece.matrix, units), flow.velocity(piece.start) / units, flow.velocity(node) / units)
+        for piece, node in orbit.seams
+    ]
     return all(
         np.linalg.norm(matrix @ before - after)
         < along * np.linalg.norm(after) + rounded * np.linalg.norm(matrix, 2) * np.linalg.norm(before)

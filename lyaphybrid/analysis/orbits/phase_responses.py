@@ -9,6 +9,7 @@ from the left eigenvectors of the monodromy matrix: Zᵀ M = Zᵀ with Z·f = 1,
 inverted, so directions that a jump destroys are no obstacle.
 """
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -20,7 +21,9 @@ import numpy as np
 from ... import plots
 from ..._arguments import State, integers, require, require_values, whole
 from ..._keywords import explains_keywords
+from ..._linalg.products import in_units
 from ..._text import Table
+from ...engine import preparation
 from ...errors import RunFailedError
 from ...integrators import RungeKutta
 from ...integrators.base import Method
@@ -30,8 +33,10 @@ from ...systems.hybrid import Hybrid
 from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow
 from ..trajectories import tangent_map, trajectory
+from .motions import Motion, Node, sized
 from .periodic_orbits import Floquet, floquet
 from .periods import depends_on_time
+from .sizes import extents_of, sizes_of, units_of
 
 __all__ = ["PhaseResponse", "phase_response"]
 
@@ -154,15 +159,18 @@ class PhaseResponse(Result, eqx.Module):
         j = int(np.argmin(far))
         row, point, own = self.response[j], self.x[j], int(self.mode[j])
         more = float(row @ (y - point) / (row @ np.asarray(self._cycle.field(jnp.asarray(point), own))))
-        later = min(more, step)
+        later, known = min(more, step), 0.0  # known: on the same side of a jump as the state
         if more < 0:  # from the sample before: there may be a jump between the two
-            j, later = j - 1, max(0.0, step + more)
+            j, later, known = j - 1, max(0.0, step + more), step
         for _ in range(PHASE_CORRECTIONS):  # Newton's method for Z·(y − γ(s)) = 0
             point, own = self._cycle.moved(jnp.asarray(self.x[j]), self.mode[j], later)
             rate = row @ np.asarray(self._cycle.field(jnp.asarray(point), own))
             point = np.asarray(point)
             more = float(row @ (y - point) / rate)
-            later = float(np.clip(later + more, 0.0, 2 * step))
+            if abs(more) > 2 * step:
+                later = (later + known) / 2
+                continue
+            known, later = later, float(np.clip(later + more, 0.0, 2 * step))
             if abs(more) < 1e-14 * self.period:
                 break
         return self.t[j] + later if np.max(np.abs((y - point) / scale)) < 1e-5 else np.nan
@@ -285,9 +293,9 @@ def phase_response(
     whole("phases", phases, least=4)
     require_values("phase_response", x0, args)
     require(not depends_on_time(system, jnp.asarray(x0, float), args), FORCED)
-    method = RungeKutta(rtol=1e-12, atol=1e-14) if method is None else method
     orbit = floquet(system, x0, args, mode=mode, method=method, transient=transient, segments=segments)
     require(not orbit.family, FAMILY)
+    method = _fine_method(system, args, orbit) if method is None else method
     cycle, (_, x, index) = _Cycle(system, args, method), orbit.base
     step, points, modes, maps = orbit.period / phases, [x], [index], []
     for _ in range(phases):
@@ -296,16 +304,30 @@ def phase_response(
         modes.append(int(piece.mode))
         maps.append(np.asarray(piece.matrix))
     velocities = [np.asarray(cycle.field(point, mode)) for point, mode in zip(points[:-1], modes[:-1], strict=True)]
-    found = _responses(maps, velocities, orbit.period)
+    found = _responses(maps, velocities, orbit.period, np.array(points))
     return PhaseResponse(
         step * np.arange(phases), np.array(points[:-1]), np.array(modes[:-1], np.int32), *found, orbit,
         labels_of(system, (len(x),)), cycle,
     )  # fmt: skip
 
 
-def _responses(maps: list[np.ndarray], velocities: list[np.ndarray], period: float):
-    """Z (phases, n), I (phases, n, m) and the multipliers (m,) from the tangent maps of pieces and the velocities."""
-    monodromy = np.linalg.multi_dot(maps[::-1]) if len(maps) > 1 else maps[0]
+def _fine_method(system: Flow | Hybrid, args: Any, orbit: Floquet) -> Method:
+    """The default method, for the sizes of the components on the orbit."""
+    method = RungeKutta(rtol=1e-12, atol=1e-14)
+    flow = Motion(preparation.prepare(system, orbit.base[1], args, 0.0, method, None)[0])
+    fine = sized(flow, flow.piece(Node(*orbit.base), orbit.period), True).problem.method
+    return dataclasses.replace(method, atol=float(fine.atol))
+
+
+def _responses(maps: list[np.ndarray], velocities: list[np.ndarray], period: float, points: np.ndarray):
+    """Z (phases, n), I (phases, n, m) and the multipliers (m,) from the tangent maps of pieces and the velocities.
+
+    The points (phases + 1, n) tell the sizes of the components: eigenvectors are found in units of these.
+    """
+    monodromy = np.linalg.multi_dot(maps[::-1])
+    units = units_of(extents_of(points, sizes_of(points, monodromy)), monodromy)
+    maps, velocities = [in_units(matrix, units) for matrix in maps], [one / units for one in velocities]
+    monodromy = in_units(monodromy, units)
     values, left = np.linalg.eig(monodromy.T)
     own = int(np.argmin(np.abs(values - 1)))
     kept = [
@@ -315,7 +337,7 @@ def _responses(maps: list[np.ndarray], velocities: list[np.ndarray], period: flo
     phase, isostables = np.real(left[:, own]), []
     for i in kept:
         vector = right[:, np.argmin(np.abs(right_values - values[i]))]
-        vector = vector / np.linalg.norm(vector)
+        vector = vector / np.linalg.norm(vector * units)
         isostables.append(left[:, i] / (left[:, i] @ vector))
     rates = np.log(values[kept].astype(complex)) / period
     rows, decays = np.array(isostables, complex).reshape(len(kept), len(phase)), np.exp(-rates * period / len(maps))
@@ -324,6 +346,6 @@ def _responses(maps: list[np.ndarray], velocities: list[np.ndarray], period: flo
         phase = phase @ matrix
         phase = phase / (phase @ velocity)
         rows = (rows @ matrix) * decays[:, None]
-        phases.append(phase)
-        others.append(rows.T)
+        phases.append(phase / units)
+        others.append((rows / units).T)
     return np.array(phases[::-1]), np.array(others[::-1]), values[kept]
