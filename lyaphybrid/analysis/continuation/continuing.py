@@ -266,9 +266,7 @@ def parameters_named(args, *names: str) -> tuple[tuple[ParameterOf, ...], tuple[
 
 def least_sizes(x0: Any) -> np.ndarray:
     """The least sizes (n,) of the components on a branch, from its start: on it one may leave zero."""
-    if not isinstance(x0, Special):
-        return OF_START * np.abs(np.asarray(x0, float))
-    return np.abs(x0.change.x if x0.change is not None else 0 * np.asarray(x0.orbit.x0))
+    return np.asarray(x0.sizes) if isinstance(x0, Special) else OF_START * np.abs(np.asarray(x0, float))
 
 
 def equations_of(
@@ -420,4 +418,5 @@ def orbit_as_result(equations: BranchEquations, orbit: OrbitIterate, p: float, s
 def _special_as_result(equations: BranchEquations, found: LocatedPoint, start: Node) -> Special:
     orbit = orbit_as_result(equations, found.point.orbit, found.point.parameter, start)
     largest, turns = np.max(states_over(found.point), axis=0), equations.turns
-    return Special(found.kind, found.point.parameter, orbit, turns, turns * found.turns, found.change, largest)
+    rest = found.change, largest, equations.sizes
+    return Special(found.kind, found.point.parameter, orbit, turns, turns * found.turns, *rest)

@@ -10,6 +10,7 @@ from .sizes import extents_of, sizes_of
 __all__ = ["close_return"]
 
 CLOSE_RETURN = 0.1  # of the motion's size: largest distance of a close return
+BEST = 3.0  # of the nearest return: so far away an earlier one may be
 GONE = 0.1  # of the motion's size: from a return the motion must have been farther away
 MOVES = 1e-10  # extents below this part of the state are rounding
 DOUBLINGS = 14  # doublings of the time of the motion up to which a return is searched …
@@ -59,7 +60,10 @@ def _return_in(flow: Motion, stretch: MotionPiece, units: np.ndarray) -> float |
     distance = np.where(modes == flow.mode(stretch.start), distance, np.inf)
     inner = np.flatnonzero((distance[1:-1] <= distance[:-2]) & (distance[1:-1] <= distance[2:])) + 1
     close = inner[(distance[inner] < CLOSE_RETURN * size[inner]) & (size[inner] > GONE)]
-    return float(times[close[0]]) if len(close) else None
+    if not len(close):
+        return None
+    # The best one, but the first of several turns: from an orbit that repels each is a little farther, or as near.
+    return float(times[close[distance[close] <= BEST * np.min(distance[close])][0]])
 
 
 def _first_times(flow: Motion, start: Node) -> tuple[float, float]:
