@@ -62,7 +62,7 @@ class TouchCondition(NamedTuple):
         )
         sizes = np.linalg.norm(by_state * branch.sizes, axis=1) + np.abs(by_time) * branch.time
         sizes = np.where(sizes > 0, sizes, 1.0)
-        states = by_state @ run.matrix * branch.scales(there.orbit)[0]
+        states = by_state @ run.matrix * branch.scales(there.orbit)[: len(node.x)]
         rows = np.zeros((2, len(there.u) + 1))
         rows[:, : states.shape[1]] = states
         still = (1.0, 0.0, np.zeros(len(node.x)), 0.0)

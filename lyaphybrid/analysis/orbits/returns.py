@@ -1,5 +1,7 @@
 """Where a motion first comes back to itself: a guess of the period of an orbit. Nothing depends on units."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ..._jax.precision import digits
@@ -11,11 +13,21 @@ __all__ = ["close_return"]
 
 CLOSE_RETURN = 0.1  # of the motion's size: largest distance of a close return
 BEST = 3.0  # of the nearest return: so far away an earlier one may be
+NEAR = 0.02  # of the motion's size: after a return that is not so near a nearer one is looked for …
+LATER = 4.0  # … over a time that is longer by this factor
 GONE = 0.1  # of the motion's size: from a return the motion must have been farther away
 MOVES = 1e-10  # extents below this part of the state are rounding
 DOUBLINGS = 14  # doublings of the time of the motion up to which a return is searched …
 LONG = 100.0  # the typical time is no more than this times the first one
 MORE_DOUBLINGS = 50  # … with so many more where it begins much shorter, at a zero of a component
+
+
+class Return(NamedTuple):
+    """A close return."""
+
+    start: Node
+    time: float
+    distance: float  # relative to the motion in between
 
 
 def close_return(flow: Motion, start: Node) -> tuple[Node, float]:
@@ -33,18 +45,16 @@ def close_return(flow: Motion, start: Node) -> tuple[Node, float]:
             if roughly is None:
                 raise
             break
-        points = states_of(stretch)[1]
-        units = extents_of(points, sizes_of(points, stretch.matrix), digits(MOVES, points))
-        found = _return_in(flow, stretch, units)
+        found = _return_in(flow, stretch)
         if found is not None:
-            return start, found
-        if roughly is None and (found := _return_in(flow, stretch, np.full(len(units), np.max(units)))) is not None:
-            roughly = start, found
+            found = _nearest_return(flow, found, horizon)
+            return found.start, found.time
+        roughly = roughly or _return_in(flow, stretch, own_units=False)
         start, horizon = Node(start.t, stretch.x, stretch.mode), 2 * horizon
         if horizon > longest:
             break
     if roughly is not None:
-        return roughly
+        return roughly.start, roughly.time
     raise NoPeriodicOrbitError(
         f"The motion from x0 did not come back to itself, looked for over a time of {horizon / 2:.6g}: (a) it is far "
         "from a periodic orbit, give a transient; (b) it moves towards a fixed point; (c) give the period.",
@@ -52,18 +62,31 @@ def close_return(flow: Motion, start: Node) -> tuple[Node, float]:
     )
 
 
-def _return_in(flow: Motion, stretch: MotionPiece, units: np.ndarray) -> float | None:
-    """The time of the first close return to the start of a piece, in units (n,) of the state; None if there is none."""
+def _nearest_return(flow: Motion, found: Return, horizon: float) -> Return:
+    """A return that is much nearer than a rough one, some time later; or this one."""
+    if found.distance < NEAR:
+        return found
+    try:
+        return _return_in(flow, flow.piece(found.start, LATER * float(horizon))) or found
+    except RunFailedError:
+        return found
+
+
+def _return_in(flow: Motion, stretch: MotionPiece, own_units: bool = True) -> Return | None:
+    """The first close return to the start of a piece, in units of the components or in one for all; None: none."""
     times, points, modes = states_of(stretch)
-    distance = flow.apart(stretch.start.x, points, units)[0]
+    units = extents_of(points, sizes_of(points, stretch.matrix), digits(MOVES, points))
+    distance = flow.apart(stretch.start.x, points, units if own_units else np.full(len(units), np.max(units)))[0]
     size = np.maximum.accumulate(distance)
     distance = np.where(modes == flow.mode(stretch.start), distance, np.inf)
+    away = distance / np.where(size > 0, size, 1.0)
     inner = np.flatnonzero((distance[1:-1] <= distance[:-2]) & (distance[1:-1] <= distance[2:])) + 1
-    close = inner[(distance[inner] < CLOSE_RETURN * size[inner]) & (size[inner] > GONE)]
+    close = inner[(away[inner] < CLOSE_RETURN) & (size[inner] > GONE)]
     if not len(close):
         return None
-    # The best one, but the first of several turns: from an orbit that repels each is a little farther, or as near.
-    return float(times[close[distance[close] <= BEST * np.min(distance[close])][0]])
+    # The best one, but the first of several turns: on an orbit they are equally near.
+    first = close[away[close] <= BEST * np.min(away[close])][0]
+    return Return(stretch.start, float(times[first]), float(away[first]))
 
 
 def _first_times(flow: Motion, start: Node) -> tuple[float, float]:
