@@ -29,7 +29,7 @@ from ..systems.kinds import iterates, unit_of
 from ..systems.labels import Labels, labels_of
 from ..systems.smooth import Flow, Map
 from . import pairs
-from .orbits.motions import velocity
+from .orbits.motion.motions import velocity
 from .orbits.periods import depends_on_time
 
 __all__ = ["TwoTrajectories", "two_trajectories"]

@@ -23,11 +23,11 @@ from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
 from ..orbits.families import family_of
 from ..orbits.invariants import conserved_of
-from ..orbits.motions import Motion, Node, sized, states_of
+from ..orbits.motion.motions import Motion, Node, sized, states_of
+from ..orbits.motion.sizes import sizes_of
 from ..orbits.periodic_orbits import Floquet, floquet, floquet_of, require_period
 from ..orbits.points import at_start
 from ..orbits.shooting import OrbitIterate
-from ..orbits.sizes import sizes_of
 from ..orbits.symmetries import symmetry_of
 from ..sensitivity.estimates import parameters_of
 from .branches import Continuation, Special
@@ -278,7 +278,7 @@ def equations_of(
     base, scales = Node(*orbit.base), (orbit.period, values[2] - values[0])
     flow = Motion(problem)
     trial = flow.piece(base, orbit.period)
-    problem, sizes = sized(flow, trial, is_default).problem, sizes_of(states_of(trial)[1], trial.matrix, least)
+    problem, sizes = sized(flow, trial, is_default, base.x).problem, sizes_of(states_of(trial)[1], trial.matrix, least)
     symmetry = symmetry_of(options["modulo"], system, base.x, problem.args, options["t0"])
     conserved = conserved_of(options["conserve"], system, base.x, flow.mode(base), problem.args)
     along = np.zeros((1, 0)) if symmetry is None else symmetry.image(base.x).by_shift

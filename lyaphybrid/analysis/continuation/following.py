@@ -12,7 +12,7 @@ import numpy as np
 from ..._keywords import user_level
 from ...errors import RunFailedError
 from ...statuses import STATUS
-from ..orbits.motions import Node, states_of
+from ..orbits.motion.motions import Node, states_of
 from ..orbits.shooting import OrbitIterate
 from .bifurcations import cycle_of_events
 from .equations import BranchEquations, BranchPoint, tangent

@@ -10,7 +10,7 @@ import numpy as np
 from ...engine import problems
 from ...engine.binding import number
 from ...systems.hybrid import Hybrid, Transition
-from ..orbits.motions import Motion, MotionPiece, Node
+from ..orbits.motion.motions import Motion, MotionPiece, Node
 from ..orbits.shooting import OrbitIterate
 from .equations import BranchEquations, BranchPoint
 

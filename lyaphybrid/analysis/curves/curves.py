@@ -28,7 +28,7 @@ from ..continuation.continuing import (
 from ..continuation.equations import BranchEquations, ParameterOf
 from ..continuation.following import Arc, followed
 from ..continuation.touching import found_touches
-from ..orbits.motions import SAMPLES_PER_PIECE, Node
+from ..orbits.motion.motions import SAMPLES_PER_PIECE, Node
 from ..orbits.periodic_orbits import Floquet, floquet
 from ..orbits.shooting import OrbitIterate
 from .bifurcation_curves import BifurcationCurve, CurveSpecial

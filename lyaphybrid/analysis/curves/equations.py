@@ -15,7 +15,7 @@ import numpy as np
 
 from ...errors import RunFailedError
 from ..continuation.equations import BranchEquations, ParameterOf, solved, tangent
-from ..orbits.motions import Motion
+from ..orbits.motion.motions import Motion
 from ..orbits.periodic_orbits import CONVERGED
 from ..orbits.shooting import OrbitIterate
 

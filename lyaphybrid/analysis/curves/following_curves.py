@@ -11,7 +11,7 @@ from ..continuation.bifurcations import cycle_of_events
 from ..continuation.following import Arc, nodes_are_clear, shape_of, stepped, walked
 from ..continuation.locating import LostError
 from ..continuation.touching import FoundTouch, found_touches
-from ..orbits.motions import SAMPLES_PER_PIECE, Node
+from ..orbits.motion.motions import SAMPLES_PER_PIECE, Node
 from ..orbits.shooting import OrbitIterate, times_apart
 from .equations import CurveEquations, CurvePoint
 from .special_points import special_points

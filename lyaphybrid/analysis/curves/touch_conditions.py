@@ -20,7 +20,7 @@ from ..._jax.tracing import as_jax
 from ...systems.daes.semi_linear import fields_of
 from ..continuation.equations import BranchEquations
 from ..continuation.touching import FoundTouch, Touch, tick_time
-from ..orbits.motions import Motion, Node
+from ..orbits.motion.motions import Motion, Node
 from ..orbits.shooting import OrbitIterate, shares_of, shot, times_apart
 from .equations import EXACTLY, ConditionValue, CurveIterate, first_that_runs
 

@@ -9,7 +9,7 @@ import numpy as np
 from ..._jax.precision import digits
 from ...errors import RunFailedError
 from .invariants import Conserved, energies_of
-from .motions import Motion, Node
+from .motion.motions import Motion, Node
 from .shooting import OrbitIterate, retimed, scaled, shares_of, shot
 
 __all__ = ["energy_moved", "family_of"]

@@ -33,10 +33,10 @@ from ...systems.hybrid import Hybrid
 from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow
 from ..trajectories import tangent_map, trajectory
-from .motions import Motion, Node, sized
+from .motion.motions import Motion, Node, sized
+from .motion.sizes import extents_of, sizes_of, units_of
 from .periodic_orbits import Floquet, floquet
 from .periods import depends_on_time
-from .sizes import extents_of, sizes_of, units_of
 
 __all__ = ["PhaseResponse", "phase_response"]
 
@@ -315,7 +315,7 @@ def _fine_method(system: Flow | Hybrid, args: Any, orbit: Floquet) -> Method:
     """The default method, for the sizes of the components on the orbit."""
     method = RungeKutta(rtol=1e-12, atol=1e-14)
     flow = Motion(preparation.prepare(system, orbit.base[1], args, 0.0, method, None)[0])
-    fine = sized(flow, flow.piece(Node(*orbit.base), orbit.period), True).problem.method
+    fine = sized(flow, flow.piece(Node(*orbit.base), orbit.period), True, orbit.x0).problem.method
     return dataclasses.replace(method, atol=float(fine.atol))
 
 

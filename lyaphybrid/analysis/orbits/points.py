@@ -5,7 +5,7 @@ import numpy as np
 
 from ..._jax.precision import digits
 from ...systems.smooth import Map
-from .motions import Motion, Node
+from .motion.motions import Motion, Node
 from .shooting import OrbitIterate
 
 __all__ = ["at_start", "nearest"]

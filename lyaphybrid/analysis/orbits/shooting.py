@@ -21,9 +21,9 @@ import numpy as np
 from ..._jax.precision import digits
 from ...errors import RunFailedError
 from ...systems.smooth import Map
-from .motions import Motion, MotionPiece, Node, states_of
-from .returns import close_return
-from .sizes import LEAST_SCALE, extents_of, sizes_of, units_of
+from .motion.motions import Motion, MotionPiece, Node, states_of
+from .motion.returns import close_return
+from .motion.sizes import LEAST_SCALE, extents_of, sizes_of, units_of
 
 __all__ = [
     "OrbitIterate",
@@ -253,7 +253,9 @@ def _newton_step(
     m, n = len(orbit.nodes), len(orbit.nodes[0].x)
     # The least-norm solution: in a family of orbits (a block at rest anywhere) the matrix is singular.
     equations = scaled(flow, orbit, shares, autonomous)
-    change = np.linalg.lstsq(equations.system, -equations.gaps, rcond=digits(1e-11, orbit.nodes[0].x))[0]
+    # What still decays is large in the velocity, so that along the orbit, too, it is the step of least norm.
+    kept = np.arange(len(equations.gaps)) != (m * n if autonomous else -1)
+    change = np.linalg.lstsq(equations.system[kept], -equations.gaps[kept], rcond=digits(1e-11, orbit.nodes[0].x))[0]
     change = change * equations.scales
     states, shift = change[: m * n].reshape(m, n), change[m * n + autonomous :]
     return list(states), float(change[m * n]) if autonomous else 0.0, shift

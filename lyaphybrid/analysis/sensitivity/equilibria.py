@@ -25,7 +25,7 @@ from ...errors import RunFailedError
 from ...integrators import HalfExplicit, RungeKutta
 from ...systems.daes.semi_linear import Constrained
 from ...systems.smooth import Flow
-from ..orbits.motions import Motion, Node
+from ..orbits.motion.motions import Motion, Node
 from ..orbits.periods import depends_on_time
 from .estimates import Estimate, ExponentFunction, InapplicableError, UntrustedError
 

@@ -31,7 +31,7 @@ from ...integrators import HalfExplicit, RungeKutta
 from ...integrators.base import Method
 from ...systems.daes.semi_linear import Constrained, fields_of
 from ...systems.smooth import Map
-from ..orbits.motions import velocity
+from ..orbits.motion.motions import velocity
 from ..orbits.periodic_orbits import CONVERGED, Floquet, floquet
 from ..orbits.periods import depends_on_time
 from .estimates import Estimate, ExponentFunction, InapplicableError, UntrustedError

@@ -23,12 +23,13 @@ def in_units(field, *jumps):
     """A system of x = y · unit and t = s · tick, in y and s; the jumps are (guard, reset) of x."""
 
     def scaled(t, y, args):
-        return args["tick"] * field(args["tick"] * t, y * args["unit"], args["p"]) / args["unit"]
+        unit = jnp.array(args["unit"])
+        return args["tick"] * field(args["tick"] * t, y * unit, args["p"]) / unit
 
     transitions = [
         lh.Transition(
-            lambda t, y, args, guard=guard: guard(y * args["unit"]) / args["unit"][0],
-            lambda t, y, args, reset=reset: reset(y * args["unit"]) / args["unit"],
+            lambda t, y, args, guard=guard: guard(y * jnp.array(args["unit"])) / args["unit"][0],
+            lambda t, y, args, reset=reset: reset(y * jnp.array(args["unit"])) / jnp.array(args["unit"]),
         )
         for guard, reset in jumps
     ]
@@ -36,7 +37,7 @@ def in_units(field, *jumps):
 
 
 def args_of(unit, tick, p):
-    return {"unit": np.array(unit), "tick": tick, "p": p}
+    return {"unit": tuple(unit), "tick": tick, "p": p}
 
 
 # A cycle of radius 1, which drives x₂: multipliers 1, exp(−0.3 π), exp(−2 π).

@@ -6,21 +6,21 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..._jax.engines import compiled
-from ..._jax.tracing import array, as_jax
-from ...engine import problems
-from ...engine.host import driver
-from ...engine.host.places import account, place_of
-from ...errors import RunFailedError
-from ...statuses import STATUS
-from ...systems.consistency import put_on_constraints
-from ...systems.daes.semi_linear import Constrained, fields_of
-from ...systems.event_driven import EventDriven
-from ...systems.hybrid import Hybrid, disarmed
-from ...systems.smooth import Map
-from .invariants import Conserved
-from .sizes import finer, sizes_of
-from .symmetries import Symmetry
+from ...._jax.engines import compiled
+from ...._jax.tracing import array, as_jax
+from ....engine import problems
+from ....engine.host import driver
+from ....engine.host.places import account, place_of
+from ....errors import RunFailedError
+from ....statuses import STATUS
+from ....systems.consistency import put_on_constraints
+from ....systems.daes.semi_linear import Constrained, fields_of
+from ....systems.event_driven import EventDriven
+from ....systems.hybrid import Hybrid, disarmed
+from ....systems.smooth import Map
+from ..invariants import Conserved
+from ..symmetries import Symmetry
+from .sizes import LEAST_SCALE, finer, sizes_of
 
 __all__ = ["Motion", "MotionPiece", "Node", "SAMPLES_PER_PIECE", "sized", "states_of", "velocity"]
 
@@ -179,10 +179,13 @@ def states_of(piece: MotionPiece) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return times[order], points[order], modes[order]
 
 
-def sized(flow: Motion, trial: MotionPiece, is_default: bool) -> Motion:
-    """The motion with the sizes that components have along a trial; a default method has tolerances for them."""
+def sized(flow: Motion, trial: MotionPiece, is_default: bool, near: Any) -> Motion:
+    """The motion with the sizes of its components along a trial; a default method has tolerances for them.
+
+    No size is a much smaller one than that at the start `near` (n,): what decays is none.
+    """
     points = np.concatenate([np.asarray(trial.start.x)[None], states_of(trial)[1]])
     problem = flow.problem
     if is_default:
         problem = problem._replace(method=finer(problem.method, points, trial.matrix))
-    return flow._replace(problem=problem, sizes=sizes_of(points, trial.matrix))
+    return flow._replace(problem=problem, sizes=sizes_of(points, trial.matrix, LEAST_SCALE * np.abs(near)))

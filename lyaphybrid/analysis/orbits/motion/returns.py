@@ -4,18 +4,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..._jax.precision import digits
-from ...errors import NoPeriodicOrbitError, RunFailedError
+from ...._jax.precision import digits
+from ....errors import NoPeriodicOrbitError, RunFailedError
 from .motions import Motion, MotionPiece, Node, states_of
-from .sizes import extents_of, sizes_of
+from .sizes import LEAST_SCALE, extents_of, sizes_of
 
 __all__ = ["close_return"]
 
 CLOSE_RETURN = 0.1  # of the motion's size: largest distance of a close return
-BEST = 3.0  # of the nearest return: so far away an earlier one may be
-NEAR = 0.02  # of the motion's size: after a return that is not so near a nearer one is looked for …
-LATER = 4.0  # … over a time that is longer by this factor
-GONE = 0.1  # of the motion's size: from a return the motion must have been farther away
+AS_NEAR = 3.0  # of the nearest return: so far away an earlier one may be
+NEAR_RETURN = 0.02  # of the motion's size: after a return that is not so near a nearer one is looked for …
+MUCH_LATER = 4.0  # … over a time that is longer by this factor
+WENT_AWAY = 0.1  # of the motion's size: from a return the motion must have been farther away
 MOVES = 1e-10  # extents below this part of the state are rounding
 DOUBLINGS = 14  # doublings of the time of the motion up to which a return is searched …
 LONG = 100.0  # the typical time is no more than this times the first one
@@ -37,7 +37,7 @@ def close_return(flow: Motion, start: Node) -> tuple[Node, float]:
     A motion away from an orbit comes back only in those components that are large there.
     """
     horizon, natural = _first_times(flow, start)
-    longest, roughly = 2.0**DOUBLINGS * natural, None
+    longest, roughly, units = 2.0**DOUBLINGS * natural, None, np.zeros(len(start.x))
     for _ in range(DOUBLINGS + MORE_DOUBLINGS):
         try:
             stretch = flow.piece(start, float(horizon))
@@ -45,11 +45,13 @@ def close_return(flow: Motion, start: Node) -> tuple[Node, float]:
             if roughly is None:
                 raise
             break
-        found = _return_in(flow, stretch)
+        # What decays never comes back to a part of itself: components count by their largest extents until now.
+        units = np.maximum(units, _units_along(stretch))
+        found = _return_in(flow, stretch, units)
         if found is not None:
-            found = _nearest_return(flow, found, horizon)
+            found = _nearest_return(flow, found, horizon, units)
             return found.start, found.time
-        roughly = roughly or _return_in(flow, stretch, own_units=False)
+        roughly = roughly or _return_in(flow, stretch, np.full(len(units), np.max(_units_along(stretch))))
         start, horizon = Node(start.t, stretch.x, stretch.mode), 2 * horizon
         if horizon > longest:
             break
@@ -62,30 +64,38 @@ def close_return(flow: Motion, start: Node) -> tuple[Node, float]:
     )
 
 
-def _nearest_return(flow: Motion, found: Return, horizon: float) -> Return:
+def _nearest_return(flow: Motion, found: Return, horizon: float, units: np.ndarray) -> Return:
     """A return that is much nearer than a rough one, some time later; or this one."""
-    if found.distance < NEAR:
+    if found.distance < NEAR_RETURN:
         return found
     try:
-        return _return_in(flow, flow.piece(found.start, LATER * float(horizon))) or found
+        longer = flow.piece(found.start, MUCH_LATER * float(horizon))
+        return _return_in(flow, longer, np.maximum(units, _units_along(longer))) or found
     except RunFailedError:
         return found
 
 
-def _return_in(flow: Motion, stretch: MotionPiece, own_units: bool = True) -> Return | None:
-    """The first close return to the start of a piece, in units of the components or in one for all; None: none."""
+def _units_along(stretch: MotionPiece) -> np.ndarray:
+    """The extents (n,) of the components on a piece."""
+    points = states_of(stretch)[1]
+    return extents_of(points, sizes_of(points, stretch.matrix), digits(MOVES, points))
+
+
+def _return_in(flow: Motion, stretch: MotionPiece, units: np.ndarray) -> Return | None:
+    """The first close return to the start of a piece, in units (n,); None: none."""
     times, points, modes = states_of(stretch)
-    units = extents_of(points, sizes_of(points, stretch.matrix), digits(MOVES, points))
-    distance = flow.apart(stretch.start.x, points, units if own_units else np.full(len(units), np.max(units)))[0]
+    distance = flow.apart(stretch.start.x, points, units)[0]
     size = np.maximum.accumulate(distance)
+    if flow.symmetry is not None and flow.symmetry.freedom and size[-1] < digits(LEAST_SCALE, points):
+        return Return(stretch.start, stretch.length, 0.0)  # it moves along the group alone
     distance = np.where(modes == flow.mode(stretch.start), distance, np.inf)
     away = distance / np.where(size > 0, size, 1.0)
     inner = np.flatnonzero((distance[1:-1] <= distance[:-2]) & (distance[1:-1] <= distance[2:])) + 1
-    close = inner[(away[inner] < CLOSE_RETURN) & (size[inner] > GONE)]
+    close = inner[(away[inner] < CLOSE_RETURN) & (size[inner] > WENT_AWAY)]
     if not len(close):
         return None
     # The best one, but the first of several turns: on an orbit they are equally near.
-    first = close[away[close] <= BEST * np.min(away[close])][0]
+    first = close[away[close] <= AS_NEAR * np.min(away[close])][0]
     return Return(stretch.start, float(times[first]), float(away[first]))
 
 

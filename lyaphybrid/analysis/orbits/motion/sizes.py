@@ -4,10 +4,10 @@ import dataclasses
 
 import numpy as np
 
-from ..._jax.precision import nonzero
-from ..._linalg.products import even_units, in_units
-from ...integrators import RungeKutta
-from ...integrators.base import Method
+from ...._jax.precision import nonzero
+from ...._linalg.products import even_units, in_units
+from ....integrators import RungeKutta
+from ....integrators.base import Method
 
 __all__ = ["LEAST_SCALE", "extents_of", "finer", "sizes_of", "units_of"]
 
@@ -35,7 +35,8 @@ def extents_of(points: np.ndarray, sizes: np.ndarray, least: float = LEAST_SCALE
 
 def units_of(extents: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     """Units (n,) in which a map of the state is as even as it can be, from the extents of the components on."""
-    return extents * even_units(in_units(matrix, extents))
+    even = even_units(in_units(matrix, extents))
+    return extents * np.clip(even, LEAST_SCALE, 1 / LEAST_SCALE)  # what couples by rounding alone has any units
 
 
 def finer(method: Method, points: np.ndarray, matrix: np.ndarray) -> Method:
