@@ -314,7 +314,8 @@ def phase_response(
 def _fine_method(system: Flow | Hybrid, args: Any, orbit: Floquet) -> Method:
     """The default method, for the sizes of the components on the orbit."""
     method = RungeKutta(rtol=1e-12, atol=1e-14)
-    flow = Motion(preparation.prepare(system, orbit.base[1], args, 0.0, method, None)[0])
+    mode = orbit.base[2] if isinstance(system, Hybrid) else None
+    flow = Motion(preparation.prepare(system, orbit.base[1], args, 0.0, method, mode)[0])
     fine = sized(flow, flow.piece(Node(*orbit.base), orbit.period), True, orbit.x0).problem.method
     return dataclasses.replace(method, atol=float(fine.atol))
 

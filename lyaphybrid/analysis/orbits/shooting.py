@@ -39,6 +39,7 @@ __all__ = [
 ]
 
 NEWTON_RESIDUAL = 1e-13  # residual, relative to the orbit, at which Newton's method stops
+FARTHER = 1.05  # times the least Newton step: the longest one along which the first node is held
 HALVINGS = 8  # trial lengths of a Newton step, each half of the one before
 NODE_CLEARANCE = 0.02  # of the period: distance that nodes keep from events where possible
 
@@ -251,11 +252,15 @@ def _newton_step(
 ) -> tuple[list[np.ndarray], float, np.ndarray]:
     """The changes of the nodes, of the period and of the shift."""
     m, n = len(orbit.nodes), len(orbit.nodes[0].x)
+    equations, rcond = scaled(flow, orbit, shares, autonomous), digits(1e-11, orbit.nodes[0].x)
     # The least-norm solution: in a family of orbits (a block at rest anywhere) the matrix is singular.
-    equations = scaled(flow, orbit, shares, autonomous)
-    # What still decays is large in the velocity, so that along the orbit, too, it is the step of least norm.
-    kept = np.arange(len(equations.gaps)) != (m * n if autonomous else -1)
-    change = np.linalg.lstsq(equations.system[kept], -equations.gaps[kept], rcond=digits(1e-11, orbit.nodes[0].x))[0]
+    change = np.linalg.lstsq(equations.system, -equations.gaps, rcond=rcond)[0]
+    if autonomous:
+        # Where a component still decays, it is no small part of the velocity, and to hold the first node along that
+        # the rest would have to move far.
+        free = np.arange(len(equations.gaps)) != m * n
+        least = np.linalg.lstsq(equations.system[free], -equations.gaps[free], rcond=rcond)[0]
+        change = change if np.linalg.norm(change) <= FARTHER * np.linalg.norm(least) else least
     change = change * equations.scales
     states, shift = change[: m * n].reshape(m, n), change[m * n + autonomous :]
     return list(states), float(change[m * n]) if autonomous else 0.0, shift
