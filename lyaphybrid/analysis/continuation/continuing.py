@@ -172,7 +172,7 @@ def continuation(
     labels = labels_of(system, size)
     given = method
     system, method = moving(system, method)
-    options = {"period": period, "t0": t0, "mode": mode, "method": method, "segments": segments}
+    options: dict[str, Any] = {"period": period, "t0": t0, "mode": mode, "method": method, "segments": segments}
     options |= {"conserve": conserve, "modulo": modulo}
     special = x0 if isinstance(x0, Special) else None
     require_double("x0", special.orbit.x0 if special else x0, "continuation")

@@ -156,7 +156,7 @@ def bifurcation_curve(
     given = method
     system, method = moving(system, method)
     require_double("x0", start, "bifurcation_curve")
-    options = {"period": period, "t0": t0, "mode": mode, "method": method, "segments": segments}
+    options: dict[str, Any] = {"period": period, "t0": t0, "mode": mode, "method": method, "segments": segments}
     options |= {"conserve": conserve, "modulo": modulo}
     if special is not None:
         pair = float(special.parameter), pair[1]

@@ -39,7 +39,7 @@ __all__ = [
 ]
 
 NEWTON_RESIDUAL = 1e-13  # residual, relative to the orbit, at which Newton's method stops
-FARTHER = 1.05  # times the least Newton step: the longest one along which the first node is held
+HELD_STEP = 1.05  # times the least Newton step: the longest one along which the first node is held
 HALVINGS = 8  # trial lengths of a Newton step, each half of the one before
 NODE_CLEARANCE = 0.02  # of the period: distance that nodes keep from events where possible
 
@@ -260,7 +260,7 @@ def _newton_step(
         # the rest would have to move far.
         free = np.arange(len(equations.gaps)) != m * n
         least = np.linalg.lstsq(equations.system[free], -equations.gaps[free], rcond=rcond)[0]
-        change = change if np.linalg.norm(change) <= FARTHER * np.linalg.norm(least) else least
+        change = change if np.linalg.norm(change) <= HELD_STEP * np.linalg.norm(least) else least
     change = change * equations.scales
     states, shift = change[: m * n].reshape(m, n), change[m * n + autonomous :]
     return list(states), float(change[m * n]) if autonomous else 0.0, shift
