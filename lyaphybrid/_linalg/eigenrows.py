@@ -24,7 +24,7 @@ def eigenrows(monodromy: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray
     matrix = in_units(monodromy, units)
     values, left, right = scipy.linalg.eig(matrix, left=True, right=True)  # pyright: ignore
     left, own = left.conj().T, int(np.argmin(np.abs(values - 1)))
-    least = VANISHED * np.linalg.norm(monodromy)
+    least = VANISHED * np.linalg.norm(matrix)
     kept = [i for i in np.argsort(-np.abs(values), kind="stable") if i != own and abs(values[i]) > least]
     error = max(MAP_ERROR * float(np.linalg.norm(matrix)), abs(values[own] - 1))
     rows = np.full((len(kept), len(matrix)), np.nan, complex)

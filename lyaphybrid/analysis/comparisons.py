@@ -29,8 +29,8 @@ from ..systems.kinds import iterates, unit_of
 from ..systems.labels import Labels, labels_of
 from ..systems.smooth import Flow, Map
 from . import pairs
+from .orbits.motion.motions import velocity
 from .orbits.periods import depends_on_time
-from .orbits.shooting import velocity
 
 __all__ = ["TwoTrajectories", "two_trajectories"]
 

@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..._linalg.products import in_units
 from ..orbits.families import family_of
 from ..orbits.multipliers import multipliers_of
 from ..orbits.periodic_orbits import in_any_case
@@ -42,11 +43,11 @@ def transverse(equations: BranchEquations, point: BranchPoint) -> np.ndarray:
 
 
 def across_flow(equations: BranchEquations, orbit: OrbitIterate, p: float) -> np.ndarray:
-    """The monodromy matrix on the quotient by the flow of an autonomous system, without symmetry or conservation."""
-    matrix = monodromy(equations, orbit)
+    """The scaled monodromy matrix on the quotient by the flow, if any, without symmetry or conservation."""
+    matrix = in_units(monodromy(equations, orbit), equations.sizes)
     if not equations.autonomous:
         return matrix
-    velocity = equations.motion(p).velocity(orbit.nodes[0])
+    velocity = equations.motion(p).velocity(orbit.nodes[0]) / equations.sizes
     across = np.linalg.svd(velocity[None, :])[2][1:]
     return across @ matrix @ across.T
 
@@ -136,9 +137,9 @@ def _derivative(equations: BranchEquations, point: BranchPoint, along: np.ndarra
 
 def of_doubling(equations: BranchEquations, point: BranchPoint) -> np.ndarray:
     """The change (n,) of the first node towards the doubled orbit: the eigenvector of the multiplier −1."""
-    values, vectors = np.linalg.eig(monodromy(equations, point.orbit))
+    values, vectors = np.linalg.eig(in_units(monodromy(equations, point.orbit), equations.sizes))
     vector = np.real(vectors[:, np.argmin(np.abs(values + 1))])
-    return vector / np.linalg.norm(vector)
+    return equations.sizes * vector / np.linalg.norm(vector)
 
 
 def cycle_of_events(orbit: OrbitIterate) -> tuple[Any, ...]:

@@ -112,6 +112,7 @@ class Special(SpecialOrbit):
         turns_there: the same multiple on the branch that begins here.
         change: direction to that branch: changes of the orbit's `base`, period and parameter; None if none begins.
         largest: (n,) largest value of each component over the orbit.
+        sizes: (n,) of the components on the branch: here one may be zero.
 
     Example:
         >>> import jax.numpy as jnp, lyaphybrid as lh
@@ -129,6 +130,7 @@ class Special(SpecialOrbit):
     turns_there: int
     change: OrbitChange | None
     largest: np.ndarray
+    sizes: np.ndarray
 
     @property
     def x0(self):

@@ -25,9 +25,11 @@ from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
 from ..orbits.families import family_of
 from ..orbits.invariants import conserved_of
+from ..orbits.motion.motions import Motion, Node, sized, states_of
+from ..orbits.motion.sizes import sizes_of
 from ..orbits.periodic_orbits import Floquet, floquet, floquet_of, require_period
 from ..orbits.points import at_start
-from ..orbits.shooting import Motion, Node, OrbitIterate, states_of
+from ..orbits.shooting import OrbitIterate
 from ..orbits.symmetries import symmetry_of
 from ..sensitivity.estimates import parameters_of
 from .branches import Continuation, Special
@@ -40,6 +42,7 @@ __all__ = [
     "at_rest",
     "continuation",
     "equations_of",
+    "least_sizes",
     "moving",
     "orbit_as_result",
     "parameters_named",
@@ -49,6 +52,7 @@ __all__ = [
 
 CONSERVED_VALUE = "conserved value"  # name of the parameter of a family
 FEW_NUMBERS = 100  # of args
+OF_START = 1e-3  # of the start: least size of a component, which may be zero on the first orbit
 FIRST_STEPS = 0.4 ** np.arange(
     18
 )  # fractions of the largest step, tried in turn for the first step onto another branch
@@ -173,8 +177,9 @@ def continuation(
     require(len(size) == 1, f"x0 must have shape (n,); got {size}.")
     x0 = x0 if isinstance(x0, Special) else jnp.asarray(numbers("x0", x0))
     labels = labels_of(system, size)
+    given = method
     system, method = moving(system, method)
-    options = {"period": period, "t0": t0, "mode": mode, "method": method, "segments": segments}
+    options: dict[str, Any] = {"period": period, "t0": t0, "mode": mode, "method": method, "segments": segments}
     options |= {"conserve": conserve, "modulo": modulo}
     special = x0 if isinstance(x0, Special) else None
     require_double("x0", special.orbit.x0 if special else x0, "continuation")
@@ -186,11 +191,12 @@ def continuation(
     require(low <= value <= high, f"{name} is {value:.6g}: it must be in over, from {low:.6g} to {high:.6g}.")
     if special is None:
         at = args_of(as_jax(np.asarray(value, float)))
-        orbit = floquet(system, jnp.asarray(x0, float), at, transient=transient, **options)
+        how: dict[str, Any] = options | {"method": given}
+        orbit = floquet(system, jnp.asarray(x0, float), at, transient=transient, **how)
     else:
         orbit = special.orbit
-    turns = 1 if special is None else special.turns_there
-    equations = equations_of(system, args_of, (low, value, high), name, orbit, turns, options)
+    turns, near = 1 if special is None else special.turns_there, least_sizes(x0)
+    equations = equations_of(system, args_of, (low, value, high), name, orbit, turns, options, near, given is None)
     branch = _Branch(equations, name, orbit, (low, high), step, max_points, float(t0), labels)
     if special is None:
         origin = _origin(equations, orbit, value)
@@ -266,19 +272,28 @@ def parameters_named(args, *names: str) -> tuple[tuple[ParameterOf, ...], tuple[
     return tuple(ParameterOf(args_of, leaf, entry) for entry in entries), tuple(float(leaf[i]) for i in entries)
 
 
-def equations_of(system, args_of, values, parameter: str, orbit: Floquet, turns: int, options) -> BranchEquations:
-    """The equations of the branch through an orbit, scaled by its size and its period."""
-    args, period, method = args_of(jnp.asarray(values[1])), options["period"], options["method"]
-    problem, *_ = preparation.prepare(system, orbit.base[1], args, options["t0"], method, options["mode"])
+def least_sizes(x0: Any) -> np.ndarray:
+    """The least sizes (n,) of the components on a branch, from its start: on it one may leave zero."""
+    return np.asarray(x0.sizes) if isinstance(x0, Special) else OF_START * np.abs(np.asarray(x0, float))
+
+
+def equations_of(
+    system, args_of, values, parameter: str, orbit: Floquet, turns: int, options, least: np.ndarray, is_default: bool
+) -> BranchEquations:
+    """The equations of the branch through an orbit, scaled by its sizes and its period."""
+    args, period = args_of(jnp.asarray(values[1])), options["period"]
+    problem, *_ = preparation.prepare(system, orbit.base[1], args, options["t0"], options["method"], options["mode"])
     base, scales = Node(*orbit.base), (orbit.period, values[2] - values[0])
     flow = Motion(problem)
-    size = float(np.max(np.abs(states_of(flow.piece(base, orbit.period))[1])))
-    size = size if size > ZERO_SINGULAR_VALUE else 1.0
+    trial = flow.piece(base, orbit.period)
+    problem, sizes = sized(flow, trial, is_default, base.x).problem, sizes_of(states_of(trial)[1], trial.matrix, least)
     symmetry = symmetry_of(options["modulo"], system, base.x, problem.args, options["t0"])
     conserved = conserved_of(options["conserve"], system, base.x, flow.mode(base), problem.args)
     along = np.zeros((1, 0)) if symmetry is None else symmetry.image(base.x).by_shift
-    closing = symmetry, conserved, tuple(float(size / length) for length in np.linalg.norm(along, axis=0))
-    equations = BranchEquations(problem, args_of, method, period, turns, options["segments"], size, *scales, *closing)
+    lengths = np.linalg.norm(along / sizes[:, None], axis=0)
+    closing = symmetry, conserved, tuple(float(1 / length) for length in lengths)
+    pieces = options["segments"]
+    equations = BranchEquations(problem, args_of, problem.method, period, turns, pieces, sizes, *scales, *closing)
     for p in values:
         own = equations.own_period(p)
         # At the ends of the range a valid period need not exist.
@@ -403,7 +418,7 @@ def require_wider(name: str, over: tuple[float, float], before: tuple[float, flo
 def orbit_as_result(equations: BranchEquations, orbit: OrbitIterate, p: float, start: Node) -> Floquet:
     """The orbit with its multipliers; for a forced system shown at t0."""
     flow, base = equations.motion(p), orbit.nodes[0]
-    shown = base if equations.autonomous else at_start(flow, base, start, orbit.period, orbit.shift)
+    shown = base if equations.autonomous else at_start(flow, orbit, start, orbit.period)
     family = family_of(flow, orbit, equations.autonomous, equations.fixed)
     return floquet_of(flow, orbit, shown, equations.autonomous, family)
 
@@ -417,4 +432,5 @@ def _special_as_result(equations: BranchEquations, found: LocatedPoint, start: N
     orbit = orbit_as_result(equations, found.point.orbit, found.point.parameter, start)
     orbit = at_rest(orbit, found.point.orbit) if found.kind in (HOPF, BOUNDARY_EQUILIBRIUM) else orbit
     largest, turns = np.max(states_over(found.point), axis=0), equations.turns
-    return Special(found.kind, found.point.parameter, orbit, turns, turns * found.turns, found.change, largest)
+    rest = found.change, largest, equations.sizes
+    return Special(found.kind, found.point.parameter, orbit, turns, turns * found.turns, *rest)

@@ -25,20 +25,9 @@ from ...engine import problems
 from ...errors import RunFailedError
 from ...systems.smooth import Map
 from ..orbits.invariants import Conserved
+from ..orbits.motion.motions import SAMPLES_PER_PIECE, Motion, Node, states_of
 from ..orbits.periodic_orbits import CONVERGED
-from ..orbits.shooting import (
-    NEWTON_RESIDUAL,
-    SAMPLES_PER_PIECE,
-    Motion,
-    Node,
-    OrbitIterate,
-    linearised,
-    placed,
-    retimed,
-    shares_of,
-    shot,
-    states_of,
-)
+from ..orbits.shooting import NEWTON_RESIDUAL, OrbitIterate, linearised, placed, retimed, shares_of, shot
 from ..orbits.symmetries import Symmetry
 from ..sensitivity.implicit import PeriodRun
 
@@ -97,7 +86,7 @@ class BranchEquations(NamedTuple):
     period: Any  # None (unknown), a number, or args ↦ number
     turns: int  # number of given periods after which the orbit closes
     segments: int
-    size: float  # scale of the state
+    sizes: np.ndarray  # (n,) scales of the state
     time: float  # scale of the period
     span: float  # scale of the parameter
     symmetry: Symmetry | None = None
@@ -130,7 +119,9 @@ class BranchEquations(NamedTuple):
         conserved = self.conserved
         if conserved is not None and self.level:
             conserved = conserved._replace(wanted=np.array([p]))
-        return Motion(self.problem._replace(args=self.args_of(_number(p))), self.symmetry, conserved, self.samples)
+        return Motion(
+            self.problem._replace(args=self.args_of(_number(p))), self.symmetry, conserved, self.samples, self.sizes
+        )
 
     def length(self, p: float) -> float:
         """The time after which a forced orbit closes."""
@@ -149,9 +140,8 @@ class BranchEquations(NamedTuple):
     def scales(self, orbit: OrbitIterate) -> np.ndarray:
         """The scale (N + 1,) of each unknown."""
         nodes = orbit.nodes
-        states = np.full(len(nodes) * len(nodes[0].x), self.size * np.sqrt(len(nodes)))
-        forces = np.full(self.fixed, self.size)
-        return np.concatenate([states, [self.time] * self.autonomous, self.shifts, forces, [self.span]])
+        states = np.tile(self.sizes * np.sqrt(len(nodes)), len(nodes))
+        return np.concatenate([states, [self.time] * self.autonomous, self.shifts, np.ones(self.fixed), [self.span]])
 
     def vector(self, orbit: OrbitIterate, p: float) -> np.ndarray:
         """The unknowns u (N + 1,) of an orbit."""
@@ -174,17 +164,19 @@ class BranchEquations(NamedTuple):
     def linearised(self, orbit: OrbitIterate, p: float) -> tuple[np.ndarray, np.ndarray]:
         """The Jacobian (N, N + 1) of the equations, and their residuals (N,)."""
         flow, shares = self.motion(p), shares_of(orbit.nodes, orbit.period)
-        system, gaps = linearised(flow, orbit, shares, self.autonomous)
-        states = len(orbit.nodes) * len(orbit.nodes[0].x)
-        lengths = np.linalg.norm(system[states:], axis=1)
+        system, gaps = linearised(flow, orbit, shares, self.autonomous, self.sizes)
+        units = np.tile(self.sizes, len(orbit.nodes))
+        states = len(units)
+        lengths = np.linalg.norm(system[states:, :states] * units, axis=1)
         column, forces = np.zeros((len(gaps), 1)), np.zeros((len(gaps), self.fixed))
         column[:states, 0] = np.concatenate(self._by_parameter(orbit, shares, p))
         if flow.conserved is not None:
             first = orbit.nodes[0]
             column[len(gaps) - self.fixed :, 0] = self._kept_by_parameter(first, p)
-            forces[states - len(first.x) : states] = flow.strayed(first)[1].T
-        rows = np.full(len(gaps), self.size)
-        rows[states:] *= np.maximum(lengths, np.finfo(float).tiny)
+            slopes = flow.strayed(first)[1] * self.sizes
+            slopes = slopes / np.linalg.norm(slopes, axis=1, keepdims=True)
+            forces[states - len(first.x) : states] = (slopes * self.sizes).T
+        rows = np.concatenate([units, np.maximum(lengths, np.finfo(float).tiny)])
         return np.hstack([system, forces, column]) * self.scales(orbit) / rows[:, None], gaps / rows
 
     def _kept_by_parameter(self, node: Node, p: float) -> np.ndarray:

@@ -12,7 +12,8 @@ import numpy as np
 from ..._keywords import user_level
 from ...errors import RunFailedError
 from ...statuses import STATUS
-from ..orbits.shooting import Node, OrbitIterate, states_of
+from ..orbits.motion.motions import Node, states_of
+from ..orbits.shooting import OrbitIterate
 from .bifurcations import cycle_of_events
 from .equations import BranchEquations, BranchPoint, tangent
 from .locating import LocatedPoint, OrbitChange, change_of, crossings
@@ -208,7 +209,7 @@ def _signature(equations: BranchEquations, point: BranchPoint) -> np.ndarray:
 def shape_of(equations: BranchEquations, orbit: OrbitIterate) -> np.ndarray:
     """Largest and smallest value of each component, and the period, all scaled."""
     states = np.concatenate([states_of(piece)[1] for piece in orbit.pieces])
-    ends = np.concatenate([states.max(axis=0), states.min(axis=0)]) / equations.size
+    ends = np.concatenate([states.max(axis=0), states.min(axis=0)]) / np.tile(equations.sizes, 2)
     return np.append(ends, orbit.period / equations.time)
 
 

@@ -130,7 +130,7 @@ def _from_sign_change(equations: BranchEquations, kind: str, point: BranchPoint)
         return LocatedPoint(
             kind,
             point,
-            OrbitChange(of_doubling(equations, point) * equations.size, 0.0, 0.0, np.zeros(len(equations.shifts))),
+            OrbitChange(of_doubling(equations, point), 0.0, 0.0, np.zeros(len(equations.shifts))),
             2,
         )
     if kind == "Neimark–Sacker" and not is_complex(equations, point):

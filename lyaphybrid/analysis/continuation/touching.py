@@ -10,7 +10,8 @@ import numpy as np
 from ...engine import problems
 from ...engine.binding import number
 from ...systems.hybrid import Hybrid, Transition
-from ..orbits.shooting import Motion, MotionPiece, Node, OrbitIterate
+from ..orbits.motion.motions import Motion, MotionPiece, Node
+from ..orbits.shooting import OrbitIterate
 from .equations import BranchEquations, BranchPoint
 
 __all__ = ["FoundTouch", "Touch", "ending_touch", "found_touches", "tick_time"]

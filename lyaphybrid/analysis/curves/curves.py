@@ -19,6 +19,7 @@ from ..continuation.branches import Special
 from ..continuation.continuing import (
     at_rest,
     equations_of,
+    least_sizes,
     moving,
     orbit_as_result,
     parameters_named,
@@ -29,8 +30,9 @@ from ..continuation.equations import BranchEquations, ParameterOf
 from ..continuation.following import Arc, followed
 from ..continuation.shrinking import HOPF
 from ..continuation.touching import found_touches
+from ..orbits.motion.motions import SAMPLES_PER_PIECE, Node
 from ..orbits.periodic_orbits import Floquet, floquet
-from ..orbits.shooting import SAMPLES_PER_PIECE, Node, OrbitIterate
+from ..orbits.shooting import OrbitIterate
 from .bifurcation_curves import BifurcationCurve, CurveSpecial
 from .equations import Condition, CurveEquations, CurvePoint
 from .following_curves import follow_curve
@@ -159,20 +161,23 @@ def bifurcation_curve(
     discrete = isinstance(system, Map) or iterates(system)
     require(border is None or discrete, "border is for an lh.Map: a flow's borders are the guards of an lh.Hybrid.")
     require(border is None or callable(border), f"border must be a function (n, x, args) -> number; got {border!r}.")
+    given = method
     system, method = moving(system, method)
     require_double("x0", start, "bifurcation_curve")
-    options = {"period": period, "t0": t0, "mode": mode, "method": method, "segments": segments}
+    options: dict[str, Any] = {"period": period, "t0": t0, "mode": mode, "method": method, "segments": segments}
     options |= {"conserve": conserve, "modulo": modulo}
     if special is not None:
         pair = float(special.parameter), pair[1]
     for name, value, (low, high) in zip(names, pair, ranges, strict=True):
         require(low <= value <= high, f"{name} is {value:.6g}: it must be in over, from {low:.6g} to {high:.6g}.")
     if special is None:
-        orbit = floquet(system, as_jax(np.asarray(numbers("x0", x0), float)), args, **options)
+        how: dict[str, Any] = options | {"method": given}
+        orbit = floquet(system, as_jax(np.asarray(numbers("x0", x0), float)), args, **how)
     else:
         orbit = special.orbit
     turns, within = 1 if special is None else special.turns, (ranges[0][0], pair[0], ranges[0][1])
-    base = equations_of(system, args_of[0], within, names[0], orbit, turns, options)._replace(samples=FEW_SAMPLES)
+    more = options, least_sizes(x0), given is None
+    base = equations_of(system, args_of[0], within, names[0], orbit, turns, *more)._replace(samples=FEW_SAMPLES)
     kind, condition, placed, own = _condition(base, special, border, orbit, pair[0])
     entries = int(args_of[0].entry), int(args_of[1].entry)
     spans = ranges[0][1] - ranges[0][0], ranges[1][1] - ranges[1][0]

@@ -15,8 +15,9 @@ import numpy as np
 
 from ...errors import RunFailedError
 from ..continuation.equations import BranchEquations, ParameterOf, solved, tangent
+from ..orbits.motion.motions import Motion
 from ..orbits.periodic_orbits import CONVERGED
-from ..orbits.shooting import Motion, OrbitIterate
+from ..orbits.shooting import OrbitIterate
 
 __all__ = ["EXACTLY", "Condition", "ConditionValue", "CurveEquations", "CurvePoint", "CurveIterate", "first_that_runs"]
 

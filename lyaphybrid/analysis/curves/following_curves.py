@@ -10,7 +10,8 @@ from ..continuation.following import Arc, nodes_are_clear, shape_of, stepped, wa
 from ..continuation.locating import LostError
 from ..continuation.shrinking import HOPF, before_equilibrium
 from ..continuation.touching import FoundTouch, found_touches
-from ..orbits.shooting import SAMPLES_PER_PIECE, Node, OrbitIterate, times_apart
+from ..orbits.motion.motions import SAMPLES_PER_PIECE, Node
+from ..orbits.shooting import OrbitIterate, times_apart
 from .equations import CurveEquations, CurvePoint
 from .shrinking_curves import CurveBound, before_the_end
 from .special_points import special_points

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..._linalg.products import in_units
 from ..continuation.bifurcations import monodromy
 from .equations import EXACTLY, ConditionValue, CurveIterate
 
@@ -79,28 +80,38 @@ class BranchPointCondition(NamedTuple):
 
 
 def _back(there: CurveIterate) -> np.ndarray:
-    """The inverse (n, n) of the derivative of the symmetry; the identity without one."""
+    """The scaled inverse (n, n) of the derivative of the symmetry; the identity without one."""
     first, symmetry = there.orbit.nodes[0], there.branch.symmetry
     if symmetry is None:
         return np.eye(len(first.x))
-    return np.linalg.inv(symmetry.image(first.x, there.orbit.shift).by_state)
+    return np.linalg.inv(in_units(symmetry.image(first.x, there.orbit.shift).by_state, there.branch.sizes))
+
+
+def _matrices(there: CurveIterate) -> list[np.ndarray]:
+    """The scaled derivatives (n, n) of the pieces."""
+    return [in_units(piece.matrix, there.branch.sizes) for piece in there.orbit.pieces]
+
+
+def _whole(there: CurveIterate) -> np.ndarray:
+    """The scaled monodromy matrix (n, n)."""
+    return in_units(monodromy(there.branch, there.orbit), there.branch.sizes)
 
 
 def _bent(there: CurveIterate, w: np.ndarray) -> np.ndarray:
     """The derivatives (states, N + 2) of M_i w_i, what each piece makes of what w has become, by all unknowns."""
-    pieces, ahead = there.orbit.pieces, [w]
-    for piece in pieces[:-1]:
-        ahead.append(piece.matrix @ ahead[-1])
-    states, scale = len(pieces) * len(w), there.branch.scales(there.orbit)[0]
-    direction = np.append(np.concatenate(ahead) / scale, np.zeros(len(there.u) - states))
-    return there.branch.size * there.second(direction)[:states]
+    matrices, ahead = _matrices(there), [w]
+    for matrix in matrices[:-1]:
+        ahead.append(matrix @ ahead[-1])
+    states = len(matrices) * len(w)
+    direction = np.append(np.concatenate(ahead) / np.sqrt(len(matrices)), np.zeros(len(there.u) - states))
+    return there.second(direction)[:states]
 
 
 def _through(there: CurveIterate, psi: np.ndarray) -> np.ndarray:
     """The weights (states,) of the ends of the pieces in ψ·M w, M the monodromy matrix."""
     behind = [_back(there).T @ psi]
-    for piece in reversed(there.orbit.pieces[1:]):
-        behind.insert(0, piece.matrix.T @ behind[0])
+    for matrix in reversed(_matrices(there)[1:]):
+        behind.insert(0, matrix.T @ behind[0])
     return np.concatenate(behind)
 
 
@@ -112,7 +123,7 @@ class DoublingCondition(NamedTuple):
 
     def at(self, there: CurveIterate) -> ConditionValue:
         """Residual and derivatives."""
-        matrix = monodromy(there.branch, there.orbit)
+        matrix = _whole(there)
         found = bordered(matrix + np.eye(len(matrix)), 1)
         row = -_through(there, found.psi[:, 0]) @ _bent(there, found.w[:, 0])
         return ConditionValue(found.g[0], row[None, :], np.zeros((len(there.gaps), 0)))
@@ -126,7 +137,7 @@ class TorusCondition(NamedTuple):
 
     def at(self, there: CurveIterate) -> ConditionValue:
         """Residuals and derivatives."""
-        matrix, kappa = monodromy(there.branch, there.orbit), float(there.own[0])
+        matrix, kappa = _whole(there), float(there.own[0])
         found = bordered(matrix @ matrix - 2 * kappa * matrix + np.eye(len(matrix)), 2)
         # One null vector and its image span the plane; of the two the one that turns more is taken.
         turned = np.linalg.norm(matrix @ found.w - kappa * found.w, axis=0)

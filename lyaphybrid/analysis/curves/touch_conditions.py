@@ -20,7 +20,8 @@ from ..._jax.tracing import as_jax
 from ...systems.daes.semi_linear import fields_of
 from ..continuation.equations import BranchEquations
 from ..continuation.touching import FoundTouch, Touch, tick_time
-from ..orbits.shooting import Motion, Node, OrbitIterate, shares_of, shot, times_apart
+from ..orbits.motion.motions import Motion, Node
+from ..orbits.shooting import OrbitIterate, shares_of, shot, times_apart
 from .equations import EXACTLY, ConditionValue, CurveIterate, first_that_runs
 
 __all__ = ["BorderCondition", "TouchCondition", "placed_around"]
@@ -59,9 +60,9 @@ class TouchCondition(NamedTuple):
             there.equations.leaf(there.pair),
             (node.t + length, np.asarray(run.x) + velocity * (length - felt)),
         )
-        sizes = np.linalg.norm(by_state, axis=1) * branch.size + np.abs(by_time) * branch.time
+        sizes = np.linalg.norm(by_state * branch.sizes, axis=1) + np.abs(by_time) * branch.time
         sizes = np.where(sizes > 0, sizes, 1.0)
-        states = by_state @ run.matrix * branch.scales(there.orbit)[0]
+        states = by_state @ run.matrix * branch.scales(there.orbit)[: len(node.x)]
         rows = np.zeros((2, len(there.u) + 1))
         rows[:, : states.shape[1]] = states
         still = (1.0, 0.0, np.zeros(len(node.x)), 0.0)
@@ -126,9 +127,9 @@ class BorderCondition(NamedTuple):
         leaf, at = as_jax(there.equations.leaf(there.pair)), (as_jax(np.asarray(node.t, float)), as_jax(node.x))
         value, (by_args, by_state) = _derivatives_of_border(self.border, there.equations.args_of.args_of, leaf, at)
         by_args, by_state = np.asarray(by_args), np.asarray(by_state)
-        size = float(np.linalg.norm(by_state)) * branch.size or 1.0
+        size = float(np.linalg.norm(by_state * branch.sizes)) or 1.0
         row = np.zeros((1, len(there.u)))
-        row[0, : len(by_state)] = by_state * branch.scales(there.orbit)[0]
+        row[0, : len(by_state)] = by_state * branch.scales(there.orbit)[: len(by_state)]
         row[0, -2:] = by_args[list(there.equations.entries)] * there.equations.spans
         return ConditionValue(np.atleast_1d(value) / size, row / size, np.zeros((len(there.gaps), 0)))
 

@@ -9,7 +9,8 @@ import numpy as np
 from ..._jax.precision import digits
 from ...errors import RunFailedError
 from .invariants import Conserved, energies_of
-from .shooting import LEAST_SCALE, Motion, Node, OrbitIterate, linearised, retimed, shares_of, shot, states_of
+from .motion.motions import Motion, Node
+from .shooting import OrbitIterate, retimed, scaled, shares_of, shot
 
 __all__ = ["energy_moved", "family_of"]
 
@@ -29,33 +30,25 @@ def family_of(flow: Motion, orbit: OrbitIterate, autonomous: bool, known: int | 
     none = np.zeros((n, 0))
     if not orbit.residual <= digits(CLOSES, orbit.nodes[0].x):
         return none
-    system, scales = _scaled(flow, orbit, autonomous)
-    if not np.all(np.isfinite(system)):
+    equations = scaled(flow, orbit, shares_of(orbit.nodes, orbit.period), autonomous)
+    if not np.all(np.isfinite(equations.system)):
         return none
-    _, singular, right = np.linalg.svd(system)
+    _, singular, right = np.linalg.svd(equations.system)
+    units = orbit.units
     if known is not None:
-        return np.column_stack([none, *(v[:n] for v in right[len(right) - known :])])
+        return np.column_stack([none, *(units * v[:n] for v in right[len(right) - known :])])
     small = digits(FAMILY_SINGULAR_VALUE, orbit.nodes[0].x) * max(1.0, singular[0])
     found = [v for v, size in zip(right, singular, strict=True) if size < small]
-    return np.column_stack([none, *(v[:n] for v in found if _goes_on(flow, orbit, autonomous, v, scales))])
-
-
-def _scaled(flow: Motion, orbit: OrbitIterate, autonomous: bool) -> tuple[np.ndarray, np.ndarray]:
-    """The linearised equations, all unknowns scaled to lengths; and the scales."""
-    system = linearised(flow, orbit, shares_of(orbit.nodes, orbit.period), autonomous)[0]
-    states = len(orbit.nodes) * len(orbit.nodes[0].x)
-    # The columns of the period and of the shift are velocities; their rows are the transposed ones.
-    lengths = np.linalg.norm(system[:, states:], axis=0)
-    lengths = np.where(lengths > 0, lengths, 1.0)
-    scales = np.concatenate([np.ones(states), 1 / lengths])
-    rows = np.linalg.norm(system[states:], axis=1)
-    return system * scales / np.concatenate([np.ones(states), np.where(rows > 0, rows, 1.0)])[:, None], scales
+    return np.column_stack(
+        [none, *(units * v[:n] for v in found if _goes_on(flow, orbit, autonomous, v, equations.scales))]
+    )
 
 
 def _goes_on(flow: Motion, orbit: OrbitIterate, autonomous: bool, along: np.ndarray, scales: np.ndarray) -> bool:
     """Whether there is another orbit in this direction of the unknowns."""
     n, m = len(orbit.nodes[0].x), len(orbit.nodes)
-    change = NEIGHBOUR_DISTANCE * _extent(orbit) * np.sqrt(m) * along
+    off = np.abs(along[: m * n].reshape(m, n)) * orbit.units / orbit.extents
+    change = NEIGHBOUR_DISTANCE / max(float(np.max(off)), np.finfo(float).tiny) * along
     trial, shares = orbit, shares_of(orbit.nodes, orbit.period)
     try:
         for _ in range(NEWTON_ITERATIONS):
@@ -67,25 +60,19 @@ def _goes_on(flow: Motion, orbit: OrbitIterate, autonomous: bool, along: np.ndar
             trial = shot(flow, retimed(moved, shares, period), shares, period, 0, shift)
             if trial.residual <= digits(CLOSES, orbit.nodes[0].x):
                 return True
-            system, gaps = linearised(flow, trial, shares, autonomous)
-            change = np.linalg.lstsq(np.vstack([system * scales, along]), np.append(-gaps, 0.0))[0]
+            system, gaps, own = scaled(flow, trial, shares, autonomous)
+            change = np.linalg.lstsq(np.vstack([system * scales / own, along]), np.append(-gaps, 0.0))[0]
     except RunFailedError:
         return False
     return False
 
 
-def _extent(orbit: OrbitIterate) -> float:
-    """The largest extent of an orbit in a component; for a single point its distance from 0."""
-    states = np.concatenate([states_of(piece)[1] for piece in orbit.pieces])
-    across, away = float(np.max(np.ptp(states, axis=0))), float(np.max(np.abs(states)))
-    return across if across > LEAST_SCALE * away else away or 1.0
-
-
-def energy_moved(flow: Motion, start: Node, end: Node) -> bool:
-    """Whether the energy, if the system knows one, differs from that of the start."""
+def energy_moved(flow: Motion, start: Node, end: Node, sizes: np.ndarray) -> bool:
+    """Whether the energy, if the system knows one, differs from that of the start; components have sizes (n,)."""
     args, energies = flow.problem.args, energies_of(flow.problem.system)
     if not energies or None in energies:
         return False
     wanted = Conserved(energies, np.zeros(1)).value(flow.mode(start), start.x, args)
-    strayed = Conserved(energies, wanted).strayed(flow.mode(end), end.x, args)[0]
-    return bool(np.max(np.abs(strayed)) > digits(ENERGY_CHANGED, start.x) * np.max(np.abs(start.x)))
+    strayed, slopes = Conserved(energies, wanted).strayed(flow.mode(end), end.x, args)
+    steepness = np.linalg.norm(slopes * sizes, axis=1)
+    return bool(np.any(np.abs(strayed) > digits(ENERGY_CHANGED, start.x) * steepness))

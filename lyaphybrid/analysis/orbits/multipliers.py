@@ -9,7 +9,8 @@ from ..._linalg import frames
 from ..._linalg.products import even_units, in_units, product_eigenvalues
 from ...errors import RunFailedError
 from ...systems.smooth import Map
-from .shooting import Motion, OrbitIterate, placed, shares_of, shot
+from .motion.motions import Motion
+from .shooting import OrbitIterate, placed, shares_of, shot
 
 __all__ = ["matrices_of", "multipliers_of", "stability_of"]
 

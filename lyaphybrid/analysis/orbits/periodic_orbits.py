@@ -21,7 +21,7 @@ from ..._jax.tracing import as_jax
 from ..._keywords import explains_keywords
 from ..._text import Table
 from ...engine import preparation, problems
-from ...errors import LyaphybridError, NoPeriodicOrbitError, RunFailedError
+from ...errors import LyaphybridError, NoPeriodicOrbitError
 from ...integrators import HalfExplicit, RungeKutta
 from ...integrators.base import Method
 from ...results.result import Data, RunResult
@@ -31,12 +31,15 @@ from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
 from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
+from .closures import goes_along, repeats, rests
 from .families import energy_moved, family_of
 from .invariants import conserved_of, require_conserved
+from .motion.motions import Motion, Node, sized
+from .motion.returns import close_return
 from .multipliers import matrices_of, multipliers_of, stability_of
 from .periods import check_period, depends_on_time
 from .points import at_start, nearest
-from .shooting import Motion, Node, OrbitIterate, close_return, newton, placed
+from .shooting import OrbitIterate, newton, placed
 from .sides import BEYOND_GUARD, beyond_a_guard
 from .symmetries import symmetry_of
 
@@ -44,9 +47,6 @@ __all__ = ["CONVERGED", "Floquet", "floquet", "floquet_of", "in_any_case", "requ
 
 MOST_ITERATES = 1e8  # of a map before the search: they are kept
 CONVERGED = 1e-9  # residual, relative to the orbit, that a periodic orbit must reach
-# M f = f must hold to this relative tolerance; it fails by about |f| where there is no orbit ….
-FLOW_DIRECTION_KEPT = 1e-6
-ROUNDED = 1e-9  # … plus this fraction of |M| |f|, the rounding error of a large derivative
 
 
 class Floquet(RunResult, eqx.Module):
@@ -246,7 +246,8 @@ def floquet(
     whole("max_iterations", max_iterations, least=1)
     require_values("floquet", x0, args, t0)
     discrete = isinstance(system, Map)
-    if method is None and not discrete and not isinstance(system, EventDriven):
+    is_default = method is None
+    if is_default and not discrete and not isinstance(system, EventDriven):
         constrained = any(isinstance(field, Constrained) for field in fields_of(system))
         method = HalfExplicit(rtol=1e-12, tableau="dopri8") if constrained else RungeKutta(rtol=1e-12, atol=1e-14)
     problem, start, time, index = preparation.prepare(system, x0, args, t0, method, mode)
@@ -261,7 +262,7 @@ def floquet(
     few = not discrete or transient <= MOST_ITERATES
     require(few, f"transient must be at most {MOST_ITERATES:g} iterations; got {transient!r}.")
     try:
-        found = _orbit_near(flow, point, period, transient, segments, max_iterations, throw, conserve)
+        found = _orbit_near(flow, point, period, transient, segments, max_iterations, throw, conserve, is_default)
         return dataclasses.replace(found, state_labels=labels_of(system, problem.shape))
     except LyaphybridError as failed:
         if failed.result is None:
@@ -272,7 +273,7 @@ def floquet(
 
 
 def _orbit_near(
-    flow: Motion, point: Node, period, transient, segments: int, max_iterations: int, throw: bool, conserve
+    flow: Motion, point: Node, period, transient, segments: int, max_iterations: int, throw: bool, conserve, is_default
 ) -> Floquet:
     """The orbit near a point."""
     start = point.x
@@ -283,16 +284,18 @@ def _orbit_near(
     autonomous = period is None
     given = point
     point, guess = close_return(flow, point) if period is None else (point, float(np.asarray(period)))
+    trial = flow.piece(point, guess)
     if flow.conserved is not None:
-        require_conserved(flow, flow.piece(point, guess))
+        require_conserved(flow, trial)
+    flow = sized(flow, trial, is_default, start)
     orbit = newton(flow, placed(flow, point, guess, segments), guess, autonomous, max_iterations)
     base = orbit.nodes[0]
     if autonomous:
-        end = nearest(flow, base, orbit.period, start)
+        end = nearest(flow, base, orbit.period, start, orbit.extents)
     else:
-        end = at_start(flow, base, given, guess, orbit.shift)
+        end = at_start(flow, orbit, given, guess)
     result = floquet_of(flow, orbit, end, autonomous, family_of(flow, orbit, autonomous))
-    if result.family and conserve is None and energy_moved(flow, given, end):
+    if result.family and conserve is None and energy_moved(flow, given, end, orbit.sizes):
         result = dataclasses.replace(result, notes=result.notes | {"moved"})
     if throw and result.status.failed:
         raise NoPeriodicOrbitError(_failure(flow, orbit, result), result)
@@ -321,13 +324,13 @@ def _failure(flow: Motion, orbit: OrbitIterate, result: Floquet) -> str:
             "this cycle of events; (c) the period is not one of this motion."
         )
     converged = orbit.residual <= digits(CONVERGED, orbit.nodes[0].x)
-    if converged and _rests(flow, orbit):
+    if converged and rests(flow, orbit):
         return (
             f"No periodic orbit: at x = {orbit.nodes[0].x} the motion moves along the group alone, modulo that it is "
             "an equilibrium, and any time is a period: give one element of the group, g(x), such as the turn after "
             "which it is to close."
         )
-    if converged and not _repeats(flow, orbit):
+    if converged and not repeats(flow, orbit):
         return (
             f"No periodic orbit: the state after {orbit.period:.6g} is the image of that at the start, but the period "
             "is not repeated from there. modulo must be a symmetry of guards, resets and switches too."
@@ -344,41 +347,6 @@ def _failure(flow: Motion, orbit: OrbitIterate, result: Floquet) -> str:
         f"Newton's method stands at a residual of {orbit.gap:.1e} after {orbit.iterations} iterations, "
         f"period {orbit.period:.6g}: (a) x0 is too far from a periodic orbit, give a transient; (b) the orbit is "
         "unstable and long, give segments; (c) the period is not one of this motion."
-    )
-
-
-def _rests(flow: Motion, orbit: OrbitIterate) -> bool:
-    """Whether the motion is only along the group: modulo the group it is an equilibrium without a period."""
-    if flow.symmetry is None or not flow.symmetry.freedom:
-        return False
-    base = orbit.nodes[0]
-    velocity, along = flow.velocity(base), flow.symmetry.image(base.x).by_shift
-    across = velocity - along @ np.linalg.lstsq(along, velocity)[0]
-    return bool(np.linalg.norm(across) <= digits(FLOW_DIRECTION_KEPT, base.x) * np.linalg.norm(velocity))
-
-
-def _repeats(flow: Motion, orbit: OrbitIterate) -> bool:
-    """Whether the next period is the image of this one, jumps included; if not, modulo is no symmetry."""
-    if flow.symmetry is None or orbit.torn:
-        return True
-    start, end = orbit.nodes[0], flow.goal(orbit.goal, orbit.shift)
-    try:
-        again = flow.piece(orbit.goal._replace(t=start.t), orbit.period)
-    except RunFailedError:
-        return False
-    spread = 1 + np.linalg.norm(again.matrix, 2)
-    apart = np.linalg.norm(np.asarray(again.x) - np.asarray(end.x))
-    return bool(apart <= digits(FLOW_DIRECTION_KEPT, start.x) * spread * max(1.0, float(np.max(np.abs(start.x)))))
-
-
-def _goes_along(flow: Motion, orbit: OrbitIterate) -> bool:
-    """Whether each piece maps its velocity to that of the next, M_i f(x_i) = f(x_{i+1}): then one multiplier is 1."""
-    along, rounded = (digits(part, orbit.nodes[0].x) for part in (FLOW_DIRECTION_KEPT, ROUNDED))
-    speeds = [(piece.matrix, flow.velocity(piece.start), flow.velocity(node)) for piece, node in orbit.seams]
-    return all(
-        np.linalg.norm(matrix @ before - after)
-        < along * np.linalg.norm(after) + rounded * np.linalg.norm(matrix, 2) * np.linalg.norm(before)
-        for matrix, before, after in speeds
     )
 
 
@@ -422,8 +390,8 @@ def floquet_of(
     multipliers, others = multipliers_of(matrices, known, flow.degrees_of_freedom(point), autonomous)
     sizes = np.abs(multipliers)
     exponents = np.where(sizes > 0, np.log(np.where(sizes > 0, sizes, 1.0)) / orbit.period, -np.inf)
-    good = not autonomous or (_goes_along(flow, orbit) and not _rests(flow, orbit))
-    good = good and _repeats(flow, orbit)
+    good = not autonomous or (goes_along(flow, orbit) and not rests(flow, orbit))
+    good = good and repeats(flow, orbit)
     residual = orbit.residual if good else np.inf
     return Floquet(
         x0=as_jax(point.x),

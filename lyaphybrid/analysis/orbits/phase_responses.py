@@ -9,6 +9,7 @@ from the left eigenvectors of the monodromy matrix: Zᵀ M = Zᵀ with Z·f = 1,
 inverted, so directions that a jump destroys are no obstacle.
 """
 
+import dataclasses
 import functools
 import warnings
 from collections.abc import Callable, Sequence
@@ -24,6 +25,7 @@ from ..._arguments import State, integers, require, require_values, whole
 from ..._keywords import explains_keywords, user_level
 from ..._linalg.eigenrows import eigenrows
 from ..._text import Table
+from ...engine import preparation
 from ...errors import RunFailedError
 from ...integrators import RungeKutta
 from ...integrators.base import Method
@@ -33,6 +35,7 @@ from ...systems.hybrid import Hybrid
 from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow
 from ..trajectories import tangent_map
+from .motion.motions import Motion, Node, sized
 from .periodic_orbits import Floquet, floquet
 from .periods import depends_on_time
 from .phase_readings import MovingOn, PhaseReader
@@ -268,9 +271,9 @@ def phase_response(
     whole("phases", phases, least=4)
     require_values("phase_response", x0, args)
     require(not depends_on_time(system, jnp.asarray(x0, float), args), FORCED)
-    method = RungeKutta(rtol=1e-12, atol=1e-14) if method is None else method
     orbit = floquet(system, x0, args, mode=mode, method=method, transient=transient, segments=segments)
     require(not orbit.family, FAMILY)
+    method = _fine_method(system, args, orbit) if method is None else method
     cycle, (_, x, index) = MovingOn(system, args, method), orbit.base
     step, points, modes, maps = orbit.period / phases, [x], [index], []
     for _ in range(phases):
@@ -288,6 +291,15 @@ def phase_response(
         step * np.arange(phases), np.array(points[:-1]), np.array(modes[:-1], np.int32), *found, orbit,
         labels_of(system, (len(x),)), cycle,
     )  # fmt: skip
+
+
+def _fine_method(system: Flow | Hybrid, args: Any, orbit: Floquet) -> Method:
+    """The default method, for the sizes of the components on the orbit."""
+    method = RungeKutta(rtol=1e-12, atol=1e-14)
+    mode = orbit.base[2] if isinstance(system, Hybrid) else None
+    flow = Motion(preparation.prepare(system, orbit.base[1], args, 0.0, method, mode)[0])
+    fine = sized(flow, flow.piece(Node(*orbit.base), orbit.period), True, orbit.x0).problem.method
+    return dataclasses.replace(method, atol=float(fine.atol))
 
 
 def _responses(maps: list[np.ndarray], velocities: list[np.ndarray]):

@@ -13,84 +13,35 @@ of states alone may be no orbit: fields continue beyond the guards at which thei
 return to a state in another mode.
 """
 
+import functools
 from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
-from ..._jax.engines import compiled
 from ..._jax.precision import digits
-from ..._jax.tracing import array, as_jax
-from ...engine import problems
-from ...engine.host import driver
-from ...engine.host.places import account, place_of
-from ...errors import NoPeriodicOrbitError, RunFailedError
-from ...statuses import STATUS
-from ...systems.consistency import put_on_constraints
-from ...systems.daes.semi_linear import Constrained, fields_of
-from ...systems.event_driven import EventDriven
-from ...systems.hybrid import Hybrid, disarmed
+from ...errors import RunFailedError
 from ...systems.smooth import Map
-from .invariants import Conserved
-from .symmetries import Symmetry
+from .motion.motions import Motion, MotionPiece, Node, states_of
+from .motion.returns import close_return
+from .motion.sizes import LEAST_SCALE, extents_of, sizes_of, units_of
 
 __all__ = [
-    "Motion",
-    "Node",
-    "SAMPLES_PER_PIECE",
     "OrbitIterate",
-    "MotionPiece",
-    "close_return",
+    "ScaledEquations",
     "linearised",
     "newton",
     "placed",
     "retimed",
+    "scaled",
     "shares_of",
     "shot",
-    "states_of",
     "times_apart",
-    "velocity",
 ]
 
 NEWTON_RESIDUAL = 1e-13  # residual, relative to the orbit, at which Newton's method stops
-LEAST_SCALE = 1e-6  # least scale of an orbit, which may be the origin itself
+HELD_STEP = 1.05  # times the least Newton step: the longest one along which the first node is held
 HALVINGS = 8  # trial lengths of a Newton step, each half of the one before
 NODE_CLEARANCE = 0.02  # of the period: distance that nodes keep from events where possible
-CLOSE_RETURN = 0.1  # of the orbit's size: largest distance of a close return
-DOUBLINGS = 14  # doublings of the time in which a return is searched
-LONG = 100.0  # the first time is no longer than this times that in which the velocity changes
-SAMPLES_PER_PIECE = 1000  # recorded points of a piece
-EVENT_LOG_ROWS = 1024  # events that one compiled call can record; a full log is emptied and the run goes on
-
-
-class Node(NamedTuple):
-    """A point of an orbit."""
-
-    t: float
-    x: Any  # (n,)
-    mode: Any  # index; None: the state determines it
-    without: tuple[int, int] | None = None  # transition, entry of its guard: what the piece from here does not feel
-
-
-class MotionPiece(NamedTuple):
-    """The motion over a length of time from a node."""
-
-    start: Node
-    length: float
-    x: Any  # (n,) state at the end
-    mode: int  # at the end
-    matrix: np.ndarray  # (n, n) dx(end)/dx(start), jumps included
-    jumps: int
-    times: np.ndarray  # (samples,) since the start
-    points: np.ndarray  # (samples, n)
-    modes: np.ndarray  # (samples,)
-    events: Any  # columns as in `states.EventLog`, times since the start
-
-    @property
-    def end(self) -> Node:
-        """The point at the end."""
-        return Node(self.start.t + self.length, self.x, self.mode)
 
 
 class OrbitIterate(NamedTuple):
@@ -99,10 +50,13 @@ class OrbitIterate(NamedTuple):
     nodes: list[Node]
     pieces: list[MotionPiece]
     period: float
-    gap: float  # largest mismatch of states or of conserved values, relative to the orbit
+    gap: float  # largest mismatch of states or of conserved values, relative to the sizes of the components
     iterations: int
     shift: np.ndarray  # (q,) element of the group modulo which it closes
     goal: Node  # where the last piece is to end: the first node, or its image
+    sizes: np.ndarray  # (n,) largest |x| of each component
+    extents: np.ndarray  # (n,) how far each component moves
+    units: np.ndarray  # (n,) in which the equations are even
 
     @property
     def seams(self) -> list[tuple[MotionPiece, Node]]:
@@ -119,158 +73,6 @@ class OrbitIterate(NamedTuple):
     def residual(self) -> float:
         """The gap; inf where the modes of the pieces do not match."""
         return np.inf if self.torn else self.gap
-
-
-@compiled(hands_on=True)
-def velocity(system, t, x, args, mode: int):
-    """Dx/dt (n,) in a mode."""
-    return fields_of(system)[mode](t, x, args)
-
-
-class Motion(NamedTuple):
-    """Motion of a point and its tangents, with the symmetry and the conserved values of its orbits."""
-
-    problem: problems.RunProblem
-    symmetry: Symmetry | None = None
-    conserved: Conserved | None = None
-    samples: int = SAMPLES_PER_PIECE
-
-    def problem_from(self, node: Node) -> problems.RunProblem:
-        """The problem of the piece from a node."""
-        if node.without is None:
-            return self.problem
-        return self.problem._replace(system=disarmed(self.problem.system, *node.without))
-
-    def piece(self, node: Node, length: float) -> MotionPiece:
-        """Run the system from a node over a length of time."""
-        x0, discrete = as_jax(np.asarray(node.x)), isinstance(self.problem.system, Map)
-        hybrid, problem = isinstance(self.problem.system, Hybrid | EventDriven), self.problem_from(node)
-        plan = problems.RunPlan(log=EVENT_LOG_ROWS * hybrid, collect=problems.point)
-        t0, ends = array(node.t, x0.dtype), length * np.arange(1, self.samples + 1) / self.samples
-        ends = array(np.arange(1, length + 1) if discrete else ends, x0.dtype)
-        frame = np.eye(len(x0), dtype=x0.dtype)
-        loop_state = driver.start(problem, plan, t0, x0, frame, node.mode, 1.0)
-        outcome = driver.drive(problem, plan, loop_state, ends, ends)
-        status, matrix = STATUS(int(outcome.status)), np.asarray(outcome.loop_state.carry.frame)
-        where, why = f"On a piece of length {length:.6g} from t = {node.t:.6g}: ", outcome.why
-        if status == STATUS.interrupted:  # of an orbit in parts nothing can be told
-            raise KeyboardInterrupt
-        if status == STATUS.ok and not np.all(np.isfinite(matrix)):
-            status, where = STATUS.nonfinite, where + "its derivative by its start is not finite. "
-        if status != STATUS.ok:
-            stood = account(status, place_of(outcome.loop_state, self.problem.system), why=why)
-            raise RunFailedError(status, where + stood, None)
-        carry, (t, x, modes, _) = outcome.loop_state.carry, outcome.records.collected
-        logs = jax.tree.map(lambda *parts: np.concatenate(parts), *outcome.logs) if hybrid else None
-        logs = None if logs is None else logs._replace(t=logs.t - node.t)
-        shown = np.asarray(t) - node.t, np.asarray(x), np.asarray(modes)
-        return MotionPiece(node, length, carry.x, int(problems.mode_of(carry)), matrix, int(carry.jumps), *shown, logs)
-
-    def velocity(self, node: Node) -> np.ndarray:
-        """Dx/dt at a point."""
-        problem = self.problem
-        return np.asarray(velocity(problem.system, array(node.t, node.x.dtype), node.x, problem.args, self.mode(node)))
-
-    def _field(self, node: Node):
-        return fields_of(self.problem.system)[self.mode(node)]
-
-    def degrees_of_freedom(self, node: Node) -> int:
-        """The number of degrees of freedom at a point."""
-        if isinstance(self.problem.system, Map):
-            return len(node.x)
-        return getattr(self._field(node), "n_differential", len(node.x))
-
-    def consistent(self, node: Node) -> Node:
-        """The point with the same E₁ x that satisfies the constraints of its mode."""
-        if isinstance(self.problem.system, Map) or not isinstance(self._field(node), Constrained):
-            return node
-        t = jnp.asarray(node.t, node.x.dtype)
-        return node._replace(x=put_on_constraints(self._field(node), t, node.x, self.problem.args))
-
-    def moved(self, node: Node, dx) -> Node:
-        """The point moved by dx, projected onto the tangent space of its mode; without a fixed mode not projected."""
-        system, dx = self.problem.system, as_jax(np.asarray(dx, node.x.dtype))
-        onto = system.tangent[node.mode] if isinstance(system, Hybrid) and node.mode is not None else None
-        if onto is not None:
-            dx = onto(jnp.asarray(node.t, node.x.dtype), node.x, self.problem.args, dx)
-        return node._replace(x=as_jax(np.add(node.x, dx)))
-
-    def apart(self, x, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distances of points (samples, n) from x or its nearest image; the shifts (samples, q) of the group."""
-        if self.symmetry is None:
-            return np.linalg.norm(points - np.asarray(x), axis=1), np.zeros((len(points), 0))
-        return self.symmetry.followed(x, points)
-
-    def goal(self, node: Node, shift: np.ndarray) -> Node:
-        """The point that an orbit through this node reaches after its period."""
-        return node if self.symmetry is None else node._replace(x=jnp.asarray(self.symmetry.image(node.x, shift).x))
-
-    def strayed(self, node: Node) -> tuple[np.ndarray, np.ndarray]:
-        """Distances (c,) from the wanted conserved values, in state space; and their derivatives (c, n)."""
-        if self.conserved is None:
-            return np.zeros(0), np.zeros((0, len(node.x)))
-        return self.conserved.strayed(self.mode(node), node.x, self.problem.args)
-
-    def mode(self, node: Node) -> int:
-        """The mode at a point."""
-        if node.mode is not None or isinstance(self.problem.system, Map):
-            return int(node.mode or 0)
-        t = jnp.asarray(node.t, node.x.dtype)
-        return max(int(self.problem.system.initial_mode(t, node.x, self.problem.args)), 0)
-
-
-def close_return(flow: Motion, start: Node) -> tuple[Node, float]:
-    """A point and the time after which the motion returns close to it.
-
-    Each piece is twice as long as the one before and starts at its end, so that a motion towards an orbit gets closer.
-    """
-    horizon = _first_horizon(flow, start)
-    for _ in range(DOUBLINGS):
-        stretch = flow.piece(start, float(horizon))
-        times, points, modes = states_of(stretch)
-        distance = flow.apart(start.x, points)[0]
-        size = np.maximum.accumulate(distance)
-        distance = np.where(modes == flow.mode(start), distance, np.inf)
-        inner = np.flatnonzero((distance[1:-1] <= distance[:-2]) & (distance[1:-1] <= distance[2:])) + 1
-        close = inner[distance[inner] < CLOSE_RETURN * size[inner]]
-        if len(close):
-            return start, float(times[close[0]])
-        start, horizon = Node(start.t, stretch.x, stretch.mode), 2 * horizon
-    raise NoPeriodicOrbitError(
-        f"The motion from x0 did not come back to itself, looked for over a time of {horizon / 2:.6g}: (a) it is far "
-        "from a periodic orbit, give a transient; (b) it moves towards a fixed point; (c) give the period.",
-        None,
-    )
-
-
-def _first_horizon(flow: Motion, start: Node) -> float:
-    """A time to begin with, from the size of the state, its velocity and its acceleration.
-
-    Near an equilibrium the velocity is small, and its own rate of change is what tells a time.
-    """
-    velocity = flow.velocity(start)
-    size, speed = float(np.linalg.norm(start.x)) + 1e-3, float(np.linalg.norm(velocity))
-    if speed == 0:
-        raise NoPeriodicOrbitError(
-            "x0 is at rest: its velocity is 0, and so it has no period. Start beside this equilibrium, and give a "
-            "transient; what perturbations of an equilibrium do is in the eigenvalues of the field's derivative there.",
-            None,
-        )
-    ahead = 1e-6 * size / speed
-    moved = start._replace(t=start.t + ahead, x=as_jax(np.add(start.x, ahead * velocity)))
-    change = float(np.linalg.norm(flow.velocity(moved) - velocity)) / ahead
-    return min(size / speed, LONG * speed / change) if change > 0 else size / speed
-
-
-def states_of(piece: MotionPiece) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times, states and modes of a piece, including those after its jumps."""
-    if piece.events is None:
-        return piece.times, piece.points, piece.modes
-    times = np.concatenate([piece.times, piece.events.t])
-    points = np.concatenate([piece.points, piece.events.x_after])
-    modes = np.concatenate([piece.modes, piece.events.mode_after])
-    order = np.argsort(times, kind="stable")
-    return times[order], points[order], modes[order]
 
 
 def placed(flow: Motion, start: Node, period: float, segments: int) -> list[Node]:
@@ -313,7 +115,7 @@ def newton(flow: Motion, nodes: list[Node], period: float, autonomous: bool, mos
         if orbit.residual <= digits(NEWTON_RESIDUAL, nodes[0].x):
             break
         trial = _stepped(flow, orbit, period, autonomous, iteration)
-        if not trial.residual < orbit.gap:
+        if not _is_less(flow, trial, orbit):
             if not (orbit.torn or trial.torn):
                 break
             # A mode ends on the way to the root: it is no orbit, or cannot be reached from here.
@@ -336,9 +138,14 @@ def _stepped(flow: Motion, orbit: OrbitIterate, period: float, autonomous: bool,
             trial = shot(flow, retimed(moved, shares, at), shares, at, iteration, orbit.shift + factor * turn)
         except RunFailedError:
             continue
-        if trial.residual < orbit.gap:
+        if _is_less(flow, trial, orbit):
             break
     return trial
+
+
+def _is_less(flow: Motion, trial: OrbitIterate, orbit: OrbitIterate) -> bool:
+    """Whether modes match and the gap is smaller, both in the sizes before: a smaller orbit alone is no success."""
+    return not trial.torn and _gap_in(flow, trial, orbit.sizes) < orbit.gap
 
 
 def _carried_on(flow: Motion, orbit: OrbitIterate, autonomous: bool) -> tuple[list[Node], float]:
@@ -365,14 +172,23 @@ def shot(flow: Motion, nodes: list[Node], shares, period: float, iteration: int,
     """Run all pieces from the given nodes; a missing shift of the group is found from the motion."""
     nodes = [flow.consistent(node) for node in nodes]
     pieces = [flow.piece(node, float(share * period)) for node, share in zip(nodes, shares, strict=True)]
+    points = np.concatenate([*(states_of(piece)[1] for piece in pieces), np.asarray(pieces[-1].x)[None]])
+    matrix = functools.reduce(lambda product, piece: piece.matrix @ product, pieces, np.eye(len(nodes[0].x)))
+    sizes = sizes_of(points, matrix, 0.0 if flow.sizes is None else LEAST_SCALE * flow.sizes)
+    extents = extents_of(points, sizes)
     if shift is None:
         # The shift is followed along the motion: after a turn by 2π the state is equal, but not the shift.
-        points = np.concatenate([*(states_of(piece)[1] for piece in pieces), np.asarray(pieces[-1].x)[None]])
-        shift = flow.apart(nodes[0].x, points)[1][-1]
-    size = max(LEAST_SCALE, *(np.max(np.abs(piece.x)) for piece in pieces))
-    orbit = OrbitIterate(nodes, pieces, period, np.inf, iteration, shift, flow.goal(nodes[0], shift))
-    strayed = flow.strayed(nodes[0])[0]
-    return orbit._replace(gap=float(max(np.max(np.abs(_gaps(orbit))), np.max(np.abs(strayed), initial=0.0)) / size))
+        shift = flow.apart(nodes[0].x, points, extents)[1][-1]
+    scales = sizes, extents, units_of(extents, matrix)
+    orbit = OrbitIterate(nodes, pieces, period, np.inf, iteration, shift, flow.goal(nodes[0], shift), *scales)
+    return orbit._replace(gap=_gap_in(flow, orbit, sizes))
+
+
+def _gap_in(flow: Motion, orbit: OrbitIterate, sizes: np.ndarray) -> float:
+    """The largest mismatch of states or of conserved values, relative to components of these sizes (n,)."""
+    strayed, slopes = flow.strayed(orbit.nodes[0])
+    off = np.abs(strayed) / np.linalg.norm(slopes * sizes, axis=1)
+    return float(max(np.max(np.abs(_gaps(orbit)) / sizes), np.max(off, initial=0.0)))
 
 
 def _gaps(orbit: OrbitIterate) -> np.ndarray:
@@ -380,11 +196,14 @@ def _gaps(orbit: OrbitIterate) -> np.ndarray:
     return np.array([np.asarray(piece.x) - np.asarray(node.x) for piece, node in orbit.seams])
 
 
-def linearised(flow: Motion, orbit: OrbitIterate, shares, autonomous: bool) -> tuple[np.ndarray, np.ndarray]:
+def linearised(
+    flow: Motion, orbit: OrbitIterate, shares, autonomous: bool, units: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """The Jacobian of all equations, and their residuals.
 
     Unknowns: the nodes, the period of an autonomous system, the shift (q,) of the group. Equations: the pieces match,
-    the first node moves neither along the orbit nor along the group, and quantities are conserved.
+    the first node moves neither along the orbit nor along the group, as vectors in units (n,), and quantities are
+    conserved.
     """
     m, n, q = len(orbit.nodes), len(orbit.nodes[0].x), len(orbit.shift)
     first, strayed = orbit.nodes[0], flow.strayed(orbit.nodes[0])
@@ -399,12 +218,33 @@ def linearised(flow: Motion, orbit: OrbitIterate, shares, autonomous: bool) -> t
         if autonomous:
             system[rows, rows_of_states] = shares[i] * flow.velocity(piece.end)
     if autonomous:
-        system[rows_of_states, :n] = flow.velocity(first)
+        system[rows_of_states, :n] = flow.velocity(first) / units**2
     if flow.symmetry is not None and image is not None:
         system[rows_of_states - n : rows_of_states, still - q : still] = -image.by_shift
-        system[still - q : still, :n] = flow.symmetry.image(first.x).by_shift.T
+        system[still - q : still, :n] = (flow.symmetry.image(first.x).by_shift / units[:, None] ** 2).T
     gaps[still:], system[still:, :n] = strayed
     return system, gaps
+
+
+class ScaledEquations(NamedTuple):
+    """The linearised equations, their unknowns and they themselves scaled to the size of the orbit."""
+
+    system: np.ndarray
+    gaps: np.ndarray
+    scales: np.ndarray  # of the unknowns
+
+
+def scaled(flow: Motion, orbit: OrbitIterate, shares, autonomous: bool) -> ScaledEquations:
+    """The equations of `linearised`, in which nothing depends on the units of state and time."""
+    system, gaps = linearised(flow, orbit, shares, autonomous, orbit.units)
+    units = np.tile(orbit.units, len(orbit.nodes))
+    states = len(units)
+    # The columns of the period and of the shift are velocities; their rows are transposed ones.
+    lengths = np.linalg.norm(system[:states, states:] / units[:, None], axis=0)
+    scales = np.concatenate([units, 1 / np.where(lengths > 0, lengths, 1.0)])
+    heights = np.linalg.norm(system[states:, :states] * units, axis=1)
+    rows = np.concatenate([units, np.where(heights > 0, heights, 1.0)])
+    return ScaledEquations(system * scales / rows[:, None], gaps / rows, scales)
 
 
 def _newton_step(
@@ -412,8 +252,15 @@ def _newton_step(
 ) -> tuple[list[np.ndarray], float, np.ndarray]:
     """The changes of the nodes, of the period and of the shift."""
     m, n = len(orbit.nodes), len(orbit.nodes[0].x)
+    equations, rcond = scaled(flow, orbit, shares, autonomous), digits(1e-11, orbit.nodes[0].x)
     # The least-norm solution: in a family of orbits (a block at rest anywhere) the matrix is singular.
-    system, gaps = linearised(flow, orbit, shares, autonomous)
-    change = np.linalg.lstsq(system, -gaps, rcond=digits(1e-11, orbit.nodes[0].x))[0]
+    change = np.linalg.lstsq(equations.system, -equations.gaps, rcond=rcond)[0]
+    if autonomous:
+        # Where a component still decays, it is no small part of the velocity, and to hold the first node along that
+        # the rest would have to move far.
+        free = np.arange(len(equations.gaps)) != m * n
+        least = np.linalg.lstsq(equations.system[free], -equations.gaps[free], rcond=rcond)[0]
+        change = change if np.linalg.norm(change) <= HELD_STEP * np.linalg.norm(least) else least
+    change = change * equations.scales
     states, shift = change[: m * n].reshape(m, n), change[m * n + autonomous :]
     return list(states), float(change[m * n]) if autonomous else 0.0, shift

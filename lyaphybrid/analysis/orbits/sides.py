@@ -7,7 +7,8 @@ from ..._jax.engines import compiled
 from ..._jax.tracing import array
 from ...engine import problems
 from ...systems.hybrid import Hybrid
-from .shooting import Motion, OrbitIterate
+from .motion.motions import Motion
+from .shooting import OrbitIterate
 
 __all__ = ["BEYOND_GUARD", "beyond_a_guard"]
 

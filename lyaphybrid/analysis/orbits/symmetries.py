@@ -76,11 +76,11 @@ class Symmetry(NamedTuple):
             before = before + np.linalg.solve(image.by_state, np.asarray(x) - image.x)
         return before
 
-    def followed(self, x, points) -> tuple[np.ndarray, np.ndarray]:
-        """Distances of the points (samples, n) of a motion from the nearest image of x, and its shifts."""
+    def followed(self, x, points, units) -> tuple[np.ndarray, np.ndarray]:
+        """Distances of the points (samples, n) of a motion from the nearest image of x, in units (n,); its shifts."""
         x = jnp.asarray(x)
-        zero = jnp.zeros(self.freedom, x.dtype)
-        distances, shifts = _followed(self.action, x, zero, jnp.asarray(points, x.dtype))
+        zero, units = jnp.zeros(self.freedom, x.dtype), jnp.asarray(units, x.dtype)
+        distances, shifts = _followed(self.action, x, zero, jnp.asarray(points, x.dtype), units)
         return np.asarray(distances), np.asarray(shifts)
 
 
@@ -90,13 +90,14 @@ def _image(action, x, shift):
 
 
 @eqx.filter_jit
-def _followed(action, x, zero, points):
+def _followed(action, x, zero, points, units):
     def nearest(shift, point):
         for _ in range(NEWTON_ITERATIONS):
-            along, miss = jax.jacfwd(action, argnums=1)(x, shift), point - action(x, shift)
+            along = jax.jacfwd(action, argnums=1)(x, shift) / units[:, None]
+            miss = (point - action(x, shift)) / units
             normal = along.T @ along
             shift = shift + jnp.linalg.pinv(normal, hermitian=True) @ (along.T @ miss)
-        return shift, (jnp.linalg.norm(point - action(x, shift)), shift)
+        return shift, (jnp.linalg.norm((point - action(x, shift)) / units), shift)
 
     return jax.lax.scan(nearest, zero, points)[1]
 

@@ -25,8 +25,8 @@ from ...errors import RunFailedError
 from ...integrators import HalfExplicit, RungeKutta
 from ...systems.daes.semi_linear import Constrained
 from ...systems.smooth import Flow
+from ..orbits.motion.motions import Motion, Node
 from ..orbits.periods import depends_on_time
-from ..orbits.shooting import Motion, Node
 from .estimates import Estimate, ExponentFunction, InapplicableError, UntrustedError
 
 __all__ = ["by_equilibrium"]

@@ -32,9 +32,9 @@ from ...integrators.base import Method
 from ...systems.daes.semi_linear import Constrained, fields_of
 from ...systems.hybrid import Hybrid
 from ...systems.smooth import Map
+from ..orbits.motion.motions import velocity
 from ..orbits.periodic_orbits import CONVERGED, Floquet, floquet
 from ..orbits.periods import depends_on_time
-from ..orbits.shooting import velocity
 from .estimates import Estimate, ExponentFunction, InapplicableError, UntrustedError
 
 __all__ = ["by_implicit"]

@@ -273,6 +273,7 @@ def frame_of(n: int, size: int, k: int, dtype, parts: int = 1) -> np.ndarray:
     parts, the real and the imaginary one of complex ξ, each direction v is the pair of v and i v, as real columns.
     """
     count = size // parts
+    directions: np.ndarray
     if k == count:
         directions = np.eye(count, dtype=complex if parts == 2 else dtype)
     elif parts == 1:
@@ -281,7 +282,7 @@ def frame_of(n: int, size: int, k: int, dtype, parts: int = 1) -> np.ndarray:
         real, imaginary = generic_frame(2 * count, k, dtype).reshape(2, count, k)
         directions = np.linalg.qr(real + 1j * imaginary)[0]
     if parts == 2:
-        pairs = np.stack([directions, 1j * directions], axis=2).reshape(count, 2 * k)
+        pairs = np.asarray(np.stack([directions, 1j * directions], axis=2), complex).reshape(count, 2 * k)
         directions = np.concatenate([pairs.real, pairs.imag])
     frame = np.zeros((n + size, parts * k), dtype)
     frame[n:] = directions

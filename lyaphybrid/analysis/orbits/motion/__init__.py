@@ -1,0 +1,1 @@
+"""The motion around an orbit, the sizes of its components, and where it first comes back."""

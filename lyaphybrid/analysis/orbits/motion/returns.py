@@ -1,0 +1,124 @@
+"""Where a motion first comes back to itself: a guess of the period of an orbit. Nothing depends on units."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...._jax.precision import digits
+from ....errors import NoPeriodicOrbitError, RunFailedError
+from .motions import Motion, MotionPiece, Node, states_of
+from .sizes import LEAST_SCALE, extents_of, sizes_of
+
+__all__ = ["close_return"]
+
+CLOSE_RETURN = 0.1  # of the motion's size: largest distance of a close return
+AS_NEAR = 3.0  # of the nearest return: so far away an earlier one may be
+NEAR_RETURN = 0.02  # of the motion's size: after a return that is not so near a nearer one is looked for …
+MUCH_LATER = 4.0  # … over a time that is longer by this factor
+WENT_AWAY = 0.1  # of the motion's size: from a return the motion must have been farther away
+MOVES = 1e-10  # extents below this part of the state are rounding
+DOUBLINGS = 14  # doublings of the time of the motion up to which a return is searched …
+LONG = 100.0  # the typical time is no more than this times the first one
+MORE_DOUBLINGS = 50  # … with so many more where it begins much shorter, at a zero of a component
+
+
+class Return(NamedTuple):
+    """A close return."""
+
+    start: Node
+    time: float
+    distance: float  # relative to the motion in between
+
+
+def close_return(flow: Motion, start: Node) -> tuple[Node, float]:
+    """A point and the time after which the motion returns close to it.
+
+    Each piece is twice as long as the one before and starts at its end, so that a motion towards an orbit gets closer.
+    A motion away from an orbit comes back only in those components that are large there.
+    """
+    horizon, natural = _first_times(flow, start)
+    longest, roughly, units = 2.0**DOUBLINGS * natural, None, np.zeros(len(start.x))
+    for _ in range(DOUBLINGS + MORE_DOUBLINGS):
+        try:
+            stretch = flow.piece(start, float(horizon))
+        except RunFailedError:
+            if roughly is None:
+                raise
+            break
+        # What decays never comes back to a part of itself: components count by their largest extents until now.
+        units = np.maximum(units, _units_along(stretch))
+        found = _return_in(flow, stretch, units)
+        if found is not None:
+            found = _nearest_return(flow, found, horizon, units)
+            return found.start, found.time
+        roughly = roughly or _return_in(flow, stretch, np.full(len(units), np.max(_units_along(stretch))))
+        start, horizon = Node(start.t, stretch.x, stretch.mode), 2 * horizon
+        if horizon > longest:
+            break
+    if roughly is not None:
+        return roughly.start, roughly.time
+    raise NoPeriodicOrbitError(
+        f"The motion from x0 did not come back to itself, looked for over a time of {horizon / 2:.6g}: (a) it is far "
+        "from a periodic orbit, give a transient; (b) it moves towards a fixed point; (c) give the period.",
+        None,
+    )
+
+
+def _nearest_return(flow: Motion, found: Return, horizon: float, units: np.ndarray) -> Return:
+    """A return that is much nearer than a rough one, some time later; or this one."""
+    if found.distance < NEAR_RETURN:
+        return found
+    try:
+        longer = flow.piece(found.start, MUCH_LATER * float(horizon))
+        return _return_in(flow, longer, np.maximum(units, _units_along(longer))) or found
+    except RunFailedError:
+        return found
+
+
+def _units_along(stretch: MotionPiece) -> np.ndarray:
+    """The extents (n,) of the components on a piece."""
+    points = states_of(stretch)[1]
+    return extents_of(points, sizes_of(points, stretch.matrix), digits(MOVES, points))
+
+
+def _return_in(flow: Motion, stretch: MotionPiece, units: np.ndarray) -> Return | None:
+    """The first close return to the start of a piece, in units (n,); None: none."""
+    times, points, modes = states_of(stretch)
+    distance = flow.apart(stretch.start.x, points, units)[0]
+    size = np.maximum.accumulate(distance)
+    if flow.symmetry is not None and flow.symmetry.freedom and size[-1] < digits(LEAST_SCALE, points):
+        return Return(stretch.start, stretch.length, 0.0)  # it moves along the group alone
+    distance = np.where(modes == flow.mode(stretch.start), distance, np.inf)
+    away = distance / np.where(size > 0, size, 1.0)
+    inner = np.flatnonzero((distance[1:-1] <= distance[:-2]) & (distance[1:-1] <= distance[2:])) + 1
+    close = inner[(away[inner] < CLOSE_RETURN) & (size[inner] > WENT_AWAY)]
+    if not len(close):
+        return None
+    # The best one, but the first of several turns: on an orbit they are equally near.
+    first = close[away[close] <= AS_NEAR * np.min(away[close])][0]
+    return Return(stretch.start, float(times[first]), float(away[first]))
+
+
+def _first_times(flow: Motion, start: Node) -> tuple[float, float]:
+    """A time to begin with and a typical time of the motion, from the state, its velocity and its acceleration.
+
+    Each component that moves gives the time in which it would change by its own size: of those that begin at zero
+    there is none.
+    """
+    x, velocity = np.abs(np.asarray(start.x, float)), flow.velocity(start)
+    if not np.any(velocity):
+        raise NoPeriodicOrbitError(
+            "x0 is at rest: its velocity is 0, and so it has no period. Start beside this equilibrium, and give a "
+            "transient; what perturbations of an equilibrium do is in the eigenvalues of the field's derivative there.",
+            None,
+        )
+    speed = np.abs(velocity)
+    change = np.abs(flow.acceleration(start))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # The root of change τ² + speed τ = x; and for what begins at zero, when its velocity is another.
+        each = np.where(x > 0, 2 * x / (speed + np.sqrt(speed**2 + 4 * change * x)), speed / change)
+    each = np.sort(each[np.isfinite(each) & (each > 0)])
+    if not len(each):
+        return 1e-3 / float(np.max(speed)), 1e-3 / float(np.max(speed))
+    first, typical = float(each[(len(each) - 1) // 2]), float(each[len(each) // 2])
+    return first, min(typical, LONG * first)
