@@ -24,7 +24,7 @@ from ...systems.kinds import iterates
 from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
 from ..orbits.families import family_of
-from ..orbits.invariants import conserved_of
+from ..orbits.motion.invariants import conserved_of
 from ..orbits.motion.motions import Motion, Node, sized, states_of
 from ..orbits.motion.sizes import sizes_of
 from ..orbits.periodic_orbits import Floquet, floquet, floquet_of, require_period

@@ -24,7 +24,7 @@ from ..._jax.tracing import as_jax, traced
 from ...engine import problems
 from ...errors import RunFailedError
 from ...systems.smooth import Map
-from ..orbits.invariants import Conserved
+from ..orbits.motion.invariants import Conserved
 from ..orbits.motion.motions import SAMPLES_PER_PIECE, Motion, Node, states_of
 from ..orbits.periodic_orbits import CONVERGED
 from ..orbits.shooting import NEWTON_RESIDUAL, OrbitIterate, linearised, placed, retimed, shares_of, shot

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..._jax.precision import digits
 from ...errors import RunFailedError
-from .invariants import Conserved, energies_of
+from .motion.invariants import Conserved, energies_of
 from .motion.motions import Motion, Node
 from .shooting import OrbitIterate, retimed, scaled, shares_of, shot
 

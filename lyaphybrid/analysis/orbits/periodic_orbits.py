@@ -33,7 +33,7 @@ from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
 from .closures import goes_along, repeats, rests
 from .families import energy_moved, family_of
-from .invariants import conserved_of, require_conserved
+from .motion.invariants import conserved_of, require_conserved
 from .motion.motions import Motion, Node, sized
 from .motion.returns import close_return
 from .multipliers import matrices_of, multipliers_of, stability_of

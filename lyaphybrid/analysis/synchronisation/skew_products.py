@@ -282,8 +282,8 @@ def frame_of(n: int, size: int, k: int, dtype, parts: int = 1) -> np.ndarray:
         real, imaginary = generic_frame(2 * count, k, dtype).reshape(2, count, k)
         directions = np.linalg.qr(real + 1j * imaginary)[0]
     if parts == 2:
-        pairs = np.asarray(np.stack([directions, 1j * directions], axis=2), complex).reshape(count, 2 * k)
-        directions = np.concatenate([pairs.real, pairs.imag])
+        pairs = np.stack([directions, 1j * directions], axis=2).reshape(count, 2 * k)
+        directions = np.concatenate([np.real(pairs), np.imag(pairs)])
     frame = np.zeros((n + size, parts * k), dtype)
     frame[n:] = directions
     return frame

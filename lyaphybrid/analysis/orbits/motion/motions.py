@@ -18,8 +18,8 @@ from ....systems.daes.semi_linear import Constrained, fields_of
 from ....systems.event_driven import EventDriven
 from ....systems.hybrid import Hybrid, disarmed
 from ....systems.smooth import Map
-from ..invariants import Conserved
 from ..symmetries import Symmetry
+from .invariants import Conserved
 from .sizes import LEAST_SCALE, finer, sizes_of
 
 __all__ = ["Motion", "MotionPiece", "Node", "SAMPLES_PER_PIECE", "sized", "states_of", "velocity"]

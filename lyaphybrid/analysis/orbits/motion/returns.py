@@ -12,7 +12,7 @@ from .sizes import LEAST_SCALE, extents_of, sizes_of
 __all__ = ["close_return"]
 
 CLOSE_RETURN = 0.1  # of the motion's size: largest distance of a close return
-AS_NEAR = 3.0  # of the nearest return: so far away an earlier one may be
+AS_NEAR_RETURN = 3.0  # of the nearest return: so far away an earlier one may be
 NEAR_RETURN = 0.02  # of the motion's size: after a return that is not so near a nearer one is looked for …
 MUCH_LATER = 4.0  # … over a time that is longer by this factor
 WENT_AWAY = 0.1  # of the motion's size: from a return the motion must have been farther away
@@ -95,7 +95,7 @@ def _return_in(flow: Motion, stretch: MotionPiece, units: np.ndarray) -> Return 
     if not len(close):
         return None
     # The best one, but the first of several turns: on an orbit they are equally near.
-    first = close[away[close] <= AS_NEAR * np.min(away[close])][0]
+    first = close[away[close] <= AS_NEAR_RETURN * np.min(away[close])][0]
     return Return(stretch.start, float(times[first]), float(away[first]))
 
 

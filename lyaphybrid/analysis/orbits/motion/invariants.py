@@ -8,10 +8,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..._arguments import require
-from ..._jax.precision import digits
-from ...systems.daes.semi_linear import fields_of
-from ...systems.smooth import Map
+from ...._arguments import require
+from ...._jax.precision import digits
+from ....systems.daes.semi_linear import fields_of
+from ....systems.smooth import Map
 
 __all__ = ["Conserved", "conserved_of", "energies_of", "require_conserved"]
 
