@@ -191,8 +191,7 @@ def continuation(
     require(low <= value <= high, f"{name} is {value:.6g}: it must be in over, from {low:.6g} to {high:.6g}.")
     if special is None:
         at = args_of(as_jax(np.asarray(value, float)))
-        how: dict[str, Any] = options | {"method": given}
-        orbit = floquet(system, jnp.asarray(x0, float), at, transient=transient, **how)
+        orbit = floquet(system, jnp.asarray(x0, float), at, transient=transient, **dict(options, method=given))
     else:
         orbit = special.orbit
     turns, near = 1 if special is None else special.turns_there, least_sizes(x0)

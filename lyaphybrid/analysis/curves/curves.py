@@ -171,8 +171,7 @@ def bifurcation_curve(
     for name, value, (low, high) in zip(names, pair, ranges, strict=True):
         require(low <= value <= high, f"{name} is {value:.6g}: it must be in over, from {low:.6g} to {high:.6g}.")
     if special is None:
-        how: dict[str, Any] = options | {"method": given}
-        orbit = floquet(system, as_jax(np.asarray(numbers("x0", x0), float)), args, **how)
+        orbit = floquet(system, as_jax(np.asarray(numbers("x0", x0), float)), args, **dict(options, method=given))
     else:
         orbit = special.orbit
     turns, within = 1 if special is None else special.turns, (ranges[0][0], pair[0], ranges[0][1])

@@ -22,7 +22,7 @@ from ..._jax.precision import digits
 from ...errors import RunFailedError
 from ...systems.smooth import Map
 from .motion.motions import Motion, MotionPiece, Node, states_of
-from .motion.returns import close_return
+from .motion.returns import CLOSE_RETURN, close_return
 from .motion.sizes import LEAST_SCALE, extents_of, sizes_of, units_of
 
 __all__ = [
@@ -39,7 +39,6 @@ __all__ = [
 ]
 
 NEWTON_RESIDUAL = 1e-13  # residual, relative to the orbit, at which Newton's method stops
-HELD_STEP = 1.05  # times the least Newton step: the longest one along which the first node is held
 HALVINGS = 8  # trial lengths of a Newton step, each half of the one before
 NODE_CLEARANCE = 0.02  # of the period: distance that nodes keep from events where possible
 
@@ -236,7 +235,9 @@ class ScaledEquations(NamedTuple):
 
 def scaled(flow: Motion, orbit: OrbitIterate, shares, autonomous: bool) -> ScaledEquations:
     """The equations of `linearised`, in which nothing depends on the units of state and time."""
-    system, gaps = linearised(flow, orbit, shares, autonomous, orbit.units)
+    # What does not come back, but decays, is no measure of where the first node is along the orbit.
+    open_ends = np.max(np.abs(_gaps(orbit)), axis=0)
+    system, gaps = linearised(flow, orbit, shares, autonomous, np.maximum(orbit.units, open_ends / CLOSE_RETURN))
     units = np.tile(orbit.units, len(orbit.nodes))
     states = len(units)
     # The columns of the period and of the shift are velocities; their rows are transposed ones.
@@ -252,15 +253,9 @@ def _newton_step(
 ) -> tuple[list[np.ndarray], float, np.ndarray]:
     """The changes of the nodes, of the period and of the shift."""
     m, n = len(orbit.nodes), len(orbit.nodes[0].x)
-    equations, rcond = scaled(flow, orbit, shares, autonomous), digits(1e-11, orbit.nodes[0].x)
     # The least-norm solution: in a family of orbits (a block at rest anywhere) the matrix is singular.
-    change = np.linalg.lstsq(equations.system, -equations.gaps, rcond=rcond)[0]
-    if autonomous:
-        # Where a component still decays, it is no small part of the velocity, and to hold the first node along that
-        # the rest would have to move far.
-        free = np.arange(len(equations.gaps)) != m * n
-        least = np.linalg.lstsq(equations.system[free], -equations.gaps[free], rcond=rcond)[0]
-        change = change if np.linalg.norm(change) <= HELD_STEP * np.linalg.norm(least) else least
+    equations = scaled(flow, orbit, shares, autonomous)
+    change = np.linalg.lstsq(equations.system, -equations.gaps, rcond=digits(1e-11, orbit.nodes[0].x))[0]
     change = change * equations.scales
     states, shift = change[: m * n].reshape(m, n), change[m * n + autonomous :]
     return list(states), float(change[m * n]) if autonomous else 0.0, shift

@@ -9,7 +9,7 @@ from ....errors import NoPeriodicOrbitError, RunFailedError
 from .motions import Motion, MotionPiece, Node, states_of
 from .sizes import LEAST_SCALE, extents_of, sizes_of
 
-__all__ = ["close_return"]
+__all__ = ["CLOSE_RETURN", "close_return"]
 
 CLOSE_RETURN = 0.1  # of the motion's size: largest distance of a close return
 AS_NEAR_RETURN = 3.0  # of the nearest return: so far away an earlier one may be

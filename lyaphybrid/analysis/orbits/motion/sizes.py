@@ -28,9 +28,9 @@ def sizes_of(points: np.ndarray, matrix: np.ndarray, least: np.ndarray | float =
 
 
 def extents_of(points: np.ndarray, sizes: np.ndarray, least: float = LEAST_SCALE) -> np.ndarray:
-    """How far each component moves (n,) along a motion (samples, n); its size where that is less than a part of it."""
-    across = np.ptp(points, axis=0)
-    return np.where(across > least * sizes, across, sizes)
+    """How far each component moves (n,) along a motion (samples, n); its size where it does not, or is rounding."""
+    across, largest = np.ptp(points, axis=0), np.max(np.abs(np.asarray(points, float)), axis=0)
+    return np.where((across > least * sizes) & (largest >= sizes), across, sizes)
 
 
 def units_of(extents: np.ndarray, matrix: np.ndarray) -> np.ndarray:
