@@ -134,7 +134,7 @@ def test_small_kicks_of_whole_motions_agree(name):
         and all(found.mode[(k + i) % n] == found.mode[k] for i in (-1, 1))
         and np.max(np.abs(found.x[(k + 1) % n] - found.x[k - 1])) < 0.5 * np.max(np.ptp(found.x, axis=0))
     ]
-    size = (1.5e-4 if name == "walker" else 1e-3) * np.ptp(found.x, axis=0)
+    size = (1.1e-4 if name == "walker" else 1e-3) * np.ptp(found.x, axis=0)
     for k in far[:: max(1, len(far) // 3)][:3]:
         for i in range(d):
             unit = np.zeros(d)
