@@ -19,10 +19,13 @@ ATOL_OF_SIZE = 1e-11
 def sizes_of(points: np.ndarray, matrix: np.ndarray, least: np.ndarray | float = 0.0) -> np.ndarray:
     """The largest |x| (n,) of each component along a motion (samples, n) with the derivative `matrix` (n, n).
 
-    What is zero but for rounding has the size of what the other components add to it; and no size is below the `least`.
+    What is zero but for rounding has the size of what the other components add to it, growth apart; and no size is
+    below the `least`.
     """
-    largest = np.max(np.abs(np.asarray(points, float)), axis=0)
-    added = np.abs(matrix) @ largest if np.all(np.isfinite(matrix)) else largest
+    largest, added = np.max(np.abs(np.asarray(points, float)), axis=0), 0.0
+    if np.all(np.isfinite(matrix)):
+        growth = max(1.0, float(np.linalg.norm(in_units(matrix, even_units(matrix)))))
+        added = np.abs(matrix) @ largest / growth
     sizes = np.maximum(np.where(largest > LEAST_SCALE * added, largest, added), least)
     return np.where(sizes > 0, sizes, np.max(sizes) or 1.0)
 
