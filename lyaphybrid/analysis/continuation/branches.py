@@ -175,7 +175,7 @@ class Continuation(OrbitsAlong):
         >>> henon = lh.Map(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]]))
         >>> found = lh.continuation(henon, [0.6, 0.2], 0.3, over={"args": (0.2, 0.5)}, period=1)
         >>> found.ends, found.values.shape
-        (('range', 'range'), (40,))
+        (('range', 'range'), (42,))
         >>> [(one.kind, round(float(one.parameter), 6)) for one in found.specials]  # 3 (1 − b)²/4, b = 0.3
         [('period doubling', 0.3675)]
     """
