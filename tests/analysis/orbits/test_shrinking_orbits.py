@@ -221,10 +221,12 @@ def test_a_forced_response_passes_through_rest():
 
 
 @pytest.mark.slow
-def test_a_family_passes_its_equilibrium():
+def test_a_family_ends_at_its_equilibrium():
+    """A family has no Hopf point: its lowest energy is that of the equilibrium, where it meets itself."""
     pendulum = lh.Hamiltonian(lambda p, args: jnp.sum(p**2) / 2, lambda q, args: -jnp.sum(jnp.cos(q)))
     family = lh.continuation(pendulum, [1.0, 0.0], over=(-1.2, 0.5), conserve=True)
-    assert (family.ends, kinds(family)) == (("range", "range"), ["pitchfork"])
+    assert (family.ends[1], kinds(family)) == ("range", ["pitchfork"])
+    assert_allclose(family.values.min(), -1.0, atol=1e-12)
 
 
 # --- in two parameters -----------------------------------------------------------------------------------------------
