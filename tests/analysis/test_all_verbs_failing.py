@@ -173,9 +173,7 @@ VERBS |= {
     ),
 }
 # A return map is nan where there is no return; the crossings between jumps hide from a section that these accumulate.
-ALSO = {"return_map": {STATUS.nonfinite}, "poincare_section": {STATUS.stalled}}
-# Steps up to where a guard becomes nan shrink, and a search for an orbit may see that first.
-ALSO |= dict.fromkeys(("floquet", "continuation", "phase_response"), {STATUS.stalled})
+ALSO = {"return_map": {STATUS.nonfinite}}
 # A point and no motion: what they need of it is asked before anything is computed.
 OF_A_POINT = {"saltation_matrix", "jacobians"}
 OF_A_RESULT = {"edge_state", "basin_shares", "bifurcation_curve"}  # of what `basins` or `continuation` finds

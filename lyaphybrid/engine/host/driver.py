@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..._jax.engines import compilations, compiled
+from ..._jax.precision import nonzero
 from ..._jax.tracing import as_jax, enclosed, numpy_for, traced, transforming
 from ...events.compiled_hybrid import by_mode
 from ...statuses import RUNNING, STATUS
@@ -35,6 +36,7 @@ SECONDS_PER_CALL = 0.3
 FIRST_ATTEMPTS = 2000  # in the first call
 FEWEST_ATTEMPTS, MOST_ATTEMPTS = 100, 10**8  # in a later call
 MOST_FASTER = 64.0  # largest factor from one call's attempts to the next call's
+JUST_AHEAD = 1e-9  # of the time in which the state would change by its own size
 ATTEMPTS_SPENT = np.int32(STATUS.max_steps)  # status of a run whose attempts are spent
 
 
@@ -153,7 +155,8 @@ def drive(
             votes.on_the_way(loop_state, given, functools.partial(_rates, problem, loop_state))
             if max_steps is None:
                 stalled = pace.look(loop_state, given, functools.partial(_rates, problem, loop_state))
-                loop_state, said = given_up(loop_state, stalled)
+                undefined = {run for run in stalled if _is_undefined_ahead(problem, loop_state, run)}
+                loop_state, said = given_up(loop_state, stalled, undefined)
                 why = why or said
             report(done)
         votes.at_the_end(loop_state, given, functools.partial(_rates, problem, loop_state))
@@ -170,14 +173,35 @@ def drive(
     return Outcome(loop_state, records, status, interrupted, tuple(logs), why, votes.stiff)
 
 
-def _rates(problem: RunProblem, loop_state: LoopState, run: int) -> Rates | None:
-    """The `Rates` at the present state of a run; None where they are not known."""
+def _place(loop_state: LoopState, run: int) -> tuple[Any, Any, Any]:
+    """Time, state and mode of a run."""
     carry, several = loop_state.carry, loop_state.carry.x.ndim == 2
     t, x, mode = (
         np.asarray(leaf)[run] if several and np.ndim(leaf) else np.asarray(leaf)
         for leaf in (loop_state.base[..., 0] + carry.s, carry.x, mode_of(carry, np))
     )
-    return rates_at(problem, t, x, mode)
+    return t, x, mode
+
+
+def _rates(problem: RunProblem, loop_state: LoopState, run: int) -> Rates | None:
+    """The `Rates` at the present state of a run; None where they are not known."""
+    return rates_at(problem, *_place(loop_state, run))
+
+
+def _is_undefined_ahead(problem: RunProblem, loop_state: LoopState, run: int) -> bool:
+    """Whether the field or a guard is not finite just ahead of a run: its steps shrink towards that point."""
+    return problem.method is not None and not bool(_is_finite_ahead(problem, *_place(loop_state, run)))
+
+
+@compiled()
+def _is_finite_ahead(problem: RunProblem, t, x, mode):
+    evolver = evolver_of(problem, t, x)
+    assert isinstance(evolver, Stepping), "what has a method has fields"
+    f = by_mode(mode, evolver.hybrid.fields, t, x)
+    ahead = JUST_AHEAD * jnp.max(jnp.abs(x)) / jnp.maximum(jnp.max(jnp.abs(f)), nonzero(1e-300, f))
+    t, x = t + ahead, x + ahead * f
+    kinds = [evolver.hybrid.fields, *([evolver.hybrid.guards] if evolver.has_events else [])]
+    return jnp.all(jnp.isfinite(jnp.concatenate([by_mode(mode, functions, t, x) for functions in kinds])))
 
 
 def rates_at(problem: RunProblem, t, x, mode) -> Rates | None:

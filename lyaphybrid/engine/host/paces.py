@@ -193,12 +193,16 @@ def _reading(loop_state: LoopState) -> Progress:
     return Progress(np.atleast_1d(elapsed), np.atleast_1d(np.array(loop_state.carry.jumps)))
 
 
-def given_up(loop_state: LoopState, stalled: dict[int, str]) -> tuple[LoopState, str]:
-    """The loop's state in which stalled runs have ended, and the reason for the first of them."""
+def given_up(loop_state: LoopState, stalled: dict[int, str], undefined: set[int]) -> tuple[LoopState, str]:
+    """The loop's state in which stalled runs have ended, and the reason for the first of them.
+
+    Those of them that come to where something is `undefined` end as ``nonfinite``.
+    """
     if not stalled:
         return loop_state, ""
     status = np.array(loop_state.carry.status)
-    np.atleast_1d(status)[list(stalled)] = STATUS.stalled  # a view of it
+    ended = [STATUS.nonfinite if run in undefined else STATUS.stalled for run in stalled]
+    np.atleast_1d(status)[list(stalled)] = ended  # a view of it
     return loop_state._replace(carry=loop_state.carry._replace(status=status)), next(iter(stalled.values()))
 
 
