@@ -24,7 +24,7 @@ from ..._jax.tracing import as_jax, traced
 from ...engine import problems
 from ...errors import RunFailedError
 from ...systems.smooth import Map
-from ..orbits.motion.invariants import Conserved
+from ..orbits.motion.invariants import Conserved, steepness_of
 from ..orbits.motion.motions import SAMPLES_PER_PIECE, Motion, Node, states_of
 from ..orbits.periodic_orbits import CONVERGED
 from ..orbits.shooting import NEWTON_RESIDUAL, OrbitIterate, linearised, placed, retimed, shares_of, shot
@@ -174,7 +174,7 @@ class BranchEquations(NamedTuple):
             first = orbit.nodes[0]
             column[len(gaps) - self.fixed :, 0] = self._kept_by_parameter(first, p)
             slopes = flow.strayed(first)[1] * self.sizes
-            slopes = slopes / np.linalg.norm(slopes, axis=1, keepdims=True)
+            slopes = slopes / steepness_of(slopes)[:, None]
             forces[states - len(first.x) : states] = (slopes * self.sizes).T
         rows = np.concatenate([units, np.maximum(lengths, np.finfo(float).tiny)])
         return np.hstack([system, forces, column]) * self.scales(orbit) / rows[:, None], gaps / rows
@@ -189,7 +189,7 @@ class BranchEquations(NamedTuple):
         assert function is not None
         x = as_jax(np.asarray(node.x))
         change = -np.ones(1) if self.level else np.atleast_1d(_slope(function, self.args_of, _number(p), x))
-        return change / np.linalg.norm(slopes, axis=1)
+        return change / steepness_of(slopes)
 
     def _by_parameter(self, orbit: OrbitIterate, shares, p: float) -> list[np.ndarray]:
         """Derivatives (n,) of the pieces' ends by the parameter, through a period that depends on it too."""

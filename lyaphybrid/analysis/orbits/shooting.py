@@ -21,6 +21,7 @@ import numpy as np
 from ..._jax.precision import digits
 from ...errors import RunFailedError
 from ...systems.smooth import Map
+from .motion.invariants import steepness_of
 from .motion.motions import Motion, MotionPiece, Node, states_of
 from .motion.returns import CLOSE_RETURN, close_return
 from .motion.sizes import LEAST_SCALE, extents_of, sizes_of, units_of
@@ -186,7 +187,7 @@ def shot(flow: Motion, nodes: list[Node], shares, period: float, iteration: int,
 def _gap_in(flow: Motion, orbit: OrbitIterate, sizes: np.ndarray) -> float:
     """The largest mismatch of states or of conserved values, relative to components of these sizes (n,)."""
     strayed, slopes = flow.strayed(orbit.nodes[0])
-    off = np.abs(strayed) / np.linalg.norm(slopes * sizes, axis=1)
+    off = np.abs(strayed) / steepness_of(slopes * sizes)
     return float(max(np.max(np.abs(_gaps(orbit)) / sizes), np.max(off, initial=0.0)))
 
 

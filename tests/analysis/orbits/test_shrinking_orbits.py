@@ -221,7 +221,7 @@ def test_a_forced_response_passes_through_rest():
 
 
 @pytest.mark.slow
-def test_a_family_ends_at_its_equilibrium():
+def test_a_family_reaches_its_equilibrium():
     """A family has no Hopf point: its lowest energy is that of the equilibrium, where it meets itself."""
     pendulum = lh.Hamiltonian(lambda p, args: jnp.sum(p**2) / 2, lambda q, args: -jnp.sum(jnp.cos(q)))
     family = lh.continuation(pendulum, [1.0, 0.0], over=(-1.2, 0.5), conserve=True)

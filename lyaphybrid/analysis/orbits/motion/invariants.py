@@ -13,7 +13,7 @@ from ...._jax.precision import digits
 from ....systems.daes.semi_linear import fields_of
 from ....systems.smooth import Map
 
-__all__ = ["Conserved", "conserved_of", "energies_of", "require_conserved"]
+__all__ = ["Conserved", "conserved_of", "energies_of", "require_conserved", "steepness_of"]
 
 EQUAL_QUANTITIES = 1e-8  # relative tolerance for a rate of change, or a change at a jump, of a conserved quantity
 
@@ -36,9 +36,14 @@ class Conserved(NamedTuple):
     def strayed(self, mode: int, x, args) -> tuple[np.ndarray, np.ndarray]:
         """Distances (c,) of the values from those wanted, as lengths in state space, and their derivatives (c, n)."""
         values, slopes = self.with_slopes(mode, x, args)
-        steepness = np.linalg.norm(slopes, axis=1)
-        steepness = np.where(steepness > 0, steepness, 1.0)
+        steepness = steepness_of(slopes)
         return (values - self.wanted) / steepness, slopes / steepness[:, None]
+
+
+def steepness_of(slopes: np.ndarray) -> np.ndarray:
+    """The lengths (c,) of derivatives (c, n), by which values become distances; 1 where they are 0, at an equilibrium."""
+    lengths = np.linalg.norm(slopes, axis=1)
+    return np.where(lengths > 0, lengths, 1.0)
 
 
 @eqx.filter_jit
