@@ -41,7 +41,7 @@ class Conserved(NamedTuple):
 
 
 def steepness_of(slopes: np.ndarray) -> np.ndarray:
-    """The lengths (c,) of derivatives (c, n), by which values become distances; 1 where they are 0, at an equilibrium."""
+    """The lengths (c,) of derivatives (c, n), by which values become distances; 1 for 0, at an equilibrium."""
     lengths = np.linalg.norm(slopes, axis=1)
     return np.where(lengths > 0, lengths, 1.0)
 
