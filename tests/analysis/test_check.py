@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import pytest
 
+import balls
 import lyaphybrid as lh
 from lyaphybrid import zoo
 from planted import PLANTED
@@ -106,28 +107,6 @@ def test_several_starts_and_parameters_without_a_motion_are_reported():
 
 def test_bodies_in_rows_with_a_schedule():
     """The docstring's own example: a state with one row a body."""
-
-    def wall_ahead(t, y):
-        q, v = y[:, 0] + t * y[:, 1], y[:, 1]
-        return t + jnp.where(v > 0, 1 - q, -q) / v
-
-    def jump(t, rows, args, which):
-        return jnp.stack([rows[:, 0] + 2 * t * rows[:, 1], -rows[:, 1]], axis=1)
-
-    def guard(t, rows, args, which):
-        return (rows[0, 0] + t * rows[0, 1]) * (1 - rows[0, 0] - t * rows[0, 1])
-
-    schedule = lh.Schedule(
-        init=lambda t, y, args: wall_ahead(t, y),
-        next=lambda times: (jnp.min(times), jnp.argmin(times)),
-        update=lambda times, t, y, args, which: times.at[which].set(wall_ahead(t, y)[which]),
-        shift=lambda times, dt: times - dt,
-        touch=lambda which: which[None],
-    )
-    balls = lh.EventDriven(
-        flow=lambda dt, y, args: jnp.stack([y[:, 0] + dt * y[:, 1], y[:, 1]], axis=1),
-        next_event=None, jump=jump, guard=guard, schedule=schedule,
-    )  # fmt: skip
-    report = lh.check(balls, [[0.5, 1.0], [0.25, -1.0]])
+    report = lh.check(balls.between_walls(), balls.START)
     assert report.ok
     assert "saltation" in str(report)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from matplotlib import pyplot
 
+import balls
 import lyaphybrid as lh
 from lyaphybrid._jax.engines import compilations
 
@@ -94,25 +95,7 @@ def test_names_compile_nothing():
 
 
 def test_of_many_bodies_columns_are_named():
-    def wall_ahead(t, y):
-        q, v = y[:, 0] + t * y[:, 1], y[:, 1]
-        return t + jnp.where(v > 0, 1 - q, -q) / v
-
-    balls = lh.EventDriven(
-        flow=lambda dt, y, args: jnp.stack([y[:, 0] + dt * y[:, 1], y[:, 1]], axis=1),
-        next_event=None,
-        jump=lambda t, rows, args, which: jnp.stack([rows[:, 0] + 2 * t * rows[:, 1], -rows[:, 1]], axis=1),
-        guard=lambda t, rows, args, which: (rows[0, 0] + t * rows[0, 1]) * (1 - rows[0, 0] - t * rows[0, 1]),
-        schedule=lh.Schedule(
-            init=lambda t, y, args: wall_ahead(t, y),
-            next=lambda times: (jnp.min(times), jnp.argmin(times)),
-            update=lambda times, t, y, args, which: times.at[which].set(wall_ahead(t, y)[which]),
-            shift=lambda times, dt: times - dt,
-            touch=lambda which: which[None],
-        ),
-        **CALLED,
-    )
-    found = lh.trajectory(balls, [[0.5, 1.0], [0.25, -1.0]], t1=0.75, n=1)
+    found = lh.trajectory(balls.between_walls(**CALLED), balls.START, t1=0.75, n=1)
     assert found.to_xarray().x.dims == ("sample", "body", "state")
     assert found.to_xarray().state.values.tolist() == list(NAMES)
     assert "\n  v[1] " in str(found)
