@@ -100,9 +100,7 @@ def test_of_many_bodies_columns_are_named():
     assert found.to_xarray().state.values.tolist() == list(NAMES)
     assert "\n  v[1] " in str(found)
     with pytest.raises(ValueError, match="d = 2 columns of the state, which has one row a body; got 1"):
-        lh.trajectory(
-            lh.EventDriven(balls.flow, None, balls.jump, balls.guard, balls.schedule, names=("x",)), found.x[-1], t1=1.0
-        )
+        lh.trajectory(balls.between_walls(names=("x",)), found.x[-1], t1=1.0)
 
 
 def test_sections_and_return_maps_keep_the_names():
