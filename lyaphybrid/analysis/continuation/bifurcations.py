@@ -38,7 +38,7 @@ def transverse(equations: BranchEquations, point: BranchPoint) -> np.ndarray:
         matrix, flow = monodromy(equations, point.orbit), equations.motion(point.parameter)
         family = family_of(flow, point.orbit, equations.autonomous, equations.fixed)
         known = in_any_case(flow, point.orbit, equations.autonomous, family)
-        return multipliers_of([matrix], known, len(matrix), equations.autonomous)[1]
+        return multipliers_of([matrix], known, len(matrix), equations.autonomous).deciding
     return np.linalg.eigvals(across_flow(equations, point.orbit, point.parameter)).astype(complex)
 
 

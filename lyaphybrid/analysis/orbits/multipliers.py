@@ -1,6 +1,7 @@
 """The Floquet multipliers of an orbit, and its stability."""
 
 import functools
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,8 +10,8 @@ from ..._linalg import frames
 from ..._linalg.products import even_units, in_units, product_eigenvalues
 from ...errors import RunFailedError
 from ...systems.smooth import Map
-from .motion.motions import Motion
-from .shooting import OrbitIterate, placed, shares_of, shot
+from .motion.motions import Motion, MotionPiece
+from .shooting import OrbitIterate
 
 __all__ = ["matrices_of", "multipliers_of", "stability_of"]
 
@@ -19,37 +20,80 @@ DEPENDENT_SINGULAR_VALUE = 1e-6  # relative size below which a singular value me
 
 # What is left of a direction beside another where M does not tell whether it is lost: more than rounding, but little.
 NOTHING_LEFT, HARDLY_LEFT = 2e-15, 1e-9
-CUTS = 4  # pieces that such a piece becomes
+MUCH_LEFT = 1e-4  # where the flow leaves so much, what is lost in an equal time was lost by a jump
+MOST_HALVINGS = 12  # of a piece
+CLEAR_OF_EVENTS = 0.02  # of a piece: distance of its cut from events
+
+
+class OrbitMultipliers(NamedTuple):
+    """The multipliers of an orbit."""
+
+    values: np.ndarray  # (free,), the largest first
+    logs: np.ndarray  # (free,) ln|·|, of those too small for a number, too; −inf: the orbit destroys the direction
+    deciding: np.ndarray  # those that are not 1 by necessity
 
 
 def matrices_of(flow: Motion, orbit: OrbitIterate) -> list[np.ndarray]:
     """The derivatives (n, n) of the pieces of an orbit; of shorter pieces where rounding could hide a direction.
 
-    A motion that lingers near a saddle stretches so much in one piece that what it contracts looks destroyed. What a
-    jump destroys is gone in a shorter piece, too.
+    What a motion contracts by more than 1e-15 in one piece looks destroyed, as what it contracts beside a direction
+    that it stretches. In shorter pieces it does not; what a jump destroys is gone in each of them.
     """
-    matrices = [piece.matrix for piece in orbit.pieces]
-    left = _least_left(matrices)
-    if not NOTHING_LEFT < left < HARDLY_LEFT or isinstance(flow.problem.system, Map):
-        return matrices
-    try:
-        nodes = placed(flow, orbit.nodes[0], orbit.period, CUTS * len(orbit.nodes))
-        finer = shot(flow, nodes, shares_of(nodes, orbit.period), orbit.period, 0, orbit.shift)
-    except RunFailedError:
-        return matrices
-    shorter = [piece.matrix for piece in finer.pieces]
-    return matrices if finer.torn or _least_left(shorter) < HARDLY_LEFT else shorter
+    return [matrix for piece in orbit.pieces for matrix in _cut(flow, piece, MOST_HALVINGS, False)]
 
 
-def _least_left(matrices: list[np.ndarray]) -> float:
-    """The least ratio of the smallest to the greatest singular value of a matrix; 1 where some are not finite."""
-    if not all(np.all(np.isfinite(matrix)) for matrix in matrices):
+def _cut(flow: Motion, piece: MotionPiece, halvings: int, mild: bool) -> list[np.ndarray]:
+    """The derivatives of the parts of a piece; `mild`: the flow beside it contracts little in an equal time."""
+    left = _left_of(piece.matrix)
+    by_jump = left <= NOTHING_LEFT and (mild or _is_bound(flow, piece))
+    if left >= HARDLY_LEFT or by_jump or not halvings:
+        return [piece.matrix]
+    halves = _halves(flow, piece)
+    mild = any(not half.jumps and _left_of(half.matrix) > MUCH_LEFT for half in halves)
+    return [m for half in halves for m in _cut(flow, half, halvings - 1, mild and half.jumps > 0)] or [piece.matrix]
+
+
+def _left_of(matrix: np.ndarray) -> float:
+    """What a matrix leaves of each direction: of its length, and beside what it stretches; 1 where it is not finite."""
+    if not len(matrix) or not np.all(np.isfinite(matrix)):
         return 1.0
-    return min(1 / float(np.linalg.cond(matrix)) for matrix in matrices)
+    sizes = np.linalg.svd(matrix, compute_uv=False)
+    return float(sizes[-1] / max(1.0, sizes[0]))
 
 
-def multipliers_of(matrices: list[np.ndarray], known: np.ndarray, free: int, autonomous: bool):
-    """All multipliers (free,), the largest first, and those that decide on the stability.
+def _is_bound(flow: Motion, piece: MotionPiece) -> bool:
+    """Whether a mode of a piece has fewer directions than the state has components."""
+    if isinstance(flow.problem.system, Map):
+        return False
+    modes = {int(mode) for mode in [*np.unique(piece.modes), piece.mode]}
+    bound = getattr(flow.problem.system, "tangent", ())
+    narrow = any(flow.degrees_of_freedom(piece.end._replace(mode=mode)) < len(piece.matrix) for mode in modes)
+    return narrow or any(bound[mode] is not None for mode in modes if mode < len(bound))
+
+
+def _halves(flow: Motion, piece: MotionPiece) -> list[MotionPiece]:
+    """The two parts of a piece, cut away from its events; none where it cannot be cut."""
+    at = 0.5 * piece.length
+    if isinstance(flow.problem.system, Map):
+        at = piece.length // 2
+    elif piece.events is not None and len(piece.events.t):
+        tried = piece.length * np.linspace(0.3, 0.7, 21)
+        apart = np.min(np.abs(tried[:, None] - np.asarray(piece.events.t)), axis=1)
+        clear = tried[apart > CLEAR_OF_EVENTS * piece.length]
+        at = float(clear[np.argmin(np.abs(clear - at))] if len(clear) else tried[np.argmax(apart)])
+    if not 0 < at < piece.length:
+        return []
+    try:
+        first = flow.piece(piece.start, at)
+        second = flow.piece(first.end._replace(without=piece.start.without), piece.length - at)
+    except RunFailedError:
+        return []
+    same = second.mode == piece.mode and first.jumps + second.jumps == piece.jumps
+    return [first, second] if same else []
+
+
+def multipliers_of(matrices: list[np.ndarray], known: np.ndarray, free: int, autonomous: bool) -> OrbitMultipliers:
+    """All multipliers (free,), and those that decide on the stability.
 
     In a family a double multiplier 1 has only one eigenvector, and rounding would change it by the square root of the
     rounding error. So the directions that are known to be mapped to themselves are divided out first. Nothing depends
@@ -61,17 +105,25 @@ def multipliers_of(matrices: list[np.ndarray], known: np.ndarray, free: int, aut
         free: number of degrees of freedom.
         autonomous: whether one multiplier is 1 along the flow.
     """
-    units = even_units(functools.reduce(lambda product, matrix: matrix @ product, matrices))
+    units = even_units(functools.reduce(_direction_of_product, matrices))
     matrices, ones = _divided([in_units(matrix, units) for matrix in matrices], known / units[:, None])
-    found = product_eigenvalues(matrices) if len(matrices[0]) else np.zeros(0, complex)
-    found = found[np.argsort(-np.abs(found), kind="stable")]
-    n = len(found)
-    found = found[: free - ones]
-    found[n - _destroyed(matrices) :] = 0.0
+    found, logs = product_eigenvalues(matrices) if len(matrices[0]) else (np.zeros(0, complex), np.zeros(0))
+    order, n = np.argsort(-logs, kind="stable"), len(found)
+    found, logs = found[order][: free - ones], logs[order][: free - ones]
+    lost = n - _destroyed(matrices)
+    found[lost:], logs[lost:] = 0.0, -np.inf
     if ones:
-        together = np.concatenate([np.ones(ones, complex), found])
-        return together[np.argsort(-np.abs(together), kind="stable")], found
-    return found, np.delete(found, np.argmin(np.abs(found - 1))) if autonomous else found
+        together, logs = np.concatenate([np.ones(ones, complex), found]), np.concatenate([np.zeros(ones), logs])
+        order = np.argsort(-logs, kind="stable")
+        return OrbitMultipliers(together[order], logs[order], found)
+    others = np.delete(found, np.argmin(np.abs(found - 1))) if autonomous else found
+    return OrbitMultipliers(found, logs, others)
+
+
+def _direction_of_product(product: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """The product but for its size, which may be smaller than any number."""
+    product = matrix @ product
+    return product / (np.max(np.abs(product), initial=0.0) or 1.0)
 
 
 def stability_of(others: np.ndarray, like) -> str:

@@ -387,9 +387,7 @@ def floquet_of(
         matrices[-1] = np.linalg.solve(flow.symmetry.image(base.x, orbit.shift).by_state, matrices[-1])
     known = in_any_case(flow, orbit, autonomous, family)
     # Constraints leave fewer than n directions; the others do not count as destroyed by the orbit.
-    multipliers, others = multipliers_of(matrices, known, flow.degrees_of_freedom(point), autonomous)
-    sizes = np.abs(multipliers)
-    exponents = np.where(sizes > 0, np.log(np.where(sizes > 0, sizes, 1.0)) / orbit.period, -np.inf)
+    multipliers, logs, others = multipliers_of(matrices, known, flow.degrees_of_freedom(point), autonomous)
     good = not autonomous or (goes_along(flow, orbit) and not rests(flow, orbit))
     good = good and repeats(flow, orbit)
     residual = orbit.residual if good else np.inf
@@ -397,7 +395,7 @@ def floquet_of(
         x0=as_jax(point.x),
         period=orbit.period,
         multipliers=as_jax(multipliers),
-        exponents=as_jax(exponents),
+        exponents=as_jax(logs / orbit.period),
         stability=stability_of(others, base.x),
         residual=residual,
         monodromy=as_jax(functools.reduce(lambda product, matrix: matrix @ product, matrices)),

@@ -1,7 +1,8 @@
-"""Orbits that stretch much and contract as much: M alone does not tell a contraction from a loss."""
+"""Orbits that stretch or contract much: M alone does not tell a contraction from a loss."""
 
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import lyaphybrid as lh
 
@@ -23,3 +24,48 @@ def test_what_a_jump_destroys_has_the_multiplier_0():
     found = lh.floquet(saddle, [0.0, 0.0], period=1.0)
     assert abs(found.multipliers[0]) > 1e6
     assert found.multipliers[1] == 0
+
+
+@pytest.mark.parametrize("rate", [1.0, 10.0, 300.0])
+def test_what_contracts_strongly_is_not_lost(rate):
+    """r' = k r (1 − r²), φ' = 1, z' = 0.1 k (r² − 1 − z): exponents 0, −0.1 k, −2 k, however small exp(−4π k) is."""
+
+    def field(t, x, k):
+        r2 = x[0] ** 2 + x[1] ** 2
+        grow = k * (1 - r2)
+        return jnp.stack([grow * x[0] - x[1], grow * x[1] + x[0], 0.1 * k * (r2 - 1 - x[2])])
+
+    found = lh.floquet(lh.Flow(field), [1.0, 0.0, 0.0], rate)
+    assert found.status == lh.STATUS.ok
+    np.testing.assert_allclose(found.exponents, [0.0, -0.1 * rate, -2 * rate], atol=1e-7, rtol=1e-7)
+    assert found.stability == "stable"
+
+
+@pytest.mark.parametrize("forgets", [False, True])
+def test_a_jump_beside_a_strong_contraction(forgets):
+    """x' = −60 (x − cos t), y' = −90 y: exponents −60, −90; a clock halves y, or sets it to 0."""
+    halved = lh.Transition(every=2 * np.pi, phase=1.0, reset=lambda t, x, part: jnp.stack([x[0], part * x[1]]))
+    driven = lh.Hybrid(lambda t, x, part: jnp.stack([-60.0 * (x[0] - jnp.cos(t)), -90.0 * x[1] + 0 * t]), halved)
+    found = lh.floquet(driven, [1.0, 0.0], 0.0 if forgets else 0.5, period=2 * np.pi)
+    slow, fast = -60.0, -np.inf if forgets else -90 - np.log(2) / (2 * np.pi)
+    np.testing.assert_allclose(found.exponents, [slow, fast], rtol=1e-7)
+
+
+def test_a_strongly_contracting_map():
+    """The map of a point on a circle of period 3, with x → 1e-9 x: the multiplier is 1e-27."""
+    turned = lh.Map(lambda t, x, args: jnp.stack([-0.5 * x[1] + x[2] * 1e-9, x[0], 1e-9 * x[2] + 0 * x[0]]))
+    found = lh.floquet(turned, [0.0, 0.0, 0.0], period=4)
+    np.testing.assert_allclose(np.log(np.abs(found.multipliers)), [2 * np.log(0.5)] * 2 + [4 * np.log(1e-9)], rtol=1e-9)
+
+
+@pytest.mark.parametrize("stiffness", [5.0, 30.0])
+def test_a_relaxation_oscillation(stiffness):
+    """Van der Pol's: the second exponent is the mean of μ (1 − x²) along the cycle; for μ = 30 the multiplier is 0."""
+
+    def field(t, x, mu):
+        damping = mu * (1 - x[0] ** 2)
+        return jnp.stack([x[1], damping * x[1] - x[0], damping])
+
+    found = lh.floquet(lh.Flow(lambda t, x, mu: field(t, x, mu)[:2]), [2.0, 0.0], stiffness)
+    run = lh.trajectory(lh.Flow(field), jnp.append(found.x0, 0.0), stiffness, t1=float(found.period))
+    np.testing.assert_allclose(found.exponents, [0.0, run.x[-1, 2] / found.period], atol=1e-8, rtol=1e-8)

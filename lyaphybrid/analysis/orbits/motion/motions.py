@@ -20,7 +20,7 @@ from ....systems.hybrid import Hybrid, disarmed
 from ....systems.smooth import Map
 from ..symmetries import Symmetry
 from .invariants import Conserved
-from .sizes import LEAST_SCALE, finer, sizes_of
+from .sizes import LEAST_SCALE, finer, mixing_of, sizes_of
 
 __all__ = ["Motion", "MotionPiece", "Node", "SAMPLES_PER_PIECE", "sized", "states_of", "velocity"]
 
@@ -68,6 +68,12 @@ def acceleration(system, t, x, args, mode: int):
     """d²x/dt² (n,) along the motion in a mode."""
     field = fields_of(system)[mode]
     return jax.jvp(lambda t, x: field(t, x, args), (t, x), (jnp.ones_like(t), field(t, x, args)))[1]
+
+
+@compiled(hands_on=True)
+def slope_of(system, t, x, args, mode: int):
+    """The derivative (n, n) of the field of a mode by the state."""
+    return jax.jacfwd(lambda x: fields_of(system)[mode](t, x, args))(x)
 
 
 class Motion(NamedTuple):
@@ -119,6 +125,14 @@ class Motion(NamedTuple):
         """d²x/dt² at a point, along the motion in its mode."""
         problem, t = self.problem, array(node.t, node.x.dtype)
         return np.asarray(acceleration(problem.system, t, node.x, problem.args, self.mode(node)))
+
+    def mixing(self, node: Node, matrix: np.ndarray) -> np.ndarray:
+        """What components make of each other (n, n) on the way from a point, with the derivative `matrix` (n, n)."""
+        if isinstance(self.problem.system, Map):
+            return mixing_of(matrix, self.piece(node, 1).matrix)
+        x = as_jax(np.asarray(node.x))
+        slope = slope_of(self.problem.system, array(node.t, x.dtype), x, self.problem.args, self.mode(node))
+        return mixing_of(matrix, np.asarray(slope))
 
     def _field(self, node: Node):
         return fields_of(self.problem.system)[self.mode(node)]
@@ -185,7 +199,7 @@ def sized(flow: Motion, trial: MotionPiece, is_default: bool, near: Any) -> Moti
     No size is a much smaller one than that at the start `near` (n,): what decays is none.
     """
     points = np.concatenate([np.asarray(trial.start.x)[None], states_of(trial)[1]])
-    problem = flow.problem
+    problem, mixing = flow.problem, flow.mixing(trial.start, trial.matrix)
     if is_default:
-        problem = problem._replace(method=finer(problem.method, points, trial.matrix))
-    return flow._replace(problem=problem, sizes=sizes_of(points, trial.matrix, LEAST_SCALE * np.abs(near)))
+        problem = problem._replace(method=finer(problem.method, points, np.maximum(np.abs(trial.matrix), mixing)))
+    return flow._replace(problem=problem, sizes=sizes_of(points, mixing, LEAST_SCALE * np.abs(near)))

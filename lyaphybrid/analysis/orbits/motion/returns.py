@@ -46,12 +46,12 @@ def close_return(flow: Motion, start: Node) -> tuple[Node, float]:
                 raise
             break
         # What decays never comes back to a part of itself: components count by their largest extents until now.
-        units = np.maximum(units, _units_along(stretch))
+        units = np.maximum(units, _units_along(flow, stretch))
         found = _return_in(flow, stretch, units)
         if found is not None:
             found = _nearest_return(flow, found, horizon, units)
             return found.start, found.time
-        roughly = roughly or _return_in(flow, stretch, np.full(len(units), np.max(_units_along(stretch))))
+        roughly = roughly or _return_in(flow, stretch, np.full(len(units), np.max(_units_along(flow, stretch))))
         start, horizon = Node(start.t, stretch.x, stretch.mode), 2 * horizon
         if horizon > longest:
             break
@@ -70,15 +70,15 @@ def _nearest_return(flow: Motion, found: Return, horizon: float, units: np.ndarr
         return found
     try:
         longer = flow.piece(found.start, MUCH_LATER * float(horizon))
-        return _return_in(flow, longer, np.maximum(units, _units_along(longer))) or found
+        return _return_in(flow, longer, np.maximum(units, _units_along(flow, longer))) or found
     except RunFailedError:
         return found
 
 
-def _units_along(stretch: MotionPiece) -> np.ndarray:
+def _units_along(flow: Motion, stretch: MotionPiece) -> np.ndarray:
     """The extents (n,) of the components on a piece."""
     points = states_of(stretch)[1]
-    return extents_of(points, sizes_of(points, stretch.matrix), digits(MOVES, points))
+    return extents_of(points, sizes_of(points, flow.mixing(stretch.start, stretch.matrix)), digits(MOVES, points))
 
 
 def _return_in(flow: Motion, stretch: MotionPiece, units: np.ndarray) -> Return | None:

@@ -9,23 +9,37 @@ from ...._linalg.products import even_units, in_units
 from ....integrators import RungeKutta
 from ....integrators.base import Method
 
-__all__ = ["LEAST_SCALE", "extents_of", "finer", "sizes_of", "units_of"]
+__all__ = ["LEAST_SCALE", "extents_of", "finer", "mixing_of", "sizes_of", "units_of"]
 
 LEAST_SCALE = 1e-6  # least size of a component, relative to what it was, and to what others make of it
 # The default absolute tolerance is no more than this fraction of the smallest component.
 ATOL_OF_SIZE = 1e-11
 
 
-def sizes_of(points: np.ndarray, matrix: np.ndarray, least: np.ndarray | float = 0.0) -> np.ndarray:
-    """The largest |x| (n,) of each component along a motion (samples, n) with the derivative `matrix` (n, n).
+def mixing_of(matrix: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """What each component makes of the others (n, n), at most, growth and rates apart.
 
-    What is zero but for rounding has the size of what the other components add to it, growth apart; and no size is
-    below the `least`.
+    Args:
+        matrix: (n, n) the derivative of a motion.
+        slope: (n, n) that of the field on it; a long motion contracts away what mixes on the way.
     """
-    largest, added = np.max(np.abs(np.asarray(points, float)), axis=0), 0.0
-    if np.all(np.isfinite(matrix)):
-        growth = max(1.0, float(np.linalg.norm(in_units(matrix, even_units(matrix)))))
-        added = np.abs(matrix) @ largest / growth
+    least = 1.0, nonzero(1e-300, matrix)
+    parts = [
+        np.abs(part) / max(small, float(np.linalg.norm(in_units(part, even_units(part)))))
+        for part, small in zip((matrix, slope), least, strict=True)
+        if np.all(np.isfinite(part))
+    ]
+    return np.maximum.reduce([np.zeros(matrix.shape), *parts])
+
+
+def sizes_of(points: np.ndarray, mixing: np.ndarray, least: np.ndarray | float = 0.0) -> np.ndarray:
+    """The largest |x| (n,) of each component along a motion (samples, n).
+
+    What is zero but for rounding has the size of what the other components add to it by the mixing (n, n); and no size
+    is below the `least`.
+    """
+    largest = np.max(np.abs(np.asarray(points, float)), axis=0)
+    added = mixing @ largest
     sizes = np.maximum(np.where(largest > LEAST_SCALE * added, largest, added), least)
     return np.where(sizes > 0, sizes, np.max(sizes) or 1.0)
 
@@ -42,12 +56,12 @@ def units_of(extents: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     return extents * np.clip(even, LEAST_SCALE, 1 / LEAST_SCALE)  # what couples by rounding alone has any units
 
 
-def finer(method: Method, points: np.ndarray, matrix: np.ndarray) -> Method:
+def finer(method: Method, points: np.ndarray, mixing: np.ndarray) -> Method:
     """The method, whose absolute tolerance is small beside the components along a motion (samples, n)."""
     if not isinstance(method, RungeKutta):  # others have none
         return method
     largest = np.max(np.abs(points), axis=0)
     # What is zero but for rounding has the size of what cancels there.
-    sizes = np.maximum(largest, np.abs(matrix) @ largest)
+    sizes = np.maximum(largest, mixing @ largest)
     atol = ATOL_OF_SIZE * float(np.min(sizes[sizes > 0], initial=1.0))
     return dataclasses.replace(method, atol=method.atol * 0 + nonzero(atol, points)) if atol < method.atol else method
