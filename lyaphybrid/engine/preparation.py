@@ -17,7 +17,7 @@ from .._jax.tracing import array, as_arrays, traced, varying
 from .._keywords import user_level
 from ..integrators import HalfExplicit, RungeKutta
 from ..integrators.base import Method
-from ..systems.consistency import check_constraints
+from ..systems.consistency import check_constraints, check_initial_mode
 from ..systems.daes.semi_linear import Constrained, fields_of
 from ..systems.event_driven import EventDriven
 from ..systems.hybrid import Hybrid
@@ -61,8 +61,10 @@ def prepare(system, x0, args, t0, method, mode, name: str = "x0") -> tuple[RunPr
     args, method = as_arrays(args, x0.dtype), at_precision(method, x0)
     check_clocks(system, args)
     t0 = array(t0, x0.dtype)
-    check_constraints(system, x0 if x0.ndim == 1 else x0[0], t0, args)
-    return RunProblem(unlabelled(system), method, args, shape), x0, t0, mode_index(system, mode)
+    first, index = x0 if x0.ndim == 1 else x0[0], mode_index(system, mode)
+    check_constraints(system, first, t0, args)
+    check_initial_mode(system, first, t0, args, index)
+    return RunProblem(unlabelled(system), method, args, shape), x0, t0, index
 
 
 def at_precision(method, x):

@@ -14,11 +14,20 @@ from .._jax.precision import require_double
 from .._jax.tracing import as_arrays, traced
 from .._linalg.linear_systems import split
 from ..errors import NoConsistentPointError
+from .contacts.surfaces import InitialMode
 from .daes.points import landed, solved
 from .daes.semi_linear import DAE, ILL, RANK, Banded, Constrained, fields_of
+from .hybrid import Hybrid
 from .validation import check_functions
 
-__all__ = ["check_constraints", "consistent_start", "onto_constraints", "put_on_constraints", "tangent_frame"]
+__all__ = [
+    "check_constraints",
+    "check_initial_mode",
+    "consistent_start",
+    "onto_constraints",
+    "put_on_constraints",
+    "tangent_frame",
+]
 
 
 def consistent_start(dae: DAE, x0: State, args: Any = None, *, t0: Any = 0.0) -> Float[Array, " n"]:
@@ -104,6 +113,35 @@ def check_constraints(system: Any, x, t0, args: Any) -> None:
                 "[E₁; ∂f₂/∂x] must be nonsingular at the start: either constraints depend on each other there, or the "
                 "differentiation index is above one; differentiate the constraints until it is one.",
             )
+
+
+def check_initial_mode(system: Any, x, t0, args: Any, mode: Any) -> None:
+    """Check that a start x (n,) lies where its mode holds, beside a surface or on it; not for traced values.
+
+    Raises:
+        ValueError: if it lies beyond the surface, or off the one on which it is to slide.
+    """
+    if not isinstance(system, Hybrid) or not isinstance(system.initial_mode, InitialMode) or mode is None:
+        return
+    if traced((x, t0, args, mode)):
+        return
+    with jax.ensure_compile_time_eval():
+        off = _outside(system.initial_mode, t0, x, args)
+    if traced(off):
+        return
+    off, names = np.asarray(off), system.mode_names
+    belongs = [name for name, distance in zip(names, off, strict=True) if distance == 0]
+    require(
+        not off[mode],
+        f"x0 lies outside mode {names[mode]!r}: the function of its surface misses "
+        f"{'zero' if mode >= system.initial_mode.regions else 'its sign'} by {off[mode]:.3g}. Leave mode out, and the "
+        f"start determines it; it belongs to {belongs}.",
+    )
+
+
+@compiled(hands_on=True)
+def _outside(initial_mode: InitialMode, t, x, args):
+    return initial_mode.outside(t, x, args)
 
 
 def _check_band(field: Constrained, rows: np.ndarray, below: np.ndarray) -> None:

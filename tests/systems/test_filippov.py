@@ -286,3 +286,18 @@ def test_a_start_at_a_two_fold_goes_where_a_field_curves_away(plus, minus, mode)
     run = lh.trajectory(folded, [0.0, 0.0], t1=1.0)
     assert run.mode_names[int(run.mode[-1])] == mode
     assert_allclose(run.x[-1], [1.0, {"plus": 0.5, "minus": -0.5, "sliding": 0.0}[mode]], atol=1e-9)
+
+
+@pytest.mark.parametrize("verb", [lh.trajectory, lh.lyapunov_spectrum])
+def test_a_start_outside_its_mode_is_refused(verb):
+    """Both fields point at x = 0; off it nothing slides, and each side has one mode."""
+
+    def towards(rate):
+        return lambda t, x, args: jnp.stack([rate + 0 * t, -x[1]])
+
+    block = lh.filippov(towards(-1.0), towards(1.0), lambda t, x, args: x[0])
+    for mode, start in (("sliding", 0.7), ("minus", 0.7), ("plus", -1e-3), (2, 1e-3)):
+        with pytest.raises(ValueError, match="x0 lies outside mode .* Leave mode out"):
+            verb(block, [start, 1.0], t1=3.0, mode=mode)
+    for mode, start in (("sliding", 0.0), ("sliding", 1e-12), ("minus", -0.7), ("plus", 0.0), ("minus", 0.0)):
+        assert verb(block, [start, 1.0], t1=3.0, mode=mode).status == lh.STATUS.ok

@@ -25,6 +25,7 @@ __all__ = [
 ]
 
 TWO_FOLD = 1e-8  # both fields are tangent to the surface where both rates are below this, relative to |∇h| |f|
+OFF_SURFACE = 1e-6  # a state is off a surface if |h| is above this, relative to |∇h| (1 + |x|)
 
 Function = Callable[..., Any]
 
@@ -190,6 +191,17 @@ class InitialMode(eqx.Module):
         for i, (side, value) in enumerate(zip(self.sides, values, strict=True)):
             mode = jnp.where(_is_zero(side, value, t, x, args), self._on(i, t, x, args), mode)
         return mode
+
+    def outside(self, t, x, args):
+        """(modes,) by how much h has the wrong sign for each mode, or is not zero; 0 for what rounding leaves."""
+        values, off = [], [jnp.zeros_like(t)] * self.regions
+        for side, (above, below) in zip(self.sides, self.where, strict=True):
+            value, gradient = jax.value_and_grad(side.surface, argnums=1)(t, x, args)
+            size = jnp.sqrt(jnp.sum(gradient**2)) * (1 + jnp.sqrt(jnp.sum(x**2)))
+            value = jnp.where(jnp.abs(value) > OFF_SURFACE * size, value, 0.0)
+            off[above], off[below] = jnp.maximum(off[above], -value), jnp.maximum(off[below], value)
+            values.append(jnp.abs(value))
+        return jnp.stack([*off, *values])
 
     def on_surface(self, i: int, t, x, args, mode):
         """Whether a state of this mode is on the surface i: in its sliding mode, or with h = 0 up to rounding."""
