@@ -110,3 +110,16 @@ def test_bodies_in_rows_with_a_schedule():
     report = lh.check(balls.between_walls(), balls.START)
     assert report.ok
     assert "saltation" in str(report)
+
+
+def test_a_timer_that_runs_out_is_no_wall():
+    """The second guard is passed each time that the timer runs out, and only sets the flag: a note, nothing wrong."""
+
+    def field(t, x, args):  # voltage, whether it is ready, time since the spike
+        return jnp.stack([x[1] * (1.3 - x[0]), 0 * x[1], 1 + 0 * x[2]])
+
+    spike = lh.Transition(lambda t, x, args: 1 - x[0], lambda t, x, args: 0 * x)
+    over = lh.Transition(lambda t, x, args: 0.3 - x[2], lambda t, x, args: x.at[1].set(1.0))
+    report = lh.check(lh.Hybrid(field, [spike, over]), [0.2, 1.0, 0.0])
+    assert [(one.topic, one.verdict) for one in report.notes] == [("jumps", "note")]
+    assert "transition 1 changes nothing that moves its guard" in report.notes[0].text

@@ -154,11 +154,18 @@ def _of_landing(system: Hybrid, j: int, guard: _Guard, slope: Callable, run: Tra
                           "guard or before it.")]  # fmt: skip
         if not guard.sees_the_same(t, e.x_before[i], x, which):  # the reset leads to another place on the guard
             continue
-        rate = guard.rate(t, x, which, f)
-        if abs(value) <= small and rate < -GRAZING * abs(guard.rate(t, e.x_before[i], which, f)):
-            return [wrong("jumps", f"After the reset of transition {j} at t = {float(t):.6g} the state goes on through "
-                          f"the guard, to the side on which it had fired: x = {in_short(e.x_before[i])} becomes "
-                          f"{in_short(x)}. Is a sign in the reset wrong, or is a target mode missing?")]  # fmt: skip
+        arriving = slope(t, e.x_before[i], e.mode_before[i])
+        rate, before = guard.rate(t, x, which, f), guard.rate(t, e.x_before[i], which, arriving)
+        if abs(value) > small or rate >= -GRAZING * abs(before):
+            continue
+        when = f"at t = {float(t):.6g}"
+        if abs(rate - before) <= BEYOND * abs(before):  # nothing that moves the guard was changed
+            return [noted("jumps", f"The reset of transition {j} changes nothing that moves its guard, and the state "
+                          f"goes on beyond it, first {when}. Right for a timer, or a level that is passed; a body "
+                          "would be inside the wall.")]  # fmt: skip
+        return [wrong("jumps", f"After the reset of transition {j} {when} the state goes on through the guard, to the "
+                      f"side on which it had fired: x = {in_short(e.x_before[i])} becomes {in_short(x)}. Is a sign in "
+                      "the reset wrong, or is a target mode missing?")]  # fmt: skip
     return []
 
 
