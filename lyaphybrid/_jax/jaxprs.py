@@ -15,7 +15,6 @@ __all__ = [
     "applied",
     "by_component",
     "constant",
-    "constants",
     "divided",
     "evaluated",
     "explicit",
@@ -117,15 +116,6 @@ def written_out(function: Callable, *example) -> ClosedJaxpr:
     if not any(map(is_call, closed.jaxpr.eqns)):
         return closed
     return jax.make_jaxpr(lambda *inputs: evaluated(closed, list(inputs), in_place))(*closed.in_avals)
-
-
-def constants(closed: ClosedJaxpr) -> list:
-    """The constant arrays of a jaxpr and of the jaxprs inside it."""
-    found = list(closed.consts)
-    for eqn in closed.jaxpr.eqns:
-        for inner in inside(eqn):
-            found += constants(inner)
-    return found
 
 
 def inside(eqn) -> list[ClosedJaxpr]:
