@@ -189,9 +189,8 @@ def parameters(name: str, leaf: Any) -> Any:
     if isinstance(leaf, int) and not -MOST - 1 <= leaf <= MOST:
         raise ValueError(f"{name} holds {leaf!r}, an integer that does not fit into 64 bits: write it as a float.")
     if isinstance(leaf, np.ndarray | np.generic):
-        return (
-            np.asarray(leaf, float) if leaf.dtype == np.longdouble else np.asarray(leaf, leaf.dtype.newbyteorder("="))
-        )
+        # A copy: who changes the array later, changes nothing of a result that goes on with it.
+        return np.array(leaf, float if leaf.dtype == np.longdouble else leaf.dtype.newbyteorder("="))
     return leaf
 
 

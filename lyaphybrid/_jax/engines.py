@@ -267,7 +267,8 @@ class _Natively:
         leaves = [x for x, is_array in zip(everything, which, strict=True) if is_array]
         others = tuple(x for x, is_array in zip(everything, which, strict=True) if not is_array)
         shapes = tuple((x.shape, x.dtype) for x in leaves)
-        key = tree, which, others, shapes, jax.config.read("jax_enable_x64")
+        kinds = tuple(map(type, others))  # True == 1, but functions may tell them apart
+        key = tree, which, others, kinds, shapes, jax.config.read("jax_enable_x64")
         with self.lock:
             if key not in self.known:
                 with no_collector():

@@ -133,3 +133,12 @@ def test_an_import_sets_nothing():
     done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, env=clean)
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == ["None", "False"]
+
+
+@pytest.mark.parametrize("order", [(True, 1), (1, True)])
+def test_numbers_that_are_equal_are_not_of_one_type(order):
+    """~True is False and ~1 is −2: a program of the one is none of the other."""
+    rule = lh.Map(lambda n, x, args: jnp.where(~jnp.asarray(args["free"]), 2.0, 3.0) * x)
+    found = {type(free): float(lh.lyapunov_spectrum(rule, [0.3], {"free": free}, t1=10).exponents[0]) for free in order}
+    assert found[bool] == pytest.approx(np.log(3.0), abs=1e-12)
+    assert found[int] == pytest.approx(np.log(2.0), abs=1e-12)

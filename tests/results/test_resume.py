@@ -79,3 +79,12 @@ def test_problems_have_verbs():
 
 def test_a_printed_spectrum_names_the_problem():
     assert str(zoo.henon_map().spectrum(t1=64)).startswith("henon_map: Lyapunov spectrum per iteration (64 iterations")
+
+
+def test_what_the_caller_changes_later_changes_no_run():
+    """args is an array of the caller, who writes the next value into it before the run goes on."""
+    rule = lh.Map(lambda n, x, args: args["r"] * x * (1 - x))
+    args = {"r": np.array([2.9])}
+    found = lh.lyapunov_spectrum(rule, [0.3], args, t1=1000)
+    args["r"][0] = 3.2
+    assert found.resume(2000).exponents[0] == pytest.approx(np.log(0.9), abs=1e-3)

@@ -29,7 +29,7 @@ from ...systems.hybrid import Hybrid
 from ...systems.kinds import unit_of
 from ...systems.smooth import Flow, Map
 from .following import discrete, follow, samples_of, table_of, times_of, verdict_of
-from .verdicts import Verdict, of_alignment, of_volumes
+from .verdicts import ATTRACTED, Verdict, grows, of_alignment, of_volumes
 
 __all__ = ["GALIResult", "gali", "sali"]
 
@@ -39,6 +39,7 @@ class Deviations(NamedTuple):
 
     columns: Array  # (k, k) C, each column of length 1
     logs: Array  # (k,) ln(C_ii / ‖C_i‖); -inf where the direction is lost
+    growth: Array  # () ln of how much the first one has grown
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,7 +50,7 @@ class AlignmentObserver:
         """The deviation vectors are the columns of the frame."""
         del t
         k = frame.shape[1]
-        return Deviations(jnp.eye(k, dtype=frame.dtype), jnp.zeros(k, frame.dtype))
+        return Deviations(jnp.eye(k, dtype=frame.dtype), jnp.zeros(k, frame.dtype), jnp.zeros((), frame.dtype))
 
     def update(self, state: Deviations, seen: Orthonormalisation) -> Deviations:
         """C ← R C, its columns made unit vectors again."""
@@ -58,7 +59,7 @@ class AlignmentObserver:
         square = jnp.sum(columns**2, axis=0)
         length = jnp.sqrt(jnp.where(square > 0, square, 1.0))
         logs = state.logs + jnp.where(seen.lost, -jnp.inf, seen.log_r - jnp.log(length))
-        return Deviations(columns / length[None, :], logs)
+        return Deviations(columns / length[None, :], logs, state.growth + jnp.log(length[0]))
 
     def moved(self, state: Deviations, source) -> Deviations:
         """Reorder the rows of C like the columns of the frame; the deviation vectors stay the same."""
@@ -71,7 +72,7 @@ class AlignmentObserver:
 
 def _collect(t, carry: StepState):
     del t
-    return carry.observer.logs
+    return carry.observer.logs, carry.observer.growth
 
 
 class GALIResult(RunResult, eqx.Module):
@@ -85,6 +86,7 @@ class GALIResult(RunResult, eqx.Module):
         values: the same without the logarithm.
         status: how the run ended, an `lh.STATUS`.
         unit: of time, "unit of time" or "iteration".
+        log_growth: (times,) natural logarithm of how much the first deviation vector has grown; None: not known.
         verdict: whether the motion is regular or chaotic.
 
     Example:
@@ -100,6 +102,7 @@ class GALIResult(RunResult, eqx.Module):
     status_code: Array
     orders: tuple[int, ...] = eqx.field(static=True)
     unit: str = eqx.field(static=True, default=UNIT["time"])
+    log_growth: Array | None = None
 
     @property
     def values(self) -> Array:
@@ -111,14 +114,19 @@ class GALIResult(RunResult, eqx.Module):
         """Whether the motion is regular or chaotic, of one run, from GALI_2 or SALI.
 
         Where the two largest exponents are equal, two deviation vectors never align, and SALI sees nothing. GALI_3 then
-        falls exponentially, as it does on a torus that attracts: "undecided", and `lh.fli` tells which.
+        falls exponentially, as it does on a torus that attracts: "undecided", and `lh.fli` tells which. So it is where
+        deviation vectors align although none grows: what attracts aligns them, whether it is chaotic or not.
         """
         require(
             not traced(self.log_values) and self.time.ndim == 1,
             "verdict is of one run, outside of jit: start from one x0.",
         )
         time, logs = np.asarray(self.time), np.asarray(self.log_values)
-        return of_volumes(time, logs, self.orders) if self.orders else of_alignment(time, logs)
+        found = of_volumes(time, logs, self.orders) if self.orders else of_alignment(time, logs)
+        if found.kind != "chaotic" or self.log_growth is None:
+            return found
+        aligned = logs[:, self.orders.index(2)] if self.orders else logs
+        return found if grows(time, np.asarray(self.log_growth), aligned) else ATTRACTED
 
     def plot(self, ax: plots.Axes | None = None, **style: Any) -> plots.Axes:
         """The values against time, both logarithmic. `style` goes to what it draws."""
@@ -131,6 +139,8 @@ class GALIResult(RunResult, eqx.Module):
     def _data(self) -> Data:
         by_order = ("order",) if self.orders else ()
         variables = {"log_values": ((*samples_of(self), *by_order), self.log_values)}
+        if self.log_growth is not None:
+            variables["log_growth"] = (samples_of(self), self.log_growth)
         return Data(variables, {**times_of(self), **({"order": list(self.orders)} if self.orders else {})})
 
 
@@ -156,8 +166,9 @@ def gali(
 ) -> GALIResult:
     """The generalised alignment indices GALI_k: the volume of k unit deviation vectors.
 
-    Chaos: GALI_k ∝ exp(−t Σ_{j≤k} (λ₁ − λ_j)). Regular motion on an s-dimensional torus of a Hamiltonian system with N
-    degrees of freedom: constant for k ≤ s, t^{−(k−s)} for s < k ≤ 2N − s, t^{−2(k−N)} beyond.
+    Chaos: GALI_k ∝ exp(−t Σ_{j≤k} (λ₁ − λ_j)). So it is on any attractor with different exponents, chaotic or not: the
+    verdict looks at the growth of a deviation vector, too. Regular motion on an s-dimensional torus of a Hamiltonian
+    system with N degrees of freedom: constant for k ≤ s, t^{−(k−s)} for s < k ≤ 2N − s, t^{−2(k−N)} beyond.
 
     Args:
         system: an `lh.Flow`, `lh.Hamiltonian`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
@@ -208,9 +219,11 @@ def gali(
     )  # fmt: skip
     xp = numpy_for(found.time, found.collected, found.status)
     time, status = xp.asarray(found.time), xp.asarray(found.status)
-    volumes = xp.cumsum(xp.asarray(found.collected), axis=-1)[..., np.asarray(orders) - 1]
+    logs, growth = found.collected
+    volumes = xp.cumsum(xp.asarray(logs), axis=-1)[..., np.asarray(orders) - 1]
     volumes = xp.where(xp.isnan(time)[..., None], xp.nan, volumes)
-    result = GALIResult(time, volumes, status, orders, unit_of(system))
+    growth = xp.where(xp.isnan(time), xp.nan, xp.asarray(growth))
+    result = GALIResult(time, volumes, status, orders, unit_of(system), growth)
     return verdict_of(found, as_jax(result), throw)
 
 
@@ -280,4 +293,4 @@ def sali(
     square = xp.exp(2 * xp.minimum(log_sine, 0.0))
     cosine = xp.sqrt(xp.maximum(1 - square, 0.0))
     values = as_jax(log_sine + 0.5 * xp.log(2 / (1 + cosine)))
-    return GALIResult(found.time, values, found.status_code, (), found.unit)
+    return GALIResult(found.time, values, found.status_code, (), found.unit, found.log_growth)

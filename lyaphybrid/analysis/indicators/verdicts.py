@@ -4,11 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-__all__ = ["Verdict", "of_alignment", "of_fli", "of_megno", "of_volumes"]
+__all__ = ["ATTRACTED", "Verdict", "grows", "of_alignment", "of_fli", "of_megno", "of_volumes"]
 
 FEWEST_TIMES = 8  # least number of recorded times for a verdict
 STEEP = 8.0  # GALI_2 and SALI of regular motion fall slower than t^-8 (t^-2 with one degree of freedom)
 TWO = 0.25  # the mean MEGNO of regular motion differs from 2 by less than this
+GROWS = 0.1  # least growth of a deviation vector, relative to the rate at which GALI falls, that says that it grows
 CLEARLY = 6.0  # chaos needs a larger mean MEGNO
 
 
@@ -20,6 +21,13 @@ class Verdict(NamedTuple):
 
     def __str__(self) -> str:
         return f"{self.kind}: {self.reason}"
+
+
+ATTRACTED = Verdict(
+    "undecided",
+    "it falls exponentially, but no deviation vector grows: an attractor aligns them, whether it is chaotic or not; "
+    "lh.fli or lh.lyapunov_spectrum tells",
+)
 
 
 def _late(time, values):
@@ -49,6 +57,16 @@ def of_alignment(time: np.ndarray, logs: np.ndarray) -> Verdict:
     if power < 3.0:
         return Verdict("regular", f"over the second half it goes like t^{-power:+.2f}: no exponential decay")
     return Verdict("undecided", f"it falls like t^{-power:.1f}: follow the orbit for longer")
+
+
+def grows(time: np.ndarray, growth: np.ndarray, logs: np.ndarray) -> bool:
+    """Whether ln of a deviation vector's length (times,) grows exponentially, where ln GALI_2 (times,) falls so.
+
+    Where volume is conserved λ₁ is half of the rate at which it falls; on an attractor only its own growth tells.
+    """
+    (t, y), (_, falling) = _late(time, growth), _late(time, logs)
+    rate, fall = np.polyfit(t, y, 1)[0], -np.polyfit(t, falling, 1)[0]
+    return bool(rate > GROWS * fall) or of_fli(time, growth).kind == "chaotic"
 
 
 def of_volumes(time: np.ndarray, logs: np.ndarray, orders: tuple[int, ...]) -> Verdict:

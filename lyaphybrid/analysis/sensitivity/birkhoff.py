@@ -91,6 +91,11 @@ def by_birkhoff(case: ExponentFunction, *, progress: Any = None) -> Estimate:
     if found.exponents[0] * found.history.time[-1] > EXPLODES:
         growth = f"e^{found.exponents[0] * found.history.time[-1]:.3g}"
         raise UntrustedError(f"the motion is chaotic: over the run the derivative of a trajectory grows by {growth}.")
+    if 0 < found.jumps < FEWEST_JUMPS and clock == "time" and not isinstance(case.system, Map):
+        raise UntrustedError(
+            f"{int(found.jumps)} jumps, fewer than {FEWEST_JUMPS}: blocks of equal times see no change of the number "
+            "of jumps with a parameter; a longer t1 gives blocks of equal numbers of jumps."
+        )
     along = eqx.tree_at(lambda along: along.options, along, with_arrays(options | _blocks(case, found), theta.dtype))
     reverse = len(theta) > CHEAPER * 2 * case.k and not isinstance(case.system, EventDriven)
     return _judged(case, *_with_derivatives(along, theta, clock, reverse))

@@ -1,8 +1,10 @@
 """Verdicts of indicators from courses of known laws: powers of the time, exponentials, losses, too few times."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import lyaphybrid as lh
 from lyaphybrid.analysis.indicators.verdicts import of_alignment, of_fli, of_megno
 
 TIME = np.geomspace(1.0, 1000.0, 40)
@@ -61,3 +63,26 @@ def test_megno(means, kind, reason):
 )
 def test_fli(values, kind, reason):
     assert of_fli(TIME, values) == (kind, reason)
+
+
+ATTRACTORS = {
+    "van der Pol's cycle": (lh.Flow(lambda t, x, a: jnp.stack([x[1], (1 - x[0] ** 2) * x[1] - x[0]])), [2.0, 0.0], 300),
+    "a node": (lh.Flow(lambda t, x, a: x * jnp.array([-1.0, -3.0])), [2.0, 1.0], 100),
+    "a node of a map": (lh.Map(lambda n, x, a: x * jnp.array([0.5, 0.7])), [0.1, 0.2], 1000),
+}
+
+
+@pytest.mark.parametrize("indicator", [lh.gali, lh.sali])
+@pytest.mark.parametrize("name", ATTRACTORS)
+def test_an_attractor_aligns_deviation_vectors_without_chaos(name, indicator):
+    system, x0, t1 = ATTRACTORS[name]
+    found = indicator(system, x0, t1=t1)
+    assert found.verdict.kind == "undecided"
+    assert "no deviation vector grows" in found.verdict.reason
+
+
+def test_growth_of_a_deviation_vector():
+    """The cat map: ln of the length grows by ln((3 + √5)/2) an iteration, from whatever direction, up to a constant."""
+    cat = lh.Map(lambda t, x, args: jnp.stack([2 * x[0] + x[1], x[0] + x[1]]) % 1.0)
+    found = lh.gali(cat, [0.1, 0.2], t1=100, times=np.array([50.0, 100.0]))
+    assert found.log_growth[1] - found.log_growth[0] == pytest.approx(50 * np.log((3 + np.sqrt(5)) / 2), rel=1e-9)

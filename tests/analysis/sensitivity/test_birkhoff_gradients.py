@@ -89,3 +89,15 @@ def test_a_locked_phase_is_not_trusted_where_the_run_is_too_short():
 def test_chaos_is_refused():
     with pytest.raises(lh.NoDerivativeError, match="chaotic"):
         birkhoff(lh.Map(lambda n, x, r: r * x * (1 - x)), [0.3], 3.9)
+
+
+def test_few_jumps_are_not_trusted():
+    """x' = 1 − c x, a clock x → m x + 0.3: λ = −c + ln|m|/T, dλ/dT = −ln|m|/T²; 33 and 133 ticks."""
+    clock = lh.Transition(every=lambda args: args["T"], reset=lambda t, x, args: args["m"] * x + 0.3)
+    kicked = lh.Hybrid(lambda t, x, args: 1 - args["c"] * x, clock)
+    args = {"c": 0.4, "m": -0.7, "T": 1.5}
+    with pytest.raises(lh.NoDerivativeError, match="33 jumps, fewer than 100"):
+        lh.lyapunov_gradient(kicked, [0.1], args, t1=50.0, algorithm="birkhoff")
+    found = lh.lyapunov_gradient(kicked, [0.1], args, t1=200.0, algorithm="birkhoff")
+    assert found.trust
+    assert_allclose(found.gradient["T"], [-np.log(0.7) / 1.5**2], rtol=1e-6)
