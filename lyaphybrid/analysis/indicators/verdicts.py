@@ -9,7 +9,7 @@ __all__ = ["ATTRACTED", "Verdict", "grows", "of_alignment", "of_fli", "of_megno"
 FEWEST_TIMES = 8  # least number of recorded times for a verdict
 STEEP = 8.0  # GALI_2 and SALI of regular motion fall slower than t^-8 (t^-2 with one degree of freedom)
 TWO = 0.25  # the mean MEGNO of regular motion differs from 2 by less than this
-GROWS = 0.1  # least growth of a deviation vector, relative to the rate at which GALI falls, that says that it grows
+GROWS_BESIDE = 0.1  # least growth of a deviation vector, relative to the rate at which GALI falls, that says that it grows
 CLEARLY = 6.0  # chaos needs a larger mean MEGNO
 
 
@@ -66,7 +66,7 @@ def grows(time: np.ndarray, growth: np.ndarray, logs: np.ndarray) -> bool:
     """
     (t, y), (_, falling) = _late(time, growth), _late(time, logs)
     rate, fall = np.polyfit(t, y, 1)[0], -np.polyfit(t, falling, 1)[0]
-    return bool(rate > GROWS * fall) or of_fli(time, growth).kind == "chaotic"
+    return bool(rate > GROWS_BESIDE * fall) or of_fli(time, growth).kind == "chaotic"
 
 
 def of_volumes(time: np.ndarray, logs: np.ndarray, orders: tuple[int, ...]) -> Verdict:
