@@ -9,7 +9,7 @@ __all__ = ["ATTRACTED", "Verdict", "grows", "of_alignment", "of_fli", "of_megno"
 FEWEST_TIMES = 8  # least number of recorded times for a verdict
 STEEP = 8.0  # GALI_2 and SALI of regular motion fall slower than t^-8 (t^-2 with one degree of freedom)
 TWO = 0.25  # the mean MEGNO of regular motion differs from 2 by less than this
-GROWS_BESIDE = 0.1  # least growth of a deviation vector, relative to the rate at which GALI falls, that says that it grows
+GROWS_BESIDE = 0.1  # least growth of a deviation vector, relative to the fall of GALI, that counts
 CLEARLY = 6.0  # chaos needs a larger mean MEGNO
 
 
