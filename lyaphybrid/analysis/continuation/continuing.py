@@ -285,7 +285,7 @@ def equations_of(
     base, scales = Node(*orbit.base), (orbit.period, values[2] - values[0])
     flow = Motion(problem)
     trial = flow.piece(base, orbit.period)
-    problem, mixing = sized(flow, trial, is_default, base.x).problem, flow.mixing(base, trial.matrix)
+    problem, mixing = sized(flow, trial, is_default, base.x).problem, flow.mixing(base, trial.matrix, trial.length)
     sizes = sizes_of(states_of(trial)[1], mixing, least)
     symmetry = symmetry_of(options["modulo"], system, base.x, problem.args, options["t0"])
     conserved = conserved_of(options["conserve"], system, base.x, flow.mode(base), problem.args)

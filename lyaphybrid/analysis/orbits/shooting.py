@@ -174,7 +174,7 @@ def shot(flow: Motion, nodes: list[Node], shares, period: float, iteration: int,
     pieces = [flow.piece(node, float(share * period)) for node, share in zip(nodes, shares, strict=True)]
     points = np.concatenate([*(states_of(piece)[1] for piece in pieces), np.asarray(pieces[-1].x)[None]])
     matrix = functools.reduce(lambda product, piece: piece.matrix @ product, pieces, np.eye(len(nodes[0].x)))
-    mixing = flow.mixing(nodes[0], matrix)
+    mixing = flow.mixing(nodes[0], matrix, period)
     sizes = sizes_of(points, mixing, 0.0 if flow.sizes is None else LEAST_SCALE * flow.sizes)
     extents = extents_of(points, sizes)
     if shift is None:

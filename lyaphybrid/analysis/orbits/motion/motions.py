@@ -126,13 +126,13 @@ class Motion(NamedTuple):
         problem, t = self.problem, array(node.t, node.x.dtype)
         return np.asarray(acceleration(problem.system, t, node.x, problem.args, self.mode(node)))
 
-    def mixing(self, node: Node, matrix: np.ndarray) -> np.ndarray:
-        """What components make of each other (n, n) on the way from a point, with the derivative `matrix` (n, n)."""
+    def mixing(self, node: Node, matrix: np.ndarray, length: float) -> np.ndarray:
+        """What components make of each other (n, n) on a way of a length, with the derivative `matrix` (n, n)."""
         if isinstance(self.problem.system, Map):
-            return mixing_of(matrix, self.piece(node, 1).matrix)
+            return mixing_of(matrix, self.piece(node, 1).matrix, 1.0)
         x = as_jax(np.asarray(node.x))
         slope = slope_of(self.problem.system, array(node.t, x.dtype), x, self.problem.args, self.mode(node))
-        return mixing_of(matrix, np.asarray(slope))
+        return mixing_of(matrix, np.asarray(slope), length)
 
     def _field(self, node: Node):
         return fields_of(self.problem.system)[self.mode(node)]
@@ -199,7 +199,7 @@ def sized(flow: Motion, trial: MotionPiece, is_default: bool, near: Any) -> Moti
     No size is a much smaller one than that at the start `near` (n,): what decays is none.
     """
     points = np.concatenate([np.asarray(trial.start.x)[None], states_of(trial)[1]])
-    problem, mixing = flow.problem, flow.mixing(trial.start, trial.matrix)
+    problem, mixing = flow.problem, flow.mixing(trial.start, trial.matrix, trial.length)
     if is_default:
         problem = problem._replace(method=finer(problem.method, points, np.maximum(np.abs(trial.matrix), mixing)))
     return flow._replace(problem=problem, sizes=sizes_of(points, mixing, LEAST_SCALE * np.abs(near)))

@@ -78,7 +78,9 @@ def _nearest_return(flow: Motion, found: Return, horizon: float, units: np.ndarr
 def _units_along(flow: Motion, stretch: MotionPiece) -> np.ndarray:
     """The extents (n,) of the components on a piece."""
     points = states_of(stretch)[1]
-    return extents_of(points, sizes_of(points, flow.mixing(stretch.start, stretch.matrix)), digits(MOVES, points))
+    return extents_of(
+        points, sizes_of(points, flow.mixing(stretch.start, stretch.matrix, stretch.length)), digits(MOVES, points)
+    )
 
 
 def _return_in(flow: Motion, stretch: MotionPiece, units: np.ndarray) -> Return | None:

@@ -16,14 +16,15 @@ LEAST_SCALE = 1e-6  # least size of a component, relative to what it was, and to
 ATOL_OF_SIZE = 1e-11
 
 
-def mixing_of(matrix: np.ndarray, slope: np.ndarray) -> np.ndarray:
+def mixing_of(matrix: np.ndarray, slope: np.ndarray, length: float) -> np.ndarray:
     """What each component makes of the others (n, n), at most, growth and rates apart.
 
     Args:
         matrix: (n, n) the derivative of a motion.
         slope: (n, n) that of the field on it; a long motion contracts away what mixes on the way.
+        length: of the motion: nothing mixes for longer.
     """
-    least = 1.0, nonzero(1e-300, matrix)
+    least = 1.0, 1 / length
     parts = [
         np.abs(part) / max(small, float(np.linalg.norm(in_units(part, even_units(part)))))
         for part, small in zip((matrix, slope), least, strict=True)
