@@ -84,7 +84,7 @@ class GALIResult(RunResult, eqx.Module):
             where a jump destroyed a direction.
         values: the same without the logarithm.
         status: how the run ended, an `lh.STATUS`.
-        unit: of time, "unit of time" or "iteration".
+        unit: of time, "unit of time" or what the system gives, or "iteration".
         verdict: whether the motion is regular or chaotic.
 
     Example:
