@@ -161,7 +161,7 @@ def running(
         course: (times, k) the running exponents.
         exponents: (k,) the last ones; those of -inf are named in the corner.
         stderr: (k,) half widths of the bands.
-        unit: which exponents are counted per.
+        unit: which exponents are counted per; one of time is at the axis of time, too.
         ax: matplotlib axes; None: those of a new figure.
         shown: numbers of those to draw, from 1; None: all.
         **style: of the lines, as matplotlib takes it.

@@ -53,7 +53,7 @@ def apart(**labels) -> lh.Hybrid:
     return lh.filippov(up, down, lambda t, x, args: x[1], **labels)
 
 
-def edge(**labels) -> lh.Flow:
+def edge(**labels):
     wells = lh.Flow(in_wells, **labels)
     found = lh.basins(wells, [[-2.0, -1.0], [2.0, 1.0]], shape=(20, 10), t1=80.0)
     return lh.edge_state(wells, found, t1=60.0, settle=80.0)
