@@ -166,8 +166,8 @@ RESULTS = {
     ),
     "BifurcationDiagram": (
         lambda **own: lh.bifurcation_diagram(
-            lh.Flow(of_named, **own), START, {"a": 1.0}, over={"a": [0.8, 1.2]}, directions=("up",), period=6.0, t1=20, transient=10,
-            samples=4,
+            lh.Flow(of_named, **own), START, {"a": 1.0}, over={"a": [0.8, 1.2]}, directions=("up",),
+            period=6.0, t1=20, transient=10, samples=4,
         ),
         ("Bifurcation diagram over a", "Bifurcation diagram over a"),
         ("time",), ("exponents",),

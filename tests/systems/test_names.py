@@ -197,6 +197,8 @@ def test_a_wrong_number_of_names_is_said_once_the_state_is_known(called, said):
     for verb in (lh.lyapunov_spectrum, lh.trajectory, lh.floquet, lh.gali):
         with pytest.raises(ValueError, match=said):
             verb(system, [1.0, 2.0], **({} if verb is lh.floquet else {"t1": 1.0}))
+    with pytest.raises(ValueError, match=said):
+        lh.lyapunov_gradient(system, [1.0, 2.0], 1.0, t1=1.0)
 
 
 @pytest.mark.parametrize("kind", KINDS)
