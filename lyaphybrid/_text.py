@@ -7,9 +7,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-__all__ = ["UNIT", "Table", "as_html", "as_text", "in_full", "numbered", "with_error"]
+__all__ = [
+    "UNIT",
+    "Table",
+    "as_html",
+    "as_text",
+    "in_brackets",
+    "in_full",
+    "known_unit",
+    "numbered",
+    "per_unit",
+    "with_error",
+    "with_unit",
+]
 
 UNIT = {"time": "unit of time", "jumps": "jump", "hybrid": "unit of max(t, j)"}
+NO_UNITS = ("iteration", *UNIT, *UNIT.values())  # what is counted, of which nobody said how long it is
 
 MOST_ROWS = 40  # rows that are shown; of more, the first and the last ones
 NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?(\(\d+\))?|inf|nan)(e[-+]?\d+)?")
@@ -43,6 +56,26 @@ def _small_with_error(value: float, error: float, last: int) -> str:
         return "0"
     power = max(last, int(np.floor(np.log10(abs(value)))))
     return f"{value * 10.0**-power:.{power - last + 1}f}({error * 10.0 ** (1 - last):.0f})e{power}"
+
+
+def known_unit(unit: str) -> str:
+    """The unit in which a system measures its time; "" where it gave none, and where something else is counted."""
+    return "" if unit in NO_UNITS else unit
+
+
+def in_brackets(name: str, unit: str) -> str:
+    """What stands at an axis or above a column of times, with their unit where it is known."""
+    return f"{name} ({unit})" if known_unit(unit) else name
+
+
+def per_unit(unit: str) -> str:
+    """What follows a rate of which one says no more, " per ms", where the unit is known."""
+    return f" per {unit}" if known_unit(unit) else ""
+
+
+def with_unit(number: str, unit: str) -> str:
+    """A time in print, with its unit where that is known."""
+    return f"{number} {known_unit(unit)}".rstrip()
 
 
 def in_full(value: float) -> str:

@@ -13,14 +13,14 @@ from .. import plots
 from .._arguments import Key, Real, State, flag, positive, random_key, real, require, whole
 from .._jax.tracing import array, as_jax, numpy_for, traced
 from .._keywords import explains_keywords, user_level
-from .._text import Table, with_error
+from .._text import Table, with_error, with_unit
 from ..engine import preparation, problems
 from ..engine.blocks import check_counts
 from ..engine.host.places import Place, account
 from ..errors import RunFailedError
 from ..integrators.base import Method
 from ..results.errors import standard_error
-from ..results.result import Data, RunResult, states_along
+from ..results.result import Data, RunResult, in_time, per_time, states_along
 from ..results.spectrum import History
 from ..statuses import STATUS
 from ..systems.event_driven import EventDriven
@@ -86,19 +86,21 @@ class TwoTrajectories(RunResult, eqx.Module):
 
     def _table(self) -> Table:
         value = with_error(float(self.exponent), float(self.stderr))
+        time = with_unit(f"{float(self.time):.6g}", self.unit)
         return Table(
             f"λ1 {value} per {self.unit}, from two trajectories {float(self.separation):.2g} apart",
             notes=[
-                f"t = {float(self.time):.6g}, {int(self.intervals)} intervals, {int(self.skipped)} of them skipped; "
+                f"t = {time}, {int(self.intervals)} intervals, {int(self.skipped)} of them skipped; "
                 f"status {self.status}"
             ],
         )
 
     def _data(self) -> Data:
+        per = per_time(self.unit)
         variables: dict[str, Any] = {
-            "exponent": ((), self.exponent),
-            "stderr": ((), self.stderr),
-            "history": ("block", self.history.exponents),
+            "exponent": ((), self.exponent, per),
+            "stderr": ((), self.stderr, per),
+            "history": ("block", self.history.exponents, per),
             "growth": ("block", self.history.growth),
             "mode": ((), self.mode),
             "x": (("body", "state") if self.state_labels.rows else ("state",), self.x),
@@ -106,7 +108,7 @@ class TwoTrajectories(RunResult, eqx.Module):
         names = ("time", "intervals", "skipped", "t", "separation")
         attributes = {name: np.asarray(getattr(self, name)).item() for name in names}
         coordinates = {
-            "time": ("block", np.asarray(self.history.time)),
+            "time": ("block", np.asarray(self.history.time), in_time(self.unit)),
             **states_along(self.state_labels, self.x.shape[-1]),
         }
         return Data(variables, coordinates, attributes | {"unit": self.unit})

@@ -12,14 +12,14 @@ from .. import plots
 from .._arguments import Real, State, attempts, flag, positive, whole
 from .._jax.tracing import array, as_jax, numpy_for, traced
 from .._keywords import explains_keywords
-from .._text import Table
+from .._text import Table, with_unit
 from ..engine import preparation, problems
 from ..engine.blocks import check_counts, ends_of_blocks
 from ..engine.host import driver
 from ..engine.host.places import account, place_of
 from ..errors import RunFailedError
 from ..integrators.base import Method
-from ..results.result import Data, RunResult, states_along
+from ..results.result import Data, RunResult, in_time, states_along
 from ..results.spectrum import NOTE_TEXTS
 from ..results.time_domains import TimeDomain, time_domain
 from ..statuses import STATUS
@@ -46,7 +46,7 @@ class Events(eqx.Module):
         transition: (e,) index of the transition; `which`: (e,) component of a vector guard (0 for a scalar one).
         mode_before, mode_after: (e,) indices of modes.
         x_before, x_after: (e, n).
-        state_labels: names and units of the components of a state.
+        state_labels: names and units of the components of a state, and the unit of time.
 
     Iterating gives a dictionary of single numbers for each event, so that ``pandas.DataFrame(events)`` is a table.
 
@@ -133,7 +133,7 @@ class Trajectory(RunResult, eqx.Module):
         start, end, jumps = float(self.begun), float(self.ended), np.asarray(self.events.t)
         if self.iterated:
             jumps, end = np.full(int(np.max(self.j)), start), start
-        return time_domain(start, jumps, end, STATUS(int(self.status_code)))
+        return time_domain(start, jumps, end, STATUS(int(self.status_code)), self.state_labels.time_unit)
 
     @property
     def plot(self) -> plots.TrajectoryPlots:
@@ -147,7 +147,10 @@ class Trajectory(RunResult, eqx.Module):
     def _table(self) -> Table:
         t, x = np.asarray(self.t), np.asarray(self.x)
         reached = np.flatnonzero(np.isfinite(t))
-        span = f"t = {t[reached[0]]:.6g} to {t[reached[-1]]:.6g}, " if len(reached) else ""
+        span = ""
+        if len(reached):
+            end = with_unit(f"{t[reached[-1]]:.6g}", self.state_labels.time_unit)
+            span = f"t = {t[reached[0]]:.6g} to {end}, "
         jumps = int(np.max(self.j, initial=0))
         title = f"Trajectory of {x.shape[-1]} components ({span}{len(reached)} of {len(t)} samples, {jumps} jumps)"
         ends = [x[reached[i]].ravel() for i in (0, -1)] if len(reached) else []
@@ -158,14 +161,16 @@ class Trajectory(RunResult, eqx.Module):
 
     def _data(self) -> Data:
         state = ("body", "state") if self.x.ndim == 3 else ("state",)
+        labels, timed = self.state_labels, in_time(self.state_labels.time_unit)
         of_events: dict[str, Any] = {
             f"event_{name}": (("event", *(state if name.startswith("x") else ())), getattr(self.events, name))
             for name in ("t", "transition", "mode_before", "mode_after", "x_before", "x_after")
         }
+        of_events["event_t"] += (timed,)
         which = self.events.which  # of an `lh.EventDriven` any tree
         of_events["event_which"] = ("event", which) if np.ndim(which) == 1 else None
         variables = {"x": (("sample", *state), self.x), "mode": ("sample", self.mode), "j": ("sample", self.j)}
-        coordinates = {"t": ("sample", np.asarray(self.t)), **states_along(self.state_labels, self.x.shape[-1])}
+        coordinates = {"t": ("sample", np.asarray(self.t), timed), **states_along(labels, self.x.shape[-1])}
         return Data(variables | of_events, coordinates, {"mode_names": self.mode_names})
 
 

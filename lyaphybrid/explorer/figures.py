@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from .. import plots
-from ..systems.labels import Labels
 from .views import View
 
 __all__ = ["figure_of"]
@@ -82,7 +81,8 @@ def _of_one(points, i: int):
     """The points with component i alone."""
     labels, x = points.state_labels, np.asarray(points.x).reshape(len(points.x), -1)
     units = (labels.units[i % len(labels.units)],) if labels.units else ()
-    return dataclasses.replace(points, x=x[:, [i]], state_labels=Labels((labels.name(i),), units))
+    own = labels._replace(names=(labels.name(i),), units=units, rows=False)
+    return dataclasses.replace(points, x=x[:, [i]], state_labels=own)
 
 
 def _draw_exponents(ax, view: View, phase: bool, components) -> None:

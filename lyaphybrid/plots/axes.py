@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from .._text import in_brackets
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 else:
@@ -89,8 +91,8 @@ def component(name: str, index: Any, dimension: int) -> int:
 
 
 def time_label(unit: str) -> str:
-    """What stands at an axis of times that are counted in this unit."""
-    return "iteration" if unit == "iteration" else "time t"
+    """What stands at an axis of times that are counted in this unit, "" where it is not known."""
+    return "iteration" if unit == "iteration" else in_brackets("time t", unit)
 
 
 def whole_ticks(axis) -> None:

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from .._text import per_unit
 from .axes import COLOURS, Axes, axes_of, both_axes, component, ink, styled, varying
 from .sweep_arrays import label
 
@@ -83,7 +84,7 @@ def continuation(
         _lines(lower, branch, exponents, colour, style)
         _marks(axes, branch, i)
     upper.set_ylabel(f"largest {branches[0].state_labels.axis(i)} of the orbit")
-    lower.set_ylabel("exponents λ")
+    lower.set_ylabel("exponents λ" + per_unit(branches[0].state_labels.time_unit))
     lower.set_xlabel(branches[0].parameter)
     _legend(upper)
     return upper, lower

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import _renamed as renamed
+from .._text import per_unit, with_unit
 from ..statuses import OK, STATUS
 from .axes import COLOURS, Axes, Figures, axes_of, both_axes, colours, component, ink, styled, varying
 
@@ -156,7 +157,7 @@ def largest_exponent(result: Any, ax: Axes | None = None, **style: Any) -> Axes:
         where = {"transform": ax.get_xaxis_transform(), "clip_on": False}
         ax.plot(result.values[failed], np.full(np.sum(failed), 0.02), "x", color=COLOURS[1], markersize=4, **where)
     ax.set_xlabel(result.parameter)
-    ax.set_ylabel("largest exponent λ$_1$")
+    ax.set_ylabel("largest exponent λ$_1$" + per_unit(result.state_labels.time_unit))
     _legend(ax, result)
     return ax
 
@@ -330,7 +331,9 @@ def ftle_field(found: "FTLEField", ax: Axes | None = None, exponent: int = 1, **
     """
     ax = axes_of(ax)
     values = found.exponents[..., component("exponent", exponent - 1, found.exponents.shape[-1])]
-    label = f"finite-time exponent $\\lambda_{exponent}$, t$_1$ = {found.t1:g}"
+    unit = found.state_labels.time_unit
+    t1 = with_unit(f"{found.t1:g}", unit)
+    label = f"finite-time exponent $\\lambda_{exponent}${per_unit(unit)}, t$_1$ = {t1}"
     mesh = ax.pcolormesh(*found.axes.values(), values.T, **({"cmap": "viridis", "rasterized": True} | style))
     _over_starts(found, ax, mesh, label)
     return ax

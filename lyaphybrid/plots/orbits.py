@@ -4,7 +4,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .axes import COLOURS, Axes, colours, ink, styled, whole_ticks
+from .._text import in_brackets
+from .axes import COLOURS, Axes, colours, ink, styled, time_label, whole_ticks
 from .axes import axes_of as _axes
 
 if TYPE_CHECKING:
@@ -80,7 +81,7 @@ def phase_responses(found: "PhaseResponse", ax: Axes | None = None, **style: Any
     for column, name, colour in zip(found.response.T, names, colours(len(names), ax), strict=True):
         ax.plot(found.t, column, **styled("line", style, color=colour, linewidth=1.2, label=name))
     ax.set_xlim(0.0, found.period)
-    ax.set_xlabel("phase θ")
+    ax.set_xlabel(in_brackets("phase θ", found.state_labels.time_unit))
     ax.set_ylabel("∂θ/∂x" if len(names) > 1 else f"∂θ/∂{names[0]}")
     if len(names) > 1:
         ax.legend(fontsize="small", title="component")
@@ -160,7 +161,7 @@ def time_domain(domain: "TimeDomain", ax: Axes | None = None, **style: Any) -> A
     look = styled("collection", style, color=COLOURS[0], linewidth=1.6)
     ax.hlines(np.arange(len(domain.ends)), domain.starts, domain.ends, **look)
     whole_ticks(ax.yaxis)
-    ax.set_xlabel("time t")
+    ax.set_xlabel(time_label(domain.time_unit))
     ax.set_ylabel("jumps j")
     ax.set_title(domain.case, fontsize="medium")
     return ax

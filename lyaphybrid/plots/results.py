@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._text import UNIT, with_error
+from .._text import with_error
 from .axes import COLOURS, Axes, Figures, colours, ink, styled, time_label, whole_ticks
 from .axes import axes_of as _axes
 
@@ -137,9 +137,10 @@ def convergence(
         >>> pyplot.close(ax.figure)
     """
     history = spectrum.history
-    unit, names = spectrum.unit, {"time": "time t", "jumps": "jumps j", "hybrid": "max(t, j)"}
+    unit, counted = spectrum.unit, {"jumps": "jumps j", "hybrid": "max(t, j)"}
     ax = running(history.time, history.exponents, spectrum.exponents, spectrum.stderr, unit, ax, exponents, **style)
-    ax.set_xlabel("iteration" if unit == "iteration" else names[spectrum.clock])
+    if unit != "iteration" and spectrum.clock in counted:
+        ax.set_xlabel(counted[spectrum.clock])
     return ax
 
 
@@ -160,7 +161,7 @@ def running(
         course: (times, k) the running exponents.
         exponents: (k,) the last ones; those of -inf are named in the corner.
         stderr: (k,) half widths of the bands.
-        unit: which exponents are counted per.
+        unit: which exponents are counted per; one of time is at the axis of time, too.
         ax: matplotlib axes; None: those of a new figure.
         shown: numbers of those to draw, from 1; None: all.
         **style: of the lines, as matplotlib takes it.
@@ -351,7 +352,7 @@ def solutions(found: "Solutions", ax: Axes | None = None, **style: Any) -> Axes:
     for number, (one, colour) in enumerate(zip(found.solutions, colours(len(found), ax), strict=True)):
         values = np.where(np.isposinf(one.exponents), np.nan, one.exponents)
         look = {"color": colour, "label": f"solution {number}, {one.status.name}"} | style
-        exponents(values, np.zeros(len(values)), UNIT["time"], ax, **look)
+        exponents(values, np.zeros(len(values)), one.spectrum.unit, ax, **look)
     ax.legend(frameon=False, fontsize="small")
     return ax
 

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._text import per_unit
 from .axes import COLOURS, Axes, colours, ink, styled, whole_ticks
 from .axes import axes_of as _axes
 
@@ -45,7 +46,7 @@ def gradient(found: "Gradient", ax: Axes | None = None, **style: Any) -> Axes:
         ax.bar(places + offset, slopes[i], yerr=errors[i], label=f"λ$_{{{i + 1}}}$", **(bars | style))
     ax.axhline(0.0, color=ink(ax, 0.6), linewidth=0.8)
     ax.set_xticks(places, found.names)
-    ax.set_ylabel("derivative of the exponent")
+    ax.set_ylabel("derivative of the exponent" + per_unit(found.time_unit))
     ax.set_title("" if found.trust else "not to be trusted", color=COLOURS[1], fontsize="medium")
     ax.margins(x=0.1)
     ax.legend(frameon=False, fontsize="small", loc="center left", bbox_to_anchor=(1.0, 0.5))
@@ -80,6 +81,6 @@ def design(found: "Design", ax: Axes | None = None, **style: Any) -> Axes:
         ax.axhline(float(found.exponents[i]), color=colour, linewidth=0.8, linestyle=":")
     whole_ticks(ax.xaxis)
     ax.set_xlabel("point")
-    ax.set_ylabel("exponent")
+    ax.set_ylabel("exponent" + per_unit(found.time_unit))
     ax.legend(frameon=False, fontsize="small")
     return ax

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._arguments import whole
-from .axes import COLOURS, Axes, Figures, colours, component, ink, is_dark, panels, styled, whole_ticks
+from .._text import with_unit
+from .axes import COLOURS, Axes, Figures, colours, component, ink, is_dark, panels, styled, time_label, whole_ticks
 from .axes import axes_of as _axes
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ def trajectory(
     hues = dict(zip(shown, colours(len(shown), axes[0]), strict=True))
     for one, group in zip(axes, groups, strict=True):
         _panel(one, trajectory, samples, group, hues, style)
-    axes[-1].set_xlabel("iteration" if _is_discrete(trajectory) else "time t")
+    axes[-1].set_xlabel(time_label("iteration" if _is_discrete(trajectory) else trajectory.state_labels.time_unit))
     return axes[0]
 
 
@@ -197,7 +198,8 @@ def raster(trajectory: "Trajectory", ax: Axes | None = None, transition: int = 0
     ax = _axes(ax)
     usual: dict[str, Any] = {"linestyle": "none", "marker": "|", "color": ink(ax)}
     ax.plot(np.asarray(events.t)[wanted], which, **styled("line", style, **usual))
-    ax.set(xlabel="time t", ylabel="which", xlim=(trajectory.begun, trajectory.ended))
+    when = time_label(trajectory.state_labels.time_unit)
+    ax.set(xlabel=when, ylabel="which", xlim=(trajectory.begun, trajectory.ended))
     ax.set_ylim(-0.5, np.max(which, initial=0) + 0.5)
     whole_ticks(ax.yaxis)
     return ax
@@ -261,7 +263,9 @@ def animation(
         path.set_data(x[past, i], x[past, j])
         point.set_data(x[[end], i], x[[end], j])
         point.set_color(looks[int(mode[end])])
-        ax.set_title(f"t = {t[end]:.4g}", loc="left", fontsize="medium")
+        ax.set_title(
+            f"t = {with_unit(f'{t[end]:.4g}', trajectory.state_labels.time_unit)}", loc="left", fontsize="medium"
+        )
         return path, point
 
     draw(0)

@@ -9,14 +9,14 @@ import jax
 import numpy as np
 
 from .._jax.tracing import traced
-from .._text import Table, as_html, as_text
+from .._text import Table, as_html, as_text, known_unit
 from ..statuses import STATUS, status_of
 from ..systems.labels import Labels
 
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["Data", "Result", "RunResult", "exponents_along", "states_along"]
+__all__ = ["Data", "Result", "RunResult", "exponents_along", "in_time", "per_time", "states_along"]
 
 
 class Data(NamedTuple):
@@ -38,7 +38,7 @@ class Result(abc.ABC):
         status_code: () or (m,) the numbers of `status`, for use under a transformation; of results of runs.
         unit: what exponents are counted per.
         mode_names: names of the modes, in the order of their indices.
-        state_labels: names and units of the components of a state.
+        state_labels: names and units of the components of a state, and the unit of time.
     """
 
     @abc.abstractmethod
@@ -67,7 +67,8 @@ class Result(abc.ABC):
             raise ValueError(f"{name}.to_xarray is for results on the host, not under jit, vmap or grad.")
         data = self._data()
         variables = {name: _on_host(*own) for name, own in data.variables.items() if own is not None}
-        attributes = {"result": name, **data.attributes}
+        time_unit = getattr(self, "state_labels", Labels()).time_unit or None
+        attributes = {"result": name, "time_unit": time_unit, **data.attributes}
         if isinstance(self, RunResult):
             attributes["status"] = str(self.status)
         attributes = {name: _attribute(value) for name, value in attributes.items() if value is not None}
@@ -133,6 +134,16 @@ def _attribute(value: Any) -> Any:
     if isinstance(value, tuple | list):  # files of some kinds hold one text, but no list of texts and no empty list
         return "; ".join(value) if all(isinstance(one, str) for one in value) else list(value)
     return value
+
+
+def in_time(unit: str) -> dict[str, str]:
+    """The attributes of times in a dataset: their unit, where it is known."""
+    return {"units": unit} if known_unit(unit) else {}
+
+
+def per_time(unit: str) -> dict[str, str]:
+    """The attributes of exponents in a dataset, likewise."""
+    return {"units": f"1/{unit}"} if known_unit(unit) else {}
 
 
 def exponents_along(count: int) -> dict[str, Any]:

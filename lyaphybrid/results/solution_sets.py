@@ -10,7 +10,7 @@ from jaxtyping import Float
 from .. import plots
 from .._text import Table, numbered
 from ..statuses import STATUS
-from .result import Data, Result, exponents_along
+from .result import Data, Result, exponents_along, per_time
 from .spectrum import Spectrum
 
 __all__ = ["Choice", "Solution", "Solutions"]
@@ -82,7 +82,7 @@ class Solution(Result, eqx.Module):
     def _data(self) -> Data:
         choices = [str(choice) for choice in self.choices]
         return Data(
-            {"exponents": ("exponent", self.exponents)},
+            {"exponents": ("exponent", self.exponents, per_time(self.spectrum.unit))},
             exponents_along(len(self.exponents)),
             {"choices": choices, "status": str(self.status)},
         )
@@ -156,10 +156,11 @@ class Solutions(Result, eqx.Module):
 
     def _data(self) -> Data:
         count, k = self.exponents.shape
+        per = per_time(self.solutions[0].spectrum.unit)
         variables = {
-            "exponents": (("solution", "exponent"), self.exponents),
-            "lower": ("exponent", self.lower),
-            "upper": ("exponent", self.upper),
+            "exponents": (("solution", "exponent"), self.exponents, per),
+            "lower": ("exponent", self.lower, per),
+            "upper": ("exponent", self.upper, per),
             "status": ("solution", [int(one.status) for one in self.solutions]),
             "choices": ("solution", ["; ".join(map(str, one.choices)) for one in self.solutions]),
         }

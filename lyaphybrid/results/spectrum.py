@@ -13,7 +13,7 @@ from jaxtyping import Array
 from .. import plots
 from .._jax.precision import share
 from .._jax.tracing import module_of, traced
-from .._text import UNIT, Table, in_full, numbered, with_error
+from .._text import UNIT, Table, in_full, numbered, with_error, with_unit
 from ..statuses import STIFF_REMEDY, status_of, verdicts
 from ..systems.labels import Labels
 from ..systems.smooth import Map
@@ -331,7 +331,9 @@ class Spectrum(Resumable, RunResult, eqx.Module):
     @property
     def unit(self) -> str:
         """What exponents are counted by, in words: of a map its iterations, else what the clock says."""
-        return "iteration" if self.about.system == Map.__name__ else UNIT[self.clock]
+        if self.about.system == Map.__name__:
+            return "iteration"
+        return (self.state_labels.time_unit if self.clock == "time" else "") or UNIT[self.clock]
 
     def per_jump(self) -> Array:
         """(k,) exponents per jump instead of per unit of the clock."""
@@ -376,7 +378,7 @@ class Spectrum(Resumable, RunResult, eqx.Module):
 
     def _table_of_host(self) -> Table:
         runs = "" if self.replicates is None else f", {self.replicates.shape[0]} runs"
-        time, jumps = in_full(float(np.mean(self.time))), float(np.mean(self.jumps))
+        time, jumps = with_unit(in_full(float(np.mean(self.time))), self.unit), float(np.mean(self.jumps))
         length = f"{time} iterations" if self.unit == "iteration" else f"t = {time}, {jumps:.0f} jumps"
         of = f"{self.name}: " if self.name else ""
         title = f"{of}Lyapunov spectrum per {self.unit} ({length}{runs}; errors from {self.error_kind})"

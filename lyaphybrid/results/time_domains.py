@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Float
 
 from .. import plots
-from .._text import Table
+from .._text import Table, with_unit
 from ..statuses import STATUS
-from .result import Data, Result
+from .result import Data, Result, in_time
 
 __all__ = ["TimeDomain", "time_domain"]
 
@@ -42,6 +42,7 @@ class TimeDomain(Result, eqx.Module):
     Attributes:
         starts, ends: (J + 1,) times at which the intervals I^0 … I^J start and end.
         case: see the table above.
+        time_unit: the unit of time, "" where the system has none.
 
     Source:
         J. Dinius, Computing Lyapunov Exponents of Hybrid Dynamical Systems (2011), section II.C, properties 1 to 5 (the
@@ -65,6 +66,7 @@ class TimeDomain(Result, eqx.Module):
     starts: Float[np.ndarray, " intervals"]
     ends: Float[np.ndarray, " intervals"]
     case: str = eqx.field(static=True)
+    time_unit: str = eqx.field(static=True, default="")
 
     @property
     def sup_t(self) -> float:
@@ -92,7 +94,8 @@ class TimeDomain(Result, eqx.Module):
 
     def _table(self) -> Table:
         number = "" if self.number is None else f", Dinius' case {self.number}"
-        title = f"TimeDomain(sup t = {self.sup_t:.10g}, sup j = {self.sup_j}: {self.case}{number})"
+        sup_t = with_unit(f"{self.sup_t:.10g}", self.time_unit)
+        title = f"TimeDomain(sup t = {sup_t}, sup j = {self.sup_j}: {self.case}{number})"
         count, lines = len(self.ends), []
         hidden = range(INTERVALS_SHOWN, count - INTERVALS_SHOWN) if count > 2 * INTERVALS_SHOWN + 1 else range(0)
         for j in range(count):
@@ -103,16 +106,17 @@ class TimeDomain(Result, eqx.Module):
         return Table(title, notes=lines)
 
     def _data(self) -> Data:
-        variables = {name: ("interval", getattr(self, name)) for name in ("starts", "ends")}
+        variables = {name: ("interval", getattr(self, name), in_time(self.time_unit)) for name in ("starts", "ends")}
         attributes = {"case": self.case, "number": self.number, "sup_t": self.sup_t, "sup_j": self.sup_j}
+        attributes["time_unit"] = self.time_unit or None
         return Data(variables, {"interval": np.arange(len(self.ends))}, attributes)
 
 
-def time_domain(start: float, jumps, end: float, status: STATUS) -> TimeDomain:
+def time_domain(start: float, jumps, end: float, status: STATUS, time_unit: str = "") -> TimeDomain:
     """The domain of a run from `start` to `end` with jumps at the times `jumps` (J,)."""
     times = np.concatenate([[start], np.asarray(jumps, float), [end]])
     starts, ends = times[:-1], np.maximum(times[1:], times[:-1])
-    return TimeDomain(starts, ends, _case(ends - starts, status))
+    return TimeDomain(starts, ends, _case(ends - starts, status), time_unit)
 
 
 def _case(lengths, status: STATUS) -> str:

@@ -16,7 +16,7 @@ from ..analysis.indicators.following import discrete, follow
 from ..engine import preparation, problems
 from ..engine.blocks import check_counts
 from ..integrators.base import Method
-from ..results.result import Data, RunResult, states_along
+from ..results.result import Data, RunResult, in_time, states_along
 from ..statuses import OK
 from ..systems.event_driven import EventDriven
 from ..systems.hybrid import Hybrid
@@ -88,7 +88,7 @@ class AngleField(RunResult, eqx.Module):
         variables = {
             "angles": (along, self.angles, {"units": "rad"}),
             "where": ((*along, "state"), self.where),
-            "time": (along, self.time),
+            "time": (along, self.time, in_time(self.state_labels.time_unit)),
             "remainder": (along, self.remainder),
             "missed": None if self.missed is None else (along, self.missed),
             "status_code": (along, self.status_code),

@@ -8,11 +8,11 @@ import numpy as np
 from .. import plots
 from .._arguments import Progress, Real, positive, require, require_values
 from .._keywords import explains_keywords
-from .._text import Table
+from .._text import Table, per_unit, with_unit
 from ..analysis.trajectories import tangent_map
 from ..engine.blocks import check_counts
 from ..integrators.base import Method
-from ..results.result import Data, RunResult, exponents_along, states_along
+from ..results.result import Data, RunResult, exponents_along, per_time, states_along
 from ..statuses import OK
 from ..systems.event_driven import EventDriven
 from ..systems.hybrid import Hybrid
@@ -96,14 +96,16 @@ class FTLEField(RunResult, eqx.Module):
             known = values[np.isfinite(values)]
             found = (f"{one:.6g}" for one in (np.min(known), np.median(known), np.max(known))) if len(known) else "———"
             rows.append((f"λ{i + 1}", *found))
-        title = f"Finite-time exponents of {self.status_code.size} starts (t1 = {self.t1:g})"
+        unit = self.state_labels.time_unit
+        t1 = with_unit(f"{self.t1:g}", unit)
+        title = f"Finite-time exponents{per_unit(unit)} of {self.status_code.size} starts (t1 = {t1})"
         return Table(title, rows, status_lines(self), ("", "least", "median", "greatest"))
 
     def _data(self) -> Data:
         along = tuple(self.state_labels.name(i) for i in self.axes)
         n = self.exponents.shape[-1]
         variables = {
-            "exponents": ((*along, "exponent"), self.exponents),
+            "exponents": ((*along, "exponent"), self.exponents, per_time(self.state_labels.time_unit)),
             "stretched": ((*along, "state"), self.stretched),
             "jumps": (along, self.jumps),
             "status_code": (along, self.status_code),

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from .bound import require_callable
-from .labels import check_labels, words
+from .labels import check_labels, time_word, words
 from .membership import Membership, membership
 
 __all__ = ["EventDriven", "Schedule"]
@@ -95,6 +95,7 @@ class EventDriven(eqx.Module):
             for directions that are lost, which costs r³ operations an event that touches r components.
         names: what the components of x are called, as for `lh.Flow`; of many bodies, x (N, d), the d columns.
         units: in which they are measured, likewise.
+        time_unit: in which time is measured, as for `lh.Flow`.
 
     Raises:
         ValueError: if a function is not callable, or `next_event` and `schedule` are both given or both missing.
@@ -118,6 +119,7 @@ class EventDriven(eqx.Module):
     invertible: bool = eqx.field(static=True, default=False, kw_only=True)
     names: tuple[str, ...] | None = eqx.field(static=True, default=None, converter=words, kw_only=True)
     units: tuple[str, ...] | None = eqx.field(static=True, default=None, converter=words, kw_only=True)
+    time_unit: str | None = eqx.field(static=True, default=None, converter=time_word, kw_only=True)
 
     def __check_init__(self):
         check_labels(self.names, self.units)

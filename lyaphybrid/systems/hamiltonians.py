@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from .._jax.jaxprs import is_affine
 from .bound import require_callable
-from .labels import words
+from .labels import time_word, words
 from .smooth import Flow
 
 __all__ = ["Hamiltonian", "HamiltonianField", "SeparableField", "canonical_flow"]
@@ -81,6 +81,7 @@ class Hamiltonian(Flow):
         potential: ``(q, args) -> number``, q (m,).
         names: what the 2m components of x are called, as for `lh.Flow`.
         units: in which they are measured, likewise.
+        time_unit: in which time is measured, as for `lh.Flow`.
 
     Raises:
         ValueError: if one of them is not callable.
@@ -105,10 +106,12 @@ class Hamiltonian(Flow):
         *,
         names: Sequence[str] | None = None,
         units: Sequence[str] | None = None,
+        time_unit: str | None = None,
     ):
         require_callable("kinetic", kinetic, "(p, args) -> number")
         require_callable("potential", potential, "(q, args) -> number")
-        self.field, self.names, self.units = SeparableField(kinetic, potential), words(names), words(units)
+        self.field = SeparableField(kinetic, potential)
+        self.names, self.units, self.time_unit = words(names), words(units), time_word(time_unit)
 
     def energy(self, x: Any, args: Any = None) -> Float[Array, ""]:
         """The value of H at a state x (2m,) with the parameters args."""
@@ -141,13 +144,20 @@ class _CanonicalFlow(Flow):
         return self.field.energy(x, args)  # pyright: ignore[reportFunctionMemberAccess]
 
 
-def canonical_flow(energy: Callable, *, names: Sequence[str] | None = None, units: Sequence[str] | None = None) -> Flow:
+def canonical_flow(
+    energy: Callable,
+    *,
+    names: Sequence[str] | None = None,
+    units: Sequence[str] | None = None,
+    time_unit: str | None = None,
+) -> Flow:
     """The flow of any Hamiltonian H(q, p), for Runge–Kutta methods or an `lh.Splitting`.
 
     Args:
         energy: ``(q, p, args) -> number``, q and p (m,).
         names: what the 2m components of x are called, as for `lh.Flow`.
         units: in which they are measured, likewise.
+        time_unit: in which time is measured, as for `lh.Flow`.
 
     Returns:
         An `lh.Flow` with x = (q, p), whose runs start from the paired frame; its ``energy(x, args)`` is H.
@@ -162,4 +172,4 @@ def canonical_flow(energy: Callable, *, names: Sequence[str] | None = None, unit
         [3.0, -2.0]
     """
     require_callable("energy", energy, "(q, p, args) -> number")
-    return _CanonicalFlow(HamiltonianField(energy), names=names, units=units)
+    return _CanonicalFlow(HamiltonianField(energy), names=names, units=units, time_unit=time_unit)

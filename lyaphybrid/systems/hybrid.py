@@ -9,7 +9,7 @@ import numpy as np
 
 from .._arguments import flag, positive, real, require
 from .bound import require_callable
-from .labels import check_labels, words
+from .labels import check_labels, time_word, words
 from .membership import Membership, membership
 from .smooth import Flow
 
@@ -133,6 +133,7 @@ class Hybrid(eqx.Module):
             start outside C and D; a start outside C but in D jumps at once. None: C is the whole space.
         names: what the components of x are called, as for `lh.Flow`.
         units: in which they are measured, likewise.
+        time_unit: in which time is measured, as for `lh.Flow`.
 
     The jump set D is where a guard is at zero or on its fired side. If a reset ends in D, beyond any guard, its own
     included, the next jump follows at once; if it ends on its own guard, within rounding, the flow continues.
@@ -167,6 +168,7 @@ class Hybrid(eqx.Module):
     max_cascade: int = eqx.field(static=True)
     names: tuple[str, ...] | None = eqx.field(static=True)
     units: tuple[str, ...] | None = eqx.field(static=True)
+    time_unit: str | None = eqx.field(static=True, default=None)
 
     def __init__(
         self,
@@ -179,8 +181,9 @@ class Hybrid(eqx.Module):
         flow_set: Callable | Mapping[str, Callable] | None = None,
         names: Sequence[str] | None = None,
         units: Sequence[str] | None = None,
+        time_unit: str | None = None,
     ):
-        self.names, self.units = words(names), words(units)
+        self.names, self.units, self.time_unit = words(names), words(units), time_word(time_unit)
         check_labels(self.names, self.units)
         named = fields if isinstance(fields, Mapping) else {"jump" if fields is None else "flow": fields}
         self.mode_names = tuple(named)
@@ -217,6 +220,8 @@ class Hybrid(eqx.Module):
             )
         if self.fields is None and flow_set is not None:
             raise ValueError(f"fields=None (jumps only) has an empty flow set; got flow_set={flow_set!r}.")
+        if self.fields is None and time_unit is not None:
+            raise ValueError(f"fields=None (jumps only) counts jumps: no time passes; got time_unit={time_unit!r}.")
 
     @property
     def guarded(self) -> tuple[Transition, ...]:

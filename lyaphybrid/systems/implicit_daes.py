@@ -55,6 +55,7 @@ def implicit_dae(
     slope: State | None = None,
     t0: Any = 0.0,
     names: Sequence[str] | None = None,
+    time_unit: str | None = None,
 ) -> DAE:
     """F(t, x, x') = 0 of differentiation index one as an `lh.DAE`, whose state is [x, v], v = P x'.
 
@@ -69,6 +70,7 @@ def implicit_dae(
         slope: (n,) x' there; None: 0. If F is not linear in x' it should be close to the true value.
         t0: time.
         names: what the n components of x are called, as for `lh.Flow`; those of v are v0, v1, ….
+        time_unit: in which time is measured, as for `lh.Flow`.
 
     Returns:
         An `lh.DAE` with n + d components. `lh.consistent_start(dae, x0)` keeps P x0 and solves for the rest and v.
@@ -101,13 +103,13 @@ def implicit_dae(
     shape = jax.eval_shape(equations, jnp.asarray(t0, float), x, dx, args).shape
     require(shape == (n,), f"equations(t, x, x', args) must have the shape of x0, ({n},); got {shape}.")
     rows = _rows(equations, jnp.asarray(t0, float), x, dx, args)
-    dae = _with_rows(equations, rows, names)
+    dae = _with_rows(equations, rows, names, time_unit)
     state = jnp.concatenate([x, jnp.asarray(rows) @ dx])
     _check_index(dae, jnp.asarray(t0, float), state, args)
     return dae
 
 
-def _with_rows(equations: Callable, rows: np.ndarray, names: Sequence[str] | None) -> DAE:
+def _with_rows(equations: Callable, rows: np.ndarray, names: Sequence[str] | None, time_unit: str | None) -> DAE:
     """The DAE for the state [x, v] (n + d,), with P (d, n) = rows."""
     d, n = rows.shape
     back = np.ascontiguousarray(rows.T)
@@ -119,7 +121,7 @@ def _with_rows(equations: Callable, rows: np.ndarray, names: Sequence[str] | Non
         return jnp.concatenate([v, equations(t, x, sparse_matmul(back, v), args)])
 
     names = None if names is None else [*names, *(f"v{i}" for i in range(d))]
-    dae = DAE(lambda t, args: jnp.asarray(leading), residual, d, names=names)
+    dae = DAE(lambda t, args: jnp.asarray(leading), residual, d, names=names, time_unit=time_unit)
     return eqx.tree_at(lambda dae: dae.field, dae, ImplicitField(dae.field.leading, residual, d, n))
 
 

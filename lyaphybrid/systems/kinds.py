@@ -17,4 +17,4 @@ def iterates(system: System) -> bool:
 
 def unit_of(system: System) -> str:
     """What the times of a system are counted in."""
-    return "iteration" if iterates(system) else UNIT["time"]
+    return "iteration" if iterates(system) else system.time_unit or UNIT["time"]

@@ -1,4 +1,4 @@
-"""What the components of a state are called, and in which units they are measured."""
+"""What the components of a state are called, and in which units they and the time are measured."""
 
 import copy
 from collections.abc import Sequence
@@ -6,21 +6,23 @@ from typing import Any, NamedTuple
 
 from .._arguments import require
 
-__all__ = ["Labels", "check_labels", "labels_of", "unlabelled", "words"]
+__all__ = ["Labels", "check_labels", "labels_of", "time_word", "unlabelled", "words"]
 
 
 class Labels(NamedTuple):
-    """Names and units of the components of a state; where none were given they are x0, x1, ….
+    """Names and units of the components of a state, and the unit of time; without names they are x0, x1, ….
 
     Attributes:
         names: one a component; of many bodies, whose state is (N, d), one a column. Empty: none were given.
         units: likewise.
         rows: whether the state is (N, d).
+        time_unit: the unit of time. Empty: none was given.
     """
 
     names: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     rows: bool = False
+    time_unit: str = ""
 
     def name(self, i: int) -> str:
         """What component i of the flat state is called."""
@@ -56,6 +58,17 @@ def words(given: Any) -> Any:
     return None if given is None else tuple(given)
 
 
+def time_word(given: Any) -> str | None:
+    """A unit of time.
+
+    Raises:
+        ValueError: unless it is a string that is not blank, or None.
+    """
+    good = given is None or (isinstance(given, str) and bool(given.strip()))
+    require(good, f'time_unit must be a string, such as "ms"; got {given!r}.')
+    return given
+
+
 def check_labels(names: Any, units: Any) -> None:
     """Raise a ValueError unless the names are all different, and the units as many."""
     if names is not None:
@@ -77,14 +90,15 @@ def labels_of(system: Any, shape: tuple[int, ...]) -> Labels:
         what = f"d = {n} columns of the state, which has one row a body" if rows else f"n = {n} components of the state"
         fits = given is None or len(given) == n
         require(fits, f"{word} must have one entry for each of the {what}; got {len(given or ())}: {given!r}.")
-    return Labels(system.names or (), system.units or (), rows)
+    return Labels(system.names or (), system.units or (), rows, system.time_unit or "")
 
 
 def unlabelled(system: Any) -> Any:
-    """The system without names: what it is called changes nothing of what is computed, and compiles nothing."""
-    if system.names is None and system.units is None:
+    """The system without names and units: they change nothing of what is computed, and compile nothing."""
+    given = [word for word in ("names", "units", "time_unit") if getattr(system, word) is not None]
+    if not given:
         return system
     plain = copy.copy(system)
-    for word in ("names", "units"):
+    for word in given:
         object.__setattr__(plain, word, None)  # static: no leaf, which `equinox.tree_at` could replace
     return plain

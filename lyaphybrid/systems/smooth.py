@@ -1,12 +1,12 @@
 """Systems without events: a flow and an iterated map."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 
 from .bound import require_callable
-from .labels import check_labels, words
+from .labels import check_labels, time_word, words
 from .membership import Membership, membership
 
 __all__ = ["Flow", "Map"]
@@ -24,9 +24,11 @@ class Flow(eqx.Module):
         names: what the components of x are called, such as ("x", "v"); None: x0, x1, …. Tables, axes of pictures and
             datasets use them; nothing that is computed depends on them.
         units: in which they are measured, likewise, such as ("m", "m/s").
+        time_unit: in which time is measured, such as "ms": axes, tables and datasets say it.
 
     Raises:
-        ValueError: if ``field`` is not callable; on names that are not strings, or units that are not as many.
+        ValueError: if ``field`` is not callable; on names that are not strings, or units that are not as many; on a
+            `time_unit` that is no string.
 
     Example:
         >>> import jax.numpy as jnp, lyaphybrid as lh
@@ -45,6 +47,7 @@ class Flow(eqx.Module):
     field: Callable
     names: tuple[str, ...] | None = eqx.field(static=True, default=None, converter=words, kw_only=True)
     units: tuple[str, ...] | None = eqx.field(static=True, default=None, converter=words, kw_only=True)
+    time_unit: str | None = eqx.field(static=True, default=None, converter=time_word, kw_only=True)
 
     def __check_init__(self):
         check_labels(self.names, self.units)
@@ -77,6 +80,7 @@ class Map(eqx.Module):
     rule: Callable
     names: tuple[str, ...] | None = eqx.field(static=True, default=None, converter=words, kw_only=True)
     units: tuple[str, ...] | None = eqx.field(static=True, default=None, converter=words, kw_only=True)
+    time_unit: ClassVar[None] = None  # time is the number of iterations
 
     def __check_init__(self):
         check_labels(self.names, self.units)

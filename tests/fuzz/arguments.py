@@ -165,7 +165,7 @@ ARRAYS = {
 }  # fmt: skip
 HOSTILE = NUMBERS | THINGS | ARRAYS
 UNTOUCHED = {"self", "store", "client", "checkpoint", "progress"}  # files, machines and printing are tested elsewhere
-OWN = ("throw", "resume", "names", "units")
+OWN = ("throw", "resume", "names", "units", "time_unit")
 
 
 @functools.cache

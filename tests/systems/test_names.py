@@ -1,4 +1,4 @@
-"""Names and units of the components of a state."""
+"""Names and units of the components of a state, and the unit of time."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -111,6 +111,76 @@ def test_sections_and_return_maps_keep_the_names():
     assert lh.return_map(ball, with_time=True).names == (*NAMES, "t")
 
 
+FLOWING = [kind for kind in KINDS if kind != "Map"]
+
+
+@pytest.mark.slow_cases("filippov")
+@pytest.mark.parametrize("kind", FLOWING)
+def test_every_kind_of_system_that_flows_says_its_unit_of_time(kind):
+    found, plain = (
+        lh.trajectory(KINDS[kind](**CALLED, **timed), [1.0, 2.0], t1=2.0, n=2) for timed in ({"time_unit": "ms"}, {})
+    )
+    assert str(found) == str(plain).replace("t = 1 to 2, ", "t = 1 to 2 ms, ") != str(plain)
+    data = found.to_xarray()
+    assert data.attrs["time_unit"] == data.t.attrs["units"] == data.event_t.attrs["units"] == "ms"
+    assert "time_unit" not in plain.to_xarray().attrs
+    assert plain.to_xarray().t.attrs == {}
+    assert data.unit.values.tolist() == list(UNITS)  # those of components stay
+    assert [run.plot().figure.axes[-1].get_xlabel() for run in (found, plain)] == ["time t (ms)", "time t"]
+    pyplot.close("all")
+
+
+def test_systems_that_are_made_of_others_keep_the_unit_of_time():
+    flow, ball = (KINDS[kind](**CALLED, time_unit="ms") for kind in ("Flow", "Hybrid"))
+    noisy = lh.white_noise(flow, lambda t, x, args: jnp.ones(2), step=0.5, until=10.0)
+    kept = [noisy]
+    for node in (flow, ball):
+        network = lh.coupled_network(node, lambda t, x, args: x, [[-1.0, 1.0], [1.0, -1.0]])
+        assert network.units == 2 * UNITS
+        kept.append(network)
+    kept.append(
+        lh.DAE.reduced(
+            lambda t, args: jnp.ones((2, 2)), lambda t, x, args: jnp.stack([-x[0], x[1]]), **CALLED, time_unit="ms"
+        )
+    )
+    kept.append(lh.implicit_dae(lambda t, x, dx, args: dx + x, [1.0], time_unit="ms"))
+    assert [system.time_unit for system in kept] == ["ms"] * 5
+    assert lh.coupled_network(lh.Map(swing), lambda t, x, args: x, [[-1.0, 1.0], [1.0, -1.0]]).time_unit is None
+    section = lh.poincare_section(ball, [1.0, 0.0], section=lambda t, x, args: x[1], n=2)
+    assert section.to_xarray().t.attrs["units"] == "ms"
+    assert lh.return_map(ball).time_unit is None
+    assert lh.return_map(ball, with_time=True).units == (*UNITS, "ms")
+
+
+def test_a_unit_of_time_compiles_nothing():
+    """The fields are the same objects, so that only the unit of time could make a difference."""
+
+    def energy(x, args):
+        return x @ x
+
+    def coupling(t, x, args):
+        return x
+
+    plain = lh.Flow(swing)
+    timed = eqx.tree_at(lambda flow: flow.field, lh.Flow(swing, time_unit="ms"), plain.field)
+    assert timed.time_unit == "ms"
+    decay = lh.Flow(lambda t, x, a: -a * x)
+    of_decay = eqx.tree_at(lambda flow: flow.field, lh.Flow(swing, time_unit="ms"), decay.field)
+    verbs = [
+        lambda flow, _: lh.lyapunov_spectrum(flow, [1.0, 2.0], t1=5.0).exponents,
+        lambda flow, _: lh.trajectory(flow, [1.0, 2.0], t1=5.0, n=3).x,
+        lambda flow, _: lh.floquet(flow, [1.0, 2.0], conserve=energy).period,
+        lambda _, flow: lh.master_stability(flow, coupling, [1.0], 1.0, at=[-1.0], t1=5.0).exponents,
+        lambda _, flow: lh.lyapunov_gradient(flow, [1.0], 1.0, t1=20.0).gradient,
+    ]
+    before = [verb(plain, decay) for verb in verbs]
+    count = compilations()
+    after = [verb(timed, of_decay) for verb in verbs]
+    assert compilations() == count
+    for one, other in zip(before, after, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
 @pytest.mark.parametrize(
     ("called", "said"),
     [
@@ -127,6 +197,8 @@ def test_a_wrong_number_of_names_is_said_once_the_state_is_known(called, said):
     for verb in (lh.lyapunov_spectrum, lh.trajectory, lh.floquet, lh.gali):
         with pytest.raises(ValueError, match=said):
             verb(system, [1.0, 2.0], **({} if verb is lh.floquet else {"t1": 1.0}))
+    with pytest.raises(ValueError, match=said):
+        lh.lyapunov_gradient(system, [1.0, 2.0], 1.0, t1=1.0)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -143,3 +215,17 @@ def test_a_wrong_number_of_names_is_said_once_the_state_is_known(called, said):
 def test_names_that_are_none_are_refused(kind, called, said):
     with pytest.raises(ValueError, match=said):
         KINDS[kind](**called)
+
+
+@pytest.mark.parametrize("kind", FLOWING)
+@pytest.mark.parametrize("given", [1.0, "", " ", ("ms",), b"ms"])
+def test_a_unit_of_time_that_is_none_is_refused(kind, given):
+    with pytest.raises(ValueError, match='time_unit must be a string, such as "ms"; got '):
+        KINDS[kind](time_unit=given)
+
+
+def test_iterations_have_no_unit_of_time():
+    with pytest.raises(TypeError, match="time_unit"):
+        lh.Map(swing, time_unit="ms")
+    with pytest.raises(ValueError, match="counts jumps: no time passes; got time_unit='ms'"):
+        lh.Hybrid(None, lh.Transition(height, bounce), time_unit="ms")

@@ -10,10 +10,10 @@ import numpy as np
 
 from ..._arguments import Real, positive, require, require_values, whole
 from ..._keywords import explains_keywords, user_level
-from ..._text import Table, with_error
+from ..._text import Table, in_brackets, per_unit, with_error
 from ...engine import preparation
 from ...integrators.base import Method
-from ...results.result import Data, Result, states_along
+from ...results.result import Data, Result, in_time, states_along
 from ...results.resuming import Resumable
 from ...statuses import OK, STATUS
 from ...systems.event_driven import EventDriven
@@ -89,13 +89,17 @@ class EdgeState(Resumable, Result, eqx.Module):
         names = [self.state_labels.name(i) for i in range(self.x.shape[1])]
         rows = [(f"{t:.6g}", *(f"{value:.6g}" for value in x)) for t, x in zip(self.t[-4:], self.x[-4:], strict=True)]
         rate = f"{self.rate:.6g}" if np.isnan(self.stderr) else with_error(self.rate, self.stderr)
-        said = [f"motions on both sides part at the rate {rate}, seen {self.rounds} times"]
-        return Table(f"Edge state: {len(self.t)} points, the last of them", rows, said, ("t", *names))
+        unit = self.state_labels.time_unit
+        said = [f"motions on both sides part at the rate {rate}{per_unit(unit)}, seen {self.rounds} times"]
+        return Table(
+            f"Edge state: {len(self.t)} points, the last of them", rows, said, (in_brackets("t", unit), *names)
+        )
 
     def _data(self) -> Data:
         variables = {"x": (("t", "state"), self.x), "modes": ("t", self.modes)}
         more = {"rate": self.rate, "stderr": self.stderr, "rounds": self.rounds}
-        return Data(variables, {"t": self.t, **states_along(self.state_labels, self.x.shape[1])}, more)
+        t = ("t", self.t, in_time(self.state_labels.time_unit))
+        return Data(variables, {"t": t, **states_along(self.state_labels, self.x.shape[1])}, more)
 
 
 class _Straddling(NamedTuple):

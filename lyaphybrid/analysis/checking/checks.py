@@ -131,7 +131,8 @@ def _trial(system, x0, args, t0, t1, mode, method) -> tuple[Trajectory, float, l
     try:
         run = trajectory(system, x0, args, t1=length, max_steps=None if t1 else 3 * ATTEMPTS, **options)
         jumps = int(np.asarray(run.j)[-1])
-        return run, step, [right("run", f"{run.status}: {length:.6g} units of time, {jumps} jumps")]
+        unit = run.state_labels.time_unit or "units of time"
+        return run, step, [right("run", f"{run.status}: {length:.6g} {unit}, {jumps} jumps")]
     except RunFailedError as failure:
         run, reached = failure.result, float(failure.result.ended) - float(t0)
         if not iterates(system) and 0 < reached < length:  # again, with all samples before the end

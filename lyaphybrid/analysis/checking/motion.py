@@ -43,7 +43,7 @@ def check_differences(tangent: Callable[..., TangentMap], x0, length: float, exa
     """The tangent map, with its saltation matrices, against central differences of the motion."""
     draw, compared = np.random.default_rng(0), 0
     size = np.maximum(np.abs(x0), 1e-2 * np.max(np.abs(x0), initial=1e-2))
-    how = f"over {length:.4g} units of time with {int(exact.jumps)} jumps"
+    how = f"over {_lasting(length, exact)} with {int(exact.jumps)} jumps"
     for _ in range(DIRECTIONS):
         direction = draw.normal(size=len(x0)) * size
         wide, narrow = (_difference(tangent, x0, part * SHIFT * direction, length, exact) for part in (1.0, 0.25))
@@ -61,6 +61,11 @@ def check_differences(tangent: Callable[..., TangentMap], x0, length: float, exa
     if not compared:
         return []
     return [right("saltation", f"the tangent map agrees with differences of the motion {how}, {compared} directions")]
+
+
+def _lasting(length: float, exact: TangentMap) -> str:
+    """A length of time in words."""
+    return f"{length:.4g} {exact.state_labels.time_unit or 'units of time'}"
 
 
 def _difference(tangent, x0, step, length: float, exact: TangentMap) -> np.ndarray | None:
@@ -85,7 +90,7 @@ def check_along_flow(slope: Callable, t0, x0, mode: int, exact: TangentMap, leng
     if np.max(np.abs(moved - after)) > MATRIX_ERROR * size:
         return [
             wrong("flow direction", f"A perturbation along the flow, {in_short(before)}, becomes {in_short(moved)} "
-                  f"over {length:.4g} units of time, and the flow is {in_short(after)} there: they must be equal where "
+                  f"over {_lasting(length, exact)}, and the flow is {in_short(after)} there: they must be equal where "
                   "nothing depends on the time. So the exponent that must be 0 is not. Is a derivative wrong?")
         ]  # fmt: skip
     said = "a perturbation along the flow stays along it: one exponent is 0, unless the motion ends at rest"
@@ -104,7 +109,7 @@ def check_tolerance(tangent: Callable[..., TangentMap], x0, length: float, exact
     moved = float(np.max(np.abs(np.asarray(end.x) - np.asarray(exact.x))))
     size = float(np.max(np.abs(exact.x))) + float(np.max(np.abs(x0)))
     allowed = 1e4 * (float(method.rtol) * size + float(method.atol)) * (1 + float(np.max(np.abs(exact.matrix))))
-    said = f"x after {length:.4g} units of time moves by {moved:.1e} when the tolerances are 100 times finer"
+    said = f"x after {_lasting(length, exact)} moves by {moved:.1e} when the tolerances are 100 times finer"
     if moved > allowed or int(end.jumps) != int(exact.jumps):
         return [wrong("tolerance", f"{said}, which is far more than they say ({int(exact.jumps)} and {int(end.jumps)} "
                       "jumps). Is a function not smooth, or too noisy?")]  # fmt: skip

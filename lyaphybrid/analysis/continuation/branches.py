@@ -9,8 +9,8 @@ import numpy as np
 from ... import _renamed as renamed
 from ... import plots
 from ..._arguments import whole
-from ..._text import Table
-from ...results.result import Data, Result
+from ..._text import Table, with_unit
+from ...results.result import Data, Result, in_time, per_time
 from ...results.resuming import Resumable
 from ...systems.labels import Labels
 from ..orbits.periodic_orbits import Floquet
@@ -25,6 +25,11 @@ class SpecialOrbit(Result):
 
     orbit: Floquet
     title: str
+
+    @property
+    def state_labels(self) -> Labels:
+        """Names and units of the components of a state, and the unit of time."""
+        return self.orbit.state_labels
 
     @property
     def multipliers(self):
@@ -145,7 +150,8 @@ class Special(SpecialOrbit):
     @property
     def title(self) -> str:
         """Kind, parameter and period in one line."""
-        return f"{self.kind} at {self.parameter:.12g}, T = {self.period:.9g}"
+        period = with_unit(f"{self.period:.9g}", self.state_labels.time_unit)
+        return f"{self.kind} at {self.parameter:.12g}, T = {period}"
 
     def _data(self) -> Data:
         orbit = self.orbit._data()
@@ -218,14 +224,14 @@ class Continuation(OrbitsAlong):
         return Table(title, notes=[*(special.title for special in self.specials), *more])
 
     def _data(self) -> Data:
-        along = ("point", "state")
+        along, unit = ("point", "state"), self.state_labels.time_unit
         variables = {
             "x0": (along, self.x0),
             "largest": (along, self.largest),
             "smallest": (along, self.smallest),
             "multipliers": (("point", "exponent"), self.multipliers),
-            "exponents": (("point", "exponent"), self.exponents),
-            "period": ("point", self.period),
+            "exponents": (("point", "exponent"), self.exponents, per_time(unit)),
+            "period": ("point", self.period, in_time(unit)),
             "stable": ("point", self.stable),
             "special": ("special", [special.parameter for special in self.specials]),
             "special_kind": ("special", [special.kind for special in self.specials]),

@@ -400,8 +400,12 @@ class _Branch(NamedTuple):
         return Continuation(
             parameter=self.name,
             values=np.array([point.parameter for point in points]),
-            orbits=tuple(orbit_as_result(equations, point.orbit, point.parameter, start) for point in points),
-            specials=tuple(_special_as_result(equations, one, start) for one in (*before.found[::-1], *after.found)),
+            orbits=tuple(
+                orbit_as_result(equations, point.orbit, point.parameter, start, self.labels) for point in points
+            ),
+            specials=tuple(
+                _special_as_result(equations, one, start, self.labels) for one in (*before.found[::-1], *after.found)
+            ),
             ends=(before.end, after.end),
             largest=np.array([np.max(x, axis=0) for x in states]),
             smallest=np.array([np.min(x, axis=0) for x in states]),
@@ -415,12 +419,12 @@ def require_wider(name: str, over: tuple[float, float], before: tuple[float, flo
     require(wider, f"The range of {name} must hold that before, from {before[0]:.6g} to {before[1]:.6g}; got {over}.")
 
 
-def orbit_as_result(equations: BranchEquations, orbit: OrbitIterate, p: float, start: Node) -> Floquet:
+def orbit_as_result(equations: BranchEquations, orbit: OrbitIterate, p: float, start: Node, labels: Labels) -> Floquet:
     """The orbit with its multipliers; for a forced system shown at t0."""
     flow, base = equations.motion(p), orbit.nodes[0]
     shown = base if equations.autonomous else at_start(flow, orbit, start, orbit.period)
     family = family_of(flow, orbit, equations.autonomous, equations.fixed)
-    return floquet_of(flow, orbit, shown, equations.autonomous, family)
+    return dataclasses.replace(floquet_of(flow, orbit, shown, equations.autonomous, family), state_labels=labels)
 
 
 def at_rest(found: Floquet, orbit: OrbitIterate) -> Floquet:
@@ -428,8 +432,8 @@ def at_rest(found: Floquet, orbit: OrbitIterate) -> Floquet:
     return dataclasses.replace(found, residual=orbit.residual, status_code=STATUS.ok)
 
 
-def _special_as_result(equations: BranchEquations, found: LocatedPoint, start: Node) -> Special:
-    orbit = orbit_as_result(equations, found.point.orbit, found.point.parameter, start)
+def _special_as_result(equations: BranchEquations, found: LocatedPoint, start: Node, labels: Labels) -> Special:
+    orbit = orbit_as_result(equations, found.point.orbit, found.point.parameter, start, labels)
     orbit = at_rest(orbit, found.point.orbit) if found.kind in (HOPF, BOUNDARY_EQUILIBRIUM) else orbit
     largest, turns = np.max(states_over(found.point), axis=0), equations.turns
     rest = found.change, largest, equations.sizes

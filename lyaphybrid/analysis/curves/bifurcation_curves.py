@@ -7,7 +7,7 @@ import numpy as np
 
 from ... import plots
 from ..._text import Table
-from ...results.result import Data
+from ...results.result import Data, in_time
 from ...systems.labels import Labels
 from ..continuation.branches import OrbitsAlong, SpecialOrbit
 from ..orbits.periodic_orbits import Floquet
@@ -114,7 +114,7 @@ class BifurcationCurve(OrbitsAlong):
         variables = {
             "x0": (("point", "state"), self.x0),
             "multipliers": (("point", "exponent"), self.multipliers),
-            "period": ("point", self.period),
+            "period": ("point", self.period, in_time(self.state_labels.time_unit)),
             "angles": ("point", self.angles),
             "special_kind": ("special", [special.kind for special in self.specials]),
             "special_values": (("special", "parameter"), special_values),

@@ -298,7 +298,8 @@ class _Curve(NamedTuple):
         points = [*reversed(before.points[1:]), *after.points]
 
         def orbit_of(point: CurvePoint) -> Floquet:
-            return orbit_as_result(self.equations.along(0, point.pair), point.orbit, point.pair[0], start)
+            along = self.equations.along(0, point.pair)
+            return orbit_as_result(along, point.orbit, point.pair[0], start, self.labels)
 
         def special_of(name: str, point: CurvePoint) -> CurveSpecial:
             orbit = orbit_of(point)

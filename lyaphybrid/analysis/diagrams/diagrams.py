@@ -33,7 +33,7 @@ from ...engine.blocks import qr_schedule_for
 from ...engine.host import driver, lanes
 from ...engine.states import MOST_AT_ONCE
 from ...integrators.base import Method
-from ...results.result import Data, Result, exponents_along, states_along
+from ...results.result import Data, Result, exponents_along, in_time, per_time, states_along
 from ...statuses import OK, STATUS
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
@@ -150,11 +150,14 @@ class BifurcationDiagram(Result):
         return Table(title, [(f"{value:.6g}", found) for value, found in pairs])
 
     def _data(self) -> Data:
-        run = ("value", "start")
+        run, unit = ("value", "start"), self.state_labels.time_unit
         by_exponent = {name: getattr(self, name) for name in ("exponents", "stderr", "finite_exponents", "losses")}
         by_run = {name: getattr(self, name) for name in ("time", "status", "labels", "lifetimes")}
-        variables = {name: ((*run, "exponent"), values) for name, values in by_exponent.items()}
+        variables: dict[str, Any] = {name: ((*run, "exponent"), values) for name, values in by_exponent.items()}
         variables |= {name: None if values is None else (run, values) for name, values in by_run.items()}
+        for name in ("exponents", "stderr", "finite_exponents"):
+            variables[name] += (per_time(unit),)
+        variables["time"] += (in_time(unit),)
         variables |= {"points": ((*run, "sample", "state"), self.points)}
         coordinates = {
             self.parameter: ("value", self.values),

@@ -18,7 +18,7 @@ from ...engine.host import driver
 from ...engine.host.places import account, place_of
 from ...errors import RunFailedError
 from ...integrators.base import Method
-from ...results.result import Data, RunResult, states_along
+from ...results.result import Data, RunResult, in_time, states_along
 from ...statuses import STATUS
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid, Transition
@@ -77,7 +77,9 @@ class PoincareSection(RunResult, eqx.Module):
     def _data(self) -> Data:
         state = ("body", "state") if self.x.ndim == 3 else ("state",)
         variables = {"x": (("sample", *state), self.x), "mode": ("sample", self.mode)}
-        coordinates = {"t": ("sample", np.asarray(self.t)), **states_along(self.state_labels, self.x.shape[-1])}
+        labels = self.state_labels
+        t = ("sample", np.asarray(self.t), in_time(labels.time_unit))
+        coordinates = {"t": t, **states_along(labels, self.x.shape[-1])}
         return Data(variables, coordinates, {"mode_names": self.mode_names})
 
 
@@ -169,8 +171,9 @@ def with_section(system: Any, section: Any, direction: int) -> Hybrid:
     flows = isinstance(system, Flow) or (isinstance(system, Hybrid) and system.fields is not None)
     require(flows, f"A section is crossed by a flow: use an lh.Flow or lh.Hybrid with fields; got {system!r}.")
     crossing = Transition(section, None, direction=direction)
+    labels = {"names": system.names, "units": system.units, "time_unit": system.time_unit}
     if isinstance(system, Flow):
-        return Hybrid(system.field, crossing, names=system.names, units=system.units)
+        return Hybrid(system.field, crossing, **labels)
     # It comes first: the jump of another guard at the same event time would hide the crossing.
     return Hybrid(
         dict(zip(system.mode_names, system.fields or (), strict=True)),
@@ -179,8 +182,7 @@ def with_section(system: Any, section: Any, direction: int) -> Hybrid:
         system.max_cascade,
         initial_mode=system.initial_mode,
         flow_set={name: inside for name, inside in zip(system.mode_names, system.flow_sets, strict=True) if inside},
-        names=system.names,
-        units=system.units,
+        **labels,
     )
 
 

@@ -85,7 +85,7 @@ class GALIResult(RunResult, eqx.Module):
             where a jump destroyed a direction.
         values: the same without the logarithm.
         status: how the run ended, an `lh.STATUS`.
-        unit: of time, "unit of time" or "iteration".
+        unit: of time, "unit of time" or what the system gives, or "iteration".
         log_growth: (times,) natural logarithm of how much the first deviation vector has grown; None: not known.
         verdict: whether the motion is regular or chaotic.
 

@@ -25,7 +25,7 @@ from ..._text import UNIT, Table, numbered
 from ...engine.blocks import check_counts
 from ...engine.states import Orthonormalisation, StepState
 from ...integrators.base import Method
-from ...results.result import Data, RunResult, exponents_along
+from ...results.result import Data, RunResult, exponents_along, in_time, per_time
 from ...systems.daes.semi_linear import degrees_of_freedom
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
@@ -91,7 +91,7 @@ class CovariantVectors(RunResult, eqx.Module):
         exponents: (k,) the mean growth per `unit`.
         angles: (times, k(k−1)/2) in [0, π/2] between the lines of vectors i < j: (1,2), (1,3), …, (2,3), ….
         status: how the run ended, an `lh.STATUS`.
-        unit: of time, "unit of time" or "iteration".
+        unit: of time, "unit of time" or what the system gives, or "iteration".
 
     Example:
         >>> import jax.numpy as jnp, lyaphybrid as lh
@@ -147,11 +147,12 @@ class CovariantVectors(RunResult, eqx.Module):
             "vectors": (("sample", "state", "exponent"), self.vectors),
             "x": (("sample", "state"), np.reshape(self.x, (len(self.time), n))),
             "growth": (("interval", "exponent"), self.growth),
-            "exponents": ("exponent", self.exponents),
+            "exponents": ("exponent", self.exponents, per_time(self.unit)),
             "angles": (("sample", "pair"), self.angles),
         }
         names = {"state": [self.state_labels.name(i) for i in range(n)], "pair": self._pairs()}
-        return Data(variables, {"time": ("sample", np.asarray(self.time)), **exponents_along(k), **names})
+        time = ("sample", np.asarray(self.time), in_time(self.unit))
+        return Data(variables, {"time": time, **exponents_along(k), **names})
 
 
 @explains_keywords

@@ -22,7 +22,7 @@ from jaxtyping import Array
 
 from ... import plots
 from ..._arguments import Progress, Real, State, flag, positive, require, require_one_start, require_values
-from ..._text import Table, numbered
+from ..._text import Table, numbered, with_unit
 from ...engine.blocks import check_counts
 from ...engine.states import Orthonormalisation, StepState
 from ...integrators.base import Method
@@ -165,7 +165,7 @@ class ExponentBounds(RunResult, eqx.Module):
         cells = ([f"{value:.10g}" for value in self.exponents], [f"{value:.2g}" for value in self.bound])
         what = f"{self.steps} steps of local error {self.local_error:.2g}, directions within {self.tilt:.2g}"
         rows = list(zip(numbered("λ", len(self.exponents)), *cells, strict=True))
-        title = f"Exponents per {self.unit} over {self.time:g}"
+        title = f"Exponents per {self.unit} over {with_unit(f'{self.time:g}', self.unit)}"
         return Table(title, rows, [what, f"status {self.status}"], ("", "exponent", "within"))
 
     def _data(self) -> Data:

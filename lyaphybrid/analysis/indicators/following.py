@@ -8,7 +8,7 @@ import numpy as np
 from ..._arguments import attempts, numbers, require, whole
 from ..._jax.tracing import array, numpy_for, traced
 from ..._linalg import frames
-from ..._text import Table
+from ..._text import Table, in_brackets
 from ...engine import preparation, problems
 from ...engine.blocks import each_step_of, ends_of_blocks, is_zero, qr_schedule_for, targets_for
 from ...engine.host import driver
@@ -16,6 +16,7 @@ from ...engine.host.places import Place, account, place_of
 from ...engine.states import Observer
 from ...errors import RunFailedError
 from ...integrators import ContinuousQR
+from ...results.result import in_time
 from ...statuses import STATUS, gravest
 from ...systems.consistency import onto_constraints
 from ...systems.daes.semi_linear import DAE, degrees_of_freedom
@@ -151,23 +152,24 @@ def samples_of(result) -> tuple[str, ...]:
 
 def times_of(result) -> dict[str, Any]:
     """The coordinate of its times."""
-    return {"time": (samples_of(result), np.asarray(result.time))}
+    return {"time": (samples_of(result), np.asarray(result.time), in_time(result.unit))}
 
 
 def table_of(result, names: list[str], columns, before: str = "") -> Table:
     """An indicator in print: columns (…, times, values) at some of its times; of several runs at their ends."""
     time, columns = np.asarray(result.time), np.asarray(columns)
+    head = in_brackets("time", result.unit)
     if time.ndim == 2:
         rows = [
             (f"run {i}", f"{t[-1]:.6g}", *_written(own[-1]))
             for i, (t, own) in enumerate(zip(time, columns, strict=True))
         ]
-        heads = ("", "time", *(before + name for name in names))
+        heads = ("", head, *(before + name for name in names))
         return Table(f"{', '.join(names)} of {len(time)} runs", rows, [f"status {result.status}"], heads)
     chosen = np.unique(np.linspace(0, len(time) - 1, TIMES_SHOWN).astype(int))
     rows = [(f"{time[i]:.6g}", *_written(columns[i])) for i in chosen]
     notes = [str(result.verdict), f"status {result.status}"]
-    return Table(f"{', '.join(names)} at {len(time)} times", rows, notes, ("time", *(before + name for name in names)))
+    return Table(f"{', '.join(names)} at {len(time)} times", rows, notes, (head, *(before + name for name in names)))
 
 
 def _written(values) -> list[str]:

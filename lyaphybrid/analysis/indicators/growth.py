@@ -96,7 +96,7 @@ class IndicatorResult(RunResult, eqx.Module):
         mean: (times,) of MEGNO, its mean over [0, t]; None for the others.
         name: "MEGNO", "FLI", "OFLI" or "OFLI2".
         status: how the run ended, an `lh.STATUS`.
-        unit: of time, "unit of time" or "iteration".
+        unit: of time, "unit of time" or what the system gives, or "iteration".
         verdict: whether the motion is regular or chaotic.
 
     Example:

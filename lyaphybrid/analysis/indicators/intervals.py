@@ -17,9 +17,9 @@ from ... import _renamed as renamed
 from ... import plots
 from ..._arguments import Frame, Progress, Real, State, flag, positive, real, require, require_one_start
 from ..._keywords import explains_keywords
-from ..._text import Table, numbered
+from ..._text import Table, numbered, with_unit
 from ...integrators.base import Method
-from ...results.result import Data, RunResult, exponents_along
+from ...results.result import Data, RunResult, exponents_along, in_time
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
 from ...systems.kinds import iterates, unit_of
@@ -87,7 +87,7 @@ class SpectralIntervals(RunResult, eqx.Module):
         if len(self.steklov):
             least = ", ".join(f"{value:.5g}" for value in np.asarray(self.steklov))
             notes = [f"{'' if self.separated else 'not '}integrally separated: Steklov differences ≥ {least}", *notes]
-        title = f"Spectral intervals per {self.unit}, windows of {self.window:g}"
+        title = f"Spectral intervals per {self.unit}, windows of {with_unit(f'{self.window:g}', self.unit)}"
         return Table(title, rows, notes, ("", "Lyapunov", "Sacker–Sell"))
 
     def _data(self) -> Data:
@@ -104,8 +104,8 @@ class SpectralIntervals(RunResult, eqx.Module):
             **exponents_along(k),
             "bound": ["least", "greatest"],
             "pair": [f"{i + 1},{i + 2}" for i in range(k - 1)],
-            "time": ("sample", np.asarray(self.time)),
-            "start": np.asarray(self.start),
+            "time": ("sample", np.asarray(self.time), in_time(self.unit)),
+            "start": ("start", np.asarray(self.start), in_time(self.unit)),
         }
         return Data(variables, coordinates, {"window": self.window, "separated": self.separated})
 

@@ -25,7 +25,7 @@ from ..._text import Table, numbered
 from ...engine.blocks import check_counts
 from ...engine.states import Orthonormalisation, StepState
 from ...integrators.base import Method
-from ...results.result import Data, RunResult, exponents_along
+from ...results.result import Data, RunResult, exponents_along, in_time
 from ...systems.daes.semi_linear import degrees_of_freedom
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
@@ -171,7 +171,8 @@ class SVDSpectrum(RunResult, eqx.Module):
             "directions": (("sample", "state", "exponent"), self.directions),
         }
         names = {"state": [self.state_labels.name(i) for i in range(n)]}
-        return Data(variables, {"time": ("sample", np.asarray(self.time)), **exponents_along(k), **names})
+        time = ("sample", np.asarray(self.time), in_time(self.unit))
+        return Data(variables, {"time": time, **exponents_along(k), **names})
 
 
 def svd_spectrum(

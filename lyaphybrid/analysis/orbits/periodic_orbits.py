@@ -19,12 +19,12 @@ from ..._arguments import Real, State, flag, positive, real, require, require_on
 from ..._jax.precision import digits
 from ..._jax.tracing import as_jax
 from ..._keywords import explains_keywords
-from ..._text import Table
+from ..._text import Table, per_unit, with_unit
 from ...engine import preparation, problems
 from ...errors import LyaphybridError, NoPeriodicOrbitError
 from ...integrators import HalfExplicit, RungeKutta
 from ...integrators.base import Method
-from ...results.result import Data, RunResult
+from ...results.result import Data, RunResult, per_time
 from ...statuses import OK, STATUS
 from ...systems.daes.semi_linear import Constrained, fields_of
 from ...systems.event_driven import EventDriven
@@ -132,15 +132,17 @@ class Floquet(RunResult, eqx.Module):
             )
         lines.append(f"status {self.status}")
         what = "No periodic orbit" if self.status.failed else "Periodic orbit"
-        title = f"{what}, T = {self.period:.12g}, {self.jumps} jumps, residual {self.residual:.1e}"
-        return Table(title, rows, lines, ("multiplier", "", "exponent"))
+        unit = self.state_labels.time_unit
+        period = with_unit(f"{self.period:.12g}", unit)
+        title = f"{what}, T = {period}, {self.jumps} jumps, residual {self.residual:.1e}"
+        return Table(title, rows, lines, ("multiplier", "", "exponent" + per_unit(unit)))
 
     def _data(self) -> Data:
         names = self.state_labels.columns(len(self.x0))
         variables = {
             "x0": ("state", self.x0),
             "multipliers": ("exponent", self.multipliers),
-            "exponents": ("exponent", self.exponents),
+            "exponents": ("exponent", self.exponents, per_time(self.state_labels.time_unit)),
             "monodromy": (("state", "start"), self.monodromy),
             "shift": ("parameter", self.shift) if self.shift.size else None,
             "mode": ((), self.mode),

@@ -29,7 +29,7 @@ from ...engine import preparation
 from ...errors import RunFailedError
 from ...integrators import RungeKutta
 from ...integrators.base import Method
-from ...results.result import Data, Result
+from ...results.result import Data, Result, in_time
 from ...systems.daes.semi_linear import Constrained, fields_of
 from ...systems.hybrid import Hybrid
 from ...systems.labels import Labels, labels_of
@@ -198,7 +198,8 @@ class PhaseResponse(Result, eqx.Module):
         if np.any(np.isnan(self.isostables)):
             notes.append("some isostable responses are nan: equal multipliers with too few eigenvectors")
         heads = ("phase", *names, *(f"∂θ/∂{name}" for name in names))
-        return Table(f"Phase response of a cycle of period {self.period:.9g}, in units of time", rows, notes, heads)
+        unit = self.state_labels.time_unit or "units of time"
+        return Table(f"Phase response of a cycle of period {self.period:.9g}, in {unit}", rows, notes, heads)
 
     def _data(self) -> Data:
         labels, m = self.state_labels.columns(self.x.shape[1]), len(self.multipliers)
@@ -209,7 +210,8 @@ class PhaseResponse(Result, eqx.Module):
             "isostables": (("phase", "state", "multiplier"), self.isostables) if m else None,
             "multipliers": ("multiplier", self.multipliers) if m else None,
         }
-        return Data(variables, {"phase": self.t, "state": labels}, {"period": self.period})
+        phases = ("phase", self.t, in_time(self.state_labels.time_unit))
+        return Data(variables, {"phase": phases, "state": labels}, {"period": self.period})
 
 
 @explains_keywords

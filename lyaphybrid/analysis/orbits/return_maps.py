@@ -67,7 +67,8 @@ def return_map(system: Hybrid, transition: int = 0, *, with_time: bool = False, 
     assert method is not None, "a system that flows has one"
     mode = _mode_after(system, int(transition))
     names = None if system.names is None else (*system.names, "t") if with_time else system.names
-    units = None if system.units is None or with_time else system.units
+    times = (system.time_unit,) if with_time else ()  # the unit of the component t
+    units = None if system.units is None or None in times else (*system.units, *times)
     return Map(_Return(unlabelled(system), method, int(transition), mode, bool(with_time)), names=names, units=units)
 
 

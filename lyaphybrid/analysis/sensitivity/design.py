@@ -13,12 +13,12 @@ import optax
 from ... import _renamed as renamed
 from ... import plots
 from ..._arguments import Real, State, numbers, positive, random_key, require, require_values, whole, words
-from ..._text import Table, numbered, with_error
+from ..._text import Table, numbered, per_unit, with_error
 from ...engine.blocks import part_of
 from ...engine.host.reporting import reporter
 from ...errors import LyaphybridError
 from ...integrators.base import Method
-from ...results.result import Data, Result, exponents_along
+from ...results.result import Data, Result, exponents_along, per_time
 from ...statuses import STATUS
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
@@ -51,6 +51,7 @@ class Design(Result, eqx.Module):
         trust: whether the last derivatives passed the checks of their method; for a bisection whether signs differed.
         reasons: why the search ended and whether it is trusted, with numbers.
         history: (steps, p + k) parameters and exponents of every point that was tried.
+        time_unit: that exponents are per; "" where the system has none, and where jumps are counted.
 
     Example:
         >>> import lyaphybrid as lh
@@ -68,6 +69,7 @@ class Design(Result, eqx.Module):
     trust: bool = eqx.field(static=True)
     reasons: tuple[str, ...] = eqx.field(static=True)
     history: np.ndarray
+    time_unit: str = eqx.field(static=True, default="")
 
     def plot(self, ax: plots.Axes | None = None, **style: Any) -> plots.Axes:
         """The exponents of the points that were tried, in their order, with what was reached.
@@ -81,19 +83,20 @@ class Design(Result, eqx.Module):
         ended = "converged" if self.converged else "NOT converged"
         if self.converged and self.reasons[0].startswith(ALL_STEPS):
             ended = ALL_STEPS
-        title = f"Design: {ended} in {len(self.history)} points, {trust}"
+        per = f", exponents{per_unit(self.time_unit)}" if self.time_unit else ""
+        title = f"Design: {ended} in {len(self.history)} points, {trust}{per}"
         rows = [(name, f"{value:.12g}") for name, value in self.parameters.items()]
         found = map(with_error, self.exponents, self.stderr)
         return Table(title, [*rows, *zip(numbered("λ", len(self.exponents)), found, strict=True)], self.reasons)
 
     def _data(self) -> Data:
-        p = len(self.parameters)
+        p, per = len(self.parameters), per_time(self.time_unit)
         variables = {
             "parameters": ("parameter", list(self.parameters.values())),
-            "exponents": ("exponent", self.exponents),
-            "stderr": ("exponent", self.stderr),
+            "exponents": ("exponent", self.exponents, per),
+            "stderr": ("exponent", self.stderr, per),
             "tried_parameters": (("point", "parameter"), self.history[:, :p]),
-            "tried_exponents": (("point", "exponent"), self.history[:, p:]),
+            "tried_exponents": (("point", "exponent"), self.history[:, p:], per),
         }
         attributes = {name: getattr(self, name) for name in ("converged", "trust", "reasons")}
         return Data(variables, {**exponents_along(len(self.exponents)), "parameter": list(self.parameters)}, attributes)
@@ -254,13 +257,10 @@ def design(
     return Design(
         args=case.args_of(jnp.asarray(end.theta)),
         parameters={name: float(value) for name, value in zip(case.names, end.theta, strict=True)},
-        exponents=end.value,
-        stderr=end.stderr,
-        converged=reached,
-        trust=end.trust,
-        reasons=(*reasons, *end.reasons),
-        history=np.stack(history),
-    )
+        exponents=end.value, stderr=end.stderr, converged=reached, trust=end.trust,
+        reasons=(*reasons, *end.reasons), history=np.stack(history),
+        time_unit=case.time_unit if clock == "time" else "",
+    )  # fmt: skip
 
 
 def _point(case: ExponentFunction, theta, found: Gradient) -> DesignPoint:

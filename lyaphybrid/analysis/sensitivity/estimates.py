@@ -12,6 +12,8 @@ from ..._arguments import numbers, parameters, require
 from ..._jax.precision import require_double
 from ..._jax.tracing import as_arrays, as_jax, numpy_for
 from ...engine.blocks import is_zero
+from ...systems.kinds import System
+from ...systems.labels import labels_of, unlabelled
 
 __all__ = [
     "ArgsOf",
@@ -51,6 +53,7 @@ class ExponentFunction(NamedTuple):
     names: tuple[str, ...]  # (p,) for messages: "rho", "spring[2]"
     k: int
     options: Mapping[str, Any]  # t1, t0, transient, mode, method, every, clock of `lyapunov_spectrum`
+    time_unit: str = ""  # where the system gives one
 
 
 class Estimate(NamedTuple):
@@ -78,8 +81,12 @@ def case_of(
     """A case; the parameters are the floating-point leaves of args, or those named in `free`; the rest stays fixed."""
     theta, args_of, names = parameters_of(args, free)
     start = x0 if callable(x0) else FixedStart(x0)
-    require_double("x0", start_of(x0, args), "a derivative of exponents")
-    return ExponentFunction(system, start, theta, args_of, names, k, options)
+    first = start_of(x0, args)
+    require_double("x0", first, "a derivative of exponents")
+    if not isinstance(system, System):  # it is refused where it is run
+        return ExponentFunction(system, start, theta, args_of, names, k, options)
+    time_unit = labels_of(system, first.shape).time_unit
+    return ExponentFunction(unlabelled(system), start, theta, args_of, names, k, options, time_unit)
 
 
 def start_of(x0, args):

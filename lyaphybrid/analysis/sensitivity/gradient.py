@@ -25,11 +25,11 @@ from ..._arguments import (
     words,
 )
 from ..._jax.tracing import as_arrays
-from ..._text import Table, numbered, with_error
+from ..._text import Table, in_brackets, numbered, per_unit, with_error
 from ...engine.blocks import check_counts, part_of
 from ...errors import NoDerivativeError
 from ...integrators.base import Method
-from ...results.result import Data, Result, exponents_along
+from ...results.result import Data, Result, exponents_along, per_time
 from ...systems.daes.semi_linear import degrees_of_freedom
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
@@ -72,6 +72,7 @@ class Gradient(Result, eqx.Module):
         names: of the parameters, in the order of the rows that `str` shows.
         cost: in runs of length t1.
         time_per_jump: the mean time between jumps as a `Gradient` with k = 1, from a regression of a system that jumps.
+        time_unit: that exponents are per; "" where the system has none, and where jumps are counted.
 
     Example:
         >>> import lyaphybrid as lh
@@ -91,6 +92,7 @@ class Gradient(Result, eqx.Module):
     names: tuple[str, ...] = eqx.field(static=True)
     cost: int = eqx.field(static=True)
     time_per_jump: "Gradient | None" = None
+    time_unit: str = eqx.field(static=True, default="")
 
     @property
     def method(self) -> str:
@@ -121,9 +123,9 @@ class Gradient(Result, eqx.Module):
         k, more = len(self.value), self.time_per_jump
         rows, notes = self._rows(numbered("λ", k)), list(self.reasons)
         if more is not None:
-            rows += more._rows(["time per jump"])
+            rows += more._rows([in_brackets("time per jump", self.time_unit)])
             notes += [f"time per jump: {more._verdict}", *more.reasons]
-        title = f"Derivatives of {k} exponents by {self.algorithm}: {self._verdict}"
+        title = f"Derivatives of {k} exponents{per_unit(self.time_unit)} by {self.algorithm}: {self._verdict}"
         return Table(title, rows, notes, ("", "value", *(f"d/d {name}" for name in self.names)))
 
     def _rows(self, of: list[str]) -> list[tuple[str, ...]]:
@@ -137,8 +139,8 @@ class Gradient(Result, eqx.Module):
     def _data(self) -> Data:
         slopes, errors = self.by_parameter()
         variables = {
-            "value": ("exponent", self.value),
-            "value_stderr": ("exponent", self.value_stderr),
+            "value": ("exponent", self.value, per_time(self.time_unit)),
+            "value_stderr": ("exponent", self.value_stderr, per_time(self.time_unit)),
             "gradient": (("exponent", "parameter"), slopes),
             "stderr": (("exponent", "parameter"), errors),
         }
@@ -301,6 +303,7 @@ def _gradient(case: ExponentFunction, algorithm: str, found: Estimate) -> Gradie
         names=case.names,
         cost=found.cost,
         time_per_jump=None if found.time_per_jump is None else _gradient(case, algorithm, found.time_per_jump),
+        time_unit=case.time_unit if case.options["clock"] == "time" else "",
     )
 
 

@@ -24,6 +24,7 @@ from ...statuses import STATUS, verdicts
 from ...systems.bound import require_callable
 from ...systems.hybrid import Hybrid
 from ...systems.kinds import unit_of
+from ...systems.labels import unlabelled
 from ...systems.smooth import Flow, Map
 from ..spectra import lyapunov_spectrum
 from .checking import check_jumps, differ
@@ -232,7 +233,7 @@ def master_stability(
         "t1": t1, "t0": t0, "transient": transient, "mode": mode, "every": every, "blocks": blocks,
         "max_steps": max_steps,
     }  # fmt: skip
-    lane, lifted = _OneStrength(tuple(options.items()), parts), skew_product(system, cocycle, n)
+    lane, lifted = _OneStrength(tuple(options.items()), parts), skew_product(unlabelled(system), cocycle, n)
     shared = lifted, method, start_of(x, cocycle.size), frame_of(n, cocycle.size, k, x.dtype, parts), own
     exponents, stderr, codes = _at_each(lane, shared, at, progress)
     found = MasterStability(at, exponents, stderr, codes, unit_of(system))

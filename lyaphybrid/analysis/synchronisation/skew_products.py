@@ -192,11 +192,11 @@ class _LiftedJump(eqx.Module):
 
 
 def skew_product(system: Flow | Map | Hybrid, cocycle: Cocycle, n: int) -> Flow | Map | Hybrid:
-    """The system of (x, ξ), x (n,)."""
+    """The system of (x, ξ), x (n,), in the same unit of time."""
     if isinstance(system, Map):
         return Map(_Lifted(system.rule, cocycle, n))
     if isinstance(system, Flow):
-        return Flow(_Lifted(system.field, cocycle, n))
+        return Flow(_Lifted(system.field, cocycle, n), time_unit=system.time_unit)
     fields, names = system.fields or (), system.mode_names
     transitions = [
         one for transition in system.transitions for one in _lifted_transitions(system, transition, cocycle, n)
@@ -211,6 +211,7 @@ def skew_product(system: Flow | Map | Hybrid, cocycle: Cocycle, n: int) -> Flow 
         max_cascade=system.max_cascade,
         initial_mode=None if initial is None else _OfBase(initial, cocycle, n),
         flow_set={name: _OfBase(inside, cocycle, n) for name, inside in sets if inside is not None},
+        time_unit=system.time_unit,
     )
 
 

@@ -44,6 +44,7 @@ def filippov(
     stick: Any = None,
     names: Sequence[str] | None = None,
     units: Sequence[str] | None = None,
+    time_unit: str | None = None,
 ) -> Hybrid:
     """A system with the field `plus` where surface > 0 and `minus` where surface < 0, sliding on surface = 0 included.
 
@@ -62,6 +63,7 @@ def filippov(
             fields point at the surface.
         names: what the components of x are called, as for `lh.Flow`.
         units: in which they are measured, likewise.
+        time_unit: in which time is measured, as for `lh.Flow`.
 
     For several surfaces that do not intersect, give sequences with one entry per surface: `surface`, `plus`, `minus`,
     and `sliding` and `stick` where they are wanted (an entry may be None). Fields that are the same function belong to
@@ -120,6 +122,7 @@ def filippov(
         initial_mode=InitialMode(tuple(sides), tuple(where), len(regions)),
         names=names,
         units=units,
+        time_unit=time_unit,
     )
 
 

@@ -25,7 +25,7 @@ from ..._linalg.frames import orthonormalise
 from ..._linalg.linear_systems import inverse, matmul, sparse_matmul, split
 from ..bound import require_callable
 from ..event_driven import EventDriven
-from ..labels import words
+from ..labels import time_word, words
 from ..smooth import Flow
 
 __all__ = [
@@ -192,6 +192,7 @@ class DAE(Flow):
             implicit methods, the equations are solved with full matrices.
         names: what the components of x are called, as for `lh.Flow`.
         units: in which they are measured, likewise.
+        time_unit: in which time is measured, as for `lh.Flow`.
 
     Derivatives of results (`jax.jacfwd`, `lh.lyapunov_gradient`), of first and higher order, are those of the solution
     of the constraints, not of the iteration that finds it.
@@ -228,8 +229,9 @@ class DAE(Flow):
         bandwidth: int | None = None,
         names: Sequence[str] | None = None,
         units: Sequence[str] | None = None,
+        time_unit: str | None = None,
     ):
-        self.names, self.units = words(names), words(units)
+        self.names, self.units, self.time_unit = words(names), words(units), time_word(time_unit)
         require_callable("leading", leading, "(t, args) -> E")
         require_callable("residual", residual, "(t, x, args) -> f")
         _check_whole("n_differential, the number of nonzero rows of E,", n_differential)
@@ -254,6 +256,7 @@ class DAE(Flow):
         t0: Any = 0.0,
         names: Sequence[str] | None = None,
         units: Sequence[str] | None = None,
+        time_unit: str | None = None,
     ) -> "DAE":
         """A DAE for an E of any constant rank d, which need not have zero rows.
 
@@ -267,6 +270,7 @@ class DAE(Flow):
             t0: time at which the rank is determined.
             names: what the components of x are called, as for `lh.Flow`.
             units: in which they are measured, likewise.
+            time_unit: in which time is measured, as for `lh.Flow`.
 
         Raises:
             ValueError: if E(t0) is zero.
@@ -295,6 +299,7 @@ class DAE(Flow):
             len(columns),
             names=names,
             units=units,
+            time_unit=time_unit,
         )
 
 

@@ -91,9 +91,10 @@ def coupled_network(
 
 
 def _labels(node: Flow | Map | Hybrid, count: int) -> dict[str, Any]:
-    """Names and units of all components: x1, v1, x2, v2, and so on."""
+    """Names and units of all components, x1, v1, x2, v2, and so on; the unit of time, where there is one."""
     names = node.names and [f"{name}{i + 1}" for i in range(count) for name in node.names]
-    return {"names": names, "units": node.units and [*node.units] * count}
+    time = {} if node.time_unit is None else {"time_unit": node.time_unit}
+    return {"names": names, "units": node.units and [*node.units] * count, **time}
 
 
 def _hybrid(node: Hybrid, wiring: NodeWiring, count: int) -> Hybrid:

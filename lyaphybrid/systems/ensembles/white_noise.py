@@ -80,7 +80,8 @@ def white_noise(
         change = jnp.where((tick > 0) & (tick <= most), change, jnp.nan)  # the path ends: the run is `nonfinite`
         return _along(lambda x: jnp.reshape(diffusion(t, x, args), (x.shape[0], sources)) @ change, x)
 
-    return Hybrid(flow.field, Transition(every=step, reset=kick), names=flow.names, units=flow.units)
+    labels = {"names": flow.names, "units": flow.units, "time_unit": flow.time_unit}
+    return Hybrid(flow.field, Transition(every=step, reset=kick), **labels)
 
 
 def _walked(tick, seed, levels: int, step: float, sources: int) -> Array:
