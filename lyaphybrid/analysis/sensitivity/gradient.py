@@ -55,6 +55,7 @@ from .response.linear_response import by_linear_response
 
 __all__ = ["Gradient", "lyapunov_gradient"]
 
+NEIGHBOUR = 1e-3  # relative change of parameters at which a period must still be one
 ALGORITHMS = ("auto", "equilibrium", "implicit", "birkhoff", "linear_response", "regression")
 
 
@@ -284,6 +285,8 @@ def lyapunov_gradient(
         now, own = as_arrays(args, float), period(args) if callable(period) else period
         positive("period", own)
         check_period(system, own, case.start(now), now, t0)
+        if not callable(period):
+            _require_fixed(case, own)
     try:
         name, estimate = _estimate(case, algorithm, period, key, (window, points, replicates, degree, progress))
     except UntrustedError as failed:
@@ -305,6 +308,23 @@ def _gradient(case: ExponentFunction, algorithm: str, found: Estimate) -> Gradie
         time_per_jump=None if found.time_per_jump is None else _gradient(case, algorithm, found.time_per_jump),
         time_unit=case.time_unit if case.options["clock"] == "time" else "",
     )
+
+
+def _require_fixed(case: ExponentFunction, period) -> None:
+    """Require that a period that is given as a number is one for neighbouring parameters, too."""
+    theta = np.asarray(case.theta, float)
+    steps = np.linspace(
+        NEIGHBOUR, 2 * NEIGHBOUR, len(theta)
+    )  # different ones: equal factors may leave a ratio as it is
+    args = as_arrays(case.args_of(jnp.asarray(np.where(theta == 0, steps, theta * (1 + steps)))), float)
+    try:
+        check_period(case.system, period, case.start(args), args, case.options["t0"])
+    except ValueError as error:
+        raise ValueError(
+            f"period is given as the number {float(period):.9g}, but it changes with the parameters by which derivatives "
+            f"are taken ({', '.join(case.names[:5])}): give a function, period=lambda args: …, or over= those that leave "
+            "it as it is."
+        ) from error
 
 
 def _estimate(case: ExponentFunction, algorithm: str, period, key, ensemble) -> tuple[str, Estimate]:

@@ -238,3 +238,14 @@ def test_trust_does_not_depend_on_units():
     assert there.trust, there.reasons
     np.testing.assert_allclose(there.gradient["damping"], here.gradient["damping"], rtol=1e-5)
     np.testing.assert_allclose(np.sum(here.gradient["damping"]), -1.0, rtol=1e-6)  # λ₁ + λ₂ is minus the damping
+
+
+def test_a_period_that_moves_with_a_parameter_is_no_number():
+    """x' = 1 − c x, kicked each T: a number as the period says nothing of dT."""
+    clock = lh.Transition(every=lambda args: args["T"], reset=lambda t, x, args: args["m"] * x + 0.3)
+    kicked, args = lh.Hybrid(lambda t, x, args: 1 - args["c"] * x, clock), {"c": 0.4, "m": -0.7, "T": 1.5}
+    with pytest.raises(ValueError, match=r"it changes with the parameters .*\(T, c, m\): give a function"):
+        lh.lyapunov_gradient(kicked, [0.1], args, t1=50.0, period=1.5)
+    assert lh.lyapunov_gradient(kicked, [0.1], args, t1=50.0, period=1.5, over=["c", "m"]).trust
+    found = lh.lyapunov_gradient(kicked, [0.1], args, t1=50.0, period=lambda args: args["T"])
+    assert found.gradient["T"][0] == pytest.approx(-np.log(0.7) / 1.5**2, rel=1e-6)
