@@ -321,9 +321,9 @@ def _require_fixed(case: ExponentFunction, period) -> None:
         check_period(case.system, period, case.start(args), args, case.options["t0"])
     except ValueError as error:
         raise ValueError(
-            f"period is given as the number {float(period):.9g}, but it changes with the parameters by which derivatives "
-            f"are taken ({', '.join(case.names[:5])}): give a function, period=lambda args: …, or over= those that leave "
-            "it as it is."
+            f"period is given as the number {float(period):.9g}, but it changes with the parameters by which "
+            f"derivatives are taken ({', '.join(case.names[:5])}): give a function, period=lambda args: …, or over= "
+            "those that leave it as it is."
         ) from error
 
 
