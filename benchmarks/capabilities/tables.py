@@ -7,8 +7,8 @@ from benchmarks.peers.tables import duration
 HEAD = """# What no other program computes
 
 Written by `python -m benchmarks.capabilities --record` on {date}, commit {commit}: {machine}. Load at the beginning:
-{load}. {count} rows in {seconds:.0f} s, {missed} with an error above what is wanted; the command ends with 1 where
-there is one.
+{load}. {count} rows in {seconds:.0f} s of CPU, {missed} with an error above what is wanted; the command ends with 1
+where there is one.
 
 Each row is computed anew and compared with a closed form, or with what is found in another way: an exact map from event
 to event, the spectrum of a whole network, finite kicks of whole motions, an integration by SciPy. Errors are the

@@ -32,7 +32,6 @@ def test_what_is_recorded_has_all_rows_and_none_missed():
         for row in rows:
             assert row["passed"], row
             assert 0 <= row["error"] <= row["wanted"], row
-            assert row["first"] + row["second"] < 20, row
 
 
 def test_the_page_has_a_line_for_each_row():
@@ -81,7 +80,7 @@ def test_the_command_ends_with_one_where_a_row_is_missed(monkeypatch, tmp_path, 
         monkeypatch.setattr(command, "CAPABILITIES", {"one": SimpleNamespace(TITLE="One", ROWS=rows)})
         assert command.main(["--only", "one"]) == status
         assert not command.DATA.exists()
-    assert "2 rows in 0 s, 1 missed" in capsys.readouterr().out
+    assert "2 rows in 0 s of CPU, 1 missed" in capsys.readouterr().out
     with pytest.raises(SystemExit):
         command.main(["--record", "--only", "one"])
     assert command.main(["--record"]) == 1
