@@ -1,4 +1,4 @@
-"""What no other program computes: one closing table of capability, truth, error found and cost."""
+"""One closing table: capability, truth, error found, cost."""
 
 from types import ModuleType
 

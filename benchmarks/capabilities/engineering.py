@@ -214,7 +214,7 @@ def chaotic_rattle(clock: Stopwatch) -> Row:
     exact, stderr = from_impact_to_impact()
     assert abs(np.sum(found.exponents) - 2 * math.log(0.6) * float(found.jumps) / how["t1"]) < 1e-9  # the sum rule
     rate, error = float(found.exponents[0]), math.hypot(float(found.stderr[0]), stderr)
-    remark = f"{rate:.4f} ± {error:.4f} of both"
+    remark = f"{rate:.4f}, one se of both together {error:.4f}"
     return Row(
         "λ₁ of a gear that rattles chaotically",
         "map from impact to impact",

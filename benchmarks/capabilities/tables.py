@@ -4,17 +4,18 @@ from typing import Any
 
 from benchmarks.peers.tables import duration
 
-HEAD = """# What no other program computes
+HEAD = """# What it can do, how right, at what cost
 
 Written by `python -m benchmarks.capabilities --record` on {date}, commit {commit}: {machine}. Load at the beginning:
 {load}. {count} rows in {seconds:.0f} s of CPU, {missed} with an error above what is wanted; the command ends with 1
 where there is one.
 
-Each row is computed anew and compared with a closed form, or with what is found in another way: an exact map from event
-to event, the spectrum of a whole network, finite kicks of whole motions, an integration by SciPy. Errors are the
-largest of all that is compared, in the unit of the values unless said otherwise; "se" are standard errors. The cost is
-that of our calls alone, in seconds of CPU: of the first one, in a process that keeps no machine code of earlier ones,
-and of the second one. Rows of one kind share what is compiled.
+Beyond the exponents of [the comparison with other programs](peers.md). Each row is computed anew and compared with a
+closed form, or with what is found in another way: an exact map from event to event, the spectrum of a whole network,
+finite kicks of whole motions, an integration by SciPy. Errors are the largest of all that is compared, in the unit of
+the values unless said otherwise; "se" are standard errors. The cost is that of our calls alone, in seconds of CPU: of
+the first one, in a process that keeps no machine code of earlier ones, and of the second one. Rows of one kind share
+what is compiled.
 """
 TABLE = "| what | truth | error | wanted | first call | second call |\n|---|---|---|---|---|---|\n"
 

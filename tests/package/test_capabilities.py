@@ -1,4 +1,4 @@
-"""The closing table of what no other program computes: two of its rows, the command, what is recorded, and the page."""
+"""The closing table of capabilities: two of its rows, the command, what is recorded, and the page."""
 
 import json
 from pathlib import Path

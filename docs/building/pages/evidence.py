@@ -164,7 +164,7 @@ def peers(root: Path) -> str:
 
 
 def capabilities(root: Path) -> str:
-    """What no other program computes, a line a row of the closing table."""
+    """The closing table of capabilities, a line a row."""
     return capability_tables.page(json.loads((root / "benchmarks/capabilities.json").read_text()))
 
 
