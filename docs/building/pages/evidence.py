@@ -7,6 +7,7 @@ import re
 from collections import Counter
 from pathlib import Path
 
+from benchmarks.capabilities import tables as capability_tables
 from benchmarks.peers import tables
 from lyaphybrid.zoo.published import accounts
 from lyaphybrid.zoo.published.spectra import recorded
@@ -162,6 +163,11 @@ def peers(root: Path) -> str:
     return tables.page(json.loads(data.read_text())) if data.exists() else NOT_YET
 
 
+def capabilities(root: Path) -> str:
+    """The closing table of capabilities, a line a row."""
+    return capability_tables.page(json.loads((root / "benchmarks/capabilities.json").read_text()))
+
+
 def automata(root: Path) -> str:
     """How many automata and events of each family there are."""
     with lzma.open(root / "tests/data/automata.json.xz", "rt") as file:
@@ -190,6 +196,7 @@ def pages(root: Path) -> dict[str, str]:
         "evidence/grazing.md": grazing(root),
         "evidence/portability.md": portability(root),
         "evidence/peers.md": peers(root),
+        "evidence/capabilities.md": capabilities(root),
         "evidence/mutants.md": moved((root / "tests/mutants.md").read_text()),
         "evidence/papers.md": moved((root / "tests/papers.md").read_text()),
         "evidence/conformance.md": moved((root / "tests/conformance/README.md").read_text()),
