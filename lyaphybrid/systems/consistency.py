@@ -12,8 +12,8 @@ from .._arguments import State, numbers, parameters, real, require, shape
 from .._jax.engines import compiled
 from .._jax.precision import require_double
 from .._jax.tracing import as_arrays, traced
-from .._linalg.linear_systems import split
 from ..errors import NoConsistentPointError
+from .daes.bands import places_away
 from .daes.implicit_fields import ImplicitField, in_few_words
 from .daes.points import landed, solved
 from .daes.semi_linear import DAE, ILL, RANK, Banded, Constrained, fields_of
@@ -105,7 +105,6 @@ def check_constraints(system: Any, x, t0, args: Any) -> None:
             f"n_differential = {d}, but leading(t0, args) has rank {rank}. lh.DAE.reduced brings any E of constant "
             "rank into the form that is wanted.",
         )
-        _check_band(field, leading[:d], whole[d:])
         _check_fixed(field, fixed, x, t0, args)
         if isinstance(system, DAE):
             scaled = whole / np.maximum(np.linalg.norm(whole, axis=1, keepdims=True), 1e-300)
@@ -141,6 +140,13 @@ def _checked_slopes(dae: DAE, x, t0, args: Any) -> str:
 
 def _check_fixed(field: Constrained, fixed: Any, x, t, args) -> None:
     """Raise a ValueError where a field has other `_fixed_parts` than its bandwidth, or its construction, says."""
+    if isinstance(field, Banded):
+        require(
+            fixed <= field.bandwidth,
+            f"bandwidth = {field.bandwidth}, but a constraint depends on the algebraic component {int(fixed)} places "
+            "away, here or at other states: order both alike, so that neighbours are near each other, or give the "
+            "larger bandwidth.",
+        )
     if isinstance(field, ImplicitField):
         _, outside = fixed
         more = np.flatnonzero(np.any((outside != 0) & np.isfinite(outside), axis=0))
@@ -168,21 +174,6 @@ def _lost_slopes(field: Constrained, fixed: Any, args) -> str:
     )
 
 
-def _check_band(field: Constrained, rows: np.ndarray, below: np.ndarray) -> None:
-    """Raise a ValueError if a constraint depends on an algebraic component outside the band."""
-    if not isinstance(field, Banded):
-        return
-    _, kernel = split(rows)
-    size = np.abs(below @ kernel)
-    i, j = np.nonzero(size > RANK * np.max(size))
-    wide = int(np.max(np.abs(i - j), initial=0))
-    require(
-        wide <= field.bandwidth,
-        f"bandwidth = {field.bandwidth}, but a constraint depends on the algebraic component {wide} places away: order "
-        "both alike, so that neighbours are near each other, or give the larger bandwidth.",
-    )
-
-
 @compiled(hands_on=True)
 def _matrices(system: Any, t, x, args) -> list[tuple]:
     """The matrices E and Ē (n, n) of each DAE, and its `_fixed_parts`."""
@@ -195,7 +186,7 @@ def _fixed_parts(field: Constrained, t, x, args) -> Any:
     """What a field has fixed, as it is here: the width of its band, or parts of ∂F/∂x'."""
     if isinstance(field, ImplicitField):
         return field.slope_matrices(t, x, args)
-    return ()
+    return places_away(field, t, x, args) if isinstance(field, Banded) else ()
 
 
 @compiled()

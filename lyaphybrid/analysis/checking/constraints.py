@@ -6,7 +6,7 @@ import numpy as np
 
 from ...systems.consistency import check_fixed_parts
 from ...systems.daes.implicit_fields import ImplicitField
-from ...systems.daes.semi_linear import fields_of
+from ...systems.daes.semi_linear import Banded, fields_of
 from .functions import Visited
 from .report import Finding, right, wrong
 
@@ -17,7 +17,7 @@ PLACES = 20  # states at which each mode is looked at
 
 def check_what_is_fixed(system: Any, args: Any, along: Visited) -> list[Finding]:
     """Whether bands, and the kernel of ∂F/∂x' of implicit equations, stay what they were at states of the run."""
-    modes = [q for q, field in enumerate(fields_of(system)) if isinstance(field, ImplicitField)]
+    modes = [q for q, field in enumerate(fields_of(system)) if isinstance(field, Banded | ImplicitField)]
     for q in modes:
         for t, x in zip(*along.of(q, PLACES), strict=True):
             try:
