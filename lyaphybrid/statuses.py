@@ -48,7 +48,8 @@ class STATUS(enum.IntEnum):
     singular_dae = (
         7,
         "[E₁; ∂f₂/∂x] became singular, or a row of E that should be zero did not stay so: (a) the solution ends there; "
-        "(b) the rank of E changes; (c) a hidden constraint, the differentiation index is above one",
+        "(b) the rank of E, or of ∂F/∂x' of an lh.implicit_dae, changes: build it with the args of the run; "
+        "(c) a hidden constraint, the differentiation index is above one",
     )
     constraint_drift = (
         8,

@@ -12,9 +12,10 @@ from .._arguments import State, numbers, parameters, real, require, shape
 from .._jax.engines import compiled
 from .._jax.precision import require_double
 from .._jax.tracing import as_arrays, traced
-from .._linalg.linear_systems import split
 from ..errors import NoConsistentPointError
 from .contacts.surfaces import InitialMode
+from .daes.bands import places_away
+from .daes.implicit_fields import ImplicitField, in_few_words
 from .daes.points import landed, solved
 from .daes.semi_linear import DAE, ILL, RANK, Banded, Constrained, fields_of
 from .hybrid import Hybrid
@@ -23,6 +24,7 @@ from .validation import check_functions
 __all__ = [
     "check_constraints",
     "check_initial_mode",
+    "check_fixed_parts",
     "consistent_start",
     "onto_constraints",
     "put_on_constraints",
@@ -68,10 +70,11 @@ def consistent_start(dae: DAE, x0: State, args: Any = None, *, t0: Any = 0.0) ->
     x, off = _consistent(dae.field, x0, as_arrays(args, x0.dtype), jnp.asarray(t0, x0.dtype))
     if not traced(x):
         found = bool(np.all(np.isfinite(x))) and float(off) < 1e-6
+        lost = _checked_slopes(dae, x if found else x0, t0, args)
         if not found:
             raise NoConsistentPointError(
                 f"No consistent point with the differential part E₁ x of {x0} was found: the constraints are off by "
-                f"{float(off):.3g}. Start nearer to one, and check that [E₁; ∂f₂/∂x] is nonsingular there.",
+                f"{float(off):.3g}. Start nearer to one, and check that [E₁; ∂f₂/∂x] is nonsingular there.{lost}",
                 x,
             )
     return x
@@ -91,7 +94,7 @@ def check_constraints(system: Any, x, t0, args: Any) -> None:
     if traced(matrices):  # the user's functions may close over traced values
         return
     matrices = jax.tree.map(np.asarray, matrices)  # under jit what JAX does with its arrays is traced
-    for field, (leading, whole) in zip(fields, matrices, strict=True):
+    for field, (leading, whole, fixed) in zip(fields, matrices, strict=True):
         d, size = field.n_differential, max(float(np.max(np.abs(leading))), 1e-300)
         below = np.flatnonzero(np.max(np.abs(leading[d:]), axis=1, initial=0.0) > RANK * size)
         require(
@@ -105,13 +108,14 @@ def check_constraints(system: Any, x, t0, args: Any) -> None:
             f"n_differential = {d}, but leading(t0, args) has rank {rank}. lh.DAE.reduced brings any E of constant "
             "rank into the form that is wanted.",
         )
-        _check_band(field, leading[:d], whole[d:])
+        _check_fixed(field, fixed, x, t0, args)
         if isinstance(system, DAE):
             scaled = whole / np.maximum(np.linalg.norm(whole, axis=1, keepdims=True), 1e-300)
             require(
                 np.linalg.cond(scaled) < ILL,
                 "[E₁; ∂f₂/∂x] must be nonsingular at the start: either constraints depend on each other there, or the "
-                "differentiation index is above one; differentiate the constraints until it is one.",
+                "differentiation index is above one; differentiate the constraints until it is one."
+                + _lost_slopes(field, fixed, args),
             )
 
 
@@ -144,27 +148,77 @@ def _outside(initial_mode: InitialMode, t, x, args):
     return initial_mode.outside(t, x, args)
 
 
-def _check_band(field: Constrained, rows: np.ndarray, below: np.ndarray) -> None:
-    """Raise a ValueError if a constraint depends on an algebraic component outside the band."""
-    if not isinstance(field, Banded):
-        return
-    _, kernel = split(rows)
-    size = np.abs(below @ kernel)
-    i, j = np.nonzero(size > RANK * np.max(size))
-    wide = int(np.max(np.abs(i - j), initial=0))
-    require(
-        wide <= field.bandwidth,
-        f"bandwidth = {field.bandwidth}, but a constraint depends on the algebraic component {wide} places away: order "
-        "both alike, so that neighbours are near each other, or give the larger bandwidth.",
+def check_fixed_parts(system: Any, number: int, x, t, args: Any) -> None:
+    """Check at a state of one mode of a DAE what was fixed before: its bandwidth, the kernel of ∂F/∂x'.
+
+    Raises:
+        ValueError: if a coupling is outside the band, or F(t, x, x') = 0 contains more of x'.
+    """
+    fields = fields_of(system)
+    which = sum(isinstance(one, Constrained) for one in fields[:number])
+    _, _, fixed = _matrices(system, t, x, args)[which]
+    _check_fixed(fields[number], jax.tree.map(np.asarray, fixed), x, t, args)
+
+
+def _checked_slopes(dae: DAE, x, t0, args: Any) -> str:
+    """Refuse args with which F(t, x, x') = 0 contains more of x'; returns what to say if it contains less."""
+    if not isinstance(dae.field, ImplicitField):
+        return ""
+    t, args = jnp.asarray(t0, x.dtype), as_arrays(args, x.dtype)
+    _, _, fixed = jax.tree.map(np.asarray, _matrices(dae, t, x, args)[0])
+    _check_fixed(dae.field, fixed, x, t, args)
+    return _lost_slopes(dae.field, fixed, args)
+
+
+def _check_fixed(field: Constrained, fixed: Any, x, t, args) -> None:
+    """Raise a ValueError where a field has other `_fixed_parts` than its bandwidth, or its construction, says."""
+    if isinstance(field, Banded):
+        require(
+            fixed <= field.bandwidth,
+            f"bandwidth = {field.bandwidth}, but a constraint depends on the algebraic component {int(fixed)} places "
+            "away, here or at other states: order both alike, so that neighbours are near each other, or give the "
+            "larger bandwidth.",
+        )
+    if isinstance(field, ImplicitField):
+        _, outside = fixed
+        more = np.flatnonzero(np.any((outside != 0) & np.isfinite(outside), axis=0))
+        names = " and ".join(f"x{i}'" for i in more[:4]) + (" and more" if len(more) > 4 else "")
+        require(
+            len(more) == 0,
+            f"The kernel of ∂F/∂x' has changed since lh.implicit_dae looked at it: with args = {in_few_words(args)} at "
+            f"t = {float(t):.6g}, x = {np.asarray(x)[: field.n]} F contains {names}, which would be dropped; it was "
+            f"built with args = {field.built_with}. Build it with the args of the run; if they are these, take what is "
+            "differentiated as variables.",
+        )
+
+
+def _lost_slopes(field: Constrained, fixed: Any, args) -> str:
+    """What to say of a singular Ē, if F contains fewer components of x' than when it was built."""
+    if not isinstance(field, ImplicitField) or not np.all(np.isfinite(fixed[0])):
+        return ""
+    inside = fixed[0] / np.maximum(np.max(np.abs(fixed[0]), axis=1, keepdims=True), 1e-300)
+    rank = int(np.linalg.matrix_rank(inside, tol=RANK))
+    if rank == field.n_differential:
+        return ""
+    return (
+        f" Here ∂F/∂x' has rank {rank} with args = {in_few_words(args)}, and lh.implicit_dae was built with args = "
+        f"{field.built_with}, where it has rank {field.n_differential}: build it with the args of the run."
     )
 
 
 @compiled(hands_on=True)
 def _matrices(system: Any, t, x, args) -> list[tuple]:
-    """The matrices E and Ē (n, n) of each DAE."""
+    """The matrices E and Ē (n, n) of each DAE, and its `_fixed_parts`."""
     check_functions(system, jax.ShapeDtypeStruct(x.shape, x.dtype), args)
     fields = [field for field in fields_of(system) if isinstance(field, Constrained)]
-    return [(field.leading(t, args), field.whole(t, x, args)) for field in fields]
+    return [(field.leading(t, args), field.whole(t, x, args), _fixed_parts(field, t, x, args)) for field in fields]
+
+
+def _fixed_parts(field: Constrained, t, x, args) -> Any:
+    """What a field has fixed, as it is here: the width of its band, or parts of ∂F/∂x'."""
+    if isinstance(field, ImplicitField):
+        return field.slope_matrices(t, x, args)
+    return places_away(field, t, x, args) if isinstance(field, Banded) else ()
 
 
 @compiled()

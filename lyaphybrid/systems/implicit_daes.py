@@ -25,26 +25,13 @@ from .._linalg.linear_systems import sparse_matmul
 from ..errors import NoConsistentPointError
 from .bound import require_callable
 from .consistency import consistent_start
-from .daes.semi_linear import DAE, ILL, RANK, Constrained
+from .daes.implicit_fields import KERNEL_CHANGE, ImplicitField, in_few_words
+from .daes.semi_linear import DAE, ILL, RANK
 
-__all__ = ["ImplicitField", "implicit_dae"]
+__all__ = ["implicit_dae"]
 
 KERNEL_SAMPLES = 8  # random points around the start at which the kernel of ∂F/∂x' must be the same
 AROUND = 0.3  # their distance from it (standard deviation), relative to 1 + |x|
-
-
-class ImplicitField(Constrained):
-    """The field of a DAE whose state is [x, v].
-
-    Attributes:
-        n: components of x.
-    """
-
-    n: int = eqx.field(static=True)
-
-    def whole_guess(self, x):
-        """The guess [x, 0] for x (n,) alone; a whole state (n + d,) stays as it is."""
-        return jnp.concatenate([x, jnp.zeros(self.n_differential, x.dtype)]) if x.shape[0] == self.n else x
 
 
 def implicit_dae(
@@ -60,13 +47,15 @@ def implicit_dae(
     """F(t, x, x') = 0 of differentiation index one as an `lh.DAE`, whose state is [x, v], v = P x'.
 
     If F contains only some components of x', P selects them, and v are their derivatives. The kernel of ∂F/∂x' must be
-    the same at all times and states. (If it is not, as with d/dt q(x) for a nonlinear q, take q as variables: q' = …,
-    0 = q − q(x).) The exponents are those of the motion of x; finite-time values use the norm of x and v together.
+    the same at all times and states, and with the args of all runs. (If it is not, as with d/dt q(x) for a nonlinear q,
+    take q as variables: q' = …, 0 = q − q(x).) The exponents are those of the motion of x; finite-time values use the
+    norm of x and v together.
 
     Args:
         equations: ``(t, x, x', args) -> F`` (n,).
         x0: (n,) a point near the motion, at which the rank of ∂F/∂x' is determined.
-        args: pytree of parameters.
+        args: pytree of parameters, those of the runs: a term ε y' is dropped if ε = 0 here. A run with others in
+            which F contains more of x' is refused, or ends with `STATUS.singular_dae` where args are traced.
         slope: (n,) x' there; None: 0. If F is not linear in x' it should be close to the true value.
         t0: time.
         names: what the n components of x are called, as for `lh.Flow`; those of v are v0, v1, ….
@@ -103,15 +92,15 @@ def implicit_dae(
     shape = jax.eval_shape(equations, jnp.asarray(t0, float), x, dx, args).shape
     require(shape == (n,), f"equations(t, x, x', args) must have the shape of x0, ({n},); got {shape}.")
     rows = _rows(equations, jnp.asarray(t0, float), x, dx, args)
-    dae = _with_rows(equations, rows, names, time_unit)
+    dae = _with_rows(equations, rows, (names, time_unit), in_few_words(args))
     state = jnp.concatenate([x, jnp.asarray(rows) @ dx])
     _check_index(dae, jnp.asarray(t0, float), state, args)
     return dae
 
 
-def _with_rows(equations: Callable, rows: np.ndarray, names: Sequence[str] | None, time_unit: str | None) -> DAE:
+def _with_rows(equations: Callable, rows: np.ndarray, labels: tuple, built_with: str) -> DAE:
     """The DAE for the state [x, v] (n + d,), with P (d, n) = rows."""
-    d, n = rows.shape
+    (names, time_unit), (d, n) = labels, rows.shape
     back = np.ascontiguousarray(rows.T)
     leading = np.zeros((n + d, n + d))
     leading[:d, :n] = rows
@@ -122,7 +111,8 @@ def _with_rows(equations: Callable, rows: np.ndarray, names: Sequence[str] | Non
 
     names = None if names is None else [*names, *(f"v{i}" for i in range(d))]
     dae = DAE(lambda t, args: jnp.asarray(leading), residual, d, names=names, time_unit=time_unit)
-    return eqx.tree_at(lambda dae: dae.field, dae, ImplicitField(dae.field.leading, residual, d, n))
+    field = ImplicitField(dae.field.leading, residual, d, n, equations, built_with)
+    return eqx.tree_at(lambda dae: dae.field, dae, field)
 
 
 def _rows(equations: Callable, t, x, dx, args) -> np.ndarray:
@@ -146,7 +136,7 @@ def _rows(equations: Callable, t, x, dx, args) -> np.ndarray:
             continue
         left = np.max(np.abs(there - there @ rows.T @ rows))
         require(
-            left <= 1e-8 * np.max(np.abs(there)),
+            left <= KERNEL_CHANGE * np.max(np.abs(there)),
             f"The kernel of ∂F/∂x' changes from one state to another: at x = {np.asarray(x)} it has dimension "
             f"{n - rank}, and at x = {around[0]} F depends on x' otherwise. Take what is differentiated as variables.",
         )

@@ -1,5 +1,6 @@
 """Fully implicit equations of index one: against exact solutions, semi-linear forms, and what must be refused."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -121,3 +122,77 @@ def test_the_pendulum_is_refused_with_positions_and_taken_with_accelerations():
     )
     assert_allclose(path.x[:, 0], np.sin(angle.x[:, 0]), atol=1e-7)
     assert_allclose(path.x[:, 4], np.cos(angle.x[:, 0]) + angle.x[:, 1] ** 2, atol=1e-7)
+
+
+def fast_slow(t, x, dx, eps):
+    """ε y' = −y + …: with ε = 0 it is algebraic, with ε = 1 both exponents at rest are −1."""
+    return jnp.stack([dx[0] + x[0] - x[1], eps * dx[1] + x[1] - 0.5 * x[0] + jnp.sin(x[0])])
+
+
+def test_other_args_than_it_was_built_with():
+    """A term in x' that was zero at the construction was dropped: one exponent −1.491 for ε = 1, instead of −1, −1."""
+    algebraic = lh.implicit_dae(fast_slow, [1.0, 0.2], 0.0)
+    start = lh.consistent_start(algebraic, [1.0, 0.2], 0.0)
+    message = r"with args = 0\.1 at t = 0, x = .* F contains x1', which would be dropped; it was built with args = 0\.0"
+    for call in (lh.consistent_start, lambda *given: lh.lyapunov_spectrum(*given, t1=5.0)):
+        with pytest.raises(ValueError, match=message):
+            call(algebraic, start, 0.1)
+    report = lh.check(algebraic, start, 0.1)
+    assert not report.ok
+    assert "F contains x1'" in str(report)
+
+
+@pytest.mark.slow
+def test_args_that_are_traced_end_the_run():
+    algebraic = lh.implicit_dae(fast_slow, [1.0, 0.2], 0.0)
+    start = lh.consistent_start(algebraic, [1.0, 0.2], 0.0)
+    status = jax.jit(lambda eps: lh.lyapunov_spectrum(algebraic, start, eps, t1=5.0, throw=False).status)
+    assert (int(status(0.0)), int(status(0.1))) == (lh.STATUS.ok, lh.STATUS.singular_dae)
+
+
+@pytest.mark.slow
+def test_fewer_slopes_than_it_was_built_with():
+    """Built at ε = 0.1 the exponents at rest are those of the matrix; at ε = 0 the message says what has changed."""
+    both = lh.implicit_dae(fast_slow, [0.1, 0.1], 0.1)
+    s = lh.lyapunov_spectrum(both, lh.consistent_start(both, [0.1, 0.1], 0.2), 0.2, t1=50.0, transient=50.0)
+    exact = np.linalg.eigvals([[-1, 1], [-0.5 / 0.2, -1 / 0.2]]).real
+    assert_allclose(s.exponents, np.sort(exact)[::-1], atol=1e-6)
+    with pytest.raises(lh.NoConsistentPointError, match=r"rank 1 with args = 0\.0, and .* built with args = 0\.1"):
+        lh.consistent_start(both, [0.1, 0.1], 0.0)
+    with pytest.raises(ValueError, match=r"rank 1 with args = 0\.0, and .* built with args = 0\.1"):
+        lh.trajectory(both, [0.1, 0.1, 0.0, 0.0], 0.0, t1=1.0, n=1)
+
+
+@pytest.mark.slow
+def test_a_kernel_that_changes_on_the_way():
+    """At x = 4, three units of time after the start, F begins to contain x1'; without stopping it was dropped."""
+
+    def equations(t, x, dx, args):
+        return jnp.stack([dx[0] - 1, jnp.maximum(x[0] - 4, 0) * dx[1] + x[1] - 0.5 * x[0]])
+
+    dae = lh.implicit_dae(equations, [1.0, 0.5])
+    start = lh.consistent_start(dae, [1.0, 0.5])
+    path = lh.trajectory(dae, start, t1=8.0, n=8, throw=False)
+    assert path.status is lh.STATUS.singular_dae
+    assert lh.check(dae, start, t1=2.0).ok
+    assert any(
+        one.topic == "constraints" and "F contains x1'" in one.text for one in lh.check(dae, start, t1=8.0).notes
+    )
+
+
+def test_the_units_of_an_equation_do_not_matter():
+    """A row 10⁹ times the other: the slope in the other is seen; rounding in rows that are mixed is not."""
+
+    def equations(t, x, dx, args):
+        return jnp.stack([1e3 * (dx[0] + x[0] - x[1]), 1e-6 * (args * dx[1] + x[1] - 0.5 * x[0])])
+
+    dae = lh.implicit_dae(equations, [1.0, 0.5], 0.0)
+    with pytest.raises(ValueError, match="F contains x1'"):
+        lh.consistent_start(dae, [1.0, 0.5], 1.0)
+    mixing, leading = np.random.default_rng(3).standard_normal((3, 3)), np.diag([1e3, 1.0, 0.0])
+
+    def mixed(t, x, dx, args):
+        return jnp.asarray(mixing) @ (jnp.asarray(leading) @ dx - args * jnp.stack([-x[0], -x[1], x[2] - x[0]]))
+
+    dae = lh.implicit_dae(mixed, [1.0, 1.0, 1.0], 1.0)
+    assert_allclose(lh.consistent_start(dae, [1.0, 1.0, 1.0], 2.0)[:3], 1.0)

@@ -17,8 +17,8 @@ class Finding(NamedTuple):
 
     Attributes:
         verdict: "right"; "note", worth knowing; or "wrong", a mistake.
-        topic: what was looked at: "functions", "derivatives", "smoothness", "clocks", "jumps", "run", "saltation",
-            "flow direction", "tolerance", "stiffness", "precision".
+        topic: what was looked at: "functions", "derivatives", "constraints", "smoothness", "clocks", "jumps", "run",
+            "saltation", "flow direction", "tolerance", "stiffness", "precision".
         text: what was found, and what to do.
     """
 

@@ -30,11 +30,17 @@ class Eliminated(Constrained):
         held: indices of the differential components.
         solved: indices of the algebraic components.
         turned: C⁻¹ (a, a).
+        within: the field before the elimination.
     """
 
     held: tuple[int, ...] = eqx.field(static=True)
     solved: tuple[int, ...] = eqx.field(static=True)
     turned: Float[Array, "a a"]
+    within: Constrained
+
+    def is_singular(self, t, x, args):
+        """As in the field before the elimination, which may look at more than Ē."""
+        return self.within.is_singular(t, x, args)
 
     def differential_part(self, t, x, args):
         """The differential components w (d,) of a point, or (d, k) of a frame."""
@@ -110,4 +116,4 @@ def with_eliminations(dae: Constrained, t, x, args) -> Constrained:
     if not needed(closed).isdisjoint(closed.jaxpr.invars):
         return bound
     turned, _ = inverse(below(bound, t, x, None, solved))
-    return Eliminated(dae.leading, bound.residual, d, tuple(held), tuple(solved), turned)
+    return Eliminated(dae.leading, bound.residual, d, tuple(held), tuple(solved), turned, bound)
