@@ -22,7 +22,7 @@ DATA = Path(__file__).parents[1] / "capabilities.json"
 def _parse(argv: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         "python -m benchmarks.capabilities",
-        description="Each capability against what is known exactly or found otherwise, with its cost; takes some minutes.",
+        description="Each capability against what is known exactly or otherwise, with its cost; takes some minutes.",
         epilog="example: python -m benchmarks.capabilities --only curves noise",
     )
     parser.add_argument(
