@@ -15,7 +15,7 @@ from .._arguments import numbers, parameters, real, require
 from .._jax.precision import CURE, LEAST_TOLERANCE, eps, is_short, require_double
 from .._jax.tracing import array, as_arrays, traced, varying
 from .._keywords import user_level
-from ..integrators import HalfExplicit, RungeKutta
+from ..integrators import ContinuousQR, HalfExplicit, RungeKutta
 from ..integrators.base import Method
 from ..systems.consistency import check_constraints
 from ..systems.daes.semi_linear import Constrained, fields_of
@@ -30,7 +30,7 @@ from .problems import RunProblem, mode_names
 
 _NO_STATE = "The start, such as [1.0, 0.0], comes before args, the parameters, which may have names."
 
-__all__ = ["at_precision", "method_for", "mode_index", "prepare"]
+__all__ = ["at_precision", "grown_columns", "method_for", "mode_index", "prepare"]
 
 
 def prepare(system, x0, args, t0, method, mode, name: str = "x0") -> tuple[RunProblem, Any, Any, Any]:
@@ -127,6 +127,16 @@ def method_for(system, method):
         kind = "A map is iterated" if isinstance(system, Map | Hybrid) else "An lh.EventDriven flow is exact"
         raise ValueError(f"{kind}: it takes no method; got {method!r}. Leave method=None.")
     return None
+
+
+def grown_columns(verb: str, method):
+    """The method, for a verb that reads columns with their growth in them: `ContinuousQR` divides it out."""
+    require(
+        not isinstance(method, ContinuousQR),
+        f"{verb} needs columns with their growth in them, and lh.ContinuousQR keeps them orthonormal: give the method "
+        "within it.",
+    )
+    return method
 
 
 def _wrapped(system) -> str:
