@@ -61,8 +61,11 @@ def prepare(system, x0, args, t0, method, mode, name: str = "x0") -> tuple[RunPr
     args, method = as_arrays(args, x0.dtype), at_precision(method, x0)
     check_clocks(system, args)
     t0 = array(t0, x0.dtype)
-    check_constraints(system, x0 if x0.ndim == 1 else x0[0], t0, args)
-    return RunProblem(unlabelled(system), method, args, shape), x0, t0, mode_index(system, mode)
+    index, first = mode_index(system, mode), x0 if x0.ndim == 1 else x0[0]
+    check_constraints(system, first, t0, args)
+    if method is not None and method.of_one_mode:
+        method.require_at_start(fields_of(system)[0], t0, first, args)
+    return RunProblem(unlabelled(system), method, args, shape), x0, t0, index
 
 
 def at_precision(method, x):
@@ -122,6 +125,12 @@ def method_for(system, method):
             raise ValueError(
                 f"A system that flows needs a method such as lh.RungeKutta(); got {method!r}. {_as_method(method)}"
             )
+        modes = len(fields_of(system))
+        require(
+            modes == 1 or not method.of_one_mode,
+            f"lh.Splitting moves by its own flows, and those of the {modes} modes of this system differ: take "
+            "lh.RungeKutta, or lh.Symplectic where the field of each mode is an lh.Hamiltonian.",
+        )
         return method
     if method is not None:
         kind = "A map is iterated" if isinstance(system, Map | Hybrid) else "An lh.EventDriven flow is exact"

@@ -5,7 +5,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import scipy.integrate
 import scipy.linalg
 from numpy.testing import assert_allclose
 
@@ -320,90 +319,6 @@ def test_a_splitting_of_drifts_and_kicks_is_the_scheme():
         ours = problem.spectrum(method=lh.Splitting((drift, kick), coefficients, dt=0.05), t1=200.0)
         theirs = problem.spectrum(method=lh.Symplectic(name, dt=0.05), t1=200.0)
         assert_allclose(ours.exponents, theirs.exponents, rtol=0, atol=1e-9)
-
-
-# The pendulum that is driven by 0.5 cos 3t, and a drift that depends on time.
-
-
-def driven(t, x, a):
-    """With the drift x₀' = (1 + 0.3 sin 2t) x₁, so that both parts depend on time."""
-    return jnp.stack([(1 + 0.3 * a * jnp.sin(2 * t)) * x[1], -jnp.sin(x[0]) + 0.5 * jnp.cos(3 * t)])
-
-
-def driven_drift(dt, t, x, a):
-    """Exact from t to t + dt, ∫ (1 + 0.3 sin 2s) ds."""
-    length = dt - 0.15 * a * (jnp.cos(2 * (t + dt)) - jnp.cos(2 * t))
-    return jnp.stack([x[0] + length * x[1], x[1]])
-
-
-def driven_kick(dt, t, x, a):
-    """At a time held fixed."""
-    return jnp.stack([x[0], x[1] + dt * (-jnp.sin(x[0]) + 0.5 * jnp.cos(3 * t))])
-
-
-def half_of_it(dt, t, x, a):
-    return driven_kick(0.5 * dt, t, x, a)
-
-
-BEGIN, LENGTH = 0.7, 3.1
-
-
-def driven_by_scipy(a):
-    """State and tangent map after LENGTH, from the equations written with NumPy."""
-
-    def rate(t, y):
-        x, frame, drift = y[:2], y[2:].reshape(2, 2), 1 + 0.3 * a * np.sin(2 * t)
-        slope = np.array([[0.0, drift], [-np.cos(x[0]), 0.0]])
-        dx = [drift * x[1], -np.sin(x[0]) + 0.5 * np.cos(3 * t)]
-        return np.concatenate([dx, (slope @ frame).ravel()])
-
-    span, y = (BEGIN, BEGIN + LENGTH), np.concatenate([[1.0, 0.0], np.eye(2).ravel()])
-    y = scipy.integrate.solve_ivp(rate, span, y, method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
-    return y[:2], y[2:].reshape(2, 2)
-
-
-TWO, THREE = (driven_drift, driven_kick), (driven_drift, half_of_it, half_of_it)
-
-
-@pytest.mark.slow_cases(all_but=("ForestRuth-4-two-drift", "Yoshida6-6-two-kick"))
-@pytest.mark.parametrize("a", [0.0, 1.0], ids=["kick", "drift"])
-@pytest.mark.parametrize(
-    ("scheme", "order", "flows"),
-    [
-        pytest.param(scheme, order, flows, id=f"{scheme}-{order}-{name}")
-        for name, flows in (("two", TWO), ("three", THREE))
-        for scheme, order in (("leapfrog", 2), ("ForestRuth", 4), ("Yoshida6", 6))
-    ]
-    + [pytest.param("BlanesMoan4", 4, TWO, id="BlanesMoan4-4-two"), pytest.param("SABA3", 2, TWO, id="SABA3-2-two")],
-)
-def test_schemes_keep_their_order_where_parts_depend_on_time(scheme, order, flows, a):
-    """Time moves with the first part; with that of the step's start in all parts every scheme had order 1."""
-    x, matrix = driven_by_scipy(a)
-    errors = []
-    for pieces in (31, 62):
-        method = lh.Splitting(flows, scheme, dt=LENGTH / pieces)
-        found = lh.tangent_map(lh.Flow(driven), [1.0, 0.0], a, t0=BEGIN, t1=LENGTH, method=method)
-        errors.append([np.max(np.abs(found.x - x)), np.max(np.abs(found.matrix - matrix))])
-    orders = np.log2(np.divide(*errors))
-    print(errors, orders)
-    assert np.all(np.abs(orders - order) < 0.4)
-
-
-@pytest.mark.slow_cases(all_but=("SRKN11b-6",))
-@pytest.mark.parametrize(
-    ("scheme", "order"), [("ForestRuth", 4), ("SBAB2C", 4), ("SRKN11b", 6), ("Yoshida6", 6), ("SuzukiUmeno8", 8)]
-)
-def test_time_is_one_more_coordinate_of_a_hamiltonian(scheme, order):
-    x, _ = driven_by_scipy(0.0)
-    system = lh.Hamiltonian(
-        lambda p, a: p[0] ** 2 / 2 + p[1], lambda q, a: -jnp.cos(q[0]) - 0.5 * q[0] * jnp.cos(3 * q[1])
-    )
-    errors = []
-    for pieces in (16, 32):
-        method = lh.Symplectic(scheme, dt=LENGTH / pieces)
-        end = lh.trajectory(system, [1.0, BEGIN, 0.0, 0.0], t1=LENGTH, n=1, method=method).x[-1]
-        errors.append(np.max(np.abs(end[np.array([0, 2])] - x)))
-    assert abs(np.log2(errors[0] / errors[1]) - order) < 0.4, errors
 
 
 REFUSED = [

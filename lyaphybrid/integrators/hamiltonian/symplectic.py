@@ -19,11 +19,10 @@ from ...native import instructions
 from ...systems.hamiltonians import SeparableField, halves
 from ..base import Method, Step, Tangent
 from ..runge_kutta import hermite
+from .fitting_parts import MOVES_TIME, require_flows_of
 from .splittings import COMPOSITIONS, PART_A, SCHEMES, Scheme, composed
 
 __all__ = ["Composition", "Splitting", "Symplectic", "moved", "separable", "with_columns"]
-
-MOVES_TIME = 0  # index of the flow with which the time goes on
 
 
 class Composition(Method):
@@ -168,7 +167,7 @@ def separable(field: Any, x, name: str) -> SeparableField:
     require(
         isinstance(parts, SeparableField),
         f"{name} moves the two parts of lh.Hamiltonian(kinetic, potential) in turn; got another field. For that take "
-        "lh.RungeKutta, or lh.Splitting with the flows of two parts.",
+        "lh.RungeKutta, or lh.Splitting with the flows of its parts if it is the only mode.",
     )
     require(x.shape[0] % 2 == 0, f"The state of an lh.Hamiltonian is (q, p), an even number; got {x.shape[0]}.")
     return parts
@@ -191,7 +190,9 @@ class Splitting(Composition):
 
     Raises:
         ValueError: if the flows are not two functions or more, on an unknown scheme or one with a corrector or for
-            T + V only, on fractions of a flow that do not sum to 1, on a step that is not positive.
+            T + V only, on fractions of a flow that do not sum to 1, on a step that is not positive; where it is used,
+            on a system with several modes, whose flows differ, and, at the start and a step later, on flows whose
+            velocities do not add up to the field and on flows that do not treat the time as said above.
 
     Source:
         J. Laskar & P. Robutel, Celest. Mech. Dyn. Astron. 80 (2001) 39, doi:10.1023/A:1012098603882; of three parts
@@ -209,6 +210,8 @@ class Splitting(Composition):
         (1000, 2)
     """
 
+    of_one_mode: ClassVar[bool] = True
+
     flows: tuple[Callable, ...]
     parts: tuple[tuple[int, float], ...] = eqx.field(static=True)
     dt: Any
@@ -219,6 +222,10 @@ class Splitting(Composition):
         positive("dt", dt)
         self.flows, self.dt = tuple(flows), dt
         self.parts = _parts(coefficients, len(flows))
+
+    def require_at_start(self, field: Any, t, x, args) -> None:
+        """Raise a ValueError where the flows are seen not to be those of the field."""
+        require_flows_of(field, self, t, x, args)
 
     def step(self, field: Any, t, x, f, h) -> Step:
         """One step over h from (t, x)."""
