@@ -371,7 +371,7 @@ def tangent_map(
         t1: length in time (iterations for a map).
         t0: time at the start.
         mode: mode at the start, where there are several.
-        method: `lh.RungeKutta` (default) or `lh.Diffrax`.
+        method: as for `lh.lyapunov_spectrum`, except `lh.ContinuousQR`.
         max_steps: most attempts of a step.
         throw: raise where the run failed.
 
@@ -392,6 +392,7 @@ def tangent_map(
     flag("throw", throw)
     positive("t1, a length of time,", t1)
     attempts(max_steps)
+    preparation.grown_columns("tangent_map", method)
     problem, x0, t0, mode = preparation.prepare(system, x0, args, t0, method, mode)
     _require_one(x0)
     check_counts(system, t1=t1)

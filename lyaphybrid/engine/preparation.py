@@ -15,7 +15,7 @@ from .._arguments import numbers, parameters, real, require
 from .._jax.precision import CURE, LEAST_TOLERANCE, eps, is_short, require_double
 from .._jax.tracing import array, as_arrays, traced, varying
 from .._keywords import user_level
-from ..integrators import HalfExplicit, RungeKutta
+from ..integrators import ContinuousQR, HalfExplicit, RungeKutta
 from ..integrators.base import Method
 from ..systems.consistency import check_constraints, check_initial_mode
 from ..systems.daes.semi_linear import Constrained, fields_of
@@ -30,7 +30,7 @@ from .problems import RunProblem, mode_names
 
 _NO_STATE = "The start, such as [1.0, 0.0], comes before args, the parameters, which may have names."
 
-__all__ = ["at_precision", "method_for", "mode_index", "prepare"]
+__all__ = ["at_precision", "grown_columns", "method_for", "mode_index", "prepare"]
 
 
 def prepare(system, x0, args, t0, method, mode, name: str = "x0") -> tuple[RunProblem, Any, Any, Any]:
@@ -64,6 +64,8 @@ def prepare(system, x0, args, t0, method, mode, name: str = "x0") -> tuple[RunPr
     first, index = x0 if x0.ndim == 1 else x0[0], mode_index(system, mode)
     check_constraints(system, first, t0, args)
     check_initial_mode(system, first, t0, args, index)
+    if method is not None and method.of_one_mode:
+        method.require_at_start(fields_of(system)[0], t0, first, args)
     return RunProblem(unlabelled(system), method, args, shape), x0, t0, index
 
 
@@ -124,11 +126,27 @@ def method_for(system, method):
             raise ValueError(
                 f"A system that flows needs a method such as lh.RungeKutta(); got {method!r}. {_as_method(method)}"
             )
+        modes = len(fields_of(system))
+        require(
+            modes == 1 or not method.of_one_mode,
+            f"lh.Splitting moves by its own flows, and those of the {modes} modes of this system differ: take "
+            "lh.RungeKutta, or lh.Symplectic where the field of each mode is an lh.Hamiltonian.",
+        )
         return method
     if method is not None:
         kind = "A map is iterated" if isinstance(system, Map | Hybrid) else "An lh.EventDriven flow is exact"
         raise ValueError(f"{kind}: it takes no method; got {method!r}. Leave method=None.")
     return None
+
+
+def grown_columns(verb: str, method):
+    """The method, for a verb that reads columns with their growth in them: `ContinuousQR` divides it out."""
+    require(
+        not isinstance(method, ContinuousQR),
+        f"{verb} needs columns with their growth in them, and lh.ContinuousQR keeps them orthonormal: give the method "
+        "within it.",
+    )
+    return method
 
 
 def _wrapped(system) -> str:

@@ -65,6 +65,7 @@ class Method(eqx.Module):
     controller: ClassVar[Controller] = Controller()
     takes_slope: ClassVar[bool] = True  # `step` needs f, the field at its start: the loop hands it on from step to step
     keeps_constraints: ClassVar[bool] = False  # states and frames stay on the constraints of a DAE
+    of_one_mode: ClassVar[bool] = False  # only for systems with one mode: it moves by functions of its own
     each_step: ClassVar[bool] = False  # by default frames are orthonormalised after each step
 
     @property
@@ -112,6 +113,10 @@ class Method(eqx.Module):
     def require(self, field: Field, t, x) -> None:
         """Raise a ValueError where the method cannot take this field; nothing is computed."""
         del field, t, x
+
+    def require_at_start(self, field: Callable, t, x, args) -> None:
+        """Raise a ValueError where the values at the start show that the method is not for this field (t, x, args)."""
+        del field, t, x, args
 
     @abc.abstractmethod
     def step(self, field: Field, t, x, f, h) -> Step:

@@ -12,9 +12,10 @@ from .._arguments import Progress, Real, positive, real, require, require_values
 from .._keywords import explains_keywords, user_level
 from .._text import Table
 from ..analysis.indicators.covariant import angles_of_split, forwards
-from ..analysis.indicators.following import discrete, follow
+from ..analysis.indicators.following import follow
 from ..engine import preparation, problems
 from ..engine.blocks import check_counts
+from ..engine.preparation import grown_columns
 from ..integrators.base import Method
 from ..results.result import Data, RunResult, in_time, states_along
 from ..statuses import OK
@@ -143,7 +144,7 @@ def angle_field(
             grows like 1e-16 exp(λ₁ transient) until the start is met again: `.missed`.
         t0: time at the start; with `inverse` time of the grid.
         mode: mode at the start, where there are several and the system does not determine it.
-        method: as for `lh.lyapunov_spectrum`.
+        method: as for `lh.lyapunov_spectrum`, except `lh.ContinuousQR`.
         blocks: number of equal pieces of t1 + `settle`, at whose ends in t1 angles are looked at; None: each iteration
             of a map, and 64 for others. In a piece vectors may grow by e^300.
         max_steps: most attempts of a step in one run.
@@ -179,7 +180,7 @@ def angle_field(
     n = starts.grid.shape[1]
     whole("split", split, least=1)
     require(split < n, f"split must be at most {n - 1}, for {n} vectors in two spans; got {split}.")
-    discrete("angle_field", method)
+    grown_columns("angle_field", method)
     if inverse is not None:
         _check_inverse(system, inverse)
         preparation.prepare(inverse, starts.grid[0], args, -t0, method, mode)

@@ -11,6 +11,7 @@ from .._keywords import explains_keywords
 from .._text import Table, per_unit, with_unit
 from ..analysis.trajectories import tangent_map
 from ..engine.blocks import check_counts
+from ..engine.preparation import grown_columns
 from ..integrators.base import Method
 from ..results.result import Data, RunResult, exponents_along, per_time, states_along
 from ..statuses import OK
@@ -145,7 +146,7 @@ def ftle_field(
         shape: numbers of cells along the varied components: starts are the cells' middles.
         t0: time at the start.
         mode: mode at the start, where there are several and the system does not determine it.
-        method: as for `lh.lyapunov_spectrum`.
+        method: as for `lh.lyapunov_spectrum`, except `lh.ContinuousQR`.
         max_steps: most attempts of a step in one run.
         chunk: as for `lh.sweep`.
         store: path of a zarr store, where each chunk is kept as soon as it is computed; the same call goes on with it.
@@ -175,6 +176,7 @@ def ftle_field(
     """
     require_values("ftle_field", t1)
     positive("t1, a length of time,", t1)
+    grown_columns("ftle_field", method)
     check_counts(system, t1=t1)
     starts = starts_of("ftle_field", system, x0, args, shape, t0=t0, method=method, mode=mode, max_steps=max_steps)
 

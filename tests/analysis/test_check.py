@@ -48,6 +48,13 @@ def test_nothing_is_said_against_a_right_system(name):
     assert len(report.findings) >= 3
 
 
+def test_continuous_qr_is_looked_at_by_the_method_within_it():
+    """Its own columns are orthonormal, no derivative of the motion."""
+    system = lh.Flow(lambda t, x, args: jnp.stack([0.3 * x[0] + x[1], -0.5 * x[1]]))
+    report = lh.check(system, [1.0, 1.0], method=lh.ContinuousQR(lh.RungeKutta("dopri5", rtol=1e-9)))
+    assert report.ok, str(report)
+
+
 @pytest.mark.slow
 def test_neurons_that_come_to_rest_below_the_threshold_they_cannot_fire_at():
     """v' = I − v with the guard v − 1, which rises: it never fires, and a perturbation decays to nothing."""

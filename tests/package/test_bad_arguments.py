@@ -203,6 +203,37 @@ def test_trajectory_and_tangent_map_refuse_too():
         lh.tangent_map(DECAY, [[1.0]], t1=1.0)
 
 
+OSCILLATOR = lh.Flow(lambda t, x, a: jnp.stack([x[1], a["mu"] * (1 - x[0] ** 2) * x[1] - x[0]]))
+MU, WITHIN = {"mu": 1.0}, {"method": lh.ContinuousQR(lh.RungeKutta())}
+BOX, CELLS = [[1.0, 0.0], [2.0, 1.0]], {"shape": (1, 1)}
+READ_COLUMNS = {
+    "tangent_map": lambda x0: lh.tangent_map(OSCILLATOR, x0, MU, t1=1.0, **WITHIN),
+    "ftle_field": lambda x0: lh.ftle_field(OSCILLATOR, BOX, MU, t1=1.0, **CELLS, **WITHIN),
+    "angle_field": lambda x0: lh.angle_field(OSCILLATOR, BOX, MU, transient=1.0, **CELLS, **WITHIN),
+    "floquet": lambda x0: lh.floquet(OSCILLATOR, x0, MU, **WITHIN),
+    "phase_response": lambda x0: lh.phase_response(OSCILLATOR, x0, MU, **WITHIN),
+    "continuation": lambda x0: lh.continuation(OSCILLATOR, x0, MU, over={"mu": (0.5, 2.0)}, **WITHIN),
+    "bifurcation_curve": lambda x0: lh.bifurcation_curve(
+        lh.Flow(lambda t, x, a: a["b"] * OSCILLATOR.field(t, x, a)),
+        x0, {"mu": 1.0, "b": 1.0}, over={"mu": (0.5, 2.0), "b": (0.5, 2.0)}, **WITHIN,
+    ),
+    "implicit": lambda x0: lh.lyapunov_gradient(OSCILLATOR, x0, MU, t1=9.0, algorithm="implicit", **WITHIN),
+    "covariant_vectors": lambda x0: lh.covariant_vectors(OSCILLATOR, x0, MU, t1=1.0, **WITHIN),
+    "svd_spectrum": lambda x0: lh.svd_spectrum(OSCILLATOR, x0, MU, t1=1.0, **WITHIN),
+    "exponent_bounds": lambda x0: lh.exponent_bounds(OSCILLATOR, x0, MU, t1=1.0, **WITHIN),
+    "gali": lambda x0: lh.gali(OSCILLATOR, x0, MU, t1=1.0, **WITHIN),
+    "megno": lambda x0: lh.megno(OSCILLATOR, x0, MU, t1=1.0, **WITHIN),
+    "ofli2": lambda x0: lh.ofli2(OSCILLATOR, x0, MU, t1=1.0, **WITHIN),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("verb", READ_COLUMNS)
+def test_what_reads_columns_refuses_continuous_qr(verb):
+    """Its columns stay orthonormal: taken for a tangent map they would say that nothing grows."""
+    with pytest.raises(ValueError, match=f"^{verb} needs columns with their growth .*: give the method within it"):
+        READ_COLUMNS[verb]([2.0, 0.0])
+
+
 LOGISTIC = lh.Map(lambda n, x, a: a["r"] * x * (1 - x))
 FOUND_BY_RANDOM_ARGUMENTS = {
     "args must hold numbers.*dtype=object": lambda: lh.continuation(

@@ -16,6 +16,7 @@ from ...engine.binding import evolver_of
 from ...engine.evolvers.stepping import Stepping, are_timeless
 from ...errors import RunFailedError
 from ...events.compiled_hybrid import CompiledHybrid, by_mode
+from ...integrators import ContinuousQR
 from ...integrators.base import Method
 from ...statuses import STATUS
 from ...systems.daes.semi_linear import Constrained, fields_of
@@ -251,7 +252,10 @@ def _of_motion(system, problem, run: Trajectory, t0, x0, index, mode, flowing) -
     ):
         return []
 
-    def tangent(x, length, method=problem.method):
+    method = problem.method
+    of_columns = method.method if isinstance(method, ContinuousQR) else method
+
+    def tangent(x, length, method=of_columns):
         options = {"t0": t0, "mode": mode, "method": method, "throw": False}
         return tangent_map(system, np.reshape(x, problem.shape), problem.args, t1=np.asarray(length), **options)
 
@@ -263,7 +267,7 @@ def _of_motion(system, problem, run: Trajectory, t0, x0, index, mode, flowing) -
     checks = motion.check_differences(tangent, np.asarray(x0), length, exact)
     if flowing is not None and index is not None and are_timeless(flowing.hybrid, t0, x0):
         checks += motion.check_along_flow(flowing.slope, t0, x0, index, exact, length)
-    return checks + motion.check_tolerance(tangent, x0, length, exact, problem.method)
+    return checks + motion.check_tolerance(tangent, x0, length, exact, of_columns)
 
 
 def _stretch(run: Trajectory, t0: float) -> float:

@@ -123,7 +123,7 @@ def continuation(
             the number of iterations. After a doubling it stays what it was.
         t0: the time at x0.
         mode: mode at x0, where there are several.
-        method: one that is right for the system; None: the default with rtol = 1e-12.
+        method: as for `lh.floquet`.
         transient: length of a run before the search for the first orbit.
         segments: number of pieces for multiple shooting; more for orbits that are long and unstable.
         step: the largest step along the branch, relative to the range and to the size of the first orbit.
@@ -160,6 +160,7 @@ def continuation(
         isinstance(system, Flow | Hybrid | Map), f"continuation needs an lh.Flow, lh.Hybrid or lh.Map; got {system!r}."
     )
     require_values("continuation", x0, args, t0)
+    preparation.grown_columns("continuation", method)
     whole("segments", segments, least=1)
     whole("max_points", max_points, least=2)
     positive("step", step)

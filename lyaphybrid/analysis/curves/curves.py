@@ -9,6 +9,7 @@ import numpy as np
 from ..._arguments import Real, numbers, positive, require, require_values, shape, whole
 from ..._jax.precision import require_double
 from ..._jax.tracing import as_jax
+from ...engine.preparation import grown_columns
 from ...errors import NoPeriodicOrbitError
 from ...integrators.base import Method
 from ...systems.hybrid import Hybrid
@@ -141,6 +142,7 @@ def bifurcation_curve(
     """
     kinds = isinstance(system, Flow | Hybrid | Map)
     require(kinds, f"bifurcation_curve needs an lh.Flow, lh.Hybrid or lh.Map; got {system!r}.")
+    grown_columns("bifurcation_curve", method)
     special = x0 if isinstance(x0, Special) else None
     start = x0 if special is None else special.x0
     require(

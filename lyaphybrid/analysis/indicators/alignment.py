@@ -20,6 +20,7 @@ from ..._jax.tracing import as_jax, numpy_for, traced
 from ..._keywords import explains_keywords
 from ..._text import UNIT, Table
 from ...engine.blocks import check_counts
+from ...engine.preparation import grown_columns
 from ...engine.states import Orthonormalisation, StepState
 from ...integrators.base import Method
 from ...results.result import Data, RunResult
@@ -28,7 +29,7 @@ from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
 from ...systems.kinds import unit_of
 from ...systems.smooth import Flow, Map
-from .following import discrete, follow, samples_of, table_of, times_of, verdict_of
+from .following import follow, samples_of, table_of, times_of, verdict_of
 from .verdicts import ATTRACTED, Verdict, grows, of_alignment, of_volumes
 
 __all__ = ["GALIResult", "gali", "sali"]
@@ -181,7 +182,7 @@ def gali(
         transient: length of the run before the deviation vectors count.
         mode: mode at the start, where there are several.
         frame: (n, max k) deviation vectors; None: fixed orthonormal vectors in generic directions.
-        method: as for `lh.lyapunov_spectrum`.
+        method: as for `lh.lyapunov_spectrum`, except `lh.ContinuousQR`.
         every: interval of orthonormalisations, as for `lh.lyapunov_spectrum`; None: chosen from the growth.
         blocks: number of times, where `times` is "log" or None.
         max_steps: most attempts of a step.
@@ -214,7 +215,7 @@ def gali(
     )
     found = follow(
         AlignmentObserver(), _collect, system, x0, args, k=max(orders), t1=t1, t0=t0, transient=transient, times=times,
-        blocks=blocks, mode=mode, frame=frame, method=discrete("gali", method), every=every, max_steps=max_steps,
+        blocks=blocks, mode=mode, frame=frame, method=grown_columns("gali", method), every=every, max_steps=max_steps,
         progress=progress,
     )  # fmt: skip
     xp = numpy_for(found.time, found.collected, found.status)

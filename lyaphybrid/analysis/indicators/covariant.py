@@ -23,6 +23,7 @@ from ..._keywords import explains_keywords
 from ..._linalg.frames import generic_frame
 from ..._text import UNIT, Table, numbered
 from ...engine.blocks import check_counts
+from ...engine.preparation import grown_columns
 from ...engine.states import Orthonormalisation, StepState
 from ...integrators.base import Method
 from ...results.result import Data, RunResult, exponents_along, in_time, per_time
@@ -32,7 +33,7 @@ from ...systems.hybrid import Hybrid
 from ...systems.kinds import unit_of
 from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
-from .following import IndicatorRun, discrete, follow, verdict_of
+from .following import IndicatorRun, follow, verdict_of
 
 __all__ = ["CovariantVectors", "angles_of_split", "covariant_vectors", "forwards"]
 
@@ -190,7 +191,7 @@ def covariant_vectors(
         settle: length of the run after it, over which the backward vectors converge; None: half of t1.
         mode: mode at the start, where there are several.
         frame: (n, k) columns at the start; None: orthonormal vectors in generic directions.
-        method: as for `lh.lyapunov_spectrum`.
+        method: as for `lh.lyapunov_spectrum`, except `lh.ContinuousQR`.
         blocks: number of equal pieces of that part; vectors are given at its start and at the end of each piece.
         max_steps: most attempts of a step.
         progress: True for a bar, or a function of the fraction done.
@@ -228,7 +229,7 @@ def covariant_vectors(
     after = max(1, int(np.ceil(float(settle) / float(piece))))
     found = forwards(
         system, x0, args, k=number, piece=piece, pieces=blocks + after, transient=transient, t0=t0, mode=mode,
-        frame=frame, method=discrete("covariant_vectors", method), max_steps=max_steps, progress=progress,
+        frame=frame, method=grown_columns("covariant_vectors", method), max_steps=max_steps, progress=progress,
     )  # fmt: skip
     xp = numpy_for(found.time, found.collected, found.status)
     frames, factors, x = found.collected

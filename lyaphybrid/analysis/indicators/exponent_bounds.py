@@ -24,13 +24,14 @@ from ... import plots
 from ..._arguments import Progress, Real, State, flag, positive, require, require_one_start, require_values
 from ..._text import Table, numbered, with_unit
 from ...engine.blocks import check_counts
+from ...engine.preparation import grown_columns
 from ...engine.states import Orthonormalisation, StepState
 from ...integrators.base import Method
 from ...results.result import Data, RunResult, exponents_along
 from ...systems.daes.semi_linear import degrees_of_freedom
 from ...systems.kinds import iterates, unit_of
 from ...systems.smooth import Flow, Map
-from .following import discrete, follow, start_frame, verdict_of
+from .following import follow, start_frame, verdict_of
 
 __all__ = ["ExponentBounds", "exponent_bounds"]
 
@@ -240,7 +241,7 @@ def exponent_bounds(
     k = degrees_of_freedom(system, n)
     found = follow(
         BoundsObserver(local), _collect, system, x0, args, k=k, t1=t1, t0=t0, transient=transient, times=None, blocks=2,
-        mode=None, frame=start_frame(system, t0, x0, args, k), method=discrete("exponent_bounds", method),
+        mode=None, frame=start_frame(system, t0, x0, args, k), method=grown_columns("exponent_bounds", method),
         max_steps=max_steps, progress=progress, each_step=True,
     )  # fmt: skip
     return verdict_of(found, _result(found, unit_of(system)), throw)

@@ -15,7 +15,6 @@ from ...engine.host import driver
 from ...engine.host.places import Place, account, place_of
 from ...engine.states import Observer
 from ...errors import RunFailedError
-from ...integrators import ContinuousQR
 from ...results.result import in_time
 from ...statuses import STATUS, gravest
 from ...systems.consistency import onto_constraints
@@ -24,7 +23,6 @@ from ...systems.kinds import iterates
 
 __all__ = [
     "IndicatorRun",
-    "discrete",
     "follow",
     "samples_of",
     "start_frame",
@@ -109,15 +107,6 @@ def follow(
     time = xp.where(valid, xp.cumsum(xp.where(valid, durations, 0.0), axis=-1), xp.nan)
     collected, why = outcome.records.collected, why or outcome.why
     return IndicatorRun(time, collected, outcome.status, outcome.interrupted, outcome.loop_state, problem.system, why)
-
-
-def discrete(name: str, method):
-    """Check the method: indicators read growth from orthonormalisations, which `ContinuousQR` does not make."""
-    require(
-        not isinstance(method, ContinuousQR),
-        f"{name} reads the growth off orthonormalisations, and lh.ContinuousQR leaves none: give the method within it.",
-    )
-    return method
 
 
 def start_frame(system, t0, x0, args, k: int):

@@ -15,6 +15,7 @@ from ..._jax.tracing import traced
 from ..._keywords import explains_keywords
 from ..._text import UNIT, Table
 from ...engine.blocks import check_counts
+from ...engine.preparation import grown_columns
 from ...engine.states import Orthonormalisation, StepState
 from ...integrators.base import Method
 from ...results.result import Data, RunResult
@@ -22,7 +23,7 @@ from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
 from ...systems.kinds import iterates, unit_of
 from ...systems.smooth import Flow, Map
-from .following import discrete, follow, samples_of, table_of, times_of, verdict_of
+from .following import follow, samples_of, table_of, times_of, verdict_of
 from .verdicts import Verdict, of_fli, of_megno
 
 __all__ = ["IndicatorResult", "fli", "megno", "ofli"]
@@ -169,7 +170,7 @@ def megno(
         transient: length of the run before the deviation vector counts.
         mode: mode at the start, where there are several.
         frame: (n, 1) the deviation vector; None: one of no special direction, always the same.
-        method: as for `lh.lyapunov_spectrum`.
+        method: as for `lh.lyapunov_spectrum`, except `lh.ContinuousQR`.
         blocks: number of times, where `times` is "log" or None.
         max_steps: most attempts of a step.
         progress: True for a bar, or a function of the fraction done.
@@ -325,7 +326,7 @@ def ofli(
 
 
 def _grown(name: str, across: bool, system, x0, args, throw: bool, **how: Any) -> IndicatorResult:
-    discrete(name.lower(), how["method"])
+    grown_columns(name.lower(), how["method"])
     check_counts(system, t1=how["t1"], transient=how["transient"])
     found = follow(LengthObserver(across), _collect, system, x0, args, k=1, each_step=True, **how)
     state, time = found.collected, jnp.asarray(found.time)

@@ -54,7 +54,7 @@ def ofli2(
         t0: time at the start.
         frame: (n, 1) direction ξ₀; None: that of the gradient of the energy, where the system has one, else a fixed
             unit vector across the flow.
-        method: as for `lh.trajectory`.
+        method: as for `lh.trajectory`, except `lh.ContinuousQR`.
         blocks: number of times, where `times` is "log" or None.
         max_steps: most attempts of a step.
         progress: True for a bar, or a function of the fraction done.
@@ -84,6 +84,7 @@ def ofli2(
     require(smooth, f"ofli2 takes two derivatives of a flow: it needs an lh.Flow or lh.Hamiltonian; got {system!r}.")
     good = not isinstance(method, TangentHamiltonian)
     require(good, "ofli2 differentiates the step itself, which lh.TangentHamiltonian does not: take lh.Symplectic.")
+    preparation.grown_columns("ofli2", method)
     problem, x0, t0, _ = preparation.prepare(system, x0, args, t0, method, None)
     check_functions(system, jax.ShapeDtypeStruct(problem.shape, x0.dtype), problem.args)
 

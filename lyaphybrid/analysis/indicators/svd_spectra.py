@@ -23,6 +23,7 @@ from ..._arguments import Progress, Real, State, Times, flag, require_one_start,
 from ..._linalg.frames import orthonormalise
 from ..._text import Table, numbered
 from ...engine.blocks import check_counts
+from ...engine.preparation import grown_columns
 from ...engine.states import Orthonormalisation, StepState
 from ...integrators.base import Method
 from ...results.result import Data, RunResult, exponents_along, in_time
@@ -32,7 +33,7 @@ from ...systems.hybrid import Hybrid
 from ...systems.kinds import unit_of
 from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
-from .following import discrete, follow, start_frame, verdict_of
+from .following import follow, start_frame, verdict_of
 from .graded import log_singular_values
 
 __all__ = ["SVDSpectrum", "svd_spectrum"]
@@ -245,7 +246,7 @@ def svd_spectrum(
     found = follow(
         ProductObserver(), _collect, system, x0, args, k=number, t1=t1, t0=t0, transient=transient, times=times,
         blocks=blocks, mode=mode, frame=start_frame(system, t0, x0, args, number),
-        method=discrete("svd_spectrum", method), max_steps=max_steps, progress=progress,
+        method=grown_columns("svd_spectrum", method), max_steps=max_steps, progress=progress,
     )  # fmt: skip
     reached = np.isfinite(found.time)
     start, rows, logs = (np.asarray(part)[reached] for part in found.collected)

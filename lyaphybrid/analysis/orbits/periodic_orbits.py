@@ -187,7 +187,8 @@ def floquet(
             the number of iterations). None: unknown, for autonomous systems; it is taken from the first close return.
         t0: the time at x0.
         mode: mode at x0, where there are several.
-        method: one that is right for the system; None: the default with rtol = 1e-12; closed forms have none.
+        method: one that is right for the system, and no `lh.ContinuousQR`; None: the default with rtol = 1e-12; closed
+            forms have none.
         transient: run for so long before, in whole periods where the period is given.
         segments: number of pieces for multiple shooting; more for orbits that are long and unstable, or to find small
             multipliers, which the rounding of the largest one hides in the derivative of one piece.
@@ -247,6 +248,7 @@ def floquet(
     whole("segments", segments, least=1)
     whole("max_iterations", max_iterations, least=1)
     require_values("floquet", x0, args, t0)
+    preparation.grown_columns("floquet", method)
     discrete = isinstance(system, Map)
     is_default = method is None
     if is_default and not discrete and not isinstance(system, EventDriven):

@@ -271,6 +271,7 @@ def phase_response(
     fits = isinstance(system, Flow | Hybrid) and not any(isinstance(one, Constrained) for one in fields_of(system))
     require(fits, f"phase_response takes an lh.Flow or lh.Hybrid without constraints; got {type(system).__name__}.")
     whole("phases", phases, least=4)
+    preparation.grown_columns("phase_response", method)
     require_values("phase_response", x0, args)
     require(not depends_on_time(system, jnp.asarray(x0, float), args), FORCED)
     orbit = floquet(system, x0, args, mode=mode, method=method, transient=transient, segments=segments)

@@ -117,6 +117,10 @@ def _orbit(case: ExponentFunction, period) -> tuple[Floquet, Method | None]:
     args, transient = case.args_of(case.theta), options.get("transient", 0.0)
     x0 = case.start(args)
     method = options.get("method")
+    try:
+        preparation.grown_columns("implicit", method)
+    except ValueError as unfit:
+        raise InapplicableError(str(unfit)) from None
     if period is None and not discrete and depends_on_time(case.system, x0, args):
         raise InapplicableError("the system depends on time: give period, that of its forcing or a multiple of it.")
     if method is None and not discrete:

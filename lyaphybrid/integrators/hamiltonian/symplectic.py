@@ -19,6 +19,7 @@ from ...native import instructions
 from ...systems.hamiltonians import SeparableField, halves
 from ..base import Method, Step, Tangent
 from ..runge_kutta import hermite
+from .fitting_parts import MOVES_TIME, require_flows_of
 from .splittings import COMPOSITIONS, PART_A, SCHEMES, Scheme, composed
 
 __all__ = ["Composition", "Splitting", "Symplectic", "moved", "separable", "with_columns"]
@@ -56,7 +57,8 @@ class Symplectic(Composition):
     """A symplectic scheme for an `lh.Hamiltonian`, H = T(p) + V(q), with a fixed step.
 
     The tangent map is the derivative of the step itself, one Hessian–vector product for each kick and column; so it is
-    symplectic too, and exponents come in pairs.
+    symplectic too, and exponents come in pairs. A potential that depends on time takes it as one more coordinate τ, and
+    T(p) + p_τ moves it, τ' = 1.
 
     Args:
         scheme: "leapfrog", "ForestRuth", "SABA1" … "SABA10", "SBAB1" … "SBAB10", the same with a corrector ("SABA2C",
@@ -165,17 +167,22 @@ def separable(field: Any, x, name: str) -> SeparableField:
     require(
         isinstance(parts, SeparableField),
         f"{name} moves the two parts of lh.Hamiltonian(kinetic, potential) in turn; got another field. For that take "
-        "lh.RungeKutta, or lh.Splitting with the flows of two parts.",
+        "lh.RungeKutta, or lh.Splitting with the flows of its parts if it is the only mode.",
     )
     require(x.shape[0] % 2 == 0, f"The state of an lh.Hamiltonian is (q, p), an even number; got {x.shape[0]}.")
     return parts
 
 
 class Splitting(Composition):
-    """A splitting scheme for H = A + B + …, or any dx/dt = a(x) + b(x) + …, with parts whose flows are in closed form.
+    """A splitting scheme for H = A + B + …, or any dx/dt = a + b + …, with parts whose flows are in closed form.
+
+    Parts may depend on time, t' = 1, which is one more variable and moves with the first part alone: schemes then keep
+    their order.
 
     Args:
-        flows: two functions or more, ``(dt, t, x, args) -> x``: the state after the time dt under one part alone.
+        flows: two functions or more, ``(dt, t, x, args) -> x``: the state after the time dt under one part alone, from
+            x at the time t. Of dx/dt = a(t, x) + b(t, x) + … the first solves x' = a(s, x) while s goes from t to
+            t + dt; the others solve x' = b(t, x) with t held fixed, as a kick x + dt b(t, x) does.
         coefficients: the name of a scheme as for `lh.Symplectic`, without corrector; of more than two parts
             "leapfrog", "ForestRuth", "Yoshida6" or "SuzukiUmeno8". Or a sequence of pairs (which of the flows,
             fraction of the step), in the order in which they act.
@@ -183,12 +190,15 @@ class Splitting(Composition):
 
     Raises:
         ValueError: if the flows are not two functions or more, on an unknown scheme or one with a corrector or for
-            T + V only, on fractions of a flow that do not sum to 1, on a step that is not positive.
+            T + V only, on fractions of a flow that do not sum to 1, on a step that is not positive; where it is used,
+            on a system with several modes, whose flows differ, and, at the start and a step later, on flows whose
+            velocities do not add up to the field and on flows that do not treat the time as said above.
 
     Source:
         J. Laskar & P. Robutel, Celest. Mech. Dyn. Astron. 80 (2001) 39, doi:10.1023/A:1012098603882; of three parts
         Ch. Skokos, E. Gerlach, J. D. Bodyfelt, G. Papamikos & S. Eggl, Phys. Lett. A 378 (2014) 1809,
-        doi:10.1016/j.physleta.2014.04.050.
+        doi:10.1016/j.physleta.2014.04.050; parts that depend on time: S. Blanes & F. Casas, A Concise Introduction to
+        Geometric Numerical Integration (CRC Press 2016), doi:10.1201/b21563.
 
     Example:
         >>> import jax.numpy as jnp, lyaphybrid as lh
@@ -199,6 +209,8 @@ class Splitting(Composition):
         >>> lh.trajectory(pendulum, [1.0, 0.0], t1=10.0, method=method).x.shape
         (1000, 2)
     """
+
+    of_one_mode: ClassVar[bool] = True
 
     flows: tuple[Callable, ...]
     parts: tuple[tuple[int, float], ...] = eqx.field(static=True)
@@ -211,11 +223,16 @@ class Splitting(Composition):
         self.flows, self.dt = tuple(flows), dt
         self.parts = _parts(coefficients, len(flows))
 
+    def require_at_start(self, field: Any, t, x, args) -> None:
+        """Raise a ValueError where the flows are seen not to be those of the field."""
+        require_flows_of(field, self, t, x, args)
+
     def step(self, field: Any, t, x, f, h) -> Step:
         """One step over h from (t, x)."""
-        new = x
+        new, passed = x, 0.0
         for part, share in self.parts:
-            new = self.flows[part](share * h, t, new, field.args)
+            new = self.flows[part](share * h, t + passed * h, new, field.args)
+            passed += share if part == MOVES_TIME else 0.0
         return self._arrived(field, t, x, f, h, new)
 
     def divergence(self, field, nodes, h):

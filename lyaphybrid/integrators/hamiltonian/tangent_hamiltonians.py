@@ -125,6 +125,15 @@ class TangentHamiltonian(Composition):
         """That of the orbit's method."""
         return self.orbit.controller
 
+    @property
+    def of_one_mode(self) -> bool:
+        """That of the orbit's method."""
+        return self.orbit.of_one_mode
+
+    def require_at_start(self, field: Any, t, x, args) -> None:
+        """The requirements of the orbit's method."""
+        self.orbit.require_at_start(field, t, x, args)
+
     def loosened(self, least: float) -> "TangentHamiltonian":
         """The same with the method of the orbit loosened."""
         return TangentHamiltonian(self.variant, self.dt, self.orbit.loosened(least))
