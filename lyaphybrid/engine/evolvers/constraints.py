@@ -78,7 +78,7 @@ class OnConstraints(AbstractEvolver):
 
 
 def _distance_of(field: Any):
-    """(t, x, least) -> the distance from the constraints of a field, and whether the point is nearly, or is, singular."""
+    """(t, x, least) -> the distance from a field's constraints, and whether the point is nearly, or is, singular."""
     if not is_constrained(field):
         return lambda t, x, least: (jnp.zeros_like(t), jnp.asarray(False), jnp.asarray(False))
     dae, args = field.field, field.args

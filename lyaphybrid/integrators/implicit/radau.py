@@ -144,7 +144,9 @@ class RadauIIA(ConstrainedMethod):
         guess = jax.vmap(lambda at, ahead: x + matmul(inverse_blocks, ahead - dae.differential_part(at, x, args)))(
             at, ahead
         )
-        points, _ = solved(StagesTogether(dae), args, at, jnp.tile(start, STAGES), guess.ravel(), self.point_tolerance, h)
+        points, _ = solved(
+            StagesTogether(dae), args, at, jnp.tile(start, STAGES), guess.ravel(), self.point_tolerance, h
+        )
         points = points.reshape(STAGES, -1)
         new = points[-1]
         beyond = jax.vmap(lambda at, x: dae.differential_part(at, x, args))(at, points) - start[None]

@@ -33,7 +33,11 @@ def _advance(example: str, kind: str):
     field, dae = Bound(system.field, args), system.field
     if kind == "unreformulated":
         return functools.partial(unreformulated, dae, args)
-    method = HalfExplicit(rtol=1e-14, tableau="dopri8", atol=1e-14) if kind == "exact" else HalfExplicit(rtol=1e-13, atol=1e-13)
+    method = (
+        HalfExplicit(rtol=1e-14, tableau="dopri8", atol=1e-14)
+        if kind == "exact"
+        else HalfExplicit(rtol=1e-13, atol=1e-13)
+    )
 
     def advance(t, x, h):
         done = method.step(field, t, x, field(t, x), h)

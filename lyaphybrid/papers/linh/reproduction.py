@@ -254,7 +254,9 @@ def _timed(run: Callable) -> tuple[Any, float]:
 
 
 def _state_alone() -> np.ndarray:
-    return _exponents("5.1", HalfExplicit(rtol=OF_TABLES[-1], control="x", atol=OF_TABLES[-1]), SHORTEST_LENGTH, counted=True)
+    return _exponents(
+        "5.1", HalfExplicit(rtol=OF_TABLES[-1], control="x", atol=OF_TABLES[-1]), SHORTEST_LENGTH, counted=True
+    )
 
 
 def _accuracy(example: str, name: str, length: float) -> np.ndarray:
@@ -263,7 +265,9 @@ def _accuracy(example: str, name: str, length: float) -> np.ndarray:
 
 
 def _rectangle(example: str) -> np.ndarray:
-    return np.stack([_exponents(example, RightRectangle(HalfExplicit(rtol=tol, atol=tol)), SHORTEST_LENGTH) for tol in OF_TABLES])
+    return np.stack(
+        [_exponents(example, RightRectangle(HalfExplicit(rtol=tol, atol=tol)), SHORTEST_LENGTH) for tol in OF_TABLES]
+    )
 
 
 def _running(name: str) -> tuple[np.ndarray, np.ndarray]:
