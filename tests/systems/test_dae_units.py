@@ -44,9 +44,11 @@ def firing(t1):
     while True:
         grid = np.arange(time + 1e-4, time + 6, 1e-3)
         first = int(np.argmax(solution(grid, time) > RESET_AT))
-        time = scipy.optimize.brentq(
-            lambda t, start=time: solution(t, start) - RESET_AT, grid[first] - 1e-3, grid[first], xtol=1e-14
+        low, high = grid[first] - 1e-3, grid[first]
+        found = scipy.optimize.root_scalar(
+            lambda t, start=time: solution(t, start) - RESET_AT, bracket=(low, high), xtol=1e-14
         )
+        time = float(found.root)
         if time > t1:
             return -1 + logs / t1, count
         current = CURRENT + DRIVE * np.cos(OMEGA * time)
