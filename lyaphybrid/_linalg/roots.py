@@ -9,13 +9,26 @@ from jaxtyping import Array
 
 from .._jax.jaxprs import explicit
 
-__all__ = ["root"]
+__all__ = ["LAST_CORRECTION", "root"]
 
 MOST_ITERATIONS = 12  # without convergence there is no root
 LAST_CORRECTION = 1e-2  # of √tolerance; the correction after a smaller one is negligible, as convergence is quadratic
 
 
-def root(left: Callable, backward: Callable, corrected: Callable, guess: Array, tolerance) -> tuple[Array, Any]:
+def of_unit_size(turned, x, tolerance):
+    """How large the last correction of unknowns of size 1 may be."""
+    del turned
+    return LAST_CORRECTION * jnp.sqrt(tolerance) * (1 + jnp.abs(x))
+
+
+def root(
+    left: Callable,
+    backward: Callable,
+    corrected: Callable,
+    guess: Array,
+    tolerance: Any,
+    allowed: Callable = of_unit_size,
+) -> tuple[Array, Any]:
     """The root of equations by Newton's method from a guess; nan where it does not converge.
 
     The derivative of the root is that of one Newton step at the root (implicit function theorem). The rule uses the
@@ -26,7 +39,9 @@ def root(left: Callable, backward: Callable, corrected: Callable, guess: Array, 
         backward: x ↦ the inverse of the Jacobian, or the Jacobian, in any form; it may close over such values, too.
         corrected: (what `backward` gives, negative residuals) ↦ the correction of x.
         guess: the first x.
-        tolerance: of the result, relative to 1 + |x|.
+        tolerance: of the result, a pytree that `allowed` takes; by default a number, relative to 1 + |x|.
+        allowed: (what `backward` gives, x, tolerance) ↦ how large each entry of the last correction may be. It closes
+            over nothing.
 
     Returns:
         The root, and what `backward` gives at the last iterate but one, which carries no derivative.
@@ -42,8 +57,8 @@ def root(left: Callable, backward: Callable, corrected: Callable, guess: Array, 
             return tries + 1, x, corrected(turned, of_left(in_left, x)), turned
 
         def is_far(state):
-            _, x, dx, _ = state
-            return ~(jnp.max(jnp.abs(dx) / (1 + jnp.abs(x))) <= LAST_CORRECTION * jnp.sqrt(tolerance))
+            _, x, dx, turned = state
+            return ~jnp.all(jnp.abs(dx) <= allowed(turned, x, tolerance))
 
         def goes_on(state):
             return (state[0] == 0) | (is_far(state) & (state[0] < MOST_ITERATIONS))

@@ -12,11 +12,12 @@ from .._arguments import State, numbers, parameters, real, require, shape
 from .._jax.engines import compiled
 from .._jax.precision import require_double
 from .._jax.tracing import as_arrays, traced
+from .._linalg.linear_systems import condition
 from ..errors import NoConsistentPointError
 from .contacts.surfaces import InitialMode
 from .daes.bands import places_away
 from .daes.implicit_fields import ImplicitField, in_few_words
-from .daes.points import landed, solved
+from .daes.points import landed, solved, to_rounding
 from .daes.semi_linear import DAE, ILL, RANK, Banded, Constrained, fields_of
 from .hybrid import Hybrid
 from .validation import check_functions
@@ -94,7 +95,7 @@ def check_constraints(system: Any, x, t0, args: Any) -> None:
     if traced(matrices):  # the user's functions may close over traced values
         return
     matrices = jax.tree.map(np.asarray, matrices)  # under jit what JAX does with its arrays is traced
-    for field, (leading, whole, fixed) in zip(fields, matrices, strict=True):
+    for field, (leading, condition_number, fixed) in zip(fields, matrices, strict=True):
         d, size = field.n_differential, max(float(np.max(np.abs(leading))), 1e-300)
         below = np.flatnonzero(np.max(np.abs(leading[d:]), axis=1, initial=0.0) > RANK * size)
         require(
@@ -110,9 +111,8 @@ def check_constraints(system: Any, x, t0, args: Any) -> None:
         )
         _check_fixed(field, fixed, x, t0, args)
         if isinstance(system, DAE):
-            scaled = whole / np.maximum(np.linalg.norm(whole, axis=1, keepdims=True), 1e-300)
             require(
-                np.linalg.cond(scaled) < ILL,
+                bool(condition_number < ILL),
                 "[E₁; ∂f₂/∂x] must be nonsingular at the start: either constraints depend on each other there, or the "
                 "differentiation index is above one; differentiate the constraints until it is one."
                 + _lost_slopes(field, fixed, args),
@@ -156,7 +156,7 @@ def check_fixed_parts(system: Any, number: int, x, t, args: Any) -> None:
     """
     fields = fields_of(system)
     which = sum(isinstance(one, Constrained) for one in fields[:number])
-    _, _, fixed = _matrices(system, t, x, args)[which]
+    *_, fixed = _matrices(system, t, x, args)[which]
     _check_fixed(fields[number], jax.tree.map(np.asarray, fixed), x, t, args)
 
 
@@ -165,7 +165,7 @@ def _checked_slopes(dae: DAE, x, t0, args: Any) -> str:
     if not isinstance(dae.field, ImplicitField):
         return ""
     t, args = jnp.asarray(t0, x.dtype), as_arrays(args, x.dtype)
-    _, _, fixed = jax.tree.map(np.asarray, _matrices(dae, t, x, args)[0])
+    *_, fixed = jax.tree.map(np.asarray, _matrices(dae, t, x, args)[0])
     _check_fixed(dae.field, fixed, x, t, args)
     return _lost_slopes(dae.field, fixed, args)
 
@@ -208,10 +208,13 @@ def _lost_slopes(field: Constrained, fixed: Any, args) -> str:
 
 @compiled(hands_on=True)
 def _matrices(system: Any, t, x, args) -> list[tuple]:
-    """The matrices E and Ē (n, n) of each DAE, and its `_fixed_parts`."""
+    """The matrix E (n, n) of each DAE, the condition number of Ē, and its `_fixed_parts`."""
     check_functions(system, jax.ShapeDtypeStruct(x.shape, x.dtype), args)
     fields = [field for field in fields_of(system) if isinstance(field, Constrained)]
-    return [(field.leading(t, args), field.whole(t, x, args), _fixed_parts(field, t, x, args)) for field in fields]
+    return [
+        (field.leading(t, args), condition(field.whole(t, x, args)), _fixed_parts(field, t, x, args))
+        for field in fields
+    ]
 
 
 def _fixed_parts(field: Constrained, t, x, args) -> Any:
@@ -223,15 +226,22 @@ def _fixed_parts(field: Constrained, t, x, args) -> Any:
 
 @compiled()
 def _consistent(dae: Constrained, x0, args, t0):
-    """The consistent point and its largest residual: a dogleg search from far away, then Newton to rounding."""
+    """The consistent point and its distance: a dogleg search from far away, then Newton to rounding.
+
+    The search is in units of the largest component, which is its size of what counts as near; Newton's method has none.
+    """
     differential_part = dae.differential_part(t0, x0, args)
+    largest = jnp.max(jnp.abs(x0))
+    unit = jnp.where(largest > 0, largest, 1.0)
 
-    def off(x, _):
-        return jnp.concatenate([dae.differential_part(t0, x, args) - differential_part, dae.constraint(t0, x, args)])
+    def off(scaled, _):
+        x = unit * scaled
+        away = [dae.differential_part(t0, x, args) - differential_part, dae.constraint(t0, x, args)]
+        return jnp.concatenate(away) / unit
 
-    rough = optimistix.root_find(off, optimistix.Dogleg(1e-6, 1e-6), x0, max_steps=256, throw=False).value
-    x, _ = solved(dae, args, t0, differential_part, rough, jnp.asarray(1e-14, x0.dtype))
-    return x, jnp.max(jnp.abs(off(x, None)), initial=0.0)
+    rough = optimistix.root_find(off, optimistix.Dogleg(1e-6, 1e-6), x0 / unit, max_steps=256, throw=False).value
+    x, _ = solved(dae, args, t0, differential_part, unit * rough, to_rounding(x0))
+    return x, dae.distance(t0, x, args, to_rounding(x0).atol)
 
 
 @compiled()

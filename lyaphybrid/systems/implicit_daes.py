@@ -21,7 +21,7 @@ import numpy as np
 
 from .._arguments import State, require
 from .._jax.precision import require_double
-from .._linalg.linear_systems import sparse_matmul
+from .._linalg.linear_systems import condition, sparse_matmul
 from ..errors import NoConsistentPointError
 from .bound import require_callable
 from .consistency import consistent_start
@@ -148,13 +148,11 @@ def _check_index(dae: DAE, t, state, args) -> None:
     # From a rough guess, or with an index above one, perhaps no consistent point is found.
     with contextlib.suppress(ValueError, NoConsistentPointError):
         state = consistent_start(dae, state, args, t0=t)
-    whole = np.asarray(jax.jit(lambda t, x: dae.field.whole(t, x, args))(t, state))
-    scaled = whole / np.maximum(np.linalg.norm(whole, axis=1, keepdims=True), 1e-300)
-    d, total = dae.n_differential, whole.shape[0]
-    condition = np.linalg.cond(scaled) if np.all(np.isfinite(scaled)) else np.inf
+    found = float(jax.jit(lambda t, x: condition(dae.field.whole(t, x, args)))(t, state))
+    d, total = dae.n_differential, state.shape[0]
     require(
-        bool(condition < ILL),
+        found < ILL,
         f"F(t, x, x') = 0 is not of index one at x0: ∂F/∂x' has rank {d} of {total - d}, and together with ∂F/∂x "
-        f"along its kernel it is singular (condition number {condition:.2g}). Either equations depend on each other "
+        f"along its kernel it is singular (condition number {found:.2g}). Either equations depend on each other "
         "there, or some must be differentiated: a constraint on positions, say, until accelerations occur in it.",
     )

@@ -15,8 +15,8 @@ from ..states import Clock, StepState, stop
 
 __all__ = ["OnConstraints", "landing_of"]
 
-NEAR_CONSTRAINTS = 1e-6  # largest inconsistency of an initial state, relative to 1 + |x|
-DRIFT = 1e-5  # largest distance from the constraints at the end of a block
+NEAR_CONSTRAINTS = 1e-6  # largest inconsistency of an initial state, relative to the terms that add up to it
+DRIFT = 1e-5  # largest distance from the constraints at the end of a block, relative likewise
 
 
 class OnConstraints(AbstractEvolver):
@@ -50,7 +50,8 @@ class OnConstraints(AbstractEvolver):
         if not self.hybrid.constrained:
             return x, False
         new = self.onto_constraints(mode, t, x)
-        wrong = ~(jnp.max(jnp.abs(new - x) / (1 + jnp.abs(x))) <= NEAR_CONSTRAINTS)
+        terms = by_mode(mode, [_terms_of(field) for field in self.hybrid.fields], t, new)
+        wrong = ~jnp.all(jnp.abs(new - x) <= NEAR_CONSTRAINTS * terms + self.method.atol)
         return jnp.where(wrong, x, new), wrong
 
     def inspected(self, carry: StepState, clock: Clock) -> StepState:
@@ -59,25 +60,36 @@ class OnConstraints(AbstractEvolver):
             return carry
 
         mode = None if self.hybrid.modes == 1 else carry.solver_state.mode
-        off, singular = by_mode(
-            mode, [_distance_of(field) for field in self.hybrid.fields], clock.base + carry.s, carry.x
+        # What passes through zero, as a function of time, does so with a velocity.
+        solver = carry.solver_state
+        least = jnp.abs(solver.h * solver.f) + self.method.atol / self.method.rtol
+        off, nearly, singular = by_mode(
+            mode, [_distance_of(field) for field in self.hybrid.fields], clock.base + carry.s, carry.x, least
         )
         # A step underflow or a state that is not finite is a consequence of the singular point.
         ended = (carry.status == STATUS.step_underflow) | (carry.status == STATUS.nonfinite)
-        singular = singular & jnp.all(jnp.isfinite(carry.x))
+        finite = jnp.all(jnp.isfinite(carry.x))
+        nearly, singular = nearly & finite, singular & finite
         carry = carry._replace(
-            status=jnp.where(ended & singular, jnp.asarray(STATUS.singular_dae, jnp.int32), carry.status)
+            status=jnp.where(ended & nearly, jnp.asarray(STATUS.singular_dae, jnp.int32), carry.status)
         )
         carry = stop(carry, STATUS.singular_dae, singular)
         return stop(carry, STATUS.constraint_drift, off > DRIFT)
 
 
 def _distance_of(field: Any):
-    """(t, x) -> the distance from the constraints of a field, and whether the point is singular."""
+    """(t, x, least) -> the distance from a field's constraints, and whether the point is nearly, or is, singular."""
     if not is_constrained(field):
-        return lambda t, x: (jnp.zeros_like(t), jnp.asarray(False))
+        return lambda t, x, least: (jnp.zeros_like(t), jnp.asarray(False), jnp.asarray(False))
     dae, args = field.field, field.args
-    return lambda t, x: (dae.distance(t, x, args), dae.is_singular(t, x, args))
+    return lambda t, x, least: (dae.distance(t, x, args, least), *dae.singularities(t, x, args))
+
+
+def _terms_of(field: Any):
+    """(t, x) -> the size (n,) of the terms that add up to x."""
+    if not is_constrained(field):
+        return lambda t, x: jnp.abs(x)
+    return lambda t, x: field.field.inverse_blocks(t, x, field.args).terms
 
 
 def landing_of(field: Any):

@@ -83,7 +83,7 @@ class StageByStage(ConstrainedMethod):
             base = start + h * (weights @ slopes)
             ahead = base if share is None else base + share * last
             guess = point + matmul(inverse_blocks.differential_part, ahead - dae.differential_part(at, point, args))
-            point, inverse_blocks = solved(dae, args, at, base, guess, self.rtol, share)
+            point, inverse_blocks = solved(dae, args, at, base, guess, self.point_tolerance, share)
             slope = dae.slope(at, point, args)
             # If det Ē changes its sign, the step has crossed a singular point and must be rejected.
             same = same & ((inverse_blocks.sign == sign) if share is None else True)
@@ -198,16 +198,18 @@ class StageByStage(ConstrainedMethod):
 class HalfExplicit(StageByStage):
     """An explicit Runge–Kutta method for an `lh.DAE`, with error control; the constraints hold in every stage.
 
-    A step passes where max |error_i| / (1 + |x_i|) ≤ rtol, for the state and, with control="xY", for each column of the
-    frame in units of its length; h ← 0.9 h (rtol/error)^(1/p), by no more than a factor of 5.
+    A step passes where |error_i| ≤ atol + rtol |x_i| for each component of the state and, with control="xY", where that
+    of each column of the frame is below rtol in units of its length; h ← 0.9 h (tolerance/error)^(1/p), by no more than
+    a factor of 5. With atol = rtol errors are compared with rtol (1 + |x_i|), as in the source.
 
     Args:
-        rtol: the tolerance.
+        rtol: relative tolerance of the local error.
         control: "xY", the frame's errors are controlled too; "x", the state's alone.
         tableau: "dopri5", "tsit5" or "dopri8".
+        atol: absolute tolerance of the local error, in units of x.
 
     Raises:
-        ValueError: on an unknown tableau or control, on a tolerance that is not positive.
+        ValueError: on an unknown tableau or control, on tolerances that are not positive.
 
     Source:
         V. H. Linh & V. Mehrmann, J. Comput. Appl. Math. 262 (2014) 346, doi:10.1016/j.cam.2013.09.049.
@@ -221,10 +223,11 @@ class HalfExplicit(StageByStage):
     tableau: str = eqx.field(static=True)
     control: str = eqx.field(static=True)
     rtol: Any
+    atol: Any
 
-    def __init__(self, rtol: Any = 1e-9, control: str = "xY", tableau: str = "dopri5"):
-        _check(rtol, control, tableau, EXPLICIT)
-        self.rtol, self.control, self.tableau = rtol, control, tableau
+    def __init__(self, rtol: Any = 1e-9, control: str = "xY", tableau: str = "dopri5", *, atol: Any = 1e-12):
+        _check(rtol, atol, control, tableau, EXPLICIT)
+        self.rtol, self.control, self.tableau, self.atol = rtol, control, tableau, atol
 
 
 class ESDIRK(StageByStage):
@@ -239,11 +242,11 @@ class ESDIRK(StageByStage):
     Args:
         tableau: "esdirk34" (Jørgensen, Kristensen & Thomsen; advances with its weights of order 4), "esdirk54b"
             (advances with its weights of order 5; those of order 4 are L-stable), "kvaerno3", "kvaerno4" or "kvaerno5".
-        rtol: the tolerance.
+        rtol: relative tolerance of the local error.
         control: "xY", the frame's errors are controlled too; "x", the state's alone.
 
     Raises:
-        ValueError: on an unknown tableau or control, on a tolerance that is not positive.
+        ValueError: on an unknown tableau or control, on tolerances that are not positive.
 
     Source:
         J. B. Jørgensen, M. R. Kristensen & P. G. Thomsen, A family of ESDIRK integration methods (2018),
@@ -258,12 +261,13 @@ class ESDIRK(StageByStage):
     tableau: str = eqx.field(static=True)
     control: str = eqx.field(static=True)
     rtol: Any
+    atol: Any
 
-    def __init__(self, tableau: str = "kvaerno5", rtol: Any = 1e-8, control: str = "xY"):
-        _check(rtol, control, tableau, tuple(IMPLICIT))
-        self.rtol, self.control, self.tableau = rtol, control, tableau
+    def __init__(self, tableau: str = "kvaerno5", rtol: Any = 1e-8, control: str = "xY", *, atol: Any = 1e-12):
+        _check(rtol, atol, control, tableau, tuple(IMPLICIT))
+        self.rtol, self.control, self.tableau, self.atol = rtol, control, tableau, atol
 
 
-def _check(rtol, control, tableau, known) -> None:
+def _check(rtol, atol, control, tableau, known) -> None:
     require(is_one_of(tableau, known), f"Unknown tableau {tableau!r}; the tableaux are {', '.join(known)}.")
-    check_control(rtol, control)
+    check_control(rtol, atol, control)

@@ -79,15 +79,17 @@ class StagesTogether(eqx.Module):
                 inverse_blocks.differential_part,
                 inverse_blocks.constraint,
                 linear_at(lambda x: self.dae.slope(t, x, args), x)(both),
+                inverse_blocks.terms,
             )
 
-        differential_part, constraint, slopes = jax.vmap(of_stage)(t, x.reshape(STAGES, -1))
+        differential_part, constraint, slopes, terms = jax.vmap(of_stage)(t, x.reshape(STAGES, -1))
         mixed = share * jnp.einsum("ij,jab->iajb", jnp.asarray(A, x.dtype), slopes)
         d, size = self.dae.n_differential, self.n_differential
         turned, sign = inverse(jnp.eye(size, dtype=x.dtype) - mixed[..., :d].reshape(size, size))
         of_content = jnp.einsum("ina,iab->inb", differential_part, turned.reshape(STAGES, d, size)).reshape(-1, size)
         own = jnp.einsum("ij,inb->injb", jnp.eye(STAGES, dtype=x.dtype), constraint).reshape(x.size, -1)
-        return InverseBlocks(of_content, own + matmul(of_content, mixed[..., d:].reshape(size, -1)), sign)
+        of_constraint = own + matmul(of_content, mixed[..., d:].reshape(size, -1))
+        return InverseBlocks(of_content, of_constraint, sign, terms.ravel())
 
 
 class RadauIIA(ConstrainedMethod):
@@ -98,11 +100,12 @@ class RadauIIA(ConstrainedMethod):
     demands.
 
     Args:
-        rtol: the tolerance.
+        rtol: relative tolerance of the local error.
         control: "xY", the frame's errors are controlled too; "x", the state's alone.
+        atol: absolute tolerance of the local error, in units of x.
 
     Raises:
-        ValueError: on an unknown control, on a tolerance that is not positive.
+        ValueError: on an unknown control, on tolerances that are not positive.
 
     Source:
         E. Hairer & G. Wanner, Solving ODEs II (1996), sections IV.5 and IV.8, doi:10.1007/978-3-642-05221-7;
@@ -119,13 +122,14 @@ class RadauIIA(ConstrainedMethod):
 
     control: str = eqx.field(static=True)
     rtol: Any
+    atol: Any
 
     error_order: ClassVar[int] = 4  # pyright: ignore[reportIncompatibleMethodOverride]  a constant serves as a property
     stage_count: ClassVar[int] = STAGES  # pyright: ignore[reportIncompatibleMethodOverride]
 
-    def __init__(self, rtol: Any = 1e-8, control: str = "xY"):
-        check_control(rtol, control)
-        self.rtol, self.control = rtol, control
+    def __init__(self, rtol: Any = 1e-8, control: str = "xY", *, atol: Any = 1e-12):
+        check_control(rtol, atol, control)
+        self.rtol, self.control, self.atol = rtol, control, atol
 
     def stage_times(self, t, h):
         """The times of the stages (3,)."""
@@ -140,7 +144,9 @@ class RadauIIA(ConstrainedMethod):
         guess = jax.vmap(lambda at, ahead: x + matmul(inverse_blocks, ahead - dae.differential_part(at, x, args)))(
             at, ahead
         )
-        points, _ = solved(StagesTogether(dae), args, at, jnp.tile(start, STAGES), guess.ravel(), self.rtol, h)
+        points, _ = solved(
+            StagesTogether(dae), args, at, jnp.tile(start, STAGES), guess.ravel(), self.point_tolerance, h
+        )
         points = points.reshape(STAGES, -1)
         new = points[-1]
         beyond = jax.vmap(lambda at, x: dae.differential_part(at, x, args))(at, points) - start[None]

@@ -254,7 +254,9 @@ def _timed(run: Callable) -> tuple[Any, float]:
 
 
 def _state_alone() -> np.ndarray:
-    return _exponents("5.1", HalfExplicit(rtol=OF_TABLES[-1], control="x"), SHORTEST_LENGTH, counted=True)
+    return _exponents(
+        "5.1", HalfExplicit(rtol=OF_TABLES[-1], control="x", atol=OF_TABLES[-1]), SHORTEST_LENGTH, counted=True
+    )
 
 
 def _accuracy(example: str, name: str, length: float) -> np.ndarray:
@@ -263,7 +265,9 @@ def _accuracy(example: str, name: str, length: float) -> np.ndarray:
 
 
 def _rectangle(example: str) -> np.ndarray:
-    return np.stack([_exponents(example, RightRectangle(HalfExplicit(rtol=tol)), SHORTEST_LENGTH) for tol in OF_TABLES])
+    return np.stack(
+        [_exponents(example, RightRectangle(HalfExplicit(rtol=tol, atol=tol)), SHORTEST_LENGTH) for tol in OF_TABLES]
+    )
 
 
 def _running(name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -305,7 +309,7 @@ def _linearisation() -> Linearisation:
     system, x0, args = problem_of("5.1")
 
     def path(tolerance):
-        return trajectory(system, x0, args, t1=20.0, n=20, method=HalfExplicit(rtol=tolerance)).x
+        return trajectory(system, x0, args, t1=20.0, n=20, method=HalfExplicit(rtol=tolerance, atol=tolerance)).x
 
     def first(x):
         return jax.jacfwd(lambda x: system.field.residual(jnp.zeros(()), x, args))(x)

@@ -50,7 +50,7 @@ def frame_at_start(example: str) -> tuple[np.ndarray, np.ndarray]:
 
 def algorithm(name: str, tolerance: float) -> Method:
     """The discrete (3.1) or continuous (3.3) algorithm in the stages of Dormand and Prince."""
-    method = HalfExplicit(rtol=tolerance)
+    method = HalfExplicit(rtol=tolerance, atol=tolerance)
     return ContinuousQR(method) if name == "continuous" else method
 
 
@@ -78,7 +78,7 @@ class PublishedTable:
     def method(self, tolerance: float) -> Method:
         """The method of the table."""
         if self.tableau != "dopri5":
-            return ESDIRK(self.tableau, rtol=tolerance)
+            return ESDIRK(self.tableau, rtol=tolerance, atol=tolerance)
         return algorithm(self.algorithm, tolerance)
 
 

@@ -55,7 +55,9 @@ def characteristic(lengths=LENGTHS) -> Characteristic:
         unit, total = np.triu(share) @ unit, total + np.log(sizes)
         if piece in lengths:
             found.append(_eigen(unit, total, piece))
-        moved = tangent_map(system, x, args, t0=float(piece), t1=1.0, method=HalfExplicit(rtol=RTOL_OF_PIECES))
+        moved = tangent_map(
+            system, x, args, t0=float(piece), t1=1.0, method=HalfExplicit(rtol=RTOL_OF_PIECES, atol=RTOL_OF_PIECES)
+        )
         x = moved.x
         columns, factor = np.linalg.qr(np.asarray(moved.matrix) @ columns)
     return Characteristic(*(np.stack(values) for values in zip(*found, strict=True)))
@@ -97,7 +99,9 @@ def turning() -> Turning:
     system, x0, args = problem_of("5.2")
 
     def path(tolerance, stretch):
-        return np.asarray(trajectory(system, x0, args, t1=AT * stretch, n=AT, method=HalfExplicit(rtol=tolerance)).x)
+        return np.asarray(
+            trajectory(system, x0, args, t1=AT * stretch, n=AT, method=HalfExplicit(rtol=tolerance, atol=tolerance)).x
+        )
 
     def first(t, x):
         return jax.jacfwd(lambda x: system.field.residual(t, x, args))(x)
@@ -168,7 +172,7 @@ def perturbed() -> Perturbed:
 
     def exponents(size, moving):
         args = {"size": jnp.asarray(size), "moving": jnp.asarray(moving)}
-        method = HalfExplicit(rtol=1e-10)
+        method = HalfExplicit(rtol=1e-10, atol=1e-10)
         found = lyapunov_spectrum(
             system, jnp.zeros(4), args, t1=LINEAR_LENGTH / 2, transient=LINEAR_LENGTH / 2, method=method, blocks=2
         )

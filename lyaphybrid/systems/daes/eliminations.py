@@ -78,9 +78,11 @@ class Eliminated(Constrained):
         if share is not None:
             return super().inverse_blocks(t, x, args, share)
         d, kind = self.n_differential, x.dtype
-        differential_part = self.raised(self.sensitivity(t, x), jnp.eye(d, dtype=kind))
+        sensitivity = self.sensitivity(t, x)
+        differential_part = self.raised(sensitivity, jnp.eye(d, dtype=kind))
         constraint = jnp.zeros((x.shape[0], len(self.solved)), kind).at[np.array(self.solved)].set(self.turned)
-        return InverseBlocks(differential_part, constraint, jnp.ones((), kind))
+        terms = jnp.abs(x) + self.raised(jnp.abs(sensitivity), jnp.abs(self.differential_part(t, x, None)))
+        return InverseBlocks(differential_part, constraint, jnp.ones((), kind), terms)
 
     def _in_order(self, components: dict) -> list:
         return [components[i] for i in range(len(components))]

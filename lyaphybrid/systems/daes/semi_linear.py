@@ -22,7 +22,7 @@ from jaxtyping import Array
 from ..._jax.jaxprs import constant
 from ..._linalg.banded import BlockFactors, factorised, probes, solve
 from ..._linalg.frames import orthonormalise
-from ..._linalg.linear_systems import inverse, matmul, sparse_matmul, split
+from ..._linalg.linear_systems import condition, inverse, matmul, sparse_matmul, split
 from ..bound import require_callable
 from ..event_driven import EventDriven
 from ..labels import time_word, words
@@ -39,7 +39,7 @@ __all__ = [
 ]
 
 RANK = 1e-10  # entries, or singular values, below this times the largest one count as zero
-ILL = 1e6  # above this condition number Ē, with rows scaled to unit length, counts as singular
+ILL = 1e6  # above this condition number, in the best units, Ē counts as singular
 
 
 class InverseBlocks(NamedTuple):
@@ -48,6 +48,7 @@ class InverseBlocks(NamedTuple):
     differential_part: Array  # (n, d)
     constraint: Array  # (n, n − d)
     sign: Array  # of det Ē, up to a constant factor
+    terms: Array  # (n,) |Ē⁻¹| |Ē| |x|: the size of what adds up to x, and is rounded
 
 
 class Constrained(eqx.Module):
@@ -102,37 +103,52 @@ class Constrained(eqx.Module):
         below = jax.jacfwd(lambda x: self.constraint(t, x, args))(x)
         if share is not None:
             rows = rows - share * jax.jacfwd(lambda x: self.slope(t, x, args))(x)
-        whole, sign = inverse(jnp.concatenate([rows, below]))
-        return InverseBlocks(whole[:, : self.n_differential], whole[:, self.n_differential :], sign)
+        whole = jnp.concatenate([rows, below])
+        back, sign = inverse(whole)
+        terms = jnp.abs(back) @ (jnp.abs(whole) @ jnp.abs(x))
+        return InverseBlocks(back[:, : self.n_differential], back[:, self.n_differential :], sign, terms)
 
     def _lifts_along(self, rows: np.ndarray, t, x, args) -> InverseBlocks:
         """The same for a constant E₁: only A₂ Z (n − d, n − d) is inverted, Z a basis of the kernel of E₁."""
         right, kernel = split(rows)
         _, along = jax.linearize(lambda x: self.constraint(t, x, args), x)
-        turned, sign = inverse(_columns(along, kernel))
+        by_kernel, by_content = _columns(along, kernel), _columns(along, right)
+        turned, sign = inverse(by_kernel)
         falling = sparse_matmul(kernel, turned)
-        return InverseBlocks(jnp.asarray(right, x.dtype) - matmul(falling, _columns(along, right)), falling, sign)
+        differential_part = jnp.asarray(right, x.dtype) - matmul(falling, by_content)
+        own, content = jnp.abs(matmul(jnp.asarray(kernel.T, x.dtype), x)), sparse_matmul(np.abs(rows), jnp.abs(x))
+        summands = matmul(jnp.abs(by_kernel), own) + matmul(jnp.abs(by_content), content)
+        terms = jnp.abs(differential_part) @ content + jnp.abs(falling) @ summands
+        return InverseBlocks(differential_part, falling, sign, terms)
 
-    def distance(self, t, x, args):
-        """The distance of x from the constraints, relative to 1 + |x|; nan if Ē is singular."""
-        correction = matmul(self.inverse_blocks(t, x, args).constraint, self.constraint(t, x, args))
-        return jnp.max(jnp.abs(correction) / (1 + jnp.abs(x)))
+    def distance(self, t, x, args, least: Any = 0.0):
+        """The distance of x from the constraints, relative to the terms that add up to x; nan if Ē is singular.
+
+        Components that cancel functions of time alone have no such terms: `least` (n,) is added.
+        """
+        inverse_blocks = self.inverse_blocks(t, x, args)
+        correction = jnp.abs(matmul(inverse_blocks.constraint, self.constraint(t, x, args)))
+        size = inverse_blocks.terms + least
+        return jnp.max(correction / jnp.where((correction == 0) & (size == 0), 1.0, size))
 
     def whole(self, t, x, args):
         """The matrix Ē (n, n)."""
         below = jax.jacfwd(lambda x: self.constraint(t, x, args))(x)
         return jnp.concatenate([jnp.asarray(self.rows(t, args), x.dtype), below])
 
-    def is_singular(self, t, x, args):
-        """Whether Ē is (nearly) singular, or a row of E below the first d is not zero."""
+    def singularities(self, t, x, args):
+        """Whether Ē is nearly singular in the units as they are, and whether in any, or a later row of E is not zero.
+
+        Near a fold a column of Ē falls to zero as one in small units does: there the first is true, the second is not.
+        """
         whole = self.whole(t, x, args)
         size = jnp.sum(jnp.abs(whole), axis=1, keepdims=True)
         scaled = whole / jnp.where(size == 0, 1.0, size)
         backward, _ = inverse(scaled)
-        condition = jnp.max(jnp.sum(jnp.abs(backward), axis=1), initial=0.0)
+        nearly = ~(jnp.max(jnp.sum(jnp.abs(backward), axis=1), initial=0.0) < ILL)
         leading = jnp.abs(self.leading(t, args))
         rest = jnp.max(leading[self.n_differential :], initial=0.0) > RANK * jnp.max(leading)
-        return ~(condition < ILL) | rest
+        return nearly | rest, (nearly & ~(condition(whole) < ILL)) | rest
 
     def onto(self, t, x, args, dx):
         """The projection Ē⁻¹ [E₁ dx; 0] onto the tangent space of the constraints; it keeps E₁ dx."""
@@ -167,7 +183,9 @@ class Banded(Constrained):
         factors, sign = factorised(seen)
         places = tuple(int(i) for i in np.argmax(kernel, axis=0))
         falling: Any = BandedInverseBlock(factors, places, kernel.shape)
-        return InverseBlocks(jnp.asarray(right, x.dtype) - falling @ _columns(along, right), falling, sign)
+        # |K| is not at hand: the algebraic components of a network have one unit.
+        terms = jnp.maximum(jnp.abs(x), jnp.max(jnp.abs(kernel.T @ x), initial=0.0))
+        return InverseBlocks(jnp.asarray(right, x.dtype) - falling @ _columns(along, right), falling, sign, terms)
 
 
 def _columns(along, matrix: np.ndarray):

@@ -8,6 +8,7 @@ from ...._jax.precision import nonzero
 from ...._linalg.products import even_units, in_units
 from ....integrators import RungeKutta
 from ....integrators.base import Method
+from ....integrators.implicit.on_constraints import ConstrainedMethod
 
 __all__ = ["LEAST_SCALE", "extents_of", "finer", "mixing_of", "sizes_of", "units_of"]
 
@@ -59,7 +60,7 @@ def units_of(extents: np.ndarray, matrix: np.ndarray) -> np.ndarray:
 
 def finer(method: Method, points: np.ndarray, mixing: np.ndarray) -> Method:
     """The method, whose absolute tolerance is small beside the components along a motion (samples, n)."""
-    if not isinstance(method, RungeKutta):  # others have none
+    if not isinstance(method, RungeKutta | ConstrainedMethod):  # others have none
         return method
     largest = np.max(np.abs(points), axis=0)
     # What is zero but for rounding has the size of what cancels there.

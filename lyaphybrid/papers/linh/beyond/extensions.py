@@ -80,18 +80,27 @@ def _errors(example: str, methods: list[Method]) -> np.ndarray:
 
 def collocation(example: str) -> np.ndarray:
     """As in `Extensions`."""
-    return _errors(example, [RadauIIA(tolerance) for tolerance in OF_TABLES])
+    return _errors(example, [RadauIIA(tolerance, atol=tolerance) for tolerance in OF_TABLES])
 
 
 def continuous_esdirk(example: str) -> np.ndarray:
     """As in `Extensions`."""
-    return _errors(example, [ContinuousQR(ESDIRK("esdirk54b", rtol=tolerance)) for tolerance in OF_TABLES])
+    return _errors(
+        example, [ContinuousQR(ESDIRK("esdirk54b", rtol=tolerance, atol=tolerance)) for tolerance in OF_TABLES]
+    )
 
 
 def svd(example: str) -> np.ndarray:
     """As in `Extensions`."""
     system, x0, args = problem_of(example)
-    found = svd_spectrum(system, x0, args, t1=SHORTEST_LENGTH, blocks=16, method=HalfExplicit(RTOL_OF_EXTENSIONS))
+    found = svd_spectrum(
+        system,
+        x0,
+        args,
+        t1=SHORTEST_LENGTH,
+        blocks=16,
+        method=HalfExplicit(RTOL_OF_EXTENSIONS, atol=RTOL_OF_EXTENSIONS),
+    )
     return np.stack([found.exponents, found.error])
 
 
@@ -101,7 +110,12 @@ def bounds(example: str) -> np.ndarray:
     found = []
     for tolerance in OF_TABLES:
         one = exponent_bounds(
-            system, jnp.zeros_like(x0), args, t1=TIME_COUNTED, transient=TIME_AT_REST, method=HalfExplicit(tolerance)
+            system,
+            jnp.zeros_like(x0),
+            args,
+            t1=TIME_COUNTED,
+            transient=TIME_AT_REST,
+            method=HalfExplicit(tolerance, atol=tolerance),
         )
         found.append([np.abs(one.exponents - limits()), one.bound])
     return np.array(found)
@@ -122,7 +136,13 @@ def implicit() -> np.ndarray:
     def exponents(dae, guess, args, transient, t1):
         start = consistent_start(dae, guess, args)
         return lyapunov_spectrum(
-            dae, start, args, t1=t1, transient=transient, method=HalfExplicit(RTOL_OF_EXTENSIONS), blocks=2
+            dae,
+            start,
+            args,
+            t1=t1,
+            transient=transient,
+            method=HalfExplicit(RTOL_OF_EXTENSIONS, atol=RTOL_OF_EXTENSIONS),
+            blocks=2,
         ).exponents
 
     first = exponents(implicit_dae(mixed, x0, args), x0, args, 3 * TIME_AT_REST, TIME_AT_REST)
@@ -135,5 +155,5 @@ def large(length: int = 60) -> Large:
     grid = Grid(length)
     dae = grid.dae(3)
     start = consistent_start(dae, grid.rest)
-    found = svd_spectrum(dae, start, t1=TIME_OF_LARGE_SYSTEM, blocks=2, method=HalfExplicit(1e-8))
+    found = svd_spectrum(dae, start, t1=TIME_OF_LARGE_SYSTEM, blocks=2, method=HalfExplicit(1e-8, atol=1e-8))
     return Large(grid.n, grid.d, found.exponents, grid.log_growth(TIME_OF_LARGE_SYSTEM) / TIME_OF_LARGE_SYSTEM)
