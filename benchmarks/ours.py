@@ -150,7 +150,7 @@ def spring_damper(continuous: bool, t1: float) -> Make:
 
     def make():
         problem = lh.zoo.spring_damper_dae(**problems.SPRING_PARAMETERS)
-        method = lh.HalfExplicit(rtol=problems.SPRING_TOL)
+        method = lh.HalfExplicit(rtol=problems.SPRING_TOL, atol=problems.SPRING_TOL)
         method = lh.ContinuousQR(method) if continuous else method
         run = _runner(problem.system, problems.SPRING_START, problem.args, t1=t1, method=method, k=2)
         run()
@@ -161,7 +161,7 @@ def spring_damper(continuous: bool, t1: float) -> Make:
 
 def dampings_swept(dampings):
     """Exponents (lanes, 2) for each damping, one after the other; `jax.jit` makes one loop of it."""
-    method = lh.HalfExplicit(rtol=problems.SPRING_TOL)
+    method = lh.HalfExplicit(rtol=problems.SPRING_TOL, atol=problems.SPRING_TOL)
 
     def lane(damping):
         problem = lh.zoo.spring_damper_dae(**(problems.SPRING_PARAMETERS | {"damping": damping}))
