@@ -286,11 +286,16 @@ def _parted(pair: _Straddling, run: Callable, gap: float, metric) -> tuple[_Stra
     while True:
         points, modes, _ = run(pair.t, pair.mode, pair.x, 0.0, SAMPLES_OF_PAIR)
         apart = _distance(points, metric)
-        alike = (modes[0] == modes[1]) & np.isfinite(apart)  # else one has jumped, the other is just about to
+        alike = (modes[0] == modes[1]) & np.isfinite(apart)  # else one has jumped to another mode
         require(bool(np.any(alike)), f"No two motions at the boundary are in one mode from t = {pair.t:g} on.")
-        here = pair
-        for k in np.flatnonzero(alike):
+        here, seen = pair, np.flatnonzero(alike)
+        for k, after in zip(seen, [*seen[1:], None], strict=True):
             now = pair.t + (k + 1) * gap
+            if apart[k] > PARTED_PAIR:
+                if after is None and here is not pair:  # whether it stays so the next run shows
+                    break
+                if after is not None and apart[after] < apart[k]:  # one has jumped, the other is just about to
+                    continue
             here = _Straddling(now, None if pair.mode is None else modes[0, k], points[:, k])
             if apart[k] > PARTED_PAIR:
                 return here, path, (float(np.log(apart[k] / first)), now - begun)
