@@ -180,14 +180,14 @@ def one_run(xp: ModuleType, records: BlockRecord, empty, clock: str, initial, av
         losses = xp.sum(counts, axis=0).astype(growth.dtype)
         initial = initial[xp.where(valid[0], records.order[0][where[0]], where[0])]
     running = (initial[None, :] + xp.cumsum(growth, axis=0)) / _or_nan(xp, reading)[:, None]
-    if averaging == "uniform":
-        finite = running[-1]
-    else:
-        finite = _birkhoff(xp, growth, length, reading, valid, regular=averaging == "birkhoff-regular")
+    finite, weights = running[-1], xp.ones_like(length)
+    if averaging != "uniform":
+        finite, weights = _birkhoff(xp, growth, length, reading, valid, regular=averaging == "birkhoff-regular")
     gone = (losses > 0) | (empty & xp.any(valid))  # empty: lost before growth was counted and never replaced
     course = xp.where((xp.cumsum(counts, axis=0) > 0) | empty[None, :], -xp.inf, running)
     count = xp.maximum(xp.sum(valid), 2).astype(growth.dtype)
-    stderr = standard_error(xp, growth, length, finite, count, _or_nan(xp, reading[-1]))
+    whole = _or_nan(xp, reading[-1] if averaging == "uniform" else xp.sum(weights * length))
+    stderr = standard_error(xp, weights[:, None] * growth, weights * length, finite, count, whole)
     late = (reading >= 0.5 * reading[-1]) & (valid | ~xp.any(valid))
     volume = None if records.log_volume is None else xp.sum(xp.where(valid, records.log_volume, 0.0))
     residual = None if volume is None else xp.abs(xp.sum(growth) - volume) / _or_nan(xp, reading[-1])
@@ -242,20 +242,21 @@ def places(xp: ModuleType, order, valid):
 
 
 def _birkhoff(xp: ModuleType, growth, length, reading, valid, regular: bool):
-    """Weighted Birkhoff averages, with the weights at the middle of each block.
+    """Weighted Birkhoff averages, with the weights at the middle of each block; and these (blocks,).
 
     For regular motion in conservative systems (`regular`) columns grow like a power of the time, so the local exponent
     is that power divided by t; it is subtracted.
     """
     s = (reading - 0.5 * length) / _nonzero(xp, reading[-1])
-    weight = xp.where(valid, birkhoff_weights(xp, s), 0.0) * length
+    weights = xp.where(valid, birkhoff_weights(xp, s), 0.0)
     local = growth / _nonzero(xp, length)[:, None]
     if regular:
         earlier = reading - length
         slope = xp.log(_nonzero(xp, reading) / xp.where(earlier > 0, earlier, 1.0)) / _nonzero(xp, length)
         power = _growth_power(xp, growth, reading, valid)
         local = local - power * xp.where(earlier > 0, slope, 0.0)[:, None]
-    return xp.sum(weight[:, None] * local, axis=0) / _or_nan(xp, xp.sum(weight))
+    each = weights * length
+    return xp.sum(each[:, None] * local, axis=0) / _or_nan(xp, xp.sum(each)), weights
 
 
 def birkhoff_weights(xp: ModuleType, s):

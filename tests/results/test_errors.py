@@ -134,3 +134,16 @@ def test_blocks_of_other_lengths():
     one, two = held(np.sum(growth, axis=0) / np.sum(lengths), error)
     assert 0.63 < one < 0.73
     assert 0.91 < two < 0.97
+
+
+def test_errors_of_weighted_averages():
+    """300 runs of the logistic map at r = 3.8: the weights leave fewer blocks that count, and the error says so."""
+    logistic = lh.Map(lambda n, x, r: r * x * (1 - x))
+    starts = jnp.asarray(np.random.default_rng(5).uniform(0.1, 0.9, (300, 1)))
+
+    def run(x0):
+        found = lh.lyapunov_spectrum(logistic, x0, 3.8, t1=2000, transient=200, averaging="birkhoff")
+        return found.exponents[0], found.stderr[0]
+
+    values, errors = map(np.asarray, jax.vmap(run)(starts))
+    assert 0.9 < np.sqrt(np.mean(errors**2)) / np.std(values, ddof=1) < 1.3
