@@ -21,7 +21,7 @@ DEPENDENT_SINGULAR_VALUE = 1e-6  # relative size below which a singular value me
 # What is left of a direction beside another where M does not tell whether it is lost: more than rounding, but little.
 NOTHING_LEFT, HARDLY_LEFT = 2e-15, 1e-9
 MUCH_LEFT = 1e-4  # where the flow leaves so much, what is lost in an equal time was lost by a jump
-MOST_HALVINGS = 12  # of a piece
+MOST_HALVINGS = 9  # of a piece
 CLEAR_OF_EVENTS = 0.02  # of a piece: distance of its cut from events
 
 
@@ -39,22 +39,24 @@ def matrices_of(flow: Motion, orbit: OrbitIterate) -> list[np.ndarray]:
     What a motion contracts by more than 1e-15 in one piece looks destroyed, as what it contracts beside a direction
     that it stretches. In shorter pieces it does not; what a jump destroys is gone in each of them.
     """
-    return [matrix for piece in orbit.pieces for matrix in _cut(flow, piece, MOST_HALVINGS, False)]
+    return [one for piece in orbit.pieces for one in _cut(flow, piece, orbit.units, MOST_HALVINGS, False)]
 
 
-def _cut(flow: Motion, piece: MotionPiece, halvings: int, mild: bool) -> list[np.ndarray]:
+def _cut(flow: Motion, piece: MotionPiece, units: np.ndarray, halvings: int, mild: bool) -> list[np.ndarray]:
     """The derivatives of the parts of a piece; `mild`: the flow beside it contracts little in an equal time."""
-    left = _left_of(piece.matrix)
+    left = _left_of(piece, units)
     by_jump = left <= NOTHING_LEFT and (mild or _is_bound(flow, piece))
     if left >= HARDLY_LEFT or by_jump or not halvings:
         return [piece.matrix]
     halves = _halves(flow, piece)
-    mild = any(not half.jumps and _left_of(half.matrix) > MUCH_LEFT for half in halves)
-    return [m for half in halves for m in _cut(flow, half, halvings - 1, mild and half.jumps > 0)] or [piece.matrix]
+    mild = any(not half.jumps and _left_of(half, units) > MUCH_LEFT for half in halves)
+    parts = [_cut(flow, half, units, halvings - 1, mild and half.jumps > 0) for half in halves]
+    return [one for part in parts for one in part] or [piece.matrix]
 
 
-def _left_of(matrix: np.ndarray) -> float:
-    """What a matrix leaves of each direction: of its length, and beside what it stretches; 1 where it is not finite."""
+def _left_of(piece: MotionPiece, units: np.ndarray) -> float:
+    """What a piece leaves of each direction: of its length, and beside what it stretches; 1 where it is not finite."""
+    matrix = in_units(piece.matrix, units)
     if not len(matrix) or not np.all(np.isfinite(matrix)):
         return 1.0
     sizes = np.linalg.svd(matrix, compute_uv=False)
