@@ -243,6 +243,7 @@ class ESDIRK(StageByStage):
         tableau: "esdirk34" (Jørgensen, Kristensen & Thomsen; advances with its weights of order 4), "esdirk54b"
             (advances with its weights of order 5; those of order 4 are L-stable), "kvaerno3", "kvaerno4" or "kvaerno5".
         rtol: relative tolerance of the local error.
+        atol: absolute tolerance of the local error, in units of x.
         control: "xY", the frame's errors are controlled too; "x", the state's alone.
 
     Raises:
