@@ -212,7 +212,8 @@ def _judged(case: ExponentFunction, rest: Equilibrium, end: Node) -> Estimate:
     size = float(np.linalg.norm(pencil.matrix))
     change = np.array([np.linalg.norm(one) for one in changes[0]]) + np.abs(np.linalg.norm(dx, axis=1))
     mixing = (size / apart)[:, None]  # of the eigenvectors, by rounding of A
-    stderr = OPERATION_ROUNDING * errors[:, None] * ((condition + mixing) * np.abs(gradient) + change)
+    with np.errstate(invalid="ignore"):  # ∞·0 where the equations are singular: not trusted
+        stderr = OPERATION_ROUNDING * errors[:, None] * ((condition + mixing) * np.abs(gradient) + change)
     return Estimate(
         value=value[:k],
         value_stderr=OPERATION_ROUNDING * errors[:k] * size,
