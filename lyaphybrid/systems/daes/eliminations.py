@@ -38,9 +38,9 @@ class Eliminated(Constrained):
     turned: Float[Array, "a a"]
     within: Constrained
 
-    def is_singular(self, t, x, args):
+    def singularities(self, t, x, args):
         """As in the field before the elimination, which may look at more than Ē."""
-        return self.within.is_singular(t, x, args)
+        return self.within.singularities(t, x, args)
 
     def differential_part(self, t, x, args):
         """The differential components w (d,) of a point, or (d, k) of a frame."""

@@ -43,10 +43,11 @@ class ImplicitField(Constrained):
         counts = KERNEL_CHANGE * jnp.max(size, axis=1, keepdims=True), MIXED_ROWS * jnp.max(size)
         return inside, jnp.where((jnp.abs(outside) > counts[0]) & (jnp.abs(outside) > counts[1]), outside, 0.0)
 
-    def is_singular(self, t, x, args):
-        """Whether Ē is singular, or F contains other components of x' than v."""
+    def singularities(self, t, x, args):
+        """As of any field; and whether F contains other components of x' than v."""
         _, outside = self.slope_matrices(t, x, args)
-        return super().is_singular(t, x, args) | jnp.any(outside != 0)
+        more, (nearly, singular) = jnp.any(outside != 0), super().singularities(t, x, args)
+        return nearly | more, singular | more
 
 
 def in_few_words(args: Any) -> str:
