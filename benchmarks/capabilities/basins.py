@@ -100,7 +100,7 @@ def edge_of_a_map(clock: Stopwatch) -> Row:
 
 def edge_of_balls(clock: Stopwatch) -> Row:
     found = of_balls()
-    edge = clock(lambda: lh.edge_state(BALL, found, t1=800.0, settle=311.7))
+    edge = clock(lambda: lh.edge_state(BALL, found, t1=800.0, settle=400.0))
     energies = edge.x[:, 0] + edge.x[:, 1] ** 2 / 2
     error = max(abs(edge.rate - np.log(REPELS) / 2), apart(energies, 0.5))
     truth = "closed form, the ball that repeats: ln 1.3 in the time 2"

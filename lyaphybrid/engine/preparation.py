@@ -17,7 +17,8 @@ from .._jax.tracing import array, as_arrays, traced, varying
 from .._keywords import user_level
 from ..integrators import ContinuousQR, HalfExplicit, RungeKutta
 from ..integrators.base import Method
-from ..systems.consistency import check_constraints, check_initial_mode
+from ..systems.consistency import check_constraints
+from ..systems.contacts.starts import check_initial_mode
 from ..systems.daes.semi_linear import Constrained, fields_of
 from ..systems.event_driven import EventDriven
 from ..systems.hybrid import Hybrid

@@ -14,17 +14,14 @@ from .._jax.precision import require_double
 from .._jax.tracing import as_arrays, traced
 from .._linalg.linear_systems import condition
 from ..errors import NoConsistentPointError
-from .contacts.surfaces import InitialMode
 from .daes.bands import places_away
 from .daes.implicit_fields import ImplicitField, in_few_words
 from .daes.points import landed, solved, to_rounding
 from .daes.semi_linear import DAE, ILL, RANK, Banded, Constrained, fields_of
-from .hybrid import Hybrid
 from .validation import check_functions
 
 __all__ = [
     "check_constraints",
-    "check_initial_mode",
     "check_fixed_parts",
     "consistent_start",
     "onto_constraints",
@@ -117,35 +114,6 @@ def check_constraints(system: Any, x, t0, args: Any) -> None:
                 "differentiation index is above one; differentiate the constraints until it is one."
                 + _lost_slopes(field, fixed, args),
             )
-
-
-def check_initial_mode(system: Any, x, t0, args: Any, mode: Any) -> None:
-    """Check that a start x (n,) lies where its mode holds, beside a surface or on it; not for traced values.
-
-    Raises:
-        ValueError: if it lies beyond the surface, or off the one on which it is to slide.
-    """
-    if not isinstance(system, Hybrid) or not isinstance(system.initial_mode, InitialMode) or mode is None:
-        return
-    if traced((x, t0, args, mode)):
-        return
-    with jax.ensure_compile_time_eval():
-        off = _outside(system.initial_mode, t0, x, args)
-    if traced(off):
-        return
-    off, names = np.asarray(off), system.mode_names
-    belongs = [name for name, distance in zip(names, off, strict=True) if distance == 0]
-    require(
-        not off[mode],
-        f"x0 lies outside mode {names[mode]!r}: the function of its surface misses "
-        f"{'zero' if mode >= system.initial_mode.regions else 'its sign'} by {off[mode]:.3g}. Leave mode out, and the "
-        f"start determines it; it belongs to {belongs}.",
-    )
-
-
-@compiled(hands_on=True)
-def _outside(initial_mode: InitialMode, t, x, args):
-    return initial_mode.outside(t, x, args)
 
 
 def check_fixed_parts(system: Any, number: int, x, t, args: Any) -> None:

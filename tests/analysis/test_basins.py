@@ -7,23 +7,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 import lyaphybrid as lh
+from benchmarks.capabilities.basins import gap, newton
 from lyaphybrid.analysis.basins import measures
 
 KEY = jax.random.key(0)
 WELLS = lh.Flow(lambda t, x, a: jnp.stack([x[1], x[0] - x[0] ** 3 - 0.5 * x[1]]), names=("x", "v"))
-
-
-def newton(n, x, args):
-    """Newton's method for z³ = 1, in real numbers: z − (z³ − 1) / 3z² = (2 z + 1/z²) / 3."""
-    a, b = x
-    square = (a * a + b * b) ** 2
-    return jnp.stack([(2 * a + (a * a - b * b) / square) / 3, (2 * b - 2 * a * b / square) / 3])
-
-
-def gap(n, x, args):
-    """A tent of slope 3: starts leave through its gap, by the left half to −1, by the right half to 2."""
-    inside = jnp.where(x < 1 / 3, 3 * x, jnp.where(x > 2 / 3, 3 - 3 * x, jnp.where(x < 0.5, -1.0, 2.0)))
-    return jnp.where(x < 0, -1.0, jnp.where(x > 1, 2.0, inside))
 
 
 def double_well(t, x, a):

@@ -9,6 +9,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import lyaphybrid as lh
+from benchmarks.capabilities.basins import BALL, REPELS
 from lyaphybrid.analysis.basins import edges, recognition, sampling
 from lyaphybrid.analysis.basins.basins import BasinRun
 
@@ -61,22 +62,14 @@ def test_an_unstable_cycle_beside_a_wall():
 @pytest.mark.slow
 @pytest.mark.parametrize("settle", [311.7, 400.0])
 def test_an_impact_within_a_mode_parts_nobody(settle):
-    """A ball of speed 1 + u leaves the ground with 1 + 1.3 u − 2.4 u³: u = 0 repels, by 1.3 in the time 2.
+    """The bounce of speed 1 repels, by 1.3 in the time 2.
 
     With settle = 400 samples fall onto impacts, where one motion of the pair has jumped and the other has not.
     """
-
-    def leaves(t, x, args):
-        u = -x[1] - 1
-        return jnp.stack([x[0], 1 + 1.3 * u - 2.4 * u**3])
-
-    ball = lh.Hybrid(
-        lambda t, x, args: jnp.stack([x[1], 0 * x[1] - 1.0]), lh.Transition(lambda t, x, args: x[0], leaves)
-    )
-    found = lh.basins(ball, [[0.107, 0.0], [1.2, 0.0]], shape=(110,), t1=60.0)
-    edge = lh.edge_state(ball, found, t1=300.0, settle=settle)
+    found = lh.basins(BALL, [[0.107, 0.0], [1.2, 0.0]], shape=(110,), t1=60.0)
+    edge = lh.edge_state(BALL, found, t1=300.0, settle=settle)
     np.testing.assert_allclose(edge.x[:, 0] + edge.x[:, 1] ** 2 / 2, 0.5, atol=1e-3)
-    assert edge.rate == pytest.approx(np.log(1.3) / 2, abs=3e-3)
+    assert edge.rate == pytest.approx(np.log(REPELS) / 2, abs=3e-3)
 
 
 def test_it_prints_and_becomes_a_dataset():

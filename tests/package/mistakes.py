@@ -16,6 +16,7 @@ import numpy as np
 import scipy.special
 
 import lyaphybrid as lh
+from elastic_ball import bounce, falling, height
 from examples import flight
 
 
@@ -28,18 +29,6 @@ class Mistake(NamedTuple):
 
 def swing(t, x, args):
     return jnp.stack([x[1], -x[0]])
-
-
-def falling(t, x, args):
-    return jnp.stack([x[1], 0 * x[1] - 1.0])
-
-
-def height(t, x, args):
-    return x[0]
-
-
-def bounce(t, x, args):
-    return jnp.stack([x[0], -x[1]])
 
 
 SWING, HENON = lh.Flow(swing), lh.zoo.henon_map()

@@ -9,6 +9,7 @@ import xarray
 from matplotlib import pyplot
 
 import lyaphybrid as lh
+from elastic_ball import bounce, falling, height
 
 START = [0.8, 0.3]
 BOX = [[-1.0, -1.0], [1.0, 1.0]]
@@ -20,18 +21,6 @@ def cycle(t, x, a):
 
 def of_named(t, x, args):
     return cycle(t, x, args["a"])
-
-
-def falling(t, x, args):
-    return jnp.stack([x[1], 0 * x[1] - 1.0])
-
-
-def height(t, x, args):
-    return x[0]
-
-
-def bounce(t, x, args):
-    return jnp.stack([x[0], -x[1]])
 
 
 def in_wells(t, x, args):

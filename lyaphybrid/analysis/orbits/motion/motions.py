@@ -72,8 +72,9 @@ def acceleration(system, t, x, args, mode: int):
 
 @compiled(hands_on=True)
 def slope_of(system, t, x, args, mode: int):
-    """The derivative (n, n) of the field of a mode by the state."""
-    return jax.jacfwd(lambda x: fields_of(system)[mode](t, x, args))(x)
+    """The derivative (n, n) by the state of the field of a mode, or of a map's rule."""
+    function = system.rule if isinstance(system, Map) else fields_of(system)[mode]
+    return jax.jacfwd(lambda x: function(t, x, args))(x)
 
 
 class Motion(NamedTuple):
@@ -128,11 +129,9 @@ class Motion(NamedTuple):
 
     def mixing(self, node: Node, matrix: np.ndarray, length: float) -> np.ndarray:
         """What components make of each other (n, n) on a way of a length, with the derivative `matrix` (n, n)."""
-        if isinstance(self.problem.system, Map):
-            return mixing_of(matrix, self.piece(node, 1).matrix, 1.0)
         x = as_jax(np.asarray(node.x))
         slope = slope_of(self.problem.system, array(node.t, x.dtype), x, self.problem.args, self.mode(node))
-        return mixing_of(matrix, np.asarray(slope), length)
+        return mixing_of(matrix, np.asarray(slope), 1.0 if isinstance(self.problem.system, Map) else length)
 
     def _field(self, node: Node):
         return fields_of(self.problem.system)[self.mode(node)]
