@@ -151,6 +151,21 @@ def test_singular_dae_where_the_constraint_folds():
     assert computed(spectrum) == math.ceil(1.0 / (2.2 / BLOCKS))  # the fold is within a block, not at the end of one
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("method", [lh.HalfExplicit(), lh.HalfExplicit(rtol=1e-6), lh.ESDIRK(), lh.RadauIIA()])
+def test_singular_dae_where_steps_creep_along_a_fold(method):
+    """q' = −y, 0 = y³/3 − y − q folds at y = 1, at t = 3/2 − ln 2 from y = 2: steps that lead nowhere are no reason."""
+    cubic = lh.DAE(
+        lambda t, args: jnp.diag(jnp.array([1.0, 0.0])),
+        lambda t, x, args: jnp.stack([-x[1], x[1] ** 3 / 3 - x[1] - x[0]]),
+        n_differential=1,
+    )
+    for t1 in (1.0, 2.0, 5.0):
+        spectrum = lh.lyapunov_spectrum(cubic, [2 / 3, 2.0], t1=t1, method=method, throw=False)
+        assert spectrum.status is STATUS.singular_dae
+        assert float(spectrum.t) == pytest.approx(1.5 - math.log(2), abs=1e-7)
+
+
 def test_singular_dae_where_the_rank_of_e_falls():
     """(1 - t) x' = -x: x = 1 - t goes on smoothly, but nothing says so."""
     falling = lh.DAE(

@@ -7,11 +7,12 @@ import jax.numpy as jnp
 from ..._jax.columns import each_column
 from ...events.compiled_hybrid import CompiledHybrid, by_mode
 from ...integrators.base import Method
-from ...statuses import STATUS
+from ...statuses import RUNNING, STATUS
 from ...systems.daes.points import landed
 from ...systems.daes.semi_linear import is_constrained
 from ..evolver import AbstractEvolver
 from ..states import Clock, StepState, stop
+from .step_sizes import unresolved
 
 __all__ = ["OnConstraints", "landing_of"]
 
@@ -66,8 +67,9 @@ class OnConstraints(AbstractEvolver):
         off, nearly, singular = by_mode(
             mode, [_distance_of(field) for field in self.hybrid.fields], clock.base + carry.s, carry.x, least
         )
-        # A step underflow or a state that is not finite is a consequence of the singular point.
+        # Steps that the time does not resolve, and a state that is not finite, are consequences of the singular point.
         ended = (carry.status == STATUS.step_underflow) | (carry.status == STATUS.nonfinite)
+        ended = ended | ((carry.status == RUNNING) & (solver.h <= unresolved(carry, clock)))
         finite = jnp.all(jnp.isfinite(carry.x))
         nearly, singular = nearly & finite, singular & finite
         carry = carry._replace(
