@@ -206,6 +206,7 @@ def one_run(xp: ModuleType, records: BlockRecord, empty, clock: str, initial, av
         "growth": xp.where(valid[:, None], growth, xp.nan),
         "history_losses": counts,
         "history_elapsed": xp.where(valid, time, xp.nan),
+        "history_weights": xp.where(valid, weights, xp.nan),
     }
     return run if residual is None else run | {"residual": residual}
 
@@ -313,6 +314,7 @@ def _fields(xp: ModuleType, run: dict, stderr, replicates, end: dict) -> dict[st
             "growth": run["growth"][:, rank],
             "losses": run["history_losses"][:, rank],
             "elapsed": run["history_elapsed"],
+            "weights": run["history_weights"],
         },
         "replicates": None if replicates is None else replicates[:, rank],
         "residual": run.get("residual"),

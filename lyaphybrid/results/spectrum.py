@@ -21,7 +21,7 @@ from .errors import standard_error
 from .result import Data, RunResult, exponents_along, states_along
 from .resuming import Resumable
 
-__all__ = ["NOTE_TEXTS", "About", "History", "Spectrum", "guard_unreached", "step_too_long", "unresolved"]
+__all__ = ["NOTE_TEXTS", "About", "History", "Spectrum", "doubtful", "guard_unreached", "step_too_long", "unresolved"]
 
 NOTE_TEXTS = {
     "rank_lost": "a jump destroys directions: their exponents are -inf",
@@ -75,6 +75,12 @@ def step_too_long(spectrum: "Spectrum"):
     return found & xp.all(xp.isfinite(spectrum.exponents))
 
 
+def doubtful(spectrum: "Spectrum"):
+    """Whether the exponents may be wrong by more than their errors: what step_too_long and unresolved say."""
+    xp = module_of(spectrum.spread)
+    return step_too_long(spectrum) | xp.any(unresolved(spectrum.spread))
+
+
 def guard_unreached(spectrum: "Spectrum"):
     """Whether the system has guards, and none of them was reached."""
     xp = module_of(spectrum.min_transversality)
@@ -89,6 +95,7 @@ class History(eqx.Module):
     growth: Array  # (blocks, k) Σ ln R_ii of each block, without what was lost
     losses: Array | None = None  # (blocks, k) how often a column was lost in each block
     elapsed: Array | None = None  # (blocks,) time since the end of the transient, for every clock
+    weights: Array | None = None  # (blocks,) of a unit of the clock in the mean: 1, but for Birkhoff averages
 
 
 @functools.lru_cache(64)  # to write a method out takes as long as a short run
@@ -266,9 +273,9 @@ class Spectrum(Resumable, RunResult, eqx.Module):
         j = int(np.sum(np.cumprod(sums >= 0)))
         if not 0 < j < len(values) or not np.isfinite(values[j]):
             return np.nan
-        weights = np.zeros(len(values))
-        weights[:j], weights[j] = 1 / abs(values[j]), sums[j - 1] / values[j] ** 2
-        return self._stderr_of(weights)
+        factors = np.zeros(len(values))
+        factors[:j], factors[j] = 1 / abs(values[j]), sums[j - 1] / values[j] ** 2
+        return self._stderr_of(factors)
 
     def ks_entropy(self) -> Array:
         """The sum of the positive exponents (Pesin: the Kolmogorov–Sinai entropy of an SRB measure)."""
@@ -279,20 +286,21 @@ class Spectrum(Resumable, RunResult, eqx.Module):
         """One standard error of it; the errors of the exponents are correlated."""
         return self._stderr_of(np.asarray(self.exponents) > 0)
 
-    def _stderr_of(self, weights) -> float:
-        """Of Σ w_i λ_i, w (k,), from the blocks or the runs; w is 0 where an exponent is not finite."""
-        weights = np.asarray(weights, float)
+    def _stderr_of(self, factors) -> float:
+        """Of Σ f_i λ_i, f (k,), from the blocks or the runs; f is 0 where an exponent is not finite."""
+        factors = np.asarray(factors, float)
         if self.replicates is not None:
-            values = _weighted(np.asarray(self.replicates), weights)
+            values = _combined(np.asarray(self.replicates), factors)
             return float(np.std(values, ddof=1) / len(values) ** 0.5) if len(values) > 1 else np.nan
-        lengths = np.diff(np.asarray(self.history.time), prepend=0.0)
-        growth = _weighted(self.history.growth, weights)
-        reached = np.isfinite(lengths)
+        ends = np.asarray(self.history.time)
+        reached = np.isfinite(ends)
         if np.sum(reached) < 2:
             return np.nan
-        growth, lengths = growth[reached], lengths[reached]
-        total = np.sum(lengths)
-        return float(standard_error(np, growth, lengths, np.sum(growth) / total, len(lengths), total))
+        weights = 1.0 if self.history.weights is None else np.asarray(self.history.weights)[reached]
+        lengths = weights * np.diff(ends, prepend=0.0)[reached]
+        growth = weights * _combined(self.history.growth, factors)[reached]
+        mean = _combined(self.finite_exponents, factors)
+        return float(standard_error(np, growth, lengths, mean, len(lengths), np.sum(lengths)))
 
     def resume(self, t1: Any, *, max_steps: int | None = None, progress: Any = None, throw: bool = True) -> "Spectrum":
         """Go on with the run from its end, to the length t1, with the same settings.
@@ -416,10 +424,10 @@ ZERO_WITHIN = 2.0  # standard errors within which λ₁ may be 0
 LEAST_ERROR = 1e-12  # of a dimension: what is smaller is rounding
 
 
-def _weighted(values, weights: np.ndarray) -> np.ndarray:
-    """Σ over the last axis, of those columns that have a weight: others may be infinite."""
-    used = weights != 0
-    return np.asarray(values)[..., used] @ weights[used]
+def _combined(values, factors: np.ndarray) -> np.ndarray:
+    """Σ f_i v_i over the last axis, of those columns whose factor is not 0: others may be infinite."""
+    used = factors != 0
+    return np.asarray(values)[..., used] @ factors[used]
 
 
 def _verdict(s: Spectrum) -> str:

@@ -200,12 +200,12 @@ def test_long_tables_are_shortened():
     assert lines[21].split() == ["…", "…"]
 
 
-@pytest.mark.slow_cases("4")
-@pytest.mark.parametrize("replicates", [None, 4])
-def test_errors_of_sums_are_those_of_the_exponents_with_their_correlation(replicates):
+@pytest.mark.slow_cases("4-uniform")
+@pytest.mark.parametrize(("replicates", "averaging"), [(None, "uniform"), (None, "birkhoff"), (4, "uniform")])
+def test_errors_of_sums_are_those_of_the_exponents_with_their_correlation(replicates, averaging):
     """The sum of Hénon's exponents is ln 0.3 at each step: the errors of both cancel, though each is large."""
     key = None if replicates is None else jax.random.key(1)
-    s = lh.lyapunov_spectrum(HENON, START, 1.4, t1=2000, replicates=replicates, key=key)
+    s = lh.lyapunov_spectrum(HENON, START, 1.4, t1=2000, replicates=replicates, key=key, averaging=averaging)
     for weights, known in (((1.0, 0.0), s.stderr[0]), ((0.0, 1.0), s.stderr[1]), ((1.0, 1.0), 0.0)):
         assert s._stderr_of(np.array(weights)) == pytest.approx(float(known), rel=1e-9, abs=1e-12)
     assert s.ks_entropy_stderr() == pytest.approx(float(s.stderr[0]), rel=1e-9)

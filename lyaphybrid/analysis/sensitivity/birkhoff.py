@@ -23,6 +23,7 @@ import numpy as np
 from ..._jax.engines import compiled
 from ...integrators import RungeKutta
 from ...results.averages import birkhoff_weights
+from ...results.spectrum import doubtful
 from ...statuses import STATUS
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
@@ -88,6 +89,8 @@ def by_birkhoff(case: ExponentFunction, *, progress: Any = None) -> Estimate:
     found, clock = along.run(theta, progress), options["clock"]
     if int(found.status_code) != int(STATUS.ok):
         raise UntrustedError(f"the run failed: {found.status}.", failed=True)
+    if doubtful(found):
+        raise UntrustedError(f"the exponents may be wrong: {', '.join(sorted(found.notes))}.")
     if found.exponents[0] * found.history.time[-1] > EXPLODES:
         growth = f"e^{found.exponents[0] * found.history.time[-1]:.3g}"
         raise UntrustedError(f"the motion is chaotic: over the run the derivative of a trajectory grows by {growth}.")

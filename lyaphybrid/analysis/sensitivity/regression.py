@@ -20,6 +20,7 @@ from scipy import special
 
 from ..._arguments import numbers, require, whole
 from ...engine.host.lanes import map_lanes
+from ...results.spectrum import doubtful
 from ...statuses import STATUS
 from ...systems.kinds import iterates
 from ..spectra import lyapunov_spectrum, starts
@@ -33,7 +34,7 @@ LEAST_NOISE = 1e-9  # least noise, relative to 1 + |λ|: regular motion has almo
 UNLIKELY = 1e-4  # least probability of a χ² that counts as noise
 DEGREES_AGREE = 3.0  # largest difference of the slopes of both degrees, in standard errors
 NOTHING = 4.0  # largest slope of a zero exponent, in standard errors
-MOST_FAILED = 0.05  # fraction of the runs that may fail
+MOST_FAILED = 0.05  # fraction of the runs that may fail, or be doubtful
 
 
 class EnsembleResults(NamedTuple):
@@ -42,6 +43,7 @@ class EnsembleResults(NamedTuple):
     exponents: np.ndarray  # (points, replicates, k); nan where the run failed
     time_per_jump: np.ndarray  # (points, replicates); inf where nothing jumped
     failed: int
+    doubtful: int  # of those that did not fail
 
 
 class PolynomialFit(NamedTuple):
@@ -94,8 +96,12 @@ def by_regression(
     at = _points(key, points, len(half))
     runs = _ensemble(case, key, case.theta + half * at, replicates, threads, progress)
     judged = [_judged(f"λ{i + 1}", runs.exponents[..., i], at, degree) for i in range(case.k)]
-    lost = runs.failed / runs.time_per_jump.size
-    reasons = [f"{runs.failed} of {runs.time_per_jump.size} runs failed"] * (runs.failed > 0)
+    lost = (runs.failed + runs.doubtful) / runs.time_per_jump.size
+    reasons = [
+        f"{count} of {runs.time_per_jump.size} runs {what}"
+        for count, what in ((runs.failed, "failed"), (runs.doubtful, "have the note step_too_long or unresolved"))
+        if count
+    ]
     cost = len(at) * replicates
     found = _estimate_of_all(judged, half, lost, reasons, cost)
     if iterates(case.system) or np.any(np.isinf(runs.time_per_jump)):
@@ -158,7 +164,7 @@ class EnsembleRun(eqx.Module):
             system, x0, args_of(theta), k=self.k, clock=self.clock, mode=self.mode, method=method, blocks=2,
             throw=False, **times,
         )  # fmt: skip
-        return found.exponents, found.time / found.jumps, found.status_code
+        return found.exponents, found.time / found.jumps, found.status_code, doubtful(found)
 
 
 def _ensemble(case: ExponentFunction, key, thetas: np.ndarray, replicates: int, threads, progress) -> EnsembleResults:
@@ -168,7 +174,7 @@ def _ensemble(case: ExponentFunction, key, thetas: np.ndarray, replicates: int, 
     shape = (len(thetas), replicates)
     lanes = np.repeat(thetas, replicates, axis=0), _starts(case, key, thetas, replicates)
     shared = case.system, case.args_of, method, options
-    (exponents, apart, status), done = map_lanes(lane, shared, lanes, threads=threads, progress=progress)
+    (exponents, apart, status, doubted), done = map_lanes(lane, shared, lanes, threads=threads, progress=progress)
     # After Ctrl-C the other lanes hold zeros, which is also the code of status ok.
     good = done & (status == int(STATUS.ok)) & ~np.any(np.isnan(exponents), axis=1)
     if not np.any(good):
@@ -177,6 +183,7 @@ def _ensemble(case: ExponentFunction, key, thetas: np.ndarray, replicates: int, 
         exponents=np.where(good[:, None], exponents, np.nan).reshape(*shape, case.k),
         time_per_jump=np.where(good, apart, np.nan).reshape(shape),
         failed=int(np.sum(~good)),
+        doubtful=int(np.sum(good & doubted)),
     )
 
 

@@ -326,3 +326,23 @@ def test_names_of_parameters():
     _, args_of, names = estimates.parameters_of({"a": 1.0, "b": np.ones(2), "n": 3}, None)
     assert names == ("a", "b[0]", "b[1]")
     assert args_of(np.array([5.0, 6.0, 7.0]))["n"] == 3
+
+
+DAMPED = lh.Flow(lambda t, x, args: jnp.stack([x[1], -x[0] - args * x[1]]))
+
+
+def of_long_steps(algorithm, t1):
+    """The exponents are −c/2; steps of RK4 that are too long have others, as smooth a function of c."""
+    method = lh.RungeKutta("rk4", dt=2.0)
+    return lh.lyapunov_gradient(DAMPED, [1.0, 0.0], 0.1, t1=t1, algorithm=algorithm, key=KEY, method=method)
+
+
+def test_doubtful_runs_are_not_trusted():
+    found = of_long_steps("regression", 400.0)
+    assert not found.trust
+    assert found.reasons[0] == "96 of 96 runs have the note step_too_long or unresolved"
+
+
+def test_no_derivative_along_a_doubtful_run():
+    with pytest.raises(lh.errors.NoDerivativeError, match="step_too_long"):
+        of_long_steps("birkhoff", 20_000.0)
