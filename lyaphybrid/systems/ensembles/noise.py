@@ -26,8 +26,8 @@ def frozen_noise(seed: Any, count: Any, shape: tuple[int, ...] = (), kind: str =
     - An input that stays constant between ticks is a component of the state that a clock sets; fields must be smooth.
 
     Args:
-        seed: a whole number, or an array of one, such as an entry of `args`; there ``jnp.asarray(3)`` may change,
-            while each new Python integer is compiled anew.
+        seed: a whole number from 0 to 2**64 − 1 (in single precision 2**32 − 1), or an array of one, such as an entry
+            of `args`; there ``jnp.asarray(3)`` may change, while each new Python integer is compiled anew.
         count: a number, rounded to an integer, from −2**53 to 2**53.
         shape: of the array.
         kind: "normal" (mean 0, variance 1), "uniform" (from 0 to 1) or "exponential" (mean 1).
@@ -60,7 +60,7 @@ def frozen_noise(seed: Any, count: Any, shape: tuple[int, ...] = (), kind: str =
     whole = jnp.round(jax.lax.stop_gradient(count).astype(dtype))
     high = jnp.floor(whole / WORD)
     low = whole - high * WORD
-    key = jax.random.key(jnp.asarray(seed).astype(jnp.uint32))
+    key = jax.random.key(jnp.asarray(seed).astype(jax.dtypes.canonicalize_dtype("uint64")))
     for word in (high % WORD, low):
         key = jax.random.fold_in(key, word.astype(jnp.uint32))
     return KINDS_OF_NOISE[kind](key, shape, dtype)
