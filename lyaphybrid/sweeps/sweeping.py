@@ -1,6 +1,7 @@
 """`sweep`: one run at each point of a grid or list."""
 
 import dataclasses
+import itertools
 import os
 import time
 import warnings
@@ -200,8 +201,9 @@ class Work:
         named, row = _Named(PointRun.of(function, grid, args)), _first_values(grid)
         traced = _traced(named, function, args, row)
         _warn_of_idle(traced.jaxpr, sorted(row))
-        twice = sorted(set(traced.shapes) & set(grid.coordinates()))
-        require(not twice, f"The run returns {', '.join(twice)}, which is the name of an axis: give it another name.")
+        along = (dims_of(name, one.ndim) for name, one in traced.shapes.items())
+        twice = ", ".join(sorted({*traced.shapes, *itertools.chain(*along)} & set(grid.coordinates())))
+        require(not twice, f"The run returns {twice}, which is the name of an axis: give one of them another name.")
         variables = {
             name: np.full((grid.size, *one.shape), missing(np.dtype(one.dtype)), one.dtype)
             for name, one in traced.shapes.items()

@@ -387,6 +387,11 @@ def test_what_is_interrupted_is_kept(tmp_path, counted):
 
 
 def test_a_result_that_is_called_as_an_axis_is_refused():
+    def spectrum(args):
+        return lh.lyapunov_spectrum(lh.Map(lambda n, x, args: args["exponent"] * x * (1 - x)), [0.3], args, t1=5)
+
+    with pytest.raises(ValueError, match="returns exponent, which is the name of an axis"):
+        lh.sweep(spectrum, {"exponent": np.array([3.7, 3.8])}, args={"exponent": jnp.asarray(3.7)})
     with pytest.raises(ValueError, match="returns a, which is the name of an axis"):
         lh.sweep(lambda args: args, {"a": np.arange(3.0)}, args={"a": 0.0}, progress=False)
 
