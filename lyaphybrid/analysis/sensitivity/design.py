@@ -8,7 +8,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optax
 
 from ... import _renamed as renamed
 from ... import plots
@@ -244,6 +243,8 @@ def design(
     elif goal is not None and optimiser is None:
         search = functools.partial(_newton, with_slopes, goal, limits, first, steps)
     else:
+        import optax  # here, because the import is slow, and few need it
+
         objective = target if callable(target) else lambda exponents, args: jnp.sum((exponents - goal) ** 2)
         optimiser = optax.adam(RATE) if optimiser is None else optimiser
         good = isinstance(optimiser, optax.GradientTransformation)
@@ -346,7 +347,7 @@ def _descent(
             break
         with jax.numpy_dtype_promotion("standard"):  # optax mixes integers and floats
             changes, state = optimiser.update(slope, state, u)
-        u = optax.apply_updates(u, changes)
+        u = u + changes
     assert best is not None
     assert here is not None
     reason = f"{ALL_STEPS}, {steps}: more may come nearer"
