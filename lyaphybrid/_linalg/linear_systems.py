@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-__all__ = ["condition", "divided", "inverse", "matmul", "split", "sparse_matmul"]
+__all__ = ["condition", "divided", "inverse", "matmul", "separated", "sparse_matmul", "split"]
 
 UNROLLED = 12  # most rows for which the elimination is unrolled
 MOST_TERMS_UNROLLED = 4  # most terms of a product that are added one by one
@@ -88,14 +88,19 @@ def _cleared(rows, shares, top, j: int, pivot):
     return jnp.where(places == j, row[None, :], rows - shares[:, None] * row[None, :])
 
 
+def separated(rows: np.ndarray) -> bool:
+    """Whether as many columns of E₁ (d, n) are not zero as it has rows: unit vectors span its kernel."""
+    return bool(np.any(rows != 0, axis=0).sum() == rows.shape[0])
+
+
 def split(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """For E₁ (d, n) of full rank: a right inverse (n, d) and a basis (n, n − d) of its kernel.
 
-    If the nonzero columns of E₁ form a square matrix, the basis consists of unit vectors and both are sparse.
+    If E₁ is `separated`, the basis consists of unit vectors and both are sparse.
     """
     d, n = rows.shape
-    there = np.any(rows != 0, axis=0)
-    if there.sum() == d:
+    if separated(rows):
+        there = np.any(rows != 0, axis=0)
         right, kernel = np.zeros((n, d)), np.eye(n)[:, ~there]
         right[there] = np.linalg.inv(rows[:, there])
         return right, kernel
@@ -104,8 +109,11 @@ def split(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def matmul(a: Array, b: Array) -> Array:
-    """A @ b, (n, m) @ (m,) or (m, k); few terms are written out, so that XLA can fuse them with their neighbours."""
-    if a.shape[1] > MOST_TERMS_UNROLLED or a.shape[1] == 0:
+    """A @ b, (n, m) @ (m,) or (m, k); few terms are written out, so that XLA can fuse them with their neighbours.
+
+    A may also be a linear function with a shape and ``@``, as the inverse of a banded matrix.
+    """
+    if not hasattr(a, "dtype") or a.shape[1] > MOST_TERMS_UNROLLED or a.shape[1] == 0:
         return a @ b
     rows = [a[:, j] * b[j] if b.ndim == 1 else a[:, j][:, None] * b[j][None, :] for j in range(a.shape[1])]
     return sum(rows[1:], rows[0])

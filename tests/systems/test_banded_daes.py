@@ -108,6 +108,27 @@ def test_a_coupling_that_begins_later():
     assert lh.trajectory(of(2), point, 0.1, t1=0.1, n=1).status is lh.STATUS.ok
 
 
+@pytest.mark.parametrize("inner", [0.0, 0.7])
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_few_constraints_that_move_and_rows_with_algebraic_components(count, inner):
+    """(x + c y₀)' = −x + Σ y with A y = v x + (sin t, 0, …): λ = (−1 + 1ᵀA⁻¹v)/(1 + c (A⁻¹v)₀)."""
+    leading = np.zeros((count + 1, count + 1))
+    leading[0, :2] = 1.0, inner
+    matrix = 2 * np.eye(count) + 0.3 * np.eye(count, k=1) + 0.2 * np.eye(count, k=-1)
+    weights, push = np.linspace(0.2, 0.5, count), np.eye(count)[0]
+
+    def residual(t, x, args):
+        return jnp.concatenate([jnp.sum(x[1:])[None] - x[:1], matrix @ x[1:] - weights * x[0] - push * jnp.sin(t)])
+
+    found, y = [], np.linalg.solve(matrix, weights)
+    for bandwidth in (None, 1):
+        dae = lh.DAE(lambda t, args: jnp.asarray(leading), residual, 1, bandwidth=bandwidth)
+        start = lh.consistent_start(dae, np.ones(count + 1))
+        found.append(lh.lyapunov_spectrum(dae, start, t1=5.0))
+    assert_allclose(found[1].exponents, (y.sum() - 1) / (1 + inner * y[0]), rtol=1e-8)
+    assert_allclose(found[1].x, found[0].x, rtol=1e-12)
+
+
 M = 6
 NEXT = np.minimum(np.arange(M) + 1, M - 1)
 SPARSE = np.diag(np.ones(M - 1), 1) + 2 * np.eye(M)

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..._jax.dependence import reach
-from ..._linalg.linear_systems import split
+from ..._linalg.linear_systems import separated, split
 from .semi_linear import RANK, Banded
 
 __all__ = ["places_away"]
@@ -23,7 +23,7 @@ def places_away(field: Banded, t, x, args) -> Any:
     one at the state, and at random ones around it.
     """
     rows = field.rows(t, args)
-    if not isinstance(rows, np.ndarray):  # the equations are solved with full matrices
+    if not isinstance(rows, np.ndarray) or not separated(rows):  # the equations are solved with full matrices
         return jnp.zeros(())
     _, kernel = split(rows)
     there = kernel != 0

@@ -22,7 +22,7 @@ from jaxtyping import Array
 from ..._jax.jaxprs import constant
 from ..._linalg.banded import BlockFactors, factorised, probes, solve
 from ..._linalg.frames import orthonormalise
-from ..._linalg.linear_systems import condition, inverse, matmul, sparse_matmul, split
+from ..._linalg.linear_systems import condition, inverse, matmul, separated, sparse_matmul, split
 from ..bound import require_callable
 from ..event_driven import EventDriven
 from ..labels import time_word, words
@@ -177,6 +177,8 @@ class Banded(Constrained):
     bandwidth: int = eqx.field(static=True)
 
     def _lifts_along(self, rows: np.ndarray, t, x, args) -> InverseBlocks:
+        if not separated(rows):
+            return super()._lifts_along(rows, t, x, args)
         right, kernel = split(rows)
         _, along = jax.linearize(lambda x: self.constraint(t, x, args), x)
         seen = _columns(along, kernel @ probes(kernel.shape[1], self.bandwidth))
@@ -206,8 +208,8 @@ class DAE(Flow):
         n_differential: d, the number of rows of E that are not zero. Semi-explicit equations have E = diag(1, …, 0, …).
         bandwidth: b, if constraint i depends only on the algebraic components i − b to i + b, as in networks with
             well-ordered nodes (`scipy.sparse.csgraph.reverse_cuthill_mckee` finds an order). Half-explicit methods then
-            solve banded equations, whose matrix takes 2 b + 1 directional derivatives. If E is not constant, and in
-            implicit methods, the equations are solved with full matrices.
+            solve banded equations, whose matrix takes 2 b + 1 directional derivatives. If E is not constant or its rows
+            contain more than d components, and in implicit methods, the equations are solved with full matrices.
         names: what the components of x are called, as for `lh.Flow`.
         units: in which they are measured, likewise.
         time_unit: in which time is measured, as for `lh.Flow`.
