@@ -74,7 +74,8 @@ class RungeKutta(Method):
         rtol: relative tolerance of the local error.
         atol: absolute tolerance of the local error, in units of x.
         dt: a fixed step, in units of time; None: adaptive. Steps are still cut at events.
-        control: "xY", the frame's errors are controlled too; "x", the state's alone.
+        control: "xY", the frame's errors are controlled too; "x", the state's alone: steps may be too long for
+            perturbations, most of all where the state is at rest.
         max_step: upper limit of adaptive steps, in units of time; None: no limit.
 
     Raises:

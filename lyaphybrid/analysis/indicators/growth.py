@@ -158,7 +158,8 @@ def megno(
     """The mean exponential growth factor of nearby orbits, Y = (2/t) ∫ s d(ln ‖w‖).
 
     It tends to 2 for quasiperiodic motion, to 0 where ‖w‖ stays bounded, and grows like λ₁ t in chaos; its mean over
-    time like λ₁ t / 2. The integral is a sum over the steps of the method, or the flights of an event-driven system.
+    time like λ₁ t / 2. The integral is a sum over the steps of the method, or the flights of an event-driven system, by
+    the trapezoidal rule; of a map Y = (2/n) Σ_j (j − ½) ln(‖w_j‖/‖w_{j−1}‖).
 
     Args:
         system: an `lh.Flow`, `lh.Hamiltonian`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.

@@ -204,7 +204,8 @@ class HalfExplicit(StageByStage):
 
     Args:
         rtol: relative tolerance of the local error.
-        control: "xY", the frame's errors are controlled too; "x", the state's alone.
+        control: "xY", the frame's errors are controlled too; "x", the state's alone: steps may be too long for
+            perturbations, most of all where the state is at rest.
         tableau: "dopri5", "tsit5" or "dopri8".
         atol: absolute tolerance of the local error, in units of x.
 
@@ -244,7 +245,8 @@ class ESDIRK(StageByStage):
             (advances with its weights of order 5; those of order 4 are L-stable), "kvaerno3", "kvaerno4" or "kvaerno5".
         rtol: relative tolerance of the local error.
         atol: absolute tolerance of the local error, in units of x.
-        control: "xY", the frame's errors are controlled too; "x", the state's alone.
+        control: "xY", the frame's errors are controlled too; "x", the state's alone: steps may be too long for
+            perturbations, most of all where the state is at rest.
 
     Raises:
         ValueError: on an unknown tableau or control, on tolerances that are not positive.

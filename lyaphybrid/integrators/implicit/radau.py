@@ -101,7 +101,8 @@ class RadauIIA(ConstrainedMethod):
 
     Args:
         rtol: relative tolerance of the local error.
-        control: "xY", the frame's errors are controlled too; "x", the state's alone.
+        control: "xY", the frame's errors are controlled too; "x", the state's alone: steps may be too long for
+            perturbations, most of all where the state is at rest.
         atol: absolute tolerance of the local error, in units of x.
 
     Raises:
