@@ -170,40 +170,32 @@ def lyapunov_spectrum(
     _check_words(clock, averaging, orthonormalise, blocks, k, target_stderr, replicates, key, max_steps)
     _check_flags(throw=throw, count_start=count_start, resume=resume)
     problem, x0, t0, mode = preparation.prepare(system, x0, args, t0, method, mode)
-    about = About.of(system, problems.mode_names(system), preparation.method_for(system, method))
     require(not isinstance(system, Flow) or clock != "jumps", ENDLESS)
     check_counts(system, clock, t1=t1, transient=transient)
-    n = x0.shape[-1]
     if replicates is not None:
         require(x0.ndim == 1, f"replicates perturbs one start, x0 (n,), or is left out; x0 has shape {x0.shape}.")
         x0 = starts(problem.system, t0, x0, problem.args, replicates, key)
     frame, initial = initial_frame(problem, t0, x0, frame, k)
-    k = int(frame.shape[-1])
-    kind = frames.kind_for(k) if orthonormalise == "auto" else orthonormalise
     qr_schedule, interval = qr_schedule_for(problem, every)
-    limit = SUM_RULE_EXACT if isinstance(system, EventDriven) else SUM_RULE_UP_TO
-    closes = k == n <= limit
-    plan = problems.RunPlan(
-        qr_schedule=qr_schedule,
-        kind=kind,
-        sum_rule=closes,
-        count_jumps=clock != "time",
-        batched=x0.ndim == 2,
-        collect=problems.first_losses,
-    )
+    plan = _plan(system, x0, int(frame.shape[-1]), qr_schedule, orthonormalise, clock)
     ends_of_blocks(t1, blocks, times, "t1")  # checks the arguments before anything is computed
-    discrete, file, stretches = iterates(system), None, [(t1, blocks)]
+    in_units = functools.partial(targets_for, clock=clock, discrete=iterates(system), dtype=x0.dtype)
     loop_state, interrupted = driver.start(problem, plan, t0, x0, frame, mode, array(interval, x0.dtype)), False
+    file, stretches = None, [(t1, blocks)]
     if checkpoint is not None:
-        require(not traced((loop_state, problem)), NOT_KEPT)
-        identity = _identity(
-            problem, plan, loop_state, initial, transient, blocks, times, (clock, averaging, target_stderr, count_start)
-        )
+        words = clock, averaging, target_stderr, count_start
+        identity = _identity(problem, plan, loop_state, initial, transient, blocks, times, words)
         file = checkpoints.opened(checkpoint, resume, identity, t1, blocks, times is None and target_stderr is None)
         stretches = file.stretches
+    about = About.of(system, problems.mode_names(system), preparation.method_for(system, method))
+    how = clock, averaging, initial if count_start else 0.0 * initial, labels_of(system, problem.shape), about
     quieted: list[driver.Outcome] = []  # outcomes of the transient
     if not is_zero(transient):
-        quiet = targets_for(ends_of_blocks(transient, blocks, None, "transient"), clock, discrete, x0.dtype)
+        quiet = in_units(ends_of_blocks(transient, blocks, None, "transient"))
+        targets = in_units(ends_of_blocks(t1, blocks, times, "t1"))
+        if driver.under_transformation(problem, loop_state, (quiet, targets)) and len(targets[0]) == blocks:
+            _, found = driver.after_transient(problem, plan, loop_state, quiet, targets, max_steps)
+            return _deliver(_Run(problem, plan, (found,), *how).summarised(t1, blocks), throw, "")
         before = driver.drive(problem, plan, loop_state, *quiet, max_steps, part=file and file.part(0))
         loop_state, interrupted = driver.sealed(before), before.interrupted
         quieted.append(before)
@@ -212,20 +204,31 @@ def lyapunov_spectrum(
         loop_state = driver.restart(loop_state) if quieted or outcomes else loop_state  # a new one has counted nothing
         done, number = done + more, len(outcomes)
         length, count = stretches[number] if number < len(stretches) else (more * t1, blocks)
-        targets = targets_for(ends_of_blocks(length, count, times, "t1"), clock, discrete, x0.dtype)
+        targets = in_units(ends_of_blocks(length, count, times, "t1"))
         reached, in_blocks = reached + length, in_blocks + len(targets[0])
         part = None if file is None or interrupted else file.part(number + 1)
         outcomes.append(driver.drive(problem, plan, loop_state, *targets, max_steps, progress, interrupted, part=part))
         loop_state, interrupted = outcomes[-1].loop_state, outcomes[-1].interrupted
         if number + 1 < len(stretches) and not interrupted:
             continue
-        how = clock, averaging, initial if count_start else 0.0 * initial, labels_of(system, problem.shape), about
         spectrum = _Run(problem, plan, tuple(outcomes), *how).summarised(reached, in_blocks)
         spectrum, why, more = _more_lengths(spectrum, (*quieted, *outcomes), target_stderr, done, times)
         if more == 0:
             if file is not None and not interrupted:
                 file.close()
             return _deliver(spectrum, throw, why)
+
+
+def _plan(system, x0, k: int, qr_schedule, orthonormalise: str, clock: str) -> problems.RunPlan:
+    limit = SUM_RULE_EXACT if isinstance(system, EventDriven) else SUM_RULE_UP_TO
+    return problems.RunPlan(
+        qr_schedule=qr_schedule,
+        kind=frames.kind_for(k) if orthonormalise == "auto" else orthonormalise,
+        sum_rule=k == x0.shape[-1] <= limit,
+        count_jumps=clock != "time",
+        batched=x0.ndim == 2,
+        collect=problems.first_losses,
+    )
 
 
 class _Run(NamedTuple):
@@ -270,6 +273,7 @@ def _go_on(run: _Run, length, blocks: int, spectrum: Spectrum, t1, max_steps, pr
 
 def _identity(problem, plan, loop_state, initial, transient, blocks, times, words) -> dict[str, str]:
     """Hashes of what must be the same when a run is resumed from a checkpoint."""
+    require(not traced((loop_state, problem)), NOT_KEPT)
     one = np.ones(1, loop_state.base.dtype)
 
     def advance(loop_state):

@@ -17,6 +17,7 @@ from lyaphybrid.engine.blocks import targets_for
 from lyaphybrid.engine.host import driver
 from lyaphybrid.engine.problems import RunPlan
 from lyaphybrid.engine.states import QRSchedule
+from lyaphybrid.native.lowering.lowering import lower
 from lyaphybrid.statuses import RUNNING, STATUS
 
 ROOM = 100
@@ -380,3 +381,18 @@ def test_the_bits_do_not_depend_on_where_calls_end(name):
 def emptied(loop_state):
     """The state without the attempts that are left."""
     return loop_state._replace(carry=loop_state.carry._replace(budget=0))
+
+
+def test_a_transient_within_a_traced_program_is_the_same_code():
+    """A sweep's program holds the loop once, for the transient and for what is counted."""
+    oscillator = lh.zoo.impact_oscillator()
+
+    def run(omega, transient=0.0, throw=False):
+        args = oscillator.args | {"omega": omega}
+        return oscillator.spectrum(args=args, t1=20.0, transient=transient, blocks=10, throw=throw)
+
+    def size(transient):
+        return lower(jax.make_jaxpr(lambda omega: run(omega, transient).exponents)(2.5), 16).count("\n")
+
+    assert size(10.0) < 1.3 * size(0.0)
+    assert_array_equal(jax.jit(lambda omega: run(omega, 10.0).exponents)(2.5), run(2.5, 10.0).exponents)

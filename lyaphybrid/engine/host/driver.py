@@ -30,7 +30,17 @@ from .checkpoints import RunPart
 from .paces import Pace, Rates, StiffnessVotes, given_up, rates_of
 from .reporting import reporter
 
-__all__ = ["Outcome", "drive", "once", "rates_at", "restart", "sealed", "start"]
+__all__ = [
+    "Outcome",
+    "after_transient",
+    "drive",
+    "once",
+    "rates_at",
+    "restart",
+    "sealed",
+    "start",
+    "under_transformation",
+]
 
 SECONDS_PER_CALL = 0.3
 FIRST_ATTEMPTS = 2000  # in the first call
@@ -119,8 +129,7 @@ def drive(
         part: its part of a checkpoint on disk; only for runs without an event log.
     """
     limit = 0 if interrupted else FOREVER if max_steps is None else max_steps
-    leaves = jax.tree.leaves((loop_state, problem, ends, last_jumps))
-    if traced(leaves) or (transforming() and traced(enclosed(problem))):
+    if under_transformation(problem, loop_state, (ends, last_jumps)):
         loop_state, records = _advance(problem, plan, loop_state, ends, last_jumps, limit)
         kept = () if loop_state.carry.log is None else (loop_state.carry.log,)
         return Outcome(loop_state, records, _verdict(loop_state, ends, ATTEMPTS_SPENT), False, kept)
@@ -171,6 +180,34 @@ def drive(
         part.keep(loop_state, records, given, now=True)
     status = _verdict(loop_state, ends, np.int32(STATUS.interrupted) if interrupted else ATTEMPTS_SPENT)
     return Outcome(loop_state, records, status, interrupted, tuple(logs), why, votes.stiff)
+
+
+def under_transformation(problem: RunProblem, loop_state: LoopState, targets) -> bool:
+    """Whether a run is part of a traced program, and is computed by one call of the loop."""
+    leaves = jax.tree.leaves((loop_state, problem, targets))
+    return traced(leaves) or (transforming() and traced(enclosed(problem)))
+
+
+def after_transient(
+    problem: RunProblem, plan: RunPlan, loop_state: LoopState, quiet, targets, max_steps
+) -> tuple[Outcome, Outcome]:
+    """Under a transformation: `drive` for a transient, and for what follows it.
+
+    Both are the same loop, taken twice, so that its code is made once. Both have as many blocks: `quiet`, `targets`
+    are each the ends and the last jumps of these.
+    """
+    limit = FOREVER if max_steps is None else max_steps
+
+    def one(loop_state, targets):
+        ends, last_jumps = targets
+        loop_state, records = _advance(problem, plan, restart(loop_state), ends, last_jumps, limit)
+        status = _verdict(loop_state, ends, ATTEMPTS_SPENT)
+        return sealed(Outcome(loop_state, records, status, False)), (records, status)
+
+    both = jax.tree.map(lambda *parts: jnp.stack(parts), quiet, targets)
+    loop_state, (records, status) = jax.lax.scan(one, loop_state, both)
+    before, after = (jax.tree.map(lambda leaf, i=i: leaf[i], (records, status)) for i in range(2))
+    return Outcome(loop_state, *before, False), Outcome(loop_state, *after, False)
 
 
 def _place(loop_state: LoopState, run: int) -> tuple[Any, Any, Any]:
