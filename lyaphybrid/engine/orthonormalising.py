@@ -50,7 +50,8 @@ def step_with_twice_the_digits(settings: Settings, clock: Clock, carry: StepStat
     carry = stop(accumulate(settings, carry, clock.base + carry.s, found), STATUS.nonfinite, ~sane)
     interval = jnp.ones_like(interval) if settings.qr_schedule.automatic else interval
     spread = jnp.where(sure, spread, jnp.inf)
-    return carry._replace(since=jnp.zeros_like(carry.since)), evolver.propose_step(carry, clock), interval, spread
+    carry = carry._replace(since=jnp.zeros_like(carry.since))
+    return carry, evolver.propose_step(carry, clock), interval, spread
 
 
 def orthonormalise(settings: Settings, clock: Clock, carry: StepState, ahead, interval, spread):

@@ -190,7 +190,9 @@ class Clock(NamedTuple):
         return jnp.where(end < self.length, self.interval, carry.since + (end - carry.s))
 
     def afresh(self, carry: StepState) -> StepState:
-        """The carry as it will be after the orthonormalisation, if one is due."""
+        """The carry as it will be after the orthonormalisation, if one is due: there the next flight begins."""
+        if self.interval is None:
+            return carry
         return carry._replace(since=jnp.where(carry.since >= self.interval, 0.0, carry.since))
 
 

@@ -82,7 +82,9 @@ class EventDriven(eqx.Module):
         flow: ``(dt, t, x, args) -> x`` after the time dt without an event, from state x at time t.
         next_event: ``(t, x, args) -> (dt, which)``: the time to the next event (inf: none) and what it is, an
             integer or any pytree of integers (which pair, which wall). If its first leaf is negative, nothing happens
-            at that time except that the prediction is renewed; this is not counted as a jump.
+            at that time except that the prediction is renewed; this is not counted as a jump. It is asked again in the
+            middle of a flight, also within rounding of the event, which it must not step over, and just after the
+            event: a time that is computed as the next multiple of a period may do either; keep a timer in the state.
         jump: ``(t, x, args, which) -> x⁺``.
         guard: ``(t, x, args, which) -> scalar`` that falls through zero at the event: it gives the derivative of the
             event time with respect to the state.

@@ -1,5 +1,6 @@
 """Event-driven systems orthonormalised at fixed times, between the events: what comes out does not depend on when."""
 
+import dataclasses
 import math
 from typing import NamedTuple
 
@@ -99,6 +100,27 @@ def test_a_direction_that_an_event_destroys_is_lost_there():
     assert not kept.notes
     assert_allclose(lost.exponents, [0.0, -40.0, -np.inf], rtol=1e-12, atol=1e-12)
     assert int(lost.losses[2]) in (49, 50)  # the fiftieth is at the end of the run
+
+
+@pytest.mark.parametrize("every", [0.3, 1.0, 2.0, 3.7])
+def test_events_between_two_orthonormalisations(every):
+    """Each event that may destroy a direction makes one due; the next flight was then flown as if it had no event."""
+    found = lh.lyapunov_spectrum(turns(0.0), [1.0, 0.0, 0.0], t1=50.0, blocks=4, every=("time", every))
+    assert int(found.jumps) in (49, 50)
+    assert_allclose(found.exponents, [0.0, -40.0, -np.inf], rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_bodies_whose_collisions_might_destroy_directions():
+    """The same with a schedule: what is promised changes nothing but where it is looked for."""
+    system = dataclasses.replace(DISKS.system, canonical=False)
+    runs = [lh.trajectory(system, DISKS.x0, DISKS.args, t1=2.0, n=1).x[-1].ravel()]
+    for every in (0.1, 0.7):
+        s = lh.lyapunov_spectrum(system, DISKS.x0, DISKS.args, t1=2.0, blocks=2, k=2, every=("time", every))
+        assert int(s.jumps) > 20
+        runs.append(np.ravel(s.x))
+    assert_allclose(runs[1], runs[0], atol=1e-7)
+    assert_allclose(runs[2], runs[0], atol=1e-7)
 
 
 def test_a_run_by_jumps_ends_where_there_are_none_any_more():

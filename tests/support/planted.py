@@ -67,6 +67,16 @@ def _spiking(t, x, args):
     return jnp.stack([rise / 100, (-11 * (v + 60) - w) / 130])
 
 
+def _by_the_clock(slack):
+    """A decay that a clock of period 0.1 stops for a moment: when, from the next multiple of the period."""
+    return lh.EventDriven(
+        lambda dt, t, x, args: x * jnp.exp(-dt),
+        lambda t, x, args: ((jnp.floor(t / 0.1 + slack) + 1) * 0.1 - t, 0),
+        lambda t, x, args, which: x + jnp.array([1.0, 0.5]),
+        lambda t, x, args, which: jnp.round(t / 0.1) * 0.1 - t + 0 * x[0],
+    )
+
+
 PLANTED = {
     "wrong direction": (_ball(direction=1), [1.0, 0.0], "jumps", "never fired, but it fell"),
     "sign of the reset": (_ball(lambda t, x, args: 0.9 * x), [1.0, 0.0], "jumps", "goes on through"),
@@ -138,4 +148,6 @@ PLANTED = {
                   tangent={"a": lambda t, x, args, dx: dx * jnp.array([1.0, 0.0])}), [1.0, 0.2],
         "saltation", "differences",
     ),
+    "a clock that ticks twice": (_by_the_clock(0.0), [1.0, 2.0], "prediction", "once more, just after"),
+    "a clock that misses ticks": (_by_the_clock(1e-9), [1.0, 2.0], "prediction", "steps over it"),
 }  # fmt: skip

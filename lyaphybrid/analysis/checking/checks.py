@@ -27,6 +27,7 @@ from ...systems.validation import check_functions
 from ..trajectories import Trajectory, tangent_map, trajectory
 from . import functions, jumps, motion
 from .constraints import check_what_is_fixed
+from .predictions import check_predictions
 from .report import Finding, Report, noted, right, wrong
 from .smoothness import check_smoothness
 
@@ -54,8 +55,9 @@ def check(
     jumps and kinks of fields and guards within a mode; guards that are clocks; whether resets leave their guards, and
     whether the motion goes on from there; guards that are passed the other way; how the trial run ended; the tangent
     map, saltation matrices included, against differences of the motion; the direction of the flow, whose exponent must
-    be 0 where nothing depends on the time; the end of the run at finer tolerances; stiffness; and whether couplings of
-    an `lh.DAE` stay inside its `bandwidth`, and the kernel of ∂F/∂x' of an `lh.implicit_dae` what it was.
+    be 0 where nothing depends on the time; the end of the run at finer tolerances; stiffness; whether couplings of
+    an `lh.DAE` stay inside its `bandwidth`, and the kernel of ∂F/∂x' of an `lh.implicit_dae` what it was; and whether
+    the `next_event` of an `lh.EventDriven` gives the same event from midway, and each event once.
 
     Args:
         system: an `lh.Flow`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
@@ -107,6 +109,7 @@ def check(
         found += functions.check_derivatives(own, *_visited(run))
         found += check_what_is_fixed(system, problem.args, _visited(run)[0])
         found += functions.check_clocks(own, begin, state)
+        found += check_predictions(system, problem.args, run, (begin, state))
         flowing = None if iterates(system) or isinstance(system, EventDriven) else _flowing(problem, begin, start)
         found += _of_run(system, run, problem, own, flowing, step)
         found += ended

@@ -70,7 +70,7 @@ class Exact(AbstractEvolver):
         dt, which = self.system.next_event(clock.base + carry.s, carry.x, self.args)
         dt, which = jnp.asarray(dt, carry.x.dtype), integers(which)
         # A nan counts as an event, so that `step` stops the run with a status.
-        return NextEvent(dt, which, ~((dt > clock.limit(carry) - carry.s) | jnp.isposinf(dt)))
+        return NextEvent(dt, which, ~((dt > clock.limit(clock.afresh(carry)) - carry.s) | jnp.isposinf(dt)))
 
     def is_regular(self, ahead: NextEvent):
         """Regular if an event comes first; `locate_events` does the flight to the end of the block."""
@@ -93,7 +93,7 @@ class Exact(AbstractEvolver):
 
         def fly(carry):
             carry = self._flow_over(settings, clock, carry, ahead)
-            return carry, ahead if clock.interval is None else self.propose_step(clock.afresh(carry), clock)
+            return carry, ahead if clock.interval is None else self.propose_step(carry, clock)
 
         return jax.lax.cond(
             (within(carry) & ~ahead.lands) | clock.over(carry), fly, lambda carry: (carry, ahead), carry

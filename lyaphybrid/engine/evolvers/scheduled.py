@@ -153,7 +153,7 @@ class Scheduled(AbstractEvolver):
         """Read the next event from the schedule."""
         t, which = self.system.schedule.next(carry.solver_state.cache)
         # A nan counts as an event, so that `step` stops the run with a status.
-        lands = ~((t > clock.limit(carry) - carry.solver_state.start) | jnp.isposinf(t))
+        lands = ~((t > clock.limit(clock.afresh(carry)) - carry.solver_state.start) | jnp.isposinf(t))
         return ScheduledEvent(t, integers(which), lands, carry.solver_state.events >= self.most_events)
 
     def is_regular(self, ahead: ScheduledEvent):
@@ -297,7 +297,7 @@ class Scheduled(AbstractEvolver):
         since = carry.since if clock.interval is None else jnp.where(flies, clock.flown(carry, end), carry.since)
         carry = carry._replace(s=end, x=x, frame=each_column(linear, carry.frame), solver_state=solver, since=since)
         if clock.interval is not None:
-            return carry, self.propose_step(clock.afresh(carry), clock)
+            return carry, self.propose_step(carry, clock)
         return carry, ahead._replace(t=ahead.t - dt, full=jnp.asarray(False))
 
 
