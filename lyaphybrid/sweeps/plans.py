@@ -175,7 +175,19 @@ class PointRun(eqx.Module):
         leaves, structure = jax.tree.flatten(args)
         for path, place in self.places:
             value, leaf = row.pop(path), leaves[place.leaf]
-            kind = jnp.result_type(leaf)
-            value = value if path in self.keys else jnp.asarray(value, kind if kind != jnp.result_type(0) else None)
-            leaves[place.leaf] = value if place.index is None else jnp.asarray(leaf).at[place.index].set(value)
+            value = value if path in self.keys else _in_kind_of(leaf, value)
+            leaves[place.leaf] = value if place.index is None else _with_entry(jnp.asarray(leaf), place.index, value)
         return self.run(jax.tree.unflatten(structure, leaves), **row)
+
+
+def _in_kind_of(leaf: Any, value: Any):
+    """A value of an axis in the precision of the entry that it replaces; whole entries take values that are not."""
+    kind, value = jnp.result_type(leaf), jnp.asarray(value)
+    fraction = jnp.issubdtype(value.dtype, jnp.inexact) and not jnp.issubdtype(kind, jnp.inexact)
+    return value if kind == jnp.result_type(0) or fraction else value.astype(kind)
+
+
+def _with_entry(array, index, value):
+    """The array with one entry set to a value, which makes an array of integers one of floats where it is a float."""
+    whole = not jnp.issubdtype(array.dtype, jnp.inexact) and jnp.issubdtype(value.dtype, jnp.inexact)
+    return (array.astype(value.dtype) if whole else array).at[index].set(value)

@@ -167,6 +167,7 @@ class _Named(eqx.Module):
     """A lane with named results, in the form (args, state, row) -> (state, results) of `lanes.run_sequences`."""
 
     lane: PointRun
+    function: str = eqx.field(static=True, default="")  # its hash: what it reads may have changed since it was compiled
 
     def __call__(self, args, state, row):
         return state, named(self.lane(args, row))
@@ -210,6 +211,7 @@ class Work:
         }
         chunk = chunk or _chunk(grid.size)
         hashes, about = _hashes(traced.jaxpr, args, grid), _about(run, traced.words)
+        named = dataclasses.replace(named, function=hashes[0])
         return Work(named, args, grid, chunk, variables, np.zeros(grid.size, bool), *hashes, about)
 
     def pieces(self) -> list[np.ndarray]:

@@ -430,3 +430,32 @@ def test_an_axis_that_the_run_ignores_is_named():
     both = {"r": np.array([3.1, 3.2]), "b": np.array([0.1, 0.2, 0.3])}
     with pytest.warns(UserWarning, match="does not depend on b: each"):
         lh.sweep(lambda args: spectrum(args["r"]), both, args={"r": 3.0, "b": 0.0}, progress=False)
+
+
+@pytest.mark.parametrize("kind", ["bool", "int16", "int32", "int64", "float32"])
+@pytest.mark.parametrize("entry", ["n", "n[1]"])
+def test_whole_entries_take_values_that_are_not_whole(entry, kind):
+    decay = lh.Flow(lambda t, x, args: -jnp.reshape(args["n"], -1)[-1].astype(x.dtype) * x)
+    args = {"n": np.ones(() if entry == "n" else 2, kind)}
+    values = np.array([0.25, 1.5, 2.75])
+    run = lambda args: lh.lyapunov_spectrum(decay, [1.0], args, t1=10.0)  # noqa: E731
+    found = lh.sweep(run, {entry: values}, args=args, progress=False)
+    assert_allclose(found.exponents[:, 0], -values, rtol=1e-9)
+
+
+class Study:
+    """A run as a method, which reads attributes."""
+
+    length = 20
+
+    def run(self, args):
+        return lh.lyapunov_spectrum(lh.Map(lambda n, x, args: args["r"] * x), [1.0], args, t1=self.length, blocks=4)
+
+
+def test_a_run_that_reads_something_else_than_before(tmp_path):
+    """It was computed by the old program under the hash of the new one, in stores too."""
+    study, over = Study(), {"r": np.array([0.5, 0.25])}
+    for length in (20, 40):
+        study.length = length
+        found = lh.sweep(study.run, over, args={"r": 0.5}, store=tmp_path / str(length), progress=False)
+        assert found.time.values.tolist() == [length, length]
