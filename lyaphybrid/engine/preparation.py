@@ -101,7 +101,7 @@ def _state(system, x0, name):
         raise ValueError(f"{name} must be an array of numbers; got {x0!r}. {_NO_STATE}")
     x0 = numbers(name, x0)
     x0 = array(x0, jax.dtypes.canonicalize_dtype(x0.dtype if jnp.issubdtype(x0.dtype, jnp.floating) else float))
-    rows = isinstance(system, EventDriven) and system.schedule is not None and not system.schedule.flat
+    rows = isinstance(system, EventDriven) and system.has_rows
     one = 2 if rows else 1
     if x0.ndim not in (one, one + 1) or 0 in x0.shape:
         several, single = ("(m, N, d)", "(N, d), one row a body") if rows else ("(m, n)", "(n,)")

@@ -85,6 +85,7 @@ class EventDriven(eqx.Module):
             at that time except that the prediction is renewed; this is not counted as a jump. It is asked again in the
             middle of a flight, also within rounding of the event, which it must not step over, and just after the
             event: a time that is computed as the next multiple of a period may do either; keep a timer in the state.
+            Of events at one instant it chooses the first; that another order would lead elsewhere is not noted.
         jump: ``(t, x, args, which) -> x⁺``.
         guard: ``(t, x, args, which) -> scalar`` that falls through zero at the event: it gives the derivative of the
             event time with respect to the state.
@@ -139,6 +140,11 @@ class EventDriven(eqx.Module):
                 raise ValueError(f"schedule must be an lh.Schedule; got {self.schedule!r}.")
         require_callable("jump", self.jump, "(t, x, args, which) -> x")
         require_callable("guard", self.guard, "(t, x, args, which) -> scalar")
+
+    @property
+    def has_rows(self) -> bool:
+        """Whether a state is (N, d), a row for each body, and not (n,)."""
+        return self.schedule is not None and not self.schedule.flat
 
     def velocity(self, t: Any, x: Any, args: Any = None) -> Array:
         """The velocity dx/dt (n,) at the time t and the state x (n,), with the parameters args.

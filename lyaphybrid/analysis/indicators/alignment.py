@@ -6,6 +6,7 @@ numbers, without subtractions: its logarithm has full relative accuracy even at 
 """
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -208,7 +209,8 @@ def gali(
     """
     flag("throw", throw)
     check_counts(system, t1=t1, transient=transient)
-    n = degrees_of_freedom(system, (shape("x0", x0) or (1,))[-1])
+    axes = 2 if isinstance(system, EventDriven) and system.has_rows else 1
+    n = degrees_of_freedom(system, math.prod((shape("x0", x0) or (1,))[-axes:]))
     orders = tuple(range(2, min(n, 4) + 1)) if orders is None else integers("orders", orders, 2, n)
     require(
         len(orders) > 0, f"orders must be numbers k with 2 ≤ k ≤ n, of a state x0 of n = {n} components; got {orders}."

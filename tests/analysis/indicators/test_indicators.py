@@ -7,6 +7,7 @@ import pytest
 import scipy.linalg
 from numpy.testing import assert_allclose
 
+import balls
 import lyaphybrid as lh
 from lyaphybrid import zoo
 
@@ -480,3 +481,14 @@ def test_two_equal_largest_exponents_are_no_regular_motion():
     without = lh.gali(lh.Map(cats), start, t1=300, orders=(3, 4))
     assert without.verdict.kind == "undecided"
     assert "no 2" in str(without)
+
+
+def test_gali_of_bodies_in_rows():
+    """Balls between walls are sheared, (q, v) ↦ ±(q + t v, v): the volume of the normalised columns is known."""
+    frame, t = np.linalg.qr(np.random.default_rng(3).standard_normal((4, 3)))[0], 7.3
+    columns = np.kron(np.eye(2), [[1.0, t], [0.0, 1.0]]) @ frame
+    columns /= np.linalg.norm(columns, axis=0)
+    wanted = [np.sum(np.log(scipy.linalg.svdvals(columns[:, :k]))) for k in (2, 3)]
+    found = lh.gali(balls.between_walls(), balls.START, t1=t, orders=[2, 3], frame=frame, blocks=4)
+    assert_allclose(found.log_values[-1], wanted, rtol=1e-10)
+    assert lh.gali(balls.between_walls(), balls.START, t1=t, blocks=4).orders == (2, 3, 4)
