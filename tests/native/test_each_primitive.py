@@ -36,12 +36,16 @@ _TYPES = (np.float32, np.float64, np.int8, np.int32, np.int64, np.uint8, np.uint
 _FLOAT_TYPES, _INTEGER_TYPES = _TYPES[:2], _TYPES[2:]
 
 
+_IN_TOTAL_ORDER = (lax.lt_to_p, lax.le_to_p, lax.eq_to_p)  # of searchsorted, interp, digitize
+
+
 def _conversions(x):
     return {f"to {np.dtype(t)}": lax.convert_element_type(x, t) for t in (*_TYPES, np.bool_)}
 
 
 def _floats_of_two(x, y):
     found = {name: f(x, y) for name, f in _OF_TWO.items()}
+    found |= {of.name: of.bind(x, y) for of in _IN_TOTAL_ORDER}
     found |= {"atan2": lax.atan2(x, y), "nextafter": lax.nextafter(x, y), "pow": lax.pow(x, y)}
     found |= {"select": lax.select(x < y, x, y), "clamp": lax.clamp(-jnp.ones_like(x), x, jnp.abs(y))}
     return found
@@ -383,6 +387,9 @@ def _sorts(x, i, many):
         "float32": jnp.sort(many.astype(np.float32)),
         "unsigned": jnp.sort(i.astype(np.uint32)),
         "median": jnp.median(many),
+        "a place": jnp.searchsorted(jnp.sort(many), x),
+        "a table": jnp.interp(many, jnp.linspace(-1.0, 1.0, 7), many[:7]),
+        "bins": jnp.digitize(many, jnp.linspace(-1.0, 1.0, 7)),
     }
 
 

@@ -1,6 +1,7 @@
 """Rules for sorting: few entries by unrolled exchanges, many by merge sort."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from ..elementary import arithmetic as a
@@ -56,6 +57,30 @@ def top_k(b, eqn, value):
         return [jax.lax.slice_in_dim(jax.lax.rev(one, (axis,)), 0, k, axis=axis) for one in found]
 
     return b.run(traced(greatest, [eqn.invars[0].aval]), [value])
+
+
+_IN_TOTAL_ORDER = {"eq_to": jax.lax.eq, "lt_to": jax.lax.lt, "le_to": jax.lax.le}
+
+
+@rule(*_IN_TOTAL_ORDER)
+def in_total_order(b, eqn, x, y):
+    """Comparisons of floats by sign and size of their bits: −nan < −∞ < … < −0 < 0 < … < ∞ < nan."""
+    relation = _IN_TOTAL_ORDER[eqn.primitive.name]
+
+    def compared(x, y):
+        return relation(_place_in_order(x), _place_in_order(y))
+
+    return b.run(traced(compared, [atom.aval for atom in eqn.invars]), [x, y])
+
+
+def _place_in_order(x):
+    """Integers in the order of the floats: of negative ones all bits but the sign are turned round."""
+    if not jnp.issubdtype(x.dtype, jnp.floating):
+        return x
+    integers = np.dtype(f"int{8 * x.dtype.itemsize}")
+    bits = jax.lax.bitcast_convert_type(x, integers)
+    negative = jax.lax.shift_right_arithmetic(bits, jnp.full_like(bits, 8 * x.dtype.itemsize - 1))
+    return bits ^ (negative & np.iinfo(integers).max)
 
 
 def _by_exchanges(b, values, axis, dtypes, precedes):
