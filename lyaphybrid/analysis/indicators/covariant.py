@@ -312,7 +312,7 @@ def _gaps_of(quiet: BlockRecord | None, k: int):
 
 
 def _less(a, b, xp=jnp):
-    """a − b; zero where both are infinite: of two directions that are destroyed none grows more."""
+    """The difference; zero where both are infinite: of two directions that are destroyed none grows more."""
     same = a == b
     return xp.where(same, 0.0, xp.where(same, 0.0, a) - xp.where(same, 0.0, b))
 
@@ -369,7 +369,7 @@ def _remainders(factors: BlockProduct, gaps) -> Array:
 
 
 def _sum(a, b):
-    """a + b; zero for ∞ − ∞: then what had converged is determined no more."""
+    """The sum; zero for ∞ − ∞: then what had converged is determined no more."""
     return jnp.where(jnp.isinf(a) & (a == -b), 0.0, a + b)
 
 
