@@ -27,6 +27,7 @@ from ...engine.preparation import grown_columns
 from ...engine.states import BlockRecord, Orthonormalisation, StepState
 from ...integrators.base import Method
 from ...results.result import Data, RunResult, exponents_along, in_time, per_time
+from ...statuses import OK
 from ...systems.daes.semi_linear import degrees_of_freedom
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
@@ -98,7 +99,7 @@ class CovariantVectors(RunResult, eqx.Module):
             gap the growth of direction i less that of i + 1, as recorded from there; 1 if nothing has converged, as
             for equal exponents. An angle (rad) is off by about the first, times 1/sin of the angle at most, and its
             cotangent by the second, relatively. Of k < n vectors the last one also needs λ_k > λ_{k+1} in the
-            transient, of which nothing is known here.
+            transient, of which nothing is known here. nan where the run failed.
         remainder: (times, k − 1) the larger of the two.
         status: how the run ended, an `lh.STATUS`.
         unit: of time, "unit of time" or what the system gives, or "iteration".
@@ -161,7 +162,7 @@ class CovariantVectors(RunResult, eqx.Module):
         longer = [name for name, own in zip(("transient=", "settle="), np.any(late, axis=1), strict=True) if own]
         shown = "; ".join([*pairs[:8], *(["…"] if len(pairs) > 8 else [])])
         return [
-            f"not converged: vectors {shown}, with a remainder above {UNSETTLED}; do not use their angles and exponents",
+            f"not converged: vectors {shown}, remainder above {UNSETTLED}; their angles and exponents are not known",
             f"take a longer {' and a longer '.join(longer)}; equal exponents have no covariant vectors of their own",
         ]
 
@@ -282,7 +283,7 @@ def covariant_vectors(
         x[wanted],
         vectors[wanted],
         growth[:blocks],
-        remainders[:, wanted],
+        xp.where(status == OK, remainders[:, wanted], xp.nan),  # vectors that no settling stretch follows have none
         status,
         labels_of(system, (n,)),
         unit_of(system),
@@ -319,7 +320,7 @@ def _less(a, b, xp=jnp):
 
 @compiled()
 def _backwards(frames, factors: BlockProduct, gaps):
-    """V_n = Q_n C_n (blocks, n, k), ln of their growth from n to n + 1 (blocks − 1, k), and what `_remainders` gives."""
+    """V_n = Q_n C_n (blocks, n, k), ln of their growth from n to n + 1 (blocks − 1, k), and their `_remainders`."""
     columns, growth = _coefficients(factors)
     return frames @ columns, growth, _remainders(factors, gaps)
 
