@@ -11,7 +11,7 @@ from .. import plots
 from .._arguments import Progress, Real, positive, real, require, require_values, whole
 from .._keywords import explains_keywords, user_level
 from .._text import Table
-from ..analysis.indicators.covariant import angles_of_split, forwards
+from ..analysis.indicators.covariant import UNSETTLED, angles_of_split, forwards
 from ..analysis.indicators.following import follow
 from ..engine import preparation, problems
 from ..engine.blocks import check_counts
@@ -29,7 +29,6 @@ from .starts import Starts, starts_of, status_lines
 __all__ = ["AngleField", "angle_field"]
 
 PIECES_OF_FLOW = 64  # in which the frame of a flow is kept, where the user does not say
-UNSETTLED = 1e-3  # what the remainder of an angle is to be below
 
 
 class AngleField(RunResult, eqx.Module):

@@ -2,7 +2,8 @@
 
 Forwards Q_n R_n = Φ_n Q_{n-1}. A vector V_n = Q_n C_n with C_n upper triangular is carried along by the flow if
 R_n C_{n-1} = C_n up to lengths; going backwards any C converges to the covariant one. Where a jump destroys directions
-R_n has rows of zeros: the vectors that go on span its image, the destroyed ones its kernel.
+R_n has rows of zeros: the vectors that go on span its image, the destroyed ones its kernel. Errors of the first Q, and
+of the last C, shrink with the ratio of neighbouring entries of the diagonals of R_n.
 """
 
 import dataclasses
@@ -20,13 +21,13 @@ from ..._arguments import Frame, Progress, Real, State, flag, positive, require_
 from ..._jax.engines import compiled
 from ..._jax.tracing import as_jax, numpy_for
 from ..._keywords import explains_keywords
-from ..._linalg.frames import generic_frame
 from ..._text import UNIT, Table, numbered
 from ...engine.blocks import check_counts
 from ...engine.preparation import grown_columns
-from ...engine.states import Orthonormalisation, StepState
+from ...engine.states import BlockRecord, Orthonormalisation, StepState
 from ...integrators.base import Method
 from ...results.result import Data, RunResult, exponents_along, in_time, per_time
+from ...statuses import OK
 from ...systems.daes.semi_linear import degrees_of_freedom
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
@@ -35,7 +36,9 @@ from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
 from .following import IndicatorRun, follow, verdict_of
 
-__all__ = ["CovariantVectors", "angles_of_split", "covariant_vectors", "forwards"]
+__all__ = ["UNSETTLED", "CovariantVectors", "angles_of_split", "covariant_vectors", "forwards"]
+
+UNSETTLED = 1e-3  # what the remainder of the first errors is to be below
 
 
 class BlockProduct(NamedTuple):
@@ -91,6 +94,13 @@ class CovariantVectors(RunResult, eqx.Module):
         growth: (times − 1, k) ln of the growth of each vector from one time to the next; -inf where it is destroyed.
         exponents: (k,) the mean growth per `unit`.
         angles: (times, k(k−1)/2) in [0, π/2] between the lines of vectors i < j: (1,2), (1,3), …, (2,3), ….
+        remainders: (2, times, k − 1) what is left of the first errors of the directions, for vectors i and i + 1: of
+            those at the start of the transient, and of those at the end of the settling stretch. It is exp(−gap), with
+            gap the growth of direction i less that of i + 1, as recorded from there; 1 if nothing has converged, as
+            for equal exponents. An angle (rad) is off by about the first, times 1/sin of the angle at most, and its
+            cotangent by the second, relatively. Of k < n vectors the last one also needs λ_k > λ_{k+1} in the
+            transient, of which nothing is known here. nan where the run failed.
+        remainder: (times, k − 1) the larger of the two.
         status: how the run ended, an `lh.STATUS`.
         unit: of time, "unit of time" or what the system gives, or "iteration".
 
@@ -108,6 +118,7 @@ class CovariantVectors(RunResult, eqx.Module):
     x: Array
     vectors: Array
     growth: Array
+    remainders: Array
     status_code: Array
     state_labels: Labels = eqx.field(static=True, default=Labels())
     unit: str = eqx.field(static=True, default=UNIT["time"])
@@ -127,6 +138,11 @@ class CovariantVectors(RunResult, eqx.Module):
         across = jnp.linalg.norm(a - along[:, None, :] * b, axis=1)
         return jnp.arctan2(across, jnp.abs(along))
 
+    @property
+    def remainder(self) -> Array:
+        """(times, k − 1) what is left of the first errors."""
+        return jnp.max(self.remainders, axis=0)
+
     def plot(self, ax: plots.Axes | None = None, **style: Any) -> plots.Axes:
         """The angles between the vectors against time. `style` goes to what it draws."""
         return plots.angles(self, ax, **style)
@@ -134,13 +150,32 @@ class CovariantVectors(RunResult, eqx.Module):
     def _pairs(self) -> list[str]:
         return [f"{i + 1},{j + 1}" for i, j in zip(*np.triu_indices(self.vectors.shape[-1], 1), strict=True)]
 
+    def _neighbours(self) -> list[str]:
+        return [f"{i + 1},{i + 2}" for i in range(self.remainders.shape[-1])]
+
+    def _unsettled(self) -> list[str]:
+        """A note on the vectors that have not converged, and what to do."""
+        late = np.any(np.asarray(self.remainders) > UNSETTLED, axis=1)  # (2, k − 1)
+        if not np.any(late):
+            return []
+        pairs = [pair for pair, own in zip(self._neighbours(), np.any(late, axis=0), strict=True) if own]
+        longer = [name for name, own in zip(("transient=", "settle="), np.any(late, axis=1), strict=True) if own]
+        shown = "; ".join([*pairs[:8], *(["…"] if len(pairs) > 8 else [])])
+        return [
+            f"not converged: vectors {shown}, remainder above {UNSETTLED}; their angles and exponents are not known",
+            f"take a longer {' and a longer '.join(longer)}; equal exponents have no covariant vectors of their own",
+        ]
+
     def _table(self) -> Table:
         exponents, angles = np.asarray(self.exponents), np.asarray(self.angles)
-        rows = [(name, f"{value:.6g}") for name, value in zip(numbered("λ", len(exponents)), exponents, strict=True)]
+        left = [*(f"{value:.2g}" for value in np.max(self.remainder, axis=0)), ""]
+        names = numbered("λ", len(exponents))
+        rows = [(name, f"{own:.6g}", rest) for name, own, rest in zip(names, exponents, left, strict=True)]
         least = [f"{pair}: {_least(own):.3g}" for pair, own in zip(self._pairs(), angles.T, strict=True)][:8]
         notes = [f"least angles between vectors {', '.join(least)}"] if least else []
         title = f"Covariant vectors at {len(self.time)} times; their growth per {self.unit}"
-        return Table(title, rows, [*notes, f"status {self.status}"])
+        heads = ("", "growth", "remainder to the next" if len(left) > 1 else "")
+        return Table(title, rows, [*notes, *self._unsettled(), f"status {self.status}"], heads)
 
     def _data(self) -> Data:
         n, k = self.vectors.shape[1:]
@@ -150,8 +185,15 @@ class CovariantVectors(RunResult, eqx.Module):
             "growth": (("interval", "exponent"), self.growth),
             "exponents": ("exponent", self.exponents, per_time(self.unit)),
             "angles": (("sample", "pair"), self.angles),
+            "remainders": (("end", "sample", "neighbours"), self.remainders),
+            "remainder": (("sample", "neighbours"), self.remainder),
         }
-        names = {"state": [self.state_labels.name(i) for i in range(n)], "pair": self._pairs()}
+        names = {
+            "state": [self.state_labels.name(i) for i in range(n)],
+            "pair": self._pairs(),
+            "neighbours": self._neighbours(),
+            "end": ["transient", "settle"],
+        }
         time = ("sample", np.asarray(self.time), in_time(self.unit))
         return Data(variables, {"time": time, **exponents_along(k), **names})
 
@@ -199,7 +241,7 @@ def covariant_vectors(
 
     Returns:
         `CovariantVectors` with `.time` (blocks + 1,), `.vectors` (blocks + 1, n, k), `.exponents`, `.angles`, `.x`,
-        `.growth` and `.status`.
+        `.growth`, `.remainder` and `.status`. It says in print where vectors have not converged.
 
     Raises:
         ValueError: on arguments that do not fit.
@@ -233,13 +275,15 @@ def covariant_vectors(
     )  # fmt: skip
     xp = numpy_for(found.time, found.collected, found.status)
     frames, factors, x = found.collected
-    time, x, status, vectors, growth = map(xp.asarray, (found.time, x, found.status, *_backwards(frames, factors)))
+    backwards = _backwards(frames, factors, _gaps_of(found.quiet, number))
+    time, x, status, vectors, growth, remainders = map(xp.asarray, (found.time, x, found.status, *backwards))
     wanted = slice(0, blocks + 1)
     result = CovariantVectors(
         time[wanted] - time[0],
         x[wanted],
         vectors[wanted],
         growth[:blocks],
+        xp.where(status == OK, remainders[:, wanted], xp.nan),  # vectors that no settling stretch follows have none
         status,
         labels_of(system, (n,)),
         unit_of(system),
@@ -255,19 +299,36 @@ def forwards(system, x0, args, *, k, piece, pieces, transient, **how) -> Indicat
     )  # fmt: skip
 
 
+def _gaps_of(quiet: BlockRecord | None, k: int):
+    """(k − 1,) how much more than the next one each column has grown in the unrecorded part of a transient."""
+    if quiet is None:
+        return np.zeros(k - 1)
+    xp = numpy_for(quiet.growth)
+    first, last = quiet.growth
+    first = first if quiet.order is None else first[quiet.order[1]]
+    growth = first + last
+    if quiet.losses is not None:
+        growth = xp.where(quiet.losses[1] > 0, -xp.inf, growth)
+    return _less(growth[:-1], growth[1:], xp)
+
+
+def _less(a, b, xp=jnp):
+    """The difference; zero where both are infinite: of two directions that are destroyed none grows more."""
+    same = a == b
+    return xp.where(same, 0.0, xp.where(same, 0.0, a) - xp.where(same, 0.0, b))
+
+
 @compiled()
-def _backwards(frames, factors: BlockProduct):
-    """The vectors V_n = Q_n C_n (blocks, n, k), and ln of their growth from n to n + 1 (blocks − 1, k)."""
+def _backwards(frames, factors: BlockProduct, gaps):
+    """V_n = Q_n C_n (blocks, n, k), ln of their growth from n to n + 1 (blocks − 1, k), and their `_remainders`."""
     columns, growth = _coefficients(factors)
-    return frames @ columns, growth
+    return frames @ columns, growth, _remainders(factors, gaps)
 
 
 def _coefficients(factors: BlockProduct):
     """The upper triangular C_n (blocks, k, k) with unit columns, and ln of the growth of the vectors."""
-    _, k, _ = factors.r.shape
-    dtype = factors.r.dtype
-    last = jnp.triu(jnp.asarray(generic_frame(k, k, dtype)) + jnp.eye(k, dtype=dtype))
-    last = last / jnp.linalg.norm(last, axis=0, keepdims=True)
+    # Orthogonal vectors at the end: their error is the cotangent of the true angle, and not one of ours.
+    last = jnp.eye(factors.r.shape[1], dtype=factors.r.dtype)
 
     def back(c, factor):
         earlier, growth = _before(factor, c)
@@ -275,6 +336,48 @@ def _coefficients(factors: BlockProduct):
 
     _, (columns, growth) = jax.lax.scan(back, last, jax.tree.map(lambda leaf: leaf[1:], factors), reverse=True)
     return jnp.concatenate([columns, last[None]]), growth
+
+
+def _remainders(factors: BlockProduct, gaps) -> Array:
+    """(2, blocks, k − 1) exp(−gap) over the past, which begins with `gaps`, and over the future.
+
+    A gap begins anew between two directions that are destroyed together; it is infinite between one that goes on and
+    one that is destroyed.
+    """
+    most = factors.r.shape[-1] - 2
+    if most < 0:
+        return jnp.zeros((2, len(factors.r), 0), factors.r.dtype)
+
+    def past(gap, factor):
+        live = factor.pivot < most + 2
+        rows = jnp.where(live, _stretches(factor), -jnp.inf)
+        gap = jnp.where(live[1:], gap[jnp.minimum(factor.pivot[:-1], most)], 0.0)
+        gap = _sum(gap, _less(rows[:-1], rows[1:]))
+        return gap, gap
+
+    def future(gap, factor):
+        stands_at = _stands_at(factor.pivot)
+        live, row = jnp.any(stands_at, axis=1), jnp.argmax(stands_at, axis=1)
+        columns = jnp.where(live, _stretches(factor)[row], -jnp.inf)
+        gap = jnp.where(live[1:], gap[jnp.minimum(row[:-1], most)], 0.0)
+        gap = jnp.where(live[:-1], _sum(gap, _less(columns[:-1], columns[1:])), 0.0)
+        return gap, gap
+
+    _, before = jax.lax.scan(past, jnp.asarray(gaps, factors.r.dtype), factors)
+    none = jnp.zeros(most + 1, factors.r.dtype)
+    _, after = jax.lax.scan(future, none, jax.tree.map(lambda leaf: leaf[1:], factors), reverse=True)
+    return jnp.exp(-jnp.stack([before, jnp.concatenate([after, none[None]])]))
+
+
+def _sum(a, b):
+    """The sum; zero for ∞ − ∞: then what had converged is determined no more."""
+    return jnp.where(jnp.isinf(a) & (a == -b), 0.0, a + b)
+
+
+def _stretches(factor: BlockProduct) -> Array:
+    """(k,) ln of the first entry of each row that is not zero."""
+    at = jnp.minimum(factor.pivot, len(factor.pivot) - 1)
+    return jnp.log(jnp.abs(jnp.take_along_axis(factor.r, at[:, None], axis=1)[:, 0]))
 
 
 def angles_of_split(factors: BlockProduct, split: int, times: slice) -> tuple[Array, Array]:
@@ -289,11 +392,13 @@ def angles_of_split(factors: BlockProduct, split: int, times: slice) -> tuple[Ar
     upper, lower = columns[:, :split, split:], columns[:, split:, split:]
     graph = jax.scipy.linalg.solve_triangular(jnp.swapaxes(lower, 1, 2), jnp.swapaxes(upper, 1, 2), lower=True)
     order = None if 1 in graph.shape[1:] else 2  # of one row or column the Frobenius norm is the singular value
-    growth = jnp.log(jnp.abs(jnp.diagonal(factors.r, axis1=1, axis2=2)))
-    gaps = growth[:, split - 1] - growth[:, split]  # inf where a jump destroys directions of the other span
-    past, future = jnp.cumsum(gaps), jnp.append(jnp.cumsum(gaps[:0:-1])[::-1], 0.0)
-    remainder = jnp.exp(-jnp.minimum(past, future)[times])
-    return jnp.arctan2(1.0, jnp.linalg.norm(graph, order, axis=(1, 2))), remainder
+    remainders = jnp.max(_remainders(factors, jnp.zeros(factors.r.shape[-1] - 1)), axis=0)
+    return jnp.arctan2(1.0, jnp.linalg.norm(graph, order, axis=(1, 2))), remainders[times, split - 1]
+
+
+def _stands_at(pivot):
+    """(k, k) whether column i is the pivot of row j."""
+    return pivot[None, :] == jnp.arange(len(pivot), dtype=pivot.dtype)[:, None]
 
 
 def _before(factor: BlockProduct, c):
@@ -303,7 +408,7 @@ def _before(factor: BlockProduct, c):
     """
     r, pivot, k = factor.r, factor.pivot, c.shape[0]
     columns = jnp.arange(k, dtype=pivot.dtype)
-    stands_at = pivot[None, :] == columns[:, None]
+    stands_at = _stands_at(pivot)
     goes_on = jnp.any(stands_at, axis=1)
     wanted = jnp.where(goes_on[None, :], c[:, jnp.argmax(stands_at, axis=1)], 0.0)
     known = jnp.where(goes_on[None, :], 0.0, jnp.eye(k, dtype=c.dtype))

@@ -13,7 +13,7 @@ from ...engine import preparation, problems
 from ...engine.blocks import each_step_of, ends_of_blocks, is_zero, qr_schedule_for, targets_for
 from ...engine.host import driver
 from ...engine.host.places import Place, account, place_of
-from ...engine.states import Observer
+from ...engine.states import BlockRecord, Observer
 from ...errors import RunFailedError
 from ...results.result import in_time
 from ...statuses import STATUS, gravest
@@ -45,6 +45,7 @@ class IndicatorRun(NamedTuple):
     loop_state: Any
     system: Any
     why: str
+    quiet: BlockRecord | None = None  # of the two blocks of the transient; None without one
 
     @property
     def place(self) -> Place:
@@ -92,12 +93,12 @@ def follow(
         qr_schedule=qr_schedule, kind=frames.kind_for(k), batched=x0.ndim == 2, collect=collect, observer=observer
     )
     limits = ends_of_blocks(t1, blocks, times, "t1")
-    discrete, interrupted, why = iterates(problem.system), False, ""
+    discrete, interrupted, why, quiet_records = iterates(problem.system), False, "", None
     loop_state = driver.start(problem, plan, t0, x0, frame, mode, array(interval, x0.dtype))
     if not is_zero(transient):
         quiet = targets_for(ends_of_blocks(transient, 2, None, "transient"), "time", discrete, x0.dtype)
         before = driver.drive(problem, plan, loop_state, *quiet, max_steps)
-        why = before.why
+        why, quiet_records = before.why, before.records
         loop_state, interrupted = driver.restart(driver.sealed(before), observer, plan.batched), before.interrupted
     outcome = driver.drive(
         problem, plan, loop_state, *targets_for(limits, "time", discrete, x0.dtype), max_steps, progress, interrupted
@@ -106,7 +107,9 @@ def follow(
     xp = numpy_for(durations)
     time = xp.where(valid, xp.cumsum(xp.where(valid, durations, 0.0), axis=-1), xp.nan)
     collected, why = outcome.records.collected, why or outcome.why
-    return IndicatorRun(time, collected, outcome.status, outcome.interrupted, outcome.loop_state, problem.system, why)
+    return IndicatorRun(
+        time, collected, outcome.status, outcome.interrupted, outcome.loop_state, problem.system, why, quiet_records
+    )
 
 
 def start_frame(system, t0, x0, args, k: int):
