@@ -27,7 +27,7 @@ ESCAPED, SAME, SURE = 1e3, 5.0, 4.0  # spreads of the attractor; errors: the sam
 LATE = 0.25  # chaos that ends: the part of λ₁ that is left in the last eighth of the first run
 MAX_STEPS = 4_000_000
 STEPS = 2000  # in a turn
-BESIDE = 1e-3  # relative distance of another start from the end of a run
+BESIDE, NEARBY = 1e-3, 4  # relative distance of another start from a state, and how many are tried
 HALTED = ("step_underflow", "nonfinite")  # as continuous QR does at kinks of the field, where Q' jumps
 QUICK = lh.RungeKutta("dopri5", rtol=1e-7, atol=1e-10)
 
@@ -54,8 +54,12 @@ def run(entry, x0, method, seconds):
     A list, for where the motion leaves the attractor at last, shorter runs begin beside the end of the one before.
     """
     problem, turn = entry.problem(), entry.turn
-    short = {"method": method, "transient": TRANSIENT * turn, "t1": FIRST * turn, "max_steps": MAX_STEPS, "throw": False}
-    found = problem.spectrum(x0=x0, **short)
+    lengths = {"transient": TRANSIENT * turn, "t1": FIRST * turn}
+    short = {"method": method, **lengths, "max_steps": MAX_STEPS, "throw": False}
+    found, rng = problem.spectrum(x0=x0, **short), np.random.default_rng(SEED)
+    for _ in range(NEARBY):  # it may be just about to leave the attractor
+        if found.status.name != "ok":
+            found = problem.spectrum(x0=beside(x0, rng), **short)
     reached, rate, begun = FIRST, 0.0, time.process_time()
     while found.status.name == "ok" and reached < LONGEST:
         needed = reached * (np.max(error_of(found)[:2]) / wanted(found)) ** 2 - reached
@@ -67,14 +71,18 @@ def run(entry, x0, method, seconds):
         longer = found.resume((reached + more) * turn, throw=False, max_steps=int(MAX_STEPS * max(1.0, seconds)))
         rate, reached = (time.process_time() - piece) / more, reached + more
         if longer.status.name != "ok":
-            rng, runs = np.random.default_rng(SEED), [found]
+            runs = [found]
             while time.process_time() - begun < seconds and np.max(together(runs)[1][:2]) > wanted(found):
-                x = np.asarray(runs[-1].x)
-                another = problem.spectrum(x0=x * (1 + BESIDE * rng.standard_normal(x.shape)), **short)
+                another = problem.spectrum(x0=beside(runs[-1].x, rng), **short)
                 runs += [another] if another.status.name == "ok" else []
             return runs, longer.status.name
         found = longer
     return [found], found.status.name
+
+
+def beside(x, rng):
+    """Another start near a state."""
+    return np.asarray(x) * (1 + BESIDE * rng.standard_normal(np.shape(x)))
 
 
 def wanted(found):
