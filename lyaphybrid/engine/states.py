@@ -95,6 +95,7 @@ class Settings(NamedTuple):
     count_jumps: bool  # a block may end by its number of jumps
     collect: Callable  # (t, carry) -> what is recorded at the end of a block
     observer: Any = None  # an `Observer`
+    awaited: int | None = None  # as in `RunPlan`
     reverse: bool = False  # loops keep checkpoints for reverse-mode derivatives
 
 
