@@ -252,7 +252,9 @@ def _apply_cascade(
     project, frame = evolver.onto_mode(landing.mode, t, landing.x), landing.moves.columns[:, :k]
     sizes = None if landing.moves.sizes is None else landing.moves.sizes.columns
     if project is not None and k:
-        frame = each_column(project, frame)
+        moved, frame = frame, each_column(project, frame)
+        if settings.moving_end:  # a surface that moves meets the neighbours elsewhere
+            frame = jnp.where(landing.terminal, moved, frame)
         sizes = None if sizes is None else each_column(absolute(project), sizes)
     carry = carry._replace(
         x=landing.x,
