@@ -302,7 +302,7 @@ def _apply_cascade(
 
 
 def _within(project, frame, ended):
-    """The frame, projected onto the tangent space of the mode; but where a surface that moves has met the neighbours."""
+    """The frame projected onto the tangent space of the mode; not where a surface that moves met the neighbours."""
     within = each_column(project, frame)
     return within if ended is None else jnp.where(ended, frame, within)
 
