@@ -71,9 +71,9 @@ class STATUS(enum.IntEnum):
     )
     no_more_jumps = (
         12,
-        "the run was to end by its number of jumps, but the flow does not come to a guard again: (a) it has settled to "
-        "an equilibrium; (b) it leaves for ever; (c) there was no jump in a million steps. Exponents are those up to "
-        "the last jump; for those of the flow after it use clock='time'",
+        "the run was to end by its number of jumps, or of crossings of a section, but the flow does not come to that "
+        "guard again: (a) it has settled to an equilibrium; (b) it leaves for ever; (c) there was none in a million "
+        "steps. Exponents are those up to the last jump; for those of the flow after it use clock='time'",
     )
 
     no_orbit = (

@@ -290,7 +290,7 @@ class TangentMap(RunResult, eqx.Module):
     """The end point of a trajectory and its derivative with respect to the start.
 
     Attributes:
-        x: (n,) the end; matrix: (n, n) dx(t0 + t1)/dx(t0), jumps included; mode: index at the end.
+        x: (n,) the end; matrix: (n, n) its derivative by the start, jumps included; mode: index at the end.
         jumps: () how many there were.
         status: how the run ended, an `lh.STATUS`.
         notes: "grazing", where an event met its guard nearly tangentially, or its guard's rate there is known to less
@@ -336,7 +336,10 @@ class TangentMap(RunResult, eqx.Module):
             for name, end, row in zip(names, x, matrix, strict=True)
         ]
         title = f"Tangent map of {len(x)} components ({int(self.jumps)} jumps)"
-        said = [f"status {self.status}", *(f"{note}: {NOTE_TEXTS[note]}" for note in sorted(self.notes))]
+        said = [f"status {self.status}"]
+        if self.status is STATUS.terminated:
+            said.append("the derivatives are those of this end, whose time may move with the start")
+        said += [f"{note}: {NOTE_TEXTS[note]}" for note in sorted(self.notes)]
         return Table(title, rows, said, ("", "end", *(f"d/d {name}" for name in names)))
 
     def _data(self) -> Data:
@@ -362,7 +365,9 @@ def tangent_map(
 ) -> TangentMap:
     """dx(t0 + t1)/dx(t0), the fundamental matrix with the saltation matrices of the jumps on the way.
 
-    M(t) = Φ S_m Φ … S_1 Φ, carried as n columns that are not orthonormalised; t0 is held fixed.
+    M(t) = Φ S_m Φ … S_1 Φ, carried as n columns that are not orthonormalised; t0 is held fixed. Where a terminal
+    transition ends the run it is the derivative of that end, whose time tₑ moves with the start:
+    Dg (I − f ∇h / (∂ₜh + ∇h·f)) Φ, and − ∂ₜg ∇h Φ / (∂ₜh + ∇h·f) where the reset depends on the time.
 
     Args:
         system: an `lh.Flow`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
@@ -396,7 +401,7 @@ def tangent_map(
     problem, x0, t0, mode = preparation.prepare(system, x0, args, t0, method, mode)
     _require_one(x0)
     check_counts(system, t1=t1)
-    plan = problems.RunPlan()
+    plan = problems.RunPlan(moving_end=isinstance(system, Hybrid) and any(one.terminal for one in system.transitions))
     loop_state = driver.start(problem, plan, t0, x0, np.eye(len(x0), dtype=x0.dtype), mode, 1.0)
     ends = array(t1, x0.dtype).reshape(1)
     outcome = driver.drive(problem, plan, loop_state, ends, ends, max_steps)

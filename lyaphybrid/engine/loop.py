@@ -116,7 +116,7 @@ def _end_if_no_jump(settings: Settings, clock: Clock, before: StepState, state):
     if before.waiting is None:
         return state
     carry = state[0]
-    carry = carry._replace(waiting=waiting.waited(settings.evolver, clock, before, carry))
+    carry = carry._replace(waiting=waiting.waited(settings, clock, before, carry))
     ends = waiting.hopeless(carry.waiting, clock) & (carry.status == RUNNING)
     kept = carry._replace(growth=carry.waiting.growth, log_volume=carry.waiting.log_volume)
     return (stop(select(ends, kept, carry), STATUS.no_more_jumps, ends), *state[1:])

@@ -52,6 +52,8 @@ class RunPlan(NamedTuple):
     batched: bool = False  # several runs at once, x0 (m, n)
     collect: Callable = nothing  # (t, carry) -> what is recorded at the end of a block
     observer: Observer | None = None
+    moving_end: bool = False  # columns of a run that a terminal transition ends: of its end, each at its own time
+    awaited: int | None = None  # transition whose jumps alone end a wait, told by the log; None: any jump does
 
 
 def first_losses(t, carry):

@@ -95,6 +95,8 @@ class Settings(NamedTuple):
     count_jumps: bool  # a block may end by its number of jumps
     collect: Callable  # (t, carry) -> what is recorded at the end of a block
     observer: Any = None  # an `Observer`
+    moving_end: bool = False  # as in `RunPlan`
+    awaited: int | None = None  # the same
     reverse: bool = False  # loops keep checkpoints for reverse-mode derivatives
 
 

@@ -1,7 +1,11 @@
-"""Where only a number of jumps ends a block: decide whether another jump is still to be expected."""
+"""Where only a number of jumps ends a block: decide whether another jump is still to be expected.
+
+Where jumps of one transition alone are awaited, the crossings of a section, others do not end a wait.
+"""
 
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
@@ -16,7 +20,7 @@ EVER = 1e40  # the same for the step itself, before the first jump
 class Waiting(NamedTuple):
     """What was observed since the last jump."""
 
-    attempts: Array  # step attempts since the last jump
+    attempts: Array  # step attempts since the last jump that was awaited
     still: Array  # attempts for which the state has stayed close to x
     x: Array  # (n,)
     growth: Array  # (k,) of the block at the last jump: growth after it belongs to no jump
@@ -35,23 +39,37 @@ def next_block(waiting: Waiting | None, growth, log_volume) -> Waiting | None:
     return None if waiting is None else waiting._replace(growth=growth, log_volume=log_volume)
 
 
-def waited(evolver, clock, before, after) -> Waiting:
+def waited(settings, clock, before, after) -> Waiting:
     """Update after a span, from the carries before and after it."""
     was: Waiting = before.waiting
     jumped = after.jumps != before.jumps
+    came = jumped if settings.awaited is None else jumped & _has_come(settings.awaited, before.log, after.log)
     spent = jnp.maximum(before.budget - after.budget, 1)
-    attempts = jnp.where(jumped, 0, was.attempts + spent)
-    rests, leaves = evolver.rests(after, clock, was.x)
+    attempts = jnp.where(came, 0, was.attempts + spent)
+    rests, leaves = settings.evolver.rests(after, clock, was.x)
     still = jnp.where(rests & ~jumped, was.still + spent, 0)
-    long = STILL_FIXED if evolver.by_fixed_steps else STILL
+    long = STILL_FIXED if settings.evolver.by_fixed_steps else STILL
     return Waiting(
         attempts=attempts,
         still=still,
         x=jnp.where(still > 0, was.x, after.x),
         growth=jnp.where(jumped, after.growth, was.growth),
         log_volume=None if was.log_volume is None else jnp.where(jumped, after.log_volume, was.log_volume),
-        lost=~jumped & ((attempts > MOST_ATTEMPTS_WITHOUT_JUMP) | (still > long) | leaves),
+        lost=(~came & (attempts > MOST_ATTEMPTS_WITHOUT_JUMP)) | (~jumped & ((still > long) | leaves)),
     )
+
+
+def _has_come(awaited: int, before, after):
+    """Whether the flow has come to a transition between two states of the event log.
+
+    What is at the instant of the row before was caused by the jump there.
+    """
+
+    def look(row, found):
+        by_flow = (row == 0) | (after.t[row] > after.t[row - 1])
+        return found | (by_flow & (after.transition[row] == awaited))
+
+    return jax.lax.fori_loop(before.count, after.count, look, jnp.asarray(False))
 
 
 def hopeless(waiting: Waiting, clock):

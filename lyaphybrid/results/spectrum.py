@@ -386,8 +386,9 @@ class Spectrum(Resumable, RunResult, eqx.Module):
 
     def _table_of_host(self) -> Table:
         runs = "" if self.replicates is None else f", {self.replicates.shape[0]} runs"
-        time, jumps = with_unit(in_full(float(np.mean(self.time))), self.unit), float(np.mean(self.jumps))
-        length = f"{time} iterations" if self.unit == "iteration" else f"t = {time}, {jumps:.0f} jumps"
+        time, jumps = in_full(float(np.mean(self.time))), float(np.mean(self.jumps))
+        in_unit = with_unit(time, self.state_labels.time_unit)  # with every clock
+        length = f"{time} iterations" if self.unit == "iteration" else f"t = {in_unit}, {jumps:.0f} jumps"
         of = f"{self.name}: " if self.name else ""
         title = f"{of}Lyapunov spectrum per {self.unit} ({length}{runs}; errors from {self.error_kind})"
         values, errors = np.asarray(self.exponents), np.asarray(self.stderr)

@@ -155,6 +155,26 @@ def test_numbers_are_those_of_their_count():
         lh.frozen_noise(3, 1.0, kind="white")
 
 
+def test_a_count_that_is_nan_gives_nan():
+    assert np.isnan(lh.frozen_noise(3, jnp.nan, (2,), kind="uniform")).all()
+    assert np.isnan(jax.jit(lambda count: lh.frozen_noise(3, count))(jnp.nan))
+    assert np.isfinite(lh.frozen_noise(3, 5))
+
+
+@pytest.mark.parametrize("seed", [3.4, np.float32(0.5), np.nan, np.asarray(-1.5), jnp.asarray(1e9 + 0.5)])
+def test_a_seed_that_is_not_whole_is_refused(seed):
+    """It had the noise of the seed below; where it is traced it can only make all nan."""
+    with pytest.raises(ValueError, match="a seed that is a whole number"):
+        lh.frozen_noise(seed, 7.0)
+    assert np.isnan(jax.jit(lambda seed: lh.frozen_noise(seed, 7.0, (2,)))(seed)).all()
+
+
+def test_a_whole_seed_of_any_type_is_that_seed():
+    drawn = lh.frozen_noise(5, 7.0)
+    assert drawn == lh.frozen_noise(5.0, 7.0) == jax.jit(lambda seed: lh.frozen_noise(seed, 7.0))(5.0)
+    assert lh.frozen_noise(2**64 - 1, 7.0) == lh.frozen_noise(np.uint64(2**64 - 1), 7.0) != drawn
+
+
 def test_every_bit_of_a_seed_counts():
     seeds = [5, 2**31 + 5, 2**32 + 5, 2**63 + 5]
     drawn = [float(lh.frozen_noise(jnp.asarray(seed, "uint64"), 7.0)) for seed in seeds]

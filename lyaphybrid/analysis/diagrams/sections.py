@@ -118,7 +118,8 @@ def poincare_section(
         t0: time at the start; a start on the section from which h goes on in that direction is a crossing.
         mode: mode at the start, where there are several.
         method: `lh.RungeKutta` (default) or `lh.Diffrax`.
-        max_steps: most attempts of a step; None: no limit: a motion that never crosses ends as stalled.
+        max_steps: most attempts of a step; None: no limit. After a million without a crossing, or where the
+            motion comes to rest, the run ends as no_more_jumps, and the points until then are kept.
         throw: raise where the run failed.
 
     Returns:
@@ -212,7 +213,7 @@ def _stroboscopic(problem, x0, t0, mode, period, n, transient, max_steps):
 
 def _crossings(problem, x0, t0, mode, n, transient, max_steps):
     """The points on the section: run until enough jumps are crossings."""
-    plan = problems.RunPlan(log=EVENT_LOG_ROWS, count_jumps=True)
+    plan = problems.RunPlan(log=EVENT_LOG_ROWS, count_jumps=True, awaited=0)
     wanted, found, seen, jumps, previous = transient + n, [], 0, 0, -np.inf
     loop_state, ends = _begin(problem, plan, t0, x0, mode), array([np.inf], x0.dtype)
     while True:

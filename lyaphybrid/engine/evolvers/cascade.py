@@ -199,6 +199,7 @@ def _cascade(evolver, settings: Settings, t, h, landing: CascadeState) -> Cascad
     loop = checkpointed if settings.reverse else jax.lax.while_loop
     landing = loop(lambda s: s.again, jump, landing)
     f = jnp.where(landing.alone, 0.0, landing.f) if evolver.per_jump else landing.f  # no flow follows
+    f = jnp.where(landing.terminal, 0.0, f) if settings.moving_end else f
     return landing._replace(moves=_returned(f, landing.moves))
 
 

@@ -252,7 +252,7 @@ def _apply_cascade(
     project, frame = evolver.onto_mode(landing.mode, t, landing.x), landing.moves.columns[:, :k]
     sizes = None if landing.moves.sizes is None else landing.moves.sizes.columns
     if project is not None and k:
-        frame = each_column(project, frame)
+        frame = _within(project, frame, landing.terminal if settings.moving_end else None)
         sizes = None if sizes is None else each_column(absolute(project), sizes)
     carry = carry._replace(
         x=landing.x,
@@ -299,6 +299,12 @@ def _apply_cascade(
     ends = landing.alone & ~landing.more if evolver.per_jump else landing.count > evolver.max_cascade
     # A reset would turn a state that leaves the guard to the side beyond it.
     return select(landing.leaves, stop(arrived, STATUS.zeno), stop(carry, STATUS.zeno, ends))
+
+
+def _within(project, frame, ended):
+    """The frame projected onto the tangent space of the mode; not where a surface that moves met the neighbours."""
+    within = each_column(project, frame)
+    return within if ended is None else jnp.where(ended, frame, within)
 
 
 def _left_of_velocities(landing: CascadeState):

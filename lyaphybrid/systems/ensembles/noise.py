@@ -4,9 +4,11 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from ..._arguments import is_one_of, require
+from ..._jax.tracing import traced
 
 __all__ = ["frozen_noise"]
 
@@ -28,15 +30,16 @@ def frozen_noise(seed: Any, count: Any, shape: tuple[int, ...] = (), kind: str =
     Args:
         seed: a whole number from 0 to 2**64 − 1 (in single precision 2**32 − 1), or an array of one, such as an entry
             of `args`; there ``jnp.asarray(3)`` may change, while each new Python integer is compiled anew.
-        count: a number, rounded to an integer, from −2**53 to 2**53.
+        count: a number, rounded to an integer, from −2**53 to 2**53; of nan there is none: nan.
         shape: of the array.
         kind: "normal" (mean 0, variance 1), "uniform" (from 0 to 1) or "exponential" (mean 1).
 
     Returns:
-        An array of that shape, of the floating type of `count`.
+        An array of that shape, of the floating type of `count`; nan for a seed that is not whole, where its value is
+        known only as the program runs.
 
     Raises:
-        ValueError: on another kind.
+        ValueError: on another kind; on a seed that is not whole.
 
     Source:
         J. K. Salmon, M. A. Moraes, R. O. Dror & D. E. Shaw, Parallel random numbers: as easy as 1, 2, 3, SC11 (2011),
@@ -55,12 +58,27 @@ def frozen_noise(seed: Any, count: Any, shape: tuple[int, ...] = (), kind: str =
         True
     """
     require(is_one_of(kind, KINDS_OF_NOISE), f"kind must be one of {list(KINDS_OF_NOISE)}; got {kind!r}.")
-    count = jnp.asarray(count)
+    count, seed = jnp.asarray(count), _whole_seed(seed)
     dtype = count.dtype if jnp.issubdtype(count.dtype, jnp.floating) else jnp.zeros(()).dtype
     whole = jnp.round(jax.lax.stop_gradient(count).astype(dtype))
     high = jnp.floor(whole / WORD)
     low = whole - high * WORD
-    key = jax.random.key(jnp.asarray(seed).astype(jax.dtypes.canonicalize_dtype("uint64")))
+    key = jax.random.key(seed.astype(jax.dtypes.canonicalize_dtype("uint64")))
     for word in (high % WORD, low):
         key = jax.random.fold_in(key, word.astype(jnp.uint32))
-    return KINDS_OF_NOISE[kind](key, shape, dtype)
+    known = jnp.isfinite(whole)
+    if jnp.issubdtype(seed.dtype, jnp.floating):
+        known = known & (seed == jnp.floor(seed))
+    return jnp.where(known, KINDS_OF_NOISE[kind](key, shape, dtype), jnp.nan)
+
+
+def _whole_seed(seed: Any) -> Array:
+    """The seed as an array; refused where it is known not to be whole."""
+    if not traced(seed):
+        value = np.asarray(seed)
+        require(
+            value.dtype.kind not in "fc" or bool(np.all(np.isfinite(value) & (value == np.floor(value)))),
+            f"frozen_noise takes a seed that is a whole number, and others would have the noise of one; got {seed!r}.",
+        )
+        seed = value if value.dtype.kind == "u" else seed  # JAX takes no Python integer from 2**63 on
+    return jnp.asarray(seed)

@@ -9,6 +9,7 @@ from matplotlib import pyplot
 import lyaphybrid as lh
 from lyaphybrid import plots
 from lyaphybrid.analysis.diagrams import attractors
+from lyaphybrid.engine import waiting
 from lyaphybrid.engine.host import devices, lanes
 
 LOGISTIC = lh.Map(lambda n, x, args: args["r"] * x * (1 - x))
@@ -413,6 +414,41 @@ def test_a_jump_across_the_section_is_no_crossing():
     both = lh.poincare_section(BALL, [0.5, 0.1], section=lambda t, x, args: x[1], n=3, direction=0)
     assert float(both.t[0]) == pytest.approx(0.1)
     np.testing.assert_allclose(np.diff(both.t), 2 * np.sqrt(1.01), atol=1e-9)
+
+
+def _clock_beside(reset):
+    """x' = 1 with a tick every 1: t is known exactly, and jumps never end."""
+    return lh.Hybrid(lambda t, x, args: jnp.ones_like(x), lh.Transition(every=1.0, reset=reset))
+
+
+@pytest.mark.parametrize(
+    ("system", "x0", "section", "times"),
+    [
+        # crossed once, and left for good
+        (_clock_beside(lambda t, x, args: x), [0.0], lambda t, x, args: x[0] - 3.25, [3.25]),
+        # each tick carries the state over it, and the flow never
+        (_clock_beside(lambda t, x, args: x - 1.0), [-0.5], lambda t, x, args: x[0] + 1.0, []),
+    ],
+    ids=["left", "jumped over"],
+)
+def test_a_section_that_is_not_crossed_again_ends_the_run_though_jumps_go_on(system, x0, section, times, monkeypatch):
+    monkeypatch.setattr(waiting, "MOST_ATTEMPTS_WITHOUT_JUMP", 3_000)
+    found = lh.poincare_section(system, x0, section=section, n=3, direction=1, throw=False)
+    assert found.status is lh.STATUS.no_more_jumps
+    np.testing.assert_allclose(found.t, times + [np.nan] * (3 - len(times)), atol=1e-9)
+    with pytest.raises(lh.RunFailedError, match="crossings of a section"):
+        lh.poincare_section(system, x0, section=section, n=3, direction=1)
+
+
+@pytest.mark.slow
+def test_many_jumps_between_crossings_do_not_end_a_wait(monkeypatch):
+    """A thousand ticks between two crossings, five thousand in all: each crossing begins another wait."""
+    monkeypatch.setattr(waiting, "MOST_ATTEMPTS_WITHOUT_JUMP", 4_000)
+    system = _clock_beside(lambda t, x, args: 1.0 * x)
+    found = lh.poincare_section(
+        system, [0.25], section=lambda t, x, args: jnp.sin(jnp.pi * x[0] / 1e3), n=5, direction=0
+    )
+    np.testing.assert_allclose(found.t, 1e3 * np.arange(1, 6) - 0.25, atol=1e-7)
 
 
 @pytest.mark.slow
