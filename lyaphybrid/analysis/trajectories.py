@@ -294,8 +294,9 @@ class TangentMap(RunResult, eqx.Module):
         jumps: () how many there were.
         status: how the run ended, an `lh.STATUS`.
         notes: "grazing", where an event met its guard nearly tangentially, or its guard's rate there is known to less
-            than two digits: the matrix, which has its inverse, is no better.
-        grazing: () the same as a number, also under a transformation.
+            than two digits: the matrix, which has its inverse, is no better; "simultaneous", where several events were
+            due at one instant and their order matters: the matrix is that of one order.
+        grazing, simultaneous: () the same as numbers, also under a transformation.
 
     Example:
         >>> import jax.numpy as jnp, lyaphybrid as lh
@@ -318,11 +319,13 @@ class TangentMap(RunResult, eqx.Module):
     status_code: Array
     state_labels: Labels = eqx.field(static=True, default=Labels())
     grazing: Any = 0.0
+    simultaneous: Any = 0.0
 
     @property
     def notes(self) -> frozenset[str]:
         """Names of observations that come with every status, as those of a `Spectrum`."""
-        return frozenset({"grazing"} if np.any(self.grazing) else ())
+        seen = {"grazing": self.grazing, "simultaneous": self.simultaneous}
+        return frozenset(name for name, count in seen.items() if np.any(count))
 
     def plot(self, ax: plots.Axes | None = None, **style: Any) -> plots.Axes:
         """The matrix, entry by entry. `style` goes to what it draws."""
@@ -415,7 +418,7 @@ def tangent_map(
             carry.jumps,
             outcome.status,
             labels_of(system, problem.shape),
-            problems.summary_of(outcome.loop_state)[1],
+            *problems.summary_of(outcome.loop_state)[1:3],
         ),
         throw,
         outcome,

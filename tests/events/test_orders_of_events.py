@@ -27,6 +27,9 @@ def test_which_of_two_neurons_fires_first_is_noted_where_it_matters():
     assert "simultaneous" in inhibited.notes
     apart = lh.lyapunov_spectrum(pair(0.0), [0.8, 0.7], drive, t1=50.0)
     assert "simultaneous" not in apart.notes
+    for weight in (-0.6, 0.0):
+        found = lh.tangent_map(pair(weight), [0.8, 0.7], drive, t1=2.5)
+        assert found.notes == ({"simultaneous"} if weight else set())
 
 
 def test_where_later_orders_matter_the_solutions_are_not_all():

@@ -206,8 +206,11 @@ def after_transient(
 
     both = jax.tree.map(lambda *parts: jnp.stack(parts), quiet, targets)
     loop_state, (records, status) = jax.lax.scan(one, loop_state, both)
-    before, after = (jax.tree.map(lambda leaf, i=i: leaf[i], (records, status)) for i in range(2))
-    return Outcome(loop_state, *before, False), Outcome(loop_state, *after, False)
+
+    def outcome(which: int) -> Outcome:
+        return Outcome(loop_state, jax.tree.map(lambda leaf: leaf[which], records), status[which], False)
+
+    return outcome(0), outcome(1)
 
 
 def _place(loop_state: LoopState, run: int) -> tuple[Any, Any, Any]:
