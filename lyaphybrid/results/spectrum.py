@@ -299,8 +299,8 @@ class Spectrum(Resumable, RunResult, eqx.Module):
         weights = 1.0 if self.history.weights is None else np.asarray(self.history.weights)[reached]
         lengths = weights * np.diff(ends, prepend=0.0)[reached]
         growth = weights * _combined(self.history.growth, factors)[reached]
-        mean = _combined(self.finite_exponents, factors)
-        return float(standard_error(np, growth, lengths, mean, len(lengths), np.sum(lengths)))
+        whole = np.sum(lengths)
+        return float(standard_error(np, growth, lengths, np.sum(growth) / whole, len(lengths), whole))
 
     def resume(self, t1: Any, *, max_steps: int | None = None, progress: Any = None, throw: bool = True) -> "Spectrum":
         """Go on with the run from its end, to the length t1, with the same settings.
