@@ -14,7 +14,7 @@ KINDS = ("mgs", "lapack", "cholesky")
 orthonormalise = compiled()(frames.orthonormalise)
 
 
-@pytest.mark.slow_cases("20-cholesky", "33-cholesky", "100-cholesky")
+@pytest.mark.slow_cases("20-cholesky", "33-cholesky", "100-cholesky", "3-cholesky")
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("k", [3, 20, 33, 100])
 def test_both_engines_agree(kind, k):

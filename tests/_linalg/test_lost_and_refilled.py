@@ -31,6 +31,7 @@ def short(k, residual):
     return jnp.asarray(frame)
 
 
+@pytest.mark.slow_cases("0.999-33-cholesky")
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("k", [2, 5, 17, 33])
 @pytest.mark.parametrize("part", [0.999, 1.001])

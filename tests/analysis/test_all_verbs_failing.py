@@ -250,7 +250,7 @@ def test_every_verb_on_a_motion_that_fails(name, how):
     check(name, *FAILING[how])
 
 
-@pytest.mark.slow_cases(all_but=("a map escapes", "a reset gives nan"))
+@pytest.mark.slow_cases(all_but=("a map escapes",))
 @pytest.mark.parametrize("how", FAILING)
 def test_a_check_says_that_the_motion_fails(how):
     system, x0, _ = FAILING[how]

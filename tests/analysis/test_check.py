@@ -27,6 +27,7 @@ def found(name: str) -> tuple[lh.Report, str, str]:
         return lh.check(system, x0, mode=0 if isinstance(system, lh.Hybrid) else None), topic, pattern
 
 
+@pytest.mark.slow_cases("no mode continues")
 @pytest.mark.parametrize(
     "name", [name if i % 8 == 1 else pytest.param(name, marks=pytest.mark.slow) for i, name in enumerate(PLANTED)]
 )
@@ -119,6 +120,7 @@ def test_bodies_in_rows_with_a_schedule():
     assert "saltation" in str(report)
 
 
+@pytest.mark.slow
 def test_a_timer_that_runs_out_is_no_wall():
     """The second guard is passed each time that the timer runs out, and only sets the flag: a note, nothing wrong."""
 

@@ -64,6 +64,7 @@ class Calls:
         return results, done & (self.count != self.stop)
 
 
+@pytest.mark.slow_cases("shares")
 @pytest.mark.parametrize("name", RUNS)
 def test_after_ctrl_c_anywhere_it_goes_on(name, tmp_path, small_steps, monkeypatch):
     """Each try gets one run of starts further, and does not begin another one after Ctrl-C."""
@@ -129,6 +130,7 @@ def test_that_of_another_run_is_refused(tmp_path):
         shares(checkpoint=path, resume=3)
 
 
+@pytest.mark.slow
 def test_attractors_in_several_modes_are_kept(tmp_path, small_steps):
     """A thermostat: two modes, cycles whose points are in both."""
     heater = lh.Hybrid(

@@ -79,6 +79,7 @@ def of_network(node, coupling, matrix, x0, args, strength, vectors, *, enters=No
 # --- closed forms ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow_cases("-0.3")
 @pytest.mark.parametrize("alpha", [-0.3, 0.5, -1.7])
 def test_maps_coupled_through_themselves_gain_ln_of_one_plus_alpha(alpha):
     alone = lh.lyapunov_spectrum(lh.Map(logistic), [0.3], 3.9, t1=500, blocks=4)
@@ -98,6 +99,7 @@ def test_a_linear_flow_has_the_eigenvalues_of_its_matrix_with_the_coupling(alpha
     assert_allclose(np.sum(found.exponents[0]), np.sum(exact), rtol=0, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_a_coupling_through_the_resets_of_clocks_has_the_eigenvalues_of_the_cycle():
     alpha, grown = -0.4, np.exp(0.1)
     cycle = np.array([[grown, (grown - 1) / 0.2], [0.0, 1.0]]) @ np.array([[1.0, 0.0], [alpha - 1.0, 0.0]])
@@ -113,6 +115,7 @@ def beside(t, x, args):
     return jnp.stack([-2.0 * x[0] + x[1] + x[2], 0.5 * x[1] + x[2], -x[1] + 0.3 * x[2]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("alpha", [-0.1, 0.1 + 0.4j])
 def test_one_exponent_is_the_largest_wherever_the_part_that_grows_stands(alpha):
     a = np.asarray(jax.jacfwd(lambda x: beside(0.0, x, None))(np.zeros(3)))
@@ -131,6 +134,7 @@ def test_a_linear_response_has_its_own_eigenvalues():
     assert_allclose(found.exponents, [-0.6], rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_lorenz_driven_by_x_or_by_y():
     """x drives: δy' = −δy − x δz, δz' = −b δz + x δy has the mean divergence −1 − b. y drives: exactly −σ and −b."""
     how = {"x0": LORENZ.x0, "args": LORENZ.args, "t1": 50.0, "transient": 10.0}
@@ -203,7 +207,7 @@ CRITICAL = {
 }
 
 
-@pytest.mark.slow_cases("impacts")
+@pytest.mark.slow_cases("impacts", "neurons")
 @pytest.mark.parametrize("name", CRITICAL)
 def test_the_critical_strength_is_that_of_the_whole_network(name):
     """Where the largest exponent of finite runs across the common motion of a ring of four is zero."""
@@ -227,6 +231,7 @@ def test_the_critical_strength_is_that_of_the_whole_network(name):
     assert abs(brentq(block, low, high, xtol=1e-9) - brentq(whole, low, high, xtol=1e-9)) < 1e-6
 
 
+@pytest.mark.slow
 def test_the_quotient_of_a_pair_is_its_mode():
     pair = lh.coupled_network(lh.zoo.rossler().system, lambda t, x, args: x, [[-1.0, 1.0], [1.0, -1.0]])
     start, args = [1.0, 2.0, 0.5], (lh.zoo.rossler().args, 0.1)
@@ -296,6 +301,7 @@ def toggling(clock, **more):
     return lh.Hybrid({"a": field(1.0), "b": field(-1.0)}, lh.Transition(every=0.5, **clock), **more)
 
 
+@pytest.mark.slow
 def test_clocks_change_the_modes_of_nodes():
     """Two nodes that begin in different modes: a tick moves those in "a", and a guard brings them back one by one."""
     fields = dict(zip("ab", toggling({}).fields, strict=True))
@@ -338,6 +344,7 @@ def test_clocks_change_the_modes_of_nodes():
     assert_allclose(found.x[-1], x, rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_nodes_with_a_vector_guard_and_a_condition_for_each_component():
     """A ball between two walls, one of which can be switched off; two of them joined by a spring."""
     between = lh.Hybrid(
@@ -370,6 +377,7 @@ def test_nodes_with_a_vector_guard_and_a_condition_for_each_component():
     assert_allclose(found.x[-1], x, rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_many_nodes_may_jump_at_one_instant():
     """Twenty equal neurons fire together: no cascade of one."""
     ring = np.roll(np.eye(20), 1, axis=0) - np.eye(20)
@@ -509,6 +517,7 @@ def test_strengths_are_swept_into_a_store(tmp_path):
     assert np.array_equal(found.largest, again.largest)
 
 
+@pytest.mark.slow
 def test_critical_strengths_are_where_the_largest_exponent_changes_its_sign():
     found = lh.master_stability(lh.Map(logistic), logistic, [0.3], 4.0, at=np.linspace(-1.9, -0.1, 37), t1=4000)
     assert_allclose(found.critical, [-1.5, -0.5], atol=0.02)  # ln 2 + ln|1 + α| = 0
@@ -571,6 +580,7 @@ def test_what_cannot_be_is_refused(call, words):
         call()
 
 
+@pytest.mark.slow
 def test_a_motion_that_ends_says_so():
     ball = lh.Hybrid(
         lambda t, x, args: jnp.stack([x[1], 0 * x[1] - 1.0]),

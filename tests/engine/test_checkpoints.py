@@ -47,7 +47,7 @@ def short_calls(monkeypatch):
     monkeypatch.setattr(driver, "MOST_ATTEMPTS", 400)
 
 
-@pytest.mark.slow_cases("disks", "target_stderr", "impacts")
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:interrupted")
 @pytest.mark.parametrize("name", RUNS)
 def test_after_ten_interruptions_it_is_the_same(name, tmp_path, short_calls, monkeypatch):

@@ -383,6 +383,7 @@ def emptied(loop_state):
     return loop_state._replace(carry=loop_state.carry._replace(budget=0))
 
 
+@pytest.mark.slow
 def test_a_transient_within_a_traced_program_is_the_same_code():
     """A sweep's program holds the loop once, for the transient and for what is counted."""
     oscillator = lh.zoo.impact_oscillator()

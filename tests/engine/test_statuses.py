@@ -25,6 +25,7 @@ def computed(spectrum) -> int:
     return count
 
 
+@pytest.mark.slow
 def test_ok():
     spectrum = ball_spectrum(throw=True)
     assert spectrum.status is STATUS.ok
@@ -41,6 +42,7 @@ def test_terminated():
     assert computed(spectrum) == 1
 
 
+@pytest.mark.slow
 def test_a_terminal_transition_resets_before_the_end():
     stop = lh.Transition(
         lambda t, x, args: 1 - x[0], lambda t, x, args: 5 * x, target="after", terminal=True, source="before"
@@ -84,6 +86,7 @@ def test_zeno_on_a_moving_table_whose_rounding_hides_the_last_bounces():
     assert 0 < float(spectrum.accumulation_time - spectrum.t) < 1e-5
 
 
+@pytest.mark.slow
 def test_zeno_of_an_exact_flow():
     def flight(t, x, args):
         return (x[1] + jnp.sqrt(x[1] ** 2 + 2 * x[0])), 0
@@ -100,6 +103,7 @@ def test_zeno_of_an_exact_flow():
     assert computed(spectrum) == math.ceil(12.73 / 2.5)
 
 
+@pytest.mark.slow
 def test_zeno_of_a_cascade_without_end():
     """Each reset throws the state onto the other guard; three at one instant are allowed."""
     spectrum = lh.lyapunov_spectrum(ENDLESS_CASCADE, [0.5, 1.0], t1=2.2, k=1, blocks=BLOCKS, method=METHOD, throw=False)
@@ -144,6 +148,7 @@ def test_inconsistent_start():
     assert lh.trajectory(fold(1.0), lh.consistent_start(fold(1.0), [1.0, 0.9]), t1=0.5).status is STATUS.ok
 
 
+@pytest.mark.slow
 def test_singular_dae_where_the_constraint_folds():
     spectrum = lh.lyapunov_spectrum(fold(1.0), [1.0, 1.0], t1=2.2, blocks=BLOCKS, throw=False)
     assert spectrum.status is STATUS.singular_dae
@@ -265,6 +270,7 @@ def _without_derivative(x):
     return jnp.sqrt(jnp.maximum(x - 10.0, 0.0))
 
 
+@pytest.mark.slow_cases("reset")
 @pytest.mark.parametrize(
     ("system", "method"),
     [
@@ -315,6 +321,7 @@ def test_step_underflow_where_the_field_jumps():
     assert computed(spectrum) == 1
 
 
+@pytest.mark.slow
 def test_stalled_where_a_field_pulls_back_from_both_sides():
     """x' = -sign(x), y' = -y: from t = 1 on each step crosses zero, and none can be long."""
     valley = lh.Flow(lambda t, x, args: jnp.stack([jnp.where(x[0] > 0, -1.0, 1.0), -x[1]]))
@@ -398,7 +405,7 @@ def wait_for_a_wall(scheduled):
     )
 
 
-@pytest.mark.slow_cases("scheduled")
+@pytest.mark.slow
 @pytest.mark.parametrize("scheduled", [False, True], ids=["exact", "scheduled"])
 def test_no_more_jumps_of_an_exact_flow(scheduled):
     system, start = wait_for_a_wall(scheduled), [1.0, -1.0]

@@ -22,6 +22,7 @@ def test_the_reference_is_complete(automata):
     assert families == {"gen": 202} | dict.fromkeys("abcdefghi", 22)
 
 
+@pytest.mark.slow
 def test_every_event_in_order_and_the_tangent_map(automata):
     assert missed(shapes.run(automata, shapes.members(automata, "3_1_1"))) == 0
 

@@ -228,6 +228,7 @@ def test_leaving_a_guard_after_a_reset_neither_fires_again_nor_is_lost(method):
 # --- cascades ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_cascade_goes_through_in_order_at_one_instant():
     """Each reset throws the state beyond the next guard; the digits of the last component tell the order."""
 
@@ -289,6 +290,7 @@ def test_a_reset_that_ends_beyond_its_own_guard_jumps_again():
     assert_allclose(log.t, [0.5] * 3, rtol=0, atol=1e-13)
 
 
+@pytest.mark.slow
 def test_guards_of_both_directions_are_never_fired_by_a_jump():
     through = lh.Transition(lambda t, x, args: x[0] - 2.0, counter, direction=0)
     over = lh.Transition(lambda t, x, args: 1.0 - x[0], lambda t, x, args: x.at[0].add(5.0), source="a", target="b")
@@ -362,6 +364,7 @@ def test_a_chosen_target_and_a_vector_guard():
     assert_allclose(path.x[-1], [0.6], rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_numpy_matrix_among_the_parameters_is_taken_at_which():
     """Two leaky neurons that inhibit each other: 0, and the known exponent of their antiphase orbit."""
 

@@ -118,6 +118,7 @@ def test_two_parts_change_their_modes_at_one_instant(apart):
 # --- an edge, charges: what rounding and units must not hide ----------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("corner", [(0.0, 0.0), (0.1, -3.0)])
 def test_both_ways_out_of_an_edge_wherever_it_is(corner):
     """A particle is aimed at the edge of a wedge; by hand it leaves by one way or the other."""

@@ -132,6 +132,7 @@ def test_a_singular_map_loses_a_direction_at_each_iteration(rule, notes):
     assert spectrum.sum_rule_residual is None
 
 
+@pytest.mark.slow
 def test_a_singular_map_whose_derivatives_are_rounded():
     """(p², p³) of p = x y, multiplied out: rows that are parallel but for rounding."""
 
@@ -194,7 +195,7 @@ def test_bounces_in_closed_form_go_on_to_the_end_of_double_precision(restitution
     assert_allclose(end.exponents, known + turned / int(end.jumps), atol=1e-10)
 
 
-@pytest.mark.slow_cases("0.5")
+@pytest.mark.slow
 @pytest.mark.parametrize("restitution", [0.5, 0.9])
 def test_bounces_on_a_floor_that_rounding_blurs_end_before_they_are_wrong(restitution):
     spectrum = lh.lyapunov_spectrum(

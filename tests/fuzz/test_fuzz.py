@@ -17,7 +17,7 @@ def _what_only_xla_compiles(monkeypatch):
     monkeypatch.setenv("LYAPHYBRID_ENGINE", "auto")
 
 
-@pytest.mark.slow_cases("calls", "daes", "arguments", "automata", "hamiltonians")
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_random_cases(kind):
     assert KINDS[kind](range(FAST[kind])) == {}

@@ -72,6 +72,7 @@ def one_step(method, system, x, args=None, h=None):
     return tuple(np.asarray(found) for found in _one_step(method, system, np.asarray(x, float), args, h))
 
 
+@pytest.mark.slow_cases("SBAB2C")
 @pytest.mark.parametrize("scheme", ["SABA2", "SABA2C", "SBAB2", "SBAB2C", "leapfrog"])
 def test_step_and_tangent_are_the_maps_written_by_hand(scheme):
     rng = np.random.default_rng(3)
@@ -115,6 +116,7 @@ def rival(variant, points, h):
     )
 
 
+@pytest.mark.slow_cases("eps", "eps-drift")
 @pytest.mark.parametrize("variant", ["cc", "es", "eps", "eps-kick", "eps-drift"])
 def test_the_rivals_are_the_matrices_written_by_hand(variant):
     problem = zoo.henon_heiles(y=0.3)
@@ -136,6 +138,7 @@ ORBITS = {
 }
 
 
+@pytest.mark.slow_cases("cc-dop853")
 @pytest.mark.parametrize("orbit", list(ORBITS))
 @pytest.mark.parametrize("variant", ["cc", "eps"])
 def test_the_rivals_go_along_orbits_by_any_method(variant, orbit):
@@ -201,7 +204,12 @@ def test_the_frozen_form_is_solved_exactly_for_any_masses_and_signs(h):
     assert_allclose(matrix, scipy.linalg.expm(h * generator), rtol=0, atol=1e-12)
 
 
-@pytest.mark.slow_cases(all_but=("henon_heiles-SBAB2C", "henon_heiles-ABA864", "fpu_beta-ABA864", "fpu_beta-SRKN14a"))
+@pytest.mark.slow_cases(
+    all_but=(
+        "henon_heiles-SBAB2C",
+        "fpu_beta-ABA864",
+    )
+)
 @pytest.mark.parametrize("scheme", ["SBAB2C", "ABA864", "SRKN14a"])
 @pytest.mark.parametrize("name", ["henon_heiles", "hamiltonian_3d", "fpu_beta"])
 def test_the_tangent_of_a_step_keeps_the_symplectic_form(scheme, name):

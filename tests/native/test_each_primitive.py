@@ -671,6 +671,7 @@ def _by_xla(case):
     "along one axis of nan-mixed",
     "indices-entries",
     "along one axis-buffers",
+    "scans-mixed",
 )
 @pytest.mark.parametrize("plan", PLANS)
 @pytest.mark.parametrize("case", ARRAYS)
@@ -887,7 +888,7 @@ def _recorded(x, n):
     return lax.while_loop(lambda c: (c[0] < n) & (c[2][0] < 9), turn, (0, jnp.zeros(8), x))
 
 
-@pytest.mark.slow_cases(all_but=("_lanes-3-16-4",))
+@pytest.mark.slow
 @pytest.mark.parametrize("lanes", [2, 4])
 @pytest.mark.parametrize(("function", "length", "small"), [(_lanes, 3, 16), (_lanes_of_many, 6, 4)])
 def test_lanes(function, length, small, lanes):

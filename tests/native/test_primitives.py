@@ -212,6 +212,7 @@ SORTS = [
 ]
 
 
+@pytest.mark.slow_cases("entries-16")
 @pytest.mark.parametrize("n", [1, 7, 16, 40])
 def test_sorting(n, plan):
     rng = np.random.default_rng(n)
@@ -297,7 +298,7 @@ CONTROL = [
 ]
 
 
-@pytest.mark.slow_cases("in-memory-plain-small")
+@pytest.mark.slow_cases("in-memory-plain-small", "in-memory-checked-small")
 @pytest.mark.parametrize("matrix", [MATRIX, LARGE], ids=["small", "large"])
 @pytest.mark.parametrize("checked", [False, True], ids=["plain", "checked"])
 def test_control(matrix, checked, plan):

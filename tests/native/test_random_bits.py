@@ -55,6 +55,9 @@ KEYS = [lambda: jax.random.key(7), lambda: jax.random.PRNGKey(7)]
     "original-shape3-raw",
     "original-shape4-typed",
     "original-shape4-raw",
+    "partitionable-shape2-raw",
+    "partitionable-shape3-typed",
+    "original-shape2-typed",
 )
 @pytest.mark.usefixtures("counting")
 @pytest.mark.parametrize("key", KEYS, ids=["typed", "raw"])
@@ -91,7 +94,7 @@ def test_uniform_and_normal(shape, dtype):
     agree(lambda k: jax.random.exponential(k, shape, dtype), jax.random.key(1), exactly=False, roundings=100)
 
 
-@pytest.mark.slow_cases("partitionable")
+@pytest.mark.slow
 @pytest.mark.usefixtures("counting")
 def test_arrays_of_keys():
     keys = jax.random.split(jax.random.key(2), 6)
@@ -143,6 +146,7 @@ def test_inverse_error_function(dtype):
     agree(erfinv, x, exactly=False)
 
 
+@pytest.mark.slow
 def test_permutations_and_choices():
     agree(lambda k: jax.random.permutation(k, 40), jax.random.key(1))
     agree(lambda k: jax.random.choice(k, 20, (5,), replace=False), jax.random.key(1))

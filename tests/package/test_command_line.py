@@ -109,6 +109,7 @@ def test_replicates_are_seeded(capsys):
     assert first["exponents"] != other["exponents"]
 
 
+@pytest.mark.slow
 def test_the_seed_chooses_a_random_start(capsys):
     def run(seed):
         assert main(["spectrum", "hard_disks", "--t1", "5", "--k", "1", "--seed", seed, "--json"]) == 0

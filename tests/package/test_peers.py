@@ -169,7 +169,7 @@ def test_a_worker_that_ends_says_why():
         worker.listen()
 
 
-@pytest.mark.slow_cases(all_but=("henon_map",))
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WORKLOADS)
 def test_converged_values_are_ours(name):
     from benchmarks.peers.adapters import ours

@@ -289,7 +289,7 @@ HENON = lh.Map(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]])
 LINEAR = lh.Flow(lambda t, x, a: jnp.stack([x[1], -a * x[0]]))
 
 
-@pytest.mark.slow_cases("system0-iteration-covariant_vectors")
+@pytest.mark.slow_cases("system0-iteration-covariant_vectors", "system1-time t-covariant_vectors")
 @pytest.mark.parametrize("verb", ["gali", "sali", "megno", "fli", "covariant_vectors", "spectral_intervals"])
 @pytest.mark.parametrize(("system", "label"), [(HENON, "iteration"), (LINEAR, "time t")])
 def test_times_have_the_name_of_what_is_counted(verb, system, label):

@@ -200,7 +200,7 @@ def test_long_tables_are_shortened():
     assert lines[21].split() == ["…", "…"]
 
 
-@pytest.mark.slow_cases("4-uniform")
+@pytest.mark.slow_cases("4-uniform", "None-uniform")
 @pytest.mark.parametrize(("replicates", "averaging"), [(None, "uniform"), (None, "birkhoff"), (4, "uniform")])
 def test_errors_of_sums_are_those_of_the_exponents_with_their_correlation(replicates, averaging):
     """The sum of Hénon's exponents is ln 0.3 at each step: the errors of both cancel, though each is large."""
@@ -224,12 +224,14 @@ def test_the_error_of_the_dimension_is_that_of_independent_runs():
     assert 0.6 < one / np.std(runs, ddof=1) < 1.7  # of 24 runs it is known to 15 %, of 64 blocks to 9 %
 
 
+@pytest.mark.slow
 def test_notes_are_explained(made):
     idle = lh.Hybrid(lambda t, x, args: -x, lh.Transition(lambda t, x, args: x[0] + 10.0, lambda t, x, args: -x))
     found = lh.lyapunov_spectrum(idle, [1.0], t1=5.0)
     assert "guard_unreached: the system has guards, and the flow reached none of them" in str(found)
 
 
+@pytest.mark.slow
 def test_old_spellings_of_results_work(made):
     orbit = made("Floquet")
     with pytest.warns(DeprecationWarning, match=r"\.jumps") as said:

@@ -55,6 +55,7 @@ PAIRS = {
 OF_A_BALL = ("a number in a guard", "a number in a reset", "a direction", "terminal", "when")
 
 
+@pytest.mark.slow_cases("a number in a guard")
 @pytest.mark.parametrize("name", PAIRS)
 def test_a_sweep_of_a_changed_system_is_another_one(name):
     def of(system):

@@ -170,6 +170,7 @@ def test_plain_vmap_stays_right(whole):
     assert_allclose(jax.vmap(logistic)(good).exponents, whole.exponents.sel(args=good), atol=1e-10)
 
 
+@pytest.mark.slow
 def test_progress_is_told():
     seen = []
     swept(progress=seen.append)
@@ -242,6 +243,7 @@ def test_a_store_holds_all_and_is_taken_up(whole, tmp_path, counted):
     assert sum(counted) == 25
 
 
+@pytest.mark.slow_cases("delete")
 @pytest.mark.parametrize("harm", ["truncate", "flip", "delete", "forget"])
 def test_a_chunk_that_is_not_sound_is_computed_again(harm, whole, tmp_path, counted):
     store = tmp_path / "sweep.zarr"
@@ -452,6 +454,7 @@ class Study:
         return lh.lyapunov_spectrum(lh.Map(lambda n, x, args: args["r"] * x), [1.0], args, t1=self.length, blocks=4)
 
 
+@pytest.mark.slow
 def test_a_run_that_reads_something_else_than_before(tmp_path):
     """It was computed by the old program under the hash of the new one, in stores too."""
     study, over = Study(), {"r": np.array([0.5, 0.25])}

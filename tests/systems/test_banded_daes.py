@@ -92,6 +92,7 @@ def late(t, x, c):
     return jnp.concatenate([driven - y, z + far + 0.3 * z**3 - y])
 
 
+@pytest.mark.slow
 def test_a_coupling_that_begins_later():
     """It was dropped from Newton's matrix and from tangents: λ₁ = −0.0144 for c = 0.1 instead of 0.0011."""
     leading = np.diag((np.arange(12) < 6).astype(float))
@@ -108,6 +109,7 @@ def test_a_coupling_that_begins_later():
     assert lh.trajectory(of(2), point, 0.1, t1=0.1, n=1).status is lh.STATUS.ok
 
 
+@pytest.mark.slow_cases("5-0.0", "5-0.7")
 @pytest.mark.parametrize("inner", [0.0, 0.7])
 @pytest.mark.parametrize("count", [1, 2, 5])
 def test_few_constraints_that_move_and_rows_with_algebraic_components(count, inner):

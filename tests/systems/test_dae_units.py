@@ -124,6 +124,7 @@ def cubic(unit):
     )
 
 
+@pytest.mark.slow_cases(all_but=("1e-12",))
 @pytest.mark.parametrize("unit", [1.0, 1e-6, 1e-9, 1e-12])
 def test_consistent_points_and_starts_in_small_units(unit):
     assert_allclose(lh.consistent_start(cubic(unit), [unit, 0.3 * unit]) / unit, [1.0, 1.0], rtol=1e-9)

@@ -69,6 +69,8 @@ def at_three_lengths(name, kind, tolerance, count_start):
     "5.2 fast-1000-continuous",
     "5.1-1000-discrete",
     "5.1-1000-continuous",
+    "5.1-5000-continuous",
+    "5.1-5000-discrete",
 )
 @pytest.mark.parametrize("kind", METHODS)
 @pytest.mark.parametrize(
@@ -90,7 +92,7 @@ def test_finite_time_values(name, length, kind):
             assert abs(error.sum()) < factor * tolerance
 
 
-@pytest.mark.slow_cases("5.2-continuous", "5.2-discrete")
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", METHODS)
 @pytest.mark.parametrize("name", ["5.1", "5.2"])
 def test_a_tight_tolerance(name, kind):
@@ -126,6 +128,7 @@ def test_other_explicit_tableaux(tableau):
     assert np.max(np.abs(error)) < 30e-7
 
 
+@pytest.mark.slow
 def test_control_of_the_state_alone_is_not_enough():
     """The state comes to rest, and nothing then bounds the steps by which the frame is carried (facts of the paper)."""
     loose = found("5.1", lh.HalfExplicit(1e-6, control="x"), 1000, True)
@@ -201,7 +204,7 @@ def at_a_point(name):
     return field, t, x, columns
 
 
-@pytest.mark.slow_cases("5.2")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["5.1", "5.2"])
 def test_the_paper_s_p_and_e_cancel(name):
     """(22) and (23): PᵀĒ = 𝓔Qᵀ, 𝓔W = PᵀĀQ, with A₂' along the motion by differences (remark 3.2)."""

@@ -268,6 +268,7 @@ def test_starts_in_different_modes_run_side_by_side():
         np.testing.assert_allclose(matrix, lh.tangent_map(BLOCK, x, ARGS, t1=3.0, method=METHOD).matrix, atol=1e-12)
 
 
+@pytest.mark.slow_cases("1-1-None")
 @pytest.mark.parametrize(
     ("plus", "minus", "mode"), [(1, -1, "plus"), (-1, 1, "minus"), (-1, -1, "sliding"), (1, 1, None)]
 )

@@ -103,6 +103,7 @@ def test_of_many_bodies_columns_are_named():
         lh.trajectory(balls.between_walls(names=("x",)), found.x[-1], t1=1.0)
 
 
+@pytest.mark.slow
 def test_sections_and_return_maps_keep_the_names():
     ball = KINDS["Hybrid"](**CALLED)
     section = lh.poincare_section(ball, [1.0, 0.0], section=lambda t, x, args: x[1], n=2)
@@ -114,7 +115,7 @@ def test_sections_and_return_maps_keep_the_names():
 FLOWING = [kind for kind in KINDS if kind != "Map"]
 
 
-@pytest.mark.slow_cases("filippov")
+@pytest.mark.slow_cases("filippov", "DAE", "Hybrid")
 @pytest.mark.parametrize("kind", FLOWING)
 def test_every_kind_of_system_that_flows_says_its_unit_of_time(kind):
     found, plain = (
@@ -130,6 +131,7 @@ def test_every_kind_of_system_that_flows_says_its_unit_of_time(kind):
     pyplot.close("all")
 
 
+@pytest.mark.slow
 def test_systems_that_are_made_of_others_keep_the_unit_of_time():
     flow, ball = (KINDS[kind](**CALLED, time_unit="ms") for kind in ("Flow", "Hybrid"))
     noisy = lh.white_noise(flow, lambda t, x, args: jnp.ones(2), step=0.5, until=10.0)
@@ -152,6 +154,7 @@ def test_systems_that_are_made_of_others_keep_the_unit_of_time():
     assert lh.return_map(ball, with_time=True).units == (*UNITS, "ms")
 
 
+@pytest.mark.slow
 def test_a_unit_of_time_compiles_nothing():
     """The fields are the same objects, so that only the unit of time could make a difference."""
 

@@ -87,7 +87,7 @@ def test_the_field_is_that_derived_by_hand(name):
         np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.slow_cases("henon_heiles", "hamiltonian_3d", "fpu_beta", "fpu_alpha")
+@pytest.mark.slow_cases("henon_heiles", "hamiltonian_3d", "fpu_beta", "fpu_alpha", "double_pendulum")
 @hamiltonian
 def test_the_method_of_the_problem_keeps_its_energy(name):
     problem = zoo.get(name)()
@@ -190,6 +190,7 @@ def test_the_angular_momentum_is_kept_to_rounding():
     np.testing.assert_allclose(x * v - y * u, math.sqrt(1 - 0.6**2), rtol=0, atol=2e-14)
 
 
+@pytest.mark.slow
 def test_exponents_of_kepler_decay_like_those_of_periodic_motion():
     """The period depends on the energy: a tangent grows like t, so λ_1(t) ≈ ln t / t."""
     for t in (100 * TURN, 1000 * TURN):

@@ -373,6 +373,7 @@ def dense(sparse, strengths):
     return zoo.integrate_and_fire(form="event_driven", coupling=matrix, **parameters)
 
 
+@pytest.mark.slow_cases("one strength-qif-0.8")
 @pytest.mark.parametrize(("model", "current"), [("qif", 0.8), ("leaky", 2.5)])
 @pytest.mark.parametrize("alike", [True, False], ids=["one strength", "a strength each"])
 def test_a_sparse_network_is_the_dense_one_with_its_matrix(model, current, alike):
@@ -398,6 +399,7 @@ def test_a_chosen_interval_agrees_with_every_spike():
     assert_allclose(adapted.exponents, each.exponents, rtol=0, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_balanced_networks_are_chaotic_or_stable_by_their_neurons():
     """Inhibited "qif" neurons have λ₁ > 0 (Monteforte & Wolf), "leaky" ones a zero and λ₂ < 0 (Jahnke et al.)."""
     chaotic = zoo.sparse_network(n=300, synapses=30).spectrum(k=2, t1=100.0)

@@ -40,6 +40,7 @@ def test_there_are_120_flows():
     assert not set(NAMES) & set(zoo.names())
 
 
+@pytest.mark.slow_cases("macarthur")
 @each
 def test_every_entry_is_complete(name):
     entry = table.entry_of(name)

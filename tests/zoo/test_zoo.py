@@ -497,6 +497,7 @@ def test_the_derivative_through_the_events_is_the_60_digit_matrix(sixty_digits, 
     np.testing.assert_allclose(jacobian, matrix, atol=1e-9 * np.max(np.abs(matrix)))
 
 
+@pytest.mark.slow
 def test_the_guard_gives_the_derivative_of_the_time(sixty_digits):
     system, x, args, _ = sixty_digits
 

@@ -63,6 +63,7 @@ def test_gali_through_impacts_is_the_product_of_singular_values():
     assert_allclose(ours.log_values, brute_force(matrices, vectors), rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_gali_far_below_the_smallest_float():
     """The cat map: ln GALI_2 falls by the difference of the exponents at every step."""
     found = lh.gali(cat, [0.1, 0.2], t1=4000, times=np.arange(100, 4001, 100))
@@ -72,6 +73,7 @@ def test_gali_far_below_the_smallest_float():
     assert float(found.values[-1, 0]) == 0.0
 
 
+@pytest.mark.slow
 def test_sali_is_the_shorter_diagonal():
     problem, times = sea(), np.array([5.0, 20.0, 80.0])
     vectors = np.linalg.qr(np.random.default_rng(6).standard_normal((4, 2)))[0]
@@ -201,6 +203,7 @@ VERDICTS = [
 ]
 
 
+@pytest.mark.slow_cases("ofli2-a torus")
 @pytest.mark.parametrize(("name", "make", "kind"), VERDICTS, ids=[name for name, *_ in VERDICTS])
 @pytest.mark.parametrize("indicator", [lh.gali, lh.sali, lh.megno, lh.fli, lh.ofli, lh.ofli2], ids=lambda f: f.__name__)
 def test_verdicts(indicator, name, make, kind):
@@ -466,6 +469,7 @@ def test_a_map_of_stability_is_settled_early():
     assert same >= 0.97
 
 
+@pytest.mark.slow
 def test_two_equal_largest_exponents_are_no_regular_motion():
     """Two cat maps side by side: two deviation vectors never align, and GALI_3 says that they tell nothing."""
 
@@ -483,6 +487,7 @@ def test_two_equal_largest_exponents_are_no_regular_motion():
     assert "no 2" in str(without)
 
 
+@pytest.mark.slow
 def test_gali_of_bodies_in_rows():
     """Balls between walls are sheared, (q, v) ↦ ±(q + t v, v): the volume of the normalised columns is known."""
     frame, t = np.linalg.qr(np.random.default_rng(3).standard_normal((4, 3)))[0], 7.3

@@ -646,6 +646,7 @@ def test_a_branch_prints_what_it_found(cascade):
     assert lines[1] == "  period doubling at 3, T = 1"
 
 
+@pytest.mark.slow
 def test_the_largest_value_may_be_one_before_a_jump():
     """A rimless wheel leans farthest where its next leg lands, at the slope plus half of the angle between legs."""
     half = np.pi / 8

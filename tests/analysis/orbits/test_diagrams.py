@@ -541,6 +541,7 @@ def test_a_map_has_no_section():
 # --- pictures -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_pictures():
     found = logistic([2.8, 3.2, 5.0, 3.5])
     upper, lower = found.plot()

@@ -114,6 +114,7 @@ def momentum(x, args):
     return x[0] * x[3] - x[1] * x[2]
 
 
+@pytest.mark.slow
 def test_kepler_orbits_are_a_family_of_three_parameters():
     both = lambda x, args: jnp.stack([kepler_energy(x, args), momentum(x, args)])  # noqa: E731
     start = jnp.array([1.0, 0.1, -0.2, 1.1])
@@ -376,6 +377,7 @@ def test_a_runner(segments):
 # What is wrong is refused.
 
 
+@pytest.mark.slow_cases("options3-a quantity that the motion conserves; got one that changes")
 @pytest.mark.parametrize(
     ("options", "says"),
     [

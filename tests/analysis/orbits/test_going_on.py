@@ -110,6 +110,7 @@ def test_after_ctrl_c_it_goes_on(name):
         same(short.resume(), whole)
 
 
+@pytest.mark.slow
 def test_in_a_wider_range_a_branch_keeps_its_closed_form():
     short = fixed_points(over={"args": (2.4, 2.6)})
     assert short.ends == ("range", "range")
@@ -121,6 +122,7 @@ def test_in_a_wider_range_a_branch_keeps_its_closed_form():
     assert set(short.values) <= set(wide.values)
 
 
+@pytest.mark.slow
 def test_in_wider_ranges_a_curve_keeps_its_closed_form():
     short = folds(over={"a": (-0.3, 0.3), "b": (-0.5, 1.0)})
     assert short.ends == ("range", "range")
@@ -157,6 +159,7 @@ def test_a_branch_refuses_what_does_not_fit(how, words):
         fixed_points().resume(**how)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("over", "words"),
     [({"a": (-2.0, 2.0)}, "ranges of a and b"), (RANGES | {"b": (0.0, 1.0)}, "range of b must hold that before")],

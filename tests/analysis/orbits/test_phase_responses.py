@@ -96,6 +96,7 @@ def test_a_clock_in_closed_form():
     assert_allclose(found.finite([kick, -kick], at=[3, 3])[0], exact[3], rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_neuron_in_closed_form():
     found = found_of("neuron")
     assert_allclose(found.period, np.log(1.7 / 0.7), rtol=1e-12)
@@ -120,7 +121,7 @@ def test_the_flow_leads_ahead_by_its_time(name):
         assert np.max(np.abs(along)) < 1e-6 * np.max(np.abs(found.isostables)) * np.max(np.abs(velocities))
 
 
-@pytest.mark.slow_cases("Glass", "stick-slip", "walker", "relay")
+@pytest.mark.slow_cases("Glass", "stick-slip", "walker", "relay", "impact")
 @pytest.mark.parametrize("name", CYCLES)
 def test_small_kicks_of_whole_motions_agree(name):
     """Differences of sixth order, at phases from which no kick crosses a guard or leaves a surface."""

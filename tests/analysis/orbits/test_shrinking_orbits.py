@@ -232,6 +232,7 @@ def test_a_family_reaches_its_equilibrium():
 # --- in two parameters -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_curve_of_folds_ends_at_the_generalised_hopf_point():
     """R' = m r + b r³ − r⁵ folds on m = −b²/4 with r² = b/2, from b = 0 on."""
     system = lh.Flow(circling(lambda square, args: args["m"] + args["b"] * square - square**2))

@@ -88,6 +88,7 @@ def test_a_limit_cycle(unit, tick):
     assert (found.stability, found.family, found.notes) == ("stable", 0, frozenset())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("unit", "tick"), UNITS)
 def test_a_spiking_neuron(unit, tick):
     unit = unit[:2]
@@ -100,6 +101,7 @@ def test_a_spiking_neuron(unit, tick):
     assert (found.stability, found.family, found.notes, found.jumps) == ("stable", 0, frozenset(), 1)
 
 
+@pytest.mark.slow_cases("unit0-1.0")
 @pytest.mark.parametrize(("unit", "tick"), UNITS)
 def test_a_driven_impact_oscillator(unit, tick):
     unit, turn = unit[:2], 2 * np.pi / 0.9
@@ -115,6 +117,7 @@ def test_a_driven_impact_oscillator(unit, tick):
     assert found.jumps == same.jumps > 0
 
 
+@pytest.mark.slow_cases("unit0-1.0")
 @pytest.mark.parametrize(("unit", "tick"), UNITS[1:4])
 def test_phase_responses_of_a_neuron(unit, tick):
     unit = unit[:2]
@@ -129,6 +132,7 @@ def test_phase_responses_of_a_neuron(unit, tick):
     assert_allclose(found.finite(kick, at=[2, 9]), found.response[[2, 9], 1] * kick[1], rtol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("unit", "tick"), UNITS[1:4])
 def test_a_branch_of_a_neuron(unit, tick):
     unit = unit[:2]

@@ -91,6 +91,7 @@ def test_chaos_is_refused():
         birkhoff(lh.Map(lambda n, x, r: r * x * (1 - x)), [0.3], 3.9)
 
 
+@pytest.mark.slow
 def test_few_jumps_are_not_trusted():
     """x' = 1 − c x, a clock x → m x + 0.3: λ = −c + ln|m|/T, dλ/dT = −ln|m|/T²; 33 and 133 ticks."""
     clock = lh.Transition(every=lambda args: args["T"], reset=lambda t, x, args: args["m"] * x + 0.3)

@@ -71,6 +71,7 @@ def test_a_complex_pair_has_the_derivative_of_its_mean(impacts):
     assert any("mean" in reason for reason in found.reasons)
 
 
+@pytest.mark.slow
 def test_real_multipliers_with_impacts(impacts):
     """Against an independent program."""
     found = impacts[2.65]
@@ -220,6 +221,7 @@ def test_it_decides_from_values():
         jax.jit(under_jit)(0.3)
 
 
+@pytest.mark.slow
 def test_trust_does_not_depend_on_units():
     """A driven oscillator whose velocity is counted in small units."""
 
@@ -240,6 +242,7 @@ def test_trust_does_not_depend_on_units():
     np.testing.assert_allclose(np.sum(here.gradient["damping"]), -1.0, rtol=1e-6)  # λ₁ + λ₂ is minus the damping
 
 
+@pytest.mark.slow
 def test_a_period_that_moves_with_a_parameter_is_no_number():
     """x' = 1 − c x, kicked each T: a number as the period says nothing of dT."""
     clock = lh.Transition(every=lambda args: args["T"], reset=lambda t, x, args: args["m"] * x + 0.3)
