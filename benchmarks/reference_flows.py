@@ -27,7 +27,6 @@ ESCAPED, SAME, SURE = 1e3, 5.0, 4.0  # spreads of the attractor; errors: the sam
 LATE = 0.25  # chaos that ends: the part of λ₁ that is left in the last eighth of the first run
 MAX_STEPS = 4_000_000
 STEPS = 2000  # in a turn
-BESIDE, NEARBY = 1e-3, 4  # relative distance of another start from a state, and how many are tried
 HALTED = ("step_underflow", "nonfinite")  # as continuous QR does at kinks of the field, where Q' jumps
 QUICK = lh.RungeKutta("dopri5", rtol=1e-7, atol=1e-10)
 
@@ -49,20 +48,16 @@ def late(found):
 
 
 def run(entry, x0, method, seconds):
-    """The longest spectrum that ended well within the CPU time, or until exact enough; the status of the last piece.
-
-    A list, for where the motion leaves the attractor at last, shorter runs begin beside the end of the one before.
-    """
+    """The longest spectrum that ended well within the CPU time, or until exact enough; the status of the last piece."""
     problem, turn = entry.problem(), entry.turn
-    lengths = {"transient": TRANSIENT * turn, "t1": FIRST * turn}
-    short = {"method": method, **lengths, "max_steps": MAX_STEPS, "throw": False}
-    found, rng = problem.spectrum(x0=x0, **short), np.random.default_rng(SEED)
-    for _ in range(NEARBY):  # it may be just about to leave the attractor
-        if found.status.name != "ok":
-            found = problem.spectrum(x0=beside(x0, rng), **short)
+    found = problem.spectrum(
+        x0=x0, method=method, transient=TRANSIENT * turn, t1=FIRST * turn, throw=False, max_steps=MAX_STEPS
+    )
     reached, rate, begun = FIRST, 0.0, time.process_time()
     while found.status.name == "ok" and reached < LONGEST:
-        needed = reached * (np.max(error_of(found)[:2]) / wanted(found)) ** 2 - reached
+        values = exponents_of(found)
+        size = values[0] if values[0] > SURE * error_of(found)[0] else min(1.0, np.max(np.abs(values)))
+        needed = reached * (np.max(error_of(found)[:2]) / (WANTED * size)) ** 2 - reached
         left = (seconds - (time.process_time() - begun)) / rate if rate else reached
         more = min(needed, left, LONGEST - reached, 7 * reached)
         if more < 0.2 * reached:
@@ -71,47 +66,22 @@ def run(entry, x0, method, seconds):
         longer = found.resume((reached + more) * turn, throw=False, max_steps=int(MAX_STEPS * max(1.0, seconds)))
         rate, reached = (time.process_time() - piece) / more, reached + more
         if longer.status.name != "ok":
-            runs = [found]
-            while time.process_time() - begun < seconds and np.max(together(runs)[1][:2]) > wanted(found):
-                another = problem.spectrum(x0=beside(runs[-1].x, rng), **short)
-                runs += [another] if another.status.name == "ok" else []
-            return runs, longer.status.name
+            return found, longer.status.name
         found = longer
-    return [found], found.status.name
+    return found, found.status.name
 
 
-def beside(x, rng):
-    """Another start near a state."""
-    return np.asarray(x) * (1 + BESIDE * rng.standard_normal(np.shape(x)))
-
-
-def wanted(found):
-    """The error of the largest exponents at which a run is long enough."""
-    values = exponents_of(found)
-    return WANTED * (values[0] if values[0] > SURE * error_of(found)[0] else min(1.0, np.max(np.abs(values))))
-
-
-def together(runs):
-    """Exponents of several runs, weighted by their lengths, and their errors."""
-    lengths = np.array([float(found.time) for found in runs])[:, None]
-    values, errors = (np.array([of(found) for found in runs]) for of in (exponents_of, error_of))
-    whole = np.sum(lengths)
-    return np.sum(lengths * values, axis=0) / whole, np.sqrt(np.sum((lengths * errors) ** 2, axis=0)) / whole
-
-
-def row_of(runs, method, x0):
-    """What is kept of a run, or of several."""
-    values, errors = together(runs)
-    row = {
+def row_of(found, method, x0):
+    """What is kept of a run."""
+    return {
         "method": method,
         "start": shortened(x0, 6),
-        "time": shortened([sum(float(found.time) for found in runs)], 6)[0],
-        "exponents": values,
-        "stderr": errors,
-        "sum_rule": shortened([max(float(np.asarray(found.residual)) for found in runs)], 2)[0],
-        "notes": sorted(set().union(*(found.notes for found in runs))),
+        "time": shortened([float(found.time)], 6)[0],
+        "exponents": exponents_of(found),
+        "stderr": error_of(found),
+        "sum_rule": shortened([float(np.asarray(found.residual))], 2)[0],
+        "notes": sorted(found.notes),
     }
-    return row | ({"pieces": len(runs)} if len(runs) > 1 else {})
 
 
 def other_starts(entry, reference, errors, x_end, seconds):
@@ -190,17 +160,17 @@ def spectrum_of(name, seconds):
     ):
         transient, x0 = {"until": float(before.time), "largest": exponents_of(before)[0]}, before.x
     one, status = run(entry, x0, first[1], 0.3 * seconds)
-    two, status2 = run(entry, one[-1].x, second[1], 0.5 * seconds)
-    if float(two[0].time) == 0 or (status2 in HALTED and status == "ok"):
+    two, status2 = run(entry, one.x, second[1], 0.5 * seconds)
+    if float(two.time) == 0 or status2 in HALTED:
         second = not_continuous(entry)
-        two, status2 = run(entry, one[-1].x, second[1], 0.5 * seconds)
-    rows = [row_of(one, first[0], x0), row_of(two, second[0], one[-1].x)]
+        two, status2 = run(entry, one.x, second[1], 0.5 * seconds)
+    rows = [row_of(one, first[0], x0), row_of(two, second[0], one.x)]
     weights = [1 / np.square(row["stderr"]) for row in rows]
     value = sum(w * row["exponents"] for w, row in zip(weights, rows, strict=True)) / sum(weights)
     error = 1 / np.sqrt(sum(weights))
     order = np.argsort(-value)  # two that are nearly equal may have changed places
     value, error = value[order], error[order]
-    others = [] if entry.conservative else other_starts(entry, value, error, one[-1].x, 0.2 * seconds)
+    others = [] if entry.conservative else other_starts(entry, value, error, one.x, 0.2 * seconds)
     kind = kind_of(value, error, entry)
     for row in rows:
         row["exponents"], row["stderr"] = rounded(row["exponents"], row["stderr"])

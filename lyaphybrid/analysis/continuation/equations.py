@@ -229,7 +229,8 @@ class BranchEquations(NamedTuple):
                 return None
             u = self.vector(orbit, p)  # projected onto the constraints, if there are any
             if orbit.residual <= CONVERGED and not NEWTON_RESIDUAL < orbit.residual < GAIN * before:
-                return BranchPoint(orbit, p, u, jacobian, tangent(jacobian, across), iteration)
+                along = tangent(jacobian, across)
+                return BranchPoint(orbit, p, u, jacobian, along, iteration) if np.all(np.isfinite(along)) else None
             if iteration > 1 and not orbit.residual < before:
                 return None
             before = orbit.residual
@@ -281,8 +282,8 @@ def solved(jacobian: np.ndarray, across: np.ndarray, right: np.ndarray) -> np.nd
 
 
 def tangent(jacobian: np.ndarray, along: np.ndarray) -> np.ndarray:
-    """The unit null vector (N + 1,) of the Jacobian, oriented like `along`."""
+    """The unit null vector (N + 1,) of the Jacobian, oriented like `along`; nan where it has nothing of that."""
     last = np.zeros(len(along))
     last[-1] = 1.0
     found = solved(jacobian, along, last)
-    return found / np.linalg.norm(found)
+    return found / (np.linalg.norm(found) or np.nan)

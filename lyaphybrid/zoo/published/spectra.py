@@ -40,8 +40,7 @@ class Recorded:
         kind: what the exponents say: "chaos", "hyperchaos", "torus", "cycle", "rest"; where volume is conserved
             "chaotic sea" or "regular".
         exponents, stderr: of both runs together, weighted by their errors; per unit of time, descending.
-        runs: of each: method, start, time, exponents, stderr, |sum − mean divergence|, notes; where the motion leaves
-            the attractor at last, the number of "pieces", runs from several starts, that time and means are of.
+        runs: of each: method, start, time, exponents, stderr, |sum − mean divergence|, notes.
         starts: what other starts lead to: [how many, "the same" | "other" | "escaped" | "undecided", λ₁ of the first].
         transient: where the start leads to chaos that ends: "until" which time it had ended, and the "largest" exponent
             over that time; else None.

@@ -13,6 +13,7 @@ from ....integrators.implicit.on_constraints import ConstrainedMethod
 __all__ = ["LEAST_SCALE", "extents_of", "finer", "mixing_of", "sizes_of", "units_of"]
 
 LEAST_SCALE = 1e-6  # least size of a component, relative to what it was, and to what others make of it
+NOTHING_OF = 1e-28
 # The default absolute tolerance is no more than this fraction of the smallest component.
 ATOL_OF_SIZE = 1e-11
 
@@ -38,12 +39,13 @@ def sizes_of(points: np.ndarray, mixing: np.ndarray, least: np.ndarray | float =
     """The largest |x| (n,) of each component along a motion (samples, n).
 
     What is zero but for rounding has the size of what the other components add to it by the mixing (n, n); and no size
-    is below the `least`.
+    is below the `least`. What is smaller than `NOTHING_OF` the largest is zero in any units, as on an axis of symmetry
+    after Newton's method.
     """
     largest = np.max(np.abs(np.asarray(points, float)), axis=0)
     added = mixing @ largest
     sizes = np.maximum(np.where(largest > LEAST_SCALE * added, largest, added), least)
-    return np.where(sizes > 0, sizes, np.max(sizes) or 1.0)
+    return np.where(sizes > NOTHING_OF * np.max(sizes), sizes, np.max(sizes) or 1.0)
 
 
 def extents_of(points: np.ndarray, sizes: np.ndarray, least: float = LEAST_SCALE) -> np.ndarray:
