@@ -9,7 +9,7 @@ from functools import partial
 
 import jax
 
-from .jax_versions import ClosedJaxpr, Jaxpr, subprograms
+from .jax_versions import ClosedJaxpr, Jaxpr, made_of, subprograms
 from .unsupported import UnsupportedError
 
 
@@ -22,7 +22,7 @@ def implementation(eqn) -> ClosedJaxpr:
     """The closed jaxpr of an equation's implementation; `UnsupportedError` if it is not made of other primitives."""
     name = eqn.primitive.name
     try:
-        found = traced(partial(eqn.primitive.impl, **eqn.params), [atom.aval for atom in eqn.invars])
+        found = traced(partial(made_of(eqn.primitive), **eqn.params), [atom.aval for atom in eqn.invars])
     except Exception as error:  # an implementation that is not meant for tracing may raise anything
         raise UnsupportedError(f"the primitive {name}") from error
     if _contains(found.jaxpr, name):  # the implementation of JAX's own primitives is the primitive itself, by XLA

@@ -3,6 +3,7 @@
 Tested with 0.8.0, 0.10.1 and 0.12.0.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,6 +32,11 @@ def scan_of(equation) -> Scan:
     # From 0.12 on: trees (consts, carry, xs) of the operands.
     consts, carry, _ = p["ft_in"].unpack()
     return Scan(body, length, reverse, len(consts), len(carry))
+
+
+def made_of(primitive) -> Callable:
+    """The function of simpler primitives that a primitive is: of some of JAX's own, from 0.12 on, not its `impl`."""
+    return getattr(primitive, "to_lojax", None) or primitive.impl
 
 
 def called(equation) -> ClosedJaxpr | Jaxpr:
