@@ -178,8 +178,8 @@ def lyapunov_spectrum(
     frame, initial = initial_frame(problem, t0, x0, frame, k)
     qr_schedule, interval = qr_schedule_for(problem, every)
     plan = _plan(system, x0, int(frame.shape[-1]), qr_schedule, orthonormalise, clock)
-    ends_of_blocks(t1, blocks, times, "t1")  # checks the arguments before anything is computed
     in_units = functools.partial(targets_for, clock=clock, discrete=iterates(system), dtype=x0.dtype)
+    targets = in_units(ends_of_blocks(t1, blocks, times, "t1"))  # checks the arguments before anything is computed
     loop_state, interrupted = driver.start(problem, plan, t0, x0, frame, mode, array(interval, x0.dtype)), False
     file, stretches = None, [(t1, blocks)]
     if checkpoint is not None:
@@ -192,9 +192,8 @@ def lyapunov_spectrum(
     quieted: list[driver.Outcome] = []  # outcomes of the transient
     if not is_zero(transient):
         quiet = in_units(ends_of_blocks(transient, blocks, None, "transient"))
-        targets = in_units(ends_of_blocks(t1, blocks, times, "t1"))
         if driver.under_transformation(problem, loop_state, (quiet, targets)) and len(targets[0]) == blocks:
-            _, found = driver.after_transient(problem, plan, loop_state, quiet, targets, max_steps)
+            found = driver.after_transient(problem, plan, loop_state, quiet, targets, max_steps)
             return _deliver(_Run(problem, plan, (found,), *how).summarised(t1, blocks), throw, "")
         before = driver.drive(problem, plan, loop_state, *quiet, max_steps, part=file and file.part(0))
         loop_state, interrupted = driver.sealed(before), before.interrupted

@@ -188,6 +188,5 @@ def _in_kind_of(leaf: Any, value: Any):
 
 
 def _with_entry(array, index, value):
-    """The array with one entry set to a value, which makes an array of integers one of floats where it is a float."""
-    whole = not jnp.issubdtype(array.dtype, jnp.inexact) and jnp.issubdtype(value.dtype, jnp.inexact)
-    return (array.astype(value.dtype) if whole else array).at[index].set(value)
+    """The array with one entry set to a value of `_in_kind_of`: one of integers takes the type of a float."""
+    return (array.astype(value.dtype) if jnp.issubdtype(value.dtype, jnp.inexact) else array).at[index].set(value)

@@ -188,10 +188,8 @@ def under_transformation(problem: RunProblem, loop_state: LoopState, targets) ->
     return traced(leaves) or (transforming() and traced(enclosed(problem)))
 
 
-def after_transient(
-    problem: RunProblem, plan: RunPlan, loop_state: LoopState, quiet, targets, max_steps
-) -> tuple[Outcome, Outcome]:
-    """Under a transformation: `drive` for a transient, and for what follows it.
+def after_transient(problem: RunProblem, plan: RunPlan, loop_state: LoopState, quiet, targets, max_steps) -> Outcome:
+    """Under a transformation: `drive` for a transient, and for what follows it, whose outcome this is.
 
     Both are the same loop, taken twice, so that its code is made once. Both have as many blocks: `quiet`, `targets`
     are each the ends and the last jumps of these.
@@ -205,12 +203,9 @@ def after_transient(
         return sealed(Outcome(loop_state, records, status, False)), (records, status)
 
     both = jax.tree.map(lambda *parts: jnp.stack(parts), quiet, targets)
-    loop_state, (records, status) = jax.lax.scan(one, loop_state, both)
-
-    def outcome(which: int) -> Outcome:
-        return Outcome(loop_state, jax.tree.map(lambda leaf: leaf[which], records), status[which], False)
-
-    return outcome(0), outcome(1)
+    loop_state, found = jax.lax.scan(one, loop_state, both)
+    records, status = jax.tree.map(lambda leaf: leaf[-1], found)
+    return Outcome(loop_state, records, status, False)
 
 
 def _place(loop_state: LoopState, run: int) -> tuple[Any, Any, Any]:

@@ -13,7 +13,7 @@ from ....integrators.implicit.on_constraints import ConstrainedMethod
 __all__ = ["LEAST_SCALE", "extents_of", "finer", "mixing_of", "sizes_of", "units_of"]
 
 LEAST_SCALE = 1e-6  # least size of a component, relative to what it was, and to what others make of it
-NOTHING_OF = 1e-28
+NOTHING_OF = 1e-28  # units of components differ by less: 1e12 and 1e-12 are a factor of 1e24
 # The default absolute tolerance is no more than this fraction of the smallest component.
 ATOL_OF_SIZE = 1e-11
 
