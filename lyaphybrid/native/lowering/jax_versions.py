@@ -36,7 +36,8 @@ def scan_of(equation) -> Scan:
 
 def made_of(primitive) -> Callable:
     """The function of simpler primitives that a primitive is: of some of JAX's own, from 0.12 on, not its `impl`."""
-    return getattr(primitive, "to_lojax", None) or primitive.impl
+    # Every primitive has the attribute by inheritance, as a function that raises or as None: only its own counts.
+    return vars(primitive).get("to_lojax", primitive.impl)
 
 
 def called(equation) -> ClosedJaxpr | Jaxpr:
