@@ -192,6 +192,14 @@ class SideBySide:
     def __init__(self, code: Compiled, shared: list, result: Any):
         self.code, self.shared, self.result, self.lanes = code, shared, result, code.lanes
 
+    def ahead(self, seconds: float) -> None:
+        """Calls will go on for so many seconds: optimised code may be worth its compilation."""
+        self.code.code.ahead(seconds)
+
+    def ended(self) -> None:
+        """A run of many calls has ended, and may be repeated."""
+        self.code.code.ended()
+
     def __call__(self, lanes: Any) -> Any:
         """The results for these lanes (m, …), m a multiple of `lanes`: NumPy arrays (m, …)."""
         rows = jax.tree.leaves(lanes)

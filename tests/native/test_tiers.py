@@ -1,5 +1,8 @@
 """Code that is ready at once, and better code that follows: the same bits, and no call waits for it."""
 
+import os
+import subprocess
+import sys
 import threading
 
 import jax
@@ -26,9 +29,14 @@ PROBLEMS = {  # flows, events, maps, disks, a DAE, and sums of more terms than a
 @pytest.fixture
 def made(monkeypatch):
     """The levels of the code that LLVM made, in turn; nothing comes from the disk."""
-    levels, original = [], _tiers.object_code
+    levels: list[int] = []
+
+    def counted(make):
+        return lambda text, level, *rest, **named: levels.append(level) or make(text, level, *rest, **named)
+
     monkeypatch.setenv("LYAPHYBRID_CACHE", "off")
-    monkeypatch.setattr(_tiers, "object_code", lambda *given: levels.append(given[1]) or original(*given))
+    for name in ("object_code", "object_code_aside"):
+        monkeypatch.setattr(_tiers, name, counted(getattr(_tiers, name)))
     return levels
 
 
@@ -102,11 +110,21 @@ def test_better_code_follows_what_has_run_for_long(made, monkeypatch):
     assert made == [0, 2]
 
 
+def test_no_better_code_where_little_is_known_to_be_left(made, monkeypatch):
+    x = np.ones((40, 21))
+    program = compiled(x)
+    program.code.ahead(1e-6)
+    monkeypatch.setattr(program.code, "_spent", 1e6)
+    program(x)
+    finished()
+    assert made == [0]
+
+
 def test_better_code_follows_where_runs_are_repeated(made, monkeypatch):
     x = np.ones((40, 21))
     program = compiled(x)
     monkeypatch.setattr(program.code, "_cost", 1.0)
-    for spent, expected in ((0.7, [0]), (0.7, [0]), (0.4, [0]), (0.7, [0, 2]), (2.0, [0, 2])):  # a transient, a run, …
+    for spent, expected in ((1.4, [0]), (1.4, [0]), (0.8, [0]), (1.4, [0, 2]), (2.0, [0, 2])):  # a transient, a run, …
         program(x)
         monkeypatch.setattr(program.code, "_spent", spent)
         program.code.ended()
@@ -228,6 +246,89 @@ def test_a_long_run_gets_better_code(made, monkeypatch):
     problem.spectrum(t1=3000.0, transient=0.1)
     finished()
     assert 2 in made
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["lorenz63", "impact_oscillator"])  # at once in a vector register, one after another
+def test_a_sweep_says_how_much_is_left(name, made, monkeypatch):
+    problem = lh.zoo.get(name)()
+    _engines.forget_programs()
+    for rule in ("SECONDS_A_LINE", "SECONDS_A_BLOCK"):
+        monkeypatch.setattr(_tiers, rule, 1e-7)
+    monkeypatch.setattr(_tiers, "AT_LAST", np.inf)  # the rule where nobody says it
+    (changed, value), *_ = problem.args.items()
+    values = np.linspace(0.99, 1.0, 40) * float(value)
+    lh.sweep(lambda args: problem.spectrum(args=args, t1=20.0), {changed: values}, args=problem.args, progress=False)
+    finished()
+    assert 2 in made
+
+
+def test_nobody_waits_for_the_code_of_another_process(made):
+    """LLVM lets one thread of a process in at a time; a new program must not wait for the optimisation of another."""
+
+    def step(x):
+        for _ in range(60):
+            x = jnp.stack([jnp.sin(x[i - 1]) * x[i] + jnp.cos(x[i - 2]) for i in range(6)])
+        return x
+
+    x = np.linspace(0.1, 0.6, 6)
+    program = Compiled(jax.make_jaxpr(lambda x: jax.lax.fori_loop(0, 10, lambda _, x: step(x), x))(x))
+    other = jax.make_jaxpr(jnp.sin)(x)
+    program.code.ahead(1e6)
+    assert np.allclose(Compiled(other)(x)[0], np.sin(x))
+    assert not program.code.is_best
+    finished()
+    assert program.code.is_best
+
+
+@pytest.mark.parametrize(
+    "command",
+    [[], ["/nowhere/python"], [sys.executable, "-c", "raise SystemExit(1)"]],
+    ids=["none", "no such", "fails"],
+)
+def test_without_another_process(command, made, monkeypatch):
+    """Where a process cannot be begun the code is made here; where it fails, the first code stays."""
+    begun = subprocess.Popen
+    monkeypatch.setattr(sys, "executable", command[0] if command else "")
+    monkeypatch.setattr(subprocess, "Popen", lambda _, **options: begun(command, **options))
+    x = np.ones((40, 21))
+    program = compiled(x)
+    first = program(x)
+    program.code.ahead(1e6)
+    finished()
+    assert program.code.is_best == ("-c" not in command)
+    assert same(first, program(x))
+
+
+def test_an_optimisation_ends_with_python():
+    """Python's end does not wait for an optimisation that takes seconds, and leaves no process behind."""
+    code = """
+import subprocess, time
+import jax, jax.numpy as jnp, numpy as np
+from lyaphybrid.native import Compiled
+from lyaphybrid.native.machine import aside
+begin = aside._begun
+def told(*options):
+    process = begin(*options)
+    print(process.pid, flush=True)
+    return process
+aside._begun = told
+def step(x):
+    for _ in range(200):
+        x = jnp.stack([jnp.sin(x[i - 1]) * x[i] + jnp.cos(x[i - 2]) for i in range(6)])
+    return x
+x = np.linspace(0.1, 0.6, 6)
+program = Compiled(jax.make_jaxpr(lambda x: jax.lax.fori_loop(0, 10, lambda _, x: step(x), x))(x))
+program.code.ahead(1e6)
+time.sleep(0.5)
+assert not program.code.is_best
+"""
+    begun = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True, text=True, check=True, timeout=60, env=os.environ | {"LYAPHYBRID_CACHE": "off"},
+    )  # fmt: skip
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(begun.stdout), 0)
 
 
 def test_what_waits_for_its_turn_is_left_when_python_ends(made, monkeypatch):

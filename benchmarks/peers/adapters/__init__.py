@@ -61,7 +61,7 @@ OURS = "lyaphybrid"
 SINGLE, SWEEPS = ("flow", "map", "stiff", "impact", "friction", "disks"), ("flow_sweep", "impact_sweep")
 EVENTS = ("impact", "friction")
 PEERS = {
-    OURS: Peer("lyaphybrid", "ours", (*SINGLE, *SWEEPS), "`lyapunov_spectrum`, `sweep`", by_length=True, repeated=2.0),
+    OURS: Peer("lyaphybrid", "ours", (*SINGLE, *SWEEPS), "`lyapunov_spectrum`, `sweep`", by_length=True, repeated=5.0),
     "lyapax": Peer(
         *("lyapax", "with_lyapax", ("flow", "map", "flow_sweep")),
         "`ode_problem` (rk4, rk6, adaptive) and `sweep_lyapunov_spectrum`, under `jax.jit`",

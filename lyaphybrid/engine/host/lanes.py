@@ -98,8 +98,9 @@ def run_sequences(
     """
     if devices.are_wanted():
         return devices.run_on_devices(function, shared, sequences, progress, finished)
-    pool = _Pool(program or LaneProgram(function, shared, sequences[0]), sequences, progress, finished)
-    with concurrent.futures.ThreadPoolExecutor(_threads(threads)) as executor:
+    program, threads = program or LaneProgram(function, shared, sequences[0]), _threads(threads)
+    pool = _Pool(program, sequences, threads, progress, finished)
+    with concurrent.futures.ThreadPoolExecutor(threads) as executor:
         running = [executor.submit(pool.run, i) for i in range(len(sequences))]
         try:
             while concurrent.futures.wait(running, 0.1, concurrent.futures.FIRST_EXCEPTION).not_done:
@@ -115,6 +116,7 @@ def run_sequences(
     for future in running:
         if not future.cancelled():
             future.result()
+    program.ended()
     pool.hand_over()
     pool.report(pool.fraction)
     pool.report(None)
@@ -173,19 +175,22 @@ class LaneProgram:
         if side_by_side is None:
             compiled = _run_piece.prepared(*self.fixed, *operands)
             self.run = functools.partial(compiled, *self.fixed)
+            self.ahead = lambda seconds: _run_piece.ahead(seconds, *self.fixed, *operands)
+            self.ended = lambda: _run_piece.ended(np.inf, *self.fixed, *operands)
         else:
             self.run = lambda state, lanes, count: side_by_side(jax.tree.map(lambda leaf: leaf[:count], lanes))
+            self.ahead, self.ended = side_by_side.ahead, side_by_side.ended
         self.empty = jax.tree.map(np.asarray, self.run(*operands)[1])
 
 
 class _Pool:
     """The pieces of all sequences and their results; shared by the threads."""
 
-    def __init__(self, program, sequences, progress, finished):
+    def __init__(self, program, sequences, threads, progress, finished):
         self.program, self.sequences, self.finished = program, sequences, finished
         self.report, self.wide = reporter(progress), bool(jax.config.read("jax_enable_x64"))
         self.complete: queue.SimpleQueue[int] = queue.SimpleQueue()
-        self.lanes = sum(map(_length, sequences))
+        self.lanes, self.threads = sum(map(_length, sequences)), threads
         self.done = [np.zeros(_length(sequence), bool) for sequence in sequences]
         self.ready, self.stopped, self.size, self.lock = 0, False, 1.0, threading.Lock()
         self.results: list[Any] = [None] * len(sequences)
@@ -234,6 +239,8 @@ class _Pool:
                 self.done[index][first : first + count] = True
                 self.ready += count
                 self.size = min(MOST_LANES, 4 * count, count * SECONDS_PER_CALL / seconds)
+                left = (self.lanes - self.ready) * seconds / count / self.threads
+            self.program.ahead(left)
             first += count
         if first == length:
             self.complete.put(index)

@@ -1,4 +1,4 @@
-"""LLVM: from the text of a module to machine code and the addresses of its functions."""
+"""LLVM: machine code in memory, the addresses of its functions, and what this CPU has."""
 
 import ctypes
 import ctypes.util
@@ -11,9 +11,6 @@ from collections.abc import Sequence
 import llvmlite.binding as llvm
 
 from . import scipy as _scipy
-
-llvm.initialize_native_target()
-llvm.initialize_native_asmprinter()
 
 _OF_FLOATS = (
     "fmod tan asin acos atan atan2 sinh cosh tanh asinh acosh atanh log1p expm1 cbrt erf erfc lgamma nextafter "
@@ -35,19 +32,6 @@ def _library() -> dict[str, int]:
     return found
 
 
-def describe() -> str:
-    """What machine code depends on besides the module's text: LLVM, the platform, the CPU and its features."""
-    return f"LLVM {llvm.llvm_version_info}, {llvm.get_default_triple()}, {llvm.get_host_cpu_name()}, {_features()}"
-
-
-@functools.cache
-def _features() -> str:
-    """The features of this CPU, with gather and scatter instructions avoided on x86, where they are slow."""
-    own = llvm.get_host_cpu_features().flatten()
-    on_x86 = llvm.get_default_triple().startswith(("x86_64", "amd64"))
-    return f"{own},+prefer-no-gather,+prefer-no-scatter" if on_x86 else own
-
-
 @functools.cache
 def doubles_in_a_vector() -> int:
     """The number of doubles in the widest vector register of this CPU."""
@@ -59,38 +43,6 @@ def doubles_in_a_vector() -> int:
 def has_fused_products() -> bool:
     """Whether this CPU has an instruction for a·b + c with one rounding (FMA)."""
     return bool(llvm.get_host_cpu_features().get("fma")) or llvm.get_default_triple().startswith(("aarch64", "arm64"))
-
-
-def _target_machine(level: int):
-    target = llvm.Target.from_default_triple()
-    return target.create_target_machine(
-        cpu=llvm.get_host_cpu_name(), features=_features(), opt=level, reloc="pic", codemodel="small"
-    )
-
-
-def object_code(text: str, level: int, scattered: bool = False, loops: bool = True) -> bytes:
-    """The object code of a module.
-
-    Args:
-        text: the module.
-        level: LLVM's optimisation level, 0 to 3.
-        scattered: whether to search for vectors among scalar instructions (SLP).
-        loops: whether loops become vectors and are unrolled, from level 2 on.
-    """
-    machine = _target_machine(level)
-    module = llvm.parse_assembly(text)
-    module.triple, module.data_layout = machine.triple, str(machine.target_data)
-    options = llvm.create_pipeline_tuning_options(speed_level=level)
-    options.slp_vectorization = scattered
-    options.loop_vectorization = options.loop_unrolling = loops and level >= 2
-    builder = llvm.create_pass_builder(machine, options)
-    builder.getModulePassManager().run(module, builder)
-    if scattered:  # LLVM's search for them can put an instruction after its uses; to emit that ends the process
-        try:
-            module.verify()
-        except RuntimeError:
-            return object_code(text, level, loops=loops)
-    return machine.emit_object(module)
 
 
 @functools.cache

@@ -2,29 +2,36 @@
 
 LLVM needs much longer to optimise a module than to translate it, and most programs run for less time than the
 optimisation would take (`benchmarks.first_calls` measures LLVM's part of a first call). So a program that is called
-repeatedly is only translated at first. If much is left to run, a thread makes optimised code, which later calls use.
-So it does for runs that are repeated: who has repeated a run for half the time of an optimisation will go on.
+repeatedly is only translated at first. If much is left to run, optimised code is made beside it, in a process of its
+own, and later calls use it. Optimised code takes about half of the time, so where it is not known how much is left, it
+is made when a call, or runs that are repeated, have taken as long as the optimisation will: who has gone on for so
+long may go on.
 A program that is one long call has no better code later. Where the optimisation would take too long, its loops over
 memory are left as they are: vectors in loops, and loops written out, take most of LLVM's time if there are many. Such
 code runs about half as fast.
 All codes give the same bits: no flag allows LLVM to change the order of a sum.
 """
 
+import contextlib
 import ctypes
+import functools
 import threading
 import time
 import zlib
+from collections.abc import Callable
 from typing import NamedTuple
 
+from .aside import GivenUpError, object_code_aside
 from .cache import if_kept, kept
-from .code import Linked, describe, object_code
+from .code import Linked
+from .emission import describe, object_code
 
 FIRST_LEVEL = 0  # LLVM's optimisation level of the first code
 SECONDS_A_LINE = 1e-4  # estimated time for LLVM to optimise a line of a module whose loops stay as they are, in seconds
 SECONDS_A_BLOCK = 3e-3  # the same for a block of a module whose loops become vectors and are unrolled
 WORTH_IT = 2  # optimise if the remaining run time exceeds the optimisation time by this factor …
-AT_LAST = 3  # … or if the past run time does by this factor …
-REPEATED = 0.5  # … or by this one where runs are repeated
+AT_LAST = 3  # … or, where nobody says how much is left, if the past run time does by this factor …
+REPEATED = 1.0  # … or by this one where runs are repeated
 ONCE = 2  # a transient and a run
 LONGEST_OPTIMISATION = 2.0  # longest optimisation, in seconds, that one long call waits for
 THREAD = "lyaphybrid optimises"
@@ -57,12 +64,12 @@ class Tiers:
         self._plain_cost = SECONDS_A_LINE * text.count("\n")  # estimated time for LLVM, in seconds
         self._cost = max(self._plain_cost, SECONDS_A_BLOCK * text.count(":\n"))
         self._spent, self._runs = 0.0, 0  # past run time, in seconds; runs that have ended
-        self._lock, self._asked = threading.Lock(), False
+        self._lock, self._asked, self._told = threading.Lock(), False, False
         self._fixed: list[_Code] = []  # codes whose addresses were given out, and which must stay alive
         self._effort, code = self._best, if_kept(_description(text, self._best))
         if code is None:
             self._effort = self._within(patience) or _Effort(FIRST_LEVEL)
-            code = _made(text, self._effort)
+            code = _made(text, self._effort, object_code)
         self._text = b"" if self.is_best else zlib.compress(text.encode(), 1)  # for better code
         self._code = _Code(code)
 
@@ -84,11 +91,12 @@ class Tiers:
         begun = time.perf_counter()
         code.call(inputs, outputs)
         self._spent += time.perf_counter() - begun
-        if self._spent > AT_LAST * self._cost:
+        if not self._told and self._spent > AT_LAST * self._cost:
             self._improve_aside()
 
     def ahead(self, seconds: float) -> None:
         """Report the estimated remaining run time in seconds; it starts the optimisation if that is long enough."""
+        self._told = True
         if seconds > WORTH_IT * self._cost:
             self._improve_aside()
 
@@ -105,14 +113,14 @@ class Tiers:
 
     def _improve_in_turn(self) -> None:
         """Wait for the optimisations that began earlier; where Python has begun to end meanwhile, leave it."""
-        with _one_at_a_time:  # Python ends after all threads: those that have not begun must not hold it up
-            if threading.main_thread().is_alive():
-                self._improve(self._best)
+        with _one_at_a_time, contextlib.suppress(GivenUpError):  # Python ends after all threads: none may hold it up
+            if _goes_on():
+                self._improve(self._best, functools.partial(object_code_aside, is_wanted=_goes_on))
 
-    def _improve(self, effort: _Effort) -> None:
+    def _improve(self, effort: _Effort, make: Callable[..., bytes]) -> None:
         with self._lock:
             if self._effort not in (effort, self._best):
-                self._code = _Code(_made(zlib.decompress(self._text).decode(), effort))
+                self._code = _Code(_made(zlib.decompress(self._text).decode(), effort, make))
                 self._effort = effort
                 if self.is_best:
                     self._text = b""
@@ -123,7 +131,7 @@ class Tiers:
         The code is optimised first if that takes no more than about `patience` seconds.
         """
         if effort := self._within(patience):
-            self._improve(effort)
+            self._improve(effort, object_code)
         self._fixed.append(self._code)
         return self._code.address(function)
 
@@ -132,5 +140,10 @@ def _description(text: str, effort: _Effort) -> str:
     return f"{describe()}, level {effort.level}, scattered {effort.scattered}, loops {effort.loops}\n{text}"
 
 
-def _made(text: str, effort: _Effort) -> bytes:
-    return kept(_description(text, effort), lambda: object_code(text, *effort))
+def _made(text: str, effort: _Effort, make: Callable[..., bytes]) -> bytes:
+    return kept(_description(text, effort), lambda: make(text, *effort))
+
+
+def _goes_on() -> bool:
+    """Whether Python has not begun to end."""
+    return threading.main_thread().is_alive()
