@@ -26,7 +26,7 @@ FINITE_TIME = 1.0  # a run of length T knows an exponent to this over T, whateve
 ESCAPED, SAME, SURE = 1e3, 5.0, 4.0  # spreads of the attractor; errors: the same exponents, an exponent that is not 0
 LATE = 0.25  # chaos that ends: the part of λ₁ that is left in the last eighth of the first run
 MAX_STEPS = 4_000_000
-STEPS = 2000  # in a turn
+STEPS = 2000  # in a turn: those of fixed steps; more than others take
 HALTED = ("step_underflow", "nonfinite")  # as continuous QR does at kinks of the field, where Q' jumps
 QUICK = lh.RungeKutta("dopri5", rtol=1e-7, atol=1e-10)
 
@@ -62,13 +62,40 @@ def run(entry, x0, method, seconds):
         more = min(needed, left, LONGEST - reached, 7 * reached)
         if more < 0.2 * reached:
             break
-        piece = time.process_time()
-        longer = found.resume((reached + more) * turn, throw=False, max_steps=int(MAX_STEPS * max(1.0, seconds)))
-        rate, reached = (time.process_time() - piece) / more, reached + more
+        longer, added = further(found, more, reached, turn)
         if longer.status.name != "ok":
             return found, longer.status.name
-        found = longer
+        found, (more, spent) = longer, added
+        rate, reached = spent / more, reached + more
     return found, found.status.name
+
+
+def further(found, more, reached, turn):
+    """A run gone on, by less where it ends on the way, and by how many turns and in what time."""
+    while True:
+        piece = time.process_time()
+        most = int(MAX_STEPS + STEPS * more)  # who leaves takes ever smaller ones
+        longer = found.resume((reached + more) * turn, throw=False, max_steps=most)
+        if longer.status.name == "ok" or more < 0.4 * reached:
+            return longer, (more, time.process_time() - piece)
+        more /= 2
+
+
+def longest_run(entry, x0, method, seconds):
+    """`run` and its start; where motions leave their attractor at last, the one of several with the least error."""
+    begun = time.process_time()
+    found, status = run(entry, x0, method, seconds)
+    if status == "ok" or float(found.time) == 0:
+        return found, status, x0
+    path = entry.problem().trajectory(x0=x0, method=QUICK, t1=float(found.time) / 2, n=STARTS, throw=False)
+    for start in np.asarray(path.x):
+        left = seconds - (time.process_time() - begun)
+        if error_of(found)[0] <= WANTED * exponents_of(found)[0] or left < 0:
+            break
+        other, ended = run(entry, start, method, left)
+        if float(other.time) and error_of(other)[0] < error_of(found)[0]:
+            found, status, x0 = other, ended, start
+    return found, status, x0
 
 
 def row_of(found, method, x0):
@@ -159,12 +186,16 @@ def spectrum_of(name, seconds):
         and not entry.conservative
     ):
         transient, x0 = {"until": float(before.time), "largest": exponents_of(before)[0]}, before.x
-    one, status = run(entry, x0, first[1], 0.3 * seconds)
-    two, status2 = run(entry, one.x, second[1], 0.5 * seconds)
-    if float(two.time) == 0 or status2 in HALTED:
-        second = not_continuous(entry)
-        two, status2 = run(entry, one.x, second[1], 0.5 * seconds)
-    rows = [row_of(one, first[0], x0), row_of(two, second[0], one.x)]
+    one, status, x0 = longest_run(entry, x0, first[1], 0.3 * seconds)
+    if status == "ok":
+        after = one.x
+        two, status2 = run(entry, after, second[1], 0.5 * seconds)
+        if float(two.time) == 0 or status2 in HALTED:
+            second = not_continuous(entry)
+            two, status2 = run(entry, after, second[1], 0.5 * seconds)
+    else:  # its end is near the way out
+        two, status2, after = longest_run(entry, x0, second[1], 0.5 * seconds)
+    rows = [row_of(one, first[0], x0), row_of(two, second[0], after)]
     weights = [1 / np.square(row["stderr"]) for row in rows]
     value = sum(w * row["exponents"] for w, row in zip(weights, rows, strict=True)) / sum(weights)
     error = 1 / np.sqrt(sum(weights))

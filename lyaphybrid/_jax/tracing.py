@@ -4,7 +4,6 @@ import functools
 from types import ModuleType
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -48,9 +47,11 @@ def numpy_for(*values: Any) -> ModuleType:
 
 def as_jax(tree: Any) -> Any:
     """The tree with NumPy's arrays and numbers as JAX arrays, which compiles nothing; all else stays as it is."""
-    ours, others = eqx.partition(tree, lambda leaf: isinstance(leaf, np.ndarray | np.generic))
-    leaves, structure = jax.tree.flatten(ours)
-    return eqx.combine(jax.tree.unflatten(structure, on_device([np.asarray(leaf) for leaf in leaves])), others)
+    leaves, structure = jax.tree.flatten(tree)
+    ours = [i for i, leaf in enumerate(leaves) if isinstance(leaf, np.ndarray | np.generic)]
+    for i, placed in zip(ours, on_device([np.asarray(leaves[i]) for i in ours]), strict=True):
+        leaves[i] = placed
+    return jax.tree.unflatten(structure, leaves)
 
 
 def traced(*values: Any) -> bool:

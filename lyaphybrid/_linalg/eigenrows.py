@@ -1,8 +1,7 @@
 """Rows by which a cycle's monodromy matrix acts: of its phase, and of what decays; of equal multipliers, too."""
 
 import numpy as np
-import scipy.linalg
-from scipy.sparse.csgraph import connected_components
+import scipy  # its submodules load on first use, which takes a tenth of a second
 
 from .products import even_units, in_units
 
@@ -47,7 +46,7 @@ def _alike(values, left, right, error: float) -> list[np.ndarray]:
     overlap = np.abs(np.einsum("in,ni->i", left, right))  # 1 / condition of the eigenvalue
     most = np.maximum(overlap[:, None], overlap)  # both are small where the two vectors are nearly one
     mixed = error > KNOWN_DIRECTION * most * np.abs(values[:, None] - values)
-    count, of = connected_components(mixed, directed=False)
+    count, of = scipy.sparse.csgraph.connected_components(mixed, directed=False)
     return [np.flatnonzero(of == i) for i in range(count)]
 
 

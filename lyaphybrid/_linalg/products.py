@@ -1,7 +1,7 @@
 """Eigenvalues of a product of matrices, each with small relative error; units in which its entries are even."""
 
 import numpy as np
-import scipy.linalg
+import scipy  # its submodules load on first use, which takes a tenth of a second
 
 __all__ = ["even_units", "in_units", "product_eigenvalues"]
 

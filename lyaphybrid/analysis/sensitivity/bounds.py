@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import special
+import scipy  # its submodules load on first use, which takes a tenth of a second
 
 from ..._arguments import require
 from .estimates import ExponentFunction
@@ -30,7 +30,7 @@ class ParameterBounds(NamedTuple):
         theta = u.copy()
         theta[above] = self.low[above] + np.exp(u[above])
         theta[below] = self.high[below] - np.exp(-u[below])
-        theta[between] = self.low[between] + (self.high - self.low)[between] * special.expit(u[between])
+        theta[between] = self.low[between] + (self.high - self.low)[between] * scipy.special.expit(u[between])
         return theta
 
     def unbounded(self, theta: np.ndarray) -> np.ndarray:
@@ -47,7 +47,7 @@ class ParameterBounds(NamedTuple):
         between, above, below = self._kinds()
         slope = np.ones_like(u)
         slope[above], slope[below] = np.exp(u[above]), np.exp(-u[below])
-        share = special.expit(u[between])
+        share = scipy.special.expit(u[between])
         slope[between] = (self.high - self.low)[between] * share * (1 - share)
         return slope
 

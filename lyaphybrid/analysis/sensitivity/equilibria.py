@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.linalg
+import scipy  # its submodules load on first use, which takes a tenth of a second
 
 from ..._jax.engines import compiled
 from ..._jax.tracing import array

@@ -19,7 +19,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.linalg
+import scipy  # its submodules load on first use, which takes a tenth of a second
 
 from ..._jax.engines import compiled
 from ..._jax.tracing import array, as_jax

@@ -16,7 +16,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy import special
+import scipy  # its submodules load on first use, which takes a tenth of a second
 
 from ..._arguments import numbers, require, whole
 from ...engine.host.lanes import map_lanes
@@ -256,7 +256,7 @@ def _smooth(fit: PolynomialFit) -> tuple[bool, str]:
     sound cases (0.2 % instead of 1.1 % with two replicates) but only half as many of the Hénon map's.
     """
     reason = f"χ² = {fit.excess:.3g} per degree of freedom"
-    if special.chdtrc(fit.freedom, fit.chi2) > UNLIKELY:
+    if scipy.special.chdtrc(fit.freedom, fit.chi2) > UNLIKELY:
         return True, reason
     return False, f"{reason}: more than noise, it is no smooth function in this window; take a smaller one"
 

@@ -16,7 +16,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.linalg
+import scipy  # its submodules load on first use, which takes a tenth of a second
 from jaxtyping import Array
 
 from ..._jax.jaxprs import constant
