@@ -14,7 +14,9 @@ KINDS = ("mgs", "lapack", "cholesky")
 orthonormalise = compiled()(frames.orthonormalise)
 
 
-@pytest.mark.slow_cases("20-cholesky", "33-cholesky", "100-cholesky", "3-cholesky")
+@pytest.mark.slow_cases(
+    "20-cholesky", "33-cholesky", "100-cholesky", "3-cholesky", "33-lapack", "100-mgs", "33-mgs", "100-lapack"
+)
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("k", [3, 20, 33, 100])
 def test_both_engines_agree(kind, k):
@@ -27,7 +29,7 @@ def test_both_engines_agree(kind, k):
             assert_allclose(found, wanted, atol=1e-13)
 
 
-@pytest.mark.slow_cases("float32")
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 def test_blocks_of_columns_in_place(dtype):
     """By BLAS and LAPACK, which XLA does not see: the same columns, ratios of lengths, and derivatives."""

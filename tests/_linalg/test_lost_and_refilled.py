@@ -31,7 +31,7 @@ def short(k, residual):
     return jnp.asarray(frame)
 
 
-@pytest.mark.slow_cases("0.999-33-cholesky")
+@pytest.mark.slow_cases("0.999-33-cholesky", "0.999-17-cholesky")
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("k", [2, 5, 17, 33])
 @pytest.mark.parametrize("part", [0.999, 1.001])
@@ -73,6 +73,7 @@ def test_in_float32_a_column_is_lost_by_its_rounding(part):
         assert not np.any(orthonormalise(frame, "mgs", -1.0, 1e-12)[2])
 
 
+@pytest.mark.slow_cases("1-0.99")
 @pytest.mark.parametrize("part", [0.99, 1.01])
 @pytest.mark.parametrize("entry", [1, 2])
 def test_a_short_column_is_lost_if_all_its_entries_are_rounding(entry, part):
@@ -91,6 +92,7 @@ def test_a_short_column_is_lost_if_all_its_entries_are_rounding(entry, part):
         assert log_r[1] == 0
 
 
+@pytest.mark.slow_cases("3-[True, True, True]")
 @pytest.mark.parametrize("live", [[True, True, True], [True, False, True], [False, True, False], [False] * 3], ids=str)
 @pytest.mark.parametrize("n", [3, 5])
 def test_new_columns_for_lost_ones(live, n):

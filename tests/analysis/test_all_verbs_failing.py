@@ -238,6 +238,12 @@ PAIRS = [(name, how) for how in FAILING for name in VERBS if takes(name, how)]
     "sweep-a map escapes",
     "angle_field-a map escapes",
     "refine-a map escapes",
+    "bifurcation_diagram-a map escapes",
+    "lyapunov_spectrum-a map escapes",
+    "spectral_intervals-a map escapes",
+    "design-a map escapes",
+    "lyapunov_gradient-a map escapes",
+    "master_stability-a map escapes",
 )
 @pytest.mark.parametrize(("name", "how"), [pair for pair in PAIRS if "map" in pair[1]])
 def test_every_verb_on_a_map_that_escapes(name, how):

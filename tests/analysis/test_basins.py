@@ -103,6 +103,7 @@ def test_slow_motions_are_undecided_and_later_found():
     assert found.shares.tolist() == [1.0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("e", [0.1, 0.01])
 def test_two_cycles_near_each_other(e):
     """r' = −(r − 1)(r − 1 − e/2)(r − 1 − e)/e²: starts within 1 + e/2 go to 1, all others to 1 + e."""
@@ -166,6 +167,7 @@ def test_chaos_in_four_bands_is_one_attractor():
     assert found.attractors[0].period == 0
 
 
+@pytest.mark.slow
 def test_starts_on_a_smaller_torus_stay_there():
     """Two clocks side by side; where one stands at its centre there are cycles, and a point where both do."""
 

@@ -67,6 +67,7 @@ def test_neurons_that_come_to_rest_below_the_threshold_they_cannot_fire_at():
     assert "agrees with differences" in said["saltation"]
 
 
+@pytest.mark.slow
 def test_a_motion_that_comes_to_rest_is_no_mistake():
     """But a cascade without end is."""
     fall = lambda t, x, args: jnp.stack([x[1], -1.0 + 0.0 * x[1]])  # noqa: E731

@@ -532,6 +532,9 @@ def of_impacts(coupling, at=0.1, t1=9.0, **more):
     return lh.master_stability(IMPACTING, coupling, [-1.0, 0.3], IMPACTS, at=at, t1=t1, **more)
 
 
+@pytest.mark.slow_cases(
+    "<lambda>-output jumps1", "<lambda>-output jumps0", "<lambda>-a guard or its reset depends on the input"
+)
 @pytest.mark.parametrize(
     ("call", "words"),
     [

@@ -87,6 +87,7 @@ def flow(t1, **more):
     return lh.lyapunov_spectrum(LORENZ.system, LORENZ.x0, LORENZ.args, t1=t1, method=FIXED, blocks=20, **more)
 
 
+@pytest.mark.slow
 def test_a_longer_run_goes_on(tmp_path):
     path = tmp_path / "run.npz"
     short = flow(20.0, checkpoint=path)

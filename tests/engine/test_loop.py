@@ -102,6 +102,7 @@ def test_a_reset_orthonormalises_before_and_after():
     assert_allclose(instants(FALLING, [0.3], [1.0], every=100.0, method=RK4), [0.3, 0.3, 1.0], rtol=1e-14)
 
 
+@pytest.mark.slow
 def test_in_a_block_of_jumps_too_and_once_more_only_at_its_end():
     found = instants(FALLING, [0.3], [1, 3], every=100.0, method=RK4, clock="jumps")
     assert_allclose(found, [0.3, 0.3, 0.3, 1.3, 1.3, 2.3, 2.3, 2.3], rtol=1e-14)
@@ -137,6 +138,7 @@ def test_small_entries_of_a_frame_are_looked_at_only_where_a_direction_is_lost()
     assert_array_equal(instants(nearly_apart, [1.0, 1.0], [7]), [3, 6, 7])
 
 
+@pytest.mark.slow
 def test_what_is_lost_is_lost_once():
     """A reset that destroys a direction each time: two of three columns stay, their growth is that of the jumps."""
     crushing = lh.Hybrid(
@@ -266,6 +268,7 @@ def test_the_time_is_kept_in_twice_the_digits(start, step):
 # --- logs and windows ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_log_keeps_room_for_a_cascade():
     """With room for two more than a cascade it pauses at the third event; the host empties it, and it goes on."""
     plan = RunPlan(log=states.MOST_AT_ONCE + 2)
@@ -361,7 +364,7 @@ CALLS = {
 }
 
 
-@pytest.mark.slow_cases("bodies", "bodies, by time")
+@pytest.mark.slow_cases("bodies", "bodies, by time", "guards")
 @pytest.mark.parametrize("name", CALLS)
 def test_the_bits_do_not_depend_on_where_calls_end(name):
     """One attempt a call, or all at once; many orthonormalisations lie between two events, and none is left out."""

@@ -197,6 +197,7 @@ def stepped(rule, frame, since=0.0, **more):
     return carry, float(interval), float(spread)
 
 
+@pytest.mark.slow_cases("False")
 @pytest.mark.parametrize("automatic", [True, False])
 def test_a_step_with_twice_the_digits(automatic):
     plan = RunPlan(QRSchedule("steps", automatic), observer=Counting(), sum_rule=True)
@@ -217,6 +218,7 @@ def test_a_frame_that_is_not_orthonormal_becomes_so_first():
     assert (int(carry.observer.count), float(carry.observer.times)) == (2, 10.0 + 11.0)
 
 
+@pytest.mark.slow
 def test_what_is_lost_for_certain_and_what_is_only_rounding():
     """0.1 · 2.1 − 0.3 · 0.7 is zero, or rounding of these numbers: then the spread says that nobody knows."""
     carry, _, spread = stepped(lambda n, x, args: jnp.stack([2 * x[0], 0 * x[1]]), np.eye(2))

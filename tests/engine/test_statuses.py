@@ -171,6 +171,7 @@ def test_singular_dae_where_steps_creep_along_a_fold(method):
         assert float(spectrum.t) == pytest.approx(1.5 - math.log(2), abs=1e-7)
 
 
+@pytest.mark.slow
 def test_singular_dae_where_the_rank_of_e_falls():
     """(1 - t) x' = -x: x = 1 - t goes on smoothly, but nothing says so."""
     falling = lh.DAE(
@@ -183,6 +184,7 @@ def test_singular_dae_where_the_rank_of_e_falls():
     assert np.allclose(path.x[0], [0.25, 0.25], rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_singular_dae_where_the_rank_of_e_rises():
     rising = lh.DAE(
         lambda t, args: jnp.diag(jnp.stack([1 + 0 * t, jnp.maximum(t - 1, 0.0)])),
@@ -257,6 +259,7 @@ def test_nonfinite_where_the_field_is_undefined():
     assert computed(spectrum) in (8, 9)
 
 
+@pytest.mark.slow
 def test_nonfinite_of_a_map():
     spectrum = lh.lyapunov_spectrum(LOGISTIC, [1.3], 5.0, t1=64, blocks=BLOCKS, throw=False)
     assert spectrum.status is STATUS.nonfinite
@@ -270,7 +273,7 @@ def _without_derivative(x):
     return jnp.sqrt(jnp.maximum(x - 10.0, 0.0))
 
 
-@pytest.mark.slow_cases("reset")
+@pytest.mark.slow_cases("reset", "event-driven", "map")
 @pytest.mark.parametrize(
     ("system", "method"),
     [
@@ -300,6 +303,7 @@ def test_a_derivative_that_is_no_number_is_no_loss_of_rank(system, method):
     assert "rank_lost" not in spectrum.notes
 
 
+@pytest.mark.slow
 def test_nonfinite_of_an_exact_flow():
     broken = lh.EventDriven(
         flow=lambda dt, t, x, args: x - dt,
@@ -341,7 +345,7 @@ FREE = lh.Hybrid(
 )
 
 
-@pytest.mark.slow_cases("4-adaptive", "4-fixed")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [METHOD, lh.RungeKutta("rk4", dt=0.05)], ids=["adaptive", "fixed"])
 @pytest.mark.parametrize("t1", [4, 400])  # the jump alone in its block, or with others that do not come
 def test_no_more_jumps_where_the_motion_comes_to_rest(method, t1):
@@ -420,6 +424,7 @@ def test_no_more_jumps_of_an_exact_flow(scheduled):
     assert (int(hybrid.jumps), float(hybrid.time)) == (1, 10.0)
 
 
+@pytest.mark.slow
 def test_a_motion_past_a_slow_point_is_waited_for():
     """x' = a + x² takes π/√a from -∞ to ∞, nearly all of it where x' is about a, with a fast variable beside it."""
     slow = lh.Hybrid(
@@ -480,6 +485,7 @@ def test_every_status_says_its_name(status):
 # --- notes -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_rank_lost():
     """The second component is thrown away at every tick."""
     forget = lh.Hybrid(
@@ -505,6 +511,7 @@ def test_rank_lost():
     assert np.isnan(kept.first_loss).all()
 
 
+@pytest.mark.slow
 def test_grazing():
     """x = cos t meets a wall a little below its maximum: the sine of the angle at the wall tells how little.
 
@@ -555,6 +562,7 @@ def test_simultaneous_only_where_the_order_matters():
     assert float(matters.x[2]) == pytest.approx(4.0, abs=1e-12)  # the first transition goes first
 
 
+@pytest.mark.slow
 def test_guard_unreached():
     """A wall at 0.8 is met by x = cos t, one at 1.2 is not; one met in the transient was met."""
     oscillator = lh.Hybrid(
@@ -598,6 +606,7 @@ def test_unresolved():
     assert np.allclose(often.exponents, [1, -1], atol=1e-8)
 
 
+@pytest.mark.slow_cases("hybrid")
 @pytest.mark.parametrize("transitions", [None, lh.Transition(lambda t, x, args: 1.0 + x[0])], ids=["flow", "hybrid"])
 def test_unresolved_from_the_step_on_that_the_interval_allows(transitions):
     """Rates ±100, a step of 0.01: RK4 spreads two columns by 1.977 a step, and e²⁵ is passed at the thirteenth."""
@@ -617,6 +626,7 @@ def test_unresolved_from_the_step_on_that_the_interval_allows(transitions):
     assert notes(13) == always | {"unresolved"}
 
 
+@pytest.mark.slow
 def test_interrupted_keeps_what_is_computed():
     seen = []
 

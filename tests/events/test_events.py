@@ -40,6 +40,7 @@ FALLING = lh.Hybrid(
 # --- how precisely ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow_cases("1000000.0")
 @pytest.mark.parametrize("t0", [0.0, 1e6])
 def test_event_times_to_the_last_digits_at_any_time(t0):
     """Sine against a level, 40 roots; the local scale of time is 1, the resolution of t = 1e6 is 1.2e-10."""
@@ -75,6 +76,7 @@ def test_a_single_root_to_1e_12_of_the_local_scale_of_time(t0):
 APART = [sign * d for d in (1e-8, 1e-10, 1e-12, 1e-13) for sign in (1, -1)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("t0", [0.0, 1e3])
 @pytest.mark.parametrize("method", METHODS)
 def test_two_balls_that_bounce_one_soon_after_the_other_keep_their_difference(method, t0):
@@ -125,6 +127,7 @@ def test_a_distance_that_bends_sharply_between_two_events_does_not_fire(method):
         assert abs(float(run.x[-1, 1] - run.x[-1, 0]) - (start[1] - start[0]) / 3) < 5e-15, apart
 
 
+@pytest.mark.slow
 def test_a_guard_that_is_noisy_by_rounding_does_not_shorten_the_steps():
     """A copy comes nearer at a large angle, to 2e-13: rounding leaves one digit of the distance."""
 
@@ -139,6 +142,7 @@ def test_a_guard_that_is_noisy_by_rounding_does_not_shorten_the_steps():
 # --- which -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS, ids=["adaptive", "fixed"])
 def test_the_earliest_of_several_in_one_step(method):
     """Five guards cross within 0.02 of time, in an order unlike their numbers."""
@@ -152,6 +156,12 @@ def test_the_earliest_of_several_in_one_step(method):
     assert_allclose(log.t, np.sort(levels), rtol=0, atol=1e-13)
 
 
+@pytest.mark.slow_cases(
+    all_but=(
+        "fixed-0.0001",
+        "fixed-1e-06",
+    )
+)
 @pytest.mark.parametrize("depth", [1e-2, 1e-4, 1e-6])
 @pytest.mark.parametrize("method", METHODS, ids=["adaptive", "fixed"])
 def test_a_guard_that_dips_below_zero_and_comes_back_inside_a_step(depth, method):
@@ -162,6 +172,7 @@ def test_a_guard_that_dips_below_zero_and_comes_back_inside_a_step(depth, method
     assert times(system, [0.0, 0.0], -depth, t1=2.0, method=method).size == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("direction", "expected"), [(-1, [np.pi]), (1, [0.0, 2 * np.pi]), (0, [np.pi, 2 * np.pi])])
 def test_directions(direction, expected):
     """sin t from t = 0, where it rises: that is a crossing for +1, the unfired side for -1, neither for 0."""
@@ -203,6 +214,7 @@ def test_a_start_on_the_guard(t0, method):
     assert resting.status is STATUS.deadlock
 
 
+@pytest.mark.slow
 def test_the_tangent_map_of_a_start_on_the_guard_includes_the_jump():
     both = lh.tangent_map(FALLING, [0.0, -1.0], 0.5, t1=0.5)
     assert both.jumps == 1
@@ -212,12 +224,14 @@ def test_the_tangent_map_of_a_start_on_the_guard_includes_the_jump():
     assert_allclose(both.matrix, flight @ saltation, rtol=0, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_a_start_beyond_the_guard_fires_when_it_has_come_back():
     """Half a wave beyond zero is no crossing."""
     system = lh.Hybrid(clockwork, lh.Transition(lambda t, x, args: jnp.sin(x[0]), counter))
     assert_allclose(times(system, [4.0, 0.0], t1=8.0), [3 * np.pi - 4.0], rtol=0, atol=1e-11)
 
 
+@pytest.mark.slow_cases("fixed")
 @pytest.mark.parametrize("method", METHODS, ids=["adaptive", "fixed"])
 def test_leaving_a_guard_after_a_reset_neither_fires_again_nor_is_lost(method):
     """Flights of every length from 2 down to 2e-6, each begins and ends on the guard."""
@@ -246,6 +260,7 @@ def test_a_cascade_goes_through_in_order_at_one_instant():
     assert_allclose(log.x_after[-1], [1.0, 1.0, 1.0, 123.0], rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_who_is_thrown_beyond_zero_fires_with_the_first_though_the_flow_brought_both_there():
     """Two clocks run out together and each sets off the other: so they do in every neighbour, as the first runs out."""
 

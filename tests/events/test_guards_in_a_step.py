@@ -32,6 +32,7 @@ def test_rates_and_jets():
     assert_array_equal(second, [2 + 1, 1 * -5 + 2 * -5 * 1 + 2 * 6])
 
 
+@pytest.mark.slow
 def test_rounding_of_guards():
     unit = GUARD_ROUNDING
     assert_allclose(roots.rounding(guards, T, X), [unit * (18 + 2), unit * (12 + 10 + 10)], rtol=1e-14)

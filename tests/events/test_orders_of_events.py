@@ -21,6 +21,7 @@ def pair(weight):
     return lh.Hybrid(lambda t, v, args: args - v, [fire, lift])
 
 
+@pytest.mark.slow
 def test_which_of_two_neurons_fires_first_is_noted_where_it_matters():
     drive = jnp.array([0.9, 0.8])
     inhibited = lh.lyapunov_spectrum(pair(-0.6), [0.8, 0.7], drive, t1=50.0)
@@ -90,6 +91,7 @@ def test_derivatives_by_the_period_of_clocks_that_tick_together():
     assert found == pytest.approx([0.0, np.exp(-0.3)], abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("apart", [0.0, 1e-4])
 def test_two_parts_change_their_modes_at_one_instant(apart):
     """Each x' = 1 below zero and 3 above, so that dx(t)/dx(0) = 3 after it; every pair of sides is a mode."""

@@ -93,6 +93,7 @@ def spectrum_of(system, **keywords):
     return lh.lyapunov_spectrum(system, [0.0, 0.0], **{"t1": 400, "transient": 10} | keywords)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("small", [1e-13, 1e-14, 1e-20, 1e-25])
 def test_a_map_that_contracts_beyond_double_precision(small):
     spectrum = spectrum_of(linear(TURN, np.diag([2.0, small]), TURN.T))
@@ -113,6 +114,7 @@ def test_a_matrix_that_is_nearly_singular_has_the_exponents_of_its_entries():
     assert spectrum.notes == {"unresolved"}
 
 
+@pytest.mark.slow_cases(all_but=("rounded",))
 @pytest.mark.parametrize(
     ("rule", "notes"),
     [

@@ -138,6 +138,7 @@ def step_of(coefficients, g0=0.0):
     return jnp.array([g0]), jnp.array([g0 + slope.integ()(1.0)]), rates
 
 
+@pytest.mark.slow_cases("coefficients0-0.0-False-1.0")
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize(
     ("coefficients", "g0", "wanted"),

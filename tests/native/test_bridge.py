@@ -81,7 +81,7 @@ REVERSE = {
 }
 
 
-@pytest.mark.slow_cases(all_but=("grad", "jacrev", "jit of jacrev"))
+@pytest.mark.slow_cases(all_but=("grad",))
 @pytest.mark.parametrize("nesting", REVERSE)
 def test_reverse_derivatives(nesting):
     ours, theirs = (REVERSE[nesting](function)(*PAIR) for function in (native.native(smooth), smooth))

@@ -672,6 +672,8 @@ def _by_xla(case):
     "indices-entries",
     "along one axis-buffers",
     "scans-mixed",
+    "derivatives-entries",
+    "sorts-entries",
 )
 @pytest.mark.parametrize("plan", PLANS)
 @pytest.mark.parametrize("case", ARRAYS)

@@ -20,7 +20,8 @@ from lyaphybrid.native import Compiled
 from lyaphybrid.native.lowering.costs import Options, runs_long
 from lyaphybrid.native.lowering.emitter import Emitter
 from lyaphybrid.native.lowering.lowering import lower
-from lyaphybrid.native.machine.code import Linked, object_code
+from lyaphybrid.native.machine.code import Linked
+from lyaphybrid.native.machine.emission import object_code
 from random_programs import random_program
 
 TRIPLES = (

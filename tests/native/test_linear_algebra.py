@@ -134,7 +134,7 @@ def test_tridiagonal_solve(n):
     all_agree([(jax.lax.linalg.tridiagonal_solve, *bands, random(n, k)) for k in (1, 3)])
 
 
-@pytest.mark.slow_cases("6-batch0", "6-batch1")
+@pytest.mark.slow
 @pytest.mark.parametrize("batch", [(2,), (2, 3)])
 @pytest.mark.parametrize("n", [2, 6])
 def test_batches(batch, n):
@@ -144,7 +144,7 @@ def test_batches(batch, n):
     all_agree([*((f, x) for f in of_one), (jnp.linalg.solve, x, random(*batch, n, 2))], tolerance=1e4)
 
 
-@pytest.mark.slow_cases("9", "40")
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [3, 9, 40])
 def test_within_loops_and_branches(n):
     def steps(x, many):

@@ -17,7 +17,8 @@ from lyaphybrid.native.lowering.emitter import Emitter
 from lyaphybrid.native.lowering.lowering import lower
 from lyaphybrid.native.lowering.unsupported import UnsupportedError
 from lyaphybrid.native.lowering.values import Buffer, MemoryBlock, Values
-from lyaphybrid.native.machine.code import Linked, object_code
+from lyaphybrid.native.machine.code import Linked
+from lyaphybrid.native.machine.emission import object_code
 
 
 def run(b: Emitter, inputs, results) -> None:

@@ -192,6 +192,7 @@ REDUCTIONS = [
 ]  # fmt: skip
 
 
+@pytest.mark.slow_cases("in-memory-large")
 @pytest.mark.parametrize("matrix", [MATRIX, LARGE], ids=["small", "large"])
 def test_reductions_and_products(matrix, plan):
     check(REDUCTIONS, matrix, plan=plan, rtol=1e-12)
@@ -247,6 +248,7 @@ WRITES = [
 ]
 
 
+@pytest.mark.slow_cases("in-memory-small")
 @pytest.mark.parametrize("matrix", [MATRIX, LARGE], ids=["small", "large"])
 def test_indices(matrix, plan):
     program = native.compile(several(*READS, *WRITES), matrix, jnp.int32(0), plan=plan)
@@ -298,7 +300,13 @@ CONTROL = [
 ]
 
 
-@pytest.mark.slow_cases("in-memory-plain-small", "in-memory-checked-small")
+@pytest.mark.slow_cases(
+    "in-memory-plain-small",
+    "in-memory-checked-small",
+    "in-memory-plain-large",
+    "mixed-checked-small",
+    "mixed-plain-small",
+)
 @pytest.mark.parametrize("matrix", [MATRIX, LARGE], ids=["small", "large"])
 @pytest.mark.parametrize("checked", [False, True], ids=["plain", "checked"])
 def test_control(matrix, checked, plan):

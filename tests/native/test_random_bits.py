@@ -58,6 +58,12 @@ KEYS = [lambda: jax.random.key(7), lambda: jax.random.PRNGKey(7)]
     "partitionable-shape2-raw",
     "partitionable-shape3-typed",
     "original-shape2-typed",
+    "partitionable-shape0-raw",
+    "original-shape0-typed",
+    "partitionable-shape0-typed",
+    "original-shape0-raw",
+    "partitionable-shape3-raw",
+    "original-shape2-raw",
 )
 @pytest.mark.usefixtures("counting")
 @pytest.mark.parametrize("key", KEYS, ids=["typed", "raw"])
@@ -69,7 +75,7 @@ def test_bits(key, shape):
     all_agree([*bits, *others], key())
 
 
-@pytest.mark.slow_cases("partitionable-typed", "partitionable-raw")
+@pytest.mark.slow
 @pytest.mark.usefixtures("counting")
 @pytest.mark.parametrize("key", KEYS, ids=["typed", "raw"])
 def test_keys_from_keys(key):
@@ -86,6 +92,7 @@ def test_keys_from_seeds():
     agree(jax.vmap(jax.random.key), np.arange(70))
 
 
+@pytest.mark.slow_cases("shape2-float32", "shape2-float64")
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 @pytest.mark.parametrize("shape", [(), (5,), (200,)])
 def test_uniform_and_normal(shape, dtype):

@@ -139,6 +139,7 @@ def test_the_transient_of_a_map_is_whole_too():
         lh.sali(HENON.system, [0.1, 0.1], HENON.args, **options)
 
 
+@pytest.mark.slow
 def test_kinds_of_plots_are_listed():
     spectrum = lh.lyapunov_spectrum(HENON.system, [0.1, 0.1], HENON.args, t1=100)
     with pytest.raises(ValueError, match=r"kind must be one of \('spectrum', 'convergence'\); got 'foo'"):
@@ -256,6 +257,7 @@ def test_what_random_arguments_have_found(message):
         FOUND_BY_RANDOM_ARGUMENTS[message]()
 
 
+@pytest.mark.slow
 def test_a_period_in_few_bits_is_a_number_like_others():
     """200 periods of an int8 are not counted in 8 bits."""
     how = {"over": {"r": [2.8, 3.2]}, "t1": 200, "transient": 200, "samples": 8}

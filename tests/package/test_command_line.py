@@ -56,6 +56,7 @@ def test_list_names_every_problem_with_its_reference(capsys):
     assert out.count("reference: ") == len(zoo.names())
 
 
+@pytest.mark.slow
 def test_a_spectrum_prints_its_table(capsys):
     assert main(["spectrum", "henon_map", "--set", "a=1.3", "--set", "b=0.3", "--t1", "500"]) == 0
     out, err = capsys.readouterr()

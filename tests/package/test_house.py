@@ -91,6 +91,7 @@ def test_functions_are_short_or_say_why_not():
     assert long == []
 
 
+@pytest.mark.slow
 def test_no_name_of_before_is_left():
     found = []
     for file, tree in TREES.items():
@@ -101,6 +102,7 @@ def test_no_name_of_before_is_left():
     assert found == []
 
 
+@pytest.mark.slow
 def test_no_docstring_has_a_timing():
     found = []
     for file, tree in TREES.items():

@@ -68,6 +68,7 @@ def test_the_line_is_the_one_of_the_mistake():
     assert f"(mistakes.py, line {line})" in str(answer(nested))
 
 
+@pytest.mark.slow_cases("lyapunov_spectrum")
 @pytest.mark.parametrize("verb", [lh.lyapunov_spectrum, lh.trajectory, lh.tangent_map])
 def test_warnings_point_to_the_line_of_the_user(verb):
     with pytest.warns(UserWarning, match="x0 is float32") as caught:

@@ -81,6 +81,35 @@ HOLDING = (Result, BaseException)  # made by a computation, not by a user
     "analysis.basins.shares.BasinShares",
     "analysis.continuation.branches.Continuation",
     "plots.results.master_stability",
+    "plots.orbits.phase_responses",
+    "sweeps.fields.FTLEField.ridges",
+    "plots.trajectories.trajectory",
+    "plots.trajectories.animation",
+    "plots.diagrams.ftle_field",
+    "plots.results.spectrum",
+    "integrators.implicit.radau.RadauIIA",
+    "plots.trajectories.raster",
+    "analysis.basins.edges.EdgeState.resume",
+    "analysis.diagrams.sections.poincare_section",
+    "plots.results.convergence",
+    "analysis.trajectories.trajectory",
+    "analysis.synchronisation.transverse.transverse_spectrum",
+    "plots.results.bounds",
+    "analysis.basins.basins.basins",
+    "zoo.switched.sparse_networks.sparse_network",
+    "analysis.trajectories.Trajectory",
+    "analysis.indicators.exponent_bounds.ExponentBounds",
+    "analysis.trajectories.TangentMap",
+    "plots.indicators.intervals",
+    "systems.consistency.consistent_start",
+    "analysis.trajectories.Events",
+    "systems.event_queue.EventQueue",
+    "systems.contacts.rigid_contacts.impact",
+    "plots.orbits.time_domain",
+    "analysis.indicators.intervals.SpectralIntervals",
+    "plots.trajectories.phase",
+    "results.time_domains.TimeDomain",
+    "zoo.bodies.statistics.CollisionStatistics",
 )
 @pytest.mark.parametrize("test", [pytest.param(one, id=one.name.removeprefix("lyaphybrid.")) for one in examples()])
 def test_the_examples_print_what_they_say(test, tmp_path, monkeypatch):
@@ -176,6 +205,7 @@ def test_old_names_work_and_say_the_new_ones(name):
     assert len(said) == 1
 
 
+@pytest.mark.slow
 def test_old_keywords_work_and_say_the_new_ones():
     logistic = lh.Map(lambda n, x, r: r * x * (1 - x))
     with pytest.warns(DeprecationWarning, match="target_stderr=") as said:

@@ -323,7 +323,7 @@ def bisections(trials: int, steepness: float, repetitions: int):
         yield limit, synchronisation.bisected(following, trials, cases.CHAOS_STEPS)
 
 
-@pytest.mark.slow_cases(all_but=("30-70.0",))
+@pytest.mark.slow
 @pytest.mark.parametrize("steepness", [20.0, 70.0, 300.0])
 @pytest.mark.parametrize("trials", [30, 100])
 def test_errors_of_the_midpoint_hold_it_as_often_as_they_say(trials, steepness):

@@ -260,6 +260,7 @@ def test_each_check_sees_its_law_broken(broken, says):
     assert "FAILED" in str(found)
 
 
+@pytest.mark.slow
 def test_figures_show_every_panel():
     found = by_hand()
     panels = {1: 1, 2: 10, 3: 3, 4: 5, 5: 3, 6: 2, 7: 10, 8: 5, 9: 6, 10: 3, 11: 6, 12: 3}

@@ -158,6 +158,7 @@ def test_a_trajectory_breaks_at_its_events_in_their_order():
     np.testing.assert_allclose(np.stack([times, first], axis=1), expected)
 
 
+@pytest.mark.slow
 def test_components_with_several_units_have_a_panel_for_each():
     ball = lh.Hybrid(
         lambda t, x, args: jnp.stack([x[1], 0 * x[1] - 1.0, x[0]]),
@@ -219,6 +220,7 @@ def test_phase_shows_one_path_for_each_mode_and_the_jumps():
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("$x_{1}$", "$x_{0}$")
 
 
+@pytest.mark.slow
 def test_a_raster_has_a_mark_for_each_event_of_a_transition():
     """Three guards that fall at 1, 2, 3 and a clock: the marks are those of the guards."""
     guards = lh.Transition(lambda t, x, args: jnp.arange(1.0, 4.0) - t, lambda t, x, args, which: x)
@@ -289,7 +291,13 @@ HENON = lh.Map(lambda n, x, a: jnp.stack([1 - a * x[0] ** 2 + x[1], 0.3 * x[0]])
 LINEAR = lh.Flow(lambda t, x, a: jnp.stack([x[1], -a * x[0]]))
 
 
-@pytest.mark.slow_cases("system0-iteration-covariant_vectors", "system1-time t-covariant_vectors")
+@pytest.mark.slow_cases(
+    "system0-iteration-covariant_vectors",
+    "system1-time t-covariant_vectors",
+    "system0-iteration-megno",
+    "system0-iteration-spectral_intervals",
+    "system0-iteration-gali",
+)
 @pytest.mark.parametrize("verb", ["gali", "sali", "megno", "fli", "covariant_vectors", "spectral_intervals"])
 @pytest.mark.parametrize(("system", "label"), [(HENON, "iteration"), (LINEAR, "time t")])
 def test_times_have_the_name_of_what_is_counted(verb, system, label):

@@ -136,6 +136,7 @@ def test_blocks_of_other_lengths():
     assert 0.91 < two < 0.97
 
 
+@pytest.mark.slow
 def test_errors_of_weighted_averages():
     """300 runs of the logistic map at r = 3.8: the weights leave fewer blocks that count, and the error says so."""
     logistic = lh.Map(lambda n, x, r: r * x * (1 - x))

@@ -55,7 +55,16 @@ PAIRS = {
 OF_A_BALL = ("a number in a guard", "a number in a reset", "a direction", "terminal", "when")
 
 
-@pytest.mark.slow_cases("a number in a guard")
+@pytest.mark.slow_cases(
+    "a number in a guard",
+    "when",
+    "a direction",
+    "terminal",
+    "its phase",
+    "a number in a map",
+    "a number in a reset",
+    "the period of a clock",
+)
 @pytest.mark.parametrize("name", PAIRS)
 def test_a_sweep_of_a_changed_system_is_another_one(name):
     def of(system):
@@ -69,6 +78,7 @@ def test_a_sweep_of_a_changed_system_is_another_one(name):
     assert of(one) != of(other)
 
 
+@pytest.mark.slow
 def test_a_store_is_not_used_for_a_changed_system(tmp_path):
     def swept(system):
         def run(args):

@@ -233,6 +233,7 @@ def counted(monkeypatch):
     return computed
 
 
+@pytest.mark.slow
 def test_a_store_holds_all_and_is_taken_up(whole, tmp_path, counted):
     store = tmp_path / "deep" / "sweep.zarr"
     assert swept(store=store).equals(whole)
@@ -243,7 +244,7 @@ def test_a_store_holds_all_and_is_taken_up(whole, tmp_path, counted):
     assert sum(counted) == 25
 
 
-@pytest.mark.slow_cases("delete")
+@pytest.mark.slow
 @pytest.mark.parametrize("harm", ["truncate", "flip", "delete", "forget"])
 def test_a_chunk_that_is_not_sound_is_computed_again(harm, whole, tmp_path, counted):
     store = tmp_path / "sweep.zarr"
@@ -305,6 +306,7 @@ def test_a_store_is_a_dataset_by_itself(whole, tmp_path):
     assert found.attrs["statuses"] == whole.attrs["statuses"]
 
 
+@pytest.mark.slow
 def test_another_sweep_is_refused(tmp_path):
     store = tmp_path / "sweep.zarr"
     swept(store=store)
@@ -434,6 +436,7 @@ def test_an_axis_that_the_run_ignores_is_named():
         lh.sweep(lambda args: spectrum(args["r"]), both, args={"r": 3.0, "b": 0.0}, progress=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["bool", "int16", "int32", "int64", "float32"])
 @pytest.mark.parametrize("entry", ["n", "n[1]"])
 def test_whole_entries_take_values_that_are_not_whole(entry, kind):

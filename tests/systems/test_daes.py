@@ -285,7 +285,7 @@ def test_inverses():
     assert not np.all(np.isfinite(inverse(jnp.ones((3, 3)))[0]))
 
 
-@pytest.mark.slow_cases("9")
+@pytest.mark.slow_cases("9", "3")
 @pytest.mark.parametrize("n", [1, 2, 3, 9, 13])
 def test_one_system_without_the_inverse(n):
     draw = np.random.default_rng(n)
@@ -568,6 +568,7 @@ def test_stiff_equations_in_the_continuous_method(k):
     assert_allclose(s.exponents, exact, rtol=1e-7)
 
 
+@pytest.mark.slow
 def test_the_continuous_method_in_implicit_stages_of_a_flow():
     fading = lh.Flow(lambda t, x, args: x * jnp.array([1.0, -2.0]) / (1 + t) + jnp.array([0.0, 1.0]) * x[0])
     s = lh.lyapunov_spectrum(

@@ -289,6 +289,7 @@ def test_a_start_at_a_two_fold_goes_where_a_field_curves_away(plus, minus, mode)
     assert_allclose(run.x[-1], [1.0, {"plus": 0.5, "minus": -0.5, "sliding": 0.0}[mode]], atol=1e-9)
 
 
+@pytest.mark.slow_cases("lyapunov_spectrum")
 @pytest.mark.parametrize("verb", [lh.trajectory, lh.lyapunov_spectrum])
 def test_a_start_outside_its_mode_is_refused(verb):
     """Both fields point at x = 0; off it nothing slides, and each side has one mode."""

@@ -62,7 +62,7 @@ KINDS = {
 }
 
 
-@pytest.mark.slow_cases("filippov")
+@pytest.mark.slow_cases("filippov", "Hybrid", "DAE")
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_of_system_names_its_state_in_datasets_tables_and_axes(kind):
     found = lh.trajectory(KINDS[kind](**CALLED), [1.0, 2.0], t1=2, n=2)
@@ -82,6 +82,7 @@ def test_without_names_components_are_numbered():
     assert "unit" not in found.to_xarray().coords
 
 
+@pytest.mark.slow
 def test_names_compile_nothing():
     """Neither in memory, where programs are kept by the structure of their arguments, nor on disk."""
     plain = lh.Flow(swing)
@@ -94,6 +95,7 @@ def test_names_compile_nothing():
     assert after.to_xarray().state.values.tolist() == list(NAMES)
 
 
+@pytest.mark.slow
 def test_of_many_bodies_columns_are_named():
     found = lh.trajectory(balls.between_walls(**CALLED), balls.START, t1=0.75, n=1)
     assert found.to_xarray().x.dims == ("sample", "body", "state")

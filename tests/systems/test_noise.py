@@ -122,6 +122,7 @@ def test_derivatives_are_at_fixed_noise():
     assert_allclose(jax.jacfwd(end)(jnp.asarray(0.3)), end(1.0), rtol=1e-12)  # linear in the strength
 
 
+@pytest.mark.slow
 def test_seeds_are_swept_and_runs_go_on_with_their_noise(tmp_path):
     """Each point is its own run; a run that was cut in two sees what the whole one sees."""
 

@@ -41,6 +41,7 @@ def end(system, x0, args, t1=UNTIL, **how):
     return np.asarray(lh.tangent_map(system, x0, args, t1=t1, **how).x)
 
 
+@pytest.mark.slow
 def test_a_geometric_motion_is_that_of_its_path():
     """dx = a x dt + b x ∘ dW: x = x₀ exp(a t + b W(t)), and the exponent is a + b W(t)/t, of this very path."""
     flow = lh.Flow(lambda t, x, p: p[0] * x)

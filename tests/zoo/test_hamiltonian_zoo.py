@@ -87,7 +87,7 @@ def test_the_field_is_that_derived_by_hand(name):
         np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.slow_cases("henon_heiles", "hamiltonian_3d", "fpu_beta", "fpu_alpha", "double_pendulum")
+@pytest.mark.slow
 @hamiltonian
 def test_the_method_of_the_problem_keeps_its_energy(name):
     problem = zoo.get(name)()
@@ -162,6 +162,7 @@ def test_three_oscillators_and_two_pendulums_have_their_frequencies():
     np.testing.assert_allclose(hanging**2, 3 * (2 + np.sqrt(2) * np.array([-1, 1])), rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_motion_about_the_triangular_point_has_its_frequencies():
     mu = 0.0121505856
     x, y = 0.5 - mu, math.sqrt(3) / 2
@@ -173,6 +174,7 @@ def test_motion_about_the_triangular_point_has_its_frequencies():
 # Kepler's ellipse.
 
 
+@pytest.mark.slow_cases("0.0")
 @pytest.mark.parametrize("eccentricity", [0.0, 0.6])
 def test_the_ellipse_closes_after_one_period(eccentricity):
     problem = zoo.kepler(eccentricity=eccentricity)
@@ -183,6 +185,7 @@ def test_the_ellipse_closes_after_one_period(eccentricity):
     np.testing.assert_allclose(whole, problem.x0, atol=5e-8)
 
 
+@pytest.mark.slow
 def test_the_angular_momentum_is_kept_to_rounding():
     problem = zoo.kepler()
     motion = lh.trajectory(problem.system, problem.x0, t1=20 * TURN, n=100, method=problem.method)
@@ -252,6 +255,7 @@ def test_a_map_is_that_written_by_hand(problem):
         np.testing.assert_allclose(found, by_hand_map(problem, x), atol=1e-12)
 
 
+@pytest.mark.slow_cases("coupled_standard_maps12", "coupled_standard_maps6")
 @maps
 def test_a_map_is_symplectic(problem):
     m = problem.x0.shape[0] // 2
@@ -298,6 +302,7 @@ def test_the_ring_of_lorenz_is_that_written_by_hand():
     np.testing.assert_allclose(problem.system.field(0.0, jnp.asarray(x), problem.args), expected, rtol=1e-13)
 
 
+@pytest.mark.slow
 def test_the_fixed_point_of_the_ring_has_the_eigenvalues_of_waves():
     n, forcing = 9, 8.0
     problem, at = zoo.lorenz96(n=n, forcing=forcing), jnp.full(n, forcing)

@@ -373,7 +373,7 @@ def dense(sparse, strengths):
     return zoo.integrate_and_fire(form="event_driven", coupling=matrix, **parameters)
 
 
-@pytest.mark.slow_cases("one strength-qif-0.8")
+@pytest.mark.slow_cases("one strength-qif-0.8", "one strength-leaky-2.5")
 @pytest.mark.parametrize(("model", "current"), [("qif", 0.8), ("leaky", 2.5)])
 @pytest.mark.parametrize("alike", [True, False], ids=["one strength", "a strength each"])
 def test_a_sparse_network_is_the_dense_one_with_its_matrix(model, current, alike):
@@ -392,6 +392,7 @@ def test_a_sparse_network_is_the_dense_one_with_its_matrix(model, current, alike
     assert_allclose(found.x, wanted.x, rtol=0, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_a_chosen_interval_agrees_with_every_spike():
     """The interval between orthonormalisations adapts; with it 17 components a spike are judged by the frame."""
     sparse = zoo.sparse_network(n=60, synapses=20)

@@ -40,7 +40,7 @@ def test_there_are_120_flows():
     assert not set(NAMES) & set(zoo.names())
 
 
-@pytest.mark.slow_cases("macarthur")
+@pytest.mark.slow_cases("macarthur", "hopfield", "belousov_zhabotinsky")
 @each
 def test_every_entry_is_complete(name):
     entry = table.entry_of(name)

@@ -37,6 +37,7 @@ def over_cycles(problem, **how):
     return found
 
 
+@pytest.mark.slow_cases("vertical_hopper-parameters4-how4", "paddle_juggler-parameters2-how2")
 @pytest.mark.parametrize(
     ("name", "parameters", "how"),
     [
@@ -113,6 +114,7 @@ def test_the_runner_by_scipy():
     assert_allclose(multipliers, [found, 0.0, 1.0, 1.0], rtol=0, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_runner_falls_or_runs_on():
     steep, flat = zoo.slip_runner(angle=math.radians(50.0)), zoo.slip_runner()
     ends = [lh.trajectory(p.system, p.x0, p.args, t1=30.0, n=2, mode=p.mode, throw=False).status for p in (steep, flat)]

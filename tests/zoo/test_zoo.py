@@ -534,7 +534,7 @@ def brute_force(x, n, args, images=40):
     return best if best[1] >= 0 else brute_force(x, n, args, 4 * images)
 
 
-@pytest.mark.slow_cases("parameters5")
+@pytest.mark.slow_cases("parameters5", "parameters2", "parameters4")
 @pytest.mark.parametrize(
     "parameters",
     [

@@ -203,7 +203,7 @@ VERDICTS = [
 ]
 
 
-@pytest.mark.slow_cases("ofli2-a torus")
+@pytest.mark.slow_cases("ofli2-a torus", "ofli-a torus", "gali-a torus", "sali-a torus", "megno-a torus")
 @pytest.mark.parametrize(("name", "make", "kind"), VERDICTS, ids=[name for name, *_ in VERDICTS])
 @pytest.mark.parametrize("indicator", [lh.gali, lh.sali, lh.megno, lh.fli, lh.ofli, lh.ofli2], ids=lambda f: f.__name__)
 def test_verdicts(indicator, name, make, kind):
@@ -214,6 +214,7 @@ def test_verdicts(indicator, name, make, kind):
     assert verdict.kind in str(verdict)
 
 
+@pytest.mark.slow
 def test_a_short_run_decides_nothing():
     problem = sea()
     found = lh.gali(problem.system, problem.x0, t1=30.0, method=problem.method)

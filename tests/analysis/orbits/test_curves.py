@@ -39,6 +39,7 @@ def cusp():
     return followed(CUBIC, [0.9], args, *ranges, "fold", period=1, step=0.1)
 
 
+@pytest.mark.slow
 def test_folds_through_their_cusp(cusp):
     a, b = cusp.values.T
     assert_allclose(a**2, 4 * (b / 3) ** 3, atol=1e-12)

@@ -57,6 +57,7 @@ def test_a_motion_still_on_its_way_to_a_shorter_period_is_not_taken_for_a_longer
     assert found.attractors() == ["aperiodic/slow:4"]
 
 
+@pytest.mark.slow
 def test_continuations_alone_begin_at_one_start():
     """Where nothing is drawn x0 is one state, as everywhere; x² + r has the cycle 0, −1 at r = −1."""
     square = lh.Map(lambda n, x, args: x**2 + args["r"])
@@ -245,6 +246,7 @@ def test_side_by_side_finds_the_same(monkeypatch):
     np.testing.assert_allclose(first.exponents, second.exponents, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_runs_that_fail_hold_their_status_and_nan():
     found = logistic([3.2, 5.0, 3.3], directions=("random", "up", "down"))
     assert found.attractors() == ["P2w0:4", "nonfinite:4", "P2w0:4"]
@@ -258,6 +260,7 @@ def test_runs_that_fail_hold_their_status_and_nan():
     assert "6 failed" in str(found)
 
 
+@pytest.mark.slow
 def test_too_few_steps_are_a_status():
     found = lh.bifurcation_diagram(
         DUFFING, UNIT * np.ones(2), {"force": 0.0}, over={"force": [0.3]}, period=PERIOD, method=RK4, max_steps=500
@@ -268,6 +271,7 @@ def test_too_few_steps_are_a_status():
 # --- options ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_angles_turn():
     """Half a turn in each period of π: without being told so the first component never repeats."""
     turning = lh.Flow(lambda t, x, args: jnp.stack([1.0 + 0.0 * x[0], args["rate"] * (jnp.sin(2 * t) - x[1])]))
@@ -296,12 +300,14 @@ def test_a_section_counts_crossings():
     assert np.max(np.abs(found.points[..., 0])) < 1e-9
 
 
+@pytest.mark.slow
 def test_parameters_within_parameters():
     nested = lh.Map(lambda n, x, args: args["a"]["r"] * x * (1 - x))
     found = lh.bifurcation_diagram(nested, UNIT, {"a": {"r": 1, "s": 2.0}}, over={"a.r": [3.2]})
     assert found.attractors() == ["P2w0:4"]
 
 
+@pytest.mark.slow
 def test_the_key_draws_the_starts():
     first, second = (logistic([4.0], key=jax.random.key(i), t1=64).points for i in (1, 2))
     assert not np.any(first == second)
@@ -341,6 +347,7 @@ def test_narrow_bands_of_chaos_are_not_periodic():
     assert labelled(np.cos(np.pi * np.arange(64.0))[:, None], 0.05, error=0.001) == "P2w0"
 
 
+@pytest.mark.slow
 def test_the_current_of_a_converter_whose_map_expands():
     """Peak-current control: i + (24 − V)/2, or 5 − (1 − t) V/2 after t = 2 (5 − i)/(24 − V) < 1. The slope is 1 or
     −V/(24 − V): no cycle attracts for V > 12, and bands are narrow just above."""
@@ -386,6 +393,7 @@ def test_crossings_of_a_circle():
     np.testing.assert_allclose(later.t, np.pi * np.array([6.5, 8.5]), atol=1e-7)  # falling: direction=-1
 
 
+@pytest.mark.slow
 def test_a_section_on_a_guard_of_the_system_shows_the_state_before_the_jump():
     found = lh.poincare_section(BALL, [0.5, 0.0], section=lambda t, x, args: x[0], n=4)
     np.testing.assert_allclose(found.t, [1.0, 3.0, 5.0, 7.0], atol=1e-9)
@@ -421,6 +429,7 @@ def _clock_beside(reset):
     return lh.Hybrid(lambda t, x, args: jnp.ones_like(x), lh.Transition(every=1.0, reset=reset))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("system", "x0", "section", "times"),
     [
@@ -459,6 +468,7 @@ def test_the_section_does_not_change_the_motion():
     assert modes.mode_names == BALL.mode_names
 
 
+@pytest.mark.slow
 def test_once_a_period():
     found = lh.poincare_section(BALL, [0.5, 0.0], period=lambda args: args["T"], args={"T": 2.0}, n=3, transient=1)
     np.testing.assert_allclose(found.t, [4.0, 6.0, 8.0])
@@ -467,6 +477,7 @@ def test_once_a_period():
     assert np.ptp(orbit.x) < 1e-9
 
 
+@pytest.mark.slow
 def test_a_terminal_transition_ends_the_points():
     floor = lh.Hybrid(BALL.fields[0], lh.Transition(lambda t, x, args: x[0] + 10.0, terminal=True))
     found = lh.poincare_section(floor, [0.5, 0.0], section=lambda t, x, args: x[0], n=2)

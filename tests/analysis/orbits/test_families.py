@@ -33,6 +33,7 @@ def van_der_pol(t, x, mu):
 # Families.
 
 
+@pytest.mark.slow_cases("start0-1")
 @pytest.mark.parametrize("segments", [1, 3])
 @pytest.mark.parametrize("start", [[1.0, 0.3], [2.5, 0.1], [0.1, 0.05]])
 def test_a_pendulum_keeps_its_energy(start, segments):
@@ -150,6 +151,7 @@ def test_an_elastic_ball():
     assert float(height(orbit.x0, {"g": 9.81})) == pytest.approx(speed**2 / 2, abs=1e-10)
 
 
+@pytest.mark.slow
 def test_forced_orbits_are_judged_by_the_circle_not_by_rounding():
     mathieu = lh.Flow(lambda t, x, args: jnp.stack([x[1], -(args[0] + args[1] * jnp.cos(t)) * x[0]]))
     for args, stability in (((0.6, 0.1), "elliptic"), ((0.25, 0.3), "unstable")):

@@ -41,6 +41,7 @@ def test_what_contracts_strongly_is_not_lost(rate):
     assert found.stability == "stable"
 
 
+@pytest.mark.slow_cases("False")
 @pytest.mark.parametrize("forgets", [False, True])
 def test_a_jump_beside_a_strong_contraction(forgets):
     """x' = −60 (x − cos t), y' = −90 y: exponents −60, −90; a clock halves y, or sets it to 0."""

@@ -278,6 +278,7 @@ def test_an_equilibrium_has_no_period(x0):
         lh.floquet(sink, x0)
 
 
+@pytest.mark.slow
 def test_an_orbit_beyond_a_guard_says_so():
     """A switch that is to open where the current is above a ramp; the start is above it, and so is the whole orbit."""
     up = lambda t, x, args: jnp.stack([40.0 - 10 * x[0], 1.0 + 0 * x[1]])  # noqa: E731

@@ -42,6 +42,7 @@ def supercritical():
     return lh.continuation(lh.Flow(circling(lambda square, m: m - square)), [0.5, 0.0], 0.25, over=AROUND)
 
 
+@pytest.mark.slow
 def test_a_branch_ends_at_its_hopf_point(supercritical):
     assert supercritical.ends == ("Hopf", "range")
     (hopf,) = supercritical.of_kind("Hopf")
@@ -209,6 +210,7 @@ def test_a_cycle_that_shrinks_to_an_equilibrium_on_a_border():
 # --- where a small orbit is like any other ---------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_forced_response_passes_through_rest():
     """X'' + 0.2 x' + x = F cos 2t: the response is F times one orbit, for F of both signs."""
 

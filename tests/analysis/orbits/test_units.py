@@ -80,6 +80,7 @@ def spiking(p):
     return interval(w), (after(w + 1e-5) - after(w - 1e-5)) / 2e-5
 
 
+@pytest.mark.slow_cases("unit0-1.0")
 @pytest.mark.parametrize(("unit", "tick"), UNITS)
 def test_a_limit_cycle(unit, tick):
     found = lh.floquet(CYCLE, np.array([1.1, 0.2, 0.1]) / unit, args_of(unit, tick, 1.0), transient=3.0 / tick)
