@@ -56,6 +56,17 @@ def compiled(x, **options):
     return Compiled(jax.make_jaxpr(sums)(x), **options)
 
 
+def written_out():
+    """A program whose numbers are written out one by one, which LLVM takes seconds to optimise."""
+
+    def step(x):
+        for _ in range(60):
+            x = jnp.stack([jnp.sin(x[i - 1]) * x[i] + jnp.cos(x[i - 2]) for i in range(6)])
+        return x
+
+    return Compiled(jax.make_jaxpr(lambda x: jax.lax.fori_loop(0, 10, lambda _, x: step(x), x))(np.ones(6)))
+
+
 def same(xs, ys):
     return all(np.array_equal(x, y) for x, y in zip(xs, ys, strict=True))
 
@@ -266,16 +277,9 @@ def test_a_sweep_says_how_much_is_left(name, made, monkeypatch):
 def test_nobody_waits_for_the_code_of_another_process(made):
     """LLVM lets one thread of a process in at a time; a new program must not wait for the optimisation of another."""
 
-    def step(x):
-        for _ in range(60):
-            x = jnp.stack([jnp.sin(x[i - 1]) * x[i] + jnp.cos(x[i - 2]) for i in range(6)])
-        return x
-
-    x = np.linspace(0.1, 0.6, 6)
-    program = Compiled(jax.make_jaxpr(lambda x: jax.lax.fori_loop(0, 10, lambda _, x: step(x), x))(x))
-    other = jax.make_jaxpr(jnp.sin)(x)
+    program, x = written_out(), np.linspace(0.1, 0.6, 6)
     program.code.ahead(1e6)
-    assert np.allclose(Compiled(other)(x)[0], np.sin(x))
+    assert np.allclose(Compiled(jax.make_jaxpr(jnp.sin)(x))(x)[0], np.sin(x))
     assert not program.code.is_best
     finished()
     assert program.code.is_best
@@ -298,6 +302,22 @@ def test_without_another_process(command, made, monkeypatch):
     finished()
     assert program.code.is_best == ("-c" not in command)
     assert same(first, program(x))
+
+
+def test_a_module_that_is_taken_slowly_is_taken_whole(made, monkeypatch):
+    """More than a pipe holds, read after some looks at whether it is still wanted."""
+    begun = subprocess.Popen
+    code = "import runpy, sys, time; time.sleep(0.5); del sys.argv[0]; runpy.run_path(sys.argv[0], run_name='__main__')"
+
+    def slowly(command, **options):
+        return begun([sys.executable, "-c", code, *command[2:]], **options)
+
+    monkeypatch.setattr(subprocess, "Popen", slowly)
+    program = written_out()
+    assert len(program.text) > 2**17
+    program.code.ahead(1e6)
+    finished()
+    assert program.code.is_best
 
 
 def test_an_optimisation_ends_with_python():

@@ -69,11 +69,12 @@ compared with that collection and are the same, but for a sign of `burke_shaw` a
 so. `lh.zoo.flow("{first}")` is one of them as a problem; `lyaphybrid reference {first}` prints how its spectrum was
 found, its source, and what was published.
 
-Each spectrum is that of two runs: discrete QR in an explicit method of order 8, and, from where that ended, continuous
-QR in a method of order 5; where motions leave the attractor in the end, the longest of runs from several starts. Errors are standard errors from blocks, and one over the length of the run, which no run
-knows better. In {agree} of {count} the two agree within three combined errors in all exponents. {chaotic} are chaotic.
-Of a flow that is driven by time the exponent 0 of its phase is left out. Other starts are random points around the
-attractor: how many lead to the same exponents, to others, or to infinity. `python -m benchmarks.reference_flows`
+Each spectrum is that of two runs: discrete QR in an explicit method of order 8, and, from where that ended,
+continuous QR in a method of order 5; where motions leave the attractor in the end, the longest of runs from several
+starts. Errors are standard errors from blocks, and one over the length of the run, which no run knows better. In
+{agree} of {count} the two agree within three combined errors in all exponents. {chaotic} are chaotic. Of a flow that
+is driven by time the exponent 0 of its phase is left out. Other starts are random points around the attractor: how
+many lead to the same exponents, to others, or to infinity. `python -m benchmarks.reference_flows`
 computes the table again; it took {minutes:.0f} minutes of CPU time.
 
 | flow | kind | exponents per unit of time | published λ₁ | other starts |

@@ -4,6 +4,7 @@ LLVM lets one thread of a process in at a time. An optimisation takes seconds; m
 calls a new program meanwhile, and the end of the process.
 """
 
+import contextlib
 import os
 import subprocess
 import sys
@@ -36,13 +37,12 @@ def object_code_aside(
     process = _begun(str(level), str(int(scattered)), str(int(loops)))
     if process is None:
         return emission.object_code(text, level, scattered, loops)
-    given: bytes | None = text.encode()
     with process:
+        _give(process, text)
         while True:
             try:
-                code, _ = process.communicate(given, timeout=_LOOK)
+                code, _ = process.communicate(timeout=_LOOK)
             except subprocess.TimeoutExpired:
-                given = None  # it has been taken
                 if not is_wanted():
                     process.kill()
                     raise GivenUpError from None
@@ -51,6 +51,14 @@ def object_code_aside(
     if process.returncode != 0 or not code:
         raise GivenUpError
     return code
+
+
+def _give(process: subprocess.Popen, text: str) -> None:
+    """Write the module before its code is read: a `communicate` that is called again would leave the rest unwritten."""
+    assert process.stdin is not None
+    with contextlib.suppress(OSError), process.stdin:  # the other end has failed: its exit status says so
+        process.stdin.write(text.encode())
+    process.stdin = None  # nothing more is written
 
 
 def _begun(*options: str) -> subprocess.Popen | None:

@@ -62,7 +62,7 @@ def hyper_bao(x, y, z, w, *, a=36.0, b=3.0, c=20.0, d=0.1, e=21.0):
     turn=0.7,
     source="A. Chen, J. Lu, J. Lü & S. Yu, Generating hyperchaotic Lü attractor via state feedback control, Physica A "
     "364 (2006) 103, doi:10.1016/j.physa.2005.09.039",
-    note="Motions leave for infinity in the end, after some 4000 units of time: d = 1.3 is the end of the published range.",
+    note="Motions leave for infinity in the end, after some 4000 units of time: d = 1.3 ends the published range.",
 )
 def hyper_lu(x, y, z, w, *, a=36.0, b=3.0, c=20.0, d=1.3):
     """Lü's system under state feedback."""
