@@ -75,6 +75,7 @@ def test_chaos_beside_a_cycle_and_a_rerun_at_tighter_tolerance():
     assert_allclose(orbit.x0, cycle.points[0], rtol=0, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_a_turning_pendulum_is_an_attractor_beside_rest():
     pendulum = lh.Flow(lambda t, x, a: jnp.stack([x[1], 0.6 - jnp.sin(x[0]) - 0.3 * x[1]]), names=("angle", "speed"))
     found = lh.basins(pendulum, [[-3.0, -4.0], [3.0, 4.0]], shape=(16, 16), t1=100.0, angles=[0])
@@ -85,6 +86,7 @@ def test_a_turning_pendulum_is_an_attractor_beside_rest():
         assert np.all((one.points[:, 0] > -np.pi) & (one.points[:, 0] <= np.pi))
 
 
+@pytest.mark.slow
 def test_runs_that_end_otherwise_are_classes_of_their_own():
     ball = lh.Hybrid(
         lambda t, x, a: jnp.stack([x[1], 0 * x[1] - 1.0]),
@@ -96,6 +98,7 @@ def test_runs_that_end_otherwise_are_classes_of_their_own():
     assert escaping.shares.tolist() == [0.5, 0.5]
 
 
+@pytest.mark.slow
 def test_slow_motions_are_undecided_and_later_found():
     slow = lh.Flow(lambda t, x, a: -0.02 * x)
     found = lh.basins(slow, [[-1.0], [1.0]], shape=(32,), t1=100.0)
@@ -119,6 +122,7 @@ def test_two_cycles_near_each_other(e):
     assert np.array_equal(found.labels.ravel() == inner, np.hypot(*found.starts.T) < 1 + e / 2)
 
 
+@pytest.mark.slow
 def test_a_cycle_whose_period_is_the_time_between_samples():
     clock = lh.Flow(lambda t, x, a: x * (1 - x @ x) + 2 * np.pi * jnp.stack([-x[1], x[0]]))
     found = lh.basins(clock, [[-2.0, -2.0], [2.0, 2.0]], shape=(10, 10), t1=64.0)
@@ -135,6 +139,7 @@ def test_two_equilibria_near_each_other():
     assert_allclose(sorted(float(one.points[0, 0]) for one in found.attractors), [0.0, 2e-4], atol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("system", "box", "args", "shape", "t1"),
     [

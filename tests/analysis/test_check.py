@@ -27,7 +27,7 @@ def found(name: str) -> tuple[lh.Report, str, str]:
         return lh.check(system, x0, mode=0 if isinstance(system, lh.Hybrid) else None), topic, pattern
 
 
-@pytest.mark.slow_cases("no mode continues")
+@pytest.mark.slow_cases("no mode continues", "guard of a clock")
 @pytest.mark.parametrize(
     "name", [name if i % 8 == 1 else pytest.param(name, marks=pytest.mark.slow) for i, name in enumerate(PLANTED)]
 )

@@ -22,6 +22,7 @@ def test_the_largest_exponent_of_a_map_that_drives_another(k):
     assert abs(found.exponents[0] - np.log(2)) < max(5 * found.stderr[0], 1e-3)
 
 
+@pytest.mark.slow
 def test_replicates_and_derivatives_have_it_too():
     several = lh.lyapunov_spectrum(
         lh.Map(driven), [0.0, 0.3], CHAOS, t1=5000, transient=100, k=1, replicates=3, key=jax.random.key(1)
@@ -41,6 +42,7 @@ def test_the_largest_exponent_of_a_membrane_that_hears_the_lorenz_system():
     assert abs(found.exponents[0] - 0.9056) < 5 * found.stderr[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("k", [1, 2])
 def test_the_same_with_a_constraint(k):
     constrained = lh.DAE(

@@ -105,6 +105,7 @@ def same_edge(one, other):
         assert_array_equal(getattr(one, name), getattr(other, name))
 
 
+@pytest.mark.slow
 def test_a_motion_that_goes_on_is_that_of_one_call():
     found = lh.basins(CUBIC, [[-1.3], [1.2]], 1.7, shape=(50,), t1=100)
     whole = lh.edge_state(CUBIC, found, 1.7, t1=300, settle=300)
@@ -144,6 +145,7 @@ def test_ctrl_c_keeps_the_motion_until_then_and_it_goes_on(monkeypatch):
 TILTED = lh.Flow(lambda t, x, args: x - x**3 + args["tilt"])
 
 
+@pytest.mark.slow
 def test_shares_along_a_parameter_are_those_of_the_middle_fixed_point():
     """x' = x − x³ + a: what begins above the middle root goes up; beyond a = 2/√27 one well is left."""
     values = np.array([-0.3, 0.0, 0.2, 0.35, 0.45])

@@ -64,7 +64,7 @@ class Calls:
         return results, done & (self.count != self.stop)
 
 
-@pytest.mark.slow_cases("shares")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RUNS)
 def test_after_ctrl_c_anywhere_it_goes_on(name, tmp_path, small_steps, monkeypatch):
     """Each try gets one run of starts further, and does not begin another one after Ctrl-C."""
@@ -91,6 +91,7 @@ def test_after_ctrl_c_anywhere_it_goes_on(name, tmp_path, small_steps, monkeypat
     assert none.count == 0
 
 
+@pytest.mark.slow_cases("shares")
 @pytest.mark.parametrize("name", RUNS)
 def test_from_the_file_that_a_killed_process_leaves(name, tmp_path, small_steps, monkeypatch):
     path, left = tmp_path / "kept.npz", tmp_path / "left.npz"

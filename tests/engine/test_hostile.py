@@ -39,6 +39,7 @@ def limited():
     "section never crossed",
     "jumps that do not come",
     "dice",
+    "guard never zero",
 )
 @pytest.mark.parametrize("name", HOSTILE)
 def test_hostile_systems_answer(name, limited, monkeypatch):
@@ -127,6 +128,7 @@ def test_runs_that_wait_for_a_jump_end_by_themselves():
     assert not judged(1.0, None, jumped=1, last_jump=100, windows=20)
 
 
+@pytest.mark.slow
 def test_a_full_log_of_events_is_no_stall_and_spends_no_attempts():
     """The events of one block fill the log many times; a call that it ends has not made all attempts that it might."""
     jumps = lh.Transition(every=1e-4, reset=lambda t, x, args: -x)

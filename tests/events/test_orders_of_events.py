@@ -33,12 +33,14 @@ def test_which_of_two_neurons_fires_first_is_noted_where_it_matters():
         assert found.notes == ({"simultaneous"} if weight else set())
 
 
+@pytest.mark.slow
 def test_where_later_orders_matter_the_solutions_are_not_all():
     drive = jnp.array([0.9, 0.8])
     assert not lh.solutions(pair(-0.6), [0.8, 0.7], drive, t1=3.0).complete
     assert lh.solutions(pair(0.0), [0.8, 0.7], drive, t1=3.0).complete
 
 
+@pytest.mark.slow
 def test_two_pairs_that_reach_the_threshold_together():
     """One of each pair wins: four ends, of which the choice of the first spike alone finds three."""
     weights = -0.5 * np.kron(np.eye(2), [[0.0, 1.0], [1.0, 0.0]])
@@ -76,6 +78,7 @@ def test_clocks_that_tick_together_do_so_in_the_order_of_the_list(first):
     assert run.x[-1, 0] == pytest.approx(x * np.exp(-0.5), rel=1e-7)
 
 
+@pytest.mark.slow
 def test_derivatives_by_the_period_of_clocks_that_tick_together():
     """Each clock's own period moves its own ticks."""
     system = lh.Hybrid(

@@ -66,7 +66,7 @@ ENDS = {
 }
 
 
-@pytest.mark.slow_cases(all_but=("guard and reset depend on the time",))
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ENDS)
 def test_the_matrix_is_the_derivative_of_the_end(name):
     """Against central differences of the end, and against JAX's derivative of it."""

@@ -42,6 +42,7 @@ def test_beads_in_a_row_that_touch(masses):
     assert_allclose(run.x[-1], np.concatenate([4 * velocities, velocities]), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_beads_that_touch_have_the_tangents_of_those_that_nearly_do():
     touching, apart = (
         lh.tangent_map(beads([1.0, 0.5, 1.0]), [-1.0, 0.0, gap, 1.0, 0.0, 0.0], t1=5.0).matrix for gap in (0.0, 1e-9)

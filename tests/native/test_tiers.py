@@ -143,6 +143,7 @@ def test_better_code_follows_where_runs_are_repeated(made, monkeypatch):
         assert made == expected
 
 
+@pytest.mark.slow
 def test_a_verb_that_is_called_again_and_again_gets_better_code(made, monkeypatch):
     problem, spectra = lh.zoo.lorenz63(), []
     _engines.forget_programs()
@@ -274,6 +275,7 @@ def test_a_sweep_says_how_much_is_left(name, made, monkeypatch):
     assert 2 in made
 
 
+@pytest.mark.slow
 def test_nobody_waits_for_the_code_of_another_process(made):
     """LLVM lets one thread of a process in at a time; a new program must not wait for the optimisation of another."""
 
@@ -304,6 +306,7 @@ def test_without_another_process(command, made, monkeypatch):
     assert same(first, program(x))
 
 
+@pytest.mark.slow
 def test_a_module_that_is_taken_slowly_is_taken_whole(made, monkeypatch):
     """More than a pipe holds, read after some looks at whether it is still wanted."""
     begun = subprocess.Popen
@@ -320,6 +323,7 @@ def test_a_module_that_is_taken_slowly_is_taken_whole(made, monkeypatch):
     assert program.code.is_best
 
 
+@pytest.mark.slow
 def test_an_optimisation_ends_with_python():
     """Python's end does not wait for an optimisation that takes seconds, and leaves no process behind."""
     code = """

@@ -192,7 +192,9 @@ def labels_in(figure) -> set[str]:
     return {label for ax in figure.axes for label in (ax.get_xlabel(), ax.get_ylabel())}
 
 
-@pytest.mark.slow_cases("Solutions", "EdgeState", "MasterStability", "Continuation", "BifurcationDiagram")
+@pytest.mark.slow_cases(
+    "Solutions", "EdgeState", "MasterStability", "Continuation", "BifurcationDiagram", "AngleField", "FTLEField"
+)
 @pytest.mark.parametrize("name", RESULTS)
 def test_results_say_the_unit_of_time(name):
     make, (timed, plain), times, rates = RESULTS[name]

@@ -55,16 +55,7 @@ PAIRS = {
 OF_A_BALL = ("a number in a guard", "a number in a reset", "a direction", "terminal", "when")
 
 
-@pytest.mark.slow_cases(
-    "a number in a guard",
-    "when",
-    "a direction",
-    "terminal",
-    "its phase",
-    "a number in a map",
-    "a number in a reset",
-    "the period of a clock",
-)
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PAIRS)
 def test_a_sweep_of_a_changed_system_is_another_one(name):
     def of(system):
@@ -91,6 +82,7 @@ def test_a_store_is_not_used_for_a_changed_system(tmp_path):
         swept(kicked(2.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("one", "other"), [(logistic(), logistic(3.9)), (kicked(), kicked(2.0))])
 def test_a_checkpoint_is_not_used_for_a_changed_system(one, other, tmp_path):
     def run(system):

@@ -178,6 +178,7 @@ def test_progress_is_told():
     assert seen == sorted(seen)
 
 
+@pytest.mark.slow
 def test_attributes(whole):
     assert whole.attrs["lyaphybrid"] == lh.__version__
     assert whole.attrs["seconds"] > 0

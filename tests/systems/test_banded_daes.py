@@ -109,7 +109,7 @@ def test_a_coupling_that_begins_later():
     assert lh.trajectory(of(2), point, 0.1, t1=0.1, n=1).status is lh.STATUS.ok
 
 
-@pytest.mark.slow_cases("5-0.0", "5-0.7", "2-0.0", "1-0.0")
+@pytest.mark.slow
 @pytest.mark.parametrize("inner", [0.0, 0.7])
 @pytest.mark.parametrize("count", [1, 2, 5])
 def test_few_constraints_that_move_and_rows_with_algebraic_components(count, inner):

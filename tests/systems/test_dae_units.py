@@ -104,6 +104,7 @@ def capacitor(unit, row):
     return lh.DAE(lambda t, args: FIRST, residual, n_differential=1)
 
 
+@pytest.mark.slow_cases("RadauIIA-False-1e-06", "RadauIIA-True-1e-06")
 @pytest.mark.parametrize("unit", [1e-6, pytest.param(1e-9, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("divided", [False, True])
 @pytest.mark.parametrize("method", METHODS)

@@ -268,7 +268,7 @@ def test_starts_in_different_modes_run_side_by_side():
         np.testing.assert_allclose(matrix, lh.tangent_map(BLOCK, x, ARGS, t1=3.0, method=METHOD).matrix, atol=1e-12)
 
 
-@pytest.mark.slow_cases("1-1-None")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("plus", "minus", "mode"), [(1, -1, "plus"), (-1, 1, "minus"), (-1, -1, "sliding"), (1, 1, None)]
 )
@@ -289,7 +289,7 @@ def test_a_start_at_a_two_fold_goes_where_a_field_curves_away(plus, minus, mode)
     assert_allclose(run.x[-1], [1.0, {"plus": 0.5, "minus": -0.5, "sliding": 0.0}[mode]], atol=1e-9)
 
 
-@pytest.mark.slow_cases("lyapunov_spectrum")
+@pytest.mark.slow
 @pytest.mark.parametrize("verb", [lh.trajectory, lh.lyapunov_spectrum])
 def test_a_start_outside_its_mode_is_refused(verb):
     """Both fields point at x = 0; off it nothing slides, and each side has one mode."""

@@ -180,6 +180,7 @@ def test_a_kernel_that_changes_on_the_way():
     )
 
 
+@pytest.mark.slow
 def test_the_units_of_an_equation_do_not_matter():
     """A row 10⁹ times the other: the slope in the other is seen; rounding in rows that are mixed is not."""
 

@@ -91,6 +91,7 @@ def test_all_starts_see_the_same_noise():
     assert abs(run(3.0, 1) - run(3.0, 2)) > 1e-3
 
 
+@pytest.mark.slow
 def test_a_driven_neuron_is_reliable():
     """A leaky neuron with a random current: a negative exponent, and spikes at the same times from different starts."""
 

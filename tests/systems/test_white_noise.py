@@ -57,6 +57,7 @@ def test_a_geometric_motion_is_that_of_its_path():
     assert_allclose(again.exponents[0], exact, rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_additive_noise_of_a_linear_flow_leaves_the_exponent():
     system = lh.white_noise(lh.Flow(lambda t, x, p: -0.7 * x), lambda t, x, p: p + 0 * x, step=0.1, until=400.0)
     found = lh.lyapunov_spectrum(system, [0.0], 0.4, t1=400.0)
@@ -65,6 +66,7 @@ def test_additive_noise_of_a_linear_flow_leaves_the_exponent():
     assert abs(np.var(x) - 0.4**2 / 1.4) < 0.03  # of 280 independent values
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sigma", [0.3, 0.8])
 def test_a_pitchfork_with_multiplicative_noise(sigma):
     """dx = (x − x³) dt + σ x ∘ dW: ⟨x²⟩ = 1, so λ = 1 − 3 = −2 (Arnold 1998, section 9.3)."""
@@ -88,6 +90,7 @@ def test_a_pitchfork_with_additive_noise():
     assert found.stderr[0] < 0.05
 
 
+@pytest.mark.slow
 def test_two_sources_turn_and_stretch():
     """dx = −x dt + a x ∘ dW₁ + b J x ∘ dW₂: rotations change no length; both exponents are −1 + a W₁(t)/t."""
 

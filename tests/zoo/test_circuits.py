@@ -113,6 +113,7 @@ def test_buck_doubles_its_period(voltage, repeats):
     assert (abs(ends[1][0] - ends[0][0]) < 1e-6) == (repeats == 1)
 
 
+@pytest.mark.slow
 def test_buck_does_not_see_how_many_periods_are_over():
     """The phase is taken from the time: an even number of periods later everything is the same."""
     buck = zoo.buck_converter()

@@ -37,7 +37,12 @@ def over_cycles(problem, **how):
     return found
 
 
-@pytest.mark.slow_cases("vertical_hopper-parameters4-how4", "paddle_juggler-parameters2-how2")
+@pytest.mark.slow_cases(
+    "vertical_hopper-parameters4-how4",
+    "paddle_juggler-parameters2-how2",
+    "abs_brake-parameters5-how5",
+    "charge_pump_pll-parameters6-how6",
+)
 @pytest.mark.parametrize(
     ("name", "parameters", "how"),
     [
@@ -69,6 +74,7 @@ def landing_speed(speed, k, c, thrust):
     return then, down.t[-1] + up.t[-1] + lift + then
 
 
+@pytest.mark.slow
 def test_the_hopper_by_scipy():
     problem = zoo.vertical_hopper()
     speed = 2.3
@@ -185,6 +191,7 @@ def test_the_rotor_is_the_standard_map():
     assert float(np.sum(damped.spectrum(t1=500.0).exponents)) == pytest.approx(-0.3, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_a_ball_between_a_wall_and_a_moving_one():
     """Each meeting by the roots of the wall's motion; the motion itself, for it is chaotic only after a while."""
     problem = zoo.moving_wall_billiard(amplitude=0.2)
@@ -368,6 +375,7 @@ def test_a_neuron_that_tires():
     assert_allclose(np.sort(over_cycles(problem, transient=100.0).exponents), [rate, 0.0], atol=1e-8)
 
 
+@pytest.mark.slow_cases("300.0")
 @pytest.mark.parametrize("period", [300.0, 250.0, 225.0])
 def test_the_beats_of_a_heart(period):
     problem = zoo.cardiac_alternans(period=period)

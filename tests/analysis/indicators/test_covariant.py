@@ -57,6 +57,7 @@ def test_what_remains_of_settling_is_the_relative_error_of_the_cotangent(gap):
     assert "take a longer settle=; equal exponents" in str(found)
 
 
+@pytest.mark.slow
 def test_the_error_of_an_angle_is_within_the_remainder():
     """Both ends short, as in the default lengths: half of t1 each."""
     for gap in (0.05, 0.1, 0.3, 0.6):
@@ -88,6 +89,7 @@ def test_equal_exponents_are_told_however_long_the_run(frequency):
     assert found.status == lh.STATUS.ok
 
 
+@pytest.mark.slow
 def test_converged_vectors_have_no_note():
     found = found_for(linear([0.5, -0.5]), transient=30.0, settle=30.0)
     assert NOTE not in str(found)
@@ -118,6 +120,7 @@ def ticking(kept, matrix):
 MATRIX = np.array([[0.1, 0.4, 0.2], [0.0, -2.3, 0.5], [0.3, 0.1, -0.2]])
 
 
+@pytest.mark.slow_cases("20.0")
 @pytest.mark.parametrize("transient", [0.0, 20.0])
 def test_a_destroyed_direction_is_told_from_those_that_go_on(transient):
     system = ticking([1.0, 1.0, 0.0], MATRIX)
@@ -132,6 +135,7 @@ def test_a_destroyed_direction_is_told_from_those_that_go_on(transient):
         assert "take a longer transient=; " in str(found)
 
 
+@pytest.mark.slow
 def test_two_directions_destroyed_together_are_not_determined():
     system = ticking([1.0, 0.0, 0.0], MATRIX)
     found = found_for(system, x0=[1.0, 0.5, 0.2], blocks=20, transient=20.0, settle=20.0)

@@ -159,6 +159,7 @@ def test_a_circle_is_born_in_the_delayed_logistic_map():
         lh.continuation(delayed, special, 1.5, over={"args": (1.2, 2.5)}, period=1)
 
 
+@pytest.mark.slow
 def test_a_branch_that_begins_at_a_doubling_needs_the_period_too(cascade):
     with pytest.raises(ValueError, match="period, of a map its number of iterations"):
         lh.continuation(LOGISTIC, cascade[0].specials[0], 2.5, over={"args": (2.0, 3.6)})

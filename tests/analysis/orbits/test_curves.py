@@ -465,6 +465,7 @@ def test_ctrl_c_leaves_what_was_computed(fold, monkeypatch):
     assert_allclose(a**2, 4 * (b / 3) ** 3, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_the_picture(cusp):
     ax = plots.curves(cusp)
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("a", "b")

@@ -83,7 +83,7 @@ def same(one, other):
     assert [special.title for special in one.specials] == [special.title for special in other.specials]
 
 
-@pytest.mark.slow_cases("closed", "impacts", "curve", "curve of touches", "from a doubling")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FOLLOWED)
 def test_with_more_points_it_is_that_of_one_call(name):
     follow, _ = FOLLOWED[name]
@@ -94,7 +94,7 @@ def test_with_more_points_it_is_that_of_one_call(name):
     assert len(short.values) <= 7  # the first one is as it was
 
 
-@pytest.mark.slow_cases("closed", "impacts", "curve", "curve of touches", "from a doubling")
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:interrupted")
 @pytest.mark.parametrize("name", FOLLOWED)
 def test_after_ctrl_c_it_goes_on(name):

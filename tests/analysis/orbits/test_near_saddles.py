@@ -26,6 +26,7 @@ def test_what_a_jump_destroys_has_the_multiplier_0():
     assert found.multipliers[1] == 0
 
 
+@pytest.mark.slow_cases("300.0")
 @pytest.mark.parametrize("rate", [1.0, 10.0, 300.0])
 def test_what_contracts_strongly_is_not_lost(rate):
     """r' = k r (1 − r²), φ' = 1, z' = 0.1 k (r² − 1 − z): exponents 0, −0.1 k, −2 k, however small exp(−4π k) is."""

@@ -110,7 +110,7 @@ def test_a_neuron_in_closed_form():
     assert_allclose(apart - found.period * np.round(apart / found.period), 0.0, atol=1e-9)
 
 
-@pytest.mark.slow_cases("Glass", "stick-slip", "walker", "relay", "impact")
+@pytest.mark.slow_cases("Glass", "stick-slip", "walker", "relay", "impact", "neuron")
 @pytest.mark.parametrize("name", CYCLES)
 def test_the_flow_leads_ahead_by_its_time(name):
     found = found_of(name)
@@ -121,7 +121,7 @@ def test_the_flow_leads_ahead_by_its_time(name):
         assert np.max(np.abs(along)) < 1e-6 * np.max(np.abs(found.isostables)) * np.max(np.abs(velocities))
 
 
-@pytest.mark.slow_cases("Glass", "stick-slip", "walker", "relay", "impact")
+@pytest.mark.slow_cases("Glass", "stick-slip", "walker", "relay", "impact", "neuron")
 @pytest.mark.parametrize("name", CYCLES)
 def test_small_kicks_of_whole_motions_agree(name):
     """Differences of sixth order, at phases from which no kick crosses a guard or leaves a surface."""
@@ -277,6 +277,7 @@ def test_under_a_transformation_it_is_refused_with_what_to_do():
         jax.jacfwd(lambda drive: lh.phase_response(LEAKY, [0.5], drive, phases=8).response)(1.7)
 
 
+@pytest.mark.slow
 def test_it_says_what_it_found():
     found = found_of("impact", phases=12)
     assert "Phase response" in str(found)

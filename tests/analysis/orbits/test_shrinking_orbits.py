@@ -60,6 +60,7 @@ def test_a_branch_ends_at_its_hopf_point(supercritical):
     assert max(orbit.residual for orbit in supercritical.orbits) < 1e-9
 
 
+@pytest.mark.slow
 def test_it_stays_so_in_a_wider_range(supercritical):
     wider = supercritical.resume(over={"args": (-1.0, 1.2)})
     assert (wider.ends, kinds(wider)) == (("Hopf", "range"), ["Hopf"])
@@ -80,6 +81,7 @@ def test_the_picture_marks_it(supercritical):
     pyplot.close("all")
 
 
+@pytest.mark.slow
 def test_a_range_that_ends_before_the_hopf_point():
     system = lh.Flow(circling(lambda square, m: m - square))
     branch = lh.continuation(system, [0.5, 0.0], 0.25, over={"args": (1e-4, 0.3)})
@@ -123,6 +125,7 @@ def test_a_cycle_with_a_symmetry(modulo):
     assert branch.specials[0].period == pytest.approx(np.pi / (1 if modulo is None else 2), abs=1e-12)
 
 
+@pytest.mark.slow
 def test_the_brusselator_has_no_cycle_below_its_hopf_point():
     branch = lh.continuation(lh.Flow(brusselator), [1.5, 2.0], 2.3, over={"args": (1.8, 2.5)}, transient=100.0)
     assert (branch.ends, kinds(branch)) == (("Hopf", "range"), ["Hopf"])

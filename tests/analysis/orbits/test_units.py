@@ -118,7 +118,7 @@ def test_a_driven_impact_oscillator(unit, tick):
     assert found.jumps == same.jumps > 0
 
 
-@pytest.mark.slow_cases("unit0-1.0")
+@pytest.mark.slow_cases("unit0-1.0", "unit1-1000000.0")
 @pytest.mark.parametrize(("unit", "tick"), UNITS[1:4])
 def test_phase_responses_of_a_neuron(unit, tick):
     unit = unit[:2]
