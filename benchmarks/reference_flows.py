@@ -2,7 +2,8 @@
 
 A first run shows where the start leads to. From there the flow runs by discrete QR in an explicit method of order 8,
 and from the end of that by continuous QR in a method of order 5, each until its errors are small or its time is
-spent. Other starts show what else attracts. Rows go into the data file of the package as they come.
+spent; where motions leave the attractor in the end, each takes the best of several starts. Other starts show what else
+attracts. Rows go into the data file of the package as they come.
 """
 
 import argparse
@@ -62,11 +63,10 @@ def run(entry, x0, method, seconds):
         more = min(needed, left, LONGEST - reached, 7 * reached)
         if more < 0.2 * reached:
             break
-        longer, added = further(found, more, reached, turn)
+        longer, more, spent = further(found, more, reached, turn)
         if longer.status.name != "ok":
             return found, longer.status.name
-        found, (more, spent) = longer, added
-        rate, reached = spent / more, reached + more
+        found, rate, reached = longer, spent / more, reached + more
     return found, found.status.name
 
 
@@ -77,7 +77,7 @@ def further(found, more, reached, turn):
         most = int(MAX_STEPS + STEPS * more)  # who leaves takes ever smaller ones
         longer = found.resume((reached + more) * turn, throw=False, max_steps=most)
         if longer.status.name == "ok" or more < 0.4 * reached:
-            return longer, (more, time.process_time() - piece)
+            return longer, more, time.process_time() - piece
         more /= 2
 
 

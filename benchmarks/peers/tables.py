@@ -18,8 +18,8 @@ converged value (SciPy's DOP853 at 1e-13, Radau for stiff flows, closed form for
 begins with. Each has a ladder of tolerances or steps, and each is timed over the same long run, or over one that is
 ten or a hundred times as long if it needs less than {enough} s for that. What a unit costs at an error is
 interpolated between two settings in logarithms, of its cheapest method; a dash: no setting reaches that error, or it
-was not timed. What compiles for each length has run once before; `lyaphybrid`, which optimises what is repeated, until
-it has. Minimum of the warm runs, in brackets the median where it is more by a tenth. The ratio is their minimum
+was not timed. What compiles for each length has run once before; `lyaphybrid`, which optimises what is repeated, for
+{repeated:g} s. Minimum of the warm runs, in brackets the median where it is more by a tenth. The ratio is their minimum
 over ours: above 1 ours is faster. The first call goes from nothing to the result of the long run, at one setting of
 middle accuracy, the import apart; memory is the peak of a process after it. Which instructions are used each program
 decides by itself: none is kept from AVX-512 where the machine has it.
@@ -103,4 +103,13 @@ def page(results: dict[str, Any]) -> str:
     """All of it."""
     said = dict(results, versions=", ".join(f"{name} {version}" for name, version in results["versions"].items()))
     uses = "".join(f"| {name} | {PEERS[name].use} |\n" for name in results["versions"])
-    return "\n".join([HEAD.format(**said, enough=ENOUGH), *map(table, results["workloads"].values())]) + USES + uses
+    return (
+        "\n".join(
+            [
+                HEAD.format(**said, enough=ENOUGH, repeated=PEERS[OURS].repeated),
+                *map(table, results["workloads"].values()),
+            ]
+        )
+        + USES
+        + uses
+    )

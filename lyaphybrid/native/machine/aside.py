@@ -4,10 +4,10 @@ LLVM lets one thread of a process in at a time. An optimisation takes seconds; m
 calls a new program meanwhile, and the end of the process.
 """
 
-import contextlib
 import os
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable
 
 from . import emission
@@ -19,9 +19,7 @@ class GivenUpError(Exception):
     """The code is not wanted any more, or the other process failed."""
 
 
-def object_code_aside(
-    text: str, level: int, scattered: bool, loops: bool, is_wanted: Callable[[], bool] = lambda: True
-) -> bytes:
+def object_code_aside(text: str, level: int, scattered: bool, loops: bool, is_wanted: Callable[[], bool]) -> bytes:
     """`emission.object_code`, in a process of its own where this system has them.
 
     Args:
@@ -34,11 +32,10 @@ def object_code_aside(
     Raises:
         GivenUpError: the code is not wanted any more, or the process failed.
     """
-    process = _begun(str(level), str(int(scattered)), str(int(loops)))
+    process = _begun(text, str(level), str(int(scattered)), str(int(loops)))
     if process is None:
         return emission.object_code(text, level, scattered, loops)
     with process:
-        _give(process, text)
         while True:
             try:
                 code, _ = process.communicate(timeout=_LOOK)
@@ -53,30 +50,27 @@ def object_code_aside(
     return code
 
 
-def _give(process: subprocess.Popen, text: str) -> None:
-    """Write the module before its code is read: a `communicate` that is called again would leave the rest unwritten."""
-    assert process.stdin is not None
-    with contextlib.suppress(OSError), process.stdin:  # the other end has failed: its exit status says so
-        process.stdin.write(text.encode())
-    process.stdin = None  # nothing more is written
-
-
-def _begun(*options: str) -> subprocess.Popen | None:
-    """The process; None where there can be none."""
+def _begun(text: str, *options: str) -> subprocess.Popen | None:
+    """The process, which reads the module; None where there can be none."""
     if not sys.executable:
         return None
     # -P: the names of files beside the program are not those of modules. LLVM is found where this process found it.
     command = [sys.executable, "-P", emission.__file__, *options]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     try:
-        return subprocess.Popen(
-            command,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            env=environment,
-            start_new_session=True,  # Ctrl-C is not for it
-            creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
-        )
+        # From a file: to write into a pipe may block, and a `communicate` that is called again leaves the rest of its
+        # input unwritten.
+        with tempfile.TemporaryFile() as module:
+            module.write(text.encode())
+            module.seek(0)
+            return subprocess.Popen(
+                command,
+                stdin=module,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                env=environment,
+                start_new_session=True,  # Ctrl-C is not for it
+                creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
+            )
     except OSError:
         return None

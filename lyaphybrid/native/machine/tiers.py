@@ -3,9 +3,9 @@
 LLVM needs much longer to optimise a module than to translate it, and most programs run for less time than the
 optimisation would take (`benchmarks.first_calls` measures LLVM's part of a first call). So a program that is called
 repeatedly is only translated at first. If much is left to run, optimised code is made beside it, in a process of its
-own, and later calls use it. Optimised code takes about half of the time, so where it is not known how much is left, it
-is made when a call, or runs that are repeated, have taken as long as the optimisation will: who has gone on for so
-long may go on.
+own, and later calls use it. Optimised code takes about half of the time. Where runs are repeated it is made when they
+have taken as long as the optimisation will, and where nothing is known, when calls have taken three times as long: who
+has gone on for so long may go on.
 A program that is one long call has no better code later. Where the optimisation would take too long, its loops over
 memory are left as they are: vectors in loops, and loops written out, take most of LLVM's time if there are many. Such
 code runs about half as fast.
