@@ -103,13 +103,5 @@ def page(results: dict[str, Any]) -> str:
     """All of it."""
     said = dict(results, versions=", ".join(f"{name} {version}" for name, version in results["versions"].items()))
     uses = "".join(f"| {name} | {PEERS[name].use} |\n" for name in results["versions"])
-    return (
-        "\n".join(
-            [
-                HEAD.format(**said, enough=ENOUGH, repeated=PEERS[OURS].repeated),
-                *map(table, results["workloads"].values()),
-            ]
-        )
-        + USES
-        + uses
-    )
+    head = HEAD.format(**said, enough=ENOUGH, repeated=PEERS[OURS].repeated)
+    return "\n".join([head, *map(table, results["workloads"].values())]) + USES + uses
