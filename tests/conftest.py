@@ -54,6 +54,12 @@ def _references_soon(request):
     jax.config.update("jax_disable_most_optimizations", before)
 
 
+def pytest_sessionfinish():
+    """What is no longer used is collected here; pytest would go through all that JAX keeps five times."""
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.hookimpl(tryfirst=True)  # before `-m` chooses
 def pytest_collection_modifyitems(config, items):
     """Cases of parametrised tests are slow by their ids: slow_cases("a", "b"), or slow_cases(all_but=("c", "d"))."""

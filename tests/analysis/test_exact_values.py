@@ -138,6 +138,7 @@ def test_grow_reset_decays_between_jumps_and_at_them():
     assert_allclose(zero, 0, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_a_reset_that_kills_a_direction_gives_minus_infinity():
     problem = zoo.grow_reset(q=0)
     spectrum = problem.spectrum(transient=0.0, t1=1000.0)
@@ -180,6 +181,7 @@ def test_two_neurons_in_antiphase(form):
 # Zeno.
 
 
+@pytest.mark.slow
 def test_the_bouncing_ball_has_exponents_per_jump():
     """The frame starts along the field (v, −g), which one cycle maps onto (rv, −g)."""
     problem = zoo.bouncing_ball()

@@ -91,7 +91,7 @@ def test_after_ctrl_c_anywhere_it_goes_on(name, tmp_path, small_steps, monkeypat
     assert none.count == 0
 
 
-@pytest.mark.slow_cases("shares")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RUNS)
 def test_from_the_file_that_a_killed_process_leaves(name, tmp_path, small_steps, monkeypatch):
     path, left = tmp_path / "kept.npz", tmp_path / "left.npz"
@@ -104,6 +104,7 @@ def test_from_the_file_that_a_killed_process_leaves(name, tmp_path, small_steps,
     assert rest.count == calls.count - 4
 
 
+@pytest.mark.slow
 def test_further_values_are_added(tmp_path):
     path = tmp_path / "kept.npz"
     shares(VALUES[:2], checkpoint=path)

@@ -79,7 +79,7 @@ def of_network(node, coupling, matrix, x0, args, strength, vectors, *, enters=No
 # --- closed forms ------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow_cases("-0.3", "0.5")
+@pytest.mark.slow
 @pytest.mark.parametrize("alpha", [-0.3, 0.5, -1.7])
 def test_maps_coupled_through_themselves_gain_ln_of_one_plus_alpha(alpha):
     alone = lh.lyapunov_spectrum(lh.Map(logistic), [0.3], 3.9, t1=500, blocks=4)

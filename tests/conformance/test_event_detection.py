@@ -173,6 +173,7 @@ def test_a_ball_never_falls_through_the_floor():
     assert_allclose(resting.events.t, [landed], rtol=1e-13)
 
 
+@pytest.mark.slow
 def test_a_sample_and_a_sawtooth_at_the_same_times():
     """https://github.com/OpenModelica/OpenModelica/issues/12246: time events and state events that coincide.
 

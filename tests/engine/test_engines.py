@@ -24,7 +24,7 @@ SECOND_CALLS = {
 }
 
 
-@pytest.mark.slow_cases("disks")
+@pytest.mark.slow_cases("disks", "impacts")
 @pytest.mark.parametrize("name", SECOND_CALLS)
 def test_a_second_call_compiles_nothing(name):
     problem, keywords = SECOND_CALLS[name]

@@ -102,7 +102,7 @@ def test_a_direction_that_an_event_destroys_is_lost_there():
     assert int(lost.losses[2]) in (49, 50)  # the fiftieth is at the end of the run
 
 
-@pytest.mark.slow_cases("2.0")
+@pytest.mark.slow_cases("2.0", "1.0", "3.7")
 @pytest.mark.parametrize("every", [0.3, 1.0, 2.0, 3.7])
 def test_events_between_two_orthonormalisations(every):
     """Each event that may destroy a direction makes one due; the next flight was then flown as if it had no event."""

@@ -13,6 +13,7 @@ def spectrum(**options):
     return lh.lyapunov_spectrum(VAN_DER_POL, [2.0, 0.0], 1000.0, t1=200.0, **options)
 
 
+@pytest.mark.slow
 def test_a_stiff_flow_is_noted_with_what_to_do():
     explicit, implicit = spectrum(k=1), spectrum(k=1, method=lh.RadauIIA())
     assert "stiff" in explicit.notes

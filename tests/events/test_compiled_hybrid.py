@@ -160,6 +160,7 @@ SUM = lh.DAE(
 RESET = lh.Transition(lambda t, x, a: x[0], lambda t, x, a: -x)
 
 
+@pytest.mark.slow
 def test_the_tangent_of_an_algebraic_mode_satisfies_its_equations():
     system = lh.Hybrid({"free": _moving, "bound": SUM}, RESET, tangent={"bound": lambda t, x, a, dx: a * dx})
     tables = wire(system, T, X, ARGS)

@@ -69,7 +69,7 @@ def test_a_loss_that_the_slowness_of_a_flow_may_fake_is_flagged_in_a_mode_with_r
     """The direction of the flow, alone in the frame, becomes as short as the flow becomes slow: 1e-17, or zero."""
 
 
-@pytest.mark.slow_cases("0.07", "0.085")
+@pytest.mark.slow
 @pytest.mark.parametrize("t0", [0.07, 0.085, 0.0875])
 def test_a_body_put_to_rest_on_a_moving_table_forgets_its_past(t0):
     """At rest the state is a function of time; rounding tells the table's velocity from the derivative of its place."""

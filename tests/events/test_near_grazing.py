@@ -49,7 +49,7 @@ def test_right_or_said(name):
     assert silently == []
 
 
-@pytest.mark.slow_cases(all_but=FAST)
+@pytest.mark.slow
 @pytest.mark.parametrize("name", METHODS)
 def test_decade_by_decade_the_growth_factor_is_right_or_the_result_says_so(name):
     """For impact speeds from 0.1 to 1e-6; and as often noted as in the kept table."""

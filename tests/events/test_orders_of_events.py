@@ -147,6 +147,7 @@ def test_both_ways_out_of_an_edge_wherever_it_is(corner):
         assert len(solutions(angle, part, length).solutions) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unit", [1.0, 1e-9, 1e-12])
 def test_orders_differ_by_a_small_component_too(unit):
     """Two timers end at one instant, and each sets a charge: the last one decides."""

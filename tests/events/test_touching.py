@@ -122,6 +122,7 @@ WEDGE = lh.Hybrid(
 )
 
 
+@pytest.mark.slow_cases("0.1")
 @pytest.mark.parametrize("angle", [0.1, 0.2, 0.3, 0.4, 0.6])
 def test_into_the_corner_of_a_wedge_and_out_again(angle):
     """Three mirrors at 60°: it leaves at the mirrored angle."""

@@ -38,7 +38,7 @@ def squared(function):
     return lambda x: jnp.sum(function(x) ** 2)
 
 
-@pytest.mark.slow_cases("in-memory")
+@pytest.mark.slow
 @pytest.mark.parametrize("plan", PLANS)
 def test_equinoxs_loops_and_their_derivatives(plan):
     x = jnp.asarray([0.5, -0.25, 1.0])

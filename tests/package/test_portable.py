@@ -140,6 +140,7 @@ def test_lanes(system):
     assert_allclose(found, np.minimum(rates + np.log(0.5), 0), **CLOSE)
 
 
+@pytest.mark.slow
 def test_shard_map_that_checks_what_varies_is_refused_and_spoils_nothing(system):
     mesh, spec = jax.sharding.Mesh(np.array(jax.devices()), ("lanes",)), jax.sharding.PartitionSpec("lanes")
     lanes = jax.vmap(lambda rate: spectrum(ARGS | {"rate": rate}, system).exponents[1])

@@ -110,6 +110,7 @@ HOLDING = (Result, BaseException)  # made by a computation, not by a user
     "plots.trajectories.phase",
     "results.time_domains.TimeDomain",
     "zoo.bodies.statistics.CollisionStatistics",
+    "analysis.orbits.return_maps.return_map",
 )
 @pytest.mark.parametrize("test", [pytest.param(one, id=one.name.removeprefix("lyaphybrid.")) for one in examples()])
 def test_the_examples_print_what_they_say(test, tmp_path, monkeypatch):

@@ -193,7 +193,14 @@ def labels_in(figure) -> set[str]:
 
 
 @pytest.mark.slow_cases(
-    "Solutions", "EdgeState", "MasterStability", "Continuation", "BifurcationDiagram", "AngleField", "FTLEField"
+    "Solutions",
+    "EdgeState",
+    "MasterStability",
+    "Continuation",
+    "BifurcationDiagram",
+    "AngleField",
+    "FTLEField",
+    "Gradient",
 )
 @pytest.mark.parametrize("name", RESULTS)
 def test_results_say_the_unit_of_time(name):

@@ -127,7 +127,7 @@ def to_and_fro(kept):
     )
 
 
-@pytest.mark.slow_cases("0.5")
+@pytest.mark.slow
 @pytest.mark.parametrize("kept", [0.5, 0.0])
 def test_a_hybrid_flow_in_closed_form(kept):
     """The flow is one covariant vector, through its saltation matrices; y alone, which contracts, is the other."""
@@ -339,6 +339,7 @@ def test_an_inverse_has_the_same_modes():
         lh.angle_field(modes("a", "b"), NEAR, shape=(2, 2), transient=1.0, mode="a", inverse=modes("a", "c"))
 
 
+@pytest.mark.slow
 def test_what_was_not_computed_is_interrupted(monkeypatch):
     only_computed(monkeypatch, 4)
     found = lh.angle_field(HENON, NEAR, 1.4, transient=10, shape=(3, 3))

@@ -271,6 +271,7 @@ COMPRESSED = [
 ]
 
 
+@pytest.mark.slow_cases("exponents-change0")
 @pytest.mark.parametrize(
     ("name", "change"),
     [

@@ -75,6 +75,7 @@ def test_a_grid_of_220_components():
     assert_allclose(found.exponents.sum(), trace, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_bad_arguments():
     grid = Grid(4, every=6)
     for bad in (0, 1.5, True):

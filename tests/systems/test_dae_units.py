@@ -104,7 +104,7 @@ def capacitor(unit, row):
     return lh.DAE(lambda t, args: FIRST, residual, n_differential=1)
 
 
-@pytest.mark.slow_cases("RadauIIA-False-1e-06", "RadauIIA-True-1e-06")
+@pytest.mark.slow_cases("RadauIIA-False-1e-06", "RadauIIA-True-1e-06", "ESDIRK-False-1e-06", "ESDIRK-True-1e-06")
 @pytest.mark.parametrize("unit", [1e-6, pytest.param(1e-9, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("divided", [False, True])
 @pytest.mark.parametrize("method", METHODS)
@@ -150,6 +150,7 @@ def test_what_is_singular_is_so_in_any_unit(unit):
         lh.trajectory(index_two, [unit, 0.0], t1=1.0, n=1)
 
 
+@pytest.mark.slow
 def test_conditions_do_not_depend_on_units():
     matrix = np.random.default_rng(7).standard_normal((5, 5))
     exact = np.max(np.abs(np.linalg.eigvals(np.abs(np.linalg.inv(matrix)) @ np.abs(matrix))))

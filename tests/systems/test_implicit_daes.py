@@ -24,7 +24,7 @@ METHODS = {
 }
 
 
-@pytest.mark.slow_cases(all_but=("esdirk",))
+@pytest.mark.slow
 @pytest.mark.parametrize("name", METHODS)
 def test_an_exact_solution(name):
     start = lh.consistent_start(FORCED, [0.0, 0.7, 0.9])

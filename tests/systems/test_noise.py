@@ -144,6 +144,7 @@ def test_seeds_are_swept_and_runs_go_on_with_their_noise(tmp_path):
     assert_allclose(longer.exponents, alone[2], rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_numbers_are_those_of_their_count():
     counts = jnp.asarray([0.0, 1.0, 2.0**32, 2.0**32 + 1, -1.0, 2.0**50])
     values = [float(lh.frozen_noise(3, count)) for count in counts]

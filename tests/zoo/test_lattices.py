@@ -76,6 +76,7 @@ def test_linear_oscillators_move_as_their_normal_modes():
     assert_allclose(end(problem, t, lh.Symplectic("SRKN14a", dt=0.1)), expected, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_linear_schroedinger_equation_is_an_exponential():
     n, t = 200, 20.0
     problem = zoo.schroedinger_lattice(n=n, nonlinearity=0.0)
@@ -90,7 +91,7 @@ def test_the_linear_schroedinger_equation_is_an_exponential():
 # With it: another integrator, finite differences, what is conserved.
 
 
-@pytest.mark.slow_cases("schroedinger_lattice")
+@pytest.mark.slow
 @both
 def test_motion_and_exponent_are_those_of_runge_kutta(name):
     problem, other = zoo.get(name)(n=40), lh.RungeKutta("dop853", rtol=1e-11, atol=1e-13)

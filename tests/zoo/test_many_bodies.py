@@ -146,7 +146,7 @@ def test_the_tangent_map_is_the_derivative(problem):
         np.testing.assert_allclose(matrix @ dx, difference, rtol=0, atol=1e-4 * float(jnp.max(jnp.abs(difference))))
 
 
-@pytest.mark.slow_cases("mixture", "spheres")
+@pytest.mark.slow
 @of_problems([name for name in KINDS if "cells" not in name])
 def test_zeros_and_pairs(problem):
     """Energy and momenta with their partners are zeros; every λ has its -λ."""

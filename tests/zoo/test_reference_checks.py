@@ -24,6 +24,7 @@ def test_two_ways_are_compared_and_written(tmp_path, capsys):
     assert rows[0]["known"] == list(zoo.cat_map().reference.exponents)
 
 
+@pytest.mark.slow
 def test_a_wrong_reference_is_noticed(monkeypatch, capsys):
     wrong = exact(0.9, -0.9, source="nobody")
     monkeypatch.setattr(

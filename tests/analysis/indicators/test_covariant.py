@@ -32,6 +32,7 @@ def off(found, i, vectors=VECTORS):
     return np.arctan2(np.linalg.norm(a - along[:, None] * b, axis=1), np.abs(along))
 
 
+@pytest.mark.slow_cases("0.1")
 @pytest.mark.parametrize("gap", [0.1, 0.4])
 def test_what_remains_of_the_transient_is_the_error_of_the_first_vector(gap):
     """From a column at angle a = 100°, Q has sin(error) = sin a · sin(a − 30°)/sin 30° · exp(−gap), in the end."""
@@ -70,6 +71,7 @@ def test_the_error_of_an_angle_is_within_the_remainder():
         assert "take a longer transient= and a longer settle=" in str(found)
 
 
+@pytest.mark.slow
 def test_vectors_of_three_exponents_are_told_apart():
     """The first is far from the others, which are near each other: only those are named."""
     vectors = np.random.default_rng(1).standard_normal((3, 3))
@@ -101,6 +103,7 @@ def test_converged_vectors_have_no_note():
     assert np.max(henon.remainder) < 1e-12
 
 
+@pytest.mark.slow
 def test_one_vector_has_no_neighbour():
     found = found_for(linear([0.5, -0.5]), k=1)
     assert found.remainder.shape == (41, 0)
@@ -120,7 +123,7 @@ def ticking(kept, matrix):
 MATRIX = np.array([[0.1, 0.4, 0.2], [0.0, -2.3, 0.5], [0.3, 0.1, -0.2]])
 
 
-@pytest.mark.slow_cases("20.0")
+@pytest.mark.slow
 @pytest.mark.parametrize("transient", [0.0, 20.0])
 def test_a_destroyed_direction_is_told_from_those_that_go_on(transient):
     system = ticking([1.0, 1.0, 0.0], MATRIX)
@@ -154,6 +157,7 @@ def test_a_run_that_fails_prints():
     assert np.all(np.isnan(found.remainder))
 
 
+@pytest.mark.slow
 def test_under_a_transformation_it_is_the_same():
     def remainder(x0):
         return lh.covariant_vectors(HENON, x0, 1.4, t1=4, blocks=4, transient=6, throw=False).remainder

@@ -71,6 +71,7 @@ def test_linear_equations(kind, tolerance):
     assert found.steps > 100
 
 
+@pytest.mark.slow
 def test_a_linear_dae():
     """Two rates with a constraint; the exact growth in the metric of all components."""
     rates = np.array([0.3, -1.2])

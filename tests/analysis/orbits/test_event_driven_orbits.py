@@ -40,6 +40,7 @@ BETWEEN = lh.EventDriven(
 )
 
 
+@pytest.mark.slow
 def test_an_orbit_between_two_disks_has_the_multipliers_of_its_mirrors():
     """A flight of length d and a convex mirror of radius 1 make cosh μ = 1 + d of half a turn (normal incidence)."""
     orbit = lh.floquet(BETWEEN, [0.1, 1e-3, 1.0, -1e-3], conserve=lambda x, args: x[2:] @ x[2:])

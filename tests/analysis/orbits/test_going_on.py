@@ -133,6 +133,7 @@ def test_in_wider_ranges_a_curve_keeps_its_closed_form():
     assert np.max(b) == 1.0
 
 
+@pytest.mark.slow
 def test_a_branch_begins_at_the_last_orbit_of_another():
     """What a process that is gone has left: its last orbit, in a file, is the start; the way back is not followed."""
     first = pickle.loads(pickle.dumps(fixed_points(over={"args": (2.4, 2.6)})))

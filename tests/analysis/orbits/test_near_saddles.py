@@ -17,6 +17,7 @@ def test_what_a_saddle_stretches_hides_no_multiplier():
     np.testing.assert_allclose(np.log(np.abs(found.multipliers)), [15.0, -15.0], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_what_a_jump_destroys_has_the_multiplier_0():
     field = TURNED @ np.diag([15.0, -15.0]) @ TURNED.T
     forgets = lh.Transition(every=1.0, phase=0.5, reset=lambda t, x, args: jnp.stack([x[0], 0.3 * x[0]]))
@@ -42,7 +43,7 @@ def test_what_contracts_strongly_is_not_lost(rate):
     assert found.stability == "stable"
 
 
-@pytest.mark.slow_cases("False")
+@pytest.mark.slow
 @pytest.mark.parametrize("forgets", [False, True])
 def test_a_jump_beside_a_strong_contraction(forgets):
     """x' = −60 (x − cos t), y' = −90 y: exponents −60, −90; a clock halves y, or sets it to 0."""
@@ -60,6 +61,7 @@ def test_a_strongly_contracting_map():
     np.testing.assert_allclose(np.log(np.abs(found.multipliers)), [2 * np.log(0.5)] * 2 + [4 * np.log(1e-9)], rtol=1e-9)
 
 
+@pytest.mark.slow_cases("30.0")
 @pytest.mark.parametrize("stiffness", [5.0, 30.0])
 def test_a_relaxation_oscillation(stiffness):
     """Van der Pol's: the second exponent is the mean of μ (1 − x²) along the cycle; for μ = 30 the multiplier is 0."""

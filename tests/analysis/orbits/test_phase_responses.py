@@ -179,7 +179,7 @@ def sheared(t, x, a):
     return jnp.stack([a * (1 - r2) * x[0] - 2 * r2 * x[1], 2 * r2 * x[0] + a * (1 - r2) * x[1]])
 
 
-@pytest.mark.slow_cases("0.3-50", "0.01-50")
+@pytest.mark.slow_cases("0.3-50", "0.01-50", "0.3-4")
 @pytest.mark.parametrize(("a", "phases"), [(0.3, 4), (0.3, 50), (0.01, 50), (0.003, 8)])
 def test_finite_kicks_under_strong_shear_and_slow_decay(a, phases):
     """In closed form: few phases, and multipliers up to exp(−2π a) = 0.98, which need 850 turns."""
@@ -258,11 +258,13 @@ def test_a_jordan_block_has_no_isostables(a):
     assert "isostable responses are nan" in str(found)
 
 
+@pytest.mark.slow
 def test_a_thousand_phases_in_closed_form():
     found = lh.phase_response(LEAKY, [0.5], 1.7, phases=1000)
     assert_allclose(found.response, 1 / (1.7 - found.x), rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_the_derivative_of_the_period_by_a_parameter():
     """dT/dp = −∫ Z · ∂f/∂p dt, the interaction function with ∂f/∂p at 0; against differences of periods."""
     system = lh.Flow(lambda t, x, mu: jnp.stack([x[1], mu * (1 - x[0] ** 2) * x[1] - x[0]]))
