@@ -57,6 +57,7 @@ def _set_up() -> None:
     import jax
 
     jax.config.update("jax_enable_x64", True)
+    gc.freeze()  # modules stay: Python need not look for garbage among a million objects again and again
     atexit.register(gc.freeze)  # or Python looks for garbage once more before it ends, among a million objects
 
 
