@@ -24,12 +24,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..._jax.engines import compiled
+from ..._jax.engines import SideBySide, compiled
 from ..._jax.tracing import as_jax
 from . import devices
 from .reporting import reporter
 
-__all__ = ["LaneProgram", "map_lanes", "run_sequences", "short_sequences"]
+__all__ = ["LaneProgram", "map_lanes", "run_sequences", "short_sequences", "side_by_side"]
 
 MOST_LANES = 64  # most lanes in one compiled call
 SECONDS_PER_CALL = 0.3
@@ -161,6 +161,11 @@ def _lane(lanes, i):
     return jax.tree.map(lambda leaf: leaf[i], lanes)
 
 
+def side_by_side(function: Callable, shared: Any, lane: Any) -> SideBySide | None:
+    """A program for many lanes at once that start from no state; None if they branch differently too often."""
+    return _run_lane.side_by_side(function, shared, (), _arrays(lane))
+
+
 class LaneProgram:
     """A function of lanes, compiled once, in the calling thread, whose JAX settings do not hold in others."""
 
@@ -168,18 +173,17 @@ class LaneProgram:
         state, lanes = sequence
         self.fixed = function, shared
         operands = _arrays(state), _padded(lanes, 0), np.int32(0)
-        one = *self.fixed, operands[0], _arrays(_lane(operands[1], 0))
         # Lanes that start from the final state of another lane cannot run at once.
-        side_by_side = None if jax.tree.leaves(state) else _run_lane.side_by_side(*one)
-        self.at_once = 1 if side_by_side is None else side_by_side.lanes
-        if side_by_side is None:
+        wide = None if jax.tree.leaves(state) else side_by_side(*self.fixed, _lane(operands[1], 0))
+        self.at_once = 1 if wide is None else wide.lanes
+        if wide is None:
             compiled = _run_piece.prepared(*self.fixed, *operands)
             self.run = functools.partial(compiled, *self.fixed)
             self.ahead = lambda seconds: _run_piece.ahead(seconds, *self.fixed, *operands)
             self.ended = lambda: _run_piece.ended(np.inf, *self.fixed, *operands)
         else:
-            self.run = lambda state, lanes, count: side_by_side(jax.tree.map(lambda leaf: leaf[:count], lanes))
-            self.ahead, self.ended = side_by_side.ahead, side_by_side.ended
+            self.run = lambda state, lanes, count: wide(jax.tree.map(lambda leaf: leaf[:count], lanes))
+            self.ahead, self.ended = wide.ahead, wide.ended
         self.empty = jax.tree.map(np.asarray, self.run(*operands)[1])
 
 

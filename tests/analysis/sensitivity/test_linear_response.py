@@ -325,7 +325,7 @@ def test_breaks(function, charts, expected):
 
 @pytest.mark.slow
 def test_runs_that_were_interrupted_are_left_out(monkeypatch):
-    whole = responses.run_sequences
+    whole = responses.run_abreast
 
     def interrupted(*args, **keywords):
         results, done = whole(*args, **keywords)
@@ -333,10 +333,10 @@ def test_runs_that_were_interrupted_are_left_out(monkeypatch):
             one[-1] = False
         return results, done
 
-    monkeypatch.setattr(responses, "run_sequences", interrupted)
+    monkeypatch.setattr(responses, "run_abreast", interrupted)
     found = gradient(blaschke, [0.3], 0.4, 2000)
     assert np.isfinite(found.gradient[0])
-    monkeypatch.setattr(responses, "run_sequences", lambda *a, **k: (whole(*a, **k)[0], [np.zeros(3, bool)] * 32))
+    monkeypatch.setattr(responses, "run_abreast", lambda *a, **k: (whole(*a, **k)[0], [np.zeros(3, bool)] * 32))
     with pytest.raises(lh.NoDerivativeError, match="interrupted before two runs were done"):
         gradient(blaschke, [0.3], 0.4, 2000)
 

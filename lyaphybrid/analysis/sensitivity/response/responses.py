@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ....engine.host.lanes import run_sequences
+from ....engine.host.abreast import run_abreast
 from ....systems.smooth import Flow
 from ..estimates import ExponentFunction, UntrustedError
 from .continuity import breaks
@@ -160,7 +160,7 @@ def responses(
         (ResponseState(jet_at(jnp.asarray(x), jnp.asarray(frame), len(theta)), stages), np.zeros(spin + pieces))
         for x, frame in zip(points, framed, strict=True)
     ]
-    results, done = run_sequences(RunPiece(isinstance(case.system, Flow)), shared, sequences, progress=progress)
+    results, done = run_abreast(RunPiece(isinstance(case.system, Flow)), shared, sequences, progress=progress)
     whole = [result for result, computed in zip(results, done, strict=True) if np.all(computed)]
     if len(whole) < 2:
         raise UntrustedError("interrupted before two runs were done: there is nothing to tell the error from.")
