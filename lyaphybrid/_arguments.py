@@ -200,10 +200,11 @@ def attempts(max_steps: Any) -> None:
         whole("max_steps", max_steps, least=1)
 
 
-def require_one_start(verb: str, x0: Any) -> None:
-    """Require a single start, not several at once."""
-    found = shape("x0", x0)
-    require(len(found) == 1, f"{verb} follows one orbit: x0 must have shape (n,); got {found}. Call it for each start.")
+def require_one_start(verb: str, x0: Any, rows: bool = False) -> None:
+    """Require a single start, not several at once; `rows`: it has one row for each body."""
+    found, one = shape("x0", x0), "(N, d), one row a body" if rows else "(n,)"
+    cure = "Call it for each start."
+    require(len(found) == 1 + rows, f"{verb} follows one orbit: x0 must have shape {one}; got {found}. {cure}")
 
 
 def require_values(verb: str, *values: Any) -> None:

@@ -22,7 +22,7 @@ from ..systems.contacts.starts import check_initial_mode
 from ..systems.daes.semi_linear import Constrained, fields_of
 from ..systems.event_driven import EventDriven
 from ..systems.hybrid import Hybrid
-from ..systems.kinds import iterates
+from ..systems.kinds import has_rows, iterates
 from ..systems.labels import labels_of, unlabelled
 from ..systems.smooth import Flow, Map
 from ..systems.validation import check_clocks
@@ -101,7 +101,7 @@ def _state(system, x0, name):
         raise ValueError(f"{name} must be an array of numbers; got {x0!r}. {_NO_STATE}")
     x0 = numbers(name, x0)
     x0 = array(x0, jax.dtypes.canonicalize_dtype(x0.dtype if jnp.issubdtype(x0.dtype, jnp.floating) else float))
-    rows = isinstance(system, EventDriven) and system.has_rows
+    rows = has_rows(system)
     one = 2 if rows else 1
     if x0.ndim not in (one, one + 1) or 0 in x0.shape:
         several, single = ("(m, N, d)", "(N, d), one row a body") if rows else ("(m, n)", "(n,)")

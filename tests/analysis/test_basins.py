@@ -30,6 +30,7 @@ def of_walled(method, shape=(14, 14)):
     return lh.basins(WALLED, [[-2.0, -2.0], [1.25, 2.0]], shape=shape, t1=40 * turn, period=turn, method=method)
 
 
+@pytest.mark.slow
 def test_two_wells_share_a_symmetric_box():
     found = lh.basins(WELLS, [[-2.0, -1.0], [2.0, 1.0]], shape=(20, 10), t1=80.0)
     assert found.shares.tolist() == [0.5, 0.5]
@@ -37,6 +38,7 @@ def test_two_wells_share_a_symmetric_box():
     assert sorted(round(float(one.points[0, 0]), 9) for one in found.attractors) == [-1.0, 1.0]
 
 
+@pytest.mark.slow
 def test_newton_s_basins_have_the_symmetries_of_the_roots():
     box = [[-1.0, -1.0], [1.0, 1.0]]
     found = lh.basins(lh.Map(newton), box, shape=(128, 128), t1=60)
@@ -132,6 +134,7 @@ def test_a_cycle_whose_period_is_the_time_between_samples():
     assert np.max(np.diff(angles)) < 0.1  # it is seen all round
 
 
+@pytest.mark.slow
 def test_two_equilibria_near_each_other():
     cubic = lh.Flow(lambda t, x, d: -x * (x - d) * (x - 2 * d) / d**2)
     found = lh.basins(cubic, [[-1.0], [1.0]], 1e-4, shape=(50,), t1=60.0)
@@ -161,6 +164,7 @@ def test_a_doubling_at_its_point_is_undecided():
     assert lh.basins(logistic, [[0.01], [0.99]], 3.0, shape=(50,), t1=200).names == ("undecided",)
 
 
+@pytest.mark.slow
 def test_chaos_in_four_bands_is_one_attractor():
     """The current of a converter, slopes 1 and −13/11."""
 
@@ -204,6 +208,7 @@ def test_it_says_what_it_found():
     assert_allclose(float(data.shares.sum()), 1.0)
 
 
+@pytest.mark.slow_cases("<lambda>-needs starts on a grid")
 @pytest.mark.parametrize(
     ("call", "words"),
     [

@@ -27,6 +27,7 @@ WALLED = lh.Hybrid(
 )
 
 
+@pytest.mark.slow
 def test_a_fixed_point_of_a_map():
     """x → ax − x³ from both sides of 0: the exponent ln a."""
     found = lh.basins(CUBIC, [[-1.3], [1.2]], 1.7, shape=(50,), t1=100)
@@ -166,6 +167,7 @@ def test_shares_along_a_parameter_are_those_of_the_middle_fixed_point():
     assert ax.get_xlabel() == "tilt"
 
 
+@pytest.mark.slow
 def test_attractors_that_move_farther_than_they_are_apart_in_a_component():
     """The second component is nearly the same for both, and moves with the parameter: a point of each leads to it."""
     both = lh.Map(lambda n, x, p: jnp.stack([x[0] + 0.2 * (x[0] - x[0] ** 3), 0.5 * x[1] + p["a"] + 0.005 * x[0]]))
@@ -177,6 +179,7 @@ def test_attractors_that_move_farther_than_they_are_apart_in_a_component():
     assert_allclose(found.shares, np.broadcast_to(found.shares[0], found.shares.shape), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_what_is_no_attractor_has_its_share_too():
     """x' = ax + x³ escapes from beyond √−a."""
     runs_away = lh.Flow(lambda t, x, args: args["a"] * x + x**3)
@@ -197,6 +200,7 @@ def test_shares_refuse_what_does_not_fit(change, words):
         lh.basin_shares(TILTED, [[-1.5], [1.5]], {"tilt": 0.0}, **how)
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_the_values_before_it(monkeypatch):
     """`basins` says that it was interrupted; then no further value is begun."""
     asked, found_by = [], BasinRun.found

@@ -151,6 +151,7 @@ def test_a_reset_that_kills_a_direction_gives_minus_infinity():
     assert spectrum.sum_rule_residual is None
 
 
+@pytest.mark.slow
 def test_period_1_of_the_kicked_ball():
     """Complex multipliers turn for ever: a smooth average makes both exponents ln(r)/T."""
     problem, period = zoo.kicked_ball(), 2 * math.pi
@@ -192,6 +193,7 @@ def test_the_bouncing_ball_has_exponents_per_jump():
     assert_allclose(spectrum.t + spectrum.x[1], 4 - spectrum.x[1], atol=1e-9)  # v = 2^-27, two v to go
 
 
+@pytest.mark.slow_cases("0.9-3000")
 @pytest.mark.parametrize(("restitution", "reached"), [(0.9, 3000), (0.5, 450)])
 def test_per_jump_the_bouncing_ball_goes_on_to_the_end_of_double_precision(restitution, reached):
     """The first column turns once from (1, −1) to the field (v, −g); what it loses, ln √2, the second gains."""
@@ -262,6 +264,7 @@ def test_a_cascade_that_ends_after_all_is_no_product():
     assert run(16, "time").status is lh.STATUS.zeno
 
 
+@pytest.mark.slow_cases("0.5")
 @pytest.mark.parametrize("restitution", [0.5, 0.8])
 def test_in_time_the_bouncing_ball_accumulates(restitution):
     problem, end = zoo.bouncing_ball(restitution=restitution), 2 / (1 - restitution)

@@ -114,6 +114,7 @@ def test_further_values_are_added(tmp_path):
         shares([-0.2, 0.1], checkpoint=path, resume=True)
 
 
+@pytest.mark.slow
 def test_that_of_another_run_is_refused(tmp_path):
     path = tmp_path / "kept.npz"
     shares(VALUES[:1], checkpoint=path)

@@ -79,6 +79,7 @@ def test_the_sum_rule_counts_the_jumps():
     assert_allclose(jnp.sum(run.exponents), -0.05 + 2 * np.log(0.8) * bounces / 12.0, rtol=0, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_the_sum_rule_sees_what_rounding_has_spoilt():
     """A residual that could not be large would say nothing: in 60 steps a spread of e^(60·2.03) leaves no digit."""
     run, rare = (lh.lyapunov_spectrum(HENON, [0.1, 0.1], 1.4, t1=1200, every=n, blocks=4) for n in (None, 60))
@@ -91,7 +92,7 @@ def test_the_sum_rule_sees_what_rounding_has_spoilt():
 # --- order, and two methods --------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow_cases("tsit5", "dopri8", "dop853", "dopri5")
+@pytest.mark.slow
 @pytest.mark.parametrize("tableau", TABLEAUX)
 def test_the_order_of_a_method_holds_for_state_and_tangent_across_impacts(tableau):
     """Halving the step divides the error by 2^order: forced oscillator, three impacts, against a fine run."""

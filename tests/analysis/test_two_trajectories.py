@@ -126,6 +126,7 @@ def test_trajectories_that_meet():
     assert found.status == lh.STATUS.ok
 
 
+@pytest.mark.slow
 def test_a_fixed_interval_and_another_separation():
     problem = zoo.henon_map()
     automatic = run(problem, t1=5000)
@@ -182,6 +183,7 @@ def test_a_first_call_waits_for_few_programs():
 # --- statuses and warnings
 
 
+@pytest.mark.slow
 def test_a_run_that_fails_keeps_what_it_found():
     escape = lh.Flow(lambda t, x, args: x**2)
     with pytest.raises(lh.RunFailedError, match="stood at t") as caught:

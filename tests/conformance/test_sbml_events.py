@@ -33,7 +33,7 @@ def simulated(name, times):
     return np.asarray(run.x)[:, : len(MODELS[name].start)], run
 
 
-@pytest.mark.slow_cases("00026", "00041", "00071")
+@pytest.mark.slow_cases("00026", "00041", "00071", "00072")
 @pytest.mark.parametrize("name", sorted(MODELS))
 def test_tables_of_the_suite(name):
     table = TABLES[name]

@@ -40,6 +40,12 @@ def limited():
     "jumps that do not come",
     "dice",
     "guard never zero",
+    "friction by sign",
+    "huge rate",
+    "reset onto the guard",
+    "bouncing to rest",
+    "guard always zero",
+    "guard that is touched",
 )
 @pytest.mark.parametrize("name", HOSTILE)
 def test_hostile_systems_answer(name, limited, monkeypatch):

@@ -35,7 +35,7 @@ def again(name):
     return jax.tree.map(lambda leaf: functools.partial(leaf) if callable(leaf) else leaf, STALLING[name][0])
 
 
-@pytest.mark.slow_cases(all_but=("field by where",))
+@pytest.mark.slow
 @pytest.mark.parametrize("name", STALLING)
 def test_a_compiled_run_that_stalls_ends(name):
     system, start = STALLING[name]
@@ -161,6 +161,7 @@ def at_times(name, interval, **more):
     return lh.lyapunov_spectrum(system, x0, t1=1e9, k=2, every=("time", interval), throw=False, **more)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RESTING)
 def test_flights_are_attempts(name):
     """Each ends at an orthonormalisation; of 1e13 of them a thousand are made, and not one more."""

@@ -34,6 +34,7 @@ def test_ok():
     assert spectrum.jumps == 10  # a period is 2: up and down from 1/2 with gravity 1
 
 
+@pytest.mark.slow
 def test_terminated():
     spectrum = ball_spectrum(gravity=-1.0, ceiling=0.6, throw=True)  # no error: this is how the run was meant to end
     assert spectrum.status is STATUS.terminated

@@ -47,7 +47,7 @@ def closed_form(p, c):
     return np.array([first, -p + np.log(c) - first if c else -np.inf])
 
 
-@pytest.mark.slow_cases("1.0-100000000.0", "1.0-100000000000.0")
+@pytest.mark.slow_cases("1.0-100000000.0", "1.0-100000000000.0", "1.0-100000000000000.0")
 @pytest.mark.parametrize(
     ("factor", "speed"),
     [

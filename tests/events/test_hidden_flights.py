@@ -34,6 +34,7 @@ def ends(strength, t1, starts):
     return [run.status.name for run in found], above, [float(run.accumulation_time - run.t) for run in found]
 
 
+@pytest.mark.slow_cases("1.5")
 @pytest.mark.parametrize("strength", [1.5, 3.0])
 def test_no_ball_falls_through_the_table(strength):
     """At t = 1000 the table's position is known to 4e-12; a ball that bounces lower than that has come to rest."""
@@ -54,6 +55,7 @@ def test_none_of_many(strength):
     assert max(time for status, time in zip(statuses, ahead, strict=True) if status == "zeno") < 1e-4
 
 
+@pytest.mark.slow
 def test_events_before_a_hidden_flight_are_those_of_a_ball_that_bounces_geometrically():
     """On a table at rest each flight takes r times as long as the last, down to the rounding of the guard."""
     args = {"A": 0.0}

@@ -30,6 +30,7 @@ def turned(kept, angle):
     )
 
 
+@pytest.mark.slow_cases("1e-09")
 @pytest.mark.parametrize("rtol", [1e-9, 1e-12])
 def test_a_flow_turns_an_image_into_a_kernel(rtol):
     """By a right angle: the first reset leaves (1, 0), which is (0, 1) at the second, and lost."""
@@ -47,6 +48,7 @@ def test_a_reset_that_makes_a_direction_short_is_no_loss(kept):
     assert spectrum.notes == frozenset()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kept", [1e-6, 1e-30])
 def test_a_short_direction_that_errors_of_the_flow_make_longer_is_flagged(kept):
     """Turned by right angles the two directions share ln kept, unless the error of the turn is longer than `kept`."""

@@ -104,6 +104,7 @@ def test_right_or_said_in_float32(name):
     assert silently == []
 
 
+@pytest.mark.slow_cases("1.0")
 @pytest.mark.parametrize("speed", [1.0, 0.1, 0.01, 3e-3])
 def test_ordinary_impacts_are_not_called_grazing(speed):
     for said, error in judged(grazing_case(speed, 0.8), None):

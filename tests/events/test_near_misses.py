@@ -39,7 +39,7 @@ def meets(start, wall) -> bool:
 
 
 @pytest.mark.filterwarnings("ignore:x0 is float32")
-@pytest.mark.slow_cases(all_but=("default-float64",))
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
 @pytest.mark.parametrize("name", METHODS)
 def test_an_impact_that_is_missed_or_made_is_noted(name, kind):

@@ -59,6 +59,7 @@ def test_two_pairs_that_reach_the_threshold_together():
 GROW, ADD = (lambda t, x, args: 2 * x), (lambda t, x, args: x + 1)
 
 
+@pytest.mark.slow_cases("grow")
 @pytest.mark.parametrize("first", ["grow", "add"])
 def test_clocks_that_tick_together_do_so_in_the_order_of_the_list(first):
     """0.1 · 3 k is above or below 0.3 · k as it rounds."""

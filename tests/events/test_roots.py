@@ -81,7 +81,7 @@ def test_a_clear_step_shows_all_zeros_at_its_ends(method):
     assert np.all(zeros[clear] == (np.sign(g0) != np.sign(g1))[clear])
 
 
-@pytest.mark.slow_cases("dopri8", "dopri5")
+@pytest.mark.slow_cases("dopri8", "dopri5", "tsit5")
 @pytest.mark.parametrize("method", METHODS, ids=lambda method: method.tableau)
 def test_a_step_with_nothing_hidden_turns_at_most_once_near_zero(method):
     degree = len(method.sample_fractions) + 3

@@ -42,7 +42,7 @@ def upper(t, x, args):
 METHODS = [lh.RungeKutta(), lh.RungeKutta("rk4", dt=0.01), lh.DiffraxEvents(diffrax.Dopri8(), rtol=1e-10, atol=1e-12)]
 
 
-@pytest.mark.slow_cases("fixed", "diffrax")
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS, ids=["adaptive", "fixed", "diffrax"])
 def test_a_ball_that_ends_at_the_floor(method):
     """The speed after is u/2 with u² = v² + 2h: its derivatives are 1/2u and v/2u; the height is always 0."""
@@ -88,6 +88,7 @@ def test_a_run_that_ends_before_has_the_derivative_at_its_time():
     assert_allclose(lh.tangent_map(ball, [0.5, 0.0], t1=0.5).matrix, [[1.0, 0.5], [0.0, 1.0]], rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_an_end_on_a_surface_that_moves():
     """In a mode of which the tangent space is known: the end of a neighbour is on the surface at another time."""
     moves = lh.Hybrid(
@@ -106,6 +107,7 @@ def test_an_end_on_a_surface_that_moves():
     assert_allclose(found.matrix, [[-1.0, 0.0], [0.0, 1.0]], rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_exponents_are_those_at_a_fixed_time():
     """The flow goes on for neighbours that are late: det of the last jump and of its shift, r², over the fall."""
     ball = lh.Hybrid(falling, lh.Transition(floor, bounce, terminal=True))

@@ -68,7 +68,7 @@ def dae():
 SYSTEMS = {"flow": flow, "hybrid": hybrid, "map": mapped, "hamiltonian": hamiltonian, "dae": dae}
 
 
-@pytest.mark.slow_cases(all_but=("map",))
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", SYSTEMS)
 def test_moves_trace_and_compile_nothing_and_give_what_the_verbs_give(kind):
     system, function, x0, args = SYSTEMS[kind]()
@@ -126,6 +126,7 @@ def test_the_section_suits_the_kind_of_system():
     np.testing.assert_allclose(own.x[:, 1], 0.0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_what_fails_is_said_in_words_and_can_be_undone():
     explorer = lh.explore(lh.zoo.logistic_map())
     before = explorer.view.spectrum.exponents
@@ -163,12 +164,14 @@ def test_knobs_have_names_units_and_ranges():
     assert by_name["x0[1]"].high == pytest.approx(farthest)
 
 
+@pytest.mark.slow
 def test_whole_numbers_can_be_varied():
     explorer = lh.explore(LOGISTIC, [0.3], 3, t1=100)
     assert explorer.move({"args": 3.2}).words == ()
     assert explorer.args == 3.2
 
 
+@pytest.mark.slow
 def test_entries_by_name():
     pair = lh.Map(lambda n, x, args: args["rates"]["both"] * x * (1 - x))
     explorer = lh.explore(

@@ -51,7 +51,7 @@ def driven_by_scipy(a):
 TWO, THREE = (driven_drift, driven_kick), (driven_drift, half_of_it, half_of_it)
 
 
-@pytest.mark.slow_cases(all_but=("ForestRuth-4-two-drift", "Yoshida6-6-two-kick"))
+@pytest.mark.slow_cases(all_but=("ForestRuth-4-two-drift",))
 @pytest.mark.parametrize("a", [0.0, 1.0], ids=["kick", "drift"])
 @pytest.mark.parametrize(
     ("scheme", "order", "flows"),
@@ -75,7 +75,7 @@ def test_schemes_keep_their_order_where_parts_depend_on_time(scheme, order, flow
     assert np.all(np.abs(orders - order) < 0.4)
 
 
-@pytest.mark.slow_cases(all_but=("SRKN11b-6",))
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scheme", "order"), [("ForestRuth", 4), ("SBAB2C", 4), ("SRKN11b", 6), ("Yoshida6", 6), ("SuzukiUmeno8", 8)]
 )
@@ -191,6 +191,7 @@ def test_flows_of_the_field_are_taken(what):
     assert lh.trajectory(lh.Flow(field), x0, t1=1.0, n=1, method=method).status.name == "ok"
 
 
+@pytest.mark.slow
 def test_a_splitting_is_for_one_mode():
     """It would move both modes by the same flows."""
     down = lh.Transition(lambda t, x, a: x[0], source="one", target="other")

@@ -142,6 +142,7 @@ def cubed(t, x):
 METHODS = [lh.RungeKutta("rk4", dt=H), *(lh.RungeKutta(tableau) for tableau in ("dopri5", "tsit5", "dopri8", "dop853"))]
 
 
+@pytest.mark.slow_cases("pendulum-2-dop853", "pendulum-2-dopri8", "swung-3-dopri8")
 @pytest.mark.parametrize("method", METHODS, ids=lambda method: method.tableau)
 @pytest.mark.parametrize(("field", "n"), [(pendulum, 2), (swung, 3), (cubed, 3)])
 def test_the_tangent_at_known_points_is_the_derivative_of_the_step(method, field, n):

@@ -116,7 +116,7 @@ def rival(variant, points, h):
     )
 
 
-@pytest.mark.slow_cases("eps", "eps-drift", "eps-kick", "cc")
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", ["cc", "es", "eps", "eps-kick", "eps-drift"])
 def test_the_rivals_are_the_matrices_written_by_hand(variant):
     problem = zoo.henon_heiles(y=0.3)
@@ -138,7 +138,7 @@ ORBITS = {
 }
 
 
-@pytest.mark.slow_cases("cc-dop853")
+@pytest.mark.slow_cases("cc-dop853", "eps-dop853")
 @pytest.mark.parametrize("orbit", list(ORBITS))
 @pytest.mark.parametrize("variant", ["cc", "eps"])
 def test_the_rivals_go_along_orbits_by_any_method(variant, orbit):

@@ -1,13 +1,16 @@
 """Machine code on disk: found again by other processes, bounded, and never trusted when damaged."""
 
+import ctypes
 import os
 import subprocess
 import sys
 
+import jax
 import jax.numpy as jnp
 import pytest
 
-from lyaphybrid.native import compile
+from lyaphybrid.native import Compiled, compile
+from lyaphybrid.native.bridge import compiled as _compiled
 from lyaphybrid.native.machine import cache as _cache
 
 COUNT = """
@@ -103,3 +106,25 @@ def test_a_folder_that_cannot_be_written_is_no_error(monkeypatch, tmp_path):
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("LYAPHYBRID_CACHE", str(tmp_path / "file" / "below"))
     assert float(compile(lambda x: x + 3.5, 1.0)(jnp.float64(1.0))) == 4.5
+
+
+def told_version(code):
+    """What a handler answers when XLA asks for the version of its interface: offsets in bytes as in c_api.h."""
+    frame, extension, metadata = (ctypes.create_string_buffer(160) for _ in range(3))
+    ctypes.c_void_p.from_buffer(frame, 8).value = ctypes.addressof(extension)
+    ctypes.c_int32.from_buffer(extension, 8).value = 1
+    ctypes.c_void_p.from_buffer(extension, 24).value = ctypes.addressof(metadata)
+    ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p)(code.address("handler"))(ctypes.addressof(frame))
+    return tuple((ctypes.c_int32 * 2).from_buffer(metadata, 24))
+
+
+def test_code_is_that_of_every_version_of_the_interface(folder, monkeypatch):
+    """Another JAX finds the entry, and hears its own version."""
+    program = jax.make_jaxpr(lambda x: 2 * x)(jnp.arange(3.0))
+    here = told_version(Compiled(program))
+    entries = sorted(folder.iterdir())
+    assert entries  # the first code, and the optimised one
+    assert here[1] > 0
+    monkeypatch.setattr(_compiled, "filled", lambda: {"version": (7, 99)})
+    assert told_version(Compiled(program)) == (7, 99)
+    assert sorted(folder.iterdir()) == entries

@@ -674,6 +674,7 @@ def _by_xla(case):
     "scans-mixed",
     "derivatives-entries",
     "sorts-entries",
+    "scans-entries",
 )
 @pytest.mark.parametrize("plan", PLANS)
 @pytest.mark.parametrize("case", ARRAYS)

@@ -194,7 +194,7 @@ def run_wrong_program():
     b.line("%index = load i64, ptr %inputs, align 8")
     b.check_index("%index", 4)
     text = ["define void @call(ptr %inputs, ptr %outputs) {", "entry:", *b.lines, "  ret void", "}"]
-    linked = Linked(object_code("\n".join([*sorted(b.declarations), *text]), 2), ["call"])
+    linked = Linked(object_code("\n".join([*sorted(b.declarations), *text]), 2), ["call"], {})
     call = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(linked.address("call"))
     for index in (0, 3, 4):
         print("index", index, flush=True)

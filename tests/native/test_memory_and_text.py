@@ -25,7 +25,7 @@ def run(b: Emitter, inputs, results) -> None:
     """Run the code, in which %inputs and %outputs are arrays of numbers."""
     text = [*b.constants, *sorted(b.declarations), "define void @call(ptr %inputs, ptr %outputs) {", "entry:"]
     text += [*b.allocations, *b.lines, *b.releases, "  ret void", "}"]
-    linked = Linked(object_code("\n".join(text), 1), ["call"])
+    linked = Linked(object_code("\n".join(text), 1), ["call"], {})
     call = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(linked.address("call"))
     call(inputs.ctypes.data, results.ctypes.data)
 

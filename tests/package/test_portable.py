@@ -194,6 +194,7 @@ def test_a_trajectory():
     assert_allclose(found.x[-1], [0.25, np.exp(0.5) * 0.25], **CLOSE)
 
 
+@pytest.mark.slow_cases("jax_debug_nans")
 @pytest.mark.parametrize("switch", SWITCHES)
 def test_debugging_switches_change_nothing(switch, make, system):
     """Runs mark by nan what was not computed, and loop without end without jit: so they ignore these switches.

@@ -141,6 +141,7 @@ def test_an_exponent_keeps_its_colour():
         spectrum.plot.convergence(exponents=[0])
 
 
+@pytest.mark.slow
 def test_keywords_go_to_what_is_drawn():
     """By their long and their short names."""
     spectrum, trajectory = a_spectrum([0.9, -1.0]), a_trajectory()

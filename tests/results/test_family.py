@@ -200,7 +200,7 @@ def test_long_tables_are_shortened():
     assert lines[21].split() == ["…", "…"]
 
 
-@pytest.mark.slow_cases("4-uniform", "None-uniform")
+@pytest.mark.slow
 @pytest.mark.parametrize(("replicates", "averaging"), [(None, "uniform"), (None, "birkhoff"), (4, "uniform")])
 def test_errors_of_sums_are_those_of_the_exponents_with_their_correlation(replicates, averaging):
     """The sum of Hénon's exponents is ln 0.3 at each step: the errors of both cancel, though each is large."""

@@ -201,6 +201,8 @@ def labels_in(figure) -> set[str]:
     "AngleField",
     "FTLEField",
     "Gradient",
+    "Design",
+    "CovariantVectors",
 )
 @pytest.mark.parametrize("name", RESULTS)
 def test_results_say_the_unit_of_time(name):
@@ -235,6 +237,7 @@ def test_periods_along_a_branch_have_the_unit_of_time():
     assert branch.orbits[-1].to_xarray().state.values.tolist() == ["x", "y"]
 
 
+@pytest.mark.slow_cases("jumps")
 @pytest.mark.parametrize("clock", ["jumps", "hybrid"])
 def test_exponents_by_other_clocks_stay_as_they_are(clock):
     """But the length of the run is a time with every clock."""
@@ -250,6 +253,7 @@ def test_exponents_by_other_clocks_stay_as_they_are(clock):
     pyplot.close("all")
 
 
+@pytest.mark.slow
 def test_the_course_of_a_spectrum_is_drawn_over_time_with_its_unit():
     found = lh.lyapunov_spectrum(ball(time_unit="ms"), [0.5, 0.1], t1=40.0)
     ax = found.plot.convergence()
@@ -263,6 +267,7 @@ def test_the_course_of_a_spectrum_is_drawn_over_time_with_its_unit():
     pyplot.close("all")
 
 
+@pytest.mark.slow
 def test_a_sweep_knows_the_unit_of_its_exponents():
     def largest(args):
         return lh.lyapunov_spectrum(circle(time_unit="ms"), START, args, t1=20.0)

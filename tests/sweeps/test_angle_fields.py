@@ -32,7 +32,7 @@ def test_the_cat_map():
     assert np.max(found.missed) < 1e-7
 
 
-@pytest.mark.slow_cases("1", "3")
+@pytest.mark.slow
 @pytest.mark.parametrize("split", [1, 2, 3])
 def test_subspaces_of_a_linear_map(split):
     vectors = np.random.default_rng(3).standard_normal((4, 4))
@@ -216,6 +216,7 @@ def test_at_starts_the_directions_are_those_that_contract_to_and_fro():
     assert np.all(found.remainder.ravel()[np.minimum(ahead, behind) < 100] > 1e-5)
 
 
+@pytest.mark.slow
 def test_starts_that_fail_are_told():
     found = lh.angle_field(HENON, [[0.0, 0.0], [4.0, 0.1]], 1.4, shape=(4, 1), transient=30)
     codes = [lh.STATUS(int(code)) for code in found.status_code[:, 0]]

@@ -31,6 +31,7 @@ def bounced(height, speed, r, t):
     return np.stack([r * d_hit * left - r * hit * d_meets + left * d_meets, r * d_hit + d_meets])
 
 
+@pytest.mark.slow
 def test_a_ball_that_bounces_in_closed_form():
     found = lh.ftle_field(BALL, [[0.3, -0.3], [0.6, 0.5]], 0.8, t1=1.7, shape=(4, 5))
     assert_array_equal(found.status_code, 0)
@@ -52,6 +53,7 @@ def test_a_map_and_a_start_that_is_not_varied():
     assert_allclose(found.exponents, np.broadcast_to([golden, np.log(0.5), -golden], (3, 2, 3)), rtol=1e-12)
 
 
+@pytest.mark.slow_cases("shape0")
 @pytest.mark.parametrize("shape", [(60, 40), (90, 60)])
 def test_the_sharpest_ridges_are_the_separatrix(shape):
     """θ' = ω, ω' = −sin θ: the manifolds of θ = ±π are ω² = 2 + 2 cos θ. In units of cells the distance is small."""
@@ -102,6 +104,7 @@ def test_starts_that_fail_are_told():
         found.plot()
 
 
+@pytest.mark.slow
 def test_a_field_is_resumed_and_becomes_a_dataset(tmp_path):
     how = {"t1": 3.0, "shape": (6, 4), "store": tmp_path / "field.zarr", "chunk": 8}
     found = lh.ftle_field(PENDULUM, BOX, 1.0, **how)
@@ -138,6 +141,7 @@ def test_what_cannot_be_is_refused(change, words):
         lh.ftle_field(**how)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("how", "words"), [({"width": 0.0}, "width"), ({"sharpest": 0.0}, "sharpest")])
 def test_ridges_refuse_what_does_not_fit(how, words):
     found = lh.ftle_field(PENDULUM, BOX, 1.0, t1=1.0, shape=(3, 3))

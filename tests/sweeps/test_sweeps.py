@@ -271,7 +271,7 @@ COMPRESSED = [
 ]
 
 
-@pytest.mark.slow_cases("exponents-change0")
+@pytest.mark.slow_cases("exponents-change0", "exponents-change1")
 @pytest.mark.parametrize(
     ("name", "change"),
     [

@@ -235,7 +235,7 @@ def test_the_paper_s_p_and_e_cancel(name):
     assert_allclose(q.T @ derivative, w, atol=1e-9)
 
 
-@pytest.mark.slow_cases("5.2")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["5.1", "5.2"])
 def test_the_derivative_of_a_frame_is_that_of_the_velocity(name):
     """Ē⁻¹ [A₁; −A₂'] Q is the field x' = Ē⁻¹ [f₁; −∂f₂/∂t], differentiated along Q."""

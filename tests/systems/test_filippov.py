@@ -181,6 +181,7 @@ def test_a_relay_with_a_dead_zone_slides_on_one_of_its_surfaces():
 # Perturbations.
 
 
+@pytest.mark.slow_cases("0")
 @pytest.mark.parametrize("seed", range(3))
 def test_saltation_matrices_come_out_of_the_general_formula(seed):
     """Three dimensions, a plane h·x = 0: crossing I + (f₋ − f₊)hᵀ/v₊; entering I + (fₛ − f₊)hᵀ/v₊; leaving I."""

@@ -75,6 +75,7 @@ CLOSED = {
 }
 
 
+@pytest.mark.slow_cases("Gaussian matrices", "random kicks", "a rate that is held")
 @pytest.mark.parametrize("name", CLOSED)
 def test_exponents_of_random_systems(name):
     """Within three standard errors of what is known; where nothing is random but the state, exactly."""
@@ -115,6 +116,7 @@ def test_a_driven_neuron_is_reliable():
     assert_allclose(late[0], late[1], rtol=0, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_derivatives_are_at_fixed_noise():
     def end(strength):
         rule = lambda n, x, args: 0.5 * x + args * lh.frozen_noise(7, n)  # noqa: E731

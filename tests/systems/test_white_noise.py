@@ -166,6 +166,7 @@ def test_what_cannot_be_is_refused(change, words):
         lh.white_noise(how.pop("flow"), how.pop("diffusion"), **how)
 
 
+@pytest.mark.slow
 def test_beyond_its_end_there_is_no_path():
     """Neither after `until` nor before 0 is the noise silently left out."""
     system = lh.white_noise(lh.Flow(lambda t, x, p: -x), lambda t, x, p: 1 + 0 * x, step=0.25, until=2.0)

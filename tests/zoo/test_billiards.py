@@ -163,6 +163,7 @@ def test_the_first_contact_is_that_of_brute_force(name, parameters):
         assert np.all(clearance(problem, path(problem, x, t)) > -1e-13)
 
 
+@pytest.mark.slow_cases("sinai_billiard{'field': 9.0}", "stadium{'field': 0.4}")
 @each([("stadium", {}), ("ellipse", {}), ("sinai_billiard", {"field": 9.0}), ("stadium", {"field": 0.4})])
 def test_whispers_along_a_wall(name, parameters):
     """Many hops, of twice the angle at which the wall is left over the difference of the curvatures."""

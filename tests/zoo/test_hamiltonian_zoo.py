@@ -174,7 +174,7 @@ def test_motion_about_the_triangular_point_has_its_frequencies():
 # Kepler's ellipse.
 
 
-@pytest.mark.slow_cases("0.0")
+@pytest.mark.slow
 @pytest.mark.parametrize("eccentricity", [0.0, 0.6])
 def test_the_ellipse_closes_after_one_period(eccentricity):
     problem = zoo.kepler(eccentricity=eccentricity)

@@ -81,7 +81,7 @@ def bodies(problem, name):
     return {name // n, name % n} if name < n * n else {(name - n * n) // (2 * d)}
 
 
-@pytest.mark.slow_cases(all_but=("disks in a box",))
+@pytest.mark.slow
 @kinds
 def test_the_first_two_hundred_events_by_brute_force(problem):
     """Chaos multiplies rounding until two exact programs differ: compared as far as they agree on what is next."""
@@ -110,7 +110,7 @@ def test_the_schedule_and_predicting_anew_agree(problem):
     np.testing.assert_allclose(fast.t, slow.t, rtol=0, atol=1e-6 * t1)
 
 
-@pytest.mark.slow_cases("spheres", "disks in cells in a box")
+@pytest.mark.slow_cases("spheres", "disks in cells in a box", "mixture")
 @kinds
 def test_energy_momentum_and_distances(problem):
     n, d = body_count(problem), len(box_of(problem))

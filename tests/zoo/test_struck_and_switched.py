@@ -37,15 +37,7 @@ def over_cycles(problem, **how):
     return found
 
 
-@pytest.mark.slow_cases(
-    "vertical_hopper-parameters4-how4",
-    "paddle_juggler-parameters2-how2",
-    "abs_brake-parameters5-how5",
-    "charge_pump_pll-parameters6-how6",
-    "paddle_juggler-parameters3-how3",
-    "charge_pump_pll-parameters7-how7",
-    "escapement_clock-parameters0-how0",
-)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "parameters", "how"),
     [
@@ -151,6 +143,7 @@ def test_the_brake_by_its_divergence():
     assert y[2] / (first + second) == pytest.approx(problem.reference.exponents[1], rel=1e-7)
 
 
+@pytest.mark.slow
 def test_the_best_gain_forgets_at_once():
     """At s = 1 the juggler's map is flat at its fixed point: the exponent is −∞ there, and large before."""
     best = zoo.paddle_juggler(gain=1 / 3.4)
@@ -362,6 +355,7 @@ def test_a_dendrite_that_no_spike_resets():
     assert_allclose(np.sort(over_cycles(problem, transient=50.0).exponents), [rate, 0.0], atol=1e-8)
 
 
+@pytest.mark.slow
 def test_a_neuron_that_tires():
     """The conductance decays exponentially: its mean, and so the trace along the motion, is known from a period."""
     problem = zoo.conductance_neuron()
@@ -381,7 +375,7 @@ def test_a_neuron_that_tires():
     assert_allclose(np.sort(over_cycles(problem, transient=100.0).exponents), [rate, 0.0], atol=1e-8)
 
 
-@pytest.mark.slow_cases("300.0", "250.0")
+@pytest.mark.slow
 @pytest.mark.parametrize("period", [300.0, 250.0, 225.0])
 def test_the_beats_of_a_heart(period):
     problem = zoo.cardiac_alternans(period=period)

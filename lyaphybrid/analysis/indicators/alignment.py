@@ -28,7 +28,7 @@ from ...results.result import Data, RunResult
 from ...systems.daes.semi_linear import degrees_of_freedom
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
-from ...systems.kinds import unit_of
+from ...systems.kinds import has_rows, unit_of
 from ...systems.smooth import Flow, Map
 from .following import follow, samples_of, table_of, times_of, verdict_of
 from .verdicts import ATTRACTED, Verdict, grows, of_alignment, of_volumes
@@ -209,7 +209,7 @@ def gali(
     """
     flag("throw", throw)
     check_counts(system, t1=t1, transient=transient)
-    axes = 2 if isinstance(system, EventDriven) and system.has_rows else 1
+    axes = 2 if has_rows(system) else 1
     n = degrees_of_freedom(system, math.prod((shape("x0", x0) or (1,))[-axes:]))
     orders = tuple(range(2, min(n, 4) + 1)) if orders is None else integers("orders", orders, 2, n)
     require(

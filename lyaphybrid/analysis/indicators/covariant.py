@@ -31,7 +31,7 @@ from ...statuses import OK
 from ...systems.daes.semi_linear import degrees_of_freedom
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
-from ...systems.kinds import unit_of
+from ...systems.kinds import has_rows, unit_of
 from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
 from .following import IndicatorRun, follow, verdict_of
@@ -89,7 +89,7 @@ class CovariantVectors(RunResult, eqx.Module):
 
     Attributes:
         time: (times,) since the end of the transient.
-        x: (times, n) the orbit.
+        x: (times, n) the orbit, or (times, N, d).
         vectors: (times, n, k) unit vectors, the first for the largest exponent; up to their signs.
         growth: (times − 1, k) ln of the growth of each vector from one time to the next; -inf where it is destroyed.
         exponents: (k,) the mean growth per `unit`.
@@ -224,7 +224,7 @@ def covariant_vectors(
 
     Args:
         system: an `lh.Flow`, `lh.Hamiltonian`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
-        x0: (n,) start.
+        x0: (n,) start; (N, d) where the state has a row for each body, with n = N d.
         args: pytree of parameters.
         t1: length of the part of the orbit on which vectors are wanted (iterations for a map).
         k: number of vectors; None: n.
@@ -262,8 +262,9 @@ def covariant_vectors(
     whole("blocks", blocks, least=2, each=1)
     positive("t1, a length,", t1)
     check_counts(system, t1=t1, transient=transient, settle=settle)
-    require_one_start("covariant_vectors", x0)
-    n = shape("x0", x0)[-1]
+    require_one_start("covariant_vectors", x0, has_rows(system))
+    of_state = shape("x0", x0)
+    n = math.prod(of_state)
     number = degrees_of_freedom(system, n) if k is None else k
     whole("k", number, least=1)
     transient, settle = (0.5 * t1 if length is None else length for length in (transient, settle))
@@ -280,12 +281,12 @@ def covariant_vectors(
     wanted = slice(0, blocks + 1)
     result = CovariantVectors(
         time[wanted] - time[0],
-        x[wanted],
+        x[wanted].reshape(-1, *of_state),
         vectors[wanted],
         growth[:blocks],
         xp.where(status == OK, remainders[:, wanted], xp.nan),  # vectors that no settling stretch follows have none
         status,
-        labels_of(system, (n,)),
+        labels_of(system, of_state),
         unit_of(system),
     )
     return verdict_of(found, as_jax(result), throw)

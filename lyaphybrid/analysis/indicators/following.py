@@ -113,8 +113,8 @@ def follow(
 
 
 def start_frame(system, t0, x0, args, k: int):
-    """The generic frame at x0 (n,); for a DAE an orthonormal one of its tangent space."""
-    x = jnp.asarray(x0, float)
+    """The generic frame at x0, (n,) or (N, d); for a DAE an orthonormal one of its tangent space."""
+    x = jnp.asarray(x0, float).ravel()
     frame = frames.generic_frame(x.shape[0], k, x.dtype)
     if not isinstance(system, DAE):
         return frame

@@ -22,7 +22,7 @@ from ...integrators.base import Method
 from ...results.result import Data, RunResult, exponents_along, in_time
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
-from ...systems.kinds import iterates, unit_of
+from ...systems.kinds import has_rows, iterates, unit_of
 from ...systems.smooth import Flow, Map
 from ..spectra import lyapunov_spectrum
 
@@ -140,7 +140,7 @@ def spectral_intervals(
 
     Args:
         system: an `lh.Flow`, `lh.Hamiltonian`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
-        x0: (n,) start.
+        x0: (n,) start; (N, d) where the state has a row for each body.
         args: pytree of parameters.
         t1: length of the run (iterations for a map).
         window: length of the windows over which growth is averaged, 0 < window ≤ t1.
@@ -176,7 +176,7 @@ def spectral_intervals(
         (True, 3.0)
     """
     flag("throw", throw)
-    require_one_start("spectral_intervals", x0)
+    require_one_start("spectral_intervals", x0, has_rows(system))
     positive("t1, a length,", t1)
     positive("window", window)
     real("tau", tau)

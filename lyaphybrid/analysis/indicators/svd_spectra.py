@@ -30,7 +30,7 @@ from ...results.result import Data, RunResult, exponents_along, in_time
 from ...systems.daes.semi_linear import degrees_of_freedom
 from ...systems.event_driven import EventDriven
 from ...systems.hybrid import Hybrid
-from ...systems.kinds import unit_of
+from ...systems.kinds import has_rows, unit_of
 from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
 from .following import follow, start_frame, verdict_of
@@ -200,7 +200,7 @@ def svd_spectrum(
 
     Args:
         system: an `lh.Flow`, `lh.DAE`, `lh.Hamiltonian`, `lh.Map`, `lh.Hybrid` or `lh.EventDriven`.
-        x0: (n,) start.
+        x0: (n,) start; (N, d) where the state has a row for each body, with n = N d.
         args: pytree of parameters.
         t1: length of the run (iterations for a map).
         k: number of exponents; None: all. With fewer than all, Φ is restricted to k directions: those after the
@@ -237,10 +237,10 @@ def svd_spectrum(
         [0.693, -0.693]
     """
     flag("throw", throw)
-    require_one_start("svd_spectrum", x0)
+    require_one_start("svd_spectrum", x0, has_rows(system))
     require_values("svd_spectrum", x0, args, t1, t0, transient)
     check_counts(system, t1=t1, transient=transient)
-    n = np.shape(x0)[0]
+    n = np.size(x0)
     number = degrees_of_freedom(system, n) if k is None else k
     whole("k", number, least=1)
     found = follow(
@@ -252,6 +252,6 @@ def svd_spectrum(
     start, rows, logs = (np.asarray(part)[reached] for part in found.collected)
     logs, vectors = log_singular_values(rows, logs)
     unit = unit_of(system)
-    status, labels = jnp.asarray(found.status), labels_of(system, (n,))
+    status, labels = jnp.asarray(found.status), labels_of(system, np.shape(x0))
     result = SVDSpectrum(np.asarray(found.time)[reached], logs, start @ vectors, status, unit, labels)
     return verdict_of(found, result, throw)

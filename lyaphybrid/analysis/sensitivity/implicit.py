@@ -92,7 +92,8 @@ def by_implicit(case: ExponentFunction, *, period: Any = None, progress: Any = N
     try:
         orbit, method = _orbit(case, period)
         report(0.6)
-        turn = PeriodRun(case.system, case.args_of, np.asarray(orbit.base[0], float), np.int32(orbit.base[2]), method)
+        t, mode = np.asarray(orbit.base[0], float), np.int32(orbit.base[2])
+        turn = PeriodRun(case.system, case.args_of, t, mode, _of_tolerance(method, 1.0))
         found, unit = derivatives(turn, case, orbit, period), _unit(case, orbit)
         report(0.8)
         looser = _with_looser_tolerance(turn, case, orbit, period, unit)
@@ -161,7 +162,7 @@ def derivatives(turn: PeriodRun, case: ExponentFunction, orbit: Floquet, period)
     x, theta = orbit.base[1], as_jax(case.theta)
     autonomous, own, speed = _autonomous(case, period), np.zeros(p), 1.0
     if callable(period):
-        own = np.asarray(jax.jacfwd(lambda theta: jnp.asarray(period(case.args_of(theta)), theta.dtype))(theta))
+        own = np.asarray(_slope_of_period(period, case.args_of, theta))
     length, monodromy = np.asarray(orbit.period, float), np.asarray(orbit.monodromy)
     units = even_units(monodromy)
     matrix = in_units(monodromy, units)
@@ -182,6 +183,12 @@ def derivatives(turn: PeriodRun, case: ExponentFunction, orbit: Floquet, period)
     own = change[n] / speed if autonomous else own
     _, moved = _derivatives_along(turn, theta, x, length, np.eye(p), moves, own)
     return Derivatives(matrix, in_units(moved, units), own, min(float(np.linalg.cond(system)), INFINITE_CONDITION))
+
+
+@compiled()
+def _slope_of_period(period: Callable, args_of: Callable, theta):
+    """(p,) dT/dθ of a given period(args)."""
+    return jax.jacfwd(lambda theta: jnp.asarray(period(args_of(theta)), theta.dtype))(theta)
 
 
 def _on_a_surface(turn: PeriodRun) -> bool:
@@ -295,13 +302,15 @@ def _invariant(matrix, multipliers, group) -> np.ndarray:
 
 def _with_looser_tolerance(turn: PeriodRun, case: ExponentFunction, orbit: Floquet, period, unit) -> np.ndarray:
     """The derivatives (k, p) along the same orbit with a looser tolerance."""
-    method = turn.method
-    if method is None:
-        return of_exponents(derivatives(turn, case, orbit, period), orbit, case.k, unit).gradient
-    names = [name for name in ("rtol", "atol") if name in method.__dataclass_fields__]
-    values = [LOOSER * getattr(method, name) for name in names]
-    method = eqx.tree_at(lambda m: [getattr(m, name) for name in names], method, values)
-    return of_exponents(derivatives(turn._replace(method=method), case, orbit, period), orbit, case.k, unit).gradient
+    turn = turn._replace(method=_of_tolerance(turn.method, LOOSER))
+    return of_exponents(derivatives(turn, case, orbit, period), orbit, case.k, unit).gradient
+
+
+def _of_tolerance(method: Method | None, factor: float) -> Method | None:
+    """The method with its tolerances times a factor, as arrays: runs that differ in them only are one program."""
+    names = [name for name in ("rtol", "atol") if name in getattr(method, "__dataclass_fields__", ())]
+    values = [as_jax(np.asarray(factor * getattr(method, name), float)) for name in names]
+    return eqx.tree_at(lambda m: [getattr(m, name) for name in names], method, values) if names else method
 
 
 def _along_the_flow(orbit: Floquet) -> int:

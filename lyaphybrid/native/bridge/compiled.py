@@ -16,7 +16,7 @@ from ..lowering.lowering import lower
 from ..lowering.types import as_numpy, numpy_type, of_numpy
 from ..machine.collector import no_collector
 from ..machine.tiers import LONGEST_OPTIMISATION, Tiers
-from .handler import handler
+from .handler import filled, handler
 
 DURATION_PREFIX = "/lyaphybrid/native"  # prefix of the durations reported to `jax.monitoring`: …/lowering, …/LLVM
 
@@ -56,7 +56,8 @@ class Compiled:
         long = runs_long(program.jaxpr)
         self._patience = LONGEST_OPTIMISATION if long else LONGEST_OPTIMISATION / 10
         at_once = 0.0 if in_pieces or not long else LONGEST_OPTIMISATION
-        self.code = Tiers(text, self.plan.level, self.plan.scattered, at_once if plan is None else math.inf)
+        patience = at_once if plan is None else math.inf
+        self.code = Tiers(text, self.plan.level, self.plan.scattered, patience, filled())
         compiled = time.perf_counter()
         self.seconds = {
             "lowering": lowered - clock,

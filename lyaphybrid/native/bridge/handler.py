@@ -14,22 +14,23 @@ _EXTENSION, _ARGUMENTS, _RESULTS = 8, 72, 112  # in the frame: kind of call; arr
 _IS_METADATA, _METADATA = 8, 24  # in the extension: 1 if XLA asks for metadata; pointer to the metadata to fill
 _MAJOR, _MINOR, _TRAITS = 24, 28, 32  # in the metadata
 _DATA = 24  # in a buffer
+_VERSION = "version"  # a global of the module: its code is that of every JAX, and can be kept on disk for all
 
 
 @functools.cache
-def _version() -> tuple[int, int]:
-    """The (major, minor) version of the FFI of the installed JAX."""
+def filled() -> dict[str, tuple[int, ...]]:
+    """The numbers that the module's globals have when it is linked: the version of the FFI of the installed JAX."""
     text = (Path(jax.ffi.include_dir()) / "xla/ffi/api/c_api.h").read_text()
     major, minor = (re.search(rf"#define XLA_FFI_API_{part} (\d+)", text) for part in ("MAJOR", "MINOR"))
     if major is None or minor is None:
         raise RuntimeError(f"jax {jax.__version__}: no version in XLA's c_api.h")
-    return int(major[1]), int(minor[1])
+    return {_VERSION: (int(major[1]), int(minor[1]))}
 
 
 def handler(inputs: int, outputs: int) -> str:
     """LLVM IR of the handler: it collects the addresses of the arrays and calls `@call`; null means success."""
-    major, minor = _version()
     lines = [
+        f"@{_VERSION} = global [2 x i32] zeroinitializer",
         "define ptr @handler(ptr %frame) {",
         "entry:",
         f"  %inputs = alloca [{max(1, inputs)} x ptr]",
@@ -44,8 +45,11 @@ def handler(inputs: int, outputs: int) -> str:
         "  br i1 %is.metadata, label %describe, label %work",
         "describe:",
         *_field("metadata", "extension", _METADATA),
+        f"  %major = load i32, ptr @{_VERSION}",
+        f"  %minor.from = getelementptr i32, ptr @{_VERSION}, i64 1",
+        "  %minor = load i32, ptr %minor.from",
     ]
-    for name, offset, number in (("major", _MAJOR, major), ("minor", _MINOR, minor), ("traits", _TRAITS, 0)):
+    for name, offset, number in (("major", _MAJOR, "%major"), ("minor", _MINOR, "%minor"), ("traits", _TRAITS, 0)):
         lines += [
             f"  %{name}.at = getelementptr i8, ptr %metadata, i64 {offset}",
             f"  store i32 {number}, ptr %{name}.at",

@@ -6,7 +6,7 @@ import functools
 import itertools
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import llvmlite.binding as llvm
 
@@ -58,15 +58,17 @@ _names, _linking = itertools.count(), threading.Lock()
 class Linked:
     """Machine code that is linked in memory; it stays there as long as this object lives."""
 
-    def __init__(self, code: bytes, functions: Sequence[str]):
-        """`functions`: names of the functions whose addresses are needed."""
+    def __init__(self, code: bytes, functions: Sequence[str], filled: Mapping[str, Sequence[int]]):
+        """`functions`: names of the functions whose addresses are needed; `filled`: int32 values of globals."""
         library = llvm.JITLibraryBuilder().add_object_img(code)
         for name, address in (_library() | _scipy.addresses(code)).items():
             library.import_symbol(name, address)
-        for name in functions:
+        for name in (*functions, *filled):
             library.export_symbol(name)
         with _linking:
             self._code = library.link(_linker(), f"program {next(_names)}")
+        for name, numbers in filled.items():
+            (ctypes.c_int32 * len(numbers)).from_address(self._code[name])[:] = numbers
 
     def address(self, function: str) -> int:
         """The address of a function."""

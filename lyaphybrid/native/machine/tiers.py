@@ -18,7 +18,7 @@ import functools
 import threading
 import time
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 from .aside import GivenUpError, object_code_aside
@@ -41,8 +41,8 @@ _one_at_a_time = threading.Lock()
 class _Code:
     """The linked machine code of a module."""
 
-    def __init__(self, code: bytes):
-        linked = Linked(code, ["call", "handler"])
+    def __init__(self, code: bytes, filled: Mapping[str, Sequence[int]]):
+        linked = Linked(code, ["call", "handler"], filled)
         self.address = linked.address
         self.call = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(self.address("call"))
 
@@ -58,8 +58,17 @@ class _Effort(NamedTuple):
 class Tiers:
     """A module's machine code, which is replaced by optimised code while it is in use."""
 
-    def __init__(self, text: str, level: int, scattered: bool, patience: float):
-        """`level`, `scattered`: options of the optimised code; `patience`: seconds that the first code may take."""
+    def __init__(self, text: str, level: int, scattered: bool, patience: float, filled: Mapping[str, Sequence[int]]):
+        """Compile the text, or take its code from the disk.
+
+        Args:
+            text: the module in LLVM IR, with the functions "call" and "handler".
+            level: of the optimised code.
+            scattered: whether vectors are made of scattered instructions in it.
+            patience: seconds that the first code may take.
+            filled: int32 values of globals of the module, by name, which its text does not tell.
+        """
+        self._filled = filled
         self._best, self._plain = _Effort(level, scattered, loops=True), _Effort(level)
         self._plain_cost = SECONDS_A_LINE * text.count("\n")  # estimated time for LLVM, in seconds
         self._cost = max(self._plain_cost, SECONDS_A_BLOCK * text.count(":\n"))
@@ -71,7 +80,7 @@ class Tiers:
             self._effort = self._within(patience) or _Effort(FIRST_LEVEL)
             code = _made(text, self._effort, object_code)
         self._text = b"" if self.is_best else zlib.compress(text.encode(), 1)  # for better code
-        self._code = _Code(code)
+        self._code = _Code(code, filled)
 
     @property
     def is_best(self) -> bool:
@@ -120,7 +129,7 @@ class Tiers:
     def _improve(self, effort: _Effort, make: Callable[..., bytes]) -> None:
         with self._lock:
             if self._effort not in (effort, self._best):
-                self._code = _Code(_made(zlib.decompress(self._text).decode(), effort, make))
+                self._code = _Code(_made(zlib.decompress(self._text).decode(), effort, make), self._filled)
                 self._effort = effort
                 if self.is_best:
                     self._text = b""

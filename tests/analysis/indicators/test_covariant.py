@@ -32,7 +32,7 @@ def off(found, i, vectors=VECTORS):
     return np.arctan2(np.linalg.norm(a - along[:, None] * b, axis=1), np.abs(along))
 
 
-@pytest.mark.slow_cases("0.1")
+@pytest.mark.slow
 @pytest.mark.parametrize("gap", [0.1, 0.4])
 def test_what_remains_of_the_transient_is_the_error_of_the_first_vector(gap):
     """From a column at angle a = 100°, Q has sin(error) = sin a · sin(a − 30°)/sin 30° · exp(−gap), in the end."""
@@ -148,6 +148,7 @@ def test_two_directions_destroyed_together_are_not_determined():
     assert "not converged: vectors 2,3, remainder" in str(found)
 
 
+@pytest.mark.slow
 def test_a_run_that_fails_prints():
     escapes = lh.Map(lambda n, x, args: jnp.stack([x[0] ** 2, 0.5 * x[1]]))
     found = lh.covariant_vectors(escapes, [2.0, 1.0], t1=40, blocks=40, transient=2, throw=False)

@@ -75,6 +75,7 @@ def test_the_window_of_period_three_begins_in_a_fold():
     assert np.min(branch.values) >= 1 + np.sqrt(8) - 1e-12
 
 
+@pytest.mark.slow
 def test_a_system_that_only_jumps_is_a_map():
     jumps = lh.Hybrid(None, lh.Transition(lambda n, x, r: x[0], lambda n, x, r: r * x * (1 - x)))
     branch = lh.continuation(jumps, [0.6], 2.5, over={"args": (2.0, 3.2)}, period=1)

@@ -379,7 +379,9 @@ def test_a_runner(segments):
 # What is wrong is refused.
 
 
-@pytest.mark.slow_cases("options3-a quantity that the motion conserves; got one that changes")
+@pytest.mark.slow_cases(
+    "options3-a quantity that the motion conserves; got one that changes", "options5-changes at the rate"
+)
 @pytest.mark.parametrize(
     ("options", "says"),
     [

@@ -189,6 +189,7 @@ def test_the_map_of_a_clock_is_stroboscopic():
     assert float(spectrum.exponents[0]) == pytest.approx(-1.0, abs=1e-11)
 
 
+@pytest.mark.slow
 def test_a_transition_that_never_fires_again_gives_no_iterate():
     once = lh.Hybrid(lambda t, x, args: jnp.ones_like(x), lh.Transition(lambda t, x, args: 1 - x[0]))
     assert np.isnan(lh.return_map(once).rule(0.0, jnp.array([2.0]), None)).all()

@@ -82,6 +82,7 @@ def found_of(name, phases=40):
     return lh.phase_response(system, x0, args, phases=phases, **how)
 
 
+@pytest.mark.slow
 def test_a_clock_in_closed_form():
     found = found_of("smooth", phases=16)
     x, y = found.x.T
@@ -121,7 +122,7 @@ def test_the_flow_leads_ahead_by_its_time(name):
         assert np.max(np.abs(along)) < 1e-6 * np.max(np.abs(found.isostables)) * np.max(np.abs(velocities))
 
 
-@pytest.mark.slow_cases("Glass", "stick-slip", "walker", "relay", "impact", "neuron")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CYCLES)
 def test_small_kicks_of_whole_motions_agree(name):
     """Differences of sixth order, at phases from which no kick crosses a guard or leaves a surface."""
@@ -179,7 +180,7 @@ def sheared(t, x, a):
     return jnp.stack([a * (1 - r2) * x[0] - 2 * r2 * x[1], 2 * r2 * x[0] + a * (1 - r2) * x[1]])
 
 
-@pytest.mark.slow_cases("0.3-50", "0.01-50", "0.3-4")
+@pytest.mark.slow
 @pytest.mark.parametrize(("a", "phases"), [(0.3, 4), (0.3, 50), (0.01, 50), (0.003, 8)])
 def test_finite_kicks_under_strong_shear_and_slow_decay(a, phases):
     """In closed form: few phases, and multipliers up to exp(−2π a) = 0.98, which need 850 turns."""
@@ -209,6 +210,7 @@ def test_finite_kicks_of_a_relaxation_oscillation(mu):
     assert_allclose(apart - found.period * np.round(apart / found.period), 0.0, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_an_even_interaction_function_locks_nowhere():
     clock_twice = lh.Flow(lambda t, x, a: x * (1 - x @ x) + 2 * jnp.stack([-x[1], x[0]]))
     found = lh.phase_response(clock_twice, [1.0, 0.1], phases=100)

@@ -102,7 +102,7 @@ def test_a_spiking_neuron(unit, tick):
     assert (found.stability, found.family, found.notes, found.jumps) == ("stable", 0, frozenset(), 1)
 
 
-@pytest.mark.slow_cases("unit0-1.0", "unit3-1e-06", "unit1-1.0")
+@pytest.mark.slow_cases("unit0-1.0", "unit3-1e-06", "unit1-1.0", "unit2-1000000.0")
 @pytest.mark.parametrize(("unit", "tick"), UNITS)
 def test_a_driven_impact_oscillator(unit, tick):
     unit, turn = unit[:2], 2 * np.pi / 0.9

@@ -19,6 +19,7 @@ def logistic(target=-0.5, r=2.8, **keywords):
     return lh.design(LOGISTIC, [0.3], {"r": r}, target, **{"t1": 1000, "over": "r"} | keywords)
 
 
+@pytest.mark.slow_cases("None")
 @pytest.mark.parametrize("bounds", [None, {"r": (2.5, 2.99)}, {"r": (2.5, None)}, {"r": (None, 2.99)}])
 def test_one_exponent_by_one_parameter(bounds):
     """λ = ln|2 − r|."""
@@ -64,6 +65,7 @@ def test_an_objective():
     assert str(found).startswith("Design: all steps made in 60 points")  # the objective might fall further
 
 
+@pytest.mark.slow
 def test_the_edge_of_chaos_by_bisection():
     found = logistic(0.0, r=3.57, t1=200_000, over={"r": (3.55, 3.58)}, optimiser="bisection", steps=20)
     assert found.converged, found

@@ -222,6 +222,7 @@ def test_derivatives_along_the_unstable_direction():
             assert_allclose(near, exact, atol=1e-3 * float(jnp.max(jnp.abs(exact))) + 1e-6)
 
 
+@pytest.mark.slow
 def test_what_is_remembered_fades_smoothly():
     """As the probability that eight geometric times together take longer than the lag."""
     retained, stages = jnp.array([0.5, 0.9]), jnp.zeros((responses.MEMORY_STAGES, 2, 1))
@@ -278,6 +279,7 @@ def beside_a_rotation(n, x, a):
     "two_cats-x00-more than one unstable direction",
     "beside_a_rotation-x01-or a neutral one",
     "<lambda>-x03-those of regular motion",
+    "<lambda>-x02-not chaotic",
 )
 @pytest.mark.parametrize(
     ("rule", "x0", "says"),
