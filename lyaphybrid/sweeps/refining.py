@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["chaotic", "refine"]
 
+LEVEL = "level"  # the variable that is added
 Site = tuple[int, ...]  # a point of the finest lattice
 
 
@@ -101,7 +102,7 @@ def refine(
         own = None if store is None else Path(store) / f"{number:03d}.zarr"
         found = work.dataset(own, client, progress)
         program = work.program
-        parts.append(found.drop_vars(POINT).assign(level=(POINT, np.full(len(wanted), level))))
+        parts.append(found.drop_vars(POINT).assign({LEVEL: (POINT, np.full(len(wanted), level))}))
         classes |= zip(wanted, _classes(classify, parts[-1]), strict=True)
         if not np.all(work.done):  # after Ctrl-C
             break
@@ -117,10 +118,15 @@ def _axes_of(dataset) -> dict[str, np.ndarray]:
     )
     require(
         POINT not in dims,
-        "refine takes a sweep over a grid; this one has a list of points: sweep with over={…} instead of points={…}.",
+        "refine takes a sweep over a grid; this one has a list of points: sweep with over={…} instead of points={…}. "
+        'Where an entry of args itself is called "point", give it another name.',
     )
+    taken = "refine adds a variable of the name level, and this sweep has one: give that entry another name."
+    require(LEVEL not in dataset.variables, taken)
     for dim in dims:
         values = dataset[dim]
+        whole_numbers = values.dtype.kind in "iub"
+        require(not whole_numbers, f"refine looks between the values of {dim}, which are integers: sweep over floats.")
         plain = f"{dim}_value" not in dataset.coords and dim in dataset.dims
         require(
             plain and values.size > 1, f"refine needs a grid of numbers, two or more along each axis; not so {dim}."
@@ -131,7 +137,7 @@ def _axes_of(dataset) -> dict[str, np.ndarray]:
 def _as_points(dataset, axes):
     """The grid as a list of points, with level 0."""
     flat = dataset.stack({POINT: list(axes)}).reset_index(POINT).transpose(POINT, ...)
-    return flat.assign(level=(POINT, np.zeros(flat.sizes[POINT], int)))
+    return flat.assign({LEVEL: (POINT, np.zeros(flat.sizes[POINT], int))})
 
 
 def _classes(classify, dataset) -> list:

@@ -36,7 +36,7 @@ def consistent_start(dae: DAE, x0: State, args: Any = None, *, t0: Any = 0.0) ->
     Args:
         dae: an `lh.DAE`.
         x0: (n,) guess; for semi-explicit equations the differential components are kept and the others solved for. For
-            an `lh.implicit_dae`, x alone or the whole state [x, v].
+            an `lh.implicit_dae`, the whole state [x, v], or x alone, to which v comes from the slope given there.
         args: pytree of parameters.
         t0: time.
 

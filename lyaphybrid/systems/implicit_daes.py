@@ -56,7 +56,8 @@ def implicit_dae(
         x0: (n,) a point near the motion, at which the rank of ∂F/∂x' is determined.
         args: pytree of parameters, those of the runs: a term ε y' is dropped if ε = 0 here. A run with others in
             which F contains more of x' is refused, or ends with `STATUS.singular_dae` where args are traced.
-        slope: (n,) x' there; None: 0. If F is not linear in x' it should be close to the true value.
+        slope: (n,) x' there; None: 0. If F is not linear in x' it should be close to the true value: it chooses the
+            branch, here and where `lh.consistent_start` is given x alone.
         t0: time.
         names: what the n components of x are called, as for `lh.Flow`; those of v are v0, v1, ….
         time_unit: in which time is measured, as for `lh.Flow`.
@@ -92,14 +93,15 @@ def implicit_dae(
     shape = jax.eval_shape(equations, jnp.asarray(t0, float), x, dx, args).shape
     require(shape == (n,), f"equations(t, x, x', args) must have the shape of x0, ({n},); got {shape}.")
     rows = _rows(equations, jnp.asarray(t0, float), x, dx, args)
-    dae = _with_rows(equations, rows, (names, time_unit), in_few_words(args))
-    state = jnp.concatenate([x, jnp.asarray(rows) @ dx])
+    v = jnp.asarray(rows) @ dx
+    dae = _with_rows(equations, rows, (names, time_unit), in_few_words(args), v)
+    state = jnp.concatenate([x, v])
     _check_index(dae, jnp.asarray(t0, float), state, args)
     return dae
 
 
-def _with_rows(equations: Callable, rows: np.ndarray, labels: tuple, built_with: str) -> DAE:
-    """The DAE for the state [x, v] (n + d,), with P (d, n) = rows."""
+def _with_rows(equations: Callable, rows: np.ndarray, labels: tuple, built_with: str, guess) -> DAE:
+    """The DAE for the state [x, v] (n + d,), with P (d, n) = rows and a guess (d,) of v."""
     (names, time_unit), (d, n) = labels, rows.shape
     back = np.ascontiguousarray(rows.T)
     leading = np.zeros((n + d, n + d))
@@ -111,7 +113,7 @@ def _with_rows(equations: Callable, rows: np.ndarray, labels: tuple, built_with:
 
     names = None if names is None else [*names, *(f"v{i}" for i in range(d))]
     dae = DAE(lambda t, args: jnp.asarray(leading), residual, d, names=names, time_unit=time_unit)
-    field = ImplicitField(dae.field.leading, residual, d, n, equations, built_with)
+    field = ImplicitField(dae.field.leading, residual, d, n, equations, built_with, tuple(map(float, guess)))
     return eqx.tree_at(lambda dae: dae.field, dae, field)
 
 

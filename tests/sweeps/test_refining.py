@@ -126,3 +126,23 @@ def test_bad_arguments(change, says):
     keywords["args"] = change.get("args", START)
     with pytest.raises(ValueError, match=says):
         lh.refine(change.get("dataset", grid), change.get("run", lens), progress=False, **keywords)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "says"),
+    [
+        ("level", [2.5, 3.0, 3.7], "a variable of the name level"),
+        ("point", [2.5, 3.0, 3.7], 'is called "point"'),
+        ("r", [2, 3, 4], "between the values of r, which are integers"),
+    ],
+)
+def test_names_that_are_taken_and_whole_numbers(name, values, says):
+    """Before, the values of a parameter of the name level were replaced without a word."""
+    logistic = lh.Map(lambda n, x, args: args[name] * x * (1 - x))
+
+    def run(args):
+        return lh.lyapunov_spectrum(logistic, [0.3], args, t1=100)
+
+    grid = lh.sweep(run, {name: np.array(values)}, args={name: 3.0}, progress=False)
+    with pytest.raises(ValueError, match=says):
+        lh.refine(grid, run, args={name: 3.0}, progress=False)

@@ -197,3 +197,14 @@ def test_the_units_of_an_equation_do_not_matter():
 
     dae = lh.implicit_dae(mixed, [1.0, 1.0, 1.0], 1.0)
     assert_allclose(lh.consistent_start(dae, [1.0, 1.0, 1.0], 2.0)[:3], 1.0)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_slope_chooses_the_branch(sign):
+    """x'² − 0.1 x' = x has two slopes at each x > 0."""
+
+    def equations(t, x, dx, args):
+        return jnp.stack([dx[0] ** 2 - 0.1 * dx[0] - x[0], x[1] - x[0]])
+
+    dae = lh.implicit_dae(equations, [1.0, 1.0], slope=[sign, 0.0])
+    assert_allclose(lh.consistent_start(dae, [1.0, 1.0])[2], 0.05 + sign * np.sqrt(1.0025), rtol=1e-12)

@@ -28,6 +28,8 @@ PLAN = problems.RunPlan()
 def return_map(system: Hybrid, transition: int = 0, *, with_time: bool = False, method: Method | None = None) -> Map:
     """The map from the state just after one firing of a transition to that just after the next.
 
+    Jumps that follow a firing at the same instant belong to it: the state is that after the last of them.
+
     Examples: strides of a walker, spikes of a neuron, impacts, samplings; with a section as the guard of a transition
     without reset, a Poincaré map. Its multipliers at a fixed point are those of the periodic orbit (`lh.floquet`), with
     a 0 in place of the trivial 1, since the map ignores perturbations along the flow.
@@ -40,7 +42,8 @@ def return_map(system: Hybrid, transition: int = 0, *, with_time: bool = False, 
         method: `lh.RungeKutta`; None: the default with rtol = 1e-12.
 
     Returns:
-        An `lh.Map` of (n,), or (n + 1,) with_time. Where the transition does not fire again, the iterate is nan.
+        An `lh.Map` of (n,), or (n + 1,) with_time. Where the transition does not fire again, or jumps that follow it
+        lead to a mode that is not its target, the iterate is nan.
 
     Raises:
         ValueError: on a system without fields, a transition that does not exist, or a mode after the transition that
@@ -120,7 +123,7 @@ def _returned(rule: _Return, n, x, args):
     problem = problems.RunProblem(rule.system, preparation.at_precision(rule.method, x), args, state.shape)
     settings = binding.settings_of(problem, PLAN, start, state)
     ends = tuple(j == rule.transition and not fired.is_clock for j in range(len(rule.system.transitions)))
-    evolver = dataclasses.replace(settings.evolver, terminal=ends, just_fired=rule.transition)
+    evolver = dataclasses.replace(settings.evolver, terminal=ends, just_fired=rule.transition, whole_instant=True)
     settings = settings._replace(evolver=evolver)
     loop_state = beginning.initial_loop_state(
         settings, start, state, jnp.zeros((dim, 0), x.dtype), rule.mode, None, jnp.ones_like(n)
@@ -128,5 +131,7 @@ def _returned(rule: _Return, n, x, args):
     loop_state, _ = loop.advance(settings, loop_state, length[None], length[None], jnp.asarray(MOST_STEPS, jnp.int32))
     carry, wanted = loop_state.carry, STATUS.ok if fired.is_clock else STATUS.terminated
     done = (carry.status == int(wanted)) & (loop_state.block == 1)
+    if rule.mode is not None and len(rule.system.mode_names) > 1:
+        done = done & (carry.solver_state.mode == rule.mode)
     after = jnp.append(carry.x, loop_state.base[0] + loop_state.base[1]) if rule.with_time else carry.x
     return jnp.where(done, after, jnp.nan)

@@ -162,7 +162,7 @@ def _cascade(evolver, settings: Settings, t, h, landing: CascadeState) -> Cascad
         equal = rank == jnp.max(rank)
         last = hybrid.slots - 1 - jnp.argmax(equal[::-1])
         guard_index = jnp.where(state.last_first, last, jnp.argmax(equal)).astype(jnp.int32)
-        more = jnp.any(follows) & ~terminal
+        more = jnp.any(follows) if evolver.whole_instant else jnp.any(follows) & ~terminal
         nowhere = (mode < 0) | (mode >= hybrid.modes)  # a target that is no mode's index
         again = more & (state.count < most) & ~nowhere
         stuck = nowhere | (jnp.any(fired & flat & (guard_sign < 0) & directed) & ~again)

@@ -80,6 +80,7 @@ class Stepping(OnConstraints):
     max_cascade: int
     nonlinear: Callable[[], bool]  # whether Df depends on x in some mode
     just_fired: int | None = None  # the transition whose reset produced the initial state
+    whole_instant: bool = False  # a terminal transition ends the run after the jumps that follow it at once
     per_jump: bool = False  # a number of jumps may end a block: jumps count even if no time passes
     timeless: bool = False  # fields and guards provably do not depend on the time; used where jumps end blocks
 

@@ -24,15 +24,17 @@ class ImplicitField(Constrained):
         n: components of x.
         equations: ``(t, x, x', args) -> F`` (n,).
         built_with: the args with which P was determined, in few words.
+        guessed: (d,) the guess of v that goes with x alone, from the slope with which P was determined.
     """
 
     n: int = eqx.field(static=True)
     equations: Callable
     built_with: str = eqx.field(static=True)
+    guessed: tuple[float, ...] = eqx.field(static=True)
 
     def whole_guess(self, x):
-        """The guess [x, 0] for x (n,) alone; a whole state (n + d,) stays as it is."""
-        return jnp.concatenate([x, jnp.zeros(self.n_differential, x.dtype)]) if x.shape[0] == self.n else x
+        """The guess [x, v] for x (n,) alone; a whole state (n + d,) stays as it is."""
+        return jnp.concatenate([x, jnp.asarray(self.guessed, x.dtype)]) if x.shape[0] == self.n else x
 
     def slope_matrices(self, t, x, args) -> tuple[Any, Any]:
         """At a state [x, v]: ∂F/∂x' Pᵀ (n, d), and the part of ∂F/∂x' (n, n) outside the row space of P."""
