@@ -33,8 +33,8 @@ class Transition(eqx.Module):
             a vector guard), evaluated at the state before the jump.
         direction: -1 the guard falls through 0, +1 it rises, 0 both.
         when: ``(t, x, args) -> bool``, or ``-> (m,)`` for a vector guard, evaluated at the root (before the jump). It
-            can choose between several transitions with the same guard; if it is true for none of them the run ends as
-            ``deadlock``.
+            can choose between several transitions with the same guard; where it is false, no other jump of that
+            instant makes this one fire. If it is true for none of them the run ends as ``deadlock``.
         terminal: whether the run ends here, after the reset, with status ``terminated``.
 
     Raises:

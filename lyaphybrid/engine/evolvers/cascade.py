@@ -37,6 +37,13 @@ class CascadePerturbations(NamedTuple):
     sizes: Sizes | None  # magnitudes of these three, for `terms` of the frame; None if nothing is orthonormalised
 
 
+class Meeting(NamedTuple):
+    """The guards (slots,) that are zero at the instant of an event."""
+
+    together: Array  # those that may fire
+    refused: Array  # those whose `when` is not true: no jump of this instant lets them fire
+
+
 class CascadeState(NamedTuple):
     """The state of a cascade."""
 
@@ -61,7 +68,7 @@ class CascadeState(NamedTuple):
     directed: Array  # whether the first guard fires in one direction only …
     leaves: Array  # … and moves against it: rounding hides the flight at whose end it seems to be
     together: Array  # (slots,) guards that are zero at this instant; in the result: whether their order matters
-    settled: Array  # (slots,) guards that have fired at this instant and have stayed at zero since
+    settled: Array  # (slots,) guards that have fired at this instant, or may not, and have stayed at zero since
     left: Array  # (slots,) guards that were beyond zero before and have been since: they do not fire anew
     more: Array  # whether another guard fires, or the same one again
     last_first: Array  # whether of several guards that a jump sent beyond zero the last one fires first, not the first
@@ -75,7 +82,7 @@ def orthonormalises(settings: Settings, carry: StepState) -> bool:
     return settings.qr_schedule.unit != "never" and carry.frame.shape[1] > 0
 
 
-def _start_cascade(evolver, settings, t, carry, columns, terms, mode, event, together, at_once) -> CascadeState:
+def _start_cascade(evolver, settings, t, carry, columns, terms, mode, event, meeting: Meeting, at_once) -> CascadeState:
     """On the guard, before the first jump: compute the event-time shift of each column."""
     hybrid, x, (transition, which, guard_index) = evolver.hybrid, carry.x, event
     f = by_mode(mode, hybrid.fields, t, x)
@@ -90,6 +97,7 @@ def _start_cascade(evolver, settings, t, carry, columns, terms, mode, event, tog
     slots, no = jnp.zeros(hybrid.slots, x.dtype), jnp.asarray(False)
     g = jax.lax.stop_gradient(by_mode(mode, hybrid.guards, t, x))
     guard_sign = side(evolver, carry.solver_state, g)
+    guard_sign = jnp.where(meeting.refused, -guard_sign, guard_sign) if hybrid.shared else guard_sign
     directed = ~ticking & table(evolver, carry.solver_state.mode, hybrid.directed)[guard_index]
     return CascadeState(
         x=x,
@@ -116,8 +124,8 @@ def _start_cascade(evolver, settings, t, carry, columns, terms, mode, event, tog
         ),
         directed=directed,
         leaves=directed & (guard_sign[guard_index] * rate > 0),
-        together=together,
-        settled=jnp.zeros(hybrid.slots, bool),
+        together=meeting.together,
+        settled=meeting.refused,
         left=_may_be_left(evolver, carry.solver_state.mode)
         & jnp.where(at_once, carry.solver_state.guard_sign == LEFT, guard_sign < 0),
         more=no,
@@ -317,7 +325,7 @@ def _returned(f, moves: CascadePerturbations) -> CascadePerturbations:
 
 
 def in_each_order(
-    evolver, settings: Settings, t, h, carry, columns, terms, mode, event, together, at_once
+    evolver, settings: Settings, t, h, carry, columns, terms, mode, event, meeting: Meeting, at_once
 ) -> CascadeState:
     """The cascade; where several guards may be next at one instant, run it again with another one and compare.
 
@@ -328,10 +336,10 @@ def in_each_order(
 
     @jax.jit  # traced once, for shapes and loop
     def start(event, last_first):
-        begun = _start_cascade(evolver, settings, t, carry, columns, terms, mode, event, together, at_once)
+        begun = _start_cascade(evolver, settings, t, carry, columns, terms, mode, event, meeting, at_once)
         return begun._replace(last_first=last_first)
 
-    guard_index, choices, no = event[2], carry.solver_state.choices, jnp.asarray(False)
+    guard_index, choices, no, together = event[2], carry.solver_state.choices, jnp.asarray(False), meeting.together
     if evolver.hybrid.slots == 1:
         return _to_its_end(evolver, settings, t, h, start(event, no))._replace(together=no)
     count = jnp.sum(together)

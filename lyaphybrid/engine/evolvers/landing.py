@@ -15,7 +15,7 @@ from ...integrators.divergences import trace
 from ...statuses import STATUS
 from ..orthonormalising import accumulate, orthonormalise_and_accumulate
 from ..states import Clock, Settings, StepState, added, select, stop
-from .cascade import CascadeState, in_each_order, orthonormalises
+from .cascade import CascadeState, Meeting, in_each_order, orthonormalises
 from .grazing import hardly_crosses
 from .step_sizes import unresolved
 from .trials import (
@@ -99,8 +99,8 @@ def apply_event(evolver, settings: Settings, clock: Clock, carry: StepState, tri
         transition = jnp.where(ticking, clocks[trial.tick], transition)
         which = jnp.where(ticking, 0, which)
     event = transition, which, jnp.where(ticking, -1, guard_index)
-    together = allowed & ~jnp.asarray(at_once)
-    crossed = _apply_cascade(evolver, settings, clock, carry, terms, mode, event, together, at_once, trial.h, unsure)
+    meeting = Meeting(*(one & ~jnp.asarray(at_once) for one in (allowed, together & ~whens)))
+    crossed = _apply_cascade(evolver, settings, clock, carry, terms, mode, event, meeting, at_once, trial.h, unsure)
     crossed = _to_end(evolver, clock, _keep_clocks(evolver, clock, crossed, trial, ticking))
     return select(blocked, stop(carry, STATUS.deadlock), crossed)
 
@@ -236,7 +236,7 @@ def _time_since_event(carry: StepState, last_step):
 
 
 def _apply_cascade(
-    evolver, settings, clock: Clock, carry: StepState, terms, mode, event, together, at_once, last_step, unsure
+    evolver, settings, clock: Clock, carry: StepState, terms, mode, event, meeting: Meeting, at_once, last_step, unsure
 ) -> StepState:
     """Apply the cascade that the event starts; then orthonormalise and store the armed guards."""
     guard_index, arrived = event[2], carry
@@ -244,7 +244,7 @@ def _apply_cascade(
     columns, was_live = carry.frame, jnp.sum(carry.frame * carry.frame, axis=0) > 0.5
     if settings.sum_rule:  # append the identity (n, n): its image is the saltation matrix
         columns = jnp.concatenate([columns, jnp.eye(carry.x.shape[0], dtype=carry.x.dtype)], axis=1)
-    landing = in_each_order(evolver, settings, t, h, carry, columns, terms, mode, event, together, at_once)
+    landing = in_each_order(evolver, settings, t, h, carry, columns, terms, mode, event, meeting, at_once)
     since = (
         carry.since + landing.count.astype(carry.since.dtype) if settings.qr_schedule.unit == "jumps" else carry.since
     )
@@ -271,7 +271,7 @@ def _apply_cascade(
     }
     carry = changed(carry, mode=None if carry.solver_state.mode is None else landing.mode, **arrival)
     if carry.solver_state.choices is not None:
-        met = carry.solver_state.choices.met(landing.together, jnp.sum(together), t)
+        met = carry.solver_state.choices.met(landing.together, jnp.sum(meeting.together), t)
         carry = changed(carry, choices=met._replace(others=met.others | landing.several))
     doubtful = jnp.asarray(False)
     if sizes is not None:

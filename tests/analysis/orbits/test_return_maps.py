@@ -27,7 +27,9 @@ def after_spikes(w, count):
 
         threshold.terminal, threshold.direction = True, -1
         options = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-14}
-        run = solve_ivp(lambda t, x: [1.5 - x[0] - 0.2 * x[1], -0.1 * x[1]], (0, 50), [0, w], events=threshold, **options)
+        run = solve_ivp(
+            lambda t, x: [1.5 - x[0] - 0.2 * x[1], -0.1 * x[1]], (0, 50), [0, w], events=threshold, **options
+        )
         w = run.y[1, -1] + 0.5
         w = w - 0.8 if w > 1 else w
         found.append(w)
@@ -64,7 +66,9 @@ def test_the_own_guard_may_fire_again_at_once():
 
 
 def test_where_the_instant_ends_in_another_mode_there_is_no_iterate():
-    up = lh.Transition(lambda t, x, a: 1 - x[0], lambda t, x, a: jnp.stack([0 * x[0], x[1] + 1]), source="a", target="a")
+    up = lh.Transition(
+        lambda t, x, a: 1 - x[0], lambda t, x, a: jnp.stack([0 * x[0], x[1] + 1]), source="a", target="a"
+    )
     away = lh.Transition(lambda t, x, a: 2.5 - x[1], source="a", target="b")
     moves = {"a": lambda t, x, a: jnp.stack([1 + 0 * x[0], 0 * x[1]]), "b": lambda t, x, a: -x}
     system = lh.Hybrid(moves, [up, away], initial_mode=lambda t, x, a: 0)
