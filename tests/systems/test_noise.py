@@ -174,6 +174,14 @@ def test_a_seed_that_is_not_whole_is_refused(seed):
     assert np.isnan(jax.jit(lambda seed: lh.frozen_noise(seed, 7.0, (2,)))(seed)).all()
 
 
+@pytest.mark.parametrize("seed", [-1, np.int32(-7), -2.0])
+def test_a_negative_seed_is_refused(seed):
+    """It had the noise of 2**64 less."""
+    with pytest.raises(ValueError, match="a seed from 0 on"):
+        lh.frozen_noise(seed, 7.0)
+    assert np.isnan(jax.jit(lambda seed: lh.frozen_noise(seed, 7.0))(seed))
+
+
 def test_a_whole_seed_of_any_type_is_that_seed():
     drawn = lh.frozen_noise(5, 7.0)
     assert drawn == lh.frozen_noise(5.0, 7.0) == jax.jit(lambda seed: lh.frozen_noise(seed, 7.0))(5.0)

@@ -39,7 +39,7 @@ def frozen_noise(seed: Any, count: Any, shape: tuple[int, ...] = (), kind: str =
         known only as the program runs.
 
     Raises:
-        ValueError: on another kind; on a seed that is not whole.
+        ValueError: on another kind; on a seed that is not whole, or negative.
 
     Source:
         J. K. Salmon, M. A. Moraes, R. O. Dror & D. E. Shaw, Parallel random numbers: as easy as 1, 2, 3, SC11 (2011),
@@ -66,7 +66,7 @@ def frozen_noise(seed: Any, count: Any, shape: tuple[int, ...] = (), kind: str =
     key = jax.random.key(seed.astype(jax.dtypes.canonicalize_dtype("uint64")))
     for word in (high % WORD, low):
         key = jax.random.fold_in(key, word.astype(jnp.uint32))
-    known = jnp.isfinite(whole)
+    known = jnp.isfinite(whole) & (seed >= 0)
     if jnp.issubdtype(seed.dtype, jnp.floating):
         known = known & (seed == jnp.floor(seed))
     return jnp.where(known, KINDS_OF_NOISE[kind](key, shape, dtype), jnp.nan)
@@ -79,6 +79,9 @@ def _whole_seed(seed: Any) -> Array:
         require(
             value.dtype.kind not in "fc" or bool(np.all(np.isfinite(value) & (value == np.floor(value)))),
             f"frozen_noise takes a seed that is a whole number, and others would have the noise of one; got {seed!r}.",
+        )
+        require(
+            bool(np.all(value >= 0)), f"frozen_noise takes a seed from 0 on, as a negative one is none; got {seed!r}."
         )
         seed = value if value.dtype.kind == "u" else seed  # JAX takes no Python integer from 2**63 on
     return jnp.asarray(seed)
