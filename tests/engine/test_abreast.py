@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from interrupts import interrupted_at
 from lyaphybrid.engine.host import abreast, devices, lanes
 
 
@@ -62,15 +63,9 @@ def test_where_they_part_they_run_one_after_the_other(monkeypatch, on_devices):
 def test_what_an_interruption_leaves(monkeypatch):
     """Whole bundles, and zeros for what was not computed."""
     monkeypatch.setattr(lanes, "SECONDS_PER_CALL", 1e-6)  # pieces of one lane
-    seen = []
-
-    def interrupt(fraction):
-        seen.append(fraction)
-        if len(seen) == 3:
-            raise KeyboardInterrupt
-
+    interrupted_at(monkeypatch, lanes._Pool, "hand_over", 0)
     with pytest.warns(UserWarning, match="interrupted"):
-        found, done = abreast.run_abreast(turned, jnp.asarray(1.7), starts(24, 200_000), progress=interrupt)
+        found, done = abreast.run_abreast(turned, jnp.asarray(1.7), starts(24, 200_000))
     computed = np.array(done)
     assert 0 < computed.sum() < computed.size
     assert np.all((np.array([one["angle"] for one in found]) != 0) == computed)

@@ -1,18 +1,16 @@
 """Indicators of systems whose state has a row for each body, against the same system written without a schedule."""
 
+import dataclasses
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import balls
 import lyaphybrid as lh
 from lyaphybrid.engine.evolvers.scheduled import predicting_anew
 
 X0 = np.array([[0.4, 1.0, 0.3, 0.1], [0.25, -np.sqrt(2.0), 0.2, 0.7]])  # of each ball q, v and a hand (u, w)
-
-
-def wall_ahead(t, y):
-    q, v = y[:, 0] + t * y[:, 1], y[:, 1]
-    return t + jnp.where(v > 0, 1 - q, -q) / v
 
 
 def jump(t, rows, args, which):
@@ -21,24 +19,8 @@ def jump(t, rows, args, which):
     return jnp.stack([q + 2 * t * v, -v, 2 * u + w + 0.1 * v, u + w])[None]
 
 
-def guard(t, rows, args, which):
-    q = rows[0, 0] + t * rows[0, 1]
-    return jnp.where(rows[0, 1] > 0, 1 - q, q)
-
-
-BALLS = lh.EventDriven(
-    flow=lambda dt, y, args: y.at[:, 0].add(dt * y[:, 1]),
-    next_event=None,
-    jump=jump,
-    guard=guard,
-    schedule=lh.Schedule(
-        init=lambda t, y, args: wall_ahead(t, y),
-        next=lambda times: (jnp.min(times), jnp.argmin(times)),
-        update=lambda times, t, y, args, which: times.at[which].set(wall_ahead(t, y)[which]),
-        shift=lambda times, dt: times - dt,
-        touch=lambda which: which[None],
-    ),
-    names=["q", "v", "u", "w"],
+BALLS = dataclasses.replace(
+    balls.between_walls(names=["q", "v", "u", "w"]), flow=lambda dt, y, args: y.at[:, 0].add(dt * y[:, 1]), jump=jump
 )
 PLAIN = predicting_anew(BALLS, X0.shape)
 GOLDEN = np.log((3 + np.sqrt(5.0)) / 2)  # growth of a hand at each impact
