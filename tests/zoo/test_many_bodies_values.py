@@ -107,8 +107,8 @@ def peak():
 import lyaphybrid as lh
 from lyaphybrid.native.machine.tiers import Tiers
 peaks = [peak()]
-make = Tiers.__init__  # the best code at once: when a thread makes it depends on how busy the machine is
-Tiers.__init__ = lambda self, text, level, scattered, patience: make(self, text, level, scattered, float("inf"))
+# The best code at once: when a thread makes it depends on how busy the machine is.
+Tiers._within = lambda self, patience: self._best
 import jax
 jax.config.update("jax_enable_x64", True)
 problem = lh.zoo.hard_disks(n=64)
