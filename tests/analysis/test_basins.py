@@ -189,6 +189,25 @@ def test_starts_on_a_smaller_torus_stay_there():
     assert sorted(np.round(found.shares * 81).astype(int)) == [1, 8, 8, 64]
 
 
+def turning(n, x, args):
+    """Turns by nearly a seventh; distances from the centre go to 1 from below √2, to √3 from above."""
+    size = jnp.sqrt(jnp.sum(x**2))
+    change = 1 + 0.05 * (1 - size**2) * (2 - size**2) * (3 - size**2) * args["pull"]
+    c, s = jnp.cos(2 * jnp.pi * args["turn"]), jnp.sin(2 * jnp.pi * args["turn"])
+    return change * jnp.stack([c * x[0] - s * x[1], s * x[0] + c * x[1]])
+
+
+@pytest.mark.parametrize("key", [0, 1, 2])
+def test_a_motion_that_nearly_repeats_is_one_attractor(key):
+    """Four hundred samples leave gaps on the circle, each start its own; shares are those of a disk, exactly."""
+    args = {"turn": 1 / 7 + 2.3e-4, "pull": 1.0}
+    found = lh.basins(lh.Map(turning), [[0.1, 0.1], [1.4, 1.4]], args, t1=300, starts=400, key=jax.random.key(key))
+    assert found.names == ("attractor 0", "attractor 1")
+    inner = int(np.argmin([np.mean(np.hypot(*one.points.T)) for one in found.attractors]))
+    starts = np.hypot(*np.asarray(found.starts).T)
+    assert np.array_equal(np.asarray(found.labels) == inner, starts < np.sqrt(2))
+
+
 def test_entropies_of_boxes_in_closed_form():
     labels = np.zeros((12, 12), int)
     labels[:, 4:] = 1  # boxes of 3: columns 3 … 5 are mixed, one third and two thirds

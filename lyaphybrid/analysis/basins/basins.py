@@ -26,15 +26,14 @@ from ...systems.labels import Labels, labels_of
 from ...systems.smooth import Flow, Map
 from ..grids import box_of, grid_of
 from . import measures
-from .keeping import KeptSteps, as_arrays, attractors_in, kept_steps
-from .recognition import Attractor, Metric, arrived, found_in
+from .keeping import KeptSteps, kept_steps
+from .recognition import Attractor, Metric, arrived
 from .sampling import Sampled, Sampling, gap_and_transient
+from .search import LONGER_TRANSIENT, Search
 
 __all__ = ["BasinRun", "Basins", "basins"]
 
 LAST_SAMPLES = 3  # last samples of a run, all of which must be at an attractor
-PILOT_RUNS, PILOT_SAMPLES = 96, 400  # runs that show the attractors, and their samples
-LONGER_TRANSIENT = 4  # the transient of runs that had not arrived is so many times longer
 STARTS_OF_STEP = 4096  # starts that a checkpoint keeps together
 NO_CLASS = "undecided"
 ATTEMPTS_OF_START = 10_000_000
@@ -253,9 +252,9 @@ class BasinRun(NamedTuple):
     def found(self, steps: KeptSteps, progress: Progress = None) -> Basins:
         """The basins, step by step."""
 
-        def run(rows, times: int, samples: int, report=None) -> Sampled:
+        def run(rows, times: int, samples: int, report=None, stride: int = 1) -> Sampled:
             length, spread = times * self.transient, samples > LAST_SAMPLES
-            seen = self.sampling(rows, self.t0, self.mode, length, samples, report, spread)
+            seen = self.sampling(rows, self.t0, self.mode, length, samples, report, spread=spread, stride=stride)
             steps.interrupted |= bool(np.any(seen.status == STATUS.interrupted))
             return seen
 
@@ -278,28 +277,20 @@ def _starts(corners, shape, starts, key):
 
 def _classified(grid, run, angles, steps: KeptSteps, progress):
     """Labels (m,) of all starts, −1 where undecided; the attractors; the statuses (m,); the metric."""
-    scale, *arrays = steps(functools.partial(_shown_by_pilots, grid, run, angles))
-    metric, attractors = Metric(scale, angles), attractors_in(arrays)
+    search = Search(run, steps)
+    metric, attractors = search.by_pilots(grid, angles)
     labels, status = _arrived(grid, run, metric, attractors, steps, progress)
     for _ in range(2):
         late = np.flatnonzero((labels < 0) & (status == OK))
         if not len(late):
             break
         if not steps.interrupted:
-            attractors = attractors_in(steps(functools.partial(_shown_by_late, grid[late], run, metric, attractors)))
+            attractors = search.by_late(grid[late], metric, attractors)
         if steps.interrupted:  # they had not arrived
             status[late] = STATUS.interrupted
             break
         labels[late], status[late] = steps(functools.partial(_after_longer_runs, grid[late], run, metric, attractors))
     return np.where(status == OK, labels, -1), attractors, status, metric
-
-
-def _shown_by_pilots(grid, run, angles) -> list[np.ndarray]:
-    """The scale (n,) of the metric, and the attractors, as arrays."""
-    pilots = np.random.default_rng(0).permutation(len(grid))[:PILOT_RUNS]
-    shown = run(grid[pilots], LONGER_TRANSIENT, PILOT_SAMPLES)
-    metric = Metric.of(_late(shown), np.ptp(grid, axis=0), angles)
-    return [metric.scale, *as_arrays(_seen(shown, metric, []))]
 
 
 def _arrived(grid, run, metric, attractors, steps: KeptSteps, progress) -> tuple[np.ndarray, np.ndarray]:
@@ -323,27 +314,10 @@ def _arrived(grid, run, metric, attractors, steps: KeptSteps, progress) -> tuple
     return labels, status
 
 
-def _shown_by_late(grid, run, metric, attractors) -> list[np.ndarray]:
-    """The attractors, and those that starts which have not arrived show beside them, as arrays."""
-    some = np.random.default_rng(1).permutation(len(grid))[:PILOT_RUNS]
-    return as_arrays(_seen(run(grid[some], 4 * LONGER_TRANSIENT, PILOT_SAMPLES), metric, attractors))
-
-
 def _after_longer_runs(grid, run, metric, attractors) -> list[np.ndarray]:
     """Labels and statuses of starts that have not arrived, after longer runs."""
     again = run(grid, LONGER_TRANSIENT, LAST_SAMPLES)
     return [arrived(again.points, again.modes, metric, attractors), again.status]
-
-
-def _late(shown: Sampled) -> np.ndarray:
-    """The second half of the points of the runs that ended well."""
-    return shown.points[shown.status == OK, shown.points.shape[1] // 2 :]
-
-
-def _seen(shown: Sampled, metric: Metric, known) -> list[Attractor]:
-    """The attractors that runs show beside those that are known."""
-    good = shown.status == OK
-    return found_in(shown.points[good], shown.modes[good], metric, known) if np.any(good) else known
 
 
 def _named(labels, status, count: int):

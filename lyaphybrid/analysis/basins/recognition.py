@@ -13,7 +13,7 @@ import numpy as np
 
 from ..diagrams.attractors import apart, at_rest, period, turns_of
 
-__all__ = ["Attractor", "Metric", "arrived", "distances", "found_in"]
+__all__ = ["Attractor", "Metric", "arrived", "distances", "found_in", "merged", "revisits", "with_more"]
 
 CYCLE_REPEATS = 1e-6  # relative to the range of each component: points of a cycle repeat to this …
 CYCLE_LEFT = 1e-6  # … and are as near to where they converge
@@ -83,9 +83,14 @@ class Metric(NamedTuple):
         return np.concatenate([lines, circles, OTHER_MODE * modes[..., None]], axis=-1)
 
 
-def found_in(points: np.ndarray, modes: np.ndarray, metric: Metric, known: Sequence[Attractor]) -> list[Attractor]:
-    """The known attractors, and those that other runs (runs, samples, n) show, if they have settled."""
-    attractors = list(known)
+def found_in(
+    points: np.ndarray, modes: np.ndarray, metric: Metric, known: Sequence[Attractor]
+) -> tuple[list[Attractor], list[int]]:
+    """The known attractors, and those that other runs (runs, samples, n) show, if they have settled.
+
+    And by which of the runs each of these others was found.
+    """
+    attractors, by = list(known), []
     turns = turns_of(points.shape[-1], metric.angles)
     repeats = at_rest(points, turns, metric.scale, period(np, points, turns, metric.scale, CYCLE_REPEATS))
     for i in np.argsort(repeats == 0, kind="stable"):  # cycles first: runs that still converge to one are on it
@@ -96,11 +101,34 @@ def found_in(points: np.ndarray, modes: np.ndarray, metric: Metric, known: Seque
         k = next((k for k, one in enumerate(attractors) if _is_on(one, seen[late], mode[late], p, metric)), -1)
         if k < 0 and p and _left(points[i], p, turns, metric.scale) <= CYCLE_LEFT:
             attractors.append(Attractor(seen[-p:], mode[-p:], p, CYCLE_RADIUS))
+            by.append(int(i))
         elif k < 0 and stays:
             attractors.append(Attractor(seen, mode, 0, CYCLE_RADIUS))
+            by.append(int(i))
         elif stays and not attractors[k].period and len(attractors[k].points) < POINTS_OF_SET:
-            attractors[k] = _with_more(attractors[k], seen, mode, metric)
-    return _with_radii(attractors, metric)
+            attractors[k] = with_more(attractors[k], seen, mode, metric)
+    return _with_radii(attractors, metric), by
+
+
+def merged(attractors: Sequence[Attractor], metric: Metric, known: int) -> list[Attractor]:
+    """The attractors, of which those after the known ones that do not repeat and lie on another are one with it."""
+    kept = list(attractors[:known])
+    for one in attractors[known:]:
+        for k, other in enumerate(kept):
+            if not (one.period or other.period) and (
+                _is_on(other, one.points, one.modes, 0, metric) or _is_on(one, other.points, other.modes, 0, metric)
+            ):
+                kept[k] = with_more(other, one.points, one.modes, metric)
+                break
+        else:
+            kept.append(one)
+    return _with_radii(kept, metric)
+
+
+def revisits(one: Attractor, metric: Metric) -> bool:
+    """Whether most points of an attractor are seen more than once, as those of a cycle."""
+    placed = metric.placed(one.points, one.modes)
+    return bool(np.median(_nearest_of(placed, placed, 2)[0][:, 1]) <= CYCLE_REPEATS)
 
 
 def _is_on(one: Attractor, late, mode, p: int, metric: Metric) -> bool:
@@ -113,7 +141,7 @@ def _is_on(one: Attractor, late, mode, p: int, metric: Metric) -> bool:
     return _as_near(far, _between_halves(metric.placed(one.points, one.modes)), SAME_CYCLE)
 
 
-def _with_more(one: Attractor, seen, mode, metric: Metric) -> Attractor:
+def with_more(one: Attractor, seen, mode, metric: Metric) -> Attractor:
     """An attractor with more points, but for those that it has: no lines go through a point and itself."""
     far, _ = _nearest_of(metric.placed(one.points, one.modes), metric.placed(seen, mode), 1)
     new = far[:, 0] > SAME_CYCLE

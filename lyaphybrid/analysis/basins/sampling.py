@@ -65,20 +65,24 @@ class Sampling:
     dtype: Any
     free: bool = False
 
-    def __call__(self, rows, t, mode, transient: float, samples: int, report=None, spread: bool = False) -> Sampled:
+    def __call__(
+        self, rows, t, mode, transient: float, samples: int, report=None, *, spread: bool = False, stride: int = 1
+    ) -> Sampled:
         """Run from the starts (m, n) at the time t and in a mode; after Ctrl-C some are `STATUS.interrupted`.
 
         `spread`: at random times, if they are free, so that a cycle is seen all round: equal gaps may be its period.
+        `stride`: samples are that many gaps apart, as a mean, each time another whole number of them.
         """
-        lane, shared = self.lane(transient, samples, spread and self.free), self.shared(t, mode)
+        lane, shared = self.lane(transient, samples, spread and self.free, stride), self.shared(t, mode)
         (points, modes, status), done = map_lanes(lane, shared, np.asarray(rows, self.dtype), progress=report)
         return Sampled(points, modes, np.where(done, status, np.int32(STATUS.interrupted)))
 
-    def lane(self, transient: float, samples: int, spread: bool = False) -> _Lane:
+    def lane(self, transient: float, samples: int, spread: bool = False, stride: int = 1) -> _Lane:
         """The run of one start."""
-        parts = np.arange(1.0, samples + 1)
+        generator = np.random.default_rng(2)
+        parts = np.cumsum(generator.integers(1, 2 * stride, samples)).astype(float)
         if spread:
-            parts[:-1] -= np.random.default_rng(2).uniform(0.0, 1.0, samples - 1)
+            parts[:-1] -= generator.uniform(0.0, 1.0, samples - 1)
         return _Lane(float(transient), tuple((self.gap * parts).tolist()), self.max_steps)
 
     def shared(self, t, mode):
