@@ -210,7 +210,8 @@ def bifurcation_diagram(
 
     For each value of the parameter there are runs from random starts, which find coexisting attractors, and two
     continuations, up and down, in which each run starts at the end of the run before: where these two differ there is
-    hysteresis. A point x_j is taken once a period; x_{j+p} = x_j is a motion of period p.
+    hysteresis. Where the surface of a transition has moved over that end, the run starts where the continuation began.
+    A point x_j is taken once a period; x_{j+p} = x_j is a motion of period p.
 
     Args:
         system: an `lh.Flow`, `lh.Map` or `lh.Hybrid`.
@@ -372,7 +373,7 @@ def _shared(problem, how, period, t0, mode, k, max_steps, start):
 
 def _sequences(values, random, follow_from, kinds) -> list:
     """All (kind, sequence); the two continuations come first because they are long."""
-    blank = RunEnd(np.zeros_like(follow_from[0]), np.int32(0), np.asarray(False))
+    blank = RunEnd(np.zeros_like(values[0]), np.zeros_like(follow_from[0]), np.int32(0), np.asarray(False))
     sequences = []
     for kind, step in (("up", 1), ("down", -1)):
         if kind in kinds:

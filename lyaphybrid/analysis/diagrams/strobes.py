@@ -14,6 +14,7 @@ from ...results import averages
 from ...statuses import OK, RUNNING, STATUS
 from ...systems.hybrid import Hybrid
 from . import attractors
+from .moved import moved_over
 
 __all__ = ["StrobeResults", "StrobeSettings", "StrobeRun", "RunEnd", "at", "placed", "run", "schedule"]
 
@@ -32,6 +33,7 @@ class StrobeRun(NamedTuple):
 class RunEnd(NamedTuple):
     """The end of a run, from which the next one of a continuation starts."""
 
+    value: Any  # of the parameter
     x: Any
     mode: Any
     good: Any
@@ -97,11 +99,11 @@ def _divided(first: int, last: int, longest: int) -> np.ndarray:
 
 
 def run(shared, state: RunEnd, lane: StrobeRun) -> tuple[RunEnd, StrobeResults]:
-    """One run, from its own start or from the end of the run before."""
+    """One run, from its own start or from the end of the run before, unless a surface has moved over that."""
     problem, plan, how, period, t0, frame, interval, mode, limit = shared
-    args = placed(problem.args, how.path, lane.value)
+    before, args = (placed(problem.args, how.path, value) for value in (state.value, lane.value))
     problem = problem._replace(args=args)
-    carries_on = lane.follows & state.good
+    carries_on = lane.follows & state.good & ~moved_over(problem.system, t0, state.x, state.mode, before, args)
     x = jnp.where(carries_on, state.x, lane.x)
     settings = binding.settings_of(problem, plan, t0, x)
     if isinstance(problem.system, Hybrid) and problem.system.initial_mode is not None:
@@ -129,7 +131,7 @@ def run(shared, state: RunEnd, lane: StrobeRun) -> tuple[RunEnd, StrobeResults]:
     found = found._replace(
         exponents=jnp.where(failed, jnp.nan, found.exponents), finite=jnp.where(failed, jnp.nan, found.finite)
     )
-    end = RunEnd(loop_state.carry.x, problems.mode_of(loop_state.carry), status == OK)
+    end = RunEnd(lane.value, loop_state.carry.x, problems.mode_of(loop_state.carry), status == OK)
     return end, found
 
 

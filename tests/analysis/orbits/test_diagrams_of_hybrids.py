@@ -91,3 +91,35 @@ def test_a_motion_that_never_crosses_says_so():
     )
     assert found.attractors() == ["max_steps:2"] * len(KICKS)
     assert np.all(np.isnan(found.points))
+
+
+def test_a_threshold_that_moves_over_a_state_makes_no_hysteresis():
+    """V' = I − V and a spike to 0 at V = θ < I: a state above a lower θ would rise to I and never fire again."""
+    neuron = lh.Hybrid(
+        lambda t, v, args: args["I"] - v, lh.Transition(lambda t, v, args: args["theta"] - v[0], lambda t, v, args: 0 * v)
+    )
+    thresholds = [0.5, 0.7, 0.9, 1.1]
+    found = lh.bifurcation_diagram(
+        neuron, [0.0], {"I": 1.5, "theta": 0.5}, over={"theta": thresholds}, period=0.3, directions=("up", "down"), t1=64
+    )
+    assert np.all(found.points[..., 0] <= np.reshape(thresholds, (4, 1, 1)))
+    from_random = lh.lyapunov_spectrum(neuron, [0.0], {"I": 1.5, "theta": 0.5}, t1=64 * 0.3, transient=60.0)
+    assert_allclose(found.exponents[0, 1], from_random.exponents, atol=0.05)  # nearly 0, and −1 without spikes
+
+
+@pytest.mark.parametrize(("direction", "sign"), [(-1, 1.0), (1, -1.0), (0, 1.0)])
+def test_only_a_surface_that_moves_over_a_state_begins_anew(direction, sign):
+    """Two modes, x' = 1 − x and x' = 3 − x; the first ends where x rises to θ, whatever the sign of the guard."""
+    relay = lh.Hybrid(
+        {"low": lambda t, x, args: 1.0 - x, "high": lambda t, x, args: 3.0 - x},
+        [
+            lh.Transition(
+                lambda t, x, args: sign * (args["theta"] - x[0]), source="low", target="high", direction=direction
+            ),
+            lh.Transition(lambda t, x, args: x[0] - 0.5, source="high", target="low"),
+        ],
+    )
+    how = {"period": 1.0, "directions": ("down",), "transient": 40, "t1": 16, "samples": 4, "mode": "low"}
+    found = lh.bifurcation_diagram(relay, [0.0], {"theta": 2.0}, over={"theta": [0.8, 0.9, 1.5, 2.0]}, **how)
+    # With θ > 1 "low" rests at 1; θ = 0.9 passes that, and from x = 0 it now switches to "high", which rests at 3.
+    assert_allclose(found.points[:, 0, -1, 0], [3.0, 3.0, 1.0, 1.0], atol=1e-6)
