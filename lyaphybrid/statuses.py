@@ -2,12 +2,14 @@
 
 import enum
 from collections import Counter
+from dataclasses import replace
 
+import jax.numpy as jnp
 import numpy as np
 
 from ._jax.tracing import numpy_for, traced
 
-__all__ = ["OK", "RUNNING", "STATUS", "STIFF_REMEDY", "gravest", "status_of", "verdicts"]
+__all__ = ["OK", "RUNNING", "STATUS", "STIFF_REMEDY", "gravest", "nan_if_failed", "status_of", "verdicts"]
 
 STIFF_REMEDY = "lh.RadauIIA(), and for several exponents lh.ContinuousQR(lh.RadauIIA())"
 
@@ -109,6 +111,15 @@ def status_of(codes):
     return code if traced(code) else STATUS(int(code))
 
 
+def nan_if_failed(codes, result, *names: str):
+    """The result with nan in these fields if the gravest status of its runs is a failure.
+
+    For results under a JAX transformation, where nothing can be raised and a field may be all that is kept.
+    """
+    failed = jnp.asarray(FAILED)[gravest(codes)]
+    return replace(result, **{name: jnp.where(failed, jnp.nan, getattr(result, name)) for name in names})
+
+
 def verdicts(codes) -> str:
     """Number of runs with each status, as in ``5 ok, 2 zeno, 1 nonfinite``."""
     counts = Counter(int(code) for code in np.ravel(codes))
@@ -121,5 +132,6 @@ OK = 0
 # Less grave than all other statuses, in increasing order.
 ENDED = (STATUS.ok, STATUS.terminated, STATUS.interrupted, STATUS.max_steps, STATUS.stalled)
 BY_GRAVITY = np.array([*ENDED, *(code for code in STATUS if code not in ENDED)], np.int32)
+FAILED = np.array([STATUS(code).failed for code in range(max(STATUS) + 1)])
 GRAVITY = np.zeros(max(STATUS) + 1, np.int32)  # rank of each code
 GRAVITY[BY_GRAVITY] = np.arange(len(BY_GRAVITY))

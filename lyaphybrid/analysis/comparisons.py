@@ -22,7 +22,7 @@ from ..integrators.base import Method
 from ..results.errors import standard_error
 from ..results.result import Data, RunResult, in_time, per_time, states_along
 from ..results.spectrum import History
-from ..statuses import STATUS
+from ..statuses import STATUS, nan_if_failed
 from ..systems.event_driven import EventDriven
 from ..systems.hybrid import Hybrid
 from ..systems.kinds import iterates, unit_of
@@ -156,7 +156,8 @@ def two_trajectories(
         method: `lh.RungeKutta` (default) or `lh.Diffrax`; None for maps and event-driven systems.
         blocks: number of blocks in which the run is recorded, at least 2; they give the error.
         key: a `jax.random.key` for the direction of the first separation; None: a fixed one.
-        throw: raise where the run failed; False returns the result with its status.
+        throw: raise where the run failed; False returns the result with its status. Under a transformation, as in a
+            sweep, exponent and stderr are nan instead.
 
     Returns:
         A `TwoTrajectories` with `.exponent`, `.stderr`, `.history`, `.status`.
@@ -295,7 +296,7 @@ def _deliver(result: TwoTrajectories, names: tuple[str, ...], throw: bool, why: 
     """Raise or warn on the host, where the values are known."""
     status = result.status
     if not isinstance(status, STATUS):
-        return result
+        return nan_if_failed(result.status_code, result, "exponent", "stderr") if throw else result
     if throw and status.failed:
         place = Place.of(result.t, result.x, result.mode, names)
         raise RunFailedError(status, account(status, place, why=why), result)

@@ -41,7 +41,7 @@ from ..errors import RunFailedError
 from ..integrators.base import Method
 from ..results import averages
 from ..results.spectrum import About, Spectrum
-from ..statuses import STATUS
+from ..statuses import STATUS, nan_if_failed
 from ..systems.consistency import onto_constraints, tangent_frame
 from ..systems.daes.semi_linear import DAE, degrees_of_freedom
 from ..systems.event_driven import EventDriven
@@ -138,7 +138,8 @@ def lyapunov_spectrum(
             and in fixed steps, the run ends with the interval between orthonormalisations in which they are spent.
         key: a `jax.random.key` for `replicates`.
         progress: True for a bar, or a function of the fraction done.
-        throw: raise where the run failed; False returns the result with its status.
+        throw: raise where the run failed; False returns the result with its status. Under a transformation, as in a
+            sweep, the exponents and errors are nan instead.
         checkpoint: path of a file to which the state of the run is written every few seconds, after Ctrl-C and at the
         end.
         resume: go on from that file, if it is there: the result is bit by bit that of a run that never stopped. A run
@@ -380,8 +381,10 @@ def _more_lengths(
 
 
 def _deliver(spectrum: Spectrum, throw: bool, why: str) -> Spectrum:
-    """Raise on the host where the run failed and the values are concrete."""
+    """Raise on the host where the run failed and the values are concrete; where they are not, nan is all that it says."""
     status = spectrum.status
+    if throw and traced(spectrum.status_code):
+        return nan_if_failed(spectrum.status_code, spectrum, "exponents", "stderr", "finite_exponents")
     if not throw or not isinstance(status, STATUS) or not status.failed:
         return spectrum
     place = Place.of(spectrum.t, spectrum.x, spectrum.mode, spectrum.mode_names)

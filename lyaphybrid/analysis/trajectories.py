@@ -22,7 +22,7 @@ from ..integrators.base import Method
 from ..results.result import Data, RunResult, in_time, states_along
 from ..results.spectrum import NOTE_TEXTS
 from ..results.time_domains import TimeDomain, time_domain
-from ..statuses import STATUS
+from ..statuses import STATUS, nan_if_failed
 from ..systems.event_driven import EventDriven
 from ..systems.hybrid import Hybrid
 from ..systems.kinds import iterates
@@ -281,6 +281,8 @@ def _joined(logs, problem, x0, labels: Labels) -> Events:
 
 def _deliver(result, throw: bool, outcome: driver.Outcome, system):
     status = result.status
+    if throw and isinstance(result, TangentMap) and traced(result.status_code):
+        return nan_if_failed(result.status_code, result, "x", "matrix")
     if throw and isinstance(status, STATUS) and status.failed:
         raise RunFailedError(status, account(status, place_of(outcome.loop_state, system), why=outcome.why), result)
     return result
@@ -381,7 +383,7 @@ def tangent_map(
         mode: mode at the start, where there are several.
         method: as for `lh.lyapunov_spectrum`, except `lh.ContinuousQR`.
         max_steps: most attempts of a step.
-        throw: raise where the run failed.
+        throw: raise where the run failed; under a transformation x and matrix are nan instead.
 
     Returns:
         A `TangentMap` with `.x` (n,) and `.matrix` (n, n).

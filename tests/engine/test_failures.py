@@ -205,3 +205,33 @@ def test_a_target_that_is_no_mode(target):
         assert error.status is STATUS.deadlock
         assert f"mode {target}, which is none of ['down', 'up']" in str(error)
         assert "t = 1," in str(error)
+
+
+BALL = lh.Hybrid(
+    lambda t, x, args: jnp.stack([x[1], -1.0 + 0 * x[0]]),
+    lh.Transition(lambda t, x, args: x[0], lambda t, x, args: jnp.stack([x[0], -args * x[1]])),
+)
+NUMBERS = {
+    "exponents": lambda r, **how: lh.lyapunov_spectrum(BALL, [1.0, 0.0], r, t1=20.0, blocks=4, **how).exponents,
+    "a tangent map": lambda r, **how: lh.tangent_map(BALL, [1.0, 0.0], r, t1=20.0, **how).matrix,
+    "two trajectories": lambda r, **how: lh.two_trajectories(BALL, [1.0, 0.0], r, t1=20.0, **how).exponent,
+}
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+@pytest.mark.parametrize("ways", ["vmap", "sweep"])
+def test_a_number_that_is_taken_from_a_failed_run_is_nan(name, ways):
+    """A ball that loses half its speed at each impact comes to rest: of the status nothing is left in a number."""
+    number = NUMBERS[name]
+
+    def found(**how):
+        one = lambda r: number(r, **how)  # noqa: E731
+        if ways == "vmap":
+            return np.asarray(jax.vmap(one)(jnp.array([0.5, 1.0])))
+        return lh.sweep(one, {"args": [0.5, 1.0]}, args=1.0, progress=False).value.values
+
+    raised, kept = found(), found(throw=False)
+    assert np.all(np.isnan(raised[0]))
+    assert np.all(np.isfinite(kept))  # who asks for what there is gets it
+    np.testing.assert_array_equal(raised[1], kept[1])
+    np.testing.assert_allclose(raised[1], np.asarray(number(1.0)), rtol=1e-9, atol=1e-12)
