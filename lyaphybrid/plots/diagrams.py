@@ -9,6 +9,7 @@ from .. import _renamed as renamed
 from .._text import per_unit, with_unit
 from ..statuses import OK, STATUS
 from .axes import COLOURS, Axes, Figures, axes_of, both_axes, colours, component, ink, styled, varying
+from .sweep_arrays import edges
 
 if TYPE_CHECKING:
     from ..analysis.basins import Basins, BasinShares
@@ -262,8 +263,8 @@ def basins(found: "Basins", ax: Axes | None = None, **style: Any) -> Axes:
         ax.plot(attractor.points[:, first], attractor.points[:, second], ".", color=colour, markersize=2)
     marks = [Patch(facecolor=colour, label=name) for name, colour in zip(found.names, paint, strict=True)]
     ax.legend(handles=marks, fontsize="small", loc="upper right")
-    ax.set_xlim(across[0], across[-1])
-    ax.set_ylim(up[0], up[-1])
+    ax.set_xlim(*edges(across)[[0, -1]])  # to the borders of the outermost cells
+    ax.set_ylim(*edges(up)[[0, -1]])
     ax.set_xlabel(found.state_labels.axis(first))
     ax.set_ylabel(found.state_labels.axis(second))
     return ax
