@@ -116,7 +116,7 @@ def nan_if_failed(codes, result, *names: str):
 
     For results under a JAX transformation, where nothing can be raised and a field may be all that is kept.
     """
-    failed = jnp.asarray(FAILED)[gravest(codes)]
+    failed = jnp.asarray(IS_FAILURE)[gravest(codes)]
     return replace(result, **{name: jnp.where(failed, jnp.nan, getattr(result, name)) for name in names})
 
 
@@ -132,6 +132,6 @@ OK = 0
 # Less grave than all other statuses, in increasing order.
 ENDED = (STATUS.ok, STATUS.terminated, STATUS.interrupted, STATUS.max_steps, STATUS.stalled)
 BY_GRAVITY = np.array([*ENDED, *(code for code in STATUS if code not in ENDED)], np.int32)
-FAILED = np.array([STATUS(code).failed for code in range(max(STATUS) + 1)])
+IS_FAILURE = np.array([STATUS(code).failed for code in range(max(STATUS) + 1)])
 GRAVITY = np.zeros(max(STATUS) + 1, np.int32)  # rank of each code
 GRAVITY[BY_GRAVITY] = np.arange(len(BY_GRAVITY))

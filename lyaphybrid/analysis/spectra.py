@@ -381,7 +381,7 @@ def _more_lengths(
 
 
 def _deliver(spectrum: Spectrum, throw: bool, why: str) -> Spectrum:
-    """Raise on the host where the run failed and the values are concrete; where they are not, nan is all that it says."""
+    """Raise on the host where the run failed and the values are concrete; where they are not, they become nan."""
     status = spectrum.status
     if throw and traced(spectrum.status_code):
         return nan_if_failed(spectrum.status_code, spectrum, "exponents", "stderr", "finite_exponents")

@@ -281,8 +281,6 @@ def _joined(logs, problem, x0, labels: Labels) -> Events:
 
 def _deliver(result, throw: bool, outcome: driver.Outcome, system):
     status = result.status
-    if throw and isinstance(result, TangentMap) and traced(result.status_code):
-        return nan_if_failed(result.status_code, result, "x", "matrix")
     if throw and isinstance(status, STATUS) and status.failed:
         raise RunFailedError(status, account(status, place_of(outcome.loop_state, system), why=outcome.why), result)
     return result
@@ -412,17 +410,15 @@ def tangent_map(
     outcome = driver.drive(problem, plan, loop_state, ends, ends, max_steps)
     carry = outcome.loop_state.carry
     x = problems.in_rows(problem, carry.x)
-    return _deliver(
-        TangentMap(
-            x,
-            carry.frame,
-            as_jax(problems.mode_of(carry, numpy_for(carry))),
-            carry.jumps,
-            outcome.status,
-            labels_of(system, problem.shape),
-            *problems.summary_of(outcome.loop_state)[1:3],
-        ),
-        throw,
-        outcome,
-        system,
+    found = TangentMap(
+        x,
+        carry.frame,
+        as_jax(problems.mode_of(carry, numpy_for(carry))),
+        carry.jumps,
+        outcome.status,
+        labels_of(system, problem.shape),
+        *problems.summary_of(outcome.loop_state)[1:3],
     )
+    if throw and traced(outcome.status):
+        return nan_if_failed(outcome.status, found, "x", "matrix")
+    return _deliver(found, throw, outcome, system)

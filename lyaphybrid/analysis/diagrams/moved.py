@@ -18,7 +18,7 @@ def moved_over(system, t, x, mode, before, after):
     if not isinstance(system, Hybrid) or iterates(system):
         return over
     for transition in system.transitions:
-        if transition.is_clock or transition.changes_nothing:
+        if transition.guard is None or transition.changes_nothing:
             continue
         was, now = (jnp.atleast_1d(transition.guard(t, x, args)) for args in (before, after))
         fell, rose = (was > 0) & (now <= 0), (was < 0) & (now >= 0)

@@ -40,13 +40,18 @@ from .multipliers import matrices_of, multipliers_of, stability_of
 from .periods import check_period, depends_on_time
 from .points import at_start, nearest
 from .shooting import OrbitIterate, newton, placed
-from .sides import BEYOND_GUARD, beyond_a_guard
+from .sides import BEYOND_GUARD, guards_passed
 from .symmetries import symmetry_of
 
 __all__ = ["CONVERGED", "Floquet", "floquet", "floquet_of", "in_any_case", "require_period"]
 
 MOST_ITERATES = 1e8  # of a map before the search: they are kept
 CONVERGED = 1e-9  # residual, relative to the orbit, that a periodic orbit must reach
+LEAPT = (
+    "No periodic orbit: Newton's method leapt over the guard of transition {} (entry {}), to x = {}: an orbit on its "
+    "fired side, where it never fires, and where the motion from x0 does not come. (a) x0 is too far from a periodic "
+    "orbit, give a transient; (b) the orbit is unstable and long, give segments; (c) the motion does not repeat."
+)
 
 
 class Floquet(RunResult, eqx.Module):
@@ -128,7 +133,7 @@ class Floquet(RunResult, eqx.Module):
             lines.append("its energy is not that of the start: conserve=True keeps it")
         if BEYOND_GUARD in self.notes:
             lines.append(
-                "it lies beyond a guard that it never fires, on the fired side: is the start beyond that guard?"
+                "it lies beyond a guard that it never fires, on the fired side, as the motion from the start does"
             )
         lines.append(f"status {self.status}")
         what = "No periodic orbit" if self.status.failed else "Periodic orbit"
@@ -299,6 +304,11 @@ def _orbit_near(
     else:
         end = at_start(flow, orbit, given, guess)
     result = floquet_of(flow, orbit, end, autonomous, family_of(flow, orbit, autonomous))
+    leapt = guards_passed(flow, orbit.pieces) - guards_passed(flow, [trial]) if BEYOND_GUARD in result.notes else set()
+    if leapt:
+        result = dataclasses.replace(result, residual=np.inf, stability="unknown", status_code=STATUS.no_orbit)
+        if throw:
+            raise NoPeriodicOrbitError(LEAPT.format(*sorted(leapt)[0], orbit.nodes[0].x), result)
     if result.family and conserve is None and energy_moved(flow, given, end, orbit.sizes):
         result = dataclasses.replace(result, notes=result.notes | {"moved"})
     if throw and result.status.failed:
@@ -409,6 +419,6 @@ def floquet_of(
         shift=as_jax(np.asarray(orbit.shift)),
         family=family.shape[1],
         notes=frozenset({"family"} if family.shape[1] else ())
-        | ({BEYOND_GUARD} if beyond_a_guard(flow, orbit) else set()),
+        | ({BEYOND_GUARD} if guards_passed(flow, orbit.pieces) else set()),
         status_code=STATUS.ok if residual <= digits(CONVERGED, base.x) else STATUS.no_orbit,
     )

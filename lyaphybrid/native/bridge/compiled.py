@@ -54,7 +54,7 @@ class Compiled:
         lowered = time.perf_counter()
         # Without a long loop optimised code gains little, so LLVM gets less time for it.
         long = runs_long(program.jaxpr)
-        self._patience = LONGEST_OPTIMISATION if long else LONGEST_OPTIMISATION / 10
+        self._patience = LONGEST_OPTIMISATION if long else LONGEST_OPTIMISATION / 20
         at_once = 0.0 if in_pieces or not long else LONGEST_OPTIMISATION
         patience = at_once if plan is None else math.inf
         self.code = Tiers(text, self.plan.level, self.plan.scattered, patience, filled())

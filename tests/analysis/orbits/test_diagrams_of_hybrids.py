@@ -96,11 +96,18 @@ def test_a_motion_that_never_crosses_says_so():
 def test_a_threshold_that_moves_over_a_state_makes_no_hysteresis():
     """V' = I − V and a spike to 0 at V = θ < I: a state above a lower θ would rise to I and never fire again."""
     neuron = lh.Hybrid(
-        lambda t, v, args: args["I"] - v, lh.Transition(lambda t, v, args: args["theta"] - v[0], lambda t, v, args: 0 * v)
+        lambda t, v, args: args["I"] - v,
+        lh.Transition(lambda t, v, args: args["theta"] - v[0], lambda t, v, args: 0 * v),
     )
     thresholds = [0.5, 0.7, 0.9, 1.1]
     found = lh.bifurcation_diagram(
-        neuron, [0.0], {"I": 1.5, "theta": 0.5}, over={"theta": thresholds}, period=0.3, directions=("up", "down"), t1=64
+        neuron,
+        [0.0],
+        {"I": 1.5, "theta": 0.5},
+        over={"theta": thresholds},
+        period=0.3,
+        directions=("up", "down"),
+        t1=64,
     )
     assert np.all(found.points[..., 0] <= np.reshape(thresholds, (4, 1, 1)))
     from_random = lh.lyapunov_spectrum(neuron, [0.0], {"I": 1.5, "theta": 0.5}, t1=64 * 0.3, transient=60.0)
